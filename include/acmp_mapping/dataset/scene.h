@@ -1,0 +1,54 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "acmp_mapping/geometry/pinhole_camera.h"
+#include "acmp_mapping/geometry/rigid_transform.h"
+#include "acmp_mapping/keyframe/depth_range.h"
+#include "acmp_mapping/keyframe/frame.h"
+
+namespace acmp {
+
+/// OpenCV distortion coefficients; the image must be undistorted before it is matched.
+struct LensDistortion {
+  enum class Model { kNone, kBrownConrady, kRational, kEquidistant };
+  Model model = Model::kNone;
+  std::vector<double> coefficients;  ///< OpenCV order: k1 k2 p1 p2 [k3 [k4 k5 k6]]; equidistant: k1 k2 k3 k4
+};
+
+/// One image of a scene on disk.
+struct SceneImage {
+  std::string name;             ///< file name relative to the image folder
+  std::filesystem::path path;   ///< of the file
+  PinholeCamera camera;         ///< of the file as stored, pixel centres at integers
+  LensDistortion distortion;
+  RigidTransform cam_from_world = RigidTransform::Identity();
+  std::vector<int> landmark_indices;      ///< into Scene::landmarks_in_world: points this image observes
+  std::optional<DepthRange> depth_range;  ///< where the dataset names one
+  std::vector<int> ranked_sources;        ///< image indices, best first, where the dataset names them (pair.txt)
+};
+
+/// A posed image set. Image i of `images` has index i everywhere.
+struct Scene {
+  std::filesystem::path root;
+  std::vector<SceneImage> images;
+  std::vector<Eigen::Vector3d> landmarks_in_world;
+};
+
+enum class SceneFormat { kAuto, kColmap, kMvsnet };
+
+/// Reads a COLMAP model (text or binary; in `root`, `root/sparse` or `root/sparse/0`, images in `root/images`) or the
+/// MVSNet / ACMP layout (`cams/%08d_cam.txt`, `pair.txt`, `images/%08d.*` or `%06d.*`). kAuto prefers MVSNet's, since its
+/// pair.txt names the source views; landmarks are read from a COLMAP model beside it when there is one with the same
+/// images. Throws InvalidInputError naming file, line and value for whatever is missing, truncated or out of bounds.
+Scene ReadScene(const std::filesystem::path& root, SceneFormat format = SceneFormat::kAuto);
+
+/// Loads one image, undistorts it if need be (to the same K, black where nothing is known) and makes a frame of it with
+/// id = index and its landmarks. Throws InvalidInputError for an unreadable or truncated file or a size that differs from
+/// the camera's.
+Frame LoadFrame(const Scene& scene, int index, int max_size);
+
+}  // namespace acmp

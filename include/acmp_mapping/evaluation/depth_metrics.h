@@ -1,0 +1,29 @@
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "acmp_mapping/image/image.h"
+
+namespace acmp {
+
+constexpr std::array<double, 3> kAbsoluteThresholds = {0.02, 0.05, 0.10};  ///< scene units (metres)
+constexpr std::array<double, 3> kRelativeThresholds = {0.01, 0.02, 0.05};
+
+/// Shares are in percent of all ground-truth pixels; a ground-truth pixel without an estimate counts as wrong.
+struct DepthMetrics {
+  size_t ground_truth_pixels = 0;
+  std::array<double, 3> below_absolute = {};
+  std::array<double, 3> below_relative = {};
+  double density = 0;        ///< ground-truth pixels that have an estimate
+  double median_error = 0;   ///< over those that have one; NaN when none
+};
+
+/// Compares at every pixel with ground truth (> 0); an estimate of another size is looked up at the nearest pixel centre.
+/// `mask` (ground truth's size, may be empty) restricts to pixels where it is not 0.
+DepthMetrics EvaluateDepth(const DepthMap& estimate, const DepthMap& ground_truth, ImageView<const unsigned char> mask = {});
+
+/// Mean over images, each image with the same weight; images without ground truth are left out.
+DepthMetrics Mean(const std::vector<DepthMetrics>& metrics);
+
+}  // namespace acmp

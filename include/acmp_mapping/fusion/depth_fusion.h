@@ -1,0 +1,45 @@
+#pragma once
+
+#include <vector>
+
+#include "acmp_mapping/fusion/fusion_options.h"
+#include "acmp_mapping/fusion/point_cloud.h"
+#include "acmp_mapping/geometry/pinhole_camera.h"
+#include "acmp_mapping/geometry/rigid_transform.h"
+#include "acmp_mapping/image/image.h"
+
+namespace acmp {
+
+/// One image's maps as fusion sees them; the pixels belong to the caller. Sizes of different views may differ; an empty
+/// depth map takes no part.
+struct FusionView {
+  PinholeCamera camera;
+  RigidTransform cam_from_world = RigidTransform::Identity();
+  ImageView<const float> depth;  ///< z, 0 = unknown
+  ImageView<const Vec3f> normal;  ///< camera frame
+  ImageView<const float> cost;    ///< 0..2; for the confidence
+  ImageView<const Rgb> color;     ///< may be empty: points are black
+};
+
+/// Pixels of a reference view that its source views confirm.
+struct ConsistencyResult {
+  Image<unsigned char> consistent_views;  ///< number of source views that agree with the pixel
+  ConfidenceMap confidence;               ///< see ComputeConfidence; 0 without depth
+  PointCloud points_in_camera;            ///< pixels with enough consistent views, averaged with them; reference frame
+};
+
+/// Checks one reference view against source views: 2 px forward-backward reprojection, 1 % depth, 10 degrees by default
+/// (paper, "Fusion"). Does not modify or mark the sources.
+ConsistencyResult FilterByConsistency(const FusionView& reference, const std::vector<FusionView>& sources,
+                                      const FusionOptions& options);
+
+/// Confidence 0..1 of a pixel from its matching cost (0..2), the number of consistent source views and their median
+/// triangulation angle (documented formula in depth_fusion.cpp and docs/).
+float ComputeConfidence(float cost, int consistent_views, float angle_deg);
+
+/// Fuses all views of a scene into one cloud in the world frame. `neighbors[i]` are the source views of view i. A pixel
+/// that went into a point is not used again; views are visited in the order given, so the same input gives the same cloud.
+PointCloud FuseDepthMaps(const std::vector<FusionView>& views, const std::vector<std::vector<int>>& neighbors,
+                         const FusionOptions& options);
+
+}  // namespace acmp

@@ -1,0 +1,48 @@
+#pragma once
+
+#include <Eigen/Core>
+
+namespace acmp {
+
+/// Undistorted pinhole camera. Pixel centres lie at integer coordinates (OpenCV and ROS CameraInfo convention; COLMAP's
+/// lie at +0.5). Camera axes: x right, y down, z forward. Depth is the z coordinate.
+struct PinholeCamera {
+  int width = 0;   ///< px
+  int height = 0;  ///< px
+  double fx = 0;   ///< px
+  double fy = 0;   ///< px
+  double cx = 0;   ///< px
+  double cy = 0;   ///< px
+
+  /// Pixel of a point with z > 0.
+  Eigen::Vector2d Project(const Eigen::Vector3d& point_in_cam) const {
+    return {fx * point_in_cam.x() / point_in_cam.z() + cx, fy * point_in_cam.y() / point_in_cam.z() + cy};
+  }
+
+  /// Point at depth z = `depth` seen at a pixel.
+  Eigen::Vector3d Unproject(const Eigen::Vector2d& pixel, double depth = 1.0) const {
+    return {depth * (pixel.x() - cx) / fx, depth * (pixel.y() - cy) / fy, depth};
+  }
+
+  /// True when the pixel's rounded position lies in the image.
+  bool Contains(const Eigen::Vector2d& pixel) const {
+    return pixel.x() >= -0.5 && pixel.y() >= -0.5 && pixel.x() < width - 0.5 && pixel.y() < height - 0.5;
+  }
+
+  Eigen::Matrix3d K() const { return (Eigen::Matrix3d() << fx, 0, cx, 0, fy, cy, 0, 0, 1).finished(); }
+
+  /// The camera of the image resized to new_width x new_height: u -> (u + 0.5) s - 0.5, per axis.
+  PinholeCamera Resized(int new_width, int new_height) const;
+
+  bool operator==(const PinholeCamera& o) const {
+    return width == o.width && height == o.height && fx == o.fx && fy == o.fy && cx == o.cx && cy == o.cy;
+  }
+};
+
+/// Throws InvalidInputError unless size and focal lengths are positive and everything is finite. `name` starts messages.
+void CheckCamera(const char* name, const PinholeCamera& camera);
+
+/// Size whose longer side is at most `max_size` px, aspect kept to a pixel; unchanged when already small or max_size <= 0.
+void LimitSize(int max_size, int* width, int* height);
+
+}  // namespace acmp

@@ -1,0 +1,37 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "acmp_mapping/geometry/pinhole_camera.h"
+#include "acmp_mapping/geometry/rigid_transform.h"
+#include "acmp_mapping/image/image.h"
+
+namespace acmp {
+
+/// One undistorted, posed image with the sparse map points it sees. Immutable once made and shared by reference.
+struct Frame {
+  int64_t id = 0;     ///< unique; ascending in time when the frames come from a video
+  double stamp_s = 0; ///< time of exposure; 0 where there is none
+  PinholeCamera camera;
+  RigidTransform cam_from_world = RigidTransform::Identity();
+  ColorImage color;
+  GrayImage gray;
+  /// Sparse map points that this image is said to see (observed, or a whole map: what is not in view is ignored by all
+  /// who read them).
+  std::vector<Eigen::Vector3d> landmarks_in_world;
+};
+
+using FramePtr = std::shared_ptr<const Frame>;
+
+/// Makes a frame from an undistorted image: grey values in float, both resized so that the longer side is at most
+/// `max_size` px (0: as it is), the camera with them. Throws InvalidInputError for a camera or image size that does not
+/// fit, or a pose that is not finite and orthonormal.
+Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamera& camera,
+                const RigidTransform& cam_from_world, std::vector<Eigen::Vector3d> landmarks_in_world, int max_size);
+
+/// Throws InvalidInputError unless the pose is finite and its rotation orthonormal within 1e-3.
+void CheckPose(const char* name, const RigidTransform& pose);
+
+}  // namespace acmp

@@ -1,0 +1,29 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "acmp_mapping/fusion/fusion_options.h"
+#include "acmp_mapping/patch_match/patch_match_options.h"
+#include "acmp_mapping/planar_prior/planar_prior.h"
+
+namespace acmp {
+
+/// Everything that decides a depth map, given the views.
+struct PipelineOptions {
+  PatchMatchOptions patch_match;
+  PlanarPriorOptions planar_prior;
+  FusionOptions fusion;
+  bool use_planar_prior = true;  ///< steps 10-20 of Algorithm 1
+  int geometric_passes = 2;      ///< how often steps 21-30 run, 0..10
+};
+void Validate(const PipelineOptions& options);
+
+/// "acmh", "acmp_no_geometric", "acmp".
+const std::vector<std::string>& PresetNames();
+
+/// The systems compared in the paper as option sets of one pipeline: acmh = photometric + geometric passes,
+/// acmp_no_geometric = ACMP\G = photometric + planar prior, acmp = all. Throws InvalidInputError naming the known presets.
+PipelineOptions MakePreset(const std::string& name);
+
+}  // namespace acmp

@@ -1,0 +1,51 @@
+#pragma once
+
+#include <vector>
+
+#include "acmp_mapping/geometry/pinhole_camera.h"
+#include "acmp_mapping/image/image.h"
+#include "acmp_mapping/keyframe/depth_range.h"
+
+namespace acmp {
+
+struct PlanarPriorOptions {
+  int cell_size_px = 5;              ///< one support point per cell at most, 1..64
+  float max_support_cost = 0.1f;     ///< epsilon of the paper: costs below are credible correspondences
+  float max_grazing_angle_deg = 85;  ///< between a plane's normal and the viewing ray at its triangle's centroid, (0, 90)
+};
+void Validate(const PlanarPriorOptions& options);
+
+/// A credible correspondence: pixel and depth.
+struct SupportPoint {
+  int col = 0, row = 0;
+  float depth = 0;
+};
+
+/// Per cell the pixel of least cost, if below max_support_cost and with a depth in `range` ("sparse credible
+/// correspondences"). Row-major order of cells.
+std::vector<SupportPoint> FindSupportPoints(ImageView<const float> depth, ImageView<const float> cost,
+                                            const DepthRange& range, const PlanarPriorOptions& options);
+
+/// Vertex indices into the support points, counter-clockwise with y up (clockwise on the screen) or the other way round:
+/// the same for all triangles.
+struct SupportTriangle {
+  int vertex[3];
+};
+
+/// Delaunay triangulation of the support points' pixels (CGAL, exact predicates). Fewer than three points or all on a
+/// line: empty. Duplicate pixels are an InvalidInputError.
+std::vector<SupportTriangle> TriangulateSupportPoints(const std::vector<SupportPoint>& points);
+
+/// Triangle of each pixel, or -1 outside the triangulation. Exact integer rasterisation with a top-left rule: each pixel
+/// belongs to at most one triangle, and to exactly one if its centre lies in the half-open union of them.
+Image<int> RasterizeTriangles(int width, int height, const std::vector<SupportPoint>& points,
+                              const std::vector<SupportTriangle>& triangles);
+
+/// Prior plane per pixel in the reference camera's frame: plane through the triangle's three back-projected vertices,
+/// facing the camera. Zero outside the triangulation, for degenerate or grazing triangles, and where the plane leaves the
+/// depth range at that pixel.
+PlaneMap MakePlanarPrior(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
+                         const std::vector<SupportTriangle>& triangles, const DepthRange& range,
+                         const PlanarPriorOptions& options);
+
+}  // namespace acmp

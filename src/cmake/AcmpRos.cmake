@@ -1,0 +1,26 @@
+# Sets ACMP_HAVE_ROS, finds catkin and generates the messages, services and dynamic_reconfigure headers.
+set(ACMP_HAVE_ROS FALSE)
+if(NOT ACMP_ROS STREQUAL "OFF")
+  if(EXISTS /usr/bin/python3)  # Debian's ROS modules live in the system's python, whatever python3 is first on PATH
+    set(PYTHON_EXECUTABLE /usr/bin/python3 CACHE FILEPATH "Python for catkin")
+    set(Python3_EXECUTABLE /usr/bin/python3 CACHE FILEPATH "Python for ament, pulled in by pluginlib")
+  endif()
+  if(NOT DEFINED CATKIN_DEVEL_PREFIX)
+    # catkin snapshots the environment at find_package and leaves out folders that do not exist yet.
+    file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/devel/lib/python3/dist-packages ${CMAKE_BINARY_DIR}/devel/lib/pkgconfig)
+  endif()
+  set(ACMP_CATKIN_COMPONENTS cv_bridge diagnostic_updater dynamic_reconfigure geometry_msgs image_geometry
+      image_transport message_generation nodelet pcl_conversions pluginlib rosbag roscpp sensor_msgs std_msgs std_srvs
+      nav_msgs tf2_eigen tf2_geometry_msgs tf2_msgs tf2_ros)
+  if(ACMP_ROS STREQUAL "ON")
+    find_package(catkin REQUIRED COMPONENTS ${ACMP_CATKIN_COMPONENTS})
+  else()
+    find_package(catkin QUIET)
+    if(catkin_FOUND)
+      find_package(catkin QUIET COMPONENTS ${ACMP_CATKIN_COMPONENTS})
+    endif()
+  endif()
+  if(catkin_FOUND)
+    set(ACMP_HAVE_ROS TRUE)
+  endif()
+endif()

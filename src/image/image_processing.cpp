@@ -1,0 +1,45 @@
+#include "acmp_mapping/image/image_processing.h"
+
+#include <opencv2/imgproc.hpp>
+
+namespace acmp {
+namespace {
+
+// OpenCV takes non-const pixels for headers that are only read.
+cv::Mat ReadOnlyMat(const ColorImage& image) {
+  return cv::Mat(image.height(), image.width(), CV_8UC3, const_cast<Rgb*>(image.data()));
+}
+
+cv::Mat ReadOnlyMat(const GrayImage& image) {
+  return cv::Mat(image.height(), image.width(), CV_32FC1, const_cast<float*>(image.data()));
+}
+
+template <class T>
+Image<T> ResizeAny(const Image<T>& image, int width, int height) {
+  Image<T> resized(width, height);
+  if (width == image.width() && height == image.height()) return image.Clone();
+  cv::Mat target = AsMat(resized);
+  const bool shrinks = width <= image.width() && height <= image.height();
+  cv::resize(ReadOnlyMat(image), target, target.size(), 0, 0, shrinks ? cv::INTER_AREA : cv::INTER_LINEAR);
+  return resized;
+}
+
+}  // namespace
+
+cv::Mat AsMat(GrayImage& image) { return cv::Mat(image.height(), image.width(), CV_32FC1, image.data()); }
+cv::Mat AsMat(ColorImage& image) { return cv::Mat(image.height(), image.width(), CV_8UC3, image.data()); }
+
+GrayImage ToGray(const ColorImage& color) {
+  // Converted in float: the 8-bit conversion would round away what flat areas have of texture.
+  cv::Mat color_float;
+  ReadOnlyMat(color).convertTo(color_float, CV_32FC3);
+  GrayImage gray(color.width(), color.height());
+  cv::Mat target = AsMat(gray);
+  cv::cvtColor(color_float, target, cv::COLOR_RGB2GRAY);
+  return gray;
+}
+
+ColorImage Resize(const ColorImage& image, int width, int height) { return ResizeAny(image, width, height); }
+GrayImage Resize(const GrayImage& image, int width, int height) { return ResizeAny(image, width, height); }
+
+}  // namespace acmp

@@ -1,0 +1,31 @@
+#include "acmp_mapping/pipeline/presets.h"
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+
+void Validate(const PipelineOptions& options) {
+  Validate(options.patch_match);
+  Validate(options.planar_prior);
+  Validate(options.fusion);
+  CheckRange("pipeline.geometric_passes", options.geometric_passes, 0, 10);
+}
+
+const std::vector<std::string>& PresetNames() {
+  static const std::vector<std::string> names = {"acmh", "acmp_no_geometric", "acmp"};
+  return names;
+}
+
+PipelineOptions MakePreset(const std::string& name) {
+  PipelineOptions options;
+  if (name == "acmh") {
+    options.use_planar_prior = false;
+  } else if (name == "acmp_no_geometric") {
+    options.geometric_passes = 0;
+  } else if (name != "acmp") {
+    throw InvalidInputError(Concat("preset = \"", name, "\": must be acmh, acmp_no_geometric or acmp"));
+  }
+  return options;
+}
+
+}  // namespace acmp

@@ -1,0 +1,1 @@
+#include "acmp_mapping/planar_prior/planar_prior.h"
