@@ -6,6 +6,8 @@
 
 namespace acmp {
 
+constexpr int kMaxRankedViews = 32;  ///< what the matcher takes (kMaxSourceViews)
+
 struct SourceViewOptions {
   int max_source_views = 7;             ///< 1..32
   double min_angle_deg = 1.0;           ///< median triangulation angle below which a view is useless
@@ -19,12 +21,13 @@ void Validate(const SourceViewOptions& options);
 struct RankedSourceView {
   size_t index = 0;      ///< position in `candidates`
   double score = 0;      ///< > 0, larger is better
-  double angle_deg = 0;  ///< median triangulation angle
+  double angle_deg = 0;  ///< median triangulation angle; 0 when nothing tells how far the scene is
 };
 
 /// Views of `candidates` that are useful to match `reference` against, best first, at most max_source_views. A candidate
 /// without baseline or overlap is left out, so the result may be empty. `fallback_depth` (z, scene units) stands in for
-/// the scene where the reference has no landmarks in view; <= 0 when unknown.
+/// the scene where the reference has no landmarks in view; <= 0 when unknown: then views that look the same way are
+/// ranked nearest first, since nothing tells the scale. Throws InvalidInputError for bad options or a null candidate.
 std::vector<RankedSourceView> SelectSourceViews(const Frame& reference, const std::vector<FramePtr>& candidates,
                                                 double fallback_depth, const SourceViewOptions& options);
 

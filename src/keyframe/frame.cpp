@@ -1,0 +1,55 @@
+#include "acmp_mapping/keyframe/frame.h"
+
+#include <utility>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/image/image_processing.h"
+
+namespace acmp {
+
+void CheckPose(const char* name, const RigidTransform& pose) {
+  // Wider than float32 rounding of a quaternion, narrower than anything a reprojection error could hide.
+  constexpr double kTolerance = 1e-3;
+  if (!pose.matrix().allFinite()) {
+    throw InvalidInputError(
+        Concat(name, ": the pose has a value that is not finite: translation (", pose.translation().transpose(), ")"));
+  }
+  const Eigen::Matrix3d rotation = pose.linear();
+  const double deviation = (rotation.transpose() * rotation - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
+  if (deviation > kTolerance) {
+    throw InvalidInputError(
+        Concat(name, ": the rotation is off orthonormal by ", deviation, ": must be at most ", kTolerance));
+  }
+  if (rotation.determinant() < 0) {
+    throw InvalidInputError(Concat(name, ": the rotation is a reflection (determinant ", rotation.determinant(), ")"));
+  }
+}
+
+Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamera& camera,
+                const RigidTransform& cam_from_world, std::vector<Eigen::Vector3d> landmarks_in_world, int max_size) {
+  const std::string name = Concat("frame ", id);
+  CheckCamera(name.c_str(), camera);
+  CheckPose(name.c_str(), cam_from_world);
+  if (color.width() != camera.width || color.height() != camera.height) {
+    throw InvalidInputError(Concat(name, ": image size ", color.width(), " x ", color.height(),
+                                   ": must be the camera's, ", camera.width, " x ", camera.height));
+  }
+  if (max_size < 0) throw InvalidInputError(Concat(name, ": max_size = ", max_size, ": must be >= 0 px"));
+
+  int width = camera.width;
+  int height = camera.height;
+  LimitSize(max_size, &width, &height);
+
+  Frame frame;
+  frame.id = id;
+  frame.stamp_s = stamp_s;
+  frame.camera = camera.Resized(width, height);
+  frame.cam_from_world = cam_from_world;
+  // Resized in float, after the conversion: averaging keeps the faint texture that 8 bits would round away.
+  frame.gray = Resize(ToGray(color), width, height);
+  frame.color = width == color.width() && height == color.height() ? std::move(color) : Resize(color, width, height);
+  frame.landmarks_in_world = std::move(landmarks_in_world);
+  return frame;
+}
+
+}  // namespace acmp
