@@ -1,0 +1,147 @@
+#include "acmp_mapping/keyframe/depth_range.h"
+
+#include <cmath>
+#include <limits>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+constexpr double kInf = std::numeric_limits<double>::infinity();
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+const PinholeCamera kCamera = {100, 80, 90, 90, 49.5, 39.5};
+
+/// 101 points on the optical axis at depths 1.00, 1.01, ..., 2.00 of a camera that looks along world x.
+struct AxisScene {
+  AxisScene() {
+    Eigen::Matrix3d cam_from_world;
+    cam_from_world << 0, -1, 0, 0, 0, -1, 1, 0, 0;  // x right = -y, y down = -z, z forward = x
+    pose.linear() = cam_from_world;
+    pose.translation() = -cam_from_world * Eigen::Vector3d(5, 6, 7);
+    for (int i = 100; i >= 0; --i) points.push_back(AtDepth(1.0 + 0.01 * i));
+  }
+  Eigen::Vector3d AtDepth(double depth) const { return {5 + depth, 6, 7}; }
+
+  RigidTransform pose = RigidTransform::Identity();
+  std::vector<Eigen::Vector3d> points;
+};
+
+TEST(DepthRangeTest, TakesQuantilesWithMargin) {
+  const AxisScene scene;
+  const auto range = DepthRangeFromLandmarks(scene.points, kCamera, scene.pose, {});
+  ASSERT_TRUE(range);
+  // Of 101 sorted depths the 5th and 95th percentiles are exactly 1.05 and 1.95; the result is a float.
+  EXPECT_NEAR(range->min, 1.05 / 1.5, 1e-6);
+  EXPECT_NEAR(range->max, 1.95 * 1.5, 1e-6);
+  DepthRangeOptions all;
+  all.quantile = 0;
+  all.margin = 1;
+  const auto exact = DepthRangeFromLandmarks(scene.points, kCamera, scene.pose, all);
+  ASSERT_TRUE(exact);
+  EXPECT_NEAR(exact->min, 1.0, 1e-6);
+  EXPECT_NEAR(exact->max, 2.0, 1e-6);
+}
+
+TEST(DepthRangeTest, ScalesWithTheScene) {
+  AxisScene scene;
+  const auto range = DepthRangeFromLandmarks(scene.points, kCamera, scene.pose, {});
+  for (const double scale : {1e-6, 1e6}) {
+    std::vector<Eigen::Vector3d> points;
+    for (const auto& point : scene.points) points.push_back(scale * point);
+    RigidTransform pose = scene.pose;
+    pose.translation() *= scale;
+    const auto scaled = DepthRangeFromLandmarks(points, kCamera, pose, {});
+    ASSERT_TRUE(scaled);
+    EXPECT_NEAR(scaled->min / scale, range->min, 1e-5);
+    EXPECT_NEAR(scaled->max / scale, range->max, 1e-5);
+  }
+}
+
+TEST(DepthRangeTest, IgnoresWhatIsNotALandmarkInView) {
+  AxisScene scene;
+  const auto expected = DepthRangeFromLandmarks(scene.points, kCamera, scene.pose, {});
+  // (0, 0, 0) is in front of this camera, so only the rule about exact zeros keeps it out.
+  scene.pose.translation() += Eigen::Vector3d(0, 0, 100);
+  for (auto& point : scene.points) point.x() -= 100;
+  for (int i = 0; i < 200; ++i) {
+    scene.points.insert(scene.points.end(), {{kNan, 1, 1},
+                                             {1, kInf, 1},
+                                             {1, 1, -kInf},
+                                             {0, 0, 0},
+                                             scene.AtDepth(-100.0 - i),  // the camera's centre: z = -i
+                                             {scene.points[0].x(), 6 + 0.02 * i + 2, 7},
+                                             {scene.points[0].x(), 6, 7 - 0.02 * i - 2}});
+  }
+  const auto range = DepthRangeFromLandmarks(scene.points, kCamera, scene.pose, {});
+  ASSERT_TRUE(range);
+  EXPECT_FLOAT_EQ(range->min, expected->min);
+  EXPECT_FLOAT_EQ(range->max, expected->max);
+}
+
+TEST(DepthRangeTest, ExactZeroNextToTheCameraIsNoLandmark) {
+  DepthRangeOptions options;
+  options.min_landmarks = 1;
+  RigidTransform pose = RigidTransform::Identity();
+  pose.translation().z() = 2;
+  EXPECT_FALSE(DepthRangeFromLandmarks({{0, 0, 0}}, kCamera, pose, options));
+  EXPECT_TRUE(DepthRangeFromLandmarks({{0, 0, 1e-9}}, kCamera, pose, options));
+}
+
+TEST(DepthRangeTest, NoneWithTooFewLandmarks) {
+  const AxisScene scene;
+  EXPECT_FALSE(DepthRangeFromLandmarks({}, kCamera, scene.pose, {}));
+  const std::vector<Eigen::Vector3d> nine(scene.points.begin(), scene.points.begin() + 9);
+  EXPECT_FALSE(DepthRangeFromLandmarks(nine, kCamera, scene.pose, {}));
+  const std::vector<Eigen::Vector3d> ten(scene.points.begin(), scene.points.begin() + 10);
+  EXPECT_TRUE(DepthRangeFromLandmarks(ten, kCamera, scene.pose, {}));
+}
+
+TEST(DepthRangeTest, NoneWhenThereIsNothingToSearch) {
+  const AxisScene scene;
+  DepthRangeOptions options;
+  options.margin = 1;
+  const std::vector<Eigen::Vector3d> same(20, scene.AtDepth(3));
+  EXPECT_FALSE(DepthRangeFromLandmarks(same, kCamera, scene.pose, options));
+  options.margin = 1.5;
+  EXPECT_TRUE(DepthRangeFromLandmarks(same, kCamera, scene.pose, options));
+  const std::vector<Eigen::Vector3d> beyond_float(20, scene.AtDepth(1e39));
+  EXPECT_FALSE(DepthRangeFromLandmarks(beyond_float, kCamera, scene.pose, options));
+}
+
+TEST(CheckDepthRangeTest, RefusesInvertedAndInfinite) {
+  EXPECT_NO_THROW(CheckDepthRange("range", {0.1f, 10}));
+  const float inf = std::numeric_limits<float>::infinity();
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  for (const DepthRange& range :
+       std::vector<DepthRange>{{2, 1}, {1, 1}, {0, 1}, {-1, 1}, {1, inf}, {nan, 1}, {1, nan}, {inf, inf}, {0, 0}}) {
+    EXPECT_THROW(CheckDepthRange("range", range), InvalidInputError) << range.min << " " << range.max;
+  }
+  try {
+    CheckDepthRange("fallback", {3, 2});
+    FAIL();
+  } catch (const InvalidInputError& error) {
+    EXPECT_THAT(error.what(), testing::AllOf(testing::HasSubstr("fallback"), testing::HasSubstr("[3, 2]")));
+  }
+}
+
+TEST(DepthRangeOptionsTest, RefusesBadValues) {
+  EXPECT_NO_THROW(Validate(DepthRangeOptions{}));
+  const auto with = [](auto set) {
+    DepthRangeOptions options;
+    set(options);
+    return options;
+  };
+  EXPECT_THROW(Validate(with([](auto& o) { o.quantile = 0.5; })), InvalidInputError);
+  EXPECT_THROW(Validate(with([](auto& o) { o.quantile = -0.1; })), InvalidInputError);
+  EXPECT_THROW(Validate(with([](auto& o) { o.quantile = kNan; })), InvalidInputError);
+  EXPECT_THROW(Validate(with([](auto& o) { o.margin = 0.9; })), InvalidInputError);
+  EXPECT_THROW(Validate(with([](auto& o) { o.margin = kInf; })), InvalidInputError);
+  EXPECT_THROW(Validate(with([](auto& o) { o.min_landmarks = 0; })), InvalidInputError);
+}
+
+}  // namespace
+}  // namespace acmp

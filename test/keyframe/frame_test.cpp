@@ -1,0 +1,133 @@
+#include "acmp_mapping/keyframe/frame.h"
+
+#include <cmath>
+#include <limits>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::HasSubstr;
+
+const PinholeCamera kCamera = {6, 4, 5.0, 5.5, 2.5, 1.5};
+
+ColorImage MakeColor(int width, int height) {
+  ColorImage color(width, height);
+  for (int row = 0; row < height; ++row) {
+    for (int col = 0; col < width; ++col) {
+      color(col, row) = {static_cast<unsigned char>(10 * col), static_cast<unsigned char>(20 * row),
+                         static_cast<unsigned char>(3 * col + 7 * row)};
+    }
+  }
+  return color;
+}
+
+double Gray(const Rgb& c) { return 0.299 * c.r + 0.587 * c.g + 0.114 * c.b; }
+
+/// Message of the InvalidInputError that `call` throws; fails the test when there is none.
+template <class Call>
+std::string ErrorOf(const Call& call) {
+  try {
+    call();
+  } catch (const InvalidInputError& error) {
+    return error.what();
+  }
+  ADD_FAILURE() << "no InvalidInputError";
+  return "";
+}
+
+TEST(MakeFrameTest, KeepsSizeAndValuesWithoutLimit) {
+  const ColorImage color = MakeColor(6, 4);
+  const Frame frame = MakeFrame(7, 1.5, color.Clone(), kCamera, RigidTransform::Identity(), {{1, 2, 3}}, 0);
+  EXPECT_EQ(frame.id, 7);
+  EXPECT_EQ(frame.stamp_s, 1.5);
+  EXPECT_EQ(frame.camera, kCamera);
+  ASSERT_EQ(frame.landmarks_in_world.size(), 1u);
+  ASSERT_EQ(frame.gray.width(), 6);
+  ASSERT_EQ(frame.gray.height(), 4);
+  for (int row = 0; row < 4; ++row) {
+    for (int col = 0; col < 6; ++col) {
+      EXPECT_EQ(frame.color(col, row).g, color(col, row).g);
+      // 255 * float rounding of three products.
+      EXPECT_NEAR(frame.gray(col, row), Gray(color(col, row)), 1e-3);
+    }
+  }
+}
+
+TEST(MakeFrameTest, AveragesGrayInFloatWhenShrinking) {
+  const ColorImage color = MakeColor(6, 4);
+  const Frame frame = MakeFrame(0, 0, color.Clone(), kCamera, RigidTransform::Identity(), {}, 3);
+  ASSERT_EQ(frame.gray.width(), 3);
+  ASSERT_EQ(frame.gray.height(), 2);
+  ASSERT_EQ(frame.color.width(), 3);
+  for (int row = 0; row < 2; ++row) {
+    for (int col = 0; col < 3; ++col) {
+      const double mean = (Gray(color(2 * col, 2 * row)) + Gray(color(2 * col + 1, 2 * row)) +
+                           Gray(color(2 * col, 2 * row + 1)) + Gray(color(2 * col + 1, 2 * row + 1))) /
+                          4;
+      // Below the 0.5 that rounding to 8 bits in between would cost.
+      EXPECT_NEAR(frame.gray(col, row), mean, 1e-3);
+    }
+  }
+  EXPECT_DOUBLE_EQ(frame.camera.fx, 2.5);
+  EXPECT_DOUBLE_EQ(frame.camera.cx, (2.5 + 0.5) * 0.5 - 0.5);
+}
+
+TEST(MakeFrameTest, LimitsTheLongerSideOfOddSizes) {
+  const PinholeCamera tall = {5, 7, 5, 5, 2, 3};
+  const Frame frame = MakeFrame(0, 0, MakeColor(5, 7), tall, RigidTransform::Identity(), {}, 4);
+  EXPECT_EQ(frame.camera.height, 4);
+  EXPECT_EQ(frame.camera.width, 3);  // 5 * 4 / 7 = 2.86
+  EXPECT_EQ(frame.gray.width(), 3);
+  EXPECT_EQ(frame.color.height(), 4);
+}
+
+TEST(MakeFrameTest, RefusesWhatDoesNotFitAndNamesIt) {
+  const auto make = [](int width, int height, const PinholeCamera& camera, int max_size) {
+    return [=] { MakeFrame(42, 0, MakeColor(width, height), camera, RigidTransform::Identity(), {}, max_size); };
+  };
+  const std::string size_error = ErrorOf(make(5, 4, kCamera, 0));
+  EXPECT_THAT(size_error, HasSubstr("frame 42"));
+  EXPECT_THAT(size_error, HasSubstr("5 x 4"));
+  EXPECT_THAT(size_error, HasSubstr("6 x 4"));
+  EXPECT_THAT(ErrorOf(make(0, 0, kCamera, 0)), HasSubstr("0 x 0"));
+  PinholeCamera no_focal = kCamera;
+  no_focal.fx = 0;
+  EXPECT_THAT(ErrorOf(make(6, 4, no_focal, 0)), HasSubstr("fx = 0"));
+  EXPECT_THAT(ErrorOf(make(6, 4, kCamera, -1)), HasSubstr("max_size = -1"));
+}
+
+TEST(CheckPoseTest, AcceptsARotationWithinTolerance) {
+  RigidTransform pose(Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 3).normalized()));
+  pose.translation() = Eigen::Vector3d(1e6, -3, 0);
+  EXPECT_NO_THROW(CheckPose("pose", pose));
+  pose.linear() *= 1.0004;  // R^T R is off by 0.0008
+  EXPECT_NO_THROW(CheckPose("pose", pose));
+}
+
+TEST(CheckPoseTest, RefusesBadPosesAndNamesThem) {
+  RigidTransform pose = RigidTransform::Identity();
+  pose.linear() *= 1.001;  // R^T R is off by 0.002
+  EXPECT_THAT(ErrorOf([&] { CheckPose("camera 3", pose); }), HasSubstr("camera 3"));
+  EXPECT_THAT(ErrorOf([&] { CheckPose("camera 3", pose); }), HasSubstr("orthonormal"));
+
+  pose = RigidTransform::Identity();
+  pose.linear()(2, 2) = -1;
+  EXPECT_THAT(ErrorOf([&] { CheckPose("pose", pose); }), HasSubstr("reflection"));
+
+  for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity()}) {
+    pose = RigidTransform::Identity();
+    pose.translation().y() = bad;
+    EXPECT_THAT(ErrorOf([&] { CheckPose("pose", pose); }), HasSubstr("not finite"));
+    pose = RigidTransform::Identity();
+    pose.linear()(0, 1) = bad;
+    EXPECT_THROW(CheckPose("pose", pose), InvalidInputError);
+  }
+}
+
+}  // namespace
+}  // namespace acmp

@@ -1,0 +1,260 @@
+#include "acmp_mapping/keyframe/source_view_selector.h"
+
+#include <cmath>
+#include <limits>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::IsEmpty;
+
+constexpr double kPi = 3.14159265358979323846;
+const PinholeCamera kCamera = {100, 80, 90, 90, 49.5, 39.5};
+
+std::vector<size_t> Indices(const std::vector<RankedSourceView>& ranked) {
+  std::vector<size_t> indices;
+  for (const RankedSourceView& view : ranked) indices.push_back(view.index);
+  return indices;
+}
+
+/// A camera on the circle of radius `radius` around `target`, `angle_deg` off the -z direction and looking at it.
+Frame FrameOnArc(double angle_deg, double radius = 4, const PinholeCamera& camera = kCamera,
+                 const Eigen::Vector3d& target = {1, 2, 3}) {
+  Frame frame;
+  frame.camera = camera;
+  const RigidTransform world_from_cam = Eigen::Translation3d(target) *
+                                        Eigen::AngleAxisd(angle_deg * kPi / 180, Eigen::Vector3d::UnitY()) *
+                                        Eigen::Translation3d(0, 0, -radius);
+  frame.cam_from_world = world_from_cam.inverse();
+  return frame;
+}
+
+FramePtr Share(Frame frame) { return std::make_shared<Frame>(std::move(frame)); }
+
+/// Frontal grid of (2 n + 1)^2 points around the arc's target.
+std::vector<Eigen::Vector3d> Wall(int n, double half_size = 0.5) {
+  std::vector<Eigen::Vector3d> points;
+  for (int i = -n; i <= n; ++i) {
+    for (int j = -n; j <= n; ++j) points.emplace_back(1 + half_size * i / n, 2 + half_size * j / n, 3);
+  }
+  return points;
+}
+
+TEST(SelectSourceViewsTest, RanksByTriangulationAngle) {
+  Frame reference = FrameOnArc(0);
+  reference.landmarks_in_world = Wall(4);
+  const std::vector<FramePtr> candidates = {Share(FrameOnArc(2)), Share(FrameOnArc(-12)), Share(FrameOnArc(35)),
+                                            Share(FrameOnArc(60)), Share(FrameOnArc(0.3))};
+  const auto ranked = SelectSourceViews(reference, candidates, 0, {});
+  EXPECT_THAT(Indices(ranked), ElementsAre(1, 2, 0, 3));
+  // The wall's centre is seen under exactly the arc's angle; the median over the wall differs by its extent only.
+  EXPECT_NEAR(ranked[0].angle_deg, 12, 0.3);
+  EXPECT_NEAR(ranked[1].angle_deg, 35, 1.0);
+  EXPECT_NEAR(ranked[2].angle_deg, 2, 0.1);
+}
+
+TEST(SelectSourceViewsTest, ScoreIsShareTimesMeanWeight) {
+  Frame reference = FrameOnArc(0);
+  reference.landmarks_in_world = Wall(4);
+  SourceViewOptions options;
+  options.min_angle_deg = 1;
+  options.best_angle_min_deg = 5;
+  // All seen, all within the best angles, same scale: 1.
+  const auto best = SelectSourceViews(reference, {Share(FrameOnArc(10))}, 0, options);
+  ASSERT_EQ(best.size(), 1u);
+  EXPECT_NEAR(best[0].score, 1, 1e-12);
+  // At 3 degrees the ramp from 1 to 5 gives about (3 - 1) / 4.
+  const auto narrow = SelectSourceViews(reference, {Share(FrameOnArc(3))}, 0, options);
+  ASSERT_EQ(narrow.size(), 1u);
+  EXPECT_NEAR(narrow[0].score, 0.5, 0.02);
+}
+
+TEST(SelectSourceViewsTest, MoreSharedLandmarksRankHigher) {
+  Frame reference = FrameOnArc(0);
+  reference.landmarks_in_world = Wall(4, 1.2);
+  // Turned away about its own centre: same baseline and angles, fewer landmarks in view.
+  Frame turned = FrameOnArc(-10);
+  turned.cam_from_world =
+      RigidTransform(Eigen::AngleAxisd(30 * kPi / 180, Eigen::Vector3d::UnitY())) * turned.cam_from_world;
+  const std::vector<FramePtr> candidates = {Share(std::move(turned)), Share(FrameOnArc(10))};
+  const auto ranked = SelectSourceViews(reference, candidates, 0, {});
+  ASSERT_THAT(Indices(ranked), ElementsAre(1, 0));
+  EXPECT_LT(ranked[1].score, 0.75 * ranked[0].score);
+
+  SourceViewOptions options;
+  options.min_overlap = 0.9;
+  EXPECT_THAT(Indices(SelectSourceViews(reference, candidates, 0, options)), ElementsAre(1));
+}
+
+TEST(SelectSourceViewsTest, PenalisesAnotherResolution) {
+  Frame reference = FrameOnArc(0, 4);
+  reference.landmarks_in_world = Wall(4, 0.2);
+  PinholeCamera half = kCamera.Resized(50, 40);
+  const std::vector<FramePtr> candidates = {Share(FrameOnArc(10, 16)), Share(FrameOnArc(10, 8)),
+                                            Share(FrameOnArc(10, 4.2)), Share(FrameOnArc(10, 4, half)),
+                                            Share(FrameOnArc(10, 1.5))};
+  const auto ranked = SelectSourceViews(reference, candidates, 0, {});
+  ASSERT_EQ(ranked.size(), 5u);
+  EXPECT_EQ(ranked[0].index, 2u);
+  EXPECT_EQ(ranked[4].index, 0u);
+  // Twice the distance and half the focal length are the same loss of resolution.
+  const auto score_of = [&](size_t index) {
+    for (const auto& view : ranked) {
+      if (view.index == index) return view.score;
+    }
+    return 0.0;
+  };
+  EXPECT_NEAR(score_of(1), score_of(3), 0.05 * score_of(3));
+  EXPECT_LT(score_of(3), 0.7 * score_of(2));
+}
+
+TEST(SelectSourceViewsTest, LeavesOutViewsWithoutBaseline) {
+  Frame reference = FrameOnArc(0);
+  reference.landmarks_in_world = Wall(4);
+  Frame turned = FrameOnArc(0);
+  turned.cam_from_world = RigidTransform(Eigen::AngleAxisd(0.05, Eigen::Vector3d::UnitX())) * turned.cam_from_world;
+  const std::vector<FramePtr> candidates = {Share(FrameOnArc(0)), Share(std::move(turned))};
+  SourceViewOptions any_angle;
+  any_angle.min_angle_deg = 0;
+  for (const double fallback : {0.0, 4.0}) {
+    EXPECT_THAT(SelectSourceViews(reference, candidates, fallback, {}), IsEmpty());
+    EXPECT_THAT(SelectSourceViews(reference, candidates, fallback, any_angle), IsEmpty());
+    reference.landmarks_in_world.clear();
+    EXPECT_THAT(SelectSourceViews(reference, candidates, fallback, any_angle), IsEmpty());
+    reference.landmarks_in_world = Wall(4);
+  }
+}
+
+TEST(SelectSourceViewsTest, LeavesOutViewsWithoutOverlap) {
+  Frame reference = FrameOnArc(0);
+  reference.landmarks_in_world = Wall(4);
+  Frame behind = FrameOnArc(180);
+  behind.cam_from_world = RigidTransform(Eigen::AngleAxisd(kPi, Eigen::Vector3d::UnitY())) * behind.cam_from_world;
+  const std::vector<FramePtr> candidates = {Share(std::move(behind)), Share(FrameOnArc(10, 4, kCamera, {20, 2, 3}))};
+  EXPECT_THAT(SelectSourceViews(reference, candidates, 0, {}), IsEmpty());
+  reference.landmarks_in_world.clear();
+  EXPECT_THAT(SelectSourceViews(reference, candidates, 4, {}), IsEmpty());
+}
+
+TEST(SelectSourceViewsTest, FallbackDepthGivesTheSameRankingAsAWallAtThatDepth) {
+  Frame with_landmarks = FrameOnArc(0);
+  with_landmarks.landmarks_in_world = Wall(10, 1.7);
+  const Frame without = FrameOnArc(0);
+  const std::vector<FramePtr> candidates = {Share(FrameOnArc(1.2)), Share(FrameOnArc(4)), Share(FrameOnArc(9)),
+                                            Share(FrameOnArc(45)), Share(FrameOnArc(0.2))};
+  const auto expected = SelectSourceViews(with_landmarks, candidates, 0, {});
+  const auto ranked = SelectSourceViews(without, candidates, 4, {});
+  EXPECT_EQ(Indices(ranked), Indices(expected));
+  ASSERT_FALSE(ranked.empty());
+  EXPECT_NEAR(ranked[0].angle_deg, expected[0].angle_deg, 0.5);
+  EXPECT_NEAR(ranked[0].score, expected[0].score, 0.05);
+  // The scene twice as far: the angles halve.
+  EXPECT_NEAR(SelectSourceViews(without, candidates, 8, {})[0].angle_deg, expected[0].angle_deg / 2, 1.0);
+}
+
+TEST(SelectSourceViewsTest, FewLandmarksGiveTheDepthOnly) {
+  Frame reference = FrameOnArc(0);
+  reference.landmarks_in_world = {{1, 2, 3}};
+  const auto ranked = SelectSourceViews(reference, {Share(FrameOnArc(10))}, 0, {});
+  ASSERT_EQ(ranked.size(), 1u);
+  // 10 degrees at the image's centre and less towards the corners, which are farther; another depth would show as much
+  // as its ratio to the true one.
+  EXPECT_NEAR(ranked[0].angle_deg, 10, 1.2);
+}
+
+TEST(SelectSourceViewsTest, WithoutAnyDepthNearestParallelViewFirst) {
+  const Frame reference = FrameOnArc(0);
+  const std::vector<FramePtr> candidates = {Share(FrameOnArc(20)), Share(FrameOnArc(5)), Share(FrameOnArc(180)),
+                                            Share(FrameOnArc(-10)), Share(FrameOnArc(0))};
+  const auto ranked = SelectSourceViews(reference, candidates, 0, {});
+  EXPECT_THAT(Indices(ranked), ElementsAre(1, 3, 0));
+  for (const auto& view : ranked) {
+    EXPECT_GT(view.score, 0);
+    EXPECT_EQ(view.angle_deg, 0);
+  }
+}
+
+TEST(SelectSourceViewsTest, IgnoresLandmarksThatAreNotInView) {
+  Frame reference = FrameOnArc(0);
+  reference.landmarks_in_world = Wall(4);
+  const std::vector<FramePtr> candidates = {Share(FrameOnArc(6)), Share(FrameOnArc(30))};
+  const auto expected = SelectSourceViews(reference, candidates, 0, {});
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  for (int i = 0; i < 500; ++i) {
+    reference.landmarks_in_world.insert(reference.landmarks_in_world.end(),
+                                        {{nan, 0, 0}, {0, 0, 0}, {1, 2, -50.0 - i}, {100.0 + i, 2, 3}});
+  }
+  const auto ranked = SelectSourceViews(reference, candidates, 0, {});
+  ASSERT_EQ(Indices(ranked), Indices(expected));
+  for (size_t i = 0; i < ranked.size(); ++i) EXPECT_EQ(ranked[i].score, expected[i].score);
+}
+
+TEST(SelectSourceViewsTest, KeepsTheBestAndBreaksTiesByIndex) {
+  Frame reference = FrameOnArc(0);
+  reference.landmarks_in_world = Wall(4);
+  std::vector<FramePtr> candidates(40, Share(FrameOnArc(10)));
+  candidates.push_back(Share(FrameOnArc(2)));
+  SourceViewOptions options;
+  options.max_source_views = 3;
+  EXPECT_THAT(Indices(SelectSourceViews(reference, candidates, 0, options)), ElementsAre(0, 1, 2));
+  options.max_source_views = 32;
+  EXPECT_EQ(SelectSourceViews(reference, candidates, 0, options).size(), 32u);
+  EXPECT_THAT(SelectSourceViews(reference, {}, 0, options), IsEmpty());
+}
+
+TEST(SelectSourceViewsTest, DoesNotDependOnTheScenesUnit) {
+  Frame reference = FrameOnArc(0);
+  reference.landmarks_in_world = Wall(4);
+  const std::vector<double> angles = {2, 10, 35};
+  const auto make = [&](double scale) {
+    Frame scaled = FrameOnArc(0);
+    scaled.cam_from_world.translation() *= scale;
+    for (const auto& point : reference.landmarks_in_world) scaled.landmarks_in_world.push_back(scale * point);
+    std::vector<FramePtr> candidates;
+    for (const double angle : angles) {
+      Frame candidate = FrameOnArc(angle);
+      candidate.cam_from_world.translation() *= scale;
+      candidates.push_back(Share(std::move(candidate)));
+    }
+    return SelectSourceViews(scaled, candidates, 0, {});
+  };
+  const auto expected = make(1);
+  for (const double scale : {1e-4, 1e4}) {
+    const auto ranked = make(scale);
+    ASSERT_EQ(Indices(ranked), Indices(expected));
+    // Rounding of double at the same relative size.
+    for (size_t i = 0; i < ranked.size(); ++i) EXPECT_NEAR(ranked[i].score, expected[i].score, 1e-9);
+  }
+}
+
+TEST(SelectSourceViewsTest, RefusesNullCandidatesAndBadOptions) {
+  EXPECT_THROW(SelectSourceViews(FrameOnArc(0), {nullptr}, 1, {}), InvalidInputError);
+  SourceViewOptions options;
+  options.max_source_views = 33;
+  EXPECT_THROW(SelectSourceViews(FrameOnArc(0), {}, 1, options), InvalidInputError);
+}
+
+TEST(SourceViewOptionsTest, RefusesBadValues) {
+  EXPECT_NO_THROW(Validate(SourceViewOptions{}));
+  const auto with = [](auto set) {
+    SourceViewOptions options;
+    set(options);
+    return options;
+  };
+  EXPECT_THROW(Validate(with([](auto& o) { o.max_source_views = 0; })), InvalidInputError);
+  EXPECT_THROW(Validate(with([](auto& o) { o.min_angle_deg = -1; })), InvalidInputError);
+  EXPECT_THROW(Validate(with([](auto& o) { o.min_angle_deg = 6; })), InvalidInputError);  // above best_angle_min_deg
+  EXPECT_THROW(Validate(with([](auto& o) { o.best_angle_min_deg = 21; })), InvalidInputError);
+  EXPECT_THROW(Validate(with([](auto& o) { o.best_angle_max_deg = std::nan(""); })), InvalidInputError);
+  EXPECT_THROW(Validate(with([](auto& o) { o.min_overlap = 1.1; })), InvalidInputError);
+  EXPECT_THROW(Validate(with([](auto& o) { o.min_shared_landmarks = 0; })), InvalidInputError);
+}
+
+}  // namespace
+}  // namespace acmp
