@@ -15,9 +15,10 @@ struct PatchMatchTiming {
   double download_ms = 0;
 };
 
-/// The three passes of Algorithm 1 on one device. Same problem, options and device: same bits. One object is used by one
-/// thread at a time; its buffers grow to the largest problem seen and are reused. Every method throws InvalidInputError
-/// for a bad problem and ProcessingError when the device fails; after either the object can be used again.
+/// The three passes of Algorithm 1 on one device. Same problem, options and device: same bits. One object is used by
+/// one thread at a time; its buffers grow to the largest problem seen and are reused. Every method throws
+/// InvalidInputError for a bad problem and ProcessingError when the device fails; after either the object can be used
+/// again.
 class PatchMatch {
  public:
   virtual ~PatchMatch() = default;

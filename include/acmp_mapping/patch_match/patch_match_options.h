@@ -9,40 +9,42 @@ constexpr int kMaxSourceViews = 32;  ///< the selected-view mask is one 32-bit w
 /// How per-pixel view weights are derived from the propagated hypotheses' costs.
 enum class ViewWeighting {
   kThresholded,  ///< good and bad costs counted against an annealed threshold (design note 5)
-  kPaper,        ///< plain sum of exp(-m^2 / (2 sigma^2)) over all nine hypotheses (paper, section "Planar Prior Assistance")
+  kPaper,  ///< plain sum of exp(-m^2 / (2 sigma^2)) over all nine hypotheses (paper, section "Planar Prior Assistance")
 };
 
 /// Parameters of one PatchMatch pass. Defaults are the paper's where it names a value.
 struct PatchMatchOptions {
-  int photometric_iterations = 3;  ///< T_photo, 1..20
-  int planar_prior_iterations = 3; ///< T_p-photo, 1..20
-  int geometric_iterations = 2;    ///< T_geo, 1..20
-  uint32_t seed = 1;               ///< of the counter-based random numbers
+  int photometric_iterations = 3;   ///< T_photo, 1..20
+  int planar_prior_iterations = 3;  ///< T_p-photo, 1..20
+  int geometric_iterations = 2;     ///< T_geo, 1..20
+  uint32_t seed = 1;                ///< of the counter-based random numbers
 
-  float sigma_spatial_px = 5.0f;   ///< bilateral weight exp(-r / (2 s^2)), > 0
-  float sigma_color = 3.0f;        ///< bilateral weight exp(-|dI| / (2 s^2)), grey levels, > 0
-  float min_variance = 0.1f;       ///< grey levels^2; a window below it has no texture: cost 2. After subtracting the
-                                   ///< centre value float32 resolves variances down to about 1e-3
+  float sigma_spatial_px = 5.0f;  ///< bilateral weight exp(-r / (2 s^2)), > 0
+  float sigma_color = 3.0f;       ///< bilateral weight exp(-|dI| / (2 s^2)), grey levels, > 0
+  float min_variance = 0.01f;     ///< grey levels^2, > 0; a window below it has no texture. After subtracting the
+                                  ///< reference's centre value float32 resolves variances to 2.4e-7 times the squared
+                                  ///< exposure difference: 0.01 is safe up to 200 grey levels
   ViewWeighting view_weighting = ViewWeighting::kThresholded;
-  float sigma_view = 0.3f;         ///< sigma of the view likelihood
-  float view_smoothness = 0.9f;    ///< eta, 0.5..1
-  int view_draws = 15;             ///< Monte-Carlo draws per pixel, 1..255
+  float sigma_view = 0.3f;       ///< sigma of the view likelihood
+  float view_smoothness = 0.9f;  ///< eta, 0.5..1
+  int view_draws = 15;           ///< Monte-Carlo draws per pixel, 1..255
 
-  float perturb_depth = 0.02f;     ///< relative, (0, 1)
-  float perturb_normal_deg = 1.8f; ///< per axis, (0, 90)
-  bool gradient_normal = true;     ///< also try the normal of the neighbours' depth gradient
-  bool sample_inverse_depth = true;///< random depths uniform in 1/z instead of z
+  float perturb_depth = 0.02f;       ///< relative, (0, 1)
+  float perturb_normal_deg = 1.8f;   ///< per axis, (0, 90)
+  bool gradient_normal = true;       ///< also try the normal of the neighbours' depth gradient
+  bool sample_inverse_depth = true;  ///< random depths uniform in 1/z instead of z
 
-  float prior_alpha = 0.18f;       ///< alpha of eq. 5, > 0
-  float prior_gamma = 0.5f;        ///< gamma of eq. 6, > 0
-  float prior_sigma_normal_deg = 5.0f;   ///< lambda_n of eq. 6 read as a standard deviation
-  float prior_depth_divisor = 64.0f;     ///< lambda_d = depth interval / divisor, read as a standard deviation
-  bool prior_random_start = false;       ///< Algorithm 1's random start instead of the previous estimates and priors
+  float prior_alpha = 0.18f;            ///< alpha of eq. 5, > 0
+  float prior_gamma = 0.5f;             ///< gamma of eq. 6, > 0
+  float prior_sigma_normal_deg = 5.0f;  ///< lambda_n of eq. 6 read as a standard deviation
+  float prior_depth_divisor = 64.0f;    ///< lambda_d = depth interval / divisor, read as a standard deviation
+  float prior_start_cost = 0.1f;        ///< pixels at or above start at the prior, 0..2
+  bool prior_random_start = false;      ///< Algorithm 1's random start instead of the previous estimates and priors
 
-  float geometric_weight = 0.1f;   ///< lambda_geo of eq. 13, >= 0
-  float geometric_max_px = 5.0f;   ///< tau_geo of eq. 13, > 0
+  float geometric_weight = 0.1f;  ///< lambda_geo of eq. 13, >= 0
+  float geometric_max_px = 5.0f;  ///< tau_geo of eq. 13, > 0
 
-  bool median_filter = true;       ///< checkerboard median filter after each pass
+  bool median_filter = true;  ///< checkerboard median filter after each pass
 };
 
 /// Throws InvalidInputError naming the first field out of bounds.

@@ -24,15 +24,15 @@ struct PatchMatchProblem {
   DepthRange depth_range;
 };
 
-/// Throws InvalidInputError unless images and cameras agree, there are 1..32 sources each with a baseline, and the depth
-/// range is valid.
+/// Throws InvalidInputError unless images and cameras agree, there are 1..32 sources each with a baseline, and the
+/// depth range is valid.
 void Check(const PatchMatchProblem& problem);
 
 /// What a pass leaves behind and the next one starts from. All of the reference's size.
 struct PatchMatchResult {
-  PlaneMap planes;                ///< every pixel has a plane in front of the camera once a pass has run
-  CostMap cost;                   ///< photometric (eq. 1) after the photometric and prior passes, eq. 13 after geometric ones
-  Image<uint32_t> selected_views; ///< bit j: source view j had a positive weight
+  PlaneMap planes;  ///< every pixel has a plane in front of the camera once a pass has run
+  CostMap cost;     ///< photometric (eq. 1) after the photometric and prior passes, eq. 13 after geometric ones
+  Image<uint32_t> selected_views;  ///< bit j: source view j had a positive weight
 
   PatchMatchResult Clone() const { return {planes.Clone(), cost.Clone(), selected_views.Clone()}; }
 };

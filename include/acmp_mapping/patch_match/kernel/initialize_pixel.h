@@ -1,0 +1,87 @@
+#pragma once
+
+#include "acmp_mapping/patch_match/kernel/geometric_cost.h"
+#include "acmp_mapping/patch_match/kernel/hypothesis.h"
+#include "acmp_mapping/patch_match/kernel/photometric_cost.h"
+
+namespace acmp {
+
+/// Mean of the min(4, valid) smallest view costs, and which views those were. No valid view: worst cost, no view.
+template <Pass kPass, class Sampler>
+ACMP_HOST_DEVICE inline float InitialCost(const MatchContext<Sampler>& context, int col, int row,
+                                          const PlaneHypothesis& plane, uint32_t* selected_views) {
+  constexpr int kBestViews = 4;
+  const ReferencePatch patch = LoadReferencePatch(context, col, row);
+  const Vec3f dual = PlaneDual(context, plane);
+  const float depth = PlaneDepth(plane, context.rays.Ray(static_cast<float>(col), static_cast<float>(row)));
+  float best_cost[kBestViews];
+  int best_view[kBestViews];
+  int valid = 0;
+  for (int j = 0; j < context.num_sources; ++j) {
+    float cost = PhotometricCost(context, patch, dual, col, row, j);
+    if (!(cost < kWorstCost)) continue;
+    if constexpr (kPass == Pass::kGeometric) {
+      cost += context.options.geometric_weight * GeometricError(context, depth, col, row, j);
+    }
+    if (valid == kBestViews && !(cost < best_cost[kBestViews - 1])) continue;
+    int slot = valid < kBestViews ? valid++ : kBestViews - 1;
+    for (; slot > 0 && cost < best_cost[slot - 1]; --slot) {
+      best_cost[slot] = best_cost[slot - 1];
+      best_view[slot] = best_view[slot - 1];
+    }
+    best_cost[slot] = cost;
+    best_view[slot] = j;
+  }
+  *selected_views = 0;
+  if (valid == 0) return kWorstCost;
+  float sum = 0;
+  for (int i = 0; i < valid; ++i) {
+    sum += best_cost[i];
+    *selected_views |= 1u << best_view[i];
+  }
+  return sum / static_cast<float>(valid);
+}
+
+/// A random plane for the pixel.
+template <class Sampler>
+ACMP_HOST_DEVICE inline PlaneHypothesis RandomPlane(const MatchContext<Sampler>& context, const Vec3f& ray,
+                                                    RandomStream* random) {
+  const float depth = RandomDepth(context, random);
+  Vec3f normal = RandomNormal(ray, random);
+  PlaneHypothesis plane = PlaneThrough(normal, ray, depth);
+  if (!(plane.d > 0)) plane = PlaneThrough({0, 0, -1.0f}, ray, depth);  // exactly edge-on
+  return plane;
+}
+
+/// Where the pixel of a planar-prior pass starts: near the prior if it has one and its estimate is not credible.
+template <class Sampler>
+ACMP_HOST_DEVICE inline PlaneHypothesis PriorStart(const MatchContext<Sampler>& context, int col, int row,
+                                                   const Vec3f& ray, RandomStream* random) {
+  const PlaneHypothesis current = context.planes(col, row);
+  if (context.options.prior_random_start) return RandomPlane(context, ray, random);
+  const PixelPrior prior = LoadPrior(context, col, row, ray);
+  if (!prior.valid || context.cost(col, row) < context.options.prior_start_cost) return current;
+  constexpr float kDepthSpread = 0.06f;
+  constexpr float kNormalSpread = 5.4f * kRadPerDeg;
+  const float depth = Clamp(prior.depth * (1.0f + kDepthSpread * random->NextUniform(-1.0f, 1.0f)), context.depth_min,
+                            context.depth_max);
+  const PlaneHypothesis plane = PlaneThrough(PerturbNormal(prior.normal, ray, kNormalSpread, random), ray, depth);
+  return plane.d > 0 ? plane : current;
+}
+
+/// First step of a pass for one pixel: its starting plane, cost and selected views. Reads and writes this pixel only.
+template <Pass kPass, class Sampler>
+ACMP_HOST_DEVICE inline void InitializePixel(const MatchContext<Sampler>& context, int col, int row) {
+  RandomStream random(context.options.seed, static_cast<uint32_t>(row * context.width + col),
+                      context.pass_number * 64u);
+  const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
+  PlaneHypothesis plane = context.planes(col, row);
+  if constexpr (kPass == Pass::kPhotometric) plane = RandomPlane(context, ray, &random);
+  if constexpr (kPass == Pass::kPlanarPrior) plane = PriorStart(context, col, row, ray, &random);
+  uint32_t selected_views;
+  context.cost(col, row) = InitialCost<kPass>(context, col, row, plane, &selected_views);
+  context.planes(col, row) = plane;
+  context.selected_views(col, row) = selected_views;
+}
+
+}  // namespace acmp

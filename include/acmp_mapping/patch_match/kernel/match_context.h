@@ -1,0 +1,50 @@
+#pragma once
+
+#include <cstdint>
+
+#include "acmp_mapping/geometry/plane_hypothesis.h"
+#include "acmp_mapping/image/image.h"
+#include "acmp_mapping/patch_match/patch_match_options.h"
+
+namespace acmp {
+
+/// Which cost decides: eq. 1, eq. 7 or eq. 13 of the paper.
+enum class Pass { kPhotometric, kPlanarPrior, kGeometric };
+
+/// What the kernels need of one source view, precomputed once per problem in double.
+struct SourceView {
+  Mat3f a;                       ///< K_j R_j K_ref^-1
+  Vec3f b;                       ///< K_j t_j
+  Mat3f back_a;                  ///< K_ref R_j^T K_j^-1
+  Vec3f back_b;                  ///< -K_ref R_j^T t_j
+  float width, height;           ///< px
+  ImageView<const float> depth;  ///< z, 0 = unknown; empty outside geometric passes
+};
+
+/// Everything a pixel update reads or writes; passed to kernels by value. `Sampler` gives grey values:
+///   float Reference(int col, int row) const;         inside the image
+///   float Source(int view, float x, float y) const;  bilinear, clamped to the border; any finite or infinite position
+template <class Sampler>
+struct MatchContext {
+  Sampler sampler;
+  const SourceView* sources;
+  int num_sources;
+  int width, height;  ///< of the reference, px
+  RayGrid rays;
+  float depth_min, depth_max;
+  PatchMatchOptions options;
+  uint32_t pass_number;  ///< distinguishes the passes' random numbers
+
+  ImageView<PlaneHypothesis> planes;
+  ImageView<float> cost;
+  ImageView<uint32_t> selected_views;
+  ImageView<const PlaneHypothesis> prior;  ///< planar-prior pass only
+
+  ACMP_HOST_DEVICE bool Contains(int col, int row) const { return col >= 0 && row >= 0 && col < width && row < height; }
+  ACMP_HOST_DEVICE bool InRange(float depth) const { return depth >= depth_min && depth <= depth_max; }
+};
+
+constexpr float kWorstCost = 2.0f;       ///< NCC = -1, or no correspondence at all
+constexpr float kUninformedCost = 1.0f;  ///< NCC = 0: the reference window has no texture to compare
+
+}  // namespace acmp

@@ -1,0 +1,45 @@
+#pragma once
+
+#include "acmp_mapping/patch_match/kernel/match_context.h"
+
+namespace acmp {
+
+/// What the planar prior says of one pixel.
+struct PixelPrior {
+  bool valid = false;
+  Vec3f normal = {0, 0, 0};
+  float depth = 0;
+  float sigma_depth = 0;   ///< lambda_d of eq. 6, as a standard deviation
+  float sigma_normal = 0;  ///< lambda_n of eq. 6, as a standard deviation, rad
+};
+
+constexpr float kRadPerDeg = 0.017453292519943295f;
+
+template <class Sampler>
+ACMP_HOST_DEVICE inline PixelPrior LoadPrior(const MatchContext<Sampler>& context, int col, int row, const Vec3f& ray) {
+  PixelPrior prior;
+  const PlaneHypothesis plane = context.prior(col, row);
+  if (!(plane.d > 0)) return prior;
+  prior.valid = true;
+  prior.normal = plane.normal();
+  prior.depth = PlaneDepth(plane, ray);
+  prior.sigma_depth = (context.depth_max - context.depth_min) / context.options.prior_depth_divisor;
+  prior.sigma_normal = context.options.prior_sigma_normal_deg * kRadPerDeg;
+  return prior;
+}
+
+/// P(theta | theta_p) of eq. 6 with both lambdas read as standard deviations (squared), which is what makes them agree
+/// in dimension; gamma alone where there is no prior.
+ACMP_HOST_DEVICE inline float PriorProbability(const PixelPrior& prior, float gamma, float depth, const Vec3f& normal) {
+  if (!prior.valid) return gamma;
+  const float depth_ratio = (depth - prior.depth) / prior.sigma_depth;
+  const float angle_ratio = acosf(Clamp(Dot(normal, prior.normal), -1.0f, 1.0f)) / prior.sigma_normal;
+  return gamma + expf(-0.5f * (depth_ratio * depth_ratio + angle_ratio * angle_ratio));
+}
+
+/// c_p-photo of eq. 7.
+ACMP_HOST_DEVICE inline float PriorAssistedCost(float photometric_cost, float prior_probability, float alpha) {
+  return photometric_cost * photometric_cost / alpha - logf(prior_probability);
+}
+
+}  // namespace acmp

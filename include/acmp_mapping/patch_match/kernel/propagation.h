@@ -1,0 +1,66 @@
+#pragma once
+
+#include "acmp_mapping/patch_match/kernel/match_context.h"
+
+namespace acmp {
+
+constexpr int kNumRegions = 8;  ///< four V-shaped near regions, four far strips
+constexpr int kNearRegionSize = 7;
+constexpr int kFarRegionSize = 11;
+
+/// Offset of member `member` of region `region` of the adaptive checkerboard (ACMH, CVPR 2019): regions 0-3 are the
+/// near Vs up, down, left, right; 4-7 the far strips in the same order. dx + dy is odd for all: the other colour.
+ACMP_HOST_DEVICE inline void RegionOffset(int region, int member, int* dx, int* dy) {
+  int along, across;
+  if (region < 4) {
+    // (0,1), (+-1,2), (+-2,3), (+-3,4)
+    across = (member + 1) / 2;
+    along = across + 1;
+    if (member % 2 == 1) across = -across;
+  } else {
+    across = 0;
+    along = 3 + 2 * member;
+  }
+  const int direction = region % 4;
+  if (direction == 0 || direction == 2) along = -along;
+  *dx = direction < 2 ? across : along;
+  *dy = direction < 2 ? along : across;
+}
+
+ACMP_HOST_DEVICE inline int RegionSize(int region) { return region < 4 ? kNearRegionSize : kFarRegionSize; }
+
+/// Linear index of the region's member with the smallest stored cost, or -1 when the whole region lies outside the
+/// image. Ties go to the nearer member.
+template <class Sampler>
+ACMP_HOST_DEVICE inline int BestOfRegion(const MatchContext<Sampler>& context, int col, int row, int region) {
+  int best = -1;
+  float best_cost = 0;
+  for (int member = 0; member < RegionSize(region); ++member) {
+    int dx, dy;
+    RegionOffset(region, member, &dx, &dy);
+    if (!context.Contains(col + dx, row + dy)) continue;
+    const float cost = context.cost(col + dx, row + dy);
+    if (best < 0 || cost < best_cost) {
+      best = (row + dy) * context.width + col + dx;
+      best_cost = cost;
+    }
+  }
+  return best;
+}
+
+/// Up to eight hypotheses from the other colour. Absent: outside the image, or the plane does not meet this pixel's ray
+/// within the depth range. Returns how many.
+template <class Sampler>
+ACMP_HOST_DEVICE inline int CollectCandidates(const MatchContext<Sampler>& context, int col, int row, const Vec3f& ray,
+                                              PlaneHypothesis* candidates) {
+  int count = 0;
+  for (int region = 0; region < kNumRegions; ++region) {
+    const int index = BestOfRegion(context, col, row, region);
+    if (index < 0) continue;
+    const PlaneHypothesis plane = context.planes(index % context.width, index / context.width);
+    if (context.InRange(PlaneDepth(plane, ray))) candidates[count++] = plane;
+  }
+  return count;
+}
+
+}  // namespace acmp

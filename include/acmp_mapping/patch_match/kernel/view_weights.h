@@ -1,0 +1,83 @@
+#pragma once
+
+#include "acmp_mapping/common/random.h"
+#include "acmp_mapping/patch_match/kernel/match_context.h"
+
+namespace acmp {
+
+/// Integer weights w_j of eq. 1: how often each source view was drawn.
+struct ViewWeights {
+  unsigned char draws[kMaxSourceViews];
+  int sum = 0;
+  uint32_t mask = 0;  ///< views with a positive weight
+};
+
+/// P(X_j | Z_j, theta) of one view from its costs over the hypotheses. kThresholded: mean likelihood of the good ones
+/// where more than two are good and fewer than three bad, a floor where they are neither; kPaper: the plain sum.
+ACMP_HOST_DEVICE inline float ViewLikelihood(const float* costs, int stride, int count, int iteration,
+                                             const PatchMatchOptions& options) {
+  const float inv_sigma = 0.5f / (options.sigma_view * options.sigma_view);
+  if (options.view_weighting == ViewWeighting::kPaper) {
+    float sum = 0;
+    for (int i = 0; i < count; ++i) sum += expf(-costs[i * stride] * costs[i * stride] * inv_sigma);
+    return sum;
+  }
+  const float good_threshold = 0.8f * expf(static_cast<float>(iteration * iteration) / -90.0f);
+  constexpr float kBadThreshold = 1.2f;
+  int good = 0, bad = 0;
+  float sum = 0;
+  for (int i = 0; i < count; ++i) {
+    const float cost = costs[i * stride];
+    if (cost < good_threshold) {
+      sum += expf(-cost * cost * inv_sigma);
+      ++good;
+    } else if (cost > kBadThreshold) {
+      ++bad;
+    }
+  }
+  if (bad >= 3) return 0;
+  if (good > 2) return sum / static_cast<float>(good);
+  return expf(good_threshold * good_threshold / -0.32f);
+}
+
+/// P(Z_j | Z_n): sum over the four neighbours of eta where the neighbour uses the view, 1 - eta where it does not.
+template <class Sampler>
+ACMP_HOST_DEVICE inline float ViewSmoothness(const MatchContext<Sampler>& context, int col, int row, int view) {
+  const float eta = context.options.view_smoothness;
+  const int dx[4] = {0, 0, -1, 1};
+  const int dy[4] = {-1, 1, 0, 0};
+  float sum = 0;
+  for (int i = 0; i < 4; ++i) {
+    if (!context.Contains(col + dx[i], row + dy[i])) continue;
+    const bool used = (context.selected_views(col + dx[i], row + dy[i]) >> view) & 1u;
+    sum += used ? eta : 1.0f - eta;
+  }
+  return sum;
+}
+
+/// Monte-Carlo draws from probabilities that need not be normalised. All zero: nothing is drawn, sum = 0.
+ACMP_HOST_DEVICE inline ViewWeights DrawViews(const float* probability, int num_views, int draws,
+                                              RandomStream* random) {
+  ViewWeights weights;
+  float total = 0;
+  int last = -1;
+  for (int j = 0; j < num_views; ++j) {
+    weights.draws[j] = 0;
+    total += probability[j];
+    if (probability[j] > 0) last = j;
+  }
+  if (last < 0) return weights;
+  for (int k = 0; k < draws; ++k) {
+    float rest = random->NextUniform() * total;
+    int view = 0;
+    while (view < last && !(rest < probability[view])) rest -= probability[view++];
+    // Rounding may end the search on a view of probability zero: never draw one.
+    if (!(probability[view] > 0)) view = last;
+    ++weights.draws[view];
+    weights.mask |= 1u << view;
+  }
+  weights.sum = draws;
+  return weights;
+}
+
+}  // namespace acmp

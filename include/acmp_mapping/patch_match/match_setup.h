@@ -1,0 +1,42 @@
+#pragma once
+
+#include <vector>
+
+#include "acmp_mapping/patch_match/kernel/match_context.h"
+#include "acmp_mapping/patch_match/patch_match_problem.h"
+
+namespace acmp {
+
+/// Rays of a camera's pixels, rounded to float.
+RayGrid MakeRayGrid(const PinholeCamera& camera);
+
+/// Projections between the reference and every source view, composed in double and then rounded. Depth maps are the
+/// problem's own (host memory).
+std::vector<SourceView> MakeSourceViews(const PatchMatchProblem& problem);
+
+/// A context without sampler, sources and maps, which depend on the device.
+template <class Sampler>
+MatchContext<Sampler> MakeMatchContext(const PatchMatchProblem& problem, const PatchMatchOptions& options,
+                                       uint32_t pass_number) {
+  const PinholeCamera& camera = problem.reference.camera;
+  MatchContext<Sampler> context = {};
+  context.num_sources = static_cast<int>(problem.sources.size());
+  context.width = camera.width;
+  context.height = camera.height;
+  context.rays = MakeRayGrid(camera);
+  context.depth_min = problem.depth_range.min;
+  context.depth_max = problem.depth_range.max;
+  context.options = options;
+  context.pass_number = pass_number;
+  return context;
+}
+
+/// Number of a pass for its random numbers: 0 photometric, 1 planar prior, 2 + pass geometric.
+uint32_t PassNumber(Pass kind, int geometric_pass);
+
+/// Throws InvalidInputError unless `start` or the prior has the reference's size, and `start` a plane in front of the
+/// camera everywhere (as every pass leaves it).
+void CheckStart(const PatchMatchProblem& problem, const PatchMatchResult& start);
+void CheckPrior(const PatchMatchProblem& problem, const ImageView<const PlaneHypothesis>& prior);
+
+}  // namespace acmp

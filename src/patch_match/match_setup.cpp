@@ -1,0 +1,96 @@
+#include "acmp_mapping/patch_match/match_setup.h"
+
+#include <tbb/parallel_for.h>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/patch_match/patch_match.h"
+
+namespace acmp {
+namespace {
+
+Mat3f ToMat3f(const Eigen::Matrix3d& matrix) {
+  Mat3f result;
+  for (int i = 0; i < 9; ++i) result.m[i] = static_cast<float>(matrix(i / 3, i % 3));
+  return result;
+}
+
+Vec3f ToVec3f(const Eigen::Vector3d& v) {
+  return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
+}
+
+void CheckSize(const char* name, int width, int height, const PinholeCamera& camera) {
+  if (width != camera.width || height != camera.height) {
+    throw InvalidInputError(
+        Concat(name, ": ", width, " x ", height, " px, but the camera has ", camera.width, " x ", camera.height));
+  }
+}
+
+}  // namespace
+
+RayGrid MakeRayGrid(const PinholeCamera& camera) {
+  return {static_cast<float>(1.0 / camera.fx), static_cast<float>(1.0 / camera.fy), static_cast<float>(camera.cx),
+          static_cast<float>(camera.cy)};
+}
+
+std::vector<SourceView> MakeSourceViews(const PatchMatchProblem& problem) {
+  const Eigen::Matrix3d k_ref = problem.reference.camera.K();
+  const Eigen::Matrix3d k_ref_inverse = k_ref.inverse();
+  std::vector<SourceView> views;
+  views.reserve(problem.sources.size());
+  for (const MatchView& source : problem.sources) {
+    const RigidTransform src_from_ref = source.cam_from_world * problem.reference.cam_from_world.inverse();
+    const RigidTransform ref_from_src = src_from_ref.inverse();
+    const Eigen::Matrix3d k = source.camera.K();
+    SourceView view;
+    view.a = ToMat3f(k * src_from_ref.linear() * k_ref_inverse);
+    view.b = ToVec3f(k * src_from_ref.translation());
+    view.back_a = ToMat3f(k_ref * ref_from_src.linear() * k.inverse());
+    view.back_b = ToVec3f(k_ref * ref_from_src.translation());
+    view.width = static_cast<float>(source.camera.width);
+    view.height = static_cast<float>(source.camera.height);
+    view.depth = source.depth;
+    views.push_back(view);
+  }
+  return views;
+}
+
+uint32_t PassNumber(Pass kind, int geometric_pass) {
+  if (kind == Pass::kPhotometric) return 0;
+  if (kind == Pass::kPlanarPrior) return 1;
+  return 2u + static_cast<uint32_t>(geometric_pass);
+}
+
+void CheckStart(const PatchMatchProblem& problem, const PatchMatchResult& start) {
+  const PinholeCamera& camera = problem.reference.camera;
+  CheckSize("start.planes", start.planes.width(), start.planes.height(), camera);
+  CheckSize("start.cost", start.cost.width(), start.cost.height(), camera);
+  for (const PlaneHypothesis& plane : start.planes) {
+    if (!(plane.d > 0)) throw InvalidInputError(Concat("start.planes: d = ", plane.d, ": must be > 0 at every pixel"));
+  }
+}
+
+void CheckPrior(const PatchMatchProblem& problem, const ImageView<const PlaneHypothesis>& prior) {
+  CheckSize("prior", prior.width, prior.height, problem.reference.camera);
+}
+
+DepthMap ToDepthMap(const PlaneMap& planes, const PinholeCamera& camera) {
+  CheckSize("planes", planes.width(), planes.height(), camera);
+  const RayGrid rays = MakeRayGrid(camera);
+  DepthMap depth(planes.width(), planes.height());
+  tbb::parallel_for(0, planes.height(), [&](int row) {
+    for (int col = 0; col < planes.width(); ++col) {
+      const PlaneHypothesis& plane = planes(col, row);
+      if (!(plane.d > 0)) continue;
+      depth(col, row) = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));
+    }
+  });
+  return depth;
+}
+
+NormalMap ToNormalMap(const PlaneMap& planes) {
+  NormalMap normal(planes.width(), planes.height(), Vec3f{0, 0, 0});
+  for (size_t i = 0; i < planes.size(); ++i) normal.data()[i] = planes.data()[i].normal();
+  return normal;
+}
+
+}  // namespace acmp

@@ -1,0 +1,108 @@
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/timer.h"
+#include "acmp_mapping/patch_match/kernel/bilinear_sampler.h"
+#include "acmp_mapping/patch_match/kernel/initialize_pixel.h"
+#include "acmp_mapping/patch_match/kernel/median_filter.h"
+#include "acmp_mapping/patch_match/kernel/update_pixel.h"
+#include "acmp_mapping/patch_match/match_setup.h"
+#include "acmp_mapping/patch_match/patch_match.h"
+
+namespace acmp {
+namespace {
+
+using Context = MatchContext<BilinearSampler>;
+
+template <class Function>
+void ForEachPixel(const Context& context, const Function& function) {
+  tbb::parallel_for(0, context.height, [&](int row) {
+    for (int col = 0; col < context.width; ++col) function(col, row);
+  });
+}
+
+/// The pixels with (col + row) % 2 == color.
+template <class Function>
+void ForEachPixelOfColor(const Context& context, int color, const Function& function) {
+  tbb::parallel_for(0, context.height, [&](int row) {
+    for (int col = (row + color) % 2; col < context.width; col += 2) function(col, row);
+  });
+}
+
+template <Pass kPass>
+void RunPass(const Context& context, int iterations) {
+  ForEachPixel(context, [&](int col, int row) { InitializePixel<kPass>(context, col, row); });
+  for (int iteration = 0; iteration < iterations; ++iteration) {
+    for (int color = 0; color < 2; ++color) {
+      ForEachPixelOfColor(context, color, [&](int col, int row) { UpdatePixel<kPass>(context, col, row, iteration); });
+    }
+  }
+  if (!context.options.median_filter) return;
+  for (int color = 0; color < 2; ++color) {
+    ForEachPixelOfColor(context, color, [&](int col, int row) { FilterPixel(context, col, row); });
+  }
+}
+
+class PatchMatchCpu final : public PatchMatch {
+ public:
+  PatchMatchResult RunPhotometric(const PatchMatchProblem& problem, const PatchMatchOptions& options) override {
+    const int width = problem.reference.camera.width, height = problem.reference.camera.height;
+    Check(problem);
+    return Run<Pass::kPhotometric>(problem, options, {PlaneMap(width, height), CostMap(width, height), {}}, {}, 0,
+                                   options.photometric_iterations);
+  }
+
+  PatchMatchResult RunPlanarPrior(const PatchMatchProblem& problem, const PatchMatchOptions& options,
+                                  const PatchMatchResult& start, ImageView<const PlaneHypothesis> prior) override {
+    Check(problem);
+    CheckStart(problem, start);
+    CheckPrior(problem, prior);
+    return Run<Pass::kPlanarPrior>(problem, options, start.Clone(), prior, 0, options.planar_prior_iterations);
+  }
+
+  PatchMatchResult RunGeometric(const PatchMatchProblem& problem, const PatchMatchOptions& options,
+                                const PatchMatchResult& start, int pass) override {
+    Check(problem);
+    CheckStart(problem, start);
+    return Run<Pass::kGeometric>(problem, options, start.Clone(), {}, pass, options.geometric_iterations);
+  }
+
+  PatchMatchTiming last_timing() const override { return timing_; }
+
+  std::string device_name() const override {
+    return Concat("cpu (", tbb::this_task_arena::max_concurrency(), " threads)");
+  }
+
+ private:
+  template <Pass kPass>
+  PatchMatchResult Run(const PatchMatchProblem& problem, const PatchMatchOptions& options, PatchMatchResult state,
+                       ImageView<const PlaneHypothesis> prior, int geometric_pass, int iterations) {
+    Validate(options);
+    Timer timer;
+    const std::vector<SourceView> views = MakeSourceViews(problem);
+    std::vector<ImageView<const float>> images;
+    images.reserve(views.size());
+    for (const MatchView& source : problem.sources) images.push_back(source.gray);
+
+    state.selected_views = Image<uint32_t>(state.planes.width(), state.planes.height());
+    Context context = MakeMatchContext<BilinearSampler>(problem, options, PassNumber(kPass, geometric_pass));
+    context.sampler = {problem.reference.gray, images.data()};
+    context.sources = views.data();
+    context.planes = state.planes.View();
+    context.cost = state.cost.View();
+    context.selected_views = state.selected_views.View();
+    context.prior = prior;
+    RunPass<kPass>(context, iterations);
+    timing_ = {0, timer.Lap(), 0};
+    return state;
+  }
+
+  PatchMatchTiming timing_;
+};
+
+}  // namespace
+
+std::unique_ptr<PatchMatch> MakePatchMatchCpu() { return std::make_unique<PatchMatchCpu>(); }
+
+}  // namespace acmp
