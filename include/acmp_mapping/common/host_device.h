@@ -4,8 +4,13 @@
 /// from one source.
 #ifdef __CUDACC__
 #define ACMP_HOST_DEVICE __host__ __device__
-#define ACMP_UNROLL _Pragma("unroll")
 #else
 #define ACMP_HOST_DEVICE
+#endif
+
+/// Before a loop whose body indexes registers on the device: unrolled there, left to the compiler on the host.
+#ifdef __CUDA_ARCH__
+#define ACMP_UNROLL _Pragma("unroll")
+#else
 #define ACMP_UNROLL
 #endif
