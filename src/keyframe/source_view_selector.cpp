@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <optional>
+#include <utility>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
@@ -80,8 +80,17 @@ ScenePoints MakeScenePoints(const Frame& reference, double fallback_depth, const
   return {};
 }
 
-std::optional<RankedSourceView> ScoreByScene(const Frame& reference, const Frame& candidate, size_t index,
-                                             const ScenePoints& scene, const SourceViewOptions& options) {
+enum class SourceViewVerdict { kUseful, kNoBaseline, kLittleOverlap, kSmallAngle };
+
+/// One candidate, with all that decides whether it is useful.
+struct Assessment {
+  SourceViewVerdict verdict = SourceViewVerdict::kNoBaseline;
+  double score = 0;
+  double angle_deg = 0;
+};
+
+Assessment AssessByScene(const Frame& reference, const Frame& candidate, const ScenePoints& scene,
+                         const SourceViewOptions& options) {
   const Eigen::Vector3d reference_centre = CentreInWorld(reference);
   const Eigen::Vector3d candidate_centre = CentreInWorld(candidate);
   const double focal_ratio = MeanFocalLength(candidate.camera) / MeanFocalLength(reference.camera);
@@ -96,19 +105,21 @@ std::optional<RankedSourceView> ScoreByScene(const Frame& reference, const Frame
     weight_sum += AngleWeight(angle_deg, options) * ScaleWeight(focal_ratio * scene.depths[i] / candidate_depth);
   }
   const double total = static_cast<double>(scene.depths.size());
-  if (angles_deg.empty() || static_cast<double>(angles_deg.size()) < options.min_overlap * total) return std::nullopt;
-  const double median_angle_deg = Median(std::move(angles_deg));
-  if (median_angle_deg < options.min_angle_deg || weight_sum <= 0) return std::nullopt;
-  return RankedSourceView{index, weight_sum / total, median_angle_deg};
+  if (angles_deg.empty() || static_cast<double>(angles_deg.size()) < options.min_overlap * total) {
+    return {SourceViewVerdict::kLittleOverlap};
+  }
+  const double angle_deg = Median(std::move(angles_deg));
+  const bool wide_enough = angle_deg >= options.min_angle_deg && weight_sum > 0;
+  return {wide_enough ? SourceViewVerdict::kUseful : SourceViewVerdict::kSmallAngle, weight_sum / total, angle_deg};
 }
 
 /// Nothing says how far the scene is: views that look the same way, nearest first.
-std::optional<RankedSourceView> ScoreByPose(const Frame& reference, const Frame& candidate, size_t index) {
+Assessment AssessByPose(const Frame& reference, const Frame& candidate) {
   constexpr double kMinAxisCosine = 0.5;
   const double axis_cosine = reference.cam_from_world.linear().row(2).dot(candidate.cam_from_world.linear().row(2));
-  if (axis_cosine < kMinAxisCosine) return std::nullopt;
+  if (axis_cosine < kMinAxisCosine) return {SourceViewVerdict::kLittleOverlap};
   const double baseline = (CentreInWorld(reference) - CentreInWorld(candidate)).norm();
-  return RankedSourceView{index, axis_cosine / baseline, 0.0};
+  return {SourceViewVerdict::kUseful, axis_cosine / baseline, 0.0};
 }
 
 /// Rounding of the poses alone leaves about this share of the centre's distance from the world's origin.
@@ -116,6 +127,20 @@ bool HasBaseline(const Frame& reference, const Frame& candidate) {
   constexpr double kRounding = 1e-9;
   const Eigen::Vector3d centre = CentreInWorld(reference);
   return (centre - CentreInWorld(candidate)).norm() > kRounding * (1 + centre.norm());
+}
+
+std::vector<Assessment> AssessAll(const Frame& reference, const std::vector<FramePtr>& candidates,
+                                  double fallback_depth, const SourceViewOptions& options) {
+  Validate(options);
+  const ScenePoints scene = MakeScenePoints(reference, fallback_depth, options);
+  std::vector<Assessment> assessments(candidates.size());
+  for (size_t i = 0; i < candidates.size(); ++i) {
+    if (!candidates[i]) throw InvalidInputError(Concat("candidate source view ", i, ": there is no frame"));
+    if (!HasBaseline(reference, *candidates[i])) continue;
+    assessments[i] = scene.depths.empty() ? AssessByPose(reference, *candidates[i])
+                                          : AssessByScene(reference, *candidates[i], scene, options);
+  }
+  return assessments;
 }
 
 }  // namespace
@@ -134,16 +159,11 @@ void Validate(const SourceViewOptions& options) {
 
 std::vector<RankedSourceView> SelectSourceViews(const Frame& reference, const std::vector<FramePtr>& candidates,
                                                 double fallback_depth, const SourceViewOptions& options) {
-  Validate(options);
-  const ScenePoints scene = MakeScenePoints(reference, fallback_depth, options);
+  const std::vector<Assessment> assessments = AssessAll(reference, candidates, fallback_depth, options);
   std::vector<RankedSourceView> ranked;
-  for (size_t i = 0; i < candidates.size(); ++i) {
-    if (!candidates[i]) throw InvalidInputError(Concat("candidate source view ", i, ": there is no frame"));
-    if (!HasBaseline(reference, *candidates[i])) continue;
-    const std::optional<RankedSourceView> view = scene.depths.empty()
-                                                     ? ScoreByPose(reference, *candidates[i], i)
-                                                     : ScoreByScene(reference, *candidates[i], i, scene, options);
-    if (view) ranked.push_back(*view);
+  for (size_t i = 0; i < assessments.size(); ++i) {
+    if (assessments[i].verdict != SourceViewVerdict::kUseful) continue;
+    ranked.push_back({i, assessments[i].score, assessments[i].angle_deg});
   }
   // Stable: equal scores keep the candidates' order on every standard library.
   std::stable_sort(ranked.begin(), ranked.end(),
@@ -152,6 +172,19 @@ std::vector<RankedSourceView> SelectSourceViews(const Frame& reference, const st
     ranked.resize(static_cast<size_t>(options.max_source_views));
   }
   return ranked;
+}
+
+SourceViewCounts CountSourceViews(const Frame& reference, const std::vector<FramePtr>& candidates,
+                                  double fallback_depth, const SourceViewOptions& options) {
+  SourceViewCounts counts;
+  for (const Assessment& assessment : AssessAll(reference, candidates, fallback_depth, options)) {
+    counts.useful += assessment.verdict == SourceViewVerdict::kUseful;
+    counts.no_baseline += assessment.verdict == SourceViewVerdict::kNoBaseline;
+    counts.little_overlap += assessment.verdict == SourceViewVerdict::kLittleOverlap;
+    counts.small_angle += assessment.verdict == SourceViewVerdict::kSmallAngle;
+    counts.largest_angle_deg = std::max(counts.largest_angle_deg, assessment.angle_deg);
+  }
+  return counts;
 }
 
 }  // namespace acmp

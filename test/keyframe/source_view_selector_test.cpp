@@ -233,6 +233,21 @@ TEST(SelectSourceViewsTest, DoesNotDependOnTheScenesUnit) {
   }
 }
 
+TEST(CountSourceViewsTest, TellsWhyCandidatesAreNotUseful) {
+  Frame reference = FrameOnArc(0);
+  reference.landmarks_in_world = Wall(4);
+  const std::vector<FramePtr> candidates = {Share(FrameOnArc(0)),   Share(FrameOnArc(0.5)),
+                                            Share(FrameOnArc(0.8)), Share(FrameOnArc(10, 4, kCamera, {20, 2, 3})),
+                                            Share(FrameOnArc(0.4)), Share(FrameOnArc(8)),
+                                            Share(FrameOnArc(0))};
+  const SourceViewCounts counts = CountSourceViews(reference, candidates, 0, {});
+  EXPECT_EQ(counts.no_baseline, 2);
+  EXPECT_EQ(counts.small_angle, 3);
+  EXPECT_EQ(counts.little_overlap, 1);
+  EXPECT_EQ(counts.useful, 1);
+  EXPECT_NEAR(counts.largest_angle_deg, 8, 0.2);
+}
+
 TEST(SelectSourceViewsTest, RefusesNullCandidatesAndBadOptions) {
   EXPECT_THROW(SelectSourceViews(FrameOnArc(0), {nullptr}, 1, {}), InvalidInputError);
   SourceViewOptions options;

@@ -31,4 +31,15 @@ struct RankedSourceView {
 std::vector<RankedSourceView> SelectSourceViews(const Frame& reference, const std::vector<FramePtr>& candidates,
                                                 double fallback_depth, const SourceViewOptions& options);
 
+/// Why candidates are useful or not, for messages. The counts add up to the number of candidates.
+struct SourceViewCounts {
+  int useful = 0;
+  int no_baseline = 0;
+  int little_overlap = 0;
+  int small_angle = 0;
+  double largest_angle_deg = 0;  ///< largest median triangulation angle among those with overlap
+};
+SourceViewCounts CountSourceViews(const Frame& reference, const std::vector<FramePtr>& candidates,
+                                  double fallback_depth, const SourceViewOptions& options);
+
 }  // namespace acmp
