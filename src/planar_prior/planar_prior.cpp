@@ -1,1 +1,77 @@
 #include "acmp_mapping/planar_prior/planar_prior.h"
+
+#include <tbb/parallel_for.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+constexpr double kRadPerDeg = 0.017453292519943295;
+
+Eigen::Vector3d BackProject(const PinholeCamera& camera, const SupportPoint& point) {
+  return camera.Unproject({point.col, point.row}, point.depth);
+}
+
+/// Plane through the triangle's vertices in 3D, facing the camera; all zero when it is degenerate or grazing.
+PlaneHypothesis PlaneOfTriangle(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
+                                const SupportTriangle& triangle, double min_cos) {
+  const Eigen::Vector3d p = BackProject(camera, points[triangle.vertex[0]]);
+  const Eigen::Vector3d q = BackProject(camera, points[triangle.vertex[1]]);
+  const Eigen::Vector3d r = BackProject(camera, points[triangle.vertex[2]]);
+  Eigen::Vector3d normal = (q - p).cross(r - p);
+  const double doubled_area = normal.norm();
+  const Eigen::Vector3d centroid = (p + q + r) / 3;
+  if (!(doubled_area > 0) || !std::isfinite(doubled_area)) return {};
+  normal /= doubled_area;
+  if (normal.dot(centroid) > 0) normal = -normal;
+  const double cos_to_ray = -normal.dot(centroid) / centroid.norm();
+  if (!(cos_to_ray >= min_cos)) return {};
+  // The plane's distance from the centroid: all vertices have the same say in the rounding.
+  const Eigen::Vector4f plane(normal.x(), normal.y(), normal.z(), -normal.dot(centroid));
+  return {plane[0], plane[1], plane[2], plane[3]};
+}
+
+void CheckDepths(const std::vector<SupportPoint>& points) {
+  for (const SupportPoint& point : points) {
+    if (point.depth > 0 && std::isfinite(point.depth)) continue;
+    throw InvalidInputError(Concat("support point at pixel (", point.col, ", ", point.row, ") has depth ", point.depth,
+                                   ": must be positive and finite"));
+  }
+}
+
+}  // namespace
+
+PlaneMap MakePlanarPrior(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
+                         const std::vector<SupportTriangle>& triangles, const DepthRange& range,
+                         const PlanarPriorOptions& options) {
+  Validate(options);
+  CheckCamera("camera of the planar prior", camera);
+  CheckDepthRange("depth range of the planar prior", range);
+  CheckDepths(points);
+  const Image<int> ids = RasterizeTriangles(camera.width, camera.height, points, triangles);
+
+  const double min_cos = std::cos(options.max_grazing_angle_deg * kRadPerDeg);
+  std::vector<PlaneHypothesis> plane_of_triangle(triangles.size());
+  tbb::parallel_for(size_t{0}, triangles.size(),
+                    [&](size_t i) { plane_of_triangle[i] = PlaneOfTriangle(camera, points, triangles[i], min_cos); });
+
+  const RayGrid rays = {static_cast<float>(1 / camera.fx), static_cast<float>(1 / camera.fy),
+                        static_cast<float>(camera.cx), static_cast<float>(camera.cy)};
+  PlaneMap planes(camera.width, camera.height);
+  tbb::parallel_for(0, camera.height, [&](int row) {
+    for (int col = 0; col < camera.width; ++col) {
+      if (ids(col, row) < 0) continue;
+      const PlaneHypothesis& plane = plane_of_triangle[ids(col, row)];
+      // The same float arithmetic as the matching passes: what passes here is in range there. NaN (zero plane) fails.
+      const float depth = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));
+      if (depth >= range.min && depth <= range.max) planes(col, row) = plane;
+    }
+  });
+  return planes;
+}
+
+}  // namespace acmp

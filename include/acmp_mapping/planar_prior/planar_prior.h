@@ -21,8 +21,8 @@ struct SupportPoint {
   float depth = 0;
 };
 
-/// Per cell the pixel of least cost, if below max_support_cost and with a depth in `range` ("sparse credible
-/// correspondences"). Row-major order of cells.
+/// Per cell the pixel of least cost among those with a cost below max_support_cost and a depth in `range` ("sparse
+/// credible correspondences"); the first in row-major order among equals. Row-major order of cells.
 std::vector<SupportPoint> FindSupportPoints(ImageView<const float> depth, ImageView<const float> cost,
                                             const DepthRange& range, const PlanarPriorOptions& options);
 
@@ -33,11 +33,14 @@ struct SupportTriangle {
 };
 
 /// Delaunay triangulation of the support points' pixels (CGAL, exact predicates). Fewer than three points or all on a
-/// line: empty. Duplicate pixels are an InvalidInputError.
+/// line: empty. Duplicate pixels are an InvalidInputError. The set of triangles does not depend on the points' order:
+/// CGAL decides between cocircular points by their coordinates.
 std::vector<SupportTriangle> TriangulateSupportPoints(const std::vector<SupportPoint>& points);
 
 /// Triangle of each pixel, or -1 outside the triangulation. Exact integer rasterisation with a top-left rule: each pixel
-/// belongs to at most one triangle, and to exactly one if its centre lies in the half-open union of them.
+/// belongs to at most one triangle, and to exactly one if its centre lies in the half-open union of them (left and top
+/// borders belong to it, right and bottom ones do not). Either winding; vertices may lie outside the image, up to 2^28 px.
+/// Of triangles that overlap, which a triangulation's do not, the last wins.
 Image<int> RasterizeTriangles(int width, int height, const std::vector<SupportPoint>& points,
                               const std::vector<SupportTriangle>& triangles);
 

@@ -1,0 +1,296 @@
+#include "acmp_mapping/planar_prior/planar_prior.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <limits>
+
+#include "acmp_mapping/common/error.h"
+#include "planar_prior/random_points.h"
+
+namespace acmp {
+namespace {
+
+const float kNan = std::numeric_limits<float>::quiet_NaN();
+const DepthRange kRange = {1.0f, 10.0f};
+const PinholeCamera kCamera = {120, 90, 100, 105, 58.3, 44.1};
+
+template <class Function>
+std::string ErrorOf(Function&& function) {
+  try {
+    function();
+  } catch (const InvalidInputError& error) {
+    return error.what();
+  }
+  return "no error";
+}
+
+TEST(PlanarPriorOptions, AreValidatedAtTheirBounds) {
+  EXPECT_NO_THROW(Validate(PlanarPriorOptions()));
+  const auto error = [](int cell, float cost, float angle) {
+    PlanarPriorOptions options;
+    options.cell_size_px = cell;
+    options.max_support_cost = cost;
+    options.max_grazing_angle_deg = angle;
+    return ErrorOf([&] { Validate(options); });
+  };
+  EXPECT_EQ(error(1, 2.0f, 89.9f), "no error");
+  EXPECT_EQ(error(64, 0.01f, 0.1f), "no error");
+  EXPECT_THAT(error(0, 0.1f, 85), testing::HasSubstr("cell_size_px = 0"));
+  EXPECT_THAT(error(65, 0.1f, 85), testing::HasSubstr("cell_size_px = 65"));
+  EXPECT_THAT(error(5, 0, 85), testing::HasSubstr("max_support_cost = 0"));
+  EXPECT_THAT(error(5, 2.1f, 85), testing::HasSubstr("max_support_cost = 2.1"));
+  EXPECT_THAT(error(5, kNan, 85), testing::HasSubstr("max_support_cost"));
+  EXPECT_THAT(error(5, 0.1f, 0), testing::HasSubstr("max_grazing_angle_deg = 0"));
+  EXPECT_THAT(error(5, 0.1f, 90), testing::HasSubstr("max_grazing_angle_deg = 90"));
+  EXPECT_THAT(error(5, 0.1f, kNan), testing::HasSubstr("max_grazing_angle_deg"));
+}
+
+std::vector<SupportPoint> Find(const DepthMap& depth, const CostMap& cost, const PlanarPriorOptions& options = {},
+                               const DepthRange& range = kRange) {
+  return FindSupportPoints(depth.View(), cost.View(), range, options);
+}
+
+/// Plain search: the best pixel of each cell, cells in row-major order.
+std::vector<SupportPoint> SupportPointsByExhaustion(const DepthMap& depth, const CostMap& cost, int cell_size,
+                                                    float max_cost) {
+  std::vector<SupportPoint> points;
+  for (int cell_row = 0; cell_row * cell_size < depth.height(); ++cell_row) {
+    for (int cell_col = 0; cell_col * cell_size < depth.width(); ++cell_col) {
+      int best_col = -1, best_row = -1;
+      for (int row = 0; row < depth.height(); ++row) {
+        for (int col = 0; col < depth.width(); ++col) {
+          if (row / cell_size != cell_row || col / cell_size != cell_col) continue;
+          if (!(depth(col, row) >= kRange.min && depth(col, row) <= kRange.max)) continue;
+          if (!(cost(col, row) < max_cost)) continue;
+          if (best_col >= 0 && cost(col, row) >= cost(best_col, best_row)) continue;
+          best_col = col;
+          best_row = row;
+        }
+      }
+      if (best_col >= 0) points.push_back({best_col, best_row, depth(best_col, best_row)});
+    }
+  }
+  return points;
+}
+
+TEST(FindSupportPoints, AgreesWithExhaustiveSearch) {
+  DepthMap depth(53, 37);
+  CostMap cost(53, 37);
+  std::mt19937 generator(1);
+  std::uniform_real_distribution<float> any_depth(0.5f, 11.0f);
+  std::uniform_int_distribution<int> any_cost(0, 40), any_fault(0, 9);
+  for (float& z : depth) z = any_fault(generator) == 0 ? kNan : any_depth(generator);
+  for (float& c : cost) c = any_fault(generator) == 0 ? kNan : 0.02f * any_cost(generator);  // many equal costs
+  for (const int cell_size : {1, 3, 5, 64}) {
+    PlanarPriorOptions options;
+    options.cell_size_px = cell_size;
+    options.max_support_cost = 0.3f;
+    const auto points = Find(depth, cost, options);
+    const auto expected = SupportPointsByExhaustion(depth, cost, cell_size, 0.3f);
+    ASSERT_EQ(points.size(), expected.size()) << cell_size;
+    for (size_t i = 0; i < points.size(); ++i) {
+      EXPECT_EQ(points[i].col, expected[i].col);
+      EXPECT_EQ(points[i].row, expected[i].row);
+      EXPECT_EQ(points[i].depth, expected[i].depth);
+    }
+  }
+}
+
+TEST(FindSupportPoints, NeedsACostBelowTheThresholdAndADepthInRange) {
+  const auto count = [](float z, float c) {
+    DepthMap depth(1, 1, z);
+    CostMap cost(1, 1, c);
+    return Find(depth, cost).size();
+  };
+  EXPECT_EQ(count(2.0f, 0.0999f), 1u);
+  EXPECT_EQ(count(2.0f, 0.1f), 0u);  // the paper: "lower than 0.1"
+  EXPECT_EQ(count(1.0f, 0.0f), 1u);
+  EXPECT_EQ(count(10.0f, 0.0f), 1u);
+  EXPECT_EQ(count(0.999f, 0.0f), 0u);
+  EXPECT_EQ(count(10.01f, 0.0f), 0u);
+  EXPECT_EQ(count(0.0f, 0.0f), 0u);
+}
+
+TEST(FindSupportPoints, RefusesUnequalSizesAndBadRanges) {
+  DepthMap depth(4, 3, 2.0f);
+  CostMap cost(3, 4, 0.0f);
+  EXPECT_THAT(ErrorOf([&] { Find(depth, cost); }), testing::HasSubstr("3 x 4"));
+  EXPECT_THROW(Find(depth, depth, {}, {2, 1}), InvalidInputError);
+  EXPECT_TRUE(Find({}, {}).empty());
+}
+
+/// Depth of n.X = -d at a pixel, in double.
+double TrueDepth(const Eigen::Vector4d& plane, double col, double row) {
+  return -plane[3] / plane.head<3>().dot(kCamera.Unproject({col, row}));
+}
+
+std::vector<SupportPoint> PointsOnPlane(const Eigen::Vector4d& plane, int count, unsigned seed) {
+  std::vector<SupportPoint> points = RandomPoints(kCamera.width, kCamera.height, count, seed);
+  for (SupportPoint& point : points) point.depth = static_cast<float>(TrueDepth(plane, point.col, point.row));
+  return points;
+}
+
+int CountPlanes(const PlaneMap& planes) {
+  int count = 0;
+  for (const PlaneHypothesis& plane : planes) count += plane.d != 0;
+  return count;
+}
+
+TEST(MakePlanarPrior, RecoversAPlaneThatFacesTheCamera) {
+  Eigen::Vector4d plane;
+  plane << Eigen::Vector3d(0.3, -0.2, -0.9).normalized(), 4.0;
+  const std::vector<SupportPoint> points = {{0, 0, 0}, {119, 0, 0}, {0, 89, 0}, {119, 89, 0}, {60, 40, 0}};
+  std::vector<SupportPoint> on_plane = points;
+  for (SupportPoint& point : on_plane) point.depth = static_cast<float>(TrueDepth(plane, point.col, point.row));
+  const PlaneMap planes = MakePlanarPrior(kCamera, on_plane, TriangulateSupportPoints(on_plane), kRange, {});
+  EXPECT_EQ(CountPlanes(planes), 119 * 89);  // the half-open hull of the corners
+  for (int row = 0; row < 89; ++row) {
+    for (int col = 0; col < 119; ++col) {
+      const PlaneHypothesis& p = planes(col, row);
+      // Depths are rounded to float (relative 6e-8) over triangles at least 50 px wide at 4 units: 1e-6 is ample.
+      EXPECT_NEAR(p.nx, plane[0], 1e-6);
+      EXPECT_NEAR(p.ny, plane[1], 1e-6);
+      EXPECT_NEAR(p.nz, plane[2], 1e-6);
+      EXPECT_NEAR(p.d, plane[3], 4e-6);
+    }
+  }
+}
+
+TEST(MakePlanarPrior, PassesThroughTheVerticesOfEachTriangle) {
+  // Depths at random: every triangle has a plane of its own. It must meet the rays of its three vertices at their
+  // depths.
+  std::vector<SupportPoint> points = RandomPoints(kCamera.width, kCamera.height, 60, 8);
+  std::mt19937 generator(8);
+  std::uniform_real_distribution<float> any_depth(3.0f, 4.0f);
+  for (SupportPoint& point : points) point.depth = any_depth(generator);
+  PlanarPriorOptions options;
+  options.max_grazing_angle_deg = 89.9f;
+  const auto triangles = TriangulateSupportPoints(points);
+  const PlaneMap planes = MakePlanarPrior(kCamera, points, triangles, kRange, options);
+  const Image<int> ids = RasterizeTriangles(kCamera.width, kCamera.height, points, triangles);
+  int checked = 0;
+  for (int row = 0; row < kCamera.height; ++row) {
+    for (int col = 0; col < kCamera.width; ++col) {
+      const PlaneHypothesis& p = planes(col, row);
+      if (p.d == 0) continue;
+      ASSERT_GE(ids(col, row), 0);
+      ASSERT_GT(p.d, 0);
+      for (int vertex : triangles[ids(col, row)].vertex) {
+        const SupportPoint& point = points[vertex];
+        const Eigen::Vector3d ray = kCamera.Unproject({point.col, point.row});
+        const double cosine = Eigen::Vector3d(p.nx, p.ny, p.nz).dot(ray);
+        // Distance of the vertex from the float plane: rounding of n (6e-8) and d (2.4e-7) at 4 units.
+        ASSERT_NEAR(cosine * point.depth + p.d, 0, 2e-6);
+      }
+      ++checked;
+    }
+  }
+  EXPECT_GT(checked, 3000);
+}
+
+TEST(MakePlanarPrior, IsZeroOutsideTheTriangulation) {
+  const std::vector<SupportPoint> points = {{20, 20, 4}, {60, 20, 4}, {20, 60, 4}};
+  const PlaneMap planes = MakePlanarPrior(kCamera, points, {{{0, 1, 2}}}, kRange, {});
+  for (int row = 0; row < kCamera.height; ++row) {
+    for (int col = 0; col < kCamera.width; ++col) {
+      const bool inside = col >= 20 && row >= 20 && (col - 20) + (row - 20) < 40;
+      const PlaneHypothesis& p = planes(col, row);
+      ASSERT_EQ(p.d != 0, inside) << col << ", " << row;
+      ASSERT_EQ(p.nx != 0 || p.ny != 0 || p.nz != 0, inside) << col << ", " << row;
+    }
+  }
+  EXPECT_EQ(CountPlanes(MakePlanarPrior(kCamera, {}, {}, kRange, {})), 0);
+}
+
+TEST(MakePlanarPrior, RejectsGrazingTriangles) {
+  // A plane through a triangle's centroid whose normal makes the given angle with the ray there.
+  const auto count = [](double angle_deg) {
+    std::vector<SupportPoint> points = {{30, 30, 0}, {33, 30, 0}, {30, 33, 0}};
+    const Eigen::Vector3d ray = kCamera.Unproject({31, 31}).normalized();
+    const Eigen::Vector3d side = ray.unitOrthogonal();
+    const double angle = angle_deg * M_PI / 180;
+    Eigen::Vector4d plane;
+    plane.head<3>() = -std::cos(angle) * ray + std::sin(angle) * side;
+    plane[3] = -plane.head<3>().dot(4.0 * ray);
+    Eigen::Vector3d centroid = Eigen::Vector3d::Zero();
+    for (SupportPoint& point : points) {
+      point.depth = static_cast<float>(TrueDepth(plane, point.col, point.row));
+      centroid += kCamera.Unproject({point.col, point.row}, point.depth) / 3;
+    }
+    // The true centroid of the slanted triangle is not on the ray through the middle: state the angle really made.
+    const double cosine = -plane.head<3>().dot(centroid.normalized());
+    PlanarPriorOptions options;
+    options.max_grazing_angle_deg = static_cast<float>(std::acos(cosine) * 180 / M_PI + 0.01);
+    const int just_inside = CountPlanes(MakePlanarPrior(kCamera, points, {{{0, 1, 2}}}, kRange, options));
+    options.max_grazing_angle_deg -= 0.02f;
+    const int just_outside = CountPlanes(MakePlanarPrior(kCamera, points, {{{0, 1, 2}}}, kRange, options));
+    return std::make_pair(just_inside, just_outside);
+  };
+  for (const double angle_deg : {10.0, 45.0, 80.0}) {
+    EXPECT_EQ(count(angle_deg), std::make_pair(6, 0)) << angle_deg;  // 3 + 2 + 1 pixels of the half-open triangle
+  }
+}
+
+TEST(MakePlanarPrior, RejectsPixelsWhereThePlaneLeavesTheRange) {
+  Eigen::Vector4d plane;
+  plane << Eigen::Vector3d(0.6, 0, -0.8), 3.0;
+  const auto points = PointsOnPlane(plane, 200, 4);
+  const auto triangles = TriangulateSupportPoints(points);
+  const DepthRange range = {3.0f, 4.0f};
+  const PlaneMap planes = MakePlanarPrior(kCamera, points, triangles, range, {});
+  const Image<int> ids = RasterizeTriangles(kCamera.width, kCamera.height, points, triangles);
+  int inside = 0, outside = 0;
+  for (int row = 0; row < kCamera.height; ++row) {
+    for (int col = 0; col < kCamera.width; ++col) {
+      if (ids(col, row) < 0) continue;
+      const double z = TrueDepth(plane, col, row);
+      if (std::abs(z - range.min) < 1e-4 || std::abs(z - range.max) < 1e-4) continue;  // float rounding decides
+      const bool in_range = z > range.min && z < range.max;
+      // Slivers between nearly collinear points magnify the rounding of depths; one that turns grazing is rejected.
+      ASSERT_LE(planes(col, row).d != 0, in_range) << col << ", " << row;
+      inside += planes(col, row).d != 0;
+      outside += !in_range;
+    }
+  }
+  EXPECT_GT(inside, 1000);
+  EXPECT_GT(outside, 1000);
+}
+
+TEST(MakePlanarPrior, RefusesBadInput) {
+  const std::vector<SupportTriangle> triangle = {{{0, 1, 2}}};
+  const auto error = [&](float depth) {
+    return ErrorOf([&] {
+      MakePlanarPrior(kCamera, {{20, 20, 4}, {60, 20, depth}, {20, 60, 4}}, triangle, kRange, {});
+    });
+  };
+  EXPECT_EQ(error(4), "no error");
+  for (const float depth : {0.0f, -1.0f, kNan, std::numeric_limits<float>::infinity()}) {
+    EXPECT_THAT(error(depth), testing::HasSubstr("(60, 20)"));
+  }
+  EXPECT_THROW(MakePlanarPrior(PinholeCamera(), {}, {}, kRange, {}), InvalidInputError);
+  EXPECT_THROW(MakePlanarPrior(kCamera, {}, {}, {0, 1}, {}), InvalidInputError);
+}
+
+TEST(MakePlanarPrior, DoesNotDependOnTheNumberOfThreads) {
+  std::vector<SupportPoint> points = RandomPoints(kCamera.width, kCamera.height, 800, 6);
+  std::mt19937 generator(6);
+  std::uniform_real_distribution<float> any_depth(0.9f, 10.5f);
+  for (SupportPoint& point : points) point.depth = any_depth(generator);
+  const auto triangles = TriangulateSupportPoints(points);
+  std::vector<PlaneMap> maps;
+  for (const size_t threads : {1, 4}) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    maps.push_back(MakePlanarPrior(kCamera, points, triangles, kRange, {}));
+  }
+  for (size_t i = 0; i < maps[0].size(); ++i) {
+    const PlaneHypothesis &a = maps[0].data()[i], &b = maps[1].data()[i];
+    ASSERT_TRUE(a.nx == b.nx && a.ny == b.ny && a.nz == b.nz && a.d == b.d);
+  }
+}
+
+}  // namespace
+}  // namespace acmp

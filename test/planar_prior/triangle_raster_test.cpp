@@ -1,0 +1,146 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+
+#include <algorithm>
+
+#include "acmp_mapping/common/error.h"
+#include "planar_prior/random_points.h"
+
+namespace acmp {
+namespace {
+
+/// Reference for the top-left rule: the pixel moved right by e and down by e^2, e = 1/1000, lies strictly inside. Exact
+/// in integers scaled by 1 / e^2, and e is small enough for coordinates below 300: a * e + b * e^2 < 1 and b * e < 1.
+bool Covers(const std::vector<SupportPoint>& points, const SupportTriangle& triangle, int col, int row) {
+  constexpr long long kScale = 1000000;
+  const long long x = col * kScale + 1000, y = row * kScale + 1;
+  int positive = 0, negative = 0;
+  for (int k = 0; k < 3; ++k) {
+    const SupportPoint& p = points[triangle.vertex[k]];
+    const SupportPoint& q = points[triangle.vertex[(k + 1) % 3]];
+    const long long side = (q.col - p.col) * (y - p.row * kScale) - (q.row - p.row) * (x - p.col * kScale);
+    positive += side > 0;
+    negative += side < 0;
+  }
+  return positive == 3 || negative == 3;
+}
+
+/// Every pixel against every triangle: at most one covers it, and the raster names exactly that one.
+void ExpectExactRaster(int width, int height, const std::vector<SupportPoint>& points,
+                       const std::vector<SupportTriangle>& triangles) {
+  const Image<int> ids = RasterizeTriangles(width, height, points, triangles);
+  ASSERT_EQ(ids.width(), width);
+  ASSERT_EQ(ids.height(), height);
+  for (int row = 0; row < height; ++row) {
+    for (int col = 0; col < width; ++col) {
+      int expected = -1, count = 0;
+      for (size_t i = 0; i < triangles.size(); ++i) {
+        if (!Covers(points, triangles[i], col, row)) continue;
+        expected = static_cast<int>(i);
+        ++count;
+      }
+      ASSERT_LE(count, 1) << col << ", " << row;
+      ASSERT_EQ(ids(col, row), expected) << col << ", " << row;
+    }
+  }
+}
+
+void ExpectExactRaster(int width, int height, const std::vector<SupportPoint>& points) {
+  ExpectExactRaster(width, height, points, TriangulateSupportPoints(points));
+}
+
+TEST(RasterizeTriangles, PutsEachPixelInExactlyOneTriangle) {
+  for (unsigned seed = 0; seed < 12; ++seed) {
+    ExpectExactRaster(67, 41, RandomPoints(67, 41, 3 + 9 * static_cast<int>(seed), seed));
+  }
+}
+
+TEST(RasterizeTriangles, LeavesNoHoleInsideTheHull) {
+  // Corners of the image and random points: the half-open hull is everything but the last column and row.
+  std::vector<SupportPoint> points = RandomPoints(129, 97, 300, 5);
+  const auto is_corner = [](const SupportPoint& p) { return p.col % 128 == 0 && p.row % 96 == 0; };
+  points.erase(std::remove_if(points.begin(), points.end(), is_corner), points.end());
+  for (int corner = 0; corner < 4; ++corner) points.push_back({corner % 2 * 128, corner / 2 * 96, 1.0f});
+  const Image<int> ids = RasterizeTriangles(129, 97, points, TriangulateSupportPoints(points));
+  for (int row = 0; row < 97; ++row) {
+    for (int col = 0; col < 129; ++col) {
+      ASSERT_EQ(ids(col, row) >= 0, col < 128 && row < 96) << col << ", " << row;
+    }
+  }
+}
+
+TEST(RasterizeTriangles, IsExactForSlivers) {
+  ExpectExactRaster(200, 40, {{0, 0, 1}, {199, 39, 1}, {100, 20, 1}});  // half a pixel of area, crosses several bands
+  ExpectExactRaster(200, 40, {{0, 0, 1}, {199, 1, 1}, {100, 0, 1}});    // nearly horizontal
+  ExpectExactRaster(40, 200, {{0, 0, 1}, {1, 199, 1}, {0, 100, 1}});    // nearly vertical
+  ExpectExactRaster(61, 61, {{0, 60, 1}, {60, 0, 1}, {30, 31, 1}, {31, 30, 1}});
+}
+
+TEST(RasterizeTriangles, AcceptsBothWindings) {
+  std::vector<SupportPoint> points = RandomPoints(50, 50, 40, 2);
+  std::vector<SupportTriangle> triangles = TriangulateSupportPoints(points);
+  for (size_t i = 0; i < triangles.size(); i += 2) std::swap(triangles[i].vertex[0], triangles[i].vertex[1]);
+  ExpectExactRaster(50, 50, points, triangles);
+}
+
+TEST(RasterizeTriangles, GivesDegenerateTrianglesNoPixel) {
+  const std::vector<SupportPoint> points = {{2, 2, 1}, {8, 8, 1}, {5, 5, 1}, {2, 2, 1}, {9, 2, 1}};
+  const Image<int> ids =
+      RasterizeTriangles(12, 12, points, {{{0, 1, 2}}, {{0, 2, 1}}, {{0, 0, 0}}, {{0, 3, 4}}, {{0, 1, 0}}});
+  EXPECT_TRUE(std::all_of(ids.begin(), ids.end(), [](int id) { return id == -1; }));
+}
+
+TEST(RasterizeTriangles, ClipsToTheImage) {
+  std::vector<SupportPoint> points = RandomPoints(160, 120, 60, 9);
+  for (SupportPoint& point : points) point = {point.col - 50, point.row - 40, 1};
+  ExpectExactRaster(61, 43, points);
+}
+
+TEST(RasterizeTriangles, IsExactAtTheLargestCoordinates) {
+  // The diagonal of a square from corner to corner of the legal range passes through the pixels (i, i): with the
+  // top-left rule they belong to the triangle on the right of the diagonal.
+  const int limit = 1 << 28;
+  const std::vector<SupportPoint> points = {
+      {-limit, -limit, 1}, {limit, -limit, 1}, {limit, limit, 1}, {-limit, limit, 1}};
+  const Image<int> ids = RasterizeTriangles(50, 50, points, {{{0, 1, 2}}, {{0, 2, 3}}});
+  for (int row = 0; row < 50; ++row) {
+    for (int col = 0; col < 50; ++col) ASSERT_EQ(ids(col, row), col >= row ? 0 : 1) << col << ", " << row;
+  }
+}
+
+TEST(RasterizeTriangles, TakesTheLastOfOverlappingTriangles) {
+  const std::vector<SupportPoint> points = {{0, 0, 1}, {90, 0, 1}, {0, 90, 1}};
+  const Image<int> ids = RasterizeTriangles(40, 40, points, {{{0, 1, 2}}, {{2, 1, 0}}});
+  EXPECT_TRUE(std::all_of(ids.begin(), ids.end(), [](int id) { return id == 1; }));
+}
+
+TEST(RasterizeTriangles, HandlesEmptyInput) {
+  EXPECT_TRUE(RasterizeTriangles(0, 0, {}, {}).empty());
+  EXPECT_TRUE(RasterizeTriangles(0, 5, {{0, 0, 1}, {9, 0, 1}, {0, 9, 1}}, {{{0, 1, 2}}}).empty());
+  const Image<int> ids = RasterizeTriangles(3, 2, {}, {});
+  EXPECT_EQ(ids.size(), 6u);
+  EXPECT_TRUE(std::all_of(ids.begin(), ids.end(), [](int id) { return id == -1; }));
+}
+
+TEST(RasterizeTriangles, RefusesBadIndicesAndCoordinates) {
+  const std::vector<SupportPoint> points = {{0, 0, 1}, {9, 0, 1}, {0, (1 << 28) + 1, 1}};
+  EXPECT_THROW(RasterizeTriangles(9, 9, points, {{{0, 1, 3}}}), InvalidInputError);
+  EXPECT_THROW(RasterizeTriangles(9, 9, points, {{{0, -1, 1}}}), InvalidInputError);
+  EXPECT_THROW(RasterizeTriangles(9, 9, points, {{{0, 1, 2}}}), InvalidInputError);
+  EXPECT_THROW(RasterizeTriangles(-1, 9, points, {}), InvalidInputError);
+}
+
+TEST(RasterizeTriangles, DoesNotDependOnTheNumberOfThreads) {
+  const std::vector<SupportPoint> points = RandomPoints(300, 250, 2000, 4);
+  const std::vector<SupportTriangle> triangles = TriangulateSupportPoints(points);
+  std::vector<Image<int>> rasters;
+  for (const size_t threads : {1, 4}) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    rasters.push_back(RasterizeTriangles(300, 250, points, triangles));
+  }
+  EXPECT_TRUE(std::equal(rasters[0].begin(), rasters[0].end(), rasters[1].begin()));
+}
+
+}  // namespace
+}  // namespace acmp
