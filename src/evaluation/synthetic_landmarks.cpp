@@ -6,17 +6,17 @@
 
 #include <tbb/parallel_for.h>
 
-#include "acmp_mapping/common/random.h"
-
 namespace acmp {
 namespace {
 
 constexpr int kCellsAcross = 16;  // image cells with at most one new corner each
-constexpr int kWindow = 3;        // px, half size of the window of a corner's structure tensor
 constexpr double kMinCornerScore =
     150;  // mean over the window of the squared gradient's smaller eigenvalue, (grey/2px)^2
 constexpr double kMaxDepthStep = 0.03;  // relative depth change within the window: points at outlines are not stable
 constexpr double kNoise_m = 0.003;      // standard deviation of a landmark's position per axis
+
+// Half size in px of the window that a corner is judged by.
+int HalfWindow(const PinholeCamera& camera) { return std::clamp(camera.width / 80, 1, 3); }
 
 struct Landmark {
   Vec3d truth;
@@ -34,9 +34,10 @@ bool Observes(const LandmarkView& view, const Vec3d& truth, int* col, int* row) 
   constexpr double kMinCosine = 0.2;     // flatter than 11 degrees no frontend matches it
   const Vec3d p = PointInCamera(view.pose, truth);
   if (p.z <= 0) return false;
+  const int window = HalfWindow(view.camera);
   const double u = view.camera.fx * p.x / p.z + view.camera.cx;
   const double v = view.camera.fy * p.y / p.z + view.camera.cy;
-  if (u < kWindow || v < kWindow || u > view.camera.width - 1 - kWindow || v > view.camera.height - 1 - kWindow)
+  if (u < window || v < window || u > view.camera.width - 1 - window || v > view.camera.height - 1 - window)
     return false;
   const Ray ray = {view.pose.center, truth - view.pose.center};
   const RoomHit hit = TraceRoom(ray);
@@ -51,10 +52,10 @@ bool Observes(const LandmarkView& view, const Vec3d& truth, int* col, int* row) 
 int Grey(const Rgb& c) { return (77 * c.r + 150 * c.g + 29 * c.b + 128) >> 8; }
 
 // Shi-Tomasi score; sums are integers, so it is the same on every machine.
-double CornerScore(const ColorImage& image, int col, int row) {
+double CornerScore(const ColorImage& image, int col, int row, int window) {
   int64_t xx = 0, xy = 0, yy = 0;
-  for (int v = row - kWindow; v <= row + kWindow; ++v) {
-    for (int u = col - kWindow; u <= col + kWindow; ++u) {
+  for (int v = row - window; v <= row + window; ++v) {
+    for (int u = col - window; u <= col + window; ++u) {
       const int gx = Grey(image(u + 1, v)) - Grey(image(u - 1, v));
       const int gy = Grey(image(u, v + 1)) - Grey(image(u, v - 1));
       xx += gx * gx;
@@ -66,24 +67,18 @@ double CornerScore(const ColorImage& image, int col, int row) {
   const auto twice_xy = static_cast<double>(2 * xy);
   const double smaller =
       0.5 * (static_cast<double>(xx + yy) - std::sqrt(difference * difference + twice_xy * twice_xy));
-  return smaller / ((2 * kWindow + 1) * (2 * kWindow + 1));
+  return smaller / ((2 * window + 1) * (2 * window + 1));
 }
 
 bool OnTexturedSurface(const LandmarkView& view, int col, int row) {
+  const int window = HalfWindow(view.camera);
   const double depth = (*view.depth)(col, row);
-  for (int v = row - kWindow; v <= row + kWindow; ++v) {
-    for (int u = col - kWindow; u <= col + kWindow; ++u) {
+  for (int v = row - window; v <= row + window; ++v) {
+    for (int u = col - window; u <= col + window; ++u) {
       if ((*view.low_texture)(u, v) || std::abs((*view.depth)(u, v) - depth) > kMaxDepthStep * depth) return false;
     }
   }
   return true;
-}
-
-// Sum of four uniform draws, scaled to the wanted standard deviation: bell-shaped without libm.
-double Noise(RandomStream* random, double sigma) {
-  double sum = -2.0;
-  for (int i = 0; i < 4; ++i) sum += random->NextUniform();
-  return sigma * 1.7320508075688772 * sum;
 }
 
 class LandmarkMaker {
@@ -116,7 +111,7 @@ class LandmarkMaker {
  private:
   void AddCorners(size_t view_index) {
     const LandmarkView& view = views_[view_index];
-    const int cell_px = std::max(2 * kWindow, view.camera.width / kCellsAcross);
+    const int cell_px = std::max(2 * HalfWindow(view.camera), view.camera.width / kCellsAcross);
     const int cells_x = (view.camera.width + cell_px - 1) / cell_px;
     const int cells_y = (view.camera.height + cell_px - 1) / cell_px;
     std::vector<char> taken(static_cast<size_t>(cells_x) * cells_y);
@@ -131,14 +126,15 @@ class LandmarkMaker {
   }
 
   void AddBestCorner(const LandmarkView& view, int first_col, int first_row, int cell_px) {
-    constexpr int kBorder = kWindow + 1;
-    const int col_end = std::min(first_col + cell_px, view.camera.width - kBorder);
-    const int row_end = std::min(first_row + cell_px, view.camera.height - kBorder);
+    const int window = HalfWindow(view.camera);
+    const int border = window + 1;
+    const int col_end = std::min(first_col + cell_px, view.camera.width - border);
+    const int row_end = std::min(first_row + cell_px, view.camera.height - border);
     double best_score = kMinCornerScore;
     int best_col = -1, best_row = -1;
-    for (int row = std::max(first_row, kBorder); row < row_end; ++row) {
-      for (int col = std::max(first_col, kBorder); col < col_end; ++col) {
-        const double score = CornerScore(*view.color, col, row);
+    for (int row = std::max(first_row, border); row < row_end; ++row) {
+      for (int col = std::max(first_col, border); col < col_end; ++col) {
+        const double score = CornerScore(*view.color, col, row, window);
         if (score <= best_score || !OnTexturedSurface(view, col, row)) continue;
         best_score = score;
         best_col = col;
@@ -149,8 +145,8 @@ class LandmarkMaker {
     const Ray ray = PixelRay(view.camera, view.pose, best_col, best_row);
     const Vec3d truth = ray.origin + TraceRoom(ray).where.t * ray.direction;
     RandomStream random(seed_, static_cast<uint32_t>(landmarks_.size()), 0x1a4d);
-    const Vec3d error = {Noise(&random, kNoise_m), Noise(&random, kNoise_m),
-                         Noise(&random, kNoise_m)};  // braces fix the order of draws
+    const Vec3d error = {BellNoise(&random, kNoise_m), BellNoise(&random, kNoise_m),
+                         BellNoise(&random, kNoise_m)};  // braces fix the order of draws
     landmarks_.push_back({truth, truth + error});
   }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 namespace acmp {
 namespace {
@@ -145,10 +146,31 @@ const std::vector<RoomObject>& RoomObjects() {
 }
 
 RoomHit TraceRoom(const Ray& ray) {
+  static const std::vector<size_t> kAll = [] {
+    std::vector<size_t> all(RoomObjects().size());
+    std::iota(all.begin(), all.end(), size_t{0});
+    return all;
+  }();
+  return TraceRoom(ray, kAll);
+}
+
+std::vector<size_t> ObjectsNear(const Ray& ray, double margin) {
+  const std::vector<RoomObject>& objects = RoomObjects();
+  std::vector<size_t> near;
+  for (size_t i = 0; i < objects.size(); ++i) {
+    // Grown by the margin, the solid holds every point that lies within the margin of a point of its own.
+    Solid grown = objects[i].solid;
+    grown.size = grown.size + Vec3d{margin, margin, margin};
+    if (Intersect(grown, ray)) near.push_back(i);
+  }
+  return near;
+}
+
+RoomHit TraceRoom(const Ray& ray, const std::vector<size_t>& candidates) {
   const std::vector<RoomObject>& objects = RoomObjects();
   RoomHit first;
   first.where.t = std::numeric_limits<double>::infinity();
-  for (size_t i = 0; i < objects.size(); ++i) {
+  for (const size_t i : candidates) {
     const auto hit = Intersect(objects[i].solid, ray);
     if (!hit || hit->t >= first.where.t) continue;
     first.where = *hit;

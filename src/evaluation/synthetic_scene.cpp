@@ -9,7 +9,6 @@
 #include <tbb/parallel_for.h>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/common/random.h"
 #include "synthetic_landmarks.h"
 #include "synthetic_room.h"
 
@@ -34,21 +33,17 @@ unsigned char Quantize(double value) {
   return static_cast<unsigned char>(std::floor(std::clamp(value, 0.0, 255.0) + 0.5));
 }
 
-// Sum of four uniform draws: bell-shaped without libm.
-double SensorNoise(RandomStream* random) {
-  double sum = -2.0;
-  for (int i = 0; i < 4; ++i) sum += random->NextUniform();
-  return kChannelNoise * 1.7320508075688772 * sum;
-}
-
 ColorD PixelColor(const PinholeCamera& camera, const CameraPose& pose, int col, int row, uint32_t seed) {
+  // Half a pixel's diagonal at the far end of the room.
+  const double margin = 0.71 * kRoomDiameter_m / std::min(camera.fx, camera.fy);
+  const std::vector<size_t> objects = ObjectsNear(PixelRay(camera, pose, col, row), margin);
   ColorD sum = {0, 0, 0};
   for (int j = 0; j < kRaysPerSide; ++j) {
     for (int i = 0; i < kRaysPerSide; ++i) {
       const double u = col + (i + 0.5) / kRaysPerSide - 0.5;
       const double v = row + (j + 0.5) / kRaysPerSide - 0.5;
       const Ray ray = PixelRay(camera, pose, u, v);
-      const ColorD color = RoomColor(TraceRoom(ray), ray, seed);
+      const ColorD color = RoomColor(TraceRoom(ray, objects), ray, seed);
       sum = {sum.r + color.r, sum.g + color.g, sum.b + color.b};
     }
   }
@@ -70,7 +65,8 @@ void RenderRow(const PinholeCamera& camera, int row, int index, uint32_t seed, R
     const ColorD color = PixelColor(camera, out->pose, col, row, seed);
     RandomStream random(seed, static_cast<uint32_t>(row * camera.width + col), static_cast<uint32_t>(index));
     // Braces fix the order of the three draws.
-    const double noise[3] = {SensorNoise(&random), SensorNoise(&random), SensorNoise(&random)};
+    const double noise[3] = {BellNoise(&random, kChannelNoise), BellNoise(&random, kChannelNoise),
+                             BellNoise(&random, kChannelNoise)};
     out->color(col, row) = {Quantize(color.r + noise[0]), Quantize(color.g + noise[1]), Quantize(color.b + noise[2])};
   }
 }

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "acmp_mapping/common/random.h"
-
 namespace acmp {
 namespace {
 
@@ -81,6 +79,13 @@ ColorD BooksColor(const Material& material, uint32_t key, const Vec3d& local, co
 }
 
 }  // namespace
+
+double BellNoise(RandomStream* random, double sigma) {
+  constexpr double kSqrt3 = 1.7320508075688772;  // four draws have a variance of 4 / 12
+  double sum = -2.0;
+  for (int i = 0; i < 4; ++i) sum += random->NextUniform();
+  return sigma * kSqrt3 * sum;
+}
 
 double ValueNoise(uint32_t key, const Vec3d& position) {
   const double fx = std::floor(position.x), fy = std::floor(position.y), fz = std::floor(position.z);

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 
+#include "acmp_mapping/common/random.h"
 #include "synthetic_geometry.h"
 
 namespace acmp {
@@ -28,6 +29,9 @@ struct Material {
 
 /// Colour without light at a point of a solid, given in the solid's own frame. `key` tells equal materials apart.
 ColorD TextureColor(const Material& material, uint32_t key, const Vec3d& local, const Vec3d& local_normal);
+
+/// Bell-shaped random number with mean 0: four uniform draws, scaled. Never beyond 3.5 sigma; no libm.
+double BellNoise(RandomStream* random, double sigma);
 
 /// Smooth value noise in 0..1 of one cell per unit.
 double ValueNoise(uint32_t key, const Vec3d& position);
