@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -23,6 +24,12 @@ struct ImageView {
     return col >= 0 && row >= 0 && col < width && row < height;
   }
   bool empty() const { return width == 0 || height == 0; }
+
+  /// A view for reading; constrained so that views of const elements do not convert to themselves.
+  template <class U = T, class = std::enable_if_t<!std::is_const<U>::value>>
+  ACMP_HOST_DEVICE operator ImageView<const U>() const {  // NOLINT(google-explicit-constructor): as T* to const T*
+    return {data, width, height, stride};
+  }
 };
 
 /// Owns width x height pixels, row-major and without padding. Copies are explicit (Clone).
