@@ -36,6 +36,7 @@ struct Scene {
   std::filesystem::path root;
   std::vector<SceneImage> images;
   std::vector<Eigen::Vector3d> landmarks_in_world;
+  std::vector<std::string> warnings;  ///< what was left aside and why, for the user
 };
 
 enum class SceneFormat { kAuto, kColmap, kMvsnet };

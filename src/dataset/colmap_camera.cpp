@@ -1,0 +1,114 @@
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "acmp_mapping/common/error.h"
+#include "colmap_model.h"
+
+namespace acmp {
+namespace {
+
+// Ids and parameter counts of COLMAP's camera models (its documentation, "Camera Models"); 0 parameters: known by name,
+// but OpenCV has no such distortion.
+constexpr std::array<ColmapCameraModel, 12> kModels = {{{"SIMPLE_PINHOLE", 0, 1, 3},
+                                                        {"PINHOLE", 1, 2, 4},
+                                                        {"SIMPLE_RADIAL", 2, 1, 4},
+                                                        {"RADIAL", 3, 1, 5},
+                                                        {"OPENCV", 4, 2, 8},
+                                                        {"OPENCV_FISHEYE", 5, 2, 8},
+                                                        {"FULL_OPENCV", 6, 2, 12},
+                                                        {"FOV", 7, 0, 0},
+                                                        {"SIMPLE_RADIAL_FISHEYE", 8, 1, 4},
+                                                        {"RADIAL_FISHEYE", 9, 1, 5},
+                                                        {"THIN_PRISM_FISHEYE", 10, 0, 0},
+                                                        {"RAD_TAN_THIN_PRISM_FISHEYE", 11, 0, 0}}};
+
+std::string SupportedNames() {
+  std::string names;
+  for (const ColmapCameraModel& model : kModels) {
+    if (model.parameters > 0) names += (names.empty() ? "" : ", ") + std::string(model.name);
+  }
+  return names;
+}
+
+const ColmapCameraModel& CheckSupported(const std::string& where, const std::string& value,
+                                        const ColmapCameraModel* model) {
+  if (model != kModels.end() && model->parameters > 0) return *model;
+  const std::string known = model != kModels.end() && value != model->name ? Concat(" (", model->name, ")") : "";
+  throw InvalidInputError(
+      Concat(where, ": camera model ", value, known, " is not supported: must be one of ", SupportedNames()));
+}
+
+bool IsFisheye(const std::string& name) { return name.find("FISHEYE") != std::string::npos; }
+
+LensDistortion MakeDistortion(const std::string& name, std::vector<double> coefficients) {
+  LensDistortion distortion;
+  if (IsFisheye(name)) {
+    // Without coefficients this is still an equidistant projection, not a pinhole one.
+    coefficients.resize(4, 0.0);
+    distortion.model = LensDistortion::Model::kEquidistant;
+  } else {
+    const bool none = std::all_of(coefficients.begin(), coefficients.end(), [](double c) { return c == 0; });
+    if (none) return distortion;
+    distortion.model = name == "FULL_OPENCV" ? LensDistortion::Model::kRational : LensDistortion::Model::kBrownConrady;
+    coefficients.resize(std::max<size_t>(coefficients.size(), 4), 0.0);  // p1 = p2 = 0
+  }
+  distortion.coefficients = std::move(coefficients);
+  return distortion;
+}
+
+}  // namespace
+
+const ColmapCameraModel& FindColmapCameraModel(const std::string& where, const std::string& name) {
+  const auto found =
+      std::find_if(kModels.begin(), kModels.end(), [&](const ColmapCameraModel& m) { return m.name == name; });
+  return CheckSupported(where, name, found);
+}
+
+const ColmapCameraModel& FindColmapCameraModel(const std::string& where, int id) {
+  const auto found =
+      std::find_if(kModels.begin(), kModels.end(), [&](const ColmapCameraModel& m) { return m.id == id; });
+  return CheckSupported(where, Concat("id ", id), found);
+}
+
+ColmapCamera MakeColmapCamera(const std::string& where, const ColmapCameraModel& model, uint64_t width, uint64_t height,
+                              const std::vector<double>& parameters) {
+  constexpr auto kMaxSize = static_cast<uint64_t>(std::numeric_limits<int>::max());
+  if (width > kMaxSize || height > kMaxSize) {
+    throw InvalidInputError(Concat(where, ": image size ", width, " x ", height, ": must be at most ", kMaxSize));
+  }
+  for (double parameter : parameters) {
+    if (!std::isfinite(parameter))
+      throw InvalidInputError(Concat(where, ": camera parameter ", parameter, ": must be finite"));
+  }
+  const std::string name = model.name;
+  const auto focal_lengths = static_cast<size_t>(model.focal_lengths);
+  ColmapCamera result;
+  result.camera = {static_cast<int>(width),       static_cast<int>(height),        parameters[0],
+                   parameters[focal_lengths - 1], parameters[focal_lengths] - 0.5, parameters[focal_lengths + 1] - 0.5};
+  CheckCamera(where.c_str(), result.camera);
+  result.distortion = MakeDistortion(
+      name, std::vector<double>(parameters.begin() + static_cast<ptrdiff_t>(focal_lengths) + 2, parameters.end()));
+  return result;
+}
+
+RigidTransform MakeColmapPose(const std::string& where, const Eigen::Vector4d& quaternion_wxyz,
+                              const Eigen::Vector3d& translation) {
+  constexpr double kMaxNormError = 1e-3;
+  const auto& q = quaternion_wxyz;
+  if (!q.allFinite() || !translation.allFinite()) {
+    throw InvalidInputError(
+        Concat(where, ": pose (", q.transpose(), ") (", translation.transpose(), "): must be finite"));
+  }
+  if (!(std::abs(q.norm() - 1) <= kMaxNormError)) {
+    throw InvalidInputError(Concat(where, ": quaternion (", q.transpose(), ") has length ", q.norm(),
+                                   ": must be 1 within ", kMaxNormError));
+  }
+  RigidTransform pose = RigidTransform::Identity();
+  pose.linear() = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix();
+  pose.translation() = translation;
+  return pose;
+}
+
+}  // namespace acmp

@@ -1,0 +1,80 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "acmp_mapping/dataset/scene.h"
+
+namespace acmp {
+
+/// A camera of a COLMAP model in our conventions.
+struct ColmapCamera {
+  PinholeCamera camera;  ///< pixel centres at integers
+  LensDistortion distortion;
+};
+
+struct ColmapImage {
+  int64_t id = 0;
+  std::string name;
+  int64_t camera_id = 0;
+  RigidTransform cam_from_world = RigidTransform::Identity();
+  std::vector<int> landmark_indices;  ///< into ColmapModel::landmarks_in_world
+};
+
+struct ColmapModel {
+  std::unordered_map<int64_t, ColmapCamera> cameras;
+  std::vector<ColmapImage> images;  ///< ascending id
+  std::vector<Eigen::Vector3d> landmarks_in_world;
+};
+
+/// One of COLMAP's camera models: focal lengths, cx, cy, distortion coefficients.
+struct ColmapCameraModel {
+  const char* name;
+  int id;
+  int focal_lengths;  ///< 1: fx = fy
+  int parameters;     ///< in all
+};
+
+/// Looks a model up; InvalidInputError naming `where` and the model for one that cannot be undistorted here.
+const ColmapCameraModel& FindColmapCameraModel(const std::string& where, const std::string& name);
+const ColmapCameraModel& FindColmapCameraModel(const std::string& where, int id);
+
+/// Converts COLMAP's parameters (pixel centres at +0.5).
+ColmapCamera MakeColmapCamera(const std::string& where, const ColmapCameraModel& model, uint64_t width, uint64_t height,
+                              const std::vector<double>& parameters);
+
+/// Pose from COLMAP's quaternion (w x y z) and translation. A quaternion off unit length by more than 1e-3 is refused.
+RigidTransform MakeColmapPose(const std::string& where, const Eigen::Vector4d& quaternion_wxyz,
+                              const Eigen::Vector3d& translation);
+
+/// The folder among `root`, `root/sparse`, `root/sparse/0` that holds a model, if any.
+std::optional<std::filesystem::path> FindColmapModel(const std::filesystem::path& root);
+
+/// Reads a model, binary where both kinds are there (as COLMAP does).
+ColmapModel ReadColmapModel(const std::filesystem::path& folder);
+
+/// Collects what the text and the binary reader find and checks that it fits together.
+class ColmapModelBuilder {
+ public:
+  void AddCamera(const std::string& where, int64_t id, ColmapCamera camera);
+  void AddPoint(const std::string& where, int64_t id, const Eigen::Vector3d& point_in_world);
+  /// Points and cameras must have been added before. `point_ids`: -1 (as signed) for features without a point.
+  void AddImage(const std::string& where, ColmapImage image, const std::vector<int64_t>& point_ids);
+  ColmapModel Finish(const std::filesystem::path& folder);
+
+ private:
+  ColmapModel model_;
+  std::unordered_map<int64_t, int> point_index_;
+  std::unordered_map<int64_t, std::string> name_of_image_;
+  std::unordered_map<std::string, int64_t> image_of_name_;
+};
+
+void ReadColmapText(const std::filesystem::path& folder, ColmapModelBuilder* builder);
+void ReadColmapBinary(const std::filesystem::path& folder, ColmapModelBuilder* builder);
+
+}  // namespace acmp

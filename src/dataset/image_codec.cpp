@@ -1,0 +1,40 @@
+#include "acmp_mapping/dataset/image_codec.h"
+
+#include "acmp_mapping/common/error.h"
+#include "image_codec_private.h"
+#include "input_file.h"
+
+namespace acmp {
+namespace {
+
+// Where the size is found at the latest: JPEG's metadata segments are at most 64 KiB each and come before it.
+constexpr size_t kHeaderBytes = size_t{4} << 20;
+
+enum class FileKind { kPng, kJpeg };
+
+FileKind DetectKind(const std::filesystem::path& path, const std::string& content) {
+  if (content.compare(0, 8, "\x89PNG\r\n\x1a\n") == 0) return FileKind::kPng;
+  if (content.compare(0, 3, "\xff\xd8\xff") == 0) return FileKind::kJpeg;
+  throw InvalidInputError(Concat(path.string(), ": neither a PNG nor a JPEG file (", content.size(), " bytes)"));
+}
+
+}  // namespace
+
+void CheckImageSize(const std::filesystem::path& path, uint64_t width, uint64_t height) {
+  if (width == 0 || height == 0 || width > kMaxImagePixels || height > kMaxImagePixels / width) {
+    throw InvalidInputError(Concat(path.string(), ": image size ", width, " x ", height, ": must be 1 x 1 to ",
+                                   kMaxImagePixels, " pixels"));
+  }
+}
+
+ColorImage ReadColorImage(const std::filesystem::path& path) {
+  const std::string content = ReadWholeFile(path);
+  return DetectKind(path, content) == FileKind::kPng ? DecodePngColor(path, content) : DecodeJpeg(path, content);
+}
+
+ImageSize ReadImageSize(const std::filesystem::path& path) {
+  const std::string start = ReadFileStart(path, kHeaderBytes);
+  return DetectKind(path, start) == FileKind::kPng ? DecodePngSize(path, start) : DecodeJpegSize(path, start);
+}
+
+}  // namespace acmp

@@ -1,0 +1,178 @@
+#include "input_file.h"
+
+#include <cerrno>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <iterator>
+
+namespace acmp {
+namespace {
+
+constexpr const char* kSpace = " \t\r";
+
+template <class T>
+bool ParseWhole(std::string_view word, T* value) {
+  if (!word.empty() && word.front() == '+') word.remove_prefix(1);
+  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), *value);
+  return error == std::errc() && end == word.data() + word.size();
+}
+
+}  // namespace
+
+std::ifstream OpenInput(const std::filesystem::path& path) {
+  std::error_code error;
+  const auto status = std::filesystem::status(path, error);
+  if (std::filesystem::is_directory(status)) {
+    throw InvalidInputError(Concat("cannot read ", path.string(), ": is a folder"));
+  }
+  errno = 0;
+  std::ifstream stream(path, std::ios::binary);
+  if (!stream) throw InvalidInputError(Concat("cannot read ", path.string(), ": ", std::strerror(errno)));
+  return stream;
+}
+
+std::string ReadWholeFile(const std::filesystem::path& path) {
+  std::ifstream stream = OpenInput(path);
+  std::string content{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+  if (stream.bad()) throw InvalidInputError(Concat("cannot read ", path.string(), ": read error"));
+  return content;
+}
+
+std::string ReadFileStart(const std::filesystem::path& path, size_t max_bytes) {
+  std::ifstream stream = OpenInput(path);
+  std::string content(max_bytes, '\0');
+  stream.read(content.data(), static_cast<std::streamsize>(max_bytes));
+  if (stream.bad()) throw InvalidInputError(Concat("cannot read ", path.string(), ": read error"));
+  content.resize(static_cast<size_t>(stream.gcount()));
+  return content;
+}
+
+bool TextReader::NextLine(std::string* line) {
+  if (!std::getline(stream_, *line)) return false;
+  ++line_number_;
+  if (!line->empty() && line->back() == '\r') line->pop_back();
+  return true;
+}
+
+bool TextReader::NextContentLine(std::string* line) {
+  while (NextLine(line)) {
+    const size_t start = line->find_first_not_of(kSpace);
+    if (start == std::string::npos) continue;
+    if ((*line)[start] != '#') return true;
+    NoteAnnouncedCount(*line);
+  }
+  return false;
+}
+
+void TextReader::NoteAnnouncedCount(const std::string& comment) {
+  const size_t number = comment.find("Number of ");
+  const size_t colon = comment.find(':', number == std::string::npos ? 0 : number);
+  if (number == std::string::npos || colon == std::string::npos) return;
+  const size_t first = comment.find_first_of("0123456789", colon);
+  if (first == std::string::npos) return;
+  std::from_chars(comment.data() + first, comment.data() + comment.size(), announced_count_);
+}
+
+void FieldReader::SkipSpace() {
+  const size_t start = rest_.find_first_not_of(kSpace);
+  rest_.remove_prefix(start == std::string_view::npos ? rest_.size() : start);
+}
+
+std::string_view FieldReader::NextWord(const char* name) {
+  if (rest_.empty()) reader_.Fail(Concat(name, " is missing: the line ends before it"));
+  const std::string_view word = rest_.substr(0, rest_.find_first_of(kSpace));
+  rest_.remove_prefix(word.size());
+  SkipSpace();
+  return word;
+}
+
+std::string FieldReader::Word(const char* name) { return std::string(NextWord(name)); }
+
+double FieldReader::Real(const char* name) {
+  const std::string_view word = NextWord(name);
+  double value = 0;
+  if (!ParseWhole(word, &value)) reader_.Fail(Concat(name, " = \"", word, "\": must be a number"));
+  if (!std::isfinite(value)) reader_.Fail(Concat(name, " = ", word, ": must be finite"));
+  return value;
+}
+
+int64_t FieldReader::Integer(const char* name) {
+  const std::string_view word = NextWord(name);
+  int64_t value = 0;
+  if (!ParseWhole(word, &value)) reader_.Fail(Concat(name, " = \"", word, "\": must be a whole number"));
+  return value;
+}
+
+std::string FieldReader::Rest(const char* name) {
+  if (rest_.empty()) reader_.Fail(Concat(name, " is missing: the line ends before it"));
+  const std::string_view rest = rest_.substr(0, rest_.find_last_not_of(kSpace) + 1);
+  rest_ = {};
+  return std::string(rest);
+}
+
+void FieldReader::ExpectEnd() const {
+  if (!AtEnd()) reader_.Fail(Concat("unexpected \"", rest_.substr(0, 40), "\" at the end of the line"));
+}
+
+BinaryReader::BinaryReader(const std::filesystem::path& path) : path_(path), stream_(OpenInput(path)) {
+  std::error_code error;
+  size_ = std::filesystem::file_size(path, error);
+  if (error) throw InvalidInputError(Concat("cannot read ", path.string(), ": ", error.message()));
+}
+
+void BinaryReader::ReadBytes(void* target, uint64_t bytes, const char* what) {
+  ExpectRemaining(bytes, 1, what);
+  if (!stream_.read(static_cast<char*>(target), static_cast<std::streamsize>(bytes))) {
+    Fail(Concat("read error in ", what));
+  }
+  position_ += bytes;
+}
+
+void BinaryReader::Skip(uint64_t bytes, const char* what) {
+  ExpectRemaining(bytes, 1, what);
+  stream_.seekg(static_cast<std::streamoff>(bytes), std::ios::cur);
+  position_ += bytes;
+}
+
+std::string BinaryReader::ReadString(size_t max_length, const char* what) {
+  std::string text;
+  for (char c = Read<char>(what); c != '\0'; c = Read<char>(what)) {
+    if (text.size() == max_length) Fail(Concat(what, " is longer than ", max_length, " characters"));
+    text.push_back(c);
+  }
+  return text;
+}
+
+std::string BinaryReader::ReadLine(size_t max_length, const char* what) {
+  std::string text;
+  for (char c = Read<char>(what); c != '\n'; c = Read<char>(what)) {
+    if (text.size() == max_length) Fail(Concat(what, " is longer than ", max_length, " characters"));
+    text.push_back(c);
+  }
+  if (!text.empty() && text.back() == '\r') text.pop_back();
+  return text;
+}
+
+uint64_t BinaryReader::ReadCount(uint64_t bytes_each, const char* what) {
+  const auto count = Read<uint64_t>(what);
+  ExpectRemaining(count, bytes_each, what);
+  return count;
+}
+
+void BinaryReader::ExpectRemaining(uint64_t count, uint64_t bytes_each, const char* what) const {
+  if (count > remaining() / bytes_each) {
+    Fail(Concat(what, ": ", count, " x ", bytes_each, " bytes do not fit into the ", remaining(),
+                " bytes that are left; the file is truncated or corrupt"));
+  }
+}
+
+void BinaryReader::ExpectEnd() const {
+  if (remaining() > 0) Fail(Concat(remaining(), " bytes too many; the file is corrupt"));
+}
+
+void BinaryReader::Fail(const std::string& message) const {
+  throw InvalidInputError(Concat(path_.string(), " at byte ", position_, ": ", message));
+}
+
+}  // namespace acmp

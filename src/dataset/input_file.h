@@ -1,0 +1,103 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <string_view>
+#include <type_traits>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+
+/// Opens a regular file for reading; InvalidInputError with the system's reason when it is missing or unreadable.
+std::ifstream OpenInput(const std::filesystem::path& path);
+
+/// The whole content of a file.
+std::string ReadWholeFile(const std::filesystem::path& path);
+
+/// The first `max_bytes` of a file, or all of a shorter one.
+std::string ReadFileStart(const std::filesystem::path& path, size_t max_bytes);
+
+/// Reads a text file line by line and knows where it is, for messages "FILE:LINE: ...".
+class TextReader {
+ public:
+  explicit TextReader(const std::filesystem::path& path) : path_(path), stream_(OpenInput(path)) {}
+
+  /// False at the end of the file. A carriage return at the end of a line is dropped.
+  bool NextLine(std::string* line);
+  /// The next line that is neither blank nor a comment (#).
+  bool NextContentLine(std::string* line);
+
+  std::string Where() const { return Concat(path_.string(), ":", line_number_); }
+  [[noreturn]] void Fail(const std::string& message) const { throw InvalidInputError(Concat(Where(), ": ", message)); }
+
+  /// The count that COLMAP's comment "# Number of WHAT: N" announced so far; -1 when there was none.
+  int64_t announced_count() const { return announced_count_; }
+
+ private:
+  void NoteAnnouncedCount(const std::string& comment);
+
+  std::filesystem::path path_;
+  std::ifstream stream_;
+  int64_t line_number_ = 0;
+  int64_t announced_count_ = -1;
+};
+
+/// Takes one line apart at white space. Every getter names the field in its message.
+class FieldReader {
+ public:
+  FieldReader(const TextReader& reader, std::string_view line) : reader_(reader), rest_(line) { SkipSpace(); }
+
+  bool AtEnd() const { return rest_.empty(); }
+  std::string Word(const char* name);
+  double Real(const char* name);  ///< finite
+  int64_t Integer(const char* name);
+  /// Everything that is left, without white space at its end.
+  std::string Rest(const char* name);
+  void ExpectEnd() const;
+
+ private:
+  void SkipSpace();
+  std::string_view NextWord(const char* name);
+
+  const TextReader& reader_;
+  std::string_view rest_;
+};
+
+/// Reads a little-endian binary file and never past its end.
+class BinaryReader {
+ public:
+  explicit BinaryReader(const std::filesystem::path& path);
+
+  template <class T>
+  T Read(const char* what) {
+    static_assert(std::is_arithmetic_v<T>);
+    T value;
+    ReadBytes(&value, sizeof(T), what);
+    return value;
+  }
+  void ReadBytes(void* target, uint64_t bytes, const char* what);
+  void Skip(uint64_t bytes, const char* what);
+  /// A zero-terminated string of at most `max_length` characters.
+  std::string ReadString(size_t max_length, const char* what);
+  /// A line without its newline character, at most `max_length` characters.
+  std::string ReadLine(size_t max_length, const char* what);
+  /// Reads a 64-bit count of records that take at least `bytes_each`, so that a corrupt count is found before memory is
+  /// asked for.
+  uint64_t ReadCount(uint64_t bytes_each, const char* what);
+  void ExpectRemaining(uint64_t count, uint64_t bytes_each, const char* what) const;
+  void ExpectEnd() const;
+
+  uint64_t remaining() const { return size_ - position_; }
+  [[noreturn]] void Fail(const std::string& message) const;
+
+ private:
+  std::filesystem::path path_;
+  std::ifstream stream_;
+  uint64_t size_ = 0;
+  uint64_t position_ = 0;
+};
+
+}  // namespace acmp

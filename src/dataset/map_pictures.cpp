@@ -1,0 +1,83 @@
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+#include <vector>
+
+#include "acmp_mapping/dataset/map_io.h"
+
+namespace acmp {
+namespace {
+
+constexpr double kLowQuantile = 0.02;
+constexpr double kHighQuantile = 0.98;
+
+/// Viridis: perceptually uniform, readable by colour-blind people and in print, and its dark end is not black.
+std::vector<Rgb> MakePalette() {
+  cv::Mat levels(1, 256, CV_8UC1);
+  for (int i = 0; i < 256; ++i) levels.at<unsigned char>(0, i) = static_cast<unsigned char>(i);
+  cv::Mat colors;
+  cv::applyColorMap(levels, colors, cv::COLORMAP_VIRIDIS);
+  std::vector<Rgb> palette(256);
+  for (int i = 0; i < 256; ++i) {
+    const auto& bgr = colors.at<cv::Vec3b>(0, i);
+    palette[i] = {bgr[2], bgr[1], bgr[0]};
+  }
+  return palette;
+}
+
+float Quantile(std::vector<float>* values, double share) {
+  const auto nth = values->begin() + static_cast<ptrdiff_t>(std::lround(share * (values->size() - 1)));
+  std::nth_element(values->begin(), nth, values->end());
+  return *nth;
+}
+
+/// Colours the finite values of `map` from `low` (dark) to `high` (light); others are black.
+ColorImage Colorize(const Image<float>& map, float low, float high) {
+  static const std::vector<Rgb> palette = MakePalette();
+  ColorImage picture(map.width(), map.height());
+  const float scale = high > low ? 255.0f / (high - low) : 0.0f;
+  for (size_t i = 0; i < map.size(); ++i) {
+    const float value = map.data()[i];
+    if (!std::isfinite(value)) continue;
+    picture.data()[i] = palette[static_cast<size_t>(std::lround(Clamp((value - low) * scale, 0.0f, 255.0f)))];
+  }
+  return picture;
+}
+
+ColorImage ColorizeBetweenQuantiles(const Image<float>& map) {
+  std::vector<float> known;
+  std::copy_if(map.begin(), map.end(), std::back_inserter(known), [](float v) { return std::isfinite(v); });
+  if (known.empty()) return ColorImage(map.width(), map.height());
+  const float low = Quantile(&known, kLowQuantile);
+  return Colorize(map, low, Quantile(&known, kHighQuantile));
+}
+
+}  // namespace
+
+ColorImage DepthPicture(const DepthMap& depth) {
+  Image<float> inverse(depth.width(), depth.height());
+  std::transform(depth.begin(), depth.end(), inverse.begin(), [](float z) { return z > 0 ? 1.0f / z : NAN; });
+  return ColorizeBetweenQuantiles(inverse);
+}
+
+ColorImage NormalPicture(const NormalMap& normal) {
+  ColorImage picture(normal.width(), normal.height());
+  const auto to_byte = [](float v) { return static_cast<unsigned char>(std::lround(Clamp(127.5f * (v + 1), 0, 255))); };
+  for (size_t i = 0; i < normal.size(); ++i) {
+    const Vec3f& n = normal.data()[i];
+    const bool known = n.x != 0 || n.y != 0 || n.z != 0;
+    // y and z are turned round (up, towards the viewer), as normal maps are usually drawn.
+    if (known) picture.data()[i] = {to_byte(n.x), to_byte(-n.y), to_byte(-n.z)};
+  }
+  return picture;
+}
+
+ColorImage CostPicture(const CostMap& cost) { return ColorizeBetweenQuantiles(cost); }
+
+ColorImage ConfidencePicture(const ConfidenceMap& confidence) {
+  Image<float> known(confidence.width(), confidence.height());
+  std::transform(confidence.begin(), confidence.end(), known.begin(), [](float c) { return c > 0 ? c : NAN; });
+  return Colorize(known, 0.0f, 1.0f);
+}
+
+}  // namespace acmp

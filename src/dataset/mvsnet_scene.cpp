@@ -1,0 +1,193 @@
+#include <Eigen/SVD>
+#include <cmath>
+#include <cstdio>
+#include <unordered_map>
+
+#include "acmp_mapping/common/error.h"
+#include "colmap_model.h"
+#include "image_codec_private.h"
+#include "input_file.h"
+#include "scene_private.h"
+
+namespace acmp {
+namespace {
+
+std::string Numbered(const char* format, int index) {
+  char text[64];
+  std::snprintf(text, sizeof(text), format, index);
+  return text;
+}
+
+std::filesystem::path FindImage(const std::filesystem::path& folder, int index) {
+  for (const char* format : {"%08d", "%06d"}) {
+    for (const char* extension : {".jpg", ".png", ".jpeg", ".JPG", ".PNG", ".JPEG"}) {
+      const auto path = folder / (Numbered(format, index) + extension);
+      if (std::filesystem::is_regular_file(path)) return path;
+    }
+  }
+  throw InvalidInputError(Concat("image ", index, " is missing: neither ", (folder / Numbered("%08d", index)).string(),
+                                 " nor ", Numbered("%06d", index), " with extension .jpg, .jpeg or .png"));
+}
+
+void ExpectLine(TextReader* reader, std::string* line, const char* what) {
+  if (!reader->NextContentLine(line)) reader->Fail(Concat("the file ends before ", what, ": truncated"));
+}
+
+void ExpectKeyword(TextReader* reader, const char* keyword) {
+  std::string line;
+  ExpectLine(reader, &line, keyword);
+  FieldReader fields(*reader, line);
+  const std::string word = fields.Word(keyword);
+  if (word != keyword) reader->Fail(Concat("\"", word, "\": must be \"", keyword, "\""));
+}
+
+template <int kRows, int kCols>
+Eigen::Matrix<double, kRows, kCols> ReadMatrix(TextReader* reader, const char* name) {
+  Eigen::Matrix<double, kRows, kCols> matrix;
+  for (int row = 0; row < kRows; ++row) {
+    std::string line;
+    ExpectLine(reader, &line, name);
+    FieldReader fields(*reader, line);
+    for (int col = 0; col < kCols; ++col) matrix(row, col) = fields.Real(name);
+    fields.ExpectEnd();
+  }
+  return matrix;
+}
+
+RigidTransform ReadExtrinsic(TextReader* reader) {
+  ExpectKeyword(reader, "extrinsic");
+  const Eigen::Matrix4d matrix = ReadMatrix<4, 4>(reader, "extrinsic");
+  if (matrix.row(3) != Eigen::RowVector4d(0, 0, 0, 1)) {
+    reader->Fail(Concat("last row of the extrinsic is ", matrix.row(3), ": must be 0 0 0 1"));
+  }
+  RigidTransform pose(matrix);
+  CheckPose(Concat(reader->Where(), ": extrinsic").c_str(), pose);
+  // The file has about ten digits: the nearest rotation removes their rounding.
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(matrix.topLeftCorner<3, 3>(), Eigen::ComputeFullU | Eigen::ComputeFullV);
+  pose.linear() = svd.matrixU() * svd.matrixV().transpose();
+  return pose;
+}
+
+PinholeCamera ReadIntrinsic(TextReader* reader, const ImageSize& size) {
+  ExpectKeyword(reader, "intrinsic");
+  const Eigen::Matrix3d k = ReadMatrix<3, 3>(reader, "intrinsic");
+  if (k(0, 1) != 0 || k(1, 0) != 0 || k.row(2) != Eigen::RowVector3d(0, 0, 1)) {
+    reader->Fail("intrinsic is not of the form fx 0 cx / 0 fy cy / 0 0 1 (skew is not supported)");
+  }
+  const PinholeCamera camera{size.width, size.height, k(0, 0), k(1, 1), k(0, 2), k(1, 2)};
+  CheckCamera(reader->Where().c_str(), camera);
+  return camera;
+}
+
+// The last line: depth_min interval [num [depth_max]]. Two numbers name no far end, so the scene gives no range then.
+std::optional<DepthRange> ReadDepthLine(TextReader* reader) {
+  std::string line;
+  ExpectLine(reader, &line, "the depth line");
+  FieldReader fields(*reader, line);
+  DepthRange range;
+  range.min = static_cast<float>(fields.Real("depth_min"));
+  const double interval = fields.Real("depth interval");
+  if (fields.AtEnd()) return std::nullopt;
+  const double planes = fields.Real("number of depths");
+  range.max = fields.AtEnd() ? static_cast<float>(range.min + interval * (planes - 1))
+                             : static_cast<float>(fields.Real("depth_max"));
+  CheckDepthRange(Concat(reader->Where(), ": depth range").c_str(), range);
+  return range;
+}
+
+SceneImage ReadImage(const std::filesystem::path& root, int index) {
+  SceneImage image;
+  image.path = FindImage(root / "images", index);
+  image.name = image.path.filename().string();
+  TextReader reader(root / "cams" / (Numbered("%08d", index) + "_cam.txt"));
+  image.cam_from_world = ReadExtrinsic(&reader);
+  image.camera = ReadIntrinsic(&reader, ReadImageSize(image.path));
+  image.depth_range = ReadDepthLine(&reader);
+  return image;
+}
+
+std::vector<int> ReadRankedSources(const TextReader& reader, const std::string& line, int64_t index, int64_t count) {
+  FieldReader fields(reader, line);
+  const int64_t sources = fields.Integer("number of source views");
+  std::vector<int> ranked;
+  for (int64_t i = 0; i < sources; ++i) {
+    const int64_t source = fields.Integer("source view");
+    fields.Real("source view's score");
+    if (source < 0 || source >= count || source == index) {
+      reader.Fail(Concat("source view ", source, " of image ", index, ": must be another image, 0 to ", count - 1));
+    }
+    ranked.push_back(static_cast<int>(source));
+  }
+  fields.ExpectEnd();
+  return ranked;
+}
+
+std::vector<std::vector<int>> ReadPairs(const std::filesystem::path& path) {
+  constexpr int64_t kMaxImages = 1000000;
+  TextReader reader(path);
+  std::string line;
+  ExpectLine(&reader, &line, "the number of images");
+  FieldReader header(reader, line);
+  const int64_t count = header.Integer("number of images");
+  header.ExpectEnd();
+  if (count < 1 || count > kMaxImages) {
+    reader.Fail(Concat("number of images = ", count, ": must be in [1, ", kMaxImages, "]"));
+  }
+  std::vector<std::vector<int>> pairs(count);
+  std::vector<bool> seen(count, false);
+  for (int64_t i = 0; i < count; ++i) {
+    ExpectLine(&reader, &line, "the last image");
+    FieldReader fields(reader, line);
+    const int64_t index = fields.Integer("image index");
+    if (index < 0 || index >= count) reader.Fail(Concat("image index ", index, ": must be in [0, ", count - 1, "]"));
+    if (seen[index]) reader.Fail(Concat("image index ", index, " occurs twice"));
+    seen[index] = true;
+    ExpectLine(&reader, &line, "the source views");
+    pairs[index] = ReadRankedSources(reader, line, index, count);
+  }
+  return pairs;
+}
+
+bool SamePose(const RigidTransform& a, const RigidTransform& b) {
+  constexpr double kTolerance = 1e-3;  // both are texts with at least four digits
+  return (a.linear() - b.linear()).cwiseAbs().maxCoeff() < kTolerance &&
+         (a.translation() - b.translation()).norm() < kTolerance * (1 + a.translation().norm());
+}
+
+/// Takes the landmarks of a COLMAP model beside the scene, if it has the same images at the same poses.
+void AddLandmarks(const std::filesystem::path& model_folder, Scene* scene) {
+  ColmapModel model = ReadColmapModel(model_folder);
+  std::unordered_map<std::string, const ColmapImage*> by_name;
+  for (const ColmapImage& image : model.images) by_name[image.name] = &image;
+  for (const SceneImage& image : scene->images) {
+    const auto found = by_name.find(image.name);
+    if (found == by_name.end() || !SamePose(found->second->cam_from_world, image.cam_from_world)) {
+      scene->warnings.push_back(Concat("landmarks of ", model_folder.string(), " are not used: image ", image.name,
+                                       found == by_name.end() ? " is not in it" : " has another pose there"));
+      return;
+    }
+  }
+  for (SceneImage& image : scene->images) image.landmark_indices = by_name.at(image.name)->landmark_indices;
+  scene->landmarks_in_world = std::move(model.landmarks_in_world);
+}
+
+}  // namespace
+
+bool LooksLikeMvsnet(const std::filesystem::path& root) {
+  return std::filesystem::is_directory(root / "cams") && std::filesystem::is_regular_file(root / "pair.txt");
+}
+
+Scene ReadMvsnetScene(const std::filesystem::path& root) {
+  Scene scene;
+  scene.root = root;
+  std::vector<std::vector<int>> pairs = ReadPairs(root / "pair.txt");
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    scene.images.push_back(ReadImage(root, static_cast<int>(i)));
+    scene.images.back().ranked_sources = std::move(pairs[i]);
+  }
+  const auto model_folder = FindColmapModel(root);
+  if (model_folder) AddLandmarks(*model_folder, &scene);
+  return scene;
+}
+
+}  // namespace acmp

@@ -1,0 +1,72 @@
+#include "acmp_mapping/dataset/output_file.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <system_error>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+std::filesystem::path TemporaryPath(const std::filesystem::path& path) {
+  return std::filesystem::path(path) += ".partial";
+}
+
+}  // namespace
+
+OutputFile::OutputFile(const std::filesystem::path& path) : path_(path), file_(std::fopen(path.c_str(), "wbe")) {
+  if (!file_) Fail("cannot create");
+}
+
+void OutputFile::Write(const void* data, size_t bytes) {
+  if (bytes > 0 && std::fwrite(data, 1, bytes, file_.get()) != bytes) Fail("cannot write");
+}
+
+void OutputFile::Close() {
+  if (std::fflush(file_.get()) != 0) Fail("cannot write");
+  // Without fsync a power cut could leave the renamed file empty. Devices and pipes refuse it with EINVAL: nothing to
+  // sync.
+  if (fsync(fileno(file_.get())) != 0 && errno != EINVAL) Fail("cannot write");
+  if (std::fclose(file_.release()) != 0) Fail("cannot write");
+}
+
+void OutputFile::Fail(const char* what) const {
+  throw ProcessingError(Concat(what, " ", path_.string(), ": ", std::strerror(errno)));
+}
+
+AtomicFile::AtomicFile(const std::filesystem::path& path)
+    : path_(path), temporary_path_(TemporaryPath(path)), file_(temporary_path_) {}
+
+AtomicFile::~AtomicFile() {
+  std::error_code ignored;  // a leftover temporary file is overwritten by the next attempt
+  if (!committed_) std::filesystem::remove(temporary_path_, ignored);
+}
+
+void AtomicFile::Commit() {
+  file_.Close();
+  std::error_code error;
+  std::filesystem::rename(temporary_path_, path_, error);
+  if (error) throw ProcessingError(Concat("cannot write ", path_.string(), ": ", error.message()));
+  committed_ = true;
+}
+
+void WriteFileAtomically(const std::filesystem::path& path, const std::string& content) {
+  AtomicFile file(path);
+  file.Write(content);
+  file.Commit();
+}
+
+void MakeFolder(const std::filesystem::path& path) {
+  std::error_code error;
+  std::filesystem::create_directories(path, error);
+  if (!error && !std::filesystem::is_directory(path, error) && !error) {
+    error = std::make_error_code(std::errc::not_a_directory);
+  }
+  if (error) throw ProcessingError(Concat("cannot create folder ", path.string(), ": ", error.message()));
+}
+
+}  // namespace acmp
