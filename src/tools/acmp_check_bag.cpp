@@ -1,0 +1,94 @@
+// acmp_check_bag: says what a bag lacks, or has wrong, for the mapper.
+
+#include <algorithm>
+#include <iomanip>
+#include <iostream>
+#include <string>
+
+#include "bag_check.h"
+#include "bag_tool_main.h"
+
+namespace {
+
+const char* RoleOf(const acmp::BagTopic& topic, const acmp::TopicChoice& chosen) {
+  if (topic.name == chosen.image) return "image";
+  if (topic.name == chosen.camera_info) return "camera_info";
+  if (topic.name == chosen.pose) return "pose";
+  if (topic.name == chosen.sparse_points) return "sparse_points";
+  return "";
+}
+
+void PrintTopics(const acmp::BagContents& contents) {
+  size_t widest = 0;
+  for (const acmp::BagTopic& topic : contents.topics) widest = std::max(widest, topic.name.size());
+  std::cout << "topics:\n" << std::left << std::fixed << std::setprecision(1);
+  for (const acmp::BagTopic& topic : contents.topics) {
+    const double seconds = (topic.last - topic.first).toSec();
+    std::cout << "  " << std::setw(static_cast<int>(widest)) << topic.name << "  " << std::setw(32) << topic.type << " "
+              << std::setw(6) << topic.messages;
+    if (topic.messages > 1 && seconds > 0) {
+      std::cout << " " << static_cast<double>(topic.messages - 1) / seconds << " Hz";
+    }
+    std::cout << "  " << RoleOf(topic, contents.chosen) << '\n';
+  }
+}
+
+const char* NameOf(acmp::Severity severity) {
+  switch (severity) {
+    case acmp::Severity::kOk:
+      return "ok";
+    case acmp::Severity::kWarning:
+      return "warning";
+    case acmp::Severity::kError:
+      return "error";
+  }
+  return "";
+}
+
+int PrintReport(const acmp::BagReport& report) {
+  PrintTopics(report.contents);
+  std::cout << "findings:\n";
+  for (const acmp::Finding& finding : report.findings) {
+    std::cout << "  " << std::setw(8) << NameOf(finding.severity) << finding.message << '\n';
+  }
+  const size_t errors = report.Count(acmp::Severity::kError);
+  const size_t warnings = report.Count(acmp::Severity::kWarning);
+  std::cout << (report.usable() ? "usable" : "not usable") << ": " << errors << " errors, " << warnings
+            << " warnings\n";
+  return report.usable() ? acmp::kExitDone : acmp::kExitBadInput;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app(
+      "Reports what is wrong with a bag for the mapper: topics, encodings, calibration, stamps, poses and\n"
+      "points. Exit codes: 0 usable (warnings say what to set), 2 not usable or wrong use, 1 failed.",
+      "acmp_check_bag");
+  std::string bag;
+  acmp::BagCheckOptions options;
+  std::string pose_is = "T_world_cam";
+  std::string pose_child = "camera_optical";
+  app.add_option("bag", bag, "Recorded bag")->required()->type_name("FILE");
+  app.add_option("--image", options.topics.image, "Image topic; found by type when not given")->type_name("TOPIC");
+  app.add_option("--camera-info", options.topics.camera_info, "CameraInfo topic")->type_name("TOPIC");
+  app.add_option("--pose", options.topics.pose, "Pose, odometry or transform topic")->type_name("TOPIC");
+  app.add_option("--sparse-points", options.topics.sparse_points, "Sparse points")->type_name("TOPIC");
+  app.add_option("--sync-tolerance", options.sync_tolerance_s, "Seconds between a pose and its image")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  app.add_option("--sparse-tolerance", options.sparse_tolerance_s, "Seconds between points and their image")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  app.add_option("--pose-is", pose_is, "As the mapper's ~pose_is")
+      ->check(CLI::IsMember({"T_world_cam", "T_cam_world"}))
+      ->capture_default_str();
+  app.add_option("--pose-child", pose_child, "As the mapper's ~pose_child")
+      ->check(CLI::IsMember({"camera_optical", "camera_flu"}))
+      ->capture_default_str();
+  return acmp::RunTool(app, argc, argv, [&] {
+    options.pose_is_cam_world = pose_is == "T_cam_world";
+    options.pose_child_is_flu = pose_child == "camera_flu";
+    return PrintReport(acmp::CheckBag(bag, options));
+  });
+}

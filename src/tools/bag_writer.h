@@ -1,0 +1,47 @@
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include <ros/time.h>
+#include <rosbag/bag.h>
+
+namespace acmp {
+
+/// Writes a bag under a temporary name beside `path` and renames it when it is complete, so that a file called `path`
+/// is either whole or what it was before. The same messages in the same order give the same bytes.
+class BagWriter {
+ public:
+  /// Throws InvalidInputError when `path` cannot name a file, ProcessingError with the system's reason when the folder
+  /// cannot be written to.
+  explicit BagWriter(std::filesystem::path path);
+  /// Without Finish: removes what was written.
+  ~BagWriter();
+  BagWriter(const BagWriter&) = delete;
+  BagWriter& operator=(const BagWriter&) = delete;
+
+  /// Throws ProcessingError when the disk is full.
+  template <class Message>
+  void Write(const std::string& topic, const ros::Time& stamp, const Message& message) {
+    try {
+      bag_->write(topic, stamp, message);
+    } catch (const rosbag::BagException& error) {
+      ThrowWriteError(error.what());
+    }
+    ++messages_;
+  }
+
+  /// Writes the index, reads the bag back (number of messages) and renames it. Throws ProcessingError.
+  void Finish();
+
+ private:
+  [[noreturn]] void ThrowWriteError(const std::string& reason);
+
+  std::filesystem::path path_;
+  std::filesystem::path temporary_path_;
+  std::unique_ptr<rosbag::Bag> bag_;
+  size_t messages_ = 0;
+};
+
+}  // namespace acmp
