@@ -1,0 +1,343 @@
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <cstring>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/scene.h"
+#include "dataset/scene_fixture.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using Model = LensDistortion::Model;
+
+/// Builds COLMAP's binary files byte by byte.
+class Binary {
+ public:
+  template <class T>
+  Binary& Add(T value) {
+    bytes_.append(reinterpret_cast<const char*>(&value), sizeof(T));
+    return *this;
+  }
+  Binary& AddDoubles(const std::vector<double>& values) {
+    for (double value : values) Add(value);
+    return *this;
+  }
+  Binary& AddName(const std::string& name) {
+    bytes_ += name + '\0';
+    return *this;
+  }
+  const std::string& bytes() const { return bytes_; }
+
+ private:
+  std::string bytes_;
+};
+
+class ColmapTest : public SceneFixture {
+ protected:
+  Scene ReadText() const {
+    WriteColmapText();
+    return ReadScene(folder());
+  }
+  std::string TextError() const {
+    return MessageOf<InvalidInputError>([&] { ReadText(); });
+  }
+
+  static Binary CameraBytes(int32_t model = 1, const std::vector<double>& parameters = {30, 31, 16.25, 12.75}) {
+    return Binary().Add<uint64_t>(1).Add<uint32_t>(1).Add(model).Add<uint64_t>(32).Add<uint64_t>(24).AddDoubles(
+        parameters);
+  }
+  static Binary PointBytes() {
+    Binary points;
+    points.Add<uint64_t>(2);
+    for (const auto& [id, xyz] : {std::pair<uint64_t, std::vector<double>>{11, {1, 2, 3}}, {12, {-1.5, 0, 4}}}) {
+      points.Add(id).AddDoubles(xyz).Add<uint8_t>(1).Add<uint8_t>(2).Add<uint8_t>(3).Add(0.5);
+      points.Add<uint64_t>(1).Add<uint32_t>(7).Add<uint32_t>(0);
+    }
+    return points;
+  }
+  static Binary ImageBytes(const std::vector<double>& quaternion = {0.5, 0.5, 0.5, 0.5}) {
+    Binary images;
+    images.Add<uint64_t>(2);
+    images.Add<uint32_t>(7).AddDoubles(quaternion).AddDoubles({0.1, 0.2, 0.3}).Add<uint32_t>(1).AddName("000001.png");
+    images.Add<uint64_t>(2).Add(1.0).Add(2.0).Add<uint64_t>(12).Add(3.0).Add(4.0).Add<uint64_t>(UINT64_MAX);
+    images.Add<uint32_t>(3).AddDoubles({1, 0, 0, 0, 0, 0, 0}).Add<uint32_t>(1).AddName("000000.png").Add<uint64_t>(0);
+    return images;
+  }
+  Scene ReadBinary(const std::string& cameras, const std::string& images, const std::string& points) const {
+    WriteText("sparse/0/cameras.bin", cameras);
+    WriteText("sparse/0/images.bin", images);
+    WriteText("sparse/0/points3D.bin", points);
+    return ReadScene(folder());
+  }
+  std::string BinaryError(const std::string& cameras, const std::string& images, const std::string& points) const {
+    return MessageOf<InvalidInputError>([&] { ReadBinary(cameras, images, points); });
+  }
+};
+
+void ExpectTheScene(const Scene& scene) {
+  ASSERT_EQ(scene.images.size(), 2u);
+  const SceneImage& first = scene.images[0];  // the smaller image id comes first
+  const SceneImage& second = scene.images[1];
+  EXPECT_EQ(first.name, "000000.png");
+  EXPECT_EQ(second.name, "000001.png");
+  EXPECT_EQ(first.camera, (PinholeCamera{32, 24, 30, 31, 15.75, 12.25}));  // COLMAP's centre minus half a pixel
+  EXPECT_EQ(first.distortion.model, Model::kNone);
+  EXPECT_TRUE(first.cam_from_world.isApprox(RigidTransform::Identity()));
+  // (w x y z) = (0.5 0.5 0.5 0.5) turns x into y, y into z, z into x.
+  const Eigen::Vector3d moved = second.cam_from_world * Eigen::Vector3d(1, 2, 3);
+  EXPECT_TRUE(moved.isApprox(Eigen::Vector3d(3.1, 1.2, 2.3), 1e-12)) << moved.transpose();
+  EXPECT_TRUE(first.landmark_indices.empty());
+  ASSERT_FALSE(second.landmark_indices.empty());
+  EXPECT_TRUE(scene.landmarks_in_world[second.landmark_indices.back()].isApprox(Eigen::Vector3d(-1.5, 0, 4)));
+  EXPECT_FALSE(first.depth_range.has_value());
+  EXPECT_TRUE(first.ranked_sources.empty());
+}
+
+TEST_F(ColmapTest, TextModel) {
+  const Scene scene = ReadText();
+  ExpectTheScene(scene);
+  EXPECT_THAT(scene.images[1].landmark_indices, ElementsAre(0, 1));  // 12 twice and -1 do not count
+}
+
+TEST_F(ColmapTest, TextModelWithWindowsLineEnds) {
+  for (std::string* text : {&cameras, &images, &points}) {
+    for (size_t at = text->find('\n'); at != std::string::npos; at = text->find('\n', at + 2)) text->insert(at, "\r");
+  }
+  ExpectTheScene(ReadText());
+}
+
+TEST_F(ColmapTest, BinaryModel) {
+  ExpectTheScene(ReadBinary(CameraBytes().bytes(), ImageBytes().bytes(), PointBytes().bytes()));
+}
+
+TEST_F(ColmapTest, ModelInTheRootAndNamesWithSpaces) {
+  WriteImage("images/left eye/a b.png", kWidth, kHeight);
+  images = Replaced(images, "000001.png", "left eye/a b.png");
+  WriteText("cameras.txt", cameras);
+  WriteText("images.txt", images);
+  WriteText("points3D.txt", points);
+  EXPECT_EQ(ReadScene(folder()).images[1].name, "left eye/a b.png");
+}
+
+struct CameraCase {
+  const char* text;
+  int32_t id;
+  std::vector<double> binary;
+  Model model;
+  double fx, fy, cx, cy;
+  std::vector<double> coefficients;
+};
+
+TEST_F(ColmapTest, EveryCameraModelMapsToOpenCv) {
+  const std::vector<CameraCase> cases = {
+      {"SIMPLE_PINHOLE 32 24 30 16 12", 0, {30, 16, 12}, Model::kNone, 30, 30, 15.5, 11.5, {}},
+      {"PINHOLE 32 24 30 31 16 12", 1, {30, 31, 16, 12}, Model::kNone, 30, 31, 15.5, 11.5, {}},
+      {"SIMPLE_RADIAL 32 24 30 16 12 0.1",
+       2,
+       {30, 16, 12, 0.1},
+       Model::kBrownConrady,
+       30,
+       30,
+       15.5,
+       11.5,
+       {0.1, 0, 0, 0}},
+      {"SIMPLE_RADIAL 32 24 30 16 12 0", 2, {30, 16, 12, 0}, Model::kNone, 30, 30, 15.5, 11.5, {}},
+      {"RADIAL 32 24 30 16 12 0.1 -0.2",
+       3,
+       {30, 16, 12, 0.1, -0.2},
+       Model::kBrownConrady,
+       30,
+       30,
+       15.5,
+       11.5,
+       {0.1, -0.2, 0, 0}},
+      {"OPENCV 32 24 30 31 16 12 0.1 -0.2 0.01 0.02",
+       4,
+       {30, 31, 16, 12, 0.1, -0.2, 0.01, 0.02},
+       Model::kBrownConrady,
+       30,
+       31,
+       15.5,
+       11.5,
+       {0.1, -0.2, 0.01, 0.02}},
+      {"OPENCV_FISHEYE 32 24 30 31 16 12 0.1 0.2 0.3 0.4",
+       5,
+       {30, 31, 16, 12, 0.1, 0.2, 0.3, 0.4},
+       Model::kEquidistant,
+       30,
+       31,
+       15.5,
+       11.5,
+       {0.1, 0.2, 0.3, 0.4}},
+      {"FULL_OPENCV 32 24 30 31 16 12 1 2 3 4 5 6 7 8",
+       6,
+       {30, 31, 16, 12, 1, 2, 3, 4, 5, 6, 7, 8},
+       Model::kRational,
+       30,
+       31,
+       15.5,
+       11.5,
+       {1, 2, 3, 4, 5, 6, 7, 8}},
+      {"SIMPLE_RADIAL_FISHEYE 32 24 30 16 12 0",
+       8,
+       {30, 16, 12, 0},
+       Model::kEquidistant,
+       30,
+       30,
+       15.5,
+       11.5,
+       {0, 0, 0, 0}},
+      {"RADIAL_FISHEYE 32 24 30 16 12 0.1 0.2",
+       9,
+       {30, 16, 12, 0.1, 0.2},
+       Model::kEquidistant,
+       30,
+       30,
+       15.5,
+       11.5,
+       {0.1, 0.2, 0, 0}}};
+  const std::string text_cameras = cameras;
+  for (const CameraCase& c : cases) {
+    cameras = Replaced(text_cameras, "PINHOLE 32 24 30 31 16.25 12.75", c.text);
+    std::filesystem::remove_all(folder() / "sparse");
+    const Scene text = ReadText();
+    std::filesystem::remove_all(folder() / "sparse");
+    const Scene binary = ReadBinary(CameraBytes(c.id, c.binary).bytes(), ImageBytes().bytes(), PointBytes().bytes());
+    for (const Scene* scene : {&text, &binary}) {
+      const SceneImage& image = scene->images[0];
+      EXPECT_EQ(image.distortion.model, c.model) << c.text;
+      EXPECT_EQ(image.distortion.coefficients, c.coefficients) << c.text;
+      EXPECT_EQ(image.camera, (PinholeCamera{32, 24, c.fx, c.fy, c.cx, c.cy})) << c.text;
+    }
+  }
+}
+
+TEST_F(ColmapTest, OtherCameraModelsAreRefusedByName) {
+  for (const char* name : {"FOV", "THIN_PRISM_FISHEYE", "MY_OWN"}) {
+    cameras = std::string("1 ") + name + " 32 24 30 31 16 12 0.1\n";
+    EXPECT_THAT(TextError(), AllOf(HasSubstr("cameras.txt:1"), HasSubstr(name), HasSubstr("OPENCV_FISHEYE")));
+  }
+  std::filesystem::remove_all(folder() / "sparse");
+  EXPECT_THAT(BinaryError(CameraBytes(7).bytes(), "", ""), AllOf(HasSubstr("cameras.bin"), HasSubstr("id 7 (FOV)")));
+  EXPECT_THAT(BinaryError(CameraBytes(99).bytes(), "", ""), HasSubstr("id 99"));
+  EXPECT_THAT(BinaryError(CameraBytes(-1).bytes(), "", ""), HasSubstr("id -1"));
+}
+
+TEST_F(ColmapTest, BadCameraValues) {
+  const std::string good = cameras;
+  const auto error = [&](const std::string& line) {
+    cameras = Replaced(good, "1 PINHOLE 32 24 30 31 16.25 12.75", line);
+    return TextError();
+  };
+  EXPECT_THAT(error("1 PINHOLE 32 24 30 31 16.25"), AllOf(HasSubstr("cameras.txt:3"), HasSubstr("missing")));
+  EXPECT_THAT(error("1 PINHOLE 32 24 30 31 16 12 9"), HasSubstr("unexpected \"9\""));
+  EXPECT_THAT(error("1 PINHOLE 32 -24 30 31 16 12"), HasSubstr("-24"));
+  EXPECT_THAT(error("1 PINHOLE 32 24 0 31 16 12"), HasSubstr("fx = 0"));
+  EXPECT_THAT(error("1 PINHOLE 32 24 nan 31 16 12"), HasSubstr("nan"));
+  EXPECT_THAT(error("1 PINHOLE 32 24 30 31 16 inf"), HasSubstr("inf"));
+  EXPECT_THAT(error("1 PINHOLE 32 24 30 31 16 12x"), HasSubstr("\"12x\""));
+  EXPECT_THAT(error("one PINHOLE 32 24 30 31 16 12"), HasSubstr("\"one\""));
+  EXPECT_THAT(error("1 PINHOLE 99999999999 24 30 31 16 12"), HasSubstr("99999999999"));
+  EXPECT_THAT(error("1 PINHOLE 32 24 30 31 16 12\n1 PINHOLE 32 24 30 31 16 12"), HasSubstr("camera id 1 occurs twice"));
+}
+
+TEST_F(ColmapTest, BadPoses) {
+  const std::string good = images;
+  const auto error = [&](const std::string& pose) {
+    images = Replaced(good, "0.5 0.5 0.5 0.5 0.1 0.2 0.3", pose);
+    return TextError();
+  };
+  EXPECT_THAT(error("nan 0.5 0.5 0.5 0.1 0.2 0.3"), AllOf(HasSubstr("images.txt:3"), HasSubstr("nan")));
+  EXPECT_THAT(error("0.5 0.5 0.5 0.5 0.1 inf 0.3"), HasSubstr("inf"));
+  EXPECT_THAT(error("0.6 0.5 0.5 0.5 0.1 0.2 0.3"), AllOf(HasSubstr("images.txt:3"), HasSubstr("length 1.05")));
+  EXPECT_THAT(error("0 0 0 0 0.1 0.2 0.3"), HasSubstr("length 0"));
+  images = Replaced(good, "0.5 0.5 0.5 0.5 0.1", "0.5003 0.5 0.5 0.5 0.1");  // length 1.00015: rounding, accepted
+  const Eigen::Matrix3d rotation = ReadText().images[1].cam_from_world.linear();
+  EXPECT_LT((rotation * rotation.transpose() - Eigen::Matrix3d::Identity()).norm(), 1e-12);
+  std::filesystem::remove_all(folder() / "sparse");
+  EXPECT_THAT(BinaryError(CameraBytes().bytes(), ImageBytes({NAN, 0, 0, 1}).bytes(), PointBytes().bytes()),
+              AllOf(HasSubstr("images.bin"), HasSubstr("image 7"), HasSubstr("nan")));
+  EXPECT_THAT(BinaryError(CameraBytes().bytes(), ImageBytes({2, 0, 0, 0}).bytes(), PointBytes().bytes()),
+              HasSubstr("length 2"));
+}
+
+TEST_F(ColmapTest, BadReferences) {
+  const std::string good = images;
+  images = Replaced(good, "0.3 1 000001.png", "0.3 5 000001.png");
+  EXPECT_THAT(TextError(), AllOf(HasSubstr("images.txt:3"), HasSubstr("camera id 5")));
+  images = Replaced(good, "5 6 11", "5 6 13");
+  EXPECT_THAT(TextError(), AllOf(HasSubstr("images.txt"), HasSubstr("point id 13")));
+  images = Replaced(good, "3 1 0 0 0", "7 1 0 0 0");
+  EXPECT_THAT(TextError(), HasSubstr("image id 7 occurs twice"));
+  images = Replaced(good, "000000.png", "000001.png");
+  EXPECT_THAT(TextError(), HasSubstr("000001.png occurs twice"));
+  images = Replaced(good, "1 2 12 3.5", "1 2 12 3.5 9");
+  EXPECT_THAT(TextError(), AllOf(HasSubstr("images.txt:4"), HasSubstr("\"4.5\"")));  // not groups of three
+}
+
+TEST_F(ColmapTest, MissingImageFileIsNamed) {
+  std::filesystem::remove(folder() / "images/000001.png");
+  EXPECT_THAT(TextError(), AllOf(HasSubstr("images/000001.png"), HasSubstr("missing")));
+}
+
+TEST_F(ColmapTest, TruncatedTextFilesAreRefused) {
+  const std::string good_images = images;
+  images = good_images.substr(0, good_images.find("3 1 0 0 0"));  // one whole image less
+  EXPECT_THAT(TextError(), AllOf(HasSubstr("images.txt"), HasSubstr("announces 2"), HasSubstr("truncated")));
+  images = good_images.substr(0, good_images.size() - 1);  // the empty line of features
+  EXPECT_THAT(TextError(), AllOf(HasSubstr("000000.png"), HasSubstr("truncated")));
+  images = good_images.substr(0, good_images.find(" 0.3 1 000001"));
+  EXPECT_THAT(TextError(), HasSubstr("images.txt:3"));
+  images = good_images;
+  points = points.substr(0, points.find("12 -1.5"));
+  EXPECT_THAT(TextError(), AllOf(HasSubstr("points3D.txt"), HasSubstr("announces 2")));
+  cameras = "# Number of cameras: 1\n";
+  EXPECT_THAT(TextError(), HasSubstr("cameras.txt"));
+}
+
+TEST_F(ColmapTest, EveryTruncationOfBinaryFilesIsRefused) {
+  const std::string good[] = {CameraBytes().bytes(), ImageBytes().bytes(), PointBytes().bytes()};
+  const char* names[] = {"cameras.bin", "images.bin", "points3D.bin"};
+  for (int file = 0; file < 3; ++file) {
+    for (size_t length = 0; length < good[file].size(); ++length) {
+      std::string parts[] = {good[0], good[1], good[2]};
+      parts[file].resize(length);
+      EXPECT_THAT(BinaryError(parts[0], parts[1], parts[2]), HasSubstr(names[file])) << "cut to " << length;
+    }
+    std::string parts[] = {good[0], good[1], good[2]};
+    parts[file] += 'x';
+    EXPECT_THAT(BinaryError(parts[0], parts[1], parts[2]), AllOf(HasSubstr(names[file]), HasSubstr("too many")));
+  }
+}
+
+TEST_F(ColmapTest, HugeCountsInBinaryFilesTakeNoMemory) {
+  const auto huge = [](std::string bytes, size_t at) {
+    const uint64_t count = uint64_t{1} << 61;
+    std::memcpy(&bytes[at], &count, sizeof(count));
+    return bytes;
+  };
+  const std::string c = CameraBytes().bytes();
+  const std::string i = ImageBytes().bytes();
+  const std::string p = PointBytes().bytes();
+  EXPECT_THAT(BinaryError(huge(c, 0), i, p), HasSubstr("number of cameras: 2305843009213693952"));
+  EXPECT_THAT(BinaryError(c, huge(i, 0), p), HasSubstr("number of images: 2305843009213693952"));
+  EXPECT_THAT(BinaryError(c, i, huge(p, 0)), HasSubstr("number of points: 2305843009213693952"));
+  const size_t features = 8 + 4 + 7 * 8 + 4 + 11;
+  EXPECT_THAT(BinaryError(c, huge(i, features), p), HasSubstr("number of features: 2305843009213693952"));
+  EXPECT_THAT(BinaryError(c, i, huge(p, 8 + 8 + 24 + 3 + 8)), HasSubstr("track length: 2305843009213693952"));
+}
+
+TEST_F(ColmapTest, EmptyModelAndNoModelAreRefused) {
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadScene(folder()); }), HasSubstr("no COLMAP model"));
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadScene(folder() / "none"); }), HasSubstr("does not exist"));
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadScene(WriteText("file", "x")); }), HasSubstr("not a folder"));
+  images = "# nothing\n";
+  EXPECT_THAT(TextError(), HasSubstr("no images"));
+}
+
+}  // namespace
+}  // namespace acmp

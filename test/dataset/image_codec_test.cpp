@@ -1,0 +1,221 @@
+#include "acmp_mapping/dataset/image_codec.h"
+
+#include <gmock/gmock.h>
+// jpeglib.h needs FILE declared before it.
+#include <cstdio>
+// clang-format off
+#include <jpeglib.h>
+// clang-format on
+#include <png.h>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/random.h"
+#include "dataset/test_folder.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::HasSubstr;
+using ImageCodecTest = TestFolder;
+
+ColorImage RandomColors(int width, int height) {
+  ColorImage image(width, height);
+  RandomStream random(1, 0, 0);
+  for (Rgb& p : image) {
+    const uint32_t word = random.NextWord();
+    p = {static_cast<unsigned char>(word), static_cast<unsigned char>(word >> 8),
+         static_cast<unsigned char>(word >> 16)};
+  }
+  return image;
+}
+
+/// Slow changes only, which JPEG keeps.
+ColorImage SmoothColors(int width, int height) {
+  ColorImage image(width, height);
+  for (int row = 0; row < height; ++row) {
+    for (int col = 0; col < width; ++col) {
+      image(col, row) = {static_cast<unsigned char>(60 + 2 * col), static_cast<unsigned char>(90 + 2 * row),
+                         static_cast<unsigned char>(100 + col)};
+    }
+  }
+  return image;
+}
+
+int MaxDifference(const ColorImage& a, const ColorImage& b) {
+  EXPECT_EQ(a.width(), b.width());
+  EXPECT_EQ(a.height(), b.height());
+  int difference = 0;
+  for (size_t i = 0; i < std::min(a.size(), b.size()); ++i) {
+    const Rgb& p = a.data()[i];
+    const Rgb& q = b.data()[i];
+    difference = std::max({difference, std::abs(p.r - q.r), std::abs(p.g - q.g), std::abs(p.b - q.b)});
+  }
+  return difference;
+}
+
+/// A PNG of any kind written by libpng itself; `rows` hold the raw samples.
+void WriteRawPng(const std::filesystem::path& path, int width, int bit_depth, int color_type,
+                 std::vector<std::vector<unsigned char>> rows, int interlace = PNG_INTERLACE_NONE) {
+  std::FILE* file = std::fopen(path.c_str(), "wb");
+  png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, nullptr, nullptr, nullptr);
+  png_infop info = png_create_info_struct(png);
+  png_init_io(png, file);
+  png_set_IHDR(png, info, width, rows.size(), bit_depth, color_type, interlace, PNG_COMPRESSION_TYPE_DEFAULT,
+               PNG_FILTER_TYPE_DEFAULT);
+  const png_color palette[2] = {{10, 20, 30}, {200, 150, 100}};
+  if (color_type == PNG_COLOR_TYPE_PALETTE) png_set_PLTE(png, info, palette, 2);
+  std::vector<png_bytep> pointers;
+  for (auto& row : rows) pointers.push_back(row.data());
+  png_write_info(png, info);
+  png_write_image(png, pointers.data());
+  png_write_end(png, nullptr);
+  png_destroy_write_struct(&png, &info);
+  std::fclose(file);
+}
+
+void WriteJpeg(const std::filesystem::path& path, const ColorImage& image, bool gray = false) {
+  std::FILE* file = std::fopen(path.c_str(), "wb");
+  jpeg_compress_struct info = {};
+  jpeg_error_mgr errors;
+  info.err = jpeg_std_error(&errors);
+  jpeg_create_compress(&info);
+  jpeg_stdio_dest(&info, file);
+  info.image_width = image.width();
+  info.image_height = image.height();
+  info.input_components = gray ? 1 : 3;
+  info.in_color_space = gray ? JCS_GRAYSCALE : JCS_RGB;
+  jpeg_set_defaults(&info);
+  jpeg_set_quality(&info, 100, TRUE);
+  jpeg_start_compress(&info, TRUE);
+  for (int row = 0; row < image.height(); ++row) {
+    std::vector<unsigned char> samples;
+    for (int col = 0; col < image.width(); ++col) {
+      const Rgb& p = image(col, row);
+      samples.push_back(p.r);
+      if (!gray) samples.insert(samples.end(), {p.g, p.b});
+    }
+    JSAMPROW pointer = samples.data();
+    jpeg_write_scanlines(&info, &pointer, 1);
+  }
+  jpeg_finish_compress(&info);
+  jpeg_destroy_compress(&info);
+  std::fclose(file);
+}
+
+TEST_F(ImageCodecTest, PngKeepsEveryPixel) {
+  for (const auto& [width, height] : {std::pair{1, 1}, {7, 5}, {64, 33}}) {
+    const ColorImage image = RandomColors(width, height);
+    WritePng(folder() / "a.png", image);
+    EXPECT_EQ(MaxDifference(ReadColorImage(folder() / "a.png"), image), 0);
+  }
+}
+
+TEST_F(ImageCodecTest, Png16KeepsEveryPixel) {
+  Image<uint16_t> image(3, 2);
+  const uint16_t values[] = {0, 1, 255, 256, 4660, 65535};
+  std::copy(std::begin(values), std::end(values), image.begin());
+  WritePng16(folder() / "a.png", image);
+  const Image<uint16_t> back = ReadPng16(folder() / "a.png");
+  ASSERT_EQ(back.width(), 3);
+  ASSERT_EQ(back.height(), 2);
+  EXPECT_TRUE(std::equal(image.begin(), image.end(), back.begin()));
+}
+
+TEST_F(ImageCodecTest, OtherPngKindsBecomeRgb) {
+  const auto path = folder() / "a.png";
+  const auto pixel = [&](int col) {
+    const ColorImage image = ReadColorImage(path);
+    return std::vector<int>{image(col, 0).r, image(col, 0).g, image(col, 0).b};
+  };
+  WriteRawPng(path, 2, 8, PNG_COLOR_TYPE_GRAY, {{7, 200}});
+  EXPECT_EQ(pixel(1), (std::vector<int>{200, 200, 200}));
+  WriteRawPng(path, 2, 1, PNG_COLOR_TYPE_PALETTE, {{0x40}});  // indices 0, 1
+  EXPECT_EQ(pixel(0), (std::vector<int>{10, 20, 30}));
+  EXPECT_EQ(pixel(1), (std::vector<int>{200, 150, 100}));
+  WriteRawPng(path, 1, 8, PNG_COLOR_TYPE_RGB_ALPHA, {{9, 8, 7, 0}});  // the colour under the alpha counts
+  EXPECT_EQ(pixel(0), (std::vector<int>{9, 8, 7}));
+  WriteRawPng(path, 1, 16, PNG_COLOR_TYPE_RGB, {{0xff, 0xff, 0x80, 0x80, 0, 0}});  // 65535, 32896, 0 over 257
+  EXPECT_EQ(pixel(0), (std::vector<int>{255, 128, 0}));
+}
+
+TEST_F(ImageCodecTest, InterlacedPngIsRead) {
+  std::vector<std::vector<unsigned char>> rows(9, std::vector<unsigned char>(11));
+  for (int row = 0; row < 9; ++row) {
+    for (int col = 0; col < 11; ++col) rows[row][col] = static_cast<unsigned char>(20 * row + col);
+  }
+  WriteRawPng(folder() / "a.png", 11, 8, PNG_COLOR_TYPE_GRAY, rows, PNG_INTERLACE_ADAM7);
+  const ColorImage image = ReadColorImage(folder() / "a.png");
+  for (int row = 0; row < 9; ++row) {
+    for (int col = 0; col < 11; ++col) EXPECT_EQ(image(col, row).g, 20 * row + col);
+  }
+}
+
+TEST_F(ImageCodecTest, JpegIsReadByContentNotByName) {
+  const ColorImage image = SmoothColors(37, 21);
+  WriteJpeg(folder() / "really_a_jpeg.png", image);
+  // Quality 100 of a smooth image: colour conversion and halved chroma lose a few levels.
+  EXPECT_LE(MaxDifference(ReadColorImage(folder() / "really_a_jpeg.png"), image), 6);
+}
+
+TEST_F(ImageCodecTest, GrayJpegBecomesRgb) {
+  WriteJpeg(folder() / "a.jpg", SmoothColors(16, 16), true);
+  const Rgb pixel = ReadColorImage(folder() / "a.jpg")(8, 8);
+  EXPECT_NEAR(pixel.r, 76, 2);  // red channel of SmoothColors at column 8, quality 100
+  EXPECT_EQ(pixel.r, pixel.g);
+  EXPECT_EQ(pixel.r, pixel.b);
+}
+
+TEST_F(ImageCodecTest, EveryTruncationIsRefused) {
+  WritePng(folder() / "whole.png", RandomColors(20, 20));
+  WriteJpeg(folder() / "whole.jpg", RandomColors(40, 40));
+  for (const char* name : {"whole.png", "whole.jpg"}) {
+    const std::string whole = ReadText(folder() / name);
+    for (size_t length = 0; length < whole.size(); length += std::max<size_t>(1, whole.size() / 61)) {
+      const auto path = WriteText("cut", whole.substr(0, length));
+      EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadColorImage(path); }), HasSubstr(path.string()))
+          << name << " cut to " << length;
+    }
+  }
+}
+
+TEST_F(ImageCodecTest, DamagedChecksumIsRefused) {
+  WritePng(folder() / "a.png", RandomColors(20, 20));
+  std::string content = ReadText(folder() / "a.png");
+  content[content.size() / 2] ^= 0x55;
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadColorImage(WriteText("b.png", content)); }),
+              HasSubstr("damaged PNG"));
+}
+
+TEST_F(ImageCodecTest, HugeHeaderIsRefusedBeforeMemoryIsTaken) {
+  WriteJpeg(folder() / "a.jpg", SmoothColors(16, 16));
+  std::string content = ReadText(folder() / "a.jpg");
+  const size_t frame = content.find("\xff\xc0");
+  ASSERT_NE(frame, std::string::npos);
+  content.replace(frame + 5, 4, "\xff\xff\xff\xff");  // height and width 65535
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadColorImage(WriteText("b.jpg", content)); }),
+              AnyOf(HasSubstr("65535 x 65535"), HasSubstr("Maximum supported image dimension")));
+}
+
+TEST_F(ImageCodecTest, MissingFolderAndOtherKindsAreNamed) {
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadColorImage(folder() / "none.png"); }),
+              AllOf(HasSubstr("none.png"), HasSubstr("No such file")));
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadColorImage(folder()); }), HasSubstr("is a folder"));
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadColorImage(WriteText("a.txt", "hello")); }),
+              HasSubstr("neither a PNG nor a JPEG"));
+}
+
+TEST_F(ImageCodecTest, ReadPng16RefusesOtherKinds) {
+  WriteRawPng(folder() / "a.png", 1, 8, PNG_COLOR_TYPE_GRAY, {{7}});
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadPng16(folder() / "a.png"); }), HasSubstr("bit depth 8"));
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadPng16(WriteText("b.png", "hello, this is no png")); }),
+              HasSubstr("damaged PNG"));
+}
+
+TEST_F(ImageCodecTest, WriteFailuresCarryTheSystemsReason) {
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { WritePng(Unwritable("a.png"), RandomColors(2, 2)); }),
+              HasSubstr("Not a directory"));
+  EXPECT_THROW(WritePng(folder() / "a.png", ColorImage()), InvalidInputError);
+}
+
+}  // namespace
+}  // namespace acmp

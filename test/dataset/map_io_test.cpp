@@ -1,0 +1,270 @@
+#include "acmp_mapping/dataset/map_io.h"
+
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/image_codec.h"
+#include "dataset/test_folder.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::HasSubstr;
+using MapIoTest = TestFolder;
+
+Image<float> Ramp(int width, int height) {
+  Image<float> map(width, height);
+  for (size_t i = 0; i < map.size(); ++i) map.data()[i] = 0.25f * static_cast<float>(i) + 0.1f;
+  return map;
+}
+
+NormalMap NormalRamp(int width, int height) {
+  NormalMap map(width, height);
+  for (size_t i = 0; i < map.size(); ++i) map.data()[i] = {0.1f * i, -0.2f * i, -1.0f};
+  return map;
+}
+
+template <class T>
+bool SameBytes(const Image<T>& a, const Image<T>& b) {
+  return a.width() == b.width() && a.height() == b.height() &&
+         std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0;
+}
+
+std::string Bytes(const std::vector<float>& values) {
+  return std::string(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(float));
+}
+
+TEST_F(MapIoTest, PfmHasTheDocumentedBytes) {
+  Image<float> map(2, 2);
+  map(0, 0) = 1;
+  map(1, 0) = 2;
+  map(0, 1) = 3;
+  map(1, 1) = 4;
+  WritePfm(folder() / "a.pfm", map);
+  EXPECT_EQ(ReadText(folder() / "a.pfm"), "Pf\n2 2\n-1.0\n" + Bytes({3, 4, 1, 2}));  // bottom row first
+}
+
+TEST_F(MapIoTest, PfmRoundTripKeepsEveryBit) {
+  Image<float> map = Ramp(5, 3);
+  map(2, 1) = std::numeric_limits<float>::quiet_NaN();
+  map(0, 0) = std::numeric_limits<float>::denorm_min();
+  WritePfm(folder() / "a.pfm", map);
+  EXPECT_TRUE(SameBytes(ReadPfm(folder() / "a.pfm"), map));
+  const NormalMap normals = NormalRamp(3, 5);
+  WritePfm(folder() / "n.pfm", normals);
+  EXPECT_TRUE(SameBytes(ReadPfmNormals(folder() / "n.pfm"), normals));
+}
+
+TEST_F(MapIoTest, BigEndianPfmIsRead) {
+  const auto path = WriteText("a.pfm", std::string("Pf\n1 1\n1.0\n") + std::string("\x3f\x80\x00\x00", 4));
+  EXPECT_EQ(ReadPfm(path)(0, 0), 1.0f);
+}
+
+TEST_F(MapIoTest, DamagedPfmIsRefusedWithFileAndValue) {
+  const auto message = [&](const std::string& content) {
+    return MessageOf<InvalidInputError>([&] { ReadPfm(WriteText("a.pfm", content)); });
+  };
+  const std::string body(16, '\0');
+  EXPECT_THAT(message("Pf\n2 2\n-1.0\n" + body.substr(1)), AllOf(HasSubstr("a.pfm"), HasSubstr("truncated")));
+  EXPECT_THAT(message("Pf\n2 2\n-1.0\n" + body + "x"), HasSubstr("1 bytes too many"));
+  EXPECT_THAT(message("PF\n2 2\n-1.0\n" + body), HasSubstr("\"PF\""));
+  EXPECT_THAT(message("Pf\n0 2\n-1.0\n" + body), HasSubstr("\"0 2\""));
+  EXPECT_THAT(message("Pf\n-2 2\n-1.0\n" + body), HasSubstr("\"-2 2\""));
+  EXPECT_THAT(message("Pf\n2 two\n-1.0\n" + body), HasSubstr("\"2 two\""));
+  EXPECT_THAT(message("Pf\n2 2\n0\n" + body), HasSubstr("scale \"0\""));
+  EXPECT_THAT(message("Pf\n2 2\nnan\n" + body), HasSubstr("scale \"nan\""));
+  EXPECT_THAT(message("Pf\n1000000 1000000\n-1.0\n" + body), HasSubstr("1000000 x 1000000"));
+  EXPECT_THAT(message("Pf\n16000 16000\n-1.0\n" + body), HasSubstr("truncated"));
+  EXPECT_THAT(message("Pf\n2"), HasSubstr("truncated"));
+  EXPECT_THAT(message(""), HasSubstr("truncated"));
+}
+
+TEST_F(MapIoTest, DmbHasTheDocumentedBytes) {
+  WriteDmb(folder() / "a.dmb", Ramp(3, 2));
+  const std::string content = ReadText(folder() / "a.dmb");
+  int32_t header[4];
+  ASSERT_EQ(content.size(), sizeof(header) + 6 * sizeof(float));
+  std::memcpy(header, content.data(), sizeof(header));
+  EXPECT_THAT(header, ::testing::ElementsAre(1, 2, 3, 1));  // type, height, width, channels
+  EXPECT_TRUE(SameBytes(ReadDmb(folder() / "a.dmb"), Ramp(3, 2)));
+  WriteDmb(folder() / "n.dmb", NormalRamp(3, 2));
+  EXPECT_EQ(ReadText(folder() / "n.dmb").size(), sizeof(header) + 18 * sizeof(float));
+}
+
+TEST_F(MapIoTest, DamagedDmbIsRefused) {
+  const auto message = [&](std::vector<int32_t> header, size_t floats) {
+    const std::string head(reinterpret_cast<const char*>(header.data()), header.size() * sizeof(int32_t));
+    return MessageOf<InvalidInputError>([&] { ReadDmb(WriteText("a.dmb", head + std::string(4 * floats, '\0'))); });
+  };
+  EXPECT_THAT(message({1, 2, 3, 1}, 5), HasSubstr("truncated"));
+  EXPECT_THAT(message({1, 2, 3}, 0), HasSubstr("truncated"));
+  EXPECT_THAT(message({2, 2, 3, 1}, 6), HasSubstr("type 2"));
+  EXPECT_THAT(message({1, 2, 3, 3}, 18), HasSubstr("3 channel(s)"));
+  EXPECT_THAT(message({1, -2, 3, 1}, 6), HasSubstr("3 x -2"));
+  EXPECT_THAT(message({1, 2000000000, 2000000000, 1}, 6), HasSubstr("2000000000 x 2000000000"));
+}
+
+TEST_F(MapIoTest, DepthPngStoresThousandthsAndCountsWhatIsTooFar) {
+  DepthMap depth(7, 1);
+  const float values[] = {0.0f, 1.2344f, 1.2346f, 65.535f, 65.6f, -1.0f, 0.0001f};
+  std::copy(std::begin(values), std::end(values), depth.begin());
+  EXPECT_EQ(WriteDepthPng(folder() / "d.png", depth), 1u);
+  const Image<uint16_t> counts = ReadPng16(folder() / "d.png");
+  EXPECT_THAT(std::vector<int>(counts.begin(), counts.end()), ::testing::ElementsAre(0, 1234, 1235, 65535, 0, 0, 0));
+  EXPECT_FLOAT_EQ(ReadDepthPng(folder() / "d.png")(1, 0), 1.234f);
+}
+
+TEST_F(MapIoTest, ReadDepthTakesEveryFormatAndCleansUnknowns) {
+  DepthMap depth(4, 1);
+  depth(0, 0) = 1.5f;
+  depth(1, 0) = NAN;
+  depth(2, 0) = -2;
+  depth(3, 0) = INFINITY;
+  WritePfm(folder() / "a.pfm", depth);
+  WriteDmb(folder() / "a.dmb", depth);
+  for (const char* name : {"a.pfm", "a.dmb"}) {
+    const DepthMap read = ReadDepth(folder() / name);
+    EXPECT_THAT(std::vector<float>(read.begin(), read.end()), ::testing::ElementsAre(1.5f, 0, 0, 0)) << name;
+  }
+  WriteDepthPng(folder() / "a.png", Ramp(2, 2));
+  EXPECT_FLOAT_EQ(ReadDepth(folder() / "a.png")(0, 0), 0.1f);
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadDepth(folder() / "a.exr"); }), HasSubstr("\".exr\""));
+}
+
+PointCloud SomePoints() {
+  return {{{1, 2, 3}, {0, 0, -1}, {10, 20, 30}, 0.5f}, {{-1.5f, 0, 1e-3f}, {0.6f, 0.8f, 0}, {255, 0, 1}, 1.0f}};
+}
+
+void ExpectSame(const PointCloud& a, const PointCloud& b) {
+  ASSERT_EQ(a.size(), b.size());
+  for (size_t i = 0; i < a.size(); ++i) {
+    EXPECT_EQ(std::memcmp(&a[i].position, &b[i].position, sizeof(Vec3f)), 0);
+    EXPECT_EQ(std::memcmp(&a[i].normal, &b[i].normal, sizeof(Vec3f)), 0);
+    EXPECT_EQ(a[i].color.r, b[i].color.r);
+    EXPECT_EQ(a[i].color.g, b[i].color.g);
+    EXPECT_EQ(a[i].color.b, b[i].color.b);
+    EXPECT_EQ(a[i].confidence, b[i].confidence);
+  }
+}
+
+TEST_F(MapIoTest, PlyRoundTrip) {
+  WritePly(folder() / "a.ply", SomePoints());
+  ExpectSame(ReadPly(folder() / "a.ply"), SomePoints());
+  WritePly(folder() / "empty.ply", {});
+  EXPECT_TRUE(ReadPly(folder() / "empty.ply").empty());
+}
+
+TEST_F(MapIoTest, AsciiPlyWithOtherPropertiesAndElements) {
+  const auto path = WriteText("a.ply",
+                              "ply\r\nformat ascii 1.0\r\ncomment made by hand\r\nelement camera 1\r\n"
+                              "property list uchar int ids\r\nelement vertex 2\r\nproperty double z\r\n"
+                              "property double y\r\nproperty double x\r\nproperty uchar red\r\nproperty uchar green\r\n"
+                              "property uchar blue\r\nproperty int label\r\nend_header\r\n"
+                              "3 1 2 3\r\n3 2 1 10 20 30 7\r\n0.5 -2e-1 4 1 2 3 8");
+  const PointCloud points = ReadPly(path);
+  ASSERT_EQ(points.size(), 2u);
+  EXPECT_EQ(points[0].position.x, 1);
+  EXPECT_EQ(points[0].position.z, 3);
+  EXPECT_EQ(points[0].color.b, 30);
+  EXPECT_EQ(points[1].position.y, -0.2f);
+  EXPECT_EQ(points[1].color.g, 2);
+}
+
+TEST_F(MapIoTest, BinaryPlySkipsListsAfterTheVertices) {
+  std::string content =
+      "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+      "element face 1\nproperty list uchar int vertex_indices\nend_header\n" +
+      Bytes({1, 2, 3}) + std::string("\x03", 1) + std::string(12, '\0');
+  EXPECT_EQ(ReadPly(WriteText("a.ply", content)).size(), 1u);
+}
+
+TEST_F(MapIoTest, DamagedPlyIsRefused) {
+  const auto message = [&](const std::string& content) {
+    return MessageOf<InvalidInputError>([&] { ReadPly(WriteText("a.ply", content)); });
+  };
+  WritePly(folder() / "whole.ply", SomePoints());
+  const std::string whole = ReadText(folder() / "whole.ply");
+  for (size_t length = 0; length < whole.size(); length += 7) {
+    EXPECT_THAT(message(whole.substr(0, length)), HasSubstr("a.ply")) << "cut to " << length;
+  }
+  const std::string xyz = "property float x\nproperty float y\nproperty float z\nend_header\n";
+  const std::string ascii = "ply\nformat ascii 1.0\nelement vertex ";
+  EXPECT_THAT(message("plx\n"), HasSubstr("\"ply\""));
+  EXPECT_THAT(message(ascii + "99999999999999\n" + xyz + "1 2 3\n"), HasSubstr("truncated"));
+  EXPECT_THAT(message(ascii + "-1\n" + xyz), HasSubstr("count"));
+  EXPECT_THAT(message(ascii + "1\n" + xyz + "1 2 three\n"), HasSubstr("\"three\""));
+  EXPECT_THAT(message(ascii + "1\nproperty float x\nproperty float y\nend_header\n1 2\n"), HasSubstr("\"z\""));
+  EXPECT_THAT(message("ply\nformat binary_big_endian 1.0\n"), HasSubstr("binary_big_endian"));
+  EXPECT_THAT(message("ply\nformat ascii 1.0\nelement vertex 1\nproperty half x\n"), HasSubstr("half"));
+  EXPECT_THAT(message("ply\nformat ascii 1.0\nend_header\n"), HasSubstr("vertex"));
+}
+
+TEST_F(MapIoTest, WritersReportUnwritablePaths) {
+  const auto path = Unwritable("a");
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { WritePfm(path, Ramp(2, 2)); }), HasSubstr("Not a directory"));
+  EXPECT_THROW(WritePfm(path, NormalRamp(2, 2)), ProcessingError);
+  EXPECT_THROW(WriteDmb(path, Ramp(2, 2)), ProcessingError);
+  EXPECT_THROW(WriteDepthPng(path, Ramp(2, 2)), ProcessingError);
+  EXPECT_THROW(WritePly(path, SomePoints()), ProcessingError);
+}
+
+bool IsBlack(const Rgb& p) { return p.r == 0 && p.g == 0 && p.b == 0; }
+int Luminance(const Rgb& p) { return 299 * p.r + 587 * p.g + 114 * p.b; }
+
+TEST(MapPictures, NearIsLightFarIsDarkUnknownIsBlack) {
+  DepthMap depth(100, 1);
+  for (int col = 0; col < 100; ++col) depth(col, 0) = 1.0f + 0.1f * col;
+  depth(50, 0) = 0;
+  const ColorImage picture = DepthPicture(depth);
+  EXPECT_TRUE(IsBlack(picture(50, 0)));
+  for (int col = 0; col < 100; ++col) EXPECT_EQ(IsBlack(picture(col, 0)), col == 50);
+  for (int col = 10; col < 90; col += 10) {
+    if (col == 50 || col == 40) continue;
+    EXPECT_GT(Luminance(picture(col, 0)), Luminance(picture(col + 10, 0)));
+  }
+}
+
+TEST(MapPictures, FewOutliersDoNotChangeTheScale) {
+  DepthMap depth(200, 1, 2.0f);
+  for (int col = 0; col < 200; ++col) depth(col, 0) = 2.0f + 0.01f * col;
+  depth(0, 0) = 0.001f;  // 0.5 % of the pixels: outside the 2 % quantile
+  const ColorImage picture = DepthPicture(depth);
+  EXPECT_GT(Luminance(picture(20, 0)), Luminance(picture(180, 0)) + 100000);
+}
+
+TEST(MapPictures, NormalTowardsTheCameraIsLightBlue) {
+  NormalMap normal(2, 1);
+  normal(0, 0) = {0, 0, -1};
+  normal(1, 0) = {0, 0, 0};
+  const ColorImage picture = NormalPicture(normal);
+  EXPECT_EQ(picture(0, 0).b, 255);
+  EXPECT_EQ(picture(0, 0).r, 128);
+  EXPECT_TRUE(IsBlack(picture(1, 0)));
+}
+
+TEST(MapPictures, ConfidenceHasAFixedScale) {
+  ConfidenceMap confidence(3, 1);
+  confidence(0, 0) = 0;
+  confidence(1, 0) = 0.25f;
+  confidence(2, 0) = 0.5f;
+  const ColorImage picture = ConfidencePicture(confidence);
+  EXPECT_TRUE(IsBlack(picture(0, 0)));
+  confidence(2, 0) = 1.0f;
+  const ColorImage other = ConfidencePicture(confidence);
+  EXPECT_EQ(Luminance(picture(1, 0)), Luminance(other(1, 0)));
+  EXPECT_GT(Luminance(other(2, 0)), Luminance(picture(2, 0)));
+}
+
+TEST(MapPictures, EmptyConstantAndUnknownMapsWork) {
+  EXPECT_TRUE(DepthPicture(DepthMap()).empty());
+  EXPECT_TRUE(IsBlack(DepthPicture(DepthMap(2, 2))(1, 1)));
+  EXPECT_FALSE(IsBlack(CostPicture(CostMap(2, 2, 0.3f))(1, 1)));
+  EXPECT_TRUE(NormalPicture(NormalMap()).empty());
+}
+
+}  // namespace
+}  // namespace acmp

@@ -1,0 +1,142 @@
+#include <gmock/gmock.h>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/scene.h"
+#include "dataset/scene_fixture.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+class MvsnetTest : public SceneFixture {
+ protected:
+  Scene Read() const {
+    WriteMvsnet();
+    return ReadScene(folder());
+  }
+  std::string Error() const {
+    return MessageOf<InvalidInputError>([&] { Read(); });
+  }
+};
+
+TEST_F(MvsnetTest, CamerasPairsAndDepthRanges) {
+  const Scene scene = Read();
+  ASSERT_EQ(scene.images.size(), 2u);
+  EXPECT_EQ(scene.images[0].camera, (PinholeCamera{32, 24, 30, 31, 15.75, 12.25}));  // no half pixel here
+  const Eigen::Vector3d moved = scene.images[1].cam_from_world * Eigen::Vector3d(1, 2, 3);
+  EXPECT_TRUE(moved.isApprox(Eigen::Vector3d(3.1, 1.2, 2.3), 1e-9));
+  EXPECT_THAT(scene.images[0].ranked_sources, ElementsAre(1));
+  EXPECT_FLOAT_EQ(scene.images[0].depth_range->min, 0.5f);
+  EXPECT_FLOAT_EQ(scene.images[0].depth_range->max, 8.5f);
+  EXPECT_FLOAT_EQ(scene.images[1].depth_range->max, 6.0f);  // 1 + 0.5 * (11 - 1)
+  EXPECT_TRUE(scene.landmarks_in_world.empty());
+  EXPECT_TRUE(scene.warnings.empty());
+}
+
+TEST_F(MvsnetTest, TwoDepthNumbersNameNoRange) {
+  cam0 = Replaced(cam0, "0.5 0.01 192 8.5", "425 2.5");
+  EXPECT_FALSE(Read().images[0].depth_range.has_value());
+}
+
+TEST_F(MvsnetTest, EightDigitImageNames) {
+  WriteImage("images/00000000.png", kWidth, kHeight);
+  WriteImage("images/00000001.png", kWidth, kHeight);
+  EXPECT_EQ(Read().images[1].name, "00000001.png");
+}
+
+TEST_F(MvsnetTest, LandmarksComeFromTheModelBesideIt) {
+  WriteColmapText();
+  const Scene scene = Read();
+  EXPECT_EQ(scene.landmarks_in_world.size(), 2u);
+  EXPECT_THAT(scene.images[0].ranked_sources, ElementsAre(1)) << "pair.txt still counts";
+  EXPECT_THAT(scene.images[1].landmark_indices, ElementsAre(0, 1));
+  EXPECT_TRUE(ReadScene(folder(), SceneFormat::kColmap).images[0].ranked_sources.empty());
+}
+
+TEST_F(MvsnetTest, ModelOfOtherPosesOrImagesIsLeftAsideWithAWarning) {
+  const std::string good = images;
+  images = Replaced(good, "0.1 0.2 0.3", "0.1 0.25 0.3");
+  WriteColmapText();
+  Scene scene = Read();
+  EXPECT_TRUE(scene.landmarks_in_world.empty());
+  EXPECT_THAT(scene.warnings, ElementsAre(AllOf(HasSubstr("000001.png"), HasSubstr("another pose"))));
+  images = Replaced(good, "000001.png", "other.png");
+  WriteColmapText();
+  scene = Read();
+  EXPECT_THAT(scene.warnings, ElementsAre(HasSubstr("000001.png is not in it")));
+}
+
+TEST_F(MvsnetTest, BadPairs) {
+  const auto error = [&](const std::string& text) {
+    pairs = text;
+    return Error();
+  };
+  EXPECT_THAT(error(""), AllOf(HasSubstr("pair.txt"), HasSubstr("truncated")));
+  EXPECT_THAT(error("2\n0\n1 1 10.5\n"), HasSubstr("truncated"));
+  EXPECT_THAT(error("2\n0\n1 1 10.5\n1\n"), HasSubstr("truncated"));
+  EXPECT_THAT(error("2\n0\n2 1 10.5\n1\n1 0 10.5\n"), AllOf(HasSubstr("pair.txt:3"), HasSubstr("missing")));
+  EXPECT_THAT(error("2\n0\n1 2 10.5\n1\n1 0 10.5\n"), AllOf(HasSubstr("pair.txt:3"), HasSubstr("source view 2")));
+  EXPECT_THAT(error("2\n0\n1 0 10.5\n1\n1 0 10.5\n"), HasSubstr("source view 0 of image 0"));
+  EXPECT_THAT(error("2\n0\n1 1 10.5\n0\n1 1 10.5\n"), AllOf(HasSubstr("pair.txt:4"), HasSubstr("occurs twice")));
+  EXPECT_THAT(error("2\n0\n1 1 10.5\n2\n1 0 10.5\n"), HasSubstr("image index 2"));
+  EXPECT_THAT(error("0\n"), HasSubstr("number of images = 0"));
+  EXPECT_THAT(error("999999999999\n"), HasSubstr("999999999999"));
+  EXPECT_THAT(error("two\n"), HasSubstr("\"two\""));
+  EXPECT_THAT(error("2\n0\n1 1 nan\n1\n1 0 10.5\n"), HasSubstr("nan"));
+}
+
+TEST_F(MvsnetTest, BadCameras) {
+  const std::string good = cam1;
+  const auto error = [&](const std::string& from, const std::string& to) {
+    cam1 = Replaced(good, from, to);
+    return Error();
+  };
+  EXPECT_THAT(error("extrinsic", "intrinsic"), AllOf(HasSubstr("00000001_cam.txt:1"), HasSubstr("\"extrinsic\"")));
+  EXPECT_THAT(error("1 0 0 0.2", "nan 0 0 0.2"), AllOf(HasSubstr("00000001_cam.txt:3"), HasSubstr("nan")));
+  EXPECT_THAT(error("1 0 0 0.2", "1.1 0 0 0.2"), AllOf(HasSubstr("extrinsic"), HasSubstr("orthonormal")));
+  EXPECT_THAT(error("0 1 0 0.3", "0 -1 0 0.3"), HasSubstr("reflection"));
+  EXPECT_THAT(error("0 0 0 1", "0 0 0 2"), HasSubstr("must be 0 0 0 1"));
+  EXPECT_THAT(error("30 0 15.75", "30 1 15.75"), HasSubstr("skew"));
+  EXPECT_THAT(error("30 0 15.75", "-30 0 15.75"), HasSubstr("fx = -30"));
+  EXPECT_THAT(error("30 0 15.75", "30 0"), HasSubstr("missing"));
+}
+
+TEST_F(MvsnetTest, BadDepthRanges) {
+  const std::string good = cam1;
+  const auto error = [&](const std::string& line) {
+    cam1 = Replaced(good, "1 0.5 11\n", line);
+    return Error();
+  };
+  EXPECT_THAT(error("5 0.1 10 2\n"), AllOf(HasSubstr("00000001_cam.txt:12"), HasSubstr("depth range"), HasSubstr("5")));
+  EXPECT_THAT(error("0 0.1 10 2\n"), HasSubstr("depth range"));
+  EXPECT_THAT(error("-1 0.1 10 2\n"), HasSubstr("-1"));
+  EXPECT_THAT(error("1 0.1 10 inf\n"), HasSubstr("inf"));
+  EXPECT_THAT(error("1 0.1 10 1e300\n"), HasSubstr("inf"));  // does not fit a float
+  EXPECT_THAT(error("1 -0.1 10\n"), HasSubstr("depth range"));
+  EXPECT_THAT(error("1\n"), HasSubstr("missing"));
+  EXPECT_THAT(error(""), HasSubstr("truncated"));
+}
+
+TEST_F(MvsnetTest, TruncatedCameraFile) {
+  const std::string good = cam1;
+  for (size_t length = 0; length < good.find("1 0.5 11"); ++length) {
+    cam1 = good.substr(0, length);
+    EXPECT_THAT(Error(), HasSubstr("00000001_cam.txt")) << "cut to " << length;
+  }
+}
+
+TEST_F(MvsnetTest, MissingFilesAreNamed) {
+  WriteMvsnet();
+  std::filesystem::remove(folder() / "cams/00000001_cam.txt");
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadScene(folder()); }), HasSubstr("00000001_cam.txt"));
+  WriteMvsnet();
+  std::filesystem::remove(folder() / "images/000001.png");
+  EXPECT_THAT(Error(), AllOf(HasSubstr("image 1 is missing"), HasSubstr("00000001")));
+  std::filesystem::remove(folder() / "pair.txt");
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadScene(folder(), SceneFormat::kMvsnet); }), HasSubstr("pair.txt"));
+}
+
+}  // namespace
+}  // namespace acmp

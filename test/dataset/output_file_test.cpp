@@ -1,0 +1,80 @@
+#include "acmp_mapping/dataset/output_file.h"
+
+#include <gmock/gmock.h>
+
+#include "acmp_mapping/common/error.h"
+#include "dataset/test_folder.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::HasSubstr;
+using OutputFileTest = TestFolder;
+
+size_t CountFiles(const std::filesystem::path& folder) {
+  return std::distance(std::filesystem::directory_iterator(folder), std::filesystem::directory_iterator());
+}
+
+TEST_F(OutputFileTest, CommitReplacesTheOldFile) {
+  const auto path = WriteText("map", "old");
+  WriteFileAtomically(path, "new");
+  EXPECT_EQ(ReadText(path), "new");
+  EXPECT_EQ(CountFiles(folder()), 1u) << "the temporary file must be gone";
+}
+
+TEST_F(OutputFileTest, WithoutCommitTheOldFileStays) {
+  const auto path = WriteText("map", "old");
+  {
+    AtomicFile file(path);
+    file.Write("half of the n");
+  }
+  EXPECT_EQ(ReadText(path), "old");
+  EXPECT_EQ(CountFiles(folder()), 1u);
+}
+
+TEST_F(OutputFileTest, FullDiskIsReported) {
+  if (!std::filesystem::exists("/dev/full")) GTEST_SKIP() << "this system has no /dev/full";
+  const std::string message = MessageOf<ProcessingError>([] {
+    OutputFile file("/dev/full");
+    file.Write(std::string(100000, 'x'));
+    file.Close();
+  });
+  EXPECT_THAT(message, HasSubstr("/dev/full"));
+  EXPECT_THAT(message, HasSubstr("No space left on device"));
+}
+
+TEST_F(OutputFileTest, FullDiskIsReportedAtCloseForSmallFiles) {
+  if (!std::filesystem::exists("/dev/full")) GTEST_SKIP() << "this system has no /dev/full";
+  OutputFile file("/dev/full");
+  file.Write("x");  // stays in the buffer
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { file.Close(); }), HasSubstr("No space left on device"));
+}
+
+TEST_F(OutputFileTest, UnwritableFolderIsReported) {
+  const auto path = Unwritable("map.pfm");
+  const std::string message = MessageOf<ProcessingError>([&] { WriteFileAtomically(path, "x"); });
+  EXPECT_THAT(message, HasSubstr(path.string()));
+  EXPECT_THAT(message, HasSubstr("Not a directory"));
+}
+
+TEST_F(OutputFileTest, MissingFolderIsReported) {
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { WriteFileAtomically(folder() / "none" / "map", "x"); }),
+              HasSubstr("No such file or directory"));
+}
+
+TEST_F(OutputFileTest, FolderInTheWayIsReported) {
+  std::filesystem::create_directories(folder() / "map" / "inside");
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { WriteFileAtomically(folder() / "map", "x"); }),
+              HasSubstr("Is a directory"));
+}
+
+TEST_F(OutputFileTest, MakeFolderMakesParentsAndReportsFailure) {
+  MakeFolder(folder() / "a" / "b");
+  EXPECT_TRUE(std::filesystem::is_directory(folder() / "a" / "b"));
+  MakeFolder(folder() / "a" / "b");  // already there: fine
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { MakeFolder(Unwritable("sub")); }), HasSubstr("Not a directory"));
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { MakeFolder(WriteText("plain", "x")); }), HasSubstr("Not a directory"));
+}
+
+}  // namespace
+}  // namespace acmp

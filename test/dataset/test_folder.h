@@ -1,0 +1,61 @@
+#pragma once
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <string>
+
+namespace acmp {
+
+/// An empty folder of its own for each test, removed at the end.
+class TestFolder : public ::testing::Test {
+ protected:
+  TestFolder() {
+    std::string pattern = (std::filesystem::temp_directory_path() / "acmp_test_XXXXXX").string();
+    if (!mkdtemp(pattern.data())) throw std::runtime_error("mkdtemp failed for " + pattern);
+    folder_ = pattern;
+  }
+  ~TestFolder() override {
+    std::error_code ignored;
+    std::filesystem::remove_all(folder_, ignored);
+  }
+
+  const std::filesystem::path& folder() const { return folder_; }
+
+  std::filesystem::path WriteText(const std::string& name, const std::string& content) const {
+    const auto path = folder_ / name;
+    std::filesystem::create_directories(path.parent_path());
+    std::ofstream(path, std::ios::binary) << content;
+    return path;
+  }
+  static std::string ReadText(const std::filesystem::path& path) {
+    std::ifstream stream(path, std::ios::binary);
+    return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+  }
+  /// A path that nobody can write to, root included: it lies below a regular file.
+  std::filesystem::path Unwritable(const std::string& name) const { return WriteText("a_file", "x") / name; }
+
+ private:
+  std::filesystem::path folder_;
+};
+
+/// The message of the exception of type E that `function` throws; fails the test when it throws none or another.
+template <class E, class Function>
+std::string MessageOf(const Function& function) {
+  try {
+    function();
+  } catch (const E& error) {
+    return error.what();
+  } catch (const std::exception& error) {
+    ADD_FAILURE() << "wrong exception: " << error.what();
+    return "";
+  }
+  ADD_FAILURE() << "no exception";
+  return "";
+}
+
+}  // namespace acmp
