@@ -1,0 +1,361 @@
+#include "acmp_mapping/evaluation/synthetic_scene.h"
+
+#include <cmath>
+#include <cstring>
+#include <map>
+#include <string>
+#include <tuple>
+
+#include <gtest/gtest.h>
+#include <Eigen/LU>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+const std::vector<SyntheticView>& DefaultScene() {
+  static const std::vector<SyntheticView> kScene = MakeSyntheticScene({});
+  return kScene;
+}
+
+Vector3d ToEigen(const Vec3f& v) { return {v.x, v.y, v.z}; }
+
+Vector3d PointInWorld(const SyntheticView& view, int col, int row) {
+  return view.frame.cam_from_world.inverse() *
+         view.frame.camera.Unproject(Vector2d(col, row), view.true_depth(col, row));
+}
+
+Vector3d CenterInWorld(const SyntheticView& view) { return view.frame.cam_from_world.inverse().translation(); }
+
+// Depth z at which a pixel's ray leaves the room, from the room's measures alone.
+double RoomDepth(const SyntheticView& view, int col, int row) {
+  const Eigen::AlignedBox3d room(Vector3d(-2.1, -2.2, 0.0), Vector3d(2.1, 2.3, 2.6));
+  const Vector3d center = CenterInWorld(view);
+  const Vector3d ray = view.frame.cam_from_world.linear().transpose() * view.frame.camera.Unproject(Vector2d(col, row));
+  double depth = std::numeric_limits<double>::infinity();
+  for (int axis = 0; axis < 3; ++axis) {
+    const double wall = ray[axis] > 0 ? room.max()[axis] : room.min()[axis];
+    if (ray[axis] != 0) depth = std::min(depth, (wall - center[axis]) / ray[axis]);
+  }
+  return depth;
+}
+
+// True when the 3x3 pixels around lie on one plane with the centre's normal: no outline and no curved surface.
+bool OnOnePlane(const SyntheticView& view, int col, int row) {
+  if (col < 1 || row < 1 || col >= view.true_depth.width() - 1 || row >= view.true_depth.height() - 1) return false;
+  const Vector3d normal = ToEigen(view.true_normal(col, row));
+  const Vector3d center = view.frame.camera.Unproject(Vector2d(col, row), view.true_depth(col, row));
+  for (int v = row - 1; v <= row + 1; ++v) {
+    for (int u = col - 1; u <= col + 1; ++u) {
+      const Vector3d point = view.frame.camera.Unproject(Vector2d(u, v), view.true_depth(u, v));
+      if (std::abs(normal.dot(point - center)) > 1e-4) return false;  // 0.1 mm: float rounding of the depth is 0.5 um
+    }
+  }
+  return true;
+}
+
+// Depth of the plane at a pixel near (col, row), at a position between pixels.
+double PlaneDepthAt(const SyntheticView& view, int col, int row, const Vector2d& pixel) {
+  const Vector3d normal = ToEigen(view.true_normal(col, row));
+  const Vector3d point = view.frame.camera.Unproject(Vector2d(col, row), view.true_depth(col, row));
+  return normal.dot(point) / normal.dot(view.frame.camera.Unproject(pixel));
+}
+
+Vector3d Bilinear(const ColorImage& image, const Vector2d& pixel) {
+  const int col = static_cast<int>(std::floor(pixel.x())), row = static_cast<int>(std::floor(pixel.y()));
+  const double s = pixel.x() - col, t = pixel.y() - row;
+  const auto at = [&](int u, int v) { return Vector3d(image(u, v).r, image(u, v).g, image(u, v).b); };
+  return (1 - t) * ((1 - s) * at(col, row) + s * at(col + 1, row)) +
+         t * ((1 - s) * at(col, row + 1) + s * at(col + 1, row + 1));
+}
+
+TEST(SyntheticScene, BlankPixelsLieOnTheRoomsWallsAndNothingLiesBehindThem) {
+  for (const SyntheticView& view : DefaultScene()) {
+    for (int row = 0; row < view.true_depth.height(); ++row) {
+      for (int col = 0; col < view.true_depth.width(); ++col) {
+        const double wall = RoomDepth(view, col, row);
+        const double depth = view.true_depth(col, row);
+        // Depths below 8 m in float: rounding is at most 2.4e-7.
+        ASSERT_LE(depth, wall + 1e-6) << "view " << view.frame.id << " pixel " << col << " " << row;
+        if (view.low_texture(col, row)) {
+          ASSERT_NEAR(depth, wall, 1e-6) << col << " " << row;
+        }
+      }
+    }
+  }
+}
+
+TEST(SyntheticScene, NormalsAreUnitFaceTheCameraAndAgreeWithTheDepthGradient) {
+  const SyntheticView& view = DefaultScene()[3];
+  const PinholeCamera& camera = view.frame.camera;
+  int checked = 0;
+  for (int row = 1; row < camera.height - 1; ++row) {
+    for (int col = 1; col < camera.width - 1; ++col) {
+      const Vector3d normal = ToEigen(view.true_normal(col, row));
+      ASSERT_NEAR(normal.norm(), 1.0, 1e-6);
+      ASSERT_LT(normal.dot(camera.Unproject(Vector2d(col, row))), 0.0);
+      const auto point = [&](int u, int v) { return camera.Unproject(Vector2d(u, v), view.true_depth(u, v)); };
+      if (!OnOnePlane(view, col, row)) continue;
+      const Vector3d right = point(col + 1, row) - point(col - 1, row);
+      const Vector3d down = point(col, row + 1) - point(col, row - 1);
+      ASSERT_GT(std::abs(right.cross(down).normalized().dot(normal)), 0.9999);
+      ++checked;
+    }
+  }
+  EXPECT_GT(checked, camera.width * camera.height / 2);  // most of the room is planes
+}
+
+TEST(SyntheticScene, SurfacesAgreeBetweenViews) {
+  const SyntheticView& from = DefaultScene()[4];
+  int same = 0, in_view = 0;
+  for (const size_t other : {3, 5, 7}) {
+    const SyntheticView& to = DefaultScene()[other];
+    for (int row = 0; row < from.true_depth.height(); ++row) {
+      for (int col = 0; col < from.true_depth.width(); ++col) {
+        const Vector3d point = to.frame.cam_from_world * PointInWorld(from, col, row);
+        const Vector2d pixel = to.frame.camera.Project(point);
+        const int u = static_cast<int>(std::lround(pixel.x())), v = static_cast<int>(std::lround(pixel.y()));
+        if (point.z() <= 0 || !OnOnePlane(to, u, v)) continue;
+        ++in_view;
+        const double surface = PlaneDepthAt(to, u, v, pixel);
+        // Float depths put the point within a micrometre of its surface. Something may stand before it, but a view that
+        // looks through it would mean that depth or pose is wrong.
+        ASSERT_GT(point.z(), surface - 1e-5) << "view " << other << " pixel " << pixel.transpose();
+        same += point.z() < surface + 1e-5;
+      }
+    }
+  }
+  EXPECT_GT(same, 0.8 * in_view);  // the rest is occluded
+}
+
+TEST(SyntheticScene, ColoursAgreeBetweenViews) {
+  const SyntheticView& from = DefaultScene()[6];
+  const SyntheticView& to = DefaultScene()[7];
+  double blank_sum = 0, textured_sum = 0, shuffled_sum = 0;
+  int blank = 0, textured = 0;
+  for (int row = 1; row < from.true_depth.height() - 1; ++row) {
+    for (int col = 1; col < from.true_depth.width() - 1; ++col) {
+      const Vector3d point = to.frame.cam_from_world * PointInWorld(from, col, row);
+      const Vector2d pixel = to.frame.camera.Project(point);
+      const int u = static_cast<int>(std::lround(pixel.x())), v = static_cast<int>(std::lround(pixel.y()));
+      if (!OnOnePlane(from, col, row) || !OnOnePlane(to, u, v)) continue;
+      if (point.z() > PlaneDepthAt(to, u, v, pixel) + 1e-5) continue;
+      const Rgb& c = from.frame.color(col, row);
+      const double difference = (Bilinear(to.frame.color, pixel) - Vector3d(c.r, c.g, c.b)).cwiseAbs().mean();
+      if (from.low_texture(col, row)) {
+        blank_sum += difference;
+        ++blank;
+      } else {
+        textured_sum += difference;
+        const Vector2d elsewhere(std::min(pixel.x() + 5.0, to.true_depth.width() - 2.0), pixel.y());
+        shuffled_sum += (Bilinear(to.frame.color, elsewhere) - Vector3d(c.r, c.g, c.b)).cwiseAbs().mean();
+        ++textured;
+      }
+    }
+  }
+  ASSERT_GT(blank, 5000);
+  ASSERT_GT(textured, 5000);
+  // Noise of 1.5 per channel in both, one of them smoothed: a mean difference of 1.2 to 1.7, quantised.
+  EXPECT_LT(blank_sum / blank, 1.9);
+  // Interpolation blurs detail near the sampling limit; an offset of 5 px must be far worse.
+  EXPECT_LT(textured_sum / textured, 12.0);
+  EXPECT_GT(shuffled_sum, 2.0 * textured_sum);
+}
+
+TEST(SyntheticScene, BlankSurfacesAreASubstantialShareAndReallyBlank) {
+  for (const SyntheticView& view : DefaultScene()) {
+    int blank = 0;
+    double sum = 0, sum_squares = 0;
+    for (int row = 0; row + 1 < view.low_texture.height(); ++row) {
+      for (int col = 0; col + 1 < view.low_texture.width(); ++col) {
+        if (!view.low_texture(col, row)) continue;
+        ++blank;
+        // Neighbours on one wall differ by noise alone; pixels at outlines mix two surfaces and are left out.
+        if (!OnOnePlane(view, col, row) || !view.low_texture(col + 1, row)) continue;
+        const double difference = view.frame.gray(col + 1, row) - view.frame.gray(col, row);
+        if (std::abs(difference) > 8) continue;
+        sum += 1;
+        sum_squares += difference * difference;
+      }
+    }
+    const double share = static_cast<double>(blank) / view.low_texture.size();
+    EXPECT_GT(share, 0.25);
+    EXPECT_LT(share, 0.55);
+    const double sigma = std::sqrt(sum_squares / sum / 2);  // a difference has twice the variance
+    EXPECT_GT(sigma, 0.8);
+    EXPECT_LT(sigma, 1.3);
+  }
+}
+
+using PointKey = std::tuple<double, double, double>;
+
+TEST(SyntheticScene, LandmarksAreSeenByThreeViewsAndLieOnTexturedSurfaces) {
+  std::map<PointKey, int> views_of;
+  for (const SyntheticView& view : DefaultScene()) {
+    const auto& landmarks = view.frame.landmarks_in_world;
+    EXPECT_GE(landmarks.size(), 100u);
+    EXPECT_LE(landmarks.size(), 300u);
+    int blank = 0;
+    for (const Vector3d& landmark : landmarks) {
+      ++views_of[{landmark.x(), landmark.y(), landmark.z()}];
+      const Vector3d point = view.frame.cam_from_world * landmark;
+      ASSERT_GT(point.z(), 0.0);
+      const Vector2d pixel = view.frame.camera.Project(point);
+      ASSERT_TRUE(view.frame.camera.Contains(pixel));
+      const int col = static_cast<int>(std::lround(pixel.x())), row = static_cast<int>(std::lround(pixel.y()));
+      blank += view.low_texture(col, row);
+      // Noise is at most 10.4 mm per axis, 18 mm in all, of which an oblique surface (down to 11 degrees) makes up to
+      // 95 mm of depth; the nearest pixel may also lie on the other side of an outline: one of 3x3 must agree.
+      double closest = std::numeric_limits<double>::infinity();
+      for (int v = std::max(0, row - 1); v <= std::min(view.true_depth.height() - 1, row + 1); ++v) {
+        for (int u = std::max(0, col - 1); u <= std::min(view.true_depth.width() - 1, col + 1); ++u) {
+          closest = std::min(closest, std::abs(view.true_depth(u, v) - point.z()));
+        }
+      }
+      EXPECT_LT(closest, 0.095) << "view " << view.frame.id << " pixel " << pixel.transpose();
+    }
+    // Corners at the edges of pictures fall on the wall when seen from aside or moved by their noise.
+    EXPECT_LT(blank, 0.1 * landmarks.size());
+  }
+  for (const auto& [point, count] : views_of) EXPECT_GE(count, 3);
+}
+
+TEST(SyntheticScene, KeyframesAreAboutFiveDegreesApartAndAllOverlap) {
+  const Vector3d table(0.0, 0.95, 0.85);
+  SyntheticSceneOptions options;
+  options.width = 64;
+  options.height = 48;
+  options.keyframes = 60;  // several arcs
+  const std::vector<SyntheticView> views = MakeSyntheticScene(options);
+  for (size_t i = 0; i < views.size(); ++i) {
+    EXPECT_EQ(views[i].frame.id, static_cast<int64_t>(i));
+    const Vector3d point = views[i].frame.cam_from_world * table;
+    EXPECT_TRUE(views[i].frame.camera.Contains(views[i].frame.camera.Project(point)));
+    if (i == 0) continue;
+    EXPECT_GT(views[i].frame.stamp_s, views[i - 1].frame.stamp_s);
+    const Vector3d a = (CenterInWorld(views[i - 1]) - table).normalized();
+    const Vector3d b = (CenterInWorld(views[i]) - table).normalized();
+    const double angle_deg = std::acos(a.dot(b)) * 180 / M_PI;
+    EXPECT_GT(angle_deg, 3.5) << i;
+    EXPECT_LT(angle_deg, 6.5) << i;
+  }
+}
+
+class Fnv1a {
+ public:
+  template <class T>
+  void Add(const T* values, size_t count) {
+    const auto* bytes = reinterpret_cast<const unsigned char*>(values);
+    for (size_t i = 0; i < count * sizeof(T); ++i) hash_ = (hash_ ^ bytes[i]) * 0x100000001b3u;
+  }
+  uint64_t hash() const { return hash_; }
+
+ private:
+  uint64_t hash_ = 0xcbf29ce484222325u;
+};
+
+// Grey values are left out: OpenCV computes them, with whatever instructions the machine has.
+uint64_t Checksum(const std::vector<SyntheticView>& views) {
+  Fnv1a hash;
+  for (const SyntheticView& view : views) {
+    hash.Add(view.frame.color.data(), view.frame.color.size());
+    hash.Add(view.true_depth.data(), view.true_depth.size());
+    hash.Add(view.true_normal.data(), view.true_normal.size());
+    hash.Add(view.low_texture.data(), view.low_texture.size());
+    hash.Add(view.frame.cam_from_world.data(), 16);
+    for (const Vector3d& landmark : view.frame.landmarks_in_world) hash.Add(landmark.data(), 3);
+  }
+  return hash.hash();
+}
+
+SyntheticSceneOptions SmallScene(uint32_t seed) {
+  SyntheticSceneOptions options;
+  options.width = 97;  // odd
+  options.height = 64;
+  options.keyframes = 4;
+  options.seed = seed;
+  return options;
+}
+
+TEST(SyntheticScene, BytesAreTheSameOnEveryMachine) {
+  const uint64_t checksum = Checksum(MakeSyntheticScene(SmallScene(1)));
+  EXPECT_EQ(checksum, 3775214067818753138u);  // the same from g++ and clang++, at -O0 and with AVX2
+  EXPECT_EQ(checksum, Checksum(MakeSyntheticScene(SmallScene(1))));
+  EXPECT_NE(checksum, Checksum(MakeSyntheticScene(SmallScene(2))));
+}
+
+TEST(SyntheticScene, RefusesOptionsOutOfBounds) {
+  const auto make = [](int width, int height, int keyframes) {
+    SyntheticSceneOptions options;
+    options.width = width;
+    options.height = height;
+    options.keyframes = keyframes;
+    return MakeSyntheticScene(options).size();
+  };
+  EXPECT_THROW(make(31, 32, 2), InvalidInputError);
+  EXPECT_THROW(make(32, 31, 2), InvalidInputError);
+  EXPECT_THROW(make(32, 32, 1), InvalidInputError);
+  EXPECT_THROW(make(32, 32, 1001), InvalidInputError);
+  EXPECT_EQ(make(32, 32, 2), 2u);
+}
+
+TEST(SyntheticSurface, CoversWhatTheViewsSeeWithPointsOnTheSurfaces) {
+  const std::vector<SyntheticView> views = MakeSyntheticScene(SmallScene(1));
+  constexpr float kSpacing_m = 0.05f;
+  const PointCloud cloud = SampleSyntheticSurface(views, kSpacing_m);
+  // One point per cell, so that every true point has one at most a cell's diagonal away.
+  std::map<std::tuple<int, int, int>, std::vector<Vector3d>> cells;
+  const auto cell = [&](const Vector3d& p) {
+    const Vector3d c = (p / kSpacing_m).array().floor();
+    return std::make_tuple(static_cast<int>(c.x()), static_cast<int>(c.y()), static_cast<int>(c.z()));
+  };
+  for (const SurfacePoint& point : cloud) {
+    cells[cell(ToEigen(point.position))].push_back(ToEigen(point.position));
+    ASSERT_NEAR(ToEigen(point.normal).norm(), 1.0, 1e-6);
+  }
+  for (const SyntheticView& view : views) {
+    for (int row = 0; row < view.true_depth.height(); ++row) {
+      for (int col = 0; col < view.true_depth.width(); ++col) {
+        const Vector3d point = PointInWorld(view, col, row);
+        double nearest = std::numeric_limits<double>::infinity();
+        const auto [x, y, z] = cell(point);
+        for (int i = 0; i < 27; ++i) {
+          const auto found = cells.find({x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1});
+          if (found == cells.end()) continue;
+          for (const Vector3d& candidate : found->second) nearest = std::min(nearest, (candidate - point).norm());
+        }
+        ASSERT_LT(nearest, 1.8 * kSpacing_m) << col << " " << row;
+      }
+    }
+  }
+}
+
+TEST(SyntheticSurface, PointsAreOnTheSurfaceThatSomeViewSees) {
+  const std::vector<SyntheticView>& views = DefaultScene();
+  for (const SurfacePoint& point : SampleSyntheticSurface(views, 0.1f)) {
+    bool confirmed = false;
+    for (const SyntheticView& view : views) {
+      const Vector3d in_cam = view.frame.cam_from_world * ToEigen(point.position);
+      const Vector2d pixel = view.frame.camera.Project(in_cam);
+      const int col = static_cast<int>(std::lround(pixel.x())), row = static_cast<int>(std::lround(pixel.y()));
+      if (in_cam.z() <= 0 || !view.frame.camera.Contains(pixel)) continue;
+      // Within a pixel the surface may be oblique: 5 cm is 3 px of a surface at 45 degrees.
+      if (std::abs(view.true_depth(col, row) - in_cam.z()) < 0.05) confirmed = true;
+    }
+    EXPECT_TRUE(confirmed) << point.position.x << " " << point.position.y << " " << point.position.z;
+  }
+}
+
+TEST(SyntheticSurface, RefusesASpacingOutOfBounds) {
+  const std::vector<SyntheticView> views = MakeSyntheticScene(SmallScene(1));
+  EXPECT_THROW(SampleSyntheticSurface(views, 0.0f), InvalidInputError);
+  EXPECT_THROW(SampleSyntheticSurface(views, std::nanf("")), InvalidInputError);
+  EXPECT_TRUE(SampleSyntheticSurface({}, 0.1f).empty());
+}
+
+}  // namespace
+}  // namespace acmp
