@@ -1,0 +1,145 @@
+#include "acmp_mapping/geometry/pinhole_camera.h"
+
+#include <Eigen/LU>
+#include <limits>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+const PinholeCamera kCamera = {640, 480, 525.5, 520.25, 311.75, 244.5};
+
+TEST(PinholeCameraTest, ProjectsAsItsMatrixDoes) {
+  for (const Eigen::Vector3d& point : {Eigen::Vector3d(0.3, -0.2, 1.5), {-4, 2, 9}, {0, 0, 0.01}}) {
+    const Eigen::Vector3d homogeneous = kCamera.K() * point;
+    const Eigen::Vector2d pixel = kCamera.Project(point);
+    EXPECT_NEAR(pixel.x(), homogeneous.x() / homogeneous.z(), 1e-9);  // double rounding of hundreds of px
+    EXPECT_NEAR(pixel.y(), homogeneous.y() / homogeneous.z(), 1e-9);
+    EXPECT_NEAR((kCamera.Unproject(pixel, point.z()) - point).norm(), 0, 1e-12);
+  }
+  EXPECT_NEAR((kCamera.Unproject({7, 8}) - kCamera.K().inverse() * Eigen::Vector3d(7, 8, 1)).norm(), 0, 1e-12);
+}
+
+TEST(PinholeCameraTest, ContainsPixelsWhoseRoundedPositionIsInside) {
+  EXPECT_TRUE(kCamera.Contains({0, 0}));
+  EXPECT_TRUE(kCamera.Contains({-0.5, -0.5}));
+  EXPECT_TRUE(kCamera.Contains({639.49, 479.49}));
+  EXPECT_FALSE(kCamera.Contains({-0.51, 0}));
+  EXPECT_FALSE(kCamera.Contains({0, -0.51}));
+  EXPECT_FALSE(kCamera.Contains({639.5, 0}));
+  EXPECT_FALSE(kCamera.Contains({0, 479.5}));
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_FALSE(kCamera.Contains({nan, 3}));
+  EXPECT_FALSE(kCamera.Contains({3, nan}));
+}
+
+TEST(PinholeCameraTest, ResizedKeepsWhatEachPixelAreaSees) {
+  // With centres at integers, pixel u covers [u - 0.5, u + 0.5]: u -> (u + 0.5) s - 0.5, per axis.
+  for (const auto& [width, height] : {std::pair(320, 240), {641, 100}, {1, 1}, {2000, 1500}}) {
+    const PinholeCamera resized = kCamera.Resized(width, height);
+    EXPECT_EQ(resized.width, width);
+    EXPECT_EQ(resized.height, height);
+    for (const Eigen::Vector3d& point : {Eigen::Vector3d(0.3, -0.2, 1.5), {-4, 2, 9}, {0, 0, 1}}) {
+      const Eigen::Vector2d before = kCamera.Project(point), after = resized.Project(point);
+      EXPECT_NEAR(after.x(), (before.x() + 0.5) * width / 640.0 - 0.5, 1e-9);
+      EXPECT_NEAR(after.y(), (before.y() + 0.5) * height / 480.0 - 0.5, 1e-9);
+    }
+  }
+}
+
+TEST(PinholeCameraTest, ResizedThereAndBackIsTheSame) {
+  const PinholeCamera back = kCamera.Resized(213, 107).Resized(640, 480);
+  EXPECT_NEAR(back.fx, kCamera.fx, 1e-9);
+  EXPECT_NEAR(back.fy, kCamera.fy, 1e-9);
+  EXPECT_NEAR(back.cx, kCamera.cx, 1e-9);
+  EXPECT_NEAR(back.cy, kCamera.cy, 1e-9);
+  EXPECT_TRUE(kCamera.Resized(640, 480) == kCamera);
+}
+
+TEST(PinholeCameraTest, EqualityComparesEveryField) {
+  PinholeCamera other = kCamera;
+  EXPECT_TRUE(other == kCamera);
+  other.height = 481;
+  EXPECT_FALSE(other == kCamera);
+  for (double PinholeCamera::*field :
+       {&PinholeCamera::fx, &PinholeCamera::fy, &PinholeCamera::cx, &PinholeCamera::cy}) {
+    other = kCamera;
+    other.*field += 0.25;
+    EXPECT_FALSE(other == kCamera);
+  }
+}
+
+struct SizeCase {
+  int max_size, width, height, expected_width, expected_height;
+};
+
+TEST(LimitSizeTest, LimitsTheLongerSideOnly) {
+  for (const SizeCase& c : {
+           SizeCase{320, 640, 480, 320, 240},
+           {320, 480, 640, 240, 320},   // portrait
+           {640, 640, 480, 640, 480},   // exactly as large as allowed
+           {3200, 640, 480, 640, 480},  // never enlarged
+           {0, 640, 480, 640, 480},     // 0: no limit
+           {-5, 640, 480, 640, 480},
+           {100, 641, 481, 100, 75},  // 75.04
+           {10, 10000, 3, 10, 1},     // never below one pixel
+           {1, 640, 480, 1, 1},       // 0.75 rounds to 1
+           {999, 6048, 4032, 999, 666},
+       }) {
+    int width = c.width, height = c.height;
+    LimitSize(c.max_size, &width, &height);
+    EXPECT_EQ(width, c.expected_width) << c.max_size << " for " << c.width << " x " << c.height;
+    EXPECT_EQ(height, c.expected_height) << c.max_size << " for " << c.width << " x " << c.height;
+  }
+}
+
+TEST(LimitSizeTest, KeepsTheAspectToAPixel) {
+  for (int max_size = 1; max_size < 700; max_size += 13) {
+    int width = 6211, height = 4141;
+    LimitSize(max_size, &width, &height);
+    EXPECT_EQ(width, max_size);
+    EXPECT_LE(std::abs(height - max_size * 4141.0 / 6211.0), 0.5);
+  }
+}
+
+std::string CheckMessage(const PinholeCamera& camera) {
+  try {
+    CheckCamera("left camera", camera);
+  } catch (const InvalidInputError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(CheckCameraTest, AcceptsGoodCameras) {
+  EXPECT_EQ(CheckMessage(kCamera), "");
+  EXPECT_EQ(CheckMessage({1, 1, 1e-3, 1e6, -50, 1e5}), "");  // the principal point may lie outside the image
+}
+
+TEST(CheckCameraTest, NamesWhatIsWrong) {
+  constexpr double kInf = std::numeric_limits<double>::infinity();
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THAT(CheckMessage({}), HasSubstr("0 x 0"));
+  EXPECT_THAT(CheckMessage({-3, 480, 1, 1, 0, 0}), AllOf(HasSubstr("left camera"), HasSubstr("-3 x 480")));
+  EXPECT_THAT(CheckMessage({640, 0, 1, 1, 0, 0}), HasSubstr("640 x 0"));
+  for (const double bad : {0.0, -2.5, kInf, kNan}) {
+    EXPECT_THAT(CheckMessage({640, 480, bad, 500, 0, 0}),
+                AllOf(HasSubstr(Concat("fx = ", bad)), HasSubstr("positive")));
+    EXPECT_THAT(CheckMessage({640, 480, 500, bad, 0, 0}), HasSubstr(Concat("fy = ", bad)));
+  }
+  for (const double bad : {kInf, -kInf, kNan}) {
+    EXPECT_THAT(CheckMessage({640, 480, 500, 500, bad, 0}),
+                AllOf(HasSubstr(Concat("cx = ", bad)), HasSubstr("finite")));
+    EXPECT_THAT(CheckMessage({640, 480, 500, 500, 0, bad}), HasSubstr(Concat("cy = ", bad)));
+  }
+}
+
+}  // namespace
+}  // namespace acmp
