@@ -2,12 +2,18 @@
 
 namespace acmp {
 
+/// When a source view agrees with a pixel (all three limits, as the paper says: "lower than"), and when a pixel with n
+/// agreeing views is kept.
 struct FusionOptions {
-  float max_reprojection_px = 2.0f;      ///< forward-backward error, > 0
-  float max_relative_depth = 0.01f;      ///< (0, 1)
-  float max_normal_angle_deg = 10.0f;    ///< (0, 180]
-  int min_consistent_views = 2;          ///< source views that must agree, 1..32
-  bool dynamic_consistency = false;      ///< ACMMP: sum exp(-(px + 200 rel + 10 rad)) > 0.3 n instead of the thresholds
+  float max_reprojection_px = 2.0f;    ///< forward-backward error, > 0
+  float max_relative_depth = 0.01f;    ///< (0, 1)
+  float max_normal_angle_deg = 10.0f;  ///< (0, 180]
+  int min_consistent_views = 2;        ///< source views that must agree, 1..32
+  /// Keep a pixel by the quality of its agreement instead of min_consistent_views: n >= 1 and
+  /// sum exp(-(px + 200 rel + 10 rad)) > 0.3 n over the n agreeing views, as in ACMMP. n counts agreeing views only:
+  /// one that sees an occluder, or nothing, is no evidence against the pixel. A single view suffices when it agrees
+  /// well.
+  bool dynamic_consistency = false;
 };
 /// Throws InvalidInputError naming the first field out of bounds.
 void Validate(const FusionOptions& options);

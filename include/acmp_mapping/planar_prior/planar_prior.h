@@ -11,7 +11,7 @@ namespace acmp {
 struct PlanarPriorOptions {
   int cell_size_px = 5;              ///< one support point per cell at most, 1..64
   float max_support_cost = 0.1f;     ///< epsilon of the paper: costs below are credible correspondences
-  float max_grazing_angle_deg = 85;  ///< between a plane's normal and the viewing ray at its triangle's centroid, (0, 90)
+  float max_grazing_angle_deg = 85;  ///< between a plane's normal and the ray to its triangle's centroid, (0, 90)
 };
 void Validate(const PlanarPriorOptions& options);
 
@@ -26,8 +26,8 @@ struct SupportPoint {
 std::vector<SupportPoint> FindSupportPoints(ImageView<const float> depth, ImageView<const float> cost,
                                             const DepthRange& range, const PlanarPriorOptions& options);
 
-/// Vertex indices into the support points, counter-clockwise with y up (clockwise on the screen) or the other way round:
-/// the same for all triangles.
+/// Vertex indices into the support points, counter-clockwise with y up (clockwise on the screen) or the other way
+/// round: the same for all triangles.
 struct SupportTriangle {
   int vertex[3];
 };
@@ -37,16 +37,16 @@ struct SupportTriangle {
 /// CGAL decides between cocircular points by their coordinates.
 std::vector<SupportTriangle> TriangulateSupportPoints(const std::vector<SupportPoint>& points);
 
-/// Triangle of each pixel, or -1 outside the triangulation. Exact integer rasterisation with a top-left rule: each pixel
-/// belongs to at most one triangle, and to exactly one if its centre lies in the half-open union of them (left and top
-/// borders belong to it, right and bottom ones do not). Either winding; vertices may lie outside the image, up to 2^28 px.
-/// Of triangles that overlap, which a triangulation's do not, the last wins.
+/// Triangle of each pixel, or -1 outside the triangulation. Exact integer rasterisation with a top-left rule: each
+/// pixel belongs to at most one triangle, and to exactly one if its centre lies in the half-open union of them (left
+/// and top borders belong to it, right and bottom ones do not). Either winding; vertices may lie outside the image, up
+/// to 2^28 px. Of triangles that overlap, which a triangulation's do not, the last wins.
 Image<int> RasterizeTriangles(int width, int height, const std::vector<SupportPoint>& points,
                               const std::vector<SupportTriangle>& triangles);
 
 /// Prior plane per pixel in the reference camera's frame: plane through the triangle's three back-projected vertices,
-/// facing the camera. Zero outside the triangulation, for degenerate or grazing triangles, and where the plane leaves the
-/// depth range at that pixel.
+/// facing the camera. Zero outside the triangulation, for degenerate or grazing triangles, and where the plane leaves
+/// the depth range at that pixel.
 PlaneMap MakePlanarPrior(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
                          const std::vector<SupportTriangle>& triangles, const DepthRange& range,
                          const PlanarPriorOptions& options);

@@ -1,0 +1,91 @@
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "acmp_mapping/fusion/depth_fusion.h"
+
+namespace acmp {
+
+/// A parallelogram center + a * side_a + b * side_b, |a|, |b| <= 1, in the world.
+struct Quad {
+  Eigen::Vector3d center, side_a, side_b;
+  Rgb color;
+};
+
+/// A view that owns its maps.
+struct TestView {
+  PinholeCamera camera;
+  RigidTransform cam_from_world = RigidTransform::Identity();
+  DepthMap depth;
+  NormalMap normal;
+  CostMap cost;
+  ColorImage color;
+
+  FusionView View() const { return {camera, cam_from_world, depth.View(), normal.View(), cost.View(), color.View()}; }
+};
+
+inline std::vector<FusionView> ViewsOf(const std::vector<TestView>& views) {
+  std::vector<FusionView> result;
+  for (const TestView& view : views) result.push_back(view.View());
+  return result;
+}
+
+/// Camera at `center` that looks at `target`, y roughly down.
+inline RigidTransform LookAt(const Eigen::Vector3d& center, const Eigen::Vector3d& target) {
+  const Eigen::Vector3d z = (target - center).normalized();
+  const Eigen::Vector3d x = Eigen::Vector3d::UnitY().cross(z).normalized();
+  RigidTransform cam_from_world = RigidTransform::Identity();
+  cam_from_world.linear() << x.transpose(), z.cross(x).transpose(), z.transpose();
+  cam_from_world.translation() = -cam_from_world.linear() * center;
+  return cam_from_world;
+}
+
+/// True depth, normal and colour of the nearest quad per pixel, by intersecting rays in double; cost 0.
+inline TestView Render(const PinholeCamera& camera, const RigidTransform& cam_from_world,
+                       const std::vector<Quad>& quads) {
+  TestView view{camera,
+                cam_from_world,
+                DepthMap(camera.width, camera.height),
+                NormalMap(camera.width, camera.height),
+                CostMap(camera.width, camera.height),
+                ColorImage(camera.width, camera.height)};
+  const RigidTransform world_from_cam = cam_from_world.inverse();
+  const Eigen::Vector3d origin = world_from_cam.translation();
+  for (int row = 0; row < camera.height; ++row) {
+    for (int col = 0; col < camera.width; ++col) {
+      const Eigen::Vector3d ray = world_from_cam.linear() * camera.Unproject({col, row});  // camera z = 1
+      double nearest = std::numeric_limits<double>::infinity();
+      for (const Quad& quad : quads) {
+        // origin + z ray = center + a side_a + b side_b
+        Eigen::Matrix3d system;
+        system << ray, -quad.side_a, -quad.side_b;
+        const Eigen::Vector3d hit = system.colPivHouseholderQr().solve(quad.center - origin);
+        if (!(hit[0] > 0 && hit[0] < nearest) || std::abs(hit[1]) > 1 || std::abs(hit[2]) > 1) continue;
+        nearest = hit[0];
+        Eigen::Vector3d normal = cam_from_world.linear() * quad.side_a.cross(quad.side_b).normalized();
+        if (normal.dot(camera.Unproject({col, row})) > 0) normal = -normal;
+        const Eigen::Vector3f rounded = normal.cast<float>();
+        view.depth(col, row) = static_cast<float>(nearest);
+        view.normal(col, row) = {rounded.x(), rounded.y(), rounded.z()};
+        view.color(col, row) = quad.color;
+      }
+    }
+  }
+  return view;
+}
+
+/// width x height pixels of one fronto-parallel plane seen from the identity pose; f = 100 px.
+inline TestView FlatView(int width, int height, float depth) {
+  TestView view{{width, height, 100, 100, 0.5 * (width - 1), 0.5 * (height - 1)},
+                RigidTransform::Identity(),
+                DepthMap(width, height, depth),
+                NormalMap(width, height, {0, 0, -1}),
+                CostMap(width, height),
+                ColorImage(width, height)};
+  return view;
+}
+
+}  // namespace acmp

@@ -1,0 +1,433 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+
+#include <random>
+
+#include "acmp_mapping/fusion/consistency_check.h"
+#include "fusion/analytic_views.h"
+#include "fusion/error_text.h"
+#include "fusion/reference_fusion.h"
+
+namespace acmp {
+namespace {
+
+const float kNan = std::numeric_limits<float>::quiet_NaN();
+const float kInfinity = std::numeric_limits<float>::infinity();
+const PinholeCamera kCamera = {80, 60, 90, 92, 39.2, 30.4};
+const Quad kWall = {{0, 0, 5}, {9, 0, 3}, {0, 9, 1}, {200, 100, 50}};
+
+std::vector<TestView> WallViews(const std::vector<Quad>& quads = {kWall}) {
+  std::vector<TestView> views;
+  views.push_back(Render(kCamera, LookAt({0, 0, 0}, {0, 0, 5}), quads));
+  views.push_back(Render(kCamera, LookAt({0.8, 0.1, 0}, {0.1, 0, 5}), quads));
+  views.push_back(Render(kCamera, LookAt({-0.7, -0.2, 0.3}, {0, 0.1, 5}), quads));
+  return views;
+}
+
+std::vector<FusionView> SourcesOf(const std::vector<TestView>& views) {
+  std::vector<FusionView> all = ViewsOf(views);
+  all.erase(all.begin());
+  return all;
+}
+
+ConsistencyResult Filter(const std::vector<TestView>& views, const FusionOptions& options = {}) {
+  return FilterByConsistency(views[0].View(), SourcesOf(views), options);
+}
+
+void ExpectFinite(const PointCloud& points) {
+  for (const SurfacePoint& point : points) {
+    ASSERT_TRUE(std::isfinite(Norm(point.position)));
+    ASSERT_NEAR(Norm(point.normal), 1, 1e-5);
+    ASSERT_TRUE(point.confidence >= 0 && point.confidence <= 1);
+  }
+}
+
+TEST(FusionOptions, AreValidatedAtTheirBounds) {
+  EXPECT_NO_THROW(Validate(FusionOptions()));
+  const auto error = [](float px, float depth, float angle, int views) {
+    FusionOptions options;
+    options.max_reprojection_px = px;
+    options.max_relative_depth = depth;
+    options.max_normal_angle_deg = angle;
+    options.min_consistent_views = views;
+    return ErrorOf([&] { Validate(options); });
+  };
+  EXPECT_EQ(error(0.01f, 0.99f, 180, 1), "no error");
+  EXPECT_EQ(error(100, 0.001f, 0.1f, 32), "no error");
+  EXPECT_THAT(error(0, 0.1f, 10, 2), testing::HasSubstr("max_reprojection_px = 0"));
+  EXPECT_THAT(error(kInfinity, 0.1f, 10, 2), testing::HasSubstr("max_reprojection_px"));
+  EXPECT_THAT(error(2, 0, 10, 2), testing::HasSubstr("max_relative_depth = 0"));
+  EXPECT_THAT(error(2, 1, 10, 2), testing::HasSubstr("max_relative_depth = 1"));
+  EXPECT_THAT(error(2, kNan, 10, 2), testing::HasSubstr("max_relative_depth"));
+  EXPECT_THAT(error(2, 0.1f, 0, 2), testing::HasSubstr("max_normal_angle_deg = 0"));
+  EXPECT_THAT(error(2, 0.1f, 180.1f, 2), testing::HasSubstr("max_normal_angle_deg = 180.1"));
+  EXPECT_THAT(error(2, 0.1f, 10, 0), testing::HasSubstr("min_consistent_views = 0"));
+  EXPECT_THAT(error(2, 0.1f, 10, 33), testing::HasSubstr("min_consistent_views = 33"));
+}
+
+TEST(FilterByConsistency, KeepsATruePlaneWhereverTheSourcesSeeIt) {
+  const std::vector<TestView> views = WallViews();
+  const ConsistencyResult result = Filter(views);
+  size_t expected_points = 0;
+  for (int row = 0; row < kCamera.height; ++row) {
+    for (int col = 0; col < kCamera.width; ++col) {
+      const Eigen::Vector3d point = reference::PointInWorld(views[0].View(), col, row);
+      int in_view = 0;
+      for (size_t i = 1; i < views.size(); ++i) {
+        in_view += views[i].camera.Contains(views[i].camera.Project(views[i].cam_from_world * point));
+      }
+      ASSERT_EQ(result.consistent_views(col, row), in_view) << col << ", " << row;
+      expected_points += in_view >= 2;
+    }
+  }
+  EXPECT_EQ(result.points_in_camera.size(), expected_points);
+  EXPECT_GT(expected_points, 3000u);
+  const Eigen::Vector3d normal = kWall.side_a.cross(kWall.side_b).normalized();
+  for (const SurfacePoint& point : result.points_in_camera) {
+    // The reference camera is the world; averages of points on a plane lie on it. Depths near 5 round to 2.4e-7.
+    const Eigen::Vector3d position(point.position.x, point.position.y, point.position.z);
+    ASSERT_NEAR(normal.dot(position - kWall.center), 0, 2e-6);
+    ASSERT_NEAR(std::abs(normal.dot(Eigen::Vector3d(point.normal.x, point.normal.y, point.normal.z))), 1, 1e-6);
+    ASSERT_LT(point.normal.z, 0);
+    ASSERT_TRUE(point.color.r == 200 && point.color.g == 100 && point.color.b == 50);
+  }
+}
+
+TEST(FilterByConsistency, AgreesWithPlainReferenceOnNoisyMaps) {
+  std::vector<TestView> views = WallViews({kWall, {{0.3, 0, 3}, {0.4, 0, 0.1}, {0, 0.5, 0}, {10, 20, 30}}});
+  std::mt19937 generator(1);
+  std::normal_distribution<float> relative_noise(0, 0.006f), normal_noise(0, 0.06f);
+  std::uniform_real_distribution<float> any_cost(0, 1);
+  std::uniform_int_distribution<int> any_color(0, 255);
+  for (TestView& view : views) {
+    for (float& z : view.depth) z *= 1 + relative_noise(generator);
+    for (Vec3f& n : view.normal) {
+      n = Normalized(n + Vec3f{normal_noise(generator), normal_noise(generator), normal_noise(generator)});
+    }
+    for (float& c : view.cost) c = any_cost(generator);
+    for (Rgb& rgb : view.color) rgb.g = static_cast<unsigned char>(any_color(generator));
+  }
+  for (const bool dynamic : {false, true}) {
+    FusionOptions options;
+    options.dynamic_consistency = dynamic;
+    const ConsistencyResult result = Filter(views, options);
+    const std::vector<FusionView> all = ViewsOf(views);
+    const std::vector<const FusionView*> sources = {&all[1], &all[2]};
+    size_t next = 0;
+    int counts[3] = {0, 0, 0};
+    for (int row = 0; row < kCamera.height; ++row) {
+      for (int col = 0; col < kCamera.width; ++col) {
+        const auto matches = reference::FindMatches(all[0], sources, col, row, options);
+        ASSERT_EQ(result.consistent_views(col, row), matches.size()) << col << ", " << row;
+        ++counts[matches.size()];
+        const reference::Point expected = reference::Average(all[0], sources, col, row, matches);
+        ASSERT_NEAR(result.confidence(col, row), expected.confidence, 1e-5);  // angles of a few degrees held in float
+        if (!reference::Accepts(matches, options)) continue;
+        ASSERT_LT(next, result.points_in_camera.size());
+        const SurfacePoint& point = result.points_in_camera[next++];
+        // Positions near 5, held in float: 2.4e-7 each.
+        ASSERT_NEAR(point.position.x, expected.position.x(), 2e-6);
+        ASSERT_NEAR(point.position.y, expected.position.y(), 2e-6);
+        ASSERT_NEAR(point.position.z, expected.position.z(), 2e-6);
+        ASSERT_NEAR(point.normal.x, expected.normal.x(), 1e-6);
+        ASSERT_NEAR(point.normal.y, expected.normal.y(), 1e-6);
+        ASSERT_NEAR(point.normal.z, expected.normal.z(), 1e-6);
+        ASSERT_NEAR(point.color.g, expected.color.y(), 0.5);
+        ASSERT_NEAR(point.confidence, expected.confidence, 1e-5);
+      }
+    }
+    EXPECT_EQ(next, result.points_in_camera.size());
+    for (const int count : counts) EXPECT_GT(count, 100);  // the noise makes all cases occur
+  }
+}
+
+TEST(FilterByConsistency, RemovesAnOutlier) {
+  std::vector<TestView> views = WallViews();
+  const size_t all_points = Filter(views).points_in_camera.size();
+  ASSERT_EQ(Filter(views).consistent_views(40, 30), 2);
+  views[0].depth(40, 30) *= 1.05f;
+  const ConsistencyResult result = Filter(views);
+  EXPECT_EQ(result.consistent_views(40, 30), 0);
+  EXPECT_EQ(result.points_in_camera.size(), all_points - 1);
+  EXPECT_GT(result.confidence(40, 30), 0);
+  EXPECT_LT(result.confidence(40, 30), result.confidence(41, 30));
+}
+
+TEST(FilterByConsistency, DoesNotCountViewsThatSeeAnOccluder) {
+  // A box front hides part of the wall from the right camera only.
+  const Quad occluder = {{0.9, 0, 2.5}, {0.3, 0, 0}, {0, 0.3, 0}, {0, 0, 255}};
+  const std::vector<TestView> views = WallViews({kWall, occluder});
+  const ConsistencyResult result = Filter(views);
+  int hidden = 0;
+  for (int row = 0; row < kCamera.height; ++row) {
+    for (int col = 0; col < kCamera.width; ++col) {
+      const Eigen::Vector3d point = reference::PointInWorld(views[0].View(), col, row);
+      const Eigen::Vector3d in_source = views[1].cam_from_world * point;
+      const Eigen::Vector2d pixel = kCamera.Project(in_source);
+      if (!kCamera.Contains(pixel)) continue;
+      const float seen =
+          views[1].depth(static_cast<int>(std::round(pixel.x())), static_cast<int>(std::round(pixel.y())));
+      if (seen > 0.8 * in_source.z()) continue;
+      ++hidden;
+      ASSERT_LE(result.consistent_views(col, row), 1) << col << ", " << row;
+    }
+  }
+  EXPECT_GT(hidden, 50);
+  for (const SurfacePoint& point : result.points_in_camera) {
+    const bool is_blue = point.color.b == 255;  // no point mixes both surfaces
+    ASSERT_TRUE(is_blue || point.color.b == 50);
+    ASSERT_EQ(is_blue, point.position.z < 3);
+  }
+}
+
+TEST(FilterByConsistency, TakesViewsOfDifferentSizes) {
+  std::vector<TestView> views = WallViews();
+  views[1] = Render(kCamera.Resized(131, 99), views[1].cam_from_world, {kWall});
+  views[2] = Render(kCamera.Resized(53, 41), views[2].cam_from_world, {kWall});
+  const ConsistencyResult result = Filter(views);
+  EXPECT_EQ(result.consistent_views.width(), 80);
+  EXPECT_GT(result.points_in_camera.size(), 3000u);
+  const Eigen::Vector3d normal = kWall.side_a.cross(kWall.side_b).normalized();
+  for (const SurfacePoint& point : result.points_in_camera) {
+    const Eigen::Vector3d position(point.position.x, point.position.y, point.position.z);
+    ASSERT_NEAR(normal.dot(position - kWall.center), 0, 2e-6);  // rounding of depths near 5
+  }
+}
+
+// Threshold tests use two cameras and a pixel whose errors are known exactly.
+
+/// Number of consistent views of the middle pixel of a 41 x 1 image.
+int ConsistentViews(const TestView& reference, const TestView& source, const FusionOptions& options = {}) {
+  return FilterByConsistency(reference.View(), {source.View()}, options).consistent_views(20, 0);
+}
+
+TEST(FilterByConsistency, ComparesDepthsRelativeToTheReference) {
+  // Without a baseline the source depth is compared as it is, and the reprojection error is 0.
+  const auto count = [](float relative, float limit) {
+    FusionOptions options;
+    options.max_relative_depth = limit;
+    return ConsistentViews(FlatView(41, 1, 4), FlatView(41, 1, 4 * (1 + relative)), options);
+  };
+  EXPECT_EQ(count(0.0099f, 0.01f), 1);
+  EXPECT_EQ(count(0.0101f, 0.01f), 0);
+  EXPECT_EQ(count(-0.0099f, 0.01f), 1);
+  EXPECT_EQ(count(-0.0101f, 0.01f), 0);
+  EXPECT_EQ(count(0.0101f, 0.0102f), 1);
+}
+
+TEST(FilterByConsistency, ComparesNormalsInACommonFrame) {
+  const auto count = [](double angle_deg, float limit_deg, double camera_turn_deg) {
+    TestView reference = FlatView(41, 1, 4), source = FlatView(41, 1, 4);
+    // Both cameras stand at one place, the source rolled about its axis: the normal is given in its own frame.
+    source.cam_from_world.linear() =
+        Eigen::AngleAxisd(camera_turn_deg * M_PI / 180, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+    const auto tilted = [](double tilt_deg, double roll_deg) {
+      const Eigen::Vector3d n = Eigen::AngleAxisd(roll_deg * M_PI / 180, Eigen::Vector3d::UnitZ()) *
+                                Eigen::Vector3d(std::sin(tilt_deg * M_PI / 180), 0, -std::cos(tilt_deg * M_PI / 180));
+      return Vec3f{static_cast<float>(n.x()), static_cast<float>(n.y()), static_cast<float>(n.z())};
+    };
+    reference.normal = NormalMap(41, 1, tilted(30, 0));
+    source.normal = NormalMap(41, 1, tilted(30 + angle_deg, camera_turn_deg));
+    FusionOptions options;
+    options.max_normal_angle_deg = limit_deg;
+    return ConsistentViews(reference, source, options);
+  };
+  for (const double turn_deg : {0.0, 180.0}) {
+    EXPECT_EQ(count(9.99, 10, turn_deg), 1);
+    EXPECT_EQ(count(10.01, 10, turn_deg), 0);
+    EXPECT_EQ(count(-9.99, 10, turn_deg), 1);
+    EXPECT_EQ(count(-10.01, 10, turn_deg), 0);
+    EXPECT_EQ(count(10.01, 10.02f, turn_deg), 1);
+  }
+}
+
+TEST(FilterByConsistency, BoundsTheForwardBackwardError) {
+  // f = 100, baseline 0.4, depth 4: the point moves by exactly 10 px; with depth 4 / (1 + e) there, it comes back 10 e
+  // off.
+  const auto count = [](double error_px, float limit_px) {
+    TestView source = FlatView(41, 1, static_cast<float>(4 / (1 + error_px / 10)));
+    source.cam_from_world.translation().x() = -0.4;
+    FusionOptions options;
+    options.max_reprojection_px = limit_px;
+    options.max_relative_depth = 0.5f;
+    return ConsistentViews(FlatView(41, 1, 4), source, options);
+  };
+  EXPECT_EQ(count(1.99, 2), 1);
+  EXPECT_EQ(count(2.01, 2), 0);
+  EXPECT_EQ(count(-1.99, 2), 1);
+  EXPECT_EQ(count(-2.01, 2), 0);
+  EXPECT_EQ(count(2.01, 2.02f), 1);
+}
+
+TEST(FilterByConsistency, NeedsMinConsistentViews) {
+  const TestView view = FlatView(5, 4, 3), other = FlatView(5, 4, 9);
+  for (int required = 1; required <= 4; ++required) {
+    FusionOptions options;
+    options.min_consistent_views = required;
+    const auto result =
+        FilterByConsistency(view.View(), {view.View(), other.View(), view.View(), view.View()}, options);
+    EXPECT_EQ(result.consistent_views(2, 2), 3);
+    EXPECT_EQ(result.points_in_camera.size(), required <= 3 ? 20u : 0u);
+  }
+}
+
+TEST(FilterByConsistency, DynamicConsistencyComparesTheMeanAgreementWith03) {
+  // Without a baseline and with equal normals the agreement is exp(-200 rel): 0.3 at rel = 0.00602.
+  const auto keeps = [](const std::vector<float>& relative) {
+    FusionOptions options;
+    options.dynamic_consistency = true;
+    std::vector<TestView> views;
+    for (const float e : relative) views.push_back(FlatView(1, 1, 4 * (1 + e)));
+    return FilterByConsistency(FlatView(1, 1, 4).View(), ViewsOf(views), options).points_in_camera.size() == 1;
+  };
+  EXPECT_TRUE(keeps({0.0f}));
+  EXPECT_TRUE(keeps({0.0060f}));
+  EXPECT_FALSE(keeps({0.00604f}));
+  EXPECT_TRUE(keeps({0.009f, 0.0040f}));       // 0.165 + 0.449 > 0.6
+  EXPECT_FALSE(keeps({0.009f, 0.0043f}));      // 0.165 + 0.423 < 0.6
+  EXPECT_TRUE(keeps({0.0060f, 0.5f, -0.5f}));  // views that disagree do not count
+  EXPECT_FALSE(keeps({0.5f}));
+  EXPECT_FALSE(keeps({}));
+}
+
+TEST(FilterByConsistency, DynamicConsistencyWeighsAllThreeErrors) {
+  // exp(-(px + 200 rel + 10 rad)) for a baseline, a depth error and a tilt at once.
+  TestView reference = FlatView(41, 1, 4), source = FlatView(41, 1, 3.98f);
+  source.cam_from_world.translation().x() = -0.4;
+  source.normal = NormalMap(41, 1, {std::sin(0.05f), 0, -std::cos(0.05f)});
+  const FusionView source_view = source.View();
+  const ConsistencyChecker checker(reference.View(), {&source_view}, {});
+  std::vector<PixelMatch> matches;
+  checker.FindMatches(20, 0, &matches);
+  ASSERT_EQ(matches.size(), 1u);
+  const double px = 10 * (4 / 3.98 - 1), relative = 0.02 / 4;
+  EXPECT_NEAR(matches[0].agreement, std::exp(-(px + 200 * relative + 10 * 0.05)), 1e-5);  // 3.98 in float: rel 1e-8
+  EXPECT_NEAR(matches[0].triangulation_angle_rad, std::atan(0.1), 1e-6);
+  EXPECT_EQ(matches[0].col, 10);
+}
+
+TEST(FilterByConsistency, ConfidenceUsesTheMedianAngle) {
+  // Angles atan(b / 4) for baselines of 0, 0.2 and 0.4; the middle one, then the mean of two.
+  std::vector<TestView> sources;
+  for (const double baseline : {0.4, 0.0, 0.2}) {
+    sources.push_back(FlatView(41, 1, 4));
+    sources.back().cam_from_world.translation().x() = -baseline;
+  }
+  const TestView reference = FlatView(41, 1, 4);
+  const double angle_deg = std::atan(0.05) * 180 / M_PI, wide_deg = std::atan(0.1) * 180 / M_PI;
+  EXPECT_NEAR(FilterByConsistency(reference.View(), ViewsOf(sources), {}).confidence(20, 0),
+              ComputeConfidence(0, 3, static_cast<float>(angle_deg)), 1e-5);  // angles in float
+  sources.erase(sources.begin() + 1);
+  EXPECT_NEAR(FilterByConsistency(reference.View(), ViewsOf(sources), {}).confidence(20, 0),
+              ComputeConfidence(0, 2, static_cast<float>(0.5 * (angle_deg + wide_deg))), 1e-5);
+}
+
+TEST(FilterByConsistency, WorksWithoutSources) {
+  TestView view = FlatView(6, 5, 4);
+  view.depth(2, 2) = 0;
+  for (const bool with_empty_source : {false, true}) {
+    std::vector<FusionView> sources;
+    if (with_empty_source) sources.emplace_back();
+    const ConsistencyResult result = FilterByConsistency(view.View(), sources, {});
+    EXPECT_TRUE(result.points_in_camera.empty());
+    EXPECT_EQ(result.consistent_views(1, 1), 0);
+    EXPECT_FLOAT_EQ(result.confidence(1, 1), ComputeConfidence(0, 0, 0));
+    EXPECT_EQ(result.confidence(2, 2), 0);
+  }
+  const ConsistencyResult empty = FilterByConsistency(FusionView(), {view.View()}, {});
+  EXPECT_TRUE(empty.consistent_views.empty() && empty.confidence.empty() && empty.points_in_camera.empty());
+}
+
+TEST(FilterByConsistency, AveragesTheColorsThereAre) {
+  TestView view = FlatView(3, 3, 4), other = FlatView(3, 3, 4);
+  view.color = ColorImage(3, 3, {10, 20, 30});
+  other.color = ColorImage(3, 3, {13, 22, 255});
+  FusionOptions options;
+  options.min_consistent_views = 1;
+  const auto color = [&] {
+    return FilterByConsistency(view.View(), {other.View()}, options).points_in_camera.at(4).color;
+  };
+  EXPECT_TRUE(color().r == 12 && color().g == 21 && color().b == 143);  // 11.5 and 142.5 round up
+  other.color = ColorImage();
+  EXPECT_TRUE(color().r == 10 && color().g == 20 && color().b == 30);
+  view.color = ColorImage();
+  EXPECT_TRUE(color().r == 0 && color().g == 0 && color().b == 0);
+}
+
+TEST(FilterByConsistency, NeverPutsOutNan) {
+  std::vector<TestView> views = WallViews();
+  const float odd[] = {kNan, kInfinity, -kInfinity, -1.0f, 0.0f, 1e-38f, 1e38f};
+  for (size_t i = 0; i < views.size(); ++i) {
+    for (int k = 0; k < 7 * 30; ++k) {
+      const int index = 17 * k + 5 * static_cast<int>(i);
+      views[i].depth.data()[index] = odd[k % 7];
+      views[i].cost.data()[(index + 3) % 4800] = odd[k % 7];
+      views[i].normal.data()[(index + 6) % 4800] = {odd[k % 7], odd[(k + 1) % 7], 0};
+      views[i].normal.data()[(index + 7) % 4800] = {0, 0, 0};
+    }
+  }
+  const ConsistencyResult result = Filter(views);
+  ExpectFinite(result.points_in_camera);
+  EXPECT_GT(result.points_in_camera.size(), 1000u);
+  for (const float c : result.confidence) ASSERT_TRUE(c >= 0 && c <= 1);
+  EXPECT_EQ(result.confidence(0, 0), 0);  // NaN depth
+  FusionOptions loose;
+  loose.max_normal_angle_deg = 180;
+  loose.max_relative_depth = 0.99f;
+  loose.min_consistent_views = 1;
+  ExpectFinite(Filter(views, loose).points_in_camera);
+  ExpectFinite(FuseDepthMaps(ViewsOf(views), {{1, 2}, {0, 2}, {0, 1}}, loose));
+}
+
+TEST(ConsistencyChecker, KeepsTheReferenceNormalWhenNormalsCancel) {
+  const TestView view = FlatView(1, 1, 4);
+  const FusionView source = view.View();
+  const ConsistencyChecker checker(view.View(), {&source}, {});
+  const PixelMatch opposite = {0, 0, 0, {0, 0, 4}, {0, 0, 1}, 1, 0};
+  EXPECT_EQ(checker.Average(0, 0, {opposite}).normal.z, -1);
+}
+
+TEST(FilterByConsistency, RefusesBadInput) {
+  const TestView good = FlatView(4, 3, 2);
+  const auto error = [&](auto&& spoil) {
+    TestView bad = FlatView(4, 3, 2);
+    spoil(bad);
+    const std::string as_source = ErrorOf([&] { FilterByConsistency(good.View(), {good.View(), bad.View()}, {}); });
+    const std::string as_reference = ErrorOf([&] { FilterByConsistency(bad.View(), {good.View()}, {}); });
+    EXPECT_THAT(as_source, testing::HasSubstr("source view 1"));
+    EXPECT_THAT(as_reference, testing::HasSubstr("reference view"));
+    return as_source;
+  };
+  EXPECT_THAT(error([](TestView& v) { v.camera.width = 5; }), testing::HasSubstr("depth map is 4 x 3"));
+  EXPECT_THAT(error([](TestView& v) { v.normal = NormalMap(3, 3); }), testing::HasSubstr("normal map is 3 x 3"));
+  EXPECT_THAT(error([](TestView& v) { v.cost = CostMap(); }), testing::HasSubstr("cost map is 0 x 0"));
+  EXPECT_THAT(error([](TestView& v) { v.color = ColorImage(4, 4); }), testing::HasSubstr("colour map is 4 x 4"));
+  EXPECT_THAT(error([](TestView& v) { v.camera.fx = 0; }), testing::HasSubstr("fx = 0"));
+  EXPECT_THAT(error([](TestView& v) { v.cam_from_world.translation().x() = kNan; }), testing::HasSubstr("rigid"));
+  EXPECT_THAT(error([](TestView& v) { v.cam_from_world.linear() *= 1.1; }), testing::HasSubstr("rigid"));
+  EXPECT_THAT(error([](TestView& v) { v.cam_from_world.linear()(2, 2) = -1; }), testing::HasSubstr("rigid"));
+  const std::vector<FusionView> many(256, good.View());
+  EXPECT_THAT(ErrorOf([&] { FilterByConsistency(good.View(), many, {}); }), testing::HasSubstr("256"));
+  FusionOptions options;
+  options.min_consistent_views = 0;
+  EXPECT_THROW(FilterByConsistency(FusionView(), {}, options), InvalidInputError);
+}
+
+TEST(FilterByConsistency, DoesNotDependOnTheNumberOfThreads) {
+  std::vector<ConsistencyResult> results;
+  for (const size_t threads : {1, 4}) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    results.push_back(Filter(WallViews()));
+  }
+  EXPECT_TRUE(std::equal(results[0].confidence.begin(), results[0].confidence.end(), results[1].confidence.begin()));
+  const PointCloud &a = results[0].points_in_camera, &b = results[1].points_in_camera;
+  ASSERT_EQ(a.size(), b.size());
+  for (size_t i = 0; i < a.size(); ++i) {
+    ASSERT_TRUE(a[i].position.x == b[i].position.x && a[i].position.y == b[i].position.y &&
+                a[i].position.z == b[i].position.z && a[i].normal.x == b[i].normal.x);
+  }
+}
+
+}  // namespace
+}  // namespace acmp
