@@ -122,21 +122,23 @@ Assessment AssessByPose(const Frame& reference, const Frame& candidate) {
   return {SourceViewVerdict::kUseful, axis_cosine / baseline, 0.0};
 }
 
-/// Rounding of the poses alone leaves about this share of the centre's distance from the world's origin.
-bool HasBaseline(const Frame& reference, const Frame& candidate) {
-  constexpr double kRounding = 1e-9;
+/// The candidate's centre lies elsewhere. Rounding of the poses alone leaves below 1e-12 of the distance to the world's
+/// origin; the matcher refuses less than a millionth of the nearest depth.
+bool HasBaseline(const Frame& reference, const Frame& candidate, double typical_depth) {
   const Eigen::Vector3d centre = CentreInWorld(reference);
-  return (centre - CentreInWorld(candidate)).norm() > kRounding * (1 + centre.norm());
+  const double baseline = (centre - CentreInWorld(candidate)).norm();
+  return baseline > 1e-12 * centre.norm() && baseline > 1e-6 * typical_depth;
 }
 
 std::vector<Assessment> AssessAll(const Frame& reference, const std::vector<FramePtr>& candidates,
                                   double fallback_depth, const SourceViewOptions& options) {
   Validate(options);
   const ScenePoints scene = MakeScenePoints(reference, fallback_depth, options);
+  const double typical_depth = scene.depths.empty() ? 0.0 : Median(scene.depths);
   std::vector<Assessment> assessments(candidates.size());
   for (size_t i = 0; i < candidates.size(); ++i) {
     if (!candidates[i]) throw InvalidInputError(Concat("candidate source view ", i, ": there is no frame"));
-    if (!HasBaseline(reference, *candidates[i])) continue;
+    if (!HasBaseline(reference, *candidates[i], typical_depth)) continue;
     assessments[i] = scene.depths.empty() ? AssessByPose(reference, *candidates[i])
                                           : AssessByScene(reference, *candidates[i], scene, options);
   }

@@ -19,8 +19,9 @@ struct DenseMapperOptions {
   DepthRangeOptions depth_range;
   DepthRange fallback_depth_range;  ///< used when there are neither landmarks nor a previous range; 0, 0 = none
   int window_size = 10;             ///< keyframes kept to match against, 2..64
-  int lookahead = 2;                ///< later keyframes a keyframe waits for before its geometric passes, 0..window_size-1
-  int min_source_views = 2;         ///< a keyframe waits until so many views are useful, 1..max_source_views
+  int lookahead = 2;         ///< later keyframes a keyframe waits for before its geometric passes, 0..window_size-1
+  int min_source_views = 2;  ///< a keyframe waits until so many views are useful; at most max_source_views and
+                             ///< window_size - 1, which is all that other keyframes can offer
 };
 void Validate(const DenseMapperOptions& options);
 
@@ -31,50 +32,63 @@ struct KeyframeDepth {
   DepthMap depth;
   NormalMap normal;
   CostMap cost;
-  ConfidenceMap confidence;      ///< refined estimates only; empty for a fast one
-  PointCloud points_in_camera;   ///< refined estimates only
-  std::vector<int64_t> source_ids;
-  StageTimes times;
-  bool refined = false;  ///< false: low-latency map of steps 1-20; true: after the geometric passes
+  ConfidenceMap confidence;         ///< refined estimates only; empty for a fast one
+  PointCloud points_in_camera;      ///< refined estimates only
+  std::vector<int64_t> source_ids;  ///< keyframes it was matched against, best first
+  StageTimes times;                 ///< summed over all passes so far
+  double consistency_ms = 0;        ///< wall time of the consistency check, refined estimates only
+  bool refined = false;             ///< false: low-latency map of steps 1-20; true: after the geometric passes
 };
 using KeyframeDepthPtr = std::shared_ptr<const KeyframeDepth>;
 
-/// Why a keyframe (or its refinement) gave no map. `reason` is a short fixed key for counting, `message` a sentence with
-/// the values.
+/// Why a keyframe (or its refinement) gave no map. `reason` is a short fixed key for counting, `message` a sentence
+/// with the values.
+/// - "invalid_input": the frame, or the problem made of it, was refused
+/// - "no_depth_range": neither landmarks nor an earlier range nor a fallback
+/// - "no_source_views": left the window, or was flushed, before enough views of it were useful
+/// - "processing_error": device failure or no memory
+/// - "reset": forgotten by Reset
 struct KeyframeDrop {
   int64_t id = 0;
   std::string reason;
   std::string message;
+  bool had_fast = false;  ///< on_fast was called for it: only the refinement is missing
 };
 
 /// Online mapping over a sliding window: feed posed frames in time order, get a fast map as soon as enough past views
 /// exist, and a refined, consistency-checked map with points once `lookahead` later keyframes have come. Deterministic:
-/// the same frames, options and device give the same maps, whatever the timing. One thread at a time. The offline tool's
-/// online schedule and the nodelet's worker both drive this class.
+/// the same frames, options and device give the same maps, whatever the timing. One thread at a time. The offline
+/// tool's online schedule and the nodelet's worker both drive this class.
 class DenseMapper {
  public:
+  /// Called inside AddKeyframe, Flush and Reset; empty ones are skipped. They must neither call the mapper nor throw.
   struct Callbacks {
-    std::function<void(const KeyframeDepthPtr&)> on_fast;
+    std::function<void(const KeyframeDepthPtr&)> on_fast;  ///< at most once per keyframe, before its on_refined
     std::function<void(const KeyframeDepthPtr&)> on_refined;
-    std::function<void(const KeyframeDrop&)> on_drop;  ///< every keyframe ends in on_refined or on_drop
+    std::function<void(const KeyframeDrop&)> on_drop;  ///< every keyframe ends in exactly one on_refined or on_drop
   };
 
   /// @param patch_match not null, outlives the mapper
   DenseMapper(PatchMatch* patch_match, const DenseMapperOptions& options, Callbacks callbacks);
+  /// Forgets what is unfinished without a callback: Flush or Reset first if it must be accounted for.
   ~DenseMapper();
 
-  /// Replaces the options from the next keyframe on.
+  /// Replaces the options from the next keyframe on. Throws InvalidInputError for bad ones and keeps the old.
   void set_options(const DenseMapperOptions& options);
 
-  /// Adds a keyframe (id above all earlier ones) and runs what has become possible; the callbacks run inside. A keyframe
-  /// that fails is reported through on_drop and never stops the others.
+  /// Adds a keyframe (id above all earlier ones since the last Reset, else InvalidInputError) and runs what has become
+  /// possible: first estimates of keyframes that now have enough views, then refinements, each in the order of ids. A
+  /// keyframe that fails is reported through on_drop and never stops the others.
   void AddKeyframe(FramePtr frame);
 
-  /// Finishes everything that waits for later keyframes, with the views there are.
+  /// Finishes everything that waits for later keyframes, with the views there are: one useful view is enough.
   void Flush();
 
-  /// Forgets window and pending keyframes (each pending one is reported as dropped with reason "reset").
+  /// Forgets window, pending keyframes (each is reported as dropped with reason "reset"), depth range and ids.
   void Reset();
+
+  /// Keyframes that have had neither on_refined nor on_drop yet.
+  size_t unfinished() const;
 
  private:
   struct Impl;

@@ -1,0 +1,172 @@
+#pragma once
+
+#include <cmath>
+#include <functional>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/pipeline/dense_mapper.h"
+
+namespace acmp {
+
+/// Every frame looks along world z at a wall at z = kWallDepth; the depth of a camera at height 0 is the same
+/// everywhere.
+constexpr double kWallDepth = 4.0;
+const PinholeCamera kWallCamera = {24, 18, 20, 20, 11.5, 8.5};
+
+inline std::vector<Eigen::Vector3d> WallLandmarks() {
+  std::vector<Eigen::Vector3d> points;
+  for (int col = -20; col <= 60; ++col) {
+    for (int row = -4; row <= 4; ++row) points.emplace_back(0.4 * col, 0.4 * row, kWallDepth);
+  }
+  return points;
+}
+
+/// A camera at x, with a gradient image whose first pixel is the id: so the fake below knows whom it is asked about.
+inline Frame MakeWallFrame(int64_t id, double x, std::vector<Eigen::Vector3d> landmarks = WallLandmarks()) {
+  Frame frame;
+  frame.id = id;
+  frame.stamp_s = 0.1 * static_cast<double>(id);
+  frame.camera = kWallCamera;
+  frame.cam_from_world.translation().x() = -x;
+  frame.gray = GrayImage(kWallCamera.width, kWallCamera.height, static_cast<float>(id));
+  frame.color = ColorImage(kWallCamera.width, kWallCamera.height);
+  frame.landmarks_in_world = std::move(landmarks);
+  return frame;
+}
+
+inline FramePtr WallFrame(int64_t id, double x, std::vector<Eigen::Vector3d> landmarks = WallLandmarks()) {
+  return std::make_shared<Frame>(MakeWallFrame(id, x, std::move(landmarks)));
+}
+
+/// 0.35 units to the side per id: 5 degrees at the wall.
+inline FramePtr WallFrame(int64_t id) { return WallFrame(id, 0.35 * static_cast<double>(id)); }
+
+/// Answers with the wall's plane, `kFastError` too far before the geometric passes and exact after them, and remembers
+/// what it was asked.
+class FakePatchMatch : public PatchMatch {
+ public:
+  static constexpr double kFastError = 1.002;  // within the 1 % that the consistency check allows
+
+  struct Call {
+    std::string pass;  ///< "photometric", "prior" or "geometric"
+    int64_t reference = 0;
+    std::vector<int64_t> sources;
+    std::vector<float> source_depths;  ///< at the first pixel; -1 where there is no map
+    int geometric_pass = -1;
+    uint32_t start_mask = 0;
+    float start_depth = 0;
+    DepthRange range;
+  };
+
+  PatchMatchResult RunPhotometric(const PatchMatchProblem& problem, const PatchMatchOptions&) override {
+    return Answer("photometric", problem, nullptr, -1);
+  }
+  PatchMatchResult RunPlanarPrior(const PatchMatchProblem& problem, const PatchMatchOptions&,
+                                  const PatchMatchResult& start, ImageView<const PlaneHypothesis>) override {
+    return Answer("prior", problem, &start, -1);
+  }
+  PatchMatchResult RunGeometric(const PatchMatchProblem& problem, const PatchMatchOptions&,
+                                const PatchMatchResult& start, int pass) override {
+    return Answer("geometric", problem, &start, pass);
+  }
+  PatchMatchTiming last_timing() const override { return {0, 1, 0}; }
+  std::string device_name() const override { return "fake"; }
+
+  std::vector<Call> calls;
+  std::function<void(const Call&)> before_answer;  ///< may throw
+
+ private:
+  PatchMatchResult Answer(const std::string& pass, const PatchMatchProblem& problem, const PatchMatchResult* start,
+                          int geometric_pass) {
+    Check(problem);
+    Call call;
+    call.pass = pass;
+    call.reference = std::lround(problem.reference.gray(0, 0));
+    for (const MatchView& source : problem.sources) {
+      call.sources.push_back(std::lround(source.gray(0, 0)));
+      call.source_depths.push_back(source.depth.empty() ? -1.0f : source.depth(0, 0));
+    }
+    call.geometric_pass = geometric_pass;
+    call.range = problem.depth_range;
+    if (start != nullptr) {
+      call.start_mask = start->selected_views(0, 0);
+      call.start_depth = start->planes(0, 0).d;
+    }
+    calls.push_back(call);
+    if (before_answer) before_answer(call);
+
+    const int width = problem.reference.camera.width;
+    const int height = problem.reference.camera.height;
+    const double depth = kWallDepth * (pass == "geometric" ? 1.0 : kFastError);
+    PatchMatchResult result;
+    result.planes = PlaneMap(width, height, {0, 0, -1, static_cast<float>(depth)});
+    result.cost = CostMap(width, height, 0.05f);
+    // The first and the last source view count.
+    result.selected_views = Image<uint32_t>(width, height, 1u | 1u << (problem.sources.size() - 1));
+    return result;
+  }
+};
+
+/// A mapper over the fake that notes every callback as "fast 3", "refined 3" or "drop 3 reason".
+class MapperHarness {
+ public:
+  explicit MapperHarness(const DenseMapperOptions& options) : mapper(&patch_match, options, MakeCallbacks()) {}
+
+  /// What was called since the last time this was asked.
+  std::vector<std::string> TakeEvents() { return std::exchange(events, {}); }
+
+  std::vector<std::string> Add(FramePtr frame) {
+    mapper.AddKeyframe(std::move(frame));
+    return TakeEvents();
+  }
+  std::vector<std::string> Flush() {
+    mapper.Flush();
+    return TakeEvents();
+  }
+  std::vector<std::string> Reset() {
+    mapper.Reset();
+    return TakeEvents();
+  }
+
+  FakePatchMatch patch_match;
+  std::vector<std::string> events;
+  std::vector<KeyframeDepthPtr> fast;
+  std::vector<KeyframeDepthPtr> refined;
+  std::vector<KeyframeDrop> drops;
+  bool keep_maps = true;
+  DenseMapper mapper;
+
+ private:
+  DenseMapper::Callbacks MakeCallbacks() {
+    DenseMapper::Callbacks callbacks;
+    callbacks.on_fast = [this](const KeyframeDepthPtr& depth) {
+      events.push_back(Concat("fast ", depth->frame->id));
+      if (keep_maps) fast.push_back(depth);
+    };
+    callbacks.on_refined = [this](const KeyframeDepthPtr& depth) {
+      events.push_back(Concat("refined ", depth->frame->id));
+      if (keep_maps) refined.push_back(depth);
+    };
+    callbacks.on_drop = [this](const KeyframeDrop& drop) {
+      events.push_back(Concat("drop ", drop.id, " ", drop.reason));
+      drops.push_back(drop);
+    };
+    return callbacks;
+  }
+};
+
+/// Without the planar prior: the fake's answer does not depend on it.
+inline DenseMapperOptions FakeOptions(int window_size, int lookahead, int min_source_views = 2) {
+  DenseMapperOptions options;
+  options.pipeline = MakePreset("acmh");
+  options.window_size = window_size;
+  options.lookahead = lookahead;
+  options.min_source_views = min_source_views;
+  return options;
+}
+
+}  // namespace acmp

@@ -1,0 +1,204 @@
+#include <algorithm>
+#include <map>
+#include <random>
+#include <set>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "acmp_mapping/evaluation/synthetic_scene.h"
+#include "acmp_mapping/pipeline/dense_mapper.h"
+#include "dense_mapper_fakes.h"
+
+namespace acmp {
+namespace {
+
+/// What became of each keyframe, from the events of a harness.
+struct Account {
+  void Book(const std::vector<std::string>& events) {
+    for (const std::string& event : events) {
+      const size_t space = event.find(' ');
+      const int64_t id = std::stoll(event.substr(space + 1));
+      const std::string kind = event.substr(0, space);
+      if (kind == "fast") {
+        EXPECT_EQ(ended.count(id), 0u) << "fast after its end: " << id;
+        EXPECT_TRUE(fast.insert(id).second) << "fast twice: " << id;
+      } else {
+        EXPECT_TRUE(ended.insert(id).second) << "ended twice: " << id;
+        EXPECT_EQ(kind == "refined" && fast.count(id) == 0, false) << "refined without fast: " << id;
+      }
+      EXPECT_EQ(added.count(id), 1u) << "never added: " << id;
+    }
+  }
+
+  std::set<int64_t> added;
+  std::set<int64_t> fast;
+  std::set<int64_t> ended;
+};
+
+/// A keyframe of the kinds that live frontends produce: moving on, standing still, jumping, without or with useless
+/// landmarks, broken.
+FramePtr RandomFrame(int64_t id, double* x, std::mt19937* random) {
+  const double nan = std::nan("");
+  switch ((*random)() % 10) {
+    case 0:
+      break;
+    case 1:
+      *x += 50;
+      break;
+    default:
+      *x += 0.05 * static_cast<double>((*random)() % 20);
+  }
+  std::vector<Eigen::Vector3d> landmarks;
+  switch ((*random)() % 8) {
+    case 0:
+      break;
+    case 1:
+      landmarks.assign(50, {nan, 0, 0});
+      break;
+    case 2:
+      landmarks.assign(50, {0, 0, 0});
+      break;
+    case 3:
+      landmarks.assign(3, {*x, 0, kWallDepth});
+      break;
+    default:
+      landmarks = WallLandmarks();
+      for (auto& point : landmarks) point.x() += *x - 5;
+  }
+  Frame frame = MakeWallFrame(id, *x, std::move(landmarks));
+  if ((*random)() % 15 == 0) frame.cam_from_world.linear()(0, 0) = nan;
+  return std::make_shared<Frame>(std::move(frame));
+}
+
+DenseMapperOptions RandomOptions(std::mt19937* random) {
+  const int window_size = 2 + static_cast<int>((*random)() % 7);
+  const int lookahead = static_cast<int>((*random)() % static_cast<unsigned>(window_size));
+  const int min_views = 1 + static_cast<int>((*random)() % static_cast<unsigned>(std::min(3, window_size - 1)));
+  DenseMapperOptions options = FakeOptions(window_size, lookahead, min_views);
+  options.pipeline.geometric_passes = static_cast<int>((*random)() % 3);
+  if ((*random)() % 2 == 0) options.fallback_depth_range = {1, 20};
+  return options;
+}
+
+void FailSometimes(FakePatchMatch* patch_match, std::mt19937* random) {
+  patch_match->before_answer = [random](const FakePatchMatch::Call&) {
+    switch ((*random)() % 25) {
+      case 0:
+        throw ProcessingError("device lost");
+      case 1:
+        throw InvalidInputError("bad problem");
+      case 2:
+        throw std::bad_alloc();
+      default:
+        break;
+    }
+  };
+}
+
+TEST(DenseMapperPropertyTest, EveryKeyframeEndsExactlyOnce) {
+  for (unsigned seed = 0; seed < 300; ++seed) {
+    SCOPED_TRACE(seed);
+    std::mt19937 random(seed);
+    DenseMapperOptions options = RandomOptions(&random);
+    MapperHarness harness(options);
+    harness.keep_maps = false;
+    FailSometimes(&harness.patch_match, &random);
+    Account account;
+    std::vector<std::weak_ptr<const Frame>> frames;
+    double x = 0;
+    for (int64_t id = 0; id < 40; ++id) {
+      FramePtr frame = RandomFrame(id, &x, &random);
+      frames.push_back(frame);
+      account.added.insert(id);
+      account.Book(harness.Add(std::move(frame)));
+      const auto kept = std::count_if(frames.begin(), frames.end(), [](const auto& f) { return !f.expired(); });
+      EXPECT_LE(kept, options.window_size);
+      EXPECT_EQ(harness.mapper.unfinished(), account.added.size() - account.ended.size());
+      switch (random() % 20) {
+        case 0:
+          account.Book(harness.Flush());
+          EXPECT_EQ(account.ended, account.added);
+          break;
+        case 1:
+          account.Book(harness.Reset());
+          EXPECT_EQ(account.ended, account.added);
+          break;
+        case 2:
+          options = RandomOptions(&random);
+          harness.mapper.set_options(options);
+          break;
+        default:
+          break;
+      }
+    }
+    account.Book(seed % 2 == 0 ? harness.Flush() : harness.Reset());
+    EXPECT_EQ(account.ended, account.added);
+    EXPECT_EQ(account.ended.size(), 40u);
+    for (const KeyframeDrop& drop : harness.drops) EXPECT_FALSE(drop.message.empty()) << drop.reason;
+  }
+}
+
+bool SameBits(const Image<float>& a, const Image<float>& b) {
+  return a.width() == b.width() && std::equal(a.begin(), a.end(), b.begin(), b.end());
+}
+
+std::vector<KeyframeDepthPtr> MapSyntheticScene(const std::vector<FramePtr>& frames) {
+  DenseMapperOptions options;
+  options.window_size = 5;
+  options.lookahead = 1;
+  const auto patch_match = MakePatchMatchCpu();
+  std::vector<KeyframeDepthPtr> maps;
+  DenseMapper::Callbacks callbacks;
+  callbacks.on_fast = [&](const KeyframeDepthPtr& depth) { maps.push_back(depth); };
+  callbacks.on_refined = callbacks.on_fast;
+  callbacks.on_drop = [](const KeyframeDrop& drop) { ADD_FAILURE() << drop.message; };
+  DenseMapper mapper(patch_match.get(), options, callbacks);
+  for (const FramePtr& frame : frames) mapper.AddKeyframe(frame);
+  mapper.Flush();
+  return maps;
+}
+
+/// Share of the pixels with ground truth whose depth is within 5 %.
+double ShareWithin5Percent(const DepthMap& depth, const DepthMap& truth) {
+  size_t good = 0, known = 0;
+  for (size_t i = 0; i < truth.size(); ++i) {
+    if (!(truth.data()[i] > 0)) continue;
+    ++known;
+    good += std::abs(depth.data()[i] - truth.data()[i]) < 0.05f * truth.data()[i];
+  }
+  return static_cast<double>(good) / static_cast<double>(known);
+}
+
+TEST(DenseMapperEndToEndTest, MapsTheSyntheticRoomAndRepeatsBitByBit) {
+  SyntheticSceneOptions scene_options;
+  scene_options.width = 96;
+  scene_options.height = 72;
+  scene_options.keyframes = 4;
+  std::vector<FramePtr> frames;
+  std::vector<DepthMap> truths;
+  for (SyntheticView& view : MakeSyntheticScene(scene_options)) {
+    frames.push_back(std::make_shared<Frame>(std::move(view.frame)));
+    truths.push_back(std::move(view.true_depth));
+  }
+  const auto maps = MapSyntheticScene(frames);
+  ASSERT_EQ(maps.size(), 8u);
+  const auto again = MapSyntheticScene(frames);
+  ASSERT_EQ(again.size(), 8u);
+  for (size_t i = 0; i < maps.size(); ++i) {
+    EXPECT_TRUE(SameBits(maps[i]->depth, again[i]->depth)) << i;
+    EXPECT_TRUE(SameBits(maps[i]->cost, again[i]->cost)) << i;
+    EXPECT_TRUE(SameBits(maps[i]->confidence, again[i]->confidence)) << i;
+    EXPECT_EQ(maps[i]->points_in_camera.size(), again[i]->points_in_camera.size()) << i;
+    if (!maps[i]->refined) continue;
+    const size_t view = static_cast<size_t>(maps[i]->frame->id - frames[0]->id);
+    const double share = ShareWithin5Percent(maps[i]->depth, truths[view]);
+    RecordProperty(Concat("share_within_5_percent_", view), std::to_string(share));
+    // Half of the room is blank and the images are small; random depths in the range would give some 10 %.
+    EXPECT_GT(share, 0.5) << view;
+    EXPECT_FALSE(maps[i]->points_in_camera.empty()) << view;
+  }
+}
+
+}  // namespace
+}  // namespace acmp
