@@ -24,3 +24,17 @@ if(NOT ACMP_ROS STREQUAL "OFF")
     set(ACMP_HAVE_ROS TRUE)
   endif()
 endif()
+
+if(ACMP_HAVE_ROS)
+  add_message_files(DIRECTORY msg FILES KeyframeDepth.msg)
+  add_service_files(DIRECTORY srv FILES SaveMap.srv)
+  generate_messages(DEPENDENCIES geometry_msgs sensor_msgs std_msgs)
+  generate_dynamic_reconfigure_options(config/DenseMapper.cfg)
+  # Before any target: it also chooses where libraries and programs go in the devel space.
+  catkin_package(LIBRARIES acmp_mapping_nodelets
+                 CATKIN_DEPENDS geometry_msgs message_runtime nodelet roscpp sensor_msgs std_msgs)
+  find_package(OpenCV 4 REQUIRED COMPONENTS imgcodecs)
+  # pcl_io by hand: its component would search for VTK, Qt and OpenNI, and link them all.
+  find_package(PCL 1.10 REQUIRED COMPONENTS common)
+  find_library(ACMP_PCL_IO_LIBRARY pcl_io HINTS ${PCL_LIBRARY_DIRS} REQUIRED)
+endif()

@@ -1,0 +1,41 @@
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include <opencv2/core/mat.hpp>
+
+#include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/geometry/pinhole_camera.h"
+#include "acmp_mapping/image/image.h"
+
+namespace acmp {
+
+/// What a camera_info says about the image as it is sent.
+struct CameraCalibration {
+  PinholeCamera camera;  ///< of the image as sent: binning and region of interest already applied
+  LensDistortion distortion;
+  std::string frame_id;
+};
+using CalibrationPtr = std::shared_ptr<const CameraCalibration>;
+
+bool SameCalibration(const CameraCalibration& a, const CameraCalibration& b);
+
+/// Removes a camera's lens distortion; the result has the same size and the same K.
+class ImageRectifier {
+ public:
+  explicit ImageRectifier(const CameraCalibration& calibration);
+
+  /// Throws InvalidInputError when the image (8-bit RGB) has not the calibration's size.
+  ColorImage Rectify(const cv::Mat& rgb) const;
+
+  /// 255 where the rectified image is known, 0 where the lens saw nothing; empty when everything is known.
+  const cv::Mat& valid() const { return valid_; }
+
+ private:
+  CameraCalibration calibration_;
+  cv::Mat map_x_, map_y_;  ///< fixed point; empty without distortion
+  cv::Mat valid_;
+};
+
+}  // namespace acmp

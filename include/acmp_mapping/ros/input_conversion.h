@@ -1,0 +1,43 @@
+#pragma once
+
+#include <opencv2/core/mat.hpp>
+
+#include <ros/time.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/CompressedImage.h>
+#include <sensor_msgs/Image.h>
+#include <sensor_msgs/PointCloud2.h>
+
+#include "acmp_mapping/ros/image_rectifier.h"
+#include "acmp_mapping/ros/sensor_samples.h"
+
+/// From ROS messages to the library's types; no master is needed. Throws InvalidInputError naming the value that cannot
+/// be used.
+namespace acmp {
+
+/// One of the two is set. Shared with whoever published it: never written to.
+struct EncodedImage {
+  sensor_msgs::ImageConstPtr raw;
+  sensor_msgs::CompressedImageConstPtr compressed;
+
+  const std_msgs::Header& header() const { return raw ? raw->header : compressed->header; }
+};
+
+/// 8-bit RGB of whatever cv_bridge and cv::imdecode can convert: mono8, mono16, rgb8, bgr8, rgba8, bgra8, bayer,
+/// yuv422; JPEG and PNG.
+cv::Mat DecodeRgb(const EncodedImage& image);
+
+/// Camera and distortion of the image as sent: binning and region of interest are applied, plumb_bob,
+/// rational_polynomial and equidistant are known. `rectified`: the image is undistorted already, P holds and D does
+/// not.
+CameraCalibration ToCalibration(const sensor_msgs::CameraInfo& info, bool rectified);
+
+/// x, y, z as float32 or float64; not-finite and exactly zero points are counted and left out.
+SparseCloud ToSparseCloud(const sensor_msgs::PointCloud2& cloud);
+
+/// "/map" and "map" name one frame.
+std::string StripLeadingSlash(const std::string& frame_id);
+
+int64_t ToStampNs(const ros::Time& stamp);
+
+}  // namespace acmp

@@ -1,0 +1,43 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "acmp_mapping/backend/make_patch_match.h"
+#include "acmp_mapping/ros/input_matcher.h"
+#include "acmp_mapping/ros/parameter_reader.h"
+#include "acmp_mapping/ros/pose_semantics.h"
+#include "acmp_mapping/ros/work_queue.h"
+
+namespace acmp {
+
+enum class ImageTransport { kRaw, kCompressed };
+enum class SparseFrame { kAuto, kWorld, kCamera };
+enum class KeyframeMode { kEveryPose, kGate };
+enum class TimeJumpPolicy {
+  kClear,  ///< buffers and window are forgotten, the map is kept
+  kReset,  ///< the map as well
+};
+
+/// What is read once when the nodelet is loaded. Every field is a private parameter of the name beside it; enumerations
+/// are the names of their values in lower_case.
+struct NodeOptions {
+  Device device = Device::kAuto;  ///< device: auto, cuda, cpu
+  int cuda_device = 0;            ///< cuda_device: 0-based, 0..63
+  std::string preset = "acmp";    ///< preset: acmp, acmp_no_geometric, acmh; start values of matching parameters
+  ImageTransport image_transport = ImageTransport::kRaw;  ///< image_transport: raw, compressed
+  bool rectified = false;    ///< rectified: images are undistorted already; camera_info's P holds
+  int max_image_size = 640;  ///< max_image_size: longer side that is matched [px]; 0 = as sent, ..100000
+  PoseSemantics pose;        ///< pose_is, pose_child, T_body_cam (4x4, row by row)
+  std::string world_frame;   ///< world_frame: replaces the poses' frame_id; empty = as sent
+  SparseFrame sparse_frame = SparseFrame::kAuto;          ///< sparse_frame: auto, world, camera
+  InputMatcherOptions matcher;                            ///< sync_tolerance, sparse_tolerance, sparse_wait [s]
+  KeyframeMode keyframe_mode = KeyframeMode::kEveryPose;  ///< keyframe_mode: every_pose, gate
+  OverloadPolicy overload = OverloadPolicy::kDropOldest;  ///< overload: drop_oldest, skip_if_busy, block
+  TimeJumpPolicy on_time_jump = TimeJumpPolicy::kClear;   ///< on_time_jump: clear, reset
+};
+
+/// Throws InvalidInputError naming the parameter and what it may be.
+NodeOptions LoadNodeOptions(ParameterReader* reader);
+
+}  // namespace acmp

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/Image.h>
+#include <sensor_msgs/PointCloud2.h>
+
+#include "acmp_mapping/fusion/point_cloud.h"
+#include "acmp_mapping/geometry/pinhole_camera.h"
+#include "acmp_mapping/image/image.h"
+
+/// From the library's types to ROS messages; no master is needed.
+namespace acmp {
+
+/// 32FC1 (REP 118); 0 and, where `confidence` is not empty, less confident pixels become NaN, "unknown" (REP 117).
+sensor_msgs::ImagePtr ToDepthMessage(const DepthMap& depth, ImageView<const float> confidence, float min_confidence,
+                                     const std_msgs::Header& header);
+/// 16UC1 in millimetres; unknown and beyond 65.535 m become 0 (REP 118).
+sensor_msgs::ImagePtr ToDepthMillimetres(const sensor_msgs::Image& depth_32fc1);
+sensor_msgs::ImagePtr ToFloatMessage(const Image<float>& map, const std_msgs::Header& header);  ///< 32FC1
+sensor_msgs::ImagePtr ToNormalMessage(const NormalMap& normal,
+                                      const std_msgs::Header& header);  ///< 32FC3, NaN = unknown
+sensor_msgs::ImagePtr ToColorMessage(const ColorImage& color, const std_msgs::Header& header);  ///< rgb8
+sensor_msgs::CameraInfoPtr ToCameraInfo(const PinholeCamera& camera, const std_msgs::Header& header);
+
+/// x y z rgb normal_x normal_y normal_z confidence, all float32 (rgb packed as PCL does); unordered.
+sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_msgs::Header& header);
+
+}  // namespace acmp

@@ -1,0 +1,38 @@
+#pragma once
+
+#include <string>
+
+#include "acmp_mapping/geometry/rigid_transform.h"
+
+namespace acmp {
+
+/// What the numbers of a pose message mean. Declared by the user, never guessed.
+struct PoseSemantics {
+  enum class Direction {
+    kWorldFromCam,  ///< "T_world_cam": maps points of the child frame to the world; the position is the camera's
+    kCamFromWorld,  ///< "T_cam_world": the inverse
+  };
+  enum class Child {
+    kCameraOptical,  ///< "camera_optical": x right, y down, z forward
+    kCameraFlu,      ///< "camera_flu": the same camera with x forward, y left, z up
+    kBody,           ///< "body": another frame of the robot, see body_from_cam
+  };
+  Direction direction = Direction::kWorldFromCam;
+  Child child = Child::kCameraOptical;
+  RigidTransform body_from_cam = RigidTransform::Identity();  ///< T_body_cam; used with kBody
+};
+
+/// Pose of the optical frame for a transform as received.
+RigidTransform WorldFromCamera(const PoseSemantics& semantics, const RigidTransform& received);
+
+/// Quaternion and position as received. Throws InvalidInputError naming the value unless all are finite and the norm is
+/// within 1e-3 of 1.
+RigidTransform CheckedTransform(const Eigen::Quaterniond& rotation, const Eigen::Vector3d& position);
+
+PoseSemantics::Direction ParsePoseDirection(const std::string& name);
+PoseSemantics::Child ParsePoseChild(const std::string& name);
+
+/// "T_world_cam of camera_optical", for messages.
+std::string Describe(const PoseSemantics& semantics);
+
+}  // namespace acmp

@@ -1,0 +1,41 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "acmp_mapping/geometry/rigid_transform.h"
+
+namespace acmp {
+
+struct EncodedImage;  // an image message, not yet decoded
+
+/// Stamps are nanoseconds: doubles cannot tell neighbouring stamps of today's clocks apart (they resolve 119 ns).
+struct ImageSample {
+  int64_t stamp_ns = 0;
+  std::shared_ptr<const EncodedImage> image;
+};
+
+/// Pose of the camera's optical frame (x right, y down, z forward), whatever the source published.
+struct PoseSample {
+  int64_t stamp_ns = 0;
+  std::string world_frame;
+  RigidTransform world_from_cam = RigidTransform::Identity();
+};
+
+/// Sparse map points as they came, less those that are no points.
+struct SparseCloud {
+  int64_t stamp_ns = 0;
+  std::string frame_id;
+  std::vector<Eigen::Vector3d> points;  ///< in `frame_id`
+  size_t not_finite = 0;                ///< left out
+  size_t zero = 0;                      ///< left out: exactly (0, 0, 0), which frontends send for "no point"
+};
+using SparseCloudPtr = std::shared_ptr<const SparseCloud>;
+
+/// "1403636579.763555500", exact.
+std::string FormatStamp(int64_t stamp_ns);
+
+}  // namespace acmp

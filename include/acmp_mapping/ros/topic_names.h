@@ -1,0 +1,32 @@
+#pragma once
+
+/// Names relative to the node's namespace (topics) or private to it (services); all can be remapped.
+namespace acmp::names {
+
+constexpr char kImage[] = "image";
+constexpr char kCompressedSuffix[] = "compressed";
+constexpr char kCameraInfo[] = "camera_info";
+constexpr char kPose[] = "pose";
+constexpr char kSparsePoints[] = "sparse_points";
+
+constexpr char kDepthFast[] = "depth_fast/image_rect";
+constexpr char kDepth[] = "depth/image_rect";
+constexpr char kDepthPicture[] = "depth/image_vis";
+constexpr char kColor[] = "rgb/image_rect_color";
+constexpr char kConfidence[] = "confidence/image";
+constexpr char kConfidencePicture[] = "confidence/image_vis";
+constexpr char kNormal[] = "normal/image";
+constexpr char kNormalPicture[] = "normal/image_vis";
+constexpr char kPoints[] = "points";
+constexpr char kMapPoints[] = "map_points";
+constexpr char kKeyframePose[] = "keyframe_pose";
+constexpr char kKeyframePath[] = "keyframe_path";
+constexpr char kKeyframeDepth[] = "keyframe_depth";
+
+constexpr char kSaveMap[] = "save_map";
+constexpr char kReset[] = "reset";
+constexpr char kFlush[] = "flush";
+constexpr char kPublishMap[] = "publish_map";
+constexpr char kPause[] = "pause";
+
+}  // namespace acmp::names

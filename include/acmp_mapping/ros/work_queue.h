@@ -1,0 +1,120 @@
+#pragma once
+
+#include <algorithm>
+#include <condition_variable>
+#include <deque>
+#include <mutex>
+#include <optional>
+#include <utility>
+#include <variant>
+
+namespace acmp {
+
+/// What happens to a new input when kWorkQueueCapacity of them already wait.
+enum class OverloadPolicy {
+  kDropOldest,  ///< the oldest waiting input makes room
+  kSkipIfBusy,  ///< an input is taken only when none waits and none is being worked on
+  kBlock,       ///< the caller waits: nothing is lost, for recordings
+};
+
+constexpr size_t kWorkQueueCapacity = 2;  ///< inputs; more would only add latency
+
+/// Hands inputs and commands to one worker thread in the order given. Inputs are bounded by the policy, commands never
+/// wait for room and are never dropped. Thread-safe; all methods hold the one mutex for a moment only, and no callback
+/// runs inside.
+template <class Input, class Command>
+class WorkQueue {
+ public:
+  using Item = std::variant<Input, Command>;
+
+  explicit WorkQueue(OverloadPolicy policy) : policy_(policy) {}
+
+  /// Returns the input that was not or no longer queued, if any: the oldest one or the new one itself.
+  std::optional<Input> Push(Input input) {
+    std::unique_lock<std::mutex> lock(mutex_);
+    if (policy_ == OverloadPolicy::kBlock) {
+      room_.wait(lock, [this] { return stopped_ || inputs_ < kWorkQueueCapacity; });
+    }
+    if (stopped_) return input;
+    std::optional<Input> dropped;
+    if (policy_ == OverloadPolicy::kSkipIfBusy && (inputs_ > 0 || working_)) return input;
+    if (inputs_ >= kWorkQueueCapacity) dropped = TakeOldestInput();
+    items_.emplace_back(std::in_place_index<0>, std::move(input));
+    ++inputs_;
+    lock.unlock();
+    work_.notify_one();
+    return dropped;
+  }
+
+  /// False when the queue was stopped: the command will not run.
+  bool PushCommand(Command command) {
+    {
+      std::lock_guard<std::mutex> lock(mutex_);
+      if (stopped_) return false;
+      items_.emplace_back(std::in_place_index<1>, std::move(command));
+    }
+    work_.notify_one();
+    return true;
+  }
+
+  /// Takes out all waiting inputs; commands stay.
+  std::deque<Input> ClearInputs() {
+    std::deque<Input> cleared;
+    {
+      std::lock_guard<std::mutex> lock(mutex_);
+      while (inputs_ > 0) cleared.push_back(TakeOldestInput());
+    }
+    room_.notify_all();
+    return cleared;
+  }
+
+  /// Waits for work; none once the queue is stopped. The worker counts as working from here to its next call.
+  std::optional<Item> Pop() {
+    std::unique_lock<std::mutex> lock(mutex_);
+    working_ = false;
+    work_.wait(lock, [this] { return stopped_ || !items_.empty(); });
+    if (stopped_) return std::nullopt;
+    Item item = std::move(items_.front());
+    items_.pop_front();
+    if (item.index() == 0) --inputs_;
+    working_ = true;
+    lock.unlock();
+    room_.notify_all();
+    return item;
+  }
+
+  /// Wakes everybody who waits; from now on nothing is taken or given out.
+  void Stop() {
+    {
+      std::lock_guard<std::mutex> lock(mutex_);
+      stopped_ = true;
+    }
+    work_.notify_all();
+    room_.notify_all();
+  }
+
+  size_t waiting_inputs() const {
+    std::lock_guard<std::mutex> lock(mutex_);
+    return inputs_;
+  }
+
+ private:
+  Input TakeOldestInput() {
+    const auto oldest = std::find_if(items_.begin(), items_.end(), [](const Item& item) { return item.index() == 0; });
+    Input input = std::move(std::get<0>(*oldest));
+    items_.erase(oldest);
+    --inputs_;
+    return input;
+  }
+
+  const OverloadPolicy policy_;
+  mutable std::mutex mutex_;
+  std::condition_variable work_;
+  std::condition_variable room_;
+  std::deque<Item> items_;
+  size_t inputs_ = 0;
+  bool working_ = false;
+  bool stopped_ = false;
+};
+
+}  // namespace acmp

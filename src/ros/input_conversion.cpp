@@ -1,0 +1,175 @@
+#include "acmp_mapping/ros/input_conversion.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include <cv_bridge/cv_bridge.h>
+#include <sensor_msgs/image_encodings.h>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+LensDistortion ToDistortion(const sensor_msgs::CameraInfo& info) {
+  const bool straight = std::all_of(info.D.begin(), info.D.end(), [](double d) { return d == 0; });
+  if (straight) return {};
+  for (const double d : info.D) {
+    if (!std::isfinite(d)) throw InvalidInputError(Concat("camera_info D holds ", d, ": must be finite"));
+  }
+  const std::string& model = info.distortion_model;
+  LensDistortion distortion;
+  distortion.coefficients = info.D;
+  size_t least = 0, most = 0;
+  if (model == "plumb_bob") {
+    distortion.model = LensDistortion::Model::kBrownConrady;
+    least = 4, most = 5;
+  } else if (model == "rational_polynomial") {
+    distortion.model = LensDistortion::Model::kRational;
+    least = most = 8;
+  } else if (model == "equidistant" || model == "fisheye") {
+    distortion.model = LensDistortion::Model::kEquidistant;
+    least = most = 4;
+  } else {
+    throw InvalidInputError(Concat("camera_info distortion_model = \"", model,
+                                   "\": must be plumb_bob, rational_polynomial or equidistant"));
+  }
+  if (info.D.size() < least || info.D.size() > most) {
+    throw InvalidInputError(Concat("camera_info D has ", info.D.size(), " coefficients: ", model, " has ", most));
+  }
+  return distortion;
+}
+
+/// Reads one coordinate of a PointCloud2.
+struct CoordinateReader {
+  uint32_t offset;
+  bool is_double;
+
+  CoordinateReader(const sensor_msgs::PointCloud2& cloud, const std::string& name) {
+    for (const sensor_msgs::PointField& field : cloud.fields) {
+      if (field.name != name) continue;
+      is_double = field.datatype == sensor_msgs::PointField::FLOAT64;
+      if (!is_double && field.datatype != sensor_msgs::PointField::FLOAT32) {
+        throw InvalidInputError(Concat("sparse cloud field \"", name, "\" has datatype ", int{field.datatype},
+                                       ": must be FLOAT32 (7) or FLOAT64 (8)"));
+      }
+      offset = field.offset;
+      if (offset + (is_double ? 8u : 4u) > cloud.point_step) {
+        throw InvalidInputError(
+            Concat("sparse cloud field \"", name, "\" lies beyond point_step = ", cloud.point_step));
+      }
+      return;
+    }
+    throw InvalidInputError(Concat("sparse cloud has no field \"", name, "\""));
+  }
+
+  double Read(const uint8_t* point) const {
+    if (is_double) {
+      double value;
+      std::memcpy(&value, point + offset, sizeof(value));
+      return value;
+    }
+    float value;
+    std::memcpy(&value, point + offset, sizeof(value));
+    return value;
+  }
+};
+
+}  // namespace
+
+cv::Mat DecodeRgb(const EncodedImage& image) {
+  if (image.compressed) {
+    const cv::Mat bgr = cv::imdecode(image.compressed->data, cv::IMREAD_COLOR);
+    if (bgr.empty()) {
+      throw InvalidInputError(Concat("compressed image of ", image.compressed->data.size(), " bytes, format \"",
+                                     image.compressed->format, "\": cannot be decoded"));
+    }
+    cv::Mat rgb;
+    cv::cvtColor(bgr, rgb, cv::COLOR_BGR2RGB);
+    return rgb;
+  }
+  const sensor_msgs::Image& raw = *image.raw;
+  try {
+    return cv_bridge::toCvCopy(raw, sensor_msgs::image_encodings::RGB8)->image;
+  } catch (const std::exception& error) {  // cv_bridge's and, for images that contradict themselves, OpenCV's
+    throw InvalidInputError(Concat("image encoding \"", raw.encoding, "\" (", raw.width, "x", raw.height, ", step ",
+                                   raw.step, ", ", raw.data.size(), " bytes): ", error.what()));
+  }
+}
+
+CameraCalibration ToCalibration(const sensor_msgs::CameraInfo& info, bool rectified) {
+  // K and P are row-major; P's left 3x3 block is the K of the rectified image.
+  const double fx = rectified ? info.P[0] : info.K[0];
+  const double fy = rectified ? info.P[5] : info.K[4];
+  const double cx = rectified ? info.P[2] : info.K[2];
+  const double cy = rectified ? info.P[6] : info.K[5];
+  const char* matrix = rectified ? "P" : "K";
+  if (!(fx > 0) || !std::isfinite(fx)) {
+    throw InvalidInputError(Concat("camera_info ", matrix, "[0] = ", fx, ": must be > 0 (is the camera calibrated?)"));
+  }
+  if (!(fy > 0) || !std::isfinite(fy)) {
+    throw InvalidInputError(Concat("camera_info ", matrix, rectified ? "[5] = " : "[4] = ", fy, ": must be > 0"));
+  }
+  const int binning_x = info.binning_x > 1 ? static_cast<int>(info.binning_x) : 1;
+  const int binning_y = info.binning_y > 1 ? static_cast<int>(info.binning_y) : 1;
+  const bool cropped = info.roi.width > 0 && info.roi.height > 0;
+  const uint32_t full_width = cropped ? info.roi.width : info.width;
+  const uint32_t full_height = cropped ? info.roi.height : info.height;
+  if (cropped &&
+      (info.roi.x_offset + info.roi.width > info.width || info.roi.y_offset + info.roi.height > info.height)) {
+    throw InvalidInputError(Concat("camera_info roi ", info.roi.width, "x", info.roi.height, " at (", info.roi.x_offset,
+                                   ", ", info.roi.y_offset, "): must lie in ", info.width, "x", info.height));
+  }
+  CameraCalibration calibration;
+  // A binned pixel u covers the full pixels b u .. b u + b - 1, hence the half pixels.
+  calibration.camera.width = static_cast<int>(full_width) / binning_x;
+  calibration.camera.height = static_cast<int>(full_height) / binning_y;
+  calibration.camera.fx = fx / binning_x;
+  calibration.camera.fy = fy / binning_y;
+  calibration.camera.cx = (cx - (cropped ? info.roi.x_offset : 0) + 0.5) / binning_x - 0.5;
+  calibration.camera.cy = (cy - (cropped ? info.roi.y_offset : 0) + 0.5) / binning_y - 0.5;
+  CheckCamera("camera_info", calibration.camera);
+  if (!rectified) calibration.distortion = ToDistortion(info);
+  calibration.frame_id = StripLeadingSlash(info.header.frame_id);
+  return calibration;
+}
+
+SparseCloud ToSparseCloud(const sensor_msgs::PointCloud2& cloud) {
+  const CoordinateReader x(cloud, "x"), y(cloud, "y"), z(cloud, "z");
+  if (cloud.is_bigendian) throw InvalidInputError("sparse cloud is_bigendian = true: must be little-endian");
+  const size_t row_bytes = static_cast<size_t>(cloud.width) * cloud.point_step;
+  const size_t needed = cloud.height == 0 ? 0 : (cloud.height - 1) * static_cast<size_t>(cloud.row_step) + row_bytes;
+  if (cloud.data.size() < needed || (cloud.height > 1 && cloud.row_step < row_bytes)) {
+    throw InvalidInputError(Concat("sparse cloud of ", cloud.width, "x", cloud.height, " points with ",
+                                   cloud.data.size(), " bytes: needs ", needed));
+  }
+  SparseCloud sparse;
+  sparse.stamp_ns = ToStampNs(cloud.header.stamp);
+  sparse.frame_id = StripLeadingSlash(cloud.header.frame_id);
+  sparse.points.reserve(static_cast<size_t>(cloud.width) * cloud.height);
+  for (size_t row = 0; row < cloud.height; ++row) {
+    for (size_t col = 0; col < cloud.width; ++col) {
+      const uint8_t* bytes = cloud.data.data() + row * cloud.row_step + col * cloud.point_step;
+      const Eigen::Vector3d point(x.Read(bytes), y.Read(bytes), z.Read(bytes));
+      if (!point.allFinite()) {
+        ++sparse.not_finite;
+      } else if (point.isZero(0)) {
+        ++sparse.zero;
+      } else {
+        sparse.points.push_back(point);
+      }
+    }
+  }
+  return sparse;
+}
+
+std::string StripLeadingSlash(const std::string& frame_id) {
+  return !frame_id.empty() && frame_id.front() == '/' ? frame_id.substr(1) : frame_id;
+}
+
+int64_t ToStampNs(const ros::Time& stamp) { return static_cast<int64_t>(stamp.toNSec()); }
+
+}  // namespace acmp

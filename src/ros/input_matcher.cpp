@@ -1,0 +1,230 @@
+#include "acmp_mapping/ros/input_matcher.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+constexpr int64_t kSameExposureNs = 1000000;  ///< rounding of stamps stays far below, the shortest frame interval above
+constexpr int64_t kTimeJumpNs = 200000000;    ///< images that go back less arrived in the wrong order
+constexpr size_t kPoseCapacity = 2000;        ///< 10 s of a 200 Hz source
+constexpr size_t kCloudCapacity = 10;
+
+int64_t ToNs(double seconds) { return std::llround(seconds * 1e9); }
+double ToMs(int64_t ns) { return static_cast<double>(ns) * 1e-6; }
+
+}  // namespace
+
+void Validate(const InputMatcherOptions& options) {
+  CheckRange("sync_tolerance", options.sync_tolerance_s, 0.0, 10.0);
+  CheckRange("sparse_tolerance", options.sparse_tolerance_s, 0.0, 1000.0);
+  CheckRange("sparse_wait", options.sparse_wait_s, 0.0, 10.0);
+  CheckRange("image_capacity", options.image_capacity, 1, 1000);
+}
+
+InputMatcher::InputMatcher(const InputMatcherOptions& options)
+    : options_(options),
+      sync_tolerance_ns_(ToNs(options.sync_tolerance_s)),
+      sparse_tolerance_ns_(ToNs(options.sparse_tolerance_s)) {
+  Validate(options);
+}
+
+void InputMatcher::AddImage(ImageSample image) {
+  const int64_t stamp_ns = image.stamp_ns;
+  if (newest_image_ns_ && stamp_ns < *newest_image_ns_ - kTimeJumpNs) HandleTimeJump(stamp_ns);
+  last_image_arrival_ = ++arrivals_;
+  newest_image_ns_ = std::max(stamp_ns, newest_image_ns_.value_or(stamp_ns));
+
+  if (last_match_ns_ && stamp_ns <= *last_match_ns_) {
+    const char* reason = stamp_ns == *last_match_ns_ ? "duplicate_image" : "late_image";
+    events_.push_back(Drop{reason, Concat("image ", FormatStamp(stamp_ns), " came after image ",
+                                          FormatStamp(*last_match_ns_), " was used")});
+    return;
+  }
+  const auto place = std::upper_bound(images_.begin(), images_.end(), stamp_ns,
+                                      [](int64_t s, const WaitingImage& w) { return s < w.sample.stamp_ns; });
+  if (place != images_.begin() && std::prev(place)->sample.stamp_ns == stamp_ns) {
+    events_.push_back(Drop{"duplicate_image", Concat("two images have the stamp ", FormatStamp(stamp_ns))});
+    return;
+  }
+  images_.insert(place, WaitingImage{std::move(image), std::nullopt, -1});
+  if (images_.size() > static_cast<size_t>(options_.image_capacity)) EvictOldestImage();
+}
+
+void InputMatcher::AddPose(PoseSample pose) {
+  const uint64_t arrival = ++arrivals_;
+  const int64_t stamp_ns = pose.stamp_ns;
+  if (newest_pose_ns_ != INT64_MIN && stamp_ns < newest_pose_ns_ - kTimeJumpNs) {
+    pose_jump_arrival_ = arrival;
+    newest_pose_ns_ = stamp_ns;
+  }
+  newest_pose_ns_ = std::max(newest_pose_ns_, stamp_ns);
+  const auto place = std::upper_bound(poses_.begin(), poses_.end(), stamp_ns,
+                                      [](int64_t s, const ReceivedPose& p) { return s < p.sample.stamp_ns; });
+  poses_.insert(place, ReceivedPose{std::move(pose), false, arrival});
+  if (poses_.size() > kPoseCapacity) poses_.pop_front();
+}
+
+void InputMatcher::AddCloud(SparseCloudPtr cloud) {
+  ++arrivals_;
+  clouds_.push_back(std::move(cloud));
+  if (clouds_.size() > kCloudCapacity) clouds_.pop_front();
+}
+
+std::vector<MatchEvent> InputMatcher::Take(double now_s) {
+  FindPoses(now_s);
+  EmitReady(now_s, true);
+  return std::exchange(events_, {});
+}
+
+std::vector<MatchEvent> InputMatcher::TakeAll() {
+  FindPoses(0);
+  EmitReady(0, false);
+  return std::exchange(events_, {});
+}
+
+void InputMatcher::Clear(const std::string& reason) {
+  for (const WaitingImage& image : images_) {
+    events_.push_back(
+        Drop{reason, Concat("image ", FormatStamp(image.sample.stamp_ns), " was waiting (", reason, ")")});
+  }
+  images_.clear();
+  poses_.clear();
+  clouds_.clear();
+  newest_image_ns_.reset();
+  last_match_ns_.reset();
+  newest_pose_ns_ = INT64_MIN;
+  pose_jump_arrival_ = 0;
+}
+
+void InputMatcher::HandleTimeJump(int64_t stamp_ns) {
+  FindPoses(0);
+  EmitReady(0, false);
+  // A pose of the new run may have come before its first image: those after the poses' own jump back are kept, if that
+  // jump is younger than the last image of the old run.
+  std::deque<ReceivedPose> kept;
+  if (pose_jump_arrival_ > last_image_arrival_) {
+    std::copy_if(poses_.begin(), poses_.end(), std::back_inserter(kept),
+                 [this](const ReceivedPose& pose) { return pose.arrival >= pose_jump_arrival_; });
+  }
+  // Clouds that old would be landmarks of another run, whose world may be another one.
+  std::deque<SparseCloudPtr> kept_clouds;
+  std::copy_if(clouds_.begin(), clouds_.end(), std::back_inserter(kept_clouds), [&](const SparseCloudPtr& cloud) {
+    return !kept.empty() && std::llabs(cloud->stamp_ns - stamp_ns) <= kTimeJumpNs;
+  });
+  const int64_t from_ns = *newest_image_ns_;
+  const int64_t kept_newest_ns = newest_pose_ns_;
+  Clear("time_jump");
+  if (!kept.empty()) newest_pose_ns_ = kept_newest_ns;
+  poses_ = std::move(kept);
+  clouds_ = std::move(kept_clouds);
+  events_.push_back(TimeJump{from_ns, stamp_ns});
+}
+
+void InputMatcher::EvictOldestImage() {
+  WaitingImage image = std::move(images_.front());
+  images_.pop_front();
+  if (!calibrated_) {
+    events_.push_back(Drop{"no_camera_info", Concat("image ", FormatStamp(image.sample.stamp_ns),
+                                                    ": no usable camera_info has been received")});
+  } else if (image.pose) {
+    Emit(std::move(image));
+  } else {
+    DropUnposed(image);
+  }
+}
+
+void InputMatcher::FindPoses(double now_s) {
+  for (WaitingImage& image : images_) {
+    if (image.pose) continue;
+    ReceivedPose* nearest = NearestPose(image.sample.stamp_ns, true);
+    if (!nearest || !PoseIsFinal(image.sample.stamp_ns, nearest->sample.stamp_ns)) continue;
+    nearest->used = true;
+    image.pose = nearest->sample;
+    image.ready_since_s = now_s;
+  }
+}
+
+InputMatcher::ReceivedPose* InputMatcher::NearestPose(int64_t stamp_ns, bool unused_only) {
+  ReceivedPose* nearest = nullptr;
+  int64_t nearest_gap_ns = std::numeric_limits<int64_t>::max();
+  for (ReceivedPose& pose : poses_) {
+    const int64_t gap_ns = std::llabs(pose.sample.stamp_ns - stamp_ns);
+    if ((pose.used && unused_only) || gap_ns >= nearest_gap_ns) continue;
+    nearest = &pose;
+    nearest_gap_ns = gap_ns;
+  }
+  return nearest;
+}
+
+bool InputMatcher::PoseIsFinal(int64_t image_stamp_ns, int64_t pose_stamp_ns) const {
+  const int64_t gap_ns = pose_stamp_ns - image_stamp_ns;
+  if (std::llabs(gap_ns) > sync_tolerance_ns_) return false;
+  return gap_ns >= -kSameExposureNs || newest_pose_ns_ >= image_stamp_ns;
+}
+
+void InputMatcher::EmitReady(double now_s, bool wait) {
+  if (!calibrated_) return;
+  for (;;) {
+    const auto ready = std::find_if(images_.begin(), images_.end(), [](const WaitingImage& i) { return i.pose; });
+    if (ready == images_.end() || (wait && !CloudIsSettled(*ready, now_s))) return;
+    std::for_each(images_.begin(), ready, [this](const WaitingImage& overtaken) { DropUnposed(overtaken); });
+    WaitingImage image = std::move(*ready);
+    images_.erase(images_.begin(), std::next(ready));
+    Emit(std::move(image));
+  }
+}
+
+bool InputMatcher::CloudIsSettled(const WaitingImage& image, double now_s) const {
+  if (!clouds_expected_ || now_s - image.ready_since_s >= options_.sparse_wait_s) return true;
+  const int64_t earliest_ns = image.sample.stamp_ns - sync_tolerance_ns_;
+  return std::any_of(clouds_.begin(), clouds_.end(),
+                     [&](const SparseCloudPtr& c) { return c->stamp_ns >= earliest_ns; });
+}
+
+SparseCloudPtr InputMatcher::ChooseCloud(int64_t stamp_ns) const {
+  SparseCloudPtr nearest;
+  int64_t nearest_gap_ns = sparse_tolerance_ns_;
+  for (const SparseCloudPtr& cloud : clouds_) {
+    const int64_t gap_ns = std::llabs(cloud->stamp_ns - stamp_ns);
+    if (gap_ns > nearest_gap_ns) continue;
+    nearest = cloud;
+    nearest_gap_ns = gap_ns;
+  }
+  if (nearest || clouds_.empty()) return nearest;
+  return clouds_.back();
+}
+
+void InputMatcher::Emit(WaitingImage image) {
+  last_match_ns_ = image.sample.stamp_ns;
+  MatchedInput match{std::move(image.sample), std::move(*image.pose), nullptr, std::nullopt};
+  match.cloud = ChooseCloud(match.image.stamp_ns);
+  if (match.cloud) {
+    if (std::llabs(match.cloud->stamp_ns - match.image.stamp_ns) <= std::max(sync_tolerance_ns_, kSameExposureNs)) {
+      match.cloud_pose = match.pose;
+    } else if (const ReceivedPose* pose = NearestPose(match.cloud->stamp_ns, false);
+               pose && std::llabs(pose->sample.stamp_ns - match.cloud->stamp_ns) <= sync_tolerance_ns_) {
+      match.cloud_pose = pose->sample;
+    }
+  }
+  events_.emplace_back(std::move(match));
+}
+
+void InputMatcher::DropUnposed(const WaitingImage& image) {
+  const int64_t stamp_ns = image.sample.stamp_ns;
+  last_gap_ = PoseGap{stamp_ns, std::nullopt};
+  std::string nearest_text = "no pose has been received";
+  if (const ReceivedPose* nearest = NearestPose(stamp_ns, false)) {
+    last_gap_->gap_ns = nearest->sample.stamp_ns - stamp_ns;
+    nearest_text = Concat("nearest is ", ToMs(std::llabs(*last_gap_->gap_ns)), " ms away");
+  }
+  events_.push_back(Drop{"no_pose", Concat("no pose within ", ToMs(sync_tolerance_ns_), " ms of image ",
+                                           FormatStamp(stamp_ns), "; ", nearest_text)});
+}
+
+}  // namespace acmp

@@ -1,0 +1,97 @@
+#include "acmp_mapping/ros/node_options.h"
+
+#include <utility>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/keyframe/frame.h"
+
+namespace acmp {
+namespace {
+
+template <class Enum>
+using NamedValues = std::vector<std::pair<const char*, Enum>>;
+
+template <class Enum>
+void ReadEnum(ParameterReader* reader, const char* name, const NamedValues<Enum>& values, Enum* value) {
+  std::string text;
+  if (!reader->Read(name, &text)) return;
+  std::string known;
+  for (const auto& [value_name, named_value] : values) {
+    if (text == value_name) {
+      *value = named_value;
+      return;
+    }
+    known += Concat(known.empty() ? "" : ", ", value_name);
+  }
+  throw InvalidInputError(Concat("parameter ~", name, " = \"", text, "\": must be one of ", known));
+}
+
+RigidTransform ToTransform(const std::vector<double>& m) {
+  if (m.size() != 16) {
+    throw InvalidInputError(
+        Concat("parameter ~T_body_cam has ", m.size(), " numbers: must have 16, a 4x4 matrix row by row"));
+  }
+  if (m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1) {
+    throw InvalidInputError(Concat("parameter ~T_body_cam: the last row is ", m[12], " ", m[13], " ", m[14], " ", m[15],
+                                   ", must be 0 0 0 1"));
+  }
+  RigidTransform transform = RigidTransform::Identity();
+  for (int row = 0; row < 3; ++row) {
+    for (int col = 0; col < 4; ++col) transform.matrix()(row, col) = m[static_cast<size_t>(4 * row + col)];
+  }
+  CheckPose("parameter ~T_body_cam", transform);
+  return transform;
+}
+
+void LoadPoseSemantics(ParameterReader* reader, PoseSemantics* pose) {
+  std::string direction, child;
+  if (reader->Read("pose_is", &direction)) pose->direction = ParsePoseDirection(direction);
+  if (reader->Read("pose_child", &child)) pose->child = ParsePoseChild(child);
+  std::vector<double> matrix;
+  const bool has_matrix = reader->Read("T_body_cam", &matrix) && !matrix.empty();
+  const bool body = pose->child == PoseSemantics::Child::kBody;
+  if (body && !has_matrix) throw InvalidInputError("parameter ~pose_child = body needs ~T_body_cam (4x4, row by row)");
+  if (!body && has_matrix) throw InvalidInputError("parameter ~T_body_cam is set: needs ~pose_child = body");
+  if (has_matrix) pose->body_from_cam = ToTransform(matrix);
+}
+
+}  // namespace
+
+NodeOptions LoadNodeOptions(ParameterReader* reader) {
+  NodeOptions options;
+  ReadEnum<Device>(reader, "device", {{"auto", Device::kAuto}, {"cuda", Device::kCuda}, {"cpu", Device::kCpu}},
+                   &options.device);
+  reader->Read("cuda_device", &options.cuda_device);
+  CheckRange("parameter ~cuda_device", options.cuda_device, 0, 63);
+  reader->Read("preset", &options.preset);
+  ReadEnum<ImageTransport>(reader, "image_transport",
+                           {{"raw", ImageTransport::kRaw}, {"compressed", ImageTransport::kCompressed}},
+                           &options.image_transport);
+  reader->Read("rectified", &options.rectified);
+  reader->Read("max_image_size", &options.max_image_size);
+  CheckRange("parameter ~max_image_size", options.max_image_size, 0, 100000);
+  LoadPoseSemantics(reader, &options.pose);
+  reader->Read("world_frame", &options.world_frame);
+  ReadEnum<SparseFrame>(
+      reader, "sparse_frame",
+      {{"auto", SparseFrame::kAuto}, {"world", SparseFrame::kWorld}, {"camera", SparseFrame::kCamera}},
+      &options.sparse_frame);
+  reader->Read("sync_tolerance", &options.matcher.sync_tolerance_s);
+  reader->Read("sparse_tolerance", &options.matcher.sparse_tolerance_s);
+  reader->Read("sparse_wait", &options.matcher.sparse_wait_s);
+  Validate(options.matcher);
+  ReadEnum<KeyframeMode>(reader, "keyframe_mode",
+                         {{"every_pose", KeyframeMode::kEveryPose}, {"gate", KeyframeMode::kGate}},
+                         &options.keyframe_mode);
+  ReadEnum<OverloadPolicy>(reader, "overload",
+                           {{"drop_oldest", OverloadPolicy::kDropOldest},
+                            {"skip_if_busy", OverloadPolicy::kSkipIfBusy},
+                            {"block", OverloadPolicy::kBlock}},
+                           &options.overload);
+  ReadEnum<TimeJumpPolicy>(reader, "on_time_jump",
+                           {{"clear", TimeJumpPolicy::kClear}, {"reset", TimeJumpPolicy::kReset}},
+                           &options.on_time_jump);
+  return options;
+}
+
+}  // namespace acmp

@@ -1,0 +1,116 @@
+#include "acmp_mapping/ros/output_conversion.h"
+
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#include <sensor_msgs/image_encodings.h>
+#include <sensor_msgs/point_cloud2_iterator.h>
+#include <boost/make_shared.hpp>
+
+namespace acmp {
+namespace {
+
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+
+sensor_msgs::ImagePtr MakeImageMessage(int width, int height, const char* encoding, size_t pixel_bytes,
+                                       const std_msgs::Header& header) {
+  auto message = boost::make_shared<sensor_msgs::Image>();
+  message->header = header;
+  message->width = static_cast<uint32_t>(width);
+  message->height = static_cast<uint32_t>(height);
+  message->encoding = encoding;
+  message->step = static_cast<uint32_t>(width * pixel_bytes);
+  message->data.resize(static_cast<size_t>(message->step) * message->height);
+  return message;
+}
+
+}  // namespace
+
+sensor_msgs::ImagePtr ToDepthMessage(const DepthMap& depth, ImageView<const float> confidence, float min_confidence,
+                                     const std_msgs::Header& header) {
+  sensor_msgs::ImagePtr message = ToFloatMessage(depth, header);
+  float* values = reinterpret_cast<float*>(message->data.data());
+  for (int row = 0; row < depth.height(); ++row) {
+    for (int col = 0; col < depth.width(); ++col, ++values) {
+      const bool doubtful = !confidence.empty() && confidence(col, row) < min_confidence;
+      if (*values == 0 || doubtful) *values = kNaN;
+    }
+  }
+  return message;
+}
+
+sensor_msgs::ImagePtr ToDepthMillimetres(const sensor_msgs::Image& depth_32fc1) {
+  sensor_msgs::ImagePtr message =
+      MakeImageMessage(static_cast<int>(depth_32fc1.width), static_cast<int>(depth_32fc1.height),
+                       sensor_msgs::image_encodings::TYPE_16UC1.c_str(), sizeof(uint16_t), depth_32fc1.header);
+  const float* metres = reinterpret_cast<const float*>(depth_32fc1.data.data());
+  uint16_t* millimetres = reinterpret_cast<uint16_t*>(message->data.data());
+  for (size_t i = 0; i < message->data.size() / sizeof(uint16_t); ++i) {
+    const float rounded = std::round(metres[i] * 1000.0f);
+    millimetres[i] = rounded > 0 && rounded <= 65535.0f ? static_cast<uint16_t>(rounded) : uint16_t{0};
+  }
+  return message;
+}
+
+sensor_msgs::ImagePtr ToFloatMessage(const Image<float>& map, const std_msgs::Header& header) {
+  auto message = MakeImageMessage(map.width(), map.height(), sensor_msgs::image_encodings::TYPE_32FC1.c_str(),
+                                  sizeof(float), header);
+  std::memcpy(message->data.data(), map.data(), message->data.size());
+  return message;
+}
+
+sensor_msgs::ImagePtr ToNormalMessage(const NormalMap& normal, const std_msgs::Header& header) {
+  static_assert(sizeof(Vec3f) == 3 * sizeof(float), "pixels of 32FC3");
+  auto message = MakeImageMessage(normal.width(), normal.height(), sensor_msgs::image_encodings::TYPE_32FC3.c_str(),
+                                  sizeof(Vec3f), header);
+  Vec3f* target = reinterpret_cast<Vec3f*>(message->data.data());
+  for (const Vec3f& n : normal) *target++ = n.x == 0 && n.y == 0 && n.z == 0 ? Vec3f{kNaN, kNaN, kNaN} : n;
+  return message;
+}
+
+sensor_msgs::ImagePtr ToColorMessage(const ColorImage& color, const std_msgs::Header& header) {
+  static_assert(sizeof(Rgb) == 3, "pixels of rgb8");
+  auto message =
+      MakeImageMessage(color.width(), color.height(), sensor_msgs::image_encodings::RGB8.c_str(), sizeof(Rgb), header);
+  std::memcpy(message->data.data(), color.data(), message->data.size());
+  return message;
+}
+
+sensor_msgs::CameraInfoPtr ToCameraInfo(const PinholeCamera& camera, const std_msgs::Header& header) {
+  auto info = boost::make_shared<sensor_msgs::CameraInfo>();
+  info->header = header;
+  info->width = static_cast<uint32_t>(camera.width);
+  info->height = static_cast<uint32_t>(camera.height);
+  info->distortion_model = "plumb_bob";
+  info->D.assign(5, 0.0);
+  info->K = {camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1};
+  info->R = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+  info->P = {camera.fx, 0, camera.cx, 0, 0, camera.fy, camera.cy, 0, 0, 0, 1, 0};
+  return info;
+}
+
+sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_msgs::Header& header) {
+  struct Packed {
+    float x, y, z;
+    uint8_t b, g, r, zero;  // little-endian 0x00rrggbb, as PCL reads it
+    float normal_x, normal_y, normal_z, confidence;
+  };
+  static_assert(sizeof(Packed) == 32, "eight float32 fields");
+  auto message = boost::make_shared<sensor_msgs::PointCloud2>();
+  message->header = header;
+  sensor_msgs::PointCloud2Modifier modifier(*message);
+  constexpr auto kFloat = sensor_msgs::PointField::FLOAT32;
+  modifier.setPointCloud2Fields(8, "x", 1, kFloat, "y", 1, kFloat, "z", 1, kFloat, "rgb", 1, kFloat, "normal_x", 1,
+                                kFloat, "normal_y", 1, kFloat, "normal_z", 1, kFloat, "confidence", 1, kFloat);
+  modifier.resize(points.size());
+  message->is_dense = true;
+  Packed* target = reinterpret_cast<Packed*>(message->data.data());
+  for (const SurfacePoint& p : points) {
+    *target++ = {p.position.x, p.position.y, p.position.z, p.color.b,   p.color.g, p.color.r, 0,
+                 p.normal.x,   p.normal.y,   p.normal.z,   p.confidence};
+  }
+  return message;
+}
+
+}  // namespace acmp

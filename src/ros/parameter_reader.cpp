@@ -1,0 +1,119 @@
+#include "acmp_mapping/ros/parameter_reader.h"
+
+#include <algorithm>
+#include <numeric>
+#include <utility>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+using XmlRpc::XmlRpcValue;
+
+[[noreturn]] void Refuse(const std::string& name, const XmlRpcValue& value, const char* expected) {
+  std::ostringstream text;
+  value.write(text);
+  throw InvalidInputError(Concat("parameter ~", name, " = ", text.str(), ": must be ", expected));
+}
+
+bool ToDouble(XmlRpcValue& value, double* number) {
+  if (value.getType() == XmlRpcValue::TypeInt) {
+    *number = static_cast<int&>(value);
+    return true;
+  }
+  if (value.getType() != XmlRpcValue::TypeDouble) return false;
+  *number = static_cast<double&>(value);
+  return true;
+}
+
+bool AppendNumbers(XmlRpcValue& value, std::vector<double>* numbers) {
+  double number = 0;
+  if (ToDouble(value, &number)) {
+    numbers->push_back(number);
+    return true;
+  }
+  if (value.getType() != XmlRpcValue::TypeArray) return false;
+  for (int i = 0; i < value.size(); ++i) {
+    if (!AppendNumbers(value[i], numbers)) return false;
+  }
+  return true;
+}
+
+}  // namespace
+
+ParameterReader::ParameterReader(XmlRpcValue values) : values_(std::move(values)) {}
+
+XmlRpcValue* ParameterReader::Find(const std::string& name) {
+  known_.insert(name);
+  if (values_.getType() != XmlRpcValue::TypeStruct || !values_.hasMember(name)) return nullptr;
+  return &values_[name];
+}
+
+bool ParameterReader::Read(const std::string& name, double* value) {
+  XmlRpcValue* found = Find(name);
+  if (found && !ToDouble(*found, value)) Refuse(name, *found, "a number");
+  return found != nullptr;
+}
+
+bool ParameterReader::Read(const std::string& name, int* value) {
+  XmlRpcValue* found = Find(name);
+  if (!found) return false;
+  if (found->getType() != XmlRpcValue::TypeInt) Refuse(name, *found, "an integer");
+  *value = static_cast<int&>(*found);
+  return true;
+}
+
+bool ParameterReader::Read(const std::string& name, bool* value) {
+  XmlRpcValue* found = Find(name);
+  if (!found) return false;
+  if (found->getType() != XmlRpcValue::TypeBoolean) Refuse(name, *found, "true or false");
+  *value = static_cast<bool&>(*found);
+  return true;
+}
+
+bool ParameterReader::Read(const std::string& name, std::string* value) {
+  XmlRpcValue* found = Find(name);
+  if (!found) return false;
+  if (found->getType() != XmlRpcValue::TypeString) Refuse(name, *found, "a text");
+  *value = static_cast<std::string&>(*found);
+  return true;
+}
+
+bool ParameterReader::Read(const std::string& name, std::vector<double>* value) {
+  XmlRpcValue* found = Find(name);
+  if (!found) return false;
+  std::vector<double> numbers;
+  if (found->getType() != XmlRpcValue::TypeArray || !AppendNumbers(*found, &numbers)) {
+    Refuse(name, *found, "a list of numbers");
+  }
+  *value = std::move(numbers);
+  return true;
+}
+
+void ParameterReader::CheckUnknown() const {
+  if (values_.getType() != XmlRpcValue::TypeStruct) return;
+  XmlRpcValue values = values_;  // iteration is not const
+  for (auto& [name, value] : values) {
+    if (known_.count(name) > 0 || value.getType() == XmlRpcValue::TypeStruct) continue;
+    const auto nearest = std::min_element(known_.begin(), known_.end(), [&](const auto& a, const auto& b) {
+      return EditDistance(a, name) < EditDistance(b, name);
+    });
+    throw InvalidInputError(Concat("unknown parameter ~", name, ": did you mean ~", *nearest, "?"));
+  }
+}
+
+size_t EditDistance(const std::string& a, const std::string& b) {
+  std::vector<size_t> previous(b.size() + 1), current(b.size() + 1);
+  std::iota(previous.begin(), previous.end(), size_t{0});
+  for (size_t i = 0; i < a.size(); ++i) {
+    current[0] = i + 1;
+    for (size_t j = 0; j < b.size(); ++j) {
+      current[j + 1] = std::min({previous[j + 1] + 1, current[j] + 1, previous[j] + (a[i] == b[j] ? 0 : 1)});
+    }
+    std::swap(previous, current);
+  }
+  return previous[b.size()];
+}
+
+}  // namespace acmp
