@@ -1,0 +1,143 @@
+#include "acmp_mapping/evaluation/cloud_metrics.h"
+
+#include <cmath>
+#include <cstdint>
+#include <unordered_map>
+
+#include <tbb/parallel_for.h>
+#include <nanoflann.hpp>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+// What nanoflann asks of a point set.
+struct PointSet {
+  const PointCloud& points;
+
+  size_t kdtree_get_point_count() const { return points.size(); }
+  float kdtree_get_pt(size_t index, size_t axis) const {
+    const Vec3f& p = points[index].position;
+    return axis == 0 ? p.x : axis == 1 ? p.y : p.z;
+  }
+  template <class Box>
+  bool kdtree_get_bbox(Box&) const {
+    return false;
+  }
+};
+using Distance = nanoflann::L2_Simple_Adaptor<float, PointSet, double>;
+using KdTree = nanoflann::KDTreeSingleIndexAdaptor<Distance, PointSet, 3, size_t>;
+
+// Squared distance of each of `points` to the nearest of `targets`, which must not be empty.
+std::vector<double> SquaredDistances(const PointCloud& points, const PointCloud& targets) {
+  const PointSet set{targets};
+  constexpr size_t kPointsPerLeaf = 16;
+  KdTree tree(3, set, {kPointsPerLeaf});
+  tree.buildIndex();
+  std::vector<double> squared(points.size());
+  tbb::parallel_for(size_t{0}, points.size(), [&](size_t i) {
+    const Vec3f& p = points[i].position;
+    const float query[3] = {p.x, p.y, p.z};
+    size_t nearest;
+    tree.knnSearch(query, 1, &nearest, &squared[i]);
+  });
+  return squared;
+}
+
+struct Voxel {
+  int64_t x, y, z;
+  bool operator==(const Voxel& o) const { return x == o.x && y == o.y && z == o.z; }
+};
+struct VoxelHash {
+  size_t operator()(const Voxel& v) const {
+    // Large primes per axis (Teschner et al., VMV 2003).
+    return static_cast<size_t>(v.x * 73856093 ^ v.y * 19349663 ^ v.z * 83492791);
+  }
+};
+
+// Number of each point's voxel, counted from 0 in the order of first appearance.
+struct VoxelGrid {
+  VoxelGrid(const PointCloud& points, double voxel_size, double shift) {
+    std::unordered_map<Voxel, size_t, VoxelHash> index;
+    voxel_of_point.reserve(points.size());
+    for (const SurfacePoint& point : points) {
+      const auto cell = [&](float x) { return static_cast<int64_t>(std::floor(x / voxel_size + shift)); };
+      const Voxel voxel = {cell(point.position.x), cell(point.position.y), cell(point.position.z)};
+      const size_t number = index.emplace(voxel, index.size()).first->second;
+      if (number == point_count.size()) point_count.push_back(0);
+      ++point_count[number];
+      voxel_of_point.push_back(number);
+    }
+  }
+
+  // Sum over voxels of the share of points within the distance.
+  double SumOfShares(const std::vector<double>& squared_distances, double threshold) const {
+    std::vector<size_t> within(point_count.size());
+    for (size_t i = 0; i < voxel_of_point.size(); ++i) {
+      if (squared_distances[i] <= threshold * threshold) ++within[voxel_of_point[i]];
+    }
+    double sum = 0;
+    for (size_t v = 0; v < within.size(); ++v) sum += static_cast<double>(within[v]) / point_count[v];
+    return sum;
+  }
+
+  std::vector<size_t> voxel_of_point;
+  std::vector<size_t> point_count;
+};
+
+// Per threshold, the percentage of `points` within it of `targets`, averaged over the voxels of both grids.
+std::vector<double> SharesWithin(const PointCloud& points, const PointCloud& targets,
+                                 const std::vector<double>& thresholds, double voxel_size) {
+  if (points.empty() || targets.empty()) return std::vector<double>(thresholds.size(), 0.0);
+  const std::vector<double> squared_distances = SquaredDistances(points, targets);
+  const VoxelGrid grid(points, voxel_size, 0.0);
+  const VoxelGrid shifted_grid(points, voxel_size, 0.5);
+  const size_t voxels = grid.point_count.size() + shifted_grid.point_count.size();
+  std::vector<double> shares;
+  for (const double threshold : thresholds) {
+    const double sum =
+        grid.SumOfShares(squared_distances, threshold) + shifted_grid.SumOfShares(squared_distances, threshold);
+    shares.push_back(100.0 * sum / voxels);
+  }
+  return shares;
+}
+
+void CheckCloud(const char* name, const PointCloud& points) {
+  for (size_t i = 0; i < points.size(); ++i) {
+    const Vec3f& p = points[i].position;
+    if (!std::isfinite(p.x) || !std::isfinite(p.y) || !std::isfinite(p.z)) {
+      throw InvalidInputError(
+          Concat(name, ": point ", i, " = (", p.x, ", ", p.y, ", ", p.z, "): coordinates must be finite"));
+    }
+  }
+}
+
+void CheckLength(const char* name, double value) {
+  if (!(std::isfinite(value) && value > 0)) {
+    throw InvalidInputError(Concat(name, " = ", value, ": must be positive and finite"));
+  }
+}
+
+}  // namespace
+
+std::vector<CloudMetrics> EvaluateCloud(const PointCloud& reconstruction, const PointCloud& ground_truth,
+                                        const std::vector<double>& thresholds, double voxel_size) {
+  CheckLength("voxel size", voxel_size);
+  for (const double threshold : thresholds) CheckLength("threshold", threshold);
+  if (ground_truth.empty()) throw InvalidInputError("ground truth: 0 points: must be at least 1");
+  CheckCloud("reconstruction", reconstruction);
+  CheckCloud("ground truth", ground_truth);
+
+  const std::vector<double> accuracy = SharesWithin(reconstruction, ground_truth, thresholds, voxel_size);
+  const std::vector<double> completeness = SharesWithin(ground_truth, reconstruction, thresholds, voxel_size);
+  std::vector<CloudMetrics> metrics;
+  for (size_t i = 0; i < thresholds.size(); ++i) {
+    const double sum = accuracy[i] + completeness[i];
+    const double f1 = sum > 0 ? 2.0 * accuracy[i] * completeness[i] / sum : 0.0;
+    metrics.push_back({thresholds[i], accuracy[i], completeness[i], f1});
+  }
+  return metrics;
+}
+
+}  // namespace acmp

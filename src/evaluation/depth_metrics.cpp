@@ -1,0 +1,124 @@
+#include "acmp_mapping/evaluation/depth_metrics.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+
+bool IsKnown(float depth) { return std::isfinite(depth) && depth > 0; }
+
+// Nearest pixel of an estimate `size` px long for each of `target_size` pixels: u -> (u + 0.5) s - 0.5, halves to even.
+std::vector<int> NearestPixels(int size, int target_size) {
+  std::vector<int> nearest(target_size);
+  for (int i = 0; i < target_size; ++i) {
+    const double position = (i + 0.5) * size / target_size - 0.5;
+    nearest[i] = std::clamp(static_cast<int>(std::nearbyint(position)), 0, size - 1);
+  }
+  return nearest;
+}
+
+// Mean of the two middle values for an even count. Reorders its argument.
+double Median(std::vector<float>* values) {
+  if (values->empty()) return kNan;
+  const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
+  std::nth_element(values->begin(), middle, values->end());
+  if (values->size() % 2 == 1) return *middle;
+  return 0.5f * (*std::max_element(values->begin(), middle) + *middle);
+}
+
+// Mean over the values that are not NaN.
+class NanMean {
+ public:
+  void Add(double value) {
+    if (std::isnan(value)) return;
+    sum_ += value;
+    ++count_;
+  }
+  double Get() const { return count_ == 0 ? kNan : sum_ / count_; }
+
+ private:
+  double sum_ = 0;
+  size_t count_ = 0;
+};
+
+}  // namespace
+
+void DepthErrors::Add(const DepthMap& estimate, const DepthMap& ground_truth, ImageView<const unsigned char> mask) {
+  if (!mask.empty() && (mask.width != ground_truth.width() || mask.height != ground_truth.height())) {
+    throw InvalidInputError(Concat("mask size ", mask.width, " x ", mask.height, ": must be the ground truth's, ",
+                                   ground_truth.width(), " x ", ground_truth.height()));
+  }
+  const std::vector<int> cols = NearestPixels(estimate.width(), ground_truth.width());
+  const std::vector<int> rows = NearestPixels(estimate.height(), ground_truth.height());
+  for (int row = 0; row < ground_truth.height(); ++row) {
+    for (int col = 0; col < ground_truth.width(); ++col) {
+      const float truth = ground_truth(col, row);
+      if (!IsKnown(truth) || (!mask.empty() && mask(col, row) == 0)) continue;
+      ++ground_truth_pixels_;
+      const float depth = estimate.empty() ? 0.0f : estimate(cols[col], rows[row]);
+      if (!IsKnown(depth)) continue;
+      // In float like the maps: with millimetre files many errors lie exactly on a threshold, and rounding decides.
+      const float error = std::abs(depth - truth);
+      errors_.push_back(error);
+      for (size_t i = 0; i < kAbsoluteThresholds.size(); ++i) {
+        below_absolute_[i] += error < static_cast<float>(kAbsoluteThresholds[i]);
+        below_relative_[i] += error < static_cast<float>(kRelativeThresholds[i]) * truth;
+      }
+    }
+  }
+}
+
+DepthMetrics DepthErrors::Metrics() const {
+  DepthMetrics metrics;
+  metrics.ground_truth_pixels = ground_truth_pixels_;
+  const auto percent = [&](size_t count) {
+    return ground_truth_pixels_ == 0 ? kNan : 100.0 * static_cast<double>(count) / ground_truth_pixels_;
+  };
+  for (size_t i = 0; i < kAbsoluteThresholds.size(); ++i) {
+    metrics.below_absolute[i] = percent(below_absolute_[i]);
+    metrics.below_relative[i] = percent(below_relative_[i]);
+  }
+  metrics.density = percent(errors_.size());
+  std::vector<float> errors = errors_;
+  metrics.median_error = Median(&errors);
+  return metrics;
+}
+
+DepthMetrics EvaluateDepth(const DepthMap& estimate, const DepthMap& ground_truth,
+                           ImageView<const unsigned char> mask) {
+  DepthErrors errors;
+  errors.Add(estimate, ground_truth, mask);
+  return errors.Metrics();
+}
+
+DepthMetrics Mean(const std::vector<DepthMetrics>& metrics) {
+  std::array<NanMean, 3> absolute, relative;
+  NanMean density, median, pixels;
+  for (const DepthMetrics& image : metrics) {
+    if (image.ground_truth_pixels == 0) continue;
+    pixels.Add(static_cast<double>(image.ground_truth_pixels));
+    for (size_t i = 0; i < absolute.size(); ++i) {
+      absolute[i].Add(image.below_absolute[i]);
+      relative[i].Add(image.below_relative[i]);
+    }
+    density.Add(image.density);
+    median.Add(image.median_error);
+  }
+  DepthMetrics mean;
+  mean.ground_truth_pixels = std::isnan(pixels.Get()) ? 0 : static_cast<size_t>(pixels.Get());
+  for (size_t i = 0; i < absolute.size(); ++i) {
+    mean.below_absolute[i] = absolute[i].Get();
+    mean.below_relative[i] = relative[i].Get();
+  }
+  mean.density = density.Get();
+  mean.median_error = median.Get();
+  return mean;
+}
+
+}  // namespace acmp
