@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <iostream>
+#include <memory>
 #include <numeric>
 #include <string>
 #include <vector>
@@ -19,6 +20,14 @@ struct Arguments {
   std::string format = "auto";
   acmp::SyntheticSceneOptions scene;
   acmp::RecordingOptions recording;
+};
+
+/// CLI11 would print the positional arguments of both forms as one.
+class UsageOfBothForms : public CLI::Formatter {
+ public:
+  std::string make_usage(const CLI::App*, std::string) const override {
+    return "Usage: acmp_make_bag [OPTIONS] SCENE OUT.bag\n       acmp_make_bag [OPTIONS] --synthetic OUT.bag\n";
+  }
 };
 
 void AddOptions(CLI::App& app, Arguments& arguments) {
@@ -94,7 +103,7 @@ int main(int argc, char** argv) {
       "the same bytes. Exit codes: 0 done, 2 wrong use or input, 1 failed.",
       "acmp_make_bag");
   Arguments arguments;
-  app.usage("Usage: acmp_make_bag [OPTIONS] SCENE OUT.bag\n       acmp_make_bag [OPTIONS] --synthetic OUT.bag");
+  app.formatter(std::make_shared<UsageOfBothForms>());
   AddOptions(app, arguments);
   return acmp::RunTool(app, argc, argv, [&arguments] {
     const acmp::RecordingSummary summary = arguments.synthetic ? MakeSyntheticBag(arguments) : MakeSceneBag(arguments);

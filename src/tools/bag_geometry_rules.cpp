@@ -205,6 +205,19 @@ void CheckConventions(const BagContents& contents, const BagCheckOptions& option
   }
 }
 
+void CheckCloudStamps(const BagContents& contents, const BagCheckOptions& options, Findings& findings) {
+  if (contents.images.empty()) return;
+  std::vector<ros::Time> image_stamps = Stamps(contents.images);
+  std::sort(image_stamps.begin(), image_stamps.end());
+  const std::vector<double> gaps = NearestGaps(Stamps(contents.clouds), image_stamps);
+  const size_t far = gaps.size() - CountWithin(gaps, options.sparse_tolerance_s);
+  if (far > 0) {
+    findings.Warn("sparse points ", contents.chosen.sparse_points, ": ", far, " of ", gaps.size(), " are more than ",
+                  options.sparse_tolerance_s, " s from any image (largest gap ", Quantile(gaps, 1.0),
+                  " s); the mapper then uses the last ones: set ~sparse_tolerance if that is wrong");
+  }
+}
+
 /// Points already in the camera's frame need no pose.
 void CheckCloudsInCamera(const BagContents& contents, Findings& findings) {
   View view;
@@ -243,7 +256,7 @@ void CheckPointCounts(const BagContents& contents, Findings& findings) {
                   " of the points are (0, 0, 0); the mapper leaves them out");
   }
   if (not_finite + all_zero == points)
-    findings.Warn("sparse points ", topic, ": none is usable; set ~min_depth, ~max_depth");
+    findings.Warn("sparse points ", topic, ": none is usable; set ~depth_min and ~depth_max");
   findings.Ok("sparse points ", topic, ": ", contents.clouds.size(), " clouds, ", points / contents.clouds.size(),
               " points each on average, frame \"", contents.clouds.front().frame, "\"");
 }
@@ -277,10 +290,11 @@ void CheckPoses(const BagContents& contents, const BagCheckOptions& options, Fin
 
 void CheckClouds(const BagContents& contents, const BagCheckOptions& options, Findings& findings) {
   if (contents.clouds.empty()) {
-    findings.Warn("no sparse points: set the depth range by ~min_depth and ~max_depth");
+    findings.Warn("no sparse points: set the depth range by ~depth_min and ~depth_max");
     return;
   }
   CheckPointCounts(contents, findings);
+  CheckCloudStamps(contents, options, findings);
   const bool in_camera = !contents.images.empty() && contents.clouds.front().frame == contents.images.front().frame;
   if (in_camera) {
     CheckCloudsInCamera(contents, findings);

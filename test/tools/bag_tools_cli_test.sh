@@ -1,0 +1,53 @@
+#!/bin/bash
+# Exit codes and messages of the bag tools' command lines. Usage: bag_tools_cli_test.sh FOLDER_OF_THE_PROGRAMS
+set -u
+bin=${1:?folder of the programs}
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+cd "$work" || exit 1
+failures=0
+
+# expect CODE TEXT COMMAND...: runs the command, compares its exit code and looks for TEXT in what it prints.
+expect() {
+  local code=$1 text=$2 output got
+  shift 2
+  output=$("$@" 2>&1)
+  got=$?
+  if [ "$got" -ne "$code" ] || ! grep -qF -- "$text" <<<"$output"; then
+    echo "FAILED: $* -> $got (expected $code and \"$text\"): $output"
+    failures=$((failures + 1))
+  fi
+}
+
+small=(--synthetic --width 48 --height 36 --keyframes 4)
+# A file size limit stands in for a full disk: writing fails half way, with the signal for it ignored.
+limited() { (ulimit -f 10; trap '' XFSZ; "$@"); }
+
+expect 0 "Usage: acmp_make_bag" "$bin/acmp_make_bag" --help
+expect 0 "4 images" "$bin/acmp_make_bag" "${small[@]}" a.bag
+expect 0 "4 images" "$bin/acmp_make_bag" "${small[@]}" b.bag --ground-truth truth
+cmp a.bag b.bag || failures=$((failures + 1))
+[ -s truth/depth/000003.pfm ] || { echo "FAILED: no ground truth"; failures=$((failures + 1)); }
+expect 0 "usable: 0 errors" "$bin/acmp_check_bag" a.bag
+expect 0 "set ~pose_source: tf" "$bin/acmp_check_bag" a.bag --pose /tf
+
+expect 2 "give SCENE and OUT.bag" "$bin/acmp_make_bag" out.bag
+expect 2 "--synthetic takes no SCENE" "$bin/acmp_make_bag" --synthetic scene out.bag
+expect 2 "required" "$bin/acmp_make_bag"
+expect 2 "keyframes" "$bin/acmp_make_bag" --synthetic --keyframes 1 out.bag
+expect 2 "rate = 0" "$bin/acmp_make_bag" "${small[@]}" --rate 0 out.bag
+expect 2 "must be auto, colmap or mvsnet" "$bin/acmp_make_bag" --format ply . out.bag
+expect 2 "missing" "$bin/acmp_make_bag" missing out.bag
+expect 2 "is a folder" "$bin/acmp_make_bag" "${small[@]}" .
+expect 1 "No such file or directory" "$bin/acmp_make_bag" "${small[@]}" missing/out.bag
+expect 1 "File too large" limited "$bin/acmp_make_bag" "${small[@]}" out.bag
+[ ! -e out.bag ] && [ ! -e out.bag.partial ] || { echo "FAILED: a failed run left files"; failures=$((failures + 1)); }
+
+head -c 5000 a.bag >cut.bag
+expect 2 "truncated" "$bin/acmp_check_bag" cut.bag
+expect 2 "no such file" "$bin/acmp_check_bag" missing.bag
+expect 2 "not in the bag" "$bin/acmp_check_bag" a.bag --image /nowhere
+expect 2 "--pose-is" "$bin/acmp_check_bag" a.bag --pose-is upside_down
+
+echo "$failures failures"
+[ "$failures" -eq 0 ]
