@@ -1,0 +1,45 @@
+#!/usr/bin/python3
+"""Prints what a ctest run skipped and why, and the closing line of scripts/test.sh.
+
+usage: summarize_tests.py CTEST_JUNIT_XML CTEST_EXIT_CODE EXTRA_PASSED EXTRA_FAILED
+Exits with 1 when anything failed or nothing ran."""
+import re
+import sys
+import xml.etree.ElementTree as ElementTree
+
+# What a test program prints about the cases it leaves out: "Skipped" by GoogleTest with the reason on the next line.
+GTEST_SKIP = re.compile(r"^(?P<place>\S+): Skipped\n(?P<reason>.*)$", re.MULTILINE)
+
+
+def main():
+    junit, ctest_code, passed, failed = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
+    skipped = 0
+    try:
+        cases = ElementTree.parse(junit).getroot().findall("testcase")
+    except (OSError, ElementTree.ParseError) as error:
+        print("no test results: %s" % error)
+        cases = []
+        failed += 1
+    for case in cases:
+        output = case.findtext("system-out") or ""
+        status = case.get("status")
+        if status == "run":
+            passed += 1
+        elif status in ("notrun", "disabled"):
+            skipped += 1
+            reason = case.find("skipped")
+            print("skipped: %s: %s" % (case.get("name"), reason.get("message") if reason is not None else status))
+        else:
+            failed += 1
+            print("failed: %s" % case.get("name"))
+        for skip in GTEST_SKIP.finditer(output):
+            print("left out in %s: %s" % (case.get("name"), skip.group("reason").strip() or skip.group("place")))
+    if ctest_code != 0 and failed == 0:
+        failed += 1
+        print("failed: ctest ended with %d" % ctest_code)
+    print("%d passed, %d failed, %d skipped" % (passed, failed, skipped))
+    return 1 if failed > 0 or passed == 0 else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
