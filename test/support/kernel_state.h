@@ -1,0 +1,62 @@
+#pragma once
+
+#include <vector>
+
+#include "acmp_mapping/patch_match/kernel/bilinear_sampler.h"
+#include "acmp_mapping/patch_match/match_setup.h"
+
+namespace acmp {
+
+/// Owns all that a kernel context points to, to call single kernel functions on a problem. The problem's pixels belong
+/// to the caller.
+class KernelState {
+ public:
+  explicit KernelState(PatchMatchProblem problem, const PatchMatchOptions& options = {})
+      : problem_(std::move(problem)),
+        options_(options),
+        views_(MakeSourceViews(problem_)),
+        planes(problem_.reference.camera.width, problem_.reference.camera.height),
+        cost(problem_.reference.camera.width, problem_.reference.camera.height),
+        selected_views(problem_.reference.camera.width, problem_.reference.camera.height),
+        prior(problem_.reference.camera.width, problem_.reference.camera.height) {
+    for (const MatchView& source : problem_.sources) images_.push_back(source.gray);
+  }
+
+  /// Reads and writes this object's maps.
+  MatchContext<BilinearSampler> Context(uint32_t pass_number = 0) {
+    MatchContext<BilinearSampler> context = ContextWith(BilinearSampler{problem_.reference.gray, images_.data()});
+    context.pass_number = pass_number;
+    return context;
+  }
+
+  template <class Sampler>
+  MatchContext<Sampler> ContextWith(const Sampler& sampler) {
+    MatchContext<Sampler> context = MakeMatchContext<Sampler>(problem_, options_, 0);
+    context.sampler = sampler;
+    context.sources = views_.data();
+    context.planes = planes.View();
+    context.cost = cost.View();
+    context.selected_views = selected_views.View();
+    context.prior = std::as_const(prior).View();
+    return context;
+  }
+
+  const PatchMatchProblem& problem() const { return problem_; }
+  const PatchMatchOptions& options() const { return options_; }
+  int width() const { return problem_.reference.camera.width; }
+  int height() const { return problem_.reference.camera.height; }
+
+ private:
+  PatchMatchProblem problem_;
+  PatchMatchOptions options_;
+  std::vector<SourceView> views_;
+  std::vector<ImageView<const float>> images_;
+
+ public:
+  PlaneMap planes;
+  CostMap cost;
+  Image<uint32_t> selected_views;
+  PlaneMap prior;
+};
+
+}  // namespace acmp

@@ -1,0 +1,146 @@
+#include "support/reference_match.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace acmp::reference {
+namespace {
+
+/// X in the world of a point in the view's camera frame and back.
+Eigen::Vector3d ToWorld(const MatchView& view, const Eigen::Vector3d& point_in_cam) {
+  return view.cam_from_world.inverse() * point_in_cam;
+}
+
+struct Sample {
+  double weight, reference, source;
+};
+
+double WeightedMean(const std::vector<Sample>& samples, double Sample::*value) {
+  double sum = 0, weights = 0;
+  for (const Sample& s : samples) {
+    sum += s.weight * s.*value;
+    weights += s.weight;
+  }
+  return sum / weights;
+}
+
+double WeightedCovariance(const std::vector<Sample>& samples, double Sample::*a, double Sample::*b) {
+  const double mean_a = WeightedMean(samples, a), mean_b = WeightedMean(samples, b);
+  double sum = 0, weights = 0;
+  for (const Sample& s : samples) {
+    sum += s.weight * (s.*a - mean_a) * (s.*b - mean_b);
+    weights += s.weight;
+  }
+  return sum / weights;
+}
+
+bool InsideImage(const PinholeCamera& camera, const Eigen::Vector2d& pixel) {
+  return pixel.x() >= -0.5 && pixel.y() >= -0.5 && pixel.x() < camera.width - 0.5 && pixel.y() < camera.height - 0.5;
+}
+
+}  // namespace
+
+Plane ToDouble(const PlaneHypothesis& plane) { return {{plane.nx, plane.ny, plane.nz}, plane.d}; }
+
+Eigen::Vector3d Intersect(const PinholeCamera& camera, const Eigen::Vector2d& pixel, const Plane& plane) {
+  const Eigen::Vector3d ray((pixel.x() - camera.cx) / camera.fx, (pixel.y() - camera.cy) / camera.fy, 1.0);
+  return -plane.d / plane.normal.dot(ray) * ray;
+}
+
+double SampleBilinear(const ImageView<const float>& image, double x, double y) {
+  x = std::clamp(x, 0.0, image.width - 1.0);
+  y = std::clamp(y, 0.0, image.height - 1.0);
+  // Tent weights of the four pixels around the position; those beyond the border have weight zero.
+  double sum = 0;
+  for (int row = static_cast<int>(y); row <= std::min(static_cast<int>(y) + 1, image.height - 1); ++row) {
+    for (int col = static_cast<int>(x); col <= std::min(static_cast<int>(x) + 1, image.width - 1); ++col) {
+      sum += (1 - std::abs(col - x)) * (1 - std::abs(row - y)) * image(col, row);
+    }
+  }
+  return sum;
+}
+
+Eigen::Vector2d Transfer(const MatchView& source, const MatchView& target, const Plane& plane,
+                         const Eigen::Vector2d& pixel, double* z) {
+  const Eigen::Vector3d point = target.cam_from_world * ToWorld(source, Intersect(source.camera, pixel, plane));
+  *z = point.z();
+  return {target.camera.fx * point.x() / point.z() + target.camera.cx,
+          target.camera.fy * point.y() / point.z() + target.camera.cy};
+}
+
+double BilateralWeight(double distance_px, double gray_difference, const PatchMatchOptions& options) {
+  const double spatial = options.sigma_spatial_px, color = options.sigma_color;
+  return std::exp(-distance_px / (2 * spatial * spatial) - std::abs(gray_difference) / (2 * color * color));
+}
+
+Cost PhotometricCost(const PatchMatchProblem& problem, const PatchMatchOptions& options, const Plane& plane, int col,
+                     int row, int view) {
+  const MatchView& reference = problem.reference;
+  const MatchView& source = problem.sources[view];
+  Cost cost = {CostKind::kNoCorrespondence, 2.0, 0, 0, std::numeric_limits<double>::infinity()};
+  double z;
+  const Eigen::Vector2d center = Transfer(reference, source, plane, Eigen::Vector2d(col, row), &z);
+  const bool visible = z > 0 && InsideImage(source.camera, center);
+
+  std::vector<Sample> samples;
+  for (int dy = -5; dy <= 5; dy += 2) {
+    for (int dx = -5; dx <= 5; dx += 2) {
+      const Eigen::Vector2d pixel(col + dx, row + dy);
+      const Eigen::Vector2d target = Transfer(reference, source, plane, pixel, &z);
+      cost.min_z = std::min(cost.min_z, z / Intersect(reference.camera, pixel, plane).z());
+      if (!reference.gray.Contains(col + dx, row + dy)) continue;
+      const double value = reference.gray(col + dx, row + dy);
+      const double weight = BilateralWeight(std::hypot(dx, dy), value - reference.gray(col, row), options);
+      samples.push_back({weight, value, SampleBilinear(source.gray, target.x(), target.y())});
+    }
+  }
+  if (!visible) return cost;
+  if (samples.empty()) return {CostKind::kFlatReference, 1.0, 0, 0, cost.min_z};
+  cost.reference_variance = WeightedCovariance(samples, &Sample::reference, &Sample::reference);
+  cost.source_variance = WeightedCovariance(samples, &Sample::source, &Sample::source);
+  if (cost.reference_variance < options.min_variance) {
+    cost.kind = CostKind::kFlatReference;
+    cost.value = 1.0;
+  } else if (cost.source_variance < options.min_variance) {
+    cost.kind = CostKind::kFlatSource;
+    cost.value = 2.0;
+  } else {
+    const double covariance = WeightedCovariance(samples, &Sample::reference, &Sample::source);
+    cost.kind = CostKind::kMatched;
+    cost.value = std::clamp(1 - covariance / std::sqrt(cost.reference_variance * cost.source_variance), 0.0, 2.0);
+  }
+  return cost;
+}
+
+double ReprojectionError(const PatchMatchProblem& problem, double depth, int col, int row, int view) {
+  constexpr double kNone = std::numeric_limits<double>::infinity();
+  const MatchView& reference = problem.reference;
+  const MatchView& source = problem.sources[view];
+  if (source.depth.empty()) return kNone;
+  const Eigen::Vector2d pixel(col, row);
+  const Eigen::Vector3d in_source =
+      source.cam_from_world * ToWorld(reference, reference.camera.Unproject(pixel, depth));
+  if (!(in_source.z() > 0)) return kNone;
+  const Eigen::Vector2d forward = source.camera.Project(in_source);
+  if (!InsideImage(source.camera, forward)) return kNone;
+  const double source_depth =
+      source.depth(static_cast<int>(std::floor(forward.x() + 0.5)), static_cast<int>(std::floor(forward.y() + 0.5)));
+  if (!(source_depth > 0)) return kNone;
+  const Eigen::Vector3d back =
+      reference.cam_from_world * ToWorld(source, source.camera.Unproject(forward, source_depth));
+  if (!(back.z() > 0)) return kNone;
+  return (reference.camera.Project(back) - pixel).norm();
+}
+
+double PriorProbability(double depth_difference, double angle_rad, double sigma_depth, double sigma_normal_rad,
+                        double gamma) {
+  return gamma + std::exp(-depth_difference * depth_difference / (2 * sigma_depth * sigma_depth)) *
+                     std::exp(-angle_rad * angle_rad / (2 * sigma_normal_rad * sigma_normal_rad));
+}
+
+double PriorAssistedCost(double cost, double probability, double alpha) {
+  return cost * cost / alpha - std::log(probability);
+}
+
+}  // namespace acmp::reference
