@@ -31,7 +31,7 @@ struct PatchMatchOptions {
 
   float perturb_depth = 0.02f;       ///< relative, (0, 1)
   float perturb_normal_deg = 1.8f;   ///< per axis, (0, 90)
-  bool gradient_normal = true;       ///< also try the normal of the neighbours' depth gradient
+  bool gradient_normal = false;      ///< also try the normal of the neighbours' depth gradient
   bool sample_inverse_depth = true;  ///< random depths uniform in 1/z instead of z
 
   float prior_alpha = 0.18f;            ///< alpha of eq. 5, > 0
