@@ -73,7 +73,7 @@ void CheckIntrinsics(const CameraInfoRecord& info, const std::string& topic, Fin
       std::isfinite(info.fx) && std::isfinite(info.fy) && std::isfinite(info.cx) && std::isfinite(info.cy);
   if (!finite || info.fx <= 0 || info.fy <= 0) {
     findings.Error("camera_info ", topic, ": K[0] = ", info.fx, ", K[4] = ", info.fy,
-                   ": the camera is not calibrated; calibrate it and set ~calibration_file");
+                   ": the camera is not calibrated; calibrate it and publish the result");
   } else if (!info.resized && (info.cx < 0 || info.cy < 0 || info.cx > info.width || info.cy > info.height)) {
     findings.Warn("camera_info ", topic, ": principal point ", info.cx, ", ", info.cy, " lies outside the image of ",
                   info.width, "x", info.height, " px");
@@ -151,7 +151,7 @@ void CheckImages(const BagContents& contents, Findings& findings) {
 void CheckCameraInfo(const BagContents& contents, Findings& findings) {
   const std::string& topic = contents.chosen.camera_info;
   if (contents.camera_infos.empty()) {
-    findings.Warn("no camera_info: set ~calibration_file");
+    findings.Error("no camera_info: the mapper needs sensor_msgs/CameraInfo with the images");
     return;
   }
   const CameraInfoRecord& info = contents.camera_infos.front();

@@ -261,6 +261,27 @@ void CheckPointCounts(const BagContents& contents, Findings& findings) {
               " points each on average, frame \"", contents.clouds.front().frame, "\"");
 }
 
+const std::string& TypeOf(const BagContents& contents, const std::string& topic) {
+  static const std::string none;
+  for (const BagTopic& candidate : contents.topics) {
+    if (candidate.name == topic) return candidate.type;
+  }
+  return none;
+}
+
+/// The mapper takes PoseStamped; the other types hold the same numbers.
+void CheckPoseType(const BagContents& contents, const std::string& topic, Findings& findings) {
+  const std::string& type = TypeOf(contents, contents.chosen.pose);
+  if (contents.chosen.pose.empty() || type == "geometry_msgs/TransformStamped") {
+    findings.Error("poses only as transforms (", topic, "): republish them as geometry_msgs/PoseStamped");
+  } else if (type != "geometry_msgs/PoseStamped") {
+    findings.Warn("poses ", topic, " are ", type, ": turn them into PoseStamped with: rosrun topic_tools transform ",
+                  topic,
+                  " /pose geometry_msgs/PoseStamped 'geometry_msgs.msg.PoseStamped(header=m.header, pose=m.pose.pose)' "
+                  "--import geometry_msgs");
+  }
+}
+
 }  // namespace
 
 void CheckPoses(const BagContents& contents, const BagCheckOptions& options, Findings& findings) {
@@ -272,7 +293,7 @@ void CheckPoses(const BagContents& contents, const BagCheckOptions& options, Fin
         "transform tree that reaches the images' frame");
     return;
   }
-  if (contents.chosen.pose.empty()) findings.Warn("no pose topic: set ~pose_source: tf (", topic, ")");
+  CheckPoseType(contents, topic, findings);
   const auto finite = static_cast<size_t>(std::count_if(poses.begin(), poses.end(), IsFinite));
   const auto unit = static_cast<size_t>(
       std::count_if(poses.begin(), poses.end(), [](const PoseRecord& pose) { return IsFinite(pose) && IsUnit(pose); }));
@@ -292,6 +313,11 @@ void CheckClouds(const BagContents& contents, const BagCheckOptions& options, Fi
   if (contents.clouds.empty()) {
     findings.Warn("no sparse points: set the depth range by ~depth_min and ~depth_max");
     return;
+  }
+  if (TypeOf(contents, contents.chosen.sparse_points) != "sensor_msgs/PointCloud2") {
+    findings.Warn("sparse points ", contents.chosen.sparse_points,
+                  ": are sensor_msgs/PointCloud, which the mapper does not take; convert them to PointCloud2 or set "
+                  "~depth_min and ~depth_max");
   }
   CheckPointCounts(contents, findings);
   CheckCloudStamps(contents, options, findings);
