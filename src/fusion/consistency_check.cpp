@@ -15,8 +15,18 @@ namespace {
 constexpr double kPi = 3.14159265358979323846;
 constexpr size_t kMaxSources = 255;  // ConsistencyResult counts views in a byte
 
-/// Exact for small angles, unlike the arc cosine, and indifferent to the vectors' lengths.
+/// For vectors of any length.
+double CosineOfAngle(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+  return a.dot(b) / std::sqrt(a.squaredNorm() * b.squaredNorm());
+}
+
+/// For vectors of any length. Exact for small angles, unlike the arc cosine, but much slower than the cosine.
 double Angle(const Eigen::Vector3d& a, const Eigen::Vector3d& b) { return std::atan2(a.cross(b).norm(), a.dot(b)); }
+
+/// 1 - cos(angle) = 2 sin^2(angle / 2).
+double AngleOfVersine(float versine) {
+  return 2 * std::asin(std::sqrt(std::min(1.0, std::max(0.0, 0.5 * static_cast<double>(versine)))));
+}
 
 bool IsKnown(float depth) { return depth > 0 && std::isfinite(depth); }
 
@@ -54,7 +64,7 @@ ConsistencyChecker::ConsistencyChecker(const FusionView& reference, const std::v
     : reference_(reference),
       sources_(sources),
       options_(options),
-      max_normal_angle_rad_(options.max_normal_angle_deg * kPi / 180) {
+      min_normal_cosine_(std::cos(options.max_normal_angle_deg * kPi / 180)) {
   Validate(options);
   CheckRange("number of source views", sources.size(), size_t{0}, kMaxSources);
   CheckView("reference view", reference);
@@ -83,49 +93,55 @@ ConsistencyChecker::Pair ConsistencyChecker::MakePair(int source, const FusionVi
 
 bool ConsistencyChecker::HasDepth(int col, int row) const { return IsKnown(reference_.depth(col, row)); }
 
-bool ConsistencyChecker::Match(const Pair& pair, int col, int row, PixelMatch* match) const {
-  const double depth = reference_.depth(col, row);
-  const Eigen::Vector3d pixel(col, row, 1);
-  const Eigen::Vector3d in_source = depth * (pair.to_source * pixel) + pair.to_source_offset;
+bool ConsistencyChecker::Match(const Pair& pair, const ReferencePixel& pixel, PixelMatch* match) const {
+  const Eigen::Vector3d in_source = pixel.depth * (pair.to_source * pixel.homogeneous) + pair.to_source_offset;
   if (!(in_source.z() > 0)) return false;
   const Eigen::Vector2d source_pixel = in_source.head<2>() / in_source.z();
   if (!pair.view.camera.Contains(source_pixel)) return false;
-  // The sum may round up to the width for the last representable position inside.
-  const int source_col = std::min(static_cast<int>(std::floor(source_pixel.x() + 0.5)), pair.view.camera.width - 1);
-  const int source_row = std::min(static_cast<int>(std::floor(source_pixel.y() + 0.5)), pair.view.camera.height - 1);
-  const double source_depth = pair.view.depth(source_col, source_row);
-  if (!IsKnown(static_cast<float>(source_depth))) return false;
+  // Truncation rounds to the nearest pixel, as the position is at least -0.5. The sum may round up to the width for the
+  // last representable position inside.
+  const int source_col = std::min(static_cast<int>(source_pixel.x() + 0.5), pair.view.camera.width - 1);
+  const int source_row = std::min(static_cast<int>(source_pixel.y() + 0.5), pair.view.camera.height - 1);
+  const float source_depth = pair.view.depth(source_col, source_row);
+  if (!IsKnown(source_depth)) return false;
 
   const Eigen::Vector3d back =
       source_depth * (pair.to_reference * Eigen::Vector3d(source_col, source_row, 1)) + pair.to_reference_offset;
-  if (!(back.z() > 0)) return false;
+  // A point behind the reference needs no test of its own: it misses the limit on depths, which is below 1.
   const Eigen::Vector2d back_pixel = back.head<2>() / back.z();
-  const double reprojection_px = (back_pixel - pixel.head<2>()).norm();
+  const double reprojection_px = (back_pixel - pixel.homogeneous.head<2>()).norm();
   if (!(reprojection_px < options_.max_reprojection_px)) return false;
-  const double relative_depth = std::abs(back.z() - depth) / depth;
+  const double relative_depth = std::abs(back.z() - pixel.depth) / pixel.depth;
   if (!(relative_depth < options_.max_relative_depth)) return false;
   const Vec3f& source_normal = pair.view.normal(source_col, source_row);
   if (!IsKnown(source_normal)) return false;
   const Eigen::Vector3d normal = pair.reference_from_source_rotation * ToEigen(source_normal);
-  const double normal_angle_rad = Angle(normal, ToEigen(reference_.normal(col, row)));
-  if (!(normal_angle_rad < max_normal_angle_rad_)) return false;
+  if (!(CosineOfAngle(normal, pixel.normal) > min_normal_cosine_)) return false;
 
-  const Eigen::Vector3d point = reference_.camera.Unproject(pixel.head<2>(), depth);
   match->source = pair.source;
   match->col = source_col;
   match->row = source_row;
   match->point = ToVec3f(reference_.camera.Unproject(back_pixel, back.z()));
-  match->normal = ToVec3f(normal.normalized());
-  match->agreement = static_cast<float>(std::exp(-(reprojection_px + 200 * relative_depth + 10 * normal_angle_rad)));
-  match->triangulation_angle_rad = static_cast<float>(Angle(point, point - pair.source_center));
+  match->normal = ToVec3f(normal);
+  match->angle_versine = static_cast<float>(1 - CosineOfAngle(pixel.point, pixel.point - pair.source_center));
+  match->agreement = 0;
+  if (options_.dynamic_consistency) {
+    const double error = reprojection_px + 200 * relative_depth + 10 * Angle(normal, pixel.normal);
+    match->agreement = static_cast<float>(std::exp(-error));
+  }
   return true;
 }
 
 void ConsistencyChecker::FindMatches(int col, int row, std::vector<PixelMatch>* matches) const {
   if (!HasDepth(col, row) || !IsKnown(reference_.normal(col, row))) return;
+  const double depth = reference_.depth(col, row);
+  const ReferencePixel pixel = {{static_cast<double>(col), static_cast<double>(row), 1},
+                                reference_.camera.Unproject({col, row}, depth),
+                                ToEigen(reference_.normal(col, row)),
+                                depth};
   PixelMatch match;
   for (const Pair& pair : pairs_) {
-    if (Match(pair, col, row, &match)) matches->push_back(match);
+    if (Match(pair, pixel, &match)) matches->push_back(match);
   }
 }
 
@@ -139,11 +155,12 @@ bool ConsistencyChecker::Accepts(const std::vector<PixelMatch>& matches) const {
 float ConsistencyChecker::Confidence(int col, int row, const std::vector<PixelMatch>& matches) const {
   double median_rad = 0;
   if (!matches.empty()) {
-    std::array<float, kMaxSources> angles;
+    // Versines are in the order of their angles, so only the middle ones have to be turned into angles.
+    std::array<float, kMaxSources> versines;
     const size_t count = matches.size();
-    for (size_t i = 0; i < count; ++i) angles[i] = matches[i].triangulation_angle_rad;
-    std::sort(angles.begin(), angles.begin() + count);
-    median_rad = 0.5 * (angles[(count - 1) / 2] + angles[count / 2]);
+    for (size_t i = 0; i < count; ++i) versines[i] = matches[i].angle_versine;
+    std::sort(versines.begin(), versines.begin() + count);
+    median_rad = 0.5 * (AngleOfVersine(versines[(count - 1) / 2]) + AngleOfVersine(versines[count / 2]));
   }
   return ComputeConfidence(reference_.cost(col, row), static_cast<int>(matches.size()),
                            static_cast<float>(median_rad * 180 / kPi));
@@ -164,7 +181,7 @@ SurfacePoint ConsistencyChecker::Average(int col, int row, const std::vector<Pix
   add_color(reference_.color, col, row);
   for (const PixelMatch& match : matches) {
     position += ToEigen(match.point);
-    normal += ToEigen(match.normal);
+    normal += ToEigen(match.normal).normalized();
     add_color(sources_[match.source]->color, match.col, match.row);
   }
   position /= 1.0 + static_cast<double>(matches.size());

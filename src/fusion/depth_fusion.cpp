@@ -38,13 +38,13 @@ RowMatches MatchRow(const ConsistencyChecker& checker, const UsedMap& used, int 
   return result;
 }
 
-/// Turns the row's pixels into points from left to right, leaving out whatever an earlier point has used.
+/// Turns the row's pixels into points from left to right, leaving out whatever an earlier point has used. (The row's
+/// own pixels are unused since MatchRow: a view is no neighbour of itself.)
 void FuseRow(const ConsistencyChecker& checker, const RowMatches& row_matches, int row, int reference,
              const std::vector<int>& neighbors, std::vector<UsedMap>* used, PointCloud* points_in_camera) {
   std::vector<PixelMatch> unused;
   for (size_t i = 0; i < row_matches.cols.size(); ++i) {
     const int col = row_matches.cols[i];
-    if ((*used)[reference](col, row)) continue;
     unused.clear();
     for (size_t k = row_matches.first[i]; k < row_matches.first[i + 1]; ++k) {
       const PixelMatch& match = row_matches.matches[k];

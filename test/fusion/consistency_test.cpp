@@ -260,6 +260,38 @@ TEST(FilterByConsistency, BoundsTheForwardBackwardError) {
   EXPECT_EQ(count(2.01, 2.02f), 1);
 }
 
+TEST(FilterByConsistency, DoesNotMatchPointsBehindTheSource) {
+  // The point lies 0.3 behind the source, which sees a surface 0.3 in front of it, on the same ray and 0.6 % deeper.
+  TestView source = FlatView(41, 1, 0.3f);
+  source.cam_from_world.translation().z() = -100.3;
+  EXPECT_EQ(ConsistentViews(FlatView(41, 1, 100), source), 0);
+  source.cam_from_world.translation().z() = -99.7;  // now in front of it
+  EXPECT_EQ(ConsistentViews(FlatView(41, 1, 100), source), 1);
+}
+
+TEST(FilterByConsistency, DoesNotMatchPointsBehindTheReference) {
+  // The source, 200 ahead, looks back over the reference's head: its surface lies 100 behind the reference.
+  TestView source = FlatView(41, 1, 300);
+  source.cam_from_world = Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitY()) * Eigen::Translation3d(0, 0, -200);
+  source.normal = NormalMap(41, 1, {0, 0, 1});  // as the reference's, to leave the decision to the depths
+  FusionOptions options;
+  options.max_relative_depth = 0.999f;
+  EXPECT_EQ(ConsistentViews(FlatView(41, 1, 100), source, options), 0);
+  source.depth = DepthMap(41, 1, 100);
+  EXPECT_EQ(ConsistentViews(FlatView(41, 1, 100), source, options), 1);
+}
+
+TEST(FilterByConsistency, UnknownNormalsAgreeWithNothing) {
+  for (const Vec3f& unknown : {Vec3f{0, 0, 0}, Vec3f{kNan, 0, 1}}) {
+    TestView without = FlatView(41, 1, 4);
+    without.normal = NormalMap(41, 1, unknown);
+    FusionOptions options;
+    options.max_normal_angle_deg = 180;
+    EXPECT_EQ(ConsistentViews(FlatView(41, 1, 4), without, options), 0);
+    EXPECT_EQ(ConsistentViews(without, FlatView(41, 1, 4), options), 0);
+  }
+}
+
 TEST(FilterByConsistency, NeedsMinConsistentViews) {
   const TestView view = FlatView(5, 4, 3), other = FlatView(5, 4, 9);
   for (int required = 1; required <= 4; ++required) {
@@ -297,13 +329,15 @@ TEST(FilterByConsistency, DynamicConsistencyWeighsAllThreeErrors) {
   source.cam_from_world.translation().x() = -0.4;
   source.normal = NormalMap(41, 1, {std::sin(0.05f), 0, -std::cos(0.05f)});
   const FusionView source_view = source.View();
-  const ConsistencyChecker checker(reference.View(), {&source_view}, {});
+  FusionOptions options;
+  options.dynamic_consistency = true;
+  const ConsistencyChecker checker(reference.View(), {&source_view}, options);
   std::vector<PixelMatch> matches;
   checker.FindMatches(20, 0, &matches);
   ASSERT_EQ(matches.size(), 1u);
   const double px = 10 * (4 / 3.98 - 1), relative = 0.02 / 4;
   EXPECT_NEAR(matches[0].agreement, std::exp(-(px + 200 * relative + 10 * 0.05)), 1e-5);  // 3.98 in float: rel 1e-8
-  EXPECT_NEAR(matches[0].triangulation_angle_rad, std::atan(0.1), 1e-6);
+  EXPECT_NEAR(matches[0].angle_versine, 1 - std::cos(std::atan(0.1)), 1e-8);              // 0.005 in float
   EXPECT_EQ(matches[0].col, 10);
 }
 

@@ -10,10 +10,10 @@ namespace acmp {
 struct PixelMatch {
   int source;  ///< index into the checker's sources
   int col, row;
-  Vec3f point;                    ///< the source pixel's point, reference camera frame
-  Vec3f normal;                   ///< reference camera frame
-  float agreement;                ///< exp(-(px + 200 rel + 10 rad)), 0..1
-  float triangulation_angle_rad;  ///< between the rays from both cameras to the reference pixel's point
+  Vec3f point;          ///< the source pixel's point, reference camera frame
+  Vec3f normal;         ///< reference camera frame; as long as it is in the source's map
+  float angle_versine;  ///< 1 - cos of the angle between the rays from both cameras to the reference pixel's point
+  float agreement;      ///< exp(-(px + 200 rel + 10 rad)), 0..1; 0 unless the options ask for dynamic_consistency
 };
 
 /// Geometry of one reference view against its source views. Const functions may run in parallel.
@@ -50,14 +50,20 @@ class ConsistencyChecker {
     Eigen::Vector3d to_source_offset, to_reference_offset, source_center;  // centre in the reference frame
   };
 
+  struct ReferencePixel {
+    Eigen::Vector3d homogeneous;    ///< (col, row, 1)
+    Eigen::Vector3d point, normal;  ///< camera frame
+    double depth;
+  };
+
   static Pair MakePair(int source, const FusionView& reference, const FusionView& view);
-  bool Match(const Pair& pair, int col, int row, PixelMatch* match) const;
+  bool Match(const Pair& pair, const ReferencePixel& pixel, PixelMatch* match) const;
 
   FusionView reference_;
   std::vector<Pair> pairs_;
   std::vector<const FusionView*> sources_;
   FusionOptions options_;
-  double max_normal_angle_rad_;
+  double min_normal_cosine_;
 };
 
 }  // namespace acmp
