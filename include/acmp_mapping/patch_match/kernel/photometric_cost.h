@@ -1,13 +1,9 @@
 #pragma once
 
 #include "acmp_mapping/patch_match/kernel/match_context.h"
+#include "acmp_mapping/patch_match/kernel/window.h"
 
 namespace acmp {
-
-constexpr int kPatchRadius = 5;  ///< 11 x 11 px window ...
-constexpr int kPatchStep = 2;    ///< ... at every second pixel
-constexpr int kPatchWidth = kPatchRadius * 2 / kPatchStep + 1;
-constexpr int kPatchSamples = kPatchWidth * kPatchWidth;  ///< 36
 
 /// The reference side of the NCC: depends on the pixel only, so one patch serves all hypotheses and views.
 struct ReferencePatch {
@@ -34,8 +30,8 @@ ACMP_HOST_DEVICE inline ReferencePatch LoadReferencePatch(const MatchContext<Sam
   float sum_w = 0, sum_wr = 0, sum_wrr = 0;
   ACMP_UNROLL
   for (int i = 0; i < kPatchSamples; ++i) {
-    const int dx = (i % kPatchWidth) * kPatchStep - kPatchRadius;
-    const int dy = (i / kPatchWidth) * kPatchStep - kPatchRadius;
+    const int dx = WindowCol(i);
+    const int dy = WindowRow(i);
     float value = 0, weight = 0;
     if (context.Contains(col + dx, row + dy)) {
       value = context.sampler.Reference(col + dx, row + dy) - patch.center;
@@ -53,12 +49,6 @@ ACMP_HOST_DEVICE inline ReferencePatch LoadReferencePatch(const MatchContext<Sam
   patch.variance = sum_wrr * patch.inv_sum_weight - patch.mean * patch.mean;
   return patch;
 }
-
-/// Homography from reference to source pixels induced by a plane, as the projections of the centre pixel and of a step
-/// of one pixel along each axis (third component: depth in the source over depth in the reference).
-struct PlaneWarp {
-  Vec3f center, step_col, step_row;
-};
 
 /// K_ref^-T n / d: with it H_j = A_j - b_j m^T costs nine multiply-adds per view.
 template <class Sampler>
@@ -97,20 +87,13 @@ ACMP_HOST_DEVICE inline float PhotometricCost(const MatchContext<Sampler>& conte
   if (!(patch.variance >= context.options.min_variance)) return kUninformedCost;
 
   float sum_ws = 0, sum_wss = 0, sum_wrs = 0;
-  ACMP_UNROLL
-  for (int i = 0; i < kPatchSamples; ++i) {
-    const float dx = static_cast<float>((i % kPatchWidth) * kPatchStep - kPatchRadius);
-    const float dy = static_cast<float>((i / kPatchWidth) * kPatchStep - kPatchRadius);
-    const float z = warp.center.z + dx * warp.step_col.z + dy * warp.step_row.z;
-    const float inv = 1.0f / z;
-    const float u = (warp.center.x + dx * warp.step_col.x + dy * warp.step_row.x) * inv;
-    const float v = (warp.center.y + dx * warp.step_col.y + dy * warp.step_row.y) * inv;
-    const float value = context.sampler.Source(view, u, v) - patch.center;
+  ForEachWindowSample(context.sampler, view, warp, [&](int i, float gray) {
+    const float value = gray - patch.center;
     const float weighted = patch.weight[i] * value;
     sum_ws += weighted;
     sum_wss += weighted * value;
     sum_wrs += weighted * patch.value[i];
-  }
+  });
   const float mean = sum_ws * patch.inv_sum_weight;
   const float variance = sum_wss * patch.inv_sum_weight - mean * mean;
   if (!(variance >= context.options.min_variance)) return kWorstCost;
