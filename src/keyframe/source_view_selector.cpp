@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
+#include <unordered_map>
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
@@ -13,10 +15,18 @@ namespace {
 
 constexpr double kRadToDeg = 57.295779513082320877;
 
+struct PointHash {
+  size_t operator()(const Eigen::Vector3d& point) const {
+    const std::hash<double> hash;
+    return hash(point.x()) ^ (hash(point.y()) * 0x9e3779b97f4a7c15u) ^ (hash(point.z()) * 0xc2b2ae3d27d4eb4fu);
+  }
+};
+
 /// Points that stand for the scene as the reference sees it: its landmarks, or a grid of pixels at one depth.
 struct ScenePoints {
   std::vector<Eigen::Vector3d> points_in_world;
-  std::vector<double> depths;  ///< z in the reference view
+  std::vector<double> depths;                                     ///< z in the reference view
+  std::unordered_map<Eigen::Vector3d, size_t, PointHash> number;  ///< of a landmark; empty for a grid
 };
 
 double Median(std::vector<double> values) {
@@ -73,11 +83,28 @@ ScenePoints MakeScenePoints(const Frame& reference, double fallback_depth, const
   LandmarksInView in_view =
       FindLandmarksInView(reference.landmarks_in_world, reference.camera, reference.cam_from_world);
   if (in_view.depths.size() >= static_cast<size_t>(options.min_shared_landmarks)) {
-    return {std::move(in_view.points_in_world), std::move(in_view.depths)};
+    ScenePoints scene = {std::move(in_view.points_in_world), std::move(in_view.depths), {}};
+    for (size_t i = 0; i < scene.points_in_world.size(); ++i) scene.number.emplace(scene.points_in_world[i], i);
+    return scene;
   }
   if (fallback_depth > 0) return GridAtDepth(reference, fallback_depth);
   if (!in_view.depths.empty()) return GridAtDepth(reference, Median(in_view.depths));
   return {};
+}
+
+/// How surely the candidate sees each scene point that projects into it: 1 for what its own list of landmarks names
+/// (the same bits: one map, or one triangulated point), less for the rest, which may be hidden or have no texture
+/// there. A frontend whose points move from keyframe to keyframe names none, and all weigh the same.
+std::vector<double> VisibilityWeights(const ScenePoints& scene, const Frame& candidate) {
+  // Measured on real scenes against rankings by shared feature tracks: 0.3 agrees best of 0, 0.3, 0.5 and 1.
+  constexpr double kNotListed = 0.3;
+  if (scene.number.empty()) return std::vector<double>(scene.depths.size(), 1.0);
+  std::vector<double> weights(scene.depths.size(), kNotListed);
+  for (const Eigen::Vector3d& point : candidate.landmarks_in_world) {
+    const auto found = scene.number.find(point);
+    if (found != scene.number.end()) weights[found->second] = 1.0;
+  }
+  return weights;
 }
 
 enum class SourceViewVerdict { kUseful, kNoBaseline, kLittleOverlap, kSmallAngle };
@@ -94,6 +121,7 @@ Assessment AssessByScene(const Frame& reference, const Frame& candidate, const S
   const Eigen::Vector3d reference_centre = CentreInWorld(reference);
   const Eigen::Vector3d candidate_centre = CentreInWorld(candidate);
   const double focal_ratio = MeanFocalLength(candidate.camera) / MeanFocalLength(reference.camera);
+  const std::vector<double> visibility = VisibilityWeights(scene, candidate);
   std::vector<double> angles_deg;
   double weight_sum = 0;
   for (size_t i = 0; i < scene.depths.size(); ++i) {
@@ -102,7 +130,8 @@ Assessment AssessByScene(const Frame& reference, const Frame& candidate, const S
     if (candidate_depth <= 0) continue;
     const double angle_deg = AngleDeg(reference_centre - point, candidate_centre - point);
     angles_deg.push_back(angle_deg);
-    weight_sum += AngleWeight(angle_deg, options) * ScaleWeight(focal_ratio * scene.depths[i] / candidate_depth);
+    weight_sum +=
+        visibility[i] * AngleWeight(angle_deg, options) * ScaleWeight(focal_ratio * scene.depths[i] / candidate_depth);
   }
   const double total = static_cast<double>(scene.depths.size());
   if (angles_deg.empty() || static_cast<double>(angles_deg.size()) < options.min_overlap * total) {

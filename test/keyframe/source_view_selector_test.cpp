@@ -37,6 +37,11 @@ Frame FrameOnArc(double angle_deg, double radius = 4, const PinholeCamera& camer
 
 FramePtr Share(Frame frame) { return std::make_shared<Frame>(std::move(frame)); }
 
+FramePtr WithLandmarks(Frame frame, const std::vector<Eigen::Vector3d>& landmarks) {
+  frame.landmarks_in_world = landmarks;
+  return Share(std::move(frame));
+}
+
 /// Frontal grid of (2 n + 1)^2 points around the arc's target.
 std::vector<Eigen::Vector3d> Wall(int n, double half_size = 0.5) {
   std::vector<Eigen::Vector3d> points;
@@ -66,11 +71,11 @@ TEST(SelectSourceViewsTest, ScoreIsShareTimesMeanWeight) {
   options.min_angle_deg = 1;
   options.best_angle_min_deg = 5;
   // All seen, all within the best angles, same scale: 1.
-  const auto best = SelectSourceViews(reference, {Share(FrameOnArc(10))}, 0, options);
+  const auto best = SelectSourceViews(reference, {WithLandmarks(FrameOnArc(8), Wall(4))}, 0, options);
   ASSERT_EQ(best.size(), 1u);
   EXPECT_NEAR(best[0].score, 1, 1e-12);
   // At 3 degrees the ramp from 1 to 5 gives about (3 - 1) / 4.
-  const auto narrow = SelectSourceViews(reference, {Share(FrameOnArc(3))}, 0, options);
+  const auto narrow = SelectSourceViews(reference, {WithLandmarks(FrameOnArc(3), Wall(4))}, 0, options);
   ASSERT_EQ(narrow.size(), 1u);
   EXPECT_NEAR(narrow[0].score, 0.5, 0.02);
 }
@@ -146,8 +151,10 @@ TEST(SelectSourceViewsTest, FallbackDepthGivesTheSameRankingAsAWallAtThatDepth) 
   Frame with_landmarks = FrameOnArc(0);
   with_landmarks.landmarks_in_world = Wall(10, 1.7);
   const Frame without = FrameOnArc(0);
-  const std::vector<FramePtr> candidates = {Share(FrameOnArc(1.2)), Share(FrameOnArc(4)), Share(FrameOnArc(9)),
-                                            Share(FrameOnArc(45)), Share(FrameOnArc(0.2))};
+  std::vector<FramePtr> candidates;
+  for (const double angle : {1.2, 4.0, 9.0, 45.0, 0.2}) {
+    candidates.push_back(WithLandmarks(FrameOnArc(angle), with_landmarks.landmarks_in_world));
+  }
   const auto expected = SelectSourceViews(with_landmarks, candidates, 0, {});
   const auto ranked = SelectSourceViews(without, candidates, 4, {});
   EXPECT_EQ(Indices(ranked), Indices(expected));
@@ -193,6 +200,23 @@ TEST(SelectSourceViewsTest, IgnoresLandmarksThatAreNotInView) {
   const auto ranked = SelectSourceViews(reference, candidates, 0, {});
   ASSERT_EQ(Indices(ranked), Indices(expected));
   for (size_t i = 0; i < ranked.size(); ++i) EXPECT_EQ(ranked[i].score, expected[i].score);
+}
+
+TEST(SelectSourceViewsTest, PrefersViewsThatListTheSameLandmarks) {
+  Frame reference = FrameOnArc(0);
+  reference.landmarks_in_world = Wall(4);
+  const std::vector<Eigen::Vector3d> half(reference.landmarks_in_world.begin(),
+                                          reference.landmarks_in_world.begin() + 40);
+  std::vector<Eigen::Vector3d> moved = Wall(4);
+  for (auto& point : moved) point.x() += 1e-9;
+  // The same geometry four times: nothing but the lists tells them apart.
+  const std::vector<FramePtr> candidates = {WithLandmarks(FrameOnArc(8), {}), WithLandmarks(FrameOnArc(8), half),
+                                            WithLandmarks(FrameOnArc(8), moved), WithLandmarks(FrameOnArc(8), Wall(4))};
+  const auto ranked = SelectSourceViews(reference, candidates, 0, {});
+  EXPECT_THAT(Indices(ranked), ElementsAre(3, 1, 0, 2));
+  // A list whose points were all adjusted since is no evidence against the view.
+  EXPECT_EQ(ranked[2].score, ranked[3].score);
+  EXPECT_GT(ranked[3].score, 0);
 }
 
 TEST(SelectSourceViewsTest, KeepsTheBestAndBreaksTiesByIndex) {
