@@ -1,0 +1,9 @@
+#pragma once
+
+namespace acmp {
+
+/// Bilinear single-channel texture fetches per second that GPU `cuda_index` reaches (median of 7 runs): the ceiling of
+/// PatchMatch, whose floor is its number of samples over this rate. In CUDA builds only.
+double MeasureTextureRate(int cuda_index);
+
+}  // namespace acmp
