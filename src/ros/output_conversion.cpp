@@ -27,14 +27,13 @@ sensor_msgs::ImagePtr MakeImageMessage(int width, int height, const char* encodi
 
 }  // namespace
 
-sensor_msgs::ImagePtr ToDepthMessage(const DepthMap& depth, ImageView<const float> confidence, float min_confidence,
+sensor_msgs::ImagePtr ToDepthMessage(const DepthMap& depth, ImageView<const unsigned char> keep,
                                      const std_msgs::Header& header) {
   sensor_msgs::ImagePtr message = ToFloatMessage(depth, header);
   float* values = reinterpret_cast<float*>(message->data.data());
   for (int row = 0; row < depth.height(); ++row) {
     for (int col = 0; col < depth.width(); ++col, ++values) {
-      const bool doubtful = !confidence.empty() && confidence(col, row) < min_confidence;
-      if (*values == 0 || doubtful) *values = kNaN;
+      if (*values == 0 || !keep(col, row)) *values = kNaN;
     }
   }
   return message;
@@ -60,12 +59,19 @@ sensor_msgs::ImagePtr ToFloatMessage(const Image<float>& map, const std_msgs::He
   return message;
 }
 
-sensor_msgs::ImagePtr ToNormalMessage(const NormalMap& normal, const std_msgs::Header& header) {
+sensor_msgs::ImagePtr ToNormalMessage(const NormalMap& normal, ImageView<const unsigned char> keep,
+                                      const std_msgs::Header& header) {
   static_assert(sizeof(Vec3f) == 3 * sizeof(float), "pixels of 32FC3");
   auto message = MakeImageMessage(normal.width(), normal.height(), sensor_msgs::image_encodings::TYPE_32FC3.c_str(),
                                   sizeof(Vec3f), header);
   Vec3f* target = reinterpret_cast<Vec3f*>(message->data.data());
-  for (const Vec3f& n : normal) *target++ = n.x == 0 && n.y == 0 && n.z == 0 ? Vec3f{kNaN, kNaN, kNaN} : n;
+  for (int row = 0; row < normal.height(); ++row) {
+    for (int col = 0; col < normal.width(); ++col) {
+      const Vec3f& n = normal(col, row);
+      const bool unknown = (n.x == 0 && n.y == 0 && n.z == 0) || !keep(col, row);
+      *target++ = unknown ? Vec3f{kNaN, kNaN, kNaN} : n;
+    }
+  }
   return message;
 }
 

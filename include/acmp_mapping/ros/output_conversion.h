@@ -11,14 +11,15 @@
 /// From the library's types to ROS messages; no master is needed.
 namespace acmp {
 
-/// 32FC1 (REP 118); 0 and, where `confidence` is not empty, less confident pixels become NaN, "unknown" (REP 117).
-sensor_msgs::ImagePtr ToDepthMessage(const DepthMap& depth, ImageView<const float> confidence, float min_confidence,
+/// 32FC1 (REP 118); unknown pixels and those with keep = 0 become NaN, "unknown" (REP 117).
+sensor_msgs::ImagePtr ToDepthMessage(const DepthMap& depth, ImageView<const unsigned char> keep,
                                      const std_msgs::Header& header);
 /// 16UC1 in millimetres; unknown and beyond 65.535 m become 0 (REP 118).
 sensor_msgs::ImagePtr ToDepthMillimetres(const sensor_msgs::Image& depth_32fc1);
 sensor_msgs::ImagePtr ToFloatMessage(const Image<float>& map, const std_msgs::Header& header);  ///< 32FC1
-sensor_msgs::ImagePtr ToNormalMessage(const NormalMap& normal,
-                                      const std_msgs::Header& header);  ///< 32FC3, NaN = unknown
+/// 32FC3; unknown pixels and those with keep = 0 become NaN.
+sensor_msgs::ImagePtr ToNormalMessage(const NormalMap& normal, ImageView<const unsigned char> keep,
+                                      const std_msgs::Header& header);
 sensor_msgs::ImagePtr ToColorMessage(const ColorImage& color, const std_msgs::Header& header);  ///< rgb8
 sensor_msgs::CameraInfoPtr ToCameraInfo(const PinholeCamera& camera, const std_msgs::Header& header);
 

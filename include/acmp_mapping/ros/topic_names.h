@@ -11,6 +11,7 @@ constexpr char kSparsePoints[] = "sparse_points";
 
 constexpr char kDepthFast[] = "depth_fast/image_rect";
 constexpr char kDepth[] = "depth/image_rect";
+constexpr char kDepthMillimetres[] = "depth/image_raw";
 constexpr char kDepthPicture[] = "depth/image_vis";
 constexpr char kColor[] = "rgb/image_rect_color";
 constexpr char kConfidence[] = "confidence/image";

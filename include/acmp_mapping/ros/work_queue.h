@@ -83,11 +83,14 @@ class WorkQueue {
     return item;
   }
 
-  /// Wakes everybody who waits; from now on nothing is taken or given out.
+  /// Wakes everybody who waits and throws away what is queued; from now on nothing is taken or given out.
   void Stop() {
+    std::deque<Item> discarded;  // destroyed without the lock: commands may own anything
     {
       std::lock_guard<std::mutex> lock(mutex_);
       stopped_ = true;
+      discarded.swap(items_);
+      inputs_ = 0;
     }
     work_.notify_all();
     room_.notify_all();

@@ -1,0 +1,94 @@
+#pragma once
+
+#include <atomic>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include <dynamic_reconfigure/server.h>
+#include <nodelet/nodelet.h>
+
+#include "acmp_mapping/ros/incident_log.h"
+#include "acmp_mapping/ros/input_sources.h"
+#include "acmp_mapping/ros/keyframe_intake.h"
+#include "acmp_mapping/ros/mapper_diagnostics.h"
+#include "acmp_mapping/ros/mapper_services.h"
+#include "acmp_mapping/ros/mapper_worker.h"
+#include "acmp_mapping/ros/output_publisher.h"
+#include "acmp_mapping/ros/shared_options.h"
+
+namespace acmp {
+
+/// Wires topics, services and parameters to the mapper; see docs/ for all of them.
+///
+/// Threads: input callbacks come one at a time from the manager's pool and only buffer; the worker matches and
+/// publishes keyframes; the services' thread serves and publishes the map; diagnostics and dynamic_reconfigure run in
+/// the pool.
+///
+/// Locks: delivery_mutex_ keeps "take from the intake, hand to the worker" in order and may be held while the worker's
+/// queue blocks; intake_mutex_ guards the intake for a moment. Where both are needed delivery_mutex_ comes first. All
+/// other locks are inside their classes, and none of those is held while another one is taken.
+class DenseMapperNodelet : public nodelet::Nodelet {
+ public:
+  ~DenseMapperNodelet() override;
+
+ private:
+  void onInit() override;
+  void LoadOptions();
+  void StartWorker();
+  void Subscribe();
+  void StartServices();
+  void StartReconfigure();
+
+  void HandleImage(std::shared_ptr<const EncodedImage> image);
+  void HandleCameraInfo(const sensor_msgs::CameraInfo& info);
+  void HandlePose(PoseSample pose);
+  void HandleCloud(SparseCloudPtr cloud);
+  void HandleConfig(DenseMapperConfig& config);
+  void HandlePeriod();
+
+  /// Takes what the intake has ready and hands it on. `all`: without waiting for clouds.
+  void Deliver(bool all = false);
+  void Dispatch(IntakeEvent event);
+  void ReportDrop(const Drop& drop);
+  /// Number of points; nothing is published before the first keyframe.
+  size_t PublishMap();
+  size_t SaveMap(const acmp_mapping::SaveMap::Request& request);
+  std::string Reset();
+  MapperSnapshot TakeSnapshot();
+
+  NodeOptions options_;
+  std::unique_ptr<SharedOptions> runtime_options_;
+  std::unique_ptr<MapStore> map_;
+  std::unique_ptr<OutputPublisher> publisher_;
+  IncidentLog drops_;
+  std::atomic<bool> running_{false};  ///< onInit is through; callbacks may come earlier
+  std::atomic<bool> paused_{false};
+  std::atomic<uint64_t> matched_{0};
+
+  std::mutex delivery_mutex_;
+  mutable std::mutex intake_mutex_;
+  std::unique_ptr<KeyframeIntake> intake_;
+
+  // What the map needs to be published: written by the worker, read by the services' thread.
+  std::mutex map_header_mutex_;
+  std::string map_frame_;
+  int64_t map_stamp_ns_ = 0;
+
+  // Used by the services' thread alone.
+  uint64_t published_version_ = 0;
+  double next_map_publish_s_ = 0;
+  std::atomic<bool> map_requested_{false};  ///< a new subscriber: publish even if nothing has changed
+
+  std::unique_ptr<MapperWorker> worker_;
+  ros::WallTimer deliver_timer_;
+  std::unique_ptr<InputSource> image_source_, camera_info_source_, pose_source_, cloud_source_;
+  std::unique_ptr<MapperServices> services_;
+  boost::recursive_mutex config_mutex_;
+  DenseMapperConfig config_;
+  std::unique_ptr<dynamic_reconfigure::Server<DenseMapperConfig>> reconfigure_;
+  std::unique_ptr<MapperDiagnostics> diagnostics_;
+};
+
+}  // namespace acmp

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <mutex>
+#include <string>
+
+#include "acmp_mapping/ros/drop.h"
+
+namespace acmp {
+
+/// Counts what was dropped, by reason, and says when it is time to tell: at once for a new reason, then at most every
+/// kRepeatS, so that a fault at 30 Hz does not flood the log. Thread-safe; its mutex is held for a moment only.
+class IncidentLog {
+ public:
+  static constexpr double kRepeatS = 5;
+
+  struct Entry {
+    uint64_t count = 0;
+    std::string last_message;
+    double last_time_s = 0;
+    double last_told_s = 0;
+  };
+
+  /// True when the message should go to the log now. `now_s` is any clock that never goes back.
+  bool Record(const Drop& drop, double now_s);
+
+  std::map<std::string, Entry> entries() const;
+
+ private:
+  mutable std::mutex mutex_;
+  std::map<std::string, Entry> entries_;
+};
+
+}  // namespace acmp

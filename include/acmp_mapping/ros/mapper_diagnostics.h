@@ -1,0 +1,54 @@
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include <diagnostic_updater/diagnostic_updater.h>
+
+#include "acmp_mapping/ros/incident_log.h"
+#include "acmp_mapping/ros/input_matcher.h"
+#include "acmp_mapping/ros/input_sources.h"
+#include "acmp_mapping/ros/map_store.h"
+#include "acmp_mapping/ros/mapper_worker.h"
+
+namespace acmp {
+
+/// Everything diagnostics are made of, taken at one moment.
+struct MapperSnapshot {
+  double now_s = 0;  ///< the clock of all the times below
+  bool paused = false;
+  InputStatus image, camera_info, pose, sparse_points;
+  size_t waiting_images = 0;
+  size_t queued = 0;
+  uint64_t matched = 0;     ///< keyframes handed to the worker
+  uint64_t not_chosen = 0;  ///< posed images that the keyframe gate passed over
+  std::optional<PoseGap> last_gap;
+  double sync_tolerance_s = 0;
+  WorkerStatus worker;
+  MapStatistics map;
+  std::map<std::string, IncidentLog::Entry> drops;
+};
+
+/// One status each, without a master: "inputs", "matching", "mapping", "map".
+void DescribeInputs(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
+void DescribeMatching(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
+void DescribeMapping(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
+void DescribeMap(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
+
+/// Publishes them on /diagnostics once a second of wall time, so that a paused or jumping clock does not silence it.
+class MapperDiagnostics {
+ public:
+  MapperDiagnostics(ros::NodeHandle nh, ros::NodeHandle private_nh, const std::string& name,
+                    std::function<MapperSnapshot()> take_snapshot);
+
+ private:
+  void Update();
+
+  std::function<MapperSnapshot()> take_snapshot_;
+  diagnostic_updater::Updater updater_;
+  MapperSnapshot snapshot_;
+  ros::WallTimer timer_;
+};
+
+}  // namespace acmp

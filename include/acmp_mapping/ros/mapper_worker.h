@@ -1,0 +1,138 @@
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+
+#include "acmp_mapping/pipeline/dense_mapper.h"
+#include "acmp_mapping/ros/keyframe_intake.h"
+#include "acmp_mapping/ros/landmark_check.h"
+#include "acmp_mapping/ros/map_store.h"
+#include "acmp_mapping/ros/shared_options.h"
+#include "acmp_mapping/ros/work_queue.h"
+
+namespace acmp {
+
+/// A keyframe's maps ready to be published.
+struct KeyframeOutput {
+  KeyframeDepthPtr maps;
+  int64_t stamp_ns = 0;  ///< of the image
+  std::string camera_frame;
+  std::string world_frame;
+  RigidTransform world_from_cam = RigidTransform::Identity();
+  Image<unsigned char> keep;  ///< 1 where depth is to be published
+  PointCloud points_in_camera;
+};
+
+/// What the worker tells about itself.
+struct WorkerStatus {
+  bool ready = false;  ///< the backend exists
+  std::string device_name;
+  std::string fallback_reason;  ///< why device: auto took the CPU
+  std::string device_error;     ///< why there is no backend at all
+  uint64_t keyframes = 0;       ///< given to the mapper
+  uint64_t fast = 0;
+  uint64_t refined = 0;
+  int width = 0, height = 0;  ///< matched size of the last keyframe, px
+  StageTimes times;           ///< of the last refined keyframe
+  double consistency_ms = 0;
+  double preparation_ms = 0;  ///< decoding and rectifying the last image
+  double keyframe_ms = 0;     ///< the last keyframe in the worker, all in all
+  std::optional<double> landmarks_in_front;
+};
+
+/// The one thread that matches: it makes the backend, prepares frames and drives the DenseMapper. Hooks run in this
+/// thread, and none once Stop has been called.
+///
+/// Locks: the queue's and status_mutex_, each held for a moment and never together; mapper, rectifier and window belong
+/// to the worker thread alone.
+class MapperWorker {
+ public:
+  struct Hooks {
+    std::function<void(const KeyframeOutput&)> on_fast;
+    std::function<void(const KeyframeOutput&)> on_refined;
+    std::function<void(const Drop&)> on_drop;
+    std::function<void()> on_map_cleared;
+    std::function<void(const std::string&)> on_warning;
+  };
+
+  /// @param options, map outlive the worker
+  MapperWorker(const NodeOptions& node_options, const SharedOptions* options, MapStore* map, Hooks hooks);
+  ~MapperWorker();
+  MapperWorker(const MapperWorker&) = delete;
+  MapperWorker& operator=(const MapperWorker&) = delete;
+
+  /// Queues a keyframe. With overload: block, waits for room.
+  void Push(KeyframeInput input);
+
+  /// Finishes all keyframes queued and pending. Empty when done, else why not.
+  std::string Flush();
+
+  /// After all that is queued: finishes what is pending, then forgets the window, with `clear_map` the map too.
+  void StartOver(bool clear_map);
+
+  /// Forgets what is queued, window and map. Empty when done, else why not.
+  std::string Reset();
+
+  /// Wakes all who wait and ends the thread after the keyframe it is at.
+  void Stop();
+
+  WorkerStatus status() const;
+  size_t queued() const { return queue_.waiting_inputs(); }
+
+ private:
+  using Command = std::function<void()>;
+  /// What is known of a keyframe from AddKeyframe to its end.
+  struct Pending {
+    int64_t stamp_ns;
+    std::string camera_frame;
+    std::string world_frame;
+    RigidTransform world_from_cam;
+    cv::Mat valid;  ///< where the rectified image is known, matched size; empty = everywhere
+  };
+
+  void Run();
+  void MakeMapper();
+  void Process(KeyframeInput input);
+  FramePtr PrepareFrame(const KeyframeInput& input, cv::Mat* valid);
+  KeyframeOutput MakeOutput(const KeyframeDepthPtr& maps) const;
+  void HandleFast(const KeyframeDepthPtr& maps);
+  void HandleRefined(const KeyframeDepthPtr& maps);
+  void Publish(const std::function<void(const KeyframeOutput&)>& hook, const KeyframeOutput& output) const;
+  void HandleDrop(const KeyframeDrop& drop);
+  void ReportDrop(const Drop& drop) const;
+  void ClearMap();
+  std::string RunCommand(const std::function<void()>& work);
+  template <class Change>
+  void UpdateStatus(const Change& change);
+
+  const NodeOptions node_options_;
+  const SharedOptions* const options_;
+  MapStore* const map_;
+  const Hooks hooks_;
+  WorkQueue<KeyframeInput, Command> queue_;
+  std::atomic<bool> stopping_{false};
+
+  mutable std::mutex status_mutex_;
+  WorkerStatus status_;
+
+  // Used by the worker thread alone.
+  std::unique_ptr<PatchMatch> patch_match_;
+  std::unique_ptr<DenseMapper> mapper_;
+  std::string device_error_;
+  CalibrationPtr calibration_;
+  std::unique_ptr<ImageRectifier> rectifier_;
+  std::map<int64_t, Pending> pending_;
+  double min_confidence_ = 0;
+  int64_t next_id_ = 0;
+  LandmarkCheck landmark_check_;
+
+  std::thread thread_;  // last: it starts when everything above exists
+};
+
+}  // namespace acmp

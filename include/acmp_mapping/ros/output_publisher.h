@@ -1,0 +1,50 @@
+#pragma once
+
+#include <deque>
+#include <functional>
+
+#include <geometry_msgs/PoseStamped.h>
+#include <image_transport/image_transport.h>
+#include <ros/node_handle.h>
+
+#include "acmp_mapping/ros/mapper_worker.h"
+
+namespace acmp {
+
+/// All output topics. A message is only made when somebody listens. Methods belong to the worker thread;
+/// PublishMap may run in another one, since ros::Publisher is thread-safe.
+class OutputPublisher {
+ public:
+  /// @param on_map_subscriber called when somebody subscribes to the map
+  OutputPublisher(ros::NodeHandle nh, std::function<void()> on_map_subscriber);
+
+  void PublishFast(const KeyframeOutput& output, size_t max_path_length);
+  void PublishRefined(const KeyframeOutput& output);
+  void PublishMap(const PointCloud& map, const std::string& world_frame, int64_t stamp_ns);
+  void ClearPath() { path_poses_.clear(); }
+  bool map_wanted() const { return map_.getNumSubscribers() > 0; }
+
+ private:
+  void PublishPose(const KeyframeOutput& output, size_t max_path_length);
+  void PublishPictures(const KeyframeOutput& output, const std_msgs::Header& camera);
+  void PublishKeyframeDepth(const KeyframeOutput& output, const std_msgs::Header& camera);
+
+  image_transport::ImageTransport transport_;
+  image_transport::CameraPublisher depth_fast_;
+  image_transport::CameraPublisher depth_;
+  image_transport::CameraPublisher color_;
+  image_transport::Publisher depth_picture_;
+  image_transport::Publisher confidence_;
+  image_transport::Publisher confidence_picture_;
+  image_transport::Publisher normal_;
+  image_transport::Publisher normal_picture_;
+  ros::Publisher depth_millimetres_;
+  ros::Publisher points_;
+  ros::Publisher map_;
+  ros::Publisher pose_;
+  ros::Publisher path_;
+  ros::Publisher keyframe_depth_;
+  std::deque<geometry_msgs::PoseStamped> path_poses_;
+};
+
+}  // namespace acmp

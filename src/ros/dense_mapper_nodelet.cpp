@@ -1,0 +1,287 @@
+#include "acmp_mapping/ros/dense_mapper_nodelet.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include <pluginlib/class_list_macros.hpp>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/ros/map_writer.h"
+
+namespace acmp {
+namespace {
+
+constexpr double kDeliverPeriodS = 0.05;  ///< how late a wait for a cloud may end
+constexpr double kMapPeriodS = 0.1;       ///< how often the map's rate limit is looked at
+constexpr double kMapLoad = 4;            ///< building maps takes at most one part in 1 + kMapLoad of a core
+
+/// Where the scene is assumed while nothing tells: the middle of the fallback range, as the mapper has it.
+double FallbackDepth(const DenseMapperOptions& options) {
+  return std::sqrt(static_cast<double>(options.fallback_depth_range.min) * options.fallback_depth_range.max);
+}
+
+/// Services answer with a message on success and an exception on failure.
+std::string Expect(const std::string& failure, const char* success) {
+  if (!failure.empty()) throw ProcessingError(failure);
+  return success;
+}
+
+}  // namespace
+
+DenseMapperNodelet::~DenseMapperNodelet() {
+  // First everything that waits is woken and the worker's hooks fall silent; then the threads are joined.
+  if (worker_) worker_->Stop();
+  services_.reset();
+  diagnostics_.reset();
+  reconfigure_.reset();
+  image_source_.reset();
+  camera_info_source_.reset();
+  pose_source_.reset();
+  cloud_source_.reset();
+  worker_.reset();
+}
+
+void DenseMapperNodelet::onInit() {
+  try {
+    LoadOptions();
+    publisher_ = std::make_unique<OutputPublisher>(getNodeHandle(), [this] { map_requested_ = true; });
+    StartWorker();
+    StartReconfigure();
+    Subscribe();
+    StartServices();
+    diagnostics_ = std::make_unique<MapperDiagnostics>(getMTNodeHandle(), getMTPrivateNodeHandle(), getName(),
+                                                       [this] { return TakeSnapshot(); });
+    running_ = true;
+  } catch (const std::exception& error) {
+    NODELET_FATAL("cannot start: %s", error.what());
+    throw;
+  }
+  NODELET_INFO("image %s, camera_info %s, pose %s (%s), sparse_points %s", image_source_->status().topic.c_str(),
+               camera_info_source_->status().topic.c_str(), pose_source_->status().topic.c_str(),
+               Describe(options_.pose).c_str(), cloud_source_->status().topic.c_str());
+}
+
+void DenseMapperNodelet::LoadOptions() {
+  XmlRpc::XmlRpcValue values;
+  getPrivateNodeHandle().getParam(getPrivateNodeHandle().getNamespace(), values);
+  ParameterReader reader(values);
+  reader.Allow("diagnostic_period");   // diagnostic_updater
+  reader.Allow("num_worker_threads");  // a nodelet manager of the same name
+  options_ = LoadNodeOptions(&reader);
+  RuntimeOptions start;
+  start.mapper.pipeline = MakePreset(options_.preset);
+  const RuntimeOptions runtime_options = LoadRuntimeOptions(&reader, start);
+  reader.CheckUnknown();
+  config_ = ToConfig(runtime_options);
+  runtime_options_ = std::make_unique<SharedOptions>(runtime_options);
+}
+
+void DenseMapperNodelet::StartWorker() {
+  const RuntimeOptions runtime_options = runtime_options_->Get();
+  map_ = std::make_unique<MapStore>(runtime_options.map);
+  intake_ = std::make_unique<KeyframeIntake>(options_, runtime_options.gate, FallbackDepth(runtime_options.mapper));
+  MapperWorker::Hooks hooks;
+  hooks.on_fast = [this](const KeyframeOutput& output) {
+    publisher_->PublishFast(output, static_cast<size_t>(runtime_options_->Get().map.max_keyframes));
+  };
+  hooks.on_refined = [this](const KeyframeOutput& output) {
+    {
+      std::lock_guard<std::mutex> lock(map_header_mutex_);
+      map_frame_ = output.world_frame;
+      map_stamp_ns_ = output.stamp_ns;
+    }
+    publisher_->PublishRefined(output);
+  };
+  hooks.on_drop = [this](const Drop& drop) { ReportDrop(drop); };
+  hooks.on_map_cleared = [this] { publisher_->ClearPath(); };
+  hooks.on_warning = [this](const std::string& warning) { NODELET_WARN("%s", warning.c_str()); };
+  worker_ = std::make_unique<MapperWorker>(options_, runtime_options_.get(), map_.get(), hooks);
+}
+
+void DenseMapperNodelet::StartReconfigure() {
+  const ros::NodeHandle nh = getMTPrivateNodeHandle();
+  config_.__toServer__(nh);  // the server starts from there
+  reconfigure_ = std::make_unique<dynamic_reconfigure::Server<DenseMapperConfig>>(config_mutex_, nh);
+  reconfigure_->setCallback([this](DenseMapperConfig& config, uint32_t) { HandleConfig(config); });
+}
+
+void DenseMapperNodelet::Subscribe() {
+  ros::NodeHandle& nh = getNodeHandle();
+  const DropHandler on_drop = [this](const Drop& drop) { ReportDrop(drop); };
+  cloud_source_ = MakeCloudSource(
+      nh, options_, [this](SparseCloudPtr c) { HandleCloud(std::move(c)); }, on_drop);
+  pose_source_ = MakePoseSource(
+      nh, options_, [this](PoseSample p) { HandlePose(std::move(p)); }, on_drop);
+  camera_info_source_ = MakeCameraInfoSource(
+      nh, [this](const sensor_msgs::CameraInfo& info) { HandleCameraInfo(info); }, on_drop);
+  image_source_ = MakeImageSource(
+      nh, options_, [this](std::shared_ptr<const EncodedImage> i) { HandleImage(std::move(i)); }, on_drop);
+  deliver_timer_ =
+      nh.createWallTimer(ros::WallDuration(kDeliverPeriodS), [this](const ros::WallTimerEvent&) { Deliver(); });
+}
+
+void DenseMapperNodelet::StartServices() {
+  MapperServices::Handlers handlers;
+  handlers.flush = [this] {
+    Deliver(true);
+    return Expect(worker_->Flush(), "all keyframes are finished");
+  };
+  handlers.reset = [this] { return Reset(); };
+  handlers.publish_map = [this] {
+    const size_t points = PublishMap();
+    return Concat("published ", points, " points");
+  };
+  handlers.pause = [this](bool pause) -> std::string {
+    paused_ = pause;
+    return pause ? "paused: images are dropped" : "running";
+  };
+  handlers.save_map = [this](const acmp_mapping::SaveMap::Request& request) { return SaveMap(request); };
+  handlers.periodic = [this] { HandlePeriod(); };
+  services_ = std::make_unique<MapperServices>(getPrivateNodeHandle(), kMapPeriodS, handlers);
+}
+
+void DenseMapperNodelet::HandleImage(std::shared_ptr<const EncodedImage> image) {
+  if (paused_) {
+    return ReportDrop({"paused", Concat("image ", FormatStamp(ToStampNs(image->header().stamp)), " (~pause)")});
+  }
+  {
+    std::lock_guard<std::mutex> lock(intake_mutex_);
+    intake_->AddImage(std::move(image));
+  }
+  Deliver();
+}
+
+void DenseMapperNodelet::HandleCameraInfo(const sensor_msgs::CameraInfo& info) {
+  {
+    std::lock_guard<std::mutex> lock(intake_mutex_);
+    intake_->AddCameraInfo(info);
+  }
+  Deliver();
+}
+
+void DenseMapperNodelet::HandlePose(PoseSample pose) {
+  {
+    std::lock_guard<std::mutex> lock(intake_mutex_);
+    intake_->AddPose(std::move(pose));
+  }
+  Deliver();
+}
+
+void DenseMapperNodelet::HandleCloud(SparseCloudPtr cloud) {
+  {
+    std::lock_guard<std::mutex> lock(intake_mutex_);
+    intake_->AddCloud(std::move(cloud));
+  }
+  Deliver();
+}
+
+void DenseMapperNodelet::HandleConfig(DenseMapperConfig& config) {
+  for (const std::string& change : MakeValid(config_, &config)) NODELET_WARN("%s", change.c_str());
+  config_ = config;
+  const RuntimeOptions runtime_options = FromConfig(config);
+  runtime_options_->Set(runtime_options);
+  std::lock_guard<std::mutex> lock(intake_mutex_);
+  intake_->set_gate(runtime_options.gate, FallbackDepth(runtime_options.mapper));
+}
+
+void DenseMapperNodelet::Deliver(bool all) {
+  if (!running_) return;
+  const bool clouds_expected = cloud_source_->status().publishers > 0;
+  std::lock_guard<std::mutex> delivery_lock(delivery_mutex_);
+  std::vector<IntakeEvent> events;
+  {
+    std::lock_guard<std::mutex> lock(intake_mutex_);
+    intake_->set_clouds_expected(clouds_expected);
+    events = all ? intake_->TakeAll() : intake_->Take(SteadySeconds());
+  }
+  for (IntakeEvent& event : events) Dispatch(std::move(event));
+}
+
+void DenseMapperNodelet::Dispatch(IntakeEvent event) {
+  if (auto* drop = std::get_if<Drop>(&event)) return ReportDrop(*drop);
+  if (auto* jump = std::get_if<TimeJump>(&event)) {
+    NODELET_WARN("time jumped back from image %s to %s: buffers and window are cleared",
+                 FormatStamp(jump->from_ns).c_str(), FormatStamp(jump->to_ns).c_str());
+    return worker_->StartOver(options_.on_time_jump == TimeJumpPolicy::kReset);
+  }
+  ++matched_;
+  worker_->Push(std::move(std::get<KeyframeInput>(event)));
+}
+
+void DenseMapperNodelet::ReportDrop(const Drop& drop) {
+  if (drops_.Record(drop, SteadySeconds())) NODELET_WARN("%s: %s", drop.reason.c_str(), drop.message.c_str());
+}
+
+void DenseMapperNodelet::HandlePeriod() {
+  const double rate = runtime_options_->Get().output.map_publish_rate;
+  const double now_s = SteadySeconds();
+  if (rate <= 0 || now_s < next_map_publish_s_ || !publisher_->map_wanted()) return;
+  if (map_->version() == published_version_ && !map_requested_) return;
+  try {
+    PublishMap();
+  } catch (const std::exception& error) {  // a thrown exception would end the whole manager
+    ReportDrop({"map_error", Concat("the map was not published: ", error.what())});
+  }
+  next_map_publish_s_ = now_s + std::max(1 / rate, (1 + kMapLoad) * (SteadySeconds() - now_s));
+}
+
+size_t DenseMapperNodelet::PublishMap() {
+  std::string frame;
+  int64_t stamp_ns = 0;
+  {
+    std::lock_guard<std::mutex> lock(map_header_mutex_);
+    frame = map_frame_;
+    stamp_ns = map_stamp_ns_;
+  }
+  if (frame.empty()) return 0;
+  map_requested_ = false;
+  published_version_ = map_->version();
+  const PointCloud map = map_->WorldCloud();
+  publisher_->PublishMap(map, frame, stamp_ns);
+  return map.size();
+}
+
+size_t DenseMapperNodelet::SaveMap(const acmp_mapping::SaveMap::Request& request) {
+  using Request = acmp_mapping::SaveMap::Request;
+  if (request.format != Request::PLY && request.format != Request::PCD) {
+    throw InvalidInputError(Concat("format = ", int{request.format}, ": must be 0 (PLY) or 1 (PCD)"));
+  }
+  const PointCloud map = map_->WorldCloud();
+  WriteMap(request.path, map, request.format == Request::PLY ? MapFormat::kPly : MapFormat::kPcd, request.binary);
+  return map.size();
+}
+
+std::string DenseMapperNodelet::Reset() {
+  {
+    std::lock_guard<std::mutex> lock(intake_mutex_);
+    intake_->Clear();
+  }
+  Deliver();  // the drops
+  return Expect(worker_->Reset(), "buffers, window and map are empty");
+}
+
+MapperSnapshot DenseMapperNodelet::TakeSnapshot() {
+  MapperSnapshot snapshot;
+  snapshot.now_s = SteadySeconds();
+  snapshot.paused = paused_;
+  snapshot.image = image_source_->status();
+  snapshot.camera_info = camera_info_source_->status();
+  snapshot.pose = pose_source_->status();
+  snapshot.sparse_points = cloud_source_->status();
+  snapshot.matched = matched_;
+  snapshot.sync_tolerance_s = options_.matcher.sync_tolerance_s;
+  snapshot.queued = worker_->queued();
+  snapshot.worker = worker_->status();
+  snapshot.map = map_->statistics();
+  snapshot.drops = drops_.entries();
+  std::lock_guard<std::mutex> lock(intake_mutex_);
+  snapshot.waiting_images = intake_->waiting_images();
+  snapshot.not_chosen = intake_->not_chosen();
+  snapshot.last_gap = intake_->last_gap();
+  return snapshot;
+}
+
+}  // namespace acmp
+
+PLUGINLIB_EXPORT_CLASS(acmp::DenseMapperNodelet, nodelet::Nodelet)

@@ -1,0 +1,21 @@
+#include "acmp_mapping/ros/incident_log.h"
+
+namespace acmp {
+
+bool IncidentLog::Record(const Drop& drop, double now_s) {
+  std::lock_guard<std::mutex> lock(mutex_);
+  Entry& entry = entries_[drop.reason];
+  const bool tell = entry.count == 0 || now_s - entry.last_told_s >= kRepeatS;
+  ++entry.count;
+  entry.last_message = drop.message;
+  entry.last_time_s = now_s;
+  if (tell) entry.last_told_s = now_s;
+  return tell;
+}
+
+std::map<std::string, IncidentLog::Entry> IncidentLog::entries() const {
+  std::lock_guard<std::mutex> lock(mutex_);
+  return entries_;
+}
+
+}  // namespace acmp

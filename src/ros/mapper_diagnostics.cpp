@@ -1,0 +1,131 @@
+#include "acmp_mapping/ros/mapper_diagnostics.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+using diagnostic_msgs::DiagnosticStatus;
+using diagnostic_updater::DiagnosticStatusWrapper;
+
+constexpr double kSilentS = 5;  ///< a stream that was silent so long is worth a word
+constexpr double kRecentS = 5;  ///< drops that young are worth a word
+
+long WholeSeconds(double seconds) { return std::lround(std::max(0.0, seconds)); }
+
+/// Empty when messages arrive.
+std::string DescribeSilence(const InputStatus& input, double now_s) {
+  const double silent_s = now_s - input.last_received_s;
+  if (input.received > 0 && silent_s < kSilentS) return "";
+  const std::string publishers =
+      input.publishers == 0 ? "nobody publishes it: check the remap" : Concat(input.publishers, " publisher(s)");
+  return Concat(input.received == 0 ? "nothing yet on " : "nothing on ", input.topic, " for ", WholeSeconds(silent_s),
+                " s (", publishers, ")");
+}
+
+}  // namespace
+
+void DescribeInputs(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* status) {
+  status->summary(DiagnosticStatus::OK, "all inputs arrive");
+  for (const InputStatus* input : {&snapshot.image, &snapshot.camera_info, &snapshot.pose, &snapshot.sparse_points}) {
+    const std::string silence = DescribeSilence(*input, snapshot.now_s);
+    status->add(input->topic, silence.empty() ? Concat(input->received, " received") : silence);
+    // A map may be made without sparse points, if the depth range is given.
+    if (!silence.empty() && input != &snapshot.sparse_points) status->mergeSummary(DiagnosticStatus::WARN, silence);
+  }
+  if (snapshot.paused) status->mergeSummary(DiagnosticStatus::WARN, "paused (~pause)");
+}
+
+void DescribeMatching(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* status) {
+  status->summary(DiagnosticStatus::OK, Concat(snapshot.matched, " images matched with a pose"));
+  const IncidentLog::Entry* latest = nullptr;
+  std::string latest_reason;
+  for (const auto& [reason, entry] : snapshot.drops) {
+    status->add("dropped: " + reason, Concat(entry.count, " (", entry.last_message, ")"));
+    // Frontends that give poses to keyframes only leave most images without one.
+    const bool usual = reason == "no_pose" && snapshot.matched > 0;
+    if (usual || snapshot.now_s - entry.last_time_s > kRecentS) continue;
+    if (latest && latest->last_time_s >= entry.last_time_s) continue;
+    latest = &entry;
+    latest_reason = reason;
+  }
+  if (latest) status->summary(DiagnosticStatus::WARN, Concat(latest_reason, ": ", latest->last_message));
+
+  status->add("images waiting for a pose", snapshot.waiting_images);
+  status->add("posed images passed over by the keyframe gate", snapshot.not_chosen);
+  if (!snapshot.last_gap) return;
+  const PoseGap& gap = *snapshot.last_gap;
+  std::string nearest = Concat("no pose on ", snapshot.pose.topic);
+  if (gap.gap_ns) {
+    nearest = Concat("nearest is ", static_cast<double>(*gap.gap_ns) * 1e-6, " ms away on ", snapshot.pose.topic);
+  }
+  status->add("last image without a pose", Concat(FormatStamp(gap.image_stamp_ns), ": ", nearest,
+                                                  "; ~sync_tolerance is ", snapshot.sync_tolerance_s * 1e3, " ms"));
+}
+
+void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* status) {
+  const WorkerStatus& worker = snapshot.worker;
+  if (!worker.device_error.empty()) {
+    status->summary(DiagnosticStatus::ERROR, "no device to match on: " + worker.device_error);
+  } else if (!worker.ready) {
+    status->summary(DiagnosticStatus::OK, "the device is being set up");
+  } else {
+    status->summary(DiagnosticStatus::OK, "mapping on " + worker.device_name);
+    if (!worker.fallback_reason.empty()) status->add("why not on a GPU", worker.fallback_reason);
+  }
+  status->add("device", worker.device_name);
+  status->add("keyframes", worker.keyframes);
+  status->add("fast depth maps", worker.fast);
+  status->add("refined depth maps", worker.refined);
+  status->add("keyframes queued", snapshot.queued);
+  status->add("matched size [px]", Concat(worker.width, "x", worker.height));
+  status->add("last keyframe: decode and rectify [ms]", worker.preparation_ms);
+  status->add("last keyframe: all in all [ms]", worker.keyframe_ms);
+  status->add("photometric pass [ms]", worker.times.photometric_ms);
+  status->add("prior construction [ms]", worker.times.prior_construction_ms);
+  status->add("planar-prior pass [ms]", worker.times.planar_prior_ms);
+  status->add("geometric passes [ms]", worker.times.geometric_ms);
+  status->add("of these in kernels [ms]", worker.times.kernels_ms);
+  status->add("consistency check [ms]", worker.consistency_ms);
+  if (!worker.landmarks_in_front) return;
+  status->add("sparse points in front of the first cameras [%]", 100 * *worker.landmarks_in_front);
+  if (*worker.landmarks_in_front < 0.5) {
+    status->mergeSummary(DiagnosticStatus::WARN,
+                         "most sparse points lie behind the camera: check ~pose_is, ~pose_child and ~sparse_frame");
+  }
+}
+
+void DescribeMap(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* status) {
+  status->summary(DiagnosticStatus::OK, Concat(snapshot.map.keyframes, " keyframes in the map"));
+  status->add("keyframes", snapshot.map.keyframes);
+  status->add("points held", snapshot.map.points);
+  status->add("keyframes evicted (~max_keyframes)", snapshot.map.evicted);
+  status->add("voxel size [unit of the poses]", snapshot.map.voxel_size);
+}
+
+MapperDiagnostics::MapperDiagnostics(ros::NodeHandle nh, ros::NodeHandle private_nh, const std::string& name,
+                                     std::function<MapperSnapshot()> take_snapshot)
+    : take_snapshot_(std::move(take_snapshot)), updater_(nh, private_nh, name) {
+  updater_.setHardwareID("none");
+  const auto add = [this](const char* task, void (*describe)(const MapperSnapshot&, DiagnosticStatusWrapper*)) {
+    updater_.add(task, [this, describe](DiagnosticStatusWrapper& status) { describe(snapshot_, &status); });
+  };
+  snapshot_ = take_snapshot_();
+  add("inputs", &DescribeInputs);
+  add("matching", &DescribeMatching);
+  add("mapping", &DescribeMapping);
+  add("map", &DescribeMap);
+  timer_ = nh.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { Update(); });
+}
+
+void MapperDiagnostics::Update() {
+  snapshot_ = take_snapshot_();
+  updater_.setHardwareID(snapshot_.worker.device_name.empty() ? "none" : snapshot_.worker.device_name);
+  updater_.force_update();
+}
+
+}  // namespace acmp

@@ -1,0 +1,270 @@
+#include "acmp_mapping/ros/mapper_worker.h"
+
+#include <exception>
+#include <future>
+#include <utility>
+
+#include <opencv2/imgproc.hpp>
+
+#include "acmp_mapping/backend/make_patch_match.h"
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/timer.h"
+
+namespace acmp {
+namespace {
+
+constexpr char kStopped[] = "the mapper is shutting down";
+
+/// Pixels whose depth is published: known to the lens and confident enough.
+Image<unsigned char> MakeKeepMask(const KeyframeDepth& maps, const cv::Mat& valid, double min_confidence) {
+  Image<unsigned char> keep(maps.depth.width(), maps.depth.height(), 1);
+  for (int row = 0; row < keep.height(); ++row) {
+    for (int col = 0; col < keep.width(); ++col) {
+      const bool known = valid.empty() || valid.at<uchar>(row, col) != 0;
+      const bool confident = maps.confidence.empty() || maps.confidence(col, row) >= min_confidence;
+      keep(col, row) = known && confident ? 1 : 0;
+    }
+  }
+  return keep;
+}
+
+PointCloud KeptPoints(const KeyframeDepth& maps, ImageView<const unsigned char> keep, double min_confidence) {
+  const PinholeCamera& camera = maps.frame->camera;
+  PointCloud kept;
+  kept.reserve(maps.points_in_camera.size());
+  for (const SurfacePoint& point : maps.points_in_camera) {
+    if (point.confidence < min_confidence) continue;
+    const Eigen::Vector2d pixel = camera.Project({point.position.x, point.position.y, point.position.z});
+    if (camera.Contains(pixel) &&
+        !keep(static_cast<int>(std::lround(pixel.x())), static_cast<int>(std::lround(pixel.y())))) {
+      continue;
+    }
+    kept.push_back(point);
+  }
+  return kept;
+}
+
+}  // namespace
+
+MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions* options, MapStore* map, Hooks hooks)
+    : node_options_(node_options),
+      options_(options),
+      map_(map),
+      hooks_(std::move(hooks)),
+      queue_(node_options.overload),
+      landmark_check_(node_options.pose),
+      thread_([this] { Run(); }) {}
+
+MapperWorker::~MapperWorker() {
+  Stop();
+  thread_.join();
+}
+
+void MapperWorker::Stop() {
+  stopping_ = true;
+  queue_.Stop();
+}
+
+void MapperWorker::Push(KeyframeInput input) {
+  const std::optional<KeyframeInput> dropped = queue_.Push(std::move(input));
+  if (!dropped || stopping_) return;
+  const bool oldest = node_options_.overload == OverloadPolicy::kDropOldest;
+  hooks_.on_drop({oldest ? "overload_oldest" : "overload_busy",
+                  Concat("keyframe ", FormatStamp(dropped->stamp_ns), ": the mapper is busy (~overload)")});
+}
+
+std::string MapperWorker::Flush() {
+  return RunCommand([this] {
+    if (!mapper_) throw ProcessingError(device_error_);
+    mapper_->Flush();
+  });
+}
+
+void MapperWorker::StartOver(bool clear_map) {
+  queue_.PushCommand([this, clear_map] {
+    if (mapper_) {
+      mapper_->Flush();
+      mapper_->Reset();
+    }
+    if (clear_map) ClearMap();
+  });
+}
+
+std::string MapperWorker::Reset() {
+  for (const KeyframeInput& input : queue_.ClearInputs()) {
+    hooks_.on_drop({"reset", Concat("keyframe ", FormatStamp(input.stamp_ns), " was queued (reset)")});
+  }
+  return RunCommand([this] {
+    if (mapper_) mapper_->Reset();
+    ClearMap();
+  });
+}
+
+void MapperWorker::ClearMap() {
+  map_->Clear();
+  if (!stopping_) hooks_.on_map_cleared();
+}
+
+std::string MapperWorker::RunCommand(const std::function<void()>& work) {
+  // Only the queue owns the promise: if it is stopped first, the promise breaks and wakes us.
+  auto done = std::make_shared<std::promise<std::string>>();
+  std::future<std::string> result = done->get_future();
+  auto command = [work, done = std::move(done)] {
+    try {
+      work();
+      done->set_value("");
+    } catch (const std::exception& error) {
+      done->set_value(error.what());
+    }
+  };
+  if (!queue_.PushCommand(std::move(command))) return kStopped;
+  try {
+    return result.get();
+  } catch (const std::future_error&) {
+    return kStopped;
+  }
+}
+
+WorkerStatus MapperWorker::status() const {
+  std::lock_guard<std::mutex> lock(status_mutex_);
+  return status_;
+}
+
+template <class Change>
+void MapperWorker::UpdateStatus(const Change& change) {
+  std::lock_guard<std::mutex> lock(status_mutex_);
+  change(&status_);
+}
+
+void MapperWorker::Run() {
+  MakeMapper();
+  while (auto item = queue_.Pop()) {
+    if (auto* command = std::get_if<Command>(&*item)) {
+      (*command)();
+      continue;
+    }
+    KeyframeInput& input = std::get<KeyframeInput>(*item);
+    const int64_t stamp_ns = input.stamp_ns;
+    try {
+      Process(std::move(input));
+    } catch (const InvalidInputError& error) {
+      ReportDrop({"bad_image", Concat("keyframe ", FormatStamp(stamp_ns), ": ", error.what())});
+    } catch (const std::exception& error) {
+      ReportDrop({"processing_error", Concat("keyframe ", FormatStamp(stamp_ns), ": ", error.what())});
+    }
+  }
+}
+
+void MapperWorker::MakeMapper() {
+  try {
+    PatchMatchBackend backend = MakePatchMatch(node_options_.device, node_options_.cuda_device);
+    patch_match_ = std::move(backend.patch_match);
+    DenseMapper::Callbacks callbacks;
+    callbacks.on_fast = [this](const KeyframeDepthPtr& maps) { HandleFast(maps); };
+    callbacks.on_refined = [this](const KeyframeDepthPtr& maps) { HandleRefined(maps); };
+    callbacks.on_drop = [this](const KeyframeDrop& drop) { HandleDrop(drop); };
+    mapper_ = std::make_unique<DenseMapper>(patch_match_.get(), options_->Get().mapper, callbacks);
+    UpdateStatus([&](WorkerStatus* status) {
+      status->ready = true;
+      status->device_name = patch_match_->device_name();
+      status->fallback_reason = backend.fallback_reason;
+    });
+  } catch (const std::exception& error) {
+    device_error_ = error.what();
+    UpdateStatus([&](WorkerStatus* status) { status->device_error = error.what(); });
+  }
+}
+
+void MapperWorker::Process(KeyframeInput input) {
+  if (!mapper_) {
+    return ReportDrop({"no_device", Concat("keyframe ", FormatStamp(input.stamp_ns), ": ", device_error_)});
+  }
+  Timer timer;
+  const RuntimeOptions options = options_->Get();
+  mapper_->set_options(options.mapper);
+  map_->set_options(options.map);
+  min_confidence_ = options.output.min_confidence;
+
+  cv::Mat valid;
+  const FramePtr frame = PrepareFrame(input, &valid);
+  const double preparation_ms = timer.Lap();
+  if (const auto warning = landmark_check_.Add(*frame); warning && !stopping_) hooks_.on_warning(*warning);
+  pending_[frame->id] = {input.stamp_ns, input.camera_frame, input.world_frame, input.world_from_cam, valid};
+  UpdateStatus([&](WorkerStatus* status) {
+    ++status->keyframes;
+    status->width = frame->camera.width;
+    status->height = frame->camera.height;
+    status->preparation_ms = preparation_ms;
+    status->landmarks_in_front = landmark_check_.share_in_front();
+  });
+  mapper_->AddKeyframe(frame);
+  UpdateStatus([&](WorkerStatus* status) { status->keyframe_ms = preparation_ms + timer.Lap(); });
+}
+
+FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input, cv::Mat* valid) {
+  if (!calibration_ || !SameCalibration(*calibration_, *input.calibration)) {
+    rectifier_ = std::make_unique<ImageRectifier>(*input.calibration);
+    calibration_ = input.calibration;
+  }
+  auto frame = std::make_shared<const Frame>(MakeFrame(
+      next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, rectifier_->Rectify(DecodeRgb(*input.image)),
+      calibration_->camera, input.world_from_cam.inverse(), input.landmarks_in_world, node_options_.max_image_size));
+  if (!rectifier_->valid().empty()) {
+    cv::resize(rectifier_->valid(), *valid, cv::Size(frame->camera.width, frame->camera.height), 0, 0,
+               cv::INTER_NEAREST);
+  }
+  return frame;
+}
+
+KeyframeOutput MapperWorker::MakeOutput(const KeyframeDepthPtr& maps) const {
+  const Pending& pending = pending_.at(maps->frame->id);
+  KeyframeOutput output;
+  output.maps = maps;
+  output.stamp_ns = pending.stamp_ns;
+  output.camera_frame = pending.camera_frame;
+  output.world_frame = pending.world_frame;
+  output.world_from_cam = pending.world_from_cam;
+  output.keep = MakeKeepMask(*maps, pending.valid, min_confidence_);
+  output.points_in_camera = KeptPoints(*maps, output.keep.View(), min_confidence_);
+  return output;
+}
+
+void MapperWorker::HandleFast(const KeyframeDepthPtr& maps) {
+  if (stopping_) return;
+  UpdateStatus([](WorkerStatus* status) { ++status->fast; });
+  Publish(hooks_.on_fast, MakeOutput(maps));
+}
+
+void MapperWorker::HandleRefined(const KeyframeDepthPtr& maps) {
+  if (stopping_) return;
+  const KeyframeOutput output = MakeOutput(maps);
+  pending_.erase(maps->frame->id);
+  map_->Add(maps->frame->id, output.world_from_cam, output.points_in_camera);
+  UpdateStatus([&](WorkerStatus* status) {
+    ++status->refined;
+    status->times = maps->times;
+    status->consistency_ms = maps->consistency_ms;
+  });
+  Publish(hooks_.on_refined, output);
+}
+
+void MapperWorker::Publish(const std::function<void(const KeyframeOutput&)>& hook, const KeyframeOutput& output) const {
+  try {
+    hook(output);
+  } catch (const std::exception& error) {  // the mapper's callbacks must not throw
+    ReportDrop({"publish_error", Concat("image ", FormatStamp(output.stamp_ns), ": ", error.what())});
+  }
+}
+
+void MapperWorker::HandleDrop(const KeyframeDrop& drop) {
+  const auto pending = pending_.find(drop.id);
+  const std::string stamp = pending == pending_.end() ? "?" : FormatStamp(pending->second.stamp_ns);
+  if (pending != pending_.end()) pending_.erase(pending);
+  ReportDrop({drop.reason, Concat("image ", stamp, drop.had_fast ? " (refinement only): " : ": ", drop.message)});
+}
+
+void MapperWorker::ReportDrop(const Drop& drop) const {
+  if (!stopping_) hooks_.on_drop(drop);
+}
+
+}  // namespace acmp

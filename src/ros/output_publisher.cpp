@@ -1,0 +1,150 @@
+#include "acmp_mapping/ros/output_publisher.h"
+
+#include <utility>
+
+#include <acmp_mapping/KeyframeDepth.h>
+#include <nav_msgs/Path.h>
+#include <sensor_msgs/PointCloud2.h>
+#include <boost/make_shared.hpp>
+
+#include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/ros/output_conversion.h"
+#include "acmp_mapping/ros/topic_names.h"
+
+namespace acmp {
+namespace {
+
+constexpr uint32_t kQueue = 5;  ///< keyframes come at a few hertz; a slow listener loses old ones, not new ones
+
+std_msgs::Header MakeHeader(int64_t stamp_ns, const std::string& frame_id) {
+  std_msgs::Header header;
+  header.stamp.fromNSec(static_cast<uint64_t>(stamp_ns));
+  header.frame_id = frame_id;
+  return header;
+}
+
+geometry_msgs::Pose ToPoseMessage(const RigidTransform& transform) {
+  const Eigen::Quaterniond rotation(transform.linear());
+  geometry_msgs::Pose pose;
+  pose.position.x = transform.translation().x();
+  pose.position.y = transform.translation().y();
+  pose.position.z = transform.translation().z();
+  pose.orientation.x = rotation.x();
+  pose.orientation.y = rotation.y();
+  pose.orientation.z = rotation.z();
+  pose.orientation.w = rotation.w();
+  return pose;
+}
+
+/// Confidence as published: 0 where the lens saw nothing.
+sensor_msgs::ImagePtr ToConfidenceMessage(const KeyframeOutput& output, const std_msgs::Header& header) {
+  sensor_msgs::ImagePtr message = ToFloatMessage(output.maps->confidence, header);
+  float* values = reinterpret_cast<float*>(message->data.data());
+  for (const unsigned char keep : output.keep) {
+    if (!keep) *values = 0;
+    ++values;
+  }
+  return message;
+}
+
+}  // namespace
+
+OutputPublisher::OutputPublisher(ros::NodeHandle nh, std::function<void()> on_map_subscriber) : transport_(nh) {
+  depth_fast_ = transport_.advertiseCamera(names::kDepthFast, kQueue);
+  depth_ = transport_.advertiseCamera(names::kDepth, kQueue);
+  color_ = transport_.advertiseCamera(names::kColor, kQueue);
+  depth_picture_ = transport_.advertise(names::kDepthPicture, kQueue);
+  confidence_ = transport_.advertise(names::kConfidence, kQueue);
+  confidence_picture_ = transport_.advertise(names::kConfidencePicture, kQueue);
+  normal_ = transport_.advertise(names::kNormal, kQueue);
+  normal_picture_ = transport_.advertise(names::kNormalPicture, kQueue);
+  depth_millimetres_ = nh.advertise<sensor_msgs::Image>(names::kDepthMillimetres, kQueue);
+  points_ = nh.advertise<sensor_msgs::PointCloud2>(names::kPoints, kQueue);
+  pose_ = nh.advertise<geometry_msgs::PoseStamped>(names::kKeyframePose, kQueue);
+  path_ = nh.advertise<nav_msgs::Path>(names::kKeyframePath, 1, true);
+  keyframe_depth_ = nh.advertise<acmp_mapping::KeyframeDepth>(names::kKeyframeDepth, kQueue);
+  const ros::SubscriberStatusCallback on_connect = [on_map_subscriber](const ros::SingleSubscriberPublisher&) {
+    on_map_subscriber();
+  };
+  map_ = nh.advertise<sensor_msgs::PointCloud2>(names::kMapPoints, 1, on_connect, ros::SubscriberStatusCallback(),
+                                                ros::VoidConstPtr(), true);
+}
+
+void OutputPublisher::PublishFast(const KeyframeOutput& output, size_t max_path_length) {
+  const std_msgs::Header camera = MakeHeader(output.stamp_ns, output.camera_frame);
+  PublishPose(output, max_path_length);
+  if (depth_fast_.getNumSubscribers() > 0) {
+    depth_fast_.publish(ToDepthMessage(output.maps->depth, output.keep.View(), camera),
+                        ToCameraInfo(output.maps->frame->camera, camera));
+  }
+}
+
+void OutputPublisher::PublishRefined(const KeyframeOutput& output) {
+  const KeyframeDepth& maps = *output.maps;
+  const std_msgs::Header camera = MakeHeader(output.stamp_ns, output.camera_frame);
+  if (depth_.getNumSubscribers() > 0 || depth_millimetres_.getNumSubscribers() > 0) {
+    const sensor_msgs::ImagePtr depth = ToDepthMessage(maps.depth, output.keep.View(), camera);
+    if (depth_millimetres_.getNumSubscribers() > 0) depth_millimetres_.publish(ToDepthMillimetres(*depth));
+    depth_.publish(depth, ToCameraInfo(maps.frame->camera, camera));
+  }
+  if (color_.getNumSubscribers() > 0) {
+    color_.publish(ToColorMessage(maps.frame->color, camera), ToCameraInfo(maps.frame->camera, camera));
+  }
+  if (confidence_.getNumSubscribers() > 0) confidence_.publish(ToConfidenceMessage(output, camera));
+  if (normal_.getNumSubscribers() > 0) normal_.publish(ToNormalMessage(maps.normal, output.keep.View(), camera));
+  PublishPictures(output, camera);
+  if (points_.getNumSubscribers() > 0) points_.publish(ToCloudMessage(output.points_in_camera, camera));
+  PublishKeyframeDepth(output, camera);
+}
+
+void OutputPublisher::PublishMap(const PointCloud& map, const std::string& world_frame, int64_t stamp_ns) {
+  map_.publish(ToCloudMessage(map, MakeHeader(stamp_ns, world_frame)));
+}
+
+void OutputPublisher::PublishPose(const KeyframeOutput& output, size_t max_path_length) {
+  auto pose = boost::make_shared<geometry_msgs::PoseStamped>();
+  pose->header = MakeHeader(output.stamp_ns, output.world_frame);
+  pose->pose = ToPoseMessage(output.world_from_cam);
+  path_poses_.push_back(*pose);
+  while (path_poses_.size() > max_path_length) path_poses_.pop_front();
+  pose_.publish(pose);
+  if (path_.getNumSubscribers() == 0) return;
+  auto path = boost::make_shared<nav_msgs::Path>();
+  path->header = pose->header;
+  path->poses.assign(path_poses_.begin(), path_poses_.end());
+  path_.publish(path);
+}
+
+void OutputPublisher::PublishPictures(const KeyframeOutput& output, const std_msgs::Header& camera) {
+  const KeyframeDepth& maps = *output.maps;
+  if (depth_picture_.getNumSubscribers() > 0) {
+    DepthMap kept = maps.depth.Clone();
+    for (size_t i = 0; i < kept.size(); ++i) {
+      if (!output.keep.data()[i]) kept.data()[i] = 0;
+    }
+    depth_picture_.publish(ToColorMessage(DepthPicture(kept), camera));
+  }
+  if (normal_picture_.getNumSubscribers() > 0) {
+    normal_picture_.publish(ToColorMessage(NormalPicture(maps.normal), camera));
+  }
+  if (confidence_picture_.getNumSubscribers() > 0) {
+    confidence_picture_.publish(ToColorMessage(ConfidencePicture(maps.confidence), camera));
+  }
+}
+
+void OutputPublisher::PublishKeyframeDepth(const KeyframeOutput& output, const std_msgs::Header& camera) {
+  if (keyframe_depth_.getNumSubscribers() == 0) return;
+  const KeyframeDepth& maps = *output.maps;
+  auto message = boost::make_shared<acmp_mapping::KeyframeDepth>();
+  message->header = MakeHeader(output.stamp_ns, output.world_frame);
+  message->pose = ToPoseMessage(output.world_from_cam);
+  message->camera_info = *ToCameraInfo(maps.frame->camera, camera);
+  message->depth = *ToDepthMessage(maps.depth, output.keep.View(), camera);
+  message->confidence = *ToConfidenceMessage(output, camera);
+  message->normal = *ToNormalMessage(maps.normal, output.keep.View(), camera);
+  message->depth_min = maps.range.min;
+  message->depth_max = maps.range.max;
+  keyframe_depth_.publish(message);
+}
+
+}  // namespace acmp
