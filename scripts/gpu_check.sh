@@ -1,0 +1,94 @@
+#!/usr/bin/env bash
+# Checks and times the CUDA backend on a machine with an NVIDIA GPU, which may be another one than it is built on:
+#   scripts/gpu_check.sh bundle FOLDER [SCENE...]   build without ROS and gather programs, their libraries and scenes in FOLDER
+#   FOLDER/gpu_check.sh run [RESULTS]               on the GPU machine: parity tests, sanitizer, quality, times
+# SCENE: a folder with images/, cams/, pair.txt and ground truth in depth/ or gt_sparse/.
+# Environment: ACMP_CUDA_ARCHITECTURES (default 90), STEPS (default "tests sanitizer quality times").
+set -euo pipefail
+
+programs="src/tools/acmp_reconstruct src/tools/acmp_evaluate src/tools/acmp_benchmark src/tools/acmp_make_scene
+  test/patch_match/test_cuda_parity test/patch_match/test_kernel_parity"
+
+bundle() {
+  local source folder build path program soname scene
+  source=$(cd "$(dirname "$0")/.." && pwd)
+  folder=$1
+  shift
+  build=$source/build_gpu
+  cmake -S "$source" -B "$build" -G Ninja -DCMAKE_BUILD_TYPE=Release -DACMP_ROS=OFF -DACMP_CUDA=ON \
+    -DACMP_CUDA_ARCHITECTURES="${ACMP_CUDA_ARCHITECTURES:-90}" > /dev/null
+  # shellcheck disable=SC2086
+  ninja -C "$build" $(basename -a $programs)
+  mkdir -p "$folder/bin" "$folder/lib" "$folder/scenes"
+  cp "$0" "$folder/gpu_check.sh"
+  for program in $programs; do
+    cp "$build/$program" "$folder/bin/"
+    # Everything but glibc's own libraries and the driver's, which must be the GPU machine's.
+    ldd "$build/$program" | awk '$3 ~ /^\// {print $1, $3}' | while read -r soname path; do
+      case $soname in
+        libc.so* | libm.so* | libpthread.so* | libdl.so* | librt.so* | ld-linux* | libcuda.so*) ;;
+        *) cp -L "$path" "$folder/lib/$soname" ;;
+      esac
+    done
+  done
+  for scene in "$@"; do
+    mkdir -p "$folder/scenes/$(basename "$scene")"
+    for part in images cams pair.txt cameras.txt depth gt_sparse; do
+      [ ! -e "$scene/$part" ] || cp -r "$scene/$part" "$folder/scenes/$(basename "$scene")/"
+    done
+  done
+  chmod -R u+w "$folder"
+  du -sh "$folder"
+}
+
+check_sanitizer() {
+  local tool scene=$1/tiny
+  acmp_make_scene "$scene" --width 80 --height 60 --keyframes 4 > /dev/null
+  for tool in memcheck racecheck initcheck; do
+    echo "-- compute-sanitizer $tool"
+    compute-sanitizer --tool "$tool" --error-exitcode 9 "$(command -v acmp_reconstruct)" "$scene" "$1/tiny_$tool" \
+      --device cuda --quiet 2>&1 | tail -n 3
+  done
+}
+
+check_quality() {
+  local scene preset truth out
+  for scene in "$root"/scenes/*/; do
+    truth=depth
+    [ -d "$scene/depth" ] || truth=gt_sparse
+    for preset in acmh acmp_no_geometric acmp; do
+      out=$1/$(basename "$scene")_$preset
+      echo "-- $(basename "$scene") $preset"
+      acmp_reconstruct "$scene" "$out" --preset "$preset" --device cuda --no-pictures --timings --quiet
+      rm -f "$out"/depth/*.png  # the maps as floats, not rounded to thousandths
+      acmp_evaluate depth "$scene" "$out/depth" --gt "$truth" --quiet
+    done
+  done
+}
+
+run() {
+  local results=${1:-$(mktemp -d)} status=0
+  root=$(cd "$(dirname "$0")" && pwd)
+  export PATH=$root/bin:$PATH LD_LIBRARY_PATH=$root/lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
+  mkdir -p "$results"
+  nvidia-smi --query-gpu=name,driver_version --format=csv,noheader
+  for step in ${STEPS:-tests sanitizer quality times}; do
+    echo "== $step"
+    case $step in
+      tests) test_kernel_parity --gtest_brief=1 || status=1
+        test_cuda_parity || status=1 ;;
+      sanitizer) check_sanitizer "$results" || status=1 ;;
+      quality) check_quality "$results" || status=1 ;;
+      times) acmp_benchmark --device cuda --sizes 640x480,3072x2048 --source-views 10 --json "$results/times.json" || status=1 ;;
+      *) echo "unknown step $step" >&2; status=2 ;;
+    esac
+  done
+  [ "$status" = 0 ] && echo "all steps passed" || echo "a step failed"
+  return "$status"
+}
+
+case ${1:-} in
+  bundle) [ $# -ge 2 ] || { sed -n '2,6p' "$0"; exit 2; }; shift; bundle "$@" ;;
+  run) shift; run "$@" ;;
+  *) sed -n '2,6p' "$0"; exit 2 ;;
+esac
