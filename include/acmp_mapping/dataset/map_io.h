@@ -8,8 +8,8 @@
 namespace acmp {
 
 /// Portable float maps (PFM, little endian, bottom row first): one channel for depth, cost and confidence, three for
-/// normals. Readers throw InvalidInputError naming the file for a wrong header or a truncated body; writers go through a
-/// temporary file and a rename and throw ProcessingError with the system's reason.
+/// normals. Readers throw InvalidInputError naming the file for a wrong header or a truncated body; writers go through
+/// a temporary file and a rename and throw ProcessingError with the system's reason.
 Image<float> ReadPfm(const std::filesystem::path& path);
 NormalMap ReadPfmNormals(const std::filesystem::path& path);
 void WritePfm(const std::filesystem::path& path, const Image<float>& map);
@@ -20,8 +20,8 @@ Image<float> ReadDmb(const std::filesystem::path& path);
 void WriteDmb(const std::filesystem::path& path, const Image<float>& map);
 void WriteDmb(const std::filesystem::path& path, const NormalMap& map);
 
-/// 16-bit PNG of depth in thousandths of the scene's unit (millimetres for metres); 0 = unknown. Depths above 65.535 units
-/// cannot be stored: returns how many pixels were left unknown for that reason, for the caller to report.
+/// 16-bit PNG of depth in thousandths of the scene's unit (millimetres for metres); 0 = unknown. Depths above 65.535
+/// units cannot be stored: returns how many pixels were left unknown for that reason, for the caller to report.
 size_t WriteDepthPng(const std::filesystem::path& path, const DepthMap& depth);
 DepthMap ReadDepthPng(const std::filesystem::path& path);
 
@@ -34,8 +34,8 @@ void WritePly(const std::filesystem::path& path, const PointCloud& points);
 /// properties and elements are skipped.
 PointCloud ReadPly(const std::filesystem::path& path);
 
-/// Pictures to look at. Depth and cost by a perceptually uniform colour map between the 2 % and 98 % quantiles (of inverse
-/// depth for depth), unknown pixels black; normals as (n + 1) / 2 with the camera-facing direction light.
+/// Pictures to look at. Depth and cost by a perceptually uniform colour map between the 2 % and 98 % quantiles (of
+/// inverse depth for depth), unknown pixels black; normals as (n + 1) / 2 with the camera-facing direction light.
 ColorImage DepthPicture(const DepthMap& depth);
 ColorImage NormalPicture(const NormalMap& normal);
 ColorImage CostPicture(const CostMap& cost);

@@ -21,9 +21,9 @@ struct LensDistortion {
 
 /// One image of a scene on disk.
 struct SceneImage {
-  std::string name;             ///< file name relative to the image folder
-  std::filesystem::path path;   ///< of the file
-  PinholeCamera camera;         ///< of the file as stored, pixel centres at integers
+  std::string name;            ///< file name relative to the image folder
+  std::filesystem::path path;  ///< of the file
+  PinholeCamera camera;        ///< of the file as stored, pixel centres at integers
   LensDistortion distortion;
   RigidTransform cam_from_world = RigidTransform::Identity();
   std::vector<int> landmark_indices;      ///< into Scene::landmarks_in_world: points this image observes
@@ -41,15 +41,25 @@ struct Scene {
 
 enum class SceneFormat { kAuto, kColmap, kMvsnet };
 
+/// "auto", "colmap" or "mvsnet"; throws InvalidInputError for anything else.
+SceneFormat ParseSceneFormat(const std::string& name);
+
+/// "0,3,7-12" as sorted, unique indices below `count`; throws InvalidInputError naming the part that is not one.
+std::vector<int> ParseImageIndices(const std::string& text, int count);
+
 /// Reads a COLMAP model (text or binary; in `root`, `root/sparse` or `root/sparse/0`, images in `root/images`) or the
-/// MVSNet / ACMP layout (`cams/%08d_cam.txt`, `pair.txt`, `images/%08d.*` or `%06d.*`). kAuto prefers MVSNet's, since its
-/// pair.txt names the source views; landmarks are read from a COLMAP model beside it when there is one with the same
-/// images. Throws InvalidInputError naming file, line and value for whatever is missing, truncated or out of bounds.
+/// MVSNet / ACMP layout (`cams/%08d_cam.txt`, `pair.txt`, `images/%08d.*` or `%06d.*`). kAuto prefers MVSNet's, since
+/// its pair.txt names the source views; landmarks are read from a COLMAP model beside it when there is one with the
+/// same images. Throws InvalidInputError naming file, line and value for whatever is missing, truncated or out of
+/// bounds.
 Scene ReadScene(const std::filesystem::path& root, SceneFormat format = SceneFormat::kAuto);
 
+/// The stored image, still distorted. Throws InvalidInputError for an unreadable or truncated file or a size that
+/// differs from the camera's.
+ColorImage LoadImage(const Scene& scene, int index);
+
 /// Loads one image, undistorts it if need be (to the same K, black where nothing is known) and makes a frame of it with
-/// id = index and its landmarks. Throws InvalidInputError for an unreadable or truncated file or a size that differs from
-/// the camera's.
+/// id = index and its landmarks. Throws as LoadImage does.
 Frame LoadFrame(const Scene& scene, int index, int max_size);
 
 }  // namespace acmp

@@ -1,0 +1,110 @@
+#include "reconstruct.h"
+
+#include <numeric>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/timer.h"
+#include "acmp_mapping/dataset/output_file.h"
+#include "reconstruct_run.h"
+#include "reconstruct_summary.h"
+
+namespace acmp {
+namespace {
+
+std::vector<int> ChosenImages(const Scene& scene, const std::string& list) {
+  const int count = static_cast<int>(scene.images.size());
+  if (!list.empty()) return ParseImageIndices(list, count);
+  std::vector<int> all(count);
+  std::iota(all.begin(), all.end(), 0);
+  return all;
+}
+
+/// "NVIDIA H200 (cuda:0)" -> "NVIDIA H200": what decides the bits.
+std::string DeviceModel(const std::string& device_name) { return device_name.substr(0, device_name.find(" (")); }
+
+/// Everything that decides the bits of the results, and which files there are.
+RunRecord MakeRecord(const ReconstructOptions& options, const std::string& device, const std::string& input_hash) {
+  const auto depth = [](const std::optional<double>& value) { return value ? Concat(*value) : std::string("auto"); };
+  const auto flag = [](bool value) { return std::string(value ? "yes" : "no"); };
+  RunRecord record = {{"version", ACMP_VERSION},
+                      {"input (hash of images, cameras, poses, landmarks)", input_hash},
+                      {"device", DeviceModel(device)},
+                      {"preset", options.preset},
+                      {"schedule", options.schedule},
+                      {"max-image-size", Concat(options.max_image_size)},
+                      {"source-views", Concat(options.source_views)},
+                      {"min-source-views", Concat(MinSourceViews(options))},
+                      {"depth-min", depth(options.depth_min)},
+                      {"depth-max", depth(options.depth_max)},
+                      {"seed", Concat(options.seed)},
+                      {"dynamic-consistency", flag(options.dynamic_consistency)},
+                      {"dmb", flag(options.dmb)},
+                      {"pictures", flag(!options.no_pictures)}};
+  if (options.online()) {
+    record.emplace_back("window-size", Concat(options.window_size));
+    record.emplace_back("lookahead", Concat(options.lookahead));
+  }
+  return record;
+}
+
+ProgressStyle StyleFor(const ReconstructOptions& options, bool log_is_terminal) {
+  if (options.quiet) return ProgressStyle::kSilent;
+  return log_is_terminal ? ProgressStyle::kBar : ProgressStyle::kLines;
+}
+
+void ReportImagesWithoutMap(const ReconstructRun& run) {
+  for (const ImagePlan& image : run.plan.images) {
+    if (!image.no_map.empty()) {
+      run.progress.Warn(Concat("no map for image ", run.scene.images[image.index].name, ": ", image.no_map));
+    }
+  }
+}
+
+void RunAllSteps(ReconstructRun* run, const RunRecord& record, std::ostream* out) {
+  Timer timer;
+  if (run->options.online()) {
+    RunOnlineSchedule(run);
+  } else {
+    RunOfflineSchedule(run);
+  }
+  ReportImagesWithoutMap(*run);
+  const size_t points = WriteResults(run);
+  run->interrupt.Check();
+  WriteFileAtomically(run->folder.SummaryFile(), FormatSummary(*run, record, run->patch_match.device_name(), points));
+  if (!run->options.keep_work) run->folder.RemoveAllWork();
+  if (!run->options.quiet) {
+    *out << run->folder.path().string() << ": " << points << " points in fused.ply; took "
+         << FormatDuration(timer.Lap() / 1000) << " on " << run->patch_match.device_name() << std::endl;
+  }
+  if (run->options.timings) *out << FormatTimings(run->times) << std::flush;
+}
+
+}  // namespace
+
+void Reconstruct(const ReconstructOptions& options, PatchMatch* patch_match, InterruptWatcher* interrupt,
+                 std::ostream* out, std::ostream* log, bool log_is_terminal) {
+  Validate(options);
+  const Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format));
+  const std::vector<int> indices = ChosenImages(scene, options.images);
+  ReconstructPlan plan = options.online() ? MakeOnlinePlan(indices) : MakeOfflinePlan(scene, indices, options);
+  interrupt->Check();
+  Progress progress(log, StyleFor(options, log_is_terminal), TotalCost(plan, MakePipelineOptions(options)));
+  for (const std::string& warning : scene.warnings) progress.Warn(warning);
+  for (const std::string& warning : plan.warnings) progress.Warn(warning);
+
+  progress.Note(Concat("checking ", indices.size(), " images"));
+  const std::string device = patch_match->device_name();
+  const RunRecord record = MakeRecord(options, device, CheckInput(scene, indices, *interrupt));
+  const ReconstructFolder folder(options.output, record, options.overwrite);
+  if (folder.state() == ReconstructFolder::State::kComplete) {
+    if (!options.keep_work) folder.RemoveAllWork();
+    if (!options.quiet)
+      *out << options.output.string() << ": already complete (--overwrite starts afresh)" << std::endl;
+    return;
+  }
+  if (folder.state() == ReconstructFolder::State::kStarted) progress.Note("going on with an interrupted run");
+  ReconstructRun run{scene, options, plan, folder, *patch_match, *interrupt, progress, {}};
+  RunAllSteps(&run, record, out);
+}
+
+}  // namespace acmp

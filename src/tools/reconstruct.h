@@ -1,0 +1,17 @@
+#pragma once
+
+#include <ostream>
+
+#include "acmp_mapping/patch_match/patch_match.h"
+#include "reconstruct_interrupt.h"
+#include "reconstruct_options.h"
+
+namespace acmp {
+
+/// One run of the tool: reads the scene, makes or continues the output folder, writes all results. Messages go to `out`
+/// (results) and `log` (progress, warnings). Throws InvalidInputError, ProcessingError or Interrupted.
+/// @param log_is_terminal draws a progress bar instead of plain lines
+void Reconstruct(const ReconstructOptions& options, PatchMatch* patch_match, InterruptWatcher* interrupt,
+                 std::ostream* out, std::ostream* log, bool log_is_terminal);
+
+}  // namespace acmp

@@ -1,0 +1,116 @@
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/timer.h"
+#include "reconstruct_recorder.h"
+#include "reconstruct_run.h"
+#include "reconstruct_work_files.h"
+
+namespace acmp {
+namespace {
+
+/// What the mapper hands out while it works on one keyframe; kept until it is known that nobody interrupted it.
+struct Outcome {
+  std::vector<KeyframeDepthPtr> refined;
+  std::vector<KeyframeDrop> drops;
+};
+
+FinalMaps ToFinalMaps(const KeyframeDepth& keyframe) {
+  FinalMaps maps;
+  maps.depth = keyframe.depth.Clone();
+  maps.normal = keyframe.normal.Clone();
+  maps.cost = keyframe.cost.Clone();
+  maps.confidence = keyframe.confidence.Clone();
+  maps.color = keyframe.frame->color.Clone();
+  maps.sources.assign(keyframe.source_ids.begin(), keyframe.source_ids.end());
+  return maps;
+}
+
+class OnlineSchedule {
+ public:
+  explicit OnlineSchedule(ReconstructRun* run)
+      : run_(*run),
+        recorder_(&run->patch_match, &run->folder, &run->interrupt),
+        mapper_(&recorder_, MapperOptions(*run),
+                {{},
+                 [this](const KeyframeDepthPtr& keyframe) { outcome_.refined.push_back(keyframe); },
+                 [this](const KeyframeDrop& drop) { outcome_.drops.push_back(drop); }}) {
+    run_.folder.MakeWorkFolder("final");
+  }
+
+  void Run() {
+    const PipelineOptions pipeline = MakePipelineOptions(run_.options);
+    const double cost_with_output = TotalCost(run_.plan, pipeline) / static_cast<double>(run_.plan.images.size());
+    run_.progress.Begin("keyframe", static_cast<int>(run_.plan.images.size()), cost_with_output - StepCosts::kOutput);
+    for (const ImagePlan& image : run_.plan.images) {
+      run_.interrupt.Check();
+      const int passes_before = recorder_.passes_run();
+      Timer timer;
+      auto frame = std::make_shared<Frame>(LoadFrame(run_.scene, image.index, run_.options.max_image_size));
+      run_.times.io_ms += timer.Lap();
+      mapper_.AddKeyframe(std::move(frame));
+      KeepOutcome();
+      run_.progress.Step(recorder_.passes_run() == passes_before);
+    }
+    mapper_.Flush();
+    KeepOutcome();
+  }
+
+ private:
+  static DenseMapperOptions MapperOptions(const ReconstructRun& run) {
+    std::vector<int> indices;
+    for (const ImagePlan& image : run.plan.images) indices.push_back(image.index);
+    return MakeMapperOptions(run.options, UnionOfDatasetRanges(run.scene, indices));
+  }
+
+  void KeepOutcome() {
+    run_.interrupt.Check();
+    for (const KeyframeDepthPtr& keyframe : outcome_.refined) Keep(*keyframe);
+    for (const KeyframeDrop& drop : outcome_.drops) Drop(drop);
+    outcome_ = {};
+  }
+
+  void Keep(const KeyframeDepth& keyframe) {
+    run_.times.Add(keyframe.times);
+    run_.times.consistency_ms += keyframe.consistency_ms;
+    ++run_.times.images;
+    const auto path = run_.folder.WorkFile("final", static_cast<int>(keyframe.frame->id));
+    if (std::filesystem::exists(path)) return;
+    Timer timer;
+    WriteFinalMaps(path, ToFinalMaps(keyframe));
+    run_.times.io_ms += timer.Lap();
+  }
+
+  void Drop(const KeyframeDrop& drop) {
+    if (drop.reason == "processing_error") throw ProcessingError(drop.message);
+    for (ImagePlan& image : run_.plan.images) {
+      if (image.index != drop.id) continue;
+      image.no_map = drop.message;
+      if (drop.reason == "no_depth_range") image.no_map += " (give --depth-min and --depth-max)";
+    }
+  }
+
+  ReconstructRun& run_;
+  Outcome outcome_;
+  RecordingPatchMatch recorder_;
+  DenseMapper mapper_;
+};
+
+void CheckSomeImageHasAMap(const ReconstructRun& run) {
+  for (const ImagePlan& image : run.plan.images) {
+    if (image.no_map.empty()) return;
+  }
+  throw InvalidInputError(Concat("none of the ", run.plan.images.size(), " images got a map; for example ",
+                                 run.plan.images.front().no_map));
+}
+
+}  // namespace
+
+void RunOnlineSchedule(ReconstructRun* run) {
+  try {
+    OnlineSchedule(run).Run();
+  } catch (const RunAborted& aborted) {
+    std::rethrow_exception(aborted.reason);
+  }
+  CheckSomeImageHasAMap(*run);
+}
+
+}  // namespace acmp

@@ -1,0 +1,61 @@
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "acmp_mapping/pipeline/dense_mapper.h"
+
+namespace acmp {
+
+/// What `acmp_reconstruct` is asked to do. Defaults are shown by --help.
+struct ReconstructOptions {
+  std::filesystem::path scene;
+  std::filesystem::path output;
+  std::string format = "auto";
+  std::string images;  ///< "0,3,7-12"; empty: all
+
+  std::string preset = "acmp";
+  std::string schedule = "offline";
+  int max_image_size = 0;           ///< px, longer side; 0: as stored
+  int source_views = 10;            ///< 1..32
+  int min_source_views = 0;         ///< 0: 1 offline, the mapper's default online
+  std::optional<double> depth_min;  ///< scene units
+  std::optional<double> depth_max;
+  uint32_t seed = PatchMatchOptions().seed;
+  bool dynamic_consistency = false;
+  int window_size = DenseMapperOptions().window_size;
+  int lookahead = DenseMapperOptions().lookahead;
+
+  std::string device = "auto";
+  int cuda_index = 0;
+  int threads = 0;  ///< 0: one per core
+  double memory_limit_gb = 4;
+
+  bool dmb = false;
+  bool no_pictures = false;
+  bool overwrite = false;
+  bool keep_work = false;
+  bool timings = false;
+  bool quiet = false;
+
+  bool online() const { return schedule == "online"; }
+};
+
+/// Declares the command line on `app`; parsing fills `options`.
+void AddReconstructOptions(CLI::App* app, ReconstructOptions* options);
+
+/// Throws InvalidInputError naming the first option out of bounds.
+void Validate(const ReconstructOptions& options);
+
+PipelineOptions MakePipelineOptions(const ReconstructOptions& options);
+
+/// For the online schedule. `dataset_range` stands in where an image has no landmarks; 0, 0 when the dataset names
+/// none.
+DenseMapperOptions MakeMapperOptions(const ReconstructOptions& options, const DepthRange& dataset_range);
+
+/// Source views an image needs to get a map.
+int MinSourceViews(const ReconstructOptions& options);
+
+}  // namespace acmp

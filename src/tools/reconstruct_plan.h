@@ -1,0 +1,40 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "acmp_mapping/dataset/scene.h"
+#include "reconstruct_interrupt.h"
+#include "reconstruct_options.h"
+
+namespace acmp {
+
+/// What to do with one image of the scene.
+struct ImagePlan {
+  int index = 0;             ///< in the scene
+  DepthRange range;          ///< offline schedule only
+  std::vector<int> sources;  ///< scene indices, best first; offline schedule only
+  std::string no_map;        ///< why the image gets no map; empty when it gets one
+};
+
+/// Images that take part, in the order of their index.
+struct ReconstructPlan {
+  std::vector<ImagePlan> images;
+  std::vector<std::string> warnings;
+};
+
+/// Decides depth range and source views of every image for the offline schedule. Throws InvalidInputError when an image
+/// has no depth range, or when no image has enough source views.
+ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indices, const ReconstructOptions& options);
+
+/// For the online schedule, where the mapper decides.
+ReconstructPlan MakeOnlinePlan(const std::vector<int>& indices);
+
+/// All the depths that the dataset names for the images; 0, 0 when it names none.
+DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indices);
+
+/// Reads every image once, so that a damaged one is found now and not hours later, and returns a hash of all input:
+/// files, cameras, poses, landmarks, ranges and source views.
+std::string CheckInput(const Scene& scene, const std::vector<int>& indices, const InterruptWatcher& interrupt);
+
+}  // namespace acmp
