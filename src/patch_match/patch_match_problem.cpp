@@ -23,6 +23,7 @@ void CheckView(const std::string& name, const MatchView& view) {
 
 void Check(const PatchMatchProblem& problem) {
   CheckView("reference view", problem.reference);
+  CheckDepthRange("depth range", problem.depth_range);  // before the baselines, which are judged by it
   CheckRange("number of source views", static_cast<int>(problem.sources.size()), 1, kMaxSourceViews);
   const Eigen::Vector3d center = problem.reference.cam_from_world.inverse().translation();
   for (size_t i = 0; i < problem.sources.size(); ++i) {
@@ -35,7 +36,6 @@ void Check(const PatchMatchProblem& problem) {
           Concat(name, ": baseline to the reference = ", baseline, ": must be > 0 for depth to be visible"));
     }
   }
-  CheckDepthRange("depth range", problem.depth_range);
 }
 
 }  // namespace acmp
