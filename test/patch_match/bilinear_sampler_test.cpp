@@ -78,5 +78,45 @@ TEST(BilinearSamplerTest, SamplerReadsReferenceAndSources) {
   EXPECT_EQ(sampler.Source(1, 2, 5), second(2, 5));
 }
 
+TEST(BilinearSamplerTest, WholeWindowsHaveTheValuesOfSingleSamples) {
+  TestRandom random(11);
+  for (const auto& [width, height] : {std::pair(1, 1), {1, 8}, {8, 1}, {2, 2}, {2, 9}, {3, 3}, {31, 23}}) {
+    const GrayImage padded = RandomImage(width + 3, height + 2, 12);
+    const ImageView<const float> image = {&padded(2, 1), width, height, width + 3};
+    const BilinearSampler sampler = {image, &image};
+    for (int i = 0; i < 500; ++i) {
+      const auto real = [&](double low, double high) { return static_cast<float>(random(low, high)); };
+      const PlaneWarp warp = {{real(-5, width + 5), real(-5, height + 5), 1.0f},
+                              {real(-1, 1), real(-1, 1), real(-0.05, 0.05)},
+                              {real(-1, 1), real(-1, 1), real(-0.05, 0.05)}};
+      int count = 0;
+      ForEachWindowSample(sampler, 0, warp, [&](int k, float value) {
+        EXPECT_EQ(k, count++);
+        const double dx = -5 + 2 * (k % 6), dy = -5 + 2 * (k / 6);
+        const double z = warp.center.z + dx * warp.step_col.z + dy * warp.step_row.z;
+        const double x = (warp.center.x + dx * warp.step_col.x + dy * warp.step_row.x) / z;
+        const double y = (warp.center.y + dx * warp.step_col.y + dy * warp.step_row.y) / z;
+        // Positions below 60 px are off by up to some 1e-5 px, times gradients of up to 150 grey levels per px.
+        EXPECT_NEAR(value, reference::SampleBilinear(image, x, y), 5e-3) << width << " x " << height;
+      });
+      ASSERT_EQ(count, kPatchSamples);
+    }
+  }
+}
+
+TEST(BilinearSamplerTest, WholeWindowsOfConstantImagesStayConstant) {
+  const GrayImage image(9, 7, 123.456f);
+  const ImageView<const float> view = image.View();
+  const BilinearSampler sampler = {view, &view};
+  TestRandom random(13);
+  for (int i = 0; i < 500; ++i) {
+    const auto real = [&](double low, double high) { return static_cast<float>(random(low, high)); };
+    const PlaneWarp warp = {{real(-5, 14), real(-5, 12), 1.0f},
+                            {real(-1, 1), real(-1, 1), real(-0.05, 0.05)},
+                            {real(-1, 1), real(-1, 1), real(-0.05, 0.05)}};
+    ForEachWindowSample(sampler, 0, warp, [&](int, float value) { EXPECT_EQ(value, 123.456f); });
+  }
+}
+
 }  // namespace
 }  // namespace acmp

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <random>
 #include <vector>
 
@@ -46,8 +48,8 @@ inline std::vector<PlanarView> RandomViews(int count, int width, int height, uin
   std::vector<PlanarView> views;
   for (int i = 0; i < count; ++i) {
     PlanarView view;
-    const int w = i == 0 ? width : width + random.Below(21) - 10;
-    const int h = i == 0 ? height : height + random.Below(17) - 8;
+    const int w = i == 0 ? width : std::max(15, width + random.Below(21) - 10);
+    const int h = i == 0 ? height : std::max(15, height + random.Below(17) - 8);
     view.camera = TestCamera(w, h);
     view.camera.fy *= 1.03;
     if (i > 0) {

@@ -1,0 +1,119 @@
+#include "acmp_mapping/patch_match/kernel/geometric_cost.h"
+
+#include <algorithm>
+
+#include "gtest/gtest.h"
+
+#include "support/kernel_state.h"
+#include "support/random_views.h"
+#include "support/reference_match.h"
+
+namespace acmp {
+namespace {
+
+float KernelError(KernelState* state, float depth, int col, int row, int view) {
+  return GeometricError(state->Context(), depth, col, row, view);
+}
+
+TEST(GeometricErrorTest, AgreesWithTheReferenceOnRandomDepths) {
+  const std::vector<PlanarView> views = RandomViews(5, 65, 49, 1);
+  PatchMatchOptions options;
+  options.geometric_max_px = 12;
+  KernelState state(MakeProblem(views, 0, {1, 10}, true), options);
+  TestRandom random(2);
+  int finite = 0, truncated = 0;
+  for (int i = 0; i < 20000; ++i) {
+    const int col = random.Below(65), row = random.Below(49), view = i % 4;
+    const auto depth = static_cast<float>(random(1, 10));
+    const double expected = reference::ReprojectionError(state.problem(), depth, col, row, view);
+    // Positions of about 65 px round to some 1e-5 px. Where that decides which source pixel is read, or whether one is
+    // (positions within 1e-4 of a half), the answers may differ.
+    const double nudged_up = reference::ReprojectionError(state.problem(), depth * (1 + 1e-5), col, row, view);
+    const double nudged_down = reference::ReprojectionError(state.problem(), depth * (1 - 1e-5), col, row, view);
+    const auto truncate = [](double e) { return std::min(e, 12.0); };
+    if (std::abs(truncate(nudged_up) - truncate(nudged_down)) > 0.01) continue;
+    ASSERT_NEAR(KernelError(&state, depth, col, row, view), truncate(expected), 2e-3) << col << ", " << row;
+    ++(expected < 12 ? finite : truncated);
+  }
+  EXPECT_GT(finite, 5000);
+  EXPECT_GT(truncated, 500);
+}
+
+TEST(GeometricErrorTest, IsZeroForTheTrueDepthOfAConsistentScene) {
+  const std::vector<PlanarView> views = RenderPlanarScene(WorldPlane::Slanted(30, 20, 4), 80, 60, 4);
+  KernelState state(MakeProblem(views, 0, {1, 10}, true));
+  int seen = 0;
+  for (int row = 0; row < 60; ++row) {
+    for (int col = 0; col < 80; ++col) {
+      for (int view = 0; view < 3; ++view) {
+        const float error = KernelError(&state, views[0].depth(col, row), col, row, view);
+        if (error == 5.0f) continue;  // outside the source
+        // The nearest source pixel is up to 0.7 px off; depth changes there by up to about 1 % per px (30 degrees of
+        // tilt, f = 69 px), which moves the point by 1 % of its disparity of about 5 px.
+        ASSERT_LT(error, 0.08);
+        ++seen;
+      }
+    }
+  }
+  EXPECT_GT(seen, 10000);
+}
+
+TEST(GeometricErrorTest, GrowsWithTheDepthErrorUpToTheTruncation) {
+  const std::vector<PlanarView> views = RenderPlanarScene(WorldPlane{}, 80, 60, 2);
+  KernelState state(MakeProblem(views, 0, {1, 100}, true));
+  const float truth = views[0].depth(40, 30);
+  float last = KernelError(&state, truth, 40, 30, 0);
+  for (const float factor : {1.05f, 1.1f, 1.2f, 1.4f}) {
+    const float error = KernelError(&state, factor * truth, 40, 30, 0);
+    EXPECT_GT(error, last);
+    last = error;
+  }
+  // f b / z = 69 * 0.3 / 4 = 5.2 px of disparity; at twice the depth half of it is missing.
+  EXPECT_NEAR(KernelError(&state, 2 * truth, 40, 30, 0), 2.6, 0.3);
+  EXPECT_EQ(KernelError(&state, 0.4f * truth, 40, 30, 0), 5.0f);  // 7.8 px
+}
+
+TEST(GeometricErrorTest, IsTheTruncationWhereThereIsNothingToCompare) {
+  std::vector<PlanarView> views = RandomViews(6, 33, 27, 3);
+  views[1].cam_from_world = LookAhead({0, 0, 0.1}, 180, 0, 0);  // the point is behind the source
+  views[2].cam_from_world = LookAhead({30, 0, 0}, 0, 0, 0);     // outside its image
+  for (float& depth : views[3].depth) depth = 0;                // no depth there
+  for (float& depth : views[5].depth) depth = -1;               // nonsense
+  PatchMatchOptions options;
+  options.geometric_max_px = 3.5f;
+  PatchMatchProblem problem = MakeProblem(views, 0, {1, 10}, true);
+  problem.sources[3].depth = {};  // no map at all
+  KernelState state(problem, options);
+  for (int view = 0; view < 5; ++view) EXPECT_EQ(KernelError(&state, 4, 16, 13, view), 3.5f) << view;
+}
+
+TEST(GeometricErrorTest, BackwardPointBehindTheReferenceIsTruncated) {
+  // The source stands 5 m ahead, looking back at the reference; its depth claims a surface 8 m away, which lies 3 m
+  // behind the reference camera.
+  std::vector<PlanarView> views = RandomViews(2, 33, 27, 4);
+  views[1].cam_from_world = LookAhead({0.1, 0, 5}, 180, 0, 0);
+  for (float& depth : views[1].depth) depth = 8;
+  KernelState state(MakeProblem(views, 0, {1, 10}, true));
+  EXPECT_EQ(KernelError(&state, 3, 16, 13, 0), 5.0f);
+  for (float& depth : views[1].depth) depth = 2;
+  EXPECT_LT(KernelError(&state, 3, 16, 13, 0), 1.0f);
+}
+
+TEST(GeometricErrorTest, ReadsTheNearestPixelUpToTheBorder) {
+  // A shift of whole and half pixels: depth is read at round(x), including the last half pixel.
+  std::vector<PlanarView> views = RandomViews(2, 41, 31, 5);
+  for (PlanarView& view : views) view.camera = {41, 31, 40, 40, 20, 15};
+  views[1].cam_from_world = LookAhead({0.3, 0, 0}, 0, 0, 0);  // disparity 12 / z
+  views[1].depth = DepthMap(41, 31);
+  KernelState state(MakeProblem(views, 0, {1, 10}, true));
+  for (float& depth : views[1].depth) depth = 0;
+  views[1].depth(0, 15) = 4;
+  EXPECT_NEAR(KernelError(&state, 4.0f, 3, 15, 0), 0, 1e-4);            // lands at 0.0
+  EXPECT_NEAR(KernelError(&state, 12.0f / 3.4f, 3, 15, 0), 0.4, 1e-3);  // lands at -0.4
+  EXPECT_NEAR(KernelError(&state, 12.0f / 2.6f, 3, 15, 0), 0.4, 1e-3);  // lands at +0.4
+  EXPECT_EQ(KernelError(&state, 12.0f / 3.6f, 3, 15, 0), 5.0f);         // at -0.6: outside
+  EXPECT_EQ(KernelError(&state, 12.0f / 2.4f, 3, 15, 0), 5.0f);         // at +0.6: the next pixel, without depth
+}
+
+}  // namespace
+}  // namespace acmp

@@ -1,0 +1,193 @@
+#include "acmp_mapping/patch_match/kernel/view_weights.h"
+
+#include <cmath>
+#include <numeric>
+
+#include "gtest/gtest.h"
+
+#include "support/kernel_state.h"
+#include "support/random_views.h"
+
+namespace acmp {
+namespace {
+
+/// Section 5 of the design note.
+double ReferenceLikelihood(const std::vector<double>& costs, int iteration) {
+  const double tau = 0.8 * std::exp(-iteration * iteration / 90.0);
+  int good = 0, bad = 0;
+  double sum = 0;
+  for (const double cost : costs) {
+    if (cost < tau) {
+      ++good;
+      sum += std::exp(-cost * cost / (2 * 0.3 * 0.3));
+    }
+    if (cost > 1.2) ++bad;
+  }
+  if (good > 2 && bad < 3) return sum / good;
+  if (bad < 3) return std::exp(-tau * tau / 0.32);
+  return 0;
+}
+
+double ReferencePaperLikelihood(const std::vector<double>& costs, double sigma) {
+  double sum = 0;
+  for (const double cost : costs) sum += std::exp(-cost * cost / (2 * sigma * sigma));
+  return sum;
+}
+
+float KernelLikelihood(const std::vector<double>& costs, int iteration, const PatchMatchOptions& options) {
+  constexpr int kStride = 5;  // as in the kernel, costs of one view are not contiguous
+  std::vector<float> strided(costs.size() * kStride + 1, -1e9f);
+  for (size_t i = 0; i < costs.size(); ++i) strided[i * kStride] = static_cast<float>(costs[i]);
+  return ViewLikelihood(strided.data(), kStride, static_cast<int>(costs.size()), iteration, options);
+}
+
+TEST(ViewLikelihoodTest, AgreesWithTheReference) {
+  TestRandom random(1);
+  PatchMatchOptions options, paper;
+  paper.view_weighting = ViewWeighting::kPaper;
+  int zero = 0, floor = 0, mean = 0;
+  for (int i = 0; i < 5000; ++i) {
+    std::vector<double> costs(random.Below(10));
+    const double worst = random(0.3, 2.0);
+    for (double& cost : costs) cost = static_cast<float>(random(0, worst));
+    const int iteration = random.Below(20);
+    const double expected = ReferenceLikelihood(costs, iteration);
+    ASSERT_NEAR(KernelLikelihood(costs, iteration, options), expected, 1e-5);
+    ASSERT_NEAR(KernelLikelihood(costs, iteration, paper), ReferencePaperLikelihood(costs, 0.3), 1e-5);
+    const double tau = 0.8 * std::exp(-iteration * iteration / 90.0);
+    ++(expected == 0 ? zero : expected == std::exp(-tau * tau / 0.32) ? floor : mean);
+  }
+  EXPECT_GT(zero, 100);
+  EXPECT_GT(floor, 100);
+  EXPECT_GT(mean, 100);
+}
+
+TEST(ViewLikelihoodTest, CountsDecideAtTheirBounds) {
+  const PatchMatchOptions options;
+  const double floor = std::exp(-0.64 / 0.32);
+  EXPECT_NEAR(KernelLikelihood({0.1, 0.1, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0}, 0, options), floor, 1e-6);  // two good
+  EXPECT_NEAR(KernelLikelihood({0.1, 0.1, 0.1, 1.0}, 0, options), std::exp(-0.01 / 0.18), 1e-5);     // three good
+  EXPECT_GT(KernelLikelihood({0.1, 0.1, 0.1, 1.3, 1.3}, 0, options), floor);                         // two bad
+  EXPECT_EQ(KernelLikelihood({0.1, 0.1, 0.1, 0.1, 0.1, 1.3, 1.3, 1.3}, 0, options), 0);              // three bad
+  EXPECT_NEAR(KernelLikelihood({}, 0, options), floor, 1e-6);  // a pixel without neighbours
+  // A cost of 0.7 is good at the start and no longer after ten iterations (0.8 exp(-100 / 90) = 0.26).
+  EXPECT_GT(KernelLikelihood({0.7, 0.2, 0.2}, 0, options), 0);
+  EXPECT_NEAR(KernelLikelihood({0.7, 0.2, 0.2}, 10, options),
+              std::exp(-std::pow(0.8 * std::exp(-100 / 90.0), 2) / 0.32), 1e-5);
+}
+
+TEST(ViewSmoothnessTest, AddsEtaPerNeighbourThatUsesTheView) {
+  const std::vector<PlanarView> views = RandomViews(2, 5, 4, 2);
+  PatchMatchOptions options;
+  options.view_smoothness = 0.8f;
+  KernelState state(MakeProblem(views, 0, {1, 10}), options);
+  TestRandom random(3);
+  for (uint32_t& mask : state.selected_views) {
+    mask = static_cast<uint32_t>(random.Below(65536)) << 16 | static_cast<uint32_t>(random.Below(65536));
+  }
+  for (int row = 0; row < 4; ++row) {
+    for (int col = 0; col < 5; ++col) {
+      for (const int view : {0, 1, 15, 31}) {
+        double expected = 0;
+        for (const auto& [c, r] : {std::pair(col - 1, row), {col + 1, row}, {col, row - 1}, {col, row + 1}}) {
+          if (c < 0 || r < 0 || c >= 5 || r >= 4) continue;
+          expected += (state.selected_views(c, r) & (uint32_t{1} << view)) != 0 ? 0.8 : 0.2;
+        }
+        EXPECT_NEAR(ViewSmoothness(state.Context(), col, row, view), expected, 1e-6);
+      }
+    }
+  }
+}
+
+/// Draws for many pixels: totals per view, with the bookkeeping checked on the way.
+std::vector<double> DrawMany(const std::vector<float>& probability, int draws, int pixels) {
+  const int views = static_cast<int>(probability.size());
+  std::vector<double> totals(probability.size());
+  for (int pixel = 0; pixel < pixels; ++pixel) {
+    RandomStream random(1, static_cast<uint32_t>(pixel), 1);
+    const ViewWeights weights = DrawViews(probability.data(), views, draws, &random);
+    int sum = 0;
+    for (int j = 0; j < views; ++j) {
+      sum += weights.draws[j];
+      totals[j] += weights.draws[j];
+      EXPECT_EQ((weights.mask & (uint32_t{1} << j)) != 0, weights.draws[j] > 0);
+    }
+    EXPECT_EQ(weights.sum, sum);
+    EXPECT_EQ(uint64_t{weights.mask} >> views, 0u);
+  }
+  return totals;
+}
+
+TEST(DrawViewsTest, FrequenciesFollowTheProbabilities) {
+  for (const std::vector<float>& probability : {std::vector<float>{1, 1},
+                                                {0.1f, 0.2f, 0.3f, 0.4f},
+                                                {5, 0, 1, 0, 2},
+                                                {0, 0, 3, 1, 0},
+                                                {1e-3f, 1.0f, 1e-3f},
+                                                {1e-20f, 3e-20f},
+                                                {2e4f, 1e4f, 1e4f}}) {
+    constexpr int kPixels = 20000, kDraws = 15;
+    const std::vector<double> totals = DrawMany(probability, kDraws, kPixels);
+    const double norm = std::accumulate(probability.begin(), probability.end(), 0.0);
+    for (size_t j = 0; j < probability.size(); ++j) {
+      const double p = probability[j] / norm;
+      const double mean = p * kPixels * kDraws;
+      const double sigma = std::sqrt(mean * (1 - p));
+      EXPECT_NEAR(totals[j], mean, 5 * sigma) << "view " << j;  // binomial: by chance less than once in a million
+    }
+  }
+}
+
+TEST(DrawViewsTest, NeverDrawsAViewOfProbabilityZero) {
+  TestRandom random(4);
+  for (int i = 0; i < 300; ++i) {
+    std::vector<float> probability(1 + random.Below(32));
+    double total = 0;
+    for (float& p : probability) {
+      // Magnitudes far apart provoke rounding at the ends of the intervals.
+      p = random(0, 1) < 0.5 ? 0.0f : static_cast<float>(std::pow(10.0, random(-12, 3)));
+      total += p;
+    }
+    const std::vector<double> totals = DrawMany(probability, 255, 20);
+    for (size_t j = 0; j < probability.size(); ++j) {
+      EXPECT_TRUE(probability[j] > 0 || totals[j] == 0) << "view " << j << " of " << probability.size();
+    }
+    EXPECT_EQ(std::accumulate(totals.begin(), totals.end(), 0.0), total > 0 ? 255 * 20 : 0);
+  }
+}
+
+TEST(DrawViewsTest, AllZeroDrawsNothing) {
+  for (const int views : {1, 2, 31, 32}) {
+    const std::vector<float> probability(views, 0.0f);
+    RandomStream random(1, 2, 3);
+    const ViewWeights weights = DrawViews(probability.data(), views, 15, &random);
+    EXPECT_EQ(weights.sum, 0);
+    EXPECT_EQ(weights.mask, 0u);
+    for (int j = 0; j < views; ++j) EXPECT_EQ(weights.draws[j], 0);
+  }
+}
+
+TEST(DrawViewsTest, OneViewGetsAllDraws) {
+  RandomStream random(1, 2, 3);
+  const float probability = 0.01f;
+  const ViewWeights weights = DrawViews(&probability, 1, 255, &random);
+  EXPECT_EQ(weights.draws[0], 255);
+  EXPECT_EQ(weights.sum, 255);
+  EXPECT_EQ(weights.mask, 1u);
+}
+
+TEST(DrawViewsTest, ThirtyTwoViewsUseTheWholeMask) {
+  const std::vector<float> equal(32, 0.25f);
+  const std::vector<double> totals = DrawMany(equal, 15, 5000);
+  const double mean = 15 * 5000 / 32.0;
+  for (int j = 0; j < 32; ++j) EXPECT_NEAR(totals[j], mean, 5 * std::sqrt(mean)) << "view " << j;
+  std::vector<float> last(32, 0.0f);
+  last[31] = 1e-30f;
+  RandomStream random(1, 2, 3);
+  const ViewWeights weights = DrawViews(last.data(), 32, 15, &random);
+  EXPECT_EQ(weights.draws[31], 15);
+  EXPECT_EQ(weights.mask, 0x80000000u);
+}
+
+}  // namespace
+}  // namespace acmp
