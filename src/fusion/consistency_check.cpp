@@ -113,16 +113,16 @@ bool ConsistencyChecker::Match(const Pair& pair, const ReferencePixel& pixel, Pi
   if (!(reprojection_px < options_.max_reprojection_px)) return false;
   const double relative_depth = std::abs(back.z() - pixel.depth) / pixel.depth;
   if (!(relative_depth < options_.max_relative_depth)) return false;
-  const Vec3f& source_normal = pair.view.normal(source_col, source_row);
-  if (!IsKnown(source_normal)) return false;
-  const Eigen::Vector3d normal = pair.reference_from_source_rotation * ToEigen(source_normal);
+  const Eigen::Vector3d normal =
+      pair.reference_from_source_rotation * ToEigen(pair.view.normal(source_col, source_row));
+  // The cosine is NaN for an unknown normal, which fails the test.
   if (!(CosineOfAngle(normal, pixel.normal) > min_normal_cosine_)) return false;
 
   match->source = pair.source;
   match->col = source_col;
   match->row = source_row;
   match->point = ToVec3f(reference_.camera.Unproject(back_pixel, back.z()));
-  match->normal = ToVec3f(normal);
+  match->normal = ToVec3f(normal.normalized());
   match->angle_versine = static_cast<float>(1 - CosineOfAngle(pixel.point, pixel.point - pair.source_center));
   match->agreement = 0;
   if (options_.dynamic_consistency) {
@@ -181,7 +181,7 @@ SurfacePoint ConsistencyChecker::Average(int col, int row, const std::vector<Pix
   add_color(reference_.color, col, row);
   for (const PixelMatch& match : matches) {
     position += ToEigen(match.point);
-    normal += ToEigen(match.normal).normalized();
+    normal += ToEigen(match.normal);
     add_color(sources_[match.source]->color, match.col, match.row);
   }
   position /= 1.0 + static_cast<double>(matches.size());

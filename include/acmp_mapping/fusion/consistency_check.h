@@ -11,7 +11,7 @@ struct PixelMatch {
   int source;  ///< index into the checker's sources
   int col, row;
   Vec3f point;          ///< the source pixel's point, reference camera frame
-  Vec3f normal;         ///< reference camera frame; as long as it is in the source's map
+  Vec3f normal;         ///< unit, reference camera frame
   float angle_versine;  ///< 1 - cos of the angle between the rays from both cameras to the reference pixel's point
   float agreement;      ///< exp(-(px + 200 rel + 10 rad)), 0..1; 0 unless the options ask for dynamic_consistency
 };
