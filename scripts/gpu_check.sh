@@ -42,28 +42,30 @@ bundle() {
 }
 
 check_sanitizer() {
-  local tool scene=$1/tiny
-  acmp_make_scene "$scene" --width 80 --height 60 --keyframes 4 > /dev/null
+  local tool scene=$1/tiny failed=0
+  acmp_make_scene "$scene" --width 80 --height 60 --keyframes 4 > /dev/null || return 1
   for tool in memcheck racecheck initcheck; do
     echo "-- compute-sanitizer $tool"
     compute-sanitizer --tool "$tool" --error-exitcode 9 "$(command -v acmp_reconstruct)" "$scene" "$1/tiny_$tool" \
-      --device cuda --quiet 2>&1 | tail -n 3
+      --device cuda --quiet 2>&1 | tail -n 3 || failed=1
   done
+  return "$failed"
 }
 
 check_quality() {
-  local scene preset truth out
+  local scene preset truth out failed=0
   for scene in "$root"/scenes/*/; do
     truth=depth
     [ -d "$scene/depth" ] || truth=gt_sparse
     for preset in acmh acmp_no_geometric acmp; do
       out=$1/$(basename "$scene")_$preset
       echo "-- $(basename "$scene") $preset"
-      acmp_reconstruct "$scene" "$out" --preset "$preset" --device cuda --no-pictures --timings --quiet
+      acmp_reconstruct "$scene" "$out" --preset "$preset" --device cuda --no-pictures --timings --quiet || failed=1
       rm -f "$out"/depth/*.png  # the maps as floats, not rounded to thousandths
-      acmp_evaluate depth "$scene" "$out/depth" --gt "$truth" --quiet
+      acmp_evaluate depth "$scene" "$out/depth" --gt "$truth" --quiet || failed=1
     done
   done
+  return "$failed"
 }
 
 run() {

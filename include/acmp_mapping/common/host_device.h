@@ -14,3 +14,16 @@
 #else
 #define ACMP_UNROLL
 #endif
+
+namespace acmp {
+
+/// 1 / x to within two units in the last place: one instruction on the device instead of a division's ten.
+ACMP_HOST_DEVICE inline float Reciprocal(float x) {
+#ifdef __CUDA_ARCH__
+  return __fdividef(1.0f, x);
+#else
+  return 1.0f / x;
+#endif
+}
+
+}  // namespace acmp

@@ -29,7 +29,7 @@ ACMP_HOST_DEVICE inline void ForEachWindowSample(const Sampler& sampler, int vie
   for (int i = 0; i < kPatchSamples; ++i) {
     const float dx = static_cast<float>(WindowCol(i));
     const float dy = static_cast<float>(WindowRow(i));
-    const float inv_z = 1.0f / (warp.center.z + dx * warp.step_col.z + dy * warp.step_row.z);
+    const float inv_z = Reciprocal(warp.center.z + dx * warp.step_col.z + dy * warp.step_row.z);
     const float x = (warp.center.x + dx * warp.step_col.x + dy * warp.step_row.x) * inv_z;
     const float y = (warp.center.y + dx * warp.step_col.y + dy * warp.step_row.y) * inv_z;
     function(i, sampler.Source(view, x, y));
