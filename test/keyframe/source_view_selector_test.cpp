@@ -202,6 +202,23 @@ TEST(SelectSourceViewsTest, IgnoresLandmarksThatAreNotInView) {
   for (size_t i = 0; i < ranked.size(); ++i) EXPECT_EQ(ranked[i].score, expected[i].score);
 }
 
+TEST(SelectSourceViewsTest, AWholeMapGivesTheSameAsAFewLandmarks) {
+  Frame sparse = FrameOnArc(0);
+  sparse.landmarks_in_world = Wall(5);
+  Frame dense = FrameOnArc(0);
+  dense.landmarks_in_world = Wall(60);  // 14641 points over the same wall
+  std::vector<FramePtr> candidates;
+  for (const double angle : {3.0, 8.0, 30.0}) candidates.push_back(Share(FrameOnArc(angle)));
+  const auto expected = SelectSourceViews(sparse, candidates, 0, {});
+  const auto ranked = SelectSourceViews(dense, candidates, 0, {});
+  ASSERT_EQ(Indices(ranked), Indices(expected));
+  for (size_t i = 0; i < ranked.size(); ++i) {
+    // The wall's edge weighs a little more in the coarse grid.
+    EXPECT_NEAR(ranked[i].score, expected[i].score, 0.02 * expected[i].score);
+    EXPECT_NEAR(ranked[i].angle_deg, expected[i].angle_deg, 0.2);
+  }
+}
+
 TEST(SelectSourceViewsTest, PrefersViewsThatListTheSameLandmarks) {
   Frame reference = FrameOnArc(0);
   reference.landmarks_in_world = Wall(4);
