@@ -16,7 +16,6 @@ namespace acmp {
 namespace {
 
 constexpr int kRaysPerSide = 4;           // per pixel and axis: textures are averaged over the pixel's area
-constexpr double kChannelNoise = 1.5;     // standard deviation per colour channel; about 1 in grey
 constexpr double kFirstStamp_s = 1000.0;  // not 0, which means "no stamp"
 constexpr double kKeyframeInterval_s = 0.5;
 
@@ -33,10 +32,11 @@ unsigned char Quantize(double value) {
   return static_cast<unsigned char>(std::floor(std::clamp(value, 0.0, 255.0) + 0.5));
 }
 
+// Half a pixel's diagonal at the far end of the room.
+double PixelMargin(const PinholeCamera& camera) { return 0.71 * kRoomDiameter_m / std::min(camera.fx, camera.fy); }
+
 ColorD PixelColor(const PinholeCamera& camera, const CameraPose& pose, int col, int row, uint32_t seed) {
-  // Half a pixel's diagonal at the far end of the room.
-  const double margin = 0.71 * kRoomDiameter_m / std::min(camera.fx, camera.fy);
-  const std::vector<size_t> objects = ObjectsNear(PixelRay(camera, pose, col, row), margin);
+  const std::vector<size_t> objects = ObjectsNear(PixelRay(camera, pose, col, row), PixelMargin(camera));
   ColorD sum = {0, 0, 0};
   for (int j = 0; j < kRaysPerSide; ++j) {
     for (int i = 0; i < kRaysPerSide; ++i) {
@@ -56,17 +56,17 @@ Vec3f DirectionInCamera(const CameraPose& pose, const Vec3d& v) {
           static_cast<float>(Dot(pose.forward, v))};
 }
 
-void RenderRow(const PinholeCamera& camera, int row, int index, uint32_t seed, Rendering* out) {
+void RenderRow(const PinholeCamera& camera, int row, int index, const SyntheticSceneOptions& options, Rendering* out) {
   for (int col = 0; col < camera.width; ++col) {
     const RoomHit hit = TraceRoom(PixelRay(camera, out->pose, col, row));
     out->depth(col, row) = static_cast<float>(hit.where.t);
     out->normal(col, row) = DirectionInCamera(out->pose, hit.where.normal);
     out->low_texture(col, row) = hit.low_texture ? 1 : 0;
-    const ColorD color = PixelColor(camera, out->pose, col, row, seed);
-    RandomStream random(seed, static_cast<uint32_t>(row * camera.width + col), static_cast<uint32_t>(index));
+    const ColorD color = PixelColor(camera, out->pose, col, row, options.seed);
+    RandomStream random(options.seed, static_cast<uint32_t>(row * camera.width + col), static_cast<uint32_t>(index));
     // Braces fix the order of the three draws.
-    const double noise[3] = {BellNoise(&random, kChannelNoise), BellNoise(&random, kChannelNoise),
-                             BellNoise(&random, kChannelNoise)};
+    const double noise[3] = {BellNoise(&random, options.noise_grey), BellNoise(&random, options.noise_grey),
+                             BellNoise(&random, options.noise_grey)};
     out->color(col, row) = {Quantize(color.r + noise[0]), Quantize(color.g + noise[1]), Quantize(color.b + noise[2])};
   }
 }
@@ -78,7 +78,7 @@ Rendering Render(const PinholeCamera& camera, int index, const SyntheticSceneOpt
   out.depth = DepthMap(camera.width, camera.height);
   out.normal = NormalMap(camera.width, camera.height);
   out.low_texture = Image<unsigned char>(camera.width, camera.height);
-  tbb::parallel_for(0, camera.height, [&](int row) { RenderRow(camera, row, index, options.seed, &out); });
+  tbb::parallel_for(0, camera.height, [&](int row) { RenderRow(camera, row, index, options, &out); });
   return out;
 }
 
@@ -100,30 +100,51 @@ CameraPose PoseOf(const RigidTransform& cam_from_world) {
 }
 
 // Key of a grid cell; 21 bits per axis hold +-1 km at the smallest spacing.
-uint64_t CellKey(const Vec3d& point, double cell_m) {
+uint64_t CellKey(const Vec3f& point, double cell_m) {
   const auto part = [&](double x) {
     return static_cast<uint64_t>(static_cast<int64_t>(std::floor(x / cell_m)) & 0x1fffff);
   };
   return part(point.x) << 42 | part(point.y) << 21 | part(point.z);
 }
 
-// Casts rays densely enough that neighbours on a surface facing the camera lie within half the spacing.
+SurfacePoint SurfacePointAt(const Ray& ray, const RoomHit& hit, const Rgb& color) {
+  const Vec3d p = ray.origin + hit.where.t * ray.direction;
+  const Vec3d& n = hit.where.normal;
+  return {{static_cast<float>(p.x), static_cast<float>(p.y), static_cast<float>(p.z)},
+          {static_cast<float>(n.x), static_cast<float>(n.y), static_cast<float>(n.z)},
+          color,
+          1.0f};
+}
+
+// Points seen in one row of pixels, `rays` x `rays` per pixel.
+PointCloud SampleRow(const SyntheticView& view, const CameraPose& pose, int row, int rays) {
+  const PinholeCamera& camera = view.frame.camera;
+  PointCloud points;
+  points.reserve(static_cast<size_t>(camera.width) * rays * rays);
+  for (int col = 0; col < camera.width; ++col) {
+    const std::vector<size_t> objects = ObjectsNear(PixelRay(camera, pose, col, row), PixelMargin(camera));
+    for (int ray = 0; ray < rays * rays; ++ray) {
+      const double u = col + (ray % rays + 0.5) / rays - 0.5;
+      const double v = row + (ray / rays + 0.5) / rays - 0.5;
+      const Ray through = PixelRay(camera, pose, u, v);
+      points.push_back(SurfacePointAt(through, TraceRoom(through, objects), view.frame.color(col, row)));
+    }
+  }
+  return points;
+}
+
+// Casts rays densely enough that neighbours on a surface facing the camera lie within half the spacing, and keeps the
+// first point in each cell.
 void SampleView(const SyntheticView& view, double spacing_m, std::unordered_set<uint64_t>* taken, PointCloud* cloud) {
   const PinholeCamera& camera = view.frame.camera;
   const CameraPose pose = PoseOf(view.frame.cam_from_world);
   const double max_depth = *std::max_element(view.true_depth.begin(), view.true_depth.end());
   const int rays = std::max(1, static_cast<int>(std::ceil(2.0 * max_depth / (camera.fx * spacing_m))));
-  for (int j = 0; j < rays * camera.height; ++j) {
-    for (int i = 0; i < rays * camera.width; ++i) {
-      const Ray ray = PixelRay(camera, pose, (i + 0.5) / rays - 0.5, (j + 0.5) / rays - 0.5);
-      const RoomHit hit = TraceRoom(ray);
-      const Vec3d p = ray.origin + hit.where.t * ray.direction;
-      if (!taken->insert(CellKey(p, spacing_m)).second) continue;
-      const Vec3d& n = hit.where.normal;
-      cloud->push_back({{static_cast<float>(p.x), static_cast<float>(p.y), static_cast<float>(p.z)},
-                        {static_cast<float>(n.x), static_cast<float>(n.y), static_cast<float>(n.z)},
-                        view.frame.color(i / rays, j / rays),
-                        1.0f});
+  std::vector<PointCloud> rows(camera.height);
+  tbb::parallel_for(0, camera.height, [&](int row) { rows[row] = SampleRow(view, pose, row, rays); });
+  for (const PointCloud& row : rows) {
+    for (const SurfacePoint& point : row) {
+      if (taken->insert(CellKey(point.position, spacing_m)).second) cloud->push_back(point);
     }
   }
 }
@@ -135,6 +156,7 @@ std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& optio
   CheckRange("width", options.width, kMinSize, kMaxSize);
   CheckRange("height", options.height, kMinSize, kMaxSize);
   CheckRange("keyframes", options.keyframes, 2, 1000);
+  CheckRange("noise_grey", options.noise_grey, 0.0, 50.0);
 
   const PinholeCamera camera = RoomCamera(options.width, options.height);
   std::vector<Rendering> renderings(options.keyframes);

@@ -12,6 +12,8 @@ struct SyntheticSceneOptions {
   int height = 180;    ///< px
   int keyframes = 14;  ///< 2..1000
   uint32_t seed = 1;
+  /// Standard deviation of the sensor noise per colour channel, 0..50; in grey it is two thirds of this.
+  double noise_grey = 1.5;
 };
 
 /// What the renderer knows exactly about one image.
