@@ -98,10 +98,11 @@ bool ConsistencyChecker::Match(const Pair& pair, const ReferencePixel& pixel, Pi
   if (!(in_source.z() > 0)) return false;
   const Eigen::Vector2d source_pixel = in_source.head<2>() / in_source.z();
   if (!pair.view.camera.Contains(source_pixel)) return false;
-  // Truncation rounds to the nearest pixel, as the position is at least -0.5. The sum may round up to the width for the
-  // last representable position inside.
-  const int source_col = std::min(static_cast<int>(source_pixel.x() + 0.5), pair.view.camera.width - 1);
-  const int source_row = std::min(static_cast<int>(source_pixel.y() + 0.5), pair.view.camera.height - 1);
+  // Half a pixel up and truncated: the nearest pixel, as positions inside are at least -0.5. The sum may round up to
+  // the width for the last representable position inside.
+  const Eigen::Vector2d shifted = source_pixel + Eigen::Vector2d::Constant(0.5);
+  const int source_col = std::min(static_cast<int>(shifted.x()), pair.view.camera.width - 1);
+  const int source_row = std::min(static_cast<int>(shifted.y()), pair.view.camera.height - 1);
   const float source_depth = pair.view.depth(source_col, source_row);
   if (!IsKnown(source_depth)) return false;
 

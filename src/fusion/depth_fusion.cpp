@@ -118,6 +118,7 @@ ConsistencyResult FilterByConsistency(const FusionView& reference, const std::ve
   ConsistencyResult result;
   if (reference.depth.empty()) return result;
   std::vector<const FusionView*> source_pointers;
+  source_pointers.reserve(sources.size());
   for (const FusionView& source : sources) source_pointers.push_back(&source);
   const ConsistencyChecker checker(reference, source_pointers, options);
 
@@ -147,6 +148,7 @@ PointCloud FuseDepthMaps(const std::vector<FusionView>& views, const std::vector
   Validate(options);
   CheckNeighbors(views, neighbors);
   std::vector<UsedMap> used;
+  used.reserve(views.size());
   for (const FusionView& view : views) used.emplace_back(view.depth.width, view.depth.height);
 
   PointCloud points_in_world;
