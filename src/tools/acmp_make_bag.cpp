@@ -9,8 +9,11 @@
 
 #include "bag_recording.h"
 #include "bag_tool_main.h"
+#include "scene_files.h"
 
 namespace {
+
+constexpr float kSurfaceSpacing_m = 0.01f;  // of the true surface's points
 
 struct Arguments {
   std::vector<std::string> paths;
@@ -63,7 +66,8 @@ void AddOptions(CLI::App& app, Arguments& arguments) {
   app.add_option("--seed", arguments.scene.seed, "Of sensor noise and textures")
       ->capture_default_str()
       ->group(synthetic_group);
-  app.add_option("--ground-truth", arguments.ground_truth, "Also write true depth, normals and surface to this folder")
+  app.add_option("--ground-truth", arguments.ground_truth,
+                 "Also write the room as a dataset with true depth, normals and surface")
       ->type_name("DIR")
       ->group(synthetic_group);
 }
@@ -79,7 +83,7 @@ acmp::RecordingSummary MakeSyntheticBag(const Arguments& arguments) {
   if (arguments.paths.size() != 1) throw acmp::InvalidInputError("--synthetic takes no SCENE: give only OUT.bag");
   if (!arguments.images.empty()) throw acmp::InvalidInputError("--images does not go with --synthetic");
   const std::vector<acmp::SyntheticView> views = acmp::MakeSyntheticScene(arguments.scene);
-  if (!arguments.ground_truth.empty()) acmp::WriteGroundTruth(views, arguments.ground_truth);
+  if (!arguments.ground_truth.empty()) acmp::WriteSceneFiles(arguments.ground_truth, views, kSurfaceSpacing_m);
   return acmp::RecordSynthetic(views, arguments.recording, arguments.paths[0]);
 }
 

@@ -1,9 +1,7 @@
 #include "bag_recording.h"
 
-#include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <cstdio>
 #include <fstream>
 #include <iterator>
 #include <set>
@@ -12,7 +10,6 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
-#include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/image/image_processing.h"
 #include "bag_messages.h"
 #include "bag_writer.h"
@@ -82,28 +79,6 @@ int ParseIndex(const std::string& text, const std::string& part) {
     throw InvalidInputError(Concat("image list: \"", part, "\" is not an index or a range such as 0-9"));
   }
   return value;
-}
-
-std::string NumberedName(size_t index, const char* extension) {
-  char name[32];
-  std::snprintf(name, sizeof(name), "%06zu.%s", index, extension);
-  return name;
-}
-
-ColorImage MaskPicture(const Image<unsigned char>& mask) {
-  ColorImage picture(mask.width(), mask.height());
-  std::transform(mask.begin(), mask.end(), picture.begin(), [](unsigned char value) {
-    const unsigned char level = value != 0 ? 255 : 0;
-    return Rgb{level, level, level};
-  });
-  return picture;
-}
-
-std::filesystem::path MakeFolder(const std::filesystem::path& folder) {
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (error) throw ProcessingError(Concat("cannot make folder ", folder, ": ", error.message()));
-  return folder;
 }
 
 }  // namespace
@@ -184,21 +159,6 @@ RecordingSummary RecordSynthetic(const std::vector<SyntheticView>& views, const 
   }
   writer.Finish();
   return summary;
-}
-
-void WriteGroundTruth(const std::vector<SyntheticView>& views, const std::filesystem::path& folder) {
-  const std::filesystem::path depth = MakeFolder(folder / "depth");
-  const std::filesystem::path normal = MakeFolder(folder / "normal");
-  const std::filesystem::path low_texture = MakeFolder(folder / "low_texture");
-  const std::filesystem::path image = MakeFolder(folder / "image");
-  for (size_t i = 0; i < views.size(); ++i) {
-    WritePfm(depth / NumberedName(i, "pfm"), views[i].true_depth);
-    WritePfm(normal / NumberedName(i, "pfm"), views[i].true_normal);
-    WritePng(low_texture / NumberedName(i, "png"), MaskPicture(views[i].low_texture));
-    WritePng(image / NumberedName(i, "png"), views[i].frame.color);
-  }
-  constexpr float kSpacing_m = 0.01f;
-  WritePly(folder / "surface.ply", SampleSyntheticSurface(views, kSpacing_m));
 }
 
 }  // namespace acmp

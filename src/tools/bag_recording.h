@@ -49,8 +49,4 @@ RecordingSummary RecordScene(const Scene& scene, const std::vector<int>& indices
 RecordingSummary RecordSynthetic(const std::vector<SyntheticView>& views, const RecordingOptions& options,
                                  const std::filesystem::path& bag_path);
 
-/// Writes what the renderer knows: depth/%06d.pfm, normal/%06d.pfm, low_texture/%06d.png (white: blank wall or floor),
-/// image/%06d.png and surface.ply (world frame, points 1 cm apart).
-void WriteGroundTruth(const std::vector<SyntheticView>& views, const std::filesystem::path& folder);
-
 }  // namespace acmp

@@ -1,8 +1,6 @@
 #include "bag_recording.h"
 
 #include <cmath>
-#include <cstring>
-#include <limits>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -12,7 +10,6 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
-#include "acmp_mapping/dataset/map_io.h"
 #include "bag_messages.h"
 #include "bag_test_support.h"
 #include "bag_writer.h"
@@ -158,21 +155,6 @@ TEST(RecordSynthetic, RefusesOptionsForFiles) {
   RecordingOptions options;
   options.compressed = true;
   EXPECT_THROW(RecordSynthetic({}, options, "unused.bag"), InvalidInputError);
-}
-
-TEST(WriteGroundTruth, CanBeReadBack) {
-  const TemporaryFolder folder;
-  const std::vector<SyntheticView> views = MakeSyntheticScene(SmallScene());
-  WriteGroundTruth(views, folder.path());
-  const DepthMap depth = ReadDepth(folder / "depth/000001.pfm");
-  ASSERT_EQ(depth.size(), views[1].true_depth.size());
-  EXPECT_TRUE(std::equal(depth.begin(), depth.end(), views[1].true_depth.begin()));
-  const ColorImage mask = ReadColorImage(folder / "low_texture/000002.png");
-  ASSERT_EQ(mask.size(), views[2].low_texture.size());
-  for (int row = 0; row < mask.height(); ++row) {
-    for (int col = 0; col < mask.width(); ++col) ASSERT_EQ(mask(col, row).r != 0, views[2].low_texture(col, row) != 0);
-  }
-  EXPECT_FALSE(ReadPly(folder / "surface.ply").empty());
 }
 
 TEST_F(SceneFixture, RecordsPosesAsWorldFromCamera) {

@@ -27,7 +27,7 @@ expect 0 "Usage: acmp_make_bag" "$bin/acmp_make_bag" --help
 expect 0 "4 images" "$bin/acmp_make_bag" "${small[@]}" a.bag
 expect 0 "4 images" "$bin/acmp_make_bag" "${small[@]}" b.bag --ground-truth truth
 cmp a.bag b.bag || failures=$((failures + 1))
-[ -s truth/depth/000003.pfm ] || { echo "FAILED: no ground truth"; failures=$((failures + 1)); }
+[ -s truth/depth/000003.png ] || { echo "FAILED: no ground truth"; failures=$((failures + 1)); }
 expect 0 "usable: 0 errors" "$bin/acmp_check_bag" a.bag
 expect 2 "poses only as transforms" "$bin/acmp_check_bag" a.bag --pose /tf
 
