@@ -123,13 +123,14 @@ std::vector<EvaluationImage> ReadImageList(const fs::path& scene) {
 }
 
 std::set<int> ParseSubset(const std::string& text) {
+  constexpr int kMaxIndex = 999999;  // file names have six digits
   std::set<int> subset;
   std::istringstream parts(text);
   for (std::string part; std::getline(parts, part, ',');) {
     const size_t dash = part.find('-');
     const auto first = ParseIndex(part.substr(0, dash));
     const auto last = dash == std::string::npos ? first : ParseIndex(part.substr(dash + 1));
-    if (!first || !last || *last < *first) {
+    if (!first || !last || *last < *first || *last > kMaxIndex) {
       throw InvalidInputError(Concat("subset \"", text, "\": \"", part, "\" must be an index or a range such as 7-12"));
     }
     for (int i = *first; i <= *last; ++i) subset.insert(i);

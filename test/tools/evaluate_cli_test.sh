@@ -1,0 +1,52 @@
+#!/bin/bash
+# Exit codes and messages of acmp_evaluate and acmp_make_scene. Usage: evaluate_cli_test.sh FOLDER_OF_THE_PROGRAMS
+set -u
+bin=$(realpath "${1:?folder of the programs}")
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+cd "$work" || exit 1
+failures=0
+
+# expect CODE TEXT COMMAND...: runs the command, compares its exit code and looks for TEXT in what it prints.
+expect() {
+  local code=$1 text=$2 output got
+  shift 2
+  output=$("$@" 2>&1)
+  got=$?
+  if [ "$got" -ne "$code" ] || ! grep -qF -- "$text" <<<"$output"; then
+    echo "FAILED: $* -> $got (expected $code and \"$text\"): $output"
+    failures=$((failures + 1))
+  fi
+}
+
+small=(--width 48 --height 36 --keyframes 3 --spacing 0.1)
+expect 0 "Makes a test scene" "$bin/acmp_make_scene" --help
+expect 0 "3 images of 48 x 36" "$bin/acmp_make_scene" a "${small[@]}"
+expect 0 "3 images of 48 x 36" "$bin/acmp_make_scene" b "${small[@]}"
+diff -r a b >/dev/null || { echo "FAILED: two runs differ"; failures=$((failures + 1)); }
+expect 2 "not an empty folder" "$bin/acmp_make_scene" a "${small[@]}"
+expect 0 "3 images" "$bin/acmp_make_scene" a "${small[@]}" --overwrite
+expect 2 "keyframes = 1" "$bin/acmp_make_scene" c --keyframes 1
+expect 2 "width = 31" "$bin/acmp_make_scene" c --width 31
+expect 2 "required" "$bin/acmp_make_scene"
+expect 1 "cannot create folder" "$bin/acmp_make_scene" a/cameras.txt/below "${small[@]}"
+
+expect 0 "Usage: acmp_evaluate" "$bin/acmp_evaluate" --help
+expect 0 "counts as wrong" "$bin/acmp_evaluate" depth --help
+expect 0 "ETH3D" "$bin/acmp_evaluate" cloud --help
+expect 2 "required" "$bin/acmp_evaluate"
+expect 2 "PREDICTIONS" "$bin/acmp_evaluate" depth a
+expect 2 "no such folder" "$bin/acmp_evaluate" depth a missing
+expect 2 "cameras.txt" "$bin/acmp_evaluate" depth a/depth a/depth
+expect 2 "subset" "$bin/acmp_evaluate" depth a a/depth --subset x
+expect 0 "low_texture (mean)" "$bin/acmp_evaluate" depth a b/depth --mask low_texture --csv out.csv --json out.json
+[ "$(wc -l <out.csv)" -eq 4 ] || { echo "FAILED: out.csv"; failures=$((failures + 1)); }
+grep -q '"pool"' out.json || { echo "FAILED: out.json"; failures=$((failures + 1)); }
+expect 1 "No such file or directory" "$bin/acmp_evaluate" depth a b/depth --csv missing/out.csv
+mkdir truncated && head -c 300 a/depth/000000.png >truncated/000000.png
+expect 2 "000000.png" "$bin/acmp_evaluate" depth a truncated
+
+expect 0 "100.00" "$bin/acmp_evaluate" cloud a/surface.ply b/surface.ply --thresholds 0.02,0.05 --voxel 0.1
+expect 2 "threshold = -1" "$bin/acmp_evaluate" cloud a/surface.ply b/surface.ply --thresholds -1
+expect 2 "missing.ply" "$bin/acmp_evaluate" cloud missing.ply b/surface.ply
+exit $((failures > 0))
