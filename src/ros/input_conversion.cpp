@@ -82,10 +82,11 @@ struct CoordinateReader {
 
 cv::Mat DecodeRgb(const EncodedImage& image) {
   if (image.compressed) {
-    const cv::Mat bgr = cv::imdecode(image.compressed->data, cv::IMREAD_COLOR);
+    const std::vector<uint8_t>& data = image.compressed->data;
+    const cv::Mat bgr = data.empty() ? cv::Mat() : cv::imdecode(data, cv::IMREAD_COLOR);
     if (bgr.empty()) {
-      throw InvalidInputError(Concat("compressed image of ", image.compressed->data.size(), " bytes, format \"",
-                                     image.compressed->format, "\": cannot be decoded"));
+      throw InvalidInputError(Concat("compressed image of ", data.size(), " bytes, format \"", image.compressed->format,
+                                     "\": cannot be decoded"));
     }
     cv::Mat rgb;
     cv::cvtColor(bgr, rgb, cv::COLOR_BGR2RGB);

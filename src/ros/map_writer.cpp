@@ -1,24 +1,29 @@
 #include "acmp_mapping/ros/map_writer.h"
 
+#include <algorithm>
 #include <cerrno>
+#include <cstdio>
 #include <cstring>
 #include <fstream>
+#include <iterator>
 #include <string>
 
 #include <fcntl.h>
 #include <pcl/io/pcd_io.h>
-#include <pcl/io/ply_io.h>
 #include <pcl_conversions/pcl_conversions.h>
 #include <unistd.h>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/ros/output_conversion.h"
 
 namespace acmp {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr int kFloatDigits = 9;  ///< so that a float32 reads back as written
 
 /// Removes the file unless it was moved away.
 class TemporaryFile {
@@ -49,7 +54,7 @@ size_t CountLines(const fs::path& path) {
   return static_cast<size_t>(std::count(std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>(), '\n'));
 }
 
-/// PCL's writers do not report a disk that fills up: look at what arrived, and force it to the disk.
+/// PCL's writer does not always report a disk that fills up: look at what arrived, and force it to the disk.
 void CheckWritten(const fs::path& path, size_t points, size_t point_bytes, bool binary) {
   const bool whole = binary ? fs::file_size(path) > points * point_bytes : CountLines(path) > points;
   const int descriptor = whole ? ::open(path.c_str(), O_RDONLY) : -1;
@@ -60,22 +65,32 @@ void CheckWritten(const fs::path& path, size_t points, size_t point_bytes, bool 
   if (!synced) throw ProcessingError(Concat(path.string(), ": ", std::strerror(error)));
 }
 
-void WriteWithPcl(const fs::path& path, const PointCloud& map, MapFormat format, bool binary) {
+void WritePcd(const fs::path& path, const PointCloud& map, bool binary) {
   pcl::PCLPointCloud2 cloud;
   pcl_conversions::moveToPCL(*ToCloudMessage(map, std_msgs::Header()), cloud);
   const Eigen::Vector4f origin = Eigen::Vector4f::Zero();
   const Eigen::Quaternionf orientation = Eigen::Quaternionf::Identity();
-  constexpr int kDigits = 9;  // a float32 reads back as written
-  int status = 0;
-  if (format == MapFormat::kPly) {
-    status = pcl::PLYWriter().writeASCII(path.string(), cloud, origin, orientation, kDigits, false);
-  } else if (binary) {
-    status = pcl::PCDWriter().writeBinary(path.string(), cloud, origin, orientation);
-  } else {
-    status = pcl::PCDWriter().writeASCII(path.string(), cloud, origin, orientation, kDigits);
-  }
+  const int status = binary ? pcl::PCDWriter().writeBinary(path.string(), cloud, origin, orientation)
+                            : pcl::PCDWriter().writeASCII(path.string(), cloud, origin, orientation, kFloatDigits);
   if (status < 0) throw ProcessingError(Concat(path.string(), ": PCL could not write it: ", std::strerror(errno)));
   CheckWritten(path, map.size(), cloud.point_step, binary);
+}
+
+/// The properties of WritePly. (PCL's ASCII writer keeps six digits only: 10 cm at 100 km from the origin.)
+void WriteAsciiPly(const fs::path& path, const PointCloud& map) {
+  AtomicFile file(path);
+  file.Write(Concat("ply\nformat ascii 1.0\nelement vertex ", map.size(),
+                    "\nproperty float x\nproperty float y\nproperty float z\nproperty float nx\nproperty float ny\n"
+                    "property float nz\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+                    "property float confidence\nend_header\n"));
+  for (const SurfacePoint& p : map) {
+    char line[200];
+    const int length =
+        std::snprintf(line, sizeof(line), "%.9g %.9g %.9g %.9g %.9g %.9g %d %d %d %.9g\n", p.position.x, p.position.y,
+                      p.position.z, p.normal.x, p.normal.y, p.normal.z, p.color.r, p.color.g, p.color.b, p.confidence);
+    file.Write(line, static_cast<size_t>(length));
+  }
+  file.Commit();
 }
 
 }  // namespace
@@ -83,11 +98,11 @@ void WriteWithPcl(const fs::path& path, const PointCloud& map, MapFormat format,
 void WriteMap(const fs::path& path, const PointCloud& map, MapFormat format, bool binary) {
   if (map.empty()) throw InvalidInputError("the map is empty: nothing was written");
   CheckPath(path);
-  if (format == MapFormat::kPly && binary) return WritePly(path, map);  // whole or absent by itself
+  if (format == MapFormat::kPly) return binary ? WritePly(path, map) : WriteAsciiPly(path, map);
 
   const TemporaryFile temporary(path.string() + ".tmp" + std::to_string(::getpid()));
   try {
-    WriteWithPcl(temporary.path(), map, format, binary);
+    WritePcd(temporary.path(), map, binary);
     fs::rename(temporary.path(), path);
   } catch (const pcl::PCLException& error) {
     throw ProcessingError(Concat(path.string(), ": ", error.what()));

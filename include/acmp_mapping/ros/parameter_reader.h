@@ -27,6 +27,9 @@ class ParameterReader {
   /// Names that somebody else reads.
   void Allow(const std::string& name) { known_.insert(name); }
 
+  /// All names asked for or allowed so far.
+  const std::set<std::string>& known() const { return known_; }
+
   /// Throws for a name that nobody asked for, with the most similar one that exists. Sub-namespaces are left alone:
   /// plugins of image_transport keep their own parameters in some.
   void CheckUnknown() const;

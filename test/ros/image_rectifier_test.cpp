@@ -1,0 +1,123 @@
+#include "acmp_mapping/ros/image_rectifier.h"
+
+#include <cmath>
+#include <cstring>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <opencv2/core.hpp>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+using Model = LensDistortion::Model;
+
+CameraCalibration MakeCalibration(Model model, std::vector<double> coefficients) {
+  CameraCalibration calibration;
+  calibration.camera = {160, 120, 130, 128, 81.3, 58.6};
+  calibration.distortion = {model, std::move(coefficients)};
+  return calibration;
+}
+
+/// Where the lens puts the ray (x, y, 1), straight from the models' definitions (OpenCV's documentation).
+Eigen::Vector2d Distort(const CameraCalibration& c, double x, double y) {
+  const std::vector<double>& k = c.distortion.coefficients;
+  const double r2 = x * x + y * y;
+  double xd = x, yd = y;
+  if (c.distortion.model == Model::kEquidistant) {
+    const double r = std::sqrt(r2);
+    const double t = std::atan(r);
+    const double t2 = t * t;
+    const double td = t * (1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))));
+    const double scale = r > 0 ? td / r : 1;
+    xd = scale * x, yd = scale * y;
+  } else {
+    double radial = 1 + r2 * (k[0] + r2 * (k[1] + (k.size() > 4 ? r2 * k[4] : 0)));
+    if (c.distortion.model == Model::kRational) radial /= 1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]));
+    xd = x * radial + 2 * k[2] * x * y + k[3] * (r2 + 2 * x * x);
+    yd = y * radial + k[2] * (r2 + 2 * y * y) + 2 * k[3] * x * y;
+  }
+  return {c.camera.fx * xd + c.camera.cx, c.camera.fy * yd + c.camera.cy};
+}
+
+/// A smooth pattern over the rays of the ideal camera.
+double Pattern(double x, double y) { return 128 + 60 * std::sin(9 * x) * std::cos(7 * y); }
+
+/// The ray that the lens puts at a pixel: the inverse of Distort by fixed-point iteration.
+Eigen::Vector2d RayOf(const CameraCalibration& c, double u, double v) {
+  Eigen::Vector2d ray((u - c.camera.cx) / c.camera.fx, (v - c.camera.cy) / c.camera.fy);
+  for (int i = 0; i < 100; ++i) {
+    const Eigen::Vector2d error = Distort(c, ray.x(), ray.y()) - Eigen::Vector2d(u, v);
+    ray -= Eigen::Vector2d(error.x() / c.camera.fx, error.y() / c.camera.fy);
+  }
+  return ray;
+}
+
+class RectifierModels : public ::testing::TestWithParam<CameraCalibration> {};
+
+TEST_P(RectifierModels, UndoesTheLens) {
+  const CameraCalibration& calibration = GetParam();
+  const PinholeCamera& camera = calibration.camera;
+  cv::Mat distorted(camera.height, camera.width, CV_8UC3);
+  for (int v = 0; v < camera.height; ++v) {
+    for (int u = 0; u < camera.width; ++u) {
+      const Eigen::Vector2d ray = RayOf(calibration, u, v);
+      distorted.at<cv::Vec3b>(v, u) = cv::Vec3b::all(cv::saturate_cast<uchar>(Pattern(ray.x(), ray.y())));
+    }
+  }
+  const ImageRectifier rectifier(calibration);
+  const ColorImage rectified = rectifier.Rectify(distorted);
+  int compared = 0;
+  for (int v = 0; v < camera.height; ++v) {
+    for (int u = 0; u < camera.width; ++u) {
+      const double x = (u - camera.cx) / camera.fx, y = (v - camera.cy) / camera.fy;
+      const Eigen::Vector2d source = Distort(calibration, x, y);
+      const bool inside =
+          source.x() >= 0 && source.y() >= 0 && source.x() <= camera.width - 1 && source.y() <= camera.height - 1;
+      const bool valid = rectifier.valid().empty() || rectifier.valid().at<uchar>(v, u) != 0;
+      // float32 maps: on the border itself either answer is right
+      const bool border = std::abs(source.x()) < 1e-3 || std::abs(source.x() - camera.width + 1) < 1e-3 ||
+                          std::abs(source.y()) < 1e-3 || std::abs(source.y() - camera.height + 1) < 1e-3;
+      if (!border) {
+        ASSERT_EQ(valid, inside) << u << " " << v;
+      }
+      if (!inside || border) continue;
+      // Steepest slope 60 * 9 / 130 = 4.2 grey levels per px: rounding, bilinear interpolation and 1/32 px steps stay
+      // below 1.5 levels; half a pixel of offset would be 2.
+      ASSERT_NEAR(rectified(u, v).g, Pattern(x, y), 1.5) << u << " " << v;
+      ++compared;
+    }
+  }
+  EXPECT_GT(compared, camera.width * camera.height / 2);
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Models, RectifierModels,
+    ::testing::Values(MakeCalibration(Model::kBrownConrady, {-0.28, 0.07, 2e-4, 2e-5}),  // the EuRoC camera's
+                      MakeCalibration(Model::kBrownConrady, {0.12, -0.1, 1e-3, -5e-4, 0.02}),
+                      MakeCalibration(Model::kRational, {0.4, -0.2, 1e-4, -1e-4, 0.01, 0.5, -0.1, 0.02}),
+                      MakeCalibration(Model::kEquidistant, {-0.013, 0.02, -0.012, 0.002})));
+
+TEST(ImageRectifier, LeavesAStraightLensAlone) {
+  const ImageRectifier rectifier(MakeCalibration(Model::kNone, {}));
+  cv::Mat image(120, 160, CV_8UC3);
+  cv::randu(image, 0, 255);
+  const ColorImage same = rectifier.Rectify(image);
+  EXPECT_EQ(0, std::memcmp(same.data(), image.data, 120 * 160 * 3));
+  EXPECT_TRUE(rectifier.valid().empty());
+}
+
+TEST(ImageRectifier, RefusesAnotherSize) {
+  const ImageRectifier rectifier(MakeCalibration(Model::kNone, {}));
+  try {
+    rectifier.Rectify(cv::Mat(121, 160, CV_8UC3));
+    FAIL();
+  } catch (const InvalidInputError& error) {
+    EXPECT_THAT(error.what(), ::testing::AllOf(::testing::HasSubstr("160x121"), ::testing::HasSubstr("160x120")));
+  }
+}
+
+}  // namespace
+}  // namespace acmp

@@ -1,0 +1,238 @@
+#include "acmp_mapping/ros/input_conversion.h"
+
+#include <functional>
+#include <limits>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sensor_msgs/image_encodings.h>
+#include <boost/make_shared.hpp>
+#include <opencv2/imgcodecs.hpp>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+namespace enc = sensor_msgs::image_encodings;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+std::string Refusal(const std::function<void()>& action) {
+  try {
+    action();
+  } catch (const InvalidInputError& error) {
+    return error.what();
+  }
+  return "(accepted)";
+}
+
+EncodedImage MakeImage(const std::string& encoding, uint32_t width, uint32_t height, std::vector<uint8_t> data) {
+  auto image = boost::make_shared<sensor_msgs::Image>();
+  image->encoding = encoding;
+  image->width = width;
+  image->height = height;
+  image->step = static_cast<uint32_t>(data.size()) / height;
+  image->data = std::move(data);
+  return {image, nullptr};
+}
+
+cv::Vec3b FirstPixel(const EncodedImage& image) { return DecodeRgb(image).at<cv::Vec3b>(0, 0); }
+
+TEST(DecodeRgb, KnowsTheUsualEncodings) {
+  EXPECT_EQ(FirstPixel(MakeImage(enc::RGB8, 1, 1, {1, 2, 3})), cv::Vec3b(1, 2, 3));
+  EXPECT_EQ(FirstPixel(MakeImage(enc::BGR8, 1, 1, {1, 2, 3})), cv::Vec3b(3, 2, 1));
+  EXPECT_EQ(FirstPixel(MakeImage(enc::BGRA8, 1, 1, {1, 2, 3, 9})), cv::Vec3b(3, 2, 1));
+  EXPECT_EQ(FirstPixel(MakeImage(enc::RGBA8, 1, 1, {1, 2, 3, 9})), cv::Vec3b(1, 2, 3));
+  EXPECT_EQ(FirstPixel(MakeImage(enc::MONO8, 1, 1, {77})), cv::Vec3b(77, 77, 77));
+  // little-endian 0x8000 of 0xffff
+  EXPECT_NEAR(FirstPixel(MakeImage(enc::MONO16, 1, 1, {0x00, 0x80}))[0], 128, 1);
+  // A Bayer mosaic whose red sites alone are lit: red, whatever the interpolation.
+  std::vector<uint8_t> mosaic(64, 0);
+  for (int row = 0; row < 8; row += 2) {
+    for (int col = 0; col < 8; col += 2) mosaic[static_cast<size_t>(8 * row + col)] = 200;
+  }
+  const cv::Vec3b center = DecodeRgb(MakeImage(enc::BAYER_RGGB8, 8, 8, mosaic)).at<cv::Vec3b>(4, 4);
+  EXPECT_EQ(center, cv::Vec3b(200, 0, 0));
+}
+
+TEST(DecodeRgb, RespectsPaddedRows) {
+  EncodedImage image = MakeImage(enc::MONO8, 2, 2, {1, 2, 99, 99, 3, 4, 99, 99});
+  const cv::Mat rgb = DecodeRgb(image);
+  EXPECT_EQ(rgb.at<cv::Vec3b>(1, 1)[0], 4);
+}
+
+TEST(DecodeRgb, RefusesWhatCannotBeConvertedAndNamesIt) {
+  EXPECT_THAT(Refusal([] { DecodeRgb(MakeImage(enc::TYPE_32FC1, 1, 1, {0, 0, 0, 0})); }), HasSubstr("32FC1"));
+  EXPECT_THAT(Refusal([] { DecodeRgb(MakeImage("holograms", 1, 1, {0})); }), HasSubstr("holograms"));
+  EncodedImage truncated = MakeImage(enc::RGB8, 1, 1, {1, 2, 3});
+  auto image = boost::make_shared<sensor_msgs::Image>(*truncated.raw);
+  image->height = 100;
+  EXPECT_THAT(Refusal([&] { DecodeRgb({image, nullptr}); }), AllOf(HasSubstr("1x100"), HasSubstr("3 bytes")));
+}
+
+TEST(DecodeRgb, DecodesCompressedImages) {
+  const cv::Mat bgr(8, 8, CV_8UC3, cv::Scalar(10, 100, 200));
+  for (const char* extension : {".png", ".jpg"}) {
+    auto compressed = boost::make_shared<sensor_msgs::CompressedImage>();
+    cv::imencode(extension, bgr, compressed->data);
+    const cv::Vec3b pixel = FirstPixel({nullptr, compressed});
+    EXPECT_NEAR(pixel[0], 200, 3) << extension;  // JPEG rounds
+    EXPECT_NEAR(pixel[1], 100, 3);
+    EXPECT_NEAR(pixel[2], 10, 3);
+    auto broken = boost::make_shared<sensor_msgs::CompressedImage>();
+    broken->data = {1, 2, 3};
+    broken->format = "jpeg";
+    EXPECT_THAT(Refusal([&] { DecodeRgb({nullptr, broken}); }), AllOf(HasSubstr("3 bytes"), HasSubstr("jpeg")));
+    broken->data.clear();
+    EXPECT_THAT(Refusal([&] { DecodeRgb({nullptr, broken}); }), HasSubstr("0 bytes"));
+  }
+}
+
+sensor_msgs::CameraInfo MakeInfo() {
+  sensor_msgs::CameraInfo info;
+  info.width = 640;
+  info.height = 480;
+  info.distortion_model = "plumb_bob";
+  info.D = {-0.28, 0.07, 2e-4, 2e-5, 0};
+  info.K = {500, 0, 319.5, 0, 510, 239.5, 0, 0, 1};
+  info.P = {450, 0, 310, 0, 0, 460, 230, 0, 0, 0, 1, 0};
+  info.header.frame_id = "/cam";
+  return info;
+}
+
+TEST(ToCalibration, ReadsKAndD) {
+  const CameraCalibration calibration = ToCalibration(MakeInfo(), false);
+  EXPECT_EQ(calibration.camera, (PinholeCamera{640, 480, 500, 510, 319.5, 239.5}));
+  EXPECT_EQ(calibration.distortion.model, LensDistortion::Model::kBrownConrady);
+  EXPECT_EQ(calibration.distortion.coefficients.size(), 5u);
+  EXPECT_EQ(calibration.frame_id, "cam");
+}
+
+TEST(ToCalibration, ReadsPOfRectifiedImages) {
+  const CameraCalibration calibration = ToCalibration(MakeInfo(), true);
+  EXPECT_EQ(calibration.camera, (PinholeCamera{640, 480, 450, 460, 310, 230}));
+  EXPECT_EQ(calibration.distortion.model, LensDistortion::Model::kNone);
+}
+
+TEST(ToCalibration, AppliesBinningAndRegionOfInterest) {
+  sensor_msgs::CameraInfo info = MakeInfo();
+  info.binning_x = info.binning_y = 2;
+  info.roi.x_offset = 100;
+  info.roi.y_offset = 40;
+  info.roi.width = 400;
+  info.roi.height = 300;
+  const PinholeCamera camera = ToCalibration(info, false).camera;
+  EXPECT_EQ(camera.width, 200);
+  EXPECT_EQ(camera.height, 150);
+  EXPECT_EQ(camera.fx, 250);
+  // The full-size pixels 100 and 101 make the binned pixel 0, whose centre lies between them.
+  const double full_u = 100.5, full_x = (full_u - 319.5) / 500;
+  EXPECT_NEAR(camera.fx * full_x + camera.cx, 0, 1e-9);
+  info.roi.width = 600;
+  EXPECT_THAT(Refusal([&] { ToCalibration(info, false); }), AllOf(HasSubstr("600x300"), HasSubstr("640x480")));
+}
+
+TEST(ToCalibration, KnowsTheModels) {
+  sensor_msgs::CameraInfo info = MakeInfo();
+  info.distortion_model = "rational_polynomial";
+  info.D = {1, 2, 3, 4, 5, 6, 7, 8};
+  EXPECT_EQ(ToCalibration(info, false).distortion.model, LensDistortion::Model::kRational);
+  info.distortion_model = "equidistant";
+  info.D = {1, 2, 3, 4};
+  EXPECT_EQ(ToCalibration(info, false).distortion.model, LensDistortion::Model::kEquidistant);
+  info.distortion_model = "";
+  info.D = {};
+  EXPECT_EQ(ToCalibration(info, false).distortion.model, LensDistortion::Model::kNone);
+}
+
+TEST(ToCalibration, RefusesWhatCannotBeUsedAndNamesIt) {
+  const auto refusal = [](const std::function<void(sensor_msgs::CameraInfo*)>& change) {
+    sensor_msgs::CameraInfo info = MakeInfo();
+    change(&info);
+    return Refusal([&] { ToCalibration(info, false); });
+  };
+  EXPECT_THAT(refusal([](auto* info) { info->K[0] = 0; }), HasSubstr("K[0] = 0"));
+  EXPECT_THAT(refusal([](auto* info) { info->K[4] = -3; }), HasSubstr("K[4] = -3"));
+  EXPECT_THAT(refusal([](auto* info) { info->K[2] = std::numeric_limits<double>::quiet_NaN(); }), HasSubstr("nan"));
+  EXPECT_THAT(refusal([](auto* info) { info->width = 0; }), HasSubstr("0"));
+  EXPECT_THAT(refusal([](auto* info) { info->distortion_model = "fov"; }), HasSubstr("fov"));
+  EXPECT_THAT(refusal([](auto* info) { info->D = {1, 2, 3}; }), HasSubstr("3 coefficients"));
+  EXPECT_THAT(refusal([](auto* info) { info->D[1] = std::numeric_limits<double>::infinity(); }), HasSubstr("inf"));
+}
+
+template <class T>
+sensor_msgs::PointCloud2 MakeCloud(const std::vector<std::array<T, 3>>& points, uint8_t datatype) {
+  sensor_msgs::PointCloud2 cloud;
+  cloud.header.frame_id = "/map";
+  cloud.header.stamp = ros::Time(5, 7);
+  cloud.height = 1;
+  cloud.width = static_cast<uint32_t>(points.size());
+  cloud.point_step = 3 * sizeof(T) + 4;  // a field in front that nobody reads
+  cloud.row_step = cloud.point_step * cloud.width;
+  const char* names[] = {"x", "y", "z"};
+  for (uint32_t i = 0; i < 3; ++i) {
+    sensor_msgs::PointField field;
+    field.name = names[i];
+    field.offset = 4 + i * static_cast<uint32_t>(sizeof(T));
+    field.datatype = datatype;
+    field.count = 1;
+    cloud.fields.push_back(field);
+  }
+  for (const auto& point : points) {
+    const auto* bytes = reinterpret_cast<const uint8_t*>(point.data());
+    cloud.data.insert(cloud.data.end(), 4, 0xee);
+    cloud.data.insert(cloud.data.end(), bytes, bytes + 3 * sizeof(T));
+  }
+  return cloud;
+}
+
+TEST(ToSparseCloud, ReadsBothPrecisionsAndLeavesOutWhatIsNoPoint) {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  const float inf = std::numeric_limits<float>::infinity();
+  const auto cloud = ToSparseCloud(
+      MakeCloud<float>({{1, 2, 3}, {0, 0, 0}, {nan, 0, 0}, {0, inf, 0}, {0, 0, -1}}, sensor_msgs::PointField::FLOAT32));
+  ASSERT_EQ(cloud.points.size(), 2u);
+  EXPECT_EQ(cloud.points[0], Eigen::Vector3d(1, 2, 3));
+  EXPECT_EQ(cloud.points[1], Eigen::Vector3d(0, 0, -1));
+  EXPECT_EQ(cloud.zero, 1u);
+  EXPECT_EQ(cloud.not_finite, 2u);
+  EXPECT_EQ(cloud.frame_id, "map");
+  EXPECT_EQ(cloud.stamp_ns, 5000000007);
+  const auto precise = ToSparseCloud(MakeCloud<double>({{1e-9, 2, 3}}, sensor_msgs::PointField::FLOAT64));
+  EXPECT_EQ(precise.points.at(0).x(), 1e-9);
+  EXPECT_TRUE(ToSparseCloud(MakeCloud<float>({}, sensor_msgs::PointField::FLOAT32)).points.empty());
+}
+
+TEST(ToSparseCloud, ReadsOrganisedCloudsWithPaddedRows) {
+  sensor_msgs::PointCloud2 cloud =
+      MakeCloud<float>({{1, 1, 1}, {2, 2, 2}, {3, 3, 3}, {4, 4, 4}}, sensor_msgs::PointField::FLOAT32);
+  cloud.width = cloud.height = 2;
+  cloud.row_step = 2 * cloud.point_step + 8;
+  cloud.data.insert(cloud.data.begin() + 2 * cloud.point_step, 8, 0xaa);
+  const auto points = ToSparseCloud(cloud).points;
+  ASSERT_EQ(points.size(), 4u);
+  EXPECT_EQ(points[2].x(), 3);
+}
+
+TEST(ToSparseCloud, RefusesMalformedClouds) {
+  const auto good = MakeCloud<float>({{1, 2, 3}}, sensor_msgs::PointField::FLOAT32);
+  auto cloud = good;
+  cloud.fields.pop_back();
+  EXPECT_THAT(Refusal([&] { ToSparseCloud(cloud); }), HasSubstr("no field \"z\""));
+  cloud = good;
+  cloud.fields[1].datatype = sensor_msgs::PointField::INT32;
+  EXPECT_THAT(Refusal([&] { ToSparseCloud(cloud); }), AllOf(HasSubstr("\"y\""), HasSubstr("5")));
+  cloud = good;
+  cloud.width = 2;
+  EXPECT_THAT(Refusal([&] { ToSparseCloud(cloud); }), HasSubstr("16 bytes: needs 32"));
+  cloud = good;
+  cloud.fields[2].offset = 1000;
+  EXPECT_THAT(Refusal([&] { ToSparseCloud(cloud); }), HasSubstr("point_step"));
+  cloud = good;
+  cloud.is_bigendian = true;
+  EXPECT_THAT(Refusal([&] { ToSparseCloud(cloud); }), HasSubstr("bigendian"));
+}
+
+}  // namespace
+}  // namespace acmp

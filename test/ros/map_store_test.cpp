@@ -1,0 +1,95 @@
+#include "acmp_mapping/ros/map_store.h"
+
+#include <gtest/gtest.h>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+PointCloud PlaneAt(float z, int side, float spacing) {
+  PointCloud points;
+  for (int i = 0; i < side; ++i) {
+    for (int j = 0; j < side; ++j) {
+      points.push_back({{(i + 0.5f) * spacing, (j + 0.5f) * spacing, z}, {0, 0, -1}, {10, 20, 30}, 0.5f});
+    }
+  }
+  return points;
+}
+
+RigidTransform Shifted(double x) {
+  RigidTransform pose = RigidTransform::Identity();
+  pose.translation().x() = x;
+  return pose;
+}
+
+TEST(MapStore, PutsKeyframesIntoTheWorld) {
+  MapStore store({10, 0.1});
+  EXPECT_TRUE(store.WorldCloud().empty());
+  RigidTransform turned = RigidTransform::Identity();  // world x = camera z
+  turned.linear() << 0, 0, 1, 0, 1, 0, -1, 0, 0;
+  turned.translation() << 5, 0, 0;
+  store.Add(0, turned, {{{0.05f, 0.05f, 2.05f}, {0, 0, -1}, {1, 2, 3}, 0.25f}});
+  const PointCloud map = store.WorldCloud();
+  ASSERT_EQ(map.size(), 1u);
+  // float32 of values below 10
+  EXPECT_NEAR(map[0].position.x, 7.05, 1e-5);
+  EXPECT_NEAR(map[0].position.y, 0.05, 1e-5);
+  EXPECT_NEAR(map[0].position.z, -0.05, 1e-5);
+  EXPECT_NEAR(map[0].normal.x, -1, 1e-5);
+  EXPECT_EQ(map[0].color.g, 2);
+}
+
+TEST(MapStore, ThinsToOnePointPerVoxelAcrossKeyframes) {
+  MapStore store({10, 0.1});
+  store.Add(0, Shifted(0), PlaneAt(1.05f, 20, 0.05f));  // 1 m x 1 m
+  EXPECT_EQ(store.statistics().points, 100u);
+  store.Add(1, Shifted(0.5), PlaneAt(1.05f, 20, 0.05f));
+  EXPECT_EQ(store.statistics().points, 200u);
+  EXPECT_EQ(store.WorldCloud().size(), 150u) << "the overlap counts once";
+}
+
+TEST(MapStore, ChoosesAVoxelSizeInProportionToTheScene) {
+  for (const float scale : {0.001f, 1.0f, 1000.0f}) {
+    MapStore store({10, 0});
+    store.Add(0, Shifted(0), {});  // tells nothing about the scene
+    EXPECT_EQ(store.statistics().voxel_size, 0);
+    store.Add(1, Shifted(0), PlaneAt(4 * scale, 3, scale));
+    EXPECT_NEAR(store.statistics().voxel_size, 0.02 * scale, 1e-6 * scale);  // float32
+    store.Add(2, Shifted(0), PlaneAt(40 * scale, 3, scale));
+    EXPECT_NEAR(store.statistics().voxel_size, 0.02 * scale, 1e-6 * scale) << "the grid stays";
+  }
+}
+
+TEST(MapStore, EvictsTheOldestKeyframes) {
+  MapStore store({2, 0.1});
+  for (int i = 0; i < 5; ++i) store.Add(i, Shifted(10.0 * i), PlaneAt(1, 1, 0.1f));
+  const MapStatistics statistics = store.statistics();
+  EXPECT_EQ(statistics.keyframes, 2u);
+  EXPECT_EQ(statistics.evicted, 3u);
+  EXPECT_EQ(statistics.points, 2u);
+  for (const SurfacePoint& point : store.WorldCloud()) EXPECT_GT(point.position.x, 29);
+  store.set_options({1, 0.1});
+  store.Add(5, Shifted(50), PlaneAt(1, 1, 0.1f));
+  EXPECT_EQ(store.statistics().keyframes, 1u);
+}
+
+TEST(MapStore, ClearForgetsAllAndChangesTheVersion) {
+  MapStore store({2, 0});
+  const uint64_t empty = store.version();
+  store.Add(0, Shifted(0), PlaneAt(1, 2, 0.1f));
+  const uint64_t one = store.version();
+  EXPECT_NE(one, empty);
+  store.Clear();
+  EXPECT_NE(store.version(), one);
+  EXPECT_TRUE(store.WorldCloud().empty());
+  EXPECT_EQ(store.statistics().voxel_size, 0) << "another scene may have another scale";
+}
+
+TEST(MapStore, RefusesBadOptions) {
+  EXPECT_THROW(MapStore({0, 0.1}), InvalidInputError);
+  EXPECT_THROW(MapStore({1, -0.1}), InvalidInputError);
+}
+
+}  // namespace
+}  // namespace acmp

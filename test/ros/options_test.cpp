@@ -1,0 +1,345 @@
+// Parameters: reading, refusing, and the agreement of C++ defaults, .cfg and yaml.
+
+#include <fstream>
+#include <functional>
+#include <map>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/ros/node_options.h"
+#include "acmp_mapping/ros/runtime_options.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using XmlRpc::XmlRpcValue;
+
+XmlRpcValue Struct(const std::map<std::string, XmlRpcValue>& members) {
+  XmlRpcValue value;
+  for (const auto& [name, member] : members) value[name] = member;
+  return value;
+}
+
+std::string Refusal(const std::function<void()>& action) {
+  try {
+    action();
+  } catch (const InvalidInputError& error) {
+    return error.what();
+  }
+  return "(accepted)";
+}
+
+std::string NodeRefusal(const std::map<std::string, XmlRpcValue>& members) {
+  return Refusal([&] {
+    ParameterReader reader(Struct(members));
+    LoadNodeOptions(&reader);
+  });
+}
+
+std::string RuntimeRefusal(const std::map<std::string, XmlRpcValue>& members) {
+  return Refusal([&] {
+    ParameterReader reader(Struct(members));
+    LoadRuntimeOptions(&reader, RuntimeOptions());
+  });
+}
+
+TEST(ParameterReader, KeepsDefaultsAndReadsValues) {
+  ParameterReader reader(Struct({{"a", 3}, {"b", 2.5}, {"c", true}, {"d", std::string("text")}}));
+  double a = 0, b = 0, missing = 7;
+  bool c = false;
+  std::string d;
+  EXPECT_TRUE(reader.Read("a", &a));
+  EXPECT_TRUE(reader.Read("b", &b));
+  EXPECT_TRUE(reader.Read("c", &c));
+  EXPECT_TRUE(reader.Read("d", &d));
+  EXPECT_FALSE(reader.Read("missing", &missing));
+  EXPECT_EQ(a, 3);
+  EXPECT_EQ(b, 2.5);
+  EXPECT_TRUE(c);
+  EXPECT_EQ(d, "text");
+  EXPECT_EQ(missing, 7);
+  EXPECT_NO_THROW(reader.CheckUnknown());
+}
+
+TEST(ParameterReader, RefusesOtherTypes) {
+  ParameterReader reader(Struct({{"a", std::string("fast")}, {"b", 2.5}}));
+  double number = 0;
+  int integer = 0;
+  bool flag = false;
+  EXPECT_THAT(Refusal([&] { reader.Read("a", &number); }),
+              AllOf(HasSubstr("~a"), HasSubstr("fast"), HasSubstr("number")));
+  EXPECT_THAT(Refusal([&] { reader.Read("b", &integer); }),
+              AllOf(HasSubstr("~b"), HasSubstr("2.5"), HasSubstr("integer")));
+  EXPECT_THAT(Refusal([&] { reader.Read("b", &flag); }), HasSubstr("true or false"));
+}
+
+TEST(ParameterReader, NamesTheNearestKnownKey) {
+  ParameterReader reader(Struct({{"max_imagesize", 3}}));
+  LoadNodeOptions(&reader);
+  EXPECT_THAT(Refusal([&] { reader.CheckUnknown(); }),
+              AllOf(HasSubstr("~max_imagesize"), HasSubstr("~max_image_size")));
+  // Plugins keep parameters in namespaces of their own.
+  ParameterReader nested(Struct({{"depth", Struct({{"jpeg_quality", 80}})}}));
+  LoadNodeOptions(&nested);
+  EXPECT_NO_THROW(nested.CheckUnknown());
+  EXPECT_NO_THROW(ParameterReader(XmlRpcValue()).CheckUnknown());
+}
+
+TEST(EditDistance, CountsSingleLetterEdits) {
+  EXPECT_EQ(EditDistance("", ""), 0u);
+  EXPECT_EQ(EditDistance("abc", ""), 3u);
+  EXPECT_EQ(EditDistance("kitten", "sitting"), 3u);
+  EXPECT_EQ(EditDistance("sitting", "kitten"), 3u);
+}
+
+TEST(NodeOptions, ReadsEnumerations) {
+  ParameterReader reader(Struct({{"device", std::string("cpu")},
+                                 {"overload", std::string("block")},
+                                 {"pose_is", std::string("T_cam_world")},
+                                 {"sparse_frame", std::string("camera")},
+                                 {"keyframe_mode", std::string("gate")},
+                                 {"on_time_jump", std::string("reset")}}));
+  const NodeOptions options = LoadNodeOptions(&reader);
+  EXPECT_EQ(options.device, Device::kCpu);
+  EXPECT_EQ(options.overload, OverloadPolicy::kBlock);
+  EXPECT_EQ(options.pose.direction, PoseSemantics::Direction::kCamFromWorld);
+  EXPECT_EQ(options.sparse_frame, SparseFrame::kCamera);
+  EXPECT_EQ(options.keyframe_mode, KeyframeMode::kGate);
+  EXPECT_EQ(options.on_time_jump, TimeJumpPolicy::kReset);
+}
+
+TEST(NodeOptions, RefusesBadValuesAndNamesThem) {
+  EXPECT_THAT(NodeRefusal({{"device", std::string("gpu")}}), AllOf(HasSubstr("gpu"), HasSubstr("cuda")));
+  EXPECT_THAT(NodeRefusal({{"overload", std::string("never")}}), AllOf(HasSubstr("never"), HasSubstr("drop_oldest")));
+  EXPECT_THAT(NodeRefusal({{"pose_is", std::string("Twc")}}), HasSubstr("Twc"));
+  EXPECT_THAT(NodeRefusal({{"max_image_size", -1}}), HasSubstr("-1"));
+  EXPECT_THAT(NodeRefusal({{"sync_tolerance", -0.5}}), HasSubstr("-0.5"));
+  EXPECT_THAT(NodeRefusal({{"pose_child", std::string("body")}}), HasSubstr("T_body_cam"));
+}
+
+XmlRpcValue Matrix(const std::vector<double>& numbers, bool nested) {
+  XmlRpcValue value;
+  for (int i = 0; i < static_cast<int>(numbers.size()); ++i) {
+    if (nested) {
+      value[i / 4][i % 4] = numbers[static_cast<size_t>(i)];
+    } else {
+      value[i] = numbers[static_cast<size_t>(i)];
+    }
+  }
+  return value;
+}
+
+TEST(NodeOptions, ReadsTheExtrinsicBothWays) {
+  const std::vector<double> numbers = {0, 0, 1, 0.1, -1, 0, 0, 0.2, 0, -1, 0, 0.3, 0, 0, 0, 1};
+  for (const bool nested : {false, true}) {
+    ParameterReader reader(Struct({{"pose_child", std::string("body")}, {"T_body_cam", Matrix(numbers, nested)}}));
+    const NodeOptions options = LoadNodeOptions(&reader);
+    EXPECT_EQ(options.pose.body_from_cam.translation(), Eigen::Vector3d(0.1, 0.2, 0.3));
+    EXPECT_EQ(options.pose.body_from_cam.linear()(0, 2), 1);
+  }
+}
+
+TEST(NodeOptions, RefusesABadExtrinsic) {
+  const auto refusal = [](std::vector<double> numbers) {
+    return NodeRefusal({{"pose_child", std::string("body")}, {"T_body_cam", Matrix(numbers, false)}});
+  };
+  EXPECT_THAT(refusal({1, 0, 0}), HasSubstr("3 numbers"));
+  EXPECT_THAT(refusal({1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.1, 0.2, 0.3, 1}), HasSubstr("last row")) << "transposed";
+  EXPECT_THAT(refusal({2, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}), HasSubstr("T_body_cam"));
+  EXPECT_THAT(NodeRefusal({{"T_body_cam", Matrix({1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}, false)}}),
+              HasSubstr("pose_child"));
+}
+
+/// Values by name, for comparisons.
+std::map<std::string, double> Values(const DenseMapperConfig& config) {
+  std::map<std::string, double> values;
+  const RuntimeOptions unused;
+  VisitRuntimeParameters(unused, config, [&](const char* name, const auto&, const auto& field) {
+    EXPECT_TRUE(values.emplace(name, static_cast<double>(field)).second) << name << " twice";
+  });
+  return values;
+}
+
+TEST(RuntimeOptions, DefaultsOfTheCfgAreThoseOfTheStructs) {
+  EXPECT_EQ(Values(DenseMapperConfig::__getDefault__()), Values(ToConfig(RuntimeOptions())));
+}
+
+TEST(RuntimeOptions, EveryParameterOfTheCfgIsInTheList) {
+  const auto values = Values(DenseMapperConfig::__getDefault__());
+  for (const auto& description : DenseMapperConfig::__getParamDescriptions__()) {
+    EXPECT_EQ(values.count(description->name), 1u) << description->name;
+    EXPECT_FALSE(description->description.empty()) << description->name;
+  }
+  EXPECT_EQ(values.size(), DenseMapperConfig::__getParamDescriptions__().size());
+}
+
+TEST(RuntimeOptions, SurviveTheWayThroughAConfig) {
+  // A value of its own for every field, then there and back again.
+  RuntimeOptions options;
+  DenseMapperConfig unused;
+  int n = 0;
+  VisitRuntimeParameters(options, unused, [&](const char*, auto& option, const auto&) {
+    using Option = std::decay_t<decltype(option)>;
+    if constexpr (std::is_same_v<Option, bool>) {
+      option = !option;
+    } else if constexpr (std::is_enum_v<Option>) {
+      option = static_cast<Option>(1);
+    } else {
+      option = static_cast<Option>(++n);
+    }
+  });
+  const DenseMapperConfig config = ToConfig(options);
+  EXPECT_EQ(Values(ToConfig(FromConfig(config))), Values(config));
+  n = 0;
+  const RuntimeOptions back = FromConfig(config);
+  VisitRuntimeParameters(back, config, [&](const char* name, const auto& option, const auto&) {
+    using Option = std::decay_t<decltype(option)>;
+    if constexpr (!std::is_same_v<Option, bool> && !std::is_enum_v<Option>) {
+      EXPECT_EQ(static_cast<int>(option), ++n) << name;
+    }
+  });
+}
+
+TEST(RuntimeOptions, BoundsOfTheCfgAreLegal) {
+  // Each bound alone; parameters that limit each other are made valid as the server would.
+  const DenseMapperConfig defaults = DenseMapperConfig::__getDefault__();
+  for (const DenseMapperConfig& bounds : {DenseMapperConfig::__getMin__(), DenseMapperConfig::__getMax__()}) {
+    for (const auto& description : DenseMapperConfig::__getParamDescriptions__()) {
+      const std::string name = description->name;
+      if (name == "depth_min" || name == "depth_max") continue;  // valid as a pair only
+      DenseMapperConfig config = defaults;
+      RuntimeOptions unused;
+      std::map<std::string, double> bound = Values(bounds);
+      VisitRuntimeParameters(unused, config, [&](const char* parameter, const auto&, auto& field) {
+        if (name == parameter) field = static_cast<std::decay_t<decltype(field)>>(bound[name]);
+      });
+      for (const std::string& change : MakeValid(defaults, &config)) {
+        EXPECT_THAT(change, ::testing::Not(HasSubstr("refused"))) << name;
+      }
+      EXPECT_NO_THROW(Validate(FromConfig(config))) << name;
+    }
+  }
+}
+
+TEST(RuntimeOptions, AreReadAndCheckedAgainstTheCfg) {
+  ParameterReader reader(Struct({{"window_size", 20}, {"min_confidence", 0.5}, {"depth_min", 1}, {"depth_max", 9.5}}));
+  const RuntimeOptions options = LoadRuntimeOptions(&reader, RuntimeOptions());
+  EXPECT_EQ(options.mapper.window_size, 20);
+  EXPECT_EQ(options.output.min_confidence, 0.5);
+  EXPECT_EQ(options.mapper.fallback_depth_range.min, 1);
+  EXPECT_EQ(options.mapper.fallback_depth_range.max, 9.5f);
+  EXPECT_THAT(RuntimeRefusal({{"window_size", 1000}}), AllOf(HasSubstr("~window_size = 1000"), HasSubstr("64")));
+  EXPECT_THAT(RuntimeRefusal({{"min_confidence", 2.0}}), HasSubstr("min_confidence"));
+  EXPECT_THAT(RuntimeRefusal({{"lookahead", 10}}), HasSubstr("lookahead"));
+  EXPECT_THAT(RuntimeRefusal({{"depth_min", 5}, {"depth_max", 2}}), HasSubstr("depth_range"));
+  EXPECT_THAT(RuntimeRefusal({{"voxel_size", std::numeric_limits<double>::quiet_NaN()}}), HasSubstr("voxel_size"));
+}
+
+TEST(RuntimeOptions, PresetGivesStartValues) {
+  RuntimeOptions start;
+  start.mapper.pipeline = MakePreset("acmh");
+  ParameterReader nothing{XmlRpcValue()};
+  EXPECT_FALSE(LoadRuntimeOptions(&nothing, start).mapper.pipeline.use_planar_prior);
+  ParameterReader reader(Struct({{"use_planar_prior", true}}));
+  EXPECT_TRUE(LoadRuntimeOptions(&reader, start).mapper.pipeline.use_planar_prior);
+}
+
+TEST(MakeValid, LimitsParametersByEachOther) {
+  const DenseMapperConfig previous = DenseMapperConfig::__getDefault__();
+  DenseMapperConfig config = previous;
+  EXPECT_TRUE(MakeValid(previous, &config).empty());
+  config.window_size = 2;
+  const auto changes = MakeValid(previous, &config);
+  EXPECT_EQ(config.lookahead, 1);
+  EXPECT_EQ(config.min_source_views, 1);
+  EXPECT_EQ(changes.size(), 2u);
+  EXPECT_THAT(changes[0], HasSubstr("lookahead = 2 was changed to 1"));
+}
+
+TEST(MakeValid, TakesThePreviousBackWhenNothingElseHelps) {
+  const DenseMapperConfig previous = DenseMapperConfig::__getDefault__();
+  DenseMapperConfig config = previous;
+  config.depth_min = 5;
+  config.depth_max = 2;
+  config.seed = 99;
+  EXPECT_THAT(MakeValid(previous, &config).at(0), AllOf(HasSubstr("refused"), HasSubstr("depth_range")));
+  EXPECT_EQ(Values(config), Values(previous));
+  config.sigma_color = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_FALSE(MakeValid(previous, &config).empty());
+  EXPECT_EQ(Values(config), Values(previous));
+}
+
+/// The few kinds of line that the shipped yaml has: "key: value  # comment".
+std::map<std::string, std::string> ReadYaml(const std::string& path) {
+  std::ifstream file(path);
+  EXPECT_TRUE(file) << path;
+  std::map<std::string, std::string> values;
+  std::string line;
+  while (std::getline(file, line)) {
+    line = line.substr(0, line.find('#'));
+    const size_t colon = line.find(": ");
+    if (colon == std::string::npos) continue;
+    const size_t end = line.find_last_not_of(' ');
+    std::string value = line.substr(colon + 2, end - colon - 1);
+    EXPECT_TRUE(values.emplace(line.substr(0, colon), value).second) << line;
+  }
+  return values;
+}
+
+XmlRpcValue ToXmlRpc(const std::string& text) {
+  if (text == "true" || text == "false") return XmlRpcValue(text == "true");
+  if (text == "[]") {
+    XmlRpcValue empty;
+    empty.setSize(0);
+    return empty;
+  }
+  char* end = nullptr;
+  const long integer = std::strtol(text.c_str(), &end, 10);
+  if (*end == 0 && !text.empty()) return XmlRpcValue(static_cast<int>(integer));
+  const double number = std::strtod(text.c_str(), &end);
+  if (*end == 0 && !text.empty()) return XmlRpcValue(number);
+  return XmlRpcValue(text == "\"\"" ? std::string() : text);
+}
+
+TEST(ShippedYaml, HoldsAllParametersWithTheirDefaults) {
+  std::map<std::string, XmlRpcValue> members;
+  for (const auto& [name, text] : ReadYaml(std::string(ACMP_SOURCE_DIR) + "/config/acmp_mapping.yaml")) {
+    members[name] = ToXmlRpc(text);
+  }
+  ParameterReader reader(Struct(members));
+  const NodeOptions node = LoadNodeOptions(&reader);
+  const RuntimeOptions runtime = LoadRuntimeOptions(&reader, RuntimeOptions());
+  EXPECT_NO_THROW(reader.CheckUnknown());
+  EXPECT_EQ(Values(ToConfig(runtime)), Values(ToConfig(RuntimeOptions())));
+
+  const NodeOptions defaults;
+  EXPECT_EQ(node.device, defaults.device);
+  EXPECT_EQ(node.cuda_device, defaults.cuda_device);
+  EXPECT_EQ(node.preset, defaults.preset);
+  EXPECT_EQ(node.image_transport, defaults.image_transport);
+  EXPECT_EQ(node.rectified, defaults.rectified);
+  EXPECT_EQ(node.max_image_size, defaults.max_image_size);
+  EXPECT_EQ(node.pose.direction, defaults.pose.direction);
+  EXPECT_EQ(node.pose.child, defaults.pose.child);
+  EXPECT_EQ(node.world_frame, defaults.world_frame);
+  EXPECT_EQ(node.sparse_frame, defaults.sparse_frame);
+  EXPECT_EQ(node.matcher.sync_tolerance_s, defaults.matcher.sync_tolerance_s);
+  EXPECT_EQ(node.matcher.sparse_tolerance_s, defaults.matcher.sparse_tolerance_s);
+  EXPECT_EQ(node.matcher.sparse_wait_s, defaults.matcher.sparse_wait_s);
+  EXPECT_EQ(node.keyframe_mode, defaults.keyframe_mode);
+  EXPECT_EQ(node.overload, defaults.overload);
+  EXPECT_EQ(node.on_time_jump, defaults.on_time_jump);
+
+  // Nothing is missing: every name that is read is there.
+  ParameterReader nothing{XmlRpcValue()};
+  LoadNodeOptions(&nothing);
+  LoadRuntimeOptions(&nothing, RuntimeOptions());
+  for (const std::string& name : nothing.known()) EXPECT_EQ(members.count(name), 1u) << name;
+}
+
+}  // namespace
+}  // namespace acmp

@@ -1,0 +1,95 @@
+#include "ros/scene_player.h"
+
+#include <sensor_msgs/image_encodings.h>
+#include <sensor_msgs/point_cloud2_iterator.h>
+
+#include "acmp_mapping/ros/input_conversion.h"
+#include "acmp_mapping/ros/output_conversion.h"
+#include "acmp_mapping/ros/pose_semantics.h"
+
+namespace acmp::test {
+
+ViewMessages MakeMessages(const SyntheticView& view, const ros::Time& stamp) {
+  std_msgs::Header header;
+  header.stamp = stamp;
+  header.frame_id = kCameraFrame;
+  ViewMessages messages;
+  messages.image = *ToColorMessage(view.frame.color, header);
+  messages.camera_info = *ToCameraInfo(view.frame.camera, header);
+  messages.pose.header.stamp = stamp;
+  messages.pose.header.frame_id = kWorldFrame;
+  const RigidTransform world_from_cam = view.frame.cam_from_world.inverse();
+  const Eigen::Quaterniond rotation(world_from_cam.linear());
+  messages.pose.pose.position.x = world_from_cam.translation().x();
+  messages.pose.pose.position.y = world_from_cam.translation().y();
+  messages.pose.pose.position.z = world_from_cam.translation().z();
+  messages.pose.pose.orientation.x = rotation.x();
+  messages.pose.pose.orientation.y = rotation.y();
+  messages.pose.pose.orientation.z = rotation.z();
+  messages.pose.pose.orientation.w = rotation.w();
+  std::vector<Eigen::Vector3f> points;
+  for (const Eigen::Vector3d& landmark : view.frame.landmarks_in_world) points.push_back(landmark.cast<float>());
+  messages.sparse_points = MakeCloud(points, kWorldFrame, stamp);
+  return messages;
+}
+
+sensor_msgs::PointCloud2 MakeCloud(const std::vector<Eigen::Vector3f>& points, const std::string& frame_id,
+                                   const ros::Time& stamp) {
+  sensor_msgs::PointCloud2 cloud;
+  cloud.header.stamp = stamp;
+  cloud.header.frame_id = frame_id;
+  sensor_msgs::PointCloud2Modifier modifier(cloud);
+  modifier.setPointCloud2FieldsByString(1, "xyz");
+  modifier.resize(points.size());
+  sensor_msgs::PointCloud2Iterator<float> x(cloud, "x");
+  for (const Eigen::Vector3f& point : points) {
+    x[0] = point.x();
+    x[1] = point.y();
+    x[2] = point.z();
+    ++x;
+  }
+  return cloud;
+}
+
+ros::Time StampOf(size_t index, uint32_t start_s) {
+  return ros::Time(start_s + static_cast<uint32_t>(index / 10), static_cast<uint32_t>(index % 10) * 100000000u);
+}
+
+FramePtr MakeExpectedFrame(int64_t id, const ViewMessages& messages) {
+  const auto image = boost::make_shared<const sensor_msgs::Image>(messages.image);
+  const CameraCalibration calibration = ToCalibration(messages.camera_info, false);
+  const geometry_msgs::Point& p = messages.pose.pose.position;
+  const geometry_msgs::Quaternion& q = messages.pose.pose.orientation;
+  const RigidTransform world_from_cam =
+      CheckedTransform(Eigen::Quaterniond(q.w, q.x, q.y, q.z), Eigen::Vector3d(p.x, p.y, p.z));
+  return std::make_shared<const Frame>(MakeFrame(
+      id, messages.image.header.stamp.toSec(), ImageRectifier(calibration).Rectify(DecodeRgb({image, nullptr})),
+      calibration.camera, world_from_cam.inverse(), ToSparseCloud(messages.sparse_points).points, 0));
+}
+
+ScenePlayer::ScenePlayer(ros::NodeHandle nh)
+    : image(nh.advertise<sensor_msgs::Image>("image", 100)),
+      camera_info(nh.advertise<sensor_msgs::CameraInfo>("camera_info", 100)),
+      pose(nh.advertise<geometry_msgs::PoseStamped>("pose", 100)),
+      sparse_points(nh.advertise<sensor_msgs::PointCloud2>("sparse_points", 100)) {}
+
+bool ScenePlayer::WaitForMapper(double timeout_s) const {
+  const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(timeout_s);
+  while (ros::ok() && ros::WallTime::now() < end) {
+    if (image.getNumSubscribers() > 0 && camera_info.getNumSubscribers() > 0 && pose.getNumSubscribers() > 0 &&
+        sparse_points.getNumSubscribers() > 0) {
+      return true;
+    }
+    ros::WallDuration(0.05).sleep();
+  }
+  return false;
+}
+
+void ScenePlayer::Publish(const ViewMessages& messages) const {
+  camera_info.publish(messages.camera_info);
+  sparse_points.publish(messages.sparse_points);
+  image.publish(messages.image);
+  pose.publish(messages.pose);
+}
+
+}  // namespace acmp::test

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <geometry_msgs/PoseStamped.h>
+#include <ros/ros.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/Image.h>
+#include <sensor_msgs/PointCloud2.h>
+
+#include "acmp_mapping/evaluation/synthetic_scene.h"
+
+namespace acmp::test {
+
+constexpr char kCameraFrame[] = "test_camera";
+constexpr char kWorldFrame[] = "test_world";
+
+/// What a SLAM frontend would send for one view.
+struct ViewMessages {
+  sensor_msgs::Image image;
+  sensor_msgs::CameraInfo camera_info;
+  geometry_msgs::PoseStamped pose;
+  sensor_msgs::PointCloud2 sparse_points;
+};
+
+/// @param stamp of all four messages
+ViewMessages MakeMessages(const SyntheticView& view, const ros::Time& stamp);
+
+sensor_msgs::PointCloud2 MakeCloud(const std::vector<Eigen::Vector3f>& points, const std::string& frame_id,
+                                   const ros::Time& stamp);
+
+/// Stamp of view `index` of a run that starts at `start_s`: 10 Hz.
+ros::Time StampOf(size_t index, uint32_t start_s = 1000);
+
+/// The frame that the mapper should make of the messages: pose and points went through quaternion and float32.
+FramePtr MakeExpectedFrame(int64_t id, const ViewMessages& messages);
+
+/// Publishes to the topics of a mapper in the root namespace.
+class ScenePlayer {
+ public:
+  explicit ScenePlayer(ros::NodeHandle nh);
+
+  /// Blocks until the mapper has subscribed to everything; false after `timeout_s`.
+  bool WaitForMapper(double timeout_s) const;
+
+  void Publish(const ViewMessages& messages) const;
+
+  ros::Publisher image, camera_info, pose, sparse_points;
+};
+
+}  // namespace acmp::test
