@@ -38,6 +38,8 @@ bundle() {
     done
   done
   chmod -R u+w "$folder"
+  tar -C "$folder" -cJf "$folder/programs.tar.xz" bin lib  # libraries are large and compress well
+  rm -r "$folder/bin" "$folder/lib"
   du -sh "$folder"
 }
 
@@ -71,8 +73,10 @@ check_quality() {
 run() {
   local results=${1:-$(mktemp -d)} status=0
   root=$(cd "$(dirname "$0")" && pwd)
-  export PATH=$root/bin:$PATH LD_LIBRARY_PATH=$root/lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
-  mkdir -p "$results"
+  mkdir -p "$results/programs"
+  tar -C "$results/programs" -xJf "$root/programs.tar.xz"
+  export PATH=$results/programs/bin:$PATH
+  export LD_LIBRARY_PATH=$results/programs/lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
   nvidia-smi --query-gpu=name,driver_version --format=csv,noheader
   for step in ${STEPS:-tests sanitizer quality times}; do
     echo "== $step"
