@@ -29,6 +29,7 @@ struct TestView {
 
 inline std::vector<FusionView> ViewsOf(const std::vector<TestView>& views) {
   std::vector<FusionView> result;
+  result.reserve(views.size());
   for (const TestView& view : views) result.push_back(view.View());
   return result;
 }

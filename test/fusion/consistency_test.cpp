@@ -265,7 +265,7 @@ TEST(FilterByConsistency, RefusesBadInput) {
   const auto error = [&](auto&& spoil) {
     TestView bad = FlatView(4, 3, 2);
     spoil(bad);
-    const std::string as_source = ErrorOf([&] { FilterByConsistency(good.View(), {good.View(), bad.View()}, {}); });
+    std::string as_source = ErrorOf([&] { FilterByConsistency(good.View(), {good.View(), bad.View()}, {}); });
     const std::string as_reference = ErrorOf([&] { FilterByConsistency(bad.View(), {good.View()}, {}); });
     EXPECT_THAT(as_source, testing::HasSubstr("source view 1"));
     EXPECT_THAT(as_reference, testing::HasSubstr("reference view"));

@@ -125,6 +125,7 @@ TEST(FilterByConsistency, DynamicConsistencyComparesTheMeanAgreementWith03) {
     FusionOptions options;
     options.dynamic_consistency = true;
     std::vector<TestView> views;
+    views.reserve(relative.size());
     for (const float e : relative) views.push_back(FlatView(1, 1, 4 * (1 + e)));
     return FilterByConsistency(FlatView(1, 1, 4).View(), ViewsOf(views), options).points_in_camera.size() == 1;
   };

@@ -71,6 +71,7 @@ inline bool Accepts(const std::vector<Match>& matches, const FusionOptions& opti
 
 inline double MedianAngleDeg(const std::vector<Match>& matches) {
   std::vector<double> angles;
+  angles.reserve(matches.size());
   for (const Match& match : matches) angles.push_back(match.angle_deg);
   std::sort(angles.begin(), angles.end());
   if (angles.empty()) return 0;
@@ -106,6 +107,7 @@ inline Point Average(const FusionView& view, const std::vector<const FusionView*
 inline std::vector<Point> Fuse(const std::vector<FusionView>& views, const std::vector<std::vector<int>>& neighbors,
                                const FusionOptions& options) {
   std::vector<Image<unsigned char>> used;
+  used.reserve(views.size());
   for (const FusionView& view : views) used.emplace_back(view.depth.width, view.depth.height);
   std::vector<Point> points;
   for (size_t i = 0; i < views.size(); ++i) {

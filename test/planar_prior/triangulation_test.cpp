@@ -82,6 +82,7 @@ TEST(TriangulateSupportPoints, IsEmptyBelowThreePointsAndOnALine) {
   EXPECT_TRUE(TriangulateSupportPoints({{3, 4, 1.0f}}).empty());
   EXPECT_TRUE(TriangulateSupportPoints({{3, 4, 1.0f}, {8, 1, 1.0f}}).empty());
   std::vector<SupportPoint> line;
+  line.reserve(50);
   for (int i = 0; i < 50; ++i) line.push_back({3 * i, 2 * i, 1.0f});
   EXPECT_TRUE(TriangulateSupportPoints(line).empty());
 }
