@@ -1,0 +1,235 @@
+#include "acmp_mapping/ros/keyframe_intake.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <boost/make_shared.hpp>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/ros/landmark_check.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+sensor_msgs::CameraInfo MakeInfo(const std::string& frame_id = "cam") {
+  sensor_msgs::CameraInfo info;
+  info.header.frame_id = frame_id;
+  info.width = 64;
+  info.height = 48;
+  info.K = {50, 0, 32, 0, 50, 24, 0, 0, 1};
+  return info;
+}
+
+std::shared_ptr<const EncodedImage> ImageAt(uint32_t stamp_s, const std::string& frame_id = "cam") {
+  auto image = boost::make_shared<sensor_msgs::Image>();
+  image->header.stamp = ros::Time(stamp_s, 0);
+  image->header.frame_id = frame_id;
+  return std::make_shared<const EncodedImage>(EncodedImage{image, nullptr});
+}
+
+PoseSample PoseAt(uint32_t stamp_s, double x, const std::string& world_frame = "map") {
+  PoseSample pose;
+  pose.stamp_ns = ToStampNs(ros::Time(stamp_s, 0));
+  pose.world_frame = world_frame;
+  pose.world_from_cam.translation().x() = x;
+  return pose;
+}
+
+SparseCloudPtr CloudAt(uint32_t stamp_s, const std::string& frame_id, std::vector<Eigen::Vector3d> points) {
+  auto cloud = std::make_shared<SparseCloud>();
+  cloud->stamp_ns = ToStampNs(ros::Time(stamp_s, 0));
+  cloud->frame_id = frame_id;
+  cloud->points = std::move(points);
+  return cloud;
+}
+
+struct Result {
+  std::vector<KeyframeInput> keyframes;
+  std::vector<Drop> drops;
+  int jumps = 0;
+};
+
+Result Split(std::vector<IntakeEvent> events) {
+  Result result;
+  for (IntakeEvent& event : events) {
+    if (auto* keyframe = std::get_if<KeyframeInput>(&event)) result.keyframes.push_back(std::move(*keyframe));
+    if (auto* drop = std::get_if<Drop>(&event)) result.drops.push_back(*drop);
+    result.jumps += std::holds_alternative<TimeJump>(event);
+  }
+  return result;
+}
+
+/// Feeds one image with pose and cloud and returns what comes out.
+Result Feed(KeyframeIntake* intake, uint32_t stamp_s, double x, const SparseCloudPtr& cloud,
+            const std::string& image_frame = "cam", const std::string& world_frame = "map") {
+  if (cloud) intake->AddCloud(cloud);
+  intake->AddPose(PoseAt(stamp_s, x, world_frame));
+  intake->AddImage(ImageAt(stamp_s, image_frame));
+  return Split(intake->TakeAll());
+}
+
+KeyframeIntake MakeIntake(const NodeOptions& options = {}, double fallback_depth = 0) {
+  KeyframeIntake intake(options, KeyframeGateOptions(), fallback_depth);
+  intake.AddCameraInfo(MakeInfo());
+  return intake;
+}
+
+TEST(KeyframeIntake, PutsAKeyframeTogether) {
+  KeyframeIntake intake = MakeIntake();
+  const Result result = Feed(&intake, 5, 1.5, CloudAt(5, "map", {{1, 2, 3}}), "/cam", "map");
+  ASSERT_EQ(result.keyframes.size(), 1u);
+  const KeyframeInput& keyframe = result.keyframes[0];
+  EXPECT_EQ(keyframe.stamp_ns, 5000000000);
+  EXPECT_EQ(keyframe.camera_frame, "cam");
+  EXPECT_EQ(keyframe.world_frame, "map");
+  EXPECT_EQ(keyframe.world_from_cam.translation().x(), 1.5);
+  EXPECT_THAT(keyframe.landmarks_in_world, ElementsAre(Eigen::Vector3d(1, 2, 3)));
+  EXPECT_EQ(keyframe.calibration->camera.width, 64);
+  EXPECT_THAT(result.drops, IsEmpty());
+}
+
+TEST(KeyframeIntake, MovesPointsOfTheCameraFrameIntoTheWorld) {
+  KeyframeIntake intake = MakeIntake();
+  EXPECT_THAT(Feed(&intake, 5, 1.5, CloudAt(5, "cam", {{1, 2, 3}})).keyframes.at(0).landmarks_in_world,
+              ElementsAre(Eigen::Vector3d(2.5, 2, 3)));
+  // By the pose at the cloud's stamp, not at the image's.
+  const Result later = Feed(&intake, 6, 10, nullptr);
+  EXPECT_THAT(later.keyframes.at(0).landmarks_in_world, ElementsAre(Eigen::Vector3d(2.5, 2, 3)));
+}
+
+TEST(KeyframeIntake, SparseFrameOverridesTheName) {
+  NodeOptions options;
+  options.sparse_frame = SparseFrame::kCamera;
+  KeyframeIntake camera = MakeIntake(options);
+  EXPECT_EQ(Feed(&camera, 5, 1, CloudAt(5, "map", {{1, 2, 3}})).keyframes.at(0).landmarks_in_world.at(0).x(), 2);
+  options.sparse_frame = SparseFrame::kWorld;
+  KeyframeIntake world = MakeIntake(options);
+  EXPECT_EQ(Feed(&world, 5, 1, CloudAt(5, "odd", {{1, 2, 3}})).keyframes.at(0).landmarks_in_world.at(0).x(), 1);
+}
+
+TEST(KeyframeIntake, SaysWhyPointsAreNotUsedAndKeepsTheKeyframe) {
+  KeyframeIntake intake = MakeIntake();
+  Result result = Feed(&intake, 5, 0, CloudAt(5, "odd", {{1, 2, 3}}));
+  EXPECT_EQ(result.keyframes.size(), 1u);
+  ASSERT_EQ(result.drops.size(), 1u);
+  EXPECT_EQ(result.drops[0].reason, "sparse_frame_unknown");
+  EXPECT_THAT(result.drops[0].message,
+              AllOf(HasSubstr("\"odd\""), HasSubstr("\"map\""), HasSubstr("\"cam\""), HasSubstr("~sparse_frame")));
+
+  auto empty = std::make_shared<SparseCloud>();
+  empty->stamp_ns = ToStampNs(ros::Time(6, 0));
+  empty->not_finite = 7;
+  empty->zero = 9;
+  result = Feed(&intake, 6, 0, empty);
+  EXPECT_EQ(result.keyframes.size(), 1u);
+  ASSERT_EQ(result.drops.size(), 1u);
+  EXPECT_THAT(result.drops[0].message, AllOf(HasSubstr("7 not finite"), HasSubstr("9 exactly zero")));
+
+  KeyframeIntake unposed = MakeIntake();
+  result = Feed(&unposed, 5, 0, CloudAt(3, "cam", {{1, 2, 3}}));
+  EXPECT_EQ(result.keyframes.size(), 1u);
+  EXPECT_EQ(result.drops.at(0).reason, "sparse_without_pose");
+}
+
+TEST(KeyframeIntake, NamesFramesThatHaveNone) {
+  NodeOptions options;
+  KeyframeIntake nameless(options, KeyframeGateOptions(), 0);
+  nameless.AddCameraInfo(MakeInfo(""));
+  const Result result = Feed(&nameless, 5, 0, CloudAt(5, "", {{1, 2, 3}}), "", "");
+  EXPECT_EQ(result.keyframes.at(0).camera_frame, "camera_optical");
+  EXPECT_EQ(result.keyframes.at(0).world_frame, "world");
+  EXPECT_EQ(result.keyframes.at(0).landmarks_in_world.size(), 1u);
+
+  KeyframeIntake info = MakeIntake();
+  EXPECT_EQ(Feed(&info, 5, 0, nullptr, "", "map").keyframes.at(0).camera_frame, "cam");
+  options.world_frame = "earth";
+  KeyframeIntake overridden = MakeIntake(options);
+  EXPECT_EQ(Feed(&overridden, 5, 0, nullptr).keyframes.at(0).world_frame, "earth");
+}
+
+TEST(KeyframeIntake, WaitsForAUsableCamera) {
+  KeyframeIntake intake(NodeOptions(), KeyframeGateOptions(), 0);
+  sensor_msgs::CameraInfo bad = MakeInfo();
+  bad.K[0] = 0;
+  EXPECT_THROW(intake.AddCameraInfo(bad), InvalidInputError);
+  EXPECT_THAT(Feed(&intake, 5, 0, nullptr).keyframes, IsEmpty());
+  intake.AddCameraInfo(MakeInfo());
+  EXPECT_EQ(Split(intake.TakeAll()).keyframes.size(), 1u);
+  EXPECT_THROW(intake.AddCameraInfo(bad), InvalidInputError);
+  EXPECT_THAT(Feed(&intake, 6, 0, nullptr).keyframes, IsEmpty()) << "the old camera holds no longer";
+}
+
+TEST(KeyframeIntake, SharesTheCalibrationUntilItChanges) {
+  KeyframeIntake intake = MakeIntake();
+  const CalibrationPtr first = Feed(&intake, 5, 0, nullptr).keyframes.at(0).calibration;
+  sensor_msgs::CameraInfo info = MakeInfo();
+  info.header.stamp = ros::Time(6, 0);
+  intake.AddCameraInfo(info);
+  EXPECT_EQ(Feed(&intake, 6, 0, nullptr).keyframes.at(0).calibration, first);
+  info.K[0] = 60;
+  intake.AddCameraInfo(info);
+  EXPECT_EQ(Feed(&intake, 7, 0, nullptr).keyframes.at(0).calibration->camera.fx, 60);
+}
+
+TEST(KeyframeIntake, GateMeasuresBaselinesByTheLandmarks) {
+  NodeOptions options;
+  options.keyframe_mode = KeyframeMode::kGate;
+  for (const double scale : {0.01, 100.0}) {
+    KeyframeIntake intake = MakeIntake(options);
+    const std::vector<Eigen::Vector3d> points = {{0, 0, 4 * scale}, {0, 0, 4 * scale}, {0, 0, -900 * scale}};
+    EXPECT_EQ(Feed(&intake, 1, 0, CloudAt(1, "map", points)).keyframes.size(), 1u);
+    EXPECT_EQ(Feed(&intake, 2, 0.19 * scale, CloudAt(2, "map", points)).keyframes.size(), 0u);
+    EXPECT_EQ(Feed(&intake, 3, 0.21 * scale, CloudAt(3, "map", points)).keyframes.size(), 1u);
+    EXPECT_EQ(intake.not_chosen(), 1u);
+  }
+}
+
+TEST(KeyframeIntake, GateUsesTheFallbackDepthWithoutLandmarks) {
+  NodeOptions options;
+  options.keyframe_mode = KeyframeMode::kGate;
+  KeyframeIntake intake = MakeIntake(options, 4);
+  EXPECT_EQ(Feed(&intake, 1, 0, nullptr).keyframes.size(), 1u);
+  EXPECT_EQ(Feed(&intake, 2, 0.19, nullptr).keyframes.size(), 0u);
+  EXPECT_EQ(Feed(&intake, 3, 0.21, nullptr).keyframes.size(), 1u);
+}
+
+TEST(KeyframeIntake, PassesTimeJumpsOn) {
+  NodeOptions options;
+  options.keyframe_mode = KeyframeMode::kGate;
+  KeyframeIntake intake = MakeIntake(options, 4);
+  EXPECT_EQ(Feed(&intake, 10, 0, nullptr).keyframes.size(), 1u);
+  const Result result = Feed(&intake, 1, 0, nullptr);
+  EXPECT_EQ(result.jumps, 1);
+  EXPECT_EQ(result.keyframes.size(), 1u) << "the gate starts anew";
+}
+
+TEST(LandmarkCheck, WarnsOnceWhenMostPointsAreBehind) {
+  const auto make_frame = [](int in_front, int behind) {
+    Frame frame;
+    for (int i = 0; i < in_front; ++i) frame.landmarks_in_world.emplace_back(0, 0, 1);
+    for (int i = 0; i < behind; ++i) frame.landmarks_in_world.emplace_back(0, 0, -1);
+    return frame;
+  };
+  LandmarkCheck wrong{PoseSemantics()};
+  EXPECT_FALSE(wrong.share_in_front());
+  int warnings = 0;
+  for (int i = 0; i < 20; ++i) {
+    EXPECT_FALSE(wrong.Add(make_frame(0, 0))) << "tells nothing";
+    if (const auto warning = wrong.Add(make_frame(4, 6))) {
+      ++warnings;
+      EXPECT_THAT(*warning, AllOf(HasSubstr("40 %"), HasSubstr("~pose_is"), HasSubstr("T_world_cam")));
+    }
+  }
+  EXPECT_EQ(warnings, 1);
+  EXPECT_NEAR(*wrong.share_in_front(), 0.4, 1e-12);
+
+  LandmarkCheck right{PoseSemantics()};
+  for (int i = 0; i < 20; ++i) EXPECT_FALSE(right.Add(make_frame(5, 5)));
+}
+
+}  // namespace
+}  // namespace acmp

@@ -1,0 +1,139 @@
+#include "acmp_mapping/ros/mapper_diagnostics.h"
+
+#include <functional>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace acmp {
+namespace {
+
+using diagnostic_msgs::DiagnosticStatus;
+using diagnostic_updater::DiagnosticStatusWrapper;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+/// A mapper at work: everything arrives.
+MapperSnapshot Healthy() {
+  MapperSnapshot snapshot;
+  snapshot.now_s = 100;
+  snapshot.image = {"/cam/image", 1, 500, 99.9};
+  snapshot.camera_info = {"/cam/camera_info", 1, 500, 99.9};
+  snapshot.pose = {"/slam/pose", 1, 500, 99.9};
+  snapshot.sparse_points = {"/slam/points", 1, 50, 99.5};
+  snapshot.matched = 400;
+  snapshot.sync_tolerance_s = 1e-3;
+  snapshot.worker.ready = true;
+  snapshot.worker.device_name = "cpu (2 threads)";
+  snapshot.worker.landmarks_in_front = 0.9;
+  return snapshot;
+}
+
+using Describer = void (*)(const MapperSnapshot&, DiagnosticStatusWrapper*);
+
+DiagnosticStatusWrapper Describe(Describer describe, const MapperSnapshot& snapshot) {
+  DiagnosticStatusWrapper status;
+  describe(snapshot, &status);
+  return status;
+}
+
+std::string ValueOf(const DiagnosticStatusWrapper& status, const std::string& key) {
+  for (const auto& value : status.values) {
+    if (value.key == key) return value.value;
+  }
+  return "(no such key)";
+}
+
+TEST(Diagnostics, AllIsWell) {
+  for (const Describer describe : {&DescribeInputs, &DescribeMatching, &DescribeMapping, &DescribeMap}) {
+    const auto status = Describe(describe, Healthy());
+    EXPECT_EQ(status.level, DiagnosticStatus::OK) << status.message;
+    EXPECT_FALSE(status.message.empty());
+  }
+}
+
+TEST(Diagnostics, NameTheMissingInputItsTopicAndSinceWhen) {
+  MapperSnapshot snapshot = Healthy();
+  snapshot.camera_info = {"/cam/camera_info", 0, 0, 60};
+  auto status = Describe(&DescribeInputs, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
+  EXPECT_THAT(status.message, AllOf(HasSubstr("/cam/camera_info"), HasSubstr("40 s"), HasSubstr("nobody publishes"),
+                                    Not(HasSubstr("/cam/image"))));
+  snapshot = Healthy();
+  snapshot.pose.last_received_s = 88;  // was there, fell silent
+  status = Describe(&DescribeInputs, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
+  EXPECT_THAT(status.message, AllOf(HasSubstr("nothing on /slam/pose for 12 s"), HasSubstr("1 publisher")));
+  snapshot = Healthy();
+  snapshot.sparse_points = {"/slam/points", 0, 0, 60};
+  status = Describe(&DescribeInputs, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::OK) << "not needed when the depth range is given";
+  EXPECT_THAT(ValueOf(status, "/slam/points"), HasSubstr("nobody publishes"));
+  snapshot.paused = true;
+  EXPECT_THAT(Describe(&DescribeInputs, snapshot).message, HasSubstr("paused"));
+}
+
+TEST(Diagnostics, TellTheStampGap) {
+  MapperSnapshot snapshot = Healthy();
+  snapshot.matched = 0;
+  snapshot.last_gap = PoseGap{12345000000, 33400000};
+  snapshot.drops["no_pose"] = {3, "no pose within 1 ms of image 12.345000000", 99, 99};
+  const auto status = Describe(&DescribeMatching, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
+  EXPECT_THAT(
+      ValueOf(status, "last image without a pose"),
+      AllOf(HasSubstr("12.345"), HasSubstr("33.4 ms away on /slam/pose"), HasSubstr("~sync_tolerance is 1 ms")));
+}
+
+TEST(Diagnostics, CountDropsByReasonAndWarnOfRecentOnes) {
+  MapperSnapshot snapshot = Healthy();
+  snapshot.drops["bad_pose"] = {7, "pose 1.000000000: not finite", 98, 98};
+  snapshot.drops["overload_oldest"] = {9, "keyframe 2.0: the mapper is busy", 99, 99};
+  auto status = Describe(&DescribeMatching, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
+  EXPECT_THAT(status.message, HasSubstr("overload_oldest")) << "the latest";
+  EXPECT_THAT(ValueOf(status, "dropped: bad_pose"), AllOf(HasSubstr("7"), HasSubstr("not finite")));
+  snapshot.now_s = 200;
+  status = Describe(&DescribeMatching, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::OK) << "long ago";
+  EXPECT_THAT(ValueOf(status, "dropped: bad_pose"), HasSubstr("7"));
+  // Frontends that pose keyframes only leave most images without a pose.
+  snapshot = Healthy();
+  snapshot.drops["no_pose"] = {1000, "no pose", 99.9, 99.9};
+  EXPECT_EQ(Describe(&DescribeMatching, snapshot).level, DiagnosticStatus::OK);
+}
+
+TEST(Diagnostics, TellTheDevice) {
+  MapperSnapshot snapshot = Healthy();
+  snapshot.worker.fallback_reason = "no CUDA driver";
+  auto status = Describe(&DescribeMapping, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::OK);
+  EXPECT_EQ(ValueOf(status, "why not on a GPU"), "no CUDA driver");
+  snapshot.worker.device_error = "device = cuda: no driver";
+  status = Describe(&DescribeMapping, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::ERROR);
+  EXPECT_THAT(status.message, HasSubstr("no driver"));
+  snapshot = Healthy();
+  snapshot.worker.landmarks_in_front = 0.2;
+  status = Describe(&DescribeMapping, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
+  EXPECT_THAT(status.message, HasSubstr("~pose_is"));
+}
+
+TEST(IncidentLog, TellsNewReasonsAtOnceAndRepeatsSeldom) {
+  IncidentLog log;
+  EXPECT_TRUE(log.Record({"a", "first"}, 0));
+  EXPECT_FALSE(log.Record({"a", "second"}, 4.9));
+  EXPECT_TRUE(log.Record({"b", "other"}, 4.9));
+  EXPECT_TRUE(log.Record({"a", "third"}, 5.0));
+  EXPECT_FALSE(log.Record({"a", "fourth"}, 9.9));
+  const auto entries = log.entries();
+  EXPECT_EQ(entries.at("a").count, 4u);
+  EXPECT_EQ(entries.at("a").last_message, "fourth");
+  EXPECT_EQ(entries.at("a").last_time_s, 9.9);
+  EXPECT_EQ(entries.at("b").count, 1u);
+}
+
+}  // namespace
+}  // namespace acmp
