@@ -36,14 +36,16 @@ RoomObject Sphere(const Vec3d& center, double radius, const Material& material) 
   return {{Shape::kSphere, center, {radius, radius, radius}, {}}, material};
 }
 
-// Boards along the foot of the walls and a rail above: they give the blank walls' outlines something to match.
+// Boards along the foot of the walls, rails at the height of a chair's back and above, an inlay along the edge of the
+// floor: blank surfaces have something to match at their outlines.
 void AddWallTrim(std::vector<RoomObject>* objects) {
   const Material rail = {Pattern::kMosaic, {120, 60, 44}, {226, 206, 170}, 0.04};
   struct Strip {
     double center_z, half_z, half_thickness;
     Material material;
   };
-  for (const Strip& strip : {Strip{0.05, 0.05, 0.008, kDarkWood}, Strip{1.94, 0.045, 0.006, rail}}) {
+  for (const Strip& strip :
+       {Strip{0.05, 0.05, 0.008, kDarkWood}, Strip{0.92, 0.04, 0.006, rail}, Strip{1.94, 0.045, 0.006, rail}}) {
     const double x = kRoomHalf.x - strip.half_thickness;
     const double y = kRoomHalf.y - strip.half_thickness;
     for (const double side : {-1.0, 1.0}) {
@@ -53,6 +55,13 @@ void AddWallTrim(std::vector<RoomObject>* objects) {
                              {kRoomHalf.x, strip.half_thickness, strip.half_z}, strip.material));
     }
   }
+  constexpr double kInlay_x = 1.62, kInlay_back_y = 1.72, kHalfWidth = 0.03, kHalfHeight = 0.001;
+  const double front_y = kRoomCenter.y - kRoomHalf.y;
+  for (const double side : {-1.0, 1.0}) {
+    objects->push_back(Box({side * kInlay_x, 0.5 * (front_y + kInlay_back_y), kHalfHeight},
+                           {kHalfWidth, 0.5 * (kInlay_back_y - front_y), kHalfHeight}, rail));
+  }
+  objects->push_back(Box({0.0, kInlay_back_y, kHalfHeight}, {kInlay_x, kHalfWidth, kHalfHeight}, rail));
 }
 
 void AddTable(std::vector<RoomObject>* objects) {
