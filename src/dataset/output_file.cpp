@@ -26,11 +26,10 @@ void OutputFile::Write(const void* data, size_t bytes) {
   if (bytes > 0 && std::fwrite(data, 1, bytes, file_.get()) != bytes) Fail("cannot write");
 }
 
-void OutputFile::Close() {
+void OutputFile::Close(Durability durability) {
   if (std::fflush(file_.get()) != 0) Fail("cannot write");
-  // Without fsync a power cut could leave the renamed file empty. Devices and pipes refuse it with EINVAL: nothing to
-  // sync.
-  if (fsync(fileno(file_.get())) != 0 && errno != EINVAL) Fail("cannot write");
+  // Devices and pipes refuse fsync with EINVAL: there is nothing to wait for.
+  if (durability == Durability::kPowerCut && fsync(fileno(file_.get())) != 0 && errno != EINVAL) Fail("cannot write");
   if (std::fclose(file_.release()) != 0) Fail("cannot write");
 }
 
@@ -38,8 +37,8 @@ void OutputFile::Fail(const char* what) const {
   throw ProcessingError(Concat(what, " ", path_.string(), ": ", std::strerror(errno)));
 }
 
-AtomicFile::AtomicFile(const std::filesystem::path& path)
-    : path_(path), temporary_path_(TemporaryPath(path)), file_(temporary_path_) {}
+AtomicFile::AtomicFile(const std::filesystem::path& path, Durability durability)
+    : path_(path), temporary_path_(TemporaryPath(path)), durability_(durability), file_(temporary_path_) {}
 
 AtomicFile::~AtomicFile() {
   std::error_code ignored;  // a leftover temporary file is overwritten by the next attempt
@@ -47,17 +46,25 @@ AtomicFile::~AtomicFile() {
 }
 
 void AtomicFile::Commit() {
-  file_.Close();
+  file_.Close(durability_);
   std::error_code error;
   std::filesystem::rename(temporary_path_, path_, error);
   if (error) throw ProcessingError(Concat("cannot write ", path_.string(), ": ", error.message()));
   committed_ = true;
 }
 
-void WriteFileAtomically(const std::filesystem::path& path, const std::string& content) {
-  AtomicFile file(path);
+void WriteFileAtomically(const std::filesystem::path& path, const std::string& content, Durability durability) {
+  AtomicFile file(path, durability);
   file.Write(content);
   file.Commit();
+}
+
+void SyncFolder(const std::filesystem::path& folder) {
+  const int descriptor = open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  const bool synced = descriptor >= 0 && syncfs(descriptor) == 0;
+  const int reason = errno;
+  if (descriptor >= 0) close(descriptor);
+  if (!synced) throw ProcessingError(Concat("cannot write to ", folder.string(), ": ", std::strerror(reason)));
 }
 
 void MakeFolder(const std::filesystem::path& path) {

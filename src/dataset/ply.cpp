@@ -226,7 +226,7 @@ char* Append(char* target, const T& value) {
 }  // namespace
 
 void WritePly(const std::filesystem::path& path, const PointCloud& points) {
-  AtomicFile file(path);
+  AtomicFile file(path, Durability::kPowerCut);
   file.Write(Concat("ply\nformat binary_little_endian 1.0\nelement vertex ", points.size(),
                     "\nproperty float x\nproperty float y\nproperty float z\nproperty float nx\nproperty float ny\n"
                     "property float nz\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"

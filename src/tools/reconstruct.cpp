@@ -70,7 +70,9 @@ void RunAllSteps(ReconstructRun* run, const RunRecord& record, std::ostream* out
   ReportImagesWithoutMap(*run);
   const size_t points = WriteResults(run);
   run->interrupt.Check();
-  WriteFileAtomically(run->folder.SummaryFile(), FormatSummary(*run, record, run->patch_match.device_name(), points));
+  SyncFolder(run->folder.path());
+  WriteFileAtomically(run->folder.SummaryFile(), FormatSummary(*run, record, run->patch_match.device_name(), points),
+                      Durability::kPowerCut);
   if (!run->options.keep_work) run->folder.RemoveAllWork();
   if (!run->options.quiet) {
     *out << run->folder.path().string() << ": " << points << " points in fused.ply; took "

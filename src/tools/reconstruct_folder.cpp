@@ -123,13 +123,13 @@ void ReconstructFolder::TakeOver(const RunRecord& record, bool overwrite) {
       throw InvalidInputError(Concat(path_.string(), ": holds ", foreign,
                                      " and was not made by this tool: give a folder that is empty or does not exist"));
     }
-    WriteFileAtomically(record_path, text);
+    WriteFileAtomically(record_path, text, Durability::kPowerCut);
     return;
   }
   const std::string earlier = ReadText(record_path);
   if (overwrite) {
     RemoveResults();
-    WriteFileAtomically(record_path, text);
+    WriteFileAtomically(record_path, text, Durability::kPowerCut);
     return;
   }
   if (earlier != text) {

@@ -31,11 +31,11 @@ void InterruptWatcher::Watch() {
     if (requested_) {
       // Files are whole or absent at any time, so stopping dead loses nothing but the step at hand.
       static const char kMessage[] = "\nstopped at once; run the same command again to go on\n";
-      const ssize_t written = write(STDERR_FILENO, kMessage, sizeof(kMessage) - 1);
-      _exit(written >= 0 ? 1 : 1);
+      [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, kMessage, sizeof(kMessage) - 1);
+      _exit(1);
     }
     static const char kMessage[] = "\nstopping (press Ctrl-C again to stop at once) ...\n";
-    if (write(STDERR_FILENO, kMessage, sizeof(kMessage) - 1) < 0) continue;
+    [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, kMessage, sizeof(kMessage) - 1);
     Request();
   }
 }

@@ -2,6 +2,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
+#include "acmp_mapping/dataset/output_file.h"
 #include "reconstruct_run.h"
 #include "reconstruct_work_files.h"
 
@@ -10,8 +11,8 @@ namespace {
 
 constexpr const char* kFinalStage = "final";
 
-/// The steps of the offline schedule. A stage's result of an image is one file; a file that exists is whole, so after
-/// an interruption the first one missing is where to go on.
+/// The steps of the offline schedule. A stage's result of an image is one file, so after an interruption the first one
+/// missing is where to go on.
 class OfflineSchedule {
  public:
   explicit OfflineSchedule(ReconstructRun* run)
@@ -50,9 +51,7 @@ class OfflineSchedule {
     return stage == 0 ? "initial" : Concat("geometric_", stage);
   }
 
-  bool Exists(int stage, int index) const {
-    return std::filesystem::exists(run_.folder.WorkFile(StageName(stage), index));
-  }
+  bool Exists(int stage, int index) const { return IsWholeWorkFile(run_.folder.WorkFile(StageName(stage), index)); }
 
   /// Stages before one that is complete are not needed any more, and may have been removed.
   int FirstStageToRun(int stages) const {

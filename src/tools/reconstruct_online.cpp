@@ -38,8 +38,9 @@ class OnlineSchedule {
 
   void Run() {
     const PipelineOptions pipeline = MakePipelineOptions(run_.options);
-    const double cost_with_output = TotalCost(run_.plan, pipeline) / static_cast<double>(run_.plan.images.size());
-    run_.progress.Begin("keyframe", static_cast<int>(run_.plan.images.size()), cost_with_output - StepCosts::kOutput);
+    const double cost_of_image = TotalCost(run_.plan, pipeline) / static_cast<double>(run_.plan.images.size());
+    run_.progress.Begin("keyframe", static_cast<int>(run_.plan.images.size()),
+                        cost_of_image - StepCosts::kOutput - StepCosts::kFusion);
     for (const ImagePlan& image : run_.plan.images) {
       run_.interrupt.Check();
       const int passes_before = recorder_.passes_run();
@@ -73,7 +74,7 @@ class OnlineSchedule {
     run_.times.consistency_ms += keyframe.consistency_ms;
     ++run_.times.images;
     const auto path = run_.folder.WorkFile("final", static_cast<int>(keyframe.frame->id));
-    if (std::filesystem::exists(path)) return;
+    if (IsWholeWorkFile(path)) return;
     Timer timer;
     WriteFinalMaps(path, ToFinalMaps(keyframe));
     run_.times.io_ms += timer.Lap();

@@ -84,16 +84,18 @@ FramePtr MakeFrameWithoutPixels(const Scene& scene, int index) {
   return frame;
 }
 
+/// The range that the dataset names, with the margin that landmarks get: datasets name the range of their sparse
+/// points, and up to a fifth of the surfaces seen lies nearer (measured).
+std::optional<DepthRange> DatasetRange(const SceneImage& image) {
+  if (!image.depth_range) return std::nullopt;
+  const auto margin = static_cast<float>(DepthRangeOptions().margin);
+  return DepthRange{image.depth_range->min / margin, image.depth_range->max * margin};
+}
+
 DepthRange FindDepthRange(const Scene& scene, int index, const ReconstructOptions& options) {
   const SceneImage& image = scene.images[index];
   const bool given = options.depth_min && options.depth_max;
-  std::optional<DepthRange> range = image.depth_range;
-  if (range) {
-    // Datasets name the range of their sparse points; up to a fifth of the surfaces seen lies nearer (measured). The
-    // margin is the one that landmarks get.
-    const auto margin = static_cast<float>(DepthRangeOptions().margin);
-    range = DepthRange{range->min / margin, range->max * margin};
-  }
+  std::optional<DepthRange> range = DatasetRange(image);
   if (!range && !given) {
     range = DepthRangeFromLandmarks(LandmarksOf(scene, image), image.camera, image.cam_from_world, DepthRangeOptions());
   }
@@ -200,7 +202,7 @@ ReconstructPlan MakeOnlinePlan(const std::vector<int>& indices) {
 DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indices) {
   DepthRange all;
   for (int index : indices) {
-    const auto& range = scene.images[index].depth_range;
+    const auto range = DatasetRange(scene.images[index]);
     if (!range) continue;
     all.min = all.max == 0 ? range->min : std::min(all.min, range->min);
     all.max = std::max(all.max, range->max);

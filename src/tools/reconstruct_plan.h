@@ -30,7 +30,7 @@ ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indi
 /// For the online schedule, where the mapper decides.
 ReconstructPlan MakeOnlinePlan(const std::vector<int>& indices);
 
-/// All the depths that the dataset names for the images; 0, 0 when it names none.
+/// All the depths that the dataset names for the images, with the same margin as offline; 0, 0 when it names none.
 DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indices);
 
 /// Reads every image once, so that a damaged one is found now and not hours later, and returns a hash of all input:

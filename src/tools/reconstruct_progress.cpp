@@ -61,7 +61,7 @@ double Progress::SecondsLeft(double elapsed_s) const {
 
 void Progress::Show() {
   if (style_ == ProgressStyle::kSilent) return;
-  const int percent = static_cast<int>(100 * done_share());
+  const int percent = static_cast<int>(100 * done_share() + 1e-6);  // the costs' sum is rounded
   if (style_ == ProgressStyle::kLines && percent == shown_percent_) return;
   shown_percent_ = percent;
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start_;

@@ -16,7 +16,7 @@ PatchMatchResult RecordingPatchMatch::Recorded(const PatchMatchProblem& problem,
   interrupt_->Check();
   const auto path = folder_->WorkFile(kStage, next_pass_++);
   try {
-    last_was_read_ = std::filesystem::exists(path);
+    last_was_read_ = IsWholeWorkFile(path);
     if (last_was_read_) {
       return ReadEstimate(path, problem.reference.camera.width, problem.reference.camera.height);
     }

@@ -16,6 +16,9 @@
 namespace acmp {
 namespace {
 
+constexpr const char* kWrittenMark = "written";
+constexpr size_t kImagesPerSync = 16;  // waiting for the disk takes as long for many files as for one
+
 template <class T>
 Image<T> Copy(ImageView<const T> view) {
   Image<T> image(view.width, view.height);
@@ -30,6 +33,7 @@ class ResultWriter {
       if (image.no_map.empty()) maps_.emplace(image.index, run_.folder.WorkFile("final", image.index));
     }
     for (const char* kind : {"depth", "normal", "cost", "confidence"}) MakeFolder(run_.folder.path() / kind);
+    run_.folder.MakeWorkFolder(kWrittenMark);
     if (!run_.options.no_pictures) MakeFolder(run_.folder.path() / "pictures");
   }
 
@@ -37,10 +41,15 @@ class ResultWriter {
     run_.progress.Begin("maps and pictures", static_cast<int>(maps_.size()), StepCosts::kOutput);
     for (const auto& [index, maps] : maps_) {
       run_.interrupt.Check();
-      const bool done = AllFilesExist(index);
-      if (!done) WriteImage(index, maps);
+      const bool done = std::filesystem::exists(run_.folder.WorkFile(kWrittenMark, index)) && AllFilesExist(index);
+      if (!done) {
+        WriteImage(index, maps);
+        unmarked_.push_back(index);
+      }
       run_.progress.Step(done);
+      if (unmarked_.size() >= kImagesPerSync) MarkWritten();
     }
+    MarkWritten();
     if (too_far_ > 0) {
       run_.progress.Warn(
           Concat(too_far_, " pixels deeper than 65.535 units are missing in depth/*.png; the .pfm have them"));
@@ -74,6 +83,13 @@ class ResultWriter {
       files.push_back(folder.MapFile("pictures", index, suffix));
     }
     return files;
+  }
+
+  /// A mark says that an image's files are on the disk for good.
+  void MarkWritten() {
+    SyncFolder(run_.folder.path());
+    for (int index : unmarked_) WriteFileAtomically(run_.folder.WorkFile(kWrittenMark, index), "");
+    unmarked_.clear();
   }
 
   bool AllFilesExist(int index) const {
@@ -153,7 +169,7 @@ class ResultWriter {
   }
 
   size_t WriteCloud() {
-    run_.progress.Note("fusing the point cloud");
+    run_.progress.Begin("point cloud", 1, StepCosts::kFusion * static_cast<double>(maps_.size()));
     std::map<int, int> position_of_index;
     std::vector<FusionView> views;
     for (const auto& [index, maps] : maps_) {
@@ -174,11 +190,13 @@ class ResultWriter {
     run_.interrupt.Check();
     WritePly(run_.folder.path() / "fused.ply", points);
     run_.times.io_ms += timer.Lap();
+    run_.progress.Step();
     return points.size();
   }
 
   ReconstructRun& run_;
   std::map<int, MappedFinalMaps> maps_;  ///< by scene index
+  std::vector<int> unmarked_;
   size_t too_far_ = 0;
 };
 

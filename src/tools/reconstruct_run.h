@@ -54,6 +54,7 @@ struct StepCosts {
   static constexpr double kInitialWithPrior = 1.0;
   static constexpr double kGeometricPass = 0.35;
   static constexpr double kOutput = 0.3;
+  static constexpr double kFusion = 0.1;
 };
 double TotalCost(const ReconstructPlan& plan, const PipelineOptions& pipeline);
 

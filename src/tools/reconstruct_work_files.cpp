@@ -74,12 +74,28 @@ class Slicer {
   int height_;
 };
 
-size_t BytesOfMaps(const Header& header) {
+size_t BytesOf(const Header& header) {
   const size_t floats = 1 + 3 + 1 + (header.has_confidence ? 1 : 0);
-  return sizeof(Header) + static_cast<size_t>(header.width) * header.height * (floats * sizeof(float) + sizeof(Rgb));
+  const size_t per_pixel = header.magic == kEstimateMagic ? sizeof(PlaneHypothesis) + sizeof(float) + sizeof(uint32_t)
+                                                          : floats * sizeof(float) + sizeof(Rgb);
+  return sizeof(Header) + static_cast<size_t>(header.width) * header.height * per_pixel;
+}
+
+bool IsValid(const Header& header, uint32_t magic, size_t bytes) {
+  return header.magic == magic && header.width > 0 && header.height > 0 && header.sources >= 0 &&
+         header.sources <= kMaxSourceViews && BytesOf(header) == bytes;
 }
 
 }  // namespace
+
+bool IsWholeWorkFile(const std::filesystem::path& path) {
+  std::error_code error;
+  const auto bytes = std::filesystem::file_size(path, error);
+  std::ifstream file(path, std::ios::binary);
+  Header header;
+  file.read(reinterpret_cast<char*>(&header), sizeof(header));
+  return !error && file && (IsValid(header, kEstimateMagic, bytes) || IsValid(header, kMapsMagic, bytes));
+}
 
 void WriteEstimate(const std::filesystem::path& path, const PatchMatchResult& estimate) {
   Header header;
@@ -142,8 +158,7 @@ MappedFinalMaps::MappedFinalMaps(const std::filesystem::path& path) {
   bytes_ = static_cast<size_t>(status.st_size);
   Header header;
   std::memcpy(&header, data, sizeof(header));
-  if (header.magic != kMapsMagic || header.width <= 0 || header.height <= 0 || header.sources < 0 ||
-      header.sources > kMaxSourceViews || BytesOfMaps(header) != bytes_) {
+  if (!IsValid(header, kMapsMagic, bytes_)) {
     munmap(data, bytes_);
     FailDamaged(path);
   }

@@ -8,6 +8,10 @@
 
 namespace acmp {
 
+/// True when the work file exists and has the size its header announces. After a power cut a file that was not on the
+/// disk yet can be there without its content; it is then made again.
+bool IsWholeWorkFile(const std::filesystem::path& path);
+
 /// Intermediate result of one image, as it is in memory: for this machine and this run only.
 void WriteEstimate(const std::filesystem::path& path, const PatchMatchResult& estimate);
 /// Throws ProcessingError when the file is damaged or has another size.

@@ -50,6 +50,15 @@ TEST_F(OutputFileTest, FullDiskIsReportedAtCloseForSmallFiles) {
   EXPECT_THAT(MessageOf<ProcessingError>([&] { file.Close(); }), HasSubstr("No space left on device"));
 }
 
+TEST_F(OutputFileTest, DurableFilesHaveTheSameContent) {
+  AtomicFile file(folder() / "map", Durability::kPowerCut);
+  file.Write("whole");
+  file.Commit();
+  EXPECT_EQ(ReadText(folder() / "map"), "whole");
+  SyncFolder(folder());
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { SyncFolder(folder() / "none"); }), HasSubstr("No such file"));
+}
+
 TEST_F(OutputFileTest, UnwritableFolderIsReported) {
   const auto path = Unwritable("map.pfm");
   const std::string message = MessageOf<ProcessingError>([&] { WriteFileAtomically(path, "x"); });

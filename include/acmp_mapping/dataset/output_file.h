@@ -8,6 +8,13 @@
 
 namespace acmp {
 
+/// What a finished file survives. Waiting for the disk takes milliseconds per file: where many are written, leave it to
+/// one SyncFolder for all of them.
+enum class Durability {
+  kProcess,   ///< the end of this process, however it comes
+  kPowerCut,  ///< that, and a power cut right afterwards
+};
+
 /// A file being written. Every failure (no space, not writable, too large) throws ProcessingError with the system's
 /// reason.
 class OutputFile {
@@ -18,9 +25,9 @@ class OutputFile {
   void Write(const void* data, size_t bytes);
   void Write(const std::string& text) { Write(text.data(), text.size()); }
 
-  /// Forces everything to the disk and closes; nothing may be written afterwards. Without this call the file's content
+  /// Writes what is still buffered and closes; nothing may be written afterwards. Without this call the file's content
   /// is unspecified.
-  void Close();
+  void Close(Durability durability = Durability::kProcess);
 
  private:
   struct Closer {
@@ -36,7 +43,7 @@ class OutputFile {
 /// Without a Commit the temporary file is removed and an earlier file of the final name stays as it was.
 class AtomicFile {
  public:
-  explicit AtomicFile(const std::filesystem::path& path);
+  explicit AtomicFile(const std::filesystem::path& path, Durability durability = Durability::kProcess);
   ~AtomicFile();
   AtomicFile(const AtomicFile&) = delete;
   AtomicFile& operator=(const AtomicFile&) = delete;
@@ -48,12 +55,17 @@ class AtomicFile {
  private:
   std::filesystem::path path_;
   std::filesystem::path temporary_path_;
+  Durability durability_;
   OutputFile file_;
   bool committed_ = false;
 };
 
 /// Writes a whole file through AtomicFile.
-void WriteFileAtomically(const std::filesystem::path& path, const std::string& content);
+void WriteFileAtomically(const std::filesystem::path& path, const std::string& content,
+                         Durability durability = Durability::kProcess);
+
+/// Waits until everything written so far to the file system that holds the folder is on the disk.
+void SyncFolder(const std::filesystem::path& folder);
 
 /// Makes a folder and its parents; ProcessingError with the system's reason when that is not possible.
 void MakeFolder(const std::filesystem::path& path);
