@@ -32,7 +32,10 @@ struct AxisScene {
 
 TEST(DepthRangeTest, TakesQuantilesWithMargin) {
   const AxisScene scene;
-  const auto range = DepthRangeFromLandmarks(scene.points, kCamera, scene.pose, {});
+  DepthRangeOptions options;
+  options.quantile = 0.05;
+  options.margin = 1.5;
+  const auto range = DepthRangeFromLandmarks(scene.points, kCamera, scene.pose, options);
   ASSERT_TRUE(range);
   // Of 101 sorted depths the 5th and 95th percentiles are exactly 1.05 and 1.95; the result is a float.
   EXPECT_NEAR(range->min, 1.05 / 1.5, 1e-6);

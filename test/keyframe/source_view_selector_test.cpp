@@ -57,11 +57,11 @@ TEST(SelectSourceViewsTest, RanksByTriangulationAngle) {
   const std::vector<FramePtr> candidates = {Share(FrameOnArc(2)), Share(FrameOnArc(-12)), Share(FrameOnArc(35)),
                                             Share(FrameOnArc(60)), Share(FrameOnArc(0.3))};
   const auto ranked = SelectSourceViews(reference, candidates, 0, {});
-  EXPECT_THAT(Indices(ranked), ElementsAre(1, 2, 0, 3));
+  EXPECT_THAT(Indices(ranked), ElementsAre(1, 0, 2, 3));
   // The wall's centre is seen under exactly the arc's angle; the median over the wall differs by its extent only.
   EXPECT_NEAR(ranked[0].angle_deg, 12, 0.3);
-  EXPECT_NEAR(ranked[1].angle_deg, 35, 1.0);
-  EXPECT_NEAR(ranked[2].angle_deg, 2, 0.1);
+  EXPECT_NEAR(ranked[1].angle_deg, 2, 0.1);
+  EXPECT_NEAR(ranked[2].angle_deg, 35, 1.0);
 }
 
 TEST(SelectSourceViewsTest, ScoreIsShareTimesMeanWeight) {

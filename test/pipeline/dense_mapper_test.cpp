@@ -262,7 +262,8 @@ TEST(DenseMapperIdenticalPosesTest, NamesTheAngleThatIsTooSmall) {
 }
 
 TEST(DenseMapperDepthRangeTest, ComesFromTheLandmarksInView) {
-  MapperHarness harness(FakeOptions(6, 2));
+  const DenseMapperOptions options = FakeOptions(6, 2);
+  MapperHarness harness(options);
   std::vector<Eigen::Vector3d> whole_map = WallLandmarks();
   const double nan = std::numeric_limits<double>::quiet_NaN();
   for (int i = 0; i < 5000; ++i) {
@@ -271,8 +272,8 @@ TEST(DenseMapperDepthRangeTest, ComesFromTheLandmarksInView) {
   for (int id = 0; id < 3; ++id) harness.Add(WallFrame(id, 0.35 * id, whole_map));
   ASSERT_THAT(harness.fast, SizeIs(3));
   for (const auto& depth : harness.fast) {
-    EXPECT_FLOAT_EQ(depth->range.min, static_cast<float>(kWallDepth / 1.5));
-    EXPECT_FLOAT_EQ(depth->range.max, static_cast<float>(kWallDepth * 1.5));
+    EXPECT_FLOAT_EQ(depth->range.min, static_cast<float>(kWallDepth / options.depth_range.margin));
+    EXPECT_FLOAT_EQ(depth->range.max, static_cast<float>(kWallDepth * options.depth_range.margin));
   }
 }
 
@@ -285,8 +286,9 @@ TEST(DenseMapperDepthRangeTest, FallsBackToTheLastThenToTheOptions) {
   harness.Add(WallFrame(2, 0.7, {}));
   ASSERT_THAT(harness.fast, SizeIs(3));
   EXPECT_EQ(harness.fast[0]->range.max, 50);
-  EXPECT_FLOAT_EQ(harness.fast[1]->range.max, 6);
-  EXPECT_FLOAT_EQ(harness.fast[2]->range.max, 6);
+  const auto from_landmarks = static_cast<float>(kWallDepth * options.depth_range.margin);
+  EXPECT_FLOAT_EQ(harness.fast[1]->range.max, from_landmarks);
+  EXPECT_FLOAT_EQ(harness.fast[2]->range.max, from_landmarks);
 }
 
 TEST(DenseMapperDepthRangeTest, DropsWithoutAny) {

@@ -12,8 +12,8 @@ namespace acmp {
 
 /// One undistorted, posed image with the sparse map points it sees. Immutable once made and shared by reference.
 struct Frame {
-  int64_t id = 0;     ///< unique; ascending in time when the frames come from a video
-  double stamp_s = 0; ///< time of exposure; 0 where there is none
+  int64_t id = 0;      ///< unique; ascending in time when the frames come from a video
+  double stamp_s = 0;  ///< time of exposure; 0 where there is none
   PinholeCamera camera;
   RigidTransform cam_from_world = RigidTransform::Identity();
   ColorImage color;
