@@ -57,10 +57,10 @@ class Saver:
     def __init__(self, stamps, folder, namespace):
         self.numbers = {stamp.to_nsec(): number for number, stamp in enumerate(stamps)}
         self.counts = {}
-        self.last_message = time.monotonic()
-        self.device = ""
+        self.last_progress = time.monotonic()
+        self.status = {}  # the mapper's last diagnostics by key
         self.lock = threading.Lock()
-        self.subscribers = [rospy.Subscriber("/diagnostics", DiagnosticArray, self.note_device)]
+        self.subscribers = [rospy.Subscriber("/diagnostics", DiagnosticArray, self.note_status)]
         for kind, topic in DEPTHS.items():
             self.subscribe(namespace + "/" + topic, os.path.join(folder, kind), "%06d.pfm", write_pfm, kind)
         for kind, topic in PICTURES.items():
@@ -78,19 +78,23 @@ class Saver:
             write(os.path.join(folder, name % number), image)
             with self.lock:
                 self.counts[kind] = self.counts.get(kind, 0) + 1
-                self.last_message = time.monotonic()
+                self.last_progress = time.monotonic()
 
         self.subscribers.append(rospy.Subscriber(topic, Image, save))
 
-    def note_device(self, message):
-        for status in message.status:
-            for value in status.values:
-                if value.key == "device" and value.value:
-                    self.device = value.value
+    def note_status(self, message):
+        status = {value.key: value.value for part in message.status if part.name.endswith("mapping")
+                  for value in part.values}
+        with self.lock:
+            if status.get("keyframes") != self.status.get("keyframes"):
+                self.last_progress = time.monotonic()
+            self.status = status
 
-    def wait_until_quiet(self, seconds=1.0):
-        while time.monotonic() - self.last_message < seconds:
-            time.sleep(0.1)
+    def keyframes(self):
+        return int(self.status.get("keyframes", 0))
+
+    def idle(self, seconds):
+        return time.monotonic() - self.last_progress > seconds
 
 
 def wait_for(what, condition, deadline):
@@ -125,13 +129,18 @@ def run(arguments):
     saver = Saver(stamps, arguments.folder, arguments.namespace)
     wait_for("player of the bag", lambda: is_running(arguments.player), deadline)
     wait_for("end of the bag", lambda: not is_running(arguments.player), deadline)
-    time.sleep(1.0)  # what the player sent last may still be on its way
+    # Most of the bag now waits in the mapper's queues, which ~flush does not know. Images that never become keyframes
+    # (no pose, passed over by the gate) are given up after a while without progress.
+    wait_for("end of the keyframes", lambda: saver.keyframes() >= len(stamps) or saver.idle(arguments.patience), deadline)
     mapper = arguments.namespace + "/dense_mapper"
     call(mapper + "/flush", Trigger, deadline)
-    saver.wait_until_quiet()
+    wait_for("last messages", lambda: saver.idle(1.5), deadline)  # and diagnostics come at 1 Hz
     map_path = os.path.join(os.path.abspath(arguments.folder), "map.ply")
     points = call(mapper + "/save_map", SaveMap, deadline, map_path, 0, True).points
-    print("matched on %s" % saver.device)
+    print("matched on %s at %s px; the last keyframe:" % (saver.status.get("device"), saver.status.get("matched size [px]")))
+    for key, value in sorted(saver.status.items()):
+        if key.endswith("[ms]"):
+            print("  %s %.0f" % (key, float(value)))
     print("%d images played; received: %s" % (len(stamps), ", ".join(
         "%d %s" % (count, kind) for kind, count in sorted(saver.counts.items()))))
     print("map: %d points in %s" % (points, map_path))
@@ -144,6 +153,7 @@ def main():
     parser.add_argument("--image", default="/camera/image_raw", help="image topic in the bag")
     parser.add_argument("--namespace", default="/acmp", help="of the mapper's topics")
     parser.add_argument("--player", default="/player", help="node that plays the bag")
+    parser.add_argument("--patience", type=float, default=60, help="seconds without a new keyframe that mean the end")
     parser.add_argument("--timeout", type=float, default=1800, help="seconds for everything")
     try:
         run(parser.parse_args(rospy.myargv()[1:]))
