@@ -1,0 +1,192 @@
+// The services and dynamic_reconfigure of a running mapper.
+
+#include <filesystem>
+#include <fstream>
+
+#include <acmp_mapping/DenseMapperConfig.h>
+#include <dynamic_reconfigure/Reconfigure.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <pcl/io/pcd_io.h>
+#include <pcl/point_types.h>
+#include <sensor_msgs/PointCloud2.h>
+#include <std_srvs/SetBool.h>
+
+#include "acmp_mapping/dataset/map_io.h"
+#include "ros/mapper_control.h"
+
+namespace acmp::test {
+namespace {
+
+namespace fs = std::filesystem;
+using acmp_mapping::SaveMap;
+using ::testing::HasSubstr;
+
+constexpr size_t kViews = 5;
+
+class ServicesTest : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    mapper_ = new MapperControl();
+    ready_ = mapper_->WaitUntilReady(60);
+  }
+  static void TearDownTestSuite() { delete mapper_; }
+  void SetUp() override {
+    ASSERT_TRUE(ready_);
+    start_s_ += 100;
+    ASSERT_TRUE(mapper().Call("reset"));
+    fs::remove_all(folder_);
+    fs::create_directories(folder_);
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  static MapperControl& mapper() { return *mapper_; }
+  static std::vector<ViewMessages> Scene() { return MakeSmallScene(kViews, start_s_); }
+  std::string PathOf(const std::string& name) const { return (folder_ / name).string(); }
+
+  /// The configuration after a change, as the server answers it.
+  static acmp_mapping::DenseMapperConfig Reconfigure(const std::function<void(dynamic_reconfigure::Config*)>& change) {
+    dynamic_reconfigure::Reconfigure call;
+    change(&call.request.config);
+    EXPECT_TRUE(ros::service::call("/dense_mapper/set_parameters", call));
+    acmp_mapping::DenseMapperConfig config;
+    config.__fromMessage__(call.response.config);
+    return config;
+  }
+
+  const fs::path folder_ = fs::temp_directory_path() / ("acmp_services_rostest_" + std::to_string(::getpid()));
+
+ private:
+  static MapperControl* mapper_;
+  static bool ready_;
+  static uint32_t start_s_;
+};
+MapperControl* ServicesTest::mapper_ = nullptr;
+bool ServicesTest::ready_ = false;
+uint32_t ServicesTest::start_s_ = 1000;
+
+template <class Parameter, class Value>
+void Append(const char* name, Value value, std::vector<Parameter>* parameters) {
+  Parameter parameter;
+  parameter.name = name;
+  parameter.value = value;
+  parameters->push_back(parameter);
+}
+
+TEST_F(ServicesTest, RefuseToSaveAnEmptyMap) {
+  const SaveMap::Response response = mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true);
+  EXPECT_FALSE(response.success);
+  EXPECT_THAT(response.message, HasSubstr("empty"));
+  EXPECT_FALSE(fs::exists(PathOf("map.ply")));
+}
+
+TEST_F(ServicesTest, FlushFinishesEverythingAndSaveMapWritesIt) {
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  const SaveMap::Response binary = mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true);
+  ASSERT_TRUE(binary.success) << binary.message;
+  EXPECT_GT(binary.points, 100u);
+  EXPECT_EQ(ReadPly(PathOf("map.ply")).size(), binary.points);
+  const SaveMap::Response ascii = mapper().SaveMap(PathOf("ascii.ply"), SaveMap::Request::PLY, false);
+  EXPECT_EQ(ascii.points, binary.points);
+  EXPECT_EQ(ReadPly(PathOf("ascii.ply")).size(), binary.points);
+  for (const bool pcd_binary : {true, false}) {
+    const SaveMap::Response pcd = mapper().SaveMap(PathOf("map.pcd"), SaveMap::Request::PCD, pcd_binary);
+    EXPECT_TRUE(pcd.success) << pcd.message;
+    pcl::PointCloud<pcl::PointXYZRGB> cloud;
+    ASSERT_EQ(pcl::io::loadPCDFile(PathOf("map.pcd"), cloud), 0);
+    EXPECT_EQ(cloud.size(), binary.points);
+  }
+}
+
+TEST_F(ServicesTest, SaveMapRefusesBadPathsAndFormats) {
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  for (const std::string& path : {PathOf("missing/map.ply"), folder_.string(), std::string()}) {
+    const SaveMap::Response response = mapper().SaveMap(path, SaveMap::Request::PLY, true);
+    EXPECT_FALSE(response.success) << path;
+    EXPECT_THAT(response.message, HasSubstr(path));
+  }
+  const SaveMap::Response response = mapper().SaveMap(PathOf("map.xyz"), 7, true);
+  EXPECT_FALSE(response.success);
+  EXPECT_THAT(response.message, HasSubstr("7"));
+  // /proc takes no files from anybody, root included.
+  EXPECT_FALSE(mapper().SaveMap("/proc/map.ply", SaveMap::Request::PLY, true).success);
+  EXPECT_FALSE(mapper().SaveMap("/proc/map.pcd", SaveMap::Request::PCD, true).success);
+}
+
+TEST_F(ServicesTest, ResetForgetsTheMap) {
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  ASSERT_TRUE(mapper().Call("reset"));
+  EXPECT_FALSE(mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true).success);
+  EXPECT_EQ(mapper().Map(Scene()), kViews) << "the same stamps again, which nobody remembers";
+}
+
+TEST_F(ServicesTest, PublishMapPublishesOnRequest) {
+  Recorder<sensor_msgs::PointCloud2> map(mapper().nh, "map_points");
+  ASSERT_TRUE(map.WaitForPublisher(30));
+  map.Clear();  // a latched map of an earlier case
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  EXPECT_FALSE(map.WaitForCount(1, 1)) << "map_publish_rate is 0";
+  std::string message;
+  ASSERT_TRUE(mapper().Call("publish_map", &message));
+  ASSERT_TRUE(map.WaitForCount(1, 30));
+  EXPECT_THAT(message, HasSubstr(std::to_string(map.messages()[0]->width)));
+}
+
+TEST_F(ServicesTest, PauseDropsImagesAndSaysSo) {
+  std_srvs::SetBool pause;
+  pause.request.data = true;
+  ASSERT_TRUE(ros::service::call("/dense_mapper/pause", pause));
+  for (const ViewMessages& view : Scene()) mapper().player.Publish(view);
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: paused"}, 30));
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"paused (~pause)"}, 30));
+  pause.request.data = false;
+  ASSERT_TRUE(ros::service::call("/dense_mapper/pause", pause));
+  EXPECT_EQ(mapper().Map(MakeSmallScene(kViews, 900000)), kViews);
+}
+
+TEST_F(ServicesTest, ReconfigureChangesTheNextKeyframes) {
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  const SaveMap::Response all = mapper().SaveMap(PathOf("all.ply"), SaveMap::Request::PLY, true);
+  ASSERT_TRUE(all.success);
+  const auto config = Reconfigure([](dynamic_reconfigure::Config* c) { Append("min_confidence", 0.9, &c->doubles); });
+  EXPECT_EQ(config.min_confidence, 0.9);
+  ASSERT_TRUE(mapper().Call("reset"));
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  const SaveMap::Response sure = mapper().SaveMap(PathOf("sure.ply"), SaveMap::Request::PLY, true);
+  EXPECT_LT(sure.points, all.points);
+  Reconfigure([](dynamic_reconfigure::Config* c) { Append("min_confidence", 0.0, &c->doubles); });
+  ASSERT_TRUE(mapper().Call("reset"));
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  EXPECT_EQ(mapper().SaveMap(PathOf("again.ply"), SaveMap::Request::PLY, true).points, all.points)
+      << "the same input and options";
+}
+
+TEST_F(ServicesTest, ReconfigureLimitsWhatDoesNotFit) {
+  const auto out_of_bounds = Reconfigure([](dynamic_reconfigure::Config* c) { Append("window_size", 1000, &c->ints); });
+  EXPECT_EQ(out_of_bounds.window_size, 64);
+  const auto narrow = Reconfigure([](dynamic_reconfigure::Config* c) { Append("window_size", 2, &c->ints); });
+  EXPECT_EQ(narrow.window_size, 2);
+  EXPECT_EQ(narrow.lookahead, 1);
+  EXPECT_TRUE(mapper().WaitForLog({"lookahead = 2 was changed to 1"}, 30));
+  const auto inverted = Reconfigure([](dynamic_reconfigure::Config* c) {
+    Append("depth_min", 5.0, &c->doubles);
+    Append("depth_max", 2.0, &c->doubles);
+  });
+  EXPECT_EQ(inverted.depth_min, 0);
+  EXPECT_TRUE(mapper().WaitForLog({"refused", "depth_range"}, 30));
+  Reconfigure([](dynamic_reconfigure::Config* c) {
+    Append("window_size", 10, &c->ints);
+    Append("lookahead", 2, &c->ints);
+    Append("min_source_views", 2, &c->ints);
+  });
+  EXPECT_EQ(mapper().Map(Scene()), kViews);
+}
+
+}  // namespace
+}  // namespace acmp::test
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  ros::init(argc, argv, "services_rostest");
+  return RUN_ALL_TESTS();
+}
