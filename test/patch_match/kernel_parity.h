@@ -1,0 +1,31 @@
+#pragma once
+
+#include <vector>
+
+#include "acmp_mapping/patch_match/patch_match_problem.h"
+
+namespace acmp {
+
+/// One call of the per-pixel functions.
+struct ParityQuery {
+  int col, row, view;
+  PlaneHypothesis plane;
+};
+
+struct ParityAnswer {
+  float bilinear_cost;    ///< photometric cost with explicit interpolation in float32
+  float texture_cost;     ///< photometric cost with texture filtering; not set on the CPU
+  float geometric_error;  ///< px
+  float prior_probability;
+  PlaneHypothesis random_plane;
+  uint32_t random_words[4];
+};
+
+/// The kernel functions on the CPU and on the GPU. `prior` has the reference's size. The latter throws ProcessingError
+/// when the device fails.
+std::vector<ParityAnswer> AnswerOnCpu(const PatchMatchProblem& problem, const PlaneMap& prior,
+                                      const std::vector<ParityQuery>& queries);
+std::vector<ParityAnswer> AnswerOnGpu(const PatchMatchProblem& problem, const PlaneMap& prior,
+                                      const std::vector<ParityQuery>& queries);
+
+}  // namespace acmp

@@ -1,0 +1,97 @@
+#include <memory>
+
+#include "acmp_mapping/patch_match/kernel/bilinear_sampler.h"
+#include "acmp_mapping/patch_match/match_setup.h"
+#include "cuda_resources.h"
+#include "kernel_parity_answer.h"
+#include "patch_match_kernels.h"
+
+namespace acmp {
+namespace {
+
+__global__ void AnswerKernel(const MatchContext<BilinearSampler> bilinear, const CudaMatchContext texture,
+                             const ParityQuery* queries, int count, ParityAnswer* answers) {
+  const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
+  if (i >= count) return;
+  const ParityQuery query = queries[i];
+  answers[i] = Answer(bilinear, query);
+  const ReferencePatch patch = LoadReferencePatch(texture, query.col, query.row);
+  answers[i].texture_cost =
+      PhotometricCost(texture, patch, PlaneDual(texture, query.plane), query.col, query.row, query.view);
+}
+
+/// A copy on the device.
+template <class T>
+class OnDevice {
+ public:
+  OnDevice(const T* host, size_t count, const CudaStream& stream) {
+    buffer_.Resize(count);
+    buffer_.Upload(host, stream);
+    stream.Synchronize();
+  }
+  T* data() const { return buffer_.data(); }
+
+ private:
+  DeviceBuffer<T> buffer_;
+};
+
+/// Uploads an image of the problem (rows without padding).
+using Pixels = std::unique_ptr<OnDevice<float>>;
+ImageView<const float> Upload(const ImageView<const float>& image, const CudaStream& stream,
+                              std::vector<Pixels>* owners) {
+  if (image.empty()) return {};
+  owners->push_back(
+      std::make_unique<OnDevice<float>>(image.data, static_cast<size_t>(image.width) * image.height, stream));
+  return {owners->back()->data(), image.width, image.height, image.width};
+}
+
+}  // namespace
+
+std::vector<ParityAnswer> AnswerOnGpu(const PatchMatchProblem& problem, const PlaneMap& prior,
+                                      const std::vector<ParityQuery>& queries) {
+  const CudaStream stream;
+  std::vector<Pixels> owners;
+  std::vector<std::unique_ptr<DeviceTexture>> textures;
+  std::vector<ImageView<const float>> images;
+  std::vector<cudaTextureObject_t> handles;
+  std::vector<SourceView> views = MakeSourceViews(problem);
+  for (size_t i = 0; i < views.size(); ++i) {
+    const MatchView& source = problem.sources[i];
+    images.push_back(Upload(source.gray, stream, &owners));
+    views[i].depth = Upload(source.depth, stream, &owners);
+    textures.push_back(std::make_unique<DeviceTexture>());
+    textures.back()->Upload(source.gray, stream);
+    handles.push_back(textures.back()->get());
+  }
+  const ImageView<const float> reference = Upload(problem.reference.gray, stream, &owners);
+  const OnDevice<SourceView> device_views(views.data(), views.size(), stream);
+  const OnDevice<ImageView<const float>> device_images(images.data(), images.size(), stream);
+  const OnDevice<cudaTextureObject_t> device_handles(handles.data(), handles.size(), stream);
+  const OnDevice<PlaneHypothesis> device_prior(prior.data(), prior.size(), stream);
+  const OnDevice<ParityQuery> device_queries(queries.data(), queries.size(), stream);
+  DeviceBuffer<ParityAnswer> device_answers;
+  device_answers.Resize(queries.size());
+
+  const ImageView<const PlaneHypothesis> prior_view = {device_prior.data(), prior.width(), prior.height(),
+                                                       prior.width()};
+  auto bilinear = MakeMatchContext<BilinearSampler>(problem, {}, 0);
+  bilinear.sampler = {reference, device_images.data()};
+  bilinear.sources = device_views.data();
+  bilinear.prior = prior_view;
+  auto texture = MakeMatchContext<TextureSampler>(problem, {}, 0);
+  texture.sampler = {reference, device_handles.data()};
+  texture.sources = device_views.data();
+  texture.prior = prior_view;
+
+  constexpr int kBlock = 128;
+  const int count = static_cast<int>(queries.size());
+  AnswerKernel<<<(count + kBlock - 1) / kBlock, kBlock, 0, stream.get()>>>(bilinear, texture, device_queries.data(),
+                                                                           count, device_answers.data());
+  CudaCheck(cudaGetLastError(), "launch parity kernel");
+  std::vector<ParityAnswer> answers(queries.size());
+  device_answers.Download(answers.data(), stream);
+  stream.Synchronize();
+  return answers;
+}
+
+}  // namespace acmp
