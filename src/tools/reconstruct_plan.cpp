@@ -85,8 +85,8 @@ FramePtr MakeFrameWithoutPixels(const Scene& scene, int index) {
 }
 
 /// The range that the dataset names, widened: datasets name the range of their sparse points, and up to a fifth of the
-/// surfaces seen lies nearer (measured). The factor 2 that landmarks get brings no more here and costs 0.5 points at 2 cm,
-/// since the prior's bandwidth goes with the range.
+/// surfaces seen lies nearer (measured). The factor 2 that landmarks get brings no more here and costs 0.5 points at 2
+/// cm, since the prior's bandwidth goes with the range.
 std::optional<DepthRange> DatasetRange(const SceneImage& image) {
   constexpr float kMargin = 1.5f;
   if (!image.depth_range) return std::nullopt;
