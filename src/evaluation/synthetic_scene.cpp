@@ -123,11 +123,11 @@ PointCloud SampleRow(const SyntheticView& view, const CameraPose& pose, int row,
   points.reserve(static_cast<size_t>(camera.width) * rays * rays);
   for (int col = 0; col < camera.width; ++col) {
     const std::vector<size_t> objects = ObjectsNear(PixelRay(camera, pose, col, row), PixelMargin(camera));
-    for (int ray = 0; ray < rays * rays; ++ray) {
-      const double u = col + (ray % rays + 0.5) / rays - 0.5;
-      const double v = row + (ray / rays + 0.5) / rays - 0.5;
-      const Ray through = PixelRay(camera, pose, u, v);
-      points.push_back(SurfacePointAt(through, TraceRoom(through, objects), view.frame.color(col, row)));
+    for (int j = 0; j < rays; ++j) {
+      for (int i = 0; i < rays; ++i) {
+        const Ray ray = PixelRay(camera, pose, col + (i + 0.5) / rays - 0.5, row + (j + 0.5) / rays - 0.5);
+        points.push_back(SurfacePointAt(ray, TraceRoom(ray, objects), view.frame.color(col, row)));
+      }
     }
   }
   return points;
@@ -163,6 +163,7 @@ std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& optio
   for (int i = 0; i < options.keyframes; ++i) renderings[i] = Render(camera, i, options);
 
   std::vector<LandmarkView> landmark_views;
+  landmark_views.reserve(renderings.size());
   for (const Rendering& r : renderings) landmark_views.push_back({camera, r.pose, &r.color, &r.depth, &r.low_texture});
   std::vector<std::vector<Eigen::Vector3d>> landmarks = MakeLandmarks(landmark_views, options.seed);
 

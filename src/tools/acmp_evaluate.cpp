@@ -98,6 +98,7 @@ int EvaluatePointCloud(const Arguments& a) {
 }  // namespace
 }  // namespace acmp
 
+// NOLINTNEXTLINE(bugprone-exception-escape): only a wrong table of options or no memory throw outside RunTool
 int main(int argc, char** argv) {
   CLI::App app("Measures depth maps and point clouds against ground truth.", "acmp_evaluate");
   app.require_subcommand(1);

@@ -43,6 +43,7 @@ int MakeScene(const Arguments& a) {
 
 }  // namespace
 
+// NOLINTNEXTLINE(bugprone-exception-escape): only a wrong table of options or no memory throw outside RunTool
 int main(int argc, char** argv) {
   CLI::App app(
       "Makes a test scene: a room with blank walls and floor and textured furniture, seen from a hand-held camera, "

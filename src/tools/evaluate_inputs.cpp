@@ -190,7 +190,7 @@ fs::path FindMap(const fs::path& folder, int index, const std::vector<std::strin
   char stem[16];
   std::snprintf(stem, sizeof(stem), "%06d", index);
   for (const std::string& extension : extensions) {
-    const fs::path path = folder / (stem + extension);
+    fs::path path = folder / (stem + extension);
     if (fs::exists(path)) return path;
   }
   return {};

@@ -33,8 +33,8 @@ constexpr double kEnd = 12.0;
 // First parameter at which the march changes between outside and inside, or kEnd.
 double March(const Solid& solid, const Ray& ray) {
   const bool start = Inside(solid, ray.origin);
-  for (double t = 0; t < kEnd; t += kStep) {
-    if (Inside(solid, ray.origin + t * ray.direction) != start) return t;
+  for (int step = 0; step * kStep < kEnd; ++step) {
+    if (Inside(solid, ray.origin + step * kStep * ray.direction) != start) return step * kStep;
   }
   return kEnd;
 }
