@@ -17,8 +17,15 @@ catkin_lint --quiet -W0 . 2>&1 | { grep -v 'rosdep database' || true; }
 echo "catkin_lint: no errors"
 
 if [ -n "$build" ]; then
-  mapfile -t units < <(git ls-files '*.cpp')
-  # Slowest first would need a history; by size is near enough.
-  ls -S "${units[@]}" | xargs -P "$(nproc)" -n 2 clang-tidy --quiet -p "$build" 2>/dev/null
+  # Only what this build compiles: without CUDA the files in cuda/ have no flags.
+  mapfile -t units < <(/usr/bin/python3 - "$build/compile_commands.json" <<'PYTHON'
+import json, os, subprocess, sys
+tracked = {os.path.realpath(path) for path in subprocess.check_output(["git", "ls-files", "*.cpp"], text=True).split()}
+units = {os.path.realpath(os.path.join(entry["directory"], entry["file"])) for entry in json.load(open(sys.argv[1]))}
+# Large files first, so that no processor is left with one at the end.
+print("\n".join(sorted(tracked & units, key=os.path.getsize, reverse=True)))
+PYTHON
+)
+  printf '%s\0' "${units[@]}" | xargs -0 -P "$(nproc)" -n 4 clang-tidy --quiet -p "$build" 2>/dev/null
   echo "clang-tidy: ${#units[@]} files"
 fi

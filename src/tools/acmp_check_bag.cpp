@@ -60,6 +60,7 @@ int PrintReport(const acmp::BagReport& report) {
 
 }  // namespace
 
+// NOLINTNEXTLINE(bugprone-exception-escape): only a wrong table of options or no memory throw outside RunTool
 int main(int argc, char** argv) {
   CLI::App app(
       "Reports what is wrong with a bag for the mapper: topics, encodings, calibration, stamps, poses and\n"

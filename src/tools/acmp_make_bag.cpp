@@ -100,6 +100,7 @@ acmp::RecordingSummary MakeSceneBag(const Arguments& arguments) {
 
 }  // namespace
 
+// NOLINTNEXTLINE(bugprone-exception-escape): only a wrong table of options or no memory throw outside RunTool
 int main(int argc, char** argv) {
   CLI::App app(
       "Turns a posed image set (COLMAP model or MVSNet folder), or a synthetic room, into a ROS bag with\n"

@@ -85,6 +85,7 @@ std::vector<BagTopic> ReadTopics(const rosbag::Bag& bag) {
     topic.last = message.getTime();
   }
   std::vector<BagTopic> list;
+  list.reserve(topics.size());
   for (auto& [name, topic] : topics) list.push_back(std::move(topic));
   return list;
 }

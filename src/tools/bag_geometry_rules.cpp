@@ -27,6 +27,7 @@ Eigen::Isometry3d ToIsometry(const PoseRecord& pose) {
 template <class Records>
 std::vector<ros::Time> Stamps(const Records& records) {
   std::vector<ros::Time> stamps;
+  stamps.reserve(records.size());
   for (const auto& record : records) stamps.push_back(record.stamp);
   return stamps;
 }
