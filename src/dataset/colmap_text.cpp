@@ -27,8 +27,8 @@ void ReadCameras(const std::filesystem::path& path, ColmapModelBuilder* builder)
     const ColmapCameraModel& model = FindColmapCameraModel(reader.Where(), fields.Word("camera model"));
     const uint64_t width = ReadSize(reader, &fields, "image width");
     const uint64_t height = ReadSize(reader, &fields, "image height");
-    std::vector<double> parameters;
-    for (int i = 0; i < model.parameters; ++i) parameters.push_back(fields.Real("camera parameter"));
+    std::vector<double> parameters(model.parameters);
+    for (double& parameter : parameters) parameter = fields.Real("camera parameter");
     fields.ExpectEnd();
     builder->AddCamera(reader.Where(), id, MakeColmapCamera(reader.Where(), model, width, height, parameters));
   }

@@ -24,7 +24,7 @@ constexpr std::array<const char*, 9> kOwnEntries = {"depth", "normal",    "cost"
 
 std::string Format(const RunRecord& record) {
   std::string text = "# settings of the run that made this folder\n";
-  for (const auto& [key, value] : record) text += key + " = " + value + "\n";
+  for (const auto& [key, value] : record) text += Concat(key, " = ", value, "\n");
   return text;
 }
 
@@ -69,7 +69,7 @@ bool IsOurTrace(const std::string& name) {
 /// Name of an entry that a run did not make itself before it wrote its record; empty when there is none.
 std::string ForeignEntry(const std::filesystem::path& folder) {
   for (const auto& entry : std::filesystem::directory_iterator(folder)) {
-    const std::string name = entry.path().filename().string();
+    std::string name = entry.path().filename().string();
     if (!IsOurTrace(name)) return name;
   }
   return "";
