@@ -52,7 +52,8 @@ struct Voxel {
 struct VoxelHash {
   size_t operator()(const Voxel& v) const {
     // Large primes per axis (Teschner et al., VMV 2003).
-    return static_cast<size_t>(v.x * 73856093 ^ v.y * 19349663 ^ v.z * 83492791);
+    return static_cast<uint64_t>(v.x) * 73856093 ^ static_cast<uint64_t>(v.y) * 19349663 ^
+           static_cast<uint64_t>(v.z) * 83492791;
   }
 };
 
@@ -103,13 +104,14 @@ std::vector<double> SharesWithin(const PointCloud& points, const PointCloud& tar
   return shares;
 }
 
-void CheckCloud(const char* name, const PointCloud& points) {
+void CheckCloud(const char* name, const PointCloud& points, double voxel_size) {
+  constexpr double kMaxVoxels = 1e9;  // from the origin: float coordinates are coarser than any voxel there
+  const auto good = [limit = kMaxVoxels * voxel_size](float x) { return std::abs(x) <= limit; };  // NaN is not
   for (size_t i = 0; i < points.size(); ++i) {
     const Vec3f& p = points[i].position;
-    if (!std::isfinite(p.x) || !std::isfinite(p.y) || !std::isfinite(p.z)) {
-      throw InvalidInputError(
-          Concat(name, ": point ", i, " = (", p.x, ", ", p.y, ", ", p.z, "): coordinates must be finite"));
-    }
+    if (good(p.x) && good(p.y) && good(p.z)) continue;
+    throw InvalidInputError(Concat(name, ": point ", i, " = (", p.x, ", ", p.y, ", ", p.z,
+                                   "): coordinates must be finite and at most ", kMaxVoxels, " voxels from 0"));
   }
 }
 
@@ -126,8 +128,8 @@ std::vector<CloudMetrics> EvaluateCloud(const PointCloud& reconstruction, const 
   CheckLength("voxel size", voxel_size);
   for (const double threshold : thresholds) CheckLength("threshold", threshold);
   if (ground_truth.empty()) throw InvalidInputError("ground truth: 0 points: must be at least 1");
-  CheckCloud("reconstruction", reconstruction);
-  CheckCloud("ground truth", ground_truth);
+  CheckCloud("reconstruction", reconstruction, voxel_size);
+  CheckCloud("ground truth", ground_truth, voxel_size);
 
   const std::vector<double> accuracy = SharesWithin(reconstruction, ground_truth, thresholds, voxel_size);
   const std::vector<double> completeness = SharesWithin(ground_truth, reconstruction, thresholds, voxel_size);

@@ -109,6 +109,7 @@ TEST(EvaluateCloud, RefusesBadInput) {
   EXPECT_THROW(EvaluateCloud(cloud, cloud, {0.1}, -1.0), InvalidInputError);
   EXPECT_THROW(EvaluateCloud(cloud, cloud, {0.1}, std::nan("")), InvalidInputError);
   EXPECT_THROW(EvaluateCloud({At(std::nanf(""), 0, 0)}, cloud, {0.1}), InvalidInputError);
+  EXPECT_THROW(EvaluateCloud({At(0, 1e30f, 0)}, cloud, {0.1}), InvalidInputError);
   EXPECT_THROW(EvaluateCloud(cloud, {At(0, 0, std::numeric_limits<float>::infinity())}, {0.1}), InvalidInputError);
 }
 
