@@ -71,7 +71,8 @@ ACMP_HOST_DEVICE inline ViewWeights DrawViews(const float* probability, int num_
     float rest = random->NextUniform() * total;
     int view = 0;
     while (view < last && !(rest < probability[view])) rest -= probability[view++];
-    // Rounding may end the search on a view of probability zero: never draw one.
+    // Where the product above and a difference fuse, `rest` can come out below 0 and end the search on a view of
+    // probability zero: never draw one.
     if (!(probability[view] > 0)) view = last;
     ++weights.draws[view];
     weights.mask |= 1u << view;
