@@ -19,6 +19,9 @@ struct ParityAnswer {
   float prior_probability;
   PlaneHypothesis random_plane;
   uint32_t random_words[4];
+  uint32_t drawn_views;       ///< mask of a draw among 8 views, half of them of probability zero
+  uint32_t impossible_views;  ///< of these, those of probability zero
+  int draws;                  ///< sum over all views
 };
 
 /// The kernel functions on the CPU and on the GPU. `prior` has the reference's size. The latter throws ProcessingError

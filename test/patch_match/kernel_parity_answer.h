@@ -4,9 +4,26 @@
 #include "acmp_mapping/patch_match/kernel/initialize_pixel.h"
 #include "acmp_mapping/patch_match/kernel/photometric_cost.h"
 #include "acmp_mapping/patch_match/kernel/prior_cost.h"
+#include "acmp_mapping/patch_match/kernel/view_weights.h"
 #include "kernel_parity.h"
 
 namespace acmp {
+
+/// Draws among views whose probabilities are random or zero.
+ACMP_HOST_DEVICE inline void AnswerDraws(RandomStream* random, ParityAnswer* answer) {
+  constexpr int kViews = 8;
+  float probability[kMaxSourceViews];
+  uint32_t possible = 0;
+  for (int j = 0; j < kViews; ++j) {
+    const float value = random->NextUniform(-1.0f, 1.0f);
+    probability[j] = value > 0 ? value : 0.0f;
+    if (value > 0) possible |= 1u << j;
+  }
+  const ViewWeights weights = DrawViews(probability, kViews, 255, random);
+  answer->drawn_views = weights.mask;
+  answer->impossible_views = weights.mask & ~possible;
+  for (int j = 0; j < kViews; ++j) answer->draws += weights.draws[j];
+}
 
 /// All of an answer but texture_cost, compiled for both devices.
 template <class Sampler>
@@ -24,6 +41,7 @@ ACMP_HOST_DEVICE inline ParityAnswer Answer(const MatchContext<Sampler>& context
   RandomStream random(context.options.seed, pixel, static_cast<uint32_t>(query.view));
   answer.random_plane = RandomPlane(context, ray, &random);
   for (uint32_t& word : answer.random_words) word = random.NextWord();
+  AnswerDraws(&random, &answer);
   return answer;
 }
 

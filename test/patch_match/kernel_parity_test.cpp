@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include "gtest/gtest.h"
 
@@ -83,6 +84,17 @@ TEST_F(KernelParityTest, RandomWordsAreTheSameBits) {
   for (int i = 0; i < kQueries; ++i) {
     for (int k = 0; k < 4; ++k) ASSERT_EQ(cpu_[i].random_words[k], gpu_[i].random_words[k]);
   }
+}
+
+TEST_F(KernelParityTest, DrawnViewsAreTheSameAndNeverImpossible) {
+  int differing = 0;
+  for (int i = 0; i < kQueries; ++i) {
+    ASSERT_EQ(gpu_[i].impossible_views, 0u);
+    ASSERT_EQ(cpu_[i].impossible_views, 0u);
+    ASSERT_TRUE(gpu_[i].draws == 255 || (gpu_[i].draws == 0 && gpu_[i].drawn_views == 0));
+    differing += cpu_[i].drawn_views != gpu_[i].drawn_views;
+  }
+  EXPECT_LE(differing, kUndecided);
 }
 
 TEST_F(KernelParityTest, RandomPlanesDifferByRounding) {
