@@ -21,7 +21,7 @@ std::string Numbered(const char* format, int index) {
 std::filesystem::path FindImage(const std::filesystem::path& folder, int index) {
   for (const char* format : {"%08d", "%06d"}) {
     for (const char* extension : {".jpg", ".png", ".jpeg", ".JPG", ".PNG", ".JPEG"}) {
-      const auto path = folder / (Numbered(format, index) + extension);
+      auto path = folder / (Numbered(format, index) + extension);
       if (std::filesystem::is_regular_file(path)) return path;
     }
   }

@@ -32,9 +32,7 @@ int RunReconstruct(const acmp::ReconstructOptions& options, acmp::InterruptWatch
   return acmp::kExitDone;
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+int Run(int argc, char** argv) {
   signal(SIGXFSZ, SIG_IGN);  // a file that grows over its limit is then an error like a full disk
   acmp::InterruptWatcher interrupt;
   acmp::ReconstructOptions options;
@@ -45,4 +43,14 @@ int main(int argc, char** argv) {
   app.set_version_flag("--version", ACMP_VERSION);
   acmp::AddReconstructOptions(&app, &options);
   return acmp::RunTool(app, argc, argv, [&] { return RunReconstruct(options, &interrupt); });
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return Run(argc, argv);
+  } catch (...) {  // before the command line was declared: no memory, no thread
+    return acmp::kExitFailed;
+  }
 }
