@@ -30,29 +30,27 @@ std::string Expect(const std::string& failure, const char* success) {
 }  // namespace
 
 DenseMapperNodelet::~DenseMapperNodelet() {
-  // First everything that waits is woken and the worker's hooks fall silent; then the threads are joined.
+  // First everything that waits is woken and the worker's hooks fall silent; then the threads end; members go after
+  // that.
   if (worker_) worker_->Stop();
-  services_.reset();
-  diagnostics_.reset();
-  reconfigure_.reset();
-  image_source_.reset();
-  camera_info_source_.reset();
-  pose_source_.reset();
-  cloud_source_.reset();
+  input_thread_.Stop();
+  service_thread_.Stop();
+  status_thread_.Stop();
   worker_.reset();
 }
 
 void DenseMapperNodelet::onInit() {
   try {
     LoadOptions();
-    publisher_ = std::make_unique<OutputPublisher>(getNodeHandle(), [this] { map_requested_ = true; });
+    publisher_ =
+        std::make_unique<OutputPublisher>(status_thread_.Attach(getNodeHandle()), [this] { map_requested_ = true; });
     StartWorker();
     StartReconfigure();
     Subscribe();
     StartServices();
-    diagnostics_ = std::make_unique<MapperDiagnostics>(getMTNodeHandle(), getMTPrivateNodeHandle(), getName(),
-                                                       [this] { return TakeSnapshot(); });
-    running_ = true;
+    diagnostics_ = std::make_unique<MapperDiagnostics>(status_thread_.Attach(getNodeHandle()), getPrivateNodeHandle(),
+                                                       getName(), [this] { return TakeSnapshot(); });
+    for (CallbackThread* thread : {&input_thread_, &service_thread_, &status_thread_}) thread->Start();
   } catch (const std::exception& error) {
     NODELET_FATAL("cannot start: %s", error.what());
     throw;
@@ -100,14 +98,14 @@ void DenseMapperNodelet::StartWorker() {
 }
 
 void DenseMapperNodelet::StartReconfigure() {
-  const ros::NodeHandle nh = getMTPrivateNodeHandle();
+  const ros::NodeHandle nh = status_thread_.Attach(getPrivateNodeHandle());
   config_.__toServer__(nh);  // the server starts from there
   reconfigure_ = std::make_unique<dynamic_reconfigure::Server<DenseMapperConfig>>(config_mutex_, nh);
   reconfigure_->setCallback([this](DenseMapperConfig& config, uint32_t) { HandleConfig(config); });
 }
 
 void DenseMapperNodelet::Subscribe() {
-  ros::NodeHandle& nh = getNodeHandle();
+  ros::NodeHandle nh = input_thread_.Attach(getNodeHandle());
   const DropHandler on_drop = [this](const Drop& drop) { ReportDrop(drop); };
   cloud_source_ = MakeCloudSource(
       nh, options_, [this](SparseCloudPtr c) { HandleCloud(std::move(c)); }, on_drop);
@@ -138,7 +136,7 @@ void DenseMapperNodelet::StartServices() {
   };
   handlers.save_map = [this](const acmp_mapping::SaveMap::Request& request) { return SaveMap(request); };
   handlers.periodic = [this] { HandlePeriod(); };
-  services_ = std::make_unique<MapperServices>(getPrivateNodeHandle(), kMapPeriodS, handlers);
+  services_ = std::make_unique<MapperServices>(service_thread_.Attach(getPrivateNodeHandle()), kMapPeriodS, handlers);
 }
 
 void DenseMapperNodelet::HandleImage(std::shared_ptr<const EncodedImage> image) {
@@ -186,7 +184,6 @@ void DenseMapperNodelet::HandleConfig(DenseMapperConfig& config) {
 }
 
 void DenseMapperNodelet::Deliver(bool all) {
-  if (!running_) return;
   const bool clouds_expected = cloud_source_->status().publishers > 0;
   std::lock_guard<std::mutex> delivery_lock(delivery_mutex_);
   std::vector<IntakeEvent> events;

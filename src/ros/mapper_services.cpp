@@ -8,43 +8,38 @@
 namespace acmp {
 
 MapperServices::MapperServices(ros::NodeHandle private_nh, double period_s, Handlers handlers)
-    : handlers_(std::move(handlers)), nh_(private_nh), spinner_(1, &queue_) {
-  nh_.setCallbackQueue(&queue_);
+    : handlers_(std::move(handlers)) {
   using TriggerCallback = boost::function<bool(Trigger::Request&, Trigger::Response&)>;
   const auto trigger = [this](const std::function<std::string()>& handler) -> TriggerCallback {
     return [this, &handler](Trigger::Request&, Trigger::Response& response) { return Run(handler, &response); };
   };
-  flush_ = nh_.advertiseService(names::kFlush, trigger(handlers_.flush));
-  reset_ = nh_.advertiseService(names::kReset, trigger(handlers_.reset));
-  publish_map_ = nh_.advertiseService(names::kPublishMap, trigger(handlers_.publish_map));
+  flush_ = private_nh.advertiseService(names::kFlush, trigger(handlers_.flush));
+  reset_ = private_nh.advertiseService(names::kReset, trigger(handlers_.reset));
+  publish_map_ = private_nh.advertiseService(names::kPublishMap, trigger(handlers_.publish_map));
   using SetBool = std_srvs::SetBool;
-  pause_ = nh_.advertiseService(names::kPause, boost::function<bool(SetBool::Request&, SetBool::Response&)>(
-                                                   [this](SetBool::Request& request, SetBool::Response& response) {
-                                                     response.message = handlers_.pause(request.data);
-                                                     response.success = true;
-                                                     return true;
-                                                   }));
+  pause_ =
+      private_nh.advertiseService(names::kPause, boost::function<bool(SetBool::Request&, SetBool::Response&)>(
+                                                     [this](SetBool::Request& request, SetBool::Response& response) {
+                                                       response.message = handlers_.pause(request.data);
+                                                       response.success = true;
+                                                       return true;
+                                                     }));
   using acmp_mapping::SaveMap;
-  save_map_ = nh_.advertiseService(names::kSaveMap, boost::function<bool(SaveMap::Request&, SaveMap::Response&)>(
-                                                        [this](SaveMap::Request& request, SaveMap::Response& response) {
-                                                          try {
-                                                            response.points = handlers_.save_map(request);
-                                                            response.success = true;
-                                                            response.message = "saved to " + request.path;
-                                                          } catch (const std::exception& error) {
-                                                            response.success = false;
-                                                            response.message = error.what();
-                                                          }
-                                                          return true;
-                                                        }));
-  timer_ =
-      nh_.createWallTimer(ros::WallDuration(period_s), [this](const ros::WallTimerEvent&) { handlers_.periodic(); });
-  spinner_.start();
-}
-
-void MapperServices::Stop() {
-  timer_.stop();
-  spinner_.stop();
+  save_map_ =
+      private_nh.advertiseService(names::kSaveMap, boost::function<bool(SaveMap::Request&, SaveMap::Response&)>(
+                                                       [this](SaveMap::Request& request, SaveMap::Response& response) {
+                                                         try {
+                                                           response.points = handlers_.save_map(request);
+                                                           response.success = true;
+                                                           response.message = "saved to " + request.path;
+                                                         } catch (const std::exception& error) {
+                                                           response.success = false;
+                                                           response.message = error.what();
+                                                         }
+                                                         return true;
+                                                       }));
+  timer_ = private_nh.createWallTimer(ros::WallDuration(period_s),
+                                      [this](const ros::WallTimerEvent&) { handlers_.periodic(); });
 }
 
 bool MapperServices::Run(const std::function<std::string()>& handler, Trigger::Response* response) const {

@@ -9,6 +9,7 @@
 #include <dynamic_reconfigure/server.h>
 #include <nodelet/nodelet.h>
 
+#include "acmp_mapping/ros/callback_thread.h"
 #include "acmp_mapping/ros/incident_log.h"
 #include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
@@ -22,9 +23,8 @@ namespace acmp {
 
 /// Wires topics, services and parameters to the mapper; see docs/ for all of them.
 ///
-/// Threads: input callbacks come one at a time from the manager's pool and only buffer; the worker matches and
-/// publishes keyframes; the services' thread serves and publishes the map; diagnostics and dynamic_reconfigure run in
-/// the pool.
+/// Threads: one for input callbacks, which only buffer; the worker, which matches and publishes keyframes; one for
+/// services, which also publishes the map; one for diagnostics and dynamic_reconfigure.
 ///
 /// Locks: delivery_mutex_ keeps "take from the intake, hand to the worker" in order and may be held while the worker's
 /// queue blocks; intake_mutex_ guards the intake for a moment. Where both are needed delivery_mutex_ comes first. All
@@ -58,12 +58,16 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   std::string Reset();
   MapperSnapshot TakeSnapshot();
 
+  // First: what is attached to them goes before they do.
+  CallbackThread input_thread_;
+  CallbackThread service_thread_;
+  CallbackThread status_thread_;
+
   NodeOptions options_;
   std::unique_ptr<SharedOptions> runtime_options_;
   std::unique_ptr<MapStore> map_;
   std::unique_ptr<OutputPublisher> publisher_;
   IncidentLog drops_;
-  std::atomic<bool> running_{false};  ///< onInit is through; callbacks may come earlier
   std::atomic<bool> paused_{false};
   std::atomic<uint64_t> matched_{0};
 

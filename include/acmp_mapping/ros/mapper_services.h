@@ -4,16 +4,13 @@
 #include <string>
 
 #include <acmp_mapping/SaveMap.h>
-#include <ros/callback_queue.h>
 #include <ros/node_handle.h>
-#include <ros/spinner.h>
 #include <std_srvs/SetBool.h>
 #include <std_srvs/Trigger.h>
 
 namespace acmp {
 
-/// The services, served one after the other by a thread of their own: they may take as long as a map takes to write
-/// without holding up the callbacks of this or another nodelet of the manager. A periodic task runs there as well.
+/// The services and a periodic task. They may take as long as a map takes to write: give them a thread of their own.
 class MapperServices {
  public:
   /// A trigger returns what it did; failures are exceptions whose text becomes the response's message.
@@ -28,21 +25,14 @@ class MapperServices {
   };
 
   MapperServices(ros::NodeHandle private_nh, double period_s, Handlers handlers);
-  ~MapperServices() { Stop(); }
-
-  /// Waits for the call that runs, if any; none runs afterwards.
-  void Stop();
 
  private:
   using Trigger = std_srvs::Trigger;
   bool Run(const std::function<std::string()>& handler, Trigger::Response* response) const;
 
   Handlers handlers_;
-  ros::CallbackQueue queue_;
-  ros::NodeHandle nh_;
   ros::ServiceServer flush_, reset_, publish_map_, pause_, save_map_;
   ros::WallTimer timer_;
-  ros::AsyncSpinner spinner_;
 };
 
 }  // namespace acmp

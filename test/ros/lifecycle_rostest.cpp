@@ -1,0 +1,183 @@
+// Loading and unloading the nodelet in a manager while data flows, and refusing to start with bad parameters.
+
+#include <atomic>
+#include <csignal>
+#include <thread>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nodelet/NodeletList.h>
+#include <nodelet/NodeletLoad.h>
+#include <nodelet/NodeletUnload.h>
+#include <std_srvs/Trigger.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "acmp_mapping/backend/make_patch_match.h"
+#include "acmp_mapping/common/error.h"
+#include "ros/mapper_control.h"
+
+namespace acmp::test {
+namespace {
+
+constexpr char kName[] = "/dense_mapper";
+
+bool Load() {
+  nodelet::NodeletLoad load;
+  load.request.name = kName;
+  load.request.type = "acmp_mapping/DenseMapperNodelet";
+  return ros::service::call("/manager/load_nodelet", load) && load.response.success;
+}
+
+bool Unload() {
+  nodelet::NodeletUnload unload;
+  unload.request.name = kName;
+  return ros::service::call("/manager/unload_nodelet", unload) && unload.response.success;
+}
+
+std::vector<std::string> LoadedNodelets() {
+  nodelet::NodeletList list;
+  EXPECT_TRUE(ros::service::call("/manager/list", list)) << "the manager is dead";
+  return list.response.nodelets;
+}
+
+/// Publishes the scene over and over, as a looping bag does, until destroyed.
+class EndlessPlayer {
+ public:
+  explicit EndlessPlayer(const ScenePlayer& player)
+      : thread_([this, &player] {
+          const std::vector<ViewMessages> scene = MakeSmallScene(12);
+          for (size_t i = 0; !stop_; ++i) {
+            player.Publish(scene[i % scene.size()]);
+            ros::WallDuration(0.02).sleep();
+          }
+        }) {}
+  ~EndlessPlayer() {
+    stop_ = true;
+    thread_.join();
+  }
+
+ private:
+  std::atomic<bool> stop_{false};
+  std::thread thread_;
+};
+
+class LifecycleTest : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() { mapper_ = new MapperControl(); }
+  static void TearDownTestSuite() { delete mapper_; }
+  void SetUp() override {
+    ASSERT_TRUE(ros::service::waitForService("/manager/load_nodelet", 60000));
+    ros::param::del(kName);
+    ros::param::set(std::string(kName) + "/device", "cpu");
+    ros::param::set(std::string(kName) + "/photometric_iterations", 1);
+    ros::param::set(std::string(kName) + "/planar_prior_iterations", 1);
+    ros::param::set(std::string(kName) + "/geometric_passes", 1);
+    mapper().log.Clear();
+    mapper().diagnostics.Clear();
+  }
+  static MapperControl& mapper() { return *mapper_; }
+
+ private:
+  static MapperControl* mapper_;
+};
+MapperControl* LifecycleTest::mapper_ = nullptr;
+
+TEST_F(LifecycleTest, LoadsUnloadsAndReloadsWhileDataFlows) {
+  const EndlessPlayer player(mapper().player);
+  for (int cycle = 0; cycle < 6; ++cycle) {
+    ASSERT_TRUE(Load()) << cycle;
+    EXPECT_THAT(LoadedNodelets(), ::testing::Contains(kName));
+    mapper().depth.Clear();
+    // Every second time it is unloaded before it has made anything.
+    if (cycle % 2 == 0) {
+      EXPECT_TRUE(mapper().depth.WaitForCount(2, 60)) << "no depth in cycle " << cycle;
+    }
+    ASSERT_TRUE(Unload()) << cycle;
+    EXPECT_THAT(LoadedNodelets(), ::testing::IsEmpty());
+  }
+}
+
+TEST_F(LifecycleTest, UnloadEndsAFlushThatWaits) {
+  const EndlessPlayer player(mapper().player);
+  ASSERT_TRUE(Load());
+  ASSERT_TRUE(ros::service::waitForService("/dense_mapper/flush", 30000));
+  std::thread flusher([] {
+    // Whether it is done, refused or cut off does not matter, only that it ends.
+    for (int i = 0; i < 5; ++i) {
+      std_srvs::Trigger flush;
+      ros::service::call("/dense_mapper/flush", flush);
+    }
+  });
+  ros::WallDuration(0.5).sleep();
+  EXPECT_TRUE(Unload());
+  flusher.join();
+  EXPECT_THAT(LoadedNodelets(), ::testing::IsEmpty());
+}
+
+TEST_F(LifecycleTest, StandaloneNodeEndsCleanlyOnSignals) {
+  const EndlessPlayer player(mapper().player);
+  for (const int signal : {SIGTERM, SIGINT, SIGTERM, SIGINT}) {
+    mapper().depth.Clear();
+    const pid_t child = ::fork();
+    ASSERT_GE(child, 0);
+    if (child == 0) {
+      ::execl(ACMP_NODE_PATH, ACMP_NODE_PATH, "__name:=dense_mapper", static_cast<char*>(nullptr));
+      ::_exit(127);
+    }
+    EXPECT_TRUE(mapper().depth.WaitForCount(2, 60));
+    ::kill(child, signal);
+    int status = -1;
+    ASSERT_EQ(::waitpid(child, &status, 0), child);
+    EXPECT_TRUE(WIFEXITED(status)) << "killed by signal " << WTERMSIG(status);
+    EXPECT_EQ(WEXITSTATUS(status), 0);
+  }
+}
+
+TEST_F(LifecycleTest, RefusesAnUnknownParameterAndNamesTheNearest) {
+  ros::param::set(std::string(kName) + "/max_imagesize", 320);
+  EXPECT_FALSE(Load());
+  EXPECT_TRUE(mapper().WaitForLog({"~max_imagesize", "~max_image_size"}, 30));
+  ros::param::del(std::string(kName) + "/max_imagesize");
+  EXPECT_TRUE(Load()) << "the manager must survive";
+  EXPECT_TRUE(Unload());
+}
+
+TEST_F(LifecycleTest, RefusesAValueOutOfBounds) {
+  ros::param::set(std::string(kName) + "/window_size", 1);
+  EXPECT_FALSE(Load());
+  EXPECT_TRUE(mapper().WaitForLog({"~window_size = 1", "[2, 64]"}, 30));
+}
+
+TEST_F(LifecycleTest, ReportsThatThereIsNoGpu) {
+  try {
+    MakePatchMatch(Device::kCuda);
+    GTEST_SKIP() << "there is a GPU";
+  } catch (const InvalidInputError&) {
+  }
+  ros::param::set(std::string(kName) + "/device", "cuda");
+  ASSERT_TRUE(Load());
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"no device to match on", "device = cuda"}, 30));
+  for (const ViewMessages& view : MakeSmallScene(2)) mapper().player.Publish(view);
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: no_device"}, 30));
+  std::string message;
+  EXPECT_FALSE(mapper().Call("flush", &message));
+  EXPECT_THAT(message, ::testing::HasSubstr("cuda"));
+  EXPECT_TRUE(Unload());
+
+  mapper().diagnostics.Clear();
+  ros::param::set(std::string(kName) + "/device", "auto");
+  ASSERT_TRUE(Load());
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"why not on a GPU"}, 30));
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"mapping on cpu"}, 30));
+  EXPECT_TRUE(Unload());
+}
+
+}  // namespace
+}  // namespace acmp::test
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  ros::init(argc, argv, "lifecycle_rostest");
+  return RUN_ALL_TESTS();
+}
