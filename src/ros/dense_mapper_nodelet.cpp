@@ -184,15 +184,19 @@ void DenseMapperNodelet::HandleConfig(DenseMapperConfig& config) {
 }
 
 void DenseMapperNodelet::Deliver(bool all) {
-  const bool clouds_expected = cloud_source_->status().publishers > 0;
+  // Clouds of a player that has ended may still be queued behind their images.
+  const InputStatus clouds = cloud_source_->status();
+  const bool clouds_expected = clouds.publishers > 0 || clouds.received > 0;
   std::lock_guard<std::mutex> delivery_lock(delivery_mutex_);
   std::vector<IntakeEvent> events;
   {
     std::lock_guard<std::mutex> lock(intake_mutex_);
     intake_->set_clouds_expected(clouds_expected);
-    events = all ? intake_->TakeAll() : intake_->Take(SteadySeconds());
+    events = all ? intake_->TakeAll() : intake_->Take(SteadySeconds() - blocked_s_);
   }
+  const double start_s = SteadySeconds();
   for (IntakeEvent& event : events) Dispatch(std::move(event));
+  blocked_s_ += SteadySeconds() - start_s;
 }
 
 void DenseMapperNodelet::Dispatch(IntakeEvent event) {

@@ -72,6 +72,8 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   std::atomic<uint64_t> matched_{0};
 
   std::mutex delivery_mutex_;
+  /// Spent in a blocking queue: while it blocks no cloud can come in, so the clock of the wait for clouds stands still.
+  double blocked_s_ = 0;
   mutable std::mutex intake_mutex_;
   std::unique_ptr<KeyframeIntake> intake_;
 
