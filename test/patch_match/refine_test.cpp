@@ -1,0 +1,230 @@
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "gtest/gtest.h"
+
+#include "acmp_mapping/patch_match/kernel/update_pixel.h"
+#include "support/kernel_state.h"
+#include "support/planar_scene.h"
+
+// Which hypotheses the refinement rates, seen from where their windows are sampled.
+
+namespace acmp {
+namespace {
+
+constexpr double kRad = 3.14159265358979323846 / 180;
+
+/// Sampler that remembers where the source was sampled. The image is pseudo-random, so that nothing matches.
+struct SpySampler {
+  std::vector<Eigen::Vector2d>* positions;
+
+  float Reference(int col, int row) const {
+    return static_cast<float>(HashWord(static_cast<uint32_t>(col * 1000 + row)) % 256);
+  }
+  float Source(int, float x, float y) const {
+    positions->push_back({x, y});
+    return static_cast<float>(HashWord(static_cast<uint32_t>(positions->size())) % 256);
+  }
+};
+
+struct Hypothesis {
+  double depth;
+  Eigen::Vector3d normal;
+};
+
+/// Records the hypotheses that Refine rates at pixel (20, 15), recovered from where their windows were sampled.
+class RefineSpy {
+ public:
+  RefineSpy() {
+    // A long focal length and a wide baseline make the samples' positions tell the plane to about 1e-4; the images are
+    // so large that no hypothesis leaves them.
+    reference_.camera = {41, 31, 400, 400, 20, 15};
+    source_.camera = {100000, 100000, 4000, 4000, 50000, 50000};
+    for (PlanarView* view : {&reference_, &source_}) view->gray = GrayImage(1, 1);
+    source_.cam_from_world = LookAhead({1.5, 1.0, -0.2}, 0, 0, 10);
+    problem_.reference = reference_.View();
+    problem_.sources = {source_.View()};
+    problem_.depth_range = {2, 8};
+  }
+
+  template <Pass kPass>
+  std::vector<Hypothesis> Run(const PlaneHypothesis& current, const PixelPrior& prior, uint32_t step,
+                              const PatchMatchOptions& options) {
+    positions_.clear();
+    KernelState state(problem_, options);
+    for (PlaneHypothesis& plane : state.planes) plane = {0, 0, -1, 5};
+    const auto context = state.ContextWith(SpySampler{&positions_});
+    PixelUpdate<SpySampler> pixel{
+        context, 20, 15, context.rays.Ray(20, 15), LoadReferencePatch(context, 20, 15), prior, ViewWeights{}};
+    pixel.weights.draws[0] = 15;
+    pixel.weights.sum = 15;
+    RatedHypothesis best = {current, 0, -1e9f};  // cannot be improved on
+    RandomStream random(1, 2, step);
+    Refine<kPass>(pixel, &random, &best);
+    EXPECT_EQ(best.energy, -1e9f);
+    std::vector<Hypothesis> hypotheses;
+    EXPECT_EQ(positions_.size() % kPatchSamples, 0u);
+    for (size_t i = 0; i + kPatchSamples <= positions_.size(); i += kPatchSamples) hypotheses.push_back(Recover(i));
+    return hypotheses;
+  }
+
+ private:
+  /// Plane from a window of projections: with m = n / d, x ~ (A - b m^T K^-1) p is linear in m for each sample.
+  Hypothesis Recover(size_t first) const {
+    const Eigen::Matrix3d k_inverse = reference_.camera.K().inverse();
+    const Eigen::Matrix3d a = source_.camera.K() * source_.cam_from_world.linear() * k_inverse;
+    const Eigen::Vector3d b = source_.camera.K() * source_.cam_from_world.translation();
+    Eigen::MatrixXd lhs(2 * kPatchSamples, 3);
+    Eigen::VectorXd rhs(2 * kPatchSamples);
+    for (int i = 0; i < kPatchSamples; ++i) {
+      const Eigen::Vector3d p(20 - 5 + 2 * (i % 6), 15 - 5 + 2 * (i / 6), 1);
+      const Eigen::Vector3d ray = k_inverse * p, projected = a * p;
+      for (int axis = 0; axis < 2; ++axis) {
+        const double position = positions_[first + i][axis];
+        lhs.row(2 * i + axis) = (b[axis] - position * b.z()) * ray.transpose();
+        rhs(2 * i + axis) = projected[axis] - position * projected.z();
+      }
+    }
+    const Eigen::Vector3d m = lhs.colPivHouseholderQr().solve(rhs);
+    return {-1 / m.dot(k_inverse * Eigen::Vector3d(20, 15, 1)), m.normalized()};
+  }
+
+  PlanarView reference_, source_;
+  PatchMatchProblem problem_;
+  std::vector<Eigen::Vector2d> positions_;
+};
+
+double AngleDeg(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+  return std::acos(std::clamp(a.dot(b), -1.0, 1.0)) / kRad;
+}
+
+// Positions of about 50,000 px in float resolve 4e-3 px of a disparity of 1,200 px at depth 5; the window is 10 of 400
+// px wide, so normals resolve to about 4e-3 / 30 rad.
+constexpr double kDepthResolution = 1e-4;   // relative
+constexpr double kNormalResolution = 0.08;  // degrees
+
+bool SameDepth(double a, double b) { return std::abs(a / b - 1) < kDepthResolution; }
+bool SameNormal(const Eigen::Vector3d& a, const Eigen::Vector3d& b) { return AngleDeg(a, b) < kNormalResolution; }
+
+PlaneHypothesis CurrentPlane() { return PlaneThrough(Normalized({0.2f, -0.3f, -1.0f}), {0, 0, 1}, 5.0f); }
+const Eigen::Vector3d kCurrentNormal = Eigen::Vector3d(0.2, -0.3, -1.0).normalized();
+
+TEST(RefineTest, RatesTheSixHypothesesOfEquation12) {
+  RefineSpy spy;
+  const PatchMatchOptions options;
+  double widest_depth = 0, widest_normal = 0, nearest = 1e9, farthest = 0;
+  for (uint32_t step = 0; step < 300; ++step) {
+    const std::vector<Hypothesis> h = spy.Run<Pass::kPhotometric>(CurrentPlane(), {}, step, options);
+    ASSERT_EQ(h.size(), 6u);
+    // {[d_p, n_c], [d_r, n_c], [d_c, n_p], [d_c, n_r], [d_r, n_r], [d_p, n_p]}
+    const double perturbed_depth = h[0].depth, random_depth = h[1].depth;
+    const Eigen::Vector3d perturbed_normal = h[2].normal, random_normal = h[3].normal;
+    for (const int i : {0, 1}) ASSERT_TRUE(SameNormal(h[i].normal, kCurrentNormal)) << i;
+    for (const int i : {2, 3}) ASSERT_TRUE(SameDepth(h[i].depth, 5)) << i;
+    ASSERT_TRUE(SameDepth(h[4].depth, random_depth) && SameNormal(h[4].normal, random_normal));
+    ASSERT_TRUE(SameDepth(h[5].depth, perturbed_depth) && SameNormal(h[5].normal, perturbed_normal));
+
+    ASSERT_LE(std::abs(perturbed_depth / 5 - 1), 0.02 + kDepthResolution);
+    ASSERT_LE(AngleDeg(perturbed_normal, kCurrentNormal), 3 * 1.8 + kNormalResolution);
+    ASSERT_TRUE(random_depth > 2 * (1 - kDepthResolution) && random_depth < 8 * (1 + kDepthResolution));
+    ASSERT_LT(random_normal.z(), 0);
+    widest_depth = std::max(widest_depth, std::abs(perturbed_depth / 5 - 1));
+    widest_normal = std::max(widest_normal, AngleDeg(perturbed_normal, kCurrentNormal));
+    nearest = std::min(nearest, random_depth);
+    farthest = std::max(farthest, random_depth);
+  }
+  EXPECT_GT(widest_depth, 0.019);  // of 300 draws one lies in the outer 5 % but for 0.95^300
+  EXPECT_GT(widest_normal, 1.8);
+  EXPECT_LT(nearest, 2.1);
+  EXPECT_GT(farthest, 7);
+}
+
+TEST(RefineTest, OptionsSetThePerturbations) {
+  RefineSpy spy;
+  PatchMatchOptions options;
+  options.perturb_depth = 0.1f;
+  options.perturb_normal_deg = 9;
+  double widest_depth = 0, widest_normal = 0;
+  for (uint32_t step = 0; step < 300; ++step) {
+    const std::vector<Hypothesis> h = spy.Run<Pass::kPhotometric>(CurrentPlane(), {}, step, options);
+    widest_depth = std::max(widest_depth, std::abs(h[0].depth / 5 - 1));
+    widest_normal = std::max(widest_normal, AngleDeg(h[2].normal, kCurrentNormal));
+  }
+  EXPECT_TRUE(widest_depth > 0.095 && widest_depth < 0.1 + kDepthResolution) << widest_depth;
+  EXPECT_TRUE(widest_normal > 9 && widest_normal < 27 + kNormalResolution) << widest_normal;
+}
+
+TEST(RefineTest, GradientNormalIsTheSeventh) {
+  RefineSpy spy;
+  PatchMatchOptions options;
+  options.gradient_normal = true;
+  const std::vector<Hypothesis> h = spy.Run<Pass::kPhotometric>(CurrentPlane(), {}, 0, options);
+  ASSERT_EQ(h.size(), 7u);
+  EXPECT_TRUE(SameDepth(h[6].depth, 5));
+  EXPECT_TRUE(SameNormal(h[6].normal, {0, 0, -1}));  // the neighbours lie on a fronto-parallel plane
+}
+
+TEST(RefineTest, RandomDrawsOfThePriorPassStayNearThePrior) {
+  RefineSpy spy;
+  const PatchMatchOptions options;
+  PixelPrior prior;
+  prior.valid = true;
+  prior.normal = Normalized({-0.4f, 0.1f, -1.0f});
+  prior.depth = 6;
+  prior.sigma_depth = 0.1f;
+  prior.sigma_normal = static_cast<float>(5 * kRad);
+  const Eigen::Vector3d prior_normal = Eigen::Vector3d(-0.4, 0.1, -1).normalized();
+  double widest_depth = 0, widest_normal = 0;
+  for (uint32_t step = 0; step < 300; ++step) {
+    const std::vector<Hypothesis> h = spy.Run<Pass::kPlanarPrior>(CurrentPlane(), prior, step, options);
+    ASSERT_EQ(h.size(), 6u);
+    ASSERT_LE(std::abs(h[1].depth - 6), 0.3 + 6 * kDepthResolution);              // 3 sigma
+    ASSERT_LE(AngleDeg(h[3].normal, prior_normal), 3 * 2.5 + kNormalResolution);  // 2.5 degrees per axis
+    ASSERT_LE(std::abs(h[0].depth / 5 - 1), 0.02 + kDepthResolution);  // perturbations stay about the current one
+    ASSERT_LE(AngleDeg(h[2].normal, kCurrentNormal), 3 * 1.8 + kNormalResolution);
+    widest_depth = std::max(widest_depth, std::abs(h[1].depth - 6));
+    widest_normal = std::max(widest_normal, AngleDeg(h[3].normal, prior_normal));
+  }
+  EXPECT_GT(widest_depth, 0.28);
+  EXPECT_GT(widest_normal, 2.5);
+}
+
+TEST(RefineTest, WithoutPriorThePriorPassDrawsFromTheWholeRange) {
+  RefineSpy spy;
+  double nearest = 1e9, farthest = 0;
+  for (uint32_t step = 0; step < 300; ++step) {
+    const std::vector<Hypothesis> h = spy.Run<Pass::kPlanarPrior>(CurrentPlane(), {}, step, {});
+    ASSERT_EQ(h.size(), 6u);
+    nearest = std::min(nearest, h[1].depth);
+    farthest = std::max(farthest, h[1].depth);
+  }
+  EXPECT_LT(nearest, 2.1);
+  EXPECT_GT(farthest, 7);
+}
+
+TEST(RefineTest, NeverLeavesTheDepthRange) {
+  RefineSpy spy;
+  PixelPrior prior;
+  prior.valid = true;
+  prior.normal = {0, 0, -1};
+  prior.depth = 7.9f;  // half of its draws lie beyond 8
+  prior.sigma_depth = 0.5f;
+  prior.sigma_normal = 0.1f;
+  const PlaneHypothesis near_end = PlaneThrough({0, 0, -1}, {0, 0, 1}, 2.001f);
+  size_t rated = 0;
+  for (uint32_t step = 0; step < 300; ++step) {
+    for (const Hypothesis& h : spy.Run<Pass::kPlanarPrior>(near_end, prior, step, {})) {
+      ASSERT_GE(h.depth, 2 * (1 - kDepthResolution));
+      ASSERT_LE(h.depth, 8 * (1 + kDepthResolution));
+      ++rated;
+    }
+  }
+  // About half of the random and of the perturbed depths are left out: two hypotheses each.
+  EXPECT_GT(rated, 300u * 3);
+  EXPECT_LT(rated, 300u * 5);
+}
+
+}  // namespace
+}  // namespace acmp
