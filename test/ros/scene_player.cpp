@@ -67,11 +67,12 @@ FramePtr MakeExpectedFrame(int64_t id, const ViewMessages& messages) {
       calibration.camera, world_from_cam.inverse(), ToSparseCloud(messages.sparse_points).points, 0));
 }
 
-ScenePlayer::ScenePlayer(ros::NodeHandle nh)
-    : image(nh.advertise<sensor_msgs::Image>("image", 100)),
-      camera_info(nh.advertise<sensor_msgs::CameraInfo>("camera_info", 100)),
-      pose(nh.advertise<geometry_msgs::PoseStamped>("pose", 100)),
-      sparse_points(nh.advertise<sensor_msgs::PointCloud2>("sparse_points", 100)) {}
+ScenePlayer::ScenePlayer(ros::NodeHandle nh, const std::string& image_topic, const std::string& camera_info_topic,
+                         const std::string& pose_topic, const std::string& sparse_points_topic)
+    : image(nh.advertise<sensor_msgs::Image>(image_topic, 100)),
+      camera_info(nh.advertise<sensor_msgs::CameraInfo>(camera_info_topic, 100)),
+      pose(nh.advertise<geometry_msgs::PoseStamped>(pose_topic, 100)),
+      sparse_points(nh.advertise<sensor_msgs::PointCloud2>(sparse_points_topic, 100)) {}
 
 bool ScenePlayer::WaitForMapper(double timeout_s) const {
   const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(timeout_s);

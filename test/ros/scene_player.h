@@ -36,10 +36,12 @@ ros::Time StampOf(size_t index, uint32_t start_s = 1000);
 /// The frame that the mapper should make of the messages: pose and points went through quaternion and float32.
 FramePtr MakeExpectedFrame(int64_t id, const ViewMessages& messages);
 
-/// Publishes to the topics of a mapper in the root namespace.
+/// Publishes to a mapper's topics, by default those of one in the root namespace.
 class ScenePlayer {
  public:
-  explicit ScenePlayer(ros::NodeHandle nh);
+  explicit ScenePlayer(ros::NodeHandle nh, const std::string& image_topic = "image",
+                       const std::string& camera_info_topic = "camera_info", const std::string& pose_topic = "pose",
+                       const std::string& sparse_points_topic = "sparse_points");
 
   /// Blocks until the mapper has subscribed to everything; false after `timeout_s`.
   bool WaitForMapper(double timeout_s) const;
