@@ -55,9 +55,11 @@ struct DeviceSource {
 };
 
 /// Rows of a view as one block, copied only if they are padded.
-const float* Contiguous(const ImageView<const float>& image, std::vector<float>* storage) {
+template <class T>
+const T* Contiguous(const ImageView<const T>& image, std::vector<T>* storage) {
   if (image.stride == image.width) return image.data;
   storage->clear();
+  storage->reserve(static_cast<size_t>(image.width) * image.height);
   for (int row = 0; row < image.height; ++row) {
     storage->insert(storage->end(), &image(0, row), &image(0, row) + image.width);
   }
@@ -161,7 +163,9 @@ class PatchMatchCuda final : public PatchMatch {
       state_.cost.Upload(start->cost.data(), stream_);
     }
     if (prior.data != nullptr) {
-      state_.prior.Upload(prior.data, stream_);
+      std::vector<PlaneHypothesis> prior_storage;
+      state_.prior.Upload(Contiguous(prior, &prior_storage), stream_);
+      if (!prior_storage.empty()) stream_.Synchronize();
       context->prior = {state_.prior.data(), width, height, width};
     }
     context->sampler.reference = {state_.gray.data(), width, height, width};

@@ -2,6 +2,8 @@
 
 #include <tbb/parallel_for.h>
 
+#include <cmath>
+
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/patch_match/patch_match.h"
 
@@ -64,8 +66,15 @@ void CheckStart(const PatchMatchProblem& problem, const PatchMatchResult& start)
   const PinholeCamera& camera = problem.reference.camera;
   CheckSize("start.planes", start.planes.width(), start.planes.height(), camera);
   CheckSize("start.cost", start.cost.width(), start.cost.height(), camera);
-  for (const PlaneHypothesis& plane : start.planes) {
-    if (!(plane.d > 0)) throw InvalidInputError(Concat("start.planes: d = ", plane.d, ": must be > 0 at every pixel"));
+  const RayGrid rays = MakeRayGrid(camera);
+  for (int row = 0; row < camera.height; ++row) {
+    for (int col = 0; col < camera.width; ++col) {
+      const PlaneHypothesis& plane = start.planes(col, row);
+      const float depth = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));
+      if (plane.d > 0 && depth > 0 && std::isfinite(depth)) continue;
+      throw InvalidInputError(Concat("start.planes: pixel (", col, ", ", row, "): d = ", plane.d, ", depth = ", depth,
+                                     ": must both be positive and finite"));
+    }
   }
 }
 

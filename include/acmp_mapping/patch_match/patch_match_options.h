@@ -21,9 +21,9 @@ struct PatchMatchOptions {
 
   float sigma_spatial_px = 5.0f;  ///< bilateral weight exp(-r / (2 s^2)), > 0
   float sigma_color = 3.0f;       ///< bilateral weight exp(-|dI| / (2 s^2)), grey levels, > 0
-  float min_variance = 0.01f;     ///< grey levels^2, > 0; a window below it has no texture. After subtracting the
-                                  ///< reference's centre value float32 resolves variances to 2.4e-7 times the squared
-                                  ///< exposure difference: 0.01 is safe up to 200 grey levels
+  float min_variance = 0.01f;     ///< grey levels^2, > 0; a window below it has no texture. Relative to the reference's
+                               ///< centre value float32 keeps flat windows below it up to 100 grey levels of exposure
+                               ///< difference
   ViewWeighting view_weighting = ViewWeighting::kThresholded;
   float sigma_view = 0.3f;       ///< sigma of the view likelihood
   float view_smoothness = 0.9f;  ///< eta, 0.5..1
