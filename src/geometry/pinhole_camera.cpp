@@ -22,7 +22,8 @@ void CheckCamera(const char* name, const PinholeCamera& camera) {
         Concat(name, ": focal length fx = ", camera.fx, ", fy = ", camera.fy, ": must be positive and finite"));
   }
   if (!std::isfinite(camera.cx) || !std::isfinite(camera.cy)) {
-    throw InvalidInputError(Concat(name, ": principal point cx = ", camera.cx, ", cy = ", camera.cy, ": must be finite"));
+    throw InvalidInputError(
+        Concat(name, ": principal point cx = ", camera.cx, ", cy = ", camera.cy, ": must be finite"));
   }
 }
 

@@ -39,10 +39,12 @@ struct PinholeCamera {
   }
 };
 
-/// Throws InvalidInputError unless size and focal lengths are positive and everything is finite. `name` starts messages.
+/// Throws InvalidInputError unless size and focal lengths are positive and everything is finite. `name` starts
+/// messages.
 void CheckCamera(const char* name, const PinholeCamera& camera);
 
-/// Size whose longer side is at most `max_size` px, aspect kept to a pixel; unchanged when already small or max_size <= 0.
+/// Size whose longer side is at most `max_size` px, aspect kept to a pixel; unchanged when already small or max_size <=
+/// 0.
 void LimitSize(int max_size, int* width, int* height);
 
 }  // namespace acmp

@@ -20,9 +20,7 @@ struct ImageView {
   int stride = 0;  ///< elements from row to row
 
   ACMP_HOST_DEVICE T& operator()(int col, int row) const { return data[static_cast<size_t>(row) * stride + col]; }
-  ACMP_HOST_DEVICE bool Contains(int col, int row) const {
-    return col >= 0 && row >= 0 && col < width && row < height;
-  }
+  ACMP_HOST_DEVICE bool Contains(int col, int row) const { return col >= 0 && row >= 0 && col < width && row < height; }
   bool empty() const { return width == 0 || height == 0; }
 
   /// A view for reading; constrained so that views of const elements do not convert to themselves.
@@ -84,12 +82,12 @@ struct Rgb {
   unsigned char r = 0, g = 0, b = 0;
 };
 
-using GrayImage = Image<float>;            ///< grey values 0..255
+using GrayImage = Image<float>;  ///< grey values 0..255
 using ColorImage = Image<Rgb>;
-using DepthMap = Image<float>;             ///< z in scene units; 0 = unknown; never NaN
-using NormalMap = Image<Vec3f>;            ///< unit normals in the camera frame, facing the camera; 0 = unknown
-using CostMap = Image<float>;              ///< matching cost, 0 (perfect) to 2 (plus the geometric term); 2 = worst
-using ConfidenceMap = Image<float>;        ///< 0..1; 0 = unknown
-using PlaneMap = Image<PlaneHypothesis>;   ///< planes in the camera frame; all zero = none
+using DepthMap = Image<float>;            ///< z in scene units; 0 = unknown; never NaN
+using NormalMap = Image<Vec3f>;           ///< unit normals in the camera frame, facing the camera; 0 = unknown
+using CostMap = Image<float>;             ///< matching cost, 0 (perfect) to 2 (plus the geometric term); 2 = worst
+using ConfidenceMap = Image<float>;       ///< 0..1; 0 = unknown
+using PlaneMap = Image<PlaneHypothesis>;  ///< planes in the camera frame; all zero = none
 
 }  // namespace acmp

@@ -28,7 +28,8 @@ class DepthEstimator {
   const PipelineOptions& options() const { return options_; }
 
   /// Steps 1-20: photometric pass, planar prior (if in use), planar-prior pass.
-  PatchMatchResult EstimateInitial(const Frame& reference, const std::vector<FramePtr>& sources, const DepthRange& range);
+  PatchMatchResult EstimateInitial(const Frame& reference, const std::vector<FramePtr>& sources,
+                                   const DepthRange& range);
 
   /// Steps 21-30, one pass: the sources' depth maps (same order as `sources`, null where there is none yet) are read as
   /// they are (Jacobi), so the order in which images are refined does not matter.

@@ -23,7 +23,8 @@ void Validate(const PipelineOptions& options);
 const std::vector<std::string>& PresetNames();
 
 /// The systems compared in the paper as option sets of one pipeline: acmh = photometric + geometric passes,
-/// acmp_no_geometric = ACMP\G = photometric + planar prior, acmp = all. Throws InvalidInputError naming the known presets.
+/// acmp_no_geometric = ACMP\G = photometric + planar prior, acmp = all. Throws InvalidInputError naming the known
+/// presets.
 PipelineOptions MakePreset(const std::string& name);
 
 }  // namespace acmp
