@@ -20,8 +20,13 @@ ACMP_HOST_DEVICE inline float GeometricError(const MatchContext<Sampler>& contex
   const float x = projected.x / projected.z;
   const float y = projected.y / projected.z;
   if (!(x >= -0.5f && y >= -0.5f && x < source.width - 0.5f && y < source.height - 0.5f)) return worst;
-  // Nearest pixel: interpolation would invent depths at edges.
-  const float source_depth = source.depth(static_cast<int>(x + 0.5f), static_cast<int>(y + 0.5f));
+  // Nearest pixel: interpolation would invent depths at edges. Truncation is rounding here, as neither is below -0.5; a
+  // sum that rounds up to the width or height belongs to the last pixel.
+  int nearest_col = static_cast<int>(x + 0.5f);  // NOLINT(bugprone-incorrect-roundings)
+  int nearest_row = static_cast<int>(y + 0.5f);  // NOLINT(bugprone-incorrect-roundings)
+  if (nearest_col >= source.depth.width) nearest_col = source.depth.width - 1;
+  if (nearest_row >= source.depth.height) nearest_row = source.depth.height - 1;
+  const float source_depth = source.depth(nearest_col, nearest_row);
   if (!(source_depth > 0)) return worst;
 
   const Vec3f back = source_depth * (source.back_a * Vec3f{x, y, 1.0f}) + source.back_b;

@@ -131,7 +131,9 @@ ACMP_HOST_DEVICE inline void UpdatePixel(const MatchContext<Sampler>& context, i
   if (pixel.weights.sum == 0) return;  // no view counts: the pixel keeps its hypothesis and cost
 
   const auto rate = [&](int i) {
-    return Rate<kPass>(pixel, hypotheses[i], [&](int j) { return costs[i * kMaxSourceViews + j]; });
+    return Rate<kPass>(pixel, hypotheses[i], [&](int j) {
+      return costs[i * kMaxSourceViews + j];  // NOLINT(clang-analyzer-core.uninitialized.UndefReturn): filled above
+    });
   };
   RatedHypothesis best = rate(current);
   for (int i = 0; i < current; ++i) {

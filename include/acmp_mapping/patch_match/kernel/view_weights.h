@@ -27,7 +27,8 @@ ACMP_HOST_DEVICE inline float ViewLikelihood(const float* costs, int stride, int
   int good = 0, bad = 0;
   float sum = 0;
   for (int i = 0; i < count; ++i) {
-    const float cost = costs[i * stride];
+    // The analyser does not see that the caller has filled the first `count` costs of each view.
+    const float cost = costs[i * stride];  // NOLINT(clang-analyzer-core.uninitialized.Assign)
     if (cost < good_threshold) {
       sum += expf(-cost * cost * inv_sigma);
       ++good;
