@@ -3,12 +3,23 @@
 
 usage: summarize_tests.py CTEST_JUNIT_XML CTEST_EXIT_CODE EXTRA_PASSED EXTRA_FAILED
 Exits with 1 when anything failed or nothing ran."""
+import collections
 import re
 import sys
 import xml.etree.ElementTree as ElementTree
 
 # What a test program prints about the cases it leaves out: "Skipped" by GoogleTest with the reason on the next line.
 GTEST_SKIP = re.compile(r"^(?P<place>\S+): Skipped\n(?P<reason>.*)$", re.MULTILINE)
+
+
+def reason_of(case, output):
+    """Why a whole test was skipped: what its cases say, else the last line it printed, else what ctest says."""
+    skip = GTEST_SKIP.search(output)
+    if skip and skip.group("reason").strip():
+        return skip.group("reason").strip()
+    lines = output.strip().splitlines()
+    element = case.find("skipped")
+    return lines[-1] if lines else element.get("message") if element is not None else case.get("status")
 
 
 def main():
@@ -27,13 +38,15 @@ def main():
             passed += 1
         elif status in ("notrun", "disabled"):
             skipped += 1
-            reason = case.find("skipped")
-            print("skipped: %s: %s" % (case.get("name"), reason.get("message") if reason is not None else status))
+            print("skipped: %s: %s" % (case.get("name"), reason_of(case, output)))
         else:
             failed += 1
             print("failed: %s" % case.get("name"))
-        for skip in GTEST_SKIP.finditer(output):
-            print("left out in %s: %s" % (case.get("name"), skip.group("reason").strip() or skip.group("place")))
+        if status == "run":
+            reasons = collections.Counter(skip.group("reason").strip() or skip.group("place")
+                                          for skip in GTEST_SKIP.finditer(output))
+            for reason, count in reasons.items():
+                print("%d cases left out of %s: %s" % (count, case.get("name"), reason))
     if ctest_code != 0 and failed == 0:
         failed += 1
         print("failed: ctest ended with %d" % ctest_code)
