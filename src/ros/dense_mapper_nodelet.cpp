@@ -80,6 +80,7 @@ void DenseMapperNodelet::StartWorker() {
   map_ = std::make_unique<MapStore>(runtime_options.map);
   intake_ = std::make_unique<KeyframeIntake>(options_, runtime_options.gate, FallbackDepth(runtime_options.mapper));
   MapperWorker::Hooks hooks;
+  hooks.on_device = [this](const WorkerStatus& status) { LogDevice(status); };
   hooks.on_fast = [this](const KeyframeOutput& output) {
     publisher_->PublishFast(output, static_cast<size_t>(runtime_options_->Get().map.max_keyframes));
   };
@@ -97,6 +98,17 @@ void DenseMapperNodelet::StartWorker() {
   worker_ = std::make_unique<MapperWorker>(options_, runtime_options_.get(), map_.get(), hooks);
 }
 
+void DenseMapperNodelet::LogDevice(const WorkerStatus& status) {
+  if (!status.ready) {
+    NODELET_ERROR("no device to match on: %s", status.device_error.c_str());
+  } else if (!status.fallback_reason.empty()) {
+    NODELET_WARN("mapping on %s, since there is no GPU: %s", status.device_name.c_str(),
+                 status.fallback_reason.c_str());
+  } else {
+    NODELET_INFO("mapping on %s", status.device_name.c_str());
+  }
+}
+
 void DenseMapperNodelet::StartReconfigure() {
   const ros::NodeHandle nh = status_thread_.Attach(getPrivateNodeHandle());
   config_.__toServer__(nh);  // the server starts from there
@@ -104,17 +116,28 @@ void DenseMapperNodelet::StartReconfigure() {
   reconfigure_->setCallback([this](DenseMapperConfig& config, uint32_t) { HandleConfig(config); });
 }
 
+template <class Add>
+void DenseMapperNodelet::Receive(const Add& add) {
+  {
+    std::lock_guard<std::mutex> lock(intake_mutex_);
+    add(intake_.get());
+  }
+  Deliver();
+}
+
 void DenseMapperNodelet::Subscribe() {
   ros::NodeHandle nh = input_thread_.Attach(getNodeHandle());
   const DropHandler on_drop = [this](const Drop& drop) { ReportDrop(drop); };
-  cloud_source_ = MakeCloudSource(
-      nh, options_, [this](SparseCloudPtr c) { HandleCloud(std::move(c)); }, on_drop);
-  pose_source_ = MakePoseSource(
-      nh, options_, [this](PoseSample p) { HandlePose(std::move(p)); }, on_drop);
-  camera_info_source_ = MakeCameraInfoSource(
-      nh, [this](const sensor_msgs::CameraInfo& info) { HandleCameraInfo(info); }, on_drop);
-  image_source_ = MakeImageSource(
-      nh, options_, [this](std::shared_ptr<const EncodedImage> i) { HandleImage(std::move(i)); }, on_drop);
+  const auto on_cloud = [this](SparseCloudPtr c) { Receive([&](auto* intake) { intake->AddCloud(std::move(c)); }); };
+  const auto on_pose = [this](PoseSample p) { Receive([&](auto* intake) { intake->AddPose(std::move(p)); }); };
+  const auto on_info = [this](const sensor_msgs::CameraInfo& info) {
+    Receive([&](auto* intake) { intake->AddCameraInfo(info); });
+  };
+  const auto on_image = [this](std::shared_ptr<const EncodedImage> image) { HandleImage(std::move(image)); };
+  cloud_source_ = MakeCloudSource(nh, options_, on_cloud, on_drop);
+  pose_source_ = MakePoseSource(nh, options_, on_pose, on_drop);
+  camera_info_source_ = MakeCameraInfoSource(nh, on_info, on_drop);
+  image_source_ = MakeImageSource(nh, options_, on_image, on_drop);
   deliver_timer_ =
       nh.createWallTimer(ros::WallDuration(kDeliverPeriodS), [this](const ros::WallTimerEvent&) { Deliver(); });
 }
@@ -143,35 +166,7 @@ void DenseMapperNodelet::HandleImage(std::shared_ptr<const EncodedImage> image) 
   if (paused_) {
     return ReportDrop({"paused", Concat("image ", FormatStamp(ToStampNs(image->header().stamp)), " (~pause)")});
   }
-  {
-    std::lock_guard<std::mutex> lock(intake_mutex_);
-    intake_->AddImage(std::move(image));
-  }
-  Deliver();
-}
-
-void DenseMapperNodelet::HandleCameraInfo(const sensor_msgs::CameraInfo& info) {
-  {
-    std::lock_guard<std::mutex> lock(intake_mutex_);
-    intake_->AddCameraInfo(info);
-  }
-  Deliver();
-}
-
-void DenseMapperNodelet::HandlePose(PoseSample pose) {
-  {
-    std::lock_guard<std::mutex> lock(intake_mutex_);
-    intake_->AddPose(std::move(pose));
-  }
-  Deliver();
-}
-
-void DenseMapperNodelet::HandleCloud(SparseCloudPtr cloud) {
-  {
-    std::lock_guard<std::mutex> lock(intake_mutex_);
-    intake_->AddCloud(std::move(cloud));
-  }
-  Deliver();
+  Receive([&](KeyframeIntake* intake) { intake->AddImage(std::move(image)); });
 }
 
 void DenseMapperNodelet::HandleConfig(DenseMapperConfig& config) {
@@ -258,8 +253,9 @@ std::string DenseMapperNodelet::Reset() {
     std::lock_guard<std::mutex> lock(intake_mutex_);
     intake_->Clear();
   }
-  Deliver();  // the drops
-  return Expect(worker_->Reset(), "buffers, window and map are empty");
+  const std::string failure = worker_->Reset();
+  Deliver();  // the drops; only now, since a full queue might have blocked it
+  return Expect(failure, "buffers, window and map are empty");
 }
 
 MapperSnapshot DenseMapperNodelet::TakeSnapshot() {

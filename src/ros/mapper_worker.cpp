@@ -1,5 +1,6 @@
 #include "acmp_mapping/ros/mapper_worker.h"
 
+#include <cmath>
 #include <exception>
 #include <future>
 #include <utility>
@@ -35,10 +36,10 @@ PointCloud KeptPoints(const KeyframeDepth& maps, ImageView<const unsigned char> 
   for (const SurfacePoint& point : maps.points_in_camera) {
     if (point.confidence < min_confidence) continue;
     const Eigen::Vector2d pixel = camera.Project({point.position.x, point.position.y, point.position.z});
-    if (camera.Contains(pixel) &&
-        !keep(static_cast<int>(std::lround(pixel.x())), static_cast<int>(std::lround(pixel.y())))) {
-      continue;
-    }
+    // Rounded as Contains does: -0.5 belongs to pixel 0.
+    const int col = static_cast<int>(std::floor(pixel.x() + 0.5));
+    const int row = static_cast<int>(std::floor(pixel.y() + 0.5));
+    if (camera.Contains(pixel) && !keep(col, row)) continue;
     kept.push_back(point);
   }
   return kept;
@@ -138,6 +139,7 @@ void MapperWorker::UpdateStatus(const Change& change) {
 
 void MapperWorker::Run() {
   MakeMapper();
+  if (!stopping_) hooks_.on_device(status());
   while (auto item = queue_.Pop()) {
     if (auto* command = std::get_if<Command>(&*item)) {
       (*command)();
@@ -153,6 +155,9 @@ void MapperWorker::Run() {
       ReportDrop({"processing_error", Concat("keyframe ", FormatStamp(stamp_ns), ": ", error.what())});
     }
   }
+  // The device's memory goes in the thread that has used it.
+  mapper_.reset();
+  patch_match_.reset();
 }
 
 void MapperWorker::MakeMapper() {

@@ -158,6 +158,7 @@ TEST_F(LifecycleTest, ReportsThatThereIsNoGpu) {
   ros::param::set(std::string(kName) + "/device", "cuda");
   ASSERT_TRUE(Load());
   EXPECT_TRUE(mapper().WaitForDiagnostic({"no device to match on", "device = cuda"}, 30));
+  EXPECT_TRUE(mapper().WaitForLog({"no device to match on", "device = cuda"}, 30));
   for (const ViewMessages& view : MakeSmallScene(2)) mapper().player.Publish(view);
   EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: no_device"}, 30));
   std::string message;
@@ -170,6 +171,7 @@ TEST_F(LifecycleTest, ReportsThatThereIsNoGpu) {
   ASSERT_TRUE(Load());
   EXPECT_TRUE(mapper().WaitForDiagnostic({"why not on a GPU"}, 30));
   EXPECT_TRUE(mapper().WaitForDiagnostic({"mapping on cpu"}, 30));
+  EXPECT_TRUE(mapper().WaitForLog({"mapping on cpu", "no GPU"}, 30));
   EXPECT_TRUE(Unload());
 }
 

@@ -263,7 +263,7 @@ TEST_F(MappingTest, PointsLieOnTheSurfacesOfTheirView) {
       const Eigen::Vector2d pixel = view.frame.camera.Project({point.x, point.y, point.z});
       ASSERT_TRUE(view.frame.camera.Contains(pixel));
       const float truth =
-          view.true_depth(static_cast<int>(std::lround(pixel.x())), static_cast<int>(std::lround(pixel.y())));
+          view.true_depth(static_cast<int>(std::floor(pixel.x() + 0.5)), static_cast<int>(std::floor(pixel.y() + 0.5)));
       ++points;
       good += std::abs(point.z - truth) < 0.05f * truth;
       EXPECT_NEAR(point.getNormalVector3fMap().norm(), 1, 1e-3);
@@ -307,7 +307,7 @@ TEST_F(MappingTest, LateSubscriberGetsTheMap) {
     if (in_cam.z() <= 0 || !view.frame.camera.Contains(view.frame.camera.Project(in_cam))) continue;
     const Eigen::Vector2d pixel = view.frame.camera.Project(in_cam);
     const float truth =
-        view.true_depth(static_cast<int>(std::lround(pixel.x())), static_cast<int>(std::lround(pixel.y())));
+        view.true_depth(static_cast<int>(std::floor(pixel.x() + 0.5)), static_cast<int>(std::floor(pixel.y() + 0.5)));
     ++in_view;
     in_front += in_cam.z() < 0.95f * truth;
   }

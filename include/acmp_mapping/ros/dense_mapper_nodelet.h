@@ -40,11 +40,12 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   void Subscribe();
   void StartServices();
   void StartReconfigure();
+  void LogDevice(const WorkerStatus& status);
 
   void HandleImage(std::shared_ptr<const EncodedImage> image);
-  void HandleCameraInfo(const sensor_msgs::CameraInfo& info);
-  void HandlePose(PoseSample pose);
-  void HandleCloud(SparseCloudPtr cloud);
+  /// Runs add(intake) and hands on what has become complete.
+  template <class Add>
+  void Receive(const Add& add);
   void HandleConfig(DenseMapperConfig& config);
   void HandlePeriod();
 

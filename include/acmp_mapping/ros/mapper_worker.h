@@ -54,6 +54,7 @@ struct WorkerStatus {
 class MapperWorker {
  public:
   struct Hooks {
+    std::function<void(const WorkerStatus&)> on_device;  ///< once, when the backend exists or cannot be made
     std::function<void(const KeyframeOutput&)> on_fast;
     std::function<void(const KeyframeOutput&)> on_refined;
     std::function<void(const Drop&)> on_drop;
