@@ -103,8 +103,8 @@ std::string CompressedTopic(const ros::NodeHandle& nh) {
 
 }  // namespace
 
-std::unique_ptr<InputSource> MakeImageSource(ros::NodeHandle nh, const NodeOptions& options,
-                                             std::function<void(std::shared_ptr<const EncodedImage>)> on_image,
+std::unique_ptr<InputSource> MakeImageSource(const ros::NodeHandle& nh, const NodeOptions& options,
+                                             const std::function<void(std::shared_ptr<const EncodedImage>)>& on_image,
                                              DropHandler on_drop) {
   // With overload: block the images of a recording wait here, all of them (0: no limit).
   const uint32_t queue = options.overload == OverloadPolicy::kBlock ? 0 : kImageQueue;
@@ -120,16 +120,16 @@ std::unique_ptr<InputSource> MakeImageSource(ros::NodeHandle nh, const NodeOptio
                                                                      handle, std::move(on_drop));
 }
 
-std::unique_ptr<InputSource> MakeCameraInfoSource(ros::NodeHandle nh,
-                                                  std::function<void(const sensor_msgs::CameraInfo&)> on_info,
+std::unique_ptr<InputSource> MakeCameraInfoSource(const ros::NodeHandle& nh,
+                                                  const std::function<void(const sensor_msgs::CameraInfo&)>& on_info,
                                                   DropHandler on_drop) {
   const auto handle = [on_info](const sensor_msgs::CameraInfoConstPtr& message) { on_info(*message); };
   return std::make_unique<TopicSource<sensor_msgs::CameraInfo>>(nh, names::kCameraInfo, kCameraInfoQueue,
                                                                 "bad_camera_info", handle, std::move(on_drop));
 }
 
-std::unique_ptr<InputSource> MakePoseSource(ros::NodeHandle nh, const NodeOptions& options,
-                                            std::function<void(PoseSample)> on_pose, DropHandler on_drop) {
+std::unique_ptr<InputSource> MakePoseSource(const ros::NodeHandle& nh, const NodeOptions& options,
+                                            const std::function<void(PoseSample)>& on_pose, DropHandler on_drop) {
   const PoseSemantics semantics = options.pose;
   const auto handle = [on_pose, semantics](const geometry_msgs::PoseStampedConstPtr& message) {
     const geometry_msgs::Point& position = message->pose.position;
@@ -149,8 +149,8 @@ std::unique_ptr<InputSource> MakePoseSource(ros::NodeHandle nh, const NodeOption
                                                                    std::move(on_drop));
 }
 
-std::unique_ptr<InputSource> MakeCloudSource(ros::NodeHandle nh, const NodeOptions& options,
-                                             std::function<void(SparseCloudPtr)> on_cloud, DropHandler on_drop) {
+std::unique_ptr<InputSource> MakeCloudSource(const ros::NodeHandle& nh, const NodeOptions& options,
+                                             const std::function<void(SparseCloudPtr)>& on_cloud, DropHandler on_drop) {
   const auto handle = [on_cloud](const sensor_msgs::PointCloud2ConstPtr& message) {
     on_cloud(std::make_shared<const SparseCloud>(ToSparseCloud(*message)));
   };

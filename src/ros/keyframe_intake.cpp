@@ -81,7 +81,7 @@ std::vector<IntakeEvent> KeyframeIntake::Convert(std::vector<MatchEvent> matched
   std::vector<IntakeEvent> events;
   for (MatchEvent& event : matched) {
     if (auto* match = std::get_if<MatchedInput>(&event)) {
-      Convert(std::move(*match), &events);
+      Convert(*match, &events);
     } else if (auto* drop = std::get_if<Drop>(&event)) {
       events.emplace_back(std::move(*drop));
     } else {
@@ -93,7 +93,7 @@ std::vector<IntakeEvent> KeyframeIntake::Convert(std::vector<MatchEvent> matched
   return events;
 }
 
-void KeyframeIntake::Convert(MatchedInput match, std::vector<IntakeEvent>* events) {
+void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>* events) {
   KeyframeInput input;
   input.stamp_ns = match.image.stamp_ns;
   input.image = match.image.image;

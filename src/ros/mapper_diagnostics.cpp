@@ -107,8 +107,8 @@ void DescribeMap(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* status
   status->add("voxel size [unit of the poses]", snapshot.map.voxel_size);
 }
 
-MapperDiagnostics::MapperDiagnostics(ros::NodeHandle nh, ros::NodeHandle private_nh, const std::string& name,
-                                     std::function<MapperSnapshot()> take_snapshot)
+MapperDiagnostics::MapperDiagnostics(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh,
+                                     const std::string& name, std::function<MapperSnapshot()> take_snapshot)
     : take_snapshot_(std::move(take_snapshot)), updater_(nh, private_nh, name) {
   updater_.setHardwareID("none");
   const auto add = [this](const char* task, void (*describe)(const MapperSnapshot&, DiagnosticStatusWrapper*)) {

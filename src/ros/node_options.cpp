@@ -36,9 +36,7 @@ RigidTransform ToTransform(const std::vector<double>& m) {
                                    ", must be 0 0 0 1"));
   }
   RigidTransform transform = RigidTransform::Identity();
-  for (int row = 0; row < 3; ++row) {
-    for (int col = 0; col < 4; ++col) transform.matrix()(row, col) = m[static_cast<size_t>(4 * row + col)];
-  }
+  transform.matrix() = Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(m.data());
   CheckPose("parameter ~T_body_cam", transform);
   return transform;
 }

@@ -49,7 +49,7 @@ sensor_msgs::ImagePtr ToConfidenceMessage(const KeyframeOutput& output, const st
 
 }  // namespace
 
-OutputPublisher::OutputPublisher(ros::NodeHandle nh, std::function<void()> on_map_subscriber) : transport_(nh) {
+OutputPublisher::OutputPublisher(ros::NodeHandle nh, const std::function<void()>& on_map_subscriber) : transport_(nh) {
   depth_fast_ = transport_.advertiseCamera(names::kDepthFast, kQueue);
   depth_ = transport_.advertiseCamera(names::kDepth, kQueue);
   color_ = transport_.advertiseCamera(names::kColor, kQueue);

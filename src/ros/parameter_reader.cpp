@@ -42,8 +42,6 @@ bool AppendNumbers(XmlRpcValue& value, std::vector<double>* numbers) {
 
 }  // namespace
 
-ParameterReader::ParameterReader(XmlRpcValue values) : values_(std::move(values)) {}
-
 XmlRpcValue* ParameterReader::Find(const std::string& name) {
   known_.insert(name);
   if (values_.getType() != XmlRpcValue::TypeStruct || !values_.hasMember(name)) return nullptr;
@@ -94,8 +92,9 @@ bool ParameterReader::Read(const std::string& name, std::vector<double>* value) 
 void ParameterReader::CheckUnknown() const {
   if (values_.getType() != XmlRpcValue::TypeStruct) return;
   XmlRpcValue values = values_;  // iteration is not const
-  for (auto& [name, value] : values) {
-    if (known_.count(name) > 0 || value.getType() == XmlRpcValue::TypeStruct) continue;
+  for (auto& member : values) {
+    const std::string& name = member.first;
+    if (known_.count(name) > 0 || member.second.getType() == XmlRpcValue::TypeStruct) continue;
     const auto nearest = std::min_element(known_.begin(), known_.end(), [&](const auto& a, const auto& b) {
       return EditDistance(a, name) < EditDistance(b, name);
     });

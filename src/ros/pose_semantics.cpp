@@ -34,7 +34,7 @@ const char* Name(PoseSemantics::Child child) {
 }  // namespace
 
 RigidTransform WorldFromCamera(const PoseSemantics& semantics, const RigidTransform& received) {
-  const RigidTransform world_from_child =
+  RigidTransform world_from_child =
       semantics.direction == PoseSemantics::Direction::kWorldFromCam ? received : received.inverse();
   switch (semantics.child) {
     case PoseSemantics::Child::kCameraOptical:

@@ -33,16 +33,16 @@ class InputSource {
 using DropHandler = std::function<void(const Drop&)>;
 
 /// Callbacks run in the node handle's callback queue. Messages that cannot be used go to `on_drop`.
-std::unique_ptr<InputSource> MakeImageSource(ros::NodeHandle nh, const NodeOptions& options,
-                                             std::function<void(std::shared_ptr<const EncodedImage>)> on_image,
+std::unique_ptr<InputSource> MakeImageSource(const ros::NodeHandle& nh, const NodeOptions& options,
+                                             const std::function<void(std::shared_ptr<const EncodedImage>)>& on_image,
                                              DropHandler on_drop);
-std::unique_ptr<InputSource> MakeCameraInfoSource(ros::NodeHandle nh,
-                                                  std::function<void(const sensor_msgs::CameraInfo&)> on_info,
+std::unique_ptr<InputSource> MakeCameraInfoSource(const ros::NodeHandle& nh,
+                                                  const std::function<void(const sensor_msgs::CameraInfo&)>& on_info,
                                                   DropHandler on_drop);
-std::unique_ptr<InputSource> MakePoseSource(ros::NodeHandle nh, const NodeOptions& options,
-                                            std::function<void(PoseSample)> on_pose, DropHandler on_drop);
-std::unique_ptr<InputSource> MakeCloudSource(ros::NodeHandle nh, const NodeOptions& options,
-                                             std::function<void(SparseCloudPtr)> on_cloud, DropHandler on_drop);
+std::unique_ptr<InputSource> MakePoseSource(const ros::NodeHandle& nh, const NodeOptions& options,
+                                            const std::function<void(PoseSample)>& on_pose, DropHandler on_drop);
+std::unique_ptr<InputSource> MakeCloudSource(const ros::NodeHandle& nh, const NodeOptions& options,
+                                             const std::function<void(SparseCloudPtr)>& on_cloud, DropHandler on_drop);
 
 /// Seconds of a clock that never goes back, whatever ROS time does.
 double SteadySeconds();

@@ -53,7 +53,7 @@ class KeyframeIntake {
 
  private:
   std::vector<IntakeEvent> Convert(std::vector<MatchEvent> events);
-  void Convert(MatchedInput match, std::vector<IntakeEvent>* events);
+  void Convert(const MatchedInput& match, std::vector<IntakeEvent>* events);
   std::vector<Eigen::Vector3d> PlaceCloud(const MatchedInput& match, const KeyframeInput& input,
                                           std::vector<IntakeEvent>* events) const;
 

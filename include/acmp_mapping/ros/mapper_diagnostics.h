@@ -39,7 +39,7 @@ void DescribeMap(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticS
 /// Publishes them on /diagnostics once a second of wall time, so that a paused or jumping clock does not silence it.
 class MapperDiagnostics {
  public:
-  MapperDiagnostics(ros::NodeHandle nh, ros::NodeHandle private_nh, const std::string& name,
+  MapperDiagnostics(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, const std::string& name,
                     std::function<MapperSnapshot()> take_snapshot);
 
  private:

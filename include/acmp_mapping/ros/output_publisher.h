@@ -16,7 +16,7 @@ namespace acmp {
 class OutputPublisher {
  public:
   /// @param on_map_subscriber called when somebody subscribes to the map
-  OutputPublisher(ros::NodeHandle nh, std::function<void()> on_map_subscriber);
+  OutputPublisher(ros::NodeHandle nh, const std::function<void()>& on_map_subscriber);
 
   void PublishFast(const KeyframeOutput& output, size_t max_path_length);
   void PublishRefined(const KeyframeOutput& output);

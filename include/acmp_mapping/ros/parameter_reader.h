@@ -14,7 +14,7 @@ namespace acmp {
 class ParameterReader {
  public:
   /// @param values the namespace as a struct (NodeHandle::getParam("", ...)); anything else counts as empty
-  explicit ParameterReader(XmlRpc::XmlRpcValue values);
+  explicit ParameterReader(const XmlRpc::XmlRpcValue& values) : values_(values) {}
 
   /// True when the parameter is set. Integers are accepted for floating-point parameters, not the other way round.
   bool Read(const std::string& name, double* value);
