@@ -1,5 +1,6 @@
 #include "acmp_mapping/keyframe/frame.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
@@ -50,6 +51,17 @@ Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamer
   frame.color = width == color.width() && height == color.height() ? std::move(color) : Resize(color, width, height);
   frame.landmarks_in_world = std::move(landmarks_in_world);
   return frame;
+}
+
+std::vector<Eigen::Vector3d> RoundedToFloat(const std::vector<Eigen::Vector3d>& points) {
+  // Through memory: gcc 12's vectoriser takes point.cast<float>().cast<double>() for a copy.
+  std::vector<Eigen::Vector3f> rounded(points.size());
+  std::transform(points.begin(), points.end(), rounded.begin(),
+                 [](const Eigen::Vector3d& point) { return Eigen::Vector3f(point.cast<float>()); });
+  std::vector<Eigen::Vector3d> result(points.size());
+  std::transform(rounded.begin(), rounded.end(), result.begin(),
+                 [](const Eigen::Vector3f& point) { return Eigen::Vector3d(point.cast<double>()); });
+  return result;
 }
 
 }  // namespace acmp

@@ -47,7 +47,7 @@ class OnlineSchedule {
       Timer timer;
       auto frame = std::make_shared<Frame>(LoadFrame(run_.scene, image.index, run_.options.max_image_size));
       // What a PointCloud2 carries is in float: with the same bits the nodelet's maps are the same.
-      for (Eigen::Vector3d& point : frame->landmarks_in_world) point = point.cast<float>().cast<double>();
+      frame->landmarks_in_world = RoundedToFloat(frame->landmarks_in_world);
       run_.times.io_ms += timer.Lap();
       mapper_.AddKeyframe(std::move(frame));
       KeepOutcome();

@@ -129,5 +129,21 @@ TEST(CheckPoseTest, RefusesBadPosesAndNamesThem) {
   }
 }
 
+// At every count: a vectorised loop and its remainder are compiled differently.
+TEST(RoundedToFloatTest, EveryCoordinateIsAFloat) {
+  for (size_t count = 0; count < 20; ++count) {
+    std::vector<Eigen::Vector3d> points;
+    for (size_t i = 0; i < count; ++i) points.emplace_back(0.1 * static_cast<double>(i + 1), 0.2, -1e-9);
+    const std::vector<Eigen::Vector3d> rounded = RoundedToFloat(points);
+    ASSERT_EQ(rounded.size(), count);
+    for (size_t i = 0; i < count; ++i) {
+      for (int axis = 0; axis < 3; ++axis) {
+        volatile float expected = static_cast<float>(points[i][axis]);  // volatile: not subject to what is tested
+        EXPECT_EQ(rounded[i][axis], static_cast<double>(expected)) << count << " points, " << i << ", axis " << axis;
+      }
+    }
+  }
+}
+
 }  // namespace
 }  // namespace acmp

@@ -31,6 +31,9 @@ using FramePtr = std::shared_ptr<const Frame>;
 Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamera& camera,
                 const RigidTransform& cam_from_world, std::vector<Eigen::Vector3d> landmarks_in_world, int max_size);
 
+/// The points as a PointCloud2 carries them: every coordinate rounded to float, returned in double.
+std::vector<Eigen::Vector3d> RoundedToFloat(const std::vector<Eigen::Vector3d>& points);
+
 /// Throws InvalidInputError unless the pose is finite and its rotation orthonormal within 1e-3.
 void CheckPose(const char* name, const RigidTransform& pose);
 
