@@ -7,7 +7,8 @@
 set -euo pipefail
 
 programs="src/tools/acmp_reconstruct src/tools/acmp_evaluate src/tools/acmp_benchmark src/tools/acmp_make_scene
-  test/patch_match/test_cuda_parity test/patch_match/test_kernel_parity"
+  test/patch_match/test_cuda_parity test/patch_match/test_kernel_parity test/patch_match/test_patch_match_passes
+  test/patch_match/test_plane_recovery test/backend/test_backend test/pipeline/test_pipeline_synthetic"
 
 bundle() {
   local source folder build path program soname scene
@@ -81,8 +82,9 @@ run() {
   for step in ${STEPS:-tests sanitizer quality times}; do
     echo "== $step"
     case $step in
-      tests) test_kernel_parity --gtest_brief=1 || status=1
-        test_cuda_parity || status=1 ;;
+      tests) for program in $programs; do
+          case $program in test/*) echo "-- $(basename "$program")"; "$(basename "$program")" --gtest_brief=1 || status=1 ;; esac
+        done ;;
       sanitizer) check_sanitizer "$results" || status=1 ;;
       quality) check_quality "$results" || status=1 ;;
       times) acmp_benchmark --device cuda --sizes 640x480,3072x2048 --source-views 10 --json "$results/times.json" || status=1 ;;

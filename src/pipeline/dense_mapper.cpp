@@ -202,6 +202,7 @@ std::vector<const WindowEntry*> DenseMapper::Impl::Others(const WindowEntry& ent
 DenseMapper::Impl::Sources DenseMapper::Impl::SelectSources(const WindowEntry& entry) const {
   const std::vector<const WindowEntry*> others = Others(entry);
   std::vector<FramePtr> candidates;
+  candidates.reserve(others.size());
   for (const WindowEntry* other : others) candidates.push_back(other->frame);
   Sources sources;
   for (const RankedSourceView& view :

@@ -13,6 +13,7 @@
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/image/image_processing.h"
 #include "acmp_mapping/pipeline/depth_estimator.h"
+#include "tool_main.h"
 #ifdef ACMP_HAVE_CUDA
 #include "acmp_mapping/backend/texture_rate.h"
 #endif
@@ -195,12 +196,14 @@ void Run(const Arguments& arguments) {
 }  // namespace
 }  // namespace acmp
 
+// NOLINTNEXTLINE(bugprone-exception-escape): only a wrong table of options or no memory throw outside RunTool
 int main(int argc, char** argv) {
   acmp::Arguments arguments;
   CLI::App app(
       "Measures milliseconds per image of each stage on synthetic images, and on a GPU the ratio to the floor: one "
       "texture fetch per sample of the full schedule, at the fetch rate measured on the same GPU.\n"
-      "Example: acmp_benchmark --sizes 640x480,3072x2048 --source-views 10");
+      "Example: acmp_benchmark --sizes 640x480,3072x2048 --source-views 10",
+      "acmp_benchmark");
   app.add_option("--sizes", arguments.sizes, "Image sizes, WIDTHxHEIGHT")->delimiter(',')->capture_default_str();
   app.add_option("--source-views", arguments.source_views, "Source views")
       ->check(CLI::Range(1, 32))
@@ -212,17 +215,8 @@ int main(int argc, char** argv) {
   app.add_option("--device", arguments.device, "auto, cuda or cpu")->capture_default_str();
   app.add_option("--cuda-index", arguments.cuda_index, "Which GPU")->capture_default_str();
   app.add_option("--json", arguments.json, "Also write the figures to this file");
-  try {
-    app.parse(argc, argv);
+  return acmp::RunTool(app, argc, argv, [&] {
     acmp::Run(arguments);
-    return 0;
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  } catch (const acmp::InvalidInputError& error) {
-    std::cerr << "acmp_benchmark: " << error.what() << std::endl;
-    return 2;
-  } catch (const std::exception& error) {
-    std::cerr << "acmp_benchmark: " << error.what() << std::endl;
-    return 1;
-  }
+    return acmp::kExitDone;
+  });
 }

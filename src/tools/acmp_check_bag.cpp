@@ -6,7 +6,7 @@
 #include <string>
 
 #include "bag_check.h"
-#include "bag_tool_main.h"
+#include "tool_main.h"
 
 namespace {
 

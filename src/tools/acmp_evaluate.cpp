@@ -6,10 +6,10 @@
 
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
-#include "bag_tool_main.h"
 #include "evaluate_depth.h"
 #include "evaluate_inputs.h"
 #include "evaluate_report.h"
+#include "tool_main.h"
 
 namespace acmp {
 namespace {

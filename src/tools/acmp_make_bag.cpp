@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "bag_recording.h"
-#include "bag_tool_main.h"
 #include "scene_files.h"
+#include "tool_main.h"
 
 namespace {
 
@@ -72,13 +72,6 @@ void AddOptions(CLI::App& app, Arguments& arguments) {
       ->group(synthetic_group);
 }
 
-acmp::SceneFormat ParseFormat(const std::string& name) {
-  if (name == "auto") return acmp::SceneFormat::kAuto;
-  if (name == "colmap") return acmp::SceneFormat::kColmap;
-  if (name == "mvsnet") return acmp::SceneFormat::kMvsnet;
-  throw acmp::InvalidInputError("--format " + name + ": must be auto, colmap or mvsnet");
-}
-
 acmp::RecordingSummary MakeSyntheticBag(const Arguments& arguments) {
   if (arguments.paths.size() != 1) throw acmp::InvalidInputError("--synthetic takes no SCENE: give only OUT.bag");
   if (!arguments.images.empty()) throw acmp::InvalidInputError("--images does not go with --synthetic");
@@ -90,11 +83,11 @@ acmp::RecordingSummary MakeSyntheticBag(const Arguments& arguments) {
 acmp::RecordingSummary MakeSceneBag(const Arguments& arguments) {
   if (arguments.paths.size() != 2) throw acmp::InvalidInputError("give SCENE and OUT.bag");
   if (!arguments.ground_truth.empty()) throw acmp::InvalidInputError("--ground-truth needs --synthetic");
-  const acmp::Scene scene = acmp::ReadScene(arguments.paths[0], ParseFormat(arguments.format));
+  const acmp::Scene scene = acmp::ReadScene(arguments.paths[0], acmp::ParseSceneFormat(arguments.format));
   const int count = static_cast<int>(scene.images.size());
   std::vector<int> indices(scene.images.size());
   std::iota(indices.begin(), indices.end(), 0);
-  if (!arguments.images.empty()) indices = acmp::ParseIndices(arguments.images, count);
+  if (!arguments.images.empty()) indices = acmp::ParseImageIndices(arguments.images, count);
   return acmp::RecordScene(scene, indices, arguments.recording, arguments.paths[1]);
 }
 

@@ -4,8 +4,8 @@
 #include <CLI/CLI.hpp>
 
 #include "acmp_mapping/common/error.h"
-#include "bag_tool_main.h"
 #include "scene_files.h"
+#include "tool_main.h"
 
 namespace {
 

@@ -8,8 +8,8 @@
 #include <optional>
 
 #include "acmp_mapping/backend/make_patch_match.h"
-#include "bag_tool_main.h"
 #include "reconstruct.h"
+#include "tool_main.h"
 
 namespace {
 

@@ -1,12 +1,8 @@
 #include "bag_recording.h"
 
-#include <charconv>
 #include <cmath>
 #include <fstream>
 #include <iterator>
-#include <set>
-#include <sstream>
-#include <system_error>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
@@ -72,15 +68,6 @@ PinholeCamera WriteSceneImage(BagWriter& writer, const SceneImage& image, int in
   return image.camera.Resized(width, height);
 }
 
-int ParseIndex(const std::string& text, const std::string& part) {
-  int value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size() || value < 0) {
-    throw InvalidInputError(Concat("image list: \"", part, "\" is not an index or a range such as 0-9"));
-  }
-  return value;
-}
-
 }  // namespace
 
 void Validate(const RecordingOptions& options) {
@@ -99,22 +86,6 @@ ros::Time StampOf(int index, const RecordingOptions& options) {
   const uint64_t stamp_s = options.start_time_s + offset_ns / 1000000000u;
   CheckRange("stamp in seconds", stamp_s, uint64_t{1}, uint64_t{4294967295});  // ROS 1 stores 32 bits
   return ros::Time(static_cast<uint32_t>(stamp_s), static_cast<uint32_t>(offset_ns % 1000000000u));
-}
-
-std::vector<int> ParseIndices(const std::string& text, int count) {
-  std::set<int> indices;
-  std::istringstream stream(text);
-  for (std::string part; std::getline(stream, part, ',');) {
-    const size_t dash = part.find('-', 1);
-    const int first = ParseIndex(part.substr(0, dash), part);
-    const int last = dash == std::string::npos ? first : ParseIndex(part.substr(dash + 1), part);
-    if (last < first || last >= count) {
-      throw InvalidInputError(Concat("image list: \"", part, "\" must be ascending and within 0-", count - 1));
-    }
-    for (int index = first; index <= last; ++index) indices.insert(index);
-  }
-  if (indices.empty()) throw InvalidInputError("image list is empty");
-  return {indices.begin(), indices.end()};
 }
 
 RecordingSummary RecordScene(const Scene& scene, const std::vector<int>& indices, const RecordingOptions& options,

@@ -39,9 +39,6 @@ struct RecordingSummary {
 /// Stamp of an image: start + index / rate, to the nanosecond.
 ros::Time StampOf(int index, const RecordingOptions& options);
 
-/// "0-9,12" as sorted, unique indices below `count`; throws InvalidInputError naming the part that is not an index.
-std::vector<int> ParseIndices(const std::string& text, int count);
-
 /// Writes the chosen images of a scene. Stamps follow the index in the scene, so leaving images out leaves gaps.
 RecordingSummary RecordScene(const Scene& scene, const std::vector<int>& indices, const RecordingOptions& options,
                              const std::filesystem::path& bag_path);

@@ -65,6 +65,7 @@ void WriteRawPng(const std::filesystem::path& path, int width, int bit_depth, in
   const png_color palette[2] = {{10, 20, 30}, {200, 150, 100}};
   if (color_type == PNG_COLOR_TYPE_PALETTE) png_set_PLTE(png, info, palette, 2);
   std::vector<png_bytep> pointers;
+  pointers.reserve(rows.size());
   for (auto& row : rows) pointers.push_back(row.data());
   png_write_info(png, info);
   png_write_image(png, pointers.data());

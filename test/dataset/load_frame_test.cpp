@@ -2,6 +2,8 @@
 
 #include <cmath>
 #include <cstdlib>
+#include <string>
+#include <vector>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/scene.h"
@@ -133,6 +135,24 @@ TEST(RealData, BothLayoutsAgree) {
     EXPECT_EQ(frame.camera.width, 64);
   }
   EXPECT_GT(scenes, 0);
+}
+
+TEST(ParseImageIndices, TakesIndicesAndRanges) {
+  EXPECT_EQ(ParseImageIndices("3,0-1,3", 4), (std::vector<int>{0, 1, 3}));
+  EXPECT_EQ(ParseImageIndices("2", 3), std::vector<int>{2});
+}
+
+TEST(ParseImageIndices, NamesThePartThatIsWrong) {
+  for (const char* text : {"4", "0-4", "2-1", "-1", "a", "1-", "1-2-3", "1;2", "", ",", "99999999999"}) {
+    EXPECT_THROW(ParseImageIndices(text, 4), InvalidInputError) << text;
+  }
+  std::string message;
+  try {
+    ParseImageIndices("0,7-9", 4);
+  } catch (const InvalidInputError& error) {
+    message = error.what();
+  }
+  EXPECT_EQ(message, "image list: \"7-9\": must be an index in [0, 3] or a range of them such as 0-9");
 }
 
 }  // namespace

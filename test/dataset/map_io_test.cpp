@@ -139,11 +139,17 @@ PointCloud SomePoints() {
   return {{{1, 2, 3}, {0, 0, -1}, {10, 20, 30}, 0.5f}, {{-1.5f, 0, 1e-3f}, {0.6f, 0.8f, 0}, {255, 0, 1}, 1.0f}};
 }
 
+void ExpectSame(const Vec3f& a, const Vec3f& b) {
+  EXPECT_EQ(a.x, b.x);
+  EXPECT_EQ(a.y, b.y);
+  EXPECT_EQ(a.z, b.z);
+}
+
 void ExpectSame(const PointCloud& a, const PointCloud& b) {
   ASSERT_EQ(a.size(), b.size());
   for (size_t i = 0; i < a.size(); ++i) {
-    EXPECT_EQ(std::memcmp(&a[i].position, &b[i].position, sizeof(Vec3f)), 0);
-    EXPECT_EQ(std::memcmp(&a[i].normal, &b[i].normal, sizeof(Vec3f)), 0);
+    ExpectSame(a[i].position, b[i].position);
+    ExpectSame(a[i].normal, b[i].normal);
     EXPECT_EQ(a[i].color.r, b[i].color.r);
     EXPECT_EQ(a[i].color.g, b[i].color.g);
     EXPECT_EQ(a[i].color.b, b[i].color.b);

@@ -27,7 +27,7 @@ class TestFolder : public ::testing::Test {
   const std::filesystem::path& folder() const { return folder_; }
 
   std::filesystem::path WriteText(const std::string& name, const std::string& content) const {
-    const auto path = folder_ / name;
+    std::filesystem::path path = folder_ / name;
     std::filesystem::create_directories(path.parent_path());
     std::ofstream(path, std::ios::binary) << content;
     return path;

@@ -19,6 +19,7 @@ const PinholeCamera kCamera = {100, 80, 90, 90, 49.5, 39.5};
 
 std::vector<size_t> Indices(const std::vector<RankedSourceView>& ranked) {
   std::vector<size_t> indices;
+  indices.reserve(ranked.size());
   for (const RankedSourceView& view : ranked) indices.push_back(view.index);
   return indices;
 }

@@ -92,12 +92,12 @@ TEST(BilinearSamplerTest, WholeWindowsHaveTheValuesOfSingleSamples) {
       int count = 0;
       ForEachWindowSample(sampler, 0, warp, [&](int k, float value) {
         EXPECT_EQ(k, count++);
-        const double dx = -5 + 2 * (k % 6), dy = -5 + 2 * (k / 6);
+        const double dx = WindowCol(k), dy = WindowRow(k);
         const double z = warp.center.z + dx * warp.step_col.z + dy * warp.step_row.z;
         const double x = (warp.center.x + dx * warp.step_col.x + dy * warp.step_row.x) / z;
         const double y = (warp.center.y + dx * warp.step_col.y + dy * warp.step_row.y) / z;
         // Positions below 60 px are off by up to some 1e-5 px, times gradients of up to 150 grey levels per px.
-        EXPECT_NEAR(value, reference::SampleBilinear(image, x, y), 5e-3) << width << " x " << height;
+        EXPECT_NEAR(value, reference::SampleBilinear(image, x, y), 5e-3) << image.width << " x " << image.height;
       });
       ASSERT_EQ(count, kPatchSamples);
     }

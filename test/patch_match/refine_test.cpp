@@ -79,7 +79,7 @@ class RefineSpy {
     Eigen::MatrixXd lhs(2 * kPatchSamples, 3);
     Eigen::VectorXd rhs(2 * kPatchSamples);
     for (int i = 0; i < kPatchSamples; ++i) {
-      const Eigen::Vector3d p(20 - 5 + 2 * (i % 6), 15 - 5 + 2 * (i / 6), 1);
+      const Eigen::Vector3d p(20 + WindowCol(i), 15 + WindowRow(i), 1);
       const Eigen::Vector3d ray = k_inverse * p, projected = a * p;
       for (int axis = 0; axis < 2; ++axis) {
         const double position = positions_[first + i][axis];

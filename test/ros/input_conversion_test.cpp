@@ -50,7 +50,7 @@ TEST(DecodeRgb, KnowsTheUsualEncodings) {
   // A Bayer mosaic whose red sites alone are lit: red, whatever the interpolation.
   std::vector<uint8_t> mosaic(64, 0);
   for (int row = 0; row < 8; row += 2) {
-    for (int col = 0; col < 8; col += 2) mosaic[static_cast<size_t>(8 * row + col)] = 200;
+    for (int col = 0; col < 8; col += 2) mosaic.at(8 * row + col) = 200;
   }
   const cv::Vec3b center = DecodeRgb(MakeImage(enc::BAYER_RGGB8, 8, 8, mosaic)).at<cv::Vec3b>(4, 4);
   EXPECT_EQ(center, cv::Vec3b(200, 0, 0));

@@ -51,6 +51,7 @@ Keyframe MakeKeyframe(int index) {
   world_from_cam.translation() = Eigen::Vector3d(5 + 0.2 * index, 3, -1);
   keyframe.pose = ToPoseStamped(world_from_cam.inverse(), header);
   std::vector<Eigen::Vector3d> points;
+  points.reserve(40);
   for (int i = 0; i < 40; ++i) points.push_back(world_from_cam * camera.Unproject({i * 0.7, i * 0.5}, 4.0));
   keyframe.cloud = ToPointCloud2(points, header);
   return keyframe;

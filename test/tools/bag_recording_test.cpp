@@ -94,19 +94,6 @@ TEST(StampOf, RefusesWhatRosTimeCannotHold) {
   EXPECT_THROW(StampOf(1000000, options), InvalidInputError);
 }
 
-TEST(ParseIndices, TakesIndicesAndRanges) {
-  EXPECT_THAT(ParseIndices("3,0-1,3", 4), ElementsAre(0, 1, 3));
-  EXPECT_THAT(ParseIndices("2", 3), ElementsAre(2));
-}
-
-TEST(ParseIndices, NamesThePartThatIsWrong) {
-  for (const char* text : {"4", "0-4", "2-1", "-1", "a", "1-", "1-2-3", "1;2", "", ",", "99999999999"}) {
-    EXPECT_THROW(ParseIndices(text, 4), InvalidInputError) << text;
-  }
-  EXPECT_THAT(InvalidInputMessage([] { ParseIndices("0,7-9", 4); }),
-              HasSubstr("\"7-9\" must be ascending and within 0-3"));
-}
-
 TEST(RecordingOptions, AreChecked) {
   const auto refused = [](auto change) {
     RecordingOptions options;

@@ -360,7 +360,7 @@ TEST_F(ReconstructTest, BadOptionsAreNamed) {
   const auto error = [&](const std::function<void(ReconstructOptions*)>& change) {
     const ReconstructOptions good = options_;
     change(&options_);
-    const std::string message = ErrorOf(&fake_);
+    std::string message = ErrorOf(&fake_);
     options_ = good;
     return message;
   };
