@@ -1,6 +1,9 @@
 #include "cuda_resources.h"
 
+#include <algorithm>
+
 #include "acmp_mapping/common/error.h"
+#include "texture_fill.h"
 
 namespace acmp {
 
@@ -45,21 +48,24 @@ void* DeviceBytes::Reserve(size_t bytes) {
 DeviceTexture::~DeviceTexture() { Release(); }
 
 void DeviceTexture::Release() noexcept {
+  if (surface_ != 0) cudaDestroySurfaceObject(surface_);
   if (texture_ != 0) cudaDestroyTextureObject(texture_);
   if (array_ != nullptr) cudaFreeArray(array_);
+  surface_ = 0;
   texture_ = 0;
   array_ = nullptr;
-  width_ = height_ = 0;
+  width_ = height_ = layers_ = 0;
 }
 
-void DeviceTexture::Allocate(int width, int height) {
+void DeviceTexture::Allocate(int width, int height, int layers) {
   Release();
-  const cudaChannelFormatDesc format = cudaCreateChannelDesc(32, 0, 0, 0, cudaChannelFormatKindFloat);
-  const cudaError_t status = cudaMallocArray(&array_, &format, static_cast<size_t>(width), static_cast<size_t>(height));
+  const cudaChannelFormatDesc format = cudaCreateChannelDesc(16, 0, 0, 0, cudaChannelFormatKindUnsigned);
+  const cudaExtent extent = {static_cast<size_t>(width), static_cast<size_t>(height), static_cast<size_t>(layers)};
+  const cudaError_t status = cudaMalloc3DArray(&array_, &format, extent, cudaArrayLayered | cudaArraySurfaceLoadStore);
   if (status != cudaSuccess) {
     cudaGetLastError();
     array_ = nullptr;
-    CudaCheck(status, Concat("allocate a ", width, " x ", height, " texture").c_str());
+    CudaCheck(status, Concat("allocate a ", width, " x ", height, " texture of ", layers, " layers").c_str());
   }
   cudaResourceDesc resource = {};
   resource.resType = cudaResourceTypeArray;
@@ -68,19 +74,35 @@ void DeviceTexture::Allocate(int width, int height) {
   texture.addressMode[0] = cudaAddressModeClamp;
   texture.addressMode[1] = cudaAddressModeClamp;
   texture.filterMode = cudaFilterModeLinear;
-  texture.readMode = cudaReadModeElementType;
+  texture.readMode = cudaReadModeNormalizedFloat;
   CudaCheck(cudaCreateTextureObject(&texture_, &resource, &texture, nullptr), "create texture");
+  CudaCheck(cudaCreateSurfaceObject(&surface_, &resource), "create surface");
   width_ = width;
   height_ = height;
+  layers_ = layers;
 }
 
-void DeviceTexture::Upload(const ImageView<const float>& image, const CudaStream& stream) {
-  if (image.width != width_ || image.height != height_) Allocate(image.width, image.height);
-  const size_t row_bytes = static_cast<size_t>(image.width) * sizeof(float);
-  CudaCheck(
-      cudaMemcpy2DToArrayAsync(array_, 0, 0, image.data, static_cast<size_t>(image.stride) * sizeof(float), row_bytes,
-                               static_cast<size_t>(image.height), cudaMemcpyHostToDevice, stream.get()),
-      "upload image");
+void DeviceTexture::Upload(const std::vector<ImageView<const float>>& images, const CudaStream& stream) {
+  int width = 1, height = 1;
+  size_t pixels = 0;
+  for (const ImageView<const float>& image : images) {
+    width = std::max(width, image.width);
+    height = std::max(height, image.height);
+    pixels += static_cast<size_t>(image.width) * image.height;
+  }
+  const int layers = static_cast<int>(images.size());
+  if (width != width_ || height != height_ || layers > layers_) Allocate(width, height, std::max(layers, 1));
+  staging_.Resize(pixels);
+  float* staged = staging_.data();
+  for (int i = 0; i < layers; ++i) {
+    const ImageView<const float>& image = images[static_cast<size_t>(i)];
+    const size_t row_bytes = static_cast<size_t>(image.width) * sizeof(float);
+    CudaCheck(cudaMemcpy2DAsync(staged, row_bytes, image.data, static_cast<size_t>(image.stride) * sizeof(float),
+                                row_bytes, static_cast<size_t>(image.height), cudaMemcpyHostToDevice, stream.get()),
+              "upload image");
+    LaunchFillLayer({staged, image.width, image.height, image.width}, surface_, width_, height_, i, stream.get());
+    staged += static_cast<size_t>(image.width) * image.height;
+  }
 }
 
 }  // namespace acmp

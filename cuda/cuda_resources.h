@@ -3,6 +3,7 @@
 #include <cuda_runtime_api.h>
 
 #include <cstddef>
+#include <vector>
 
 #include "acmp_mapping/image/image.h"
 #include "cuda_check.h"
@@ -80,8 +81,12 @@ class DeviceBuffer {
   size_t count_ = 0;
 };
 
-/// Owns a float image in a CUDA array with a texture over it: bilinear, clamped to the border, pixel centres at +0.5.
-/// Reallocated only when the size changes.
+/// Grey levels per unit of what a texture gives.
+constexpr float kGrayPerTexel = 255.0f;
+
+/// Owns grey images as the layers of one texture: bilinear, clamped to the border, pixel centres at +0.5. One texture
+/// for all, because threads of a warp that read different textures wait for each other. 16 bits hold 1/257 of a grey
+/// level and take half the cache of a float. Reallocated only to grow in layers or when the size changes.
 class DeviceTexture {
  public:
   DeviceTexture() = default;
@@ -89,16 +94,20 @@ class DeviceTexture {
   DeviceTexture(const DeviceTexture&) = delete;
   DeviceTexture& operator=(const DeviceTexture&) = delete;
 
-  void Upload(const ImageView<const float>& image, const CudaStream& stream);
+  /// Copies the images (0..255), which must stay valid until the stream has been synchronised. Smaller ones are
+  /// continued to the size of the largest by their last column and row, as clamping would.
+  void Upload(const std::vector<ImageView<const float>>& images, const CudaStream& stream);
   cudaTextureObject_t get() const { return texture_; }
 
  private:
   void Release() noexcept;
-  void Allocate(int width, int height);
+  void Allocate(int width, int height, int layers);
 
   cudaArray_t array_ = nullptr;
   cudaTextureObject_t texture_ = 0;
-  int width_ = 0, height_ = 0;
+  cudaSurfaceObject_t surface_ = 0;
+  int width_ = 0, height_ = 0, layers_ = 0;
+  DeviceBuffer<float> staging_;
 };
 
 }  // namespace acmp

@@ -48,12 +48,6 @@ struct DeviceState {
   }
 };
 
-/// One source view's image and, in geometric passes, depth map on the device.
-struct DeviceSource {
-  DeviceTexture gray;
-  DeviceBuffer<float> depth;
-};
-
 /// Rows of a view as one block, copied only if they are padded.
 template <class T>
 const T* Contiguous(const ImageView<const T>& image, std::vector<T>* storage) {
@@ -128,16 +122,16 @@ class PatchMatchCuda final : public PatchMatch {
 
   void UploadSources(const PatchMatchProblem& problem, CudaMatchContext* context) {
     const size_t count = problem.sources.size();
-    while (sources_.size() < count) sources_.push_back(std::make_unique<DeviceSource>());
+    while (source_depths_.size() < count) source_depths_.push_back(std::make_unique<DeviceBuffer<float>>());
     host_views_ = MakeSourceViews(problem);
-    host_textures_.resize(count);
+    std::vector<ImageView<const float>> images;
+    images.reserve(count);
     for (size_t i = 0; i < count; ++i) {
       const MatchView& source = problem.sources[i];
-      sources_[i]->gray.Upload(source.gray, stream_);
-      host_textures_[i] = sources_[i]->gray.get();
+      images.push_back(source.gray);
       if (source.depth.empty()) continue;
       std::vector<float> storage;
-      DeviceBuffer<float>& depth = sources_[i]->depth;
+      DeviceBuffer<float>& depth = *source_depths_[i];
       depth.Resize(static_cast<size_t>(source.depth.width) * source.depth.height);
       depth.Upload(Contiguous(source.depth, &storage), stream_);
       if (!storage.empty()) stream_.Synchronize();
@@ -145,10 +139,9 @@ class PatchMatchCuda final : public PatchMatch {
     }
     views_.Resize(count);
     views_.Upload(host_views_.data(), stream_);
-    textures_.Resize(count);
-    textures_.Upload(host_textures_.data(), stream_);
+    source_images_.Upload(images, stream_);
     context->sources = views_.data();
-    context->sampler.sources = textures_.data();
+    context->sampler.sources = source_images_.get();
   }
 
   void UploadReference(const PatchMatchProblem& problem, const PatchMatchResult* start,
@@ -190,11 +183,10 @@ class PatchMatchCuda final : public PatchMatch {
   const cudaDeviceProp properties_;
   CudaStream stream_;
   CudaEvent begin_, uploaded_, computed_, end_;
-  std::vector<std::unique_ptr<DeviceSource>> sources_;  ///< grows to the most source views seen
-  std::vector<SourceView> host_views_;                  ///< staging, alive until the synchronisation
-  std::vector<cudaTextureObject_t> host_textures_;
+  std::vector<std::unique_ptr<DeviceBuffer<float>>> source_depths_;  ///< grows to the most source views seen
+  std::vector<SourceView> host_views_;                               ///< staging, alive until the synchronisation
   DeviceBuffer<SourceView> views_;
-  DeviceBuffer<cudaTextureObject_t> textures_;
+  DeviceTexture source_images_;
   DeviceState state_;
   PatchMatchTiming timing_;
 };

@@ -8,31 +8,77 @@
 namespace acmp {
 namespace {
 
-constexpr int kBlockWidth = 32;
-constexpr int kBlockHeight = 4;
-/// Caps registers at 128: on an H200 more threads in flight bring more than the spills cost (40 against 53 ms per
-/// image).
-constexpr int kUpdateBlocksPerMultiprocessor = 4;
+/// Threads per pixel, as many as there are candidates: each prepares the comparison of one hypothesis in one view, and
+/// four of them make it together. Fewer registers per thread than one thread per pixel leave room for the threads that
+/// hide the textures' latency, and their four fetches side by side run at full speed even where neighbouring pixels'
+/// hypotheses lie far apart.
+constexpr int kTeamSize = 8;
+constexpr int kTeamCols = 8;  ///< teams of a block, along and across the rows
+constexpr int kTeamRows = 2;
+constexpr int kTeamThreads = kTeamSize * kTeamCols * kTeamRows;
+/// Threads in flight per multiprocessor against registers per thread (80): on an H200 5 and 8 are slower by 5 %.
+constexpr int kBlocksPerMultiprocessor = 6;
 
-template <Pass kPass>
-__global__ void __launch_bounds__(kBlockWidth* kBlockHeight) InitializeKernel(const CudaMatchContext context) {
-  const int col = blockIdx.x * kBlockWidth + threadIdx.x;
-  const int row = blockIdx.y * kBlockHeight + threadIdx.y;
-  if (col < context.width && row < context.height) InitializePixel<kPass>(context, col, row);
+constexpr int kFilterCols = 32;
+constexpr int kFilterRows = 4;
+
+/// Neighbouring threads of a warp.
+struct WarpTeam {
+  static constexpr int kSize = kTeamSize;
+  static constexpr int kWindowThreads = 4;
+  __device__ int Rank() const { return static_cast<int>(threadIdx.x % kTeamSize); }
+  __device__ void Sync() const { __syncwarp(((1u << kTeamSize) - 1u) << (threadIdx.x % 32u / kTeamSize * kTeamSize)); }
+  __device__ void Increment(int* counter) const { atomicAdd(counter, 1); }
+  __device__ float SumOverWindow(float value) const {
+    const unsigned mask = 0xfu << (threadIdx.x % 32u / kWindowThreads * kWindowThreads);
+    value += __shfl_xor_sync(mask, value, 1);
+    return value + __shfl_xor_sync(mask, value, 2);
+  }
+};
+
+/// Words of shared memory per team. The four teams of a warp read the same part of their patches at once: eight words
+/// apart, 16-byte reads of them fall into different banks.
+int ScratchWords(int num_sources) {
+  const int words = static_cast<int>(sizeof(PixelScratch) / sizeof(float)) + PixelScratch::kWordsPerView * num_sources;
+  return (words + 23) / 32 * 32 + 8;
 }
 
-/// Threads of a row cover the pixels of one colour: every second column.
-template <Pass kPass>
-__global__ void __launch_bounds__(kBlockWidth* kBlockHeight, kUpdateBlocksPerMultiprocessor)
-    UpdateKernel(const CudaMatchContext context, int color, int iteration) {
-  const int row = blockIdx.y * kBlockHeight + threadIdx.y;
-  const int col = 2 * (blockIdx.x * kBlockWidth + threadIdx.x) + ((row + color) & 1);
-  if (col < context.width && row < context.height) UpdatePixel<kPass>(context, col, row, iteration);
+/// Pixel and scratch of the calling thread's team.
+struct TeamPlace {
+  int col, row;  ///< among the teams of the grid
+  PixelScratch* scratch;
+};
+
+__device__ TeamPlace PlaceOfTeam(int scratch_words) {
+  extern __shared__ __align__(16) float scratch[];
+  const int team = static_cast<int>(threadIdx.x) / kTeamSize;
+  return {static_cast<int>(blockIdx.x) * kTeamCols + team % kTeamCols,
+          static_cast<int>(blockIdx.y) * kTeamRows + team / kTeamCols,
+          reinterpret_cast<PixelScratch*>(scratch + team * scratch_words)};
 }
 
-__global__ void __launch_bounds__(kBlockWidth* kBlockHeight) FilterKernel(const CudaMatchContext context, int color) {
-  const int row = blockIdx.y * kBlockHeight + threadIdx.y;
-  const int col = 2 * (blockIdx.x * kBlockWidth + threadIdx.x) + ((row + color) & 1);
+template <Pass kPass>
+__global__ void __launch_bounds__(kTeamThreads, kBlocksPerMultiprocessor)
+    InitializeKernel(const __grid_constant__ CudaMatchContext context, int scratch_words) {
+  const TeamPlace place = PlaceOfTeam(scratch_words);
+  if (place.col >= context.width || place.row >= context.height) return;
+  InitializePixel<kPass>(context, place.col, place.row, WarpTeam(), place.scratch);
+}
+
+/// Teams of a row cover the pixels of one colour: every second column.
+template <Pass kPass>
+__global__ void __launch_bounds__(kTeamThreads, kBlocksPerMultiprocessor)
+    UpdateKernel(const __grid_constant__ CudaMatchContext context, int scratch_words, int color, int iteration) {
+  const TeamPlace place = PlaceOfTeam(scratch_words);
+  const int col = 2 * place.col + ((place.row + color) & 1);
+  if (col >= context.width || place.row >= context.height) return;
+  UpdatePixel<kPass>(context, col, place.row, iteration, WarpTeam(), place.scratch);
+}
+
+__global__ void __launch_bounds__(kFilterCols* kFilterRows)
+    FilterKernel(const __grid_constant__ CudaMatchContext context, int color) {
+  const int row = static_cast<int>(blockIdx.y * kFilterRows + threadIdx.y);
+  const int col = 2 * static_cast<int>(blockIdx.x * kFilterCols + threadIdx.x) + ((row + color) & 1);
   if (col < context.width && row < context.height) FilterPixel(context, col, row);
 }
 
@@ -42,21 +88,24 @@ int DivideUp(int value, int divisor) { return (value + divisor - 1) / divisor; }
 
 template <Pass kPass>
 void LaunchPass(const CudaMatchContext& context, int iterations, cudaStream_t stream) {
-  const dim3 block(kBlockWidth, kBlockHeight);
-  const unsigned rows = DivideUp(context.height, kBlockHeight);
-  const dim3 full_grid(DivideUp(context.width, kBlockWidth), rows);
-  const dim3 half_grid(DivideUp(DivideUp(context.width, 2), kBlockWidth), rows);
-  InitializeKernel<kPass><<<full_grid, block, 0, stream>>>(context);
+  const int words = ScratchWords(context.num_sources);
+  const size_t bytes = static_cast<size_t>(words) * kTeamCols * kTeamRows * sizeof(float);
+  const unsigned rows = DivideUp(context.height, kTeamRows);
+  const dim3 full_grid(DivideUp(context.width, kTeamCols), rows);
+  const dim3 half_grid(DivideUp(DivideUp(context.width, 2), kTeamCols), rows);
+  InitializeKernel<kPass><<<full_grid, kTeamThreads, bytes, stream>>>(context, words);
   CudaCheck(cudaGetLastError(), "launch initialisation");
   for (int iteration = 0; iteration < iterations; ++iteration) {
     for (int color = 0; color < 2; ++color) {
-      UpdateKernel<kPass><<<half_grid, block, 0, stream>>>(context, color, iteration);
+      UpdateKernel<kPass><<<half_grid, kTeamThreads, bytes, stream>>>(context, words, color, iteration);
       CudaCheck(cudaGetLastError(), "launch update");
     }
   }
   if (!context.options.median_filter) return;
+  const dim3 filter_block(kFilterCols, kFilterRows);
+  const dim3 filter_grid(DivideUp(DivideUp(context.width, 2), kFilterCols), DivideUp(context.height, kFilterRows));
   for (int color = 0; color < 2; ++color) {
-    FilterKernel<<<half_grid, block, 0, stream>>>(context, color);
+    FilterKernel<<<filter_grid, filter_block, 0, stream>>>(context, color);
     CudaCheck(cudaGetLastError(), "launch median filter");
   }
 }

@@ -3,6 +3,7 @@
 #include <cuda_runtime_api.h>
 
 #include "acmp_mapping/patch_match/kernel/match_context.h"
+#include "cuda_resources.h"
 
 namespace acmp {
 
@@ -10,13 +11,16 @@ namespace acmp {
 /// interpolation by up to 1/512 of the step between neighbouring pixels.
 struct TextureSampler {
   ImageView<const float> reference;
-  const cudaTextureObject_t* sources;
+  cudaTextureObject_t sources;  ///< one layer per source view
 
   ACMP_HOST_DEVICE float Reference(int col, int row) const { return reference(col, row); }
+  static constexpr float kPixelCenter = 0.5f;
 #ifdef __CUDA_ARCH__
-  __device__ float Source(int view, float x, float y) const { return tex2D<float>(sources[view], x + 0.5f, y + 0.5f); }
+  __device__ float SourceAt(int view, float x, float y) const {
+    return kGrayPerTexel * tex2DLayered<float>(sources, x, y, view);
+  }
 #else
-  float Source(int, float, float) const { return 0; }  // never run: textures can be read on the device only
+  float SourceAt(int, float, float) const { return 0; }  // never run: textures can be read on the device only
 #endif
 };
 

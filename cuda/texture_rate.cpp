@@ -16,7 +16,7 @@ double MeasureTextureRate(int cuda_index) {
   GrayImage image(kSize, kSize);
   for (size_t i = 0; i < image.size(); ++i) image.data()[i] = static_cast<float>(i * 2654435761u >> 24 & 255u);
   DeviceTexture texture;
-  texture.Upload(image.View(), stream);
+  texture.Upload({image.View()}, stream);
   DeviceBuffer<float> sums;
   sums.Resize(image.size());
 

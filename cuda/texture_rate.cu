@@ -13,7 +13,7 @@ __global__ void FetchKernel(cudaTextureObject_t texture, int width, int fetches,
   float sum = 0;
 #pragma unroll 8
   for (int i = 0; i < fetches; ++i) {
-    sum += tex2D<float>(texture, x, y);
+    sum += tex2DLayered<float>(texture, x, y, 0);
     x += 0.37f;
     y += 0.11f;
   }

@@ -74,8 +74,8 @@ TEST(BilinearSamplerTest, SamplerReadsReferenceAndSources) {
   const ImageView<const float> sources[] = {first.View(), second.View()};
   const BilinearSampler sampler = {reference.View(), sources};
   EXPECT_EQ(sampler.Reference(4, 3), reference(4, 3));
-  EXPECT_EQ(sampler.Source(0, 5, 2), first(5, 2));
-  EXPECT_EQ(sampler.Source(1, 2, 5), second(2, 5));
+  EXPECT_EQ(sampler.SourceAt(0, 5, 2), first(5, 2));
+  EXPECT_EQ(sampler.SourceAt(1, 2, 5), second(2, 5));
 }
 
 TEST(BilinearSamplerTest, WholeWindowsHaveTheValuesOfSingleSamples) {

@@ -19,10 +19,13 @@ ACMP_HOST_DEVICE inline void AnswerDraws(RandomStream* random, ParityAnswer* ans
     probability[j] = value > 0 ? value : 0.0f;
     if (value > 0) possible |= 1u << j;
   }
-  const ViewWeights weights = DrawViews(probability, kViews, 255, random);
-  answer->drawn_views = weights.mask;
-  answer->impossible_views = weights.mask & ~possible;
-  for (int j = 0; j < kViews; ++j) answer->draws += weights.draws[j];
+  int counts[kViews] = {};
+  int list[kViews];
+  const SingleThread team;
+  DrawViews(probability, kViews, 255, team, random, counts);
+  answer->drawn_views = ListDrawnViews(counts, kViews, team, list);
+  answer->impossible_views = answer->drawn_views & ~possible;
+  for (const int count : counts) answer->draws += count;
 }
 
 /// All of an answer but texture_cost, compiled for both devices.
@@ -30,7 +33,8 @@ template <class Sampler>
 ACMP_HOST_DEVICE inline ParityAnswer Answer(const MatchContext<Sampler>& context, const ParityQuery& query) {
   ParityAnswer answer = {};
   const Vec3f ray = context.rays.Ray(static_cast<float>(query.col), static_cast<float>(query.row));
-  const ReferencePatch patch = LoadReferencePatch(context, query.col, query.row);
+  ReferencePatch patch;
+  LoadReferencePatch(context, query.col, query.row, SingleThread(), &patch);
   answer.bilinear_cost =
       PhotometricCost(context, patch, PlaneDual(context, query.plane), query.col, query.row, query.view);
   const float depth = PlaneDepth(query.plane, ray);

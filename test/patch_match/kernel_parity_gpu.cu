@@ -15,7 +15,8 @@ __global__ void AnswerKernel(const MatchContext<BilinearSampler> bilinear, const
   if (i >= count) return;
   const ParityQuery query = queries[i];
   answers[i] = Answer(bilinear, query);
-  const ReferencePatch patch = LoadReferencePatch(texture, query.col, query.row);
+  ReferencePatch patch;
+  LoadReferencePatch(texture, query.col, query.row, SingleThread(), &patch);
   answers[i].texture_cost =
       PhotometricCost(texture, patch, PlaneDual(texture, query.plane), query.col, query.row, query.view);
 }
@@ -51,22 +52,20 @@ std::vector<ParityAnswer> AnswerOnGpu(const PatchMatchProblem& problem, const Pl
                                       const std::vector<ParityQuery>& queries) {
   const CudaStream stream;
   std::vector<Pixels> owners;
-  std::vector<std::unique_ptr<DeviceTexture>> textures;
+  DeviceTexture textures;
   std::vector<ImageView<const float>> images;
-  std::vector<cudaTextureObject_t> handles;
+  std::vector<ImageView<const float>> host_images;
   std::vector<SourceView> views = MakeSourceViews(problem);
   for (size_t i = 0; i < views.size(); ++i) {
     const MatchView& source = problem.sources[i];
     images.push_back(Upload(source.gray, stream, &owners));
     views[i].depth = Upload(source.depth, stream, &owners);
-    textures.push_back(std::make_unique<DeviceTexture>());
-    textures.back()->Upload(source.gray, stream);
-    handles.push_back(textures.back()->get());
+    host_images.push_back(source.gray);
   }
+  textures.Upload(host_images, stream);
   const ImageView<const float> reference = Upload(problem.reference.gray, stream, &owners);
   const OnDevice<SourceView> device_views(views.data(), views.size(), stream);
   const OnDevice<ImageView<const float>> device_images(images.data(), images.size(), stream);
-  const OnDevice<cudaTextureObject_t> device_handles(handles.data(), handles.size(), stream);
   const OnDevice<PlaneHypothesis> device_prior(prior.data(), prior.size(), stream);
   const OnDevice<ParityQuery> device_queries(queries.data(), queries.size(), stream);
   DeviceBuffer<ParityAnswer> device_answers;
@@ -79,7 +78,7 @@ std::vector<ParityAnswer> AnswerOnGpu(const PatchMatchProblem& problem, const Pl
   bilinear.sources = device_views.data();
   bilinear.prior = prior_view;
   auto texture = MakeMatchContext<TextureSampler>(problem, {}, 0);
-  texture.sampler = {reference, device_handles.data()};
+  texture.sampler = {reference, textures.get()};
   texture.sources = device_views.data();
   texture.prior = prior_view;
 

@@ -1,6 +1,7 @@
 #include "acmp_mapping/patch_match/kernel/photometric_cost.h"
 
 #include <cmath>
+#include <set>
 
 #include "gtest/gtest.h"
 
@@ -15,7 +16,9 @@ using reference::CostKind;
 
 float KernelCost(KernelState* state, const PlaneHypothesis& plane, int col, int row, int view) {
   const auto context = state->Context();
-  return PhotometricCost(context, LoadReferencePatch(context, col, row), PlaneDual(context, plane), col, row, view);
+  ReferencePatch patch;
+  LoadReferencePatch(context, col, row, SingleThread(), &patch);
+  return PhotometricCost(context, patch, PlaneDual(context, plane), col, row, view);
 }
 
 reference::Cost ReferenceCost(const KernelState& state, const PlaneHypothesis& plane, int col, int row, int view) {
@@ -38,26 +41,32 @@ TEST(ReferencePatchTest, HasTheWindowsSamplesAndMoments) {
   const std::vector<PlanarView> views = RandomViews(2, 31, 23, 1);
   KernelState state(MakeProblem(views, 0, {1, 10}));
   for (const auto& [col, row] : {std::pair(15, 11), {0, 0}, {30, 22}, {3, 20}, {30, 5}}) {
-    const ReferencePatch patch = LoadReferencePatch(state.Context(), col, row);
+    ReferencePatch patch;
+    LoadReferencePatch(state.Context(), col, row, SingleThread(), &patch);
     const double center = views[0].gray(col, row);
     double weights = 0, sum = 0, squares = 0;
-    int i = 0;
-    for (int dy = -5; dy <= 5; dy += 2) {
-      for (int dx = -5; dx <= 5; dx += 2, ++i) {
-        if (!views[0].gray.View().Contains(col + dx, row + dy)) {
-          EXPECT_EQ(patch.weight[i], 0) << "outside the image";
-          continue;
-        }
-        const double value = views[0].gray(col + dx, row + dy) - center;
-        const double weight = reference::BilateralWeight(std::hypot(dx, dy), value, state.options());
-        EXPECT_NEAR(patch.value[i], value, 1e-5);
-        EXPECT_NEAR(patch.weight[i], weight, 1e-6);
-        weights += weight;
-        sum += weight * value;
-        squares += weight * value * value;
+    std::set<std::pair<int, int>> offsets;
+    for (int i = 0; i < kPatchSamples; ++i) {
+      const int dx = WindowCol(i), dy = WindowRow(i);
+      offsets.insert({dx, dy});
+      if (!views[0].gray.View().Contains(col + dx, row + dy)) {
+        EXPECT_EQ(patch.samples[i].weight, 0) << "outside the image";
+        continue;
       }
+      const double value = views[0].gray(col + dx, row + dy) - center;
+      const double weight = reference::BilateralWeight(std::hypot(dx, dy), value, state.options());
+      EXPECT_NEAR(patch.samples[i].value, value, 1e-5);
+      EXPECT_NEAR(patch.samples[i].weight, weight, 1e-6);
+      weights += weight;
+      sum += weight * value;
+      squares += weight * value * value;
     }
-    ASSERT_EQ(i, kPatchSamples);
+    // Every second pixel from -5 to 5, each once.
+    std::set<std::pair<int, int>> expected;
+    for (int dy = -5; dy <= 5; dy += 2) {
+      for (int dx = -5; dx <= 5; dx += 2) expected.insert({dx, dy});
+    }
+    EXPECT_EQ(offsets, expected);
     EXPECT_NEAR(patch.inv_sum_weight * weights, 1, 1e-5);
     EXPECT_NEAR(patch.mean, sum / weights, 1e-3);  // relative 1e-6 of values up to 255
     EXPECT_NEAR(patch.variance / (squares / weights - sum * sum / (weights * weights)), 1, 1e-3);

@@ -112,7 +112,8 @@ TEST(PropagationTest, SinglePixelImageHasNoCandidates) {
   const std::vector<PlanarView> views = RandomViews(2, 1, 1, 3);
   KernelState state(MakeProblem(views, 0, {1, 10}));
   PlaneHypothesis candidates[kNumRegions];
-  EXPECT_EQ(CollectCandidates(state.Context(), 0, 0, {0, 0, 1}, candidates), 0);
+  int shared_count;
+  EXPECT_EQ(CollectCandidates(state.Context(), 0, 0, {0, 0, 1}, SingleThread(), candidates, &shared_count), 0);
 }
 
 TEST(PropagationTest, CandidatesAreThePlanesOfTheBestMembersThatMeetTheRayInRange) {
@@ -147,8 +148,9 @@ TEST(PropagationTest, CandidatesAreThePlanesOfTheBestMembersThatMeetTheRayInRang
       }
       if (ambiguous) continue;
       PlaneHypothesis candidates[kNumRegions];
+      int shared_count;
       const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
-      const int count = CollectCandidates(context, col, row, ray, candidates);
+      const int count = CollectCandidates(context, col, row, ray, SingleThread(), candidates, &shared_count);
       ASSERT_EQ(count, static_cast<int>(expected.size())) << col << ", " << row;
       for (int i = 0; i < count; ++i) {
         EXPECT_TRUE(candidates[i].nx == expected[i].nx && candidates[i].ny == expected[i].ny &&

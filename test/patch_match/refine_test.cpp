@@ -8,6 +8,7 @@
 #include "acmp_mapping/patch_match/kernel/update_pixel.h"
 #include "support/kernel_state.h"
 #include "support/planar_scene.h"
+#include "support/random_views.h"
 
 // Which hypotheses the refinement rates, seen from where their windows are sampled.
 
@@ -23,7 +24,8 @@ struct SpySampler {
   float Reference(int col, int row) const {
     return static_cast<float>(HashWord(static_cast<uint32_t>(col * 1000 + row)) % 256);
   }
-  float Source(int, float x, float y) const {
+  static constexpr float kPixelCenter = 0.0f;
+  float SourceAt(int, float x, float y) const {
     positions->push_back({x, y});
     return static_cast<float>(HashWord(static_cast<uint32_t>(positions->size())) % 256);
   }
@@ -56,14 +58,19 @@ class RefineSpy {
     KernelState state(problem_, options);
     for (PlaneHypothesis& plane : state.planes) plane = {0, 0, -1, 5};
     const auto context = state.ContextWith(SpySampler{&positions_});
-    PixelUpdate<SpySampler> pixel{
-        context, 20, 15, context.rays.Ray(20, 15), LoadReferencePatch(context, 20, 15), prior, ViewWeights{}};
-    pixel.weights.draws[0] = 15;
-    pixel.weights.sum = 15;
-    RatedHypothesis best = {current, 0, -1e9f};  // cannot be improved on
+    StackScratch scratch;
+    scratch.shared.num_sources = 1;
+    scratch.shared.Draws()[0] = options.view_draws;
+    scratch.shared.DrawnViews()[0] = 0;
+    LoadReferencePatch(context, 20, 15, SingleThread(), &scratch.shared.patch);
+    PixelUpdate<SpySampler, SingleThread> pixel(context, 20, 15, SingleThread(), &scratch.shared);
+    pixel.ray = context.rays.Ray(20, 15);
+    pixel.prior = prior;
+    pixel.num_drawn = 1;
+    RatedHypothesis best = {current, 0, 1e9f};  // so bad that all are compared to the end
     RandomStream random(1, 2, step);
     Refine<kPass>(pixel, &random, &best);
-    EXPECT_EQ(best.energy, -1e9f);
+    EXPECT_LT(best.energy, 1e9f);
     std::vector<Hypothesis> hypotheses;
     EXPECT_EQ(positions_.size() % kPatchSamples, 0u);
     for (size_t i = 0; i + kPatchSamples <= positions_.size(); i += kPatchSamples) hypotheses.push_back(Recover(i));
@@ -224,6 +231,66 @@ TEST(RefineTest, NeverLeavesTheDepthRange) {
   // About half of the random and of the perturbed depths are left out: two hypotheses each.
   EXPECT_GT(rated, 300u * 3);
   EXPECT_LT(rated, 300u * 5);
+}
+
+/// Refine against the comparison of every hypothesis in every drawn view to the end.
+template <Pass kPass>
+void ExpectOnlyHopelessHypothesesAreLeftOut() {
+  constexpr int kViews = 5;
+  const std::vector<PlanarView> views = RandomViews(kViews + 1, 41, 31, 21);
+  KernelState state(MakeProblem(views, 0, {1, 10}, true));
+  const auto context = state.Context(static_cast<uint32_t>(kPass));
+  TestRandom random(22);
+  int improved = 0;
+  for (int repetition = 0; repetition < 400; ++repetition) {
+    const int col = random.Below(41), row = random.Below(31);
+    StackScratch scratch;
+    PixelScratch& shared = scratch.shared;
+    shared.num_sources = kViews;
+    int left = context.options.view_draws;
+    for (int view = 0; view < kViews; ++view) {
+      shared.Draws()[view] = view + 1 < kViews ? random.Below(left + 1) : left;
+      left -= shared.Draws()[view];
+    }
+    const uint32_t mask = ListDrawnViews(shared.Draws(), kViews, SingleThread(), shared.DrawnViews());
+    LoadReferencePatch(context, col, row, SingleThread(), &shared.patch);
+    PixelUpdate<BilinearSampler, SingleThread> pixel(context, col, row, SingleThread(), &shared);
+    pixel.ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
+    pixel.num_drawn = CountBits(mask);
+    if (kPass == Pass::kPlanarPrior) {
+      state.prior(col, row) = RandomHypothesis(views[0].camera, col, row, 2, 8, 60, &random);
+      pixel.prior = LoadPrior(context, col, row, pixel.ray);
+    }
+    // Energies of a bad, a middling and a good estimate.
+    const RatedHypothesis start = {RandomHypothesis(views[0].camera, col, row, 2, 8, 60, &random), 0.5f,
+                                   static_cast<float>(random(0.2, kPass == Pass::kPlanarPrior ? 12.0 : 1.5))};
+    const RandomStream stream(1, static_cast<uint32_t>(repetition), 3);
+
+    RandomStream own = stream;
+    RatedHypothesis expected = start;
+    const int count = MakeRefinements<kPass>(pixel, start.plane, &own);
+    const int alive = MatchWhileBelow<kPass>(pixel, count, 1e9f);
+    ASSERT_EQ(alive, count);
+    for (int i = 0; i < count; ++i) {
+      RatePlane<kPass>(pixel, i);
+      if (shared.energy[i] < expected.energy) expected = {shared.planes[i], shared.cost[i], shared.energy[i]};
+    }
+    own = stream;
+    RatedHypothesis best = start;
+    Refine<kPass>(pixel, &own, &best);
+    improved += best.energy < start.energy;
+    ASSERT_EQ(best.energy, expected.energy);
+    ASSERT_EQ(best.cost, expected.cost);
+    ASSERT_EQ(best.plane.d, expected.plane.d);
+  }
+  EXPECT_GT(improved, 20);
+  EXPECT_LT(improved, 380);
+}
+
+TEST(RefineTest, LeavesOutOnlyWhatCannotWin) {
+  ExpectOnlyHopelessHypothesesAreLeftOut<Pass::kPhotometric>();
+  ExpectOnlyHopelessHypothesesAreLeftOut<Pass::kPlanarPrior>();
+  ExpectOnlyHopelessHypothesesAreLeftOut<Pass::kGeometric>();
 }
 
 }  // namespace

@@ -179,7 +179,8 @@ void ExpectUpdateTakesTheBest() {
     const auto context = c.state.Context();
     PlaneHypothesis candidates[kNumRegions + 1];
     const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
-    int count = CollectCandidates(context, col, row, ray, candidates);
+    int count;
+    CollectCandidates(context, col, row, ray, SingleThread(), candidates, &count);
     candidates[count++] = before.plane;
     UpdatePixel<kPass>(context, col, row, 0);
     const Pixel after = PixelAt(c.state, col, row);

@@ -1,5 +1,6 @@
 #include "acmp_mapping/patch_match/kernel/view_weights.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numeric>
 
@@ -99,13 +100,36 @@ TEST(ViewSmoothnessTest, AddsEtaPerNeighbourThatUsesTheView) {
   }
 }
 
+struct DrawnViews {
+  int draws[kMaxSourceViews] = {};
+  int sum = 0;
+  uint32_t mask = 0;
+};
+
+/// Draws alone, with the list of drawn views checked against the counts.
+DrawnViews Draw(const float* probability, int views, int draws, RandomStream* random) {
+  DrawnViews drawn;
+  const bool any = DrawViews(probability, views, draws, SingleThread(), random, drawn.draws);
+  drawn.sum = std::accumulate(drawn.draws, drawn.draws + kMaxSourceViews, 0);
+  EXPECT_EQ(any, drawn.sum > 0);
+  int list[kMaxSourceViews];
+  drawn.mask = ListDrawnViews(drawn.draws, views, SingleThread(), list);
+  std::vector<int> expected;
+  for (int j = 0; j < views; ++j) {
+    if (drawn.draws[j] > 0) expected.push_back(j);
+  }
+  std::stable_sort(expected.begin(), expected.end(), [&](int a, int b) { return drawn.draws[a] > drawn.draws[b]; });
+  EXPECT_EQ(std::vector<int>(list, list + CountBits(drawn.mask)), expected);
+  return drawn;
+}
+
 /// Draws for many pixels: totals per view, with the bookkeeping checked on the way.
 std::vector<double> DrawMany(const std::vector<float>& probability, int draws, int pixels) {
   const int views = static_cast<int>(probability.size());
   std::vector<double> totals(probability.size());
   for (int pixel = 0; pixel < pixels; ++pixel) {
     RandomStream random(1, static_cast<uint32_t>(pixel), 1);
-    const ViewWeights weights = DrawViews(probability.data(), views, draws, &random);
+    const DrawnViews weights = Draw(probability.data(), views, draws, &random);
     int sum = 0;
     for (int j = 0; j < views; ++j) {
       sum += weights.draws[j];
@@ -156,11 +180,20 @@ TEST(DrawViewsTest, NeverDrawsAViewOfProbabilityZero) {
   }
 }
 
+// Members of a team draw every kSize-th number: the stream goes on behind all of them, whoever drew which.
+TEST(DrawViewsTest, TakesAsManyNumbersAsDraws) {
+  RandomStream random(1, 2, 3), other(1, 2, 3);
+  const float probability[2] = {0.5f, 0.5f};
+  Draw(probability, 2, 15, &random);
+  for (int i = 0; i < 15; ++i) other.NextWord();
+  EXPECT_EQ(random.NextWord(), other.NextWord());
+}
+
 TEST(DrawViewsTest, AllZeroDrawsNothing) {
   for (const int views : {1, 2, 31, 32}) {
     const std::vector<float> probability(views, 0.0f);
     RandomStream random(1, 2, 3);
-    const ViewWeights weights = DrawViews(probability.data(), views, 15, &random);
+    const DrawnViews weights = Draw(probability.data(), views, 15, &random);
     EXPECT_EQ(weights.sum, 0);
     EXPECT_EQ(weights.mask, 0u);
     for (int j = 0; j < views; ++j) EXPECT_EQ(weights.draws[j], 0);
@@ -170,7 +203,7 @@ TEST(DrawViewsTest, AllZeroDrawsNothing) {
 TEST(DrawViewsTest, OneViewGetsAllDraws) {
   RandomStream random(1, 2, 3);
   const float probability = 0.01f;
-  const ViewWeights weights = DrawViews(&probability, 1, 255, &random);
+  const DrawnViews weights = Draw(&probability, 1, 255, &random);
   EXPECT_EQ(weights.draws[0], 255);
   EXPECT_EQ(weights.sum, 255);
   EXPECT_EQ(weights.mask, 1u);
@@ -184,7 +217,7 @@ TEST(DrawViewsTest, ThirtyTwoViewsUseTheWholeMask) {
   std::vector<float> last(32, 0.0f);
   last[31] = 1e-30f;
   RandomStream random(1, 2, 3);
-  const ViewWeights weights = DrawViews(last.data(), 32, 15, &random);
+  const DrawnViews weights = Draw(last.data(), 32, 15, &random);
   EXPECT_EQ(weights.draws[31], 15);
   EXPECT_EQ(weights.mask, 0x80000000u);
 }

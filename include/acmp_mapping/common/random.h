@@ -27,6 +27,9 @@ class RandomStream {
   /// Uniform in [0, 1); 24 random bits, exact in float.
   ACMP_HOST_DEVICE float NextUniform() { return static_cast<float>(NextWord() >> 8) * 0x1p-24f; }
 
+  /// Goes on as if `count` words had been drawn.
+  ACMP_HOST_DEVICE void Skip(uint32_t count) { counter_ += count; }
+
   /// Uniform in [low, high].
   ACMP_HOST_DEVICE float NextUniform(float low, float high) { return low + NextUniform() * (high - low); }
 

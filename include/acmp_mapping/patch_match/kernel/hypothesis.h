@@ -21,7 +21,9 @@ ACMP_HOST_DEVICE inline Vec3f RandomNormal(const Vec3f& ray, RandomStream* rando
   const float z = random->NextUniform(-1.0f, 1.0f);
   const float angle = random->NextUniform(0.0f, 6.283185307179586f);
   const float radius = sqrtf(1.0f - z * z);
-  const Vec3f normal = {radius * cosf(angle), radius * sinf(angle), z};
+  float sine, cosine;
+  SinCos(angle, &sine, &cosine);
+  const Vec3f normal = {radius * cosine, radius * sine, z};
   return Dot(normal, ray) < 0 ? normal : -1.0f * normal;
 }
 
@@ -32,7 +34,10 @@ ACMP_HOST_DEVICE inline Vec3f PerturbNormal(const Vec3f& normal, const Vec3f& ra
   const float ax = random->NextUniform(-max_angle, max_angle);
   const float ay = random->NextUniform(-max_angle, max_angle);
   const float az = random->NextUniform(-max_angle, max_angle);
-  const float sx = sinf(ax), cx = cosf(ax), sy = sinf(ay), cy = cosf(ay), sz = sinf(az), cz = cosf(az);
+  float sx, cx, sy, cy, sz, cz;
+  SinCos(ax, &sx, &cx);
+  SinCos(ay, &sy, &cy);
+  SinCos(az, &sz, &cz);
   const Vec3f about_x = {normal.x, cx * normal.y - sx * normal.z, sx * normal.y + cx * normal.z};
   const Vec3f about_y = {cy * about_x.x + sy * about_x.z, about_x.y, cy * about_x.z - sy * about_x.x};
   const Vec3f turned = Normalized({cz * about_y.x - sz * about_y.y, sz * about_y.x + cz * about_y.y, about_y.z});

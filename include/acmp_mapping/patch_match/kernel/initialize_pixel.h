@@ -2,28 +2,43 @@
 
 #include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 #include "acmp_mapping/patch_match/kernel/hypothesis.h"
+#include "acmp_mapping/patch_match/kernel/match_pairs.h"
 #include "acmp_mapping/patch_match/kernel/photometric_cost.h"
+#include "acmp_mapping/patch_match/kernel/pixel_scratch.h"
 
 namespace acmp {
 
 /// Mean of the min(4, valid) smallest view costs, and which views those were. No valid view: worst cost, no view.
-template <Pass kPass, class Sampler>
+template <Pass kPass, class Sampler, class Team>
 ACMP_HOST_DEVICE inline float InitialCost(const MatchContext<Sampler>& context, int col, int row,
-                                          const PlaneHypothesis& plane, uint32_t* selected_views) {
+                                          const PlaneHypothesis& plane, const Team& team, PixelScratch* scratch,
+                                          uint32_t* selected_views) {
   constexpr int kBestViews = 4;
-  const ReferencePatch patch = LoadReferencePatch(context, col, row);
-  const Vec3f dual = PlaneDual(context, plane);
+  constexpr float kInvalid = 1e30f;
+  if (team.Rank() == 0) scratch->num_sources = context.num_sources;
+  LoadReferencePatch(context, col, row, team, &scratch->patch);
   const float depth = PlaneDepth(plane, context.rays.Ray(static_cast<float>(col), static_cast<float>(row)));
+  if (team.Rank() == 0) scratch->planes[0] = plane;
+  team.Sync();
+  float* view_cost = scratch->ViewCost(0);
+  MatchPairs(
+      PixelMatch<Sampler, Team>(context, col, row, team, scratch), 1, context.num_sources, [](int i) { return i; },
+      [](int k) { return k; },
+      [&](int, int view, float cost) {
+        if (!(cost < kWorstCost)) {
+          cost = kInvalid;
+        } else if constexpr (kPass == Pass::kGeometric) {
+          cost += context.options.geometric_weight * GeometricError(context, depth, col, row, view);
+        }
+        view_cost[view] = cost;
+      });
+
   float best_cost[kBestViews];
   int best_view[kBestViews];
   int valid = 0;
   for (int j = 0; j < context.num_sources; ++j) {
-    float cost = PhotometricCost(context, patch, dual, col, row, j);
-    if (!(cost < kWorstCost)) continue;
-    if constexpr (kPass == Pass::kGeometric) {
-      cost += context.options.geometric_weight * GeometricError(context, depth, col, row, j);
-    }
-    if (valid == kBestViews && !(cost < best_cost[kBestViews - 1])) continue;
+    const float cost = view_cost[j];
+    if (!(cost < kInvalid) || (valid == kBestViews && !(cost < best_cost[kBestViews - 1]))) continue;
     int slot = valid < kBestViews ? valid++ : kBestViews - 1;
     for (; slot > 0 && cost < best_cost[slot - 1]; --slot) {
       best_cost[slot] = best_cost[slot - 1];
@@ -40,6 +55,13 @@ ACMP_HOST_DEVICE inline float InitialCost(const MatchContext<Sampler>& context, 
     *selected_views |= 1u << best_view[i];
   }
   return sum / static_cast<float>(valid);
+}
+
+template <Pass kPass, class Sampler>
+inline float InitialCost(const MatchContext<Sampler>& context, int col, int row, const PlaneHypothesis& plane,
+                         uint32_t* selected_views) {
+  StackScratch scratch;
+  return InitialCost<kPass>(context, col, row, plane, SingleThread(), &scratch.shared, selected_views);
 }
 
 /// A random plane for the pixel.
@@ -70,18 +92,28 @@ ACMP_HOST_DEVICE inline PlaneHypothesis PriorStart(const MatchContext<Sampler>& 
 }
 
 /// First step of a pass for one pixel: its starting plane, cost and selected views. Reads and writes this pixel only.
-template <Pass kPass, class Sampler>
-ACMP_HOST_DEVICE inline void InitializePixel(const MatchContext<Sampler>& context, int col, int row) {
+template <Pass kPass, class Sampler, class Team>
+ACMP_HOST_DEVICE inline void InitializePixel(const MatchContext<Sampler>& context, int col, int row, const Team& team,
+                                             PixelScratch* scratch) {
   RandomStream random(context.options.seed, static_cast<uint32_t>(row * context.width + col),
                       context.pass_number * 64u);
   const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
-  PlaneHypothesis plane = context.planes(col, row);
+  PlaneHypothesis plane;
   if constexpr (kPass == Pass::kPhotometric) plane = RandomPlane(context, ray, &random);
   if constexpr (kPass == Pass::kPlanarPrior) plane = PriorStart(context, col, row, ray, &random);
+  if constexpr (kPass == Pass::kGeometric) plane = context.planes(col, row);
   uint32_t selected_views;
-  context.cost(col, row) = InitialCost<kPass>(context, col, row, plane, &selected_views);
+  const float cost = InitialCost<kPass>(context, col, row, plane, team, scratch, &selected_views);
+  if (team.Rank() != 0) return;
+  context.cost(col, row) = cost;
   context.planes(col, row) = plane;
   context.selected_views(col, row) = selected_views;
+}
+
+template <Pass kPass, class Sampler>
+inline void InitializePixel(const MatchContext<Sampler>& context, int col, int row) {
+  StackScratch scratch;
+  InitializePixel<kPass>(context, col, row, SingleThread(), &scratch.shared);
 }
 
 }  // namespace acmp

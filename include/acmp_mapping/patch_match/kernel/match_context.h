@@ -11,8 +11,9 @@ namespace acmp {
 /// Which cost decides: eq. 1, eq. 7 or eq. 13 of the paper.
 enum class Pass { kPhotometric, kPlanarPrior, kGeometric };
 
-/// What the kernels need of one source view, precomputed once per problem in double.
-struct SourceView {
+/// What the kernels need of one source view, precomputed once per problem in double. Aligned, so that its first part is
+/// read four words at a time.
+struct alignas(16) SourceView {
   Mat3f a;                       ///< K_j R_j K_ref^-1
   Vec3f b;                       ///< K_j t_j
   Mat3f back_a;                  ///< K_ref R_j^T K_j^-1
@@ -23,7 +24,9 @@ struct SourceView {
 
 /// Everything a pixel update reads or writes; passed to kernels by value. `Sampler` gives grey values:
 ///   float Reference(int col, int row) const;         inside the image
-///   float Source(int view, float x, float y) const;  bilinear, clamped to the border; any finite or infinite position
+///   static constexpr float kPixelCenter;             of pixel 0 in the coordinates of
+///   float SourceAt(int view, float x, float y) const;  bilinear, clamped to the border; any finite or infinite
+///   position
 template <class Sampler>
 struct MatchContext {
   Sampler sampler;

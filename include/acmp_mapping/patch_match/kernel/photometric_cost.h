@@ -1,14 +1,19 @@
 #pragma once
 
 #include "acmp_mapping/patch_match/kernel/match_context.h"
+#include "acmp_mapping/patch_match/kernel/team.h"
 #include "acmp_mapping/patch_match/kernel/window.h"
 
 namespace acmp {
 
+struct PatchSample {
+  float value;   ///< grey value minus the patch's center
+  float weight;  ///< bilateral; 0 outside the image
+};
+
 /// The reference side of the NCC: depends on the pixel only, so one patch serves all hypotheses and views.
 struct ReferencePatch {
-  float value[kPatchSamples];   ///< grey value minus `center`
-  float weight[kPatchSamples];  ///< bilateral; 0 outside the image
+  alignas(16) PatchSample samples[kPatchSamples];
   float center;  ///< subtracted before summing, or float32 cancellation would give flat windows a texture
   float inv_sum_weight;
   float mean;
@@ -21,39 +26,47 @@ ACMP_HOST_DEVICE inline float BilateralWeight(float distance_px, float gray_diff
   return expf(-distance_px * inv_spatial - fabsf(gray_difference) * inv_color);
 }
 
-template <class Sampler>
-ACMP_HOST_DEVICE inline ReferencePatch LoadReferencePatch(const MatchContext<Sampler>& context, int col, int row) {
+/// Fills `patch`, which all of the team see when it returns.
+template <class Sampler, class Team>
+ACMP_HOST_DEVICE inline void LoadReferencePatch(const MatchContext<Sampler>& context, int col, int row,
+                                                const Team& team, ReferencePatch* patch) {
   const float inv_spatial = 0.5f / (context.options.sigma_spatial_px * context.options.sigma_spatial_px);
   const float inv_color = 0.5f / (context.options.sigma_color * context.options.sigma_color);
-  ReferencePatch patch;
-  patch.center = context.sampler.Reference(col, row);
-  float sum_w = 0, sum_wr = 0, sum_wrr = 0;
-  ACMP_UNROLL
-  for (int i = 0; i < kPatchSamples; ++i) {
+  const float center = context.sampler.Reference(col, row);
+  ForEach(team, kPatchSamples, [&](int i) {
     const int dx = WindowCol(i);
     const int dy = WindowRow(i);
-    float value = 0, weight = 0;
+    PatchSample sample = {0, 0};
     if (context.Contains(col + dx, row + dy)) {
-      value = context.sampler.Reference(col + dx, row + dy) - patch.center;
-      weight = BilateralWeight(sqrtf(static_cast<float>(dx * dx + dy * dy)), value, inv_spatial, inv_color);
+      sample.value = context.sampler.Reference(col + dx, row + dy) - center;
+      sample.weight =
+          BilateralWeight(sqrtf(static_cast<float>(dx * dx + dy * dy)), sample.value, inv_spatial, inv_color);
     }
-    patch.value[i] = value;
-    patch.weight[i] = weight;
-    sum_w += weight;
-    sum_wr += weight * value;
-    sum_wrr += weight * value * value;
+    patch->samples[i] = sample;
+  });
+  team.Sync();
+  if (team.Rank() == 0) {
+    float sum_w = 0, sum_wr = 0, sum_wrr = 0;
+    ACMP_UNROLL
+    for (int i = 0; i < kPatchSamples; ++i) {
+      const PatchSample sample = patch->samples[i];
+      sum_w += sample.weight;
+      sum_wr += sample.weight * sample.value;
+      sum_wrr += sample.weight * sample.value * sample.value;
+    }
+    patch->center = center;
+    // An image smaller than the first ring of samples has no window at all.
+    patch->inv_sum_weight = sum_w > 0 ? 1.0f / sum_w : 0.0f;
+    patch->mean = sum_wr * patch->inv_sum_weight;
+    patch->variance = sum_wrr * patch->inv_sum_weight - patch->mean * patch->mean;
   }
-  // An image smaller than the first ring of samples has no window at all.
-  patch.inv_sum_weight = sum_w > 0 ? 1.0f / sum_w : 0.0f;
-  patch.mean = sum_wr * patch.inv_sum_weight;
-  patch.variance = sum_wrr * patch.inv_sum_weight - patch.mean * patch.mean;
-  return patch;
+  team.Sync();
 }
 
 /// K_ref^-T n / d: with it H_j = A_j - b_j m^T costs nine multiply-adds per view.
 template <class Sampler>
 ACMP_HOST_DEVICE inline Vec3f PlaneDual(const MatchContext<Sampler>& context, const PlaneHypothesis& plane) {
-  const float inv_d = 1.0f / plane.d;
+  const float inv_d = Reciprocal(plane.d);
   const float x = plane.nx * context.rays.inv_fx * inv_d;
   const float y = plane.ny * context.rays.inv_fy * inv_d;
   return {x, y, plane.nz * inv_d - x * context.rays.cx - y * context.rays.cy};
@@ -70,35 +83,61 @@ ACMP_HOST_DEVICE inline PlaneWarp MakePlaneWarp(const SourceView& source, const 
   return warp;
 }
 
-/// m_ij: 1 - bilateral weighted NCC, in 0..2. Worst where the plane's point lies behind the source camera or projects
-/// outside its image, or the source window is flat although the reference's is not.
+/// Weighted sums over a window's samples, with s the source's and r the reference's values.
+struct WindowSums {
+  float ws = 0, wss = 0, wrs = 0;
+};
+
+ACMP_HOST_DEVICE inline void AddSample(const PatchSample& reference, float center, float gray, WindowSums* sums) {
+  const float value = gray - center;
+  const float weighted = reference.weight * value;
+  sums->ws += weighted;
+  sums->wss += weighted * value;
+  sums->wrs += weighted * reference.value;
+}
+
+/// Whether the window has to be compared: then `warp` says where; else `cost` is the answer. Worst where the plane's
+/// point lies behind the source camera or projects outside its image.
+template <class Sampler>
+ACMP_HOST_DEVICE inline bool PrepareWindow(const MatchContext<Sampler>& context, const ReferencePatch& patch,
+                                           const Vec3f& dual, int col, int row, int view, PlaneWarp* warp,
+                                           float* cost) {
+  const SourceView& source = context.sources[view];
+  *warp = MakePlaneWarp(source, dual, static_cast<float>(col), static_cast<float>(row));
+  *cost = kWorstCost;
+  // Depth over the window is affine in the offset: its minimum is at a corner.
+  const float min_z = warp->center.z - kPatchRadius * (fabsf(warp->step_col.z) + fabsf(warp->step_row.z));
+  if (!(min_z > 0)) return false;
+  const float inv_z = 1.0f / warp->center.z;
+  const float x = warp->center.x * inv_z;
+  const float y = warp->center.y * inv_z;
+  if (!(x >= -0.5f && y >= -0.5f && x < source.width - 0.5f && y < source.height - 0.5f)) return false;
+  *cost = kUninformedCost;
+  return patch.variance >= context.options.min_variance;
+}
+
+/// 1 - NCC from the sums; worst where the source window is flat although the reference's is not.
+template <class Sampler>
+ACMP_HOST_DEVICE inline float NccCost(const MatchContext<Sampler>& context, const ReferencePatch& patch,
+                                      const WindowSums& sums) {
+  const float mean = sums.ws * patch.inv_sum_weight;
+  const float variance = sums.wss * patch.inv_sum_weight - mean * mean;
+  if (!(variance >= context.options.min_variance)) return kWorstCost;
+  const float covariance = sums.wrs * patch.inv_sum_weight - patch.mean * mean;
+  return Clamp(1.0f - covariance * ReciprocalSqrt(patch.variance * variance), 0.0f, kWorstCost);
+}
+
+/// m_ij: 1 - bilateral weighted NCC, in 0..2, by one thread alone.
 template <class Sampler>
 ACMP_HOST_DEVICE inline float PhotometricCost(const MatchContext<Sampler>& context, const ReferencePatch& patch,
                                               const Vec3f& dual, int col, int row, int view) {
-  const SourceView& source = context.sources[view];
-  const PlaneWarp warp = MakePlaneWarp(source, dual, static_cast<float>(col), static_cast<float>(row));
-  // Depth over the window is affine in the offset: its minimum is at a corner.
-  const float min_z = warp.center.z - kPatchRadius * (fabsf(warp.step_col.z) + fabsf(warp.step_row.z));
-  if (!(min_z > 0)) return kWorstCost;
-  const float inv_z = 1.0f / warp.center.z;
-  const float x = warp.center.x * inv_z;
-  const float y = warp.center.y * inv_z;
-  if (!(x >= -0.5f && y >= -0.5f && x < source.width - 0.5f && y < source.height - 0.5f)) return kWorstCost;
-  if (!(patch.variance >= context.options.min_variance)) return kUninformedCost;
-
-  float sum_ws = 0, sum_wss = 0, sum_wrs = 0;
-  ForEachWindowSample(context.sampler, view, warp, [&](int i, float gray) {
-    const float value = gray - patch.center;
-    const float weighted = patch.weight[i] * value;
-    sum_ws += weighted;
-    sum_wss += weighted * value;
-    sum_wrs += weighted * patch.value[i];
-  });
-  const float mean = sum_ws * patch.inv_sum_weight;
-  const float variance = sum_wss * patch.inv_sum_weight - mean * mean;
-  if (!(variance >= context.options.min_variance)) return kWorstCost;
-  const float covariance = sum_wrs * patch.inv_sum_weight - patch.mean * mean;
-  return Clamp(1.0f - covariance / sqrtf(patch.variance * variance), 0.0f, kWorstCost);
+  PlaneWarp warp;
+  float cost;
+  if (!PrepareWindow(context, patch, dual, col, row, view, &warp, &cost)) return cost;
+  WindowSums sums;
+  ForEachWindowSample(context.sampler, view, warp,
+                      [&](int i, float gray) { AddSample(patch.samples[i], patch.center, gray, &sums); });
+  return NccCost(context, patch, sums);
 }
 
 }  // namespace acmp

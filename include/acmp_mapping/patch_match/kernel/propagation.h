@@ -1,8 +1,25 @@
 #pragma once
 
 #include "acmp_mapping/patch_match/kernel/match_context.h"
+#include "acmp_mapping/patch_match/kernel/team.h"
 
 namespace acmp {
+
+/// Closes the gaps that absent planes (d = 0) leave in a list that the team shares. Returns how many are left.
+template <class Team>
+ACMP_HOST_DEVICE inline int RemoveAbsent(const Team& team, int size, PlaneHypothesis* planes, int* count) {
+  team.Sync();
+  if (team.Rank() == 0) {
+    int present = 0;
+    for (int i = 0; i < size; ++i) {
+      const PlaneHypothesis plane = planes[i];
+      if (plane.d > 0) planes[present++] = plane;
+    }
+    *count = present;
+  }
+  team.Sync();
+  return *count;
+}
 
 constexpr int kNumRegions = 8;  ///< four V-shaped near regions, four far strips
 constexpr int kNearRegionSize = 7;
@@ -48,19 +65,19 @@ ACMP_HOST_DEVICE inline int BestOfRegion(const MatchContext<Sampler>& context, i
   return best;
 }
 
-/// Up to eight hypotheses from the other colour. Absent: outside the image, or the plane does not meet this pixel's ray
-/// within the depth range. Returns how many.
-template <class Sampler>
+/// Up to eight hypotheses from the other colour, one per region, into `candidates`. Absent: outside the image, or the
+/// plane does not meet this pixel's ray within the depth range. Returns how many; all of the team see them then.
+/// @param count memory that the team shares
+template <class Sampler, class Team>
 ACMP_HOST_DEVICE inline int CollectCandidates(const MatchContext<Sampler>& context, int col, int row, const Vec3f& ray,
-                                              PlaneHypothesis* candidates) {
-  int count = 0;
-  for (int region = 0; region < kNumRegions; ++region) {
+                                              const Team& team, PlaneHypothesis* candidates, int* count) {
+  ForEach(team, kNumRegions, [&](int region) {
     const int index = BestOfRegion(context, col, row, region);
-    if (index < 0) continue;
-    const PlaneHypothesis plane = context.planes(index % context.width, index / context.width);
-    if (context.InRange(PlaneDepth(plane, ray))) candidates[count++] = plane;
-  }
-  return count;
+    PlaneHypothesis plane;
+    if (index >= 0) plane = context.planes(index % context.width, index / context.width);
+    candidates[region] = index >= 0 && context.InRange(PlaneDepth(plane, ray)) ? plane : PlaneHypothesis{};
+  });
+  return RemoveAbsent(team, kNumRegions, candidates, count);
 }
 
 }  // namespace acmp

@@ -2,7 +2,9 @@
 
 #include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 #include "acmp_mapping/patch_match/kernel/hypothesis.h"
+#include "acmp_mapping/patch_match/kernel/match_pairs.h"
 #include "acmp_mapping/patch_match/kernel/photometric_cost.h"
+#include "acmp_mapping/patch_match/kernel/pixel_scratch.h"
 #include "acmp_mapping/patch_match/kernel/prior_cost.h"
 #include "acmp_mapping/patch_match/kernel/propagation.h"
 #include "acmp_mapping/patch_match/kernel/view_weights.h"
@@ -16,49 +18,116 @@ struct RatedHypothesis {
   float energy;
 };
 
-/// One pixel under update: what all its hypotheses share.
-template <class Sampler>
-struct PixelUpdate {
-  const MatchContext<Sampler>& context;
-  int col, row;
+/// One pixel under update, as one thread of its team sees it.
+template <class Sampler, class Team>
+struct PixelUpdate : PixelMatch<Sampler, Team> {
+  using PixelMatch<Sampler, Team>::PixelMatch;
   Vec3f ray;
-  ReferencePatch patch;
   PixelPrior prior;
-  ViewWeights weights;
+  int num_drawn = 0;  ///< source views with a positive weight
 };
 
-/// Cost of a plane from its per-view photometric costs (`view_cost(j)`, asked only for drawn views): eq. 1, with the
-/// geometric term of eq. 13 in geometric passes, and the energy of eq. 7 in the planar-prior pass.
-template <Pass kPass, class Sampler, class ViewCost>
-ACMP_HOST_DEVICE inline RatedHypothesis Rate(const PixelUpdate<Sampler>& pixel, const PlaneHypothesis& plane,
-                                             const ViewCost& view_cost) {
-  const MatchContext<Sampler>& context = pixel.context;
+/// lambda_geo times the reprojection error of eq. 13.
+template <class Sampler, class Team>
+ACMP_HOST_DEVICE inline float GeometricTerm(const PixelUpdate<Sampler, Team>& pixel, const PlaneHypothesis& plane,
+                                            int view) {
   const float depth = PlaneDepth(plane, pixel.ray);
-  float sum = 0;
-  for (int j = 0; j < context.num_sources; ++j) {
-    if (pixel.weights.draws[j] == 0) continue;
-    float cost = view_cost(j);
-    if constexpr (kPass == Pass::kGeometric) {
-      cost += context.options.geometric_weight * GeometricError(context, depth, pixel.col, pixel.row, j);
-    }
-    sum += static_cast<float>(pixel.weights.draws[j]) * cost;
-  }
-  RatedHypothesis rated = {plane, sum / static_cast<float>(pixel.weights.sum), 0};
-  rated.energy = rated.cost;
+  return pixel.context.options.geometric_weight * GeometricError(pixel.context, depth, pixel.col, pixel.row, view);
+}
+
+/// Turns the weighted sum of view costs in `cost[i]` into the cost of plane i (eq. 1, or eq. 13 in geometric passes)
+/// and its energy (the same, or eq. 7 in the planar-prior pass).
+template <Pass kPass, class Sampler, class Team>
+ACMP_HOST_DEVICE inline void RatePlane(const PixelUpdate<Sampler, Team>& pixel, int i) {
+  PixelScratch& scratch = *pixel.scratch;
+  const float cost = scratch.cost[i] / static_cast<float>(pixel.context.options.view_draws);
+  float energy = cost;
   if constexpr (kPass == Pass::kPlanarPrior) {
-    const float probability = PriorProbability(pixel.prior, context.options.prior_gamma, depth, plane.normal());
-    rated.energy = PriorAssistedCost(rated.cost, probability, context.options.prior_alpha);
+    const PlaneHypothesis plane = scratch.planes[i];
+    const float probability =
+        PriorProbability(pixel.prior, pixel.context.options.prior_gamma, PlaneDepth(plane, pixel.ray), plane.normal());
+    energy = PriorAssistedCost(cost, probability, pixel.context.options.prior_alpha);
   }
+  scratch.cost[i] = cost;
+  scratch.energy[i] = energy;
+}
+
+/// The eight candidates and the pixel's own plane in the scratch, with their photometric costs in all views. Returns
+/// how many; the own plane is the last.
+template <class Sampler, class Team>
+ACMP_HOST_DEVICE inline int MatchCandidates(const PixelUpdate<Sampler, Team>& pixel) {
+  PixelScratch& scratch = *pixel.scratch;
+  const int candidates =
+      CollectCandidates(pixel.context, pixel.col, pixel.row, pixel.ray, pixel.team, scratch.planes, &scratch.count);
+  if (pixel.team.Rank() == 0) scratch.planes[candidates] = pixel.context.planes(pixel.col, pixel.row);
+  pixel.team.Sync();
+  MatchPairs(
+      pixel, candidates + 1, pixel.context.num_sources, [](int i) { return i; }, [](int k) { return k; },
+      [&](int i, int view, float cost) { scratch.ViewCost(i)[view] = cost; });
+  return candidates + 1;
+}
+
+/// Draws the view weights from the candidates' costs. Returns the drawn views as a mask: 0 where no view counts.
+template <class Sampler, class Team>
+ACMP_HOST_DEVICE inline uint32_t WeighViews(const PixelUpdate<Sampler, Team>& pixel, int count, int iteration,
+                                            RandomStream* random) {
+  PixelScratch& scratch = *pixel.scratch;
+  const MatchContext<Sampler>& context = pixel.context;
+  const int voters = context.options.view_weighting == ViewWeighting::kPaper ? count : count - 1;
+  ForEach(pixel.team, context.num_sources, [&](int view) {
+    const float likelihood =
+        ViewLikelihood(scratch.ViewCost(0) + view, context.num_sources, voters, iteration, context.options);
+    scratch.ViewProbability()[view] =
+        likelihood > 0 ? likelihood * ViewSmoothness(context, pixel.col, pixel.row, view) : 0;
+    scratch.Draws()[view] = 0;
+  });
+  pixel.team.Sync();
+  if (!DrawViews(scratch.ViewProbability(), context.num_sources, context.options.view_draws, pixel.team, random,
+                 scratch.Draws())) {
+    return 0;
+  }
+  return ListDrawnViews(scratch.Draws(), context.num_sources, pixel.team, scratch.DrawnViews());
+}
+
+/// The best of the candidates and the pixel's own plane; the own plane wins ties.
+template <Pass kPass, class Sampler, class Team>
+ACMP_HOST_DEVICE inline RatedHypothesis BestCandidate(const PixelUpdate<Sampler, Team>& pixel, int count) {
+  PixelScratch& scratch = *pixel.scratch;
+  if constexpr (kPass == Pass::kGeometric) {
+    ForEachPair(pixel.team, count, pixel.num_drawn, [&](int i, int k) {
+      const int view = scratch.DrawnViews()[k];
+      scratch.ViewCost(i)[view] += GeometricTerm(pixel, scratch.planes[i], view);
+    });
+    pixel.team.Sync();
+  }
+  ForEach(pixel.team, count, [&](int i) {
+    float sum = 0;
+    for (int k = 0; k < pixel.num_drawn; ++k) {
+      const int view = scratch.DrawnViews()[k];
+      sum += static_cast<float>(scratch.Draws()[view]) * scratch.ViewCost(i)[view];
+    }
+    scratch.cost[i] = sum;
+    RatePlane<kPass>(pixel, i);
+  });
+  pixel.team.Sync();
+  int best = count - 1;
+  for (int i = 0; i < count - 1; ++i) {
+    if (scratch.energy[i] < scratch.energy[best]) best = i;
+  }
+  const RatedHypothesis rated = {scratch.planes[best], scratch.cost[best], scratch.energy[best]};
+  pixel.team.Sync();  // the planes are overwritten next
   return rated;
 }
 
-/// Step "refinement": eq. 12's six hypotheses and, as an option, the normal of the neighbours' depth gradient.
-template <Pass kPass, class Sampler>
-ACMP_HOST_DEVICE inline void Refine(const PixelUpdate<Sampler>& pixel, RandomStream* random, RatedHypothesis* best) {
+/// Eq. 12's six hypotheses around the current one, and as an option the normal of the neighbours' depth gradient, into
+/// the scratch. Returns how many lie within the depth range.
+template <Pass kPass, class Sampler, class Team>
+ACMP_HOST_DEVICE inline int MakeRefinements(const PixelUpdate<Sampler, Team>& pixel, const PlaneHypothesis& current,
+                                            RandomStream* random) {
   const MatchContext<Sampler>& context = pixel.context;
   const Vec3f& ray = pixel.ray;
-  const Vec3f current_normal = best->plane.normal();
-  const float current_depth = PlaneDepth(best->plane, ray);
+  const Vec3f current_normal = current.normal();
+  const float current_depth = PlaneDepth(current, ray);
 
   float random_depth = RandomDepth(context, random);
   Vec3f random_normal = RandomNormal(ray, random);
@@ -71,8 +140,8 @@ ACMP_HOST_DEVICE inline void Refine(const PixelUpdate<Sampler>& pixel, RandomStr
   const Vec3f perturbed_normal =
       PerturbNormal(current_normal, ray, context.options.perturb_normal_deg * kRadPerDeg, random);
 
-  const int count = context.options.gradient_normal ? 7 : 6;
-  for (int i = 0; i < count; ++i) {
+  const int size = context.options.gradient_normal ? 7 : 6;
+  ForEach(pixel.team, size, [&](int i) {
     float depth = current_depth;
     Vec3f normal = current_normal;
     if (i == 0 || i == 5) depth = perturbed_depth;
@@ -80,69 +149,127 @@ ACMP_HOST_DEVICE inline void Refine(const PixelUpdate<Sampler>& pixel, RandomStr
     if (i == 2 || i == 5) normal = perturbed_normal;
     if (i == 3 || i == 4) normal = random_normal;
     if (i == 6) normal = GradientNormal(context, pixel.col, pixel.row, ray, current_normal);
-    if (!context.InRange(depth)) continue;
     const PlaneHypothesis plane = PlaneThrough(normal, ray, depth);
-    if (!(plane.d > 0)) continue;  // exactly edge-on
-    const Vec3f dual = PlaneDual(context, plane);
-    const RatedHypothesis rated = Rate<kPass>(
-        pixel, plane, [&](int j) { return PhotometricCost(context, pixel.patch, dual, pixel.col, pixel.row, j); });
-    if (rated.energy < best->energy) *best = rated;
+    const bool present = context.InRange(depth) && plane.d > 0;  // d = 0: exactly edge-on
+    pixel.scratch->planes[i] = present ? plane : PlaneHypothesis{};
+  });
+  return RemoveAbsent(pixel.team, size, pixel.scratch->planes, &pixel.scratch->count);
+}
+
+/// Drops the planes whose sum has reached their limit from the list of those alive. Returns how many are left.
+template <class Team>
+ACMP_HOST_DEVICE inline int KeepBelowLimit(const Team& team, int alive, PixelScratch* scratch) {
+  team.Sync();
+  if (team.Rank() == 0) {
+    int kept = 0;
+    for (int a = 0; a < alive; ++a) {
+      const int i = scratch->alive[a];
+      if (scratch->cost[i] < scratch->limit[i]) scratch->alive[kept++] = i;
+    }
+    scratch->count = kept;
+  }
+  team.Sync();
+  return scratch->count;
+}
+
+/// Weighted sum of view costs below which a plane must stay to win over `best_energy`: what follows from eq. 1, 13 or
+/// 7, with a margin for rounding.
+template <Pass kPass, class Sampler, class Team>
+ACMP_HOST_DEVICE inline float SumLimit(const PixelUpdate<Sampler, Team>& pixel, const PlaneHypothesis& plane,
+                                       float best_energy) {
+  constexpr float kMargin = 1.0f + 1e-5f;
+  const PatchMatchOptions& options = pixel.context.options;
+  float cost = best_energy;
+  if constexpr (kPass == Pass::kPlanarPrior) {
+    const float probability =
+        PriorProbability(pixel.prior, options.prior_gamma, PlaneDepth(plane, pixel.ray), plane.normal());
+    constexpr float kEnergyMargin = 1e-5f;  // energies reach 20: some units in the last place
+    const float squared_cost = options.prior_alpha * (best_energy + kEnergyMargin + logf(probability));
+    cost = squared_cost > 0 ? sqrtf(squared_cost) : 0;
+  }
+  return kMargin * cost * static_cast<float>(options.view_draws) + 1e-6f;
+}
+
+/// Matches the first `count` planes of the scratch in the drawn views, the heaviest first, and leaves out those that
+/// can no longer win over `best_energy`: view costs only add up. Returns how many are left; they are listed in `alive`,
+/// with their weighted sums in `cost`.
+template <Pass kPass, class Sampler, class Team>
+ACMP_HOST_DEVICE inline int MatchWhileBelow(const PixelUpdate<Sampler, Team>& pixel, int count, float best_energy) {
+  PixelScratch& scratch = *pixel.scratch;
+  ForEach(pixel.team, count, [&](int i) {
+    scratch.limit[i] = SumLimit<kPass>(pixel, scratch.planes[i], best_energy);
+    scratch.cost[i] = 0;
+    scratch.alive[i] = i;
+  });
+  pixel.team.Sync();
+  int alive = count;
+  for (int k = 0; k < pixel.num_drawn && alive > 0;) {
+    // As many views at once as keep the team busy; one at first, which already decides most.
+    int views = k == 0 || alive > Team::kSize ? 1 : Team::kSize / alive;
+    views = views < pixel.num_drawn - k ? views : pixel.num_drawn - k;
+    const int* drawn = scratch.DrawnViews() + k;
+    MatchPairs(
+        pixel, alive, views, [&](int a) { return scratch.alive[a]; }, [&](int j) { return drawn[j]; },
+        [&](int i, int view, float cost) {
+          if constexpr (kPass == Pass::kGeometric) cost += GeometricTerm(pixel, scratch.planes[i], view);
+          scratch.ViewCost(i)[view] = static_cast<float>(scratch.Draws()[view]) * cost;
+        });
+    ForEach(pixel.team, alive, [&](int a) {
+      const int i = scratch.alive[a];
+      for (int j = 0; j < views; ++j) scratch.cost[i] += scratch.ViewCost(i)[drawn[j]];
+    });
+    k += views;
+    alive = KeepBelowLimit(pixel.team, alive, &scratch);
+  }
+  return alive;
+}
+
+/// Step "refinement": rates the new hypotheses and keeps the best.
+template <Pass kPass, class Sampler, class Team>
+ACMP_HOST_DEVICE inline void Refine(const PixelUpdate<Sampler, Team>& pixel, RandomStream* random,
+                                    RatedHypothesis* best) {
+  PixelScratch& scratch = *pixel.scratch;
+  const int count = MakeRefinements<kPass>(pixel, best->plane, random);
+  const int alive = MatchWhileBelow<kPass>(pixel, count, best->energy);
+  ForEach(pixel.team, alive, [&](int a) { RatePlane<kPass>(pixel, scratch.alive[a]); });
+  pixel.team.Sync();
+  for (int a = 0; a < alive; ++a) {
+    const int i = scratch.alive[a];
+    if (scratch.energy[i] < best->energy) *best = {scratch.planes[i], scratch.cost[i], scratch.energy[i]};
   }
 }
 
 /// One checkerboard step for one pixel: propagation, view weights, hypothesis update, refinement. Reads planes, costs
 /// and masks of the other colour only and writes its own pixel, so all pixels of one colour may run at once in any
 /// order.
-template <Pass kPass, class Sampler>
-ACMP_HOST_DEVICE inline void UpdatePixel(const MatchContext<Sampler>& context, int col, int row, int iteration) {
-  const int pixel_index = row * context.width + col;
-  RandomStream random(context.options.seed, static_cast<uint32_t>(pixel_index),
+template <Pass kPass, class Sampler, class Team>
+ACMP_HOST_DEVICE inline void UpdatePixel(const MatchContext<Sampler>& context, int col, int row, int iteration,
+                                         const Team& team, PixelScratch* scratch) {
+  RandomStream random(context.options.seed, static_cast<uint32_t>(row * context.width + col),
                       context.pass_number * 64u + static_cast<uint32_t>(iteration) + 1u);
-  PixelUpdate<Sampler> pixel{context,
-                             col,
-                             row,
-                             context.rays.Ray(static_cast<float>(col), static_cast<float>(row)),
-                             LoadReferencePatch(context, col, row),
-                             PixelPrior{},
-                             ViewWeights{}};
+  if (team.Rank() == 0) scratch->num_sources = context.num_sources;
+  LoadReferencePatch(context, col, row, team, &scratch->patch);
+  PixelUpdate<Sampler, Team> pixel(context, col, row, team, scratch);
+  pixel.ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
   if constexpr (kPass == Pass::kPlanarPrior) pixel.prior = LoadPrior(context, col, row, pixel.ray);
 
-  PlaneHypothesis hypotheses[kNumRegions + 1];
-  int count = CollectCandidates(context, col, row, pixel.ray, hypotheses);
-  const int current = count;
-  hypotheses[count++] = context.planes(col, row);
+  const int count = MatchCandidates(pixel);
+  const uint32_t drawn_mask = WeighViews(pixel, count, iteration, &random);
+  if (team.Rank() == 0) context.selected_views(col, row) = drawn_mask;
+  if (drawn_mask == 0) return;  // no view counts: the pixel keeps its hypothesis and cost
+  pixel.num_drawn = CountBits(drawn_mask);
 
-  float costs[(kNumRegions + 1) * kMaxSourceViews];
-  for (int i = 0; i < count; ++i) {
-    const Vec3f dual = PlaneDual(context, hypotheses[i]);
-    for (int j = 0; j < context.num_sources; ++j) {
-      costs[i * kMaxSourceViews + j] = PhotometricCost(context, pixel.patch, dual, col, row, j);
-    }
-  }
-
-  float probability[kMaxSourceViews];
-  const int voters = context.options.view_weighting == ViewWeighting::kPaper ? count : current;
-  for (int j = 0; j < context.num_sources; ++j) {
-    const float likelihood = ViewLikelihood(costs + j, kMaxSourceViews, voters, iteration, context.options);
-    probability[j] = likelihood > 0 ? likelihood * ViewSmoothness(context, col, row, j) : 0;
-  }
-  pixel.weights = DrawViews(probability, context.num_sources, context.options.view_draws, &random);
-  context.selected_views(col, row) = pixel.weights.mask;
-  if (pixel.weights.sum == 0) return;  // no view counts: the pixel keeps its hypothesis and cost
-
-  const auto rate = [&](int i) {
-    return Rate<kPass>(pixel, hypotheses[i], [&](int j) {
-      return costs[i * kMaxSourceViews + j];  // NOLINT(clang-analyzer-core.uninitialized.UndefReturn): filled above
-    });
-  };
-  RatedHypothesis best = rate(current);
-  for (int i = 0; i < current; ++i) {
-    const RatedHypothesis rated = rate(i);
-    if (rated.energy < best.energy) best = rated;
-  }
+  RatedHypothesis best = BestCandidate<kPass>(pixel, count);
   Refine<kPass>(pixel, &random, &best);
+  if (team.Rank() != 0) return;
   context.planes(col, row) = best.plane;
   context.cost(col, row) = best.cost;
+}
+
+template <Pass kPass, class Sampler>
+inline void UpdatePixel(const MatchContext<Sampler>& context, int col, int row, int iteration) {
+  StackScratch scratch;
+  UpdatePixel<kPass>(context, col, row, iteration, SingleThread(), &scratch.shared);
 }
 
 }  // namespace acmp

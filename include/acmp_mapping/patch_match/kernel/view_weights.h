@@ -2,15 +2,9 @@
 
 #include "acmp_mapping/common/random.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
+#include "acmp_mapping/patch_match/kernel/team.h"
 
 namespace acmp {
-
-/// Integer weights w_j of eq. 1: how often each source view was drawn.
-struct ViewWeights {
-  unsigned char draws[kMaxSourceViews];
-  int sum = 0;
-  uint32_t mask = 0;  ///< views with a positive weight
-};
 
 /// P(X_j | Z_j, theta) of one view from its costs over the hypotheses. kThresholded: mean likelihood of the good ones
 /// where more than two are good and fewer than three bad, a floor where they are neither; kPaper: the plain sum.
@@ -56,30 +50,51 @@ ACMP_HOST_DEVICE inline float ViewSmoothness(const MatchContext<Sampler>& contex
   return sum;
 }
 
-/// Monte-Carlo draws from probabilities that need not be normalised. All zero: nothing is drawn, sum = 0.
-ACMP_HOST_DEVICE inline ViewWeights DrawViews(const float* probability, int num_views, int draws,
-                                              RandomStream* random) {
-  ViewWeights weights;
+/// Monte-Carlo draws from probabilities that need not be normalised: adds one to `counts[j]` for every draw of view j,
+/// and the counts become the integer weights w_j of eq. 1. False, with nothing drawn, where all probabilities are zero.
+/// All of the team see the counts when it returns.
+template <class Team>
+ACMP_HOST_DEVICE inline bool DrawViews(const float* probability, int num_views, int draws, const Team& team,
+                                       RandomStream* random, int* counts) {
   float total = 0;
   int last = -1;
   for (int j = 0; j < num_views; ++j) {
-    weights.draws[j] = 0;
     total += probability[j];
     if (probability[j] > 0) last = j;
   }
-  if (last < 0) return weights;
-  for (int k = 0; k < draws; ++k) {
-    float rest = random->NextUniform() * total;
+  if (last < 0) return false;
+  ForEach(team, draws, [&](int k) {
+    RandomStream own = *random;
+    own.Skip(static_cast<uint32_t>(k));
+    float rest = own.NextUniform() * total;
     int view = 0;
     while (view < last && !(rest < probability[view])) rest -= probability[view++];
     // Where the product above and a difference fuse, `rest` can come out below 0 and end the search on a view of
     // probability zero: never draw one.
-    if (!(probability[view] > 0)) view = last;
-    ++weights.draws[view];
-    weights.mask |= 1u << view;
-  }
-  weights.sum = draws;
-  return weights;
+    team.Increment(counts + (probability[view] > 0 ? view : last));
+  });
+  random->Skip(static_cast<uint32_t>(draws));
+  team.Sync();
+  return true;
+}
+
+/// The views with a positive count, as a mask, and listed in `list` from the largest count to the smallest; for the
+/// whole team.
+template <class Team>
+ACMP_HOST_DEVICE inline uint32_t ListDrawnViews(const int* counts, int num_views, const Team& team, int* list) {
+  uint32_t mask = 0;
+  for (int j = 0; j < num_views; ++j) mask |= (counts[j] > 0 ? 1u : 0u) << j;
+  ForEach(team, num_views, [&](int j) {
+    const int count = counts[j];
+    if (count == 0) return;
+    int place = 0;
+    for (int other = 0; other < num_views; ++other) {
+      place += counts[other] > count || (counts[other] == count && other < j) ? 1 : 0;
+    }
+    list[place] = j;
+  });
+  team.Sync();
+  return mask;
 }
 
 }  // namespace acmp

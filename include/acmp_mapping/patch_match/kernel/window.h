@@ -16,23 +16,54 @@ struct PlaneWarp {
   Vec3f center, step_col, step_row;
 };
 
+/// Samples come in nine blocks of 2 x 2: four threads that take one of each block read source pixels side by side,
+/// which a texture unit does at once.
+constexpr int kBlockSamples = 4;
+constexpr int kBlocksPerRow = kPatchWidth / 2;
+constexpr int kNumBlocks = kPatchSamples / kBlockSamples;
+
 /// Column and row of window sample `i` from the centre, px.
-ACMP_HOST_DEVICE constexpr int WindowCol(int i) { return (i % kPatchWidth) * kPatchStep - kPatchRadius; }
-ACMP_HOST_DEVICE constexpr int WindowRow(int i) { return (i / kPatchWidth) * kPatchStep - kPatchRadius; }
+ACMP_HOST_DEVICE constexpr int WindowCol(int i) {
+  return (i / kBlockSamples % kBlocksPerRow * 2 + i % 2) * kPatchStep - kPatchRadius;
+}
+ACMP_HOST_DEVICE constexpr int WindowRow(int i) {
+  return (i / kBlockSamples / kBlocksPerRow * 2 + i % kBlockSamples / 2) * kPatchStep - kPatchRadius;
+}
+
+/// Calls function(block, grey value) for sample `part` of every block, in order.
+template <class Sampler, class Function>
+ACMP_HOST_DEVICE inline void ForEachSampleOfPart(const Sampler& sampler, int view, const PlaneWarp& warp, int part,
+                                                 const Function& function) {
+  constexpr float kBlockStep = 2 * kPatchStep;
+  const auto shifted = [](const Vec3f& v) {
+    return Vec3f{v.x + Sampler::kPixelCenter * v.z, v.y + Sampler::kPixelCenter * v.z, v.z};
+  };
+  const Vec3f step_col = shifted(warp.step_col), step_row = shifted(warp.step_row);
+  const Vec3f first = shifted(warp.center) + static_cast<float>(WindowCol(part)) * step_col +
+                      static_cast<float>(WindowRow(part)) * step_row;
+  ACMP_UNROLL
+  for (int block = 0; block < kNumBlocks; ++block) {
+    const float dx = kBlockStep * static_cast<float>(block % kBlocksPerRow);
+    const float dy = kBlockStep * static_cast<float>(block / kBlocksPerRow);
+    const float inv_z = Reciprocal(first.z + dy * step_row.z + dx * step_col.z);
+    const float x = (first.x + dy * step_row.x + dx * step_col.x) * inv_z;
+    const float y = (first.y + dy * step_row.y + dx * step_col.y) * inv_z;
+    function(block, sampler.SourceAt(view, x, y));
+  }
+}
 
 /// Calls function(i, grey value) for the source pixels that the warp gives the window's samples, in order. Samplers may
 /// overload it with a faster way to the same values.
 template <class Sampler, class Function>
 ACMP_HOST_DEVICE inline void ForEachWindowSample(const Sampler& sampler, int view, const PlaneWarp& warp,
                                                  const Function& function) {
-  ACMP_UNROLL
   for (int i = 0; i < kPatchSamples; ++i) {
     const float dx = static_cast<float>(WindowCol(i));
     const float dy = static_cast<float>(WindowRow(i));
     const float inv_z = Reciprocal(warp.center.z + dx * warp.step_col.z + dy * warp.step_row.z);
     const float x = (warp.center.x + dx * warp.step_col.x + dy * warp.step_row.x) * inv_z;
     const float y = (warp.center.y + dx * warp.step_col.y + dy * warp.step_row.y) * inv_z;
-    function(i, sampler.Source(view, x, y));
+    function(i, sampler.SourceAt(view, x + Sampler::kPixelCenter, y + Sampler::kPixelCenter));
   }
 }
 
