@@ -40,7 +40,12 @@ roslaunch --port "$port" acmp_mapping demo.launch bag:="$out/room.bag" rviz:=$sh
 launch=$!
 # roslaunch ends its nodes on SIGTERM; as a background job it would ignore SIGINT.
 trap 'kill -TERM $launch 2>/dev/null || true; wait $launch 2>/dev/null || true' EXIT
-if ! scripts/save_demo_output.py "$out/room.bag" "$out" --timeout 1200; then
+scripts/save_demo_output.py "$out/room.bag" "$out" --timeout 1200 &
+saver=$!
+code=0
+wait -n -p ended "$launch" "$saver" || code=$?
+if [ "$ended" = "$launch" ] || [ "$code" -ne 0 ]; then  # without roslaunch the saver would wait in vain
+  kill "$saver" 2>/dev/null || true
   echo "the end of $out/roslaunch.log:" >&2
   tail -n 30 "$out/roslaunch.log" >&2
   exit 1
