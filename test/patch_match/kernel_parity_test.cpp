@@ -21,6 +21,7 @@ std::vector<ParityAnswer> AnswerOnCpu(const PatchMatchProblem& problem, const Pl
   std::copy(prior.begin(), prior.end(), state.prior.begin());
   const auto context = state.Context();
   std::vector<ParityAnswer> answers;
+  answers.reserve(queries.size());
   for (const ParityQuery& query : queries) answers.push_back(Answer(context, query));
   return answers;
 }
@@ -64,6 +65,7 @@ class KernelParityTest : public ::testing::Test {
   template <class Difference>
   std::vector<double> Sorted(const Difference& difference) const {
     std::vector<double> sorted;
+    sorted.reserve(kQueries);
     for (int i = 0; i < kQueries; ++i) sorted.push_back(difference(cpu_[i], gpu_[i]));
     std::sort(sorted.begin(), sorted.end());
     return sorted;

@@ -52,19 +52,41 @@ ACMP_HOST_DEVICE inline void RatePlane(const PixelUpdate<Sampler, Team>& pixel, 
   scratch.energy[i] = energy;
 }
 
-/// The eight candidates and the pixel's own plane in the scratch, with their photometric costs in all views. Returns
-/// how many; the own plane is the last.
+/// Lists in `DrawnViews` the views that the costs of the first `matched` candidates do not reject yet, and gives the
+/// others the worst cost for the planes up to `count`: they will not be drawn. Returns how many are listed.
+template <class Sampler, class Team>
+ACMP_HOST_DEVICE inline int RejectViews(const PixelUpdate<Sampler, Team>& pixel, int matched, int count) {
+  PixelScratch& scratch = *pixel.scratch;
+  const int num_sources = pixel.context.num_sources;
+  ForEach(pixel.team, num_sources, [&](int view) {
+    const bool rejected = IsViewRejected(scratch.ViewCost(0) + view, num_sources, matched, pixel.context.options);
+    scratch.Draws()[view] = rejected ? 0 : 1;
+    for (int i = matched; rejected && i < count; ++i) scratch.ViewCost(i)[view] = kWorstCost;
+  });
+  pixel.team.Sync();
+  return CountBits(ListDrawnViews(scratch.Draws(), num_sources, pixel.team, scratch.DrawnViews()));
+}
+
+/// The eight candidates and the pixel's own plane in the scratch, with their photometric costs in all views that can
+/// still be drawn. Returns how many; the own plane is the last.
 template <class Sampler, class Team>
 ACMP_HOST_DEVICE inline int MatchCandidates(const PixelUpdate<Sampler, Team>& pixel) {
+  constexpr int kMatchedFirst = 4;  // of the candidates: one more than reject a view
   PixelScratch& scratch = *pixel.scratch;
   const int candidates =
       CollectCandidates(pixel.context, pixel.col, pixel.row, pixel.ray, pixel.team, scratch.planes, &scratch.count);
   if (pixel.team.Rank() == 0) scratch.planes[candidates] = pixel.context.planes(pixel.col, pixel.row);
   pixel.team.Sync();
+  const int count = candidates + 1;
+  const int first = candidates < kMatchedFirst ? candidates : kMatchedFirst;
+  const auto store = [&](int i, int view, float cost) { scratch.ViewCost(i)[view] = cost; };
   MatchPairs(
-      pixel, candidates + 1, pixel.context.num_sources, [](int i) { return i; }, [](int k) { return k; },
-      [&](int i, int view, float cost) { scratch.ViewCost(i)[view] = cost; });
-  return candidates + 1;
+      pixel, first, pixel.context.num_sources, [](int i) { return i; }, [](int k) { return k; }, store);
+  const int left = RejectViews(pixel, first, count);
+  MatchPairs(
+      pixel, count - first, left, [&](int i) { return first + i; }, [&](int k) { return scratch.DrawnViews()[k]; },
+      store);
+  return count;
 }
 
 /// Draws the view weights from the candidates' costs. Returns the drawn views as a mask: 0 where no view counts.

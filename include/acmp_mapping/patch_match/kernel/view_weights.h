@@ -6,6 +6,19 @@
 
 namespace acmp {
 
+/// Of the thresholded likelihood: a view with so many costs so bad shows something else, and is not drawn.
+constexpr float kBadCost = 1.2f;
+constexpr int kMinBadCosts = 3;
+
+/// Whether these costs alone reject the view, whatever the others are.
+ACMP_HOST_DEVICE inline bool IsViewRejected(const float* costs, int stride, int count,
+                                            const PatchMatchOptions& options) {
+  if (options.view_weighting == ViewWeighting::kPaper) return false;
+  int bad = 0;
+  for (int i = 0; i < count; ++i) bad += costs[i * stride] > kBadCost ? 1 : 0;
+  return bad >= kMinBadCosts;
+}
+
 /// P(X_j | Z_j, theta) of one view from its costs over the hypotheses. kThresholded: mean likelihood of the good ones
 /// where more than two are good and fewer than three bad, a floor where they are neither; kPaper: the plain sum.
 ACMP_HOST_DEVICE inline float ViewLikelihood(const float* costs, int stride, int count, int iteration,
@@ -17,7 +30,6 @@ ACMP_HOST_DEVICE inline float ViewLikelihood(const float* costs, int stride, int
     return sum;
   }
   const float good_threshold = 0.8f * expf(static_cast<float>(iteration * iteration) / -90.0f);
-  constexpr float kBadThreshold = 1.2f;
   int good = 0, bad = 0;
   float sum = 0;
   for (int i = 0; i < count; ++i) {
@@ -26,11 +38,11 @@ ACMP_HOST_DEVICE inline float ViewLikelihood(const float* costs, int stride, int
     if (cost < good_threshold) {
       sum += expf(-cost * cost * inv_sigma);
       ++good;
-    } else if (cost > kBadThreshold) {
+    } else if (cost > kBadCost) {
       ++bad;
     }
   }
-  if (bad >= 3) return 0;
+  if (bad >= kMinBadCosts) return 0;
   if (good > 2) return sum / static_cast<float>(good);
   return expf(good_threshold * good_threshold / -0.32f);
 }

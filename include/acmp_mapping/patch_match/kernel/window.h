@@ -43,8 +43,9 @@ ACMP_HOST_DEVICE inline void ForEachSampleOfPart(const Sampler& sampler, int vie
                       static_cast<float>(WindowRow(part)) * step_row;
   ACMP_UNROLL
   for (int block = 0; block < kNumBlocks; ++block) {
-    const float dx = kBlockStep * static_cast<float>(block % kBlocksPerRow);
-    const float dy = kBlockStep * static_cast<float>(block / kBlocksPerRow);
+    const int block_col = block % kBlocksPerRow, block_row = block / kBlocksPerRow;
+    const float dx = kBlockStep * static_cast<float>(block_col);
+    const float dy = kBlockStep * static_cast<float>(block_row);
     const float inv_z = Reciprocal(first.z + dy * step_row.z + dx * step_col.z);
     const float x = (first.x + dy * step_row.x + dx * step_col.x) * inv_z;
     const float y = (first.y + dy * step_row.y + dx * step_col.y) * inv_z;
