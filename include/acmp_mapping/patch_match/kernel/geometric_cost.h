@@ -17,8 +17,9 @@ ACMP_HOST_DEVICE inline float GeometricError(const MatchContext<Sampler>& contex
   const Vec3f pixel = {static_cast<float>(col), static_cast<float>(row), 1.0f};
   const Vec3f projected = depth * (source.a * pixel) + source.b;
   if (!(projected.z > 0)) return worst;
-  const float x = projected.x / projected.z;
-  const float y = projected.y / projected.z;
+  const float inv_z = Reciprocal(projected.z);
+  const float x = projected.x * inv_z;
+  const float y = projected.y * inv_z;
   if (!(x >= -0.5f && y >= -0.5f && x < source.width - 0.5f && y < source.height - 0.5f)) return worst;
   // Nearest pixel: interpolation would invent depths at edges. Truncation is rounding here, as neither is below -0.5; a
   // sum that rounds up to the width or height belongs to the last pixel.
@@ -31,8 +32,9 @@ ACMP_HOST_DEVICE inline float GeometricError(const MatchContext<Sampler>& contex
 
   const Vec3f back = source_depth * (source.back_a * Vec3f{x, y, 1.0f}) + source.back_b;
   if (!(back.z > 0)) return worst;
-  const float dx = back.x / back.z - pixel.x;
-  const float dy = back.y / back.z - pixel.y;
+  const float inv_back_z = Reciprocal(back.z);
+  const float dx = back.x * inv_back_z - pixel.x;
+  const float dy = back.y * inv_back_z - pixel.y;
   const float error = sqrtf(dx * dx + dy * dy);
   return error < worst ? error : worst;
 }

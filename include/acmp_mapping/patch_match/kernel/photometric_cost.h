@@ -108,7 +108,7 @@ ACMP_HOST_DEVICE inline bool PrepareWindow(const MatchContext<Sampler>& context,
   // Depth over the window is affine in the offset: its minimum is at a corner.
   const float min_z = warp->center.z - kPatchRadius * (fabsf(warp->step_col.z) + fabsf(warp->step_row.z));
   if (!(min_z > 0)) return false;
-  const float inv_z = 1.0f / warp->center.z;
+  const float inv_z = Reciprocal(warp->center.z);
   const float x = warp->center.x * inv_z;
   const float y = warp->center.y * inv_z;
   if (!(x >= -0.5f && y >= -0.5f && x < source.width - 0.5f && y < source.height - 0.5f)) return false;
