@@ -8,7 +8,8 @@
 namespace acmp {
 
 /// Grey values through hardware-filtered textures. The filter's fractions have 8 bits, so values differ from exact
-/// interpolation by up to 1/512 of the step between neighbouring pixels.
+/// interpolation by up to 1/512 of the step between neighbouring pixels, and texels are rounded to 1/257 of a grey
+/// level.
 struct TextureSampler {
   ImageView<const float> reference;
   cudaTextureObject_t sources;  ///< one layer per source view

@@ -23,10 +23,9 @@ struct alignas(16) SourceView {
 };
 
 /// Everything a pixel update reads or writes; passed to kernels by value. `Sampler` gives grey values:
-///   float Reference(int col, int row) const;         inside the image
-///   static constexpr float kPixelCenter;             of pixel 0 in the coordinates of
-///   float SourceAt(int view, float x, float y) const;  bilinear, clamped to the border; any finite or infinite
-///   position
+///   Reference(col, row)   inside the image
+///   SourceAt(view, x, y)  bilinear, clamped to the border, at any finite or infinite position
+///   kPixelCenter          where pixel 0 lies in x and y
 template <class Sampler>
 struct MatchContext {
   Sampler sampler;

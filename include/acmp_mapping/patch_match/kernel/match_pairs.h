@@ -46,7 +46,7 @@ struct PixelMatch {
 
 /// The sums of a window for each thread of the team, which it hands in (view < 0: none). Groups of kWindowThreads take
 /// the team's windows in turn, so that neighbouring threads read neighbouring source pixels.
-/// @param count how many windows the team has at most, those of the first threads in the order of PairRank
+/// @param count how many windows the team has at most: window n is that of the thread n / groups of group n % groups
 template <class Sampler, class Team>
 ACMP_HOST_DEVICE inline WindowSums SumWindows(const PixelMatch<Sampler, Team>& match, const PlaneWarp& warp, int view,
                                               int count) {

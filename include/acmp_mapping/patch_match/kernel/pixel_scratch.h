@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstddef>
+
 #include "acmp_mapping/patch_match/kernel/photometric_cost.h"
 #include "acmp_mapping/patch_match/kernel/propagation.h"
 
@@ -45,7 +47,6 @@ struct StackScratch {
   PixelScratch shared;
   float arrays[PixelScratch::kWordsPerView * kMaxSourceViews];
 };
-static_assert(sizeof(PixelScratch) % alignof(PixelScratch) == 0 && sizeof(PixelScratch) % sizeof(float) == 0,
-              "the arrays follow without a gap");
+static_assert(offsetof(StackScratch, arrays) == sizeof(PixelScratch), "the arrays follow without a gap");
 
 }  // namespace acmp

@@ -5,14 +5,12 @@
 namespace acmp {
 
 /// The threads that work on one pixel together, with memory that all of them see. A team has
-///   static constexpr int kSize;             how many there are
-///   static constexpr int kWindowThreads;    how many of them, neighbours in rank, compare one window together; kSize
-///   is
-///                                           at most its square
-///   int Rank() const;                       0 .. kSize - 1
-///   void Sync() const;                      what any wrote before is read by all after
-///   void Increment(int* counter) const;     by several at once
-///   float SumOverWindow(float value) const;  over the kWindowThreads neighbours, for all of them
+///   kSize                 how many there are, at most the square of kWindowThreads
+///   kWindowThreads        how many of them, neighbours in rank, compare one window together
+///   Rank()                0 .. kSize - 1
+///   Sync()                what any wrote before is read by all after
+///   Increment(counter)    by several at once
+///   SumOverWindow(value)  over the kWindowThreads neighbours, for all of them
 /// Functions that take a team are called by all its threads with the same arguments. This is the team of one.
 struct SingleThread {
   static constexpr int kSize = 1;
