@@ -27,8 +27,10 @@ struct WindowEntry {
   FramePtr frame;
   DepthRange range;
   State state = State::kPending;
-  KeyframeDepthPtr latest;    ///< null before the initial estimate
-  PatchMatchResult estimate;  ///< what the geometric passes start from; only while kFast
+  EngineImagePtr image;        ///< null until the entry is first used as reference or source view
+  int image_levels = 0;        ///< levels it was loaded with
+  KeyframeDepthPtr latest;     ///< null before the initial estimate
+  EngineEstimatePtr estimate;  ///< the same on the device: start of the geometric passes, and depths for other keyframes
 };
 
 struct Failure {
@@ -68,38 +70,6 @@ void CheckFrame(const Frame& frame) {
 /// Middle of the range in the logarithm: a depth that is as many times the nearest as the farthest is of it.
 double TypicalDepth(const DepthRange& range) { return std::sqrt(static_cast<double>(range.min) * range.max); }
 
-void Add(const StageTimes& times, StageTimes* sum) {
-  sum->photometric_ms += times.photometric_ms;
-  sum->prior_construction_ms += times.prior_construction_ms;
-  sum->planar_prior_ms += times.planar_prior_ms;
-  sum->geometric_ms += times.geometric_ms;
-  sum->kernels_ms += times.kernels_ms;
-}
-
-FusionView MakeFusionView(const Frame& frame, const KeyframeDepth* maps) {
-  FusionView view;
-  view.camera = frame.camera;
-  view.cam_from_world = frame.cam_from_world;
-  if (maps == nullptr) return view;
-  view.depth = maps->depth.View();
-  view.normal = maps->normal.View();
-  view.cost = maps->cost.View();
-  view.color = frame.color.View();
-  return view;
-}
-
-std::shared_ptr<KeyframeDepth> MakeKeyframeDepth(const WindowEntry& entry, const PatchMatchResult& estimate,
-                                                 std::vector<int64_t> source_ids) {
-  auto maps = std::make_shared<KeyframeDepth>();
-  maps->frame = entry.frame;
-  maps->range = entry.range;
-  maps->depth = ToDepthMap(estimate.planes, entry.frame->camera);
-  maps->normal = ToNormalMap(estimate.planes);
-  maps->cost = estimate.cost.Clone();
-  maps->source_ids = std::move(source_ids);
-  return maps;
-}
-
 }  // namespace
 
 void Validate(const DenseMapperOptions& options) {
@@ -117,13 +87,15 @@ void Validate(const DenseMapperOptions& options) {
 struct DenseMapper::Impl {
   /// Source views of one keyframe, best first.
   struct Sources {
-    std::vector<const WindowEntry*> entries;
-    std::vector<FramePtr> frames;
+    std::vector<WindowEntry*> entries;
     std::vector<int64_t> ids;
   };
 
-  Impl(PatchMatch* patch_match, const DenseMapperOptions& mapper_options, Callbacks mapper_callbacks)
-      : options(mapper_options), callbacks(std::move(mapper_callbacks)), estimator(patch_match, options.pipeline) {}
+  Impl(DepthEngine* depth_engine, const DenseMapperOptions& mapper_options, Callbacks mapper_callbacks)
+      : options(mapper_options),
+        callbacks(std::move(mapper_callbacks)),
+        engine(depth_engine),
+        estimator(depth_engine, options.pipeline) {}
 
   void Admit(FramePtr frame);
   std::optional<DepthRange> FindDepthRange(const Frame& frame);
@@ -131,18 +103,24 @@ struct DenseMapper::Impl {
   void RefineOlderThan(size_t later_keyframes);
   void EvictUntil(int keyframes_left);
 
-  std::vector<const WindowEntry*> Others(const WindowEntry& entry) const;
-  Sources SelectSources(const WindowEntry& entry) const;
-  std::string DescribeMissing(const WindowEntry& entry, int min_source_views) const;
+  std::vector<WindowEntry*> Others(const WindowEntry& entry);
+  Sources SelectSources(const WindowEntry& entry);
+  std::string DescribeMissing(const WindowEntry& entry, int min_source_views);
+
+  EngineView MakeView(WindowEntry* entry);
+  EngineProblem MakeProblem(WindowEntry* entry, const Sources& sources);
+  std::shared_ptr<KeyframeDepth> MakeKeyframeDepth(const WindowEntry& entry, const EngineEstimatePtr& estimate,
+                                                   std::vector<int64_t> source_ids);
 
   void Estimate(WindowEntry* entry, const Sources& sources);
   void Refine(WindowEntry* entry);
-  KeyframeDepthPtr MakeRefined(WindowEntry* entry, const Sources& sources);
+  KeyframeDepthPtr MakeRefined(WindowEntry* entry, const Sources& sources, EngineEstimatePtr* estimate);
   void Drop(WindowEntry* entry, const std::string& reason, const std::string& message);
   void Report(const KeyframeDrop& drop) const;
 
   DenseMapperOptions options;
   Callbacks callbacks;
+  DepthEngine* engine;
   DepthEstimator estimator;
   std::deque<WindowEntry> window;  ///< oldest first; references stay valid while entries are added at the end
   std::optional<DepthRange> last_range;
@@ -155,7 +133,6 @@ void DenseMapper::Impl::Report(const KeyframeDrop& drop) const {
 
 void DenseMapper::Impl::Drop(WindowEntry* entry, const std::string& reason, const std::string& message) {
   entry->state = WindowEntry::State::kFinished;
-  entry->estimate = {};
   Report({entry->frame->id, reason, message, entry->latest != nullptr});
 }
 
@@ -191,16 +168,16 @@ void DenseMapper::Impl::Admit(FramePtr frame) {
               " are usable and in view, no earlier keyframe had a depth range, and no fallback range is set"));
 }
 
-std::vector<const WindowEntry*> DenseMapper::Impl::Others(const WindowEntry& entry) const {
-  std::vector<const WindowEntry*> others;
-  for (const WindowEntry& other : window) {
+std::vector<WindowEntry*> DenseMapper::Impl::Others(const WindowEntry& entry) {
+  std::vector<WindowEntry*> others;
+  for (WindowEntry& other : window) {
     if (&other != &entry) others.push_back(&other);
   }
   return others;
 }
 
-DenseMapper::Impl::Sources DenseMapper::Impl::SelectSources(const WindowEntry& entry) const {
-  const std::vector<const WindowEntry*> others = Others(entry);
+DenseMapper::Impl::Sources DenseMapper::Impl::SelectSources(const WindowEntry& entry) {
+  const std::vector<WindowEntry*> others = Others(entry);
   std::vector<FramePtr> candidates;
   candidates.reserve(others.size());
   for (const WindowEntry* other : others) candidates.push_back(other->frame);
@@ -208,13 +185,12 @@ DenseMapper::Impl::Sources DenseMapper::Impl::SelectSources(const WindowEntry& e
   for (const RankedSourceView& view :
        SelectSourceViews(*entry.frame, candidates, TypicalDepth(entry.range), options.source_views)) {
     sources.entries.push_back(others[view.index]);
-    sources.frames.push_back(candidates[view.index]);
     sources.ids.push_back(candidates[view.index]->id);
   }
   return sources;
 }
 
-std::string DenseMapper::Impl::DescribeMissing(const WindowEntry& entry, int min_source_views) const {
+std::string DenseMapper::Impl::DescribeMissing(const WindowEntry& entry, int min_source_views) {
   std::vector<FramePtr> candidates;
   for (const WindowEntry* other : Others(entry)) candidates.push_back(other->frame);
   const SourceViewCounts counts =
@@ -227,15 +203,46 @@ void DenseMapper::Impl::EstimatePending(int min_source_views) {
   for (WindowEntry& entry : window) {
     if (entry.state != WindowEntry::State::kPending) continue;
     const Sources sources = SelectSources(entry);
-    if (sources.frames.size() >= static_cast<size_t>(min_source_views)) Estimate(&entry, sources);
+    if (sources.ids.size() >= static_cast<size_t>(min_source_views)) Estimate(&entry, sources);
   }
 }
 
+EngineView DenseMapper::Impl::MakeView(WindowEntry* entry) {
+  const int levels = options.pipeline.start_level;
+  if (!entry->image || entry->image_levels < levels) {
+    entry->image = engine->Load(entry->frame, levels);
+    entry->image_levels = levels;
+  }
+  return {entry->frame, entry->image, entry->estimate};
+}
+
+EngineProblem DenseMapper::Impl::MakeProblem(WindowEntry* entry, const Sources& sources) {
+  EngineProblem problem;
+  problem.reference = MakeView(entry);
+  for (WindowEntry* source : sources.entries) problem.sources.push_back(MakeView(source));
+  problem.depth_range = entry->range;
+  return problem;
+}
+
+std::shared_ptr<KeyframeDepth> DenseMapper::Impl::MakeKeyframeDepth(const WindowEntry& entry,
+                                                                    const EngineEstimatePtr& estimate,
+                                                                    std::vector<int64_t> source_ids) {
+  EstimateMaps estimate_maps = engine->Download(estimate);
+  auto maps = std::make_shared<KeyframeDepth>();
+  maps->frame = entry.frame;
+  maps->range = entry.range;
+  maps->depth = std::move(estimate_maps.depth);
+  maps->normal = std::move(estimate_maps.normal);
+  maps->cost = std::move(estimate_maps.cost);
+  maps->source_ids = std::move(source_ids);
+  return maps;
+}
+
 void DenseMapper::Impl::Estimate(WindowEntry* entry, const Sources& sources) {
-  PatchMatchResult estimate;
+  EngineEstimatePtr estimate;
   std::shared_ptr<KeyframeDepth> maps;
   const auto failure = CatchFailure([&] {
-    estimate = estimator.EstimateInitial(*entry->frame, sources.frames, entry->range);
+    estimate = estimator.EstimateInitial(MakeProblem(entry, sources));
     maps = MakeKeyframeDepth(*entry, estimate, sources.ids);
     maps->times = estimator.last_times();
   });
@@ -255,37 +262,32 @@ void DenseMapper::Impl::RefineOlderThan(size_t later_keyframes) {
 void DenseMapper::Impl::Refine(WindowEntry* entry) {
   const Sources sources = SelectSources(*entry);
   // Its first views may have left the window meanwhile.
-  if (sources.frames.empty()) return Drop(entry, "no_source_views", DescribeMissing(*entry, 1));
+  if (sources.ids.empty()) return Drop(entry, "no_source_views", DescribeMissing(*entry, 1));
+  EngineEstimatePtr estimate;
   KeyframeDepthPtr refined;
-  const auto failure = CatchFailure([&] { refined = MakeRefined(entry, sources); });
+  const auto failure = CatchFailure([&] { refined = MakeRefined(entry, sources, &estimate); });
   if (failure) return Drop(entry, failure->reason, failure->message);
   entry->state = WindowEntry::State::kFinished;
-  entry->estimate = {};
+  entry->estimate = std::move(estimate);
   entry->latest = refined;
   if (callbacks.on_refined) callbacks.on_refined(refined);
 }
 
-KeyframeDepthPtr DenseMapper::Impl::MakeRefined(WindowEntry* entry, const Sources& sources) {
-  std::vector<const DepthMap*> source_depths;
-  for (const WindowEntry* source : sources.entries) {
-    source_depths.push_back(source->latest ? &source->latest->depth : nullptr);
-  }
+KeyframeDepthPtr DenseMapper::Impl::MakeRefined(WindowEntry* entry, const Sources& sources,
+                                                EngineEstimatePtr* estimate) {
+  EngineProblem problem = MakeProblem(entry, sources);
   StageTimes times = entry->latest->times;
-  PatchMatchResult estimate = std::move(entry->estimate);
-  estimate.selected_views = RemapSelectedViews(estimate.selected_views, entry->latest->source_ids, sources.ids);
+  *estimate = entry->estimate;
   for (int pass = 0; pass < options.pipeline.geometric_passes; ++pass) {
-    estimate = estimator.RefineGeometric(*entry->frame, sources.frames, source_depths, entry->range, estimate, pass);
-    Add(estimator.last_times(), &times);
+    *estimate = estimator.RefineGeometric(problem, *estimate, pass);
+    times += estimator.last_times();
   }
-  std::shared_ptr<KeyframeDepth> refined = MakeKeyframeDepth(*entry, estimate, sources.ids);
+  std::shared_ptr<KeyframeDepth> refined = MakeKeyframeDepth(*entry, *estimate, sources.ids);
 
   Timer timer;
-  std::vector<FusionView> views;
-  for (const WindowEntry* source : sources.entries) {
-    views.push_back(MakeFusionView(*source->frame, source->latest.get()));
-  }
+  problem.reference.estimate = *estimate;
   ConsistencyResult consistency =
-      FilterByConsistency(MakeFusionView(*entry->frame, refined.get()), views, options.pipeline.fusion);
+      engine->FilterByConsistency(problem.reference, problem.sources, options.pipeline.fusion);
   refined->confidence = std::move(consistency.confidence);
   refined->points_in_camera = std::move(consistency.points_in_camera);
   refined->consistency_ms = timer.Lap();
@@ -305,10 +307,10 @@ void DenseMapper::Impl::EvictUntil(int keyframes_left) {
   }
 }
 
-DenseMapper::DenseMapper(PatchMatch* patch_match, const DenseMapperOptions& options, Callbacks callbacks) {
-  if (patch_match == nullptr) throw InvalidInputError("patch_match: must not be null");
+DenseMapper::DenseMapper(DepthEngine* engine, const DenseMapperOptions& options, Callbacks callbacks) {
+  if (engine == nullptr) throw InvalidInputError("engine: must not be null");
   Validate(options);
-  impl_ = std::make_unique<Impl>(patch_match, options, std::move(callbacks));
+  impl_ = std::make_unique<Impl>(engine, options, std::move(callbacks));
 }
 
 DenseMapper::~DenseMapper() = default;

@@ -4,28 +4,18 @@
 #include "acmp_mapping/common/timer.h"
 
 namespace acmp {
-namespace {
 
-MatchView MakeView(const Frame& frame) {
-  MatchView view;
-  view.gray = frame.gray.View();
-  view.camera = frame.camera;
-  view.cam_from_world = frame.cam_from_world;
-  return view;
+StageTimes& StageTimes::operator+=(const StageTimes& other) {
+  photometric_ms += other.photometric_ms;
+  prior_construction_ms += other.prior_construction_ms;
+  planar_prior_ms += other.planar_prior_ms;
+  geometric_ms += other.geometric_ms;
+  kernels_ms += other.kernels_ms;
+  return *this;
 }
 
-PatchMatchProblem MakeProblem(const Frame& reference, const std::vector<FramePtr>& sources, const DepthRange& range) {
-  PatchMatchProblem problem;
-  problem.reference = MakeView(reference);
-  problem.sources.reserve(sources.size());
-  for (const FramePtr& source : sources) problem.sources.push_back(MakeView(*source));
-  problem.depth_range = range;
-  return problem;
-}
-
-}  // namespace
-
-DepthEstimator::DepthEstimator(PatchMatch* patch_match, const PipelineOptions& options) : patch_match_(patch_match) {
+DepthEstimator::DepthEstimator(DepthEngine* engine, const PipelineOptions& options) : engine_(engine) {
+  if (engine == nullptr) throw InvalidInputError("engine: must not be null");
   set_options(options);
 }
 
@@ -34,45 +24,37 @@ void DepthEstimator::set_options(const PipelineOptions& options) {
   options_ = options;
 }
 
-PatchMatchResult DepthEstimator::EstimateInitial(const Frame& reference, const std::vector<FramePtr>& sources,
-                                                 const DepthRange& range) {
+EngineEstimatePtr DepthEstimator::EstimateInitial(const EngineProblem& problem) {
   times_ = {};
-  const PatchMatchProblem problem = MakeProblem(reference, sources, range);
-
+  engine_->TakeDeviceMs();
+  const int level = options_.start_level;
   Timer timer;
-  PatchMatchResult estimate = patch_match_->RunPhotometric(problem, options_.patch_match);
+  EngineEstimatePtr coarse = engine_->RunPhotometric(problem, options_.patch_match, level);
+  EngineEstimatePtr estimate = level > 0 ? engine_->Upsample(coarse, problem.reference.frame, level) : coarse;
   times_.photometric_ms = timer.Lap();
-  times_.kernels_ms = patch_match_->last_timing().kernels_ms;
-  if (!options_.use_planar_prior) return estimate;
 
-  const DepthMap depth = ToDepthMap(estimate.planes, reference.camera);
-  const auto points = FindSupportPoints(depth.View(), estimate.cost.View(), range, options_.planar_prior);
-  const auto triangles = TriangulateSupportPoints(points);
-  const PlaneMap prior = MakePlanarPrior(reference.camera, points, triangles, range, options_.planar_prior);
-  times_.prior_construction_ms = timer.Lap();
-
-  estimate = patch_match_->RunPlanarPrior(problem, options_.patch_match, estimate, prior.View());
-  times_.planar_prior_ms = timer.Lap();
-  times_.kernels_ms += patch_match_->last_timing().kernels_ms;
+  if (options_.use_planar_prior) {
+    PinholeCamera camera = problem.reference.frame->camera;
+    for (int i = 0; i < level; ++i) camera = camera.Halved();
+    const PriorMesh prior = MakePriorMesh(
+        camera, engine_->FindSupportPoints(coarse, problem.depth_range, options_.planar_prior), level,
+        options_.planar_prior);
+    times_.prior_construction_ms = timer.Lap();
+    estimate = engine_->RunPlanarPrior(problem, options_.patch_match, estimate, prior);
+    times_.planar_prior_ms = timer.Lap();
+  }
+  times_.kernels_ms = engine_->TakeDeviceMs();
   return estimate;
 }
 
-PatchMatchResult DepthEstimator::RefineGeometric(const Frame& reference, const std::vector<FramePtr>& sources,
-                                                 const std::vector<const DepthMap*>& source_depths,
-                                                 const DepthRange& range, const PatchMatchResult& start, int pass) {
-  if (source_depths.size() != sources.size()) {
-    throw InvalidInputError(
-        Concat("source_depths: ", source_depths.size(), " maps for ", sources.size(), " source views"));
-  }
+EngineEstimatePtr DepthEstimator::RefineGeometric(const EngineProblem& problem, const EngineEstimatePtr& start,
+                                                  int pass) {
   times_ = {};
-  PatchMatchProblem problem = MakeProblem(reference, sources, range);
-  for (size_t i = 0; i < sources.size(); ++i) {
-    if (source_depths[i] != nullptr) problem.sources[i].depth = source_depths[i]->View();
-  }
+  engine_->TakeDeviceMs();
   Timer timer;
-  PatchMatchResult refined = patch_match_->RunGeometric(problem, options_.patch_match, start, pass);
+  EngineEstimatePtr refined = engine_->RunGeometric(problem, options_.patch_match, start, pass);
   times_.geometric_ms = timer.Lap();
-  times_.kernels_ms = patch_match_->last_timing().kernels_ms;
+  times_.kernels_ms = engine_->TakeDeviceMs();
   return refined;
 }
 

@@ -8,6 +8,7 @@ void Validate(const PipelineOptions& options) {
   Validate(options.patch_match);
   Validate(options.planar_prior);
   Validate(options.fusion);
+  CheckRange("pipeline.start_level", options.start_level, 0, 2);
   CheckRange("pipeline.geometric_passes", options.geometric_passes, 0, 10);
 }
 

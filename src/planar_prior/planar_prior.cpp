@@ -4,8 +4,10 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
+#include <utility>
 
 #include "acmp_mapping/common/error.h"
+#include "check_triangles.h"
 
 namespace acmp {
 namespace {
@@ -45,27 +47,42 @@ void CheckDepths(const std::vector<SupportPoint>& points) {
 
 }  // namespace
 
-PlaneMap MakePlanarPrior(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
-                         const std::vector<SupportTriangle>& triangles, const DepthRange& range,
-                         const PlanarPriorOptions& options) {
+PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> points, int level,
+                        const PlanarPriorOptions& options) {
+  std::vector<SupportTriangle> triangles = TriangulateSupportPoints(points);
+  return MakePriorMesh(camera, std::move(points), std::move(triangles), level, options);
+}
+
+PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> points,
+                        std::vector<SupportTriangle> triangles, int level, const PlanarPriorOptions& options) {
   Validate(options);
   CheckCamera("camera of the planar prior", camera);
-  CheckDepthRange("depth range of the planar prior", range);
   CheckDepths(points);
-  const Image<int> ids = RasterizeTriangles(camera.width, camera.height, points, triangles);
-
+  CheckTriangles(points, triangles);
   const double min_cos = std::cos(options.max_grazing_angle_deg * kRadPerDeg);
-  std::vector<PlaneHypothesis> plane_of_triangle(triangles.size());
+  PriorMesh mesh;
+  mesh.planes.resize(triangles.size());
   tbb::parallel_for(size_t{0}, triangles.size(),
-                    [&](size_t i) { plane_of_triangle[i] = PlaneOfTriangle(camera, points, triangles[i], min_cos); });
+                    [&](size_t i) { mesh.planes[i] = PlaneOfTriangle(camera, points, triangles[i], min_cos); });
+  for (SupportPoint& point : points) {
+    point.col <<= level;
+    point.row <<= level;
+  }
+  mesh.points = std::move(points);
+  mesh.triangles = std::move(triangles);
+  return mesh;
+}
 
+PlaneMap RasterizePrior(const PinholeCamera& camera, const PriorMesh& mesh, const DepthRange& range) {
+  CheckDepthRange("depth range of the planar prior", range);
+  const Image<int> ids = RasterizeTriangles(camera.width, camera.height, mesh.points, mesh.triangles);
   const RayGrid rays = {static_cast<float>(1 / camera.fx), static_cast<float>(1 / camera.fy),
                         static_cast<float>(camera.cx), static_cast<float>(camera.cy)};
   PlaneMap planes(camera.width, camera.height);
   tbb::parallel_for(0, camera.height, [&](int row) {
     for (int col = 0; col < camera.width; ++col) {
       if (ids(col, row) < 0) continue;
-      const PlaneHypothesis& plane = plane_of_triangle[ids(col, row)];
+      const PlaneHypothesis& plane = mesh.planes[ids(col, row)];
       // The same float arithmetic as the matching passes: what passes here is in range there. NaN (zero plane) fails.
       const float depth = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));
       if (depth >= range.min && depth <= range.max) planes(col, row) = plane;

@@ -28,6 +28,12 @@ std::string ErrorOf(Function&& function) {
   return "no error";
 }
 
+PlaneMap MakePlanarPrior(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
+                         const std::vector<SupportTriangle>& triangles, const DepthRange& range,
+                         const PlanarPriorOptions& options) {
+  return RasterizePrior(camera, MakePriorMesh(camera, points, triangles, 0, options), range);
+}
+
 TEST(PlanarPriorOptions, AreValidatedAtTheirBounds) {
   EXPECT_NO_THROW(Validate(PlanarPriorOptions()));
   const auto error = [](int cell, float cost, float angle) {
@@ -140,7 +146,7 @@ int CountPlanes(const PlaneMap& planes) {
   return count;
 }
 
-TEST(MakePlanarPrior, RecoversAPlaneThatFacesTheCamera) {
+TEST(PlanarPrior, RecoversAPlaneThatFacesTheCamera) {
   Eigen::Vector4d plane;
   plane << Eigen::Vector3d(0.3, -0.2, -0.9).normalized(), 4.0;
   const std::vector<SupportPoint> points = {{0, 0, 0}, {119, 0, 0}, {0, 89, 0}, {119, 89, 0}, {60, 40, 0}};
@@ -160,7 +166,7 @@ TEST(MakePlanarPrior, RecoversAPlaneThatFacesTheCamera) {
   }
 }
 
-TEST(MakePlanarPrior, PassesThroughTheVerticesOfEachTriangle) {
+TEST(PlanarPrior, PassesThroughTheVerticesOfEachTriangle) {
   // Depths at random: every triangle has a plane of its own. It must meet the rays of its three vertices at their
   // depths.
   std::vector<SupportPoint> points = RandomPoints(kCamera.width, kCamera.height, 60, 8);
@@ -192,7 +198,7 @@ TEST(MakePlanarPrior, PassesThroughTheVerticesOfEachTriangle) {
   EXPECT_GT(checked, 3000);
 }
 
-TEST(MakePlanarPrior, IsZeroOutsideTheTriangulation) {
+TEST(PlanarPrior, IsZeroOutsideTheTriangulation) {
   const std::vector<SupportPoint> points = {{20, 20, 4}, {60, 20, 4}, {20, 60, 4}};
   const PlaneMap planes = MakePlanarPrior(kCamera, points, {{{0, 1, 2}}}, kRange, {});
   for (int row = 0; row < kCamera.height; ++row) {
@@ -206,7 +212,7 @@ TEST(MakePlanarPrior, IsZeroOutsideTheTriangulation) {
   EXPECT_EQ(CountPlanes(MakePlanarPrior(kCamera, {}, {}, kRange, {})), 0);
 }
 
-TEST(MakePlanarPrior, RejectsGrazingTriangles) {
+TEST(PlanarPrior, RejectsGrazingTriangles) {
   // A plane through a triangle's centroid whose normal makes the given angle with the ray there.
   const auto count = [](double angle_deg) {
     std::vector<SupportPoint> points = {{30, 30, 0}, {33, 30, 0}, {30, 33, 0}};
@@ -235,7 +241,7 @@ TEST(MakePlanarPrior, RejectsGrazingTriangles) {
   }
 }
 
-TEST(MakePlanarPrior, RejectsPixelsWhereThePlaneLeavesTheRange) {
+TEST(PlanarPrior, RejectsPixelsWhereThePlaneLeavesTheRange) {
   Eigen::Vector4d plane;
   plane << Eigen::Vector3d(0.6, 0, -0.8), 3.0;
   const auto points = PointsOnPlane(plane, 200, 4);
@@ -260,7 +266,7 @@ TEST(MakePlanarPrior, RejectsPixelsWhereThePlaneLeavesTheRange) {
   EXPECT_GT(outside, 1000);
 }
 
-TEST(MakePlanarPrior, RefusesBadInput) {
+TEST(PlanarPrior, RefusesBadInput) {
   const std::vector<SupportTriangle> triangle = {{{0, 1, 2}}};
   const auto error = [&](float depth) {
     return ErrorOf([&] {
@@ -275,7 +281,21 @@ TEST(MakePlanarPrior, RefusesBadInput) {
   EXPECT_THROW(MakePlanarPrior(kCamera, {}, {}, {0, 1}, {}), InvalidInputError);
 }
 
-TEST(MakePlanarPrior, DoesNotDependOnTheNumberOfThreads) {
+TEST(PlanarPrior, OfAHalvedImageCoversTheFullOne) {
+  // Points of the wall z = 5 seen in the halved image: the same plane, over twice as many columns and rows.
+  const PinholeCamera half = {60, 45, 50, 52.5, 28.9, 21.8};
+  const std::vector<SupportPoint> points = {{0, 0, 5}, {55, 0, 5}, {0, 40, 5}, {55, 40, 5}};
+  const PlaneMap planes = RasterizePrior(kCamera, MakePriorMesh(half, points, 1, {}), kRange);
+  for (int row = 0; row < kCamera.height; ++row) {
+    for (int col = 0; col < kCamera.width; ++col) {
+      const bool inside = col < 110 && row < 80;  // 2 x 55, 2 x 40: right and bottom borders are outside
+      ASSERT_EQ(planes(col, row).d > 0, inside) << col << ", " << row;
+      if (inside) ASSERT_NEAR(planes(col, row).d, 5, 1e-5);  // a few units in the last place
+    }
+  }
+}
+
+TEST(PlanarPrior, DoesNotDependOnTheNumberOfThreads) {
   std::vector<SupportPoint> points = RandomPoints(kCamera.width, kCamera.height, 800, 6);
   std::mt19937 generator(6);
   std::uniform_real_distribution<float> any_depth(0.9f, 10.5f);

@@ -34,6 +34,9 @@ struct PinholeCamera {
   /// The camera of the image resized to new_width x new_height: u -> (u + 0.5) s - 0.5, per axis.
   PinholeCamera Resized(int new_width, int new_height) const;
 
+  /// The camera of the image whose pixels are the means of 2 x 2 pixels; an odd last column or row is left out.
+  PinholeCamera Halved() const { return {width / 2, height / 2, fx / 2, fy / 2, (cx - 0.5) / 2, (cy - 0.5) / 2}; }
+
   bool operator==(const PinholeCamera& o) const {
     return width == o.width && height == o.height && fx == o.fx && fy == o.fy && cx == o.cx && cy == o.cy;
   }

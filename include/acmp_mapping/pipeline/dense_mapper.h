@@ -68,8 +68,8 @@ class DenseMapper {
     std::function<void(const KeyframeDrop&)> on_drop;  ///< every keyframe ends in exactly one on_refined or on_drop
   };
 
-  /// @param patch_match not null, outlives the mapper
-  DenseMapper(PatchMatch* patch_match, const DenseMapperOptions& options, Callbacks callbacks);
+  /// @param engine not null, outlives the mapper
+  DenseMapper(DepthEngine* engine, const DenseMapperOptions& options, Callbacks callbacks);
   /// Forgets what is unfinished without a callback: Flush or Reset first if it must be accounted for.
   ~DenseMapper();
 

@@ -1,46 +1,42 @@
 #pragma once
 
-#include <vector>
-
-#include "acmp_mapping/keyframe/frame.h"
-#include "acmp_mapping/patch_match/patch_match.h"
+#include "acmp_mapping/pipeline/depth_engine.h"
 #include "acmp_mapping/pipeline/presets.h"
 
 namespace acmp {
 
-/// Milliseconds of wall time per stage of one estimate; kernels_ms is device time where the backend measures it.
+/// Milliseconds of wall time per stage of one estimate; kernels_ms is device time where the engine measures it.
 struct StageTimes {
   double photometric_ms = 0;
-  double prior_construction_ms = 0;  ///< support points, triangulation, raster
+  double prior_construction_ms = 0;  ///< support points and their triangulation
   double planar_prior_ms = 0;
   double geometric_ms = 0;
   double kernels_ms = 0;
+
+  StageTimes& operator+=(const StageTimes& other);
 };
 
-/// Runs Algorithm 1 for one reference image at a time. Not thread-safe; owns nothing but its device buffers.
+/// Runs Algorithm 1 for one reference image at a time. Not thread-safe.
 class DepthEstimator {
  public:
-  /// @param patch_match not null, outlives the estimator
-  DepthEstimator(PatchMatch* patch_match, const PipelineOptions& options);
+  /// @param engine not null, outlives the estimator
+  DepthEstimator(DepthEngine* engine, const PipelineOptions& options);
 
   /// Replaces the options; takes effect with the next estimate. Throws InvalidInputError for bad ones.
   void set_options(const PipelineOptions& options);
   const PipelineOptions& options() const { return options_; }
 
-  /// Steps 1-20: photometric pass, planar prior (if in use), planar-prior pass.
-  PatchMatchResult EstimateInitial(const Frame& reference, const std::vector<FramePtr>& sources,
-                                   const DepthRange& range);
+  /// Steps 1-20: photometric pass, planar prior (if in use), planar-prior pass. Estimates of the sources are not read.
+  EngineEstimatePtr EstimateInitial(const EngineProblem& problem);
 
-  /// Steps 21-30, one pass: the sources' depth maps (same order as `sources`, null where there is none yet) are read as
-  /// they are (Jacobi), so the order in which images are refined does not matter.
-  PatchMatchResult RefineGeometric(const Frame& reference, const std::vector<FramePtr>& sources,
-                                   const std::vector<const DepthMap*>& source_depths, const DepthRange& range,
-                                   const PatchMatchResult& start, int pass);
+  /// Steps 21-30, one pass: the sources' estimates are read as they are (Jacobi), so the order in which images are
+  /// refined does not matter.
+  EngineEstimatePtr RefineGeometric(const EngineProblem& problem, const EngineEstimatePtr& start, int pass);
 
   const StageTimes& last_times() const { return times_; }
 
  private:
-  PatchMatch* patch_match_;
+  DepthEngine* engine_;
   PipelineOptions options_;
   StageTimes times_;
 };

@@ -14,6 +14,7 @@ struct PipelineOptions {
   PatchMatchOptions patch_match;
   PlanarPriorOptions planar_prior;
   FusionOptions fusion;
+  int start_level = 0;           ///< how often the images of the photometric pass are halved, 0..2
   bool use_planar_prior = true;  ///< steps 10-20 of Algorithm 1
   int geometric_passes = 2;      ///< how often steps 21-30 run, 0..10
 };

@@ -5,6 +5,7 @@
 #include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/image/image.h"
 #include "acmp_mapping/keyframe/depth_range.h"
+#include "acmp_mapping/planar_prior/kernel/support_cell.h"
 
 namespace acmp {
 
@@ -14,12 +15,6 @@ struct PlanarPriorOptions {
   float max_grazing_angle_deg = 85;  ///< between a plane's normal and the ray to its triangle's centroid, (0, 90)
 };
 void Validate(const PlanarPriorOptions& options);
-
-/// A credible correspondence: pixel and depth.
-struct SupportPoint {
-  int col = 0, row = 0;
-  float depth = 0;
-};
 
 /// Per cell the pixel of least cost among those with a cost below max_support_cost and a depth in `range` ("sparse
 /// credible correspondences"); the first in row-major order among equals. Row-major order of cells.
@@ -44,11 +39,25 @@ std::vector<SupportTriangle> TriangulateSupportPoints(const std::vector<SupportP
 Image<int> RasterizeTriangles(int width, int height, const std::vector<SupportPoint>& points,
                               const std::vector<SupportTriangle>& triangles);
 
-/// Prior plane per pixel in the reference camera's frame: plane through the triangle's three back-projected vertices,
-/// facing the camera. Zero outside the triangulation, for degenerate or grazing triangles, and where the plane leaves
-/// the depth range at that pixel.
-PlaneMap MakePlanarPrior(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
-                         const std::vector<SupportTriangle>& triangles, const DepthRange& range,
-                         const PlanarPriorOptions& options);
+/// Support points, their triangulation and the plane of each triangle.
+struct PriorMesh {
+  std::vector<SupportPoint> points;  ///< pixels of the image at full size
+  std::vector<SupportTriangle> triangles;
+  /// Per triangle, in the camera's frame: through the three back-projected vertices, facing the camera. Zero for
+  /// degenerate and grazing triangles.
+  std::vector<PlaneHypothesis> planes;
+};
+
+/// Triangulates support points that were found in the image of `camera`, which is `level` times halved.
+PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> points, int level,
+                        const PlanarPriorOptions& options);
+
+/// The same with a triangulation that is given.
+PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> points,
+                        std::vector<SupportTriangle> triangles, int level, const PlanarPriorOptions& options);
+
+/// Prior plane per pixel of the image at full size. Zero outside the triangulation, where the triangle has no plane,
+/// and where the plane leaves the depth range at that pixel.
+PlaneMap RasterizePrior(const PinholeCamera& camera, const PriorMesh& mesh, const DepthRange& range);
 
 }  // namespace acmp

@@ -1,0 +1,13 @@
+#pragma once
+
+#include <memory>
+
+#include "acmp_mapping/pipeline/depth_engine.h"
+
+namespace acmp {
+
+/// The engine of GPU `cuda_index`: images and estimates stay in its memory. Throws InvalidInputError that says what is
+/// missing: driver, device, or code for the device's architecture.
+std::unique_ptr<DepthEngine> MakeDepthEngineCuda(int cuda_index);
+
+}  // namespace acmp

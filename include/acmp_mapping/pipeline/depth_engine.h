@@ -1,0 +1,112 @@
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "acmp_mapping/fusion/depth_fusion.h"
+#include "acmp_mapping/keyframe/depth_range.h"
+#include "acmp_mapping/keyframe/frame.h"
+#include "acmp_mapping/patch_match/patch_match.h"
+#include "acmp_mapping/planar_prior/planar_prior.h"
+
+namespace acmp {
+
+/// Grey pixels of a frame where the engine that loaded them reads them, with those of its halved images. Immutable.
+class EngineImage {
+ public:
+  virtual ~EngineImage() = default;
+};
+using EngineImagePtr = std::shared_ptr<const EngineImage>;
+
+/// What a pass leaves of a reference view where the engine that ran it reads it: plane, cost and depth of every pixel.
+/// Immutable: a later pass makes a new one, so that others go on reading this (Jacobi).
+class EngineEstimate {
+ public:
+  virtual ~EngineEstimate() = default;
+};
+using EngineEstimatePtr = std::shared_ptr<const EngineEstimate>;
+
+/// One image of a problem.
+struct EngineView {
+  FramePtr frame;
+  EngineImagePtr image;
+  EngineEstimatePtr estimate;  ///< of source views: for the geometric term and the consistency check; null: none yet
+};
+
+struct EngineProblem {
+  EngineView reference;
+  std::vector<EngineView> sources;  ///< 1..32, best first
+  DepthRange depth_range;
+};
+
+/// Maps of an estimate in host memory.
+struct EstimateMaps {
+  DepthMap depth;
+  NormalMap normal;
+  CostMap cost;
+};
+
+/// The same as it has to be kept for a later pass.
+struct EstimateState {
+  PlaneMap planes;
+  CostMap cost;
+};
+
+/// The device's steps of Algorithm 1. Images and estimates stay where the steps run; what the host needs is asked for.
+/// Same input, options and device: same bits. An engine is used by one thread at a time; images and estimates may be
+/// shared among the engines that Share() made. Handles of another device are an InvalidInputError. Every method throws
+/// InvalidInputError for bad input and ProcessingError when the device fails; after either the engine can be used again.
+class DepthEngine {
+ public:
+  virtual ~DepthEngine() = default;
+
+  /// Another engine on the same device, for another thread: the two work at the same time and share handles.
+  virtual std::unique_ptr<DepthEngine> Share() = 0;
+
+  /// @param levels how many times the image is halved, 0..2: the levels that passes can then ask for
+  virtual EngineImagePtr Load(const FramePtr& frame, int levels) = 0;
+
+  /// Steps 3-8 on the images halved `level` times. The estimate has the size of those.
+  virtual EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options,
+                                           int level) = 0;
+
+  /// Every pixel takes plane and cost of the pixel that covers it in an estimate of `level`; size of the full image.
+  virtual EngineEstimatePtr Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) = 0;
+
+  /// Support points (step 10) in the pixels of the estimate.
+  virtual std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
+                                                      const PlanarPriorOptions& options) = 0;
+
+  /// Steps 12-20 from an estimate at full size.
+  virtual EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
+                                           const EngineEstimatePtr& start, const PriorMesh& prior) = 0;
+
+  /// Steps 22-30, once. The sources' estimates are read as they are; `pass` (0, 1, ...) selects the random numbers.
+  virtual EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
+                                         const EngineEstimatePtr& start, int pass) = 0;
+
+  /// FilterByConsistency of the reference's estimate (not null) against the sources', with the frames' colours.
+  virtual ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
+                                                const FusionOptions& options) = 0;
+
+  virtual EstimateMaps Download(const EngineEstimatePtr& estimate) = 0;
+  virtual EstimateState DownloadState(const EngineEstimatePtr& estimate) = 0;
+  virtual EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) = 0;
+
+  /// Device time of the passes and filters since the last call, ms; 0 where it is not measured.
+  virtual double TakeDeviceMs() = 0;
+
+  /// "cpu (2 threads)", "NVIDIA H200 (cuda:0)".
+  virtual std::string device_name() const = 0;
+};
+
+constexpr int kMaxLevels = 2;  ///< times an image can be halved
+
+/// Throws InvalidInputError unless frames and images are there, and 0 <= level <= kMaxLevels.
+void CheckHandles(const EngineProblem& problem, int level);
+
+/// The problem as PatchMatch sees it, at full size, without the sources' depth maps. Pixels are the frames'.
+PatchMatchProblem MakePatchMatchProblem(const EngineProblem& problem);
+
+}  // namespace acmp

@@ -1,0 +1,46 @@
+#pragma once
+
+#include "acmp_mapping/pipeline/depth_engine.h"
+
+namespace acmp {
+
+/// An engine whose images and estimates are in host memory, over any PatchMatch: the CPU's engine, and the tests'.
+class HostDepthEngine final : public DepthEngine {
+ public:
+  /// Owns the PatchMatch; Share() makes another one with `make`.
+  using MakePatchMatchFunction = std::unique_ptr<PatchMatch> (*)();
+  explicit HostDepthEngine(MakePatchMatchFunction make);
+  /// @param patch_match not null, outlives the engine, which cannot be shared
+  explicit HostDepthEngine(PatchMatch* patch_match);
+
+  std::unique_ptr<DepthEngine> Share() override;
+  EngineImagePtr Load(const FramePtr& frame, int levels) override;
+  EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options, int level) override;
+  EngineEstimatePtr Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) override;
+  std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
+                                              const PlanarPriorOptions& options) override;
+  EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
+                                   const EngineEstimatePtr& start, const PriorMesh& prior) override;
+  EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
+                                 const EngineEstimatePtr& start, int pass) override;
+  ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
+                                        const FusionOptions& options) override;
+  EstimateMaps Download(const EngineEstimatePtr& estimate) override;
+  EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
+  EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override;
+  double TakeDeviceMs() override;
+  std::string device_name() const override { return patch_match_->device_name(); }
+
+ private:
+  EngineEstimatePtr Keep(PatchMatchResult result, const PinholeCamera& camera);
+
+  MakePatchMatchFunction make_ = nullptr;
+  std::unique_ptr<PatchMatch> owned_;
+  PatchMatch* patch_match_;
+  double device_ms_ = 0;
+};
+
+/// The CPU's engine.
+std::unique_ptr<DepthEngine> MakeCpuDepthEngine();
+
+}  // namespace acmp

@@ -1,0 +1,37 @@
+#include "acmp_mapping/pipeline/depth_engine.h"
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+MatchView MakeMatchView(const Frame& frame) {
+  MatchView view;
+  view.gray = frame.gray.View();
+  view.camera = frame.camera;
+  view.cam_from_world = frame.cam_from_world;
+  return view;
+}
+
+void CheckView(const char* name, const EngineView& view) {
+  if (!view.frame || !view.image) throw InvalidInputError(Concat(name, ": frame and image must not be null"));
+}
+
+}  // namespace
+
+void CheckHandles(const EngineProblem& problem, int level) {
+  CheckRange("level", level, 0, kMaxLevels);
+  CheckView("reference", problem.reference);
+  for (const EngineView& source : problem.sources) CheckView("source view", source);
+}
+
+PatchMatchProblem MakePatchMatchProblem(const EngineProblem& problem) {
+  PatchMatchProblem result;
+  result.reference = MakeMatchView(*problem.reference.frame);
+  result.sources.reserve(problem.sources.size());
+  for (const EngineView& source : problem.sources) result.sources.push_back(MakeMatchView(*source.frame));
+  result.depth_range = problem.depth_range;
+  return result;
+}
+
+}  // namespace acmp

@@ -1,0 +1,186 @@
+#include "acmp_mapping/pipeline/host_depth_engine.h"
+
+#include <tbb/parallel_for.h>
+
+#include <utility>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/patch_match/kernel/upsample.h"
+
+namespace acmp {
+namespace {
+
+struct HostImage final : EngineImage {
+  FramePtr frame;  ///< keeps the pixels of level 0
+  std::vector<GrayImage> halved;
+
+  ImageView<const float> Gray(int level) const {
+    if (level > static_cast<int>(halved.size())) {
+      throw InvalidInputError(Concat("level = ", level, ": the image was loaded with ", halved.size()));
+    }
+    return level == 0 ? frame->gray.View() : halved[static_cast<size_t>(level) - 1].View();
+  }
+};
+
+struct HostEstimate final : EngineEstimate {
+  PlaneMap planes;
+  CostMap cost;
+  DepthMap depth;
+  NormalMap normal;
+};
+
+template <class Handle, class Base>
+const Handle& Cast(const std::shared_ptr<const Base>& handle) {
+  const auto* cast = dynamic_cast<const Handle*>(handle.get());
+  if (cast == nullptr) throw InvalidInputError("a handle is null or belongs to another device");
+  return *cast;
+}
+
+/// Means of 2 x 2 pixels.
+GrayImage Halve(const ImageView<const float>& image) {
+  GrayImage halved(image.width / 2, image.height / 2);
+  tbb::parallel_for(0, halved.height(), [&](int row) {
+    for (int col = 0; col < halved.width(); ++col) {
+      halved(col, row) = 0.25f * (image(2 * col, 2 * row) + image(2 * col + 1, 2 * row) + image(2 * col, 2 * row + 1) +
+                                  image(2 * col + 1, 2 * row + 1));
+    }
+  });
+  return halved;
+}
+
+void ToLevel(const EngineView& from, int level, MatchView* view) {
+  for (int i = 0; i < level; ++i) view->camera = view->camera.Halved();
+  view->gray = Cast<HostImage>(from.image).Gray(level);
+}
+
+PatchMatchProblem MakeProblem(const EngineProblem& problem, int level) {
+  CheckHandles(problem, level);
+  PatchMatchProblem result = MakePatchMatchProblem(problem);
+  ToLevel(problem.reference, level, &result.reference);
+  for (size_t i = 0; i < result.sources.size(); ++i) ToLevel(problem.sources[i], level, &result.sources[i]);
+  return result;
+}
+
+PatchMatchResult MakeStart(const EngineEstimatePtr& estimate) {
+  const HostEstimate& host = Cast<HostEstimate>(estimate);
+  return {host.planes.Clone(), host.cost.Clone(), {}};
+}
+
+FusionView MakeFusionView(const EngineView& view) {
+  FusionView result;
+  result.camera = view.frame->camera;
+  result.cam_from_world = view.frame->cam_from_world;
+  if (!view.estimate) return result;
+  const HostEstimate& estimate = Cast<HostEstimate>(view.estimate);
+  result.depth = estimate.depth.View();
+  result.normal = estimate.normal.View();
+  result.cost = estimate.cost.View();
+  result.color = view.frame->color.View();
+  return result;
+}
+
+}  // namespace
+
+HostDepthEngine::HostDepthEngine(MakePatchMatchFunction make)
+    : make_(make), owned_(make()), patch_match_(owned_.get()) {}
+
+HostDepthEngine::HostDepthEngine(PatchMatch* patch_match) : patch_match_(patch_match) {
+  if (patch_match == nullptr) throw InvalidInputError("patch_match: must not be null");
+}
+
+std::unique_ptr<DepthEngine> HostDepthEngine::Share() {
+  if (make_ == nullptr) throw InvalidInputError("this engine does not own its PatchMatch and cannot be shared");
+  return std::make_unique<HostDepthEngine>(make_);
+}
+
+EngineImagePtr HostDepthEngine::Load(const FramePtr& frame, int levels) {
+  if (!frame) throw InvalidInputError("frame: must not be null");
+  CheckRange("levels", levels, 0, kMaxLevels);
+  auto image = std::make_shared<HostImage>();
+  image->frame = frame;
+  for (int level = 0; level < levels; ++level) image->halved.push_back(Halve(image->Gray(level)));
+  return image;
+}
+
+EngineEstimatePtr HostDepthEngine::Keep(PatchMatchResult result, const PinholeCamera& camera) {
+  device_ms_ += patch_match_->last_timing().kernels_ms;
+  return UploadState({std::move(result.planes), std::move(result.cost)}, camera);
+}
+
+EngineEstimatePtr HostDepthEngine::RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options,
+                                                  int level) {
+  const PatchMatchProblem match = MakeProblem(problem, level);
+  return Keep(patch_match_->RunPhotometric(match, options), match.reference.camera);
+}
+
+EngineEstimatePtr HostDepthEngine::Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) {
+  const HostEstimate& halved = Cast<HostEstimate>(estimate);
+  const PinholeCamera& camera = frame->camera;
+  EstimateState state = {PlaneMap(camera.width, camera.height), CostMap(camera.width, camera.height)};
+  tbb::parallel_for(0, camera.height, [&](int row) {
+    const int from_row = CoveringPixel(row, level, halved.planes.height());
+    for (int col = 0; col < camera.width; ++col) {
+      const int from_col = CoveringPixel(col, level, halved.planes.width());
+      state.planes(col, row) = halved.planes(from_col, from_row);
+      state.cost(col, row) = halved.cost(from_col, from_row);
+    }
+  });
+  return UploadState(std::move(state), camera);
+}
+
+std::vector<SupportPoint> HostDepthEngine::FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
+                                                             const PlanarPriorOptions& options) {
+  const HostEstimate& host = Cast<HostEstimate>(estimate);
+  return acmp::FindSupportPoints(host.depth.View(), host.cost.View(), range, options);
+}
+
+EngineEstimatePtr HostDepthEngine::RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
+                                                  const EngineEstimatePtr& start, const PriorMesh& prior) {
+  const PatchMatchProblem match = MakeProblem(problem, 0);
+  const PlaneMap planes = RasterizePrior(match.reference.camera, prior, match.depth_range);
+  return Keep(patch_match_->RunPlanarPrior(match, options, MakeStart(start), planes.View()), match.reference.camera);
+}
+
+EngineEstimatePtr HostDepthEngine::RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
+                                                const EngineEstimatePtr& start, int pass) {
+  PatchMatchProblem match = MakeProblem(problem, 0);
+  for (size_t i = 0; i < match.sources.size(); ++i) {
+    const EngineEstimatePtr& estimate = problem.sources[i].estimate;
+    if (estimate) match.sources[i].depth = Cast<HostEstimate>(estimate).depth.View();
+  }
+  return Keep(patch_match_->RunGeometric(match, options, MakeStart(start), pass), match.reference.camera);
+}
+
+ConsistencyResult HostDepthEngine::FilterByConsistency(const EngineView& reference,
+                                                       const std::vector<EngineView>& sources,
+                                                       const FusionOptions& options) {
+  std::vector<FusionView> views;
+  views.reserve(sources.size());
+  for (const EngineView& source : sources) views.push_back(MakeFusionView(source));
+  return acmp::FilterByConsistency(MakeFusionView(reference), views, options);
+}
+
+EstimateMaps HostDepthEngine::Download(const EngineEstimatePtr& estimate) {
+  const HostEstimate& host = Cast<HostEstimate>(estimate);
+  return {host.depth.Clone(), host.normal.Clone(), host.cost.Clone()};
+}
+
+EstimateState HostDepthEngine::DownloadState(const EngineEstimatePtr& estimate) {
+  const HostEstimate& host = Cast<HostEstimate>(estimate);
+  return {host.planes.Clone(), host.cost.Clone()};
+}
+
+EngineEstimatePtr HostDepthEngine::UploadState(EstimateState state, const PinholeCamera& camera) {
+  auto estimate = std::make_shared<HostEstimate>();
+  estimate->planes = std::move(state.planes);
+  estimate->cost = std::move(state.cost);
+  estimate->depth = ToDepthMap(estimate->planes, camera);
+  estimate->normal = ToNormalMap(estimate->planes);
+  return estimate;
+}
+
+double HostDepthEngine::TakeDeviceMs() { return std::exchange(device_ms_, 0.0); }
+
+std::unique_ptr<DepthEngine> MakeCpuDepthEngine() { return std::make_unique<HostDepthEngine>(&MakePatchMatchCpu); }
+
+}  // namespace acmp
