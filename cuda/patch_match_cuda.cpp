@@ -4,49 +4,10 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/patch_match/match_setup.h"
-#include "cuda_resources.h"
-#include "patch_match_kernels.h"
+#include "pass_runner.h"
 
 namespace acmp {
 namespace {
-
-/// Selects the device for this thread or says what is missing.
-cudaDeviceProp SelectDevice(int index) {
-  int count = 0;
-  const cudaError_t status = cudaGetDeviceCount(&count);
-  if (status != cudaSuccess) {
-    throw InvalidInputError(Concat("no usable CUDA device: ", cudaGetErrorString(status)));
-  }
-  if (index < 0 || index >= count) {
-    throw InvalidInputError(Concat("CUDA device index = ", index, ": must be in [0, ", count - 1, "]"));
-  }
-  CudaCheck(cudaSetDevice(index), "select device");
-  cudaDeviceProp properties;
-  CudaCheck(cudaGetDeviceProperties(&properties, index), "read device properties");
-  const cudaError_t probe = ProbeKernels();
-  if (probe != cudaSuccess) {
-    cudaGetLastError();
-    throw InvalidInputError(Concat("this build has no code for ", properties.name, " (compute capability ",
-                                   properties.major, ".", properties.minor, ": ", cudaGetErrorString(probe),
-                                   "); configure with -DACMP_CUDA_ARCHITECTURES=", properties.major, properties.minor));
-  }
-  return properties;
-}
-
-/// The maps of the reference view on the device.
-struct DeviceState {
-  DeviceBuffer<PlaneHypothesis> planes, prior;
-  DeviceBuffer<float> cost, gray;
-  DeviceBuffer<uint32_t> selected_views;
-
-  void Resize(size_t pixels, bool with_prior) {
-    planes.Resize(pixels);
-    cost.Resize(pixels);
-    gray.Resize(pixels);
-    selected_views.Resize(pixels);
-    if (with_prior) prior.Resize(pixels);
-  }
-};
 
 /// Rows of a view as one block, copied only if they are padded.
 template <class T>
@@ -60,9 +21,11 @@ const T* Contiguous(const ImageView<const T>& image, std::vector<T>* storage) {
   return storage->data();
 }
 
+/// One pass at a time with everything from and to host memory: for comparison with the CPU. The pipeline uses the
+/// engine, which leaves on the device what the next pass reads.
 class PatchMatchCuda final : public PatchMatch {
  public:
-  explicit PatchMatchCuda(int index) : index_(index), properties_(SelectDevice(index)) {}
+  explicit PatchMatchCuda(int index) : runner_(std::make_shared<CudaDevice>(index)) {}
 
   PatchMatchResult RunPhotometric(const PatchMatchProblem& problem, const PatchMatchOptions& options) override {
     Check(problem);
@@ -85,109 +48,104 @@ class PatchMatchCuda final : public PatchMatch {
   }
 
   PatchMatchTiming last_timing() const override { return timing_; }
-  std::string device_name() const override { return Concat(properties_.name, " (cuda:", index_, ")"); }
+  std::string device_name() const override {
+    return Concat(runner_.device()->properties().name, " (cuda:", runner_.device()->index(), ")");
+  }
 
  private:
+  /// What belongs to one run; kept for its duration.
+  struct Loaded {
+    std::vector<std::unique_ptr<ImageLayer>> layers;
+    std::vector<DeviceArray<float>> depths;
+    DeviceArray<PlaneHypothesis> planes, prior;
+    DeviceArray<float> cost;
+    PassData data;
+  };
+
   template <Pass kPass>
   PatchMatchResult Run(const PatchMatchProblem& problem, const PatchMatchOptions& options,
                        const PatchMatchResult* start, ImageView<const PlaneHypothesis> prior, int geometric_pass,
                        int iterations) {
     Validate(options);
-    CudaCheck(cudaSetDevice(index_), "select device");  // the calling thread may be another one than before
+    runner_.device()->MakeCurrent();  // the calling thread may be another one than before
     try {
-      return RunOnDevice<kPass>(problem, options, start, prior, geometric_pass, iterations);
+      begin_.Record(runner_.stream());
+      Loaded loaded;
+      Load(problem, start, prior, &loaded);
+      const std::shared_lock<std::shared_mutex> images(runner_.device()->images_mutex());
+      uploaded_.Record(runner_.stream());
+      runner_.Queue<kPass>(problem, options, loaded.data, geometric_pass, iterations);
+      computed_.Record(runner_.stream());
+      return Download(problem.reference.camera, loaded);
     } catch (...) {
-      cudaStreamSynchronize(stream_.get());  // queued copies must not outlive the host memory they use
+      cudaStreamSynchronize(runner_.stream().get());  // queued copies must not outlive the host memory they use
       cudaGetLastError();
       throw;
     }
   }
 
-  template <Pass kPass>
-  PatchMatchResult RunOnDevice(const PatchMatchProblem& problem, const PatchMatchOptions& options,
-                               const PatchMatchResult* start, ImageView<const PlaneHypothesis> prior,
-                               int geometric_pass, int iterations) {
-    begin_.Record(stream_);
-    CudaMatchContext context = MakeMatchContext<TextureSampler>(problem, options, PassNumber(kPass, geometric_pass));
-    UploadSources(problem, &context);
-    UploadReference(problem, start, prior, &context);
-    uploaded_.Record(stream_);
-    LaunchPass<kPass>(context, iterations, stream_.get());
-    computed_.Record(stream_);
-    PatchMatchResult result = Download(problem.reference.camera);
+  void Load(const PatchMatchProblem& problem, const PatchMatchResult* start, ImageView<const PlaneHypothesis> prior,
+            Loaded* loaded) {
+    const CudaDevicePtr& device = runner_.device();
+    const size_t pixels = static_cast<size_t>(problem.reference.camera.width) * problem.reference.camera.height;
+    PassData& data = loaded->data;
+    data.reference_layer = LoadImage(problem.reference.gray, loaded);
+    for (const MatchView& source : problem.sources) {
+      data.source_layers.push_back(LoadImage(source.gray, loaded));
+      data.source_depths.push_back(LoadDepth(source.depth, loaded));
+    }
+    loaded->planes = DeviceArray<PlaneHypothesis>(device, pixels);
+    loaded->cost = DeviceArray<float>(device, pixels);
+    data.planes = loaded->planes.data();
+    data.cost = loaded->cost.data();
+    if (start != nullptr) {
+      loaded->planes.Upload(start->planes.data(), pixels, runner_.stream());
+      loaded->cost.Upload(start->cost.data(), pixels, runner_.stream());
+    }
+    if (prior.data == nullptr) return;
+    loaded->prior = DeviceArray<PlaneHypothesis>(device, pixels);
+    data.prior = loaded->prior.data();
+    std::vector<PlaneHypothesis> storage;
+    loaded->prior.Upload(Contiguous(prior, &storage), pixels, runner_.stream());
+    runner_.stream().Synchronize();
+  }
+
+  int LoadImage(const ImageView<const float>& gray, Loaded* loaded) {
+    const CudaDevicePtr& device = runner_.device();
+    loaded->layers.push_back(
+        std::make_unique<ImageLayer>(device, 0, gray.width, gray.height, runner_.stream()));
+    const int layer = loaded->layers.back()->layer();
+    device->images(0).Upload(gray, layer, &staging_, runner_.stream());
+    return layer;
+  }
+
+  ImageView<const float> LoadDepth(const ImageView<const float>& depth, Loaded* loaded) {
+    if (depth.empty()) return {};
+    const size_t pixels = static_cast<size_t>(depth.width) * depth.height;
+    loaded->depths.emplace_back(runner_.device(), pixels);
+    std::vector<float> storage;
+    loaded->depths.back().Upload(Contiguous(depth, &storage), pixels, runner_.stream());
+    runner_.stream().Synchronize();
+    return {loaded->depths.back().data(), depth.width, depth.height, depth.width};
+  }
+
+  PatchMatchResult Download(const PinholeCamera& camera, const Loaded& loaded) {
+    PatchMatchResult result = {PlaneMap(camera.width, camera.height), CostMap(camera.width, camera.height),
+                               Image<uint32_t>(camera.width, camera.height)};
+    const size_t pixels = result.planes.size();
+    loaded.planes.Download(result.planes.data(), pixels, runner_.stream());
+    loaded.cost.Download(result.cost.data(), pixels, runner_.stream());
+    runner_.selected_views().Download(result.selected_views.data(), pixels, runner_.stream());
+    end_.Record(runner_.stream());
+    runner_.stream().Synchronize();
     timing_ = {CudaEvent::ElapsedMs(begin_, uploaded_), CudaEvent::ElapsedMs(uploaded_, computed_),
                CudaEvent::ElapsedMs(computed_, end_)};
     return result;
   }
 
-  void UploadSources(const PatchMatchProblem& problem, CudaMatchContext* context) {
-    const size_t count = problem.sources.size();
-    while (source_depths_.size() < count) source_depths_.push_back(std::make_unique<DeviceBuffer<float>>());
-    host_views_ = MakeSourceViews(problem);
-    std::vector<ImageView<const float>> images;
-    images.reserve(count);
-    for (size_t i = 0; i < count; ++i) {
-      const MatchView& source = problem.sources[i];
-      images.push_back(source.gray);
-      if (source.depth.empty()) continue;
-      std::vector<float> storage;
-      DeviceBuffer<float>& depth = *source_depths_[i];
-      depth.Resize(static_cast<size_t>(source.depth.width) * source.depth.height);
-      depth.Upload(Contiguous(source.depth, &storage), stream_);
-      if (!storage.empty()) stream_.Synchronize();
-      host_views_[i].depth = {depth.data(), source.depth.width, source.depth.height, source.depth.width};
-    }
-    views_.Resize(count);
-    views_.Upload(host_views_.data(), stream_);
-    source_images_.Upload(images, stream_);
-    context->sources = views_.data();
-    context->sampler.sources = source_images_.get();
-  }
-
-  void UploadReference(const PatchMatchProblem& problem, const PatchMatchResult* start,
-                       ImageView<const PlaneHypothesis> prior, CudaMatchContext* context) {
-    const int width = problem.reference.camera.width, height = problem.reference.camera.height;
-    state_.Resize(static_cast<size_t>(width) * height, prior.data != nullptr);
-    std::vector<float> storage;
-    state_.gray.Upload(Contiguous(problem.reference.gray, &storage), stream_);
-    if (!storage.empty()) stream_.Synchronize();
-    if (start != nullptr) {
-      state_.planes.Upload(start->planes.data(), stream_);
-      state_.cost.Upload(start->cost.data(), stream_);
-    }
-    if (prior.data != nullptr) {
-      std::vector<PlaneHypothesis> prior_storage;
-      state_.prior.Upload(Contiguous(prior, &prior_storage), stream_);
-      if (!prior_storage.empty()) stream_.Synchronize();
-      context->prior = {state_.prior.data(), width, height, width};
-    }
-    context->sampler.reference = {state_.gray.data(), width, height, width};
-    context->planes = {state_.planes.data(), width, height, width};
-    context->cost = {state_.cost.data(), width, height, width};
-    context->selected_views = {state_.selected_views.data(), width, height, width};
-  }
-
-  /// The pass's one synchronisation is after the copies back.
-  PatchMatchResult Download(const PinholeCamera& camera) {
-    PatchMatchResult result = {PlaneMap(camera.width, camera.height), CostMap(camera.width, camera.height),
-                               Image<uint32_t>(camera.width, camera.height)};
-    state_.planes.Download(result.planes.data(), stream_);
-    state_.cost.Download(result.cost.data(), stream_);
-    state_.selected_views.Download(result.selected_views.data(), stream_);
-    end_.Record(stream_);
-    stream_.Synchronize();
-    return result;
-  }
-
-  const int index_;
-  const cudaDeviceProp properties_;
-  CudaStream stream_;
+  PassRunner runner_;
   CudaEvent begin_, uploaded_, computed_, end_;
-  std::vector<std::unique_ptr<DeviceBuffer<float>>> source_depths_;  ///< grows to the most source views seen
-  std::vector<SourceView> host_views_;                               ///< staging, alive until the synchronisation
-  DeviceBuffer<SourceView> views_;
-  DeviceTexture source_images_;
-  DeviceState state_;
+  PinnedBuffer staging_;
   PatchMatchTiming timing_;
 };
 

@@ -3,7 +3,7 @@
 #include <cuda_runtime_api.h>
 
 #include "acmp_mapping/patch_match/kernel/match_context.h"
-#include "cuda_resources.h"
+#include "texture_pool.h"
 
 namespace acmp {
 
@@ -12,13 +12,15 @@ namespace acmp {
 /// level.
 struct TextureSampler {
   ImageView<const float> reference;
-  cudaTextureObject_t sources;  ///< one layer per source view
+  cudaTextureObject_t images;
+  int layers[kMaxSourceViews];  ///< of each source view
 
   ACMP_HOST_DEVICE float Reference(int col, int row) const { return reference(col, row); }
   static constexpr float kPixelCenter = 0.5f;
+  ACMP_HOST_DEVICE int ImageOf(int view) const { return layers[view]; }
 #ifdef __CUDA_ARCH__
-  __device__ float SourceAt(int view, float x, float y) const {
-    return kGrayPerTexel * tex2DLayered<float>(sources, x, y, view);
+  __device__ float SourceAt(int image, float x, float y) const {
+    return kGrayPerTexel * tex2DLayered<float>(images, x, y, image);
   }
 #else
   float SourceAt(int, float, float) const { return 0; }  // never run: textures can be read on the device only

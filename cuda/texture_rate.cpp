@@ -4,27 +4,28 @@
 #include <array>
 
 #include "acmp_mapping/backend/texture_rate.h"
-#include "cuda_resources.h"
+#include "cuda_device.h"
 
 namespace acmp {
 
 double MeasureTextureRate(int cuda_index) {
   constexpr int kSize = 2048, kFetches = 512, kRepetitions = 7;
-  CudaCheck(cudaSetDevice(cuda_index), "select device");
+  const auto device = std::make_shared<CudaDevice>(cuda_index);
   const CudaStream stream;
   const CudaEvent begin, end;
   GrayImage image(kSize, kSize);
   for (size_t i = 0; i < image.size(); ++i) image.data()[i] = static_cast<float>(i * 2654435761u >> 24 & 255u);
-  DeviceTexture texture;
-  texture.Upload({image.View()}, stream);
-  DeviceBuffer<float> sums;
-  sums.Resize(image.size());
+  PinnedBuffer staging;
+  TexturePool& images = device->images(0);
+  const int layer = images.Acquire(kSize, kSize, stream, &device->images_mutex());
+  images.Upload(std::as_const(image).View(), layer, &staging, stream);
+  const DeviceArray<float> sums(device, image.size());
 
   std::array<double, kRepetitions> milliseconds;
-  LaunchFetches(texture.get(), kSize, kSize, kFetches, sums.data(), stream.get());  // warm-up
+  LaunchFetches(images.texture(), layer, kSize, kSize, kFetches, sums.data(), stream.get());  // warm-up
   for (double& ms : milliseconds) {
     begin.Record(stream);
-    LaunchFetches(texture.get(), kSize, kSize, kFetches, sums.data(), stream.get());
+    LaunchFetches(images.texture(), layer, kSize, kSize, kFetches, sums.data(), stream.get());
     end.Record(stream);
     stream.Synchronize();
     ms = CudaEvent::ElapsedMs(begin, end);

@@ -42,15 +42,15 @@ Device ParseDevice(const std::string& name) {
 
 PatchMatchBackend MakePatchMatch(Device device, int cuda_index) {
   PatchMatchBackend backend;
-  backend.patch_match =
-      MakeFor(device, &backend.fallback_reason, [&] { return MakePatchMatchCuda(cuda_index); }, MakePatchMatchCpu);
+  backend.patch_match = MakeFor(
+      device, &backend.fallback_reason, [&] { return MakePatchMatchCuda(cuda_index); }, MakePatchMatchCpu);
   return backend;
 }
 
 DepthEngineBackend MakeDepthEngine(Device device, int cuda_index) {
   DepthEngineBackend backend;
-  backend.engine =
-      MakeFor(device, &backend.fallback_reason, [&] { return MakeDepthEngineCuda(cuda_index); }, MakeCpuDepthEngine);
+  backend.engine = MakeFor(
+      device, &backend.fallback_reason, [&] { return MakeDepthEngineCuda(cuda_index); }, MakeCpuDepthEngine);
   return backend;
 }
 

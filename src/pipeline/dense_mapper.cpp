@@ -30,7 +30,7 @@ struct WindowEntry {
   EngineImagePtr image;        ///< null until the entry is first used as reference or source view
   int image_levels = 0;        ///< levels it was loaded with
   KeyframeDepthPtr latest;     ///< null before the initial estimate
-  EngineEstimatePtr estimate;  ///< the same on the device: start of the geometric passes, and depths for other keyframes
+  EngineEstimatePtr estimate;  ///< the same on the device, for the geometric passes of this and other keyframes
 };
 
 struct Failure {

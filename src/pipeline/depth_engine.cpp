@@ -19,6 +19,11 @@ void CheckView(const char* name, const EngineView& view) {
 
 }  // namespace
 
+PinholeCamera CameraAtLevel(PinholeCamera camera, int level) {
+  for (int i = 0; i < level; ++i) camera = camera.Halved();
+  return camera;
+}
+
 void CheckHandles(const EngineProblem& problem, int level) {
   CheckRange("level", level, 0, kMaxLevels);
   CheckView("reference", problem.reference);

@@ -1,6 +1,7 @@
 #include "acmp_mapping/pipeline/depth_estimator.h"
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/random.h"
 #include "acmp_mapping/common/timer.h"
 
 namespace acmp {
@@ -11,6 +12,7 @@ StageTimes& StageTimes::operator+=(const StageTimes& other) {
   planar_prior_ms += other.planar_prior_ms;
   geometric_ms += other.geometric_ms;
   kernels_ms += other.kernels_ms;
+  photometric_kernels_ms += other.photometric_kernels_ms;
   return *this;
 }
 
@@ -27,24 +29,33 @@ void DepthEstimator::set_options(const PipelineOptions& options) {
 EngineEstimatePtr DepthEstimator::EstimateInitial(const EngineProblem& problem) {
   times_ = {};
   engine_->TakeDeviceMs();
-  const int level = options_.start_level;
   Timer timer;
-  EngineEstimatePtr coarse = engine_->RunPhotometric(problem, options_.patch_match, level);
-  EngineEstimatePtr estimate = level > 0 ? engine_->Upsample(coarse, problem.reference.frame, level) : coarse;
+  EngineEstimatePtr estimate = EstimatePhotometric(problem);
   times_.photometric_ms = timer.Lap();
-
+  times_.photometric_kernels_ms = engine_->TakeDeviceMs();
   if (options_.use_planar_prior) {
-    PinholeCamera camera = problem.reference.frame->camera;
-    for (int i = 0; i < level; ++i) camera = camera.Halved();
     const PriorMesh prior = MakePriorMesh(
-        camera, engine_->FindSupportPoints(coarse, problem.depth_range, options_.planar_prior), level,
-        options_.planar_prior);
+        problem.reference.frame->camera,
+        engine_->FindSupportPoints(estimate, problem.depth_range, options_.planar_prior), 0, options_.planar_prior);
     times_.prior_construction_ms = timer.Lap();
     estimate = engine_->RunPlanarPrior(problem, options_.patch_match, estimate, prior);
     times_.planar_prior_ms = timer.Lap();
   }
-  times_.kernels_ms = engine_->TakeDeviceMs();
+  times_.kernels_ms = times_.photometric_kernels_ms + engine_->TakeDeviceMs();
   return estimate;
+}
+
+EngineEstimatePtr DepthEstimator::EstimatePhotometric(const EngineProblem& problem) {
+  const int level = options_.start_level;
+  const EngineEstimatePtr start = engine_->RunPhotometric(problem, options_.patch_match, level);
+  if (level == 0) return start;
+  const EngineEstimatePtr full = engine_->Upsample(start, problem.reference.frame, level);
+  if (options_.full_size_iterations == 0) return full;
+  // Without prior planes eq. 7 decides as eq. 1 does.
+  PatchMatchOptions options = options_.patch_match;
+  options.planar_prior_iterations = options_.full_size_iterations;
+  options.seed = HashWord(options.seed);  // the planar-prior pass draws other numbers
+  return engine_->RunPlanarPrior(problem, options, full, {});
 }
 
 EngineEstimatePtr DepthEstimator::RefineGeometric(const EngineProblem& problem, const EngineEstimatePtr& start,

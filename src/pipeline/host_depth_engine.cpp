@@ -49,7 +49,7 @@ GrayImage Halve(const ImageView<const float>& image) {
 }
 
 void ToLevel(const EngineView& from, int level, MatchView* view) {
-  for (int i = 0; i < level; ++i) view->camera = view->camera.Halved();
+  view->camera = CameraAtLevel(view->camera, level);
   view->gray = Cast<HostImage>(from.image).Gray(level);
 }
 
@@ -61,12 +61,19 @@ PatchMatchProblem MakeProblem(const EngineProblem& problem, int level) {
   return result;
 }
 
+void CheckSize(const char* name, int width, int height, const PinholeCamera& camera) {
+  if (width == camera.width && height == camera.height) return;
+  throw InvalidInputError(
+      Concat(name, " is ", width, " x ", height, ": must be the camera's ", camera.width, " x ", camera.height));
+}
+
 PatchMatchResult MakeStart(const EngineEstimatePtr& estimate) {
   const HostEstimate& host = Cast<HostEstimate>(estimate);
   return {host.planes.Clone(), host.cost.Clone(), {}};
 }
 
 FusionView MakeFusionView(const EngineView& view) {
+  if (!view.frame) throw InvalidInputError("frame: must not be null");
   FusionView result;
   result.camera = view.frame->camera;
   result.cam_from_world = view.frame->cam_from_world;
@@ -114,8 +121,11 @@ EngineEstimatePtr HostDepthEngine::RunPhotometric(const EngineProblem& problem, 
 }
 
 EngineEstimatePtr HostDepthEngine::Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) {
+  if (!frame) throw InvalidInputError("frame: must not be null");
+  CheckRange("level", level, 0, kMaxLevels);
   const HostEstimate& halved = Cast<HostEstimate>(estimate);
   const PinholeCamera& camera = frame->camera;
+  CheckSize("halved estimate", halved.planes.width(), halved.planes.height(), CameraAtLevel(camera, level));
   EstimateState state = {PlaneMap(camera.width, camera.height), CostMap(camera.width, camera.height)};
   tbb::parallel_for(0, camera.height, [&](int row) {
     const int from_row = CoveringPixel(row, level, halved.planes.height());
@@ -154,6 +164,7 @@ EngineEstimatePtr HostDepthEngine::RunGeometric(const EngineProblem& problem, co
 ConsistencyResult HostDepthEngine::FilterByConsistency(const EngineView& reference,
                                                        const std::vector<EngineView>& sources,
                                                        const FusionOptions& options) {
+  Cast<HostEstimate>(reference.estimate);  // of the sources null is allowed: they take no part then
   std::vector<FusionView> views;
   views.reserve(sources.size());
   for (const EngineView& source : sources) views.push_back(MakeFusionView(source));
@@ -171,6 +182,8 @@ EstimateState HostDepthEngine::DownloadState(const EngineEstimatePtr& estimate) 
 }
 
 EngineEstimatePtr HostDepthEngine::UploadState(EstimateState state, const PinholeCamera& camera) {
+  CheckSize("plane map", state.planes.width(), state.planes.height(), camera);
+  CheckSize("cost map", state.cost.width(), state.cost.height(), camera);
   auto estimate = std::make_shared<HostEstimate>();
   estimate->planes = std::move(state.planes);
   estimate->cost = std::move(state.cost);

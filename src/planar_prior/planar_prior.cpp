@@ -64,9 +64,10 @@ PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> p
   mesh.planes.resize(triangles.size());
   tbb::parallel_for(size_t{0}, triangles.size(),
                     [&](size_t i) { mesh.planes[i] = PlaneOfTriangle(camera, points, triangles[i], min_cos); });
+  const int scale = 1 << level;
   for (SupportPoint& point : points) {
-    point.col <<= level;
-    point.row <<= level;
+    point.col *= scale;
+    point.row *= scale;
   }
   mesh.points = std::move(points);
   mesh.triangles = std::move(triangles);
@@ -75,6 +76,7 @@ PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> p
 
 PlaneMap RasterizePrior(const PinholeCamera& camera, const PriorMesh& mesh, const DepthRange& range) {
   CheckDepthRange("depth range of the planar prior", range);
+  CheckRange("number of planes of the prior", mesh.planes.size(), mesh.triangles.size(), mesh.triangles.size());
   const Image<int> ids = RasterizeTriangles(camera.width, camera.height, mesh.points, mesh.triangles);
   const RayGrid rays = {static_cast<float>(1 / camera.fx), static_cast<float>(1 / camera.fy),
                         static_cast<float>(camera.cx), static_cast<float>(camera.cy)};

@@ -4,8 +4,8 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/planar_prior/kernel/raster_triangle.h"
-#include "check_triangles.h"
 #include "acmp_mapping/planar_prior/planar_prior.h"
+#include "check_triangles.h"
 
 namespace acmp {
 namespace {

@@ -7,7 +7,7 @@
 
 #include <opencv2/imgproc.hpp>
 
-#include "acmp_mapping/backend/make_patch_match.h"
+#include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 
@@ -157,21 +157,21 @@ void MapperWorker::Run() {
   }
   // The device's memory goes in the thread that has used it.
   mapper_.reset();
-  patch_match_.reset();
+  engine_.reset();
 }
 
 void MapperWorker::MakeMapper() {
   try {
-    PatchMatchBackend backend = MakePatchMatch(node_options_.device, node_options_.cuda_device);
-    patch_match_ = std::move(backend.patch_match);
+    DepthEngineBackend backend = MakeDepthEngine(node_options_.device, node_options_.cuda_device);
+    engine_ = std::move(backend.engine);
     DenseMapper::Callbacks callbacks;
     callbacks.on_fast = [this](const KeyframeDepthPtr& maps) { HandleFast(maps); };
     callbacks.on_refined = [this](const KeyframeDepthPtr& maps) { HandleRefined(maps); };
     callbacks.on_drop = [this](const KeyframeDrop& drop) { HandleDrop(drop); };
-    mapper_ = std::make_unique<DenseMapper>(patch_match_.get(), options_->Get().mapper, callbacks);
+    mapper_ = std::make_unique<DenseMapper>(engine_.get(), options_->Get().mapper, callbacks);
     UpdateStatus([&](WorkerStatus* status) {
       status->ready = true;
-      status->device_name = patch_match_->device_name();
+      status->device_name = engine_->device_name();
       status->fallback_reason = backend.fallback_reason;
     });
   } catch (const std::exception& error) {

@@ -7,22 +7,50 @@
 #include <iostream>
 #include <optional>
 
-#include "acmp_mapping/backend/make_patch_match.h"
+#include "acmp_mapping/backend/make_depth_engine.h"
 #include "reconstruct.h"
 #include "tool_main.h"
 
 namespace {
 
+/// Engines with their owner.
+struct Engines {
+  std::vector<std::unique_ptr<acmp::DepthEngine>> owned;
+  std::vector<acmp::ReconstructEngine> list;
+  std::string fallback_reason;
+
+  void Add(std::unique_ptr<acmp::DepthEngine> engine, int device) {
+    list.push_back({engine.get(), device});
+    owned.push_back(std::move(engine));
+  }
+};
+
+/// `jobs_per_gpu` engines on each GPU; where the CPU has to do, one, which uses all cores itself. The online schedule
+/// works on one keyframe after the other.
+Engines MakeEngines(const acmp::ReconstructOptions& options) {
+  Engines engines;
+  for (int index : options.cuda_index) {
+    acmp::DepthEngineBackend backend = acmp::MakeDepthEngine(acmp::ParseDevice(options.device), index);
+    const bool on_gpu = backend.engine->FreeDeviceBytes() > 0;
+    engines.fallback_reason = backend.fallback_reason;
+    if (!on_gpu && !engines.list.empty()) continue;
+    engines.Add(std::move(backend.engine), index);
+    if (!on_gpu || options.online()) break;
+    for (int job = 1; job < options.jobs_per_gpu; ++job) engines.Add(engines.owned.back()->Share(), index);
+  }
+  return engines;
+}
+
 int RunReconstruct(const acmp::ReconstructOptions& options, acmp::InterruptWatcher* interrupt) {
   std::optional<tbb::global_control> threads;
   if (options.threads > 0) threads.emplace(tbb::global_control::max_allowed_parallelism, options.threads);
-  const acmp::PatchMatchBackend backend = acmp::MakePatchMatch(acmp::ParseDevice(options.device), options.cuda_index);
-  if (!backend.fallback_reason.empty() && !options.quiet) {
-    std::cerr << "no GPU in use: " << backend.fallback_reason << '\n';
+  const Engines engines = MakeEngines(options);
+  if (!engines.fallback_reason.empty() && !options.quiet) {
+    std::cerr << "no GPU in use: " << engines.fallback_reason << '\n';
   }
   try {
     interrupt->RunCancellable([&] {
-      acmp::Reconstruct(options, backend.patch_match.get(), interrupt, &std::cout, &std::cerr, isatty(STDERR_FILENO));
+      acmp::Reconstruct(options, engines.list, interrupt, &std::cout, &std::cerr, isatty(STDERR_FILENO));
     });
     interrupt->Check();
   } catch (const acmp::Interrupted&) {

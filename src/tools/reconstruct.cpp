@@ -71,20 +71,20 @@ void RunAllSteps(ReconstructRun* run, const RunRecord& record, std::ostream* out
   const size_t points = WriteResults(run);
   run->interrupt.Check();
   SyncFolder(run->folder.path());
-  WriteFileAtomically(run->folder.SummaryFile(), FormatSummary(*run, record, run->patch_match.device_name(), points),
+  WriteFileAtomically(run->folder.SummaryFile(), FormatSummary(*run, record, run->engines.front().engine->device_name(), points),
                       Durability::kPowerCut);
   if (!run->options.keep_work) run->folder.RemoveAllWork();
   if (!run->options.quiet) {
     *out << run->folder.path().string() << ": " << points << " points in fused.ply; took "
-         << FormatDuration(timer.Lap() / 1000) << " on " << run->patch_match.device_name() << std::endl;
+         << FormatDuration(timer.Lap() / 1000) << " on " << run->engines.front().engine->device_name() << std::endl;
   }
   if (run->options.timings) *out << FormatTimings(run->times) << std::flush;
 }
 
 }  // namespace
 
-void Reconstruct(const ReconstructOptions& options, PatchMatch* patch_match, InterruptWatcher* interrupt,
-                 std::ostream* out, std::ostream* log, bool log_is_terminal) {
+void Reconstruct(const ReconstructOptions& options, const std::vector<ReconstructEngine>& engines,
+                 InterruptWatcher* interrupt, std::ostream* out, std::ostream* log, bool log_is_terminal) {
   Validate(options);
   const Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format));
   const std::vector<int> indices = ChosenImages(scene, options.images);
@@ -95,7 +95,7 @@ void Reconstruct(const ReconstructOptions& options, PatchMatch* patch_match, Int
   for (const std::string& warning : plan.warnings) progress.Warn(warning);
 
   progress.Note(Concat("checking ", indices.size(), " images"));
-  const std::string device = patch_match->device_name();
+  const std::string device = engines.front().engine->device_name();
   const RunRecord record = MakeRecord(options, device, CheckInput(scene, indices, *interrupt));
   const ReconstructFolder folder(options.output, record, options.overwrite);
   if (folder.state() == ReconstructFolder::State::kComplete) {
@@ -105,7 +105,7 @@ void Reconstruct(const ReconstructOptions& options, PatchMatch* patch_match, Int
     return;
   }
   if (folder.state() == ReconstructFolder::State::kStarted) progress.Note("going on with an interrupted run");
-  ReconstructRun run{scene, options, plan, folder, *patch_match, *interrupt, progress, {}};
+  ReconstructRun run{scene, options, plan, folder, engines, *interrupt, progress, {}};
   RunAllSteps(&run, record, out);
 }
 

@@ -1,8 +1,9 @@
 #pragma once
 
 #include <ostream>
+#include <vector>
 
-#include "acmp_mapping/patch_match/patch_match.h"
+#include "reconstruct_engine.h"
 #include "reconstruct_interrupt.h"
 #include "reconstruct_options.h"
 
@@ -10,8 +11,9 @@ namespace acmp {
 
 /// One run of the tool: reads the scene, makes or continues the output folder, writes all results. Messages go to `out`
 /// (results) and `log` (progress, warnings). Throws InvalidInputError, ProcessingError or Interrupted.
+/// @param engines at least one; the online schedule uses the first only
 /// @param log_is_terminal draws a progress bar instead of plain lines
-void Reconstruct(const ReconstructOptions& options, PatchMatch* patch_match, InterruptWatcher* interrupt,
-                 std::ostream* out, std::ostream* log, bool log_is_terminal);
+void Reconstruct(const ReconstructOptions& options, const std::vector<ReconstructEngine>& engines,
+                 InterruptWatcher* interrupt, std::ostream* out, std::ostream* log, bool log_is_terminal);
 
 }  // namespace acmp

@@ -1,16 +1,20 @@
 #pragma once
 
+#include <oneapi/tbb/task_arena.h>
+
 #include <cstddef>
 #include <functional>
+#include <future>
 #include <list>
 #include <map>
 #include <memory>
+#include <mutex>
 #include <utility>
 
 namespace acmp {
 
 /// Keeps the values used last, up to a number of bytes. A value that is larger than all of it is handed out but not
-/// kept.
+/// kept. Any number of threads may ask; a value that several want is made once, and different ones at the same time.
 template <class Key, class Value>
 class LruCache {
  public:
@@ -18,50 +22,94 @@ class LruCache {
 
   explicit LruCache(size_t max_bytes) : max_bytes_(max_bytes) {}
 
-  /// The value of a key; made by `make` when it is not there. `bytes_of` says how large it is.
+  /// The value of a key; made by `make` when it is not there. `bytes_of` says how large it is. What `make` throws goes
+  /// to all who wait for the value, and the next one tries again.
   Pointer Get(const Key& key, const std::function<Pointer()>& make,
               const std::function<size_t(const Value&)>& bytes_of) {
-    const auto found = entries_.find(key);
-    if (found != entries_.end()) {
-      order_.splice(order_.begin(), order_, found->second.position);
-      return found->second.value;
+    std::promise<Pointer> promise;
+    std::shared_future<Pointer> made_elsewhere;
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      const auto found = entries_.find(key);
+      if (found != entries_.end()) {
+        order_.splice(order_.begin(), order_, found->second.position);
+        made_elsewhere = found->second.value;
+      } else {
+        order_.push_front(key);
+        entries_[key] = {promise.get_future().share(), 0, order_.begin()};
+      }
     }
-    Pointer value = make();
-    const size_t bytes = bytes_of(*value);
-    order_.push_front(key);
-    entries_[key] = {value, bytes, order_.begin()};
-    bytes_ += bytes;
-    while (bytes_ > max_bytes_) DropOldest();
-    return value;
+    return made_elsewhere.valid() ? made_elsewhere.get() : Make(key, make, bytes_of, &promise);
   }
 
-  void Clear() {
-    entries_.clear();
-    order_.clear();
-    bytes_ = 0;
+  /// Forgets a value; no effect when it is not there.
+  void Drop(const Key& key) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const auto found = entries_.find(key);
+    if (found != entries_.end()) Erase(found);
   }
 
-  size_t bytes() const { return bytes_; }
-  size_t size() const { return entries_.size(); }
+  size_t bytes() const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return bytes_;
+  }
+  size_t size() const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return entries_.size();
+  }
 
  private:
   struct Entry {
-    Pointer value;
-    size_t bytes = 0;
+    std::shared_future<Pointer> value;
+    size_t bytes = 0;  ///< 0 while it is being made
     typename std::list<Key>::iterator position;
   };
+  using Entries = std::map<Key, Entry>;
 
-  void DropOldest() {
-    const auto oldest = entries_.find(order_.back());
-    bytes_ -= oldest->second.bytes;
-    entries_.erase(oldest);
-    order_.pop_back();
+  Pointer Make(const Key& key, const std::function<Pointer()>& make, const std::function<size_t(const Value&)>& bytes_of,
+               std::promise<Pointer>* promise) {
+    try {
+      Pointer value;
+      // While it waits for its own loops this thread must not take up work that waits for this value.
+      tbb::this_task_arena::isolate([&] { value = make(); });
+      Count(key, bytes_of(*value));
+      promise->set_value(value);
+      return value;
+    } catch (...) {
+      Drop(key);
+      promise->set_exception(std::current_exception());
+      throw;
+    }
   }
 
-  size_t max_bytes_;
+  void Count(const Key& key, size_t bytes) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const auto entry = entries_.find(key);
+    if (entry == entries_.end()) return;  // dropped meanwhile
+    entry->second.bytes = bytes;
+    bytes_ += bytes;
+    while (bytes_ > max_bytes_) Erase(entries_.find(OldestMade()));
+  }
+
+  const Key& OldestMade() const {
+    auto key = order_.end();
+    do {
+      --key;
+    } while (entries_.at(*key).bytes == 0);
+    return *key;
+  }
+
+  void Erase(typename Entries::iterator entry) {
+    bytes_ -= entry->second.bytes;
+    order_.erase(entry->second.position);
+    entries_.erase(entry);
+  }
+
+  const size_t max_bytes_;
+  mutable std::mutex mutex_;
+  Entries entries_;
+  std::list<Key> order_;  ///< used last first
   size_t bytes_ = 0;
-  std::list<Key> order_;  ///< last used first
-  std::map<Key, Entry> entries_;
 };
 
 }  // namespace acmp

@@ -1,9 +1,14 @@
 #include <map>
+#include <mutex>
+#include <utility>
+
+#include <oneapi/tbb/parallel_for.h>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "reconstruct_run.h"
+#include "reconstruct_tasks.h"
 #include "reconstruct_work_files.h"
 
 namespace acmp {
@@ -11,51 +16,62 @@ namespace {
 
 constexpr const char* kFinalStage = "final";
 
+/// What is kept on one device, by scene index.
+struct DeviceCaches {
+  using EstimateKey = std::pair<int, int>;  ///< stage, scene index
+
+  explicit DeviceCaches(size_t max_bytes) : images(max_bytes / 4), estimates(max_bytes - max_bytes / 4) {}
+
+  LruCache<int, EngineImage> images;
+  LruCache<EstimateKey, EngineEstimate> estimates;
+};
+
 /// The steps of the offline schedule. A stage's result of an image is one file, so after an interruption the first one
-/// missing is where to go on.
+/// missing is where to go on. Each engine works on another image; a geometric pass waits for the estimates it reads.
 class OfflineSchedule {
  public:
   explicit OfflineSchedule(ReconstructRun* run)
       : run_(*run),
         pipeline_(MakePipelineOptions(run->options)),
-        estimator_(&run->patch_match, pipeline_),
-        frames_(run->scene, run->options.max_image_size, CacheBytes() / 2),
-        depths_(CacheBytes() / 2) {
+        stages_(1 + pipeline_.geometric_passes),
+        frames_(run->scene, run->options.max_image_size, HostBytes() / 2) {
     for (const ImagePlan& image : run_.plan.images) {
       if (image.no_map.empty()) images_[image.index] = &image;
+    }
+    for (const ReconstructEngine& engine : run_.engines) {
+      estimators_.emplace_back(engine.engine, pipeline_);
+      if (caches_.count(engine.device) > 0) continue;
+      const size_t free = engine.engine->FreeDeviceBytes();
+      caches_.emplace(std::piecewise_construct, std::forward_as_tuple(engine.device),
+                      std::forward_as_tuple(free > 0 ? free / 2 : HostBytes() / 2));
     }
   }
 
   void Run() {
-    const int stages = 1 + pipeline_.geometric_passes;
-    const int first = FirstStageToRun(stages);
-    for (int stage = 0; stage < stages; ++stage) {
-      BeginProgress(stage);
-      for (const auto& [index, image] : images_) {
-        const bool done = stage < first || Exists(stage, index);
-        if (!done) RunOne(stage, *image);
-        run_.progress.Step(done);
-      }
-      depths_.Clear();
-      if (stage > 0 && !run_.options.keep_work)
-        run_.folder.RemoveWork(StageName(stage - 1));  // no later stage reads it
-    }
+    const int first = FirstStageToRun();
+    const double initial =
+        pipeline_.use_planar_prior ? StepCosts::kInitialWithPrior : StepCosts::kInitialWithoutPrior;
+    const double per_image = initial + pipeline_.geometric_passes * StepCosts::kGeometricPass;
+    run_.progress.Begin("depth maps", static_cast<int>(images_.size()) * stages_, per_image / stages_);
+    for (int stage = 0; stage < stages_; ++stage) AddStage(stage, first);
+    graph_.Run({static_cast<int>(run_.engines.size())}, run_.interrupt);
   }
 
  private:
-  size_t CacheBytes() const { return static_cast<size_t>(run_.options.memory_limit_gb * 1e9); }
+  size_t HostBytes() const { return static_cast<size_t>(run_.options.memory_limit_gb * 1e9); }
 
   /// The last stage's results are kept as final maps.
   std::string StageName(int stage) const {
-    if (stage == pipeline_.geometric_passes) return kFinalStage;
+    if (stage == stages_ - 1) return kFinalStage;
     return stage == 0 ? "initial" : Concat("geometric_", stage);
   }
 
-  bool Exists(int stage, int index) const { return IsWholeWorkFile(run_.folder.WorkFile(StageName(stage), index)); }
+  std::filesystem::path FileOf(int stage, int index) const { return run_.folder.WorkFile(StageName(stage), index); }
+  bool Exists(int stage, int index) const { return IsWholeWorkFile(FileOf(stage, index)); }
 
   /// Stages before one that is complete are not needed any more, and may have been removed.
-  int FirstStageToRun(int stages) const {
-    for (int stage = stages - 1; stage >= 0; --stage) {
+  int FirstStageToRun() const {
+    for (int stage = stages_ - 1; stage >= 0; --stage) {
       bool complete = true;
       for (const auto& [index, image] : images_) complete &= Exists(stage, index);
       if (complete) return stage + 1;
@@ -63,90 +79,139 @@ class OfflineSchedule {
     return 0;
   }
 
-  void BeginProgress(int stage) {
-    const bool prior = pipeline_.use_planar_prior;
-    const double initial = prior ? StepCosts::kInitialWithPrior : StepCosts::kInitialWithoutPrior;
-    run_.progress.Begin(stage > 0 ? Concat("geometric pass ", stage)
-                        : prior   ? "photometric + planar prior"
-                                  : "photometric",
-                        static_cast<int>(images_.size()), stage == 0 ? initial : StepCosts::kGeometricPass);
+  void AddStage(int stage, int first_stage) {
     run_.folder.MakeWorkFolder(StageName(stage));
+    std::map<int, int> tasks;  // by scene index
+    for (const auto& [index, image] : images_) {
+      const bool done = stage < first_stage || Exists(stage, index);
+      tasks[index] = graph_.Add(0, EstimatesReadBy(stage, *image), [this, stage, image, done](int engine) {
+        if (!done) RunOne(stage, *image, engine);
+        const std::lock_guard<std::mutex> lock(report_mutex_);
+        run_.progress.Step(done);
+      });
+    }
+    if (stage > 0 && !run_.options.keep_work) {
+      std::vector<int> all;
+      for (const auto& [index, task] : tasks) all.push_back(task);
+      // No later stage reads it.
+      graph_.Add(0, all, [this, stage](int) { run_.folder.RemoveWork(StageName(stage - 1)); });
+    }
+    previous_stage_ = std::move(tasks);
   }
 
-  FramePtr Frame(int index) {
+  /// Tasks of the stage before whose results a pass over the image reads.
+  std::vector<int> EstimatesReadBy(int stage, const ImagePlan& image) const {
+    if (stage == 0) return {};
+    std::vector<int> tasks = {previous_stage_.at(image.index)};
+    for (int source : image.sources) {
+      if (const auto found = previous_stage_.find(source); found != previous_stage_.end()) {
+        tasks.push_back(found->second);
+      }
+    }
+    return tasks;
+  }
+
+  void RunOne(int stage, const ImagePlan& image, int engine) {
+    DepthEstimator& estimator = estimators_[static_cast<size_t>(engine)];
     Timer timer;
-    FramePtr frame = frames_.Get(index);
-    run_.times.io_ms += timer.Lap();
-    return frame;
-  }
-
-  void RunOne(int stage, const ImagePlan& image) {
+    const EngineProblem problem = MakeProblem(stage, image, engine);
+    double io_ms = timer.Lap();
+    const EngineEstimatePtr estimate =
+        stage == 0 ? estimator.EstimateInitial(problem)
+                   : estimator.RefineGeometric(problem, EstimateOf(stage - 1, *problem.reference.frame, engine),
+                                               stage - 1);
     run_.interrupt.Check();
-    const FramePtr reference = Frame(image.index);
-    std::vector<FramePtr> sources;
-    for (int source : image.sources) sources.push_back(Frame(source));
-    const PatchMatchResult result = stage == 0 ? estimator_.EstimateInitial(*reference, sources, image.range)
-                                               : Refine(stage, image, *reference, sources);
-    run_.interrupt.Check();
-    run_.times.Add(estimator_.last_times());
+    timer.Lap();
+    Keep(stage, problem, engine, estimate);
+    Save(stage, image, *problem.reference.frame, engine, estimate);
+    io_ms += timer.Lap();
+    const std::lock_guard<std::mutex> lock(report_mutex_);
+    run_.times.Add(estimator.last_times());
     run_.times.images += stage == 0 ? 1 : 0;
-    Save(stage, image, *reference, result);
+    run_.times.io_ms += io_ms;
   }
 
-  PatchMatchResult Refine(int stage, const ImagePlan& image, const acmp::Frame& reference,
-                          const std::vector<FramePtr>& sources) {
-    const std::string previous = StageName(stage - 1);
-    Timer timer;
-    const PatchMatchResult start =
-        ReadEstimate(run_.folder.WorkFile(previous, image.index), reference.camera.width, reference.camera.height);
-    std::vector<std::shared_ptr<const DepthMap>> depths;  // keeps them while the pass runs
-    std::vector<const DepthMap*> pointers;
-    for (const FramePtr& source : sources) {
-      depths.push_back(DepthOf(previous, *source));
-      pointers.push_back(depths.back().get());
+  EngineProblem MakeProblem(int stage, const ImagePlan& image, int engine) {
+    EngineProblem problem;
+    problem.depth_range = image.range;
+    problem.sources.resize(image.sources.size());
+    // Files are decoded side by side.
+    tbb::parallel_for(size_t{0}, image.sources.size() + 1, [&](size_t i) {
+      if (i == 0) {
+        problem.reference.frame = frames_.Get(image.index);
+      } else {
+        problem.sources[i - 1].frame = frames_.Get(image.sources[i - 1]);
+      }
+    });
+    run_.interrupt.Check();
+    problem.reference.image = ImageOf(problem.reference.frame, engine);
+    for (EngineView& source : problem.sources) {
+      source.image = ImageOf(source.frame, engine);
+      const bool has_map = images_.count(static_cast<int>(source.frame->id)) > 0;
+      if (stage > 0 && has_map) source.estimate = EstimateOf(stage - 1, *source.frame, engine);
     }
-    run_.times.io_ms += timer.Lap();
-    return estimator_.RefineGeometric(reference, sources, pointers, image.range, start, stage - 1);
+    return problem;
   }
 
-  /// Depth of a source view after the previous stage; null when it gets no map.
-  std::shared_ptr<const DepthMap> DepthOf(const std::string& stage, const acmp::Frame& frame) {
+  DeviceCaches& CachesOf(int engine) { return caches_.at(run_.engines[static_cast<size_t>(engine)].device); }
+  DepthEngine& Engine(int engine) { return *run_.engines[static_cast<size_t>(engine)].engine; }
+
+  EngineImagePtr ImageOf(const FramePtr& frame, int engine) {
+    return CachesOf(engine).images.Get(
+        static_cast<int>(frame->id), [&] { return Engine(engine).Load(frame, pipeline_.start_level); },
+        [&](const EngineImage&) { return frame->gray.size() * kImageBytesPerPixel; });
+  }
+
+  /// After a stage: from the device, or from its file where it has been dropped or was made elsewhere.
+  EngineEstimatePtr EstimateOf(int stage, const acmp::Frame& frame, int engine) {
     const int index = static_cast<int>(frame.id);
-    if (images_.count(index) == 0) return nullptr;
-    return depths_.Get(
-        index,
+    const PinholeCamera& camera = frame.camera;
+    return CachesOf(engine).estimates.Get(
+        {stage, index},
         [&] {
-          const PinholeCamera& camera = frame.camera;
-          const PlaneMap planes = ReadPlanes(run_.folder.WorkFile(stage, index), camera.width, camera.height);
-          return std::make_shared<const DepthMap>(ToDepthMap(planes, camera));
+          return Engine(engine).UploadState(ReadEstimate(FileOf(stage, index), camera.width, camera.height), camera);
         },
-        [](const DepthMap& depth) { return depth.size() * sizeof(float); });
+        [&](const EngineEstimate&) { return frame.gray.size() * kEstimateBytesPerPixel; });
   }
 
-  void Save(int stage, const ImagePlan& image, const acmp::Frame& reference, const PatchMatchResult& result) {
-    Timer timer;
-    const auto path = run_.folder.WorkFile(StageName(stage), image.index);
-    if (StageName(stage) == kFinalStage) {
-      FinalMaps maps;
-      maps.depth = ToDepthMap(result.planes, reference.camera);
-      maps.normal = ToNormalMap(result.planes);
-      maps.cost = result.cost.Clone();
-      maps.color = reference.color.Clone();
-      maps.sources = image.sources;
-      run_.interrupt.Check();
-      WriteFinalMaps(path, maps);
-    } else {
-      WriteEstimate(path, result);
-    }
-    run_.times.io_ms += timer.Lap();
+  void Keep(int stage, const EngineProblem& problem, int engine, const EngineEstimatePtr& estimate) {
+    const acmp::Frame& frame = *problem.reference.frame;
+    CachesOf(engine).estimates.Get(
+        {stage, static_cast<int>(frame.id)}, [&] { return estimate; },
+        [&](const EngineEstimate&) { return frame.gray.size() * kEstimateBytesPerPixel; });
   }
+
+  void Save(int stage, const ImagePlan& image, const acmp::Frame& reference, int engine,
+            const EngineEstimatePtr& estimate) {
+    if (StageName(stage) != kFinalStage) {
+      WriteEstimate(FileOf(stage, image.index), Engine(engine).DownloadState(estimate));
+      return;
+    }
+    EstimateMaps estimate_maps = Engine(engine).Download(estimate);
+    FinalMaps maps;
+    maps.depth = std::move(estimate_maps.depth);
+    maps.normal = std::move(estimate_maps.normal);
+    maps.cost = std::move(estimate_maps.cost);
+    maps.color = reference.color.Clone();
+    maps.sources = image.sources;
+    run_.interrupt.Check();
+    WriteFinalMaps(FileOf(stage, image.index), maps);
+  }
+
+  // What the caches count: texels of two bytes with their halved images; planes, cost and depth.
+  static constexpr size_t kImageBytesPerPixel = 3;
+  static constexpr size_t kEstimateBytesPerPixel = 24;
 
   ReconstructRun& run_;
-  PipelineOptions pipeline_;
-  DepthEstimator estimator_;
+  const PipelineOptions pipeline_;
+  const int stages_;
   std::map<int, const ImagePlan*> images_;  ///< that get a map, by scene index
   FrameStore frames_;
-  LruCache<int, DepthMap> depths_;
+  std::vector<DepthEstimator> estimators_;  ///< per engine
+  std::map<int, DeviceCaches> caches_;      ///< per device
+  TaskGraph graph_;
+  std::map<int, int> previous_stage_;  ///< tasks of the stage added last, by scene index
+  std::mutex report_mutex_;
 };
 
 }  // namespace

@@ -28,7 +28,7 @@ class OnlineSchedule {
  public:
   explicit OnlineSchedule(ReconstructRun* run)
       : run_(*run),
-        recorder_(&run->patch_match, &run->folder, &run->interrupt),
+        recorder_(run->engines.front().engine, &run->folder, &run->interrupt),
         mapper_(&recorder_, MapperOptions(*run),
                 {{},
                  [this](const KeyframeDepthPtr& keyframe) { outcome_.refined.push_back(keyframe); },
@@ -93,7 +93,7 @@ class OnlineSchedule {
 
   ReconstructRun& run_;
   Outcome outcome_;
-  RecordingPatchMatch recorder_;
+  RecordingDepthEngine recorder_;
   DenseMapper mapper_;
 };
 

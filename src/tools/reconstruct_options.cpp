@@ -98,7 +98,14 @@ void AddMachineOptions(CLI::App* app, ReconstructOptions* options) {
       ->check(OneOf({"auto", "cuda", "cpu"}))
       ->capture_default_str()
       ->group(group);
-  app->add_option("--cuda-index", options->cuda_index, "Which GPU")->capture_default_str()->group(group);
+  app->add_option("--cuda-index", options->cuda_index, "Which GPUs, for example 0,1; images are shared out among them")
+      ->delimiter(',')
+      ->capture_default_str()
+      ->group(group);
+  app->add_option("--jobs-per-gpu", options->jobs_per_gpu,
+                  "Images under way at once on each GPU: while one is triangulated or written, others are matched")
+      ->capture_default_str()
+      ->group(group);
   app->add_option("--threads", options->threads, "CPU threads; 0: one per core")->capture_default_str()->group(group);
   app->add_option("--memory-limit-gb", options->memory_limit_gb, "Memory for images and maps that are kept at hand")
       ->capture_default_str()
@@ -144,7 +151,9 @@ void Validate(const ReconstructOptions& options) {
   CheckRange("--source-views", options.source_views, 1, kMaxSourceViews);
   CheckRange("--min-source-views", options.min_source_views, 0, options.source_views);
   CheckRange("--threads", options.threads, 0, 4096);
-  CheckRange("--cuda-index", options.cuda_index, 0, 1024);
+  if (options.cuda_index.empty()) throw InvalidInputError("--cuda-index: must name at least one GPU");
+  for (int index : options.cuda_index) CheckRange("--cuda-index", index, 0, 1024);
+  CheckRange("--jobs-per-gpu", options.jobs_per_gpu, 1, 64);
   CheckRange("--memory-limit-gb", options.memory_limit_gb, 0.0, 1e6);
   CheckDepthOption("--depth-min", options.depth_min);
   CheckDepthOption("--depth-max", options.depth_max);

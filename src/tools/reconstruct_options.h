@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "acmp_mapping/pipeline/dense_mapper.h"
 
@@ -29,7 +30,8 @@ struct ReconstructOptions {
   int lookahead = DenseMapperOptions().lookahead;
 
   std::string device = "auto";
-  int cuda_index = 0;
+  std::vector<int> cuda_index = {0};
+  int jobs_per_gpu = 4;
   int threads = 0;  ///< 0: one per core
   double memory_limit_gb = 4;
 

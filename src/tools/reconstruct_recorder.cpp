@@ -1,30 +1,17 @@
 #include "reconstruct_recorder.h"
 
+#include <utility>
+
 #include "acmp_mapping/common/error.h"
 #include "reconstruct_work_files.h"
 
 namespace acmp {
+namespace {
 
-RecordingPatchMatch::RecordingPatchMatch(PatchMatch* patch_match, const ReconstructFolder* folder,
-                                         const InterruptWatcher* interrupt)
-    : patch_match_(patch_match), folder_(folder), interrupt_(interrupt) {
-  folder_->MakeWorkFolder(kStage);
-}
-
-template <class Pass>
-PatchMatchResult RecordingPatchMatch::Recorded(const PatchMatchProblem& problem, const Pass& pass) {
-  interrupt_->Check();
-  const auto path = folder_->WorkFile(kStage, next_pass_++);
+template <class Step>
+auto Guarded(const Step& step) {
   try {
-    last_was_read_ = IsWholeWorkFile(path);
-    if (last_was_read_) {
-      return ReadEstimate(path, problem.reference.camera.width, problem.reference.camera.height);
-    }
-    ++passes_run_;
-    PatchMatchResult result = pass();
-    interrupt_->Check();
-    WriteEstimate(path, result);
-    return result;
+    return step();
   } catch (const InvalidInputError&) {
     throw;  // the keyframe's own fault, and the same in every run
   } catch (const std::exception&) {
@@ -32,24 +19,80 @@ PatchMatchResult RecordingPatchMatch::Recorded(const PatchMatchProblem& problem,
   }
 }
 
-PatchMatchResult RecordingPatchMatch::RunPhotometric(const PatchMatchProblem& problem,
-                                                     const PatchMatchOptions& options) {
-  return Recorded(problem, [&] { return patch_match_->RunPhotometric(problem, options); });
+}  // namespace
+
+RecordingDepthEngine::RecordingDepthEngine(DepthEngine* engine, const ReconstructFolder* folder,
+                                           const InterruptWatcher* interrupt)
+    : engine_(engine), folder_(folder), interrupt_(interrupt) {
+  folder_->MakeWorkFolder(kStage);
 }
 
-PatchMatchResult RecordingPatchMatch::RunPlanarPrior(const PatchMatchProblem& problem, const PatchMatchOptions& options,
-                                                     const PatchMatchResult& start,
-                                                     ImageView<const PlaneHypothesis> prior) {
-  return Recorded(problem, [&] { return patch_match_->RunPlanarPrior(problem, options, start, prior); });
+template <class Pass>
+EngineEstimatePtr RecordingDepthEngine::Recorded(const EngineProblem& problem, int level, const Pass& pass) {
+  CheckHandles(problem, level);
+  interrupt_->Check();
+  const PinholeCamera camera = CameraAtLevel(problem.reference.frame->camera, level);
+  const auto path = folder_->WorkFile(kStage, next_pass_++);
+  return Guarded([&] {
+    if (IsWholeWorkFile(path)) return engine_->UploadState(ReadEstimate(path, camera.width, camera.height), camera);
+    ++passes_run_;
+    EngineEstimatePtr estimate = pass();
+    const EstimateState state = engine_->DownloadState(estimate);
+    interrupt_->Check();
+    WriteEstimate(path, state);
+    return estimate;
+  });
 }
 
-PatchMatchResult RecordingPatchMatch::RunGeometric(const PatchMatchProblem& problem, const PatchMatchOptions& options,
-                                                   const PatchMatchResult& start, int pass) {
-  return Recorded(problem, [&] { return patch_match_->RunGeometric(problem, options, start, pass); });
+std::unique_ptr<DepthEngine> RecordingDepthEngine::Share() {
+  throw InvalidInputError("the engine of a recorded run cannot be shared");
 }
 
-PatchMatchTiming RecordingPatchMatch::last_timing() const {
-  return last_was_read_ ? PatchMatchTiming() : patch_match_->last_timing();
+EngineImagePtr RecordingDepthEngine::Load(const FramePtr& frame, int levels) {
+  return Guarded([&] { return engine_->Load(frame, levels); });
+}
+
+EngineEstimatePtr RecordingDepthEngine::RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options,
+                                                       int level) {
+  return Recorded(problem, level, [&] { return engine_->RunPhotometric(problem, options, level); });
+}
+
+EngineEstimatePtr RecordingDepthEngine::Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) {
+  return Guarded([&] { return engine_->Upsample(estimate, frame, level); });
+}
+
+std::vector<SupportPoint> RecordingDepthEngine::FindSupportPoints(const EngineEstimatePtr& estimate,
+                                                                  const DepthRange& range,
+                                                                  const PlanarPriorOptions& options) {
+  return Guarded([&] { return engine_->FindSupportPoints(estimate, range, options); });
+}
+
+EngineEstimatePtr RecordingDepthEngine::RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
+                                                       const EngineEstimatePtr& start, const PriorMesh& prior) {
+  return Recorded(problem, 0, [&] { return engine_->RunPlanarPrior(problem, options, start, prior); });
+}
+
+EngineEstimatePtr RecordingDepthEngine::RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
+                                                     const EngineEstimatePtr& start, int pass) {
+  return Recorded(problem, 0, [&] { return engine_->RunGeometric(problem, options, start, pass); });
+}
+
+ConsistencyResult RecordingDepthEngine::FilterByConsistency(const EngineView& reference,
+                                                            const std::vector<EngineView>& sources,
+                                                            const FusionOptions& options) {
+  return Guarded([&] { return engine_->FilterByConsistency(reference, sources, options); });
+}
+
+EstimateMaps RecordingDepthEngine::Download(const EngineEstimatePtr& estimate) {
+  return Guarded([&] { return engine_->Download(estimate); });
+}
+
+EstimateState RecordingDepthEngine::DownloadState(const EngineEstimatePtr& estimate) {
+  return Guarded([&] { return engine_->DownloadState(estimate); });
+}
+
+EngineEstimatePtr RecordingDepthEngine::UploadState(EstimateState state, const PinholeCamera& camera) {
+  return Guarded([&] { return engine_->UploadState(std::move(state), camera); });
 }
 
 }  // namespace acmp

@@ -3,8 +3,9 @@
 #include <exception>
 #include <memory>
 #include <string>
+#include <vector>
 
-#include "acmp_mapping/patch_match/patch_match.h"
+#include "acmp_mapping/pipeline/depth_engine.h"
 #include "reconstruct_folder.h"
 #include "reconstruct_interrupt.h"
 
@@ -15,21 +16,35 @@ struct RunAborted {
   std::exception_ptr reason;
 };
 
-/// Keeps every result of another PatchMatch on disk. The mapper is deterministic: fed with the same frames again it
-/// asks for the same passes in the same order, so a run that was interrupted gets the results it already had from here,
-/// at the cost of reading a file each.
-class RecordingPatchMatch : public PatchMatch {
+/// Keeps the result of every pass of another engine on disk. The mapper is deterministic: fed with the same frames
+/// again it asks for the same passes in the same order, so a run that was interrupted gets the results it already had
+/// from here, at the cost of reading a file each. So that the order holds, a failure of any step ends the run.
+class RecordingDepthEngine final : public DepthEngine {
  public:
-  /// @param patch_match not null; all outlive this
-  RecordingPatchMatch(PatchMatch* patch_match, const ReconstructFolder* folder, const InterruptWatcher* interrupt);
+  /// @param engine not null; all outlive this
+  RecordingDepthEngine(DepthEngine* engine, const ReconstructFolder* folder, const InterruptWatcher* interrupt);
 
-  PatchMatchResult RunPhotometric(const PatchMatchProblem& problem, const PatchMatchOptions& options) override;
-  PatchMatchResult RunPlanarPrior(const PatchMatchProblem& problem, const PatchMatchOptions& options,
-                                  const PatchMatchResult& start, ImageView<const PlaneHypothesis> prior) override;
-  PatchMatchResult RunGeometric(const PatchMatchProblem& problem, const PatchMatchOptions& options,
-                                const PatchMatchResult& start, int pass) override;
-  PatchMatchTiming last_timing() const override;
-  std::string device_name() const override { return patch_match_->device_name(); }
+  /// Refused: the order of the passes of two engines would not be the same in every run.
+  std::unique_ptr<DepthEngine> Share() override;
+
+  EngineImagePtr Load(const FramePtr& frame, int levels) override;
+  EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options, int level) override;
+  EngineEstimatePtr Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) override;
+  std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
+                                              const PlanarPriorOptions& options) override;
+  EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
+                                   const EngineEstimatePtr& start, const PriorMesh& prior) override;
+  EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
+                                 const EngineEstimatePtr& start, int pass) override;
+  ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
+                                        const FusionOptions& options) override;
+  EstimateMaps Download(const EngineEstimatePtr& estimate) override;
+  EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
+  EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override;
+  double TakeDeviceMs() override { return engine_->TakeDeviceMs(); }
+  size_t DeviceBytes() const override { return engine_->DeviceBytes(); }
+  size_t FreeDeviceBytes() const override { return engine_->FreeDeviceBytes(); }
+  std::string device_name() const override { return engine_->device_name(); }
 
   /// Passes that were really run, not read.
   int passes_run() const { return passes_run_; }
@@ -38,14 +53,13 @@ class RecordingPatchMatch : public PatchMatch {
 
  private:
   template <class Pass>
-  PatchMatchResult Recorded(const PatchMatchProblem& problem, const Pass& pass);
+  EngineEstimatePtr Recorded(const EngineProblem& problem, int level, const Pass& pass);
 
-  PatchMatch* patch_match_;
+  DepthEngine* engine_;
   const ReconstructFolder* folder_;
   const InterruptWatcher* interrupt_;
   int next_pass_ = 0;
   int passes_run_ = 0;
-  bool last_was_read_ = false;
 };
 
 }  // namespace acmp

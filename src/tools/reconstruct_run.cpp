@@ -2,13 +2,7 @@
 
 namespace acmp {
 
-void RunTimes::Add(const StageTimes& other) {
-  stages.photometric_ms += other.photometric_ms;
-  stages.prior_construction_ms += other.prior_construction_ms;
-  stages.planar_prior_ms += other.planar_prior_ms;
-  stages.geometric_ms += other.geometric_ms;
-  stages.kernels_ms += other.kernels_ms;
-}
+void RunTimes::Add(const StageTimes& other) { stages += other; }
 
 FrameStore::FrameStore(const Scene& scene, int max_image_size, size_t max_bytes)
     : scene_(scene), max_image_size_(max_image_size), cache_(max_bytes) {}

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "acmp_mapping/dataset/scene.h"
-#include "acmp_mapping/patch_match/patch_match.h"
+#include "reconstruct_engine.h"
 #include "reconstruct_folder.h"
 #include "reconstruct_interrupt.h"
 #include "reconstruct_lru_cache.h"
@@ -21,7 +21,7 @@ struct RunTimes {
   void Add(const StageTimes& other);
 };
 
-/// Images of a scene at the size of the run, the ones used last kept in memory.
+/// Images of a scene at the size of the run, the ones used last kept in memory. For any number of threads.
 class FrameStore {
  public:
   FrameStore(const Scene& scene, int max_image_size, size_t max_bytes);
@@ -42,7 +42,7 @@ struct ReconstructRun {
   const ReconstructOptions& options;
   ReconstructPlan& plan;
   const ReconstructFolder& folder;
-  PatchMatch& patch_match;
+  const std::vector<ReconstructEngine>& engines;  ///< at least one
   InterruptWatcher& interrupt;
   Progress& progress;
   RunTimes times;

@@ -18,7 +18,7 @@
 namespace acmp {
 namespace {
 
-constexpr uint32_t kEstimateMagic = 0x31545345;  // "EST1"
+constexpr uint32_t kEstimateMagic = 0x32545345;  // "EST2"
 constexpr uint32_t kMapsMagic = 0x3150414d;      // "MAP1"
 
 struct Header {
@@ -76,8 +76,8 @@ class Slicer {
 
 size_t BytesOf(const Header& header) {
   const size_t floats = 1 + 3 + 1 + (header.has_confidence ? 1 : 0);
-  const size_t per_pixel = header.magic == kEstimateMagic ? sizeof(PlaneHypothesis) + sizeof(float) + sizeof(uint32_t)
-                                                          : floats * sizeof(float) + sizeof(Rgb);
+  const size_t per_pixel =
+      header.magic == kEstimateMagic ? sizeof(PlaneHypothesis) + sizeof(float) : floats * sizeof(float) + sizeof(Rgb);
   return sizeof(Header) + static_cast<size_t>(header.width) * header.height * per_pixel;
 }
 
@@ -97,7 +97,7 @@ bool IsWholeWorkFile(const std::filesystem::path& path) {
   return !error && file && (IsValid(header, kEstimateMagic, bytes) || IsValid(header, kMapsMagic, bytes));
 }
 
-void WriteEstimate(const std::filesystem::path& path, const PatchMatchResult& estimate) {
+void WriteEstimate(const std::filesystem::path& path, const EstimateState& estimate) {
   Header header;
   header.magic = kEstimateMagic;
   header.width = estimate.planes.width();
@@ -106,25 +106,16 @@ void WriteEstimate(const std::filesystem::path& path, const PatchMatchResult& es
   file.Write(&header, sizeof(header));
   WritePixels(estimate.planes, &file);
   WritePixels(estimate.cost, &file);
-  WritePixels(estimate.selected_views, &file);
   file.Commit();
 }
 
-PatchMatchResult ReadEstimate(const std::filesystem::path& path, int width, int height) {
+EstimateState ReadEstimate(const std::filesystem::path& path, int width, int height) {
   std::ifstream file = OpenEstimate(path, width, height);
-  PatchMatchResult estimate;
+  EstimateState estimate;
   estimate.planes = ReadPixels<PlaneHypothesis>(&file, width, height);
   estimate.cost = ReadPixels<float>(&file, width, height);
-  estimate.selected_views = ReadPixels<uint32_t>(&file, width, height);
   if (!file || file.peek() != std::ifstream::traits_type::eof()) FailDamaged(path);
   return estimate;
-}
-
-PlaneMap ReadPlanes(const std::filesystem::path& path, int width, int height) {
-  std::ifstream file = OpenEstimate(path, width, height);
-  PlaneMap planes = ReadPixels<PlaneHypothesis>(&file, width, height);
-  if (!file) FailDamaged(path);
-  return planes;
 }
 
 void WriteFinalMaps(const std::filesystem::path& path, const FinalMaps& maps) {

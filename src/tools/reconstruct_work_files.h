@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "acmp_mapping/fusion/depth_fusion.h"
-#include "acmp_mapping/patch_match/patch_match_problem.h"
+#include "acmp_mapping/pipeline/depth_engine.h"
 
 namespace acmp {
 
@@ -13,11 +13,9 @@ namespace acmp {
 bool IsWholeWorkFile(const std::filesystem::path& path);
 
 /// Intermediate result of one image, as it is in memory: for this machine and this run only.
-void WriteEstimate(const std::filesystem::path& path, const PatchMatchResult& estimate);
+void WriteEstimate(const std::filesystem::path& path, const EstimateState& estimate);
 /// Throws ProcessingError when the file is damaged or has another size.
-PatchMatchResult ReadEstimate(const std::filesystem::path& path, int width, int height);
-/// Only the planes.
-PlaneMap ReadPlanes(const std::filesystem::path& path, int width, int height);
+EstimateState ReadEstimate(const std::filesystem::path& path, int width, int height);
 
 /// Final maps of one image, for fusion and output.
 struct FinalMaps {

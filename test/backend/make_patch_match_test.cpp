@@ -1,4 +1,6 @@
-#include "acmp_mapping/backend/make_patch_match.h"
+#include "acmp_mapping/backend/make_depth_engine.h"
+
+#include <ostream>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -31,52 +33,81 @@ TEST(ParseDeviceTest, RefusesOthersByName) {
   }
 }
 
-/// Why there is no GPU to use; empty if there is one.
-std::string ReasonAgainstCuda(int index) {
-  try {
-    MakePatchMatch(Device::kCuda, index);
-  } catch (const InvalidInputError& error) {
-    return error.what();
+/// What a factory made, of single passes or of whole engines.
+struct Made {
+  std::string device_name;  ///< empty: nothing
+  std::string fallback_reason;
+};
+
+Made MakePasses(Device device, int cuda_index) {
+  const PatchMatchBackend backend = MakePatchMatch(device, cuda_index);
+  return {backend.patch_match ? backend.patch_match->device_name() : "", backend.fallback_reason};
+}
+
+Made MakeEngine(Device device, int cuda_index) {
+  const DepthEngineBackend backend = MakeDepthEngine(device, cuda_index);
+  return {backend.engine ? backend.engine->device_name() : "", backend.fallback_reason};
+}
+
+struct Factory {
+  const char* name;
+  Made (*make)(Device device, int cuda_index);
+};
+void PrintTo(const Factory& factory, std::ostream* out) { *out << factory.name; }
+
+class BackendTest : public ::testing::TestWithParam<Factory> {
+ protected:
+  static Made Make(Device device, int index = 0) { return GetParam().make(device, index); }
+
+  /// Why there is no GPU to use; empty if there is one.
+  static std::string ReasonAgainstCuda(int index) {
+    try {
+      Make(Device::kCuda, index);
+    } catch (const InvalidInputError& error) {
+      return error.what();
+    }
+    return "";
   }
-  return "";
+};
+
+TEST_P(BackendTest, CpuIsAlwaysThere) {
+  const Made made = Make(Device::kCpu);
+  EXPECT_THAT(made.fallback_reason, IsEmpty());
+  EXPECT_THAT(made.device_name, AllOf(StartsWith("cpu ("), HasSubstr(" thread")));
 }
 
-TEST(MakePatchMatchTest, CpuIsAlwaysThere) {
-  const PatchMatchBackend backend = MakePatchMatch(Device::kCpu);
-  ASSERT_NE(backend.patch_match, nullptr);
-  EXPECT_THAT(backend.fallback_reason, IsEmpty());
-  EXPECT_THAT(backend.patch_match->device_name(), AllOf(StartsWith("cpu ("), HasSubstr(" thread")));
-}
-
-TEST(MakePatchMatchTest, AutoTakesTheGpuOrSaysWhyNot) {
+TEST_P(BackendTest, AutoTakesTheGpuOrSaysWhyNot) {
   const std::string reason = ReasonAgainstCuda(0);
-  const PatchMatchBackend backend = MakePatchMatch(Device::kAuto);
-  ASSERT_NE(backend.patch_match, nullptr);
+  const Made made = Make(Device::kAuto);
   if (reason.empty()) {
-    EXPECT_THAT(backend.patch_match->device_name(), HasSubstr("(cuda:0)"));
-    EXPECT_THAT(backend.fallback_reason, IsEmpty());
+    EXPECT_THAT(made.device_name, HasSubstr("(cuda:0)"));
+    EXPECT_THAT(made.fallback_reason, IsEmpty());
   } else {
-    EXPECT_THAT(backend.patch_match->device_name(), StartsWith("cpu"));
-    EXPECT_THAT(backend.fallback_reason, Not(IsEmpty()));
-    EXPECT_THAT(reason, HasSubstr(backend.fallback_reason));
+    EXPECT_THAT(made.device_name, StartsWith("cpu"));
+    EXPECT_THAT(made.fallback_reason, Not(IsEmpty()));
+    EXPECT_THAT(reason, HasSubstr(made.fallback_reason));
   }
 }
 
-TEST(MakePatchMatchTest, CudaWithoutGpuIsAnError) {
+TEST_P(BackendTest, CudaWithoutGpuIsAnError) {
   const std::string reason = ReasonAgainstCuda(0);
   if (reason.empty()) GTEST_SKIP() << "this machine has a GPU";
   EXPECT_THAT(reason, StartsWith("device = cuda: "));
 }
 
-TEST(MakePatchMatchTest, IndexOutOfRangeIsAnErrorThatNamesIt) {
+TEST_P(BackendTest, IndexOutOfRangeIsAnErrorThatNamesIt) {
   if (!ReasonAgainstCuda(0).empty()) GTEST_SKIP() << ReasonAgainstCuda(0);
   for (const int index : {-1, 1000}) {
     EXPECT_THAT(ReasonAgainstCuda(index), HasSubstr(Concat("index = ", index)));
-    const PatchMatchBackend backend = MakePatchMatch(Device::kAuto, index);
-    EXPECT_THAT(backend.patch_match->device_name(), StartsWith("cpu"));
-    EXPECT_THAT(backend.fallback_reason, HasSubstr(Concat("index = ", index)));
+    const Made made = Make(Device::kAuto, index);
+    EXPECT_THAT(made.device_name, StartsWith("cpu"));
+    EXPECT_THAT(made.fallback_reason, HasSubstr(Concat("index = ", index)));
   }
 }
+
+INSTANTIATE_TEST_SUITE_P(Factories, BackendTest,
+                         ::testing::Values(Factory{"passes", &MakePasses}, Factory{"engine", &MakeEngine}),
+                         [](const auto& info) { return info.param.name; });
 
 }  // namespace
 }  // namespace acmp

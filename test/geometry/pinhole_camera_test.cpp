@@ -63,6 +63,29 @@ TEST(PinholeCameraTest, ResizedThereAndBackIsTheSame) {
   EXPECT_TRUE(kCamera.Resized(640, 480) == kCamera);
 }
 
+TEST(PinholeCameraTest, HalvedSeesTheMeansOfTwoByTwoPixels) {
+  // Pixel 0 of the halved image covers pixels 0 and 1, whose middle is 0.5: u -> (u - 0.5) / 2, whatever the size.
+  for (const auto& [width, height] : {std::pair(640, 480), {641, 483}, {7, 2}}) {
+    PinholeCamera camera = kCamera;
+    camera.width = width;
+    camera.height = height;
+    const PinholeCamera halved = camera.Halved();
+    EXPECT_EQ(halved.width, width / 2);
+    EXPECT_EQ(halved.height, height / 2);
+    for (const Eigen::Vector3d& point : {Eigen::Vector3d(0.3, -0.2, 1.5), {-4, 2, 9}, {0, 0, 1}}) {
+      const Eigen::Vector2d before = camera.Project(point), after = halved.Project(point);
+      EXPECT_NEAR(after.x(), (before.x() - 0.5) / 2, 1e-9);
+      EXPECT_NEAR(after.y(), (before.y() - 0.5) / 2, 1e-9);
+    }
+  }
+  // Where nothing is left out it is the camera of the resized image.
+  const PinholeCamera halved = kCamera.Halved(), resized = kCamera.Resized(320, 240);
+  EXPECT_NEAR(halved.cx, resized.cx, 1e-12);
+  EXPECT_NEAR(halved.cy, resized.cy, 1e-12);
+  EXPECT_EQ(halved.fx, resized.fx);
+  EXPECT_EQ(halved.fy, resized.fy);
+}
+
 TEST(PinholeCameraTest, EqualityComparesEveryField) {
   PinholeCamera other = kCamera;
   EXPECT_TRUE(other == kCamera);

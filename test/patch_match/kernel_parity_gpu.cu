@@ -2,7 +2,7 @@
 
 #include "acmp_mapping/patch_match/kernel/bilinear_sampler.h"
 #include "acmp_mapping/patch_match/match_setup.h"
-#include "cuda_resources.h"
+#include "cuda_device.h"
 #include "kernel_parity_answer.h"
 #include "patch_match_kernels.h"
 
@@ -25,24 +25,23 @@ __global__ void AnswerKernel(const MatchContext<BilinearSampler> bilinear, const
 template <class T>
 class OnDevice {
  public:
-  OnDevice(const T* host, size_t count, const CudaStream& stream) {
-    buffer_.Resize(count);
-    buffer_.Upload(host, stream);
+  OnDevice(const T* host, size_t count, const CudaDevicePtr& device, const CudaStream& stream) : array_(device, count) {
+    array_.Upload(host, count, stream);
     stream.Synchronize();
   }
-  T* data() const { return buffer_.data(); }
+  T* data() const { return array_.data(); }
 
  private:
-  DeviceBuffer<T> buffer_;
+  DeviceArray<T> array_;
 };
 
 /// Uploads an image of the problem (rows without padding).
 using Pixels = std::unique_ptr<OnDevice<float>>;
-ImageView<const float> Upload(const ImageView<const float>& image, const CudaStream& stream,
-                              std::vector<Pixels>* owners) {
+ImageView<const float> Upload(const ImageView<const float>& image, const CudaDevicePtr& device,
+                              const CudaStream& stream, std::vector<Pixels>* owners) {
   if (image.empty()) return {};
   owners->push_back(
-      std::make_unique<OnDevice<float>>(image.data, static_cast<size_t>(image.width) * image.height, stream));
+      std::make_unique<OnDevice<float>>(image.data, static_cast<size_t>(image.width) * image.height, device, stream));
   return {owners->back()->data(), image.width, image.height, image.width};
 }
 
@@ -50,26 +49,27 @@ ImageView<const float> Upload(const ImageView<const float>& image, const CudaStr
 
 std::vector<ParityAnswer> AnswerOnGpu(const PatchMatchProblem& problem, const PlaneMap& prior,
                                       const std::vector<ParityQuery>& queries) {
+  const auto device = std::make_shared<CudaDevice>(0);
   const CudaStream stream;
+  PinnedBuffer staging;
   std::vector<Pixels> owners;
-  DeviceTexture textures;
+  auto texture = MakeMatchContext<TextureSampler>(problem, {}, 0);
   std::vector<ImageView<const float>> images;
-  std::vector<ImageView<const float>> host_images;
   std::vector<SourceView> views = MakeSourceViews(problem);
   for (size_t i = 0; i < views.size(); ++i) {
     const MatchView& source = problem.sources[i];
-    images.push_back(Upload(source.gray, stream, &owners));
-    views[i].depth = Upload(source.depth, stream, &owners);
-    host_images.push_back(source.gray);
+    images.push_back(Upload(source.gray, device, stream, &owners));
+    views[i].depth = Upload(source.depth, device, stream, &owners);
+    int& layer = texture.sampler.layers[i];
+    layer = device->images(0).Acquire(source.gray.width, source.gray.height, stream, &device->images_mutex());
+    device->images(0).Upload(source.gray, layer, &staging, stream);
   }
-  textures.Upload(host_images, stream);
-  const ImageView<const float> reference = Upload(problem.reference.gray, stream, &owners);
-  const OnDevice<SourceView> device_views(views.data(), views.size(), stream);
-  const OnDevice<ImageView<const float>> device_images(images.data(), images.size(), stream);
-  const OnDevice<PlaneHypothesis> device_prior(prior.data(), prior.size(), stream);
-  const OnDevice<ParityQuery> device_queries(queries.data(), queries.size(), stream);
-  DeviceBuffer<ParityAnswer> device_answers;
-  device_answers.Resize(queries.size());
+  const ImageView<const float> reference = Upload(problem.reference.gray, device, stream, &owners);
+  const OnDevice<SourceView> device_views(views.data(), views.size(), device, stream);
+  const OnDevice<ImageView<const float>> device_images(images.data(), images.size(), device, stream);
+  const OnDevice<PlaneHypothesis> device_prior(prior.data(), prior.size(), device, stream);
+  const OnDevice<ParityQuery> device_queries(queries.data(), queries.size(), device, stream);
+  const DeviceArray<ParityAnswer> device_answers(device, queries.size());
 
   const ImageView<const PlaneHypothesis> prior_view = {device_prior.data(), prior.width(), prior.height(),
                                                        prior.width()};
@@ -77,8 +77,8 @@ std::vector<ParityAnswer> AnswerOnGpu(const PatchMatchProblem& problem, const Pl
   bilinear.sampler = {reference, device_images.data()};
   bilinear.sources = device_views.data();
   bilinear.prior = prior_view;
-  auto texture = MakeMatchContext<TextureSampler>(problem, {}, 0);
-  texture.sampler = {reference, textures.get()};
+  texture.sampler.reference = reference;
+  texture.sampler.images = device->images(0).texture();
   texture.sources = device_views.data();
   texture.prior = prior_view;
 
@@ -88,7 +88,7 @@ std::vector<ParityAnswer> AnswerOnGpu(const PatchMatchProblem& problem, const Pl
                                                                            count, device_answers.data());
   CudaCheck(cudaGetLastError(), "launch parity kernel");
   std::vector<ParityAnswer> answers(queries.size());
-  device_answers.Download(answers.data(), stream);
+  device_answers.Download(answers.data(), answers.size(), stream);
   stream.Synchronize();
   return answers;
 }

@@ -7,8 +7,11 @@
 #include <utility>
 #include <vector>
 
+#include "gtest/gtest.h"
+
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/pipeline/dense_mapper.h"
+#include "acmp_mapping/pipeline/host_depth_engine.h"
 
 namespace acmp {
 
@@ -57,7 +60,7 @@ class FakePatchMatch : public PatchMatch {
     std::vector<int64_t> sources;
     std::vector<float> source_depths;  ///< at the first pixel; -1 where there is no map
     int geometric_pass = -1;
-    uint32_t start_mask = 0;
+    int width = 0;  ///< of all images, px
     float start_depth = 0;
     DepthRange range;
   };
@@ -82,7 +85,7 @@ class FakePatchMatch : public PatchMatch {
  private:
   PatchMatchResult Answer(const std::string& pass, const PatchMatchProblem& problem, const PatchMatchResult* start,
                           int geometric_pass) {
-    Check(problem);
+    Check(problem);  // so the sources have the size of their cameras too
     Call call;
     call.pass = pass;
     call.reference = std::lround(problem.reference.gray(0, 0));
@@ -92,21 +95,21 @@ class FakePatchMatch : public PatchMatch {
     }
     call.geometric_pass = geometric_pass;
     call.range = problem.depth_range;
+    call.width = problem.reference.camera.width;
+    for (const MatchView& source : problem.sources) EXPECT_EQ(source.camera.width, call.width);
     if (start != nullptr) {
-      call.start_mask = start->selected_views(0, 0);
+      EXPECT_EQ(start->planes.width(), call.width);
       call.start_depth = start->planes(0, 0).d;
     }
     calls.push_back(call);
     if (before_answer) before_answer(call);
 
-    const int width = problem.reference.camera.width;
     const int height = problem.reference.camera.height;
     const double depth = kWallDepth * (pass == "geometric" ? 1.0 : kFastError);
     PatchMatchResult result;
-    result.planes = PlaneMap(width, height, {0, 0, -1, static_cast<float>(depth)});
-    result.cost = CostMap(width, height, 0.05f);
-    // The first and the last source view count.
-    result.selected_views = Image<uint32_t>(width, height, 1u | 1u << (problem.sources.size() - 1));
+    result.planes = PlaneMap(call.width, height, {0, 0, -1, static_cast<float>(depth)});
+    result.cost = CostMap(call.width, height, 0.05f);
+    result.selected_views = Image<uint32_t>(call.width, height);
     return result;
   }
 };
@@ -114,7 +117,7 @@ class FakePatchMatch : public PatchMatch {
 /// A mapper over the fake that notes every callback as "fast 3", "refined 3" or "drop 3 reason".
 class MapperHarness {
  public:
-  explicit MapperHarness(const DenseMapperOptions& options) : mapper(&patch_match, options, MakeCallbacks()) {}
+  explicit MapperHarness(const DenseMapperOptions& options) : mapper(&engine, options, MakeCallbacks()) {}
 
   /// What was called since the last time this was asked.
   std::vector<std::string> TakeEvents() { return std::exchange(events, {}); }
@@ -133,6 +136,7 @@ class MapperHarness {
   }
 
   FakePatchMatch patch_match;
+  HostDepthEngine engine{&patch_match};
   std::vector<std::string> events;
   std::vector<KeyframeDepthPtr> fast;
   std::vector<KeyframeDepthPtr> refined;

@@ -77,6 +77,7 @@ DenseMapperOptions RandomOptions(std::mt19937* random) {
   const int min_views = 1 + static_cast<int>((*random)() % static_cast<unsigned>(std::min(3, window_size - 1)));
   DenseMapperOptions options = FakeOptions(window_size, lookahead, min_views);
   options.pipeline.geometric_passes = static_cast<int>((*random)() % 3);
+  options.pipeline.start_level = static_cast<int>((*random)() % 3);
   if ((*random)() % 2 == 0) options.fallback_depth_range = {1, 20};
   return options;
 }
@@ -147,13 +148,13 @@ std::vector<KeyframeDepthPtr> MapSyntheticScene(const std::vector<FramePtr>& fra
   DenseMapperOptions options;
   options.window_size = 5;
   options.lookahead = 1;
-  const auto patch_match = MakePatchMatchCpu();
+  const auto engine = MakeCpuDepthEngine();
   std::vector<KeyframeDepthPtr> maps;
   DenseMapper::Callbacks callbacks;
   callbacks.on_fast = [&](const KeyframeDepthPtr& depth) { maps.push_back(depth); };
   callbacks.on_refined = callbacks.on_fast;
   callbacks.on_drop = [](const KeyframeDrop& drop) { ADD_FAILURE() << drop.message; };
-  DenseMapper mapper(patch_match.get(), options, callbacks);
+  DenseMapper mapper(engine.get(), options, callbacks);
   for (const FramePtr& frame : frames) mapper.AddKeyframe(frame);
   mapper.Flush();
   return maps;

@@ -115,24 +115,6 @@ TEST(DenseMapperTest, GeometricPassesReadTheNeighboursAsTheyAreWhenRefinementBeg
   EXPECT_FLOAT_EQ(calls[1].start_depth, kRefinedDepth);
 }
 
-TEST(DenseMapperTest, SelectedViewsFollowTheirKeyframes) {
-  MapperHarness harness(FakeOptions(6, 2));
-  for (int id = 0; id <= 7; ++id) harness.Add(WallFrame(id));
-  const auto initial = CallsOf(harness.patch_match, "photometric", 5)[0];
-  const auto geometric = CallsOf(harness.patch_match, "geometric", 5);
-  // The fake selected the first and the last of the initial views; of those still in the window (2..7) the bits moved.
-  uint32_t expected = 0;
-  for (const int64_t selected : {initial.sources.front(), initial.sources.back()}) {
-    for (size_t j = 0; j < geometric[0].sources.size(); ++j) {
-      if (geometric[0].sources[j] == selected) expected |= 1u << j;
-    }
-  }
-  EXPECT_NE(expected, 0u);
-  EXPECT_EQ(geometric[0].start_mask, expected);
-  // Between geometric passes the list is the same, and so is the mask.
-  EXPECT_EQ(geometric[1].start_mask, 1u | 1u << (geometric[0].sources.size() - 1));
-}
-
 TEST(DenseMapperTest, MapsCarryWhatBelongsToThem) {
   MapperHarness harness(FakeOptions(6, 1));
   for (int id = 0; id <= 3; ++id) harness.Add(WallFrame(id));
@@ -446,7 +428,7 @@ TEST(DenseMapperOptionsTest, AreCheckedAndKeptWhenBad) {
   harness.Add(WallFrame(0));
   harness.Add(WallFrame(1));
   EXPECT_THAT(harness.Add(WallFrame(2)), SizeIs(6));  // still lookahead 0
-  EXPECT_THROW(DenseMapper(&harness.patch_match, bad, {}), InvalidInputError);
+  EXPECT_THROW(DenseMapper(&harness.engine, bad, {}), InvalidInputError);
   EXPECT_THROW(DenseMapper(nullptr, FakeOptions(6, 2), {}), InvalidInputError);
 }
 
@@ -461,9 +443,39 @@ TEST(DenseMapperOptionsTest, TakeEffectFromTheNextKeyframe) {
   EXPECT_THAT(CallsOf(harness.patch_match, "geometric", 3), SizeIs(1));
 }
 
+TEST(DenseMapperOptionsTest, StartLevelHalvesThePhotometricPassAndNothingElse) {
+  MapperHarness harness(FakeOptions(6, 2));
+  for (int id = 0; id < 4; ++id) harness.Add(WallFrame(id));
+  DenseMapperOptions options = FakeOptions(6, 2);
+  // The sources are in the window already, loaded without halved images.
+  options.pipeline.start_level = 1;
+  harness.mapper.set_options(options);
+  EXPECT_THAT(harness.Add(WallFrame(4)), ElementsAre("fast 4", "refined 2"));
+  // And again for a level above the one they were loaded with.
+  options.pipeline.start_level = 2;
+  harness.mapper.set_options(options);
+  EXPECT_THAT(harness.Add(WallFrame(5)), ElementsAre("fast 5", "refined 3"));
+  options.pipeline.start_level = 0;
+  harness.mapper.set_options(options);
+  EXPECT_THAT(harness.Add(WallFrame(6)), ElementsAre("fast 6", "refined 4"));
+  const std::vector<int> expected = {24, 24, 24, 24, 12, 6, 24};
+  for (int id = 0; id <= 6; ++id) {
+    const auto calls = CallsOf(harness.patch_match, "photometric", id);
+    ASSERT_THAT(calls, SizeIs(1)) << id;
+    EXPECT_EQ(calls[0].width, expected[static_cast<size_t>(id)]) << id;
+    for (const auto& call : CallsOf(harness.patch_match, "geometric", id)) EXPECT_EQ(call.width, 24) << id;
+  }
+  for (const auto& depth : harness.fast) {
+    ASSERT_EQ(depth->depth.width(), kWallCamera.width);
+    ASSERT_EQ(depth->cost.height(), kWallCamera.height);
+    for (const float z : depth->depth) EXPECT_FLOAT_EQ(z, kFastDepth);
+  }
+}
+
 TEST(DenseMapperTest, CallbacksMayBeEmpty) {
   FakePatchMatch patch_match;
-  DenseMapper mapper(&patch_match, FakeOptions(3, 1), {});
+  HostDepthEngine engine(&patch_match);
+  DenseMapper mapper(&engine, FakeOptions(3, 1), {});
   for (int id = 0; id < 6; ++id) mapper.AddKeyframe(WallFrame(id));
   mapper.AddKeyframe(WallFrame(6, -100));
   mapper.Flush();

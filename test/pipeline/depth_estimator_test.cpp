@@ -6,13 +6,13 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/pipeline/host_depth_engine.h"
 #include "support/planar_scene.h"
 
 namespace acmp {
 namespace {
 
 using ::testing::ElementsAre;
-using ::testing::HasSubstr;
 
 /// Stands in for a device: remembers what it was asked and returns a slanted plane with credible and other pixels.
 class FakePatchMatch final : public PatchMatch {
@@ -24,7 +24,7 @@ class FakePatchMatch final : public PatchMatch {
   PatchMatchResult RunPlanarPrior(const PatchMatchProblem& problem, const PatchMatchOptions& options,
                                   const PatchMatchResult& start, ImageView<const PlaneHypothesis> prior) override {
     Note("planar prior", problem, options);
-    start_d = start.planes(0, 0).d;
+    last_start = start.Clone();
     last_prior = PlaneMap(prior.width, prior.height);
     for (int row = 0; row < prior.height; ++row) {
       for (int col = 0; col < prior.width; ++col) last_prior(col, row) = prior(col, row);
@@ -34,22 +34,23 @@ class FakePatchMatch final : public PatchMatch {
   PatchMatchResult RunGeometric(const PatchMatchProblem& problem, const PatchMatchOptions& options,
                                 const PatchMatchResult& start, int pass) override {
     Note(Concat("geometric ", pass), problem, options);
-    start_d = start.planes(0, 0).d;
+    last_start = start.Clone();
     return Result(problem, {0, 0, -1, 6});
   }
   PatchMatchTiming last_timing() const override { return {1, 10, 1}; }
   std::string device_name() const override { return "fake"; }
 
   std::vector<std::string> calls;
-  PatchMatchProblem last_problem;
+  std::vector<PatchMatchProblem> problems;  ///< of the calls; their pixels belong to the caller
   PatchMatchOptions last_options;
   PlaneMap last_prior;
-  float start_d = 0;
+  PatchMatchResult last_start;
 
  private:
   void Note(const std::string& name, const PatchMatchProblem& problem, const PatchMatchOptions& options) {
     calls.push_back(name);
-    last_problem = problem;
+    Check(problem);  // so the images have the size of their cameras
+    problems.push_back(problem);
     last_options = options;
   }
   static PatchMatchResult Result(const PatchMatchProblem& problem, const PlaneHypothesis& plane) {
@@ -63,48 +64,75 @@ class FakePatchMatch final : public PatchMatch {
   }
 };
 
-/// Frames that share nothing but their sizes; the fake does not look at them.
-struct Frames {
-  Frames() {
-    for (int i = 0; i < 4; ++i) {
-      const PinholeCamera camera = i == 3 ? TestCamera(30, 26) : TestCamera(40, 30);
-      frames.push_back(std::make_shared<const Frame>(MakeFrame(i, 0, ColorImage(camera.width, camera.height), camera,
-                                                               LookAhead({0.2 * i, 0, 0}, 0, 0, 0), {}, 0)));
-    }
-  }
-  const Frame& reference() const { return *frames[0]; }
-  std::vector<FramePtr> sources() const { return {frames[2], frames[1], frames[3]}; }
-  std::vector<FramePtr> frames;
-};
-
 constexpr DepthRange kRange = {1, 10};
 
-TEST(DepthEstimatorTest, WithoutPriorRunsThePhotometricPassOnly) {
-  FakePatchMatch fake;
-  DepthEstimator estimator(&fake, MakePreset("acmh"));
-  const Frames frames;
-  const PatchMatchResult result = estimator.EstimateInitial(frames.reference(), frames.sources(), kRange);
-  EXPECT_THAT(fake.calls, ElementsAre("photometric"));
-  EXPECT_EQ(result.planes(0, 0).d, 3.2f);
+/// An image without two equal neighbours, so that the means of any four pixels differ from the pixels.
+ColorImage Pattern(int width, int height, int offset) {
+  ColorImage image(width, height);
+  for (int row = 0; row < height; ++row) {
+    for (int col = 0; col < width; ++col) {
+      const auto value = static_cast<unsigned char>(37 * col + 101 * row + offset);
+      image(col, row) = {value, value, value};
+    }
+  }
+  return image;
+}
+
+/// An estimator over the fake, a reference frame of 40 x 30 pixels and three sources, the last of 30 x 26.
+class DepthEstimatorTest : public ::testing::Test {
+ protected:
+  DepthEstimatorTest() {
+    for (int i = 0; i < 4; ++i) {
+      const PinholeCamera camera = i == 3 ? TestCamera(30, 26) : TestCamera(40, 30);
+      frames_.push_back(std::make_shared<const Frame>(MakeFrame(i, 0, Pattern(camera.width, camera.height, i), camera,
+                                                                LookAhead({0.2 * i, 0, 0}, 0, 0, 0), {}, 0)));
+    }
+  }
+
+  EngineView View(int index, int levels) {
+    return {frames_[static_cast<size_t>(index)], engine_.Load(frames_[static_cast<size_t>(index)], levels), nullptr};
+  }
+  /// Frame 0 against 2, 1 and 3.
+  EngineProblem Problem(int levels = 0) {
+    return {View(0, levels), {View(2, levels), View(1, levels), View(3, levels)}, kRange};
+  }
+  /// An estimate whose planes face the camera at one depth.
+  EngineEstimatePtr EstimateAt(float depth, int width, int height) {
+    return engine_.UploadState({PlaneMap(width, height, {0, 0, -1, depth}), CostMap(width, height)},
+                               TestCamera(width, height));
+  }
+  PlaneHypothesis FirstPlane(const EngineEstimatePtr& estimate) { return engine_.DownloadState(estimate).planes(0, 0); }
+
+  FakePatchMatch fake_;
+  HostDepthEngine engine_{&fake_};
+  std::vector<FramePtr> frames_;
+};
+
+TEST_F(DepthEstimatorTest, WithoutPriorRunsThePhotometricPassOnly) {
+  DepthEstimator estimator(&engine_, MakePreset("acmh"));
+  const EngineEstimatePtr estimate = estimator.EstimateInitial(Problem());
+  EXPECT_THAT(fake_.calls, ElementsAre("photometric"));
+  EXPECT_EQ(FirstPlane(estimate).d, 3.2f);
   EXPECT_EQ(estimator.last_times().kernels_ms, 10);
   EXPECT_EQ(estimator.last_times().planar_prior_ms, 0);
 }
 
-TEST(DepthEstimatorTest, HandsOverViewsInOrderWithTheirCameras) {
-  FakePatchMatch fake;
+TEST_F(DepthEstimatorTest, HandsOverViewsInOrderWithTheirCameras) {
   PipelineOptions options = MakePreset("acmh");
   options.patch_match.seed = 17;
-  DepthEstimator estimator(&fake, options);
-  const Frames frames;
-  estimator.EstimateInitial(frames.reference(), frames.sources(), kRange);
-  EXPECT_EQ(fake.last_options.seed, 17u);
-  EXPECT_EQ(fake.last_problem.depth_range.min, 1);
-  EXPECT_EQ(fake.last_problem.depth_range.max, 10);
-  EXPECT_EQ(fake.last_problem.reference.gray.data, frames.frames[0]->gray.data());
-  ASSERT_EQ(fake.last_problem.sources.size(), 3u);
-  for (int i = 0; i < 3; ++i) {
-    const Frame& expected = *frames.sources()[i];
-    const MatchView& view = fake.last_problem.sources[i];
+  DepthEstimator estimator(&engine_, options);
+  EngineProblem problem = Problem();
+  problem.sources[0].estimate = EstimateAt(4, 40, 30);  // not for this pass
+  estimator.EstimateInitial(problem);
+  EXPECT_EQ(fake_.last_options.seed, 17u);
+  const PatchMatchProblem& seen = fake_.problems.at(0);
+  EXPECT_EQ(seen.depth_range.min, 1);
+  EXPECT_EQ(seen.depth_range.max, 10);
+  EXPECT_EQ(seen.reference.gray.data, frames_[0]->gray.data());
+  ASSERT_EQ(seen.sources.size(), 3u);
+  for (size_t i = 0; i < 3; ++i) {
+    const Frame& expected = *problem.sources[i].frame;
+    const MatchView& view = seen.sources[i];
     EXPECT_EQ(view.gray.data, expected.gray.data());
     EXPECT_TRUE(view.camera == expected.camera);
     EXPECT_EQ((view.cam_from_world.matrix() - expected.cam_from_world.matrix()).norm(), 0);
@@ -112,20 +140,10 @@ TEST(DepthEstimatorTest, HandsOverViewsInOrderWithTheirCameras) {
   }
 }
 
-TEST(DepthEstimatorTest, PriorComesFromTheCrediblePixelsOfThePhotometricPass) {
-  FakePatchMatch fake;
-  DepthEstimator estimator(&fake, MakePreset("acmp"));
-  const Frames frames;
-  const PatchMatchResult result = estimator.EstimateInitial(frames.reference(), frames.sources(), kRange);
-  EXPECT_THAT(fake.calls, ElementsAre("photometric", "planar prior"));  // the geometric passes are asked for apart
-  EXPECT_EQ(fake.start_d, 3.2f);
-  EXPECT_EQ(result.planes(0, 0).d, 5);
-  EXPECT_EQ(estimator.last_times().kernels_ms, 20);
-  // All credible pixels lie on one plane, so every triangle has that plane; only the rim lies outside all triangles.
-  ASSERT_EQ(fake.last_prior.width(), 40);
-  ASSERT_EQ(fake.last_prior.height(), 30);
+/// Number of pixels with a prior, each with the plane of the fake's photometric pass.
+int CountPriorsOnThePlane(const PlaneMap& prior) {
   int with_prior = 0;
-  for (const PlaneHypothesis& plane : fake.last_prior) {
+  for (const PlaneHypothesis& plane : prior) {
     if (!(plane.d > 0)) continue;
     ++with_prior;
     // Triangles down to 5 px across at depth 4: rounding of depths to 1e-7 over about 0.6 m.
@@ -134,63 +152,164 @@ TEST(DepthEstimatorTest, PriorComesFromTheCrediblePixelsOfThePhotometricPass) {
     EXPECT_NEAR(plane.nz, -0.8, 1e-4);
     EXPECT_NEAR(plane.d, 3.2, 1e-3);
   }
-  EXPECT_GT(with_prior, 0.6 * 40 * 30);
+  return with_prior;
 }
 
-TEST(DepthEstimatorTest, WithoutSupportThePriorIsEmptyAndThePassStillRuns) {
-  FakePatchMatch fake;
+TEST_F(DepthEstimatorTest, PriorComesFromTheCrediblePixelsOfThePhotometricPass) {
+  DepthEstimator estimator(&engine_, MakePreset("acmp"));
+  const EngineEstimatePtr estimate = estimator.EstimateInitial(Problem());
+  EXPECT_THAT(fake_.calls, ElementsAre("photometric", "planar prior"));  // the geometric passes are asked for apart
+  EXPECT_EQ(fake_.last_start.planes(0, 0).d, 3.2f);
+  EXPECT_EQ(FirstPlane(estimate).d, 5);
+  EXPECT_EQ(estimator.last_times().kernels_ms, 20);
+  EXPECT_EQ(estimator.last_times().photometric_kernels_ms, 10);
+  // All credible pixels lie on one plane, so every triangle has that plane; only the rim lies outside all triangles.
+  ASSERT_EQ(fake_.last_prior.width(), 40);
+  ASSERT_EQ(fake_.last_prior.height(), 30);
+  EXPECT_GT(CountPriorsOnThePlane(fake_.last_prior), 0.6 * 40 * 30);
+}
+
+TEST_F(DepthEstimatorTest, WithoutSupportThePriorIsEmptyAndThePassStillRuns) {
   PipelineOptions options = MakePreset("acmp");
   options.planar_prior.max_support_cost = 0.01f;  // no pixel is that good
-  DepthEstimator estimator(&fake, options);
-  const Frames frames;
-  estimator.EstimateInitial(frames.reference(), frames.sources(), kRange);
-  EXPECT_THAT(fake.calls, ElementsAre("photometric", "planar prior"));
-  for (const PlaneHypothesis& plane : fake.last_prior) ASSERT_EQ(plane.d, 0);
+  DepthEstimator estimator(&engine_, options);
+  estimator.EstimateInitial(Problem());
+  EXPECT_THAT(fake_.calls, ElementsAre("photometric", "planar prior"));
+  for (const PlaneHypothesis& plane : fake_.last_prior) ASSERT_EQ(plane.d, 0);
 }
 
-TEST(DepthEstimatorTest, RefinementReadsTheGivenDepthsAndStart) {
-  FakePatchMatch fake;
-  DepthEstimator estimator(&fake, MakePreset("acmp"));
-  const Frames frames;
-  const DepthMap first(40, 30, 4.0f), third(30, 26, 5.0f);
-  PatchMatchResult start = {PlaneMap(40, 30, {0, 0, -1, 4.5f}), CostMap(40, 30), Image<uint32_t>(40, 30)};
-  const PatchMatchResult result =
-      estimator.RefineGeometric(frames.reference(), frames.sources(), {&first, nullptr, &third}, kRange, start, 1);
-  EXPECT_THAT(fake.calls, ElementsAre("geometric 1"));
-  EXPECT_EQ(fake.start_d, 4.5f);
-  EXPECT_EQ(result.planes(0, 0).d, 6);
-  ASSERT_EQ(fake.last_problem.sources.size(), 3u);
-  EXPECT_EQ(fake.last_problem.sources[0].depth.data, first.data());
-  EXPECT_TRUE(fake.last_problem.sources[1].depth.empty());
-  EXPECT_EQ(fake.last_problem.sources[2].depth.data, third.data());
+TEST_F(DepthEstimatorTest, PhotometricPassOfAStartLevelSeesHalvedImages) {
+  PipelineOptions options = MakePreset("acmp");
+  options.start_level = 1;
+  DepthEstimator estimator(&engine_, options);
+  const EngineProblem problem = Problem(1);
+  estimator.EstimateInitial(problem);
+  ASSERT_THAT(fake_.calls, ElementsAre("photometric", "planar prior"));
+  EXPECT_EQ(estimator.last_times().kernels_ms, 20);
+  const auto expect_halved = [](const MatchView& view, const Frame& frame) {
+    EXPECT_TRUE(view.camera == frame.camera.Halved());
+    ASSERT_EQ(view.gray.width, frame.camera.width / 2);
+    for (const auto& [col, row] : {std::pair(0, 0), {7, 9}, {view.gray.width - 1, view.gray.height - 1}}) {
+      const GrayImage& gray = frame.gray;
+      EXPECT_FLOAT_EQ(view.gray(col, row), (gray(2 * col, 2 * row) + gray(2 * col + 1, 2 * row) +
+                                            gray(2 * col, 2 * row + 1) + gray(2 * col + 1, 2 * row + 1)) /
+                                               4);
+    }
+  };
+  const PatchMatchProblem& photometric = fake_.problems[0];
+  expect_halved(photometric.reference, *frames_[0]);
+  ASSERT_EQ(photometric.sources.size(), 3u);
+  for (size_t i = 0; i < 3; ++i) expect_halved(photometric.sources[i], *problem.sources[i].frame);
+
+  const PatchMatchProblem& prior = fake_.problems[1];
+  EXPECT_TRUE(prior.reference.camera == frames_[0]->camera);
+  EXPECT_EQ(prior.reference.gray.data, frames_[0]->gray.data());
+  EXPECT_TRUE(prior.sources[2].camera == frames_[3]->camera);
+}
+
+TEST_F(DepthEstimatorTest, PlanarPriorPassOfAStartLevelBeginsWithUpsampledPlanes) {
+  PipelineOptions options = MakePreset("acmp");
+  options.start_level = 1;
+  DepthEstimator estimator(&engine_, options);
+  const EngineEstimatePtr estimate = estimator.EstimateInitial(Problem(1));
+  EXPECT_EQ(engine_.DownloadState(estimate).planes.width(), 40);
+  const PatchMatchResult& start = fake_.last_start;
+  ASSERT_EQ(start.planes.width(), 40);
+  ASSERT_EQ(start.planes.height(), 30);
+  for (int row = 0; row < 30; ++row) {
+    for (int col = 0; col < 40; ++col) {
+      ASSERT_EQ(start.planes(col, row).d, 3.2f);
+      const bool credible = (col / 2) % 3 == (row / 2) % 3;  // as the fake answered for the halved image
+      ASSERT_EQ(start.cost(col, row), credible ? 0.05f : 0.5f) << col << ", " << row;
+    }
+  }
+}
+
+TEST_F(DepthEstimatorTest, PriorOfAStartLevelIsDoubled) {
+  PipelineOptions options = MakePreset("acmp");
+  options.start_level = 1;
+  DepthEstimator estimator(&engine_, options);
+  estimator.EstimateInitial(Problem(1));
+  const PlaneMap& prior = fake_.last_prior;
+  ASSERT_EQ(prior.width(), 40);
+  ASSERT_EQ(prior.height(), 30);
+  // The plane is the one that the halved camera saw, so the points were back-projected through that camera.
+  EXPECT_GT(CountPriorsOnThePlane(prior), 0.3 * 40 * 30);
+  // In the halved image the support points lie within columns 0..17 and rows 0..10.
+  const auto has_prior = [&](int col, int row) { return prior(col, row).d > 0; };
+  EXPECT_TRUE(has_prior(1, 0));
+  EXPECT_TRUE(has_prior(25, 8));
+  EXPECT_TRUE(has_prior(24, 18));
+  for (int row = 0; row < 30; ++row) {
+    for (int col = 0; col < 40; ++col) {
+      const bool beyond = col >= 34 || row >= 20;
+      ASSERT_FALSE(beyond && has_prior(col, row)) << col << ", " << row;
+    }
+  }
+}
+
+TEST_F(DepthEstimatorTest, WithoutPriorAStartLevelStillGivesTheFullSize) {
+  PipelineOptions options = MakePreset("acmh");
+  options.start_level = 2;
+  DepthEstimator estimator(&engine_, options);
+  const EngineEstimatePtr estimate = estimator.EstimateInitial(Problem(2));
+  EXPECT_THAT(fake_.calls, ElementsAre("photometric"));
+  EXPECT_EQ(fake_.problems[0].reference.camera.width, 10);
+  EXPECT_EQ(fake_.problems[0].sources[2].camera.height, 6);
+  const EstimateMaps maps = engine_.Download(estimate);
+  EXPECT_EQ(maps.depth.width(), 40);
+  EXPECT_EQ(maps.cost.height(), 30);
+}
+
+TEST_F(DepthEstimatorTest, RefinementReadsTheGivenEstimatesAndStart) {
+  DepthEstimator estimator(&engine_, MakePreset("acmp"));
+  EngineProblem problem = Problem();
+  problem.sources[0].estimate = EstimateAt(4, 40, 30);
+  problem.sources[2].estimate = EstimateAt(5, 30, 26);
+  const EngineEstimatePtr refined = estimator.RefineGeometric(problem, EstimateAt(4.5f, 40, 30), 1);
+  EXPECT_THAT(fake_.calls, ElementsAre("geometric 1"));
+  EXPECT_EQ(fake_.last_start.planes(0, 0).d, 4.5f);
+  EXPECT_EQ(FirstPlane(refined).d, 6);
+  const PatchMatchProblem& seen = fake_.problems.at(0);
+  ASSERT_EQ(seen.sources.size(), 3u);
+  EXPECT_EQ(seen.sources[0].depth(3, 2), 4);
+  EXPECT_TRUE(seen.sources[1].depth.empty());
+  EXPECT_EQ(seen.sources[2].depth.width, 30);
+  EXPECT_EQ(seen.sources[2].depth(29, 25), 5);
   EXPECT_EQ(estimator.last_times().kernels_ms, 10);
   EXPECT_EQ(estimator.last_times().photometric_ms, 0);
 }
 
-TEST(DepthEstimatorTest, RefinementNeedsOneDepthMapPerSource) {
-  FakePatchMatch fake;
-  DepthEstimator estimator(&fake, MakePreset("acmp"));
-  const Frames frames;
-  try {
-    estimator.RefineGeometric(frames.reference(), frames.sources(), {nullptr, nullptr}, kRange, {}, 0);
-    FAIL() << "no exception";
-  } catch (const InvalidInputError& error) {
-    EXPECT_THAT(error.what(), HasSubstr("2 maps for 3 source views"));
-  }
-  EXPECT_TRUE(fake.calls.empty());
+TEST_F(DepthEstimatorTest, RefinementIsAtFullSizeWhateverTheStartLevel) {
+  PipelineOptions options = MakePreset("acmp");
+  options.start_level = 1;
+  DepthEstimator estimator(&engine_, options);
+  estimator.RefineGeometric(Problem(1), EstimateAt(4.5f, 40, 30), 0);
+  EXPECT_TRUE(fake_.problems.at(0).reference.camera == frames_[0]->camera);
 }
 
-TEST(DepthEstimatorTest, BadOptionsAreRefusedAndTheOldOnesKept) {
-  FakePatchMatch fake;
+TEST_F(DepthEstimatorTest, BadOptionsAreRefusedAndTheOldOnesKept) {
   PipelineOptions bad = MakePreset("acmp");
   bad.patch_match.view_draws = 0;
-  EXPECT_THROW(DepthEstimator(&fake, bad), InvalidInputError);
-  DepthEstimator estimator(&fake, MakePreset("acmh"));
+  EXPECT_THROW(DepthEstimator(&engine_, bad), InvalidInputError);
+  EXPECT_THROW(DepthEstimator(nullptr, MakePreset("acmh")), InvalidInputError);
+  DepthEstimator estimator(&engine_, MakePreset("acmh"));
   EXPECT_THROW(estimator.set_options(bad), InvalidInputError);
   EXPECT_FALSE(estimator.options().use_planar_prior);
   EXPECT_EQ(estimator.options().patch_match.view_draws, 15);
   estimator.set_options(MakePreset("acmp_no_geometric"));
   EXPECT_TRUE(estimator.options().use_planar_prior);
+}
+
+TEST(StageTimesTest, AddUp) {
+  StageTimes times = {1, 2, 3, 4, 5, 6};
+  times += {10, 20, 30, 40, 50, 60};
+  EXPECT_EQ(times.photometric_ms, 11);
+  EXPECT_EQ(times.prior_construction_ms, 22);
+  EXPECT_EQ(times.planar_prior_ms, 33);
+  EXPECT_EQ(times.geometric_ms, 44);
+  EXPECT_EQ(times.kernels_ms, 55);
+  EXPECT_EQ(times.photometric_kernels_ms, 66);
 }
 
 }  // namespace

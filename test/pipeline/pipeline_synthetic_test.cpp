@@ -53,20 +53,6 @@ class Room {
     }
     return neighbors;
   }
-  std::vector<FramePtr> Sources(int index) const {
-    std::vector<FramePtr> sources;
-    for (const int other : Neighbors(index)) sources.push_back(frames[other]);
-    return sources;
-  }
-
-  /// As the estimator makes it, for checks of results.
-  PatchMatchProblem Problem(int index) const {
-    PatchMatchProblem problem;
-    problem.reference.camera = frames[index]->camera;
-    problem.sources.resize(kKeyframes - 1);
-    problem.depth_range = ranges[index];
-    return problem;
-  }
 
   std::vector<SyntheticView> views;  ///< without their frames
   std::vector<FramePtr> frames;
@@ -74,40 +60,62 @@ class Room {
   PointCloud surface;
 };
 
-using Results = std::vector<PatchMatchResult>;  ///< one per keyframe
+using Estimates = std::vector<EngineEstimatePtr>;  ///< on the device, one per keyframe
 
-std::vector<DepthMap> Depths(const Results& results) {
-  std::vector<DepthMap> depths;
-  for (size_t i = 0; i < results.size(); ++i) {
-    depths.push_back(ToDepthMap(results[i].planes, Room::Instance().frames[i]->camera));
-  }
-  return depths;
-}
+/// What there is of one keyframe when a system is done with it.
+struct Result {
+  EstimateState state;
+  EstimateMaps maps;
+};
+using Results = std::vector<Result>;  ///< one per keyframe
 
-Results EstimateInitial(DepthEstimator* estimator) {
-  const Room& room = Room::Instance();
-  Results results;
-  for (int i = 0; i < kKeyframes; ++i) {
-    results.push_back(estimator->EstimateInitial(*room.frames[i], room.Sources(i), room.ranges[i]));
+/// The room on a device.
+class RoomOnDevice {
+ public:
+  explicit RoomOnDevice(DepthEngine* engine) : engine_(engine) {
+    for (const FramePtr& frame : Room::Instance().frames) images_.push_back(engine->Load(frame, 0));
   }
-  return results;
+
+  /// A keyframe against all others. With the others' estimates, where there are any.
+  EngineProblem Problem(int index, const Estimates& estimates = Estimates(kKeyframes)) const {
+    const Room& room = Room::Instance();
+    EngineProblem problem;
+    problem.reference = {room.frames[index], images_[index], nullptr};
+    for (const int other : room.Neighbors(index)) {
+      problem.sources.push_back({room.frames[other], images_[other], estimates[other]});
+    }
+    problem.depth_range = room.ranges[index];
+    return problem;
+  }
+
+  Results Download(const Estimates& estimates) const {
+    Results results;
+    for (const EngineEstimatePtr& estimate : estimates) {
+      results.push_back({engine_->DownloadState(estimate), engine_->Download(estimate)});
+    }
+    return results;
+  }
+
+ private:
+  DepthEngine* engine_;
+  std::vector<EngineImagePtr> images_;
+};
+
+Estimates EstimateInitial(const RoomOnDevice& room, DepthEstimator* estimator) {
+  Estimates estimates;
+  for (int i = 0; i < kKeyframes; ++i) estimates.push_back(estimator->EstimateInitial(room.Problem(i)));
+  return estimates;
 }
 
 /// Algorithm 1's geometric passes over the whole scene: each reads the depths as the one before left them.
-Results RefineAll(DepthEstimator* estimator, const Results& initial) {
-  const Room& room = Room::Instance();
-  Results results;
-  for (const PatchMatchResult& result : initial) results.push_back(result.Clone());
+Estimates RefineAll(const RoomOnDevice& room, DepthEstimator* estimator, Estimates estimates) {
   for (int pass = 0; pass < estimator->options().geometric_passes; ++pass) {
-    const std::vector<DepthMap> depths = Depths(results);
+    const Estimates before = estimates;
     for (int i = 0; i < kKeyframes; ++i) {
-      std::vector<const DepthMap*> source_depths;
-      for (const int other : room.Neighbors(i)) source_depths.push_back(&depths[other]);
-      results[i] =
-          estimator->RefineGeometric(*room.frames[i], room.Sources(i), source_depths, room.ranges[i], results[i], pass);
+      estimates[i] = estimator->RefineGeometric(room.Problem(i, before), before[i], pass);
     }
   }
-  return results;
+  return estimates;
 }
 
 struct Quality {
@@ -116,15 +124,15 @@ struct Quality {
 
 Quality Evaluate(const Results& results) {
   const Room& room = Room::Instance();
-  const std::vector<DepthMap> depths = Depths(results);
   DepthErrors all, blank, textured;
   for (int i = 0; i < kKeyframes; ++i) {
     const SyntheticView& view = room.views[i];
     Image<unsigned char> rest(kWidth, kHeight);
     for (size_t k = 0; k < rest.size(); ++k) rest.data()[k] = view.low_texture.data()[k] == 0 ? 1 : 0;
-    all.Add(depths[i], view.true_depth);
-    blank.Add(depths[i], view.true_depth, view.low_texture.View());
-    textured.Add(depths[i], view.true_depth, rest.View());
+    const DepthMap& depth = results[i].maps.depth;
+    all.Add(depth, view.true_depth);
+    blank.Add(depth, view.true_depth, view.low_texture.View());
+    textured.Add(depth, view.true_depth, rest.View());
   }
   return {all.Metrics(), blank.Metrics(), textured.Metrics()};
 }
@@ -132,24 +140,26 @@ Quality Evaluate(const Results& results) {
 /// All systems on one device, run once: acmh without and with its geometric passes, acmp likewise (the former is
 /// ACMP\G, the preset acmp_no_geometric).
 struct Systems {
-  explicit Systems(PatchMatch* patch_match) {
-    DepthEstimator acmh(patch_match, MakePreset("acmh")), acmp(patch_match, MakePreset("acmp"));
-    acmh_initial = EstimateInitial(&acmh);
-    acmh_final = RefineAll(&acmh, acmh_initial);
-    acmp_initial = EstimateInitial(&acmp);
-    acmp_final = RefineAll(&acmp, acmp_initial);
+  explicit Systems(DepthEngine* engine) {
+    const RoomOnDevice room(engine);
+    DepthEstimator acmh(engine, MakePreset("acmh")), acmp(engine, MakePreset("acmp"));
+    const Estimates acmh_start = EstimateInitial(room, &acmh), acmp_start = EstimateInitial(room, &acmp);
+    acmh_initial = room.Download(acmh_start);
+    acmh_final = room.Download(RefineAll(room, &acmh, acmh_start));
+    acmp_initial = room.Download(acmp_start);
+    acmp_final = room.Download(RefineAll(room, &acmp, acmp_start));
   }
   Results acmh_initial, acmh_final, acmp_initial, acmp_final;
 };
 
-class PipelineSyntheticTest : public DeviceTest {
+class PipelineSyntheticTest : public EngineTest {
  protected:
   void SetUp() override {
-    DeviceTest::SetUp();
+    EngineTest::SetUp();
     if (IsSkipped()) return;
     static std::map<Device, Systems> cache;
     auto found = cache.find(GetParam());
-    if (found == cache.end()) found = cache.emplace(GetParam(), Systems(patch_match_.get())).first;
+    if (found == cache.end()) found = cache.emplace(GetParam(), Systems(engine_.get())).first;
     systems_ = &found->second;
   }
   const Systems* systems_ = nullptr;
@@ -170,10 +180,14 @@ constexpr int k5Centimetres = 1;             // into kAbsoluteThresholds
 TEST_P(PipelineSyntheticTest, MapsAreValid) {
   const Room& room = Room::Instance();
   for (const Results* results : {&systems_->acmh_initial, &systems_->acmp_initial}) {
-    for (int i = 0; i < kKeyframes; ++i) ExpectValid((*results)[i], room.Problem(i), 2.0f);
+    for (int i = 0; i < kKeyframes; ++i) {
+      ExpectValid((*results)[i].state, room.frames[i]->camera, room.ranges[i], 2.0f);
+    }
   }
   for (const Results* results : {&systems_->acmh_final, &systems_->acmp_final}) {
-    for (int i = 0; i < kKeyframes; ++i) ExpectValid((*results)[i], room.Problem(i), 2.5f);
+    for (int i = 0; i < kKeyframes; ++i) {
+      ExpectValid((*results)[i].state, room.frames[i]->camera, room.ranges[i], 2.5f);
+    }
   }
 }
 
@@ -215,24 +229,21 @@ TEST_P(PipelineSyntheticTest, GeometricPassesHelpBothSystems) {
 }
 
 TEST_P(PipelineSyntheticTest, PresetWithoutGeometricPassesIsTheFirstPartOfAcmp) {
-  const Room& room = Room::Instance();
-  DepthEstimator estimator(patch_match_.get(), MakePreset("acmp_no_geometric"));
+  DepthEstimator estimator(engine_.get(), MakePreset("acmp_no_geometric"));
   EXPECT_EQ(estimator.options().geometric_passes, 0);
-  EXPECT_TRUE(
-      SameBits(estimator.EstimateInitial(*room.frames[2], room.Sources(2), room.ranges[2]), systems_->acmp_initial[2]));
+  const EngineEstimatePtr estimate = estimator.EstimateInitial(RoomOnDevice(engine_.get()).Problem(2));
+  EXPECT_TRUE(SameBits(engine_->DownloadState(estimate), systems_->acmp_initial[2].state));
 }
 
 TEST_P(PipelineSyntheticTest, FusedCloudLiesOnTheSurfaces) {
   const Room& room = Room::Instance();
-  const std::vector<DepthMap> depths = Depths(systems_->acmp_final);
-  std::vector<NormalMap> normals;
-  for (const PatchMatchResult& result : systems_->acmp_final) normals.push_back(ToNormalMap(result.planes));
   std::vector<FusionView> views;
   std::vector<std::vector<int>> neighbors;
   for (int i = 0; i < kKeyframes; ++i) {
     const Frame& frame = *room.frames[i];
-    views.push_back({frame.camera, frame.cam_from_world, depths[i].View(), std::as_const(normals[i]).View(),
-                     systems_->acmp_final[i].cost.View(), frame.color.View()});
+    const EstimateMaps& maps = systems_->acmp_final[i].maps;
+    views.push_back({frame.camera, frame.cam_from_world, maps.depth.View(), maps.normal.View(), maps.cost.View(),
+                     frame.color.View()});
     neighbors.push_back(room.Neighbors(i));
   }
   const PointCloud cloud = FuseDepthMaps(views, neighbors, {});

@@ -4,6 +4,7 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/pipeline/depth_engine.h"
 
 namespace acmp {
 namespace {
@@ -62,6 +63,18 @@ TEST(PipelineOptionsTest, GeometricPassesAreBounded) {
   for (const int bad : {-1, 11}) {
     options.geometric_passes = bad;
     EXPECT_THAT(Message(options), AllOf(HasSubstr(Concat("geometric_passes = ", bad)), HasSubstr("[0, 10]")));
+  }
+}
+
+TEST(PipelineOptionsTest, StartLevelIsBounded) {
+  PipelineOptions options;
+  for (const int good : {0, kMaxLevels}) {
+    options.start_level = good;
+    EXPECT_EQ(Message(options), "");
+  }
+  for (const int bad : {-1, kMaxLevels + 1}) {
+    options.start_level = bad;
+    EXPECT_THAT(Message(options), AllOf(HasSubstr(Concat("start_level = ", bad)), HasSubstr("[0, 2]")));
   }
 }
 

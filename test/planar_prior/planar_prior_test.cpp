@@ -279,6 +279,9 @@ TEST(PlanarPrior, RefusesBadInput) {
   }
   EXPECT_THROW(MakePlanarPrior(PinholeCamera(), {}, {}, kRange, {}), InvalidInputError);
   EXPECT_THROW(MakePlanarPrior(kCamera, {}, {}, {0, 1}, {}), InvalidInputError);
+  PriorMesh mesh = MakePriorMesh(kCamera, {{20, 20, 4}, {60, 20, 4}, {20, 60, 4}}, triangle, 0, {});
+  mesh.planes.clear();
+  EXPECT_THAT(ErrorOf([&] { RasterizePrior(kCamera, mesh, kRange); }), testing::HasSubstr("planes of the prior = 0"));
 }
 
 TEST(PlanarPrior, OfAHalvedImageCoversTheFullOne) {
@@ -290,7 +293,7 @@ TEST(PlanarPrior, OfAHalvedImageCoversTheFullOne) {
     for (int col = 0; col < kCamera.width; ++col) {
       const bool inside = col < 110 && row < 80;  // 2 x 55, 2 x 40: right and bottom borders are outside
       ASSERT_EQ(planes(col, row).d > 0, inside) << col << ", " << row;
-      if (inside) ASSERT_NEAR(planes(col, row).d, 5, 1e-5);  // a few units in the last place
+      ASSERT_NEAR(planes(col, row).d, inside ? 5 : 0, 1e-5);  // a few units in the last place
     }
   }
 }

@@ -13,7 +13,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "acmp_mapping/backend/make_patch_match.h"
+#include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/error.h"
 #include "ros/mapper_control.h"
 
@@ -151,7 +151,7 @@ TEST_F(LifecycleTest, RefusesAValueOutOfBounds) {
 
 TEST_F(LifecycleTest, ReportsThatThereIsNoGpu) {
   try {
-    MakePatchMatch(Device::kCuda);
+    MakeDepthEngine(Device::kCuda);
     GTEST_SKIP() << "there is a GPU";
   } catch (const InvalidInputError&) {
   }

@@ -13,7 +13,7 @@
 #include <pcl_conversions/pcl_conversions.h>
 #include <std_srvs/Trigger.h>
 
-#include "acmp_mapping/backend/make_patch_match.h"
+#include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/pipeline/dense_mapper.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "ros/recorder.h"
@@ -35,8 +35,8 @@ struct Expected {
     DenseMapper::Callbacks callbacks;
     callbacks.on_fast = [this](const KeyframeDepthPtr& maps) { fast[maps->frame->id] = maps; };
     callbacks.on_refined = [this](const KeyframeDepthPtr& maps) { refined[maps->frame->id] = maps; };
-    const PatchMatchBackend backend = MakePatchMatch(Device::kCpu);
-    DenseMapper mapper(backend.patch_match.get(), DenseMapperOptions(), callbacks);
+    const DepthEngineBackend backend = MakeDepthEngine(Device::kCpu);
+    DenseMapper mapper(backend.engine.get(), DenseMapperOptions(), callbacks);
     for (size_t i = 0; i < messages.size(); ++i) {
       mapper.AddKeyframe(MakeExpectedFrame(static_cast<int64_t>(i), messages[i]));
     }

@@ -6,7 +6,7 @@
 
 #include "gtest/gtest.h"
 
-#include "acmp_mapping/backend/make_patch_match.h"
+#include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
@@ -25,6 +25,20 @@ class DeviceTest : public ::testing::TestWithParam<Device> {
   }
 
   std::unique_ptr<PatchMatch> patch_match_;
+};
+
+/// The same for tests of whole engines.
+class EngineTest : public ::testing::TestWithParam<Device> {
+ protected:
+  void SetUp() override {
+    try {
+      engine_ = MakeDepthEngine(GetParam()).engine;
+    } catch (const InvalidInputError& error) {
+      GTEST_SKIP() << error.what();
+    }
+  }
+
+  std::unique_ptr<DepthEngine> engine_;
 };
 
 inline std::string DeviceName(const ::testing::TestParamInfo<Device>& info) {

@@ -24,19 +24,19 @@ double RelativeShare(const DepthMap& depth, const DepthMap& truth, double tolera
   return static_cast<double>(within) / static_cast<double>(counted);
 }
 
-}  // namespace
+template <class T>
+void ExpectSize(const Image<T>& image, const PinholeCamera& camera) {
+  ASSERT_EQ(image.width(), camera.width);
+  ASSERT_EQ(image.height(), camera.height);
+}
 
-void ExpectValid(const PatchMatchResult& result, const PatchMatchProblem& problem, float max_cost) {
-  const PinholeCamera& camera = problem.reference.camera;
-  for (const auto& [width, height] : {std::pair(result.planes.width(), result.planes.height()),
-                                      {result.cost.width(), result.cost.height()},
-                                      {result.selected_views.width(), result.selected_views.height()}}) {
-    ASSERT_EQ(width, camera.width);
-    ASSERT_EQ(height, camera.height);
-  }
+void ExpectValidMaps(const PlaneMap& planes, const CostMap& costs, const PinholeCamera& camera, const DepthRange& range,
+                     float max_cost) {
+  ASSERT_NO_FATAL_FAILURE(ExpectSize(planes, camera));
+  ASSERT_NO_FATAL_FAILURE(ExpectSize(costs, camera));
   for (int row = 0; row < camera.height; ++row) {
     for (int col = 0; col < camera.width; ++col) {
-      const PlaneHypothesis& plane = result.planes(col, row);
+      const PlaneHypothesis& plane = planes(col, row);
       const Eigen::Vector3d normal(plane.nx, plane.ny, plane.nz);
       ASSERT_NEAR(normal.norm(), 1, 1e-5) << col << ", " << row;
       ASSERT_TRUE(plane.d > 0 && std::isfinite(plane.d)) << col << ", " << row;
@@ -44,17 +44,33 @@ void ExpectValid(const PatchMatchResult& result, const PatchMatchProblem& proble
       const double depth = -plane.d / normal.dot(camera.Unproject({1.0 * col, 1.0 * row}));
       // Near edge-on the scalar product itself rounds differently in float: 1e-7 of a unit over its size.
       const double slack = 1e-6 + 1e-6 / std::abs(normal.dot(camera.Unproject({1.0 * col, 1.0 * row})));
-      ASSERT_TRUE(depth >= problem.depth_range.min * (1 - slack) && depth <= problem.depth_range.max * (1 + slack))
+      ASSERT_TRUE(depth >= range.min * (1 - slack) && depth <= range.max * (1 + slack))
           << depth << " at " << col << ", " << row;
-      const float cost = result.cost(col, row);
+      const float cost = costs(col, row);
       ASSERT_TRUE(cost >= 0 && cost <= max_cost) << cost << " at " << col << ", " << row;
-      ASSERT_EQ(uint64_t{result.selected_views(col, row)} >> problem.sources.size(), 0u) << col << ", " << row;
     }
   }
 }
 
+}  // namespace
+
+void ExpectValid(const PatchMatchResult& result, const PatchMatchProblem& problem, float max_cost) {
+  const PinholeCamera& camera = problem.reference.camera;
+  ASSERT_NO_FATAL_FAILURE(ExpectValidMaps(result.planes, result.cost, camera, problem.depth_range, max_cost));
+  ASSERT_NO_FATAL_FAILURE(ExpectSize(result.selected_views, camera));
+  for (const uint32_t views : result.selected_views) ASSERT_EQ(uint64_t{views} >> problem.sources.size(), 0u);
+}
+
+void ExpectValid(const EstimateState& state, const PinholeCamera& camera, const DepthRange& range, float max_cost) {
+  ExpectValidMaps(state.planes, state.cost, camera, range, max_cost);
+}
+
 bool SameBits(const PatchMatchResult& a, const PatchMatchResult& b) {
   return SameBytes(a.planes, b.planes) && SameBytes(a.cost, b.cost) && SameBytes(a.selected_views, b.selected_views);
+}
+
+bool SameBits(const EstimateState& a, const EstimateState& b) {
+  return SameBytes(a.planes, b.planes) && SameBytes(a.cost, b.cost);
 }
 
 double ShareWithin(const PatchMatchResult& result, const PatchMatchProblem& problem, const DepthMap& truth,

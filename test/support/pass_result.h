@@ -1,15 +1,18 @@
 #pragma once
 
 #include "acmp_mapping/patch_match/patch_match.h"
+#include "acmp_mapping/pipeline/depth_engine.h"
 
 namespace acmp {
 
 /// What every pass must leave behind: sizes, finite unit normals that face the camera, d > 0, depths in range, costs in
 /// 0..max_cost, no bits of views that are not there.
 void ExpectValid(const PatchMatchResult& result, const PatchMatchProblem& problem, float max_cost);
+void ExpectValid(const EstimateState& state, const PinholeCamera& camera, const DepthRange& range, float max_cost);
 
 /// Bit for bit.
 bool SameBits(const PatchMatchResult& a, const PatchMatchResult& b);
+bool SameBits(const EstimateState& a, const EstimateState& b);
 
 /// Share of the pixels with ground truth whose depth is off by less than `tolerance`, relative.
 double ShareWithin(const PatchMatchResult& result, const PatchMatchProblem& problem, const DepthMap& truth,

@@ -120,7 +120,7 @@ TEST_F(ReconstructCliTest, FullDiskFailsAndTheRunCanGoOn) {
   WriteScene(4, 64, 48);
   ASSERT_EQ(RunTool(Usual("whole")).exit_code, 0);
   for (const int blocks :
-       {20, 60, 150}) {  // of 1024 bytes per file: work files (72 KiB), maps and the cloud differ in size
+       {20, 60, 150}) {  // of 1024 bytes per file: work files (60 KiB), maps and the cloud differ in size
     std::filesystem::remove_all(output());
     const Outcome outcome = RunShell("ulimit -f " + std::to_string(blocks) + "; " + ACMP_RECONSTRUCT + " " + Usual());
     if (outcome.exit_code == 0) {

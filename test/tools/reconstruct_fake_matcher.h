@@ -53,7 +53,7 @@ class FakePatchMatch : public PatchMatch {
     return view.empty() ? 0 : hash;
   }
   static uint32_t HashOf(const PatchMatchResult& result) {
-    return HashOf(result.planes.View()) + HashOf(result.cost.View()) + HashOf(result.selected_views.View());
+    return HashOf(result.planes.View()) + HashOf(result.cost.View());
   }
 
   PatchMatchResult Run(const std::string& pass, const PatchMatchProblem& problem, const PatchMatchOptions& options,
@@ -85,7 +85,6 @@ class FakePatchMatch : public PatchMatch {
       const float middle = 0.5f * (problem.depth_range.min + problem.depth_range.max);
       result.planes.data()[i] = {0, 0, -1, middle * random.NextUniform(0.999f, 1.001f)};
       result.cost.data()[i] = random.NextUniform();
-      result.selected_views.data()[i] = random.NextWord();
     }
     return result;
   }

@@ -7,6 +7,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/pipeline/host_depth_engine.h"
 #include "tools/reconstruct_fake_matcher.h"
 #include "tools/reconstruct_fixture.h"
 
@@ -33,7 +34,8 @@ class ReconstructTest : public ReconstructFixture {
   void Run(FakePatchMatch* matcher, InterruptWatcher* watcher) {
     log_.str("");
     out_.str("");
-    Reconstruct(options_, matcher, watcher, &out_, &log_, false);
+    HostDepthEngine engine(matcher);
+    Reconstruct(options_, {{&engine, 0}}, watcher, &out_, &log_, false);
   }
   std::string ErrorOf(FakePatchMatch* matcher) {
     return MessageOf<InvalidInputError>([&] { Run(matcher); });

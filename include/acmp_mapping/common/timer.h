@@ -9,10 +9,15 @@ class Timer {
  public:
   /// Milliseconds since construction or the last Lap, and starts anew.
   double Lap() {
-    const auto now = std::chrono::steady_clock::now();
-    const std::chrono::duration<double, std::milli> elapsed = now - start_;
-    start_ = now;
-    return elapsed.count();
+    const double elapsed = Elapsed();
+    start_ += std::chrono::duration_cast<std::chrono::steady_clock::duration>(
+        std::chrono::duration<double, std::milli>(elapsed));
+    return elapsed;
+  }
+
+  /// The same without starting anew.
+  double Elapsed() const {
+    return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start_).count();
   }
 
  private:

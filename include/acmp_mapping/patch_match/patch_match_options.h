@@ -29,6 +29,10 @@ struct PatchMatchOptions {
   float view_smoothness = 0.9f;  ///< eta, 0.5..1
   int view_draws = 15;           ///< Monte-Carlo draws per pixel, 1..255
 
+  /// Passes that start from an estimate compare candidates only in the views that so many of the pixel and its four
+  /// neighbours use, 0..5; 0: in all.
+  int candidate_view_votes = 0;
+
   float perturb_depth = 0.02f;       ///< relative, (0, 1)
   float perturb_normal_deg = 1.8f;   ///< per axis, (0, 90)
   bool gradient_normal = false;      ///< also try the normal of the neighbours' depth gradient

@@ -56,7 +56,8 @@ struct EstimateState {
 /// The device's steps of Algorithm 1. Images and estimates stay where the steps run; what the host needs is asked for.
 /// Same input, options and device: same bits. An engine is used by one thread at a time; images and estimates may be
 /// shared among the engines that Share() made. Handles of another device are an InvalidInputError. Every method throws
-/// InvalidInputError for bad input and ProcessingError when the device fails; after either the engine can be used again.
+/// InvalidInputError for bad input and ProcessingError when the device fails; after either the engine can be used
+/// again.
 class DepthEngine {
  public:
   virtual ~DepthEngine() = default;
@@ -97,11 +98,19 @@ class DepthEngine {
   /// Device time of the passes and filters since the last call, ms; 0 where it is not measured.
   virtual double TakeDeviceMs() = 0;
 
+  /// Bytes of device memory that images and estimates of all sharing engines take at present; 0 on the host.
+  virtual size_t DeviceBytes() const = 0;
+  /// Bytes of device memory that are free for more; 0 on the host.
+  virtual size_t FreeDeviceBytes() const = 0;
+
   /// "cpu (2 threads)", "NVIDIA H200 (cuda:0)".
   virtual std::string device_name() const = 0;
 };
 
 constexpr int kMaxLevels = 2;  ///< times an image can be halved
+
+/// The camera of the image halved `level` times.
+PinholeCamera CameraAtLevel(PinholeCamera camera, int level);
 
 /// Throws InvalidInputError unless frames and images are there, and 0 <= level <= kMaxLevels.
 void CheckHandles(const EngineProblem& problem, int level);

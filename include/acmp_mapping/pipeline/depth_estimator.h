@@ -12,6 +12,7 @@ struct StageTimes {
   double planar_prior_ms = 0;
   double geometric_ms = 0;
   double kernels_ms = 0;
+  double photometric_kernels_ms = 0;  ///< of these, the photometric pass's
 
   StageTimes& operator+=(const StageTimes& other);
 };
@@ -36,6 +37,9 @@ class DepthEstimator {
   const StageTimes& last_times() const { return times_; }
 
  private:
+  /// The photometric estimate at full size.
+  EngineEstimatePtr EstimatePhotometric(const EngineProblem& problem);
+
   DepthEngine* engine_;
   PipelineOptions options_;
   StageTimes times_;

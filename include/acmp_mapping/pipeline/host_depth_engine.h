@@ -29,6 +29,8 @@ class HostDepthEngine final : public DepthEngine {
   EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
   EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override;
   double TakeDeviceMs() override;
+  size_t DeviceBytes() const override { return 0; }
+  size_t FreeDeviceBytes() const override { return 0; }
   std::string device_name() const override { return patch_match_->device_name(); }
 
  private:

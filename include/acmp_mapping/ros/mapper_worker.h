@@ -123,7 +123,7 @@ class MapperWorker {
   WorkerStatus status_;
 
   // Used by the worker thread alone.
-  std::unique_ptr<PatchMatch> patch_match_;
+  std::unique_ptr<DepthEngine> engine_;
   std::unique_ptr<DenseMapper> mapper_;
   std::string device_error_;
   CalibrationPtr calibration_;

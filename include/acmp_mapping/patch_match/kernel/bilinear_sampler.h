@@ -29,7 +29,8 @@ struct BilinearSampler {
 
   ACMP_HOST_DEVICE float Reference(int col, int row) const { return reference(col, row); }
   static constexpr float kPixelCenter = 0.0f;
-  ACMP_HOST_DEVICE float SourceAt(int view, float x, float y) const { return SampleBilinear(sources[view], x, y); }
+  ACMP_HOST_DEVICE int ImageOf(int view) const { return view; }
+  ACMP_HOST_DEVICE float SourceAt(int image, float x, float y) const { return SampleBilinear(sources[image], x, y); }
 };
 
 /// Offsets of the samples from the centre, px: from a table the compiler can load several at once.
@@ -49,12 +50,12 @@ constexpr WindowOffsets MakeWindowOffsets() {
 
 /// The same values for a whole window in three loops, of which a compiler vectorises the first and the last.
 template <class Function>
-ACMP_HOST_DEVICE inline void ForEachWindowSample(const BilinearSampler& sampler, int view, const PlaneWarp& warp,
+ACMP_HOST_DEVICE inline void ForEachWindowSample(const BilinearSampler& sampler, int source, const PlaneWarp& warp,
                                                  const Function& function) {
   static constexpr WindowOffsets kWindowOffsets = MakeWindowOffsets();
-  const ImageView<const float> image = sampler.sources[view];
+  const ImageView<const float> image = sampler.sources[source];
   if (image.width < 2 || image.height < 2) {
-    ForEachWindowSample<BilinearSampler, Function>(sampler, view, warp, function);
+    ForEachWindowSample<BilinearSampler, Function>(sampler, source, warp, function);
     return;
   }
   const float max_x = static_cast<float>(image.width - 1), max_y = static_cast<float>(image.height - 1);

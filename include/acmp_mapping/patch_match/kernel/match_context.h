@@ -24,7 +24,8 @@ struct alignas(16) SourceView {
 
 /// Everything a pixel update reads or writes; passed to kernels by value. `Sampler` gives grey values:
 ///   Reference(col, row)   inside the image
-///   SourceAt(view, x, y)  bilinear, clamped to the border, at any finite or infinite position
+///   ImageOf(view)         what SourceAt calls the image of a source view
+///   SourceAt(image, x, y) bilinear, clamped to the border, at any finite or infinite position
 ///   kPixelCenter          where pixel 0 lies in x and y
 template <class Sampler>
 struct MatchContext {

@@ -44,11 +44,11 @@ struct PixelMatch {
   PatchPart<Team> part;
 };
 
-/// The sums of a window for each thread of the team, which it hands in (view < 0: none). Groups of kWindowThreads take
+/// The sums of a window for each thread of the team, which it hands in (image < 0: none). Groups of kWindowThreads take
 /// the team's windows in turn, so that neighbouring threads read neighbouring source pixels.
 /// @param count how many windows the team has at most: window n is that of the thread n / groups of group n % groups
 template <class Sampler, class Team>
-ACMP_HOST_DEVICE inline WindowSums SumWindows(const PixelMatch<Sampler, Team>& match, const PlaneWarp& warp, int view,
+ACMP_HOST_DEVICE inline WindowSums SumWindows(const PixelMatch<Sampler, Team>& match, const PlaneWarp& warp, int image,
                                               int count) {
   constexpr int kGroups = Team::kSize / Team::kWindowThreads;
   static_assert(Team::kSize <= kMaxTeamSize && kGroups <= Team::kWindowThreads, "one turn per thread of a group");
@@ -56,8 +56,8 @@ ACMP_HOST_DEVICE inline WindowSums SumWindows(const PixelMatch<Sampler, Team>& m
   PixelScratch* scratch = match.scratch;
   WindowSums own;
   if constexpr (Team::kWindowThreads == 1) {
-    if (view < 0) return own;
-    ForEachWindowSample(match.context.sampler, view, warp, [&](int i, float gray) {
+    if (image < 0) return own;
+    ForEachWindowSample(match.context.sampler, image, warp, [&](int i, float gray) {
       AddSample(scratch->patch.samples[i], match.part.center, gray, &own);
     });
     return own;
@@ -66,13 +66,13 @@ ACMP_HOST_DEVICE inline WindowSums SumWindows(const PixelMatch<Sampler, Team>& m
   const int part = team.Rank() % Team::kWindowThreads;
   WindowTask& waiting = scratch->tasks[part * kGroups + group];
   waiting.warp = warp;
-  waiting.view = view;
+  waiting.image = image;
   team.Sync();
   for (int turn = 0; turn * kGroups + group < count; ++turn) {
     const WindowTask task = scratch->tasks[turn * kGroups + group];
-    if (task.view < 0) continue;
+    if (task.image < 0) continue;
     WindowSums sums;
-    ForEachSampleOfPart(match.context.sampler, task.view, task.warp, part, [&](int block, float gray) {
+    ForEachSampleOfPart(match.context.sampler, task.image, task.warp, part, [&](int block, float gray) {
       AddSample(match.part.samples[block], match.part.center, gray, &sums);
     });
     sums = {team.SumOverWindow(sums.ws), team.SumOverWindow(sums.wss), team.SumOverWindow(sums.wrs)};
@@ -109,7 +109,7 @@ ACMP_HOST_DEVICE inline void MatchPairs(const PixelMatch<Sampler, Team>& match, 
       compare = PrepareWindow(context, patch, dual, match.col, match.row, view, &warp, &cost);
     }
     const int batch = total - first < Team::kSize ? total - first : Team::kSize;
-    const WindowSums sums = SumWindows(match, warp, compare ? view : -1, batch);
+    const WindowSums sums = SumWindows(match, warp, compare ? context.sampler.ImageOf(view) : -1, batch);
     if (compare) cost = NccCost(context, patch, sums);
     if (mine) store(plane, view, cost);
   }

@@ -135,7 +135,7 @@ ACMP_HOST_DEVICE inline float PhotometricCost(const MatchContext<Sampler>& conte
   float cost;
   if (!PrepareWindow(context, patch, dual, col, row, view, &warp, &cost)) return cost;
   WindowSums sums;
-  ForEachWindowSample(context.sampler, view, warp,
+  ForEachWindowSample(context.sampler, context.sampler.ImageOf(view), warp,
                       [&](int i, float gray) { AddSample(patch.samples[i], patch.center, gray, &sums); });
   return NccCost(context, patch, sums);
 }

@@ -9,10 +9,10 @@ namespace acmp {
 
 constexpr int kMaxHypotheses = kNumRegions + 1;  ///< of one step: the candidates and the pixel's own
 
-/// A window that waits for comparison; view < 0: none.
+/// A window that waits for comparison; image < 0: none.
 struct alignas(16) WindowTask {
   PlaneWarp warp;
-  int view;
+  int image;  ///< as the sampler calls it
 };
 
 /// The largest team; the CPU's has one member.

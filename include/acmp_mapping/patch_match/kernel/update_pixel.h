@@ -52,58 +52,65 @@ ACMP_HOST_DEVICE inline void RatePlane(const PixelUpdate<Sampler, Team>& pixel, 
   scratch.energy[i] = energy;
 }
 
-/// Lists in `DrawnViews` the views that the costs of the first `matched` candidates do not reject yet, and gives the
-/// others the worst cost for the planes up to `count`: they will not be drawn. Returns how many are listed.
+/// Of the views in the mask those that the costs of the first `matched` candidates do not reject yet. The others get
+/// the worst cost for the planes up to `count`: they will not be drawn.
 template <class Sampler, class Team>
-ACMP_HOST_DEVICE inline int RejectViews(const PixelUpdate<Sampler, Team>& pixel, int matched, int count) {
+ACMP_HOST_DEVICE inline uint32_t RejectViews(const PixelUpdate<Sampler, Team>& pixel, uint32_t views, int matched,
+                                             int count) {
   PixelScratch& scratch = *pixel.scratch;
   const int num_sources = pixel.context.num_sources;
-  ForEach(pixel.team, num_sources, [&](int view) {
-    const bool rejected = IsViewRejected(scratch.ViewCost(0) + view, num_sources, matched, pixel.context.options);
-    scratch.Draws()[view] = rejected ? 0 : 1;
-    for (int i = matched; rejected && i < count; ++i) scratch.ViewCost(i)[view] = kWorstCost;
-  });
-  pixel.team.Sync();
-  return CountBits(ListDrawnViews(scratch.Draws(), num_sources, pixel.team, scratch.DrawnViews()));
+  for (int view = 0; view < num_sources; ++view) {
+    if ((views >> view & 1u) == 0 ||
+        !IsViewRejected(scratch.ViewCost(0) + view, num_sources, matched, pixel.context.options)) {
+      continue;
+    }
+    views &= ~(1u << view);
+    for (int i = matched; i < count; ++i) scratch.ViewCost(i)[view] = kWorstCost;
+  }
+  return views;
 }
 
-/// The eight candidates and the pixel's own plane in the scratch, with their photometric costs in all views that can
-/// still be drawn. Returns how many; the own plane is the last.
+/// The eight candidates and the pixel's own plane in the scratch, with their photometric costs in those of `views` that
+/// can still be drawn. Returns how many; the own plane is the last.
 template <class Sampler, class Team>
-ACMP_HOST_DEVICE inline int MatchCandidates(const PixelUpdate<Sampler, Team>& pixel) {
+ACMP_HOST_DEVICE inline int MatchCandidates(const PixelUpdate<Sampler, Team>& pixel, uint32_t views) {
   PixelScratch& scratch = *pixel.scratch;
+  const int num_sources = pixel.context.num_sources;
+  int* listed = scratch.DrawnViews();
+  int num_views = ListViews(views, num_sources, pixel.team, listed);
   const int candidates =
       CollectCandidates(pixel.context, pixel.col, pixel.row, pixel.ray, pixel.team, scratch.planes, &scratch.count);
   if (pixel.team.Rank() == 0) scratch.planes[candidates] = pixel.context.planes(pixel.col, pixel.row);
   pixel.team.Sync();
-  const int count = candidates + 1, num_sources = pixel.context.num_sources;
+  const int count = candidates + 1;
   const auto store = [&](int i, int view, float cost) { scratch.ViewCost(i)[view] = cost; };
-  const auto itself = [](int index) { return index; };
-  if constexpr (Team::kSize > 1) {
+  const auto view_of = [&](int k) { return listed[k]; };
+  int matched = 0;
+  if constexpr (Team::kSize == 1) {
     // Rejecting views on the way gives the same bits, but costs a team on the GPU more time than it saves (5 %).
-    MatchPairs(pixel, count, num_sources, itself, itself, store);
-    return count;
+    constexpr int kMatchedFirst = 4;  // of the candidates: one more than reject a view
+    matched = candidates < kMatchedFirst ? candidates : kMatchedFirst;
+    MatchPairs(
+        pixel, matched, num_views, [](int i) { return i; }, view_of, store);
+    num_views = ListViews(RejectViews(pixel, views, matched, count), num_sources, pixel.team, listed);
   }
-  constexpr int kMatchedFirst = 4;  // of the candidates: one more than reject a view
-  const int first = candidates < kMatchedFirst ? candidates : kMatchedFirst;
-  MatchPairs(pixel, first, num_sources, itself, itself, store);
-  const int left = RejectViews(pixel, first, count);
   MatchPairs(
-      pixel, count - first, left, [&](int i) { return first + i; }, [&](int k) { return scratch.DrawnViews()[k]; },
-      store);
+      pixel, count - matched, num_views, [&](int i) { return matched + i; }, view_of, store);
   return count;
 }
 
-/// Draws the view weights from the candidates' costs. Returns the drawn views as a mask: 0 where no view counts.
+/// Draws the view weights from the candidates' costs in `views`. Returns the drawn views as a mask: 0 where no view
+/// counts.
 template <class Sampler, class Team>
-ACMP_HOST_DEVICE inline uint32_t WeighViews(const PixelUpdate<Sampler, Team>& pixel, int count, int iteration,
-                                            RandomStream* random) {
+ACMP_HOST_DEVICE inline uint32_t WeighViews(const PixelUpdate<Sampler, Team>& pixel, uint32_t views, int count,
+                                            int iteration, RandomStream* random) {
   PixelScratch& scratch = *pixel.scratch;
   const MatchContext<Sampler>& context = pixel.context;
   const int voters = context.options.view_weighting == ViewWeighting::kPaper ? count : count - 1;
   ForEach(pixel.team, context.num_sources, [&](int view) {
-    const float likelihood =
-        ViewLikelihood(scratch.ViewCost(0) + view, context.num_sources, voters, iteration, context.options);
+    const float likelihood = (views >> view & 1u) == 0 ? 0
+                                                       : ViewLikelihood(scratch.ViewCost(0) + view, context.num_sources,
+                                                                        voters, iteration, context.options);
     scratch.ViewProbability()[view] =
         likelihood > 0 ? likelihood * ViewSmoothness(context, pixel.col, pixel.row, view) : 0;
     scratch.Draws()[view] = 0;
@@ -280,8 +287,10 @@ ACMP_HOST_DEVICE inline void UpdatePixel(const MatchContext<Sampler>& context, i
   pixel.ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
   if constexpr (kPass == Pass::kPlanarPrior) pixel.prior = LoadPrior(context, col, row, pixel.ray);
 
-  const int count = MatchCandidates(pixel);
-  const uint32_t drawn_mask = WeighViews(pixel, count, iteration, &random);
+  uint32_t views = AllViews(context.num_sources);
+  if (kPass != Pass::kPhotometric && context.options.candidate_view_votes > 0) views = CredibleViews(context, col, row);
+  const int count = MatchCandidates(pixel, views);
+  const uint32_t drawn_mask = WeighViews(pixel, views, count, iteration, &random);
   if (team.Rank() == 0) context.selected_views(col, row) = drawn_mask;
   if (drawn_mask == 0) return;  // no view counts: the pixel keeps its hypothesis and cost
   pixel.num_drawn = CountBits(drawn_mask);

@@ -47,6 +47,8 @@ ACMP_HOST_DEVICE inline float ViewLikelihood(const float* costs, int stride, int
   return expf(good_threshold * good_threshold / -0.32f);
 }
 
+ACMP_HOST_DEVICE inline uint32_t AllViews(int num_sources) { return 0xffffffffu >> (32 - num_sources); }
+
 /// P(Z_j | Z_n): sum over the four neighbours of eta where the neighbour uses the view, 1 - eta where it does not.
 template <class Sampler>
 ACMP_HOST_DEVICE inline float ViewSmoothness(const MatchContext<Sampler>& context, int col, int row, int view) {
@@ -60,6 +62,29 @@ ACMP_HOST_DEVICE inline float ViewSmoothness(const MatchContext<Sampler>& contex
     sum += used ? eta : 1.0f - eta;
   }
   return sum;
+}
+
+/// The views in which candidates are worth comparing, as a mask: those that at least candidate_view_votes of the pixel
+/// and its four neighbours use, or all where there is none.
+template <class Sampler>
+ACMP_HOST_DEVICE inline uint32_t CredibleViews(const MatchContext<Sampler>& context, int col, int row) {
+  constexpr int kMaxVotes = 5;
+  const int dx[kMaxVotes] = {0, 0, 0, -1, 1};
+  const int dy[kMaxVotes] = {0, -1, 1, 0, 0};
+  uint32_t with_votes[kMaxVotes] = {};  // [n]: views with more than n votes
+  for (int i = 0; i < kMaxVotes; ++i) {
+    if (!context.Contains(col + dx[i], row + dy[i])) continue;
+    const uint32_t used = context.selected_views(col + dx[i], row + dy[i]);
+    ACMP_UNROLL
+    for (int n = kMaxVotes - 1; n > 0; --n) with_votes[n] |= with_votes[n - 1] & used;
+    with_votes[0] |= used;
+  }
+  uint32_t credible = 0;
+  ACMP_UNROLL
+  for (int n = 0; n < kMaxVotes; ++n) {
+    if (n + 1 == context.options.candidate_view_votes) credible = with_votes[n];
+  }
+  return credible != 0 ? credible : AllViews(context.num_sources);
 }
 
 /// Monte-Carlo draws from probabilities that need not be normalised: adds one to `counts[j]` for every draw of view j,
@@ -88,6 +113,16 @@ ACMP_HOST_DEVICE inline bool DrawViews(const float* probability, int num_views, 
   random->Skip(static_cast<uint32_t>(draws));
   team.Sync();
   return true;
+}
+
+/// Lists the views of a mask in `list`, for the whole team. Returns how many.
+template <class Team>
+ACMP_HOST_DEVICE inline int ListViews(uint32_t mask, int num_views, const Team& team, int* list) {
+  ForEach(team, num_views, [&](int j) {
+    if ((mask >> j & 1u) != 0) list[CountBits(mask & ~(0xffffffffu << j))] = j;
+  });
+  team.Sync();
+  return CountBits(mask);
 }
 
 /// The views with a positive count, as a mask, and listed in `list` from the largest count to the smallest; for the

@@ -32,7 +32,7 @@ ACMP_HOST_DEVICE constexpr int WindowRow(int i) {
 
 /// Calls function(block, grey value) for sample `part` of every block, in order.
 template <class Sampler, class Function>
-ACMP_HOST_DEVICE inline void ForEachSampleOfPart(const Sampler& sampler, int view, const PlaneWarp& warp, int part,
+ACMP_HOST_DEVICE inline void ForEachSampleOfPart(const Sampler& sampler, int image, const PlaneWarp& warp, int part,
                                                  const Function& function) {
   constexpr float kBlockStep = 2 * kPatchStep;
   const auto shifted = [](const Vec3f& v) {
@@ -49,14 +49,14 @@ ACMP_HOST_DEVICE inline void ForEachSampleOfPart(const Sampler& sampler, int vie
     const float inv_z = Reciprocal(first.z + dy * step_row.z + dx * step_col.z);
     const float x = (first.x + dy * step_row.x + dx * step_col.x) * inv_z;
     const float y = (first.y + dy * step_row.y + dx * step_col.y) * inv_z;
-    function(block, sampler.SourceAt(view, x, y));
+    function(block, sampler.SourceAt(image, x, y));
   }
 }
 
 /// Calls function(i, grey value) for the source pixels that the warp gives the window's samples, in order. Samplers may
 /// overload it with a faster way to the same values.
 template <class Sampler, class Function>
-ACMP_HOST_DEVICE inline void ForEachWindowSample(const Sampler& sampler, int view, const PlaneWarp& warp,
+ACMP_HOST_DEVICE inline void ForEachWindowSample(const Sampler& sampler, int image, const PlaneWarp& warp,
                                                  const Function& function) {
   for (int i = 0; i < kPatchSamples; ++i) {
     const float dx = static_cast<float>(WindowCol(i));
@@ -64,7 +64,7 @@ ACMP_HOST_DEVICE inline void ForEachWindowSample(const Sampler& sampler, int vie
     const float inv_z = Reciprocal(warp.center.z + dx * warp.step_col.z + dy * warp.step_row.z);
     const float x = (warp.center.x + dx * warp.step_col.x + dy * warp.step_row.x) * inv_z;
     const float y = (warp.center.y + dx * warp.step_col.y + dy * warp.step_row.y) * inv_z;
-    function(i, sampler.SourceAt(view, x + Sampler::kPixelCenter, y + Sampler::kPixelCenter));
+    function(i, sampler.SourceAt(image, x + Sampler::kPixelCenter, y + Sampler::kPixelCenter));
   }
 }
 

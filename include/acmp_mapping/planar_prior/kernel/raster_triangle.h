@@ -48,10 +48,10 @@ ACMP_HOST_DEVICE inline RasterTriangle MakeRasterTriangle(const TriangleCorners&
       static_cast<int64_t>(corners.col[2] - corners.col[0]) * (corners.row[1] - corners.row[0]);
   // Of zero area: opposite sides exclude each other, no pixel is inside.
   const int second = doubled_area < 0 ? 2 : 1, third = 3 - second;
-  RasterTriangle triangle = {{InnerSide(corners, 0, second), InnerSide(corners, second, third),
-                              InnerSide(corners, third, 0)},
-                             corners.row[0],
-                             corners.row[0]};
+  RasterTriangle triangle = {
+      {InnerSide(corners, 0, second), InnerSide(corners, second, third), InnerSide(corners, third, 0)},
+      corners.row[0],
+      corners.row[0]};
   for (int row : corners.row) {
     if (row < triangle.row_min) triangle.row_min = row;
     if (row > triangle.row_max) triangle.row_max = row;

@@ -1,0 +1,70 @@
+#include "cuda_device.h"
+
+#include <cstdint>
+
+#include "acmp_mapping/common/error.h"
+#include "patch_match_kernels.h"
+
+namespace acmp {
+
+CudaDevice::CudaDevice(int index) : index_(index) {
+  int count = 0;
+  const cudaError_t status = cudaGetDeviceCount(&count);
+  if (status != cudaSuccess) {
+    throw InvalidInputError(Concat("no usable CUDA device: ", cudaGetErrorString(status)));
+  }
+  if (index < 0 || index >= count) {
+    throw InvalidInputError(Concat("CUDA device index = ", index, ": must be in [0, ", count - 1, "]"));
+  }
+  MakeCurrent();
+  CudaCheck(cudaGetDeviceProperties(&properties_, index), "read device properties");
+  const cudaError_t probe = ProbeKernels();
+  if (probe != cudaSuccess) {
+    cudaGetLastError();
+    throw InvalidInputError(Concat("this build has no code for ", properties_.name, " (compute capability ",
+                                   properties_.major, ".", properties_.minor, ": ", cudaGetErrorString(probe),
+                                   "); configure with -DACMP_CUDA_ARCHITECTURES=", properties_.major,
+                                   properties_.minor));
+  }
+  memory_stream_ = std::make_unique<CudaStream>();
+  cudaMemPoolProps pool = {};
+  pool.allocType = cudaMemAllocationTypePinned;
+  pool.location = {cudaMemLocationTypeDevice, index};
+  CudaCheck(cudaMemPoolCreate(&pool_, &pool), "create memory pool");
+  uint64_t keep_all = UINT64_MAX;
+  CudaCheck(cudaMemPoolSetAttribute(pool_, cudaMemPoolAttrReleaseThreshold, &keep_all), "set up memory pool");
+}
+
+CudaDevice::~CudaDevice() {
+  cudaSetDevice(index_);
+  if (memory_stream_) cudaStreamSynchronize(memory_stream_->get());
+  cudaMemPoolDestroy(pool_);
+}
+
+void CudaDevice::MakeCurrent() const { CudaCheck(cudaSetDevice(index_), "select device"); }
+
+void* CudaDevice::Allocate(size_t bytes) {
+  void* data = nullptr;
+  const cudaError_t status = cudaMallocFromPoolAsync(&data, bytes, pool_, memory_stream_->get());
+  if (status != cudaSuccess) {
+    cudaGetLastError();  // out of memory is not sticky: the device stays usable
+    CudaCheck(status, Concat("allocate ", bytes, " bytes of GPU memory").c_str());
+  }
+  memory_stream_->Synchronize();  // other streams may use it from now on
+  return data;
+}
+
+// Called by destructors, in any thread: an error here would show again in the next call that can report it.
+void CudaDevice::Free(void* data) noexcept {
+  cudaSetDevice(index_);
+  cudaFreeAsync(data, memory_stream_->get());
+}
+
+size_t CudaDevice::Bytes() const {
+  uint64_t bytes = 0;
+  CudaCheck(cudaMemPoolGetAttribute(pool_, cudaMemPoolAttrReservedMemCurrent, &bytes), "read memory pool");
+  for (const TexturePool& images : images_) bytes += images.Bytes();
+  return bytes;
+}
+
+}  // namespace acmp

@@ -1,0 +1,370 @@
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <mutex>
+#include <utility>
+#include <vector>
+
+#include "acmp_mapping/backend/depth_engine_cuda.h"
+#include "acmp_mapping/common/error.h"
+#include "map_kernels.h"
+#include "pass_runner.h"
+
+namespace acmp {
+namespace {
+
+struct CudaImage final : EngineImage {
+  const CudaDevice* device = nullptr;
+  std::vector<std::unique_ptr<ImageLayer>> levels;
+
+  int Layer(int level) const {
+    if (level >= static_cast<int>(levels.size())) {
+      throw InvalidInputError(Concat("level = ", level, ": the image was loaded with ", levels.size() - 1));
+    }
+    return levels[static_cast<size_t>(level)]->layer();
+  }
+};
+
+struct CudaEstimate final : EngineEstimate {
+  CudaEstimate(const CudaDevicePtr& device, const PinholeCamera& camera)
+      : device(device.get()),
+        width(camera.width),
+        height(camera.height),
+        planes(device, Pixels()),
+        cost(device, Pixels()),
+        depth(device, Pixels()) {}
+
+  size_t Pixels() const { return static_cast<size_t>(width) * height; }
+  ImageView<const PlaneHypothesis> PlaneView() const { return {planes.data(), width, height, width}; }
+  ImageView<const float> CostView() const { return {cost.data(), width, height, width}; }
+  ImageView<const float> DepthView() const { return {depth.data(), width, height, width}; }
+
+  const CudaDevice* device;
+  int width, height;
+  DeviceArray<PlaneHypothesis> planes;
+  DeviceArray<float> cost, depth;
+};
+
+PinholeCamera AtLevel(PinholeCamera camera, int level) {
+  for (int i = 0; i < level; ++i) camera = camera.Halved();
+  return camera;
+}
+
+/// `count` elements from page-locked memory, by all threads.
+template <class T>
+void ParallelCopy(const T* from, size_t count, T* to) {
+  constexpr size_t kPart = 1 << 16;
+  tbb::parallel_for(size_t{0}, (count + kPart - 1) / kPart, [&](size_t part) {
+    const size_t begin = part * kPart;
+    std::copy(from + begin, from + std::min(count, begin + kPart), to + begin);
+  });
+}
+
+class CudaDepthEngine final : public DepthEngine {
+ public:
+  explicit CudaDepthEngine(CudaDevicePtr device) : runner_(std::move(device)) {}
+
+  std::unique_ptr<DepthEngine> Share() override {
+    device().MakeCurrent();
+    return std::make_unique<CudaDepthEngine>(runner_.device());
+  }
+
+  EngineImagePtr Load(const FramePtr& frame, int levels) override {
+    if (!frame) throw InvalidInputError("frame: must not be null");
+    CheckRange("levels", levels, 0, kMaxLevels);
+    return OnDevice([&] { return LoadLevels(*frame, levels); });
+  }
+
+  EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options,
+                                   int level) override {
+    return RunPass<Pass::kPhotometric>(problem, options, level, nullptr, nullptr, 0, options.photometric_iterations);
+  }
+
+  EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
+                                   const EngineEstimatePtr& start, const PriorMesh& prior) override {
+    return RunPass<Pass::kPlanarPrior>(problem, options, 0, &Cast<CudaEstimate>(start), &prior, 0,
+                                       options.planar_prior_iterations);
+  }
+
+  EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
+                                 const EngineEstimatePtr& start, int pass) override {
+    return RunPass<Pass::kGeometric>(problem, options, 0, &Cast<CudaEstimate>(start), nullptr, pass,
+                                     options.geometric_iterations);
+  }
+
+  EngineEstimatePtr Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) override {
+    const CudaEstimate& halved = Cast<CudaEstimate>(estimate);
+    return OnDevice([&] {
+      auto full = std::make_shared<CudaEstimate>(runner_.device(), frame->camera);
+      const ImageView<PlaneHypothesis> planes = {full->planes.data(), full->width, full->height, full->width};
+      LaunchUpsample(halved.PlaneView(), halved.cost.data(), level, planes, full->cost.data(), stream().get());
+      FinishEstimate(frame->camera, *full);
+      return full;
+    });
+  }
+
+  std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
+                                              const PlanarPriorOptions& options) override {
+    Validate(options);
+    CheckDepthRange("depth range of the support points", range);
+    const CudaEstimate& maps = Cast<CudaEstimate>(estimate);
+    return OnDevice([&] { return FindCells(maps, range, options); });
+  }
+
+  ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
+                                        const FusionOptions& options) override;
+
+  EstimateMaps Download(const EngineEstimatePtr& estimate) override;
+  EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
+  EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override;
+
+  double TakeDeviceMs() override { return std::exchange(device_ms_, 0.0); }
+  size_t DeviceBytes() const override { return runner_.device()->Bytes(); }
+  size_t FreeDeviceBytes() const override {
+    device().MakeCurrent();
+    size_t free = 0, total = 0;
+    CudaCheck(cudaMemGetInfo(&free, &total), "read free memory");
+    return free;
+  }
+  std::string device_name() const override {
+    return Concat(runner_.device()->properties().name, " (cuda:", runner_.device()->index(), ")");
+  }
+
+ private:
+  CudaDevice& device() const { return *runner_.device(); }
+  const CudaStream& stream() const { return runner_.stream(); }
+
+  template <class Handle, class Base>
+  const Handle& Cast(const std::shared_ptr<const Base>& handle) const {
+    const auto* cast = dynamic_cast<const Handle*>(handle.get());
+    if (cast == nullptr || cast->device != runner_.device().get()) {
+      throw InvalidInputError("a handle is null or belongs to another device");
+    }
+    return *cast;
+  }
+
+  /// Runs `work` with the device selected for this thread; after a failure nothing is left under way.
+  template <class Work>
+  auto OnDevice(const Work& work) -> decltype(work()) {
+    device().MakeCurrent();
+    try {
+      return work();
+    } catch (...) {
+      cudaStreamSynchronize(stream().get());  // queued work must not outlive the memory it uses
+      cudaGetLastError();
+      throw;
+    }
+  }
+
+  EngineImagePtr LoadLevels(const Frame& frame, int levels) {
+    auto image = std::make_shared<CudaImage>();
+    image->device = runner_.device().get();
+    PinholeCamera camera = frame.camera;
+    for (int level = 0; level <= levels; ++level, camera = camera.Halved()) {
+      image->levels.push_back(
+          std::make_unique<ImageLayer>(runner_.device(), level, camera.width, camera.height, stream()));
+    }
+    const std::shared_lock<std::shared_mutex> images(device().images_mutex());
+    device().images(0).Upload(frame.gray.View(), image->Layer(0), &staging_, stream());
+    for (int level = 1; level <= levels; ++level) {
+      device().images(level).QueueHalf(device().images(level - 1), image->Layer(level - 1), image->Layer(level),
+                                       stream());
+    }
+    stream().Synchronize();
+    return image;
+  }
+
+  PatchMatchProblem MakeProblem(const EngineProblem& problem, int level) const {
+    CheckHandles(problem, level);
+    PatchMatchProblem match = MakePatchMatchProblem(problem);
+    Check(match);
+    match.reference.camera = AtLevel(match.reference.camera, level);
+    for (MatchView& source : match.sources) source.camera = AtLevel(source.camera, level);
+    return match;
+  }
+
+  template <Pass kPass>
+  EngineEstimatePtr RunPass(const EngineProblem& problem, const PatchMatchOptions& options, int level,
+                            const CudaEstimate* start, const PriorMesh* prior, int geometric_pass, int iterations) {
+    Validate(options);
+    const PatchMatchProblem match = MakeProblem(problem, level);
+    const PinholeCamera& camera = match.reference.camera;
+    if (start != nullptr && (start->width != camera.width || start->height != camera.height)) {
+      throw InvalidInputError(Concat("start: ", start->width, " x ", start->height, " px, but the camera has ",
+                                     camera.width, " x ", camera.height));
+    }
+    return OnDevice([&] {
+      auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
+      PassData data = MakePassData(problem, level, *estimate);
+      if (kPass == Pass::kGeometric) AddSourceDepths(problem, &data);
+      begin_.Record(stream());
+      if (start != nullptr) {
+        estimate->planes.CopyFrom(start->planes, estimate->Pixels(), stream());
+        estimate->cost.CopyFrom(start->cost, estimate->Pixels(), stream());
+      }
+      if (prior != nullptr) data.prior = QueuePrior(match, *prior);
+      const std::shared_lock<std::shared_mutex> images(device().images_mutex());
+      runner_.Queue<kPass>(match, options, data, geometric_pass, iterations);
+      FinishEstimate(camera, *estimate);
+      device_ms_ += CudaEvent::ElapsedMs(begin_, end_);
+      return estimate;
+    });
+  }
+
+  PassData MakePassData(const EngineProblem& problem, int level, const CudaEstimate& estimate) const {
+    PassData data;
+    data.level = level;
+    data.reference_layer = Cast<CudaImage>(problem.reference.image).Layer(level);
+    for (const EngineView& source : problem.sources) {
+      data.source_layers.push_back(Cast<CudaImage>(source.image).Layer(level));
+    }
+    data.planes = estimate.planes.data();
+    data.cost = estimate.cost.data();
+    return data;
+  }
+
+  void AddSourceDepths(const EngineProblem& problem, PassData* data) const {
+    for (const EngineView& source : problem.sources) {
+      data->source_depths.push_back(source.estimate ? Cast<CudaEstimate>(source.estimate).DepthView()
+                                                    : ImageView<const float>());
+    }
+  }
+
+  const PlaneHypothesis* QueuePrior(const PatchMatchProblem& match, const PriorMesh& mesh) {
+    const PinholeCamera& camera = match.reference.camera;
+    const size_t count = mesh.triangles.size();
+    prior_.Reserve(runner_.device(), static_cast<size_t>(camera.width) * camera.height);
+    triangles_.Reserve(runner_.device(), count);
+    PriorTriangle* staged = staging_.Reserve<PriorTriangle>(count);
+    tbb::parallel_for(size_t{0}, count, [&](size_t i) {
+      staged[i].plane = mesh.planes[i];
+      for (int k = 0; k < 3; ++k) {
+        const SupportPoint& point = mesh.points[static_cast<size_t>(mesh.triangles[i].vertex[k])];
+        staged[i].corners.col[k] = point.col;
+        staged[i].corners.row[k] = point.row;
+      }
+    });
+    if (count > 0) triangles_.Upload(staged, count, stream());
+    LaunchRasterizePrior(triangles_.data(), static_cast<int>(count), MakeRayGrid(camera), match.depth_range.min,
+                         match.depth_range.max, {prior_.data(), camera.width, camera.height, camera.width},
+                         stream().get());
+    return prior_.data();
+  }
+
+  /// The estimate's depths, and the wait for all that was queued.
+  void FinishEstimate(const PinholeCamera& camera, const CudaEstimate& estimate) {
+    LaunchToDepth(estimate.PlaneView(), MakeRayGrid(camera), estimate.depth.data(), stream().get());
+    end_.Record(stream());
+    stream().Synchronize();
+  }
+
+  std::vector<SupportPoint> FindCells(const CudaEstimate& maps, const DepthRange& range,
+                                      const PlanarPriorOptions& options) {
+    const int size = options.cell_size_px;
+    const size_t count =
+        static_cast<size_t>((maps.width + size - 1) / size) * static_cast<size_t>((maps.height + size - 1) / size);
+    cells_.Reserve(runner_.device(), count);
+    LaunchFindSupport(
+        {maps.DepthView(), maps.CostView(), range.min, range.max, options.max_support_cost, size}, cells_.data(),
+        stream().get());
+    SupportPoint* staged = staging_.Reserve<SupportPoint>(count);
+    cells_.Download(staged, count, stream());
+    stream().Synchronize();
+    std::vector<SupportPoint> points;
+    points.reserve(count);
+    std::copy_if(staged, staged + count, std::back_inserter(points),
+                 [](const SupportPoint& point) { return point.depth > 0; });
+    return points;
+  }
+
+  PassRunner runner_;
+  CudaEvent begin_, end_;
+  PinnedBuffer staging_;
+  DeviceArray<PlaneHypothesis> prior_;
+  DeviceArray<PriorTriangle> triangles_;
+  DeviceArray<SupportPoint> cells_;
+  double device_ms_ = 0;
+};
+
+EstimateMaps CudaDepthEngine::Download(const EngineEstimatePtr& estimate) {
+  const CudaEstimate& maps = Cast<CudaEstimate>(estimate);
+  return OnDevice([&] {
+    const size_t pixels = maps.Pixels();
+    auto* planes = staging_.Reserve<PlaneHypothesis>(pixels + pixels / 2 + 1);
+    auto* depth = reinterpret_cast<float*>(planes + pixels);
+    float* cost = depth + pixels;
+    maps.planes.Download(planes, pixels, stream());
+    maps.depth.Download(depth, pixels, stream());
+    maps.cost.Download(cost, pixels, stream());
+    EstimateMaps result = {DepthMap(maps.width, maps.height), NormalMap(maps.width, maps.height),
+                           CostMap(maps.width, maps.height)};
+    stream().Synchronize();
+    ParallelCopy(depth, pixels, result.depth.data());
+    ParallelCopy(cost, pixels, result.cost.data());
+    tbb::parallel_for(0, maps.height, [&](int row) {
+      const PlaneHypothesis* from = planes + static_cast<size_t>(row) * maps.width;
+      for (int col = 0; col < maps.width; ++col) result.normal(col, row) = from[col].normal();
+    });
+    return result;
+  });
+}
+
+EstimateState CudaDepthEngine::DownloadState(const EngineEstimatePtr& estimate) {
+  const CudaEstimate& maps = Cast<CudaEstimate>(estimate);
+  return OnDevice([&] {
+    const size_t pixels = maps.Pixels();
+    auto* planes = staging_.Reserve<PlaneHypothesis>(pixels + pixels / 4 + 1);
+    auto* cost = reinterpret_cast<float*>(planes + pixels);
+    maps.planes.Download(planes, pixels, stream());
+    maps.cost.Download(cost, pixels, stream());
+    EstimateState state = {PlaneMap(maps.width, maps.height), CostMap(maps.width, maps.height)};
+    stream().Synchronize();
+    ParallelCopy(planes, pixels, state.planes.data());
+    ParallelCopy(cost, pixels, state.cost.data());
+    return state;
+  });
+}
+
+EngineEstimatePtr CudaDepthEngine::UploadState(EstimateState state, const PinholeCamera& camera) {
+  return OnDevice([&] {
+    auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
+    const size_t pixels = estimate->Pixels();
+    if (state.planes.size() != pixels || state.cost.size() != pixels) {
+      throw InvalidInputError(Concat("state: ", state.planes.width(), " x ", state.planes.height(),
+                                     " px, but the camera has ", camera.width, " x ", camera.height));
+    }
+    estimate->planes.Upload(state.planes.data(), pixels, stream());
+    estimate->cost.Upload(state.cost.data(), pixels, stream());
+    FinishEstimate(camera, *estimate);
+    return estimate;
+  });
+}
+
+ConsistencyResult CudaDepthEngine::FilterByConsistency(const EngineView& reference,
+                                                       const std::vector<EngineView>& sources,
+                                                       const FusionOptions& options) {
+  const auto download = [&](const EngineView& view, EstimateMaps* maps) {
+    FusionView result;
+    result.camera = view.frame->camera;
+    result.cam_from_world = view.frame->cam_from_world;
+    if (!view.estimate) return result;
+    *maps = Download(view.estimate);
+    result.depth = maps->depth.View();
+    result.normal = maps->normal.View();
+    result.cost = maps->cost.View();
+    result.color = view.frame->color.View();
+    return result;
+  };
+  std::vector<EstimateMaps> maps(sources.size() + 1);
+  std::vector<FusionView> views;
+  for (size_t i = 0; i < sources.size(); ++i) views.push_back(download(sources[i], &maps[i]));
+  return acmp::FilterByConsistency(download(reference, &maps.back()), views, options);
+}
+
+}  // namespace
+
+std::unique_ptr<DepthEngine> MakeDepthEngineCuda(int cuda_index) {
+  return std::make_unique<CudaDepthEngine>(std::make_shared<CudaDevice>(cuda_index));
+}
+
+}  // namespace acmp

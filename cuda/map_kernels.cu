@@ -1,0 +1,111 @@
+#include "map_kernels.h"
+
+#include "acmp_mapping/patch_match/kernel/upsample.h"
+#include "cuda_check.h"
+#include "texture_pool.h"
+
+namespace acmp {
+namespace {
+
+constexpr int kBlockWidth = 32;
+constexpr int kBlockHeight = 8;
+constexpr int kWarp = 32;
+
+dim3 GridFor(int width, int height) {
+  return dim3((width + kBlockWidth - 1) / kBlockWidth, (height + kBlockHeight - 1) / kBlockHeight);
+}
+
+__device__ int Col() { return static_cast<int>(blockIdx.x * kBlockWidth + threadIdx.x); }
+__device__ int Row() { return static_cast<int>(blockIdx.y * kBlockHeight + threadIdx.y); }
+
+__global__ void ReadLayerKernel(cudaTextureObject_t images, int layer, ImageView<float> gray) {
+  const int col = Col(), row = Row();
+  if (col >= gray.width || row >= gray.height) return;
+  gray(col, row) = kGrayPerTexel * tex2DLayered<float>(images, col + 0.5f, row + 0.5f, layer);
+}
+
+__global__ void ToDepthKernel(ImageView<const PlaneHypothesis> planes, RayGrid rays, float* depth) {
+  const int col = Col(), row = Row();
+  if (col >= planes.width || row >= planes.height) return;
+  const PlaneHypothesis plane = planes(col, row);
+  const Vec3f ray = rays.Ray(static_cast<float>(col), static_cast<float>(row));
+  depth[static_cast<size_t>(row) * planes.width + col] = plane.d > 0 ? PlaneDepth(plane, ray) : 0.0f;
+}
+
+__global__ void UpsampleKernel(ImageView<const PlaneHypothesis> halved_planes, const float* halved_cost, int level,
+                               ImageView<PlaneHypothesis> planes, float* cost) {
+  const int col = Col(), row = Row();
+  if (col >= planes.width || row >= planes.height) return;
+  const int from_col = CoveringPixel(col, level, halved_planes.width);
+  const int from_row = CoveringPixel(row, level, halved_planes.height);
+  planes(col, row) = halved_planes(from_col, from_row);
+  cost[static_cast<size_t>(row) * planes.width + col] =
+      halved_cost[static_cast<size_t>(from_row) * halved_planes.width + from_col];
+}
+
+__global__ void FindSupportKernel(SupportSearch search, int cell_cols, int cell_rows, SupportPoint* cells) {
+  const int col = Col(), row = Row();
+  if (col >= cell_cols || row >= cell_rows) return;
+  cells[static_cast<size_t>(row) * cell_cols + col] = FindSupportPointOfCell(
+      search.depth, search.cost, search.depth_min, search.depth_max, search.max_cost, search.cell_size, col, row);
+}
+
+/// One warp per triangle, which fills its rows one after the other. No two triangles share a pixel.
+__global__ void RasterizePriorKernel(const PriorTriangle* triangles, int count, RayGrid rays, float depth_min,
+                                     float depth_max, ImageView<PlaneHypothesis> prior) {
+  const int index = static_cast<int>((blockIdx.x * blockDim.x + threadIdx.x) / kWarp);
+  if (index >= count) return;
+  const PlaneHypothesis plane = triangles[index].plane;
+  if (!(plane.d > 0)) return;
+  const RasterTriangle triangle = MakeRasterTriangle(triangles[index].corners);
+  const int row_end = min(triangle.row_max + 1, prior.height);
+  for (int row = max(triangle.row_min, 0); row < row_end; ++row) {
+    const ColumnSpan span = SpanOfRow(triangle, row, prior.width);
+    for (int col = span.first + static_cast<int>(threadIdx.x) % kWarp; col <= span.last; col += kWarp) {
+      const float depth = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));
+      if (depth >= depth_min && depth <= depth_max) prior(col, row) = plane;
+    }
+  }
+}
+
+}  // namespace
+
+void LaunchReadLayer(cudaTextureObject_t images, int layer, const ImageView<float>& gray, cudaStream_t stream) {
+  ReadLayerKernel<<<GridFor(gray.width, gray.height), dim3(kBlockWidth, kBlockHeight), 0, stream>>>(images, layer,
+                                                                                                    gray);
+  CudaCheck(cudaGetLastError(), "launch reading of an image");
+}
+
+void LaunchToDepth(const ImageView<const PlaneHypothesis>& planes, const RayGrid& rays, float* depth,
+                   cudaStream_t stream) {
+  ToDepthKernel<<<GridFor(planes.width, planes.height), dim3(kBlockWidth, kBlockHeight), 0, stream>>>(planes, rays,
+                                                                                                      depth);
+  CudaCheck(cudaGetLastError(), "launch depths");
+}
+
+void LaunchUpsample(const ImageView<const PlaneHypothesis>& halved_planes, const float* halved_cost, int level,
+                    const ImageView<PlaneHypothesis>& planes, float* cost, cudaStream_t stream) {
+  UpsampleKernel<<<GridFor(planes.width, planes.height), dim3(kBlockWidth, kBlockHeight), 0, stream>>>(
+      halved_planes, halved_cost, level, planes, cost);
+  CudaCheck(cudaGetLastError(), "launch upsampling");
+}
+
+void LaunchFindSupport(const SupportSearch& search, SupportPoint* cells, cudaStream_t stream) {
+  const int cols = (search.depth.width + search.cell_size - 1) / search.cell_size;
+  const int rows = (search.depth.height + search.cell_size - 1) / search.cell_size;
+  FindSupportKernel<<<GridFor(cols, rows), dim3(kBlockWidth, kBlockHeight), 0, stream>>>(search, cols, rows, cells);
+  CudaCheck(cudaGetLastError(), "launch support points");
+}
+
+void LaunchRasterizePrior(const PriorTriangle* triangles, int count, const RayGrid& rays, float depth_min,
+                          float depth_max, const ImageView<PlaneHypothesis>& prior, cudaStream_t stream) {
+  const size_t bytes = static_cast<size_t>(prior.width) * prior.height * sizeof(PlaneHypothesis);
+  CudaCheck(cudaMemsetAsync(prior.data, 0, bytes, stream), "clear the prior");
+  if (count == 0) return;
+  constexpr int kWarpsPerBlock = 8;
+  RasterizePriorKernel<<<(count + kWarpsPerBlock - 1) / kWarpsPerBlock, kWarpsPerBlock * kWarp, 0, stream>>>(
+      triangles, count, rays, depth_min, depth_max, prior);
+  CudaCheck(cudaGetLastError(), "launch planar prior");
+}
+
+}  // namespace acmp

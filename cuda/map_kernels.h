@@ -1,0 +1,42 @@
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include "acmp_mapping/image/image.h"
+#include "acmp_mapping/planar_prior/kernel/raster_triangle.h"
+#include "acmp_mapping/planar_prior/kernel/support_cell.h"
+
+namespace acmp {
+
+/// All queue work on a stream; pointers and views are device memory.
+
+/// The grey values (0..255) of an image in a layer.
+void LaunchReadLayer(cudaTextureObject_t images, int layer, const ImageView<float>& gray, cudaStream_t stream);
+
+/// z of every pixel's plane; 0 where there is none.
+void LaunchToDepth(const ImageView<const PlaneHypothesis>& planes, const RayGrid& rays, float* depth,
+                   cudaStream_t stream);
+
+/// Plane and cost of every pixel from the pixel that covers it in maps halved `level` times.
+void LaunchUpsample(const ImageView<const PlaneHypothesis>& halved_planes, const float* halved_cost, int level,
+                    const ImageView<PlaneHypothesis>& planes, float* cost, cudaStream_t stream);
+
+/// Credible pixels per cell of `cell_size` px squared; rows of ceil(width / cell_size) cells.
+struct SupportSearch {
+  ImageView<const float> depth, cost;
+  float depth_min, depth_max, max_cost;
+  int cell_size;
+};
+void LaunchFindSupport(const SupportSearch& search, SupportPoint* cells, cudaStream_t stream);
+
+/// A triangle of the prior as the GPU draws it.
+struct PriorTriangle {
+  TriangleCorners corners;
+  PlaneHypothesis plane;  ///< zero: none
+};
+
+/// Draws the triangles' planes where they lie within [depth_min, depth_max]; the other pixels become zero.
+void LaunchRasterizePrior(const PriorTriangle* triangles, int count, const RayGrid& rays, float depth_min,
+                          float depth_max, const ImageView<PlaneHypothesis>& prior, cudaStream_t stream);
+
+}  // namespace acmp

@@ -1,0 +1,58 @@
+#include "pass_runner.h"
+
+#include <algorithm>
+
+#include "map_kernels.h"
+#include "patch_match_kernels.h"
+
+namespace acmp {
+
+ImageLayer::ImageLayer(CudaDevicePtr device, int level, int width, int height, const CudaStream& stream)
+    : device_(std::move(device)),
+      level_(level),
+      layer_(device_->images(level).Acquire(width, height, stream, &device_->images_mutex())) {}
+
+ImageLayer::~ImageLayer() { device_->images(level_).Release(layer_); }
+
+template <Pass kPass>
+void PassRunner::Queue(const PatchMatchProblem& problem, const PatchMatchOptions& options, const PassData& data,
+                       int geometric_pass, int iterations) {
+  const int width = problem.reference.camera.width, height = problem.reference.camera.height;
+  const size_t pixels = static_cast<size_t>(width) * height;
+  const size_t count = problem.sources.size();
+  gray_.Reserve(device_, pixels);
+  selected_views_.Reserve(device_, pixels);
+  views_.Reserve(device_, kMaxSourceViews);
+
+  std::vector<SourceView> views = MakeSourceViews(problem);
+  for (size_t i = 0; i < count; ++i) {
+    views[i].depth = i < data.source_depths.size() ? data.source_depths[i] : ImageView<const float>();
+  }
+  SourceView* staged = host_views_.Reserve<SourceView>(kMaxSourceViews);
+  std::copy(views.begin(), views.end(), staged);
+  views_.Upload(staged, count, stream_);
+
+  const cudaTextureObject_t images = device_->images(data.level).texture();
+  const ImageView<float> gray = {gray_.data(), width, height, width};
+  LaunchReadLayer(images, data.reference_layer, gray, stream_.get());
+
+  CudaMatchContext context = MakeMatchContext<TextureSampler>(problem, options, PassNumber(kPass, geometric_pass));
+  context.sampler.reference = gray;
+  context.sampler.images = images;
+  std::copy(data.source_layers.begin(), data.source_layers.end(), context.sampler.layers);
+  context.sources = views_.data();
+  context.planes = {data.planes, width, height, width};
+  context.cost = {data.cost, width, height, width};
+  context.selected_views = {selected_views_.data(), width, height, width};
+  context.prior = {data.prior, width, height, width};
+  LaunchPass<kPass>(context, iterations, stream_.get());
+}
+
+template void PassRunner::Queue<Pass::kPhotometric>(const PatchMatchProblem&, const PatchMatchOptions&,
+                                                    const PassData&, int, int);
+template void PassRunner::Queue<Pass::kPlanarPrior>(const PatchMatchProblem&, const PatchMatchOptions&,
+                                                    const PassData&, int, int);
+template void PassRunner::Queue<Pass::kGeometric>(const PatchMatchProblem&, const PatchMatchOptions&, const PassData&,
+                                                  int, int);
+
+}  // namespace acmp

@@ -1,0 +1,64 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "acmp_mapping/patch_match/match_setup.h"
+#include "cuda_device.h"
+
+namespace acmp {
+
+/// A layer of a device's images, given back at the end.
+class ImageLayer {
+ public:
+  ImageLayer(CudaDevicePtr device, int level, int width, int height, const CudaStream& stream);
+  ~ImageLayer();
+  ImageLayer(const ImageLayer&) = delete;
+  ImageLayer& operator=(const ImageLayer&) = delete;
+
+  int layer() const { return layer_; }
+
+ private:
+  CudaDevicePtr device_;
+  int level_;
+  int layer_;
+};
+
+/// What a pass reads and writes, all in device memory.
+struct PassData {
+  int level = 0;  ///< of the images
+  int reference_layer = 0;
+  std::vector<int> source_layers;
+  std::vector<ImageView<const float>> source_depths;  ///< empty views: no map
+  PlaneHypothesis* planes = nullptr;
+  float* cost = nullptr;
+  const PlaneHypothesis* prior = nullptr;  ///< planar-prior pass only
+};
+
+/// A stream and the memory of one problem at a time: runs passes on device data.
+class PassRunner {
+ public:
+  explicit PassRunner(CudaDevicePtr device) : device_(std::move(device)) {}
+
+  const CudaDevicePtr& device() const { return device_; }
+  const CudaStream& stream() const { return stream_; }
+
+  /// Queues a pass. The caller holds images_mutex() shared until the stream has been waited for.
+  /// @param problem cameras, poses and depth range at the level of the images
+  template <Pass kPass>
+  void Queue(const PatchMatchProblem& problem, const PatchMatchOptions& options, const PassData& data,
+             int geometric_pass, int iterations);
+
+  /// Of the pass queued last.
+  const DeviceArray<uint32_t>& selected_views() const { return selected_views_; }
+
+ private:
+  CudaDevicePtr device_;
+  CudaStream stream_;
+  DeviceArray<float> gray_;
+  DeviceArray<uint32_t> selected_views_;
+  DeviceArray<SourceView> views_;
+  PinnedBuffer host_views_;
+};
+
+}  // namespace acmp

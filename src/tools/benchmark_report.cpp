@@ -1,0 +1,114 @@
+#include "benchmark_report.h"
+
+#include <fstream>
+#include <iomanip>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+/// Samples per pixel and source view of the full schedule: 144 NCCs of 36 samples (1 + 3 * 14 photometric, the same
+/// with the prior, 2 * (1 + 2 * 14) geometric). The floor of every preset is this schedule's.
+constexpr double kPhotometricSamples = 43.0 * 36, kPriorSamples = 43.0 * 36, kGeometricSamples = 58.0 * 36;
+
+double FloorMs(const BenchmarkReport& report, const StageFigures& row, double samples) {
+  if (report.fetches_per_s == 0) return 0;
+  return 1e3 * samples * row.size.width * row.size.height * row.source_views / report.fetches_per_s;
+}
+
+double KernelsMs(const StageFigures& row) { return row.photometric + row.planar_prior + row.geometric; }
+
+double BytesPerPixel(const StageFigures& row) {
+  return static_cast<double>(row.device_bytes) / (static_cast<double>(row.size.width) * row.size.height);
+}
+
+void PrintCell(double ms, double floor_ms, std::ostream* out) {
+  *out << std::setw(10) << ms;
+  if (floor_ms > 0 && ms > 0) {
+    *out << " (" << ms / floor_ms << "x)";
+  } else {
+    *out << "        ";
+  }
+}
+
+void PrintStages(const BenchmarkReport& report, std::ostream* out) {
+  *out << "medians of " << report.repetitions << " runs after one warm-up, ms per image, preset " << report.preset
+       << "\n";
+  if (report.fetches_per_s > 0) {
+    *out << "texture rate " << report.fetches_per_s * 1e-12
+         << "e12 fetches/s; (x): ratio to one fetch per sample of the preset acmp\n";
+  }
+  *out << "      size   V  photometric         planar prior        geometric passes    kernels             "
+          "triangulation      load  download  consistency      fast     whole   B/px\n";
+  for (const StageFigures& row : report.stages) {
+    *out << std::setw(10) << Concat(row.size.width, "x", row.size.height) << std::setw(4) << row.source_views;
+    PrintCell(row.photometric, FloorMs(report, row, kPhotometricSamples), out);
+    PrintCell(row.planar_prior, FloorMs(report, row, kPriorSamples), out);
+    PrintCell(row.geometric, FloorMs(report, row, kGeometricSamples), out);
+    PrintCell(KernelsMs(row), FloorMs(report, row, kPhotometricSamples + kPriorSamples + kGeometricSamples), out);
+    *out << std::setw(13) << row.triangulation << std::setw(10) << row.load << std::setw(10) << row.download
+         << std::setw(13) << row.consistency << std::setw(10) << row.fast << std::setw(10) << row.whole << std::setw(7)
+         << std::setprecision(0) << BytesPerPixel(row) << std::setprecision(2) << "\n";
+  }
+}
+
+void PrintStreams(const BenchmarkReport& report, std::ostream* out) {
+  *out << "online mapper, preset " << report.preset << ", ms\n"
+       << "      size   V  keyframes   fast: median  99 %   refined: median  99 %   device   keyframes/s   MB device: "
+          "begin  end   MB host: begin  end\n";
+  const auto megabytes = [](size_t bytes) { return static_cast<double>(bytes) * 1e-6; };
+  for (const StreamFigures& row : report.streams) {
+    *out << std::setw(10) << Concat(row.size.width, "x", row.size.height) << std::setw(4) << row.source_views
+         << std::setw(11) << row.keyframes << std::setw(15) << row.fast_median << std::setw(6) << row.fast_99
+         << std::setw(18) << row.refined_median << std::setw(6) << row.refined_99 << std::setw(9) << row.device_median
+         << std::setw(14) << row.keyframes_per_s << std::setprecision(1) << std::setw(18)
+         << megabytes(row.device_bytes_begin) << std::setw(7) << megabytes(row.device_bytes_end) << std::setw(17)
+         << megabytes(row.host_bytes_begin) << std::setw(7) << megabytes(row.host_bytes_end) << std::setprecision(2)
+         << "\n";
+  }
+}
+
+}  // namespace
+
+void PrintReport(const BenchmarkReport& report, std::ostream* out) {
+  const auto flags = out->flags();
+  *out << std::fixed << std::setprecision(2);
+  if (!report.stages.empty()) PrintStages(report, out);
+  if (!report.streams.empty()) PrintStreams(report, out);
+  out->flags(flags);
+}
+
+void WriteJson(const BenchmarkReport& report, const std::string& path) {
+  std::ofstream file(path);
+  file << "{\"device\": \"" << report.device << "\", \"preset\": \"" << report.preset
+       << "\", \"texture_fetches_per_s\": " << report.fetches_per_s << ", \"stages\": [";
+  const char* separator = "";
+  for (const StageFigures& row : report.stages) {
+    file << separator << "{\"width\": " << row.size.width << ", \"height\": " << row.size.height
+         << ", \"source_views\": " << row.source_views << ", \"photometric_ms\": " << row.photometric
+         << ", \"planar_prior_ms\": " << row.planar_prior << ", \"geometric_ms\": " << row.geometric
+         << ", \"floor_ms\": " << FloorMs(report, row, kPhotometricSamples + kPriorSamples + kGeometricSamples)
+         << ", \"triangulation_ms\": " << row.triangulation << ", \"load_ms\": " << row.load
+         << ", \"download_ms\": " << row.download << ", \"consistency_ms\": " << row.consistency
+         << ", \"fast_ms\": " << row.fast << ", \"whole_ms\": " << row.whole
+         << ", \"device_bytes\": " << row.device_bytes << "}";
+    separator = ", ";
+  }
+  file << "], \"streams\": [";
+  separator = "";
+  for (const StreamFigures& row : report.streams) {
+    file << separator << "{\"width\": " << row.size.width << ", \"height\": " << row.size.height
+         << ", \"source_views\": " << row.source_views << ", \"keyframes\": " << row.keyframes
+         << ", \"fast_median_ms\": " << row.fast_median << ", \"fast_99_ms\": " << row.fast_99
+         << ", \"refined_median_ms\": " << row.refined_median << ", \"refined_99_ms\": " << row.refined_99
+         << ", \"device_median_ms\": " << row.device_median << ", \"keyframes_per_s\": " << row.keyframes_per_s
+         << ", \"device_bytes\": [" << row.device_bytes_begin << ", " << row.device_bytes_end
+         << "], \"host_bytes\": [" << row.host_bytes_begin << ", " << row.host_bytes_end << "]}";
+    separator = ", ";
+  }
+  file << "]}\n";
+  if (!file.flush()) throw ProcessingError(path + ": cannot be written");
+}
+
+}  // namespace acmp

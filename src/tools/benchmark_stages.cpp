@@ -1,0 +1,210 @@
+#include "benchmark_stages.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <fstream>
+#include <opencv2/imgproc.hpp>
+
+#include "acmp_mapping/common/timer.h"
+#include "acmp_mapping/image/image_processing.h"
+
+namespace acmp {
+namespace {
+
+constexpr double kWallDepth = 10.0;
+constexpr DepthRange kRange = {4.0f, 40.0f};
+
+/// Noise blurred to features of a few pixels.
+cv::Mat MakeTexture(ImageSize size) {
+  cv::Mat texture(size.height, size.width, CV_32F);
+  cv::RNG random(7);
+  random.fill(texture, cv::RNG::UNIFORM, 0, 255);
+  cv::GaussianBlur(texture, texture, cv::Size(0, 0), 1.5);
+  cv::normalize(texture, texture, 0, 255, cv::NORM_MINMAX);
+  return texture;
+}
+
+/// The wall z = kWallDepth seen from (x, y, 0), with landmarks all over it.
+FramePtr MakeWallFrame(const cv::Mat& texture, int64_t id, double x, double y) {
+  const int width = texture.cols, height = texture.rows;
+  auto frame = std::make_shared<Frame>();
+  frame->id = id;
+  frame->camera = {width, height, 0.9 * width, 0.9 * width, 0.5 * (width - 1), 0.5 * (height - 1)};
+  frame->cam_from_world.translation() = Eigen::Vector3d(-x, -y, 0);
+  frame->gray = GrayImage(width, height);
+  frame->color = ColorImage(width, height);
+  cv::Mat gray = AsMat(frame->gray);
+  const double pixels = frame->camera.fx / kWallDepth;
+  const cv::Matx23d shift(1, 0, -x * pixels, 0, 1, -y * pixels);
+  cv::warpAffine(texture, gray, shift, gray.size(), cv::INTER_LINEAR, cv::BORDER_WRAP);
+  for (int i = 0; i < 200; ++i) {
+    const Eigen::Vector2d pixel((i % 20 + 0.5) * width / 20, (i / 20 + 0.5) * height / 10);
+    frame->landmarks_in_world.push_back(frame->cam_from_world.inverse() * frame->camera.Unproject(pixel, kWallDepth));
+  }
+  return frame;
+}
+
+/// Sources lie at alternating sides, about 5 degrees of triangulation angle apart.
+std::vector<FramePtr> MakeFrames(ImageSize size, int source_views) {
+  const cv::Mat texture = MakeTexture(size);
+  std::vector<FramePtr> frames = {MakeWallFrame(texture, 0, 0, 0)};
+  for (int i = 1; i <= source_views; ++i) {
+    frames.push_back(MakeWallFrame(texture, i, (i % 2 == 0 ? 1 : -1) * (0.5 + 0.08 * i), (i % 4 < 2 ? 1 : -1) * 0.3));
+  }
+  return frames;
+}
+
+double Quantile(std::vector<double> values, double share) {
+  if (values.empty()) return 0;
+  const auto place = static_cast<long>(share * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), values.begin() + place, values.end());
+  return values[static_cast<size_t>(place)];
+}
+
+/// Resident memory of this process.
+size_t HostBytes() {
+  size_t pages = 0, resident = 0;
+  std::ifstream("/proc/self/statm") >> pages >> resident;
+  return resident * static_cast<size_t>(sysconf(_SC_PAGESIZE));
+}
+
+/// What one run of all stages took, ms.
+struct Run {
+  double load, photometric, triangulation, planar_prior, fast, geometric, consistency, download, whole;
+};
+
+Run RunStages(DepthEngine* engine, DepthEstimator* estimator, const PipelineOptions& options, EngineProblem problem,
+              const FramePtr& frame) {
+  Run run = {};
+  Timer whole, stage;
+  problem.reference.image = engine->Load(frame, options.start_level);
+  run.load = stage.Lap();
+  EngineEstimatePtr estimate = estimator->EstimateInitial(problem);
+  const StageTimes& initial = estimator->last_times();
+  run.photometric = initial.photometric_kernels_ms;
+  run.triangulation = initial.prior_construction_ms;
+  run.planar_prior = initial.kernels_ms - initial.photometric_kernels_ms;
+  engine->Download(estimate);
+  run.fast = whole.Elapsed();
+  for (EngineView& source : problem.sources) source.estimate = estimate;
+  for (int pass = 0; pass < options.geometric_passes; ++pass) {
+    estimate = estimator->RefineGeometric(problem, estimate, pass);
+    run.geometric += estimator->last_times().kernels_ms;
+  }
+  stage.Lap();
+  engine->Download(estimate);
+  run.download = stage.Lap();
+  problem.reference.estimate = estimate;
+  engine->FilterByConsistency(problem.reference, problem.sources, options.fusion);
+  run.consistency = stage.Lap();
+  run.whole = whole.Elapsed();
+  return run;
+}
+
+}  // namespace
+
+StageFigures MeasureStages(DepthEngine* engine, const PipelineOptions& options, ImageSize size, int source_views,
+                           int repetitions) {
+  const std::vector<FramePtr> frames = MakeFrames(size, source_views);
+  EngineProblem problem;
+  problem.reference.frame = frames[0];
+  problem.depth_range = kRange;
+  for (int i = 1; i <= source_views; ++i) {
+    const FramePtr& frame = frames[static_cast<size_t>(i)];
+    problem.sources.push_back({frame, engine->Load(frame, options.start_level), nullptr});
+  }
+  DepthEstimator estimator(engine, options);
+  std::vector<Run> runs;
+  for (int i = 0; i <= repetitions; ++i) {
+    const Run run = RunStages(engine, &estimator, options, problem, frames[0]);
+    if (i > 0) runs.push_back(run);  // the first one warms up
+  }
+  const auto median = [&](double Run::* stage) {
+    std::vector<double> values;
+    values.reserve(runs.size());
+    for (const Run& run : runs) values.push_back(run.*stage);
+    return Quantile(std::move(values), 0.5);
+  };
+  StageFigures figures;
+  figures.size = size;
+  figures.source_views = source_views;
+  figures.load = median(&Run::load);
+  figures.photometric = median(&Run::photometric);
+  figures.triangulation = median(&Run::triangulation);
+  figures.planar_prior = median(&Run::planar_prior);
+  figures.geometric = median(&Run::geometric);
+  figures.consistency = median(&Run::consistency);
+  figures.download = median(&Run::download);
+  figures.fast = median(&Run::fast);
+  figures.whole = median(&Run::whole);
+  figures.device_bytes = engine->DeviceBytes();
+  return figures;
+}
+
+StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options, ImageSize size, int source_views,
+                            int keyframes) {
+  StreamFigures figures;
+  figures.size = size;
+  figures.source_views = source_views;
+  figures.keyframes = keyframes;
+
+  DenseMapperOptions mapper_options;
+  mapper_options.pipeline = options;
+  mapper_options.window_size = source_views + 1;
+  mapper_options.source_views.max_source_views = source_views;
+  mapper_options.min_source_views = std::min(2, source_views);
+  mapper_options.lookahead = std::min(mapper_options.lookahead, source_views);
+  std::vector<double> fast, refined, device;
+  Timer since_added;
+  DenseMapper::Callbacks callbacks;
+  callbacks.on_fast = [&](const KeyframeDepthPtr& maps) {
+    if (maps->source_ids.size() == static_cast<size_t>(source_views)) fast.push_back(since_added.Elapsed());
+  };
+  callbacks.on_refined = [&](const KeyframeDepthPtr& maps) {
+    if (maps->source_ids.size() < static_cast<size_t>(source_views)) return;
+    refined.push_back(since_added.Elapsed());
+    device.push_back(maps->times.kernels_ms);
+  };
+  DenseMapper mapper(engine, mapper_options, callbacks);
+
+  const cv::Mat texture = MakeTexture(size);
+  constexpr int kDistinct = 64;  // frames made beforehand; the stream goes to and fro over them
+  constexpr double kStep = 0.4;  // 2.3 degrees at the wall
+  std::vector<FramePtr> frames;
+  for (int i = 0; i < std::min(kDistinct, keyframes); ++i) {
+    frames.push_back(MakeWallFrame(texture, i, kStep * i, i % 2 == 0 ? 0.0 : 0.2));
+  }
+  double work_ms = 0;
+  for (int i = 0; i < keyframes; ++i) {
+    auto frame = std::make_shared<Frame>();
+    const int lap = i / kDistinct, place = i % kDistinct;
+    const Frame& made = *frames[static_cast<size_t>(lap % 2 == 0 ? place : kDistinct - 1 - place)];
+    frame->id = i;
+    frame->camera = made.camera;
+    frame->cam_from_world = made.cam_from_world;
+    // A place that is visited twice in a row would have no baseline.
+    frame->cam_from_world.translation().z() = -1e-3 * (lap % 2);
+    frame->gray = made.gray.Clone();
+    frame->color = made.color.Clone();
+    frame->landmarks_in_world = made.landmarks_in_world;
+    since_added = Timer();
+    mapper.AddKeyframe(std::move(frame));
+    work_ms += since_added.Elapsed();
+    if (i == keyframes / 10) {
+      figures.device_bytes_begin = engine->DeviceBytes();
+      figures.host_bytes_begin = HostBytes();
+    }
+  }
+  figures.device_bytes_end = engine->DeviceBytes();
+  figures.host_bytes_end = HostBytes();
+  figures.keyframes_per_s = 1e3 * keyframes / work_ms;
+  figures.fast_median = Quantile(fast, 0.5);
+  figures.fast_99 = Quantile(fast, 0.99);
+  figures.refined_median = Quantile(refined, 0.5);
+  figures.refined_99 = Quantile(refined, 0.99);
+  figures.device_median = Quantile(device, 0.5);
+  return figures;
+}
+
+}  // namespace acmp

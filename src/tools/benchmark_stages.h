@@ -1,0 +1,50 @@
+#pragma once
+
+#include <string>
+
+#include "acmp_mapping/pipeline/dense_mapper.h"
+
+namespace acmp {
+
+struct ImageSize {
+  int width = 0, height = 0;  ///< px
+};
+
+/// Medians over the runs, milliseconds per image.
+struct StageFigures {
+  ImageSize size;
+  int source_views = 0;
+  // Device time where the engine measures it, wall time elsewhere.
+  double photometric = 0, planar_prior = 0, geometric = 0;
+  // Wall time.
+  double load = 0;           ///< one image to the device
+  double triangulation = 0;  ///< support points and Delaunay
+  double consistency = 0;    ///< filter with confidence and points
+  double download = 0;       ///< depth, normals, cost
+  double fast = 0;           ///< image in to fast maps in host memory
+  double whole = 0;          ///< image in to refined maps and points in host memory
+  size_t device_bytes = 0;   ///< of images, estimates and scratch
+};
+
+/// Runs the stages on a textured wall seen by `source_views` + 1 cameras.
+StageFigures MeasureStages(DepthEngine* engine, const PipelineOptions& options, ImageSize size, int source_views,
+                           int repetitions);
+
+/// A stream of keyframes through the online mapper.
+struct StreamFigures {
+  ImageSize size;
+  int source_views = 0;
+  int keyframes = 0;
+  double fast_median = 0, fast_99 = 0;        ///< ms from AddKeyframe to on_fast
+  double refined_median = 0, refined_99 = 0;  ///< ms of work from AddKeyframe's begin to on_refined of another keyframe
+  double device_median = 0;                   ///< ms of device time per keyframe, all passes
+  double keyframes_per_s = 0;
+  // After a tenth of the stream, and at its end.
+  size_t device_bytes_begin = 0, device_bytes_end = 0, host_bytes_begin = 0, host_bytes_end = 0;
+};
+
+/// Feeds a camera that moves along a textured wall, with a window of `source_views` + 1 keyframes.
+StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options, ImageSize size, int source_views,
+                            int keyframes);
+
+}  // namespace acmp
