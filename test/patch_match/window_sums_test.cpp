@@ -1,5 +1,6 @@
 #include "acmp_mapping/patch_match/window_sums.h"
 
+#include <cstdint>
 #include <cstring>
 #include <limits>
 
@@ -28,11 +29,25 @@ ReferencePatch RandomPatch(TestRandom* random) {
   return patch;
 }
 
-bool SameBits(const WindowSums& a, const WindowSums& b) { return std::memcmp(&a, &b, sizeof(a)) == 0; }
+/// Equal bit by bit: not 0 and -0.
+bool SameBits(float a, float b) {
+  uint32_t bits[2];
+  std::memcpy(&bits[0], &a, sizeof(a));
+  std::memcpy(&bits[1], &b, sizeof(b));
+  return bits[0] == bits[1];
+}
+
+bool SameBits(const WindowSums& a, const WindowSums& b) {
+  return SameBits(a.ws, b.ws) && SameBits(a.wss, b.wss) && SameBits(a.wrs, b.wrs);
+}
 
 bool SameBits(const ReferencePatch& a, const ReferencePatch& b) {
-  return std::memcmp(a.samples, b.samples, sizeof(a.samples)) == 0 && a.center == b.center &&
-         a.inv_sum_weight == b.inv_sum_weight && a.mean == b.mean && a.variance == b.variance;
+  for (int i = 0; i < kPatchSamples; ++i) {
+    const PatchSample &left = a.samples[i], &right = b.samples[i];
+    if (!SameBits(left.value, right.value) || !SameBits(left.weight, right.weight)) return false;
+  }
+  return SameBits(a.center, b.center) && SameBits(a.inv_sum_weight, b.inv_sum_weight) && SameBits(a.mean, b.mean) &&
+         SameBits(a.variance, b.variance);
 }
 
 const std::vector<std::pair<int, int>> kSizes = {{1, 1}, {1, 8}, {8, 1}, {2, 2}, {2, 9}, {3, 3}, {11, 11}, {31, 23}};

@@ -101,7 +101,8 @@ ACMP_HOST_DEVICE inline void AddSample(const PatchSample& reference, float cente
   sums->wrs += weighted * reference.value;
 }
 
-/// The sums of a whole window by one thread alone. Samplers may overload it with a faster way to the same values.
+/// The sums of a whole window by one thread alone. Samplers may overload it, and LoadReferencePatch, with something
+/// faster that differs in rounding only.
 template <class Sampler>
 ACMP_HOST_DEVICE inline WindowSums SumWindow(const Sampler& sampler, int view, const PlaneWarp& warp,
                                              const ReferencePatch& patch) {
