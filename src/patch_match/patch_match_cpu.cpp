@@ -3,17 +3,17 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
-#include "acmp_mapping/patch_match/kernel/bilinear_sampler.h"
 #include "acmp_mapping/patch_match/kernel/initialize_pixel.h"
 #include "acmp_mapping/patch_match/kernel/median_filter.h"
 #include "acmp_mapping/patch_match/kernel/update_pixel.h"
 #include "acmp_mapping/patch_match/match_setup.h"
 #include "acmp_mapping/patch_match/patch_match.h"
+#include "acmp_mapping/patch_match/window_sums.h"
 
 namespace acmp {
 namespace {
 
-using Context = MatchContext<BilinearSampler>;
+using Context = MatchContext<CpuSampler>;
 
 template <class Function>
 void ForEachPixel(const Context& context, const Function& function) {
@@ -86,8 +86,8 @@ class PatchMatchCpu final : public PatchMatch {
     for (const MatchView& source : problem.sources) images.push_back(source.gray);
 
     state.selected_views = Image<uint32_t>(state.planes.width(), state.planes.height());
-    Context context = MakeMatchContext<BilinearSampler>(problem, options, PassNumber(kPass, geometric_pass));
-    context.sampler = {problem.reference.gray, images.data()};
+    Context context = MakeMatchContext<CpuSampler>(problem, options, PassNumber(kPass, geometric_pass));
+    context.sampler = {{problem.reference.gray, images.data()}, SupportedWindowFunctions().back()};
     context.sources = views.data();
     context.planes = state.planes.View();
     context.cost = state.cost.View();

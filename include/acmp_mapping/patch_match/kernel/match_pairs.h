@@ -55,13 +55,6 @@ ACMP_HOST_DEVICE inline WindowSums SumWindows(const PixelMatch<Sampler, Team>& m
   const Team& team = match.team;
   PixelScratch* scratch = match.scratch;
   WindowSums own;
-  if constexpr (Team::kWindowThreads == 1) {
-    if (image < 0) return own;
-    ForEachWindowSample(match.context.sampler, image, warp, [&](int i, float gray) {
-      AddSample(scratch->patch.samples[i], match.part.center, gray, &own);
-    });
-    return own;
-  }
   const int group = team.Rank() / Team::kWindowThreads;
   const int part = team.Rank() % Team::kWindowThreads;
   WindowTask& waiting = scratch->tasks[part * kGroups + group];
@@ -83,7 +76,7 @@ ACMP_HOST_DEVICE inline WindowSums SumWindows(const PixelMatch<Sampler, Team>& m
 }
 
 /// Photometric costs of `count` planes of the scratch in `num_views` views: store(plane, view, cost), each pair by one
-/// thread. Neighbours mostly have the same view.
+/// thread. Neighbours mostly have the same view. match_alone.h has another way to the same for teams of one.
 /// @param plane_of (i): index in the scratch of the i-th of the planes
 /// @param view_of (k): the k-th of the views
 template <class Sampler, class Team, class PlaneOf, class ViewOf, class Store>

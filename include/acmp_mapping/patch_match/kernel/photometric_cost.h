@@ -26,6 +26,14 @@ ACMP_HOST_DEVICE inline float BilateralWeight(float distance_px, float gray_diff
   return expf(-distance_px * inv_spatial - fabsf(gray_difference) * inv_color);
 }
 
+/// What the sums over a patch's samples give: of the weights, weighted values and weighted squares.
+ACMP_HOST_DEVICE inline void SetMoments(float sum_w, float sum_wr, float sum_wrr, ReferencePatch* patch) {
+  // An image smaller than the first ring of samples has no window at all.
+  patch->inv_sum_weight = sum_w > 0 ? 1.0f / sum_w : 0.0f;
+  patch->mean = sum_wr * patch->inv_sum_weight;
+  patch->variance = sum_wrr * patch->inv_sum_weight - patch->mean * patch->mean;
+}
+
 /// Fills `patch`, which all of the team see when it returns.
 template <class Sampler, class Team>
 ACMP_HOST_DEVICE inline void LoadReferencePatch(const MatchContext<Sampler>& context, int col, int row,
@@ -55,10 +63,7 @@ ACMP_HOST_DEVICE inline void LoadReferencePatch(const MatchContext<Sampler>& con
       sum_wrr += sample.weight * sample.value * sample.value;
     }
     patch->center = center;
-    // An image smaller than the first ring of samples has no window at all.
-    patch->inv_sum_weight = sum_w > 0 ? 1.0f / sum_w : 0.0f;
-    patch->mean = sum_wr * patch->inv_sum_weight;
-    patch->variance = sum_wrr * patch->inv_sum_weight - patch->mean * patch->mean;
+    SetMoments(sum_w, sum_wr, sum_wrr, patch);
   }
   team.Sync();
 }
@@ -94,6 +99,17 @@ ACMP_HOST_DEVICE inline void AddSample(const PatchSample& reference, float cente
   sums->ws += weighted;
   sums->wss += weighted * value;
   sums->wrs += weighted * reference.value;
+}
+
+/// The sums of a whole window by one thread alone. Samplers may overload it, and LoadReferencePatch, with something
+/// faster that differs in rounding only.
+template <class Sampler>
+ACMP_HOST_DEVICE inline WindowSums SumWindow(const Sampler& sampler, int view, const PlaneWarp& warp,
+                                             const ReferencePatch& patch) {
+  WindowSums sums;
+  ForEachWindowSample(sampler, sampler.ImageOf(view), warp,
+                      [&](int i, float gray) { AddSample(patch.samples[i], patch.center, gray, &sums); });
+  return sums;
 }
 
 /// Whether the window has to be compared: then `warp` says where; else `cost` is the answer. Worst where the plane's
@@ -134,10 +150,7 @@ ACMP_HOST_DEVICE inline float PhotometricCost(const MatchContext<Sampler>& conte
   PlaneWarp warp;
   float cost;
   if (!PrepareWindow(context, patch, dual, col, row, view, &warp, &cost)) return cost;
-  WindowSums sums;
-  ForEachWindowSample(context.sampler, context.sampler.ImageOf(view), warp,
-                      [&](int i, float gray) { AddSample(patch.samples[i], patch.center, gray, &sums); });
-  return NccCost(context, patch, sums);
+  return NccCost(context, patch, SumWindow(context.sampler, view, warp, patch));
 }
 
 }  // namespace acmp

@@ -53,8 +53,7 @@ ACMP_HOST_DEVICE inline void ForEachSampleOfPart(const Sampler& sampler, int ima
   }
 }
 
-/// Calls function(i, grey value) for the source pixels that the warp gives the window's samples, in order. Samplers may
-/// overload it with a faster way to the same values.
+/// Calls function(i, grey value) for the source pixels that the warp gives the window's samples, in order.
 template <class Sampler, class Function>
 ACMP_HOST_DEVICE inline void ForEachWindowSample(const Sampler& sampler, int image, const PlaneWarp& warp,
                                                  const Function& function) {

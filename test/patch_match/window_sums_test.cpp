@@ -1,0 +1,209 @@
+#include "acmp_mapping/patch_match/window_sums.h"
+
+#include <cstdint>
+#include <cstring>
+#include <limits>
+
+#include "gtest/gtest.h"
+
+#include "support/kernel_state.h"
+#include "support/random_views.h"
+#include "support/reference_match.h"
+
+namespace acmp {
+namespace {
+
+float Real(TestRandom* random, double low, double high) { return static_cast<float>((*random)(low, high)); }
+
+/// Warps into, across the border of and past an image.
+PlaneWarp RandomWarp(int width, int height, TestRandom* random) {
+  return {{Real(random, -5, width + 5), Real(random, -5, height + 5), 1.0f},
+          {Real(random, -1, 1), Real(random, -1, 1), Real(random, -0.05, 0.05)},
+          {Real(random, -1, 1), Real(random, -1, 1), Real(random, -0.05, 0.05)}};
+}
+
+ReferencePatch RandomPatch(TestRandom* random) {
+  ReferencePatch patch = {};
+  for (PatchSample& sample : patch.samples) sample = {Real(random, -100, 100), Real(random, 0, 1)};
+  patch.center = Real(random, 0, 255);
+  return patch;
+}
+
+/// Equal bit by bit: not 0 and -0.
+bool SameBits(float a, float b) {
+  uint32_t bits[2];
+  std::memcpy(&bits[0], &a, sizeof(a));
+  std::memcpy(&bits[1], &b, sizeof(b));
+  return bits[0] == bits[1];
+}
+
+bool SameBits(const WindowSums& a, const WindowSums& b) {
+  return SameBits(a.ws, b.ws) && SameBits(a.wss, b.wss) && SameBits(a.wrs, b.wrs);
+}
+
+bool SameBits(const ReferencePatch& a, const ReferencePatch& b) {
+  for (int i = 0; i < kPatchSamples; ++i) {
+    const PatchSample &left = a.samples[i], &right = b.samples[i];
+    if (!SameBits(left.value, right.value) || !SameBits(left.weight, right.weight)) return false;
+  }
+  return SameBits(a.center, b.center) && SameBits(a.inv_sum_weight, b.inv_sum_weight) && SameBits(a.mean, b.mean) &&
+         SameBits(a.variance, b.variance);
+}
+
+const std::vector<std::pair<int, int>> kSizes = {{1, 1}, {1, 8}, {8, 1}, {2, 2}, {2, 9}, {3, 3}, {11, 11}, {31, 23}};
+
+TEST(WindowSumsTest, AreTheSameBitsOnEveryInstructionSet) {
+  const std::vector<WindowFunctions> sets = SupportedWindowFunctions();
+  constexpr float kInf = std::numeric_limits<float>::infinity();
+  constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+  for (const auto& [width, height] : kSizes) {
+    if (width < 2 || height < 2) continue;
+    const GrayImage padded = RandomImage(width + 3, height + 2, 1);
+    const ImageView<const float> image = {&padded(2, 1), width, height, width + 3};
+    TestRandom random(2);
+    for (int i = 0; i < 1000; ++i) {
+      PlaneWarp warp = RandomWarp(width, height, &random);
+      if (i % 10 == 9) warp.center.x = i % 20 == 9 ? kInf : kNan;
+      const ReferencePatch patch = RandomPatch(&random);
+      const WindowSums expected = sets[0].sum_window(image, warp, patch);
+      for (const WindowFunctions& set : sets) {
+        ASSERT_TRUE(SameBits(set.sum_window(image, warp, patch), expected)) << set.instructions << ", window " << i;
+      }
+    }
+  }
+}
+
+TEST(WindowSumsTest, AgreeWithTheReference) {
+  for (const WindowFunctions& set : SupportedWindowFunctions()) {
+    for (const auto& [width, height] : kSizes) {
+      const GrayImage padded = RandomImage(width + 3, height + 2, 3);
+      const ImageView<const float> image = {&padded(2, 1), width, height, width + 3};
+      const CpuSampler sampler = {{image, &image}, set};
+      TestRandom random(4);
+      for (int i = 0; i < 500; ++i) {
+        const PlaneWarp warp = RandomWarp(width, height, &random);
+        const ReferencePatch patch = RandomPatch(&random);
+        double ws = 0, wss = 0, wrs = 0, weights = 0, sizes = 0, references = 0;
+        for (int k = 0; k < kPatchSamples; ++k) {
+          const double dx = WindowCol(k), dy = WindowRow(k);
+          const double z = warp.center.z + dx * warp.step_col.z + dy * warp.step_row.z;
+          const double x = (warp.center.x + dx * warp.step_col.x + dy * warp.step_row.x) / z;
+          const double y = (warp.center.y + dx * warp.step_col.y + dy * warp.step_row.y) / z;
+          const double value = reference::SampleBilinear(image, x, y) - patch.center;
+          const double weight = patch.samples[k].weight, reference = patch.samples[k].value;
+          ws += weight * value;
+          wss += weight * value * value;
+          wrs += weight * value * reference;
+          weights += weight;
+          sizes += weight * std::abs(value);
+          references += weight * std::abs(reference);
+        }
+        // A value is off by up to 5e-3: 1e-5 px times up to 150 grey levels per px, at grazing angles more.
+        constexpr double kValue = 5e-3, kRounding = 1e-6;
+        const WindowSums sums = SumWindow(sampler, 0, warp, patch);
+        ASSERT_NEAR(sums.ws, ws, kValue * weights + kRounding * sizes) << width << " x " << height;
+        ASSERT_NEAR(sums.wss, wss, 2 * kValue * sizes + kRounding * wss) << width << " x " << height;
+        ASSERT_NEAR(sums.wrs, wrs, kValue * references + kRounding * 100 * sizes) << width << " x " << height;
+      }
+    }
+  }
+}
+
+TEST(WindowSumsTest, OfConstantImagesAreExact) {
+  // What keeps flat source windows flat.
+  const GrayImage image(9, 7, 123.456f);
+  const ImageView<const float> view = image.View();
+  TestRandom random(5);
+  for (const WindowFunctions& set : SupportedWindowFunctions()) {
+    for (int i = 0; i < 500; ++i) {
+      ReferencePatch patch = RandomPatch(&random);
+      patch.center = 123.456f;
+      const WindowSums sums = set.sum_window(view, RandomWarp(9, 7, &random), patch);
+      ASSERT_EQ(sums.ws, 0);
+      ASSERT_EQ(sums.wss, 0);
+      ASSERT_EQ(sums.wrs, 0);
+    }
+  }
+}
+
+TEST(CpuPatchTest, HasTheWindowsSamplesAndMoments) {
+  for (const auto& [width, height] : kSizes) {
+    std::vector<PlanarView> views = RandomViews(2, width, height, 6);
+    KernelState state(MakeProblem(views, 0, {1, 10}));
+    const ImageView<const float> gray = views[0].gray.View();
+    for (const WindowFunctions& set : SupportedWindowFunctions()) {
+      const auto context = state.ContextWith(CpuSampler{{gray, &gray}, set});
+      for (int row = 0; row < height; ++row) {
+        for (int col = 0; col < width; ++col) {
+          ReferencePatch patch, expected, first;
+          LoadReferencePatch(context, col, row, SingleThread(), &patch);
+          LoadReferencePatch(state.Context(), col, row, SingleThread(), &expected);
+          LoadReferencePatch(state.ContextWith(CpuSampler{{gray, &gray}, SupportedWindowFunctions()[0]}), col, row,
+                             SingleThread(), &first);
+          ASSERT_TRUE(SameBits(patch, first)) << set.instructions << ": " << col << ", " << row;
+          EXPECT_EQ(patch.center, gray(col, row));
+          for (int i = 0; i < kPatchSamples; ++i) {
+            const int x = col + WindowCol(i), y = row + WindowRow(i);
+            if (!gray.Contains(x, y)) {
+              ASSERT_EQ(patch.samples[i].weight, 0) << "outside the image";
+              continue;
+            }
+            ASSERT_EQ(patch.samples[i].value, gray(x, y) - gray(col, row));
+            const double distance = std::hypot(WindowCol(i), WindowRow(i));
+            const double weight = reference::BilateralWeight(distance, patch.samples[i].value, state.options());
+            ASSERT_NEAR(patch.samples[i].weight, weight, 1e-6 * weight + 2e-38);
+          }
+          ASSERT_NEAR(patch.inv_sum_weight, expected.inv_sum_weight, 1e-5 * expected.inv_sum_weight);
+          ASSERT_NEAR(patch.mean, expected.mean, 2e-3);
+          ASSERT_NEAR(patch.variance, expected.variance, 2e-3 * expected.variance + 1e-3);
+        }
+      }
+    }
+  }
+}
+
+TEST(CpuPatchTest, WeightsHoldForAnyOptions) {
+  const std::vector<PlanarView> views = RandomViews(2, 31, 23, 7);
+  for (const float sigma : {0.05f, 0.5f, 3.0f, 100.0f}) {
+    PatchMatchOptions options;
+    options.sigma_color = sigma;
+    options.sigma_spatial_px = 2 * sigma;
+    KernelState state(MakeProblem(views, 0, {1, 10}), options);
+    const ImageView<const float> gray = views[0].gray.View();
+    const auto context = state.ContextWith(CpuSampler{{gray, &gray}, SupportedWindowFunctions().back()});
+    ReferencePatch patch;
+    LoadReferencePatch(context, 15, 11, SingleThread(), &patch);
+    for (int i = 0; i < kPatchSamples; ++i) {
+      const double distance = std::hypot(WindowCol(i), WindowRow(i));
+      const double weight = reference::BilateralWeight(distance, patch.samples[i].value, options);
+      // The exponent is rounded, up to 87 here.
+      EXPECT_NEAR(patch.samples[i].weight, weight, 1e-5 * weight + 2e-38) << "sigma " << sigma;
+    }
+  }
+}
+
+TEST(CpuSamplerTest, CostsAgreeWithThePlainSampler) {
+  const std::vector<PlanarView> views = RandomViews(5, 65, 49, 8);
+  KernelState state(MakeProblem(views, 0, {1, 10}));
+  const auto plain = state.Context();
+  const CpuSampler sampler = {plain.sampler, SupportedWindowFunctions().back()};
+  const auto context = state.ContextWith(sampler);
+  TestRandom random(9);
+  int matched = 0;
+  for (int i = 0; i < 5000; ++i) {
+    const int col = random.Below(65), row = random.Below(49), view = i % 4;
+    const Vec3f dual = PlaneDual(plain, RandomHypothesis(views[0].camera, col, row, 1.5, 10, 80, &random));
+    ReferencePatch patch, plain_patch;
+    LoadReferencePatch(context, col, row, SingleThread(), &patch);
+    LoadReferencePatch(plain, col, row, SingleThread(), &plain_patch);
+    const float cost = PhotometricCost(context, patch, dual, col, row, view);
+    const float expected = PhotometricCost(plain, plain_patch, dual, col, row, view);
+    // Both are within 5e-4 of the reference.
+    ASSERT_NEAR(cost, expected, 1e-3) << i;
+    matched += expected < kUninformedCost ? 1 : 0;
+  }
+  EXPECT_GT(matched, 1000);
+}
+
+}  // namespace
+}  // namespace acmp
