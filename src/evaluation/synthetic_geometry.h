@@ -7,8 +7,8 @@
 
 namespace acmp {
 
-// The ray tracer calculates with Vec3d and not with Eigen, whose use of fused multiply-add depends on the target machine:
-// the rendered bytes must not.
+// The ray tracer calculates with Vec3d and not with Eigen, whose use of fused multiply-add depends on the target
+// machine: the rendered bytes must not.
 
 /// Points origin + t * direction; the direction need not be a unit vector.
 struct Ray {
