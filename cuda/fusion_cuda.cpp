@@ -166,6 +166,7 @@ PointCloud FuseDepthMapsCuda(const std::vector<FusionView>& views, const std::ve
   SelectDevice(cuda_index);
   const CudaStream stream;
   std::vector<std::unique_ptr<UploadedView>> uploaded;
+  uploaded.reserve(views.size());
   for (const FusionView& view : views) {
     uploaded.push_back(view.depth.empty() ? nullptr : std::make_unique<UploadedView>(view, true, stream));
   }

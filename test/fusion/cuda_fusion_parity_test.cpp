@@ -178,8 +178,9 @@ TEST_F(CudaFusionParityTest, PaddedRowsMissingColorsAndEmptyViews) {
 }
 
 TEST_F(CudaFusionParityTest, AsManySourcesAsTheLimitAndOneMore) {
-  std::vector<TestView> views = NoisyViews();
+  const std::vector<TestView> views = NoisyViews();
   std::vector<FusionView> sources;
+  sources.reserve(34);
   for (int i = 0; i < 32; ++i) sources.push_back(views[i % 4].View());
   ExpectParity(views[0].View(), sources, {});
   std::vector<std::vector<int>> neighbors(33);
