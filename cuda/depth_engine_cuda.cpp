@@ -1,13 +1,14 @@
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
+#include <map>
 #include <mutex>
 #include <utility>
 #include <vector>
 
 #include "acmp_mapping/backend/depth_engine_cuda.h"
 #include "acmp_mapping/common/error.h"
+#include "fusion_runner.h"
 #include "map_kernels.h"
+#include "parallel_copy.h"
 #include "pass_runner.h"
 
 namespace acmp {
@@ -16,6 +17,8 @@ namespace {
 struct CudaImage final : EngineImage {
   const CudaDevice* device = nullptr;
   std::vector<std::unique_ptr<ImageLayer>> levels;
+  mutable std::mutex color_mutex;
+  mutable DeviceArray<Rgb> color;  ///< copied when it is first asked for: matching does without
 
   int Layer(int level) const {
     if (level >= static_cast<int>(levels.size())) {
@@ -45,24 +48,21 @@ struct CudaEstimate final : EngineEstimate {
   DeviceArray<float> cost, depth;
 };
 
-PinholeCamera AtLevel(PinholeCamera camera, int level) {
-  for (int i = 0; i < level; ++i) camera = camera.Halved();
-  return camera;
-}
+struct CudaStamps final : FusionStamps {
+  const CudaDevice* device = nullptr;
+  std::map<int64_t, DeviceArray<Stamp>> by_frame;
+  Stamp next = 0;
+};
 
-/// `count` elements from page-locked memory, by all threads.
-template <class T>
-void ParallelCopy(const T* from, size_t count, T* to) {
-  constexpr size_t kPart = 1 << 16;
-  tbb::parallel_for(size_t{0}, (count + kPart - 1) / kPart, [&](size_t part) {
-    const size_t begin = part * kPart;
-    std::copy(from + begin, from + std::min(count, begin + kPart), to + begin);
-  });
+void CheckSize(const char* name, int width, int height, const PinholeCamera& camera) {
+  if (width == camera.width && height == camera.height) return;
+  throw InvalidInputError(Concat(name, ": ", width, " x ", height, " px, but the camera has ", camera.width, " x ",
+                                 camera.height));
 }
 
 class CudaDepthEngine final : public DepthEngine {
  public:
-  explicit CudaDepthEngine(CudaDevicePtr device) : runner_(std::move(device)) {}
+  explicit CudaDepthEngine(const CudaDevicePtr& device) : runner_(device), fusion_(device) {}
 
   std::unique_ptr<DepthEngine> Share() override {
     device().MakeCurrent();
@@ -93,7 +93,10 @@ class CudaDepthEngine final : public DepthEngine {
   }
 
   EngineEstimatePtr Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) override {
+    if (!frame) throw InvalidInputError("frame: must not be null");
+    CheckRange("level", level, 0, kMaxLevels);
     const CudaEstimate& halved = Cast<CudaEstimate>(estimate);
+    CheckSize("halved estimate", halved.width, halved.height, CameraAtLevel(frame->camera, level));
     return OnDevice([&] {
       auto full = std::make_shared<CudaEstimate>(runner_.device(), frame->camera);
       const ImageView<PlaneHypothesis> planes = {full->planes.data(), full->width, full->height, full->width};
@@ -113,6 +116,13 @@ class CudaDepthEngine final : public DepthEngine {
 
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options) override;
+  std::unique_ptr<FusionStamps> MakeFusionStamps() override {
+    auto stamps = std::make_unique<CudaStamps>();
+    stamps->device = runner_.device().get();
+    return stamps;
+  }
+  PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources, const FusionOptions& options,
+                      FusionStamps* stamps) override;
 
   EstimateMaps Download(const EngineEstimatePtr& estimate) override;
   EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
@@ -178,8 +188,8 @@ class CudaDepthEngine final : public DepthEngine {
     CheckHandles(problem, level);
     PatchMatchProblem match = MakePatchMatchProblem(problem);
     Check(match);
-    match.reference.camera = AtLevel(match.reference.camera, level);
-    for (MatchView& source : match.sources) source.camera = AtLevel(source.camera, level);
+    match.reference.camera = CameraAtLevel(match.reference.camera, level);
+    for (MatchView& source : match.sources) source.camera = CameraAtLevel(source.camera, level);
     return match;
   }
 
@@ -189,10 +199,7 @@ class CudaDepthEngine final : public DepthEngine {
     Validate(options);
     const PatchMatchProblem match = MakeProblem(problem, level);
     const PinholeCamera& camera = match.reference.camera;
-    if (start != nullptr && (start->width != camera.width || start->height != camera.height)) {
-      throw InvalidInputError(Concat("start: ", start->width, " x ", start->height, " px, but the camera has ",
-                                     camera.width, " x ", camera.height));
-    }
+    if (start != nullptr) CheckSize("start", start->width, start->height, camera);
     return OnDevice([&] {
       auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
       PassData data = MakePassData(problem, level, *estimate);
@@ -277,7 +284,13 @@ class CudaDepthEngine final : public DepthEngine {
     return points;
   }
 
+  static PosedCamera PosedCameraOf(const EngineView& view) { return {view.frame->camera, view.frame->cam_from_world}; }
+  DeviceFusionView FusionMapsOf(const EngineView& view);
+  ImageView<const Rgb> ColorOf(const EngineView& view);
+  ImageView<Stamp> StampsOf(const Frame& frame, CudaStamps* stamps);
+
   PassRunner runner_;
+  FusionRunner fusion_;
   CudaEvent begin_, end_;
   PinnedBuffer staging_;
   DeviceArray<PlaneHypothesis> prior_;
@@ -326,13 +339,11 @@ EstimateState CudaDepthEngine::DownloadState(const EngineEstimatePtr& estimate) 
 }
 
 EngineEstimatePtr CudaDepthEngine::UploadState(EstimateState state, const PinholeCamera& camera) {
+  CheckSize("plane map", state.planes.width(), state.planes.height(), camera);
+  CheckSize("cost map", state.cost.width(), state.cost.height(), camera);
   return OnDevice([&] {
     auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
     const size_t pixels = estimate->Pixels();
-    if (state.planes.size() != pixels || state.cost.size() != pixels) {
-      throw InvalidInputError(Concat("state: ", state.planes.width(), " x ", state.planes.height(),
-                                     " px, but the camera has ", camera.width, " x ", camera.height));
-    }
     estimate->planes.Upload(state.planes.data(), pixels, stream());
     estimate->cost.Upload(state.cost.data(), pixels, stream());
     FinishEstimate(camera, *estimate);
@@ -340,25 +351,71 @@ EngineEstimatePtr CudaDepthEngine::UploadState(EstimateState state, const Pinhol
   });
 }
 
+DeviceFusionView CudaDepthEngine::FusionMapsOf(const EngineView& view) {
+  if (!view.frame) throw InvalidInputError("frame: must not be null");
+  const CudaEstimate& estimate = Cast<CudaEstimate>(view.estimate);
+  CheckSize("estimate", estimate.width, estimate.height, view.frame->camera);
+  return {estimate.DepthView(), estimate.PlaneView(), estimate.CostView(), ColorOf(view)};
+}
+
+ImageView<const Rgb> CudaDepthEngine::ColorOf(const EngineView& view) {
+  const ColorImage& color = view.frame->color;
+  if (color.empty()) return {};
+  const CudaImage& image = Cast<CudaImage>(view.image);
+  const std::lock_guard<std::mutex> lock(image.color_mutex);
+  if (image.color.size() == 0) {
+    DeviceArray<Rgb> copy(runner_.device(), color.size());
+    Rgb* staged = staging_.Reserve<Rgb>(color.size());
+    ParallelCopy(color.data(), color.size(), staged);
+    copy.Upload(staged, color.size(), stream());
+    stream().Synchronize();
+    image.color = std::move(copy);
+  }
+  return {image.color.data(), color.width(), color.height(), color.width()};
+}
+
 ConsistencyResult CudaDepthEngine::FilterByConsistency(const EngineView& reference,
                                                        const std::vector<EngineView>& sources,
                                                        const FusionOptions& options) {
-  const auto download = [&](const EngineView& view, EstimateMaps* maps) {
-    FusionView result;
-    result.camera = view.frame->camera;
-    result.cam_from_world = view.frame->cam_from_world;
-    if (!view.estimate) return result;
-    *maps = Download(view.estimate);
-    result.depth = maps->depth.View();
-    result.normal = maps->normal.View();
-    result.cost = maps->cost.View();
-    result.color = view.frame->color.View();
-    return result;
-  };
-  std::vector<EstimateMaps> maps(sources.size() + 1);
-  std::vector<FusionView> views;
-  for (size_t i = 0; i < sources.size(); ++i) views.push_back(download(sources[i], &maps[i]));
-  return acmp::FilterByConsistency(download(reference, &maps.back()), views, options);
+  return OnDevice([&] {
+    FusionSetup<DeviceFusionView> setup(PosedCameraOf(reference), FusionMapsOf(reference), MakeFusionLimits(options),
+                                        RigidTransform::Identity());
+    for (const EngineView& source : sources) {
+      if (source.estimate) setup.AddSource(PosedCameraOf(source), FusionMapsOf(source));
+    }
+    return fusion_.Filter(setup, stream());
+  });
+}
+
+ImageView<Stamp> CudaDepthEngine::StampsOf(const Frame& frame, CudaStamps* stamps) {
+  const int width = frame.camera.width, height = frame.camera.height;
+  auto found = stamps->by_frame.find(frame.id);
+  if (found == stamps->by_frame.end()) {
+    static_assert(kUnusedStamp == 0xffff, "both bytes are set to 0xff");
+    DeviceArray<Stamp> unused(runner_.device(), static_cast<size_t>(width) * height);
+    CudaCheck(cudaMemsetAsync(unused.data(), 0xff, unused.size() * sizeof(Stamp), stream().get()), "reset stamps");
+    found = stamps->by_frame.emplace(frame.id, std::move(unused)).first;
+  }
+  return {found->second.data(), width, height, width};
+}
+
+PointCloud CudaDepthEngine::FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
+                                     const FusionOptions& options, FusionStamps* stamps) {
+  auto* device_stamps = dynamic_cast<CudaStamps*>(stamps);
+  if (device_stamps == nullptr || device_stamps->device != runner_.device().get()) {
+    throw InvalidInputError("stamps: null or of another device");
+  }
+  CheckRange("number of fused views", device_stamps->next + 1, 1, kMaxFusionViews);
+  return OnDevice([&] {
+    FusionSetup<DeviceFusionView> setup(PosedCameraOf(reference), FusionMapsOf(reference), MakeFusionLimits(options),
+                                        reference.frame->cam_from_world.inverse());
+    setup.SetStamps(StampsOf(*reference.frame, device_stamps), device_stamps->next++);
+    for (const EngineView& source : sources) {
+      if (!source.estimate) continue;
+      setup.AddSource(PosedCameraOf(source), FusionMapsOf(source), StampsOf(*source.frame, device_stamps));
+    }
+    return fusion_.Fuse(setup, reference.frame->camera.width, reference.frame->camera.height, stream());
+  });
 }
 
 }  // namespace

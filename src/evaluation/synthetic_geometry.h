@@ -1,26 +1,14 @@
 #pragma once
 
-#include <cmath>
 #include <optional>
 #include <vector>
 
+#include "acmp_mapping/common/vector_math.h"
+
 namespace acmp {
 
-/// Plain double arithmetic for the ray tracer. Not Eigen, whose use of fused multiply-add depends on the target
-/// machine: the rendered bytes must not.
-struct Vec3d {
-  double x, y, z;
-};
-
-inline Vec3d operator+(const Vec3d& a, const Vec3d& b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
-inline Vec3d operator-(const Vec3d& a, const Vec3d& b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
-inline Vec3d operator*(double s, const Vec3d& a) { return {s * a.x, s * a.y, s * a.z}; }
-inline double Dot(const Vec3d& a, const Vec3d& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
-inline Vec3d Cross(const Vec3d& a, const Vec3d& b) {
-  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-}
-inline double Norm(const Vec3d& a) { return std::sqrt(Dot(a, a)); }
-inline Vec3d Normalized(const Vec3d& a) { return (1.0 / Norm(a)) * a; }
+// The ray tracer calculates with Vec3d and not with Eigen, whose use of fused multiply-add depends on the target
+// machine: the rendered bytes must not.
 
 /// Points origin + t * direction; the direction need not be a unit vector.
 struct Ray {

@@ -2,9 +2,11 @@
 
 #include <tbb/parallel_for.h>
 
+#include <map>
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/fusion/fusion_setup.h"
 #include "acmp_mapping/patch_match/kernel/upsample.h"
 
 namespace acmp {
@@ -27,6 +29,23 @@ struct HostEstimate final : EngineEstimate {
   CostMap cost;
   DepthMap depth;
   NormalMap normal;
+};
+
+struct HostStamps final : FusionStamps {
+  std::map<int64_t, Image<Stamp>> by_frame;
+  Stamp next = 0;
+
+  ImageView<Stamp> Of(const Frame& frame) {
+    auto found = by_frame.find(frame.id);
+    if (found == by_frame.end()) {
+      found = by_frame.emplace(frame.id, Image<Stamp>(frame.camera.width, frame.camera.height, kUnusedStamp)).first;
+    }
+    return found->second.View();
+  }
+  Stamp Next() {
+    CheckRange("number of fused views", next + 1, 1, kMaxFusionViews);
+    return next++;
+  }
 };
 
 template <class Handle, class Base>
@@ -169,6 +188,27 @@ ConsistencyResult HostDepthEngine::FilterByConsistency(const EngineView& referen
   views.reserve(sources.size());
   for (const EngineView& source : sources) views.push_back(MakeFusionView(source));
   return acmp::FilterByConsistency(MakeFusionView(reference), views, options);
+}
+
+std::unique_ptr<FusionStamps> HostDepthEngine::MakeFusionStamps() { return std::make_unique<HostStamps>(); }
+
+PointCloud HostDepthEngine::FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
+                                     const FusionOptions& options, FusionStamps* stamps) {
+  auto* host_stamps = dynamic_cast<HostStamps*>(stamps);
+  if (host_stamps == nullptr) throw InvalidInputError("stamps: null or of another device");
+  Cast<HostEstimate>(reference.estimate);
+  const FusionView view = MakeFusionView(reference);
+  FusionSetup<FusionMaps<Vec3f>> setup(CameraOf(view), MapsOf(view), MakeFusionLimits(options),
+                                       view.cam_from_world.inverse());
+  setup.SetStamps(host_stamps->Of(*reference.frame), host_stamps->Next());
+  for (const EngineView& source : sources) {
+    const FusionView source_view = MakeFusionView(source);
+    if (source_view.depth.empty()) continue;
+    setup.AddSource(CameraOf(source_view), MapsOf(source_view), host_stamps->Of(*source.frame));
+  }
+  PointCloud points;
+  acmp::FuseView(setup, &points);
+  return points;
 }
 
 EstimateMaps HostDepthEngine::Download(const EngineEstimatePtr& estimate) {

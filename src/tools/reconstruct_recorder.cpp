@@ -83,6 +83,13 @@ ConsistencyResult RecordingDepthEngine::FilterByConsistency(const EngineView& re
   return Guarded([&] { return engine_->FilterByConsistency(reference, sources, options); });
 }
 
+std::unique_ptr<FusionStamps> RecordingDepthEngine::MakeFusionStamps() { return engine_->MakeFusionStamps(); }
+
+PointCloud RecordingDepthEngine::FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
+                                          const FusionOptions& options, FusionStamps* stamps) {
+  return Guarded([&] { return engine_->FuseView(reference, sources, options, stamps); });
+}
+
 EstimateMaps RecordingDepthEngine::Download(const EngineEstimatePtr& estimate) {
   return Guarded([&] { return engine_->Download(estimate); });
 }

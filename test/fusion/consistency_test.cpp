@@ -2,11 +2,12 @@
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
+#include <numeric>
 #include <random>
 
-#include "acmp_mapping/fusion/consistency_check.h"
 #include "fusion/analytic_views.h"
 #include "fusion/error_text.h"
+#include "fusion/fusion_contexts.h"
 #include "fusion/reference_fusion.h"
 
 namespace acmp {
@@ -252,12 +253,46 @@ TEST(FilterByConsistency, NeverPutsOutNan) {
   ExpectFinite(FuseDepthMaps(ViewsOf(views), {{1, 2}, {0, 2}, {0, 1}}, loose));
 }
 
-TEST(ConsistencyChecker, KeepsTheReferenceNormalWhenNormalsCancel) {
+TEST(MatchSum, KeepsTheReferenceNormalWhenNormalsCancel) {
   const TestView view = FlatView(1, 1, 4);
-  const FusionView source = view.View();
-  const ConsistencyChecker checker(view.View(), {&source}, {});
-  const PixelMatch opposite = {0, 0, 0, {0, 0, 4}, {0, 0, 1}, 1, 0};
-  EXPECT_EQ(checker.Average(0, 0, {opposite}).normal.z, -1);
+  const FusionContexts contexts({view.View()}, {{}}, {});
+  ReferencePixel pixel;
+  ASSERT_TRUE(LoadReferencePixel(contexts[0], 0, 0, &pixel));
+  MatchSum<1> sum;
+  StartSum(contexts[0].reference, pixel, &sum);
+  AddMatch(contexts[0].reference, 0, {0, 0, pixel.homogeneous, {0, 0, 1}, 1, 0}, &sum);
+  EXPECT_EQ(Average(contexts[0].geometry, pixel, sum, 1).normal.z, -1);
+}
+
+TEST(MatchSum, HoldsAsManySourcesAsTheLimit) {
+  const TestView view = FlatView(2, 2, 4);
+  const std::vector<FusionView> sources(kMaxFusionSources, view.View());
+  const ConsistencyResult result = FilterByConsistency(view.View(), sources, {});
+  EXPECT_EQ(result.consistent_views(1, 1), 255);
+  EXPECT_EQ(result.points_in_camera.size(), 4u);
+  // And fusion finds the bits of all of them.
+  std::vector<int> neighbors(kMaxFusionSources);
+  std::iota(neighbors.begin(), neighbors.end(), 1);
+  std::vector<FusionView> views(256, view.View());
+  std::vector<std::vector<int>> all(256);
+  all[0] = neighbors;
+  FusionContexts contexts(views, all, {});
+  SurfacePoint point;
+  ASSERT_TRUE(FusePixel<kMaxFusionSources>(contexts[0], 1, 1, &point));
+  for (int i = 0; i < 256; ++i) ASSERT_EQ(contexts.stamp(i, 1, 1), 0) << i;
+}
+
+TEST(MedianAngle, IsThatOfTheSortedAngles) {
+  const auto versine = [](double rad) { return static_cast<float>(1 - std::cos(rad)); };
+  EXPECT_EQ(MedianAngle(nullptr, 0), 0);
+  float one[] = {versine(0.3)};
+  EXPECT_NEAR(MedianAngle(one, 1), 0.3, 1e-7);
+  float three[] = {versine(0.5), versine(0.1), versine(0.3)};
+  EXPECT_NEAR(MedianAngle(three, 3), 0.3, 1e-7);
+  float four[] = {versine(0.9), versine(0.2), versine(0.1), versine(0.4)};
+  EXPECT_NEAR(MedianAngle(four, 4), 0.3, 1e-7);
+  float equal[] = {-1e-16f, -1e-16f};  // rounding below zero is an angle of zero
+  EXPECT_EQ(MedianAngle(equal, 2), 0);
 }
 
 TEST(FilterByConsistency, RefusesBadInput) {

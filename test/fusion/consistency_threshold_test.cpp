@@ -2,8 +2,8 @@
 
 #include <limits>
 
-#include "acmp_mapping/fusion/consistency_check.h"
 #include "fusion/analytic_views.h"
+#include "fusion/fusion_contexts.h"
 
 namespace acmp {
 namespace {
@@ -144,17 +144,17 @@ TEST(FilterByConsistency, DynamicConsistencyWeighsAllThreeErrors) {
   TestView reference = FlatView(41, 1, 4), source = FlatView(41, 1, 3.98f);
   source.cam_from_world.translation().x() = -0.4;
   source.normal = NormalMap(41, 1, {std::sin(0.05f), 0, -std::cos(0.05f)});
-  const FusionView source_view = source.View();
   FusionOptions options;
   options.dynamic_consistency = true;
-  const ConsistencyChecker checker(reference.View(), {&source_view}, options);
-  std::vector<PixelMatch> matches;
-  checker.FindMatches(20, 0, &matches);
-  ASSERT_EQ(matches.size(), 1u);
+  const FusionContexts contexts({reference.View(), source.View()}, {{1}, {}}, options);
+  ReferencePixel pixel;
+  ASSERT_TRUE(LoadReferencePixel(contexts[0], 20, 0, &pixel));
+  PixelMatch match;
+  ASSERT_TRUE(MatchPixel(contexts[0].sources[0], contexts[0].limits, 0, pixel, &match));
   const double px = 10 * (4 / 3.98 - 1), relative = 0.02 / 4;
-  EXPECT_NEAR(matches[0].agreement, std::exp(-(px + 200 * relative + 10 * 0.05)), 1e-5);  // 3.98 in float: rel 1e-8
-  EXPECT_NEAR(matches[0].angle_versine, 1 - std::cos(std::atan(0.1)), 1e-8);              // 0.005 in float
-  EXPECT_EQ(matches[0].col, 10);
+  EXPECT_NEAR(match.agreement, std::exp(-(px + 200 * relative + 10 * 0.05)), 1e-5);  // 3.98 in float: rel 1e-8
+  EXPECT_NEAR(match.angle_versine, 1 - std::cos(std::atan(0.1)), 1e-8);              // 0.005 in float
+  EXPECT_EQ(match.col, 10);
 }
 
 TEST(FilterByConsistency, ConfidenceUsesTheMedianAngle) {

@@ -2,50 +2,40 @@
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
+#include <algorithm>
+#include <numeric>
 #include <random>
+#include <set>
+#include <tuple>
 
-#include "fusion/analytic_views.h"
 #include "fusion/error_text.h"
+#include "fusion/fusion_contexts.h"
+#include "fusion/noisy_views.h"
 #include "fusion/reference_fusion.h"
 
 namespace acmp {
 namespace {
 
-/// Four noisy views of a wall with a box front before it, of unequal sizes.
-std::vector<TestView> NoisyViews() {
-  const std::vector<Quad> quads = {{{0, 0, 5}, {9, 0, 3}, {0, 9, 1}, {200, 100, 50}},
-                                   {{0.3, 0, 3}, {0.4, 0, 0.1}, {0, 0.5, 0}, {10, 20, 30}}};
-  const PinholeCamera camera = {64, 48, 75, 76, 31.2, 24.4};
-  std::vector<TestView> views;
-  views.push_back(Render(camera, LookAt({0, 0, 0}, {0, 0, 5}), quads));
-  views.push_back(Render(camera.Resized(90, 71), LookAt({0.8, 0.1, 0}, {0.1, 0, 5}), quads));
-  views.push_back(Render(camera, LookAt({-0.7, -0.2, 0.3}, {0, 0.1, 5}), quads));
-  views.push_back(Render(camera.Resized(50, 37), LookAt({0.1, 0.6, -0.4}, {0, 0, 5}), quads));
-  std::mt19937 generator(2);
-  std::normal_distribution<float> relative_noise(0, 0.004f), normal_noise(0, 0.05f);
-  std::uniform_int_distribution<int> any_color(0, 255);
-  for (TestView& view : views) {
-    for (float& z : view.depth) z *= 1 + relative_noise(generator);
-    for (Vec3f& n : view.normal) {
-      n = Normalized(n + Vec3f{normal_noise(generator), normal_noise(generator), normal_noise(generator)});
-    }
-    for (Rgb& rgb : view.color) rgb.b = static_cast<unsigned char>(any_color(generator));
+void ExpectSamePoints(const PointCloud& a, const PointCloud& b) {
+  ASSERT_EQ(a.size(), b.size());
+  for (size_t i = 0; i < a.size(); ++i) {
+    ASSERT_TRUE(a[i].position.x == b[i].position.x && a[i].position.y == b[i].position.y &&
+                a[i].position.z == b[i].position.z);
+    ASSERT_TRUE(a[i].normal.x == b[i].normal.x && a[i].color.b == b[i].color.b && a[i].confidence == b[i].confidence);
   }
-  return views;
 }
 
-TEST(FuseDepthMaps, AgreesWithThePlainSerialReference) {
+TEST(FuseDepthMaps, AgreesWithThePlainReference) {
   const std::vector<TestView> views = NoisyViews();
-  const std::vector<std::vector<int>> neighbors = {{1, 2, 3}, {0, 2}, {3, 1, 0}, {2, 0, 1}};
   for (const bool dynamic : {false, true}) {
     FusionOptions options;
     options.dynamic_consistency = dynamic;
-    const PointCloud points = FuseDepthMaps(ViewsOf(views), neighbors, options);
-    const std::vector<reference::Point> expected = reference::Fuse(ViewsOf(views), neighbors, options);
+    const PointCloud points = FuseDepthMaps(ViewsOf(views), NoisyNeighbors(), options);
+    const std::vector<reference::Point> expected = reference::Fuse(ViewsOf(views), NoisyNeighbors(), options);
     ASSERT_EQ(points.size(), expected.size());
     ASSERT_GT(points.size(), 500u);
     for (size_t i = 0; i < points.size(); ++i) {
-      // Coordinates up to 5 rounded to float in the camera frame and again in the world: 5e-7 each.
+      // Coordinates up to 5, held in float: 2.4e-7 each.
       ASSERT_NEAR(points[i].position.x, expected[i].position.x(), 3e-6) << i;
       ASSERT_NEAR(points[i].position.y, expected[i].position.y(), 3e-6) << i;
       ASSERT_NEAR(points[i].position.z, expected[i].position.z(), 3e-6) << i;
@@ -58,7 +48,7 @@ TEST(FuseDepthMaps, AgreesWithThePlainSerialReference) {
   }
 }
 
-TEST(FuseDepthMaps, UsesEachPixelOnce) {
+TEST(FuseDepthMaps, UsesNoPixelOfAnEarlierViewsPoints) {
   // Views from one place see the same surface pixel by pixel: one point per pixel, not one per pixel and view.
   const TestView view = FlatView(40, 33, 4);
   const std::vector<FusionView> views(4, view.View());
@@ -71,6 +61,59 @@ TEST(FuseDepthMaps, UsesEachPixelOnce) {
   EXPECT_EQ(FuseDepthMaps({views[0], views[1], views[2]}, {{1}, {0}, {0, 1}}, options).size(), 40u * 33);
 }
 
+TEST(FuseDepthMaps, StampsEachPixelWithTheViewThatUsedItFirst) {
+  const std::vector<TestView> views = NoisyViews();
+  for (const bool dynamic : {false, true}) {
+    FusionOptions options;
+    options.dynamic_consistency = dynamic;
+    FusionContexts contexts(ViewsOf(views), NoisyNeighbors(), options);
+    std::vector<std::vector<reference::Place>> used;
+    reference::Fuse(ViewsOf(views), NoisyNeighbors(), options, &used);
+    std::set<std::tuple<int, int, int>> used_before;
+    for (int i = 0; i < contexts.count(); ++i) {
+      const size_t stamped_before = used_before.size();
+      contexts.ForEachPixel(i, [&](int col, int row) {
+        SurfacePoint point;
+        FusePixel<kMaxFusionSources>(contexts[i], col, row, &point);
+      });
+      for (const reference::Place& place : used[i]) {
+        // Never by an earlier view; maybe by several points of this one.
+        ASSERT_EQ(contexts.stamp(place.view, place.col, place.row), i);
+        used_before.insert({place.view, place.col, place.row});
+      }
+      EXPECT_GT(used_before.size(), stamped_before);
+      size_t stamped = 0;
+      for (int k = 0; k < contexts.count(); ++k) {
+        contexts.ForEachPixel(k, [&](int col, int row) { stamped += contexts.stamp(k, col, row) != kUnusedStamp; });
+      }
+      EXPECT_EQ(stamped, used_before.size());
+    }
+  }
+}
+
+TEST(FuseDepthMaps, DoesNotDependOnTheOrderOfAViewsPixels) {
+  const std::vector<TestView> views = NoisyViews();
+  const PointCloud expected = FuseDepthMaps(ViewsOf(views), NoisyNeighbors(), {});
+  FusionContexts contexts(ViewsOf(views), NoisyNeighbors(), {});
+  std::mt19937 generator(3);
+  PointCloud points;
+  for (int i = 0; i < contexts.count(); ++i) {
+    const int width = contexts[i].reference.depth.width, height = contexts[i].reference.depth.height;
+    std::vector<int> order(width * height);
+    std::iota(order.begin(), order.end(), 0);
+    std::shuffle(order.begin(), order.end(), generator);
+    std::vector<SurfacePoint> point_of_pixel(order.size());
+    std::vector<char> accepted(order.size());
+    for (const int k : order) {
+      accepted[k] = FusePixel<kMaxFusionSources>(contexts[i], k % width, k / width, &point_of_pixel[k]);
+    }
+    for (size_t k = 0; k < order.size(); ++k) {
+      if (accepted[k]) points.push_back(point_of_pixel[k]);
+    }
+  }
+  ExpectSamePoints(points, expected);
+}
+
 TEST(FuseDepthMaps, DoesNotMarkPixelsOfRejectedPoints) {
   // View 0 has one confirming view of two required, so its pixels and those of view 1 stay free for view 3.
   const TestView near = FlatView(10, 10, 4), far = FlatView(10, 10, 8);
@@ -78,15 +121,17 @@ TEST(FuseDepthMaps, DoesNotMarkPixelsOfRejectedPoints) {
   EXPECT_EQ(FuseDepthMaps(views, {{1, 2}, {}, {}, {0, 1}}, {}).size(), 100u);
 }
 
-TEST(FuseDepthMaps, MarksWithinARowAtOnce) {
-  // The reference is twice as fine as its source: pairs of its pixels share one source pixel, and the second of each
-  // pair finds it used.
+TEST(FuseDepthMaps, SharesSourcePixelsWithinOneView) {
+  // The reference is twice as fine as its source: pairs of its pixels share one source pixel, which goes into the
+  // points of both and is then used up.
   TestView fine = FlatView(40, 1, 4), coarse = FlatView(20, 1, 4);
   coarse.camera.fx = 50;
   coarse.camera.cx = 9.5;
   FusionOptions options;
   options.min_consistent_views = 1;
-  EXPECT_EQ(FuseDepthMaps({fine.View(), coarse.View()}, {{1}, {}}, options).size(), 20u);
+  EXPECT_EQ(FuseDepthMaps({fine.View(), coarse.View()}, {{1}, {0}}, options).size(), 40u);
+  // The other way about, each coarse pixel uses one fine one; the others have nobody left to confirm them.
+  EXPECT_EQ(FuseDepthMaps({coarse.View(), fine.View()}, {{1}, {0}}, options).size(), 20u);
 }
 
 TEST(FuseDepthMaps, GivesPointsInTheWorldFrame) {
@@ -101,7 +146,7 @@ TEST(FuseDepthMaps, GivesPointsInTheWorldFrame) {
   const Eigen::Vector3d normal = wall.side_a.cross(wall.side_b).normalized();
   for (const SurfacePoint& point : points) {
     const Eigen::Vector3d position(point.position.x, point.position.y, point.position.z);
-    ASSERT_NEAR(normal.dot(position - wall.center), 0, 3e-6);  // depths near 5, rounded twice
+    ASSERT_NEAR(normal.dot(position - wall.center), 0, 3e-6);  // depths near 5
     // The wall's normal turned to the cameras, which stand on the side of negative z.
     ASSERT_LT(point.normal.z, 0);
     ASSERT_NEAR(std::abs(normal.dot(Eigen::Vector3d(point.normal.x, point.normal.y, point.normal.z))), 1, 1e-6);
@@ -129,6 +174,20 @@ TEST(FuseDepthMaps, RefusesBadNeighbors) {
   EXPECT_THAT(error({{}, {-1}, {}}), testing::HasSubstr("neighbour -1 of view 1"));
   EXPECT_THAT(error({{}, {}, {2}}), testing::HasSubstr("neighbour 2 of view 2"));
   EXPECT_THAT(error({{1, 2, 1}, {}, {}}), testing::HasSubstr("more than once"));
+  EXPECT_THAT(error({{}, std::vector<int>(256, 0), {}}), testing::HasSubstr("neighbours of view 1 = 256"));
+  const std::vector<FusionView> many(65536);
+  EXPECT_THAT(ErrorOf([&] { FuseDepthMaps(many, std::vector<std::vector<int>>(many.size()), {}); }),
+              testing::HasSubstr("views = 65536"));
+}
+
+TEST(FuseDepthMaps, RefusesBadViews) {
+  const TestView good = FlatView(4, 3, 2);
+  TestView bad = FlatView(4, 3, 2);
+  bad.cost = CostMap();
+  EXPECT_THAT(ErrorOf([&] {
+                FuseDepthMaps({good.View(), bad.View()}, {{}, {}}, {});
+              }),
+              testing::HasSubstr("view 1: cost map is 0 x 0"));
 }
 
 TEST(FuseDepthMaps, DoesNotDependOnTheNumberOfThreads) {
@@ -136,14 +195,9 @@ TEST(FuseDepthMaps, DoesNotDependOnTheNumberOfThreads) {
   std::vector<PointCloud> clouds;
   for (const size_t threads : {1, 4}) {
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-    clouds.push_back(FuseDepthMaps(ViewsOf(views), {{1, 2, 3}, {0, 2}, {3, 1, 0}, {2, 0, 1}}, {}));
+    clouds.push_back(FuseDepthMaps(ViewsOf(views), NoisyNeighbors(), {}));
   }
-  ASSERT_EQ(clouds[0].size(), clouds[1].size());
-  for (size_t i = 0; i < clouds[0].size(); ++i) {
-    const SurfacePoint &a = clouds[0][i], &b = clouds[1][i];
-    ASSERT_TRUE(a.position.x == b.position.x && a.position.y == b.position.y && a.position.z == b.position.z);
-    ASSERT_TRUE(a.normal.x == b.normal.x && a.color.b == b.color.b && a.confidence == b.confidence);
-  }
+  ExpectSamePoints(clouds[0], clouds[1]);
 }
 
 }  // namespace

@@ -103,9 +103,15 @@ inline Point Average(const FusionView& view, const std::vector<const FusionView*
           0.2 * photometric + 0.5 * support + 0.3 * photometric * support};
 }
 
-/// All views one after the other, pixel by pixel, with marks.
+/// A view's pixel.
+struct Place {
+  int view, col, row;
+};
+
+/// All views one after the other; each marks what its points used only once all its pixels have been decided. If
+/// wanted, used_by_view gets the marks that each view set.
 inline std::vector<Point> Fuse(const std::vector<FusionView>& views, const std::vector<std::vector<int>>& neighbors,
-                               const FusionOptions& options) {
+                               const FusionOptions& options, std::vector<std::vector<Place>>* used_by_view = nullptr) {
   std::vector<Image<unsigned char>> used;
   used.reserve(views.size());
   for (const FusionView& view : views) used.emplace_back(view.depth.width, view.depth.height);
@@ -113,6 +119,7 @@ inline std::vector<Point> Fuse(const std::vector<FusionView>& views, const std::
   for (size_t i = 0; i < views.size(); ++i) {
     std::vector<const FusionView*> sources;
     for (int neighbor : neighbors[i]) sources.push_back(&views[neighbor]);
+    std::vector<Place> used_now;
     for (int row = 0; row < views[i].depth.height; ++row) {
       for (int col = 0; col < views[i].depth.width; ++col) {
         if (used[i](col, row)) continue;
@@ -122,11 +129,13 @@ inline std::vector<Point> Fuse(const std::vector<FusionView>& views, const std::
         };
         matches.erase(std::remove_if(matches.begin(), matches.end(), is_used), matches.end());
         if (!Accepts(matches, options)) continue;
-        used[i](col, row) = 1;
-        for (const Match& match : matches) used[neighbors[i][match.source]](match.col, match.row) = 1;
+        used_now.push_back({static_cast<int>(i), col, row});
+        for (const Match& match : matches) used_now.push_back({neighbors[i][match.source], match.col, match.row});
         points.push_back(Average(views[i], sources, col, row, matches));
       }
     }
+    for (const Place& place : used_now) used[place.view](place.col, place.row) = 1;
+    if (used_by_view != nullptr) used_by_view->push_back(used_now);
   }
   return points;
 }

@@ -22,7 +22,7 @@ PointCloud RandomCloud(int count, unsigned seed) {
   PointCloud points(count);
   for (SurfacePoint& point : points) {
     point.position = {any(generator), any(generator), any(generator)};
-    point.normal = Normalized({any(generator), any(generator), 1.5f + any(generator)});
+    point.normal = Normalized(Vec3f{any(generator), any(generator), 1.5f + any(generator)});
     point.color.r = static_cast<unsigned char>(any_color(generator));
     point.color.g = static_cast<unsigned char>(any_color(generator));
     point.color.b = static_cast<unsigned char>(any_color(generator));

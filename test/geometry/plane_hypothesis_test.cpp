@@ -45,7 +45,8 @@ TEST(PlaneHypothesisTest, DepthIsWhereTheRayMeetsThePlane) {
   RandomStream random(1, 0, 0);
   int compared = 0;
   for (int i = 0; i < 500; ++i) {
-    const Vec3f normal = Normalized({random.NextUniform(-1, 1), random.NextUniform(-1, 1), random.NextUniform(-1, 0)});
+    const Vec3f normal =
+        Normalized(Vec3f{random.NextUniform(-1, 1), random.NextUniform(-1, 1), random.NextUniform(-1, 0)});
     const PlaneHypothesis plane = {normal.x, normal.y, normal.z, random.NextUniform(0.1f, 20.0f)};
     const Vec3f ray = {random.NextUniform(-0.6f, 0.6f), random.NextUniform(-0.5f, 0.5f), 1.0f};
     // Near edge-on, rounding of the scalar product is amplified without bound.
@@ -62,7 +63,7 @@ TEST(PlaneHypothesisTest, PlaneThroughAPointHasItsDepthAndNormal) {
   RandomStream random(2, 0, 0);
   for (int i = 0; i < 500; ++i) {
     const Vec3f ray = {random.NextUniform(-0.6f, 0.6f), random.NextUniform(-0.5f, 0.5f), 1.0f};
-    Vec3f normal = Normalized({random.NextUniform(-1, 1), random.NextUniform(-1, 1), random.NextUniform(-1, 1)});
+    Vec3f normal = Normalized(Vec3f{random.NextUniform(-1, 1), random.NextUniform(-1, 1), random.NextUniform(-1, 1)});
     if (Dot(normal, ray) > 0) normal = -1.0f * normal;
     const float depth = random.NextUniform(0.1f, 50.0f);
     const PlaneHypothesis plane = PlaneThrough(normal, ray, depth);

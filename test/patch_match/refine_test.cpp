@@ -116,7 +116,7 @@ constexpr double kNormalResolution = 0.08;  // degrees
 bool SameDepth(double a, double b) { return std::abs(a / b - 1) < kDepthResolution; }
 bool SameNormal(const Eigen::Vector3d& a, const Eigen::Vector3d& b) { return AngleDeg(a, b) < kNormalResolution; }
 
-PlaneHypothesis CurrentPlane() { return PlaneThrough(Normalized({0.2f, -0.3f, -1.0f}), {0, 0, 1}, 5.0f); }
+PlaneHypothesis CurrentPlane() { return PlaneThrough(Normalized(Vec3f{0.2f, -0.3f, -1.0f}), {0, 0, 1}, 5.0f); }
 const Eigen::Vector3d kCurrentNormal = Eigen::Vector3d(0.2, -0.3, -1.0).normalized();
 
 TEST(RefineTest, RatesTheSixHypothesesOfEquation12) {
@@ -179,7 +179,7 @@ TEST(RefineTest, RandomDrawsOfThePriorPassStayNearThePrior) {
   const PatchMatchOptions options;
   PixelPrior prior;
   prior.valid = true;
-  prior.normal = Normalized({-0.4f, 0.1f, -1.0f});
+  prior.normal = Normalized(Vec3f{-0.4f, 0.1f, -1.0f});
   prior.depth = 6;
   prior.sigma_depth = 0.1f;
   prior.sigma_normal = static_cast<float>(5 * kRad);

@@ -50,6 +50,24 @@ ACMP_HOST_DEVICE inline void SinCos(float angle, float* sine, float* cosine) {
 #endif
 }
 
+/// Loads and stores of words that several threads access at once, where any order of the accesses will do.
+template <class T>
+ACMP_HOST_DEVICE inline T RelaxedLoad(const T* word) {
+#ifdef __CUDA_ARCH__
+  return *static_cast<const volatile T*>(word);
+#else
+  return __atomic_load_n(word, __ATOMIC_RELAXED);
+#endif
+}
+template <class T>
+ACMP_HOST_DEVICE inline void RelaxedStore(T* word, T value) {
+#ifdef __CUDA_ARCH__
+  *static_cast<volatile T*>(word) = value;
+#else
+  __atomic_store_n(word, value, __ATOMIC_RELAXED);
+#endif
+}
+
 /// Number of bits that are set.
 ACMP_HOST_DEVICE inline int CountBits(unsigned word) {
 #ifdef __CUDA_ARCH__

@@ -7,27 +7,60 @@
 namespace acmp {
 
 /// Small trivially copyable vectors and matrices for code shared by host and device; host-only code uses Eigen.
-struct Vec3f {
-  float x, y, z;
+template <class T>
+struct Vec3 {
+  using Scalar = T;
+  T x, y, z;
 };
 
 /// Row-major 3x3 matrix.
-struct Mat3f {
-  float m[9];
+template <class T>
+struct Mat3 {
+  T m[9];
 };
 
-ACMP_HOST_DEVICE inline Vec3f operator+(const Vec3f& a, const Vec3f& b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
-ACMP_HOST_DEVICE inline Vec3f operator-(const Vec3f& a, const Vec3f& b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
-ACMP_HOST_DEVICE inline Vec3f operator*(float s, const Vec3f& a) { return {s * a.x, s * a.y, s * a.z}; }
-ACMP_HOST_DEVICE inline float Dot(const Vec3f& a, const Vec3f& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
-ACMP_HOST_DEVICE inline Vec3f Cross(const Vec3f& a, const Vec3f& b) {
+using Vec3f = Vec3<float>;
+using Vec3d = Vec3<double>;
+using Mat3f = Mat3<float>;
+using Mat3d = Mat3<double>;
+
+template <class T>
+ACMP_HOST_DEVICE inline Vec3<T> operator+(const Vec3<T>& a, const Vec3<T>& b) {
+  return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+template <class T>
+ACMP_HOST_DEVICE inline Vec3<T> operator-(const Vec3<T>& a, const Vec3<T>& b) {
+  return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+template <class T>
+ACMP_HOST_DEVICE inline Vec3<T> operator*(typename Vec3<T>::Scalar s, const Vec3<T>& a) {
+  return {s * a.x, s * a.y, s * a.z};
+}
+template <class T>
+ACMP_HOST_DEVICE inline T Dot(const Vec3<T>& a, const Vec3<T>& b) {
+  return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+template <class T>
+ACMP_HOST_DEVICE inline Vec3<T> Cross(const Vec3<T>& a, const Vec3<T>& b) {
   return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
-ACMP_HOST_DEVICE inline float Norm(const Vec3f& a) { return sqrtf(Dot(a, a)); }
-ACMP_HOST_DEVICE inline Vec3f Normalized(const Vec3f& a) { return (1.0f / Norm(a)) * a; }
-ACMP_HOST_DEVICE inline Vec3f operator*(const Mat3f& a, const Vec3f& v) {
+template <class T>
+ACMP_HOST_DEVICE inline T Norm(const Vec3<T>& a) {
+  return std::sqrt(Dot(a, a));
+}
+template <class T>
+ACMP_HOST_DEVICE inline Vec3<T> Normalized(const Vec3<T>& a) {
+  return (T(1) / Norm(a)) * a;
+}
+template <class T>
+ACMP_HOST_DEVICE inline Vec3<T> operator*(const Mat3<T>& a, const Vec3<T>& v) {
   return {a.m[0] * v.x + a.m[1] * v.y + a.m[2] * v.z, a.m[3] * v.x + a.m[4] * v.y + a.m[5] * v.z,
           a.m[6] * v.x + a.m[7] * v.y + a.m[8] * v.z};
+}
+
+ACMP_HOST_DEVICE inline Vec3d AsDouble(const Vec3f& v) { return {v.x, v.y, v.z}; }
+ACMP_HOST_DEVICE inline Vec3f AsFloat(const Vec3d& v) {
+  return {static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)};
 }
 
 /// `value` limited to [low, high]; NaN becomes `low`.

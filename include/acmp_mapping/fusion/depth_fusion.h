@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "acmp_mapping/fusion/fusion_options.h"
+#include "acmp_mapping/fusion/kernel/confidence.h"
 #include "acmp_mapping/fusion/point_cloud.h"
 #include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
@@ -35,15 +36,12 @@ struct ConsistencyResult {
 ConsistencyResult FilterByConsistency(const FusionView& reference, const std::vector<FusionView>& sources,
                                       const FusionOptions& options);
 
-/// Confidence 0..1 of a pixel from its matching cost (0..2), the number of consistent source views and their median
-/// triangulation angle: C = 0.2 P + 0.5 S + 0.3 P S, P = exp(-cost^2 / 0.18), S = 1 - 2^(-n min(angle / 10 deg, 1)).
-/// Never falls when the cost falls or the views or the angle grow. The median of an even number is the mean of the
-/// middle two; without consistent views the angle is 0.
-float ComputeConfidence(float cost, int consistent_views, float angle_deg);
-
 /// Fuses all views of a scene into one cloud in the world frame. `neighbors[i]` are the source views of view i:
-/// distinct, and not i. A pixel that went into a point is not used again, neither averaged nor counted as agreeing;
-/// views are visited in the order given, pixels row by row, so the same input gives the same cloud.
+/// distinct, and not i. Views are visited in the order given. A pixel that went into a point of an earlier view is not
+/// used again, neither averaged nor counted as agreeing; the pixels of one view are decided together, so one source
+/// pixel may go into several of its points. Points come view by view, in row-major order, and do not depend on the
+/// number of threads. Throws InvalidInputError for bad neighbours and views, more than 255 neighbours of a view and
+/// more than 65535 views.
 PointCloud FuseDepthMaps(const std::vector<FusionView>& views, const std::vector<std::vector<int>>& neighbors,
                          const FusionOptions& options);
 

@@ -21,7 +21,7 @@ struct ImageView {
 
   ACMP_HOST_DEVICE T& operator()(int col, int row) const { return data[static_cast<size_t>(row) * stride + col]; }
   ACMP_HOST_DEVICE bool Contains(int col, int row) const { return col >= 0 && row >= 0 && col < width && row < height; }
-  bool empty() const { return width == 0 || height == 0; }
+  ACMP_HOST_DEVICE bool empty() const { return width == 0 || height == 0; }
 
   /// A view for reading; constrained so that views of const elements do not convert to themselves.
   template <class U = T, class = std::enable_if_t<!std::is_const<U>::value>>

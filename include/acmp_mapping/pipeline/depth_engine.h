@@ -47,10 +47,16 @@ struct EstimateMaps {
   CostMap cost;
 };
 
-/// The same as it has to be kept for a later pass.
+/// All of an estimate, as it has to be kept for a later pass.
 struct EstimateState {
   PlaneMap planes;
   CostMap cost;
+};
+
+/// Which pixels of which frames have gone into points (see FuseDepthMaps), on the device of the engine that made it.
+class FusionStamps {
+ public:
+  virtual ~FusionStamps() = default;
 };
 
 /// The device's steps of Algorithm 1. Images and estimates stay where the steps run; what the host needs is asked for.
@@ -90,6 +96,13 @@ class DepthEngine {
   /// FilterByConsistency of the reference's estimate (not null) against the sources', with the frames' colours.
   virtual ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                                 const FusionOptions& options) = 0;
+
+  virtual std::unique_ptr<FusionStamps> MakeFusionStamps() = 0;
+
+  /// FuseDepthMaps, one view per call in the order of fusion: the reference's points in the world. Views without an
+  /// estimate take no part. An error leaves the stamps of this view half set: the fusion cannot go on.
+  virtual PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
+                              const FusionOptions& options, FusionStamps* stamps) = 0;
 
   virtual EstimateMaps Download(const EngineEstimatePtr& estimate) = 0;
   virtual EstimateState DownloadState(const EngineEstimatePtr& estimate) = 0;

@@ -25,6 +25,9 @@ class HostDepthEngine final : public DepthEngine {
                                  const EngineEstimatePtr& start, int pass) override;
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options) override;
+  std::unique_ptr<FusionStamps> MakeFusionStamps() override;
+  PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
+                      const FusionOptions& options, FusionStamps* stamps) override;
   EstimateMaps Download(const EngineEstimatePtr& estimate) override;
   EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
   EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override;

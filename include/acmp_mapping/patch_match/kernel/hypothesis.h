@@ -40,7 +40,7 @@ ACMP_HOST_DEVICE inline Vec3f PerturbNormal(const Vec3f& normal, const Vec3f& ra
   SinCos(az, &sz, &cz);
   const Vec3f about_x = {normal.x, cx * normal.y - sx * normal.z, sx * normal.y + cx * normal.z};
   const Vec3f about_y = {cy * about_x.x + sy * about_x.z, about_x.y, cy * about_x.z - sy * about_x.x};
-  const Vec3f turned = Normalized({cz * about_y.x - sz * about_y.y, sz * about_y.x + cz * about_y.y, about_y.z});
+  const Vec3f turned = Normalized(Vec3f{cz * about_y.x - sz * about_y.y, sz * about_y.x + cz * about_y.y, about_y.z});
   return Dot(turned, ray) < 0 ? turned : normal;
 }
 

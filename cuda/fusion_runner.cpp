@@ -1,0 +1,61 @@
+#include "fusion_runner.h"
+
+#include "parallel_copy.h"
+
+namespace acmp {
+
+DeviceFusionContext FusionRunner::Upload(const FusionSetup<DeviceFusionView>& setup, const CudaStream& stream) {
+  const size_t count = setup.sources().size();
+  sources_.Reserve(device_, count);
+  if (count > 0) sources_.Upload(setup.sources().data(), count, stream);
+  return setup.Context(sources_.data());
+}
+
+PointOutput FusionRunner::ReservePoints(int width, int height) {
+  points_.Reserve(device_, static_cast<size_t>(width) * height);
+  count_.Reserve(device_, 1);
+  scratch_.Reserve(device_, PointScratchBytes(width, height));
+  return {points_.data(), count_.data(), scratch_.data()};
+}
+
+PointCloud FusionRunner::Download(const CudaStream& stream) {
+  auto* count = staging_.Reserve<unsigned>(1);
+  count_.Download(count, 1, stream);
+  stream.Synchronize();
+  const size_t size = *count;
+  PointCloud points(size);
+  if (size == 0) return points;
+  auto* staged = staging_.Reserve<SurfacePoint>(size);
+  points_.Download(staged, size, stream);
+  stream.Synchronize();
+  ParallelCopy(staged, size, points.data());
+  return points;
+}
+
+ConsistencyResult FusionRunner::Filter(const FusionSetup<DeviceFusionView>& setup, const CudaStream& stream) {
+  const DeviceFusionContext context = Upload(setup, stream);
+  const int width = context.reference.depth.width, height = context.reference.depth.height;
+  const size_t pixels = static_cast<size_t>(width) * height;
+  consistent_views_.Reserve(device_, pixels);
+  confidence_.Reserve(device_, pixels);
+  LaunchFilterByConsistency(context, {consistent_views_.data(), width, height, width},
+                            {confidence_.data(), width, height, width}, ReservePoints(width, height), stream.get());
+  auto* confidence = staging_.Reserve<float>(pixels + pixels / 4 + 1);
+  auto* consistent_views = reinterpret_cast<unsigned char*>(confidence + pixels);
+  confidence_.Download(confidence, pixels, stream);
+  consistent_views_.Download(consistent_views, pixels, stream);
+  ConsistencyResult result = {Image<unsigned char>(width, height), ConfidenceMap(width, height), {}};
+  stream.Synchronize();
+  ParallelCopy(confidence, pixels, result.confidence.data());
+  ParallelCopy(consistent_views, pixels, result.consistent_views.data());
+  result.points_in_camera = Download(stream);
+  return result;
+}
+
+PointCloud FusionRunner::Fuse(const FusionSetup<DeviceFusionView>& setup, int width, int height,
+                              const CudaStream& stream) {
+  LaunchFuseView(Upload(setup, stream), ReservePoints(width, height), stream.get());
+  return Download(stream);
+}
+
+}  // namespace acmp

@@ -1,0 +1,76 @@
+#pragma once
+
+#include <cstdint>
+
+#include "acmp_mapping/image/image.h"
+
+namespace acmp {
+
+/// One view's maps where the kernels read them. Normals are Vec3f on the host and the matcher's planes on the device.
+/// A source with an empty depth map takes no part; without colours points are black.
+template <class NormalPixel>
+struct FusionMaps {
+  ImageView<const float> depth;  ///< z, 0 = unknown
+  ImageView<const NormalPixel> normal;
+  ImageView<const float> cost;  ///< read of the reference only
+  ImageView<const Rgb> color;
+
+  ACMP_HOST_DEVICE float Depth(int col, int row) const { return depth(col, row); }
+  ACMP_HOST_DEVICE Vec3f Normal(int col, int row) const { return NormalOf(normal(col, row)); }
+  ACMP_HOST_DEVICE float Cost(int col, int row) const { return cost(col, row); }
+  ACMP_HOST_DEVICE const Rgb& Color(int col, int row) const { return color(col, row); }
+
+ private:
+  ACMP_HOST_DEVICE static Vec3f NormalOf(const Vec3f& normal) { return normal; }
+  ACMP_HOST_DEVICE static Vec3f NormalOf(const PlaneHypothesis& plane) { return plane.normal(); }
+};
+
+/// FusionOptions as the kernels compare them.
+struct FusionLimits {
+  double max_squared_px;  ///< of the forward-backward error
+  double max_relative_depth;
+  double min_normal_cosine;
+  int min_consistent_views;
+  bool dynamic_consistency;
+};
+
+/// From the reference's pixels to the frame in which points are wanted ("target"): its own or the world.
+struct ReferenceGeometry {
+  Mat3d target_from_pixel;   ///< takes z (u, v, 1) to the point's offset from the camera centre
+  Mat3d target_from_camera;  ///< rotation
+  Vec3d center;              ///< of the camera, target frame
+};
+
+/// Maps between the pixels of the reference (r) and of one source (s), homogeneous, with z as third coordinate:
+/// z_s (u_s, v_s, 1) = to_source z_r (u_r, v_r, 1) + to_source_offset, and back.
+struct SourceGeometry {
+  Mat3d to_source, to_reference;
+  Vec3d to_source_offset, to_reference_offset;
+  Mat3d target_from_camera;  ///< rotation
+  Vec3d center;              ///< of the camera, target frame
+};
+
+/// Per pixel of a view, which view's points used it first, by its place in the order of fusion.
+using Stamp = uint16_t;
+constexpr Stamp kUnusedStamp = 0xffff;
+
+template <class View>
+struct FusionSource {
+  SourceGeometry geometry;
+  View view;
+  ImageView<Stamp> stamps;  ///< fusion only
+};
+
+/// Everything that the kernels read or write for one reference view; passed to them by value. `View` is a FusionMaps.
+template <class View>
+struct FusionContext {
+  ReferenceGeometry geometry;
+  View reference;
+  ImageView<Stamp> stamps;  ///< the reference's; fusion only
+  const FusionSource<View>* sources;
+  int num_sources;
+  Stamp current;  ///< the reference's place in the order of fusion
+  FusionLimits limits;
+};
+
+}  // namespace acmp

@@ -1,0 +1,116 @@
+#pragma once
+
+#include <cfloat>
+#include <cmath>
+
+#include "acmp_mapping/fusion/kernel/fusion_context.h"
+
+namespace acmp {
+
+ACMP_HOST_DEVICE inline bool IsKnown(float depth) { return depth > 0 && depth <= FLT_MAX; }
+
+ACMP_HOST_DEVICE inline bool IsKnown(const Vec3f& normal) { return IsKnown(Dot(normal, normal)); }
+
+/// True when the points of an earlier view used the pixel; never outside fusion.
+ACMP_HOST_DEVICE inline bool IsUsed(const ImageView<Stamp>& stamps, Stamp current, int col, int row) {
+  return stamps.data != nullptr && RelaxedLoad(&stamps(col, row)) < current;
+}
+
+struct ReferencePixel {
+  int col, row;
+  double depth;
+  Vec3d homogeneous;  ///< z (u, v, 1)
+  Vec3d ray;          ///< from the camera centre to the point, target frame
+  Vec3d point;        ///< target frame
+  Vec3d normal;       ///< unit, target frame
+};
+
+/// False where depth or normal is unknown.
+template <class View>
+ACMP_HOST_DEVICE inline bool LoadReferencePixel(const FusionContext<View>& context, int col, int row,
+                                                ReferencePixel* pixel) {
+  const float depth = context.reference.Depth(col, row);
+  if (!IsKnown(depth)) return false;
+  const Vec3f normal = context.reference.Normal(col, row);
+  if (!IsKnown(normal)) return false;
+  pixel->col = col;
+  pixel->row = row;
+  pixel->depth = depth;
+  pixel->homogeneous = pixel->depth * Vec3d{static_cast<double>(col), static_cast<double>(row), 1};
+  pixel->ray = context.geometry.target_from_pixel * pixel->homogeneous;
+  pixel->point = pixel->ray + context.geometry.center;
+  pixel->normal = Normalized(context.geometry.target_from_camera * AsDouble(normal));
+  return true;
+}
+
+/// The source pixel nearest to where a reference pixel's point falls; false behind and outside the source.
+template <class View>
+ACMP_HOST_DEVICE inline bool LocateInSource(const FusionSource<View>& source, const Vec3d& homogeneous, int* col,
+                                            int* row) {
+  const Vec3d projected = source.geometry.to_source * homogeneous + source.geometry.to_source_offset;
+  if (!(projected.z > 0)) return false;
+  const double x = projected.x / projected.z, y = projected.y / projected.z;
+  const int width = source.view.depth.width, height = source.view.depth.height;
+  if (!(x >= -0.5 && y >= -0.5 && x < width - 0.5 && y < height - 0.5)) return false;
+  // Half a pixel up and truncated: the nearest pixel, as neither is below -0.5. The sum may round up to the width for
+  // the last representable position inside.
+  const int nearest_col = static_cast<int>(x + 0.5);  // NOLINT(bugprone-incorrect-roundings)
+  const int nearest_row = static_cast<int>(y + 0.5);  // NOLINT(bugprone-incorrect-roundings)
+  *col = nearest_col < width ? nearest_col : width - 1;
+  *row = nearest_row < height ? nearest_row : height - 1;
+  return true;
+}
+
+/// A source pixel that agrees with a reference pixel.
+struct PixelMatch {
+  int col, row;
+  Vec3d homogeneous;    ///< the source pixel's point as the reference sees it, z (u, v, 1)
+  Vec3d normal;         ///< unit, target frame
+  float angle_versine;  ///< 1 - cos of the angle between the rays from both cameras to the reference pixel's point
+  double agreement;     ///< exp(-(px + 200 rel + 10 rad)), 0..1; 0 unless the limits ask for dynamic_consistency
+};
+
+/// 1 - cos of the angle between the rays from the reference and from a camera centre to the reference pixel's point.
+ACMP_HOST_DEVICE inline float TriangulationVersine(const ReferencePixel& pixel, const Vec3d& center) {
+  const Vec3d ray = pixel.point - center;
+  const double cosine = Dot(pixel.ray, ray) / std::sqrt(Dot(pixel.ray, pixel.ray) * Dot(ray, ray));
+  return static_cast<float>(1 - cosine);
+}
+
+/// Finds the pixel of a source that agrees with a reference pixel and that no earlier view has used.
+template <class View>
+ACMP_HOST_DEVICE inline bool MatchPixel(const FusionSource<View>& source, const FusionLimits& limits, Stamp current,
+                                        const ReferencePixel& pixel, PixelMatch* match) {
+  if (!LocateInSource(source, pixel.homogeneous, &match->col, &match->row)) return false;
+  if (IsUsed(source.stamps, current, match->col, match->row)) return false;
+  const float source_depth = source.view.Depth(match->col, match->row);
+  if (!IsKnown(source_depth)) return false;
+
+  const Vec3d source_homogeneous =
+      source_depth * Vec3d{static_cast<double>(match->col), static_cast<double>(match->row), 1};
+  const Vec3d back = source.geometry.to_reference * source_homogeneous + source.geometry.to_reference_offset;
+  // A point behind the reference needs no test of its own: it misses the limit on depths, which is below 1.
+  const double dx = back.x / back.z - pixel.col, dy = back.y / back.z - pixel.row;
+  const double squared_px = dx * dx + dy * dy;
+  if (!(squared_px < limits.max_squared_px)) return false;
+  const double relative_depth = std::fabs(back.z - pixel.depth) / pixel.depth;
+  if (!(relative_depth < limits.max_relative_depth)) return false;
+  const Vec3d normal =
+      Normalized(source.geometry.target_from_camera * AsDouble(source.view.Normal(match->col, match->row)));
+  // The cosine is NaN for an unknown normal, which fails the test.
+  const double cosine = Dot(normal, pixel.normal);
+  if (!(cosine > limits.min_normal_cosine)) return false;
+
+  match->homogeneous = back;
+  match->normal = normal;
+  match->angle_versine = TriangulationVersine(pixel, source.geometry.center);
+  match->agreement = 0;
+  if (limits.dynamic_consistency) {
+    // Exact for small angles, unlike the arc cosine.
+    const double angle = std::atan2(Norm(Cross(normal, pixel.normal)), cosine);
+    match->agreement = std::exp(-(std::sqrt(squared_px) + 200 * relative_depth + 10 * angle));
+  }
+  return true;
+}
+
+}  // namespace acmp

@@ -1,0 +1,110 @@
+#pragma once
+
+#include "acmp_mapping/fusion/kernel/confidence.h"
+#include "acmp_mapping/fusion/kernel/match_pixel.h"
+#include "acmp_mapping/fusion/point_cloud.h"
+
+namespace acmp {
+
+/// A reference pixel and its matches added up, so that no list of matches is kept; at most kMaxSources sources.
+template <int kMaxSources>
+struct MatchSum {
+  int count;                                  ///< of matches
+  double agreement;                           ///< of the matches
+  Vec3d homogeneous;                          ///< z (u, v, 1) in the reference; as all below with the reference pixel
+  Vec3d normal;                               ///< target frame
+  unsigned red, green, blue, num_colors;      ///< of the pixels whose view has colours
+  float versines[kMaxSources];                ///< the first `count` are those of the matches
+  uint32_t matched[(kMaxSources + 31) / 32];  ///< a bit per source
+};
+
+/// Which word of MatchSum::matched has a source's bit. Constant where there is one word, which stays in a register
+/// then.
+template <int kMaxSources>
+ACMP_HOST_DEVICE inline int WordOf(int source) {
+  return kMaxSources <= 32 ? 0 : source / 32;
+}
+
+template <class View, int kMaxSources>
+ACMP_HOST_DEVICE inline void AddColor(const View& view, int col, int row, MatchSum<kMaxSources>* sum) {
+  if (view.color.empty()) return;
+  const Rgb color = view.Color(col, row);
+  sum->red += color.r;
+  sum->green += color.g;
+  sum->blue += color.b;
+  ++sum->num_colors;
+}
+
+/// The sum of the reference pixel alone.
+template <class View, int kMaxSources>
+ACMP_HOST_DEVICE inline void StartSum(const View& reference, const ReferencePixel& pixel, MatchSum<kMaxSources>* sum) {
+  sum->count = 0;
+  sum->agreement = 0;
+  sum->homogeneous = pixel.homogeneous;
+  sum->normal = pixel.normal;
+  sum->red = sum->green = sum->blue = sum->num_colors = 0;
+  for (uint32_t& word : sum->matched) word = 0;
+  AddColor(reference, pixel.col, pixel.row, sum);
+}
+
+template <class View, int kMaxSources>
+ACMP_HOST_DEVICE inline void AddMatch(const View& view, int source, const PixelMatch& match,
+                                      MatchSum<kMaxSources>* sum) {
+  sum->versines[sum->count] = match.angle_versine;
+  ++sum->count;
+  sum->agreement += match.agreement;
+  sum->homogeneous = sum->homogeneous + match.homogeneous;
+  sum->normal = sum->normal + match.normal;
+  sum->matched[WordOf<kMaxSources>(source)] |= 1u << (source % 32);
+  AddColor(view, match.col, match.row, sum);
+}
+
+/// The reference pixel and what agrees with it.
+template <class View, int kMaxSources>
+ACMP_HOST_DEVICE inline void SumMatches(const FusionContext<View>& context, const ReferencePixel& pixel,
+                                        MatchSum<kMaxSources>* sum) {
+  StartSum(context.reference, pixel, sum);
+  PixelMatch match;
+  for (int i = 0; i < context.num_sources; ++i) {
+    const FusionSource<View>& source = context.sources[i];
+    if (MatchPixel(source, context.limits, context.current, pixel, &match)) AddMatch(source.view, i, match, sum);
+  }
+}
+
+/// True when the matches suffice to keep the pixel.
+template <int kMaxSources>
+ACMP_HOST_DEVICE inline bool Accepts(const FusionLimits& limits, const MatchSum<kMaxSources>& sum) {
+  return limits.dynamic_consistency ? sum.agreement > 0.3 * sum.count : sum.count >= limits.min_consistent_views;
+}
+
+/// The confidence of the pixel; sorts the versines.
+template <class View, int kMaxSources>
+ACMP_HOST_DEVICE inline float Confidence(const View& reference, const ReferencePixel& pixel,
+                                         MatchSum<kMaxSources>* sum) {
+  constexpr double kDegreesPerRadian = 180 / 3.14159265358979323846;
+  const double angle_deg = kDegreesPerRadian * MedianAngle(sum->versines, sum->count);
+  return ComputeConfidence(reference.Cost(pixel.col, pixel.row), sum->count, static_cast<float>(angle_deg));
+}
+
+/// Sum over count, rounded to nearest; 0 of none.
+ACMP_HOST_DEVICE inline unsigned char RoundedMean(unsigned sum, unsigned count) {
+  return count == 0 ? 0 : static_cast<unsigned char>((2 * sum + count) / (2 * count));
+}
+
+/// Mean of the pixel and its matches, target frame.
+template <int kMaxSources>
+ACMP_HOST_DEVICE inline SurfacePoint Average(const ReferenceGeometry& geometry, const ReferencePixel& pixel,
+                                             const MatchSum<kMaxSources>& sum, float confidence) {
+  const Vec3d mean = (1.0 / (1 + sum.count)) * sum.homogeneous;
+  // With limits near 180 degrees normals may cancel; the reference's own is then as good as any.
+  const bool cancels = !(Norm(sum.normal) > 1e-6);
+  SurfacePoint point;
+  point.position = AsFloat(geometry.target_from_pixel * mean + geometry.center);
+  point.normal = AsFloat(cancels ? pixel.normal : Normalized(sum.normal));
+  point.color = {RoundedMean(sum.red, sum.num_colors), RoundedMean(sum.green, sum.num_colors),
+                 RoundedMean(sum.blue, sum.num_colors)};
+  point.confidence = confidence;
+  return point;
+}
+
+}  // namespace acmp

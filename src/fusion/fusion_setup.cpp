@@ -1,0 +1,107 @@
+#include "acmp_mapping/fusion/fusion_setup.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "acmp_mapping/common/error.h"
+#include "vector_conversion.h"
+
+namespace acmp {
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+
+template <class T>
+void CheckSize(const std::string& name, const char* map, const ImageView<const T>& view, const PinholeCamera& camera) {
+  if (view.width == camera.width && view.height == camera.height) return;
+  throw InvalidInputError(Concat(name, ": ", map, " map is ", view.width, " x ", view.height, " but the camera is ",
+                                 camera.width, " x ", camera.height, ": sizes must be equal"));
+}
+
+void CheckView(const std::string& name, const FusionView& view) {
+  if (view.depth.empty()) return;  // takes no part, so may be anything
+  CheckCamera(name.c_str(), view.camera);
+  CheckSize(name, "depth", view.depth, view.camera);
+  CheckSize(name, "normal", view.normal, view.camera);
+  CheckSize(name, "cost", view.cost, view.camera);
+  if (!view.color.empty()) CheckSize(name, "colour", view.color, view.camera);
+  const Eigen::Matrix3d rotation = view.cam_from_world.linear();
+  const double error = (rotation.transpose() * rotation - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
+  // Poses written with six digits are off by 1e-6 or so; a scale or a reflection is a mistake.
+  if (!(error <= 1e-3) || !(rotation.determinant() > 0) || !view.cam_from_world.translation().allFinite()) {
+    throw InvalidInputError(Concat(name, ": pose is not a finite rigid motion; R^T R differs from 1 by ", error,
+                                   ", limit 0.001; det R = ", rotation.determinant(), ", must be > 0"));
+  }
+}
+
+/// Neighbours are distinct and other views.
+void CheckNeighbors(int view, std::vector<int> neighbors, int num_views) {
+  std::sort(neighbors.begin(), neighbors.end());
+  const auto repeated = std::adjacent_find(neighbors.begin(), neighbors.end());
+  if (repeated != neighbors.end()) {
+    throw InvalidInputError(Concat("neighbour ", *repeated, " of view ", view, " is given more than once"));
+  }
+  for (int neighbor : neighbors) {
+    if (neighbor < 0 || neighbor >= num_views || neighbor == view) {
+      throw InvalidInputError(
+          Concat("neighbour ", neighbor, " of view ", view, ": must be another view in [0, ", num_views - 1, "]"));
+    }
+  }
+}
+
+}  // namespace
+
+FusionLimits MakeFusionLimits(const FusionOptions& options) {
+  Validate(options);
+  const double max_px = options.max_reprojection_px;
+  return {max_px * max_px, options.max_relative_depth, std::cos(options.max_normal_angle_deg * kPi / 180),
+          options.min_consistent_views, options.dynamic_consistency};
+}
+
+ReferenceGeometry MakeReferenceGeometry(const PosedCamera& reference, const RigidTransform& target_from_reference) {
+  const Eigen::Matrix3d rotation = target_from_reference.linear();
+  return {ToMat3d(rotation * reference.camera.K().inverse()), ToMat3d(rotation),
+          ToVec3d(target_from_reference.translation())};
+}
+
+SourceGeometry MakeSourceGeometry(const PosedCamera& reference, const PosedCamera& source,
+                                  const RigidTransform& target_from_reference) {
+  const RigidTransform reference_from_source = reference.cam_from_world * source.cam_from_world.inverse();
+  const RigidTransform source_from_reference = source.cam_from_world * reference.cam_from_world.inverse();
+  const RigidTransform target_from_source = target_from_reference * reference_from_source;
+  const Eigen::Matrix3d reference_k = reference.camera.K(), source_k = source.camera.K();
+  SourceGeometry geometry;
+  geometry.to_source = ToMat3d(source_k * source_from_reference.linear() * reference_k.inverse());
+  geometry.to_source_offset = ToVec3d(source_k * source_from_reference.translation());
+  geometry.to_reference = ToMat3d(reference_k * reference_from_source.linear() * source_k.inverse());
+  geometry.to_reference_offset = ToVec3d(reference_k * reference_from_source.translation());
+  geometry.target_from_camera = ToMat3d(target_from_source.linear());
+  geometry.center = ToVec3d(target_from_source.translation());
+  return geometry;
+}
+
+void CheckConsistencyInput(const FusionView& reference, const std::vector<FusionView>& sources, int max_sources) {
+  CheckRange("number of source views", sources.size(), size_t{0}, static_cast<size_t>(max_sources));
+  CheckView("reference view", reference);
+  for (size_t i = 0; i < sources.size(); ++i) CheckView(Concat("source view ", i), sources[i]);
+}
+
+void CheckFusionInput(const std::vector<FusionView>& views, const std::vector<std::vector<int>>& neighbors,
+                      int max_sources) {
+  CheckRange("number of views", views.size(), size_t{0}, size_t{kMaxFusionViews});
+  if (neighbors.size() != views.size()) {
+    throw InvalidInputError(Concat("neighbour lists for ", neighbors.size(), " views but ", views.size(),
+                                   " views: must be one list per view"));
+  }
+  const int count = static_cast<int>(views.size());
+  for (int i = 0; i < count; ++i) {
+    CheckView(Concat("view ", i), views[i]);
+    CheckRange(Concat("number of neighbours of view ", i).c_str(), neighbors[i].size(), size_t{0},
+               static_cast<size_t>(max_sources));
+    CheckNeighbors(i, neighbors[i], count);
+  }
+}
+
+}  // namespace acmp

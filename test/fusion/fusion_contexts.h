@@ -1,0 +1,44 @@
+#pragma once
+
+#include <vector>
+
+#include "acmp_mapping/fusion/fusion_setup.h"
+#include "acmp_mapping/fusion/kernel/fuse_pixel.h"
+
+namespace acmp {
+
+using HostMaps = FusionMaps<Vec3f>;
+
+inline HostMaps MapsOf(const FusionView& view) { return {view.depth, view.normal, view.cost, view.color}; }
+
+/// The kernels' contexts for all views of a scene, with stamps; points in the world.
+class FusionContexts {
+ public:
+  FusionContexts(const std::vector<FusionView>& views, const std::vector<std::vector<int>>& neighbors,
+                 const FusionOptions& options) {
+    for (const FusionView& view : views) stamps_.emplace_back(view.depth.width, view.depth.height, kUnusedStamp);
+    for (size_t i = 0; i < views.size(); ++i) {
+      setups_.emplace_back(CameraOf(views[i]), MapsOf(views[i]), MakeFusionLimits(options),
+                           views[i].cam_from_world.inverse());
+      setups_[i].SetStamps(stamps_[i].View(), static_cast<Stamp>(i));
+      for (int k : neighbors[i]) setups_[i].AddSource(CameraOf(views[k]), MapsOf(views[k]), stamps_[k].View());
+    }
+  }
+
+  int count() const { return static_cast<int>(setups_.size()); }
+  FusionContext<HostMaps> operator[](int view) const { return setups_[view].Context(setups_[view].sources().data()); }
+  int stamp(int view, int col, int row) const { return stamps_[view](col, row); }
+
+  template <class Function>
+  void ForEachPixel(int view, const Function& function) const {
+    for (int row = 0; row < stamps_[view].height(); ++row) {
+      for (int col = 0; col < stamps_[view].width(); ++col) function(col, row);
+    }
+  }
+
+ private:
+  std::vector<Image<Stamp>> stamps_;
+  std::vector<FusionSetup<HostMaps>> setups_;
+};
+
+}  // namespace acmp
