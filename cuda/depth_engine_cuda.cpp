@@ -56,8 +56,8 @@ struct CudaStamps final : FusionStamps {
 
 void CheckSize(const char* name, int width, int height, const PinholeCamera& camera) {
   if (width == camera.width && height == camera.height) return;
-  throw InvalidInputError(Concat(name, ": ", width, " x ", height, " px, but the camera has ", camera.width, " x ",
-                                 camera.height));
+  throw InvalidInputError(
+      Concat(name, ": ", width, " x ", height, " px, but the camera has ", camera.width, " x ", camera.height));
 }
 
 class CudaDepthEngine final : public DepthEngine {
@@ -75,8 +75,7 @@ class CudaDepthEngine final : public DepthEngine {
     return OnDevice([&] { return LoadLevels(*frame, levels); });
   }
 
-  EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options,
-                                   int level) override {
+  EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options, int level) override {
     return RunPass<Pass::kPhotometric>(problem, options, level, nullptr, nullptr, 0, options.photometric_iterations);
   }
 
@@ -127,6 +126,7 @@ class CudaDepthEngine final : public DepthEngine {
   EstimateMaps Download(const EngineEstimatePtr& estimate) override;
   EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
   EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override;
+  EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) override;
 
   double TakeDeviceMs() override { return std::exchange(device_ms_, 0.0); }
   size_t DeviceBytes() const override { return runner_.device()->Bytes(); }
@@ -271,9 +271,8 @@ class CudaDepthEngine final : public DepthEngine {
     const size_t count =
         static_cast<size_t>((maps.width + size - 1) / size) * static_cast<size_t>((maps.height + size - 1) / size);
     cells_.Reserve(runner_.device(), count);
-    LaunchFindSupport(
-        {maps.DepthView(), maps.CostView(), range.min, range.max, options.max_support_cost, size}, cells_.data(),
-        stream().get());
+    LaunchFindSupport({maps.DepthView(), maps.CostView(), range.min, range.max, options.max_support_cost, size},
+                      cells_.data(), stream().get());
     SupportPoint* staged = staging_.Reserve<SupportPoint>(count);
     cells_.Download(staged, count, stream());
     stream().Synchronize();
@@ -347,6 +346,34 @@ EngineEstimatePtr CudaDepthEngine::UploadState(EstimateState state, const Pinhol
     estimate->planes.Upload(state.planes.data(), pixels, stream());
     estimate->cost.Upload(state.cost.data(), pixels, stream());
     FinishEstimate(camera, *estimate);
+    return estimate;
+  });
+}
+
+EngineEstimatePtr CudaDepthEngine::UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) {
+  CheckSize("depth map", maps.depth.width, maps.depth.height, camera);
+  CheckSize("normal map", maps.normal.width, maps.normal.height, camera);
+  CheckSize("cost map", maps.cost.width, maps.cost.height, camera);
+  return OnDevice([&] {
+    auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
+    const size_t pixels = estimate->Pixels();
+    auto* planes = staging_.Reserve<PlaneHypothesis>(pixels + pixels / 2 + 1);
+    auto* depth = reinterpret_cast<float*>(planes + pixels);
+    float* cost = depth + pixels;
+    const RayGrid rays = MakeRayGrid(camera);
+    tbb::parallel_for(0, camera.height, [&](int row) {
+      const size_t begin = static_cast<size_t>(row) * camera.width;
+      std::copy_n(&maps.depth(0, row), camera.width, depth + begin);
+      std::copy_n(&maps.cost(0, row), camera.width, cost + begin);
+      for (int col = 0; col < camera.width; ++col) {
+        const Vec3f ray = rays.Ray(static_cast<float>(col), static_cast<float>(row));
+        planes[begin + col] = PlaneThrough(maps.normal(col, row), ray, maps.depth(col, row));
+      }
+    });
+    estimate->planes.Upload(planes, pixels, stream());
+    estimate->depth.Upload(depth, pixels, stream());
+    estimate->cost.Upload(cost, pixels, stream());
+    stream().Synchronize();
     return estimate;
   });
 }

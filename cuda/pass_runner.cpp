@@ -48,10 +48,10 @@ void PassRunner::Queue(const PatchMatchProblem& problem, const PatchMatchOptions
   LaunchPass<kPass>(context, iterations, stream_.get());
 }
 
-template void PassRunner::Queue<Pass::kPhotometric>(const PatchMatchProblem&, const PatchMatchOptions&,
-                                                    const PassData&, int, int);
-template void PassRunner::Queue<Pass::kPlanarPrior>(const PatchMatchProblem&, const PatchMatchOptions&,
-                                                    const PassData&, int, int);
+template void PassRunner::Queue<Pass::kPhotometric>(const PatchMatchProblem&, const PatchMatchOptions&, const PassData&,
+                                                    int, int);
+template void PassRunner::Queue<Pass::kPlanarPrior>(const PatchMatchProblem&, const PatchMatchOptions&, const PassData&,
+                                                    int, int);
 template void PassRunner::Queue<Pass::kGeometric>(const PatchMatchProblem&, const PatchMatchOptions&, const PassData&,
                                                   int, int);
 

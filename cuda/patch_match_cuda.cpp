@@ -112,8 +112,7 @@ class PatchMatchCuda final : public PatchMatch {
 
   int LoadImage(const ImageView<const float>& gray, Loaded* loaded) {
     const CudaDevicePtr& device = runner_.device();
-    loaded->layers.push_back(
-        std::make_unique<ImageLayer>(device, 0, gray.width, gray.height, runner_.stream()));
+    loaded->layers.push_back(std::make_unique<ImageLayer>(device, 0, gray.width, gray.height, runner_.stream()));
     const int layer = loaded->layers.back()->layer();
     device->images(0).Upload(gray, layer, &staging_, runner_.stream());
     return layer;

@@ -22,7 +22,8 @@ __global__ void FetchKernel(cudaTextureObject_t texture, int layer, int width, i
 
 }  // namespace
 
-void LaunchFetches(cudaTextureObject_t texture, int layer, int width, int height, int fetches, float* sums, cudaStream_t stream) {
+void LaunchFetches(cudaTextureObject_t texture, int layer, int width, int height, int fetches, float* sums,
+                   cudaStream_t stream) {
   constexpr int kBlock = 256;
   FetchKernel<<<width * height / kBlock, kBlock, 0, stream>>>(texture, layer, width, fetches, sums);
   CudaCheck(cudaGetLastError(), "launch texture fetches");

@@ -2,12 +2,14 @@
 
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
 #include <map>
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/fusion/fusion_setup.h"
 #include "acmp_mapping/patch_match/kernel/upsample.h"
+#include "acmp_mapping/patch_match/match_setup.h"
 
 namespace acmp {
 namespace {
@@ -89,6 +91,25 @@ void CheckSize(const char* name, int width, int height, const PinholeCamera& cam
 PatchMatchResult MakeStart(const EngineEstimatePtr& estimate) {
   const HostEstimate& host = Cast<HostEstimate>(estimate);
   return {host.planes.Clone(), host.cost.Clone(), {}};
+}
+
+template <class T>
+Image<T> CopyOf(const ImageView<const T>& view) {
+  Image<T> image(view.width, view.height);
+  tbb::parallel_for(0, view.height, [&](int row) { std::copy_n(&view(0, row), view.width, &image(0, row)); });
+  return image;
+}
+
+PlaneMap PlanesFrom(const DepthMap& depth, const NormalMap& normal, const PinholeCamera& camera) {
+  const RayGrid rays = MakeRayGrid(camera);
+  PlaneMap planes(camera.width, camera.height);
+  tbb::parallel_for(0, camera.height, [&](int row) {
+    for (int col = 0; col < camera.width; ++col) {
+      const Vec3f ray = rays.Ray(static_cast<float>(col), static_cast<float>(row));
+      if (depth(col, row) > 0) planes(col, row) = PlaneThrough(normal(col, row), ray, depth(col, row));
+    }
+  });
+  return planes;
 }
 
 FusionView MakeFusionView(const EngineView& view) {
@@ -229,6 +250,18 @@ EngineEstimatePtr HostDepthEngine::UploadState(EstimateState state, const Pinhol
   estimate->cost = std::move(state.cost);
   estimate->depth = ToDepthMap(estimate->planes, camera);
   estimate->normal = ToNormalMap(estimate->planes);
+  return estimate;
+}
+
+EngineEstimatePtr HostDepthEngine::UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) {
+  CheckSize("depth map", maps.depth.width, maps.depth.height, camera);
+  CheckSize("normal map", maps.normal.width, maps.normal.height, camera);
+  CheckSize("cost map", maps.cost.width, maps.cost.height, camera);
+  auto estimate = std::make_shared<HostEstimate>();
+  estimate->depth = CopyOf(maps.depth);
+  estimate->normal = CopyOf(maps.normal);
+  estimate->cost = CopyOf(maps.cost);
+  estimate->planes = PlanesFrom(estimate->depth, estimate->normal, camera);
   return estimate;
 }
 

@@ -20,7 +20,7 @@ struct Engines {
   std::string fallback_reason;
 
   void Add(std::unique_ptr<acmp::DepthEngine> engine, int device) {
-    list.push_back({engine.get(), device});
+    list.push_back({engine.get(), device, engine->FreeDeviceBytes() == 0});
     owned.push_back(std::move(engine));
   }
 };

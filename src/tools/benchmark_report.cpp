@@ -103,8 +103,8 @@ void WriteJson(const BenchmarkReport& report, const std::string& path) {
          << ", \"fast_median_ms\": " << row.fast_median << ", \"fast_99_ms\": " << row.fast_99
          << ", \"refined_median_ms\": " << row.refined_median << ", \"refined_99_ms\": " << row.refined_99
          << ", \"device_median_ms\": " << row.device_median << ", \"keyframes_per_s\": " << row.keyframes_per_s
-         << ", \"device_bytes\": [" << row.device_bytes_begin << ", " << row.device_bytes_end
-         << "], \"host_bytes\": [" << row.host_bytes_begin << ", " << row.host_bytes_end << "]}";
+         << ", \"device_bytes\": [" << row.device_bytes_begin << ", " << row.device_bytes_end << "], \"host_bytes\": ["
+         << row.host_bytes_begin << ", " << row.host_bytes_end << "]}";
     separator = ", ";
   }
   file << "]}\n";

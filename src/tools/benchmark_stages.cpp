@@ -120,7 +120,7 @@ StageFigures MeasureStages(DepthEngine* engine, const PipelineOptions& options, 
     const Run run = RunStages(engine, &estimator, options, problem, frames[0]);
     if (i > 0) runs.push_back(run);  // the first one warms up
   }
-  const auto median = [&](double Run::* stage) {
+  const auto median = [&](double Run::*stage) {
     std::vector<double> values;
     values.reserve(runs.size());
     for (const Run& run : runs) values.push_back(run.*stage);

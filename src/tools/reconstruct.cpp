@@ -1,5 +1,6 @@
 #include "reconstruct.h"
 
+#include <map>
 #include <numeric>
 
 #include "acmp_mapping/common/error.h"
@@ -62,16 +63,19 @@ void ReportImagesWithoutMap(const ReconstructRun& run) {
 
 void RunAllSteps(ReconstructRun* run, const RunRecord& record, std::ostream* out) {
   Timer timer;
+  TaskGraph graph;
+  std::map<int, int> final_maps;
   if (run->options.online()) {
     RunOnlineSchedule(run);
   } else {
-    RunOfflineSchedule(run);
+    final_maps = AddOfflineSchedule(run, &graph);
   }
   ReportImagesWithoutMap(*run);
-  const size_t points = WriteResults(run);
+  const size_t points = RunAndWriteResults(run, final_maps, &graph);
   run->interrupt.Check();
   SyncFolder(run->folder.path());
-  WriteFileAtomically(run->folder.SummaryFile(), FormatSummary(*run, record, run->engines.front().engine->device_name(), points),
+  WriteFileAtomically(run->folder.SummaryFile(),
+                      FormatSummary(*run, record, run->engines.front().engine->device_name(), points),
                       Durability::kPowerCut);
   if (!run->options.keep_work) run->folder.RemoveAllWork();
   if (!run->options.quiet) {
@@ -105,7 +109,8 @@ void Reconstruct(const ReconstructOptions& options, const std::vector<Reconstruc
     return;
   }
   if (folder.state() == ReconstructFolder::State::kStarted) progress.Note("going on with an interrupted run");
-  ReconstructRun run{scene, options, plan, folder, engines, *interrupt, progress, {}};
+  EngineStore store(scene, options, folder, plan, engines);
+  ReconstructRun run{scene, options, plan, folder, engines, store, *interrupt, progress, {}, {}};
   RunAllSteps(&run, record, out);
 }
 

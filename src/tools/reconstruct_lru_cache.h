@@ -66,8 +66,8 @@ class LruCache {
   };
   using Entries = std::map<Key, Entry>;
 
-  Pointer Make(const Key& key, const std::function<Pointer()>& make, const std::function<size_t(const Value&)>& bytes_of,
-               std::promise<Pointer>* promise) {
+  Pointer Make(const Key& key, const std::function<Pointer()>& make,
+               const std::function<size_t(const Value&)>& bytes_of, std::promise<Pointer>* promise) {
     try {
       Pointer value;
       // While it waits for its own loops this thread must not take up work that waits for this value.

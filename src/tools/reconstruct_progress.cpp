@@ -25,6 +25,7 @@ Progress::Progress(std::ostream* stream, ProgressStyle style, double total_cost)
 Progress::~Progress() { EraseBar(); }
 
 void Progress::Begin(const std::string& stage, int steps, double cost_per_step) {
+  const std::lock_guard<std::mutex> lock(mutex_);
   stage_ = stage;
   steps_ = steps;
   step_ = 0;
@@ -34,6 +35,7 @@ void Progress::Begin(const std::string& stage, int steps, double cost_per_step) 
 }
 
 void Progress::Step(bool reused) {
+  const std::lock_guard<std::mutex> lock(mutex_);
   ++step_;
   done_cost_ += cost_per_step_;
   if (reused) reused_cost_ += cost_per_step_;
@@ -41,12 +43,14 @@ void Progress::Step(bool reused) {
 }
 
 void Progress::Note(const std::string& message) {
+  const std::lock_guard<std::mutex> lock(mutex_);
   if (style_ == ProgressStyle::kSilent) return;
   EraseBar();
   *stream_ << message << std::endl;
 }
 
 void Progress::Warn(const std::string& message) {
+  const std::lock_guard<std::mutex> lock(mutex_);
   EraseBar();
   *stream_ << "warning: " << message << std::endl;
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <chrono>
+#include <mutex>
 #include <ostream>
 #include <string>
 
@@ -12,7 +13,8 @@ enum class ProgressStyle {
   kSilent,  ///< warnings only
 };
 
-/// Reports how far a run is, with the time left. Work is counted in steps of known relative cost.
+/// Reports how far a run is, with the time left. Work is counted in steps of known relative cost. For any number of
+/// threads.
 class Progress {
  public:
   /// @param total_cost of all steps of the run
@@ -37,6 +39,7 @@ class Progress {
   void Show();
   void EraseBar();
 
+  std::mutex mutex_;
   std::ostream* stream_;
   ProgressStyle style_;
   double total_cost_;

@@ -102,4 +102,8 @@ EngineEstimatePtr RecordingDepthEngine::UploadState(EstimateState state, const P
   return Guarded([&] { return engine_->UploadState(std::move(state), camera); });
 }
 
+EngineEstimatePtr RecordingDepthEngine::UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) {
+  return Guarded([&] { return engine_->UploadMaps(maps, camera); });
+}
+
 }  // namespace acmp

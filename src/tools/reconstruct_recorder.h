@@ -39,11 +39,12 @@ class RecordingDepthEngine final : public DepthEngine {
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options) override;
   std::unique_ptr<FusionStamps> MakeFusionStamps() override;
-  PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
-                      const FusionOptions& options, FusionStamps* stamps) override;
+  PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources, const FusionOptions& options,
+                      FusionStamps* stamps) override;
   EstimateMaps Download(const EngineEstimatePtr& estimate) override;
   EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
   EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override;
+  EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) override;
   double TakeDeviceMs() override { return engine_->TakeDeviceMs(); }
   size_t DeviceBytes() const override { return engine_->DeviceBytes(); }
   size_t FreeDeviceBytes() const override { return engine_->FreeDeviceBytes(); }

@@ -3,6 +3,8 @@
 #include <Eigen/Geometry>
 #include <iomanip>
 #include <map>
+#include <memory>
+#include <mutex>
 #include <sstream>
 
 #include "acmp_mapping/common/error.h"
@@ -26,49 +28,104 @@ Image<T> Copy(ImageView<const T> view) {
   return image;
 }
 
+/// The output steps of a run. Confidences and points are made on the engines, files by other threads.
 class ResultWriter {
  public:
-  explicit ResultWriter(ReconstructRun* run) : run_(*run) {
-    for (const ImagePlan& image : run_.plan.images) {
-      if (image.no_map.empty()) maps_.emplace(image.index, run_.folder.WorkFile("final", image.index));
-    }
+  explicit ResultWriter(ReconstructRun* run) : run_(*run), fusion_(MakePipelineOptions(run->options).fusion) {
     for (const char* kind : {"depth", "normal", "cost", "confidence"}) MakeFolder(run_.folder.path() / kind);
     run_.folder.MakeWorkFolder(kWrittenMark);
     if (!run_.options.no_pictures) MakeFolder(run_.folder.path() / "pictures");
+    const ReconstructEngine& first = run_.engines.front();
+    if (!first.on_host) fusion_engine_owner_ = first.engine->Share();
+    fusion_engine_ = first;
+    if (fusion_engine_owner_) fusion_engine_.engine = fusion_engine_owner_.get();
+    stamps_ = fusion_engine_.engine->MakeFusionStamps();
   }
 
-  size_t Write() {
-    run_.progress.Begin("maps and pictures", static_cast<int>(maps_.size()), StepCosts::kOutput);
-    for (const auto& [index, maps] : maps_) {
-      run_.interrupt.Check();
-      const bool done = std::filesystem::exists(run_.folder.WorkFile(kWrittenMark, index)) && AllFilesExist(index);
-      if (!done) {
-        WriteImage(index, maps);
-        unmarked_.push_back(index);
-      }
-      run_.progress.Step(done);
-      if (unmarked_.size() >= kImagesPerSync) MarkWritten();
+  void AddTasks(const std::map<int, int>& final_maps, TaskGraph* graph) {
+    std::vector<int> all_written;
+    int last_fused = -1;
+    for (const ImagePlan& image : run_.plan.images) {
+      if (!image.no_map.empty()) continue;
+      const std::vector<int> maps = MapsRead(final_maps, image);
+      const int index = image.index;
+      const int confidence =
+          graph->Add(kEnginePool, maps, [this, index](int engine) { MakeConfidence(index, engine); });
+      all_written.push_back(graph->Add(kHostPool, {confidence}, [this, index](int) { WriteFiles(index); }));
+      std::vector<int> before = maps;
+      if (last_fused >= 0) before.push_back(last_fused);
+      last_fused = graph->Add(kFusionPool, before, [this, index](int) { Fuse(index); });
+      images_.push_back(index);
     }
-    MarkWritten();
-    if (too_far_ > 0) {
-      run_.progress.Warn(
-          Concat(too_far_, " pixels deeper than 65.535 units are missing in depth/*.png; the .pfm have them"));
-    }
-    WriteCameras();
-    return WriteCloud();
+    graph->Add(kHostPool, all_written, [this](int) { FinishFiles(); });
+    graph->Add(kHostPool, {last_fused}, [this](int) { WriteCloud(); });
   }
+
+  static constexpr int kStepsPerImage = 2;
+  size_t images() const { return images_.size(); }
+  size_t points() const { return points_.size(); }
 
  private:
-  FusionView ViewOf(int index) const {
-    const MappedFinalMaps& maps = maps_.at(index);
-    FusionView view;
-    view.camera = CameraOf(run_.scene, index, run_.options.max_image_size);
-    view.cam_from_world = run_.scene.images[index].cam_from_world;
-    view.depth = maps.depth();
-    view.normal = maps.normal();
-    view.cost = maps.cost();
-    view.color = maps.color();
+  /// All whose maps the image's own are compared with.
+  static std::vector<int> MapsRead(const std::map<int, int>& final_maps, const ImagePlan& image) {
+    std::vector<int> tasks;
+    if (final_maps.empty()) return tasks;
+    tasks.push_back(final_maps.at(image.index));
+    for (int source : image.sources) {
+      if (const auto found = final_maps.find(source); found != final_maps.end()) tasks.push_back(found->second);
+    }
+    return tasks;
+  }
+
+  MappedFinalMaps MapsOf(int index) const {
+    return MappedFinalMaps(run_.folder.WorkFile(EngineStore::kFinalStage, index));
+  }
+
+  bool IsWritten(int index) const {
+    return std::filesystem::exists(run_.folder.WorkFile(kWrittenMark, index)) && AllFilesExist(index);
+  }
+
+  /// A view with its final estimate.
+  EngineView ViewOf(int index, const ReconstructEngine& engine) {
+    EngineView view = run_.store.View(index, engine);
+    view.estimate = run_.store.Estimate(EngineStore::kFinalStage, *view.frame, engine);
     return view;
+  }
+
+  std::vector<EngineView> SourcesOf(const MappedFinalMaps& maps, const ReconstructEngine& engine) {
+    std::vector<EngineView> sources;
+    for (int source : maps.sources()) {
+      if (run_.store.HasMap(source)) sources.push_back(ViewOf(source, engine));
+    }
+    return sources;
+  }
+
+  void MakeConfidence(int index, int engine_number) {
+    const MappedFinalMaps maps = MapsOf(index);
+    if (IsWritten(index) || !maps.confidence().empty()) return;
+    const ReconstructEngine& engine = run_.engines[static_cast<size_t>(engine_number)];
+    const EngineView reference = ViewOf(index, engine);
+    const std::vector<EngineView> sources = SourcesOf(maps, engine);
+    Timer timer;
+    ConsistencyResult result = engine.engine->FilterByConsistency(reference, sources, fusion_);
+    run_.interrupt.Check();
+    const std::lock_guard<std::mutex> lock(mutex_);
+    confidences_[index] = std::move(result.confidence);
+    const std::lock_guard<std::mutex> times_lock(run_.times_mutex);
+    run_.times.consistency_ms += timer.Lap();
+  }
+
+  void Fuse(int index) {
+    const MappedFinalMaps maps = MapsOf(index);
+    const EngineView reference = ViewOf(index, fusion_engine_);
+    const std::vector<EngineView> sources = SourcesOf(maps, fusion_engine_);
+    Timer timer;
+    const PointCloud points = fusion_engine_.engine->FuseView(reference, sources, fusion_, stamps_.get());
+    run_.interrupt.Check();
+    points_.insert(points_.end(), points.begin(), points.end());
+    run_.progress.Step();
+    const std::lock_guard<std::mutex> lock(run_.times_mutex);
+    run_.times.fusion_ms += timer.Lap();
   }
 
   std::vector<std::filesystem::path> FilesOf(int index) const {
@@ -85,13 +142,6 @@ class ResultWriter {
     return files;
   }
 
-  /// A mark says that an image's files are on the disk for good.
-  void MarkWritten() {
-    SyncFolder(run_.folder.path());
-    for (int index : unmarked_) WriteFileAtomically(run_.folder.WorkFile(kWrittenMark, index), "");
-    unmarked_.clear();
-  }
-
   bool AllFilesExist(int index) const {
     for (const auto& file : FilesOf(index)) {
       if (!std::filesystem::exists(file)) return false;
@@ -99,21 +149,45 @@ class ResultWriter {
     return true;
   }
 
-  ConfidenceMap ConfidenceOf(int index, const MappedFinalMaps& maps) {
+  /// The confidence that was made for the image, or that its final maps already have.
+  ConfidenceMap TakeConfidence(int index, const MappedFinalMaps& maps) {
     if (!maps.confidence().empty()) return Copy(maps.confidence());
-    std::vector<FusionView> sources;
-    for (int source : maps.sources()) {
-      if (maps_.count(source) > 0) sources.push_back(ViewOf(source));
-    }
-    Timer timer;
-    ConsistencyResult result = FilterByConsistency(ViewOf(index), sources, MakePipelineOptions(run_.options).fusion);
-    run_.interrupt.Check();
-    run_.times.consistency_ms += timer.Lap();
-    return std::move(result.confidence);
+    const std::lock_guard<std::mutex> lock(mutex_);
+    ConfidenceMap confidence = std::move(confidences_.at(index));
+    confidences_.erase(index);
+    return confidence;
   }
 
-  void WriteImage(int index, const MappedFinalMaps& maps) {
-    const ConfidenceMap confidence = ConfidenceOf(index, maps);
+  void WriteFiles(int index) {
+    const bool done = IsWritten(index);
+    if (!done) {
+      WriteImage(index);
+      const std::lock_guard<std::mutex> lock(mutex_);
+      unmarked_.push_back(index);
+      if (unmarked_.size() >= kImagesPerSync) MarkWritten();
+    }
+    run_.progress.Step(done);
+  }
+
+  /// A mark says that an image's files are on the disk for good.
+  void MarkWritten() {
+    SyncFolder(run_.folder.path());
+    for (int index : unmarked_) WriteFileAtomically(run_.folder.WorkFile(kWrittenMark, index), "");
+    unmarked_.clear();
+  }
+
+  void FinishFiles() {
+    if (!unmarked_.empty()) MarkWritten();
+    if (too_far_ > 0) {
+      run_.progress.Warn(
+          Concat(too_far_, " pixels deeper than 65.535 units are missing in depth/*.png; the .pfm have them"));
+    }
+    WriteCameras();
+  }
+
+  void WriteImage(int index) {
+    const MappedFinalMaps maps = MapsOf(index);
+    const ConfidenceMap confidence = TakeConfidence(index, maps);
     Timer timer;
     const DepthMap depth = Copy(maps.depth());
     const NormalMap normal = Copy(maps.normal());
@@ -144,6 +218,7 @@ class ResultWriter {
           WritePfm(folder.MapFile("confidence", index, ".pfm"), confidence);
           if (pictures) WritePng(picture("_confidence.png"), ConfidencePicture(confidence));
         });
+    const std::lock_guard<std::mutex> lock(run_.times_mutex);
     too_far_ += too_far;
     run_.times.io_ms += timer.Lap();
   }
@@ -156,7 +231,7 @@ class ResultWriter {
            "# qw..tz is T_world_cam (camera -> world): X_world = R(q) * X_cam + t; camera axes x right, y down, z "
            "forward\n"
         << std::setprecision(15);
-    for (const auto& [index, maps] : maps_) {
+    for (int index : images_) {
       const PinholeCamera c = CameraOf(run_.scene, index, run_.options.max_image_size);
       const RigidTransform world_from_cam = run_.scene.images[index].cam_from_world.inverse();
       const Eigen::Quaterniond q(world_from_cam.linear());
@@ -168,40 +243,47 @@ class ResultWriter {
     WriteFileAtomically(run_.folder.path() / "cameras.txt", text.str());
   }
 
-  size_t WriteCloud() {
-    run_.progress.Begin("point cloud", 1, StepCosts::kFusion * static_cast<double>(maps_.size()));
-    std::map<int, int> position_of_index;
-    std::vector<FusionView> views;
-    for (const auto& [index, maps] : maps_) {
-      position_of_index[index] = static_cast<int>(views.size());
-      views.push_back(ViewOf(index));
-    }
-    std::vector<std::vector<int>> neighbors;
-    for (const auto& [index, maps] : maps_) {
-      neighbors.emplace_back();
-      for (int source : maps.sources()) {
-        const auto found = position_of_index.find(source);
-        if (found != position_of_index.end()) neighbors.back().push_back(found->second);
-      }
-    }
+  void WriteCloud() {
     Timer timer;
-    const PointCloud points = FuseDepthMaps(views, neighbors, MakePipelineOptions(run_.options).fusion);
-    run_.times.fusion_ms += timer.Lap();
-    run_.interrupt.Check();
-    WritePly(run_.folder.path() / "fused.ply", points);
+    WritePly(run_.folder.path() / "fused.ply", points_);
+    const std::lock_guard<std::mutex> lock(run_.times_mutex);
     run_.times.io_ms += timer.Lap();
-    run_.progress.Step();
-    return points.size();
   }
 
   ReconstructRun& run_;
-  std::map<int, MappedFinalMaps> maps_;  ///< by scene index
+  const FusionOptions fusion_;
+  std::unique_ptr<DepthEngine> fusion_engine_owner_;
+  ReconstructEngine fusion_engine_;
+  std::unique_ptr<FusionStamps> stamps_;
+  std::vector<int> images_;  ///< with maps, by scene index
+  PointCloud points_;        ///< world frame
+
+  std::mutex mutex_;  ///< of what follows
+  std::map<int, ConfidenceMap> confidences_;
   std::vector<int> unmarked_;
   size_t too_far_ = 0;
 };
 
 }  // namespace
 
-size_t WriteResults(ReconstructRun* run) { return ResultWriter(run).Write(); }
+size_t RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_maps, TaskGraph* graph) {
+  constexpr int kWriters = 3;  // each compresses several pictures at a time
+  ResultWriter writer(run);
+  writer.AddTasks(final_maps, graph);
+  const PipelineOptions pipeline = MakePipelineOptions(run->options);
+  const int stages = final_maps.empty() ? 0 : 1 + pipeline.geometric_passes;
+  const int steps = stages + ResultWriter::kStepsPerImage;
+  const double output = StepCosts::kOutput + StepCosts::kFusion;
+  const double initial = pipeline.use_planar_prior ? StepCosts::kInitialWithPrior : StepCosts::kInitialWithoutPrior;
+  const double maps = stages == 0 ? 0 : initial + pipeline.geometric_passes * StepCosts::kGeometricPass;
+  run->progress.Begin(stages == 0 ? "maps, pictures and cloud" : "depth maps, pictures and cloud",
+                      static_cast<int>(writer.images()) * steps, (maps + output) / steps);
+  if (run->engines.front().on_host) {
+    graph->Run({}, run->interrupt);
+  } else {
+    graph->Run({static_cast<int>(run->engines.size()), 1, kWriters}, run->interrupt);
+  }
+  return writer.points();
+}
 
 }  // namespace acmp

@@ -1,13 +1,18 @@
 #pragma once
 
+#include <map>
+#include <mutex>
+#include <vector>
+
 #include "acmp_mapping/dataset/scene.h"
 #include "reconstruct_engine.h"
 #include "reconstruct_folder.h"
 #include "reconstruct_interrupt.h"
-#include "reconstruct_lru_cache.h"
 #include "reconstruct_options.h"
 #include "reconstruct_plan.h"
 #include "reconstruct_progress.h"
+#include "reconstruct_store.h"
+#include "reconstruct_tasks.h"
 
 namespace acmp {
 
@@ -21,18 +26,6 @@ struct RunTimes {
   void Add(const StageTimes& other);
 };
 
-/// Images of a scene at the size of the run, the ones used last kept in memory. For any number of threads.
-class FrameStore {
- public:
-  FrameStore(const Scene& scene, int max_image_size, size_t max_bytes);
-  FramePtr Get(int index);
-
- private:
-  const Scene& scene_;
-  int max_image_size_;
-  LruCache<int, Frame> cache_;
-};
-
 /// Camera of an image at the size of the run.
 PinholeCamera CameraOf(const Scene& scene, int index, int max_image_size);
 
@@ -43,9 +36,11 @@ struct ReconstructRun {
   ReconstructPlan& plan;
   const ReconstructFolder& folder;
   const std::vector<ReconstructEngine>& engines;  ///< at least one
+  EngineStore& store;
   InterruptWatcher& interrupt;
   Progress& progress;
   RunTimes times;
+  std::mutex times_mutex;
 };
 
 /// Relative costs of the steps of one image, for the progress display: what they take on a GPU, roughly.
@@ -58,15 +53,25 @@ struct StepCosts {
 };
 double TotalCost(const ReconstructPlan& plan, const PipelineOptions& pipeline);
 
-/// Algorithm 1 over all images: initial estimates, then geometric passes in Jacobi order. Leaves final maps in the
-/// folder.
-void RunOfflineSchedule(ReconstructRun* run);
+/// Which threads do a task.
+enum TaskPool {
+  kEnginePool,  ///< one thread per engine; tasks are told which
+  kFusionPool,  ///< one, with an engine of its own
+  kHostPool,    ///< those that write files
+  kNumPools
+};
+
+/// Adds Algorithm 1 over all images to the graph: initial estimates, then geometric passes in Jacobi order. Leaves
+/// final maps in the folder. Returns the tasks after which they are there, by scene index.
+std::map<int, int> AddOfflineSchedule(ReconstructRun* run, TaskGraph* graph);
 
 /// Feeds the images in the order of their index to a DenseMapper. Leaves final maps in the folder.
 void RunOnlineSchedule(ReconstructRun* run);
 
-/// Confidence, map files and pictures of every image with final maps; then the fused cloud and the cameras.
+/// Runs what is in the graph and then, or meanwhile, the output: confidence, map files and pictures of every image with
+/// final maps; the fused cloud and the cameras.
+/// @param final_maps tasks that an image's final maps wait for, by scene index; none: they are there
 /// @return number of points
-size_t WriteResults(ReconstructRun* run);
+size_t RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_maps, TaskGraph* graph);
 
 }  // namespace acmp

@@ -89,7 +89,7 @@ class TaskGraph::Runner {
 void TaskGraph::Run(const std::vector<int>& threads, const InterruptWatcher& interrupt) {
   int total = 0;
   for (int count : threads) total += count;
-  if (total == 1) {
+  if (total == 0) {
     for (Task& task : tasks_) task.pool = 0;
     Runner runner(&tasks_, 1, interrupt);
     runner.Work(0, 0);

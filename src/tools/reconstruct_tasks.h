@@ -1,6 +1,8 @@
 #pragma once
 
 #include <functional>
+#include <memory>
+#include <utility>
 #include <vector>
 
 #include "reconstruct_interrupt.h"
@@ -15,8 +17,11 @@ class TaskGraph {
   /// @param work is told the number of its thread in the pool
   int Add(int pool, const std::vector<int>& after, std::function<void(int)> work);
 
+  /// Keeps what tasks refer to until the graph goes.
+  void KeepAlive(std::shared_ptr<void> object) { kept_.push_back(std::move(object)); }
+
   /// Does all tasks with threads[p] threads for pool p; of those that are ready a pool takes the smallest number first.
-  /// A single thread for all pools is the caller's own: tasks then run in the order of their numbers. Throws what a
+  /// No threads: the caller's own does all, in the order of their numbers. Throws what a
   /// task threw first, or Interrupted, when all threads have stopped.
   void Run(const std::vector<int>& threads, const InterruptWatcher& interrupt);
 
@@ -30,6 +35,7 @@ class TaskGraph {
   class Runner;
 
   std::vector<Task> tasks_;
+  std::vector<std::shared_ptr<void>> kept_;
 };
 
 }  // namespace acmp

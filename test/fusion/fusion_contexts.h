@@ -9,8 +9,6 @@ namespace acmp {
 
 using HostMaps = FusionMaps<Vec3f>;
 
-inline HostMaps MapsOf(const FusionView& view) { return {view.depth, view.normal, view.cost, view.color}; }
-
 /// The kernels' contexts for all views of a scene, with stamps; points in the world.
 class FusionContexts {
  public:

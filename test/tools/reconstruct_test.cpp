@@ -35,7 +35,7 @@ class ReconstructTest : public ReconstructFixture {
     log_.str("");
     out_.str("");
     HostDepthEngine engine(matcher);
-    Reconstruct(options_, {{&engine, 0}}, watcher, &out_, &log_, false);
+    Reconstruct(options_, {{&engine, 0, true}}, watcher, &out_, &log_, false);
   }
   std::string ErrorOf(FakePatchMatch* matcher) {
     return MessageOf<InvalidInputError>([&] { Run(matcher); });

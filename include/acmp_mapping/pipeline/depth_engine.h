@@ -47,6 +47,13 @@ struct EstimateMaps {
   CostMap cost;
 };
 
+/// Views of such maps.
+struct EstimateMapViews {
+  ImageView<const float> depth;
+  ImageView<const Vec3f> normal;
+  ImageView<const float> cost;
+};
+
 /// All of an estimate, as it has to be kept for a later pass.
 struct EstimateState {
   PlaneMap planes;
@@ -107,6 +114,9 @@ class DepthEngine {
   virtual EstimateMaps Download(const EngineEstimatePtr& estimate) = 0;
   virtual EstimateState DownloadState(const EngineEstimatePtr& estimate) = 0;
   virtual EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) = 0;
+
+  /// An estimate with these depths and normals, for the consistency check and fusion.
+  virtual EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) = 0;
 
   /// Device time of the passes and filters since the last call, ms; 0 where it is not measured.
   virtual double TakeDeviceMs() = 0;

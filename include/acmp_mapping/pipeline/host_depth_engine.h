@@ -26,11 +26,12 @@ class HostDepthEngine final : public DepthEngine {
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options) override;
   std::unique_ptr<FusionStamps> MakeFusionStamps() override;
-  PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
-                      const FusionOptions& options, FusionStamps* stamps) override;
+  PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources, const FusionOptions& options,
+                      FusionStamps* stamps) override;
   EstimateMaps Download(const EngineEstimatePtr& estimate) override;
   EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
   EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override;
+  EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) override;
   double TakeDeviceMs() override;
   size_t DeviceBytes() const override { return 0; }
   size_t FreeDeviceBytes() const override { return 0; }
