@@ -1,8 +1,5 @@
 #include "acmp_mapping/pipeline/presets.h"
 
-#include <cstdio>
-#include <cstdlib>
-
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
@@ -29,17 +26,15 @@ PipelineOptions MakePreset(const std::string& name) {
     options.geometric_passes = 0;
   } else if (name == "online") {
     options.start_level = 1;
-    options.patch_match.photometric_iterations = 3;
+    options.patch_match.photometric_iterations = 2;
+    options.full_size_iterations = 1;
     options.patch_match.planar_prior_iterations = 1;
     options.patch_match.geometric_iterations = 1;
-    if (const char* e = getenv("ACMP_X"))
-      sscanf(e, "%d,%d,%d,%d,%d,%d,%d,%f,%d,%f", &options.start_level, &options.patch_match.photometric_iterations,
-             &options.full_size_iterations, &options.patch_match.planar_prior_iterations, &options.geometric_passes,
-             &options.patch_match.geometric_iterations, &options.planar_prior.cell_size_px,
-             &options.planar_prior.max_support_cost, &options.patch_match.candidate_view_votes,
-             &options.patch_match.perturb_depth);
+    options.geometric_passes = 1;
+    options.patch_match.candidate_view_votes = 2;
+    options.planar_prior.cell_size_px = 8;
   } else if (name != "acmp") {
-    throw InvalidInputError(Concat("preset = \"", name, "\": must be acmh, acmp_no_geometric or acmp"));
+    throw InvalidInputError(Concat("preset = \"", name, "\": must be acmh, acmp_no_geometric, acmp or online"));
   }
   return options;
 }

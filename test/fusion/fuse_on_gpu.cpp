@@ -13,6 +13,8 @@ template <class T>
 class DeviceCopy {
  public:
   DeviceCopy() = default;
+  DeviceCopy(const Image<T>& image, const CudaDevicePtr& device, const CudaStream& stream)
+      : DeviceCopy(image.View(), device, stream) {}
   DeviceCopy(const ImageView<const T>& image, const CudaDevicePtr& device, const CudaStream& stream)
       : array_(device, static_cast<size_t>(image.width) * image.height) {
     if (image.empty()) return;
@@ -46,10 +48,10 @@ struct UploadedView {
   UploadedView(const FusionView& view, const CudaDevicePtr& device, const CudaStream& stream)
       : camera(CameraOf(view)),
         depth(view.depth, device, stream),
-        normal(std::as_const(PlanesWithNormals(view.normal)).View(), device, stream),
+        normal(PlanesWithNormals(view.normal), device, stream),
         cost(view.cost, device, stream),
         color(view.color, device, stream),
-        stamps(std::as_const(Image<Stamp>(view.depth.width, view.depth.height, kUnusedStamp)).View(), device, stream) {}
+        stamps(Image<Stamp>(view.depth.width, view.depth.height, kUnusedStamp), device, stream) {}
 
   DeviceFusionView maps() const { return {depth.View(), normal.View(), cost.View(), color.View()}; }
 

@@ -39,6 +39,12 @@ class LostEngine final : public DepthEngine {
   }
   EstimateMaps Download(const EngineEstimatePtr&) override { Fail(); }
   EstimateState DownloadState(const EngineEstimatePtr&) override { Fail(); }
+  std::unique_ptr<FusionStamps> MakeFusionStamps() override { Fail(); }
+  PointCloud FuseView(const EngineView&, const std::vector<EngineView>&, const FusionOptions&,
+                      FusionStamps*) override {
+    Fail();
+  }
+  EngineEstimatePtr UploadMaps(const EstimateMapViews&, const PinholeCamera&) override { Fail(); }
   EngineEstimatePtr UploadState(EstimateState, const PinholeCamera&) override { Fail(); }
   double TakeDeviceMs() override { return 0; }
   size_t DeviceBytes() const override { return 0; }

@@ -21,12 +21,12 @@ struct PipelineOptions {
 };
 void Validate(const PipelineOptions& options);
 
-/// "acmh", "acmp_no_geometric", "acmp".
+/// "acmh", "acmp_no_geometric", "acmp", "online".
 const std::vector<std::string>& PresetNames();
 
 /// The systems compared in the paper as option sets of one pipeline: acmh = photometric + geometric passes,
-/// acmp_no_geometric = ACMP\G = photometric + planar prior, acmp = all. Throws InvalidInputError naming the known
-/// presets.
+/// acmp_no_geometric = ACMP\G = photometric + planar prior, acmp = all. online: all steps with fewer iterations and a
+/// start at half resolution, a third of the time. Throws InvalidInputError naming the known presets.
 PipelineOptions MakePreset(const std::string& name);
 
 }  // namespace acmp
