@@ -6,7 +6,6 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "reconstruct_run.h"
-#include "reconstruct_work_files.h"
 
 namespace acmp {
 namespace {
@@ -64,12 +63,15 @@ class OfflineSchedule {
         run_.progress.Step(done);
       });
     }
-    if (stage > 0 && !run_.options.keep_work) {
+    if (stage > 0) {
       std::vector<int> all;
       all.reserve(tasks.size());
       for (const auto& [index, task] : tasks) all.push_back(task);
       // No later stage reads it.
-      graph->Add(kHostPool, all, [this, stage](int) { run_.folder.RemoveWork(StageName(stage - 1)); });
+      graph->Add(kHostPool, all, [this, stage](int) {
+        run_.store.DropStage(StageName(stage - 1));
+        if (!run_.options.keep_work) run_.folder.RemoveWork(StageName(stage - 1));
+      });
     }
     return tasks;
   }
@@ -96,36 +98,22 @@ class OfflineSchedule {
       start = run_.store.Estimate(StageName(stage - 1), reference, engine);
       run_.store.AddEstimates(StageName(stage - 1), engine, &problem.sources);
     }
-    double io_ms = timer.Lap();
+    const double reading_ms = timer.Lap();
     run_.interrupt.Check();
     const EngineEstimatePtr estimate =
         stage == 0 ? estimator.EstimateInitial(problem) : estimator.RefineGeometric(problem, start, stage - 1);
     run_.interrupt.Check();
     timer.Lap();
-    Save(stage, image, reference, *engine.engine, estimate);
-    run_.store.Keep(StageName(stage), reference, engine, estimate);
-    io_ms += timer.Lap();
+    if (stage == stages_ - 1) {
+      run_.store.KeepFinal(reference, image.sources, engine, estimate);
+    } else {
+      run_.store.Keep(StageName(stage), reference, engine, estimate);
+    }
     const std::lock_guard<std::mutex> lock(run_.times_mutex);
     run_.times.Add(estimator.last_times());
     run_.times.images += stage == 0 ? 1 : 0;
-    run_.times.io_ms += io_ms;
-  }
-
-  void Save(int stage, const ImagePlan& image, const acmp::Frame& reference, DepthEngine& engine,
-            const EngineEstimatePtr& estimate) {
-    if (stage != stages_ - 1) {
-      WriteEstimate(FileOf(stage, image.index), engine.DownloadState(estimate));
-      return;
-    }
-    EstimateMaps estimate_maps = engine.Download(estimate);
-    FinalMaps maps;
-    maps.depth = std::move(estimate_maps.depth);
-    maps.normal = std::move(estimate_maps.normal);
-    maps.cost = std::move(estimate_maps.cost);
-    maps.color = reference.color.Clone();
-    maps.sources = image.sources;
-    run_.interrupt.Check();
-    WriteFinalMaps(FileOf(stage, image.index), maps);
+    run_.times.reading_ms += reading_ms;
+    run_.times.keeping_ms += timer.Lap();
   }
 
   ReconstructRun& run_;

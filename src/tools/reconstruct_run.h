@@ -21,7 +21,12 @@ struct RunTimes {
   StageTimes stages;
   double consistency_ms = 0;  ///< confidence maps
   double fusion_ms = 0;       ///< point cloud
-  double io_ms = 0;           ///< reading images, reading and writing maps
+  double reading_ms = 0;      ///< images, and estimates of stages before
+  double keeping_ms = 0;      ///< estimates and final maps, from the device and to work files
+  double writing_ms = 0;      ///< maps and pictures
+  double cloud_ms = 0;        ///< the cloud's file
+  double syncing_ms = 0;      ///< waiting for the disk
+  double run_ms = 0;          ///< the whole run, from the scene's files to the last one; not a sum
   int images = 0;             ///< whose stages are in here; fewer than all after an interruption
   void Add(const StageTimes& other);
 };
