@@ -1,8 +1,6 @@
 #include <oneapi/tbb/parallel_invoke.h>
-#include <oneapi/tbb/task_arena.h>
 
 #include <Eigen/Geometry>
-#include <algorithm>
 #include <iomanip>
 #include <map>
 #include <memory>
@@ -51,8 +49,9 @@ class ResultWriter {
       if (!image.no_map.empty()) continue;
       const std::vector<int> maps = MapsRead(final_maps, image);
       const int index = image.index;
-      const int confidence =
-          graph->Add(kEnginePool, maps, [this, index](int engine) { MakeConfidence(index, engine); });
+      const int pool = EnginePoolOf(run_, index);
+      const int confidence = graph->Add(
+          pool, maps, [this, index, pool](int thread) { MakeConfidence(index, EngineOf(run_, pool, thread)); }, true);
       all_written.push_back(graph->Add(kHostPool, {confidence}, [this, index](int) { WriteFiles(index); }));
       std::vector<int> before = maps;
       if (last_fused >= 0) before.push_back(last_fused);
@@ -276,7 +275,6 @@ class ResultWriter {
 }  // namespace
 
 size_t RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_maps, TaskGraph* graph) {
-  const int writers = std::max(1, tbb::this_task_arena::max_concurrency() / 2);  // the rest triangulates
   ResultWriter writer(run);
   writer.AddTasks(final_maps, graph);
   const PipelineOptions pipeline = MakePipelineOptions(run->options);
@@ -287,11 +285,7 @@ size_t RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_m
   const double maps = stages == 0 ? 0 : initial + pipeline.geometric_passes * StepCosts::kGeometricPass;
   run->progress.Begin(stages == 0 ? "maps, pictures and cloud" : "depth maps, pictures and cloud",
                       static_cast<int>(writer.images()) * steps, (maps + output) / steps);
-  if (run->engines.front().on_host) {
-    graph->Run({}, run->interrupt);
-  } else {
-    graph->Run({static_cast<int>(run->engines.size()), 1, writers}, run->interrupt);
-  }
+  graph->Run(PoolThreads(*run), run->interrupt);
   return writer.points();
 }
 
