@@ -258,7 +258,7 @@ void WritePly(const std::filesystem::path& path, const PointCloud& points) {
   file.Commit();
 }
 
-void WritePly(const std::filesystem::path& path, const std::vector<PointCloud>& clouds) {
+void WriteMergedPly(const std::filesystem::path& path, const std::vector<PointCloud>& clouds) {
   AtomicFile file(path, Durability::kPowerCut);
   size_t points = 0;
   for (const PointCloud& cloud : clouds) points += cloud.size();

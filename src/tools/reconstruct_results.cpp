@@ -253,7 +253,7 @@ class ResultWriter {
 
   void WriteCloud() {
     Timer timer;
-    WritePly(run_.folder.path() / "fused.ply", clouds_);
+    WriteMergedPly(run_.folder.path() / "fused.ply", clouds_);
     const std::lock_guard<std::mutex> lock(run_.times_mutex);
     run_.times.cloud_ms += timer.Lap();
   }
