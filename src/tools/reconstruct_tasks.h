@@ -21,8 +21,9 @@ class TaskGraph {
   void KeepAlive(std::shared_ptr<void> object) { kept_.push_back(std::move(object)); }
 
   /// Does all tasks with threads[p] threads for pool p; of those that are ready a pool takes the smallest number first.
-  /// No threads: the caller's own does all, in the order of their numbers. Throws what a
-  /// task threw first, or Interrupted, when all threads have stopped.
+  /// No threads: the caller's own does all, in the order of their numbers. Throws what a task threw first, or
+  /// Interrupted, or std::system_error where a thread cannot be started, when all threads have stopped. Throws
+  /// InvalidInputError, with nothing done, for a task of a pool without threads. Once per graph.
   void Run(const std::vector<int>& threads, const InterruptWatcher& interrupt);
 
  private:
