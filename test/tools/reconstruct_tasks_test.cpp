@@ -105,9 +105,9 @@ class CheckedGraph {
  public:
   CheckedGraph(uint32_t seed, TaskGraph* graph) {
     TestRandom random(seed);
-    threads.resize(static_cast<size_t>(1 + random.Below(4)));
-    for (int& count : threads) count = 1 + random.Below(4);
-    busy_ = std::vector<std::atomic<bool>>(4 * threads.size());
+    threads.resize(1 + static_cast<size_t>(random.Below(kMost)));
+    for (int& count : threads) count = 1 + random.Below(kMost);
+    busy_ = std::vector<std::atomic<bool>>(kMost * threads.size());
     const int size = 1 + random.Below(80);
     runs = std::vector<std::atomic<int>>(static_cast<size_t>(size));
     const double most = random(0, 6);
@@ -125,12 +125,14 @@ class CheckedGraph {
   std::atomic<int> errors{0};
 
  private:
+  static constexpr int kMost = 4;  ///< pools, and threads of a pool
+
   void Do(int number, int pool, int thread, const std::vector<int>& after, int spin) {
     if (thread < 0 || thread >= threads[static_cast<size_t>(pool)]) {
       ++errors;
       return;
     }
-    std::atomic<bool>& busy = busy_[static_cast<size_t>(4 * pool + thread)];
+    std::atomic<bool>& busy = busy_[kMost * static_cast<size_t>(pool) + static_cast<size_t>(thread)];
     if (busy.exchange(true)) ++errors;
     for (const int other : after) errors += runs[static_cast<size_t>(other)] == 1 ? 0 : 1;
     for (int i = 0; i < spin; ++i) std::atomic_signal_fence(std::memory_order_seq_cst);
