@@ -19,6 +19,7 @@ CudaEvent::~CudaEvent() { cudaEventDestroy(event_); }
 void CudaEvent::Record(const CudaStream& stream) const {
   CudaCheck(cudaEventRecord(event_, stream.get()), "record event");
 }
+void CudaEvent::Wait() const { CudaCheck(cudaEventSynchronize(event_), "run kernels"); }
 double CudaEvent::ElapsedMs(const CudaEvent& start, const CudaEvent& end) {
   float ms = 0;
   CudaCheck(cudaEventElapsedTime(&ms, start.event_, end.event_), "read event");

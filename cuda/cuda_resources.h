@@ -32,6 +32,8 @@ class CudaEvent {
   CudaEvent& operator=(const CudaEvent&) = delete;
 
   void Record(const CudaStream& stream) const;
+  /// Until what was queued before the event is done.
+  void Wait() const;
   /// Milliseconds between two recorded and reached events.
   static double ElapsedMs(const CudaEvent& start, const CudaEvent& end);
 

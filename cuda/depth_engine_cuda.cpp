@@ -1,3 +1,5 @@
+#include <tbb/blocked_range.h>
+
 #include <algorithm>
 #include <map>
 #include <mutex>
@@ -8,8 +10,8 @@
 #include "acmp_mapping/common/error.h"
 #include "fusion_runner.h"
 #include "map_kernels.h"
-#include "parallel_copy.h"
 #include "pass_runner.h"
+#include "staged_copy.h"
 
 namespace acmp {
 namespace {
@@ -292,6 +294,7 @@ class CudaDepthEngine final : public DepthEngine {
   FusionRunner fusion_;
   CudaEvent begin_, end_;
   PinnedBuffer staging_;
+  StagedDownload download_;
   DeviceArray<PlaneHypothesis> prior_;
   DeviceArray<PriorTriangle> triangles_;
   DeviceArray<SupportPoint> cells_;
@@ -302,20 +305,15 @@ EstimateMaps CudaDepthEngine::Download(const EngineEstimatePtr& estimate) {
   const CudaEstimate& maps = Cast<CudaEstimate>(estimate);
   return OnDevice([&] {
     const size_t pixels = maps.Pixels();
-    auto* planes = staging_.Reserve<PlaneHypothesis>(pixels + pixels / 2 + 1);
-    auto* depth = reinterpret_cast<float*>(planes + pixels);
-    float* cost = depth + pixels;
-    maps.planes.Download(planes, pixels, stream());
-    maps.depth.Download(depth, pixels, stream());
-    maps.cost.Download(cost, pixels, stream());
     EstimateMaps result = {DepthMap(maps.width, maps.height), NormalMap(maps.width, maps.height),
                            CostMap(maps.width, maps.height)};
-    stream().Synchronize();
-    ParallelCopy(depth, pixels, result.depth.data());
-    ParallelCopy(cost, pixels, result.cost.data());
-    tbb::parallel_for(0, maps.height, [&](int row) {
-      const PlaneHypothesis* from = planes + static_cast<size_t>(row) * maps.width;
-      for (int col = 0; col < maps.width; ++col) result.normal(col, row) = from[col].normal();
+    download_.Run(maps.depth, pixels, stream(), result.depth.data());
+    download_.Run(maps.cost, pixels, stream(), result.cost.data());
+    download_.Run(maps.planes, pixels, stream(), [&](size_t begin, const PlaneHypothesis* planes, size_t size) {
+      Vec3f* normals = result.normal.data() + begin;
+      tbb::parallel_for(tbb::blocked_range<size_t>(0, size, 1 << 15), [&](const tbb::blocked_range<size_t>& range) {
+        for (size_t i = range.begin(); i < range.end(); ++i) normals[i] = planes[i].normal();
+      });
     });
     return result;
   });
@@ -324,15 +322,9 @@ EstimateMaps CudaDepthEngine::Download(const EngineEstimatePtr& estimate) {
 EstimateState CudaDepthEngine::DownloadState(const EngineEstimatePtr& estimate) {
   const CudaEstimate& maps = Cast<CudaEstimate>(estimate);
   return OnDevice([&] {
-    const size_t pixels = maps.Pixels();
-    auto* planes = staging_.Reserve<PlaneHypothesis>(pixels + pixels / 4 + 1);
-    auto* cost = reinterpret_cast<float*>(planes + pixels);
-    maps.planes.Download(planes, pixels, stream());
-    maps.cost.Download(cost, pixels, stream());
     EstimateState state = {PlaneMap(maps.width, maps.height), CostMap(maps.width, maps.height)};
-    stream().Synchronize();
-    ParallelCopy(planes, pixels, state.planes.data());
-    ParallelCopy(cost, pixels, state.cost.data());
+    download_.Run(maps.planes, maps.Pixels(), stream(), state.planes.data());
+    download_.Run(maps.cost, maps.Pixels(), stream(), state.cost.data());
     return state;
   });
 }

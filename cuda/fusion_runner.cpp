@@ -1,7 +1,5 @@
 #include "fusion_runner.h"
 
-#include "parallel_copy.h"
-
 namespace acmp {
 
 DeviceFusionContext FusionRunner::Upload(const FusionSetup<DeviceFusionView>& setup, const CudaStream& stream) {
@@ -19,16 +17,11 @@ PointOutput FusionRunner::ReservePoints(int width, int height) {
 }
 
 PointCloud FusionRunner::Download(const CudaStream& stream) {
-  auto* count = staging_.Reserve<unsigned>(1);
+  auto* count = count_on_host_.Reserve<unsigned>(1);
   count_.Download(count, 1, stream);
   stream.Synchronize();
-  const size_t size = *count;
-  PointCloud points(size);
-  if (size == 0) return points;
-  auto* staged = staging_.Reserve<SurfacePoint>(size);
-  points_.Download(staged, size, stream);
-  stream.Synchronize();
-  ParallelCopy(staged, size, points.data());
+  PointCloud points(*count);
+  download_.Run(points_, points.size(), stream, points.data());
   return points;
 }
 
@@ -40,14 +33,9 @@ ConsistencyResult FusionRunner::Filter(const FusionSetup<DeviceFusionView>& setu
   confidence_.Reserve(device_, pixels);
   LaunchFilterByConsistency(context, {consistent_views_.data(), width, height, width},
                             {confidence_.data(), width, height, width}, ReservePoints(width, height), stream.get());
-  auto* confidence = staging_.Reserve<float>(pixels + pixels / 4 + 1);
-  auto* consistent_views = reinterpret_cast<unsigned char*>(confidence + pixels);
-  confidence_.Download(confidence, pixels, stream);
-  consistent_views_.Download(consistent_views, pixels, stream);
   ConsistencyResult result = {Image<unsigned char>(width, height), ConfidenceMap(width, height), {}};
-  stream.Synchronize();
-  ParallelCopy(confidence, pixels, result.confidence.data());
-  ParallelCopy(consistent_views, pixels, result.consistent_views.data());
+  download_.Run(confidence_, pixels, stream, result.confidence.data());
+  download_.Run(consistent_views_, pixels, stream, result.consistent_views.data());
   result.points_in_camera = Download(stream);
   return result;
 }

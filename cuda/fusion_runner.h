@@ -3,6 +3,7 @@
 #include "acmp_mapping/fusion/fusion_setup.h"
 #include "cuda_device.h"
 #include "fusion_kernels.h"
+#include "staged_copy.h"
 
 namespace acmp {
 
@@ -23,7 +24,8 @@ class FusionRunner {
   PointCloud Download(const CudaStream& stream);
 
   CudaDevicePtr device_;
-  PinnedBuffer staging_;
+  PinnedBuffer count_on_host_;
+  StagedDownload download_;
   DeviceArray<DeviceFusionSource> sources_;
   DeviceArray<SurfacePoint> points_;
   DeviceArray<unsigned> count_;

@@ -59,6 +59,13 @@ void WriteFileAtomically(const std::filesystem::path& path, const std::string& c
   file.Commit();
 }
 
+void StartWriteback(const std::filesystem::path& path) {
+  const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor < 0) return;
+  sync_file_range(descriptor, 0, 0, SYNC_FILE_RANGE_WRITE);
+  close(descriptor);
+}
+
 void SyncFolder(const std::filesystem::path& folder) {
   const int descriptor = open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   const bool synced = descriptor >= 0 && syncfs(descriptor) == 0;

@@ -1,3 +1,6 @@
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
 #include <array>
 #include <cstring>
 #include <map>
@@ -223,21 +226,44 @@ char* Append(char* target, const T& value) {
   return target + sizeof(T);
 }
 
+void WriteHeader(size_t points, AtomicFile* file) {
+  file->Write(Concat("ply\nformat binary_little_endian 1.0\nelement vertex ", points,
+                     "\nproperty float x\nproperty float y\nproperty float z\nproperty float nx\nproperty float ny\n"
+                     "property float nz\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+                     "property float confidence\nend_header\n"));
+}
+
+void WriteRecords(const PointCloud& points, AtomicFile* file) {
+  constexpr size_t kBlock = 1 << 18;  // records in memory at a time
+  std::vector<char> records;
+  for (size_t begin = 0; begin < points.size(); begin += kBlock) {
+    const size_t count = std::min(kBlock, points.size() - begin);
+    records.resize(count * kRecordBytes);
+    tbb::parallel_for(size_t{0}, count, [&](size_t i) {
+      const SurfacePoint& point = points[begin + i];
+      char* end = Append(Append(records.data() + i * kRecordBytes, point.position), point.normal);
+      end = Append(Append(Append(end, point.color.r), point.color.g), point.color.b);
+      Append(end, point.confidence);
+    });
+    file->Write(records.data(), records.size());
+  }
+}
+
 }  // namespace
 
 void WritePly(const std::filesystem::path& path, const PointCloud& points) {
   AtomicFile file(path, Durability::kPowerCut);
-  file.Write(Concat("ply\nformat binary_little_endian 1.0\nelement vertex ", points.size(),
-                    "\nproperty float x\nproperty float y\nproperty float z\nproperty float nx\nproperty float ny\n"
-                    "property float nz\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
-                    "property float confidence\nend_header\n"));
-  std::array<char, kRecordBytes> record;
-  for (const SurfacePoint& point : points) {
-    char* end = Append(Append(record.data(), point.position), point.normal);
-    end = Append(Append(Append(end, point.color.r), point.color.g), point.color.b);
-    Append(end, point.confidence);
-    file.Write(record.data(), record.size());
-  }
+  WriteHeader(points.size(), &file);
+  WriteRecords(points, &file);
+  file.Commit();
+}
+
+void WritePly(const std::filesystem::path& path, const std::vector<PointCloud>& clouds) {
+  AtomicFile file(path, Durability::kPowerCut);
+  size_t points = 0;
+  for (const PointCloud& cloud : clouds) points += cloud.size();
+  WriteHeader(points, &file);
+  for (const PointCloud& cloud : clouds) WriteRecords(cloud, &file);
   file.Commit();
 }
 

@@ -58,8 +58,7 @@ void Run(const Arguments& arguments) {
     for (int source_views : arguments.source_views) {
       CheckRange("--source-views", source_views, 1, kMaxSourceViews);
       if (arguments.keyframes > 0) {
-        report.streams.push_back(
-            MeasureStream(backend.engine.get(), options, size, source_views, arguments.keyframes));
+        report.streams.push_back(MeasureStream(backend.engine.get(), options, size, source_views, arguments.keyframes));
       } else {
         report.stages.push_back(
             MeasureStages(backend.engine.get(), options, size, source_views, arguments.repetitions));

@@ -49,9 +49,8 @@ int RunReconstruct(const acmp::ReconstructOptions& options, acmp::InterruptWatch
     std::cerr << "no GPU in use: " << engines.fallback_reason << '\n';
   }
   try {
-    interrupt->RunCancellable([&] {
-      acmp::Reconstruct(options, engines.list, interrupt, &std::cout, &std::cerr, isatty(STDERR_FILENO));
-    });
+    interrupt->RunCancellable(
+        [&] { acmp::Reconstruct(options, engines.list, interrupt, &std::cout, &std::cerr, isatty(STDERR_FILENO)); });
     interrupt->Check();
   } catch (const acmp::Interrupted&) {
     std::cerr << "acmp_reconstruct: interrupted; run the same command again to go on\n";

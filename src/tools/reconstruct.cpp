@@ -61,8 +61,7 @@ void ReportImagesWithoutMap(const ReconstructRun& run) {
   }
 }
 
-void RunAllSteps(ReconstructRun* run, const RunRecord& record, std::ostream* out) {
-  Timer timer;
+void RunAllSteps(ReconstructRun* run, const RunRecord& record, const Timer& timer, std::ostream* out) {
   TaskGraph graph;
   std::map<int, int> final_maps;
   if (run->options.online()) {
@@ -73,14 +72,18 @@ void RunAllSteps(ReconstructRun* run, const RunRecord& record, std::ostream* out
   ReportImagesWithoutMap(*run);
   const size_t points = RunAndWriteResults(run, final_maps, &graph);
   run->interrupt.Check();
+  Timer sync;
   SyncFolder(run->folder.path());
+  run->times.syncing_ms += sync.Lap();
+  run->times.run_ms = timer.Elapsed();
   WriteFileAtomically(run->folder.SummaryFile(),
                       FormatSummary(*run, record, run->engines.front().engine->device_name(), points),
                       Durability::kPowerCut);
   if (!run->options.keep_work) run->folder.RemoveAllWork();
   if (!run->options.quiet) {
     *out << run->folder.path().string() << ": " << points << " points in fused.ply; took "
-         << FormatDuration(timer.Lap() / 1000) << " on " << run->engines.front().engine->device_name() << std::endl;
+         << FormatDuration(run->times.run_ms / 1000) << " on " << run->engines.front().engine->device_name()
+         << std::endl;
   }
   if (run->options.timings) *out << FormatTimings(run->times) << std::flush;
 }
@@ -89,6 +92,7 @@ void RunAllSteps(ReconstructRun* run, const RunRecord& record, std::ostream* out
 
 void Reconstruct(const ReconstructOptions& options, const std::vector<ReconstructEngine>& engines,
                  InterruptWatcher* interrupt, std::ostream* out, std::ostream* log, bool log_is_terminal) {
+  const Timer timer;
   Validate(options);
   const Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format));
   const std::vector<int> indices = ChosenImages(scene, options.images);
@@ -99,8 +103,9 @@ void Reconstruct(const ReconstructOptions& options, const std::vector<Reconstruc
   for (const std::string& warning : plan.warnings) progress.Warn(warning);
 
   progress.Note(Concat("checking ", indices.size(), " images"));
+  FrameStore frames(scene, options.max_image_size, static_cast<size_t>(0.5e9 * options.memory_limit_gb));
   const std::string device = engines.front().engine->device_name();
-  const RunRecord record = MakeRecord(options, device, CheckInput(scene, indices, *interrupt));
+  const RunRecord record = MakeRecord(options, device, CheckInput(scene, indices, &frames, *interrupt));
   const ReconstructFolder folder(options.output, record, options.overwrite);
   if (folder.state() == ReconstructFolder::State::kComplete) {
     if (!options.keep_work) folder.RemoveAllWork();
@@ -109,9 +114,9 @@ void Reconstruct(const ReconstructOptions& options, const std::vector<Reconstruc
     return;
   }
   if (folder.state() == ReconstructFolder::State::kStarted) progress.Note("going on with an interrupted run");
-  EngineStore store(scene, options, folder, plan, engines);
+  EngineStore store(&frames, options, folder, plan, engines);
   ReconstructRun run{scene, options, plan, folder, engines, store, *interrupt, progress, {}, {}};
-  RunAllSteps(&run, record, out);
+  RunAllSteps(&run, record, timer, out);
 }
 
 }  // namespace acmp

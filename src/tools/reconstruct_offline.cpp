@@ -6,7 +6,6 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "reconstruct_run.h"
-#include "reconstruct_work_files.h"
 
 namespace acmp {
 namespace {
@@ -23,15 +22,23 @@ class OfflineSchedule {
     for (const ReconstructEngine& engine : run_.engines) estimators_.emplace_back(engine.engine, pipeline_);
   }
 
-  size_t images() const { return images_.size(); }
-  int stages() const { return stages_; }
-
   /// Returns the tasks of the last stage, by scene index.
+  /// An image's passes are numbered as early as what they read allows, so that the first images are finished, written
+  /// and forgotten while the last ones are still to come. On several devices neighbours in the order of the scene,
+  /// which mostly see the same, are on the same one.
   std::map<int, int> AddTasks(TaskGraph* graph) {
-    const int first = FirstStageToRun();
-    std::map<int, int> tasks;
-    for (int stage = 0; stage < stages_; ++stage) tasks = AddStage(stage, first, tasks, graph);
-    return tasks;
+    first_stage_ = FirstStageToRun();
+    for (int stage = 0; stage < stages_; ++stage) {
+      run_.folder.MakeWorkFolder(StageName(stage));
+      for (const auto& [index, image] : images_) {
+        for (int other : EstimatesRead(*image)) readers_[{stage, other}].push_back(index);
+      }
+    }
+    for (const auto& [index, image] : images_) AddWithReaders(0, index, graph);
+    for (int stage = 1; stage < stages_; ++stage) AddCleaning(stage, graph);
+    std::map<int, int> last;
+    for (const auto& [index, image] : images_) last[index] = tasks_.at({stages_ - 1, index});
+    return last;
   }
 
  private:
@@ -54,35 +61,45 @@ class OfflineSchedule {
     return 0;
   }
 
-  std::map<int, int> AddStage(int stage, int first_stage, const std::map<int, int>& previous, TaskGraph* graph) {
-    run_.folder.MakeWorkFolder(StageName(stage));
-    std::map<int, int> tasks;
-    for (const auto& [index, image] : images_) {
-      const bool done = stage < first_stage || Exists(stage, index);
-      tasks[index] = graph->Add(kEnginePool, TasksRead(previous, *image), [this, stage, image, done](int engine) {
-        if (!done) RunOne(stage, *image, engine);
-        run_.progress.Step(done);
-      });
+  using Step = std::pair<int, int>;  ///< stage, scene index
+
+  /// Images whose estimates of the stage before a pass over the image reads.
+  std::vector<int> EstimatesRead(const ImagePlan& image) const {
+    std::vector<int> indices = {image.index};
+    for (int source : image.sources) {
+      if (images_.count(source) > 0) indices.push_back(source);
     }
-    if (stage > 0 && !run_.options.keep_work) {
-      std::vector<int> all;
-      all.reserve(tasks.size());
-      for (const auto& [index, task] : tasks) all.push_back(task);
-      // No later stage reads it.
-      graph->Add(kHostPool, all, [this, stage](int) { run_.folder.RemoveWork(StageName(stage - 1)); });
-    }
-    return tasks;
+    return indices;
   }
 
-  /// Those of the stage before whose estimates a pass over the image reads.
-  static std::vector<int> TasksRead(const std::map<int, int>& previous, const ImagePlan& image) {
-    std::vector<int> tasks;
-    if (previous.empty()) return tasks;
-    tasks.push_back(previous.at(image.index));
-    for (int source : image.sources) {
-      if (const auto found = previous.find(source); found != previous.end()) tasks.push_back(found->second);
+  /// Adds a step, and then those that waited for it last.
+  void AddWithReaders(int stage, int index, TaskGraph* graph) {
+    const ImagePlan& image = *images_.at(index);
+    std::vector<int> after;
+    if (stage > 0) {
+      for (int read : EstimatesRead(image)) after.push_back(tasks_.at({stage - 1, read}));
     }
-    return tasks;
+    const bool done = stage < first_stage_ || Exists(stage, index);
+    const int pool = EnginePoolOf(run_, index);
+    tasks_[{stage, index}] = graph->Add(pool, after, [this, stage, &image, done, pool](int thread) {
+      if (!done) RunOne(stage, image, EngineOf(run_, pool, thread));
+      run_.progress.Step(done);
+    });
+    if (stage + 1 == stages_) return;
+    for (int reader : readers_.at({stage, index})) {
+      const size_t ready = ++ready_[{stage + 1, reader}];
+      if (ready == EstimatesRead(*images_.at(reader)).size()) AddWithReaders(stage + 1, reader, graph);
+    }
+  }
+
+  /// After a stage no later one reads that before it.
+  void AddCleaning(int stage, TaskGraph* graph) {
+    std::vector<int> all;
+    for (const auto& [index, image] : images_) all.push_back(tasks_.at({stage, index}));
+    graph->Add(kHostPool, all, [this, stage](int) {
+      run_.store.DropStage(StageName(stage - 1));
+      if (!run_.options.keep_work) run_.folder.RemoveWork(StageName(stage - 1));
+    });
   }
 
   void RunOne(int stage, const ImagePlan& image, int engine_number) {
@@ -96,36 +113,22 @@ class OfflineSchedule {
       start = run_.store.Estimate(StageName(stage - 1), reference, engine);
       run_.store.AddEstimates(StageName(stage - 1), engine, &problem.sources);
     }
-    double io_ms = timer.Lap();
+    const double reading_ms = timer.Lap();
     run_.interrupt.Check();
     const EngineEstimatePtr estimate =
         stage == 0 ? estimator.EstimateInitial(problem) : estimator.RefineGeometric(problem, start, stage - 1);
     run_.interrupt.Check();
     timer.Lap();
-    Save(stage, image, reference, *engine.engine, estimate);
-    run_.store.Keep(StageName(stage), reference, engine, estimate);
-    io_ms += timer.Lap();
+    if (stage == stages_ - 1) {
+      run_.store.KeepFinal(reference, image.sources, engine, estimate);
+    } else {
+      run_.store.Keep(StageName(stage), reference, engine, estimate);
+    }
     const std::lock_guard<std::mutex> lock(run_.times_mutex);
     run_.times.Add(estimator.last_times());
     run_.times.images += stage == 0 ? 1 : 0;
-    run_.times.io_ms += io_ms;
-  }
-
-  void Save(int stage, const ImagePlan& image, const acmp::Frame& reference, DepthEngine& engine,
-            const EngineEstimatePtr& estimate) {
-    if (stage != stages_ - 1) {
-      WriteEstimate(FileOf(stage, image.index), engine.DownloadState(estimate));
-      return;
-    }
-    EstimateMaps estimate_maps = engine.Download(estimate);
-    FinalMaps maps;
-    maps.depth = std::move(estimate_maps.depth);
-    maps.normal = std::move(estimate_maps.normal);
-    maps.cost = std::move(estimate_maps.cost);
-    maps.color = reference.color.Clone();
-    maps.sources = image.sources;
-    run_.interrupt.Check();
-    WriteFinalMaps(FileOf(stage, image.index), maps);
+    run_.times.reading_ms += reading_ms;
+    run_.times.keeping_ms += timer.Lap();
   }
 
   ReconstructRun& run_;
@@ -133,6 +136,10 @@ class OfflineSchedule {
   const int stages_;
   std::map<int, const ImagePlan*> images_;  ///< that get a map, by scene index
   std::vector<DepthEstimator> estimators_;  ///< per engine
+  int first_stage_ = 0;                     ///< the first that is not complete
+  std::map<Step, int> tasks_;
+  std::map<Step, std::vector<int>> readers_;  ///< images whose pass of the next stage reads the step's estimate
+  std::map<Step, size_t> ready_;              ///< how many of what a step reads have been added
 };
 
 }  // namespace

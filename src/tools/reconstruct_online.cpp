@@ -48,7 +48,7 @@ class OnlineSchedule {
       auto frame = std::make_shared<Frame>(LoadFrame(run_.scene, image.index, run_.options.max_image_size));
       // What a PointCloud2 carries is in float: with the same bits the nodelet's maps are the same.
       frame->landmarks_in_world = RoundedToFloat(frame->landmarks_in_world);
-      run_.times.io_ms += timer.Lap();
+      run_.times.reading_ms += timer.Lap();
       mapper_.AddKeyframe(std::move(frame));
       KeepOutcome();
       run_.progress.Step(recorder_.passes_run() == passes_before);
@@ -79,7 +79,7 @@ class OnlineSchedule {
     if (IsWholeWorkFile(path)) return;
     Timer timer;
     WriteFinalMaps(path, ToFinalMaps(keyframe));
-    run_.times.io_ms += timer.Lap();
+    run_.times.keeping_ms += timer.Lap();
   }
 
   void Drop(const KeyframeDrop& drop) {

@@ -211,10 +211,11 @@ DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indi
   return all;
 }
 
-std::string CheckInput(const Scene& scene, const std::vector<int>& indices, const InterruptWatcher& interrupt) {
+std::string CheckInput(const Scene& scene, const std::vector<int>& indices, FrameStore* frames,
+                       const InterruptWatcher& interrupt) {
   std::vector<uint64_t> hashes(indices.size());
   tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
-    LoadImage(scene, indices[i]);
+    frames->Get(indices[i]);  // those that fit in stay for the run
     hashes[i] = HashOfFile(scene.images[indices[i]].path);
   });
   interrupt.Check();

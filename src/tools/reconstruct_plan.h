@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "acmp_mapping/dataset/scene.h"
+#include "reconstruct_frames.h"
 #include "reconstruct_interrupt.h"
 #include "reconstruct_options.h"
 
@@ -35,6 +36,7 @@ DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indi
 
 /// Reads every image once, so that a damaged one is found now and not hours later, and returns a hash of all input:
 /// files, cameras, poses, landmarks, ranges and source views.
-std::string CheckInput(const Scene& scene, const std::vector<int>& indices, const InterruptWatcher& interrupt);
+std::string CheckInput(const Scene& scene, const std::vector<int>& indices, FrameStore* frames,
+                       const InterruptWatcher& interrupt);
 
 }  // namespace acmp

@@ -49,8 +49,9 @@ class ResultWriter {
       if (!image.no_map.empty()) continue;
       const std::vector<int> maps = MapsRead(final_maps, image);
       const int index = image.index;
-      const int confidence =
-          graph->Add(kEnginePool, maps, [this, index](int engine) { MakeConfidence(index, engine); });
+      const int pool = EnginePoolOf(run_, index);
+      const int confidence = graph->Add(
+          pool, maps, [this, index, pool](int thread) { MakeConfidence(index, EngineOf(run_, pool, thread)); }, true);
       all_written.push_back(graph->Add(kHostPool, {confidence}, [this, index](int) { WriteFiles(index); }));
       std::vector<int> before = maps;
       if (last_fused >= 0) before.push_back(last_fused);
@@ -63,7 +64,11 @@ class ResultWriter {
 
   static constexpr int kStepsPerImage = 2;
   size_t images() const { return images_.size(); }
-  size_t points() const { return points_.size(); }
+  size_t points() const {
+    size_t points = 0;
+    for (const PointCloud& cloud : clouds_) points += cloud.size();
+    return points;
+  }
 
  private:
   /// All whose maps the image's own are compared with.
@@ -77,10 +82,6 @@ class ResultWriter {
     return tasks;
   }
 
-  MappedFinalMaps MapsOf(int index) const {
-    return MappedFinalMaps(run_.folder.WorkFile(EngineStore::kFinalStage, index));
-  }
-
   bool IsWritten(int index) const {
     return std::filesystem::exists(run_.folder.WorkFile(kWrittenMark, index)) && AllFilesExist(index);
   }
@@ -92,7 +93,7 @@ class ResultWriter {
     return view;
   }
 
-  std::vector<EngineView> SourcesOf(const MappedFinalMaps& maps, const ReconstructEngine& engine) {
+  std::vector<EngineView> SourcesOf(const StoredFinalMaps& maps, const ReconstructEngine& engine) {
     std::vector<EngineView> sources;
     for (int source : maps.sources()) {
       if (run_.store.HasMap(source)) sources.push_back(ViewOf(source, engine));
@@ -101,7 +102,7 @@ class ResultWriter {
   }
 
   void MakeConfidence(int index, int engine_number) {
-    const MappedFinalMaps maps = MapsOf(index);
+    const StoredFinalMaps maps = run_.store.Final(index);
     if (IsWritten(index) || !maps.confidence().empty()) return;
     const ReconstructEngine& engine = run_.engines[static_cast<size_t>(engine_number)];
     const EngineView reference = ViewOf(index, engine);
@@ -116,13 +117,12 @@ class ResultWriter {
   }
 
   void Fuse(int index) {
-    const MappedFinalMaps maps = MapsOf(index);
+    const StoredFinalMaps maps = run_.store.Final(index);
     const EngineView reference = ViewOf(index, fusion_engine_);
     const std::vector<EngineView> sources = SourcesOf(maps, fusion_engine_);
     Timer timer;
-    const PointCloud points = fusion_engine_.engine->FuseView(reference, sources, fusion_, stamps_.get());
+    clouds_.push_back(fusion_engine_.engine->FuseView(reference, sources, fusion_, stamps_.get()));
     run_.interrupt.Check();
-    points_.insert(points_.end(), points.begin(), points.end());
     run_.progress.Step();
     const std::lock_guard<std::mutex> lock(run_.times_mutex);
     run_.times.fusion_ms += timer.Lap();
@@ -150,7 +150,7 @@ class ResultWriter {
   }
 
   /// The confidence that was made for the image, or that its final maps already have.
-  ConfidenceMap TakeConfidence(int index, const MappedFinalMaps& maps) {
+  ConfidenceMap TakeConfidence(int index, const StoredFinalMaps& maps) {
     if (!maps.confidence().empty()) return Copy(maps.confidence());
     const std::lock_guard<std::mutex> lock(mutex_);
     ConfidenceMap confidence = std::move(confidences_.at(index));
@@ -162,16 +162,23 @@ class ResultWriter {
     const bool done = IsWritten(index);
     if (!done) {
       WriteImage(index);
+      run_.store.ReleaseFinal(index);
       const std::lock_guard<std::mutex> lock(mutex_);
-      unmarked_.push_back(index);
+      if (IsWholeWorkFile(run_.folder.WorkFile(EngineStore::kFinalStage, index))) unmarked_.push_back(index);
       if (unmarked_.size() >= kImagesPerSync) MarkWritten();
     }
     run_.progress.Step(done);
   }
 
-  /// A mark says that an image's files are on the disk for good.
+  /// A mark says that an image's files are on the disk for good. Where its final maps are in no work file it would be
+  /// of no use.
   void MarkWritten() {
+    Timer timer;
     SyncFolder(run_.folder.path());
+    {
+      const std::lock_guard<std::mutex> lock(run_.times_mutex);
+      run_.times.syncing_ms += timer.Lap();
+    }
     for (int index : unmarked_) WriteFileAtomically(run_.folder.WorkFile(kWrittenMark, index), "");
     unmarked_.clear();
   }
@@ -186,7 +193,7 @@ class ResultWriter {
   }
 
   void WriteImage(int index) {
-    const MappedFinalMaps maps = MapsOf(index);
+    const StoredFinalMaps maps = run_.store.Final(index);
     const ConfidenceMap confidence = TakeConfidence(index, maps);
     Timer timer;
     const DepthMap depth = Copy(maps.depth());
@@ -218,9 +225,10 @@ class ResultWriter {
           WritePfm(folder.MapFile("confidence", index, ".pfm"), confidence);
           if (pictures) WritePng(picture("_confidence.png"), ConfidencePicture(confidence));
         });
+    for (const auto& file : FilesOf(index)) StartWriteback(file);
     const std::lock_guard<std::mutex> lock(run_.times_mutex);
     too_far_ += too_far;
-    run_.times.io_ms += timer.Lap();
+    run_.times.writing_ms += timer.Lap();
   }
 
   void WriteCameras() const {
@@ -245,9 +253,9 @@ class ResultWriter {
 
   void WriteCloud() {
     Timer timer;
-    WritePly(run_.folder.path() / "fused.ply", points_);
+    WritePly(run_.folder.path() / "fused.ply", clouds_);
     const std::lock_guard<std::mutex> lock(run_.times_mutex);
-    run_.times.io_ms += timer.Lap();
+    run_.times.cloud_ms += timer.Lap();
   }
 
   ReconstructRun& run_;
@@ -255,8 +263,8 @@ class ResultWriter {
   std::unique_ptr<DepthEngine> fusion_engine_owner_;
   ReconstructEngine fusion_engine_;
   std::unique_ptr<FusionStamps> stamps_;
-  std::vector<int> images_;  ///< with maps, by scene index
-  PointCloud points_;        ///< world frame
+  std::vector<int> images_;         ///< with maps, by scene index
+  std::vector<PointCloud> clouds_;  ///< of each view, world frame
 
   std::mutex mutex_;  ///< of what follows
   std::map<int, ConfidenceMap> confidences_;
@@ -267,7 +275,6 @@ class ResultWriter {
 }  // namespace
 
 size_t RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_maps, TaskGraph* graph) {
-  constexpr int kWriters = 3;  // each compresses several pictures at a time
   ResultWriter writer(run);
   writer.AddTasks(final_maps, graph);
   const PipelineOptions pipeline = MakePipelineOptions(run->options);
@@ -278,11 +285,7 @@ size_t RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_m
   const double maps = stages == 0 ? 0 : initial + pipeline.geometric_passes * StepCosts::kGeometricPass;
   run->progress.Begin(stages == 0 ? "maps, pictures and cloud" : "depth maps, pictures and cloud",
                       static_cast<int>(writer.images()) * steps, (maps + output) / steps);
-  if (run->engines.front().on_host) {
-    graph->Run({}, run->interrupt);
-  } else {
-    graph->Run({static_cast<int>(run->engines.size()), 1, kWriters}, run->interrupt);
-  }
+  graph->Run(PoolThreads(*run), run->interrupt);
   return writer.points();
 }
 

@@ -1,6 +1,50 @@
 #include "reconstruct_run.h"
 
+#include <oneapi/tbb/task_arena.h>
+
+#include <algorithm>
+
 namespace acmp {
+namespace {
+
+/// Devices in the order in which the engines name them.
+std::vector<int> Devices(const ReconstructRun& run) {
+  std::vector<int> devices;
+  for (const ReconstructEngine& engine : run.engines) {
+    if (devices.empty() || devices.back() != engine.device) devices.push_back(engine.device);
+  }
+  return devices;
+}
+
+}  // namespace
+
+int EnginePoolOf(const ReconstructRun& run, int index) {
+  const size_t devices = Devices(run).size();
+  const auto place = std::find_if(run.plan.images.begin(), run.plan.images.end(),
+                                  [&](const ImagePlan& image) { return image.index == index; }) -
+                     run.plan.images.begin();
+  return kFirstEnginePool + static_cast<int>(static_cast<size_t>(place) * devices / run.plan.images.size());
+}
+
+int EngineOf(const ReconstructRun& run, int pool, int thread) {
+  if (run.engines.front().on_host) return 0;
+  const int device = Devices(run)[static_cast<size_t>(pool - kFirstEnginePool)];
+  const auto first = std::find_if(run.engines.begin(), run.engines.end(),
+                                  [&](const ReconstructEngine& engine) { return engine.device == device; });
+  return static_cast<int>(first - run.engines.begin()) + thread;
+}
+
+std::vector<int> PoolThreads(const ReconstructRun& run) {
+  if (run.engines.front().on_host) return {};
+  const int writers = std::max(1, tbb::this_task_arena::max_concurrency() / 2);  // the rest triangulates
+  std::vector<int> threads = {1, writers};
+  for (int device : Devices(run)) {
+    threads.push_back(
+        static_cast<int>(std::count_if(run.engines.begin(), run.engines.end(),
+                                       [&](const ReconstructEngine& engine) { return engine.device == device; })));
+  }
+  return threads;
+}
 
 void RunTimes::Add(const StageTimes& other) { stages += other; }
 

@@ -21,7 +21,12 @@ struct RunTimes {
   StageTimes stages;
   double consistency_ms = 0;  ///< confidence maps
   double fusion_ms = 0;       ///< point cloud
-  double io_ms = 0;           ///< reading images, reading and writing maps
+  double reading_ms = 0;      ///< images, and estimates of stages before
+  double keeping_ms = 0;      ///< estimates and final maps, from the device and to work files
+  double writing_ms = 0;      ///< maps and pictures
+  double cloud_ms = 0;        ///< the cloud's file
+  double syncing_ms = 0;      ///< waiting for the disk
+  double run_ms = 0;          ///< the whole run, from the scene's files to the last one; not a sum
   int images = 0;             ///< whose stages are in here; fewer than all after an interruption
   void Add(const StageTimes& other);
 };
@@ -55,11 +60,17 @@ double TotalCost(const ReconstructPlan& plan, const PipelineOptions& pipeline);
 
 /// Which threads do a task.
 enum TaskPool {
-  kEnginePool,  ///< one thread per engine; tasks are told which
-  kFusionPool,  ///< one, with an engine of its own
-  kHostPool,    ///< those that write files
-  kNumPools
+  kFusionPool,      ///< one, with an engine of its own
+  kHostPool,        ///< those that write files
+  kFirstEnginePool  ///< one pool per device, one thread per engine of it
 };
+
+/// The pool of the device that works on an image.
+int EnginePoolOf(const ReconstructRun& run, int index);
+/// Number of the engine of a pool's thread; of the only one where no threads are in use.
+int EngineOf(const ReconstructRun& run, int pool, int thread);
+/// Threads of all pools; none on the CPU, whose engine uses all cores itself.
+std::vector<int> PoolThreads(const ReconstructRun& run);
 
 /// Adds Algorithm 1 over all images to the graph: initial estimates, then geometric passes in Jacobi order. Leaves
 /// final maps in the folder. Returns the tasks after which they are there, by scene index.

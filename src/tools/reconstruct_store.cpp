@@ -4,36 +4,35 @@
 
 #include <algorithm>
 
-#include "reconstruct_work_files.h"
-
 namespace acmp {
 namespace {
+
+constexpr double kYoungMs = 20e3;
 
 // What the caches count. On a GPU: texels of two bytes with their halved images; planes, cost and depth. On the host:
 // nothing but halved images beside the frame; the same with normals.
 size_t ImageBytes(const Frame& frame, bool on_host) { return frame.gray.size() * (on_host ? 2 : 3); }
 size_t EstimateBytes(const Frame& frame, bool on_host) { return frame.gray.size() * (on_host ? 36 : 24); }
 
-}  // namespace
-
-FrameStore::FrameStore(const Scene& scene, int max_image_size, size_t max_bytes)
-    : scene_(scene), max_image_size_(max_image_size), cache_(max_bytes) {}
-
-FramePtr FrameStore::Get(int index) {
-  return cache_.Get(
-      index, [&] { return std::make_shared<const Frame>(LoadFrame(scene_, index, max_image_size_)); },
-      [](const Frame& frame) { return frame.gray.size() * sizeof(float) + frame.color.size() * sizeof(Rgb); });
+size_t HostBytes(const FinalMaps& maps) {
+  return maps.depth.size() * (sizeof(float) + sizeof(Vec3f) + sizeof(float)) + maps.color.size() * sizeof(Rgb);
 }
 
-EngineStore::EngineStore(const Scene& scene, const ReconstructOptions& options, const ReconstructFolder& folder,
+}  // namespace
+
+EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, const ReconstructFolder& folder,
                          const ReconstructPlan& plan, const std::vector<ReconstructEngine>& engines)
     : folder_(folder),
       plan_(plan),
       levels_(MakePipelineOptions(options).start_level),
-      frames_(scene, options.max_image_size, static_cast<size_t>(0.5e9 * options.memory_limit_gb)) {
+      frames_(*frames),
+      always_writes_(options.keep_work || engines.front().on_host),
+      one_device_(engines.front().device == engines.back().device),
+      max_unsaved_host_bytes_(static_cast<size_t>(0.5e9 * options.memory_limit_gb)) {
   for (const ReconstructEngine& engine : engines) {
     const size_t host_bytes = static_cast<size_t>(0.5e9 * options.memory_limit_gb);
     const size_t bytes = engine.on_host ? host_bytes : engine.engine->FreeDeviceBytes() / 2;
+    max_unsaved_device_bytes_ = bytes / 2;
     devices_.emplace(std::piecewise_construct, std::forward_as_tuple(engine.device),
                      std::forward_as_tuple(bytes / 4, bytes - bytes / 4));
   }
@@ -77,20 +76,32 @@ EngineImagePtr EngineStore::Image(const FramePtr& frame, const ReconstructEngine
           [&](const EngineImage&) { return ImageBytes(*frame, engine.on_host); });
 }
 
-EngineEstimatePtr EngineStore::ReadFromFile(const std::string& stage, const Frame& frame,
-                                            const ReconstructEngine& engine) const {
-  const auto path = folder_.WorkFile(stage, static_cast<int>(frame.id));
-  if (stage != kFinalStage) {
-    return engine.engine->UploadState(ReadEstimate(path, frame.camera.width, frame.camera.height), frame.camera);
+EngineEstimatePtr EngineStore::Read(const EstimateKey& key, const Frame& frame, const ReconstructEngine& engine) const {
+  const auto& [stage, index] = key;
+  if (stage == kFinalStage) {
+    const StoredFinalMaps maps = Final(index);
+    return engine.engine->UploadMaps({maps.depth(), maps.normal(), maps.cost()}, frame.camera);
   }
-  const MappedFinalMaps maps(path);
-  return engine.engine->UploadMaps({maps.depth(), maps.normal(), maps.cost()}, frame.camera);
+  std::shared_ptr<const EstimateState> state;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (const auto found = unsaved_.find(key); found != unsaved_.end()) state = found->second.state;
+  }
+  if (state) return engine.engine->UploadState({state->planes.Clone(), state->cost.Clone()}, frame.camera);
+  const auto path = folder_.WorkFile(stage, index);
+  return engine.engine->UploadState(ReadEstimate(path, frame.camera.width, frame.camera.height), frame.camera);
 }
 
 EngineEstimatePtr EngineStore::Estimate(const std::string& stage, const Frame& frame, const ReconstructEngine& engine) {
+  const EstimateKey key = {stage, static_cast<int>(frame.id)};
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const auto found = unsaved_.find(key);
+    if (found != unsaved_.end() && found->second.device == engine.device) return found->second.estimate;
+  }
   return devices_.at(engine.device)
       .estimates.Get(
-          {stage, static_cast<int>(frame.id)}, [&] { return ReadFromFile(stage, frame, engine); },
+          key, [&] { return Read(key, frame, engine); },
           [&](const EngineEstimate&) { return EstimateBytes(frame, engine.on_host); });
 }
 
@@ -101,12 +112,90 @@ void EngineStore::AddEstimates(const std::string& stage, const ReconstructEngine
   }
 }
 
+bool EngineStore::KeepsInMemory(const ReconstructEngine& engine, size_t device_bytes, size_t host_bytes) const {
+  return !always_writes_ && !engine.on_host && age_.Elapsed() < kYoungMs &&
+         unsaved_device_bytes_ + device_bytes <= max_unsaved_device_bytes_ &&
+         unsaved_host_bytes_ + host_bytes <= max_unsaved_host_bytes_;
+}
+
 void EngineStore::Keep(const std::string& stage, const Frame& frame, const ReconstructEngine& engine,
                        const EngineEstimatePtr& estimate) {
+  const EstimateKey key = {stage, static_cast<int>(frame.id)};
+  const size_t bytes = EstimateBytes(frame, engine.on_host);
+  std::shared_ptr<const EstimateState> state;
+  if (!one_device_) state = std::make_shared<const EstimateState>(engine.engine->DownloadState(estimate));
+  const size_t host_bytes = one_device_ ? 0 : frame.gray.size() * (sizeof(PlaneHypothesis) + sizeof(float));
+  if (KeepUnsaved(key, {estimate, engine.device, state, host_bytes}, bytes, engine)) return;
+  if (!state) state = std::make_shared<const EstimateState>(engine.engine->DownloadState(estimate));
+  WriteEstimate(folder_.WorkFile(stage, key.second), *state);
   devices_.at(engine.device)
       .estimates.Get(
-          {stage, static_cast<int>(frame.id)}, [&] { return estimate; },
-          [&](const EngineEstimate&) { return EstimateBytes(frame, engine.on_host); });
+          key, [&] { return estimate; }, [&](const EngineEstimate&) { return bytes; });
+}
+
+bool EngineStore::KeepUnsaved(const EstimateKey& key, const Unsaved& unsaved, size_t device_bytes,
+                              const ReconstructEngine& engine) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (!KeepsInMemory(engine, device_bytes, unsaved.host_bytes)) return false;
+  unsaved_[key] = unsaved;
+  unsaved_device_bytes_ += device_bytes;
+  unsaved_host_bytes_ += unsaved.host_bytes;
+  return true;
+}
+
+void EngineStore::KeepFinal(const Frame& frame, const std::vector<int>& sources, const ReconstructEngine& engine,
+                            const EngineEstimatePtr& estimate) {
+  EstimateMaps estimate_maps = engine.engine->Download(estimate);
+  auto maps = std::make_shared<FinalMaps>();
+  maps->depth = std::move(estimate_maps.depth);
+  maps->normal = std::move(estimate_maps.normal);
+  maps->cost = std::move(estimate_maps.cost);
+  maps->color = frame.color.Clone();
+  maps->sources = sources;
+  const EstimateKey key = {kFinalStage, static_cast<int>(frame.id)};
+  const size_t bytes = EstimateBytes(frame, engine.on_host);
+  if (KeepUnsaved(key, {estimate, engine.device, nullptr, HostBytes(*maps)}, bytes, engine)) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    unsaved_final_[key.second] = std::move(maps);
+    return;
+  }
+  WriteFinalMaps(folder_.WorkFile(kFinalStage, key.second), *maps);
+  devices_.at(engine.device)
+      .estimates.Get(
+          key, [&] { return estimate; }, [&](const EngineEstimate&) { return bytes; });
+}
+
+StoredFinalMaps EngineStore::Final(int index) const {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (const auto found = unsaved_final_.find(index); found != unsaved_final_.end()) {
+      return StoredFinalMaps(found->second);
+    }
+  }
+  return StoredFinalMaps(folder_.WorkFile(kFinalStage, index));
+}
+
+void EngineStore::ReleaseFinal(int index) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const auto found = unsaved_final_.find(index);
+  // Other devices fuse from these maps.
+  if (found == unsaved_final_.end() || !one_device_) return;
+  unsaved_host_bytes_ -= HostBytes(*found->second);
+  auto only_sources = std::make_shared<FinalMaps>();
+  only_sources->sources = found->second->sources;
+  found->second = std::move(only_sources);
+}
+
+void EngineStore::DropStage(const std::string& stage) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  for (auto entry = unsaved_.begin(); entry != unsaved_.end();) {
+    if (entry->first.first != stage) {
+      ++entry;
+      continue;
+    }
+    unsaved_host_bytes_ -= entry->second.host_bytes;
+    entry = unsaved_.erase(entry);
+  }
 }
 
 }  // namespace acmp

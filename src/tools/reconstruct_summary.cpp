@@ -35,7 +35,12 @@ std::vector<std::pair<const char*, double>> Rows(const RunTimes& times) {
           {"kernels (device time, part of the passes above)", times.stages.kernels_ms},
           {"consistency", times.consistency_ms},
           {"fusion", times.fusion_ms},
-          {"reading and writing", times.io_ms}};
+          {"reading", times.reading_ms},
+          {"keeping estimates", times.keeping_ms},
+          {"writing maps and pictures", times.writing_ms},
+          {"writing the cloud", times.cloud_ms},
+          {"waiting for the disk", times.syncing_ms},
+          {"whole run (steps overlap)", times.run_ms}};
 }
 
 }  // namespace

@@ -17,13 +17,13 @@ constexpr int kMaxThreads = 65536;  // of a pool: far more than any system gives
 
 }  // namespace
 
-int TaskGraph::Add(int pool, const std::vector<int>& after, std::function<void(int)> work) {
+int TaskGraph::Add(int pool, const std::vector<int>& after, std::function<void(int)> work, bool urgent) {
   const int number = static_cast<int>(tasks_.size());
   for (int other : after) {
     CheckRange("number of a task that another waits for", other, 0, number - 1);
     tasks_[static_cast<size_t>(other)].followers.push_back(number);
   }
-  tasks_.push_back({pool, static_cast<int>(after.size()), {}, std::move(work)});
+  tasks_.push_back({pool, static_cast<int>(after.size()), {}, std::move(work), urgent});
   return number;
 }
 
@@ -33,7 +33,7 @@ class TaskGraph::Runner {
   Runner(std::vector<Task>* tasks, size_t pools, const InterruptWatcher& interrupt)
       : tasks_(*tasks), interrupt_(interrupt), ready_(pools), left_(tasks->size()) {
     for (size_t i = 0; i < tasks_.size(); ++i) {
-      if (tasks_[i].waits_for == 0) ready_[static_cast<size_t>(tasks_[i].pool)].insert(static_cast<int>(i));
+      if (tasks_[i].waits_for == 0) MakeReady(static_cast<int>(i));
     }
   }
 
@@ -64,13 +64,20 @@ class TaskGraph::Runner {
   }
 
  private:
+  using ReadyTasks = std::set<std::pair<bool, int>>;  ///< not urgent, number: the first goes first
+
+  void MakeReady(int number) {
+    const Task& task = tasks_[static_cast<size_t>(number)];
+    ready_[static_cast<size_t>(task.pool)].insert({!task.urgent, number});
+  }
+
   /// A ready task of the pool; waits for one. -1: there will be none any more.
   int Next(int pool) {
     std::unique_lock<std::mutex> lock(mutex_);
-    std::set<int>& ready = ready_[static_cast<size_t>(pool)];
+    ReadyTasks& ready = ready_[static_cast<size_t>(pool)];
     changed_.wait(lock, [&] { return failure_ || left_ == 0 || !ready.empty(); });
     if (failure_ || ready.empty()) return -1;
-    const int number = *ready.begin();
+    const int number = ready.begin()->second;
     ready.erase(ready.begin());
     return number;
   }
@@ -80,7 +87,7 @@ class TaskGraph::Runner {
     --left_;
     for (int follower : tasks_[static_cast<size_t>(number)].followers) {
       Task& task = tasks_[static_cast<size_t>(follower)];
-      if (--task.waits_for == 0) ready_[static_cast<size_t>(task.pool)].insert(follower);
+      if (--task.waits_for == 0) MakeReady(follower);
     }
     changed_.notify_all();
   }
@@ -89,7 +96,7 @@ class TaskGraph::Runner {
   const InterruptWatcher& interrupt_;
   std::mutex mutex_;
   std::condition_variable changed_;
-  std::vector<std::set<int>> ready_;  ///< per pool
+  std::vector<ReadyTasks> ready_;  ///< per pool
   size_t left_;
   std::exception_ptr failure_;
 };

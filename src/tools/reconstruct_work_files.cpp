@@ -137,7 +137,7 @@ void WriteFinalMaps(const std::filesystem::path& path, const FinalMaps& maps) {
   file.Commit();
 }
 
-MappedFinalMaps::MappedFinalMaps(const std::filesystem::path& path) {
+StoredFinalMaps::StoredFinalMaps(const std::filesystem::path& path) {
   const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (descriptor < 0) throw ProcessingError(Concat("cannot read ", path.string(), ": ", std::strerror(errno)));
   struct stat status = {};
@@ -163,12 +163,22 @@ MappedFinalMaps::MappedFinalMaps(const std::filesystem::path& path) {
   sources_.assign(header.source, header.source + header.sources);
 }
 
-MappedFinalMaps::~MappedFinalMaps() {
+StoredFinalMaps::StoredFinalMaps(std::shared_ptr<const FinalMaps> maps)
+    : owner_(std::move(maps)),
+      depth_(owner_->depth.View()),
+      normal_(owner_->normal.View()),
+      cost_(owner_->cost.View()),
+      confidence_(owner_->confidence.View()),
+      color_(owner_->color.View()),
+      sources_(owner_->sources) {}
+
+StoredFinalMaps::~StoredFinalMaps() {
   if (data_) munmap(data_, bytes_);
 }
 
-MappedFinalMaps::MappedFinalMaps(MappedFinalMaps&& other) noexcept
-    : data_(std::exchange(other.data_, nullptr)),
+StoredFinalMaps::StoredFinalMaps(StoredFinalMaps&& other) noexcept
+    : owner_(std::move(other.owner_)),
+      data_(std::exchange(other.data_, nullptr)),
       bytes_(other.bytes_),
       depth_(other.depth_),
       normal_(other.normal_),

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <memory>
 #include <vector>
 
 #include "acmp_mapping/fusion/depth_fusion.h"
@@ -28,17 +29,18 @@ struct FinalMaps {
 };
 void WriteFinalMaps(const std::filesystem::path& path, const FinalMaps& maps);
 
-/// Views into a file of final maps. The file is mapped into memory, so that a scene of any size can be fused: the
-/// system loads and drops pages as they are needed.
-class MappedFinalMaps {
+/// Views of final maps, which are in memory or in a file. The file is mapped into memory, so that a scene of any size
+/// can be written: the system loads and drops pages as they are needed.
+class StoredFinalMaps {
  public:
   /// Throws ProcessingError when the file is damaged.
-  explicit MappedFinalMaps(const std::filesystem::path& path);
-  ~MappedFinalMaps();
-  MappedFinalMaps(MappedFinalMaps&& other) noexcept;
-  MappedFinalMaps& operator=(MappedFinalMaps&&) = delete;
-  MappedFinalMaps(const MappedFinalMaps&) = delete;
-  MappedFinalMaps& operator=(const MappedFinalMaps&) = delete;
+  explicit StoredFinalMaps(const std::filesystem::path& path);
+  explicit StoredFinalMaps(std::shared_ptr<const FinalMaps> maps);
+  ~StoredFinalMaps();
+  StoredFinalMaps(StoredFinalMaps&& other) noexcept;
+  StoredFinalMaps& operator=(StoredFinalMaps&&) = delete;
+  StoredFinalMaps(const StoredFinalMaps&) = delete;
+  StoredFinalMaps& operator=(const StoredFinalMaps&) = delete;
 
   int width() const { return depth_.width; }
   int height() const { return depth_.height; }
@@ -50,6 +52,7 @@ class MappedFinalMaps {
   const std::vector<int>& sources() const { return sources_; }
 
  private:
+  std::shared_ptr<const FinalMaps> owner_;
   void* data_ = nullptr;
   size_t bytes_ = 0;
   ImageView<const float> depth_;

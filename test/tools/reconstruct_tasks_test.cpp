@@ -116,7 +116,9 @@ class CheckedGraph {
       for (int k = static_cast<int>(random(0, most)); k > 0 && i > 0; --k) after.push_back(random.Below(i));
       const int pool = random.Below(static_cast<int>(threads.size()));
       const int spin = random.Below(3) == 0 ? 2000 : 0;
-      graph->Add(pool, after, [=](int thread) { Do(i, pool, thread, after, spin); });
+      const bool urgent = random.Below(4) == 0;
+      graph->Add(
+          pool, after, [=](int thread) { Do(i, pool, thread, after, spin); }, urgent);
     }
   }
 
@@ -166,6 +168,21 @@ TEST_F(TaskGraphTest, APoolTakesTheSmallestNumberThatIsReady) {
   });
   graph_.Run({1, 1}, interrupt_);
   EXPECT_THAT(journal_.numbers(), ElementsAre(2, 3, 4, 1));
+}
+
+TEST_F(TaskGraphTest, UrgentTasksGoFirst) {
+  for (const std::vector<int>& threads : {std::vector<int>{}, {1}}) {
+    TaskGraph graph;
+    Journal journal;
+    graph.Add(0, {}, journal.Writer(0));
+    graph.Add(0, {}, journal.Writer(1));
+    graph.Add(0, {}, journal.Writer(2), true);
+    graph.Add(0, {1}, journal.Writer(3), true);
+    graph.Add(0, {}, journal.Writer(4));
+    graph.Add(0, {}, journal.Writer(5), true);
+    graph.Run(threads, interrupt_);
+    EXPECT_THAT(journal.numbers(), ElementsAre(2, 5, 0, 1, 3, 4));
+  }
 }
 
 TEST_F(TaskGraphTest, AllThreadsWorkAtTheSameTime) {

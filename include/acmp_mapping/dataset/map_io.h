@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <vector>
 
 #include "acmp_mapping/fusion/point_cloud.h"
 #include "acmp_mapping/image/image.h"
@@ -30,6 +31,8 @@ DepthMap ReadDepth(const std::filesystem::path& path);
 
 /// Binary little-endian PLY: x y z nx ny nz (float), red green blue (uchar), confidence (float).
 void WritePly(const std::filesystem::path& path, const PointCloud& points);
+/// The clouds one after the other.
+void WritePly(const std::filesystem::path& path, const std::vector<PointCloud>& clouds);
 /// Reads x y z and, where present, normals, colours and confidence of a binary little-endian or ASCII PLY; other
 /// properties and elements are skipped.
 PointCloud ReadPly(const std::filesystem::path& path);

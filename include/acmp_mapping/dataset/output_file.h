@@ -39,6 +39,10 @@ class OutputFile {
   std::unique_ptr<std::FILE, Closer> file_;
 };
 
+/// Asks the system to begin writing a file to the disk without waiting for it: a later sync then has less to do. No
+/// effect where that fails.
+void StartWriteback(const std::filesystem::path& path);
+
 /// A file that is either whole or absent: written under a temporary name beside the final one, renamed by Commit.
 /// Without a Commit the temporary file is removed and an earlier file of the final name stays as it was.
 class AtomicFile {
