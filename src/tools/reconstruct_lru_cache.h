@@ -3,6 +3,8 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include <cstddef>
+#include <cstdint>
+#include <exception>
 #include <functional>
 #include <future>
 #include <list>
@@ -28,6 +30,7 @@ class LruCache {
               const std::function<size_t(const Value&)>& bytes_of) {
     std::promise<Pointer> promise;
     std::shared_future<Pointer> made_elsewhere;
+    uint64_t number = 0;
     {
       const std::lock_guard<std::mutex> lock(mutex_);
       const auto found = entries_.find(key);
@@ -35,14 +38,17 @@ class LruCache {
         order_.splice(order_.begin(), order_, found->second.position);
         made_elsewhere = found->second.value;
       } else {
-        order_.push_front(key);
-        entries_[key] = {promise.get_future().share(), 0, order_.begin()};
+        number = next_number_++;
+        std::list<Key> position = {key};
+        entries_.emplace(key, Entry{promise.get_future().share(), number, false, 0, position.begin()});
+        order_.splice(order_.begin(), position);  // cannot throw: both know the key, or none
       }
     }
-    return made_elsewhere.valid() ? made_elsewhere.get() : Make(key, make, bytes_of, &promise);
+    return made_elsewhere.valid() ? made_elsewhere.get() : Make(key, number, make, bytes_of, &promise);
   }
 
-  /// Forgets a value; no effect when it is not there.
+  /// Forgets a value; no effect when it is not there. One that is being made still goes to all who wait for it, but is
+  /// not kept.
   void Drop(const Key& key) {
     const std::lock_guard<std::mutex> lock(mutex_);
     const auto found = entries_.find(key);
@@ -61,31 +67,40 @@ class LruCache {
  private:
   struct Entry {
     std::shared_future<Pointer> value;
-    size_t bytes = 0;  ///< 0 while it is being made
+    uint64_t number = 0;  ///< which of the entries that the key has had: who makes it must not touch a later one
+    bool made = false;
+    size_t bytes = 0;
     typename std::list<Key>::iterator position;
   };
   using Entries = std::map<Key, Entry>;
 
-  Pointer Make(const Key& key, const std::function<Pointer()>& make,
+  Pointer Make(const Key& key, uint64_t number, const std::function<Pointer()>& make,
                const std::function<size_t(const Value&)>& bytes_of, std::promise<Pointer>* promise) {
     try {
       Pointer value;
       // While it waits for its own loops this thread must not take up work that waits for this value.
       tbb::this_task_arena::isolate([&] { value = make(); });
-      Count(key, bytes_of(*value));
+      Count(key, number, bytes_of(*value));
       promise->set_value(value);
       return value;
     } catch (...) {
-      Drop(key);
+      DropUnmade(key, number);  // first: who hears of the failure and tries again must not find it
       promise->set_exception(std::current_exception());
       throw;
     }
   }
 
-  void Count(const Key& key, size_t bytes) {
+  void DropUnmade(const Key& key, uint64_t number) {
     const std::lock_guard<std::mutex> lock(mutex_);
     const auto entry = entries_.find(key);
-    if (entry == entries_.end()) return;  // dropped meanwhile
+    if (entry != entries_.end() && entry->second.number == number) Erase(entry);
+  }
+
+  void Count(const Key& key, uint64_t number, size_t bytes) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const auto entry = entries_.find(key);
+    if (entry == entries_.end() || entry->second.number != number) return;  // dropped meanwhile
+    entry->second.made = true;
     entry->second.bytes = bytes;
     bytes_ += bytes;
     while (bytes_ > max_bytes_) Erase(entries_.find(OldestMade()));
@@ -95,7 +110,7 @@ class LruCache {
     auto key = order_.end();
     do {
       --key;
-    } while (entries_.at(*key).bytes == 0);
+    } while (!entries_.at(*key).made);
     return *key;
   }
 
@@ -109,7 +124,8 @@ class LruCache {
   mutable std::mutex mutex_;
   Entries entries_;
   std::list<Key> order_;  ///< used last first
-  size_t bytes_ = 0;
+  size_t bytes_ = 0;      ///< of all that are made
+  uint64_t next_number_ = 0;
 };
 
 }  // namespace acmp

@@ -48,7 +48,9 @@ CLI::Validator OneOf(const std::vector<std::string>& names) { return CLI::IsMemb
 void AddMatchingOptions(CLI::App* app, ReconstructOptions* options) {
   const std::string group = "Matching";
   app->add_option("--preset", options->preset,
-                  "acmp: everything; acmp_no_geometric: without the geometric passes; acmh: without the planar prior")
+                  "acmp: everything; acmp_no_geometric: without the geometric passes; acmh: without the planar prior;\n"
+                  "online: everything with fewer iterations and a start at half resolution, a third of the time;\n"
+                  "not tied to --schedule online")
       ->check(OneOf(PresetNames()))
       ->capture_default_str()
       ->group(group);

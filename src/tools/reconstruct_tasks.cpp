@@ -2,6 +2,7 @@
 
 #include <condition_variable>
 #include <exception>
+#include <functional>
 #include <mutex>
 #include <set>
 #include <thread>
@@ -10,6 +11,11 @@
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
+namespace {
+
+constexpr int kMaxThreads = 65536;  // of a pool: far more than any system gives, and sums stay small
+
+}  // namespace
 
 int TaskGraph::Add(int pool, const std::vector<int>& after, std::function<void(int)> work, bool urgent) {
   const int number = static_cast<int>(tasks_.size());
@@ -35,13 +41,22 @@ class TaskGraph::Runner {
     for (int number = Next(pool); number >= 0; number = Next(pool)) {
       try {
         interrupt_.Check();
-        tasks_[static_cast<size_t>(number)].work(thread);
+        std::function<void(int)> work = std::move(tasks_[static_cast<size_t>(number)].work);
+        work(thread);
         interrupt_.Check();
+        work = nullptr;  // what it holds goes before others go on, and not under the mutex
         Finish(number);
       } catch (...) {
         Fail(std::current_exception());
       }
     }
+  }
+
+  /// No further task is begun.
+  void Fail(std::exception_ptr failure) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (!failure_) failure_ = std::move(failure);
+    changed_.notify_all();
   }
 
   void RethrowFailure() const {
@@ -74,13 +89,6 @@ class TaskGraph::Runner {
       Task& task = tasks_[static_cast<size_t>(follower)];
       if (--task.waits_for == 0) MakeReady(follower);
     }
-    tasks_[static_cast<size_t>(number)].work = nullptr;  // and what it holds
-    changed_.notify_all();
-  }
-
-  void Fail(std::exception_ptr failure) {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (!failure_) failure_ = std::move(failure);
     changed_.notify_all();
   }
 
@@ -95,19 +103,33 @@ class TaskGraph::Runner {
 
 void TaskGraph::Run(const std::vector<int>& threads, const InterruptWatcher& interrupt) {
   int total = 0;
-  for (int count : threads) total += count;
+  for (int count : threads) {
+    CheckRange("threads of a pool", count, 0, kMaxThreads);
+    total += count;
+  }
   if (total == 0) {
     for (Task& task : tasks_) task.pool = 0;
     Runner runner(&tasks_, 1, interrupt);
     runner.Work(0, 0);
     return runner.RethrowFailure();
   }
+  for (const Task& task : tasks_) {
+    CheckRange("pool of a task", task.pool, 0, static_cast<int>(threads.size()) - 1);
+    if (threads[static_cast<size_t>(task.pool)] == 0) {
+      throw InvalidInputError(Concat("pool = ", task.pool, ": has tasks but no threads"));
+    }
+  }
   Runner runner(&tasks_, threads.size(), interrupt);
   std::vector<std::thread> workers;
-  for (size_t pool = 0; pool < threads.size(); ++pool) {
-    for (int i = 0; i < threads[pool]; ++i) {
-      workers.emplace_back([&runner, pool, i] { runner.Work(static_cast<int>(pool), i); });
+  try {
+    for (size_t pool = 0; pool < threads.size(); ++pool) {
+      for (int i = 0; i < threads[pool]; ++i) {
+        workers.emplace_back([&runner, pool, i] { runner.Work(static_cast<int>(pool), i); });
+      }
     }
+  } catch (...) {
+    // The system gives no further thread. Those that run must be joined before the error may leave.
+    runner.Fail(std::current_exception());
   }
   for (std::thread& worker : workers) worker.join();
   runner.RethrowFailure();

@@ -21,9 +21,11 @@ class TaskGraph {
   /// Keeps what tasks refer to until the graph goes.
   void KeepAlive(std::shared_ptr<void> object) { kept_.push_back(std::move(object)); }
 
-  /// Does all tasks with threads[p] threads for pool p; of those that are ready a pool takes the smallest number first.
-  /// No threads: the caller's own does all, in the same order. Throws what a
-  /// task threw first, or Interrupted, when all threads have stopped.
+  /// Does all tasks with threads[p] threads for pool p; of those that are ready a pool takes the urgent ones first, and
+  /// then the smallest number.
+  /// No threads: the caller's own does all, in the same order. Throws what a task threw first, or Interrupted, or
+  /// std::system_error where a thread cannot be started, when all threads have stopped. Throws InvalidInputError, with
+  /// nothing done, for a task of a pool without threads. Once per graph.
   void Run(const std::vector<int>& threads, const InterruptWatcher& interrupt);
 
  private:

@@ -100,6 +100,118 @@ TEST(ViewSmoothnessTest, AddsEtaPerNeighbourThatUsesTheView) {
   }
 }
 
+TEST(AllViewsTest, OneBitPerView) {
+  for (int views = 1; views <= kMaxSourceViews; ++views) {
+    EXPECT_EQ(uint64_t{AllViews(views)}, (uint64_t{1} << views) - 1) << views << " views";
+  }
+}
+
+uint32_t RandomMask(TestRandom* random) {
+  return static_cast<uint32_t>(random->Below(65536)) << 16 | static_cast<uint32_t>(random->Below(65536));
+}
+
+/// A problem with this many sources, for the masks alone.
+PatchMatchProblem ProblemWithSources(const std::vector<PlanarView>& views, int sources) {
+  PatchMatchProblem problem = MakeProblem(views, 0, {1, 10});
+  problem.sources.resize(static_cast<size_t>(sources), problem.sources[0]);
+  return problem;
+}
+
+/// The definition: counts the votes of the pixel and its four neighbours for each view.
+uint32_t ReferenceCredibleViews(const KernelState& state, int col, int row) {
+  const int num_sources = static_cast<int>(state.problem().sources.size());
+  uint32_t credible = 0;
+  for (int view = 0; view < num_sources; ++view) {
+    int votes = 0;
+    for (const auto& [c, r] : {std::pair(col, row), {col - 1, row}, {col + 1, row}, {col, row - 1}, {col, row + 1}}) {
+      if (c < 0 || r < 0 || c >= state.width() || r >= state.height()) continue;
+      votes += (state.selected_views(c, r) & (uint32_t{1} << view)) != 0 ? 1 : 0;
+    }
+    if (votes >= state.options().candidate_view_votes) credible |= uint32_t{1} << view;
+  }
+  if (credible != 0) return credible;
+  for (int view = 0; view < num_sources; ++view) credible |= uint32_t{1} << view;
+  return credible;
+}
+
+TEST(CredibleViewsTest, AgreesWithTheReferenceAlsoAtTheBorder) {
+  const std::vector<PlanarView> views = RandomViews(2, 6, 5, 2);
+  TestRandom random(5);
+  for (const int sources : {1, 2, 7, 31, 32}) {
+    for (int votes = 1; votes <= 5; ++votes) {
+      PatchMatchOptions options;
+      options.candidate_view_votes = votes;
+      KernelState state(ProblemWithSources(views, sources), options);
+      int all = 0, some = 0;
+      for (int round = 0; round < 60; ++round) {
+        // From images where nearly no view is used to such where nearly all are.
+        for (uint32_t& mask : state.selected_views) {
+          mask = RandomMask(&random);
+          if (round % 4 == 0) mask &= RandomMask(&random) & RandomMask(&random);
+          if (round % 4 == 1) mask |= RandomMask(&random) | RandomMask(&random);
+          mask &= AllViews(sources);
+        }
+        for (int row = 0; row < state.height(); ++row) {
+          for (int col = 0; col < state.width(); ++col) {
+            const uint32_t expected = ReferenceCredibleViews(state, col, row);
+            ASSERT_EQ(CredibleViews(state.Context(), col, row), expected)
+                << sources << " sources, " << votes << " votes, pixel " << col << ", " << row;
+            ++(expected == AllViews(sources) ? all : some);
+          }
+        }
+      }
+      EXPECT_GT(all, 0) << sources << " sources, " << votes << " votes";
+      EXPECT_EQ(some > 0, sources > 1) << sources << " sources, " << votes << " votes";
+    }
+  }
+}
+
+TEST(CredibleViewsTest, AllWhereNoneHasTheVotes) {
+  const std::vector<PlanarView> views = RandomViews(2, 5, 4, 2);
+  for (int votes = 1; votes <= 5; ++votes) {
+    PatchMatchOptions options;
+    options.candidate_view_votes = votes;
+    KernelState state(ProblemWithSources(views, 7), options);
+    for (uint32_t& mask : state.selected_views) mask = 0;
+    EXPECT_EQ(CredibleViews(state.Context(), 2, 2), 0x7fu) << "nobody votes";
+    // The pixel and then one neighbour after the other vote for view 6.
+    constexpr int kVoters[5][2] = {{2, 2}, {2, 1}, {1, 2}, {3, 2}, {2, 3}};
+    for (int voters = 1; voters <= 5; ++voters) {
+      state.selected_views(kVoters[voters - 1][0], kVoters[voters - 1][1]) = 1u << 6;
+      EXPECT_EQ(CredibleViews(state.Context(), 2, 2), voters >= votes ? 1u << 6 : 0x7fu)
+          << voters << " voters, " << votes << " needed";
+    }
+    // A corner has three voters: never four votes.
+    for (uint32_t& mask : state.selected_views) mask = 1u << 3;
+    for (const auto& [col, row] : {std::pair(0, 0), {4, 0}, {0, 3}, {4, 3}}) {
+      EXPECT_EQ(CredibleViews(state.Context(), col, row), votes <= 3 ? 1u << 3 : 0x7fu) << votes << " needed";
+    }
+  }
+}
+
+TEST(ListViewsTest, ListsTheBitsFromTheLowest) {
+  TestRandom random(6);
+  for (int views = 1; views <= kMaxSourceViews; ++views) {
+    for (int round = 0; round < 200; ++round) {
+      uint32_t mask = RandomMask(&random);
+      if (round % 3 == 1) mask &= RandomMask(&random) & RandomMask(&random);
+      mask &= AllViews(views);
+      if (round == 0) mask = 0;
+      if (round == 1) mask = AllViews(views);
+      if (round == 2) mask = uint32_t{1} << (views - 1);
+      std::vector<int> expected;
+      for (int j = 0; j < views; ++j) {
+        if ((mask & (uint32_t{1} << j)) != 0) expected.push_back(j);
+      }
+      std::vector<int> list(kMaxSourceViews + 1, -1);
+      const int count = ListViews(mask, views, SingleThread(), list.data());
+      ASSERT_EQ(count, static_cast<int>(expected.size())) << "mask " << mask;
+      expected.resize(list.size(), -1);  // the rest is not written
+      ASSERT_EQ(list, expected) << "mask " << mask;
+    }
+  }
+}
+
 struct DrawnViews {
   int draws[kMaxSourceViews] = {};
   int sum = 0;

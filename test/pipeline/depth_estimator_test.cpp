@@ -225,7 +225,7 @@ TEST_F(DepthEstimatorTest, PlanarPriorPassOfAStartLevelBeginsWithUpsampledPlanes
   }
 }
 
-TEST_F(DepthEstimatorTest, PriorOfAStartLevelIsDoubled) {
+TEST_F(DepthEstimatorTest, PriorOfAStartLevelComesFromTheUpsampledEstimate) {
   PipelineOptions options = MakePreset("acmp");
   options.start_level = 1;
   DepthEstimator estimator(&engine_, options);
@@ -233,19 +233,53 @@ TEST_F(DepthEstimatorTest, PriorOfAStartLevelIsDoubled) {
   const PlaneMap& prior = fake_.last_prior;
   ASSERT_EQ(prior.width(), 40);
   ASSERT_EQ(prior.height(), 30);
-  // The plane is the one that the halved camera saw, so the points were back-projected through that camera.
-  EXPECT_GT(CountPriorsOnThePlane(prior), 0.3 * 40 * 30);
-  // In the halved image the support points lie within columns 0..17 and rows 0..10.
+  // The plane is the one that the halved camera saw, back-projected through the full camera: as dense as without a
+  // start level.
+  EXPECT_GT(CountPriorsOnThePlane(prior), 0.6 * 40 * 30);
+  // Support points of the halved image would end at column 34 and row 20.
   const auto has_prior = [&](int col, int row) { return prior(col, row).d > 0; };
-  EXPECT_TRUE(has_prior(1, 0));
-  EXPECT_TRUE(has_prior(25, 8));
-  EXPECT_TRUE(has_prior(24, 18));
-  for (int row = 0; row < 30; ++row) {
-    for (int col = 0; col < 40; ++col) {
-      const bool beyond = col >= 34 || row >= 20;
-      ASSERT_FALSE(beyond && has_prior(col, row)) << col << ", " << row;
-    }
-  }
+  EXPECT_TRUE(has_prior(36, 12));
+  EXPECT_TRUE(has_prior(20, 24));
+}
+
+TEST_F(DepthEstimatorTest, FullSizeIterationsFollowAStartLevelWithoutPrior) {
+  PipelineOptions options = MakePreset("acmh");
+  options.start_level = 1;
+  options.full_size_iterations = 4;
+  DepthEstimator estimator(&engine_, options);
+  const EngineEstimatePtr estimate = estimator.EstimateInitial(Problem(1));
+  ASSERT_THAT(fake_.calls, ElementsAre("photometric", "planar prior"));
+  EXPECT_TRUE(fake_.problems[1].reference.camera == frames_[0]->camera);
+  EXPECT_EQ(fake_.last_options.planar_prior_iterations, 4);
+  EXPECT_NE(fake_.last_options.seed, options.patch_match.seed);
+  for (const PlaneHypothesis& plane : fake_.last_prior) ASSERT_EQ(plane.d, 0);
+  ASSERT_EQ(fake_.last_start.planes.width(), 40);
+  EXPECT_EQ(fake_.last_start.planes(0, 0).d, 3.2f);  // the upsampled ones
+  EXPECT_EQ(FirstPlane(estimate).d, 5);
+  EXPECT_EQ(estimator.last_times().photometric_kernels_ms, 20);
+  EXPECT_EQ(estimator.last_times().kernels_ms, 20);
+}
+
+TEST_F(DepthEstimatorTest, PlanarPriorPassFollowsTheFullSizeIterationsWithOptionsOfItsOwn) {
+  PipelineOptions options = MakePreset("acmp");
+  options.start_level = 1;
+  options.full_size_iterations = 4;
+  DepthEstimator estimator(&engine_, options);
+  estimator.EstimateInitial(Problem(1));
+  EXPECT_THAT(fake_.calls, ElementsAre("photometric", "planar prior", "planar prior"));
+  EXPECT_EQ(fake_.last_options.planar_prior_iterations, options.patch_match.planar_prior_iterations);
+  EXPECT_EQ(fake_.last_options.seed, options.patch_match.seed);
+  EXPECT_EQ(fake_.last_start.planes(0, 0).d, 5);  // of the full-size iterations
+  EXPECT_EQ(estimator.last_times().photometric_kernels_ms, 20);
+  EXPECT_EQ(estimator.last_times().kernels_ms, 30);
+}
+
+TEST_F(DepthEstimatorTest, WithoutAStartLevelThereAreNoFullSizeIterations) {
+  PipelineOptions options = MakePreset("acmh");
+  options.full_size_iterations = 4;
+  DepthEstimator estimator(&engine_, options);
+  estimator.EstimateInitial(Problem());
+  EXPECT_THAT(fake_.calls, ElementsAre("photometric"));
 }
 
 TEST_F(DepthEstimatorTest, WithoutPriorAStartLevelStillGivesTheFullSize) {

@@ -13,7 +13,7 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 TEST(PresetsTest, AreTheSystemsOfThePaper) {
-  EXPECT_THAT(PresetNames(), ::testing::ElementsAre("acmh", "acmp_no_geometric", "acmp"));
+  EXPECT_THAT(PresetNames(), ::testing::ElementsAre("acmh", "acmp_no_geometric", "acmp", "online"));
   for (const std::string& name : PresetNames()) EXPECT_NO_THROW(Validate(MakePreset(name))) << name;
 
   const PipelineOptions acmh = MakePreset("acmh");
@@ -25,6 +25,32 @@ TEST(PresetsTest, AreTheSystemsOfThePaper) {
   const PipelineOptions acmp = MakePreset("acmp");
   EXPECT_TRUE(acmp.use_planar_prior);
   EXPECT_EQ(acmp.geometric_passes, 2);
+  for (const PipelineOptions& paper : {acmh, no_geometric, acmp}) {
+    EXPECT_EQ(paper.start_level, 0);
+    EXPECT_EQ(paper.full_size_iterations, 0);
+    EXPECT_EQ(paper.patch_match.candidate_view_votes, 0);
+  }
+}
+
+TEST(PresetsTest, OnlineTakesAllStepsWithLessWork) {
+  const PipelineOptions online = MakePreset("online");
+  EXPECT_EQ(online.start_level, 1);
+  EXPECT_EQ(online.patch_match.photometric_iterations, 2);
+  EXPECT_EQ(online.full_size_iterations, 1);
+  EXPECT_TRUE(online.use_planar_prior);
+  EXPECT_EQ(online.planar_prior.cell_size_px, 8);
+  EXPECT_EQ(online.patch_match.planar_prior_iterations, 1);
+  EXPECT_EQ(online.geometric_passes, 1);
+  EXPECT_EQ(online.patch_match.geometric_iterations, 1);
+  EXPECT_EQ(online.patch_match.candidate_view_votes, 2);
+
+  // What it does not name is as in acmp: the same seed, thresholds and consistency check.
+  const PipelineOptions acmp = MakePreset("acmp");
+  EXPECT_EQ(online.patch_match.seed, acmp.patch_match.seed);
+  EXPECT_EQ(online.patch_match.view_draws, acmp.patch_match.view_draws);
+  EXPECT_EQ(online.patch_match.median_filter, acmp.patch_match.median_filter);
+  EXPECT_EQ(online.planar_prior.max_support_cost, acmp.planar_prior.max_support_cost);
+  EXPECT_EQ(online.fusion.min_consistent_views, acmp.fusion.min_consistent_views);
 }
 
 TEST(PresetsTest, DefaultOptionsAreAcmp) {
@@ -34,12 +60,13 @@ TEST(PresetsTest, DefaultOptionsAreAcmp) {
 }
 
 TEST(PresetsTest, UnknownNameIsAnErrorThatListsAllNames) {
-  for (const char* name : {"", "ACMP", "acmp ", "colmap"}) {
+  for (const char* name : {"", "ACMP", "acmp ", "colmap", "onlin", "Online"}) {
     try {
       MakePreset(name);
       ADD_FAILURE() << "accepted \"" << name << '"';
     } catch (const InvalidInputError& error) {
       EXPECT_THAT(error.what(), HasSubstr(Concat("\"", name, "\"")));
+      EXPECT_THAT(error.what(), HasSubstr("must be acmh, acmp_no_geometric, acmp or online"));
       for (const std::string& known : PresetNames()) EXPECT_THAT(error.what(), HasSubstr(known));
     }
   }
@@ -75,6 +102,18 @@ TEST(PipelineOptionsTest, StartLevelIsBounded) {
   for (const int bad : {-1, kMaxLevels + 1}) {
     options.start_level = bad;
     EXPECT_THAT(Message(options), AllOf(HasSubstr(Concat("start_level = ", bad)), HasSubstr("[0, 2]")));
+  }
+}
+
+TEST(PipelineOptionsTest, FullSizeIterationsAreBounded) {
+  PipelineOptions options;
+  for (const int good : {0, 20}) {
+    options.full_size_iterations = good;
+    EXPECT_EQ(Message(options), "");
+  }
+  for (const int bad : {-1, 21}) {
+    options.full_size_iterations = bad;
+    EXPECT_THAT(Message(options), AllOf(HasSubstr(Concat("full_size_iterations = ", bad)), HasSubstr("[0, 20]")));
   }
 }
 

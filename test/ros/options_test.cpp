@@ -3,6 +3,7 @@
 #include <fstream>
 #include <functional>
 #include <map>
+#include <tuple>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -248,6 +249,56 @@ TEST(RuntimeOptions, PresetGivesStartValues) {
   EXPECT_TRUE(LoadRuntimeOptions(&reader, start).mapper.pipeline.use_planar_prior);
 }
 
+/// Every field that some preset sets.
+std::vector<double> PresetFields(const PipelineOptions& options) {
+  const PatchMatchOptions& match = options.patch_match;
+  return {static_cast<double>(options.start_level),
+          static_cast<double>(options.full_size_iterations),
+          static_cast<double>(options.use_planar_prior),
+          static_cast<double>(options.geometric_passes),
+          static_cast<double>(match.photometric_iterations),
+          static_cast<double>(match.planar_prior_iterations),
+          static_cast<double>(match.geometric_iterations),
+          static_cast<double>(match.candidate_view_votes),
+          static_cast<double>(options.planar_prior.cell_size_px)};
+}
+
+TEST(RuntimeOptions, EveryPresetReachesTheMapperWhole) {
+  for (const std::string& name : PresetNames()) {
+    RuntimeOptions start;
+    start.mapper.pipeline = MakePreset(name);
+    ParameterReader nothing{XmlRpcValue()};
+    const RuntimeOptions loaded = LoadRuntimeOptions(&nothing, start);
+    EXPECT_EQ(PresetFields(loaded.mapper.pipeline), PresetFields(MakePreset(name))) << name;
+    EXPECT_EQ(Values(ToConfig(loaded)), Values(ToConfig(start))) << name;
+    // The reconfigure server starts from that and changes nothing.
+    DenseMapperConfig config = ToConfig(loaded);
+    EXPECT_TRUE(MakeValid(config, &config).empty()) << name;
+    EXPECT_EQ(PresetFields(FromConfig(config).mapper.pipeline), PresetFields(MakePreset(name))) << name;
+  }
+}
+
+TEST(RuntimeOptions, ParametersCountMoreThanThePreset) {
+  RuntimeOptions start;
+  start.mapper.pipeline = MakePreset("online");
+  ParameterReader reader(Struct({{"start_level", 2}, {"full_size_iterations", 0}, {"candidate_view_votes", 5}}));
+  const PipelineOptions pipeline = LoadRuntimeOptions(&reader, start).mapper.pipeline;
+  EXPECT_EQ(pipeline.start_level, 2);
+  EXPECT_EQ(pipeline.full_size_iterations, 0);
+  EXPECT_EQ(pipeline.patch_match.candidate_view_votes, 5);
+  EXPECT_EQ(pipeline.planar_prior.cell_size_px, MakePreset("online").planar_prior.cell_size_px);
+}
+
+TEST(RuntimeOptions, BoundsOfTheCfgAreThoseOfTheStart) {
+  for (const auto& [name, low, high] :
+       {std::tuple("start_level", 0, 2), {"full_size_iterations", 0, 20}, {"candidate_view_votes", 0, 5}}) {
+    for (const int good : {low, high}) EXPECT_EQ(RuntimeRefusal({{name, good}}), "(accepted)") << name;
+    for (const int bad : {low - 1, high + 1}) {
+      EXPECT_THAT(RuntimeRefusal({{name, bad}}), HasSubstr(Concat("~", name, " = ", bad)));
+    }
+  }
+}
+
 TEST(MakeValid, LimitsParametersByEachOther) {
   const DenseMapperConfig previous = DenseMapperConfig::__getDefault__();
   DenseMapperConfig config = previous;
@@ -273,21 +324,29 @@ TEST(MakeValid, TakesThePreviousBackWhenNothingElseHelps) {
   EXPECT_EQ(Values(config), Values(previous));
 }
 
-/// The few kinds of line that the shipped yaml has: "key: value  # comment".
-std::map<std::string, std::string> ReadYaml(const std::string& path) {
+/// The few kinds of line that the shipped yaml has: "key: value  # comment", and "#key: value  # comment" for what is
+/// left to the preset.
+struct ShippedLines {
+  std::map<std::string, std::string> set, left_to_preset;
+};
+
+ShippedLines ReadYaml(const std::string& path) {
   std::ifstream file(path);
   EXPECT_TRUE(file) << path;
-  std::map<std::string, std::string> values;
+  ShippedLines lines;
   std::string line;
   while (std::getline(file, line)) {
+    const bool left_out = line.size() > 1 && line[0] == '#' && line[1] != ' ';
+    if (left_out) line.erase(0, 1);
     line = line.substr(0, line.find('#'));
     const size_t colon = line.find(": ");
     if (colon == std::string::npos) continue;
     const size_t end = line.find_last_not_of(' ');
-    std::string value = line.substr(colon + 2, end - colon - 1);
-    EXPECT_TRUE(values.emplace(line.substr(0, colon), value).second) << line;
+    const std::string name = line.substr(0, colon), value = line.substr(colon + 2, end - colon - 1);
+    EXPECT_EQ(lines.set.count(name) + lines.left_to_preset.count(name), 0u) << line;
+    (left_out ? lines.left_to_preset : lines.set)[name] = value;
   }
-  return values;
+  return lines;
 }
 
 XmlRpcValue ToXmlRpc(const std::string& text) {
@@ -305,11 +364,27 @@ XmlRpcValue ToXmlRpc(const std::string& text) {
   return XmlRpcValue(text == "\"\"" ? std::string() : text);
 }
 
-TEST(ShippedYaml, HoldsAllParametersWithTheirDefaults) {
+const std::string kShippedYaml = std::string(ACMP_SOURCE_DIR) + "/config/acmp_mapping.yaml";
+
+// The launch files load the whole file: a value in it would make the preset of no effect.
+TEST(ShippedYaml, LeavesToThePresetWhatItSets) {
+  const ShippedLines lines = ReadYaml(kShippedYaml);
+  EXPECT_EQ(lines.left_to_preset.size(), PresetFields({}).size());
   std::map<std::string, XmlRpcValue> members;
-  for (const auto& [name, text] : ReadYaml(std::string(ACMP_SOURCE_DIR) + "/config/acmp_mapping.yaml")) {
-    members[name] = ToXmlRpc(text);
+  for (const auto& [name, text] : lines.set) members[name] = ToXmlRpc(text);
+  for (const std::string& name : PresetNames()) {
+    RuntimeOptions start;
+    start.mapper.pipeline = MakePreset(name);
+    ParameterReader reader(Struct(members));
+    EXPECT_EQ(PresetFields(LoadRuntimeOptions(&reader, start).mapper.pipeline), PresetFields(MakePreset(name))) << name;
   }
+}
+
+TEST(ShippedYaml, HoldsAllParametersWithTheirDefaults) {
+  const ShippedLines lines = ReadYaml(kShippedYaml);
+  std::map<std::string, XmlRpcValue> members;
+  for (const auto& [name, text] : lines.set) members[name] = ToXmlRpc(text);
+  for (const auto& [name, text] : lines.left_to_preset) members[name] = ToXmlRpc(text);
   ParameterReader reader(Struct(members));
   const NodeOptions node = LoadNodeOptions(&reader);
   const RuntimeOptions runtime = LoadRuntimeOptions(&reader, RuntimeOptions());

@@ -23,8 +23,9 @@ def interface_names():
 
 
 def parameter_names():
+    """Of the shipped file, with those that it leaves to the preset: "#name: value"."""
     with open(os.path.join(SOURCE, "config/acmp_mapping.yaml")) as file:
-        return set(yaml.safe_load(file))
+        return set(yaml.safe_load(re.sub(r"^#(?=\w)", "", file.read(), flags=re.MULTILINE)))
 
 
 def load(launch, *arguments):
@@ -63,7 +64,7 @@ class LaunchFiles(unittest.TestCase):
 
     def test_parameters_are_known(self):
         overrides = {"device": "cpu", "image_transport": "compressed", "pose_is": "T_cam_world",
-                     "pose_child": "camera_flu", "overload": "block"}
+                     "pose_child": "camera_flu", "overload": "block", "preset": "online"}
         config = load("dense_mapper.launch", *["%s:=%s" % item for item in overrides.items()])
         prefix = NAMESPACE + "dense_mapper/"
         values = {name[len(prefix):]: param.value for name, param in config.params.items()}
@@ -71,6 +72,11 @@ class LaunchFiles(unittest.TestCase):
         self.assertLessEqual(set(values), parameter_names())
         for name, value in overrides.items():
             self.assertEqual(values[name], value)
+
+    def test_values_of_an_earlier_start_are_forgotten(self):
+        for standalone in ("true", "false"):
+            config = load("dense_mapper.launch", "standalone:=" + standalone)
+            self.assertEqual([name.rstrip("/") for name in config.clear_params], ["/acmp/dense_mapper"])
 
     def test_demo(self):
         config = load("demo.launch", "bag:=/some.bag", "rviz:=false", "device:=cpu")

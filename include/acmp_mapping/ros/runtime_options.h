@@ -43,12 +43,15 @@ std::vector<std::string> MakeValid(const DenseMapperConfig& previous, DenseMappe
 /// Calls visit(name, option, field) for every parameter: the one list that ties the C++ options to the .cfg file.
 template <class Options, class Config, class Visitor>
 void VisitRuntimeParameters(Options& options, Config& config, const Visitor& visit) {
-  auto& match = options.mapper.pipeline.patch_match;
+  auto& pipeline = options.mapper.pipeline;
+  auto& match = pipeline.patch_match;
+  visit("start_level", pipeline.start_level, config.start_level);
   visit("photometric_iterations", match.photometric_iterations, config.photometric_iterations);
+  visit("full_size_iterations", pipeline.full_size_iterations, config.full_size_iterations);
   visit("planar_prior_iterations", match.planar_prior_iterations, config.planar_prior_iterations);
   visit("geometric_iterations", match.geometric_iterations, config.geometric_iterations);
-  visit("geometric_passes", options.mapper.pipeline.geometric_passes, config.geometric_passes);
-  visit("use_planar_prior", options.mapper.pipeline.use_planar_prior, config.use_planar_prior);
+  visit("geometric_passes", pipeline.geometric_passes, config.geometric_passes);
+  visit("use_planar_prior", pipeline.use_planar_prior, config.use_planar_prior);
   visit("seed", match.seed, config.seed);
   visit("sigma_spatial_px", match.sigma_spatial_px, config.sigma_spatial_px);
   visit("sigma_color", match.sigma_color, config.sigma_color);
@@ -57,6 +60,7 @@ void VisitRuntimeParameters(Options& options, Config& config, const Visitor& vis
   visit("sigma_view", match.sigma_view, config.sigma_view);
   visit("view_smoothness", match.view_smoothness, config.view_smoothness);
   visit("view_draws", match.view_draws, config.view_draws);
+  visit("candidate_view_votes", match.candidate_view_votes, config.candidate_view_votes);
   visit("perturb_depth", match.perturb_depth, config.perturb_depth);
   visit("perturb_normal_deg", match.perturb_normal_deg, config.perturb_normal_deg);
   visit("gradient_normal", match.gradient_normal, config.gradient_normal);
@@ -71,7 +75,7 @@ void VisitRuntimeParameters(Options& options, Config& config, const Visitor& vis
   visit("prior_depth_divisor", match.prior_depth_divisor, config.prior_depth_divisor);
   visit("prior_start_cost", match.prior_start_cost, config.prior_start_cost);
   visit("prior_random_start", match.prior_random_start, config.prior_random_start);
-  auto& prior = options.mapper.pipeline.planar_prior;
+  auto& prior = pipeline.planar_prior;
   visit("prior_cell_size_px", prior.cell_size_px, config.prior_cell_size_px);
   visit("prior_max_support_cost", prior.max_support_cost, config.prior_max_support_cost);
   visit("prior_max_grazing_angle_deg", prior.max_grazing_angle_deg, config.prior_max_grazing_angle_deg);
@@ -96,7 +100,7 @@ void VisitRuntimeParameters(Options& options, Config& config, const Visitor& vis
   visit("gate_angle_deg", options.gate.min_angle_deg, config.gate_angle_deg);
   visit("gate_interval_s", options.gate.max_interval_s, config.gate_interval_s);
 
-  auto& fusion = mapper.pipeline.fusion;
+  auto& fusion = pipeline.fusion;
   visit("max_reprojection_px", fusion.max_reprojection_px, config.max_reprojection_px);
   visit("max_relative_depth", fusion.max_relative_depth, config.max_relative_depth);
   visit("max_normal_angle_deg", fusion.max_normal_angle_deg, config.max_normal_angle_deg);
