@@ -28,14 +28,15 @@ struct Engines {
 /// `jobs_per_gpu` engines on each GPU; where the CPU has to do, one, which uses all cores itself. The online schedule
 /// works on one keyframe after the other.
 Engines MakeEngines(const acmp::ReconstructOptions& options) {
+  const acmp::Device device = acmp::ParseDevice(options.device);
   Engines engines;
   for (int index : options.cuda_index) {
-    acmp::DepthEngineBackend backend = acmp::MakeDepthEngine(acmp::ParseDevice(options.device), index);
-    const bool on_gpu = backend.engine->FreeDeviceBytes() > 0;
-    engines.fallback_reason = backend.fallback_reason;
-    if (!on_gpu && !engines.list.empty()) continue;
+    // Only the first GPU may give way to the CPU: that the others are missing is an error.
+    acmp::DepthEngineBackend backend =
+        acmp::MakeDepthEngine(engines.list.empty() ? device : acmp::Device::kCuda, index);
     engines.Add(std::move(backend.engine), index);
-    if (!on_gpu || options.online()) break;
+    engines.fallback_reason += backend.fallback_reason;
+    if (engines.list.back().on_host || options.online()) break;
     for (int job = 1; job < options.jobs_per_gpu; ++job) engines.Add(engines.owned.back()->Share(), index);
   }
   return engines;

@@ -154,7 +154,12 @@ void Validate(const ReconstructOptions& options) {
   CheckRange("--min-source-views", options.min_source_views, 0, options.source_views);
   CheckRange("--threads", options.threads, 0, 4096);
   if (options.cuda_index.empty()) throw InvalidInputError("--cuda-index: must name at least one GPU");
-  for (int index : options.cuda_index) CheckRange("--cuda-index", index, 0, 1024);
+  for (int index : options.cuda_index) {
+    CheckRange("--cuda-index", index, 0, 1024);
+    if (std::count(options.cuda_index.begin(), options.cuda_index.end(), index) > 1) {
+      throw InvalidInputError(Concat("--cuda-index: GPU ", index, " is given more than once"));
+    }
+  }
   CheckRange("--jobs-per-gpu", options.jobs_per_gpu, 1, 64);
   CheckRange("--memory-limit-gb", options.memory_limit_gb, 0.0, 1e6);
   CheckDepthOption("--depth-min", options.depth_min);
