@@ -61,10 +61,11 @@ check_quality() {
   for scene in "$root"/scenes/*/; do
     truth=depth
     [ -d "$scene/depth" ] || truth=gt_sparse
-    for preset in acmh acmp_no_geometric acmp; do
+    for preset in acmh acmp_no_geometric acmp online; do
       out=$1/$(basename "$scene")_$preset
       echo "-- $(basename "$scene") $preset"
-      acmp_reconstruct "$scene" "$out" --preset "$preset" --device cuda --no-pictures --timings --quiet || failed=1
+      acmp_reconstruct "$scene" "$out" --preset "$preset" --device cuda --jobs-per-gpu 1 --no-pictures --timings --quiet ||
+        failed=1
       rm -f "$out"/depth/*.png  # the maps as floats, not rounded to thousandths
       acmp_evaluate depth "$scene" "$out/depth" --gt "$truth" --quiet || failed=1
     done
@@ -88,7 +89,13 @@ run() {
         done ;;
       sanitizer) check_sanitizer "$results" || status=1 ;;
       quality) check_quality "$results" || status=1 ;;
-      times) acmp_benchmark --device cuda --sizes 640x480,3072x2048 --source-views 10 --json "$results/times.json" || status=1 ;;
+      times)
+        for preset in acmp online; do
+          acmp_benchmark --device cuda --preset $preset --sizes 320x240,640x480,3072x2048 --source-views 2,6,10,20 \
+            --json "$results/times_$preset.json" || status=1
+        done
+        acmp_benchmark --device cuda --preset online --sizes 640x480 --source-views 7 --keyframes 1000 \
+          --json "$results/stream.json" || status=1 ;;
       *) echo "unknown step $step" >&2; status=2 ;;
     esac
   done
