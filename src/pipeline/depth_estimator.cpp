@@ -36,7 +36,7 @@ EngineEstimatePtr DepthEstimator::EstimateInitial(const EngineProblem& problem) 
   if (options_.use_planar_prior) {
     const PriorMesh prior = MakePriorMesh(
         problem.reference.frame->camera,
-        engine_->FindSupportPoints(estimate, problem.depth_range, options_.planar_prior), 0, options_.planar_prior);
+        engine_->FindSupportPoints(estimate, problem.depth_range, options_.planar_prior), options_.planar_prior);
     times_.prior_construction_ms = timer.Lap();
     estimate = engine_->RunPlanarPrior(problem, options_.patch_match, estimate, prior);
     times_.planar_prior_ms = timer.Lap();

@@ -47,14 +47,14 @@ void CheckDepths(const std::vector<SupportPoint>& points) {
 
 }  // namespace
 
-PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> points, int level,
+PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> points,
                         const PlanarPriorOptions& options) {
   std::vector<SupportTriangle> triangles = TriangulateSupportPoints(points);
-  return MakePriorMesh(camera, std::move(points), std::move(triangles), level, options);
+  return MakePriorMesh(camera, std::move(points), std::move(triangles), options);
 }
 
 PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> points,
-                        std::vector<SupportTriangle> triangles, int level, const PlanarPriorOptions& options) {
+                        std::vector<SupportTriangle> triangles, const PlanarPriorOptions& options) {
   Validate(options);
   CheckCamera("camera of the planar prior", camera);
   CheckDepths(points);
@@ -64,11 +64,6 @@ PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> p
   mesh.planes.resize(triangles.size());
   tbb::parallel_for(size_t{0}, triangles.size(),
                     [&](size_t i) { mesh.planes[i] = PlaneOfTriangle(camera, points, triangles[i], min_cos); });
-  const int scale = 1 << level;
-  for (SupportPoint& point : points) {
-    point.col *= scale;
-    point.row *= scale;
-  }
   mesh.points = std::move(points);
   mesh.triangles = std::move(triangles);
   return mesh;

@@ -223,7 +223,7 @@ TEST_F(HostDepthEngineTest, PassesStartFromTheEstimateGiven) {
   problem.sources[0].estimate = EstimateOf(source_, {0, 0, -1, 6}, 0);
   const EngineEstimatePtr start = EstimateOf(reference_, {0, 0, -1, 3}, 0.25f);
   // One triangle over the whole image, of the plane z = 5.
-  const PriorMesh prior = MakePriorMesh(reference_->camera, {{-9, -9, 5}, {60, -9, 5}, {-9, 60, 5}}, 0, {});
+  const PriorMesh prior = MakePriorMesh(reference_->camera, {{-9, -9, 5}, {60, -9, 5}, {-9, 60, 5}}, {});
   engine_.RunPlanarPrior(problem, {}, start, prior);
   EXPECT_FLOAT_EQ(spy_.last_prior_d, 5);
   EXPECT_EQ(spy_.last_start.planes(14, 10).d, 3);

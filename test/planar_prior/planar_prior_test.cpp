@@ -31,7 +31,7 @@ std::string ErrorOf(Function&& function) {
 PlaneMap MakePlanarPrior(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
                          const std::vector<SupportTriangle>& triangles, const DepthRange& range,
                          const PlanarPriorOptions& options) {
-  return RasterizePrior(camera, MakePriorMesh(camera, points, triangles, 0, options), range);
+  return RasterizePrior(camera, MakePriorMesh(camera, points, triangles, options), range);
 }
 
 TEST(PlanarPriorOptions, AreValidatedAtTheirBounds) {
@@ -279,23 +279,9 @@ TEST(PlanarPrior, RefusesBadInput) {
   }
   EXPECT_THROW(MakePlanarPrior(PinholeCamera(), {}, {}, kRange, {}), InvalidInputError);
   EXPECT_THROW(MakePlanarPrior(kCamera, {}, {}, {0, 1}, {}), InvalidInputError);
-  PriorMesh mesh = MakePriorMesh(kCamera, {{20, 20, 4}, {60, 20, 4}, {20, 60, 4}}, triangle, 0, {});
+  PriorMesh mesh = MakePriorMesh(kCamera, {{20, 20, 4}, {60, 20, 4}, {20, 60, 4}}, triangle, {});
   mesh.planes.clear();
   EXPECT_THAT(ErrorOf([&] { RasterizePrior(kCamera, mesh, kRange); }), testing::HasSubstr("planes of the prior = 0"));
-}
-
-TEST(PlanarPrior, OfAHalvedImageCoversTheFullOne) {
-  // Points of the wall z = 5 seen in the halved image: the same plane, over twice as many columns and rows.
-  const PinholeCamera half = {60, 45, 50, 52.5, 28.9, 21.8};
-  const std::vector<SupportPoint> points = {{0, 0, 5}, {55, 0, 5}, {0, 40, 5}, {55, 40, 5}};
-  const PlaneMap planes = RasterizePrior(kCamera, MakePriorMesh(half, points, 1, {}), kRange);
-  for (int row = 0; row < kCamera.height; ++row) {
-    for (int col = 0; col < kCamera.width; ++col) {
-      const bool inside = col < 110 && row < 80;  // 2 x 55, 2 x 40: right and bottom borders are outside
-      ASSERT_EQ(planes(col, row).d > 0, inside) << col << ", " << row;
-      ASSERT_NEAR(planes(col, row).d, inside ? 5 : 0, 1e-5);  // a few units in the last place
-    }
-  }
 }
 
 TEST(PlanarPrior, DoesNotDependOnTheNumberOfThreads) {

@@ -41,22 +41,22 @@ Image<int> RasterizeTriangles(int width, int height, const std::vector<SupportPo
 
 /// Support points, their triangulation and the plane of each triangle.
 struct PriorMesh {
-  std::vector<SupportPoint> points;  ///< pixels of the image at full size
+  std::vector<SupportPoint> points;  ///< in pixels
   std::vector<SupportTriangle> triangles;
   /// Per triangle, in the camera's frame: through the three back-projected vertices, facing the camera. Zero for
   /// degenerate and grazing triangles.
   std::vector<PlaneHypothesis> planes;
 };
 
-/// Triangulates support points that were found in the image of `camera`, which is `level` times halved.
-PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> points, int level,
+/// Triangulates support points of the image of `camera`.
+PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> points,
                         const PlanarPriorOptions& options);
 
 /// The same with a triangulation that is given.
 PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> points,
-                        std::vector<SupportTriangle> triangles, int level, const PlanarPriorOptions& options);
+                        std::vector<SupportTriangle> triangles, const PlanarPriorOptions& options);
 
-/// Prior plane per pixel of the image at full size. Zero outside the triangulation, where the triangle has no plane,
+/// Prior plane per pixel. Zero outside the triangulation, where the triangle has no plane,
 /// and where the plane leaves the depth range at that pixel.
 PlaneMap RasterizePrior(const PinholeCamera& camera, const PriorMesh& mesh, const DepthRange& range);
 
