@@ -16,6 +16,7 @@ constexpr int kMaxLayers = 2048;  ///< CUDA's limit for layered textures
 
 uint16_t ToTexel(float gray) {
   constexpr float kTexelsPerGray = 257.0f;  // 65535 / 255
+  // NOLINTNEXTLINE(bugprone-incorrect-roundings): truncation is rounding here, as nothing is negative
   return static_cast<uint16_t>(kTexelsPerGray * Clamp(gray, 0.0f, 255.0f) + 0.5f);
 }
 

@@ -38,9 +38,12 @@ FramePtr MakeWallFrame(const cv::Mat& texture, int64_t id, double x, double y) {
   const double pixels = frame->camera.fx / kWallDepth;
   const cv::Matx23d shift(1, 0, -x * pixels, 0, 1, -y * pixels);
   cv::warpAffine(texture, gray, shift, gray.size(), cv::INTER_LINEAR, cv::BORDER_WRAP);
-  for (int i = 0; i < 200; ++i) {
-    const Eigen::Vector2d pixel((i % 20 + 0.5) * width / 20, (i / 20 + 0.5) * height / 10);
-    frame->landmarks_in_world.push_back(frame->cam_from_world.inverse() * frame->camera.Unproject(pixel, kWallDepth));
+  constexpr int kLandmarkCols = 20, kLandmarkRows = 10;
+  for (int row = 0; row < kLandmarkRows; ++row) {
+    for (int col = 0; col < kLandmarkCols; ++col) {
+      const Eigen::Vector2d pixel((col + 0.5) * width / kLandmarkCols, (row + 0.5) * height / kLandmarkRows);
+      frame->landmarks_in_world.push_back(frame->cam_from_world.inverse() * frame->camera.Unproject(pixel, kWallDepth));
+    }
   }
   return frame;
 }
@@ -172,6 +175,7 @@ StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options,
   constexpr int kDistinct = 64;  // frames made beforehand; the stream goes to and fro over them
   constexpr double kStep = 0.4;  // 2.3 degrees at the wall
   std::vector<FramePtr> frames;
+  frames.reserve(kDistinct);
   for (int i = 0; i < std::min(kDistinct, keyframes); ++i) {
     frames.push_back(MakeWallFrame(texture, i, kStep * i, i % 2 == 0 ? 0.0 : 0.2));
   }

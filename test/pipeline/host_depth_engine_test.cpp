@@ -80,9 +80,9 @@ FramePtr RandomFrame(int id, int width, int height) {
 
 template <class T>
 bool SamePixels(const Image<T>& a, const Image<T>& b) {
+  const auto bytes = [](const Image<T>& image) { return reinterpret_cast<const unsigned char*>(image.data()); };
   return a.width() == b.width() && a.height() == b.height() &&
-         std::equal(a.begin(), a.end(), b.begin(),
-                    [](const T& left, const T& right) { return std::memcmp(&left, &right, sizeof(T)) == 0; });
+         std::memcmp(bytes(a), bytes(b), a.size() * sizeof(T)) == 0;
 }
 
 template <class Work>
