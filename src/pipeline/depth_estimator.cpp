@@ -47,9 +47,9 @@ EngineEstimatePtr DepthEstimator::EstimateInitial(const EngineProblem& problem) 
 
 EngineEstimatePtr DepthEstimator::EstimatePhotometric(const EngineProblem& problem) {
   const int level = options_.start_level;
-  const EngineEstimatePtr start = engine_->RunPhotometric(problem, options_.patch_match, level);
+  EngineEstimatePtr start = engine_->RunPhotometric(problem, options_.patch_match, level);
   if (level == 0) return start;
-  const EngineEstimatePtr full = engine_->Upsample(start, problem.reference.frame, level);
+  EngineEstimatePtr full = engine_->Upsample(start, problem.reference.frame, level);
   if (options_.full_size_iterations == 0) return full;
   // Without prior planes eq. 7 decides as eq. 1 does.
   PatchMatchOptions options = options_.patch_match;
