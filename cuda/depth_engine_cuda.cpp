@@ -101,7 +101,8 @@ class CudaDepthEngine final : public DepthEngine {
     return OnDevice([&] {
       auto full = std::make_shared<CudaEstimate>(runner_.device(), frame->camera);
       const ImageView<PlaneHypothesis> planes = {full->planes.data(), full->width, full->height, full->width};
-      LaunchUpsample(halved.PlaneView(), halved.cost.data(), level, planes, full->cost.data(), stream().get());
+      LaunchUpsample({halved.PlaneView(), halved.cost.data(), MakeRayGrid(CameraAtLevel(frame->camera, level)), level},
+                     MakeRayGrid(frame->camera), planes, full->cost.data(), stream().get());
       FinishEstimate(frame->camera, *full);
       return full;
     });

@@ -32,15 +32,16 @@ __global__ void ToDepthKernel(ImageView<const PlaneHypothesis> planes, RayGrid r
   depth[static_cast<size_t>(row) * planes.width + col] = plane.d > 0 ? PlaneDepth(plane, ray) : 0.0f;
 }
 
-__global__ void UpsampleKernel(ImageView<const PlaneHypothesis> halved_planes, const float* halved_cost, int level,
-                               ImageView<PlaneHypothesis> planes, float* cost) {
+__global__ void UpsampleKernel(HalvedMaps halved, RayGrid rays, ImageView<PlaneHypothesis> planes, float* cost) {
   const int col = Col(), row = Row();
   if (col >= planes.width || row >= planes.height) return;
-  const int from_col = CoveringPixel(col, level, halved_planes.width);
-  const int from_row = CoveringPixel(row, level, halved_planes.height);
-  planes(col, row) = halved_planes(from_col, from_row);
+  const int from_col = CoveringPixel(col, halved.level, halved.planes.width);
+  const int from_row = CoveringPixel(row, halved.level, halved.planes.height);
+  planes(col, row) = UpsamplePlane(halved.planes(from_col, from_row),
+                                   halved.rays.Ray(static_cast<float>(from_col), static_cast<float>(from_row)),
+                                   rays.Ray(static_cast<float>(col), static_cast<float>(row)));
   cost[static_cast<size_t>(row) * planes.width + col] =
-      halved_cost[static_cast<size_t>(from_row) * halved_planes.width + from_col];
+      halved.cost[static_cast<size_t>(from_row) * halved.planes.width + from_col];
 }
 
 __global__ void FindSupportKernel(SupportSearch search, int cell_cols, int cell_rows, SupportPoint* cells) {
@@ -83,10 +84,10 @@ void LaunchToDepth(const ImageView<const PlaneHypothesis>& planes, const RayGrid
   CudaCheck(cudaGetLastError(), "launch depths");
 }
 
-void LaunchUpsample(const ImageView<const PlaneHypothesis>& halved_planes, const float* halved_cost, int level,
-                    const ImageView<PlaneHypothesis>& planes, float* cost, cudaStream_t stream) {
-  UpsampleKernel<<<GridFor(planes.width, planes.height), dim3(kBlockWidth, kBlockHeight), 0, stream>>>(
-      halved_planes, halved_cost, level, planes, cost);
+void LaunchUpsample(const HalvedMaps& halved, const RayGrid& rays, const ImageView<PlaneHypothesis>& planes,
+                    float* cost, cudaStream_t stream) {
+  UpsampleKernel<<<GridFor(planes.width, planes.height), dim3(kBlockWidth, kBlockHeight), 0, stream>>>(halved, rays,
+                                                                                                       planes, cost);
   CudaCheck(cudaGetLastError(), "launch upsampling");
 }
 

@@ -17,9 +17,15 @@ void LaunchReadLayer(cudaTextureObject_t images, int layer, const ImageView<floa
 void LaunchToDepth(const ImageView<const PlaneHypothesis>& planes, const RayGrid& rays, float* depth,
                    cudaStream_t stream);
 
-/// Plane and cost of every pixel from the pixel that covers it in maps halved `level` times.
-void LaunchUpsample(const ImageView<const PlaneHypothesis>& halved_planes, const float* halved_cost, int level,
-                    const ImageView<PlaneHypothesis>& planes, float* cost, cudaStream_t stream);
+/// Plane (UpsamplePlane) and cost of every pixel from the pixel that covers it in maps halved `level` times.
+struct HalvedMaps {
+  ImageView<const PlaneHypothesis> planes;
+  const float* cost;
+  RayGrid rays;
+  int level;
+};
+void LaunchUpsample(const HalvedMaps& halved, const RayGrid& rays, const ImageView<PlaneHypothesis>& planes,
+                    float* cost, cudaStream_t stream);
 
 /// Credible pixels per cell of `cell_size` px squared; rows of ceil(width / cell_size) cells.
 struct SupportSearch {

@@ -167,11 +167,15 @@ EngineEstimatePtr HostDepthEngine::Upsample(const EngineEstimatePtr& estimate, c
   const PinholeCamera& camera = frame->camera;
   CheckSize("halved estimate", halved.planes.width(), halved.planes.height(), CameraAtLevel(camera, level));
   EstimateState state = {PlaneMap(camera.width, camera.height), CostMap(camera.width, camera.height)};
+  const RayGrid rays = MakeRayGrid(camera), halved_rays = MakeRayGrid(CameraAtLevel(camera, level));
   tbb::parallel_for(0, camera.height, [&](int row) {
     const int from_row = CoveringPixel(row, level, halved.planes.height());
     for (int col = 0; col < camera.width; ++col) {
       const int from_col = CoveringPixel(col, level, halved.planes.width());
-      state.planes(col, row) = halved.planes(from_col, from_row);
+      state.planes(col, row) =
+          UpsamplePlane(halved.planes(from_col, from_row),
+                        halved_rays.Ray(static_cast<float>(from_col), static_cast<float>(from_row)),
+                        rays.Ray(static_cast<float>(col), static_cast<float>(row)));
       state.cost(col, row) = halved.cost(from_col, from_row);
     }
   });
