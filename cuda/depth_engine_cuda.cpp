@@ -74,6 +74,7 @@ class CudaDepthEngine final : public DepthEngine {
   EngineImagePtr Load(const FramePtr& frame, int levels) override {
     if (!frame) throw InvalidInputError("frame: must not be null");
     CheckRange("levels", levels, 0, kMaxLevels);
+    CheckCamera("camera of the smallest level", CameraAtLevel(frame->camera, levels));
     return OnDevice([&] { return LoadLevels(*frame, levels); });
   }
 

@@ -143,6 +143,7 @@ std::unique_ptr<DepthEngine> HostDepthEngine::Share() {
 EngineImagePtr HostDepthEngine::Load(const FramePtr& frame, int levels) {
   if (!frame) throw InvalidInputError("frame: must not be null");
   CheckRange("levels", levels, 0, kMaxLevels);
+  CheckCamera("camera of the smallest level", CameraAtLevel(frame->camera, levels));
   auto image = std::make_shared<HostImage>();
   image->frame = frame;
   for (int level = 0; level < levels; ++level) image->halved.push_back(Halve(image->Gray(level)));

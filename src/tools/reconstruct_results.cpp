@@ -266,10 +266,11 @@ class ResultWriter {
   std::vector<int> images_;         ///< with maps, by scene index
   std::vector<PointCloud> clouds_;  ///< of each view, world frame
 
+  size_t too_far_ = 0;  ///< pixels; under times_mutex while images are written
+
   std::mutex mutex_;  ///< of what follows
   std::map<int, ConfidenceMap> confidences_;
   std::vector<int> unmarked_;
-  size_t too_far_ = 0;
 };
 
 }  // namespace

@@ -7,7 +7,7 @@
 namespace acmp {
 namespace {
 
-constexpr double kYoungMs = 20e3;
+constexpr double kYoungMs = 20e3;  ///< a run that has taken no longer writes no work files
 
 // What the caches count. On a GPU: texels of two bytes with their halved images; planes, cost and depth. On the host:
 // nothing but halved images beside the frame; the same with normals.
@@ -125,7 +125,7 @@ void EngineStore::Keep(const std::string& stage, const Frame& frame, const Recon
   std::shared_ptr<const EstimateState> state;
   if (!one_device_) state = std::make_shared<const EstimateState>(engine.engine->DownloadState(estimate));
   const size_t host_bytes = one_device_ ? 0 : frame.gray.size() * (sizeof(PlaneHypothesis) + sizeof(float));
-  if (KeepUnsaved(key, {estimate, engine.device, state, host_bytes}, bytes, engine)) return;
+  if (KeepUnsaved(key, {estimate, engine.device, state, bytes, host_bytes}, engine)) return;
   if (!state) state = std::make_shared<const EstimateState>(engine.engine->DownloadState(estimate));
   WriteEstimate(folder_.WorkFile(stage, key.second), *state);
   devices_.at(engine.device)
@@ -133,12 +133,11 @@ void EngineStore::Keep(const std::string& stage, const Frame& frame, const Recon
           key, [&] { return estimate; }, [&](const EngineEstimate&) { return bytes; });
 }
 
-bool EngineStore::KeepUnsaved(const EstimateKey& key, const Unsaved& unsaved, size_t device_bytes,
-                              const ReconstructEngine& engine) {
+bool EngineStore::KeepUnsaved(const EstimateKey& key, const Unsaved& unsaved, const ReconstructEngine& engine) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (!KeepsInMemory(engine, device_bytes, unsaved.host_bytes)) return false;
+  if (!KeepsInMemory(engine, unsaved.device_bytes, unsaved.host_bytes)) return false;
   unsaved_[key] = unsaved;
-  unsaved_device_bytes_ += device_bytes;
+  unsaved_device_bytes_ += unsaved.device_bytes;
   unsaved_host_bytes_ += unsaved.host_bytes;
   return true;
 }
@@ -154,7 +153,7 @@ void EngineStore::KeepFinal(const Frame& frame, const std::vector<int>& sources,
   maps->sources = sources;
   const EstimateKey key = {kFinalStage, static_cast<int>(frame.id)};
   const size_t bytes = EstimateBytes(frame, engine.on_host);
-  if (KeepUnsaved(key, {estimate, engine.device, nullptr, HostBytes(*maps)}, bytes, engine)) {
+  if (KeepUnsaved(key, {estimate, engine.device, nullptr, bytes, HostBytes(*maps)}, engine)) {
     const std::lock_guard<std::mutex> lock(mutex_);
     unsaved_final_[key.second] = std::move(maps);
     return;
@@ -193,6 +192,7 @@ void EngineStore::DropStage(const std::string& stage) {
       ++entry;
       continue;
     }
+    unsaved_device_bytes_ -= entry->second.device_bytes;
     unsaved_host_bytes_ -= entry->second.host_bytes;
     entry = unsaved_.erase(entry);
   }

@@ -60,7 +60,7 @@ class EngineStore {
     EngineEstimatePtr estimate;
     int device = 0;
     std::shared_ptr<const EstimateState> state;  ///< for other devices; null where there is none, or for final maps
-    size_t host_bytes = 0;
+    size_t device_bytes = 0, host_bytes = 0;
   };
   struct Device {
     Device(size_t image_bytes, size_t estimate_bytes) : images(image_bytes), estimates(estimate_bytes) {}
@@ -71,8 +71,7 @@ class EngineStore {
   EngineImagePtr Image(const FramePtr& frame, const ReconstructEngine& engine);
   bool KeepsInMemory(const ReconstructEngine& engine, size_t device_bytes, size_t host_bytes) const;
   EngineEstimatePtr Read(const EstimateKey& key, const Frame& frame, const ReconstructEngine& engine) const;
-  bool KeepUnsaved(const EstimateKey& key, const Unsaved& unsaved, size_t device_bytes,
-                   const ReconstructEngine& engine);
+  bool KeepUnsaved(const EstimateKey& key, const Unsaved& unsaved, const ReconstructEngine& engine);
 
   const ReconstructFolder& folder_;
   const ReconstructPlan& plan_;
