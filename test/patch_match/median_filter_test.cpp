@@ -26,10 +26,33 @@ double Depth(const KernelState& state, const PlaneMap& planes, int col, int row)
       .z();
 }
 
-/// The pixel, those of the other colour within 3 px (Euclidean), that is, the 16 nearest, and four 5 px along the axes;
-/// the upper middle one of an even number.
-double ReferenceMedian(const KernelState& state, const PlaneMap& planes, int col, int row) {
+constexpr double kFar = 1e30;
+
+/// Where the plane of pixel (c, r) meets the ray of pixel (col, row); very far where it leaves the depth range.
+double ExtendedDepth(const KernelState& state, const PlaneMap& planes, int c, int r, int col, int row) {
+  const double z = reference::Intersect(state.problem().reference.camera, Eigen::Vector2d(col, row),
+                                        reference::ToDouble(planes(c, r)))
+                       .z();
+  const DepthRange& range = state.problem().depth_range;
+  return z >= range.min && z <= range.max ? z : kFar;
+}
+
+struct ReferenceSpread {
   std::vector<double> depths;
+  double Median() {
+    std::sort(depths.begin(), depths.end());
+    return depths[depths.size() / 2];  // the upper middle one of an even number
+  }
+  double MiddleHalf() {
+    std::sort(depths.begin(), depths.end());
+    return depths[3 * depths.size() / 4] - depths[depths.size() / 4];
+  }
+};
+
+/// Over the pixel, those of the other colour within 3 px (Euclidean), that is, the 16 nearest, and four 5 px along the
+/// axes.
+double ReferenceMedian(const KernelState& state, const PlaneMap& planes, int col, int row) {
+  ReferenceSpread own, extended;
   for (int dy = -5; dy <= 5; ++dy) {
     for (int dx = -5; dx <= 5; ++dx) {
       const bool self = dx == 0 && dy == 0;
@@ -37,11 +60,11 @@ double ReferenceMedian(const KernelState& state, const PlaneMap& planes, int col
       const bool axis_end = dx * dy == 0 && dx * dx + dy * dy == 25;
       if (!self && !near_of_other_color && !axis_end) continue;
       if (!planes.View().Contains(col + dx, row + dy)) continue;
-      depths.push_back(Depth(state, planes, col + dx, row + dy));
+      own.depths.push_back(Depth(state, planes, col + dx, row + dy));
+      extended.depths.push_back(ExtendedDepth(state, planes, col + dx, row + dy, col, row));
     }
   }
-  std::sort(depths.begin(), depths.end());
-  return depths[depths.size() / 2];
+  return extended.Median() < kFar && extended.MiddleHalf() < own.MiddleHalf() ? extended.Median() : own.Median();
 }
 
 TEST(MedianFilterTest, MovesThePlaneToTheMedianDepthAndKeepsItsNormal) {
@@ -74,6 +97,31 @@ TEST(MedianFilterTest, RemovesAnOutlierAndKeepsAPlane) {
   EXPECT_NEAR(Depth(state, state.planes, 7, 7), 4, 1e-6);
   FilterPixel(state.Context(), 8, 8);
   EXPECT_NEAR(Depth(state, state.planes, 8, 8), 4, 1e-6);
+}
+
+TEST(MedianFilterTest, KeepsASlopeWhereNormalsAreGoodAndEvensOutDepthsWhereTheyAreNot) {
+  const std::vector<PlanarView> views = RandomViews(2, 21, 21, 5);
+  KernelState state(MakeProblem(views, 0, {1, 10}));
+  const PinholeCamera& camera = state.problem().reference.camera;
+  const auto ray = [&](int col) { return Vec3f{static_cast<float>((col - camera.cx) / camera.fx), 0, 1}; };
+  // A crest: two slopes that meet at column 10. Every neighbour's own depth lies behind the crest's.
+  const Vec3f left = Normalized(Vec3f{-1, 0, -1}), right = Normalized(Vec3f{1, 0, -1});
+  for (int row = 0; row < 21; ++row) {
+    for (int col = 0; col < 21; ++col) state.planes(col, row) = PlaneThrough(col < 10 ? left : right, ray(10), 4);
+  }
+  FilterPixel(state.Context(), 10, 10);
+  EXPECT_NEAR(Depth(state, state.planes, 10, 10), 4, 1e-5);
+  // The same depths with normals at random: planes extended from the neighbours are worth less than their depths.
+  TestRandom random(6);
+  for (int row = 0; row < 21; ++row) {
+    for (int col = 0; col < 21; ++col) {
+      const Vec3f normal = Normalized(Vec3f{static_cast<float>(random(-1, 1)), static_cast<float>(random(-1, 1)), -1});
+      const Vec3f own = {ray(col).x, static_cast<float>((row - camera.cy) / camera.fy), 1};
+      state.planes(col, row) = PlaneThrough(normal, own, 4);
+    }
+  }
+  FilterPixel(state.Context(), 10, 10);
+  EXPECT_NEAR(Depth(state, state.planes, 10, 10), 4, 1e-5);
 }
 
 TEST(MedianFilterTest, KeepsADepthEdge) {

@@ -4,28 +4,65 @@
 
 namespace acmp {
 
-/// Checkerboard median of depth: the pixel itself, its 16 nearest pixels of the other colour and
-/// the four at distance 5 along the axes. The pixel keeps its
-/// normal and its plane is moved to the median depth, so normal and depth stay consistent. Reads the other colour only.
+constexpr int kMedianPixels = 21;
+
+struct DepthStatistics {
+  float median;
+  float spread;  ///< width of the middle half
+};
+
+/// Of the smallest `count` values. By ranks from comparing all pairs: sorting would address memory at run time, which
+/// takes a GPU ten times as long.
+ACMP_HOST_DEVICE inline DepthStatistics Statistics(const float (&values)[kMedianPixels], int count) {
+  int rank[kMedianPixels] = {};
+  ACMP_UNROLL
+  for (int i = 0; i < kMedianPixels; ++i) {
+    ACMP_UNROLL
+    for (int j = i + 1; j < kMedianPixels; ++j) {
+      const int j_first = values[j] < values[i] ? 1 : 0;
+      rank[i] += j_first;
+      rank[j] += 1 - j_first;
+    }
+  }
+  float median = 0, low = 0, high = 0;
+  ACMP_UNROLL
+  for (int i = 0; i < kMedianPixels; ++i) {
+    if (rank[i] == count / 2) median = values[i];
+    if (rank[i] == count / 4) low = values[i];
+    if (rank[i] == 3 * count / 4) high = values[i];
+  }
+  return {median, high - low};
+}
+
+/// Checkerboard median of depth over the pixel itself, its 16 nearest pixels of the other colour and the four at
+/// distance 5 along the axes. Either their depths, which evens out noise where normals are poor, or the depths at which
+/// their planes meet this pixel's ray, which keeps slopes: whichever spread less. A plane that leaves the depth range
+/// on the way counts as infinitely far. The pixel keeps its normal and its plane is moved to the median, so normal and
+/// depth stay consistent. Reads the other colour only.
 template <class Sampler>
 ACMP_HOST_DEVICE inline void FilterPixel(const MatchContext<Sampler>& context, int col, int row) {
-  constexpr int kCount = 21;
-  const int dx[kCount] = {0, 0, 0, -1, 1, -1, 1, -1, 1, -2, 2, -2, 2, 0, 0, -3, 3, 0, 0, -5, 5};
-  const int dy[kCount] = {0, -1, 1, 0, 0, -2, -2, 2, 2, -1, -1, 1, 1, -3, 3, 0, 0, -5, 5, 0, 0};
-  float sorted[kCount];
+  constexpr int dx[kMedianPixels] = {0, 0, 0, -1, 1, -1, 1, -1, 1, -2, 2, -2, 2, 0, 0, -3, 3, 0, 0, -5, 5};
+  constexpr int dy[kMedianPixels] = {0, -1, 1, 0, 0, -2, -2, 2, 2, -1, -1, 1, 1, -3, 3, 0, 0, -5, 5, 0, 0};
+  constexpr float kFar = 1e30f;
+  const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
+  float own[kMedianPixels], extended[kMedianPixels];
   int count = 0;
-  for (int i = 0; i < kCount; ++i) {
+  ACMP_UNROLL
+  for (int i = 0; i < kMedianPixels; ++i) {
+    own[i] = extended[i] = kFar;
     const int c = col + dx[i], r = row + dy[i];
     if (!context.Contains(c, r)) continue;
-    const float depth =
-        PlaneDepth(context.planes(c, r), context.rays.Ray(static_cast<float>(c), static_cast<float>(r)));
-    int slot = count++;
-    for (; slot > 0 && depth < sorted[slot - 1]; --slot) sorted[slot] = sorted[slot - 1];
-    sorted[slot] = depth;
+    ++count;
+    const PlaneHypothesis plane = context.planes(c, r);
+    own[i] = PlaneDepth(plane, context.rays.Ray(static_cast<float>(c), static_cast<float>(r)));
+    const float depth = PlaneDepth(plane, ray);
+    if (context.InRange(depth)) extended[i] = depth;
   }
-  const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
+  const DepthStatistics depths = Statistics(own, count), slopes = Statistics(extended, count);
+  const bool keeps_slope = slopes.median < kFar && slopes.spread < depths.spread;
   const PlaneHypothesis plane = context.planes(col, row);
-  context.planes(col, row) = PlaneThrough(plane.normal(), ray, sorted[count / 2]);
+  const float depth = keeps_slope ? slopes.median : depths.median;
+  context.planes(col, row) = PlaneThrough(plane.normal(), ray, depth);
 }
 
 }  // namespace acmp
