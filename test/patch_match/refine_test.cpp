@@ -119,6 +119,9 @@ bool SameNormal(const Eigen::Vector3d& a, const Eigen::Vector3d& b) { return Ang
 PlaneHypothesis CurrentPlane() { return PlaneThrough(Normalized(Vec3f{0.2f, -0.3f, -1.0f}), {0, 0, 1}, 5.0f); }
 const Eigen::Vector3d kCurrentNormal = Eigen::Vector3d(0.2, -0.3, -1.0).normalized();
 
+/// {[d_p, n_c], [d_c, n_p], [d_p, n_p], [d_r, n_c], [d_c, n_r], [d_r, n_r]} with current, perturbed and random d, n.
+enum Combination { kPerturbedDepth, kPerturbedNormal, kBothPerturbed, kRandomDepth, kRandomNormal, kBothRandom };
+
 TEST(RefineTest, RatesTheSixHypothesesOfEquation12) {
   RefineSpy spy;
   const PatchMatchOptions options;
@@ -126,13 +129,13 @@ TEST(RefineTest, RatesTheSixHypothesesOfEquation12) {
   for (uint32_t step = 0; step < 300; ++step) {
     const std::vector<Hypothesis> h = spy.Run<Pass::kPhotometric>(CurrentPlane(), {}, step, options);
     ASSERT_EQ(h.size(), 6u);
-    // {[d_p, n_c], [d_r, n_c], [d_c, n_p], [d_c, n_r], [d_r, n_r], [d_p, n_p]}
-    const double perturbed_depth = h[0].depth, random_depth = h[1].depth;
-    const Eigen::Vector3d perturbed_normal = h[2].normal, random_normal = h[3].normal;
-    for (const int i : {0, 1}) ASSERT_TRUE(SameNormal(h[i].normal, kCurrentNormal)) << i;
-    for (const int i : {2, 3}) ASSERT_TRUE(SameDepth(h[i].depth, 5)) << i;
-    ASSERT_TRUE(SameDepth(h[4].depth, random_depth) && SameNormal(h[4].normal, random_normal));
-    ASSERT_TRUE(SameDepth(h[5].depth, perturbed_depth) && SameNormal(h[5].normal, perturbed_normal));
+    const double perturbed_depth = h[kPerturbedDepth].depth, random_depth = h[kRandomDepth].depth;
+    const Eigen::Vector3d perturbed_normal = h[kPerturbedNormal].normal, random_normal = h[kRandomNormal].normal;
+    for (const int i : {kPerturbedDepth, kRandomDepth}) ASSERT_TRUE(SameNormal(h[i].normal, kCurrentNormal)) << i;
+    for (const int i : {kPerturbedNormal, kRandomNormal}) ASSERT_TRUE(SameDepth(h[i].depth, 5)) << i;
+    ASSERT_TRUE(SameDepth(h[kBothRandom].depth, random_depth) && SameNormal(h[kBothRandom].normal, random_normal));
+    ASSERT_TRUE(SameDepth(h[kBothPerturbed].depth, perturbed_depth) &&
+                SameNormal(h[kBothPerturbed].normal, perturbed_normal));
 
     ASSERT_LE(std::abs(perturbed_depth / 5 - 1), 0.02 + kDepthResolution);
     ASSERT_LE(AngleDeg(perturbed_normal, kCurrentNormal), 3 * 1.8 + kNormalResolution);
@@ -157,14 +160,28 @@ TEST(RefineTest, OptionsSetThePerturbations) {
   double widest_depth = 0, widest_normal = 0;
   for (uint32_t step = 0; step < 300; ++step) {
     const std::vector<Hypothesis> h = spy.Run<Pass::kPhotometric>(CurrentPlane(), {}, step, options);
-    widest_depth = std::max(widest_depth, std::abs(h[0].depth / 5 - 1));
-    widest_normal = std::max(widest_normal, AngleDeg(h[2].normal, kCurrentNormal));
+    widest_depth = std::max(widest_depth, std::abs(h[kPerturbedDepth].depth / 5 - 1));
+    widest_normal = std::max(widest_normal, AngleDeg(h[kPerturbedNormal].normal, kCurrentNormal));
   }
   EXPECT_TRUE(widest_depth > 0.095 && widest_depth < 0.1 + kDepthResolution) << widest_depth;
   EXPECT_TRUE(widest_normal > 9 && widest_normal < 27 + kNormalResolution) << widest_normal;
 }
 
-TEST(RefineTest, GradientNormalIsTheSeventh) {
+TEST(RefineTest, GeometricPassesPerturbOnly) {
+  RefineSpy spy;
+  for (uint32_t step = 0; step < 100; ++step) {
+    const std::vector<Hypothesis> h = spy.Run<Pass::kGeometric>(CurrentPlane(), {}, step, {});
+    ASSERT_EQ(h.size(), 3u);
+    for (const Hypothesis& hypothesis : h) {
+      ASSERT_LE(std::abs(hypothesis.depth / 5 - 1), 0.02 + kDepthResolution);
+      ASSERT_LE(AngleDeg(hypothesis.normal, kCurrentNormal), 3 * 1.8 + kNormalResolution);
+    }
+    ASSERT_TRUE(SameNormal(h[kPerturbedDepth].normal, kCurrentNormal));
+    ASSERT_TRUE(SameDepth(h[kPerturbedNormal].depth, 5));
+  }
+}
+
+TEST(RefineTest, GradientNormalIsTheLast) {
   RefineSpy spy;
   PatchMatchOptions options;
   options.gradient_normal = true;
@@ -188,12 +205,13 @@ TEST(RefineTest, RandomDrawsOfThePriorPassStayNearThePrior) {
   for (uint32_t step = 0; step < 300; ++step) {
     const std::vector<Hypothesis> h = spy.Run<Pass::kPlanarPrior>(CurrentPlane(), prior, step, options);
     ASSERT_EQ(h.size(), 6u);
-    ASSERT_LE(std::abs(h[1].depth - 6), 0.3 + 6 * kDepthResolution);              // 3 sigma
-    ASSERT_LE(AngleDeg(h[3].normal, prior_normal), 3 * 2.5 + kNormalResolution);  // 2.5 degrees per axis
-    ASSERT_LE(std::abs(h[0].depth / 5 - 1), 0.02 + kDepthResolution);  // perturbations stay about the current one
-    ASSERT_LE(AngleDeg(h[2].normal, kCurrentNormal), 3 * 1.8 + kNormalResolution);
-    widest_depth = std::max(widest_depth, std::abs(h[1].depth - 6));
-    widest_normal = std::max(widest_normal, AngleDeg(h[3].normal, prior_normal));
+    ASSERT_LE(std::abs(h[kRandomDepth].depth - 6), 0.3 + 6 * kDepthResolution);               // 3 sigma
+    ASSERT_LE(AngleDeg(h[kRandomNormal].normal, prior_normal), 3 * 2.5 + kNormalResolution);  // 2.5 degrees per axis
+    ASSERT_LE(std::abs(h[kPerturbedDepth].depth / 5 - 1),
+              0.02 + kDepthResolution);  // perturbations stay about the current one
+    ASSERT_LE(AngleDeg(h[kPerturbedNormal].normal, kCurrentNormal), 3 * 1.8 + kNormalResolution);
+    widest_depth = std::max(widest_depth, std::abs(h[kRandomDepth].depth - 6));
+    widest_normal = std::max(widest_normal, AngleDeg(h[kRandomNormal].normal, prior_normal));
   }
   EXPECT_GT(widest_depth, 0.28);
   EXPECT_GT(widest_normal, 2.5);
@@ -205,8 +223,8 @@ TEST(RefineTest, WithoutPriorThePriorPassDrawsFromTheWholeRange) {
   for (uint32_t step = 0; step < 300; ++step) {
     const std::vector<Hypothesis> h = spy.Run<Pass::kPlanarPrior>(CurrentPlane(), {}, step, {});
     ASSERT_EQ(h.size(), 6u);
-    nearest = std::min(nearest, h[1].depth);
-    farthest = std::max(farthest, h[1].depth);
+    nearest = std::min(nearest, h[kRandomDepth].depth);
+    farthest = std::max(farthest, h[kRandomDepth].depth);
   }
   EXPECT_LT(nearest, 2.1);
   EXPECT_GT(farthest, 7);
