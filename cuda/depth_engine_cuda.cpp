@@ -8,6 +8,7 @@
 
 #include "acmp_mapping/backend/depth_engine_cuda.h"
 #include "acmp_mapping/common/error.h"
+#include "completion_runner.h"
 #include "fusion_runner.h"
 #include "map_kernels.h"
 #include "pass_runner.h"
@@ -64,7 +65,7 @@ void CheckSize(const char* name, int width, int height, const PinholeCamera& cam
 
 class CudaDepthEngine final : public DepthEngine {
  public:
-  explicit CudaDepthEngine(const CudaDevicePtr& device) : runner_(device), fusion_(device) {}
+  explicit CudaDepthEngine(const CudaDevicePtr& device) : runner_(device), completion_(device), fusion_(device) {}
 
   std::unique_ptr<DepthEngine> Share() override {
     device().MakeCurrent();
@@ -117,6 +118,7 @@ class CudaDepthEngine final : public DepthEngine {
     return OnDevice([&] { return FindCells(maps, range, options); });
   }
 
+  EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) override;
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options) override;
   std::unique_ptr<FusionStamps> MakeFusionStamps() override {
@@ -288,11 +290,13 @@ class CudaDepthEngine final : public DepthEngine {
   }
 
   static PosedCamera PosedCameraOf(const EngineView& view) { return {view.frame->camera, view.frame->cam_from_world}; }
+  DeviceFusionView GeometryMapsOf(const EngineView& view);
   DeviceFusionView FusionMapsOf(const EngineView& view);
   ImageView<const Rgb> ColorOf(const EngineView& view);
   ImageView<Stamp> StampsOf(const Frame& frame, CudaStamps* stamps);
 
   PassRunner runner_;
+  CompletionRunner completion_;
   FusionRunner fusion_;
   CudaEvent begin_, end_;
   PinnedBuffer staging_;
@@ -372,11 +376,18 @@ EngineEstimatePtr CudaDepthEngine::UploadMaps(const EstimateMapViews& maps, cons
   });
 }
 
-DeviceFusionView CudaDepthEngine::FusionMapsOf(const EngineView& view) {
+/// Without colours.
+DeviceFusionView CudaDepthEngine::GeometryMapsOf(const EngineView& view) {
   if (!view.frame) throw InvalidInputError("frame: must not be null");
   const CudaEstimate& estimate = Cast<CudaEstimate>(view.estimate);
   CheckSize("estimate", estimate.width, estimate.height, view.frame->camera);
-  return {estimate.DepthView(), estimate.PlaneView(), estimate.CostView(), ColorOf(view)};
+  return {estimate.DepthView(), estimate.PlaneView(), estimate.CostView(), {}};
+}
+
+DeviceFusionView CudaDepthEngine::FusionMapsOf(const EngineView& view) {
+  DeviceFusionView maps = GeometryMapsOf(view);
+  maps.color = ColorOf(view);
+  return maps;
 }
 
 ImageView<const Rgb> CudaDepthEngine::ColorOf(const EngineView& view) {
@@ -393,6 +404,32 @@ ImageView<const Rgb> CudaDepthEngine::ColorOf(const EngineView& view) {
     image.color = std::move(copy);
   }
   return {image.color.data(), color.width(), color.height(), color.width()};
+}
+
+EngineEstimatePtr CudaDepthEngine::Complete(const EngineProblem& problem, const CompletionOptions& options) {
+  Validate(options);
+  CheckDepthRange("depth range of the completion", problem.depth_range);
+  const CudaEstimate& start = Cast<CudaEstimate>(problem.reference.estimate);
+  return OnDevice([&] {
+    FusionSetup<DeviceFusionView> setup(PosedCameraOf(problem.reference), GeometryMapsOf(problem.reference),
+                                        ConfirmationLimits(options), RigidTransform::Identity());
+    for (const EngineView& source : problem.sources) {
+      if (source.estimate) setup.AddSource(PosedCameraOf(source), GeometryMapsOf(source));
+    }
+    if (setup.sources().empty()) return problem.reference.estimate;
+    const PinholeCamera& camera = problem.reference.frame->camera;
+    auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
+    begin_.Record(stream());
+    estimate->planes.CopyFrom(start.planes, estimate->Pixels(), stream());
+    estimate->cost.CopyFrom(start.cost, estimate->Pixels(), stream());
+    const int num_sources = static_cast<int>(setup.sources().size());
+    completion_.Queue(setup, MakeCompletionContext(camera, problem.depth_range, options, num_sources),
+                      {estimate->planes.data(), camera.width, camera.height, camera.width}, estimate->cost.data(),
+                      stream());
+    FinishEstimate(camera, *estimate);
+    device_ms_ += CudaEvent::ElapsedMs(begin_, end_);
+    return EngineEstimatePtr(estimate);
+  });
 }
 
 ConsistencyResult CudaDepthEngine::FilterByConsistency(const EngineView& reference,

@@ -277,15 +277,14 @@ KeyframeDepthPtr DenseMapper::Impl::MakeRefined(WindowEntry* entry, const Source
                                                 EngineEstimatePtr* estimate) {
   EngineProblem problem = MakeProblem(entry, sources);
   StageTimes times = entry->latest->times;
-  *estimate = entry->estimate;
-  for (int pass = 0; pass < options.pipeline.geometric_passes; ++pass) {
-    *estimate = estimator.RefineGeometric(problem, *estimate, pass);
+  for (int step = 0; step < estimator.num_refinements(); ++step) {
+    problem.reference.estimate = estimator.Refine(problem, step);
     times += estimator.last_times();
   }
+  *estimate = problem.reference.estimate;
   std::shared_ptr<KeyframeDepth> refined = MakeKeyframeDepth(*entry, *estimate, sources.ids);
 
   Timer timer;
-  problem.reference.estimate = *estimate;
   ConsistencyResult consistency =
       engine->FilterByConsistency(problem.reference, problem.sources, options.pipeline.fusion);
   refined->confidence = std::move(consistency.confidence);

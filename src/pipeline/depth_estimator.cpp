@@ -11,6 +11,7 @@ StageTimes& StageTimes::operator+=(const StageTimes& other) {
   prior_construction_ms += other.prior_construction_ms;
   planar_prior_ms += other.planar_prior_ms;
   geometric_ms += other.geometric_ms;
+  completion_ms += other.completion_ms;
   kernels_ms += other.kernels_ms;
   photometric_kernels_ms += other.photometric_kernels_ms;
   return *this;
@@ -58,15 +59,22 @@ EngineEstimatePtr DepthEstimator::EstimatePhotometric(const EngineProblem& probl
   return engine_->RunPlanarPrior(problem, options, full, {});
 }
 
-EngineEstimatePtr DepthEstimator::RefineGeometric(const EngineProblem& problem, const EngineEstimatePtr& start,
-                                                  int pass) {
+EngineEstimatePtr DepthEstimator::Refine(EngineProblem problem, int step) {
+  CheckRange("refinement step", step, 0, num_refinements() - 1);
   times_ = {};
   engine_->TakeDeviceMs();
   Timer timer;
-  EngineEstimatePtr refined = engine_->RunGeometric(problem, options_.patch_match, start, pass);
-  times_.geometric_ms = timer.Lap();
+  const bool is_geometric = step < options_.geometric_passes;
+  if (options_.completion.enabled) {
+    problem.reference.estimate = engine_->Complete(problem, options_.completion);
+    times_.completion_ms = timer.Lap();
+  }
+  if (is_geometric) {
+    problem.reference.estimate = engine_->RunGeometric(problem, options_.patch_match, problem.reference.estimate, step);
+    times_.geometric_ms = timer.Lap();
+  }
   times_.kernels_ms = engine_->TakeDeviceMs();
-  return refined;
+  return problem.reference.estimate;
 }
 
 }  // namespace acmp

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/completion/completion.h"
 #include "acmp_mapping/fusion/fusion_setup.h"
 #include "acmp_mapping/patch_match/kernel/upsample.h"
 #include "acmp_mapping/patch_match/match_setup.h"
@@ -204,6 +205,17 @@ EngineEstimatePtr HostDepthEngine::RunGeometric(const EngineProblem& problem, co
     if (estimate) match.sources[i].depth = Cast<HostEstimate>(estimate).depth.View();
   }
   return Keep(patch_match_->RunGeometric(match, options, MakeStart(start), pass), match.reference.camera);
+}
+
+EngineEstimatePtr HostDepthEngine::Complete(const EngineProblem& problem, const CompletionOptions& options) {
+  const HostEstimate& start = Cast<HostEstimate>(problem.reference.estimate);
+  std::vector<FusionView> sources;
+  sources.reserve(problem.sources.size());
+  for (const EngineView& source : problem.sources) sources.push_back(MakeFusionView(source));
+  EstimateState state = {start.planes.Clone(), start.cost.Clone()};
+  CompleteUnconfirmed(MakeFusionView(problem.reference), sources, problem.depth_range, options, state.planes.View(),
+                      state.cost.View());
+  return UploadState(std::move(state), problem.reference.frame->camera);
 }
 
 ConsistencyResult HostDepthEngine::FilterByConsistency(const EngineView& reference,

@@ -7,6 +7,7 @@ namespace acmp {
 void Validate(const PipelineOptions& options) {
   Validate(options.patch_match);
   Validate(options.planar_prior);
+  Validate(options.completion);
   Validate(options.fusion);
   CheckRange("pipeline.start_level", options.start_level, 0, 2);
   CheckRange("pipeline.full_size_iterations", options.full_size_iterations, 0, 20);
@@ -14,28 +15,67 @@ void Validate(const PipelineOptions& options) {
 }
 
 const std::vector<std::string>& PresetNames() {
-  static const std::vector<std::string> names = {"acmh", "acmp_no_geometric", "acmp", "online"};
+  static const std::vector<std::string> names = {"acmh",  "acmp_no_geometric", "acmp",  "acmm",
+                                                 "acmmp", "quality",           "online"};
   return names;
 }
 
-PipelineOptions MakePreset(const std::string& name) {
+namespace {
+
+/// Photometric iterations on halved images first: windows see twice as far there, which low-textured surfaces need.
+void StartAtHalfSize(int iterations, int full_size_iterations, PipelineOptions* options) {
+  options->start_level = 1;
+  options->patch_match.photometric_iterations = iterations;
+  options->full_size_iterations = full_size_iterations;
+}
+
+/// Agreement with the neighbours' maps counts twice as much as in the paper, and is cut off earlier.
+void WeighGeometryMore(PipelineOptions* options) {
+  options->patch_match.geometric_weight = 0.2f;
+  options->patch_match.geometric_max_px = 3.0f;
+}
+
+PipelineOptions MakeQuality() {
   PipelineOptions options;
-  if (name == "acmh") {
+  StartAtHalfSize(3, 2, &options);
+  options.patch_match.planar_prior_iterations = 1;
+  // More passes of one iteration each: maps of neighbours and completion are newer.
+  options.patch_match.geometric_iterations = 1;
+  options.geometric_passes = 4;
+  WeighGeometryMore(&options);
+  return options;
+}
+
+PipelineOptions MakeOnline() {
+  PipelineOptions options;
+  StartAtHalfSize(2, 1, &options);
+  options.patch_match.planar_prior_iterations = 1;
+  options.patch_match.geometric_iterations = 1;
+  options.geometric_passes = 1;
+  options.patch_match.candidate_view_votes = 1;
+  options.planar_prior.cell_size_px = 8;
+  WeighGeometryMore(&options);
+  return options;
+}
+
+}  // namespace
+
+PipelineOptions MakePreset(const std::string& name) {
+  if (name == "quality") return MakeQuality();
+  if (name == "online") return MakeOnline();
+  PipelineOptions options;
+  if (name == "acmh" || name == "acmm") {
     options.use_planar_prior = false;
+    options.completion.enabled = false;
   } else if (name == "acmp_no_geometric") {
     options.geometric_passes = 0;
-  } else if (name == "online") {
-    options.start_level = 1;
-    options.patch_match.photometric_iterations = 2;
-    options.full_size_iterations = 1;
-    options.patch_match.planar_prior_iterations = 1;
-    options.patch_match.geometric_iterations = 1;
-    options.geometric_passes = 1;
-    options.patch_match.candidate_view_votes = 2;
-    options.planar_prior.cell_size_px = 8;
-  } else if (name != "acmp") {
-    throw InvalidInputError(Concat("preset = \"", name, "\": must be acmh, acmp_no_geometric, acmp or online"));
+    options.completion.enabled = false;
+  } else if (name != "acmp" && name != "acmmp") {
+    std::string known;
+    for (const std::string& preset : PresetNames()) known += (known.empty() ? "" : ", ") + preset;
+    throw InvalidInputError(Concat("preset = \"", name, "\": must be one of ", known));
   }
+  if (name == "acmm" || name == "acmmp") StartAtHalfSize(3, 2, &options);
   return options;
 }
 

@@ -89,6 +89,7 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
   status->add("prior construction [ms]", worker.times.prior_construction_ms);
   status->add("planar-prior pass [ms]", worker.times.planar_prior_ms);
   status->add("geometric passes [ms]", worker.times.geometric_ms);
+  status->add("completion [ms]", worker.times.completion_ms);
   status->add("of these in kernels [ms]", worker.times.kernels_ms);
   status->add("consistency check [ms]", worker.consistency_ms);
   if (!worker.landmarks_in_front) return;

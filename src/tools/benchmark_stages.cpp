@@ -83,7 +83,7 @@ Run RunStages(DepthEngine* engine, DepthEstimator* estimator, const PipelineOpti
   Timer whole, stage;
   problem.reference.image = engine->Load(frame, options.start_level);
   run.load = stage.Lap();
-  EngineEstimatePtr estimate = estimator->EstimateInitial(problem);
+  const EngineEstimatePtr estimate = estimator->EstimateInitial(problem);
   const StageTimes& initial = estimator->last_times();
   run.photometric = initial.photometric_kernels_ms;
   run.triangulation = initial.prior_construction_ms;
@@ -91,14 +91,14 @@ Run RunStages(DepthEngine* engine, DepthEstimator* estimator, const PipelineOpti
   engine->Download(estimate);
   run.fast = whole.Elapsed();
   for (EngineView& source : problem.sources) source.estimate = estimate;
-  for (int pass = 0; pass < options.geometric_passes; ++pass) {
-    estimate = estimator->RefineGeometric(problem, estimate, pass);
+  problem.reference.estimate = estimate;
+  for (int step = 0; step < estimator->num_refinements(); ++step) {
+    problem.reference.estimate = estimator->Refine(problem, step);
     run.geometric += estimator->last_times().kernels_ms;
   }
   stage.Lap();
-  engine->Download(estimate);
+  engine->Download(problem.reference.estimate);
   run.download = stage.Lap();
-  problem.reference.estimate = estimate;
   engine->FilterByConsistency(problem.reference, problem.sources, options.fusion);
   run.consistency = stage.Lap();
   run.whole = whole.Elapsed();

@@ -14,12 +14,13 @@ namespace {
 /// missing is where to go on. Each engine works on another image; a geometric pass waits for the estimates it reads.
 class OfflineSchedule {
  public:
-  explicit OfflineSchedule(ReconstructRun* run)
-      : run_(*run), pipeline_(MakePipelineOptions(run->options)), stages_(1 + pipeline_.geometric_passes) {
+  explicit OfflineSchedule(ReconstructRun* run) : run_(*run) {
+    const PipelineOptions pipeline = MakePipelineOptions(run->options);
     for (const ImagePlan& image : run_.plan.images) {
       if (image.no_map.empty()) images_[image.index] = &image;
     }
-    for (const ReconstructEngine& engine : run_.engines) estimators_.emplace_back(engine.engine, pipeline_);
+    for (const ReconstructEngine& engine : run_.engines) estimators_.emplace_back(engine.engine, pipeline);
+    stages_ = 1 + NumRefinements(pipeline);
   }
 
   /// Returns the tasks of the last stage, by scene index.
@@ -45,7 +46,7 @@ class OfflineSchedule {
   /// The last stage's results are kept as final maps.
   std::string StageName(int stage) const {
     if (stage == stages_ - 1) return EngineStore::kFinalStage;
-    return stage == 0 ? "initial" : Concat("geometric_", stage);
+    return stage == 0 ? "initial" : Concat("refined_", stage);
   }
 
   std::filesystem::path FileOf(int stage, int index) const { return run_.folder.WorkFile(StageName(stage), index); }
@@ -108,15 +109,14 @@ class OfflineSchedule {
     Timer timer;
     EngineProblem problem = run_.store.Problem(image, engine);
     const acmp::Frame& reference = *problem.reference.frame;
-    EngineEstimatePtr start;
     if (stage > 0) {
-      start = run_.store.Estimate(StageName(stage - 1), reference, engine);
+      problem.reference.estimate = run_.store.Estimate(StageName(stage - 1), reference, engine);
       run_.store.AddEstimates(StageName(stage - 1), engine, &problem.sources);
     }
     const double reading_ms = timer.Lap();
     run_.interrupt.Check();
     const EngineEstimatePtr estimate =
-        stage == 0 ? estimator.EstimateInitial(problem) : estimator.RefineGeometric(problem, start, stage - 1);
+        stage == 0 ? estimator.EstimateInitial(problem) : estimator.Refine(problem, stage - 1);
     run_.interrupt.Check();
     timer.Lap();
     if (stage == stages_ - 1) {
@@ -132,8 +132,7 @@ class OfflineSchedule {
   }
 
   ReconstructRun& run_;
-  const PipelineOptions pipeline_;
-  const int stages_;
+  int stages_ = 1;
   std::map<int, const ImagePlan*> images_;  ///< that get a map, by scene index
   std::vector<DepthEstimator> estimators_;  ///< per engine
   int first_stage_ = 0;                     ///< the first that is not complete

@@ -77,6 +77,10 @@ EngineEstimatePtr RecordingDepthEngine::RunGeometric(const EngineProblem& proble
   return Recorded(problem, 0, [&] { return engine_->RunGeometric(problem, options, start, pass); });
 }
 
+EngineEstimatePtr RecordingDepthEngine::Complete(const EngineProblem& problem, const CompletionOptions& options) {
+  return Recorded(problem, 0, [&] { return engine_->Complete(problem, options); });
+}
+
 ConsistencyResult RecordingDepthEngine::FilterByConsistency(const EngineView& reference,
                                                             const std::vector<EngineView>& sources,
                                                             const FusionOptions& options) {

@@ -36,6 +36,7 @@ class RecordingDepthEngine final : public DepthEngine {
                                    const EngineEstimatePtr& start, const PriorMesh& prior) override;
   EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
                                  const EngineEstimatePtr& start, int pass) override;
+  EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) override;
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options) override;
   std::unique_ptr<FusionStamps> MakeFusionStamps() override;

@@ -59,7 +59,7 @@ PinholeCamera CameraOf(const Scene& scene, int index, int max_image_size) {
 double TotalCost(const ReconstructPlan& plan, const PipelineOptions& pipeline) {
   const double initial = pipeline.use_planar_prior ? StepCosts::kInitialWithPrior : StepCosts::kInitialWithoutPrior;
   const double per_image =
-      initial + pipeline.geometric_passes * StepCosts::kGeometricPass + StepCosts::kOutput + StepCosts::kFusion;
+      initial + NumRefinements(pipeline) * StepCosts::kGeometricPass + StepCosts::kOutput + StepCosts::kFusion;
   double total = 0;
   for (const ImagePlan& image : plan.images) total += image.no_map.empty() ? per_image : 0.0;
   return total;

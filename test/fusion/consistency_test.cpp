@@ -336,5 +336,26 @@ TEST(FilterByConsistency, DoesNotDependOnTheNumberOfThreads) {
   }
 }
 
+TEST(ConsistencyTest, GuessesAreNeitherPointsNorEvidence) {
+  TestView reference = FlatView(20, 15, 4), source = FlatView(20, 15, 4);
+  FusionOptions options;
+  options.min_consistent_views = 1;
+  ASSERT_EQ(FilterByConsistency(reference.View(), {source.View()}, options).points_in_camera.size(), 300u);
+  reference.cost(3, 2) = kWorstCost;
+  source.cost(7, 5) = kWorstCost;
+  source.cost(8, 5) = std::nextafter(kWorstCost, 0.0f);
+  const ConsistencyResult result = FilterByConsistency(reference.View(), {source.View()}, options);
+  EXPECT_EQ(result.points_in_camera.size(), 298u);
+  EXPECT_EQ(result.consistent_views(3, 2), 1) << "a source may confirm the guess";
+  EXPECT_EQ(result.consistent_views(7, 5), 0);
+  EXPECT_EQ(result.consistent_views(8, 5), 1);
+  const PointCloud fused = FuseDepthMaps({reference.View(), source.View()}, {{1}, {0}}, options);
+  for (const SurfacePoint& point : fused) {
+    const bool guessed = point.position.x == reference.camera.Unproject({3, 2}, 4).cast<float>().x() &&
+                         point.position.y == reference.camera.Unproject({3, 2}, 4).cast<float>().y();
+    EXPECT_FALSE(guessed);
+  }
+}
+
 }  // namespace
 }  // namespace acmp

@@ -300,7 +300,8 @@ TEST_F(DepthEstimatorTest, RefinementReadsTheGivenEstimatesAndStart) {
   EngineProblem problem = Problem();
   problem.sources[0].estimate = EstimateAt(4, 40, 30);
   problem.sources[2].estimate = EstimateAt(5, 30, 26);
-  const EngineEstimatePtr refined = estimator.RefineGeometric(problem, EstimateAt(4.5f, 40, 30), 1);
+  problem.reference.estimate = EstimateAt(4.5f, 40, 30);
+  const EngineEstimatePtr refined = estimator.Refine(problem, 1);
   EXPECT_THAT(fake_.calls, ElementsAre("geometric 1"));
   EXPECT_EQ(fake_.last_start.planes(0, 0).d, 4.5f);
   EXPECT_EQ(FirstPlane(refined).d, 6);
@@ -318,7 +319,9 @@ TEST_F(DepthEstimatorTest, RefinementIsAtFullSizeWhateverTheStartLevel) {
   PipelineOptions options = MakePreset("acmp");
   options.start_level = 1;
   DepthEstimator estimator(&engine_, options);
-  estimator.RefineGeometric(Problem(1), EstimateAt(4.5f, 40, 30), 0);
+  EngineProblem problem = Problem(1);
+  problem.reference.estimate = EstimateAt(4.5f, 40, 30);
+  estimator.Refine(problem, 0);
   EXPECT_TRUE(fake_.problems.at(0).reference.camera == frames_[0]->camera);
 }
 
@@ -336,14 +339,15 @@ TEST_F(DepthEstimatorTest, BadOptionsAreRefusedAndTheOldOnesKept) {
 }
 
 TEST(StageTimesTest, AddUp) {
-  StageTimes times = {1, 2, 3, 4, 5, 6};
-  times += {10, 20, 30, 40, 50, 60};
+  StageTimes times = {1, 2, 3, 4, 5, 6, 7};
+  times += {10, 20, 30, 40, 50, 60, 70};
   EXPECT_EQ(times.photometric_ms, 11);
   EXPECT_EQ(times.prior_construction_ms, 22);
   EXPECT_EQ(times.planar_prior_ms, 33);
   EXPECT_EQ(times.geometric_ms, 44);
-  EXPECT_EQ(times.kernels_ms, 55);
-  EXPECT_EQ(times.photometric_kernels_ms, 66);
+  EXPECT_EQ(times.completion_ms, 55);
+  EXPECT_EQ(times.kernels_ms, 66);
+  EXPECT_EQ(times.photometric_kernels_ms, 77);
 }
 
 }  // namespace

@@ -109,10 +109,12 @@ Estimates EstimateInitial(const RoomOnDevice& room, DepthEstimator* estimator) {
 
 /// Algorithm 1's geometric passes over the whole scene: each reads the depths as the one before left them.
 Estimates RefineAll(const RoomOnDevice& room, DepthEstimator* estimator, Estimates estimates) {
-  for (int pass = 0; pass < estimator->options().geometric_passes; ++pass) {
+  for (int step = 0; step < estimator->num_refinements(); ++step) {
     const Estimates before = estimates;
     for (int i = 0; i < kKeyframes; ++i) {
-      estimates[i] = estimator->RefineGeometric(room.Problem(i, before), before[i], pass);
+      EngineProblem problem = room.Problem(i, before);
+      problem.reference.estimate = before[i];
+      estimates[i] = estimator->Refine(problem, step);
     }
   }
   return estimates;

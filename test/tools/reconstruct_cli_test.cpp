@@ -5,6 +5,7 @@
 
 #include <chrono>
 #include <cstdlib>
+#include <cstring>
 #include <thread>
 #include <vector>
 
@@ -72,6 +73,24 @@ TEST_F(ReconstructCliTest, FindsThePlaneWithEitherSchedule) {
     EXPECT_GT(close, 0.85 * depth.size()) << schedule;
     EXPECT_GT(ReadPly(output(schedule) / "fused.ply").size(), 64u * 48u / 2) << schedule;
   }
+}
+
+TEST_F(ReconstructCliTest, ColmapMapsLeaveOutWhatWasGuessed) {
+  WriteScene(4, 64, 48);
+  ASSERT_EQ(RunTool(Usual() + " --colmap").exit_code, 0);
+  const DepthMap depth = ReadPfm(output() / "depth/000000.pfm");
+  const CostMap cost = ReadPfm(output() / "cost/000000.pfm");
+  const std::string content = ReadText(output() / "colmap/stereo/depth_maps/00000000.png.geometric.bin");
+  ASSERT_EQ(content.size(), 8 + depth.size() * sizeof(float));  // "64&48&1&"
+  int guessed = 0;
+  for (size_t i = 0; i < depth.size(); ++i) {
+    float written = 0;
+    std::memcpy(&written, &content[8 + i * sizeof(float)], sizeof(written));
+    guessed += cost.data()[i] >= 2 && depth.data()[i] > 0;
+    ASSERT_EQ(written, cost.data()[i] < 2 ? depth.data()[i] : 0);
+  }
+  EXPECT_GT(guessed, 0) << "nothing was guessed: the test shows nothing";
+  EXPECT_LT(guessed, 0.2 * depth.size());
 }
 
 TEST_F(ReconstructCliTest, ExitCodesOfWrongUse) {
@@ -150,7 +169,7 @@ TEST_F(ReconstructCliTest, CtrlCStopsCleanlyAndTheRunGoesOn) {
 TEST_F(ReconstructCliTest, KilledRunGoesOn) {
   WriteScene(5, 64, 48);
   ASSERT_EQ(RunTool(Usual("whole")).exit_code, 0);
-  for (const char* file : {"work/initial/000001.bin", "work/geometric_1/000002.bin", "work/final/000002.bin"}) {
+  for (const char* file : {"work/initial/000001.bin", "work/refined_1/000002.bin", "work/final/000002.bin"}) {
     std::filesystem::remove_all(output());
     const int status = SignalWhen(output() / file, SIGKILL);
     ASSERT_TRUE(WIFSIGNALED(status)) << "the run ended before it could be killed";

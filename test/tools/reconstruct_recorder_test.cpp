@@ -33,6 +33,7 @@ class LostEngine final : public DepthEngine {
                                  int) override {
     Fail();
   }
+  EngineEstimatePtr Complete(const EngineProblem&, const CompletionOptions&) override { Fail(); }
   ConsistencyResult FilterByConsistency(const EngineView&, const std::vector<EngineView>&,
                                         const FusionOptions&) override {
     Fail();
@@ -150,6 +151,7 @@ TEST_F(RecordingDepthEngineTest, FailureOfAnyStepAbortsTheRun) {
       },
       [&] { recorder.RunPlanarPrior(problem, {}, nullptr, {}); },
       [&] { recorder.RunGeometric(problem, {}, nullptr, 0); },
+      [&] { recorder.Complete(problem, {}); },
       [&] { recorder.FilterByConsistency({}, {}, {}); },
       [&] { recorder.Download(nullptr); },
       [&] { recorder.DownloadState(nullptr); },

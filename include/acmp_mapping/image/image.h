@@ -87,6 +87,7 @@ using ColorImage = Image<Rgb>;
 using DepthMap = Image<float>;            ///< z in scene units; 0 = unknown; never NaN
 using NormalMap = Image<Vec3f>;           ///< unit normals in the camera frame, facing the camera; 0 = unknown
 using CostMap = Image<float>;             ///< matching cost, 0 (perfect) to 2 (plus the geometric term); 2 = worst
+constexpr float kWorstCost = 2.0f;        ///< in a CostMap: NCC = -1, or no correspondence at all
 using ConfidenceMap = Image<float>;       ///< 0..1; 0 = unknown
 using PlaneMap = Image<PlaneHypothesis>;  ///< planes in the camera frame; all zero = none
 

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "acmp_mapping/completion/completion_options.h"
 #include "acmp_mapping/fusion/depth_fusion.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/keyframe/frame.h"
@@ -99,6 +100,10 @@ class DepthEngine {
   /// Steps 22-30, once. The sources' estimates are read as they are; `pass` (0, 1, ...) selects the random numbers.
   virtual EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
                                          const EngineEstimatePtr& start, int pass) = 0;
+
+  /// CompleteUnconfirmed of the reference's estimate (not null) against the sources'; those without one do not count.
+  /// Completed pixels get the worst cost.
+  virtual EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) = 0;
 
   /// FilterByConsistency of the reference's estimate (not null) against the sources', with the frames' colours.
   virtual ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,

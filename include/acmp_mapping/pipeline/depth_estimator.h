@@ -11,6 +11,7 @@ struct StageTimes {
   double prior_construction_ms = 0;  ///< support points and their triangulation
   double planar_prior_ms = 0;
   double geometric_ms = 0;
+  double completion_ms = 0;
   double kernels_ms = 0;
   double photometric_kernels_ms = 0;  ///< of these, the photometric pass's
 
@@ -30,9 +31,13 @@ class DepthEstimator {
   /// Steps 1-20: photometric pass, planar prior (if in use), planar-prior pass. Estimates of the sources are not read.
   EngineEstimatePtr EstimateInitial(const EngineProblem& problem);
 
-  /// Steps 21-30, one pass: the sources' estimates are read as they are (Jacobi), so the order in which images are
-  /// refined does not matter.
-  EngineEstimatePtr RefineGeometric(const EngineProblem& problem, const EngineEstimatePtr& start, int pass);
+  /// How often an initial estimate is refined: steps 21-30 once per geometric pass, then completion if it is enabled.
+  int num_refinements() const { return NumRefinements(options_); }
+
+  /// Refinement `step` (0, 1, ...) of the reference's estimate: completion, if it is enabled, then steps 21-30; after
+  /// the last geometric pass completion alone. The sources' estimates are read as they are (Jacobi), so
+  /// the order in which images are refined does not matter.
+  EngineEstimatePtr Refine(EngineProblem problem, int step);
 
   const StageTimes& last_times() const { return times_; }
 

@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "acmp_mapping/completion/completion_options.h"
 #include "acmp_mapping/fusion/fusion_options.h"
 #include "acmp_mapping/patch_match/patch_match_options.h"
 #include "acmp_mapping/planar_prior/planar_prior.h"
@@ -13,6 +14,7 @@ namespace acmp {
 struct PipelineOptions {
   PatchMatchOptions patch_match;
   PlanarPriorOptions planar_prior;
+  CompletionOptions completion;
   FusionOptions fusion;
   int start_level = 0;           ///< how often the images of the photometric pass are halved, 0..2
   int full_size_iterations = 0;  ///< after such a start: photometric iterations at full size, 0..20
@@ -21,12 +23,18 @@ struct PipelineOptions {
 };
 void Validate(const PipelineOptions& options);
 
-/// "acmh", "acmp_no_geometric", "acmp", "online".
+/// How often an initial estimate is refined: once per geometric pass, then by completion if that is enabled.
+inline int NumRefinements(const PipelineOptions& options) {
+  return options.geometric_passes + (options.completion.enabled ? 1 : 0);
+}
+
+/// "acmh", "acmp_no_geometric", "acmp", "acmm", "acmmp", "quality", "online".
 const std::vector<std::string>& PresetNames();
 
 /// The systems compared in the paper as option sets of one pipeline: acmh = photometric + geometric passes,
-/// acmp_no_geometric = ACMP\G = photometric + planar prior, acmp = all. online: all steps with fewer iterations and a
-/// start at half resolution, a third of the time. Throws InvalidInputError naming the known presets.
+/// acmp_no_geometric = ACMP\G = photometric + planar prior, acmp = all of the paper, and completion. acmm and acmmp:
+/// the same two after a start on halved images, as ACMM has coarser scales. quality: the best maps; online: all steps
+/// with fewer iterations, a third of the time. Throws InvalidInputError naming the known presets.
 PipelineOptions MakePreset(const std::string& name);
 
 }  // namespace acmp

@@ -22,7 +22,7 @@ ACMP_HOST_DEVICE inline PixelConsistency CheckPixel(const FusionContext<View>& c
   MatchSum<kMaxSources> sum;
   SumMatches(context, pixel, &sum);
   const float confidence = Confidence(context.reference, pixel, &sum);
-  const bool accepted = Accepts(context.limits, sum);
+  const bool accepted = !context.reference.IsGuess(col, row) && Accepts(context.limits, sum);
   if (accepted) *point = Average(context.geometry, pixel, sum, confidence);
   return {sum.count, confidence, accepted};
 }
@@ -46,7 +46,8 @@ ACMP_HOST_DEVICE inline void StampUsed(const FusionContext<View>& context, const
 template <int kMaxSources, class View>
 ACMP_HOST_DEVICE inline bool FusePixel(const FusionContext<View>& context, int col, int row, SurfacePoint* point) {
   ReferencePixel pixel;
-  if (IsUsed(context.stamps, context.current, col, row) || !LoadReferencePixel(context, col, row, &pixel)) return false;
+  if (IsUsed(context.stamps, context.current, col, row) || context.reference.IsGuess(col, row)) return false;
+  if (!LoadReferencePixel(context, col, row, &pixel)) return false;
   MatchSum<kMaxSources> sum;
   SumMatches(context, pixel, &sum);
   if (!Accepts(context.limits, sum)) return false;

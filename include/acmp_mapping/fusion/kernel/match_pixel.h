@@ -84,7 +84,7 @@ ACMP_HOST_DEVICE inline bool MatchPixel(const FusionSource<View>& source, const 
   if (!LocateInSource(source, pixel.homogeneous, &match->col, &match->row)) return false;
   if (IsUsed(source.stamps, current, match->col, match->row)) return false;
   const float source_depth = source.view.Depth(match->col, match->row);
-  if (!IsKnown(source_depth)) return false;
+  if (!IsKnown(source_depth) || source.view.IsGuess(match->col, match->row)) return false;
 
   const Vec3d source_homogeneous =
       source_depth * Vec3d{static_cast<double>(match->col), static_cast<double>(match->row), 1};
@@ -111,6 +111,19 @@ ACMP_HOST_DEVICE inline bool MatchPixel(const FusionSource<View>& source, const 
     match->agreement = std::exp(-(std::sqrt(squared_px) + 200 * relative_depth + 10 * angle));
   }
   return true;
+}
+
+/// Number of source views that agree with the pixel; 0 without depth or normal.
+template <class View>
+ACMP_HOST_DEVICE inline int CountMatches(const FusionContext<View>& context, int col, int row) {
+  ReferencePixel pixel;
+  if (!LoadReferencePixel(context, col, row, &pixel)) return 0;
+  PixelMatch match;
+  int count = 0;
+  for (int i = 0; i < context.num_sources; ++i) {
+    count += MatchPixel(context.sources[i], context.limits, context.current, pixel, &match) ? 1 : 0;
+  }
+  return count;
 }
 
 }  // namespace acmp

@@ -47,7 +47,6 @@ struct MatchContext {
   ACMP_HOST_DEVICE bool InRange(float depth) const { return depth >= depth_min && depth <= depth_max; }
 };
 
-constexpr float kWorstCost = 2.0f;       ///< NCC = -1, or no correspondence at all
 constexpr float kUninformedCost = 1.0f;  ///< NCC = 0: the reference window has no texture to compare
 
 }  // namespace acmp

@@ -1,0 +1,75 @@
+#include "completion_kernels.h"
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/completion/kernel/complete_pixel.h"
+#include "acmp_mapping/completion/kernel/fit_anchor.h"
+#include "acmp_mapping/fusion/kernel/match_pixel.h"
+#include "cuda_check.h"
+
+namespace acmp {
+namespace {
+
+constexpr int kBlockWidth = 32;
+constexpr int kBlockHeight = 4;
+
+template <class T>
+dim3 GridFor(const ImageView<T>& image) {
+  return dim3((image.width + kBlockWidth - 1) / kBlockWidth, (image.height + kBlockHeight - 1) / kBlockHeight);
+}
+
+__device__ int Col() { return static_cast<int>(blockIdx.x * kBlockWidth + threadIdx.x); }
+__device__ int Row() { return static_cast<int>(blockIdx.y * kBlockHeight + threadIdx.y); }
+
+__global__ void CountKernel(const __grid_constant__ DeviceFusionContext context, ImageView<unsigned char> confirming) {
+  const int col = Col(), row = Row();
+  if (!confirming.Contains(col, row)) return;
+  confirming(col, row) = static_cast<unsigned char>(CountMatches(context, col, row));
+}
+
+__global__ void FindAnchorKernel(const __grid_constant__ CompletionContext context) {
+  const int col = Col(), row = Row();
+  if (context.anchors.Contains(col, row)) FindAnchor(context, col, row);
+}
+
+/// A warp that shares a fit.
+struct WarpLanes {
+  static constexpr int kSize = 32;
+
+  __device__ int Rank() const { return static_cast<int>(threadIdx.x) % kSize; }
+  __device__ void AddUp(PlaneFit* fit) const {
+    float* sums[] = {&fit->s1, &fit->sx, &fit->sy, &fit->sxx, &fit->sxy, &fit->syy, &fit->q, &fit->qx, &fit->qy};
+    for (float* sum : sums) {
+      for (int offset = kSize / 2; offset > 0; offset /= 2) *sum += __shfl_xor_sync(0xffffffffu, *sum, offset);
+    }
+  }
+};
+
+/// One warp per cell.
+__global__ void FitAnchorKernel(const __grid_constant__ CompletionContext context) {
+  const int col = static_cast<int>(blockIdx.x), row = static_cast<int>(blockIdx.y * kBlockHeight + threadIdx.y);
+  if (context.anchors.Contains(col, row)) FitAnchor(context, col, row, WarpLanes());
+}
+
+__global__ void CompletePixelKernel(const __grid_constant__ CompletionContext context) {
+  const int col = Col(), row = Row();
+  if (context.planes.Contains(col, row)) CompletePixel(context, col, row);
+}
+
+}  // namespace
+
+void LaunchCompletion(const DeviceFusionContext& sources, const ImageView<unsigned char>& confirming,
+                      const CompletionContext& context, cudaStream_t stream) {
+  CheckRange("number of source views on a GPU", sources.num_sources, 0, kMaxCudaFusionSources);
+  const dim3 block(kBlockWidth, kBlockHeight);
+  CountKernel<<<GridFor(confirming), block, 0, stream>>>(sources, confirming);
+  CudaCheck(cudaGetLastError(), "launch count of confirming views");
+  FindAnchorKernel<<<GridFor(context.anchors), block, 0, stream>>>(context);
+  CudaCheck(cudaGetLastError(), "launch search for anchors");
+  const dim3 warps(context.anchors.width, (context.anchors.height + kBlockHeight - 1) / kBlockHeight);
+  FitAnchorKernel<<<warps, dim3(WarpLanes::kSize, kBlockHeight), 0, stream>>>(context);
+  CudaCheck(cudaGetLastError(), "launch plane fits");
+  CompletePixelKernel<<<GridFor(context.planes), block, 0, stream>>>(context);
+  CudaCheck(cudaGetLastError(), "launch completion");
+}
+
+}  // namespace acmp

@@ -1,0 +1,27 @@
+#pragma once
+
+#include "acmp_mapping/completion/completion.h"
+#include "completion_kernels.h"
+#include "cuda_device.h"
+
+namespace acmp {
+
+/// The memory of one completion at a time.
+class CompletionRunner {
+ public:
+  explicit CompletionRunner(CudaDevicePtr device) : device_(std::move(device)) {}
+
+  /// Queues CompleteUnconfirmed on planes and costs in device memory.
+  /// @param sources the reference's maps as they were before, and its source views
+  /// @param context from MakeCompletionContext
+  void Queue(const FusionSetup<DeviceFusionView>& sources, CompletionContext context,
+             const ImageView<PlaneHypothesis>& planes, float* cost, const CudaStream& stream);
+
+ private:
+  CudaDevicePtr device_;
+  DeviceArray<DeviceFusionSource> sources_;
+  DeviceArray<unsigned char> confirming_;
+  DeviceArray<AnchorCell> cells_;
+};
+
+}  // namespace acmp

@@ -1,0 +1,29 @@
+#pragma once
+
+#include "acmp_mapping/completion/completion_options.h"
+#include "acmp_mapping/completion/kernel/completion_grid.h"
+#include "acmp_mapping/fusion/fusion_setup.h"
+#include "acmp_mapping/keyframe/depth_range.h"
+
+namespace acmp {
+
+/// When a source view confirms a pixel, as the fusion kernels compare it. Normals do not count: where there is little
+/// texture they are noise, and the depths still agree.
+FusionLimits ConfirmationLimits(const CompletionOptions& options);
+
+/// Source views that must confirm a pixel which is extended, of `num_sources` that have a map.
+int AnchorViews(const CompletionOptions& options, int num_sources);
+
+/// A context without its maps and anchors, which depend on the device.
+CompletionContext MakeCompletionContext(const PinholeCamera& camera, const DepthRange& range,
+                                        const CompletionOptions& options, int num_sources);
+
+/// Gives pixels that no source view confirms the plane of their surroundings: robust planes are fitted to the confirmed
+/// pixels around, a square of 18 % of the image's longer side, and each pixel takes the weighted median of the nearest
+/// ones in 16 directions. What the images do not show is a guess: such pixels get kWorstCost.
+/// @param reference,sources as FilterByConsistency takes them; sources without a depth map do not count
+/// @param planes,cost of the reference; changed
+void CompleteUnconfirmed(const FusionView& reference, const std::vector<FusionView>& sources, const DepthRange& range,
+                         const CompletionOptions& options, ImageView<PlaneHypothesis> planes, ImageView<float> cost);
+
+}  // namespace acmp

@@ -1,0 +1,79 @@
+#pragma once
+
+#include "acmp_mapping/geometry/plane_hypothesis.h"
+#include "acmp_mapping/image/image.h"
+
+namespace acmp {
+
+constexpr int kCellsAcross = 160;  ///< of the longer side: the work does not grow with the image
+
+/// A plane as inverse depth over rays with z = 1: 1 / z = Dot(m, ray). Linear in the pixel, so that planes can be
+/// fitted to inverse depths.
+ACMP_HOST_DEVICE inline Vec3f InversePlane(const PlaneHypothesis& plane) { return (-1.0f / plane.d) * plane.normal(); }
+
+/// Back again; no hypothesis where the plane does not lie in front of the camera.
+ACMP_HOST_DEVICE inline PlaneHypothesis PlaneOfInverse(const Vec3f& inverse_plane) {
+  const float norm = Norm(inverse_plane);
+  if (!(norm > 0)) return {};
+  const float d = 1.0f / norm;
+  return {-d * inverse_plane.x, -d * inverse_plane.y, -d * inverse_plane.z, d};
+}
+
+/// The best confirmed pixel of a square cell of the image.
+struct AnchorCell {
+  int views = 0;  ///< source views that confirm it; 0: the cell has none
+  int col = 0, row = 0;
+  float inverse_depth = 0;
+  Vec3f inverse_plane = {0, 0, 0};  ///< of the pixel, later that of its surroundings
+};
+
+/// What the steps of completion read and write.
+struct CompletionContext {
+  RayGrid rays;
+  float depth_min, depth_max;
+  int anchor_views;
+  int cell_size;                              ///< px
+  ImageView<const unsigned char> confirming;  ///< number of source views that confirm a pixel
+  ImageView<PlaneHypothesis> planes;
+  ImageView<float> cost;
+  ImageView<AnchorCell> anchors;  ///< as found; rows of cells
+  ImageView<AnchorCell> fitted;   ///< with the planes of their surroundings
+};
+
+ACMP_HOST_DEVICE inline int CompletionCellSize(int width, int height) {
+  const int longer = width > height ? width : height;
+  const int size = (longer + kCellsAcross / 2) / kCellsAcross;
+  return size > 1 ? size : 1;
+}
+
+ACMP_HOST_DEVICE inline int CellsOf(int pixels, int cell_size) { return (pixels + cell_size - 1) / cell_size; }
+
+/// Fills one cell of `anchors`: of the pixels that enough views confirm the one with most, the least cost among those,
+/// the first in row-major order among equals.
+ACMP_HOST_DEVICE inline void FindAnchor(const CompletionContext& context, int cell_col, int cell_row) {
+  const int size = context.cell_size;
+  const int col_end = (cell_col + 1) * size < context.planes.width ? (cell_col + 1) * size : context.planes.width;
+  const int row_end = (cell_row + 1) * size < context.planes.height ? (cell_row + 1) * size : context.planes.height;
+  AnchorCell anchor;
+  float least_cost = 0;
+  for (int row = cell_row * size; row < row_end; ++row) {
+    for (int col = cell_col * size; col < col_end; ++col) {
+      const int views = context.confirming(col, row);
+      if (views < context.anchor_views || views < anchor.views) continue;
+      const float cost = context.cost(col, row);
+      if (views == anchor.views && !(cost < least_cost)) continue;
+      anchor.views = views;
+      anchor.col = col;
+      anchor.row = row;
+      least_cost = cost;
+    }
+  }
+  if (anchor.views > 0) {
+    anchor.inverse_plane = InversePlane(context.planes(anchor.col, anchor.row));
+    anchor.inverse_depth =
+        Dot(anchor.inverse_plane, context.rays.Ray(static_cast<float>(anchor.col), static_cast<float>(anchor.row)));
+  }
+  context.anchors(cell_col, cell_row) = anchor;
+}
+
+}  // namespace acmp

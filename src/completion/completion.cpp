@@ -1,0 +1,91 @@
+#include "acmp_mapping/completion/completion.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/completion/kernel/complete_pixel.h"
+#include "acmp_mapping/completion/kernel/fit_anchor.h"
+#include "acmp_mapping/fusion/kernel/match_pixel.h"
+
+namespace acmp {
+namespace {
+
+using HostMaps = FusionMaps<Vec3f>;
+
+template <class Function>
+void ForEach(int width, int height, const Function& function) {
+  tbb::parallel_for(0, height, [&](int row) {
+    for (int col = 0; col < width; ++col) function(col, row);
+  });
+}
+
+Image<unsigned char> CountConfirmingViews(const FusionSetup<HostMaps>& setup) {
+  const FusionContext<HostMaps> context = setup.Context(setup.sources().data());
+  Image<unsigned char> count(context.reference.depth.width, context.reference.depth.height);
+  ForEach(count.width(), count.height(),
+          [&](int col, int row) { count(col, row) = static_cast<unsigned char>(CountMatches(context, col, row)); });
+  return count;
+}
+
+}  // namespace
+
+void Validate(const CompletionOptions& options) {
+  CheckRange("completion.anchor_views", options.anchor_views, 1, 32);
+  CheckRange("completion.max_reprojection_px", options.max_reprojection_px, 1e-3f, 1e3f);
+  CheckRange("completion.max_relative_depth", options.max_relative_depth, 1e-6f, 0.999f);
+}
+
+FusionLimits ConfirmationLimits(const CompletionOptions& options) {
+  FusionLimits limits = {};
+  limits.max_squared_px = static_cast<double>(options.max_reprojection_px) * options.max_reprojection_px;
+  limits.max_relative_depth = options.max_relative_depth;
+  limits.min_normal_cosine = -2;
+  return limits;
+}
+
+int AnchorViews(const CompletionOptions& options, int num_sources) {
+  return std::min(options.anchor_views, (num_sources + 1) / 2);
+}
+
+CompletionContext MakeCompletionContext(const PinholeCamera& camera, const DepthRange& range,
+                                        const CompletionOptions& options, int num_sources) {
+  CompletionContext context = {};
+  context.rays = {static_cast<float>(1 / camera.fx), static_cast<float>(1 / camera.fy), static_cast<float>(camera.cx),
+                  static_cast<float>(camera.cy)};
+  context.depth_min = range.min;
+  context.depth_max = range.max;
+  context.anchor_views = AnchorViews(options, num_sources);
+  context.cell_size = CompletionCellSize(camera.width, camera.height);
+  return context;
+}
+
+void CompleteUnconfirmed(const FusionView& reference, const std::vector<FusionView>& sources, const DepthRange& range,
+                         const CompletionOptions& options, ImageView<PlaneHypothesis> planes, ImageView<float> cost) {
+  Validate(options);
+  CheckDepthRange("depth range of the completion", range);
+  CheckConsistencyInput(reference, sources, kMaxFusionSources);
+  FusionSetup<HostMaps> setup(CameraOf(reference), MapsOf(reference), ConfirmationLimits(options),
+                              RigidTransform::Identity());
+  for (const FusionView& source : sources) {
+    if (!source.depth.empty()) setup.AddSource(CameraOf(source), MapsOf(source));
+  }
+  if (setup.sources().empty()) return;
+
+  const Image<unsigned char> confirming = CountConfirmingViews(setup);
+  CompletionContext context =
+      MakeCompletionContext(reference.camera, range, options, static_cast<int>(setup.sources().size()));
+  const int cell_cols = CellsOf(planes.width, context.cell_size), cell_rows = CellsOf(planes.height, context.cell_size);
+  Image<AnchorCell> anchors(cell_cols, cell_rows), fitted(cell_cols, cell_rows);
+  context.confirming = confirming.View();
+  context.planes = planes;
+  context.cost = cost;
+  context.anchors = anchors.View();
+  context.fitted = fitted.View();
+  ForEach(cell_cols, cell_rows, [&](int col, int row) { FindAnchor(context, col, row); });
+  ForEach(cell_cols, cell_rows, [&](int col, int row) { FitAnchor(context, col, row, SingleLane()); });
+  ForEach(planes.width, planes.height, [&](int col, int row) { CompletePixel(context, col, row); });
+}
+
+}  // namespace acmp

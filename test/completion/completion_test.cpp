@@ -1,0 +1,200 @@
+#include "acmp_mapping/completion/completion.h"
+
+#include <cmath>
+#include <functional>
+#include <limits>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "acmp_mapping/common/error.h"
+#include "fusion/analytic_views.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::HasSubstr;
+
+const DepthRange kRange = {1, 30};
+
+/// A room's corner: two walls that meet, seen by three cameras of 160 x 120 px side by side.
+std::vector<TestView> Corner() {
+  const std::vector<Quad> walls = {{{-2, 0, 6}, {8, 0, 4}, {0, 9, 0}, {90, 90, 90}},
+                                   {{4, 0, 6}, {4, 0, -4}, {0, 9, 0}, {150, 150, 150}}};
+  const PinholeCamera camera = {160, 120, 150, 150, 79.5, 59.5};
+  std::vector<TestView> views;
+  for (const double x : {0.0, 0.4, -0.4}) views.push_back(Render(camera, LookAt({x, 0, 0}, {x, 0, 5}), walls));
+  return views;
+}
+
+PlaneMap PlanesOf(const TestView& view) {
+  PlaneMap planes(view.camera.width, view.camera.height);
+  const RayGrid rays = {static_cast<float>(1 / view.camera.fx), static_cast<float>(1 / view.camera.fy),
+                        static_cast<float>(view.camera.cx), static_cast<float>(view.camera.cy)};
+  for (int row = 0; row < planes.height(); ++row) {
+    for (int col = 0; col < planes.width(); ++col) {
+      planes(col, row) = PlaneThrough(view.normal(col, row), rays.Ray(static_cast<float>(col), static_cast<float>(row)),
+                                      view.depth(col, row));
+    }
+  }
+  return planes;
+}
+
+struct Completed {
+  PlaneMap planes;
+  CostMap cost;
+  DepthMap depth;
+};
+
+Completed Complete(const std::vector<TestView>& views, size_t num_sources, const CompletionOptions& options = {},
+                   const DepthRange& range = kRange) {
+  Completed result = {PlanesOf(views[0]), views[0].cost.Clone(), {}};
+  std::vector<FusionView> sources;
+  for (size_t i = 1; i <= num_sources; ++i) sources.push_back(views[i].View());
+  CompleteUnconfirmed(views[0].View(), sources, range, options, result.planes.View(), result.cost.View());
+  const PinholeCamera& camera = views[0].camera;
+  result.depth = DepthMap(camera.width, camera.height);
+  for (int row = 0; row < camera.height; ++row) {
+    for (int col = 0; col < camera.width; ++col) {
+      const Vec3f ray = {static_cast<float>((col - camera.cx) / camera.fx),
+                         static_cast<float>((row - camera.cy) / camera.fy), 1};
+      result.depth(col, row) = PlaneDepth(result.planes(col, row), ray);
+    }
+  }
+  return result;
+}
+
+/// Puts the reference's pixels of a rectangle at a depth that no other view has.
+void Spoil(TestView* view, int first_col, int first_row, int last_col, int last_row) {
+  for (int row = first_row; row <= last_row; ++row) {
+    for (int col = first_col; col <= last_col; ++col) {
+      view->depth(col, row) = 2.0f + 0.01f * static_cast<float>((7 * col + 13 * row) % 90);
+      view->normal(col, row) = Normalized(Vec3f{0.3f * static_cast<float>(col % 3 - 1), 0.4f, -1});
+    }
+  }
+}
+
+TEST(CompletionTest, UnconfirmedPixelsTakeThePlaneOfTheirSurroundings) {
+  std::vector<TestView> views = Corner();
+  const DepthMap truth = views[0].depth.Clone();
+  Spoil(&views[0], 30, 30, 75, 90);
+  const DepthMap before = views[0].depth.Clone();
+  const Completed after = Complete(views, 2);
+  for (int row = 0; row < 120; ++row) {
+    for (int col = 0; col < 160; ++col) {
+      const bool spoilt = col >= 30 && col <= 75 && row >= 30 && row <= 90;
+      if (after.depth(col, row) == before(col, row)) continue;
+      if (!spoilt && after.cost(col, row) != kWorstCost) {
+        ASSERT_NEAR(after.depth(col, row), before(col, row), 1e-4) << col << ", " << row;  // rounding of the plane
+        continue;
+      }
+      if (!spoilt) continue;
+      // The walls are exact planes; the fit is pulled to zero slope by a ten-thousandth.
+      ASSERT_NEAR(after.depth(col, row), truth(col, row), 2e-3 * truth(col, row)) << col << ", " << row;
+    }
+  }
+  int completed = 0;
+  for (int row = 30; row <= 90; ++row) {
+    for (int col = 30; col <= 75; ++col) completed += after.cost(col, row) == kWorstCost ? 1 : 0;
+  }
+  // Some of the bad depths may by chance agree with a source's pixel.
+  EXPECT_GT(completed, 0.99 * 46 * 61);
+}
+
+TEST(CompletionTest, EachSideOfACornerIsExtendedFromItsOwnWall) {
+  std::vector<TestView> views = Corner();
+  const DepthMap truth = views[0].depth.Clone();
+  Spoil(&views[0], 60, 20, 140, 50);
+  const Completed after = Complete(views, 2);
+  int good = 0, all = 0;
+  for (int row = 20; row <= 50; ++row) {
+    for (int col = 60; col <= 140; ++col) {
+      ++all;
+      good += std::fabs(after.depth(col, row) - truth(col, row)) < 0.02f * truth(col, row) ? 1 : 0;
+    }
+  }
+  // Next to the edge either wall's plane is as likely: 16 directions tell sides apart to some 11 degrees.
+  EXPECT_GT(good, 0.9 * all);
+}
+
+TEST(CompletionTest, WhatIsConfirmedStaysAsItIs) {
+  const std::vector<TestView> views = Corner();
+  const Completed after = Complete(views, 2);
+  const PlaneMap before = PlanesOf(views[0]);
+  int kept = 0;
+  for (int row = 0; row < 120; ++row) {
+    for (int col = 0; col < 160; ++col) {
+      if (after.cost(col, row) == kWorstCost) continue;
+      ++kept;
+      ASSERT_EQ(after.planes(col, row).d, before(col, row).d);
+      ASSERT_EQ(after.cost(col, row), views[0].cost(col, row));
+    }
+  }
+  EXPECT_GT(kept, 160 * 120 * 8 / 10);
+}
+
+TEST(CompletionTest, NothingChangesWithoutSourcesOrAnchors) {
+  std::vector<TestView> views = Corner();
+  const PlaneMap before = PlanesOf(views[0]);
+  const auto unchanged = [&](const Completed& after) {
+    for (int row = 0; row < 120; ++row) {
+      for (int col = 0; col < 160; ++col) {
+        if (after.planes(col, row).d != before(col, row).d) return false;
+      }
+    }
+    return true;
+  };
+  EXPECT_TRUE(unchanged(Complete(views, 0)));
+  for (TestView& view : views) {
+    if (&view != &views[0]) view.depth = DepthMap(160, 120, 20.0f);  // confirms nothing
+  }
+  EXPECT_TRUE(unchanged(Complete(views, 2)));
+  views[1].depth = {};
+  views[2].depth = {};
+  EXPECT_TRUE(unchanged(Complete(views, 2)));
+}
+
+TEST(CompletionTest, PlanesAreNotExtendedBeyondTheDepthRange) {
+  std::vector<TestView> views = Corner();
+  Spoil(&views[0], 30, 30, 75, 90);
+  const DepthRange narrow = {1, 5};
+  const Completed after = Complete(views, 2, {}, narrow);
+  for (int row = 30; row <= 90; ++row) {
+    for (int col = 30; col <= 75; ++col) ASSERT_LE(after.depth(col, row), narrow.max * 1.0001f);
+  }
+}
+
+TEST(CompletionTest, HalfOfFewSourcesMakeAnAnchor) {
+  CompletionOptions options;
+  EXPECT_EQ(AnchorViews(options, 1), 1);
+  EXPECT_EQ(AnchorViews(options, 2), 1);
+  EXPECT_EQ(AnchorViews(options, 3), 2);
+  EXPECT_EQ(AnchorViews(options, 5), 3);
+  EXPECT_EQ(AnchorViews(options, 7), 4);
+  EXPECT_EQ(AnchorViews(options, 32), 4);
+  options.anchor_views = 5;
+  EXPECT_EQ(AnchorViews(options, 32), 5);
+}
+
+TEST(CompletionTest, BadInputIsRefused) {
+  const std::vector<TestView> views = Corner();
+  const auto refusal = [&](const std::function<void(CompletionOptions*)>& change, const DepthRange& range = kRange) {
+    CompletionOptions options;
+    change(&options);
+    try {
+      Complete(views, 2, options, range);
+    } catch (const InvalidInputError& error) {
+      return std::string(error.what());
+    }
+    return std::string("(accepted)");
+  };
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_THAT(refusal([](auto* o) { o->anchor_views = 0; }), HasSubstr("completion.anchor_views = 0"));
+  EXPECT_THAT(refusal([](auto* o) { o->anchor_views = 33; }), HasSubstr("[1, 32]"));
+  EXPECT_THAT(refusal([](auto* o) { o->max_reprojection_px = 0; }), HasSubstr("max_reprojection_px"));
+  EXPECT_THAT(refusal([&](auto* o) { o->max_relative_depth = nan; }), HasSubstr("max_relative_depth"));
+  EXPECT_THAT(refusal([](auto*) {}, {3, 2}), HasSubstr("depth range"));
+}
+
+}  // namespace
+}  // namespace acmp
