@@ -1,9 +1,8 @@
 #include "acmp_mapping/ros/parameter_reader.h"
 
-#include <algorithm>
-#include <numeric>
 #include <utility>
 
+#include "acmp_mapping/common/edit_distance.h"
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
@@ -95,24 +94,9 @@ void ParameterReader::CheckUnknown() const {
   for (auto& member : values) {
     const std::string& name = member.first;
     if (known_.count(name) > 0 || member.second.getType() == XmlRpcValue::TypeStruct) continue;
-    const auto nearest = std::min_element(known_.begin(), known_.end(), [&](const auto& a, const auto& b) {
-      return EditDistance(a, name) < EditDistance(b, name);
-    });
-    throw InvalidInputError(Concat("unknown parameter ~", name, ": did you mean ~", *nearest, "?"));
+    const std::string nearest = MostSimilar(name, {known_.begin(), known_.end()});
+    throw InvalidInputError(Concat("unknown parameter ~", name, ": did you mean ~", nearest, "?"));
   }
-}
-
-size_t EditDistance(const std::string& a, const std::string& b) {
-  std::vector<size_t> previous(b.size() + 1), current(b.size() + 1);
-  std::iota(previous.begin(), previous.end(), size_t{0});
-  for (size_t i = 0; i < a.size(); ++i) {
-    current[0] = i + 1;
-    for (size_t j = 0; j < b.size(); ++j) {
-      current[j + 1] = std::min({previous[j + 1] + 1, current[j] + 1, previous[j] + (a[i] == b[j] ? 0 : 1)});
-    }
-    std::swap(previous, current);
-  }
-  return previous[b.size()];
 }
 
 }  // namespace acmp

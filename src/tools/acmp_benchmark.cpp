@@ -5,6 +5,7 @@
 
 #include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/pipeline/parameters.h"
 #include "benchmark_report.h"
 #include "benchmark_stages.h"
 #include "tool_main.h"
@@ -21,6 +22,7 @@ struct Arguments {
   int repetitions = 5;
   int keyframes = 0;
   std::string preset = "acmp";
+  std::vector<std::string> set;
   std::string device = "auto";
   int cuda_index = 0;
   std::string json;
@@ -52,7 +54,9 @@ void Run(const Arguments& arguments) {
     report.fetches_per_s = MeasureTextureRate(arguments.cuda_index);
   }
 #endif
-  const PipelineOptions options = MakePreset(arguments.preset);
+  PipelineOptions options = MakePreset(arguments.preset);
+  for (const std::string& assignment : arguments.set) SetParameter(assignment, &options);
+  Validate(options);
   for (const std::string& text : arguments.sizes) {
     const ImageSize size = ParseSize(text);
     for (int source_views : arguments.source_views) {
@@ -94,6 +98,7 @@ int main(int argc, char** argv) {
   app.add_option("--preset", arguments.preset, "Option set, see the README")
       ->check(CLI::IsMember(acmp::PresetNames()))
       ->capture_default_str();
+  app.add_option("--set", arguments.set, "NAME=VALUE: an option of the pipeline over the preset's");
   app.add_option("--device", arguments.device, "auto, cuda or cpu")->capture_default_str();
   app.add_option("--cuda-index", arguments.cuda_index, "Which GPU")->capture_default_str();
   app.add_option("--json", arguments.json, "Also write the figures to this file");

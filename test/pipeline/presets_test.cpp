@@ -1,10 +1,14 @@
 #include "acmp_mapping/pipeline/presets.h"
 
+#include <map>
+#include <set>
+
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/pipeline/depth_engine.h"
+#include "acmp_mapping/pipeline/parameters.h"
 
 namespace acmp {
 namespace {
@@ -13,7 +17,8 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 TEST(PresetsTest, AreTheSystemsOfThePaper) {
-  EXPECT_THAT(PresetNames(), ::testing::ElementsAre("acmh", "acmp_no_geometric", "acmp", "online"));
+  EXPECT_THAT(PresetNames(),
+              ::testing::ElementsAre("acmh", "acmp_no_geometric", "acmp", "acmm", "acmmp", "quality", "online"));
   for (const std::string& name : PresetNames()) EXPECT_NO_THROW(Validate(MakePreset(name))) << name;
 
   const PipelineOptions acmh = MakePreset("acmh");
@@ -42,7 +47,7 @@ TEST(PresetsTest, OnlineTakesAllStepsWithLessWork) {
   EXPECT_EQ(online.patch_match.planar_prior_iterations, 1);
   EXPECT_EQ(online.geometric_passes, 1);
   EXPECT_EQ(online.patch_match.geometric_iterations, 1);
-  EXPECT_EQ(online.patch_match.candidate_view_votes, 2);
+  EXPECT_EQ(online.patch_match.candidate_view_votes, 1);
 
   // What it does not name is as in acmp: the same seed, thresholds and consistency check.
   const PipelineOptions acmp = MakePreset("acmp");
@@ -53,10 +58,30 @@ TEST(PresetsTest, OnlineTakesAllStepsWithLessWork) {
   EXPECT_EQ(online.fusion.min_consistent_views, acmp.fusion.min_consistent_views);
 }
 
-TEST(PresetsTest, DefaultOptionsAreAcmp) {
-  const PipelineOptions options, acmp = MakePreset("acmp");
-  EXPECT_EQ(options.use_planar_prior, acmp.use_planar_prior);
-  EXPECT_EQ(options.geometric_passes, acmp.geometric_passes);
+/// The names of the options in which two presets differ.
+std::set<std::string> Differences(PipelineOptions a, PipelineOptions b) {
+  std::map<std::string, double> values;
+  std::set<std::string> names;
+  VisitPipelineParameters(a, [&](const char* name, const auto& option) { values[name] = static_cast<double>(option); });
+  VisitPipelineParameters(b, [&](const char* name, const auto& option) {
+    if (values.at(name) != static_cast<double>(option)) names.insert(name);
+  });
+  return names;
+}
+
+TEST(PresetsTest, DefaultOptionsAreAcmp) { EXPECT_THAT(Differences({}, MakePreset("acmp")), ::testing::IsEmpty()); }
+
+TEST(PresetsTest, DifferInWhatTheyAreNamedFor) {
+  using ::testing::UnorderedElementsAre;
+  const auto from_acmp = [](const char* name) { return Differences(MakePreset("acmp"), MakePreset(name)); };
+  EXPECT_THAT(from_acmp("acmh"), UnorderedElementsAre("use_planar_prior", "completion"));
+  EXPECT_THAT(from_acmp("acmp_no_geometric"), UnorderedElementsAre("geometric_passes", "completion"));
+  EXPECT_THAT(from_acmp("acmmp"), UnorderedElementsAre("start_level", "full_size_iterations"));
+  EXPECT_THAT(Differences(MakePreset("acmmp"), MakePreset("acmm")),
+              UnorderedElementsAre("use_planar_prior", "completion"));
+  EXPECT_THAT(from_acmp("quality"),
+              UnorderedElementsAre("start_level", "full_size_iterations", "planar_prior_iterations",
+                                   "geometric_iterations", "geometric_passes", "geometric_weight", "geometric_max_px"));
 }
 
 TEST(PresetsTest, UnknownNameIsAnErrorThatListsAllNames) {
@@ -66,7 +91,7 @@ TEST(PresetsTest, UnknownNameIsAnErrorThatListsAllNames) {
       ADD_FAILURE() << "accepted \"" << name << '"';
     } catch (const InvalidInputError& error) {
       EXPECT_THAT(error.what(), HasSubstr(Concat("\"", name, "\"")));
-      EXPECT_THAT(error.what(), HasSubstr("must be acmh, acmp_no_geometric, acmp or online"));
+      EXPECT_THAT(error.what(), HasSubstr("must be one of acmh, acmp_no_geometric"));
       for (const std::string& known : PresetNames()) EXPECT_THAT(error.what(), HasSubstr(known));
     }
   }

@@ -9,6 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/pipeline/parameters.h"
 #include "acmp_mapping/ros/node_options.h"
 #include "acmp_mapping/ros/runtime_options.h"
 
@@ -88,13 +89,6 @@ TEST(ParameterReader, NamesTheNearestKnownKey) {
   LoadNodeOptions(&nested);
   EXPECT_NO_THROW(nested.CheckUnknown());
   EXPECT_NO_THROW(ParameterReader(XmlRpcValue()).CheckUnknown());
-}
-
-TEST(EditDistance, CountsSingleLetterEdits) {
-  EXPECT_EQ(EditDistance("", ""), 0u);
-  EXPECT_EQ(EditDistance("abc", ""), 3u);
-  EXPECT_EQ(EditDistance("kitten", "sitting"), 3u);
-  EXPECT_EQ(EditDistance("sitting", "kitten"), 3u);
 }
 
 TEST(NodeOptions, ReadsEnumerations) {
@@ -178,6 +172,20 @@ TEST(RuntimeOptions, EveryParameterOfTheCfgIsInTheList) {
   EXPECT_EQ(values.size(), DenseMapperConfig::__getParamDescriptions__().size());
 }
 
+TEST(RuntimeOptions, ThePipelinesAreNamedAsOffline) {
+  RuntimeOptions options;
+  std::map<std::string, const void*> here;
+  VisitRuntimeParameters(options, DenseMapperConfig::__getDefault__(),
+                         [&](const char* name, const auto& option, const auto&) { here[name] = &option; });
+  VisitPipelineParameters(options.mapper.pipeline, [&](const char* name, const auto& option) {
+    EXPECT_EQ(here[name], &option) << name;
+    here.erase(name);
+  });
+  const void* pipeline = &options.mapper.pipeline;
+  const void* end = &options.mapper.pipeline + 1;
+  for (const auto& [name, option] : here) EXPECT_FALSE(option >= pipeline && option < end) << name;
+}
+
 TEST(RuntimeOptions, SurviveTheWayThroughAConfig) {
   // A value of its own for every field, then there and back again.
   RuntimeOptions options;
@@ -249,18 +257,11 @@ TEST(RuntimeOptions, PresetGivesStartValues) {
   EXPECT_TRUE(LoadRuntimeOptions(&reader, start).mapper.pipeline.use_planar_prior);
 }
 
-/// Every field that some preset sets.
-std::vector<double> PresetFields(const PipelineOptions& options) {
-  const PatchMatchOptions& match = options.patch_match;
-  return {static_cast<double>(options.start_level),
-          static_cast<double>(options.full_size_iterations),
-          static_cast<double>(options.use_planar_prior),
-          static_cast<double>(options.geometric_passes),
-          static_cast<double>(match.photometric_iterations),
-          static_cast<double>(match.planar_prior_iterations),
-          static_cast<double>(match.geometric_iterations),
-          static_cast<double>(match.candidate_view_votes),
-          static_cast<double>(options.planar_prior.cell_size_px)};
+std::map<std::string, double> PipelineValues(PipelineOptions options) {
+  std::map<std::string, double> values;
+  VisitPipelineParameters(options,
+                          [&](const char* name, const auto& option) { values[name] = static_cast<double>(option); });
+  return values;
 }
 
 TEST(RuntimeOptions, EveryPresetReachesTheMapperWhole) {
@@ -269,12 +270,12 @@ TEST(RuntimeOptions, EveryPresetReachesTheMapperWhole) {
     start.mapper.pipeline = MakePreset(name);
     ParameterReader nothing{XmlRpcValue()};
     const RuntimeOptions loaded = LoadRuntimeOptions(&nothing, start);
-    EXPECT_EQ(PresetFields(loaded.mapper.pipeline), PresetFields(MakePreset(name))) << name;
+    EXPECT_EQ(PipelineValues(loaded.mapper.pipeline), PipelineValues(MakePreset(name))) << name;
     EXPECT_EQ(Values(ToConfig(loaded)), Values(ToConfig(start))) << name;
     // The reconfigure server starts from that and changes nothing.
     DenseMapperConfig config = ToConfig(loaded);
     EXPECT_TRUE(MakeValid(config, &config).empty()) << name;
-    EXPECT_EQ(PresetFields(FromConfig(config).mapper.pipeline), PresetFields(MakePreset(name))) << name;
+    EXPECT_EQ(PipelineValues(FromConfig(config).mapper.pipeline), PipelineValues(MakePreset(name))) << name;
   }
 }
 
@@ -369,14 +370,15 @@ const std::string kShippedYaml = std::string(ACMP_SOURCE_DIR) + "/config/acmp_ma
 // The launch files load the whole file: a value in it would make the preset of no effect.
 TEST(ShippedYaml, LeavesToThePresetWhatItSets) {
   const ShippedLines lines = ReadYaml(kShippedYaml);
-  EXPECT_EQ(lines.left_to_preset.size(), PresetFields({}).size());
+
   std::map<std::string, XmlRpcValue> members;
   for (const auto& [name, text] : lines.set) members[name] = ToXmlRpc(text);
   for (const std::string& name : PresetNames()) {
     RuntimeOptions start;
     start.mapper.pipeline = MakePreset(name);
     ParameterReader reader(Struct(members));
-    EXPECT_EQ(PresetFields(LoadRuntimeOptions(&reader, start).mapper.pipeline), PresetFields(MakePreset(name))) << name;
+    EXPECT_EQ(PipelineValues(LoadRuntimeOptions(&reader, start).mapper.pipeline), PipelineValues(MakePreset(name)))
+        << name;
   }
 }
 

@@ -41,7 +41,4 @@ class ParameterReader {
   std::set<std::string> known_;
 };
 
-/// Least number of single-letter insertions, deletions and replacements between two words.
-size_t EditDistance(const std::string& a, const std::string& b);
-
 }  // namespace acmp

@@ -80,6 +80,12 @@ void VisitRuntimeParameters(Options& options, Config& config, const Visitor& vis
   visit("prior_max_support_cost", prior.max_support_cost, config.prior_max_support_cost);
   visit("prior_max_grazing_angle_deg", prior.max_grazing_angle_deg, config.prior_max_grazing_angle_deg);
 
+  auto& completion = pipeline.completion;
+  visit("completion", completion.enabled, config.completion);
+  visit("completion_anchor_views", completion.anchor_views, config.completion_anchor_views);
+  visit("completion_max_reprojection_px", completion.max_reprojection_px, config.completion_max_reprojection_px);
+  visit("completion_max_relative_depth", completion.max_relative_depth, config.completion_max_relative_depth);
+
   auto& mapper = options.mapper;
   visit("window_size", mapper.window_size, config.window_size);
   visit("lookahead", mapper.lookahead, config.lookahead);
