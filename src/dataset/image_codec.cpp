@@ -1,6 +1,10 @@
 #include "acmp_mapping/dataset/image_codec.h"
 
+#include <algorithm>
+#include <cctype>
+
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/output_file.h"
 #include "image_codec_private.h"
 #include "input_file.h"
 
@@ -30,6 +34,17 @@ void CheckImageSize(const std::filesystem::path& path, uint64_t width, uint64_t 
 ColorImage ReadColorImage(const std::filesystem::path& path) {
   const std::string content = ReadWholeFile(path);
   return DetectKind(path, content) == FileKind::kPng ? DecodePngColor(path, content) : DecodeJpeg(path, content);
+}
+
+void WriteColorImage(const std::filesystem::path& path, const ColorImage& image) {
+  std::string extension = path.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  if (extension == ".jpg" || extension == ".jpeg") {
+    WriteFileAtomically(path, EncodeJpeg(path, image));
+  } else {
+    WritePng(path, image);
+  }
 }
 
 ImageSize ReadImageSize(const std::filesystem::path& path) {

@@ -28,4 +28,7 @@ ImageSize DecodePngSize(const std::filesystem::path& path, const std::string& co
 ColorImage DecodeJpeg(const std::filesystem::path& path, const std::string& content);
 ImageSize DecodeJpegSize(const std::filesystem::path& path, const std::string& content);
 
+/// Content of a JPEG file; ProcessingError when libjpeg cannot make one. `path` is for messages.
+std::string EncodeJpeg(const std::filesystem::path& path, const ColorImage& image);
+
 }  // namespace acmp

@@ -7,12 +7,15 @@
 // clang-format on
 
 #include <csetjmp>
+#include <cstdlib>
 
 #include "acmp_mapping/common/error.h"
 #include "image_codec_private.h"
 
 namespace acmp {
 namespace {
+
+constexpr int kQuality = 98;  // of 100: errors of a grey level, below sensor noise
 
 /// libjpeg reports errors through callbacks and must be left by longjmp; messages are kept for the exception.
 struct ErrorManager {
@@ -52,6 +55,49 @@ struct Decompressor {
   jpeg_decompress_struct info = {};
   ErrorManager errors;
 };
+
+/// Compressor into memory that is always released.
+struct Compressor {
+  Compressor() {
+    info.err = jpeg_std_error(&errors.base);
+    errors.base.error_exit = OnError;
+    errors.message[0] = '\0';
+  }
+  ~Compressor() {
+    jpeg_destroy_compress(&info);
+    std::free(bytes);  // NOLINT(cppcoreguidelines-no-malloc): libjpeg allocates it
+  }
+  Compressor(const Compressor&) = delete;
+  Compressor& operator=(const Compressor&) = delete;
+
+  jpeg_compress_struct info = {};
+  ErrorManager errors;
+  unsigned char* bytes = nullptr;
+  unsigned long size = 0;  // NOLINT(google-runtime-int): libjpeg's type
+};
+
+bool Compress(Compressor* encoder, const ColorImage& image) {
+  if (setjmp(encoder->errors.jump)) return false;
+  jpeg_compress_struct& info = encoder->info;
+  jpeg_create_compress(&info);
+  jpeg_mem_dest(&info, &encoder->bytes, &encoder->size);
+  info.image_width = static_cast<JDIMENSION>(image.width());
+  info.image_height = static_cast<JDIMENSION>(image.height());
+  info.input_components = 3;
+  info.in_color_space = JCS_RGB;
+  jpeg_set_defaults(&info);
+  jpeg_set_quality(&info, kQuality, TRUE);
+  info.comp_info[0].h_samp_factor = 1;  // colour at full resolution
+  info.comp_info[0].v_samp_factor = 1;
+  jpeg_start_compress(&info, TRUE);
+  while (info.next_scanline < info.image_height) {
+    // libjpeg takes no pointers to const but only reads.
+    auto* row = reinterpret_cast<JSAMPROW>(const_cast<Rgb*>(&image(0, static_cast<int>(info.next_scanline))));
+    jpeg_write_scanlines(&info, &row, 1);
+  }
+  jpeg_finish_compress(&info);
+  return true;
+}
 
 bool ReadHeader(Decompressor* decoder, const std::string& content) {
   if (setjmp(decoder->errors.jump)) return false;
@@ -96,6 +142,14 @@ ColorImage DecodeJpeg(const std::filesystem::path& path, const std::string& cont
   ColorImage image(static_cast<int>(decoder.info.image_width), static_cast<int>(decoder.info.image_height));
   if (!ReadRows(&decoder, image.View())) Fail(path, decoder);
   return image;
+}
+
+std::string EncodeJpeg(const std::filesystem::path& path, const ColorImage& image) {
+  Compressor encoder;
+  if (!Compress(&encoder, image)) {
+    throw ProcessingError(Concat("cannot write ", path.string(), " as JPEG: ", encoder.errors.message));
+  }
+  return {reinterpret_cast<const char*>(encoder.bytes), encoder.size};
 }
 
 }  // namespace acmp

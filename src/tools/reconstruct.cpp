@@ -6,6 +6,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/dataset/output_file.h"
+#include "reconstruct_colmap.h"
 #include "reconstruct_run.h"
 #include "reconstruct_summary.h"
 
@@ -23,6 +24,12 @@ std::vector<int> ChosenImages(const Scene& scene, const std::string& list) {
 /// "NVIDIA H200 (cuda:0)" -> "NVIDIA H200": what decides the bits.
 std::string DeviceModel(const std::string& device_name) { return device_name.substr(0, device_name.find(" (")); }
 
+std::string Joined(const std::vector<std::string>& words) {
+  std::string all;
+  for (const std::string& word : words) all += (all.empty() ? "" : " ") + word;
+  return all.empty() ? "nothing" : all;
+}
+
 /// Everything that decides the bits of the results, and which files there are.
 RunRecord MakeRecord(const ReconstructOptions& options, const std::string& device, const std::string& input_hash) {
   const auto depth = [](const std::optional<double>& value) { return value ? Concat(*value) : std::string("auto"); };
@@ -31,6 +38,7 @@ RunRecord MakeRecord(const ReconstructOptions& options, const std::string& devic
                       {"input (hash of images, cameras, poses, landmarks)", input_hash},
                       {"device", DeviceModel(device)},
                       {"preset", options.preset},
+                      {"set", Joined(options.set)},
                       {"schedule", options.schedule},
                       {"max-image-size", Concat(options.max_image_size)},
                       {"source-views", Concat(options.source_views)},
@@ -40,6 +48,7 @@ RunRecord MakeRecord(const ReconstructOptions& options, const std::string& devic
                       {"seed", Concat(options.seed)},
                       {"dynamic-consistency", flag(options.dynamic_consistency)},
                       {"dmb", flag(options.dmb)},
+                      {"colmap", flag(options.colmap)},
                       {"pictures", flag(!options.no_pictures)}};
   if (options.online()) {
     record.emplace_back("window-size", Concat(options.window_size));
@@ -96,6 +105,7 @@ void Reconstruct(const ReconstructOptions& options, const std::vector<Reconstruc
   Validate(options);
   const Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format));
   const std::vector<int> indices = ChosenImages(scene, options.images);
+  if (options.colmap) ColmapOutput::CheckNames(scene, indices);
   ReconstructPlan plan = options.online() ? MakeOnlinePlan(indices) : MakeOfflinePlan(scene, indices, options);
   interrupt->Check();
   Progress progress(log, StyleFor(options, log_is_terminal), TotalCost(plan, MakePipelineOptions(options)));

@@ -19,8 +19,8 @@ namespace {
 constexpr const char* kRecordName = "run.txt";
 constexpr const char* kLockName = ".lock";
 constexpr const char* kTemporarySuffix = ".partial";  // of AtomicFile
-constexpr std::array<const char*, 9> kOwnEntries = {"depth", "normal",    "cost",        "confidence",  "pictures",
-                                                    "work",  "fused.ply", "cameras.txt", "summary.json"};
+constexpr std::array<const char*, 10> kOwnEntries = {"depth",  "normal", "cost",      "confidence",  "pictures",
+                                                     "colmap", "work",   "fused.ply", "cameras.txt", "summary.json"};
 
 std::string Format(const RunRecord& record) {
   std::string text = "# settings of the run that made this folder\n";

@@ -7,6 +7,7 @@
 #include "acmp_mapping/backend/make_patch_match.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/pipeline/parameters.h"
 
 namespace acmp {
 namespace {
@@ -27,6 +28,7 @@ OUTPUT is a folder that is made; afterwards it holds, for image 0, 1, 2, ... of 
   pictures/000000_*.png    the four maps as colour pictures to look at
   fused.ply                one point cloud of all images: position, normal, colour, confidence
   cameras.txt              cameras of the maps (at the maps' size) with their poses
+  colmap/                  with --colmap: the undistorted images, sparse/, depth and normal maps in stereo/
   summary.json, run.txt    what was done, with which settings, and how long it took
 
 A run that was interrupted goes on where it stopped when the same command is given again; the result is the same to
@@ -47,12 +49,17 @@ CLI::Validator OneOf(const std::vector<std::string>& names) { return CLI::IsMemb
 
 void AddMatchingOptions(CLI::App* app, ReconstructOptions* options) {
   const std::string group = "Matching";
-  app->add_option("--preset", options->preset,
-                  "acmp: everything; acmp_no_geometric: without the geometric passes; acmh: without the planar prior;\n"
-                  "online: everything with fewer iterations and a start at half resolution, a third of the time;\n"
-                  "not tied to --schedule online")
+  app->add_option(
+         "--preset", options->preset,
+         "acmp: everything; quality: more geometric passes and a start at half size; online: everything with\n"
+         "fewer iterations, a third of the time (not tied to --schedule online); acmmp, acmm: acmp, acmh with\n"
+         "a start at half size; acmp_no_geometric: without the geometric passes; acmh: without the prior")
       ->check(OneOf(PresetNames()))
       ->capture_default_str()
+      ->group(group);
+  app->add_option("--set", options->set,
+                  "NAME=VALUE: an option of the pipeline over the preset's; may be given several times. Names and\n"
+                  "meanings are those of config/acmp_mapping.yaml, from start_level to prior_*, and its fusion")
       ->group(group);
   app->add_option("--max-image-size", options->max_image_size,
                   "Shrink images so that the longer side has at most this many pixels; 0: as stored")
@@ -117,6 +124,11 @@ void AddMachineOptions(CLI::App* app, ReconstructOptions* options) {
 void AddOutputOptions(CLI::App* app, ReconstructOptions* options) {
   const std::string group = "Output";
   app->add_flag("--dmb", options->dmb, "Also write depth as .dmb (Gipuma, ACMP)")->group(group);
+  app->add_flag(
+         "--colmap", options->colmap,
+         "Also write OUTPUT/colmap, COLMAP's dense workspace, for colmap stereo_fusion, OpenMVS and others. Its\n"
+         "depth maps leave out pixels that were only guessed, those of cost 2")
+      ->group(group);
   app->add_flag("--no-pictures", options->no_pictures, "No colour pictures of the maps")->group(group);
   app->add_flag("--overwrite", options->overwrite, "Start afresh: remove what an earlier run left in OUTPUT")
       ->group(group);
@@ -179,6 +191,7 @@ PipelineOptions MakePipelineOptions(const ReconstructOptions& options) {
   PipelineOptions pipeline = MakePreset(options.preset);
   pipeline.patch_match.seed = options.seed;
   pipeline.fusion.dynamic_consistency = options.dynamic_consistency;
+  for (const std::string& assignment : options.set) SetParameter(assignment, &pipeline);
   return pipeline;
 }
 

@@ -19,6 +19,7 @@ struct ReconstructOptions {
 
   std::string preset = "acmp";
   std::string schedule = "offline";
+  std::vector<std::string> set;     ///< NAME=VALUE: options of the pipeline over the preset's
   int max_image_size = 0;           ///< px, longer side; 0: as stored
   int source_views = 10;            ///< 1..32
   int min_source_views = 0;         ///< 0: 1 offline, the mapper's default online
@@ -36,6 +37,7 @@ struct ReconstructOptions {
   double memory_limit_gb = 4;
 
   bool dmb = false;
+  bool colmap = false;
   bool no_pictures = false;
   bool overwrite = false;
   bool keep_work = false;

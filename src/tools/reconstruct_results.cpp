@@ -1,17 +1,16 @@
 #include <oneapi/tbb/parallel_invoke.h>
 
-#include <Eigen/Geometry>
-#include <iomanip>
 #include <map>
 #include <memory>
 #include <mutex>
-#include <sstream>
+#include <optional>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
+#include "reconstruct_colmap.h"
 #include "reconstruct_run.h"
 #include "reconstruct_work_files.h"
 
@@ -35,6 +34,7 @@ class ResultWriter {
     for (const char* kind : {"depth", "normal", "cost", "confidence"}) MakeFolder(run_.folder.path() / kind);
     run_.folder.MakeWorkFolder(kWrittenMark);
     if (!run_.options.no_pictures) MakeFolder(run_.folder.path() / "pictures");
+    if (run_.options.colmap) colmap_.emplace(run);
     const ReconstructEngine& first = run_.engines.front();
     if (!first.on_host) fusion_engine_owner_ = first.engine->Share();
     fusion_engine_ = first;
@@ -60,6 +60,7 @@ class ResultWriter {
     }
     graph->Add(kHostPool, all_written, [this](int) { FinishFiles(); });
     graph->Add(kHostPool, {last_fused}, [this](int) { WriteCloud(); });
+    if (colmap_) graph->Add(kHostPool, {last_fused}, [this](int) { colmap_->WriteModel(images_, clouds_); });
   }
 
   static constexpr int kStepsPerImage = 2;
@@ -135,6 +136,9 @@ class ResultWriter {
         folder.MapFile("normal", index, ".pfm"), folder.MapFile("cost", index, ".pfm"),
         folder.MapFile("confidence", index, ".pfm")};
     if (run_.options.dmb) files.push_back(folder.MapFile("depth", index, ".dmb"));
+    if (colmap_) {
+      for (auto& file : colmap_->FilesOf(index)) files.push_back(std::move(file));
+    }
     if (run_.options.no_pictures) return files;
     for (const char* suffix : {"_depth.png", "_normal.png", "_cost.png", "_confidence.png"}) {
       files.push_back(folder.MapFile("pictures", index, suffix));
@@ -189,7 +193,7 @@ class ResultWriter {
       run_.progress.Warn(
           Concat(too_far_, " pixels deeper than 65.535 units are missing in depth/*.png; the .pfm have them"));
     }
-    WriteCameras();
+    WriteCameraList(run_, images_);
   }
 
   void WriteImage(int index) {
@@ -224,31 +228,14 @@ class ResultWriter {
         [&] {
           WritePfm(folder.MapFile("confidence", index, ".pfm"), confidence);
           if (pictures) WritePng(picture("_confidence.png"), ConfidencePicture(confidence));
+        },
+        [&] {
+          if (colmap_) colmap_->WriteMaps(index, Copy(maps.color()), depth, normal, cost);
         });
     for (const auto& file : FilesOf(index)) StartWriteback(file);
     const std::lock_guard<std::mutex> lock(run_.times_mutex);
     too_far_ += too_far;
     run_.times.writing_ms += timer.Lap();
-  }
-
-  void WriteCameras() const {
-    std::ostringstream text;
-    text
-        << "# cameras of the maps (image plane: x right, y down, pixel centres at integer coordinates, no distortion)\n"
-           "# columns: index filename fx fy cx cy width height qw qx qy qz tx ty tz\n"
-           "# qw..tz is T_world_cam (camera -> world): X_world = R(q) * X_cam + t; camera axes x right, y down, z "
-           "forward\n"
-        << std::setprecision(15);
-    for (int index : images_) {
-      const PinholeCamera c = CameraOf(run_.scene, index, run_.options.max_image_size);
-      const RigidTransform world_from_cam = run_.scene.images[index].cam_from_world.inverse();
-      const Eigen::Quaterniond q(world_from_cam.linear());
-      const Eigen::Vector3d t = world_from_cam.translation();
-      text << index << ' ' << run_.scene.images[index].name << ' ' << c.fx << ' ' << c.fy << ' ' << c.cx << ' ' << c.cy
-           << ' ' << c.width << ' ' << c.height << ' ' << q.w() << ' ' << q.x() << ' ' << q.y() << ' ' << q.z() << ' '
-           << t.x() << ' ' << t.y() << ' ' << t.z() << '\n';
-    }
-    WriteFileAtomically(run_.folder.path() / "cameras.txt", text.str());
   }
 
   void WriteCloud() {
@@ -263,8 +250,9 @@ class ResultWriter {
   std::unique_ptr<DepthEngine> fusion_engine_owner_;
   ReconstructEngine fusion_engine_;
   std::unique_ptr<FusionStamps> stamps_;
-  std::vector<int> images_;         ///< with maps, by scene index
-  std::vector<PointCloud> clouds_;  ///< of each view, world frame
+  std::optional<ColmapOutput> colmap_;  ///< where it is asked for
+  std::vector<int> images_;             ///< with maps, by scene index
+  std::vector<PointCloud> clouds_;      ///< of each view, world frame
 
   size_t too_far_ = 0;  ///< pixels; under times_mutex while images are written
 
@@ -279,11 +267,11 @@ size_t RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_m
   ResultWriter writer(run);
   writer.AddTasks(final_maps, graph);
   const PipelineOptions pipeline = MakePipelineOptions(run->options);
-  const int stages = final_maps.empty() ? 0 : 1 + pipeline.geometric_passes;
+  const int stages = final_maps.empty() ? 0 : 1 + NumRefinements(pipeline);
   const int steps = stages + ResultWriter::kStepsPerImage;
   const double output = StepCosts::kOutput + StepCosts::kFusion;
   const double initial = pipeline.use_planar_prior ? StepCosts::kInitialWithPrior : StepCosts::kInitialWithoutPrior;
-  const double maps = stages == 0 ? 0 : initial + pipeline.geometric_passes * StepCosts::kGeometricPass;
+  const double maps = stages == 0 ? 0 : initial + NumRefinements(pipeline) * StepCosts::kGeometricPass;
   run->progress.Begin(stages == 0 ? "maps, pictures and cloud" : "depth maps, pictures and cloud",
                       static_cast<int>(writer.images()) * steps, (maps + output) / steps);
   graph->Run(PoolThreads(*run), run->interrupt);

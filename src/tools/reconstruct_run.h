@@ -79,6 +79,9 @@ std::map<int, int> AddOfflineSchedule(ReconstructRun* run, TaskGraph* graph);
 /// Feeds the images in the order of their index to a DenseMapper. Leaves final maps in the folder.
 void RunOnlineSchedule(ReconstructRun* run);
 
+/// Writes cameras.txt: cameras and poses of the maps.
+void WriteCameraList(const ReconstructRun& run, const std::vector<int>& images);
+
 /// Runs what is in the graph and then, or meanwhile, the output: confidence, map files and pictures of every image with
 /// final maps; the fused cloud and the cameras.
 /// @param final_maps tasks that an image's final maps wait for, by scene index; none: they are there

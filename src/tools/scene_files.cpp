@@ -9,9 +9,9 @@
 #include <sstream>
 #include <string>
 #include <tuple>
-#include <utility>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/colmap_workspace.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
@@ -23,8 +23,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kDigits = 12;               // of a double in text files
-constexpr double kColmapOffset_px = 0.5;  // COLMAP's pixel centres against ours
+constexpr int kDigits = 12;  // of a double in text files
 
 std::string Numbered(const char* format, size_t index) {
   char text[32];
@@ -52,7 +51,7 @@ std::string QuaternionAndTranslation(const RigidTransform& transform) {
 struct Track {
   Eigen::Vector3d point_in_world;
   Rgb color;
-  std::vector<std::pair<size_t, size_t>> observations;  ///< view, number within the view
+  std::vector<size_t> views;
 };
 
 // A landmark has the same coordinates in every view that observes it.
@@ -61,8 +60,7 @@ std::vector<Track> FindTracks(const std::vector<SyntheticView>& views) {
   std::vector<Track> tracks;
   for (size_t view = 0; view < views.size(); ++view) {
     const Frame& frame = views[view].frame;
-    for (size_t i = 0; i < frame.landmarks_in_world.size(); ++i) {
-      const Eigen::Vector3d& point = frame.landmarks_in_world[i];
+    for (const Eigen::Vector3d& point : frame.landmarks_in_world) {
       const auto [at, is_new] = index.emplace(std::make_tuple(point.x(), point.y(), point.z()), tracks.size());
       if (is_new) {
         const Eigen::Vector2d pixel = frame.camera.Project(frame.cam_from_world * point);
@@ -70,7 +68,7 @@ std::vector<Track> FindTracks(const std::vector<SyntheticView>& views) {
         const int row = std::clamp(static_cast<int>(std::lround(pixel.y())), 0, frame.camera.height - 1);
         tracks.push_back({point, frame.color(col, row), {}});
       }
-      tracks[at->second].observations.emplace_back(view, i);
+      tracks[at->second].views.push_back(view);
     }
   }
   return tracks;
@@ -149,45 +147,18 @@ void WritePairs(const fs::path& folder, const std::vector<SyntheticView>& views)
   WriteFileAtomically(folder / "pair.txt", text.str());
 }
 
-void WriteColmapModel(const fs::path& folder, const std::vector<SyntheticView>& views,
+void WriteSparseModel(const fs::path& folder, const std::vector<SyntheticView>& views,
                       const std::vector<Track>& tracks) {
   MakeFolder(folder);
-  const PinholeCamera& camera = views.front().frame.camera;
-  std::ostringstream cameras = TextFile();
-  cameras << "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n1 PINHOLE " << camera.width << ' ' << camera.height << ' '
-          << camera.fx << ' ' << camera.fy << ' ' << camera.cx + kColmapOffset_px << ' ' << camera.cy + kColmapOffset_px
-          << '\n';
-  WriteFileAtomically(folder / "cameras.txt", cameras.str());
-
-  std::vector<std::vector<size_t>> track_of(views.size());  // by view and number within the view
-  std::ostringstream points = TextFile();
-  points << "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n";
-  for (size_t t = 0; t < tracks.size(); ++t) {
-    const Track& track = tracks[t];
-    const Eigen::Vector3d& p = track.point_in_world;
-    points << t + 1 << ' ' << p.x() << ' ' << p.y() << ' ' << p.z() << ' ' << int{track.color.r} << ' '
-           << int{track.color.g} << ' ' << int{track.color.b} << " 0";
-    for (const auto& [view, number] : track.observations) {
-      points << ' ' << view + 1 << ' ' << number;
-      track_of[view].push_back(t);  // a view meets its landmarks in the order of their numbers
-    }
-    points << '\n';
-  }
-  WriteFileAtomically(folder / "points3D.txt", points.str());
-
-  std::ostringstream images = TextFile();
-  images << "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n# POINTS2D[] as (X, Y, POINT3D_ID)\n";
+  std::vector<ColmapModelImage> images;
   for (size_t i = 0; i < views.size(); ++i) {
     const Frame& frame = views[i].frame;
-    images << i + 1 << ' ' << QuaternionAndTranslation(frame.cam_from_world) << " 1 " << ImageName(i) << '\n';
-    for (size_t k = 0; k < frame.landmarks_in_world.size(); ++k) {
-      const Eigen::Vector2d pixel = camera.Project(frame.cam_from_world * frame.landmarks_in_world[k]);
-      images << (k == 0 ? "" : " ") << pixel.x() + kColmapOffset_px << ' ' << pixel.y() + kColmapOffset_px << ' '
-             << track_of[i][k] + 1;
-    }
-    images << '\n';
+    images.push_back({static_cast<int>(i) + 1, ImageName(i), frame.camera, frame.cam_from_world});
   }
-  WriteFileAtomically(folder / "images.txt", images.str());
+  std::vector<ColmapModelPoint> points;
+  points.reserve(tracks.size());
+  for (const Track& track : tracks) points.push_back({track.point_in_world, track.color, track.views});
+  WriteColmapModel(folder, images, points);
 }
 
 PointCloud CloudOf(const std::vector<Track>& tracks) {
@@ -207,7 +178,7 @@ void WriteSceneFiles(const fs::path& folder, const std::vector<SyntheticView>& v
   WriteMaps(folder, views);
   WriteMvsnetCameras(folder, views);
   WritePairs(folder, views);
-  WriteColmapModel(folder / "sparse", views, tracks);
+  WriteSparseModel(folder / "sparse", views, tracks);
   WritePly(folder / "sparse.ply", CloudOf(tracks));
   WritePly(folder / "surface.ply", SampleSyntheticSurface(views, surface_spacing_m));
   WriteCameraList(folder, views);  // last: a folder with this file is whole

@@ -111,6 +111,27 @@ TEST_F(ImageCodecTest, PngKeepsEveryPixel) {
   }
 }
 
+TEST_F(ImageCodecTest, NameDecidesWhichKindIsWritten) {
+  const ColorImage image = SmoothColors(33, 17);
+  for (const char* name : {"a.jpg", "a.JPEG"}) {
+    WriteColorImage(folder() / name, image);
+    EXPECT_EQ(ReadText(folder() / name).substr(0, 2), "\xff\xd8") << name;
+    EXPECT_LE(MaxDifference(ReadColorImage(folder() / name), image), 3) << name;
+  }
+  for (const char* name : {"a.png", "a", "a.jpg.bmp"}) {
+    WriteColorImage(folder() / name, image);
+    EXPECT_EQ(MaxDifference(ReadColorImage(folder() / name), image), 0) << name;
+  }
+}
+
+TEST_F(ImageCodecTest, JpegThatCannotBeWrittenIsReported) {
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { WriteColorImage(folder() / "a.jpg", ColorImage(65501, 1)); }),
+              AllOf(HasSubstr("a.jpg"), HasSubstr("65500")));
+  EXPECT_FALSE(std::filesystem::exists(folder() / "a.jpg"));
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { WriteColorImage(Unwritable("a.jpg"), ColorImage(2, 2)); }),
+              HasSubstr("Not a directory"));
+}
+
 TEST_F(ImageCodecTest, Png16KeepsEveryPixel) {
   Image<uint16_t> image(3, 2);
   const uint16_t values[] = {0, 1, 255, 256, 4660, 65535};

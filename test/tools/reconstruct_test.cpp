@@ -73,6 +73,7 @@ TEST_F(ReconstructTest, OptionalFilesAreLeftOut) {
   Run(&fake_);
   EXPECT_FALSE(Has("pictures"));
   EXPECT_FALSE(Has("depth/000000.dmb"));
+  EXPECT_FALSE(Has("colmap"));
   EXPECT_TRUE(Has("depth/000000.pfm"));
 }
 
@@ -150,6 +151,7 @@ class ResumeTest : public ReconstructTest, public ::testing::WithParamInterface<
  protected:
   ResumeTest() {
     options_.schedule = GetParam();
+    options_.colmap = true;
     options_.source_views = 3;
     options_.window_size = 4;
     options_.lookahead = 1;
@@ -205,7 +207,9 @@ TEST_P(ResumeTest, FilesThatAreMissingAreMadeAgain) {
   PassesOfWholeRun();
   options_.keep_work = true;
   Run(&fake_);
-  for (const char* name : {"summary.json", "depth/000001.png", "pictures/000002_cost.png", "fused.ply"}) {
+  for (const char* name : {"summary.json", "depth/000001.png", "pictures/000002_cost.png", "fused.ply",
+                           "colmap/images/00000000.png", "colmap/stereo/depth_maps/00000003.png.geometric.bin",
+                           "colmap/sparse/points3D.txt", "colmap/stereo/fusion.cfg"}) {
     std::filesystem::remove(output() / name);
   }
   options_.keep_work = false;

@@ -17,6 +17,8 @@ Image<uint16_t> ReadPng16(const std::filesystem::path& path);
 /// Writers go to a temporary name and rename, so that a file is either whole or absent. Throw ProcessingError with the
 /// system's reason (no space, not writable).
 void WritePng(const std::filesystem::path& path, const ColorImage& image);
+/// JPEG (quality 98, colour at full resolution) when the name ends in .jpg or .jpeg, else PNG.
+void WriteColorImage(const std::filesystem::path& path, const ColorImage& image);
 void WritePng16(const std::filesystem::path& path, const Image<uint16_t>& image);
 
 }  // namespace acmp

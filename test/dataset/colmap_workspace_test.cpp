@@ -1,0 +1,170 @@
+#include "acmp_mapping/dataset/colmap_workspace.h"
+
+#include <gmock/gmock.h>
+
+#include <cstring>
+#include <limits>
+#include <sstream>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/scene.h"
+#include "dataset/test_folder.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ColmapWorkspaceTest = TestFolder;
+
+std::string Bytes(const std::vector<float>& values) {
+  return std::string(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(float));
+}
+
+/// A reader after COLMAP's documentation of the format, value by value.
+struct ReadMap {
+  explicit ReadMap(const std::string& content) {
+    std::istringstream stream(content);
+    char separator[3] = {};
+    stream >> width >> separator[0] >> height >> separator[1] >> channels >> separator[2];
+    EXPECT_EQ(std::string(separator, 3), "&&&");
+    body = content.substr(static_cast<size_t>(stream.tellg()));
+    EXPECT_EQ(body.size(), sizeof(float) * width * height * channels);
+  }
+  float At(int col, int row, int channel) const {
+    const size_t index = (static_cast<size_t>(channel) * height + row) * width + col;
+    uint32_t bits = 0;
+    for (int byte = 3; byte >= 0; --byte) bits = bits << 8 | static_cast<unsigned char>(body[4 * index + byte]);
+    float value = 0;
+    std::memcpy(&value, &bits, sizeof(value));
+    return value;
+  }
+  int width = 0, height = 0, channels = 0;
+  std::string body;
+};
+
+TEST_F(ColmapWorkspaceTest, MapsHaveTheDocumentedBytes) {
+  Image<float> depth(2, 2);
+  for (int i = 0; i < 4; ++i) depth.data()[i] = static_cast<float>(i + 1);
+  WriteColmapMap(folder() / "d.bin", depth);
+  EXPECT_EQ(ReadText(folder() / "d.bin"), "2&2&1&" + Bytes({1, 2, 3, 4}));
+  NormalMap normal(2, 1);
+  normal(0, 0) = {1, 2, 3};
+  normal(1, 0) = {4, 5, 6};
+  WriteColmapMap(folder() / "n.bin", normal);
+  EXPECT_EQ(ReadText(folder() / "n.bin"), "2&1&3&" + Bytes({1, 4, 2, 5, 3, 6}));
+}
+
+TEST_F(ColmapWorkspaceTest, MapsAreReadBackBitForBit) {
+  Image<float> depth(7, 5);
+  NormalMap normal(7, 5);
+  for (size_t i = 0; i < depth.size(); ++i) {
+    depth.data()[i] = 0.1f * static_cast<float>(i);
+    normal.data()[i] = {0.3f * static_cast<float>(i), -0.7f, 1.0f / static_cast<float>(i + 1)};
+  }
+  depth(3, 2) = std::numeric_limits<float>::denorm_min();
+  WriteColmapMap(folder() / "d.bin", depth);
+  WriteColmapMap(folder() / "n.bin", normal);
+  const ReadMap d(ReadText(folder() / "d.bin"));
+  const ReadMap n(ReadText(folder() / "n.bin"));
+  EXPECT_THAT(std::vector<int>({d.width, d.height, d.channels, n.width, n.height, n.channels}),
+              ElementsAre(7, 5, 1, 7, 5, 3));
+  for (int row = 0; row < 5; ++row) {
+    for (int col = 0; col < 7; ++col) {
+      ASSERT_EQ(d.At(col, row, 0), depth(col, row));
+      ASSERT_EQ(n.At(col, row, 0), normal(col, row).x);
+      ASSERT_EQ(n.At(col, row, 1), normal(col, row).y);
+      ASSERT_EQ(n.At(col, row, 2), normal(col, row).z);
+    }
+  }
+}
+
+TEST_F(ColmapWorkspaceTest, WritersReportUnwritablePaths) {
+  const auto path = Unwritable("a");
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { WriteColmapMap(path, Image<float>(2, 2)); }),
+              HasSubstr("Not a directory"));
+  EXPECT_THROW(WriteColmapMap(path, NormalMap(2, 2)), ProcessingError);
+  EXPECT_THROW(WriteColmapModel(path, {}, {}), ProcessingError);
+  EXPECT_THROW(WriteColmapLists(path, {}, {}), ProcessingError);
+}
+
+std::vector<ColmapModelImage> SomeImages() {
+  RigidTransform moved = RigidTransform::Identity();
+  moved.linear() = Eigen::AngleAxisd(0.3, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
+  moved.translation() = Eigen::Vector3d(0.1, -0.2, 0.3);
+  const PinholeCamera camera{8, 6, 7.123456789012, 7.5, 3.5, 2.25};
+  return {{1, "left/0.png", camera, RigidTransform::Identity()},
+          {4, "left/1.png", camera, moved},
+          {9, "right/0.jpg", {10, 6, 8, 8, 4.5, 2.5}, RigidTransform::Identity()}};
+}
+
+TEST_F(ColmapWorkspaceTest, ModelHasTheDocumentedText) {
+  std::vector<ColmapModelImage> images = SomeImages();
+  images.erase(images.begin() + 1);
+  images[0].camera = {8, 6, 7, 7.5, 3.5, 2.25};
+  WriteColmapModel(folder(), images, {{{0, 0, 2}, {10, 20, 30}, {0, 1}}, {{1, 0, 2}, {1, 2, 3}, {1}}});
+  EXPECT_EQ(ReadText(folder() / "cameras.txt"),
+            "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n# Number of cameras: 2\n"
+            "1 PINHOLE 8 6 7 7.5 4 2.75\n2 PINHOLE 10 6 8 8 5 3\n");
+  EXPECT_EQ(ReadText(folder() / "images.txt"),
+            "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n# POINTS2D[] as (X, Y, POINT3D_ID)\n"
+            "# Number of images: 2\n"
+            "1 1 0 0 0 0 0 0 1 left/0.png\n4 2.75 1\n"
+            "9 1 0 0 0 0 0 0 2 right/0.jpg\n5 3 1 9 3 2\n");
+  EXPECT_EQ(ReadText(folder() / "points3D.txt"),
+            "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n# Number of points: 2\n"
+            "1 0 0 2 10 20 30 -1 1 0 9 0\n2 1 0 2 1 2 3 -1 9 1\n");
+}
+
+TEST_F(ColmapWorkspaceTest, ModelIsReadBack) {
+  const std::vector<ColmapModelImage> images = SomeImages();
+  for (const ColmapModelImage& image : images) WriteText("images/" + image.name, "not looked at");
+  std::filesystem::create_directories(folder() / "sparse");
+  const std::vector<ColmapModelPoint> points = {{{0.1, 0.2, 3.3}, {}, {0, 1, 2}}, {{-1.5, 0, 4}, {}, {1, 2}}};
+  WriteColmapModel(folder() / "sparse", images, points);
+  const Scene scene = ReadScene(folder(), SceneFormat::kColmap);
+  ASSERT_EQ(scene.images.size(), 3u);
+  for (size_t i = 0; i < images.size(); ++i) {
+    const PinholeCamera& camera = scene.images[i].camera;
+    EXPECT_EQ(scene.images[i].name, images[i].name);
+    EXPECT_EQ(camera.width, images[i].camera.width);
+    EXPECT_NEAR(camera.fx, images[i].camera.fx, 1e-13);
+    EXPECT_NEAR(camera.cx, images[i].camera.cx, 1e-13);
+    EXPECT_NEAR(camera.cy, images[i].camera.cy, 1e-13);
+    EXPECT_LT((scene.images[i].cam_from_world.matrix() - images[i].cam_from_world.matrix()).norm(), 1e-13);
+  }
+  ASSERT_EQ(scene.landmarks_in_world.size(), 2u);
+  EXPECT_LT((scene.landmarks_in_world[1] - points[1].position_in_world).norm(), 1e-13);
+  EXPECT_THAT(scene.images[0].landmark_indices, ElementsAre(0));
+  EXPECT_THAT(scene.images[1].landmark_indices, ElementsAre(0, 1));
+}
+
+TEST_F(ColmapWorkspaceTest, PointsThatNoImageSeesAreLeftOut) {
+  WriteColmapModel(folder(), SomeImages(), {{{0, 0, -5}, {}, {0, 2}}, {{0, 0, 5}, {}, {}}, {{0, 0, 3}, {}, {0}}});
+  EXPECT_THAT(ReadText(folder() / "points3D.txt"), HasSubstr("points: 1\n1 0 0 3 0 0 0 -1 1 0\n"));
+}
+
+TEST_F(ColmapWorkspaceTest, EmptyModelIsWritten) {
+  WriteColmapModel(folder(), SomeImages(), {});
+  EXPECT_THAT(ReadText(folder() / "points3D.txt"), HasSubstr("# Number of points: 0\n"));
+  EXPECT_THAT(ReadText(folder() / "images.txt"), HasSubstr("right/0.jpg\n\n"));  // the line of features is there
+}
+
+TEST_F(ColmapWorkspaceTest, ListsNameImagesAndTheirSources) {
+  WriteColmapLists(folder(), {"a.png", "b/c.png", "d.png"}, {{"b/c.png", "d.png"}, {"a.png"}, {}});
+  EXPECT_EQ(ReadText(folder() / "fusion.cfg"), "a.png\nb/c.png\nd.png\n");
+  EXPECT_EQ(ReadText(folder() / "patch-match.cfg"), "a.png\nb/c.png, d.png\nb/c.png\na.png\nd.png\n__auto__, 20\n");
+}
+
+TEST(ColmapNames, OnlyThoseThatTheFilesCanHold) {
+  for (const char* good : {"a.png", "left/0001.jpg", "a/b/c", "a..b.png", "über.png"}) {
+    EXPECT_NO_THROW(CheckColmapName(good)) << good;
+  }
+  for (const char* bad :
+       {"", "a b.png", "a,b.png", "a\tb", "#a.png", "/a.png", "../a.png", "a/../b.png", "./a.png", "a//b.png", ".."}) {
+    EXPECT_THAT(MessageOf<InvalidInputError>([&] { CheckColmapName(bad); }), HasSubstr(Concat("\"", bad, "\"")));
+  }
+}
+
+}  // namespace
+}  // namespace acmp
