@@ -8,6 +8,7 @@
 #include <nanoflann.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "voxel_index.h"
 
 namespace acmp {
 namespace {
@@ -45,27 +46,13 @@ std::vector<double> SquaredDistances(const PointCloud& points, const PointCloud&
   return squared;
 }
 
-struct Voxel {
-  int64_t x, y, z;
-  bool operator==(const Voxel& o) const { return x == o.x && y == o.y && z == o.z; }
-};
-struct VoxelHash {
-  size_t operator()(const Voxel& v) const {
-    // Large primes per axis (Teschner et al., VMV 2003).
-    return static_cast<uint64_t>(v.x) * 73856093 ^ static_cast<uint64_t>(v.y) * 19349663 ^
-           static_cast<uint64_t>(v.z) * 83492791;
-  }
-};
-
 // Number of each point's voxel, counted from 0 in the order of first appearance.
 struct VoxelGrid {
   VoxelGrid(const PointCloud& points, double voxel_size, double shift) {
     std::unordered_map<Voxel, size_t, VoxelHash> index;
     voxel_of_point.reserve(points.size());
     for (const SurfacePoint& point : points) {
-      const auto cell = [&](float x) { return static_cast<int64_t>(std::floor(x / voxel_size + shift)); };
-      const Voxel voxel = {cell(point.position.x), cell(point.position.y), cell(point.position.z)};
-      const size_t number = index.emplace(voxel, index.size()).first->second;
+      const size_t number = index.emplace(VoxelOf(point.position, voxel_size, shift), index.size()).first->second;
       if (number == point_count.size()) point_count.push_back(0);
       ++point_count[number];
       voxel_of_point.push_back(number);
@@ -105,33 +92,41 @@ std::vector<double> SharesWithin(const PointCloud& points, const PointCloud& tar
 }
 
 void CheckCloud(const char* name, const PointCloud& points, double voxel_size) {
-  constexpr double kMaxVoxels = 1e9;  // from the origin: float coordinates are coarser than any voxel there
-  const auto good = [limit = kMaxVoxels * voxel_size](float x) { return std::abs(x) <= limit; };  // NaN is not
   for (size_t i = 0; i < points.size(); ++i) {
     const Vec3f& p = points[i].position;
-    if (good(p.x) && good(p.y) && good(p.z)) continue;
+    if (FitsVoxels(p, voxel_size)) continue;
     throw InvalidInputError(Concat(name, ": point ", i, " = (", p.x, ", ", p.y, ", ", p.z,
                                    "): coordinates must be finite and at most ", kMaxVoxels, " voxels from 0"));
   }
 }
 
-void CheckLength(const char* name, double value) {
-  if (!(std::isfinite(value) && value > 0)) {
-    throw InvalidInputError(Concat(name, " = ", value, ": must be positive and finite"));
+// Those with a mark.
+PointCloud Select(const PointCloud& points, const std::vector<uint8_t>& marks) {
+  PointCloud selected;
+  for (size_t i = 0; i < points.size(); ++i) {
+    if (marks[i]) selected.push_back(points[i]);
   }
+  return selected;
 }
 
 }  // namespace
 
 std::vector<CloudMetrics> EvaluateCloud(const PointCloud& reconstruction, const PointCloud& ground_truth,
-                                        const std::vector<double>& thresholds, double voxel_size) {
+                                        const std::vector<double>& thresholds, double voxel_size,
+                                        const std::vector<uint8_t>& observed) {
   CheckLength("voxel size", voxel_size);
   for (const double threshold : thresholds) CheckLength("threshold", threshold);
   if (ground_truth.empty()) throw InvalidInputError("ground truth: 0 points: must be at least 1");
   CheckCloud("reconstruction", reconstruction, voxel_size);
   CheckCloud("ground truth", ground_truth, voxel_size);
+  if (!observed.empty() && observed.size() != reconstruction.size()) {
+    throw InvalidInputError(
+        Concat("observed: ", observed.size(), " marks: must be one per point, ", reconstruction.size()));
+  }
 
-  const std::vector<double> accuracy = SharesWithin(reconstruction, ground_truth, thresholds, voxel_size);
+  const std::vector<double> accuracy =
+      observed.empty() ? SharesWithin(reconstruction, ground_truth, thresholds, voxel_size)
+                       : SharesWithin(Select(reconstruction, observed), ground_truth, thresholds, voxel_size);
   const std::vector<double> completeness = SharesWithin(ground_truth, reconstruction, thresholds, voxel_size);
   std::vector<CloudMetrics> metrics;
   for (size_t i = 0; i < thresholds.size(); ++i) {

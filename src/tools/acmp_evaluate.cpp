@@ -4,8 +4,9 @@
 
 #include <CLI/CLI.hpp>
 
-#include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/output_file.h"
+#include "evaluate_cloud.h"
 #include "evaluate_depth.h"
 #include "evaluate_inputs.h"
 #include "evaluate_report.h"
@@ -16,12 +17,24 @@ namespace {
 
 struct Arguments {
   DepthEvaluationOptions depth;
+  CloudEvaluationOptions cloud;
   std::string subset, csv, json;
   bool quiet = false;
-  std::string reconstruction, ground_truth_cloud;
-  std::vector<double> thresholds = {0.02, 0.05};
-  double voxel_size = 0.01;
 };
+
+constexpr const char* kGroundTruthGroup = "Ground-truth depth maps";
+
+void AddGroundTruthOptions(CLI::App* command, GroundTruthOptions* truth) {
+  command->add_option("--gt", truth->folder, "Folder of the ground truth, in SCENE or anywhere")
+      ->capture_default_str()
+      ->group(kGroundTruthGroup);
+  command->add_option("--max-depth", truth->max_depth, "Leave out ground truth beyond this depth (0: none)")
+      ->capture_default_str()
+      ->group(kGroundTruthGroup);
+  command->add_option("--gt-png-unit", truth->png_unit, "Counts per unit of ground-truth .png files")
+      ->capture_default_str()
+      ->group(kGroundTruthGroup);
+}
 
 CLI::App* AddDepthCommand(CLI::App* app, Arguments* a) {
   CLI::App* command = app->add_subcommand(
@@ -39,14 +52,9 @@ CLI::App* AddDepthCommand(CLI::App* app, Arguments* a) {
           "Folder with one .pfm, .dmb or 16-bit .png (millimetres) per image, named by the image's name or its "
           "index (000007.pfm, depth_7.png), or the output folder of the public ACMP program")
       ->required();
-  command->add_option("--gt", a->depth.ground_truth, "Folder of the ground truth, in SCENE or anywhere")
-      ->capture_default_str();
+  AddGroundTruthOptions(command, &a->depth.truth);
   command->add_option("--name", a->depth.name, "Only files whose name contains this regular expression");
   command->add_option("--scale", a->depth.scale, "Multiply the predictions by this")->capture_default_str();
-  command->add_option("--max-depth", a->depth.max_depth, "Leave out ground truth beyond this depth (0: none)")
-      ->capture_default_str();
-  command->add_option("--gt-png-unit", a->depth.png_unit, "Counts per unit of ground-truth .png files")
-      ->capture_default_str();
   command->add_option("--subset", a->subset, "Only these image indices, for example 0,3,7-12");
   command
       ->add_option(
@@ -64,15 +72,26 @@ CLI::App* AddDepthCommand(CLI::App* app, Arguments* a) {
 CLI::App* AddCloudCommand(CLI::App* app, Arguments* a) {
   CLI::App* command = app->add_subcommand(
       "cloud",
-      "A point cloud against a ground-truth cloud, as in the ETH3D multi-view benchmark: accuracy is the percentage of "
+      "A point cloud against ground truth, as in the ETH3D multi-view benchmark: accuracy is the percentage of "
       "reconstructed points within a threshold of the ground truth, completeness the reverse, F1 their harmonic mean; "
-      "percentages are taken per voxel and averaged, so that dense regions do not dominate.");
-  command->add_option("RECONSTRUCTION", a->reconstruction, "PLY file")->required();
-  command->add_option("GROUND_TRUTH", a->ground_truth_cloud, "PLY file in the same frame and unit")->required();
-  command->add_option("--thresholds", a->thresholds, "Distances, separated by commas")
+      "percentages are taken per voxel and averaged, so that dense regions do not dominate.\n"
+      "The depth maps of a SCENE are taken to the world and merged: of the points in a voxel of half the size of "
+      "--voxel the first one stays. A reconstructed point counts for accuracy only if at least one of the maps "
+      "observes "
+      "its place: it projects on a pixel of known depth z and has itself a depth of at most z + the largest threshold "
+      "there. What is in front of or on an observed surface is judged, what is hidden behind all of them or outside of "
+      "all maps is not.");
+  command->add_option("RECONSTRUCTION", a->cloud.reconstruction, "PLY file")->required();
+  command
+      ->add_option("GROUND_TRUTH", a->cloud.ground_truth,
+                   "PLY file in the same frame and unit, or a SCENE: folder with cameras.txt (T_world_cam) and depth/")
+      ->required();
+  command->add_option("--thresholds", a->cloud.thresholds, "Distances, separated by commas")
       ->delimiter(',')
       ->capture_default_str();
-  command->add_option("--voxel", a->voxel_size, "Size of the voxels")->capture_default_str();
+  command->add_option("--voxel", a->cloud.voxel_size, "Size of the voxels")->capture_default_str();
+  AddGroundTruthOptions(command, &a->cloud.truth);
+  command->add_option("--json", a->json, "Write all figures to this file");
   return command;
 }
 
@@ -86,12 +105,20 @@ int EvaluateDepthMaps(Arguments* a) {
   return kExitDone;
 }
 
-int EvaluatePointCloud(const Arguments& a) {
-  const PointCloud reconstruction = ReadPly(a.reconstruction);
-  const PointCloud ground_truth = ReadPly(a.ground_truth_cloud);
-  std::cout << reconstruction.size() << " reconstructed points, " << ground_truth.size() << " true points, voxels of "
-            << a.voxel_size << '\n'
-            << CloudTable(EvaluateCloud(reconstruction, ground_truth, a.thresholds, a.voxel_size)) << std::flush;
+int EvaluatePointCloud(const CLI::App& command, const Arguments& a) {
+  if (!std::filesystem::is_directory(a.cloud.ground_truth)) {
+    const auto is_of_maps = [](const CLI::Option* option) { return option->get_group() == kGroundTruthGroup; };
+    for (const CLI::Option* option : command.get_options(is_of_maps)) {
+      if (option->count() == 0) continue;
+      throw InvalidInputError(Concat(option->get_name(), " = ", option->results().front(),
+                                     ": needs a folder as "
+                                     "GROUND_TRUTH, not ",
+                                     a.cloud.ground_truth.string()));
+    }
+  }
+  const CloudEvaluation evaluation = EvaluateCloudFile(a.cloud);
+  std::cout << CloudTable(evaluation) << std::flush;
+  if (!a.json.empty()) WriteFileAtomically(a.json, CloudJson(evaluation));
   return kExitDone;
 }
 
@@ -105,8 +132,8 @@ int main(int argc, char** argv) {
   app.footer("Exit code: 0 done, 2 wrong use or input, 1 failed. Details: acmp_evaluate depth --help");
   acmp::Arguments arguments;
   const CLI::App* depth = acmp::AddDepthCommand(&app, &arguments);
-  acmp::AddCloudCommand(&app, &arguments);
+  const CLI::App* cloud = acmp::AddCloudCommand(&app, &arguments);
   return acmp::RunTool(app, argc, argv, [&] {
-    return depth->parsed() ? acmp::EvaluateDepthMaps(&arguments) : acmp::EvaluatePointCloud(arguments);
+    return depth->parsed() ? acmp::EvaluateDepthMaps(&arguments) : acmp::EvaluatePointCloud(*cloud, arguments);
   });
 }

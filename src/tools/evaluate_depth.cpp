@@ -9,7 +9,6 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
-#include "evaluate_inputs.h"
 
 namespace acmp {
 namespace {
@@ -39,16 +38,6 @@ class RegionMean {
   double share_sum_ = 0;
 };
 
-DepthMap ReadGroundTruth(const fs::path& path, const DepthEvaluationOptions& options) {
-  DepthMap truth = ReadDepthMap(path, options.png_unit);
-  if (options.max_depth > 0) {
-    const auto limit = static_cast<float>(options.max_depth);
-    std::replace_if(
-        truth.begin(), truth.end(), [limit](float z) { return z > limit; }, 0.0f);
-  }
-  return truth;
-}
-
 DepthMap ReadPrediction(const fs::path& path, double scale) {
   constexpr double kMillimetres = 1000.0;
   DepthMap estimate = ReadDepthMap(path, kMillimetres);
@@ -70,16 +59,9 @@ Image<unsigned char> ReadMask(const fs::path& folder, int index, const DepthMap&
   return mask;
 }
 
-void CheckPositive(const char* name, double value) {
-  if (!(std::isfinite(value) && value > 0)) {
-    throw InvalidInputError(Concat(name, " = ", value, ": must be positive and finite"));
-  }
-}
-
 void Check(const DepthEvaluationOptions& options) {
   CheckPositive("--scale", options.scale);
-  CheckPositive("--gt-png-unit", options.png_unit);
-  CheckRange("--max-depth", options.max_depth, 0.0, 1e9);
+  Validate(options.truth);
   CheckRange("--lowtex", options.low_texture, 0.0, 255.0);
 }
 
@@ -124,7 +106,7 @@ Image<unsigned char> LowTextureMask(Image<unsigned char> picture, int width, int
 DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
   Check(options);
   const std::vector<EvaluationImage> images = ReadImageList(options.scene);
-  const fs::path truth_folder = FindFolder(options.scene, options.ground_truth);
+  const fs::path truth_folder = FindFolder(options.scene, options.truth.folder);
   PredictionIndex predictions = FindPredictions(options.predictions, images, options.name);
 
   DepthEvaluation evaluation;
@@ -138,9 +120,8 @@ DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
   size_t without_picture = 0;
   for (const EvaluationImage& image : images) {
     if (!options.subset.empty() && options.subset.count(image.index) == 0) continue;
-    const fs::path truth_path = FindMap(truth_folder, image.index, {".png", ".pfm", ".dmb"});
-    if (truth_path.empty()) continue;
-    const DepthMap truth = ReadGroundTruth(truth_path, options);
+    const DepthMap truth = ReadGroundTruth(truth_folder, image.index, options.truth);
+    if (truth.empty()) continue;
     const auto found = predictions.files.find(image.index);
     const bool has_prediction = found != predictions.files.end();
     const DepthMap estimate = has_prediction ? ReadPrediction(found->second, options.scale) : DepthMap();

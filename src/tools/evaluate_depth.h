@@ -6,20 +6,19 @@
 #include <vector>
 
 #include "acmp_mapping/evaluation/depth_metrics.h"
+#include "evaluate_inputs.h"
 
 namespace acmp {
 
 struct DepthEvaluationOptions {
   std::filesystem::path scene;
   std::filesystem::path predictions;
-  std::string ground_truth = "depth";  ///< folder in the scene, or any folder
-  std::string name;                    ///< see FindPredictions
-  double scale = 1.0;                  ///< predictions are multiplied by it, > 0
-  double max_depth = 0;                ///< ground truth beyond is left out; 0: none
-  double png_unit = 1000.0;            ///< counts of ground-truth .png files per scene unit, > 0
-  double low_texture = 4.0;            ///< grey levels; 0 turns the row off
-  std::set<int> subset;                ///< image indices; empty: all
-  std::vector<std::string> masks;      ///< folders of 8-bit pictures, each a row of its own
+  GroundTruthOptions truth;
+  std::string name;                ///< see FindPredictions
+  double scale = 1.0;              ///< predictions are multiplied by it, > 0
+  double low_texture = 4.0;        ///< grey levels; 0 turns the row off
+  std::set<int> subset;            ///< image indices; empty: all
+  std::vector<std::string> masks;  ///< folders of 8-bit pictures, each a row of its own
 };
 
 struct ImageEvaluation {

@@ -91,6 +91,28 @@ std::map<int, fs::path> FindNamedMaps(const std::vector<fs::path>& entries, cons
   return found;
 }
 
+// Calls visit(image, rest of its line, "file:line: text") for each image of SCENE/cameras.txt.
+template <class Visitor>
+void ForEachImageLine(const fs::path& scene, const Visitor& visit) {
+  const fs::path path = scene / "cameras.txt";
+  std::ifstream file(path);
+  if (!file)
+    throw InvalidInputError(Concat(path.string(), ": cannot be read; SCENE must be a folder with cameras.txt"));
+  bool any = false;
+  std::string line;
+  for (int number = 1; std::getline(file, line); ++number) {
+    std::istringstream words(line);
+    std::string index, name;
+    if (!(words >> index) || index.front() == '#') continue;
+    const std::string where = Concat(path.string(), ":", number, ": \"", line, "\"");
+    const auto value = ParseIndex(index);
+    if (!value || !(words >> name)) throw InvalidInputError(where + ": must begin with index and image name");
+    visit(EvaluationImage{*value, name}, words, where);
+    any = true;
+  }
+  if (!any) throw InvalidInputError(Concat(path.string(), ": names 0 images: must name at least 1"));
+}
+
 }  // namespace
 
 std::string LowerExtension(const fs::path& path) {
@@ -101,25 +123,36 @@ std::string LowerExtension(const fs::path& path) {
 }
 
 std::vector<EvaluationImage> ReadImageList(const fs::path& scene) {
-  const fs::path path = scene / "cameras.txt";
-  std::ifstream file(path);
-  if (!file)
-    throw InvalidInputError(Concat(path.string(), ": cannot be read; SCENE must be a folder with cameras.txt"));
   std::vector<EvaluationImage> images;
-  std::string line;
-  for (int number = 1; std::getline(file, line); ++number) {
-    std::istringstream words(line);
-    std::string index, name;
-    if (!(words >> index) || index.front() == '#') continue;
-    const auto value = ParseIndex(index);
-    if (!value || !(words >> name)) {
-      throw InvalidInputError(
-          Concat(path.string(), ":", number, ": \"", line, "\": must begin with index and image name"));
-    }
-    images.push_back({*value, name});
-  }
-  if (images.empty()) throw InvalidInputError(Concat(path.string(), ": names 0 images: must name at least 1"));
+  ForEachImageLine(scene,
+                   [&](const EvaluationImage& image, std::istream&, const std::string&) { images.push_back(image); });
   return images;
+}
+
+std::vector<EvaluationCamera> ReadCameraList(const fs::path& scene) {
+  std::vector<EvaluationCamera> cameras;
+  ForEachImageLine(scene, [&](const EvaluationImage& image, std::istream& rest, const std::string& where) {
+    EvaluationCamera c = {image, {}, RigidTransform::Identity()};
+    Eigen::Quaterniond q;
+    Eigen::Vector3d t;
+    rest >> c.camera.fx >> c.camera.fy >> c.camera.cx >> c.camera.cy >> c.camera.width >> c.camera.height;
+    rest >> q.w() >> q.x() >> q.y() >> q.z() >> t.x() >> t.y() >> t.z();
+    if (!rest) {
+      throw InvalidInputError(where +
+                              ": must be index filename fx fy cx cy width height qw qx qy qz tx ty tz, all numbers but "
+                              "filename");
+    }
+    CheckCamera(where.c_str(), c.camera);
+    const double length = q.norm();
+    if (!(std::isfinite(length) && length > 0 && t.allFinite())) {
+      throw InvalidInputError(Concat(where, ": quaternion of length ", length, ", position (", t.x(), ", ", t.y(), ", ",
+                                     t.z(), "): must be finite, the length > 0"));
+    }
+    c.world_from_cam.linear() = q.normalized().toRotationMatrix();
+    c.world_from_cam.translation() = t;
+    cameras.push_back(c);
+  });
+  return cameras;
 }
 
 std::set<int> ParseSubset(const std::string& text) {
@@ -177,6 +210,29 @@ DepthMap ReadDepthMap(const fs::path& path, double png_unit) {
   const auto unit = static_cast<float>(png_unit);
   std::transform(counts.begin(), counts.end(), depth.begin(), [unit](uint16_t count) { return count / unit; });
   return depth;
+}
+
+void CheckPositive(const char* name, double value) {
+  if (!(std::isfinite(value) && value > 0)) {
+    throw InvalidInputError(Concat(name, " = ", value, ": must be positive and finite"));
+  }
+}
+
+void Validate(const GroundTruthOptions& options) {
+  CheckPositive("--gt-png-unit", options.png_unit);
+  CheckRange("--max-depth", options.max_depth, 0.0, 1e9);
+}
+
+DepthMap ReadGroundTruth(const fs::path& folder, int index, const GroundTruthOptions& options) {
+  const fs::path path = FindMap(folder, index, {".png", ".pfm", ".dmb"});
+  if (path.empty()) return {};
+  DepthMap truth = ReadDepthMap(path, options.png_unit);
+  if (options.max_depth > 0) {
+    const auto limit = static_cast<float>(options.max_depth);
+    std::replace_if(
+        truth.begin(), truth.end(), [limit](float z) { return z > limit; }, 0.0f);
+  }
+  return truth;
 }
 
 fs::path FindFolder(const fs::path& scene, const std::string& name) {

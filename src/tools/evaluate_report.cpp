@@ -116,12 +116,33 @@ std::string DepthJson(const DepthEvaluation& evaluation) {
          ",\n  \"regions\": [" + regions + "]\n}\n";
 }
 
-std::string CloudTable(const std::vector<CloudMetrics>& metrics) {
-  std::string table = Format("%10s %10s %13s %8s\n", "threshold", "accuracy", "completeness", "F1");
-  for (const CloudMetrics& m : metrics) {
+std::string CloudTable(const CloudEvaluation& evaluation) {
+  std::string table = Concat(evaluation.reconstructed_points, " reconstructed points, ");
+  if (evaluation.true_maps > 0) {
+    table += Concat(evaluation.observed_points, " of them where the ground truth observed the space, ");
+  }
+  table += Concat(evaluation.true_points, " true points");
+  if (evaluation.true_maps > 0) table += Concat(" from ", evaluation.true_maps, " depth maps");
+  table += Concat(", voxels of ", evaluation.voxel_size, "\n");
+  table += Format("%10s %10s %13s %8s\n", "threshold", "accuracy", "completeness", "F1");
+  for (const CloudMetrics& m : evaluation.metrics) {
     table += Format("%10.4g %10.2f %13.2f %8.2f\n", m.threshold, m.accuracy, m.completeness, m.f1);
   }
   return table;
+}
+
+std::string CloudJson(const CloudEvaluation& evaluation) {
+  std::string rows;
+  for (const CloudMetrics& m : evaluation.metrics) {
+    rows += Format("%s\n    {\"threshold\": %.17g, \"accuracy\": %.17g, \"completeness\": %.17g, \"f1\": %.17g}",
+                   rows.empty() ? "" : ",", m.threshold, m.accuracy, m.completeness, m.f1);
+  }
+  return Format(
+             "{\n  \"reconstructed_points\": %zu,\n  \"observed_points\": %zu,\n  \"true_points\": %zu,\n"
+             "  \"true_maps\": %zu,\n  \"voxel\": %.17g,\n  \"metrics\": [",
+             evaluation.reconstructed_points, evaluation.observed_points, evaluation.true_points, evaluation.true_maps,
+             evaluation.voxel_size) +
+         rows + "]\n}\n";
 }
 
 }  // namespace acmp

@@ -1,9 +1,8 @@
 #pragma once
 
 #include <string>
-#include <vector>
 
-#include "acmp_mapping/evaluation/cloud_metrics.h"
+#include "evaluate_cloud.h"
 #include "evaluate_depth.h"
 
 namespace acmp {
@@ -17,6 +16,10 @@ std::string DepthCsv(const DepthEvaluation& evaluation);
 /// Everything of the table; null where a figure is undefined.
 std::string DepthJson(const DepthEvaluation& evaluation);
 
-std::string CloudTable(const std::vector<CloudMetrics>& metrics);
+/// A line on the two clouds, then one line per threshold.
+std::string CloudTable(const CloudEvaluation& evaluation);
+
+/// Everything of the table; "true_maps" is 0 where the ground truth was a cloud.
+std::string CloudJson(const CloudEvaluation& evaluation);
 
 }  // namespace acmp

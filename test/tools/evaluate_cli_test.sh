@@ -47,6 +47,9 @@ mkdir truncated && head -c 300 a/depth/000000.png >truncated/000000.png
 expect 2 "000000.png" "$bin/acmp_evaluate" depth a truncated
 
 expect 0 "100.00" "$bin/acmp_evaluate" cloud a/surface.ply b/surface.ply --thresholds 0.02,0.05 --voxel 0.1
-expect 2 "threshold = -1" "$bin/acmp_evaluate" cloud a/surface.ply b/surface.ply --thresholds -1
+expect 2 "--thresholds = -1" "$bin/acmp_evaluate" cloud a/surface.ply b/surface.ply --thresholds -1
+expect 0 "true points from 3 depth maps" "$bin/acmp_evaluate" cloud b/surface.ply a --max-depth 9 --json cloud.json
+grep -q '"true_maps": 3' cloud.json || { echo "FAILED: cloud.json"; failures=$((failures + 1)); }
+expect 2 "--max-depth = 9: needs a folder" "$bin/acmp_evaluate" cloud b/surface.ply a/surface.ply --max-depth 9
 expect 2 "missing.ply" "$bin/acmp_evaluate" cloud missing.ply b/surface.ply
 exit $((failures > 0))

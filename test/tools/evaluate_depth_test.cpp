@@ -128,7 +128,7 @@ TEST_F(EvaluateDepthTest, HonoursScaleSubsetAndMaxDepth) {
   const DepthMap& truth = (*views_)[2].true_depth;
   EXPECT_NEAR(evaluation.pool.below_absolute[2], ShareBelow(DepthMap(64, 48, 1.25f), truth, 0.1, nullptr), 0.07);
 
-  options.max_depth = 2.0;
+  options.truth.max_depth = 2.0;
   const auto near = std::count_if(truth.begin(), truth.end(), [](float z) { return std::round(1000 * z) <= 2000; });
   EXPECT_EQ(EvaluateDepthFolder(options).pool.ground_truth_pixels, static_cast<size_t>(near));
 }
@@ -146,10 +146,10 @@ TEST_F(EvaluateDepthTest, RefusesBadOptionsAndInput) {
   options.scale = 0;
   expect_refused(options, "--scale = 0");
   options = Options();
-  options.png_unit = std::nan("");
+  options.truth.png_unit = std::nan("");
   expect_refused(options, "--gt-png-unit = nan");
   options = Options();
-  options.ground_truth = "truth";
+  options.truth.folder = "truth";
   expect_refused(options, "truth");
   options = Options();
   options.subset = {99};
