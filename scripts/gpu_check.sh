@@ -8,7 +8,7 @@ set -euo pipefail
 
 programs="src/tools/acmp_reconstruct src/tools/acmp_evaluate src/tools/acmp_benchmark src/tools/acmp_make_scene
   test/patch_match/test_cuda_parity test/patch_match/test_kernel_parity test/patch_match/test_patch_match_passes
-  test/patch_match/test_plane_recovery test/fusion/test_cuda_fusion_parity test/backend/test_backend
+  test/patch_match/test_plane_recovery test/fusion/test_cuda_fusion_parity test/completion/test_completion test/backend/test_backend
   test/pipeline/test_pipeline_synthetic"
 
 bundle() {
@@ -62,7 +62,7 @@ check_quality() {
   for scene in "$root"/scenes/*/; do
     truth=depth
     [ -d "$scene/depth" ] || truth=gt_sparse
-    for preset in acmh acmp_no_geometric acmp online; do
+    for preset in acmh acmp_no_geometric acmp acmm acmmp quality online; do
       out=$1/$(basename "$scene")_$preset
       echo "-- $(basename "$scene") $preset"
       acmp_reconstruct "$scene" "$out" --preset "$preset" --device cuda --jobs-per-gpu 1 --no-pictures --timings --quiet ||
@@ -91,7 +91,7 @@ run() {
       sanitizer) check_sanitizer "$results" || status=1 ;;
       quality) check_quality "$results" || status=1 ;;
       times)
-        for preset in acmp online; do
+        for preset in acmp quality online; do
           acmp_benchmark --device cuda --preset $preset --sizes 320x240,640x480,3072x2048 --source-views 2,6,10,20 \
             --json "$results/times_$preset.json" || status=1
         done
