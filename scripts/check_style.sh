@@ -3,13 +3,15 @@
 # Usage: scripts/check_style.sh [--full] [BUILD_FOLDER]
 #   BUILD_FOLDER  a configured build; without it only what needs none is checked
 #   --full        also the checks that take three times as long as all others: the analyser, parameters copied in vain,
-#                 reserved names
+#                 reserved names, C strings, assert and macros
 set -euo pipefail
 cd "$(dirname "$0")/.."
 more_checks=
 if [ "${1:-}" = --full ]; then
   more_checks=--checks=clang-analyzer-*,-clang-analyzer-optin.cplusplus.VirtualCall,-clang-analyzer-optin.performance.Padding
-  more_checks+=,performance-unnecessary-value-param,bugprone-reserved-identifier
+  more_checks+=,performance-unnecessary-value-param,bugprone-reserved-identifier,bugprone-assert-side-effect
+  more_checks+=,bugprone-multiple-statement-macro,bugprone-not-null-terminated-result,bugprone-stringview-nullptr
+  more_checks+=,bugprone-suspicious-semicolon,bugprone-suspicious-string-compare
   shift
 fi
 build=${1:-}
