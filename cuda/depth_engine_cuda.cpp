@@ -63,6 +63,10 @@ void CheckSize(const char* name, int width, int height, const PinholeCamera& cam
       Concat(name, ": ", width, " x ", height, " px, but the camera has ", camera.width, " x ", camera.height));
 }
 
+void CheckFrame(const EngineView& view) {
+  if (!view.frame) throw InvalidInputError("frame: must not be null");
+}
+
 class CudaDepthEngine final : public DepthEngine {
  public:
   explicit CudaDepthEngine(const CudaDevicePtr& device) : runner_(device), completion_(device), fusion_(device) {}
@@ -289,7 +293,10 @@ class CudaDepthEngine final : public DepthEngine {
     return points;
   }
 
-  static PosedCamera PosedCameraOf(const EngineView& view) { return {view.frame->camera, view.frame->cam_from_world}; }
+  static PosedCamera PosedCameraOf(const EngineView& view) {
+    CheckFrame(view);
+    return {view.frame->camera, view.frame->cam_from_world};
+  }
   DeviceFusionView GeometryMapsOf(const EngineView& view);
   DeviceFusionView FusionMapsOf(const EngineView& view);
   ImageView<const Rgb> ColorOf(const EngineView& view);
@@ -378,7 +385,7 @@ EngineEstimatePtr CudaDepthEngine::UploadMaps(const EstimateMapViews& maps, cons
 
 /// Without colours.
 DeviceFusionView CudaDepthEngine::GeometryMapsOf(const EngineView& view) {
-  if (!view.frame) throw InvalidInputError("frame: must not be null");
+  CheckFrame(view);
   const CudaEstimate& estimate = Cast<CudaEstimate>(view.estimate);
   CheckSize("estimate", estimate.width, estimate.height, view.frame->camera);
   return {estimate.DepthView(), estimate.PlaneView(), estimate.CostView(), {}};

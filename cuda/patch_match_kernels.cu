@@ -57,20 +57,26 @@ __device__ TeamPlace PlaceOfTeam(int scratch_words) {
           reinterpret_cast<PixelScratch*>(scratch + team * scratch_words)};
 }
 
+/// Column of a team's pixel: teams of a row cover the pixels of one colour, every second column.
+__device__ int ColOfTeam(const TeamPlace& place, int color) { return 2 * place.col + ((place.row + color) & 1); }
+
+/// A team for two pixels side by side: one of the colour that is updated second, and one that needs no comparison.
 template <Pass kPass>
 __global__ void __launch_bounds__(kTeamThreads, kBlocksPerMultiprocessor)
     InitializeKernel(const __grid_constant__ CudaMatchContext context, int scratch_words) {
   const TeamPlace place = PlaceOfTeam(scratch_words);
-  if (place.col >= context.width || place.row >= context.height) return;
-  InitializePixel<kPass>(context, place.col, place.row, WarpTeam(), place.scratch);
+  if (place.row >= context.height) return;
+  const WarpTeam team;
+  const int unmatched_col = ColOfTeam(place, 0), col = ColOfTeam(place, 1);
+  if (team.Rank() == 0 && unmatched_col < context.width) InitializeUnmatched<kPass>(context, unmatched_col, place.row);
+  if (col < context.width) InitializePixel<kPass>(context, col, place.row, team, place.scratch);
 }
 
-/// Teams of a row cover the pixels of one colour: every second column.
 template <Pass kPass>
 __global__ void __launch_bounds__(kTeamThreads, kBlocksPerMultiprocessor)
     UpdateKernel(const __grid_constant__ CudaMatchContext context, int scratch_words, int color, int iteration) {
   const TeamPlace place = PlaceOfTeam(scratch_words);
-  const int col = 2 * place.col + ((place.row + color) & 1);
+  const int col = ColOfTeam(place, color);
   if (col >= context.width || place.row >= context.height) return;
   UpdatePixel<kPass>(context, col, place.row, iteration, WarpTeam(), place.scratch);
 }
@@ -91,13 +97,12 @@ void LaunchPass(const CudaMatchContext& context, int iterations, cudaStream_t st
   const int words = ScratchWords(context.num_sources);
   const size_t bytes = static_cast<size_t>(words) * kTeamCols * kTeamRows * sizeof(float);
   const unsigned rows = DivideUp(context.height, kTeamRows);
-  const dim3 full_grid(DivideUp(context.width, kTeamCols), rows);
-  const dim3 half_grid(DivideUp(DivideUp(context.width, 2), kTeamCols), rows);
-  InitializeKernel<kPass><<<full_grid, kTeamThreads, bytes, stream>>>(context, words);
+  const dim3 grid(DivideUp(DivideUp(context.width, 2), kTeamCols), rows);
+  InitializeKernel<kPass><<<grid, kTeamThreads, bytes, stream>>>(context, words);
   CudaCheck(cudaGetLastError(), "launch initialisation");
   for (int iteration = 0; iteration < iterations; ++iteration) {
     for (int color = 0; color < 2; ++color) {
-      UpdateKernel<kPass><<<half_grid, kTeamThreads, bytes, stream>>>(context, words, color, iteration);
+      UpdateKernel<kPass><<<grid, kTeamThreads, bytes, stream>>>(context, words, color, iteration);
       CudaCheck(cudaGetLastError(), "launch update");
     }
   }

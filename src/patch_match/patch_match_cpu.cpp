@@ -15,13 +15,6 @@ namespace {
 
 using Context = MatchContext<CpuSampler>;
 
-template <class Function>
-void ForEachPixel(const Context& context, const Function& function) {
-  tbb::parallel_for(0, context.height, [&](int row) {
-    for (int col = 0; col < context.width; ++col) function(col, row);
-  });
-}
-
 /// The pixels with (col + row) % 2 == color.
 template <class Function>
 void ForEachPixelOfColor(const Context& context, int color, const Function& function) {
@@ -32,7 +25,8 @@ void ForEachPixelOfColor(const Context& context, int color, const Function& func
 
 template <Pass kPass>
 void RunPass(const Context& context, int iterations) {
-  ForEachPixel(context, [&](int col, int row) { InitializePixel<kPass>(context, col, row); });
+  ForEachPixelOfColor(context, 0, [&](int col, int row) { InitializeUnmatched<kPass>(context, col, row); });
+  ForEachPixelOfColor(context, 1, [&](int col, int row) { InitializePixel<kPass>(context, col, row); });
   for (int iteration = 0; iteration < iterations; ++iteration) {
     for (int color = 0; color < 2; ++color) {
       ForEachPixelOfColor(context, color, [&](int col, int row) { UpdatePixel<kPass>(context, col, row, iteration); });

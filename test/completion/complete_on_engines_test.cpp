@@ -98,6 +98,10 @@ TEST_P(CompleteOnEnginesTest, BadInputIsRefused) {
   scene.problem.depth_range = {2, 1};
   EXPECT_THROW(scene.Complete(), InvalidInputError);
   scene.problem.depth_range = {1, 20};
+  const FramePtr frame = scene.problem.reference.frame;
+  scene.problem.reference.frame = nullptr;
+  EXPECT_THROW(scene.Complete(), InvalidInputError);
+  scene.problem.reference.frame = frame;
   scene.problem.reference.estimate = nullptr;
   EXPECT_THROW(scene.Complete(), InvalidInputError);
 }

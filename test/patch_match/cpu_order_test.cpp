@@ -23,12 +23,13 @@ using Order = std::vector<std::pair<int, int>>;  ///< all pixels, col and row
 template <Pass kPass>
 PatchMatchResult RunInOrder(KernelState* state, const Order& order, int iterations) {
   const auto context = state->Context(static_cast<uint32_t>(kPass));
-  for (const auto& [col, row] : order) InitializePixel<kPass>(context, col, row);
   const auto for_color = [&](int color, const auto& function) {
     for (const auto& [col, row] : order) {
       if ((col + row) % 2 == color) function(col, row);
     }
   };
+  for_color(1, [&](int col, int row) { InitializePixel<kPass>(context, col, row); });
+  for_color(0, [&](int col, int row) { InitializeUnmatched<kPass>(context, col, row); });
   for (int iteration = 0; iteration < iterations; ++iteration) {
     for (const int color : {0, 1}) {
       for_color(color, [&](int col, int row) { UpdatePixel<kPass>(context, col, row, iteration); });

@@ -243,5 +243,40 @@ TEST(InitializePixelTest, GeometricKeepsThePlaneAndRatesItByEquation13) {
   }
 }
 
+template <Pass kPass>
+void ExpectSamePlaneWithoutComparison() {
+  const std::vector<PlanarView> views = RandomViews(3, 33, 21, 41);
+  const auto make_state = [&] {
+    KernelState state(MakeProblem(views, 0, {1, 10}, true));
+    TestRandom random(42);
+    for (int row = 0; row < 21; ++row) {
+      for (int col = 0; col < 33; ++col) {
+        state.planes(col, row) = RandomHypothesis(views[0].camera, col, row, 2, 8, 60, &random);
+        state.prior(col, row) = RandomHypothesis(views[0].camera, col, row, 2, 8, 60, &random);
+        state.cost(col, row) = 0.25f;
+        state.selected_views(col, row) = 3;
+      }
+    }
+    return state;
+  };
+  KernelState matched = make_state(), unmatched = make_state();
+  for (int row = 0; row < 21; ++row) {
+    for (int col = 0; col < 33; ++col) {
+      InitializePixel<kPass>(matched.Context(static_cast<uint32_t>(kPass)), col, row);
+      InitializeUnmatched<kPass>(unmatched.Context(static_cast<uint32_t>(kPass)), col, row);
+      ASSERT_EQ(unmatched.planes(col, row).nx, matched.planes(col, row).nx);
+      ASSERT_EQ(unmatched.planes(col, row).d, matched.planes(col, row).d);
+      ASSERT_EQ(unmatched.cost(col, row), kWorstCost);
+      ASSERT_EQ(unmatched.selected_views(col, row), 0u);
+    }
+  }
+}
+
+TEST(InitializePixelTest, TheColourUpdatedFirstGetsTheSamePlanesWithoutComparison) {
+  ExpectSamePlaneWithoutComparison<Pass::kPhotometric>();
+  ExpectSamePlaneWithoutComparison<Pass::kPlanarPrior>();
+  ExpectSamePlaneWithoutComparison<Pass::kGeometric>();
+}
+
 }  // namespace
 }  // namespace acmp

@@ -185,7 +185,7 @@ void ExpectUpdateTakesTheBest() {
     UpdatePixel<kPass>(context, col, row, 0);
     const Pixel after = PixelAt(c.state, col, row);
     if (after.mask == 0) {
-      ASSERT_TRUE(Same(after.plane, before.plane) && after.cost == before.cost);
+      ASSERT_TRUE(Same(after.plane, before.plane) && after.cost == kWorstCost);
       ++kept;
       continue;
     }

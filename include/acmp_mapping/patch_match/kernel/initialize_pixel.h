@@ -92,17 +92,23 @@ ACMP_HOST_DEVICE inline PlaneHypothesis PriorStart(const MatchContext<Sampler>& 
   return plane.d > 0 ? plane : current;
 }
 
-/// First step of a pass for one pixel: its starting plane, cost and selected views. Reads and writes this pixel only.
-template <Pass kPass, class Sampler, class Team>
-ACMP_HOST_DEVICE inline void InitializePixel(const MatchContext<Sampler>& context, int col, int row, const Team& team,
-                                             PixelScratch* scratch) {
+/// The plane with which a pixel starts a pass.
+template <Pass kPass, class Sampler>
+ACMP_HOST_DEVICE inline PlaneHypothesis StartingPlane(const MatchContext<Sampler>& context, int col, int row) {
   RandomStream random(context.options.seed, static_cast<uint32_t>(row * context.width + col),
                       context.pass_number * 64u);
   const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
-  PlaneHypothesis plane;
-  if constexpr (kPass == Pass::kPhotometric) plane = RandomPlane(context, ray, &random);
-  if constexpr (kPass == Pass::kPlanarPrior) plane = PriorStart(context, col, row, ray, &random);
-  if constexpr (kPass == Pass::kGeometric) plane = context.planes(col, row);
+  if constexpr (kPass == Pass::kPhotometric) return RandomPlane(context, ray, &random);
+  if constexpr (kPass == Pass::kPlanarPrior) return PriorStart(context, col, row, ray, &random);
+  return context.planes(col, row);
+}
+
+/// First step of a pass for a pixel that is updated second: its starting plane, cost and selected views. Reads and
+/// writes this pixel only.
+template <Pass kPass, class Sampler, class Team>
+ACMP_HOST_DEVICE inline void InitializePixel(const MatchContext<Sampler>& context, int col, int row, const Team& team,
+                                             PixelScratch* scratch) {
+  const PlaneHypothesis plane = StartingPlane<kPass>(context, col, row);
   uint32_t selected_views;
   const float cost = InitialCost<kPass>(context, col, row, plane, team, scratch, &selected_views);
   if (team.Rank() != 0) return;
@@ -115,6 +121,15 @@ template <Pass kPass, class Sampler>
 inline void InitializePixel(const MatchContext<Sampler>& context, int col, int row) {
   StackScratch scratch;
   InitializePixel<kPass>(context, col, row, SingleThread(), &scratch.shared);
+}
+
+/// The same for a pixel that is updated first: nobody reads its cost and views before its update has set them, so they
+/// are not worth a comparison.
+template <Pass kPass, class Sampler>
+ACMP_HOST_DEVICE inline void InitializeUnmatched(const MatchContext<Sampler>& context, int col, int row) {
+  context.planes(col, row) = StartingPlane<kPass>(context, col, row);
+  context.selected_views(col, row) = 0;
+  context.cost(col, row) = kWorstCost;
 }
 
 }  // namespace acmp

@@ -319,7 +319,10 @@ ACMP_HOST_DEVICE inline void UpdatePixel(const MatchContext<Sampler>& context, i
   const int count = MatchCandidates(pixel, views);
   const uint32_t drawn_mask = WeighViews(pixel, views, count, iteration, &random);
   if (team.Rank() == 0) context.selected_views(col, row) = drawn_mask;
-  if (drawn_mask == 0) return;  // no view counts: the pixel keeps its hypothesis and cost
+  if (drawn_mask == 0) {  // no view counts: the pixel keeps its hypothesis, which others are not to take over
+    if (team.Rank() == 0) context.cost(col, row) = kWorstCost;
+    return;
+  }
   pixel.num_drawn = CountBits(drawn_mask);
 
   RatedHypothesis best = BestCandidate<kPass>(pixel, count);
