@@ -12,7 +12,7 @@ struct DepthStatistics {
 };
 
 /// Of the smallest `count` values. By ranks from comparing all pairs: sorting would address memory at run time, which
-/// takes a GPU ten times as long.
+/// is slow on a GPU (docs/performance.md).
 ACMP_HOST_DEVICE inline DepthStatistics Statistics(const float (&values)[kMedianPixels], int count) {
   int rank[kMedianPixels] = {};
   ACMP_UNROLL
