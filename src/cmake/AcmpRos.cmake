@@ -9,7 +9,7 @@ if(NOT ACMP_ROS STREQUAL "OFF")
     # catkin snapshots the environment at find_package and leaves out folders that do not exist yet.
     file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/devel/lib/python3/dist-packages ${CMAKE_BINARY_DIR}/devel/lib/pkgconfig)
   endif()
-  set(ACMP_CATKIN_COMPONENTS cv_bridge diagnostic_updater dynamic_reconfigure geometry_msgs image_geometry
+  set(ACMP_CATKIN_COMPONENTS camera_calibration_parsers cv_bridge diagnostic_updater dynamic_reconfigure geometry_msgs image_geometry
       image_transport message_generation nodelet pcl_conversions pluginlib rosbag roscpp sensor_msgs std_msgs std_srvs
       nav_msgs tf2_eigen tf2_geometry_msgs tf2_msgs tf2_ros)
   if(ACMP_ROS STREQUAL "ON")
@@ -26,7 +26,7 @@ if(NOT ACMP_ROS STREQUAL "OFF")
 endif()
 
 if(ACMP_HAVE_ROS)
-  add_message_files(DIRECTORY msg FILES KeyframeDepth.msg)
+  add_message_files(DIRECTORY msg FILES Keyframe.msg KeyframeDepth.msg)
   add_service_files(DIRECTORY srv FILES SaveMap.srv)
   generate_messages(DEPENDENCIES geometry_msgs sensor_msgs std_msgs)
   generate_dynamic_reconfigure_options(config/DenseMapper.cfg)

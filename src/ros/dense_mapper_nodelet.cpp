@@ -7,6 +7,7 @@
 #include <pluginlib/class_list_macros.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/ros/calibration_file.h"
 #include "acmp_mapping/ros/map_writer.h"
 
 namespace acmp {
@@ -55,9 +56,9 @@ void DenseMapperNodelet::onInit() {
     NODELET_FATAL("cannot start: %s", error.what());
     throw;
   }
-  NODELET_INFO("image %s, camera_info %s, pose %s (%s), sparse_points %s", image_source_->status().topic.c_str(),
-               camera_info_source_->status().topic.c_str(), pose_source_->status().topic.c_str(),
-               Describe(options_.pose).c_str(), cloud_source_->status().topic.c_str());
+  std::string topics;
+  for (const auto& source : sources_) topics += source->status().topic + " ";
+  NODELET_INFO("subscribed to %s; poses are %s", topics.c_str(), Describe(options_.pose).c_str());
 }
 
 void DenseMapperNodelet::LoadOptions() {
@@ -78,7 +79,7 @@ void DenseMapperNodelet::LoadOptions() {
 void DenseMapperNodelet::StartWorker() {
   const RuntimeOptions runtime_options = runtime_options_->Get();
   map_ = std::make_unique<MapStore>(runtime_options.map);
-  intake_ = std::make_unique<KeyframeIntake>(options_, runtime_options.gate, FallbackDepth(runtime_options.mapper));
+  MakeIntake(runtime_options);
   MapperWorker::Hooks hooks;
   hooks.on_device = [this](const WorkerStatus& status) { LogDevice(status); };
   hooks.on_fast = [this](const KeyframeOutput& output) {
@@ -94,8 +95,24 @@ void DenseMapperNodelet::StartWorker() {
   };
   hooks.on_drop = [this](const Drop& drop) { ReportDrop(drop); };
   hooks.on_map_cleared = [this] { publisher_->ClearPath(); };
-  hooks.on_warning = [this](const std::string& warning) { NODELET_WARN("%s", warning.c_str()); };
   worker_ = std::make_unique<MapperWorker>(options_, runtime_options_.get(), map_.get(), hooks);
+}
+
+void DenseMapperNodelet::MakeIntake(const RuntimeOptions& runtime_options) {
+  TransformSource transforms;
+  const bool needs_extrinsic = options_.pose.child == PoseSemantics::Child::kBody && !options_.pose.body_from_cam;
+  if (options_.pose_source == PoseSource::kTf || needs_extrinsic) {
+    tf_ = std::make_unique<TfLookup>(input_thread_.Attach(getNodeHandle()));
+    transforms.find_pose = [this](const std::string& world, const std::string& child, int64_t stamp_ns) {
+      return tf_->FindPose(world, child, stamp_ns);
+    };
+    transforms.find_latest = [this](const std::string& target, const std::string& source) {
+      return tf_->FindLatest(target, source);
+    };
+  }
+  intake_ = std::make_unique<KeyframeIntake>(options_, runtime_options.gate, FallbackDepth(runtime_options.mapper),
+                                             transforms);
+  if (!options_.calibration_file.empty()) intake_->AddCameraInfo(ReadCalibrationFile(options_.calibration_file));
 }
 
 void DenseMapperNodelet::LogDevice(const WorkerStatus& status) {
@@ -127,17 +144,24 @@ void DenseMapperNodelet::Receive(const Add& add) {
 
 void DenseMapperNodelet::Subscribe() {
   ros::NodeHandle nh = input_thread_.Attach(getNodeHandle());
-  const DropHandler on_drop = [this](const Drop& drop) { ReportDrop(drop); };
-  const auto on_cloud = [this](SparseCloudPtr c) { Receive([&](auto* intake) { intake->AddCloud(std::move(c)); }); };
-  const auto on_pose = [this](PoseSample p) { Receive([&](auto* intake) { intake->AddPose(std::move(p)); }); };
-  const auto on_info = [this](const sensor_msgs::CameraInfo& info) {
+  InputHandlers handlers;
+  handlers.on_cloud = [this](SparseCloudPtr c) { Receive([&](auto* intake) { intake->AddCloud(std::move(c)); }); };
+  handlers.on_pose = [this](PoseSample p) { Receive([&](auto* intake) { intake->AddPose(std::move(p)); }); };
+  handlers.on_tf = [this] { Deliver(); };
+  handlers.on_extrinsic = [this](const RigidTransform& t) { Receive([&](auto* intake) { intake->SetExtrinsic(t); }); };
+  handlers.on_camera_info = [this](const sensor_msgs::CameraInfo& info) {
     Receive([&](auto* intake) { intake->AddCameraInfo(info); });
   };
-  const auto on_image = [this](std::shared_ptr<const EncodedImage> image) { HandleImage(std::move(image)); };
-  cloud_source_ = MakeCloudSource(nh, options_, on_cloud, on_drop);
-  pose_source_ = MakePoseSource(nh, options_, on_pose, on_drop);
-  camera_info_source_ = MakeCameraInfoSource(nh, on_info, on_drop);
-  image_source_ = MakeImageSource(nh, options_, on_image, on_drop);
+  handlers.on_image = [this](std::shared_ptr<const EncodedImage> image) {
+    if (DropWhilePaused(image->header())) return;
+    Receive([&](auto* intake) { intake->AddImage(std::move(image)); });
+  };
+  handlers.on_keyframe = [this](const acmp_mapping::KeyframeConstPtr& keyframe) {
+    if (DropWhilePaused(keyframe->header)) return;
+    Receive([&](auto* intake) { intake->AddKeyframe(keyframe); });
+  };
+  handlers.on_drop = [this](const Drop& drop) { ReportDrop(drop); };
+  sources_ = MakeInputSources(nh, options_, handlers);
   deliver_timer_ =
       nh.createWallTimer(ros::WallDuration(kDeliverPeriodS), [this](const ros::WallTimerEvent&) { Deliver(); });
 }
@@ -162,11 +186,9 @@ void DenseMapperNodelet::StartServices() {
   services_ = std::make_unique<MapperServices>(service_thread_.Attach(getPrivateNodeHandle()), kMapPeriodS, handlers);
 }
 
-void DenseMapperNodelet::HandleImage(std::shared_ptr<const EncodedImage> image) {
-  if (paused_) {
-    return ReportDrop({"paused", Concat("image ", FormatStamp(ToStampNs(image->header().stamp)), " (~pause)")});
-  }
-  Receive([&](KeyframeIntake* intake) { intake->AddImage(std::move(image)); });
+bool DenseMapperNodelet::DropWhilePaused(const std_msgs::Header& header) {
+  if (paused_) ReportDrop({"paused", Concat("image ", FormatStamp(ToStampNs(header.stamp)), " (~pause)")});
+  return paused_;
 }
 
 void DenseMapperNodelet::HandleConfig(DenseMapperConfig& config) {
@@ -180,8 +202,10 @@ void DenseMapperNodelet::HandleConfig(DenseMapperConfig& config) {
 
 void DenseMapperNodelet::Deliver(bool all) {
   // Clouds of a player that has ended may still be queued behind their images.
-  const InputStatus clouds = cloud_source_->status();
-  const bool clouds_expected = clouds.publishers > 0 || clouds.received > 0;
+  const bool clouds_expected = std::any_of(sources_.begin(), sources_.end(), [](const auto& source) {
+    const InputStatus status = source->status();
+    return status.kind == InputStatus::Kind::kCloud && (status.publishers > 0 || status.received > 0);
+  });
   std::lock_guard<std::mutex> delivery_lock(delivery_mutex_);
   std::vector<IntakeEvent> events;
   {
@@ -196,7 +220,16 @@ void DenseMapperNodelet::Deliver(bool all) {
 
 void DenseMapperNodelet::Dispatch(IntakeEvent event) {
   if (auto* drop = std::get_if<Drop>(&event)) return ReportDrop(*drop);
+  if (auto* notice = std::get_if<Notice>(&event)) {
+    if (notice->warning) {
+      NODELET_WARN("%s", notice->text.c_str());
+    } else {
+      NODELET_INFO("%s", notice->text.c_str());
+    }
+    return;
+  }
   if (auto* jump = std::get_if<TimeJump>(&event)) {
+    if (tf_) tf_->Clear();
     NODELET_WARN("time jumped back from image %s to %s: buffers and window are cleared",
                  FormatStamp(jump->from_ns).c_str(), FormatStamp(jump->to_ns).c_str());
     return worker_->StartOver(options_.on_time_jump == TimeJumpPolicy::kReset);
@@ -262,10 +295,7 @@ MapperSnapshot DenseMapperNodelet::TakeSnapshot() {
   MapperSnapshot snapshot;
   snapshot.now_s = SteadySeconds();
   snapshot.paused = paused_;
-  snapshot.image = image_source_->status();
-  snapshot.camera_info = camera_info_source_->status();
-  snapshot.pose = pose_source_->status();
-  snapshot.sparse_points = cloud_source_->status();
+  for (const auto& source : sources_) snapshot.inputs.push_back(source->status());
   snapshot.matched = matched_;
   snapshot.sync_tolerance_s = options_.matcher.sync_tolerance_s;
   snapshot.queued = worker_->queued();
@@ -276,6 +306,7 @@ MapperSnapshot DenseMapperNodelet::TakeSnapshot() {
   snapshot.waiting_images = intake_->waiting_images();
   snapshot.not_chosen = intake_->not_chosen();
   snapshot.last_gap = intake_->last_gap();
+  snapshot.points_in_front = intake_->share_in_front();
   return snapshot;
 }
 

@@ -10,6 +10,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/ros/pose_semantics.h"
 
 namespace acmp {
 namespace {
@@ -78,6 +79,23 @@ struct CoordinateReader {
   }
 };
 
+SparseCloud EmptyCloud(const std_msgs::Header& header) {
+  SparseCloud sparse;
+  sparse.stamp_ns = ToStampNs(header.stamp);
+  sparse.frame_id = StripLeadingSlash(header.frame_id);
+  return sparse;
+}
+
+void AddPoint(const Eigen::Vector3d& point, SparseCloud* sparse) {
+  if (!point.allFinite()) {
+    ++sparse->not_finite;
+  } else if (point.isZero(0)) {
+    ++sparse->zero;
+  } else {
+    sparse->points.push_back(point);
+  }
+}
+
 }  // namespace
 
 cv::Mat DecodeRgb(const EncodedImage& image) {
@@ -138,6 +156,13 @@ CameraCalibration ToCalibration(const sensor_msgs::CameraInfo& info, bool rectif
   return calibration;
 }
 
+SparseCloud ToSparseCloud(const sensor_msgs::PointCloud& cloud) {
+  SparseCloud sparse = EmptyCloud(cloud.header);
+  sparse.points.reserve(cloud.points.size());
+  for (const geometry_msgs::Point32& point : cloud.points) AddPoint({point.x, point.y, point.z}, &sparse);
+  return sparse;
+}
+
 SparseCloud ToSparseCloud(const sensor_msgs::PointCloud2& cloud) {
   const CoordinateReader x(cloud, "x"), y(cloud, "y"), z(cloud, "z");
   if (cloud.is_bigendian) throw InvalidInputError("sparse cloud is_bigendian = true: must be little-endian");
@@ -147,24 +172,52 @@ SparseCloud ToSparseCloud(const sensor_msgs::PointCloud2& cloud) {
     throw InvalidInputError(Concat("sparse cloud of ", cloud.width, "x", cloud.height, " points with ",
                                    cloud.data.size(), " bytes: needs ", needed));
   }
-  SparseCloud sparse;
-  sparse.stamp_ns = ToStampNs(cloud.header.stamp);
-  sparse.frame_id = StripLeadingSlash(cloud.header.frame_id);
+  SparseCloud sparse = EmptyCloud(cloud.header);
   sparse.points.reserve(static_cast<size_t>(cloud.width) * cloud.height);
   for (size_t row = 0; row < cloud.height; ++row) {
     for (size_t col = 0; col < cloud.width; ++col) {
       const uint8_t* bytes = cloud.data.data() + row * cloud.row_step + col * cloud.point_step;
-      const Eigen::Vector3d point(x.Read(bytes), y.Read(bytes), z.Read(bytes));
-      if (!point.allFinite()) {
-        ++sparse.not_finite;
-      } else if (point.isZero(0)) {
-        ++sparse.zero;
-      } else {
-        sparse.points.push_back(point);
-      }
+      AddPoint({x.Read(bytes), y.Read(bytes), z.Read(bytes)}, &sparse);
     }
   }
   return sparse;
+}
+
+RigidTransform ToTransform(const geometry_msgs::Pose& pose) {
+  const geometry_msgs::Quaternion& q = pose.orientation;
+  return CheckedTransform(Eigen::Quaterniond(q.w, q.x, q.y, q.z),
+                          Eigen::Vector3d(pose.position.x, pose.position.y, pose.position.z));
+}
+
+PoseSample ToPoseSample(const std_msgs::Header& header, const std::string& child_frame,
+                        const geometry_msgs::Pose& pose) {
+  try {
+    return {ToStampNs(header.stamp), StripLeadingSlash(header.frame_id), ToTransform(pose),
+            StripLeadingSlash(child_frame)};
+  } catch (const InvalidInputError& error) {
+    throw InvalidInputError(Concat("pose ", FormatStamp(ToStampNs(header.stamp)), ": ", error.what()));
+  }
+}
+
+PoseSample ToPoseSample(const geometry_msgs::PoseStamped& message) {
+  return ToPoseSample(message.header, "", message.pose);
+}
+
+PoseSample ToPoseSample(const geometry_msgs::PoseWithCovarianceStamped& message) {
+  return ToPoseSample(message.header, "", message.pose.pose);
+}
+
+PoseSample ToPoseSample(const nav_msgs::Odometry& message) {
+  return ToPoseSample(message.header, message.child_frame_id, message.pose.pose);
+}
+
+PoseSample ToPoseSample(const geometry_msgs::TransformStamped& message) {
+  geometry_msgs::Pose pose;
+  pose.position.x = message.transform.translation.x;
+  pose.position.y = message.transform.translation.y;
+  pose.position.z = message.transform.translation.z;
+  pose.orientation = message.transform.rotation;
+  return ToPoseSample(message.header, message.child_frame_id, pose);
 }
 
 std::string StripLeadingSlash(const std::string& frame_id) {

@@ -52,7 +52,7 @@ void InputMatcher::AddImage(ImageSample image) {
     events_.push_back(Drop{"duplicate_image", Concat("two images have the stamp ", FormatStamp(stamp_ns))});
     return;
   }
-  images_.insert(place, WaitingImage{std::move(image), std::nullopt, -1});
+  images_.insert(place, WaitingImage{std::move(image), std::nullopt, -1, {}});
   if (images_.size() > static_cast<size_t>(options_.image_capacity)) EvictOldestImage();
 }
 
@@ -129,13 +129,27 @@ void InputMatcher::HandleTimeJump(int64_t stamp_ns) {
 void InputMatcher::EvictOldestImage() {
   WaitingImage image = std::move(images_.front());
   images_.pop_front();
-  if (!calibrated_) {
-    events_.push_back(Drop{"no_camera_info", Concat("image ", FormatStamp(image.sample.stamp_ns),
-                                                    ": no usable camera_info has been received")});
+  if (obstacle_) {
+    events_.push_back(
+        Drop{obstacle_->reason, Concat("image ", FormatStamp(image.sample.stamp_ns), ": ", obstacle_->message)});
   } else if (image.pose) {
     Emit(std::move(image));
   } else {
     DropUnposed(image);
+  }
+}
+
+std::vector<int64_t> InputMatcher::UnposedStamps() const {
+  std::vector<int64_t> stamps;
+  for (const WaitingImage& image : images_) {
+    if (!image.pose) stamps.push_back(image.sample.stamp_ns);
+  }
+  return stamps;
+}
+
+void InputMatcher::SetPoseProblem(int64_t stamp_ns, const std::string& problem) {
+  for (WaitingImage& image : images_) {
+    if (image.sample.stamp_ns == stamp_ns) image.pose_problem = problem;
   }
 }
 
@@ -169,7 +183,7 @@ bool InputMatcher::PoseIsFinal(int64_t image_stamp_ns, int64_t pose_stamp_ns) co
 }
 
 void InputMatcher::EmitReady(double now_s, bool wait) {
-  if (!calibrated_) return;
+  if (obstacle_) return;
   for (;;) {
     const auto ready = std::find_if(images_.begin(), images_.end(), [](const WaitingImage& i) { return i.pose; });
     if (ready == images_.end() || (wait && !CloudIsSettled(*ready, now_s))) return;
@@ -217,8 +231,8 @@ void InputMatcher::Emit(WaitingImage image) {
 
 void InputMatcher::DropUnposed(const WaitingImage& image) {
   const int64_t stamp_ns = image.sample.stamp_ns;
-  last_gap_ = PoseGap{stamp_ns, std::nullopt};
-  std::string nearest_text = "no pose has been received";
+  last_gap_ = PoseGap{stamp_ns, std::nullopt, image.pose_problem};
+  std::string nearest_text = image.pose_problem.empty() ? "no pose has been received" : image.pose_problem;
   if (const ReceivedPose* nearest = NearestPose(stamp_ns, false)) {
     last_gap_->gap_ns = nearest->sample.stamp_ns - stamp_ns;
     nearest_text = Concat("nearest is ", ToMs(std::llabs(*last_gap_->gap_ns)), " ms away");

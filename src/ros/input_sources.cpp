@@ -4,15 +4,16 @@
 #include <chrono>
 #include <utility>
 
-#include <geometry_msgs/PoseStamped.h>
 #include <image_transport/image_transport.h>
-#include <sensor_msgs/PointCloud2.h>
+#include <tf2_msgs/TFMessage.h>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/ros/topic_names.h"
 
 namespace acmp {
 namespace {
+
+using Kind = InputStatus::Kind;
 
 constexpr uint32_t kImageQueue = 30;
 constexpr uint32_t kCameraInfoQueue = 5;
@@ -26,8 +27,8 @@ class Arrivals {
     ++received_;
     last_s_ = SteadySeconds();
   }
-  InputStatus ToStatus(std::string topic, uint32_t publishers) const {
-    return {std::move(topic), publishers, received_, last_s_};
+  InputStatus ToStatus(Kind kind, std::string topic, uint32_t publishers, bool required) const {
+    return {kind, std::move(topic), publishers, received_, last_s_, required};
   }
 
  private:
@@ -35,21 +36,30 @@ class Arrivals {
   std::atomic<double> last_s_{SteadySeconds()};
 };
 
-/// A plain subscription. `handle` may throw InvalidInputError; it becomes a drop with the given reason.
+/// What to subscribe to.
+struct Stream {
+  Kind kind;
+  std::string topic;
+  uint32_t queue;
+  std::string reason;  ///< of drops, when a message cannot be used
+  bool required;
+};
+
+/// A plain subscription. `handle` may throw InvalidInputError; it becomes a drop with the stream's reason.
 template <class Message>
 class TopicSource : public InputSource {
  public:
-  using ConstPtr = typename Message::ConstPtr;
+  using ConstPtr = boost::shared_ptr<const Message>;
 
-  TopicSource(ros::NodeHandle nh, const std::string& topic, uint32_t queue, std::string reason,
-              std::function<void(const ConstPtr&)> handle, DropHandler on_drop)
-      : reason_(std::move(reason)), handle_(std::move(handle)), on_drop_(std::move(on_drop)) {
+  TopicSource(ros::NodeHandle nh, const Stream& stream, std::function<void(const ConstPtr&)> handle,
+              std::function<void(const Drop&)> on_drop)
+      : stream_(stream), handle_(std::move(handle)), on_drop_(std::move(on_drop)) {
     const boost::function<void(const ConstPtr&)> callback = [this](const ConstPtr& message) { Receive(message); };
-    subscriber_ = nh.subscribe<Message>(topic, queue, callback);
+    subscriber_ = nh.subscribe<Message>(stream.topic, stream.queue, callback);
   }
 
   InputStatus status() const override {
-    return arrivals_.ToStatus(subscriber_.getTopic(), subscriber_.getNumPublishers());
+    return arrivals_.ToStatus(stream_.kind, subscriber_.getTopic(), subscriber_.getNumPublishers(), stream_.required);
   }
 
  private:
@@ -58,13 +68,13 @@ class TopicSource : public InputSource {
     try {
       handle_(message);
     } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
-      on_drop_({reason_, Concat(subscriber_.getTopic(), ": ", error.what())});
+      on_drop_({stream_.reason, Concat(subscriber_.getTopic(), ": ", error.what())});
     }
   }
 
-  std::string reason_;
+  Stream stream_;
   std::function<void(const ConstPtr&)> handle_;
-  DropHandler on_drop_;
+  std::function<void(const Drop&)> on_drop_;
   Arrivals arrivals_;
   ros::Subscriber subscriber_;
 };
@@ -84,7 +94,7 @@ class RawImageSource : public InputSource {
   }
 
   InputStatus status() const override {
-    return arrivals_.ToStatus(subscriber_.getTopic(), subscriber_.getNumPublishers());
+    return arrivals_.ToStatus(Kind::kImage, subscriber_.getTopic(), subscriber_.getNumPublishers(), true);
   }
 
  private:
@@ -101,62 +111,110 @@ std::string CompressedTopic(const ros::NodeHandle& nh) {
   return nh.resolveName(names::kImage) + "/" + names::kCompressedSuffix;
 }
 
+/// Makes the sources of one node.
+class SourceFactory {
+ public:
+  SourceFactory(const ros::NodeHandle& nh, const NodeOptions& options, const InputHandlers& handlers)
+      : nh_(nh), options_(options), handlers_(handlers) {}
+
+  std::vector<std::unique_ptr<InputSource>> Make() {
+    if (options_.keyframe_mode == KeyframeMode::kExternal) {
+      Add<acmp_mapping::Keyframe>({Kind::kKeyframe, names::kKeyframe, kCloudQueue, "bad_keyframe", true},
+                                  handlers_.on_keyframe);
+    } else {
+      AddClouds();
+      AddPoses();
+      AddCameraInfo();
+      AddImages();
+    }
+    AddExtrinsic();
+    return std::move(sources_);
+  }
+
+ private:
+  template <class Message>
+  void Add(const Stream& stream, std::function<void(const boost::shared_ptr<const Message>&)> handle) {
+    Stream named = stream;
+    // With overload: block the messages of a recording wait here, all of them (0: no limit).
+    if (options_.overload == OverloadPolicy::kBlock && stream.queue > 1) named.queue = 0;
+    sources_.push_back(std::make_unique<TopicSource<Message>>(nh_, named, std::move(handle), handlers_.on_drop));
+  }
+
+  template <class Message>
+  void AddPose(const char* topic) {
+    Add<Message>({Kind::kPose, topic, kPoseQueue, "bad_pose", true},
+                 [on_pose = handlers_.on_pose](const auto& message) { on_pose(ToPoseSample(*message)); });
+  }
+
+  void AddPoses() {
+    switch (options_.pose_source) {
+      case PoseSource::kPose:
+        return AddPose<geometry_msgs::PoseStamped>(names::kPose);
+      case PoseSource::kPoseWithCovariance:
+        return AddPose<geometry_msgs::PoseWithCovarianceStamped>(names::kPoseWithCovariance);
+      case PoseSource::kOdometry:
+        return AddPose<nav_msgs::Odometry>(names::kOdometry);
+      case PoseSource::kTransform:
+        return AddPose<geometry_msgs::TransformStamped>(names::kTransform);
+      case PoseSource::kTf:
+        return Add<tf2_msgs::TFMessage>({Kind::kPose, names::kTf, kPoseQueue, "bad_pose", true},
+                                        [on_tf = handlers_.on_tf](const auto&) { on_tf(); });
+    }
+  }
+
+  template <class Message>
+  void AddCloud(const char* topic) {
+    Add<Message>({Kind::kCloud, topic, kCloudQueue, "bad_sparse_points", false},
+                 [on_cloud = handlers_.on_cloud](const auto& message) {
+                   on_cloud(std::make_shared<const SparseCloud>(ToSparseCloud(*message)));
+                 });
+  }
+
+  void AddClouds() {
+    AddCloud<sensor_msgs::PointCloud2>(names::kSparsePoints);
+    AddCloud<sensor_msgs::PointCloud>(names::kSparsePointsV1);
+  }
+
+  void AddCameraInfo() {
+    if (!options_.calibration_file.empty()) return;
+    Add<sensor_msgs::CameraInfo>({Kind::kCameraInfo, names::kCameraInfo, kCameraInfoQueue, "bad_camera_info", true},
+                                 [on_info = handlers_.on_camera_info](const auto& message) { on_info(*message); });
+  }
+
+  void AddImages() {
+    if (options_.image_transport == ImageTransport::kRaw) {
+      const uint32_t queue = options_.overload == OverloadPolicy::kBlock ? 0 : kImageQueue;
+      const auto handle = [on_image = handlers_.on_image](const sensor_msgs::ImageConstPtr& message) {
+        on_image(std::make_shared<const EncodedImage>(EncodedImage{message, nullptr}));
+      };
+      sources_.push_back(std::make_unique<RawImageSource>(nh_, queue, handle));
+      return;
+    }
+    Add<sensor_msgs::CompressedImage>({Kind::kImage, CompressedTopic(nh_), kImageQueue, "bad_image", true},
+                                      [on_image = handlers_.on_image](const auto& message) {
+                                        on_image(std::make_shared<const EncodedImage>(EncodedImage{nullptr, message}));
+                                      });
+  }
+
+  void AddExtrinsic() {
+    if (options_.pose.child != PoseSemantics::Child::kBody || options_.pose.body_from_cam) return;
+    Add<nav_msgs::Odometry>({Kind::kExtrinsic, names::kExtrinsic, 1, "bad_extrinsic", false},
+                            [on_extrinsic = handlers_.on_extrinsic](const auto& message) {
+                              on_extrinsic(ToTransform(message->pose.pose));
+                            });
+  }
+
+  ros::NodeHandle nh_;
+  const NodeOptions& options_;
+  const InputHandlers& handlers_;
+  std::vector<std::unique_ptr<InputSource>> sources_;
+};
+
 }  // namespace
 
-std::unique_ptr<InputSource> MakeImageSource(const ros::NodeHandle& nh, const NodeOptions& options,
-                                             const std::function<void(std::shared_ptr<const EncodedImage>)>& on_image,
-                                             DropHandler on_drop) {
-  // With overload: block the images of a recording wait here, all of them (0: no limit).
-  const uint32_t queue = options.overload == OverloadPolicy::kBlock ? 0 : kImageQueue;
-  if (options.image_transport == ImageTransport::kRaw) {
-    return std::make_unique<RawImageSource>(nh, queue, [on_image](const sensor_msgs::ImageConstPtr& message) {
-      on_image(std::make_shared<const EncodedImage>(EncodedImage{message, nullptr}));
-    });
-  }
-  const auto handle = [on_image](const sensor_msgs::CompressedImageConstPtr& message) {
-    on_image(std::make_shared<const EncodedImage>(EncodedImage{nullptr, message}));
-  };
-  return std::make_unique<TopicSource<sensor_msgs::CompressedImage>>(nh, CompressedTopic(nh), queue, "bad_image",
-                                                                     handle, std::move(on_drop));
-}
-
-std::unique_ptr<InputSource> MakeCameraInfoSource(const ros::NodeHandle& nh,
-                                                  const std::function<void(const sensor_msgs::CameraInfo&)>& on_info,
-                                                  DropHandler on_drop) {
-  const auto handle = [on_info](const sensor_msgs::CameraInfoConstPtr& message) { on_info(*message); };
-  return std::make_unique<TopicSource<sensor_msgs::CameraInfo>>(nh, names::kCameraInfo, kCameraInfoQueue,
-                                                                "bad_camera_info", handle, std::move(on_drop));
-}
-
-std::unique_ptr<InputSource> MakePoseSource(const ros::NodeHandle& nh, const NodeOptions& options,
-                                            const std::function<void(PoseSample)>& on_pose, DropHandler on_drop) {
-  const PoseSemantics semantics = options.pose;
-  const auto handle = [on_pose, semantics](const geometry_msgs::PoseStampedConstPtr& message) {
-    const geometry_msgs::Point& position = message->pose.position;
-    const geometry_msgs::Quaternion& orientation = message->pose.orientation;
-    try {
-      const RigidTransform received =
-          CheckedTransform(Eigen::Quaterniond(orientation.w, orientation.x, orientation.y, orientation.z),
-                           Eigen::Vector3d(position.x, position.y, position.z));
-      on_pose({ToStampNs(message->header.stamp), StripLeadingSlash(message->header.frame_id),
-               WorldFromCamera(semantics, received)});
-    } catch (const InvalidInputError& error) {
-      throw InvalidInputError(Concat("pose ", FormatStamp(ToStampNs(message->header.stamp)), ": ", error.what()));
-    }
-  };
-  const uint32_t queue = options.overload == OverloadPolicy::kBlock ? 0 : kPoseQueue;
-  return std::make_unique<TopicSource<geometry_msgs::PoseStamped>>(nh, names::kPose, queue, "bad_pose", handle,
-                                                                   std::move(on_drop));
-}
-
-std::unique_ptr<InputSource> MakeCloudSource(const ros::NodeHandle& nh, const NodeOptions& options,
-                                             const std::function<void(SparseCloudPtr)>& on_cloud, DropHandler on_drop) {
-  const auto handle = [on_cloud](const sensor_msgs::PointCloud2ConstPtr& message) {
-    on_cloud(std::make_shared<const SparseCloud>(ToSparseCloud(*message)));
-  };
-  const uint32_t queue = options.overload == OverloadPolicy::kBlock ? 0 : kCloudQueue;
-  return std::make_unique<TopicSource<sensor_msgs::PointCloud2>>(nh, names::kSparsePoints, queue, "bad_sparse_points",
-                                                                 handle, std::move(on_drop));
+std::vector<std::unique_ptr<InputSource>> MakeInputSources(const ros::NodeHandle& nh, const NodeOptions& options,
+                                                           const InputHandlers& handlers) {
+  return SourceFactory(nh, options, handlers).Make();
 }
 
 double SteadySeconds() {

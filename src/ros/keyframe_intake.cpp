@@ -37,13 +37,19 @@ std::vector<Eigen::Vector3d> Moved(const RigidTransform& world_from_cloud, const
 
 }  // namespace
 
-KeyframeIntake::KeyframeIntake(const NodeOptions& options, const KeyframeGateOptions& gate, double fallback_depth)
-    : options_(options), matcher_(options.matcher), fallback_depth_(fallback_depth) {
+KeyframeIntake::KeyframeIntake(const NodeOptions& options, const KeyframeGateOptions& gate, double fallback_depth,
+                               const TransformSource& transforms)
+    : options_(options),
+      transforms_(transforms),
+      matcher_(options.matcher),
+      resolver_(options.pose, options.extrinsic_inverted, transforms.find_latest),
+      fallback_depth_(fallback_depth) {
   gate_.set_options(gate);
 }
 
 void KeyframeIntake::AddImage(std::shared_ptr<const EncodedImage> image) {
   const int64_t stamp_ns = ToStampNs(image->header().stamp);
+  image_frame_ = StripLeadingSlash(image->header().frame_id);
   matcher_.AddImage({stamp_ns, std::move(image)});
 }
 
@@ -59,11 +65,89 @@ void KeyframeIntake::AddCameraInfo(const sensor_msgs::CameraInfo& info) {
     calibration_ = std::make_shared<const CameraCalibration>(ToCalibration(info, options_.rectified));
   } catch (const InvalidInputError&) {
     calibration_.reset();
-    matcher_.set_calibrated(false);
     throw;
   }
   last_info_ = info;
-  matcher_.set_calibrated(true);
+  UpdateObstacle();
+}
+
+void KeyframeIntake::AddPose(PoseSample pose) {
+  child_frame_ = pose.child_frame;
+  matcher_.AddPose(std::move(pose));
+}
+
+void KeyframeIntake::AddKeyframe(const acmp_mapping::KeyframeConstPtr& keyframe) {
+  // Everything is converted before anything is taken: a keyframe is used as a whole or not at all.
+  PoseSample pose = ToPoseSample(keyframe->header, keyframe->child_frame_id, keyframe->pose);
+  SparseCloudPtr cloud;
+  if (keyframe->points.width > 0 && keyframe->points.height > 0) {
+    SparseCloud sparse = ToSparseCloud(keyframe->points);
+    sparse.stamp_ns = pose.stamp_ns;
+    cloud = std::make_shared<const SparseCloud>(std::move(sparse));
+  }
+  // Parts of the message share its life.
+  EncodedImage image;
+  if (keyframe->image.data.empty()) {
+    image.compressed = sensor_msgs::CompressedImageConstPtr(keyframe, &keyframe->compressed_image);
+  } else {
+    image.raw = sensor_msgs::ImageConstPtr(keyframe, &keyframe->image);
+  }
+  if (options_.calibration_file.empty()) AddCameraInfo(keyframe->camera_info);
+  image_frame_ = StripLeadingSlash(image.header().frame_id);
+  if (cloud) AddCloud(std::move(cloud));
+  const int64_t stamp_ns = pose.stamp_ns;
+  AddPose(std::move(pose));
+  matcher_.AddImage({stamp_ns, std::make_shared<const EncodedImage>(std::move(image))});
+}
+
+std::string KeyframeIntake::CameraFrame() const {
+  if (!options_.camera_frame.empty()) return options_.camera_frame;
+  if (!image_frame_.empty() || !calibration_) return image_frame_;
+  return calibration_->frame_id;
+}
+
+void KeyframeIntake::UpdateObstacle() {
+  resolver_.Update(options_.body_frame.empty() ? child_frame_ : options_.body_frame, CameraFrame());
+  std::optional<Drop> obstacle;
+  if (!calibration_) {
+    obstacle = Drop{"no_camera_info", "no usable camera_info has been received"};
+  } else if (!resolver_.ready()) {
+    obstacle = Drop{"no_extrinsic", resolver_.DescribeMissing()};
+  }
+  matcher_.set_obstacle(obstacle);
+}
+
+void KeyframeIntake::Prepare() {
+  UpdateObstacle();
+  LookUpPoses();
+}
+
+void KeyframeIntake::LookUpPoses() {
+  if (options_.pose_source != PoseSource::kTf || !transforms_.find_pose) return;
+  const bool body = options_.pose.child == PoseSemantics::Child::kBody;
+  const std::string child = body ? options_.body_frame : CameraFrame();
+  for (const int64_t stamp_ns : matcher_.UnposedStamps()) {
+    if (child.empty()) {
+      matcher_.SetPoseProblem(stamp_ns, "the images have no frame_id: set ~camera_frame");
+      continue;
+    }
+    auto found = transforms_.find_pose(options_.world_frame, child, stamp_ns);
+    if (auto* pose = std::get_if<PoseSample>(&found)) {
+      AddPose(std::move(*pose));
+    } else {
+      matcher_.SetPoseProblem(stamp_ns, std::get<std::string>(found));
+    }
+  }
+}
+
+std::vector<IntakeEvent> KeyframeIntake::Take(double now_s) {
+  Prepare();
+  return Convert(matcher_.Take(now_s));
+}
+
+std::vector<IntakeEvent> KeyframeIntake::TakeAll() {
+  Prepare();
+  return Convert(matcher_.TakeAll());
 }
 
 void KeyframeIntake::set_gate(const KeyframeGateOptions& gate, double fallback_depth) {
@@ -79,6 +163,7 @@ void KeyframeIntake::Clear() {
 
 std::vector<IntakeEvent> KeyframeIntake::Convert(std::vector<MatchEvent> matched) {
   std::vector<IntakeEvent> events;
+  if (auto notice = resolver_.TakeNotice()) events.emplace_back(Notice{false, std::move(*notice)});
   for (MatchEvent& event : matched) {
     if (auto* match = std::get_if<MatchedInput>(&event)) {
       Convert(*match, &events);
@@ -98,12 +183,13 @@ void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>
   input.stamp_ns = match.image.stamp_ns;
   input.image = match.image.image;
   input.calibration = calibration_;
-  input.camera_frame = StripLeadingSlash(match.image.image->header().frame_id);
+  input.camera_frame = options_.camera_frame;
+  if (input.camera_frame.empty()) input.camera_frame = StripLeadingSlash(match.image.image->header().frame_id);
   if (input.camera_frame.empty()) input.camera_frame = calibration_->frame_id;
   if (input.camera_frame.empty()) input.camera_frame = kNamelessCamera;
   input.world_frame = options_.world_frame.empty() ? match.pose.world_frame : options_.world_frame;
   if (input.world_frame.empty()) input.world_frame = kNamelessWorld;
-  input.world_from_cam = match.pose.world_from_cam;
+  input.world_from_cam = resolver_.WorldFromCamera(match.pose.received);
   input.landmarks_in_world = PlaceCloud(match, input, events);
 
   if (options_.keyframe_mode == KeyframeMode::kGate) {
@@ -118,7 +204,7 @@ void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>
 }
 
 std::vector<Eigen::Vector3d> KeyframeIntake::PlaceCloud(const MatchedInput& match, const KeyframeInput& input,
-                                                        std::vector<IntakeEvent>* events) const {
+                                                        std::vector<IntakeEvent>* events) {
   if (!match.cloud) return {};
   const SparseCloud& cloud = *match.cloud;
   const std::string at = Concat("sparse cloud ", FormatStamp(cloud.stamp_ns));
@@ -127,28 +213,35 @@ std::vector<Eigen::Vector3d> KeyframeIntake::PlaceCloud(const MatchedInput& matc
                                                      cloud.zero, " exactly zero)")});
     return {};
   }
-  SparseFrame frame = options_.sparse_frame;
-  if (frame == SparseFrame::kAuto) {
-    const bool in_world =
-        cloud.frame_id.empty() || cloud.frame_id == match.pose.world_frame || cloud.frame_id == input.world_frame;
-    const bool in_camera = cloud.frame_id == input.camera_frame || cloud.frame_id == calibration_->frame_id;
-    if (!in_world && !in_camera) {
-      events->emplace_back(
-          Drop{"sparse_frame_unknown",
-               Concat(at, ": its frame \"", cloud.frame_id, "\" is neither the world \"", input.world_frame,
-                      "\" nor the camera \"", input.camera_frame, "\"; set ~sparse_frame to world or camera")});
-      return {};
-    }
-    frame = in_world ? SparseFrame::kWorld : SparseFrame::kCamera;
-  }
-  if (frame == SparseFrame::kWorld) return cloud.points;
-  if (!match.cloud_pose) {
+  const std::optional<bool> in_camera = IsInCamera(match, input, events);
+  if (!in_camera) return {};
+  if (*in_camera && !match.cloud_pose) {
     events->emplace_back(Drop{"sparse_without_pose", Concat(at,
                                                             " is in the camera's frame, and there is no pose at its "
                                                             "stamp")});
     return {};
   }
-  return Moved(match.cloud_pose->world_from_cam, cloud.points);
+  const PoseSample& cloud_pose = match.cloud_pose ? *match.cloud_pose : match.pose;
+  if (auto warning =
+          convention_check_.Add(resolver_.semantics(), cloud_pose.received, cloud, *in_camera, calibration_->camera)) {
+    events->emplace_back(Notice{true, std::move(*warning)});
+  }
+  return *in_camera ? Moved(resolver_.WorldFromCamera(cloud_pose.received), cloud.points) : cloud.points;
+}
+
+std::optional<bool> KeyframeIntake::IsInCamera(const MatchedInput& match, const KeyframeInput& input,
+                                               std::vector<IntakeEvent>* events) const {
+  if (options_.sparse_frame != SparseFrame::kAuto) return options_.sparse_frame == SparseFrame::kCamera;
+  const SparseCloud& cloud = *match.cloud;
+  if (cloud.frame_id.empty() || cloud.frame_id == match.pose.world_frame || cloud.frame_id == input.world_frame) {
+    return false;
+  }
+  if (cloud.frame_id == input.camera_frame || cloud.frame_id == calibration_->frame_id) return true;
+  events->emplace_back(Drop{"sparse_frame_unknown",
+                            Concat("sparse cloud ", FormatStamp(cloud.stamp_ns), ": its frame \"", cloud.frame_id,
+                                   "\" is neither the world \"", input.world_frame, "\" nor the camera \"",
+                                   input.camera_frame, "\"; set ~sparse_frame to world or camera")});
+  return std::nullopt;
 }
 
 }  // namespace acmp

@@ -27,15 +27,21 @@ std::string DescribeSilence(const InputStatus& input, double now_s) {
                 " s (", publishers, ")");
 }
 
+std::string PoseTopic(const MapperSnapshot& snapshot) {
+  for (const InputStatus& input : snapshot.inputs) {
+    if (input.kind == InputStatus::Kind::kPose) return input.topic;
+  }
+  return "";
+}
+
 }  // namespace
 
 void DescribeInputs(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* status) {
   status->summary(DiagnosticStatus::OK, "all inputs arrive");
-  for (const InputStatus* input : {&snapshot.image, &snapshot.camera_info, &snapshot.pose, &snapshot.sparse_points}) {
-    const std::string silence = DescribeSilence(*input, snapshot.now_s);
-    status->add(input->topic, silence.empty() ? Concat(input->received, " received") : silence);
-    // A map may be made without sparse points, if the depth range is given.
-    if (!silence.empty() && input != &snapshot.sparse_points) status->mergeSummary(DiagnosticStatus::WARN, silence);
+  for (const InputStatus& input : snapshot.inputs) {
+    const std::string silence = DescribeSilence(input, snapshot.now_s);
+    status->add(input.topic, silence.empty() ? Concat(input.received, " received") : silence);
+    if (!silence.empty() && input.required) status->mergeSummary(DiagnosticStatus::WARN, silence);
   }
   if (snapshot.paused) status->mergeSummary(DiagnosticStatus::WARN, "paused (~pause)");
 }
@@ -59,10 +65,9 @@ void DescribeMatching(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* s
   status->add("posed images passed over by the keyframe gate", snapshot.not_chosen);
   if (!snapshot.last_gap) return;
   const PoseGap& gap = *snapshot.last_gap;
-  std::string nearest = Concat("no pose on ", snapshot.pose.topic);
-  if (gap.gap_ns) {
-    nearest = Concat("nearest is ", static_cast<double>(*gap.gap_ns) * 1e-6, " ms away on ", snapshot.pose.topic);
-  }
+  const std::string topic = PoseTopic(snapshot);
+  std::string nearest = gap.problem.empty() ? Concat("no pose on ", topic) : gap.problem;
+  if (gap.gap_ns) nearest = Concat("nearest is ", static_cast<double>(*gap.gap_ns) * 1e-6, " ms away on ", topic);
   status->add("last image without a pose", Concat(FormatStamp(gap.image_stamp_ns), ": ", nearest,
                                                   "; ~sync_tolerance is ", snapshot.sync_tolerance_s * 1e3, " ms"));
 }
@@ -92,9 +97,9 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
   status->add("completion [ms]", worker.times.completion_ms);
   status->add("of these in kernels [ms]", worker.times.kernels_ms);
   status->add("consistency check [ms]", worker.consistency_ms);
-  if (!worker.landmarks_in_front) return;
-  status->add("sparse points in front of the first cameras [%]", 100 * *worker.landmarks_in_front);
-  if (*worker.landmarks_in_front < 0.5) {
+  if (!snapshot.points_in_front) return;
+  status->add("sparse points in front of the first cameras [%]", 100 * *snapshot.points_in_front);
+  if (*snapshot.points_in_front < 0.5) {
     status->mergeSummary(DiagnosticStatus::WARN,
                          "most sparse points lie behind the camera: check ~pose_is, ~pose_child and ~sparse_frame");
   }

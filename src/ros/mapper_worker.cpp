@@ -53,7 +53,6 @@ MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions*
       map_(map),
       hooks_(std::move(hooks)),
       queue_(node_options.overload),
-      landmark_check_(node_options.pose),
       thread_([this] { Run(); }) {}
 
 MapperWorker::~MapperWorker() {
@@ -193,14 +192,12 @@ void MapperWorker::Process(KeyframeInput input) {
   cv::Mat valid;
   const FramePtr frame = PrepareFrame(input, &valid);
   const double preparation_ms = timer.Lap();
-  if (const auto warning = landmark_check_.Add(*frame); warning && !stopping_) hooks_.on_warning(*warning);
   pending_[frame->id] = {input.stamp_ns, input.camera_frame, input.world_frame, input.world_from_cam, valid};
   UpdateStatus([&](WorkerStatus* status) {
     ++status->keyframes;
     status->width = frame->camera.width;
     status->height = frame->camera.height;
     status->preparation_ms = preparation_ms;
-    status->landmarks_in_front = landmark_check_.share_in_front();
   });
   mapper_->AddKeyframe(frame);
   UpdateStatus([&](WorkerStatus* status) { status->keyframe_ms = preparation_ms + timer.Lap(); });

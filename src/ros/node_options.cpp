@@ -4,6 +4,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/keyframe/frame.h"
+#include "acmp_mapping/ros/input_conversion.h"
 
 namespace acmp {
 namespace {
@@ -48,9 +49,27 @@ void LoadPoseSemantics(ParameterReader* reader, PoseSemantics* pose) {
   std::vector<double> matrix;
   const bool has_matrix = reader->Read("T_body_cam", &matrix) && !matrix.empty();
   const bool body = pose->child == PoseSemantics::Child::kBody;
-  if (body && !has_matrix) throw InvalidInputError("parameter ~pose_child = body needs ~T_body_cam (4x4, row by row)");
   if (!body && has_matrix) throw InvalidInputError("parameter ~T_body_cam is set: needs ~pose_child = body");
   if (has_matrix) pose->body_from_cam = ToTransform(matrix);
+}
+
+void LoadFrames(ParameterReader* reader, NodeOptions* options) {
+  reader->Read("world_frame", &options->world_frame);
+  reader->Read("camera_frame", &options->camera_frame);
+  reader->Read("body_frame", &options->body_frame);
+  for (std::string* frame : {&options->world_frame, &options->camera_frame, &options->body_frame}) {
+    *frame = StripLeadingSlash(*frame);
+  }
+  const bool from_tf = options->pose_source == PoseSource::kTf;
+  if (from_tf && options->world_frame.empty()) {
+    throw InvalidInputError("parameter ~pose_source = tf needs ~world_frame, the frame that the map is made in");
+  }
+  if (from_tf && options->pose.child == PoseSemantics::Child::kBody && options->body_frame.empty()) {
+    throw InvalidInputError("parameter ~pose_source = tf with ~pose_child = body needs ~body_frame");
+  }
+  if (from_tf && options->keyframe_mode == KeyframeMode::kExternal) {
+    throw InvalidInputError("parameter ~pose_source = tf: keyframe_mode external brings its own poses");
+  }
 }
 
 }  // namespace
@@ -68,8 +87,16 @@ NodeOptions LoadNodeOptions(ParameterReader* reader) {
   reader->Read("rectified", &options.rectified);
   reader->Read("max_image_size", &options.max_image_size);
   CheckRange("parameter ~max_image_size", options.max_image_size, 0, 100000);
+  reader->Read("calibration_file", &options.calibration_file);
+  ReadEnum<PoseSource>(reader, "pose_source",
+                       {{"pose", PoseSource::kPose},
+                        {"pose_cov", PoseSource::kPoseWithCovariance},
+                        {"odom", PoseSource::kOdometry},
+                        {"transform", PoseSource::kTransform},
+                        {"tf", PoseSource::kTf}},
+                       &options.pose_source);
   LoadPoseSemantics(reader, &options.pose);
-  reader->Read("world_frame", &options.world_frame);
+  reader->Read("extrinsic_inverted", &options.extrinsic_inverted);
   ReadEnum<SparseFrame>(
       reader, "sparse_frame",
       {{"auto", SparseFrame::kAuto}, {"world", SparseFrame::kWorld}, {"camera", SparseFrame::kCamera}},
@@ -78,9 +105,11 @@ NodeOptions LoadNodeOptions(ParameterReader* reader) {
   reader->Read("sparse_tolerance", &options.matcher.sparse_tolerance_s);
   reader->Read("sparse_wait", &options.matcher.sparse_wait_s);
   Validate(options.matcher);
-  ReadEnum<KeyframeMode>(reader, "keyframe_mode",
-                         {{"every_pose", KeyframeMode::kEveryPose}, {"gate", KeyframeMode::kGate}},
-                         &options.keyframe_mode);
+  ReadEnum<KeyframeMode>(
+      reader, "keyframe_mode",
+      {{"every_pose", KeyframeMode::kEveryPose}, {"gate", KeyframeMode::kGate}, {"external", KeyframeMode::kExternal}},
+      &options.keyframe_mode);
+  LoadFrames(reader, &options);
   ReadEnum<OverloadPolicy>(reader, "overload",
                            {{"drop_oldest", OverloadPolicy::kDropOldest},
                             {"skip_if_busy", OverloadPolicy::kSkipIfBusy},

@@ -1,6 +1,7 @@
 #include "acmp_mapping/ros/pose_semantics.h"
 
 #include <cmath>
+#include <stdexcept>
 
 #include "acmp_mapping/common/error.h"
 
@@ -15,22 +16,6 @@ RigidTransform FluFromOptical() {
   return flu_from_optical;
 }
 
-const char* Name(PoseSemantics::Direction direction) {
-  return direction == PoseSemantics::Direction::kWorldFromCam ? "T_world_cam" : "T_cam_world";
-}
-
-const char* Name(PoseSemantics::Child child) {
-  switch (child) {
-    case PoseSemantics::Child::kCameraOptical:
-      return "camera_optical";
-    case PoseSemantics::Child::kCameraFlu:
-      return "camera_flu";
-    case PoseSemantics::Child::kBody:
-      return "body";
-  }
-  return "?";
-}
-
 }  // namespace
 
 RigidTransform WorldFromCamera(const PoseSemantics& semantics, const RigidTransform& received) {
@@ -42,7 +27,8 @@ RigidTransform WorldFromCamera(const PoseSemantics& semantics, const RigidTransf
     case PoseSemantics::Child::kCameraFlu:
       return world_from_child * FluFromOptical();
     case PoseSemantics::Child::kBody:
-      return world_from_child * semantics.body_from_cam;
+      if (!semantics.body_from_cam) throw std::logic_error("T_body_cam is not known");
+      return world_from_child * *semantics.body_from_cam;
   }
   return world_from_child;
 }
@@ -77,6 +63,22 @@ PoseSemantics::Child ParsePoseChild(const std::string& name) {
     if (name == Name(child)) return child;
   }
   throw InvalidInputError(Concat("pose_child = \"", name, "\": must be camera_optical, camera_flu or body"));
+}
+
+const char* Name(PoseSemantics::Direction direction) {
+  return direction == PoseSemantics::Direction::kWorldFromCam ? "T_world_cam" : "T_cam_world";
+}
+
+const char* Name(PoseSemantics::Child child) {
+  switch (child) {
+    case PoseSemantics::Child::kCameraOptical:
+      return "camera_optical";
+    case PoseSemantics::Child::kCameraFlu:
+      return "camera_flu";
+    case PoseSemantics::Child::kBody:
+      return "body";
+  }
+  return "?";
 }
 
 std::string Describe(const PoseSemantics& semantics) {

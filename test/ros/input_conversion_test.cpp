@@ -234,5 +234,75 @@ TEST(ToSparseCloud, RefusesMalformedClouds) {
   EXPECT_THAT(Refusal([&] { ToSparseCloud(cloud); }), HasSubstr("bigendian"));
 }
 
+TEST(ToSparseCloud, ReadsOldCloudsWithoutTheirChannels) {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  sensor_msgs::PointCloud cloud;
+  cloud.header.stamp = ros::Time(3, 4);
+  cloud.header.frame_id = "/world";
+  cloud.points.resize(4);
+  cloud.points[0].x = 1;
+  cloud.points[0].z = -2;
+  cloud.points[1].y = nan;
+  cloud.points[3].z = 5;
+  cloud.channels.resize(7);  // VINS: one channel for each point instead of one value for each point
+  const SparseCloud sparse = ToSparseCloud(cloud);
+  EXPECT_EQ(sparse.stamp_ns, 3000000004);
+  EXPECT_EQ(sparse.frame_id, "world");
+  EXPECT_EQ(sparse.points, (std::vector<Eigen::Vector3d>{{1, 0, -2}, {0, 0, 5}}));
+  EXPECT_EQ(sparse.not_finite, 1u);
+  EXPECT_EQ(sparse.zero, 1u);
+}
+
+/// Half a turn about z at (1, 2, 3), in every kind of pose message.
+template <class Header>
+void SetHeader(Header* header) {
+  header->stamp = ros::Time(7, 8);
+  header->frame_id = "/map";
+}
+
+geometry_msgs::Pose HalfTurn() {
+  geometry_msgs::Pose pose;
+  pose.position.x = 1;
+  pose.position.y = 2;
+  pose.position.z = 3;
+  pose.orientation.z = 1;
+  return pose;
+}
+
+TEST(ToPoseSample, ReadsAllKindsOfMessages) {
+  geometry_msgs::PoseStamped stamped;
+  SetHeader(&stamped.header);
+  stamped.pose = HalfTurn();
+  geometry_msgs::PoseWithCovarianceStamped with_covariance;
+  SetHeader(&with_covariance.header);
+  with_covariance.pose.pose = HalfTurn();
+  nav_msgs::Odometry odometry;
+  SetHeader(&odometry.header);
+  odometry.child_frame_id = "/imu";
+  odometry.pose.pose = HalfTurn();
+  geometry_msgs::TransformStamped transform;
+  SetHeader(&transform.header);
+  transform.child_frame_id = "imu";
+  transform.transform.translation.x = 1;
+  transform.transform.translation.y = 2;
+  transform.transform.translation.z = 3;
+  transform.transform.rotation.z = 1;
+  for (const PoseSample& sample :
+       {ToPoseSample(stamped), ToPoseSample(with_covariance), ToPoseSample(odometry), ToPoseSample(transform)}) {
+    EXPECT_EQ(sample.stamp_ns, 7000000008);
+    EXPECT_EQ(sample.world_frame, "map");
+    EXPECT_EQ(sample.received * Eigen::Vector3d(1, 1, 1), Eigen::Vector3d(0, 1, 4));
+  }
+  EXPECT_EQ(ToPoseSample(stamped).child_frame, "");
+  EXPECT_EQ(ToPoseSample(odometry).child_frame, "imu");
+  EXPECT_EQ(ToPoseSample(transform).child_frame, "imu");
+}
+
+TEST(ToPoseSample, RefusesBadNumbersAndNamesTheStamp) {
+  nav_msgs::Odometry odometry;
+  SetHeader(&odometry.header);  // the quaternion is 0 0 0 0
+  EXPECT_THAT(Refusal([&] { ToPoseSample(odometry); }), AllOf(HasSubstr("7.000000008"), HasSubstr("norm is 0")));
+}
+
 }  // namespace
 }  // namespace acmp

@@ -17,7 +17,7 @@ constexpr int64_t kT0 = 1403636579763555500;  // a stamp of today's size, which 
 PoseSample PoseAt(int64_t stamp_ns, double x = 0) {
   PoseSample pose;
   pose.stamp_ns = stamp_ns;
-  pose.world_from_cam.translation().x() = x;
+  pose.received.translation().x() = x;
   return pose;
 }
 
@@ -30,7 +30,7 @@ SparseCloudPtr CloudAt(int64_t stamp_ns) {
 /// A matcher that knows the camera and waits for no clouds.
 InputMatcher MakeMatcher(const InputMatcherOptions& options = {}) {
   InputMatcher matcher(options);
-  matcher.set_calibrated(true);
+  matcher.set_obstacle(std::nullopt);
   matcher.set_clouds_expected(false);
   return matcher;
 }
@@ -104,7 +104,7 @@ TEST(InputMatcher, TakesTheNearestOfTwoPoses) {
   matcher.AddPose(PoseAt(kT0 + 5 * kMs, 2));
   const auto matches = Matches(matcher.Take(0));
   ASSERT_EQ(matches.size(), 1u);
-  EXPECT_EQ(matches[0].pose.world_from_cam.translation().x(), 2);
+  EXPECT_EQ(matches[0].pose.received.translation().x(), 2);
 }
 
 TEST(InputMatcher, UsesAPoseOnce) {
@@ -150,14 +150,14 @@ TEST(InputMatcher, WaitsForTheCamera) {
   InputMatcherOptions options;
   options.image_capacity = 1;
   InputMatcher matcher = MakeMatcher(options);
-  matcher.set_calibrated(false);
+  matcher.set_obstacle(Drop{"no_camera_info", "no usable camera_info has been received"});
   matcher.AddImage({kT0, nullptr});
   matcher.AddPose(PoseAt(kT0));
   EXPECT_THAT(matcher.Take(0), IsEmpty());
   matcher.AddImage({kT0 + 40 * kMs, nullptr});
   matcher.AddPose(PoseAt(kT0 + 40 * kMs));
   EXPECT_THAT(DropReasons(matcher.Take(0)), ElementsAre("no_camera_info"));
-  matcher.set_calibrated(true);
+  matcher.set_obstacle(std::nullopt);
   EXPECT_THAT(Stamps(matcher.Take(0)), ElementsAre(kT0 + 40 * kMs));
 }
 
@@ -242,7 +242,7 @@ TEST_P(LoopingBag, LosesNothing) {
   ASSERT_EQ(matches.size(), 40u);
   for (size_t i = 0; i < matches.size(); ++i) {
     EXPECT_EQ(matches[i].image.stamp_ns, kT0 + static_cast<int64_t>(i % 20) * 100 * kMs);
-    EXPECT_EQ(matches[i].pose.world_from_cam.translation().x(), i < 20 ? 0 : 1) << "a pose of the other run at " << i;
+    EXPECT_EQ(matches[i].pose.received.translation().x(), i < 20 ? 0 : 1) << "a pose of the other run at " << i;
   }
   const auto jumps =
       std::count_if(events.begin(), events.end(), [](const auto& e) { return std::holds_alternative<TimeJump>(e); });

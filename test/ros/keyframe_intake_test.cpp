@@ -2,81 +2,17 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <boost/make_shared.hpp>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/ros/landmark_check.h"
+#include "ros/intake_support.h"
 
-namespace acmp {
+namespace acmp::test {
 namespace {
 
 using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-
-sensor_msgs::CameraInfo MakeInfo(const std::string& frame_id = "cam") {
-  sensor_msgs::CameraInfo info;
-  info.header.frame_id = frame_id;
-  info.width = 64;
-  info.height = 48;
-  info.K = {50, 0, 32, 0, 50, 24, 0, 0, 1};
-  return info;
-}
-
-std::shared_ptr<const EncodedImage> ImageAt(uint32_t stamp_s, const std::string& frame_id = "cam") {
-  auto image = boost::make_shared<sensor_msgs::Image>();
-  image->header.stamp = ros::Time(stamp_s, 0);
-  image->header.frame_id = frame_id;
-  return std::make_shared<const EncodedImage>(EncodedImage{image, nullptr});
-}
-
-PoseSample PoseAt(uint32_t stamp_s, double x, const std::string& world_frame = "map") {
-  PoseSample pose;
-  pose.stamp_ns = ToStampNs(ros::Time(stamp_s, 0));
-  pose.world_frame = world_frame;
-  pose.world_from_cam.translation().x() = x;
-  return pose;
-}
-
-SparseCloudPtr CloudAt(uint32_t stamp_s, const std::string& frame_id, std::vector<Eigen::Vector3d> points) {
-  auto cloud = std::make_shared<SparseCloud>();
-  cloud->stamp_ns = ToStampNs(ros::Time(stamp_s, 0));
-  cloud->frame_id = frame_id;
-  cloud->points = std::move(points);
-  return cloud;
-}
-
-struct Result {
-  std::vector<KeyframeInput> keyframes;
-  std::vector<Drop> drops;
-  int jumps = 0;
-};
-
-Result Split(std::vector<IntakeEvent> events) {
-  Result result;
-  for (IntakeEvent& event : events) {
-    if (auto* keyframe = std::get_if<KeyframeInput>(&event)) result.keyframes.push_back(std::move(*keyframe));
-    if (auto* drop = std::get_if<Drop>(&event)) result.drops.push_back(*drop);
-    result.jumps += std::holds_alternative<TimeJump>(event);
-  }
-  return result;
-}
-
-/// Feeds one image with pose and cloud and returns what comes out.
-Result Feed(KeyframeIntake* intake, uint32_t stamp_s, double x, const SparseCloudPtr& cloud,
-            const std::string& image_frame = "cam", const std::string& world_frame = "map") {
-  if (cloud) intake->AddCloud(cloud);
-  intake->AddPose(PoseAt(stamp_s, x, world_frame));
-  intake->AddImage(ImageAt(stamp_s, image_frame));
-  return Split(intake->TakeAll());
-}
-
-KeyframeIntake MakeIntake(const NodeOptions& options = {}, double fallback_depth = 0) {
-  KeyframeIntake intake(options, KeyframeGateOptions(), fallback_depth);
-  intake.AddCameraInfo(MakeInfo());
-  return intake;
-}
 
 TEST(KeyframeIntake, PutsAKeyframeTogether) {
   KeyframeIntake intake = MakeIntake();
@@ -207,29 +143,5 @@ TEST(KeyframeIntake, PassesTimeJumpsOn) {
   EXPECT_EQ(result.keyframes.size(), 1u) << "the gate starts anew";
 }
 
-TEST(LandmarkCheck, WarnsOnceWhenMostPointsAreBehind) {
-  const auto make_frame = [](int in_front, int behind) {
-    Frame frame;
-    for (int i = 0; i < in_front; ++i) frame.landmarks_in_world.emplace_back(0, 0, 1);
-    for (int i = 0; i < behind; ++i) frame.landmarks_in_world.emplace_back(0, 0, -1);
-    return frame;
-  };
-  LandmarkCheck wrong{PoseSemantics()};
-  EXPECT_FALSE(wrong.share_in_front());
-  int warnings = 0;
-  for (int i = 0; i < 20; ++i) {
-    EXPECT_FALSE(wrong.Add(make_frame(0, 0))) << "tells nothing";
-    if (const auto warning = wrong.Add(make_frame(4, 6))) {
-      ++warnings;
-      EXPECT_THAT(*warning, AllOf(HasSubstr("40 %"), HasSubstr("~pose_is"), HasSubstr("T_world_cam")));
-    }
-  }
-  EXPECT_EQ(warnings, 1);
-  EXPECT_NEAR(*wrong.share_in_front(), 0.4, 1e-12);
-
-  LandmarkCheck right{PoseSemantics()};
-  for (int i = 0; i < 20; ++i) EXPECT_FALSE(right.Add(make_frame(5, 5)));
-}
-
 }  // namespace
-}  // namespace acmp
+}  // namespace acmp::test

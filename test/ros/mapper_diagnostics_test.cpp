@@ -8,6 +8,7 @@
 namespace acmp {
 namespace {
 
+using Kind = InputStatus::Kind;
 using diagnostic_msgs::DiagnosticStatus;
 using diagnostic_updater::DiagnosticStatusWrapper;
 using ::testing::AllOf;
@@ -18,15 +19,15 @@ using ::testing::Not;
 MapperSnapshot Healthy() {
   MapperSnapshot snapshot;
   snapshot.now_s = 100;
-  snapshot.image = {"/cam/image", 1, 500, 99.9};
-  snapshot.camera_info = {"/cam/camera_info", 1, 500, 99.9};
-  snapshot.pose = {"/slam/pose", 1, 500, 99.9};
-  snapshot.sparse_points = {"/slam/points", 1, 50, 99.5};
+  snapshot.inputs = {{Kind::kImage, "/cam/image", 1, 500, 99.9},
+                     {Kind::kCameraInfo, "/cam/camera_info", 1, 500, 99.9},
+                     {Kind::kPose, "/slam/pose", 1, 500, 99.9},
+                     {Kind::kCloud, "/slam/points", 1, 50, 99.5, false}};
   snapshot.matched = 400;
   snapshot.sync_tolerance_s = 1e-3;
   snapshot.worker.ready = true;
   snapshot.worker.device_name = "cpu (2 threads)";
-  snapshot.worker.landmarks_in_front = 0.9;
+  snapshot.points_in_front = 0.9;
   return snapshot;
 }
 
@@ -55,18 +56,18 @@ TEST(Diagnostics, AllIsWell) {
 
 TEST(Diagnostics, NameTheMissingInputItsTopicAndSinceWhen) {
   MapperSnapshot snapshot = Healthy();
-  snapshot.camera_info = {"/cam/camera_info", 0, 0, 60};
+  snapshot.inputs[1] = {Kind::kCameraInfo, "/cam/camera_info", 0, 0, 60};
   auto status = Describe(&DescribeInputs, snapshot);
   EXPECT_EQ(status.level, DiagnosticStatus::WARN);
   EXPECT_THAT(status.message, AllOf(HasSubstr("/cam/camera_info"), HasSubstr("40 s"), HasSubstr("nobody publishes"),
                                     Not(HasSubstr("/cam/image"))));
   snapshot = Healthy();
-  snapshot.pose.last_received_s = 88;  // was there, fell silent
+  snapshot.inputs[2].last_received_s = 88;  // was there, fell silent
   status = Describe(&DescribeInputs, snapshot);
   EXPECT_EQ(status.level, DiagnosticStatus::WARN);
   EXPECT_THAT(status.message, AllOf(HasSubstr("nothing on /slam/pose for 12 s"), HasSubstr("1 publisher")));
   snapshot = Healthy();
-  snapshot.sparse_points = {"/slam/points", 0, 0, 60};
+  snapshot.inputs[3] = {Kind::kCloud, "/slam/points", 0, 0, 60, false};
   status = Describe(&DescribeInputs, snapshot);
   EXPECT_EQ(status.level, DiagnosticStatus::OK) << "not needed when the depth range is given";
   EXPECT_THAT(ValueOf(status, "/slam/points"), HasSubstr("nobody publishes"));
@@ -77,13 +78,20 @@ TEST(Diagnostics, NameTheMissingInputItsTopicAndSinceWhen) {
 TEST(Diagnostics, TellTheStampGap) {
   MapperSnapshot snapshot = Healthy();
   snapshot.matched = 0;
-  snapshot.last_gap = PoseGap{12345000000, 33400000};
+  snapshot.last_gap = PoseGap{12345000000, 33400000, {}};
   snapshot.drops["no_pose"] = {3, "no pose within 1 ms of image 12.345000000", 99, 99};
   const auto status = Describe(&DescribeMatching, snapshot);
   EXPECT_EQ(status.level, DiagnosticStatus::WARN);
   EXPECT_THAT(
       ValueOf(status, "last image without a pose"),
       AllOf(HasSubstr("12.345"), HasSubstr("33.4 ms away on /slam/pose"), HasSubstr("~sync_tolerance is 1 ms")));
+}
+
+TEST(Diagnostics, TellWhatTfLacks) {
+  MapperSnapshot snapshot = Healthy();
+  snapshot.last_gap = PoseGap{12345000000, std::nullopt, "tf has no \"cam\" in \"map\" then: not connected"};
+  EXPECT_THAT(ValueOf(Describe(&DescribeMatching, snapshot), "last image without a pose"),
+              AllOf(HasSubstr("12.345"), HasSubstr("no \"cam\" in \"map\"")));
 }
 
 TEST(Diagnostics, CountDropsByReasonAndWarnOfRecentOnes) {
@@ -115,7 +123,7 @@ TEST(Diagnostics, TellTheDevice) {
   EXPECT_EQ(status.level, DiagnosticStatus::ERROR);
   EXPECT_THAT(status.message, HasSubstr("no driver"));
   snapshot = Healthy();
-  snapshot.worker.landmarks_in_front = 0.2;
+  snapshot.points_in_front = 0.2;
   status = Describe(&DescribeMapping, snapshot);
   EXPECT_EQ(status.level, DiagnosticStatus::WARN);
   EXPECT_THAT(status.message, HasSubstr("~pose_is"));

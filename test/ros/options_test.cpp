@@ -1,7 +1,6 @@
 // Parameters: reading, refusing, and the agreement of C++ defaults, .cfg and yaml.
 
 #include <fstream>
-#include <functional>
 #include <map>
 #include <tuple>
 
@@ -12,35 +11,16 @@
 #include "acmp_mapping/pipeline/parameters.h"
 #include "acmp_mapping/ros/node_options.h"
 #include "acmp_mapping/ros/runtime_options.h"
+#include "ros/options_support.h"
 
 namespace acmp {
 namespace {
 
+using test::Refusal;
+using test::Struct;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 using XmlRpc::XmlRpcValue;
-
-XmlRpcValue Struct(const std::map<std::string, XmlRpcValue>& members) {
-  XmlRpcValue value;
-  for (const auto& [name, member] : members) value[name] = member;
-  return value;
-}
-
-std::string Refusal(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const InvalidInputError& error) {
-    return error.what();
-  }
-  return "(accepted)";
-}
-
-std::string NodeRefusal(const std::map<std::string, XmlRpcValue>& members) {
-  return Refusal([&] {
-    ParameterReader reader(Struct(members));
-    LoadNodeOptions(&reader);
-  });
-}
 
 std::string RuntimeRefusal(const std::map<std::string, XmlRpcValue>& members) {
   return Refusal([&] {
@@ -89,64 +69,6 @@ TEST(ParameterReader, NamesTheNearestKnownKey) {
   LoadNodeOptions(&nested);
   EXPECT_NO_THROW(nested.CheckUnknown());
   EXPECT_NO_THROW(ParameterReader(XmlRpcValue()).CheckUnknown());
-}
-
-TEST(NodeOptions, ReadsEnumerations) {
-  ParameterReader reader(Struct({{"device", std::string("cpu")},
-                                 {"overload", std::string("block")},
-                                 {"pose_is", std::string("T_cam_world")},
-                                 {"sparse_frame", std::string("camera")},
-                                 {"keyframe_mode", std::string("gate")},
-                                 {"on_time_jump", std::string("reset")}}));
-  const NodeOptions options = LoadNodeOptions(&reader);
-  EXPECT_EQ(options.device, Device::kCpu);
-  EXPECT_EQ(options.overload, OverloadPolicy::kBlock);
-  EXPECT_EQ(options.pose.direction, PoseSemantics::Direction::kCamFromWorld);
-  EXPECT_EQ(options.sparse_frame, SparseFrame::kCamera);
-  EXPECT_EQ(options.keyframe_mode, KeyframeMode::kGate);
-  EXPECT_EQ(options.on_time_jump, TimeJumpPolicy::kReset);
-}
-
-TEST(NodeOptions, RefusesBadValuesAndNamesThem) {
-  EXPECT_THAT(NodeRefusal({{"device", std::string("gpu")}}), AllOf(HasSubstr("gpu"), HasSubstr("cuda")));
-  EXPECT_THAT(NodeRefusal({{"overload", std::string("never")}}), AllOf(HasSubstr("never"), HasSubstr("drop_oldest")));
-  EXPECT_THAT(NodeRefusal({{"pose_is", std::string("Twc")}}), HasSubstr("Twc"));
-  EXPECT_THAT(NodeRefusal({{"max_image_size", -1}}), HasSubstr("-1"));
-  EXPECT_THAT(NodeRefusal({{"sync_tolerance", -0.5}}), HasSubstr("-0.5"));
-  EXPECT_THAT(NodeRefusal({{"pose_child", std::string("body")}}), HasSubstr("T_body_cam"));
-}
-
-XmlRpcValue Matrix(const std::vector<double>& numbers, bool nested) {
-  XmlRpcValue value;
-  for (int i = 0; i < static_cast<int>(numbers.size()); ++i) {
-    if (nested) {
-      value[i / 4][i % 4] = numbers[static_cast<size_t>(i)];
-    } else {
-      value[i] = numbers[static_cast<size_t>(i)];
-    }
-  }
-  return value;
-}
-
-TEST(NodeOptions, ReadsTheExtrinsicBothWays) {
-  const std::vector<double> numbers = {0, 0, 1, 0.1, -1, 0, 0, 0.2, 0, -1, 0, 0.3, 0, 0, 0, 1};
-  for (const bool nested : {false, true}) {
-    ParameterReader reader(Struct({{"pose_child", std::string("body")}, {"T_body_cam", Matrix(numbers, nested)}}));
-    const NodeOptions options = LoadNodeOptions(&reader);
-    EXPECT_EQ(options.pose.body_from_cam.translation(), Eigen::Vector3d(0.1, 0.2, 0.3));
-    EXPECT_EQ(options.pose.body_from_cam.linear()(0, 2), 1);
-  }
-}
-
-TEST(NodeOptions, RefusesABadExtrinsic) {
-  const auto refusal = [](std::vector<double> numbers) {
-    return NodeRefusal({{"pose_child", std::string("body")}, {"T_body_cam", Matrix(numbers, false)}});
-  };
-  EXPECT_THAT(refusal({1, 0, 0}), HasSubstr("3 numbers"));
-  EXPECT_THAT(refusal({1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.1, 0.2, 0.3, 1}), HasSubstr("last row")) << "transposed";
-  EXPECT_THAT(refusal({2, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}), HasSubstr("T_body_cam"));
-  EXPECT_THAT(NodeRefusal({{"T_body_cam", Matrix({1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}, false)}}),
-              HasSubstr("pose_child"));
 }
 
 /// Values by name, for comparisons.
@@ -402,7 +324,13 @@ TEST(ShippedYaml, HoldsAllParametersWithTheirDefaults) {
   EXPECT_EQ(node.max_image_size, defaults.max_image_size);
   EXPECT_EQ(node.pose.direction, defaults.pose.direction);
   EXPECT_EQ(node.pose.child, defaults.pose.child);
+  EXPECT_EQ(node.pose.body_from_cam.has_value(), defaults.pose.body_from_cam.has_value());
+  EXPECT_EQ(node.extrinsic_inverted, defaults.extrinsic_inverted);
+  EXPECT_EQ(node.pose_source, defaults.pose_source);
+  EXPECT_EQ(node.calibration_file, defaults.calibration_file);
   EXPECT_EQ(node.world_frame, defaults.world_frame);
+  EXPECT_EQ(node.camera_frame, defaults.camera_frame);
+  EXPECT_EQ(node.body_frame, defaults.body_frame);
   EXPECT_EQ(node.sparse_frame, defaults.sparse_frame);
   EXPECT_EQ(node.matcher.sync_tolerance_s, defaults.matcher.sync_tolerance_s);
   EXPECT_EQ(node.matcher.sparse_tolerance_s, defaults.matcher.sparse_tolerance_s);

@@ -18,6 +18,7 @@
 #include "acmp_mapping/ros/mapper_worker.h"
 #include "acmp_mapping/ros/output_publisher.h"
 #include "acmp_mapping/ros/shared_options.h"
+#include "acmp_mapping/ros/tf_lookup.h"
 
 namespace acmp {
 
@@ -42,7 +43,8 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   void StartReconfigure();
   void LogDevice(const WorkerStatus& status);
 
-  void HandleImage(std::shared_ptr<const EncodedImage> image);
+  void MakeIntake(const RuntimeOptions& runtime_options);
+  bool DropWhilePaused(const std_msgs::Header& header);
   /// Runs add(intake) and hands on what has become complete.
   template <class Add>
   void Receive(const Add& add);
@@ -76,6 +78,7 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   /// Spent in a blocking queue: while it blocks no cloud can come in, so the clock of the wait for clouds stands still.
   double blocked_s_ = 0;
   mutable std::mutex intake_mutex_;
+  std::unique_ptr<TfLookup> tf_;  ///< null where nothing is looked up
   std::unique_ptr<KeyframeIntake> intake_;
 
   // What the map needs to be published: written by the worker, read by the services' thread.
@@ -90,7 +93,7 @@ class DenseMapperNodelet : public nodelet::Nodelet {
 
   std::unique_ptr<MapperWorker> worker_;
   ros::WallTimer deliver_timer_;
-  std::unique_ptr<InputSource> image_source_, camera_info_source_, pose_source_, cloud_source_;
+  std::vector<std::unique_ptr<InputSource>> sources_;
   std::unique_ptr<MapperServices> services_;
   boost::recursive_mutex config_mutex_;
   DenseMapperConfig config_;

@@ -2,10 +2,15 @@
 
 #include <opencv2/core/mat.hpp>
 
+#include <geometry_msgs/PoseStamped.h>
+#include <geometry_msgs/PoseWithCovarianceStamped.h>
+#include <geometry_msgs/TransformStamped.h>
+#include <nav_msgs/Odometry.h>
 #include <ros/time.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
+#include <sensor_msgs/PointCloud.h>
 #include <sensor_msgs/PointCloud2.h>
 
 #include "acmp_mapping/ros/image_rectifier.h"
@@ -34,6 +39,17 @@ CameraCalibration ToCalibration(const sensor_msgs::CameraInfo& info, bool rectif
 
 /// x, y, z as float32 or float64; not-finite and exactly zero points are counted and left out.
 SparseCloud ToSparseCloud(const sensor_msgs::PointCloud2& cloud);
+/// `points` alone: what some frontends put in the channels does not keep to the message's rules.
+SparseCloud ToSparseCloud(const sensor_msgs::PointCloud& cloud);
+
+/// Not finite, or a quaternion off unit length by more than 1e-3, is refused.
+RigidTransform ToTransform(const geometry_msgs::Pose& pose);
+PoseSample ToPoseSample(const geometry_msgs::PoseStamped& message);
+PoseSample ToPoseSample(const geometry_msgs::PoseWithCovarianceStamped& message);
+PoseSample ToPoseSample(const nav_msgs::Odometry& message);
+PoseSample ToPoseSample(const geometry_msgs::TransformStamped& message);
+PoseSample ToPoseSample(const std_msgs::Header& header, const std::string& child_frame,
+                        const geometry_msgs::Pose& pose);
 
 /// "/map" and "map" name one frame.
 std::string StripLeadingSlash(const std::string& frame_id);

@@ -2,6 +2,8 @@
 
 #include <deque>
 #include <optional>
+#include <string>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -38,6 +40,7 @@ using MatchEvent = std::variant<MatchedInput, TimeJump, Drop>;
 struct PoseGap {
   int64_t image_stamp_ns = 0;
   std::optional<int64_t> gap_ns;  ///< pose minus image; none when there was no pose at all
+  std::string problem;            ///< what a source that is asked for poses said; else empty
 };
 
 /// Matches images, poses and sparse clouds by stamp in ring buffers of its own. Real frontends push stamps through
@@ -57,8 +60,13 @@ class InputMatcher {
 
   /// Whether anybody publishes clouds; if not, no image waits for one. True at first.
   void set_clouds_expected(bool expected) { clouds_expected_ = expected; }
-  /// Images wait until the camera is known. False at first.
-  void set_calibrated(bool calibrated) { calibrated_ = calibrated; }
+  /// While set, images wait; those that wait too long are dropped with this. Set at first: no camera is known.
+  void set_obstacle(std::optional<Drop> obstacle) { obstacle_ = std::move(obstacle); }
+
+  /// Stamps of the images that have no pose yet, oldest first, for sources that are asked for poses (tf).
+  std::vector<int64_t> UnposedStamps() const;
+  /// Why such a source has none for this image: told when the image is dropped.
+  void SetPoseProblem(int64_t stamp_ns, const std::string& problem);
 
   /// What has happened since the last call, in order. `now_s` is any clock that never goes back.
   std::vector<MatchEvent> Take(double now_s);
@@ -77,6 +85,7 @@ class InputMatcher {
     ImageSample sample;
     std::optional<PoseSample> pose;
     double ready_since_s = -1;  ///< when the pose was found; < 0: not yet
+    std::string pose_problem;   ///< what SetPoseProblem told
   };
   struct ReceivedPose {
     PoseSample sample;
@@ -99,7 +108,7 @@ class InputMatcher {
   int64_t sync_tolerance_ns_;
   int64_t sparse_tolerance_ns_;
   bool clouds_expected_ = true;
-  bool calibrated_ = false;
+  std::optional<Drop> obstacle_ = Drop{"no_camera_info", "no usable camera_info has been received"};
 
   std::deque<WaitingImage> images_;    ///< ascending stamps
   std::deque<ReceivedPose> poses_;     ///< ascending stamps

@@ -3,7 +3,9 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <vector>
 
+#include <acmp_mapping/Keyframe.h>
 #include <ros/node_handle.h>
 #include <sensor_msgs/CameraInfo.h>
 
@@ -16,33 +18,39 @@ namespace acmp {
 
 /// What diagnostics tell about one input stream.
 struct InputStatus {
+  enum class Kind { kImage, kCameraInfo, kPose, kCloud, kKeyframe, kExtrinsic };
+  Kind kind = Kind::kImage;
   std::string topic;  ///< resolved name
   uint32_t publishers = 0;
   uint64_t received = 0;
   double last_received_s = 0;  ///< steady clock; of the start while nothing was received
+  bool required = true;        ///< nothing is mapped without it
 };
 
-/// A subscription that converts messages to samples. Each kind of pose or cloud message is one implementation; all else
-/// knows samples only.
+/// A subscription that converts messages to samples. Each kind of message is one implementation; all else knows samples
+/// only.
 class InputSource {
  public:
   virtual ~InputSource() = default;
   virtual InputStatus status() const = 0;
 };
 
-using DropHandler = std::function<void(const Drop&)>;
+/// What becomes of the messages. Handlers may throw InvalidInputError for a message that cannot be used; it then goes
+/// to on_drop.
+struct InputHandlers {
+  std::function<void(std::shared_ptr<const EncodedImage>)> on_image;
+  std::function<void(const sensor_msgs::CameraInfo&)> on_camera_info;
+  std::function<void(PoseSample)> on_pose;
+  std::function<void()> on_tf;  ///< new transforms have come
+  std::function<void(SparseCloudPtr)> on_cloud;
+  std::function<void(const RigidTransform&)> on_extrinsic;
+  std::function<void(const acmp_mapping::KeyframeConstPtr&)> on_keyframe;
+  std::function<void(const Drop&)> on_drop;
+};
 
-/// Callbacks run in the node handle's callback queue. Messages that cannot be used go to `on_drop`.
-std::unique_ptr<InputSource> MakeImageSource(const ros::NodeHandle& nh, const NodeOptions& options,
-                                             const std::function<void(std::shared_ptr<const EncodedImage>)>& on_image,
-                                             DropHandler on_drop);
-std::unique_ptr<InputSource> MakeCameraInfoSource(const ros::NodeHandle& nh,
-                                                  const std::function<void(const sensor_msgs::CameraInfo&)>& on_info,
-                                                  DropHandler on_drop);
-std::unique_ptr<InputSource> MakePoseSource(const ros::NodeHandle& nh, const NodeOptions& options,
-                                            const std::function<void(PoseSample)>& on_pose, DropHandler on_drop);
-std::unique_ptr<InputSource> MakeCloudSource(const ros::NodeHandle& nh, const NodeOptions& options,
-                                             const std::function<void(SparseCloudPtr)>& on_cloud, DropHandler on_drop);
+/// Subscribes to the streams that the options ask for. Callbacks run in the node handle's callback queue.
+std::vector<std::unique_ptr<InputSource>> MakeInputSources(const ros::NodeHandle& nh, const NodeOptions& options,
+                                                           const InputHandlers& handlers);
 
 /// Seconds of a clock that never goes back, whatever ROS time does.
 double SteadySeconds();

@@ -1,14 +1,19 @@
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <string>
 #include <variant>
 #include <vector>
 
+#include <acmp_mapping/Keyframe.h>
+
+#include "acmp_mapping/ros/convention_check.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/input_matcher.h"
 #include "acmp_mapping/ros/keyframe_gate.h"
 #include "acmp_mapping/ros/node_options.h"
+#include "acmp_mapping/ros/pose_resolver.h"
 
 namespace acmp {
 
@@ -23,26 +28,45 @@ struct KeyframeInput {
   std::vector<Eigen::Vector3d> landmarks_in_world;
 };
 
-using IntakeEvent = std::variant<KeyframeInput, TimeJump, Drop>;
+/// Something the user should read.
+struct Notice {
+  bool warning = false;
+  std::string text;
+};
+
+using IntakeEvent = std::variant<KeyframeInput, TimeJump, Drop, Notice>;
+
+/// Where poses and T_body_cam are looked up. Must not wait. May be empty where the options do not ask for it.
+struct TransformSource {
+  /// Pose of `child` in `world` at a stamp, or why there is none.
+  std::function<std::variant<PoseSample, std::string>(const std::string& world, const std::string& child,
+                                                      int64_t stamp_ns)>
+      find_pose;
+  TransformLookup find_latest;
+};
 
 /// From samples of the input streams to keyframes: matches them, places the clouds in the world and chooses keyframes.
 /// Knows messages but no topics. Not thread-safe.
 class KeyframeIntake {
  public:
   /// @param fallback_depth stands in for the scene's depth while no landmarks tell; 0 = unknown
-  KeyframeIntake(const NodeOptions& options, const KeyframeGateOptions& gate, double fallback_depth);
+  KeyframeIntake(const NodeOptions& options, const KeyframeGateOptions& gate, double fallback_depth,
+                 const TransformSource& transforms = {});
 
   void AddImage(std::shared_ptr<const EncodedImage> image);
   /// Throws InvalidInputError for a camera that cannot be used; images then wait for a better one.
   void AddCameraInfo(const sensor_msgs::CameraInfo& info);
-  void AddPose(PoseSample pose) { matcher_.AddPose(std::move(pose)); }
+  void AddPose(PoseSample pose);
+  void SetExtrinsic(const RigidTransform& received) { resolver_.SetExtrinsic(received); }
+  /// All of a keyframe at once; see AddCameraInfo. Throws InvalidInputError if any part cannot be used.
+  void AddKeyframe(const acmp_mapping::KeyframeConstPtr& keyframe);
   void AddCloud(SparseCloudPtr cloud) { matcher_.AddCloud(std::move(cloud)); }
   void set_clouds_expected(bool expected) { matcher_.set_clouds_expected(expected); }
   void set_gate(const KeyframeGateOptions& gate, double fallback_depth);
 
   /// What has happened since the last call, in order; see InputMatcher.
-  std::vector<IntakeEvent> Take(double now_s) { return Convert(matcher_.Take(now_s)); }
-  std::vector<IntakeEvent> TakeAll() { return Convert(matcher_.TakeAll()); }
+  std::vector<IntakeEvent> Take(double now_s);
+  std::vector<IntakeEvent> TakeAll();
 
   /// Forgets images, poses and clouds; the camera stays known.
   void Clear();
@@ -50,20 +74,35 @@ class KeyframeIntake {
   size_t waiting_images() const { return matcher_.waiting_images(); }
   const std::optional<PoseGap>& last_gap() const { return matcher_.last_gap(); }
   uint64_t not_chosen() const { return not_chosen_; }  ///< posed images that the gate passed over
+  /// Share of the first keyframes' sparse points, 0..1; none before the first point.
+  std::optional<double> share_in_front() const { return convention_check_.share_in_front(); }
+  const PoseResolver& resolver() const { return resolver_; }
 
  private:
+  void Prepare();
+  void UpdateObstacle();
+  std::string CameraFrame() const;
+  void LookUpPoses();
   std::vector<IntakeEvent> Convert(std::vector<MatchEvent> events);
   void Convert(const MatchedInput& match, std::vector<IntakeEvent>* events);
+  /// Whether the cloud is in the camera's frame, else in the world's; none, and why in `events`, if that is not known.
+  std::optional<bool> IsInCamera(const MatchedInput& match, const KeyframeInput& input,
+                                 std::vector<IntakeEvent>* events) const;
   std::vector<Eigen::Vector3d> PlaceCloud(const MatchedInput& match, const KeyframeInput& input,
-                                          std::vector<IntakeEvent>* events) const;
+                                          std::vector<IntakeEvent>* events);
 
   NodeOptions options_;
+  TransformSource transforms_;
   InputMatcher matcher_;
+  PoseResolver resolver_;
+  ConventionCheck convention_check_;
   KeyframeGate gate_;
   double fallback_depth_;
   double scene_depth_ = 0;  ///< median of the landmarks that were last in front of the camera; 0 = none yet
   sensor_msgs::CameraInfo last_info_;
   CalibrationPtr calibration_;
+  std::string image_frame_;  ///< of the last image
+  std::string child_frame_;  ///< of the last pose
   uint64_t not_chosen_ = 0;
 };
 

@@ -18,13 +18,14 @@ namespace acmp {
 struct MapperSnapshot {
   double now_s = 0;  ///< the clock of all the times below
   bool paused = false;
-  InputStatus image, camera_info, pose, sparse_points;
+  std::vector<InputStatus> inputs;
   size_t waiting_images = 0;
   size_t queued = 0;
   uint64_t matched = 0;     ///< keyframes handed to the worker
   uint64_t not_chosen = 0;  ///< posed images that the keyframe gate passed over
   std::optional<PoseGap> last_gap;
   double sync_tolerance_s = 0;
+  std::optional<double> points_in_front;  ///< share of the first keyframes' sparse points, 0..1
   WorkerStatus worker;
   MapStatistics map;
   std::map<std::string, IncidentLog::Entry> drops;

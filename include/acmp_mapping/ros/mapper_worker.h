@@ -11,7 +11,6 @@
 
 #include "acmp_mapping/pipeline/dense_mapper.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
-#include "acmp_mapping/ros/landmark_check.h"
 #include "acmp_mapping/ros/map_store.h"
 #include "acmp_mapping/ros/shared_options.h"
 #include "acmp_mapping/ros/work_queue.h"
@@ -43,7 +42,6 @@ struct WorkerStatus {
   double consistency_ms = 0;
   double preparation_ms = 0;  ///< decoding and rectifying the last image
   double keyframe_ms = 0;     ///< the last keyframe in the worker, all in all
-  std::optional<double> landmarks_in_front;
 };
 
 /// The one thread that matches: it makes the backend, prepares frames and drives the DenseMapper. Hooks run in this
@@ -59,7 +57,6 @@ class MapperWorker {
     std::function<void(const KeyframeOutput&)> on_refined;
     std::function<void(const Drop&)> on_drop;
     std::function<void()> on_map_cleared;
-    std::function<void(const std::string&)> on_warning;
   };
 
   /// @param options, map outlive the worker
@@ -131,7 +128,6 @@ class MapperWorker {
   std::map<int64_t, Pending> pending_;
   double min_confidence_ = 0;
   int64_t next_id_ = 0;
-  LandmarkCheck landmark_check_;
 
   std::thread thread_;  // last: it starts when everything above exists
 };

@@ -13,7 +13,12 @@ namespace acmp {
 
 enum class ImageTransport { kRaw, kCompressed };
 enum class SparseFrame { kAuto, kWorld, kCamera };
-enum class KeyframeMode { kEveryPose, kGate };
+enum class PoseSource { kPose, kPoseWithCovariance, kOdometry, kTransform, kTf };
+enum class KeyframeMode {
+  kEveryPose,
+  kGate,
+  kExternal,  ///< the frontend's own keyframes, on the topic `keyframe` alone
+};
 enum class TimeJumpPolicy {
   kClear,  ///< buffers and window are forgotten, the map is kept
   kReset,  ///< the map as well
@@ -26,13 +31,18 @@ struct NodeOptions {
   int cuda_device = 0;            ///< cuda_device: 0-based, 0..63
   std::string preset = "acmp";    ///< preset: see MakePreset; start values of matching parameters
   ImageTransport image_transport = ImageTransport::kRaw;  ///< image_transport: raw, compressed
-  bool rectified = false;    ///< rectified: images are undistorted already; camera_info's P holds
-  int max_image_size = 640;  ///< max_image_size: longer side that is matched [px]; 0 = as sent, ..100000
-  PoseSemantics pose;        ///< pose_is, pose_child, T_body_cam (4x4, row by row)
-  std::string world_frame;   ///< world_frame: replaces the poses' frame_id; empty = as sent
+  bool rectified = false;        ///< rectified: images are undistorted already; camera_info's P holds
+  int max_image_size = 640;      ///< max_image_size: longer side that is matched [px]; 0 = as sent, ..100000
+  std::string calibration_file;  ///< calibration_file: the camera, in place of camera_info; empty = none
+  PoseSource pose_source = PoseSource::kPose;  ///< pose_source: pose, pose_cov, odom, transform, tf
+  PoseSemantics pose;                          ///< pose_is, pose_child, T_body_cam (4x4, row by row)
+  bool extrinsic_inverted = false;             ///< extrinsic_inverted: the topic `extrinsic` has T_cam_body
+  std::string world_frame;                     ///< world_frame: replaces the poses' frame_id; empty = as sent
+  std::string camera_frame;                    ///< camera_frame: replaces the images' frame_id; empty = as sent
+  std::string body_frame;                      ///< body_frame: replaces the poses' child frame in tf; empty = as sent
   SparseFrame sparse_frame = SparseFrame::kAuto;          ///< sparse_frame: auto, world, camera
   InputMatcherOptions matcher;                            ///< sync_tolerance, sparse_tolerance, sparse_wait [s]
-  KeyframeMode keyframe_mode = KeyframeMode::kEveryPose;  ///< keyframe_mode: every_pose, gate
+  KeyframeMode keyframe_mode = KeyframeMode::kEveryPose;  ///< keyframe_mode: every_pose, gate, external
   OverloadPolicy overload = OverloadPolicy::kDropOldest;  ///< overload: drop_oldest, skip_if_busy, block
   TimeJumpPolicy on_time_jump = TimeJumpPolicy::kClear;   ///< on_time_jump: clear, reset
 };

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "acmp_mapping/geometry/rigid_transform.h"
@@ -15,14 +16,14 @@ struct PoseSemantics {
   enum class Child {
     kCameraOptical,  ///< "camera_optical": x right, y down, z forward
     kCameraFlu,      ///< "camera_flu": the same camera with x forward, y left, z up
-    kBody,           ///< "body": another frame of the robot, see body_from_cam
+    kBody,           ///< "body": another frame of the robot, see PoseResolver
   };
   Direction direction = Direction::kWorldFromCam;
   Child child = Child::kCameraOptical;
-  RigidTransform body_from_cam = RigidTransform::Identity();  ///< T_body_cam; used with kBody
+  std::optional<RigidTransform> body_from_cam = std::nullopt;  ///< T_body_cam, if it was given; for kBody
 };
 
-/// Pose of the optical frame for a transform as received.
+/// Pose of the optical frame for a transform as received. kBody without body_from_cam throws std::logic_error.
 RigidTransform WorldFromCamera(const PoseSemantics& semantics, const RigidTransform& received);
 
 /// Quaternion and position as received. Throws InvalidInputError naming the value unless all are finite and the norm is
@@ -31,6 +32,10 @@ RigidTransform CheckedTransform(const Eigen::Quaterniond& rotation, const Eigen:
 
 PoseSemantics::Direction ParsePoseDirection(const std::string& name);
 PoseSemantics::Child ParsePoseChild(const std::string& name);
+
+/// As in parameters: "T_world_cam", "camera_optical".
+const char* Name(PoseSemantics::Direction direction);
+const char* Name(PoseSemantics::Child child);
 
 /// "T_world_cam of camera_optical", for messages.
 std::string Describe(const PoseSemantics& semantics);

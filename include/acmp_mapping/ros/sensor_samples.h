@@ -18,11 +18,12 @@ struct ImageSample {
   std::shared_ptr<const EncodedImage> image;
 };
 
-/// Pose of the camera's optical frame (x right, y down, z forward), whatever the source published.
+/// A pose as its source gave it; what it means PoseResolver knows.
 struct PoseSample {
   int64_t stamp_ns = 0;
-  std::string world_frame;
-  RigidTransform world_from_cam = RigidTransform::Identity();
+  std::string world_frame;  ///< frame_id of the message
+  RigidTransform received = RigidTransform::Identity();
+  std::string child_frame;  ///< where the message names one, else empty
 };
 
 /// Sparse map points as they came, less those that are no points.

@@ -7,7 +7,14 @@ constexpr char kImage[] = "image";
 constexpr char kCompressedSuffix[] = "compressed";
 constexpr char kCameraInfo[] = "camera_info";
 constexpr char kPose[] = "pose";
+constexpr char kPoseWithCovariance[] = "pose_cov";
+constexpr char kOdometry[] = "odom";
+constexpr char kTransform[] = "transform";
+constexpr char kTf[] = "/tf";
+constexpr char kExtrinsic[] = "extrinsic";
 constexpr char kSparsePoints[] = "sparse_points";
+constexpr char kSparsePointsV1[] = "sparse_points_v1";
+constexpr char kKeyframe[] = "keyframe";
 
 constexpr char kDepthFast[] = "depth_fast/image_rect";
 constexpr char kDepth[] = "depth/image_rect";

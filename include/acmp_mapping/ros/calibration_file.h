@@ -1,0 +1,13 @@
+#pragma once
+
+#include <string>
+
+#include <sensor_msgs/CameraInfo.h>
+
+namespace acmp {
+
+/// Reads what camera_calibration writes: YAML (.yaml, .yml) or INI (.ini). Throws InvalidInputError if the file cannot
+/// be read. Whether the camera is usable ToCalibration says.
+sensor_msgs::CameraInfo ReadCalibrationFile(const std::string& path);
+
+}  // namespace acmp
