@@ -78,20 +78,19 @@ std::optional<std::string> ConventionCheck::Judge(const PoseSemantics& configure
   const auto best = std::max_element(readings_.begin() + 1, readings_.end(),
                                      [](const Reading& a, const Reading& b) { return a.in_image < b.in_image; });
   const double now_image = Share(now.in_image), best_image = Share(best->in_image);
-  const bool better = best_image > kClearlyBetter * now_image && Share(best->in_front) >= kPlausibleFront;
+  // Points that a keyframe observes lie in its image with the right reading; some do so by chance with wrong ones.
+  const bool fits = best_image > kConvincingImage && best_image > kClearlyBetter * now_image;
   const bool plausible = Share(now.in_front) >= kPlausibleFront;
-  if (plausible && !(better && now_image < kImplausibleImage && best_image > kConvincingImage)) return std::nullopt;
+  if (plausible && !(fits && now_image < kImplausibleImage)) return std::nullopt;
   const std::string found = Concat("of the sparse points of the first ", kKeyframes, " keyframes only ",
                                    Percent(Share(now.in_front)), " % lie in front of the camera and ",
                                    Percent(now_image), " % in the image (poses read as ", Describe(configured), ")");
-  if (better) {
-    return Concat(found, "; with ", best->name, " it would be ", Percent(Share(best->in_front)), " % and ",
-                  Percent(best_image), " %: set this");
-  }
-  return Concat(found,
-                "; no other reading fits better: are they poses of the camera (those of an IMU or a robot need "
-                "~pose_child: body and T_body_cam), and the points in the poses' world (~sparse_frame)? A cloud of a "
-                "whole map may look like this, too");
+  const std::string other = Concat(best->name, ": ", Percent(best_image), " % in the image");
+  if (fits) return Concat(found, "; with ", other, ": set this");
+  return Concat(
+      found, "; no other reading fits (best: ", other,
+      "): are they poses of the camera (those of an IMU or a robot need ~pose_child: body and T_body_cam), and "
+      "the points in the poses' world (~sparse_frame)? A cloud of a whole map may look like this, too");
 }
 
 std::optional<double> ConventionCheck::share_in_front() const {

@@ -118,7 +118,7 @@ TEST(ConventionCheck, NamesTheFrameOfThePoints) {
 
 TEST(ConventionCheck, AdmitsThatNothingFits) {
   RigidTransform odd = RigidTransform::Identity();  // a body whose transform to the camera nobody has told
-  odd.linear() = Eigen::AngleAxisd(2, Eigen::Vector3d::UnitX()).toRotationMatrix();
+  odd.linear() = Eigen::AngleAxisd(2.5, Eigen::Vector3d(1, 0.3, 0).normalized()).toRotationMatrix();
   const auto warnings = Warnings({Direction::kWorldFromCam, Child::kBody, odd}, {});
   ASSERT_EQ(warnings.size(), 1u);
   EXPECT_THAT(warnings[0], AllOf(HasSubstr("no other reading"), HasSubstr("T_body_cam")));
