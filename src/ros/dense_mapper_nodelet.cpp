@@ -154,11 +154,11 @@ void DenseMapperNodelet::Subscribe() {
   };
   handlers.on_image = [this](std::shared_ptr<const EncodedImage> image) {
     if (DropWhilePaused(image->header())) return;
-    Receive([&](auto* intake) { intake->AddImage(std::move(image)); });
+    Receive([&](auto* intake) { intake->AddImage(std::move(image), SteadySeconds()); });
   };
   handlers.on_keyframe = [this](const acmp_mapping::KeyframeConstPtr& keyframe) {
     if (DropWhilePaused(keyframe->header)) return;
-    Receive([&](auto* intake) { intake->AddKeyframe(keyframe); });
+    Receive([&](auto* intake) { intake->AddKeyframe(keyframe, SteadySeconds()); });
   };
   handlers.on_drop = [this](const Drop& drop) { ReportDrop(drop); };
   sources_ = MakeInputSources(nh, options_, handlers);
@@ -187,7 +187,7 @@ void DenseMapperNodelet::StartServices() {
 }
 
 bool DenseMapperNodelet::DropWhilePaused(const std_msgs::Header& header) {
-  if (paused_) ReportDrop({"paused", Concat("image ", FormatStamp(ToStampNs(header.stamp)), " (~pause)")});
+  if (paused_) ReportDrop({"paused", Concat("image ", FormatStamp(ToStampNs(header.stamp)), " (~pause)"), true});
   return paused_;
 }
 
@@ -302,6 +302,7 @@ MapperSnapshot DenseMapperNodelet::TakeSnapshot() {
   snapshot.worker = worker_->status();
   snapshot.map = map_->statistics();
   snapshot.drops = drops_.entries();
+  snapshot.images_dropped = drops_.images();
   std::lock_guard<std::mutex> lock(intake_mutex_);
   snapshot.waiting_images = intake_->waiting_images();
   snapshot.not_chosen = intake_->not_chosen();

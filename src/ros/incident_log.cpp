@@ -7,10 +7,16 @@ bool IncidentLog::Record(const Drop& drop, double now_s) {
   Entry& entry = entries_[drop.reason];
   const bool tell = entry.count == 0 || now_s - entry.last_told_s >= kRepeatS;
   ++entry.count;
+  images_ += drop.ends_image ? 1 : 0;
   entry.last_message = drop.message;
   entry.last_time_s = now_s;
   if (tell) entry.last_told_s = now_s;
   return tell;
+}
+
+uint64_t IncidentLog::images() const {
+  std::lock_guard<std::mutex> lock(mutex_);
+  return images_;
 }
 
 std::map<std::string, IncidentLog::Entry> IncidentLog::entries() const {

@@ -42,14 +42,16 @@ void InputMatcher::AddImage(ImageSample image) {
 
   if (last_match_ns_ && stamp_ns <= *last_match_ns_) {
     const char* reason = stamp_ns == *last_match_ns_ ? "duplicate_image" : "late_image";
-    events_.push_back(Drop{reason, Concat("image ", FormatStamp(stamp_ns), " came after image ",
-                                          FormatStamp(*last_match_ns_), " was used")});
+    events_.push_back(
+        Drop{reason,
+             Concat("image ", FormatStamp(stamp_ns), " came after image ", FormatStamp(*last_match_ns_), " was used"),
+             true});
     return;
   }
   const auto place = std::upper_bound(images_.begin(), images_.end(), stamp_ns,
                                       [](int64_t s, const WaitingImage& w) { return s < w.sample.stamp_ns; });
   if (place != images_.begin() && std::prev(place)->sample.stamp_ns == stamp_ns) {
-    events_.push_back(Drop{"duplicate_image", Concat("two images have the stamp ", FormatStamp(stamp_ns))});
+    events_.push_back(Drop{"duplicate_image", Concat("two images have the stamp ", FormatStamp(stamp_ns)), true});
     return;
   }
   images_.insert(place, WaitingImage{std::move(image), std::nullopt, -1, {}});
@@ -91,7 +93,7 @@ std::vector<MatchEvent> InputMatcher::TakeAll() {
 void InputMatcher::Clear(const std::string& reason) {
   for (const WaitingImage& image : images_) {
     events_.push_back(
-        Drop{reason, Concat("image ", FormatStamp(image.sample.stamp_ns), " was waiting (", reason, ")")});
+        Drop{reason, Concat("image ", FormatStamp(image.sample.stamp_ns), " was waiting (", reason, ")"), true});
   }
   images_.clear();
   poses_.clear();
@@ -131,7 +133,7 @@ void InputMatcher::EvictOldestImage() {
   images_.pop_front();
   if (obstacle_) {
     events_.push_back(
-        Drop{obstacle_->reason, Concat("image ", FormatStamp(image.sample.stamp_ns), ": ", obstacle_->message)});
+        Drop{obstacle_->reason, Concat("image ", FormatStamp(image.sample.stamp_ns), ": ", obstacle_->message), true});
   } else if (image.pose) {
     Emit(std::move(image));
   } else {
@@ -237,8 +239,10 @@ void InputMatcher::DropUnposed(const WaitingImage& image) {
     last_gap_->gap_ns = nearest->sample.stamp_ns - stamp_ns;
     nearest_text = Concat("nearest is ", ToMs(std::llabs(*last_gap_->gap_ns)), " ms away");
   }
-  events_.push_back(Drop{"no_pose", Concat("no pose within ", ToMs(sync_tolerance_ns_), " ms of image ",
-                                           FormatStamp(stamp_ns), "; ", nearest_text)});
+  events_.push_back(Drop{
+      "no_pose",
+      Concat("no pose within ", ToMs(sync_tolerance_ns_), " ms of image ", FormatStamp(stamp_ns), "; ", nearest_text),
+      true});
 }
 
 }  // namespace acmp

@@ -36,6 +36,8 @@ class Arrivals {
   std::atomic<double> last_s_{SteadySeconds()};
 };
 
+bool BringsImages(Kind kind) { return kind == Kind::kImage || kind == Kind::kKeyframe; }
+
 /// What to subscribe to.
 struct Stream {
   Kind kind;
@@ -68,7 +70,7 @@ class TopicSource : public InputSource {
     try {
       handle_(message);
     } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
-      on_drop_({stream_.reason, Concat(subscriber_.getTopic(), ": ", error.what())});
+      on_drop_({stream_.reason, Concat(subscriber_.getTopic(), ": ", error.what()), BringsImages(stream_.kind)});
     }
   }
 

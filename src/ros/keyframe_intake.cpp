@@ -47,10 +47,10 @@ KeyframeIntake::KeyframeIntake(const NodeOptions& options, const KeyframeGateOpt
   gate_.set_options(gate);
 }
 
-void KeyframeIntake::AddImage(std::shared_ptr<const EncodedImage> image) {
+void KeyframeIntake::AddImage(std::shared_ptr<const EncodedImage> image, double arrival_s) {
   const int64_t stamp_ns = ToStampNs(image->header().stamp);
   image_frame_ = StripLeadingSlash(image->header().frame_id);
-  matcher_.AddImage({stamp_ns, std::move(image)});
+  matcher_.AddImage({stamp_ns, std::move(image), arrival_s});
 }
 
 void KeyframeIntake::AddCameraInfo(const sensor_msgs::CameraInfo& info) {
@@ -76,7 +76,7 @@ void KeyframeIntake::AddPose(PoseSample pose) {
   matcher_.AddPose(std::move(pose));
 }
 
-void KeyframeIntake::AddKeyframe(const acmp_mapping::KeyframeConstPtr& keyframe) {
+void KeyframeIntake::AddKeyframe(const acmp_mapping::KeyframeConstPtr& keyframe, double arrival_s) {
   // Everything is converted before anything is taken: a keyframe is used as a whole or not at all.
   PoseSample pose = ToPoseSample(keyframe->header, keyframe->child_frame_id, keyframe->pose);
   SparseCloudPtr cloud;
@@ -97,7 +97,7 @@ void KeyframeIntake::AddKeyframe(const acmp_mapping::KeyframeConstPtr& keyframe)
   if (cloud) AddCloud(std::move(cloud));
   const int64_t stamp_ns = pose.stamp_ns;
   AddPose(std::move(pose));
-  matcher_.AddImage({stamp_ns, std::make_shared<const EncodedImage>(std::move(image))});
+  matcher_.AddImage({stamp_ns, std::make_shared<const EncodedImage>(std::move(image)), arrival_s});
 }
 
 std::string KeyframeIntake::CameraFrame() const {
@@ -158,6 +158,7 @@ void KeyframeIntake::set_gate(const KeyframeGateOptions& gate, double fallback_d
 void KeyframeIntake::Clear() {
   matcher_.Clear("reset");
   gate_.Reset();
+  convention_check_ = ConventionCheck();
   scene_depth_ = 0;
 }
 
@@ -181,6 +182,7 @@ std::vector<IntakeEvent> KeyframeIntake::Convert(std::vector<MatchEvent> matched
 void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>* events) {
   KeyframeInput input;
   input.stamp_ns = match.image.stamp_ns;
+  input.arrival_s = match.image.arrival_s;
   input.image = match.image.image;
   input.calibration = calibration_;
   input.camera_frame = options_.camera_frame;

@@ -27,6 +27,27 @@ std::string DescribeSilence(const InputStatus& input, double now_s) {
                 " s (", publishers, ")");
 }
 
+/// Every image that came is in one of these. Those under way wait for a pose, for the worker or for later keyframes.
+std::string AccountForImages(const MapperSnapshot& snapshot) {
+  int64_t received = 0;
+  for (const InputStatus& input : snapshot.inputs) {
+    const bool images = input.kind == InputStatus::Kind::kImage || input.kind == InputStatus::Kind::kKeyframe;
+    if (images) received += static_cast<int64_t>(input.received);
+  }
+  const auto refined = static_cast<int64_t>(snapshot.worker.refined);
+  const auto dropped = static_cast<int64_t>(snapshot.images_dropped);
+  const auto passed_over = static_cast<int64_t>(snapshot.not_chosen);
+  return Concat(received, " received = ", refined, " refined + ", dropped, " dropped + ", passed_over,
+                " passed over + ", received - refined - dropped - passed_over, " under way");
+}
+
+std::string DescribeLatency(const LatencyWindow& latency) {
+  const LatencyWindow::Quantiles quantiles = latency.quantiles();
+  if (quantiles.count == 0) return "none yet";
+  return Concat("median ", quantiles.median_ms, ", 99 % ", quantiles.p99_ms, ", greatest ", quantiles.max_ms,
+                " of the last ", std::min(quantiles.count, LatencyWindow::kCapacity));
+}
+
 std::string PoseTopic(const MapperSnapshot& snapshot) {
   for (const InputStatus& input : snapshot.inputs) {
     if (input.kind == InputStatus::Kind::kPose) return input.topic;
@@ -61,6 +82,7 @@ void DescribeMatching(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* s
   }
   if (latest) status->summary(DiagnosticStatus::WARN, Concat(latest_reason, ": ", latest->last_message));
 
+  status->add("images", AccountForImages(snapshot));
   status->add("images waiting for a pose", snapshot.waiting_images);
   status->add("posed images passed over by the keyframe gate", snapshot.not_chosen);
   if (!snapshot.last_gap) return;
@@ -90,6 +112,8 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
   status->add("matched size [px]", Concat(worker.width, "x", worker.height));
   status->add("last keyframe: decode and rectify [ms]", worker.preparation_ms);
   status->add("last keyframe: all in all [ms]", worker.keyframe_ms);
+  status->add("latency of fast depth maps [ms]", DescribeLatency(worker.fast_latency));
+  status->add("latency of refined depth maps [ms]", DescribeLatency(worker.refined_latency));
   status->add("photometric pass [ms]", worker.times.photometric_ms);
   status->add("prior construction [ms]", worker.times.prior_construction_ms);
   status->add("planar-prior pass [ms]", worker.times.planar_prior_ms);

@@ -10,6 +10,7 @@
 #include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
+#include "acmp_mapping/ros/input_sources.h"
 
 namespace acmp {
 namespace {
@@ -70,7 +71,7 @@ void MapperWorker::Push(KeyframeInput input) {
   if (!dropped || stopping_) return;
   const bool oldest = node_options_.overload == OverloadPolicy::kDropOldest;
   hooks_.on_drop({oldest ? "overload_oldest" : "overload_busy",
-                  Concat("keyframe ", FormatStamp(dropped->stamp_ns), ": the mapper is busy (~overload)")});
+                  Concat("keyframe ", FormatStamp(dropped->stamp_ns), ": the mapper is busy (~overload)"), true});
 }
 
 std::string MapperWorker::Flush() {
@@ -92,7 +93,7 @@ void MapperWorker::StartOver(bool clear_map) {
 
 std::string MapperWorker::Reset() {
   for (const KeyframeInput& input : queue_.ClearInputs()) {
-    hooks_.on_drop({"reset", Concat("keyframe ", FormatStamp(input.stamp_ns), " was queued (reset)")});
+    hooks_.on_drop({"reset", Concat("keyframe ", FormatStamp(input.stamp_ns), " was queued (reset)"), true});
   }
   return RunCommand([this] {
     if (mapper_) mapper_->Reset();
@@ -149,9 +150,9 @@ void MapperWorker::Run() {
     try {
       Process(std::move(input));
     } catch (const InvalidInputError& error) {
-      ReportDrop({"bad_image", Concat("keyframe ", FormatStamp(stamp_ns), ": ", error.what())});
+      ReportDrop({"bad_image", Concat("keyframe ", FormatStamp(stamp_ns), ": ", error.what()), true});
     } catch (const std::exception& error) {
-      ReportDrop({"processing_error", Concat("keyframe ", FormatStamp(stamp_ns), ": ", error.what())});
+      ReportDrop({"processing_error", Concat("keyframe ", FormatStamp(stamp_ns), ": ", error.what()), true});
     }
   }
   // The device's memory goes in the thread that has used it.
@@ -181,7 +182,7 @@ void MapperWorker::MakeMapper() {
 
 void MapperWorker::Process(KeyframeInput input) {
   if (!mapper_) {
-    return ReportDrop({"no_device", Concat("keyframe ", FormatStamp(input.stamp_ns), ": ", device_error_)});
+    return ReportDrop({"no_device", Concat("keyframe ", FormatStamp(input.stamp_ns), ": ", device_error_), true});
   }
   Timer timer;
   const RuntimeOptions options = options_->Get();
@@ -192,7 +193,8 @@ void MapperWorker::Process(KeyframeInput input) {
   cv::Mat valid;
   const FramePtr frame = PrepareFrame(input, &valid);
   const double preparation_ms = timer.Lap();
-  pending_[frame->id] = {input.stamp_ns, input.camera_frame, input.world_frame, input.world_from_cam, valid};
+  pending_[frame->id] = {input.stamp_ns,    input.arrival_s,      input.camera_frame,
+                         input.world_frame, input.world_from_cam, valid};
   UpdateStatus([&](WorkerStatus* status) {
     ++status->keyframes;
     status->width = frame->camera.width;
@@ -233,21 +235,31 @@ KeyframeOutput MapperWorker::MakeOutput(const KeyframeDepthPtr& maps) const {
 
 void MapperWorker::HandleFast(const KeyframeDepthPtr& maps) {
   if (stopping_) return;
-  UpdateStatus([](WorkerStatus* status) { ++status->fast; });
   Publish(hooks_.on_fast, MakeOutput(maps));
+  const double latency_ms = LatencyMs(*maps);
+  UpdateStatus([&](WorkerStatus* status) {
+    ++status->fast;
+    status->fast_latency.Add(latency_ms);
+  });
 }
 
 void MapperWorker::HandleRefined(const KeyframeDepthPtr& maps) {
   if (stopping_) return;
   const KeyframeOutput output = MakeOutput(maps);
-  pending_.erase(maps->frame->id);
   map_->Add(maps->frame->id, output.world_from_cam, output.points_in_camera);
+  Publish(hooks_.on_refined, output);
+  const double latency_ms = LatencyMs(*maps);
+  pending_.erase(maps->frame->id);
   UpdateStatus([&](WorkerStatus* status) {
     ++status->refined;
+    status->refined_latency.Add(latency_ms);
     status->times = maps->times;
     status->consistency_ms = maps->consistency_ms;
   });
-  Publish(hooks_.on_refined, output);
+}
+
+double MapperWorker::LatencyMs(const KeyframeDepth& maps) const {
+  return (SteadySeconds() - pending_.at(maps.frame->id).arrival_s) * 1e3;
 }
 
 void MapperWorker::Publish(const std::function<void(const KeyframeOutput&)>& hook, const KeyframeOutput& output) const {
@@ -262,7 +274,7 @@ void MapperWorker::HandleDrop(const KeyframeDrop& drop) {
   const auto pending = pending_.find(drop.id);
   const std::string stamp = pending == pending_.end() ? "?" : FormatStamp(pending->second.stamp_ns);
   if (pending != pending_.end()) pending_.erase(pending);
-  ReportDrop({drop.reason, Concat("image ", stamp, drop.had_fast ? " (refinement only): " : ": ", drop.message)});
+  ReportDrop({drop.reason, Concat("image ", stamp, drop.had_fast ? " (refinement only): " : ": ", drop.message), true});
 }
 
 void MapperWorker::ReportDrop(const Drop& drop) const {

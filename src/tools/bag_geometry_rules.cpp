@@ -270,16 +270,23 @@ const std::string& TypeOf(const BagContents& contents, const std::string& topic)
   return none;
 }
 
-/// The mapper takes PoseStamped; the other types hold the same numbers.
+/// Which parameters make the mapper take these poses.
 void CheckPoseType(const BagContents& contents, const std::string& topic, Findings& findings) {
   const std::string& type = TypeOf(contents, contents.chosen.pose);
-  if (contents.chosen.pose.empty() || type == "geometry_msgs/TransformStamped") {
-    findings.Error("poses only as transforms (", topic, "): republish them as geometry_msgs/PoseStamped");
-  } else if (type != "geometry_msgs/PoseStamped") {
-    findings.Warn("poses ", topic, " are ", type, ": turn them into PoseStamped with: rosrun topic_tools transform ",
-                  topic,
-                  " /pose geometry_msgs/PoseStamped 'geometry_msgs.msg.PoseStamped(header=m.header, pose=m.pose.pose)' "
-                  "--import geometry_msgs");
+  if (contents.chosen.pose.empty()) {
+    return findings.Ok("poses are transforms (", topic,
+                       "): set ~pose_source: tf, ~world_frame and, if the images have no "
+                       "frame_id, ~camera_frame");
+  }
+  const std::array<std::pair<const char*, const char*>, 4> sources = {
+      {{"geometry_msgs/PoseStamped", "pose"},
+       {"geometry_msgs/PoseWithCovarianceStamped", "pose_cov"},
+       {"nav_msgs/Odometry", "odom"},
+       {"geometry_msgs/TransformStamped", "transform"}}};
+  for (const auto& [known, source] : sources) {
+    if (type == known) {
+      findings.Ok("poses ", topic, " are ", type, ": ~pose_source: ", source, ", and ", source, ":=", topic);
+    }
   }
 }
 
@@ -315,10 +322,9 @@ void CheckClouds(const BagContents& contents, const BagCheckOptions& options, Fi
     findings.Warn("no sparse points: set the depth range by ~depth_min and ~depth_max");
     return;
   }
-  if (TypeOf(contents, contents.chosen.sparse_points) != "sensor_msgs/PointCloud2") {
-    findings.Warn("sparse points ", contents.chosen.sparse_points,
-                  ": are sensor_msgs/PointCloud, which the mapper does not take; convert them to PointCloud2 or set "
-                  "~depth_min and ~depth_max");
+  if (TypeOf(contents, contents.chosen.sparse_points) == "sensor_msgs/PointCloud") {
+    findings.Ok("sparse points ", contents.chosen.sparse_points,
+                " are sensor_msgs/PointCloud: sparse_points_v1:=", contents.chosen.sparse_points);
   }
   CheckPointCounts(contents, findings);
   CheckCloudStamps(contents, options, findings);

@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include "acmp_mapping/ros/input_conversion.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test {
@@ -12,6 +13,20 @@ namespace {
 
 constexpr double kTimeoutS = 30;
 constexpr size_t kViews = 5;
+
+geometry_msgs::Pose Inverse(const geometry_msgs::Pose& pose) {
+  const RigidTransform inverse = ToTransform(pose).inverse();
+  const Eigen::Quaterniond rotation(inverse.linear());
+  geometry_msgs::Pose message;
+  message.position.x = inverse.translation().x();
+  message.position.y = inverse.translation().y();
+  message.position.z = inverse.translation().z();
+  message.orientation.x = rotation.x();
+  message.orientation.y = rotation.y();
+  message.orientation.z = rotation.z();
+  message.orientation.w = rotation.w();
+  return message;
+}
 
 class BadInputTest : public ::testing::Test {
  protected:
@@ -59,11 +74,12 @@ class BadInputTest : public ::testing::Test {
     EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: " + reason}, kTimeoutS)) << reason << " is not counted";
   }
 
+  static uint32_t start_s_;
+
  private:
   static MapperControl* mapper_;
   static std::vector<ViewMessages>* scene_;
   static bool ready_;
-  static uint32_t start_s_;
 };
 MapperControl* BadInputTest::mapper_ = nullptr;
 std::vector<ViewMessages>* BadInputTest::scene_ = nullptr;
@@ -181,6 +197,17 @@ TEST_F(BadInputTest, CloudWithoutCoordinates) {
   view.sparse_points.fields.clear();
   mapper().player.Publish(view);
   ExpectNamed("bad_sparse_points", {"/sparse_points", "no field \"x\""});
+  ExpectWorks();
+}
+
+TEST_F(BadInputTest, PosesOfAnotherConvention) {
+  std::vector<ViewMessages> inverted = Scene();
+  for (ViewMessages& view : inverted) view.pose.pose = Inverse(view.pose.pose);
+  for (const ViewMessages& view : inverted) mapper().player.Publish(view);
+  EXPECT_TRUE(mapper().WaitForLog({"lie in front of the camera", "~pose_is: T_cam_world", "set this"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"most sparse points lie behind the camera", "~pose_is"}, kTimeoutS));
+  ASSERT_TRUE(mapper().Call("reset")) << "the check begins anew";
+  start_s_ += 50;
   ExpectWorks();
 }
 

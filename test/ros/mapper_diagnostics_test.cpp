@@ -94,6 +94,31 @@ TEST(Diagnostics, TellWhatTfLacks) {
               AllOf(HasSubstr("12.345"), HasSubstr("no \"cam\" in \"map\"")));
 }
 
+TEST(Diagnostics, AccountForEveryImage) {
+  MapperSnapshot snapshot = Healthy();
+  snapshot.worker.refined = 300;
+  snapshot.images_dropped = 50;
+  snapshot.not_chosen = 147;
+  EXPECT_EQ(ValueOf(Describe(&DescribeMatching, snapshot), "images"),
+            "500 received = 300 refined + 50 dropped + 147 passed over + 3 under way");
+}
+
+TEST(Diagnostics, TellLatencies) {
+  MapperSnapshot snapshot = Healthy();
+  EXPECT_EQ(ValueOf(Describe(&DescribeMapping, snapshot), "latency of fast depth maps [ms]"), "none yet");
+  for (int i = 1; i <= 101; ++i) snapshot.worker.fast_latency.Add(i);
+  EXPECT_EQ(ValueOf(Describe(&DescribeMapping, snapshot), "latency of fast depth maps [ms]"),
+            "median 51, 99 % 100, greatest 101 of the last 101");
+}
+
+TEST(LatencyWindow, ForgetsWhatIsLongAgo) {
+  LatencyWindow window;
+  for (size_t i = 0; i < 10 * LatencyWindow::kCapacity; ++i) window.Add(1000);
+  for (size_t i = 0; i < LatencyWindow::kCapacity; ++i) window.Add(5);
+  EXPECT_EQ(window.quantiles().max_ms, 5);
+  EXPECT_EQ(window.quantiles().count, 11 * LatencyWindow::kCapacity);
+}
+
 TEST(Diagnostics, CountDropsByReasonAndWarnOfRecentOnes) {
   MapperSnapshot snapshot = Healthy();
   snapshot.drops["bad_pose"] = {7, "pose 1.000000000: not finite", 98, 98};
@@ -141,6 +166,14 @@ TEST(IncidentLog, TellsNewReasonsAtOnceAndRepeatsSeldom) {
   EXPECT_EQ(entries.at("a").last_message, "fourth");
   EXPECT_EQ(entries.at("a").last_time_s, 9.9);
   EXPECT_EQ(entries.at("b").count, 1u);
+}
+
+TEST(IncidentLog, CountsTheImagesThatEnded) {
+  IncidentLog log;
+  log.Record({"no_pose", "image 1", true}, 0);
+  log.Record({"sparse_empty", "cloud 1"}, 0);
+  log.Record({"overload_oldest", "image 2", true}, 0);
+  EXPECT_EQ(log.images(), 2u);
 }
 
 }  // namespace

@@ -9,6 +9,7 @@ namespace acmp {
 struct Drop {
   std::string reason;
   std::string message;
+  bool ends_image = false;  ///< an image that was received, and gets no refined map
 };
 
 }  // namespace acmp

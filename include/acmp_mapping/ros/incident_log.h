@@ -27,9 +27,13 @@ class IncidentLog {
 
   std::map<std::string, Entry> entries() const;
 
+  /// Drops that ended an image.
+  uint64_t images() const;
+
  private:
   mutable std::mutex mutex_;
   std::map<std::string, Entry> entries_;
+  uint64_t images_ = 0;
 };
 
 }  // namespace acmp

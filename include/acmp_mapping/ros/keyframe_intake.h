@@ -20,6 +20,7 @@ namespace acmp {
 /// All that one keyframe is made of. The image is decoded and rectified later, by the worker.
 struct KeyframeInput {
   int64_t stamp_ns = 0;
+  double arrival_s = 0;  ///< steady clock, of the image
   std::shared_ptr<const EncodedImage> image;
   CalibrationPtr calibration;
   std::string camera_frame;  ///< the image's frame_id, else the camera_info's, else "camera_optical"
@@ -53,13 +54,14 @@ class KeyframeIntake {
   KeyframeIntake(const NodeOptions& options, const KeyframeGateOptions& gate, double fallback_depth,
                  const TransformSource& transforms = {});
 
-  void AddImage(std::shared_ptr<const EncodedImage> image);
+  /// @param arrival_s steady clock, for latencies
+  void AddImage(std::shared_ptr<const EncodedImage> image, double arrival_s = 0);
   /// Throws InvalidInputError for a camera that cannot be used; images then wait for a better one.
   void AddCameraInfo(const sensor_msgs::CameraInfo& info);
   void AddPose(PoseSample pose);
   void SetExtrinsic(const RigidTransform& received) { resolver_.SetExtrinsic(received); }
   /// All of a keyframe at once; see AddCameraInfo. Throws InvalidInputError if any part cannot be used.
-  void AddKeyframe(const acmp_mapping::KeyframeConstPtr& keyframe);
+  void AddKeyframe(const acmp_mapping::KeyframeConstPtr& keyframe, double arrival_s = 0);
   void AddCloud(SparseCloudPtr cloud) { matcher_.AddCloud(std::move(cloud)); }
   void set_clouds_expected(bool expected) { matcher_.set_clouds_expected(expected); }
   void set_gate(const KeyframeGateOptions& gate, double fallback_depth);

@@ -21,8 +21,9 @@ struct MapperSnapshot {
   std::vector<InputStatus> inputs;
   size_t waiting_images = 0;
   size_t queued = 0;
-  uint64_t matched = 0;     ///< keyframes handed to the worker
-  uint64_t not_chosen = 0;  ///< posed images that the keyframe gate passed over
+  uint64_t images_dropped = 0;  ///< drops that ended an image
+  uint64_t matched = 0;         ///< keyframes handed to the worker
+  uint64_t not_chosen = 0;      ///< posed images that the keyframe gate passed over
   std::optional<PoseGap> last_gap;
   double sync_tolerance_s = 0;
   std::optional<double> points_in_front;  ///< share of the first keyframes' sparse points, 0..1

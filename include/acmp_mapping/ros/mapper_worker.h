@@ -11,6 +11,7 @@
 
 #include "acmp_mapping/pipeline/dense_mapper.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
+#include "acmp_mapping/ros/latency_window.h"
 #include "acmp_mapping/ros/map_store.h"
 #include "acmp_mapping/ros/shared_options.h"
 #include "acmp_mapping/ros/work_queue.h"
@@ -40,8 +41,9 @@ struct WorkerStatus {
   int width = 0, height = 0;  ///< matched size of the last keyframe, px
   StageTimes times;           ///< of the last refined keyframe
   double consistency_ms = 0;
-  double preparation_ms = 0;  ///< decoding and rectifying the last image
-  double keyframe_ms = 0;     ///< the last keyframe in the worker, all in all
+  double preparation_ms = 0;                    ///< decoding and rectifying the last image
+  double keyframe_ms = 0;                       ///< the last keyframe in the worker, all in all
+  LatencyWindow fast_latency, refined_latency;  ///< from the image's callback until its map was published
 };
 
 /// The one thread that matches: it makes the backend, prepares frames and drives the DenseMapper. Hooks run in this
@@ -88,6 +90,7 @@ class MapperWorker {
   /// What is known of a keyframe from AddKeyframe to its end.
   struct Pending {
     int64_t stamp_ns;
+    double arrival_s;
     std::string camera_frame;
     std::string world_frame;
     RigidTransform world_from_cam;
@@ -98,6 +101,7 @@ class MapperWorker {
   void MakeMapper();
   void Process(KeyframeInput input);
   FramePtr PrepareFrame(const KeyframeInput& input, cv::Mat* valid);
+  double LatencyMs(const KeyframeDepth& maps) const;
   KeyframeOutput MakeOutput(const KeyframeDepthPtr& maps) const;
   void HandleFast(const KeyframeDepthPtr& maps);
   void HandleRefined(const KeyframeDepthPtr& maps);

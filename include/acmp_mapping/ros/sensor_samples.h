@@ -16,6 +16,7 @@ struct EncodedImage;  // an image message, not yet decoded
 struct ImageSample {
   int64_t stamp_ns = 0;
   std::shared_ptr<const EncodedImage> image;
+  double arrival_s = 0;  ///< steady clock
 };
 
 /// A pose as its source gave it; what it means PoseResolver knows.
