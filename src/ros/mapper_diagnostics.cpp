@@ -82,6 +82,10 @@ void DescribeMatching(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* s
   }
   if (latest) status->summary(DiagnosticStatus::WARN, Concat(latest_reason, ": ", latest->last_message));
 
+  if (snapshot.waiting_images > 0 && !snapshot.waiting_for.empty()) {
+    status->summary(DiagnosticStatus::WARN, Concat(snapshot.waiting_images, " images wait: ", snapshot.waiting_for));
+  }
+
   status->add("images", AccountForImages(snapshot));
   status->add("images waiting for a pose", snapshot.waiting_images);
   status->add("posed images passed over by the keyframe gate", snapshot.not_chosen);

@@ -77,6 +77,7 @@ class InputMatcher {
   /// Forgets everything received; images that waited are reported as dropped for `reason`.
   void Clear(const std::string& reason);
 
+  const std::optional<Drop>& obstacle() const { return obstacle_; }
   size_t waiting_images() const { return images_.size(); }
   const std::optional<PoseGap>& last_gap() const { return last_gap_; }
 

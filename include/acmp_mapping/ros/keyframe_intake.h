@@ -74,6 +74,8 @@ class KeyframeIntake {
   void Clear();
 
   size_t waiting_images() const { return matcher_.waiting_images(); }
+  /// What all images wait for, if anything: "T_body_cam is not known: ...".
+  const std::optional<Drop>& obstacle() const { return matcher_.obstacle(); }
   const std::optional<PoseGap>& last_gap() const { return matcher_.last_gap(); }
   uint64_t not_chosen() const { return not_chosen_; }  ///< posed images that the gate passed over
   /// Share of the first keyframes' sparse points, 0..1; none before the first point.

@@ -1,0 +1,173 @@
+// The same scene in different messages: the numbers are the same, so the depth must be, bit by bit. Those of known
+// frontends are in frontends_rostest.
+
+#include <acmp_mapping/Keyframe.h>
+#include <diagnostic_msgs/DiagnosticArray.h>
+#include <geometry_msgs/PoseWithCovarianceStamped.h>
+#include <gtest/gtest.h>
+#include <nav_msgs/Odometry.h>
+#include <rosgraph_msgs/Log.h>
+#include <sensor_msgs/PointCloud.h>
+#include <sensor_msgs/PointCloud2.h>
+#include <sensor_msgs/point_cloud_conversion.h>
+#include <std_srvs/Trigger.h>
+
+#include "ros/mapper_control.h"
+
+namespace acmp::test {
+namespace {
+
+constexpr double kTimeoutS = 120;
+constexpr size_t kViews = 5;
+
+template <class Message>
+ros::Publisher Advertise(ros::NodeHandle* nh, const std::string& topic) {
+  return nh->advertise<Message>(topic, 100);
+}
+
+bool WaitForSubscriber(const ros::Publisher& publisher) {
+  const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
+  while (publisher.getNumSubscribers() == 0 && ros::WallTime::now() < end) ros::WallDuration(0.05).sleep();
+  return publisher.getNumSubscribers() > 0;
+}
+
+/// One mapper, seen from outside.
+struct Mapper {
+  explicit Mapper(const std::string& mapper_ns)
+      : ns(mapper_ns), depth({}, ns + "/depth/image_rect"), keyframes({}, ns + "/keyframe_pose") {}
+
+  bool WaitUntilReady() const {
+    return depth.WaitForPublisher(kTimeoutS) && keyframes.WaitForPublisher(kTimeoutS) &&
+           ros::service::waitForService(ns + "/mapper/flush", 60000);
+  }
+  /// All depth images of the scene, or fewer.
+  std::vector<sensor_msgs::ImageConstPtr> Finish() {
+    keyframes.WaitForCount(kViews, kTimeoutS);
+    std_srvs::Trigger flush;
+    EXPECT_TRUE(ros::service::call(ns + "/mapper/flush", flush) && flush.response.success) << flush.response.message;
+    depth.WaitForCount(kViews, kTimeoutS);
+    return depth.messages();
+  }
+
+  std::string ns;
+  Recorder<sensor_msgs::Image> depth;
+  Recorder<geometry_msgs::PoseStamped> keyframes;
+};
+
+class InputsTest : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    spinner_ = new ros::AsyncSpinner(1);
+    spinner_->start();
+    scene_ = new std::vector<ViewMessages>(MakeSmallScene(kViews));
+    Mapper mapper("/plain");
+    ros::NodeHandle nh("/plain");
+    ScenePlayer player(nh);
+    ASSERT_TRUE(player.WaitForMapper(kTimeoutS) && mapper.WaitUntilReady());
+    for (const ViewMessages& view : *scene_) player.Publish(view);
+    expected_ = new std::vector<sensor_msgs::ImageConstPtr>(mapper.Finish());
+  }
+  static void TearDownTestSuite() {
+    delete expected_;
+    delete scene_;
+    delete spinner_;
+  }
+  static const std::vector<ViewMessages>& Scene() { return *scene_; }
+
+  static void ExpectTheSameDepth(Mapper* mapper) {
+    const std::vector<sensor_msgs::ImageConstPtr> depth = mapper->Finish();
+    ASSERT_EQ(expected_->size(), kViews);
+    ASSERT_EQ(depth.size(), kViews);
+    for (size_t i = 0; i < kViews; ++i) {
+      EXPECT_EQ(depth[i]->header.stamp, (*expected_)[i]->header.stamp);
+      EXPECT_TRUE(depth[i]->data == (*expected_)[i]->data) << "view " << i;
+    }
+  }
+
+ private:
+  static ros::AsyncSpinner* spinner_;
+  static std::vector<ViewMessages>* scene_;
+  static std::vector<sensor_msgs::ImageConstPtr>* expected_;
+};
+ros::AsyncSpinner* InputsTest::spinner_ = nullptr;
+std::vector<ViewMessages>* InputsTest::scene_ = nullptr;
+std::vector<sensor_msgs::ImageConstPtr>* InputsTest::expected_ = nullptr;
+
+TEST_F(InputsTest, KeyframesInOneMessage) {
+  Mapper mapper("/keyframes");
+  ros::NodeHandle nh("/keyframes");
+  ros::Publisher publisher = Advertise<acmp_mapping::Keyframe>(&nh, "keyframe");
+  ASSERT_TRUE(WaitForSubscriber(publisher) && mapper.WaitUntilReady());
+  for (const ViewMessages& view : Scene()) {
+    acmp_mapping::Keyframe keyframe;
+    keyframe.header = view.pose.header;
+    keyframe.image = view.image;
+    keyframe.camera_info = view.camera_info;
+    keyframe.pose = view.pose.pose;
+    keyframe.points = view.sparse_points;
+    publisher.publish(keyframe);
+  }
+  ExpectTheSameDepth(&mapper);
+}
+
+TEST_F(InputsTest, PoseWithCovarianceOldCloudsAndACalibrationFile) {
+  Mapper mapper("/others");
+  ros::NodeHandle nh("/others");
+  ros::Publisher image = Advertise<sensor_msgs::Image>(&nh, "image");
+  ros::Publisher pose = Advertise<geometry_msgs::PoseWithCovarianceStamped>(&nh, "pose_cov");
+  ros::Publisher cloud = Advertise<sensor_msgs::PointCloud>(&nh, "sparse_points_v1");
+  ASSERT_TRUE(WaitForSubscriber(image) && WaitForSubscriber(pose) && WaitForSubscriber(cloud));
+  ASSERT_TRUE(mapper.WaitUntilReady());
+  for (const ViewMessages& view : Scene()) {
+    sensor_msgs::PointCloud old_cloud;
+    ASSERT_TRUE(sensor_msgs::convertPointCloud2ToPointCloud(view.sparse_points, old_cloud));
+    cloud.publish(old_cloud);
+    geometry_msgs::PoseWithCovarianceStamped with_covariance;
+    with_covariance.header = view.pose.header;
+    with_covariance.pose.pose = view.pose.pose;
+    pose.publish(with_covariance);
+    image.publish(view.image);
+  }
+  ExpectTheSameDepth(&mapper);
+}
+
+TEST_F(InputsTest, ImagesWaitForTheExtrinsicAndAreMappedWhenItComes) {
+  Mapper mapper("/body");
+  ros::NodeHandle nh("/body");
+  ScenePlayer player(nh);
+  Recorder<diagnostic_msgs::DiagnosticArray> diagnostics(nh, "/diagnostics");
+  Recorder<rosgraph_msgs::Log> log(nh, "/rosout");
+  ros::Publisher extrinsic = Advertise<nav_msgs::Odometry>(&nh, "extrinsic");
+  ASSERT_TRUE(player.WaitForMapper(kTimeoutS) && WaitForSubscriber(extrinsic) && mapper.WaitUntilReady());
+  ASSERT_TRUE(log.WaitForPublisher(kTimeoutS));
+  for (const ViewMessages& view : Scene()) player.Publish(view);
+  const auto waiting = [](const std::vector<diagnostic_msgs::DiagnosticArrayConstPtr>& arrays) {
+    for (const auto& array : arrays) {
+      for (const auto& status : array->status) {
+        const bool body = status.name.find("/body/") != std::string::npos || status.name.find("body") == 0;
+        if (body && status.message.find("T_body_cam is not known") != std::string::npos) return true;
+      }
+    }
+    return false;
+  };
+  EXPECT_TRUE(diagnostics.WaitUntil(waiting, kTimeoutS)) << "diagnostics must say what the images wait for";
+  nav_msgs::Odometry identity;  // the body is the camera: the numbers stay the same
+  identity.pose.pose.orientation.w = 1;
+  extrinsic.publish(identity);
+  ExpectTheSameDepth(&mapper);
+  const auto told = [](const std::vector<rosgraph_msgs::LogConstPtr>& lines) {
+    return std::any_of(lines.begin(), lines.end(), [](const auto& line) {
+      return line->msg.find("T_body_cam is taken from topic extrinsic") != std::string::npos;
+    });
+  };
+  EXPECT_TRUE(log.WaitUntil(told, kTimeoutS)) << "the choice must be logged";
+}
+
+}  // namespace
+}  // namespace acmp::test
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  ros::init(argc, argv, "inputs_rostest");
+  return RUN_ALL_TESTS();
+}
