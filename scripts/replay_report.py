@@ -38,11 +38,12 @@ def parse_arguments():
     return parser.parse_args()
 
 
-def start_master():
-    """A ROS master of its own: one that runs already is left alone."""
-    with socket.socket() as free:
-        free.bind(("", 0))
-        port = free.getsockname()[1]
+def start_master(port=None):
+    """A ROS master of its own, by default on a free port: one that runs already is left alone."""
+    if port is None:
+        with socket.socket() as free:
+            free.bind(("", 0))
+            port = free.getsockname()[1]
     os.environ["ROS_MASTER_URI"] = f"http://localhost:{port}"
     master = subprocess.Popen(["rosmaster", "--core", "-p", str(port)], stdout=subprocess.DEVNULL)
     wait_for(lambda: rosgraph.is_master_online(), "the master")

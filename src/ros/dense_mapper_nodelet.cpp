@@ -37,6 +37,7 @@ DenseMapperNodelet::~DenseMapperNodelet() {
   input_thread_.Stop();
   service_thread_.Stop();
   status_thread_.Stop();
+  master_thread_.Stop();
   worker_.reset();
 }
 
@@ -51,7 +52,9 @@ void DenseMapperNodelet::onInit() {
     StartServices();
     diagnostics_ = std::make_unique<MapperDiagnostics>(status_thread_.Attach(getNodeHandle()), getPrivateNodeHandle(),
                                                        getName(), [this] { return TakeSnapshot(); });
-    for (CallbackThread* thread : {&input_thread_, &service_thread_, &status_thread_}) thread->Start();
+    master_timer_ = master_thread_.Attach(getNodeHandle())
+                        .createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { CheckMaster(); });
+    for (CallbackThread* thread : {&input_thread_, &service_thread_, &status_thread_, &master_thread_}) thread->Start();
   } catch (const std::exception& error) {
     NODELET_FATAL("cannot start: %s", error.what());
     throw;
@@ -253,6 +256,23 @@ void DenseMapperNodelet::HandlePeriod() {
     ReportDrop({"map_error", Concat("the map was not published: ", error.what())});
   }
   next_map_publish_s_ = now_s + std::max(1 / rate, (1 + kMapLoad) * (SteadySeconds() - now_s));
+}
+
+void DenseMapperNodelet::CheckMaster() {
+  switch (master_watch_.Check()) {
+    case MasterWatch::Event::kNone:
+      break;
+    case MasterWatch::Event::kGone:
+      NODELET_WARN("the ROS master cannot be reached: what is connected goes on, and the map is kept");
+      break;
+    case MasterWatch::Event::kBack:
+      NODELET_INFO("the ROS master is reached again");
+      break;
+    case MasterWatch::Event::kRestarted:
+      NODELET_WARN("the ROS master was restarted: %zu topics and %zu services are registered again; the map is kept",
+                   master_watch_.topics(), master_watch_.services());
+      break;
+  }
 }
 
 size_t DenseMapperNodelet::PublishMap() {

@@ -16,6 +16,7 @@
 #include "acmp_mapping/ros/mapper_diagnostics.h"
 #include "acmp_mapping/ros/mapper_services.h"
 #include "acmp_mapping/ros/mapper_worker.h"
+#include "acmp_mapping/ros/master_watch.h"
 #include "acmp_mapping/ros/output_publisher.h"
 #include "acmp_mapping/ros/shared_options.h"
 #include "acmp_mapping/ros/tf_lookup.h"
@@ -25,7 +26,7 @@ namespace acmp {
 /// Wires topics, services and parameters to the mapper; see docs/ for all of them.
 ///
 /// Threads: one for input callbacks, which only buffer; the worker, which matches and publishes keyframes; one for
-/// services, which also publishes the map; one for diagnostics and dynamic_reconfigure.
+/// services, which also publishes the map; one for diagnostics and dynamic_reconfigure; one that asks the ROS master.
 ///
 /// Locks: delivery_mutex_ keeps "take from the intake, hand to the worker" in order and may be held while the worker's
 /// queue blocks; intake_mutex_ guards the intake for a moment. Where both are needed delivery_mutex_ comes first. All
@@ -50,6 +51,7 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   void Receive(const Add& add);
   void HandleConfig(DenseMapperConfig& config);
   void HandlePeriod();
+  void CheckMaster();
 
   /// Takes what the intake has ready and hands it on. `all`: without waiting for clouds.
   void Deliver(bool all = false);
@@ -65,6 +67,7 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   CallbackThread input_thread_;
   CallbackThread service_thread_;
   CallbackThread status_thread_;
+  CallbackThread master_thread_;
 
   NodeOptions options_;
   std::unique_ptr<SharedOptions> runtime_options_;
@@ -93,6 +96,8 @@ class DenseMapperNodelet : public nodelet::Nodelet {
 
   std::unique_ptr<MapperWorker> worker_;
   ros::WallTimer deliver_timer_;
+  MasterWatch master_watch_;
+  ros::WallTimer master_timer_;
   std::vector<std::unique_ptr<InputSource>> sources_;
   std::unique_ptr<MapperServices> services_;
   boost::recursive_mutex config_mutex_;

@@ -1,0 +1,107 @@
+#include "acmp_mapping/ros/master_watch.h"
+
+#include <algorithm>
+#include <cstdint>
+
+#include <ros/connection_manager.h>
+#include <ros/master.h>
+#include <ros/network.h>
+#include <ros/this_node.h>
+#include <ros/xmlrpc_manager.h>
+#include <xmlrpcpp/XmlRpcClient.h>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+using XmlRpc::XmlRpcValue;
+
+constexpr int kChecksPerReading = 5;  ///< subscriptions of other nodelets in the process may come and go
+
+/// A call of the master's API; false if it cannot be reached or refuses. Does not wait for a master.
+bool Ask(const std::string& method, const std::vector<std::string>& arguments, XmlRpcValue* payload) {
+  XmlRpcValue request, response;
+  request[0] = ros::this_node::getName();
+  for (size_t i = 0; i < arguments.size(); ++i) request[static_cast<int>(i) + 1] = arguments[i];
+  return ros::master::execute(method, request, response, *payload, false);
+}
+
+/// Names in one part of the master's system state that belong to this process.
+std::vector<std::string> OwnNames(XmlRpcValue part) {
+  std::vector<std::string> names;
+  for (int i = 0; i < part.size(); ++i) {
+    XmlRpcValue nodes = part[i][1];
+    bool own = false;
+    for (int k = 0; k < nodes.size(); ++k) own = own || std::string(nodes[k]) == ros::this_node::getName();
+    if (own) names.push_back(part[i][0]);
+  }
+  return names;
+}
+
+/// Tells this process who publishes a topic, as the master does when publishers come and go.
+void UpdatePublishers(const std::string& topic, const XmlRpcValue& publishers) {
+  const ros::XMLRPCManagerPtr manager = ros::XMLRPCManager::instance();
+  std::string host;
+  uint32_t port = 0;
+  if (!ros::network::splitURI(manager->getServerURI(), host, port)) return;
+  XmlRpc::XmlRpcClient* client = manager->getXMLRPCClient(host, static_cast<int>(port), "/");
+  XmlRpcValue request, response;
+  request[0] = "/master";
+  request[1] = topic;
+  request[2] = publishers;
+  client->execute("publisherUpdate", request, response);
+  manager->releaseXMLRPCClient(client);
+}
+
+}  // namespace
+
+MasterWatch::Event MasterWatch::Check() {
+  XmlRpcValue payload;
+  if (!Ask("getPid", {}, &payload)) {
+    if (!reachable_) return Event::kNone;
+    reachable_ = false;
+    return Event::kGone;
+  }
+  const int pid = payload;
+  const bool restarted = master_pid_ != 0 && pid != master_pid_;
+  if (restarted && !Register()) return Event::kNone;  // it went again meanwhile: another time
+  const bool was_reachable = reachable_;
+  reachable_ = true;
+  master_pid_ = pid;
+  if (restarted) return Event::kRestarted;
+  if (checks_++ % kChecksPerReading == 0) ReadRegistrations();
+  return was_reachable ? Event::kNone : Event::kBack;
+}
+
+void MasterWatch::ReadRegistrations() {
+  XmlRpcValue state, types;
+  if (!Ask("getSystemState", {}, &state) || !Ask("getTopicTypes", {}, &types)) return;
+  std::map<std::string, std::string> type_of;
+  for (int i = 0; i < types.size(); ++i) type_of[types[i][0]] = std::string(types[i][1]);
+  publications_.clear();
+  for (const std::string& topic : OwnNames(state[0])) publications_[topic] = type_of[topic];
+  subscriptions_ = OwnNames(state[1]);
+  services_ = OwnNames(state[2]);
+}
+
+bool MasterWatch::Register() const {
+  const std::string uri = ros::XMLRPCManager::instance()->getServerURI();
+  const std::string service_uri =
+      Concat("rosrpc://", ros::network::getHost(), ":", ros::ConnectionManager::instance()->getTCPPort());
+  XmlRpcValue payload;
+  for (const auto& [topic, type] : publications_) {
+    if (!Ask("registerPublisher", {topic, type, uri}, &payload)) return false;
+  }
+  for (const std::string& service : services_) {
+    if (!Ask("registerService", {service, service_uri, uri}, &payload)) return false;
+  }
+  for (const std::string& topic : subscriptions_) {
+    if (!Ask("registerSubscriber", {topic, "*", uri}, &payload)) return false;  // *: whatever is published
+    // An empty list would end connections to publishers that have not registered again, but still send.
+    if (payload.getType() == XmlRpcValue::TypeArray && payload.size() > 0) UpdatePublishers(topic, payload);
+  }
+  return true;
+}
+
+}  // namespace acmp
