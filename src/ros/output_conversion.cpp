@@ -8,6 +8,8 @@
 #include <sensor_msgs/point_cloud2_iterator.h>
 #include <boost/make_shared.hpp>
 
+#include "acmp_mapping/common/error.h"
+
 namespace acmp {
 namespace {
 
@@ -96,13 +98,20 @@ sensor_msgs::CameraInfoPtr ToCameraInfo(const PinholeCamera& camera, const std_m
   return info;
 }
 
+void CheckCloudSize(size_t points, size_t limit) {
+  if (points <= limit / kCloudPointBytes) return;
+  throw InvalidInputError(Concat(points, " points: a message holds at most ", limit / kCloudPointBytes, " (",
+                                 limit / 1000000, " MB); raise ~voxel_size, or lower ~map_radius or ~max_keyframes"));
+}
+
 sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_msgs::Header& header) {
   struct Packed {
     float x, y, z;
     uint8_t b, g, r, zero;  // little-endian 0x00rrggbb, as PCL reads it
     float normal_x, normal_y, normal_z, confidence;
   };
-  static_assert(sizeof(Packed) == 32, "eight float32 fields");
+  static_assert(sizeof(Packed) == kCloudPointBytes, "eight float32 fields");
+  CheckCloudSize(points.size(), std::numeric_limits<uint32_t>::max());
   auto message = boost::make_shared<sensor_msgs::PointCloud2>();
   message->header = header;
   sensor_msgs::PointCloud2Modifier modifier(*message);

@@ -27,7 +27,10 @@ struct MapperSnapshot {
   double sync_tolerance_s = 0;
   WorkerStatus worker;
   MapStatistics map;
+  std::string optimized_path_topic;
+  uint32_t optimized_path_publishers = 0;
   std::map<std::string, IncidentLog::Entry> drops;
+  std::map<std::string, IncidentLog::Entry> path_doubts;  ///< optimized paths that were used and look wrong
 };
 
 /// One status each, without a master: "inputs", "matching", "mapping", "map".

@@ -8,6 +8,7 @@ constexpr char kCompressedSuffix[] = "compressed";
 constexpr char kCameraInfo[] = "camera_info";
 constexpr char kPose[] = "pose";
 constexpr char kSparsePoints[] = "sparse_points";
+constexpr char kOptimizedPath[] = "optimized_path";
 
 constexpr char kDepthFast[] = "depth_fast/image_rect";
 constexpr char kDepth[] = "depth/image_rect";
