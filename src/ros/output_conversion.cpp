@@ -104,13 +104,22 @@ void CheckCloudSize(size_t points, size_t limit) {
                                  limit / 1000000, " MB); raise ~voxel_size, or lower ~map_radius or ~max_keyframes"));
 }
 
-sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_msgs::Header& header) {
+void PackPoints(const SurfacePoint* points, size_t count, uint8_t* target) {
   struct Packed {
     float x, y, z;
     uint8_t b, g, r, zero;  // little-endian 0x00rrggbb, as PCL reads it
     float normal_x, normal_y, normal_z, confidence;
   };
   static_assert(sizeof(Packed) == kCloudPointBytes, "eight float32 fields");
+  for (size_t i = 0; i < count; ++i) {
+    const SurfacePoint& p = points[i];
+    const Packed packed = {p.position.x, p.position.y, p.position.z, p.color.b,   p.color.g, p.color.r, 0,
+                           p.normal.x,   p.normal.y,   p.normal.z,   p.confidence};
+    std::memcpy(target + i * kCloudPointBytes, &packed, kCloudPointBytes);
+  }
+}
+
+sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_msgs::Header& header) {
   CheckCloudSize(points.size(), std::numeric_limits<uint32_t>::max());
   auto message = boost::make_shared<sensor_msgs::PointCloud2>();
   message->header = header;
@@ -120,11 +129,7 @@ sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_m
                                 kFloat, "normal_y", 1, kFloat, "normal_z", 1, kFloat, "confidence", 1, kFloat);
   modifier.resize(points.size());
   message->is_dense = true;
-  Packed* target = reinterpret_cast<Packed*>(message->data.data());
-  for (const SurfacePoint& p : points) {
-    *target++ = {p.position.x, p.position.y, p.position.z, p.color.b,   p.color.g, p.color.r, 0,
-                 p.normal.x,   p.normal.y,   p.normal.z,   p.confidence};
-  }
+  PackPoints(points.data(), points.size(), message->data.data());
   return message;
 }
 

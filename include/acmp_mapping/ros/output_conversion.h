@@ -25,6 +25,10 @@ sensor_msgs::CameraInfoPtr ToCameraInfo(const PinholeCamera& camera, const std_m
 
 constexpr size_t kCloudPointBytes = 32;  ///< eight float32 fields
 
+/// The bytes of points in a cloud message: x y z rgb normal_x normal_y normal_z confidence.
+/// @param target kCloudPointBytes per point
+void PackPoints(const SurfacePoint* points, size_t count, uint8_t* target);
+
 /// Throws InvalidInputError when a message of so many points would have more bytes than `limit`.
 void CheckCloudSize(size_t points, size_t limit);
 
