@@ -84,7 +84,7 @@ ReposeResult MapStore::Repose(std::vector<StampedPose> path, int64_t tolerance_n
   path_ = std::move(path);
   path_tolerance_ns_ = tolerance_ns;
   ++statistics_.paths;
-  const ReposeResult result = ApplyPath();
+  ReposeResult result = ApplyPath();
   if (!result.moved.empty()) {
     ++statistics_.corrections;
     statistics_.reposed += result.moved.size();
@@ -99,8 +99,7 @@ ReposeResult MapStore::ApplyPath() {
                                   [this](const Keyframe& keyframe) { return keyframe.run == run_; });
   std::vector<CorrectedPose*> run;
   for (auto keyframe = begin; keyframe != keyframes_.end(); ++keyframe) run.push_back(&keyframe->pose);
-  const ReposeResult result =
-      acmp::Repose(path_, path_tolerance_ns_, {kSamePoseVoxels * VoxelSize(), kSamePoseRad}, run);
+  ReposeResult result = acmp::Repose(path_, path_tolerance_ns_, {kSamePoseVoxels * VoxelSize(), kSamePoseRad}, run);
   statistics_.path_poses = path_.size();
   statistics_.path_unmatched = result.unmatched;
   const bool map_moved = std::any_of(result.moved.begin(), result.moved.end(), [&](size_t i) {
