@@ -9,12 +9,15 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/ros/calibration_file.h"
 #include "acmp_mapping/ros/map_writer.h"
+#include "acmp_mapping/ros/optimized_path.h"
+#include "acmp_mapping/ros/topic_names.h"
 
 namespace acmp {
 namespace {
 
 constexpr double kDeliverPeriodS = 0.05;  ///< how late a wait for a cloud may end
 constexpr double kMapPeriodS = 0.1;       ///< how often the map's rate limit is looked at
+constexpr uint32_t kPathQueue = 2;        ///< each path replaces the one before
 constexpr double kMapLoad = 4;            ///< building maps takes at most one part in 1 + kMapLoad of a core
 
 /// Where the scene is assumed while nothing tells: the middle of the fallback range, as the mapper has it.
@@ -86,7 +89,12 @@ void DenseMapperNodelet::StartWorker() {
   MapperWorker::Hooks hooks;
   hooks.on_device = [this](const WorkerStatus& status) { LogDevice(status); };
   hooks.on_fast = [this](const KeyframeOutput& output) {
-    publisher_->PublishFast(output, static_cast<size_t>(runtime_options_->Get().map.max_keyframes));
+    publisher_->PublishFast(output);
+    {
+      std::lock_guard<std::mutex> lock(path_mutex_);
+      path_frame_ = output.world_frame;
+    }
+    PublishPath();
   };
   hooks.on_refined = [this](const KeyframeOutput& output) {
     {
@@ -97,14 +105,12 @@ void DenseMapperNodelet::StartWorker() {
     publisher_->PublishRefined(output);
   };
   hooks.on_drop = [this](const Drop& drop) { ReportDrop(drop); };
-  hooks.on_map_cleared = [this] { publisher_->ClearPath(); };
   worker_ = std::make_unique<MapperWorker>(options_, runtime_options_.get(), map_.get(), hooks);
 }
 
 void DenseMapperNodelet::MakeIntake(const RuntimeOptions& runtime_options) {
   TransformSource transforms;
-  const bool needs_extrinsic = options_.pose.child == PoseSemantics::Child::kBody && !options_.pose.body_from_cam;
-  if (options_.pose_source == PoseSource::kTf || needs_extrinsic) {
+  if (options_.pose_source == PoseSource::kTf || NeedsExtrinsic(options_)) {
     tf_ = std::make_unique<TfLookup>(input_thread_.Attach(getNodeHandle()));
     transforms.find_pose = [this](const std::string& world, const std::string& child, int64_t stamp_ns) {
       return tf_->FindPose(world, child, stamp_ns);
@@ -165,6 +171,10 @@ void DenseMapperNodelet::Subscribe() {
   };
   handlers.on_drop = [this](const Drop& drop) { ReportDrop(drop); };
   sources_ = MakeInputSources(nh, options_, handlers);
+  const boost::function<void(const nav_msgs::PathConstPtr&)> on_path = [this](const nav_msgs::PathConstPtr& path) {
+    HandleOptimizedPath(*path);
+  };
+  optimized_path_ = status_thread_.Attach(getNodeHandle()).subscribe(names::kOptimizedPath, kPathQueue, on_path);
   deliver_timer_ =
       nh.createWallTimer(ros::WallDuration(kDeliverPeriodS), [this](const ros::WallTimerEvent&) { Deliver(); });
 }
@@ -245,6 +255,43 @@ void DenseMapperNodelet::ReportDrop(const Drop& drop) {
   if (drops_.Record(drop, SteadySeconds())) NODELET_WARN("%s: %s", drop.reason.c_str(), drop.message.c_str());
 }
 
+void DenseMapperNodelet::HandleOptimizedPath(const nav_msgs::Path& message) {
+  std::optional<PoseResolver> resolver;
+  {
+    std::lock_guard<std::mutex> lock(intake_mutex_);
+    resolver = intake_->path_resolver();
+  }
+  if (!resolver->ready()) {
+    return ReportDrop({"bad_optimized_path", Concat("optimized_path: ", resolver->DescribeMissing())});
+  }
+  const auto world_from_camera = [&resolver](const RigidTransform& received) {
+    return resolver->WorldFromCamera(received);
+  };
+  std::string world_frame;
+  if (options_.world_frame.empty()) {  // else it replaces the frames of all inputs
+    std::lock_guard<std::mutex> lock(path_mutex_);
+    world_frame = path_frame_;
+  }
+  try {
+    const OptimizedPath path =
+        ToOptimizedPath(message, world_frame, world_from_camera, [this](const Drop& drop) { ReportDrop(drop); });
+    const int64_t tolerance_ns = PathToleranceNs(options_.matcher.sync_tolerance_s);
+    const ReposeResult result = map_->Repose(path.poses, tolerance_ns);
+    if (!result.moved.empty()) PublishPath();
+    const Drop doubt = DescribeDoubt(path, result, world_frame, tolerance_ns);
+    if (!doubt.message.empty() && path_doubts_.Record(doubt, SteadySeconds())) {
+      NODELET_WARN("%s: %s", doubt.reason.c_str(), doubt.message.c_str());
+    }
+  } catch (const std::exception& error) {  // a thrown exception would end the whole manager
+    ReportDrop({"bad_optimized_path", Concat("optimized_path: ", error.what())});
+  }
+}
+
+void DenseMapperNodelet::PublishPath() {
+  std::lock_guard<std::mutex> lock(path_mutex_);
+  publisher_->PublishPath(map_->Path(), path_frame_);
+}
+
 void DenseMapperNodelet::HandlePeriod() {
   const double rate = runtime_options_->Get().output.map_publish_rate;
   const double now_s = SteadySeconds();
@@ -321,8 +368,11 @@ MapperSnapshot DenseMapperNodelet::TakeSnapshot() {
   snapshot.queued = worker_->queued();
   snapshot.worker = worker_->status();
   snapshot.map = map_->statistics();
+  snapshot.optimized_path_topic = optimized_path_.getTopic();
+  snapshot.optimized_path_publishers = optimized_path_.getNumPublishers();
   snapshot.drops = drops_.entries();
   snapshot.images_dropped = drops_.images();
+  snapshot.path_doubts = path_doubts_.entries();
   std::lock_guard<std::mutex> lock(intake_mutex_);
   snapshot.waiting_images = intake_->waiting_images();
   if (intake_->obstacle()) snapshot.waiting_for = intake_->obstacle()->message;

@@ -199,7 +199,7 @@ class SourceFactory {
   }
 
   void AddExtrinsic() {
-    if (options_.pose.child != PoseSemantics::Child::kBody || options_.pose.body_from_cam) return;
+    if (!NeedsExtrinsic(options_)) return;
     Add<nav_msgs::Odometry>({Kind::kExtrinsic, names::kExtrinsic, 1, "bad_extrinsic", false},
                             [on_extrinsic = handlers_.on_extrinsic](const auto& message) {
                               on_extrinsic(ToTransform(message->pose.pose));

@@ -43,6 +43,7 @@ KeyframeIntake::KeyframeIntake(const NodeOptions& options, const KeyframeGateOpt
       transforms_(transforms),
       matcher_(options.matcher),
       resolver_(options.pose, options.extrinsic_inverted, transforms.find_latest),
+      path_resolver_(PathSemantics(options), options.extrinsic_inverted, transforms.find_latest),
       fallback_depth_(fallback_depth) {
   gate_.set_options(gate);
 }
@@ -106,8 +107,15 @@ std::string KeyframeIntake::CameraFrame() const {
   return calibration_->frame_id;
 }
 
+void KeyframeIntake::SetExtrinsic(const RigidTransform& received) {
+  resolver_.SetExtrinsic(received);
+  path_resolver_.SetExtrinsic(received);
+}
+
 void KeyframeIntake::UpdateObstacle() {
-  resolver_.Update(options_.body_frame.empty() ? child_frame_ : options_.body_frame, CameraFrame());
+  const std::string body_frame = options_.body_frame.empty() ? child_frame_ : options_.body_frame;
+  resolver_.Update(body_frame, CameraFrame());
+  path_resolver_.Update(body_frame, CameraFrame());
   std::optional<Drop> obstacle;
   if (!calibration_) {
     obstacle = Drop{"no_camera_info", "no usable camera_info has been received"};
@@ -164,7 +172,10 @@ void KeyframeIntake::Clear() {
 
 std::vector<IntakeEvent> KeyframeIntake::Convert(std::vector<MatchEvent> matched) {
   std::vector<IntakeEvent> events;
-  if (auto notice = resolver_.TakeNotice()) events.emplace_back(Notice{false, std::move(*notice)});
+  auto notice = resolver_.TakeNotice();
+  auto path_notice = path_resolver_.TakeNotice();
+  if (!notice) notice = std::move(path_notice);
+  if (notice) events.emplace_back(Notice{false, std::move(*notice)});
   for (MatchEvent& event : matched) {
     if (auto* match = std::get_if<MatchedInput>(&event)) {
       Convert(*match, &events);

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <iterator>
 #include <string>
+#include <vector>
 
 #include <fcntl.h>
 #include <pcl/io/pcd_io.h>
@@ -55,8 +56,8 @@ size_t CountLines(const fs::path& path) {
 }
 
 /// PCL's writer does not always report a disk that fills up: look at what arrived, and force it to the disk.
-void CheckWritten(const fs::path& path, size_t points, size_t point_bytes, bool binary) {
-  const bool whole = binary ? fs::file_size(path) > points * point_bytes : CountLines(path) > points;
+void CheckWritten(const fs::path& path, size_t points) {
+  const bool whole = CountLines(path) > points;
   const int descriptor = whole ? ::open(path.c_str(), O_RDONLY) : -1;
   const bool synced = descriptor >= 0 && ::fsync(descriptor) == 0;
   const int error = errno;
@@ -65,15 +66,40 @@ void CheckWritten(const fs::path& path, size_t points, size_t point_bytes, bool 
   if (!synced) throw ProcessingError(Concat(path.string(), ": ", std::strerror(error)));
 }
 
-void WritePcd(const fs::path& path, const PointCloud& map, bool binary) {
-  pcl::PCLPointCloud2 cloud;
-  pcl_conversions::moveToPCL(*ToCloudMessage(map, std_msgs::Header()), cloud);
-  const Eigen::Vector4f origin = Eigen::Vector4f::Zero();
-  const Eigen::Quaternionf orientation = Eigen::Quaternionf::Identity();
-  const int status = binary ? pcl::PCDWriter().writeBinary(path.string(), cloud, origin, orientation)
-                            : pcl::PCDWriter().writeASCII(path.string(), cloud, origin, orientation, kFloatDigits);
-  if (status < 0) throw ProcessingError(Concat(path.string(), ": PCL could not write it: ", std::strerror(errno)));
-  CheckWritten(path, map.size(), cloud.point_step, binary);
+void WriteAsciiPcd(const fs::path& path, const PointCloud& map) {
+  const TemporaryFile temporary(path.string() + ".tmp" + std::to_string(::getpid()));
+  const std::string name = temporary.path().string();
+  try {
+    pcl::PCLPointCloud2 cloud;
+    pcl_conversions::moveToPCL(*ToCloudMessage(map, std_msgs::Header()), cloud);
+    const int status =
+        pcl::PCDWriter().writeASCII(name, cloud, Eigen::Vector4f::Zero(), Eigen::Quaternionf::Identity(), kFloatDigits);
+    if (status < 0) throw ProcessingError(Concat(name, ": PCL could not write it: ", std::strerror(errno)));
+    CheckWritten(name, map.size());
+    fs::rename(name, path);
+  } catch (const pcl::PCLException& error) {
+    throw ProcessingError(Concat(name, ": ", error.what()));
+  } catch (const fs::filesystem_error& error) {
+    throw ProcessingError(error.what());
+  }
+}
+
+/// Piece by piece: PCL's writer would need the whole map twice more in memory, and takes 4 GB at most.
+void WriteBinaryPcd(const fs::path& path, const PointCloud& map) {
+  AtomicFile file(path, Durability::kPowerCut);
+  file.Write(
+      Concat("# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\n"
+             "FIELDS x y z rgb normal_x normal_y normal_z confidence\nSIZE 4 4 4 4 4 4 4 4\n"
+             "TYPE F F F F F F F F\nCOUNT 1 1 1 1 1 1 1 1\nWIDTH ",
+             map.size(), "\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS ", map.size(), "\nDATA binary\n"));
+  constexpr size_t kPiece = 4096;
+  std::vector<uint8_t> bytes(kPiece * kCloudPointBytes);
+  for (size_t i = 0; i < map.size(); i += kPiece) {
+    const size_t count = std::min(kPiece, map.size() - i);
+    PackPoints(map.data() + i, count, bytes.data());
+    file.Write(bytes.data(), count * kCloudPointBytes);
+  }
+  file.Commit();
 }
 
 /// The properties of WritePly. (PCL's ASCII writer keeps six digits only: 10 cm at 100 km from the origin.)
@@ -99,16 +125,7 @@ void WriteMap(const fs::path& path, const PointCloud& map, MapFormat format, boo
   if (map.empty()) throw InvalidInputError("the map is empty: nothing was written");
   CheckPath(path);
   if (format == MapFormat::kPly) return binary ? WritePly(path, map) : WriteAsciiPly(path, map);
-
-  const TemporaryFile temporary(path.string() + ".tmp" + std::to_string(::getpid()));
-  try {
-    WritePcd(temporary.path(), map, binary);
-    fs::rename(temporary.path(), path);
-  } catch (const pcl::PCLException& error) {
-    throw ProcessingError(Concat(path.string(), ": ", error.what()));
-  } catch (const fs::filesystem_error& error) {
-    throw ProcessingError(error.what());
-  }
+  return binary ? WriteBinaryPcd(path, map) : WriteAsciiPcd(path, map);
 }
 
 }  // namespace acmp

@@ -138,7 +138,19 @@ void DescribeMap(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* status
   status->add("keyframes", snapshot.map.keyframes);
   status->add("points held", snapshot.map.points);
   status->add("keyframes evicted (~max_keyframes)", snapshot.map.evicted);
+  status->add("keyframes evicted (~map_radius)", snapshot.map.evicted_by_radius);
   status->add("voxel size [unit of the poses]", snapshot.map.voxel_size);
+  status->add("optimized paths", Concat(snapshot.map.paths, " received on ", snapshot.optimized_path_topic, " (",
+                                        snapshot.optimized_path_publishers, " publisher(s))"));
+  status->add("loop corrections (paths that moved keyframes)", snapshot.map.corrections);
+  status->add("keyframes re-posed, all corrections together", snapshot.map.reposed);
+  status->add("poses of the last optimized path without a keyframe",
+              Concat(snapshot.map.path_unmatched, " of ", snapshot.map.path_poses));
+  for (const auto& [reason, entry] : snapshot.path_doubts) {
+    const std::string text = Concat(entry.count, " (", entry.last_message, ")");
+    status->add("doubtful: " + reason, text);
+    if (snapshot.now_s - entry.last_time_s <= kRecentS) status->mergeSummary(DiagnosticStatus::WARN, text);
+  }
 }
 
 MapperDiagnostics::MapperDiagnostics(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh,

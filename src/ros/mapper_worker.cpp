@@ -87,7 +87,11 @@ void MapperWorker::StartOver(bool clear_map) {
       mapper_->Flush();
       mapper_->Reset();
     }
-    if (clear_map) ClearMap();
+    if (clear_map) {
+      map_->Clear();
+    } else {
+      map_->StartRun();
+    }
   });
 }
 
@@ -97,13 +101,8 @@ std::string MapperWorker::Reset() {
   }
   return RunCommand([this] {
     if (mapper_) mapper_->Reset();
-    ClearMap();
+    map_->Clear();
   });
-}
-
-void MapperWorker::ClearMap() {
-  map_->Clear();
-  if (!stopping_) hooks_.on_map_cleared();
 }
 
 std::string MapperWorker::RunCommand(const std::function<void()>& work) {
@@ -235,7 +234,9 @@ KeyframeOutput MapperWorker::MakeOutput(const KeyframeDepthPtr& maps) const {
 
 void MapperWorker::HandleFast(const KeyframeDepthPtr& maps) {
   if (stopping_) return;
-  Publish(hooks_.on_fast, MakeOutput(maps));
+  const KeyframeOutput output = MakeOutput(maps);
+  map_->AddPose(maps->frame->id, output.stamp_ns, output.world_from_cam);
+  Publish(hooks_.on_fast, output);
   const double latency_ms = LatencyMs(*maps);
   UpdateStatus([&](WorkerStatus* status) {
     ++status->fast;
@@ -246,7 +247,7 @@ void MapperWorker::HandleFast(const KeyframeDepthPtr& maps) {
 void MapperWorker::HandleRefined(const KeyframeDepthPtr& maps) {
   if (stopping_) return;
   const KeyframeOutput output = MakeOutput(maps);
-  map_->Add(maps->frame->id, output.world_from_cam, output.points_in_camera);
+  map_->AddPoints(maps->frame->id, output.stamp_ns, output.world_from_cam, output.points_in_camera);
   Publish(hooks_.on_refined, output);
   const double latency_ms = LatencyMs(*maps);
   pending_.erase(maps->frame->id);

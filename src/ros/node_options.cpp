@@ -42,13 +42,17 @@ RigidTransform ToTransform(const std::vector<double>& m) {
   return transform;
 }
 
-void LoadPoseSemantics(ParameterReader* reader, PoseSemantics* pose) {
-  std::string direction, child;
+void LoadPoseSemantics(ParameterReader* reader, NodeOptions* options) {
+  PoseSemantics* pose = &options->pose;
+  std::string direction, child, path_child;
+  if (reader->Read("path_child", &path_child) && !path_child.empty()) {
+    options->path_child = ParsePoseChild("path_child", path_child);
+  }
   if (reader->Read("pose_is", &direction)) pose->direction = ParsePoseDirection(direction);
-  if (reader->Read("pose_child", &child)) pose->child = ParsePoseChild(child);
+  if (reader->Read("pose_child", &child)) pose->child = ParsePoseChild("pose_child", child);
   std::vector<double> matrix;
   const bool has_matrix = reader->Read("T_body_cam", &matrix) && !matrix.empty();
-  const bool body = pose->child == PoseSemantics::Child::kBody;
+  const bool body = pose->child == PoseSemantics::Child::kBody || options->path_child == PoseSemantics::Child::kBody;
   if (!body && has_matrix) throw InvalidInputError("parameter ~T_body_cam is set: needs ~pose_child = body");
   if (has_matrix) pose->body_from_cam = ToTransform(matrix);
 }
@@ -74,6 +78,18 @@ void LoadFrames(ParameterReader* reader, NodeOptions* options) {
 
 }  // namespace
 
+bool NeedsExtrinsic(const NodeOptions& options) {
+  const bool body =
+      options.pose.child == PoseSemantics::Child::kBody || PathSemantics(options).child == PoseSemantics::Child::kBody;
+  return body && !options.pose.body_from_cam;
+}
+
+PoseSemantics PathSemantics(const NodeOptions& options) {
+  PoseSemantics path = options.pose;
+  path.child = options.path_child.value_or(path.child);
+  return path;
+}
+
 NodeOptions LoadNodeOptions(ParameterReader* reader) {
   NodeOptions options;
   ReadEnum<Device>(reader, "device", {{"auto", Device::kAuto}, {"cuda", Device::kCuda}, {"cpu", Device::kCpu}},
@@ -95,7 +111,7 @@ NodeOptions LoadNodeOptions(ParameterReader* reader) {
                         {"transform", PoseSource::kTransform},
                         {"tf", PoseSource::kTf}},
                        &options.pose_source);
-  LoadPoseSemantics(reader, &options.pose);
+  LoadPoseSemantics(reader, &options);
   reader->Read("extrinsic_inverted", &options.extrinsic_inverted);
   ReadEnum<SparseFrame>(
       reader, "sparse_frame",

@@ -8,6 +8,8 @@
 #include <sensor_msgs/point_cloud2_iterator.h>
 #include <boost/make_shared.hpp>
 
+#include "acmp_mapping/common/error.h"
+
 namespace acmp {
 namespace {
 
@@ -96,13 +98,29 @@ sensor_msgs::CameraInfoPtr ToCameraInfo(const PinholeCamera& camera, const std_m
   return info;
 }
 
-sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_msgs::Header& header) {
+void CheckCloudSize(size_t points, size_t limit) {
+  if (points <= limit / kCloudPointBytes) return;
+  throw InvalidInputError(Concat(points, " points: a message holds at most ", limit / kCloudPointBytes, " (",
+                                 limit / 1000000, " MB); raise ~voxel_size, or lower ~map_radius or ~max_keyframes"));
+}
+
+void PackPoints(const SurfacePoint* points, size_t count, uint8_t* target) {
   struct Packed {
     float x, y, z;
     uint8_t b, g, r, zero;  // little-endian 0x00rrggbb, as PCL reads it
     float normal_x, normal_y, normal_z, confidence;
   };
-  static_assert(sizeof(Packed) == 32, "eight float32 fields");
+  static_assert(sizeof(Packed) == kCloudPointBytes, "eight float32 fields");
+  for (size_t i = 0; i < count; ++i) {
+    const SurfacePoint& p = points[i];
+    const Packed packed = {p.position.x, p.position.y, p.position.z, p.color.b,   p.color.g, p.color.r, 0,
+                           p.normal.x,   p.normal.y,   p.normal.z,   p.confidence};
+    std::memcpy(target + i * kCloudPointBytes, &packed, kCloudPointBytes);
+  }
+}
+
+sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_msgs::Header& header) {
+  CheckCloudSize(points.size(), std::numeric_limits<uint32_t>::max());
   auto message = boost::make_shared<sensor_msgs::PointCloud2>();
   message->header = header;
   sensor_msgs::PointCloud2Modifier modifier(*message);
@@ -111,11 +129,7 @@ sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_m
                                 kFloat, "normal_y", 1, kFloat, "normal_z", 1, kFloat, "confidence", 1, kFloat);
   modifier.resize(points.size());
   message->is_dense = true;
-  Packed* target = reinterpret_cast<Packed*>(message->data.data());
-  for (const SurfacePoint& p : points) {
-    *target++ = {p.position.x, p.position.y, p.position.z, p.color.b,   p.color.g, p.color.r, 0,
-                 p.normal.x,   p.normal.y,   p.normal.z,   p.confidence};
-  }
+  PackPoints(points.data(), points.size(), message->data.data());
   return message;
 }
 

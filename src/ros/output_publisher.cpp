@@ -3,6 +3,7 @@
 #include <utility>
 
 #include <acmp_mapping/KeyframeDepth.h>
+#include <geometry_msgs/PoseStamped.h>
 #include <nav_msgs/Path.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <boost/make_shared.hpp>
@@ -15,6 +16,9 @@ namespace acmp {
 namespace {
 
 constexpr uint32_t kQueue = 5;  ///< keyframes come at a few hertz; a slow listener loses old ones, not new ones
+
+/// roscpp takes more for a broken connection; 1 kB is left for the other fields.
+constexpr size_t kMaxMessageBytes = 1000000000 - 1000;
 
 std_msgs::Header MakeHeader(int64_t stamp_ns, const std::string& frame_id) {
   std_msgs::Header header;
@@ -70,9 +74,9 @@ OutputPublisher::OutputPublisher(ros::NodeHandle nh, const std::function<void()>
                                                 ros::VoidConstPtr(), true);
 }
 
-void OutputPublisher::PublishFast(const KeyframeOutput& output, size_t max_path_length) {
+void OutputPublisher::PublishFast(const KeyframeOutput& output) {
   const std_msgs::Header camera = MakeHeader(output.stamp_ns, output.camera_frame);
-  PublishPose(output, max_path_length);
+  PublishPose(output);
   if (depth_fast_.getNumSubscribers() > 0) {
     depth_fast_.publish(ToDepthMessage(output.maps->depth, output.keep.View(), camera),
                         ToCameraInfo(output.maps->frame->camera, camera));
@@ -98,21 +102,28 @@ void OutputPublisher::PublishRefined(const KeyframeOutput& output) {
 }
 
 void OutputPublisher::PublishMap(const PointCloud& map, const std::string& world_frame, int64_t stamp_ns) {
+  CheckCloudSize(map.size(), kMaxMessageBytes);
   map_.publish(ToCloudMessage(map, MakeHeader(stamp_ns, world_frame)));
 }
 
-void OutputPublisher::PublishPose(const KeyframeOutput& output, size_t max_path_length) {
+void OutputPublisher::PublishPath(const std::vector<StampedPose>& poses, const std::string& world_frame) {
+  if (poses.empty()) return;
+  auto path = boost::make_shared<nav_msgs::Path>();
+  path->header = MakeHeader(poses.back().stamp_ns, world_frame);
+  for (const StampedPose& pose : poses) {
+    path->poses.emplace_back();
+    path->poses.back().header = MakeHeader(pose.stamp_ns, world_frame);
+    path->poses.back().pose = ToPoseMessage(pose.world_from_cam);
+  }
+  path_.publish(path);
+}
+
+void OutputPublisher::PublishPose(const KeyframeOutput& output) {
+  if (pose_.getNumSubscribers() == 0) return;
   auto pose = boost::make_shared<geometry_msgs::PoseStamped>();
   pose->header = MakeHeader(output.stamp_ns, output.world_frame);
   pose->pose = ToPoseMessage(output.world_from_cam);
-  path_poses_.push_back(*pose);
-  while (path_poses_.size() > max_path_length) path_poses_.pop_front();
   pose_.publish(pose);
-  if (path_.getNumSubscribers() == 0) return;
-  auto path = boost::make_shared<nav_msgs::Path>();
-  path->header = pose->header;
-  path->poses.assign(path_poses_.begin(), path_poses_.end());
-  path_.publish(path);
 }
 
 void OutputPublisher::PublishPictures(const KeyframeOutput& output, const std_msgs::Header& camera) {

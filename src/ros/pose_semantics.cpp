@@ -57,12 +57,12 @@ PoseSemantics::Direction ParsePoseDirection(const std::string& name) {
   throw InvalidInputError(Concat("pose_is = \"", name, "\": must be T_world_cam or T_cam_world"));
 }
 
-PoseSemantics::Child ParsePoseChild(const std::string& name) {
+PoseSemantics::Child ParsePoseChild(const char* parameter, const std::string& name) {
   for (const auto child :
        {PoseSemantics::Child::kCameraOptical, PoseSemantics::Child::kCameraFlu, PoseSemantics::Child::kBody}) {
     if (name == Name(child)) return child;
   }
-  throw InvalidInputError(Concat("pose_child = \"", name, "\": must be camera_optical, camera_flu or body"));
+  throw InvalidInputError(Concat(parameter, " = \"", name, "\": must be camera_optical, camera_flu or body"));
 }
 
 const char* Name(PoseSemantics::Direction direction) {

@@ -131,12 +131,12 @@ TEST(VoxelFilter, DoesNotDependOnTheNumberOfThreads) {
   }
 }
 
-TEST(Transform, MovesPointsAndTurnsNormals) {
+TEST(MergeClouds, MovesPointsAndTurnsNormals) {
   RigidTransform quarter_turn = RigidTransform::Identity();  // x -> y, y -> -x
   quarter_turn.linear() << 0, -1, 0, 1, 0, 0, 0, 0, 1;
   quarter_turn.translation() = Eigen::Vector3d(10, 20, 30);
-  const PointCloud points = {{{1, 2, 3}, {1, 0, 0}, {4, 5, 6}, 0.7f}};
-  const PointCloud moved = Transform(quarter_turn, points);
+  const PointCloud points = {{{1, 2, 3}, {1, 0, 0}, {4, 5, 6}, 0.75f}};
+  const PointCloud moved = MergeClouds({{quarter_turn, &points}}, 0.1f);
   ASSERT_EQ(moved.size(), 1u);
   EXPECT_EQ(moved[0].position.x, 8);
   EXPECT_EQ(moved[0].position.y, 21);
@@ -144,8 +144,63 @@ TEST(Transform, MovesPointsAndTurnsNormals) {
   EXPECT_EQ(moved[0].normal.x, 0);
   EXPECT_EQ(moved[0].normal.y, 1);
   EXPECT_EQ(moved[0].color.g, 5);
-  EXPECT_EQ(moved[0].confidence, 0.7f);
-  EXPECT_TRUE(Transform(quarter_turn, {}).empty());
+  EXPECT_EQ(moved[0].confidence, 0.75f);
+  EXPECT_TRUE(MergeClouds({}, 0.1f).empty());
+}
+
+TEST(MergeClouds, IsTheVoxelFilterOfTheMovedClouds) {
+  // Turned and shifted clouds, one of them empty, so that voxels mix points of several clouds.
+  const std::vector<PointCloud> clouds = {RandomCloud(3000, 5), {}, RandomCloud(2000, 6), RandomCloud(1000, 7)};
+  std::vector<PlacedCloud> placed;
+  PointCloud together;
+  for (size_t i = 0; i < clouds.size(); ++i) {
+    RigidTransform pose = RigidTransform::Identity();
+    pose.rotate(Eigen::AngleAxisd(0.4 * static_cast<double>(i), Eigen::Vector3d(1, 2, 3).normalized()));
+    pose.translation() = Eigen::Vector3d(0.3, -0.2, 0.1) * static_cast<double>(i);
+    placed.push_back({pose, &clouds[i]});
+    for (SurfacePoint point : clouds[i]) {
+      const Eigen::Vector3d position(point.position.x, point.position.y, point.position.z);
+      const Eigen::Vector3d normal(point.normal.x, point.normal.y, point.normal.z);
+      const Eigen::Vector3f moved = (pose * position).cast<float>(), turned = (pose.linear() * normal).cast<float>();
+      point.position = {moved.x(), moved.y(), moved.z()};
+      point.normal = {turned.x(), turned.y(), turned.z()};
+      together.push_back(point);
+    }
+  }
+  const PointCloud expected = VoxelFilter(together, 0.2f), merged = MergeClouds(placed, 0.2f);
+  ASSERT_EQ(merged.size(), expected.size());
+  ASSERT_LT(merged.size(), together.size() * 3 / 4) << "voxels of several points";
+  for (size_t i = 0; i < merged.size(); ++i) {
+    ASSERT_EQ(merged[i].position.x, expected[i].position.x);
+    ASSERT_EQ(merged[i].position.z, expected[i].position.z);
+    ASSERT_EQ(merged[i].normal.y, expected[i].normal.y);
+    ASSERT_EQ(merged[i].confidence, expected[i].confidence);
+  }
+}
+
+TEST(VoxelFilter, OrdersVoxelsOfAnyExtentByTheirCoordinates) {
+  // A wall along each axis, scattered points far away (whose columns share a bucket), and one voxel for all.
+  for (const Vec3f extent : {Vec3f{0, 50, 50}, Vec3f{50, 0, 50}, Vec3f{50, 50, 0}, Vec3f{2e9f, 2e9f, 2e9f},
+                             Vec3f{2e9f, 0, 0}, Vec3f{0.1f, 0.1f, 0.1f}}) {
+    PointCloud points = RandomCloud(20000, 8);
+    for (SurfacePoint& point : points) {
+      point.position = {point.position.x * extent.x, point.position.y * extent.y, point.position.z * extent.z};
+    }
+    std::map<std::array<double, 3>, int> voxels;
+    const auto cell = [](const SurfacePoint& p) -> std::array<double, 3> {
+      return {std::floor(p.position.x), std::floor(p.position.y), std::floor(p.position.z)};
+    };
+    for (const SurfacePoint& point : points) ++voxels[cell(point)];
+    const PointCloud filtered = VoxelFilter(points, 1);
+    ASSERT_EQ(filtered.size(), voxels.size());
+    auto expected = voxels.begin();
+    for (const SurfacePoint& mean : filtered) {
+      if (expected->second == 1) {  // a mean of several may be rounded across the border
+        ASSERT_EQ(cell(mean), expected->first);
+      }
+      ++expected;
+    }
+  }
 }
 
 }  // namespace

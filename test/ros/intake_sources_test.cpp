@@ -139,6 +139,20 @@ TEST(IntakeExtrinsic, DroppedImagesSayThatItIsMissing) {
   EXPECT_THAT(result.drops[0].message, AllOf(HasSubstr("5.000000000"), HasSubstr("~T_body_cam")));
 }
 
+TEST(IntakeExtrinsic, ThePathMayHoldPosesOfTheBodyWhenTheOthersAreTheCameras) {
+  NodeOptions options;
+  options.path_child = PoseSemantics::Child::kBody;
+  KeyframeIntake intake = MakeIntake(options);
+  EXPECT_FALSE(intake.path_resolver().ready());
+  EXPECT_EQ(Feed(&intake, 5, 1, nullptr).keyframes.at(0).world_from_cam.translation().x(), 1) << "needs no extrinsic";
+  RigidTransform body_from_cam = RigidTransform::Identity();
+  body_from_cam.translation().x() = 10;
+  intake.SetExtrinsic(body_from_cam);
+  intake.TakeAll();
+  ASSERT_TRUE(intake.path_resolver().ready());
+  EXPECT_EQ(intake.path_resolver().WorldFromCamera(RigidTransform::Identity()).translation().x(), 10);
+}
+
 acmp_mapping::KeyframePtr MakeKeyframe(uint32_t stamp_s) {
   auto keyframe = boost::make_shared<acmp_mapping::Keyframe>();
   keyframe->header.stamp = ros::Time(stamp_s, 0);

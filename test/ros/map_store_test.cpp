@@ -23,13 +23,17 @@ RigidTransform Shifted(double x) {
   return pose;
 }
 
+void Add(MapStore* store, int64_t id, const RigidTransform& world_from_cam, const PointCloud& points) {
+  store->AddPoints(id, id * 100000000, world_from_cam, points);
+}
+
 TEST(MapStore, PutsKeyframesIntoTheWorld) {
   MapStore store({10, 0.1});
   EXPECT_TRUE(store.WorldCloud().empty());
   RigidTransform turned = RigidTransform::Identity();  // world x = camera z
   turned.linear() << 0, 0, 1, 0, 1, 0, -1, 0, 0;
   turned.translation() << 5, 0, 0;
-  store.Add(0, turned, {{{0.05f, 0.05f, 2.05f}, {0, 0, -1}, {1, 2, 3}, 0.25f}});
+  Add(&store, 0, turned, {{{0.05f, 0.05f, 2.05f}, {0, 0, -1}, {1, 2, 3}, 0.25f}});
   const PointCloud map = store.WorldCloud();
   ASSERT_EQ(map.size(), 1u);
   // float32 of values below 10
@@ -42,9 +46,9 @@ TEST(MapStore, PutsKeyframesIntoTheWorld) {
 
 TEST(MapStore, ThinsToOnePointPerVoxelAcrossKeyframes) {
   MapStore store({10, 0.1});
-  store.Add(0, Shifted(0), PlaneAt(1.05f, 20, 0.05f));  // 1 m x 1 m
+  Add(&store, 0, Shifted(0), PlaneAt(1.05f, 20, 0.05f));  // 1 m x 1 m
   EXPECT_EQ(store.statistics().points, 100u);
-  store.Add(1, Shifted(0.5), PlaneAt(1.05f, 20, 0.05f));
+  Add(&store, 1, Shifted(0.5), PlaneAt(1.05f, 20, 0.05f));
   EXPECT_EQ(store.statistics().points, 200u);
   EXPECT_EQ(store.WorldCloud().size(), 150u) << "the overlap counts once";
 }
@@ -52,32 +56,79 @@ TEST(MapStore, ThinsToOnePointPerVoxelAcrossKeyframes) {
 TEST(MapStore, ChoosesAVoxelSizeInProportionToTheScene) {
   for (const float scale : {0.001f, 1.0f, 1000.0f}) {
     MapStore store({10, 0});
-    store.Add(0, Shifted(0), {});  // tells nothing about the scene
+    Add(&store, 0, Shifted(0), {});  // tells nothing about the scene
     EXPECT_EQ(store.statistics().voxel_size, 0);
-    store.Add(1, Shifted(0), PlaneAt(4 * scale, 3, scale));
+    Add(&store, 1, Shifted(0), PlaneAt(4 * scale, 3, scale));
     EXPECT_NEAR(store.statistics().voxel_size, 0.02 * scale, 1e-6 * scale);  // float32
-    store.Add(2, Shifted(0), PlaneAt(40 * scale, 3, scale));
+    Add(&store, 2, Shifted(0), PlaneAt(40 * scale, 3, scale));
     EXPECT_NEAR(store.statistics().voxel_size, 0.02 * scale, 1e-6 * scale) << "the grid stays";
   }
 }
 
 TEST(MapStore, EvictsTheOldestKeyframes) {
   MapStore store({2, 0.1});
-  for (int i = 0; i < 5; ++i) store.Add(i, Shifted(10.0 * i), PlaneAt(1, 1, 0.1f));
+  for (int i = 0; i < 5; ++i) Add(&store, i, Shifted(10.0 * i), PlaneAt(1, 1, 0.1f));
   const MapStatistics statistics = store.statistics();
   EXPECT_EQ(statistics.keyframes, 2u);
   EXPECT_EQ(statistics.evicted, 3u);
   EXPECT_EQ(statistics.points, 2u);
   for (const SurfacePoint& point : store.WorldCloud()) EXPECT_GT(point.position.x, 29);
   store.set_options({1, 0.1});
-  store.Add(5, Shifted(50), PlaneAt(1, 1, 0.1f));
+  Add(&store, 5, Shifted(50), PlaneAt(1, 1, 0.1f));
   EXPECT_EQ(store.statistics().keyframes, 1u);
+}
+
+TEST(MapStore, EvictsWhatIsFartherThanTheRadiusFromTheNewest) {
+  MapStore store({100, 0.1, 25});
+  for (int i = 0; i < 5; ++i) Add(&store, i, Shifted(10.0 * i), PlaneAt(1, 1, 0.1f));
+  MapStatistics statistics = store.statistics();
+  EXPECT_EQ(statistics.keyframes, 3u) << "at 20, 30 and 40";
+  EXPECT_EQ(statistics.evicted_by_radius, 2u);
+  EXPECT_EQ(statistics.evicted, 0u) << "counted apart";
+  EXPECT_EQ(statistics.points, 3u);
+  EXPECT_EQ(store.Path().size(), 3u);
+  // Back where it came from: order does not count, distance does.
+  Add(&store, 5, Shifted(5), PlaneAt(1, 1, 0.1f));
+  EXPECT_EQ(store.statistics().keyframes, 3u) << "at 20, 30 and 5";
+  // A new option counts from the next keyframe on; 0 means no limit.
+  store.set_options({100, 0.1, 0});
+  Add(&store, 6, Shifted(1000), PlaneAt(1, 1, 0.1f));
+  EXPECT_EQ(store.statistics().keyframes, 4u);
+  store.set_options({100, 0.1, 1});
+  Add(&store, 7, Shifted(1000.5), PlaneAt(1, 1, 0.1f));
+  EXPECT_EQ(store.statistics().keyframes, 2u);
+}
+
+TEST(MapStore, TheRadiusCountsFromTheNewestPoseAndChangesTheVersion) {
+  MapStore store({100, 0.1, 25});
+  Add(&store, 0, Shifted(0), PlaneAt(1, 1, 0.1f));
+  const uint64_t version = store.version();
+  store.AddPose(1, 100000000, Shifted(10));
+  EXPECT_EQ(store.version(), version) << "a pose alone changes no map";
+  store.AddPose(2, 200000000, Shifted(100));
+  EXPECT_NE(store.version(), version);
+  EXPECT_TRUE(store.WorldCloud().empty());
+  Add(&store, 1, Shifted(10), PlaneAt(1, 1, 0.1f));
+  EXPECT_EQ(store.statistics().keyframes, 0u) << "refined when the camera was far away already";
+  EXPECT_EQ(store.statistics().evicted_by_radius, 2u);
+}
+
+TEST(MapStore, PosesWithoutPointsNeverPushOutThoseWithPoints) {
+  MapStore store({2, 0.1});
+  for (int i = 0; i < 2; ++i) Add(&store, i, Shifted(i), PlaneAt(1, 1, 0.1f));
+  for (int i = 2; i < 10; ++i) store.AddPose(i, i, Shifted(i));
+  EXPECT_EQ(store.statistics().keyframes, 2u);
+  EXPECT_EQ(store.statistics().evicted, 0u);
+  EXPECT_EQ(store.Path().size(), 4u) << "bounded all the same";
+  Add(&store, 3, Shifted(3), PlaneAt(1, 1, 0.1f));  // its pose went before its points came
+  EXPECT_EQ(store.statistics().keyframes, 2u);
+  EXPECT_EQ(store.Path().front().world_from_cam.translation().x(), 1);
 }
 
 TEST(MapStore, ClearForgetsAllAndChangesTheVersion) {
   MapStore store({2, 0});
   const uint64_t empty = store.version();
-  store.Add(0, Shifted(0), PlaneAt(1, 2, 0.1f));
+  Add(&store, 0, Shifted(0), PlaneAt(1, 2, 0.1f));
   const uint64_t one = store.version();
   EXPECT_NE(one, empty);
   store.Clear();
@@ -89,6 +140,7 @@ TEST(MapStore, ClearForgetsAllAndChangesTheVersion) {
 TEST(MapStore, RefusesBadOptions) {
   EXPECT_THROW(MapStore({0, 0.1}), InvalidInputError);
   EXPECT_THROW(MapStore({1, -0.1}), InvalidInputError);
+  EXPECT_THROW(MapStore({1, 0.1, -1}), InvalidInputError);
 }
 
 }  // namespace

@@ -154,6 +154,31 @@ TEST(Diagnostics, TellTheDevice) {
   EXPECT_THAT(status.message, HasSubstr("~pose_is"));
 }
 
+TEST(Diagnostics, TellOfLoopCorrections) {
+  MapperSnapshot snapshot = Healthy();
+  snapshot.optimized_path_topic = "/slam/path";
+  snapshot.optimized_path_publishers = 1;
+  snapshot.map.paths = 7;
+  snapshot.map.corrections = 3;
+  snapshot.map.reposed = 40;
+  snapshot.map.path_poses = 30;
+  snapshot.map.path_unmatched = 12;
+  snapshot.map.evicted_by_radius = 5;
+  auto status = Describe(&DescribeMap, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::OK);
+  EXPECT_THAT(ValueOf(status, "optimized paths"), AllOf(HasSubstr("7 received on /slam/path"), HasSubstr("1 publ")));
+  EXPECT_EQ(ValueOf(status, "loop corrections (paths that moved keyframes)"), "3");
+  EXPECT_EQ(ValueOf(status, "keyframes re-posed, all corrections together"), "40");
+  EXPECT_EQ(ValueOf(status, "poses of the last optimized path without a keyframe"), "12 of 30");
+  EXPECT_EQ(ValueOf(status, "keyframes evicted (~map_radius)"), "5");
+  snapshot.path_doubts["optimized_path_frame"] = {2, "in another frame", 99, 99};
+  status = Describe(&DescribeMap, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
+  EXPECT_THAT(status.message, HasSubstr("in another frame"));
+  snapshot.now_s = 200;
+  EXPECT_EQ(Describe(&DescribeMap, snapshot).level, DiagnosticStatus::OK) << "long ago";
+}
+
 TEST(IncidentLog, TellsNewReasonsAtOnceAndRepeatsSeldom) {
   IncidentLog log;
   EXPECT_TRUE(log.Record({"a", "first"}, 0));

@@ -325,6 +325,7 @@ TEST(ShippedYaml, HoldsAllParametersWithTheirDefaults) {
   EXPECT_EQ(node.pose.direction, defaults.pose.direction);
   EXPECT_EQ(node.pose.child, defaults.pose.child);
   EXPECT_EQ(node.pose.body_from_cam.has_value(), defaults.pose.body_from_cam.has_value());
+  EXPECT_EQ(node.path_child, defaults.path_child);
   EXPECT_EQ(node.extrinsic_inverted, defaults.extrinsic_inverted);
   EXPECT_EQ(node.pose_source, defaults.pose_source);
   EXPECT_EQ(node.calibration_file, defaults.calibration_file);

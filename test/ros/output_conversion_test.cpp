@@ -2,12 +2,16 @@
 
 #include <cmath>
 #include <cstring>
+#include <limits>
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <image_geometry/pinhole_camera_model.h>
 #include <pcl/point_types.h>
 #include <pcl_conversions/pcl_conversions.h>
 #include <sensor_msgs/image_encodings.h>
+
+#include "acmp_mapping/common/error.h"
 
 namespace acmp {
 namespace {
@@ -109,6 +113,19 @@ TEST(ToCloudMessage, IsUnderstoodByPcl) {
   EXPECT_EQ(cloud[0].normal_z, -0.8f);
   EXPECT_EQ(cloud[1].g, 2);
   EXPECT_EQ(ToCloudMessage({}, MakeHeader())->width, 0u);
+}
+
+TEST(CheckCloudSize, RefusesWhatAMessageCannotHold) {
+  // 2^32 bytes and more: sizes in the message are 32-bit numbers and would wrap around.
+  constexpr size_t kLimit = std::numeric_limits<uint32_t>::max();
+  EXPECT_NO_THROW(CheckCloudSize(kLimit / kCloudPointBytes, kLimit));
+  try {
+    CheckCloudSize(kLimit / kCloudPointBytes + 1, kLimit);
+    ADD_FAILURE() << "accepted";
+  } catch (const InvalidInputError& error) {
+    EXPECT_THAT(error.what(), testing::HasSubstr("134217728 points"));
+    EXPECT_THAT(error.what(), testing::HasSubstr("~voxel_size"));
+  }
 }
 
 }  // namespace

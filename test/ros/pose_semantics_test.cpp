@@ -75,9 +75,9 @@ TEST(CheckedTransform, NormalisesSmallErrors) {
 
 TEST(PoseSemantics, RefusesUnknownNames) {
   EXPECT_EQ(ParsePoseDirection("T_cam_world"), PoseSemantics::Direction::kCamFromWorld);
-  EXPECT_EQ(ParsePoseChild("camera_flu"), PoseSemantics::Child::kCameraFlu);
+  EXPECT_EQ(ParsePoseChild("pose_child", "camera_flu"), PoseSemantics::Child::kCameraFlu);
   EXPECT_THROW(ParsePoseDirection("Twc"), InvalidInputError);
-  EXPECT_THROW(ParsePoseChild("imu"), InvalidInputError);
+  EXPECT_THROW(ParsePoseChild("pose_child", "imu"), InvalidInputError);
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <vector>
 
 #include "acmp_mapping/fusion/point_cloud.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
@@ -9,11 +10,19 @@ namespace acmp {
 
 /// One averaged point per occupied voxel (position, normal, colour and confidence, weighted by confidence). Grid of
 /// `voxel_size` anchored at the origin; a voxel whose confidences are all 0 is averaged without weights. Throws
-/// InvalidInputError unless voxel_size > 0 and finite, positions are finite and within 2^31 voxels of the origin and
-/// confidences are in 0..1. Voxels come in the order of their coordinates.
+/// InvalidInputError unless voxel_size > 0 and finite, positions are finite and within 2^31 voxels of the origin,
+/// confidences are in 0..1 and there are less than 2^32 points. Voxels come in the order of their coordinates.
 PointCloud VoxelFilter(const PointCloud& points, float voxel_size);
 
-/// Points moved by a rigid motion, normals rotated.
-PointCloud Transform(const RigidTransform& target_from_source, const PointCloud& points);
+/// Somebody else's cloud and where it lies.
+struct PlacedCloud {
+  RigidTransform target_from_cloud = RigidTransform::Identity();
+  const PointCloud* points = nullptr;
+};
+
+/// VoxelFilter of all clouds in the target frame, one after the other: positions are moved and normals rotated, then
+/// rounded to float32. Needs 32 bytes per point besides the result, since points are moved when they are read and never
+/// stored.
+PointCloud MergeClouds(const std::vector<PlacedCloud>& clouds, float voxel_size);
 
 }  // namespace acmp

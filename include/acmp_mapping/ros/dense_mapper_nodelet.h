@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <dynamic_reconfigure/server.h>
+#include <nav_msgs/Path.h>
 #include <nodelet/nodelet.h>
 
 #include "acmp_mapping/ros/callback_thread.h"
@@ -26,11 +27,13 @@ namespace acmp {
 /// Wires topics, services and parameters to the mapper; see docs/ for all of them.
 ///
 /// Threads: one for input callbacks, which only buffer; the worker, which matches and publishes keyframes; one for
-/// services, which also publishes the map; one for diagnostics and dynamic_reconfigure; one that asks the ROS master.
+/// services, which also publishes the map; one for diagnostics, dynamic_reconfigure and optimized_path, where neither
+/// images nor the building of a map wait for a long path; one that asks the ROS master.
 ///
 /// Locks: delivery_mutex_ keeps "take from the intake, hand to the worker" in order and may be held while the worker's
-/// queue blocks; intake_mutex_ guards the intake for a moment. Where both are needed delivery_mutex_ comes first. All
-/// other locks are inside their classes, and none of those is held while another one is taken.
+/// queue blocks; intake_mutex_ guards the intake for a moment. Where both are needed delivery_mutex_ comes first.
+/// path_mutex_ keeps "take the path from the map, publish it" in order. All other locks are inside their classes, and
+/// none of those is held while another one is taken.
 class DenseMapperNodelet : public nodelet::Nodelet {
  public:
   ~DenseMapperNodelet() override;
@@ -52,11 +55,14 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   void HandleConfig(DenseMapperConfig& config);
   void HandlePeriod();
   void CheckMaster();
+  void HandleOptimizedPath(const nav_msgs::Path& message);
 
   /// Takes what the intake has ready and hands it on. `all`: without waiting for clouds.
   void Deliver(bool all = false);
   void Dispatch(IntakeEvent event);
   void ReportDrop(const Drop& drop);
+  /// keyframe_path, as it is in the map now.
+  void PublishPath();
   /// Number of points; nothing is published before the first keyframe.
   size_t PublishMap();
   size_t SaveMap(const acmp_mapping::SaveMap::Request& request);
@@ -74,6 +80,7 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   std::unique_ptr<MapStore> map_;
   std::unique_ptr<OutputPublisher> publisher_;
   IncidentLog drops_;
+  IncidentLog path_doubts_;  ///< paths that were used and should be looked at
   std::atomic<bool> paused_{false};
   std::atomic<uint64_t> matched_{0};
 
@@ -89,6 +96,9 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   std::string map_frame_;
   int64_t map_stamp_ns_ = 0;
 
+  std::mutex path_mutex_;
+  std::string path_frame_;  ///< the world frame of the newest keyframe
+
   // Used by the services' thread alone.
   uint64_t published_version_ = 0;
   double next_map_publish_s_ = 0;
@@ -99,6 +109,7 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   MasterWatch master_watch_;
   ros::WallTimer master_timer_;
   std::vector<std::unique_ptr<InputSource>> sources_;
+  ros::Subscriber optimized_path_;
   std::unique_ptr<MapperServices> services_;
   boost::recursive_mutex config_mutex_;
   DenseMapperConfig config_;

@@ -59,7 +59,7 @@ class KeyframeIntake {
   /// Throws InvalidInputError for a camera that cannot be used; images then wait for a better one.
   void AddCameraInfo(const sensor_msgs::CameraInfo& info);
   void AddPose(PoseSample pose);
-  void SetExtrinsic(const RigidTransform& received) { resolver_.SetExtrinsic(received); }
+  void SetExtrinsic(const RigidTransform& received);
   /// All of a keyframe at once; see AddCameraInfo. Throws InvalidInputError if any part cannot be used.
   void AddKeyframe(const acmp_mapping::KeyframeConstPtr& keyframe, double arrival_s = 0);
   void AddCloud(SparseCloudPtr cloud) { matcher_.AddCloud(std::move(cloud)); }
@@ -80,7 +80,8 @@ class KeyframeIntake {
   uint64_t not_chosen() const { return not_chosen_; }  ///< posed images that the gate passed over
   /// Share of the first keyframes' sparse points, 0..1; none before the first point.
   std::optional<double> share_in_front() const { return convention_check_.share_in_front(); }
-  const PoseResolver& resolver() const { return resolver_; }
+  /// For the poses of optimized_path.
+  const PoseResolver& path_resolver() const { return path_resolver_; }
 
  private:
   void Prepare();
@@ -98,7 +99,7 @@ class KeyframeIntake {
   NodeOptions options_;
   TransformSource transforms_;
   InputMatcher matcher_;
-  PoseResolver resolver_;
+  PoseResolver resolver_, path_resolver_;
   ConventionCheck convention_check_;
   KeyframeGate gate_;
   double fallback_depth_;

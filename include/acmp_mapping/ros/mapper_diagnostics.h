@@ -30,7 +30,10 @@ struct MapperSnapshot {
   std::optional<double> points_in_front;  ///< share of the first keyframes' sparse points, 0..1
   WorkerStatus worker;
   MapStatistics map;
+  std::string optimized_path_topic;
+  uint32_t optimized_path_publishers = 0;
   std::map<std::string, IncidentLog::Entry> drops;
+  std::map<std::string, IncidentLog::Entry> path_doubts;  ///< optimized paths that were used and look wrong
 };
 
 /// One status each, without a master: "inputs", "matching", "mapping", "map".

@@ -58,7 +58,6 @@ class MapperWorker {
     std::function<void(const KeyframeOutput&)> on_fast;
     std::function<void(const KeyframeOutput&)> on_refined;
     std::function<void(const Drop&)> on_drop;
-    std::function<void()> on_map_cleared;
   };
 
   /// @param options, map outlive the worker
@@ -108,7 +107,6 @@ class MapperWorker {
   void Publish(const std::function<void(const KeyframeOutput&)>& hook, const KeyframeOutput& output) const;
   void HandleDrop(const KeyframeDrop& drop);
   void ReportDrop(const Drop& drop) const;
-  void ClearMap();
   std::string RunCommand(const std::function<void()>& work);
   template <class Change>
   void UpdateStatus(const Change& change);

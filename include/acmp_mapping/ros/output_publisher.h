@@ -1,9 +1,9 @@
 #pragma once
 
-#include <deque>
 #include <functional>
+#include <string>
+#include <vector>
 
-#include <geometry_msgs/PoseStamped.h>
 #include <image_transport/image_transport.h>
 #include <ros/node_handle.h>
 
@@ -11,21 +11,23 @@
 
 namespace acmp {
 
-/// All output topics. A message is only made when somebody listens. Methods belong to the worker thread;
-/// PublishMap may run in another one, since ros::Publisher is thread-safe.
+/// All output topics. A message is only made when somebody listens. Methods belong to the worker thread; PublishMap and
+/// PublishPath may run in others, since ros::Publisher is thread-safe.
 class OutputPublisher {
  public:
   /// @param on_map_subscriber called when somebody subscribes to the map
   OutputPublisher(ros::NodeHandle nh, const std::function<void()>& on_map_subscriber);
 
-  void PublishFast(const KeyframeOutput& output, size_t max_path_length);
+  void PublishFast(const KeyframeOutput& output);
   void PublishRefined(const KeyframeOutput& output);
+  /// Throws InvalidInputError for a map of more than 1 GB: roscpp's subscribers hang up on such messages.
   void PublishMap(const PointCloud& map, const std::string& world_frame, int64_t stamp_ns);
-  void ClearPath() { path_poses_.clear(); }
+  /// Stamped as its last pose; an empty one is not published.
+  void PublishPath(const std::vector<StampedPose>& poses, const std::string& world_frame);
   bool map_wanted() const { return map_.getNumSubscribers() > 0; }
 
  private:
-  void PublishPose(const KeyframeOutput& output, size_t max_path_length);
+  void PublishPose(const KeyframeOutput& output);
   void PublishPictures(const KeyframeOutput& output, const std_msgs::Header& camera);
   void PublishKeyframeDepth(const KeyframeOutput& output, const std_msgs::Header& camera);
 
@@ -44,7 +46,6 @@ class OutputPublisher {
   ros::Publisher pose_;
   ros::Publisher path_;
   ros::Publisher keyframe_depth_;
-  std::deque<geometry_msgs::PoseStamped> path_poses_;
 };
 
 }  // namespace acmp

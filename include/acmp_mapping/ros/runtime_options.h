@@ -115,6 +115,7 @@ void VisitRuntimeParameters(Options& options, Config& config, const Visitor& vis
 
   visit("min_confidence", options.output.min_confidence, config.min_confidence);
   visit("max_keyframes", options.map.max_keyframes, config.max_keyframes);
+  visit("map_radius", options.map.map_radius, config.map_radius);
   visit("voxel_size", options.map.voxel_size, config.voxel_size);
   visit("map_publish_rate", options.output.map_publish_rate, config.map_publish_rate);
 }

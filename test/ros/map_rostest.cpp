@@ -1,0 +1,220 @@
+// A loop closure: the scene is mapped with poses that drift, then optimized_path brings the true ones.
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <limits>
+
+#include <gtest/gtest.h>
+#include <nav_msgs/Path.h>
+#include <pcl/point_types.h>
+#include <pcl_conversions/pcl_conversions.h>
+
+#include "acmp_mapping/ros/map_store.h"
+#include "ros/mapper_control.h"
+
+namespace acmp::test {
+namespace {
+
+constexpr double kTimeoutS = 60;
+constexpr size_t kViews = 6;
+constexpr double kVoxelSize = 0.05;  // as in the .test file
+
+/// Another world that slides on by a millimetre per view: little enough for neighbours to be matched.
+RigidTransform DriftAt(size_t view) {
+  RigidTransform drift = RigidTransform::Identity();
+  drift.translation() = Eigen::Vector3d(5, -3, 1) + Eigen::Vector3d(1e-3, 0, 0) * static_cast<double>(view);
+  drift.rotate(Eigen::AngleAxisd(0.5, Eigen::Vector3d::UnitZ()));
+  return drift;
+}
+
+PointCloud ToPointCloud(const sensor_msgs::PointCloud2& message) {
+  pcl::PointCloud<pcl::PointXYZRGBNormal> cloud;
+  pcl::fromROSMsg(message, cloud);
+  // PCL has no field for the confidence.
+  float confidence = 0;
+  PointCloud points;
+  for (size_t i = 0; i < cloud.size(); ++i) {
+    const auto& p = cloud[i];
+    std::memcpy(&confidence, message.data.data() + i * message.point_step + message.fields[7].offset, sizeof(float));
+    points.push_back({{p.x, p.y, p.z}, {p.normal_x, p.normal_y, p.normal_z}, {p.r, p.g, p.b}, confidence});
+  }
+  return points;
+}
+
+bool Near(const Vec3f& a, const Vec3f& b) {
+  // float32 of coordinates below 16; poses went through quaternions in double
+  constexpr float kTolerance = 2e-6f;
+  return std::abs(a.x - b.x) <= kTolerance && std::abs(a.y - b.y) <= kTolerance && std::abs(a.z - b.z) <= kTolerance;
+}
+
+bool Same(const PointCloud& a, const PointCloud& b) {
+  return a.size() == b.size() && std::equal(a.begin(), a.end(), b.begin(), [](const auto& p, const auto& q) {
+           return Near(p.position, q.position) && Near(p.normal, q.normal);
+         });
+}
+
+bool SamePoses(const nav_msgs::Path& path, const std::vector<RigidTransform>& poses) {
+  if (path.poses.size() != poses.size()) return false;
+  for (size_t i = 0; i < poses.size(); ++i) {
+    const geometry_msgs::Point& position = path.poses[i].pose.position;
+    const Eigen::Quaterniond expected(poses[i].linear());
+    const geometry_msgs::Quaternion& q = path.poses[i].pose.orientation;
+    // 1e-9: inverted, multiplied and turned into quaternions and back in double
+    if ((Eigen::Vector3d(position.x, position.y, position.z) - poses[i].translation()).norm() > 1e-9) return false;
+    if (std::abs(Eigen::Quaterniond(q.w, q.x, q.y, q.z).dot(expected)) < 1 - 1e-9) return false;
+  }
+  return true;
+}
+
+/// One run of the mapper up to the loop closure, for all cases.
+struct Session {
+  MapperControl mapper;
+  std::vector<RigidTransform> true_poses, drifted_poses;
+  Recorder<sensor_msgs::PointCloud2> points{mapper.nh, "points"};
+  Recorder<sensor_msgs::PointCloud2> map{mapper.nh, "map_points"};
+  Recorder<nav_msgs::Path> path{mapper.nh, "keyframe_path"};
+  ros::Publisher optimized_path = mapper.nh.advertise<nav_msgs::Path>("optimized_path", 2);
+  bool mapped = false;
+
+  Session() {
+    SyntheticSceneOptions scene;
+    scene.width = 64;
+    scene.height = 48;
+    scene.keyframes = kViews;
+    std::vector<ViewMessages> messages;
+    for (SyntheticView& view : MakeSyntheticScene(scene)) {
+      const RigidTransform drift = DriftAt(messages.size());
+      true_poses.push_back(view.frame.cam_from_world.inverse());
+      drifted_poses.push_back(drift * true_poses.back());
+      view.frame.cam_from_world = drifted_poses.back().inverse();
+      for (Eigen::Vector3d& landmark : view.frame.landmarks_in_world) landmark = drift * landmark;
+      messages.push_back(MakeMessages(view, StampOf(messages.size())));
+    }
+    const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
+    while (optimized_path.getNumSubscribers() == 0 && ros::WallTime::now() < end) ros::WallDuration(0.05).sleep();
+    mapped = mapper.WaitUntilReady(kTimeoutS) && points.WaitForPublisher(kTimeoutS) &&
+             map.WaitForPublisher(kTimeoutS) && path.WaitForPublisher(kTimeoutS) && mapper.Map(messages) == kViews &&
+             points.WaitForCount(kViews, kTimeoutS);
+  }
+
+  /// The map of the keyframes' points, as they were published, at these poses.
+  PointCloud ExpectedMap(const std::vector<RigidTransform>& poses) {
+    MapStore store({1000, kVoxelSize});
+    int64_t id = 0;
+    for (const auto& message : points.messages()) {
+      store.AddPoints(id, id, poses[static_cast<size_t>(id)], ToPointCloud(*message));
+      ++id;
+    }
+    return store.WorldCloud();
+  }
+
+  bool WaitForMap(const PointCloud& expected) {
+    return map.WaitUntil(
+        [&](const auto& messages) { return !messages.empty() && Same(ToPointCloud(*messages.back()), expected); },
+        kTimeoutS);
+  }
+
+  bool WaitForPath(const std::vector<RigidTransform>& poses) {
+    return path.WaitUntil([&](const auto& messages) { return !messages.empty() && SamePoses(*messages.back(), poses); },
+                          kTimeoutS);
+  }
+
+  /// As frontends send it: all poses each time, stamps through a double, an old-style frame.
+  nav_msgs::Path MakePath(const std::vector<RigidTransform>& poses) const {
+    nav_msgs::Path message;
+    message.header.frame_id = "/" + std::string(kWorldFrame);
+    for (size_t i = 0; i < poses.size(); ++i) {
+      geometry_msgs::PoseStamped pose;
+      pose.header.frame_id = message.header.frame_id;
+      pose.header.stamp = StampOf(i) + ros::Duration(0, i % 2 == 0 ? 119 : -119);
+      const Eigen::Quaterniond rotation(poses[i].linear());
+      pose.pose.position.x = poses[i].translation().x();
+      pose.pose.position.y = poses[i].translation().y();
+      pose.pose.position.z = poses[i].translation().z();
+      pose.pose.orientation.x = rotation.x();
+      pose.pose.orientation.y = rotation.y();
+      pose.pose.orientation.z = rotation.z();
+      pose.pose.orientation.w = rotation.w();
+      message.poses.push_back(pose);
+    }
+    return message;
+  }
+};
+
+class MapTest : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() { session_ = new Session(); }
+  static void TearDownTestSuite() { delete session_; }
+  void SetUp() override { ASSERT_TRUE(session_->mapped) << "the mapper did not answer in time"; }
+  static Session& session() { return *session_; }
+
+ private:
+  static Session* session_;
+};
+Session* MapTest::session_ = nullptr;
+
+constexpr char kCorrections[] = "loop corrections (paths that moved keyframes) = ";
+
+// In this order: each case begins where the one before ended.
+
+TEST_F(MapTest, A_TheMapIsWhereThePosesAre) {
+  const PointCloud expected = session().ExpectedMap(session().drifted_poses);
+  ASSERT_GT(expected.size(), 100u);
+  EXPECT_TRUE(session().WaitForMap(expected));
+  EXPECT_TRUE(session().WaitForPath(session().drifted_poses));
+}
+
+TEST_F(MapTest, B_AnOptimizedPathMovesMapAndPath) {
+  session().optimized_path.publish(session().MakePath(session().true_poses));
+  EXPECT_TRUE(session().WaitForPath(session().true_poses));
+  EXPECT_TRUE(session().WaitForMap(session().ExpectedMap(session().true_poses))) << "published again by itself";
+  EXPECT_EQ(session().map.messages().back()->header.frame_id, kWorldFrame);
+  EXPECT_TRUE(session().mapper.WaitForDiagnostic({kCorrections + std::string("1")}, kTimeoutS));
+  EXPECT_TRUE(session().mapper.WaitForDiagnostic({"keyframes re-posed", "= " + std::to_string(kViews)}, kTimeoutS));
+  EXPECT_TRUE(session().mapper.WaitForDiagnostic({"without a keyframe", "= 0 of 6"}, kTimeoutS));
+}
+
+TEST_F(MapTest, C_TheSamePathAgainPublishesNothing) {
+  session().path.Clear();
+  session().optimized_path.publish(session().MakePath(session().true_poses));
+  ASSERT_TRUE(session().mapper.WaitForDiagnostic({"optimized paths = 2 received"}, kTimeoutS));
+  EXPECT_EQ(session().mapper.DiagnosticValue("loop corrections (paths that moved keyframes)"), "1");
+  EXPECT_TRUE(session().path.messages().empty());
+}
+
+TEST_F(MapTest, D_BadPosesAndOtherFramesAreCounted) {
+  nav_msgs::Path path = session().MakePath(session().true_poses);
+  path.poses[1].pose.position.x = std::numeric_limits<double>::quiet_NaN();
+  path.poses[2].pose.orientation.w += 0.1;
+  path.poses[3].header.frame_id = "somewhere";
+  session().optimized_path.publish(path);
+  EXPECT_TRUE(session().mapper.WaitForDiagnostic({"dropped: bad_optimized_pose", "= 2", "norm"}, kTimeoutS));
+  EXPECT_TRUE(session().mapper.WaitForDiagnostic({"doubtful: optimized_path_frame", "\"somewhere\""}, kTimeoutS));
+  EXPECT_TRUE(session().mapper.WaitForLog({"bad_optimized_pose", "not finite"}, kTimeoutS));
+  EXPECT_EQ(session().mapper.DiagnosticValue("loop corrections (paths that moved keyframes)"), "1");
+}
+
+TEST_F(MapTest, E_APathOfOnePoseMovesOneKeyframe) {
+  std::vector<RigidTransform> poses = session().true_poses;
+  poses.resize(1);
+  poses[0].translation().z() += 2;
+  session().optimized_path.publish(session().MakePath(poses));
+  poses.insert(poses.end(), session().true_poses.begin() + 1, session().true_poses.end());
+  EXPECT_TRUE(session().WaitForPath(poses)) << "others keep what the earlier path gave them";
+  EXPECT_TRUE(session().WaitForMap(session().ExpectedMap(poses)));
+}
+
+TEST_F(MapTest, F_ResetForgetsCorrections) {
+  ASSERT_TRUE(session().mapper.Call("reset"));
+  EXPECT_TRUE(session().mapper.WaitForDiagnostic({"optimized paths = 0 received"}, kTimeoutS));
+}
+
+}  // namespace
+}  // namespace acmp::test
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  ros::init(argc, argv, "map_rostest");
+  return RUN_ALL_TESTS();
+}

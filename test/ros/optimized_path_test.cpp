@@ -1,0 +1,103 @@
+#include "acmp_mapping/ros/optimized_path.h"
+
+#include <limits>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "acmp_mapping/ros/pose_semantics.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+geometry_msgs::PoseStamped MakePose(double stamp_s, double x, const std::string& frame = "world") {
+  geometry_msgs::PoseStamped pose;
+  pose.header.stamp = ros::Time(stamp_s);
+  pose.header.frame_id = frame;
+  pose.pose.position.x = x;
+  pose.pose.orientation.w = 1;
+  return pose;
+}
+
+RigidTransform AsReceived(const RigidTransform& received) { return received; }
+
+struct Conversion {
+  std::vector<Drop> drops;
+  OptimizedPath path;
+  Conversion(const nav_msgs::Path& message, const std::string& world_frame)
+      : path(ToOptimizedPath(message, world_frame, &AsReceived, [this](const Drop& drop) { drops.push_back(drop); })) {}
+};
+
+TEST(OptimizedPath, TakesEachPosesOwnStamp) {
+  nav_msgs::Path message;
+  message.header.stamp = ros::Time(99);
+  message.poses = {MakePose(1.5, 1), MakePose(2.5, 2)};
+  const Conversion conversion(message, "world");
+  EXPECT_TRUE(conversion.drops.empty());
+  ASSERT_EQ(conversion.path.poses.size(), 2u);
+  EXPECT_EQ(conversion.path.poses[1].stamp_ns, 2500000000);
+  EXPECT_EQ(conversion.path.poses[1].world_from_cam.translation(), Eigen::Vector3d(2, 0, 0));
+  EXPECT_EQ(conversion.path.in_other_frame, 0u);
+}
+
+TEST(OptimizedPath, PosesMeanWhatThePoseInputMeans) {
+  nav_msgs::Path message;
+  message.poses = {MakePose(1, 3)};
+  PoseSemantics semantics;
+  semantics.direction = PoseSemantics::Direction::kCamFromWorld;
+  const OptimizedPath path = ToOptimizedPath(
+      message, "", [&](const RigidTransform& received) { return WorldFromCamera(semantics, received); },
+      [](const Drop&) {});
+  EXPECT_EQ(path.poses.at(0).world_from_cam.translation(), Eigen::Vector3d(-3, 0, 0));
+}
+
+TEST(OptimizedPath, RefusesBadPosesAndSaysWhich) {
+  nav_msgs::Path message;
+  message.poses = {MakePose(1, 1), MakePose(2, std::numeric_limits<double>::quiet_NaN()), MakePose(3, 3)};
+  message.poses.push_back(MakePose(4, 4));
+  message.poses.back().pose.orientation.w = 0.9;
+  const Conversion conversion(message, "world");
+  EXPECT_EQ(conversion.path.poses.size(), 2u) << "the others are used";
+  ASSERT_EQ(conversion.drops.size(), 2u);
+  EXPECT_EQ(conversion.drops[0].reason, "bad_optimized_pose");
+  EXPECT_THAT(conversion.drops[0].message, AllOf(HasSubstr("pose 2.000000000"), HasSubstr("not finite")));
+  EXPECT_THAT(conversion.drops[1].message, AllOf(HasSubstr("pose 4.000000000"), HasSubstr("norm is 0.9")));
+}
+
+TEST(OptimizedPath, WarnsOfAnotherFrame) {
+  nav_msgs::Path message;
+  message.header.frame_id = "/map";
+  message.poses = {MakePose(1, 1, "/world"), MakePose(2, 2, ""), MakePose(3, 3, "map")};
+  const Conversion conversion(message, "world");
+  EXPECT_EQ(conversion.path.poses.size(), 3u) << "used all the same";
+  EXPECT_EQ(conversion.path.in_other_frame, 2u)
+      << "a slash makes no difference; a nameless pose is in the path's frame";
+  EXPECT_EQ(conversion.path.other_frame, "map");
+  const Drop doubt = DescribeDoubt(conversion.path, ReposeResult(), "world", 1000000);
+  EXPECT_EQ(doubt.reason, "optimized_path_frame");
+  EXPECT_THAT(doubt.message, AllOf(HasSubstr("2 of 3"), HasSubstr("\"map\""), HasSubstr("\"world\"")));
+  EXPECT_EQ(Conversion(message, "").path.in_other_frame, 0u) << "nothing to compare with";
+}
+
+TEST(OptimizedPath, WarnsWhenNoStampFits) {
+  OptimizedPath path;
+  path.poses.resize(4);
+  ReposeResult result;
+  EXPECT_TRUE(DescribeDoubt(path, result, "world", 1000000).message.empty()) << "there are no keyframes yet";
+  result.nearest_gap_ns = 33400000;
+  EXPECT_THAT(DescribeDoubt(path, result, "world", 1000000).message,
+              AllOf(HasSubstr("none of the 4"), HasSubstr("within 1 ms"), HasSubstr("33.4 ms away")));
+  result.named = 1;
+  EXPECT_TRUE(DescribeDoubt(path, result, "world", 1000000).message.empty());
+}
+
+TEST(OptimizedPath, ToleratesRoundedStampsInAnyCase) {
+  EXPECT_EQ(PathToleranceNs(0.001), 1000000);
+  EXPECT_EQ(PathToleranceNs(0), 1000) << "a double is up to 119 ns off";
+}
+
+}  // namespace
+}  // namespace acmp
