@@ -7,6 +7,7 @@ import os
 import re
 import sys
 import unittest
+import xml.etree.ElementTree
 
 import roslaunch.config
 import roslaunch.xmlloader
@@ -14,6 +15,10 @@ import yaml
 
 SOURCE = os.path.abspath(sys.argv.pop(1))
 NAMESPACE = "/acmp/"
+FRONTENDS = ["kimera_vio.launch", "okvis.launch", "openvins.launch", "orb_slam3_ros.launch",
+             "orb_slam3_ros_wrapper.launch", "orb_slam_2_ros.launch", "ov2slam.launch", "rtabmap.launch",
+             "stella_vslam_ros.launch", "vins_fusion.launch", "vins_mono.launch"]
+CONSUMERS = ["depth_image_proc.launch", "nvblox.launch", "rtabmap_keyframes.launch", "voxblox.launch"]
 
 
 def interface_names():
@@ -39,10 +44,27 @@ def node_names(config):
     return sorted(node.namespace + node.name for node in config.nodes)
 
 
+def launch_arguments(launch):
+    """Names and defaults of a launch file's own arguments; without a default: None."""
+    return {arg.get("name"): arg.get("default")
+            for arg in xml.etree.ElementTree.parse(os.path.join(SOURCE, "launch", launch)).getroot().findall("arg")}
+
+
+def mapper_parameters(config):
+    prefix = NAMESPACE + "dense_mapper/"
+    return {name[len(prefix):]: param.value for name, param in config.params.items() if name.startswith(prefix)}
+
+
 class LaunchFiles(unittest.TestCase):
     def test_all_are_tested_here(self):
-        names = sorted(os.path.basename(path) for path in glob.glob(os.path.join(SOURCE, "launch/*.launch")))
-        self.assertEqual(names, ["demo.launch", "dense_mapper.launch"])
+        paths = glob.glob(os.path.join(SOURCE, "launch/**/*.launch"), recursive=True)
+        names = sorted(os.path.relpath(path, os.path.join(SOURCE, "launch")) for path in paths)
+        self.assertEqual(names, sorted(["demo.launch", "dense_mapper.launch"] + ["frontends/" + n for n in FRONTENDS] +
+                                       ["consumers/" + n for n in CONSUMERS]))
+
+    def test_names_are_unique(self):
+        names = FRONTENDS + CONSUMERS  # "roslaunch acmp_mapping NAME" looks in all folders
+        self.assertEqual(len(names), len(set(names)))
 
     def test_mapper_as_nodelet_and_alone(self):
         self.assertEqual(node_names(load("dense_mapper.launch")), ["/acmp/dense_mapper", "/acmp/manager"])
@@ -56,11 +78,12 @@ class LaunchFiles(unittest.TestCase):
             self.assertIn('name="%s"' % mapper.args.split()[1], file.read())
 
     def test_remaps_are_inputs(self):
-        arguments = ["image:=/a", "camera_info:=/b", "pose:=/c", "sparse_points:=/d"]
-        mapper = [node for node in load("dense_mapper.launch", *arguments).nodes if node.name == "dense_mapper"][0]
-        remaps = dict(mapper.remap_args)
-        self.assertEqual(set(remaps.values()), {"/a", "/b", "/c", "/d"})
-        self.assertLessEqual(set(remaps), interface_names())
+        inputs = [name for name, value in launch_arguments("dense_mapper.launch").items() if value and value[0] == "/"]
+        self.assertIn("image", inputs)
+        self.assertLessEqual(set(inputs), interface_names())
+        config = load("dense_mapper.launch", *["%s:=/given/%s" % (name, name) for name in inputs])
+        mapper = [node for node in config.nodes if node.name == "dense_mapper"][0]
+        self.assertEqual(dict(mapper.remap_args), {name: "/given/" + name for name in inputs})
 
     def test_parameters_are_known(self):
         overrides = {"device": "cpu", "image_transport": "compressed", "pose_is": "T_cam_world",
@@ -95,6 +118,64 @@ class LaunchFiles(unittest.TestCase):
     def test_demo_needs_a_bag(self):
         with self.assertRaises(Exception):
             load("demo.launch")
+
+
+class Frontends(unittest.TestCase):
+    def test_each_has_parameters(self):
+        paths = glob.glob(os.path.join(SOURCE, "config/frontends/*.yaml"))
+        self.assertEqual(sorted(os.path.basename(path) for path in paths),
+                         [name.replace(".launch", ".yaml") for name in FRONTENDS])
+
+    def test_its_parameters_are_loaded_over_the_others(self):
+        for launch in FRONTENDS:
+            with self.subTest(launch):
+                with open(os.path.join(SOURCE, "config/frontends", launch.replace(".launch", ".yaml"))) as file:
+                    own = yaml.safe_load(file)
+                self.assertLessEqual(set(own), parameter_names())
+                loaded = mapper_parameters(load("frontends/" + launch))
+                self.assertEqual({name: loaded[name] for name in own}, own)
+                self.assertEqual(set(loaded), set(mapper_parameters(load("dense_mapper.launch"))))
+
+    def test_its_topics_reach_the_mapper(self):
+        for launch in FRONTENDS:
+            with self.subTest(launch):
+                mapper = [n for n in load("frontends/" + launch).nodes if n.name == "dense_mapper"][0]
+                remaps = dict(mapper.remap_args)
+                topics = {name: value.replace("$(arg node)", "orb_slam2_mono")
+                          for name, value in launch_arguments("frontends/" + launch).items()
+                          if value and value.startswith("/") and name in interface_names()}
+                self.assertGreaterEqual(len(topics), 3)
+                self.assertEqual({name: remaps[name] for name in topics}, topics)
+
+    def test_arguments_of_the_mapper_still_count(self):
+        for launch in FRONTENDS:
+            with self.subTest(launch):
+                values = mapper_parameters(load("frontends/" + launch, "device:=cpu", "preset:=online",
+                                                "pose_child:=camera_flu"))
+                self.assertEqual([values[name] for name in ("device", "preset", "pose_child")],
+                                 ["cpu", "online", "camera_flu"])
+
+    def test_extrinsic_as_argument(self):
+        matrix = [0.5, 0, 0, 1, 0, 1, 0, 2, 0, 0, 1, 3, 0, 0, 0, 1]
+        values = mapper_parameters(load("frontends/okvis.launch", "T_body_cam:=%s" % matrix))
+        self.assertEqual(values["T_body_cam"], matrix)
+
+
+class Consumers(unittest.TestCase):
+    def test_they_read_outputs(self):
+        arguments = {"nvblox.launch": ["camera_frame:=cam"], "rtabmap_keyframes.launch": ["camera_frame:=cam"]}
+        made_here = {"keyframe_transform"}  # by a node of the launch file
+        for launch in CONSUMERS:
+            with self.subTest(launch):
+                nodes = load("consumers/" + launch, *arguments.get(launch, [])).nodes
+                remaps = [remap for node in nodes for remap in node.remap_args]
+                self.assertTrue(remaps)
+                for source, target in remaps:
+                    relative = target[len(NAMESPACE):] if target.startswith(NAMESPACE) else target
+                    if source.endswith("depth_registered/points"):
+                        continue  # what it publishes
+                    self.assertIn(relative, interface_names() | made_here | {"rgb/camera_info"})
+                self.assertEqual({node.namespace for node in nodes}, {NAMESPACE})
 
 
 class RvizConfig(unittest.TestCase):
