@@ -4,6 +4,7 @@
 #include <tuple>
 
 #include <nav_msgs/Odometry.h>
+#include <nav_msgs/Path.h>
 #include <pcl/point_types.h>
 #include <pcl_conversions/pcl_conversions.h>
 #include <tf2_msgs/TFMessage.h>
@@ -137,6 +138,10 @@ FrontendPlayer::FrontendPlayer(ros::NodeHandle nh, const FrontendTraits& traits,
     extrinsic_ = nh.advertise<nav_msgs::Odometry>(traits.extrinsic_topic, 100);
     connected_.push_back(extrinsic_);
   }
+  if (!traits.path_topic.empty()) {
+    path_ = nh.advertise<nav_msgs::Path>(traits.path_topic, 100);
+    connected_.push_back(path_);
+  }
   if (!traits.static_transforms.empty()) static_tf_ = nh.advertise<tf2_msgs::TFMessage>("/tf_static", 100, true);
 }
 
@@ -196,6 +201,19 @@ void FrontendPlayer::Play() const {
     PublishPoses(posed);
     PublishCloud(posed);
   }
+}
+
+void FrontendPlayer::PublishPath(const RigidTransform& correction) const {
+  nav_msgs::Path path;
+  for (size_t i = 0; i < world_from_cam_.size(); ++i) {
+    geometry_msgs::PoseStamped pose;
+    pose.header.stamp = Rounded(stamps_[i], traits_.pose_stamp);
+    pose.header.frame_id = traits_.path_frame;
+    pose.pose = ToPose(correction * ToTransform(poses_[i]));
+    path.poses.push_back(pose);
+  }
+  path.header = path.poses.back().header;
+  path_.publish(path);
 }
 
 void FrontendPlayer::PublishPoses(size_t view) const {

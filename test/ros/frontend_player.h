@@ -32,6 +32,9 @@ class FrontendPlayer {
 
   void Play() const;
 
+  /// A loop closure: all poses again, in a world that has moved by `correction`. Needs a path_topic.
+  void PublishPath(const RigidTransform& correction) const;
+
  private:
   /// One image of the camera.
   struct CameraImage {
@@ -56,7 +59,7 @@ class FrontendPlayer {
   std::vector<std::vector<Eigen::Vector3f>> observed_;  ///< points of each image, in the scene's world
   std::vector<Eigen::Vector3f> map_;                    ///< all of them, in the scene's world
   std::vector<ros::Publisher> connected_;               ///< those that the mapper has to subscribe to
-  ros::Publisher image_, camera_info_, pose_, cloud_, extrinsic_, static_tf_;
+  ros::Publisher image_, camera_info_, pose_, cloud_, extrinsic_, path_, static_tf_;
 };
 
 }  // namespace acmp::test

@@ -48,11 +48,15 @@ FrontendTraits VinsMono() {
   FrontendTraits vins = Vins("vins_mono");
   // The tf that it broadcasts: its name of the camera is not that of the images.
   vins.static_transforms = {{"body", "camera", ImuFromCamera()}};
+  vins.path_topic = "/pose_graph/pose_graph_path";
+  vins.path_frame = "world";
   return vins;
 }
 
 FrontendTraits VinsFusion() {
   FrontendTraits vins = Vins("vins_fusion");
+  vins.path_topic = "/loop_fusion/pose_graph_path";
+  vins.path_frame = "world";
   vins.cloud_frame = "world";
   return vins;
 }
@@ -158,6 +162,8 @@ FrontendTraits KimeraVio() {
   kimera.cloud_topic = "/kimera_vio_ros/time_horizon_pointcloud";
   kimera.cloud_frame = "world";
   kimera.cloud_stamp = StampRounding::kMicroseconds;
+  kimera.path_topic = "/kimera_vio_ros/optimized_trajectory";
+  kimera.path_frame = "map";
   kimera.static_transforms = {{"base_link", "left_cam", ImuFromCamera()}};
   return kimera;
 }
@@ -196,6 +202,8 @@ FrontendTraits OpenVins() {
   openvins.cloud_frame = "global";
   openvins.cloud_stamp = StampRounding::kDouble;
   openvins.extrinsic_topic = "/ov_msckf/loop_extrinsic";
+  openvins.path_topic = "/loop_fusion/pose_graph_path";
+  openvins.path_frame = "global";
   return openvins;
 }
 

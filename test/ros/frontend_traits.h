@@ -54,6 +54,8 @@ struct FrontendTraits {
   bool whole_map = false;    ///< else what the image observes
   bool zero_points = false;  ///< (0, 0, 0) among the points
 
+  std::string path_topic, path_frame;  ///< nav_msgs/Path of its poses after loop closure, stamped as they; empty: none
+
   std::string extrinsic_topic;  ///< nav_msgs/Odometry with child_from_cam; empty: none
   std::vector<StaticTransform> static_transforms;
 

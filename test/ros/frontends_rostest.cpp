@@ -12,6 +12,7 @@
 
 #include <geometry_msgs/PoseStamped.h>
 #include <gtest/gtest.h>
+#include <nav_msgs/Path.h>
 #include <std_srvs/Trigger.h>
 
 #include "acmp_mapping/backend/make_depth_engine.h"
@@ -113,6 +114,34 @@ class FrontendTest : public ::testing::Test {
     ASSERT_TRUE(depth_.WaitForCount(kKeyframes, kTimeoutS)) << depth_.messages().size() << " depth maps";
   }
 
+  void ExpectPose(const ros::Time& stamp, const geometry_msgs::Pose& pose, const RigidTransform& correction) const {
+    size_t view = 0;
+    while (view + 1 < kKeyframes && player_.stamp(view) != stamp) ++view;
+    const geometry_msgs::Quaternion& q = pose.orientation;
+    const RigidTransform received = CheckedTransform(
+        Eigen::Quaterniond(q.w, q.x, q.y, q.z), Eigen::Vector3d(pose.position.x, pose.position.y, pose.position.z));
+    const RigidTransform expected = correction * player_.world_from_cam().at(view);
+    // Some products of rotations and a quaternion, all in double.
+    EXPECT_LT((received.matrix() - expected.matrix()).cwiseAbs().maxCoeff(), 1e-12) << stamp;
+  }
+
+  void ExpectPathToMoveTheKeyframes() {
+    RigidTransform correction(Eigen::AngleAxisd(0.5, Eigen::Vector3d::UnitZ()));
+    correction.translation() << 1, 2, 3;
+    Recorder<nav_msgs::Path> path(nh_, "/acmp/keyframe_path");
+    player_.PublishPath(correction);
+    const Eigen::Vector3d first = (correction * player_.world_from_cam().front()).translation();
+    ASSERT_TRUE(path.WaitUntil(
+        [&](const std::vector<nav_msgs::PathConstPtr>& paths) {
+          if (paths.empty() || paths.back()->poses.size() != kKeyframes) return false;
+          const geometry_msgs::Point& p = paths.back()->poses.front().pose.position;
+          return (Eigen::Vector3d(p.x, p.y, p.z) - first).norm() < 0.01;
+        },
+        kTimeoutS))
+        << "the keyframes do not follow " << traits_.path_topic;
+    for (const auto& pose : path.messages().back()->poses) ExpectPose(pose.header.stamp, pose.pose, correction);
+  }
+
   ros::NodeHandle nh_;
   ros::AsyncSpinner spinner_{1};
   const FrontendTraits& traits_ = FindFrontend(Name());
@@ -140,15 +169,9 @@ TEST_F(FrontendTest, MapsAreThoseOfThePlainMessages) {
 
   for (const auto& message : pose_.messages()) {
     EXPECT_EQ(message->header.frame_id, traits_.world_frame);
-    size_t view = 0;
-    while (view + 1 < kKeyframes && player_.stamp(view) != message->header.stamp) ++view;
-    const geometry_msgs::Point& p = message->pose.position;
-    const geometry_msgs::Quaternion& q = message->pose.orientation;
-    const RigidTransform received =
-        CheckedTransform(Eigen::Quaterniond(q.w, q.x, q.y, q.z), Eigen::Vector3d(p.x, p.y, p.z));
-    // Some products of rotations and a quaternion, all in double.
-    EXPECT_LT((received.matrix() - player_.world_from_cam()[view].matrix()).cwiseAbs().maxCoeff(), 1e-12);
+    ExpectPose(message->header.stamp, message->pose, RigidTransform::Identity());
   }
+  if (!traits_.path_topic.empty()) ExpectPathToMoveTheKeyframes();
 }
 
 }  // namespace
