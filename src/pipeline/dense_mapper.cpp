@@ -44,7 +44,7 @@ void Validate(const DenseMapperOptions& options) {
 }
 
 void Validate(const ShardOptions& shard) {
-  CheckRange("shard_count", shard.count, 1, 64);
+  CheckRange("shard_count", shard.count, 1, kMaxShards);
   CheckRange("shard_index", shard.index, 0, shard.count - 1);
 }
 

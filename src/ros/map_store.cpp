@@ -49,7 +49,10 @@ void MapStore::Add(int64_t id, const RigidTransform& world_from_cam, const Point
 
   std::lock_guard<std::mutex> lock(mutex_);
   points_ += thinned->size();
-  keyframes_.push_back({id, world_from_cam, std::move(thinned)});
+  // In the order of ids: the map does not depend on which keyframe was finished first.
+  const auto place = std::upper_bound(keyframes_.begin(), keyframes_.end(), id,
+                                      [](int64_t i, const Keyframe& keyframe) { return i < keyframe.id; });
+  keyframes_.insert(place, {id, world_from_cam, std::move(thinned)});
   while (keyframes_.size() > static_cast<size_t>(options_.max_keyframes)) {
     points_ -= keyframes_.front().points_in_camera->size();
     keyframes_.pop_front();

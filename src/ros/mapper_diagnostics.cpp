@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/ros/topic_names.h"
 
 namespace acmp {
 namespace {
@@ -108,6 +109,24 @@ void DescribeMap(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* status
   status->add("voxel size [unit of the poses]", snapshot.map.voxel_size);
 }
 
+void DescribeShards(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* status) {
+  status->summary(DiagnosticStatus::OK, Concat("shard ", snapshot.shard.index, " of ", snapshot.shard.count));
+  status->add("refinements that wait for other shards", snapshot.worker.waiting);
+  for (const PeerStatus& peer : snapshot.peers) {
+    const double silent_s = snapshot.now_s - peer.last_received_s;
+    status->add(Concat("shard ", peer.index),
+                Concat(peer.received, " messages, the last ", WholeSeconds(silent_s), " s ago"));
+    if (peer.received == 0 && silent_s > kSilentS) {
+      status->mergeSummary(DiagnosticStatus::WARN,
+                           Concat("nothing yet from shard ", peer.index, " of ", snapshot.shard.count, " on ",
+                                  names::kKeyframeEstimates, ": is it running, and the topic the same?"));
+    } else if (silent_s > kSilentS) {
+      status->mergeSummary(DiagnosticStatus::WARN,
+                           Concat("nothing from shard ", peer.index, " for ", WholeSeconds(silent_s), " s"));
+    }
+  }
+}
+
 MapperDiagnostics::MapperDiagnostics(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh,
                                      const std::string& name, std::function<MapperSnapshot()> take_snapshot)
     : take_snapshot_(std::move(take_snapshot)), updater_(nh, private_nh, name) {
@@ -120,6 +139,7 @@ MapperDiagnostics::MapperDiagnostics(const ros::NodeHandle& nh, const ros::NodeH
   add("matching", &DescribeMatching);
   add("mapping", &DescribeMapping);
   add("map", &DescribeMap);
+  if (snapshot_.shard.count > 1) add("shards", &DescribeShards);
   timer_ = nh.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { Update(); });
 }
 

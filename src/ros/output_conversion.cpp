@@ -2,11 +2,14 @@
 
 #include <cmath>
 #include <cstring>
+#include <iterator>
 #include <limits>
 
 #include <sensor_msgs/image_encodings.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
 #include <boost/make_shared.hpp>
+
+#include "acmp_mapping/common/error.h"
 
 namespace acmp {
 namespace {
@@ -96,13 +99,21 @@ sensor_msgs::CameraInfoPtr ToCameraInfo(const PinholeCamera& camera, const std_m
   return info;
 }
 
+namespace {
+
+/// A point of the topics' clouds.
+struct Packed {
+  float x, y, z;
+  uint8_t b, g, r, zero;  // little-endian 0x00rrggbb, as PCL reads it
+  float normal_x, normal_y, normal_z, confidence;
+};
+static_assert(sizeof(Packed) == 32, "eight float32 fields");
+
+constexpr const char* kPackedFields[] = {"x", "y", "z", "rgb", "normal_x", "normal_y", "normal_z", "confidence"};
+
+}  // namespace
+
 sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_msgs::Header& header) {
-  struct Packed {
-    float x, y, z;
-    uint8_t b, g, r, zero;  // little-endian 0x00rrggbb, as PCL reads it
-    float normal_x, normal_y, normal_z, confidence;
-  };
-  static_assert(sizeof(Packed) == 32, "eight float32 fields");
   auto message = boost::make_shared<sensor_msgs::PointCloud2>();
   message->header = header;
   sensor_msgs::PointCloud2Modifier modifier(*message);
@@ -117,6 +128,31 @@ sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_m
                  p.normal.x,   p.normal.y,   p.normal.z,   p.confidence};
   }
   return message;
+}
+
+PointCloud ToPointCloud(const sensor_msgs::PointCloud2& message) {
+  const auto fits = [&](size_t i) {
+    const sensor_msgs::PointField& field = message.fields[i];
+    return field.name == kPackedFields[i] && field.offset == i * sizeof(float) &&
+           field.datatype == sensor_msgs::PointField::FLOAT32;
+  };
+  constexpr size_t kFields = std::size(kPackedFields);
+  bool known = message.fields.size() == kFields && message.point_step == sizeof(Packed) && !message.is_bigendian;
+  for (size_t i = 0; known && i < kFields; ++i) known = fits(i);
+  const size_t count = static_cast<size_t>(message.width) * message.height;
+  if (!known || message.data.size() != count * sizeof(Packed)) {
+    throw InvalidInputError(Concat("cloud with ", message.fields.size(), " fields, ", message.point_step,
+                                   " bytes per point and ", message.data.size(), " bytes for ", count,
+                                   " points: must be as this package's topic points has it"));
+  }
+  PointCloud points;
+  points.reserve(count);
+  for (size_t i = 0; i < count; ++i) {
+    Packed p;
+    std::memcpy(&p, message.data.data() + i * sizeof(Packed), sizeof(Packed));
+    points.push_back({{p.x, p.y, p.z}, {p.normal_x, p.normal_y, p.normal_z}, {p.r, p.g, p.b}, p.confidence});
+  }
+  return points;
 }
 
 }  // namespace acmp

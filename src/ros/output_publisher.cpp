@@ -49,7 +49,7 @@ sensor_msgs::ImagePtr ToConfidenceMessage(const KeyframeOutput& output, const st
 
 }  // namespace
 
-OutputPublisher::OutputPublisher(ros::NodeHandle nh, const std::function<void()>& on_map_subscriber) : transport_(nh) {
+OutputPublisher::OutputPublisher(ros::NodeHandle nh) : transport_(nh) {
   depth_fast_ = transport_.advertiseCamera(names::kDepthFast, kQueue);
   depth_ = transport_.advertiseCamera(names::kDepth, kQueue);
   color_ = transport_.advertiseCamera(names::kColor, kQueue);
@@ -63,11 +63,6 @@ OutputPublisher::OutputPublisher(ros::NodeHandle nh, const std::function<void()>
   pose_ = nh.advertise<geometry_msgs::PoseStamped>(names::kKeyframePose, kQueue);
   path_ = nh.advertise<nav_msgs::Path>(names::kKeyframePath, 1, true);
   keyframe_depth_ = nh.advertise<acmp_mapping::KeyframeDepth>(names::kKeyframeDepth, kQueue);
-  const ros::SubscriberStatusCallback on_connect = [on_map_subscriber](const ros::SingleSubscriberPublisher&) {
-    on_map_subscriber();
-  };
-  map_ = nh.advertise<sensor_msgs::PointCloud2>(names::kMapPoints, 1, on_connect, ros::SubscriberStatusCallback(),
-                                                ros::VoidConstPtr(), true);
 }
 
 void OutputPublisher::PublishFast(const KeyframeOutput& output, size_t max_path_length) {
@@ -95,10 +90,6 @@ void OutputPublisher::PublishRefined(const KeyframeOutput& output) {
   PublishPictures(output, camera);
   if (points_.getNumSubscribers() > 0) points_.publish(ToCloudMessage(output.points_in_camera, camera));
   PublishKeyframeDepth(output, camera);
-}
-
-void OutputPublisher::PublishMap(const PointCloud& map, const std::string& world_frame, int64_t stamp_ns) {
-  map_.publish(ToCloudMessage(map, MakeHeader(stamp_ns, world_frame)));
 }
 
 void OutputPublisher::PublishPose(const KeyframeOutput& output, size_t max_path_length) {

@@ -116,6 +116,43 @@ TEST(NodeOptions, RefusesBadValuesAndNamesThem) {
   EXPECT_THAT(NodeRefusal({{"pose_child", std::string("body")}}), HasSubstr("T_body_cam"));
 }
 
+TEST(NodeOptions, ShardsAreChecked) {
+  ParameterReader reader(Struct({{"shard_index", 2}, {"shard_count", 3}, {"shard_timeout", 60}}));
+  const NodeOptions options = LoadNodeOptions(&reader);
+  EXPECT_EQ(options.shard.index, 2);
+  EXPECT_EQ(options.shard.count, 3);
+  EXPECT_EQ(options.shard_timeout_s, 60);
+  EXPECT_THAT(NodeRefusal({{"shard_count", 0}}), AllOf(HasSubstr("~shard_count = 0"), HasSubstr("64")));
+  EXPECT_THAT(NodeRefusal({{"shard_index", 1}}), AllOf(HasSubstr("~shard_index = 1"), HasSubstr("[0, 0]")));
+  EXPECT_THAT(NodeRefusal({{"shard_timeout", 0}}), HasSubstr("~shard_timeout = 0"));
+  EXPECT_THAT(NodeRefusal({{"shard_count", 2}, {"overload", std::string("skip_if_busy")}}),
+              AllOf(HasSubstr("skip_if_busy"), HasSubstr("~shard_count")));
+}
+
+TEST(MapMergerOptions, AreReadAndChecked) {
+  ParameterReader reader(Struct({{"max_keyframes", 7},
+                                 {"voxel_size", 0.25},
+                                 {"map_publish_rate", 2},
+                                 {"shard_timeout", 1.5},
+                                 {"on_time_jump", std::string("reset")}}));
+  const MapMergerOptions options = LoadMapMergerOptions(&reader);
+  EXPECT_NO_THROW(reader.CheckUnknown());
+  EXPECT_EQ(options.map.max_keyframes, 7);
+  EXPECT_EQ(options.map.voxel_size, 0.25);
+  EXPECT_EQ(options.map_publish_rate, 2);
+  EXPECT_EQ(options.shard_timeout_s, 1.5);
+  EXPECT_EQ(options.on_time_jump, TimeJumpPolicy::kReset);
+  const auto refusal = [](const std::map<std::string, XmlRpcValue>& members) {
+    return Refusal([&] {
+      ParameterReader bad(Struct(members));
+      LoadMapMergerOptions(&bad);
+    });
+  };
+  EXPECT_THAT(refusal({{"max_keyframes", 0}}), HasSubstr("max_keyframes = 0"));
+  EXPECT_THAT(refusal({{"map_publish_rate", 31}}), HasSubstr("map_publish_rate = 31"));
+  EXPECT_THAT(refusal({{"on_time_jump", std::string("keep")}}), HasSubstr("keep"));
+}
+
 XmlRpcValue Matrix(const std::vector<double>& numbers, bool nested) {
   XmlRpcValue value;
   for (int i = 0; i < static_cast<int>(numbers.size()); ++i) {

@@ -29,8 +29,9 @@ void Validate(const DenseMapperOptions& options);
 /// Several mappers that get the same keyframes can share the work: keyframe `id` belongs to shard id % count.
 struct ShardOptions {
   int index = 0;  ///< which of them this one is, 0..count-1
-  int count = 1;  ///< 1..64; 1: no sharing
+  int count = 1;  ///< 1..kMaxShards; 1: no sharing
 };
+constexpr int kMaxShards = 64;
 void Validate(const ShardOptions& shard);
 
 enum class EstimateStage {

@@ -13,10 +13,12 @@
 #include "acmp_mapping/ros/incident_log.h"
 #include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
+#include "acmp_mapping/ros/map_output.h"
 #include "acmp_mapping/ros/mapper_diagnostics.h"
 #include "acmp_mapping/ros/mapper_services.h"
 #include "acmp_mapping/ros/mapper_worker.h"
 #include "acmp_mapping/ros/output_publisher.h"
+#include "acmp_mapping/ros/shard_exchange.h"
 #include "acmp_mapping/ros/shared_options.h"
 
 namespace acmp {
@@ -24,7 +26,7 @@ namespace acmp {
 /// Wires topics, services and parameters to the mapper; see docs/ for all of them.
 ///
 /// Threads: one for input callbacks, which only buffer; the worker, which matches and publishes keyframes; one for
-/// services, which also publishes the map; one for diagnostics and dynamic_reconfigure.
+/// services, which also publishes the map; one for diagnostics and dynamic_reconfigure; one for what other shards send.
 ///
 /// Locks: delivery_mutex_ keeps "take from the intake, hand to the worker" in order and may be held while the worker's
 /// queue blocks; intake_mutex_ guards the intake for a moment. Where both are needed delivery_mutex_ comes first. All
@@ -36,6 +38,7 @@ class DenseMapperNodelet : public nodelet::Nodelet {
  private:
   void onInit() override;
   void LoadOptions();
+  void StartExchange(MapperWorker::Hooks* hooks);
   void StartWorker();
   void Subscribe();
   void StartServices();
@@ -53,9 +56,6 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   void Deliver(bool all = false);
   void Dispatch(IntakeEvent event);
   void ReportDrop(const Drop& drop);
-  /// Number of points; nothing is published before the first keyframe.
-  size_t PublishMap();
-  size_t SaveMap(const acmp_mapping::SaveMap::Request& request);
   std::string Reset();
   MapperSnapshot TakeSnapshot();
 
@@ -63,11 +63,13 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   CallbackThread input_thread_;
   CallbackThread service_thread_;
   CallbackThread status_thread_;
+  CallbackThread exchange_thread_;
 
   NodeOptions options_;
   std::unique_ptr<SharedOptions> runtime_options_;
   std::unique_ptr<MapStore> map_;
   std::unique_ptr<OutputPublisher> publisher_;
+  std::unique_ptr<MapOutput> map_output_;
   IncidentLog drops_;
   std::atomic<bool> paused_{false};
   std::atomic<uint64_t> matched_{0};
@@ -78,16 +80,8 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   mutable std::mutex intake_mutex_;
   std::unique_ptr<KeyframeIntake> intake_;
 
-  // What the map needs to be published: written by the worker, read by the services' thread.
-  std::mutex map_header_mutex_;
-  std::string map_frame_;
-  int64_t map_stamp_ns_ = 0;
-
-  // Used by the services' thread alone.
-  uint64_t published_version_ = 0;
-  double next_map_publish_s_ = 0;
-  std::atomic<bool> map_requested_{false};  ///< a new subscriber: publish even if nothing has changed
-
+  KeyframeNumbers numbers_;
+  std::unique_ptr<ShardExchange> exchange_;  ///< null without other shards
   std::unique_ptr<MapperWorker> worker_;
   ros::WallTimer deliver_timer_;
   std::unique_ptr<InputSource> image_source_, camera_info_source_, pose_source_, cloud_source_;

@@ -11,6 +11,7 @@
 #include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/map_store.h"
 #include "acmp_mapping/ros/mapper_worker.h"
+#include "acmp_mapping/ros/shard_exchange.h"
 
 namespace acmp {
 
@@ -28,13 +29,16 @@ struct MapperSnapshot {
   WorkerStatus worker;
   MapStatistics map;
   std::map<std::string, IncidentLog::Entry> drops;
+  ShardOptions shard;
+  std::vector<PeerStatus> peers;
 };
 
-/// One status each, without a master: "inputs", "matching", "mapping", "map".
+/// One status each, without a master: "inputs", "matching", "mapping", "map"; with several shards "shards".
 void DescribeInputs(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
 void DescribeMatching(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
 void DescribeMapping(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
 void DescribeMap(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
+void DescribeShards(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
 
 /// Publishes them on /diagnostics once a second of wall time, so that a paused or jumping clock does not silence it.
 class MapperDiagnostics {

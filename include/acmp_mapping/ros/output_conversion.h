@@ -25,5 +25,7 @@ sensor_msgs::CameraInfoPtr ToCameraInfo(const PinholeCamera& camera, const std_m
 
 /// x y z rgb normal_x normal_y normal_z confidence, all float32 (rgb packed as PCL does); unordered.
 sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_msgs::Header& header);
+/// Back again, without a change. Throws InvalidInputError for a message of any other layout.
+PointCloud ToPointCloud(const sensor_msgs::PointCloud2& message);
 
 }  // namespace acmp

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <deque>
-#include <functional>
 
 #include <geometry_msgs/PoseStamped.h>
 #include <image_transport/image_transport.h>
@@ -11,18 +10,14 @@
 
 namespace acmp {
 
-/// All output topics. A message is only made when somebody listens. Methods belong to the worker thread;
-/// PublishMap may run in another one, since ros::Publisher is thread-safe.
+/// All output topics but the map's. A message is only made when somebody listens. Methods belong to the worker thread.
 class OutputPublisher {
  public:
-  /// @param on_map_subscriber called when somebody subscribes to the map
-  OutputPublisher(ros::NodeHandle nh, const std::function<void()>& on_map_subscriber);
+  explicit OutputPublisher(ros::NodeHandle nh);
 
   void PublishFast(const KeyframeOutput& output, size_t max_path_length);
   void PublishRefined(const KeyframeOutput& output);
-  void PublishMap(const PointCloud& map, const std::string& world_frame, int64_t stamp_ns);
   void ClearPath() { path_poses_.clear(); }
-  bool map_wanted() const { return map_.getNumSubscribers() > 0; }
 
  private:
   void PublishPose(const KeyframeOutput& output, size_t max_path_length);
@@ -40,7 +35,6 @@ class OutputPublisher {
   image_transport::Publisher normal_picture_;
   ros::Publisher depth_millimetres_;
   ros::Publisher points_;
-  ros::Publisher map_;
   ros::Publisher pose_;
   ros::Publisher path_;
   ros::Publisher keyframe_depth_;
