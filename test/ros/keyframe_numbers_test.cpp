@@ -47,6 +47,25 @@ TEST(KeyframeNumbers, WhoStartsLaterCatchesUpWithTheOther) {
   EXPECT_EQ(late.Assign(Stamp(500)), 500);
 }
 
+TEST(KeyframeNumbers, AreTakenFromAPeerThatIsAhead) {
+  KeyframeNumbers numbers;
+  numbers.Assign(Stamp(7));  // the first that came here
+  for (const int64_t i : {8, 10, 11}) EXPECT_EQ(numbers.Compare(i, Stamp(i)), "");
+  EXPECT_EQ(numbers.Assign(Stamp(8)), 8);
+  EXPECT_EQ(numbers.Assign(Stamp(9)), 9);
+  EXPECT_EQ(numbers.Assign(Stamp(11)), 11) << "10 did not come";
+  EXPECT_EQ(numbers.Assign(Stamp(12)), 12);
+}
+
+TEST(KeyframeNumbers, NeverGiveAKeyframeTheNumberOfAnother) {
+  KeyframeNumbers numbers;
+  for (const int64_t i : {0, 1}) numbers.Assign(Stamp(i));
+  EXPECT_EQ(numbers.Compare(2, Stamp(3)), "");  // the peer has missed keyframe 2 but is ahead
+  EXPECT_EQ(numbers.Compare(3, Stamp(4)), "");
+  EXPECT_EQ(numbers.Assign(Stamp(2)), 4);
+  EXPECT_EQ(numbers.Assign(Stamp(3)), 5) << "then the peer corrects its own";
+}
+
 TEST(KeyframeNumbers, ALoopingBagIsNoDisagreement) {
   KeyframeNumbers numbers;
   for (int64_t i = 0; i < 20; ++i) numbers.Assign(Stamp(i));

@@ -130,7 +130,7 @@ class MapperWorker {
   bool IsOwn(int64_t number) const { return number % node_options_.shard.count == node_options_.shard.index; }
   void ReportUnmapped(const NumberedInput& input, const Drop& drop) const;
   void ClearMap();
-  /// Empty when `finish` has succeeded, which is called with the end of the command's promise; else why not.
+  /// Has the worker do `work` and waits until that calls done, at once or later. Empty then, else why not.
   std::string RunCommand(bool urgent, const std::function<void(const std::function<void()>& done)>& work);
   template <class Change>
   void UpdateStatus(const Change& change);
