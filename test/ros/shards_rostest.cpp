@@ -222,6 +222,32 @@ TEST_F(ShardsTest, TheOthersMissNothing) {
   }
 }
 
+// The last one, since it leaves incidents in the diagnostics and an empty map.
+TEST_F(ShardsTest, TheMapNodeRefusesWhatCannotBeAndSaysSo) {
+  ros::Publisher publisher = session().nh.advertise<acmp_mapping::KeyframePoints>("/keyframe_points", 10);
+  const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
+  while (publisher.getNumSubscribers() < 2 && ros::WallTime::now() < end) ros::WallDuration(0.05).sleep();
+  const auto last = session().points.messages().back();
+  acmp_mapping::KeyframePoints twice = *last;
+  twice.number = kKeyframes;
+  publisher.publish(twice);
+  acmp_mapping::KeyframePoints no_shard = *last;
+  no_shard.shard_index = 2;
+  publisher.publish(no_shard);
+  acmp_mapping::KeyframePoints no_pose = *last;
+  no_pose.number = kKeyframes;
+  no_pose.header.stamp += ros::Duration(1000);
+  no_pose.T_world_cam.fill(0);
+  publisher.publish(no_pose);
+  EXPECT_TRUE(session().WaitForDiagnostic("map_merger: shards", "incidents: keyframe_twice", "number 50, of shard"));
+  EXPECT_TRUE(session().WaitForDiagnostic("map_merger: shards", "incidents: bad_keyframe", "T_world_cam"));
+  session().diagnostics.Clear();
+  EXPECT_TRUE(session().WaitForDiagnostic("map_merger: map", "keyframes", "50"));
+  EXPECT_TRUE(Call("/map_merger/reset"));
+  EXPECT_TRUE(session().WaitForDiagnostic("map_merger: map", "keyframes",
+                                          [](const std::string& value) { return value == "0"; }));
+}
+
 }  // namespace
 }  // namespace acmp::test
 
