@@ -53,6 +53,7 @@ acmp_mapping::KeyframeEstimatePtr ToEstimateMessage(const ShardEstimate& estimat
 }
 
 ShardEstimate ToShardEstimate(const KeyframeEstimate& message) {
+  CheckRange("stage", int{message.stage}, int{KeyframeEstimate::FAST}, int{KeyframeEstimate::REFINED});
   CheckRange("width", message.width, 0u, 65535u);
   CheckRange("height", message.height, 0u, 65535u);
   const size_t pixels = static_cast<size_t>(message.width) * message.height;

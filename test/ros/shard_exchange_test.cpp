@@ -55,6 +55,7 @@ TEST(EstimateMessage, SizesMustFit) {
   };
   EXPECT_THAT(refusal([](auto* m) { m->planes.pop_back(); }), ::testing::HasSubstr("95 and 24 bytes"));
   EXPECT_THAT(refusal([](auto* m) { m->cost.clear(); }), ::testing::HasSubstr("96 and 0 bytes"));
+  EXPECT_THAT(refusal([](auto* m) { m->stage = 4; }), ::testing::HasSubstr("stage = 4"));
   EXPECT_THAT(refusal([](auto* m) { m->width = 70000; }), ::testing::HasSubstr("width = 70000"));
 }
 
