@@ -96,10 +96,10 @@ class DenseMapper {
     std::function<void(const KeyframeDrop&)> on_drop;  ///< every own keyframe ends in exactly one on_refined or on_drop
     /// With several shards: an own keyframe's estimate for SetPeerEstimate of all others. Each stage at most once; an
     /// empty one when the keyframe is dropped.
-    std::function<void(ShardEstimate)> on_own_estimate;
+    std::function<void(ShardEstimate)> on_own_estimate = nullptr;
     /// A peer's estimate cannot be used or did not come in time. `reason` is "peer_estimate_refused" or
     /// "peer_estimate_missing".
-    std::function<void(const std::string& reason, const std::string& message)> on_peer_problem;
+    std::function<void(const std::string& reason, const std::string& message)> on_peer_problem = nullptr;
   };
 
   /// @param engine not null, outlives the mapper
