@@ -2,56 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <deque>
-#include <limits>
-#include <new>
-#include <optional>
 #include <utility>
 
-#include "acmp_mapping/common/error.h"
-#include "acmp_mapping/common/timer.h"
+#include "dense_mapper_impl.h"
 #include "dense_mapper_views.h"
 
 namespace acmp {
 namespace {
 
 static_assert(kMaxRankedViews == kMaxSourceViews, "the selector must not rank more views than the matcher takes");
-
-/// One keyframe of the window. A finished one stays as a source view of others until it is evicted.
-struct WindowEntry {
-  enum class State {
-    kPending,   ///< waits for source views
-    kFast,      ///< has its initial estimate, waits for later keyframes
-    kFinished,  ///< on_refined or on_drop was called
-  };
-  FramePtr frame;
-  DepthRange range;
-  State state = State::kPending;
-  EngineImagePtr image;        ///< null until the entry is first used as reference or source view
-  int image_levels = 0;        ///< levels it was loaded with
-  KeyframeDepthPtr latest;     ///< null before the initial estimate
-  EngineEstimatePtr estimate;  ///< the same on the device, for the geometric passes of this and other keyframes
-};
-
-struct Failure {
-  std::string reason;
-  std::string message;
-};
-
-/// Runs `work`; what it throws becomes a value, so that one keyframe's failure does not reach the others.
-template <class Work>
-std::optional<Failure> CatchFailure(const Work& work) {
-  try {
-    work();
-    return std::nullopt;
-  } catch (const InvalidInputError& error) {
-    return Failure{"invalid_input", error.what()};
-  } catch (const std::bad_alloc&) {
-    return Failure{"processing_error", "out of memory"};
-  } catch (const std::exception& error) {
-    return Failure{"processing_error", error.what()};
-  }
-}
 
 /// MakeFrame guarantees this; frames from elsewhere must not reach the kernels with sizes that do not fit.
 void CheckFrame(const Frame& frame) {
@@ -84,56 +43,36 @@ void Validate(const DenseMapperOptions& options) {
              std::min(options.source_views.max_source_views, options.window_size - 1));
 }
 
-struct DenseMapper::Impl {
-  /// Source views of one keyframe, best first.
-  struct Sources {
-    std::vector<WindowEntry*> entries;
-    std::vector<int64_t> ids;
-  };
+void Validate(const ShardOptions& shard) {
+  CheckRange("shard_count", shard.count, 1, kMaxShards);
+  CheckRange("shard_index", shard.index, 0, shard.count - 1);
+}
 
-  Impl(DepthEngine* depth_engine, const DenseMapperOptions& mapper_options, Callbacks mapper_callbacks)
-      : options(mapper_options),
-        callbacks(std::move(mapper_callbacks)),
-        engine(depth_engine),
-        estimator(depth_engine, options.pipeline) {}
+DenseMapper::Impl::Impl(DepthEngine* depth_engine, const DenseMapperOptions& mapper_options, Callbacks mapper_callbacks,
+                        const ShardOptions& mapper_shard)
+    : options(mapper_options),
+      callbacks(std::move(mapper_callbacks)),
+      shard(mapper_shard),
+      engine(depth_engine),
+      estimator(depth_engine, options.pipeline) {}
 
-  void Admit(FramePtr frame);
-  std::optional<DepthRange> FindDepthRange(const Frame& frame);
-  void EstimatePending(int min_source_views);
-  void RefineOlderThan(size_t later_keyframes);
-  void EvictUntil(int keyframes_left);
-
-  std::vector<WindowEntry*> Others(const WindowEntry& entry);
-  Sources SelectSources(const WindowEntry& entry);
-  std::string DescribeMissing(const WindowEntry& entry, int min_source_views);
-
-  EngineView MakeView(WindowEntry* entry);
-  EngineProblem MakeProblem(WindowEntry* entry, const Sources& sources);
-  std::shared_ptr<KeyframeDepth> MakeKeyframeDepth(const WindowEntry& entry, const EngineEstimatePtr& estimate,
-                                                   std::vector<int64_t> source_ids);
-
-  void Estimate(WindowEntry* entry, const Sources& sources);
-  void Refine(WindowEntry* entry);
-  KeyframeDepthPtr MakeRefined(WindowEntry* entry, const Sources& sources, EngineEstimatePtr* estimate);
-  void Drop(WindowEntry* entry, const std::string& reason, const std::string& message);
-  void Report(const KeyframeDrop& drop) const;
-
-  DenseMapperOptions options;
-  Callbacks callbacks;
-  DepthEngine* engine;
-  DepthEstimator estimator;
-  std::deque<WindowEntry> window;  ///< oldest first; references stay valid while entries are added at the end
-  std::optional<DepthRange> last_range;
-  std::optional<int64_t> last_id;
-};
+int DenseMapper::Impl::ShardOf(int64_t id) const {
+  const int remainder = static_cast<int>(id % shard.count);
+  return remainder < 0 ? remainder + shard.count : remainder;
+}
 
 void DenseMapper::Impl::Report(const KeyframeDrop& drop) const {
   if (callbacks.on_drop) callbacks.on_drop(drop);
 }
 
-void DenseMapper::Impl::Drop(WindowEntry* entry, const std::string& reason, const std::string& message) {
-  entry->state = WindowEntry::State::kFinished;
-  Report({entry->frame->id, reason, message, entry->latest != nullptr});
+/// Of another shard's keyframe, that shard tells.
+void DenseMapper::Impl::Drop(WindowKeyframe* keyframe, const std::string& reason, const std::string& message) {
+  keyframe->state = WindowKeyframe::State::kScheduled;
+  if (!IsOwn(*keyframe)) return;
+  const bool had_fast = keyframe->times.has_value();
+  keyframe->fast_settled = keyframe->refined_settled = true;
+  Publish(*keyframe, had_fast ? EstimateStage::kRefined : EstimateStage::kFast, nullptr);
+  Report({keyframe->frame->id, reason, message, had_fast});
 }
 
 std::optional<DepthRange> DenseMapper::Impl::FindDepthRange(const Frame& frame) {
@@ -148,168 +87,114 @@ std::optional<DepthRange> DenseMapper::Impl::FindDepthRange(const Frame& frame) 
 }
 
 void DenseMapper::Impl::Admit(FramePtr frame) {
+  const int64_t id = frame->id;
   if (const auto failure = CatchFailure([&] { CheckFrame(*frame); })) {
     // Not kept: as a source view it would make the others fail as well.
-    Report({frame->id, failure->reason, failure->message});
+    early.erase(early.begin(), early.upper_bound(id));
+    if (ShardOf(id) == shard.index) Report({id, failure->reason, failure->message});
     return;
   }
   EvictUntil(options.window_size - 1);
-  window.push_back({});
-  WindowEntry& entry = window.back();
-  entry.frame = std::move(frame);
-  const std::optional<DepthRange> range = FindDepthRange(*entry.frame);
-  if (range) {
-    entry.range = *range;
+  const auto keyframe = std::make_shared<WindowKeyframe>();
+  keyframe->frame = std::move(frame);
+  keyframe->shard = ShardOf(id);
+  window.push_back(keyframe);
+  if (!IsOwn(*keyframe)) AdmitPeer(keyframe);
+  if (const std::optional<DepthRange> range = FindDepthRange(*keyframe->frame)) {
+    keyframe->range = *range;
     return;
   }
-  Drop(&entry, "no_depth_range",
-       Concat("keyframe ", entry.frame->id, ": of its ", entry.frame->landmarks_in_world.size(),
-              " landmarks fewer than ", options.depth_range.min_landmarks,
+  Drop(keyframe.get(), "no_depth_range",
+       Concat("keyframe ", id, ": of its ", keyframe->frame->landmarks_in_world.size(), " landmarks fewer than ",
+              options.depth_range.min_landmarks,
               " are usable and in view, no earlier keyframe had a depth range, and no fallback range is set"));
 }
 
-std::vector<WindowEntry*> DenseMapper::Impl::Others(const WindowEntry& entry) {
-  std::vector<WindowEntry*> others;
-  for (WindowEntry& other : window) {
-    if (&other != &entry) others.push_back(&other);
+std::vector<WindowKeyframePtr> DenseMapper::Impl::Others(const WindowKeyframe& keyframe) const {
+  std::vector<WindowKeyframePtr> others;
+  for (const WindowKeyframePtr& other : window) {
+    if (other.get() != &keyframe) others.push_back(other);
   }
   return others;
 }
 
-DenseMapper::Impl::Sources DenseMapper::Impl::SelectSources(const WindowEntry& entry) {
-  const std::vector<WindowEntry*> others = Others(entry);
+DenseMapper::Impl::Sources DenseMapper::Impl::SelectSources(const WindowKeyframe& keyframe) const {
+  const std::vector<WindowKeyframePtr> others = Others(keyframe);
   std::vector<FramePtr> candidates;
   candidates.reserve(others.size());
-  for (const WindowEntry* other : others) candidates.push_back(other->frame);
+  for (const WindowKeyframePtr& other : others) candidates.push_back(other->frame);
   Sources sources;
   for (const RankedSourceView& view :
-       SelectSourceViews(*entry.frame, candidates, TypicalDepth(entry.range), options.source_views)) {
-    sources.entries.push_back(others[view.index]);
+       SelectSourceViews(*keyframe.frame, candidates, TypicalDepth(keyframe.range), options.source_views)) {
+    sources.keyframes.push_back(others[view.index]);
     sources.ids.push_back(candidates[view.index]->id);
   }
   return sources;
 }
 
-std::string DenseMapper::Impl::DescribeMissing(const WindowEntry& entry, int min_source_views) {
+std::string DenseMapper::Impl::DescribeMissing(const WindowKeyframe& keyframe, int min_source_views) const {
   std::vector<FramePtr> candidates;
-  for (const WindowEntry* other : Others(entry)) candidates.push_back(other->frame);
+  for (const WindowKeyframePtr& other : Others(keyframe)) candidates.push_back(other->frame);
   const SourceViewCounts counts =
-      CountSourceViews(*entry.frame, candidates, TypicalDepth(entry.range), options.source_views);
-  return Concat("keyframe ", entry.frame->id, ": ",
+      CountSourceViews(*keyframe.frame, candidates, TypicalDepth(keyframe.range), options.source_views);
+  return Concat("keyframe ", keyframe.frame->id, ": ",
                 DescribeMissingViews(counts, min_source_views, options.source_views));
 }
 
 void DenseMapper::Impl::EstimatePending(int min_source_views) {
-  for (WindowEntry& entry : window) {
-    if (entry.state != WindowEntry::State::kPending) continue;
-    const Sources sources = SelectSources(entry);
-    if (sources.ids.size() >= static_cast<size_t>(min_source_views)) Estimate(&entry, sources);
+  for (const WindowKeyframePtr& keyframe : window) {
+    if (keyframe->state != WindowKeyframe::State::kPending) continue;
+    const Sources sources = SelectSources(*keyframe);
+    if (sources.ids.size() < static_cast<size_t>(min_source_views)) continue;
+    keyframe->state = WindowKeyframe::State::kFast;
+    keyframe->stage = EstimateStage::kFast;
+    if (IsOwn(*keyframe)) Estimate(keyframe.get(), sources);
   }
 }
 
-EngineView DenseMapper::Impl::MakeView(WindowEntry* entry) {
-  const int levels = options.pipeline.start_level;
-  if (!entry->image || entry->image_levels < levels) {
-    entry->image = engine->Load(entry->frame, levels);
-    entry->image_levels = levels;
-  }
-  return {entry->frame, entry->image, entry->estimate};
-}
-
-EngineProblem DenseMapper::Impl::MakeProblem(WindowEntry* entry, const Sources& sources) {
-  EngineProblem problem;
-  problem.reference = MakeView(entry);
-  for (WindowEntry* source : sources.entries) problem.sources.push_back(MakeView(source));
-  problem.depth_range = entry->range;
-  return problem;
-}
-
-std::shared_ptr<KeyframeDepth> DenseMapper::Impl::MakeKeyframeDepth(const WindowEntry& entry,
-                                                                    const EngineEstimatePtr& estimate,
-                                                                    std::vector<int64_t> source_ids) {
-  EstimateMaps estimate_maps = engine->Download(estimate);
-  auto maps = std::make_shared<KeyframeDepth>();
-  maps->frame = entry.frame;
-  maps->range = entry.range;
-  maps->depth = std::move(estimate_maps.depth);
-  maps->normal = std::move(estimate_maps.normal);
-  maps->cost = std::move(estimate_maps.cost);
-  maps->source_ids = std::move(source_ids);
-  return maps;
-}
-
-void DenseMapper::Impl::Estimate(WindowEntry* entry, const Sources& sources) {
-  EngineEstimatePtr estimate;
-  std::shared_ptr<KeyframeDepth> maps;
-  const auto failure = CatchFailure([&] {
-    estimate = estimator.EstimateInitial(MakeProblem(entry, sources));
-    maps = MakeKeyframeDepth(*entry, estimate, sources.ids);
-    maps->times = estimator.last_times();
-  });
-  if (failure) return Drop(entry, failure->reason, failure->message);
-  entry->state = WindowEntry::State::kFast;
-  entry->estimate = std::move(estimate);
-  entry->latest = maps;
-  if (callbacks.on_fast) callbacks.on_fast(entry->latest);
-}
-
-void DenseMapper::Impl::RefineOlderThan(size_t later_keyframes) {
+void DenseMapper::Impl::ScheduleOlderThan(size_t later_keyframes) {
   for (size_t i = 0; i + later_keyframes < window.size(); ++i) {
-    if (window[i].state == WindowEntry::State::kFast) Refine(&window[i]);
+    if (window[i]->state == WindowKeyframe::State::kFast) Schedule(window[i]);
   }
 }
 
-void DenseMapper::Impl::Refine(WindowEntry* entry) {
-  const Sources sources = SelectSources(*entry);
+/// Gives the refinement its place in the order of all keyframes: what it reads is settled now, even if it runs later or
+/// in another shard.
+void DenseMapper::Impl::Schedule(const WindowKeyframePtr& keyframe) {
+  Sources sources = SelectSources(*keyframe);
   // Its first views may have left the window meanwhile.
-  if (sources.ids.empty()) return Drop(entry, "no_source_views", DescribeMissing(*entry, 1));
-  EngineEstimatePtr estimate;
-  KeyframeDepthPtr refined;
-  const auto failure = CatchFailure([&] { refined = MakeRefined(entry, sources, &estimate); });
-  if (failure) return Drop(entry, failure->reason, failure->message);
-  entry->state = WindowEntry::State::kFinished;
-  entry->estimate = std::move(estimate);
-  entry->latest = refined;
-  if (callbacks.on_refined) callbacks.on_refined(refined);
-}
-
-KeyframeDepthPtr DenseMapper::Impl::MakeRefined(WindowEntry* entry, const Sources& sources,
-                                                EngineEstimatePtr* estimate) {
-  EngineProblem problem = MakeProblem(entry, sources);
-  StageTimes times = entry->latest->times;
-  for (int step = 0; step < estimator.num_refinements(); ++step) {
-    problem.reference.estimate = estimator.Refine(problem, step);
-    times += estimator.last_times();
+  if (sources.ids.empty()) return Drop(keyframe.get(), "no_source_views", DescribeMissing(*keyframe, 1));
+  ScheduledRefinement refinement;
+  refinement.keyframe = keyframe;
+  refinement.source_ids = std::move(sources.ids);
+  for (WindowKeyframePtr& source : sources.keyframes) {
+    const auto stage = source->stage;
+    refinement.sources.push_back({std::move(source), stage});
   }
-  *estimate = problem.reference.estimate;
-  std::shared_ptr<KeyframeDepth> refined = MakeKeyframeDepth(*entry, *estimate, sources.ids);
-
-  Timer timer;
-  ConsistencyResult consistency =
-      engine->FilterByConsistency(problem.reference, problem.sources, options.pipeline.fusion);
-  refined->confidence = std::move(consistency.confidence);
-  refined->points_in_camera = std::move(consistency.points_in_camera);
-  refined->consistency_ms = timer.Lap();
-  refined->times = times;
-  refined->refined = true;
-  return refined;
+  keyframe->state = WindowKeyframe::State::kScheduled;
+  keyframe->stage = EstimateStage::kRefined;
+  if (!IsOwn(*keyframe)) return;
+  waiting.push_back(std::move(refinement));
+  RunReady();
 }
 
 void DenseMapper::Impl::EvictUntil(int keyframes_left) {
   while (window.size() > static_cast<size_t>(keyframes_left)) {
-    WindowEntry& oldest = window.front();
-    if (oldest.state == WindowEntry::State::kFast) Refine(&oldest);
-    if (oldest.state == WindowEntry::State::kPending) {
-      Drop(&oldest, "no_source_views", DescribeMissing(oldest, options.min_source_views));
+    const WindowKeyframePtr oldest = window.front();
+    if (oldest->state == WindowKeyframe::State::kFast) Schedule(oldest);
+    if (oldest->state == WindowKeyframe::State::kPending) {
+      Drop(oldest.get(), "no_source_views", DescribeMissing(*oldest, options.min_source_views));
     }
     window.pop_front();
   }
 }
 
-DenseMapper::DenseMapper(DepthEngine* engine, const DenseMapperOptions& options, Callbacks callbacks) {
+DenseMapper::DenseMapper(DepthEngine* engine, const DenseMapperOptions& options, Callbacks callbacks,
+                         const ShardOptions& shard) {
   if (engine == nullptr) throw InvalidInputError("engine: must not be null");
   Validate(options);
-  impl_ = std::make_unique<Impl>(engine, options, std::move(callbacks));
+  Validate(shard);
+  impl_ = std::make_unique<Impl>(engine, options, std::move(callbacks), shard);
 }
 
 DenseMapper::~DenseMapper() = default;
@@ -330,34 +215,70 @@ void DenseMapper::AddKeyframe(FramePtr frame) {
   impl_->EvictUntil(impl_->options.window_size);  // it may have shrunk
   impl_->Admit(std::move(frame));
   impl_->EstimatePending(impl_->options.min_source_views);
-  impl_->RefineOlderThan(static_cast<size_t>(impl_->options.lookahead));
+  impl_->ScheduleOlderThan(static_cast<size_t>(impl_->options.lookahead));
 }
 
 void DenseMapper::Flush() {
   impl_->EstimatePending(1);
-  for (WindowEntry& entry : impl_->window) {
-    if (entry.state != WindowEntry::State::kPending) continue;
-    impl_->Drop(&entry, "no_source_views", impl_->DescribeMissing(entry, 1));
+  for (const WindowKeyframePtr& keyframe : impl_->window) {
+    if (keyframe->state != WindowKeyframe::State::kPending) continue;
+    impl_->Drop(keyframe.get(), "no_source_views", impl_->DescribeMissing(*keyframe, 1));
   }
-  impl_->RefineOlderThan(0);
+  impl_->ScheduleOlderThan(0);
 }
 
 void DenseMapper::Reset() {
   // Emptied first: the mapper is in order even if a callback throws.
-  std::deque<WindowEntry> window;
-  window.swap(impl_->window);
+  std::deque<WindowKeyframePtr> unfinished;
+  for (const ScheduledRefinement& refinement : impl_->waiting) unfinished.push_back(refinement.keyframe);
+  for (const WindowKeyframePtr& keyframe : impl_->window) {
+    if (keyframe->state != WindowKeyframe::State::kScheduled) unfinished.push_back(keyframe);
+  }
+  impl_->waiting.clear();
+  impl_->window.clear();
+  impl_->peer_keyframes.clear();
   impl_->last_range.reset();
   impl_->last_id.reset();
-  for (WindowEntry& entry : window) {
-    if (entry.state == WindowEntry::State::kFinished) continue;
-    impl_->Drop(&entry, "reset", Concat("keyframe ", entry.frame->id, ": forgotten by a reset"));
+  for (const WindowKeyframePtr& keyframe : unfinished) {
+    impl_->Drop(keyframe.get(), "reset", Concat("keyframe ", keyframe->frame->id, ": forgotten by a reset"));
   }
 }
 
+void DenseMapper::SetPeerEstimate(ShardEstimate estimate) {
+  const int shard = impl_->ShardOf(estimate.id);
+  if (shard == impl_->shard.index) {
+    throw InvalidInputError(Concat("estimate of keyframe ", estimate.id, ": that keyframe belongs to this shard, ",
+                                   shard, " of ", impl_->shard.count));
+  }
+  impl_->lost_shards.erase(shard);
+  if (!impl_->last_id || estimate.id > *impl_->last_id) return impl_->KeepForLater(std::move(estimate));
+  const auto found = impl_->peer_keyframes.find(estimate.id);
+  const WindowKeyframePtr keyframe = found == impl_->peer_keyframes.end() ? nullptr : found->second.lock();
+  if (!keyframe) return;
+  impl_->SettlePeer(keyframe.get(), std::move(estimate));
+  impl_->RunReady();
+}
+
+void DenseMapper::StopWaiting() {
+  if (impl_->waiting.empty()) return;
+  for (const ScheduledRefinement::Source& source : impl_->waiting.front().sources) {
+    if (!source.settled()) impl_->lost_shards.insert(source.keyframe->shard);
+  }
+  impl_->RunReady();
+}
+
+size_t DenseMapper::waiting() const { return impl_->waiting.size(); }
+
+std::optional<int64_t> DenseMapper::oldest_waiting() const {
+  if (impl_->waiting.empty()) return std::nullopt;
+  return impl_->waiting.front().keyframe->frame->id;
+}
+
 size_t DenseMapper::unfinished() const {
-  return static_cast<size_t>(std::count_if(impl_->window.begin(), impl_->window.end(), [](const WindowEntry& entry) {
-    return entry.state != WindowEntry::State::kFinished;
-  }));
+  const auto pending = std::count_if(impl_->window.begin(), impl_->window.end(), [this](const auto& keyframe) {
+    return impl_->IsOwn(*keyframe) && keyframe->state != WindowKeyframe::State::kScheduled;
+  });
+  return static_cast<size_t>(pending) + impl_->waiting.size();
 }
 
 }  // namespace acmp

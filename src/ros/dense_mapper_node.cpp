@@ -1,34 +1,5 @@
-#include <atomic>
-#include <csignal>
+#include "standalone_node.h"
 
-#include <nodelet/loader.h>
-#include <ros/callback_queue.h>
-#include <ros/ros.h>
-
-namespace {
-
-std::atomic<bool> g_stop{false};
-
-void HandleSignal(int /*signal*/) { g_stop = true; }
-
-}  // namespace
-
-/// The nodelet in a process of its own.
 int main(int argc, char** argv) {
-  ros::init(argc, argv, "dense_mapper", ros::init_options::NoSigintHandler);
-  // roscpp handles SIGINT only; roslaunch and systemd end programs with SIGTERM.
-  std::signal(SIGINT, HandleSignal);
-  std::signal(SIGTERM, HandleSignal);
-  ros::NodeHandle keep_ros_alive;
-  {
-    // The loader's destructor ends the nodelet and joins its threads while ROS is still up.
-    nodelet::Loader loader(false);
-    if (!loader.load(ros::this_node::getName(), "acmp_mapping/DenseMapperNodelet", ros::names::getRemappings(),
-                     nodelet::V_string(argv + 1, argv + argc))) {
-      return 1;
-    }
-    while (ros::ok() && !g_stop) ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(0.1));
-  }
-  ros::shutdown();
-  return 0;
+  return acmp::RunStandalone(argc, argv, "dense_mapper", "acmp_mapping/DenseMapperNodelet");
 }

@@ -1,6 +1,5 @@
 #include "acmp_mapping/ros/dense_mapper_nodelet.h"
 
-#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -8,7 +7,6 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/ros/calibration_file.h"
-#include "acmp_mapping/ros/map_writer.h"
 #include "acmp_mapping/ros/optimized_path.h"
 #include "acmp_mapping/ros/topic_names.h"
 
@@ -18,7 +16,6 @@ namespace {
 constexpr double kDeliverPeriodS = 0.05;  ///< how late a wait for a cloud may end
 constexpr double kMapPeriodS = 0.1;       ///< how often the map's rate limit is looked at
 constexpr uint32_t kPathQueue = 2;        ///< each path replaces the one before
-constexpr double kMapLoad = 4;            ///< building maps takes at most one part in 1 + kMapLoad of a core
 
 /// Where the scene is assumed while nothing tells: the middle of the fallback range, as the mapper has it.
 double FallbackDepth(const DenseMapperOptions& options) {
@@ -41,14 +38,14 @@ DenseMapperNodelet::~DenseMapperNodelet() {
   service_thread_.Stop();
   status_thread_.Stop();
   master_thread_.Stop();
+  exchange_thread_.Stop();
   worker_.reset();
 }
 
 void DenseMapperNodelet::onInit() {
   try {
     LoadOptions();
-    publisher_ =
-        std::make_unique<OutputPublisher>(status_thread_.Attach(getNodeHandle()), [this] { map_requested_ = true; });
+    publisher_ = std::make_unique<OutputPublisher>(status_thread_.Attach(getNodeHandle()));
     StartWorker();
     StartReconfigure();
     Subscribe();
@@ -57,7 +54,10 @@ void DenseMapperNodelet::onInit() {
                                                        getName(), [this] { return TakeSnapshot(); });
     master_timer_ = master_thread_.Attach(getNodeHandle())
                         .createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { CheckMaster(); });
-    for (CallbackThread* thread : {&input_thread_, &service_thread_, &status_thread_, &master_thread_}) thread->Start();
+    for (CallbackThread* thread :
+         {&input_thread_, &service_thread_, &status_thread_, &master_thread_, &exchange_thread_}) {
+      thread->Start();
+    }
   } catch (const std::exception& error) {
     NODELET_FATAL("cannot start: %s", error.what());
     throw;
@@ -85,6 +85,7 @@ void DenseMapperNodelet::LoadOptions() {
 void DenseMapperNodelet::StartWorker() {
   const RuntimeOptions runtime_options = runtime_options_->Get();
   map_ = std::make_unique<MapStore>(runtime_options.map);
+  map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get());
   MakeIntake(runtime_options);
   MapperWorker::Hooks hooks;
   hooks.on_device = [this](const WorkerStatus& status) { LogDevice(status); };
@@ -97,15 +98,30 @@ void DenseMapperNodelet::StartWorker() {
     PublishPath();
   };
   hooks.on_refined = [this](const KeyframeOutput& output) {
-    {
-      std::lock_guard<std::mutex> lock(map_header_mutex_);
-      map_frame_ = output.world_frame;
-      map_stamp_ns_ = output.stamp_ns;
-    }
+    map_output_->SetHeader(output.world_frame, output.stamp_ns);
+    if (exchange_) exchange_->PublishPoints(output);
     publisher_->PublishRefined(output);
   };
   hooks.on_drop = [this](const Drop& drop) { ReportDrop(drop); };
-  worker_ = std::make_unique<MapperWorker>(options_, runtime_options_.get(), map_.get(), hooks);
+  if (options_.shard.count > 1) StartExchange(&hooks);
+  worker_ = std::make_unique<MapperWorker>(options_, runtime_options_.get(), map_.get(), &numbers_, hooks);
+}
+
+void DenseMapperNodelet::StartExchange(MapperWorker::Hooks* hooks) {
+  ShardExchange::Handlers handlers;  // they run when the thread does, with a worker
+  handlers.on_estimate = [this](ShardEstimate estimate) { worker_->AddPeerEstimate(std::move(estimate)); };
+  handlers.on_flush = [this](int64_t number) { worker_->FlushAfter(number); };
+  handlers.on_period = [this] { worker_->CheckWaiting(); };
+  handlers.on_drop = [this](const Drop& drop) { ReportDrop(drop); };
+  exchange_ = std::make_unique<ShardExchange>(exchange_thread_.Attach(getNodeHandle()), options_.shard, &numbers_,
+                                              std::move(handlers));
+  hooks->on_own_estimate = [this](const ShardEstimate& estimate, int64_t stamp_ns) {
+    exchange_->PublishEstimate(estimate, stamp_ns);
+  };
+  hooks->on_dropped_keyframe = [this](int64_t number, int64_t stamp_ns, const std::string& reason) {
+    exchange_->PublishDropped(number, stamp_ns, reason);
+  };
+  hooks->on_flush = [this](int64_t number) { exchange_->PublishFlush(number); };
 }
 
 void DenseMapperNodelet::MakeIntake(const RuntimeOptions& runtime_options) {
@@ -187,14 +203,14 @@ void DenseMapperNodelet::StartServices() {
   };
   handlers.reset = [this] { return Reset(); };
   handlers.publish_map = [this] {
-    const size_t points = PublishMap();
+    const size_t points = map_output_->Publish();
     return Concat("published ", points, " points");
   };
   handlers.pause = [this](bool pause) -> std::string {
     paused_ = pause;
     return pause ? "paused: images are dropped" : "running";
   };
-  handlers.save_map = [this](const acmp_mapping::SaveMap::Request& request) { return SaveMap(request); };
+  handlers.save_map = [this](const acmp_mapping::SaveMap::Request& request) { return map_output_->Save(request); };
   handlers.periodic = [this] { HandlePeriod(); };
   services_ = std::make_unique<MapperServices>(service_thread_.Attach(getPrivateNodeHandle()), kMapPeriodS, handlers);
 }
@@ -293,16 +309,11 @@ void DenseMapperNodelet::PublishPath() {
 }
 
 void DenseMapperNodelet::HandlePeriod() {
-  const double rate = runtime_options_->Get().output.map_publish_rate;
-  const double now_s = SteadySeconds();
-  if (rate <= 0 || now_s < next_map_publish_s_ || !publisher_->map_wanted()) return;
-  if (map_->version() == published_version_ && !map_requested_) return;
   try {
-    PublishMap();
+    map_output_->PublishIfDue(runtime_options_->Get().output.map_publish_rate);
   } catch (const std::exception& error) {  // a thrown exception would end the whole manager
     ReportDrop({"map_error", Concat("the map was not published: ", error.what())});
   }
-  next_map_publish_s_ = now_s + std::max(1 / rate, (1 + kMapLoad) * (SteadySeconds() - now_s));
 }
 
 void DenseMapperNodelet::CheckMaster() {
@@ -320,32 +331,6 @@ void DenseMapperNodelet::CheckMaster() {
                    master_watch_.topics(), master_watch_.services());
       break;
   }
-}
-
-size_t DenseMapperNodelet::PublishMap() {
-  std::string frame;
-  int64_t stamp_ns = 0;
-  {
-    std::lock_guard<std::mutex> lock(map_header_mutex_);
-    frame = map_frame_;
-    stamp_ns = map_stamp_ns_;
-  }
-  if (frame.empty()) return 0;
-  map_requested_ = false;
-  published_version_ = map_->version();
-  const PointCloud map = map_->WorldCloud();
-  publisher_->PublishMap(map, frame, stamp_ns);
-  return map.size();
-}
-
-size_t DenseMapperNodelet::SaveMap(const acmp_mapping::SaveMap::Request& request) {
-  using Request = acmp_mapping::SaveMap::Request;
-  if (request.format != Request::PLY && request.format != Request::PCD) {
-    throw InvalidInputError(Concat("format = ", int{request.format}, ": must be 0 (PLY) or 1 (PCD)"));
-  }
-  const PointCloud map = map_->WorldCloud();
-  WriteMap(request.path, map, request.format == Request::PLY ? MapFormat::kPly : MapFormat::kPcd, request.binary);
-  return map.size();
 }
 
 std::string DenseMapperNodelet::Reset() {
@@ -373,6 +358,8 @@ MapperSnapshot DenseMapperNodelet::TakeSnapshot() {
   snapshot.drops = drops_.entries();
   snapshot.images_dropped = drops_.images();
   snapshot.path_doubts = path_doubts_.entries();
+  snapshot.shard = options_.shard;
+  if (exchange_) snapshot.peers = exchange_->peers();
   std::lock_guard<std::mutex> lock(intake_mutex_);
   snapshot.waiting_images = intake_->waiting_images();
   if (intake_->obstacle()) snapshot.waiting_for = intake_->obstacle()->message;

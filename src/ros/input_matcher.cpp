@@ -13,7 +13,7 @@ namespace {
 constexpr int64_t kSameExposureNs = 1000000;  ///< rounding of stamps stays far below, the shortest frame interval above
 constexpr int64_t kTimeJumpNs = 200000000;    ///< images that go back less arrived in the wrong order
 constexpr size_t kPoseCapacity = 2000;        ///< 10 s of a 200 Hz source
-constexpr size_t kCloudCapacity = 10;
+constexpr size_t kMoreClouds = 10;            ///< than images: those of images that are still to come
 
 int64_t ToNs(double seconds) { return std::llround(seconds * 1e9); }
 double ToMs(int64_t ns) { return static_cast<double>(ns) * 1e-6; }
@@ -75,7 +75,9 @@ void InputMatcher::AddPose(PoseSample pose) {
 void InputMatcher::AddCloud(SparseCloudPtr cloud) {
   ++arrivals_;
   clouds_.push_back(std::move(cloud));
-  if (clouds_.size() > kCloudCapacity) clouds_.pop_front();
+  // An image that waits for its pose must find its own cloud when the pose comes.
+  const size_t capacity = static_cast<size_t>(options_.image_capacity) + kMoreClouds;
+  if (clouds_.size() > capacity) clouds_.pop_front();
 }
 
 std::vector<MatchEvent> InputMatcher::Take(double now_s) {

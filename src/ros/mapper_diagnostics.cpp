@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/ros/topic_names.h"
 
 namespace acmp {
 namespace {
@@ -37,8 +38,10 @@ std::string AccountForImages(const MapperSnapshot& snapshot) {
   const auto refined = static_cast<int64_t>(snapshot.worker.refined);
   const auto dropped = static_cast<int64_t>(snapshot.images_dropped);
   const auto passed_over = static_cast<int64_t>(snapshot.not_chosen);
+  const auto of_others = static_cast<int64_t>(snapshot.worker.of_others);
   return Concat(received, " received = ", refined, " refined + ", dropped, " dropped + ", passed_over,
-                " passed over + ", received - refined - dropped - passed_over, " under way");
+                " passed over + ", of_others > 0 ? Concat(of_others, " of other shards + ") : "",
+                received - refined - dropped - passed_over - of_others, " under way");
 }
 
 std::string DescribeLatency(const LatencyWindow& latency) {
@@ -153,6 +156,24 @@ void DescribeMap(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* status
   }
 }
 
+void DescribeShards(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* status) {
+  status->summary(DiagnosticStatus::OK, Concat("shard ", snapshot.shard.index, " of ", snapshot.shard.count));
+  status->add("refinements that wait for other shards", snapshot.worker.waiting);
+  for (const PeerStatus& peer : snapshot.peers) {
+    const double silent_s = snapshot.now_s - peer.last_received_s;
+    status->add(Concat("shard ", peer.index),
+                Concat(peer.received, " messages, the last ", WholeSeconds(silent_s), " s ago"));
+    if (peer.received == 0 && silent_s > kSilentS) {
+      status->mergeSummary(DiagnosticStatus::WARN,
+                           Concat("nothing yet from shard ", peer.index, " of ", snapshot.shard.count, " on ",
+                                  names::kKeyframeEstimates, ": is it running, and the topic the same?"));
+    } else if (silent_s > kSilentS) {
+      status->mergeSummary(DiagnosticStatus::WARN,
+                           Concat("nothing from shard ", peer.index, " for ", WholeSeconds(silent_s), " s"));
+    }
+  }
+}
+
 MapperDiagnostics::MapperDiagnostics(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh,
                                      const std::string& name, std::function<MapperSnapshot()> take_snapshot)
     : take_snapshot_(std::move(take_snapshot)), updater_(nh, private_nh, name) {
@@ -165,6 +186,7 @@ MapperDiagnostics::MapperDiagnostics(const ros::NodeHandle& nh, const ros::NodeH
   add("matching", &DescribeMatching);
   add("mapping", &DescribeMapping);
   add("map", &DescribeMap);
+  if (snapshot_.shard.count > 1) add("shards", &DescribeShards);
   timer_ = nh.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { Update(); });
 }
 

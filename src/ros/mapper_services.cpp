@@ -10,20 +10,26 @@ namespace acmp {
 MapperServices::MapperServices(ros::NodeHandle private_nh, double period_s, Handlers handlers)
     : handlers_(std::move(handlers)) {
   using TriggerCallback = boost::function<bool(Trigger::Request&, Trigger::Response&)>;
-  const auto trigger = [this](const std::function<std::string()>& handler) -> TriggerCallback {
-    return [this, &handler](Trigger::Request&, Trigger::Response& response) { return Run(handler, &response); };
+  const auto advertise = [&](const char* name, const std::function<std::string()>& handler) {
+    if (!handler) return ros::ServiceServer();
+    const TriggerCallback callback = [this, &handler](Trigger::Request&, Trigger::Response& response) {
+      return Run(handler, &response);
+    };
+    return private_nh.advertiseService(name, callback);
   };
-  flush_ = private_nh.advertiseService(names::kFlush, trigger(handlers_.flush));
-  reset_ = private_nh.advertiseService(names::kReset, trigger(handlers_.reset));
-  publish_map_ = private_nh.advertiseService(names::kPublishMap, trigger(handlers_.publish_map));
+  flush_ = advertise(names::kFlush, handlers_.flush);
+  reset_ = advertise(names::kReset, handlers_.reset);
+  publish_map_ = advertise(names::kPublishMap, handlers_.publish_map);
   using SetBool = std_srvs::SetBool;
-  pause_ =
-      private_nh.advertiseService(names::kPause, boost::function<bool(SetBool::Request&, SetBool::Response&)>(
-                                                     [this](SetBool::Request& request, SetBool::Response& response) {
-                                                       response.message = handlers_.pause(request.data);
-                                                       response.success = true;
-                                                       return true;
-                                                     }));
+  if (handlers_.pause) {
+    pause_ =
+        private_nh.advertiseService(names::kPause, boost::function<bool(SetBool::Request&, SetBool::Response&)>(
+                                                       [this](SetBool::Request& request, SetBool::Response& response) {
+                                                         response.message = handlers_.pause(request.data);
+                                                         response.success = true;
+                                                         return true;
+                                                       }));
+  }
   using acmp_mapping::SaveMap;
   save_map_ =
       private_nh.advertiseService(names::kSaveMap, boost::function<bool(SaveMap::Request&, SaveMap::Response&)>(

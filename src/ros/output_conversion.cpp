@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <cstring>
+#include <iterator>
 #include <limits>
 
 #include <sensor_msgs/image_encodings.h>
@@ -104,13 +105,21 @@ void CheckCloudSize(size_t points, size_t limit) {
                                  limit / 1000000, " MB); raise ~voxel_size, or lower ~map_radius or ~max_keyframes"));
 }
 
+namespace {
+
+/// A point of the topics' clouds.
+struct Packed {
+  float x, y, z;
+  uint8_t b, g, r, zero;  // little-endian 0x00rrggbb, as PCL reads it
+  float normal_x, normal_y, normal_z, confidence;
+};
+static_assert(sizeof(Packed) == kCloudPointBytes, "eight float32 fields");
+
+constexpr const char* kPackedFields[] = {"x", "y", "z", "rgb", "normal_x", "normal_y", "normal_z", "confidence"};
+
+}  // namespace
+
 void PackPoints(const SurfacePoint* points, size_t count, uint8_t* target) {
-  struct Packed {
-    float x, y, z;
-    uint8_t b, g, r, zero;  // little-endian 0x00rrggbb, as PCL reads it
-    float normal_x, normal_y, normal_z, confidence;
-  };
-  static_assert(sizeof(Packed) == kCloudPointBytes, "eight float32 fields");
   for (size_t i = 0; i < count; ++i) {
     const SurfacePoint& p = points[i];
     const Packed packed = {p.position.x, p.position.y, p.position.z, p.color.b,   p.color.g, p.color.r, 0,
@@ -131,6 +140,31 @@ sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_m
   message->is_dense = true;
   PackPoints(points.data(), points.size(), message->data.data());
   return message;
+}
+
+PointCloud ToPointCloud(const sensor_msgs::PointCloud2& message) {
+  const auto fits = [&](size_t i) {
+    const sensor_msgs::PointField& field = message.fields[i];
+    return field.name == kPackedFields[i] && field.offset == i * sizeof(float) &&
+           field.datatype == sensor_msgs::PointField::FLOAT32;
+  };
+  constexpr size_t kFields = std::size(kPackedFields);
+  bool known = message.fields.size() == kFields && message.point_step == sizeof(Packed) && !message.is_bigendian;
+  for (size_t i = 0; known && i < kFields; ++i) known = fits(i);
+  const size_t count = static_cast<size_t>(message.width) * message.height;
+  if (!known || message.data.size() != count * sizeof(Packed)) {
+    throw InvalidInputError(Concat("cloud with ", message.fields.size(), " fields, ", message.point_step,
+                                   " bytes per point and ", message.data.size(), " bytes for ", count,
+                                   " points: must be as this package's topic points has it"));
+  }
+  PointCloud points;
+  points.reserve(count);
+  for (size_t i = 0; i < count; ++i) {
+    Packed p;
+    std::memcpy(&p, message.data.data() + i * sizeof(Packed), sizeof(Packed));
+    points.push_back({{p.x, p.y, p.z}, {p.normal_x, p.normal_y, p.normal_z}, {p.r, p.g, p.b}, p.confidence});
+  }
+  return points;
 }
 
 }  // namespace acmp

@@ -17,9 +17,6 @@ namespace {
 
 constexpr uint32_t kQueue = 5;  ///< keyframes come at a few hertz; a slow listener loses old ones, not new ones
 
-/// roscpp takes more for a broken connection; 1 kB is left for the other fields.
-constexpr size_t kMaxMessageBytes = 1000000000 - 1000;
-
 std_msgs::Header MakeHeader(int64_t stamp_ns, const std::string& frame_id) {
   std_msgs::Header header;
   header.stamp.fromNSec(static_cast<uint64_t>(stamp_ns));
@@ -53,7 +50,7 @@ sensor_msgs::ImagePtr ToConfidenceMessage(const KeyframeOutput& output, const st
 
 }  // namespace
 
-OutputPublisher::OutputPublisher(ros::NodeHandle nh, const std::function<void()>& on_map_subscriber) : transport_(nh) {
+OutputPublisher::OutputPublisher(ros::NodeHandle nh) : transport_(nh) {
   depth_fast_ = transport_.advertiseCamera(names::kDepthFast, kQueue);
   depth_ = transport_.advertiseCamera(names::kDepth, kQueue);
   color_ = transport_.advertiseCamera(names::kColor, kQueue);
@@ -67,11 +64,6 @@ OutputPublisher::OutputPublisher(ros::NodeHandle nh, const std::function<void()>
   pose_ = nh.advertise<geometry_msgs::PoseStamped>(names::kKeyframePose, kQueue);
   path_ = nh.advertise<nav_msgs::Path>(names::kKeyframePath, 1, true);
   keyframe_depth_ = nh.advertise<acmp_mapping::KeyframeDepth>(names::kKeyframeDepth, kQueue);
-  const ros::SubscriberStatusCallback on_connect = [on_map_subscriber](const ros::SingleSubscriberPublisher&) {
-    on_map_subscriber();
-  };
-  map_ = nh.advertise<sensor_msgs::PointCloud2>(names::kMapPoints, 1, on_connect, ros::SubscriberStatusCallback(),
-                                                ros::VoidConstPtr(), true);
 }
 
 void OutputPublisher::PublishFast(const KeyframeOutput& output) {
@@ -99,11 +91,6 @@ void OutputPublisher::PublishRefined(const KeyframeOutput& output) {
   PublishPictures(output, camera);
   if (points_.getNumSubscribers() > 0) points_.publish(ToCloudMessage(output.points_in_camera, camera));
   PublishKeyframeDepth(output, camera);
-}
-
-void OutputPublisher::PublishMap(const PointCloud& map, const std::string& world_frame, int64_t stamp_ns) {
-  CheckCloudSize(map.size(), kMaxMessageBytes);
-  map_.publish(ToCloudMessage(map, MakeHeader(stamp_ns, world_frame)));
 }
 
 void OutputPublisher::PublishPath(const std::vector<StampedPose>& poses, const std::string& world_frame) {

@@ -1,8 +1,10 @@
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <memory>
+#include <random>
 #include <string>
 #include <utility>
 #include <vector>
@@ -170,6 +172,52 @@ inline DenseMapperOptions FakeOptions(int window_size, int lookahead, int min_so
   options.window_size = window_size;
   options.lookahead = lookahead;
   options.min_source_views = min_source_views;
+  return options;
+}
+
+/// A keyframe of the kinds that live frontends produce: moving on, standing still, jumping, without or with useless
+/// landmarks, broken.
+inline FramePtr RandomFrame(int64_t id, double* x, std::mt19937* random) {
+  const double nan = std::nan("");
+  switch ((*random)() % 10) {
+    case 0:
+      break;
+    case 1:
+      *x += 50;
+      break;
+    default:
+      *x += 0.05 * static_cast<double>((*random)() % 20);
+  }
+  std::vector<Eigen::Vector3d> landmarks;
+  switch ((*random)() % 8) {
+    case 0:
+      break;
+    case 1:
+      landmarks.assign(50, {nan, 0, 0});
+      break;
+    case 2:
+      landmarks.assign(50, {0, 0, 0});
+      break;
+    case 3:
+      landmarks.assign(3, {*x, 0, kWallDepth});
+      break;
+    default:
+      landmarks = WallLandmarks();
+      for (auto& point : landmarks) point.x() += *x - 5;
+  }
+  Frame frame = MakeWallFrame(id, *x, std::move(landmarks));
+  if ((*random)() % 15 == 0) frame.cam_from_world.linear()(0, 0) = nan;
+  return std::make_shared<Frame>(std::move(frame));
+}
+
+inline DenseMapperOptions RandomOptions(std::mt19937* random) {
+  const int window_size = 2 + static_cast<int>((*random)() % 7);
+  const int lookahead = static_cast<int>((*random)() % static_cast<unsigned>(window_size));
+  const int min_views = 1 + static_cast<int>((*random)() % static_cast<unsigned>(std::min(3, window_size - 1)));
+  DenseMapperOptions options = FakeOptions(window_size, lookahead, min_views);
+  options.pipeline.geometric_passes = static_cast<int>((*random)() % 3);
+  options.pipeline.start_level = static_cast<int>((*random)() % 3);
+  if ((*random)() % 2 == 0) options.fallback_depth_range = {1, 20};
   return options;
 }
 

@@ -179,6 +179,25 @@ TEST(Diagnostics, TellOfLoopCorrections) {
   EXPECT_EQ(Describe(&DescribeMap, snapshot).level, DiagnosticStatus::OK) << "long ago";
 }
 
+TEST(Diagnostics, TellWhichShardIsSilent) {
+  MapperSnapshot snapshot = Healthy();
+  snapshot.shard = {1, 3};
+  snapshot.worker.waiting = 2;
+  snapshot.peers = {{0, 40, 99.5}, {2, 30, 99.0}};
+  auto status = Describe(&DescribeShards, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::OK);
+  EXPECT_EQ(status.message, "shard 1 of 3");
+  EXPECT_EQ(ValueOf(status, "refinements that wait for other shards"), "2");
+  EXPECT_THAT(ValueOf(status, "shard 2"), HasSubstr("30 messages"));
+  snapshot.peers[0].last_received_s = 60;
+  status = Describe(&DescribeShards, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
+  EXPECT_THAT(status.message, HasSubstr("nothing from shard 0 for 40 s"));
+  snapshot.peers[0].received = 0;
+  EXPECT_THAT(Describe(&DescribeShards, snapshot).message,
+              AllOf(HasSubstr("nothing yet from shard 0 of 3"), HasSubstr("keyframe_estimates")));
+}
+
 TEST(IncidentLog, TellsNewReasonsAtOnceAndRepeatsSeldom) {
   IncidentLog log;
   EXPECT_TRUE(log.Record({"a", "first"}, 0));

@@ -80,6 +80,19 @@ TEST(NodeOptions, RefusesABadExtrinsic) {
               HasSubstr("pose_child"));
 }
 
+TEST(NodeOptions, ShardsAreChecked) {
+  ParameterReader reader(Struct({{"shard_index", 2}, {"shard_count", 3}, {"shard_timeout", 60}}));
+  const NodeOptions options = LoadNodeOptions(&reader);
+  EXPECT_EQ(options.shard.index, 2);
+  EXPECT_EQ(options.shard.count, 3);
+  EXPECT_EQ(options.shard_timeout_s, 60);
+  EXPECT_THAT(NodeRefusal({{"shard_count", 0}}), AllOf(HasSubstr("~shard_count = 0"), HasSubstr("64")));
+  EXPECT_THAT(NodeRefusal({{"shard_index", 1}}), AllOf(HasSubstr("~shard_index = 1"), HasSubstr("[0, 0]")));
+  EXPECT_THAT(NodeRefusal({{"shard_timeout", 0}}), HasSubstr("~shard_timeout = 0"));
+  EXPECT_THAT(NodeRefusal({{"shard_count", 2}, {"overload", std::string("skip_if_busy")}}),
+              AllOf(HasSubstr("skip_if_busy"), HasSubstr("~shard_count")));
+}
+
 TEST(NodeOptions, ReadsPoseSources) {
   const std::pair<const char*, PoseSource> sources[] = {{"pose", PoseSource::kPose},
                                                         {"pose_cov", PoseSource::kPoseWithCovariance},

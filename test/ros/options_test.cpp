@@ -71,6 +71,30 @@ TEST(ParameterReader, NamesTheNearestKnownKey) {
   EXPECT_NO_THROW(ParameterReader(XmlRpcValue()).CheckUnknown());
 }
 
+TEST(MapMergerOptions, AreReadAndChecked) {
+  ParameterReader reader(Struct({{"max_keyframes", 7},
+                                 {"voxel_size", 0.25},
+                                 {"map_publish_rate", 2},
+                                 {"shard_timeout", 1.5},
+                                 {"on_time_jump", std::string("reset")}}));
+  const MapMergerOptions options = LoadMapMergerOptions(&reader);
+  EXPECT_NO_THROW(reader.CheckUnknown());
+  EXPECT_EQ(options.map.max_keyframes, 7);
+  EXPECT_EQ(options.map.voxel_size, 0.25);
+  EXPECT_EQ(options.map_publish_rate, 2);
+  EXPECT_EQ(options.shard_timeout_s, 1.5);
+  EXPECT_EQ(options.on_time_jump, TimeJumpPolicy::kReset);
+  const auto refusal = [](const std::map<std::string, XmlRpcValue>& members) {
+    return Refusal([&] {
+      ParameterReader bad(Struct(members));
+      LoadMapMergerOptions(&bad);
+    });
+  };
+  EXPECT_THAT(refusal({{"max_keyframes", 0}}), HasSubstr("max_keyframes = 0"));
+  EXPECT_THAT(refusal({{"map_publish_rate", 31}}), HasSubstr("map_publish_rate = 31"));
+  EXPECT_THAT(refusal({{"on_time_jump", std::string("keep")}}), HasSubstr("keep"));
+}
+
 /// Values by name, for comparisons.
 std::map<std::string, double> Values(const DenseMapperConfig& config) {
   std::map<std::string, double> values;

@@ -6,10 +6,12 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
 #include <image_geometry/pinhole_camera_model.h>
 #include <pcl/point_types.h>
 #include <pcl_conversions/pcl_conversions.h>
 #include <sensor_msgs/image_encodings.h>
+#include "acmp_mapping/common/error.h"
 
 #include "acmp_mapping/common/error.h"
 
@@ -93,6 +95,30 @@ TEST(ToCameraInfo, IsUnderstoodByImageGeometry) {
   const cv::Point2d pixel = model.project3dToPixel({point.x(), point.y(), point.z()});
   EXPECT_NEAR(pixel.x, camera.Project(point).x(), 1e-9);
   EXPECT_NEAR(pixel.y, camera.Project(point).y(), 1e-9);
+}
+
+TEST(ToPointCloud, TurnsTheMessageBackWithoutAChange) {
+  const PointCloud points = {{{1.0f / 3, -2, 3e-30f}, {0, 0.6f, -0.8f}, {1, 2, 255}, 0.7f},
+                             {{4, 5, 6}, {1, 0, 0}, {255, 0, 9}, 0}};
+  auto message = *ToCloudMessage(points, MakeHeader());
+  const PointCloud back = ToPointCloud(message);
+  ASSERT_EQ(back.size(), points.size());
+  for (size_t i = 0; i < points.size(); ++i) {
+    EXPECT_EQ(back[i].position.x, points[i].position.x);
+    EXPECT_EQ(back[i].position.y, points[i].position.y);
+    EXPECT_EQ(back[i].position.z, points[i].position.z);
+    EXPECT_EQ(back[i].normal.y, points[i].normal.y);
+    EXPECT_EQ(back[i].color.r, points[i].color.r);
+    EXPECT_EQ(back[i].color.g, points[i].color.g);
+    EXPECT_EQ(back[i].color.b, points[i].color.b);
+    EXPECT_EQ(back[i].confidence, points[i].confidence);
+  }
+  message.data.pop_back();
+  EXPECT_THROW(ToPointCloud(message), InvalidInputError);
+  EXPECT_THROW(ToPointCloud(sensor_msgs::PointCloud2()), InvalidInputError);
+  message = *ToCloudMessage(points, MakeHeader());
+  message.fields[3].name = "intensity";
+  EXPECT_THROW(ToPointCloud(message), InvalidInputError);
 }
 
 TEST(ToCloudMessage, IsUnderstoodByPcl) {

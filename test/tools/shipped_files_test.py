@@ -59,8 +59,21 @@ class LaunchFiles(unittest.TestCase):
     def test_all_are_tested_here(self):
         paths = glob.glob(os.path.join(SOURCE, "launch/**/*.launch"), recursive=True)
         names = sorted(os.path.relpath(path, os.path.join(SOURCE, "launch")) for path in paths)
-        self.assertEqual(names, sorted(["demo.launch", "dense_mapper.launch"] + ["frontends/" + n for n in FRONTENDS] +
-                                       ["consumers/" + n for n in CONSUMERS]))
+        self.assertEqual(names, sorted(["demo.launch", "dense_mapper.launch", "shards.launch"] +
+                                       ["frontends/" + n for n in FRONTENDS] + ["consumers/" + n for n in CONSUMERS]))
+
+    def test_shards_take_what_a_mapper_takes(self):
+        mapper, shards = launch_arguments("dense_mapper.launch"), launch_arguments("shards.launch")
+        for name in set(mapper) - {"namespace", "optimized_path"}:  # set for each shard; the map node takes no path
+            self.assertIn(name, shards)
+            self.assertEqual(mapper[name], shards[name], name)
+        config = load("shards.launch", "pose_source:=odom")
+        for index in (0, 1):
+            prefix = f"/acmp/shard_{index}/dense_mapper/"
+            self.assertEqual(config.params[prefix + "shard_index"].value, index)
+            self.assertEqual(config.params[prefix + "shard_count"].value, 2)
+            self.assertEqual(config.params[prefix + "pose_source"].value, "odom")
+        self.assertIn("/acmp/map_merger", node_names(config))
 
     def test_names_are_unique(self):
         names = FRONTENDS + CONSUMERS  # "roslaunch acmp_mapping NAME" looks in all folders

@@ -3,6 +3,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -25,7 +26,27 @@ struct DenseMapperOptions {
 };
 void Validate(const DenseMapperOptions& options);
 
-/// Depth of one keyframe with all that belongs to it. Shared with the mapper's window and never modified.
+/// Several mappers that get the same keyframes can share the work: keyframe `id` belongs to shard id % count.
+struct ShardOptions {
+  int index = 0;  ///< which of them this one is, 0..count-1
+  int count = 1;  ///< 1..kMaxShards; 1: no sharing
+};
+constexpr int kMaxShards = 64;
+void Validate(const ShardOptions& shard);
+
+enum class EstimateStage {
+  kFast,     ///< after steps 1-20
+  kRefined,  ///< after the geometric passes
+};
+
+/// What shards tell each other about a keyframe that is their own.
+struct ShardEstimate {
+  int64_t id = 0;
+  EstimateStage stage = EstimateStage::kFast;
+  EstimateState state;  ///< size of the frame; empty: the keyframe was dropped and gets no estimate of this stage
+};
+
+/// Depth of one keyframe with all that belongs to it. Never modified.
 struct KeyframeDepth {
   FramePtr frame;
   DepthRange range;
@@ -59,17 +80,31 @@ struct KeyframeDrop {
 /// exist, and a refined, consistency-checked map with points once `lookahead` later keyframes have come. Deterministic:
 /// the same frames, options and device give the same maps, whatever the timing. One thread at a time. The offline
 /// tool's online schedule and the nodelet's worker both drive this class.
+///
+/// As one of several shards it computes its own keyframes only. It follows the schedule of all, which depends on the
+/// frames alone, and so knows for each refinement which neighbours a single mapper would read as fast and which as
+/// refined estimates. A refinement waits until these have come from their shards (SetPeerEstimate): then all shards
+/// together make the very maps of a single mapper, in whatever order estimates arrive. This needs the same frames,
+/// calls of Flush at the same place among them, and options that do not change between two keyframes that see each
+/// other.
 class DenseMapper {
  public:
-  /// Called inside AddKeyframe, Flush and Reset; empty ones are skipped. They must neither call the mapper nor throw.
+  /// Called inside the mapper's methods; empty ones are skipped. They must neither call the mapper nor throw.
   struct Callbacks {
     std::function<void(const KeyframeDepthPtr&)> on_fast;  ///< at most once per keyframe, before its on_refined
     std::function<void(const KeyframeDepthPtr&)> on_refined;
-    std::function<void(const KeyframeDrop&)> on_drop;  ///< every keyframe ends in exactly one on_refined or on_drop
+    std::function<void(const KeyframeDrop&)> on_drop;  ///< every own keyframe ends in exactly one on_refined or on_drop
+    /// With several shards: an own keyframe's estimate for SetPeerEstimate of all others. Each stage at most once; an
+    /// empty one when the keyframe is dropped.
+    std::function<void(ShardEstimate)> on_own_estimate = nullptr;
+    /// A peer's estimate cannot be used or did not come in time. `reason` is "peer_estimate_refused" or
+    /// "peer_estimate_missing".
+    std::function<void(const std::string& reason, const std::string& message)> on_peer_problem = nullptr;
   };
 
   /// @param engine not null, outlives the mapper
-  DenseMapper(DepthEngine* engine, const DenseMapperOptions& options, Callbacks callbacks);
+  DenseMapper(DepthEngine* engine, const DenseMapperOptions& options, Callbacks callbacks,
+              const ShardOptions& shard = {});
   /// Forgets what is unfinished without a callback: Flush or Reset first if it must be accounted for.
   ~DenseMapper();
 
@@ -78,16 +113,31 @@ class DenseMapper {
 
   /// Adds a keyframe (id above all earlier ones since the last Reset, else InvalidInputError) and runs what has become
   /// possible: first estimates of keyframes that now have enough views, then refinements, each in the order of ids. A
-  /// keyframe that fails is reported through on_drop and never stops the others.
+  /// keyframe that fails is reported through on_drop and never stops the others. With several shards all of them get
+  /// every keyframe under the same id.
   void AddKeyframe(FramePtr frame);
 
-  /// Finishes everything that waits for later keyframes, with the views there are: one useful view is enough.
+  /// Finishes everything that waits for later keyframes, with the views there are: one useful view is enough. What
+  /// waits for other shards goes on waiting.
   void Flush();
 
   /// Forgets window, pending keyframes (each is reported as dropped with reason "reset"), depth range and ids.
+  /// Estimates that other shards sent of later keyframes are kept until an id above theirs comes.
   void Reset();
 
-  /// Keyframes that have had neither on_refined nor on_drop yet.
+  /// An estimate of another shard, of a keyframe that may be still to come here, and what becomes possible with it. One
+  /// that nobody will read is ignored. Throws InvalidInputError for an id that is this shard's own.
+  void SetPeerEstimate(ShardEstimate estimate);
+
+  /// Gives up on what the oldest waiting refinement lacks: from now on nothing waits for those shards until they send
+  /// again. Refinements go on with the estimates there are, each lack told by on_peer_problem.
+  void StopWaiting();
+
+  /// Own refinements that wait for estimates of other shards, and the oldest's keyframe.
+  size_t waiting() const;
+  std::optional<int64_t> oldest_waiting() const;
+
+  /// Own keyframes that have had neither on_refined nor on_drop yet.
   size_t unfinished() const;
 
  private:

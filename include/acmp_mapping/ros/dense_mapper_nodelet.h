@@ -14,11 +14,13 @@
 #include "acmp_mapping/ros/incident_log.h"
 #include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
+#include "acmp_mapping/ros/map_output.h"
 #include "acmp_mapping/ros/mapper_diagnostics.h"
 #include "acmp_mapping/ros/mapper_services.h"
 #include "acmp_mapping/ros/mapper_worker.h"
 #include "acmp_mapping/ros/master_watch.h"
 #include "acmp_mapping/ros/output_publisher.h"
+#include "acmp_mapping/ros/shard_exchange.h"
 #include "acmp_mapping/ros/shared_options.h"
 #include "acmp_mapping/ros/tf_lookup.h"
 
@@ -28,7 +30,7 @@ namespace acmp {
 ///
 /// Threads: one for input callbacks, which only buffer; the worker, which matches and publishes keyframes; one for
 /// services, which also publishes the map; one for diagnostics, dynamic_reconfigure and optimized_path, where neither
-/// images nor the building of a map wait for a long path; one that asks the ROS master.
+/// images nor the building of a map wait for a long path; one that asks the ROS master; one for what other shards send.
 ///
 /// Locks: delivery_mutex_ keeps "take from the intake, hand to the worker" in order and may be held while the worker's
 /// queue blocks; intake_mutex_ guards the intake for a moment. Where both are needed delivery_mutex_ comes first.
@@ -41,6 +43,7 @@ class DenseMapperNodelet : public nodelet::Nodelet {
  private:
   void onInit() override;
   void LoadOptions();
+  void StartExchange(MapperWorker::Hooks* hooks);
   void StartWorker();
   void Subscribe();
   void StartServices();
@@ -63,9 +66,6 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   void ReportDrop(const Drop& drop);
   /// keyframe_path, as it is in the map now.
   void PublishPath();
-  /// Number of points; nothing is published before the first keyframe.
-  size_t PublishMap();
-  size_t SaveMap(const acmp_mapping::SaveMap::Request& request);
   std::string Reset();
   MapperSnapshot TakeSnapshot();
 
@@ -74,11 +74,13 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   CallbackThread service_thread_;
   CallbackThread status_thread_;
   CallbackThread master_thread_;
+  CallbackThread exchange_thread_;
 
   NodeOptions options_;
   std::unique_ptr<SharedOptions> runtime_options_;
   std::unique_ptr<MapStore> map_;
   std::unique_ptr<OutputPublisher> publisher_;
+  std::unique_ptr<MapOutput> map_output_;
   IncidentLog drops_;
   IncidentLog path_doubts_;  ///< paths that were used and should be looked at
   std::atomic<bool> paused_{false};
@@ -91,19 +93,11 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   std::unique_ptr<TfLookup> tf_;  ///< null where nothing is looked up
   std::unique_ptr<KeyframeIntake> intake_;
 
-  // What the map needs to be published: written by the worker, read by the services' thread.
-  std::mutex map_header_mutex_;
-  std::string map_frame_;
-  int64_t map_stamp_ns_ = 0;
-
   std::mutex path_mutex_;
   std::string path_frame_;  ///< the world frame of the newest keyframe
 
-  // Used by the services' thread alone.
-  uint64_t published_version_ = 0;
-  double next_map_publish_s_ = 0;
-  std::atomic<bool> map_requested_{false};  ///< a new subscriber: publish even if nothing has changed
-
+  KeyframeNumbers numbers_;
+  std::unique_ptr<ShardExchange> exchange_;  ///< null without other shards
   std::unique_ptr<MapperWorker> worker_;
   ros::WallTimer deliver_timer_;
   MasterWatch master_watch_;

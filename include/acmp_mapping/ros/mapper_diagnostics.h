@@ -11,6 +11,7 @@
 #include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/map_store.h"
 #include "acmp_mapping/ros/mapper_worker.h"
+#include "acmp_mapping/ros/shard_exchange.h"
 
 namespace acmp {
 
@@ -34,13 +35,16 @@ struct MapperSnapshot {
   uint32_t optimized_path_publishers = 0;
   std::map<std::string, IncidentLog::Entry> drops;
   std::map<std::string, IncidentLog::Entry> path_doubts;  ///< optimized paths that were used and look wrong
+  ShardOptions shard;
+  std::vector<PeerStatus> peers;
 };
 
-/// One status each, without a master: "inputs", "matching", "mapping", "map".
+/// One status each, without a master: "inputs", "matching", "mapping", "map"; with several shards "shards".
 void DescribeInputs(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
 void DescribeMatching(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
 void DescribeMapping(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
 void DescribeMap(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
+void DescribeShards(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
 
 /// Publishes them on /diagnostics once a second of wall time, so that a paused or jumping clock does not silence it.
 class MapperDiagnostics {

@@ -13,7 +13,8 @@ namespace acmp {
 /// The services and a periodic task. They may take as long as a map takes to write: give them a thread of their own.
 class MapperServices {
  public:
-  /// A trigger returns what it did; failures are exceptions whose text becomes the response's message.
+  /// A trigger returns what it did; failures are exceptions whose text becomes the response's message. A service
+  /// without a handler does not exist.
   struct Handlers {
     std::function<std::string()> flush;
     std::function<std::string()> reset;

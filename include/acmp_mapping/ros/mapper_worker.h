@@ -11,6 +11,7 @@
 
 #include "acmp_mapping/pipeline/dense_mapper.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
+#include "acmp_mapping/ros/keyframe_numbers.h"
 #include "acmp_mapping/ros/latency_window.h"
 #include "acmp_mapping/ros/map_store.h"
 #include "acmp_mapping/ros/shared_options.h"
@@ -44,6 +45,8 @@ struct WorkerStatus {
   double preparation_ms = 0;                    ///< decoding and rectifying the last image
   double keyframe_ms = 0;                       ///< the last keyframe in the worker, all in all
   LatencyWindow fast_latency, refined_latency;  ///< from the image's callback until its map was published
+  uint64_t of_others = 0;                       ///< keyframes that are other shards'
+  size_t waiting = 0;                           ///< refinements that wait for other shards
 };
 
 /// The one thread that matches: it makes the backend, prepares frames and drives the DenseMapper. Hooks run in this
@@ -58,10 +61,15 @@ class MapperWorker {
     std::function<void(const KeyframeOutput&)> on_fast;
     std::function<void(const KeyframeOutput&)> on_refined;
     std::function<void(const Drop&)> on_drop;
+    // With several shards, of own keyframes.
+    std::function<void(const ShardEstimate&, int64_t stamp_ns)> on_own_estimate;
+    std::function<void(int64_t number, int64_t stamp_ns, const std::string& reason)> on_dropped_keyframe;
+    std::function<void(int64_t number)> on_flush;  ///< Flush was called after the keyframe of this number
   };
 
-  /// @param options, map outlive the worker
-  MapperWorker(const NodeOptions& node_options, const SharedOptions* options, MapStore* map, Hooks hooks);
+  /// @param options, map, numbers outlive the worker
+  MapperWorker(const NodeOptions& node_options, const SharedOptions* options, MapStore* map, KeyframeNumbers* numbers,
+               Hooks hooks);
   ~MapperWorker();
   MapperWorker(const MapperWorker&) = delete;
   MapperWorker& operator=(const MapperWorker&) = delete;
@@ -69,8 +77,15 @@ class MapperWorker {
   /// Queues a keyframe. With overload: block, waits for room.
   void Push(KeyframeInput input);
 
-  /// Finishes all keyframes queued and pending. Empty when done, else why not.
+  /// Finishes all keyframes queued and pending. Empty when done, else why not. With several shards, the others are told
+  /// to do the same after the last keyframe queued here, since each needs the others' estimates.
   std::string Flush();
+
+  /// From other shards: an estimate, and that they were flushed after the keyframe of this number.
+  void AddPeerEstimate(ShardEstimate estimate);
+  void FlushAfter(int64_t number);
+  /// To be called some times a second: ends waits for other shards that have taken shard_timeout.
+  void CheckWaiting();
 
   /// After all that is queued: finishes what is pending, then forgets the window, with `clear_map` the map too.
   void StartOver(bool clear_map);
@@ -86,6 +101,10 @@ class MapperWorker {
 
  private:
   using Command = std::function<void()>;
+  struct NumberedInput {
+    KeyframeInput keyframe;
+    int64_t number;
+  };
   /// What is known of a keyframe from AddKeyframe to its end.
   struct Pending {
     int64_t stamp_ns;
@@ -98,24 +117,30 @@ class MapperWorker {
 
   void Run();
   void MakeMapper();
-  void Process(KeyframeInput input);
-  FramePtr PrepareFrame(const KeyframeInput& input, cv::Mat* valid);
+  void Process(const NumberedInput& input);
+  FramePtr PrepareFrame(const NumberedInput& input, cv::Mat* valid);
   double LatencyMs(const KeyframeDepth& maps) const;
+  bool MustWait() const;
+  void FinishWaits();
   KeyframeOutput MakeOutput(const KeyframeDepthPtr& maps) const;
   void HandleFast(const KeyframeDepthPtr& maps);
   void HandleRefined(const KeyframeDepthPtr& maps);
   void Publish(const std::function<void(const KeyframeOutput&)>& hook, const KeyframeOutput& output) const;
   void HandleDrop(const KeyframeDrop& drop);
   void ReportDrop(const Drop& drop) const;
-  std::string RunCommand(const std::function<void()>& work);
+  bool IsOwn(int64_t number) const { return number % node_options_.shard.count == node_options_.shard.index; }
+  void ReportUnmapped(const NumberedInput& input, const Drop& drop) const;
+  /// Has the worker do `work` and waits until that calls done, at once or later. Empty then, else why not.
+  std::string RunCommand(bool urgent, const std::function<void(const std::function<void()>& done)>& work);
   template <class Change>
   void UpdateStatus(const Change& change);
 
   const NodeOptions node_options_;
   const SharedOptions* const options_;
   MapStore* const map_;
+  KeyframeNumbers* const numbers_;
   const Hooks hooks_;
-  WorkQueue<KeyframeInput, Command> queue_;
+  WorkQueue<NumberedInput, Command> queue_;
   std::atomic<bool> stopping_{false};
 
   mutable std::mutex status_mutex_;
@@ -129,7 +154,11 @@ class MapperWorker {
   std::unique_ptr<ImageRectifier> rectifier_;
   std::map<int64_t, Pending> pending_;
   double min_confidence_ = 0;
-  int64_t next_id_ = 0;
+  int64_t last_number_ = -1;                          ///< of the last keyframe taken from the queue
+  std::optional<int64_t> flush_after_;                ///< a peer was flushed after this keyframe
+  std::vector<std::function<void()>> when_finished_;  ///< to be done when nothing waits for other shards
+  std::optional<int64_t> oldest_waiting_;
+  double waiting_since_s_ = 0;
 
   std::thread thread_;  // last: it starts when everything above exists
 };

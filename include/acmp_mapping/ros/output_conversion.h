@@ -35,5 +35,7 @@ void CheckCloudSize(size_t points, size_t limit);
 /// x y z rgb normal_x normal_y normal_z confidence, all float32 (rgb packed as PCL does); unordered. Throws
 /// InvalidInputError above 4 GB, which the message's sizes cannot express.
 sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_msgs::Header& header);
+/// Back again, without a change. Throws InvalidInputError for a message of any other layout.
+PointCloud ToPointCloud(const sensor_msgs::PointCloud2& message);
 
 }  // namespace acmp

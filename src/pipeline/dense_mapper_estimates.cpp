@@ -1,0 +1,180 @@
+#include <algorithm>
+#include <iterator>
+#include <utility>
+
+#include "acmp_mapping/common/timer.h"
+#include "dense_mapper_impl.h"
+
+namespace acmp {
+namespace {
+
+const char* NameOf(EstimateStage stage) { return stage == EstimateStage::kFast ? "fast" : "refined"; }
+
+}  // namespace
+
+EngineView DenseMapper::Impl::MakeView(WindowKeyframe* keyframe) {
+  const int levels = options.pipeline.start_level;
+  if (!keyframe->image || keyframe->image_levels < levels) {
+    keyframe->image = engine->Load(keyframe->frame, levels);
+    keyframe->image_levels = levels;
+  }
+  return {keyframe->frame, keyframe->image, nullptr};
+}
+
+std::shared_ptr<KeyframeDepth> DenseMapper::Impl::MakeKeyframeDepth(const WindowKeyframe& keyframe,
+                                                                    const EngineEstimatePtr& estimate,
+                                                                    std::vector<int64_t> source_ids) {
+  EstimateMaps estimate_maps = engine->Download(estimate);
+  auto maps = std::make_shared<KeyframeDepth>();
+  maps->frame = keyframe.frame;
+  maps->range = keyframe.range;
+  maps->depth = std::move(estimate_maps.depth);
+  maps->normal = std::move(estimate_maps.normal);
+  maps->cost = std::move(estimate_maps.cost);
+  maps->source_ids = std::move(source_ids);
+  return maps;
+}
+
+void DenseMapper::Impl::Estimate(WindowKeyframe* keyframe, const Sources& sources) {
+  EngineEstimatePtr estimate;
+  std::shared_ptr<KeyframeDepth> maps;
+  const auto failure = CatchFailure([&] {
+    EngineProblem problem;
+    problem.reference = MakeView(keyframe);
+    for (const WindowKeyframePtr& source : sources.keyframes) problem.sources.push_back(MakeView(source.get()));
+    problem.depth_range = keyframe->range;
+    estimate = estimator.EstimateInitial(problem);
+    maps = MakeKeyframeDepth(*keyframe, estimate, sources.ids);
+    maps->times = estimator.last_times();
+    Publish(*keyframe, EstimateStage::kFast, estimate);
+  });
+  if (failure) {
+    keyframe->stage.reset();
+    return Drop(keyframe, failure->reason, failure->message);
+  }
+  keyframe->times = maps->times;
+  keyframe->fast = std::move(estimate);
+  keyframe->fast_settled = true;
+  if (callbacks.on_fast) callbacks.on_fast(maps);
+}
+
+bool DenseMapper::Impl::IsReady(const ScheduledRefinement& refinement) const {
+  return std::all_of(refinement.sources.begin(), refinement.sources.end(), [this](const auto& source) {
+    return source.settled() || lost_shards.count(source.keyframe->shard) > 0;
+  });
+}
+
+void DenseMapper::Impl::RunReady() {
+  for (;;) {
+    const auto ready =
+        std::find_if(waiting.begin(), waiting.end(), [this](const auto& refinement) { return IsReady(refinement); });
+    if (ready == waiting.end()) return;
+    const ScheduledRefinement refinement = std::move(*ready);
+    waiting.erase(ready);
+    Refine(refinement);
+  }
+}
+
+void DenseMapper::Impl::Refine(const ScheduledRefinement& refinement) {
+  WindowKeyframe& keyframe = *refinement.keyframe;
+  EngineEstimatePtr estimate;
+  KeyframeDepthPtr refined;
+  const auto failure = CatchFailure([&] {
+    refined = MakeRefined(refinement, &estimate);
+    Publish(keyframe, EstimateStage::kRefined, estimate);
+  });
+  if (failure) return Drop(&keyframe, failure->reason, failure->message);
+  keyframe.refined = std::move(estimate);
+  keyframe.refined_settled = true;
+  if (shard.count == 1) keyframe.fast.reset();  // with several, a refinement that waits may still have to read it
+  if (callbacks.on_refined) callbacks.on_refined(refined);
+}
+
+EngineProblem DenseMapper::Impl::MakeRefinementProblem(const ScheduledRefinement& refinement) {
+  const WindowKeyframe& keyframe = *refinement.keyframe;
+  EngineProblem problem;
+  problem.reference = MakeView(refinement.keyframe.get());
+  problem.reference.estimate = keyframe.fast;
+  problem.depth_range = keyframe.range;
+  for (const ScheduledRefinement::Source& source : refinement.sources) {
+    problem.sources.push_back(MakeView(source.keyframe.get()));
+    if (source.stage) problem.sources.back().estimate = source.keyframe->Estimate(*source.stage);
+    if (source.settled()) continue;
+    ReportPeer("peer_estimate_missing",
+               Concat("keyframe ", keyframe.frame->id, " is refined without the ", NameOf(*source.stage),
+                      " estimate of keyframe ", source.keyframe->frame->id, ", which shard ", source.keyframe->shard,
+                      " of ", shard.count, " did not send in time"));
+  }
+  return problem;
+}
+
+KeyframeDepthPtr DenseMapper::Impl::MakeRefined(const ScheduledRefinement& refinement, EngineEstimatePtr* estimate) {
+  EngineProblem problem = MakeRefinementProblem(refinement);
+  StageTimes times = *refinement.keyframe->times;
+  for (int step = 0; step < estimator.num_refinements(); ++step) {
+    problem.reference.estimate = estimator.Refine(problem, step);
+    times += estimator.last_times();
+  }
+  *estimate = problem.reference.estimate;
+  std::shared_ptr<KeyframeDepth> refined = MakeKeyframeDepth(*refinement.keyframe, *estimate, refinement.source_ids);
+
+  Timer timer;
+  ConsistencyResult consistency =
+      engine->FilterByConsistency(problem.reference, problem.sources, options.pipeline.fusion);
+  refined->confidence = std::move(consistency.confidence);
+  refined->points_in_camera = std::move(consistency.points_in_camera);
+  refined->consistency_ms = timer.Lap();
+  refined->times = times;
+  refined->refined = true;
+  return refined;
+}
+
+void DenseMapper::Impl::Publish(const WindowKeyframe& keyframe, EstimateStage stage,
+                                const EngineEstimatePtr& estimate) const {
+  if (shard.count == 1 || !callbacks.on_own_estimate) return;
+  callbacks.on_own_estimate({keyframe.frame->id, stage, estimate ? engine->DownloadState(estimate) : EstimateState()});
+}
+
+void DenseMapper::Impl::AdmitPeer(const WindowKeyframePtr& keyframe) {
+  for (auto old = peer_keyframes.begin(); old != peer_keyframes.end();) {
+    old = old->second.expired() ? peer_keyframes.erase(old) : std::next(old);
+  }
+  const int64_t id = keyframe->frame->id;
+  peer_keyframes[id] = keyframe;
+  for (auto [it, end] = early.equal_range(id); it != end; ++it) SettlePeer(keyframe.get(), std::move(it->second));
+  early.erase(early.begin(), early.upper_bound(id));
+}
+
+void DenseMapper::Impl::SettlePeer(WindowKeyframe* keyframe, ShardEstimate estimate) {
+  const bool fast = estimate.stage == EstimateStage::kFast;
+  const bool none = estimate.state.planes.empty();
+  // A keyframe without a fast estimate gets no refined one.
+  if (fast) keyframe->fast_settled = true;
+  if (!fast || none) keyframe->refined_settled = true;
+  if (none) return;
+  const auto failure = CatchFailure([&] {
+    (fast ? keyframe->fast : keyframe->refined) =
+        engine->UploadState(std::move(estimate.state), keyframe->frame->camera);
+  });
+  if (failure) {
+    ReportPeer("peer_estimate_refused", Concat(NameOf(estimate.stage), " estimate of keyframe ", estimate.id,
+                                               " from shard ", keyframe->shard, ": ", failure->message));
+  }
+}
+
+void DenseMapper::Impl::KeepForLater(ShardEstimate estimate) {
+  early.emplace(estimate.id, std::move(estimate));
+  // A peer is ahead by a window at most, unless it has given up on this shard: then the nearest ones are worth keeping.
+  const size_t most = 2 * static_cast<size_t>(options.window_size) * static_cast<size_t>(shard.count);
+  if (early.size() <= most) return;
+  const auto last = std::prev(early.end());
+  ReportPeer("peer_estimate_refused", Concat(NameOf(last->second.stage), " estimate of keyframe ", last->first, ": ",
+                                             most, " estimates of keyframes that have not come here are kept already"));
+  early.erase(last);
+}
+
+void DenseMapper::Impl::ReportPeer(const char* reason, const std::string& message) const {
+  if (callbacks.on_peer_problem) callbacks.on_peer_problem(reason, message);
+}
+
+}  // namespace acmp

@@ -1,0 +1,98 @@
+#pragma once
+
+#include <deque>
+#include <list>
+#include <map>
+#include <memory>
+#include <new>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/pipeline/dense_mapper.h"
+#include "window_keyframe.h"
+
+namespace acmp {
+
+struct Failure {
+  std::string reason;
+  std::string message;
+};
+
+/// Runs `work`; what it throws becomes a value, so that one keyframe's failure does not reach the others.
+template <class Work>
+std::optional<Failure> CatchFailure(const Work& work) {
+  try {
+    work();
+    return std::nullopt;
+  } catch (const InvalidInputError& error) {
+    return Failure{"invalid_input", error.what()};
+  } catch (const std::bad_alloc&) {
+    return Failure{"processing_error", "out of memory"};
+  } catch (const std::exception& error) {
+    return Failure{"processing_error", error.what()};
+  }
+}
+
+/// The schedule is in dense_mapper.cpp, what computes and exchanges estimates in dense_mapper_estimates.cpp.
+struct DenseMapper::Impl {
+  /// Source views of one keyframe, best first.
+  struct Sources {
+    std::vector<WindowKeyframePtr> keyframes;
+    std::vector<int64_t> ids;
+  };
+
+  Impl(DepthEngine* depth_engine, const DenseMapperOptions& mapper_options, Callbacks mapper_callbacks,
+       const ShardOptions& mapper_shard);
+
+  void Admit(FramePtr frame);
+  std::optional<DepthRange> FindDepthRange(const Frame& frame);
+  void EstimatePending(int min_source_views);
+  void ScheduleOlderThan(size_t later_keyframes);
+  void Schedule(const WindowKeyframePtr& keyframe);
+  void EvictUntil(int keyframes_left);
+
+  std::vector<WindowKeyframePtr> Others(const WindowKeyframe& keyframe) const;
+  Sources SelectSources(const WindowKeyframe& keyframe) const;
+  std::string DescribeMissing(const WindowKeyframe& keyframe, int min_source_views) const;
+
+  bool IsOwn(const WindowKeyframe& keyframe) const { return keyframe.shard == shard.index; }
+  int ShardOf(int64_t id) const;
+  void Drop(WindowKeyframe* keyframe, const std::string& reason, const std::string& message);
+  void Report(const KeyframeDrop& drop) const;
+
+  EngineView MakeView(WindowKeyframe* keyframe);
+  std::shared_ptr<KeyframeDepth> MakeKeyframeDepth(const WindowKeyframe& keyframe, const EngineEstimatePtr& estimate,
+                                                   std::vector<int64_t> source_ids);
+  void Estimate(WindowKeyframe* keyframe, const Sources& sources);
+  void Refine(const ScheduledRefinement& refinement);
+  KeyframeDepthPtr MakeRefined(const ScheduledRefinement& refinement, EngineEstimatePtr* estimate);
+  EngineProblem MakeRefinementProblem(const ScheduledRefinement& refinement);
+  bool IsReady(const ScheduledRefinement& refinement) const;
+  void RunReady();
+
+  void Publish(const WindowKeyframe& keyframe, EstimateStage stage, const EngineEstimatePtr& estimate) const;
+  void AdmitPeer(const WindowKeyframePtr& keyframe);
+  void SettlePeer(WindowKeyframe* keyframe, ShardEstimate estimate);
+  void KeepForLater(ShardEstimate estimate);
+  void ReportPeer(const char* reason, const std::string& message) const;
+
+  DenseMapperOptions options;
+  Callbacks callbacks;
+  const ShardOptions shard;
+  DepthEngine* engine;
+  DepthEstimator estimator;
+  std::deque<WindowKeyframePtr> window;    ///< oldest first
+  std::list<ScheduledRefinement> waiting;  ///< own ones, in the order of the schedule
+  std::optional<DepthRange> last_range;
+  std::optional<int64_t> last_id;
+
+  // With several shards.
+  std::map<int64_t, std::weak_ptr<WindowKeyframe>> peer_keyframes;  ///< that somebody may still read
+  std::multimap<int64_t, ShardEstimate> early;                      ///< by id, of keyframes that are still to come
+  std::set<int> lost_shards;                                        ///< nothing waits for these
+};
+
+}  // namespace acmp

@@ -1,0 +1,58 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "acmp_mapping/pipeline/dense_mapper.h"
+
+namespace acmp {
+
+/// One keyframe of the window. A finished one stays as a source view of others until it is evicted, and then for those
+/// refinements that wait and read it.
+struct WindowKeyframe {
+  enum class State {
+    kPending,    ///< waits for source views
+    kFast,       ///< the initial estimate is made (by another shard: is on its way), waits for later keyframes
+    kScheduled,  ///< its refinement is made or has its place in the order of all, or the keyframe was dropped
+  };
+  FramePtr frame;
+  DepthRange range;
+  int shard = 0;  ///< whose it is
+  State state = State::kPending;
+  EngineImagePtr image;             ///< null until the keyframe is first used as reference or source view
+  int image_levels = 0;             ///< levels it was loaded with
+  std::optional<StageTimes> times;  ///< of the initial estimate, when it is made here
+
+  /// What a refinement reads whose turn in the order of all keyframes is now; none: no estimate.
+  std::optional<EstimateStage> stage;
+  EngineEstimatePtr fast;
+  EngineEstimatePtr refined;
+  bool fast_settled = false;  ///< `fast` is there or will never be
+  bool refined_settled = false;
+
+  bool Settled(EstimateStage read) const {
+    if (read == EstimateStage::kFast) return fast_settled;
+    return refined_settled && (refined != nullptr || fast_settled);
+  }
+  /// The fast one stands in for a refinement that failed. May be null.
+  const EngineEstimatePtr& Estimate(EstimateStage read) const {
+    return read == EstimateStage::kRefined && refined != nullptr ? refined : fast;
+  }
+};
+using WindowKeyframePtr = std::shared_ptr<WindowKeyframe>;
+
+/// A refinement with all that it reads, as it stood when its turn came.
+struct ScheduledRefinement {
+  struct Source {
+    WindowKeyframePtr keyframe;
+    std::optional<EstimateStage> stage;
+
+    bool settled() const { return !stage || keyframe->Settled(*stage); }
+  };
+  WindowKeyframePtr keyframe;
+  std::vector<Source> sources;  ///< best first
+  std::vector<int64_t> source_ids;
+};
+
+}  // namespace acmp

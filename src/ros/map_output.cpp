@@ -1,0 +1,68 @@
+#include "acmp_mapping/ros/map_output.h"
+
+#include <algorithm>
+
+#include <sensor_msgs/PointCloud2.h>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/ros/input_sources.h"
+#include "acmp_mapping/ros/map_writer.h"
+#include "acmp_mapping/ros/output_conversion.h"
+#include "acmp_mapping/ros/topic_names.h"
+
+namespace acmp {
+namespace {
+
+/// roscpp takes more for a broken connection; 1 kB is left for the other fields.
+constexpr size_t kMaxMessageBytes = 1000000000 - 1000;
+constexpr double kMapLoad = 4;  ///< building maps takes at most one part in 1 + kMapLoad of a core
+
+}  // namespace
+
+MapOutput::MapOutput(ros::NodeHandle nh, const MapStore* map) : map_(map) {
+  const ros::SubscriberStatusCallback on_connect = [this](const ros::SingleSubscriberPublisher&) { requested_ = true; };
+  publisher_ = nh.advertise<sensor_msgs::PointCloud2>(names::kMapPoints, 1, on_connect, ros::SubscriberStatusCallback(),
+                                                      ros::VoidConstPtr(), true);
+}
+
+void MapOutput::SetHeader(const std::string& world_frame, int64_t stamp_ns) {
+  std::lock_guard<std::mutex> lock(header_mutex_);
+  world_frame_ = world_frame;
+  stamp_ns_ = stamp_ns;
+}
+
+size_t MapOutput::Publish() {
+  std_msgs::Header header;
+  {
+    std::lock_guard<std::mutex> lock(header_mutex_);
+    header.frame_id = world_frame_;
+    header.stamp.fromNSec(static_cast<uint64_t>(stamp_ns_));
+  }
+  if (header.frame_id.empty()) return 0;
+  requested_ = false;
+  published_version_ = map_->version();
+  const PointCloud map = map_->WorldCloud();
+  CheckCloudSize(map.size(), kMaxMessageBytes);
+  publisher_.publish(ToCloudMessage(map, header));
+  return map.size();
+}
+
+void MapOutput::PublishIfDue(double max_rate) {
+  const double now_s = SteadySeconds();
+  if (max_rate <= 0 || now_s < next_publish_s_ || publisher_.getNumSubscribers() == 0) return;
+  if (map_->version() == published_version_ && !requested_) return;
+  Publish();
+  next_publish_s_ = now_s + std::max(1 / max_rate, (1 + kMapLoad) * (SteadySeconds() - now_s));
+}
+
+size_t MapOutput::Save(const acmp_mapping::SaveMap::Request& request) const {
+  using Request = acmp_mapping::SaveMap::Request;
+  if (request.format != Request::PLY && request.format != Request::PCD) {
+    throw InvalidInputError(Concat("format = ", int{request.format}, ": must be 0 (PLY) or 1 (PCD)"));
+  }
+  const PointCloud map = map_->WorldCloud();
+  WriteMap(request.path, map, request.format == Request::PLY ? MapFormat::kPly : MapFormat::kPcd, request.binary);
+  return map.size();
+}
+
+}  // namespace acmp
