@@ -2,8 +2,8 @@
 # Format (clang-format) and mistakes (clang-tidy on every .cpp; it cannot read .cu). Fails when one finds something.
 # Usage: scripts/check_style.sh [--full] [BUILD_FOLDER]
 #   BUILD_FOLDER  a configured build; without it only what needs none is checked
-#   --full        also the checks that take three times as long as all others: the analyser, parameters copied in vain,
-#                 reserved names, C strings, assert and macros
+#   --full        also the checks that take four times as long as all others: the analyser, parameters copied in vain,
+#                 reserved names, C strings, assert and macros, and some that have never found anything
 set -euo pipefail
 cd "$(dirname "$0")/.."
 more_checks=
@@ -11,7 +11,10 @@ if [ "${1:-}" = --full ]; then
   more_checks=--checks=clang-analyzer-*,-clang-analyzer-optin.cplusplus.VirtualCall,-clang-analyzer-optin.performance.Padding
   more_checks+=,performance-unnecessary-value-param,bugprone-reserved-identifier,bugprone-assert-side-effect
   more_checks+=,bugprone-multiple-statement-macro,bugprone-not-null-terminated-result,bugprone-stringview-nullptr
-  more_checks+=,bugprone-suspicious-semicolon,bugprone-suspicious-string-compare
+  more_checks+=,bugprone-suspicious-semicolon,bugprone-suspicious-string-compare,bugprone-dangling-handle
+  more_checks+=,bugprone-infinite-loop,bugprone-misplaced-widening-cast,bugprone-sizeof-expression
+  more_checks+=,bugprone-undelegated-constructor,bugprone-unused-raii,modernize-use-nullptr
+  more_checks+=,readability-container-size-empty
   shift
 fi
 build=${1:-}
