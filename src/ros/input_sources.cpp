@@ -39,7 +39,7 @@ class Arrivals {
 bool BringsImages(Kind kind) { return kind == Kind::kImage || kind == Kind::kKeyframe; }
 
 /// What to subscribe to.
-struct Stream {
+struct InputStream {
   Kind kind;
   std::string topic;
   uint32_t queue;
@@ -53,7 +53,7 @@ class TopicSource : public InputSource {
  public:
   using ConstPtr = boost::shared_ptr<const Message>;
 
-  TopicSource(ros::NodeHandle nh, const Stream& stream, std::function<void(const ConstPtr&)> handle,
+  TopicSource(ros::NodeHandle nh, const InputStream& stream, std::function<void(const ConstPtr&)> handle,
               std::function<void(const Drop&)> on_drop)
       : stream_(stream), handle_(std::move(handle)), on_drop_(std::move(on_drop)) {
     const boost::function<void(const ConstPtr&)> callback = [this](const ConstPtr& message) { Receive(message); };
@@ -74,7 +74,7 @@ class TopicSource : public InputSource {
     }
   }
 
-  Stream stream_;
+  InputStream stream_;
   std::function<void(const ConstPtr&)> handle_;
   std::function<void(const Drop&)> on_drop_;
   Arrivals arrivals_;
@@ -135,8 +135,8 @@ class SourceFactory {
 
  private:
   template <class Message>
-  void Add(const Stream& stream, std::function<void(const boost::shared_ptr<const Message>&)> handle) {
-    Stream named = stream;
+  void Add(const InputStream& stream, std::function<void(const boost::shared_ptr<const Message>&)> handle) {
+    InputStream named = stream;
     // With overload: block the messages of a recording wait here, all of them (0: no limit).
     if (options_.overload == OverloadPolicy::kBlock && stream.queue > 1) named.queue = 0;
     sources_.push_back(std::make_unique<TopicSource<Message>>(nh_, named, std::move(handle), handlers_.on_drop));

@@ -115,8 +115,8 @@ bool SameBits(const Image<T>& a, const Image<T>& b) {
 }
 
 bool SamePoint(const SurfacePoint& a, const SurfacePoint& b) {
-  return std::memcmp(&a.position, &b.position, sizeof(Vec3f)) == 0 &&
-         std::memcmp(&a.normal, &b.normal, sizeof(Vec3f)) == 0 && a.color.r == b.color.r && a.color.g == b.color.g &&
+  const auto same = [](const Vec3f& u, const Vec3f& v) { return u.x == v.x && u.y == v.y && u.z == v.z; };
+  return same(a.position, b.position) && same(a.normal, b.normal) && a.color.r == b.color.r && a.color.g == b.color.g &&
          a.color.b == b.color.b && a.confidence == b.confidence;
 }
 

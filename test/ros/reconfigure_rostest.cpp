@@ -33,10 +33,9 @@ std::vector<std::pair<std::string, DenseMapperConfig>> Changes(const DenseMapper
                          [&](const char* name, const auto&, const auto& field) { low[name] = field; });
   VisitRuntimeParameters(unused, DenseMapperConfig::__getMax__(),
                          [&](const char* name, const auto&, const auto& field) { high[name] = field; });
-  std::vector<std::string> names;
-  for (const auto& [name, bound] : low) names.push_back(name);
   std::vector<std::pair<std::string, DenseMapperConfig>> changes;
-  for (const std::string& wanted : names) {
+  for (const auto& bound : low) {
+    const std::string& wanted = bound.first;
     DenseMapperConfig changed = start;
     VisitRuntimeParameters(unused, changed, [&](const char* name, const auto&, auto& field) {
       using Value = std::decay_t<decltype(field)>;
