@@ -1,13 +1,20 @@
 #!/bin/bash
-# Format (clang-format) and mistakes (clang-tidy on every .cpp; it cannot read .cu). Fails when one finds something.
-# Usage: scripts/check_style.sh [--full] [BUILD_FOLDER]
+# Format (clang-format) and mistakes (clang-tidy on every .cpp but the tests'; it cannot read .cu). Fails when one finds
+# something.
+# Usage: scripts/check_style.sh [--tests | --full] [BUILD_FOLDER]
 #   BUILD_FOLDER  a configured build; without it only what needs none is checked
-#   --full        also the checks that take four times as long as all others: the analyser, parameters copied in vain,
+#   --tests       the tests too, which take as long as all else
+#   --full        that, and the checks that take four times as long as all others: the analyser, parameters copied in vain,
 #                 reserved names, C strings, assert and macros, and some that have never found anything
 set -euo pipefail
 cd "$(dirname "$0")/.."
 more_checks=
-if [ "${1:-}" = --full ]; then
+with_tests=
+if [ "${1:-}" = --tests ]; then
+  with_tests=1
+  shift
+elif [ "${1:-}" = --full ]; then
+  with_tests=1
   more_checks=--checks=clang-analyzer-*,-clang-analyzer-optin.cplusplus.VirtualCall,-clang-analyzer-optin.performance.Padding
   more_checks+=,performance-unnecessary-value-param,bugprone-reserved-identifier,bugprone-assert-side-effect
   more_checks+=,bugprone-multiple-statement-macro,bugprone-not-null-terminated-result,bugprone-stringview-nullptr
@@ -27,12 +34,14 @@ echo "clang-format: ${#sources[@]} files"
 
 if [ -n "$build" ]; then
   # Only what this build compiles: without CUDA the files in cuda/ have no flags.
-  mapfile -t units < <(/usr/bin/python3 - "$build/compile_commands.json" <<'PYTHON'
+  mapfile -t units < <(/usr/bin/python3 - "$build/compile_commands.json" "$with_tests" <<'PYTHON'
 import json, os, subprocess, sys
 tracked = {os.path.realpath(path) for path in subprocess.check_output(["git", "ls-files", "*.cpp"], text=True).split()}
+tests = os.path.realpath("test") + os.sep
 units = {os.path.realpath(os.path.join(entry["directory"], entry["file"])) for entry in json.load(open(sys.argv[1]))}
 # Large files first, so that no processor is left with one at the end.
-print("\n".join(sorted(tracked & units, key=os.path.getsize, reverse=True)))
+chosen = {unit for unit in tracked & units if sys.argv[2] or not unit.startswith(tests)}
+print("\n".join(sorted(chosen, key=os.path.getsize, reverse=True)))
 PYTHON
 )
   printf '%s\0' "${units[@]}" | xargs -0 -P "$(nproc)" -n 4 clang-tidy --quiet -p "$build" $more_checks 2>/dev/null ||
