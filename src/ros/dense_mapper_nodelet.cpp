@@ -362,7 +362,7 @@ MapperSnapshot DenseMapperNodelet::TakeSnapshot() {
   if (exchange_) snapshot.peers = exchange_->peers();
   std::lock_guard<std::mutex> lock(intake_mutex_);
   snapshot.waiting_images = intake_->waiting_images();
-  if (intake_->obstacle()) snapshot.waiting_for = intake_->obstacle()->message;
+  snapshot.waiting_for = intake_->DescribeWait(snapshot.now_s);
   snapshot.not_chosen = intake_->not_chosen();
   snapshot.last_gap = intake_->last_gap();
   snapshot.points_in_front = intake_->share_in_front();

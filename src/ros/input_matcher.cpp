@@ -18,6 +18,12 @@ constexpr size_t kMoreClouds = 10;            ///< than images: those of images 
 int64_t ToNs(double seconds) { return std::llround(seconds * 1e9); }
 double ToMs(int64_t ns) { return static_cast<double>(ns) * 1e-6; }
 
+/// Distance of a received pose from a stamp.
+template <class ReceivedPose>
+int64_t Gap(const ReceivedPose& pose, int64_t stamp_ns) {
+  return std::llabs(pose.sample.stamp_ns - stamp_ns);
+}
+
 }  // namespace
 
 void Validate(const InputMatcherOptions& options) {
@@ -121,6 +127,9 @@ void InputMatcher::HandleTimeJump(int64_t stamp_ns) {
   std::copy_if(clouds_.begin(), clouds_.end(), std::back_inserter(kept_clouds), [&](const SparseCloudPtr& cloud) {
     return !kept.empty() && std::llabs(cloud->stamp_ns - stamp_ns) <= kTimeJumpNs;
   });
+  // What still waits now has waited in vain: that is worth more to the user than that time went back.
+  for (const WaitingImage& image : images_) DropWaiting(image);
+  images_.clear();
   const int64_t from_ns = *newest_image_ns_;
   const int64_t kept_newest_ns = newest_pose_ns_;
   Clear("time_jump");
@@ -133,13 +142,10 @@ void InputMatcher::HandleTimeJump(int64_t stamp_ns) {
 void InputMatcher::EvictOldestImage() {
   WaitingImage image = std::move(images_.front());
   images_.pop_front();
-  if (obstacle_) {
-    events_.push_back(
-        Drop{obstacle_->reason, Concat("image ", FormatStamp(image.sample.stamp_ns), ": ", obstacle_->message), true});
-  } else if (image.pose) {
+  if (image.pose && !obstacle_) {
     Emit(std::move(image));
   } else {
-    DropUnposed(image);
+    DropWaiting(image);
   }
 }
 
@@ -160,7 +166,7 @@ void InputMatcher::SetPoseProblem(int64_t stamp_ns, const std::string& problem) 
 void InputMatcher::FindPoses(double now_s) {
   for (WaitingImage& image : images_) {
     if (image.pose) continue;
-    ReceivedPose* nearest = NearestPose(image.sample.stamp_ns, true);
+    ReceivedPose* nearest = NearestUnusedPose(image.sample.stamp_ns);
     if (!nearest || !PoseIsFinal(image.sample.stamp_ns, nearest->sample.stamp_ns)) continue;
     nearest->used = true;
     image.pose = nearest->sample;
@@ -168,16 +174,18 @@ void InputMatcher::FindPoses(double now_s) {
   }
 }
 
-InputMatcher::ReceivedPose* InputMatcher::NearestPose(int64_t stamp_ns, bool unused_only) {
+InputMatcher::ReceivedPose* InputMatcher::NearestUnusedPose(int64_t stamp_ns) {
   ReceivedPose* nearest = nullptr;
-  int64_t nearest_gap_ns = std::numeric_limits<int64_t>::max();
   for (ReceivedPose& pose : poses_) {
-    const int64_t gap_ns = std::llabs(pose.sample.stamp_ns - stamp_ns);
-    if ((pose.used && unused_only) || gap_ns >= nearest_gap_ns) continue;
-    nearest = &pose;
-    nearest_gap_ns = gap_ns;
+    if (!pose.used && (!nearest || Gap(pose, stamp_ns) < Gap(*nearest, stamp_ns))) nearest = &pose;
   }
   return nearest;
+}
+
+const InputMatcher::ReceivedPose* InputMatcher::NearestPose(int64_t stamp_ns) const {
+  const auto nearest = std::min_element(
+      poses_.begin(), poses_.end(), [&](const auto& a, const auto& b) { return Gap(a, stamp_ns) < Gap(b, stamp_ns); });
+  return nearest == poses_.end() ? nullptr : &*nearest;
 }
 
 bool InputMatcher::PoseIsFinal(int64_t image_stamp_ns, int64_t pose_stamp_ns) const {
@@ -225,7 +233,7 @@ void InputMatcher::Emit(WaitingImage image) {
   if (match.cloud) {
     if (std::llabs(match.cloud->stamp_ns - match.image.stamp_ns) <= std::max(sync_tolerance_ns_, kSameExposureNs)) {
       match.cloud_pose = match.pose;
-    } else if (const ReceivedPose* pose = NearestPose(match.cloud->stamp_ns, false);
+    } else if (const ReceivedPose* pose = NearestPose(match.cloud->stamp_ns);
                pose && std::llabs(pose->sample.stamp_ns - match.cloud->stamp_ns) <= sync_tolerance_ns_) {
       match.cloud_pose = pose->sample;
     }
@@ -233,18 +241,33 @@ void InputMatcher::Emit(WaitingImage image) {
   events_.emplace_back(std::move(match));
 }
 
+void InputMatcher::DropWaiting(const WaitingImage& image) {
+  if (!obstacle_) return DropUnposed(image);
+  events_.push_back(
+      Drop{obstacle_->reason, Concat("image ", FormatStamp(image.sample.stamp_ns), ": ", obstacle_->message), true});
+}
+
 void InputMatcher::DropUnposed(const WaitingImage& image) {
   const int64_t stamp_ns = image.sample.stamp_ns;
   last_gap_ = PoseGap{stamp_ns, std::nullopt, image.pose_problem};
+  if (const ReceivedPose* nearest = NearestPose(stamp_ns)) last_gap_->gap_ns = nearest->sample.stamp_ns - stamp_ns;
+  events_.push_back(Drop{"no_pose", DescribeMissingPose(image), true});
+}
+
+std::string InputMatcher::DescribeMissingPose(const WaitingImage& image) const {
+  const int64_t stamp_ns = image.sample.stamp_ns;
   std::string nearest_text = image.pose_problem.empty() ? "no pose has been received" : image.pose_problem;
-  if (const ReceivedPose* nearest = NearestPose(stamp_ns, false)) {
-    last_gap_->gap_ns = nearest->sample.stamp_ns - stamp_ns;
-    nearest_text = Concat("nearest is ", ToMs(std::llabs(*last_gap_->gap_ns)), " ms away");
+  if (const ReceivedPose* nearest = NearestPose(stamp_ns)) {
+    nearest_text = Concat("nearest is ", ToMs(Gap(*nearest, stamp_ns)), " ms away");
   }
-  events_.push_back(Drop{
-      "no_pose",
-      Concat("no pose within ", ToMs(sync_tolerance_ns_), " ms of image ", FormatStamp(stamp_ns), "; ", nearest_text),
-      true});
+  return Concat("no pose within ", ToMs(sync_tolerance_ns_), " ms of image ", FormatStamp(stamp_ns), "; ",
+                nearest_text);
+}
+
+std::optional<InputMatcher::PoseWait> InputMatcher::longest_pose_wait() const {
+  const auto oldest = std::find_if(images_.begin(), images_.end(), [](const WaitingImage& i) { return !i.pose; });
+  if (oldest == images_.end()) return std::nullopt;
+  return PoseWait{oldest->sample.arrival_s, DescribeMissingPose(*oldest)};
 }
 
 }  // namespace acmp

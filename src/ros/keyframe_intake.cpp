@@ -12,6 +12,8 @@ namespace {
 constexpr char kNamelessCamera[] = "camera_optical";
 constexpr char kNamelessWorld[] = "world";
 
+constexpr double kLongPoseWaitS = 3;  ///< late poses come within a second
+
 /// Median depth of the points in front of the camera; 0 when there are none. A sample of a whole map is enough.
 double MedianDepth(const std::vector<Eigen::Vector3d>& points_in_world, const RigidTransform& world_from_cam) {
   constexpr size_t kSample = 2000;
@@ -190,7 +192,15 @@ std::vector<IntakeEvent> KeyframeIntake::Convert(std::vector<MatchEvent> matched
   return events;
 }
 
+std::string KeyframeIntake::DescribeWait(double now_s) const {
+  if (matcher_.waiting_images() == 0) return "";
+  if (matcher_.obstacle()) return matcher_.obstacle()->message;
+  const auto wait = matcher_.longest_pose_wait();
+  return wait && !matched_ && now_s - wait->arrival_s > kLongPoseWaitS ? wait->message : "";
+}
+
 void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>* events) {
+  matched_ = true;
   KeyframeInput input;
   input.stamp_ns = match.image.stamp_ns;
   input.arrival_s = match.image.arrival_s;

@@ -85,7 +85,7 @@ void DescribeMatching(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* s
   }
   if (latest) status->summary(DiagnosticStatus::WARN, Concat(latest_reason, ": ", latest->last_message));
 
-  if (snapshot.waiting_images > 0 && !snapshot.waiting_for.empty()) {
+  if (!snapshot.waiting_for.empty()) {
     status->summary(DiagnosticStatus::WARN, Concat(snapshot.waiting_images, " images wait: ", snapshot.waiting_for));
   }
 

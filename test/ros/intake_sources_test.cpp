@@ -101,6 +101,38 @@ NodeOptions BodyOptions() {
   return options;
 }
 
+TEST(IntakeFromTf, SaysWhatImagesWaitForBeforeAnyIsDropped) {
+  FakeTf tf;
+  KeyframeIntake intake(TfOptions(), {}, 0, tf.source());
+  intake.set_clouds_expected(false);
+  EXPECT_EQ(intake.DescribeWait(100), "") << "no image, no wait";
+  intake.AddImage(ImageAt(5), 100);
+  intake.Take(100);
+  EXPECT_THAT(intake.DescribeWait(100), HasSubstr("camera_info"));
+  intake.AddCameraInfo(MakeInfo());
+  intake.Take(101);
+  EXPECT_EQ(intake.DescribeWait(101), "") << "poses may be late";
+  EXPECT_THAT(intake.DescribeWait(104), AllOf(HasSubstr("5.000000000"), HasSubstr("tf has no \"cam\" in \"map\"")));
+  tf.x[5 * kSecond] = 0;
+  intake.AddImage(ImageAt(6), 104);
+  intake.Take(104);
+  EXPECT_EQ(intake.DescribeWait(200), "") << "some images never get a pose: that is usual";
+}
+
+TEST(IntakeFromTf, AShortBagThatLoopsTellsWhatIsMissing) {
+  FakeTf tf;
+  KeyframeIntake intake(TfOptions(), {}, 0, tf.source());
+  intake.AddCameraInfo(MakeInfo());
+  intake.AddImage(ImageAt(5));
+  intake.Take(0);
+  intake.AddImage(ImageAt(1));
+  const Result result = Split(intake.Take(0));
+  EXPECT_EQ(result.jumps, 1);
+  ASSERT_EQ(result.drops.size(), 1u);
+  EXPECT_EQ(result.drops[0].reason, "no_pose");
+  EXPECT_THAT(result.drops[0].message, HasSubstr("tf has no"));
+}
+
 TEST(IntakeExtrinsic, ImagesWaitForItAndThenUseIt) {
   KeyframeIntake intake = MakeIntake(BodyOptions());
   EXPECT_THAT(Feed(&intake, 5, 1, CloudAt(5, "map", {{1, 2, 3}})).keyframes, IsEmpty());

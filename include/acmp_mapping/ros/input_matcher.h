@@ -78,6 +78,12 @@ class InputMatcher {
   void Clear(const std::string& reason);
 
   const std::optional<Drop>& obstacle() const { return obstacle_; }
+  /// The oldest image that has no pose, and what keeps it from one; none where all have one.
+  struct PoseWait {
+    double arrival_s;  ///< of the image
+    std::string message;
+  };
+  std::optional<PoseWait> longest_pose_wait() const;
   size_t waiting_images() const { return images_.size(); }
   const std::optional<PoseGap>& last_gap() const { return last_gap_; }
 
@@ -97,13 +103,16 @@ class InputMatcher {
   void HandleTimeJump(int64_t stamp_ns);
   void EvictOldestImage();
   void FindPoses(double now_s);
-  ReceivedPose* NearestPose(int64_t stamp_ns, bool unused_only);
+  ReceivedPose* NearestUnusedPose(int64_t stamp_ns);
   bool PoseIsFinal(int64_t image_stamp_ns, int64_t pose_stamp_ns) const;
   void EmitReady(double now_s, bool wait);
   bool CloudIsSettled(const WaitingImage& image, double now_s) const;
   SparseCloudPtr ChooseCloud(int64_t stamp_ns) const;
   void Emit(WaitingImage image);
   void DropUnposed(const WaitingImage& image);
+  void DropWaiting(const WaitingImage& image);
+  const ReceivedPose* NearestPose(int64_t stamp_ns) const;
+  std::string DescribeMissingPose(const WaitingImage& image) const;
 
   InputMatcherOptions options_;
   int64_t sync_tolerance_ns_;

@@ -74,8 +74,9 @@ class KeyframeIntake {
   void Clear();
 
   size_t waiting_images() const { return matcher_.waiting_images(); }
-  /// What all images wait for, if anything: "T_body_cam is not known: ...".
-  const std::optional<Drop>& obstacle() const { return matcher_.obstacle(); }
+  /// What images wait for longer than they should: "T_body_cam is not known: ..."; empty while all is well. Poses count
+  /// only until the first image has got one: many frontends pose some images alone.
+  std::string DescribeWait(double now_s) const;
   const std::optional<PoseGap>& last_gap() const { return matcher_.last_gap(); }
   uint64_t not_chosen() const { return not_chosen_; }  ///< posed images that the gate passed over
   /// Share of the first keyframes' sparse points, 0..1; none before the first point.
@@ -109,6 +110,7 @@ class KeyframeIntake {
   std::string image_frame_;  ///< of the last image
   std::string child_frame_;  ///< of the last pose
   uint64_t not_chosen_ = 0;
+  bool matched_ = false;  ///< an image has got its pose since the start
 };
 
 }  // namespace acmp

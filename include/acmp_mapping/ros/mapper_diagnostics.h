@@ -21,7 +21,7 @@ struct MapperSnapshot {
   bool paused = false;
   std::vector<InputStatus> inputs;
   size_t waiting_images = 0;
-  std::string waiting_for;  ///< what all images wait for; empty = nothing but their poses
+  std::string waiting_for;  ///< what images wait for in vain; empty = all is well
   size_t queued = 0;
   uint64_t images_dropped = 0;  ///< drops that ended an image
   uint64_t matched = 0;         ///< keyframes handed to the worker
