@@ -288,19 +288,15 @@ void DenseMapperNodelet::HandleOptimizedPath(const nav_msgs::Path& message) {
     std::lock_guard<std::mutex> lock(path_mutex_);
     world_frame = path_frame_;
   }
-  try {
-    const OptimizedPath path =
-        ToOptimizedPath(message, world_frame, world_from_camera, [this](const Drop& drop) { ReportDrop(drop); });
-    const int64_t tolerance_ns = PathToleranceNs(options_.matcher.sync_tolerance_s);
-    const ReposeResult result = map_->Repose(path.poses, tolerance_ns);
-    if (!result.moved.empty()) PublishPath();
-    const Drop doubt = DescribeDoubt(path, result, world_frame, tolerance_ns);
-    if (!doubt.message.empty() && path_doubts_.Record(doubt, SteadySeconds())) {
+  const auto on_doubt = [this](const Drop& doubt) {
+    if (path_doubts_.Record(doubt, SteadySeconds())) {
       NODELET_WARN("%s: %s", doubt.reason.c_str(), doubt.message.c_str());
     }
-  } catch (const std::exception& error) {  // a thrown exception would end the whole manager
-    ReportDrop({"bad_optimized_path", Concat("optimized_path: ", error.what())});
-  }
+  };
+  const bool moved = ApplyOptimizedPath(
+      message, world_frame, world_from_camera, options_.matcher.sync_tolerance_s, map_.get(),
+      [this](const Drop& drop) { ReportDrop(drop); }, on_doubt);
+  if (moved) PublishPath();
 }
 
 void DenseMapperNodelet::PublishPath() {

@@ -7,6 +7,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/keyframe/frame.h"
 #include "acmp_mapping/ros/mapper_diagnostics.h"
+#include "acmp_mapping/ros/optimized_path.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "acmp_mapping/ros/topic_names.h"
 
@@ -18,8 +19,9 @@ using diagnostic_msgs::DiagnosticStatus;
 using diagnostic_updater::DiagnosticStatusWrapper;
 
 constexpr double kPeriodS = 0.1;
-constexpr uint32_t kQueue = 200;  ///< keyframes; building a map does not hold them up
-constexpr double kRecentS = 5;    ///< incidents that young are worth a word, as in MapperDiagnostics
+constexpr uint32_t kPathQueue = 2;  ///< each path replaces the one before
+constexpr uint32_t kQueue = 200;    ///< keyframes; building a map does not hold them up
+constexpr double kRecentS = 5;      ///< incidents that young are worth a word, as in MapperDiagnostics
 
 }  // namespace
 
@@ -41,12 +43,20 @@ void MapMergerNodelet::onInit() {
                       .subscribe<KeyframePoints>(names::kKeyframePoints, kQueue, receive, ros::VoidConstPtr(),
                                                  ros::TransportHints().tcpNoDelay());
     StartServices();
-    const ros::NodeHandle nh = status_thread_.Attach(getNodeHandle());
+    ros::NodeHandle nh = status_thread_.Attach(getNodeHandle());
+    const boost::function<void(const nav_msgs::PathConstPtr&)> correct = [this](const nav_msgs::PathConstPtr& path) {
+      HandleOptimizedPath(*path);
+    };
+    optimized_path_ = nh.subscribe(names::kOptimizedPath, kPathQueue, correct);
     updater_ = std::make_unique<diagnostic_updater::Updater>(nh, getPrivateNodeHandle(), getName());
     updater_->setHardwareID("none");
     updater_->add("map", [this](DiagnosticStatusWrapper& status) {
       MapperSnapshot snapshot;
+      snapshot.now_s = SteadySeconds();
       snapshot.map = map_->statistics();
+      snapshot.optimized_path_topic = optimized_path_.getTopic();
+      snapshot.optimized_path_publishers = optimized_path_.getNumPublishers();
+      snapshot.path_doubts = path_doubts_.entries();
       DescribeMap(snapshot, &status);
     });
     updater_->add("shards", [this](DiagnosticStatusWrapper& status) { DescribeShards(&status); });
@@ -137,9 +147,26 @@ void MapMergerNodelet::AddToMap(const KeyframePoints& keyframe) {
     }
     newest_number_ = keyframe.number;
     newest_stamp_ns_ = stamp_ns;
+    world_frame_ = keyframe.header.frame_id;
     map_output_->SetHeader(keyframe.header.frame_id, stamp_ns);
   }
   map_->AddPoints(static_cast<int64_t>(keyframe.number), stamp_ns, world_from_cam, ToPointCloud(keyframe.points));
+}
+
+void MapMergerNodelet::HandleOptimizedPath(const nav_msgs::Path& path) {
+  std::string world_frame;
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    world_frame = world_frame_;
+  }
+  const auto on_doubt = [this](const Drop& doubt) {
+    if (path_doubts_.Record(doubt, SteadySeconds())) {
+      NODELET_WARN("%s: %s", doubt.reason.c_str(), doubt.message.c_str());
+    }
+  };
+  ApplyOptimizedPath(
+      path, world_frame, [this](const RigidTransform& received) { return WorldFromCamera(options_.path, received); },
+      options_.sync_tolerance_s, map_.get(), [this](const Drop& drop) { ReportDrop(drop); }, on_doubt);
 }
 
 void MapMergerNodelet::GiveUp() {

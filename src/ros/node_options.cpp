@@ -169,6 +169,14 @@ MapMergerOptions LoadMapMergerOptions(ParameterReader* reader) {
   CheckRange("parameter ~map_publish_rate", options.map_publish_rate, 0.0, 30.0);
   ReadShardTimeout(reader, &options.shard_timeout_s);
   ReadTimeJumpPolicy(reader, &options.on_time_jump);
+  NodeOptions poses;
+  LoadPoseSemantics(reader, &poses);
+  options.path = PathSemantics(poses);
+  if (options.path.child == PoseSemantics::Child::kBody && !options.path.body_from_cam) {
+    throw InvalidInputError("parameter ~pose_child = body: the map node needs ~T_body_cam");
+  }
+  reader->Read("sync_tolerance", &options.sync_tolerance_s);
+  CheckRange("parameter ~sync_tolerance", options.sync_tolerance_s, 0.0, 10.0);
   return options;
 }
 

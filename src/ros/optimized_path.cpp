@@ -5,20 +5,9 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/ros/input_conversion.h"
-#include "acmp_mapping/ros/pose_semantics.h"
 #include "acmp_mapping/ros/sensor_samples.h"
 
 namespace acmp {
-namespace {
-
-RigidTransform ReceivedTransform(const geometry_msgs::Pose& pose) {
-  return CheckedTransform(
-      Eigen::Quaterniond(pose.orientation.w, pose.orientation.x, pose.orientation.y, pose.orientation.z),
-      Eigen::Vector3d(pose.position.x, pose.position.y, pose.position.z));
-}
-
-}  // namespace
-
 OptimizedPath ToOptimizedPath(const nav_msgs::Path& message, const std::string& world_frame,
                               const std::function<RigidTransform(const RigidTransform&)>& world_from_camera,
                               const std::function<void(const Drop&)>& on_drop) {
@@ -27,7 +16,7 @@ OptimizedPath ToOptimizedPath(const nav_msgs::Path& message, const std::string& 
   for (const geometry_msgs::PoseStamped& pose : message.poses) {
     const int64_t stamp_ns = ToStampNs(pose.header.stamp);
     try {
-      path.poses.push_back({stamp_ns, world_from_camera(ReceivedTransform(pose.pose))});
+      path.poses.push_back({stamp_ns, world_from_camera(ToTransform(pose.pose))});
     } catch (const InvalidInputError& error) {
       on_drop({"bad_optimized_pose", Concat("optimized_path, pose ", FormatStamp(stamp_ns), ": ", error.what())});
       continue;
@@ -60,6 +49,23 @@ Drop DescribeDoubt(const OptimizedPath& path, const ReposeResult& result, const 
                    " ms away: each pose needs the stamp of its own image")};
   }
   return {};
+}
+
+bool ApplyOptimizedPath(const nav_msgs::Path& message, const std::string& world_frame,
+                        const std::function<RigidTransform(const RigidTransform&)>& world_from_camera,
+                        double sync_tolerance_s, MapStore* map, const std::function<void(const Drop&)>& on_drop,
+                        const std::function<void(const Drop&)>& on_doubt) {
+  try {
+    const OptimizedPath path = ToOptimizedPath(message, world_frame, world_from_camera, on_drop);
+    const int64_t tolerance_ns = PathToleranceNs(sync_tolerance_s);
+    const ReposeResult result = map->Repose(path.poses, tolerance_ns);
+    const Drop doubt = DescribeDoubt(path, result, world_frame, tolerance_ns);
+    if (!doubt.message.empty()) on_doubt(doubt);
+    return !result.moved.empty();
+  } catch (const std::exception& error) {  // a thrown exception would end the whole manager
+    on_drop({"bad_optimized_path", Concat("optimized_path: ", error.what())});
+    return false;
+  }
 }
 
 }  // namespace acmp

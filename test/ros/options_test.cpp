@@ -93,6 +93,7 @@ TEST(MapMergerOptions, AreReadAndChecked) {
   EXPECT_THAT(refusal({{"max_keyframes", 0}}), HasSubstr("max_keyframes = 0"));
   EXPECT_THAT(refusal({{"map_publish_rate", 31}}), HasSubstr("map_publish_rate = 31"));
   EXPECT_THAT(refusal({{"on_time_jump", std::string("keep")}}), HasSubstr("keep"));
+  EXPECT_THAT(refusal({{"pose_child", std::string("body")}}), HasSubstr("~T_body_cam"));
 }
 
 /// Values by name, for comparisons.

@@ -7,6 +7,7 @@
 #include <acmp_mapping/KeyframePoints.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <nav_msgs/Path.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <std_srvs/Trigger.h>
 
@@ -200,6 +201,30 @@ TEST_F(ShardsTest, TheMergedMapIsThatOfOneMapper) {
   EXPECT_EQ(merged->width, expected->width);
   EXPECT_TRUE(merged->data == expected->data) << "the same points, bit by bit";
   RecordProperty("points", std::to_string(merged->width));
+}
+
+TEST_F(ShardsTest, ALoopClosureMovesTheMergedMapAsThatOfOneMapper) {
+  const size_t before = session().merged_map.messages().size();
+  const auto old_map = session().merged_map.messages().back();
+  nav_msgs::Path path;
+  for (size_t i = 0; i < kViews; i += 2) {  // the others follow the one before
+    geometry_msgs::PoseStamped pose = session().views[i].pose;
+    pose.pose.position.x += 0.01 * static_cast<double>(i);
+    path.poses.push_back(pose);
+  }
+  ros::Publisher publisher = session().nh.advertise<nav_msgs::Path>("/optimized_path", 1);
+  const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
+  while (publisher.getNumSubscribers() < 2 && ros::WallTime::now() < end) ros::WallDuration(0.05).sleep();
+  publisher.publish(path);
+  for (const char* map : {"map_merger: map", "single/dense_mapper: map"}) {
+    ASSERT_TRUE(session().WaitForDiagnostic(map, "loop corrections (paths that moved keyframes)", "1")) << map;
+  }
+  ASSERT_TRUE(Call("/map_merger/publish_map") && Call("/single/dense_mapper/publish_map"));
+  ASSERT_TRUE(session().merged_map.WaitForCount(before + 1, kTimeoutS));
+  ASSERT_TRUE(session().single_map.WaitForCount(before + 1, kTimeoutS));
+  const auto merged = session().merged_map.messages().back();
+  EXPECT_FALSE(merged->data == old_map->data) << "nothing has moved";
+  EXPECT_TRUE(merged->data == session().single_map.messages().back()->data) << "the same points, bit by bit";
 }
 
 TEST_F(ShardsTest, AShardWhosePeerIsNotThereMapsItsOwnKeyframesAndSaysSo) {

@@ -64,7 +64,7 @@ class LaunchFiles(unittest.TestCase):
 
     def test_shards_take_what_a_mapper_takes(self):
         mapper, shards = launch_arguments("dense_mapper.launch"), launch_arguments("shards.launch")
-        for name in set(mapper) - {"namespace", "optimized_path"}:  # set for each shard; the map node takes no path
+        for name in set(mapper) - {"namespace"}:  # which is set for each shard
             self.assertIn(name, shards)
             self.assertEqual(mapper[name], shards[name], name)
         config = load("shards.launch", "pose_source:=odom")

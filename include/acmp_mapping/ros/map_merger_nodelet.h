@@ -7,6 +7,7 @@
 #include <string>
 
 #include <diagnostic_updater/diagnostic_updater.h>
+#include <nav_msgs/Path.h>
 #include <nodelet/nodelet.h>
 
 #include "acmp_mapping/ros/callback_thread.h"
@@ -20,8 +21,8 @@ namespace acmp {
 
 /// Makes one map of the keyframes that several mappers share (shard_count > 1): the map that one mapper would make.
 ///
-/// Threads: one for keyframes, one for services, which also publishes the map, one for diagnostics. mutex_ guards the
-/// sequence and is held while keyframes go into the map, in their order.
+/// Threads: one for keyframes, one for services, which also publishes the map, one for diagnostics and optimized_path.
+/// mutex_ guards the sequence and is held while keyframes go into the map, in their order.
 class MapMergerNodelet : public nodelet::Nodelet {
  public:
   ~MapMergerNodelet() override;
@@ -39,6 +40,7 @@ class MapMergerNodelet : public nodelet::Nodelet {
   /// Needs mutex_.
   void Take(const KeyframeSequence::Result& result);
   void AddToMap(const acmp_mapping::KeyframePoints& keyframe);
+  void HandleOptimizedPath(const nav_msgs::Path& path);
   void GiveUp();
   void HandlePeriod();
   std::string Reset();
@@ -54,6 +56,7 @@ class MapMergerNodelet : public nodelet::Nodelet {
   std::unique_ptr<MapStore> map_;
   std::unique_ptr<MapOutput> map_output_;
   IncidentLog drops_;
+  IncidentLog path_doubts_;  ///< paths that were used and should be looked at
 
   std::mutex mutex_;
   KeyframeSequence sequence_;
@@ -62,8 +65,10 @@ class MapMergerNodelet : public nodelet::Nodelet {
   double last_progress_s_ = 0;  ///< when a keyframe came last or none waited
   uint64_t newest_number_ = 0;  ///< of the last keyframe in the map
   int64_t newest_stamp_ns_ = 0;
+  std::string world_frame_;  ///< of that keyframe
 
   ros::Subscriber subscriber_;
+  ros::Subscriber optimized_path_;
   std::unique_ptr<MapperServices> services_;
   std::unique_ptr<diagnostic_updater::Updater> updater_;
   ros::WallTimer status_timer_;

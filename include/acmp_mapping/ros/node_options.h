@@ -68,8 +68,11 @@ struct MapMergerOptions {
   double map_publish_rate = 0.5;  ///< map_publish_rate: map_points at most so often, 0..30 Hz; 0 = on request only
   double shard_timeout_s = 10;    ///< shard_timeout: keyframes wait so long for an earlier one [s], 0.1..3600
   TimeJumpPolicy on_time_jump =
-      TimeJumpPolicy::kClear;  ///< on_time_jump: reset: the map begins anew; clear: it is kept
+      TimeJumpPolicy::kClear;      ///< on_time_jump: reset: the map begins anew; clear: it is kept
+  PoseSemantics path;              ///< of optimized_path: pose_is, path_child or pose_child, T_body_cam
+  double sync_tolerance_s = 1e-3;  ///< sync_tolerance: between the stamps of path and keyframes, 0..10
 };
+/// Poses of the body need T_body_cam as a parameter here.
 MapMergerOptions LoadMapMergerOptions(ParameterReader* reader);
 
 }  // namespace acmp

@@ -9,6 +9,7 @@
 
 #include "acmp_mapping/ros/drop.h"
 #include "acmp_mapping/ros/loop_correction.h"
+#include "acmp_mapping/ros/map_store.h"
 
 namespace acmp {
 
@@ -33,5 +34,12 @@ int64_t PathToleranceNs(double sync_tolerance_s);
 /// What a user should know of a path that was used; `message` is empty when all is well.
 Drop DescribeDoubt(const OptimizedPath& path, const ReposeResult& result, const std::string& world_frame,
                    int64_t tolerance_ns);
+
+/// Corrects the map by a path. Poses that cannot be used go to on_drop, what a user should know of the path to
+/// on_doubt. Returns whether keyframes were moved. See ToOptimizedPath for the other parameters.
+bool ApplyOptimizedPath(const nav_msgs::Path& message, const std::string& world_frame,
+                        const std::function<RigidTransform(const RigidTransform&)>& world_from_camera,
+                        double sync_tolerance_s, MapStore* map, const std::function<void(const Drop&)>& on_drop,
+                        const std::function<void(const Drop&)>& on_doubt);
 
 }  // namespace acmp
