@@ -37,7 +37,7 @@ DenseMapperNodelet::~DenseMapperNodelet() {
   input_thread_.Stop();
   service_thread_.Stop();
   status_thread_.Stop();
-  master_thread_.Stop();
+  if (master_watch_) master_watch_->Stop();
   exchange_thread_.Stop();
   worker_.reset();
 }
@@ -52,12 +52,12 @@ void DenseMapperNodelet::onInit() {
     StartServices();
     diagnostics_ = std::make_unique<MapperDiagnostics>(status_thread_.Attach(getNodeHandle()), getPrivateNodeHandle(),
                                                        getName(), [this] { return TakeSnapshot(); });
-    master_timer_ = master_thread_.Attach(getNodeHandle())
-                        .createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { CheckMaster(); });
-    for (CallbackThread* thread :
-         {&input_thread_, &service_thread_, &status_thread_, &master_thread_, &exchange_thread_}) {
+    master_watch_ = std::make_unique<MasterWatch>(
+        getNodeHandle(), [this](const std::string& news) { NODELET_WARN("%s", news.c_str()); });
+    for (CallbackThread* thread : {&input_thread_, &service_thread_, &status_thread_, &exchange_thread_}) {
       thread->Start();
     }
+    master_watch_->Start();
   } catch (const std::exception& error) {
     NODELET_FATAL("cannot start: %s", error.what());
     throw;
@@ -309,23 +309,6 @@ void DenseMapperNodelet::HandlePeriod() {
     map_output_->PublishIfDue(runtime_options_->Get().output.map_publish_rate);
   } catch (const std::exception& error) {  // a thrown exception would end the whole manager
     ReportDrop({"map_error", Concat("the map was not published: ", error.what())});
-  }
-}
-
-void DenseMapperNodelet::CheckMaster() {
-  switch (master_watch_.Check()) {
-    case MasterWatch::Event::kNone:
-      break;
-    case MasterWatch::Event::kGone:
-      NODELET_WARN("the ROS master cannot be reached: what is connected goes on, and the map is kept");
-      break;
-    case MasterWatch::Event::kBack:
-      NODELET_INFO("the ROS master is reached again");
-      break;
-    case MasterWatch::Event::kRestarted:
-      NODELET_WARN("the ROS master was restarted: %zu topics and %zu services are registered again; the map is kept",
-                   master_watch_.topics(), master_watch_.services());
-      break;
   }
 }
 

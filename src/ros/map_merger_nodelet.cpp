@@ -29,6 +29,7 @@ MapMergerNodelet::~MapMergerNodelet() {
   input_thread_.Stop();
   service_thread_.Stop();
   status_thread_.Stop();
+  if (master_watch_) master_watch_->Stop();
 }
 
 void MapMergerNodelet::onInit() {
@@ -62,7 +63,10 @@ void MapMergerNodelet::onInit() {
     updater_->add("shards", [this](DiagnosticStatusWrapper& status) { DescribeShards(&status); });
     status_timer_ =
         nh.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { updater_->force_update(); });
+    master_watch_ = std::make_unique<MasterWatch>(
+        getNodeHandle(), [this](const std::string& news) { NODELET_WARN("%s", news.c_str()); });
     for (CallbackThread* thread : {&input_thread_, &service_thread_, &status_thread_}) thread->Start();
+    master_watch_->Start();
   } catch (const std::exception& error) {
     NODELET_FATAL("cannot start: %s", error.what());
     throw;

@@ -1,7 +1,7 @@
 #include "acmp_mapping/ros/master_watch.h"
 
-#include <algorithm>
 #include <cstdint>
+#include <utility>
 
 #include <ros/connection_manager.h>
 #include <ros/master.h>
@@ -9,6 +9,7 @@
 #include <ros/this_node.h>
 #include <ros/xmlrpc_manager.h>
 #include <xmlrpcpp/XmlRpcClient.h>
+#include <xmlrpcpp/XmlRpcException.h>
 
 #include "acmp_mapping/common/error.h"
 
@@ -56,22 +57,37 @@ void UpdatePublishers(const std::string& topic, const XmlRpcValue& publishers) {
 
 }  // namespace
 
-MasterWatch::Event MasterWatch::Check() {
+MasterWatch::MasterWatch(const ros::NodeHandle& nh, std::function<void(const std::string&)> report)
+    : report_(std::move(report)) {
+  const auto check = [this](const ros::WallTimerEvent&) {
+    try {
+      Check();
+    } catch (const XmlRpc::XmlRpcException& error) {  // one that leaves a callback would end the whole manager
+      report_("the ROS master's answer cannot be read: " + error.getMessage());
+    }
+  };
+  timer_ = thread_.Attach(nh).createWallTimer(ros::WallDuration(1.0), check);
+}
+
+void MasterWatch::Check() {
   XmlRpcValue payload;
   if (!Ask("getPid", {}, &payload)) {
-    if (!reachable_) return Event::kNone;
+    if (reachable_) report_("the ROS master cannot be reached: what is connected goes on, and the map is kept");
     reachable_ = false;
-    return Event::kGone;
+    return;
   }
   const int pid = payload;
   const bool restarted = master_pid_ != 0 && pid != master_pid_;
-  if (restarted && !Register()) return Event::kNone;  // it went again meanwhile: another time
-  const bool was_reachable = reachable_;
+  if (restarted && !Register()) return;  // it went again meanwhile: another time
+  if (restarted) {
+    report_(Concat("the ROS master was restarted: ", publications_.size() + subscriptions_.size(), " topics and ",
+                   services_.size(), " services are registered again; the map is kept"));
+  } else if (!reachable_) {
+    report_("the ROS master is reached again");
+  }
   reachable_ = true;
   master_pid_ = pid;
-  if (restarted) return Event::kRestarted;
-  if (checks_++ % kChecksPerReading == 0) ReadRegistrations();
-  return was_reachable ? Event::kNone : Event::kBack;
+  if (!restarted && checks_++ % kChecksPerReading == 0) ReadRegistrations();
 }
 
 void MasterWatch::ReadRegistrations() {

@@ -57,7 +57,6 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   void Receive(const Add& add);
   void HandleConfig(DenseMapperConfig& config);
   void HandlePeriod();
-  void CheckMaster();
   void HandleOptimizedPath(const nav_msgs::Path& message);
 
   /// Takes what the intake has ready and hands it on. `all`: without waiting for clouds.
@@ -73,7 +72,6 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   CallbackThread input_thread_;
   CallbackThread service_thread_;
   CallbackThread status_thread_;
-  CallbackThread master_thread_;
   CallbackThread exchange_thread_;
 
   NodeOptions options_;
@@ -100,8 +98,7 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   std::unique_ptr<ShardExchange> exchange_;  ///< null without other shards
   std::unique_ptr<MapperWorker> worker_;
   ros::WallTimer deliver_timer_;
-  MasterWatch master_watch_;
-  ros::WallTimer master_timer_;
+  std::unique_ptr<MasterWatch> master_watch_;
   std::vector<std::unique_ptr<InputSource>> sources_;
   ros::Subscriber optimized_path_;
   std::unique_ptr<MapperServices> services_;

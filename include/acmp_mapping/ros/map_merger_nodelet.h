@@ -15,6 +15,7 @@
 #include "acmp_mapping/ros/keyframe_sequence.h"
 #include "acmp_mapping/ros/map_output.h"
 #include "acmp_mapping/ros/mapper_services.h"
+#include "acmp_mapping/ros/master_watch.h"
 #include "acmp_mapping/ros/node_options.h"
 
 namespace acmp {
@@ -72,6 +73,7 @@ class MapMergerNodelet : public nodelet::Nodelet {
   std::unique_ptr<MapperServices> services_;
   std::unique_ptr<diagnostic_updater::Updater> updater_;
   ros::WallTimer status_timer_;
+  std::unique_ptr<MasterWatch> master_watch_;
 };
 
 }  // namespace acmp

@@ -1,39 +1,42 @@
 #pragma once
 
+#include <functional>
 #include <map>
 #include <string>
 #include <vector>
 
+#include <ros/node_handle.h>
+
+#include "acmp_mapping/ros/callback_thread.h"
+
 namespace acmp {
 
 /// Notices that the ROS master was restarted and registers this process with the new one. roscpp registers a topic or a
-/// service once: after a restart of the master nobody would find them again, and the map with them. Not thread-safe; a
-/// call may take as long as the master takes to answer.
+/// service once: after a restart of the master nobody would find them again, and the map with them. Asks the master
+/// once a second, in a thread of its own: a call may take as long as the master takes to answer.
 class MasterWatch {
  public:
-  enum class Event {
-    kNone,
-    kGone,       ///< the master cannot be reached; connections that exist go on
-    kBack,       ///< the same master answers again
-    kRestarted,  ///< another master answers, and everything is registered with it
-  };
+  /// @param report told what the user should know; runs in the thread
+  MasterWatch(const ros::NodeHandle& nh, std::function<void(const std::string&)> report);
 
-  /// Asks the master; to be called about once a second.
-  Event Check();
-
-  size_t topics() const { return publications_.size() + subscriptions_.size(); }
-  size_t services() const { return services_.size(); }
+  void Start() { thread_.Start(); }
+  /// Nothing is reported afterwards.
+  void Stop() { thread_.Stop(); }
 
  private:
+  void Check();
   void ReadRegistrations();
   bool Register() const;
 
+  CallbackThread thread_;  ///< first: the timer goes before it does
+  std::function<void(const std::string&)> report_;
   int master_pid_ = 0;  ///< 0 = never seen
   bool reachable_ = true;
   int checks_ = 0;
   std::map<std::string, std::string> publications_;  ///< topic to type
   std::vector<std::string> subscriptions_;
   std::vector<std::string> services_;
+  ros::WallTimer timer_;
 };
 
 }  // namespace acmp
