@@ -6,6 +6,7 @@
 #include <geometry_msgs/PoseStamped.h>
 #include <nav_msgs/Path.h>
 #include <sensor_msgs/PointCloud2.h>
+#include <tf2_eigen/tf2_eigen.h>
 #include <boost/make_shared.hpp>
 
 #include "acmp_mapping/dataset/map_io.h"
@@ -22,19 +23,6 @@ std_msgs::Header MakeHeader(int64_t stamp_ns, const std::string& frame_id) {
   header.stamp.fromNSec(static_cast<uint64_t>(stamp_ns));
   header.frame_id = frame_id;
   return header;
-}
-
-geometry_msgs::Pose ToPoseMessage(const RigidTransform& transform) {
-  const Eigen::Quaterniond rotation(transform.linear());
-  geometry_msgs::Pose pose;
-  pose.position.x = transform.translation().x();
-  pose.position.y = transform.translation().y();
-  pose.position.z = transform.translation().z();
-  pose.orientation.x = rotation.x();
-  pose.orientation.y = rotation.y();
-  pose.orientation.z = rotation.z();
-  pose.orientation.w = rotation.w();
-  return pose;
 }
 
 /// Confidence as published: 0 where the lens saw nothing.
@@ -100,7 +88,7 @@ void OutputPublisher::PublishPath(const std::vector<StampedPose>& poses, const s
   for (const StampedPose& pose : poses) {
     path->poses.emplace_back();
     path->poses.back().header = MakeHeader(pose.stamp_ns, world_frame);
-    path->poses.back().pose = ToPoseMessage(pose.world_from_cam);
+    path->poses.back().pose = tf2::toMsg(pose.world_from_cam);
   }
   path_.publish(path);
 }
@@ -109,7 +97,7 @@ void OutputPublisher::PublishPose(const KeyframeOutput& output) {
   if (pose_.getNumSubscribers() == 0) return;
   auto pose = boost::make_shared<geometry_msgs::PoseStamped>();
   pose->header = MakeHeader(output.stamp_ns, output.world_frame);
-  pose->pose = ToPoseMessage(output.world_from_cam);
+  pose->pose = tf2::toMsg(output.world_from_cam);
   pose_.publish(pose);
 }
 
@@ -135,7 +123,7 @@ void OutputPublisher::PublishKeyframeDepth(const KeyframeOutput& output, const s
   const KeyframeDepth& maps = *output.maps;
   auto message = boost::make_shared<acmp_mapping::KeyframeDepth>();
   message->header = MakeHeader(output.stamp_ns, output.world_frame);
-  message->pose = ToPoseMessage(output.world_from_cam);
+  message->pose = tf2::toMsg(output.world_from_cam);
   message->camera_info = *ToCameraInfo(maps.frame->camera, camera);
   message->depth = *ToDepthMessage(maps.depth, output.keep.View(), camera);
   message->confidence = *ToConfidenceMessage(output, camera);

@@ -4,6 +4,7 @@
 #include <limits>
 
 #include <gtest/gtest.h>
+#include <tf2_eigen/tf2_eigen.h>
 
 #include "acmp_mapping/ros/input_conversion.h"
 #include "ros/mapper_control.h"
@@ -13,20 +14,6 @@ namespace {
 
 constexpr double kTimeoutS = 30;
 constexpr size_t kViews = 5;
-
-geometry_msgs::Pose Inverse(const geometry_msgs::Pose& pose) {
-  const RigidTransform inverse = ToTransform(pose).inverse();
-  const Eigen::Quaterniond rotation(inverse.linear());
-  geometry_msgs::Pose message;
-  message.position.x = inverse.translation().x();
-  message.position.y = inverse.translation().y();
-  message.position.z = inverse.translation().z();
-  message.orientation.x = rotation.x();
-  message.orientation.y = rotation.y();
-  message.orientation.z = rotation.z();
-  message.orientation.w = rotation.w();
-  return message;
-}
 
 class BadInputTest : public ::testing::Test {
  protected:
@@ -202,7 +189,7 @@ TEST_F(BadInputTest, CloudWithoutCoordinates) {
 
 TEST_F(BadInputTest, PosesOfAnotherConvention) {
   std::vector<ViewMessages> inverted = Scene();
-  for (ViewMessages& view : inverted) view.pose.pose = Inverse(view.pose.pose);
+  for (ViewMessages& view : inverted) view.pose.pose = tf2::toMsg(ToTransform(view.pose.pose).inverse());
   for (const ViewMessages& view : inverted) mapper().player.Publish(view);
   EXPECT_TRUE(mapper().WaitForLog({"lie in front of the camera", "~pose_is: T_cam_world", "set this"}, kTimeoutS));
   EXPECT_TRUE(mapper().WaitForDiagnostic({"most sparse points lie behind the camera", "~pose_is"}, kTimeoutS));

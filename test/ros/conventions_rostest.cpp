@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 #include <sensor_msgs/CompressedImage.h>
 #include <std_srvs/Trigger.h>
+#include <tf2_eigen/tf2_eigen.h>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -60,16 +61,9 @@ geometry_msgs::PoseStamped FluFromWorld(const SyntheticView& view, const std_msg
   Eigen::Isometry3d flu_from_optical = Eigen::Isometry3d::Identity();
   flu_from_optical.linear() << 0, 0, 1, -1, 0, 0, 0, -1, 0;
   const Eigen::Isometry3d flu_from_world = flu_from_optical * view.frame.cam_from_world;
-  const Eigen::Quaterniond rotation(flu_from_world.linear());
   geometry_msgs::PoseStamped pose;
   pose.header = header;
-  pose.pose.position.x = flu_from_world.translation().x();
-  pose.pose.position.y = flu_from_world.translation().y();
-  pose.pose.position.z = flu_from_world.translation().z();
-  pose.pose.orientation.x = rotation.x();
-  pose.pose.orientation.y = rotation.y();
-  pose.pose.orientation.z = rotation.z();
-  pose.pose.orientation.w = rotation.w();
+  pose.pose = tf2::toMsg(flu_from_world);
   return pose;
 }
 

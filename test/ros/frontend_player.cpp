@@ -7,10 +7,11 @@
 #include <nav_msgs/Path.h>
 #include <pcl/point_types.h>
 #include <pcl_conversions/pcl_conversions.h>
+#include <tf2_eigen/tf2_eigen.h>
 #include <tf2_msgs/TFMessage.h>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/ros/pose_semantics.h"
+#include "acmp_mapping/ros/input_conversion.h"
 
 namespace acmp::test {
 namespace {
@@ -35,25 +36,6 @@ ros::Time Rounded(const ros::Time& stamp, StampRounding rounding) {
       return ros::Time::now();
   }
   return stamp;
-}
-
-geometry_msgs::Pose ToPose(const RigidTransform& transform) {
-  const Eigen::Quaterniond rotation(transform.linear());
-  geometry_msgs::Pose pose;
-  pose.position.x = transform.translation().x();
-  pose.position.y = transform.translation().y();
-  pose.position.z = transform.translation().z();
-  pose.orientation.x = rotation.x();
-  pose.orientation.y = rotation.y();
-  pose.orientation.z = rotation.z();
-  pose.orientation.w = rotation.w();
-  return pose;
-}
-
-RigidTransform ToTransform(const geometry_msgs::Pose& pose) {
-  const geometry_msgs::Quaternion& q = pose.orientation;
-  return CheckedTransform(Eigen::Quaterniond(q.w, q.x, q.y, q.z),
-                          Eigen::Vector3d(pose.position.x, pose.position.y, pose.position.z));
 }
 
 geometry_msgs::Pose RoundedToFloat(geometry_msgs::Pose pose) {
@@ -167,7 +149,7 @@ void FrontendPlayer::Estimate(const std::vector<SyntheticView>& views) {
     world_from_scene.linear() = traits_.world_from_scene;
     world_from_cam_.push_back(world_from_scene * scene_from_cam);
     poses_.push_back(traits_.SendsSameNumbers() ? plain.pose.pose
-                                                : ToPose(world_from_cam_[i] * traits_.child_from_cam.inverse()));
+                                                : tf2::toMsg(world_from_cam_[i] * traits_.child_from_cam.inverse()));
   }
   const size_t posed = views.size() - traits_.pose_delay;
   plain_.resize(posed);
@@ -209,7 +191,7 @@ void FrontendPlayer::PublishPath(const RigidTransform& correction) const {
     geometry_msgs::PoseStamped pose;
     pose.header.stamp = Rounded(stamps_[i], traits_.pose_stamp);
     pose.header.frame_id = traits_.path_frame;
-    pose.pose = ToPose(correction * ToTransform(poses_[i]));
+    pose.pose = tf2::toMsg(correction * ToTransform(poses_[i]));
     path.poses.push_back(pose);
   }
   path.header = path.poses.back().header;
@@ -229,7 +211,7 @@ void FrontendPlayer::PublishPoses(size_t view) const {
     RigidTransform between = RigidTransform::Identity();
     between.linear() = start.slerp(k * step, Eigen::Quaterniond(to.linear())).toRotationMatrix();
     between.translation() = from.translation() + k * step * (to.translation() - from.translation());
-    PublishPose(stamps_[view] + ros::Duration(0, static_cast<int32_t>(k * kPoseIntervalNs)), ToPose(between));
+    PublishPose(stamps_[view] + ros::Duration(0, static_cast<int32_t>(k * kPoseIntervalNs)), tf2::toMsg(between));
   }
 }
 
@@ -296,7 +278,7 @@ void FrontendPlayer::PublishExtrinsic(const ros::Time& stamp) const {
   nav_msgs::Odometry message;
   message.header.stamp = Rounded(stamp, traits_.pose_stamp);
   message.header.frame_id = traits_.world_frame;  // VINS: "world", which it is not
-  message.pose.pose = ToPose(traits_.child_from_cam);
+  message.pose.pose = tf2::toMsg(traits_.child_from_cam);
   extrinsic_.publish(message);
 }
 
@@ -304,7 +286,8 @@ void FrontendPlayer::PublishStaticTransforms() const {
   if (traits_.static_transforms.empty()) return;
   tf2_msgs::TFMessage message;
   for (const StaticTransform& t : traits_.static_transforms) {
-    message.transforms.push_back(ToTransformStamped(stamps_.front(), t.parent, t.child, ToPose(t.parent_from_child)));
+    message.transforms.push_back(
+        ToTransformStamped(stamps_.front(), t.parent, t.child, tf2::toMsg(t.parent_from_child)));
   }
   static_tf_.publish(message);
 }

@@ -2,10 +2,10 @@
 
 #include <sensor_msgs/image_encodings.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
+#include <tf2_eigen/tf2_eigen.h>
 
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/output_conversion.h"
-#include "acmp_mapping/ros/pose_semantics.h"
 
 namespace acmp::test {
 
@@ -18,15 +18,7 @@ ViewMessages MakeMessages(const SyntheticView& view, const ros::Time& stamp) {
   messages.camera_info = *ToCameraInfo(view.frame.camera, header);
   messages.pose.header.stamp = stamp;
   messages.pose.header.frame_id = kWorldFrame;
-  const RigidTransform world_from_cam = view.frame.cam_from_world.inverse();
-  const Eigen::Quaterniond rotation(world_from_cam.linear());
-  messages.pose.pose.position.x = world_from_cam.translation().x();
-  messages.pose.pose.position.y = world_from_cam.translation().y();
-  messages.pose.pose.position.z = world_from_cam.translation().z();
-  messages.pose.pose.orientation.x = rotation.x();
-  messages.pose.pose.orientation.y = rotation.y();
-  messages.pose.pose.orientation.z = rotation.z();
-  messages.pose.pose.orientation.w = rotation.w();
+  messages.pose.pose = tf2::toMsg(view.frame.cam_from_world.inverse());
   std::vector<Eigen::Vector3f> points;
   for (const Eigen::Vector3d& landmark : view.frame.landmarks_in_world) points.push_back(landmark.cast<float>());
   messages.sparse_points = MakeCloud(points, kWorldFrame, stamp);
@@ -58,10 +50,7 @@ ros::Time StampOf(size_t index, uint32_t start_s) {
 FramePtr MakeExpectedFrame(int64_t id, const ViewMessages& messages) {
   const auto image = boost::make_shared<const sensor_msgs::Image>(messages.image);
   const CameraCalibration calibration = ToCalibration(messages.camera_info, false);
-  const geometry_msgs::Point& p = messages.pose.pose.position;
-  const geometry_msgs::Quaternion& q = messages.pose.pose.orientation;
-  const RigidTransform world_from_cam =
-      CheckedTransform(Eigen::Quaterniond(q.w, q.x, q.y, q.z), Eigen::Vector3d(p.x, p.y, p.z));
+  const RigidTransform world_from_cam = ToTransform(messages.pose.pose);
   return std::make_shared<const Frame>(MakeFrame(
       id, messages.image.header.stamp.toSec(), ImageRectifier(calibration).Rectify(DecodeRgb({image, nullptr})),
       calibration.camera, world_from_cam.inverse(), ToSparseCloud(messages.sparse_points).points, 0));
