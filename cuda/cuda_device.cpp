@@ -43,6 +43,13 @@ CudaDevice::~CudaDevice() {
 
 void CudaDevice::MakeCurrent() const { CudaCheck(cudaSetDevice(index_), "select device"); }
 
+std::unique_lock<std::mutex> CudaDevice::PassTurn(size_t pixels) {
+  // 8 threads per pixel of one colour: some 40 times what a multiprocessor holds at once.
+  constexpr size_t kManyPixels = 8192;  // per multiprocessor
+  if (pixels < kManyPixels * static_cast<size_t>(properties_.multiProcessorCount)) return {};
+  return std::unique_lock<std::mutex>(pass_turn_);
+}
+
 void* CudaDevice::Allocate(size_t bytes) {
   void* data = nullptr;
   const cudaError_t status = cudaMallocFromPoolAsync(&data, bytes, pool_, memory_stream_->get());

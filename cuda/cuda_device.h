@@ -5,6 +5,7 @@
 #include <array>
 #include <cstddef>
 #include <memory>
+#include <mutex>
 #include <shared_mutex>
 #include <utility>
 
@@ -40,12 +41,18 @@ class CudaDevice {
   /// Held shared by whoever reads or fills images, alone by a pool that grows.
   std::shared_mutex& images_mutex() { return images_mutex_; }
 
+  /// The turn of a pass over so many pixels. A pass that fills the device many times over gains nothing from another
+  /// one beside it: both would only end later, and with them the triangulations that wait for them. Small passes, whose
+  /// last blocks leave the device half empty, take no turns: the lock is empty.
+  std::unique_lock<std::mutex> PassTurn(size_t pixels);
+
  private:
   const int index_;
   cudaDeviceProp properties_ = {};
   cudaMemPool_t pool_ = nullptr;
   std::unique_ptr<CudaStream> memory_stream_;  ///< on which memory changes hands
   std::shared_mutex images_mutex_;
+  std::mutex pass_turn_;
   std::array<TexturePool, 3> images_;
 };
 

@@ -214,12 +214,14 @@ class CudaDepthEngine final : public DepthEngine {
       auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
       PassData data = MakePassData(problem, level, *estimate);
       if (kPass == Pass::kGeometric) AddSourceDepths(problem, &data);
+      if (prior != nullptr) UploadPrior(*prior);
+      const std::unique_lock<std::mutex> turn = device().PassTurn(estimate->Pixels());
       begin_.Record(stream());
       if (start != nullptr) {
         estimate->planes.CopyFrom(start->planes, estimate->Pixels(), stream());
         estimate->cost.CopyFrom(start->cost, estimate->Pixels(), stream());
       }
-      if (prior != nullptr) data.prior = QueuePrior(match, *prior);
+      if (prior != nullptr) data.prior = QueuePrior(match, static_cast<int>(prior->triangles.size()));
       const std::shared_lock<std::shared_mutex> images(device().images_mutex());
       runner_.Queue<kPass>(match, options, data, geometric_pass, iterations);
       FinishEstimate(camera, *estimate);
@@ -247,10 +249,8 @@ class CudaDepthEngine final : public DepthEngine {
     }
   }
 
-  const PlaneHypothesis* QueuePrior(const PatchMatchProblem& match, const PriorMesh& mesh) {
-    const PinholeCamera& camera = match.reference.camera;
+  void UploadPrior(const PriorMesh& mesh) {
     const size_t count = mesh.triangles.size();
-    prior_.Reserve(runner_.device(), static_cast<size_t>(camera.width) * camera.height);
     triangles_.Reserve(runner_.device(), count);
     PriorTriangle* staged = staging_.Reserve<PriorTriangle>(count);
     tbb::parallel_for(size_t{0}, count, [&](size_t i) {
@@ -262,7 +262,13 @@ class CudaDepthEngine final : public DepthEngine {
       }
     });
     if (count > 0) triangles_.Upload(staged, count, stream());
-    LaunchRasterizePrior(triangles_.data(), static_cast<int>(count), MakeRayGrid(camera), match.depth_range.min,
+  }
+
+  /// Draws the uploaded triangles.
+  const PlaneHypothesis* QueuePrior(const PatchMatchProblem& match, int triangles) {
+    const PinholeCamera& camera = match.reference.camera;
+    prior_.Reserve(runner_.device(), static_cast<size_t>(camera.width) * camera.height);
+    LaunchRasterizePrior(triangles_.data(), triangles, MakeRayGrid(camera), match.depth_range.min,
                          match.depth_range.max, {prior_.data(), camera.width, camera.height, camera.width},
                          stream().get());
     return prior_.data();
