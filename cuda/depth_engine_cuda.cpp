@@ -125,6 +125,8 @@ class CudaDepthEngine final : public DepthEngine {
   EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) override;
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options) override;
+  ConfidenceMap MeasureConfidence(const EngineView& reference, const std::vector<EngineView>& sources,
+                                  const FusionOptions& options) override;
   std::unique_ptr<FusionStamps> MakeFusionStamps() override {
     auto stamps = std::make_unique<CudaStamps>();
     stamps->device = runner_.device().get();
@@ -455,6 +457,18 @@ ConsistencyResult CudaDepthEngine::FilterByConsistency(const EngineView& referen
       if (source.estimate) setup.AddSource(PosedCameraOf(source), FusionMapsOf(source));
     }
     return fusion_.Filter(setup, stream());
+  });
+}
+
+ConfidenceMap CudaDepthEngine::MeasureConfidence(const EngineView& reference, const std::vector<EngineView>& sources,
+                                                 const FusionOptions& options) {
+  return OnDevice([&] {
+    FusionSetup<DeviceFusionView> setup(PosedCameraOf(reference), GeometryMapsOf(reference), MakeFusionLimits(options),
+                                        RigidTransform::Identity());
+    for (const EngineView& source : sources) {
+      if (source.estimate) setup.AddSource(PosedCameraOf(source), GeometryMapsOf(source));
+    }
+    return fusion_.MeasureConfidence(setup, stream());
   });
 }
 

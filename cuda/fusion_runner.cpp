@@ -25,7 +25,7 @@ PointCloud FusionRunner::Download(const CudaStream& stream) {
   return points;
 }
 
-ConsistencyResult FusionRunner::Filter(const FusionSetup<DeviceFusionView>& setup, const CudaStream& stream) {
+void FusionRunner::QueueFilter(const FusionSetup<DeviceFusionView>& setup, const CudaStream& stream) {
   const DeviceFusionContext context = Upload(setup, stream);
   const int width = context.reference.depth.width, height = context.reference.depth.height;
   const size_t pixels = static_cast<size_t>(width) * height;
@@ -33,11 +33,23 @@ ConsistencyResult FusionRunner::Filter(const FusionSetup<DeviceFusionView>& setu
   confidence_.Reserve(device_, pixels);
   LaunchFilterByConsistency(context, {consistent_views_.data(), width, height, width},
                             {confidence_.data(), width, height, width}, ReservePoints(width, height), stream.get());
+}
+
+ConsistencyResult FusionRunner::Filter(const FusionSetup<DeviceFusionView>& setup, const CudaStream& stream) {
+  QueueFilter(setup, stream);
+  const int width = setup.reference().depth.width, height = setup.reference().depth.height;
   ConsistencyResult result = {Image<unsigned char>(width, height), ConfidenceMap(width, height), {}};
-  download_.Run(confidence_, pixels, stream, result.confidence.data());
-  download_.Run(consistent_views_, pixels, stream, result.consistent_views.data());
+  download_.Run(confidence_, result.confidence.size(), stream, result.confidence.data());
+  download_.Run(consistent_views_, result.consistent_views.size(), stream, result.consistent_views.data());
   result.points_in_camera = Download(stream);
   return result;
+}
+
+ConfidenceMap FusionRunner::MeasureConfidence(const FusionSetup<DeviceFusionView>& setup, const CudaStream& stream) {
+  QueueFilter(setup, stream);
+  ConfidenceMap confidence(setup.reference().depth.width, setup.reference().depth.height);
+  download_.Run(confidence_, confidence.size(), stream, confidence.data());
+  return confidence;
 }
 
 PointCloud FusionRunner::Fuse(const FusionSetup<DeviceFusionView>& setup, int width, int height,

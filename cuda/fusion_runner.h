@@ -15,10 +15,14 @@ class FusionRunner {
   /// FilterByConsistency of the setup's reference view; waits for the result.
   ConsistencyResult Filter(const FusionSetup<DeviceFusionView>& setup, const CudaStream& stream);
 
+  /// The confidences of the same.
+  ConfidenceMap MeasureConfidence(const FusionSetup<DeviceFusionView>& setup, const CudaStream& stream);
+
   /// One reference view of FuseDepthMaps; waits for its points.
   PointCloud Fuse(const FusionSetup<DeviceFusionView>& setup, int width, int height, const CudaStream& stream);
 
  private:
+  void QueueFilter(const FusionSetup<DeviceFusionView>& setup, const CudaStream& stream);
   DeviceFusionContext Upload(const FusionSetup<DeviceFusionView>& setup, const CudaStream& stream);
   PointOutput ReservePoints(int width, int height);
   PointCloud Download(const CudaStream& stream);

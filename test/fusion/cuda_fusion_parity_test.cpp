@@ -97,6 +97,15 @@ TEST_F(CudaFusionParityTest, NoisyViews) {
   }
 }
 
+TEST_F(CudaFusionParityTest, ConfidenceAloneIsThatOfTheFilter) {
+  const std::vector<TestView> views = NoisyViews();
+  const std::vector<FusionView> sources = SourcesOf(ViewsOf(views));
+  const ConfidenceMap alone = MeasureConfidenceCuda(views[0].View(), sources, {});
+  const ConfidenceMap expected = FilterByConsistencyCuda(views[0].View(), sources, {}).confidence;
+  ASSERT_GT(*std::max_element(expected.begin(), expected.end()), 0.5f);
+  EXPECT_TRUE(std::equal(alone.begin(), alone.end(), expected.begin(), expected.end()));
+}
+
 TEST_F(CudaFusionParityTest, TheSameBitsInEveryRun) {
   const std::vector<TestView> views = NoisyViews();
   const PointCloud first = FuseDepthMapsCuda(ViewsOf(views), NoisyNeighbors(), {});

@@ -1,6 +1,7 @@
 #include "fusion/fuse_on_gpu.h"
 
 #include <memory>
+#include <utility>
 
 #include "acmp_mapping/fusion/fusion_setup.h"
 #include "fusion_runner.h"
@@ -63,12 +64,14 @@ struct UploadedView {
   DeviceCopy<Stamp> stamps;
 };
 
-}  // namespace
-
-ConsistencyResult FilterByConsistencyCuda(const FusionView& reference, const std::vector<FusionView>& sources,
-                                          const FusionOptions& options, int cuda_index) {
+/// run(runner, setup, stream) with everything uploaded; an empty result without reference.
+template <class Run>
+auto RunOnGpu(const FusionView& reference, const std::vector<FusionView>& sources, const FusionOptions& options,
+              int cuda_index, const Run& run) {
+  using Result = decltype(run(std::declval<FusionRunner&>(), std::declval<FusionSetup<DeviceFusionView>&>(),
+                              std::declval<CudaStream&>()));
   const FusionLimits limits = MakeFusionLimits(options);
-  if (reference.depth.empty()) return {};
+  if (reference.depth.empty()) return Result();
   CheckConsistencyInput(reference, sources, kMaxCudaFusionSources);
   const auto device = std::make_shared<CudaDevice>(cuda_index);
   const CudaStream stream;
@@ -81,7 +84,24 @@ ConsistencyResult FilterByConsistencyCuda(const FusionView& reference, const std
     uploaded.push_back(std::make_unique<UploadedView>(source, device, stream));
     setup.AddSource(CameraOf(source), uploaded.back()->maps());
   }
-  return FusionRunner(device).Filter(setup, stream);
+  FusionRunner runner(device);
+  return run(runner, setup, stream);
+}
+
+}  // namespace
+
+ConsistencyResult FilterByConsistencyCuda(const FusionView& reference, const std::vector<FusionView>& sources,
+                                          const FusionOptions& options, int cuda_index) {
+  return RunOnGpu(
+      reference, sources, options, cuda_index,
+      [](FusionRunner& runner, const auto& setup, const auto& stream) { return runner.Filter(setup, stream); });
+}
+
+ConfidenceMap MeasureConfidenceCuda(const FusionView& reference, const std::vector<FusionView>& sources,
+                                    const FusionOptions& options) {
+  return RunOnGpu(reference, sources, options, 0, [](FusionRunner& runner, const auto& setup, const auto& stream) {
+    return runner.MeasureConfidence(setup, stream);
+  });
 }
 
 PointCloud FuseDepthMapsCuda(const std::vector<FusionView>& views, const std::vector<std::vector<int>>& neighbors,

@@ -48,6 +48,7 @@ class FusionSetup {
     sources_.push_back({MakeSourceGeometry(camera_, camera, target_from_reference_), maps, stamps});
   }
 
+  const View& reference() const { return context_.reference; }
   const std::vector<FusionSource<View>>& sources() const { return sources_; }
 
   /// @param sources where the device finds a copy of sources()

@@ -109,6 +109,12 @@ class DepthEngine {
   virtual ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                                 const FusionOptions& options) = 0;
 
+  /// Only the confidences of the same: on a device points would have to be fetched.
+  virtual ConfidenceMap MeasureConfidence(const EngineView& reference, const std::vector<EngineView>& sources,
+                                          const FusionOptions& options) {
+    return FilterByConsistency(reference, sources, options).confidence;
+  }
+
   virtual std::unique_ptr<FusionStamps> MakeFusionStamps() = 0;
 
   /// FuseDepthMaps, one view per call in the order of fusion: the reference's points in the world. Views without an
