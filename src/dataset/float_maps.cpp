@@ -77,19 +77,19 @@ Image<T> ReadPfmAs(const std::filesystem::path& path) {
 }
 
 template <class T>
-void WritePfmAs(const std::filesystem::path& path, const Image<T>& map) {
+void WritePfmAs(const std::filesystem::path& path, const ImageView<const T>& map) {
   AtomicFile file(path);
-  file.Write(Concat(kChannels<T> == 1 ? "Pf" : "PF", "\n", map.width(), " ", map.height(), "\n-1.0\n"));
-  for (int row = map.height() - 1; row >= 0; --row) file.Write(&map(0, row), sizeof(T) * map.width());
+  file.Write(Concat(kChannels<T> == 1 ? "Pf" : "PF", "\n", map.width, " ", map.height, "\n-1.0\n"));
+  for (int row = map.height - 1; row >= 0; --row) file.Write(&map(0, row), sizeof(T) * map.width);
   file.Commit();
 }
 
 template <class T>
-void WriteDmbAs(const std::filesystem::path& path, const Image<T>& map) {
+void WriteDmbAs(const std::filesystem::path& path, const ImageView<const T>& map) {
   AtomicFile file(path);
-  const int32_t header[4] = {kDmbFloat, map.height(), map.width(), kChannels<T>};
+  const int32_t header[4] = {kDmbFloat, map.height, map.width, kChannels<T>};
   file.Write(header, sizeof(header));
-  file.Write(map.data(), map.size() * sizeof(T));
+  for (int row = 0; row < map.height; ++row) file.Write(&map(0, row), sizeof(T) * map.width);
   file.Commit();
 }
 
@@ -97,8 +97,8 @@ void WriteDmbAs(const std::filesystem::path& path, const Image<T>& map) {
 
 Image<float> ReadPfm(const std::filesystem::path& path) { return ReadPfmAs<float>(path); }
 NormalMap ReadPfmNormals(const std::filesystem::path& path) { return ReadPfmAs<Vec3f>(path); }
-void WritePfm(const std::filesystem::path& path, const Image<float>& map) { WritePfmAs(path, map); }
-void WritePfm(const std::filesystem::path& path, const NormalMap& map) { WritePfmAs(path, map); }
+void WritePfm(const std::filesystem::path& path, const ImageView<const float>& map) { WritePfmAs(path, map); }
+void WritePfm(const std::filesystem::path& path, const ImageView<const Vec3f>& map) { WritePfmAs(path, map); }
 
 Image<float> ReadDmb(const std::filesystem::path& path) {
   BinaryReader file(path);
@@ -118,20 +118,22 @@ Image<float> ReadDmb(const std::filesystem::path& path) {
   return map;
 }
 
-void WriteDmb(const std::filesystem::path& path, const Image<float>& map) { WriteDmbAs(path, map); }
-void WriteDmb(const std::filesystem::path& path, const NormalMap& map) { WriteDmbAs(path, map); }
+void WriteDmb(const std::filesystem::path& path, const ImageView<const float>& map) { WriteDmbAs(path, map); }
+void WriteDmb(const std::filesystem::path& path, const ImageView<const Vec3f>& map) { WriteDmbAs(path, map); }
 
-size_t WriteDepthPng(const std::filesystem::path& path, const DepthMap& depth) {
+size_t WriteDepthPng(const std::filesystem::path& path, const ImageView<const float>& depth) {
   constexpr float kMaxCount = 65535.0f;
-  Image<uint16_t> counts(depth.width(), depth.height());
+  Image<uint16_t> counts(depth.width, depth.height);
   size_t too_far = 0;
-  for (size_t i = 0; i < depth.size(); ++i) {
-    const float count = std::round(depth.data()[i] * kCountsPerUnit);
-    if (!(count > 0)) continue;
-    if (count > kMaxCount) {
-      ++too_far;
-    } else {
-      counts.data()[i] = static_cast<uint16_t>(count);
+  for (int row = 0; row < depth.height; ++row) {
+    for (int col = 0; col < depth.width; ++col) {
+      const float count = std::round(depth(col, row) * kCountsPerUnit);
+      if (!(count > 0)) continue;
+      if (count > kMaxCount) {
+        ++too_far;
+      } else {
+        counts(col, row) = static_cast<uint16_t>(count);
+      }
     }
   }
   WritePng16(path, counts);

@@ -52,32 +52,38 @@ ColorImage ColorizeBetweenQuantiles(const Image<float>& map) {
   return Colorize(map, low, Quantile(&known, kHighQuantile));
 }
 
-}  // namespace
-
-ColorImage DepthPicture(const DepthMap& depth) {
-  Image<float> inverse(depth.width(), depth.height());
-  std::transform(depth.begin(), depth.end(), inverse.begin(), [](float z) { return z > 0 ? 1.0f / z : NAN; });
-  return ColorizeBetweenQuantiles(inverse);
+/// The positive values as `value_of` has them; NAN for the rest.
+template <class ValueOf>
+Image<float> KnownValues(const ImageView<const float>& map, const ValueOf& value_of) {
+  Image<float> values = Clone(map);
+  for (float& value : values) value = value > 0 ? value_of(value) : NAN;
+  return values;
 }
 
-ColorImage NormalPicture(const NormalMap& normal) {
-  ColorImage picture(normal.width(), normal.height());
+}  // namespace
+
+ColorImage DepthPicture(const ImageView<const float>& depth) {
+  return ColorizeBetweenQuantiles(KnownValues(depth, [](float z) { return 1.0f / z; }));
+}
+
+ColorImage NormalPicture(const ImageView<const Vec3f>& normal) {
+  ColorImage picture(normal.width, normal.height);
   const auto to_byte = [](float v) { return static_cast<unsigned char>(std::lround(Clamp(127.5f * (v + 1), 0, 255))); };
-  for (size_t i = 0; i < normal.size(); ++i) {
-    const Vec3f& n = normal.data()[i];
-    const bool known = n.x != 0 || n.y != 0 || n.z != 0;
-    // y and z are turned round (up, towards the viewer), as normal maps are usually drawn.
-    if (known) picture.data()[i] = {to_byte(n.x), to_byte(-n.y), to_byte(-n.z)};
+  for (int row = 0; row < normal.height; ++row) {
+    for (int col = 0; col < normal.width; ++col) {
+      const Vec3f& n = normal(col, row);
+      const bool known = n.x != 0 || n.y != 0 || n.z != 0;
+      // y and z are turned round (up, towards the viewer), as normal maps are usually drawn.
+      if (known) picture(col, row) = {to_byte(n.x), to_byte(-n.y), to_byte(-n.z)};
+    }
   }
   return picture;
 }
 
-ColorImage CostPicture(const CostMap& cost) { return ColorizeBetweenQuantiles(cost); }
+ColorImage CostPicture(const ImageView<const float>& cost) { return ColorizeBetweenQuantiles(Clone(cost)); }
 
-ColorImage ConfidencePicture(const ConfidenceMap& confidence) {
-  Image<float> known(confidence.width(), confidence.height());
-  std::transform(confidence.begin(), confidence.end(), known.begin(), [](float c) { return c > 0 ? c : NAN; });
-  return Colorize(known, 0.0f, 1.0f);
+ColorImage ConfidencePicture(const ImageView<const float>& confidence) {
+  return Colorize(KnownValues(confidence, [](float c) { return c; }), 0.0f, 1.0f);
 }
 
 }  // namespace acmp

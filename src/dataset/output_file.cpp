@@ -26,6 +26,10 @@ void OutputFile::Write(const void* data, size_t bytes) {
   if (bytes > 0 && std::fwrite(data, 1, bytes, file_.get()) != bytes) Fail("cannot write");
 }
 
+void OutputFile::Rewind() {
+  if (std::fseek(file_.get(), 0, SEEK_SET) != 0) Fail("cannot write");
+}
+
 void OutputFile::Close(Durability durability) {
   if (std::fflush(file_.get()) != 0) Fail("cannot write");
   // Devices and pipes refuse fsync with EINVAL: there is nothing to wait for.

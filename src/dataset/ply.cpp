@@ -226,8 +226,9 @@ char* Append(char* target, const T& value) {
   return target + sizeof(T);
 }
 
-void WriteHeader(size_t points, AtomicFile* file) {
-  file->Write(Concat("ply\nformat binary_little_endian 1.0\nelement vertex ", points,
+/// @param comment a line of the header, or nothing
+void WriteHeader(size_t points, const std::string& comment, AtomicFile* file) {
+  file->Write(Concat("ply\nformat binary_little_endian 1.0\n", comment, "element vertex ", points,
                      "\nproperty float x\nproperty float y\nproperty float z\nproperty float nx\nproperty float ny\n"
                      "property float nz\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
                      "property float confidence\nend_header\n"));
@@ -253,18 +254,26 @@ void WriteRecords(const PointCloud& points, AtomicFile* file) {
 
 void WritePly(const std::filesystem::path& path, const PointCloud& points) {
   AtomicFile file(path, Durability::kPowerCut);
-  WriteHeader(points.size(), &file);
+  WriteHeader(points.size(), "", &file);
   WriteRecords(points, &file);
   file.Commit();
 }
 
-void WriteMergedPly(const std::filesystem::path& path, const std::vector<PointCloud>& clouds) {
-  AtomicFile file(path, Durability::kPowerCut);
-  size_t points = 0;
-  for (const PointCloud& cloud : clouds) points += cloud.size();
-  WriteHeader(points, &file);
-  for (const PointCloud& cloud : clouds) WriteRecords(cloud, &file);
-  file.Commit();
+void PlyFile::WriteHeader() {
+  constexpr size_t kMaxDigits = 20;  // of a 64-bit number
+  const std::string padding(kMaxDigits - std::to_string(points_).size(), '-');
+  acmp::WriteHeader(points_, Concat("comment ", padding, "\n"), &file_);
+}
+
+void PlyFile::Append(const PointCloud& points) {
+  WriteRecords(points, &file_);
+  points_ += points.size();
+}
+
+void PlyFile::Commit() {
+  file_.Rewind();
+  WriteHeader();
+  file_.Commit();
 }
 
 PointCloud ReadPly(const std::filesystem::path& path) {

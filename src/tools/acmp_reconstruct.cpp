@@ -45,13 +45,17 @@ Engines MakeEngines(const acmp::ReconstructOptions& options) {
 int RunReconstruct(const acmp::ReconstructOptions& options, acmp::InterruptWatcher* interrupt) {
   std::optional<tbb::global_control> threads;
   if (options.threads > 0) threads.emplace(tbb::global_control::max_allowed_parallelism, options.threads);
-  const Engines engines = MakeEngines(options);
-  if (!engines.fallback_reason.empty() && !options.quiet) {
-    std::cerr << "no GPU in use: " << engines.fallback_reason << '\n';
-  }
+  Engines engines;
+  const auto make_engines = [&] {
+    engines = MakeEngines(options);
+    if (!engines.fallback_reason.empty() && !options.quiet) {
+      std::cerr << "no GPU in use: " + engines.fallback_reason + "\n";
+    }
+    return engines.list;
+  };
   try {
     interrupt->RunCancellable(
-        [&] { acmp::Reconstruct(options, engines.list, interrupt, &std::cout, &std::cerr, isatty(STDERR_FILENO)); });
+        [&] { acmp::Reconstruct(options, make_engines, interrupt, &std::cout, &std::cerr, isatty(STDERR_FILENO)); });
     interrupt->Check();
   } catch (const acmp::Interrupted&) {
     std::cerr << "acmp_reconstruct: interrupted; run the same command again to go on\n";

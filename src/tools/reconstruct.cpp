@@ -1,5 +1,6 @@
 #include "reconstruct.h"
 
+#include <future>
 #include <map>
 #include <numeric>
 
@@ -47,6 +48,7 @@ RunRecord MakeRecord(const ReconstructOptions& options, const std::string& devic
                       {"depth-max", depth(options.depth_max)},
                       {"seed", Concat(options.seed)},
                       {"dynamic-consistency", flag(options.dynamic_consistency)},
+                      {"maps", Joined(options.maps)},
                       {"dmb", flag(options.dmb)},
                       {"colmap", flag(options.colmap)},
                       {"pictures", flag(!options.no_pictures)}};
@@ -99,10 +101,11 @@ void RunAllSteps(ReconstructRun* run, const RunRecord& record, const Timer& time
 
 }  // namespace
 
-void Reconstruct(const ReconstructOptions& options, const std::vector<ReconstructEngine>& engines,
-                 InterruptWatcher* interrupt, std::ostream* out, std::ostream* log, bool log_is_terminal) {
+void Reconstruct(const ReconstructOptions& options, const EngineMaker& make_engines, InterruptWatcher* interrupt,
+                 std::ostream* out, std::ostream* log, bool log_is_terminal) {
   const Timer timer;
   Validate(options);
+  std::future<std::vector<ReconstructEngine>> engines_to_come = std::async(std::launch::async, make_engines);
   const Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format));
   const std::vector<int> indices = ChosenImages(scene, options.images);
   if (options.colmap) ColmapOutput::CheckNames(scene, indices);
@@ -114,8 +117,9 @@ void Reconstruct(const ReconstructOptions& options, const std::vector<Reconstruc
 
   progress.Note(Concat("checking ", indices.size(), " images"));
   FrameStore frames(scene, options.max_image_size, static_cast<size_t>(0.5e9 * options.memory_limit_gb));
-  const std::string device = engines.front().engine->device_name();
-  const RunRecord record = MakeRecord(options, device, CheckInput(scene, indices, &frames, *interrupt));
+  const std::string input_hash = CheckInput(scene, indices, &frames, *interrupt);
+  const std::vector<ReconstructEngine> engines = engines_to_come.get();
+  const RunRecord record = MakeRecord(options, engines.front().engine->device_name(), input_hash);
   const ReconstructFolder folder(options.output, record, options.overwrite);
   if (folder.state() == ReconstructFolder::State::kComplete) {
     if (!options.keep_work) folder.RemoveAllWork();

@@ -83,16 +83,17 @@ std::vector<std::filesystem::path> ColmapOutput::FilesOf(int index) const {
           MapFile("normal_maps", index)};
 }
 
-void ColmapOutput::WriteMaps(int index, const ColorImage& color, const DepthMap& depth, const NormalMap& normal,
-                             const CostMap& cost) const {
-  DepthMap measured_depth = depth.Clone();
-  NormalMap measured_normal = normal.Clone();
-  for (size_t i = 0; i < cost.size(); ++i) {
-    if (cost.data()[i] < kWorstCost && depth.data()[i] > 0) continue;
-    measured_depth.data()[i] = 0;
-    measured_normal.data()[i] = {0, 0, 0};
+void ColmapOutput::WriteMaps(int index, const StoredFinalMaps& maps) const {
+  DepthMap measured_depth = Clone(maps.depth());
+  NormalMap measured_normal = Clone(maps.normal());
+  for (int row = 0; row < measured_depth.height(); ++row) {
+    for (int col = 0; col < measured_depth.width(); ++col) {
+      if (maps.cost()(col, row) < kWorstCost && measured_depth(col, row) > 0) continue;
+      measured_depth(col, row) = 0;
+      measured_normal(col, row) = {0, 0, 0};
+    }
   }
-  WriteColorImage(folder_ / "images" / run_.scene.images[index].name, color);
+  WriteColorImage(folder_ / "images" / run_.scene.images[index].name, Clone(maps.color()));
   WriteColmapMap(MapFile("depth_maps", index), measured_depth);
   WriteColmapMap(MapFile("normal_maps", index), measured_normal);
 }

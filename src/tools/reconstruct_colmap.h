@@ -24,8 +24,7 @@ class ColmapOutput {
   std::vector<std::filesystem::path> FilesOf(int index) const;
   /// Depth and normals where they were measured: pixels of the worst cost were at most guessed from planes around them,
   /// and a program that fuses the maps would take them for what a camera saw.
-  void WriteMaps(int index, const ColorImage& color, const DepthMap& depth, const NormalMap& normal,
-                 const CostMap& cost) const;
+  void WriteMaps(int index, const StoredFinalMaps& maps) const;
 
   /// Cameras, poses, landmarks and the lists of images: last, since the online schedule decides late what gets a map.
   /// @param images with maps, by scene index

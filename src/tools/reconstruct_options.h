@@ -36,6 +36,7 @@ struct ReconstructOptions {
   int threads = 0;  ///< 0: one per core
   double memory_limit_gb = 4;
 
+  std::vector<std::string> maps = {"depth", "normal", "cost", "confidence"};  ///< kinds to write; none: only the cloud
   bool dmb = false;
   bool colmap = false;
   bool no_pictures = false;

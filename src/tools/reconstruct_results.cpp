@@ -1,16 +1,12 @@
-#include <oneapi/tbb/parallel_invoke.h>
-
 #include <map>
 #include <memory>
 #include <mutex>
-#include <optional>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
-#include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
-#include "reconstruct_colmap.h"
+#include "reconstruct_image_files.h"
 #include "reconstruct_run.h"
 #include "reconstruct_work_files.h"
 
@@ -20,21 +16,15 @@ namespace {
 constexpr const char* kWrittenMark = "written";
 constexpr size_t kImagesPerSync = 16;  // waiting for the disk takes as long for many files as for one
 
-template <class T>
-Image<T> Copy(ImageView<const T> view) {
-  Image<T> image(view.width, view.height);
-  for (int row = 0; row < view.height; ++row) std::copy_n(&view(0, row), view.width, &image(0, row));
-  return image;
-}
-
 /// The output steps of a run. Confidences and points are made on the engines, files by other threads.
 class ResultWriter {
  public:
-  explicit ResultWriter(ReconstructRun* run) : run_(*run), fusion_(MakePipelineOptions(run->options).fusion) {
-    for (const char* kind : {"depth", "normal", "cost", "confidence"}) MakeFolder(run_.folder.path() / kind);
+  explicit ResultWriter(ReconstructRun* run)
+      : run_(*run),
+        fusion_(MakePipelineOptions(run->options).fusion),
+        files_(run),
+        cloud_(run->folder.path() / "fused.ply") {
     run_.folder.MakeWorkFolder(kWrittenMark);
-    if (!run_.options.no_pictures) MakeFolder(run_.folder.path() / "pictures");
-    if (run_.options.colmap) colmap_.emplace(run);
     const ReconstructEngine& first = run_.engines.front();
     if (!first.on_host) fusion_engine_owner_ = first.engine->Share();
     fusion_engine_ = first;
@@ -44,32 +34,34 @@ class ResultWriter {
 
   void AddTasks(const std::map<int, int>& final_maps, TaskGraph* graph) {
     std::vector<int> all_written;
-    int last_fused = -1;
+    std::vector<int> last_fused;  // or none
+    std::vector<int> last_appended;
     for (const ImagePlan& image : run_.plan.images) {
       if (!image.no_map.empty()) continue;
-      const std::vector<int> maps = MapsRead(final_maps, image);
       const int index = image.index;
-      const int pool = EnginePoolOf(run_, index);
-      const int confidence = graph->Add(
-          pool, maps, [this, index, pool](int thread) { MakeConfidence(index, EngineOf(run_, pool, thread)); }, true);
-      all_written.push_back(graph->Add(kHostPool, {confidence}, [this, index](int) { WriteFiles(index); }));
+      const std::vector<int> maps = MapsRead(final_maps, image);
       std::vector<int> before = maps;
-      if (last_fused >= 0) before.push_back(last_fused);
-      last_fused = graph->Add(kFusionPool, before, [this, index](int) { Fuse(index); });
+      if (files_.HasConfidence()) {
+        const int pool = EnginePoolOf(run_, index);
+        before = {graph->Add(
+            pool, maps, [this, index, pool](int thread) { MakeConfidence(index, EngineOf(run_, pool, thread)); },
+            true)};
+      }
+      all_written.push_back(graph->Add(kHostPool, before, [this, index](int) { WriteFiles(index); }));
+      last_fused = {graph->Add(kFusionPool, Joined(maps, last_fused), [this, index](int) { Fuse(index); })};
+      last_appended = {graph->Add(kHostPool, Joined(last_fused, last_appended), [this, index](int) { Append(index); })};
       images_.push_back(index);
     }
     graph->Add(kHostPool, all_written, [this](int) { FinishFiles(); });
-    graph->Add(kHostPool, {last_fused}, [this](int) { WriteCloud(); });
-    if (colmap_) graph->Add(kHostPool, {last_fused}, [this](int) { colmap_->WriteModel(images_, clouds_); });
+    graph->Add(kHostPool, last_appended, [this](int) { FinishCloud(); });
+    if (files_.colmap()) {
+      graph->Add(kHostPool, last_appended, [this](int) { files_.colmap()->WriteModel(images_, CloudsInOrder()); });
+    }
   }
 
   static constexpr int kStepsPerImage = 2;
   size_t images() const { return images_.size(); }
-  size_t points() const {
-    size_t points = 0;
-    for (const PointCloud& cloud : clouds_) points += cloud.size();
-    return points;
-  }
+  size_t points() const { return cloud_.points(); }
 
  private:
   /// All whose maps the image's own are compared with.
@@ -83,8 +75,13 @@ class ResultWriter {
     return tasks;
   }
 
+  static std::vector<int> Joined(std::vector<int> tasks, const std::vector<int>& others) {
+    tasks.insert(tasks.end(), others.begin(), others.end());
+    return tasks;
+  }
+
   bool IsWritten(int index) const {
-    return std::filesystem::exists(run_.folder.WorkFile(kWrittenMark, index)) && AllFilesExist(index);
+    return std::filesystem::exists(run_.folder.WorkFile(kWrittenMark, index)) && files_.AllExist(index);
   }
 
   /// A view with its final estimate.
@@ -109,10 +106,10 @@ class ResultWriter {
     const EngineView reference = ViewOf(index, engine);
     const std::vector<EngineView> sources = SourcesOf(maps, engine);
     Timer timer;
-    ConsistencyResult result = engine.engine->FilterByConsistency(reference, sources, fusion_);
+    ConfidenceMap confidence = engine.engine->MeasureConfidence(reference, sources, fusion_);
     run_.interrupt.Check();
     const std::lock_guard<std::mutex> lock(mutex_);
-    confidences_[index] = std::move(result.confidence);
+    confidences_[index] = std::move(confidence);
     const std::lock_guard<std::mutex> times_lock(run_.times_mutex);
     run_.times.consistency_ms += timer.Lap();
   }
@@ -122,44 +119,32 @@ class ResultWriter {
     const EngineView reference = ViewOf(index, fusion_engine_);
     const std::vector<EngineView> sources = SourcesOf(maps, fusion_engine_);
     Timer timer;
-    clouds_.push_back(fusion_engine_.engine->FuseView(reference, sources, fusion_, stamps_.get()));
+    PointCloud cloud = fusion_engine_.engine->FuseView(reference, sources, fusion_, stamps_.get());
     run_.interrupt.Check();
     run_.progress.Step();
-    const std::lock_guard<std::mutex> lock(run_.times_mutex);
+    const std::lock_guard<std::mutex> lock(mutex_);
+    clouds_[index] = std::move(cloud);
+    const std::lock_guard<std::mutex> times_lock(run_.times_mutex);
     run_.times.fusion_ms += timer.Lap();
   }
 
-  std::vector<std::filesystem::path> FilesOf(int index) const {
-    const ReconstructFolder& folder = run_.folder;
-    std::vector<std::filesystem::path> files = {
-        folder.MapFile("depth", index, ".pfm"), folder.MapFile("depth", index, ".png"),
-        folder.MapFile("normal", index, ".pfm"), folder.MapFile("cost", index, ".pfm"),
-        folder.MapFile("confidence", index, ".pfm")};
-    if (run_.options.dmb) files.push_back(folder.MapFile("depth", index, ".dmb"));
-    if (colmap_) {
-      for (auto& file : colmap_->FilesOf(index)) files.push_back(std::move(file));
+  /// Writes an image's points, and forgets them unless COLMAP's model is made of them.
+  void Append(int index) {
+    Timer timer;
+    PointCloud cloud;
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      cloud = std::move(clouds_.at(index));
     }
-    if (run_.options.no_pictures) return files;
-    for (const char* suffix : {"_depth.png", "_normal.png", "_cost.png", "_confidence.png"}) {
-      files.push_back(folder.MapFile("pictures", index, suffix));
-    }
-    return files;
-  }
-
-  bool AllFilesExist(int index) const {
-    for (const auto& file : FilesOf(index)) {
-      if (!std::filesystem::exists(file)) return false;
-    }
-    return true;
-  }
-
-  /// The confidence that was made for the image, or that its final maps already have.
-  ConfidenceMap TakeConfidence(int index, const StoredFinalMaps& maps) {
-    if (!maps.confidence().empty()) return Copy(maps.confidence());
+    cloud_.Append(cloud);
     const std::lock_guard<std::mutex> lock(mutex_);
-    ConfidenceMap confidence = std::move(confidences_.at(index));
-    confidences_.erase(index);
-    return confidence;
+    if (files_.colmap()) {
+      clouds_[index] = std::move(cloud);
+    } else {
+      clouds_.erase(index);
+    }
+    const std::lock_guard<std::mutex> times_lock(run_.times_mutex);
+    run_.times.cloud_ms += timer.Lap();
   }
 
   void WriteFiles(int index) {
@@ -198,51 +183,32 @@ class ResultWriter {
 
   void WriteImage(int index) {
     const StoredFinalMaps maps = run_.store.Final(index);
-    const ConfidenceMap confidence = TakeConfidence(index, maps);
+    ConfidenceMap made;
+    ImageView<const float> confidence = maps.confidence();
+    if (confidence.empty() && files_.HasConfidence()) {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      made = std::move(confidences_.at(index));
+      confidences_.erase(index);
+      confidence = made;
+    }
     Timer timer;
-    const DepthMap depth = Copy(maps.depth());
-    const NormalMap normal = Copy(maps.normal());
-    const CostMap cost = Copy(maps.cost());
-    const ReconstructFolder& folder = run_.folder;
-    const bool pictures = !run_.options.no_pictures;
-    const auto picture = [&](const char* suffix) { return folder.MapFile("pictures", index, suffix); };
-    size_t too_far = 0;
-    // One task per quantity: compressing pictures takes longer than writing them.
-    tbb::parallel_invoke(
-        [&] {
-          WritePfm(folder.MapFile("depth", index, ".pfm"), depth);
-          if (run_.options.dmb) WriteDmb(folder.MapFile("depth", index, ".dmb"), depth);
-          too_far = WriteDepthPng(folder.MapFile("depth", index, ".png"), depth);
-        },
-        [&] {
-          if (pictures) WritePng(picture("_depth.png"), DepthPicture(depth));
-        },
-        [&] {
-          WritePfm(folder.MapFile("normal", index, ".pfm"), normal);
-          if (pictures) WritePng(picture("_normal.png"), NormalPicture(normal));
-        },
-        [&] {
-          WritePfm(folder.MapFile("cost", index, ".pfm"), cost);
-          if (pictures) WritePng(picture("_cost.png"), CostPicture(cost));
-        },
-        [&] {
-          WritePfm(folder.MapFile("confidence", index, ".pfm"), confidence);
-          if (pictures) WritePng(picture("_confidence.png"), ConfidencePicture(confidence));
-        },
-        [&] {
-          if (colmap_) colmap_->WriteMaps(index, Copy(maps.color()), depth, normal, cost);
-        });
-    for (const auto& file : FilesOf(index)) StartWriteback(file);
+    const size_t too_far = files_.Write(index, maps, confidence);
     const std::lock_guard<std::mutex> lock(run_.times_mutex);
     too_far_ += too_far;
     run_.times.writing_ms += timer.Lap();
   }
 
-  void WriteCloud() {
+  void FinishCloud() {
     Timer timer;
-    WriteMergedPly(run_.folder.path() / "fused.ply", clouds_);
+    cloud_.Commit();
     const std::lock_guard<std::mutex> lock(run_.times_mutex);
     run_.times.cloud_ms += timer.Lap();
+  }
+
+  std::vector<PointCloud> CloudsInOrder() {
+    std::vector<PointCloud> clouds;
+    for (int index : images_) clouds.push_back(std::move(clouds_.at(index)));
+    return clouds;
   }
 
   ReconstructRun& run_;
@@ -250,14 +216,15 @@ class ResultWriter {
   std::unique_ptr<DepthEngine> fusion_engine_owner_;
   ReconstructEngine fusion_engine_;
   std::unique_ptr<FusionStamps> stamps_;
-  std::optional<ColmapOutput> colmap_;  ///< where it is asked for
-  std::vector<int> images_;             ///< with maps, by scene index
-  std::vector<PointCloud> clouds_;      ///< of each view, world frame
+  const ImageFiles files_;
+  PlyFile cloud_;
+  std::vector<int> images_;  ///< with maps, by scene index
 
   size_t too_far_ = 0;  ///< pixels; under times_mutex while images are written
 
   std::mutex mutex_;  ///< of what follows
   std::map<int, ConfidenceMap> confidences_;
+  std::map<int, PointCloud> clouds_;  ///< world frame; those that are not written yet
   std::vector<int> unmarked_;
 };
 

@@ -28,6 +28,7 @@ EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, 
       frames_(*frames),
       always_writes_(options.keep_work || engines.front().on_host),
       one_device_(engines.front().device == engines.back().device),
+      final_maps_on_host_(!one_device_ || !options.maps.empty() || options.colmap),
       max_unsaved_host_bytes_(static_cast<size_t>(0.5e9 * options.memory_limit_gb)) {
   for (const ReconstructEngine& engine : engines) {
     const size_t host_bytes = static_cast<size_t>(0.5e9 * options.memory_limit_gb);
@@ -142,15 +143,20 @@ bool EngineStore::KeepUnsaved(const EstimateKey& key, const Unsaved& unsaved, co
   return true;
 }
 
-void EngineStore::KeepFinal(const Frame& frame, const std::vector<int>& sources, const ReconstructEngine& engine,
-                            const EngineEstimatePtr& estimate) {
+void EngineStore::FetchFinal(const Frame& frame, const ReconstructEngine& engine, const EngineEstimatePtr& estimate,
+                             FinalMaps* maps) {
   EstimateMaps estimate_maps = engine.engine->Download(estimate);
-  auto maps = std::make_shared<FinalMaps>();
   maps->depth = std::move(estimate_maps.depth);
   maps->normal = std::move(estimate_maps.normal);
   maps->cost = std::move(estimate_maps.cost);
   maps->color = frame.color.Clone();
+}
+
+void EngineStore::KeepFinal(const Frame& frame, const std::vector<int>& sources, const ReconstructEngine& engine,
+                            const EngineEstimatePtr& estimate) {
+  auto maps = std::make_shared<FinalMaps>();
   maps->sources = sources;
+  if (final_maps_on_host_) FetchFinal(frame, engine, estimate, maps.get());
   const EstimateKey key = {kFinalStage, static_cast<int>(frame.id)};
   const size_t bytes = EstimateBytes(frame, engine.on_host);
   if (KeepUnsaved(key, {estimate, engine.device, nullptr, bytes, HostBytes(*maps)}, engine)) {
@@ -158,6 +164,7 @@ void EngineStore::KeepFinal(const Frame& frame, const std::vector<int>& sources,
     unsaved_final_[key.second] = std::move(maps);
     return;
   }
+  if (!final_maps_on_host_) FetchFinal(frame, engine, estimate, maps.get());
   WriteFinalMaps(folder_.WorkFile(kFinalStage, key.second), *maps);
   devices_.at(engine.device)
       .estimates.Get(

@@ -71,6 +71,8 @@ class EngineStore {
   EngineImagePtr Image(const FramePtr& frame, const ReconstructEngine& engine);
   bool KeepsInMemory(const ReconstructEngine& engine, size_t device_bytes, size_t host_bytes) const;
   EngineEstimatePtr Read(const EstimateKey& key, const Frame& frame, const ReconstructEngine& engine) const;
+  static void FetchFinal(const Frame& frame, const ReconstructEngine& engine, const EngineEstimatePtr& estimate,
+                         FinalMaps* maps);
   bool KeepUnsaved(const EstimateKey& key, const Unsaved& unsaved, const ReconstructEngine& engine);
 
   const ReconstructFolder& folder_;
@@ -80,6 +82,7 @@ class EngineStore {
   std::map<int, Device> devices_;
   const bool always_writes_;  ///< the work files
   const bool one_device_;
+  const bool final_maps_on_host_;  ///< to be written, or for other devices
   const size_t max_unsaved_host_bytes_;
   size_t max_unsaved_device_bytes_ = 0;
   Timer age_;

@@ -164,6 +164,26 @@ TEST_F(MapIoTest, PlyRoundTrip) {
   EXPECT_TRUE(ReadPly(folder() / "empty.ply").empty());
 }
 
+TEST_F(MapIoTest, PlyFileTakesOneCloudAfterTheOther) {
+  PointCloud all = SomePoints();
+  for (int copy = 0; copy < 9; ++copy) {  // a count of more digits than the first cloud's
+    const PointCloud more = SomePoints();
+    all.insert(all.end(), more.begin(), more.end());
+  }
+  {
+    PlyFile file(folder() / "a.ply");
+    for (int copy = 0; copy < 10; ++copy) {
+      file.Append(SomePoints());
+      EXPECT_FALSE(std::filesystem::exists(folder() / "a.ply")) << "half a cloud";
+    }
+    EXPECT_EQ(file.points(), all.size());
+    file.Commit();
+  }
+  ExpectSame(ReadPly(folder() / "a.ply"), all);
+  PlyFile(folder() / "empty.ply").Commit();
+  EXPECT_TRUE(ReadPly(folder() / "empty.ply").empty());
+}
+
 TEST_F(MapIoTest, AsciiPlyWithOtherPropertiesAndElements) {
   const auto path = WriteText("a.ply",
                               "ply\r\nformat ascii 1.0\r\ncomment made by hand\r\nelement camera 1\r\n"

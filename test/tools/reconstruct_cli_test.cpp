@@ -103,14 +103,24 @@ TEST_F(ReconstructCliTest, ExitCodesOfWrongUse) {
   EXPECT_EQ(missing.exit_code, 2);
   EXPECT_THAT(missing.text, HasSubstr("nowhere"));
   WriteScene(3, 24, 18);
-  for (const char* bad :
-       {"--preset best", "--device tpu", "--schedule later", "--format obj", "--source-views 0", "--source-views many",
-        "--max-image-size -5", "--depth-min 5 --depth-max 1", "--depth-max inf", "--images 9", "--no-such-option"}) {
+  for (const char* bad : {"--preset best", "--device tpu", "--schedule later", "--format obj", "--source-views 0",
+                          "--source-views many", "--max-image-size -5", "--maps color", "--maps none,depth",
+                          "--depth-min 5 --depth-max 1", "--depth-max inf", "--images 9", "--no-such-option"}) {
     const Outcome outcome = RunTool(Usual() + " " + bad);
     EXPECT_EQ(outcome.exit_code, 2) << bad << ": " << outcome.text;
     EXPECT_NE(outcome.text, "") << bad;
   }
   EXPECT_FALSE(std::filesystem::exists(output()));
+}
+
+TEST_F(ReconstructCliTest, WritesTheCloudAlone) {
+  WriteScene(3, 24, 18);
+  ASSERT_EQ(RunTool(Usual() + " --maps none").exit_code, 0);
+  EXPECT_TRUE(std::filesystem::exists(output() / "fused.ply"));
+  EXPECT_FALSE(std::filesystem::exists(output() / "depth"));
+  ASSERT_EQ(RunTool(Usual("some") + " --maps depth,normal").exit_code, 0);
+  EXPECT_TRUE(std::filesystem::exists(output("some") / "normal/000000.pfm"));
+  EXPECT_FALSE(std::filesystem::exists(output("some") / "cost"));
 }
 
 TEST_F(ReconstructCliTest, TruncatedImageIsWrongInput) {

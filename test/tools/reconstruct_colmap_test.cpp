@@ -51,7 +51,12 @@ class ReconstructColmapTest : public ReconstructFixture {
 
   void Run() {
     HostDepthEngine engine(&fake_);
-    Reconstruct(options_, {{&engine, 0, true}}, &watcher_, &out_, &log_, false);
+    Reconstruct(
+        options_,
+        [&] {
+          return std::vector<ReconstructEngine>{{&engine, 0, true}};
+        },
+        &watcher_, &out_, &log_, false);
   }
   std::string Workspace(const std::string& name) const { return ReadText(output() / "colmap" / name); }
   bool Has(const std::string& name) const { return std::filesystem::exists(output() / "colmap" / name); }

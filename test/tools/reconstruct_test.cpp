@@ -35,7 +35,12 @@ class ReconstructTest : public ReconstructFixture {
     log_.str("");
     out_.str("");
     HostDepthEngine engine(matcher);
-    Reconstruct(options_, {{&engine, 0, true}}, watcher, &out_, &log_, false);
+    Reconstruct(
+        options_,
+        [&] {
+          return std::vector<ReconstructEngine>{{&engine, 0, true}};
+        },
+        watcher, &out_, &log_, false);
   }
   std::string ErrorOf(FakePatchMatch* matcher) {
     return MessageOf<InvalidInputError>([&] { Run(matcher); });
@@ -75,6 +80,39 @@ TEST_F(ReconstructTest, OptionalFilesAreLeftOut) {
   EXPECT_FALSE(Has("depth/000000.dmb"));
   EXPECT_FALSE(Has("colmap"));
   EXPECT_TRUE(Has("depth/000000.pfm"));
+}
+
+TEST_F(ReconstructTest, WritesTheMapsAskedFor) {
+  Run(&fake_);
+  const std::string cloud = ReadText(output() / "fused.ply");
+  const std::string depth = ReadText(output() / "depth/000001.pfm");
+
+  options_.output = output("depth_only");
+  options_.maps = {"depth"};
+  Run(&fake_);
+  EXPECT_EQ(ReadText(options_.output / "depth/000001.pfm"), depth);
+  EXPECT_TRUE(Has("depth/000001.png") && Has("pictures/000001_depth.png"));
+  EXPECT_FALSE(Has("normal") || Has("cost") || Has("confidence") || Has("pictures/000001_normal.png"));
+  EXPECT_EQ(ReadText(options_.output / "fused.ply"), cloud);
+
+  options_.output = output("cloud_only");
+  options_.maps = {};
+  Run(&fake_);
+  EXPECT_FALSE(Has("depth") || Has("pictures"));
+  EXPECT_EQ(ReadText(options_.output / "fused.ply"), cloud);
+  EXPECT_TRUE(Has("cameras.txt"));
+  Run(&fake_);
+  EXPECT_THAT(out_.str(), HasSubstr("already complete"));
+}
+
+TEST_F(ReconstructTest, RefusesMapsThatContradict) {
+  options_.maps = {"normal", "normal"};
+  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("--maps: normal is given more than once"));
+  options_.maps = {"depth", "none"};
+  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("--maps: none stands alone"));
+  options_.maps = {"normal"};
+  options_.dmb = true;
+  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("--dmb: needs depth among --maps"));
 }
 
 TEST_F(ReconstructTest, CamerasFileHasTheMapsSizeAndPoses) {

@@ -1,8 +1,8 @@
 #pragma once
 
 #include <filesystem>
-#include <vector>
 
+#include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/fusion/point_cloud.h"
 #include "acmp_mapping/image/image.h"
 
@@ -13,17 +13,17 @@ namespace acmp {
 /// a temporary file and a rename and throw ProcessingError with the system's reason.
 Image<float> ReadPfm(const std::filesystem::path& path);
 NormalMap ReadPfmNormals(const std::filesystem::path& path);
-void WritePfm(const std::filesystem::path& path, const Image<float>& map);
-void WritePfm(const std::filesystem::path& path, const NormalMap& map);
+void WritePfm(const std::filesystem::path& path, const ImageView<const float>& map);
+void WritePfm(const std::filesystem::path& path, const ImageView<const Vec3f>& map);
 
 /// The .dmb format of Gipuma and ACMP: int32 type = 1, height, width, channels, then float32 row by row.
 Image<float> ReadDmb(const std::filesystem::path& path);
-void WriteDmb(const std::filesystem::path& path, const Image<float>& map);
-void WriteDmb(const std::filesystem::path& path, const NormalMap& map);
+void WriteDmb(const std::filesystem::path& path, const ImageView<const float>& map);
+void WriteDmb(const std::filesystem::path& path, const ImageView<const Vec3f>& map);
 
 /// 16-bit PNG of depth in thousandths of the scene's unit (millimetres for metres); 0 = unknown. Depths above 65.535
 /// units cannot be stored: returns how many pixels were left unknown for that reason, for the caller to report.
-size_t WriteDepthPng(const std::filesystem::path& path, const DepthMap& depth);
+size_t WriteDepthPng(const std::filesystem::path& path, const ImageView<const float>& depth);
 DepthMap ReadDepthPng(const std::filesystem::path& path);
 
 /// Reads depth by extension: .pfm, .dmb, 16-bit .png (thousandths). Not finite or not positive becomes 0.
@@ -31,17 +31,31 @@ DepthMap ReadDepth(const std::filesystem::path& path);
 
 /// Binary little-endian PLY: x y z nx ny nz (float), red green blue (uchar), confidence (float).
 void WritePly(const std::filesystem::path& path, const PointCloud& points);
-/// The clouds one after the other.
-void WriteMergedPly(const std::filesystem::path& path, const std::vector<PointCloud>& clouds);
+/// The same of points that come one cloud after the other, so that never all of them have to be held. The header's
+/// length does not depend on their number: a comment fills it up.
+class PlyFile {
+ public:
+  explicit PlyFile(const std::filesystem::path& path) : file_(path, Durability::kPowerCut) { WriteHeader(); }
+  void Append(const PointCloud& points);
+  /// Without it there is no file.
+  void Commit();
+  size_t points() const { return points_; }
+
+ private:
+  void WriteHeader();
+
+  AtomicFile file_;
+  size_t points_ = 0;
+};
 /// Reads x y z and, where present, normals, colours and confidence of a binary little-endian or ASCII PLY; other
 /// properties and elements are skipped.
 PointCloud ReadPly(const std::filesystem::path& path);
 
 /// Pictures to look at. Depth and cost by a perceptually uniform colour map between the 2 % and 98 % quantiles (of
 /// inverse depth for depth), unknown pixels black; normals as (n + 1) / 2 with the camera-facing direction light.
-ColorImage DepthPicture(const DepthMap& depth);
-ColorImage NormalPicture(const NormalMap& normal);
-ColorImage CostPicture(const CostMap& cost);
-ColorImage ConfidencePicture(const ConfidenceMap& confidence);
+ColorImage DepthPicture(const ImageView<const float>& depth);
+ColorImage NormalPicture(const ImageView<const Vec3f>& normal);
+ColorImage CostPicture(const ImageView<const float>& cost);
+ColorImage ConfidencePicture(const ImageView<const float>& confidence);
 
 }  // namespace acmp

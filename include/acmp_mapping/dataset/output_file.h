@@ -24,6 +24,8 @@ class OutputFile {
 
   void Write(const void* data, size_t bytes);
   void Write(const std::string& text) { Write(text.data(), text.size()); }
+  /// What is written next overwrites the file's beginning.
+  void Rewind();
 
   /// Writes what is still buffered and closes; nothing may be written afterwards. Without this call the file's content
   /// is unspecified.
@@ -54,6 +56,7 @@ class AtomicFile {
 
   void Write(const void* data, size_t bytes) { file_.Write(data, bytes); }
   void Write(const std::string& text) { file_.Write(text); }
+  void Rewind() { file_.Rewind(); }
   void Commit();
 
  private:

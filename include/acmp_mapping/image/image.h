@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <type_traits>
 #include <utility>
@@ -66,6 +67,9 @@ class Image {
 
   ImageView<T> View() { return {data(), width_, height_, width_}; }
   ImageView<const T> View() const { return {data(), width_, height_, width_}; }
+  operator ImageView<const T>() const {
+    return View();
+  }  // NOLINT(google-explicit-constructor): as string to string_view
 
   auto begin() { return pixels_.begin(); }
   auto end() { return pixels_.end(); }
@@ -77,6 +81,14 @@ class Image {
   int height_ = 0;
   std::vector<T> pixels_;
 };
+
+/// The view's pixels, without its padding.
+template <class T>
+Image<std::remove_const_t<T>> Clone(const ImageView<T>& view) {
+  Image<std::remove_const_t<T>> image(view.width, view.height);
+  for (int row = 0; row < view.height; ++row) std::copy_n(&view(0, row), view.width, &image(0, row));
+  return image;
+}
 
 struct Rgb {
   unsigned char r = 0, g = 0, b = 0;
