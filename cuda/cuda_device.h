@@ -98,6 +98,12 @@ class DeviceArray {
   void CopyFrom(const DeviceArray& other, size_t count, const CudaStream& stream) const {
     CudaCheck(cudaMemcpyAsync(data_, other.data_, count * sizeof(T), cudaMemcpyDeviceToDevice, stream.get()), "copy");
   }
+  /// The same from another GPU, directly or by way of the host as the driver can.
+  void CopyFromPeer(const DeviceArray& other, size_t count, const CudaStream& stream) const {
+    CudaCheck(cudaMemcpyPeerAsync(data_, device_->index(), other.data_, other.device_->index(), count * sizeof(T),
+                                  stream.get()),
+              "copy from another GPU");
+  }
 
  private:
   CudaDevicePtr device_;

@@ -33,9 +33,11 @@ struct CudaImage final : EngineImage {
 
 struct CudaEstimate final : EngineEstimate {
   CudaEstimate(const CudaDevicePtr& device, const PinholeCamera& camera)
+      : CudaEstimate(device, camera.width, camera.height) {}
+  CudaEstimate(const CudaDevicePtr& device, int width, int height)
       : device(device.get()),
-        width(camera.width),
-        height(camera.height),
+        width(width),
+        height(height),
         planes(device, Pixels()),
         cost(device, Pixels()),
         depth(device, Pixels()) {}
@@ -138,6 +140,7 @@ class CudaDepthEngine final : public DepthEngine {
   EstimateMaps Download(const EngineEstimatePtr& estimate) override;
   EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
   EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override;
+  EngineEstimatePtr Import(const EngineEstimatePtr& estimate) override;
   EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) override;
 
   double TakeDeviceMs() override { return std::exchange(device_ms_, 0.0); }
@@ -360,6 +363,20 @@ EngineEstimatePtr CudaDepthEngine::UploadState(EstimateState state, const Pinhol
     estimate->cost.Upload(state.cost.data(), pixels, stream());
     FinishEstimate(camera, *estimate);
     return estimate;
+  });
+}
+
+EngineEstimatePtr CudaDepthEngine::Import(const EngineEstimatePtr& estimate) {
+  const auto* from = dynamic_cast<const CudaEstimate*>(estimate.get());
+  if (from == nullptr) throw InvalidInputError("a handle is null or not of a GPU");
+  if (from->device == runner_.device().get()) return estimate;
+  return OnDevice([&] {
+    auto copy = std::make_shared<CudaEstimate>(runner_.device(), from->width, from->height);
+    copy->planes.CopyFromPeer(from->planes, copy->Pixels(), stream());
+    copy->cost.CopyFromPeer(from->cost, copy->Pixels(), stream());
+    copy->depth.CopyFromPeer(from->depth, copy->Pixels(), stream());
+    stream().Synchronize();
+    return copy;
   });
 }
 

@@ -27,8 +27,7 @@ EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, 
       levels_(MakePipelineOptions(options).start_level),
       frames_(*frames),
       always_writes_(options.keep_work || engines.front().on_host),
-      one_device_(engines.front().device == engines.back().device),
-      final_maps_on_host_(!one_device_ || !options.maps.empty() || options.colmap),
+      final_maps_on_host_(!options.maps.empty() || options.colmap),
       max_unsaved_host_bytes_(static_cast<size_t>(0.5e9 * options.memory_limit_gb)) {
   for (const ReconstructEngine& engine : engines) {
     const size_t host_bytes = static_cast<size_t>(0.5e9 * options.memory_limit_gb);
@@ -79,16 +78,16 @@ EngineImagePtr EngineStore::Image(const FramePtr& frame, const ReconstructEngine
 
 EngineEstimatePtr EngineStore::Read(const EstimateKey& key, const Frame& frame, const ReconstructEngine& engine) const {
   const auto& [stage, index] = key;
+  EngineEstimatePtr elsewhere;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (const auto found = unsaved_.find(key); found != unsaved_.end()) elsewhere = found->second.estimate;
+  }
+  if (elsewhere) return engine.engine->Import(elsewhere);
   if (stage == kFinalStage) {
     const StoredFinalMaps maps = Final(index);
     return engine.engine->UploadMaps({maps.depth(), maps.normal(), maps.cost()}, frame.camera);
   }
-  std::shared_ptr<const EstimateState> state;
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (const auto found = unsaved_.find(key); found != unsaved_.end()) state = found->second.state;
-  }
-  if (state) return engine.engine->UploadState({state->planes.Clone(), state->cost.Clone()}, frame.camera);
   const auto path = folder_.WorkFile(stage, index);
   return engine.engine->UploadState(ReadEstimate(path, frame.camera.width, frame.camera.height), frame.camera);
 }
@@ -123,12 +122,8 @@ void EngineStore::Keep(const std::string& stage, const Frame& frame, const Recon
                        const EngineEstimatePtr& estimate) {
   const EstimateKey key = {stage, static_cast<int>(frame.id)};
   const size_t bytes = EstimateBytes(frame, engine.on_host);
-  std::shared_ptr<const EstimateState> state;
-  if (!one_device_) state = std::make_shared<const EstimateState>(engine.engine->DownloadState(estimate));
-  const size_t host_bytes = one_device_ ? 0 : frame.gray.size() * (sizeof(PlaneHypothesis) + sizeof(float));
-  if (KeepUnsaved(key, {estimate, engine.device, state, bytes, host_bytes}, engine)) return;
-  if (!state) state = std::make_shared<const EstimateState>(engine.engine->DownloadState(estimate));
-  WriteEstimate(folder_.WorkFile(stage, key.second), *state);
+  if (KeepUnsaved(key, {estimate, engine.device, bytes, 0}, engine)) return;
+  WriteEstimate(folder_.WorkFile(stage, key.second), engine.engine->DownloadState(estimate));
   devices_.at(engine.device)
       .estimates.Get(
           key, [&] { return estimate; }, [&](const EngineEstimate&) { return bytes; });
@@ -159,7 +154,7 @@ void EngineStore::KeepFinal(const Frame& frame, const std::vector<int>& sources,
   if (final_maps_on_host_) FetchFinal(frame, engine, estimate, maps.get());
   const EstimateKey key = {kFinalStage, static_cast<int>(frame.id)};
   const size_t bytes = EstimateBytes(frame, engine.on_host);
-  if (KeepUnsaved(key, {estimate, engine.device, nullptr, bytes, HostBytes(*maps)}, engine)) {
+  if (KeepUnsaved(key, {estimate, engine.device, bytes, HostBytes(*maps)}, engine)) {
     const std::lock_guard<std::mutex> lock(mutex_);
     unsaved_final_[key.second] = std::move(maps);
     return;
@@ -184,8 +179,7 @@ StoredFinalMaps EngineStore::Final(int index) const {
 void EngineStore::ReleaseFinal(int index) {
   const std::lock_guard<std::mutex> lock(mutex_);
   const auto found = unsaved_final_.find(index);
-  // Other devices fuse from these maps.
-  if (found == unsaved_final_.end() || !one_device_) return;
+  if (found == unsaved_final_.end()) return;
   unsaved_host_bytes_ -= HostBytes(*found->second);
   auto only_sources = std::make_shared<FinalMaps>();
   only_sources->sources = found->second->sources;

@@ -59,7 +59,6 @@ class EngineStore {
   struct Unsaved {
     EngineEstimatePtr estimate;
     int device = 0;
-    std::shared_ptr<const EstimateState> state;  ///< for other devices; null where there is none, or for final maps
     size_t device_bytes = 0, host_bytes = 0;
   };
   struct Device {
@@ -80,9 +79,8 @@ class EngineStore {
   const int levels_;
   FrameStore& frames_;
   std::map<int, Device> devices_;
-  const bool always_writes_;  ///< the work files
-  const bool one_device_;
-  const bool final_maps_on_host_;  ///< to be written, or for other devices
+  const bool always_writes_;       ///< the work files
+  const bool final_maps_on_host_;  ///< to be written
   const size_t max_unsaved_host_bytes_;
   size_t max_unsaved_device_bytes_ = 0;
   Timer age_;

@@ -126,6 +126,9 @@ class DepthEngine {
   virtual EstimateState DownloadState(const EngineEstimatePtr& estimate) = 0;
   virtual EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) = 0;
 
+  /// The estimate where this engine can use it: copied from another GPU, else as it is.
+  virtual EngineEstimatePtr Import(const EngineEstimatePtr& estimate) { return estimate; }
+
   /// An estimate with these depths and normals, for the consistency check and fusion.
   virtual EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) = 0;
 
