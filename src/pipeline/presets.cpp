@@ -42,6 +42,7 @@ PipelineOptions MakeQuality() {
   // More passes of one iteration each: maps of neighbours and completion are newer.
   options.patch_match.geometric_iterations = 1;
   options.geometric_passes = 4;
+  options.patch_match.candidate_view_votes = 0;
   WeighGeometryMore(&options);
   return options;
 }

@@ -62,7 +62,7 @@ TEST(PatchMatchOptionsTest, DefaultsAreThePapers) {
   EXPECT_FLOAT_EQ(options.sigma_spatial_px, 5.0f);
   EXPECT_FLOAT_EQ(options.sigma_color, 3.0f);
   EXPECT_EQ(options.view_draws, 15);
-  EXPECT_EQ(options.candidate_view_votes, 0);
+  EXPECT_EQ(options.candidate_view_votes, 2);
   EXPECT_FLOAT_EQ(options.perturb_depth, 0.02f);
   EXPECT_FLOAT_EQ(options.perturb_normal_deg, 1.8f);
 }

@@ -54,7 +54,7 @@ class RefineSpy {
 
   template <Pass kPass>
   std::vector<Hypothesis> Run(const PlaneHypothesis& current, const PixelPrior& prior, uint32_t step,
-                              const PatchMatchOptions& options) {
+                              const PatchMatchOptions& options, int iteration = 0) {
     positions_.clear();
     KernelState state(problem_, options);
     for (PlaneHypothesis& plane : state.planes) plane = {0, 0, -1, 5};
@@ -70,7 +70,7 @@ class RefineSpy {
     pixel.num_drawn = 1;
     RatedHypothesis best = {current, 0, 1e9f};  // so bad that all are compared to the end
     RandomStream random(1, 2, step);
-    Refine<kPass>(pixel, &random, &best);
+    Refine<kPass>(pixel, iteration, &random, &best);
     EXPECT_LT(best.energy, 1e9f);
     std::vector<Hypothesis> hypotheses;
     EXPECT_EQ(positions_.size() % kPatchSamples, 0u);
@@ -230,6 +230,24 @@ TEST(RefineTest, WithoutPriorThePriorPassDrawsFromTheWholeRange) {
   EXPECT_GT(farthest, 7);
 }
 
+TEST(RefineTest, LaterIterationsOfThePriorPassPerturbOnly) {
+  RefineSpy spy;
+  PixelPrior prior;
+  prior.valid = true;
+  prior.normal = {0, 0, -1};
+  prior.depth = 6;  // beyond what perturbing 5 reaches
+  prior.sigma_depth = 0.1f;
+  prior.sigma_normal = 0.1f;
+  for (uint32_t step = 0; step < 100; ++step) {
+    const std::vector<Hypothesis> h = spy.Run<Pass::kPlanarPrior>(CurrentPlane(), prior, step, {}, 1);
+    ASSERT_EQ(h.size(), 3u);
+    for (const Hypothesis& hypothesis : h) {
+      ASSERT_LE(std::abs(hypothesis.depth / 5 - 1), 0.02 + kDepthResolution);
+      ASSERT_LE(AngleDeg(hypothesis.normal, kCurrentNormal), 3 * 1.8 + kNormalResolution);
+    }
+  }
+}
+
 TEST(RefineTest, NeverLeavesTheDepthRange) {
   RefineSpy spy;
   PixelPrior prior;
@@ -287,7 +305,7 @@ void ExpectOnlyHopelessHypothesesAreLeftOut() {
 
     RandomStream own = stream;
     RatedHypothesis expected = start;
-    const int count = MakeRefinements<kPass>(pixel, start.plane, &own);
+    const int count = MakeRefinements<kPass>(pixel, start.plane, 0, &own);
     const int alive = MatchWhileBelow<kPass>(pixel, count, 1e9f);
     ASSERT_EQ(alive, count);
     for (int i = 0; i < count; ++i) {
@@ -296,7 +314,7 @@ void ExpectOnlyHopelessHypothesesAreLeftOut() {
     }
     own = stream;
     RatedHypothesis best = start;
-    Refine<kPass>(pixel, &own, &best);
+    Refine<kPass>(pixel, 0, &own, &best);
     improved += best.energy < start.energy;
     ASSERT_EQ(best.energy, expected.energy);
     ASSERT_EQ(best.cost, expected.cost);

@@ -33,7 +33,7 @@ TEST(PresetsTest, AreTheSystemsOfThePaper) {
   for (const PipelineOptions& paper : {acmh, no_geometric, acmp}) {
     EXPECT_EQ(paper.start_level, 0);
     EXPECT_EQ(paper.full_size_iterations, 0);
-    EXPECT_EQ(paper.patch_match.candidate_view_votes, 0);
+    EXPECT_EQ(paper.patch_match.candidate_view_votes, 2);
   }
 }
 
@@ -79,9 +79,10 @@ TEST(PresetsTest, DifferInWhatTheyAreNamedFor) {
   EXPECT_THAT(from_acmp("acmmp"), UnorderedElementsAre("start_level", "full_size_iterations"));
   EXPECT_THAT(Differences(MakePreset("acmmp"), MakePreset("acmm")),
               UnorderedElementsAre("use_planar_prior", "completion"));
-  EXPECT_THAT(from_acmp("quality"),
-              UnorderedElementsAre("start_level", "full_size_iterations", "planar_prior_iterations",
-                                   "geometric_iterations", "geometric_passes", "geometric_weight", "geometric_max_px"));
+  EXPECT_THAT(
+      from_acmp("quality"),
+      UnorderedElementsAre("start_level", "full_size_iterations", "planar_prior_iterations", "geometric_iterations",
+                           "geometric_passes", "geometric_weight", "geometric_max_px", "candidate_view_votes"));
 }
 
 TEST(PresetsTest, UnknownNameIsAnErrorThatListsAllNames) {

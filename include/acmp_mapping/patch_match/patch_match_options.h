@@ -30,8 +30,8 @@ struct PatchMatchOptions {
   int view_draws = 15;           ///< Monte-Carlo draws per pixel, 1..255
 
   /// Passes that start from an estimate compare candidates only in the views that so many of the pixel and its four
-  /// neighbours use, 0..5; 0: in all.
-  int candidate_view_votes = 0;
+  /// neighbours use, 0..5; 0: in all, as in the paper.
+  int candidate_view_votes = 2;
 
   float perturb_depth = 0.02f;       ///< relative, (0, 1)
   float perturb_normal_deg = 1.8f;   ///< per axis, (0, 90)

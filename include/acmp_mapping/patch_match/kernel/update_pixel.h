@@ -186,28 +186,31 @@ ACMP_HOST_DEVICE inline DepthAndNormal DrawPerturbed(const PixelUpdate<Sampler, 
 
 /// Eq. 12's hypotheses around the current one, and as an option the normal of the neighbours' depth gradient, into the
 /// scratch. Returns how many lie within the depth range. In geometric passes only the perturbed ones: random ones that
-/// win there mostly do so by luck, on blank surfaces (without them 0.1 to 0.5 points more pixels within 2 cm).
+/// win there mostly do so by luck, on blank surfaces (without them 0.1 to 0.5 points more pixels within 2 cm). In the
+/// planar-prior pass after the first iteration too: what a draw about the prior can bring has been tried by then.
 template <Pass kPass, class Sampler, class Team>
 ACMP_HOST_DEVICE inline int MakeRefinements(const PixelUpdate<Sampler, Team>& pixel, const PlaneHypothesis& plane,
-                                            RandomStream* random) {
+                                            int iteration, RandomStream* random) {
   constexpr int kCombinations = 3;  // of the current and another: its depth, its normal, both
-  constexpr int kNumOthers = kPass == Pass::kGeometric ? 1 : 2;
+  constexpr int kMaxOthers = kPass == Pass::kGeometric ? 1 : 2;
+  const int num_others = kPass == Pass::kPlanarPrior && iteration > 0 ? 1 : kMaxOthers;
   const MatchContext<Sampler>& context = pixel.context;
   const DepthAndNormal current = {PlaneDepth(plane, pixel.ray), plane.normal()};
-  DepthAndNormal others[kNumOthers];
-  if constexpr (kNumOthers == 2) others[1] = DrawRandom<kPass>(pixel, random);
+  DepthAndNormal others[kMaxOthers] = {};
+  if (num_others == 2) others[kMaxOthers - 1] = DrawRandom<kPass>(pixel, random);
   others[0] = DrawPerturbed(pixel, current, random);
 
-  const int size = kCombinations * kNumOthers + (context.options.gradient_normal ? 1 : 0);
+  const int size = kCombinations * num_others + (context.options.gradient_normal ? 1 : 0);
   ForEach(pixel.team, size, [&](int i) {
     DepthAndNormal combined = current;
     ACMP_UNROLL
-    for (int k = 0; k < kNumOthers; ++k) {
+    for (int k = 0; k < kMaxOthers; ++k) {
+      if (k >= num_others) break;
       const int combination = i - k * kCombinations;
       if (combination == 0 || combination == 2) combined.depth = others[k].depth;
       if (combination == 1 || combination == 2) combined.normal = others[k].normal;
     }
-    if (i == kCombinations * kNumOthers) {
+    if (i == kCombinations * num_others) {
       combined.normal = GradientNormal(context, pixel.col, pixel.row, pixel.ray, current.normal);
     }
     const PlaneHypothesis refined = PlaneThrough(combined.normal, pixel.ray, combined.depth);
@@ -287,10 +290,10 @@ ACMP_HOST_DEVICE inline int MatchWhileBelow(const PixelUpdate<Sampler, Team>& pi
 
 /// Step "refinement": rates the new hypotheses and keeps the best.
 template <Pass kPass, class Sampler, class Team>
-ACMP_HOST_DEVICE inline void Refine(const PixelUpdate<Sampler, Team>& pixel, RandomStream* random,
+ACMP_HOST_DEVICE inline void Refine(const PixelUpdate<Sampler, Team>& pixel, int iteration, RandomStream* random,
                                     RatedHypothesis* best) {
   PixelScratch& scratch = *pixel.scratch;
-  const int count = MakeRefinements<kPass>(pixel, best->plane, random);
+  const int count = MakeRefinements<kPass>(pixel, best->plane, iteration, random);
   const int alive = MatchWhileBelow<kPass>(pixel, count, best->energy);
   ForEach(pixel.team, alive, [&](int a) { RatePlane<kPass>(pixel, scratch.alive[a]); });
   pixel.team.Sync();
@@ -326,7 +329,7 @@ ACMP_HOST_DEVICE inline void UpdatePixel(const MatchContext<Sampler>& context, i
   pixel.num_drawn = CountBits(drawn_mask);
 
   RatedHypothesis best = BestCandidate<kPass>(pixel, count);
-  Refine<kPass>(pixel, &random, &best);
+  Refine<kPass>(pixel, iteration, &random, &best);
   if (team.Rank() != 0) return;
   context.planes(col, row) = best.plane;
   context.cost(col, row) = best.cost;
