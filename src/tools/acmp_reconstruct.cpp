@@ -4,6 +4,7 @@
 #include <signal.h>
 #include <unistd.h>
 
+#include <future>
 #include <iostream>
 #include <optional>
 
@@ -25,15 +26,28 @@ struct Engines {
   }
 };
 
+/// Each GPU's first engine. They start side by side: that takes a quarter of a second each. Only the first GPU may give
+/// way to the CPU: that the others are missing is an error.
+std::vector<std::future<acmp::DepthEngineBackend>> StartDevices(const acmp::ReconstructOptions& options) {
+  acmp::Device device = acmp::ParseDevice(options.device);
+  std::vector<std::future<acmp::DepthEngineBackend>> backends;
+  for (int index : options.cuda_index) {
+    backends.push_back(
+        std::async(std::launch::async, [device, index] { return acmp::MakeDepthEngine(device, index); }));
+    if (device == acmp::Device::kCpu || options.online()) break;
+    device = acmp::Device::kCuda;
+  }
+  return backends;
+}
+
 /// `jobs_per_gpu` engines on each GPU; where the CPU has to do, one, which uses all cores itself. The online schedule
 /// works on one keyframe after the other.
 Engines MakeEngines(const acmp::ReconstructOptions& options) {
-  const acmp::Device device = acmp::ParseDevice(options.device);
+  auto backends = StartDevices(options);
   Engines engines;
-  for (int index : options.cuda_index) {
-    // Only the first GPU may give way to the CPU: that the others are missing is an error.
-    acmp::DepthEngineBackend backend =
-        acmp::MakeDepthEngine(engines.list.empty() ? device : acmp::Device::kCuda, index);
+  for (size_t i = 0; i < backends.size(); ++i) {
+    acmp::DepthEngineBackend backend = backends[i].get();
+    const int index = options.cuda_index[i];
     engines.Add(std::move(backend.engine), index);
     engines.fallback_reason += backend.fallback_reason;
     if (engines.list.back().on_host || options.online()) break;
