@@ -12,6 +12,12 @@ namespace {
 
 static_assert(kMaxRankedViews == kMaxSourceViews, "the selector must not rank more views than the matcher takes");
 
+/// What a keyframe sees last is seen well by those that come after it. Refined without them it errs there as its
+/// neighbours do, from which it took that; passes that read it hand the error on from keyframe to keyframe, where fast
+/// estimates err each in its own way. With two later keyframes the fast ones serve better, with five the refined ones
+/// (docs/quality.md).
+constexpr size_t kMinLaterKeyframes = 3;
+
 /// MakeFrame guarantees this; frames from elsewhere must not reach the kernels with sizes that do not fit.
 void CheckFrame(const Frame& frame) {
   const std::string name = Concat("keyframe ", frame.id);
@@ -158,6 +164,12 @@ void DenseMapper::Impl::ScheduleOlderThan(size_t later_keyframes) {
   }
 }
 
+size_t DenseMapper::Impl::CountLater(const WindowKeyframe& keyframe) const {
+  return static_cast<size_t>(std::count_if(window.begin(), window.end(), [&](const WindowKeyframePtr& other) {
+    return other->frame->id > keyframe.frame->id;
+  }));
+}
+
 /// Gives the refinement its place in the order of all keyframes: what it reads is settled now, even if it runs later or
 /// in another shard.
 void DenseMapper::Impl::Schedule(const WindowKeyframePtr& keyframe) {
@@ -168,11 +180,13 @@ void DenseMapper::Impl::Schedule(const WindowKeyframePtr& keyframe) {
   refinement.keyframe = keyframe;
   refinement.source_ids = std::move(sources.ids);
   for (WindowKeyframePtr& source : sources.keyframes) {
-    const auto stage = source->stage;
-    refinement.sources.push_back({std::move(source), stage});
+    const auto in_passes = source->StageInPasses();
+    const auto after_passes = source->stage;
+    refinement.sources.push_back({std::move(source), in_passes, after_passes});
   }
   keyframe->state = WindowKeyframe::State::kScheduled;
   keyframe->stage = EstimateStage::kRefined;
+  keyframe->few_later = CountLater(*keyframe) < kMinLaterKeyframes;
   if (!IsOwn(*keyframe)) return;
   waiting.push_back(std::move(refinement));
   RunReady();
@@ -262,7 +276,7 @@ void DenseMapper::SetPeerEstimate(ShardEstimate estimate) {
 void DenseMapper::StopWaiting() {
   if (impl_->waiting.empty()) return;
   for (const ScheduledRefinement::Source& source : impl_->waiting.front().sources) {
-    if (!source.settled()) impl_->lost_shards.insert(source.keyframe->shard);
+    if (source.Missing()) impl_->lost_shards.insert(source.keyframe->shard);
   }
   impl_->RunReady();
 }

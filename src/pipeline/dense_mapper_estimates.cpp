@@ -60,7 +60,7 @@ void DenseMapper::Impl::Estimate(WindowKeyframe* keyframe, const Sources& source
 
 bool DenseMapper::Impl::IsReady(const ScheduledRefinement& refinement) const {
   return std::all_of(refinement.sources.begin(), refinement.sources.end(), [this](const auto& source) {
-    return source.settled() || lost_shards.count(source.keyframe->shard) > 0;
+    return !source.Missing() || lost_shards.count(source.keyframe->shard) > 0;
   });
 }
 
@@ -86,7 +86,8 @@ void DenseMapper::Impl::Refine(const ScheduledRefinement& refinement) {
   if (failure) return Drop(&keyframe, failure->reason, failure->message);
   keyframe.refined = std::move(estimate);
   keyframe.refined_settled = true;
-  if (shard.count == 1) keyframe.fast.reset();  // with several, a refinement that waits may still have to read it
+  // With several shards a refinement that waits may still have to read the fast one.
+  if (shard.count == 1 && !keyframe.few_later) keyframe.fast.reset();
   if (callbacks.on_refined) callbacks.on_refined(refined);
 }
 
@@ -98,25 +99,40 @@ EngineProblem DenseMapper::Impl::MakeRefinementProblem(const ScheduledRefinement
   problem.depth_range = keyframe.range;
   for (const ScheduledRefinement::Source& source : refinement.sources) {
     problem.sources.push_back(MakeView(source.keyframe.get()));
-    if (source.stage) problem.sources.back().estimate = source.keyframe->Estimate(*source.stage);
-    if (source.settled()) continue;
+    const auto missing = source.Missing();
+    if (!missing) continue;
     ReportPeer("peer_estimate_missing",
-               Concat("keyframe ", keyframe.frame->id, " is refined without the ", NameOf(*source.stage),
+               Concat("keyframe ", keyframe.frame->id, " is refined without the ", NameOf(*missing),
                       " estimate of keyframe ", source.keyframe->frame->id, ", which shard ", source.keyframe->shard,
                       " of ", shard.count, " did not send in time"));
   }
   return problem;
 }
 
-KeyframeDepthPtr DenseMapper::Impl::MakeRefined(const ScheduledRefinement& refinement, EngineEstimatePtr* estimate) {
+KeyframeDepthPtr DenseMapper::Impl::MakeRefined(const ScheduledRefinement& refinement, EngineEstimatePtr* for_others) {
   EngineProblem problem = MakeRefinementProblem(refinement);
+  const auto read = [&](std::optional<EstimateStage> ScheduledRefinement::Source::*stage) {
+    for (size_t i = 0; i < problem.sources.size(); ++i) {
+      const ScheduledRefinement::Source& source = refinement.sources[i];
+      problem.sources[i].estimate = source.*stage ? source.keyframe->Estimate(*(source.*stage)) : nullptr;
+    }
+  };
   StageTimes times = *refinement.keyframe->times;
-  for (int step = 0; step < estimator.num_refinements(); ++step) {
+  const auto run = [&](int step) {
     problem.reference.estimate = estimator.Refine(problem, step);
     times += estimator.last_times();
-  }
-  *estimate = problem.reference.estimate;
-  std::shared_ptr<KeyframeDepth> refined = MakeKeyframeDepth(*refinement.keyframe, *estimate, refinement.source_ids);
+  };
+  const int passes = options.pipeline.geometric_passes;
+  read(&ScheduledRefinement::Source::in_passes);
+  for (int step = 0; step < passes; ++step) run(step);
+  *for_others = problem.reference.estimate;
+  read(&ScheduledRefinement::Source::after_passes);
+  for (int step = passes; step < estimator.num_refinements(); ++step) run(step);
+  // A completed pixel confirms nothing, and what nothing confirms is completed: where few views see a place, as the
+  // last keyframes do, completed pixels would spread from one to the next.
+  if (!refinement.keyframe->few_later) *for_others = problem.reference.estimate;
+  std::shared_ptr<KeyframeDepth> refined =
+      MakeKeyframeDepth(*refinement.keyframe, problem.reference.estimate, refinement.source_ids);
 
   Timer timer;
   ConsistencyResult consistency =

@@ -52,6 +52,7 @@ struct DenseMapper::Impl {
   void EstimatePending(int min_source_views);
   void ScheduleOlderThan(size_t later_keyframes);
   void Schedule(const WindowKeyframePtr& keyframe);
+  size_t CountLater(const WindowKeyframe& keyframe) const;
   void EvictUntil(int keyframes_left);
 
   std::vector<WindowKeyframePtr> Others(const WindowKeyframe& keyframe) const;
@@ -68,7 +69,7 @@ struct DenseMapper::Impl {
                                                    std::vector<int64_t> source_ids);
   void Estimate(WindowKeyframe* keyframe, const Sources& sources);
   void Refine(const ScheduledRefinement& refinement);
-  KeyframeDepthPtr MakeRefined(const ScheduledRefinement& refinement, EngineEstimatePtr* estimate);
+  KeyframeDepthPtr MakeRefined(const ScheduledRefinement& refinement, EngineEstimatePtr* for_others);
   EngineProblem MakeRefinementProblem(const ScheduledRefinement& refinement);
   bool IsReady(const ScheduledRefinement& refinement) const;
   void RunReady();

@@ -26,10 +26,15 @@ struct WindowKeyframe {
 
   /// What a refinement reads whose turn in the order of all keyframes is now; none: no estimate.
   std::optional<EstimateStage> stage;
+  /// Refined before enough later keyframes had come to see what it sees. Geometric passes of others then go on reading
+  /// its fast estimate, and `refined` is as the last pass left it, before completion.
+  bool few_later = false;
   EngineEstimatePtr fast;
   EngineEstimatePtr refined;
   bool fast_settled = false;  ///< `fast` is there or will never be
   bool refined_settled = false;
+
+  std::optional<EstimateStage> StageInPasses() const { return few_later ? EstimateStage::kFast : stage; }
 
   bool Settled(EstimateStage read) const {
     if (read == EstimateStage::kFast) return fast_settled;
@@ -46,9 +51,16 @@ using WindowKeyframePtr = std::shared_ptr<WindowKeyframe>;
 struct ScheduledRefinement {
   struct Source {
     WindowKeyframePtr keyframe;
-    std::optional<EstimateStage> stage;
+    std::optional<EstimateStage> in_passes;     ///< read by geometric passes
+    std::optional<EstimateStage> after_passes;  ///< read by what comes after them: completion, consistency check
 
-    bool settled() const { return !stage || keyframe->Settled(*stage); }
+    /// The first stage that is still to come.
+    std::optional<EstimateStage> Missing() const {
+      for (const auto& stage : {in_passes, after_passes}) {
+        if (stage && !keyframe->Settled(*stage)) return stage;
+      }
+      return std::nullopt;
+    }
   };
   WindowKeyframePtr keyframe;
   std::vector<Source> sources;  ///< best first

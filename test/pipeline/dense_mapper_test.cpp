@@ -99,20 +99,56 @@ TEST(DenseMapperTest, AtMostMaxSourceViewsAreUsed) {
 }
 
 TEST(DenseMapperTest, GeometricPassesReadTheNeighboursAsTheyAreWhenRefinementBegins) {
-  MapperHarness harness(FakeOptions(6, 1));
-  for (int id = 0; id <= 4; ++id) harness.Add(WallFrame(id));
-  // 3 is refined when 4 comes: 0..2 are refined, 4 has its fast map.
-  const auto calls = CallsOf(harness.patch_match, "geometric", 3);
+  MapperHarness harness(FakeOptions(8, 3));
+  for (int id = 0; id <= 7; ++id) harness.Add(WallFrame(id));
+  // 4 is refined when 7 comes: 0..3 are refined, with three later keyframes each, and 5..7 have their fast maps.
+  const auto calls = CallsOf(harness.patch_match, "geometric", 4);
   ASSERT_THAT(calls, SizeIs(2));
   for (size_t pass = 0; pass < calls.size(); ++pass) {
     EXPECT_EQ(calls[pass].geometric_pass, static_cast<int>(pass));
-    ASSERT_EQ(calls[pass].sources.size(), 4u);
+    ASSERT_EQ(calls[pass].sources.size(), 7u);
     for (size_t j = 0; j < calls[pass].sources.size(); ++j) {
-      EXPECT_FLOAT_EQ(calls[pass].source_depths[j], calls[pass].sources[j] == 4 ? kFastDepth : kRefinedDepth);
+      EXPECT_FLOAT_EQ(calls[pass].source_depths[j], calls[pass].sources[j] > 4 ? kFastDepth : kRefinedDepth);
     }
   }
   EXPECT_FLOAT_EQ(calls[0].start_depth, kFastDepth);
   EXPECT_FLOAT_EQ(calls[1].start_depth, kRefinedDepth);
+}
+
+TEST(DenseMapperTest, GeometricPassesDoNotReadWhatWasRefinedWithFewLaterKeyframes) {
+  for (const int lookahead : {0, 2}) {
+    MapperHarness harness(FakeOptions(8, lookahead));
+    for (int id = 0; id <= 7; ++id) harness.Add(WallFrame(id));
+    for (int id = 0; id <= 7 - lookahead; ++id) {
+      for (const auto& call : CallsOf(harness.patch_match, "geometric", id)) {
+        EXPECT_THAT(call.source_depths, Each(kFastDepth)) << lookahead;
+      }
+    }
+  }
+}
+
+TEST(DenseMapperTest, TheConsistencyCheckReadsRefinedNeighboursAtOnce) {
+  MapperHarness harness(FakeOptions(8, 0));
+  for (int id = 0; id <= 7; ++id) harness.Add(WallFrame(id));
+  ASSERT_FALSE(harness.refined.back()->points_in_camera.empty());
+  for (const SurfacePoint& point : harness.refined.back()->points_in_camera) {
+    // A point is the mean over the views that agree: one fast among eight would put it 0.02 % off or more. Rounding to
+    // float is below 1e-6 of the depth for the few steps there are.
+    EXPECT_NEAR(point.position.z, kWallDepth, 1e-5 * kWallDepth);
+  }
+}
+
+TEST(DenseMapperTest, CompletedPixelsDoNotSpreadFromKeyframeToKeyframe) {
+  DenseMapperOptions options = FakeOptions(8, 0);
+  options.pipeline.completion.enabled = true;
+  MapperHarness harness(options);
+  for (int id = 0; id <= 11; ++id) harness.Add(WallFrame(id));
+  const KeyframeDepth& last = *harness.refined.back();
+  // What only the last keyframe sees is completed, so it has the cost of a guess.
+  EXPECT_FLOAT_EQ(last.cost(kWallCamera.width - 1, 9), 2.0f);
+  // What its middle sees came into view with keyframe 5 and was a guess there. Its neighbours agree on it since.
+  EXPECT_FLOAT_EQ(last.cost(12, 9), 0.05f);
+  EXPECT_GT(last.confidence(12, 9), 0.2f);  // the most that a pixel without a consistent view gets
 }
 
 TEST(DenseMapperTest, MapsCarryWhatBelongsToThem) {
@@ -328,11 +364,11 @@ TEST(DenseMapperFailureTest, OfAnEstimateDropsThatKeyframeOnly) {
 }
 
 TEST(DenseMapperFailureTest, OfARefinementKeepsTheFastMapForOthers) {
-  MapperHarness harness(FakeOptions(6, 1));
+  MapperHarness harness(FakeOptions(8, 3));
   harness.patch_match.before_answer = [](const FakePatchMatch::Call& call) {
     if (call.reference == 2 && call.pass == "geometric") throw ProcessingError("device lost");
   };
-  for (int id = 0; id <= 4; ++id) harness.Add(WallFrame(id));
+  for (int id = 0; id <= 6; ++id) harness.Add(WallFrame(id));
   ASSERT_THAT(harness.drops, SizeIs(1));
   EXPECT_EQ(harness.drops[0].id, 2);
   EXPECT_TRUE(harness.drops[0].had_fast);
