@@ -10,8 +10,9 @@ namespace acmp {
 namespace {
 
 constexpr int kCellsAcross = 16;  // image cells with at most one new corner each
-constexpr double kMinCornerScore =
-    150;  // mean over the window of the squared gradient's smaller eigenvalue, (grey/2px)^2
+// Mean over the window of the squared gradient's smaller eigenvalue, (grey/2px)^2. Noise of s grey levels alone gives
+// 2 s^2.
+constexpr double kMinCornerScore = 150;
 constexpr double kMaxDepthStep = 0.03;  // relative depth change within the window: points at outlines are not stable
 constexpr double kNoise_m = 0.003;      // standard deviation of a landmark's position per axis
 
@@ -40,7 +41,7 @@ bool Observes(const LandmarkView& view, const Vec3d& truth, int* col, int* row) 
   if (u < window || v < window || u > view.camera.width - 1 - window || v > view.camera.height - 1 - window)
     return false;
   const Ray ray = {view.pose.center, truth - view.pose.center};
-  const RoomHit hit = TraceRoom(ray);
+  const WorldHit hit = Trace(*view.world, ray);
   const double distance = Norm(ray.direction);
   if (hit.where.t * distance < distance - kTolerance_m) return false;
   if (-Dot(hit.where.normal, ray.direction) < kMinCosine * distance) return false;
@@ -143,7 +144,7 @@ class LandmarkMaker {
     }
     if (best_col < 0) return;
     const Ray ray = PixelRay(view.camera, view.pose, best_col, best_row);
-    const Vec3d truth = ray.origin + TraceRoom(ray).where.t * ray.direction;
+    const Vec3d truth = ray.origin + Trace(*view.world, ray).where.t * ray.direction;
     RandomStream random(seed_, static_cast<uint32_t>(landmarks_.size()), 0x1a4d);
     const Vec3d error = {BellNoise(&random, kNoise_m), BellNoise(&random, kNoise_m),
                          BellNoise(&random, kNoise_m)};  // braces fix the order of draws

@@ -6,12 +6,13 @@
 #include <Eigen/Core>
 
 #include "acmp_mapping/image/image.h"
-#include "synthetic_room.h"
+#include "synthetic_world.h"
 
 namespace acmp {
 
-/// One rendered image as the landmark maker reads it; the pixels belong to the caller.
+/// One rendered image as the landmark maker reads it; what it points to belongs to the caller.
 struct LandmarkView {
+  const SyntheticWorld* world;
   PinholeCamera camera;
   CameraPose pose;
   const ColorImage* color;

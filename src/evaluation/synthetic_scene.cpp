@@ -9,8 +9,9 @@
 #include <tbb/parallel_for.h>
 
 #include "acmp_mapping/common/error.h"
+#include "synthetic_imaging.h"
 #include "synthetic_landmarks.h"
-#include "synthetic_room.h"
+#include "synthetic_world.h"
 
 namespace acmp {
 namespace {
@@ -26,24 +27,37 @@ struct Rendering {
   DepthMap depth;
   NormalMap normal;
   Image<unsigned char> low_texture;
+  double exposure;
 };
 
-unsigned char Quantize(double value) {
-  return static_cast<unsigned char>(std::floor(std::clamp(value, 0.0, 255.0) + 0.5));
-}
+// The renderer's input for one image.
+struct Shot {
+  const SyntheticWorld& world;
+  const ImagingModel& imaging;
+  PinholeCamera camera;
+  uint32_t seed;
+  std::vector<CameraPose> poses;  ///< one per ray of a pixel
+  double margin_m;                ///< no ray of a pixel is farther from the one through its centre
+};
 
 // Half a pixel's diagonal at the far end of the room.
-double PixelMargin(const PinholeCamera& camera) { return 0.71 * kRoomDiameter_m / std::min(camera.fx, camera.fy); }
+double PixelMargin(const PinholeCamera& camera, double diameter_m) {
+  return 0.71 * diameter_m / std::min(camera.fx, camera.fy);
+}
 
-ColorD PixelColor(const PinholeCamera& camera, const CameraPose& pose, int col, int row, uint32_t seed) {
-  const std::vector<size_t> objects = ObjectsNear(PixelRay(camera, pose, col, row), PixelMargin(camera));
+// Moment of the exposure at which each ray of a pixel is cast, of kRaysPerSide^2 (Bayer's matrix for ordered
+// dithering): every part of the pixel is sampled early and late.
+constexpr int kMoments[kRaysPerSide][kRaysPerSide] = {{0, 8, 2, 10}, {12, 4, 14, 6}, {3, 11, 1, 9}, {15, 7, 13, 5}};
+
+ColorD PixelLight(const Shot& shot, const CameraPose& pose, int col, int row) {
+  const std::vector<size_t> objects = ObjectsNear(shot.world, PixelRay(shot.camera, pose, col, row), shot.margin_m);
   ColorD sum = {0, 0, 0};
   for (int j = 0; j < kRaysPerSide; ++j) {
     for (int i = 0; i < kRaysPerSide; ++i) {
       const double u = col + (i + 0.5) / kRaysPerSide - 0.5;
       const double v = row + (j + 0.5) / kRaysPerSide - 0.5;
-      const Ray ray = PixelRay(camera, pose, u, v);
-      const ColorD color = RoomColor(TraceRoom(ray, objects), ray, seed);
+      const Ray ray = PixelRay(shot.camera, shot.poses[kMoments[j][i]], u, v);
+      const ColorD color = LitColor(shot.world, Trace(shot.world, ray, objects), ray, shot.seed);
       sum = {sum.r + color.r, sum.g + color.g, sum.b + color.b};
     }
   }
@@ -51,34 +65,62 @@ ColorD PixelColor(const PinholeCamera& camera, const CameraPose& pose, int col, 
   return {kShare * sum.r, kShare * sum.g, kShare * sum.b};
 }
 
+// The light on the sensor, 0..255 at exposure 1.
+Image<ColorD> RenderLight(const Shot& shot, const CameraPose& pose) {
+  const int border = PsfBorder(shot.imaging);
+  Image<ColorD> light(shot.camera.width + 2 * border, shot.camera.height + 2 * border);
+  tbb::parallel_for(0, light.height(), [&](int row) {
+    for (int col = 0; col < light.width(); ++col) light(col, row) = PixelLight(shot, pose, col - border, row - border);
+  });
+  return BlurByPsf(shot.imaging, std::move(light));
+}
+
 Vec3f DirectionInCamera(const CameraPose& pose, const Vec3d& v) {
   return {static_cast<float>(Dot(pose.right, v)), static_cast<float>(Dot(pose.down, v)),
           static_cast<float>(Dot(pose.forward, v))};
 }
 
-void RenderRow(const PinholeCamera& camera, int row, int index, const SyntheticSceneOptions& options, Rendering* out) {
-  for (int col = 0; col < camera.width; ++col) {
-    const RoomHit hit = TraceRoom(PixelRay(camera, out->pose, col, row));
-    out->depth(col, row) = static_cast<float>(hit.where.t);
-    out->normal(col, row) = DirectionInCamera(out->pose, hit.where.normal);
-    out->low_texture(col, row) = hit.low_texture ? 1 : 0;
-    const ColorD color = PixelColor(camera, out->pose, col, row, options.seed);
-    RandomStream random(options.seed, static_cast<uint32_t>(row * camera.width + col), static_cast<uint32_t>(index));
-    // Braces fix the order of the three draws.
-    const double noise[3] = {BellNoise(&random, options.noise_grey), BellNoise(&random, options.noise_grey),
-                             BellNoise(&random, options.noise_grey)};
-    out->color(col, row) = {Quantize(color.r + noise[0]), Quantize(color.g + noise[1]), Quantize(color.b + noise[2])};
-  }
+void RenderGeometry(const Shot& shot, Rendering* out) {
+  tbb::parallel_for(0, shot.camera.height, [&](int row) {
+    for (int col = 0; col < shot.camera.width; ++col) {
+      const WorldHit hit = Trace(shot.world, PixelRay(shot.camera, out->pose, col, row));
+      out->depth(col, row) = static_cast<float>(hit.where.t);
+      out->normal(col, row) = DirectionInCamera(out->pose, hit.where.normal);
+      out->low_texture(col, row) = hit.low_texture ? 1 : 0;
+    }
+  });
 }
 
-Rendering Render(const PinholeCamera& camera, int index, const SyntheticSceneOptions& options) {
+void TakePicture(const Shot& shot, int index, Rendering* out) {
+  const Image<ColorD> light = RenderLight(shot, out->pose);
+  tbb::parallel_for(0, shot.camera.height, [&](int row) {
+    for (int col = 0; col < shot.camera.width; ++col) {
+      const double factor = out->exposure * VignettingAt(shot.imaging, shot.camera, col, row);
+      const ColorD& c = light(col, row);
+      RandomStream random(shot.seed, static_cast<uint32_t>(row * shot.camera.width + col),
+                          static_cast<uint32_t>(index));
+      out->color(col, row) = Digitize(shot.imaging, {factor * c.r, factor * c.g, factor * c.b}, &random);
+    }
+  });
+}
+
+Rendering Render(const SyntheticWorld& world, const PinholeCamera& camera, int index,
+                 const SyntheticSceneOptions& options) {
   Rendering out;
-  out.pose = HandHeldPose(index, options.keyframes, options.seed);
+  out.pose = HandHeldPose(world.path, index, options.keyframes, options.seed);
+  out.exposure = ExposureOf(options.imaging, options.seed, index);
   out.color = ColorImage(camera.width, camera.height);
   out.depth = DepthMap(camera.width, camera.height);
   out.normal = NormalMap(camera.width, camera.height);
   out.low_texture = Image<unsigned char>(camera.width, camera.height);
-  tbb::parallel_for(0, camera.height, [&](int row) { RenderRow(camera, row, index, options, &out); });
+  const Shot shot = {world,
+                     options.imaging,
+                     camera,
+                     options.seed,
+                     PosesDuringExposure(options.imaging, out.pose, options.seed, index, kRaysPerSide * kRaysPerSide),
+                     PixelMargin(camera, world.diameter_m) + world.diameter_m * LargestTurn(options.imaging)};
+  RenderGeometry(shot, &out);
+  TakePicture(shot, index, &out);
   return out;
 }
 
@@ -107,7 +149,7 @@ uint64_t CellKey(const Vec3f& point, double cell_m) {
   return part(point.x) << 42 | part(point.y) << 21 | part(point.z);
 }
 
-SurfacePoint SurfacePointAt(const Ray& ray, const RoomHit& hit, const Rgb& color) {
+SurfacePoint SurfacePointAt(const Ray& ray, const WorldHit& hit, const Rgb& color) {
   const Vec3d p = ray.origin + hit.where.t * ray.direction;
   const Vec3d& n = hit.where.normal;
   return {{static_cast<float>(p.x), static_cast<float>(p.y), static_cast<float>(p.z)},
@@ -118,15 +160,17 @@ SurfacePoint SurfacePointAt(const Ray& ray, const RoomHit& hit, const Rgb& color
 
 // Points seen in one row of pixels, `rays` x `rays` per pixel.
 PointCloud SampleRow(const SyntheticView& view, const CameraPose& pose, int row, int rays) {
+  const SyntheticWorld& world = RoomWorld();
   const PinholeCamera& camera = view.frame.camera;
+  const double margin_m = PixelMargin(camera, world.diameter_m);
   PointCloud points;
   points.reserve(static_cast<size_t>(camera.width) * rays * rays);
   for (int col = 0; col < camera.width; ++col) {
-    const std::vector<size_t> objects = ObjectsNear(PixelRay(camera, pose, col, row), PixelMargin(camera));
+    const std::vector<size_t> objects = ObjectsNear(world, PixelRay(camera, pose, col, row), margin_m);
     for (int j = 0; j < rays; ++j) {
       for (int i = 0; i < rays; ++i) {
         const Ray ray = PixelRay(camera, pose, col + (i + 0.5) / rays - 0.5, row + (j + 0.5) / rays - 0.5);
-        points.push_back(SurfacePointAt(ray, TraceRoom(ray, objects), view.frame.color(col, row)));
+        points.push_back(SurfacePointAt(ray, Trace(world, ray, objects), view.frame.color(col, row)));
       }
     }
   }
@@ -156,15 +200,17 @@ std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& optio
   CheckRange("width", options.width, kMinSize, kMaxSize);
   CheckRange("height", options.height, kMinSize, kMaxSize);
   CheckRange("keyframes", options.keyframes, 2, 1000);
-  CheckRange("noise_grey", options.noise_grey, 0.0, 50.0);
+  Validate(options.imaging);
 
-  const PinholeCamera camera = RoomCamera(options.width, options.height);
+  const SyntheticWorld& world = RoomWorld();
+  const PinholeCamera camera = SyntheticCamera(options.width, options.height);
   std::vector<Rendering> renderings(options.keyframes);
-  for (int i = 0; i < options.keyframes; ++i) renderings[i] = Render(camera, i, options);
+  for (int i = 0; i < options.keyframes; ++i) renderings[i] = Render(world, camera, i, options);
 
   std::vector<LandmarkView> landmark_views;
   landmark_views.reserve(renderings.size());
-  for (const Rendering& r : renderings) landmark_views.push_back({camera, r.pose, &r.color, &r.depth, &r.low_texture});
+  for (const Rendering& r : renderings)
+    landmark_views.push_back({&world, camera, r.pose, &r.color, &r.depth, &r.low_texture});
   std::vector<std::vector<Eigen::Vector3d>> landmarks = MakeLandmarks(landmark_views, options.seed);
 
   std::vector<SyntheticView> views(options.keyframes);
@@ -175,6 +221,7 @@ std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& optio
     views[i].true_depth = std::move(r.depth);
     views[i].true_normal = std::move(r.normal);
     views[i].low_texture = std::move(r.low_texture);
+    views[i].exposure = r.exposure;
   }
   return views;
 }

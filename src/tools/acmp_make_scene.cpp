@@ -22,7 +22,7 @@ void AddOptions(CLI::App* app, Arguments* a) {
   app->add_option("--height", a->scene.height, "Pixels, 32 to 8192")->capture_default_str();
   app->add_option("--keyframes", a->scene.keyframes, "Images, 2 to 1000")->capture_default_str();
   app->add_option("--seed", a->scene.seed, "Textures, noise and sway of the hand")->capture_default_str();
-  app->add_option("--noise", a->scene.noise_grey, "Sensor noise per colour channel, grey levels")
+  app->add_option("--noise", a->scene.imaging.read_noise_grey, "Sensor noise per colour channel, grey levels")
       ->capture_default_str();
   app->add_option("--spacing", a->spacing_m, "Distance between the points of surface.ply, metres")
       ->capture_default_str();

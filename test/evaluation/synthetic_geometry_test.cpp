@@ -1,12 +1,13 @@
 #include "synthetic_geometry.h"
 
+#include <algorithm>
 #include <functional>
 #include <utility>
 
 #include <gtest/gtest.h>
 
 #include "acmp_mapping/common/random.h"
-#include "synthetic_room.h"
+#include "synthetic_world.h"
 
 namespace acmp {
 namespace {
@@ -89,21 +90,37 @@ TEST(Intersect, MissesWhatLiesBehindOrBeside) {
   EXPECT_DOUBLE_EQ(hit->t, 2.0);  // in units of the direction's length
 }
 
-TEST(TraceRoom, FindsTheSameAmongTheObjectsNearAPixelAsAmongAll) {
-  const PinholeCamera camera = RoomCamera(64, 48);
-  const CameraPose pose = HandHeldPose(2, 14, 1);
-  const double margin = 0.71 * kRoomDiameter_m / camera.fx;
+class WorldTest : public testing::TestWithParam<const SyntheticWorld* (*)()> {
+ protected:
+  const SyntheticWorld& world_ = *GetParam()();
+};
+
+TEST_P(WorldTest, TracesTheSameAmongTheObjectsNearAPixelAsAmongAll) {
+  const PinholeCamera camera = SyntheticCamera(64, 48);
+  const CameraPose pose = HandHeldPose(world_.path, 2, 14, 1);
+  const double margin = 0.71 * world_.diameter_m / camera.fx;
   for (int row = 0; row < camera.height; ++row) {
     for (int col = 0; col < camera.width; ++col) {
-      const auto near = ObjectsNear(PixelRay(camera, pose, col, row), margin);
+      const auto near = ObjectsNear(world_, PixelRay(camera, pose, col, row), margin);
       for (const auto& [dx, dy] :
            {std::pair{-0.5, -0.5}, std::pair{0.5, -0.5}, std::pair{-0.5, 0.5}, std::pair{0.5, 0.5}}) {
         const Ray ray = PixelRay(camera, pose, col + dx, row + dy);
-        EXPECT_EQ(TraceRoom(ray, near).object, TraceRoom(ray).object) << col << " " << row;
+        EXPECT_EQ(Trace(world_, ray, near).object, Trace(world_, ray).object) << col << " " << row;
       }
     }
   }
 }
+
+TEST_P(WorldTest, DiameterIsThatOfTheRoom) {
+  double diameter = 0;
+  for (const WorldObject& object : world_.objects) {
+    if (object.solid.shape == Shape::kRoom) diameter = std::max(diameter, 2 * Norm(object.solid.size));
+  }
+  EXPECT_LE(diameter, world_.diameter_m);
+  EXPECT_GT(diameter, 0.95 * world_.diameter_m);  // a larger one only costs time
+}
+
+INSTANTIATE_TEST_SUITE_P(Worlds, WorldTest, testing::Values([] { return &RoomWorld(); }));
 
 TEST(ValueNoise, IsContinuousAcrossCellsAndWithinBounds) {
   for (uint32_t i = 0; i < 1000; ++i) {

@@ -1,7 +1,6 @@
 #include "acmp_mapping/evaluation/synthetic_scene.h"
 
 #include <cmath>
-#include <cstring>
 #include <map>
 #include <string>
 #include <tuple>
@@ -10,6 +9,7 @@
 #include <Eigen/LU>
 
 #include "acmp_mapping/common/error.h"
+#include "scene_checksum.h"
 
 namespace acmp {
 namespace {
@@ -245,33 +245,6 @@ TEST(SyntheticScene, KeyframesAreAboutFiveDegreesApartAndAllOverlap) {
   }
 }
 
-class Fnv1a {
- public:
-  template <class T>
-  void Add(const T* values, size_t count) {
-    const auto* bytes = reinterpret_cast<const unsigned char*>(values);
-    for (size_t i = 0; i < count * sizeof(T); ++i) hash_ = (hash_ ^ bytes[i]) * 0x100000001b3u;
-  }
-  uint64_t hash() const { return hash_; }
-
- private:
-  uint64_t hash_ = 0xcbf29ce484222325u;
-};
-
-// Grey values are left out: OpenCV computes them, with whatever instructions the machine has.
-uint64_t Checksum(const std::vector<SyntheticView>& views) {
-  Fnv1a hash;
-  for (const SyntheticView& view : views) {
-    hash.Add(view.frame.color.data(), view.frame.color.size());
-    hash.Add(view.true_depth.data(), view.true_depth.size());
-    hash.Add(view.true_normal.data(), view.true_normal.size());
-    hash.Add(view.low_texture.data(), view.low_texture.size());
-    hash.Add(view.frame.cam_from_world.data(), 16);
-    for (const Vector3d& landmark : view.frame.landmarks_in_world) hash.Add(landmark.data(), 3);
-  }
-  return hash.hash();
-}
-
 SyntheticSceneOptions SmallScene(uint32_t seed) {
   SyntheticSceneOptions options;
   options.width = 97;  // odd
@@ -282,10 +255,10 @@ SyntheticSceneOptions SmallScene(uint32_t seed) {
 }
 
 TEST(SyntheticScene, BytesAreTheSameOnEveryMachine) {
-  const uint64_t checksum = Checksum(MakeSyntheticScene(SmallScene(1)));
+  const uint64_t checksum = ChecksumOf(MakeSyntheticScene(SmallScene(1)));
   EXPECT_EQ(checksum, 10921943880493684088u);  // the same from g++ and clang++, at -O0 and with AVX2
-  EXPECT_EQ(checksum, Checksum(MakeSyntheticScene(SmallScene(1))));
-  EXPECT_NE(checksum, Checksum(MakeSyntheticScene(SmallScene(2))));
+  EXPECT_EQ(checksum, ChecksumOf(MakeSyntheticScene(SmallScene(1))));
+  EXPECT_NE(checksum, ChecksumOf(MakeSyntheticScene(SmallScene(2))));
 }
 
 TEST(SyntheticScene, RefusesOptionsOutOfBounds) {
