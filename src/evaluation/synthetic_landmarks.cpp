@@ -11,7 +11,7 @@ namespace {
 
 constexpr int kCellsAcross = 16;  // image cells with at most one new corner each
 // Mean over the window of the squared gradient's smaller eigenvalue, (grey/2px)^2. Noise of s grey levels alone gives
-// 2 s^2.
+// 2 s^2: 20 in the hard scene.
 constexpr double kMinCornerScore = 150;
 constexpr double kMaxDepthStep = 0.03;  // relative depth change within the window: points at outlines are not stable
 constexpr double kNoise_m = 0.003;      // standard deviation of a landmark's position per axis

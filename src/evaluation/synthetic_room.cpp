@@ -7,7 +7,7 @@ namespace {
 constexpr Vec3d kRoomCenter = {0.0, 0.05, 1.3};
 constexpr Vec3d kRoomHalf = {2.1, 2.25, 1.3};
 
-constexpr Material kWalls = {Pattern::kBlank, {205, 200, 188}, {}, 0};
+constexpr Material kWalls = {Pattern::kBlank, {205, 200, 188}, {}, 0, 0};
 constexpr Material kDarkWood = {Pattern::kWood, {62, 38, 20}, {178, 122, 72}, 0};
 constexpr Material kLightWood = {Pattern::kWood, {120, 84, 48}, {232, 198, 150}, 0};
 

@@ -61,6 +61,13 @@ ColorD MosaicColor(const Material& material, uint32_t key, const Vec3d& local, c
   return Mix(ground, HashColor(key, i, j, at.face), 0.45);
 }
 
+// The same from tile to tile: only the ends of the wall tell one from the other.
+ColorD TilesColor(const Material& material, const FacePoint& at) {
+  constexpr double kJoint = 0.1;
+  const double u = at.u / material.cell_m, v = at.v / material.cell_m;
+  return u - std::floor(u) < kJoint || v - std::floor(v) < kJoint ? material.other : material.color;
+}
+
 ColorD BooksColor(const Material& material, uint32_t key, const Vec3d& local, const FacePoint& at) {
   constexpr double kRowHeight_m = 0.30;
   constexpr double kBoard_m = 0.02;
@@ -107,6 +114,8 @@ ColorD TextureColor(const Material& material, uint32_t key, const Vec3d& local, 
       return Mix(material.color, material.other, FractalNoise(key, {0.22 * local.x, local.y, local.z}));
     case Pattern::kMosaic:
       return MosaicColor(material, key, local, OnFace(local, local_normal));
+    case Pattern::kTiles:
+      return TilesColor(material, OnFace(local, local_normal));
     case Pattern::kBooks:
       return BooksColor(material, key, local, OnFace(local, local_normal));
   }

@@ -17,6 +17,7 @@ enum class Pattern {
   kNoise,   ///< two colours mixed by noise of six octaves, cells of 24 cm down to 7.5 mm
   kWood,    ///< the same, drawn out along the solid's x axis
   kMosaic,  ///< square tiles of `cell_m` with colours of their own
+  kTiles,   ///< equal tiles of `cell_m` with a joint of a tenth between them
   kBooks,   ///< rows of upright spines, `cell_m` wide on average, each with a colour of its own
 };
 
@@ -24,7 +25,8 @@ struct Material {
   Pattern pattern = Pattern::kBlank;
   ColorD color = {128, 128, 128};
   ColorD other = {128, 128, 128};  ///< not read by kBlank
-  double cell_m = 0.05;            ///< kMosaic and kBooks
+  double cell_m = 0.05;            ///< kMosaic, kTiles and kBooks
+  double gloss = 0;                ///< 0..1: brightness of the lamp's highlight; not part of TextureColor()
 };
 
 /// Colour without light at a point of a solid, given in the solid's own frame. `key` tells equal materials apart.

@@ -27,6 +27,16 @@ ColorD PaintOf(const WallPaint& paint, const Vec3d& normal) {
   return std::abs(normal.x) > 0.5 ? paint.walls_x : paint.walls_y;
 }
 
+// Phong's highlight with an exponent of 32, half as bright 12 degrees off the mirrored lamp: varnish, satin paper.
+// White.
+double Highlight(double gloss, const Vec3d& normal, const Vec3d& to_lamp, const Ray& ray) {
+  const Vec3d light = Normalized(to_lamp);
+  const Vec3d mirrored = 2.0 * Dot(normal, light) * normal - light;
+  double cosine = std::max(0.0, -Dot(mirrored, Normalized(ray.direction)));
+  for (int i = 0; i < 5; ++i) cosine *= cosine;  // to the power of 32 without libm
+  return 255.0 * gloss * cosine;
+}
+
 }  // namespace
 
 WorldHit Trace(const SyntheticWorld& world, const Ray& ray) {
@@ -63,7 +73,9 @@ ColorD LitColor(const SyntheticWorld& world, const WorldHit& hit, const Ray& ray
   const Vec3d point = ray.origin + hit.where.t * ray.direction;
   const double facing = std::max(0.0, Dot(normal, Normalized(world.lamp - point)));
   const double light = is_room ? 0.92 + 0.08 * facing : 0.72 + 0.28 * facing;
-  return {light * paint.r, light * paint.g, light * paint.b};
+  const double shine =
+      object.material.gloss > 0 ? Highlight(object.material.gloss, normal, world.lamp - point, ray) : 0;
+  return {light * paint.r + shine, light * paint.g + shine, light * paint.b + shine};
 }
 
 }  // namespace acmp

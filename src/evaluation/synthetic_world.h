@@ -32,6 +32,9 @@ struct SyntheticWorld {
 /// Blank walls and floor with trims, textured furniture; 5 degrees between keyframes.
 const SyntheticWorld& RoomWorld();
 
+/// Blank walls and floor without trims, thin rods and cables, equal tiles; 4 degrees between keyframes.
+const SyntheticWorld& OfficeWorld();
+
 /// What a ray sees first. Every ray from inside the room sees something.
 struct WorldHit {
   Intersection where;
@@ -45,7 +48,8 @@ WorldHit Trace(const SyntheticWorld& world, const Ray& ray);
 std::vector<size_t> ObjectsNear(const SyntheticWorld& world, const Ray& ray, double margin);
 WorldHit Trace(const SyntheticWorld& world, const Ray& ray, const std::vector<size_t>& objects);
 
-/// Lit colour at a hit, 0..255 per channel, the same from wherever it is seen.
+/// Lit colour at a hit, 0..255 per channel; the same from wherever it is seen unless the material has a gloss, whose
+/// highlights go beyond 255.
 ColorD LitColor(const SyntheticWorld& world, const WorldHit& hit, const Ray& ray, uint32_t seed);
 
 }  // namespace acmp

@@ -18,6 +18,7 @@ constexpr float kSurfaceSpacing_m = 0.01f;  // of the true surface's points
 struct Arguments {
   std::vector<std::string> paths;
   bool synthetic = false;
+  std::string scene_name;
   std::string ground_truth;
   std::string images;
   std::string format = "auto";
@@ -58,6 +59,9 @@ void AddOptions(CLI::App& app, Arguments& arguments) {
   const std::string synthetic_group = "From the synthetic room";
   app.add_flag("--synthetic", arguments.synthetic, "Render a room with known geometry instead of reading SCENE")
       ->group(synthetic_group);
+  app.add_option("--scene", arguments.scene_name, "room (unless given) or hard: as acmp_make_scene has them")
+      ->type_name("NAME")
+      ->group(synthetic_group);
   app.add_option("--width", arguments.scene.width, "px")->capture_default_str()->group(synthetic_group);
   app.add_option("--height", arguments.scene.height, "px")->capture_default_str()->group(synthetic_group);
   app.add_option("--keyframes", arguments.scene.keyframes, "Number of images")
@@ -75,7 +79,9 @@ void AddOptions(CLI::App& app, Arguments& arguments) {
 acmp::RecordingSummary MakeSyntheticBag(const Arguments& arguments) {
   if (arguments.paths.size() != 1) throw acmp::InvalidInputError("--synthetic takes no SCENE: give only OUT.bag");
   if (!arguments.images.empty()) throw acmp::InvalidInputError("--images does not go with --synthetic");
-  const std::vector<acmp::SyntheticView> views = acmp::MakeSyntheticScene(arguments.scene);
+  acmp::SyntheticSceneOptions options = arguments.scene;
+  if (!arguments.scene_name.empty()) acmp::SelectSyntheticScene(arguments.scene_name, &options);
+  const std::vector<acmp::SyntheticView> views = acmp::MakeSyntheticScene(options);
   if (!arguments.ground_truth.empty()) acmp::WriteSceneFiles(arguments.ground_truth, views, kSurfaceSpacing_m);
   return acmp::RecordSynthetic(views, arguments.recording, arguments.paths[0]);
 }
@@ -83,6 +89,7 @@ acmp::RecordingSummary MakeSyntheticBag(const Arguments& arguments) {
 acmp::RecordingSummary MakeSceneBag(const Arguments& arguments) {
   if (arguments.paths.size() != 2) throw acmp::InvalidInputError("give SCENE and OUT.bag");
   if (!arguments.ground_truth.empty()) throw acmp::InvalidInputError("--ground-truth needs --synthetic");
+  if (!arguments.scene_name.empty()) throw acmp::InvalidInputError("--scene needs --synthetic");
   const acmp::Scene scene = acmp::ReadScene(arguments.paths[0], acmp::ParseSceneFormat(arguments.format));
   const int count = static_cast<int>(scene.images.size());
   std::vector<int> indices(scene.images.size());

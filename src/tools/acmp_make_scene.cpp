@@ -1,5 +1,7 @@
 #include <filesystem>
 #include <iostream>
+#include <optional>
+#include <string>
 
 #include <CLI/CLI.hpp>
 
@@ -11,6 +13,8 @@ namespace {
 
 struct Arguments {
   std::filesystem::path folder;
+  std::string name = "room";
+  std::optional<double> noise_grey;
   acmp::SyntheticSceneOptions scene;
   float spacing_m = 0.02f;
   bool overwrite = false;
@@ -18,12 +22,18 @@ struct Arguments {
 
 void AddOptions(CLI::App* app, Arguments* a) {
   app->add_option("FOLDER", a->folder, "Made if need be")->required();
+  app->add_option(
+         "--scene", a->name,
+         "room: textured furniture, a camera with little noise; hard: thin objects, equal tiles and more that is "
+         "blank, with the noise, blur, vignetting and changing exposure of a hand-held camera")
+      ->type_name("NAME")
+      ->capture_default_str();
   app->add_option("--width", a->scene.width, "Pixels, 32 to 8192")->capture_default_str();
   app->add_option("--height", a->scene.height, "Pixels, 32 to 8192")->capture_default_str();
   app->add_option("--keyframes", a->scene.keyframes, "Images, 2 to 1000")->capture_default_str();
   app->add_option("--seed", a->scene.seed, "Textures, noise and sway of the hand")->capture_default_str();
-  app->add_option("--noise", a->scene.imaging.read_noise_grey, "Sensor noise per colour channel, grey levels")
-      ->capture_default_str();
+  app->add_option("--noise", a->noise_grey,
+                  "Sensor noise in the dark per colour channel, grey levels (as the scene's camera has it)");
   app->add_option("--spacing", a->spacing_m, "Distance between the points of surface.ply, metres")
       ->capture_default_str();
   app->add_flag("--overwrite", a->overwrite, "Write into a folder that is not empty");
@@ -34,9 +44,12 @@ int MakeScene(const Arguments& a) {
   if (!a.overwrite && fs::exists(a.folder) && !(fs::is_directory(a.folder) && fs::is_empty(a.folder))) {
     throw acmp::InvalidInputError(acmp::Concat(a.folder.string(), ": exists and is not an empty folder (--overwrite)"));
   }
-  const std::vector<acmp::SyntheticView> views = acmp::MakeSyntheticScene(a.scene);
+  acmp::SyntheticSceneOptions scene = a.scene;
+  acmp::SelectSyntheticScene(a.name, &scene);
+  if (a.noise_grey) scene.imaging.read_noise_grey = *a.noise_grey;
+  const std::vector<acmp::SyntheticView> views = acmp::MakeSyntheticScene(scene);
   acmp::WriteSceneFiles(a.folder, views, a.spacing_m);
-  std::cout << a.folder.string() << ": " << views.size() << " images of " << a.scene.width << " x " << a.scene.height
+  std::cout << a.folder.string() << ": " << views.size() << " images of " << scene.width << " x " << scene.height
             << std::endl;
   return acmp::kExitDone;
 }
@@ -46,9 +59,8 @@ int MakeScene(const Arguments& a) {
 // NOLINTNEXTLINE(bugprone-exception-escape): only a wrong table of options or no memory throw outside RunTool
 int main(int argc, char** argv) {
   CLI::App app(
-      "Makes a test scene: a room with blank walls and floor and textured furniture, seen from a hand-held camera, "
-      "with "
-      "exact depth. The folder can be read by acmp_reconstruct, acmp_make_bag and acmp_evaluate: images/, cameras.txt, "
+      "Makes a test scene: a room with blank walls and floor, seen from a hand-held camera, with exact depth. The "
+      "folder can be read by acmp_reconstruct, acmp_make_bag and acmp_evaluate: images/, cameras.txt, "
       "sparse/ (COLMAP), cams/ and pair.txt (MVSNet), depth/ and surface.ply (ground truth), low_texture/ (masks of "
       "the "
       "blank surfaces).",

@@ -120,7 +120,8 @@ TEST_P(WorldTest, DiameterIsThatOfTheRoom) {
   EXPECT_GT(diameter, 0.95 * world_.diameter_m);  // a larger one only costs time
 }
 
-INSTANTIATE_TEST_SUITE_P(Worlds, WorldTest, testing::Values([] { return &RoomWorld(); }));
+INSTANTIATE_TEST_SUITE_P(Worlds, WorldTest,
+                         testing::Values([] { return &RoomWorld(); }, [] { return &OfficeWorld(); }));
 
 TEST(ValueNoise, IsContinuousAcrossCellsAndWithinBounds) {
   for (uint32_t i = 0; i < 1000; ++i) {

@@ -34,6 +34,10 @@ expect 0 "~pose_source: tf" "$bin/acmp_check_bag" a.bag --pose /tf
 expect 2 "give SCENE and OUT.bag" "$bin/acmp_make_bag" out.bag
 expect 2 "--synthetic takes no SCENE" "$bin/acmp_make_bag" --synthetic scene out.bag
 expect 2 "required" "$bin/acmp_make_bag"
+expect 0 "4 images" "$bin/acmp_make_bag" "${small[@]}" --scene hard hard.bag
+cmp -s a.bag hard.bag && { echo "FAILED: --scene hard is the room"; failures=$((failures + 1)); }
+expect 2 "--scene needs --synthetic" "$bin/acmp_make_bag" --scene hard . out.bag
+expect 2 "must be one of room, hard" "$bin/acmp_make_bag" --synthetic --scene kitchen out.bag
 expect 2 "keyframes" "$bin/acmp_make_bag" --synthetic --keyframes 1 out.bag
 expect 2 "rate = 0" "$bin/acmp_make_bag" "${small[@]}" --rate 0 out.bag
 expect 2 "must be auto, colmap or mvsnet" "$bin/acmp_make_bag" --format ply . out.bag

@@ -26,6 +26,10 @@ expect 0 "3 images of 48 x 36" "$bin/acmp_make_scene" b "${small[@]}"
 diff -r a b >/dev/null || { echo "FAILED: two runs differ"; failures=$((failures + 1)); }
 expect 2 "not an empty folder" "$bin/acmp_make_scene" a "${small[@]}"
 expect 0 "3 images" "$bin/acmp_make_scene" a "${small[@]}" --overwrite
+expect 0 "3 images of 48 x 36" "$bin/acmp_make_scene" hard "${small[@]}" --scene hard
+cmp -s a/depth/000001.png hard/depth/000001.png && { echo "FAILED: --scene hard is the room"; failures=$((failures + 1)); }
+expect 2 'scene = "kitchen": must be one of room, hard' "$bin/acmp_make_scene" c --scene kitchen
+expect 2 "read_noise_grey = 51" "$bin/acmp_make_scene" c --noise 51
 expect 2 "keyframes = 1" "$bin/acmp_make_scene" c --keyframes 1
 expect 2 "width = 31" "$bin/acmp_make_scene" c --width 31
 expect 2 "required" "$bin/acmp_make_scene"

@@ -1,11 +1,22 @@
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "acmp_mapping/fusion/point_cloud.h"
 #include "acmp_mapping/keyframe/frame.h"
 
 namespace acmp {
+
+/// Where the images are taken. Analytic geometry; unit metres, world z up.
+enum class SyntheticPlace {
+  /// A room with blank walls and floor (a faint gradient), trims along their edges, a textured table, boxes, a sphere
+  /// and pictures on a wall; about 5 degrees between keyframes.
+  kRoom,
+  /// Blank walls and floor without trims; rods, cables and lamp posts 8 to 25 mm thick, a wall of equal tiles, a faint
+  /// carpet and faint veneer, a glossy picture; about 4 degrees between keyframes.
+  kOffice,
+};
 
 /// From light to grey levels: a lens, a shutter and a linear sensor with the noise of the EMVA 1288 standard (variance
 /// linear in the signal), clipped and rounded to 8 bits. The default is a camera that only has noise.
@@ -24,8 +35,15 @@ struct SyntheticSceneOptions {
   int height = 180;    ///< px
   int keyframes = 14;  ///< 2..1000
   uint32_t seed = 1;
+  SyntheticPlace place = SyntheticPlace::kRoom;
   ImagingModel imaging;
 };
+
+/// "room": the room with the default camera. "hard": the office with a hand-held video camera indoors.
+const std::vector<std::string>& SyntheticSceneNames();
+
+/// Sets place and imaging to those of a named scene. Throws InvalidInputError for a name that is not known.
+void SelectSyntheticScene(const std::string& name, SyntheticSceneOptions* options);
 
 /// What the renderer knows exactly about one image.
 struct SyntheticView {
@@ -33,12 +51,11 @@ struct SyntheticView {
   DepthMap true_depth;  ///< z of the first surface at each pixel centre, at the middle of the exposure as the pose
   NormalMap true_normal;
   Image<unsigned char> low_texture;  ///< 1 on surfaces of one colour, 0 elsewhere
-  double exposure = 1;               ///< factor on the light
+  SyntheticPlace place = SyntheticPlace::kRoom;
+  double exposure = 1;  ///< factor on the light
 };
 
-/// A room with analytic geometry: blank walls and floor (a faint gradient and sensor noise only), a textured table,
-/// boxes, a sphere and pictures on a wall, seen from a hand-held path with about 5 degrees between keyframes. Unit:
-/// metres; world z up. The same options give the same bytes on every machine (integer noise, no
+/// Renders a place from a hand-held path. The same options give the same bytes on every machine (integer noise, no
 /// function of libm that may differ).
 std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& options);
 
