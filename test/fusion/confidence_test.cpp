@@ -3,47 +3,151 @@
 #include <cmath>
 #include <limits>
 
-#include "acmp_mapping/fusion/depth_fusion.h"
+#include "fusion/analytic_views.h"
+#include "fusion/fusion_contexts.h"
+#include "fusion/reference_fusion.h"
 
 namespace acmp {
 namespace {
 
+const double kNan = std::numeric_limits<double>::quiet_NaN();
+
 TEST(ComputeConfidence, HasTheDocumentedValues) {
-  // C = 0.2 P + 0.5 S + 0.3 P S, worked out by hand; float rounding is below 1e-7.
-  EXPECT_NEAR(ComputeConfidence(0, 0, 0), 0.2, 1e-6);
-  EXPECT_NEAR(ComputeConfidence(0, 2, 10), 0.2 + 0.5 * 0.75 + 0.3 * 0.75, 1e-6);
-  EXPECT_NEAR(ComputeConfidence(0, 2, 5), 0.2 + 0.5 * 0.5 + 0.3 * 0.5, 1e-6);
-  EXPECT_NEAR(ComputeConfidence(2, 1, 90), 0.25, 1e-6);
-  EXPECT_NEAR(ComputeConfidence(0.3f, 0, 0), 0.2 * std::exp(-0.5), 1e-6);
+  // 1 / (1 + 50 (u + 0.01)^0.9 exp(2 k / n - 0.9 a / n - 0.3 P)), worked out by hand to five digits.
+  EXPECT_NEAR(ComputeConfidence(2, {}, 0), 0.55790, 1e-5);  // P = exp(-4 / 0.18) = 2e-10
+  EXPECT_NEAR(ComputeConfidence(0, {}, 0), 0.63010, 1e-5);
+  EXPECT_NEAR(ComputeConfidence(0, {4, 2, 0}, 0), 0.72763, 1e-5);
+  EXPECT_NEAR(ComputeConfidence(0, {4, 2, 1}, 0), 0.61837, 1e-5);
+  EXPECT_NEAR(ComputeConfidence(0.3f, {4, 2, 0}, 0.09), 0.23010, 1e-5);  // P = exp(-0.5)
 }
 
 TEST(ComputeConfidence, StaysInBoundsAndNeverGoesTheWrongWay) {
-  for (int views = 0; views <= 32; ++views) {
-    for (int cost = 0; cost <= 25; ++cost) {
-      for (int angle = 0; angle <= 36; ++angle) {
-        const float confidence = ComputeConfidence(0.1f * cost, views, 0.5f * angle);
-        ASSERT_GE(confidence, 0);
-        ASSERT_LE(confidence, 1);
-        ASSERT_LE(ComputeConfidence(0.1f * cost + 0.1f, views, 0.5f * angle), confidence);
-        ASSERT_GE(ComputeConfidence(0.1f * cost, views + 1, 0.5f * angle), confidence);
-        ASSERT_GE(ComputeConfidence(0.1f * cost, views, 0.5f * angle + 0.5f), confidence);
+  for (int views = 1; views <= 32; views += 3) {
+    for (int k = 0; k <= 8; ++k) {
+      for (int cost = 0; cost <= 20; ++cost) {
+        const double agreement = views * k / 8.0, unevenness = 0.1 * k / 8;
+        const int contradicting = views * k / 8;
+        const auto confidence = [&](double more_cost, double more_agreement, int more_contradicting,
+                                    double more_uneven) {
+          return ComputeConfidence(static_cast<float>(0.1 * cost + more_cost),
+                                   {views, agreement + more_agreement, contradicting + more_contradicting},
+                                   unevenness + more_uneven);
+        };
+        const double here = confidence(0, 0, 0, 0);
+        ASSERT_GT(here, 0);
+        ASSERT_LT(here, 1);
+        ASSERT_LE(confidence(0.1, 0, 0, 0), here);
+        ASSERT_GT(confidence(0, 0.1, 0, 0), here);
+        ASSERT_LT(confidence(0, 0, 1, 0), here);
+        ASSERT_LT(confidence(0, 0, 0, 0.01), here);
       }
     }
   }
-  // And strictly the right way where it matters.
-  EXPECT_GT(ComputeConfidence(0.1f, 2, 8), ComputeConfidence(0.2f, 2, 8));
-  EXPECT_GT(ComputeConfidence(0.1f, 3, 8), ComputeConfidence(0.1f, 2, 8));
-  EXPECT_GT(ComputeConfidence(0.1f, 2, 9), ComputeConfidence(0.1f, 2, 8));
-  EXPECT_EQ(ComputeConfidence(0.1f, 2, 11), ComputeConfidence(0.1f, 2, 10));
+  EXPECT_GT(ComputeConfidence(0.1f, {}, 0), ComputeConfidence(0.2f, {}, 0));
 }
 
 TEST(ComputeConfidence, IsFiniteForOddInput) {
   const float nan = std::numeric_limits<float>::quiet_NaN(), infinity = std::numeric_limits<float>::infinity();
-  EXPECT_EQ(ComputeConfidence(nan, 0, 0), 0);
-  EXPECT_EQ(ComputeConfidence(infinity, 0, 0), 0);
-  EXPECT_FLOAT_EQ(ComputeConfidence(-0.5f, 0, 0), 0.2f);
-  EXPECT_FLOAT_EQ(ComputeConfidence(0, 3, nan), 0.2f);
-  EXPECT_FLOAT_EQ(ComputeConfidence(0, -1, 10), 0.2f);
+  EXPECT_EQ(ComputeConfidence(nan, {}, 0.1), ComputeConfidence(infinity, {}, 0.1));
+  EXPECT_EQ(ComputeConfidence(-0.5f, {}, 0.1), ComputeConfidence(0, {}, 0.1));
+}
+
+TEST(GradedAgreement, FallsWithErrorsAndNarrowAngles) {
+  const auto versine = [](double deg) { return 1 - std::cos(deg * M_PI / 180); };
+  EXPECT_NEAR(GradedAgreement(0, 0, versine(10)), 1, 1e-8);  // the constant has 9 digits
+  EXPECT_DOUBLE_EQ(GradedAgreement(0, 0, versine(60)), 1);
+  EXPECT_DOUBLE_EQ(GradedAgreement(0.5, 0.01, versine(11)), std::exp(-2.5));
+  // The constant has 9 digits.
+  EXPECT_NEAR(GradedAgreement(0, 0, versine(4)), std::sin(2 * M_PI / 180) / std::sin(5 * M_PI / 180), 1e-8);
+  EXPECT_EQ(GradedAgreement(0, 0, 0), 0);
+  EXPECT_EQ(GradedAgreement(0, 0, -1e-16), 0);  // rounding of 1 - cos
+  EXPECT_EQ(GradedAgreement(0, 0.11, versine(10)), 0);
+  EXPECT_EQ(GradedAgreement(kNan, 0, versine(10)), 0);
+}
+
+/// Of the pixel in the middle of a map without source views.
+double UnevennessOfMiddle(const TestView& view) {
+  const FusionContexts contexts({view.View()}, {{}}, {});
+  ReferencePixel pixel;
+  if (!LoadReferencePixel(contexts[0], view.camera.width / 2, view.camera.height / 2, &pixel)) return kNan;
+  return SurfaceUnevenness(contexts[0], pixel);
+}
+
+TEST(SurfaceUnevenness, IsTheMeanDeviationFromThePixelsPlane) {
+  const Quad slanted = {{0, 0, 5}, {9, 0, 3}, {0, 9, 1}, {}};
+  TestView view = Render({61, 51, 70, 75, 30.2, 25.4}, LookAt({0, 0, 0}, {0, 0, 5}), {slanted});
+  EXPECT_NEAR(UnevennessOfMiddle(view), 0, 2e-7);  // depth and normal in float
+  // Two of the 24 neighbours: 2 % farther, and far enough to count as another surface.
+  view.depth(30 + 8, 25) *= 1.02f;
+  view.depth(30 - 12, 25 - 12) *= 3;
+  EXPECT_NEAR(UnevennessOfMiddle(view), (0.02 + kMaxUnevenness) / 24, 2e-7);
+  view.depth(30 + 3, 25 + 3) = 0;  // unknown: does not count
+  EXPECT_NEAR(UnevennessOfMiddle(view), (0.02 + kMaxUnevenness) / 23, 2e-7);
+  view.depth(30 + 1, 25) = 9;  // not looked at
+  EXPECT_NEAR(UnevennessOfMiddle(view), (0.02 + kMaxUnevenness) / 23, 2e-7);
+}
+
+TEST(SurfaceUnevenness, IsTheWorstWhereNothingCanBeCompared) {
+  EXPECT_EQ(UnevennessOfMiddle(FlatView(5, 5, 4)), kMaxUnevenness);  // all neighbours are outside
+  TestView view = FlatView(41, 41, 4);
+  EXPECT_NEAR(UnevennessOfMiddle(view), 0, 1e-12);
+  view.normal(20, 20) = {0, 0, 1};  // faces away
+  EXPECT_EQ(UnevennessOfMiddle(view), kMaxUnevenness);
+}
+
+/// Flat maps of these depths, seen from a place beside the reference's.
+std::vector<TestView> SideViews(const std::vector<float>& depths) {
+  std::vector<TestView> views;
+  views.reserve(depths.size());
+  for (const float depth : depths) {
+    views.push_back(FlatView(61, 41, depth));
+    views.back().cam_from_world.translation().x() = -0.8;  // 11 degrees at a depth of 4
+  }
+  return views;
+}
+
+double ConfidenceOfMiddle(const TestView& reference, const std::vector<float>& source_depths) {
+  const std::vector<TestView> sources = SideViews(source_depths);
+  return FilterByConsistency(reference.View(), ViewsOf(sources), {}).confidence(30, 20);
+}
+
+TEST(FilterByConsistency, ConfidenceCountsWhoSeesThePixel) {
+  const TestView wall = FlatView(61, 41, 4);
+  // Two of two views agree, two of three (one sees an occluder), and one of them looks through the point.
+  const double all = ConfidenceOfMiddle(wall, {4, 4}), occluded = ConfidenceOfMiddle(wall, {4, 4, 3});
+  const double contradicted = ConfidenceOfMiddle(wall, {4, 4, 5});
+  EXPECT_NEAR(all, ComputeConfidence(0, {2, 2, 0}, 0), 1e-7);  // float
+  EXPECT_NEAR(occluded, ComputeConfidence(0, {3, 2, 0}, 0), 1e-7);
+  EXPECT_NEAR(contradicted, ComputeConfidence(0, {3, 2, 1}, 0), 1e-7);
+  // Which views take part in the average does not matter, nor do views without an estimate of their own.
+  EXPECT_NEAR(ConfidenceOfMiddle(wall, {4, 4, 0}), occluded, 1e-7);
+}
+
+TEST(FilterByConsistency, GuessesHaveConfidence) {
+  TestView wall = FlatView(61, 41, 4);
+  wall.cost(30, 20) = kWorstCost;
+  EXPECT_NEAR(ConfidenceOfMiddle(wall, {}), ComputeConfidence(kWorstCost, {}, 0), 1e-7);
+  EXPECT_GT(ConfidenceOfMiddle(wall, {4}), ConfidenceOfMiddle(wall, {}));
+  EXPECT_LT(ConfidenceOfMiddle(wall, {5}), ConfidenceOfMiddle(wall, {}));
+}
+
+TEST(FilterByConsistency, KeepsPixelsOfEnoughConfidence) {
+  const TestView wall = FlatView(61, 41, 4);
+  const double middle = ConfidenceOfMiddle(wall, {4, 4});
+  const std::vector<TestView> sources = SideViews({4, 4});
+  FusionOptions options;
+  options.min_point_confidence = static_cast<float>(middle - 1e-4);
+  const auto count = [&] {
+    return FilterByConsistency(wall.View(), ViewsOf(sources), options).points_in_camera.size();
+  };
+  const auto fused = [&] {
+    return FuseDepthMaps({wall.View(), sources[0].View(), sources[1].View()}, {{1, 2}, {}, {}}, options).size();
+  };
+  EXPECT_EQ(count(), 41u * 41);  // the sources see all but the 20 columns at the left
+  EXPECT_EQ(fused(), 41u * 41);
+  options.min_point_confidence = static_cast<float>(middle + 1e-4);
+  EXPECT_EQ(count(), 0u);
+  EXPECT_EQ(fused(), 0u);
 }
 
 }  // namespace

@@ -110,7 +110,7 @@ TEST(FilterByConsistency, UnknownNormalsAgreeWithNothing) {
 TEST(FilterByConsistency, NeedsMinConsistentViews) {
   const TestView view = FlatView(5, 4, 3), other = FlatView(5, 4, 9);
   for (int required = 1; required <= 4; ++required) {
-    FusionOptions options;
+    FusionOptions options = AnyConfidence();
     options.min_consistent_views = required;
     const auto result =
         FilterByConsistency(view.View(), {view.View(), other.View(), view.View(), view.View()}, options);
@@ -122,7 +122,7 @@ TEST(FilterByConsistency, NeedsMinConsistentViews) {
 TEST(FilterByConsistency, DynamicConsistencyComparesTheMeanAgreementWith03) {
   // Without a baseline and with equal normals the agreement is exp(-200 rel): 0.3 at rel = 0.00602.
   const auto keeps = [](const std::vector<float>& relative) {
-    FusionOptions options;
+    FusionOptions options = AnyConfidence();
     options.dynamic_consistency = true;
     std::vector<TestView> views;
     views.reserve(relative.size());
@@ -153,24 +153,7 @@ TEST(FilterByConsistency, DynamicConsistencyWeighsAllThreeErrors) {
   ASSERT_TRUE(MatchPixel(contexts[0].sources[0], contexts[0].limits, 0, pixel, &match));
   const double px = 10 * (4 / 3.98 - 1), relative = 0.02 / 4;
   EXPECT_NEAR(match.agreement, std::exp(-(px + 200 * relative + 10 * 0.05)), 1e-5);  // 3.98 in float: rel 1e-8
-  EXPECT_NEAR(match.angle_versine, 1 - std::cos(std::atan(0.1)), 1e-8);              // 0.005 in float
   EXPECT_EQ(match.col, 10);
-}
-
-TEST(FilterByConsistency, ConfidenceUsesTheMedianAngle) {
-  // Angles atan(b / 4) for baselines of 0, 0.2 and 0.4; the middle one, then the mean of two.
-  std::vector<TestView> sources;
-  for (const double baseline : {0.4, 0.0, 0.2}) {
-    sources.push_back(FlatView(41, 1, 4));
-    sources.back().cam_from_world.translation().x() = -baseline;
-  }
-  const TestView reference = FlatView(41, 1, 4);
-  const double angle_deg = std::atan(0.05) * 180 / M_PI, wide_deg = std::atan(0.1) * 180 / M_PI;
-  EXPECT_NEAR(FilterByConsistency(reference.View(), ViewsOf(sources), {}).confidence(20, 0),
-              ComputeConfidence(0, 3, static_cast<float>(angle_deg)), 1e-5);  // angles in float
-  sources.erase(sources.begin() + 1);
-  EXPECT_NEAR(FilterByConsistency(reference.View(), ViewsOf(sources), {}).confidence(20, 0),
-              ComputeConfidence(0, 2, static_cast<float>(0.5 * (angle_deg + wide_deg))), 1e-5);
 }
 
 }  // namespace

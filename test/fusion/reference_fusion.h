@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include "acmp_mapping/fusion/depth_fusion.h"
@@ -15,7 +16,7 @@ namespace reference {
 struct Match {
   int source, col, row;
   Eigen::Vector3d point_in_world, normal_in_world;
-  double agreement, angle_deg;
+  double agreement;
 };
 
 inline Eigen::Vector3d PointInWorld(const FusionView& view, int col, int row) {
@@ -53,15 +54,13 @@ inline std::vector<Match> FindMatches(const FusionView& view, const std::vector<
     const double angle = AngleRad(NormalInWorld(view, col, row), source_normal);
     if (px >= options.max_reprojection_px || relative >= options.max_relative_depth) continue;
     if (angle * 180 / M_PI >= options.max_normal_angle_deg) continue;
-    const Eigen::Vector3d center = view.cam_from_world.inverse().translation();
-    const Eigen::Vector3d source_center = source.cam_from_world.inverse().translation();
     matches.push_back({static_cast<int>(i), source_col, source_row, source_point, source_normal,
-                       std::exp(-(px + 200 * relative + 10 * angle)),
-                       AngleRad(point - center, point - source_center) * 180 / M_PI});
+                       std::exp(-(px + 200 * relative + 10 * angle))});
   }
   return matches;
 }
 
+/// Whether enough agrees; the confidence is another matter.
 inline bool Accepts(const std::vector<Match>& matches, const FusionOptions& options) {
   if (!options.dynamic_consistency) return static_cast<int>(matches.size()) >= options.min_consistent_views;
   double sum = 0;
@@ -69,14 +68,57 @@ inline bool Accepts(const std::vector<Match>& matches, const FusionOptions& opti
   return !matches.empty() && sum / static_cast<double>(matches.size()) > 0.3;
 }
 
-inline double MedianAngleDeg(const std::vector<Match>& matches) {
-  std::vector<double> angles;
-  angles.reserve(matches.size());
-  for (const Match& match : matches) angles.push_back(match.angle_deg);
-  std::sort(angles.begin(), angles.end());
-  if (angles.empty()) return 0;
-  const size_t half = angles.size() / 2;
-  return angles.size() % 2 == 1 ? angles[half] : (angles[half - 1] + angles[half]) / 2;
+/// Mean deviation of 24 depths around the pixel from its plane, found by intersecting their rays with it.
+inline double Unevenness(const FusionView& view, int col, int row) {
+  const Vec3f& n = view.normal(col, row);
+  const Eigen::Vector3d normal(n.x, n.y, n.z);
+  const double offset = normal.dot(view.camera.Unproject({col, row}, view.depth(col, row)));
+  double sum = 0;
+  int count = 0;
+  for (const auto& [straight, diagonal] : {std::pair(4, 3), {8, 6}, {16, 12}}) {
+    for (const auto& [dc, dr] : {std::pair(straight, 0),
+                                 {-straight, 0},
+                                 {0, straight},
+                                 {0, -straight},
+                                 {diagonal, diagonal},
+                                 {-diagonal, diagonal},
+                                 {diagonal, -diagonal},
+                                 {-diagonal, -diagonal}}) {
+      if (!view.depth.Contains(col + dc, row + dr) || !(view.depth(col + dc, row + dr) > 0)) continue;
+      const double plane = offset / normal.dot(view.camera.Unproject({col + dc, row + dr}, 1));
+      sum += std::min(0.1, std::abs(view.depth(col + dc, row + dr) / plane - 1));
+      ++count;
+    }
+  }
+  return offset < 0 && count > 0 ? sum / count : 0.1;
+}
+
+/// See ComputeConfidence; sources without a depth of their own where the point falls count as views.
+inline double Confidence(const FusionView& view, const std::vector<const FusionView*>& sources, int col, int row) {
+  const Eigen::Vector3d point = PointInWorld(view, col, row);
+  const Eigen::Vector3d center = view.cam_from_world.inverse().translation();
+  double views = 0, agreement = 0, contradicting = 0;
+  for (const FusionView* source : sources) {
+    const Eigen::Vector3d in_source = source->cam_from_world * point;
+    if (in_source.z() <= 0) continue;
+    const Eigen::Vector2d pixel = source->camera.Project(in_source);
+    const int source_col = static_cast<int>(std::round(pixel.x())),
+              source_row = static_cast<int>(std::round(pixel.y()));
+    if (!source->depth.Contains(source_col, source_row)) continue;
+    ++views;
+    if (!(source->depth(source_col, source_row) > 0) || source->cost(source_col, source_row) >= 2) continue;
+    contradicting += source->depth(source_col, source_row) > 1.03 * in_source.z();
+    const Eigen::Vector3d back = view.cam_from_world * PointInWorld(*source, source_col, source_row);
+    const double px = (view.camera.Project(back) - Eigen::Vector2d(col, row)).norm();
+    const double relative = std::abs(back.z() / view.depth(col, row) - 1);
+    const double angle = AngleRad(point - center, point - source->cam_from_world.inverse().translation());
+    agreement += std::exp(-(px + 200 * relative)) * std::min(1.0, std::sin(angle / 2) / std::sin(5 * M_PI / 180));
+  }
+  const double share = views > 0 ? 1 / views : 0;
+  const double likelihood = std::exp(-std::pow(view.cost(col, row), 2) / 0.18);
+  const double error = 0.5 * std::pow(Unevenness(view, col, row) + 0.01, 0.9) *
+                       std::exp(2 * contradicting * share - 0.9 * agreement * share - 0.3 * likelihood);
+  return 1 / (1 + error / 0.01);
 }
 
 struct Point {
@@ -96,11 +138,7 @@ inline Point Average(const FusionView& view, const std::vector<const FusionView*
     sum.color += color_of(*sources[match.source], match.col, match.row);
   }
   const double count = 1 + static_cast<double>(matches.size());
-  const double photometric = std::exp(-std::pow(view.cost(col, row), 2) / 0.18);
-  const double support =
-      1 - std::pow(0.5, static_cast<double>(matches.size()) * std::min(1.0, MedianAngleDeg(matches) / 10));
-  return {sum.position / count, sum.normal.normalized(), sum.color / count,
-          0.2 * photometric + 0.5 * support + 0.3 * photometric * support};
+  return {sum.position / count, sum.normal.normalized(), sum.color / count, Confidence(view, sources, col, row)};
 }
 
 /// A view's pixel.
@@ -129,9 +167,11 @@ inline std::vector<Point> Fuse(const std::vector<FusionView>& views, const std::
         };
         matches.erase(std::remove_if(matches.begin(), matches.end(), is_used), matches.end());
         if (!Accepts(matches, options)) continue;
+        const Point point = Average(views[i], sources, col, row, matches);
+        if (point.confidence < options.min_point_confidence) continue;
         used_now.push_back({static_cast<int>(i), col, row});
         for (const Match& match : matches) used_now.push_back({neighbors[i][match.source], match.col, match.row});
-        points.push_back(Average(views[i], sources, col, row, matches));
+        points.push_back(point);
       }
     }
     for (const Place& place : used_now) used[place.view](place.col, place.row) = 1;

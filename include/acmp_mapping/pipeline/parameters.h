@@ -58,6 +58,7 @@ void VisitPipelineParameters(Options& pipeline, const Visitor& visit) {
   visit("max_normal_angle_deg", fusion.max_normal_angle_deg);
   visit("min_consistent_views", fusion.min_consistent_views);
   visit("dynamic_consistency", fusion.dynamic_consistency);
+  visit("min_point_confidence", fusion.min_point_confidence);
 }
 
 /// "name=value": sets that option. Booleans are true or false, enumerations their numbers. Throws InvalidInputError for

@@ -112,6 +112,7 @@ void VisitRuntimeParameters(Options& options, Config& config, const Visitor& vis
   visit("max_normal_angle_deg", fusion.max_normal_angle_deg, config.max_normal_angle_deg);
   visit("min_consistent_views", fusion.min_consistent_views, config.min_consistent_views);
   visit("dynamic_consistency", fusion.dynamic_consistency, config.dynamic_consistency);
+  visit("min_point_confidence", fusion.min_point_confidence, config.min_point_confidence);
 
   visit("min_confidence", options.output.min_confidence, config.min_confidence);
   visit("max_keyframes", options.map.max_keyframes, config.max_keyframes);

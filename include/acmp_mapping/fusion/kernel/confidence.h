@@ -6,39 +6,44 @@
 
 namespace acmp {
 
-/// Confidence 0..1 of a pixel from its matching cost (0..2), the number of consistent source views and their median
-/// triangulation angle: C = 0.2 P + 0.5 S + 0.3 P S with
-///   P = exp(-cost^2 / 0.18), the paper's photometric likelihood (eq. 5), and
-///   S = 1 - 2^(-n min(angle / 10 deg, 1)): each of the n consistent views halves the remaining doubt, less so if rays
-///       to the point are nearly parallel, when agreement says little about depth.
-/// All coefficients are positive, so C never falls when the cost falls or n or the angle grows. Without a consistent
-/// view C <= 0.2; two views at 10 degrees give 0.375 to 0.8. A NaN cost counts as no photometric evidence.
-ACMP_HOST_DEVICE inline float ComputeConfidence(float cost, int consistent_views, float angle_deg) {
+/// What the source views say about a reference pixel's point, whatever thresholds fusion uses.
+struct ViewEvidence {
+  int views = 0;          ///< whose image the point falls into
+  double agreement = 0;   ///< sum of GradedAgreement over those with a depth of their own there
+  int contradicting = 0;  ///< of these, views that see something clearly farther away: they look through the point
+};
+
+/// How well a source's depth fits the pixel's: exp(-(px + 200 rel)) min(sin(angle / 2) / sin 5 deg, 1), 0..1: between
+/// rays that are nearly parallel, agreement says little about depth.
+/// @param angle_versine 1 - cos of the angle between the rays, 2 sin^2(angle / 2)
+ACMP_HOST_DEVICE inline double GradedAgreement(double reprojection_px, double relative_depth, double angle_versine) {
+  constexpr double kPixelsPerRelativeDepth = 200;  // as in the dynamic consistency: 2 px weigh like 1 % of depth
+  constexpr double kNothing = 20;                  // exp(-20) = 2e-9 is not worth its computation
+  constexpr double kFullVersine = 1.51922470e-2;   // of 10 degrees
+  const double error = reprojection_px + kPixelsPerRelativeDepth * relative_depth;
+  if (!(error < kNothing)) return 0;  // NaN, too
+  const double fit = std::exp(-error);
+  return angle_versine < kFullVersine ? fit * std::sqrt(angle_versine > 0 ? angle_versine / kFullVersine : 0) : fit;
+}
+
+/// The relative depth error to expect of a pixel from its matching cost (0..2), the views, and its unevenness: how far
+/// the surface around it deviates from its plane (see SurfaceUnevenness, 0..0.1). Fitted to the logarithm of true
+/// errors of holo_table and holo_cabinet; docs/quality.md says what each term is worth. It never falls when cost,
+/// unevenness or the share of contradicting views grows or the mean agreement falls. A NaN cost is no photometric
+/// evidence; without views only cost and unevenness count.
+ACMP_HOST_DEVICE inline double ExpectedRelativeError(float cost, const ViewEvidence& evidence, double unevenness) {
   const double used_cost = cost > 0 ? cost : 0;
+  // The paper's photometric likelihood (eq. 5).
   const double photometric = cost != cost ? 0.0 : std::exp(-used_cost * used_cost / 0.18);
-  const double evidence = consistent_views > 0 ? consistent_views * Clamp(angle_deg / 10, 0.0f, 1.0f) : 0;
-  const double support = 1 - std::exp2(-evidence);
-  return static_cast<float>(0.2 * photometric + 0.5 * support + 0.3 * photometric * support);
+  const double share = evidence.views > 0 ? 1.0 / evidence.views : 0.0;
+  const double exponent = 2.0 * share * evidence.contradicting - 0.9 * share * evidence.agreement - 0.3 * photometric;
+  return 0.5 * std::pow(unevenness + 0.01, 0.9) * std::exp(exponent);
 }
 
-/// The angle (rad) whose 1 - cos, which is 2 sin^2(angle / 2), is given.
-ACMP_HOST_DEVICE inline double AngleOfVersine(float versine) {
-  return 2 * std::asin(std::sqrt(static_cast<double>(Clamp(0.5f * versine, 0.0f, 1.0f))));
-}
-
-/// Median in rad of the angles with these versines, which get sorted; of an even number the mean of the middle two, of
-/// none 0.
-ACMP_HOST_DEVICE inline double MedianAngle(float* versines, int count) {
-  if (count == 0) return 0;
-  // By insertion: there are few. Versines are in the order of their angles, so only the middle ones become angles.
-  for (int i = 1; i < count; ++i) {
-    const float versine = versines[i];
-    int k = i;
-    for (; k > 0 && versines[k - 1] > versine; --k) versines[k] = versines[k - 1];
-    versines[k] = versine;
-  }
-  const double lower = AngleOfVersine(versines[(count - 1) / 2]);
-  return count % 2 == 1 ? lower : 0.5 * (lower + AngleOfVersine(versines[count / 2]));
+/// Confidence 0..1 of a pixel: 1 / (1 + expected error / 1 %), so one half where an error of 1 % of depth is expected.
+/// Also for pixels that only their surroundings place (kWorstCost): they have no photometric evidence.
+ACMP_HOST_DEVICE inline double ComputeConfidence(float cost, const ViewEvidence& evidence, double unevenness) {
+  return 1 / (1 + 100 * ExpectedRelativeError(cost, evidence, unevenness));
 }
 
 }  // namespace acmp

@@ -17,14 +17,16 @@ ACMP_HOST_DEVICE inline PixelConsistency CheckPixel(const FusionContext<View>& c
   if (!IsKnown(context.reference.Depth(col, row))) return {0, 0, false};
   ReferencePixel pixel;
   if (!LoadReferencePixel(context, col, row, &pixel)) {
-    return {0, ComputeConfidence(context.reference.Cost(col, row), 0, 0), false};
+    const double confidence = ComputeConfidence(context.reference.Cost(col, row), {}, kMaxUnevenness);
+    return {0, static_cast<float>(confidence), false};
   }
   MatchSum<kMaxSources> sum;
   SumMatches(context, pixel, &sum);
-  const float confidence = Confidence(context.reference, pixel, &sum);
-  const bool accepted = !context.reference.IsGuess(col, row) && Accepts(context.limits, sum);
+  const double confidence = Confidence(context, pixel, sum);
+  const bool accepted = !context.reference.IsGuess(col, row) && HasEnoughMatches(context.limits, sum) &&
+                        confidence >= context.limits.min_confidence;
   if (accepted) *point = Average(context.geometry, pixel, sum, confidence);
-  return {sum.count, confidence, accepted};
+  return {sum.count, static_cast<float>(confidence), accepted};
 }
 
 /// Stamps the pixel and its matches. Other pixels of the reference may do so at the same time and to the same matches:
@@ -33,11 +35,12 @@ template <int kMaxSources, class View>
 ACMP_HOST_DEVICE inline void StampUsed(const FusionContext<View>& context, const ReferencePixel& pixel,
                                        const MatchSum<kMaxSources>& sum) {
   RelaxedStore(&context.stamps(pixel.col, pixel.row), context.current);
-  int col, row;
   for (int i = 0; i < context.num_sources; ++i) {
     if ((sum.matched[WordOf<kMaxSources>(i)] >> (i % 32) & 1u) == 0) continue;
     const FusionSource<View>& source = context.sources[i];
-    if (LocateInSource(source, pixel.homogeneous, &col, &row)) RelaxedStore(&source.stamps(col, row), context.current);
+    SourcePlace place;
+    if (!LocateInSource(source, pixel.homogeneous, &place)) continue;
+    RelaxedStore(&source.stamps(place.col, place.row), context.current);
   }
 }
 
@@ -50,9 +53,11 @@ ACMP_HOST_DEVICE inline bool FusePixel(const FusionContext<View>& context, int c
   if (!LoadReferencePixel(context, col, row, &pixel)) return false;
   MatchSum<kMaxSources> sum;
   SumMatches(context, pixel, &sum);
-  if (!Accepts(context.limits, sum)) return false;
+  if (!HasEnoughMatches(context.limits, sum)) return false;
+  const double confidence = Confidence(context, pixel, sum);
+  if (!(confidence >= context.limits.min_confidence)) return false;
   StampUsed(context, pixel, sum);
-  *point = Average(context.geometry, pixel, sum, Confidence(context.reference, pixel, &sum));
+  *point = Average(context.geometry, pixel, sum, confidence);
   return true;
 }
 

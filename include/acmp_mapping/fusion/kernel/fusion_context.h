@@ -35,6 +35,7 @@ struct FusionLimits {
   double min_normal_cosine;
   int min_consistent_views;
   bool dynamic_consistency;
+  double min_confidence;  ///< of a point
 };
 
 /// From the reference's pixels to the frame in which points are wanted ("target"): its own or the world.

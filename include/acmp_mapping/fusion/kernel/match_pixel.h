@@ -3,6 +3,7 @@
 #include <cfloat>
 #include <cmath>
 
+#include "acmp_mapping/fusion/kernel/confidence.h"
 #include "acmp_mapping/fusion/kernel/fusion_context.h"
 
 namespace acmp {
@@ -43,10 +44,16 @@ ACMP_HOST_DEVICE inline bool LoadReferencePixel(const FusionContext<View>& conte
   return true;
 }
 
-/// The source pixel nearest to where a reference pixel's point falls; false behind and outside the source.
+/// Where a reference pixel's point falls in a source.
+struct SourcePlace {
+  int col, row;  ///< the nearest pixel
+  double depth;  ///< of the point in the source
+};
+
+/// False behind and outside the source.
 template <class View>
-ACMP_HOST_DEVICE inline bool LocateInSource(const FusionSource<View>& source, const Vec3d& homogeneous, int* col,
-                                            int* row) {
+ACMP_HOST_DEVICE inline bool LocateInSource(const FusionSource<View>& source, const Vec3d& homogeneous,
+                                            SourcePlace* place) {
   const Vec3d projected = source.geometry.to_source * homogeneous + source.geometry.to_source_offset;
   if (!(projected.z > 0)) return false;
   const double x = projected.x / projected.z, y = projected.y / projected.z;
@@ -56,61 +63,89 @@ ACMP_HOST_DEVICE inline bool LocateInSource(const FusionSource<View>& source, co
   // the last representable position inside.
   const int nearest_col = static_cast<int>(x + 0.5);  // NOLINT(bugprone-incorrect-roundings)
   const int nearest_row = static_cast<int>(y + 0.5);  // NOLINT(bugprone-incorrect-roundings)
-  *col = nearest_col < width ? nearest_col : width - 1;
-  *row = nearest_row < height ? nearest_row : height - 1;
+  place->col = nearest_col < width ? nearest_col : width - 1;
+  place->row = nearest_row < height ? nearest_row : height - 1;
+  place->depth = projected.z;
   return true;
+}
+
+/// What a source sees there.
+struct Sighting {
+  SourcePlace place;
+  float depth;            ///< of the source pixel
+  Vec3d homogeneous;      ///< the source pixel's point as the reference sees it, z (u, v, 1)
+  double squared_px;      ///< of the forward-backward error
+  double relative_depth;  ///< absolute difference over the reference pixel's depth
+};
+
+/// False where the source has no depth of its own.
+template <class View>
+ACMP_HOST_DEVICE inline bool LookBack(const FusionSource<View>& source, const ReferencePixel& pixel,
+                                      const SourcePlace& place, Sighting* sighting) {
+  const float depth = source.view.Depth(place.col, place.row);
+  if (!IsKnown(depth) || source.view.IsGuess(place.col, place.row)) return false;
+  const Vec3d homogeneous = depth * Vec3d{static_cast<double>(place.col), static_cast<double>(place.row), 1};
+  const Vec3d back = source.geometry.to_reference * homogeneous + source.geometry.to_reference_offset;
+  const double dx = back.x / back.z - pixel.col, dy = back.y / back.z - pixel.row;
+  *sighting = {place, depth, back, dx * dx + dy * dy, std::fabs(back.z - pixel.depth) / pixel.depth};
+  return true;
+}
+
+/// 1 - cos of the angle between the rays from the reference and from a camera centre to the reference pixel's point.
+ACMP_HOST_DEVICE inline double TriangulationVersine(const ReferencePixel& pixel, const Vec3d& center) {
+  const Vec3d ray = pixel.point - center;
+  return 1 - Dot(pixel.ray, ray) / std::sqrt(Dot(pixel.ray, pixel.ray) * Dot(ray, ray));
+}
+
+/// Adds what a source sees to the evidence for the pixel.
+template <class View>
+ACMP_HOST_DEVICE inline void AddEvidence(const FusionSource<View>& source, const ReferencePixel& pixel,
+                                         const Sighting& sighting, ViewEvidence* evidence) {
+  constexpr double kLooksThrough = 1.03;  // three times what fusion lets agree by default
+  evidence->contradicting += sighting.depth > kLooksThrough * sighting.place.depth ? 1 : 0;
+  evidence->agreement += GradedAgreement(std::sqrt(sighting.squared_px), sighting.relative_depth,
+                                         TriangulationVersine(pixel, source.geometry.center));
 }
 
 /// A source pixel that agrees with a reference pixel.
 struct PixelMatch {
   int col, row;
-  Vec3d homogeneous;    ///< the source pixel's point as the reference sees it, z (u, v, 1)
-  Vec3d normal;         ///< unit, target frame
-  float angle_versine;  ///< 1 - cos of the angle between the rays from both cameras to the reference pixel's point
-  double agreement;     ///< exp(-(px + 200 rel + 10 rad)), 0..1; 0 unless the limits ask for dynamic_consistency
+  Vec3d homogeneous;  ///< the source pixel's point as the reference sees it, z (u, v, 1)
+  Vec3d normal;       ///< unit, target frame
+  double agreement;   ///< exp(-(px + 200 rel + 10 rad)), 0..1; 0 unless the limits ask for dynamic_consistency
 };
 
-/// 1 - cos of the angle between the rays from the reference and from a camera centre to the reference pixel's point.
-ACMP_HOST_DEVICE inline float TriangulationVersine(const ReferencePixel& pixel, const Vec3d& center) {
-  const Vec3d ray = pixel.point - center;
-  const double cosine = Dot(pixel.ray, ray) / std::sqrt(Dot(pixel.ray, pixel.ray) * Dot(ray, ray));
-  return static_cast<float>(1 - cosine);
+/// True when what the source sees agrees with the pixel and no earlier view has used it.
+template <class View>
+ACMP_HOST_DEVICE inline bool MatchSighting(const FusionSource<View>& source, const FusionLimits& limits, Stamp current,
+                                           const ReferencePixel& pixel, const Sighting& sighting, PixelMatch* match) {
+  const int col = sighting.place.col, row = sighting.place.row;
+  if (!(sighting.squared_px < limits.max_squared_px)) return false;
+  // A point behind the reference needs no test of its own: it misses the limit on depths, which is below 1.
+  if (!(sighting.relative_depth < limits.max_relative_depth)) return false;
+  if (IsUsed(source.stamps, current, col, row)) return false;
+  const Vec3d normal = Normalized(source.geometry.target_from_camera * AsDouble(source.view.Normal(col, row)));
+  // The cosine is NaN for an unknown normal, which fails the test.
+  const double cosine = Dot(normal, pixel.normal);
+  if (!(cosine > limits.min_normal_cosine)) return false;
+
+  *match = {col, row, sighting.homogeneous, normal, 0};
+  if (limits.dynamic_consistency) {
+    // Exact for small angles, unlike the arc cosine.
+    const double angle = std::atan2(Norm(Cross(normal, pixel.normal)), cosine);
+    match->agreement = std::exp(-(std::sqrt(sighting.squared_px) + 200 * sighting.relative_depth + 10 * angle));
+  }
+  return true;
 }
 
 /// Finds the pixel of a source that agrees with a reference pixel and that no earlier view has used.
 template <class View>
 ACMP_HOST_DEVICE inline bool MatchPixel(const FusionSource<View>& source, const FusionLimits& limits, Stamp current,
                                         const ReferencePixel& pixel, PixelMatch* match) {
-  if (!LocateInSource(source, pixel.homogeneous, &match->col, &match->row)) return false;
-  if (IsUsed(source.stamps, current, match->col, match->row)) return false;
-  const float source_depth = source.view.Depth(match->col, match->row);
-  if (!IsKnown(source_depth) || source.view.IsGuess(match->col, match->row)) return false;
-
-  const Vec3d source_homogeneous =
-      source_depth * Vec3d{static_cast<double>(match->col), static_cast<double>(match->row), 1};
-  const Vec3d back = source.geometry.to_reference * source_homogeneous + source.geometry.to_reference_offset;
-  // A point behind the reference needs no test of its own: it misses the limit on depths, which is below 1.
-  const double dx = back.x / back.z - pixel.col, dy = back.y / back.z - pixel.row;
-  const double squared_px = dx * dx + dy * dy;
-  if (!(squared_px < limits.max_squared_px)) return false;
-  const double relative_depth = std::fabs(back.z - pixel.depth) / pixel.depth;
-  if (!(relative_depth < limits.max_relative_depth)) return false;
-  const Vec3d normal =
-      Normalized(source.geometry.target_from_camera * AsDouble(source.view.Normal(match->col, match->row)));
-  // The cosine is NaN for an unknown normal, which fails the test.
-  const double cosine = Dot(normal, pixel.normal);
-  if (!(cosine > limits.min_normal_cosine)) return false;
-
-  match->homogeneous = back;
-  match->normal = normal;
-  match->angle_versine = TriangulationVersine(pixel, source.geometry.center);
-  match->agreement = 0;
-  if (limits.dynamic_consistency) {
-    // Exact for small angles, unlike the arc cosine.
-    const double angle = std::atan2(Norm(Cross(normal, pixel.normal)), cosine);
-    match->agreement = std::exp(-(std::sqrt(squared_px) + 200 * relative_depth + 10 * angle));
-  }
-  return true;
+  SourcePlace place;
+  Sighting sighting;
+  return LocateInSource(source, pixel.homogeneous, &place) && LookBack(source, pixel, place, &sighting) &&
+         MatchSighting(source, limits, current, pixel, sighting, match);
 }
 
 /// Number of source views that agree with the pixel; 0 without depth or normal.

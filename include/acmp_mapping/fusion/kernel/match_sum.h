@@ -1,7 +1,7 @@
 #pragma once
 
-#include "acmp_mapping/fusion/kernel/confidence.h"
 #include "acmp_mapping/fusion/kernel/match_pixel.h"
+#include "acmp_mapping/fusion/kernel/surface_unevenness.h"
 #include "acmp_mapping/fusion/point_cloud.h"
 
 namespace acmp {
@@ -11,10 +11,10 @@ template <int kMaxSources>
 struct MatchSum {
   int count;                                  ///< of matches
   double agreement;                           ///< of the matches
+  ViewEvidence evidence;                      ///< of all sources, used by earlier views or not
   Vec3d homogeneous;                          ///< z (u, v, 1) in the reference; as all below with the reference pixel
   Vec3d normal;                               ///< target frame
   unsigned red, green, blue, num_colors;      ///< of the pixels whose view has colours
-  float versines[kMaxSources];                ///< the first `count` are those of the matches
   uint32_t matched[(kMaxSources + 31) / 32];  ///< a bit per source
 };
 
@@ -40,6 +40,7 @@ template <class View, int kMaxSources>
 ACMP_HOST_DEVICE inline void StartSum(const View& reference, const ReferencePixel& pixel, MatchSum<kMaxSources>* sum) {
   sum->count = 0;
   sum->agreement = 0;
+  sum->evidence = {};
   sum->homogeneous = pixel.homogeneous;
   sum->normal = pixel.normal;
   sum->red = sum->green = sum->blue = sum->num_colors = 0;
@@ -50,7 +51,6 @@ ACMP_HOST_DEVICE inline void StartSum(const View& reference, const ReferencePixe
 template <class View, int kMaxSources>
 ACMP_HOST_DEVICE inline void AddMatch(const View& view, int source, const PixelMatch& match,
                                       MatchSum<kMaxSources>* sum) {
-  sum->versines[sum->count] = match.angle_versine;
   ++sum->count;
   sum->agreement += match.agreement;
   sum->homogeneous = sum->homogeneous + match.homogeneous;
@@ -64,26 +64,32 @@ template <class View, int kMaxSources>
 ACMP_HOST_DEVICE inline void SumMatches(const FusionContext<View>& context, const ReferencePixel& pixel,
                                         MatchSum<kMaxSources>* sum) {
   StartSum(context.reference, pixel, sum);
-  PixelMatch match;
   for (int i = 0; i < context.num_sources; ++i) {
     const FusionSource<View>& source = context.sources[i];
-    if (MatchPixel(source, context.limits, context.current, pixel, &match)) AddMatch(source.view, i, match, sum);
+    SourcePlace place;
+    if (!LocateInSource(source, pixel.homogeneous, &place)) continue;
+    ++sum->evidence.views;
+    Sighting sighting;
+    if (!LookBack(source, pixel, place, &sighting)) continue;
+    AddEvidence(source, pixel, sighting, &sum->evidence);
+    PixelMatch match;
+    if (MatchSighting(source, context.limits, context.current, pixel, sighting, &match)) {
+      AddMatch(source.view, i, match, sum);
+    }
   }
 }
 
-/// True when the matches suffice to keep the pixel.
+/// True when the matches suffice to keep the pixel, if it is confident enough.
 template <int kMaxSources>
-ACMP_HOST_DEVICE inline bool Accepts(const FusionLimits& limits, const MatchSum<kMaxSources>& sum) {
+ACMP_HOST_DEVICE inline bool HasEnoughMatches(const FusionLimits& limits, const MatchSum<kMaxSources>& sum) {
   return limits.dynamic_consistency ? sum.agreement > 0.3 * sum.count : sum.count >= limits.min_consistent_views;
 }
 
-/// The confidence of the pixel; sorts the versines.
 template <class View, int kMaxSources>
-ACMP_HOST_DEVICE inline float Confidence(const View& reference, const ReferencePixel& pixel,
-                                         MatchSum<kMaxSources>* sum) {
-  constexpr double kDegreesPerRadian = 180 / 3.14159265358979323846;
-  const double angle_deg = kDegreesPerRadian * MedianAngle(sum->versines, sum->count);
-  return ComputeConfidence(reference.Cost(pixel.col, pixel.row), sum->count, static_cast<float>(angle_deg));
+ACMP_HOST_DEVICE inline double Confidence(const FusionContext<View>& context, const ReferencePixel& pixel,
+                                          const MatchSum<kMaxSources>& sum) {
+  return ComputeConfidence(context.reference.Cost(pixel.col, pixel.row), sum.evidence,
+                           SurfaceUnevenness(context, pixel));
 }
 
 /// Sum over count, rounded to nearest; 0 of none.
@@ -94,7 +100,7 @@ ACMP_HOST_DEVICE inline unsigned char RoundedMean(unsigned sum, unsigned count) 
 /// Mean of the pixel and its matches, target frame.
 template <int kMaxSources>
 ACMP_HOST_DEVICE inline SurfacePoint Average(const ReferenceGeometry& geometry, const ReferencePixel& pixel,
-                                             const MatchSum<kMaxSources>& sum, float confidence) {
+                                             const MatchSum<kMaxSources>& sum, double confidence) {
   const Vec3d mean = (1.0 / (1 + sum.count)) * sum.homogeneous;
   // With limits near 180 degrees normals may cancel; the reference's own is then as good as any.
   const bool cancels = !(Norm(sum.normal) > 1e-6);
@@ -103,7 +109,7 @@ ACMP_HOST_DEVICE inline SurfacePoint Average(const ReferenceGeometry& geometry, 
   point.normal = AsFloat(cancels ? pixel.normal : Normalized(sum.normal));
   point.color = {RoundedMean(sum.red, sum.num_colors), RoundedMean(sum.green, sum.num_colors),
                  RoundedMean(sum.blue, sum.num_colors)};
-  point.confidence = confidence;
+  point.confidence = static_cast<float>(confidence);
   return point;
 }
 
