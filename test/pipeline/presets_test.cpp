@@ -33,7 +33,6 @@ TEST(PresetsTest, AreTheSystemsOfThePaper) {
   for (const PipelineOptions& paper : {acmh, no_geometric, acmp}) {
     EXPECT_EQ(paper.start_level, 0);
     EXPECT_EQ(paper.full_size_iterations, 0);
-    EXPECT_EQ(paper.patch_match.candidate_view_votes, 2);
   }
 }
 
@@ -74,11 +73,11 @@ TEST(PresetsTest, DefaultOptionsAreAcmp) { EXPECT_THAT(Differences({}, MakePrese
 TEST(PresetsTest, DifferInWhatTheyAreNamedFor) {
   using ::testing::UnorderedElementsAre;
   const auto from_acmp = [](const char* name) { return Differences(MakePreset("acmp"), MakePreset(name)); };
-  EXPECT_THAT(from_acmp("acmh"), UnorderedElementsAre("use_planar_prior", "completion"));
+  EXPECT_THAT(from_acmp("acmh"), UnorderedElementsAre("use_planar_prior", "completion", "candidate_view_votes"));
   EXPECT_THAT(from_acmp("acmp_no_geometric"), UnorderedElementsAre("geometric_passes", "completion"));
   EXPECT_THAT(from_acmp("acmmp"), UnorderedElementsAre("start_level", "full_size_iterations"));
   EXPECT_THAT(Differences(MakePreset("acmmp"), MakePreset("acmm")),
-              UnorderedElementsAre("use_planar_prior", "completion"));
+              UnorderedElementsAre("use_planar_prior", "completion", "candidate_view_votes"));
   EXPECT_THAT(
       from_acmp("quality"),
       UnorderedElementsAre("start_level", "full_size_iterations", "planar_prior_iterations", "geometric_iterations",
