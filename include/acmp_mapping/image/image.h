@@ -67,9 +67,8 @@ class Image {
 
   ImageView<T> View() { return {data(), width_, height_, width_}; }
   ImageView<const T> View() const { return {data(), width_, height_, width_}; }
-  operator ImageView<const T>() const {
-    return View();
-  }  // NOLINT(google-explicit-constructor): as string to string_view
+  // NOLINTNEXTLINE(google-explicit-constructor): as string to string_view
+  operator ImageView<const T>() const { return View(); }
 
   auto begin() { return pixels_.begin(); }
   auto end() { return pixels_.end(); }
