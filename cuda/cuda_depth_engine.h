@@ -1,0 +1,112 @@
+#pragma once
+
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "completion_runner.h"
+#include "engine_handles.h"
+#include "fusion_runner.h"
+#include "map_kernels.h"
+#include "pass_runner.h"
+#include "staged_copy.h"
+
+namespace acmp {
+
+/// The engine of one GPU (see DepthEngine); those that Share() made have the device in common.
+class CudaDepthEngine final : public DepthEngine {
+ public:
+  explicit CudaDepthEngine(const CudaDevicePtr& device) : runner_(device), completion_(device), fusion_(device) {}
+
+  std::unique_ptr<DepthEngine> Share() override;
+  EngineImagePtr Load(const FramePtr& frame, int levels) override;
+  EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options, int level) override;
+  EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
+                                   const EngineEstimatePtr& start, const PriorMesh& prior) override;
+  EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
+                                 const EngineEstimatePtr& start, int pass) override;
+  EngineEstimatePtr Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) override;
+  std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
+                                              const PlanarPriorOptions& options) override;
+  EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) override;
+  ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
+                                        const FusionOptions& options) override;
+  ConfidenceMap MeasureConfidence(const EngineView& reference, const std::vector<EngineView>& sources,
+                                  const FusionOptions& options) override;
+  std::unique_ptr<FusionStamps> MakeFusionStamps() override;
+  PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources, const FusionOptions& options,
+                      FusionStamps* stamps) override;
+
+  EstimateMaps Download(const EngineEstimatePtr& estimate) override;
+  EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
+  EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override;
+  EngineEstimatePtr Import(const EngineEstimatePtr& estimate) override;
+  EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) override;
+
+  double TakeDeviceMs() override { return std::exchange(device_ms_, 0.0); }
+  size_t DeviceBytes() const override { return runner_.device()->Bytes(); }
+  size_t FreeDeviceBytes() const override;
+  std::string device_name() const override;
+
+ private:
+  CudaDevice& device() const { return *runner_.device(); }
+  const CudaStream& stream() const { return runner_.stream(); }
+
+  template <class Handle, class Base>
+  const Handle& Cast(const std::shared_ptr<const Base>& handle) const {
+    const auto* cast = dynamic_cast<const Handle*>(handle.get());
+    if (cast == nullptr || cast->device != runner_.device().get()) {
+      throw InvalidInputError("a handle is null or belongs to another device");
+    }
+    return *cast;
+  }
+
+  /// Runs `work` with the device selected for this thread; after a failure nothing is left under way.
+  template <class Work>
+  auto OnDevice(const Work& work) -> decltype(work()) {
+    device().MakeCurrent();
+    try {
+      return work();
+    } catch (...) {
+      cudaStreamSynchronize(stream().get());  // queued work must not outlive the memory it uses
+      cudaGetLastError();
+      throw;
+    }
+  }
+
+  EngineImagePtr LoadLevels(const Frame& frame, int levels);
+  PatchMatchProblem MakeProblem(const EngineProblem& problem, int level) const;
+  template <Pass kPass>
+  EngineEstimatePtr RunPass(const EngineProblem& problem, const PatchMatchOptions& options, int level,
+                            const CudaEstimate* start, const PriorMesh* prior, int geometric_pass, int iterations);
+  PassData MakePassData(const EngineProblem& problem, int level, const CudaEstimate& estimate) const;
+  void AddSourceDepths(const EngineProblem& problem, PassData* data) const;
+  void UploadPrior(const PriorMesh& mesh);
+  /// Draws the uploaded triangles.
+  const PlaneHypothesis* QueuePrior(const PatchMatchProblem& match, int triangles);
+  /// The estimate's depths, and the wait for all that was queued.
+  void FinishEstimate(const PinholeCamera& camera, const CudaEstimate& estimate);
+  std::vector<SupportPoint> FindCells(const CudaEstimate& maps, const DepthRange& range,
+                                      const PlanarPriorOptions& options);
+
+  static PosedCamera PosedCameraOf(const EngineView& view);
+  /// Without colours.
+  DeviceFusionView GeometryMapsOf(const EngineView& view);
+  DeviceFusionView FusionMapsOf(const EngineView& view);
+  ImageView<const Rgb> ColorOf(const EngineView& view);
+  ImageView<Stamp> StampsOf(const Frame& frame, CudaStamps* stamps);
+
+  PassRunner runner_;
+  CompletionRunner completion_;
+  FusionRunner fusion_;
+  CudaEvent begin_, end_;
+  PinnedBuffer staging_;
+  StagedDownload download_;
+  DeviceArray<PlaneHypothesis> prior_;
+  DeviceArray<PriorTriangle> triangles_;
+  DeviceArray<SupportPoint> cells_;
+  double device_ms_ = 0;
+};
+
+}  // namespace acmp

@@ -1,0 +1,136 @@
+// CudaDepthEngine: what compares the maps of several views.
+
+#include "cuda_depth_engine.h"
+
+namespace acmp {
+namespace {
+
+void CheckFrame(const EngineView& view) {
+  if (!view.frame) throw InvalidInputError("frame: must not be null");
+}
+
+}  // namespace
+
+PosedCamera CudaDepthEngine::PosedCameraOf(const EngineView& view) {
+  CheckFrame(view);
+  return {view.frame->camera, view.frame->cam_from_world};
+}
+
+DeviceFusionView CudaDepthEngine::GeometryMapsOf(const EngineView& view) {
+  CheckFrame(view);
+  const CudaEstimate& estimate = Cast<CudaEstimate>(view.estimate);
+  CheckSize("estimate", estimate.width, estimate.height, view.frame->camera);
+  return {estimate.DepthView(), estimate.PlaneView(), estimate.CostView(), {}};
+}
+
+DeviceFusionView CudaDepthEngine::FusionMapsOf(const EngineView& view) {
+  DeviceFusionView maps = GeometryMapsOf(view);
+  maps.color = ColorOf(view);
+  return maps;
+}
+
+ImageView<const Rgb> CudaDepthEngine::ColorOf(const EngineView& view) {
+  const ColorImage& color = view.frame->color;
+  if (color.empty()) return {};
+  const CudaImage& image = Cast<CudaImage>(view.image);
+  const std::lock_guard<std::mutex> lock(image.color_mutex);
+  if (image.color.size() == 0) {
+    DeviceArray<Rgb> copy(runner_.device(), color.size());
+    Rgb* staged = staging_.Reserve<Rgb>(color.size());
+    ParallelCopy(color.data(), color.size(), staged);
+    copy.Upload(staged, color.size(), stream());
+    stream().Synchronize();
+    image.color = std::move(copy);
+  }
+  return {image.color.data(), color.width(), color.height(), color.width()};
+}
+
+EngineEstimatePtr CudaDepthEngine::Complete(const EngineProblem& problem, const CompletionOptions& options) {
+  Validate(options);
+  CheckDepthRange("depth range of the completion", problem.depth_range);
+  const CudaEstimate& start = Cast<CudaEstimate>(problem.reference.estimate);
+  return OnDevice([&] {
+    FusionSetup<DeviceFusionView> setup(PosedCameraOf(problem.reference), GeometryMapsOf(problem.reference),
+                                        ConfirmationLimits(options), RigidTransform::Identity());
+    for (const EngineView& source : problem.sources) {
+      if (source.estimate) setup.AddSource(PosedCameraOf(source), GeometryMapsOf(source));
+    }
+    if (setup.sources().empty()) return problem.reference.estimate;
+    const PinholeCamera& camera = problem.reference.frame->camera;
+    auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
+    begin_.Record(stream());
+    estimate->planes.CopyFrom(start.planes, estimate->Pixels(), stream());
+    estimate->cost.CopyFrom(start.cost, estimate->Pixels(), stream());
+    const int num_sources = static_cast<int>(setup.sources().size());
+    completion_.Queue(setup, MakeCompletionContext(camera, problem.depth_range, options, num_sources),
+                      {estimate->planes.data(), camera.width, camera.height, camera.width}, estimate->cost.data(),
+                      stream());
+    FinishEstimate(camera, *estimate);
+    device_ms_ += CudaEvent::ElapsedMs(begin_, end_);
+    return EngineEstimatePtr(estimate);
+  });
+}
+
+ConsistencyResult CudaDepthEngine::FilterByConsistency(const EngineView& reference,
+                                                       const std::vector<EngineView>& sources,
+                                                       const FusionOptions& options) {
+  return OnDevice([&] {
+    FusionSetup<DeviceFusionView> setup(PosedCameraOf(reference), FusionMapsOf(reference), MakeFusionLimits(options),
+                                        RigidTransform::Identity());
+    for (const EngineView& source : sources) {
+      if (source.estimate) setup.AddSource(PosedCameraOf(source), FusionMapsOf(source));
+    }
+    return fusion_.Filter(setup, stream());
+  });
+}
+
+ConfidenceMap CudaDepthEngine::MeasureConfidence(const EngineView& reference, const std::vector<EngineView>& sources,
+                                                 const FusionOptions& options) {
+  return OnDevice([&] {
+    FusionSetup<DeviceFusionView> setup(PosedCameraOf(reference), GeometryMapsOf(reference), MakeFusionLimits(options),
+                                        RigidTransform::Identity());
+    for (const EngineView& source : sources) {
+      if (source.estimate) setup.AddSource(PosedCameraOf(source), GeometryMapsOf(source));
+    }
+    return fusion_.MeasureConfidence(setup, stream());
+  });
+}
+
+ImageView<Stamp> CudaDepthEngine::StampsOf(const Frame& frame, CudaStamps* stamps) {
+  const int width = frame.camera.width, height = frame.camera.height;
+  auto found = stamps->by_frame.find(frame.id);
+  if (found == stamps->by_frame.end()) {
+    static_assert(kUnusedStamp == 0xffff, "both bytes are set to 0xff");
+    DeviceArray<Stamp> unused(runner_.device(), static_cast<size_t>(width) * height);
+    CudaCheck(cudaMemsetAsync(unused.data(), 0xff, unused.size() * sizeof(Stamp), stream().get()), "reset stamps");
+    found = stamps->by_frame.emplace(frame.id, std::move(unused)).first;
+  }
+  return {found->second.data(), width, height, width};
+}
+
+PointCloud CudaDepthEngine::FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
+                                     const FusionOptions& options, FusionStamps* stamps) {
+  auto* device_stamps = dynamic_cast<CudaStamps*>(stamps);
+  if (device_stamps == nullptr || device_stamps->device != runner_.device().get()) {
+    throw InvalidInputError("stamps: null or of another device");
+  }
+  CheckRange("number of fused views", device_stamps->next + 1, 1, kMaxFusionViews);
+  return OnDevice([&] {
+    FusionSetup<DeviceFusionView> setup(PosedCameraOf(reference), FusionMapsOf(reference), MakeFusionLimits(options),
+                                        reference.frame->cam_from_world.inverse());
+    setup.SetStamps(StampsOf(*reference.frame, device_stamps), device_stamps->next++);
+    for (const EngineView& source : sources) {
+      if (!source.estimate) continue;
+      setup.AddSource(PosedCameraOf(source), FusionMapsOf(source), StampsOf(*source.frame, device_stamps));
+    }
+    return fusion_.Fuse(setup, reference.frame->camera.width, reference.frame->camera.height, stream());
+  });
+}
+
+std::unique_ptr<FusionStamps> CudaDepthEngine::MakeFusionStamps() {
+  auto stamps = std::make_unique<CudaStamps>();
+  stamps->device = runner_.device().get();
+  return stamps;
+}
+
+}  // namespace acmp

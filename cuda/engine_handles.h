@@ -1,0 +1,67 @@
+#pragma once
+
+#include <map>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/fusion/kernel/fusion_context.h"
+#include "acmp_mapping/pipeline/depth_engine.h"
+#include "cuda_device.h"
+#include "pass_runner.h"
+
+namespace acmp {
+
+/// An image's levels as layers of textures.
+struct CudaImage final : EngineImage {
+  const CudaDevice* device = nullptr;
+  std::vector<std::unique_ptr<ImageLayer>> levels;
+  mutable std::mutex color_mutex;
+  mutable DeviceArray<Rgb> color;  ///< copied when it is first asked for: matching does without
+
+  int Layer(int level) const {
+    if (level >= static_cast<int>(levels.size())) {
+      throw InvalidInputError(Concat("level = ", level, ": the image was loaded with ", levels.size() - 1));
+    }
+    return levels[static_cast<size_t>(level)]->layer();
+  }
+};
+
+/// Planes, costs and the planes' depths in device memory.
+struct CudaEstimate final : EngineEstimate {
+  CudaEstimate(const CudaDevicePtr& device, const PinholeCamera& camera)
+      : CudaEstimate(device, camera.width, camera.height) {}
+  CudaEstimate(const CudaDevicePtr& device, int width, int height)
+      : device(device.get()),
+        width(width),
+        height(height),
+        planes(device, Pixels()),
+        cost(device, Pixels()),
+        depth(device, Pixels()) {}
+
+  size_t Pixels() const { return static_cast<size_t>(width) * height; }
+  ImageView<const PlaneHypothesis> PlaneView() const { return {planes.data(), width, height, width}; }
+  ImageView<const float> CostView() const { return {cost.data(), width, height, width}; }
+  ImageView<const float> DepthView() const { return {depth.data(), width, height, width}; }
+
+  const CudaDevice* device;
+  int width, height;
+  DeviceArray<PlaneHypothesis> planes;
+  DeviceArray<float> cost, depth;
+};
+
+struct CudaStamps final : FusionStamps {
+  const CudaDevice* device = nullptr;
+  std::map<int64_t, DeviceArray<Stamp>> by_frame;
+  Stamp next = 0;
+};
+
+/// Throws InvalidInputError unless the size is the camera's.
+inline void CheckSize(const char* name, int width, int height, const PinholeCamera& camera) {
+  if (width == camera.width && height == camera.height) return;
+  throw InvalidInputError(
+      Concat(name, ": ", width, " x ", height, " px, but the camera has ", camera.width, " x ", camera.height));
+}
+
+}  // namespace acmp
