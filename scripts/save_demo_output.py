@@ -120,6 +120,14 @@ def call(name, kind, deadline, *arguments):
     return answer
 
 
+def rounded(value):
+    """A number without decimals; text, as latencies have it, as it is."""
+    try:
+        return "%.0f" % float(value)
+    except ValueError:
+        return value
+
+
 def run(arguments):
     deadline = time.monotonic() + arguments.timeout
     with rosbag.Bag(arguments.bag) as bag:
@@ -140,7 +148,7 @@ def run(arguments):
     print("matched on %s at %s px; the last keyframe:" % (saver.status.get("device"), saver.status.get("matched size [px]")))
     for key, value in sorted(saver.status.items()):
         if key.endswith("[ms]"):
-            print("  %s %.0f" % (key, float(value)))
+            print("  %s %s" % (key, rounded(value)))
     print("%d images played; received: %s" % (len(stamps), ", ".join(
         "%d %s" % (count, kind) for kind, count in sorted(saver.counts.items()))))
     print("map: %d points in %s" % (points, map_path))

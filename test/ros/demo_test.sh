@@ -1,0 +1,30 @@
+#!/bin/bash
+# What scripts/demo.sh does after the build, with a small bag: demo.launch plays it, save_demo_output.py saves the maps.
+# Usage: demo_test.sh SOURCE_FOLDER BUILD_FOLDER ACMP_MAKE_BAG
+set -euo pipefail
+folder=$(mktemp -d)
+launch=
+trap 'if [ -n "$launch" ]; then kill -TERM "$launch" || true; wait "$launch" || true; fi; rm -rf "$folder"' EXIT
+# shellcheck source=scripts/ros_environment.sh
+source "$1/scripts/ros_environment.sh" "$2"
+"$3" --synthetic "$folder/room.bag" --width 64 --height 48
+port=$(/usr/bin/python3 -c 'import socket; s = socket.socket(); s.bind(("", 0)); print(s.getsockname()[1])')
+export ROS_MASTER_URI=http://localhost:$port
+topics="/camera/image_raw /camera/camera_info /slam/pose /slam/sparse_points"
+roslaunch --port "$port" acmp_mapping demo.launch bag:="$folder/room.bag" rviz:=false device:=cpu \
+  play_args:="--wait-for-subscribers --quiet --topics $topics" >"$folder/roslaunch.log" 2>&1 </dev/null &
+launch=$!
+"$1/scripts/save_demo_output.py" "$folder/room.bag" "$folder" --timeout 200 >"$folder/saved" &
+saver=$!
+code=0
+wait -n -p ended "$launch" "$saver" || code=$?
+if [ "$ended" = "$launch" ] || [ "$code" -ne 0 ]; then  # without roslaunch the saver would wait in vain
+  kill "$saver" 2>/dev/null || true
+  cat "$folder/saved" "$folder/roslaunch.log"
+  exit 1
+fi
+cat "$folder/saved"
+grep -q "^14 images played; received: .*14 depth" "$folder/saved"
+grep -q "latency of refined depth maps \[ms\] median" "$folder/saved"
+test -s "$folder/map.ply"
+test "$(find "$folder/depth" -name '*.pfm' | wc -l)" -eq 14
