@@ -95,6 +95,11 @@ class CudaDepthEngine final : public DepthEngine {
   DeviceFusionView GeometryMapsOf(const EngineView& view);
   DeviceFusionView FusionMapsOf(const EngineView& view);
   ImageView<const Rgb> ColorOf(const EngineView& view);
+  /// The reference's estimate against the sources' in the reference's camera frame.
+  /// @param maps_of GeometryMapsOf or FusionMapsOf
+  FusionSetup<DeviceFusionView> SetUp(const EngineView& reference, const std::vector<EngineView>& sources,
+                                      const FusionLimits& limits,
+                                      DeviceFusionView (CudaDepthEngine::*maps_of)(const EngineView&));
   ImageView<Stamp> StampsOf(const Frame& frame, CudaStamps* stamps);
 
   PassRunner runner_;

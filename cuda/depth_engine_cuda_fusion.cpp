@@ -45,16 +45,24 @@ ImageView<const Rgb> CudaDepthEngine::ColorOf(const EngineView& view) {
   return {image.color.data(), color.width(), color.height(), color.width()};
 }
 
+FusionSetup<DeviceFusionView> CudaDepthEngine::SetUp(const EngineView& reference,
+                                                     const std::vector<EngineView>& sources, const FusionLimits& limits,
+                                                     DeviceFusionView (CudaDepthEngine::*maps_of)(const EngineView&)) {
+  FusionSetup<DeviceFusionView> setup(PosedCameraOf(reference), (this->*maps_of)(reference), limits,
+                                      RigidTransform::Identity());
+  for (const EngineView& source : sources) {
+    if (source.estimate) setup.AddSource(PosedCameraOf(source), (this->*maps_of)(source));
+  }
+  return setup;
+}
+
 EngineEstimatePtr CudaDepthEngine::Complete(const EngineProblem& problem, const CompletionOptions& options) {
   Validate(options);
   CheckDepthRange("depth range of the completion", problem.depth_range);
   const CudaEstimate& start = Cast<CudaEstimate>(problem.reference.estimate);
   return OnDevice([&] {
-    FusionSetup<DeviceFusionView> setup(PosedCameraOf(problem.reference), GeometryMapsOf(problem.reference),
-                                        ConfirmationLimits(options), RigidTransform::Identity());
-    for (const EngineView& source : problem.sources) {
-      if (source.estimate) setup.AddSource(PosedCameraOf(source), GeometryMapsOf(source));
-    }
+    const FusionSetup<DeviceFusionView> setup =
+        SetUp(problem.reference, problem.sources, ConfirmationLimits(options), &CudaDepthEngine::GeometryMapsOf);
     if (setup.sources().empty()) return problem.reference.estimate;
     const PinholeCamera& camera = problem.reference.frame->camera;
     auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
@@ -75,24 +83,16 @@ ConsistencyResult CudaDepthEngine::FilterByConsistency(const EngineView& referen
                                                        const std::vector<EngineView>& sources,
                                                        const FusionOptions& options) {
   return OnDevice([&] {
-    FusionSetup<DeviceFusionView> setup(PosedCameraOf(reference), FusionMapsOf(reference), MakeFusionLimits(options),
-                                        RigidTransform::Identity());
-    for (const EngineView& source : sources) {
-      if (source.estimate) setup.AddSource(PosedCameraOf(source), FusionMapsOf(source));
-    }
-    return fusion_.Filter(setup, stream());
+    return fusion_.Filter(SetUp(reference, sources, MakeFusionLimits(options), &CudaDepthEngine::FusionMapsOf),
+                          stream());
   });
 }
 
 ConfidenceMap CudaDepthEngine::MeasureConfidence(const EngineView& reference, const std::vector<EngineView>& sources,
                                                  const FusionOptions& options) {
   return OnDevice([&] {
-    FusionSetup<DeviceFusionView> setup(PosedCameraOf(reference), GeometryMapsOf(reference), MakeFusionLimits(options),
-                                        RigidTransform::Identity());
-    for (const EngineView& source : sources) {
-      if (source.estimate) setup.AddSource(PosedCameraOf(source), GeometryMapsOf(source));
-    }
-    return fusion_.MeasureConfidence(setup, stream());
+    return fusion_.MeasureConfidence(
+        SetUp(reference, sources, MakeFusionLimits(options), &CudaDepthEngine::GeometryMapsOf), stream());
   });
 }
 
