@@ -221,4 +221,14 @@ inline DenseMapperOptions RandomOptions(std::mt19937* random) {
   return options;
 }
 
+/// The calls of a pass on a keyframe.
+inline std::vector<FakePatchMatch::Call> CallsOf(const FakePatchMatch& patch_match, const std::string& pass,
+                                                 int64_t id) {
+  std::vector<FakePatchMatch::Call> calls;
+  for (const auto& call : patch_match.calls) {
+    if (call.pass == pass && call.reference == id) calls.push_back(call);
+  }
+  return calls;
+}
+
 }  // namespace acmp

@@ -1,8 +1,5 @@
 #include "acmp_mapping/pipeline/dense_mapper.h"
 
-#include <limits>
-#include <new>
-
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -11,7 +8,6 @@
 namespace acmp {
 namespace {
 
-using ::testing::AllOf;
 using ::testing::Each;
 using ::testing::ElementsAre;
 using ::testing::Ge;
@@ -19,18 +15,9 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
 using ::testing::UnorderedElementsAre;
-using Strings = std::vector<std::string>;
 
 constexpr float kFastDepth = static_cast<float>(kWallDepth * FakePatchMatch::kFastError);
 constexpr float kRefinedDepth = static_cast<float>(kWallDepth);
-
-std::vector<FakePatchMatch::Call> CallsOf(const FakePatchMatch& patch_match, const std::string& pass, int64_t id) {
-  std::vector<FakePatchMatch::Call> calls;
-  for (const auto& call : patch_match.calls) {
-    if (call.pass == pass && call.reference == id) calls.push_back(call);
-  }
-  return calls;
-}
 
 TEST(DenseMapperTest, FirstKeyframesWaitThenEachComesAtOnce) {
   MapperHarness harness(FakeOptions(6, 2));
@@ -198,238 +185,6 @@ TEST(DenseMapperTest, UsesThePriorWhenAskedTo) {
   MapperHarness harness(options);
   for (int id = 0; id <= 2; ++id) harness.Add(WallFrame(id));
   EXPECT_THAT(CallsOf(harness.patch_match, "prior", 1), SizeIs(1));
-}
-
-TEST(DenseMapperFlushTest, OneViewIsEnough) {
-  MapperHarness harness(FakeOptions(6, 2));
-  harness.Add(WallFrame(0));
-  harness.Add(WallFrame(1));
-  EXPECT_THAT(harness.Flush(), ElementsAre("fast 0", "fast 1", "refined 0", "refined 1"));
-  // And it goes on afterwards with what is in the window.
-  EXPECT_THAT(harness.Add(WallFrame(2)), ElementsAre("fast 2"));
-}
-
-TEST(DenseMapperFlushTest, ALoneKeyframeIsDropped) {
-  MapperHarness harness(FakeOptions(6, 2));
-  EXPECT_THAT(harness.Flush(), IsEmpty());
-  harness.Add(WallFrame(3));
-  EXPECT_THAT(harness.Flush(), ElementsAre("drop 3 no_source_views"));
-  EXPECT_THAT(harness.drops[0].message, AllOf(HasSubstr("keyframe 3"), HasSubstr("no other keyframe")));
-  EXPECT_FALSE(harness.drops[0].had_fast);
-  // It still serves as a source view of later ones.
-  harness.Add(WallFrame(4));
-  EXPECT_THAT(harness.Add(WallFrame(5)), ElementsAre("fast 4", "fast 5"));
-}
-
-TEST(DenseMapperResetTest, AccountsForEverythingAndForgetsIt) {
-  MapperHarness harness(FakeOptions(6, 2));
-  for (int id = 10; id <= 13; ++id) harness.Add(WallFrame(id));
-  EXPECT_THAT(harness.Reset(), ElementsAre("drop 12 reset", "drop 13 reset"));
-  EXPECT_TRUE(harness.drops[0].had_fast);
-  EXPECT_THAT(harness.drops[0].message, HasSubstr("keyframe 12"));
-  EXPECT_EQ(harness.mapper.unfinished(), 0u);
-  EXPECT_THAT(harness.Reset(), IsEmpty());
-  // Ids may start again, e.g. when a bag loops; the depth range is forgotten.
-  EXPECT_THAT(harness.Add(WallFrame(1, 0.35, {})), ElementsAre("drop 1 no_depth_range"));
-}
-
-TEST(DenseMapperIdTest, MustAscend) {
-  MapperHarness harness(FakeOptions(6, 2));
-  harness.Add(WallFrame(5));
-  for (const int64_t id : {5, 4, -1}) {
-    try {
-      harness.mapper.AddKeyframe(WallFrame(id));
-      FAIL() << id;
-    } catch (const InvalidInputError& error) {
-      EXPECT_THAT(error.what(), AllOf(HasSubstr(Concat("id = ", id)), HasSubstr("5")));
-    }
-  }
-  EXPECT_THROW(harness.mapper.AddKeyframe(nullptr), InvalidInputError);
-  EXPECT_EQ(harness.mapper.unfinished(), 1u);
-  harness.Add(WallFrame(100));
-  EXPECT_THAT(harness.Add(WallFrame(101)), Each(HasSubstr("fast")));
-}
-
-TEST(DenseMapperIdenticalPosesTest, DropsWithTheReasonWhenTheyLeaveTheWindow) {
-  MapperHarness harness(FakeOptions(3, 1));
-  for (int id = 0; id < 3; ++id) EXPECT_THAT(harness.Add(WallFrame(id, 1.0)), IsEmpty());
-  EXPECT_THAT(harness.Add(WallFrame(3, 1.0)), ElementsAre("drop 0 no_source_views"));
-  EXPECT_THAT(harness.drops[0].message,
-              AllOf(HasSubstr("keyframe 0"), HasSubstr("0 of 2"), HasSubstr("2 with no baseline")));
-  EXPECT_THAT(harness.Flush(),
-              ElementsAre("drop 1 no_source_views", "drop 2 no_source_views", "drop 3 no_source_views"));
-  EXPECT_THAT(harness.patch_match.calls, IsEmpty());
-}
-
-TEST(DenseMapperIdenticalPosesTest, GoesOnOnceTheCameraMoves) {
-  MapperHarness harness(FakeOptions(5, 1));
-  for (int id = 0; id < 3; ++id) harness.Add(WallFrame(id, 1.0));
-  EXPECT_THAT(harness.Add(WallFrame(3, 1.4)), ElementsAre("fast 3"));
-  EXPECT_THAT(harness.Add(WallFrame(4, 1.8)),
-              ElementsAre("fast 0", "fast 1", "fast 2", "fast 4", "refined 0", "refined 1", "refined 2", "refined 3"));
-  // Views at the same place never count as sources.
-  EXPECT_THAT(CallsOf(harness.patch_match, "photometric", 0)[0].sources, UnorderedElementsAre(3, 4));
-}
-
-TEST(DenseMapperIdenticalPosesTest, NamesTheAngleThatIsTooSmall) {
-  MapperHarness harness(FakeOptions(3, 1));
-  for (int id = 0; id < 3; ++id) harness.Add(WallFrame(id, 0.01 * id));  // 0.14 degrees at the wall's middle
-  EXPECT_THAT(harness.Flush(), SizeIs(3));
-  EXPECT_THAT(harness.drops[1].message,
-              AllOf(HasSubstr("2 below"), HasSubstr("1 degree"), HasSubstr("largest found: 0.1")));
-}
-
-TEST(DenseMapperDepthRangeTest, ComesFromTheLandmarksInView) {
-  const DenseMapperOptions options = FakeOptions(6, 2);
-  MapperHarness harness(options);
-  std::vector<Eigen::Vector3d> whole_map = WallLandmarks();
-  const double nan = std::numeric_limits<double>::quiet_NaN();
-  for (int i = 0; i < 5000; ++i) {
-    whole_map.insert(whole_map.end(), {{nan, nan, nan}, {0, 0, 0}, {0.3, 0, -1.0 - i}, {1000.0 + i, 0, 2}});
-  }
-  for (int id = 0; id < 3; ++id) harness.Add(WallFrame(id, 0.35 * id, whole_map));
-  ASSERT_THAT(harness.fast, SizeIs(3));
-  for (const auto& depth : harness.fast) {
-    EXPECT_FLOAT_EQ(depth->range.min, static_cast<float>(kWallDepth / options.depth_range.margin));
-    EXPECT_FLOAT_EQ(depth->range.max, static_cast<float>(kWallDepth * options.depth_range.margin));
-  }
-}
-
-TEST(DenseMapperDepthRangeTest, FallsBackToTheLastThenToTheOptions) {
-  DenseMapperOptions options = FakeOptions(6, 2);
-  options.fallback_depth_range = {1, 50};
-  MapperHarness harness(options);
-  harness.Add(WallFrame(0, 0, {}));
-  harness.Add(WallFrame(1));
-  harness.Add(WallFrame(2, 0.7, {}));
-  ASSERT_THAT(harness.fast, SizeIs(3));
-  EXPECT_EQ(harness.fast[0]->range.max, 50);
-  const auto from_landmarks = static_cast<float>(kWallDepth * options.depth_range.margin);
-  EXPECT_FLOAT_EQ(harness.fast[1]->range.max, from_landmarks);
-  EXPECT_FLOAT_EQ(harness.fast[2]->range.max, from_landmarks);
-}
-
-TEST(DenseMapperDepthRangeTest, DropsWithoutAny) {
-  const double nan = std::numeric_limits<double>::quiet_NaN();
-  const std::vector<std::vector<Eigen::Vector3d>> clouds = {
-      {},
-      std::vector<Eigen::Vector3d>(100, {nan, nan, nan}),
-      std::vector<Eigen::Vector3d>(100, {0, 0, 0}),
-      std::vector<Eigen::Vector3d>(100, {0, 0, -5}),
-      std::vector<Eigen::Vector3d>(100, {500, 0, 5}),
-  };
-  MapperHarness harness(FakeOptions(10, 2));
-  for (size_t i = 0; i < clouds.size(); ++i) {
-    const auto id = static_cast<int64_t>(i);
-    EXPECT_THAT(harness.Add(WallFrame(id, 0.35 * static_cast<double>(i), clouds[i])),
-                ElementsAre(Concat("drop ", i, " no_depth_range")));
-    EXPECT_THAT(harness.drops.back().message,
-                AllOf(HasSubstr(Concat("keyframe ", i)), HasSubstr(Concat(clouds[i].size(), " landmarks")),
-                      HasSubstr("no fallback")));
-  }
-  // They are source views all the same: the first keyframe with landmarks needs no further ones.
-  EXPECT_THAT(harness.Add(WallFrame(5)), ElementsAre("fast 5"));
-  EXPECT_THAT(harness.Add(WallFrame(6, 2.1, {})), ElementsAre("fast 6"));
-}
-
-TEST(DenseMapperFailureTest, OfAnEstimateDropsThatKeyframeOnly) {
-  const auto run = [](const std::function<void()>& fail) {
-    MapperHarness harness(FakeOptions(6, 1));
-    harness.patch_match.before_answer = [&](const FakePatchMatch::Call& call) {
-      if (call.reference == 3) fail();
-    };
-    Strings events;
-    for (int id = 0; id <= 5; ++id) {
-      for (const std::string& event : harness.Add(WallFrame(id))) events.push_back(event);
-    }
-    EXPECT_THAT(harness.drops, SizeIs(1));
-    EXPECT_FALSE(harness.drops[0].had_fast);
-    EXPECT_EQ(harness.mapper.unfinished(), 1u);
-    EXPECT_THAT(CallsOf(harness.patch_match, "photometric", 5)[0].sources, testing::Contains(3));
-    return std::make_pair(events, harness.drops[0].message);
-  };
-  const auto expected = [](const std::string& reason) {
-    return ElementsAre("fast 0", "fast 1", "fast 2", "refined 0", "refined 1", "drop 3 " + reason, "refined 2",
-                       "fast 4", "fast 5", "refined 4");
-  };
-  const auto device = run([] { throw ProcessingError("device lost"); });
-  EXPECT_THAT(device.first, expected("processing_error"));
-  EXPECT_THAT(device.second, HasSubstr("device lost"));
-  const auto input = run([] { throw InvalidInputError("x = 1: must be 2"); });
-  EXPECT_THAT(input.first, expected("invalid_input"));
-  EXPECT_THAT(input.second, HasSubstr("x = 1"));
-  const auto memory = run([] { throw std::bad_alloc(); });
-  EXPECT_THAT(memory.first, expected("processing_error"));
-  EXPECT_THAT(memory.second, HasSubstr("memory"));
-}
-
-TEST(DenseMapperFailureTest, OfARefinementKeepsTheFastMapForOthers) {
-  MapperHarness harness(FakeOptions(8, 3));
-  harness.patch_match.before_answer = [](const FakePatchMatch::Call& call) {
-    if (call.reference == 2 && call.pass == "geometric") throw ProcessingError("device lost");
-  };
-  for (int id = 0; id <= 6; ++id) harness.Add(WallFrame(id));
-  ASSERT_THAT(harness.drops, SizeIs(1));
-  EXPECT_EQ(harness.drops[0].id, 2);
-  EXPECT_TRUE(harness.drops[0].had_fast);
-  const auto call = CallsOf(harness.patch_match, "geometric", 3)[0];
-  for (size_t j = 0; j < call.sources.size(); ++j) {
-    EXPECT_FLOAT_EQ(call.source_depths[j], call.sources[j] <= 1 ? kRefinedDepth : kFastDepth);
-  }
-}
-
-TEST(DenseMapperFailureTest, BadFramesAreRefusedAndNeverBecomeSources) {
-  MapperHarness harness(FakeOptions(10, 1));
-  harness.Add(WallFrame(0));
-  Frame bad_pose = MakeWallFrame(1, 0.35);
-  bad_pose.cam_from_world.translation().y() = std::nan("");
-  EXPECT_THAT(harness.Add(std::make_shared<Frame>(std::move(bad_pose))), ElementsAre("drop 1 invalid_input"));
-  EXPECT_THAT(harness.drops.back().message, HasSubstr("keyframe 1"));
-  Frame bad_size = MakeWallFrame(2, 0.7);
-  bad_size.gray = GrayImage(23, 18);
-  EXPECT_THAT(harness.Add(std::make_shared<Frame>(std::move(bad_size))), ElementsAre("drop 2 invalid_input"));
-  EXPECT_THAT(harness.drops.back().message, AllOf(HasSubstr("23 x 18"), HasSubstr("24 x 18")));
-  Frame bad_color = MakeWallFrame(3, 0.7);
-  bad_color.color = ColorImage(1, 1);
-  EXPECT_THAT(harness.Add(std::make_shared<Frame>(std::move(bad_color))), ElementsAre("drop 3 invalid_input"));
-  Frame bad_camera = MakeWallFrame(4, 0.7);
-  bad_camera.camera.fx = 0;
-  EXPECT_THAT(harness.Add(std::make_shared<Frame>(std::move(bad_camera))), ElementsAre("drop 4 invalid_input"));
-  harness.Add(WallFrame(5, 0.5));
-  EXPECT_THAT(harness.Add(WallFrame(6, 1.0)), testing::Contains("fast 6"));
-  EXPECT_THAT(CallsOf(harness.patch_match, "photometric", 6)[0].sources, UnorderedElementsAre(0, 5));
-}
-
-TEST(DenseMapperEvictionTest, KeepsNothingButTheWindow) {
-  MapperHarness harness(FakeOptions(4, 2));
-  harness.keep_maps = false;
-  std::vector<std::weak_ptr<const Frame>> frames;
-  for (int id = 0; id < 30; ++id) {
-    FramePtr frame = WallFrame(id);
-    frames.push_back(frame);
-    harness.Add(std::move(frame));
-    for (int old = 0; old < id - 3; ++old) EXPECT_TRUE(frames[old].expired()) << old << " at " << id;
-  }
-  harness.Reset();
-  for (const auto& frame : frames) EXPECT_TRUE(frame.expired());
-}
-
-TEST(DenseMapperEvictionTest, RefinesOrDropsWhatLeavesAShrunkenWindow) {
-  MapperHarness harness(FakeOptions(8, 7));
-  for (int id = 0; id < 5; ++id) harness.Add(WallFrame(id));
-  harness.mapper.set_options(FakeOptions(3, 2));
-  // 0, 1 and 2 leave, with the estimates they have; 3 has only one later keyframe.
-  EXPECT_THAT(harness.Add(WallFrame(5)), ElementsAre("refined 0", "refined 1", "refined 2", "fast 5", "refined 3"));
-}
-
-TEST(DenseMapperEvictionTest, RefinementWithoutAnyViewLeftIsReported) {
-  MapperHarness harness(FakeOptions(2, 1, 1));
-  harness.Add(WallFrame(0, 0));
-  harness.Add(WallFrame(1, 0.35));
-  // 2 stands where 1 stands: 1 has its fast map from 0, which is gone.
-  EXPECT_THAT(harness.Add(WallFrame(2, 0.35)), ElementsAre("drop 1 no_source_views"));
-  EXPECT_TRUE(harness.drops[0].had_fast);
-  EXPECT_THAT(harness.drops[0].message, HasSubstr("no baseline"));
 }
 
 TEST(DenseMapperOptionsTest, AreCheckedAndKeptWhenBad) {

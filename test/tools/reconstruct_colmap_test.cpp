@@ -2,14 +2,8 @@
 
 #include <gmock/gmock.h>
 
-#include <sstream>
-
-#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
-#include "acmp_mapping/pipeline/host_depth_engine.h"
-#include "reconstruct.h"
-#include "tools/reconstruct_fake_matcher.h"
-#include "tools/reconstruct_fixture.h"
+#include "tools/reconstruct_run_fixture.h"
 
 namespace acmp {
 namespace {
@@ -18,19 +12,9 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-constexpr int kImages = 4;
-constexpr int kWidth = 20;
-constexpr int kHeight = 15;
-
-class ReconstructColmapTest : public ReconstructFixture {
+class ReconstructColmapTest : public ReconstructRunFixture {
  protected:
-  ReconstructColmapTest() {
-    WriteScene(kImages, kWidth, kHeight);
-    options_.scene = scene();
-    options_.output = output();
-    options_.colmap = true;
-    options_.device = "cpu";
-  }
+  ReconstructColmapTest() { options_.colmap = true; }
 
   /// The same scene as a COLMAP model with these image names.
   void WriteAsColmap(const std::vector<std::string>& names, const std::vector<ColmapModelPoint>& points) {
@@ -49,23 +33,9 @@ class ReconstructColmapTest : public ReconstructFixture {
     options_.depth_max = 5;
   }
 
-  void Run() {
-    HostDepthEngine engine(&fake_);
-    Reconstruct(
-        options_,
-        [&] {
-          return std::vector<ReconstructEngine>{{&engine, 0, true}};
-        },
-        &watcher_, &out_, &log_, false);
-  }
+  void Run() { ReconstructRunFixture::Run(&fake_); }
   std::string Workspace(const std::string& name) const { return ReadText(output() / "colmap" / name); }
   bool Has(const std::string& name) const { return std::filesystem::exists(output() / "colmap" / name); }
-
-  ReconstructOptions options_;
-  InterruptWatcher watcher_;
-  std::ostringstream out_;
-  std::ostringstream log_;
-  FakePatchMatch fake_;
 };
 
 TEST_F(ReconstructColmapTest, MapsAreThoseOfTheRunAtItsSize) {
