@@ -84,9 +84,11 @@ class CudaDepthEngine final : public DepthEngine {
   void AddSourceDepths(const EngineProblem& problem, PassData* data) const;
   void UploadPrior(const PriorMesh& mesh);
   /// Draws the uploaded triangles.
-  const PlaneHypothesis* QueuePrior(const PatchMatchProblem& match, int triangles);
-  /// The estimate's depths, and the wait for all that was queued.
-  void FinishEstimate(const PinholeCamera& camera, const CudaEstimate& estimate);
+  PriorMap QueuePrior(const PatchMatchProblem& match, int triangles);
+  /// The depths of the estimate's planes, and FinishDepths.
+  void FinishEstimate(const PinholeCamera& camera, CudaEstimate* estimate);
+  /// The estimate's halved depths, and the wait for all that was queued.
+  void FinishDepths(CudaEstimate* estimate);
   std::vector<SupportPoint> FindCells(const CudaEstimate& maps, const DepthRange& range,
                                       const PlanarPriorOptions& options);
 
@@ -108,8 +110,11 @@ class CudaDepthEngine final : public DepthEngine {
   CudaEvent begin_, end_;
   PinnedBuffer staging_;
   StagedDownload download_;
-  DeviceArray<PlaneHypothesis> prior_;
-  DeviceArray<PriorTriangle> triangles_;
+  DeviceArray<uint32_t> prior_numbers_;
+  DeviceArray<PlaneHypothesis> prior_planes_;  ///< of the triangles
+  DeviceArray<TriangleCorners> triangles_;
+  DeviceArray<float> largest_inverse_;
+  PinnedBuffer largest_inverse_on_host_;
   DeviceArray<SupportPoint> cells_;
   double device_ms_ = 0;
 };

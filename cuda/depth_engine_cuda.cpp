@@ -49,38 +49,55 @@ PassData CudaDepthEngine::MakePassData(const EngineProblem& problem, int level, 
 
 void CudaDepthEngine::AddSourceDepths(const EngineProblem& problem, PassData* data) const {
   for (const EngineView& source : problem.sources) {
-    data->source_depths.push_back(source.estimate ? Cast<CudaEstimate>(source.estimate).DepthView()
-                                                  : ImageView<const float>());
+    data->source_depths.push_back(source.estimate ? Cast<CudaEstimate>(source.estimate).Halved() : HalvedDepth());
   }
 }
 
 void CudaDepthEngine::UploadPrior(const PriorMesh& mesh) {
   const size_t count = mesh.triangles.size();
   triangles_.Reserve(runner_.device(), count);
-  PriorTriangle* staged = staging_.Reserve<PriorTriangle>(count);
+  prior_planes_.Reserve(runner_.device(), count);
+  if (count == 0) return;
+  auto* planes =
+      staging_.Reserve<PlaneHypothesis>(count + count * sizeof(TriangleCorners) / sizeof(PlaneHypothesis) + 1);
+  auto* corners = reinterpret_cast<TriangleCorners*>(planes + count);
   tbb::parallel_for(size_t{0}, count, [&](size_t i) {
-    staged[i].plane = mesh.planes[i];
+    planes[i] = mesh.planes[i];
     for (int k = 0; k < 3; ++k) {
       const SupportPoint& point = mesh.points[static_cast<size_t>(mesh.triangles[i].vertex[k])];
-      staged[i].corners.col[k] = point.col;
-      staged[i].corners.row[k] = point.row;
+      corners[i].col[k] = point.col;
+      corners[i].row[k] = point.row;
     }
   });
-  if (count > 0) triangles_.Upload(staged, count, stream());
+  prior_planes_.Upload(planes, count, stream());
+  triangles_.Upload(corners, count, stream());
 }
 
-const PlaneHypothesis* CudaDepthEngine::QueuePrior(const PatchMatchProblem& match, int triangles) {
+PriorMap CudaDepthEngine::QueuePrior(const PatchMatchProblem& match, int triangles) {
   const PinholeCamera& camera = match.reference.camera;
-  prior_.Reserve(runner_.device(), static_cast<size_t>(camera.width) * camera.height);
-  LaunchRasterizePrior(triangles_.data(), triangles, MakeRayGrid(camera), match.depth_range.min, match.depth_range.max,
-                       {prior_.data(), camera.width, camera.height, camera.width}, stream().get());
-  return prior_.data();
+  prior_numbers_.Reserve(runner_.device(), static_cast<size_t>(camera.width) * camera.height);
+  const ImageView<uint32_t> numbers = {prior_numbers_.data(), camera.width, camera.height, camera.width};
+  LaunchRasterizePrior({triangles_.data(), prior_planes_.data(), triangles}, MakeRayGrid(camera), match.depth_range.min,
+                       match.depth_range.max, numbers, stream().get());
+  return {{prior_planes_.data(), triangles, 1, triangles}, numbers};
 }
 
-void CudaDepthEngine::FinishEstimate(const PinholeCamera& camera, const CudaEstimate& estimate) {
-  LaunchToDepth(estimate.PlaneView(), MakeRayGrid(camera), estimate.depth.data(), stream().get());
+void CudaDepthEngine::FinishEstimate(const PinholeCamera& camera, CudaEstimate* estimate) {
+  LaunchToDepth(estimate->PlaneView(), MakeRayGrid(camera), estimate->depth.data(), stream().get());
+  FinishDepths(estimate);
+}
+
+void CudaDepthEngine::FinishDepths(CudaEstimate* estimate) {
+  largest_inverse_.Reserve(runner_.device(), 1);
+  const HalvedDepth halved = estimate->Halved();
+  LaunchHalveDepth(estimate->DepthView(), largest_inverse_.data(),
+                   {estimate->inverse_depth.data(), halved.inverse.width, halved.inverse.height, halved.inverse.width},
+                   stream().get());
+  auto* largest = largest_inverse_on_host_.Reserve<float>(1);
+  largest_inverse_.Download(largest, 1, stream());
   end_.Record(stream());
   stream().Synchronize();
+  estimate->inverse_step = *largest / kInverseSteps;
 }
 
 std::vector<SupportPoint> CudaDepthEngine::FindCells(const CudaEstimate& maps, const DepthRange& range,
@@ -123,7 +140,7 @@ EngineEstimatePtr CudaDepthEngine::RunPass(const EngineProblem& problem, const P
     if (prior != nullptr) data.prior = QueuePrior(match, static_cast<int>(prior->triangles.size()));
     const std::shared_lock<std::shared_mutex> images(device().images_mutex());
     runner_.Queue<kPass>(match, options, data, geometric_pass, iterations);
-    FinishEstimate(camera, *estimate);
+    FinishEstimate(camera, estimate.get());
     device_ms_ += CudaEvent::ElapsedMs(begin_, end_);
     return estimate;
   });
@@ -168,7 +185,7 @@ EngineEstimatePtr CudaDepthEngine::Upsample(const EngineEstimatePtr& estimate, c
     const ImageView<PlaneHypothesis> planes = {full->planes.data(), full->width, full->height, full->width};
     LaunchUpsample({halved.PlaneView(), halved.cost.data(), MakeRayGrid(CameraAtLevel(frame->camera, level)), level},
                    MakeRayGrid(frame->camera), planes, full->cost.data(), stream().get());
-    FinishEstimate(frame->camera, *full);
+    FinishEstimate(frame->camera, full.get());
     return full;
   });
 }

@@ -73,7 +73,7 @@ EngineEstimatePtr CudaDepthEngine::Complete(const EngineProblem& problem, const 
     completion_.Queue(setup, MakeCompletionContext(camera, problem.depth_range, options, num_sources),
                       {estimate->planes.data(), camera.width, camera.height, camera.width}, estimate->cost.data(),
                       stream());
-    FinishEstimate(camera, *estimate);
+    FinishEstimate(camera, estimate.get());
     device_ms_ += CudaEvent::ElapsedMs(begin_, end_);
     return EngineEstimatePtr(estimate);
   });

@@ -45,7 +45,7 @@ EngineEstimatePtr CudaDepthEngine::UploadState(EstimateState state, const Pinhol
     const size_t pixels = estimate->Pixels();
     estimate->planes.Upload(state.planes.data(), pixels, stream());
     estimate->cost.Upload(state.cost.data(), pixels, stream());
-    FinishEstimate(camera, *estimate);
+    FinishEstimate(camera, estimate.get());
     return estimate;
   });
 }
@@ -59,6 +59,8 @@ EngineEstimatePtr CudaDepthEngine::Import(const EngineEstimatePtr& estimate) {
     copy->planes.CopyFromPeer(from->planes, copy->Pixels(), stream());
     copy->cost.CopyFromPeer(from->cost, copy->Pixels(), stream());
     copy->depth.CopyFromPeer(from->depth, copy->Pixels(), stream());
+    copy->inverse_depth.CopyFromPeer(from->inverse_depth, from->inverse_depth.size(), stream());
+    copy->inverse_step = from->inverse_step;
     stream().Synchronize();
     return copy;
   });
@@ -87,7 +89,7 @@ EngineEstimatePtr CudaDepthEngine::UploadMaps(const EstimateMapViews& maps, cons
     estimate->planes.Upload(planes, pixels, stream());
     estimate->depth.Upload(depth, pixels, stream());
     estimate->cost.Upload(cost, pixels, stream());
-    stream().Synchronize();
+    FinishDepths(estimate.get());
     return estimate;
   });
 }

@@ -7,6 +7,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/fusion/kernel/fusion_context.h"
+#include "acmp_mapping/patch_match/kernel/halved_depth.h"
 #include "acmp_mapping/pipeline/depth_engine.h"
 #include "cuda_device.h"
 #include "pass_runner.h"
@@ -28,7 +29,7 @@ struct CudaImage final : EngineImage {
   }
 };
 
-/// Planes, costs and the planes' depths in device memory.
+/// Planes, costs and the planes' depths in device memory: 24.5 bytes per pixel.
 struct CudaEstimate final : EngineEstimate {
   CudaEstimate(const CudaDevicePtr& device, const PinholeCamera& camera)
       : CudaEstimate(device, camera.width, camera.height) {}
@@ -38,17 +39,23 @@ struct CudaEstimate final : EngineEstimate {
         height(height),
         planes(device, Pixels()),
         cost(device, Pixels()),
-        depth(device, Pixels()) {}
+        depth(device, Pixels()),
+        inverse_depth(device, static_cast<size_t>(HalvedSize(width)) * HalvedSize(height)) {}
 
   size_t Pixels() const { return static_cast<size_t>(width) * height; }
   ImageView<const PlaneHypothesis> PlaneView() const { return {planes.data(), width, height, width}; }
   ImageView<const float> CostView() const { return {cost.data(), width, height, width}; }
   ImageView<const float> DepthView() const { return {depth.data(), width, height, width}; }
+  HalvedDepth Halved() const {
+    return {{inverse_depth.data(), HalvedSize(width), HalvedSize(height), HalvedSize(width)}, inverse_step};
+  }
 
   const CudaDevice* device;
   int width, height;
   DeviceArray<PlaneHypothesis> planes;
   DeviceArray<float> cost, depth;
+  DeviceArray<uint16_t> inverse_depth;  ///< see HalvedDepth
+  float inverse_step = 0;
 };
 
 struct CudaStamps final : FusionStamps {

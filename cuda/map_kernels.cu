@@ -1,5 +1,6 @@
 #include "map_kernels.h"
 
+#include "acmp_mapping/patch_match/kernel/halved_depth.h"
 #include "acmp_mapping/patch_match/kernel/upsample.h"
 #include "cuda_check.h"
 #include "texture_pool.h"
@@ -32,6 +33,27 @@ __global__ void ToDepthKernel(ImageView<const PlaneHypothesis> planes, RayGrid r
   depth[static_cast<size_t>(row) * planes.width + col] = plane.d > 0 ? PlaneDepth(plane, ray) : 0.0f;
 }
 
+/// The greatest of all threads' inverse depths. Floats that are not negative are in the order of their bits.
+__global__ void LargestInverseKernel(ImageView<const float> depth, unsigned* largest) {
+  const int col = Col(), row = Row();
+  const float inverse = depth.Contains(col, row) ? InverseOfDepth(depth(col, row)) : 0.0f;
+  const unsigned of_warp = __reduce_max_sync(0xffffffffu, __float_as_uint(inverse));
+  __shared__ unsigned of_warps[kBlockHeight];
+  static_assert(kBlockWidth == kWarp, "a row of the block is a warp");
+  if (threadIdx.x == 0) of_warps[threadIdx.y] = of_warp;
+  __syncthreads();
+  if (threadIdx.x != 0 || threadIdx.y != 0) return;
+  unsigned of_block = 0;
+  for (const unsigned value : of_warps) of_block = max(of_block, value);
+  if (of_block > *static_cast<volatile unsigned*>(largest)) atomicMax(largest, of_block);
+}
+
+__global__ void HalveDepthKernel(ImageView<const float> depth, const float* largest, ImageView<uint16_t> inverse) {
+  const int col = Col(), row = Row();
+  if (!inverse.Contains(col, row)) return;
+  inverse(col, row) = StepsOfInverse(HalvedInverseDepth(depth, col, row), *largest / kInverseSteps);
+}
+
 __global__ void UpsampleKernel(HalvedMaps halved, RayGrid rays, ImageView<PlaneHypothesis> planes, float* cost) {
   const int col = Col(), row = Row();
   if (col >= planes.width || row >= planes.height) return;
@@ -52,19 +74,19 @@ __global__ void FindSupportKernel(SupportSearch search, int cell_cols, int cell_
 }
 
 /// One warp per triangle, which fills its rows one after the other. No two triangles share a pixel.
-__global__ void RasterizePriorKernel(const PriorTriangle* triangles, int count, RayGrid rays, float depth_min,
-                                     float depth_max, ImageView<PlaneHypothesis> prior) {
+__global__ void RasterizePriorKernel(PriorTriangles triangles, RayGrid rays, float depth_min, float depth_max,
+                                     ImageView<uint32_t> numbers) {
   const int index = static_cast<int>((blockIdx.x * blockDim.x + threadIdx.x) / kWarp);
-  if (index >= count) return;
-  const PlaneHypothesis plane = triangles[index].plane;
+  if (index >= triangles.count) return;
+  const PlaneHypothesis plane = triangles.planes[index];
   if (!(plane.d > 0)) return;
-  const RasterTriangle triangle = MakeRasterTriangle(triangles[index].corners);
-  const int row_end = min(triangle.row_max + 1, prior.height);
+  const RasterTriangle triangle = MakeRasterTriangle(triangles.corners[index]);
+  const int row_end = min(triangle.row_max + 1, numbers.height);
   for (int row = max(triangle.row_min, 0); row < row_end; ++row) {
-    const ColumnSpan span = SpanOfRow(triangle, row, prior.width);
+    const ColumnSpan span = SpanOfRow(triangle, row, numbers.width);
     for (int col = span.first + static_cast<int>(threadIdx.x) % kWarp; col <= span.last; col += kWarp) {
       const float depth = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));
-      if (depth >= depth_min && depth <= depth_max) prior(col, row) = plane;
+      if (depth >= depth_min && depth <= depth_max) numbers(col, row) = static_cast<uint32_t>(index) + 1;
     }
   }
 }
@@ -84,6 +106,17 @@ void LaunchToDepth(const ImageView<const PlaneHypothesis>& planes, const RayGrid
   CudaCheck(cudaGetLastError(), "launch depths");
 }
 
+void LaunchHalveDepth(const ImageView<const float>& depth, float* largest, const ImageView<uint16_t>& inverse,
+                      cudaStream_t stream) {
+  CudaCheck(cudaMemsetAsync(largest, 0, sizeof(float), stream), "clear the largest inverse depth");
+  const dim3 block(kBlockWidth, kBlockHeight);
+  LargestInverseKernel<<<GridFor(depth.width, depth.height), block, 0, stream>>>(depth,
+                                                                                 reinterpret_cast<unsigned*>(largest));
+  CudaCheck(cudaGetLastError(), "launch search for the largest inverse depth");
+  HalveDepthKernel<<<GridFor(inverse.width, inverse.height), block, 0, stream>>>(depth, largest, inverse);
+  CudaCheck(cudaGetLastError(), "launch halving of depths");
+}
+
 void LaunchUpsample(const HalvedMaps& halved, const RayGrid& rays, const ImageView<PlaneHypothesis>& planes,
                     float* cost, cudaStream_t stream) {
   UpsampleKernel<<<GridFor(planes.width, planes.height), dim3(kBlockWidth, kBlockHeight), 0, stream>>>(halved, rays,
@@ -98,14 +131,14 @@ void LaunchFindSupport(const SupportSearch& search, SupportPoint* cells, cudaStr
   CudaCheck(cudaGetLastError(), "launch support points");
 }
 
-void LaunchRasterizePrior(const PriorTriangle* triangles, int count, const RayGrid& rays, float depth_min,
-                          float depth_max, const ImageView<PlaneHypothesis>& prior, cudaStream_t stream) {
-  const size_t bytes = static_cast<size_t>(prior.width) * prior.height * sizeof(PlaneHypothesis);
-  CudaCheck(cudaMemsetAsync(prior.data, 0, bytes, stream), "clear the prior");
-  if (count == 0) return;
+void LaunchRasterizePrior(const PriorTriangles& triangles, const RayGrid& rays, float depth_min, float depth_max,
+                          const ImageView<uint32_t>& numbers, cudaStream_t stream) {
+  const size_t bytes = static_cast<size_t>(numbers.width) * numbers.height * sizeof(uint32_t);
+  CudaCheck(cudaMemsetAsync(numbers.data, 0, bytes, stream), "clear the prior");
+  if (triangles.count == 0) return;
   constexpr int kWarpsPerBlock = 8;
-  RasterizePriorKernel<<<(count + kWarpsPerBlock - 1) / kWarpsPerBlock, kWarpsPerBlock * kWarp, 0, stream>>>(
-      triangles, count, rays, depth_min, depth_max, prior);
+  const int blocks = (triangles.count + kWarpsPerBlock - 1) / kWarpsPerBlock;
+  RasterizePriorKernel<<<blocks, kWarpsPerBlock * kWarp, 0, stream>>>(triangles, rays, depth_min, depth_max, numbers);
   CudaCheck(cudaGetLastError(), "launch planar prior");
 }
 

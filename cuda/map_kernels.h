@@ -17,6 +17,10 @@ void LaunchReadLayer(cudaTextureObject_t images, int layer, const ImageView<floa
 void LaunchToDepth(const ImageView<const PlaneHypothesis>& planes, const RayGrid& rays, float* depth,
                    cudaStream_t stream);
 
+/// HalvedDepth of a depth map. Sets `largest` to its greatest inverse depth, 0 where no depth is known.
+void LaunchHalveDepth(const ImageView<const float>& depth, float* largest, const ImageView<uint16_t>& inverse,
+                      cudaStream_t stream);
+
 /// Plane (UpsamplePlane) and cost of every pixel from the pixel that covers it in maps halved `level` times.
 struct HalvedMaps {
   ImageView<const PlaneHypothesis> planes;
@@ -35,14 +39,16 @@ struct SupportSearch {
 };
 void LaunchFindSupport(const SupportSearch& search, SupportPoint* cells, cudaStream_t stream);
 
-/// A triangle of the prior as the GPU draws it.
-struct PriorTriangle {
-  TriangleCorners corners;
-  PlaneHypothesis plane;  ///< zero: none
+/// The triangles of the prior as the GPU draws them.
+struct PriorTriangles {
+  const TriangleCorners* corners;
+  const PlaneHypothesis* planes;  ///< zero: none
+  int count;
 };
 
-/// Draws the triangles' planes where they lie within [depth_min, depth_max]; the other pixels become zero.
-void LaunchRasterizePrior(const PriorTriangle* triangles, int count, const RayGrid& rays, float depth_min,
-                          float depth_max, const ImageView<PlaneHypothesis>& prior, cudaStream_t stream);
+/// Draws the triangles' numbers, from 1, where their planes lie within [depth_min, depth_max]; the other pixels become
+/// zero.
+void LaunchRasterizePrior(const PriorTriangles& triangles, const RayGrid& rays, float depth_min, float depth_max,
+                          const ImageView<uint32_t>& numbers, cudaStream_t stream);
 
 }  // namespace acmp

@@ -26,7 +26,7 @@ void PassRunner::Queue(const PatchMatchProblem& problem, const PatchMatchOptions
 
   std::vector<SourceView> views = MakeSourceViews(problem);
   for (size_t i = 0; i < count; ++i) {
-    views[i].depth = i < data.source_depths.size() ? data.source_depths[i] : ImageView<const float>();
+    if (i < data.source_depths.size()) views[i].depth = data.source_depths[i];
   }
   SourceView* staged = host_views_.Reserve<SourceView>(kMaxSourceViews);
   std::copy(views.begin(), views.end(), staged);
@@ -44,7 +44,7 @@ void PassRunner::Queue(const PatchMatchProblem& problem, const PatchMatchOptions
   context.planes = {data.planes, width, height, width};
   context.cost = {data.cost, width, height, width};
   context.selected_views = {selected_views_.data(), width, height, width};
-  context.prior = {data.prior, width, height, width};
+  context.prior = data.prior;
   LaunchPass<kPass>(context, iterations, stream_.get());
 }
 

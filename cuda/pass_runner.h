@@ -29,10 +29,10 @@ struct PassData {
   int level = 0;  ///< of the images
   int reference_layer = 0;
   std::vector<int> source_layers;
-  std::vector<ImageView<const float>> source_depths;  ///< empty views: no map
+  std::vector<HalvedDepth> source_depths;  ///< empty ones: no map
   PlaneHypothesis* planes = nullptr;
   float* cost = nullptr;
-  const PlaneHypothesis* prior = nullptr;  ///< planar-prior pass only
+  PriorMap prior = {};  ///< planar-prior pass only
 };
 
 /// A stream and the memory of one problem at a time: runs passes on device data.

@@ -56,7 +56,7 @@ class PatchMatchCuda final : public PatchMatch {
   /// What belongs to one run; kept for its duration.
   struct Loaded {
     std::vector<std::unique_ptr<ImageLayer>> layers;
-    std::vector<DeviceArray<float>> depths;
+    std::vector<DeviceArray<uint16_t>> depths;
     DeviceArray<PlaneHypothesis> planes, prior;
     DeviceArray<float> cost;
     PassData data;
@@ -104,7 +104,7 @@ class PatchMatchCuda final : public PatchMatch {
     }
     if (prior.data == nullptr) return;
     loaded->prior = DeviceArray<PlaneHypothesis>(device, pixels);
-    data.prior = loaded->prior.data();
+    data.prior.planes = {loaded->prior.data(), prior.width, prior.height, prior.width};
     std::vector<PlaneHypothesis> storage;
     loaded->prior.Upload(Contiguous(prior, &storage), pixels, runner_.stream());
     runner_.stream().Synchronize();
@@ -118,14 +118,14 @@ class PatchMatchCuda final : public PatchMatch {
     return layer;
   }
 
-  ImageView<const float> LoadDepth(const ImageView<const float>& depth, Loaded* loaded) {
+  HalvedDepth LoadDepth(const ImageView<const float>& depth, Loaded* loaded) {
     if (depth.empty()) return {};
-    const size_t pixels = static_cast<size_t>(depth.width) * depth.height;
-    loaded->depths.emplace_back(runner_.device(), pixels);
-    std::vector<float> storage;
-    loaded->depths.back().Upload(Contiguous(depth, &storage), pixels, runner_.stream());
+    const HalvedDepthMap halved = HalveDepth(depth);
+    const Image<uint16_t>& inverse = halved.inverse;
+    loaded->depths.emplace_back(runner_.device(), inverse.size());
+    loaded->depths.back().Upload(inverse.data(), inverse.size(), runner_.stream());
     runner_.stream().Synchronize();
-    return {loaded->depths.back().data(), depth.width, depth.height, depth.width};
+    return {{loaded->depths.back().data(), inverse.width(), inverse.height(), inverse.width()}, halved.step};
   }
 
   PatchMatchResult Download(const PinholeCamera& camera, const Loaded& loaded) {

@@ -2,6 +2,7 @@
 
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "acmp_mapping/common/error.h"
@@ -50,10 +51,32 @@ std::vector<SourceView> MakeSourceViews(const PatchMatchProblem& problem) {
     view.back_b = ToVec3f(k_ref * ref_from_src.translation());
     view.width = static_cast<float>(source.camera.width);
     view.height = static_cast<float>(source.camera.height);
-    view.depth = source.depth;
     views.push_back(view);
   }
   return views;
+}
+
+HalvedDepthMap HalveDepth(const ImageView<const float>& depth) {
+  HalvedDepthMap halved = {Image<uint16_t>(HalvedSize(depth.width), HalvedSize(depth.height)), 0};
+  float largest = 0;
+  for (int row = 0; row < depth.height; ++row) {
+    for (int col = 0; col < depth.width; ++col) largest = std::max(largest, InverseOfDepth(depth(col, row)));
+  }
+  if (!(largest > 0)) return halved;  // nothing is known
+  halved.step = largest / kInverseSteps;
+  tbb::parallel_for(0, halved.inverse.height(), [&](int row) {
+    for (int col = 0; col < halved.inverse.width(); ++col) {
+      halved.inverse(col, row) = StepsOfInverse(HalvedInverseDepth(depth, col, row), halved.step);
+    }
+  });
+  return halved;
+}
+
+std::vector<HalvedDepthMap> HalveDepths(const PatchMatchProblem& problem) {
+  std::vector<HalvedDepthMap> halved;
+  halved.reserve(problem.sources.size());
+  for (const MatchView& source : problem.sources) halved.push_back(HalveDepth(source.depth));
+  return halved;
 }
 
 uint32_t PassNumber(Pass kind, int geometric_pass) {

@@ -74,7 +74,9 @@ class PatchMatchCpu final : public PatchMatch {
                        ImageView<const PlaneHypothesis> prior, int geometric_pass, int iterations) {
     Validate(options);
     Timer timer;
-    const std::vector<SourceView> views = MakeSourceViews(problem);
+    const std::vector<HalvedDepthMap> depths = HalveDepths(problem);
+    std::vector<SourceView> views = MakeSourceViews(problem);
+    for (size_t i = 0; i < views.size(); ++i) views[i].depth = depths[i].View();
     std::vector<ImageView<const float>> images;
     images.reserve(views.size());
     for (const MatchView& source : problem.sources) images.push_back(source.gray);
@@ -86,7 +88,7 @@ class PatchMatchCpu final : public PatchMatch {
     context.planes = state.planes.View();
     context.cost = state.cost.View();
     context.selected_views = state.selected_views.View();
-    context.prior = prior;
+    context.prior = {prior, {}};
     RunPass<kPass>(context, iterations);
     timing_ = {0, timer.Lap(), 0};
     return state;

@@ -56,10 +56,17 @@ std::vector<ParityAnswer> AnswerOnGpu(const PatchMatchProblem& problem, const Pl
   auto texture = MakeMatchContext<TextureSampler>(problem, {}, 0);
   std::vector<ImageView<const float>> images;
   std::vector<SourceView> views = MakeSourceViews(problem);
+  const std::vector<HalvedDepthMap> depths = HalveDepths(problem);
+  std::vector<std::unique_ptr<OnDevice<uint16_t>>> device_depths;
   for (size_t i = 0; i < views.size(); ++i) {
     const MatchView& source = problem.sources[i];
     images.push_back(Upload(source.gray, device, stream, &owners));
-    views[i].depth = Upload(source.depth, device, stream, &owners);
+    views[i].depth = depths[i].View();
+    if (!views[i].depth.empty()) {
+      device_depths.push_back(
+          std::make_unique<OnDevice<uint16_t>>(depths[i].inverse.data(), depths[i].inverse.size(), device, stream));
+      views[i].depth.inverse.data = device_depths.back()->data();
+    }
     int& layer = texture.sampler.layers[i];
     layer = device->images(0).Acquire(source.gray.width, source.gray.height, stream, &device->images_mutex());
     device->images(0).Upload(source.gray, layer, &staging, stream);
@@ -71,16 +78,15 @@ std::vector<ParityAnswer> AnswerOnGpu(const PatchMatchProblem& problem, const Pl
   const OnDevice<ParityQuery> device_queries(queries.data(), queries.size(), device, stream);
   const DeviceArray<ParityAnswer> device_answers(device, queries.size());
 
-  const ImageView<const PlaneHypothesis> prior_view = {device_prior.data(), prior.width(), prior.height(),
-                                                       prior.width()};
+  const PriorMap prior_map = {{device_prior.data(), prior.width(), prior.height(), prior.width()}, {}};
   auto bilinear = MakeMatchContext<BilinearSampler>(problem, {}, 0);
   bilinear.sampler = {reference, device_images.data()};
   bilinear.sources = device_views.data();
-  bilinear.prior = prior_view;
+  bilinear.prior = prior_map;
   texture.sampler.reference = reference;
   texture.sampler.images = device->images(0).texture();
   texture.sources = device_views.data();
-  texture.prior = prior_view;
+  texture.prior = prior_map;
 
   constexpr int kBlock = 128;
   const int count = static_cast<int>(queries.size());

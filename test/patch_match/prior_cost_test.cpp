@@ -113,5 +113,16 @@ TEST(LoadPriorTest, ZeroPlaneIsNoPrior) {
   EXPECT_FALSE(LoadPrior(state.Context(), 5, 6, {0, 0, 1}).valid);
 }
 
+TEST(PriorMapTest, NumbersSayWhichPlaneIsAPixels) {
+  const PlaneHypothesis planes[] = {{0, 0, -1, 2}, {0, 0, -1, 5}};
+  Image<uint32_t> numbers(3, 2, 0);
+  numbers(1, 0) = 2;
+  numbers(2, 1) = 1;
+  const PriorMap map = {{planes, 2, 1, 2}, numbers.View()};
+  EXPECT_EQ(map(1, 0).d, 5);
+  EXPECT_EQ(map(2, 1).d, 2);
+  EXPECT_EQ(map(0, 0).d, 0);
+}
+
 }  // namespace
 }  // namespace acmp

@@ -14,12 +14,16 @@ class KernelState {
   explicit KernelState(PatchMatchProblem problem, const PatchMatchOptions& options = {})
       : problem_(std::move(problem)),
         options_(options),
+        depths_(HalveDepths(problem_)),
         views_(MakeSourceViews(problem_)),
         planes(problem_.reference.camera.width, problem_.reference.camera.height),
         cost(problem_.reference.camera.width, problem_.reference.camera.height),
         selected_views(problem_.reference.camera.width, problem_.reference.camera.height),
         prior(problem_.reference.camera.width, problem_.reference.camera.height) {
-    for (const MatchView& source : problem_.sources) images_.push_back(source.gray);
+    for (size_t i = 0; i < views_.size(); ++i) {
+      images_.push_back(problem_.sources[i].gray);
+      views_[i].depth = depths_[i].View();
+    }
   }
 
   /// Reads and writes this object's maps.
@@ -37,7 +41,7 @@ class KernelState {
     context.planes = planes.View();
     context.cost = cost.View();
     context.selected_views = selected_views.View();
-    context.prior = std::as_const(prior).View();
+    context.prior.planes = prior.View();
     return context;
   }
 
@@ -49,6 +53,7 @@ class KernelState {
  private:
   PatchMatchProblem problem_;
   PatchMatchOptions options_;
+  std::vector<HalvedDepthMap> depths_;
   std::vector<SourceView> views_;
   std::vector<ImageView<const float>> images_;
 

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
+#include <vector>
 
 namespace acmp::reference {
 namespace {
@@ -113,6 +115,27 @@ Cost PhotometricCost(const PatchMatchProblem& problem, const PatchMatchOptions& 
   return cost;
 }
 
+double HalvedDepthAt(const ImageView<const float>& depth, int col, int row) {
+  std::vector<double> inverse;
+  for (int r = row / 2 * 2; r < std::min(row / 2 * 2 + 2, depth.height); ++r) {
+    for (int c = col / 2 * 2; c < std::min(col / 2 * 2 + 2, depth.width); ++c) {
+      if (depth(c, r) > 0) inverse.push_back(1.0 / depth(c, r));
+    }
+  }
+  if (inverse.empty()) return 0;
+  std::sort(inverse.begin(), inverse.end());
+  if (inverse.size() == 1 || inverse.back() <= 1.02 * inverse.front()) {
+    return static_cast<double>(inverse.size()) / std::accumulate(inverse.begin(), inverse.end(), 0.0);
+  }
+  double gap = std::numeric_limits<double>::infinity(), sum = 0;
+  for (size_t i = 0; i + 1 < inverse.size(); ++i) {
+    if (!(inverse[i + 1] - inverse[i] < gap)) continue;
+    gap = inverse[i + 1] - inverse[i];
+    sum = inverse[i + 1] + inverse[i];
+  }
+  return 2 / sum;
+}
+
 double ReprojectionError(const PatchMatchProblem& problem, double depth, int col, int row, int view) {
   constexpr double kNone = std::numeric_limits<double>::infinity();
   const MatchView& reference = problem.reference;
@@ -124,8 +147,8 @@ double ReprojectionError(const PatchMatchProblem& problem, double depth, int col
   if (!(in_source.z() > 0)) return kNone;
   const Eigen::Vector2d forward = source.camera.Project(in_source);
   if (!InsideImage(source.camera, forward)) return kNone;
-  const double source_depth =
-      source.depth(static_cast<int>(std::floor(forward.x() + 0.5)), static_cast<int>(std::floor(forward.y() + 0.5)));
+  const double source_depth = HalvedDepthAt(source.depth, static_cast<int>(std::floor(forward.x() + 0.5)),
+                                            static_cast<int>(std::floor(forward.y() + 0.5)));
   if (!(source_depth > 0)) return kNone;
   const Eigen::Vector3d back =
       reference.cam_from_world * ToWorld(source, source.camera.Unproject(forward, source_depth));

@@ -50,7 +50,11 @@ struct Cost {
 Cost PhotometricCost(const PatchMatchProblem& problem, const PatchMatchOptions& options, const Plane& plane, int col,
                      int row, int view);
 
-/// delta e_j of eq. 13 before truncation; infinite where it does not exist.
+/// Depth of the 2 x 2 px that hold a pixel: the harmonic mean of the known ones if they agree within 2 %, else of the
+/// two whose inverses are closest. 0: none is known.
+double HalvedDepthAt(const ImageView<const float>& depth, int col, int row);
+
+/// delta e_j of eq. 13 before truncation, with halved depths; infinite where it does not exist.
 double ReprojectionError(const PatchMatchProblem& problem, double depth, int col, int row, int view);
 
 /// P(theta | theta_p) of eq. 6 with standard deviations.

@@ -10,9 +10,23 @@ namespace acmp {
 /// Rays of a camera's pixels, rounded to float.
 RayGrid MakeRayGrid(const PinholeCamera& camera);
 
-/// Projections between the reference and every source view, composed in double and then rounded. Depth maps are the
-/// problem's own (host memory).
+/// Projections between the reference and every source view, composed in double and then rounded. Without depths, which
+/// depend on the device.
 std::vector<SourceView> MakeSourceViews(const PatchMatchProblem& problem);
+
+/// A HalvedDepth in host memory.
+struct HalvedDepthMap {
+  Image<uint16_t> inverse;
+  float step = 0;
+
+  HalvedDepth View() const { return {inverse.View(), step}; }
+};
+
+/// @param depth z, 0 = unknown; an empty map gives an empty one
+HalvedDepthMap HalveDepth(const ImageView<const float>& depth);
+
+/// The sources' depth maps, halved.
+std::vector<HalvedDepthMap> HalveDepths(const PatchMatchProblem& problem);
 
 /// A context without sampler, sources and maps, which depend on the device.
 template <class Sampler>

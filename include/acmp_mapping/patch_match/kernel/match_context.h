@@ -4,6 +4,7 @@
 
 #include "acmp_mapping/geometry/plane_hypothesis.h"
 #include "acmp_mapping/image/image.h"
+#include "acmp_mapping/patch_match/kernel/halved_depth.h"
 #include "acmp_mapping/patch_match/patch_match_options.h"
 
 namespace acmp {
@@ -14,12 +15,26 @@ enum class Pass { kPhotometric, kPlanarPrior, kGeometric };
 /// What the kernels need of one source view, precomputed once per problem in double. Aligned, so that its first part is
 /// read four words at a time.
 struct alignas(16) SourceView {
-  Mat3f a;                       ///< K_j R_j K_ref^-1
-  Vec3f b;                       ///< K_j t_j
-  Mat3f back_a;                  ///< K_ref R_j^T K_j^-1
-  Vec3f back_b;                  ///< -K_ref R_j^T t_j
-  float width, height;           ///< px
-  ImageView<const float> depth;  ///< z, 0 = unknown; empty outside geometric passes
+  Mat3f a;              ///< K_j R_j K_ref^-1
+  Vec3f b;              ///< K_j t_j
+  Mat3f back_a;         ///< K_ref R_j^T K_j^-1
+  Vec3f back_b;         ///< -K_ref R_j^T t_j
+  float width, height;  ///< px
+  HalvedDepth depth;    ///< empty outside geometric passes
+};
+
+/// The planar prior: a plane per pixel, or planes and which of them is each pixel's, which takes a quarter of the
+/// memory.
+struct PriorMap {
+  ImageView<const PlaneHypothesis> planes;  ///< of the pixels; with numbers a single row
+  ImageView<const uint32_t> numbers;        ///< of the pixels' planes, from 1; 0 = no prior
+
+  /// All zero: no prior.
+  ACMP_HOST_DEVICE PlaneHypothesis operator()(int col, int row) const {
+    if (numbers.empty()) return planes(col, row);
+    const uint32_t number = numbers(col, row);
+    return number > 0 ? planes(static_cast<int>(number) - 1, 0) : PlaneHypothesis{};
+  }
 };
 
 /// Everything a pixel update reads or writes; passed to kernels by value. `Sampler` gives grey values:
@@ -41,7 +56,7 @@ struct MatchContext {
   ImageView<PlaneHypothesis> planes;
   ImageView<float> cost;
   ImageView<uint32_t> selected_views;
-  ImageView<const PlaneHypothesis> prior;  ///< planar-prior pass only
+  PriorMap prior;  ///< planar-prior pass only
 
   ACMP_HOST_DEVICE bool Contains(int col, int row) const { return col >= 0 && row >= 0 && col < width && row < height; }
   ACMP_HOST_DEVICE bool InRange(float depth) const { return depth >= depth_min && depth <= depth_max; }
