@@ -29,21 +29,19 @@ void StartAtHalfSize(int iterations, int full_size_iterations, PipelineOptions* 
   options->full_size_iterations = full_size_iterations;
 }
 
-/// Agreement with the neighbours' maps counts twice as much as in the paper, and is cut off earlier.
-void WeighGeometryMore(PipelineOptions* options) {
-  options->patch_match.geometric_weight = 0.2f;
+/// Agreement with the neighbours' maps counts more than in the paper, and is cut off earlier.
+void WeighGeometryMore(float weight, PipelineOptions* options) {
+  options->patch_match.geometric_weight = weight;
   options->patch_match.geometric_max_px = 3.0f;
 }
 
+/// `acmp` with more geometric passes of one iteration each: maps of neighbours and completion are newer. More weight
+/// brings depth, but lets surfaces that are wrong in agreement grow (docs/quality.md).
 PipelineOptions MakeQuality() {
   PipelineOptions options;
-  StartAtHalfSize(3, 2, &options);
-  options.patch_match.planar_prior_iterations = 1;
-  // More passes of one iteration each: maps of neighbours and completion are newer.
   options.patch_match.geometric_iterations = 1;
   options.geometric_passes = 4;
-  options.patch_match.candidate_view_votes = 0;
-  WeighGeometryMore(&options);
+  WeighGeometryMore(0.15f, &options);
   return options;
 }
 
@@ -55,7 +53,7 @@ PipelineOptions MakeOnline() {
   options.geometric_passes = 1;
   options.patch_match.candidate_view_votes = 1;
   options.planar_prior.cell_size_px = 8;
-  WeighGeometryMore(&options);
+  WeighGeometryMore(0.2f, &options);
   return options;
 }
 

@@ -51,7 +51,7 @@ void AddMatchingOptions(CLI::App* app, ReconstructOptions* options) {
   const std::string group = "Matching";
   app->add_option(
          "--preset", options->preset,
-         "acmp: everything; quality: more geometric passes and a start at half size; online: everything with\n"
+         "acmp: everything; quality: more and shorter geometric passes; online: everything with\n"
          "fewer iterations, a third of the time (not tied to --schedule online); acmmp, acmm: acmp, acmh with\n"
          "a start at half size; acmp_no_geometric: without the geometric passes; acmh: without the prior")
       ->check(OneOf(PresetNames()))
