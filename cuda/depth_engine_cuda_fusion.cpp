@@ -98,27 +98,27 @@ ConfidenceMap CudaDepthEngine::MeasureConfidence(const EngineView& reference, co
 
 ImageView<Stamp> CudaDepthEngine::StampsOf(const Frame& frame, CudaStamps* stamps) {
   const int width = frame.camera.width, height = frame.camera.height;
-  auto found = stamps->by_frame.find(frame.id);
-  if (found == stamps->by_frame.end()) {
+  DeviceArray<Stamp>& of_frame = stamps->Of(frame.id);
+  if (of_frame.size() == 0) {
     static_assert(kUnusedStamp == 0xffff, "both bytes are set to 0xff");
     DeviceArray<Stamp> unused(runner_.device(), static_cast<size_t>(width) * height);
     CudaCheck(cudaMemsetAsync(unused.data(), 0xff, unused.size() * sizeof(Stamp), stream().get()), "reset stamps");
-    found = stamps->by_frame.emplace(frame.id, std::move(unused)).first;
+    of_frame = std::move(unused);
   }
-  return {found->second.data(), width, height, width};
+  return {of_frame.data(), width, height, width};
 }
 
 PointCloud CudaDepthEngine::FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
-                                     const FusionOptions& options, FusionStamps* stamps) {
+                                     const FusionOptions& options, int rank, FusionStamps* stamps) {
   auto* device_stamps = dynamic_cast<CudaStamps*>(stamps);
   if (device_stamps == nullptr || device_stamps->device != runner_.device().get()) {
     throw InvalidInputError("stamps: null or of another device");
   }
-  CheckRange("number of fused views", device_stamps->next + 1, 1, kMaxFusionViews);
+  const Stamp stamp = StampOfRank(rank);
   return OnDevice([&] {
     FusionSetup<DeviceFusionView> setup(PosedCameraOf(reference), FusionMapsOf(reference), MakeFusionLimits(options),
                                         reference.frame->cam_from_world.inverse());
-    setup.SetStamps(StampsOf(*reference.frame, device_stamps), device_stamps->next++);
+    setup.SetStamps(StampsOf(*reference.frame, device_stamps), stamp);
     for (const EngineView& source : sources) {
       if (!source.estimate) continue;
       setup.AddSource(PosedCameraOf(source), FusionMapsOf(source), StampsOf(*source.frame, device_stamps));
@@ -128,9 +128,7 @@ PointCloud CudaDepthEngine::FuseView(const EngineView& reference, const std::vec
 }
 
 std::unique_ptr<FusionStamps> CudaDepthEngine::MakeFusionStamps() {
-  auto stamps = std::make_unique<CudaStamps>();
-  stamps->device = runner_.device().get();
-  return stamps;
+  return std::make_unique<CudaStamps>(runner_.device().get());
 }
 
 }  // namespace acmp

@@ -51,10 +51,22 @@ struct CudaEstimate final : EngineEstimate {
   DeviceArray<float> cost, depth;
 };
 
-struct CudaStamps final : FusionStamps {
-  const CudaDevice* device = nullptr;
-  std::map<int64_t, DeviceArray<Stamp>> by_frame;
-  Stamp next = 0;
+class CudaStamps final : public FusionStamps {
+ public:
+  explicit CudaStamps(const CudaDevice* device) : device(device) {}
+
+  /// A frame's stamps, empty at first; stays where it is. They are not locked: views that are fused at the same time
+  /// have no frame in common.
+  DeviceArray<Stamp>& Of(int64_t frame) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return by_frame_[frame];
+  }
+
+  const CudaDevice* const device;
+
+ private:
+  std::mutex mutex_;
+  std::map<int64_t, DeviceArray<Stamp>> by_frame_;
 };
 
 /// Throws InvalidInputError unless the size is the camera's.

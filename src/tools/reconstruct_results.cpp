@@ -39,6 +39,7 @@ class ResultWriter {
     for (const ImagePlan& image : run_.plan.images) {
       if (!image.no_map.empty()) continue;
       const int index = image.index;
+      const int rank = static_cast<int>(images_.size());
       const std::vector<int> maps = MapsRead(final_maps, image);
       std::vector<int> before = maps;
       if (files_.HasConfidence()) {
@@ -48,7 +49,7 @@ class ResultWriter {
             true)};
       }
       all_written.push_back(graph->Add(kHostPool, before, [this, index](int) { WriteFiles(index); }));
-      last_fused = {graph->Add(kFusionPool, Joined(maps, last_fused), [this, index](int) { Fuse(index); })};
+      last_fused = {graph->Add(kFusionPool, Joined(maps, last_fused), [this, index, rank](int) { Fuse(index, rank); })};
       last_appended = {graph->Add(kHostPool, Joined(last_fused, last_appended), [this, index](int) { Append(index); })};
       images_.push_back(index);
     }
@@ -114,12 +115,12 @@ class ResultWriter {
     run_.times.consistency_ms += timer.Lap();
   }
 
-  void Fuse(int index) {
+  void Fuse(int index, int rank) {
     const StoredFinalMaps maps = run_.store.Final(index);
     const EngineView reference = ViewOf(index, fusion_engine_);
     const std::vector<EngineView> sources = SourcesOf(maps, fusion_engine_);
     Timer timer;
-    PointCloud cloud = fusion_engine_.engine->FuseView(reference, sources, fusion_, stamps_.get());
+    PointCloud cloud = fusion_engine_.engine->FuseView(reference, sources, fusion_, rank, stamps_.get());
     run_.interrupt.Check();
     run_.progress.Step();
     const std::lock_guard<std::mutex> lock(mutex_);

@@ -117,10 +117,13 @@ class DepthEngine {
 
   virtual std::unique_ptr<FusionStamps> MakeFusionStamps() = 0;
 
-  /// FuseDepthMaps, one view per call in the order of fusion: the reference's points in the world. Views without an
-  /// estimate take no part. An error leaves the stamps of this view half set: the fusion cannot go on.
+  /// FuseDepthMaps, one view per call: the reference's points in the world. Views without an estimate take no part.
+  /// Views that have a frame in common (as reference or source) are fused one after the other, by rank. Others do not
+  /// touch the same stamps: they may be fused in any order, and by several engines at the same time. The points are
+  /// those of fusing all views by rank. An error leaves the stamps of this view half set: the fusion cannot go on.
+  /// @param rank the view's own place in the order of fusion, 0..kMaxFusionViews - 1
   virtual PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
-                              const FusionOptions& options, FusionStamps* stamps) = 0;
+                              const FusionOptions& options, int rank, FusionStamps* stamps) = 0;
 
   virtual EstimateMaps Download(const EngineEstimatePtr& estimate) = 0;
   virtual EstimateState DownloadState(const EngineEstimatePtr& estimate) = 0;
