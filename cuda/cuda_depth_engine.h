@@ -100,6 +100,10 @@ class CudaDepthEngine final : public DepthEngine {
   FusionSetup<DeviceFusionView> SetUp(const EngineView& reference, const std::vector<EngineView>& sources,
                                       const FusionLimits& limits,
                                       DeviceFusionView (CudaDepthEngine::*maps_of)(const EngineView&));
+  DeviceArray<Stamp> UnusedStamps(size_t pixels);
+  /// Replaces another GPU's stamps by a copy on this one.
+  void MoveHere(DeviceArray<Stamp>* stamps);
+  /// On this GPU. Nobody else may use the frame's stamps meanwhile.
   ImageView<Stamp> StampsOf(const Frame& frame, CudaStamps* stamps);
 
   PassRunner runner_;

@@ -51,18 +51,15 @@ struct CudaEstimate final : EngineEstimate {
   DeviceArray<float> cost, depth;
 };
 
+/// Each frame's stamps are on the GPU that used them last.
 class CudaStamps final : public FusionStamps {
  public:
-  explicit CudaStamps(const CudaDevice* device) : device(device) {}
-
   /// A frame's stamps, empty at first; stays where it is. They are not locked: views that are fused at the same time
   /// have no frame in common.
   DeviceArray<Stamp>& Of(int64_t frame) {
     const std::lock_guard<std::mutex> lock(mutex_);
     return by_frame_[frame];
   }
-
-  const CudaDevice* const device;
 
  private:
   std::mutex mutex_;
