@@ -6,6 +6,7 @@
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
+#include "reconstruct_clouds.h"
 #include "reconstruct_image_files.h"
 #include "reconstruct_run.h"
 #include "reconstruct_work_files.h"
@@ -23,6 +24,7 @@ class ResultWriter {
       : run_(*run),
         fusion_(MakePipelineOptions(run->options).fusion),
         files_(run),
+        waiting_(&run->folder, run->options.MemoryBytes(run->options.kCloudShare)),
         cloud_(run->folder.path() / "fused.ply") {
     run_.folder.MakeWorkFolder(kWrittenMark);
     const ReconstructEngine& first = run_.engines.front();
@@ -56,7 +58,7 @@ class ResultWriter {
     graph->Add(kHostPool, all_written, [this](int) { FinishFiles(); });
     graph->Add(kHostPool, last_appended, [this](int) { FinishCloud(); });
     if (files_.colmap()) {
-      graph->Add(kHostPool, last_appended, [this](int) { files_.colmap()->WriteModel(images_, CloudsInOrder()); });
+      graph->Add(kHostPool, last_appended, [this](int) { files_.colmap()->WriteModel(images_, clouds_); });
     }
   }
 
@@ -122,9 +124,8 @@ class ResultWriter {
     Timer timer;
     PointCloud cloud = fusion_engine_.engine->FuseView(reference, sources, fusion_, rank, stamps_.get());
     run_.interrupt.Check();
+    waiting_.Put(index, std::move(cloud));
     run_.progress.Step();
-    const std::lock_guard<std::mutex> lock(mutex_);
-    clouds_[index] = std::move(cloud);
     const std::lock_guard<std::mutex> times_lock(run_.times_mutex);
     run_.times.fusion_ms += timer.Lap();
   }
@@ -132,18 +133,9 @@ class ResultWriter {
   /// Writes an image's points, and forgets them unless COLMAP's model is made of them.
   void Append(int index) {
     Timer timer;
-    PointCloud cloud;
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      cloud = std::move(clouds_.at(index));
-    }
+    PointCloud cloud = waiting_.Take(index);
     cloud_.Append(cloud);
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (files_.colmap()) {
-      clouds_[index] = std::move(cloud);
-    } else {
-      clouds_.erase(index);
-    }
+    if (files_.colmap()) clouds_.push_back(std::move(cloud));
     const std::lock_guard<std::mutex> times_lock(run_.times_mutex);
     run_.times.cloud_ms += timer.Lap();
   }
@@ -206,26 +198,22 @@ class ResultWriter {
     run_.times.cloud_ms += timer.Lap();
   }
 
-  std::vector<PointCloud> CloudsInOrder() {
-    std::vector<PointCloud> clouds;
-    for (int index : images_) clouds.push_back(std::move(clouds_.at(index)));
-    return clouds;
-  }
-
   ReconstructRun& run_;
   const FusionOptions fusion_;
   std::unique_ptr<DepthEngine> fusion_engine_owner_;
   ReconstructEngine fusion_engine_;
   std::unique_ptr<FusionStamps> stamps_;
   const ImageFiles files_;
+  WaitingClouds waiting_;
   PlyFile cloud_;
+  /// What was appended to it, for COLMAP's model. Tasks that use it wait for one another.
+  std::vector<PointCloud> clouds_;
   std::vector<int> images_;  ///< with maps, by scene index
 
   size_t too_far_ = 0;  ///< pixels; under times_mutex while images are written
 
   std::mutex mutex_;  ///< of what follows
   std::map<int, ConfidenceMap> confidences_;
-  std::map<int, PointCloud> clouds_;  ///< world frame; those that are not written yet
   std::vector<int> unmarked_;
 };
 
