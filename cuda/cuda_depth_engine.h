@@ -36,7 +36,7 @@ class CudaDepthEngine final : public DepthEngine {
                                   const FusionOptions& options) override;
   std::unique_ptr<FusionStamps> MakeFusionStamps() override;
   PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources, const FusionOptions& options,
-                      FusionStamps* stamps) override;
+                      int rank, FusionStamps* stamps) override;
 
   EstimateMaps Download(const EngineEstimatePtr& estimate) override;
   EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
@@ -102,6 +102,10 @@ class CudaDepthEngine final : public DepthEngine {
   FusionSetup<DeviceFusionView> SetUp(const EngineView& reference, const std::vector<EngineView>& sources,
                                       const FusionLimits& limits,
                                       DeviceFusionView (CudaDepthEngine::*maps_of)(const EngineView&));
+  DeviceArray<Stamp> UnusedStamps(size_t pixels);
+  /// Replaces another GPU's stamps by a copy on this one.
+  void MoveHere(DeviceArray<Stamp>* stamps);
+  /// On this GPU. Nobody else may use the frame's stamps meanwhile.
   ImageView<Stamp> StampsOf(const Frame& frame, CudaStamps* stamps);
 
   PassRunner runner_;

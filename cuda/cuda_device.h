@@ -78,6 +78,7 @@ class DeviceArray {
   DeviceArray(const DeviceArray&) = delete;
   DeviceArray& operator=(const DeviceArray&) = delete;
 
+  const CudaDevicePtr& device() const { return device_; }
   T* data() const { return data_; }
   size_t size() const { return size_; }
 

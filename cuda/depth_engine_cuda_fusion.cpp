@@ -96,41 +96,51 @@ ConfidenceMap CudaDepthEngine::MeasureConfidence(const EngineView& reference, co
   });
 }
 
+DeviceArray<Stamp> CudaDepthEngine::UnusedStamps(size_t pixels) {
+  static_assert(kUnusedStamp == 0xffff, "both bytes are set to 0xff");
+  DeviceArray<Stamp> stamps(runner_.device(), pixels);
+  CudaCheck(cudaMemsetAsync(stamps.data(), 0xff, pixels * sizeof(Stamp), stream().get()), "reset stamps");
+  return stamps;
+}
+
+void CudaDepthEngine::MoveHere(DeviceArray<Stamp>* stamps) {
+  {
+    DeviceArray<Stamp> moved(runner_.device(), stamps->size());
+    moved.CopyFromPeer(*stamps, stamps->size(), stream());
+    stream().Synchronize();  // before the other GPU gets its memory back
+    *stamps = std::move(moved);
+  }
+  device().MakeCurrent();  // freeing selected the other GPU
+}
+
 ImageView<Stamp> CudaDepthEngine::StampsOf(const Frame& frame, CudaStamps* stamps) {
   const int width = frame.camera.width, height = frame.camera.height;
-  auto found = stamps->by_frame.find(frame.id);
-  if (found == stamps->by_frame.end()) {
-    static_assert(kUnusedStamp == 0xffff, "both bytes are set to 0xff");
-    DeviceArray<Stamp> unused(runner_.device(), static_cast<size_t>(width) * height);
-    CudaCheck(cudaMemsetAsync(unused.data(), 0xff, unused.size() * sizeof(Stamp), stream().get()), "reset stamps");
-    found = stamps->by_frame.emplace(frame.id, std::move(unused)).first;
+  DeviceArray<Stamp>& of_frame = stamps->Of(frame.id);
+  if (of_frame.size() == 0) {
+    of_frame = UnusedStamps(static_cast<size_t>(width) * height);
+  } else if (of_frame.device() != runner_.device()) {
+    MoveHere(&of_frame);
   }
-  return {found->second.data(), width, height, width};
+  return {of_frame.data(), width, height, width};
 }
 
 PointCloud CudaDepthEngine::FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
-                                     const FusionOptions& options, FusionStamps* stamps) {
-  auto* device_stamps = dynamic_cast<CudaStamps*>(stamps);
-  if (device_stamps == nullptr || device_stamps->device != runner_.device().get()) {
-    throw InvalidInputError("stamps: null or of another device");
-  }
-  CheckRange("number of fused views", device_stamps->next + 1, 1, kMaxFusionViews);
+                                     const FusionOptions& options, int rank, FusionStamps* stamps) {
+  auto* gpu_stamps = dynamic_cast<CudaStamps*>(stamps);
+  if (gpu_stamps == nullptr) throw InvalidInputError("stamps: null or not of a GPU");
+  const Stamp stamp = StampOfRank(rank);
   return OnDevice([&] {
     FusionSetup<DeviceFusionView> setup(PosedCameraOf(reference), FusionMapsOf(reference), MakeFusionLimits(options),
                                         reference.frame->cam_from_world.inverse());
-    setup.SetStamps(StampsOf(*reference.frame, device_stamps), device_stamps->next++);
+    setup.SetStamps(StampsOf(*reference.frame, gpu_stamps), stamp);
     for (const EngineView& source : sources) {
       if (!source.estimate) continue;
-      setup.AddSource(PosedCameraOf(source), FusionMapsOf(source), StampsOf(*source.frame, device_stamps));
+      setup.AddSource(PosedCameraOf(source), FusionMapsOf(source), StampsOf(*source.frame, gpu_stamps));
     }
     return fusion_.Fuse(setup, reference.frame->camera.width, reference.frame->camera.height, stream());
   });
 }
 
-std::unique_ptr<FusionStamps> CudaDepthEngine::MakeFusionStamps() {
-  auto stamps = std::make_unique<CudaStamps>();
-  stamps->device = runner_.device().get();
-  return stamps;
-}
+std::unique_ptr<FusionStamps> CudaDepthEngine::MakeFusionStamps() { return std::make_unique<CudaStamps>(); }
 
 }  // namespace acmp

@@ -58,10 +58,19 @@ struct CudaEstimate final : EngineEstimate {
   float inverse_step = 0;
 };
 
-struct CudaStamps final : FusionStamps {
-  const CudaDevice* device = nullptr;
-  std::map<int64_t, DeviceArray<Stamp>> by_frame;
-  Stamp next = 0;
+/// Each frame's stamps are on the GPU that used them last.
+class CudaStamps final : public FusionStamps {
+ public:
+  /// A frame's stamps, empty at first; stays where it is. They are not locked: views that are fused at the same time
+  /// have no frame in common.
+  DeviceArray<Stamp>& Of(int64_t frame) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return by_frame_[frame];
+  }
+
+ private:
+  std::mutex mutex_;
+  std::map<int64_t, DeviceArray<Stamp>> by_frame_;
 };
 
 /// Throws InvalidInputError unless the size is the camera's.

@@ -64,6 +64,11 @@ FusionLimits MakeFusionLimits(const FusionOptions& options) {
           options.min_point_confidence};
 }
 
+Stamp StampOfRank(int rank) {
+  CheckRange("rank of a fused view", rank, 0, kMaxFusionViews - 1);
+  return static_cast<Stamp>(rank);
+}
+
 ReferenceGeometry MakeReferenceGeometry(const PosedCamera& reference, const RigidTransform& target_from_reference) {
   const Eigen::Matrix3d rotation = target_from_reference.linear();
   return {ToMat3d(rotation * reference.camera.K().inverse()), ToMat3d(rotation),

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <map>
+#include <mutex>
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
@@ -35,19 +36,16 @@ struct HostEstimate final : EngineEstimate {
 };
 
 struct HostStamps final : FusionStamps {
+  std::mutex mutex;  ///< of the map, not of the stamps: views that are fused at the same time have no frame in common
   std::map<int64_t, Image<Stamp>> by_frame;
-  Stamp next = 0;
 
   ImageView<Stamp> Of(const Frame& frame) {
+    const std::lock_guard<std::mutex> lock(mutex);
     auto found = by_frame.find(frame.id);
     if (found == by_frame.end()) {
       found = by_frame.emplace(frame.id, Image<Stamp>(frame.camera.width, frame.camera.height, kUnusedStamp)).first;
     }
     return found->second.View();
-  }
-  Stamp Next() {
-    CheckRange("number of fused views", next + 1, 1, kMaxFusionViews);
-    return next++;
   }
 };
 
@@ -231,14 +229,15 @@ ConsistencyResult HostDepthEngine::FilterByConsistency(const EngineView& referen
 std::unique_ptr<FusionStamps> HostDepthEngine::MakeFusionStamps() { return std::make_unique<HostStamps>(); }
 
 PointCloud HostDepthEngine::FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
-                                     const FusionOptions& options, FusionStamps* stamps) {
+                                     const FusionOptions& options, int rank, FusionStamps* stamps) {
   auto* host_stamps = dynamic_cast<HostStamps*>(stamps);
   if (host_stamps == nullptr) throw InvalidInputError("stamps: null or of another device");
+  const Stamp stamp = StampOfRank(rank);
   Cast<HostEstimate>(reference.estimate);
   const FusionView view = MakeFusionView(reference);
   FusionSetup<FusionMaps<Vec3f>> setup(CameraOf(view), MapsOf(view), MakeFusionLimits(options),
                                        view.cam_from_world.inverse());
-  setup.SetStamps(host_stamps->Of(*reference.frame), host_stamps->Next());
+  setup.SetStamps(host_stamps->Of(*reference.frame), stamp);
   for (const EngineView& source : sources) {
     const FusionView source_view = MakeFusionView(source);
     if (source_view.depth.empty()) continue;

@@ -116,7 +116,7 @@ void Reconstruct(const ReconstructOptions& options, const EngineMaker& make_engi
   for (const std::string& warning : plan.warnings) progress.Warn(warning);
 
   progress.Note(Concat("checking ", indices.size(), " images"));
-  FrameStore frames(scene, options.max_image_size, static_cast<size_t>(0.5e9 * options.memory_limit_gb));
+  FrameStore frames(scene, options.max_image_size, options.MemoryBytes(options.kImageShare));
   const std::string input_hash = CheckInput(scene, indices, &frames, *interrupt);
   const std::vector<ReconstructEngine> engines = engines_to_come.get();
   const RunRecord record = MakeRecord(options, engines.front().engine->device_name(), input_hash);

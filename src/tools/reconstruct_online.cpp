@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "reconstruct_recorder.h"
@@ -75,6 +77,7 @@ class OnlineSchedule {
     run_.times.Add(keyframe.times);
     run_.times.consistency_ms += keyframe.consistency_ms;
     ++run_.times.images;
+    PlanOf(keyframe.frame->id).sources.assign(keyframe.source_ids.begin(), keyframe.source_ids.end());
     const auto path = run_.folder.WorkFile("final", static_cast<int>(keyframe.frame->id));
     if (IsWholeWorkFile(path)) return;
     Timer timer;
@@ -84,11 +87,14 @@ class OnlineSchedule {
 
   void Drop(const KeyframeDrop& drop) {
     if (drop.reason == "processing_error") throw ProcessingError(drop.message);
-    for (ImagePlan& image : run_.plan.images) {
-      if (image.index != drop.id) continue;
-      image.no_map = drop.message;
-      if (drop.reason == "no_depth_range") image.no_map += " (give --depth-min and --depth-max)";
-    }
+    ImagePlan& image = PlanOf(drop.id);
+    image.no_map = drop.message;
+    if (drop.reason == "no_depth_range") image.no_map += " (give --depth-min and --depth-max)";
+  }
+
+  ImagePlan& PlanOf(int64_t id) {
+    return *std::find_if(run_.plan.images.begin(), run_.plan.images.end(),
+                         [&](const ImagePlan& image) { return image.index == id; });
   }
 
   ReconstructRun& run_;

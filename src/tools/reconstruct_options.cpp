@@ -116,7 +116,8 @@ void AddMachineOptions(CLI::App* app, ReconstructOptions* options) {
       ->capture_default_str()
       ->group(group);
   app->add_option("--threads", options->threads, "CPU threads; 0: one per core")->capture_default_str()->group(group);
-  app->add_option("--memory-limit-gb", options->memory_limit_gb, "Memory for images and maps that are kept at hand")
+  app->add_option("--memory-limit-gb", options->memory_limit_gb,
+                  "Memory for images, maps and points that are kept at hand")
       ->capture_default_str()
       ->group(group);
 }

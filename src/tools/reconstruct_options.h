@@ -46,6 +46,10 @@ struct ReconstructOptions {
   bool quiet = false;
 
   bool online() const { return schedule == "online"; }
+
+  /// Of memory_limit_gb, what each kind may take: images; estimates or maps; points that wait to be written.
+  static constexpr double kImageShare = 0.4, kMapShare = 0.4, kCloudShare = 0.2;
+  size_t MemoryBytes(double share) const { return static_cast<size_t>(share * 1e9 * memory_limit_gb); }
 };
 
 /// Declares the command line on `app`; parsing fills `options`.

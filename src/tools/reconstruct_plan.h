@@ -14,7 +14,7 @@ namespace acmp {
 struct ImagePlan {
   int index = 0;             ///< in the scene
   DepthRange range;          ///< offline schedule only
-  std::vector<int> sources;  ///< scene indices, best first; offline schedule only
+  std::vector<int> sources;  ///< scene indices, best first; online those that the mapper chose, once it has run
   std::string no_map;        ///< why the image gets no map; empty when it gets one
 };
 

@@ -90,8 +90,8 @@ ConsistencyResult RecordingDepthEngine::FilterByConsistency(const EngineView& re
 std::unique_ptr<FusionStamps> RecordingDepthEngine::MakeFusionStamps() { return engine_->MakeFusionStamps(); }
 
 PointCloud RecordingDepthEngine::FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
-                                          const FusionOptions& options, FusionStamps* stamps) {
-  return Guarded([&] { return engine_->FuseView(reference, sources, options, stamps); });
+                                          const FusionOptions& options, int rank, FusionStamps* stamps) {
+  return Guarded([&] { return engine_->FuseView(reference, sources, options, rank, stamps); });
 }
 
 EstimateMaps RecordingDepthEngine::Download(const EngineEstimatePtr& estimate) {

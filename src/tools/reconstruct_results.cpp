@@ -1,3 +1,5 @@
+#include <algorithm>
+#include <iterator>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -6,6 +8,7 @@
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
+#include "reconstruct_clouds.h"
 #include "reconstruct_image_files.h"
 #include "reconstruct_run.h"
 #include "reconstruct_work_files.h"
@@ -23,19 +26,16 @@ class ResultWriter {
       : run_(*run),
         fusion_(MakePipelineOptions(run->options).fusion),
         files_(run),
+        waiting_(&run->folder, run->options.MemoryBytes(run->options.kCloudShare)),
         cloud_(run->folder.path() / "fused.ply") {
     run_.folder.MakeWorkFolder(kWrittenMark);
-    const ReconstructEngine& first = run_.engines.front();
-    if (!first.on_host) fusion_engine_owner_ = first.engine->Share();
-    fusion_engine_ = first;
-    if (fusion_engine_owner_) fusion_engine_.engine = fusion_engine_owner_.get();
-    stamps_ = fusion_engine_.engine->MakeFusionStamps();
+    for (int device = 0; device < NumDevices(run_); ++device) AddFusionEngine(device);
+    stamps_ = fusion_engines_.front().engine->MakeFusionStamps();
   }
 
   void AddTasks(const std::map<int, int>& final_maps, TaskGraph* graph) {
     std::vector<int> all_written;
-    std::vector<int> last_fused;  // or none
-    std::vector<int> last_appended;
+    std::vector<int> last_appended;  // or none
     for (const ImagePlan& image : run_.plan.images) {
       if (!image.no_map.empty()) continue;
       const int index = image.index;
@@ -44,18 +44,18 @@ class ResultWriter {
       if (files_.HasConfidence()) {
         const int pool = EnginePoolOf(run_, index);
         before = {graph->Add(
-            pool, maps, [this, index, pool](int thread) { MakeConfidence(index, EngineOf(run_, pool, thread)); },
+            pool, maps, [this, &image, pool](int thread) { MakeConfidence(image, EngineOf(run_, pool, thread)); },
             true)};
       }
       all_written.push_back(graph->Add(kHostPool, before, [this, index](int) { WriteFiles(index); }));
-      last_fused = {graph->Add(kFusionPool, Joined(maps, last_fused), [this, index](int) { Fuse(index); })};
-      last_appended = {graph->Add(kHostPool, Joined(last_fused, last_appended), [this, index](int) { Append(index); })};
+      const int fused = AddFusion(image, maps, graph);
+      last_appended = {graph->Add(kHostPool, Joined({fused}, last_appended), [this, index](int) { Append(index); })};
       images_.push_back(index);
     }
     graph->Add(kHostPool, all_written, [this](int) { FinishFiles(); });
     graph->Add(kHostPool, last_appended, [this](int) { FinishCloud(); });
     if (files_.colmap()) {
-      graph->Add(kHostPool, last_appended, [this](int) { files_.colmap()->WriteModel(images_, CloudsInOrder()); });
+      graph->Add(kHostPool, last_appended, [this](int) { files_.colmap()->WriteModel(images_, clouds_); });
     }
   }
 
@@ -64,14 +64,37 @@ class ResultWriter {
   size_t points() const { return cloud_.points(); }
 
  private:
+  /// One of its own for each device, as views are fused while others are matched.
+  void AddFusionEngine(int device) {
+    ReconstructEngine engine = run_.engines[static_cast<size_t>(EngineOf(run_, kFirstEnginePool + device, 0))];
+    if (!engine.on_host) {
+      owned_engines_.push_back(engine.engine->Share());
+      engine.engine = owned_engines_.back().get();
+    }
+    fusion_engines_.push_back(engine);
+  }
+
+  /// Adds the fusion of a view, on the device of its image. It reads and writes the stamps of its frames: for each it
+  /// waits for the view that did so last, and with that for all before. So it finds the stamps that it would find if
+  /// the views were fused one after the other.
+  int AddFusion(const ImagePlan& image, std::vector<int> after, TaskGraph* graph) {
+    const std::vector<int> frames = Joined({image.index}, SourcesOf(image));
+    for (int frame : frames) {
+      if (const auto last = last_fused_.find(frame); last != last_fused_.end()) after.push_back(last->second);
+    }
+    const int rank = static_cast<int>(images_.size());
+    const int task =
+        graph->Add(FusionPoolOf(run_, image.index), after, [this, &image, rank](int) { Fuse(image, rank); });
+    for (int frame : frames) last_fused_[frame] = task;
+    return task;
+  }
+
   /// All whose maps the image's own are compared with.
-  static std::vector<int> MapsRead(const std::map<int, int>& final_maps, const ImagePlan& image) {
+  std::vector<int> MapsRead(const std::map<int, int>& final_maps, const ImagePlan& image) const {
     std::vector<int> tasks;
     if (final_maps.empty()) return tasks;
     tasks.push_back(final_maps.at(image.index));
-    for (int source : image.sources) {
-      if (const auto found = final_maps.find(source); found != final_maps.end()) tasks.push_back(found->second);
-    }
+    for (int source : SourcesOf(image)) tasks.push_back(final_maps.at(source));
     return tasks;
   }
 
@@ -91,20 +114,26 @@ class ResultWriter {
     return view;
   }
 
-  std::vector<EngineView> SourcesOf(const StoredFinalMaps& maps, const ReconstructEngine& engine) {
-    std::vector<EngineView> sources;
-    for (int source : maps.sources()) {
-      if (run_.store.HasMap(source)) sources.push_back(ViewOf(source, engine));
-    }
+  /// Source views that have a map.
+  std::vector<int> SourcesOf(const ImagePlan& image) const {
+    std::vector<int> sources;
+    std::copy_if(image.sources.begin(), image.sources.end(), std::back_inserter(sources),
+                 [this](int source) { return run_.store.HasMap(source); });
     return sources;
   }
 
-  void MakeConfidence(int index, int engine_number) {
-    const StoredFinalMaps maps = run_.store.Final(index);
-    if (IsWritten(index) || !maps.confidence().empty()) return;
+  std::vector<EngineView> SourceViewsOf(const ImagePlan& image, const ReconstructEngine& engine) {
+    std::vector<EngineView> views;
+    for (int source : SourcesOf(image)) views.push_back(ViewOf(source, engine));
+    return views;
+  }
+
+  void MakeConfidence(const ImagePlan& image, int engine_number) {
+    const int index = image.index;
+    if (IsWritten(index) || !run_.store.Final(index).confidence().empty()) return;
     const ReconstructEngine& engine = run_.engines[static_cast<size_t>(engine_number)];
     const EngineView reference = ViewOf(index, engine);
-    const std::vector<EngineView> sources = SourcesOf(maps, engine);
+    const std::vector<EngineView> sources = SourceViewsOf(image, engine);
     Timer timer;
     ConfidenceMap confidence = engine.engine->MeasureConfidence(reference, sources, fusion_);
     run_.interrupt.Check();
@@ -114,16 +143,15 @@ class ResultWriter {
     run_.times.consistency_ms += timer.Lap();
   }
 
-  void Fuse(int index) {
-    const StoredFinalMaps maps = run_.store.Final(index);
-    const EngineView reference = ViewOf(index, fusion_engine_);
-    const std::vector<EngineView> sources = SourcesOf(maps, fusion_engine_);
+  void Fuse(const ImagePlan& image, int rank) {
+    const ReconstructEngine& engine = fusion_engines_[static_cast<size_t>(DeviceOf(run_, image.index))];
+    const EngineView reference = ViewOf(image.index, engine);
+    const std::vector<EngineView> sources = SourceViewsOf(image, engine);
     Timer timer;
-    PointCloud cloud = fusion_engine_.engine->FuseView(reference, sources, fusion_, stamps_.get());
+    PointCloud cloud = engine.engine->FuseView(reference, sources, fusion_, rank, stamps_.get());
     run_.interrupt.Check();
+    waiting_.Put(image.index, std::move(cloud));
     run_.progress.Step();
-    const std::lock_guard<std::mutex> lock(mutex_);
-    clouds_[index] = std::move(cloud);
     const std::lock_guard<std::mutex> times_lock(run_.times_mutex);
     run_.times.fusion_ms += timer.Lap();
   }
@@ -131,18 +159,9 @@ class ResultWriter {
   /// Writes an image's points, and forgets them unless COLMAP's model is made of them.
   void Append(int index) {
     Timer timer;
-    PointCloud cloud;
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      cloud = std::move(clouds_.at(index));
-    }
+    PointCloud cloud = waiting_.Take(index);
     cloud_.Append(cloud);
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (files_.colmap()) {
-      clouds_[index] = std::move(cloud);
-    } else {
-      clouds_.erase(index);
-    }
+    if (files_.colmap()) clouds_.push_back(std::move(cloud));
     const std::lock_guard<std::mutex> times_lock(run_.times_mutex);
     run_.times.cloud_ms += timer.Lap();
   }
@@ -205,26 +224,23 @@ class ResultWriter {
     run_.times.cloud_ms += timer.Lap();
   }
 
-  std::vector<PointCloud> CloudsInOrder() {
-    std::vector<PointCloud> clouds;
-    for (int index : images_) clouds.push_back(std::move(clouds_.at(index)));
-    return clouds;
-  }
-
   ReconstructRun& run_;
   const FusionOptions fusion_;
-  std::unique_ptr<DepthEngine> fusion_engine_owner_;
-  ReconstructEngine fusion_engine_;
+  std::vector<std::unique_ptr<DepthEngine>> owned_engines_;
+  std::vector<ReconstructEngine> fusion_engines_;  ///< per device
   std::unique_ptr<FusionStamps> stamps_;
   const ImageFiles files_;
+  WaitingClouds waiting_;
   PlyFile cloud_;
-  std::vector<int> images_;  ///< with maps, by scene index
+  /// What was appended to it, for COLMAP's model. Tasks that use it wait for one another.
+  std::vector<PointCloud> clouds_;
+  std::vector<int> images_;        ///< with maps, by scene index
+  std::map<int, int> last_fused_;  ///< the last task that uses the stamps of a frame
 
   size_t too_far_ = 0;  ///< pixels; under times_mutex while images are written
 
   std::mutex mutex_;  ///< of what follows
   std::map<int, ConfidenceMap> confidences_;
-  std::map<int, PointCloud> clouds_;  ///< world frame; those that are not written yet
   std::vector<int> unmarked_;
 };
 

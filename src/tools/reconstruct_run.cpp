@@ -18,12 +18,19 @@ std::vector<int> Devices(const ReconstructRun& run) {
 
 }  // namespace
 
-int EnginePoolOf(const ReconstructRun& run, int index) {
-  const size_t devices = Devices(run).size();
+int NumDevices(const ReconstructRun& run) { return static_cast<int>(Devices(run).size()); }
+
+int DeviceOf(const ReconstructRun& run, int index) {
   const auto place = std::find_if(run.plan.images.begin(), run.plan.images.end(),
                                   [&](const ImagePlan& image) { return image.index == index; }) -
                      run.plan.images.begin();
-  return kFirstEnginePool + static_cast<int>(static_cast<size_t>(place) * devices / run.plan.images.size());
+  return static_cast<int>(static_cast<size_t>(place) * Devices(run).size() / run.plan.images.size());
+}
+
+int EnginePoolOf(const ReconstructRun& run, int index) { return kFirstEnginePool + DeviceOf(run, index); }
+
+int FusionPoolOf(const ReconstructRun& run, int index) {
+  return kFirstEnginePool + NumDevices(run) + DeviceOf(run, index);
 }
 
 int EngineOf(const ReconstructRun& run, int pool, int thread) {
@@ -37,12 +44,13 @@ int EngineOf(const ReconstructRun& run, int pool, int thread) {
 std::vector<int> PoolThreads(const ReconstructRun& run) {
   if (run.engines.front().on_host) return {};
   const int writers = std::max(1, tbb::this_task_arena::max_concurrency() / 2);  // the rest triangulates
-  std::vector<int> threads = {1, writers};
+  std::vector<int> threads = {writers};
   for (int device : Devices(run)) {
     threads.push_back(
         static_cast<int>(std::count_if(run.engines.begin(), run.engines.end(),
                                        [&](const ReconstructEngine& engine) { return engine.device == device; })));
   }
+  threads.resize(threads.size() + Devices(run).size(), 1);  // that fuse
   return threads;
 }
 

@@ -60,13 +60,16 @@ double TotalCost(const ReconstructPlan& plan, const PipelineOptions& pipeline);
 
 /// Which threads do a task.
 enum TaskPool {
-  kFusionPool,      ///< one, with an engine of its own
   kHostPool,        ///< those that write files
-  kFirstEnginePool  ///< one pool per device, one thread per engine of it
+  kFirstEnginePool  ///< one pool per device, one thread per engine of it; then one per device with a thread that fuses
 };
 
-/// The pool of the device that works on an image.
+int NumDevices(const ReconstructRun& run);
+/// The device that works on an image, 0..NumDevices - 1.
+int DeviceOf(const ReconstructRun& run, int index);
+/// Its pools.
 int EnginePoolOf(const ReconstructRun& run, int index);
+int FusionPoolOf(const ReconstructRun& run, int index);
 /// Number of the engine of a pool's thread; of the only one where no threads are in use.
 int EngineOf(const ReconstructRun& run, int pool, int thread);
 /// Threads of all pools; none on the CPU, whose engine uses all cores itself.

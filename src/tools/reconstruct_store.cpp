@@ -28,10 +28,9 @@ EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, 
       frames_(*frames),
       always_writes_(options.keep_work || engines.front().on_host),
       final_maps_on_host_(!options.maps.empty() || options.colmap),
-      max_unsaved_host_bytes_(static_cast<size_t>(0.5e9 * options.memory_limit_gb)) {
+      max_unsaved_host_bytes_(options.MemoryBytes(options.kMapShare)) {
   for (const ReconstructEngine& engine : engines) {
-    const size_t host_bytes = static_cast<size_t>(0.5e9 * options.memory_limit_gb);
-    const size_t bytes = engine.on_host ? host_bytes : engine.engine->FreeDeviceBytes() / 2;
+    const size_t bytes = engine.on_host ? max_unsaved_host_bytes_ : engine.engine->FreeDeviceBytes() / 2;
     max_unsaved_device_bytes_ = bytes / 2;
     devices_.emplace(std::piecewise_construct, std::forward_as_tuple(engine.device),
                      std::forward_as_tuple(bytes / 4, bytes - bytes / 4));

@@ -6,6 +6,7 @@
 
 #include "gtest/gtest.h"
 
+#include "fusion/engine_views.h"
 #include "fusion/noisy_views.h"
 #include "support/devices.h"
 
@@ -19,16 +20,7 @@ struct OnEngine {
     for (int row = 10; row < 40; ++row) {
       for (int col = 20; col < 50; ++col) views[0].depth(col, row) *= 1.5f;
     }
-    for (TestView& view : views) {
-      auto frame = std::make_shared<Frame>();
-      frame->id = static_cast<int64_t>(problem.sources.size());
-      frame->camera = view.camera;
-      frame->cam_from_world = view.cam_from_world;
-      frame->gray = GrayImage(view.camera.width, view.camera.height, 100.0f);
-      EngineView engine_view = {frame, engine->Load(frame, 0), nullptr};
-      engine_view.estimate = engine->UploadMaps({view.depth.View(), view.normal.View(), view.cost.View()}, view.camera);
-      problem.sources.push_back(engine_view);
-    }
+    problem.sources = UploadViews(views, engine);
     problem.reference = problem.sources.front();
     problem.sources.erase(problem.sources.begin());
     problem.depth_range = {1, 20};

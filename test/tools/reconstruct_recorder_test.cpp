@@ -41,7 +41,8 @@ class LostEngine final : public DepthEngine {
   EstimateMaps Download(const EngineEstimatePtr&) override { Fail(); }
   EstimateState DownloadState(const EngineEstimatePtr&) override { Fail(); }
   std::unique_ptr<FusionStamps> MakeFusionStamps() override { Fail(); }
-  PointCloud FuseView(const EngineView&, const std::vector<EngineView>&, const FusionOptions&, FusionStamps*) override {
+  PointCloud FuseView(const EngineView&, const std::vector<EngineView>&, const FusionOptions&, int,
+                      FusionStamps*) override {
     Fail();
   }
   EngineEstimatePtr UploadMaps(const EstimateMapViews&, const PinholeCamera&) override { Fail(); }

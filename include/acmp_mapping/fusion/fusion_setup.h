@@ -24,6 +24,9 @@ ReferenceGeometry MakeReferenceGeometry(const PosedCamera& reference, const Rigi
 SourceGeometry MakeSourceGeometry(const PosedCamera& reference, const PosedCamera& source,
                                   const RigidTransform& target_from_reference);
 
+/// Throws InvalidInputError unless a stamp can hold the view's place in the order of fusion.
+Stamp StampOfRank(int rank);
+
 /// Composes the context of one reference view. `View` is the FusionMaps of the device that is to run it.
 template <class View>
 class FusionSetup {

@@ -61,7 +61,7 @@ struct EstimateState {
   CostMap cost;
 };
 
-/// Which pixels of which frames have gone into points (see FuseDepthMaps), on the device of the engine that made it.
+/// Which pixels of which frames have gone into points (see FuseDepthMaps), on the devices of the engines that use it.
 class FusionStamps {
  public:
   virtual ~FusionStamps() = default;
@@ -115,12 +115,17 @@ class DepthEngine {
     return FilterByConsistency(reference, sources, options).confidence;
   }
 
+  /// Stamps of no pixel yet, for this engine and all others of its kind: those on the CPU, or on any of the GPUs.
   virtual std::unique_ptr<FusionStamps> MakeFusionStamps() = 0;
 
-  /// FuseDepthMaps, one view per call in the order of fusion: the reference's points in the world. Views without an
-  /// estimate take no part. An error leaves the stamps of this view half set: the fusion cannot go on.
+  /// FuseDepthMaps, one view per call: the reference's points in the world. Views without an estimate take no part.
+  /// Views that have a frame in common (as reference or source) are fused one after the other, by rank. Others do not
+  /// touch the same stamps: they may be fused in any order, and by several engines at the same time. The points are
+  /// those of fusing all views by rank. An error leaves the stamps of this view half set: the fusion cannot go on.
+  /// @param rank the view's own place in the order of fusion, 0..kMaxFusionViews - 1
+  /// @param stamps of MakeFusionStamps of an engine of this kind; of another it is an InvalidInputError
   virtual PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
-                              const FusionOptions& options, FusionStamps* stamps) = 0;
+                              const FusionOptions& options, int rank, FusionStamps* stamps) = 0;
 
   virtual EstimateMaps Download(const EngineEstimatePtr& estimate) = 0;
   virtual EstimateState DownloadState(const EngineEstimatePtr& estimate) = 0;

@@ -28,7 +28,7 @@ class HostDepthEngine final : public DepthEngine {
                                         const FusionOptions& options) override;
   std::unique_ptr<FusionStamps> MakeFusionStamps() override;
   PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources, const FusionOptions& options,
-                      FusionStamps* stamps) override;
+                      int rank, FusionStamps* stamps) override;
   EstimateMaps Download(const EngineEstimatePtr& estimate) override;
   EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
   EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override;

@@ -1,0 +1,38 @@
+#pragma once
+
+#include <map>
+#include <mutex>
+
+#include "acmp_mapping/fusion/point_cloud.h"
+#include "reconstruct_folder.h"
+
+namespace acmp {
+
+/// Points of views that are fused and wait for those of earlier views to be appended to the cloud: with two GPUs that
+/// may be half of all points. In memory up to a number of bytes, beyond in files of the work folder, so that a scene of
+/// any size can be fused. For any number of threads.
+class WaitingClouds {
+ public:
+  /// @param folder outlives this
+  WaitingClouds(const ReconstructFolder* folder, size_t max_bytes) : folder_(*folder), max_bytes_(max_bytes) {}
+
+  /// Keeps a view's points; once per view. Throws ProcessingError when their file cannot be written.
+  void Put(int index, PointCloud cloud);
+  /// Hands them out, once. Throws ProcessingError when their file cannot be read.
+  PointCloud Take(int index);
+
+  static constexpr const char* kStage = "clouds";
+
+ private:
+  bool KeepInMemory(int index, PointCloud* cloud);
+
+  const ReconstructFolder& folder_;
+  const size_t max_bytes_;
+
+  std::mutex mutex_;  ///< of what follows
+  std::map<int, PointCloud> in_memory_;
+  std::map<int, size_t> points_in_file_;
+  size_t bytes_ = 0;  ///< in memory
+};
+
+}  // namespace acmp

@@ -1,0 +1,72 @@
+#pragma once
+
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/pipeline/depth_engine.h"
+#include "fusion/analytic_views.h"
+
+namespace acmp {
+
+/// Views as an engine sees them; frames are numbered from 0.
+inline std::vector<EngineView> UploadViews(const std::vector<TestView>& views, DepthEngine* engine) {
+  std::vector<EngineView> uploaded;
+  for (const TestView& view : views) {
+    auto frame = std::make_shared<Frame>();
+    frame->id = static_cast<int64_t>(uploaded.size());
+    frame->camera = view.camera;
+    frame->cam_from_world = view.cam_from_world;
+    frame->gray = GrayImage(view.camera.width, view.camera.height, 100.0f);
+    frame->color = view.color.Clone();
+    uploaded.push_back({frame, engine->Load(frame, 0),
+                        engine->UploadMaps({view.depth.View(), view.normal.View(), view.cost.View()}, view.camera)});
+  }
+  return uploaded;
+}
+
+/// The points of one view.
+inline PointCloud FuseOne(DepthEngine* engine, const std::vector<EngineView>& views,
+                          const std::vector<std::vector<int>>& neighbors, int view, FusionStamps* stamps) {
+  std::vector<EngineView> sources;
+  for (int source : neighbors[static_cast<size_t>(view)]) sources.push_back(views[static_cast<size_t>(source)]);
+  return engine->FuseView(views[static_cast<size_t>(view)], sources, {}, view, stamps);
+}
+
+/// Those of all views, fused one after the other.
+inline std::vector<PointCloud> FuseAll(DepthEngine* engine, const std::vector<EngineView>& views,
+                                       const std::vector<std::vector<int>>& neighbors) {
+  const std::unique_ptr<FusionStamps> stamps = engine->MakeFusionStamps();
+  std::vector<PointCloud> clouds;
+  for (int i = 0; i < static_cast<int>(views.size()); ++i) {
+    clouds.push_back(FuseOne(engine, views, neighbors, i, stamps.get()));
+  }
+  return clouds;
+}
+
+/// Where the first point is that differs in a bit, for EXPECT_EQ with "".
+inline std::string FirstDifference(const PointCloud& a, const PointCloud& b) {
+  if (a.size() != b.size()) return Concat(a.size(), " points, ", b.size(), " points");
+  for (size_t i = 0; i < a.size(); ++i) {
+    const SurfacePoint &p = a[i], &q = b[i];
+    const bool same = p.position.x == q.position.x && p.position.y == q.position.y && p.position.z == q.position.z &&
+                      p.normal.x == q.normal.x && p.normal.y == q.normal.y && p.normal.z == q.normal.z &&
+                      p.color.r == q.color.r && p.color.g == q.color.g && p.color.b == q.color.b &&
+                      p.confidence == q.confidence;
+    if (!same) return Concat("point ", i);
+  }
+  return "";
+}
+
+inline std::string FirstDifference(const std::vector<PointCloud>& a, const std::vector<PointCloud>& b) {
+  if (a.size() != b.size()) return Concat(a.size(), " clouds, ", b.size(), " clouds");
+  for (size_t i = 0; i < a.size(); ++i) {
+    const std::string difference = FirstDifference(a[i], b[i]);
+    if (!difference.empty()) return Concat("view ", i, ": ", difference);
+  }
+  return "";
+}
+
+}  // namespace acmp

@@ -1,0 +1,238 @@
+// Runs on several devices: the same files, and which views are fused when and where.
+
+#include <gmock/gmock.h>
+
+#include <algorithm>
+#include <chrono>
+#include <condition_variable>
+#include <map>
+#include <mutex>
+#include <set>
+#include <thread>
+
+#include "acmp_mapping/dataset/map_io.h"
+#include "tools/reconstruct_fake_gpu.h"
+#include "tools/reconstruct_run_fixture.h"
+
+namespace acmp {
+namespace {
+
+/// Only a deadlock takes so long.
+constexpr std::chrono::seconds kHang{60};
+
+/// Which images are fused at the moment and in which order they were.
+class Fusions {
+ public:
+  void Begin(int image) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    running_.insert(image);
+    for (int other : running_) together_.insert({std::min(image, other), std::max(image, other)});
+  }
+  void End(int image) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    running_.erase(image);
+    order_.push_back(image);
+    changed_.notify_all();
+  }
+  /// False if the image is not fused before long.
+  bool WaitFor(int image) {
+    std::unique_lock<std::mutex> lock(mutex_);
+    return changed_.wait_for(lock, kHang, [&] { return std::count(order_.begin(), order_.end(), image) > 0; });
+  }
+  const std::vector<int>& order() const { return order_; }
+  bool WereTogether(int a, int b) const { return together_.count({std::min(a, b), std::max(a, b)}) > 0; }
+  size_t PlaceOf(int image) const {
+    return static_cast<size_t>(std::find(order_.begin(), order_.end(), image) - order_.begin());
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::set<int> running_;
+  std::set<std::pair<int, int>> together_;
+  std::vector<int> order_;
+};
+
+using Sources = std::vector<std::vector<int>>;
+
+/// The three images before and after each.
+Sources Sequence(int images) {
+  Sources sources(static_cast<size_t>(images));
+  for (int i = 0; i < images; ++i) {
+    for (int step : {1, -1, 2, -2, 3, -3}) {
+      if (i + step >= 0 && i + step < images) sources[static_cast<size_t>(i)].push_back(i + step);
+    }
+  }
+  return sources;
+}
+
+/// Groups of three images that see each other.
+Sources Groups(int images) {
+  Sources sources(static_cast<size_t>(images));
+  for (int i = 0; i < images; ++i) {
+    for (int other = i / 3 * 3; other < i / 3 * 3 + 3; ++other) {
+      if (other != i) sources[static_cast<size_t>(i)].push_back(other);
+    }
+  }
+  return sources;
+}
+
+bool HaveCommonFrame(const Sources& sources, int a, int b) {
+  std::set<int> frames(sources[static_cast<size_t>(a)].begin(), sources[static_cast<size_t>(a)].end());
+  frames.insert(a);
+  const std::vector<int>& others = sources[static_cast<size_t>(b)];
+  return frames.count(b) > 0 || std::any_of(others.begin(), others.end(), [&](int i) { return frames.count(i) > 0; });
+}
+
+class ReconstructDevicesTest : public ReconstructRunFixture {
+ protected:
+  static constexpr int kTwelve = 12;
+
+  void WriteTwelve(const Sources& sources) {
+    WriteScene(kTwelve, kWidth, kHeight);
+    std::string pairs = std::to_string(sources.size()) + "\n";
+    for (size_t i = 0; i < sources.size(); ++i) {
+      pairs += std::to_string(i) + "\n" + std::to_string(sources[i].size());
+      for (int source : sources[i]) pairs += " " + std::to_string(source) + " 1";
+      pairs += "\n";
+    }
+    WriteText("scene/pair.txt", pairs);
+    options_.quiet = true;
+  }
+
+  void RunOnCpu(const std::string& name) {
+    FakePatchMatch fake;
+    options_.output = output(name);
+    Run(&fake);
+  }
+
+  void RunOnFakeGpus(const std::string& name, int devices) {
+    options_.output = output(name);
+    std::vector<std::unique_ptr<DepthEngine>> owned;
+    const auto make = [&] {
+      std::vector<ReconstructEngine> engines;
+      for (int i = 0; i < 2 * devices; ++i) {
+        owned.push_back(std::make_unique<FakeGpu>(i / 2, &watch_));
+        engines.push_back({owned.back().get(), i / 2, false});
+      }
+      return engines;
+    };
+    Reconstruct(options_, make, &watcher_, &out_, &log_, false);
+  }
+
+  FusionWatch watch_;
+};
+
+TEST_F(ReconstructDevicesTest, AnyNumberOfDevicesGivesTheSameFiles) {
+  for (const Sources& sources : {Sequence(kTwelve), Groups(kTwelve)}) {
+    WriteTwelve(sources);
+    options_.overwrite = true;
+    RunOnCpu("cpu");
+    ASSERT_GT(ReadPly(output("cpu") / "fused.ply").size(), 500u);
+    for (int devices : {1, 2, 3}) {
+      for (const double memory_limit_gb : {4.0, 0.0}) {
+        options_.memory_limit_gb = memory_limit_gb;
+        RunOnFakeGpus("gpu", devices);
+        ExpectSameContents(output("cpu"), output("gpu"));
+      }
+      options_.memory_limit_gb = 4;
+    }
+  }
+}
+
+TEST_F(ReconstructDevicesTest, EachImageIsFusedWhereItsMapsAre) {
+  WriteTwelve(Sequence(kTwelve));
+  std::mutex mutex;
+  std::map<int, std::pair<int, int>> seen;  // by image: device, rank
+  watch_.before = [&](int device, int image, int rank) {
+    const std::lock_guard<std::mutex> lock(mutex);
+    seen[image] = {device, rank};
+  };
+  RunOnFakeGpus("gpu", 2);
+  ASSERT_EQ(seen.size(), size_t{kTwelve});
+  for (const auto& [image, place] : seen) EXPECT_EQ(place, std::pair(image / 6, image));
+}
+
+TEST_F(ReconstructDevicesTest, ViewsWithoutACommonFrameDoNotWaitForEachOther) {
+  WriteTwelve(Groups(kTwelve));
+  RunOnCpu("cpu");
+  for (const double memory_limit_gb : {4.0, 0.0}) {
+    options_.memory_limit_gb = memory_limit_gb;
+    Fusions fusions;
+    bool waited_in_vain = false;
+    watch_.before = [&](int, int image, int) {
+      if (image == 0) waited_in_vain = !fusions.WaitFor(kTwelve - 1);
+      fusions.Begin(image);
+    };
+    watch_.after = [&](int, int image, int) { fusions.End(image); };
+    RunOnFakeGpus(Concat("gpu_", memory_limit_gb), 2);
+    EXPECT_FALSE(waited_in_vain) << "the last image waited for the first";
+    ExpectSameContents(output("cpu"), options_.output);
+  }
+}
+
+TEST_F(ReconstructDevicesTest, ViewsWithACommonFrameAreFusedInOrder) {
+  for (const Sources& sources : {Sequence(kTwelve), Groups(kTwelve)}) {
+    WriteTwelve(sources);
+    options_.overwrite = true;
+    Fusions fusions;
+    watch_.before = [&](int, int image, int) {
+      fusions.Begin(image);
+      std::this_thread::sleep_for(std::chrono::milliseconds(image % 3));
+    };
+    watch_.after = [&](int, int image, int) { fusions.End(image); };
+    RunOnFakeGpus("gpu", 3);
+    for (int b = 0; b < kTwelve; ++b) {
+      for (int a = 0; a < b; ++a) {
+        if (!HaveCommonFrame(sources, a, b)) continue;
+        EXPECT_FALSE(fusions.WereTogether(a, b)) << a << ", " << b;
+        EXPECT_LT(fusions.PlaceOf(a), fusions.PlaceOf(b));
+      }
+    }
+  }
+}
+
+TEST_F(ReconstructDevicesTest, AFusionThatFailsEndsTheRunWhichCanGoOn) {
+  WriteTwelve(Sequence(kTwelve));
+  RunOnCpu("cpu");
+  for (const int failing : {0, 5, 6, 11}) {
+    watch_.before = [&](int, int image, int) {
+      if (image == failing) throw ProcessingError("device lost");
+    };
+    const std::string name = Concat("failing_", failing);
+    EXPECT_EQ(MessageOf<ProcessingError>([&] { RunOnFakeGpus(name, 2); }), "device lost");
+    EXPECT_FALSE(Has("fused.ply"));
+    watch_ = {};
+    RunOnFakeGpus(name, 2);
+    ExpectSameContents(output("cpu"), options_.output);
+  }
+}
+
+TEST_F(ReconstructDevicesTest, InterruptedWhileFusingTheRunCanGoOn) {
+  WriteTwelve(Groups(kTwelve));
+  RunOnCpu("cpu");
+  options_.memory_limit_gb = 0;  // points of the second device are in files when the run ends
+  watch_.before = [&](int device, int image, int) {
+    if (device == 0 && image == 3) watcher_.Request();
+  };
+  EXPECT_THROW(RunOnFakeGpus("gpu", 2), Interrupted);
+  EXPECT_FALSE(Has("fused.ply"));
+  watch_ = {};
+  InterruptWatcher watcher;
+  options_.output = output("gpu");
+  FakePatchMatch fake;
+  Run(&fake, &watcher);
+  ExpectSameContents(output("cpu"), output("gpu"));
+}
+
+TEST_F(ReconstructDevicesTest, OnlineRunsAreFusedWithTheMappersSources) {
+  WriteTwelve(Sequence(kTwelve));
+  options_.schedule = "online";
+  RunOnCpu("cpu");
+  ASSERT_GT(ReadPly(output("cpu") / "fused.ply").size(), 500u);
+  RunOnFakeGpus("gpu", 1);
+  ExpectSameContents(output("cpu"), output("gpu"));
+}
+
+}  // namespace
+}  // namespace acmp

@@ -1,0 +1,81 @@
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "acmp_mapping/pipeline/host_depth_engine.h"
+#include "tools/reconstruct_fake_matcher.h"
+
+namespace acmp {
+
+/// Told of the fusions on fake GPUs, by the thread that fuses.
+struct FusionWatch {
+  std::function<void(int device, int image, int rank)> before = [](int, int, int) {};
+  std::function<void(int device, int image, int rank)> after = [](int, int, int) {};
+};
+
+/// An engine that the tool takes for one on a GPU, so that it works with threads, over the fake matcher.
+class FakeGpu final : public DepthEngine {
+ public:
+  /// @param watch outlives this
+  FakeGpu(int device, const FusionWatch* watch) : device_(device), watch_(*watch) {}
+
+  std::unique_ptr<DepthEngine> Share() override { return std::make_unique<FakeGpu>(device_, &watch_); }
+  EngineImagePtr Load(const FramePtr& frame, int levels) override { return host_.Load(frame, levels); }
+  EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options, int level) override {
+    return host_.RunPhotometric(problem, options, level);
+  }
+  EngineEstimatePtr Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) override {
+    return host_.Upsample(estimate, frame, level);
+  }
+  std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
+                                              const PlanarPriorOptions& options) override {
+    return host_.FindSupportPoints(estimate, range, options);
+  }
+  EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
+                                   const EngineEstimatePtr& start, const PriorMesh& prior) override {
+    return host_.RunPlanarPrior(problem, options, start, prior);
+  }
+  EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
+                                 const EngineEstimatePtr& start, int pass) override {
+    return host_.RunGeometric(problem, options, start, pass);
+  }
+  EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) override {
+    return host_.Complete(problem, options);
+  }
+  ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
+                                        const FusionOptions& options) override {
+    return host_.FilterByConsistency(reference, sources, options);
+  }
+  std::unique_ptr<FusionStamps> MakeFusionStamps() override { return host_.MakeFusionStamps(); }
+  PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources, const FusionOptions& options,
+                      int rank, FusionStamps* stamps) override {
+    const int image = static_cast<int>(reference.frame->id);
+    watch_.before(device_, image, rank);
+    PointCloud cloud = host_.FuseView(reference, sources, options, rank, stamps);
+    watch_.after(device_, image, rank);
+    return cloud;
+  }
+  EstimateMaps Download(const EngineEstimatePtr& estimate) override { return host_.Download(estimate); }
+  EstimateState DownloadState(const EngineEstimatePtr& estimate) override { return host_.DownloadState(estimate); }
+  EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override {
+    return host_.UploadState(std::move(state), camera);
+  }
+  EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) override {
+    return host_.UploadMaps(maps, camera);
+  }
+  double TakeDeviceMs() override { return host_.TakeDeviceMs(); }
+  size_t DeviceBytes() const override { return 0; }
+  size_t FreeDeviceBytes() const override { return size_t{1} << 30; }
+  std::string device_name() const override { return host_.device_name(); }
+
+ private:
+  static std::unique_ptr<PatchMatch> MakeFakePatchMatch() { return std::make_unique<FakePatchMatch>(); }
+
+  const int device_;
+  const FusionWatch& watch_;
+  HostDepthEngine host_{&MakeFakePatchMatch};
+};
+
+}  // namespace acmp
