@@ -35,10 +35,11 @@ void WeighGeometryMore(float weight, PipelineOptions* options) {
   options->patch_match.geometric_max_px = 3.0f;
 }
 
-/// `acmp` with more geometric passes of one iteration each: maps of neighbours and completion are newer. More weight
-/// brings depth, but lets surfaces that are wrong in agreement grow (docs/quality.md).
+/// `acmp` with more geometric passes of one iteration each: maps of neighbours and completion are newer. What is wrong
+/// grows with them, too; windows that follow the colour more closely make up for that (docs/quality.md).
 PipelineOptions MakeQuality() {
   PipelineOptions options;
+  options.patch_match.sigma_color = 2.0f;
   options.patch_match.geometric_iterations = 1;
   options.geometric_passes = 4;
   WeighGeometryMore(0.15f, &options);
