@@ -25,6 +25,7 @@ class CompletionKernelTest : public ::testing::Test {
     context_.depth_min = 1;
     context_.depth_max = 20;
     context_.anchor_views = 2;
+    context_.min_views = 2;
     context_.cell_size = kCell;
     context_.confirming = confirming_.View();
     context_.planes = planes_.View();
@@ -139,6 +140,34 @@ TEST_F(CompletionKernelTest, DirectionsGoRoundTheCompass) {
   EXPECT_EQ(steps.count({0, 0}), 0u);
   EXPECT_EQ(sum_c, 0);
   EXPECT_EQ(sum_r, 0);
+}
+
+TEST_F(CompletionKernelTest, WhatTooFewViewsConfirmTakesThePlaneAroundAndACostThatSaysHowLittleIsKnown) {
+  const PlaneHypothesis wall = PlaneThrough({0, 0, -1}, Ray(20, 15), 5),
+                        wrong = PlaneThrough({0, 0, -1}, Ray(20, 15), 2);
+  for (int row = 0; row < kHeight; ++row) {
+    for (int col = 0; col < kWidth; ++col) {
+      planes_(col, row) = wall;
+      cost_(col, row) = 0.1f;
+      confirming_(col, row) = 4;
+    }
+  }
+  for (int views = 0; views <= 2; ++views) {
+    planes_(20 + views, 15) = wrong;
+    confirming_(20 + views, 15) = static_cast<unsigned char>(views);
+  }
+  FindAll();
+  FitAll();
+  for (int row = 0; row < kHeight; ++row) {
+    for (int col = 0; col < kWidth; ++col) CompletePixel(context_, col, row);
+  }
+  // The fit is pulled to zero slope by a ten-thousandth.
+  for (const int views : {0, 1}) EXPECT_NEAR(DepthAt(planes_(20 + views, 15), 20 + views, 15), 5, 5e-3);
+  EXPECT_EQ(cost_(20, 15), kWorstCost);
+  EXPECT_EQ(cost_(21, 15), kUnmatchedCost);
+  EXPECT_EQ(planes_(22, 15).d, wrong.d);
+  EXPECT_EQ(cost_(22, 15), 0.1f);
+  EXPECT_EQ(planes_(10, 10).d, wall.d);
 }
 
 TEST(WeightedMedianTest, NearerAnchorsCountMore) {

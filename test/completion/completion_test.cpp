@@ -176,6 +176,13 @@ TEST(CompletionTest, HalfOfFewSourcesMakeAnAnchor) {
   EXPECT_EQ(AnchorViews(options, 32), 5);
 }
 
+TEST(CompletionTest, OneOfFewSourcesConfirms) {
+  EXPECT_EQ(MinConfirmingViews(1), 1);
+  EXPECT_EQ(MinConfirmingViews(4), 1);
+  EXPECT_EQ(MinConfirmingViews(5), 2);
+  EXPECT_EQ(MinConfirmingViews(32), 2);
+}
+
 TEST(CompletionTest, BadInputIsRefused) {
   const std::vector<TestView> views = Corner();
   const auto refusal = [&](const std::function<void(CompletionOptions*)>& change, const DepthRange& range = kRange) {

@@ -2,7 +2,7 @@
 
 namespace acmp {
 
-/// Planes for pixels that no source view confirms: blank surfaces and what only the reference sees.
+/// Planes for pixels that hardly any source view confirms: blank surfaces and what only the reference sees.
 struct CompletionOptions {
   bool enabled = true;
   int anchor_views = 4;               ///< pixels that so many source views confirm are extended, 1..32; half of all

@@ -69,10 +69,16 @@ ACMP_HOST_DEVICE inline int WeightedMedian(const ExtendedPlane* sorted, int coun
   return median;
 }
 
-/// A pixel that no view confirms takes the plane that is the median of its surroundings', with the cost of a pixel
-/// without correspondence. Others, and those round which nothing is confirmed, keep their own.
+/// A cost that says nothing for or against a depth: NCC = 0.
+constexpr float kUnmatchedCost = 1.0f;
+
+/// A pixel that too few views confirm takes the plane that is the median of its surroundings'. Where no view did, that
+/// is a guess, with the cost of a pixel without correspondence. Where one did, which most often is chance, nothing is
+/// known of the new plane's cost, and whoever fuses maps has to ask the views again. Other pixels, and those round
+/// which nothing is confirmed, keep their own.
 ACMP_HOST_DEVICE inline void CompletePixel(const CompletionContext& context, int col, int row) {
-  if (context.confirming(col, row) > 0) return;
+  const int views = context.confirming(col, row);
+  if (views >= context.min_views) return;
   ExtendedPlane found[kNumDirections];
   const int count = FindExtendedPlanes(context, col, row, found);
   if (count == 0) return;
@@ -81,7 +87,7 @@ ACMP_HOST_DEVICE inline void CompletePixel(const CompletionContext& context, int
   const PlaneHypothesis plane = PlaneOfInverse(anchor.inverse_plane);
   if (!(plane.d > 0)) return;
   context.planes(col, row) = plane;
-  context.cost(col, row) = kWorstCost;
+  context.cost(col, row) = views > 0 ? kUnmatchedCost : kWorstCost;
 }
 
 }  // namespace acmp

@@ -31,7 +31,8 @@ struct AnchorCell {
 struct CompletionContext {
   RayGrid rays;
   float depth_min, depth_max;
-  int anchor_views;
+  int anchor_views;                           ///< pixels that so many source views confirm are extended
+  int min_views;                              ///< to those that fewer than this confirm
   int cell_size;                              ///< px
   ImageView<const unsigned char> confirming;  ///< number of source views that confirm a pixel
   ImageView<PlaneHypothesis> planes;
