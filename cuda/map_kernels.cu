@@ -37,7 +37,10 @@ __global__ void ToDepthKernel(ImageView<const PlaneHypothesis> planes, RayGrid r
 __global__ void LargestInverseKernel(ImageView<const float> depth, unsigned* largest) {
   const int col = Col(), row = Row();
   const float inverse = depth.Contains(col, row) ? InverseOfDepth(depth(col, row)) : 0.0f;
-  const unsigned of_warp = __reduce_max_sync(0xffffffffu, __float_as_uint(inverse));
+  unsigned of_warp = __float_as_uint(inverse);
+  for (int offset = kWarp / 2; offset > 0; offset /= 2) {
+    of_warp = max(of_warp, __shfl_xor_sync(0xffffffffu, of_warp, offset));
+  }
   __shared__ unsigned of_warps[kBlockHeight];
   static_assert(kBlockWidth == kWarp, "a row of the block is a warp");
   if (threadIdx.x == 0) of_warps[threadIdx.y] = of_warp;
