@@ -50,7 +50,7 @@ int AnchorViews(const CompletionOptions& options, int num_sources) {
 }
 
 int MinConfirmingViews(int num_sources) {
-  constexpr int kFewSources = 5;
+  constexpr int kFewSources = 7;
   return num_sources < kFewSources ? 1 : 2;
 }
 

@@ -178,8 +178,8 @@ TEST(CompletionTest, HalfOfFewSourcesMakeAnAnchor) {
 
 TEST(CompletionTest, OneOfFewSourcesConfirms) {
   EXPECT_EQ(MinConfirmingViews(1), 1);
-  EXPECT_EQ(MinConfirmingViews(4), 1);
-  EXPECT_EQ(MinConfirmingViews(5), 2);
+  EXPECT_EQ(MinConfirmingViews(6), 1);
+  EXPECT_EQ(MinConfirmingViews(7), 2);
   EXPECT_EQ(MinConfirmingViews(32), 2);
 }
 

@@ -14,7 +14,7 @@ FusionLimits ConfirmationLimits(const CompletionOptions& options);
 /// Source views that must confirm a pixel which is extended, of `num_sources` that have a map.
 int AnchorViews(const CompletionOptions& options, int num_sources);
 
-/// Source views that must confirm a pixel which stays as it is: two, or one of fewer than five. Of ten views one agrees
+/// Source views that must confirm a pixel which stays as it is: two, or one of fewer than seven. Of ten views one agrees
 /// with a wrong depth often enough: 24 % of such pixels are right, of those that two to four confirm 42 %
 /// (docs/quality.md).
 int MinConfirmingViews(int num_sources);
