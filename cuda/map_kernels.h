@@ -17,7 +17,9 @@ void LaunchReadLayer(cudaTextureObject_t images, int layer, const ImageView<floa
 void LaunchToDepth(const ImageView<const PlaneHypothesis>& planes, const RayGrid& rays, float* depth,
                    cudaStream_t stream);
 
-/// HalvedDepth of a depth map. Sets `largest` to its greatest inverse depth, 0 where no depth is known.
+/// HalvedDepth of a depth map.
+/// @param largest a float; becomes the greatest inverse depth, 1 / scene unit, 0 where no depth is known
+/// @param inverse of HalvedSize in both directions
 void LaunchHalveDepth(const ImageView<const float>& depth, float* largest, const ImageView<uint16_t>& inverse,
                       cudaStream_t stream);
 

@@ -49,9 +49,9 @@ int AnchorViews(const CompletionOptions& options, int num_sources) {
   return std::min(options.anchor_views, (num_sources + 1) / 2);
 }
 
-int MinConfirmingViews(int num_sources) {
+int MinConfirmingViews(const CompletionOptions& options, int num_sources) {
   constexpr int kFewSources = 7;
-  return num_sources < kFewSources ? 1 : 2;
+  return std::min(num_sources < kFewSources ? 1 : 2, AnchorViews(options, num_sources));
 }
 
 CompletionContext MakeCompletionContext(const PinholeCamera& camera, const DepthRange& range,
@@ -62,7 +62,7 @@ CompletionContext MakeCompletionContext(const PinholeCamera& camera, const Depth
   context.depth_min = range.min;
   context.depth_max = range.max;
   context.anchor_views = AnchorViews(options, num_sources);
-  context.min_views = MinConfirmingViews(num_sources);
+  context.min_views = MinConfirmingViews(options, num_sources);
   context.cell_size = CompletionCellSize(camera.width, camera.height);
   return context;
 }

@@ -10,7 +10,7 @@ namespace acmp {
 
 /// Points of views that are fused and wait for those of earlier views to be appended to the cloud: with two GPUs that
 /// may be half of all points. In memory up to a number of bytes, beyond in files of the work folder, so that a scene of
-/// any size can be fused. For any number of threads.
+/// any size can be fused (with --colmap whoever writes its model keeps all points, though). For any number of threads.
 class WaitingClouds {
  public:
   /// @param folder outlives this

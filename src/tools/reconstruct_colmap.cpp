@@ -88,7 +88,7 @@ void ColmapOutput::WriteMaps(int index, const StoredFinalMaps& maps) const {
   NormalMap measured_normal = Clone(maps.normal());
   for (int row = 0; row < measured_depth.height(); ++row) {
     for (int col = 0; col < measured_depth.width(); ++col) {
-      if (maps.cost()(col, row) < kWorstCost && measured_depth(col, row) > 0) continue;
+      if (maps.cost()(col, row) < kUnverifiedCost && measured_depth(col, row) > 0) continue;
       measured_depth(col, row) = 0;
       measured_normal(col, row) = {0, 0, 0};
     }

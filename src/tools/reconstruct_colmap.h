@@ -22,8 +22,8 @@ class ColmapOutput {
 
   /// What WriteMaps writes for an image.
   std::vector<std::filesystem::path> FilesOf(int index) const;
-  /// Depth and normals where they were measured: pixels of the worst cost were at most guessed from planes around them,
-  /// and a program that fuses the maps would take them for what a camera saw.
+  /// Depth and normals where they were measured: pixels of kUnverifiedCost or worse have at most planes from around
+  /// them, and a program that fuses the maps would take them for what a camera saw.
   void WriteMaps(int index, const StoredFinalMaps& maps) const;
 
   /// Cameras, poses, landmarks and the lists of images: last, since the online schedule decides late what gets a map.

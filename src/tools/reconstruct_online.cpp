@@ -93,8 +93,11 @@ class OnlineSchedule {
   }
 
   ImagePlan& PlanOf(int64_t id) {
-    return *std::find_if(run_.plan.images.begin(), run_.plan.images.end(),
-                         [&](const ImagePlan& image) { return image.index == id; });
+    const auto found = std::find_if(run_.plan.images.begin(), run_.plan.images.end(),
+                                    [&](const ImagePlan& image) { return image.index == id; });
+    if (found == run_.plan.images.end())
+      throw ProcessingError(Concat("the mapper named image ", id, ", which it never got"));
+    return *found;
   }
 
   ReconstructRun& run_;

@@ -49,6 +49,7 @@ struct ReconstructOptions {
 
   /// Of memory_limit_gb, what each kind may take: images; estimates or maps; points that wait to be written.
   static constexpr double kImageShare = 0.4, kMapShare = 0.4, kCloudShare = 0.2;
+  /// @param share 0..1
   size_t MemoryBytes(double share) const { return static_cast<size_t>(share * 1e9 * memory_limit_gb); }
 };
 

@@ -8,6 +8,7 @@
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
+#include "acmp_mapping/fusion/fusion_setup.h"
 #include "reconstruct_clouds.h"
 #include "reconstruct_image_files.h"
 #include "reconstruct_run.h"
@@ -33,7 +34,9 @@ class ResultWriter {
     stamps_ = fusion_engines_.front().engine->MakeFusionStamps();
   }
 
+  /// Throws InvalidInputError when there are more images than a fusion can tell apart.
   void AddTasks(const std::map<int, int>& final_maps, TaskGraph* graph) {
+    CheckRange("number of images to fuse", static_cast<int>(run_.plan.images.size()), 0, kMaxFusionViews);
     std::vector<int> all_written;
     std::vector<int> last_appended;  // or none
     for (const ImagePlan& image : run_.plan.images) {

@@ -9,10 +9,10 @@ namespace {
 
 constexpr double kYoungMs = 20e3;  ///< a run that has taken no longer writes no work files
 
-// What the caches count. On a GPU: texels of two bytes with their halved images; planes, cost and depth. On the host:
-// nothing but halved images beside the frame; the same with normals.
+// What the caches count. On a GPU: texels of two bytes with their halved images; planes, cost, depth and half a byte of
+// halved depth. On the host: nothing but halved images beside the frame; the same with normals.
 size_t ImageBytes(const Frame& frame, bool on_host) { return frame.gray.size() * (on_host ? 2 : 3); }
-size_t EstimateBytes(const Frame& frame, bool on_host) { return frame.gray.size() * (on_host ? 36 : 24); }
+size_t EstimateBytes(const Frame& frame, bool on_host) { return frame.gray.size() * (on_host ? 72 : 49) / 2; }
 
 size_t HostBytes(const FinalMaps& maps) {
   return maps.depth.size() * (sizeof(float) + sizeof(Vec3f) + sizeof(float)) + maps.color.size() * sizeof(Rgb);

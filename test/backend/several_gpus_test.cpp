@@ -61,6 +61,18 @@ TEST_P(SeveralGpusTest, AnImportedEstimateHasTheSameBits) {
   }
 }
 
+TEST_P(SeveralGpusTest, GeometricPassesReadImportedEstimatesAsTheirOwn) {
+  const std::vector<EngineView> own = UploadViews(NoisyViews(), first_.get()), imported = Imported(own);
+  const auto refine = [](DepthEngine* engine, const std::vector<EngineView>& views) {
+    EngineProblem problem;
+    problem.reference = views[0];
+    problem.sources.assign(views.begin() + 1, views.end());
+    problem.depth_range = {1, 20};
+    return engine->DownloadState(engine->RunGeometric(problem, {}, views[0].estimate, 0));
+  };
+  EXPECT_TRUE(SameBits(refine(second_.get(), imported), refine(first_.get(), own)));
+}
+
 TEST_P(SeveralGpusTest, AnImportedEstimateOutlivesTheOriginal) {
   EngineEstimatePtr imported;
   EstimateState expected;

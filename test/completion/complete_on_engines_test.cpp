@@ -47,7 +47,7 @@ TEST_P(CompleteOnEnginesTest, AgreesWithTheCpu) {
     for (int col = 0; col < camera.width; ++col) {
       // Which pixels no view confirms is decided in double on both.
       ASSERT_EQ(state.cost(col, row), expected.cost(col, row)) << col << ", " << row;
-      if (expected.cost(col, row) != kWorstCost) continue;
+      if (expected.cost(col, row) < kUnverifiedCost) continue;
       ++completed;
       const Vec3f ray = {static_cast<float>((col - camera.cx) / camera.fx),
                          static_cast<float>((row - camera.cy) / camera.fy), 1};

@@ -164,7 +164,7 @@ TEST_F(CompletionKernelTest, WhatTooFewViewsConfirmTakesThePlaneAroundAndACostTh
   // The fit is pulled to zero slope by a ten-thousandth.
   for (const int views : {0, 1}) EXPECT_NEAR(DepthAt(planes_(20 + views, 15), 20 + views, 15), 5, 5e-3);
   EXPECT_EQ(cost_(20, 15), kWorstCost);
-  EXPECT_EQ(cost_(21, 15), kUnmatchedCost);
+  EXPECT_EQ(cost_(21, 15), kUnverifiedCost);
   EXPECT_EQ(planes_(22, 15).d, wrong.d);
   EXPECT_EQ(cost_(22, 15), 0.1f);
   EXPECT_EQ(planes_(10, 10).d, wall.d);

@@ -177,10 +177,52 @@ TEST(CompletionTest, HalfOfFewSourcesMakeAnAnchor) {
 }
 
 TEST(CompletionTest, OneOfFewSourcesConfirms) {
-  EXPECT_EQ(MinConfirmingViews(1), 1);
-  EXPECT_EQ(MinConfirmingViews(6), 1);
-  EXPECT_EQ(MinConfirmingViews(7), 2);
-  EXPECT_EQ(MinConfirmingViews(32), 2);
+  CompletionOptions options;
+  EXPECT_EQ(MinConfirmingViews(options, 1), 1);
+  EXPECT_EQ(MinConfirmingViews(options, 6), 1);
+  EXPECT_EQ(MinConfirmingViews(options, 7), 2);
+  EXPECT_EQ(MinConfirmingViews(options, 32), 2);
+  options.anchor_views = 1;  // what is extended is not replaced itself
+  EXPECT_EQ(MinConfirmingViews(options, 32), 1);
+}
+
+TestView CopyOf(const TestView& view) {
+  TestView copy;
+  copy.camera = view.camera;
+  copy.cam_from_world = view.cam_from_world;
+  copy.depth = view.depth.Clone();
+  copy.normal = view.normal.Clone();
+  copy.cost = view.cost.Clone();
+  copy.color = view.color.Clone();
+  return copy;
+}
+
+TEST(CompletionTest, WhatOneOfSevenViewsConfirmsTakesThePlaneOfItsSurroundings) {
+  const std::vector<TestView> corner = Corner();
+  // The reference, a source in its place, and six others beside it.
+  std::vector<TestView> views;
+  for (int i = 0; i < 8; ++i) views.push_back(CopyOf(corner[i < 2 ? 0 : 1]));
+  for (TestView* view : {&views[0], &views[1]}) {  // which alone confirms what both have wrong
+    for (int row = 30; row <= 90; ++row) {
+      for (int col = 30; col <= 75; ++col) view->depth(col, row) *= 2.0f / 3;
+    }
+  }
+  const Completed of_seven = Complete(views, 7), of_six = Complete(views, 6);
+  int completed = 0;
+  for (int row = 0; row < 120; ++row) {
+    for (int col = 0; col < 160; ++col) {
+      const bool wrong = col >= 30 && col <= 75 && row >= 30 && row <= 90;
+      const float truth = corner[0].depth(col, row);
+      if (wrong) {
+        ASSERT_NEAR(of_six.depth(col, row), truth * 2 / 3, 1e-4f * truth) << "one of six suffices";
+      }
+      if (of_seven.cost(col, row) != kUnverifiedCost) continue;
+      completed += wrong ? 1 : 0;
+      // The walls are exact planes; the fit is pulled to zero slope by a ten-thousandth.
+      ASSERT_NEAR(of_seven.depth(col, row), truth, 2e-3f * truth) << col << ", " << row;
+    }
+  }
+  EXPECT_GT(completed, 0.99 * 46 * 61);
 }
 
 TEST(CompletionTest, BadInputIsRefused) {

@@ -127,6 +127,7 @@ double HalvedDepthAt(const ImageView<const float>& depth, int col, int row) {
   if (inverse.size() == 1 || inverse.back() <= 1.02 * inverse.front()) {
     return static_cast<double>(inverse.size()) / std::accumulate(inverse.begin(), inverse.end(), 0.0);
   }
+  if (inverse.size() == 2) return 1 / inverse.back();
   double gap = std::numeric_limits<double>::infinity(), sum = 0;
   for (size_t i = 0; i + 1 < inverse.size(); ++i) {
     if (!(inverse[i + 1] - inverse[i] < gap)) continue;

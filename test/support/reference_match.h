@@ -51,7 +51,7 @@ Cost PhotometricCost(const PatchMatchProblem& problem, const PatchMatchOptions& 
                      int row, int view);
 
 /// Depth of the 2 x 2 px that hold a pixel: the harmonic mean of the known ones if they agree within 2 %, else of the
-/// two whose inverses are closest. 0: none is known.
+/// two whose inverses are closest; of only two the nearer. 0: none is known.
 double HalvedDepthAt(const ImageView<const float>& depth, int col, int row);
 
 /// delta e_j of eq. 13 before truncation, with halved depths; infinite where it does not exist.

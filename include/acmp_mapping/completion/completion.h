@@ -14,10 +14,10 @@ FusionLimits ConfirmationLimits(const CompletionOptions& options);
 /// Source views that must confirm a pixel which is extended, of `num_sources` that have a map.
 int AnchorViews(const CompletionOptions& options, int num_sources);
 
-/// Source views that must confirm a pixel which stays as it is: two, or one of fewer than seven. Of ten views one agrees
-/// with a wrong depth often enough: 24 % of such pixels are right, of those that two to four confirm 42 %
-/// (docs/quality.md).
-int MinConfirmingViews(int num_sources);
+/// Source views that must confirm a pixel which stays as it is: two, or one of fewer than seven, but no more than an
+/// anchor needs. Of ten views one often agrees by chance: of pixels that one confirmed within 2 % 24 % were within 2
+/// cm, of those with two to four 42 % (docs/quality.md).
+int MinConfirmingViews(const CompletionOptions& options, int num_sources);
 
 /// A context without its maps and anchors, which depend on the device.
 CompletionContext MakeCompletionContext(const PinholeCamera& camera, const DepthRange& range,
@@ -26,7 +26,7 @@ CompletionContext MakeCompletionContext(const PinholeCamera& camera, const Depth
 /// Gives pixels that hardly any source view confirms (MinConfirmingViews) the plane of their surroundings: robust
 /// planes are fitted to the confirmed pixels around, a square of 18 % of the image's longer side, and each pixel takes
 /// the weighted median of the nearest ones in 16 directions. What the images do not show is a guess: pixels that no
-/// view confirmed get kWorstCost, the others kUnmatchedCost.
+/// view confirmed get kWorstCost, the others kUnverifiedCost.
 /// @param reference,sources as FilterByConsistency takes them; sources without a depth map do not count
 /// @param planes,cost of the reference; changed
 void CompleteUnconfirmed(const FusionView& reference, const std::vector<FusionView>& sources, const DepthRange& range,

@@ -24,7 +24,7 @@ ReferenceGeometry MakeReferenceGeometry(const PosedCamera& reference, const Rigi
 SourceGeometry MakeSourceGeometry(const PosedCamera& reference, const PosedCamera& source,
                                   const RigidTransform& target_from_reference);
 
-/// Throws InvalidInputError unless a stamp can hold the view's place in the order of fusion.
+/// Throws InvalidInputError unless a stamp can hold the view's place in the order of fusion, 0..kMaxFusionViews - 1.
 Stamp StampOfRank(int rank);
 
 /// Composes the context of one reference view. `View` is the FusionMaps of the device that is to run it.

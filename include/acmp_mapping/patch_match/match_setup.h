@@ -16,13 +16,13 @@ std::vector<SourceView> MakeSourceViews(const PatchMatchProblem& problem);
 
 /// A HalvedDepth in host memory.
 struct HalvedDepthMap {
-  Image<uint16_t> inverse;
-  float step = 0;
+  Image<uint16_t> inverse;  ///< in steps, 0 = unknown
+  float step = 0;           ///< 1 / scene unit
 
   HalvedDepth View() const { return {inverse.View(), step}; }
 };
 
-/// @param depth z, 0 = unknown; an empty map gives an empty one
+/// @param depth z; what is not positive, infinite or below 1e-30 is unknown; an empty map gives an empty one
 HalvedDepthMap HalveDepth(const ImageView<const float>& depth);
 
 /// The sources' depth maps, halved.

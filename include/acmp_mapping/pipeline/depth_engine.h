@@ -102,7 +102,7 @@ class DepthEngine {
                                          const EngineEstimatePtr& start, int pass) = 0;
 
   /// CompleteUnconfirmed of the reference's estimate (not null) against the sources'; those without one do not count.
-  /// Completed pixels get the worst cost.
+  /// Completed pixels get kWorstCost or kUnverifiedCost.
   virtual EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) = 0;
 
   /// FilterByConsistency of the reference's estimate (not null) against the sources', with the frames' colours.
@@ -119,9 +119,10 @@ class DepthEngine {
   virtual std::unique_ptr<FusionStamps> MakeFusionStamps() = 0;
 
   /// FuseDepthMaps, one view per call: the reference's points in the world. Views without an estimate take no part.
-  /// Views that have a frame in common (as reference or source) are fused one after the other, by rank. Others do not
-  /// touch the same stamps: they may be fused in any order, and by several engines at the same time. The points are
-  /// those of fusing all views by rank. An error leaves the stamps of this view half set: the fusion cannot go on.
+  /// The caller fuses views that have a frame in common (as reference or source) one after the other, by rank: anything
+  /// else is a data race. Others do not touch the same stamps: they may be fused in any order, and by several engines
+  /// at the same time. The points are those of fusing all views by rank. An error leaves the stamps of this view half
+  /// set: the fusion cannot go on.
   /// @param rank the view's own place in the order of fusion, 0..kMaxFusionViews - 1
   /// @param stamps of MakeFusionStamps of an engine of this kind; of another it is an InvalidInputError
   virtual PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources,

@@ -69,13 +69,10 @@ ACMP_HOST_DEVICE inline int WeightedMedian(const ExtendedPlane* sorted, int coun
   return median;
 }
 
-/// A cost that says nothing for or against a depth: NCC = 0.
-constexpr float kUnmatchedCost = 1.0f;
-
 /// A pixel that too few views confirm takes the plane that is the median of its surroundings'. Where no view did, that
-/// is a guess, with the cost of a pixel without correspondence. Where one did, which most often is chance, nothing is
-/// known of the new plane's cost, and whoever fuses maps has to ask the views again. Other pixels, and those round
-/// which nothing is confirmed, keep their own.
+/// is a guess, with the cost of a pixel without correspondence. Where one did, it gets kUnverifiedCost, and
+/// whoever fuses maps has to ask the views again. Other pixels, and those round which nothing is confirmed, keep their
+/// own.
 ACMP_HOST_DEVICE inline void CompletePixel(const CompletionContext& context, int col, int row) {
   const int views = context.confirming(col, row);
   if (views >= context.min_views) return;
@@ -87,7 +84,7 @@ ACMP_HOST_DEVICE inline void CompletePixel(const CompletionContext& context, int
   const PlaneHypothesis plane = PlaneOfInverse(anchor.inverse_plane);
   if (!(plane.d > 0)) return;
   context.planes(col, row) = plane;
-  context.cost(col, row) = views > 0 ? kUnmatchedCost : kWorstCost;
+  context.cost(col, row) = views > 0 ? kUnverifiedCost : kWorstCost;
 }
 
 }  // namespace acmp

@@ -30,8 +30,8 @@ ACMP_HOST_DEVICE inline float InverseOfDepth(float depth) {
 }
 
 /// The inverse depth of pixel (col, row) of the halved map: the mean where the known ones of the four agree, else the
-/// mean of the two that lie closest together, as a mean across a depth edge would lie on neither side. 0: none is
-/// known.
+/// mean of the two that lie closest together, as a mean across a depth edge would lie on neither side; of only two the
+/// nearer, which hides the other. 0: none is known.
 ACMP_HOST_DEVICE inline float HalvedInverseDepth(const ImageView<const float>& depth, int col, int row) {
   constexpr float kAgreement = 0.02f;  // relative: a surface seen at 82 degrees from its normal with f = 500 px
   constexpr int kPixels = 4;
@@ -52,6 +52,7 @@ ACMP_HOST_DEVICE inline float HalvedInverseDepth(const ImageView<const float>& d
     for (int i = 0; i < count; ++i) sum += sorted[i];
     return sum / static_cast<float>(count);
   }
+  if (count == 2) return sorted[1];
   int closest = 0;
   for (int i = 1; i + 1 < count; ++i) {
     if (sorted[i + 1] - sorted[i] < sorted[closest + 1] - sorted[closest]) closest = i;

@@ -1,0 +1,91 @@
+// Passes through the engines, which keep estimates where they are, against the same passes with maps from host memory.
+
+#include <memory>
+#include <vector>
+
+#include "gtest/gtest.h"
+
+#include "acmp_mapping/planar_prior/planar_prior.h"
+#include "support/devices.h"
+#include "support/pass_result.h"
+#include "support/planar_scene.h"
+
+namespace acmp {
+namespace {
+
+const DepthRange kRange = {2, 8};
+
+/// Four views of a slanted plane, of odd size: the halved depths have a last row and column of their own.
+class EnginePassesTest : public EngineTest {
+ protected:
+  void SetUp() override {
+    EngineTest::SetUp();
+    if (IsSkipped()) return;
+    patch_match_ = MakePatchMatch(GetParam()).patch_match;
+    rendered_ = RenderPlanarScene(WorldPlane::Slanted(30, 20, 4), 65, 49, 4);
+    options_.photometric_iterations = 1;
+    for (const PlanarView& view : rendered_) {
+      auto frame = std::make_shared<Frame>();
+      frame->id = static_cast<int64_t>(views_.size());
+      frame->camera = view.camera;
+      frame->cam_from_world = view.cam_from_world;
+      frame->gray = view.gray.Clone();
+      views_.push_back({frame, engine_->Load(frame, 0), nullptr});
+    }
+    for (size_t i = 0; i < views_.size(); ++i) {
+      views_[i].estimate = engine_->RunPhotometric(ProblemOf(i), options_, 0);
+      depths_.push_back(engine_->Download(views_[i].estimate).depth);
+    }
+  }
+
+  EngineProblem ProblemOf(size_t reference) const {
+    EngineProblem problem;
+    problem.reference = views_[reference];
+    for (size_t i = 0; i < views_.size(); ++i) {
+      if (i != reference) problem.sources.push_back(views_[i]);
+    }
+    problem.depth_range = kRange;
+    return problem;
+  }
+
+  PatchMatchResult Start() const {
+    EstimateState state = engine_->DownloadState(views_[0].estimate);
+    return {std::move(state.planes), std::move(state.cost), {}};
+  }
+
+  bool IsSameAs(const EngineEstimatePtr& estimate, PatchMatchResult expected) const {
+    return SameBits(engine_->DownloadState(estimate), {std::move(expected.planes), std::move(expected.cost)});
+  }
+
+  std::unique_ptr<PatchMatch> patch_match_;
+  std::vector<PlanarView> rendered_;
+  std::vector<EngineView> views_;
+  std::vector<DepthMap> depths_;
+  PatchMatchOptions options_;
+};
+INSTANTIATE_TEST_SUITE_P(Devices, EnginePassesTest, ::testing::Values(Device::kCpu, Device::kCuda), DeviceName);
+
+TEST_P(EnginePassesTest, GeometricPassReadsTheDepthsThatTheHostHalves) {
+  PatchMatchProblem problem = MakeProblem(rendered_, 0, kRange);
+  for (size_t i = 0; i < problem.sources.size(); ++i) problem.sources[i].depth = depths_[i + 1].View();
+  const EngineEstimatePtr refined = engine_->RunGeometric(ProblemOf(0), options_, views_[0].estimate, 0);
+  EXPECT_TRUE(IsSameAs(refined, patch_match_->RunGeometric(problem, options_, Start(), 0)));
+  // Other depths give other bits: the comparison would notice.
+  for (MatchView& source : problem.sources) source.depth = rendered_[0].depth.View();
+  EXPECT_FALSE(IsSameAs(refined, patch_match_->RunGeometric(problem, options_, Start(), 0)));
+}
+
+TEST_P(EnginePassesTest, PlanarPriorPassReadsThePriorThatTheHostDraws) {
+  const PriorMesh mesh = MakePriorMesh(
+      rendered_[0].camera, engine_->FindSupportPoints(views_[0].estimate, kRange, PlanarPriorOptions()), {});
+  ASSERT_GT(mesh.triangles.size(), 20u);
+  const PlaneMap prior = RasterizePrior(rendered_[0].camera, mesh, kRange);
+  const PatchMatchProblem problem = MakeProblem(rendered_, 0, kRange);
+  const EngineEstimatePtr assisted = engine_->RunPlanarPrior(ProblemOf(0), options_, views_[0].estimate, mesh);
+  EXPECT_TRUE(IsSameAs(assisted, patch_match_->RunPlanarPrior(problem, options_, Start(), prior.View())));
+  const PlaneMap none(prior.width(), prior.height());
+  EXPECT_FALSE(IsSameAs(assisted, patch_match_->RunPlanarPrior(problem, options_, Start(), none.View())));
+}
+
+}  // namespace
+}  // namespace acmp
