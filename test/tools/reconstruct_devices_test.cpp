@@ -230,8 +230,10 @@ TEST_F(ReconstructDevicesTest, OnlineRunsAreFusedWithTheMappersSources) {
   options_.schedule = "online";
   RunOnCpu("cpu");
   ASSERT_GT(ReadPly(output("cpu") / "fused.ply").size(), 500u);
-  RunOnFakeGpus("gpu", 1);
-  ExpectSameContents(output("cpu"), output("gpu"));
+  for (const int devices : {1, 2}) {
+    RunOnFakeGpus(Concat("gpu_", devices), devices);
+    ExpectSameContents(output("cpu"), options_.output);
+  }
 }
 
 }  // namespace
