@@ -41,7 +41,7 @@ ACMP_HOST_DEVICE inline double ExpectedRelativeError(float cost, const ViewEvide
 }
 
 /// Confidence 0..1 of a pixel: 1 / (1 + expected error / 1 %), so one half where an error of 1 % of depth is expected.
-/// Also for pixels that only their surroundings place (kWorstCost): they have no photometric evidence.
+/// Also for completed pixels (kUnverifiedCost, kWorstCost): they have no photometric evidence.
 ACMP_HOST_DEVICE inline double ComputeConfidence(float cost, const ViewEvidence& evidence, double unevenness) {
   return 1 / (1 + 100 * ExpectedRelativeError(cost, evidence, unevenness));
 }
