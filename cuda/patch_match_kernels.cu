@@ -27,12 +27,23 @@ struct WarpTeam {
   static constexpr int kSize = kTeamSize;
   static constexpr int kWindowThreads = 4;
   __device__ int Rank() const { return static_cast<int>(threadIdx.x % kTeamSize); }
-  __device__ void Sync() const { __syncwarp(((1u << kTeamSize) - 1u) << (threadIdx.x % 32u / kTeamSize * kTeamSize)); }
+  __device__ void Sync() const { __syncwarp(Lanes(kTeamSize)); }
   __device__ void Increment(int* counter) const { atomicAdd(counter, 1); }
-  __device__ float SumOverWindow(float value) const {
-    const unsigned mask = 0xfu << (threadIdx.x % 32u / kWindowThreads * kWindowThreads);
-    value += __shfl_xor_sync(mask, value, 1);
-    return value + __shfl_xor_sync(mask, value, 2);
+  __device__ float SumOverWindow(float value) const { return SumOver<kWindowThreads>(value); }
+  __device__ float SumOverTeam(float value) const { return SumOver<kTeamSize>(value); }
+
+ private:
+  /// The lanes of the warp's group of so many threads that the calling one belongs to.
+  static __device__ unsigned Lanes(unsigned threads) {
+    return ((1u << threads) - 1u) << (threadIdx.x % 32u / threads * threads);
+  }
+  template <unsigned kThreads>
+  static __device__ float SumOver(float value) {
+    ACMP_UNROLL
+    for (unsigned distance = 1; distance < kThreads; distance *= 2) {
+      value += __shfl_xor_sync(Lanes(kThreads), value, static_cast<int>(distance));
+    }
+    return value;
   }
 };
 

@@ -41,6 +41,7 @@ ACMP_HOST_DEVICE inline void LoadReferencePatch(const MatchContext<Sampler>& con
   const float inv_spatial = 0.5f / (context.options.sigma_spatial_px * context.options.sigma_spatial_px);
   const float inv_color = 0.5f / (context.options.sigma_color * context.options.sigma_color);
   const float center = context.sampler.Reference(col, row);
+  float sum_w = 0, sum_wr = 0, sum_wrr = 0;
   ForEach(team, kPatchSamples, [&](int i) {
     const int dx = WindowCol(i);
     const int dy = WindowRow(i);
@@ -51,17 +52,14 @@ ACMP_HOST_DEVICE inline void LoadReferencePatch(const MatchContext<Sampler>& con
           BilateralWeight(sqrtf(static_cast<float>(dx * dx + dy * dy)), sample.value, inv_spatial, inv_color);
     }
     patch->samples[i] = sample;
+    sum_w += sample.weight;
+    sum_wr += sample.weight * sample.value;
+    sum_wrr += sample.weight * sample.value * sample.value;
   });
-  team.Sync();
+  sum_w = team.SumOverTeam(sum_w);
+  sum_wr = team.SumOverTeam(sum_wr);
+  sum_wrr = team.SumOverTeam(sum_wrr);
   if (team.Rank() == 0) {
-    float sum_w = 0, sum_wr = 0, sum_wrr = 0;
-    ACMP_UNROLL
-    for (int i = 0; i < kPatchSamples; ++i) {
-      const PatchSample sample = patch->samples[i];
-      sum_w += sample.weight;
-      sum_wr += sample.weight * sample.value;
-      sum_wrr += sample.weight * sample.value * sample.value;
-    }
     patch->center = center;
     SetMoments(sum_w, sum_wr, sum_wrr, patch);
   }
