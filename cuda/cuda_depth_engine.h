@@ -83,8 +83,9 @@ class CudaDepthEngine final : public DepthEngine {
   PassData MakePassData(const EngineProblem& problem, int level, const CudaEstimate& estimate) const;
   void AddSourceDepths(const EngineProblem& problem, PassData* data) const;
   void UploadPrior(const PriorMesh& mesh);
-  /// Draws the uploaded triangles.
-  PriorMap QueuePrior(const PatchMatchProblem& match, int triangles);
+  /// Draws the uploaded triangles' numbers.
+  /// @param storage for the numbers, one per pixel: the depths of the estimate to come, which are set after the pass
+  PriorMap QueuePrior(const PatchMatchProblem& match, int triangles, float* storage);
   /// The depths of the estimate's planes, and FinishDepths.
   void FinishEstimate(const PinholeCamera& camera, CudaEstimate* estimate);
   /// The estimate's halved depths, and the wait for all that was queued.
@@ -114,7 +115,6 @@ class CudaDepthEngine final : public DepthEngine {
   CudaEvent begin_, end_;
   PinnedBuffer staging_;
   StagedDownload download_;
-  DeviceArray<uint32_t> prior_numbers_;
   DeviceArray<PlaneHypothesis> prior_planes_;  ///< of the triangles
   DeviceArray<TriangleCorners> triangles_;
   DeviceArray<float> largest_inverse_;

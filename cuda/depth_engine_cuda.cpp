@@ -73,10 +73,10 @@ void CudaDepthEngine::UploadPrior(const PriorMesh& mesh) {
   triangles_.Upload(corners, count, stream());
 }
 
-PriorMap CudaDepthEngine::QueuePrior(const PatchMatchProblem& match, int triangles) {
+PriorMap CudaDepthEngine::QueuePrior(const PatchMatchProblem& match, int triangles, float* storage) {
   const PinholeCamera& camera = match.reference.camera;
-  prior_numbers_.Reserve(runner_.device(), static_cast<size_t>(camera.width) * camera.height);
-  const ImageView<uint32_t> numbers = {prior_numbers_.data(), camera.width, camera.height, camera.width};
+  static_assert(sizeof(uint32_t) == sizeof(float), "a number takes the place of a depth");
+  const ImageView<uint32_t> numbers = {reinterpret_cast<uint32_t*>(storage), camera.width, camera.height, camera.width};
   LaunchRasterizePrior({triangles_.data(), prior_planes_.data(), triangles}, MakeRayGrid(camera), match.depth_range.min,
                        match.depth_range.max, numbers, stream().get());
   return {{prior_planes_.data(), triangles, 1, triangles}, numbers};
@@ -137,7 +137,9 @@ EngineEstimatePtr CudaDepthEngine::RunPass(const EngineProblem& problem, const P
       estimate->planes.CopyFrom(start->planes, estimate->Pixels(), stream());
       estimate->cost.CopyFrom(start->cost, estimate->Pixels(), stream());
     }
-    if (prior != nullptr) data.prior = QueuePrior(match, static_cast<int>(prior->triangles.size()));
+    if (prior != nullptr) {
+      data.prior = QueuePrior(match, static_cast<int>(prior->triangles.size()), estimate->depth.data());
+    }
     const std::shared_lock<std::shared_mutex> images(device().images_mutex());
     runner_.Queue<kPass>(match, options, data, geometric_pass, iterations);
     FinishEstimate(camera, estimate.get());

@@ -3,7 +3,6 @@
 #include "acmp_mapping/patch_match/kernel/halved_depth.h"
 #include "acmp_mapping/patch_match/kernel/upsample.h"
 #include "cuda_check.h"
-#include "texture_pool.h"
 
 namespace acmp {
 namespace {
@@ -18,12 +17,6 @@ dim3 GridFor(int width, int height) {
 
 __device__ int Col() { return static_cast<int>(blockIdx.x * kBlockWidth + threadIdx.x); }
 __device__ int Row() { return static_cast<int>(blockIdx.y * kBlockHeight + threadIdx.y); }
-
-__global__ void ReadLayerKernel(cudaTextureObject_t images, int layer, ImageView<float> gray) {
-  const int col = Col(), row = Row();
-  if (col >= gray.width || row >= gray.height) return;
-  gray(col, row) = kGrayPerTexel * tex2DLayered<float>(images, col + 0.5f, row + 0.5f, layer);
-}
 
 __global__ void ToDepthKernel(ImageView<const PlaneHypothesis> planes, RayGrid rays, float* depth) {
   const int col = Col(), row = Row();
@@ -95,12 +88,6 @@ __global__ void RasterizePriorKernel(PriorTriangles triangles, RayGrid rays, flo
 }
 
 }  // namespace
-
-void LaunchReadLayer(cudaTextureObject_t images, int layer, const ImageView<float>& gray, cudaStream_t stream) {
-  ReadLayerKernel<<<GridFor(gray.width, gray.height), dim3(kBlockWidth, kBlockHeight), 0, stream>>>(images, layer,
-                                                                                                    gray);
-  CudaCheck(cudaGetLastError(), "launch reading of an image");
-}
 
 void LaunchToDepth(const ImageView<const PlaneHypothesis>& planes, const RayGrid& rays, float* depth,
                    cudaStream_t stream) {

@@ -10,9 +10,6 @@ namespace acmp {
 
 /// All queue work on a stream; pointers and views are device memory.
 
-/// The grey values (0..255) of an image in a layer.
-void LaunchReadLayer(cudaTextureObject_t images, int layer, const ImageView<float>& gray, cudaStream_t stream);
-
 /// z of every pixel's plane; 0 where there is none.
 void LaunchToDepth(const ImageView<const PlaneHypothesis>& planes, const RayGrid& rays, float* depth,
                    cudaStream_t stream);

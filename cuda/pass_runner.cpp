@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-#include "map_kernels.h"
 #include "patch_match_kernels.h"
 
 namespace acmp {
@@ -20,7 +19,6 @@ void PassRunner::Queue(const PatchMatchProblem& problem, const PatchMatchOptions
   const int width = problem.reference.camera.width, height = problem.reference.camera.height;
   const size_t pixels = static_cast<size_t>(width) * height;
   const size_t count = problem.sources.size();
-  gray_.Reserve(device_, pixels);
   selected_views_.Reserve(device_, pixels);
   views_.Reserve(device_, kMaxSourceViews);
 
@@ -32,13 +30,9 @@ void PassRunner::Queue(const PatchMatchProblem& problem, const PatchMatchOptions
   std::copy(views.begin(), views.end(), staged);
   views_.Upload(staged, count, stream_);
 
-  const cudaTextureObject_t images = device_->images(data.level).texture();
-  const ImageView<float> gray = {gray_.data(), width, height, width};
-  LaunchReadLayer(images, data.reference_layer, gray, stream_.get());
-
   CudaMatchContext context = MakeMatchContext<TextureSampler>(problem, options, PassNumber(kPass, geometric_pass));
-  context.sampler.reference = gray;
-  context.sampler.images = images;
+  context.sampler.images = device_->images(data.level).texture();
+  context.sampler.reference = data.reference_layer;
   std::copy(data.source_layers.begin(), data.source_layers.end(), context.sampler.layers);
   context.sources = views_.data();
   context.planes = {data.planes, width, height, width};

@@ -55,7 +55,6 @@ class PassRunner {
  private:
   CudaDevicePtr device_;
   CudaStream stream_;
-  DeviceArray<float> gray_;
   DeviceArray<uint32_t> selected_views_;
   DeviceArray<SourceView> views_;
   PinnedBuffer host_views_;

@@ -11,19 +11,24 @@ namespace acmp {
 /// interpolation by up to 1/512 of the step between neighbouring pixels, and texels are rounded to 1/257 of a grey
 /// level.
 struct TextureSampler {
-  ImageView<const float> reference;
   cudaTextureObject_t images;
+  int reference;                ///< layer of the reference
   int layers[kMaxSourceViews];  ///< of each source view
 
-  ACMP_HOST_DEVICE float Reference(int col, int row) const { return reference(col, row); }
   static constexpr float kPixelCenter = 0.5f;
+  /// At a pixel's centre the filter gives its texel as it is.
+  ACMP_HOST_DEVICE float Reference(int col, int row) const {
+    return SourceAt(reference, static_cast<float>(col) + kPixelCenter, static_cast<float>(row) + kPixelCenter);
+  }
   ACMP_HOST_DEVICE int ImageOf(int view) const { return layers[view]; }
 #ifdef __CUDA_ARCH__
   __device__ float SourceAt(int image, float x, float y) const {
     return kGrayPerTexel * tex2DLayered<float>(images, x, y, image);
   }
 #else
-  float SourceAt(int, float, float) const { return 0; }  // never run: textures can be read on the device only
+  float SourceAt(int /*image*/, float /*x*/, float /*y*/) const {
+    return 0;
+  }  // never run: textures can be read on the device only
 #endif
 };
 
