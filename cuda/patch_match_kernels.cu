@@ -31,6 +31,7 @@ struct WarpTeam {
   __device__ void Increment(int* counter) const { atomicAdd(counter, 1); }
   __device__ float SumOverWindow(float value) const { return SumOver<kWindowThreads>(value); }
   __device__ float SumOverTeam(float value) const { return SumOver<kTeamSize>(value); }
+  __device__ bool Any(bool value) const { return __any_sync(Lanes(kTeamSize), value) != 0; }
 
  private:
   /// The lanes of the warp's group of so many threads that the calling one belongs to.

@@ -26,9 +26,8 @@ struct TextureSampler {
     return kGrayPerTexel * tex2DLayered<float>(images, x, y, image);
   }
 #else
-  float SourceAt(int /*image*/, float /*x*/, float /*y*/) const {
-    return 0;
-  }  // never run: textures can be read on the device only
+  /// Never run: textures can be read on the device only.
+  float SourceAt(int /*image*/, float /*x*/, float /*y*/) const { return 0; }
 #endif
 };
 

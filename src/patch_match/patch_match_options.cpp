@@ -11,6 +11,8 @@ void Validate(const PatchMatchOptions& options) {
   CheckRange("patch_match.geometric_iterations", options.geometric_iterations, 1, 20);
   CheckRange("patch_match.sigma_spatial_px", options.sigma_spatial_px, kTiny, 1e6f);
   CheckRange("patch_match.sigma_color", options.sigma_color, kTiny, 1e6f);
+  CheckRange("patch_match.edge_sigma_color", options.edge_sigma_color, kTiny, 1e6f);
+  CheckRange("patch_match.edge_bend", options.edge_bend, kTiny, 1e6f);
   CheckRange("patch_match.min_variance", options.min_variance, kTiny, 255.0f * 255.0f);
   CheckRange("patch_match.sigma_view", options.sigma_view, kTiny, 10.0f);
   CheckRange("patch_match.view_smoothness", options.view_smoothness, 0.5f, 1.0f);

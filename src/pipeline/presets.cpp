@@ -29,20 +29,11 @@ void StartAtHalfSize(int iterations, int full_size_iterations, PipelineOptions* 
   options->full_size_iterations = full_size_iterations;
 }
 
-/// Agreement with the neighbours' maps counts more than in the paper, and is cut off earlier.
-void WeighGeometryMore(float weight, PipelineOptions* options) {
-  options->patch_match.geometric_weight = weight;
-  options->patch_match.geometric_max_px = 3.0f;
-}
-
-/// `acmp` with more geometric passes of one iteration each: maps of neighbours and completion are newer. What is wrong
-/// grows with them, too; windows that follow the colour more closely make up for that (docs/quality.md).
+/// `acmp` with more geometric passes of one iteration each: maps of neighbours and completion are newer.
 PipelineOptions MakeQuality() {
   PipelineOptions options;
-  options.patch_match.sigma_color = 2.0f;
   options.patch_match.geometric_iterations = 1;
-  options.geometric_passes = 4;
-  WeighGeometryMore(0.15f, &options);
+  options.geometric_passes = 3;
   return options;
 }
 
@@ -54,7 +45,9 @@ PipelineOptions MakeOnline() {
   options.geometric_passes = 1;
   options.patch_match.candidate_view_votes = 1;
   options.planar_prior.cell_size_px = 8;
-  WeighGeometryMore(0.2f, &options);
+  // With one pass agreement with the neighbours' maps counts more than in the paper, and is cut off earlier.
+  options.patch_match.geometric_weight = 0.2f;
+  options.patch_match.geometric_max_px = 3.0f;
   return options;
 }
 

@@ -34,7 +34,7 @@ ACMP_HOST_DEVICE inline ParityAnswer Answer(const MatchContext<Sampler>& context
   ParityAnswer answer = {};
   const Vec3f ray = context.rays.Ray(static_cast<float>(query.col), static_cast<float>(query.row));
   ReferencePatch patch;
-  LoadReferencePatch(context, query.col, query.row, SingleThread(), &patch);
+  LoadReferencePatch(context, query.col, query.row, context.options.sigma_color, SingleThread(), &patch);
   answer.bilinear_cost =
       PhotometricCost(context, patch, PlaneDual(context, query.plane), query.col, query.row, query.view);
   const float depth = PlaneDepth(query.plane, ray);

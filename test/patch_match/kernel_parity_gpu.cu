@@ -16,7 +16,7 @@ __global__ void AnswerKernel(const MatchContext<BilinearSampler> bilinear, const
   const ParityQuery query = queries[i];
   answers[i] = Answer(bilinear, query);
   ReferencePatch patch;
-  LoadReferencePatch(texture, query.col, query.row, SingleThread(), &patch);
+  LoadReferencePatch(texture, query.col, query.row, texture.options.sigma_color, SingleThread(), &patch);
   answers[i].texture_cost =
       PhotometricCost(texture, patch, PlaneDual(texture, query.plane), query.col, query.row, query.view);
 }

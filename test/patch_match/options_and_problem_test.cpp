@@ -92,6 +92,8 @@ TEST(PatchMatchOptionsTest, EveryRealNumbersBoundsAreChecked) {
   for (const FloatField& field : {
            FloatField{"sigma_spatial_px", &PatchMatchOptions::sigma_spatial_px, {0.1f, 100}, {0, -1}},
            {"sigma_color", &PatchMatchOptions::sigma_color, {0.1f, 255}, {0, -1}},
+           {"edge_sigma_color", &PatchMatchOptions::edge_sigma_color, {0.1f, 255}, {0, -1}},
+           {"edge_bend", &PatchMatchOptions::edge_bend, {0.001f, 10}, {0, -1}},
            {"min_variance", &PatchMatchOptions::min_variance, {1e-4f, 100}, {0, -1}},
            {"sigma_view", &PatchMatchOptions::sigma_view, {0.05f, 2}, {0, -1}},
            {"view_smoothness", &PatchMatchOptions::view_smoothness, {0.5f, 1}, {0.49f, 1.01f}},

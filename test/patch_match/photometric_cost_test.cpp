@@ -17,7 +17,7 @@ using reference::CostKind;
 float KernelCost(KernelState* state, const PlaneHypothesis& plane, int col, int row, int view) {
   const auto context = state->Context();
   ReferencePatch patch;
-  LoadReferencePatch(context, col, row, SingleThread(), &patch);
+  LoadReferencePatch(context, col, row, context.options.sigma_color, SingleThread(), &patch);
   return PhotometricCost(context, patch, PlaneDual(context, plane), col, row, view);
 }
 
@@ -42,7 +42,7 @@ TEST(ReferencePatchTest, HasTheWindowsSamplesAndMoments) {
   KernelState state(MakeProblem(views, 0, {1, 10}));
   for (const auto& [col, row] : {std::pair(15, 11), {0, 0}, {30, 22}, {3, 20}, {30, 5}}) {
     ReferencePatch patch;
-    LoadReferencePatch(state.Context(), col, row, SingleThread(), &patch);
+    LoadReferencePatch(state.Context(), col, row, state.options().sigma_color, SingleThread(), &patch);
     const double center = views[0].gray(col, row);
     double weights = 0, sum = 0, squares = 0;
     std::set<std::pair<int, int>> offsets;

@@ -63,7 +63,7 @@ class RefineSpy {
     scratch.shared.num_sources = 1;
     scratch.shared.Draws()[0] = options.view_draws;
     scratch.shared.DrawnViews()[0] = 0;
-    LoadReferencePatch(context, 20, 15, SingleThread(), &scratch.shared.patch);
+    LoadReferencePatch(context, 20, 15, context.options.sigma_color, SingleThread(), &scratch.shared.patch);
     PixelUpdate<SpySampler, SingleThread> pixel(context, 20, 15, SingleThread(), &scratch.shared);
     pixel.ray = context.rays.Ray(20, 15);
     pixel.prior = prior;
@@ -290,7 +290,7 @@ void ExpectOnlyHopelessHypothesesAreLeftOut() {
       left -= shared.Draws()[view];
     }
     const uint32_t mask = ListDrawnViews(shared.Draws(), kViews, SingleThread(), shared.DrawnViews());
-    LoadReferencePatch(context, col, row, SingleThread(), &shared.patch);
+    LoadReferencePatch(context, col, row, context.options.sigma_color, SingleThread(), &shared.patch);
     PixelUpdate<BilinearSampler, SingleThread> pixel(context, col, row, SingleThread(), &shared);
     pixel.ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
     pixel.num_drawn = CountBits(mask);

@@ -136,10 +136,10 @@ TEST(CpuPatchTest, HasTheWindowsSamplesAndMoments) {
       for (int row = 0; row < height; ++row) {
         for (int col = 0; col < width; ++col) {
           ReferencePatch patch, expected, first;
-          LoadReferencePatch(context, col, row, SingleThread(), &patch);
-          LoadReferencePatch(state.Context(), col, row, SingleThread(), &expected);
+          LoadReferencePatch(context, col, row, context.options.sigma_color, SingleThread(), &patch);
+          LoadReferencePatch(state.Context(), col, row, state.options().sigma_color, SingleThread(), &expected);
           LoadReferencePatch(state.ContextWith(CpuSampler{{gray, &gray}, SupportedWindowFunctions()[0]}), col, row,
-                             SingleThread(), &first);
+                             state.options().sigma_color, SingleThread(), &first);
           ASSERT_TRUE(SameBits(patch, first)) << set.instructions << ": " << col << ", " << row;
           EXPECT_EQ(patch.center, gray(col, row));
           for (int i = 0; i < kPatchSamples; ++i) {
@@ -172,7 +172,7 @@ TEST(CpuPatchTest, WeightsHoldForAnyOptions) {
     const ImageView<const float> gray = views[0].gray.View();
     const auto context = state.ContextWith(CpuSampler{{gray, &gray}, SupportedWindowFunctions().back()});
     ReferencePatch patch;
-    LoadReferencePatch(context, 15, 11, SingleThread(), &patch);
+    LoadReferencePatch(context, 15, 11, context.options.sigma_color, SingleThread(), &patch);
     for (int i = 0; i < kPatchSamples; ++i) {
       const double distance = std::hypot(WindowCol(i), WindowRow(i));
       const double weight = reference::BilateralWeight(distance, patch.samples[i].value, options);
@@ -194,8 +194,8 @@ TEST(CpuSamplerTest, CostsAgreeWithThePlainSampler) {
     const int col = random.Below(65), row = random.Below(49), view = i % 4;
     const Vec3f dual = PlaneDual(plain, RandomHypothesis(views[0].camera, col, row, 1.5, 10, 80, &random));
     ReferencePatch patch, plain_patch;
-    LoadReferencePatch(context, col, row, SingleThread(), &patch);
-    LoadReferencePatch(plain, col, row, SingleThread(), &plain_patch);
+    LoadReferencePatch(context, col, row, context.options.sigma_color, SingleThread(), &patch);
+    LoadReferencePatch(plain, col, row, plain.options.sigma_color, SingleThread(), &plain_patch);
     const float cost = PhotometricCost(context, patch, dual, col, row, view);
     const float expected = PhotometricCost(plain, plain_patch, dual, col, row, view);
     // Both are within 5e-4 of the reference.

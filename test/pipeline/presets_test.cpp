@@ -78,8 +78,7 @@ TEST(PresetsTest, DifferInWhatTheyAreNamedFor) {
   EXPECT_THAT(from_acmp("acmmp"), UnorderedElementsAre("start_level", "full_size_iterations"));
   EXPECT_THAT(Differences(MakePreset("acmmp"), MakePreset("acmm")),
               UnorderedElementsAre("use_planar_prior", "completion", "candidate_view_votes"));
-  EXPECT_THAT(from_acmp("quality"), UnorderedElementsAre("sigma_color", "geometric_iterations", "geometric_passes",
-                                                         "geometric_weight", "geometric_max_px"));
+  EXPECT_THAT(from_acmp("quality"), UnorderedElementsAre("geometric_iterations", "geometric_passes"));
 }
 
 TEST(PresetsTest, UnknownNameIsAnErrorThatListsAllNames) {

@@ -76,6 +76,21 @@ double BilateralWeight(double distance_px, double gray_difference, const PatchMa
   return std::exp(-distance_px / (2 * spatial * spatial) - std::abs(gray_difference) / (2 * color * color));
 }
 
+bool IsSurfaceBroken(const PinholeCamera& camera, const PlaneMap& planes, const PatchMatchOptions& options, int col,
+                     int row) {
+  const auto inverse_depth = [&](int x, int y) {
+    return 1 / Intersect(camera, Eigen::Vector2d(x, y), ToDouble(planes(x, y))).z();
+  };
+  for (const Eigen::Vector2i& step : {Eigen::Vector2i(5, 0), {0, 5}, {4, 3}, {4, -3}}) {
+    const int dx = step.x(), dy = step.y();
+    if (!planes.View().Contains(col + dx, row + dy) || !planes.View().Contains(col - dx, row - dy)) continue;
+    const double mean = (inverse_depth(col + dx, row + dy) + inverse_depth(col - dx, row - dy)) / 2;
+    const double own = inverse_depth(col, row);
+    if (std::abs(mean - own) > options.edge_bend / 2 * own) return true;
+  }
+  return false;
+}
+
 Cost PhotometricCost(const PatchMatchProblem& problem, const PatchMatchOptions& options, const Plane& plane, int col,
                      int row, int view) {
   const MatchView& reference = problem.reference;

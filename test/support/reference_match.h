@@ -50,6 +50,11 @@ struct Cost {
 Cost PhotometricCost(const PatchMatchProblem& problem, const PatchMatchOptions& options, const Plane& plane, int col,
                      int row, int view);
 
+/// Whether the inverse depth of a pixel's plane differs from the mean of those of two opposite pixels, each with its
+/// own plane, 5 px away by more than half of edge_bend, relative. Pairs that are not wholly in the image do not count.
+bool IsSurfaceBroken(const PinholeCamera& camera, const PlaneMap& planes, const PatchMatchOptions& options, int col,
+                     int row);
+
 /// Depth of the 2 x 2 px that hold a pixel: the harmonic mean of the known ones if they agree within 2 %, else of the
 /// two whose inverses are closest; of only two the nearer. 0: none is known.
 double HalvedDepthAt(const ImageView<const float>& depth, int col, int row);

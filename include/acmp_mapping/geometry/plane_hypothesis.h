@@ -26,6 +26,11 @@ ACMP_HOST_DEVICE inline float PlaneDepth(const PlaneHypothesis& plane, const Vec
   return -plane.d / Dot(plane.normal(), ray);
 }
 
+/// 1 / PlaneDepth, without a singularity where the ray is parallel to the plane. Affine in the pixel's position.
+ACMP_HOST_DEVICE inline float PlaneInverseDepth(const PlaneHypothesis& plane, const Vec3f& ray) {
+  return -Dot(plane.normal(), ray) / plane.d;
+}
+
 /// The plane with the given unit normal through the point at depth z on the ray (ray.z = 1).
 ACMP_HOST_DEVICE inline PlaneHypothesis PlaneThrough(const Vec3f& normal, const Vec3f& ray, float depth) {
   return {normal.x, normal.y, normal.z, -depth * Dot(normal, ray)};

@@ -21,7 +21,13 @@ struct PatchMatchOptions {
 
   float sigma_spatial_px = 5.0f;  ///< bilateral weight exp(-r / (2 s^2)), > 0
   float sigma_color = 3.0f;       ///< bilateral weight exp(-|dI| / (2 s^2)), grey levels, > 0
-  float min_variance = 0.01f;     ///< grey levels^2, > 0; a window below it has no texture. Relative to the reference's
+
+  /// In place of sigma_color where the estimate's surface bends or breaks within the window, grey levels, > 0: what is
+  /// nearer or farther there has to differ less to be left out. In passes that start from an estimate.
+  float edge_sigma_color = 1.5f;
+  float edge_bend = 0.03f;  ///< the surface does so from this second difference of inverse depth on, relative, > 0
+
+  float min_variance = 0.01f;  ///< grey levels^2, > 0; a window below it has no texture. Relative to the reference's
                                ///< centre value float32 keeps flat windows below it up to 100 grey levels of exposure
                                ///< difference
   ViewWeighting view_weighting = ViewWeighting::kThresholded;

@@ -32,10 +32,10 @@ inline WindowSums SumWindow(const CpuSampler& sampler, int view, const PlaneWarp
   return sampler.window.sum_window(image, warp, patch);
 }
 
-inline void LoadReferencePatch(const MatchContext<CpuSampler>& context, int col, int row, const SingleThread&,
-                               ReferencePatch* patch) {
+inline void LoadReferencePatch(const MatchContext<CpuSampler>& context, int col, int row, float sigma_color,
+                               const SingleThread&, ReferencePatch* patch) {
   const float inv_spatial = 0.5f / (context.options.sigma_spatial_px * context.options.sigma_spatial_px);
-  const float inv_color = 0.5f / (context.options.sigma_color * context.options.sigma_color);
+  const float inv_color = 0.5f / (sigma_color * sigma_color);
   context.sampler.window.load_patch(context.sampler.reference, col, row, inv_spatial, inv_color, patch);
 }
 

@@ -21,6 +21,8 @@ void VisitPipelineParameters(Options& pipeline, const Visitor& visit) {
   visit("seed", match.seed);
   visit("sigma_spatial_px", match.sigma_spatial_px);
   visit("sigma_color", match.sigma_color);
+  visit("edge_sigma_color", match.edge_sigma_color);
+  visit("edge_bend", match.edge_bend);
   visit("min_variance", match.min_variance);
   visit("view_weighting", match.view_weighting);
   visit("sigma_view", match.sigma_view);

@@ -55,6 +55,8 @@ void VisitRuntimeParameters(Options& options, Config& config, const Visitor& vis
   visit("seed", match.seed, config.seed);
   visit("sigma_spatial_px", match.sigma_spatial_px, config.sigma_spatial_px);
   visit("sigma_color", match.sigma_color, config.sigma_color);
+  visit("edge_sigma_color", match.edge_sigma_color, config.edge_sigma_color);
+  visit("edge_bend", match.edge_bend, config.edge_bend);
   visit("min_variance", match.min_variance, config.min_variance);
   visit("view_weighting", match.view_weighting, config.view_weighting);
   visit("sigma_view", match.sigma_view, config.sigma_view);

@@ -17,7 +17,7 @@ ACMP_HOST_DEVICE inline float InitialCost(const MatchContext<Sampler>& context, 
   constexpr int kBestViews = 4;
   constexpr float kInvalid = 1e30f;
   if (team.Rank() == 0) scratch->num_sources = context.num_sources;
-  LoadReferencePatch(context, col, row, team, &scratch->patch);
+  LoadReferencePatch(context, col, row, context.options.sigma_color, team, &scratch->patch);
   const float depth = PlaneDepth(plane, context.rays.Ray(static_cast<float>(col), static_cast<float>(row)));
   if (team.Rank() == 0) scratch->planes[0] = plane;
   team.Sync();

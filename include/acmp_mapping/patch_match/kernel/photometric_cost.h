@@ -35,11 +35,12 @@ ACMP_HOST_DEVICE inline void SetMoments(float sum_w, float sum_wr, float sum_wrr
 }
 
 /// Fills `patch`, which all of the team see when it returns.
+/// @param sigma_color of the bilateral weights, grey levels
 template <class Sampler, class Team>
 ACMP_HOST_DEVICE inline void LoadReferencePatch(const MatchContext<Sampler>& context, int col, int row,
-                                                const Team& team, ReferencePatch* patch) {
+                                                float sigma_color, const Team& team, ReferencePatch* patch) {
   const float inv_spatial = 0.5f / (context.options.sigma_spatial_px * context.options.sigma_spatial_px);
-  const float inv_color = 0.5f / (context.options.sigma_color * context.options.sigma_color);
+  const float inv_color = 0.5f / (sigma_color * sigma_color);
   const float center = context.sampler.Reference(col, row);
   float sum_w = 0, sum_wr = 0, sum_wrr = 0;
   ForEach(team, kPatchSamples, [&](int i) {

@@ -12,6 +12,7 @@ namespace acmp {
 ///   Increment(counter)    by several at once
 ///   SumOverWindow(value)  over the kWindowThreads neighbours, for all of them
 ///   SumOverTeam(value)    over all, for all of them
+///   Any(value)            whether it is true for any, for all of them
 /// Functions that take a team are called by all its threads with the same arguments. This is the team of one.
 struct SingleThread {
   static constexpr int kSize = 1;
@@ -21,6 +22,7 @@ struct SingleThread {
   ACMP_HOST_DEVICE void Increment(int* counter) const { ++*counter; }
   ACMP_HOST_DEVICE float SumOverWindow(float value) const { return value; }
   ACMP_HOST_DEVICE float SumOverTeam(float value) const { return value; }
+  ACMP_HOST_DEVICE bool Any(bool value) const { return value; }
 };
 
 /// function(i) for all i below `count`, shared out over the team. No synchronisation.

@@ -8,6 +8,7 @@
 #include "acmp_mapping/patch_match/kernel/pixel_scratch.h"
 #include "acmp_mapping/patch_match/kernel/prior_cost.h"
 #include "acmp_mapping/patch_match/kernel/propagation.h"
+#include "acmp_mapping/patch_match/kernel/surface_break.h"
 #include "acmp_mapping/patch_match/kernel/view_weights.h"
 
 namespace acmp {
@@ -312,7 +313,10 @@ ACMP_HOST_DEVICE inline void UpdatePixel(const MatchContext<Sampler>& context, i
   RandomStream random(context.options.seed, static_cast<uint32_t>(row * context.width + col),
                       context.pass_number * 64u + static_cast<uint32_t>(iteration) + 1u);
   if (team.Rank() == 0) scratch->num_sources = context.num_sources;
-  LoadReferencePatch(context, col, row, team, &scratch->patch);
+  const float sigma_color = kPass != Pass::kPhotometric && IsSurfaceBroken(context, col, row, team)
+                                ? context.options.edge_sigma_color
+                                : context.options.sigma_color;
+  LoadReferencePatch(context, col, row, sigma_color, team, &scratch->patch);
   PixelUpdate<Sampler, Team> pixel(context, col, row, team, scratch);
   pixel.ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
   if constexpr (kPass == Pass::kPlanarPrior) pixel.prior = LoadPrior(context, col, row, pixel.ray);
