@@ -1,5 +1,6 @@
 #include <map>
 #include <memory>
+#include <mutex>
 #include <utility>
 #include <vector>
 
@@ -84,6 +85,7 @@ class OfflineSchedule {
     const int pool = EnginePoolOf(run_, index);
     tasks_[{stage, index}] = graph->Add(pool, after, [this, stage, &image, done, pool](int thread) {
       if (!done) RunOne(stage, image, EngineOf(run_, pool, thread));
+      if (stage > 0) ForgetWhatAllHaveRead(stage, image);
       run_.progress.Step(done);
     });
     if (stage + 1 == stages_) return;
@@ -93,12 +95,22 @@ class OfflineSchedule {
     }
   }
 
-  /// After a stage no later one reads that before it.
+  /// A pass has read the estimates of the stage before. Memory for those of which it was the last reader is free then.
+  void ForgetWhatAllHaveRead(int stage, const ImagePlan& image) {
+    for (int read : EstimatesRead(image)) {
+      {
+        const std::lock_guard<std::mutex> lock(mutex_);
+        if (++has_read_[{stage, read}] < readers_.at({stage - 1, read}).size()) continue;
+      }
+      run_.store.Forget(StageName(stage - 1), read);
+    }
+  }
+
+  /// After a stage no later one reads the files of that before it.
   void AddCleaning(int stage, TaskGraph* graph) {
     std::vector<int> all;
     for (const auto& [index, image] : images_) all.push_back(tasks_.at({stage, index}));
     graph->Add(kHostPool, all, [this, stage](int) {
-      run_.store.DropStage(StageName(stage - 1));
       if (!run_.options.keep_work) run_.folder.RemoveWork(StageName(stage - 1));
     });
   }
@@ -139,6 +151,8 @@ class OfflineSchedule {
   std::map<Step, int> tasks_;
   std::map<Step, std::vector<int>> readers_;  ///< images whose pass of the next stage reads the step's estimate
   std::map<Step, size_t> ready_;              ///< how many of what a step reads have been added
+  std::mutex mutex_;                          ///< of what follows
+  std::map<Step, size_t> has_read_;           ///< by stage of the readers and image: how many have
 };
 
 }  // namespace

@@ -7,8 +7,6 @@
 namespace acmp {
 namespace {
 
-constexpr double kYoungMs = 20e3;  ///< a run that has taken no longer writes no work files
-
 // What the caches count. On a GPU: texels of two bytes with their halved images; planes, cost, depth and half a byte of
 // halved depth. On the host: nothing but halved images beside the frame; the same with normals.
 size_t ImageBytes(const Frame& frame, bool on_host) { return frame.gray.size() * (on_host ? 2 : 3); }
@@ -31,9 +29,8 @@ EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, 
       max_unsaved_host_bytes_(options.MemoryBytes(options.kMapShare)) {
   for (const ReconstructEngine& engine : engines) {
     const size_t bytes = engine.on_host ? max_unsaved_host_bytes_ : engine.engine->FreeDeviceBytes() / 2;
-    max_unsaved_device_bytes_ = bytes / 2;
     devices_.emplace(std::piecewise_construct, std::forward_as_tuple(engine.device),
-                     std::forward_as_tuple(bytes / 4, bytes - bytes / 4));
+                     std::forward_as_tuple(bytes / 4, bytes - bytes / 4, bytes / 2));
   }
 }
 
@@ -111,12 +108,6 @@ void EngineStore::AddEstimates(const std::string& stage, const ReconstructEngine
   }
 }
 
-bool EngineStore::KeepsInMemory(const ReconstructEngine& engine, size_t device_bytes, size_t host_bytes) const {
-  return !always_writes_ && !engine.on_host && age_.Elapsed() < kYoungMs &&
-         unsaved_device_bytes_ + device_bytes <= max_unsaved_device_bytes_ &&
-         unsaved_host_bytes_ + host_bytes <= max_unsaved_host_bytes_;
-}
-
 void EngineStore::Keep(const std::string& stage, const Frame& frame, const ReconstructEngine& engine,
                        const EngineEstimatePtr& estimate) {
   const EstimateKey key = {stage, static_cast<int>(frame.id)};
@@ -129,10 +120,15 @@ void EngineStore::Keep(const std::string& stage, const Frame& frame, const Recon
 }
 
 bool EngineStore::KeepUnsaved(const EstimateKey& key, const Unsaved& unsaved, const ReconstructEngine& engine) {
+  if (always_writes_) return false;
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (!KeepsInMemory(engine, unsaved.device_bytes, unsaved.host_bytes)) return false;
+  Device& device = devices_.at(engine.device);
+  if (device.unsaved_bytes + unsaved.device_bytes > device.max_unsaved_bytes ||
+      unsaved_host_bytes_ + unsaved.host_bytes > max_unsaved_host_bytes_) {
+    return false;
+  }
   unsaved_[key] = unsaved;
-  unsaved_device_bytes_ += unsaved.device_bytes;
+  device.unsaved_bytes += unsaved.device_bytes;
   unsaved_host_bytes_ += unsaved.host_bytes;
   return true;
 }
@@ -185,17 +181,15 @@ void EngineStore::ReleaseFinal(int index) {
   found->second = std::move(only_sources);
 }
 
-void EngineStore::DropStage(const std::string& stage) {
+void EngineStore::Forget(const std::string& stage, int index) {
+  const EstimateKey key = {stage, index};
+  for (auto& [number, device] : devices_) device.estimates.Drop(key);
   const std::lock_guard<std::mutex> lock(mutex_);
-  for (auto entry = unsaved_.begin(); entry != unsaved_.end();) {
-    if (entry->first.first != stage) {
-      ++entry;
-      continue;
-    }
-    unsaved_device_bytes_ -= entry->second.device_bytes;
-    unsaved_host_bytes_ -= entry->second.host_bytes;
-    entry = unsaved_.erase(entry);
-  }
+  const auto found = unsaved_.find(key);
+  if (found == unsaved_.end()) return;
+  devices_.at(found->second.device).unsaved_bytes -= found->second.device_bytes;
+  unsaved_host_bytes_ -= found->second.host_bytes;
+  unsaved_.erase(found);
 }
 
 }  // namespace acmp

@@ -7,7 +7,6 @@
 #include <utility>
 #include <vector>
 
-#include "acmp_mapping/common/timer.h"
 #include "reconstruct_engine.h"
 #include "reconstruct_folder.h"
 #include "reconstruct_frames.h"
@@ -20,8 +19,8 @@ namespace acmp {
 
 /// Images and estimates of a run where the engines read them: those used last stay on their devices, others are read
 /// from the images' and the work folder's files. For any number of threads; an engine by one at a time.
-/// What GPUs make in the first seconds of a run is kept in memory, as far as the limit goes, and not written to the
-/// work folder: that would take longer than making it again after an interruption.
+/// What GPUs make is kept in their memory, as far as it goes, and not written to the work folder: that takes longer
+/// than making it again after an interruption, which costs about a minute at most.
 class EngineStore {
  public:
   static constexpr const char* kFinalStage = "final";
@@ -41,7 +40,7 @@ class EngineStore {
   /// The same for each of the source views; those without a map keep a null estimate.
   void AddEstimates(const std::string& stage, const ReconstructEngine& engine, std::vector<EngineView>* sources);
 
-  /// Keeps an estimate: on its device, and in a file of the work folder unless the run is young.
+  /// Keeps an estimate: on its device, and in a file of the work folder if there is no room or the device is the host.
   void Keep(const std::string& stage, const Frame& frame, const ReconstructEngine& engine,
             const EngineEstimatePtr& estimate);
   /// The same for final maps.
@@ -51,8 +50,8 @@ class EngineStore {
   /// Frees the memory of an image's final maps, once its files are written. Its sources are kept.
   void ReleaseFinal(int index);
 
-  /// Forgets all estimates of a stage that no later one reads.
-  void DropStage(const std::string& stage);
+  /// Frees the memory of an estimate that nobody reads any more. Its work file, if it has one, stays.
+  void Forget(const std::string& stage, int index);
 
  private:
   using EstimateKey = std::pair<std::string, int>;  ///< stage, scene index
@@ -62,13 +61,15 @@ class EngineStore {
     size_t device_bytes = 0, host_bytes = 0;
   };
   struct Device {
-    Device(size_t image_bytes, size_t estimate_bytes) : images(image_bytes), estimates(estimate_bytes) {}
+    Device(size_t image_bytes, size_t estimate_bytes, size_t unsaved_bytes)
+        : images(image_bytes), estimates(estimate_bytes), max_unsaved_bytes(unsaved_bytes) {}
     LruCache<int, EngineImage> images;
-    LruCache<EstimateKey, EngineEstimate> estimates;
+    LruCache<EstimateKey, EngineEstimate> estimates;  ///< copies of what is elsewhere or in a file
+    const size_t max_unsaved_bytes;
+    size_t unsaved_bytes = 0;  ///< under the store's mutex
   };
 
   EngineImagePtr Image(const FramePtr& frame, const ReconstructEngine& engine);
-  bool KeepsInMemory(const ReconstructEngine& engine, size_t device_bytes, size_t host_bytes) const;
   EngineEstimatePtr Read(const EstimateKey& key, const Frame& frame, const ReconstructEngine& engine) const;
   static void FetchFinal(const Frame& frame, const ReconstructEngine& engine, const EngineEstimatePtr& estimate,
                          FinalMaps* maps);
@@ -82,13 +83,11 @@ class EngineStore {
   const bool always_writes_;       ///< the work files
   const bool final_maps_on_host_;  ///< to be written
   const size_t max_unsaved_host_bytes_;
-  size_t max_unsaved_device_bytes_ = 0;
-  Timer age_;
 
   mutable std::mutex mutex_;  ///< of what follows: what is in no file
   std::map<EstimateKey, Unsaved> unsaved_;
   std::map<int, std::shared_ptr<const FinalMaps>> unsaved_final_;
-  size_t unsaved_device_bytes_ = 0, unsaved_host_bytes_ = 0;
+  size_t unsaved_host_bytes_ = 0;
 };
 
 }  // namespace acmp

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <condition_variable>
+#include <filesystem>
 #include <map>
 #include <mutex>
 #include <set>
@@ -112,7 +113,7 @@ class ReconstructDevicesTest : public ReconstructRunFixture {
     const auto make = [&] {
       std::vector<ReconstructEngine> engines;
       for (int i = 0; i < 2 * devices; ++i) {
-        owned.push_back(std::make_unique<FakeGpu>(i / 2, &watch_));
+        owned.push_back(std::make_unique<FakeGpu>(i / 2, &gpus_));
         engines.push_back({owned.back().get(), i / 2, false});
       }
       return engines;
@@ -120,7 +121,7 @@ class ReconstructDevicesTest : public ReconstructRunFixture {
     Reconstruct(options_, make, &watcher_, &out_, &log_, false);
   }
 
-  FusionWatch watch_;
+  FakeGpuBehaviour gpus_;
 };
 
 TEST_F(ReconstructDevicesTest, AnyNumberOfDevicesGivesTheSameFiles) {
@@ -144,7 +145,7 @@ TEST_F(ReconstructDevicesTest, EachImageIsFusedWhereItsMapsAre) {
   WriteTwelve(Sequence(kTwelve));
   std::mutex mutex;
   std::map<int, std::pair<int, int>> seen;  // by image: device, rank
-  watch_.before = [&](int device, int image, int rank) {
+  gpus_.before = [&](int device, int image, int rank) {
     const std::lock_guard<std::mutex> lock(mutex);
     seen[image] = {device, rank};
   };
@@ -160,11 +161,11 @@ TEST_F(ReconstructDevicesTest, ViewsWithoutACommonFrameDoNotWaitForEachOther) {
     options_.memory_limit_gb = memory_limit_gb;
     Fusions fusions;
     bool waited_in_vain = false;
-    watch_.before = [&](int, int image, int) {
+    gpus_.before = [&](int, int image, int) {
       if (image == 0) waited_in_vain = !fusions.WaitFor(kTwelve - 1);
       fusions.Begin(image);
     };
-    watch_.after = [&](int, int image, int) { fusions.End(image); };
+    gpus_.after = [&](int, int image, int) { fusions.End(image); };
     RunOnFakeGpus(Concat("gpu_", memory_limit_gb), 2);
     EXPECT_FALSE(waited_in_vain) << "the last image waited for the first";
     ExpectSameContents(output("cpu"), options_.output);
@@ -176,11 +177,11 @@ TEST_F(ReconstructDevicesTest, ViewsWithACommonFrameAreFusedInOrder) {
     WriteTwelve(sources);
     options_.overwrite = true;
     Fusions fusions;
-    watch_.before = [&](int, int image, int) {
+    gpus_.before = [&](int, int image, int) {
       fusions.Begin(image);
       std::this_thread::sleep_for(std::chrono::milliseconds(image % 3));
     };
-    watch_.after = [&](int, int image, int) { fusions.End(image); };
+    gpus_.after = [&](int, int image, int) { fusions.End(image); };
     RunOnFakeGpus("gpu", 3);
     for (int b = 0; b < kTwelve; ++b) {
       for (int a = 0; a < b; ++a) {
@@ -196,13 +197,13 @@ TEST_F(ReconstructDevicesTest, AFusionThatFailsEndsTheRunWhichCanGoOn) {
   WriteTwelve(Sequence(kTwelve));
   RunOnCpu("cpu");
   for (const int failing : {0, 5, 6, 11}) {
-    watch_.before = [&](int, int image, int) {
+    gpus_.before = [&](int, int image, int) {
       if (image == failing) throw ProcessingError("device lost");
     };
     const std::string name = Concat("failing_", failing);
     EXPECT_EQ(MessageOf<ProcessingError>([&] { RunOnFakeGpus(name, 2); }), "device lost");
     EXPECT_FALSE(Has("fused.ply"));
-    watch_ = {};
+    gpus_ = {};
     RunOnFakeGpus(name, 2);
     ExpectSameContents(output("cpu"), options_.output);
   }
@@ -212,17 +213,78 @@ TEST_F(ReconstructDevicesTest, InterruptedWhileFusingTheRunCanGoOn) {
   WriteTwelve(Groups(kTwelve));
   RunOnCpu("cpu");
   options_.memory_limit_gb = 0;  // points of the second device are in files when the run ends
-  watch_.before = [&](int device, int image, int) {
+  gpus_.before = [&](int device, int image, int) {
     if (device == 0 && image == 3) watcher_.Request();
   };
   EXPECT_THROW(RunOnFakeGpus("gpu", 2), Interrupted);
   EXPECT_FALSE(Has("fused.ply"));
-  watch_ = {};
+  gpus_ = {};
   InterruptWatcher watcher;
   options_.output = output("gpu");
   FakePatchMatch fake;
   Run(&fake, &watcher);
   ExpectSameContents(output("cpu"), output("gpu"));
+}
+
+class DeviceMemoryTest : public ReconstructDevicesTest {
+ protected:
+  /// As the tool counts: planes, cost, depth and halved depth.
+  static constexpr size_t kEstimateBytes = size_t{kWidth} * kHeight * 49 / 2;
+
+  /// A run on GPUs with room for so many estimates each. Returns how many had work files at the most when a view was
+  /// fused.
+  size_t EstimatesInFiles(const std::string& name, int devices, size_t room) {
+    constexpr size_t kShare = 4;  // of a GPU's free memory, for estimates that are in no file
+    gpus_.free_bytes = kShare * room * kEstimateBytes;
+    std::mutex mutex;
+    size_t most = 0;
+    gpus_.before = [&](int, int, int) {
+      size_t files = 0;
+      for (const char* stage : {"initial", "refined_1", "refined_2", "final"}) {
+        for (int image = 0; image < kTwelve; ++image) {
+          files +=
+              std::filesystem::exists(output(name) / "work" / stage / Concat("0000", image / 10, image % 10, ".bin"));
+        }
+      }
+      const std::lock_guard<std::mutex> lock(mutex);
+      most = std::max(most, files);
+    };
+    RunOnFakeGpus(name, devices);
+    return most;
+  }
+};
+
+TEST_F(DeviceMemoryTest, WhatFitsHasNoFile) {
+  WriteTwelve(Sequence(kTwelve));
+  RunOnCpu("cpu");
+  EXPECT_EQ(EstimatesInFiles("gpu", 1, 1000), 0u);
+  ExpectSameContents(output("cpu"), output("gpu"));
+}
+
+TEST_F(DeviceMemoryTest, WhatAllHaveReadMakesRoom) {
+  // Twelve last estimates, and of the stages before those of the groups under way: two threads are at two images of two
+  // groups at most. All four stages of all images would be 48.
+  WriteTwelve(Groups(kTwelve));
+  RunOnCpu("cpu");
+  EXPECT_EQ(EstimatesInFiles("gpu", 1, 12 + 2 * 6), 0u);
+  ExpectSameContents(output("cpu"), output("gpu"));
+}
+
+TEST_F(DeviceMemoryTest, EachDeviceHasItsOwn) {
+  WriteTwelve(Groups(kTwelve));
+  RunOnCpu("cpu");
+  EXPECT_EQ(EstimatesInFiles("gpu", 2, 6 + 2 * 6), 0u);
+  ExpectSameContents(output("cpu"), output("gpu"));
+}
+
+TEST_F(DeviceMemoryTest, WhatDoesNotFitIsInFiles) {
+  WriteTwelve(Sequence(kTwelve));
+  RunOnCpu("cpu");
+  for (const size_t room : {0, 1, 5, 20}) {
+    const std::string name = Concat("gpu_", room);
+    EXPECT_GT(EstimatesInFiles(name, 1, room), 0u);
+    ExpectSameContents(output("cpu"), output(name));
+  }
 }
 
 TEST_F(ReconstructDevicesTest, OnlineRunsAreFusedWithTheMappersSources) {

@@ -9,8 +9,9 @@
 
 namespace acmp {
 
-/// Told of the fusions on fake GPUs, by the thread that fuses.
-struct FusionWatch {
+/// How fake GPUs behave. Told of their fusions, by the thread that fuses.
+struct FakeGpuBehaviour {
+  size_t free_bytes = size_t{1} << 30;  ///< at the start of a run, each
   std::function<void(int device, int image, int rank)> before = [](int, int, int) {};
   std::function<void(int device, int image, int rank)> after = [](int, int, int) {};
 };
@@ -18,10 +19,10 @@ struct FusionWatch {
 /// An engine that the tool takes for one on a GPU, so that it works with threads, over the fake matcher.
 class FakeGpu final : public DepthEngine {
  public:
-  /// @param watch outlives this
-  FakeGpu(int device, const FusionWatch* watch) : device_(device), watch_(*watch) {}
+  /// @param behaviour outlives this
+  FakeGpu(int device, const FakeGpuBehaviour* behaviour) : device_(device), behaviour_(*behaviour) {}
 
-  std::unique_ptr<DepthEngine> Share() override { return std::make_unique<FakeGpu>(device_, &watch_); }
+  std::unique_ptr<DepthEngine> Share() override { return std::make_unique<FakeGpu>(device_, &behaviour_); }
   EngineImagePtr Load(const FramePtr& frame, int levels) override { return host_.Load(frame, levels); }
   EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options, int level) override {
     return host_.RunPhotometric(problem, options, level);
@@ -52,9 +53,9 @@ class FakeGpu final : public DepthEngine {
   PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources, const FusionOptions& options,
                       int rank, FusionStamps* stamps) override {
     const int image = static_cast<int>(reference.frame->id);
-    watch_.before(device_, image, rank);
+    behaviour_.before(device_, image, rank);
     PointCloud cloud = host_.FuseView(reference, sources, options, rank, stamps);
-    watch_.after(device_, image, rank);
+    behaviour_.after(device_, image, rank);
     return cloud;
   }
   EstimateMaps Download(const EngineEstimatePtr& estimate) override { return host_.Download(estimate); }
@@ -67,14 +68,14 @@ class FakeGpu final : public DepthEngine {
   }
   double TakeDeviceMs() override { return host_.TakeDeviceMs(); }
   size_t DeviceBytes() const override { return 0; }
-  size_t FreeDeviceBytes() const override { return size_t{1} << 30; }
+  size_t FreeDeviceBytes() const override { return behaviour_.free_bytes; }
   std::string device_name() const override { return host_.device_name(); }
 
  private:
   static std::unique_ptr<PatchMatch> MakeFakePatchMatch() { return std::make_unique<FakePatchMatch>(); }
 
   const int device_;
-  const FusionWatch& watch_;
+  const FakeGpuBehaviour& behaviour_;
   HostDepthEngine host_{&MakeFakePatchMatch};
 };
 
