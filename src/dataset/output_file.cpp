@@ -26,8 +26,16 @@ void OutputFile::Write(const void* data, size_t bytes) {
   if (bytes > 0 && std::fwrite(data, 1, bytes, file_.get()) != bytes) Fail("cannot write");
 }
 
-void OutputFile::Rewind() {
-  if (std::fseek(file_.get(), 0, SEEK_SET) != 0) Fail("cannot write");
+void OutputFile::WriteAt(size_t offset, const void* data, size_t bytes) {
+  const auto* next = static_cast<const char*>(data);
+  while (bytes > 0) {
+    const ssize_t written = pwrite(fileno(file_.get()), next, bytes, static_cast<off_t>(offset));
+    if (written < 0 && errno == EINTR) continue;
+    if (written <= 0) Fail("cannot write");
+    next += written;
+    offset += static_cast<size_t>(written);
+    bytes -= static_cast<size_t>(written);
+  }
 }
 
 void OutputFile::Close(Durability durability) {

@@ -227,14 +227,16 @@ char* Append(char* target, const T& value) {
 }
 
 /// @param comment a line of the header, or nothing
-void WriteHeader(size_t points, const std::string& comment, AtomicFile* file) {
-  file->Write(Concat("ply\nformat binary_little_endian 1.0\n", comment, "element vertex ", points,
-                     "\nproperty float x\nproperty float y\nproperty float z\nproperty float nx\nproperty float ny\n"
-                     "property float nz\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
-                     "property float confidence\nend_header\n"));
+std::string MakeHeader(size_t points, const std::string& comment) {
+  return Concat("ply\nformat binary_little_endian 1.0\n", comment, "element vertex ", points,
+                "\nproperty float x\nproperty float y\nproperty float z\nproperty float nx\nproperty float ny\n"
+                "property float nz\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+                "property float confidence\nend_header\n");
 }
 
-void WriteRecords(const PointCloud& points, AtomicFile* file) {
+/// Calls write(place of the first record, records) for blocks of records as they are in the file.
+template <class Write>
+void MakeRecords(const PointCloud& points, const Write& write) {
   constexpr size_t kBlock = 1 << 18;  // records in memory at a time
   std::vector<char> records;
   for (size_t begin = 0; begin < points.size(); begin += kBlock) {
@@ -246,7 +248,7 @@ void WriteRecords(const PointCloud& points, AtomicFile* file) {
       end = Append(Append(Append(end, point.color.r), point.color.g), point.color.b);
       Append(end, point.confidence);
     });
-    file->Write(records.data(), records.size());
+    write(begin, records);
   }
 }
 
@@ -254,25 +256,34 @@ void WriteRecords(const PointCloud& points, AtomicFile* file) {
 
 void WritePly(const std::filesystem::path& path, const PointCloud& points) {
   AtomicFile file(path, Durability::kPowerCut);
-  WriteHeader(points.size(), "", &file);
-  WriteRecords(points, &file);
+  file.Write(MakeHeader(points.size(), ""));
+  MakeRecords(points, [&](size_t, const std::vector<char>& records) { file.Write(records.data(), records.size()); });
   file.Commit();
 }
 
-void PlyFile::WriteHeader() {
+std::string PlyFile::Header() const {
   constexpr size_t kMaxDigits = 20;  // of a 64-bit number
   const std::string padding(kMaxDigits - std::to_string(points_).size(), '-');
-  acmp::WriteHeader(points_, Concat("comment ", padding, "\n"), &file_);
+  return MakeHeader(points_, Concat("comment ", padding, "\n"));
 }
 
-void PlyFile::Append(const PointCloud& points) {
-  WriteRecords(points, &file_);
-  points_ += points.size();
+PlyFile::PlyFile(const std::filesystem::path& path)
+    : file_(path, Durability::kPowerCut), header_bytes_(Header().size()) {}
+
+size_t PlyFile::Reserve(size_t points) {
+  const size_t first = points_;
+  points_ += points;
+  return first;
+}
+
+void PlyFile::WriteAt(size_t first, const PointCloud& points) {
+  MakeRecords(points, [&](size_t begin, const std::vector<char>& records) {
+    file_.WriteAt(header_bytes_ + (first + begin) * kRecordBytes, records.data(), records.size());
+  });
 }
 
 void PlyFile::Commit() {
-  file_.Rewind();
-  WriteHeader();
+  file_.Write(Header());
   file_.Commit();
 }
 

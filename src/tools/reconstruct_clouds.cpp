@@ -43,6 +43,12 @@ bool WaitingClouds::KeepInMemory(int index, PointCloud* cloud) {
   return true;
 }
 
+size_t WaitingClouds::NumPoints(int index) const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const auto found = in_memory_.find(index);
+  return found != in_memory_.end() ? found->second.size() : points_in_file_.at(index);
+}
+
 PointCloud WaitingClouds::Take(int index) {
   size_t points = 0;
   {

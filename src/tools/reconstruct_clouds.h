@@ -8,9 +8,10 @@
 
 namespace acmp {
 
-/// Points of views that are fused and wait for those of earlier views to be appended to the cloud: with two GPUs that
-/// may be half of all points. In memory up to a number of bytes, beyond in files of the work folder, so that a scene of
-/// any size can be fused (with --colmap whoever writes its model keeps all points, though). For any number of threads.
+/// Points of views that are fused and wait for their place in the cloud, which is known when all earlier views are
+/// fused: with two GPUs that may be half of all points. In memory up to a number of bytes, beyond in files of the work
+/// folder, so that a scene of any size can be fused (with --colmap whoever writes its model keeps all points, though).
+/// For any number of threads.
 class WaitingClouds {
  public:
   /// @param folder outlives this
@@ -18,6 +19,8 @@ class WaitingClouds {
 
   /// Keeps a view's points; once per view. Throws ProcessingError when their file cannot be written.
   void Put(int index, PointCloud cloud);
+  /// How many they are, until they are handed out.
+  size_t NumPoints(int index) const;
   /// Hands them out, once. Throws ProcessingError when their file cannot be read.
   PointCloud Take(int index);
 
@@ -29,7 +32,7 @@ class WaitingClouds {
   const ReconstructFolder& folder_;
   const size_t max_bytes_;
 
-  std::mutex mutex_;  ///< of what follows
+  mutable std::mutex mutex_;  ///< of what follows
   std::map<int, PointCloud> in_memory_;
   std::map<int, size_t> points_in_file_;
   size_t bytes_ = 0;  ///< in memory

@@ -37,8 +37,8 @@ class ResultWriter {
   /// Throws InvalidInputError when there are more images than a fusion can tell apart.
   void AddTasks(const std::map<int, int>& final_maps, TaskGraph* graph) {
     CheckRange("number of images to fuse", static_cast<int>(run_.plan.images.size()), 0, kMaxFusionViews);
-    std::vector<int> all_written;
-    std::vector<int> last_appended;  // or none
+    std::vector<int> all_written, all_in_cloud;
+    std::vector<int> last_placed;  // or none
     for (const ImagePlan& image : run_.plan.images) {
       if (!image.no_map.empty()) continue;
       const int index = image.index;
@@ -52,13 +52,18 @@ class ResultWriter {
       }
       all_written.push_back(graph->Add(kHostPool, before, [this, index](int) { WriteFiles(index); }));
       const int fused = AddFusion(image, maps, graph);
-      last_appended = {graph->Add(kHostPool, Joined({fused}, last_appended), [this, index](int) { Append(index); })};
+      const size_t rank = images_.size();
+      last_placed = {graph->Add(
+          kHostPool, Joined({fused}, last_placed), [this, rank](int) { Place(rank); }, true)};
+      all_in_cloud.push_back(graph->Add(kHostPool, last_placed, [this, rank](int) { WritePoints(rank); }));
       images_.push_back(index);
     }
+    places_.resize(images_.size());
+    clouds_.resize(files_.colmap() ? images_.size() : 0);
     graph->Add(kHostPool, all_written, [this](int) { FinishFiles(); });
-    graph->Add(kHostPool, last_appended, [this](int) { FinishCloud(); });
+    graph->Add(kHostPool, all_in_cloud, [this](int) { FinishCloud(); });
     if (files_.colmap()) {
-      graph->Add(kHostPool, last_appended, [this](int) { files_.colmap()->WriteModel(images_, clouds_); });
+      graph->Add(kHostPool, all_in_cloud, [this](int) { files_.colmap()->WriteModel(images_, clouds_); });
     }
   }
 
@@ -159,12 +164,15 @@ class ResultWriter {
     run_.times.fusion_ms += timer.Lap();
   }
 
-  /// Writes an image's points, and forgets them unless COLMAP's model is made of them.
-  void Append(int index) {
+  /// A view's points follow those of all before it; how many those are is known when they are fused.
+  void Place(size_t rank) { places_[rank] = cloud_.Reserve(waiting_.NumPoints(images_[rank])); }
+
+  /// Writes a view's points, and forgets them unless COLMAP's model is made of them.
+  void WritePoints(size_t rank) {
     Timer timer;
-    PointCloud cloud = waiting_.Take(index);
-    cloud_.Append(cloud);
-    if (files_.colmap()) clouds_.push_back(std::move(cloud));
+    PointCloud cloud = waiting_.Take(images_[rank]);
+    cloud_.WriteAt(places_[rank], cloud);
+    if (files_.colmap()) clouds_[rank] = std::move(cloud);
     const std::lock_guard<std::mutex> times_lock(run_.times_mutex);
     run_.times.cloud_ms += timer.Lap();
   }
@@ -235,10 +243,10 @@ class ResultWriter {
   const ImageFiles files_;
   WaitingClouds waiting_;
   PlyFile cloud_;
-  /// What was appended to it, for COLMAP's model. Tasks that use it wait for one another.
-  std::vector<PointCloud> clouds_;
-  std::vector<int> images_;        ///< with maps, by scene index
-  std::map<int, int> last_fused_;  ///< the last task that uses the stamps of a frame
+  std::vector<int> images_;         ///< with maps, by scene index: in the order of the cloud
+  std::vector<size_t> places_;      ///< of the views' first points in the cloud
+  std::vector<PointCloud> clouds_;  ///< the views', for COLMAP's model; else none
+  std::map<int, int> last_fused_;   ///< the last task that uses the stamps of a frame
 
   size_t too_far_ = 0;  ///< pixels; under times_mutex while images are written
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <thread>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
@@ -182,6 +183,34 @@ TEST_F(MapIoTest, PlyFileTakesOneCloudAfterTheOther) {
   ExpectSame(ReadPly(folder() / "a.ply"), all);
   PlyFile(folder() / "empty.ply").Commit();
   EXPECT_TRUE(ReadPly(folder() / "empty.ply").empty());
+}
+
+TEST_F(MapIoTest, PlyFileTakesCloudsInAnyOrderFromSeveralThreads) {
+  constexpr size_t kClouds = 40, kThreads = 4;
+  const auto point = [](size_t number) {
+    SurfacePoint result = SomePoints()[0];
+    result.position.x = static_cast<float>(number);
+    return result;
+  };
+  PlyFile file(folder() / "a.ply");
+  std::vector<size_t> places;
+  for (size_t i = 0; i < kClouds; ++i) places.push_back(file.Reserve(i));  // cloud i has i points
+  std::vector<std::thread> threads;
+  for (size_t t = 0; t < kThreads; ++t) {
+    threads.emplace_back([&, t] {
+      for (size_t i = kClouds; i-- > 0;) {
+        if (i % kThreads != t) continue;
+        PointCloud cloud;
+        for (size_t k = 0; k < i; ++k) cloud.push_back(point(places[i] + k));
+        file.WriteAt(places[i], cloud);
+      }
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  file.Commit();
+  PointCloud expected;
+  for (size_t number = 0; number < kClouds * (kClouds - 1) / 2; ++number) expected.push_back(point(number));
+  ExpectSame(ReadPly(folder() / "a.ply"), expected);
 }
 
 TEST_F(MapIoTest, AsciiPlyWithOtherPropertiesAndElements) {

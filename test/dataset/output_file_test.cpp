@@ -43,6 +43,21 @@ TEST_F(OutputFileTest, FullDiskIsReported) {
   EXPECT_THAT(message, HasSubstr("No space left on device"));
 }
 
+TEST_F(OutputFileTest, PlacesAreFilledInAnyOrder) {
+  AtomicFile file(folder() / "a");
+  file.WriteAt(6, "world", 5);
+  file.WriteAt(3, "lo ", 3);
+  file.Write("hel");
+  file.Commit();
+  EXPECT_EQ(ReadText(folder() / "a"), "hello world");
+}
+
+TEST_F(OutputFileTest, FullDiskIsReportedAtAPlaceToo) {
+  if (!std::filesystem::exists("/dev/full")) GTEST_SKIP() << "this system has no /dev/full";
+  OutputFile file("/dev/full");
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { file.WriteAt(100, "x", 1); }), HasSubstr("No space left on device"));
+}
+
 TEST_F(OutputFileTest, FullDiskIsReportedAtCloseForSmallFiles) {
   if (!std::filesystem::exists("/dev/full")) GTEST_SKIP() << "this system has no /dev/full";
   OutputFile file("/dev/full");

@@ -31,20 +31,25 @@ DepthMap ReadDepth(const std::filesystem::path& path);
 
 /// Binary little-endian PLY: x y z nx ny nz (float), red green blue (uchar), confidence (float).
 void WritePly(const std::filesystem::path& path, const PointCloud& points);
-/// The same of points that come one cloud after the other, so that never all of them have to be held. The header's
-/// length does not depend on their number: a comment fills it up.
+/// The same of points that come in several clouds, so that never all of them have to be held. The header's length does
+/// not depend on their number: a comment fills it up.
 class PlyFile {
  public:
-  explicit PlyFile(const std::filesystem::path& path) : file_(path, Durability::kPowerCut) { WriteHeader(); }
-  void Append(const PointCloud& points);
-  /// Without it there is no file.
+  explicit PlyFile(const std::filesystem::path& path);
+  void Append(const PointCloud& points) { WriteAt(Reserve(points.size()), points); }
+  /// Sets aside the places of so many points, after those of earlier calls. Returns the first. By one thread at a time.
+  size_t Reserve(size_t points);
+  /// Fills places that were set aside. Several threads may fill different ones at once.
+  void WriteAt(size_t first, const PointCloud& points);
+  /// Once all places are filled. Without it there is no file.
   void Commit();
   size_t points() const { return points_; }
 
  private:
-  void WriteHeader();
+  std::string Header() const;
 
   AtomicFile file_;
+  size_t header_bytes_;
   size_t points_ = 0;
 };
 /// Reads x y z and, where present, normals, colours and confidence of a binary little-endian or ASCII PLY; other

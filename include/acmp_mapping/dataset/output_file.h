@@ -24,8 +24,8 @@ class OutputFile {
 
   void Write(const void* data, size_t bytes);
   void Write(const std::string& text) { Write(text.data(), text.size()); }
-  /// What is written next overwrites the file's beginning.
-  void Rewind();
+  /// Writes at a place, counted from the file's beginning, where Write does not write. Several threads may do so at once.
+  void WriteAt(size_t offset, const void* data, size_t bytes);
 
   /// Writes what is still buffered and closes; nothing may be written afterwards. Without this call the file's content
   /// is unspecified.
@@ -56,7 +56,7 @@ class AtomicFile {
 
   void Write(const void* data, size_t bytes) { file_.Write(data, bytes); }
   void Write(const std::string& text) { file_.Write(text); }
-  void Rewind() { file_.Rewind(); }
+  void WriteAt(size_t offset, const void* data, size_t bytes) { file_.WriteAt(offset, data, bytes); }
   void Commit();
 
  private:
