@@ -38,6 +38,11 @@ void OutputFile::WriteAt(size_t offset, const void* data, size_t bytes) {
   }
 }
 
+void OutputFile::StartWriteback(size_t offset, size_t bytes) {
+  sync_file_range(fileno(file_.get()), static_cast<off64_t>(offset), static_cast<off64_t>(bytes),
+                  SYNC_FILE_RANGE_WRITE);
+}
+
 void OutputFile::Close(Durability durability) {
   if (std::fflush(file_.get()) != 0) Fail("cannot write");
   // Devices and pipes refuse fsync with EINVAL: there is nothing to wait for.

@@ -277,9 +277,11 @@ size_t PlyFile::Reserve(size_t points) {
 }
 
 void PlyFile::WriteAt(size_t first, const PointCloud& points) {
+  const size_t offset = header_bytes_ + first * kRecordBytes;
   MakeRecords(points, [&](size_t begin, const std::vector<char>& records) {
-    file_.WriteAt(header_bytes_ + (first + begin) * kRecordBytes, records.data(), records.size());
+    file_.WriteAt(offset + begin * kRecordBytes, records.data(), records.size());
   });
+  if (!points.empty()) file_.StartWriteback(offset, points.size() * kRecordBytes);  // 0 bytes would be all that follow
 }
 
 void PlyFile::Commit() {

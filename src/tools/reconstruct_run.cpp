@@ -20,11 +20,19 @@ std::vector<int> Devices(const ReconstructRun& run) {
 
 int NumDevices(const ReconstructRun& run) { return static_cast<int>(Devices(run).size()); }
 
+int DeviceOfPlace(size_t place, size_t images, size_t devices) {
+  constexpr size_t kMaxLength = 16;  // of a stretch
+  const size_t rounds = (images + kMaxLength * devices - 1) / (kMaxLength * devices);
+  const size_t stretches = rounds * devices;
+  const size_t stretch = ((place + 1) * stretches - 1) / images;  // s begins at s * images / stretches, rounded down
+  return static_cast<int>(stretch % devices);
+}
+
 int DeviceOf(const ReconstructRun& run, int index) {
   const auto place = std::find_if(run.plan.images.begin(), run.plan.images.end(),
                                   [&](const ImagePlan& image) { return image.index == index; }) -
                      run.plan.images.begin();
-  return static_cast<int>(static_cast<size_t>(place) * Devices(run).size() / run.plan.images.size());
+  return DeviceOfPlace(static_cast<size_t>(place), run.plan.images.size(), Devices(run).size());
 }
 
 int EnginePoolOf(const ReconstructRun& run, int index) { return kFirstEnginePool + DeviceOf(run, index); }

@@ -216,7 +216,9 @@ void ExpectUpdateTakesTheBest() {
   EXPECT_LE(odd, 4);
   EXPECT_GT(changed, 200);
   EXPECT_LT(kept, 200);
-  if (kPass != Pass::kPhotometric) EXPECT_GT(broken, 200) << "random planes: most windows are";
+  if (kPass != Pass::kPhotometric) {
+    EXPECT_GT(broken, 200) << "random planes: most windows are";
+  }
 }
 
 TEST(UpdatePixelTest, PhotometricTakesTheBestHypothesis) { ExpectUpdateTakesTheBest<Pass::kPhotometric>(); }
