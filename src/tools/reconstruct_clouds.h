@@ -9,9 +9,9 @@
 namespace acmp {
 
 /// Points of views that are fused and wait for their place in the cloud, which is known when all earlier views are
-/// fused: with two GPUs that may be half of all points. In memory up to a number of bytes, beyond in files of the work
-/// folder, so that a scene of any size can be fused (with --colmap whoever writes its model keeps all points, though).
-/// For any number of threads.
+/// fused. In memory up to a number of bytes, beyond in files of the work folder, so that a scene of any size can be
+/// fused (with
+/// --colmap whoever writes its model keeps all points, though). For any number of threads.
 class WaitingClouds {
  public:
   /// @param folder outlives this

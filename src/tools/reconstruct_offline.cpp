@@ -1,6 +1,8 @@
+#include <algorithm>
 #include <map>
 #include <memory>
 #include <mutex>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -11,8 +13,9 @@
 namespace acmp {
 namespace {
 
-/// The steps of the offline schedule. A stage's result of an image is one file, so after an interruption the first one
-/// missing is where to go on. Each engine works on another image; a geometric pass waits for the estimates it reads.
+/// The steps of the offline schedule. A stage's result of an image is one file where it is in one (EngineStore::Keep),
+/// so after an interruption what is missing and still read is made again. Each engine works on another image; a
+/// geometric pass waits for the estimates it reads.
 class OfflineSchedule {
  public:
   explicit OfflineSchedule(ReconstructRun* run) : run_(*run) {
@@ -29,7 +32,7 @@ class OfflineSchedule {
   /// and forgotten while the last ones are still to come. On several devices neighbours in the order of the scene,
   /// which mostly see the same, are on the same one.
   std::map<int, int> AddTasks(TaskGraph* graph) {
-    first_stage_ = FirstStageToRun();
+    FindStepsToDo();
     for (int stage = 0; stage < stages_; ++stage) {
       run_.folder.MakeWorkFolder(StageName(stage));
       for (const auto& [index, image] : images_) {
@@ -53,16 +56,6 @@ class OfflineSchedule {
   std::filesystem::path FileOf(int stage, int index) const { return run_.folder.WorkFile(StageName(stage), index); }
   bool Exists(int stage, int index) const { return IsWholeWorkFile(FileOf(stage, index)); }
 
-  /// Stages before one that is complete are not needed any more, and may have been removed.
-  int FirstStageToRun() const {
-    for (int stage = stages_ - 1; stage >= 0; --stage) {
-      bool complete = true;
-      for (const auto& [index, image] : images_) complete &= Exists(stage, index);
-      if (complete) return stage + 1;
-    }
-    return 0;
-  }
-
   using Step = std::pair<int, int>;  ///< stage, scene index
 
   /// Images whose estimates of the stage before a pass over the image reads.
@@ -74,6 +67,19 @@ class OfflineSchedule {
     return indices;
   }
 
+  /// Those without a file whose results are final or read by others that are to do.
+  void FindStepsToDo() {
+    std::set<Step> read;
+    for (int stage = stages_ - 1; stage >= 0; --stage) {
+      for (const auto& [index, image] : images_) {
+        const bool wanted = stage == stages_ - 1 || read.count({stage, index}) > 0;
+        if (!wanted || Exists(stage, index)) continue;
+        to_do_.insert({stage, index});
+        for (int other : EstimatesRead(*image)) read.insert({stage - 1, other});
+      }
+    }
+  }
+
   /// Adds a step, and then those that waited for it last.
   void AddWithReaders(int stage, int index, TaskGraph* graph) {
     const ImagePlan& image = *images_.at(index);
@@ -81,7 +87,7 @@ class OfflineSchedule {
     if (stage > 0) {
       for (int read : EstimatesRead(image)) after.push_back(tasks_.at({stage - 1, read}));
     }
-    const bool done = stage < first_stage_ || Exists(stage, index);
+    const bool done = to_do_.count({stage, index}) == 0;
     const int pool = EnginePoolOf(run_, index);
     tasks_[{stage, index}] = graph->Add(pool, after, [this, stage, &image, done, pool](int thread) {
       if (!done) RunOne(stage, image, EngineOf(run_, pool, thread));
@@ -106,12 +112,15 @@ class OfflineSchedule {
     }
   }
 
-  /// After a stage no later one reads the files of that before it.
+  /// After a stage no later one reads the files of that before it. What was kept in memory only has to be made of them
+  /// again after an interruption, though.
   void AddCleaning(int stage, TaskGraph* graph) {
     std::vector<int> all;
     for (const auto& [index, image] : images_) all.push_back(tasks_.at({stage, index}));
     graph->Add(kHostPool, all, [this, stage](int) {
-      if (!run_.options.keep_work) run_.folder.RemoveWork(StageName(stage - 1));
+      const bool all_in_files =
+          std::all_of(images_.begin(), images_.end(), [&](const auto& image) { return Exists(stage, image.first); });
+      if (all_in_files && !run_.options.keep_work) run_.folder.RemoveWork(StageName(stage - 1));
     });
   }
 
@@ -147,7 +156,7 @@ class OfflineSchedule {
   int stages_ = 1;
   std::map<int, const ImagePlan*> images_;  ///< that get a map, by scene index
   std::vector<DepthEstimator> estimators_;  ///< per engine
-  int first_stage_ = 0;                     ///< the first that is not complete
+  std::set<Step> to_do_;
   std::map<Step, int> tasks_;
   std::map<Step, std::vector<int>> readers_;  ///< images whose pass of the next stage reads the step's estimate
   std::map<Step, size_t> ready_;              ///< how many of what a step reads have been added

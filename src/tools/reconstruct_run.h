@@ -68,6 +68,8 @@ int NumDevices(const ReconstructRun& run);
 /// The device that works on the image at a place of the plan. Stretches of up to 16 images, of about the same length,
 /// go to one device after the other: neighbours, which mostly see the same, are on the same one, and all devices are at
 /// about the same place of the scene, so that few points wait for those of earlier images.
+/// @param place below `images`; `devices` at least 1
+/// @return the device's number, from 0
 int DeviceOfPlace(size_t place, size_t images, size_t devices);
 /// The device that works on an image, 0..NumDevices - 1.
 int DeviceOf(const ReconstructRun& run, int index);

@@ -29,8 +29,9 @@ EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, 
       max_unsaved_host_bytes_(options.MemoryBytes(options.kMapShare)) {
   for (const ReconstructEngine& engine : engines) {
     const size_t bytes = engine.on_host ? max_unsaved_host_bytes_ : engine.engine->FreeDeviceBytes() / 2;
+    const size_t unsaved = engine.on_host ? 0 : bytes / 2;
     devices_.emplace(std::piecewise_construct, std::forward_as_tuple(engine.device),
-                     std::forward_as_tuple(bytes / 4, bytes - bytes / 4, bytes / 2));
+                     std::forward_as_tuple(bytes / 4, bytes - bytes / 4 - unsaved, unsaved));
   }
 }
 
@@ -123,12 +124,16 @@ bool EngineStore::KeepUnsaved(const EstimateKey& key, const Unsaved& unsaved, co
   if (always_writes_) return false;
   const std::lock_guard<std::mutex> lock(mutex_);
   Device& device = devices_.at(engine.device);
+  const bool is_final = key.first == kFinalStage;
+  const size_t final_bytes = device.unsaved_final_bytes + (is_final ? unsaved.device_bytes : 0);
   if (device.unsaved_bytes + unsaved.device_bytes > device.max_unsaved_bytes ||
+      final_bytes > device.max_unsaved_bytes / 2 ||
       unsaved_host_bytes_ + unsaved.host_bytes > max_unsaved_host_bytes_) {
     return false;
   }
   unsaved_[key] = unsaved;
   device.unsaved_bytes += unsaved.device_bytes;
+  device.unsaved_final_bytes = final_bytes;
   unsaved_host_bytes_ += unsaved.host_bytes;
   return true;
 }

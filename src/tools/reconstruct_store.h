@@ -20,7 +20,7 @@ namespace acmp {
 /// Images and estimates of a run where the engines read them: those used last stay on their devices, others are read
 /// from the images' and the work folder's files. For any number of threads; an engine by one at a time.
 /// What GPUs make is kept in their memory, as far as it goes, and not written to the work folder: that takes longer
-/// than making it again after an interruption, which costs about a minute at most.
+/// than making it again after an interruption. Estimates go when all passes that read them are done, final ones stay.
 class EngineStore {
  public:
   static constexpr const char* kFinalStage = "final";
@@ -50,7 +50,7 @@ class EngineStore {
   /// Frees the memory of an image's final maps, once its files are written. Its sources are kept.
   void ReleaseFinal(int index);
 
-  /// Frees the memory of an estimate that nobody reads any more. Its work file, if it has one, stays.
+  /// Frees the memory of an estimate, not a final one, that nobody reads any more. Its work file, if it has one, stays.
   void Forget(const std::string& stage, int index);
 
  private:
@@ -66,7 +66,8 @@ class EngineStore {
     LruCache<int, EngineImage> images;
     LruCache<EstimateKey, EngineEstimate> estimates;  ///< copies of what is elsewhere or in a file
     const size_t max_unsaved_bytes;
-    size_t unsaved_bytes = 0;  ///< under the store's mutex
+    size_t unsaved_bytes = 0;        ///< under the store's mutex
+    size_t unsaved_final_bytes = 0;  ///< of these those of final estimates, which stay: half of the room at most
   };
 
   EngineImagePtr Image(const FramePtr& frame, const ReconstructEngine& engine);

@@ -174,7 +174,7 @@ TEST_F(MapIoTest, PlyFileTakesOneCloudAfterTheOther) {
   {
     PlyFile file(folder() / "a.ply");
     for (int copy = 0; copy < 10; ++copy) {
-      file.Append(SomePoints());
+      file.WriteAt(file.Reserve(SomePoints().size()), SomePoints());
       EXPECT_FALSE(std::filesystem::exists(folder() / "a.ply")) << "half a cloud";
     }
     EXPECT_EQ(file.points(), all.size());

@@ -83,10 +83,9 @@ std::vector<ParityAnswer> AnswerOnGpu(const PatchMatchProblem& problem, const Pl
   bilinear.sampler = {reference, device_images.data()};
   bilinear.sources = device_views.data();
   bilinear.prior = prior_map;
-  int& layer = texture.sampler.reference;
-  layer = device->images(0).Acquire(problem.reference.gray.width, problem.reference.gray.height, stream,
-                                    &device->images_mutex());
-  device->images(0).Upload(problem.reference.gray, layer, &staging, stream);
+  texture.sampler.reference = device->images(0).Acquire(problem.reference.gray.width, problem.reference.gray.height,
+                                                        stream, &device->images_mutex());
+  device->images(0).Upload(problem.reference.gray, texture.sampler.reference, &staging, stream);
   texture.sampler.images = device->images(0).texture();
   texture.sources = device_views.data();
   texture.prior = prior_map;

@@ -51,7 +51,7 @@ TEST_F(SurfaceBreakTest, PlanesAreWholeAtAnySlant) {
 }
 
 TEST_F(SurfaceBreakTest, StepsBreakTheWindowsThatReachThem) {
-  // Half of the step is the least that a pair can show: the pixel on one side, one of the two on the other.
+  // The pixel on one side, one of a pair on the other: the second difference is the step.
   SetDepths([](int col, int /*row*/) { return col < 20 ? 4.0 : 4.0 * 1.05; });
   for (int row = 5; row < kHeight - 5; ++row) {
     for (int col = 5; col < kWidth - 5; ++col) {

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <filesystem>
@@ -108,14 +109,14 @@ class ReconstructDevicesTest : public ReconstructRunFixture {
     Run(&fake);
   }
 
-  void RunOnFakeGpus(const std::string& name, int devices) {
+  void RunOnFakeGpus(const std::string& name, int devices, int jobs = 2) {
     options_.output = output(name);
     std::vector<std::unique_ptr<DepthEngine>> owned;
     const auto make = [&] {
       std::vector<ReconstructEngine> engines;
-      for (int i = 0; i < 2 * devices; ++i) {
-        owned.push_back(std::make_unique<FakeGpu>(i / 2, &gpus_));
-        engines.push_back({owned.back().get(), i / 2, false});
+      for (int i = 0; i < jobs * devices; ++i) {
+        owned.push_back(std::make_unique<FakeGpu>(i / jobs, &gpus_));
+        engines.push_back({owned.back().get(), i / jobs, false});
       }
       return engines;
     };
@@ -259,11 +260,16 @@ class DeviceMemoryTest : public ReconstructDevicesTest {
   /// As the tool counts: planes, cost, depth and halved depth.
   static constexpr size_t kEstimateBytes = size_t{kWidth} * kHeight * 49 / 2;
 
+  /// For so many estimates that are in no file, half of them final ones.
+  void SetRoom(size_t room) {
+    constexpr size_t kShare = 4;  // of a GPU's free memory
+    gpus_.free_bytes = kShare * room * kEstimateBytes;
+  }
+
   /// A run on GPUs with room for so many estimates each. Returns how many had work files at the most when a view was
   /// fused.
-  size_t EstimatesInFiles(const std::string& name, int devices, size_t room) {
-    constexpr size_t kShare = 4;  // of a GPU's free memory, for estimates that are in no file
-    gpus_.free_bytes = kShare * room * kEstimateBytes;
+  size_t EstimatesInFiles(const std::string& name, int devices, int jobs, size_t room) {
+    SetRoom(room);
     std::mutex mutex;
     size_t most = 0;
     gpus_.before = [&](int, int, int) {
@@ -277,7 +283,7 @@ class DeviceMemoryTest : public ReconstructDevicesTest {
       const std::lock_guard<std::mutex> lock(mutex);
       most = std::max(most, files);
     };
-    RunOnFakeGpus(name, devices);
+    RunOnFakeGpus(name, devices, jobs);
     return most;
   }
 };
@@ -285,7 +291,7 @@ class DeviceMemoryTest : public ReconstructDevicesTest {
 TEST_F(DeviceMemoryTest, WhatFitsHasNoFile) {
   WriteTwelve(Sequence(kTwelve));
   RunOnCpu("cpu");
-  EXPECT_EQ(EstimatesInFiles("gpu", 1, 1000), 0u);
+  EXPECT_EQ(EstimatesInFiles("gpu", 1, 2, 1000), 0u);
   ExpectSameContents(output("cpu"), output("gpu"));
 }
 
@@ -294,24 +300,55 @@ TEST_F(DeviceMemoryTest, WhatAllHaveReadMakesRoom) {
   // groups at most. All four stages of all images would be 48.
   WriteTwelve(Groups(kTwelve));
   RunOnCpu("cpu");
-  EXPECT_EQ(EstimatesInFiles("gpu", 1, 12 + 2 * 6), 0u);
+  EXPECT_EQ(EstimatesInFiles("gpu", 1, 2, 2 * 12), 0u);
   ExpectSameContents(output("cpu"), output("gpu"));
 }
 
 TEST_F(DeviceMemoryTest, EachDeviceHasItsOwn) {
+  // Six last estimates each, and one group under way; the twelve of both would not fit into one half of this.
   WriteTwelve(Groups(kTwelve));
   RunOnCpu("cpu");
-  EXPECT_EQ(EstimatesInFiles("gpu", 2, 6 + 2 * 6), 0u);
+  EXPECT_EQ(EstimatesInFiles("gpu", 2, 1, 2 * 6), 0u);
   ExpectSameContents(output("cpu"), output("gpu"));
 }
 
 TEST_F(DeviceMemoryTest, WhatDoesNotFitIsInFiles) {
   WriteTwelve(Sequence(kTwelve));
   RunOnCpu("cpu");
-  for (const size_t room : {0, 1, 5, 20}) {
+  for (const size_t room : {0, 1, 5, 10, 20}) {
     const std::string name = Concat("gpu_", room);
-    EXPECT_GT(EstimatesInFiles(name, 1, room), 0u);
+    EXPECT_GE(EstimatesInFiles(name, 1, 2, room), size_t{kTwelve} - room / 2) << "of the last stage";
     ExpectSameContents(output("cpu"), output(name));
+  }
+}
+
+TEST_F(DeviceMemoryTest, ARunThatFailsAnywhereCanGoOn) {
+  WriteTwelve(Sequence(kTwelve));
+  RunOnCpu("cpu");
+  std::atomic<int> passes{0};
+  gpus_.before_pass = [&] { ++passes; };
+  RunOnFakeGpus("gpu", 1);
+  const int all_passes = passes;
+  for (const size_t room : {0, 5, 12, 1000}) {
+    SetRoom(room);
+    for (int failing = 1; failing < all_passes; failing += 5) {
+      const std::string name = Concat("gpu_", room, "_", failing);
+      passes = 0;
+      gpus_.before_pass = [&] {
+        if (++passes == failing) throw ProcessingError("device lost");
+      };
+      EXPECT_EQ(MessageOf<ProcessingError>([&] { RunOnFakeGpus(name, 1); }), "device lost");
+      const int begun = passes;
+      passes = 0;
+      gpus_.before_pass = [&] { ++passes; };
+      RunOnFakeGpus(name, 1);
+      ExpectSameContents(output("cpu"), output(name));
+      EXPECT_LE(passes, all_passes);
+      // With all in files only what the two threads had begun is made again.
+      if (room == 0) {
+        EXPECT_LE(passes, all_passes - begun + 2) << failing;
+      }
+    }
   }
 }
 

@@ -12,6 +12,7 @@ namespace acmp {
 /// How fake GPUs behave. Told of their fusions, by the thread that fuses.
 struct FakeGpuBehaviour {
   size_t free_bytes = size_t{1} << 30;  ///< at the start of a run, each
+  std::function<void()> before_pass = [] {};
   std::function<void(int device, int image, int rank)> before = [](int, int, int) {};
   std::function<void(int device, int image, int rank)> after = [](int, int, int) {};
 };
@@ -25,6 +26,7 @@ class FakeGpu final : public DepthEngine {
   std::unique_ptr<DepthEngine> Share() override { return std::make_unique<FakeGpu>(device_, &behaviour_); }
   EngineImagePtr Load(const FramePtr& frame, int levels) override { return host_.Load(frame, levels); }
   EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options, int level) override {
+    behaviour_.before_pass();
     return host_.RunPhotometric(problem, options, level);
   }
   EngineEstimatePtr Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) override {
@@ -40,6 +42,7 @@ class FakeGpu final : public DepthEngine {
   }
   EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
                                  const EngineEstimatePtr& start, int pass) override {
+    behaviour_.before_pass();
     return host_.RunGeometric(problem, options, start, pass);
   }
   EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) override {

@@ -36,10 +36,11 @@ void WritePly(const std::filesystem::path& path, const PointCloud& points);
 class PlyFile {
  public:
   explicit PlyFile(const std::filesystem::path& path);
-  void Append(const PointCloud& points) { WriteAt(Reserve(points.size()), points); }
-  /// Sets aside the places of so many points, after those of earlier calls. Returns the first. By one thread at a time.
+  /// Sets aside the places of so many points, after those of earlier calls. Returns the number of the first point. By
+  /// one thread at a time.
   size_t Reserve(size_t points);
   /// Fills places that were set aside. Several threads may fill different ones at once.
+  /// @param first number of the first point
   void WriteAt(size_t first, const PointCloud& points);
   /// Once all places are filled. Without it there is no file.
   void Commit();
@@ -49,8 +50,8 @@ class PlyFile {
   std::string Header() const;
 
   AtomicFile file_;
-  size_t header_bytes_;
   size_t points_ = 0;
+  size_t header_bytes_;
 };
 /// Reads x y z and, where present, normals, colours and confidence of a binary little-endian or ASCII PLY; other
 /// properties and elements are skipped.

@@ -24,10 +24,11 @@ class OutputFile {
 
   void Write(const void* data, size_t bytes);
   void Write(const std::string& text) { Write(text.data(), text.size()); }
-  /// Writes at a place, counted from the file's beginning, where Write does not write. Several threads may do so at once.
+  /// Writes at a place, counted from the file's beginning, where Write does not write. Several threads may do so at
+  /// once.
   void WriteAt(size_t offset, const void* data, size_t bytes);
-  /// Asks the system to begin writing so many bytes to the disk without waiting for it: Close then waits less. No effect
-  /// where that fails.
+  /// Asks the system to begin writing so many bytes to the disk without waiting for it: Close then waits less. No
+  /// effect where that fails.
   void StartWriteback(size_t offset, size_t bytes);
 
   /// Writes what is still buffered and closes; nothing may be written afterwards. Without this call the file's content

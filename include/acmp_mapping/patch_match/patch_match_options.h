@@ -25,7 +25,9 @@ struct PatchMatchOptions {
   /// In place of sigma_color where the estimate's surface bends or breaks within the window, grey levels, > 0: what is
   /// nearer or farther there has to differ less to be left out. In passes that start from an estimate.
   float edge_sigma_color = 1.5f;
-  float edge_bend = 0.03f;  ///< the surface does so from this second difference of inverse depth on, relative, > 0
+  /// The surface does so where the inverse depths of two pixels 5 px on either side sum up to more or less than twice
+  /// the pixel's own by more than this fraction of it, > 0: a step by itself, a thin object by twice its step.
+  float edge_bend = 0.03f;
 
   float min_variance = 0.01f;  ///< grey levels^2, > 0; a window below it has no texture. Relative to the reference's
                                ///< centre value float32 keeps flat windows below it up to 100 grey levels of exposure
