@@ -10,8 +10,7 @@ namespace acmp {
 
 /// Points of views that are fused and wait for their place in the cloud, which is known when all earlier views are
 /// fused. In memory up to a number of bytes, beyond in files of the work folder, so that a scene of any size can be
-/// fused (with
-/// --colmap whoever writes its model keeps all points, though). For any number of threads.
+/// fused (but COLMAP's model keeps all points). For any number of threads.
 class WaitingClouds {
  public:
   /// @param folder outlives this

@@ -13,9 +13,9 @@
 namespace acmp {
 namespace {
 
-/// The steps of the offline schedule. A stage's result of an image is one file where it is in one (EngineStore::Keep),
-/// so after an interruption what is missing and still read is made again. Each engine works on another image; a
-/// geometric pass waits for the estimates it reads.
+/// The steps of the offline schedule. A stage's result of an image is one file, or on a GPU only in its memory
+/// (EngineStore::Keep): after an interruption what has no file and is still read is made again. Each engine works on
+/// another image; a geometric pass waits for the estimates it reads.
 class OfflineSchedule {
  public:
   explicit OfflineSchedule(ReconstructRun* run) : run_(*run) {
@@ -156,7 +156,7 @@ class OfflineSchedule {
   int stages_ = 1;
   std::map<int, const ImagePlan*> images_;  ///< that get a map, by scene index
   std::vector<DepthEstimator> estimators_;  ///< per engine
-  std::set<Step> to_do_;
+  std::set<Step> to_do_;                    ///< the others have files, or nothing reads their results any more
   std::map<Step, int> tasks_;
   std::map<Step, std::vector<int>> readers_;  ///< images whose pass of the next stage reads the step's estimate
   std::map<Step, size_t> ready_;              ///< how many of what a step reads have been added
