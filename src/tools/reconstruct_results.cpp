@@ -50,6 +50,7 @@ class ResultWriter {
             pool, maps, [this, &image, pool](int thread) { MakeConfidence(image, EngineOf(run_, pool, thread)); },
             true)};
       }
+      CountReaders(image);
       all_written.push_back(graph->Add(kHostPool, before, [this, index](int) { WriteFiles(index); }));
       const int fused = AddFusion(image, maps, graph);
       const size_t rank = images_.size();
@@ -106,6 +107,23 @@ class ResultWriter {
     return tasks;
   }
 
+  /// Of the final estimates that are compared with the image's: its confidences and its fusion.
+  void CountReaders(const ImagePlan& image) {
+    const size_t readers = files_.HasConfidence() ? 2 : 1;
+    for (int read : Joined({image.index}, SourcesOf(image))) readers_left_[read] += readers;
+  }
+
+  /// One of the image's two readers is done. Memory for the estimates of which it was the last one is free then.
+  void ForgetWhatAllHaveRead(const ImagePlan& image) {
+    for (int read : Joined({image.index}, SourcesOf(image))) {
+      {
+        const std::lock_guard<std::mutex> lock(mutex_);
+        if (--readers_left_.at(read) > 0) continue;
+      }
+      run_.store.Forget(EngineStore::kFinalStage, read);
+    }
+  }
+
   static std::vector<int> Joined(std::vector<int> tasks, const std::vector<int>& others) {
     tasks.insert(tasks.end(), others.begin(), others.end());
     return tasks;
@@ -138,15 +156,19 @@ class ResultWriter {
 
   void MakeConfidence(const ImagePlan& image, int engine_number) {
     const int index = image.index;
-    if (IsWritten(index) || !run_.store.Final(index).confidence().empty()) return;
+    if (!IsWritten(index) && run_.store.Final(index).confidence().empty()) MeasureConfidence(image, engine_number);
+    ForgetWhatAllHaveRead(image);
+  }
+
+  void MeasureConfidence(const ImagePlan& image, int engine_number) {
     const ReconstructEngine& engine = run_.engines[static_cast<size_t>(engine_number)];
-    const EngineView reference = ViewOf(index, engine);
+    const EngineView reference = ViewOf(image.index, engine);
     const std::vector<EngineView> sources = SourceViewsOf(image, engine);
     Timer timer;
     ConfidenceMap confidence = engine.engine->MeasureConfidence(reference, sources, fusion_);
     run_.interrupt.Check();
     const std::lock_guard<std::mutex> lock(mutex_);
-    confidences_[index] = std::move(confidence);
+    confidences_[image.index] = std::move(confidence);
     const std::lock_guard<std::mutex> times_lock(run_.times_mutex);
     run_.times.consistency_ms += timer.Lap();
   }
@@ -158,6 +180,7 @@ class ResultWriter {
     Timer timer;
     PointCloud cloud = engine.engine->FuseView(reference, sources, fusion_, rank, stamps_.get());
     run_.interrupt.Check();
+    ForgetWhatAllHaveRead(image);
     waiting_.Put(image.index, std::move(cloud));
     run_.progress.Step();
     const std::lock_guard<std::mutex> times_lock(run_.times_mutex);
@@ -253,6 +276,7 @@ class ResultWriter {
   std::mutex mutex_;  ///< of what follows
   std::map<int, ConfidenceMap> confidences_;
   std::vector<int> unmarked_;
+  std::map<int, size_t> readers_left_;  ///< of an image's final estimate
 };
 
 }  // namespace

@@ -113,28 +113,27 @@ void EngineStore::Keep(const std::string& stage, const Frame& frame, const Recon
                        const EngineEstimatePtr& estimate) {
   const EstimateKey key = {stage, static_cast<int>(frame.id)};
   const size_t bytes = EstimateBytes(frame, engine.on_host);
-  if (KeepUnsaved(key, {estimate, engine.device, bytes, 0}, engine)) return;
+  if (KeepUnsaved(key, {estimate, engine.device, bytes}, 0)) return;
   WriteEstimate(folder_.WorkFile(stage, key.second), engine.engine->DownloadState(estimate));
   devices_.at(engine.device)
       .estimates.Get(
           key, [&] { return estimate; }, [&](const EngineEstimate&) { return bytes; });
 }
 
-bool EngineStore::KeepUnsaved(const EstimateKey& key, const Unsaved& unsaved, const ReconstructEngine& engine) {
+bool EngineStore::KeepUnsaved(const EstimateKey& key, const Unsaved& unsaved, size_t host_bytes) {
   if (always_writes_) return false;
   const std::lock_guard<std::mutex> lock(mutex_);
-  Device& device = devices_.at(engine.device);
+  Device& device = devices_.at(unsaved.device);
   const bool is_final = key.first == kFinalStage;
-  const size_t final_bytes = device.unsaved_final_bytes + (is_final ? unsaved.device_bytes : 0);
-  if (device.unsaved_bytes + unsaved.device_bytes > device.max_unsaved_bytes ||
-      final_bytes > device.max_unsaved_bytes / 2 ||
-      unsaved_host_bytes_ + unsaved.host_bytes > max_unsaved_host_bytes_) {
+  const size_t final_bytes = device.unsaved_final_bytes + (is_final ? unsaved.bytes : 0);
+  if (device.unsaved_bytes + unsaved.bytes > device.max_unsaved_bytes || final_bytes > device.max_unsaved_bytes / 2 ||
+      unsaved_host_bytes_ + host_bytes > max_unsaved_host_bytes_) {
     return false;
   }
   unsaved_[key] = unsaved;
-  device.unsaved_bytes += unsaved.device_bytes;
+  device.unsaved_bytes += unsaved.bytes;
   device.unsaved_final_bytes = final_bytes;
-  unsaved_host_bytes_ += unsaved.host_bytes;
+  unsaved_host_bytes_ += host_bytes;
   return true;
 }
 
@@ -154,7 +153,7 @@ void EngineStore::KeepFinal(const Frame& frame, const std::vector<int>& sources,
   if (final_maps_on_host_) FetchFinal(frame, engine, estimate, maps.get());
   const EstimateKey key = {kFinalStage, static_cast<int>(frame.id)};
   const size_t bytes = EstimateBytes(frame, engine.on_host);
-  if (KeepUnsaved(key, {estimate, engine.device, bytes, HostBytes(*maps)}, engine)) {
+  if (KeepUnsaved(key, {estimate, engine.device, bytes}, HostBytes(*maps))) {
     const std::lock_guard<std::mutex> lock(mutex_);
     unsaved_final_[key.second] = std::move(maps);
     return;
@@ -192,8 +191,9 @@ void EngineStore::Forget(const std::string& stage, int index) {
   const std::lock_guard<std::mutex> lock(mutex_);
   const auto found = unsaved_.find(key);
   if (found == unsaved_.end()) return;
-  devices_.at(found->second.device).unsaved_bytes -= found->second.device_bytes;
-  unsaved_host_bytes_ -= found->second.host_bytes;
+  Device& device = devices_.at(found->second.device);
+  device.unsaved_bytes -= found->second.bytes;
+  if (stage == kFinalStage) device.unsaved_final_bytes -= found->second.bytes;
   unsaved_.erase(found);
 }
 

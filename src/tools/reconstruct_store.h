@@ -20,7 +20,7 @@ namespace acmp {
 /// Images and estimates of a run where the engines read them: those used last stay on their devices, others are read
 /// from the images' and the work folder's files. For any number of threads; an engine by one at a time.
 /// What GPUs make is kept in their memory, as far as it goes, and not written to the work folder: that takes longer
-/// than making it again after an interruption. Estimates go when all passes that read them are done, final ones stay.
+/// than making it again after an interruption. The caller says when nobody reads an estimate any more.
 class EngineStore {
  public:
   static constexpr const char* kFinalStage = "final";
@@ -50,7 +50,8 @@ class EngineStore {
   /// Frees the memory of an image's final maps, once its files are written. Its sources are kept.
   void ReleaseFinal(int index);
 
-  /// Frees the memory of an estimate, not a final one, that nobody reads any more. Its work file, if it has one, stays.
+  /// Frees the memory of an estimate that nobody reads any more. Its work file, if it has one, and a final one's maps
+  /// on the host stay.
   void Forget(const std::string& stage, int index);
 
  private:
@@ -58,7 +59,7 @@ class EngineStore {
   struct Unsaved {
     EngineEstimatePtr estimate;
     int device = 0;
-    size_t device_bytes = 0, host_bytes = 0;
+    size_t bytes = 0;
   };
   struct Device {
     Device(size_t image_bytes, size_t estimate_bytes, size_t unsaved_bytes)
@@ -66,15 +67,17 @@ class EngineStore {
     LruCache<int, EngineImage> images;
     LruCache<EstimateKey, EngineEstimate> estimates;  ///< copies of what is elsewhere or in a file
     const size_t max_unsaved_bytes;
-    size_t unsaved_bytes = 0;        ///< under the store's mutex
-    size_t unsaved_final_bytes = 0;  ///< of these those of final estimates, which stay: half of the room at most
+    size_t unsaved_bytes = 0;  ///< under the store's mutex
+    size_t unsaved_final_bytes =
+        0;  ///< of these those of final estimates, which stay longest: half of the room at most
   };
 
   EngineImagePtr Image(const FramePtr& frame, const ReconstructEngine& engine);
   EngineEstimatePtr Read(const EstimateKey& key, const Frame& frame, const ReconstructEngine& engine) const;
   static void FetchFinal(const Frame& frame, const ReconstructEngine& engine, const EngineEstimatePtr& estimate,
                          FinalMaps* maps);
-  bool KeepUnsaved(const EstimateKey& key, const Unsaved& unsaved, const ReconstructEngine& engine);
+  /// @param host_bytes of the final maps that come with it
+  bool KeepUnsaved(const EstimateKey& key, const Unsaved& unsaved, size_t host_bytes);
 
   const ReconstructFolder& folder_;
   const ReconstructPlan& plan_;

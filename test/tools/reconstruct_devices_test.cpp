@@ -260,7 +260,7 @@ class DeviceMemoryTest : public ReconstructDevicesTest {
   /// As the tool counts: planes, cost, depth and halved depth.
   static constexpr size_t kEstimateBytes = size_t{kWidth} * kHeight * 49 / 2;
 
-  /// For so many estimates that are in no file, half of them final ones.
+  /// For so many estimates that are in no file, half of them final ones at most.
   void SetRoom(size_t room) {
     constexpr size_t kShare = 4;  // of a GPU's free memory
     gpus_.free_bytes = kShare * room * kEstimateBytes;
@@ -304,6 +304,31 @@ TEST_F(DeviceMemoryTest, WhatAllHaveReadMakesRoom) {
   ExpectSameContents(output("cpu"), output("gpu"));
 }
 
+TEST_F(DeviceMemoryTest, WhatIsFusedMakesRoom) {
+  // A group begins when the first view of the group before is fused, and with that all of the one before that. So the
+  // last estimates of two groups are in memory at most, half of what there is room for, and not all twelve.
+  WriteTwelve(Groups(kTwelve));
+  RunOnCpu("cpu");
+  constexpr int kPassesPerGroup = 3 * 3;  // one photometric and two geometric ones per image
+  std::mutex mutex;
+  std::condition_variable changed;
+  int fused = 0, passes = 0;
+  gpus_.after = [&](int, int, int) {
+    const std::lock_guard<std::mutex> lock(mutex);
+    ++fused;
+    changed.notify_all();
+  };
+  gpus_.before_pass = [&] {
+    std::unique_lock<std::mutex> lock(mutex);
+    const int groups_done = passes / kPassesPerGroup;
+    if (passes++ % kPassesPerGroup > 0 || groups_done == 0) return;
+    EXPECT_TRUE(changed.wait_for(lock, kHang, [&] { return fused > 3 * (groups_done - 1); }));
+  };
+  EXPECT_EQ(EstimatesInFiles("gpu", 1, 1, 2 * 6), 0u);
+  EXPECT_EQ(passes, 4 * kPassesPerGroup);
+  ExpectSameContents(output("cpu"), output("gpu"));
+}
+
 TEST_F(DeviceMemoryTest, EachDeviceHasItsOwn) {
   // Six last estimates each, and one group under way; the twelve of both would not fit into one half of this.
   WriteTwelve(Groups(kTwelve));
@@ -315,9 +340,10 @@ TEST_F(DeviceMemoryTest, EachDeviceHasItsOwn) {
 TEST_F(DeviceMemoryTest, WhatDoesNotFitIsInFiles) {
   WriteTwelve(Sequence(kTwelve));
   RunOnCpu("cpu");
-  for (const size_t room : {0, 1, 5, 10, 20}) {
+  // Counted when the first view is fused, for which four images must be finished.
+  for (const size_t room : {0, 1, 5}) {
     const std::string name = Concat("gpu_", room);
-    EXPECT_GE(EstimatesInFiles(name, 1, 2, room), size_t{kTwelve} - room / 2) << "of the last stage";
+    EXPECT_GE(EstimatesInFiles(name, 1, 2, room), 4 - room / 2) << "of the last stage";
     ExpectSameContents(output("cpu"), output(name));
   }
 }
