@@ -23,7 +23,7 @@ int NumDevices(const ReconstructRun& run) { return static_cast<int>(Devices(run)
 int DeviceOfPlace(size_t place, size_t images, size_t devices) {
   constexpr size_t kMaxLength = 16;  // of a stretch
   const size_t rounds = (images + kMaxLength * devices - 1) / (kMaxLength * devices);
-  const size_t stretches = rounds * devices;
+  const size_t stretches = std::min(rounds * devices, images);
   const size_t stretch = ((place + 1) * stretches - 1) / images;  // s begins at s * images / stretches, rounded down
   return static_cast<int>(stretch % devices);
 }

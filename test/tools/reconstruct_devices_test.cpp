@@ -155,9 +155,7 @@ TEST(DeviceOfPlaceTest, StretchesOfNeighboursGoToOneDeviceAfterTheOther) {
         const int before = place == 0 ? 0 : DeviceOfPlace(place - 1, images, devices);
         length = device == before ? length + 1 : 1;
         rounds += device < before ? 1 : 0;
-        if (images >= devices) {
-          ASSERT_TRUE(device == before || device == (before + 1) % static_cast<int>(devices));
-        }
+        ASSERT_TRUE(device == before || device == (before + 1) % static_cast<int>(devices));
         if (devices > 1) {
           ASSERT_LE(length, 16u) << place << " of " << images;
         }
