@@ -1,6 +1,7 @@
 #include "cuda_device.h"
 
 #include <cstdint>
+#include <exception>
 
 #include "acmp_mapping/common/error.h"
 #include "patch_match_kernels.h"
@@ -64,6 +65,7 @@ void* CudaDevice::Allocate(size_t bytes) {
 // Called by destructors, in any thread: an error here would show again in the next call that can report it.
 void CudaDevice::Free(void* data) noexcept {
   cudaSetDevice(index_);
+  if (std::uncaught_exceptions() > 0) cudaDeviceSynchronize();  // nobody has waited for what was queued before it
   cudaFreeAsync(data, memory_stream_->get());
 }
 

@@ -31,7 +31,7 @@ class CudaDevice {
   /// Device memory from a pool that keeps what is given back: no allocation from the driver once the largest load has
   /// been seen. Throws ProcessingError naming the size when memory runs out.
   void* Allocate(size_t bytes);
-  /// All work that uses the memory must have been waited for.
+  /// All work that uses the memory must have been waited for, or an exception be under way: then it is waited for here.
   void Free(void* data) noexcept;
   /// Bytes of the pool and of the images' textures.
   size_t Bytes() const;
