@@ -23,9 +23,9 @@ class CudaDepthEngine final : public DepthEngine {
   EngineImagePtr Load(const FramePtr& frame, int levels) override;
   EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options, int level) override;
   EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
-                                   const EngineEstimatePtr& start, const PriorMesh& prior) override;
+                                   EngineEstimatePtr start, const PriorMesh& prior) override;
   EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
-                                 const EngineEstimatePtr& start, int pass) override;
+                                 EngineEstimatePtr start, int pass) override;
   EngineEstimatePtr Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) override;
   std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
                                               const PlanarPriorOptions& options) override;
@@ -79,7 +79,9 @@ class CudaDepthEngine final : public DepthEngine {
   PatchMatchProblem MakeProblem(const EngineProblem& problem, int level) const;
   template <Pass kPass>
   EngineEstimatePtr RunPass(const EngineProblem& problem, const PatchMatchOptions& options, int level,
-                            const CudaEstimate* start, const PriorMesh* prior, int geometric_pass, int iterations);
+                            EngineEstimatePtr start, const PriorMesh* prior, int geometric_pass, int iterations);
+  /// A new estimate with the start's planes and costs: in its memory if nobody else holds it, else copied.
+  std::shared_ptr<CudaEstimate> Continue(EngineEstimatePtr start);
   PassData MakePassData(const EngineProblem& problem, int level, const CudaEstimate& estimate) const;
   void AddSourceDepths(const EngineProblem& problem, PassData* data) const;
   void UploadPrior(const PriorMesh& mesh);

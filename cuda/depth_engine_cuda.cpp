@@ -44,6 +44,8 @@ PassData CudaDepthEngine::MakePassData(const EngineProblem& problem, int level, 
   }
   data.planes = estimate.planes.data();
   data.cost = estimate.cost.data();
+  static_assert(sizeof(uint32_t) == sizeof(float), "a pixel's selected views take the place of its depth");
+  data.selected_views = reinterpret_cast<uint32_t*>(estimate.depth.data());
   return data;
 }
 
@@ -118,33 +120,51 @@ std::vector<SupportPoint> CudaDepthEngine::FindCells(const CudaEstimate& maps, c
   return points;
 }
 
+std::shared_ptr<CudaEstimate> CudaDepthEngine::Continue(EngineEstimatePtr start) {
+  const CudaEstimate& from = Cast<CudaEstimate>(start);
+  if (IsHeldByNobodyElse(start)) {  // it was not made const, and nobody is left to see it
+    return std::const_pointer_cast<CudaEstimate>(std::static_pointer_cast<const CudaEstimate>(std::move(start)));
+  }
+  auto estimate = std::make_shared<CudaEstimate>(runner_.device(), from.width, from.height);
+  estimate->planes.CopyFrom(from.planes, from.Pixels(), stream());
+  estimate->cost.CopyFrom(from.cost, from.Pixels(), stream());
+  return estimate;
+}
+
 template <Pass kPass>
 EngineEstimatePtr CudaDepthEngine::RunPass(const EngineProblem& problem, const PatchMatchOptions& options, int level,
-                                           const CudaEstimate* start, const PriorMesh* prior, int geometric_pass,
+                                           EngineEstimatePtr start, const PriorMesh* prior, int geometric_pass,
                                            int iterations) {
   Validate(options);
   const PatchMatchProblem match = MakeProblem(problem, level);
   const PinholeCamera& camera = match.reference.camera;
-  if (start != nullptr) CheckSize("start", start->width, start->height, camera);
+  if (kPass != Pass::kPhotometric) {
+    const CudaEstimate& from = Cast<CudaEstimate>(start);
+    CheckSize("start", from.width, from.height, camera);
+  }
   return OnDevice([&] {
-    auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
+    const size_t pixels = static_cast<size_t>(camera.width) * camera.height;
+    DeviceArray<uint32_t> selected_views;  // only where the prior's numbers have the place of the depths
+    if (prior != nullptr) {
+      UploadPrior(*prior);
+      selected_views = DeviceArray<uint32_t>(runner_.device(), pixels);
+    }
+    const std::unique_lock<std::mutex> turn = device().PassTurn(pixels);
+    begin_.Record(stream());
+    const std::shared_ptr<CudaEstimate> estimate = kPass == Pass::kPhotometric
+                                                       ? std::make_shared<CudaEstimate>(runner_.device(), camera)
+                                                       : Continue(std::move(start));
     PassData data = MakePassData(problem, level, *estimate);
     if (kPass == Pass::kGeometric) AddSourceDepths(problem, &data);
-    if (prior != nullptr) UploadPrior(*prior);
-    const std::unique_lock<std::mutex> turn = device().PassTurn(estimate->Pixels());
-    begin_.Record(stream());
-    if (start != nullptr) {
-      estimate->planes.CopyFrom(start->planes, estimate->Pixels(), stream());
-      estimate->cost.CopyFrom(start->cost, estimate->Pixels(), stream());
-    }
     if (prior != nullptr) {
+      data.selected_views = selected_views.data();
       data.prior = QueuePrior(match, static_cast<int>(prior->triangles.size()), estimate->depth.data());
     }
     const std::shared_lock<std::shared_mutex> images(device().images_mutex());
     runner_.Queue<kPass>(match, options, data, geometric_pass, iterations);
     FinishEstimate(camera, estimate.get());
     device_ms_ += CudaEvent::ElapsedMs(begin_, end_);
-    return estimate;
+    return EngineEstimatePtr(estimate);
   });
 }
 
@@ -166,15 +186,13 @@ EngineEstimatePtr CudaDepthEngine::RunPhotometric(const EngineProblem& problem, 
 }
 
 EngineEstimatePtr CudaDepthEngine::RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
-                                                  const EngineEstimatePtr& start, const PriorMesh& prior) {
-  return RunPass<Pass::kPlanarPrior>(problem, options, 0, &Cast<CudaEstimate>(start), &prior, 0,
-                                     options.planar_prior_iterations);
+                                                  EngineEstimatePtr start, const PriorMesh& prior) {
+  return RunPass<Pass::kPlanarPrior>(problem, options, 0, std::move(start), &prior, 0, options.planar_prior_iterations);
 }
 
 EngineEstimatePtr CudaDepthEngine::RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
-                                                const EngineEstimatePtr& start, int pass) {
-  return RunPass<Pass::kGeometric>(problem, options, 0, &Cast<CudaEstimate>(start), nullptr, pass,
-                                   options.geometric_iterations);
+                                                EngineEstimatePtr start, int pass) {
+  return RunPass<Pass::kGeometric>(problem, options, 0, std::move(start), nullptr, pass, options.geometric_iterations);
 }
 
 EngineEstimatePtr CudaDepthEngine::Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) {

@@ -29,7 +29,8 @@ struct CudaImage final : EngineImage {
   }
 };
 
-/// Planes, costs and the planes' depths in device memory: 24.5 bytes per pixel.
+/// Planes, costs and the planes' depths in device memory: 24.5 bytes per pixel. While a pass makes it, the depths'
+/// memory holds the prior's numbers or the selected views.
 struct CudaEstimate final : EngineEstimate {
   CudaEstimate(const CudaDevicePtr& device, const PinholeCamera& camera)
       : CudaEstimate(device, camera.width, camera.height) {}

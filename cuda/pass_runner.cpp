@@ -17,9 +17,7 @@ template <Pass kPass>
 void PassRunner::Queue(const PatchMatchProblem& problem, const PatchMatchOptions& options, const PassData& data,
                        int geometric_pass, int iterations) {
   const int width = problem.reference.camera.width, height = problem.reference.camera.height;
-  const size_t pixels = static_cast<size_t>(width) * height;
   const size_t count = problem.sources.size();
-  selected_views_.Reserve(device_, pixels);
   views_.Reserve(device_, kMaxSourceViews);
 
   std::vector<SourceView> views = MakeSourceViews(problem);
@@ -37,7 +35,7 @@ void PassRunner::Queue(const PatchMatchProblem& problem, const PatchMatchOptions
   context.sources = views_.data();
   context.planes = {data.planes, width, height, width};
   context.cost = {data.cost, width, height, width};
-  context.selected_views = {selected_views_.data(), width, height, width};
+  context.selected_views = {data.selected_views, width, height, width};
   context.prior = data.prior;
   LaunchPass<kPass>(context, iterations, stream_.get());
 }

@@ -32,6 +32,7 @@ struct PassData {
   std::vector<HalvedDepth> source_depths;  ///< empty ones: no map
   PlaneHypothesis* planes = nullptr;
   float* cost = nullptr;
+  uint32_t* selected_views = nullptr;
   PriorMap prior = {};  ///< planar-prior pass only
 };
 
@@ -49,13 +50,9 @@ class PassRunner {
   void Queue(const PatchMatchProblem& problem, const PatchMatchOptions& options, const PassData& data,
              int geometric_pass, int iterations);
 
-  /// Of the pass queued last.
-  const DeviceArray<uint32_t>& selected_views() const { return selected_views_; }
-
  private:
   CudaDevicePtr device_;
   CudaStream stream_;
-  DeviceArray<uint32_t> selected_views_;
   DeviceArray<SourceView> views_;
   PinnedBuffer host_views_;
 };

@@ -59,6 +59,7 @@ class PatchMatchCuda final : public PatchMatch {
     std::vector<DeviceArray<uint16_t>> depths;
     DeviceArray<PlaneHypothesis> planes, prior;
     DeviceArray<float> cost;
+    DeviceArray<uint32_t> selected_views;
     PassData data;
   };
 
@@ -96,8 +97,10 @@ class PatchMatchCuda final : public PatchMatch {
     }
     loaded->planes = DeviceArray<PlaneHypothesis>(device, pixels);
     loaded->cost = DeviceArray<float>(device, pixels);
+    loaded->selected_views = DeviceArray<uint32_t>(device, pixels);
     data.planes = loaded->planes.data();
     data.cost = loaded->cost.data();
+    data.selected_views = loaded->selected_views.data();
     if (start != nullptr) {
       loaded->planes.Upload(start->planes.data(), pixels, runner_.stream());
       loaded->cost.Upload(start->cost.data(), pixels, runner_.stream());
@@ -134,7 +137,7 @@ class PatchMatchCuda final : public PatchMatch {
     const size_t pixels = result.planes.size();
     loaded.planes.Download(result.planes.data(), pixels, runner_.stream());
     loaded.cost.Download(result.cost.data(), pixels, runner_.stream());
-    runner_.selected_views().Download(result.selected_views.data(), pixels, runner_.stream());
+    loaded.selected_views.Download(result.selected_views.data(), pixels, runner_.stream());
     end_.Record(runner_.stream());
     runner_.stream().Synchronize();
     timing_ = {CudaEvent::ElapsedMs(begin_, uploaded_), CudaEvent::ElapsedMs(uploaded_, computed_),

@@ -1,5 +1,7 @@
 #include "acmp_mapping/pipeline/depth_engine.h"
 
+#include <atomic>
+
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
@@ -18,6 +20,13 @@ void CheckView(const char* name, const EngineView& view) {
 }
 
 }  // namespace
+
+bool IsHeldByNobodyElse(const EngineEstimatePtr& estimate) {
+  if (estimate.use_count() != 1) return false;
+  // The count alone orders nothing: what others read before they let go comes before what the caller does now.
+  std::atomic_thread_fence(std::memory_order_acquire);
+  return true;
+}
 
 PinholeCamera CameraAtLevel(PinholeCamera camera, int level) {
   for (int i = 0; i < level; ++i) camera = camera.Halved();

@@ -1,5 +1,7 @@
 #include "acmp_mapping/pipeline/depth_estimator.h"
 
+#include <utility>
+
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/random.h"
 #include "acmp_mapping/common/timer.h"
@@ -39,7 +41,7 @@ EngineEstimatePtr DepthEstimator::EstimateInitial(const EngineProblem& problem) 
         problem.reference.frame->camera,
         engine_->FindSupportPoints(estimate, problem.depth_range, options_.planar_prior), options_.planar_prior);
     times_.prior_construction_ms = timer.Lap();
-    estimate = engine_->RunPlanarPrior(problem, options_.patch_match, estimate, prior);
+    estimate = engine_->RunPlanarPrior(problem, options_.patch_match, std::move(estimate), prior);
     times_.planar_prior_ms = timer.Lap();
   }
   times_.kernels_ms = times_.photometric_kernels_ms + engine_->TakeDeviceMs();
@@ -56,7 +58,7 @@ EngineEstimatePtr DepthEstimator::EstimatePhotometric(const EngineProblem& probl
   PatchMatchOptions options = options_.patch_match;
   options.planar_prior_iterations = options_.full_size_iterations;
   options.seed = HashWord(options.seed);  // the planar-prior pass draws other numbers
-  return engine_->RunPlanarPrior(problem, options, full, {});
+  return engine_->RunPlanarPrior(problem, options, std::move(full), {});
 }
 
 EngineEstimatePtr DepthEstimator::Refine(EngineProblem problem, int step) {
@@ -70,7 +72,8 @@ EngineEstimatePtr DepthEstimator::Refine(EngineProblem problem, int step) {
     times_.completion_ms = timer.Lap();
   }
   if (is_geometric) {
-    problem.reference.estimate = engine_->RunGeometric(problem, options_.patch_match, problem.reference.estimate, step);
+    EngineEstimatePtr start = std::move(problem.reference.estimate);
+    problem.reference.estimate = engine_->RunGeometric(problem, options_.patch_match, std::move(start), step);
     times_.geometric_ms = timer.Lap();
   }
   times_.kernels_ms = engine_->TakeDeviceMs();

@@ -89,7 +89,9 @@ void CheckSize(const char* name, int width, int height, const PinholeCamera& cam
 
 PatchMatchResult MakeStart(const EngineEstimatePtr& estimate) {
   const HostEstimate& host = Cast<HostEstimate>(estimate);
-  return {host.planes.Clone(), host.cost.Clone(), {}};
+  if (!IsHeldByNobodyElse(estimate)) return {host.planes.Clone(), host.cost.Clone(), {}};
+  auto& used_up = const_cast<HostEstimate&>(host);  // Keep made it, and nobody is left to see it
+  return {std::move(used_up.planes), std::move(used_up.cost), {}};
 }
 
 template <class T>
@@ -189,14 +191,14 @@ std::vector<SupportPoint> HostDepthEngine::FindSupportPoints(const EngineEstimat
 }
 
 EngineEstimatePtr HostDepthEngine::RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
-                                                  const EngineEstimatePtr& start, const PriorMesh& prior) {
+                                                  EngineEstimatePtr start, const PriorMesh& prior) {
   const PatchMatchProblem match = MakeProblem(problem, 0);
   const PlaneMap planes = RasterizePrior(match.reference.camera, prior, match.depth_range);
   return Keep(patch_match_->RunPlanarPrior(match, options, MakeStart(start), planes.View()), match.reference.camera);
 }
 
 EngineEstimatePtr HostDepthEngine::RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
-                                                const EngineEstimatePtr& start, int pass) {
+                                                EngineEstimatePtr start, int pass) {
   PatchMatchProblem match = MakeProblem(problem, 0);
   for (size_t i = 0; i < match.sources.size(); ++i) {
     const EngineEstimatePtr& estimate = problem.sources[i].estimate;

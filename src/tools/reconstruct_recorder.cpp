@@ -68,13 +68,13 @@ std::vector<SupportPoint> RecordingDepthEngine::FindSupportPoints(const EngineEs
 }
 
 EngineEstimatePtr RecordingDepthEngine::RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
-                                                       const EngineEstimatePtr& start, const PriorMesh& prior) {
-  return Recorded(problem, 0, [&] { return engine_->RunPlanarPrior(problem, options, start, prior); });
+                                                       EngineEstimatePtr start, const PriorMesh& prior) {
+  return Recorded(problem, 0, [&] { return engine_->RunPlanarPrior(problem, options, std::move(start), prior); });
 }
 
 EngineEstimatePtr RecordingDepthEngine::RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
-                                                     const EngineEstimatePtr& start, int pass) {
-  return Recorded(problem, 0, [&] { return engine_->RunGeometric(problem, options, start, pass); });
+                                                     EngineEstimatePtr start, int pass) {
+  return Recorded(problem, 0, [&] { return engine_->RunGeometric(problem, options, std::move(start), pass); });
 }
 
 EngineEstimatePtr RecordingDepthEngine::Complete(const EngineProblem& problem, const CompletionOptions& options) {

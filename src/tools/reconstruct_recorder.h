@@ -33,9 +33,9 @@ class RecordingDepthEngine final : public DepthEngine {
   std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
                                               const PlanarPriorOptions& options) override;
   EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
-                                   const EngineEstimatePtr& start, const PriorMesh& prior) override;
+                                   EngineEstimatePtr start, const PriorMesh& prior) override;
   EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
-                                 const EngineEstimatePtr& start, int pass) override;
+                                 EngineEstimatePtr start, int pass) override;
   EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) override;
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options) override;

@@ -75,6 +75,25 @@ TEST_P(EnginePassesTest, GeometricPassReadsTheDepthsThatTheHostHalves) {
   EXPECT_FALSE(IsSameAs(refined, patch_match_->RunGeometric(problem, options_, Start(), 0)));
 }
 
+TEST_P(EnginePassesTest, AStartThatNobodyElseHoldsGivesItsMemory) {
+  const EngineProblem problem = ProblemOf(0);
+  const auto copy = [&] {
+    return engine_->UploadState(engine_->DownloadState(views_[0].estimate), rendered_[0].camera);
+  };
+  const auto same = [&](const EngineEstimatePtr& a, const EngineEstimatePtr& b) {
+    return SameBits(engine_->DownloadState(a), engine_->DownloadState(b)) &&
+           SamePixels(engine_->Download(a).depth, engine_->Download(b).depth);
+  };
+  const EngineEstimatePtr held = copy();
+  const EngineEstimatePtr refined = engine_->RunGeometric(problem, options_, held, 0);
+  EXPECT_TRUE(same(held, views_[0].estimate)) << "others may still read it";
+  EXPECT_FALSE(same(refined, held));
+  EXPECT_TRUE(same(engine_->RunGeometric(problem, options_, copy(), 0), refined));
+  const EngineEstimatePtr assisted = engine_->RunPlanarPrior(problem, options_, held, {});
+  EXPECT_TRUE(same(held, views_[0].estimate));
+  EXPECT_TRUE(same(engine_->RunPlanarPrior(problem, options_, copy(), {}), assisted));
+}
+
 TEST_P(EnginePassesTest, PlanarPriorPassReadsThePriorThatTheHostDraws) {
   const PriorMesh mesh = MakePriorMesh(
       rendered_[0].camera, engine_->FindSupportPoints(views_[0].estimate, kRange, PlanarPriorOptions()), {});

@@ -1,7 +1,6 @@
 // What goes from one GPU to another: estimates, and the stamps of the fusion. Also between two engines that have the
 // first GPU's memory each for themselves, so that copying is tested where there is one GPU.
 
-#include <cstring>
 #include <memory>
 #include <vector>
 
@@ -43,12 +42,6 @@ class SeveralGpusTest : public ::testing::TestWithParam<int> {
   std::unique_ptr<DepthEngine> first_, second_;
 };
 INSTANTIATE_TEST_SUITE_P(SecondGpu, SeveralGpusTest, ::testing::Values(0, 1));
-
-template <class T>
-bool SamePixels(const Image<T>& a, const Image<T>& b) {
-  return a.width() == b.width() && a.height() == b.height() &&
-         std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0;
-}
 
 TEST_P(SeveralGpusTest, AnImportedEstimateHasTheSameBits) {
   for (const EngineView& view : UploadViews(NoisyViews(), first_.get())) {

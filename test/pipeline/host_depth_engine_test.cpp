@@ -1,7 +1,6 @@
 #include "acmp_mapping/pipeline/host_depth_engine.h"
 
 #include <algorithm>
-#include <cstring>
 #include <random>
 
 #include "gmock/gmock.h"
@@ -78,13 +77,6 @@ FramePtr RandomFrame(int id, int width, int height) {
   frame.gray = GrayImage(width, height);
   for (float& pixel : frame.gray) pixel = gray(random);
   return std::make_shared<const Frame>(std::move(frame));
-}
-
-template <class T>
-bool SamePixels(const Image<T>& a, const Image<T>& b) {
-  const auto bytes = [](const Image<T>& image) { return reinterpret_cast<const unsigned char*>(image.data()); };
-  return a.width() == b.width() && a.height() == b.height() &&
-         std::memcmp(bytes(a), bytes(b), a.size() * sizeof(T)) == 0;
 }
 
 template <class Work>

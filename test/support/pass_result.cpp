@@ -1,18 +1,11 @@
 #include "support/pass_result.h"
 
 #include <cmath>
-#include <cstring>
 
 #include "gtest/gtest.h"
 
 namespace acmp {
 namespace {
-
-template <class T>
-bool SameBytes(const Image<T>& a, const Image<T>& b) {
-  return a.width() == b.width() && a.height() == b.height() &&
-         std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0;
-}
 
 double RelativeShare(const DepthMap& depth, const DepthMap& truth, double tolerance) {
   size_t within = 0, counted = 0;
@@ -66,11 +59,11 @@ void ExpectValid(const EstimateState& state, const PinholeCamera& camera, const 
 }
 
 bool SameBits(const PatchMatchResult& a, const PatchMatchResult& b) {
-  return SameBytes(a.planes, b.planes) && SameBytes(a.cost, b.cost) && SameBytes(a.selected_views, b.selected_views);
+  return SamePixels(a.planes, b.planes) && SamePixels(a.cost, b.cost) && SamePixels(a.selected_views, b.selected_views);
 }
 
 bool SameBits(const EstimateState& a, const EstimateState& b) {
-  return SameBytes(a.planes, b.planes) && SameBytes(a.cost, b.cost);
+  return SamePixels(a.planes, b.planes) && SamePixels(a.cost, b.cost);
 }
 
 double ShareWithin(const PatchMatchResult& result, const PatchMatchProblem& problem, const DepthMap& truth,

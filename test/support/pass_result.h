@@ -1,5 +1,7 @@
 #pragma once
 
+#include <algorithm>
+
 #include "acmp_mapping/patch_match/patch_match.h"
 #include "acmp_mapping/pipeline/depth_engine.h"
 
@@ -11,6 +13,12 @@ void ExpectValid(const PatchMatchResult& result, const PatchMatchProblem& proble
 void ExpectValid(const EstimateState& state, const PinholeCamera& camera, const DepthRange& range, float max_cost);
 
 /// Bit for bit.
+template <class T>
+bool SamePixels(const Image<T>& a, const Image<T>& b) {
+  const auto bytes = [](const Image<T>& image) { return reinterpret_cast<const unsigned char*>(image.data()); };
+  return a.width() == b.width() && a.height() == b.height() &&
+         std::equal(bytes(a), bytes(a) + a.size() * sizeof(T), bytes(b));
+}
 bool SameBits(const PatchMatchResult& a, const PatchMatchResult& b);
 bool SameBits(const EstimateState& a, const EstimateState& b);
 

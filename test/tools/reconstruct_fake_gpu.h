@@ -37,13 +37,13 @@ class FakeGpu final : public DepthEngine {
     return host_.FindSupportPoints(estimate, range, options);
   }
   EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
-                                   const EngineEstimatePtr& start, const PriorMesh& prior) override {
-    return host_.RunPlanarPrior(problem, options, start, prior);
+                                   EngineEstimatePtr start, const PriorMesh& prior) override {
+    return host_.RunPlanarPrior(problem, options, std::move(start), prior);
   }
   EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
-                                 const EngineEstimatePtr& start, int pass) override {
+                                 EngineEstimatePtr start, int pass) override {
     behaviour_.before_pass();
-    return host_.RunGeometric(problem, options, start, pass);
+    return host_.RunGeometric(problem, options, std::move(start), pass);
   }
   EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) override {
     return host_.Complete(problem, options);

@@ -25,12 +25,11 @@ class LostEngine final : public DepthEngine {
                                               const PlanarPriorOptions&) override {
     Fail();
   }
-  EngineEstimatePtr RunPlanarPrior(const EngineProblem&, const PatchMatchOptions&, const EngineEstimatePtr&,
+  EngineEstimatePtr RunPlanarPrior(const EngineProblem&, const PatchMatchOptions&, EngineEstimatePtr,
                                    const PriorMesh&) override {
     Fail();
   }
-  EngineEstimatePtr RunGeometric(const EngineProblem&, const PatchMatchOptions&, const EngineEstimatePtr&,
-                                 int) override {
+  EngineEstimatePtr RunGeometric(const EngineProblem&, const PatchMatchOptions&, EngineEstimatePtr, int) override {
     Fail();
   }
   EngineEstimatePtr Complete(const EngineProblem&, const CompletionOptions&) override { Fail(); }

@@ -21,7 +21,8 @@ class EngineImage {
 using EngineImagePtr = std::shared_ptr<const EngineImage>;
 
 /// What a pass leaves of a reference view where the engine that ran it reads it: plane, cost and depth of every pixel.
-/// Immutable: a later pass makes a new one, so that others go on reading this (Jacobi).
+/// Immutable: a later pass makes a new one, so that others go on reading this (Jacobi). Only one that nobody else holds
+/// is used up: moved into a pass, it gives the new one its memory.
 class EngineEstimate {
  public:
   virtual ~EngineEstimate() = default;
@@ -93,13 +94,14 @@ class DepthEngine {
   virtual std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
                                                       const PlanarPriorOptions& options) = 0;
 
-  /// Steps 12-20 from an estimate at full size.
+  /// Steps 12-20 from an estimate at full size, which is used up if nobody else holds it.
   virtual EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
-                                           const EngineEstimatePtr& start, const PriorMesh& prior) = 0;
+                                           EngineEstimatePtr start, const PriorMesh& prior) = 0;
 
-  /// Steps 22-30, once. The sources' estimates are read as they are; `pass` (0, 1, ...) selects the random numbers.
+  /// Steps 22-30, once, from an estimate as in RunPlanarPrior. The sources' estimates are read as they are; `pass` (0,
+  /// 1, ...) selects the random numbers.
   virtual EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
-                                         const EngineEstimatePtr& start, int pass) = 0;
+                                         EngineEstimatePtr start, int pass) = 0;
 
   /// CompleteUnconfirmed of the reference's estimate (not null) against the sources'; those without one do not count.
   /// Completed pixels get kWorstCost or kUnverifiedCost.
@@ -149,6 +151,9 @@ class DepthEngine {
   /// "cpu (2 threads)", "NVIDIA H200 (cuda:0)".
   virtual std::string device_name() const = 0;
 };
+
+/// Whether the caller has the only handle of what `estimate` points to: nobody else reads it, now or later.
+bool IsHeldByNobodyElse(const EngineEstimatePtr& estimate);
 
 constexpr int kMaxLevels = 2;  ///< times an image can be halved
 
