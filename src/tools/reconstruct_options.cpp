@@ -1,5 +1,7 @@
 #include "reconstruct_options.h"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -118,7 +120,7 @@ void AddMachineOptions(CLI::App* app, ReconstructOptions* options) {
       ->group(group);
   app->add_option("--threads", options->threads, "CPU threads; 0: one per core")->capture_default_str()->group(group);
   app->add_option("--memory-limit-gb", options->memory_limit_gb,
-                  "Memory for images, maps and points that are kept at hand")
+                  "Memory for images, maps and points that are kept at hand; by default a quarter of this machine's")
       ->capture_default_str()
       ->group(group);
 }
@@ -171,6 +173,12 @@ void CheckMaps(const ReconstructOptions& options) {
 }
 
 }  // namespace
+
+double DefaultMemoryLimitGb() {
+  constexpr double kShare = 0.25, kStepsPerGb = 10;
+  const double bytes = static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
+  return std::floor(kShare * bytes / 1e9 * kStepsPerGb) / kStepsPerGb;
+}
 
 void AddReconstructOptions(CLI::App* app, ReconstructOptions* options) {
   app->add_option("SCENE", options->scene, "Folder with images and their poses (see below)")->required();

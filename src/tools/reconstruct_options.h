@@ -10,6 +10,9 @@
 
 namespace acmp {
 
+/// A quarter of this machine's memory, GB.
+double DefaultMemoryLimitGb();
+
 /// What `acmp_reconstruct` is asked to do. Defaults are shown by --help.
 struct ReconstructOptions {
   std::filesystem::path scene;
@@ -34,7 +37,7 @@ struct ReconstructOptions {
   std::vector<int> cuda_index = {0};
   int jobs_per_gpu = 4;
   int threads = 0;  ///< 0: one per core
-  double memory_limit_gb = 4;
+  double memory_limit_gb = DefaultMemoryLimitGb();
 
   std::vector<std::string> maps = {"depth", "normal", "cost", "confidence"};  ///< kinds to write; none: only the cloud
   bool dmb = false;
