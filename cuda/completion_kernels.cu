@@ -3,7 +3,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/completion/kernel/complete_pixel.h"
 #include "acmp_mapping/completion/kernel/fit_anchor.h"
-#include "acmp_mapping/fusion/kernel/match_pixel.h"
+#include "acmp_mapping/completion/kernel/sightings.h"
 #include "cuda_check.h"
 
 namespace acmp {
@@ -20,10 +20,15 @@ dim3 GridFor(const ImageView<T>& image) {
 __device__ int Col() { return static_cast<int>(blockIdx.x * kBlockWidth + threadIdx.x); }
 __device__ int Row() { return static_cast<int>(blockIdx.y * kBlockHeight + threadIdx.y); }
 
-__global__ void CountKernel(const __grid_constant__ DeviceFusionContext context, ImageView<unsigned char> confirming) {
+__global__ void LookKernel(const __grid_constant__ DeviceFusionContext views, ImageView<unsigned char> sightings) {
   const int col = Col(), row = Row();
-  if (!confirming.Contains(col, row)) return;
-  confirming(col, row) = static_cast<unsigned char>(CountMatches(context, col, row));
+  if (sightings.Contains(col, row)) sightings(col, row) = LookAtPixel(views, col, row);
+}
+
+__global__ void LookAgainKernel(const __grid_constant__ DeviceFusionContext views, ImageView<unsigned char> sightings) {
+  const int col = Col(), row = Row();
+  if (!sightings.Contains(col, row) || !IsCompleted(views.reference.Cost(col, row))) return;
+  sightings(col, row) = LookAtPixel(views, col, row);
 }
 
 __global__ void FindAnchorKernel(const __grid_constant__ CompletionContext context) {
@@ -55,14 +60,21 @@ __global__ void CompletePixelKernel(const __grid_constant__ CompletionContext co
   if (context.planes.Contains(col, row)) CompletePixel(context, col, row);
 }
 
+// Three blocks per multiprocessor: without a bound a thread takes 204 registers, and two fit; with four they spill.
+__global__ void __launch_bounds__(kBlockWidth* kBlockHeight, 3)
+    FilterPixelKernel(const __grid_constant__ MedianContext context) {
+  const int col = Col(), row = Row();
+  if (context.planes.Contains(col, row)) FilterPixel(context, col, row);
+}
+
 }  // namespace
 
-void LaunchCompletion(const DeviceFusionContext& sources, const ImageView<unsigned char>& confirming,
+void LaunchCompletion(const DeviceFusionContext& sources, const ImageView<unsigned char>& sightings,
                       const CompletionContext& context, cudaStream_t stream) {
   CheckRange("number of source views on a GPU", sources.num_sources, 0, kMaxCudaFusionSources);
   const dim3 block(kBlockWidth, kBlockHeight);
-  CountKernel<<<GridFor(confirming), block, 0, stream>>>(sources, confirming);
-  CudaCheck(cudaGetLastError(), "launch count of confirming views");
+  LookKernel<<<GridFor(sightings), block, 0, stream>>>(sources, sightings);
+  CudaCheck(cudaGetLastError(), "launch look at the sources");
   FindAnchorKernel<<<GridFor(context.anchors), block, 0, stream>>>(context);
   CudaCheck(cudaGetLastError(), "launch search for anchors");
   const dim3 warps(context.anchors.width, (context.anchors.height + kBlockHeight - 1) / kBlockHeight);
@@ -70,6 +82,16 @@ void LaunchCompletion(const DeviceFusionContext& sources, const ImageView<unsign
   CudaCheck(cudaGetLastError(), "launch plane fits");
   CompletePixelKernel<<<GridFor(context.planes), block, 0, stream>>>(context);
   CudaCheck(cudaGetLastError(), "launch completion");
+}
+
+void LaunchWeightedMedian(const DeviceFusionContext& views, const ImageView<unsigned char>& sightings,
+                          const MedianContext& context, cudaStream_t stream) {
+  CheckRange("number of source views on a GPU", views.num_sources, 0, kMaxCudaFusionSources);
+  const dim3 block(kBlockWidth, kBlockHeight);
+  LookAgainKernel<<<GridFor(sightings), block, 0, stream>>>(views, sightings);
+  CudaCheck(cudaGetLastError(), "launch second look at the sources");
+  FilterPixelKernel<<<GridFor(context.planes), block, 0, stream>>>(context);
+  CudaCheck(cudaGetLastError(), "launch weighted median");
 }
 
 }  // namespace acmp

@@ -3,6 +3,7 @@
 #include <cuda_runtime_api.h>
 
 #include "acmp_mapping/completion/kernel/completion_grid.h"
+#include "acmp_mapping/completion/kernel/weighted_median.h"
 #include "fusion_kernels.h"
 
 namespace acmp {
@@ -10,8 +11,14 @@ namespace acmp {
 /// Queues CompleteUnconfirmed. All pointers are device memory. Throws InvalidInputError for more than
 /// kMaxCudaFusionSources sources.
 /// @param sources compares the reference's maps as they were before
-/// @param confirming of the reference's size; the same as the context's
-void LaunchCompletion(const DeviceFusionContext& sources, const ImageView<unsigned char>& confirming,
+/// @param sightings of the reference's size; the same as the context's
+void LaunchCompletion(const DeviceFusionContext& sources, const ImageView<unsigned char>& sightings,
                       const CompletionContext& context, cudaStream_t stream);
+
+/// Queues the weighted median of the completed maps.
+/// @param views compares the completed reference
+/// @param sightings the same as the context's: of the reference before it was completed
+void LaunchWeightedMedian(const DeviceFusionContext& views, const ImageView<unsigned char>& sightings,
+                          const MedianContext& context, cudaStream_t stream);
 
 }  // namespace acmp

@@ -9,15 +9,35 @@ void CompletionRunner::Queue(const FusionSetup<DeviceFusionView>& sources, Compl
   const size_t cells = static_cast<size_t>(cell_cols) * cell_rows;
   sources_.Reserve(device_, sources.sources().size());
   sources_.Upload(sources.sources().data(), sources.sources().size(), stream);
-  confirming_.Reserve(device_, static_cast<size_t>(width) * height);
+  sightings_.Reserve(device_, static_cast<size_t>(width) * height);
   cells_.Reserve(device_, 2 * cells);
-  const ImageView<unsigned char> confirming = {confirming_.data(), width, height, width};
-  context.confirming = confirming;
+  const ImageView<unsigned char> sightings = {sightings_.data(), width, height, width};
+  context.sightings = sightings;
   context.planes = planes;
   context.cost = {cost, width, height, width};
   context.anchors = {cells_.data(), cell_cols, cell_rows, cell_cols};
   context.fitted = {cells_.data() + cells, cell_cols, cell_rows, cell_cols};
-  LaunchCompletion(sources.Context(sources_.data()), confirming, context, stream.get());
+  LaunchCompletion(sources.Context(sources_.data()), sightings, context, stream.get());
+}
+
+void CompletionRunner::QueueMedian(const FusionSetup<DeviceFusionView>& sources, const DeviceFusionView& completed,
+                                   const CompletionContext& context, float* cost, PlaneHypothesis* filtered,
+                                   const CudaStream& stream) {
+  const int width = completed.depth.width, height = completed.depth.height;
+  DeviceFusionContext views = sources.Context(sources_.data());
+  views.reference = completed;
+  const ImageView<unsigned char> sightings = {sightings_.data(), width, height, width};
+  MedianContext median = {};
+  median.rays = context.rays;
+  median.depth_min = context.depth_min;
+  median.depth_max = context.depth_max;
+  median.planes = completed.normal;
+  median.depth = completed.depth;
+  median.sightings = sightings;
+  median.color = completed.color;
+  median.filtered = {filtered, width, height, width};
+  median.cost = {cost, width, height, width};
+  LaunchWeightedMedian(views, sightings, median, stream.get());
 }
 
 }  // namespace acmp

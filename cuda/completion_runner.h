@@ -17,10 +17,18 @@ class CompletionRunner {
   void Queue(const FusionSetup<DeviceFusionView>& sources, CompletionContext context,
              const ImageView<PlaneHypothesis>& planes, float* cost, const CudaStream& stream);
 
+  /// Queues the weighted median of what Queue left.
+  /// @param sources,context as they were given to Queue
+  /// @param completed the reference's maps now: `normal` its planes, `depth` theirs
+  /// @param cost of `completed`, changed
+  /// @param filtered what becomes of the planes; another place
+  void QueueMedian(const FusionSetup<DeviceFusionView>& sources, const DeviceFusionView& completed,
+                   const CompletionContext& context, float* cost, PlaneHypothesis* filtered, const CudaStream& stream);
+
  private:
   CudaDevicePtr device_;
   DeviceArray<DeviceFusionSource> sources_;
-  DeviceArray<unsigned char> confirming_;
+  DeviceArray<unsigned char> sightings_;
   DeviceArray<AnchorCell> cells_;
 };
 

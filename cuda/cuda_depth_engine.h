@@ -95,6 +95,9 @@ class CudaDepthEngine final : public DepthEngine {
   std::vector<SupportPoint> FindCells(const CudaEstimate& maps, const DepthRange& range,
                                       const PlanarPriorOptions& options);
 
+  /// The weighted median of a completed estimate. Returns its planes of before, which the stream still reads.
+  DeviceArray<PlaneHypothesis> FilterByMedian(const FusionSetup<DeviceFusionView>& setup, const EngineView& reference,
+                                              const CompletionContext& context, CudaEstimate* estimate);
   static PosedCamera PosedCameraOf(const EngineView& view);
   /// Without colours.
   DeviceFusionView GeometryMapsOf(const EngineView& view);

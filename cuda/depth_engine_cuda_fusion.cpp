@@ -56,6 +56,18 @@ FusionSetup<DeviceFusionView> CudaDepthEngine::SetUp(const EngineView& reference
   return setup;
 }
 
+DeviceArray<PlaneHypothesis> CudaDepthEngine::FilterByMedian(const FusionSetup<DeviceFusionView>& setup,
+                                                             const EngineView& reference,
+                                                             const CompletionContext& context, CudaEstimate* estimate) {
+  DeviceArray<PlaneHypothesis> planes(runner_.device(), estimate->Pixels());
+  LaunchToDepth(estimate->PlaneView(), context.rays, estimate->depth.data(), stream().get());
+  completion_.QueueMedian(setup,
+                          {estimate->DepthView(), estimate->PlaneView(), estimate->CostView(), ColorOf(reference)},
+                          context, estimate->cost.data(), planes.data(), stream());
+  std::swap(planes, estimate->planes);
+  return planes;
+}
+
 EngineEstimatePtr CudaDepthEngine::Complete(const EngineProblem& problem, const CompletionOptions& options) {
   Validate(options);
   CheckDepthRange("depth range of the completion", problem.depth_range);
@@ -69,10 +81,12 @@ EngineEstimatePtr CudaDepthEngine::Complete(const EngineProblem& problem, const 
     begin_.Record(stream());
     estimate->planes.CopyFrom(start.planes, estimate->Pixels(), stream());
     estimate->cost.CopyFrom(start.cost, estimate->Pixels(), stream());
-    const int num_sources = static_cast<int>(setup.sources().size());
-    completion_.Queue(setup, MakeCompletionContext(camera, problem.depth_range, options, num_sources),
-                      {estimate->planes.data(), camera.width, camera.height, camera.width}, estimate->cost.data(),
-                      stream());
+    const CompletionContext context =
+        MakeCompletionContext(camera, problem.depth_range, options, static_cast<int>(setup.sources().size()));
+    completion_.Queue(setup, context, {estimate->planes.data(), camera.width, camera.height, camera.width},
+                      estimate->cost.data(), stream());
+    DeviceArray<PlaneHypothesis> unfiltered;  // until the stream has been waited for
+    if (options.weighted_median) unfiltered = FilterByMedian(setup, problem.reference, context, estimate.get());
     FinishEstimate(camera, estimate.get());
     device_ms_ += CudaEvent::ElapsedMs(begin_, end_);
     return EngineEstimatePtr(estimate);

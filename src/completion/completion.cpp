@@ -7,7 +7,8 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/completion/kernel/complete_pixel.h"
 #include "acmp_mapping/completion/kernel/fit_anchor.h"
-#include "acmp_mapping/fusion/kernel/match_pixel.h"
+#include "acmp_mapping/completion/kernel/sightings.h"
+#include "acmp_mapping/completion/kernel/weighted_median.h"
 
 namespace acmp {
 namespace {
@@ -21,12 +22,38 @@ void ForEach(int width, int height, const Function& function) {
   });
 }
 
-Image<unsigned char> CountConfirmingViews(const FusionSetup<HostMaps>& setup) {
+Image<unsigned char> LookAtAll(const FusionSetup<HostMaps>& setup) {
   const FusionContext<HostMaps> context = setup.Context(setup.sources().data());
-  Image<unsigned char> count(context.reference.depth.width, context.reference.depth.height);
-  ForEach(count.width(), count.height(),
-          [&](int col, int row) { count(col, row) = static_cast<unsigned char>(CountMatches(context, col, row)); });
-  return count;
+  Image<unsigned char> sightings(context.reference.depth.width, context.reference.depth.height);
+  ForEach(sightings.width(), sightings.height(),
+          [&](int col, int row) { sightings(col, row) = LookAtPixel(context, col, row); });
+  return sightings;
+}
+
+/// FilterPixel for all pixels of the completed reference.
+/// @param sightings of the reference as it was before; become those of the completed one
+void FilterByMedian(const FusionSetup<HostMaps>& setup, const CompletionContext& completed,
+                    Image<unsigned char>* sightings) {
+  const ImageView<PlaneHypothesis>& planes = completed.planes;
+  const int width = planes.width, height = planes.height;
+  DepthMap depth(width, height);
+  NormalMap normal(width, height);
+  ForEach(width, height, [&](int col, int row) {
+    depth(col, row) =
+        PlaneDepth(planes(col, row), completed.rays.Ray(static_cast<float>(col), static_cast<float>(row)));
+    normal(col, row) = planes(col, row).normal();
+  });
+  FusionContext<HostMaps> context = setup.Context(setup.sources().data());
+  context.reference = {depth.View(), normal.View(), completed.cost, setup.reference().color};
+  PlaneMap filtered(width, height);
+  const MedianContext median = {completed.rays, completed.depth_min, completed.depth_max,     planes,
+                                depth.View(),   sightings->View(),   context.reference.color, filtered.View(),
+                                completed.cost};
+  ForEach(width, height, [&](int col, int row) {
+    if (IsCompleted(completed.cost(col, row))) (*sightings)(col, row) = LookAtPixel(context, col, row);
+  });
+  ForEach(width, height, [&](int col, int row) { FilterPixel(median, col, row); });
+  ForEach(width, height, [&](int col, int row) { planes(col, row) = filtered(col, row); });
 }
 
 }  // namespace
@@ -41,7 +68,6 @@ FusionLimits ConfirmationLimits(const CompletionOptions& options) {
   FusionLimits limits = {};
   limits.max_squared_px = static_cast<double>(options.max_reprojection_px) * options.max_reprojection_px;
   limits.max_relative_depth = options.max_relative_depth;
-  limits.min_normal_cosine = -2;
   return limits;
 }
 
@@ -79,12 +105,12 @@ void CompleteUnconfirmed(const FusionView& reference, const std::vector<FusionVi
   }
   if (setup.sources().empty()) return;
 
-  const Image<unsigned char> confirming = CountConfirmingViews(setup);
+  Image<unsigned char> sightings = LookAtAll(setup);
   CompletionContext context =
       MakeCompletionContext(reference.camera, range, options, static_cast<int>(setup.sources().size()));
   const int cell_cols = CellsOf(planes.width, context.cell_size), cell_rows = CellsOf(planes.height, context.cell_size);
   Image<AnchorCell> anchors(cell_cols, cell_rows), fitted(cell_cols, cell_rows);
-  context.confirming = confirming.View();
+  context.sightings = sightings.View();
   context.planes = planes;
   context.cost = cost;
   context.anchors = anchors.View();
@@ -92,6 +118,7 @@ void CompleteUnconfirmed(const FusionView& reference, const std::vector<FusionVi
   ForEach(cell_cols, cell_rows, [&](int col, int row) { FindAnchor(context, col, row); });
   ForEach(cell_cols, cell_rows, [&](int col, int row) { FitAnchor(context, col, row, SingleLane()); });
   ForEach(planes.width, planes.height, [&](int col, int row) { CompletePixel(context, col, row); });
+  if (options.weighted_median) FilterByMedian(setup, context, &sightings);
 }
 
 }  // namespace acmp

@@ -1,3 +1,5 @@
+#include <cmath>
+#include <random>
 #include <set>
 #include <utility>
 #include <vector>
@@ -6,6 +8,7 @@
 
 #include "acmp_mapping/completion/kernel/complete_pixel.h"
 #include "acmp_mapping/completion/kernel/fit_anchor.h"
+#include "acmp_mapping/completion/kernel/weighted_median.h"
 
 namespace acmp {
 namespace {
@@ -16,7 +19,7 @@ class CompletionKernelTest : public ::testing::Test {
   static constexpr int kWidth = 40, kHeight = 30, kCell = 4;
 
   CompletionKernelTest()
-      : confirming_(kWidth, kHeight),
+      : sightings_(kWidth, kHeight),
         planes_(kWidth, kHeight),
         cost_(kWidth, kHeight),
         anchors_(kWidth / kCell, 8),
@@ -27,7 +30,7 @@ class CompletionKernelTest : public ::testing::Test {
     context_.anchor_views = 2;
     context_.min_views = 2;
     context_.cell_size = kCell;
-    context_.confirming = confirming_.View();
+    context_.sightings = sightings_.View();
     context_.planes = planes_.View();
     context_.cost = cost_.View();
     context_.anchors = anchors_.View();
@@ -48,7 +51,7 @@ class CompletionKernelTest : public ::testing::Test {
     }
   }
 
-  Image<unsigned char> confirming_;
+  Image<unsigned char> sightings_;
   PlaneMap planes_;
   CostMap cost_;
   Image<AnchorCell> anchors_, fitted_;
@@ -78,7 +81,7 @@ TEST_F(CompletionKernelTest, CellsCoverTheImageAndGrowWithIt) {
 TEST_F(CompletionKernelTest, AnchorIsTheMostConfirmedPixelOfTheCell) {
   for (PlaneHypothesis& plane : planes_) plane = {0, 0, -1, 5};
   const auto set = [&](int col, int row, int views, float cost) {
-    confirming_(col, row) = static_cast<unsigned char>(views);
+    sightings_(col, row) = static_cast<unsigned char>(views);
     cost_(col, row) = cost;
   };
   set(5, 4, 1, 0.01f);                                           // too few
@@ -97,6 +100,17 @@ TEST_F(CompletionKernelTest, AnchorIsTheMostConfirmedPixelOfTheCell) {
   EXPECT_EQ(anchors_(9, 7).row, 29);
 }
 
+TEST_F(CompletionKernelTest, WhatASourceLooksThroughIsNoAnchor) {
+  for (PlaneHypothesis& plane : planes_) plane = {0, 0, -1, 5};
+  sightings_(9, 5) = kLookedThrough + 9;
+  sightings_(10, 5) = 2;
+  sightings_(14, 6) = kLookedThrough + 3;
+  FindAll();
+  EXPECT_EQ(anchors_(2, 1).views, 2);
+  EXPECT_EQ(anchors_(2, 1).col, 10);
+  EXPECT_EQ(anchors_(3, 1).views, 0);
+}
+
 TEST_F(CompletionKernelTest, FitFindsThePlaneOfTheSurroundingsDespiteABadNormalAndOutliers) {
   const PlaneHypothesis wall = PlaneThrough(Normalized(Vec3f{0.5f, 0.1f, -1}), Ray(20, 15), 4);
   const PlaneHypothesis front = {0, 0, -1, 2.5f};
@@ -105,7 +119,7 @@ TEST_F(CompletionKernelTest, FitFindsThePlaneOfTheSurroundingsDespiteABadNormalA
       const PlaneHypothesis& surface = col > 27 ? front : wall;
       // The right depth with a normal that faces the camera: 25 degrees off.
       planes_(col, row) = PlaneThrough({0, 0, -1}, Ray(col, row), DepthAt(surface, col, row));
-      confirming_(col, row) = 3;
+      sightings_(col, row) = 3;
     }
   }
   FindAll();
@@ -120,7 +134,7 @@ TEST_F(CompletionKernelTest, FitFindsThePlaneOfTheSurroundingsDespiteABadNormalA
 
 TEST_F(CompletionKernelTest, AnAnchorAloneKeepsThePlaneOfItsPixel) {
   planes_(18, 14) = PlaneThrough(Normalized(Vec3f{0.2f, 0, -1}), Ray(18, 14), 3);
-  confirming_(18, 14) = 2;
+  sightings_(18, 14) = 2;
   FindAll();
   FitAll();
   EXPECT_NEAR(DepthAt(PlaneOfInverse(fitted_(4, 3).inverse_plane), 30, 20), DepthAt(planes_(18, 14), 30, 20), 1e-5);
@@ -149,12 +163,12 @@ TEST_F(CompletionKernelTest, WhatTooFewViewsConfirmTakesThePlaneAroundAndACostTh
     for (int col = 0; col < kWidth; ++col) {
       planes_(col, row) = wall;
       cost_(col, row) = 0.1f;
-      confirming_(col, row) = 4;
+      sightings_(col, row) = 4;
     }
   }
   for (int views = 0; views <= 2; ++views) {
     planes_(20 + views, 15) = wrong;
-    confirming_(20 + views, 15) = static_cast<unsigned char>(views);
+    sightings_(20 + views, 15) = static_cast<unsigned char>(views);
   }
   FindAll();
   FitAll();
@@ -177,6 +191,131 @@ TEST(WeightedMedianTest, NearerAnchorsCountMore) {
   const ExtendedPlane equal[] = {{0.1f, 5, 0}, {0.2f, 5, 1}, {0.3f, 5, 2}};
   EXPECT_EQ(WeightedMedian(equal, 3), 1);
   EXPECT_EQ(WeightedMedian(equal, 1), 0);
+}
+
+TEST(WeightedMedianTest, OfManySamplesHalfOfTheWeightLiesUpToIt) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<float> uniform(0, 1);
+  for (int round = 0; round < 200; ++round) {
+    MedianSamples samples;
+    for (int n = 0; n < kMedianSamples; ++n) {
+      // Some count for nothing, and some have the same depth.
+      samples.depth[n] = 2 + std::round(20 * uniform(random)) / 10;
+      samples.weight[n] = uniform(random) < 0.3f ? 0 : uniform(random);
+    }
+    const int median = WeightedMedianOf(samples);
+    ASSERT_GE(median, 0);
+    EXPECT_GT(samples.weight[median], 0);
+    double nearer = 0, up_to = 0, all = 0;
+    for (int n = 0; n < kMedianSamples; ++n) {
+      all += samples.weight[n];
+      nearer += samples.depth[n] < samples.depth[median] ? samples.weight[n] : 0;
+      up_to += samples.depth[n] <= samples.depth[median] ? samples.weight[n] : 0;
+    }
+    // Depths differ by a twentieth of their range, so that bisection tells them apart; sums in float.
+    EXPECT_LE(nearer, 0.5 * all + 1e-5);
+    EXPECT_GE(up_to, 0.5 * all - 1e-5);
+  }
+  EXPECT_EQ(WeightedMedianOf(MedianSamples{}), -1);
+}
+
+/// Two walls side by side at depths of 4 and 2, white and black.
+class FilterPixelTest : public ::testing::Test {
+ protected:
+  static constexpr int kSize = 60, kEdge = 30;
+
+  FilterPixelTest()
+      : planes_(kSize, kSize),
+        depth_(kSize, kSize),
+        sightings_(kSize, kSize),
+        color_(kSize, kSize),
+        filtered_(kSize, kSize),
+        cost_(kSize, kSize, 0.1f) {
+    const RayGrid rays = {1 / 50.0f, 1 / 50.0f, 29.5f, 29.5f};
+    for (int row = 0; row < kSize; ++row) {
+      for (int col = 0; col < kSize; ++col) {
+        const bool is_left = col < kEdge;
+        SetDepth(col, row, is_left ? 4.0f : 2.0f);
+        color_(col, row) = is_left ? Rgb{255, 255, 255} : Rgb{0, 0, 0};
+      }
+    }
+    context_ = {rays,        1, 20, planes_.View(), depth_.View(), sightings_.View(), color_.View(), filtered_.View(),
+                cost_.View()};
+  }
+
+  void SetDepth(int col, int row, float depth) {
+    planes_(col, row) = {0, 0, -1, depth};
+    depth_(col, row) = depth;
+  }
+  float Filtered(int col, int row) {
+    FilterPixel(context_, col, row);
+    return filtered_(col, row).d;
+  }
+
+  PlaneMap planes_;
+  DepthMap depth_;
+  Image<unsigned char> sightings_;
+  ColorImage color_;
+  PlaneMap filtered_;
+  CostMap cost_;
+  MedianContext context_ = {};
+};
+
+TEST_F(FilterPixelTest, ColoursTellWhichSurfaceAPixelIsOf) {
+  // The nearer one reaches four pixels too far.
+  for (int row = 0; row < kSize; ++row) {
+    for (int col = kEdge - 4; col < kEdge; ++col) SetDepth(col, row, 2);
+  }
+  for (int col = 0; col < kSize; ++col) {
+    EXPECT_NEAR(Filtered(col, 30), col < kEdge ? 4 : 2, 1e-5f) << col;  // rounding of a quotient
+    const bool is_changed = col >= kEdge - 4 && col < kEdge;
+    EXPECT_EQ(cost_(col, 30), is_changed ? kUnverifiedCost : 0.1f) << col;
+  }
+  context_.color = {};
+  EXPECT_NEAR(Filtered(kEdge - 2, 20), 2, 1e-5f) << "without colours most of what is around decides";
+}
+
+TEST_F(FilterPixelTest, WhatIsLookedThroughHasNoSay) {
+  // All of the left half that the filter sees from there but a column of samples has the wrong depth.
+  for (int row = 0; row < kSize; ++row) {
+    for (int col = 13; col < kEdge; ++col) {
+      SetDepth(col, row, 2);
+      sightings_(col, row) = kLookedThrough + 4;
+    }
+  }
+  EXPECT_NEAR(Filtered(24, 30), 4, 1e-5f);
+  for (unsigned char& sightings : sightings_) sightings = 4;
+  EXPECT_NEAR(Filtered(24, 31), 2, 1e-5f);
+  for (unsigned char& sightings : sightings_) sightings = kLookedThrough;
+  EXPECT_EQ(Filtered(24, 32), 2) << "nothing is left to choose from";
+  EXPECT_EQ(cost_(24, 32), 0.1f);
+}
+
+TEST_F(FilterPixelTest, ASurfaceByItselfAndAGuessStayWhatTheyAre) {
+  SetDepth(5, 30, 4.1f);  // within 5 %
+  EXPECT_EQ(Filtered(5, 30), 4.1f);
+  cost_(kEdge - 1, 30) = kWorstCost;
+  SetDepth(kEdge - 1, 30, 2);
+  EXPECT_NEAR(Filtered(kEdge - 1, 30), 4, 1e-5f);
+  EXPECT_EQ(cost_(kEdge - 1, 30), kWorstCost) << "no view has confirmed it either";
+}
+
+TEST_F(FilterPixelTest, PlanesThatFaceAwayOrLeaveTheRangeAreNotExtended) {
+  // Slanted by so much that twelve pixels on it would be beyond 20.
+  for (int row = 0; row < kSize; ++row) {
+    for (int col = 0; col < kEdge; ++col) {
+      const Vec3f ray = context_.rays.Ray(static_cast<float>(col), static_cast<float>(row));
+      planes_(col, row) = PlaneThrough(Normalized(Vec3f{1, 0, -0.3f}), ray, 4);
+    }
+  }
+  context_.depth_max = 4;
+  for (int col = kEdge - 6; col < kEdge; ++col) {
+    const float d = Filtered(col, 30);
+    EXPECT_GT(d, 0) << "a plane behind the camera is none";
+    const float depth = PlaneDepth(filtered_(col, 30), context_.rays.Ray(static_cast<float>(col), 30));
+    EXPECT_LE(depth, 4.0001f);
+    EXPECT_GE(depth, 1.9999f);
+  }
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 #include "acmp_mapping/completion/completion.h"
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <limits>
@@ -46,8 +47,14 @@ struct Completed {
   DepthMap depth;
 };
 
-Completed Complete(const std::vector<TestView>& views, size_t num_sources, const CompletionOptions& options = {},
-                   const DepthRange& range = kRange) {
+CompletionOptions WithoutMedian() {
+  CompletionOptions options;
+  options.weighted_median = false;
+  return options;
+}
+
+Completed Complete(const std::vector<TestView>& views, size_t num_sources,
+                   const CompletionOptions& options = WithoutMedian(), const DepthRange& range = kRange) {
   Completed result = {PlanesOf(views[0]), views[0].cost.Clone(), {}};
   std::vector<FusionView> sources;
   for (size_t i = 1; i <= num_sources; ++i) sources.push_back(views[i].View());
@@ -158,9 +165,13 @@ TEST(CompletionTest, PlanesAreNotExtendedBeyondTheDepthRange) {
   std::vector<TestView> views = Corner();
   Spoil(&views[0], 30, 30, 75, 90);
   const DepthRange narrow = {1, 5};
-  const Completed after = Complete(views, 2, {}, narrow);
-  for (int row = 30; row <= 90; ++row) {
-    for (int col = 30; col <= 75; ++col) ASSERT_LE(after.depth(col, row), narrow.max * 1.0001f);
+  for (const bool weighted_median : {false, true}) {
+    CompletionOptions options;
+    options.weighted_median = weighted_median;
+    const Completed after = Complete(views, 2, options, narrow);
+    for (int row = 30; row <= 90; ++row) {
+      for (int col = 30; col <= 75; ++col) ASSERT_LE(after.depth(col, row), narrow.max * 1.0001f);
+    }
   }
 }
 
@@ -223,6 +234,52 @@ TEST(CompletionTest, WhatOneOfSevenViewsConfirmsTakesThePlaneOfItsSurroundings) 
     }
   }
   EXPECT_GT(completed, 0.99 * 46 * 61);
+}
+
+/// A grey board in front of a white wall, seen from the middle and from both sides.
+std::vector<TestView> Board() {
+  const std::vector<Quad> surfaces = {{{0, 0, 6}, {9, 0, 0}, {0, 9, 0}, {250, 250, 250}},
+                                      {{0, 0, 3}, {0.5, 0, 0}, {0, 9, 0}, {90, 90, 90}}};
+  const PinholeCamera camera = {160, 120, 150, 150, 79.5, 59.5};
+  std::vector<TestView> views;
+  for (const double x : {0.0, 1.5, -1.5}) views.push_back(Render(camera, LookAt({x, 0, 0}, {x, 0, 5}), surfaces));
+  return views;
+}
+
+TEST(CompletionTest, WhatASourceLooksThroughTakesTheSurfaceOfItsColour) {
+  std::vector<TestView> views = Board();
+  const DepthMap truth = views[0].depth.Clone();
+  // A window that the board's edge outweighs: six pixels of the wall on either side have the board's depth.
+  const auto is_beside = [&](int col, int row) {
+    if (truth(col, row) < 4) return false;
+    for (int other = std::max(0, col - 6); other <= std::min(159, col + 6); ++other) {
+      if (truth(other, row) < 4) return true;
+    }
+    return false;
+  };
+  int beside = 0;
+  for (int row = 0; row < 120; ++row) {
+    for (int col = 0; col < 160; ++col) {
+      if (!is_beside(col, row)) continue;
+      ++beside;
+      views[0].depth(col, row) = 3;
+    }
+  }
+  ASSERT_EQ(beside, 12 * 120);
+  const Completed with = Complete(views, 2, {}), without = Complete(views, 2);
+  for (int row = 0; row < 120; ++row) {
+    for (int col = 0; col < 160; ++col) {
+      if (without.cost(col, row) == kWorstCost) continue;  // a guess: no source sees the place
+      // All planes face the cameras: extended they have the same depth but for the rounding of a quotient.
+      ASSERT_NEAR(with.depth(col, row), truth(col, row), 1e-5f * truth(col, row)) << col << ", " << row;
+      if (is_beside(col, row)) {
+        ASSERT_NEAR(without.depth(col, row), 3, 1e-5f) << "the board is confirmed beside itself, too";
+        EXPECT_GE(with.cost(col, row), kUnverifiedCost) << "its cost was that of another surface";
+      } else {
+        EXPECT_EQ(with.cost(col, row), without.cost(col, row));
+      }
+    }
+  }
 }
 
 TEST(CompletionTest, BadInputIsRefused) {

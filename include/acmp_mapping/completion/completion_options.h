@@ -2,13 +2,15 @@
 
 namespace acmp {
 
-/// Planes for pixels that hardly any source view confirms: blank surfaces and what only the reference sees.
+/// Planes for pixels that hardly any source view confirms: blank surfaces, what only the reference sees, and what is
+/// beside something nearer.
 struct CompletionOptions {
   bool enabled = true;
   int anchor_views = 4;               ///< pixels that so many source views confirm are extended, 1..32; half of all
                                       ///< source views, rounded up, suffice
   float max_reprojection_px = 2.0f;   ///< forward-backward error of a view that confirms a pixel, > 0
   float max_relative_depth = 0.005f;  ///< relative difference of its depth, (0, 1)
+  bool weighted_median = true;        ///< then filter the map where surfaces meet (FilterPixel)
 };
 /// Throws InvalidInputError naming the first field out of bounds.
 void Validate(const CompletionOptions& options);

@@ -104,7 +104,7 @@ class DepthEngine {
                                          EngineEstimatePtr start, int pass) = 0;
 
   /// CompleteUnconfirmed of the reference's estimate (not null) against the sources'; those without one do not count.
-  /// Completed pixels get kWorstCost or kUnverifiedCost.
+  /// Pixels that get another surface's plane have a cost of kWorstCost or kUnverifiedCost then.
   virtual EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) = 0;
 
   /// FilterByConsistency of the reference's estimate (not null) against the sources', with the frames' colours.

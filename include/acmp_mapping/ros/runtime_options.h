@@ -87,6 +87,7 @@ void VisitRuntimeParameters(Options& options, Config& config, const Visitor& vis
   visit("completion_anchor_views", completion.anchor_views, config.completion_anchor_views);
   visit("completion_max_reprojection_px", completion.max_reprojection_px, config.completion_max_reprojection_px);
   visit("completion_max_relative_depth", completion.max_relative_depth, config.completion_max_relative_depth);
+  visit("weighted_median", pipeline.completion.weighted_median, config.weighted_median);
 
   auto& mapper = options.mapper;
   visit("window_size", mapper.window_size, config.window_size);

@@ -69,11 +69,14 @@ ACMP_HOST_DEVICE inline int WeightedMedian(const ExtendedPlane* sorted, int coun
   return median;
 }
 
+/// Whether a pixel has this cost because it was completed.
+ACMP_HOST_DEVICE inline bool IsCompleted(float cost) { return cost >= kUnverifiedCost; }
+
 /// A pixel that too few views confirm takes the plane that is the median of its surroundings'. Where no view did, that
 /// is a guess, with the cost of a pixel without correspondence. Where one did, it gets kUnverifiedCost, and whoever
 /// fuses maps has to ask the views again. Other pixels, and those round which nothing is confirmed, keep their own.
 ACMP_HOST_DEVICE inline void CompletePixel(const CompletionContext& context, int col, int row) {
-  const int views = context.confirming(col, row);
+  const int views = ConfirmingViews(context.sightings(col, row));
   if (views >= context.min_views) return;
   ExtendedPlane found[kNumDirections];
   const int count = FindExtendedPlanes(context, col, row, found);

@@ -31,10 +31,10 @@ struct AnchorCell {
 struct CompletionContext {
   RayGrid rays;
   float depth_min, depth_max;
-  int anchor_views;                           ///< pixels that so many source views confirm are extended
-  int min_views;                              ///< to those that fewer than this confirm
-  int cell_size;                              ///< px
-  ImageView<const unsigned char> confirming;  ///< number of source views that confirm a pixel
+  int anchor_views;                          ///< pixels that so many source views confirm are extended
+  int min_views;                             ///< to those that fewer than this confirm
+  int cell_size;                             ///< px
+  ImageView<const unsigned char> sightings;  ///< what the sources see of a pixel (LookAtPixel)
   ImageView<PlaneHypothesis> planes;
   ImageView<float> cost;
   ImageView<AnchorCell> anchors;  ///< as found; rows of cells
@@ -49,8 +49,15 @@ ACMP_HOST_DEVICE inline int CompletionCellSize(int width, int height) {
 
 ACMP_HOST_DEVICE inline int CellsOf(int pixels, int cell_size) { return (pixels + cell_size - 1) / cell_size; }
 
-/// Fills one cell of `anchors`: of the pixels that enough views confirm the one with most, the least cost among those,
-/// the first in row-major order among equals.
+// A pixel's sightings in a byte: how many source views confirm it, and whether some source looks through it.
+constexpr unsigned char kMaxConfirming = 127;
+constexpr unsigned char kLookedThrough = 128;
+
+ACMP_HOST_DEVICE inline int ConfirmingViews(unsigned char sightings) { return sightings & kMaxConfirming; }
+ACMP_HOST_DEVICE inline bool IsLookedThrough(unsigned char sightings) { return (sightings & kLookedThrough) != 0; }
+
+/// Fills one cell of `anchors`: of the pixels that enough views confirm and none looks through the one with most, the
+/// least cost among those, the first in row-major order among equals.
 ACMP_HOST_DEVICE inline void FindAnchor(const CompletionContext& context, int cell_col, int cell_row) {
   const int size = context.cell_size;
   const int col_end = (cell_col + 1) * size < context.planes.width ? (cell_col + 1) * size : context.planes.width;
@@ -59,8 +66,9 @@ ACMP_HOST_DEVICE inline void FindAnchor(const CompletionContext& context, int ce
   float least_cost = 0;
   for (int row = cell_row * size; row < row_end; ++row) {
     for (int col = cell_col * size; col < col_end; ++col) {
-      const int views = context.confirming(col, row);
-      if (views < context.anchor_views || views < anchor.views) continue;
+      const unsigned char sightings = context.sightings(col, row);
+      const int views = ConfirmingViews(sightings);
+      if (views < context.anchor_views || views < anchor.views || IsLookedThrough(sightings)) continue;
       const float cost = context.cost(col, row);
       if (views == anchor.views && !(cost < least_cost)) continue;
       anchor.views = views;

@@ -26,18 +26,26 @@ struct ReferencePixel {
   Vec3d normal;       ///< unit, target frame
 };
 
-/// False where depth or normal is unknown.
+/// Sets what LocateInSource and LookBack read: all but ray, point and normal. False where the depth is unknown.
 template <class View>
-ACMP_HOST_DEVICE inline bool LoadReferencePixel(const FusionContext<View>& context, int col, int row,
+ACMP_HOST_DEVICE inline bool LoadReferencePlace(const FusionContext<View>& context, int col, int row,
                                                 ReferencePixel* pixel) {
   const float depth = context.reference.Depth(col, row);
   if (!IsKnown(depth)) return false;
-  const Vec3f normal = context.reference.Normal(col, row);
-  if (!IsKnown(normal)) return false;
   pixel->col = col;
   pixel->row = row;
   pixel->depth = depth;
   pixel->homogeneous = pixel->depth * Vec3d{static_cast<double>(col), static_cast<double>(row), 1};
+  return true;
+}
+
+/// False where depth or normal is unknown.
+template <class View>
+ACMP_HOST_DEVICE inline bool LoadReferencePixel(const FusionContext<View>& context, int col, int row,
+                                                ReferencePixel* pixel) {
+  if (!LoadReferencePlace(context, col, row, pixel)) return false;
+  const Vec3f normal = context.reference.Normal(col, row);
+  if (!IsKnown(normal)) return false;
   pixel->ray = context.geometry.target_from_pixel * pixel->homogeneous;
   pixel->point = pixel->ray + context.geometry.center;
   pixel->normal = Normalized(context.geometry.target_from_camera * AsDouble(normal));
@@ -91,6 +99,12 @@ ACMP_HOST_DEVICE inline bool LookBack(const FusionSource<View>& source, const Re
   return true;
 }
 
+/// True when the source sees something clearly farther away than the reference pixel's point: it looks through it.
+ACMP_HOST_DEVICE inline bool LooksThrough(const Sighting& sighting) {
+  constexpr double kClearly = 1.03;  // three times what fusion lets agree by default
+  return sighting.depth > kClearly * sighting.place.depth;
+}
+
 /// 1 - cos of the angle between the rays from the reference and from a camera centre to the reference pixel's point.
 ACMP_HOST_DEVICE inline double TriangulationVersine(const ReferencePixel& pixel, const Vec3d& center) {
   const Vec3d ray = pixel.point - center;
@@ -101,8 +115,7 @@ ACMP_HOST_DEVICE inline double TriangulationVersine(const ReferencePixel& pixel,
 template <class View>
 ACMP_HOST_DEVICE inline void AddEvidence(const FusionSource<View>& source, const ReferencePixel& pixel,
                                          const Sighting& sighting, ViewEvidence* evidence) {
-  constexpr double kLooksThrough = 1.03;  // three times what fusion lets agree by default
-  evidence->contradicting += sighting.depth > kLooksThrough * sighting.place.depth ? 1 : 0;
+  evidence->contradicting += LooksThrough(sighting) ? 1 : 0;
   evidence->agreement += GradedAgreement(std::sqrt(sighting.squared_px), sighting.relative_depth,
                                          TriangulationVersine(pixel, source.geometry.center));
 }
@@ -146,19 +159,6 @@ ACMP_HOST_DEVICE inline bool MatchPixel(const FusionSource<View>& source, const 
   Sighting sighting;
   return LocateInSource(source, pixel.homogeneous, &place) && LookBack(source, pixel, place, &sighting) &&
          MatchSighting(source, limits, current, pixel, sighting, match);
-}
-
-/// Number of source views that agree with the pixel; 0 without depth or normal.
-template <class View>
-ACMP_HOST_DEVICE inline int CountMatches(const FusionContext<View>& context, int col, int row) {
-  ReferencePixel pixel;
-  if (!LoadReferencePixel(context, col, row, &pixel)) return 0;
-  PixelMatch match;
-  int count = 0;
-  for (int i = 0; i < context.num_sources; ++i) {
-    count += MatchPixel(context.sources[i], context.limits, context.current, pixel, &match) ? 1 : 0;
-  }
-  return count;
 }
 
 }  // namespace acmp

@@ -1,0 +1,28 @@
+#pragma once
+
+#include "acmp_mapping/completion/kernel/completion_grid.h"
+#include "acmp_mapping/fusion/kernel/match_pixel.h"
+
+namespace acmp {
+
+/// Sightings of a pixel of the reference; 0 without a depth. A view confirms it within the limits on reprojection and
+/// depth. Normals do not count: where there is little texture they are noise, and the depths still agree.
+template <class View>
+ACMP_HOST_DEVICE inline unsigned char LookAtPixel(const FusionContext<View>& context, int col, int row) {
+  ReferencePixel pixel;
+  if (!LoadReferencePlace(context, col, row, &pixel)) return 0;
+  unsigned char confirming = 0, looked_through = 0;
+  for (int i = 0; i < context.num_sources; ++i) {
+    SourcePlace place;
+    Sighting sighting;
+    if (!LocateInSource(context.sources[i], pixel.homogeneous, &place)) continue;
+    if (!LookBack(context.sources[i], pixel, place, &sighting)) continue;
+    if (LooksThrough(sighting)) looked_through = kLookedThrough;
+    const bool confirms = sighting.squared_px < context.limits.max_squared_px &&
+                          sighting.relative_depth < context.limits.max_relative_depth;
+    confirming += confirms && confirming < kMaxConfirming ? 1 : 0;
+  }
+  return confirming | looked_through;
+}
+
+}  // namespace acmp
