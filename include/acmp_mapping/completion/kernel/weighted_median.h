@@ -19,7 +19,7 @@ struct MedianContext {
   float depth_min, depth_max;
   ImageView<const PlaneHypothesis> planes;   ///< before
   ImageView<const float> depth;              ///< of these
-  ImageView<const unsigned char> sightings;  ///< what the sources see of these (Sightings)
+  ImageView<const unsigned char> sightings;  ///< what the sources see of these (LookAtPixel)
   ImageView<const Rgb> color;                ///< may be empty: colours do not count then
   ImageView<PlaneHypothesis> filtered;       ///< others than `planes`
   ImageView<float> cost;
