@@ -79,9 +79,9 @@ class CudaDepthEngine final : public DepthEngine {
   PatchMatchProblem MakeProblem(const EngineProblem& problem, int level) const;
   template <Pass kPass>
   EngineEstimatePtr RunPass(const EngineProblem& problem, const PatchMatchOptions& options, int level,
-                            EngineEstimatePtr start, const PriorMesh* prior, int geometric_pass, int iterations);
+                            const EngineEstimatePtr& start, const PriorMesh* prior, int geometric_pass, int iterations);
   /// A new estimate with the start's planes and costs: in its memory if nobody else holds it, else copied.
-  std::shared_ptr<CudaEstimate> Continue(EngineEstimatePtr start);
+  std::shared_ptr<CudaEstimate> Continue(const EngineEstimatePtr& start);
   PassData MakePassData(const EngineProblem& problem, int level, const CudaEstimate& estimate) const;
   void AddSourceDepths(const EngineProblem& problem, PassData* data) const;
   void UploadPrior(const PriorMesh& mesh);

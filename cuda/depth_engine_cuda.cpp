@@ -120,10 +120,10 @@ std::vector<SupportPoint> CudaDepthEngine::FindCells(const CudaEstimate& maps, c
   return points;
 }
 
-std::shared_ptr<CudaEstimate> CudaDepthEngine::Continue(EngineEstimatePtr start) {
+std::shared_ptr<CudaEstimate> CudaDepthEngine::Continue(const EngineEstimatePtr& start) {
   const CudaEstimate& from = Cast<CudaEstimate>(start);
   if (IsHeldByNobodyElse(start)) {  // it was not made const, and nobody is left to see it
-    return std::const_pointer_cast<CudaEstimate>(std::static_pointer_cast<const CudaEstimate>(std::move(start)));
+    return std::const_pointer_cast<CudaEstimate>(std::static_pointer_cast<const CudaEstimate>(start));
   }
   auto estimate = std::make_shared<CudaEstimate>(runner_.device(), from.width, from.height);
   estimate->planes.CopyFrom(from.planes, from.Pixels(), stream());
@@ -133,7 +133,7 @@ std::shared_ptr<CudaEstimate> CudaDepthEngine::Continue(EngineEstimatePtr start)
 
 template <Pass kPass>
 EngineEstimatePtr CudaDepthEngine::RunPass(const EngineProblem& problem, const PatchMatchOptions& options, int level,
-                                           EngineEstimatePtr start, const PriorMesh* prior, int geometric_pass,
+                                           const EngineEstimatePtr& start, const PriorMesh* prior, int geometric_pass,
                                            int iterations) {
   Validate(options);
   const PatchMatchProblem match = MakeProblem(problem, level);
@@ -151,9 +151,8 @@ EngineEstimatePtr CudaDepthEngine::RunPass(const EngineProblem& problem, const P
     }
     const std::unique_lock<std::mutex> turn = device().PassTurn(pixels);
     begin_.Record(stream());
-    const std::shared_ptr<CudaEstimate> estimate = kPass == Pass::kPhotometric
-                                                       ? std::make_shared<CudaEstimate>(runner_.device(), camera)
-                                                       : Continue(std::move(start));
+    const std::shared_ptr<CudaEstimate> estimate =
+        kPass == Pass::kPhotometric ? std::make_shared<CudaEstimate>(runner_.device(), camera) : Continue(start);
     PassData data = MakePassData(problem, level, *estimate);
     if (kPass == Pass::kGeometric) AddSourceDepths(problem, &data);
     if (prior != nullptr) {
@@ -187,12 +186,12 @@ EngineEstimatePtr CudaDepthEngine::RunPhotometric(const EngineProblem& problem, 
 
 EngineEstimatePtr CudaDepthEngine::RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
                                                   EngineEstimatePtr start, const PriorMesh& prior) {
-  return RunPass<Pass::kPlanarPrior>(problem, options, 0, std::move(start), &prior, 0, options.planar_prior_iterations);
+  return RunPass<Pass::kPlanarPrior>(problem, options, 0, start, &prior, 0, options.planar_prior_iterations);
 }
 
 EngineEstimatePtr CudaDepthEngine::RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
                                                 EngineEstimatePtr start, int pass) {
-  return RunPass<Pass::kGeometric>(problem, options, 0, std::move(start), nullptr, pass, options.geometric_iterations);
+  return RunPass<Pass::kGeometric>(problem, options, 0, start, nullptr, pass, options.geometric_iterations);
 }
 
 EngineEstimatePtr CudaDepthEngine::Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) {
