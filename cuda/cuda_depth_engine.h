@@ -95,9 +95,10 @@ class CudaDepthEngine final : public DepthEngine {
   std::vector<SupportPoint> FindCells(const CudaEstimate& maps, const DepthRange& range,
                                       const PlanarPriorOptions& options);
 
-  /// The weighted median of a completed estimate. Returns its planes of before, which the stream still reads.
-  DeviceArray<PlaneHypothesis> FilterByMedian(const FusionSetup<DeviceFusionView>& setup, const EngineView& reference,
-                                              const CompletionContext& context, CudaEstimate* estimate);
+  /// Queues the weighted median of a completed estimate.
+  /// @param planes of the estimate's size; become those of before, which the stream still reads
+  void FilterByMedian(const FusionSetup<DeviceFusionView>& setup, const CompletionContext& context,
+                      const ImageView<const Rgb>& color, CudaEstimate* estimate, DeviceArray<PlaneHypothesis>* planes);
   static PosedCamera PosedCameraOf(const EngineView& view);
   /// Without colours.
   DeviceFusionView GeometryMapsOf(const EngineView& view);

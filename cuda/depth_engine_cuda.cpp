@@ -149,10 +149,10 @@ EngineEstimatePtr CudaDepthEngine::RunPass(const EngineProblem& problem, const P
       UploadPrior(*prior);
       selected_views = DeviceArray<uint32_t>(runner_.device(), pixels);
     }
-    const std::unique_lock<std::mutex> turn = device().PassTurn(pixels);
-    begin_.Record(stream());
     const std::shared_ptr<CudaEstimate> estimate =
         kPass == Pass::kPhotometric ? std::make_shared<CudaEstimate>(runner_.device(), camera) : Continue(start);
+    const std::unique_lock<std::mutex> turn = device().PassTurn(pixels);
+    begin_.Record(stream());
     PassData data = MakePassData(problem, level, *estimate);
     if (kPass == Pass::kGeometric) AddSourceDepths(problem, &data);
     if (prior != nullptr) {

@@ -56,16 +56,13 @@ FusionSetup<DeviceFusionView> CudaDepthEngine::SetUp(const EngineView& reference
   return setup;
 }
 
-DeviceArray<PlaneHypothesis> CudaDepthEngine::FilterByMedian(const FusionSetup<DeviceFusionView>& setup,
-                                                             const EngineView& reference,
-                                                             const CompletionContext& context, CudaEstimate* estimate) {
-  DeviceArray<PlaneHypothesis> planes(runner_.device(), estimate->Pixels());
+void CudaDepthEngine::FilterByMedian(const FusionSetup<DeviceFusionView>& setup, const CompletionContext& context,
+                                     const ImageView<const Rgb>& color, CudaEstimate* estimate,
+                                     DeviceArray<PlaneHypothesis>* planes) {
   LaunchToDepth(estimate->PlaneView(), context.rays, estimate->depth.data(), stream().get());
-  completion_.QueueMedian(setup,
-                          {estimate->DepthView(), estimate->PlaneView(), estimate->CostView(), ColorOf(reference)},
-                          context, estimate->cost.data(), planes.data(), stream());
-  std::swap(planes, estimate->planes);
-  return planes;
+  completion_.QueueMedian(setup, {estimate->DepthView(), estimate->PlaneView(), estimate->CostView(), color}, context,
+                          estimate->cost.data(), planes->data(), stream());
+  std::swap(*planes, estimate->planes);
 }
 
 EngineEstimatePtr CudaDepthEngine::Complete(const EngineProblem& problem, const CompletionOptions& options) {
@@ -78,6 +75,12 @@ EngineEstimatePtr CudaDepthEngine::Complete(const EngineProblem& problem, const 
     if (setup.sources().empty()) return problem.reference.estimate;
     const PinholeCamera& camera = problem.reference.frame->camera;
     auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
+    DeviceArray<PlaneHypothesis> planes;  // of the filter; afterwards those of before
+    ImageView<const Rgb> color;
+    if (options.weighted_median) {
+      planes = DeviceArray<PlaneHypothesis>(runner_.device(), estimate->Pixels());
+      color = ColorOf(problem.reference);
+    }
     begin_.Record(stream());
     estimate->planes.CopyFrom(start.planes, estimate->Pixels(), stream());
     estimate->cost.CopyFrom(start.cost, estimate->Pixels(), stream());
@@ -85,8 +88,7 @@ EngineEstimatePtr CudaDepthEngine::Complete(const EngineProblem& problem, const 
         MakeCompletionContext(camera, problem.depth_range, options, static_cast<int>(setup.sources().size()));
     completion_.Queue(setup, context, {estimate->planes.data(), camera.width, camera.height, camera.width},
                       estimate->cost.data(), stream());
-    DeviceArray<PlaneHypothesis> unfiltered;  // until the stream has been waited for
-    if (options.weighted_median) unfiltered = FilterByMedian(setup, problem.reference, context, estimate.get());
+    if (options.weighted_median) FilterByMedian(setup, context, color, estimate.get(), &planes);
     FinishEstimate(camera, estimate.get());
     device_ms_ += CudaEvent::ElapsedMs(begin_, end_);
     return EngineEstimatePtr(estimate);

@@ -37,14 +37,14 @@ void FilterByMedian(const FusionSetup<HostMaps>& setup, const CompletionContext&
   const ImageView<PlaneHypothesis>& planes = completed.planes;
   const int width = planes.width, height = planes.height;
   DepthMap depth(width, height);
-  NormalMap normal(width, height);
   ForEach(width, height, [&](int col, int row) {
-    depth(col, row) =
-        PlaneDepth(planes(col, row), completed.rays.Ray(static_cast<float>(col), static_cast<float>(row)));
-    normal(col, row) = planes(col, row).normal();
+    const PlaneHypothesis& plane = planes(col, row);
+    if (!(plane.d > 0)) return;
+    depth(col, row) = PlaneDepth(plane, completed.rays.Ray(static_cast<float>(col), static_cast<float>(row)));
   });
   FusionContext<HostMaps> context = setup.Context(setup.sources().data());
-  context.reference = {depth.View(), normal.View(), completed.cost, setup.reference().color};
+  context.reference.depth = depth.View();  // LookAtPixel reads no normals
+  context.reference.cost = completed.cost;
   PlaneMap filtered(width, height);
   const MedianContext median = {completed.rays, completed.depth_min, completed.depth_max,     planes,
                                 depth.View(),   sightings->View(),   context.reference.color, filtered.View(),

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <fstream>
 #include <limits>
 
 #include "acmp_mapping/backend/make_patch_match.h"
@@ -120,7 +121,8 @@ void AddMachineOptions(CLI::App* app, ReconstructOptions* options) {
       ->group(group);
   app->add_option("--threads", options->threads, "CPU threads; 0: one per core")->capture_default_str()->group(group);
   app->add_option("--memory-limit-gb", options->memory_limit_gb,
-                  "Memory for images, maps and points that are kept at hand; by default a quarter of this machine's")
+                  "Memory for images, maps and points that are kept at hand; by default a quarter of this machine's or "
+                  "container's")
       ->capture_default_str()
       ->group(group);
 }
@@ -176,7 +178,12 @@ void CheckMaps(const ReconstructOptions& options) {
 
 double DefaultMemoryLimitGb() {
   constexpr double kShare = 0.25, kStepsPerGb = 10;
-  const double bytes = static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
+  double bytes = static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
+  // What a container may take; "max", which is no number, where there is no limit.
+  for (const char* limit_file : {"/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"}) {
+    double limit = 0;
+    if (std::ifstream(limit_file) >> limit && limit > 0) bytes = std::min(bytes, limit);
+  }
   return std::floor(kShare * bytes / 1e9 * kStepsPerGb) / kStepsPerGb;
 }
 

@@ -10,7 +10,7 @@
 
 namespace acmp {
 
-/// A quarter of this machine's memory, GB.
+/// A quarter of this machine's memory, or of what its container may take, GB.
 double DefaultMemoryLimitGb();
 
 /// What `acmp_reconstruct` is asked to do. Defaults are shown by --help.

@@ -113,11 +113,11 @@ class ResultWriter {
     for (int read : Joined({image.index}, SourcesOf(image))) readers_left_[read] += readers;
   }
 
-  /// One of the image's two readers is done. Memory for the estimates of which it was the last one is free then.
+  /// One of the image's readers is done. Memory for the estimates of which it was the last one is free then.
   void ForgetWhatAllHaveRead(const ImagePlan& image) {
     for (int read : Joined({image.index}, SourcesOf(image))) {
       {
-        const std::lock_guard<std::mutex> lock(mutex_);
+        const std::lock_guard<std::mutex> lock(readers_mutex_);
         if (--readers_left_.at(read) > 0) continue;
       }
       run_.store.Forget(EngineStore::kFinalStage, read);
@@ -276,6 +276,9 @@ class ResultWriter {
   std::mutex mutex_;  ///< of what follows
   std::map<int, ConfidenceMap> confidences_;
   std::vector<int> unmarked_;
+
+  std::mutex
+      readers_mutex_;  ///< of what follows: mutex_ is held while files go to the disk, which fusion must not wait for
   std::map<int, size_t> readers_left_;  ///< of an image's final estimate
 };
 

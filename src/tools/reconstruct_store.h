@@ -67,9 +67,8 @@ class EngineStore {
     LruCache<int, EngineImage> images;
     LruCache<EstimateKey, EngineEstimate> estimates;  ///< copies of what is elsewhere or in a file
     const size_t max_unsaved_bytes;
-    size_t unsaved_bytes = 0;  ///< under the store's mutex
-    size_t unsaved_final_bytes =
-        0;  ///< of these those of final estimates, which stay longest: half of the room at most
+    size_t unsaved_bytes = 0;        ///< under the store's mutex
+    size_t unsaved_final_bytes = 0;  ///< of these those of final estimates: half of the room at most
   };
 
   EngineImagePtr Image(const FramePtr& frame, const ReconstructEngine& engine);

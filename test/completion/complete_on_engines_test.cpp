@@ -39,8 +39,10 @@ INSTANTIATE_TEST_SUITE_P(Devices, CompleteOnEnginesTest, ::testing::Values(Devic
 
 TEST_P(CompleteOnEnginesTest, AgreesWithTheCpu) {
   const auto cpu = MakeDepthEngine(Device::kCpu).engine;
-  const EstimateState expected = OnEngine(cpu.get()).Complete();
-  const EstimateState state = OnEngine(engine_.get()).Complete();
+  CompletionOptions options;
+  options.weighted_median = false;
+  const EstimateState expected = OnEngine(cpu.get()).Complete(options);
+  const EstimateState state = OnEngine(engine_.get()).Complete(options);
   int completed = 0, different = 0;
   const PinholeCamera camera = NoisyViews()[0].camera;
   for (int row = 0; row < camera.height; ++row) {
@@ -60,6 +62,28 @@ TEST_P(CompleteOnEnginesTest, AgreesWithTheCpu) {
   // Up to 841 terms of a sum in another order: 841 x 6e-8 at most, half of the tolerance above, at the window's size.
   // Where two planes weigh alike another one may be the median.
   EXPECT_LE(different, completed / 100);
+}
+
+TEST_P(CompleteOnEnginesTest, FiltersAsTheCpuDoes) {
+  const auto cpu = MakeDepthEngine(Device::kCpu).engine;
+  CompletionOptions without;
+  without.weighted_median = false;
+  const EstimateState unfiltered = OnEngine(cpu.get()).Complete(without);
+  const EstimateState expected = OnEngine(cpu.get()).Complete();
+  const EstimateState state = OnEngine(engine_.get()).Complete();
+  int filtered = 0, different = 0;
+  for (size_t i = 0; i < state.planes.size(); ++i) {
+    const PlaneHypothesis& plane = state.planes.data()[i];
+    const PlaneHypothesis& expected_plane = expected.planes.data()[i];
+    filtered += expected_plane.d != unfiltered.planes.data()[i].d ? 1 : 0;
+    const bool same = std::fabs(plane.d - expected_plane.d) <= 1e-4f * expected_plane.d &&
+                      state.cost.data()[i] == expected.cost.data()[i];
+    different += same ? 0 : 1;
+  }
+  EXPECT_GT(filtered, 100);
+  // Rounding of weights and depths, and the completion's of planes (see above). Where two samples weigh alike another
+  // one may be the median, which may be on the other side of the limit on a cost that stays.
+  EXPECT_LE(different, static_cast<int>(state.planes.size()) / 100);
 }
 
 TEST_P(CompleteOnEnginesTest, GivesTheSameBitsAgainAndLeavesTheStartAsItWas) {

@@ -149,8 +149,12 @@ TEST(FilterByConsistency, DynamicConsistencyWeighsAllThreeErrors) {
   const FusionContexts contexts({reference.View(), source.View()}, {{1}, {}}, options);
   ReferencePixel pixel;
   ASSERT_TRUE(LoadReferencePixel(contexts[0], 20, 0, &pixel));
+  const auto& seen_by = contexts[0].sources[0];
+  SourcePlace place;
+  Sighting sighting;
   PixelMatch match;
-  ASSERT_TRUE(MatchPixel(contexts[0].sources[0], contexts[0].limits, 0, pixel, &match));
+  ASSERT_TRUE(LocateInSource(seen_by, pixel.homogeneous, &place) && LookBack(seen_by, pixel, place, &sighting));
+  ASSERT_TRUE(MatchSighting(seen_by, contexts[0].limits, 0, pixel, sighting, &match));
   const double px = 10 * (4 / 3.98 - 1), relative = 0.02 / 4;
   EXPECT_NEAR(match.agreement, std::exp(-(px + 200 * relative + 10 * 0.05)), 1e-5);  // 3.98 in float: rel 1e-8
   EXPECT_EQ(match.col, 10);

@@ -294,8 +294,8 @@ TEST_F(DeviceMemoryTest, WhatFitsHasNoFile) {
 }
 
 TEST_F(DeviceMemoryTest, WhatAllHaveReadMakesRoom) {
-  // Twelve last estimates, and of the stages before those of the groups under way: two threads are at two images of two
-  // groups at most. All four stages of all images would be 48.
+  // Twelve last estimates at most, and of the stages before those of the groups under way: two threads are at two
+  // images of two groups at most. All four stages of all images would be 48.
   WriteTwelve(Groups(kTwelve));
   RunOnCpu("cpu");
   EXPECT_EQ(EstimatesInFiles("gpu", 1, 2, 2 * 12), 0u);

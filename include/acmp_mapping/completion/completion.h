@@ -7,7 +7,7 @@
 
 namespace acmp {
 
-/// When a source view confirms a pixel (LookAtPixel).
+/// When a source view confirms a pixel: the two limits that LookAtPixel reads, and no others.
 FusionLimits ConfirmationLimits(const CompletionOptions& options);
 
 /// Source views that must confirm a pixel which is extended, of `num_sources` that have a map.

@@ -151,14 +151,4 @@ ACMP_HOST_DEVICE inline bool MatchSighting(const FusionSource<View>& source, con
   return true;
 }
 
-/// Finds the pixel of a source that agrees with a reference pixel and that no earlier view has used.
-template <class View>
-ACMP_HOST_DEVICE inline bool MatchPixel(const FusionSource<View>& source, const FusionLimits& limits, Stamp current,
-                                        const ReferencePixel& pixel, PixelMatch* match) {
-  SourcePlace place;
-  Sighting sighting;
-  return LocateInSource(source, pixel.homogeneous, &place) && LookBack(source, pixel, place, &sighting) &&
-         MatchSighting(source, limits, current, pixel, sighting, match);
-}
-
 }  // namespace acmp
