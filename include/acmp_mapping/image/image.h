@@ -95,13 +95,14 @@ struct Rgb {
 
 using GrayImage = Image<float>;  ///< grey values 0..255
 using ColorImage = Image<Rgb>;
-using DepthMap = Image<float>;                 ///< z in scene units; 0 = unknown; never NaN
-using NormalMap = Image<Vec3f>;                ///< unit normals in the camera frame, facing the camera; 0 = unknown
-using CostMap = Image<float>;                  ///< matching cost, 0 (perfect) to 2 (plus the geometric term); 2 = worst
-constexpr float kWorstCost = 2.0f;             ///< in a CostMap: NCC = -1, or no correspondence at all
-constexpr float kUnverifiedCost = 1.9999999f;  ///< in a CostMap: a depth from the surroundings in place of one that a
-                                               ///< single view had confirmed; never measured, but others may confirm it
-using ConfidenceMap = Image<float>;            ///< 0..1; 0 = unknown
-using PlaneMap = Image<PlaneHypothesis>;       ///< planes in the camera frame; all zero = none
+using DepthMap = Image<float>;      ///< z in scene units; 0 = unknown; never NaN
+using NormalMap = Image<Vec3f>;     ///< unit normals in the camera frame, facing the camera; 0 = unknown
+using CostMap = Image<float>;       ///< matching cost, 0 (perfect) to 2 (plus the geometric term); 2 = worst
+constexpr float kWorstCost = 2.0f;  ///< in a CostMap: NCC = -1, or no correspondence at all
+/// In a CostMap: a depth from the surroundings in place of one that a single view had confirmed, or that a weighted
+/// median replaced; never measured, but others may confirm it.
+constexpr float kUnverifiedCost = 1.9999999f;
+using ConfidenceMap = Image<float>;       ///< 0..1; 0 = unknown
+using PlaneMap = Image<PlaneHypothesis>;  ///< planes in the camera frame; all zero = none
 
 }  // namespace acmp
