@@ -69,7 +69,7 @@ ACMP_HOST_DEVICE inline int WeightedMedian(const ExtendedPlane* sorted, int coun
   return median;
 }
 
-/// Whether a pixel has this cost because it was completed.
+/// Whether a pixel has this cost because its plane was measured elsewhere: it was completed, or filtered.
 ACMP_HOST_DEVICE inline bool IsCompleted(float cost) { return cost >= kUnverifiedCost; }
 
 /// A pixel that too few views confirm takes the plane that is the median of its surroundings'. Where no view did, that

@@ -7,6 +7,9 @@
 
 namespace acmp {
 
+// Weighted median filters are an old remedy of stereo (Ma et al., Constant Time Weighted Median Filtering for Stereo
+// Matching and Beyond, ICCV 2013); here of slanted planes, and without free-space violations.
+//
 // A window of 11 x 11 px takes the depth of what is nearer up to 5 px beside it, so the filter sees more than twice as
 // far: every fourth pixel of 25 x 25.
 constexpr int kMedianStep = 4;  ///< px

@@ -99,7 +99,8 @@ ACMP_HOST_DEVICE inline bool LookBack(const FusionSource<View>& source, const Re
   return true;
 }
 
-/// True when the source sees something clearly farther away than the reference pixel's point: it looks through it.
+/// True when the source sees something clearly farther away than the reference pixel's point: it looks through it (a
+/// free-space violation in Merrell et al., Real-Time Visibility-Based Fusion of Depth Maps, ICCV 2007).
 ACMP_HOST_DEVICE inline bool LooksThrough(const Sighting& sighting) {
   constexpr double kClearly = 1.03;  // three times what fusion lets agree by default
   return sighting.depth > kClearly * sighting.place.depth;
