@@ -31,28 +31,44 @@ __global__ void LookAgainKernel(const __grid_constant__ DeviceFusionContext view
   sightings(col, row) = LookAtPixel(views, col, row);
 }
 
-__global__ void FindAnchorKernel(const __grid_constant__ CompletionContext context) {
-  const int col = Col(), row = Row();
-  if (context.anchors.Contains(col, row)) FindAnchor(context, col, row);
-}
-
-/// A warp that shares a fit.
+/// A warp that shares a cell.
 struct WarpLanes {
   static constexpr int kSize = 32;
+  static constexpr unsigned kAll = 0xffffffffu;
 
   __device__ int Rank() const { return static_cast<int>(threadIdx.x) % kSize; }
   __device__ void AddUp(PlaneFit* fit) const {
     float* sums[] = {&fit->s1, &fit->sx, &fit->sy, &fit->sxx, &fit->sxy, &fit->syy, &fit->q, &fit->qx, &fit->qy};
     for (float* sum : sums) {
-      for (int offset = kSize / 2; offset > 0; offset /= 2) *sum += __shfl_xor_sync(0xffffffffu, *sum, offset);
+      for (int offset = kSize / 2; offset > 0; offset /= 2) *sum += __shfl_xor_sync(kAll, *sum, offset);
+    }
+  }
+  __device__ void Best(AnchorChoice* choice) const {
+    for (int offset = kSize / 2; offset > 0; offset /= 2) {
+      const AnchorChoice other = {__shfl_xor_sync(kAll, choice->views, offset),
+                                  __shfl_xor_sync(kAll, choice->cost, offset),
+                                  __shfl_xor_sync(kAll, choice->index, offset)};
+      if (other.IsBetterThan(*choice)) *choice = other;
     }
   }
 };
 
 /// One warp per cell.
+__global__ void FindAnchorKernel(const __grid_constant__ CompletionContext context) {
+  const int col = static_cast<int>(blockIdx.x), row = static_cast<int>(blockIdx.y * kBlockHeight + threadIdx.y);
+  if (context.anchors.Contains(col, row)) FindAnchor(context, col, row, WarpLanes());
+}
+
+/// One warp per cell.
 __global__ void FitAnchorKernel(const __grid_constant__ CompletionContext context) {
   const int col = static_cast<int>(blockIdx.x), row = static_cast<int>(blockIdx.y * kBlockHeight + threadIdx.y);
   if (context.anchors.Contains(col, row)) FitAnchor(context, col, row, WarpLanes());
+}
+
+/// One thread per cell and direction.
+__global__ void FindNearestAnchorKernel(const __grid_constant__ CompletionContext context) {
+  const int col = Col() / kNumDirections, row = Row();
+  if (context.nearest.Contains(col, row)) FindNearestAnchor(context, col, row, Col() % kNumDirections);
 }
 
 __global__ void CompletePixelKernel(const __grid_constant__ CompletionContext context) {
@@ -75,11 +91,16 @@ void LaunchCompletion(const DeviceFusionContext& sources, const ImageView<unsign
   const dim3 block(kBlockWidth, kBlockHeight);
   LookKernel<<<GridFor(sightings), block, 0, stream>>>(sources, sightings);
   CudaCheck(cudaGetLastError(), "launch look at the sources");
-  FindAnchorKernel<<<GridFor(context.anchors), block, 0, stream>>>(context);
-  CudaCheck(cudaGetLastError(), "launch search for anchors");
   const dim3 warps(context.anchors.width, (context.anchors.height + kBlockHeight - 1) / kBlockHeight);
-  FitAnchorKernel<<<warps, dim3(WarpLanes::kSize, kBlockHeight), 0, stream>>>(context);
+  const dim3 block_of_warps(WarpLanes::kSize, kBlockHeight);
+  FindAnchorKernel<<<warps, block_of_warps, 0, stream>>>(context);
+  CudaCheck(cudaGetLastError(), "launch search for anchors");
+  FitAnchorKernel<<<warps, block_of_warps, 0, stream>>>(context);
   CudaCheck(cudaGetLastError(), "launch plane fits");
+  const int threads = context.nearest.width * kNumDirections;
+  const dim3 directions((threads + kBlockWidth - 1) / kBlockWidth, warps.y);
+  FindNearestAnchorKernel<<<directions, block, 0, stream>>>(context);
+  CudaCheck(cudaGetLastError(), "launch search for the nearest anchors");
   CompletePixelKernel<<<GridFor(context.planes), block, 0, stream>>>(context);
   CudaCheck(cudaGetLastError(), "launch completion");
 }

@@ -11,12 +11,14 @@ void CompletionRunner::Queue(const FusionSetup<DeviceFusionView>& sources, Compl
   sources_.Upload(sources.sources().data(), sources.sources().size(), stream);
   sightings_.Reserve(device_, static_cast<size_t>(width) * height);
   cells_.Reserve(device_, 2 * cells);
+  nearest_.Reserve(device_, cells);
   const ImageView<unsigned char> sightings = {sightings_.data(), width, height, width};
   context.sightings = sightings;
   context.planes = planes;
   context.cost = {cost, width, height, width};
   context.anchors = {cells_.data(), cell_cols, cell_rows, cell_cols};
   context.fitted = {cells_.data() + cells, cell_cols, cell_rows, cell_cols};
+  context.nearest = {nearest_.data(), cell_cols, cell_rows, cell_cols};
   LaunchCompletion(sources.Context(sources_.data()), sightings, context, stream.get());
 }
 

@@ -30,6 +30,7 @@ class CompletionRunner {
   DeviceArray<DeviceFusionSource> sources_;
   DeviceArray<unsigned char> sightings_;
   DeviceArray<AnchorCell> cells_;
+  DeviceArray<NearestAnchors> nearest_;
 };
 
 }  // namespace acmp

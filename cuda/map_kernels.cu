@@ -10,6 +10,7 @@ namespace {
 constexpr int kBlockWidth = 32;
 constexpr int kBlockHeight = 8;
 constexpr int kWarp = 32;
+constexpr unsigned kAllLanes = 0xffffffffu;
 
 dim3 GridFor(int width, int height) {
   return dim3((width + kBlockWidth - 1) / kBlockWidth, (height + kBlockHeight - 1) / kBlockHeight);
@@ -32,7 +33,7 @@ __global__ void LargestInverseKernel(ImageView<const float> depth, unsigned* lar
   const float inverse = depth.Contains(col, row) ? InverseOfDepth(depth(col, row)) : 0.0f;
   unsigned of_warp = __float_as_uint(inverse);
   for (int offset = kWarp / 2; offset > 0; offset /= 2) {
-    of_warp = max(of_warp, __shfl_xor_sync(0xffffffffu, of_warp, offset));
+    of_warp = max(of_warp, __shfl_xor_sync(kAllLanes, of_warp, offset));
   }
   __shared__ unsigned of_warps[kBlockHeight];
   static_assert(kBlockWidth == kWarp, "a row of the block is a warp");
@@ -77,12 +78,20 @@ __global__ void RasterizePriorKernel(PriorTriangles triangles, RayGrid rays, flo
   const PlaneHypothesis plane = triangles.planes[index];
   if (!(plane.d > 0)) return;
   const RasterTriangle triangle = MakeRasterTriangle(triangles.corners[index]);
+  const int lane = static_cast<int>(threadIdx.x) % kWarp;
   const int row_end = min(triangle.row_max + 1, numbers.height);
-  for (int row = max(triangle.row_min, 0); row < row_end; ++row) {
-    const ColumnSpan span = SpanOfRow(triangle, row, numbers.width);
-    for (int col = span.first + static_cast<int>(threadIdx.x) % kWarp; col <= span.last; col += kWarp) {
-      const float depth = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));
-      if (depth >= depth_min && depth <= depth_max) numbers(col, row) = static_cast<uint32_t>(index) + 1;
+  // Spans take divisions of 64 bits: each lane finds that of one row, and all fill them one after the other.
+  for (int first_row = max(triangle.row_min, 0); first_row < row_end; first_row += kWarp) {
+    ColumnSpan own = {0, -1};
+    if (first_row + lane < row_end) own = SpanOfRow(triangle, first_row + lane, numbers.width);
+    const int rows = min(kWarp, row_end - first_row);
+    for (int i = 0; i < rows; ++i) {
+      const ColumnSpan span = {__shfl_sync(kAllLanes, own.first, i), __shfl_sync(kAllLanes, own.last, i)};
+      const int row = first_row + i;
+      for (int col = span.first + lane; col <= span.last; col += kWarp) {
+        const float depth = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));
+        if (depth >= depth_min && depth <= depth_max) numbers(col, row) = static_cast<uint32_t>(index) + 1;
+      }
     }
   }
 }

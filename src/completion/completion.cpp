@@ -110,13 +110,18 @@ void CompleteUnconfirmed(const FusionView& reference, const std::vector<FusionVi
       MakeCompletionContext(reference.camera, range, options, static_cast<int>(setup.sources().size()));
   const int cell_cols = CellsOf(planes.width, context.cell_size), cell_rows = CellsOf(planes.height, context.cell_size);
   Image<AnchorCell> anchors(cell_cols, cell_rows), fitted(cell_cols, cell_rows);
+  Image<NearestAnchors> nearest(cell_cols, cell_rows);
   context.sightings = sightings.View();
   context.planes = planes;
   context.cost = cost;
   context.anchors = anchors.View();
   context.fitted = fitted.View();
-  ForEach(cell_cols, cell_rows, [&](int col, int row) { FindAnchor(context, col, row); });
+  context.nearest = nearest.View();
+  ForEach(cell_cols, cell_rows, [&](int col, int row) { FindAnchor(context, col, row, SingleLane()); });
   ForEach(cell_cols, cell_rows, [&](int col, int row) { FitAnchor(context, col, row, SingleLane()); });
+  ForEach(cell_cols, cell_rows, [&](int col, int row) {
+    for (int direction = 0; direction < kNumDirections; ++direction) FindNearestAnchor(context, col, row, direction);
+  });
   ForEach(planes.width, planes.height, [&](int col, int row) { CompletePixel(context, col, row); });
   if (options.weighted_median) FilterByMedian(setup, context, &sightings);
 }

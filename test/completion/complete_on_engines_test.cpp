@@ -34,6 +34,14 @@ struct OnEngine {
   EngineProblem problem;
 };
 
+bool HaveEqualDepths(const EstimateState& a, const EstimateState& b, int col, int row) {
+  static const PinholeCamera camera = NoisyViews()[0].camera;
+  const Vec3f ray = {static_cast<float>((col - camera.cx) / camera.fx),
+                     static_cast<float>((row - camera.cy) / camera.fy), 1};
+  const float depth = PlaneDepth(a.planes(col, row), ray), other = PlaneDepth(b.planes(col, row), ray);
+  return std::fabs(depth - other) <= 1e-4f * other;
+}
+
 class CompleteOnEnginesTest : public EngineTest {};
 INSTANTIATE_TEST_SUITE_P(Devices, CompleteOnEnginesTest, ::testing::Values(Device::kCpu, Device::kCuda), DeviceName);
 
@@ -44,18 +52,13 @@ TEST_P(CompleteOnEnginesTest, AgreesWithTheCpu) {
   const EstimateState expected = OnEngine(cpu.get()).Complete(options);
   const EstimateState state = OnEngine(engine_.get()).Complete(options);
   int completed = 0, different = 0;
-  const PinholeCamera camera = NoisyViews()[0].camera;
-  for (int row = 0; row < camera.height; ++row) {
-    for (int col = 0; col < camera.width; ++col) {
+  for (int row = 0; row < expected.planes.height(); ++row) {
+    for (int col = 0; col < expected.planes.width(); ++col) {
       // Which pixels no view confirms is decided in double on both.
       ASSERT_EQ(state.cost(col, row), expected.cost(col, row)) << col << ", " << row;
       if (expected.cost(col, row) < kUnverifiedCost) continue;
       ++completed;
-      const Vec3f ray = {static_cast<float>((col - camera.cx) / camera.fx),
-                         static_cast<float>((row - camera.cy) / camera.fy), 1};
-      const float depth = PlaneDepth(state.planes(col, row), ray);
-      const float expected_depth = PlaneDepth(expected.planes(col, row), ray);
-      different += std::fabs(depth - expected_depth) <= 1e-4f * expected_depth ? 0 : 1;
+      different += HaveEqualDepths(state, expected, col, row) ? 0 : 1;
     }
   }
   EXPECT_GT(completed, 30 * 30 * 8 / 10);
@@ -72,18 +75,19 @@ TEST_P(CompleteOnEnginesTest, FiltersAsTheCpuDoes) {
   const EstimateState expected = OnEngine(cpu.get()).Complete();
   const EstimateState state = OnEngine(engine_.get()).Complete();
   int filtered = 0, different = 0;
-  for (size_t i = 0; i < state.planes.size(); ++i) {
-    const PlaneHypothesis& plane = state.planes.data()[i];
-    const PlaneHypothesis& expected_plane = expected.planes.data()[i];
-    filtered += expected_plane.d != unfiltered.planes.data()[i].d ? 1 : 0;
-    const bool same = std::fabs(plane.d - expected_plane.d) <= 1e-4f * expected_plane.d &&
-                      state.cost.data()[i] == expected.cost.data()[i];
-    different += same ? 0 : 1;
+  for (int row = 0; row < expected.planes.height(); ++row) {
+    for (int col = 0; col < expected.planes.width(); ++col) {
+      filtered += expected.planes(col, row).d != unfiltered.planes(col, row).d ? 1 : 0;
+      const bool same = HaveEqualDepths(state, expected, col, row) && state.cost(col, row) == expected.cost(col, row);
+      different += same ? 0 : 1;
+    }
   }
   EXPECT_GT(filtered, 100);
-  // Rounding of weights and depths, and the completion's of planes (see above). Where two samples weigh alike another
-  // one may be the median, which may be on the other side of the limit on a cost that stays.
-  EXPECT_LE(different, static_cast<int>(state.planes.size()) / 100);
+  // Depths, not planes: of two samples with nearly the same depth either may be the median, with a normal of its own.
+  // Rounding of weights and depths, and the completion's of planes (see above). Where the weight up to two samples is
+  // half of all but for rounding, the other one may be the median, which may be on the other side of the limit on a
+  // cost that stays.
+  EXPECT_LE(different, static_cast<int>(expected.planes.size()) / 100);
 }
 
 TEST_P(CompleteOnEnginesTest, GivesTheSameBitsAgainAndLeavesTheStartAsItWas) {

@@ -23,7 +23,8 @@ class CompletionKernelTest : public ::testing::Test {
         planes_(kWidth, kHeight),
         cost_(kWidth, kHeight),
         anchors_(kWidth / kCell, 8),
-        fitted_(kWidth / kCell, 8) {
+        fitted_(kWidth / kCell, 8),
+        nearest_(kWidth / kCell, 8) {
     context_.rays = {1 / 50.0f, 1 / 52.0f, 19.5f, 14.5f};
     context_.depth_min = 1;
     context_.depth_max = 20;
@@ -35,6 +36,7 @@ class CompletionKernelTest : public ::testing::Test {
     context_.cost = cost_.View();
     context_.anchors = anchors_.View();
     context_.fitted = fitted_.View();
+    context_.nearest = nearest_.View();
   }
 
   Vec3f Ray(int col, int row) const { return context_.rays.Ray(static_cast<float>(col), static_cast<float>(row)); }
@@ -42,7 +44,7 @@ class CompletionKernelTest : public ::testing::Test {
 
   void FindAll() {
     for (int row = 0; row < anchors_.height(); ++row) {
-      for (int col = 0; col < anchors_.width(); ++col) FindAnchor(context_, col, row);
+      for (int col = 0; col < anchors_.width(); ++col) FindAnchor(context_, col, row, SingleLane());
     }
   }
   void FitAll() {
@@ -50,11 +52,19 @@ class CompletionKernelTest : public ::testing::Test {
       for (int col = 0; col < anchors_.width(); ++col) FitAnchor(context_, col, row, SingleLane());
     }
   }
+  void FindAllNearest() {
+    for (int row = 0; row < nearest_.height(); ++row) {
+      for (int col = 0; col < nearest_.width(); ++col) {
+        for (int i = 0; i < kNumDirections; ++i) FindNearestAnchor(context_, col, row, i);
+      }
+    }
+  }
 
   Image<unsigned char> sightings_;
   PlaneMap planes_;
   CostMap cost_;
   Image<AnchorCell> anchors_, fitted_;
+  Image<NearestAnchors> nearest_;
   CompletionContext context_ = {};
 };
 
@@ -172,6 +182,7 @@ TEST_F(CompletionKernelTest, WhatTooFewViewsConfirmTakesThePlaneAroundAndACostTh
   }
   FindAll();
   FitAll();
+  FindAllNearest();
   for (int row = 0; row < kHeight; ++row) {
     for (int col = 0; col < kWidth; ++col) CompletePixel(context_, col, row);
   }
@@ -184,13 +195,59 @@ TEST_F(CompletionKernelTest, WhatTooFewViewsConfirmTakesThePlaneAroundAndACostTh
   EXPECT_EQ(planes_(10, 10).d, wall.d);
 }
 
-TEST(WeightedMedianTest, NearerAnchorsCountMore) {
+TEST_F(CompletionKernelTest, NearestAnchorsAreTheFirstOnesOfEachDirection) {
+  // Directions 0, 4, 8, 12 go right, down, left, up; 2 and 1 one and two cells right for each cell down.
+  for (const auto& [col, row] : {std::pair(7, 2), {8, 2}, {3, 6}, {5, 4}, {7, 4}}) fitted_(col, row).views = 3;
+  FindAllNearest();
+  const auto cell = [&](int col, int row) { return row * fitted_.width() + col; };
+  const NearestAnchors& nearest = nearest_(3, 2);
+  EXPECT_EQ(nearest.cell[0], cell(7, 2));
+  EXPECT_EQ(nearest.cell[4], cell(3, 6));
+  EXPECT_EQ(nearest.cell[8], -1);
+  EXPECT_EQ(nearest.cell[12], -1);
+  EXPECT_EQ(nearest.cell[2], cell(5, 4));
+  EXPECT_EQ(nearest.cell[1], cell(7, 4));
+  for (const int own : nearest_(7, 4).cell) EXPECT_EQ(own, cell(7, 4));
+}
+
+/// Fronto-parallel anchors in cells of 4 px right, down, left and up of the first cell's pixel (0, 0), and of no other
+/// direction.
+class ExtendedPlanesTest : public CompletionKernelTest {
+ protected:
+  ExtendedPlanesTest() {
+    for (int& cell : nearest_(0, 0).cell) cell = -1;
+  }
+  void SetAnchor(int direction, int cell, int distance_cells, float inverse_depth) {
+    nearest_(0, 0).cell[direction] = cell;
+    fitted_.data()[cell] = {2, distance_cells * kCell, 0, inverse_depth, {0, 0, inverse_depth}};
+  }
+  ExtendedPlanes Find() {
+    ExtendedPlanes planes;
+    FindExtendedPlanes(context_, nearest_(0, 0), 0, 0, &planes);
+    return planes;
+  }
+};
+
+TEST_F(ExtendedPlanesTest, NearerAnchorsCountMore) {
   // One near anchor against three that are 20 cells farther: each of those weighs exp(-20 / 9.6) = 0.12.
-  const ExtendedPlane sorted[] = {{0.1f, 21, 0}, {0.2f, 21, 1}, {0.3f, 21, 2}, {0.4f, 1, 3}};
-  EXPECT_EQ(WeightedMedian(sorted, 4), 3);
-  const ExtendedPlane equal[] = {{0.1f, 5, 0}, {0.2f, 5, 1}, {0.3f, 5, 2}};
-  EXPECT_EQ(WeightedMedian(equal, 3), 1);
-  EXPECT_EQ(WeightedMedian(equal, 1), 0);
+  SetAnchor(0, 11, 21, 0.1f), SetAnchor(4, 12, 21, 0.2f), SetAnchor(8, 13, 21, 0.3f), SetAnchor(12, 14, 1, 0.4f);
+  const ExtendedPlanes planes = Find();
+  EXPECT_NEAR(planes.weight[0], std::exp(-20 / 9.6), 1e-6);
+  EXPECT_EQ(planes.weight[12], 1);
+  EXPECT_EQ(planes.weight[1], 0);
+  EXPECT_EQ(planes.inverse_depth[8], 0.3f);
+  EXPECT_EQ(WeightedMedian(planes), 12);
+}
+
+TEST_F(ExtendedPlanesTest, OfEqualWeightsTheOneInTheMiddleIsTheMedian) {
+  SetAnchor(0, 11, 5, 0.3f), SetAnchor(4, 12, 5, 0.1f), SetAnchor(8, 13, 5, 0.2f);
+  EXPECT_EQ(WeightedMedian(Find()), 8);
+  nearest_(0, 0).cell[0] = -1;  // of two the first
+  EXPECT_EQ(WeightedMedian(Find()), 4);
+  nearest_(0, 0).cell[4] = -1;
+  EXPECT_EQ(WeightedMedian(Find()), 8);
+  SetAnchor(8, 13, 5, 1 / 0.9f);  // nearer than the depth range
+  EXPECT_EQ(WeightedMedian(Find()), -1);
 }
 
 TEST(WeightedMedianTest, OfManySamplesHalfOfTheWeightLiesUpToIt) {

@@ -50,6 +50,23 @@ ACMP_HOST_DEVICE inline void SinCos(float angle, float* sine, float* cosine) {
 #endif
 }
 
+/// The smaller and the larger of two numbers; neither is NaN. One instruction each on both (the host's fminf is a
+/// call).
+ACMP_HOST_DEVICE inline float Smaller(float a, float b) {
+#ifdef __CUDA_ARCH__
+  return fminf(a, b);
+#else
+  return b < a ? b : a;
+#endif
+}
+ACMP_HOST_DEVICE inline float Larger(float a, float b) {
+#ifdef __CUDA_ARCH__
+  return fmaxf(a, b);
+#else
+  return b < a ? a : b;
+#endif
+}
+
 /// Loads and stores of words that several threads access at once, where any order of the accesses will do.
 template <class T>
 ACMP_HOST_DEVICE inline T RelaxedLoad(const T* word) {

@@ -4,8 +4,6 @@
 
 namespace acmp {
 
-constexpr int kNumDirections = 16;
-
 /// Step of cells in one of 16 directions round the compass.
 ACMP_HOST_DEVICE inline void DirectionStep(int direction, int* dc, int* dr) {
   // One quadrant: (1,0), (2,1), (1,1), (1,2); the others by turns of 90 degrees.
@@ -16,56 +14,79 @@ ACMP_HOST_DEVICE inline void DirectionStep(int direction, int* dc, int* dr) {
   *dr = quadrant == 0 ? r : quadrant == 1 ? c : quadrant == 2 ? -r : -c;
 }
 
-/// A plane that could be extended to a pixel.
-struct ExtendedPlane {
-  float inverse_depth;  ///< at the pixel
-  float distance;       ///< from the anchor, cells
-  int cell;             ///< linear index of the anchor's cell
+/// Fills one direction of one cell of `nearest`.
+ACMP_HOST_DEVICE inline void FindNearestAnchor(const CompletionContext& context, int cell_col, int cell_row,
+                                               int direction) {
+  const ImageView<AnchorCell>& cells = context.fitted;
+  int dc, dr;
+  DirectionStep(direction, &dc, &dr);
+  int col = cell_col, row = cell_row;
+  while (cells.Contains(col, row) && cells(col, row).views == 0) {
+    col += dc;
+    row += dr;
+  }
+  context.nearest(cell_col, cell_row).cell[direction] = cells.Contains(col, row) ? row * cells.width + col : -1;
+}
+
+/// Planes that could be extended to a pixel, by direction. Every index is known to the compiler, so that a GPU thread
+/// has them in registers.
+struct ExtendedPlanes {
+  float inverse_depth[kNumDirections];  ///< at the pixel
+  float weight[kNumDirections];         ///< 0: none
 };
 
-/// The nearest anchors in 16 directions whose planes meet the pixel's ray within the depth range, sorted by inverse
-/// depth. Returns how many.
-ACMP_HOST_DEVICE inline int FindExtendedPlanes(const CompletionContext& context, int col, int row,
-                                               ExtendedPlane* found) {
-  const ImageView<AnchorCell>& cells = context.fitted;
+/// The nearest anchors' planes that meet the pixel's ray within the depth range. Nearer anchors weigh more; the farther
+/// even the nearest is, the less the difference counts.
+ACMP_HOST_DEVICE inline void FindExtendedPlanes(const CompletionContext& context, const NearestAnchors& nearest,
+                                                int col, int row, ExtendedPlanes* planes) {
+  constexpr float kReach = 9.0f;        // cells in which the weight falls by e
+  constexpr float kReachGrowth = 0.6f;  // cells more per cell to the nearest
+  constexpr float kFar = 1e30f;
   const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
-  int count = 0;
-  for (int direction = 0; direction < kNumDirections; ++direction) {
-    int dc, dr;
-    DirectionStep(direction, &dc, &dr);
-    int c = col / context.cell_size, r = row / context.cell_size;
-    while (c >= 0 && r >= 0 && c < cells.width && r < cells.height && cells(c, r).views == 0) {
-      c += dc;
-      r += dr;
-    }
-    if (c < 0 || r < 0 || c >= cells.width || r >= cells.height) continue;
-    const AnchorCell& anchor = cells(c, r);
+  const float inv_cell = 1.0f / static_cast<float>(context.cell_size);
+  float distance[kNumDirections];  // from the anchor, cells
+  float least = kFar;
+  ACMP_UNROLL
+  for (int i = 0; i < kNumDirections; ++i) {
+    distance[i] = kFar;
+    planes->inverse_depth[i] = 0;
+    const int cell = nearest.cell[i];
+    if (cell < 0) continue;
+    const AnchorCell& anchor = context.fitted.data[cell];
     const float inverse_depth = Dot(anchor.inverse_plane, ray);
     if (!(inverse_depth * context.depth_min <= 1 && inverse_depth * context.depth_max >= 1)) continue;
     const float dx = static_cast<float>(anchor.col - col), dy = static_cast<float>(anchor.row - row);
-    const ExtendedPlane plane = {inverse_depth, sqrtf(dx * dx + dy * dy) / static_cast<float>(context.cell_size),
-                                 r * cells.width + c};
-    int slot = count++;
-    for (; slot > 0 && inverse_depth < found[slot - 1].inverse_depth; --slot) found[slot] = found[slot - 1];
-    found[slot] = plane;
+    planes->inverse_depth[i] = inverse_depth;
+    distance[i] = sqrtf(dx * dx + dy * dy) * inv_cell;
+    least = Smaller(distance[i], least);
   }
-  return count;
+  const float inv_reach = 1.0f / (kReach + kReachGrowth * least);
+  ACMP_UNROLL
+  for (int i = 0; i < kNumDirections; ++i) {
+    planes->weight[i] = distance[i] < kFar ? expf((least - distance[i]) * inv_reach) : 0;
+  }
 }
 
-/// Index of the weighted median. Nearer anchors weigh more; the farther even the nearest is, the less the difference
-/// counts.
-ACMP_HOST_DEVICE inline int WeightedMedian(const ExtendedPlane* sorted, int count) {
-  constexpr float kReach = 9.0f;        // cells in which the weight falls by e
-  constexpr float kReachGrowth = 0.6f;  // cells more per cell to the nearest
-  float nearest = sorted[0].distance;
-  for (int i = 1; i < count; ++i) nearest = sorted[i].distance < nearest ? sorted[i].distance : nearest;
-  const float inv_reach = 1.0f / (kReach + kReachGrowth * nearest);
-  float weight[kNumDirections];
+/// Direction of the weighted median: the least inverse depth up to which lies half of the weight or more. -1: no plane
+/// has a weight.
+ACMP_HOST_DEVICE inline int WeightedMedian(const ExtendedPlanes& planes) {
   float total = 0;
-  for (int i = 0; i < count; ++i) total += weight[i] = expf((nearest - sorted[i].distance) * inv_reach);
-  float rest = 0.5f * total;
-  int median = 0;
-  while (median + 1 < count && rest > weight[median]) rest -= weight[median++];
+  ACMP_UNROLL
+  for (int i = 0; i < kNumDirections; ++i) total += planes.weight[i];
+  int median = -1;
+  float least = 0;
+  ACMP_UNROLL
+  for (int i = 0; i < kNumDirections; ++i) {
+    const float inverse_depth = planes.inverse_depth[i];
+    float up_to = 0;  // added in the same order: of the greatest it is the total
+    ACMP_UNROLL
+    for (int j = 0; j < kNumDirections; ++j) {
+      up_to += planes.inverse_depth[j] <= inverse_depth ? planes.weight[j] : 0;
+    }
+    const bool is_median = planes.weight[i] > 0 && 2.0f * up_to >= total && (median < 0 || inverse_depth < least);
+    median = is_median ? i : median;
+    least = is_median ? inverse_depth : least;
+  }
   return median;
 }
 
@@ -78,11 +99,12 @@ ACMP_HOST_DEVICE inline bool IsCompleted(float cost) { return cost >= kUnverifie
 ACMP_HOST_DEVICE inline void CompletePixel(const CompletionContext& context, int col, int row) {
   const int views = ConfirmingViews(context.sightings(col, row));
   if (views >= context.min_views) return;
-  ExtendedPlane found[kNumDirections];
-  const int count = FindExtendedPlanes(context, col, row, found);
-  if (count == 0) return;
-  const int cell = found[WeightedMedian(found, count)].cell;
-  const AnchorCell& anchor = context.fitted(cell % context.fitted.width, cell / context.fitted.width);
+  const NearestAnchors& nearest = context.nearest(col / context.cell_size, row / context.cell_size);
+  ExtendedPlanes planes;
+  FindExtendedPlanes(context, nearest, col, row, &planes);
+  const int median = WeightedMedian(planes);
+  if (median < 0) return;
+  const AnchorCell& anchor = context.fitted.data[nearest.cell[median]];
   const PlaneHypothesis plane = PlaneOfInverse(anchor.inverse_plane);
   if (!(plane.d > 0)) return;
   context.planes(col, row) = plane;

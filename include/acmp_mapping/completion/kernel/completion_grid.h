@@ -27,6 +27,13 @@ struct AnchorCell {
   Vec3f inverse_plane = {0, 0, 0};  ///< of the pixel, later that of its surroundings
 };
 
+constexpr int kNumDirections = 16;
+
+/// The first anchor from a cell on, itself included, in each direction: linear index of its cell, -1: none.
+struct NearestAnchors {
+  int cell[kNumDirections];
+};
+
 /// What the steps of completion read and write.
 struct CompletionContext {
   RayGrid rays;
@@ -38,7 +45,21 @@ struct CompletionContext {
   ImageView<PlaneHypothesis> planes;
   ImageView<float> cost;
   ImageView<AnchorCell> anchors;  ///< as found; rows of cells
-  ImageView<AnchorCell> fitted;   ///< with the planes of their surroundings
+  ImageView<AnchorCell> fitted;   ///< with the planes of their surroundings; no gaps between rows
+  ImageView<NearestAnchors> nearest;
+};
+
+/// The lanes that share a cell. The CPU has one, which does all; others have several, of which each takes every
+/// kSize-th pixel or cell of a row, and
+///   AddUp(fit)    leaves all of them with the sum of what each has summed
+///   Best(choice)  with the best of what each has found
+struct SingleLane {
+  static constexpr int kSize = 1;
+  ACMP_HOST_DEVICE int Rank() const { return 0; }
+  template <class PlaneFit>
+  ACMP_HOST_DEVICE void AddUp(PlaneFit*) const {}
+  template <class Choice>
+  ACMP_HOST_DEVICE void Best(Choice*) const {}
 };
 
 ACMP_HOST_DEVICE inline int CompletionCellSize(int width, int height) {
@@ -56,28 +77,44 @@ constexpr unsigned char kLookedThrough = 128;
 ACMP_HOST_DEVICE inline int ConfirmingViews(unsigned char sightings) { return sightings & kMaxConfirming; }
 ACMP_HOST_DEVICE inline bool IsLookedThrough(unsigned char sightings) { return (sightings & kLookedThrough) != 0; }
 
-/// Fills one cell of `anchors`: of the pixels that enough views confirm and none looks through the one with most, the
-/// least cost among those, the first in row-major order among equals.
-ACMP_HOST_DEVICE inline void FindAnchor(const CompletionContext& context, int cell_col, int cell_row) {
-  const int size = context.cell_size;
-  const int col_end = (cell_col + 1) * size < context.planes.width ? (cell_col + 1) * size : context.planes.width;
+/// A pixel that may become the anchor of its cell.
+struct AnchorChoice {
+  int views = 0;  ///< 0: none
+  float cost = 0;
+  int index = 0;  ///< row-major in the image
+
+  /// More views, at equal views less cost, and the first in row-major order among equals.
+  ACMP_HOST_DEVICE bool IsBetterThan(const AnchorChoice& other) const {
+    if (views != other.views) return views > other.views;
+    if (cost != other.cost) return cost < other.cost;
+    return index < other.index;
+  }
+};
+
+/// Fills one cell of `anchors`: the best of the pixels that enough views confirm and none looks through.
+template <class Lanes>
+ACMP_HOST_DEVICE inline void FindAnchor(const CompletionContext& context, int cell_col, int cell_row,
+                                        const Lanes& lanes) {
+  const int size = context.cell_size, width = context.planes.width;
+  const int col_end = (cell_col + 1) * size < width ? (cell_col + 1) * size : width;
   const int row_end = (cell_row + 1) * size < context.planes.height ? (cell_row + 1) * size : context.planes.height;
-  AnchorCell anchor;
-  float least_cost = 0;
+  AnchorChoice best;
   for (int row = cell_row * size; row < row_end; ++row) {
-    for (int col = cell_col * size; col < col_end; ++col) {
+    for (int col = cell_col * size + lanes.Rank(); col < col_end; col += Lanes::kSize) {
       const unsigned char sightings = context.sightings(col, row);
       const int views = ConfirmingViews(sightings);
-      if (views < context.anchor_views || views < anchor.views || IsLookedThrough(sightings)) continue;
-      const float cost = context.cost(col, row);
-      if (views == anchor.views && !(cost < least_cost)) continue;
-      anchor.views = views;
-      anchor.col = col;
-      anchor.row = row;
-      least_cost = cost;
+      if (views < context.anchor_views || views < best.views || IsLookedThrough(sightings)) continue;
+      const AnchorChoice choice = {views, context.cost(col, row), row * width + col};
+      if (choice.IsBetterThan(best)) best = choice;
     }
   }
-  if (anchor.views > 0) {
+  lanes.Best(&best);
+  if (lanes.Rank() != 0) return;
+  AnchorCell anchor;
+  if (best.views > 0) {
+    anchor.views = best.views;
+    anchor.col = best.index % width;
+    anchor.row = best.index / width;
     anchor.inverse_plane = InversePlane(context.planes(anchor.col, anchor.row));
     anchor.inverse_depth =
         Dot(anchor.inverse_plane, context.rays.Ray(static_cast<float>(anchor.col), static_cast<float>(anchor.row)));

@@ -48,16 +48,8 @@ ACMP_HOST_DEVICE inline float RobustWeight(float residual, float tolerance) {
   return rest > 0 ? rest * rest : 0;
 }
 
-/// The CPU's way to share a fit: one thread does all. Others have several that add up what each has summed.
-struct SingleLane {
-  static constexpr int kSize = 1;
-  ACMP_HOST_DEVICE int Rank() const { return 0; }
-  ACMP_HOST_DEVICE void AddUp(PlaneFit*) const {}
-};
-
 /// Fills one cell of `fitted`: the anchor with the plane of the anchors around that agree with it, by reweighted least
-/// squares from the plane of the anchor's own pixel. Lanes take every kSize-th cell of a
-/// row.
+/// squares from the plane of the anchor's own pixel.
 template <class Lanes>
 ACMP_HOST_DEVICE inline void FitAnchor(const CompletionContext& context, int cell_col, int cell_row,
                                        const Lanes& lanes) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "acmp_mapping/common/sorting_network.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
 
 namespace acmp {
@@ -11,25 +12,15 @@ struct DepthStatistics {
   float spread;  ///< width of the middle half
 };
 
-/// Of the smallest `count` values. By ranks from comparing all pairs: sorting would address memory at run time, which
-/// is slow on a GPU (docs/performance.md).
-ACMP_HOST_DEVICE inline DepthStatistics Statistics(const float (&values)[kMedianPixels], int count) {
-  int rank[kMedianPixels] = {};
-  ACMP_UNROLL
-  for (int i = 0; i < kMedianPixels; ++i) {
-    ACMP_UNROLL
-    for (int j = i + 1; j < kMedianPixels; ++j) {
-      const int j_first = values[j] < values[i] ? 1 : 0;
-      rank[i] += j_first;
-      rank[j] += 1 - j_first;
-    }
-  }
+/// Of the smallest `count` values, which are sorted on the way.
+ACMP_HOST_DEVICE inline DepthStatistics Statistics(float (&values)[kMedianPixels], int count) {
+  SortValues(values);
   float median = 0, low = 0, high = 0;
   ACMP_UNROLL
   for (int i = 0; i < kMedianPixels; ++i) {
-    if (rank[i] == count / 2) median = values[i];
-    if (rank[i] == count / 4) low = values[i];
-    if (rank[i] == 3 * count / 4) high = values[i];
+    if (i == count / 2) median = values[i];
+    if (i == count / 4) low = values[i];
+    if (i == 3 * count / 4) high = values[i];
   }
   return {median, high - low};
 }
