@@ -2,6 +2,8 @@
 
 #include <opencv2/imgproc.hpp>
 
+#include <algorithm>
+
 namespace acmp {
 namespace {
 
@@ -30,12 +32,19 @@ cv::Mat AsMat(GrayImage& image) { return cv::Mat(image.height(), image.width(), 
 cv::Mat AsMat(ColorImage& image) { return cv::Mat(image.height(), image.width(), CV_8UC3, image.data()); }
 
 GrayImage ToGray(const ColorImage& color) {
-  // Converted in float: the 8-bit conversion would round away what flat areas have of texture.
-  cv::Mat color_float;
-  ReadOnlyMat(color).convertTo(color_float, CV_32FC3);
+  // Converted in float: the 8-bit conversion would round away what flat areas have of texture. In strips that stay in
+  // the cache: of the whole image that would be four times its bytes, asked of the system for each image anew.
+  constexpr int kStripRows = 16;
   GrayImage gray(color.width(), color.height());
-  cv::Mat target = AsMat(gray);
-  cv::cvtColor(color_float, target, cv::COLOR_RGB2GRAY);
+  const cv::Mat source = ReadOnlyMat(color);
+  const cv::Mat target = AsMat(gray);
+  cv::Mat strip;
+  for (int row = 0; row < color.height(); row += kStripRows) {
+    const cv::Range rows(row, std::min(row + kStripRows, color.height()));
+    source.rowRange(rows).convertTo(strip, CV_32FC3);
+    cv::Mat converted = target.rowRange(rows);
+    cv::cvtColor(strip, converted, cv::COLOR_RGB2GRAY);
+  }
   return gray;
 }
 
