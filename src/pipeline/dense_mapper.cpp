@@ -18,6 +18,10 @@ static_assert(kMaxRankedViews == kMaxSourceViews, "the selector must not rank mo
 /// (docs/quality.md).
 constexpr size_t kMinLaterKeyframes = 3;
 
+/// A keyframe is estimated anew when the sum of its source views' scores has grown so much: below 1.5 there is as much
+/// to do and nothing more to gain, with 2 some of the gain is lost (docs/quality.md).
+constexpr double kMinScoreGrowth = 1.5;
+
 /// MakeFrame guarantees this; frames from elsewhere must not reach the kernels with sizes that do not fit.
 void CheckFrame(const Frame& frame) {
   const std::string name = Concat("keyframe ", frame.id);
@@ -43,8 +47,9 @@ void Validate(const DenseMapperOptions& options) {
   Validate(options.depth_range);
   const DepthRange& fallback = options.fallback_depth_range;
   if (!(fallback.min == 0 && fallback.max == 0)) CheckDepthRange("fallback_depth_range", fallback);
-  CheckRange("window_size", options.window_size, 2, 64);
+  CheckRange("window_size", options.window_size, 2, kMaxWindowSize);
   CheckRange("lookahead", options.lookahead, 0, options.window_size - 1);
+  CheckRange("reestimates", options.reestimates, 0, options.window_size - 1);
   CheckRange("min_source_views", options.min_source_views, 1,
              std::min(options.source_views.max_source_views, options.window_size - 1));
 }
@@ -76,7 +81,7 @@ void DenseMapper::Impl::Drop(WindowKeyframe* keyframe, const std::string& reason
   keyframe->state = WindowKeyframe::State::kScheduled;
   if (!IsOwn(*keyframe)) return;
   const bool had_fast = keyframe->times.has_value();
-  keyframe->fast_settled = keyframe->refined_settled = true;
+  keyframe->fast->settled = keyframe->refined->settled = true;
   Publish(*keyframe, had_fast ? EstimateStage::kRefined : EstimateStage::kFast, nullptr);
   Report({keyframe->frame->id, reason, message, had_fast});
 }
@@ -134,6 +139,7 @@ DenseMapper::Impl::Sources DenseMapper::Impl::SelectSources(const WindowKeyframe
        SelectSourceViews(*keyframe.frame, candidates, TypicalDepth(keyframe.range), options.source_views)) {
     sources.keyframes.push_back(others[view.index]);
     sources.ids.push_back(candidates[view.index]->id);
+    sources.score += view.score;
   }
   return sources;
 }
@@ -154,7 +160,37 @@ void DenseMapper::Impl::EstimatePending(int min_source_views) {
     if (sources.ids.size() < static_cast<size_t>(min_source_views)) continue;
     keyframe->state = WindowKeyframe::State::kFast;
     keyframe->stage = EstimateStage::kFast;
+    keyframe->views_score = sources.score;
     if (IsOwn(*keyframe)) Estimate(keyframe.get(), sources);
+  }
+}
+
+/// Of the new keyframe's source views those that gain most by it as a source view of theirs. Scores depend on the
+/// frames alone, so that all shards come to the same.
+void DenseMapper::Impl::ReestimateBest() {
+  if (options.reestimates == 0 || window.empty() || !window.back()->views_score) return;
+  struct Candidate {
+    WindowKeyframePtr keyframe;
+    Sources sources;
+    double growth;
+  };
+  std::vector<Candidate> candidates;
+  for (const WindowKeyframePtr& keyframe : SelectSources(*window.back()).keyframes) {
+    if (!keyframe->views_score) continue;
+    Sources sources = SelectSources(*keyframe);
+    const double growth = sources.score / *keyframe->views_score;
+    if (growth >= kMinScoreGrowth) candidates.push_back({keyframe, std::move(sources), growth});
+  }
+  std::stable_sort(candidates.begin(), candidates.end(),
+                   [](const Candidate& a, const Candidate& b) { return a.growth > b.growth; });
+  candidates.resize(std::min(candidates.size(), static_cast<size_t>(options.reestimates)));
+  for (const Candidate& candidate : candidates) {
+    candidate.keyframe->views_score = candidate.sources.score;
+    if (IsOwn(*candidate.keyframe)) {
+      Reestimate(candidate.keyframe.get(), candidate.sources);
+    } else {
+      candidate.keyframe->BeginNewFast();
+    }
   }
 }
 
@@ -178,10 +214,11 @@ void DenseMapper::Impl::Schedule(const WindowKeyframePtr& keyframe) {
   if (sources.ids.empty()) return Drop(keyframe.get(), "no_source_views", DescribeMissing(*keyframe, 1));
   ScheduledRefinement refinement;
   refinement.keyframe = keyframe;
+  refinement.start = keyframe->fast;
+  refinement.result = keyframe->refined;
   refinement.source_ids = std::move(sources.ids);
   for (WindowKeyframePtr& source : sources.keyframes) {
-    const auto in_passes = source->StageInPasses();
-    const auto after_passes = source->stage;
+    const EstimateReading in_passes = source->ReadInPasses(), after_passes = source->Read(source->stage);
     refinement.sources.push_back({std::move(source), in_passes, after_passes});
   }
   keyframe->state = WindowKeyframe::State::kScheduled;
@@ -229,6 +266,7 @@ void DenseMapper::AddKeyframe(FramePtr frame) {
   impl_->EvictUntil(impl_->options.window_size);  // it may have shrunk
   impl_->Admit(std::move(frame));
   impl_->EstimatePending(impl_->options.min_source_views);
+  impl_->ReestimateBest();
   impl_->ScheduleOlderThan(static_cast<size_t>(impl_->options.lookahead));
 }
 

@@ -42,6 +42,7 @@ struct DenseMapper::Impl {
   struct Sources {
     std::vector<WindowKeyframePtr> keyframes;
     std::vector<int64_t> ids;
+    double score = 0;  ///< sum of theirs
   };
 
   Impl(DepthEngine* depth_engine, const DenseMapperOptions& mapper_options, Callbacks mapper_callbacks,
@@ -50,6 +51,7 @@ struct DenseMapper::Impl {
   void Admit(FramePtr frame);
   std::optional<DepthRange> FindDepthRange(const Frame& frame);
   void EstimatePending(int min_source_views);
+  void ReestimateBest();
   void ScheduleOlderThan(size_t later_keyframes);
   void Schedule(const WindowKeyframePtr& keyframe);
   size_t CountLater(const WindowKeyframe& keyframe) const;
@@ -67,7 +69,9 @@ struct DenseMapper::Impl {
   EngineView MakeView(WindowKeyframe* keyframe);
   std::shared_ptr<KeyframeDepth> MakeKeyframeDepth(const WindowKeyframe& keyframe, const EngineEstimatePtr& estimate,
                                                    std::vector<int64_t> source_ids);
+  EngineProblem MakeInitialProblem(WindowKeyframe* keyframe, const Sources& sources);
   void Estimate(WindowKeyframe* keyframe, const Sources& sources);
+  void Reestimate(WindowKeyframe* keyframe, const Sources& sources);
   void Refine(const ScheduledRefinement& refinement);
   KeyframeDepthPtr MakeRefined(const ScheduledRefinement& refinement, EngineEstimatePtr* for_others);
   EngineProblem MakeRefinementProblem(const ScheduledRefinement& refinement);
@@ -78,7 +82,7 @@ struct DenseMapper::Impl {
   void AdmitPeer(const WindowKeyframePtr& keyframe);
   void SettlePeer(WindowKeyframe* keyframe, ShardEstimate estimate);
   void KeepForLater(ShardEstimate estimate);
-  void ReportPeer(const char* reason, const std::string& message) const;
+  void ReportProblem(const char* reason, const std::string& message) const;
 
   DenseMapperOptions options;
   Callbacks callbacks;

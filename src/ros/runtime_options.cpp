@@ -86,6 +86,7 @@ RuntimeOptions LoadRuntimeOptions(ParameterReader* reader, const RuntimeOptions&
 std::vector<std::string> MakeValid(const DenseMapperConfig& previous, DenseMapperConfig* config) {
   std::vector<std::string> changes;
   Limit("lookahead", config->window_size - 1, "must be below window_size", &config->lookahead, &changes);
+  Limit("reestimates", config->window_size - 1, "must be below window_size", &config->reestimates, &changes);
   Limit("min_source_views", std::min(config->max_source_views, config->window_size - 1),
         "must be at most max_source_views and below window_size", &config->min_source_views, &changes);
   Limit("best_angle_min_deg", config->best_angle_max_deg, "must be at most best_angle_max_deg",

@@ -21,6 +21,7 @@ struct Arguments {
   std::vector<int> source_views = {10};
   int repetitions = 5;
   int keyframes = 0;
+  int reestimates = DenseMapperOptions().reestimates;
   std::string preset = "acmp";
   std::vector<std::string> set;
   std::string device = "auto";
@@ -62,7 +63,8 @@ void Run(const Arguments& arguments) {
     for (int source_views : arguments.source_views) {
       CheckRange("--source-views", source_views, 1, kMaxSourceViews);
       if (arguments.keyframes > 0) {
-        report.streams.push_back(MeasureStream(backend.engine.get(), options, size, source_views, arguments.keyframes));
+        report.streams.push_back(MeasureStream(backend.engine.get(), options, size, source_views, arguments.keyframes,
+                                               arguments.reestimates));
       } else {
         report.stages.push_back(
             MeasureStages(backend.engine.get(), options, size, source_views, arguments.repetitions));
@@ -94,6 +96,8 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--keyframes", arguments.keyframes, "Length of the stream; 0: stages")
       ->check(CLI::Range(0, 1000000))
+      ->capture_default_str();
+  app.add_option("--reestimates", arguments.reestimates, "Of the stream: keyframes estimated anew after each new one")
       ->capture_default_str();
   app.add_option("--preset", arguments.preset, "Option set, see the README")
       ->check(CLI::IsMember(acmp::PresetNames()))

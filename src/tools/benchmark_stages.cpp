@@ -146,7 +146,7 @@ StageFigures MeasureStages(DepthEngine* engine, const PipelineOptions& options, 
 }
 
 StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options, ImageSize size, int source_views,
-                            int keyframes) {
+                            int keyframes, int reestimates) {
   StreamFigures figures;
   figures.size = size;
   figures.source_views = source_views;
@@ -158,6 +158,7 @@ StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options,
   mapper_options.source_views.max_source_views = source_views;
   mapper_options.min_source_views = std::min(2, source_views);
   mapper_options.lookahead = std::min(mapper_options.lookahead, source_views);
+  mapper_options.reestimates = reestimates;
   std::vector<double> fast, refined, device;
   Timer since_added;
   DenseMapper::Callbacks callbacks;

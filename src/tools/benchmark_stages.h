@@ -44,7 +44,8 @@ struct StreamFigures {
 };
 
 /// Feeds a camera that moves along a textured wall, with a window of `source_views` + 1 keyframes.
+/// @param reestimates as in DenseMapperOptions
 StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options, ImageSize size, int source_views,
-                            int keyframes);
+                            int keyframes, int reestimates);
 
 }  // namespace acmp

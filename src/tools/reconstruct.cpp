@@ -55,6 +55,7 @@ RunRecord MakeRecord(const ReconstructOptions& options, const std::string& devic
   if (options.online()) {
     record.emplace_back("window-size", Concat(options.window_size));
     record.emplace_back("lookahead", Concat(options.lookahead));
+    record.emplace_back("reestimates", Concat(options.reestimates));
   }
   return record;
 }

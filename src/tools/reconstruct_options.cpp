@@ -103,6 +103,11 @@ void AddScheduleOptions(CLI::App* app, ReconstructOptions* options) {
   app->add_option("--lookahead", options->lookahead, "Online: later keyframes to wait for before the geometric passes")
       ->capture_default_str()
       ->group(group);
+  app->add_option("--reestimates", options->reestimates,
+                  "Online: keyframes estimated anew after each new one, of those for which it brought much better\n"
+                  "source views; others are refined with what that gives")
+      ->capture_default_str()
+      ->group(group);
 }
 
 void AddMachineOptions(CLI::App* app, ReconstructOptions* options) {
@@ -243,6 +248,7 @@ DenseMapperOptions MakeMapperOptions(const ReconstructOptions& options, const De
   mapper.source_views.max_source_views = options.source_views;
   mapper.window_size = options.window_size;
   mapper.lookahead = options.lookahead;
+  mapper.reestimates = options.reestimates;
   mapper.min_source_views = MinSourceViews(options);
   mapper.fallback_depth_range = dataset_range;
   if (options.depth_min && options.depth_max) {

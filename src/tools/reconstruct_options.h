@@ -32,6 +32,7 @@ struct ReconstructOptions {
   bool dynamic_consistency = false;
   int window_size = DenseMapperOptions().window_size;
   int lookahead = DenseMapperOptions().lookahead;
+  int reestimates = DenseMapperOptions().reestimates;
 
   std::string device = "auto";
   std::vector<int> cuda_index = {0};

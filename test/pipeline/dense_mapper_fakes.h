@@ -143,6 +143,7 @@ class MapperHarness {
   std::vector<KeyframeDepthPtr> fast;
   std::vector<KeyframeDepthPtr> refined;
   std::vector<KeyframeDrop> drops;
+  std::vector<std::string> problems;
   bool keep_maps = true;
   DenseMapper mapper;
 
@@ -161,6 +162,9 @@ class MapperHarness {
       events.push_back(Concat("drop ", drop.id, " ", drop.reason));
       drops.push_back(drop);
     };
+    callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
+      problems.push_back(reason + ": " + message);
+    };
     return callbacks;
   }
 };
@@ -172,6 +176,7 @@ inline DenseMapperOptions FakeOptions(int window_size, int lookahead, int min_so
   options.window_size = window_size;
   options.lookahead = lookahead;
   options.min_source_views = min_source_views;
+  options.reestimates = 0;
   return options;
 }
 
@@ -218,6 +223,7 @@ inline DenseMapperOptions RandomOptions(std::mt19937* random) {
   options.pipeline.geometric_passes = static_cast<int>((*random)() % 3);
   options.pipeline.start_level = static_cast<int>((*random)() % 3);
   if ((*random)() % 2 == 0) options.fallback_depth_range = {1, 20};
+  options.reestimates = static_cast<int>((*random)() % static_cast<unsigned>(std::min(3, window_size)));
   return options;
 }
 

@@ -14,13 +14,17 @@
 
 namespace acmp {
 
+constexpr int kMaxWindowSize = 64;
+
 struct DenseMapperOptions {
   PipelineOptions pipeline;
   SourceViewOptions source_views;
   DepthRangeOptions depth_range;
   DepthRange fallback_depth_range;  ///< used when there are neither landmarks nor a previous range; 0, 0 = none
-  int window_size = 10;             ///< keyframes kept to match against, 2..64
+  int window_size = 10;             ///< keyframes kept to match against, 2..kMaxWindowSize
   int lookahead = 2;         ///< later keyframes a keyframe waits for before its geometric passes, 0..window_size-1
+  int reestimates = 1;       ///< keyframes of the window that are estimated anew after each new one, of those for which
+                             ///< it brought much better source views, 0..window_size-1; others read what that gives
   int min_source_views = 2;  ///< a keyframe waits until so many views are useful; at most max_source_views and
                              ///< window_size - 1, which is all that other keyframes can offer
 };
@@ -44,6 +48,7 @@ struct ShardEstimate {
   int64_t id = 0;
   EstimateStage stage = EstimateStage::kFast;
   EstimateState state;  ///< size of the frame; empty: the keyframe was dropped and gets no estimate of this stage
+  int version = 0;      ///< of a fast one: how often the keyframe had been estimated anew
 };
 
 /// Depth of one keyframe with all that belongs to it. Never modified.
@@ -77,9 +82,11 @@ struct KeyframeDrop {
 };
 
 /// Online mapping over a sliding window: feed posed frames in time order, get a fast map as soon as enough past views
-/// exist, and a refined, consistency-checked map with points once `lookahead` later keyframes have come. Deterministic:
-/// the same frames, options and device give the same maps, whatever the timing. One thread at a time. The offline
-/// tool's online schedule and the nodelet's worker both drive this class.
+/// exist, and a refined, consistency-checked map with points once `lookahead` later keyframes have come. A keyframe
+/// that was estimated when few views showed what it sees can be estimated anew for others to read (`reestimates`); its
+/// own maps that are out stay as they are. Deterministic: the same frames, options and device give the same maps,
+/// whatever the timing. One thread at a time. The offline tool's online schedule and the nodelet's worker both drive
+/// this class.
 ///
 /// As one of several shards it computes its own keyframes only. It follows the schedule of all, which depends on the
 /// frames alone, and so knows for each refinement which neighbours a single mapper would read as fast and which as
@@ -94,12 +101,12 @@ class DenseMapper {
     std::function<void(const KeyframeDepthPtr&)> on_fast;  ///< at most once per keyframe, before its on_refined
     std::function<void(const KeyframeDepthPtr&)> on_refined;
     std::function<void(const KeyframeDrop&)> on_drop;  ///< every own keyframe ends in exactly one on_refined or on_drop
-    /// With several shards: an own keyframe's estimate for SetPeerEstimate of all others. Each stage at most once; an
-    /// empty one when the keyframe is dropped.
+    /// With several shards: an own keyframe's estimate for SetPeerEstimate of all others. Each stage and version at
+    /// most once; an empty one when the keyframe is dropped.
     std::function<void(ShardEstimate)> on_own_estimate = nullptr;
-    /// A peer's estimate cannot be used or did not come in time. `reason` is "peer_estimate_refused" or
-    /// "peer_estimate_missing".
-    std::function<void(const std::string& reason, const std::string& message)> on_peer_problem = nullptr;
+    /// What others would have read is missing: a peer's estimate cannot be used ("peer_estimate_refused") or did not
+    /// come in time ("peer_estimate_missing"), or a keyframe could not be estimated anew ("reestimate_failed").
+    std::function<void(const std::string& reason, const std::string& message)> on_problem = nullptr;
   };
 
   /// @param engine not null, outlives the mapper
@@ -130,7 +137,7 @@ class DenseMapper {
   void SetPeerEstimate(ShardEstimate estimate);
 
   /// Gives up on what the oldest waiting refinement lacks: from now on nothing waits for those shards until they send
-  /// again. Refinements go on with the estimates there are, each lack told by on_peer_problem.
+  /// again. Refinements go on with the estimates there are, each lack told by on_problem.
   void StopWaiting();
 
   /// Own refinements that wait for estimates of other shards, and the oldest's keyframe.
