@@ -162,7 +162,7 @@ TEST_F(ServicesTest, ReconfigureChangesTheNextKeyframes) {
 }
 
 TEST_F(ServicesTest, ReconfigureLimitsWhatDoesNotFit) {
-  const auto out_of_bounds = Reconfigure([](dynamic_reconfigure::Config* c) { Append("window_size", 1000, &c->ints); });
+  const auto out_of_bounds = Reconfigure([](dynamic_reconfigure::Config* c) { Append("window_size", 2000, &c->ints); });
   EXPECT_EQ(out_of_bounds.window_size, 64);
   const auto narrow = Reconfigure([](dynamic_reconfigure::Config* c) { Append("window_size", 2, &c->ints); });
   EXPECT_EQ(narrow.window_size, 2);

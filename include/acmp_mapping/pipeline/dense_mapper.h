@@ -21,7 +21,7 @@ struct DenseMapperOptions {
   SourceViewOptions source_views;
   DepthRangeOptions depth_range;
   DepthRange fallback_depth_range;  ///< used when there are neither landmarks nor a previous range; 0, 0 = none
-  int window_size = 10;             ///< keyframes kept to match against, 2..kMaxWindowSize
+  int window_size = 20;             ///< keyframes kept to match against, 2..kMaxWindowSize
   int lookahead = 2;         ///< later keyframes a keyframe waits for before its geometric passes, 0..window_size-1
   int reestimates = 1;       ///< keyframes of the window that are estimated anew after each new one, of those for which
                              ///< it brought much better source views, 0..window_size-1; others read what that gives
