@@ -35,19 +35,15 @@ std::shared_ptr<KeyframeDepth> DenseMapper::Impl::MakeKeyframeDepth(const Window
   return maps;
 }
 
-EngineProblem DenseMapper::Impl::MakeInitialProblem(WindowKeyframe* keyframe, const Sources& sources) {
-  EngineProblem problem;
-  problem.reference = MakeView(keyframe);
-  for (const WindowKeyframePtr& source : sources.keyframes) problem.sources.push_back(MakeView(source.get()));
-  problem.depth_range = keyframe->range;
-  return problem;
-}
-
 void DenseMapper::Impl::Estimate(WindowKeyframe* keyframe, const Sources& sources) {
   EngineEstimatePtr estimate;
   std::shared_ptr<KeyframeDepth> maps;
   const auto failure = CatchFailure([&] {
-    estimate = estimator.EstimateInitial(MakeInitialProblem(keyframe, sources));
+    EngineProblem problem;
+    problem.reference = MakeView(keyframe);
+    for (const WindowKeyframePtr& source : sources.keyframes) problem.sources.push_back(MakeView(source.get()));
+    problem.depth_range = keyframe->range;
+    estimate = estimator.EstimateInitial(problem);
     maps = MakeKeyframeDepth(*keyframe, estimate, sources.ids);
     maps->times = estimator.last_times();
     Publish(*keyframe, EstimateStage::kFast, estimate);
@@ -57,27 +53,9 @@ void DenseMapper::Impl::Estimate(WindowKeyframe* keyframe, const Sources& source
     return Drop(keyframe, failure->reason, failure->message);
   }
   keyframe->times = maps->times;
-  keyframe->fast->Settle(std::move(estimate));
+  keyframe->fast = std::move(estimate);
+  keyframe->fast_settled = true;
   if (callbacks.on_fast) callbacks.on_fast(maps);
-}
-
-/// Where that fails, others go on with what they read before.
-void DenseMapper::Impl::Reestimate(WindowKeyframe* keyframe, const Sources& sources) {
-  const EngineEstimatePtr before = keyframe->Read(keyframe->stage).Estimate();
-  keyframe->BeginNewFast();
-  EngineEstimatePtr estimate;
-  const auto failure = CatchFailure([&] {
-    estimate = estimator.EstimateInitial(MakeInitialProblem(keyframe, sources));
-    if (keyframe->times) *keyframe->times += estimator.last_times();
-    Publish(*keyframe, EstimateStage::kFast, estimate);
-  });
-  if (failure) {
-    ReportProblem("reestimate_failed",
-                  Concat("keyframe ", keyframe->frame->id, " could not be estimated anew: ", failure->message));
-    estimate = before;
-    CatchFailure([&] { Publish(*keyframe, EstimateStage::kFast, before); });
-  }
-  keyframe->fast->Settle(std::move(estimate));
 }
 
 bool DenseMapper::Impl::IsReady(const ScheduledRefinement& refinement) const {
@@ -106,8 +84,10 @@ void DenseMapper::Impl::Refine(const ScheduledRefinement& refinement) {
     Publish(keyframe, EstimateStage::kRefined, estimate);
   });
   if (failure) return Drop(&keyframe, failure->reason, failure->message);
-  refinement.result->Settle(std::move(estimate));
-  if (keyframe.stage == EstimateStage::kRefined && !keyframe.few_later) keyframe.ForgetFast();
+  keyframe.refined = std::move(estimate);
+  keyframe.refined_settled = true;
+  // With several shards a refinement that waits may still have to read the fast one.
+  if (shard.count == 1 && !keyframe.few_later) keyframe.fast.reset();
   if (callbacks.on_refined) callbacks.on_refined(refined);
 }
 
@@ -115,25 +95,26 @@ EngineProblem DenseMapper::Impl::MakeRefinementProblem(const ScheduledRefinement
   const WindowKeyframe& keyframe = *refinement.keyframe;
   EngineProblem problem;
   problem.reference = MakeView(refinement.keyframe.get());
-  problem.reference.estimate = refinement.start->estimate;
+  problem.reference.estimate = keyframe.fast;
   problem.depth_range = keyframe.range;
   for (const ScheduledRefinement::Source& source : refinement.sources) {
     problem.sources.push_back(MakeView(source.keyframe.get()));
     const auto missing = source.Missing();
     if (!missing) continue;
-    ReportProblem("peer_estimate_missing",
-                  Concat("keyframe ", keyframe.frame->id, " is refined without the ", NameOf(*missing),
-                         " estimate of keyframe ", source.keyframe->frame->id, ", which shard ", source.keyframe->shard,
-                         " of ", shard.count, " did not send in time"));
+    ReportPeer("peer_estimate_missing",
+               Concat("keyframe ", keyframe.frame->id, " is refined without the ", NameOf(*missing),
+                      " estimate of keyframe ", source.keyframe->frame->id, ", which shard ", source.keyframe->shard,
+                      " of ", shard.count, " did not send in time"));
   }
   return problem;
 }
 
 KeyframeDepthPtr DenseMapper::Impl::MakeRefined(const ScheduledRefinement& refinement, EngineEstimatePtr* for_others) {
   EngineProblem problem = MakeRefinementProblem(refinement);
-  const auto read = [&](EstimateReading ScheduledRefinement::Source::*reading) {
+  const auto read = [&](std::optional<EstimateStage> ScheduledRefinement::Source::*stage) {
     for (size_t i = 0; i < problem.sources.size(); ++i) {
-      problem.sources[i].estimate = (refinement.sources[i].*reading).Estimate();
+      const ScheduledRefinement::Source& source = refinement.sources[i];
+      problem.sources[i].estimate = source.*stage ? source.keyframe->Estimate(*(source.*stage)) : nullptr;
     }
   };
   StageTimes times = *refinement.keyframe->times;
@@ -167,9 +148,7 @@ KeyframeDepthPtr DenseMapper::Impl::MakeRefined(const ScheduledRefinement& refin
 void DenseMapper::Impl::Publish(const WindowKeyframe& keyframe, EstimateStage stage,
                                 const EngineEstimatePtr& estimate) const {
   if (shard.count == 1 || !callbacks.on_own_estimate) return;
-  const int version = stage == EstimateStage::kFast ? keyframe.version : 0;
-  callbacks.on_own_estimate(
-      {keyframe.frame->id, stage, estimate ? engine->DownloadState(estimate) : EstimateState(), version});
+  callbacks.on_own_estimate({keyframe.frame->id, stage, estimate ? engine->DownloadState(estimate) : EstimateState()});
 }
 
 void DenseMapper::Impl::AdmitPeer(const WindowKeyframePtr& keyframe) {
@@ -185,37 +164,33 @@ void DenseMapper::Impl::AdmitPeer(const WindowKeyframePtr& keyframe) {
 void DenseMapper::Impl::SettlePeer(WindowKeyframe* keyframe, ShardEstimate estimate) {
   const bool fast = estimate.stage == EstimateStage::kFast;
   const bool none = estimate.state.planes.empty();
-  EngineEstimatePtr uploaded;
+  // A keyframe without a fast estimate gets no refined one.
+  if (fast) keyframe->fast_settled = true;
+  if (!fast || none) keyframe->refined_settled = true;
+  if (none) return;
   const auto failure = CatchFailure([&] {
-    if (!none) uploaded = engine->UploadState(std::move(estimate.state), keyframe->frame->camera);
+    (fast ? keyframe->fast : keyframe->refined) =
+        engine->UploadState(std::move(estimate.state), keyframe->frame->camera);
   });
   if (failure) {
-    ReportProblem("peer_estimate_refused", Concat(NameOf(estimate.stage), " estimate of keyframe ", estimate.id,
-                                                  " from shard ", keyframe->shard, ": ", failure->message));
-  }
-  if (fast) {
-    keyframe->SettleFast(estimate.version, std::move(uploaded));
-    if (none) keyframe->refined->settled = true;  // a keyframe without a fast estimate gets no refined one
-  } else {
-    keyframe->refined->Settle(std::move(uploaded));
+    ReportPeer("peer_estimate_refused", Concat(NameOf(estimate.stage), " estimate of keyframe ", estimate.id,
+                                               " from shard ", keyframe->shard, ": ", failure->message));
   }
 }
 
 void DenseMapper::Impl::KeepForLater(ShardEstimate estimate) {
   early.emplace(estimate.id, std::move(estimate));
   // A peer is ahead by a window at most, unless it has given up on this shard: then the nearest ones are worth keeping.
-  const auto per_keyframe = static_cast<size_t>(2 + options.reestimates);
-  const size_t most = per_keyframe * static_cast<size_t>(options.window_size) * static_cast<size_t>(shard.count);
+  const size_t most = 2 * static_cast<size_t>(options.window_size) * static_cast<size_t>(shard.count);
   if (early.size() <= most) return;
   const auto last = std::prev(early.end());
-  ReportProblem("peer_estimate_refused",
-                Concat(NameOf(last->second.stage), " estimate of keyframe ", last->first, ": ", most,
-                       " estimates of keyframes that have not come here are kept already"));
+  ReportPeer("peer_estimate_refused", Concat(NameOf(last->second.stage), " estimate of keyframe ", last->first, ": ",
+                                             most, " estimates of keyframes that have not come here are kept already"));
   early.erase(last);
 }
 
-void DenseMapper::Impl::ReportProblem(const char* reason, const std::string& message) const {
-  if (callbacks.on_problem) callbacks.on_problem(reason, message);
+void DenseMapper::Impl::ReportPeer(const char* reason, const std::string& message) const {
+  if (callbacks.on_peer_problem) callbacks.on_peer_problem(reason, message);
 }
 
 }  // namespace acmp

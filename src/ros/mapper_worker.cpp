@@ -230,9 +230,9 @@ void MapperWorker::MakeMapper() {
     callbacks.on_refined = [this](const KeyframeDepthPtr& maps) { HandleRefined(maps); };
     callbacks.on_drop = [this](const KeyframeDrop& drop) { HandleDrop(drop); };
     callbacks.on_own_estimate = [this](const ShardEstimate& estimate) {
-      if (!stopping_) hooks_.on_own_estimate(estimate, stamps_.at(estimate.id));
+      if (!stopping_) hooks_.on_own_estimate(estimate, pending_.at(estimate.id).stamp_ns);
     };
-    callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
+    callbacks.on_peer_problem = [this](const std::string& reason, const std::string& message) {
       ReportDrop({reason, message});
     };
     mapper_ = std::make_unique<DenseMapper>(engine_.get(), options_->Get().mapper, callbacks, node_options_.shard);
@@ -264,8 +264,6 @@ void MapperWorker::Process(const NumberedInput& numbered) {
   const FramePtr frame = PrepareFrame(numbered, &valid);
   const double preparation_ms = timer.Lap();
   if (IsOwn(frame->id)) {
-    stamps_[frame->id] = input.stamp_ns;
-    if (stamps_.size() > kMaxWindowSize) stamps_.erase(stamps_.begin());
     pending_[frame->id] = {input.stamp_ns,    input.arrival_s,      input.camera_frame,
                            input.world_frame, input.world_from_cam, valid};
   }

@@ -22,9 +22,6 @@ constexpr uint32_t kQueue = 200;
 constexpr double kPeriodS = 0.1;
 constexpr double kAliveS = 1;
 
-/// A keyframe is estimated anew when another one has come; it is in the window of so many.
-constexpr uint32_t kMaxVersion = kMaxWindowSize;
-
 static_assert(sizeof(PlaneHypothesis) == 4 * sizeof(float), "as in KeyframeEstimate.msg");
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "as in KeyframeEstimate.msg");
 
@@ -48,7 +45,6 @@ acmp_mapping::KeyframeEstimatePtr ToEstimateMessage(const ShardEstimate& estimat
   auto message = boost::make_shared<KeyframeEstimate>();
   message->number = static_cast<uint64_t>(estimate.id);
   message->stage = estimate.stage == EstimateStage::kFast ? KeyframeEstimate::FAST : KeyframeEstimate::REFINED;
-  message->version = static_cast<uint32_t>(estimate.version);
   message->width = static_cast<uint32_t>(estimate.state.planes.width());
   message->height = static_cast<uint32_t>(estimate.state.planes.height());
   message->planes = ToBytes(estimate.state.planes);
@@ -58,7 +54,6 @@ acmp_mapping::KeyframeEstimatePtr ToEstimateMessage(const ShardEstimate& estimat
 
 ShardEstimate ToShardEstimate(const KeyframeEstimate& message) {
   CheckRange("stage", int{message.stage}, int{KeyframeEstimate::FAST}, int{KeyframeEstimate::REFINED});
-  CheckRange("version", message.version, 0u, kMaxVersion);
   CheckRange("width", message.width, 0u, 65535u);
   CheckRange("height", message.height, 0u, 65535u);
   const size_t pixels = static_cast<size_t>(message.width) * message.height;
@@ -69,7 +64,6 @@ ShardEstimate ToShardEstimate(const KeyframeEstimate& message) {
   ShardEstimate estimate;
   estimate.id = static_cast<int64_t>(message.number);
   estimate.stage = message.stage == KeyframeEstimate::FAST ? EstimateStage::kFast : EstimateStage::kRefined;
-  estimate.version = static_cast<int>(message.version);
   if (pixels == 0) return estimate;
   const int width = static_cast<int>(message.width), height = static_cast<int>(message.height);
   estimate.state = {FromBytes<PlaneHypothesis>(message.planes, width, height),

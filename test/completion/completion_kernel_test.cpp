@@ -210,8 +210,7 @@ TEST_F(CompletionKernelTest, NearestAnchorsAreTheFirstOnesOfEachDirection) {
   for (const int own : nearest_(7, 4).cell) EXPECT_EQ(own, cell(7, 4));
 }
 
-/// Fronto-parallel anchors in cells of 4 px right, down, left and up of the first cell's pixel (0, 0), and of no other
-/// direction.
+/// Fronto-parallel anchors at some distance from the pixel (0, 0), in the directions that a test names.
 class ExtendedPlanesTest : public CompletionKernelTest {
  protected:
   ExtendedPlanesTest() {
@@ -219,7 +218,9 @@ class ExtendedPlanesTest : public CompletionKernelTest {
   }
   void SetAnchor(int direction, int cell, int distance_cells, float inverse_depth) {
     nearest_(0, 0).cell[direction] = cell;
-    fitted_.data()[cell] = {2, distance_cells * kCell, 0, inverse_depth, {0, 0, inverse_depth}};
+    // Of a right triangle with sides 3, 4 and 5.
+    const int px = distance_cells * kCell;
+    fitted_.data()[cell] = {2, 3 * px / 5, 4 * px / 5, inverse_depth, {0, 0, inverse_depth}};
   }
   ExtendedPlanes Find() {
     ExtendedPlanes planes;
@@ -229,10 +230,10 @@ class ExtendedPlanesTest : public CompletionKernelTest {
 };
 
 TEST_F(ExtendedPlanesTest, NearerAnchorsCountMore) {
-  // One near anchor against three that are 20 cells farther: each of those weighs exp(-20 / 9.6) = 0.12.
-  SetAnchor(0, 11, 21, 0.1f), SetAnchor(4, 12, 21, 0.2f), SetAnchor(8, 13, 21, 0.3f), SetAnchor(12, 14, 1, 0.4f);
+  // One near anchor against three that are 20 cells farther: each of those weighs exp(-20 / 12) = 0.19.
+  SetAnchor(0, 11, 25, 0.1f), SetAnchor(4, 12, 25, 0.2f), SetAnchor(8, 13, 25, 0.3f), SetAnchor(12, 14, 5, 0.4f);
   const ExtendedPlanes planes = Find();
-  EXPECT_NEAR(planes.weight[0], std::exp(-20 / 9.6), 1e-6);
+  EXPECT_NEAR(planes.weight[0], std::exp(-20 / 12.0), 1e-6);
   EXPECT_EQ(planes.weight[12], 1);
   EXPECT_EQ(planes.weight[1], 0);
   EXPECT_EQ(planes.inverse_depth[8], 0.3f);

@@ -68,7 +68,7 @@ class HashPatchMatch : public PatchMatch {
 };
 
 ShardEstimate CopyOf(const ShardEstimate& estimate) {
-  return {estimate.id, estimate.stage, {estimate.state.planes.Clone(), estimate.state.cost.Clone()}, estimate.version};
+  return {estimate.id, estimate.stage, {estimate.state.planes.Clone(), estimate.state.cost.Clone()}};
 }
 
 /// One of `shard.count` mappers; what it would send lies in `sent` until somebody delivers it.
@@ -101,7 +101,7 @@ class ShardHarness {
       EXPECT_TRUE(drops.emplace(drop.id, drop.reason).second) << drop.id;
     };
     callbacks.on_own_estimate = [this](ShardEstimate estimate) { sent.push_back(std::move(estimate)); };
-    callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
+    callbacks.on_peer_problem = [this](const std::string& reason, const std::string& message) {
       problems.push_back(reason + ": " + message);
     };
     return callbacks;
@@ -263,37 +263,6 @@ TEST(DenseMapperShardsTest, FailuresReachTheOthersAsTheyReachNeighboursOfOneMapp
   RunInAnyOrder(frames, &group, &random);
   ExpectSameMaps(group.Merge(&ShardHarness::refined), single.refined);
   EXPECT_EQ(group.Merge(&ShardHarness::drops), single.drops);
-}
-
-TEST(DenseMapperShardsTest, KeyframesEstimatedAnewReachTheOthersInEveryOrder) {
-  // Keyframes of one way, then a second way beside it, whose views are better: all of the first are estimated anew,
-  // some of them twice.
-  std::vector<FramePtr> frames;
-  for (int64_t id = 0; id < 24; ++id) frames.push_back(WallFrame(id, id < 12 ? 0.08 * id : 0.35 * (id - 8)));
-  DenseMapperOptions options = FakeOptions(10, 1);
-  options.reestimates = 2;
-  ShardHarness single(options, {});
-  for (const FramePtr& frame : frames) single.mapper.AddKeyframe(frame);
-  single.mapper.Flush();
-  options.reestimates = 0;
-  ShardHarness without(options, {});
-  for (const FramePtr& frame : frames) without.mapper.AddKeyframe(frame);
-  without.mapper.Flush();
-  int changed = 0;
-  for (const auto& [id, maps] : single.refined) changed += SameBits(maps->depth, without.refined.at(id)->depth) ? 0 : 1;
-  EXPECT_GT(changed, 12);
-
-  options.reestimates = 2;
-  for (unsigned seed = 0; seed < 20; ++seed) {
-    SCOPED_TRACE(seed);
-    std::mt19937 random(seed);
-    ShardGroup group;
-    for (int i = 0; i < 3; ++i) group.shards.push_back(std::make_unique<ShardHarness>(options, ShardOptions{i, 3}));
-    RunInAnyOrder(frames, &group, &random);
-    for (const auto& shard : group.shards) EXPECT_THAT(shard->problems, IsEmpty());
-    ExpectSameMaps(group.Merge(&ShardHarness::fast), single.fast);
-    ExpectSameMaps(group.Merge(&ShardHarness::refined), single.refined);
-  }
 }
 
 TEST(DenseMapperShardsTest, MapTheSyntheticRoomAsOneDoes) {

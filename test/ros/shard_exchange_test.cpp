@@ -16,7 +16,6 @@ ShardEstimate MakeEstimate() {
   ShardEstimate estimate;
   estimate.id = 7;
   estimate.stage = EstimateStage::kRefined;
-  estimate.version = 5;
   estimate.state = {PlaneMap(3, 2), CostMap(3, 2)};
   for (size_t i = 0; i < 6; ++i) {
     const float value = 1.0f / static_cast<float>(i + 1);
@@ -37,7 +36,6 @@ TEST(EstimateMessage, CarriesEveryBit) {
   const ShardEstimate received = ToShardEstimate(*ToEstimateMessage(sent));
   EXPECT_EQ(received.id, 7);
   EXPECT_EQ(received.stage, EstimateStage::kRefined);
-  EXPECT_EQ(received.version, 5);
   ASSERT_EQ(received.state.planes.width(), 3);
   ASSERT_EQ(received.state.cost.height(), 2);
   EXPECT_TRUE(SameBytes(received.state.planes, sent.state.planes));

@@ -153,7 +153,6 @@ class MapperWorker {
   CalibrationPtr calibration_;
   std::unique_ptr<ImageRectifier> rectifier_;
   std::map<int64_t, Pending> pending_;
-  std::map<int64_t, int64_t> stamps_;  ///< ns, of own keyframes that may still be in the mapper's window
   double min_confidence_ = 0;
   int64_t last_number_ = -1;                          ///< of the last keyframe taken from the queue
   std::optional<int64_t> flush_after_;                ///< a peer was flushed after this keyframe

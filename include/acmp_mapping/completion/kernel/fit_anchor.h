@@ -4,12 +4,13 @@
 
 namespace acmp {
 
-constexpr int kFitRadius = 14;          ///< cells: the fit sees a square of 29 x 29 anchors, 18 % of the image's width
-constexpr int kFitIterations = 3;       ///< of reweighted least squares
-constexpr float kFitTolerance = 0.01f;  ///< relative inverse depth that counts as the same plane's
+constexpr int kFitRadius = 14;     ///< cells: the fit sees a square of 29 x 29 cells, 18 % of the image's width ...
+constexpr int kFitStep = 2;        ///< ... of which every second one in every second row gives an anchor
+constexpr int kFitIterations = 3;  ///< of reweighted least squares
+constexpr float kFitTolerance = 0.01f;       ///< relative inverse depth that counts as the same plane's
 constexpr float kFirstFitTolerance = 0.02f;  ///< at first, when the plane is that of one pixel
 constexpr float kCutOff = 3.0f;              ///< Tukey's biweight vanishes at so many tolerances
-constexpr float kMinFitViews = 8.0f;         ///< summed over the anchors; with less the pixel's own plane is as good
+constexpr float kMinFitViews = 4.0f;         ///< summed over the anchors; with less the pixel's own plane is as good
 
 /// Normal equations of inverse depth, relative to that of the anchor, as a linear function of the place: 1, x, y.
 struct PlaneFit {
@@ -64,8 +65,9 @@ ACMP_HOST_DEVICE inline void FitAnchor(const CompletionContext& context, int cel
   Vec3f m = anchor.inverse_plane;
   // Relative to the anchor's inverse depth: its own value, slopes per reach.
   Vec3f fit = {1.0f, m.x * context.rays.inv_fx * reach / inv_depth, m.y * context.rays.inv_fy * reach / inv_depth};
-  const int first_col = cell_col > kFitRadius ? cell_col - kFitRadius : 0;
-  const int first_row = cell_row > kFitRadius ? cell_row - kFitRadius : 0;
+  static_assert(kFitRadius % kFitStep == 0, "the anchor itself is one of those");
+  const int first_col = cell_col > kFitRadius ? cell_col - kFitRadius : cell_col % kFitStep;
+  const int first_row = cell_row > kFitRadius ? cell_row - kFitRadius : cell_row % kFitStep;
   const int last_col =
       cell_col + kFitRadius < context.anchors.width ? cell_col + kFitRadius : context.anchors.width - 1;
   const int last_row =
@@ -73,8 +75,8 @@ ACMP_HOST_DEVICE inline void FitAnchor(const CompletionContext& context, int cel
   for (int iteration = 0; iteration < kFitIterations; ++iteration) {
     const float tolerance = iteration == 0 ? kFirstFitTolerance : kFitTolerance;
     PlaneFit sums;
-    for (int row = first_row; row <= last_row; ++row) {
-      for (int col = first_col + lanes.Rank(); col <= last_col; col += Lanes::kSize) {
+    for (int row = first_row; row <= last_row; row += kFitStep) {
+      for (int col = first_col + kFitStep * lanes.Rank(); col <= last_col; col += kFitStep * Lanes::kSize) {
         const AnchorCell& other = context.anchors(col, row);
         if (other.views == 0) continue;
         const float x = static_cast<float>(other.col - anchor.col) * inv_reach;
