@@ -2,31 +2,39 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
+#include <cstring>
+#include <iterator>
 #include <limits>
-#include <unordered_map>
+#include <map>
+#include <tuple>
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/keyframe/landmark_visibility.h"
 
 namespace acmp {
 namespace {
 
 constexpr double kRadToDeg = 57.295779513082320877;
 
-struct PointHash {
-  size_t operator()(const Eigen::Vector3d& point) const {
-    const std::hash<double> hash;
-    return hash(point.x()) ^ (hash(point.y()) * 0x9e3779b97f4a7c15u) ^ (hash(point.z()) * 0xc2b2ae3d27d4eb4fu);
+/// Of the coordinates' bits, mixed as splitmix64 does.
+uint64_t HashOf(const Eigen::Vector3d& point) {
+  uint64_t hash = 0;
+  for (int i = 0; i < 3; ++i) {
+    uint64_t bits = 0;
+    std::memcpy(&bits, &point[i], sizeof(bits));
+    hash = (hash ^ bits) + 0x9e3779b97f4a7c15u;
+    hash = (hash ^ (hash >> 30)) * 0xbf58476d1ce4e5b9u;
+    hash = (hash ^ (hash >> 27)) * 0x94d049bb133111ebu;
+    hash ^= hash >> 31;
   }
-};
+  return hash;
+}
 
 /// Points that stand for the scene as the reference sees it: its landmarks, or a grid of pixels at one depth.
 struct ScenePoints {
   std::vector<Eigen::Vector3d> points_in_world;
-  std::vector<double> depths;                                     ///< z in the reference view
-  std::unordered_map<Eigen::Vector3d, size_t, PointHash> number;  ///< of a landmark; empty for a grid
+  std::vector<double> depths;  ///< z in the reference view
+  bool are_landmarks = false;  ///< else a grid
 };
 
 double Median(std::vector<double> values) {
@@ -83,8 +91,8 @@ ScenePoints SampleLandmarks(const LandmarksInView& in_view) {
   constexpr size_t kMaxPoints = 2000;
   const size_t step = (in_view.depths.size() + kMaxPoints - 1) / kMaxPoints;
   ScenePoints scene;
+  scene.are_landmarks = true;
   for (size_t i = 0; i < in_view.depths.size(); i += step) {
-    scene.number.emplace(in_view.points_in_world[i], scene.depths.size());
     scene.points_in_world.push_back(in_view.points_in_world[i]);
     scene.depths.push_back(in_view.depths[i]);
   }
@@ -92,30 +100,23 @@ ScenePoints SampleLandmarks(const LandmarksInView& in_view) {
 }
 
 /// Scene points of the reference; empty when its scale is unknown.
-ScenePoints MakeScenePoints(const Frame& reference, double fallback_depth, const SourceViewOptions& options) {
-  const LandmarksInView in_view =
-      FindLandmarksInView(reference.landmarks_in_world, reference.camera, reference.cam_from_world);
+ScenePoints MakeScenePoints(const FrameLandmarks& reference, double fallback_depth, const SourceViewOptions& options) {
+  const LandmarksInView& in_view = reference.in_view();
   if (in_view.depths.size() >= static_cast<size_t>(options.min_shared_landmarks)) {
     return SampleLandmarks(in_view);
   }
-  if (fallback_depth > 0) return GridAtDepth(reference, fallback_depth);
-  if (!in_view.depths.empty()) return GridAtDepth(reference, Median(in_view.depths));
+  if (fallback_depth > 0) return GridAtDepth(reference.frame(), fallback_depth);
+  if (!in_view.depths.empty()) return GridAtDepth(reference.frame(), Median(in_view.depths));
   return {};
 }
 
-/// How surely the candidate sees each scene point that projects into it: 1 for what its own list of landmarks names
-/// (the same bits: one map, or one triangulated point), less for the rest, which may be hidden or have no texture
-/// there. A frontend whose points move from keyframe to keyframe names none, and all weigh the same.
-std::vector<double> VisibilityWeights(const ScenePoints& scene, const Frame& candidate) {
+/// How surely the candidate sees a scene point that projects into it: 1 for what its own list of landmarks names (the
+/// same bits: one map, or one triangulated point), less for the rest, which may be hidden or have no texture there. A
+/// frontend whose points move from keyframe to keyframe names none, and all weigh the same.
+double VisibilityWeight(const ScenePoints& scene, size_t i, const FrameLandmarks& candidate) {
   // Measured on real scenes against rankings by shared feature tracks: 0.3 agrees best of 0, 0.3, 0.5 and 1.
   constexpr double kNotListed = 0.3;
-  if (scene.number.empty()) return std::vector<double>(scene.depths.size(), 1.0);
-  std::vector<double> weights(scene.depths.size(), kNotListed);
-  for (const Eigen::Vector3d& point : candidate.landmarks_in_world) {
-    const auto found = scene.number.find(point);
-    if (found != scene.number.end()) weights[found->second] = 1.0;
-  }
-  return weights;
+  return !scene.are_landmarks || candidate.Lists(scene.points_in_world[i]) ? 1.0 : kNotListed;
 }
 
 enum class SourceViewVerdict { kUseful, kNoBaseline, kLittleOverlap, kSmallAngle };
@@ -127,12 +128,12 @@ struct Assessment {
   double angle_deg = 0;
 };
 
-Assessment AssessByScene(const Frame& reference, const Frame& candidate, const ScenePoints& scene,
+Assessment AssessByScene(const Frame& reference, const FrameLandmarks& candidate_landmarks, const ScenePoints& scene,
                          const SourceViewOptions& options) {
+  const Frame& candidate = candidate_landmarks.frame();
   const Eigen::Vector3d reference_centre = CentreInWorld(reference);
   const Eigen::Vector3d candidate_centre = CentreInWorld(candidate);
   const double focal_ratio = MeanFocalLength(candidate.camera) / MeanFocalLength(reference.camera);
-  const std::vector<double> visibility = VisibilityWeights(scene, candidate);
   std::vector<double> angles_deg;
   double weight_sum = 0;
   for (size_t i = 0; i < scene.depths.size(); ++i) {
@@ -141,8 +142,8 @@ Assessment AssessByScene(const Frame& reference, const Frame& candidate, const S
     if (candidate_depth <= 0) continue;
     const double angle_deg = AngleDeg(reference_centre - point, candidate_centre - point);
     angles_deg.push_back(angle_deg);
-    weight_sum +=
-        visibility[i] * AngleWeight(angle_deg, options) * ScaleWeight(focal_ratio * scene.depths[i] / candidate_depth);
+    weight_sum += VisibilityWeight(scene, i, candidate_landmarks) * AngleWeight(angle_deg, options) *
+                  ScaleWeight(focal_ratio * scene.depths[i] / candidate_depth);
   }
   const double total = static_cast<double>(scene.depths.size());
   if (angles_deg.empty() || static_cast<double>(angles_deg.size()) < options.min_overlap * total) {
@@ -170,21 +171,6 @@ bool HasBaseline(const Frame& reference, const Frame& candidate, double typical_
   return baseline > 1e-12 * centre.norm() && baseline > 1e-6 * typical_depth;
 }
 
-std::vector<Assessment> AssessAll(const Frame& reference, const std::vector<FramePtr>& candidates,
-                                  double fallback_depth, const SourceViewOptions& options) {
-  Validate(options);
-  const ScenePoints scene = MakeScenePoints(reference, fallback_depth, options);
-  const double typical_depth = scene.depths.empty() ? 0.0 : Median(scene.depths);
-  std::vector<Assessment> assessments(candidates.size());
-  for (size_t i = 0; i < candidates.size(); ++i) {
-    if (!candidates[i]) throw InvalidInputError(Concat("candidate source view ", i, ": there is no frame"));
-    if (!HasBaseline(reference, *candidates[i], typical_depth)) continue;
-    assessments[i] = scene.depths.empty() ? AssessByPose(reference, *candidates[i])
-                                          : AssessByScene(reference, *candidates[i], scene, options);
-  }
-  return assessments;
-}
-
 }  // namespace
 
 void Validate(const SourceViewOptions& options) {
@@ -199,9 +185,74 @@ void Validate(const SourceViewOptions& options) {
   CheckRange("source_views.min_shared_landmarks", options.min_shared_landmarks, 1, std::numeric_limits<int>::max());
 }
 
-std::vector<RankedSourceView> SelectSourceViews(const Frame& reference, const std::vector<FramePtr>& candidates,
-                                                double fallback_depth, const SourceViewOptions& options) {
-  const std::vector<Assessment> assessments = AssessAll(reference, candidates, fallback_depth, options);
+bool operator==(const SourceViewOptions& a, const SourceViewOptions& b) {
+  const auto fields = [](const SourceViewOptions& o) {
+    return std::tie(o.max_source_views, o.min_angle_deg, o.best_angle_min_deg, o.best_angle_max_deg, o.min_overlap,
+                    o.min_shared_landmarks);
+  };
+  return fields(a) == fields(b);
+}
+
+FrameLandmarks::FrameLandmarks(FramePtr frame) : frame_(std::move(frame)) {
+  if (!frame_) throw InvalidInputError("choice of source views: there is no frame");
+  in_view_ = FindLandmarksInView(frame_->landmarks_in_world, frame_->camera, frame_->cam_from_world);
+  listed_.reserve(in_view_.points_in_world.size());
+  for (const Eigen::Vector3d& point : in_view_.points_in_world) listed_.push_back(HashOf(point));
+  std::sort(listed_.begin(), listed_.end());
+}
+
+bool FrameLandmarks::Lists(const Eigen::Vector3d& point_in_world) const {
+  return std::binary_search(listed_.begin(), listed_.end(), HashOf(point_in_world));
+}
+
+struct SourceViewSelector::Impl {
+  FrameLandmarksPtr reference;
+  SourceViewOptions options;
+  ScenePoints scene;
+  double typical_depth = 0;
+  /// Candidates that are gone have entries that nothing equals.
+  std::map<std::weak_ptr<const FrameLandmarks>, Assessment, std::owner_less<>> known;
+
+  Assessment Assess(const FrameLandmarks& candidate) const {
+    const Frame& frame = reference->frame();
+    if (!HasBaseline(frame, candidate.frame(), typical_depth)) return {};
+    return scene.depths.empty() ? AssessByPose(frame, candidate.frame())
+                                : AssessByScene(frame, candidate, scene, options);
+  }
+
+  std::vector<Assessment> AssessAll(const std::vector<FrameLandmarksPtr>& candidates) {
+    for (auto entry = known.begin(); entry != known.end();) {
+      entry = entry->first.expired() ? known.erase(entry) : std::next(entry);
+    }
+    std::vector<Assessment> assessments;
+    assessments.reserve(candidates.size());
+    for (size_t i = 0; i < candidates.size(); ++i) {
+      if (!candidates[i]) throw InvalidInputError(Concat("candidate source view ", i, ": there is no frame"));
+      auto found = known.find(candidates[i]);
+      if (found == known.end()) found = known.emplace(candidates[i], Assess(*candidates[i])).first;
+      assessments.push_back(found->second);
+    }
+    return assessments;
+  }
+};
+
+SourceViewSelector::SourceViewSelector(const FrameLandmarksPtr& reference, double fallback_depth,
+                                       const SourceViewOptions& options)
+    : impl_(std::make_unique<Impl>()) {
+  Validate(options);
+  if (!reference) throw InvalidInputError("choice of source views: there is no reference");
+  impl_->reference = reference;
+  impl_->options = options;
+  impl_->scene = MakeScenePoints(*reference, fallback_depth, options);
+  if (!impl_->scene.depths.empty()) impl_->typical_depth = Median(impl_->scene.depths);
+}
+
+SourceViewSelector::~SourceViewSelector() = default;
+SourceViewSelector::SourceViewSelector(SourceViewSelector&& other) noexcept = default;
+SourceViewSelector& SourceViewSelector::operator=(SourceViewSelector&& other) noexcept = default;
+
+std::vector<RankedSourceView> SourceViewSelector::Select(const std::vector<FrameLandmarksPtr>& candidates) {
+  const std::vector<Assessment> assessments = impl_->AssessAll(candidates);
   std::vector<RankedSourceView> ranked;
   for (size_t i = 0; i < assessments.size(); ++i) {
     if (assessments[i].verdict != SourceViewVerdict::kUseful) continue;
@@ -210,16 +261,15 @@ std::vector<RankedSourceView> SelectSourceViews(const Frame& reference, const st
   // Stable: equal scores keep the candidates' order on every standard library.
   std::stable_sort(ranked.begin(), ranked.end(),
                    [](const RankedSourceView& a, const RankedSourceView& b) { return a.score > b.score; });
-  if (ranked.size() > static_cast<size_t>(options.max_source_views)) {
-    ranked.resize(static_cast<size_t>(options.max_source_views));
+  if (ranked.size() > static_cast<size_t>(impl_->options.max_source_views)) {
+    ranked.resize(static_cast<size_t>(impl_->options.max_source_views));
   }
   return ranked;
 }
 
-SourceViewCounts CountSourceViews(const Frame& reference, const std::vector<FramePtr>& candidates,
-                                  double fallback_depth, const SourceViewOptions& options) {
+SourceViewCounts SourceViewSelector::Count(const std::vector<FrameLandmarksPtr>& candidates) {
   SourceViewCounts counts;
-  for (const Assessment& assessment : AssessAll(reference, candidates, fallback_depth, options)) {
+  for (const Assessment& assessment : impl_->AssessAll(candidates)) {
     counts.useful += assessment.verdict == SourceViewVerdict::kUseful;
     counts.no_baseline += assessment.verdict == SourceViewVerdict::kNoBaseline;
     counts.little_overlap += assessment.verdict == SourceViewVerdict::kLittleOverlap;

@@ -36,6 +36,13 @@ void CheckFrame(const Frame& frame) {
   }
 }
 
+std::vector<FrameLandmarksPtr> LandmarksOf(const std::vector<WindowKeyframePtr>& keyframes) {
+  std::vector<FrameLandmarksPtr> landmarks;
+  landmarks.reserve(keyframes.size());
+  for (const WindowKeyframePtr& keyframe : keyframes) landmarks.push_back(keyframe->landmarks);
+  return landmarks;
+}
+
 /// Middle of the range in the logarithm: a depth that is as many times the nearest as the farthest is of it.
 double TypicalDepth(const DepthRange& range) { return std::sqrt(static_cast<double>(range.min) * range.max); }
 
@@ -81,7 +88,7 @@ void DenseMapper::Impl::Drop(WindowKeyframe* keyframe, const std::string& reason
   keyframe->state = WindowKeyframe::State::kScheduled;
   if (!IsOwn(*keyframe)) return;
   const bool had_fast = keyframe->times.has_value();
-  keyframe->fast->settled = keyframe->refined->settled = true;
+  keyframe->fast_settled = keyframe->refined_settled = true;
   Publish(*keyframe, had_fast ? EstimateStage::kRefined : EstimateStage::kFast, nullptr);
   Report({keyframe->frame->id, reason, message, had_fast});
 }
@@ -97,28 +104,31 @@ std::optional<DepthRange> DenseMapper::Impl::FindDepthRange(const Frame& frame) 
   return std::nullopt;
 }
 
-void DenseMapper::Impl::Admit(FramePtr frame) {
+/// Whether it is in the window now.
+bool DenseMapper::Impl::Admit(FramePtr frame) {
   const int64_t id = frame->id;
   if (const auto failure = CatchFailure([&] { CheckFrame(*frame); })) {
     // Not kept: as a source view it would make the others fail as well.
     early.erase(early.begin(), early.upper_bound(id));
     if (ShardOf(id) == shard.index) Report({id, failure->reason, failure->message});
-    return;
+    return false;
   }
   EvictUntil(options.window_size - 1);
   const auto keyframe = std::make_shared<WindowKeyframe>();
+  keyframe->landmarks = std::make_shared<FrameLandmarks>(frame);
   keyframe->frame = std::move(frame);
   keyframe->shard = ShardOf(id);
   window.push_back(keyframe);
   if (!IsOwn(*keyframe)) AdmitPeer(keyframe);
   if (const std::optional<DepthRange> range = FindDepthRange(*keyframe->frame)) {
     keyframe->range = *range;
-    return;
+    return true;
   }
   Drop(keyframe.get(), "no_depth_range",
        Concat("keyframe ", id, ": of its ", keyframe->frame->landmarks_in_world.size(), " landmarks fewer than ",
               options.depth_range.min_landmarks,
               " are usable and in view, no earlier keyframe had a depth range, and no fallback range is set"));
+  return true;
 }
 
 std::vector<WindowKeyframePtr> DenseMapper::Impl::Others(const WindowKeyframe& keyframe) const {
@@ -129,34 +139,34 @@ std::vector<WindowKeyframePtr> DenseMapper::Impl::Others(const WindowKeyframe& k
   return others;
 }
 
-DenseMapper::Impl::Sources DenseMapper::Impl::SelectSources(const WindowKeyframe& keyframe) const {
-  const std::vector<WindowKeyframePtr> others = Others(keyframe);
-  std::vector<FramePtr> candidates;
-  candidates.reserve(others.size());
-  for (const WindowKeyframePtr& other : others) candidates.push_back(other->frame);
+SourceViewSelector& DenseMapper::Impl::SelectorOf(WindowKeyframe* keyframe) const {
+  if (!keyframe->selector) {
+    keyframe->selector.emplace(keyframe->landmarks, TypicalDepth(keyframe->range), options.source_views);
+  }
+  return *keyframe->selector;
+}
+
+DenseMapper::Impl::Sources DenseMapper::Impl::SelectSources(WindowKeyframe* keyframe) const {
+  const std::vector<WindowKeyframePtr> others = Others(*keyframe);
   Sources sources;
-  for (const RankedSourceView& view :
-       SelectSourceViews(*keyframe.frame, candidates, TypicalDepth(keyframe.range), options.source_views)) {
+  for (const RankedSourceView& view : SelectorOf(keyframe).Select(LandmarksOf(others))) {
     sources.keyframes.push_back(others[view.index]);
-    sources.ids.push_back(candidates[view.index]->id);
+    sources.ids.push_back(others[view.index]->frame->id);
     sources.score += view.score;
   }
   return sources;
 }
 
-std::string DenseMapper::Impl::DescribeMissing(const WindowKeyframe& keyframe, int min_source_views) const {
-  std::vector<FramePtr> candidates;
-  for (const WindowKeyframePtr& other : Others(keyframe)) candidates.push_back(other->frame);
-  const SourceViewCounts counts =
-      CountSourceViews(*keyframe.frame, candidates, TypicalDepth(keyframe.range), options.source_views);
-  return Concat("keyframe ", keyframe.frame->id, ": ",
+std::string DenseMapper::Impl::DescribeMissing(WindowKeyframe* keyframe, int min_source_views) const {
+  const SourceViewCounts counts = SelectorOf(keyframe).Count(LandmarksOf(Others(*keyframe)));
+  return Concat("keyframe ", keyframe->frame->id, ": ",
                 DescribeMissingViews(counts, min_source_views, options.source_views));
 }
 
 void DenseMapper::Impl::EstimatePending(int min_source_views) {
   for (const WindowKeyframePtr& keyframe : window) {
     if (keyframe->state != WindowKeyframe::State::kPending) continue;
-    const Sources sources = SelectSources(*keyframe);
+    const Sources sources = SelectSources(keyframe.get());
     if (sources.ids.size() < static_cast<size_t>(min_source_views)) continue;
     keyframe->state = WindowKeyframe::State::kFast;
     keyframe->stage = EstimateStage::kFast;
@@ -165,33 +175,25 @@ void DenseMapper::Impl::EstimatePending(int min_source_views) {
   }
 }
 
-/// Of the new keyframe's source views those that gain most by it as a source view of theirs. Scores depend on the
-/// frames alone, so that all shards come to the same.
-void DenseMapper::Impl::ReestimateBest() {
-  if (options.reestimates == 0 || window.empty() || !window.back()->views_score) return;
+/// Of the new keyframe's source views those that gain most by it as a source view of theirs.
+void DenseMapper::Impl::ReestimateBest(WindowKeyframe* newest) {
+  if (options.reestimates == 0 || shard.count > 1 || !newest->views_score) return;
   struct Candidate {
     WindowKeyframePtr keyframe;
     Sources sources;
     double growth;
   };
   std::vector<Candidate> candidates;
-  for (const WindowKeyframePtr& keyframe : SelectSources(*window.back()).keyframes) {
-    if (!keyframe->views_score) continue;
-    Sources sources = SelectSources(*keyframe);
+  for (const WindowKeyframePtr& keyframe : SelectSources(newest).keyframes) {
+    if (!keyframe->stage || !keyframe->views_score) continue;
+    Sources sources = SelectSources(keyframe.get());
     const double growth = sources.score / *keyframe->views_score;
     if (growth >= kMinScoreGrowth) candidates.push_back({keyframe, std::move(sources), growth});
   }
   std::stable_sort(candidates.begin(), candidates.end(),
                    [](const Candidate& a, const Candidate& b) { return a.growth > b.growth; });
   candidates.resize(std::min(candidates.size(), static_cast<size_t>(options.reestimates)));
-  for (const Candidate& candidate : candidates) {
-    candidate.keyframe->views_score = candidate.sources.score;
-    if (IsOwn(*candidate.keyframe)) {
-      Reestimate(candidate.keyframe.get(), candidate.sources);
-    } else {
-      candidate.keyframe->BeginNewFast();
-    }
-  }
+  for (const Candidate& candidate : candidates) Reestimate(candidate.keyframe.get(), candidate.sources);
 }
 
 void DenseMapper::Impl::ScheduleOlderThan(size_t later_keyframes) {
@@ -209,16 +211,15 @@ size_t DenseMapper::Impl::CountLater(const WindowKeyframe& keyframe) const {
 /// Gives the refinement its place in the order of all keyframes: what it reads is settled now, even if it runs later or
 /// in another shard.
 void DenseMapper::Impl::Schedule(const WindowKeyframePtr& keyframe) {
-  Sources sources = SelectSources(*keyframe);
+  Sources sources = SelectSources(keyframe.get());
   // Its first views may have left the window meanwhile.
-  if (sources.ids.empty()) return Drop(keyframe.get(), "no_source_views", DescribeMissing(*keyframe, 1));
+  if (sources.ids.empty()) return Drop(keyframe.get(), "no_source_views", DescribeMissing(keyframe.get(), 1));
   ScheduledRefinement refinement;
   refinement.keyframe = keyframe;
-  refinement.start = keyframe->fast;
-  refinement.result = keyframe->refined;
   refinement.source_ids = std::move(sources.ids);
   for (WindowKeyframePtr& source : sources.keyframes) {
-    const EstimateReading in_passes = source->ReadInPasses(), after_passes = source->Read(source->stage);
+    const auto in_passes = source->StageInPasses();
+    const auto after_passes = source->stage;
     refinement.sources.push_back({std::move(source), in_passes, after_passes});
   }
   keyframe->state = WindowKeyframe::State::kScheduled;
@@ -234,7 +235,7 @@ void DenseMapper::Impl::EvictUntil(int keyframes_left) {
     const WindowKeyframePtr oldest = window.front();
     if (oldest->state == WindowKeyframe::State::kFast) Schedule(oldest);
     if (oldest->state == WindowKeyframe::State::kPending) {
-      Drop(oldest.get(), "no_source_views", DescribeMissing(*oldest, options.min_source_views));
+      Drop(oldest.get(), "no_source_views", DescribeMissing(oldest.get(), options.min_source_views));
     }
     window.pop_front();
   }
@@ -252,6 +253,9 @@ DenseMapper::~DenseMapper() = default;
 
 void DenseMapper::set_options(const DenseMapperOptions& options) {
   Validate(options);
+  if (!(options.source_views == impl_->options.source_views)) {
+    for (const WindowKeyframePtr& keyframe : impl_->window) keyframe->selector.reset();
+  }
   impl_->options = options;
   impl_->estimator.set_options(options.pipeline);
 }
@@ -264,9 +268,10 @@ void DenseMapper::AddKeyframe(FramePtr frame) {
   }
   impl_->last_id = frame->id;
   impl_->EvictUntil(impl_->options.window_size);  // it may have shrunk
-  impl_->Admit(std::move(frame));
+  const bool is_admitted = impl_->Admit(std::move(frame));
   impl_->EstimatePending(impl_->options.min_source_views);
-  impl_->ReestimateBest();
+  const WindowKeyframePtr& newest = impl_->window.back();
+  if (is_admitted) impl_->ReestimateBest(newest.get());
   impl_->ScheduleOlderThan(static_cast<size_t>(impl_->options.lookahead));
 }
 
@@ -274,7 +279,7 @@ void DenseMapper::Flush() {
   impl_->EstimatePending(1);
   for (const WindowKeyframePtr& keyframe : impl_->window) {
     if (keyframe->state != WindowKeyframe::State::kPending) continue;
-    impl_->Drop(keyframe.get(), "no_source_views", impl_->DescribeMissing(*keyframe, 1));
+    impl_->Drop(keyframe.get(), "no_source_views", impl_->DescribeMissing(keyframe.get(), 1));
   }
   impl_->ScheduleOlderThan(0);
 }

@@ -35,15 +35,19 @@ std::shared_ptr<KeyframeDepth> DenseMapper::Impl::MakeKeyframeDepth(const Window
   return maps;
 }
 
+EngineProblem DenseMapper::Impl::MakeInitialProblem(WindowKeyframe* keyframe, const Sources& sources) {
+  EngineProblem problem;
+  problem.reference = MakeView(keyframe);
+  for (const WindowKeyframePtr& source : sources.keyframes) problem.sources.push_back(MakeView(source.get()));
+  problem.depth_range = keyframe->range;
+  return problem;
+}
+
 void DenseMapper::Impl::Estimate(WindowKeyframe* keyframe, const Sources& sources) {
   EngineEstimatePtr estimate;
   std::shared_ptr<KeyframeDepth> maps;
   const auto failure = CatchFailure([&] {
-    EngineProblem problem;
-    problem.reference = MakeView(keyframe);
-    for (const WindowKeyframePtr& source : sources.keyframes) problem.sources.push_back(MakeView(source.get()));
-    problem.depth_range = keyframe->range;
-    estimate = estimator.EstimateInitial(problem);
+    estimate = estimator.EstimateInitial(MakeInitialProblem(keyframe, sources));
     maps = MakeKeyframeDepth(*keyframe, estimate, sources.ids);
     maps->times = estimator.last_times();
     Publish(*keyframe, EstimateStage::kFast, estimate);
@@ -56,6 +60,22 @@ void DenseMapper::Impl::Estimate(WindowKeyframe* keyframe, const Sources& source
   keyframe->fast = std::move(estimate);
   keyframe->fast_settled = true;
   if (callbacks.on_fast) callbacks.on_fast(maps);
+}
+
+/// Others read what comes of it from now on. Where it fails they go on with what they read before.
+void DenseMapper::Impl::Reestimate(WindowKeyframe* keyframe, const Sources& sources) {
+  keyframe->views_score = sources.score;
+  EngineEstimatePtr estimate;
+  const auto failure =
+      CatchFailure([&] { estimate = estimator.EstimateInitial(MakeInitialProblem(keyframe, sources)); });
+  if (failure) {
+    return ReportProblem("reestimate_failed",
+                         Concat("keyframe ", keyframe->frame->id, " could not be estimated anew: ", failure->message));
+  }
+  if (keyframe->times) *keyframe->times += estimator.last_times();
+  keyframe->fast = std::move(estimate);
+  keyframe->refined.reset();
+  keyframe->stage = EstimateStage::kFast;
 }
 
 bool DenseMapper::Impl::IsReady(const ScheduledRefinement& refinement) const {
@@ -101,10 +121,10 @@ EngineProblem DenseMapper::Impl::MakeRefinementProblem(const ScheduledRefinement
     problem.sources.push_back(MakeView(source.keyframe.get()));
     const auto missing = source.Missing();
     if (!missing) continue;
-    ReportPeer("peer_estimate_missing",
-               Concat("keyframe ", keyframe.frame->id, " is refined without the ", NameOf(*missing),
-                      " estimate of keyframe ", source.keyframe->frame->id, ", which shard ", source.keyframe->shard,
-                      " of ", shard.count, " did not send in time"));
+    ReportProblem("peer_estimate_missing",
+                  Concat("keyframe ", keyframe.frame->id, " is refined without the ", NameOf(*missing),
+                         " estimate of keyframe ", source.keyframe->frame->id, ", which shard ", source.keyframe->shard,
+                         " of ", shard.count, " did not send in time"));
   }
   return problem;
 }
@@ -173,8 +193,8 @@ void DenseMapper::Impl::SettlePeer(WindowKeyframe* keyframe, ShardEstimate estim
         engine->UploadState(std::move(estimate.state), keyframe->frame->camera);
   });
   if (failure) {
-    ReportPeer("peer_estimate_refused", Concat(NameOf(estimate.stage), " estimate of keyframe ", estimate.id,
-                                               " from shard ", keyframe->shard, ": ", failure->message));
+    ReportProblem("peer_estimate_refused", Concat(NameOf(estimate.stage), " estimate of keyframe ", estimate.id,
+                                                  " from shard ", keyframe->shard, ": ", failure->message));
   }
 }
 
@@ -184,13 +204,14 @@ void DenseMapper::Impl::KeepForLater(ShardEstimate estimate) {
   const size_t most = 2 * static_cast<size_t>(options.window_size) * static_cast<size_t>(shard.count);
   if (early.size() <= most) return;
   const auto last = std::prev(early.end());
-  ReportPeer("peer_estimate_refused", Concat(NameOf(last->second.stage), " estimate of keyframe ", last->first, ": ",
-                                             most, " estimates of keyframes that have not come here are kept already"));
+  ReportProblem("peer_estimate_refused",
+                Concat(NameOf(last->second.stage), " estimate of keyframe ", last->first, ": ", most,
+                       " estimates of keyframes that have not come here are kept already"));
   early.erase(last);
 }
 
-void DenseMapper::Impl::ReportPeer(const char* reason, const std::string& message) const {
-  if (callbacks.on_peer_problem) callbacks.on_peer_problem(reason, message);
+void DenseMapper::Impl::ReportProblem(const char* reason, const std::string& message) const {
+  if (callbacks.on_problem) callbacks.on_problem(reason, message);
 }
 
 }  // namespace acmp

@@ -48,18 +48,19 @@ struct DenseMapper::Impl {
   Impl(DepthEngine* depth_engine, const DenseMapperOptions& mapper_options, Callbacks mapper_callbacks,
        const ShardOptions& mapper_shard);
 
-  void Admit(FramePtr frame);
+  bool Admit(FramePtr frame);
   std::optional<DepthRange> FindDepthRange(const Frame& frame);
   void EstimatePending(int min_source_views);
-  void ReestimateBest();
+  void ReestimateBest(WindowKeyframe* newest);
   void ScheduleOlderThan(size_t later_keyframes);
   void Schedule(const WindowKeyframePtr& keyframe);
   size_t CountLater(const WindowKeyframe& keyframe) const;
   void EvictUntil(int keyframes_left);
 
   std::vector<WindowKeyframePtr> Others(const WindowKeyframe& keyframe) const;
-  Sources SelectSources(const WindowKeyframe& keyframe) const;
-  std::string DescribeMissing(const WindowKeyframe& keyframe, int min_source_views) const;
+  SourceViewSelector& SelectorOf(WindowKeyframe* keyframe) const;
+  Sources SelectSources(WindowKeyframe* keyframe) const;
+  std::string DescribeMissing(WindowKeyframe* keyframe, int min_source_views) const;
 
   bool IsOwn(const WindowKeyframe& keyframe) const { return keyframe.shard == shard.index; }
   int ShardOf(int64_t id) const;

@@ -17,21 +17,24 @@ struct WindowKeyframe {
     kScheduled,  ///< its refinement is made or has its place in the order of all, or the keyframe was dropped
   };
   FramePtr frame;
+  FrameLandmarksPtr landmarks;  ///< the frame's
+  std::optional<SourceViewSelector> selector;
   DepthRange range;
   int shard = 0;  ///< whose it is
   State state = State::kPending;
   EngineImagePtr image;             ///< null until the keyframe is first used as reference or source view
   int image_levels = 0;             ///< levels it was loaded with
-  std::optional<StageTimes> times;  ///< of the initial estimate, when it is made here
+  std::optional<StageTimes> times;  ///< of the initial estimates, when they are made here
 
   /// What a refinement reads whose turn in the order of all keyframes is now; none: no estimate.
   std::optional<EstimateStage> stage;
   /// Refined before enough later keyframes had come to see what it sees. Geometric passes of others then go on reading
   /// its fast estimate, and `refined` is as the last pass left it, before completion.
   bool few_later = false;
-  EngineEstimatePtr fast;
+  EngineEstimatePtr fast;  ///< the latest
   EngineEstimatePtr refined;
-  bool fast_settled = false;  ///< `fast` is there or will never be
+  std::optional<double> views_score;  ///< sum over the source views of `fast`; none before they were chosen
+  bool fast_settled = false;          ///< `fast` is there or will never be
   bool refined_settled = false;
 
   std::optional<EstimateStage> StageInPasses() const { return few_later ? EstimateStage::kFast : stage; }

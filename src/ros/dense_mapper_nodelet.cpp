@@ -103,7 +103,11 @@ void DenseMapperNodelet::StartWorker() {
     publisher_->PublishRefined(output);
   };
   hooks.on_drop = [this](const Drop& drop) { ReportDrop(drop); };
-  if (options_.shard.count > 1) StartExchange(&hooks);
+  if (options_.shard.count > 1) {
+    StartExchange(&hooks);
+    const int reestimates = runtime_options.mapper.reestimates;
+    if (reestimates > 0) NODELET_INFO("reestimates = %d: without effect with several shards", reestimates);
+  }
   worker_ = std::make_unique<MapperWorker>(options_, runtime_options_.get(), map_.get(), &numbers_, hooks);
 }
 

@@ -232,7 +232,7 @@ void MapperWorker::MakeMapper() {
     callbacks.on_own_estimate = [this](const ShardEstimate& estimate) {
       if (!stopping_) hooks_.on_own_estimate(estimate, pending_.at(estimate.id).stamp_ns);
     };
-    callbacks.on_peer_problem = [this](const std::string& reason, const std::string& message) {
+    callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
       ReportDrop({reason, message});
     };
     mapper_ = std::make_unique<DenseMapper>(engine_.get(), options_->Get().mapper, callbacks, node_options_.shard);

@@ -133,14 +133,15 @@ std::vector<int> SourcesOfDataset(const Scene& scene, const ImagePlan& plan, con
   return sources;
 }
 
-std::vector<int> SelectSources(const std::vector<FramePtr>& frames, size_t reference, const DepthRange& range,
+std::vector<int> SelectSources(const std::vector<FrameLandmarksPtr>& frames, size_t reference, const DepthRange& range,
                                const SourceViewOptions& options) {
-  std::vector<FramePtr> candidates = frames;
+  std::vector<FrameLandmarksPtr> candidates = frames;
   candidates.erase(candidates.begin() + static_cast<std::ptrdiff_t>(reference));
   const double typical_depth = std::sqrt(static_cast<double>(range.min) * range.max);
   std::vector<int> sources;
-  for (const RankedSourceView& view : SelectSourceViews(*frames[reference], candidates, typical_depth, options)) {
-    sources.push_back(static_cast<int>(candidates[view.index]->id));
+  for (const RankedSourceView& view :
+       SourceViewSelector(frames[reference], typical_depth, options).Select(candidates)) {
+    sources.push_back(static_cast<int>(candidates[view.index]->frame().id));
   }
   return sources;
 }
@@ -159,7 +160,7 @@ void CheckSomeImageGetsAMap(const ReconstructPlan& plan, const Scene& scene) {
 ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indices,
                                 const ReconstructOptions& options) {
   ReconstructPlan plan;
-  std::vector<FramePtr> frames;
+  std::vector<FrameLandmarksPtr> frames(indices.size());
   const std::set<int> taking_part(indices.begin(), indices.end());
   bool all_ranked = true;
   for (int index : indices) {
@@ -167,13 +168,15 @@ ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indi
     image.index = index;
     image.range = FindDepthRange(scene, index, options);
     image.sources = SourcesOfDataset(scene, image, taking_part, options.source_views, &plan.warnings);
-    frames.push_back(MakeFrameWithoutPixels(scene, index));
     all_ranked &= !scene.images[index].ranked_sources.empty();
     plan.images.push_back(std::move(image));
   }
   SourceViewOptions selection;
   selection.max_source_views = options.source_views;
   if (!all_ranked) {
+    tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
+      frames[i] = std::make_shared<FrameLandmarks>(MakeFrameWithoutPixels(scene, indices[i]));
+    });
     tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
       ImagePlan& image = plan.images[i];
       if (scene.images[image.index].ranked_sources.empty()) {

@@ -131,13 +131,16 @@ void WritePairs(const fs::path& folder, const std::vector<SyntheticView>& views)
   const double table_distance_m = 2.5;
   std::ostringstream text = TextFile();
   text << views.size() << '\n';
+  std::vector<FrameLandmarksPtr> frames;
+  frames.reserve(views.size());
+  for (const SyntheticView& view : views) {
+    // The views outlive the call: a pointer that does not own.
+    frames.push_back(std::make_shared<FrameLandmarks>(FramePtr(FramePtr(), &view.frame)));
+  }
   for (size_t i = 0; i < views.size(); ++i) {
-    std::vector<FramePtr> candidates;
-    for (size_t j = 0; j < views.size(); ++j) {
-      // The views outlive the call: pointers that do not own.
-      if (j != i) candidates.emplace_back(FramePtr(), &views[j].frame);
-    }
-    const auto sources = SelectSourceViews(views[i].frame, candidates, table_distance_m, options);
+    std::vector<FrameLandmarksPtr> candidates = frames;
+    candidates.erase(candidates.begin() + static_cast<std::ptrdiff_t>(i));
+    const auto sources = SourceViewSelector(frames[i], table_distance_m, options).Select(candidates);
     text << i << '\n' << sources.size();
     for (const RankedSourceView& source : sources) {
       text << ' ' << (source.index < i ? source.index : source.index + 1) << ' ' << source.score;

@@ -52,6 +52,22 @@ std::vector<Eigen::Vector3d> Wall(int n, double half_size = 0.5) {
   return points;
 }
 
+std::vector<FrameLandmarksPtr> LandmarksOf(const std::vector<FramePtr>& frames) {
+  std::vector<FrameLandmarksPtr> landmarks;
+  for (const FramePtr& frame : frames) landmarks.push_back(std::make_shared<FrameLandmarks>(frame));
+  return landmarks;
+}
+
+SourceViewSelector SelectorFor(const Frame& reference, double fallback_depth, const SourceViewOptions& options) {
+  // The reference outlives it: a pointer that does not own.
+  return {std::make_shared<FrameLandmarks>(FramePtr(FramePtr(), &reference)), fallback_depth, options};
+}
+
+std::vector<RankedSourceView> SelectSourceViews(const Frame& reference, const std::vector<FramePtr>& candidates,
+                                                double fallback_depth, const SourceViewOptions& options) {
+  return SelectorFor(reference, fallback_depth, options).Select(LandmarksOf(candidates));
+}
+
 TEST(SelectSourceViewsTest, RanksByTriangulationAngle) {
   Frame reference = FrameOnArc(0);
   reference.landmarks_in_world = Wall(4);
@@ -282,7 +298,7 @@ TEST(CountSourceViewsTest, TellsWhyCandidatesAreNotUseful) {
                                             Share(FrameOnArc(0.8)), Share(FrameOnArc(10, 4, kCamera, {20, 2, 3})),
                                             Share(FrameOnArc(0.4)), Share(FrameOnArc(8)),
                                             Share(FrameOnArc(0))};
-  const SourceViewCounts counts = CountSourceViews(reference, candidates, 0, {});
+  const SourceViewCounts counts = SelectorFor(reference, 0, {}).Count(LandmarksOf(candidates));
   EXPECT_EQ(counts.no_baseline, 2);
   EXPECT_EQ(counts.small_angle, 3);
   EXPECT_EQ(counts.little_overlap, 1);
@@ -290,11 +306,30 @@ TEST(CountSourceViewsTest, TellsWhyCandidatesAreNotUseful) {
   EXPECT_NEAR(counts.largest_angle_deg, 8, 0.2);
 }
 
+TEST(SourceViewSelectorTest, GivesTheSameWhetherItKnowsCandidatesOrNot) {
+  Frame reference = FrameOnArc(0);
+  reference.landmarks_in_world = Wall(4);
+  SourceViewSelector selector = SelectorFor(reference, 0, {});
+  auto candidates = LandmarksOf({Share(FrameOnArc(2)), Share(FrameOnArc(-12)), Share(FrameOnArc(35))});
+  const auto first = selector.Select(candidates);
+  EXPECT_THAT(Indices(first), ElementsAre(1, 0, 2));
+  // One goes, and another one may get its place in memory.
+  candidates.erase(candidates.begin() + 1);
+  candidates.push_back(LandmarksOf({Share(FrameOnArc(8))}).front());
+  const auto second = selector.Select(candidates);
+  EXPECT_THAT(Indices(second), ElementsAre(2, 0, 1));
+  EXPECT_EQ(second[1].score, first[1].score);
+  EXPECT_EQ(selector.Count(candidates).useful, 3);
+}
+
 TEST(SelectSourceViewsTest, RefusesNullCandidatesAndBadOptions) {
-  EXPECT_THROW(SelectSourceViews(FrameOnArc(0), {nullptr}, 1, {}), InvalidInputError);
+  const Frame reference = FrameOnArc(0);
+  EXPECT_THROW(SelectSourceViews(reference, {nullptr}, 1, {}), InvalidInputError);
+  EXPECT_THROW(SelectorFor(reference, 1, {}).Select({nullptr}), InvalidInputError);
+  EXPECT_THROW(SourceViewSelector(nullptr, 1, {}), InvalidInputError);
   SourceViewOptions options;
   options.max_source_views = 33;
-  EXPECT_THROW(SelectSourceViews(FrameOnArc(0), {}, 1, options), InvalidInputError);
+  EXPECT_THROW(SelectSourceViews(reference, {}, 1, options), InvalidInputError);
 }
 
 TEST(SourceViewOptionsTest, RefusesBadValues) {

@@ -82,7 +82,8 @@ class FakePatchMatch : public PatchMatch {
   std::string device_name() const override { return "fake"; }
 
   std::vector<Call> calls;
-  std::function<void(const Call&)> before_answer;  ///< may throw
+  float fast_depth = static_cast<float>(kWallDepth * kFastError);  ///< before the geometric passes
+  std::function<void(const Call&)> before_answer;                  ///< may throw
 
  private:
   PatchMatchResult Answer(const std::string& pass, const PatchMatchProblem& problem, const PatchMatchResult* start,
@@ -107,9 +108,9 @@ class FakePatchMatch : public PatchMatch {
     if (before_answer) before_answer(call);
 
     const int height = problem.reference.camera.height;
-    const double depth = kWallDepth * (pass == "geometric" ? 1.0 : kFastError);
+    const float depth = pass == "geometric" ? static_cast<float>(kWallDepth) : fast_depth;
     PatchMatchResult result;
-    result.planes = PlaneMap(call.width, height, {0, 0, -1, static_cast<float>(depth)});
+    result.planes = PlaneMap(call.width, height, {0, 0, -1, depth});
     result.cost = CostMap(call.width, height, 0.05f);
     result.selected_views = Image<uint32_t>(call.width, height);
     return result;

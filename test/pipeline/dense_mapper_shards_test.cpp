@@ -67,6 +67,12 @@ class HashPatchMatch : public PatchMatch {
   }
 };
 
+/// Shards estimate no keyframe anew.
+DenseMapperOptions WithoutReestimates(DenseMapperOptions options) {
+  options.reestimates = 0;
+  return options;
+}
+
 ShardEstimate CopyOf(const ShardEstimate& estimate) {
   return {estimate.id, estimate.stage, {estimate.state.planes.Clone(), estimate.state.cost.Clone()}};
 }
@@ -101,7 +107,7 @@ class ShardHarness {
       EXPECT_TRUE(drops.emplace(drop.id, drop.reason).second) << drop.id;
     };
     callbacks.on_own_estimate = [this](ShardEstimate estimate) { sent.push_back(std::move(estimate)); };
-    callbacks.on_peer_problem = [this](const std::string& reason, const std::string& message) {
+    callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
       problems.push_back(reason + ": " + message);
     };
     return callbacks;
@@ -218,7 +224,7 @@ TEST(DenseMapperShardsTest, MakeTheMapsOfOneMapperWhateverTheOrder) {
     std::vector<FramePtr> frames;
     double x = 0;
     for (int64_t id = 0; id < 30; ++id) frames.push_back(RandomFrame(id, &x, &random));
-    ShardHarness single(options, {});
+    ShardHarness single(WithoutReestimates(options), {});
     for (const FramePtr& frame : frames) single.mapper.AddKeyframe(frame);
     single.mapper.Flush();
     EXPECT_THAT(single.sent, IsEmpty());
@@ -277,7 +283,7 @@ TEST(DenseMapperShardsTest, MapTheSyntheticRoomAsOneDoes) {
   }
   DenseMapperOptions options;
   options.lookahead = 1;
-  ShardHarness single(MakeCpuDepthEngine(), options, {});
+  ShardHarness single(MakeCpuDepthEngine(), WithoutReestimates(options), {});
   for (const FramePtr& frame : frames) single.mapper.AddKeyframe(frame);
   single.mapper.Flush();
   std::mt19937 random(1);

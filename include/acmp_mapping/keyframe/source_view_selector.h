@@ -1,8 +1,11 @@
 #pragma once
 
+#include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "acmp_mapping/keyframe/frame.h"
+#include "acmp_mapping/keyframe/landmark_visibility.h"
 
 namespace acmp {
 
@@ -17,20 +20,33 @@ struct SourceViewOptions {
   int min_shared_landmarks = 10;     ///< below: ranked by baseline over depth and frustum overlap instead
 };
 void Validate(const SourceViewOptions& options);
+bool operator==(const SourceViewOptions& a, const SourceViewOptions& b);
+
+/// A frame with those of its landmarks that it sees: found once, since many frontends name their whole map with every
+/// keyframe.
+class FrameLandmarks {
+ public:
+  /// Throws InvalidInputError for a null frame.
+  explicit FrameLandmarks(FramePtr frame);
+
+  const Frame& frame() const { return *frame_; }
+  const LandmarksInView& in_view() const { return in_view_; }
+  /// Whether the frame's list has this very point (the same bits) and the frame sees it. Told by hashes of 64 bits: of
+  /// a hundred thousand points each, one in 1e9 pairs of frames shares one by chance.
+  bool Lists(const Eigen::Vector3d& point_in_world) const;
+
+ private:
+  FramePtr frame_;
+  LandmarksInView in_view_;
+  std::vector<uint64_t> listed_;  ///< hashes, sorted: a fifth of what a set takes
+};
+using FrameLandmarksPtr = std::shared_ptr<const FrameLandmarks>;
 
 struct RankedSourceView {
   size_t index = 0;      ///< position in `candidates`
   double score = 0;      ///< > 0, larger is better
   double angle_deg = 0;  ///< median triangulation angle; 0 when nothing tells how far the scene is
 };
-
-/// Views of `candidates` that are useful to match `reference` against, best first, at most max_source_views. A
-/// candidate without baseline or overlap is left out, so the result may be empty. `fallback_depth` (z, scene units)
-/// stands in for the scene where the reference has no landmarks in view; <= 0 when unknown: then views that look the
-/// same way are ranked nearest first, since nothing tells the scale. Throws InvalidInputError for bad options or a null
-/// candidate.
-std::vector<RankedSourceView> SelectSourceViews(const Frame& reference, const std::vector<FramePtr>& candidates,
-                                                double fallback_depth, const SourceViewOptions& options);
 
 /// Why candidates are useful or not, for messages. The counts add up to the number of candidates.
 struct SourceViewCounts {
@@ -40,7 +56,28 @@ struct SourceViewCounts {
   int small_angle = 0;
   double largest_angle_deg = 0;  ///< largest median triangulation angle among those with overlap
 };
-SourceViewCounts CountSourceViews(const Frame& reference, const std::vector<FramePtr>& candidates,
-                                  double fallback_depth, const SourceViewOptions& options);
+
+/// Ranks source views of one reference. What it has found of a candidate it keeps for as long as the candidate lives.
+class SourceViewSelector {
+ public:
+  /// `fallback_depth` (z, scene units) stands in for the scene where the reference has no landmarks in view; <= 0 when
+  /// unknown: then views that look the same way are ranked nearest first, since nothing tells the scale. Throws
+  /// InvalidInputError for bad options or a null reference.
+  SourceViewSelector(const FrameLandmarksPtr& reference, double fallback_depth, const SourceViewOptions& options);
+  ~SourceViewSelector();
+  SourceViewSelector(SourceViewSelector&& other) noexcept;
+  SourceViewSelector& operator=(SourceViewSelector&& other) noexcept;
+
+  /// Views of `candidates` that are useful to match the reference against, best first, at most max_source_views. A
+  /// candidate without baseline or overlap is left out, so the result may be empty. Throws InvalidInputError for a null
+  /// candidate.
+  std::vector<RankedSourceView> Select(const std::vector<FrameLandmarksPtr>& candidates);
+
+  SourceViewCounts Count(const std::vector<FrameLandmarksPtr>& candidates);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
 
 }  // namespace acmp

@@ -24,7 +24,8 @@ struct DenseMapperOptions {
   int window_size = 20;             ///< keyframes kept to match against, 2..kMaxWindowSize
   int lookahead = 2;         ///< later keyframes a keyframe waits for before its geometric passes, 0..window_size-1
   int reestimates = 1;       ///< keyframes of the window that are estimated anew after each new one, of those for which
-                             ///< it brought much better source views, 0..window_size-1; others read what that gives
+                             ///< it brought much better source views, 0..window_size-1; others read what that gives.
+                             ///< With several shards none is
   int min_source_views = 2;  ///< a keyframe waits until so many views are useful; at most max_source_views and
                              ///< window_size - 1, which is all that other keyframes can offer
 };
@@ -48,7 +49,6 @@ struct ShardEstimate {
   int64_t id = 0;
   EstimateStage stage = EstimateStage::kFast;
   EstimateState state;  ///< size of the frame; empty: the keyframe was dropped and gets no estimate of this stage
-  int version = 0;      ///< of a fast one: how often the keyframe had been estimated anew
 };
 
 /// Depth of one keyframe with all that belongs to it. Never modified.
@@ -91,9 +91,9 @@ struct KeyframeDrop {
 /// As one of several shards it computes its own keyframes only. It follows the schedule of all, which depends on the
 /// frames alone, and so knows for each refinement which neighbours a single mapper would read as fast and which as
 /// refined estimates. A refinement waits until these have come from their shards (SetPeerEstimate): then all shards
-/// together make the very maps of a single mapper, in whatever order estimates arrive. This needs the same frames,
-/// calls of Flush at the same place among them, and options that do not change between two keyframes that see each
-/// other.
+/// together make the very maps of a single mapper without re-estimates, in whatever order estimates arrive. This needs
+/// the same frames, calls of Flush at the same place among them, and options that do not change between two keyframes
+/// that see each other.
 class DenseMapper {
  public:
   /// Called inside the mapper's methods; empty ones are skipped. They must neither call the mapper nor throw.
@@ -101,8 +101,8 @@ class DenseMapper {
     std::function<void(const KeyframeDepthPtr&)> on_fast;  ///< at most once per keyframe, before its on_refined
     std::function<void(const KeyframeDepthPtr&)> on_refined;
     std::function<void(const KeyframeDrop&)> on_drop;  ///< every own keyframe ends in exactly one on_refined or on_drop
-    /// With several shards: an own keyframe's estimate for SetPeerEstimate of all others. Each stage and version at
-    /// most once; an empty one when the keyframe is dropped.
+    /// With several shards: an own keyframe's estimate for SetPeerEstimate of all others. Each stage at most once; an
+    /// empty one when the keyframe is dropped.
     std::function<void(ShardEstimate)> on_own_estimate = nullptr;
     /// What others would have read is missing: a peer's estimate cannot be used ("peer_estimate_refused") or did not
     /// come in time ("peer_estimate_missing"), or a keyframe could not be estimated anew ("reestimate_failed").
@@ -119,9 +119,9 @@ class DenseMapper {
   void set_options(const DenseMapperOptions& options);
 
   /// Adds a keyframe (id above all earlier ones since the last Reset, else InvalidInputError) and runs what has become
-  /// possible: first estimates of keyframes that now have enough views, then refinements, each in the order of ids. A
-  /// keyframe that fails is reported through on_drop and never stops the others. With several shards all of them get
-  /// every keyframe under the same id.
+  /// possible: first estimates of keyframes that now have enough views, then re-estimates, then refinements, the first
+  /// and the last in the order of ids. A keyframe that fails is reported through on_drop and never stops the others.
+  /// With several shards all of them get every keyframe under the same id.
   void AddKeyframe(FramePtr frame);
 
   /// Finishes everything that waits for later keyframes, with the views there are: one useful view is enough. What
