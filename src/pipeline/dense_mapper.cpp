@@ -22,6 +22,10 @@ constexpr size_t kMinLaterKeyframes = 3;
 /// to do and nothing more to gain, with 2 some of the gain is lost (docs/quality.md).
 constexpr double kMinScoreGrowth = 1.5;
 
+/// A keyframe is refined again when it has grown so much since its maps were made. It leaves the window once, so that
+/// less is worth the work; with 1.2 one of ten keyframes along a straight wall would be, which has nothing to gain.
+constexpr double kMinLastGrowth = 1.25;
+
 /// MakeFrame guarantees this; frames from elsewhere must not reach the kernels with sizes that do not fit.
 void CheckFrame(const Frame& frame) {
   const std::string name = Concat("keyframe ", frame.id);
@@ -208,26 +212,43 @@ size_t DenseMapper::Impl::CountLater(const WindowKeyframe& keyframe) const {
   }));
 }
 
+ScheduledRefinement DenseMapper::Impl::MakeRefinement(const WindowKeyframePtr& keyframe, Sources sources) const {
+  ScheduledRefinement refinement;
+  refinement.keyframe = keyframe;
+  refinement.source_ids = std::move(sources.ids);
+  refinement.score = sources.score;
+  for (WindowKeyframePtr& source : sources.keyframes) {
+    const auto in_passes = source->StageInPasses();
+    const auto after_passes = source->stage;
+    refinement.sources.push_back({std::move(source), in_passes, after_passes});
+  }
+  return refinement;
+}
+
 /// Gives the refinement its place in the order of all keyframes: what it reads is settled now, even if it runs later or
 /// in another shard.
 void DenseMapper::Impl::Schedule(const WindowKeyframePtr& keyframe) {
   Sources sources = SelectSources(keyframe.get());
   // Its first views may have left the window meanwhile.
   if (sources.ids.empty()) return Drop(keyframe.get(), "no_source_views", DescribeMissing(keyframe.get(), 1));
-  ScheduledRefinement refinement;
-  refinement.keyframe = keyframe;
-  refinement.source_ids = std::move(sources.ids);
-  for (WindowKeyframePtr& source : sources.keyframes) {
-    const auto in_passes = source->StageInPasses();
-    const auto after_passes = source->stage;
-    refinement.sources.push_back({std::move(source), in_passes, after_passes});
-  }
+  ScheduledRefinement refinement = MakeRefinement(keyframe, std::move(sources));
   keyframe->state = WindowKeyframe::State::kScheduled;
   keyframe->stage = EstimateStage::kRefined;
   keyframe->few_later = CountLater(*keyframe) < kMinLaterKeyframes;
   if (!IsOwn(*keyframe)) return;
   waiting.push_back(std::move(refinement));
   RunReady();
+}
+
+/// Makes the maps of a finished keyframe anew if its source views have become better.
+void DenseMapper::Impl::RefineAgain(const WindowKeyframePtr& keyframe) {
+  if (!options.refine_again || shard.count > 1 || !keyframe->refined_score) return;
+  Sources sources = SelectSources(keyframe.get());
+  if (sources.score < kMinLastGrowth * *keyframe->refined_score) return;
+  if (!keyframe->fast || sources.score >= kMinLastGrowth * *keyframe->views_score) Reestimate(keyframe.get(), sources);
+  if (!keyframe->fast) return;
+  keyframe->few_later = CountLater(*keyframe) < kMinLaterKeyframes;
+  RunAgain(MakeRefinement(keyframe, std::move(sources)));
 }
 
 void DenseMapper::Impl::EvictUntil(int keyframes_left) {
@@ -237,6 +258,7 @@ void DenseMapper::Impl::EvictUntil(int keyframes_left) {
     if (oldest->state == WindowKeyframe::State::kPending) {
       Drop(oldest.get(), "no_source_views", DescribeMissing(oldest.get(), options.min_source_views));
     }
+    leaving.push_back(oldest);
     window.pop_front();
   }
 }
@@ -273,6 +295,7 @@ void DenseMapper::AddKeyframe(FramePtr frame) {
   const WindowKeyframePtr& newest = impl_->window.back();
   if (is_admitted) impl_->ReestimateBest(newest.get());
   impl_->ScheduleOlderThan(static_cast<size_t>(impl_->options.lookahead));
+  for (const WindowKeyframePtr& keyframe : std::exchange(impl_->leaving, {})) impl_->RefineAgain(keyframe);
 }
 
 void DenseMapper::Flush() {
@@ -282,6 +305,7 @@ void DenseMapper::Flush() {
     impl_->Drop(keyframe.get(), "no_source_views", impl_->DescribeMissing(keyframe.get(), 1));
   }
   impl_->ScheduleOlderThan(0);
+  for (const WindowKeyframePtr& keyframe : impl_->window) impl_->RefineAgain(keyframe);
 }
 
 void DenseMapper::Reset() {

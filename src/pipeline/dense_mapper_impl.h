@@ -53,7 +53,9 @@ struct DenseMapper::Impl {
   void EstimatePending(int min_source_views);
   void ReestimateBest(WindowKeyframe* newest);
   void ScheduleOlderThan(size_t later_keyframes);
+  ScheduledRefinement MakeRefinement(const WindowKeyframePtr& keyframe, Sources sources) const;
   void Schedule(const WindowKeyframePtr& keyframe);
+  void RefineAgain(const WindowKeyframePtr& keyframe);
   size_t CountLater(const WindowKeyframe& keyframe) const;
   void EvictUntil(int keyframes_left);
 
@@ -74,6 +76,7 @@ struct DenseMapper::Impl {
   void Estimate(WindowKeyframe* keyframe, const Sources& sources);
   void Reestimate(WindowKeyframe* keyframe, const Sources& sources);
   void Refine(const ScheduledRefinement& refinement);
+  void RunAgain(const ScheduledRefinement& refinement);
   KeyframeDepthPtr MakeRefined(const ScheduledRefinement& refinement, EngineEstimatePtr* for_others);
   EngineProblem MakeRefinementProblem(const ScheduledRefinement& refinement);
   bool IsReady(const ScheduledRefinement& refinement) const;
@@ -91,6 +94,7 @@ struct DenseMapper::Impl {
   DepthEngine* engine;
   DepthEstimator estimator;
   std::deque<WindowKeyframePtr> window;    ///< oldest first
+  std::vector<WindowKeyframePtr> leaving;  ///< that the keyframe under way has moved out of it
   std::list<ScheduledRefinement> waiting;  ///< own ones, in the order of the schedule
   std::optional<DepthRange> last_range;
   std::optional<int64_t> last_id;

@@ -33,8 +33,9 @@ struct WindowKeyframe {
   bool few_later = false;
   EngineEstimatePtr fast;  ///< the latest
   EngineEstimatePtr refined;
-  std::optional<double> views_score;  ///< sum over the source views of `fast`; none before they were chosen
-  bool fast_settled = false;          ///< `fast` is there or will never be
+  std::optional<double> views_score;    ///< sum over the source views of `fast`; none before they were chosen
+  std::optional<double> refined_score;  ///< the same of its maps that are out; none: there are none
+  bool fast_settled = false;            ///< `fast` is there or will never be
   bool refined_settled = false;
 
   std::optional<EstimateStage> StageInPasses() const { return few_later ? EstimateStage::kFast : stage; }
@@ -68,6 +69,7 @@ struct ScheduledRefinement {
   WindowKeyframePtr keyframe;
   std::vector<Source> sources;  ///< best first
   std::vector<int64_t> source_ids;
+  double score = 0;  ///< of the source views, summed
 };
 
 }  // namespace acmp

@@ -105,8 +105,10 @@ void DenseMapperNodelet::StartWorker() {
   hooks.on_drop = [this](const Drop& drop) { ReportDrop(drop); };
   if (options_.shard.count > 1) {
     StartExchange(&hooks);
-    const int reestimates = runtime_options.mapper.reestimates;
-    if (reestimates > 0) NODELET_INFO("reestimates = %d: without effect with several shards", reestimates);
+    const DenseMapperOptions& mapper = runtime_options.mapper;
+    if (mapper.reestimates > 0)
+      NODELET_INFO("reestimates = %d: without effect with several shards", mapper.reestimates);
+    if (mapper.refine_again) NODELET_INFO("refine_again = true: without effect with several shards");
   }
   worker_ = std::make_unique<MapperWorker>(options_, runtime_options_.get(), map_.get(), &numbers_, hooks);
 }

@@ -42,19 +42,20 @@ void MapStore::AddPose(int64_t id, int64_t stamp_ns, const RigidTransform& world
   Evict();
 }
 
-void MapStore::AddPoints(int64_t id, int64_t stamp_ns, const RigidTransform& world_from_cam,
-                         const PointCloud& points_in_camera) {
+std::shared_ptr<const PointCloud> MapStore::Thinned(const PointCloud& points) {
+  if (points.empty()) return std::make_shared<const PointCloud>();
   double voxel_size = 0;
   {
     std::lock_guard<std::mutex> lock(mutex_);
-    if (auto_voxel_size_ == 0 && !points_in_camera.empty()) {
-      auto_voxel_size_ = kAutoVoxelRatio * MedianDepth(points_in_camera);
-    }
+    if (auto_voxel_size_ == 0) auto_voxel_size_ = kAutoVoxelRatio * MedianDepth(points);
     voxel_size = VoxelSize();
   }
-  auto thinned = std::make_shared<const PointCloud>(
-      points_in_camera.empty() ? PointCloud() : VoxelFilter(points_in_camera, static_cast<float>(voxel_size)));
+  return std::make_shared<const PointCloud>(VoxelFilter(points, static_cast<float>(voxel_size)));
+}
 
+void MapStore::AddPoints(int64_t id, int64_t stamp_ns, const RigidTransform& world_from_cam,
+                         const PointCloud& points_in_camera) {
+  std::shared_ptr<const PointCloud> thinned = Thinned(points_in_camera);
   std::lock_guard<std::mutex> lock(mutex_);
   statistics_.points += thinned->size();
   ++statistics_.keyframes;
@@ -63,9 +64,25 @@ void MapStore::AddPoints(int64_t id, int64_t stamp_ns, const RigidTransform& wor
   ++version_;
 }
 
+bool MapStore::ReplacePoints(int64_t id, const PointCloud& points_in_camera) {
+  std::shared_ptr<const PointCloud> thinned = Thinned(points_in_camera);
+  std::lock_guard<std::mutex> lock(mutex_);
+  const auto place = PlaceOf(id);
+  if (place == keyframes_.end() || place->id != id || !place->points_in_camera) return false;
+  statistics_.points += thinned->size();
+  statistics_.points -= place->points_in_camera->size();
+  place->points_in_camera = std::move(thinned);
+  ++version_;
+  return true;
+}
+
+std::deque<MapStore::Keyframe>::iterator MapStore::PlaceOf(int64_t id) {
+  return std::lower_bound(keyframes_.begin(), keyframes_.end(), id,
+                          [](const Keyframe& keyframe, int64_t i) { return keyframe.id < i; });
+}
+
 MapStore::Keyframe* MapStore::FindOrAdd(int64_t id, int64_t stamp_ns, const RigidTransform& world_from_cam) {
-  const auto place = std::lower_bound(keyframes_.begin(), keyframes_.end(), id,
-                                      [](const Keyframe& keyframe, int64_t i) { return keyframe.id < i; });
+  const auto place = PlaceOf(id);
   if (place != keyframes_.end() && place->id == id) return &*place;
   Keyframe keyframe;
   keyframe.id = id;

@@ -115,6 +115,7 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
   status->add("keyframes", worker.keyframes);
   status->add("fast depth maps", worker.fast);
   status->add("refined depth maps", worker.refined);
+  status->add("refined again for the map", worker.refined_again);
   status->add("keyframes queued", snapshot.queued);
   status->add("matched size [px]", Concat(worker.width, "x", worker.height));
   status->add("last keyframe: decode and rectify [ms]", worker.preparation_ms);

@@ -228,6 +228,7 @@ void MapperWorker::MakeMapper() {
     DenseMapper::Callbacks callbacks;
     callbacks.on_fast = [this](const KeyframeDepthPtr& maps) { HandleFast(maps); };
     callbacks.on_refined = [this](const KeyframeDepthPtr& maps) { HandleRefined(maps); };
+    callbacks.on_refined_again = [this](const KeyframeDepthPtr& maps) { HandleRefinedAgain(maps); };
     callbacks.on_drop = [this](const KeyframeDrop& drop) { HandleDrop(drop); };
     callbacks.on_own_estimate = [this](const ShardEstimate& estimate) {
       if (!stopping_) hooks_.on_own_estimate(estimate, pending_.at(estimate.id).stamp_ns);
@@ -275,6 +276,7 @@ void MapperWorker::Process(const NumberedInput& numbered) {
     status->preparation_ms = preparation_ms;
   });
   mapper_->AddKeyframe(frame);
+  while (refined_.size() > static_cast<size_t>(options.mapper.window_size)) refined_.erase(refined_.begin());
   UpdateStatus([&](WorkerStatus* status) { status->keyframe_ms = preparation_ms + timer.Lap(); });
 }
 
@@ -294,8 +296,7 @@ FramePtr MapperWorker::PrepareFrame(const NumberedInput& numbered, cv::Mat* vali
   return frame;
 }
 
-KeyframeOutput MapperWorker::MakeOutput(const KeyframeDepthPtr& maps) const {
-  const Pending& pending = pending_.at(maps->frame->id);
+KeyframeOutput MapperWorker::MakeOutput(const KeyframeDepthPtr& maps, const Pending& pending) const {
   KeyframeOutput output;
   output.maps = maps;
   output.stamp_ns = pending.stamp_ns;
@@ -309,7 +310,7 @@ KeyframeOutput MapperWorker::MakeOutput(const KeyframeDepthPtr& maps) const {
 
 void MapperWorker::HandleFast(const KeyframeDepthPtr& maps) {
   if (stopping_) return;
-  const KeyframeOutput output = MakeOutput(maps);
+  const KeyframeOutput output = MakeOutput(maps, pending_.at(maps->frame->id));
   map_->AddPose(maps->frame->id, output.stamp_ns, output.world_from_cam);
   Publish(hooks_.on_fast, output);
   const double latency_ms = LatencyMs(*maps);
@@ -321,17 +322,25 @@ void MapperWorker::HandleFast(const KeyframeDepthPtr& maps) {
 
 void MapperWorker::HandleRefined(const KeyframeDepthPtr& maps) {
   if (stopping_) return;
-  const KeyframeOutput output = MakeOutput(maps);
+  const KeyframeOutput output = MakeOutput(maps, pending_.at(maps->frame->id));
   map_->AddPoints(maps->frame->id, output.stamp_ns, output.world_from_cam, output.points_in_camera);
   Publish(hooks_.on_refined, output);
   const double latency_ms = LatencyMs(*maps);
-  pending_.erase(maps->frame->id);
+  refined_.insert(pending_.extract(maps->frame->id));
   UpdateStatus([&](WorkerStatus* status) {
     ++status->refined;
     status->refined_latency.Add(latency_ms);
     status->times = maps->times;
     status->consistency_ms = maps->consistency_ms;
   });
+}
+
+/// For the map: each keyframe's depth and points are published once.
+void MapperWorker::HandleRefinedAgain(const KeyframeDepthPtr& maps) {
+  const auto pending = refined_.find(maps->frame->id);
+  if (stopping_ || pending == refined_.end()) return;
+  map_->ReplacePoints(maps->frame->id, MakeOutput(maps, pending->second).points_in_camera);
+  UpdateStatus([](WorkerStatus* status) { ++status->refined_again; });
 }
 
 double MapperWorker::LatencyMs(const KeyframeDepth& maps) const {

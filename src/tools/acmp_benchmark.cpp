@@ -22,6 +22,7 @@ struct Arguments {
   int repetitions = 5;
   int keyframes = 0;
   int reestimates = DenseMapperOptions().reestimates;
+  bool refine_again = DenseMapperOptions().refine_again;
   std::string preset = "acmp";
   std::vector<std::string> set;
   std::string device = "auto";
@@ -64,7 +65,7 @@ void Run(const Arguments& arguments) {
       CheckRange("--source-views", source_views, 1, kMaxSourceViews);
       if (arguments.keyframes > 0) {
         report.streams.push_back(MeasureStream(backend.engine.get(), options, size, source_views, arguments.keyframes,
-                                               arguments.reestimates));
+                                               arguments.reestimates, arguments.refine_again));
       } else {
         report.stages.push_back(
             MeasureStages(backend.engine.get(), options, size, source_views, arguments.repetitions));
@@ -98,6 +99,10 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(0, 1000000))
       ->capture_default_str();
   app.add_option("--reestimates", arguments.reestimates, "Of the stream: keyframes estimated anew after each new one")
+      ->capture_default_str();
+  app.add_option(
+         "--refine-again", arguments.refine_again,
+         "Of the stream: true or false; refine keyframes a second time as they leave the window with better views")
       ->capture_default_str();
   app.add_option("--preset", arguments.preset, "Option set, see the README")
       ->check(CLI::IsMember(acmp::PresetNames()))

@@ -146,7 +146,7 @@ StageFigures MeasureStages(DepthEngine* engine, const PipelineOptions& options, 
 }
 
 StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options, ImageSize size, int source_views,
-                            int keyframes, int reestimates) {
+                            int keyframes, int reestimates, bool refine_again) {
   StreamFigures figures;
   figures.size = size;
   figures.source_views = source_views;
@@ -154,11 +154,11 @@ StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options,
 
   DenseMapperOptions mapper_options;
   mapper_options.pipeline = options;
-  mapper_options.window_size = source_views + 1;
+  mapper_options.window_size = std::max(mapper_options.window_size, source_views + 1);
   mapper_options.source_views.max_source_views = source_views;
   mapper_options.min_source_views = std::min(2, source_views);
-  mapper_options.lookahead = std::min(mapper_options.lookahead, source_views);
   mapper_options.reestimates = reestimates;
+  mapper_options.refine_again = refine_again;
   std::vector<double> fast, refined, device;
   Timer since_added;
   DenseMapper::Callbacks callbacks;

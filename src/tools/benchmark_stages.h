@@ -43,9 +43,9 @@ struct StreamFigures {
   size_t device_bytes_begin = 0, device_bytes_end = 0, host_bytes_begin = 0, host_bytes_end = 0;
 };
 
-/// Feeds a camera that moves along a textured wall, with a window of `source_views` + 1 keyframes.
-/// @param reestimates as in DenseMapperOptions
+/// Feeds a camera that moves along a textured wall to a mapper with the default window.
+/// @param reestimates,refine_again as in DenseMapperOptions
 StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options, ImageSize size, int source_views,
-                            int keyframes, int reestimates);
+                            int keyframes, int reestimates, bool refine_again);
 
 }  // namespace acmp

@@ -56,6 +56,7 @@ RunRecord MakeRecord(const ReconstructOptions& options, const std::string& devic
     record.emplace_back("window-size", Concat(options.window_size));
     record.emplace_back("lookahead", Concat(options.lookahead));
     record.emplace_back("reestimates", Concat(options.reestimates));
+    record.emplace_back("refine-again", flag(options.refine_again));
   }
   return record;
 }

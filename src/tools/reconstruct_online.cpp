@@ -12,6 +12,7 @@ namespace {
 /// What the mapper hands out while it works on one keyframe; kept until it is known that nobody interrupted it.
 struct Outcome {
   std::vector<KeyframeDepthPtr> refined;
+  std::vector<KeyframeDepthPtr> refined_again;
   std::vector<KeyframeDrop> drops;
 };
 
@@ -34,7 +35,8 @@ class OnlineSchedule {
         mapper_(&recorder_, MapperOptions(*run),
                 {{},
                  [this](const KeyframeDepthPtr& keyframe) { outcome_.refined.push_back(keyframe); },
-                 [this](const KeyframeDrop& drop) { outcome_.drops.push_back(drop); }}) {
+                 [this](const KeyframeDrop& drop) { outcome_.drops.push_back(drop); },
+                 [this](const KeyframeDepthPtr& keyframe) { outcome_.refined_again.push_back(keyframe); }}) {
     run_.folder.MakeWorkFolder("final");
   }
 
@@ -68,18 +70,22 @@ class OnlineSchedule {
 
   void KeepOutcome() {
     run_.interrupt.Check();
-    for (const KeyframeDepthPtr& keyframe : outcome_.refined) Keep(*keyframe);
+    for (const KeyframeDepthPtr& keyframe : outcome_.refined) {
+      ++run_.times.images;
+      Keep(*keyframe, false);
+    }
+    for (const KeyframeDepthPtr& keyframe : outcome_.refined_again) Keep(*keyframe, true);
     for (const KeyframeDrop& drop : outcome_.drops) Drop(drop);
     outcome_ = {};
   }
 
-  void Keep(const KeyframeDepth& keyframe) {
+  /// @param anew the last ones are in the file, if it is not an earlier run's
+  void Keep(const KeyframeDepth& keyframe, bool anew) {
     run_.times.Add(keyframe.times);
     run_.times.consistency_ms += keyframe.consistency_ms;
-    ++run_.times.images;
     PlanOf(keyframe.frame->id).sources.assign(keyframe.source_ids.begin(), keyframe.source_ids.end());
     const auto path = run_.folder.WorkFile("final", static_cast<int>(keyframe.frame->id));
-    if (IsWholeWorkFile(path)) return;
+    if (!anew && IsWholeWorkFile(path)) return;
     Timer timer;
     WriteFinalMaps(path, ToFinalMaps(keyframe));
     run_.times.keeping_ms += timer.Lap();

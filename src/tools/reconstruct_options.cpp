@@ -108,6 +108,12 @@ void AddScheduleOptions(CLI::App* app, ReconstructOptions* options) {
                   "source views; others are refined with what that gives")
       ->capture_default_str()
       ->group(group);
+  app->add_option(
+         "--refine-again", options->refine_again,
+         "Online: true or false; refine a keyframe a second time when it leaves the window, if its source views\n"
+         "are much better by then")
+      ->capture_default_str()
+      ->group(group);
 }
 
 void AddMachineOptions(CLI::App* app, ReconstructOptions* options) {
@@ -249,6 +255,7 @@ DenseMapperOptions MakeMapperOptions(const ReconstructOptions& options, const De
   mapper.window_size = options.window_size;
   mapper.lookahead = options.lookahead;
   mapper.reestimates = options.reestimates;
+  mapper.refine_again = options.refine_again;
   mapper.min_source_views = MinSourceViews(options);
   mapper.fallback_depth_range = dataset_range;
   if (options.depth_min && options.depth_max) {

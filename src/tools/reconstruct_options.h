@@ -33,6 +33,7 @@ struct ReconstructOptions {
   int window_size = DenseMapperOptions().window_size;
   int lookahead = DenseMapperOptions().lookahead;
   int reestimates = DenseMapperOptions().reestimates;
+  bool refine_again = DenseMapperOptions().refine_again;
 
   std::string device = "auto";
   std::vector<int> cuda_index = {0};

@@ -145,6 +145,7 @@ class MapperHarness {
   std::vector<KeyframeDepthPtr> refined;
   std::vector<KeyframeDrop> drops;
   std::vector<std::string> problems;
+  std::vector<int64_t> refined_again;
   bool keep_maps = true;
   DenseMapper mapper;
 
@@ -159,6 +160,7 @@ class MapperHarness {
       events.push_back(Concat("refined ", depth->frame->id));
       if (keep_maps) refined.push_back(depth);
     };
+    callbacks.on_refined_again = [this](const KeyframeDepthPtr& depth) { refined_again.push_back(depth->frame->id); };
     callbacks.on_drop = [this](const KeyframeDrop& drop) {
       events.push_back(Concat("drop ", drop.id, " ", drop.reason));
       drops.push_back(drop);
@@ -178,6 +180,7 @@ inline DenseMapperOptions FakeOptions(int window_size, int lookahead, int min_so
   options.lookahead = lookahead;
   options.min_source_views = min_source_views;
   options.reestimates = 0;
+  options.refine_again = false;
   return options;
 }
 
@@ -224,6 +227,7 @@ inline DenseMapperOptions RandomOptions(std::mt19937* random) {
   options.pipeline.geometric_passes = static_cast<int>((*random)() % 3);
   options.pipeline.start_level = static_cast<int>((*random)() % 3);
   if ((*random)() % 2 == 0) options.fallback_depth_range = {1, 20};
+  options.refine_again = (*random)() % 2 == 0;
   options.reestimates = static_cast<int>((*random)() % static_cast<unsigned>(std::min(3, window_size)));
   return options;
 }

@@ -1,4 +1,4 @@
-// Keyframes that are estimated anew when better source views of them have come.
+// Keyframes that are estimated anew, or refined again, when better source views of them have come.
 
 #include <algorithm>
 
@@ -127,6 +127,72 @@ TEST(DenseMapperReestimateTest, WhereItFailsOthersReadWhatTheyReadBefore) {
         AllOf(Not(IsEmpty()), Each(AllOf(HasSubstr("reestimate_failed: keyframe "), HasSubstr("device lost")))));
     // What was refined with two later keyframes only is read as its fast map anyhow.
     EXPECT_EQ(DepthRead(harness.patch_match, reader, 0), lookahead == 2 ? kFastDepth : kRefinedDepth);
+  }
+}
+
+DenseMapperOptions RefiningAgain(int window_size) {
+  DenseMapperOptions options = FakeOptions(window_size, 1);
+  options.refine_again = true;
+  return options;
+}
+
+TEST(DenseMapperRefineAgainTest, WhatLeavesTheWindowWithBetterViewsIsRefinedAgainOnce) {
+  for (const bool on : {true, false}) {
+    DenseMapperOptions options = RefiningAgain(5);
+    options.refine_again = on;
+    MapperHarness harness(options);
+    for (int id = 0; id < 3; ++id) harness.Add(WallFrame(id, 0.08 * id));
+    for (int id = 3; id < 5; ++id) harness.Add(WallFrame(id, 0.35 * (id - 2)));
+    ASSERT_THAT(harness.refined, SizeIs(4));
+    EXPECT_THAT(harness.refined_again, IsEmpty());
+    harness.patch_match.calls.clear();
+    EXPECT_THAT(harness.Add(WallFrame(5, 1.05)), ElementsAre("fast 5", "refined 4"));
+    if (!on) {
+      EXPECT_THAT(harness.refined_again, IsEmpty());
+      continue;
+    }
+    EXPECT_THAT(harness.refined_again, ElementsAre(0));
+    ASSERT_THAT(CallsOf(harness.patch_match, "photometric", 0), SizeIs(1));
+    EXPECT_THAT(CallsOf(harness.patch_match, "photometric", 0)[0].sources, Contains(5)) << "the newest one, too";
+    EXPECT_THAT(CallsOf(harness.patch_match, "geometric", 0), SizeIs(2));
+    EXPECT_EQ(harness.refined.size(), 5u) << "its own refined map came before";
+  }
+}
+
+TEST(DenseMapperRefineAgainTest, WhatHadGoodViewsIsLeftAsItIs) {
+  DenseMapperOptions options = RefiningAgain(6);
+  options.source_views.max_source_views = 3;
+  MapperHarness harness(options);
+  for (int id = 0; id < 6; ++id) harness.Add(WallFrame(id));
+  harness.refined_again.clear();
+  for (int id = 6; id < 20; ++id) harness.Add(WallFrame(id));
+  EXPECT_THAT(harness.refined_again, Each(testing::Lt(3))) << "those at the start may gain";
+}
+
+TEST(DenseMapperRefineAgainTest, AFlushRefinesWhatHasGained) {
+  MapperHarness harness(RefiningAgain(10));
+  for (int id = 0; id < 3; ++id) harness.Add(WallFrame(id, 0.08 * id));
+  for (int id = 3; id < 5; ++id) harness.Add(WallFrame(id, 0.35 * (id - 2)));
+  harness.TakeEvents();
+  EXPECT_THAT(harness.Flush(), ElementsAre("refined 4"));
+  EXPECT_THAT(harness.refined_again, ElementsAre(0, 1, 2));
+  harness.Flush();
+  EXPECT_THAT(harness.refined_again, SizeIs(3)) << "nothing more has come";
+}
+
+TEST(DenseMapperRefineAgainTest, WhereItFailsTheMapsStayAndItIsTold) {
+  for (const char* pass : {"photometric", "geometric"}) {
+    MapperHarness harness(RefiningAgain(5));
+    for (int id = 0; id < 3; ++id) harness.Add(WallFrame(id, 0.08 * id));
+    for (int id = 3; id < 5; ++id) harness.Add(WallFrame(id, 0.35 * (id - 2)));
+    harness.patch_match.before_answer = [&](const FakePatchMatch::Call& call) {
+      if (call.pass == pass && call.reference == 0) throw ProcessingError("device lost");
+    };
+    EXPECT_THAT(harness.Add(WallFrame(5, 1.05)), ElementsAre("fast 5", "refined 4"));
+    EXPECT_THAT(harness.drops, IsEmpty());
+    EXPECT_THAT(harness.problems, Contains(AllOf(HasSubstr("keyframe 0 could not be"), HasSubstr("device lost"))));
+    // With the fast map of before it is refined all the same.
+    EXPECT_EQ(harness.refined_again.size(), std::string(pass) == "photometric" ? 1u : 0u);
   }
 }
 

@@ -67,9 +67,10 @@ class HashPatchMatch : public PatchMatch {
   }
 };
 
-/// Shards estimate no keyframe anew.
+/// Shards estimate and refine every keyframe once.
 DenseMapperOptions WithoutReestimates(DenseMapperOptions options) {
   options.reestimates = 0;
+  options.refine_again = false;
   return options;
 }
 

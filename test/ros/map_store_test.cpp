@@ -53,6 +53,28 @@ TEST(MapStore, ThinsToOnePointPerVoxelAcrossKeyframes) {
   EXPECT_EQ(store.WorldCloud().size(), 150u) << "the overlap counts once";
 }
 
+TEST(MapStore, PointsOfAKeyframeAreReplacedWhereItStillIs) {
+  MapStore store({2, 0.1});
+  Add(&store, 3, Shifted(0), PlaneAt(1.05f, 20, 0.05f));
+  const uint64_t version = store.version();
+  EXPECT_TRUE(store.ReplacePoints(3, PlaneAt(2.05f, 10, 0.05f)));
+  EXPECT_NE(store.version(), version);
+  EXPECT_EQ(store.statistics().points, 25u);
+  EXPECT_EQ(store.statistics().keyframes, 1u);
+  ASSERT_EQ(store.WorldCloud().size(), 25u);
+  EXPECT_NEAR(store.WorldCloud()[0].position.z, 2.05, 1e-5);
+  EXPECT_TRUE(store.ReplacePoints(3, {}));
+  EXPECT_TRUE(store.WorldCloud().empty());
+
+  store.AddPose(4, 400000000, Shifted(1));
+  EXPECT_FALSE(store.ReplacePoints(4, PlaneAt(1.05f, 2, 0.05f))) << "it has had no points";
+  EXPECT_FALSE(store.ReplacePoints(7, PlaneAt(1.05f, 2, 0.05f)));
+  Add(&store, 5, Shifted(1), PlaneAt(1.05f, 2, 0.1f));
+  Add(&store, 6, Shifted(2), PlaneAt(1.05f, 2, 0.1f));
+  EXPECT_FALSE(store.ReplacePoints(3, PlaneAt(1.05f, 20, 0.05f))) << "it has made room";
+  EXPECT_EQ(store.statistics().points, 8u);
+}
+
 TEST(MapStore, ChoosesAVoxelSizeInProportionToTheScene) {
   for (const float scale : {0.001f, 1.0f, 1000.0f}) {
     MapStore store({10, 0});

@@ -26,6 +26,8 @@ struct DenseMapperOptions {
   int reestimates = 1;       ///< keyframes of the window that are estimated anew after each new one, of those for which
                              ///< it brought much better source views, 0..window_size-1; others read what that gives.
                              ///< With several shards none is
+  bool refine_again = true;  ///< refine a keyframe a second time when it leaves the window, if its source views are
+                             ///< much better by then; not with several shards
   int min_source_views = 2;  ///< a keyframe waits until so many views are useful; at most max_source_views and
                              ///< window_size - 1, which is all that other keyframes can offer
 };
@@ -101,11 +103,14 @@ class DenseMapper {
     std::function<void(const KeyframeDepthPtr&)> on_fast;  ///< at most once per keyframe, before its on_refined
     std::function<void(const KeyframeDepthPtr&)> on_refined;
     std::function<void(const KeyframeDrop&)> on_drop;  ///< every own keyframe ends in exactly one on_refined or on_drop
+    /// Better maps of a keyframe that had its on_refined, as it leaves the window or is flushed.
+    std::function<void(const KeyframeDepthPtr&)> on_refined_again = nullptr;
     /// With several shards: an own keyframe's estimate for SetPeerEstimate of all others. Each stage at most once; an
     /// empty one when the keyframe is dropped.
     std::function<void(ShardEstimate)> on_own_estimate = nullptr;
     /// What others would have read is missing: a peer's estimate cannot be used ("peer_estimate_refused") or did not
-    /// come in time ("peer_estimate_missing"), or a keyframe could not be estimated anew ("reestimate_failed").
+    /// come in time ("peer_estimate_missing"), a keyframe could not be estimated anew ("reestimate_failed") or refined
+    /// again ("refine_again_failed").
     std::function<void(const std::string& reason, const std::string& message)> on_problem = nullptr;
   };
 

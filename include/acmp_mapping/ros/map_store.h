@@ -59,6 +59,9 @@ class MapStore {
   /// Once for a keyframe. Adds the pose too, if that has not been done or the keyframe was evicted meanwhile.
   void AddPoints(int64_t id, int64_t stamp_ns, const RigidTransform& world_from_cam,
                  const PointCloud& points_in_camera);
+  /// Better points of a keyframe that has had its own. False, and nothing is changed, where it is not in the map any
+  /// more.
+  bool ReplacePoints(int64_t id, const PointCloud& points_in_camera);
   void Clear();
 
   /// Time jumped back: later keyframes are another run of the frontend, perhaps in another world. Corrections of one
@@ -88,8 +91,11 @@ class MapStore {
     std::shared_ptr<const PointCloud> points_in_camera;  ///< null while there are none
   };
 
+  std::shared_ptr<const PointCloud> Thinned(const PointCloud& points);
+
   // All of these need the mutex.
   double VoxelSize() const { return options_.voxel_size > 0 ? options_.voxel_size : auto_voxel_size_; }
+  std::deque<Keyframe>::iterator PlaceOf(int64_t id);
   Keyframe* FindOrAdd(int64_t id, int64_t stamp_ns, const RigidTransform& world_from_cam);
   ReposeResult ApplyPath();
   void Evict();

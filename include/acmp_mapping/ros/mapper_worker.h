@@ -39,6 +39,7 @@ struct WorkerStatus {
   uint64_t keyframes = 0;       ///< given to the mapper
   uint64_t fast = 0;
   uint64_t refined = 0;
+  uint64_t refined_again = 0;
   int width = 0, height = 0;  ///< matched size of the last keyframe, px
   StageTimes times;           ///< of the last refined keyframe
   double consistency_ms = 0;
@@ -122,9 +123,10 @@ class MapperWorker {
   double LatencyMs(const KeyframeDepth& maps) const;
   bool MustWait() const;
   void FinishWaits();
-  KeyframeOutput MakeOutput(const KeyframeDepthPtr& maps) const;
+  KeyframeOutput MakeOutput(const KeyframeDepthPtr& maps, const Pending& pending) const;
   void HandleFast(const KeyframeDepthPtr& maps);
   void HandleRefined(const KeyframeDepthPtr& maps);
+  void HandleRefinedAgain(const KeyframeDepthPtr& maps);
   void Publish(const std::function<void(const KeyframeOutput&)>& hook, const KeyframeOutput& output) const;
   void HandleDrop(const KeyframeDrop& drop);
   void ReportDrop(const Drop& drop) const;
@@ -153,6 +155,7 @@ class MapperWorker {
   CalibrationPtr calibration_;
   std::unique_ptr<ImageRectifier> rectifier_;
   std::map<int64_t, Pending> pending_;
+  std::map<int64_t, Pending> refined_;  ///< that may be refined again: as many as the mapper's window has
   double min_confidence_ = 0;
   int64_t last_number_ = -1;                          ///< of the last keyframe taken from the queue
   std::optional<int64_t> flush_after_;                ///< a peer was flushed after this keyframe

@@ -93,6 +93,7 @@ void VisitRuntimeParameters(Options& options, Config& config, const Visitor& vis
   visit("window_size", mapper.window_size, config.window_size);
   visit("lookahead", mapper.lookahead, config.lookahead);
   visit("reestimates", mapper.reestimates, config.reestimates);
+  visit("refine_again", mapper.refine_again, config.refine_again);
   visit("min_source_views", mapper.min_source_views, config.min_source_views);
   visit("max_source_views", mapper.source_views.max_source_views, config.max_source_views);
   visit("min_angle_deg", mapper.source_views.min_angle_deg, config.min_angle_deg);
