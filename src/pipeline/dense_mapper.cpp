@@ -247,8 +247,8 @@ void DenseMapper::Impl::RefineAgain(const WindowKeyframePtr& keyframe) {
   if (sources.score < kMinLastGrowth * *keyframe->refined_score) return;
   if (!keyframe->fast || sources.score >= kMinLastGrowth * *keyframe->views_score) Reestimate(keyframe.get(), sources);
   if (!keyframe->fast) return;
-  keyframe->few_later = CountLater(*keyframe) < kMinLaterKeyframes;
-  RunAgain(MakeRefinement(keyframe, std::move(sources)));
+  const bool had_few_later = std::exchange(keyframe->few_later, CountLater(*keyframe) < kMinLaterKeyframes);
+  if (!RunAgain(MakeRefinement(keyframe, std::move(sources)))) keyframe->few_later = had_few_later;
 }
 
 void DenseMapper::Impl::EvictUntil(int keyframes_left) {
@@ -292,8 +292,7 @@ void DenseMapper::AddKeyframe(FramePtr frame) {
   impl_->EvictUntil(impl_->options.window_size);  // it may have shrunk
   const bool is_admitted = impl_->Admit(std::move(frame));
   impl_->EstimatePending(impl_->options.min_source_views);
-  const WindowKeyframePtr& newest = impl_->window.back();
-  if (is_admitted) impl_->ReestimateBest(newest.get());
+  if (is_admitted) impl_->ReestimateBest(impl_->window.back().get());
   impl_->ScheduleOlderThan(static_cast<size_t>(impl_->options.lookahead));
   for (const WindowKeyframePtr& keyframe : std::exchange(impl_->leaving, {})) impl_->RefineAgain(keyframe);
 }

@@ -107,26 +107,30 @@ void DenseMapper::Impl::Refine(const ScheduledRefinement& refinement) {
   keyframe.refined = std::move(estimate);
   keyframe.refined_settled = true;
   keyframe.refined_score = refinement.score;
+  keyframe.times = StageTimes();
   // With several shards a refinement that waits may still have to read the fast one.
   if (shard.count == 1 && !keyframe.few_later) keyframe.fast.reset();
   if (callbacks.on_refined) callbacks.on_refined(refined);
 }
 
-/// Where that fails, the keyframe's maps stay as they are.
-void DenseMapper::Impl::RunAgain(const ScheduledRefinement& refinement) {
+/// False where that fails; the keyframe's maps stay as they are then.
+bool DenseMapper::Impl::RunAgain(const ScheduledRefinement& refinement) {
   WindowKeyframe& keyframe = *refinement.keyframe;
   EngineEstimatePtr estimate;
   KeyframeDepthPtr refined;
   const auto failure = CatchFailure([&] { refined = MakeRefined(refinement, &estimate); });
   if (failure) {
-    return ReportProblem("refine_again_failed",
-                         Concat("keyframe ", keyframe.frame->id, " could not be refined again: ", failure->message));
+    ReportProblem("refine_again_failed",
+                  Concat("keyframe ", keyframe.frame->id, " could not be refined again: ", failure->message));
+    return false;
   }
   keyframe.refined = std::move(estimate);
   keyframe.stage = EstimateStage::kRefined;
   keyframe.refined_score = refinement.score;
+  keyframe.times = StageTimes();
   if (!keyframe.few_later) keyframe.fast.reset();
   if (callbacks.on_refined_again) callbacks.on_refined_again(refined);
+  return true;
 }
 
 EngineProblem DenseMapper::Impl::MakeRefinementProblem(const ScheduledRefinement& refinement) {

@@ -76,7 +76,7 @@ struct DenseMapper::Impl {
   void Estimate(WindowKeyframe* keyframe, const Sources& sources);
   void Reestimate(WindowKeyframe* keyframe, const Sources& sources);
   void Refine(const ScheduledRefinement& refinement);
-  void RunAgain(const ScheduledRefinement& refinement);
+  bool RunAgain(const ScheduledRefinement& refinement);
   KeyframeDepthPtr MakeRefined(const ScheduledRefinement& refinement, EngineEstimatePtr* for_others);
   EngineProblem MakeRefinementProblem(const ScheduledRefinement& refinement);
   bool IsReady(const ScheduledRefinement& refinement) const;

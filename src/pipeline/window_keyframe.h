@@ -24,7 +24,7 @@ struct WindowKeyframe {
   State state = State::kPending;
   EngineImagePtr image;             ///< null until the keyframe is first used as reference or source view
   int image_levels = 0;             ///< levels it was loaded with
-  std::optional<StageTimes> times;  ///< of the initial estimates, when they are made here
+  std::optional<StageTimes> times;  ///< of initial estimates made here since the last refinement; none: none ever
 
   /// What a refinement reads whose turn in the order of all keyframes is now; none: no estimate.
   std::optional<EstimateStage> stage;

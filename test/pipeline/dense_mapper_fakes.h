@@ -146,6 +146,7 @@ class MapperHarness {
   std::vector<KeyframeDrop> drops;
   std::vector<std::string> problems;
   std::vector<int64_t> refined_again;
+  StageTimes last_times;  ///< of the last of these
   bool keep_maps = true;
   DenseMapper mapper;
 
@@ -160,7 +161,10 @@ class MapperHarness {
       events.push_back(Concat("refined ", depth->frame->id));
       if (keep_maps) refined.push_back(depth);
     };
-    callbacks.on_refined_again = [this](const KeyframeDepthPtr& depth) { refined_again.push_back(depth->frame->id); };
+    callbacks.on_refined_again = [this](const KeyframeDepthPtr& depth) {
+      refined_again.push_back(depth->frame->id);
+      last_times = depth->times;
+    };
     callbacks.on_drop = [this](const KeyframeDrop& drop) {
       events.push_back(Concat("drop ", drop.id, " ", drop.reason));
       drops.push_back(drop);

@@ -72,6 +72,10 @@ TEST(DenseMapperReestimateTest, NothingIsDoneWhereTheNewKeyframeIsNoBetterView) 
 }
 
 TEST(DenseMapperReestimateTest, AFrameThatIsRefusedChangesNothing) {
+  Frame first = MakeWallFrame(0, 0);
+  first.gray = GrayImage(3, 3);
+  EXPECT_THAT(MapperHarness(Options(2, 1)).Add(std::make_shared<Frame>(std::move(first))),
+              ElementsAre("drop 0 invalid_input"));
   MapperHarness harness(Options(2, 1));
   AddPoorStart(&harness);
   harness.Add(WallFrame(3, 0.5));
@@ -156,6 +160,7 @@ TEST(DenseMapperRefineAgainTest, WhatLeavesTheWindowWithBetterViewsIsRefinedAgai
     EXPECT_THAT(CallsOf(harness.patch_match, "photometric", 0)[0].sources, Contains(5)) << "the newest one, too";
     EXPECT_THAT(CallsOf(harness.patch_match, "geometric", 0), SizeIs(2));
     EXPECT_EQ(harness.refined.size(), 5u) << "its own refined map came before";
+    EXPECT_EQ(harness.last_times.kernels_ms, 3) << "what was done since then";
   }
 }
 

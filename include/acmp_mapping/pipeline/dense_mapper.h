@@ -63,7 +63,7 @@ struct KeyframeDepth {
   ConfidenceMap confidence;         ///< refined estimates only; empty for a fast one
   PointCloud points_in_camera;      ///< refined estimates only
   std::vector<int64_t> source_ids;  ///< keyframes it was matched against, best first
-  StageTimes times;                 ///< summed over all passes so far
+  StageTimes times;                 ///< summed over all passes since it was last refined
   double consistency_ms = 0;        ///< wall time of the consistency check, refined estimates only
   bool refined = false;             ///< false: low-latency map of steps 1-20; true: after the geometric passes
 };
@@ -85,15 +85,15 @@ struct KeyframeDrop {
 
 /// Online mapping over a sliding window: feed posed frames in time order, get a fast map as soon as enough past views
 /// exist, and a refined, consistency-checked map with points once `lookahead` later keyframes have come. A keyframe
-/// that was estimated when few views showed what it sees can be estimated anew for others to read (`reestimates`); its
-/// own maps that are out stay as they are. Deterministic: the same frames, options and device give the same maps,
-/// whatever the timing. One thread at a time. The offline tool's online schedule and the nodelet's worker both drive
-/// this class.
+/// that was estimated when few views showed what it sees can be estimated anew for others to read (`reestimates`), and
+/// refined again when it leaves the window (`refine_again`). Deterministic: the same frames, options and device give
+/// the same maps, whatever the timing. One thread at a time. The offline tool's online schedule and the nodelet's
+/// worker both drive this class.
 ///
 /// As one of several shards it computes its own keyframes only. It follows the schedule of all, which depends on the
 /// frames alone, and so knows for each refinement which neighbours a single mapper would read as fast and which as
 /// refined estimates. A refinement waits until these have come from their shards (SetPeerEstimate): then all shards
-/// together make the very maps of a single mapper without re-estimates, in whatever order estimates arrive. This needs
+/// together make the very maps of a single mapper without these two, in whatever order estimates arrive. This needs
 /// the same frames, calls of Flush at the same place among them, and options that do not change between two keyframes
 /// that see each other.
 class DenseMapper {
