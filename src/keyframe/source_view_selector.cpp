@@ -86,27 +86,14 @@ ScenePoints GridAtDepth(const Frame& reference, double depth) {
   return scene;
 }
 
-/// Shares and medians of 2000 points are good to some 2 %; a whole map of 100,000 would only cost time.
-ScenePoints SampleLandmarks(const LandmarksInView& in_view) {
-  constexpr size_t kMaxPoints = 2000;
-  const size_t step = (in_view.depths.size() + kMaxPoints - 1) / kMaxPoints;
-  ScenePoints scene;
-  scene.are_landmarks = true;
-  for (size_t i = 0; i < in_view.depths.size(); i += step) {
-    scene.points_in_world.push_back(in_view.points_in_world[i]);
-    scene.depths.push_back(in_view.depths[i]);
-  }
-  return scene;
-}
-
 /// Scene points of the reference; empty when its scale is unknown.
 ScenePoints MakeScenePoints(const FrameLandmarks& reference, double fallback_depth, const SourceViewOptions& options) {
-  const LandmarksInView& in_view = reference.in_view();
-  if (in_view.depths.size() >= static_cast<size_t>(options.min_shared_landmarks)) {
-    return SampleLandmarks(in_view);
+  const LandmarksInView& sample = reference.sample();
+  if (reference.num_in_view() >= static_cast<size_t>(options.min_shared_landmarks)) {
+    return {sample.points_in_world, sample.depths, true};
   }
   if (fallback_depth > 0) return GridAtDepth(reference.frame(), fallback_depth);
-  if (!in_view.depths.empty()) return GridAtDepth(reference.frame(), Median(in_view.depths));
+  if (!sample.depths.empty()) return GridAtDepth(reference.frame(), Median(sample.depths));
   return {};
 }
 
@@ -195,9 +182,16 @@ bool operator==(const SourceViewOptions& a, const SourceViewOptions& b) {
 
 FrameLandmarks::FrameLandmarks(FramePtr frame) : frame_(std::move(frame)) {
   if (!frame_) throw InvalidInputError("choice of source views: there is no frame");
-  in_view_ = FindLandmarksInView(frame_->landmarks_in_world, frame_->camera, frame_->cam_from_world);
-  listed_.reserve(in_view_.points_in_world.size());
-  for (const Eigen::Vector3d& point : in_view_.points_in_world) listed_.push_back(HashOf(point));
+  constexpr size_t kMaxSample = 2000;  // a whole map of 100,000 would only cost time and memory
+  const LandmarksInView in_view =
+      FindLandmarksInView(frame_->landmarks_in_world, frame_->camera, frame_->cam_from_world);
+  const size_t count = in_view.depths.size(), step = (count + kMaxSample - 1) / kMaxSample;
+  for (size_t i = 0; i < count; i += step) {
+    sample_.points_in_world.push_back(in_view.points_in_world[i]);
+    sample_.depths.push_back(in_view.depths[i]);
+  }
+  listed_.reserve(count);
+  for (const Eigen::Vector3d& point : in_view.points_in_world) listed_.push_back(HashOf(point));
   std::sort(listed_.begin(), listed_.end());
 }
 

@@ -191,7 +191,7 @@ void DenseMapper::Impl::ReestimateBest(WindowKeyframe* newest) {
   for (const WindowKeyframePtr& keyframe : SelectSources(newest).keyframes) {
     if (!keyframe->stage || !keyframe->views_score) continue;
     Sources sources = SelectSources(keyframe.get());
-    const double growth = sources.score / *keyframe->views_score;
+    const double growth = sources.score / std::max(*keyframe->views_score, keyframe->tried_score);
     if (growth >= kMinScoreGrowth) candidates.push_back({keyframe, std::move(sources), growth});
   }
   std::stable_sort(candidates.begin(), candidates.end(),
@@ -240,9 +240,13 @@ void DenseMapper::Impl::Schedule(const WindowKeyframePtr& keyframe) {
   RunReady();
 }
 
+bool DenseMapper::Impl::CanBeRefinedAgain(const WindowKeyframe& keyframe) const {
+  return options.refine_again && shard.count == 1 && keyframe.refined_score;
+}
+
 /// Makes the maps of a finished keyframe anew if its source views have become better.
 void DenseMapper::Impl::RefineAgain(const WindowKeyframePtr& keyframe) {
-  if (!options.refine_again || shard.count > 1 || !keyframe->refined_score) return;
+  if (!CanBeRefinedAgain(*keyframe) || (callbacks.should_stop && callbacks.should_stop())) return;
   Sources sources = SelectSources(keyframe.get());
   if (sources.score < kMinLastGrowth * *keyframe->refined_score) return;
   if (!keyframe->fast || sources.score >= kMinLastGrowth * *keyframe->views_score) Reestimate(keyframe.get(), sources);
@@ -258,7 +262,7 @@ void DenseMapper::Impl::EvictUntil(int keyframes_left) {
     if (oldest->state == WindowKeyframe::State::kPending) {
       Drop(oldest.get(), "no_source_views", DescribeMissing(oldest.get(), options.min_source_views));
     }
-    leaving.push_back(oldest);
+    if (CanBeRefinedAgain(*oldest)) leaving.push_back(oldest);
     window.pop_front();
   }
 }
@@ -275,11 +279,22 @@ DenseMapper::~DenseMapper() = default;
 
 void DenseMapper::set_options(const DenseMapperOptions& options) {
   Validate(options);
-  if (!(options.source_views == impl_->options.source_views)) {
-    for (const WindowKeyframePtr& keyframe : impl_->window) keyframe->selector.reset();
-  }
+  const bool other_views = !(options.source_views == impl_->options.source_views);
   impl_->options = options;
   impl_->estimator.set_options(options.pipeline);
+  if (other_views) impl_->ScoreViewsAnew();
+}
+
+/// Scores under other options cannot be compared: what is in the window now counts as what was used.
+void DenseMapper::Impl::ScoreViewsAnew() {
+  for (const WindowKeyframePtr& keyframe : window) {
+    keyframe->selector.reset();
+    keyframe->tried_score = 0;
+    if (!keyframe->views_score) continue;
+    const double score = SelectSources(keyframe.get()).score;
+    keyframe->views_score = score;
+    if (keyframe->refined_score) keyframe->refined_score = score;
+  }
 }
 
 void DenseMapper::AddKeyframe(FramePtr frame) {
@@ -289,6 +304,7 @@ void DenseMapper::AddKeyframe(FramePtr frame) {
         Concat("frame id = ", frame->id, ": must be above ", *impl_->last_id, ", the previous keyframe's"));
   }
   impl_->last_id = frame->id;
+  impl_->leaving.clear();                         // there are none unless the last call was left by an exception
   impl_->EvictUntil(impl_->options.window_size);  // it may have shrunk
   const bool is_admitted = impl_->Admit(std::move(frame));
   impl_->EstimatePending(impl_->options.min_source_views);
@@ -297,13 +313,14 @@ void DenseMapper::AddKeyframe(FramePtr frame) {
   for (const WindowKeyframePtr& keyframe : std::exchange(impl_->leaving, {})) impl_->RefineAgain(keyframe);
 }
 
-void DenseMapper::Flush() {
+void DenseMapper::Flush(bool refine_again) {
   impl_->EstimatePending(1);
   for (const WindowKeyframePtr& keyframe : impl_->window) {
     if (keyframe->state != WindowKeyframe::State::kPending) continue;
     impl_->Drop(keyframe.get(), "no_source_views", impl_->DescribeMissing(keyframe.get(), 1));
   }
   impl_->ScheduleOlderThan(0);
+  if (!refine_again) return;
   for (const WindowKeyframePtr& keyframe : impl_->window) impl_->RefineAgain(keyframe);
 }
 
@@ -316,6 +333,7 @@ void DenseMapper::Reset() {
   }
   impl_->waiting.clear();
   impl_->window.clear();
+  impl_->leaving.clear();
   impl_->peer_keyframes.clear();
   impl_->last_range.reset();
   impl_->last_id.reset();

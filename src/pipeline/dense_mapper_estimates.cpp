@@ -64,7 +64,7 @@ void DenseMapper::Impl::Estimate(WindowKeyframe* keyframe, const Sources& source
 
 /// Others read what comes of it from now on. Where it fails they go on with what they read before.
 void DenseMapper::Impl::Reestimate(WindowKeyframe* keyframe, const Sources& sources) {
-  keyframe->views_score = sources.score;
+  keyframe->tried_score = sources.score;
   EngineEstimatePtr estimate;
   const auto failure =
       CatchFailure([&] { estimate = estimator.EstimateInitial(MakeInitialProblem(keyframe, sources)); });
@@ -73,6 +73,7 @@ void DenseMapper::Impl::Reestimate(WindowKeyframe* keyframe, const Sources& sour
                          Concat("keyframe ", keyframe->frame->id, " could not be estimated anew: ", failure->message));
   }
   if (keyframe->times) *keyframe->times += estimator.last_times();
+  keyframe->views_score = sources.score;
   keyframe->fast = std::move(estimate);
   keyframe->refined.reset();
   keyframe->stage = EstimateStage::kFast;

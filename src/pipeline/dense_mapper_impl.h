@@ -55,7 +55,9 @@ struct DenseMapper::Impl {
   void ScheduleOlderThan(size_t later_keyframes);
   ScheduledRefinement MakeRefinement(const WindowKeyframePtr& keyframe, Sources sources) const;
   void Schedule(const WindowKeyframePtr& keyframe);
+  bool CanBeRefinedAgain(const WindowKeyframe& keyframe) const;
   void RefineAgain(const WindowKeyframePtr& keyframe);
+  void ScoreViewsAnew();
   size_t CountLater(const WindowKeyframe& keyframe) const;
   void EvictUntil(int keyframes_left);
 
@@ -94,7 +96,7 @@ struct DenseMapper::Impl {
   DepthEngine* engine;
   DepthEstimator estimator;
   std::deque<WindowKeyframePtr> window;    ///< oldest first
-  std::vector<WindowKeyframePtr> leaving;  ///< that the keyframe under way has moved out of it
+  std::vector<WindowKeyframePtr> leaving;  ///< that the keyframe under way has moved out of it and may be refined again
   std::list<ScheduledRefinement> waiting;  ///< own ones, in the order of the schedule
   std::optional<DepthRange> last_range;
   std::optional<int64_t> last_id;

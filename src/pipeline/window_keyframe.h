@@ -34,6 +34,7 @@ struct WindowKeyframe {
   EngineEstimatePtr fast;  ///< the latest
   EngineEstimatePtr refined;
   std::optional<double> views_score;    ///< sum over the source views of `fast`; none before they were chosen
+  double tried_score = 0;               ///< the same of the last attempt to estimate it anew
   std::optional<double> refined_score;  ///< the same of its maps that are out; none: there are none
   bool fast_settled = false;            ///< `fast` is there or will never be
   bool refined_settled = false;

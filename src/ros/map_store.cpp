@@ -65,10 +65,17 @@ void MapStore::AddPoints(int64_t id, int64_t stamp_ns, const RigidTransform& wor
 }
 
 bool MapStore::ReplacePoints(int64_t id, const PointCloud& points_in_camera) {
+  const auto has_points = [&](const auto& place) {
+    return place != keyframes_.end() && place->id == id && place->points_in_camera != nullptr;
+  };
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    if (!has_points(PlaceOf(id))) return false;
+  }
   std::shared_ptr<const PointCloud> thinned = Thinned(points_in_camera);
   std::lock_guard<std::mutex> lock(mutex_);
   const auto place = PlaceOf(id);
-  if (place == keyframes_.end() || place->id != id || !place->points_in_camera) return false;
+  if (!has_points(place)) return false;
   statistics_.points += thinned->size();
   statistics_.points -= place->points_in_camera->size();
   place->points_in_camera = std::move(thinned);

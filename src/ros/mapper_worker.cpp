@@ -91,7 +91,7 @@ std::string MapperWorker::Flush() {
 
 void MapperWorker::StartOver(bool clear_map) {
   queue_.PushCommand([this, clear_map] {
-    if (mapper_) mapper_->Flush();
+    if (mapper_) mapper_->Flush(!clear_map);
     when_finished_.push_back([this, clear_map] {
       if (mapper_) mapper_->Reset();
       if (clear_map) {
@@ -229,6 +229,7 @@ void MapperWorker::MakeMapper() {
     callbacks.on_fast = [this](const KeyframeDepthPtr& maps) { HandleFast(maps); };
     callbacks.on_refined = [this](const KeyframeDepthPtr& maps) { HandleRefined(maps); };
     callbacks.on_refined_again = [this](const KeyframeDepthPtr& maps) { HandleRefinedAgain(maps); };
+    callbacks.should_stop = [this] { return stopping_.load(); };
     callbacks.on_drop = [this](const KeyframeDrop& drop) { HandleDrop(drop); };
     callbacks.on_own_estimate = [this](const ShardEstimate& estimate) {
       if (!stopping_) hooks_.on_own_estimate(estimate, pending_.at(estimate.id).stamp_ns);
@@ -339,7 +340,12 @@ void MapperWorker::HandleRefined(const KeyframeDepthPtr& maps) {
 void MapperWorker::HandleRefinedAgain(const KeyframeDepthPtr& maps) {
   const auto pending = refined_.find(maps->frame->id);
   if (stopping_ || pending == refined_.end()) return;
-  map_->ReplacePoints(maps->frame->id, MakeOutput(maps, pending->second).points_in_camera);
+  try {  // the mapper's callbacks must not throw
+    if (!map_->ReplacePoints(maps->frame->id, MakeOutput(maps, pending->second).points_in_camera)) return;
+  } catch (const std::exception& error) {
+    return ReportDrop(
+        {"refine_again_failed", Concat("image ", FormatStamp(pending->second.stamp_ns), ": ", error.what())});
+  }
   UpdateStatus([](WorkerStatus* status) { ++status->refined_again; });
 }
 

@@ -37,7 +37,7 @@ struct StreamFigures {
   int keyframes = 0;
   double fast_median = 0, fast_99 = 0;        ///< ms from AddKeyframe to on_fast
   double refined_median = 0, refined_99 = 0;  ///< ms of work from AddKeyframe's begin to on_refined of another keyframe
-  double device_median = 0;                   ///< ms of device time per keyframe, all passes
+  double device_median = 0;                   ///< ms of device time per keyframe until its refined maps are out
   double keyframes_per_s = 0;
   // After a tenth of the stream, and at its end.
   size_t device_bytes_begin = 0, device_bytes_end = 0, host_bytes_begin = 0, host_bytes_end = 0;

@@ -36,7 +36,10 @@ class OnlineSchedule {
                 {{},
                  [this](const KeyframeDepthPtr& keyframe) { outcome_.refined.push_back(keyframe); },
                  [this](const KeyframeDrop& drop) { outcome_.drops.push_back(drop); },
-                 [this](const KeyframeDepthPtr& keyframe) { outcome_.refined_again.push_back(keyframe); }}) {
+                 [this](const KeyframeDepthPtr& keyframe) { outcome_.refined_again.push_back(keyframe); },
+                 {},
+                 {},
+                 [this](const std::string&, const std::string& message) { run_.progress.Warn(message); }}) {
     run_.folder.MakeWorkFolder("final");
   }
 

@@ -148,6 +148,7 @@ class MapperHarness {
   std::vector<int64_t> refined_again;
   StageTimes last_times;  ///< of the last of these
   bool keep_maps = true;
+  bool stops = false;
   DenseMapper mapper;
 
  private:
@@ -169,6 +170,7 @@ class MapperHarness {
       events.push_back(Concat("drop ", drop.id, " ", drop.reason));
       drops.push_back(drop);
     };
+    callbacks.should_stop = [this] { return stops; };
     callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
       problems.push_back(reason + ": " + message);
     };

@@ -2,6 +2,7 @@
 #include <map>
 #include <random>
 #include <set>
+#include <utility>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -26,14 +27,20 @@ struct Account {
       } else {
         EXPECT_TRUE(ended.insert(id).second) << "ended twice: " << id;
         EXPECT_EQ(kind == "refined" && fast.count(id) == 0, false) << "refined without fast: " << id;
+        if (kind == "refined") refined.insert(id);
       }
       EXPECT_EQ(added.count(id), 1u) << "never added: " << id;
     }
   }
 
+  void BookAgain(const std::vector<int64_t>& refined_again) const {
+    for (const int64_t id : refined_again) EXPECT_EQ(refined.count(id), 1u) << "again, but not once: " << id;
+  }
+
   std::set<int64_t> added;
   std::set<int64_t> fast;
   std::set<int64_t> ended;
+  std::set<int64_t> refined;
 };
 
 void FailSometimes(FakePatchMatch* patch_match, std::mt19937* random) {
@@ -67,12 +74,15 @@ TEST(DenseMapperPropertyTest, EveryKeyframeEndsExactlyOnce) {
       frames.push_back(frame);
       account.added.insert(id);
       account.Book(harness.Add(std::move(frame)));
+      account.BookAgain(std::exchange(harness.refined_again, {}));
       const auto kept = std::count_if(frames.begin(), frames.end(), [](const auto& f) { return !f.expired(); });
       EXPECT_LE(kept, options.window_size);
       EXPECT_EQ(harness.mapper.unfinished(), account.added.size() - account.ended.size());
       switch (random() % 20) {
         case 0:
-          account.Book(harness.Flush());
+          harness.mapper.Flush(random() % 2 == 0);
+          account.Book(harness.TakeEvents());
+          account.BookAgain(std::exchange(harness.refined_again, {}));
           EXPECT_EQ(account.ended, account.added);
           break;
         case 1:

@@ -174,6 +174,34 @@ TEST(DenseMapperRefineAgainTest, WhatHadGoodViewsIsLeftAsItIs) {
   EXPECT_THAT(harness.refined_again, Each(testing::Lt(3))) << "those at the start may gain";
 }
 
+TEST(DenseMapperRefineAgainTest, OtherWeightsOfViewsAreNoGain) {
+  DenseMapperOptions options = RefiningAgain(10);
+  options.reestimates = 9;
+  options.source_views.max_source_views = 3;
+  MapperHarness harness(options);
+  for (int id = 0; id < 5; ++id) harness.Add(WallFrame(id, 0.14 * id));  // 2 degrees: weights of 0.25 to 1, later all 1
+  harness.patch_match.calls.clear();
+  options.source_views.best_angle_min_deg = 2;
+  harness.mapper.set_options(options);
+  harness.Add(WallFrame(5, 0.14 * 4.5));
+  EXPECT_THAT(EstimatedAnew(harness.patch_match, 5), IsEmpty());
+  harness.Flush();
+  EXPECT_THAT(harness.refined_again, IsEmpty());
+}
+
+TEST(DenseMapperRefineAgainTest, AFlushThatIsToStopOrLeavesThemOutRefinesNoneAgain) {
+  for (const bool stops : {true, false}) {
+    MapperHarness harness(RefiningAgain(10));
+    for (int id = 0; id < 3; ++id) harness.Add(WallFrame(id, 0.08 * id));
+    for (int id = 3; id < 5; ++id) harness.Add(WallFrame(id, 0.35 * (id - 2)));
+    harness.stops = stops;
+    harness.TakeEvents();
+    harness.mapper.Flush(stops);
+    EXPECT_THAT(harness.TakeEvents(), ElementsAre("refined 4")) << "what is pending is finished";
+    EXPECT_THAT(harness.refined_again, IsEmpty());
+  }
+}
+
 TEST(DenseMapperRefineAgainTest, AFlushRefinesWhatHasGained) {
   MapperHarness harness(RefiningAgain(10));
   for (int id = 0; id < 3; ++id) harness.Add(WallFrame(id, 0.08 * id));

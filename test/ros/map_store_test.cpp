@@ -73,6 +73,10 @@ TEST(MapStore, PointsOfAKeyframeAreReplacedWhereItStillIs) {
   Add(&store, 6, Shifted(2), PlaneAt(1.05f, 2, 0.1f));
   EXPECT_FALSE(store.ReplacePoints(3, PlaneAt(1.05f, 20, 0.05f))) << "it has made room";
   EXPECT_EQ(store.statistics().points, 8u);
+
+  MapStore empty({2, 0});
+  EXPECT_FALSE(empty.ReplacePoints(0, PlaneAt(1.05f, 20, 0.05f)));
+  EXPECT_EQ(empty.statistics().voxel_size, 0) << "refused points tell nothing about the scene";
 }
 
 TEST(MapStore, ChoosesAVoxelSizeInProportionToTheScene) {

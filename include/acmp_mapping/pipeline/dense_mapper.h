@@ -105,6 +105,8 @@ class DenseMapper {
     std::function<void(const KeyframeDrop&)> on_drop;  ///< every own keyframe ends in exactly one on_refined or on_drop
     /// Better maps of a keyframe that had its on_refined, as it leaves the window or is flushed.
     std::function<void(const KeyframeDepthPtr&)> on_refined_again = nullptr;
+    /// Asked before each of these: true leaves the rest as they are.
+    std::function<bool()> should_stop = nullptr;
     /// With several shards: an own keyframe's estimate for SetPeerEstimate of all others. Each stage at most once; an
     /// empty one when the keyframe is dropped.
     std::function<void(ShardEstimate)> on_own_estimate = nullptr;
@@ -124,14 +126,15 @@ class DenseMapper {
   void set_options(const DenseMapperOptions& options);
 
   /// Adds a keyframe (id above all earlier ones since the last Reset, else InvalidInputError) and runs what has become
-  /// possible: first estimates of keyframes that now have enough views, then re-estimates, then refinements, the first
-  /// and the last in the order of ids. A keyframe that fails is reported through on_drop and never stops the others.
-  /// With several shards all of them get every keyframe under the same id.
+  /// possible: first estimates of keyframes that now have enough views, re-estimates, refinements, second ones of what
+  /// has left the window; all but re-estimates in the order of ids. A keyframe that fails is reported through on_drop
+  /// and never stops the others. With several shards all of them get every keyframe under the same id.
   void AddKeyframe(FramePtr frame);
 
   /// Finishes everything that waits for later keyframes, with the views there are: one useful view is enough. What
   /// waits for other shards goes on waiting.
-  void Flush();
+  /// @param refine_again also finished keyframes whose source views are much better now, as if they left the window
+  void Flush(bool refine_again = true);
 
   /// Forgets window, pending keyframes (each is reported as dropped with reason "reset"), depth range and ids.
   /// Estimates that other shards sent of later keyframes are kept until an id above theirs comes.
