@@ -18,12 +18,12 @@ static_assert(kMaxRankedViews == kMaxSourceViews, "the selector must not rank mo
 /// (docs/quality.md).
 constexpr size_t kMinLaterKeyframes = 3;
 
-/// A keyframe is estimated anew when the sum of its source views' scores has grown so much: below 1.5 there is as much
-/// to do and nothing more to gain, with 2 some of the gain is lost (docs/quality.md).
+/// A keyframe is estimated anew when the sum of its source views' scores has grown so much: 1.2 brings more work and no
+/// more, with 2 some of the gain is lost (docs/quality.md).
 constexpr double kMinScoreGrowth = 1.5;
 
 /// A keyframe is refined again when it has grown so much since its maps were made. It leaves the window once, so that
-/// less is worth the work; with 1.2 one of ten keyframes along a straight wall would be, which has nothing to gain.
+/// less is worth the work; with 1.2 the rate along a straight wall, which has nothing to gain, falls by 8 %.
 constexpr double kMinLastGrowth = 1.25;
 
 /// MakeFrame guarantees this; frames from elsewhere must not reach the kernels with sizes that do not fit.

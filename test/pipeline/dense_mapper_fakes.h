@@ -178,6 +178,13 @@ class MapperHarness {
   }
 };
 
+/// Every keyframe is estimated and refined once, as shards do.
+inline DenseMapperOptions EachOnce(DenseMapperOptions options) {
+  options.reestimates = 0;
+  options.refine_again = false;
+  return options;
+}
+
 /// Without the planar prior: the fake's answer does not depend on it.
 inline DenseMapperOptions FakeOptions(int window_size, int lookahead, int min_source_views = 2) {
   DenseMapperOptions options;
@@ -185,9 +192,7 @@ inline DenseMapperOptions FakeOptions(int window_size, int lookahead, int min_so
   options.window_size = window_size;
   options.lookahead = lookahead;
   options.min_source_views = min_source_views;
-  options.reestimates = 0;
-  options.refine_again = false;
-  return options;
+  return EachOnce(options);
 }
 
 /// A keyframe of the kinds that live frontends produce: moving on, standing still, jumping, without or with useless

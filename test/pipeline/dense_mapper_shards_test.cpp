@@ -67,13 +67,6 @@ class HashPatchMatch : public PatchMatch {
   }
 };
 
-/// Shards estimate and refine every keyframe once.
-DenseMapperOptions WithoutReestimates(DenseMapperOptions options) {
-  options.reestimates = 0;
-  options.refine_again = false;
-  return options;
-}
-
 ShardEstimate CopyOf(const ShardEstimate& estimate) {
   return {estimate.id, estimate.stage, {estimate.state.planes.Clone(), estimate.state.cost.Clone()}};
 }
@@ -225,7 +218,7 @@ TEST(DenseMapperShardsTest, MakeTheMapsOfOneMapperWhateverTheOrder) {
     std::vector<FramePtr> frames;
     double x = 0;
     for (int64_t id = 0; id < 30; ++id) frames.push_back(RandomFrame(id, &x, &random));
-    ShardHarness single(WithoutReestimates(options), {});
+    ShardHarness single(EachOnce(options), {});
     for (const FramePtr& frame : frames) single.mapper.AddKeyframe(frame);
     single.mapper.Flush();
     EXPECT_THAT(single.sent, IsEmpty());
@@ -284,7 +277,7 @@ TEST(DenseMapperShardsTest, MapTheSyntheticRoomAsOneDoes) {
   }
   DenseMapperOptions options;
   options.lookahead = 1;
-  ShardHarness single(MakeCpuDepthEngine(), WithoutReestimates(options), {});
+  ShardHarness single(MakeCpuDepthEngine(), EachOnce(options), {});
   for (const FramePtr& frame : frames) single.mapper.AddKeyframe(frame);
   single.mapper.Flush();
   std::mt19937 random(1);

@@ -40,7 +40,7 @@ class FrameLandmarks {
  private:
   FramePtr frame_;
   LandmarksInView sample_;
-  std::vector<uint64_t> listed_;  ///< hashes, sorted: a fifth of what a set takes
+  std::vector<uint64_t> listed_;  ///< hashes, sorted
 };
 using FrameLandmarksPtr = std::shared_ptr<const FrameLandmarks>;
 
