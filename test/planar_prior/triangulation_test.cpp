@@ -12,13 +12,14 @@
 namespace acmp {
 namespace {
 
-/// > 0 if d lies inside the circle through a, b, c of positive area. Exact: all values stay far below 2^63 at these
-/// sizes.
-long long InCircle(const SupportPoint& a, const SupportPoint& b, const SupportPoint& c, const SupportPoint& d) {
-  const long long ax = a.col - d.col, ay = a.row - d.row;
-  const long long bx = b.col - d.col, by = b.row - d.row;
-  const long long cx = c.col - d.col, cy = c.row - d.row;
-  const long long a2 = ax * ax + ay * ay, b2 = bx * bx + by * by, c2 = cx * cx + cy * cy;
+__extension__ using Wide = __int128;
+
+/// > 0 if d lies inside the circle through a, b, c of positive area. Exact.
+Wide InCircle(const SupportPoint& a, const SupportPoint& b, const SupportPoint& c, const SupportPoint& d) {
+  const Wide ax = a.col - d.col, ay = a.row - d.row;
+  const Wide bx = b.col - d.col, by = b.row - d.row;
+  const Wide cx = c.col - d.col, cy = c.row - d.row;
+  const Wide a2 = ax * ax + ay * ay, b2 = bx * bx + by * by, c2 = cx * cx + cy * cy;
   return ax * (by * c2 - b2 * cy) - ay * (bx * c2 - b2 * cx) + a2 * (bx * cy - by * cx);
 }
 
@@ -50,7 +51,7 @@ void ExpectDelaunay(const std::vector<SupportPoint>& points) {
     const SupportPoint& c = points[triangle.vertex[2]];
     ASSERT_GT(DoubledArea(a, b, c), 0);
     area += DoubledArea(a, b, c);
-    for (const SupportPoint& d : points) ASSERT_LE(InCircle(a, b, c, d), 0);
+    for (const SupportPoint& d : points) ASSERT_TRUE(InCircle(a, b, c, d) <= 0);
   }
   // Interiors of Delaunay triangles cannot overlap (their circumcircles are empty), so equal areas mean a tiling.
   EXPECT_EQ(area, DoubledHullArea(points));
@@ -68,6 +69,31 @@ TEST(TriangulateSupportPoints, IsDelaunayForFullGridsWhereAllQuadsAreCocircular)
   }
   ExpectDelaunay(points);
   EXPECT_EQ(TriangulateSupportPoints(points).size(), 2u * 8 * 11);
+}
+
+TEST(TriangulateSupportPoints, IsExactAtTheLargestCoordinates) {
+  constexpr int kLast = 32767;
+  std::vector<SupportPoint> points;
+  for (const int at : {0, 1, 2, 16383, 16384, kLast - 2, kLast - 1, kLast}) {  // circles that differ by a pixel
+    for (const int side : {0, 1, kLast - 1, kLast}) {
+      points.push_back({at, side, 1.0f});
+      points.push_back({side, at, 1.0f});
+    }
+  }
+  const auto less = [](const SupportPoint& a, const SupportPoint& b) {
+    return std::make_pair(a.row, a.col) < std::make_pair(b.row, b.col);
+  };
+  const auto same = [](const SupportPoint& a, const SupportPoint& b) { return a.row == b.row && a.col == b.col; };
+  std::sort(points.begin(), points.end(), less);
+  points.erase(std::unique(points.begin(), points.end(), same), points.end());
+  ExpectDelaunay(points);
+}
+
+TEST(TriangulateSupportPoints, RefusesPointsThatAreTooFarApart) {
+  constexpr int kFar = 32768;
+  for (const SupportPoint& far : {SupportPoint{3 + kFar, 4, 1.0f}, {3 - kFar, 4, 1.0f}, {3, 4 + kFar, 1.0f}}) {
+    EXPECT_THROW(TriangulateSupportPoints({{3, 4, 1.0f}, far}), InvalidInputError);
+  }
 }
 
 TEST(TriangulateSupportPoints, HandlesSliversBesideALine) {

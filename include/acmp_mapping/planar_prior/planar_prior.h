@@ -28,8 +28,8 @@ struct SupportTriangle {
 };
 
 /// Delaunay triangulation of the support points' pixels (CGAL, exact predicates). Fewer than three points or all on a
-/// line: empty. Duplicate pixels are an InvalidInputError. The set of triangles does not depend on the points' order:
-/// CGAL decides between cocircular points by their coordinates.
+/// line: empty. Duplicate pixels and columns or rows more than 32767 apart are an InvalidInputError. The set of
+/// triangles does not depend on the points' order: CGAL decides between cocircular points by their coordinates.
 std::vector<SupportTriangle> TriangulateSupportPoints(const std::vector<SupportPoint>& points);
 
 /// Triangle of each pixel, or -1 outside the triangulation. Exact integer rasterisation with a top-left rule: each
