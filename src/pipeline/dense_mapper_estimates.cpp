@@ -101,13 +101,14 @@ void DenseMapper::Impl::Refine(const ScheduledRefinement& refinement) {
   EngineEstimatePtr estimate;
   KeyframeDepthPtr refined;
   const auto failure = CatchFailure([&] {
-    refined = MakeRefined(refinement, &estimate);
+    refined = MakeRefined(refinement, keyframe.fast, &estimate);
     Publish(keyframe, EstimateStage::kRefined, estimate);
   });
   if (failure) return Drop(&keyframe, failure->reason, failure->message);
   keyframe.refined = std::move(estimate);
   keyframe.refined_settled = true;
   keyframe.refined_score = refinement.score;
+  keyframe.refined_at = ++refinements;
   keyframe.times = StageTimes();
   // With several shards a refinement that waits may still have to read the fast one.
   if (shard.count == 1 && !keyframe.few_later) keyframe.fast.reset();
@@ -115,11 +116,11 @@ void DenseMapper::Impl::Refine(const ScheduledRefinement& refinement) {
 }
 
 /// False where that fails; the keyframe's maps stay as they are then.
-bool DenseMapper::Impl::RunAgain(const ScheduledRefinement& refinement) {
+bool DenseMapper::Impl::RunAgain(const ScheduledRefinement& refinement, const EngineEstimatePtr& start) {
   WindowKeyframe& keyframe = *refinement.keyframe;
   EngineEstimatePtr estimate;
   KeyframeDepthPtr refined;
-  const auto failure = CatchFailure([&] { refined = MakeRefined(refinement, &estimate); });
+  const auto failure = CatchFailure([&] { refined = MakeRefined(refinement, start, &estimate); });
   if (failure) {
     ReportProblem("refine_again_failed",
                   Concat("keyframe ", keyframe.frame->id, " could not be refined again: ", failure->message));
@@ -128,6 +129,7 @@ bool DenseMapper::Impl::RunAgain(const ScheduledRefinement& refinement) {
   keyframe.refined = std::move(estimate);
   keyframe.stage = EstimateStage::kRefined;
   keyframe.refined_score = refinement.score;
+  keyframe.refined_at = ++refinements;
   keyframe.times = StageTimes();
   if (!keyframe.few_later) keyframe.fast.reset();
   if (callbacks.on_refined_again) callbacks.on_refined_again(refined);
@@ -138,7 +140,6 @@ EngineProblem DenseMapper::Impl::MakeRefinementProblem(const ScheduledRefinement
   const WindowKeyframe& keyframe = *refinement.keyframe;
   EngineProblem problem;
   problem.reference = MakeView(refinement.keyframe.get());
-  problem.reference.estimate = keyframe.fast;
   problem.depth_range = keyframe.range;
   for (const ScheduledRefinement::Source& source : refinement.sources) {
     problem.sources.push_back(MakeView(source.keyframe.get()));
@@ -152,8 +153,10 @@ EngineProblem DenseMapper::Impl::MakeRefinementProblem(const ScheduledRefinement
   return problem;
 }
 
-KeyframeDepthPtr DenseMapper::Impl::MakeRefined(const ScheduledRefinement& refinement, EngineEstimatePtr* for_others) {
+KeyframeDepthPtr DenseMapper::Impl::MakeRefined(const ScheduledRefinement& refinement, const EngineEstimatePtr& start,
+                                                EngineEstimatePtr* for_others) {
   EngineProblem problem = MakeRefinementProblem(refinement);
+  problem.reference.estimate = start;
   const auto read = [&](std::optional<EstimateStage> ScheduledRefinement::Source::*stage) {
     for (size_t i = 0; i < problem.sources.size(); ++i) {
       const ScheduledRefinement::Source& source = refinement.sources[i];

@@ -56,7 +56,9 @@ struct DenseMapper::Impl {
   ScheduledRefinement MakeRefinement(const WindowKeyframePtr& keyframe, Sources sources) const;
   void Schedule(const WindowKeyframePtr& keyframe);
   bool CanBeRefinedAgain(const WindowKeyframe& keyframe) const;
+  static bool HasBetterMaps(const WindowKeyframe& keyframe, const Sources& sources);
   void RefineAgain(const WindowKeyframePtr& keyframe);
+  void RefineAgainHalfway();
   void ScoreViewsAnew();
   size_t CountLater(const WindowKeyframe& keyframe) const;
   void EvictUntil(int keyframes_left);
@@ -78,8 +80,9 @@ struct DenseMapper::Impl {
   void Estimate(WindowKeyframe* keyframe, const Sources& sources);
   void Reestimate(WindowKeyframe* keyframe, const Sources& sources);
   void Refine(const ScheduledRefinement& refinement);
-  bool RunAgain(const ScheduledRefinement& refinement);
-  KeyframeDepthPtr MakeRefined(const ScheduledRefinement& refinement, EngineEstimatePtr* for_others);
+  bool RunAgain(const ScheduledRefinement& refinement, const EngineEstimatePtr& start);
+  KeyframeDepthPtr MakeRefined(const ScheduledRefinement& refinement, const EngineEstimatePtr& start,
+                               EngineEstimatePtr* for_others);
   EngineProblem MakeRefinementProblem(const ScheduledRefinement& refinement);
   bool IsReady(const ScheduledRefinement& refinement) const;
   void RunReady();
@@ -100,6 +103,7 @@ struct DenseMapper::Impl {
   std::list<ScheduledRefinement> waiting;  ///< own ones, in the order of the schedule
   std::optional<DepthRange> last_range;
   std::optional<int64_t> last_id;
+  int64_t refinements = 0;  ///< made here so far
 
   // With several shards.
   std::map<int64_t, std::weak_ptr<WindowKeyframe>> peer_keyframes;  ///< that somebody may still read

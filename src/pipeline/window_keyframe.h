@@ -36,6 +36,9 @@ struct WindowKeyframe {
   std::optional<double> views_score;    ///< sum over the source views of `fast`; none before they were chosen
   double tried_score = 0;               ///< the same of the last attempt to estimate it anew
   std::optional<double> refined_score;  ///< the same of its maps that are out; none: there are none
+  int64_t refined_at = 0;               ///< which refinement of the mapper made these maps, counted from 1
+  int64_t better_at = 0;                ///< the same of the last one that was made for better views; 0: none was
+  bool has_read_better_maps = false;    ///< the last one was made for better maps of the same views
   bool fast_settled = false;            ///< `fast` is there or will never be
   bool refined_settled = false;
 

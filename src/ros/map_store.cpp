@@ -65,38 +65,44 @@ void MapStore::AddPoints(int64_t id, int64_t stamp_ns, const RigidTransform& wor
 }
 
 bool MapStore::ReplacePoints(int64_t id, const PointCloud& points_in_camera) {
-  const auto has_points = [&](const auto& place) {
-    return place != keyframes_.end() && place->id == id && place->points_in_camera != nullptr;
-  };
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    if (!has_points(PlaceOf(id))) return false;
-  }
+  if (!HasPoints(id)) return false;
   std::shared_ptr<const PointCloud> thinned = Thinned(points_in_camera);
   std::lock_guard<std::mutex> lock(mutex_);
-  const auto place = PlaceOf(id);
-  if (!has_points(place)) return false;
+  const size_t place = PlaceOf(id);
+  if (!HasPointsAt(place, id)) return false;
+  std::shared_ptr<const PointCloud>& points = keyframes_[place].points_in_camera;
   statistics_.points += thinned->size();
-  statistics_.points -= place->points_in_camera->size();
-  place->points_in_camera = std::move(thinned);
+  statistics_.points -= points->size();
+  points = std::move(thinned);
   ++version_;
   return true;
 }
 
-std::deque<MapStore::Keyframe>::iterator MapStore::PlaceOf(int64_t id) {
-  return std::lower_bound(keyframes_.begin(), keyframes_.end(), id,
-                          [](const Keyframe& keyframe, int64_t i) { return keyframe.id < i; });
+bool MapStore::HasPoints(int64_t id) const {
+  std::lock_guard<std::mutex> lock(mutex_);
+  return HasPointsAt(PlaceOf(id), id);
+}
+
+size_t MapStore::PlaceOf(int64_t id) const {
+  const auto place = std::lower_bound(keyframes_.begin(), keyframes_.end(), id,
+                                      [](const Keyframe& keyframe, int64_t i) { return keyframe.id < i; });
+  return static_cast<size_t>(place - keyframes_.begin());
+}
+
+bool MapStore::HasPointsAt(size_t place, int64_t id) const {
+  return place < keyframes_.size() && keyframes_[place].id == id && keyframes_[place].points_in_camera != nullptr;
 }
 
 MapStore::Keyframe* MapStore::FindOrAdd(int64_t id, int64_t stamp_ns, const RigidTransform& world_from_cam) {
-  const auto place = PlaceOf(id);
-  if (place != keyframes_.end() && place->id == id) return &*place;
+  const size_t place = PlaceOf(id);
+  if (place < keyframes_.size() && keyframes_[place].id == id) return &keyframes_[place];
   Keyframe keyframe;
   keyframe.id = id;
   keyframe.run = run_;
   keyframe.pose.stamp_ns = stamp_ns;
   keyframe.pose.received = keyframe.pose.world_from_cam = world_from_cam;
-  Keyframe* const added = &*keyframes_.insert(place, std::move(keyframe));
+  const auto position = keyframes_.begin() + static_cast<std::ptrdiff_t>(place);
+  Keyframe* const added = &*keyframes_.insert(position, std::move(keyframe));
   ApplyPath();
   return added;
 }

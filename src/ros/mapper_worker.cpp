@@ -229,7 +229,7 @@ void MapperWorker::MakeMapper() {
     callbacks.on_fast = [this](const KeyframeDepthPtr& maps) { HandleFast(maps); };
     callbacks.on_refined = [this](const KeyframeDepthPtr& maps) { HandleRefined(maps); };
     callbacks.on_refined_again = [this](const KeyframeDepthPtr& maps) { HandleRefinedAgain(maps); };
-    callbacks.should_stop = [this] { return stopping_.load(); };
+    callbacks.wants_refined_again = [this](int64_t id) { return !stopping_ && map_->HasPoints(id); };
     callbacks.on_drop = [this](const KeyframeDrop& drop) { HandleDrop(drop); };
     callbacks.on_own_estimate = [this](const ShardEstimate& estimate) {
       if (!stopping_) hooks_.on_own_estimate(estimate, pending_.at(estimate.id).stamp_ns);

@@ -100,9 +100,9 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--reestimates", arguments.reestimates, "Of the stream: keyframes estimated anew after each new one")
       ->capture_default_str();
-  app.add_option(
-         "--refine-again", arguments.refine_again,
-         "Of the stream: true or false; refine keyframes a second time as they leave the window with better views")
+  app.add_option("--refine-again", arguments.refine_again,
+                 "Of the stream: true or false; refine keyframes again that have better views halfway or as they leave "
+                 "the window")
       ->capture_default_str();
   app.add_option("--preset", arguments.preset, "Option set, see the README")
       ->check(CLI::IsMember(acmp::PresetNames()))

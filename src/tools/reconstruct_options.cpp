@@ -110,8 +110,8 @@ void AddScheduleOptions(CLI::App* app, ReconstructOptions* options) {
       ->group(group);
   app->add_option(
          "--refine-again", options->refine_again,
-         "Online: true or false; refine a keyframe a second time when it leaves the window, if its source views\n"
-         "are much better by then")
+         "Online: true or false; refine a keyframe again halfway through the window and when it leaves it, if by\n"
+         "then it has better source views")
       ->capture_default_str()
       ->group(group);
 }

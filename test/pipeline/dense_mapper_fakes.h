@@ -148,7 +148,7 @@ class MapperHarness {
   std::vector<int64_t> refined_again;
   StageTimes last_times;  ///< of the last of these
   bool keep_maps = true;
-  bool stops = false;
+  std::set<int64_t> unwanted;  ///< no better maps of these
   DenseMapper mapper;
 
  private:
@@ -170,7 +170,7 @@ class MapperHarness {
       events.push_back(Concat("drop ", drop.id, " ", drop.reason));
       drops.push_back(drop);
     };
-    callbacks.should_stop = [this] { return stops; };
+    callbacks.wants_refined_again = [this](int64_t id) { return unwanted.count(id) == 0; };
     callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
       problems.push_back(reason + ": " + message);
     };

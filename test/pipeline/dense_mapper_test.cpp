@@ -201,9 +201,9 @@ TEST(DenseMapperOptionsTest, AreCheckedAndKeptWhenBad) {
   };
   EXPECT_THAT(error_with([](auto& o) { o.window_size = 1; }), HasSubstr("window_size = 1"));
   EXPECT_THAT(error_with([](auto& o) { o.window_size = 65; }), HasSubstr("window_size = 65"));
-  EXPECT_THAT(error_with([](auto& o) { o.lookahead = 20; }), HasSubstr("lookahead = 20"));
+  EXPECT_THAT(error_with([](auto& o) { o.lookahead = 30; }), HasSubstr("lookahead = 30"));
   EXPECT_THAT(error_with([](auto& o) { o.lookahead = -1; }), HasSubstr("lookahead = -1"));
-  EXPECT_THAT(error_with([](auto& o) { o.reestimates = 20; }), HasSubstr("reestimates = 20"));
+  EXPECT_THAT(error_with([](auto& o) { o.reestimates = 30; }), HasSubstr("reestimates = 30"));
   EXPECT_THAT(error_with([](auto& o) { o.reestimates = -1; }), HasSubstr("reestimates = -1"));
   EXPECT_THAT(error_with([](auto& o) { o.min_source_views = 0; }), HasSubstr("min_source_views = 0"));
   EXPECT_THAT(error_with([](auto& o) { o.min_source_views = 8; }), HasSubstr("min_source_views = 8"));

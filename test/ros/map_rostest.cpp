@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <filesystem>
 #include <limits>
 
+#include <dynamic_reconfigure/Reconfigure.h>
 #include <gtest/gtest.h>
 #include <nav_msgs/Path.h>
 #include <pcl/point_types.h>
@@ -75,6 +77,7 @@ struct Session {
   Recorder<sensor_msgs::PointCloud2> map{mapper.nh, "map_points"};
   Recorder<nav_msgs::Path> path{mapper.nh, "keyframe_path"};
   ros::Publisher optimized_path = mapper.nh.advertise<nav_msgs::Path>("optimized_path", 2);
+  std::vector<SyntheticView> views;  ///< with drifted poses
   bool mapped = false;
 
   Session() {
@@ -82,20 +85,25 @@ struct Session {
     scene.width = 64;
     scene.height = 48;
     scene.keyframes = kViews;
-    std::vector<ViewMessages> messages;
     for (SyntheticView& view : MakeSyntheticScene(scene)) {
-      const RigidTransform drift = DriftAt(messages.size());
+      const RigidTransform drift = DriftAt(views.size());
       true_poses.push_back(view.frame.cam_from_world.inverse());
       drifted_poses.push_back(drift * true_poses.back());
       view.frame.cam_from_world = drifted_poses.back().inverse();
       for (Eigen::Vector3d& landmark : view.frame.landmarks_in_world) landmark = drift * landmark;
-      messages.push_back(MakeMessages(view, StampOf(messages.size())));
+      views.push_back(std::move(view));
     }
     const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
     while (optimized_path.getNumSubscribers() == 0 && ros::WallTime::now() < end) ros::WallDuration(0.05).sleep();
     mapped = mapper.WaitUntilReady(kTimeoutS) && points.WaitForPublisher(kTimeoutS) &&
-             map.WaitForPublisher(kTimeoutS) && path.WaitForPublisher(kTimeoutS) && mapper.Map(messages) == kViews &&
-             points.WaitForCount(kViews, kTimeoutS);
+             map.WaitForPublisher(kTimeoutS) && path.WaitForPublisher(kTimeoutS) &&
+             mapper.Map(Messages(1000)) == kViews && points.WaitForCount(kViews, kTimeoutS);
+  }
+
+  std::vector<ViewMessages> Messages(uint32_t start_s) const {
+    std::vector<ViewMessages> messages;
+    for (const SyntheticView& view : views) messages.push_back(MakeMessages(view, StampOf(messages.size(), start_s)));
+    return messages;
   }
 
   /// The map of the keyframes' points, as they were published, at these poses.
@@ -208,6 +216,33 @@ TEST_F(MapTest, E_APathOfOnePoseMovesOneKeyframe) {
 TEST_F(MapTest, F_ResetForgetsCorrections) {
   ASSERT_TRUE(session().mapper.Call("reset"));
   EXPECT_TRUE(session().mapper.WaitForDiagnostic({"optimized paths = 0 received"}, kTimeoutS));
+}
+
+TEST_F(MapTest, G_KeyframesThatAreRefinedAgainGetOtherPointsInTheMapAlone) {
+  dynamic_reconfigure::Reconfigure call;
+  dynamic_reconfigure::BoolParameter refine_again;
+  refine_again.name = "refine_again";
+  refine_again.value = 1;
+  call.request.config.bools.push_back(refine_again);
+  ASSERT_TRUE(ros::service::call("/dense_mapper/set_parameters", call));
+  session().points.Clear();
+  ASSERT_EQ(session().mapper.Map(session().Messages(2000)), kViews);
+  ASSERT_TRUE(session().points.WaitForCount(kViews, kTimeoutS));
+  session().mapper.diagnostics.Clear();  // what is told from now on
+  ASSERT_TRUE(session().mapper.WaitForDiagnostic({"refined again for the map"}, kTimeoutS));
+  EXPECT_GT(std::stoi(session().mapper.DiagnosticValue("refined again for the map")), 0);
+  EXPECT_EQ(session().points.messages().size(), kViews) << "published once";
+  EXPECT_EQ(session().mapper.depth.messages().size(), kViews) << "published once";
+  // The last map is the one that can be saved now.
+  const std::string path = (std::filesystem::temp_directory_path() / "acmp_map_rostest.pcd").string();
+  const auto saved = session().mapper.SaveMap(path, acmp_mapping::SaveMap::Request::PCD, true);
+  std::filesystem::remove(path);
+  ASSERT_TRUE(saved.success) << saved.message;
+  ASSERT_TRUE(session().map.WaitUntil(
+      [&](const auto& messages) { return !messages.empty() && messages.back()->width == saved.points; }, kTimeoutS));
+  const PointCloud map = ToPointCloud(*session().map.messages().back());
+  EXPECT_GT(map.size(), 100u);
+  EXPECT_FALSE(Same(map, session().ExpectedMap(session().drifted_poses))) << "that is the map of what was published";
 }
 
 }  // namespace

@@ -21,13 +21,13 @@ struct DenseMapperOptions {
   SourceViewOptions source_views;
   DepthRangeOptions depth_range;
   DepthRange fallback_depth_range;  ///< used when there are neither landmarks nor a previous range; 0, 0 = none
-  int window_size = 20;             ///< keyframes kept to match against, 2..kMaxWindowSize
+  int window_size = 30;             ///< keyframes kept to match against, 2..kMaxWindowSize
   int lookahead = 2;         ///< later keyframes a keyframe waits for before its geometric passes, 0..window_size-1
   int reestimates = 1;       ///< keyframes of the window that are estimated anew after each new one, of those for which
                              ///< it brought much better source views, 0..window_size-1; others read what that gives.
                              ///< With several shards none is
-  bool refine_again = true;  ///< refine a keyframe a second time when it leaves the window, if its source views are
-                             ///< much better by then; not with several shards
+  bool refine_again = true;  ///< refine a keyframe again halfway through the window, and when it leaves it, if by then
+                             ///< its source views or their maps are better; not with several shards
   int min_source_views = 2;  ///< a keyframe waits until so many views are useful; at most max_source_views and
                              ///< window_size - 1, which is all that other keyframes can offer
 };
@@ -86,9 +86,9 @@ struct KeyframeDrop {
 /// Online mapping over a sliding window: feed posed frames in time order, get a fast map as soon as enough past views
 /// exist, and a refined, consistency-checked map with points once `lookahead` later keyframes have come. A keyframe
 /// that was estimated when few views showed what it sees can be estimated anew for others to read (`reestimates`), and
-/// refined again when it leaves the window (`refine_again`). Deterministic: the same frames, options and device give
-/// the same maps, whatever the timing. One thread at a time. The offline tool's online schedule and the nodelet's
-/// worker both drive this class.
+/// refined again halfway through the window and when it leaves it (`refine_again`). Deterministic: the same frames,
+/// options and device give the same maps, whatever the timing. One thread at a time. The offline tool's online schedule
+/// and the nodelet's worker both drive this class.
 ///
 /// As one of several shards it computes its own keyframes only. It follows the schedule of all, which depends on the
 /// frames alone, and so knows for each refinement which neighbours a single mapper would read as fast and which as
@@ -103,10 +103,10 @@ class DenseMapper {
     std::function<void(const KeyframeDepthPtr&)> on_fast;  ///< at most once per keyframe, before its on_refined
     std::function<void(const KeyframeDepthPtr&)> on_refined;
     std::function<void(const KeyframeDrop&)> on_drop;  ///< every own keyframe ends in exactly one on_refined or on_drop
-    /// Better maps of a keyframe that had its on_refined, as it leaves the window or is flushed.
+    /// Better maps of a keyframe that had its on_refined; may come several times.
     std::function<void(const KeyframeDepthPtr&)> on_refined_again = nullptr;
-    /// Asked before each of these: true leaves the rest as they are.
-    std::function<bool()> should_stop = nullptr;
+    /// Asked before each of these: whether anybody would use better maps of this keyframe. Empty: yes.
+    std::function<bool(int64_t id)> wants_refined_again = nullptr;
     /// With several shards: an own keyframe's estimate for SetPeerEstimate of all others. Each stage at most once; an
     /// empty one when the keyframe is dropped.
     std::function<void(ShardEstimate)> on_own_estimate = nullptr;
@@ -126,14 +126,15 @@ class DenseMapper {
   void set_options(const DenseMapperOptions& options);
 
   /// Adds a keyframe (id above all earlier ones since the last Reset, else InvalidInputError) and runs what has become
-  /// possible: first estimates of keyframes that now have enough views, re-estimates, refinements, second ones of what
-  /// has left the window; all but re-estimates in the order of ids. A keyframe that fails is reported through on_drop
-  /// and never stops the others. With several shards all of them get every keyframe under the same id.
+  /// possible: first estimates of keyframes that now have enough views, re-estimates, refinements, further ones of the
+  /// keyframe halfway through the window and of what has left it; first estimates and refinements in the order of ids.
+  /// A keyframe that fails is reported through on_drop and never stops the others. With several shards all of them get
+  /// every keyframe under the same id.
   void AddKeyframe(FramePtr frame);
 
   /// Finishes everything that waits for later keyframes, with the views there are: one useful view is enough. What
   /// waits for other shards goes on waiting.
-  /// @param refine_again also finished keyframes whose source views are much better now, as if they left the window
+  /// @param refine_again then also what is finished, as if it left the window, and what reads that a second time
   void Flush(bool refine_again = true);
 
   /// Forgets window, pending keyframes (each is reported as dropped with reason "reset"), depth range and ids.

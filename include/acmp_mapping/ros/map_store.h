@@ -62,6 +62,8 @@ class MapStore {
   /// Better points of a keyframe that has had its own. False, and nothing is changed, where it is not in the map any
   /// more.
   bool ReplacePoints(int64_t id, const PointCloud& points_in_camera);
+  /// Whether the keyframe is in the map with points, which may be none.
+  bool HasPoints(int64_t id) const;
   void Clear();
 
   /// Time jumped back: later keyframes are another run of the frontend, perhaps in another world. Corrections of one
@@ -95,7 +97,8 @@ class MapStore {
 
   // All of these need the mutex.
   double VoxelSize() const { return options_.voxel_size > 0 ? options_.voxel_size : auto_voxel_size_; }
-  std::deque<Keyframe>::iterator PlaceOf(int64_t id);
+  size_t PlaceOf(int64_t id) const;  ///< index of the first keyframe that is not before this one
+  bool HasPointsAt(size_t place, int64_t id) const;
   Keyframe* FindOrAdd(int64_t id, int64_t stamp_ns, const RigidTransform& world_from_cam);
   ReposeResult ApplyPath();
   void Evict();
