@@ -248,21 +248,22 @@ bool DenseMapper::Impl::CanBeRefinedAgain(const WindowKeyframe& keyframe) const 
   return options.refine_again && shard.count == 1 && keyframe.refined_score;
 }
 
-/// Whether a source view has been refined again since these maps were made, because its views had become better. It
-/// counts once: such gains soon end, and would go on from keyframe to keyframe along a wall.
-bool DenseMapper::Impl::HasBetterMaps(const WindowKeyframe& keyframe, const Sources& sources) {
+/// Whether a source view has been refined again since these maps were made. It counts once, for such gains soon end,
+/// and but for a flush only where that source's views had become better: it would go on from keyframe to keyframe.
+bool DenseMapper::Impl::HasBetterMaps(const WindowKeyframe& keyframe, const Sources& sources, bool is_flush) {
   if (keyframe.has_read_better_maps || sources.score < *keyframe.refined_score) return false;
-  return std::any_of(sources.keyframes.begin(), sources.keyframes.end(),
-                     [&](const WindowKeyframePtr& source) { return source->better_at > keyframe.refined_at; });
+  return std::any_of(sources.keyframes.begin(), sources.keyframes.end(), [&](const WindowKeyframePtr& source) {
+    return source->again_at > keyframe.refined_at && (is_flush || !source->has_read_better_maps);
+  });
 }
 
 /// Makes the maps of a finished keyframe anew if its source views have become better, or their maps have.
-void DenseMapper::Impl::RefineAgain(const WindowKeyframePtr& keyframe) {
+void DenseMapper::Impl::RefineAgain(const WindowKeyframePtr& keyframe, bool is_flush) {
   if (!CanBeRefinedAgain(*keyframe)) return;
   if (callbacks.wants_refined_again && !callbacks.wants_refined_again(keyframe->frame->id)) return;
   Sources sources = SelectSources(keyframe.get());
   const bool has_better_views = sources.score >= kMinAgainGrowth * *keyframe->refined_score;
-  if (!has_better_views && !HasBetterMaps(*keyframe, sources)) return;
+  if (!has_better_views && !HasBetterMaps(*keyframe, sources, is_flush)) return;
   const bool is_stale = !keyframe->fast || sources.score >= kMinAgainGrowth * *keyframe->views_score;
   if (has_better_views && is_stale) Reestimate(keyframe.get(), sources);
   const EngineEstimatePtr start = has_better_views || !keyframe->refined ? keyframe->fast : keyframe->refined;
@@ -272,14 +273,14 @@ void DenseMapper::Impl::RefineAgain(const WindowKeyframePtr& keyframe) {
     keyframe->few_later = had_few_later;
     return;
   }
+  keyframe->again_at = keyframe->refined_at;
   keyframe->has_read_better_maps = !has_better_views;
-  if (has_better_views) keyframe->better_at = keyframe->refined_at;
 }
 
 /// The keyframe that has as many later ones as earlier ones to be matched against, at most.
 void DenseMapper::Impl::RefineAgainHalfway() {
   const size_t age = static_cast<size_t>(options.window_size) / 2;
-  if (window.size() > age) RefineAgain(window[window.size() - 1 - age]);
+  if (window.size() > age) RefineAgain(window[window.size() - 1 - age], false);
 }
 
 void DenseMapper::Impl::EvictUntil(int keyframes_left) {
@@ -338,7 +339,7 @@ void DenseMapper::AddKeyframe(FramePtr frame) {
   if (is_admitted) impl_->ReestimateBest(impl_->window.back().get());
   impl_->ScheduleOlderThan(static_cast<size_t>(impl_->options.lookahead));
   if (is_admitted) impl_->RefineAgainHalfway();
-  for (const WindowKeyframePtr& keyframe : std::exchange(impl_->leaving, {})) impl_->RefineAgain(keyframe);
+  for (const WindowKeyframePtr& keyframe : std::exchange(impl_->leaving, {})) impl_->RefineAgain(keyframe, false);
 }
 
 void DenseMapper::Flush(bool refine_again) {
@@ -350,7 +351,7 @@ void DenseMapper::Flush(bool refine_again) {
   impl_->ScheduleOlderThan(0);
   if (!refine_again) return;
   for (int round = 0; round < kFlushRounds; ++round) {
-    for (const WindowKeyframePtr& keyframe : impl_->window) impl_->RefineAgain(keyframe);
+    for (const WindowKeyframePtr& keyframe : impl_->window) impl_->RefineAgain(keyframe, true);
   }
 }
 

@@ -56,8 +56,8 @@ struct DenseMapper::Impl {
   ScheduledRefinement MakeRefinement(const WindowKeyframePtr& keyframe, Sources sources) const;
   void Schedule(const WindowKeyframePtr& keyframe);
   bool CanBeRefinedAgain(const WindowKeyframe& keyframe) const;
-  static bool HasBetterMaps(const WindowKeyframe& keyframe, const Sources& sources);
-  void RefineAgain(const WindowKeyframePtr& keyframe);
+  static bool HasBetterMaps(const WindowKeyframe& keyframe, const Sources& sources, bool is_flush);
+  void RefineAgain(const WindowKeyframePtr& keyframe, bool is_flush);
   void RefineAgainHalfway();
   void ScoreViewsAnew();
   size_t CountLater(const WindowKeyframe& keyframe) const;

@@ -37,8 +37,8 @@ struct WindowKeyframe {
   double tried_score = 0;               ///< the same of the last attempt to estimate it anew
   std::optional<double> refined_score;  ///< the same of its maps that are out; none: there are none
   int64_t refined_at = 0;               ///< which refinement of the mapper made these maps, counted from 1
-  int64_t better_at = 0;                ///< the same of the last one that was made for better views; 0: none was
-  bool has_read_better_maps = false;    ///< the last one was made for better maps of the same views
+  int64_t again_at = 0;                 ///< the same of the last one that was not its first; 0: none
+  bool has_read_better_maps = false;    ///< that was for better maps of its source views, not for better views
   bool fast_settled = false;            ///< `fast` is there or will never be
   bool refined_settled = false;
 

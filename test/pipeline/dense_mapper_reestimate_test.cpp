@@ -219,8 +219,8 @@ TEST(DenseMapperRefineAgainTest, AFlushRefinesWhatHasGainedAndThenWhatReadsThat)
   harness.TakeEvents();
   harness.patch_match.calls.clear();
   EXPECT_THAT(harness.Flush(), ElementsAre("refined 4"));
-  // 0, 1 and 2 have better views, 3 and 4 read them; then 0 and 1 read what has become of 1 and 2.
-  EXPECT_THAT(harness.refined_again, ElementsAre(0, 1, 2, 3, 4, 0, 1));
+  // 0, 1 and 2 have better views, 3 and 4 read them; then 0, 1 and 2 read what has become of the others.
+  EXPECT_THAT(harness.refined_again, ElementsAre(0, 1, 2, 3, 4, 0, 1, 2));
   for (const int64_t id : {0, 1, 2}) EXPECT_THAT(CallsOf(harness.patch_match, "photometric", id), SizeIs(1));
   for (const int64_t id : {3, 4}) {
     EXPECT_THAT(CallsOf(harness.patch_match, "photometric", id), IsEmpty()) << "only the maps it reads are better";
