@@ -182,15 +182,15 @@ TEST(RuntimeOptions, BoundsOfTheCfgAreLegal) {
 }
 
 TEST(RuntimeOptions, AreReadAndCheckedAgainstTheCfg) {
-  ParameterReader reader(Struct({{"window_size", 30}, {"min_confidence", 0.5}, {"depth_min", 1}, {"depth_max", 9.5}}));
+  ParameterReader reader(Struct({{"window_size", 25}, {"min_confidence", 0.5}, {"depth_min", 1}, {"depth_max", 9.5}}));
   const RuntimeOptions options = LoadRuntimeOptions(&reader, RuntimeOptions());
-  EXPECT_EQ(options.mapper.window_size, 30);
+  EXPECT_EQ(options.mapper.window_size, 25);
   EXPECT_EQ(options.output.min_confidence, 0.5);
   EXPECT_EQ(options.mapper.fallback_depth_range.min, 1);
   EXPECT_EQ(options.mapper.fallback_depth_range.max, 9.5f);
   EXPECT_THAT(RuntimeRefusal({{"window_size", 1000}}), AllOf(HasSubstr("~window_size = 1000"), HasSubstr("64")));
   EXPECT_THAT(RuntimeRefusal({{"min_confidence", 2.0}}), HasSubstr("min_confidence"));
-  EXPECT_THAT(RuntimeRefusal({{"lookahead", 20}}), HasSubstr("lookahead"));
+  EXPECT_THAT(RuntimeRefusal({{"lookahead", 30}}), HasSubstr("lookahead"));
   EXPECT_THAT(RuntimeRefusal({{"depth_min", 5}, {"depth_max", 2}}), HasSubstr("depth_range"));
   EXPECT_THAT(RuntimeRefusal({{"voxel_size", std::numeric_limits<double>::quiet_NaN()}}), HasSubstr("voxel_size"));
 }
