@@ -18,15 +18,6 @@ static_assert(kMaxRankedViews == kMaxSourceViews, "the selector must not rank mo
 /// (docs/quality.md).
 constexpr size_t kMinLaterKeyframes = 3;
 
-/// A keyframe is estimated anew when the sum of its source views' scores has grown so much: 1.2 brings more work and no
-/// more, with 2 some of the gain is lost (docs/quality.md).
-constexpr double kMinScoreGrowth = 1.5;
-
-/// A keyframe is refined again when it has grown so much since its maps were made. That is tried twice, so that less is
-/// worth the work: 1.1 and 1.25 cost the same along a corridor, which has nothing to gain, 1 costs 7 % of the rate
-/// there.
-constexpr double kMinAgainGrowth = 1.1;
-
 /// At a flush. The second time keyframes read what the first has made of each other, as in further geometric passes.
 constexpr int kFlushRounds = 2;
 
@@ -183,37 +174,17 @@ void DenseMapper::Impl::EstimatePending(int min_source_views) {
   }
 }
 
-/// Of the new keyframe's source views those that gain most by it as a source view of theirs.
-void DenseMapper::Impl::ReestimateBest(WindowKeyframe* newest) {
-  if (options.reestimates == 0 || shard.count > 1 || !newest->views_score) return;
-  struct Candidate {
-    WindowKeyframePtr keyframe;
-    Sources sources;
-    double growth;
-  };
-  std::vector<Candidate> candidates;
-  for (const WindowKeyframePtr& keyframe : SelectSources(newest).keyframes) {
-    if (!keyframe->stage || !keyframe->views_score) continue;
-    Sources sources = SelectSources(keyframe.get());
-    const double growth = sources.score / std::max(*keyframe->views_score, keyframe->tried_score);
-    if (growth >= kMinScoreGrowth) candidates.push_back({keyframe, std::move(sources), growth});
-  }
-  std::stable_sort(candidates.begin(), candidates.end(),
-                   [](const Candidate& a, const Candidate& b) { return a.growth > b.growth; });
-  candidates.resize(std::min(candidates.size(), static_cast<size_t>(options.reestimates)));
-  for (const Candidate& candidate : candidates) Reestimate(candidate.keyframe.get(), candidate.sources);
-}
-
 void DenseMapper::Impl::ScheduleOlderThan(size_t later_keyframes) {
   for (size_t i = 0; i + later_keyframes < window.size(); ++i) {
     if (window[i]->state == WindowKeyframe::State::kFast) Schedule(window[i]);
   }
 }
 
-size_t DenseMapper::Impl::CountLater(const WindowKeyframe& keyframe) const {
-  return static_cast<size_t>(std::count_if(window.begin(), window.end(), [&](const WindowKeyframePtr& other) {
+bool DenseMapper::Impl::HasFewLater(const WindowKeyframe& keyframe) const {
+  const auto later = std::count_if(window.begin(), window.end(), [&](const WindowKeyframePtr& other) {
     return other->frame->id > keyframe.frame->id;
-  }));
+  });
+  return static_cast<size_t>(later) < kMinLaterKeyframes;
 }
 
 ScheduledRefinement DenseMapper::Impl::MakeRefinement(const WindowKeyframePtr& keyframe, Sources sources) const {
@@ -238,49 +209,10 @@ void DenseMapper::Impl::Schedule(const WindowKeyframePtr& keyframe) {
   ScheduledRefinement refinement = MakeRefinement(keyframe, std::move(sources));
   keyframe->state = WindowKeyframe::State::kScheduled;
   keyframe->stage = EstimateStage::kRefined;
-  keyframe->few_later = CountLater(*keyframe) < kMinLaterKeyframes;
+  keyframe->few_later = HasFewLater(*keyframe);
   if (!IsOwn(*keyframe)) return;
   waiting.push_back(std::move(refinement));
   RunReady();
-}
-
-bool DenseMapper::Impl::CanBeRefinedAgain(const WindowKeyframe& keyframe) const {
-  return options.refine_again && shard.count == 1 && keyframe.refined_score;
-}
-
-/// Whether a source view has been refined again since these maps were made. It counts once, for such gains soon end,
-/// and but for a flush only where that source's views had become better: it would go on from keyframe to keyframe.
-bool DenseMapper::Impl::HasBetterMaps(const WindowKeyframe& keyframe, const Sources& sources, bool is_flush) {
-  if (keyframe.has_read_better_maps || sources.score < *keyframe.refined_score) return false;
-  return std::any_of(sources.keyframes.begin(), sources.keyframes.end(), [&](const WindowKeyframePtr& source) {
-    return source->again_at > keyframe.refined_at && (is_flush || !source->has_read_better_maps);
-  });
-}
-
-/// Makes the maps of a finished keyframe anew if its source views have become better, or their maps have.
-void DenseMapper::Impl::RefineAgain(const WindowKeyframePtr& keyframe, bool is_flush) {
-  if (!CanBeRefinedAgain(*keyframe)) return;
-  if (callbacks.wants_refined_again && !callbacks.wants_refined_again(keyframe->frame->id)) return;
-  Sources sources = SelectSources(keyframe.get());
-  const bool has_better_views = sources.score >= kMinAgainGrowth * *keyframe->refined_score;
-  if (!has_better_views && !HasBetterMaps(*keyframe, sources, is_flush)) return;
-  const bool is_stale = !keyframe->fast || sources.score >= kMinAgainGrowth * *keyframe->views_score;
-  if (has_better_views && is_stale) Reestimate(keyframe.get(), sources);
-  const EngineEstimatePtr start = has_better_views || !keyframe->refined ? keyframe->fast : keyframe->refined;
-  if (!start) return;
-  const bool had_few_later = std::exchange(keyframe->few_later, CountLater(*keyframe) < kMinLaterKeyframes);
-  if (!RunAgain(MakeRefinement(keyframe, std::move(sources)), start)) {
-    keyframe->few_later = had_few_later;
-    return;
-  }
-  keyframe->again_at = keyframe->refined_at;
-  keyframe->has_read_better_maps = !has_better_views;
-}
-
-/// The keyframe that has as many later ones as earlier ones to be matched against, at most.
-void DenseMapper::Impl::RefineAgainHalfway() {
-  const size_t age = static_cast<size_t>(options.window_size) / 2;
-  if (window.size() > age) RefineAgain(window[window.size() - 1 - age], false);
 }
 
 void DenseMapper::Impl::EvictUntil(int keyframes_left) {

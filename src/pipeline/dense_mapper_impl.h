@@ -36,7 +36,8 @@ std::optional<Failure> CatchFailure(const Work& work) {
   }
 }
 
-/// The schedule is in dense_mapper.cpp, what computes and exchanges estimates in dense_mapper_estimates.cpp.
+/// The schedule is in dense_mapper.cpp, what is done again in dense_mapper_again.cpp, what computes and exchanges
+/// estimates in dense_mapper_estimates.cpp.
 struct DenseMapper::Impl {
   /// Source views of one keyframe, best first.
   struct Sources {
@@ -60,7 +61,7 @@ struct DenseMapper::Impl {
   void RefineAgain(const WindowKeyframePtr& keyframe, bool is_flush);
   void RefineAgainHalfway();
   void ScoreViewsAnew();
-  size_t CountLater(const WindowKeyframe& keyframe) const;
+  bool HasFewLater(const WindowKeyframe& keyframe) const;
   void EvictUntil(int keyframes_left);
 
   std::vector<WindowKeyframePtr> Others(const WindowKeyframe& keyframe) const;
