@@ -68,10 +68,13 @@ TEST(MapStore, PointsOfAKeyframeAreReplacedWhereItStillIs) {
 
   store.AddPose(4, 400000000, Shifted(1));
   EXPECT_FALSE(store.ReplacePoints(4, PlaneAt(1.05f, 2, 0.05f))) << "it has had no points";
+  EXPECT_TRUE(store.HasPoints(3)) << "none is points, too";
+  EXPECT_FALSE(store.HasPoints(4));
   EXPECT_FALSE(store.ReplacePoints(7, PlaneAt(1.05f, 2, 0.05f)));
   Add(&store, 5, Shifted(1), PlaneAt(1.05f, 2, 0.1f));
   Add(&store, 6, Shifted(2), PlaneAt(1.05f, 2, 0.1f));
   EXPECT_FALSE(store.ReplacePoints(3, PlaneAt(1.05f, 20, 0.05f))) << "it has made room";
+  EXPECT_FALSE(store.HasPoints(3));
   EXPECT_EQ(store.statistics().points, 8u);
 
   MapStore empty({2, 0});
