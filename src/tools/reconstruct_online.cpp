@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <exception>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
@@ -8,13 +9,6 @@
 
 namespace acmp {
 namespace {
-
-/// What the mapper hands out while it works on one keyframe; kept until it is known that nobody interrupted it.
-struct Outcome {
-  std::vector<KeyframeDepthPtr> refined;
-  std::vector<KeyframeDepthPtr> refined_again;
-  std::vector<KeyframeDrop> drops;
-};
 
 FinalMaps ToFinalMaps(const KeyframeDepth& keyframe) {
   FinalMaps maps;
@@ -34,9 +28,9 @@ class OnlineSchedule {
         recorder_(run->engines.front().engine, &run->folder, &run->interrupt),
         mapper_(&recorder_, MapperOptions(*run),
                 {{},
-                 [this](const KeyframeDepthPtr& keyframe) { outcome_.refined.push_back(keyframe); },
-                 [this](const KeyframeDrop& drop) { outcome_.drops.push_back(drop); },
-                 [this](const KeyframeDepthPtr& keyframe) { outcome_.refined_again.push_back(keyframe); },
+                 [this](const KeyframeDepthPtr& keyframe) { Try([&] { KeepFirst(*keyframe); }); },
+                 [this](const KeyframeDrop& drop) { Try([&] { Drop(drop); }); },
+                 [this](const KeyframeDepthPtr& keyframe) { Try([&] { Keep(*keyframe, true); }); },
                  {},
                  {},
                  [this](const std::string&, const std::string& message) { run_.progress.Warn(message); }}) {
@@ -57,11 +51,11 @@ class OnlineSchedule {
       frame->landmarks_in_world = RoundedToFloat(frame->landmarks_in_world);
       run_.times.reading_ms += timer.Lap();
       mapper_.AddKeyframe(std::move(frame));
-      KeepOutcome();
+      CheckOutcome();
       run_.progress.Step(recorder_.passes_run() == passes_before);
     }
     mapper_.Flush();
-    KeepOutcome();
+    CheckOutcome();
   }
 
  private:
@@ -71,15 +65,27 @@ class OnlineSchedule {
     return MakeMapperOptions(run.options, UnionOfDatasetRanges(run.scene, indices));
   }
 
-  void KeepOutcome() {
-    run_.interrupt.Check();
-    for (const KeyframeDepthPtr& keyframe : outcome_.refined) {
-      ++run_.times.images;
-      Keep(*keyframe, false);
+  /// The mapper's callbacks must not throw, and a flush may bring more maps than there is memory for: they are written
+  /// as they come, and the first failure is kept.
+  template <class Work>
+  void Try(const Work& work) {
+    if (failure_) return;
+    try {
+      run_.interrupt.Check();  // a cancelled loop leaves unfinished maps
+      work();
+    } catch (...) {
+      failure_ = std::current_exception();
     }
-    for (const KeyframeDepthPtr& keyframe : outcome_.refined_again) Keep(*keyframe, true);
-    for (const KeyframeDrop& drop : outcome_.drops) Drop(drop);
-    outcome_ = {};
+  }
+
+  void CheckOutcome() {
+    run_.interrupt.Check();
+    if (failure_) std::rethrow_exception(failure_);
+  }
+
+  void KeepFirst(const KeyframeDepth& keyframe) {
+    ++run_.times.images;
+    Keep(keyframe, false);
   }
 
   /// @param anew the last ones are in the file, if it is not an earlier run's
@@ -110,7 +116,7 @@ class OnlineSchedule {
   }
 
   ReconstructRun& run_;
-  Outcome outcome_;
+  std::exception_ptr failure_;
   RecordingDepthEngine recorder_;
   DenseMapper mapper_;
 };

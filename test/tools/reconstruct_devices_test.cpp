@@ -380,6 +380,7 @@ TEST_F(ReconstructDevicesTest, OnlineRunsAreFusedWithTheMappersSources) {
   WriteTwelve(Sequence(kTwelve));
   options_.schedule = "online";
   RunOnCpu("cpu");
+  // Refined again, all have ten sources instead of two to ten, and a point takes the pixels of each: 405 points.
   ASSERT_GT(ReadPly(output("cpu") / "fused.ply").size(), 300u);
   for (const int devices : {1, 2}) {
     RunOnFakeGpus(Concat("gpu_", devices), devices);
