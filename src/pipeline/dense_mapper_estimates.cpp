@@ -165,15 +165,18 @@ KeyframeDepthPtr DenseMapper::Impl::MakeRefined(const ScheduledRefinement& refin
   };
   StageTimes times = *refinement.keyframe->times;
   const auto run = [&](int step) {
-    problem.reference.estimate = estimator.Refine(problem, step);
+    EngineProblem next = problem;
+    problem.reference.estimate.reset();  // a pass continues in memory that nobody else holds
+    problem.reference.estimate = estimator.Refine(std::move(next), step);
     times += estimator.last_times();
   };
-  const int passes = options.pipeline.geometric_passes;
+  const int steps = estimator.num_refinements();
+  const int steps_of_passes = options.pipeline.completion.enabled ? steps - 1 : steps;
   read(&ScheduledRefinement::Source::in_passes);
-  for (int step = 0; step < passes; ++step) run(step);
+  for (int step = 0; step < steps_of_passes; ++step) run(step);
   *for_others = problem.reference.estimate;
   read(&ScheduledRefinement::Source::after_passes);
-  for (int step = passes; step < estimator.num_refinements(); ++step) run(step);
+  for (int step = steps_of_passes; step < steps; ++step) run(step);
   // A completed pixel confirms nothing, and what nothing confirms is completed: where few views see a place, as the
   // last keyframes do, completed pixels would spread from one to the next.
   if (!refinement.keyframe->few_later) *for_others = problem.reference.estimate;

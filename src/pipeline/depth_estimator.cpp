@@ -62,18 +62,17 @@ EngineEstimatePtr DepthEstimator::EstimatePhotometric(const EngineProblem& probl
 }
 
 EngineEstimatePtr DepthEstimator::Refine(EngineProblem problem, int step) {
-  CheckRange("refinement step", step, 0, num_refinements() - 1);
+  const RefinementStep does = RefinementStepOf(options_, step);
   times_ = {};
   engine_->TakeDeviceMs();
   Timer timer;
-  const bool is_geometric = step < options_.geometric_passes;
-  if (options_.completion.enabled) {
+  if (does.completes) {
     problem.reference.estimate = engine_->Complete(problem, options_.completion);
     times_.completion_ms = timer.Lap();
   }
-  if (is_geometric) {
+  if (does.pass) {
     EngineEstimatePtr start = std::move(problem.reference.estimate);
-    problem.reference.estimate = engine_->RunGeometric(problem, options_.patch_match, std::move(start), step);
+    problem.reference.estimate = engine_->RunGeometric(problem, options_.patch_match, std::move(start), *does.pass);
     times_.geometric_ms = timer.Lap();
   }
   times_.kernels_ms = engine_->TakeDeviceMs();

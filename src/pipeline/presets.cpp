@@ -14,6 +14,18 @@ void Validate(const PipelineOptions& options) {
   CheckRange("pipeline.geometric_passes", options.geometric_passes, 0, 10);
 }
 
+int NumRefinements(const PipelineOptions& options) {
+  const int passes = options.geometric_passes;
+  return options.completion.enabled && passes > 0 ? passes + 2 : passes + (options.completion.enabled ? 1 : 0);
+}
+
+RefinementStep RefinementStepOf(const PipelineOptions& options, int step) {
+  CheckRange("refinement step", step, 0, NumRefinements(options) - 1);
+  if (!options.completion.enabled) return {false, step};
+  if (step == 0 || step > options.geometric_passes) return {true, std::nullopt};
+  return {step > 1 && options.completion.between_passes, step - 1};
+}
+
 const std::vector<std::string>& PresetNames() {
   static const std::vector<std::string> names = {"acmh",  "acmp_no_geometric", "acmp",  "acmm",
                                                  "acmmp", "quality",           "online"};
@@ -29,11 +41,12 @@ void StartAtHalfSize(int iterations, int full_size_iterations, PipelineOptions* 
   options->full_size_iterations = full_size_iterations;
 }
 
-/// `acmp` with more geometric passes of one iteration each: maps of neighbours and completion are newer.
+/// `acmp` with more geometric passes of one iteration each and completions between them: all they read is newer.
 PipelineOptions MakeQuality() {
   PipelineOptions options;
   options.patch_match.geometric_iterations = 1;
   options.geometric_passes = 3;
+  options.completion.between_passes = true;
   return options;
 }
 

@@ -291,8 +291,7 @@ size_t RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_m
   const int stages = final_maps.empty() ? 0 : 1 + NumRefinements(pipeline);
   const int steps = stages + ResultWriter::kStepsPerImage;
   const double output = StepCosts::kOutput + StepCosts::kFusion;
-  const double initial = pipeline.use_planar_prior ? StepCosts::kInitialWithPrior : StepCosts::kInitialWithoutPrior;
-  const double maps = stages == 0 ? 0 : initial + NumRefinements(pipeline) * StepCosts::kGeometricPass;
+  const double maps = stages == 0 ? 0 : EstimateCost(pipeline);
   run->progress.Begin(stages == 0 ? "maps, pictures and cloud" : "depth maps, pictures and cloud",
                       static_cast<int>(writer.images()) * steps, (maps + output) / steps);
   graph->Run(PoolThreads(*run), run->interrupt);

@@ -72,10 +72,17 @@ PinholeCamera CameraOf(const Scene& scene, int index, int max_image_size) {
   return camera.Resized(width, height);
 }
 
+double EstimateCost(const PipelineOptions& pipeline) {
+  double cost = pipeline.use_planar_prior ? StepCosts::kInitialWithPrior : StepCosts::kInitialWithoutPrior;
+  for (int step = 0; step < NumRefinements(pipeline); ++step) {
+    const RefinementStep does = RefinementStepOf(pipeline, step);
+    cost += (does.completes ? StepCosts::kCompletion : 0) + (does.pass ? StepCosts::kGeometricPass : 0);
+  }
+  return cost;
+}
+
 double TotalCost(const ReconstructPlan& plan, const PipelineOptions& pipeline) {
-  const double initial = pipeline.use_planar_prior ? StepCosts::kInitialWithPrior : StepCosts::kInitialWithoutPrior;
-  const double per_image =
-      initial + NumRefinements(pipeline) * StepCosts::kGeometricPass + StepCosts::kOutput + StepCosts::kFusion;
+  const double per_image = EstimateCost(pipeline) + StepCosts::kOutput + StepCosts::kFusion;
   double total = 0;
   for (const ImagePlan& image : plan.images) total += image.no_map.empty() ? per_image : 0.0;
   return total;

@@ -53,9 +53,12 @@ struct StepCosts {
   static constexpr double kInitialWithoutPrior = 0.5;
   static constexpr double kInitialWithPrior = 1.0;
   static constexpr double kGeometricPass = 0.35;
+  static constexpr double kCompletion = 0.05;
   static constexpr double kOutput = 0.3;
   static constexpr double kFusion = 0.1;
 };
+/// Of an image's final estimate.
+double EstimateCost(const PipelineOptions& pipeline);
 double TotalCost(const ReconstructPlan& plan, const PipelineOptions& pipeline);
 
 /// Which threads do a task.

@@ -195,6 +195,41 @@ TEST_F(CompletionKernelTest, WhatTooFewViewsConfirmTakesThePlaneAroundAndACostTh
   EXPECT_EQ(planes_(10, 10).d, wall.d);
 }
 
+TEST_F(CompletionKernelTest, WhatAViewNearlyConfirmsTakesAPlaneNearItsOwnDepth) {
+  // A wall, a strip that nothing confirms, and a board before the wall, farther from the strip's left half.
+  const PlaneHypothesis wall = PlaneThrough({0, 0, -1}, Ray(20, 15), 5),
+                        board = PlaneThrough({0, 0, -1}, Ray(20, 15), 4);
+  for (int row = 0; row < kHeight; ++row) {
+    for (int col = 0; col < kWidth; ++col) {
+      planes_(col, row) = col < 28 ? wall : board;
+      cost_(col, row) = 0.1f;
+      sightings_(col, row) = col >= 16 && col < 28 ? 0 : 4;
+    }
+  }
+  const auto set = [&](int row, float depth, unsigned char sightings) {
+    planes_(18, row) = PlaneThrough({0, 0, -1}, Ray(18, row), depth);
+    sightings_(18, row) = sightings;
+  };
+  set(10, 4.1f, 0);
+  set(12, 4.1f, kNearlyConfirmed);
+  set(14, 4.1f, kNearlyConfirmed + 1);
+  set(16, 4.5f, kNearlyConfirmed);  // near neither
+  FindAll();
+  FitAll();
+  FindAllNearest();
+  for (int row = 0; row < kHeight; ++row) {
+    for (int col = 0; col < kWidth; ++col) CompletePixel(context_, col, row);
+  }
+  // The fit is pulled to zero slope by a ten-thousandth.
+  EXPECT_NEAR(DepthAt(planes_(18, 10), 18, 10), 5, 5e-3);
+  EXPECT_NEAR(DepthAt(planes_(18, 12), 18, 12), 4, 5e-3);
+  EXPECT_EQ(cost_(18, 12), kWorstCost);
+  EXPECT_NEAR(DepthAt(planes_(18, 14), 18, 14), 4, 5e-3);
+  EXPECT_EQ(cost_(18, 14), kUnverifiedCost);
+  EXPECT_FLOAT_EQ(DepthAt(planes_(18, 16), 18, 16), 4.5f);
+  EXPECT_EQ(cost_(18, 16), 0.1f);
+}
+
 TEST_F(CompletionKernelTest, NearestAnchorsAreTheFirstOnesOfEachDirection) {
   // Directions 0, 4, 8, 12 go right, down, left, up; 2 and 1 one and two cells right for each cell down.
   for (const auto& [col, row] : {std::pair(7, 2), {8, 2}, {3, 6}, {5, 4}, {7, 4}}) fitted_(col, row).views = 3;

@@ -213,9 +213,10 @@ TEST(CompletionTest, WhatOneOfSevenViewsConfirmsTakesThePlaneOfItsSurroundings) 
   // The reference, a source in its place, and six others beside it.
   std::vector<TestView> views;
   for (int i = 0; i < 8; ++i) views.push_back(CopyOf(corner[i < 2 ? 0 : 1]));
+  const float wrong_by = 0.97f;                    // near enough for what one view nearly confirms
   for (TestView* view : {&views[0], &views[1]}) {  // which alone confirms what both have wrong
     for (int row = 30; row <= 90; ++row) {
-      for (int col = 30; col <= 75; ++col) view->depth(col, row) *= 2.0f / 3;
+      for (int col = 30; col <= 75; ++col) view->depth(col, row) *= wrong_by;
     }
   }
   const Completed of_seven = Complete(views, 7), of_six = Complete(views, 6);
@@ -225,7 +226,7 @@ TEST(CompletionTest, WhatOneOfSevenViewsConfirmsTakesThePlaneOfItsSurroundings) 
       const bool wrong = col >= 30 && col <= 75 && row >= 30 && row <= 90;
       const float truth = corner[0].depth(col, row);
       if (wrong) {
-        ASSERT_NEAR(of_six.depth(col, row), truth * 2 / 3, 1e-4f * truth) << "one of six suffices";
+        ASSERT_NEAR(of_six.depth(col, row), truth * wrong_by, 1e-4f * truth) << "one of six suffices";
       }
       if (of_seven.cost(col, row) != kUnverifiedCost) continue;
       completed += wrong ? 1 : 0;
@@ -234,6 +235,34 @@ TEST(CompletionTest, WhatOneOfSevenViewsConfirmsTakesThePlaneOfItsSurroundings) 
     }
   }
   EXPECT_GT(completed, 0.99 * 46 * 61);
+}
+
+TEST(CompletionTest, WhatAViewNearlyConfirmsIsNotTakenForAnotherSurface) {
+  const std::vector<TestView> corner = Corner();
+  std::vector<TestView> views;  // the reference, a source in its place, and one beside it
+  for (const size_t i : {0, 0, 1}) views.push_back(CopyOf(corner[i]));
+  const int first = 30, last = 60;
+  for (int row = first; row <= last; ++row) {
+    for (int col = first; col <= last; ++col) {
+      views[0].depth(col, row) *= 0.7f;  // nothing around is so near
+      views[1].depth(col, row) *= 0.7f * 1.015f;
+    }
+  }
+  CompletionOptions options = WithoutMedian();
+  options.max_relative_depth = 0.01f;
+  const Completed kept = Complete(views, 2, options);
+  options.max_relative_depth = 0.005f;
+  const Completed completed = Complete(views, 2, options);
+  for (int row = first; row <= last; ++row) {
+    for (int col = first; col <= last; ++col) {
+      const float truth = corner[0].depth(col, row);
+      ASSERT_NEAR(kept.depth(col, row), 0.7f * truth, 1e-5f * truth) << "1.5 % are less than twice 1 %";
+      ASSERT_EQ(kept.cost(col, row), views[0].cost(col, row));
+      // The walls are exact planes; the fit is pulled to zero slope by a ten-thousandth.
+      ASSERT_NEAR(completed.depth(col, row), truth, 2e-3f * truth) << "and more than twice 0.5 %";
+      ASSERT_EQ(completed.cost(col, row), kWorstCost);
+    }
+  }
 }
 
 /// A grey board in front of a white wall, seen from the middle and from both sides.

@@ -301,7 +301,7 @@ TEST_F(DepthEstimatorTest, RefinementReadsTheGivenEstimatesAndStart) {
   problem.sources[0].estimate = EstimateAt(4, 40, 30);
   problem.sources[2].estimate = EstimateAt(5, 30, 26);
   problem.reference.estimate = EstimateAt(4.5f, 40, 30);
-  const EngineEstimatePtr refined = estimator.Refine(problem, 1);
+  const EngineEstimatePtr refined = estimator.Refine(problem, 2);
   EXPECT_THAT(fake_.calls, ElementsAre("geometric 1"));
   EXPECT_EQ(fake_.last_start.planes(0, 0).d, 4.5f);
   EXPECT_EQ(FirstPlane(refined).d, 6);
@@ -315,13 +315,29 @@ TEST_F(DepthEstimatorTest, RefinementReadsTheGivenEstimatesAndStart) {
   EXPECT_EQ(estimator.last_times().photometric_ms, 0);
 }
 
+TEST_F(DepthEstimatorTest, StepsCompleteAndPassAsTheOptionsSay) {
+  PipelineOptions options = MakePreset("acmp");
+  options.completion.between_passes = true;
+  DepthEstimator estimator(&engine_, options);
+  std::string steps;
+  EngineProblem problem = Problem();
+  problem.reference.estimate = EstimateAt(4.5f, 40, 30);
+  for (int step = 0; step < estimator.num_refinements(); ++step) {
+    problem.reference.estimate = estimator.Refine(problem, step);
+    const bool passed = estimator.last_times().kernels_ms > 0;  // the fake's passes take 10 ms
+    steps += Concat(estimator.last_times().completion_ms > 0 ? "c" : "", passed ? "g" : "", " ");
+  }
+  EXPECT_EQ(steps, "c g cg c ");
+  EXPECT_THAT(fake_.calls, ElementsAre("geometric 0", "geometric 1"));
+}
+
 TEST_F(DepthEstimatorTest, RefinementIsAtFullSizeWhateverTheStartLevel) {
   PipelineOptions options = MakePreset("acmp");
   options.start_level = 1;
   DepthEstimator estimator(&engine_, options);
   EngineProblem problem = Problem(1);
   problem.reference.estimate = EstimateAt(4.5f, 40, 30);
-  estimator.Refine(problem, 0);
+  estimator.Refine(problem, 1);
   EXPECT_TRUE(fake_.problems.at(0).reference.camera == frames_[0]->camera);
 }
 

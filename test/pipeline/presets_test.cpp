@@ -78,7 +78,41 @@ TEST(PresetsTest, DifferInWhatTheyAreNamedFor) {
   EXPECT_THAT(from_acmp("acmmp"), UnorderedElementsAre("start_level", "full_size_iterations"));
   EXPECT_THAT(Differences(MakePreset("acmmp"), MakePreset("acmm")),
               UnorderedElementsAre("use_planar_prior", "completion", "candidate_view_votes"));
-  EXPECT_THAT(from_acmp("quality"), UnorderedElementsAre("geometric_iterations", "geometric_passes"));
+  EXPECT_THAT(from_acmp("quality"),
+              UnorderedElementsAre("geometric_iterations", "geometric_passes", "completion_between_passes"));
+}
+
+/// "c": completion, "g": geometric pass, in the order of the steps; those of a step together.
+std::string StepsOf(bool completes, bool between_passes, int passes) {
+  PipelineOptions options;
+  options.completion.enabled = completes;
+  options.completion.between_passes = between_passes;
+  options.geometric_passes = passes;
+  std::string steps;
+  int next = 0;
+  for (int step = 0; step < NumRefinements(options); ++step) {
+    const RefinementStep does = RefinementStepOf(options, step);
+    steps += Concat(step > 0 ? " " : "", does.completes ? "c" : "", does.pass ? "g" : "");
+    if (does.pass) {
+      EXPECT_EQ(*does.pass, next++);
+    }
+  }
+  return steps;
+}
+
+TEST(PipelineOptionsTest, CompletionsGoBeforeAndAfterTheGeometricPasses) {
+  EXPECT_EQ(StepsOf(true, false, 2), "c g g c");
+  EXPECT_EQ(StepsOf(true, true, 3), "c g cg cg c");
+  EXPECT_EQ(StepsOf(true, true, 1), "c g c");
+  EXPECT_EQ(StepsOf(true, false, 0), "c");
+  EXPECT_EQ(StepsOf(false, true, 2), "g g");
+  EXPECT_EQ(StepsOf(false, false, 0), "");
+}
+
+TEST(PipelineOptionsTest, NoStepBeyondTheLast) {
+  const PipelineOptions options;
+  EXPECT_THROW(RefinementStepOf(options, NumRefinements(options)), InvalidInputError);
+  EXPECT_THROW(RefinementStepOf(options, -1), InvalidInputError);
 }
 
 TEST(PresetsTest, UnknownNameIsAnErrorThatListsAllNames) {

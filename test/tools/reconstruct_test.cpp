@@ -123,6 +123,7 @@ TEST_F(ReconstructTest, PresetsRunThePassesTheyName) {
 }
 
 TEST_F(ReconstructTest, GeometricPassesReadTheMapsOfTheStageBefore) {
+  options_.set = {"completion=false"};
   Run(&fake_);
   std::map<std::string, std::set<uint32_t>> results;  // by pass
   for (const auto& call : fake_.calls) results[call.pass].insert(call.result_hash);
@@ -137,6 +138,20 @@ TEST_F(ReconstructTest, GeometricPassesReadTheMapsOfTheStageBefore) {
       }
     }
   }
+}
+
+TEST_F(ReconstructTest, TheFirstGeometricPassReadsCompletedMaps) {
+  Run(&fake_);
+  std::set<uint32_t> initial, read, first, read_later;
+  for (const auto& call : fake_.calls) {
+    if (call.pass == "prior") initial.insert(call.result_hash);
+    if (call.pass == "geometric 0") first.insert(call.result_hash);
+    if (call.pass == "geometric 0") read.insert(call.source_hashes.begin(), call.source_hashes.end());
+    if (call.pass == "geometric 1") read_later.insert(call.source_hashes.begin(), call.source_hashes.end());
+  }
+  EXPECT_EQ(read.size(), static_cast<size_t>(kImages)) << "one map of each image, the same for all";
+  EXPECT_NE(read, initial) << "what only one image sees is completed";
+  EXPECT_EQ(read_later, first) << "between passes nothing is completed";
 }
 
 TEST_F(ReconstructTest, MemoryLimitDoesNotChangeTheResult) {

@@ -31,12 +31,11 @@ class DepthEstimator {
   /// Steps 1-20: photometric pass, planar prior (if in use), planar-prior pass. Estimates of the sources are not read.
   EngineEstimatePtr EstimateInitial(const EngineProblem& problem);
 
-  /// How often an initial estimate is refined: steps 21-30 once per geometric pass, then completion if it is enabled.
+  /// How often an initial estimate is refined: geometric passes (steps 21-30), with completions around them if enabled.
   int num_refinements() const { return NumRefinements(options_); }
 
-  /// Refinement `step` (0, 1, ...) of the reference's estimate: completion, if it is enabled, then steps 21-30; after
-  /// the last geometric pass completion alone. The sources' estimates are read as they are (Jacobi), so
-  /// the order in which images are refined does not matter.
+  /// Refinement `step` (0, 1, ...) of the reference's estimate (RefinementStepOf). The sources' estimates are read as
+  /// they are: where all are of the step before (Jacobi), the order of images does not matter.
   EngineEstimatePtr Refine(EngineProblem problem, int step);
 
   const StageTimes& last_times() const { return times_; }

@@ -50,6 +50,7 @@ void VisitPipelineParameters(Options& pipeline, const Visitor& visit) {
 
   auto& completion = pipeline.completion;
   visit("completion", completion.enabled);
+  visit("completion_between_passes", completion.between_passes);
   visit("completion_anchor_views", completion.anchor_views);
   visit("completion_max_reprojection_px", completion.max_reprojection_px);
   visit("completion_max_relative_depth", completion.max_relative_depth);

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -23,10 +24,17 @@ struct PipelineOptions {
 };
 void Validate(const PipelineOptions& options);
 
-/// How often an initial estimate is refined: once per geometric pass, then by completion if that is enabled.
-inline int NumRefinements(const PipelineOptions& options) {
-  return options.geometric_passes + (options.completion.enabled ? 1 : 0);
-}
+/// How often an initial estimate is refined: once per geometric pass. If completion is enabled, also once before them,
+/// so that they read completed maps of the sources, and once after them.
+int NumRefinements(const PipelineOptions& options);
+
+/// What a refinement does: a completion, a geometric pass, or one after the other.
+struct RefinementStep {
+  bool completes = false;
+  std::optional<int> pass;  ///< 0, 1, ...
+};
+/// Of refinement `step` (0, 1, ...).
+RefinementStep RefinementStepOf(const PipelineOptions& options, int step);
 
 /// "acmh", "acmp_no_geometric", "acmp", "acmm", "acmmp", "quality", "online".
 const std::vector<std::string>& PresetNames();

@@ -84,6 +84,7 @@ void VisitRuntimeParameters(Options& options, Config& config, const Visitor& vis
 
   auto& completion = pipeline.completion;
   visit("completion", completion.enabled, config.completion);
+  visit("completion_between_passes", completion.between_passes, config.completion_between_passes);
   visit("completion_anchor_views", completion.anchor_views, config.completion_anchor_views);
   visit("completion_max_reprojection_px", completion.max_reprojection_px, config.completion_max_reprojection_px);
   visit("completion_max_relative_depth", completion.max_relative_depth, config.completion_max_relative_depth);

@@ -67,6 +67,18 @@ ACMP_HOST_DEVICE inline void FindExtendedPlanes(const CompletionContext& context
   }
 }
 
+/// Takes the weight from planes that differ from the pixel's own depth by more than one in 25. What a view nearly
+/// confirms is off by less than that as a rule, however noisy it is; a plane extended from elsewhere may be of another
+/// surface.
+ACMP_HOST_DEVICE inline void KeepPlanesNear(float depth, ExtendedPlanes* planes) {
+  constexpr float kSameSurface = 0.04f;
+  ACMP_UNROLL
+  for (int i = 0; i < kNumDirections; ++i) {
+    const bool is_near = fabsf(planes->inverse_depth[i] * depth - 1) < kSameSurface;
+    planes->weight[i] = is_near ? planes->weight[i] : 0;
+  }
+}
+
 /// Direction of the weighted median: the least inverse depth up to which lies half of the weight or more. -1: no plane
 /// has a weight.
 ACMP_HOST_DEVICE inline int WeightedMedian(const ExtendedPlanes& planes) {
@@ -93,15 +105,21 @@ ACMP_HOST_DEVICE inline int WeightedMedian(const ExtendedPlanes& planes) {
 /// Whether a pixel has this cost because its plane was measured elsewhere: it was completed, or filtered.
 ACMP_HOST_DEVICE inline bool IsCompleted(float cost) { return cost >= kUnverifiedCost; }
 
-/// A pixel that too few views confirm takes the plane that is the median of its surroundings'. Where no view did, that
-/// is a guess, with the cost of a pixel without correspondence. Where one did, it gets kUnverifiedCost, and whoever
-/// fuses maps has to ask the views again. Other pixels, and those round which nothing is confirmed, keep their own.
+/// A pixel that too few views confirm takes the plane that is the median of its surroundings', near its own depth where
+/// a view nearly confirms that. Where no view did, that is a guess, with the cost of a pixel without correspondence.
+/// Where one did, it gets kUnverifiedCost, and whoever fuses maps has to ask the views again. Other pixels, and those
+/// round which no plane is left, keep their own.
 ACMP_HOST_DEVICE inline void CompletePixel(const CompletionContext& context, int col, int row) {
-  const int views = ConfirmingViews(context.sightings(col, row));
+  const unsigned char sightings = context.sightings(col, row);
+  const int views = ConfirmingViews(sightings);
   if (views >= context.min_views) return;
   const NearestAnchors& nearest = context.nearest(col / context.cell_size, row / context.cell_size);
   ExtendedPlanes planes;
   FindExtendedPlanes(context, nearest, col, row, &planes);
+  if (IsNearlyConfirmed(sightings)) {
+    const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
+    KeepPlanesNear(PlaneDepth(context.planes(col, row), ray), &planes);
+  }
   const int median = WeightedMedian(planes);
   if (median < 0) return;
   const AnchorCell& anchor = context.fitted.data[nearest.cell[median]];

@@ -70,11 +70,14 @@ ACMP_HOST_DEVICE inline int CompletionCellSize(int width, int height) {
 
 ACMP_HOST_DEVICE inline int CellsOf(int pixels, int cell_size) { return (pixels + cell_size - 1) / cell_size; }
 
-// A pixel's sightings in a byte: how many source views confirm it, and whether some source looks through it.
-constexpr unsigned char kMaxConfirming = 127;
+// A pixel's sightings in a byte: how many source views confirm it, whether some source nearly does, and whether some
+// source looks through it.
+constexpr unsigned char kMaxConfirming = 63;
+constexpr unsigned char kNearlyConfirmed = 64;
 constexpr unsigned char kLookedThrough = 128;
 
 ACMP_HOST_DEVICE inline int ConfirmingViews(unsigned char sightings) { return sightings & kMaxConfirming; }
+ACMP_HOST_DEVICE inline bool IsNearlyConfirmed(unsigned char sightings) { return (sightings & kNearlyConfirmed) != 0; }
 ACMP_HOST_DEVICE inline bool IsLookedThrough(unsigned char sightings) { return (sightings & kLookedThrough) != 0; }
 
 /// A pixel that may become the anchor of its cell.

@@ -6,23 +6,25 @@
 namespace acmp {
 
 /// Sightings of a pixel of the reference; 0 without a depth. A view confirms it within the limits on reprojection and
-/// depth. Normals do not count: where there is little texture they are noise, and the depths still agree.
+/// depth, nearly within twice these. Normals do not count: where there is little texture they are noise, and the depths
+/// still agree.
 template <class View>
 ACMP_HOST_DEVICE inline unsigned char LookAtPixel(const FusionContext<View>& context, int col, int row) {
   ReferencePixel pixel;
   if (!LoadReferencePlace(context, col, row, &pixel)) return 0;
-  unsigned char confirming = 0, looked_through = 0;
+  unsigned char confirming = 0, nearly = 0, looked_through = 0;
   for (int i = 0; i < context.num_sources; ++i) {
     SourcePlace place;
     Sighting sighting;
     if (!LocateInSource(context.sources[i], pixel.homogeneous, &place)) continue;
     if (!LookBack(context.sources[i], pixel, place, &sighting)) continue;
     if (LooksThrough(sighting)) looked_through = kLookedThrough;
-    const bool confirms = sighting.squared_px < context.limits.max_squared_px &&
-                          sighting.relative_depth < context.limits.max_relative_depth;
+    const double squared_px = context.limits.max_squared_px, relative_depth = context.limits.max_relative_depth;
+    if (sighting.squared_px < 4 * squared_px && sighting.relative_depth < 2 * relative_depth) nearly = kNearlyConfirmed;
+    const bool confirms = sighting.squared_px < squared_px && sighting.relative_depth < relative_depth;
     confirming += confirms && confirming < kMaxConfirming ? 1 : 0;
   }
-  return confirming | looked_through;
+  return confirming | nearly | looked_through;
 }
 
 }  // namespace acmp
