@@ -10,7 +10,7 @@ struct CompletionOptions {
   int anchor_views = 4;               ///< pixels that so many source views confirm are extended, 1..32; half of all
                                       ///< source views, rounded up, suffice
   float max_reprojection_px = 2.0f;   ///< forward-backward error of a view that confirms a pixel, > 0
-  float max_relative_depth = 0.005f;  ///< relative difference of its depth, (0, 1)
+  float max_relative_depth = 0.003f;  ///< relative difference of its depth, (0, 1)
   bool weighted_median = true;        ///< then filter the map where surfaces meet (FilterPixel)
 };
 /// Throws InvalidInputError naming the first field out of bounds.

@@ -6,12 +6,13 @@
 namespace acmp {
 
 /// Sightings of a pixel of the reference; 0 without a depth. A view confirms it within the limits on reprojection and
-/// depth, nearly within twice these. Normals do not count: where there is little texture they are noise, and the depths
-/// still agree.
+/// depth, nearly within twice the one and four times the other. Normals do not count: where there is little texture
+/// they are noise, and the depths still agree.
 template <class View>
 ACMP_HOST_DEVICE inline unsigned char LookAtPixel(const FusionContext<View>& context, int col, int row) {
   ReferencePixel pixel;
   if (!LoadReferencePlace(context, col, row, &pixel)) return 0;
+  constexpr double kNearlySquaredPx = 4, kNearlyDepth = 4;
   unsigned char confirming = 0, nearly = 0, looked_through = 0;
   for (int i = 0; i < context.num_sources; ++i) {
     SourcePlace place;
@@ -20,7 +21,9 @@ ACMP_HOST_DEVICE inline unsigned char LookAtPixel(const FusionContext<View>& con
     if (!LookBack(context.sources[i], pixel, place, &sighting)) continue;
     if (LooksThrough(sighting)) looked_through = kLookedThrough;
     const double squared_px = context.limits.max_squared_px, relative_depth = context.limits.max_relative_depth;
-    if (sighting.squared_px < 4 * squared_px && sighting.relative_depth < 2 * relative_depth) nearly = kNearlyConfirmed;
+    const bool nearly_confirms =
+        sighting.squared_px < kNearlySquaredPx * squared_px && sighting.relative_depth < kNearlyDepth * relative_depth;
+    if (nearly_confirms) nearly = kNearlyConfirmed;
     const bool confirms = sighting.squared_px < squared_px && sighting.relative_depth < relative_depth;
     confirming += confirms && confirming < kMaxConfirming ? 1 : 0;
   }
