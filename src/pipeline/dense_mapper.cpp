@@ -18,9 +18,6 @@ static_assert(kMaxRankedViews == kMaxSourceViews, "the selector must not rank mo
 /// (docs/quality.md).
 constexpr size_t kMinLaterKeyframes = 3;
 
-/// At a flush. The second time keyframes read what the first has made of each other, as in further geometric passes.
-constexpr int kFlushRounds = 2;
-
 /// MakeFrame guarantees this; frames from elsewhere must not reach the kernels with sizes that do not fit.
 void CheckFrame(const Frame& frame) {
   const std::string name = Concat("keyframe ", frame.id);
@@ -271,7 +268,7 @@ void DenseMapper::AddKeyframe(FramePtr frame) {
   if (is_admitted) impl_->ReestimateBest(impl_->window.back().get());
   impl_->ScheduleOlderThan(static_cast<size_t>(impl_->options.lookahead));
   if (is_admitted) impl_->RefineAgainHalfway();
-  for (const WindowKeyframePtr& keyframe : std::exchange(impl_->leaving, {})) impl_->RefineAgain(keyframe, false);
+  for (const WindowKeyframePtr& keyframe : std::exchange(impl_->leaving, {})) impl_->RefineAgain(keyframe);
 }
 
 void DenseMapper::Flush(bool refine_again) {
@@ -281,10 +278,7 @@ void DenseMapper::Flush(bool refine_again) {
     impl_->Drop(keyframe.get(), "no_source_views", impl_->DescribeMissing(keyframe.get(), 1));
   }
   impl_->ScheduleOlderThan(0);
-  if (!refine_again) return;
-  for (int round = 0; round < kFlushRounds; ++round) {
-    for (const WindowKeyframePtr& keyframe : impl_->window) impl_->RefineAgain(keyframe, true);
-  }
+  if (refine_again) impl_->RefineWindowAgain();
 }
 
 void DenseMapper::Reset() {

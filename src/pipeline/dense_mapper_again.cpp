@@ -44,24 +44,36 @@ bool DenseMapper::Impl::CanBeRefinedAgain(const WindowKeyframe& keyframe) const 
   return options.refine_again && shard.count == 1 && keyframe.refined_score;
 }
 
+bool DenseMapper::Impl::IsWantedAgain(const WindowKeyframe& keyframe) const {
+  return CanBeRefinedAgain(keyframe) &&
+         (!callbacks.wants_refined_again || callbacks.wants_refined_again(keyframe.frame->id));
+}
+
+bool DenseMapper::Impl::HasBetterViews(const WindowKeyframe& keyframe, const Sources& sources) {
+  return sources.score >= kMinAgainGrowth * *keyframe.refined_score;
+}
+
+/// Whether others should not go on from its fast estimate.
+bool DenseMapper::Impl::HasStaleFast(const WindowKeyframe& keyframe, const Sources& sources) {
+  return !keyframe.fast || sources.score >= kMinAgainGrowth * *keyframe.views_score;
+}
+
 /// Whether a source view has been refined again since these maps were made. It counts once, for such gains soon end,
-/// and but for a flush only where that source's views had become better: it would go on from keyframe to keyframe.
-bool DenseMapper::Impl::HasBetterMaps(const WindowKeyframe& keyframe, const Sources& sources, bool is_flush) {
+/// and only where that source's views had become better: it would go on from keyframe to keyframe.
+bool DenseMapper::Impl::HasBetterMaps(const WindowKeyframe& keyframe, const Sources& sources) {
   if (keyframe.has_read_better_maps || sources.score < *keyframe.refined_score) return false;
   return std::any_of(sources.keyframes.begin(), sources.keyframes.end(), [&](const WindowKeyframePtr& source) {
-    return source->again_at > keyframe.refined_at && (is_flush || !source->has_read_better_maps);
+    return source->again_at > keyframe.refined_at && !source->has_read_better_maps;
   });
 }
 
 /// Makes the maps of a finished keyframe anew if its source views have become better, or their maps have.
-void DenseMapper::Impl::RefineAgain(const WindowKeyframePtr& keyframe, bool is_flush) {
-  if (!CanBeRefinedAgain(*keyframe)) return;
-  if (callbacks.wants_refined_again && !callbacks.wants_refined_again(keyframe->frame->id)) return;
+void DenseMapper::Impl::RefineAgain(const WindowKeyframePtr& keyframe) {
+  if (!IsWantedAgain(*keyframe)) return;
   Sources sources = SelectSources(keyframe.get());
-  const bool has_better_views = sources.score >= kMinAgainGrowth * *keyframe->refined_score;
-  if (!has_better_views && !HasBetterMaps(*keyframe, sources, is_flush)) return;
-  const bool is_stale = !keyframe->fast || sources.score >= kMinAgainGrowth * *keyframe->views_score;
-  if (has_better_views && is_stale) Reestimate(keyframe.get(), sources);
+  const bool has_better_views = HasBetterViews(*keyframe, sources);
+  if (!has_better_views && !HasBetterMaps(*keyframe, sources)) return;
+  if (has_better_views && HasStaleFast(*keyframe, sources)) Reestimate(keyframe.get(), sources);
   const EngineEstimatePtr start = has_better_views || !keyframe->refined ? keyframe->fast : keyframe->refined;
   if (!start) return;
   const bool had_few_later = std::exchange(keyframe->few_later, HasFewLater(*keyframe));
@@ -76,7 +88,7 @@ void DenseMapper::Impl::RefineAgain(const WindowKeyframePtr& keyframe, bool is_f
 /// The keyframe that has as many later ones as earlier ones to be matched against, at most.
 void DenseMapper::Impl::RefineAgainHalfway() {
   const size_t age = static_cast<size_t>(options.window_size) / 2;
-  if (window.size() > age) RefineAgain(window[window.size() - 1 - age], false);
+  if (window.size() > age) RefineAgain(window[window.size() - 1 - age]);
 }
 
 }  // namespace acmp

@@ -122,8 +122,7 @@ bool DenseMapper::Impl::RunAgain(const ScheduledRefinement& refinement, const En
   KeyframeDepthPtr refined;
   const auto failure = CatchFailure([&] { refined = MakeRefined(refinement, start, &estimate); });
   if (failure) {
-    ReportProblem("refine_again_failed",
-                  Concat("keyframe ", keyframe.frame->id, " could not be refined again: ", failure->message));
+    ReportFailedAgain(keyframe, *failure);
     return false;
   }
   keyframe.refined = std::move(estimate);
@@ -134,6 +133,11 @@ bool DenseMapper::Impl::RunAgain(const ScheduledRefinement& refinement, const En
   if (!keyframe.few_later) keyframe.fast.reset();
   if (callbacks.on_refined_again) callbacks.on_refined_again(refined);
   return true;
+}
+
+void DenseMapper::Impl::ReportFailedAgain(const WindowKeyframe& keyframe, const Failure& failure) const {
+  ReportProblem("refine_again_failed",
+                Concat("keyframe ", keyframe.frame->id, " could not be refined again: ", failure.message));
 }
 
 EngineProblem DenseMapper::Impl::MakeRefinementProblem(const ScheduledRefinement& refinement) {

@@ -36,8 +36,8 @@ std::optional<Failure> CatchFailure(const Work& work) {
   }
 }
 
-/// The schedule is in dense_mapper.cpp, what is done again in dense_mapper_again.cpp, what computes and exchanges
-/// estimates in dense_mapper_estimates.cpp.
+/// The schedule is in dense_mapper.cpp, what is done again in dense_mapper_again.cpp and, at a flush, in
+/// dense_mapper_joint.cpp, what computes and exchanges estimates in dense_mapper_estimates.cpp.
 struct DenseMapper::Impl {
   /// Source views of one keyframe, best first.
   struct Sources {
@@ -57,9 +57,22 @@ struct DenseMapper::Impl {
   ScheduledRefinement MakeRefinement(const WindowKeyframePtr& keyframe, Sources sources) const;
   void Schedule(const WindowKeyframePtr& keyframe);
   bool CanBeRefinedAgain(const WindowKeyframe& keyframe) const;
-  static bool HasBetterMaps(const WindowKeyframe& keyframe, const Sources& sources, bool is_flush);
-  void RefineAgain(const WindowKeyframePtr& keyframe, bool is_flush);
+  bool IsWantedAgain(const WindowKeyframe& keyframe) const;
+  static bool HasBetterMaps(const WindowKeyframe& keyframe, const Sources& sources);
+  void RefineAgain(const WindowKeyframePtr& keyframe);
   void RefineAgainHalfway();
+  static bool HasBetterViews(const WindowKeyframe& keyframe, const Sources& sources);
+  static bool HasStaleFast(const WindowKeyframe& keyframe, const Sources& sources);
+
+  struct Member;
+  std::vector<WindowKeyframePtr> FindGaining();
+  std::vector<Member> MakeMembers(const std::vector<WindowKeyframePtr>& keyframes);
+  static EngineProblem ReadTogether(std::optional<EstimateStage> ScheduledRefinement::Source::*stage,
+                                    const std::vector<Member>& members, const Member& reader);
+  template <class Work>
+  void ForActive(std::vector<Member>* members, const Work& work);
+  void StepTogether(int step, std::vector<Member>* members);
+  void RefineWindowAgain();
   void ScoreViewsAnew();
   bool HasFewLater(const WindowKeyframe& keyframe) const;
   void EvictUntil(int keyframes_left);
@@ -82,6 +95,7 @@ struct DenseMapper::Impl {
   void Reestimate(WindowKeyframe* keyframe, const Sources& sources);
   void Refine(const ScheduledRefinement& refinement);
   bool RunAgain(const ScheduledRefinement& refinement, const EngineEstimatePtr& start);
+  void ReportFailedAgain(const WindowKeyframe& keyframe, const Failure& failure) const;
   KeyframeDepthPtr MakeRefined(const ScheduledRefinement& refinement, const EngineEstimatePtr& start,
                                EngineEstimatePtr* for_others);
   EngineProblem MakeRefinementProblem(const ScheduledRefinement& refinement);

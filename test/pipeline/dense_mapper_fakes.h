@@ -195,6 +195,18 @@ inline DenseMapperOptions FakeOptions(int window_size, int lookahead, int min_so
   return EachOnce(options);
 }
 
+inline DenseMapperOptions RefiningAgain(int window_size) {
+  DenseMapperOptions options = FakeOptions(window_size, 1);
+  options.refine_again = true;
+  return options;
+}
+
+/// 0, 1 and 2 are poor views of each other, 3 and 4 good ones of all.
+inline void AddPoorStartAndGoodViews(MapperHarness* harness) {
+  for (int id = 0; id < 3; ++id) harness->Add(WallFrame(id, 0.08 * id));
+  for (int id = 3; id < 5; ++id) harness->Add(WallFrame(id, 0.35 * (id - 2)));
+}
+
 /// A keyframe of the kinds that live frontends produce: moving on, standing still, jumping, without or with useless
 /// landmarks, broken.
 inline FramePtr RandomFrame(int64_t id, double* x, std::mt19937* random) {

@@ -135,18 +135,6 @@ TEST(DenseMapperReestimateTest, WhereItFailsOthersReadWhatTheyReadBefore) {
   }
 }
 
-DenseMapperOptions RefiningAgain(int window_size) {
-  DenseMapperOptions options = FakeOptions(window_size, 1);
-  options.refine_again = true;
-  return options;
-}
-
-/// 0, 1 and 2 are poor views of each other, 3 and 4 good ones of all.
-void AddPoorStartAndGoodViews(MapperHarness* harness) {
-  for (int id = 0; id < 3; ++id) harness->Add(WallFrame(id, 0.08 * id));
-  for (int id = 3; id < 5; ++id) harness->Add(WallFrame(id, 0.35 * (id - 2)));
-}
-
 TEST(DenseMapperRefineAgainTest, WhatIsHalfwayOrLeavesTheWindowWithBetterViewsIsRefinedAgain) {
   for (const bool on : {true, false}) {
     DenseMapperOptions options = RefiningAgain(5);
@@ -195,39 +183,6 @@ TEST(DenseMapperRefineAgainTest, OtherWeightsOfViewsAreNoGain) {
   EXPECT_THAT(EstimatedAnew(harness.patch_match, 5), IsEmpty());
   harness.Flush();
   EXPECT_THAT(harness.refined_again, IsEmpty());
-}
-
-TEST(DenseMapperRefineAgainTest, AFlushLeavesOutWhatNobodyWants) {
-  for (const bool refine_again : {true, false}) {
-    MapperHarness harness(RefiningAgain(10));
-    AddPoorStartAndGoodViews(&harness);
-    harness.unwanted = {0, 2};
-    harness.TakeEvents();
-    harness.mapper.Flush(refine_again);
-    EXPECT_THAT(harness.TakeEvents(), ElementsAre("refined 4")) << "what is pending is finished";
-    if (refine_again) {
-      EXPECT_THAT(harness.refined_again, AllOf(Contains(1), Not(Contains(0)), Not(Contains(2))));
-    } else {
-      EXPECT_THAT(harness.refined_again, IsEmpty());
-    }
-  }
-}
-
-TEST(DenseMapperRefineAgainTest, AFlushRefinesWhatHasGainedAndThenWhatReadsThat) {
-  MapperHarness harness(RefiningAgain(10));
-  AddPoorStartAndGoodViews(&harness);
-  harness.TakeEvents();
-  harness.patch_match.calls.clear();
-  EXPECT_THAT(harness.Flush(), ElementsAre("refined 4"));
-  // 0, 1 and 2 have better views, 3 and 4 read them; then 0, 1 and 2 read what has become of the others.
-  EXPECT_THAT(harness.refined_again, ElementsAre(0, 1, 2, 3, 4, 0, 1, 2));
-  for (const int64_t id : {0, 1, 2}) EXPECT_THAT(CallsOf(harness.patch_match, "photometric", id), SizeIs(1));
-  for (const int64_t id : {3, 4}) {
-    EXPECT_THAT(CallsOf(harness.patch_match, "photometric", id), IsEmpty()) << "only the maps it reads are better";
-  }
-  harness.refined_again.clear();
-  harness.Flush();
-  EXPECT_THAT(harness.refined_again, IsEmpty()) << "nothing more has come";
 }
 
 TEST(DenseMapperRefineAgainTest, WhereItFailsTheMapsStayAndItIsTold) {
