@@ -26,8 +26,8 @@ struct DenseMapperOptions {
   int reestimates = 1;       ///< keyframes of the window that are estimated anew after each new one, of those for which
                              ///< it brought much better source views, 0..window_size-1; others read what that gives.
                              ///< With several shards none is
-  bool refine_again = true;  ///< refine a keyframe again halfway through the window, when it leaves it and at a flush, if
-                             ///< by then its source views or their maps are better; not with several shards
+  bool refine_again = true;  ///< refine a keyframe again halfway through the window, when it leaves it and at a flush,
+                             ///< if by then its source views or their maps are better; not with several shards
   int min_source_views = 2;  ///< a keyframe waits until so many views are useful; at most max_source_views and
                              ///< window_size - 1, which is all that other keyframes can offer
 };
@@ -86,9 +86,9 @@ struct KeyframeDrop {
 /// Online mapping over a sliding window: feed posed frames in time order, get a fast map as soon as enough past views
 /// exist, and a refined, consistency-checked map with points once `lookahead` later keyframes have come. A keyframe
 /// that was estimated when few views showed what it sees can be estimated anew for others to read (`reestimates`), and
-/// refined again halfway through the window, when it leaves it and at a flush (`refine_again`). Deterministic: the same frames,
-/// options and device give the same maps, whatever the timing. One thread at a time. The offline tool's online schedule
-/// and the nodelet's worker both drive this class.
+/// refined again halfway through the window, when it leaves it and at a flush (`refine_again`). Deterministic: the same
+/// frames, options and device give the same maps, whatever the timing. One thread at a time. The offline tool's online
+/// schedule and the nodelet's worker both drive this class.
 ///
 /// As one of several shards it computes its own keyframes only. It follows the schedule of all, which depends on the
 /// frames alone, and so knows for each refinement which neighbours a single mapper would read as fast and which as
