@@ -117,6 +117,9 @@ class FakePatchMatch : public PatchMatch {
   }
 };
 
+constexpr float kFastDepth = static_cast<float>(kWallDepth * FakePatchMatch::kFastError);
+constexpr float kRefinedDepth = static_cast<float>(kWallDepth);
+
 /// A mapper over the fake that notes every callback as "fast 3", "refined 3" or "drop 3 reason".
 class MapperHarness {
  public:

@@ -21,9 +21,6 @@ using ::testing::IsEmpty;
 using ::testing::Not;
 using ::testing::SizeIs;
 
-constexpr float kFastDepth = static_cast<float>(kWallDepth * FakePatchMatch::kFastError);
-constexpr float kRefinedDepth = static_cast<float>(kWallDepth);
-
 DenseMapperOptions Options(int lookahead, int reestimates) {
   DenseMapperOptions options = FakeOptions(10, lookahead);
   options.reestimates = reestimates;

@@ -16,9 +16,6 @@ using ::testing::IsEmpty;
 using ::testing::SizeIs;
 using ::testing::UnorderedElementsAre;
 
-constexpr float kFastDepth = static_cast<float>(kWallDepth * FakePatchMatch::kFastError);
-constexpr float kRefinedDepth = static_cast<float>(kWallDepth);
-
 TEST(DenseMapperTest, FirstKeyframesWaitThenEachComesAtOnce) {
   MapperHarness harness(FakeOptions(6, 2));
   EXPECT_THAT(harness.Add(WallFrame(0)), IsEmpty());

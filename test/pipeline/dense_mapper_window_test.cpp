@@ -20,8 +20,6 @@ using ::testing::IsEmpty;
 using ::testing::SizeIs;
 using ::testing::UnorderedElementsAre;
 using Strings = std::vector<std::string>;
-constexpr float kFastDepth = static_cast<float>(kWallDepth * FakePatchMatch::kFastError);
-constexpr float kRefinedDepth = static_cast<float>(kWallDepth);
 
 TEST(DenseMapperFlushTest, OneViewIsEnough) {
   MapperHarness harness(FakeOptions(6, 2));

@@ -1,0 +1,139 @@
+#include "acmp_mapping/completion/kernel/weighted_median.h"
+
+#include <cmath>
+#include <random>
+
+#include "gtest/gtest.h"
+
+#include "acmp_mapping/completion/kernel/complete_pixel.h"
+
+namespace acmp {
+namespace {
+
+TEST(WeightedMedianTest, OfManySamplesHalfOfTheWeightLiesUpToIt) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<float> uniform(0, 1);
+  for (int round = 0; round < 200; ++round) {
+    MedianSamples samples;
+    for (int n = 0; n < kMedianSamples; ++n) {
+      // Some count for nothing, and some have the same depth.
+      samples.depth[n] = 2 + std::round(20 * uniform(random)) / 10;
+      samples.weight[n] = uniform(random) < 0.3f ? 0 : uniform(random);
+    }
+    const int median = WeightedMedianOf(samples);
+    ASSERT_GE(median, 0);
+    EXPECT_GT(samples.weight[median], 0);
+    double nearer = 0, up_to = 0, all = 0;
+    for (int n = 0; n < kMedianSamples; ++n) {
+      all += samples.weight[n];
+      nearer += samples.depth[n] < samples.depth[median] ? samples.weight[n] : 0;
+      up_to += samples.depth[n] <= samples.depth[median] ? samples.weight[n] : 0;
+    }
+    // Depths differ by a twentieth of their range, so that bisection tells them apart; sums in float.
+    EXPECT_LE(nearer, 0.5 * all + 1e-5);
+    EXPECT_GE(up_to, 0.5 * all - 1e-5);
+  }
+  EXPECT_EQ(WeightedMedianOf(MedianSamples{}), -1);
+}
+
+/// Two walls side by side at depths of 4 and 2, white and black.
+class FilterPixelTest : public ::testing::Test {
+ protected:
+  static constexpr int kSize = 60, kEdge = 30;
+
+  FilterPixelTest()
+      : planes_(kSize, kSize),
+        depth_(kSize, kSize),
+        sightings_(kSize, kSize),
+        color_(kSize, kSize),
+        filtered_(kSize, kSize),
+        cost_(kSize, kSize, 0.1f) {
+    const RayGrid rays = {1 / 50.0f, 1 / 50.0f, 29.5f, 29.5f};
+    for (int row = 0; row < kSize; ++row) {
+      for (int col = 0; col < kSize; ++col) {
+        const bool is_left = col < kEdge;
+        SetDepth(col, row, is_left ? 4.0f : 2.0f);
+        color_(col, row) = is_left ? Rgb{255, 255, 255} : Rgb{0, 0, 0};
+      }
+    }
+    context_ = {rays,        1, 20, planes_.View(), depth_.View(), sightings_.View(), color_.View(), filtered_.View(),
+                cost_.View()};
+  }
+
+  void SetDepth(int col, int row, float depth) {
+    planes_(col, row) = {0, 0, -1, depth};
+    depth_(col, row) = depth;
+  }
+  float Filtered(int col, int row) {
+    FilterPixel(context_, col, row);
+    return filtered_(col, row).d;
+  }
+
+  PlaneMap planes_;
+  DepthMap depth_;
+  Image<unsigned char> sightings_;
+  ColorImage color_;
+  PlaneMap filtered_;
+  CostMap cost_;
+  MedianContext context_ = {};
+};
+
+TEST_F(FilterPixelTest, ColoursTellWhichSurfaceAPixelIsOf) {
+  // The nearer one reaches four pixels too far.
+  for (int row = 0; row < kSize; ++row) {
+    for (int col = kEdge - 4; col < kEdge; ++col) SetDepth(col, row, 2);
+  }
+  for (int col = 0; col < kSize; ++col) {
+    EXPECT_NEAR(Filtered(col, 30), col < kEdge ? 4 : 2, 1e-5f) << col;  // rounding of a quotient
+    const bool is_changed = col >= kEdge - 4 && col < kEdge;
+    EXPECT_EQ(cost_(col, 30), is_changed ? kUnverifiedCost : 0.1f) << col;
+  }
+  context_.color = {};
+  EXPECT_NEAR(Filtered(kEdge - 2, 20), 2, 1e-5f) << "without colours most of what is around decides";
+}
+
+TEST_F(FilterPixelTest, WhatIsLookedThroughHasNoSay) {
+  // All of the left half that the filter sees from there but a column of samples has the wrong depth.
+  for (int row = 0; row < kSize; ++row) {
+    for (int col = 13; col < kEdge; ++col) {
+      SetDepth(col, row, 2);
+      sightings_(col, row) = kLookedThrough + 4;
+    }
+  }
+  EXPECT_NEAR(Filtered(24, 30), 4, 1e-5f);
+  for (unsigned char& sightings : sightings_) sightings = 4;
+  EXPECT_NEAR(Filtered(24, 31), 2, 1e-5f);
+  for (unsigned char& sightings : sightings_) sightings = kLookedThrough;
+  EXPECT_EQ(Filtered(24, 32), 2) << "nothing is left to choose from";
+  EXPECT_EQ(cost_(24, 32), 0.1f);
+}
+
+TEST_F(FilterPixelTest, ASurfaceByItselfAndAGuessStayWhatTheyAre) {
+  SetDepth(5, 30, 4.1f);  // within 5 %
+  EXPECT_EQ(Filtered(5, 30), 4.1f);
+  cost_(kEdge - 1, 30) = kWorstCost;
+  SetDepth(kEdge - 1, 30, 2);
+  EXPECT_NEAR(Filtered(kEdge - 1, 30), 4, 1e-5f);
+  EXPECT_EQ(cost_(kEdge - 1, 30), kWorstCost) << "no view has confirmed it either";
+}
+
+TEST_F(FilterPixelTest, PlanesThatFaceAwayOrLeaveTheRangeAreNotExtended) {
+  // Slanted by so much that twelve pixels on it would be beyond 20.
+  for (int row = 0; row < kSize; ++row) {
+    for (int col = 0; col < kEdge; ++col) {
+      const Vec3f ray = context_.rays.Ray(static_cast<float>(col), static_cast<float>(row));
+      planes_(col, row) = PlaneThrough(Normalized(Vec3f{1, 0, -0.3f}), ray, 4);
+    }
+  }
+  context_.depth_max = 4;
+  for (int col = kEdge - 6; col < kEdge; ++col) {
+    const float d = Filtered(col, 30);
+    EXPECT_GT(d, 0) << "a plane behind the camera is none";
+    const float depth = PlaneDepth(filtered_(col, 30), context_.rays.Ray(static_cast<float>(col), 30));
+    EXPECT_LE(depth, 4.0001f);
+    EXPECT_GE(depth, 1.9999f);
+  }
+}
+
+}  // namespace
+}  // namespace acmp
