@@ -15,8 +15,8 @@ void Validate(const PipelineOptions& options) {
 }
 
 int NumRefinements(const PipelineOptions& options) {
-  const int passes = options.geometric_passes;
-  return options.completion.enabled && passes > 0 ? passes + 2 : passes + (options.completion.enabled ? 1 : 0);
+  if (!options.completion.enabled) return options.geometric_passes;
+  return options.geometric_passes > 0 ? options.geometric_passes + 2 : 1;
 }
 
 RefinementStep RefinementStepOf(const PipelineOptions& options, int step) {
