@@ -28,7 +28,7 @@ void PassRunner::Queue(const PatchMatchProblem& problem, const PatchMatchOptions
   std::copy(views.begin(), views.end(), staged);
   views_.Upload(staged, count, stream_);
 
-  CudaMatchContext context = MakeMatchContext<TextureSampler>(problem, options, PassNumber(kPass, geometric_pass));
+  CudaMatchContext context = MakeMatchContext<TextureSampler>(problem, options, kPass, geometric_pass);
   context.sampler.images = device_->images(data.level).texture();
   context.sampler.reference = data.reference_layer;
   std::copy(data.source_layers.begin(), data.source_layers.end(), context.sampler.layers);

@@ -32,6 +32,13 @@ struct WarpTeam {
   __device__ float SumOverWindow(float value) const { return SumOver<kWindowThreads>(value); }
   __device__ float SumOverTeam(float value) const { return SumOver<kTeamSize>(value); }
   __device__ bool Any(bool value) const { return __any_sync(Lanes(kTeamSize), value) != 0; }
+  __device__ uint32_t Union(uint32_t mask) const {
+    ACMP_UNROLL
+    for (unsigned distance = 1; distance < kTeamSize; distance *= 2) {
+      mask |= __shfl_xor_sync(Lanes(kTeamSize), mask, static_cast<int>(distance));
+    }
+    return mask;
+  }
 
  private:
   /// The lanes of the warp's group of so many threads that the calling one belongs to.

@@ -82,7 +82,7 @@ class PatchMatchCpu final : public PatchMatch {
     for (const MatchView& source : problem.sources) images.push_back(source.gray);
 
     state.selected_views = Image<uint32_t>(state.planes.width(), state.planes.height());
-    Context context = MakeMatchContext<CpuSampler>(problem, options, PassNumber(kPass, geometric_pass));
+    Context context = MakeMatchContext<CpuSampler>(problem, options, kPass, geometric_pass);
     context.sampler = {{problem.reference.gray, images.data()}, SupportedWindowFunctions().back()};
     context.sources = views.data();
     context.planes = state.planes.View();

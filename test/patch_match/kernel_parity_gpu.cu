@@ -53,7 +53,7 @@ std::vector<ParityAnswer> AnswerOnGpu(const PatchMatchProblem& problem, const Pl
   const CudaStream stream;
   PinnedBuffer staging;
   std::vector<Pixels> owners;
-  auto texture = MakeMatchContext<TextureSampler>(problem, {}, 0);
+  auto texture = MakeMatchContext<TextureSampler>(problem, {}, Pass::kPhotometric, 0);
   std::vector<ImageView<const float>> images;
   std::vector<SourceView> views = MakeSourceViews(problem);
   const std::vector<HalvedDepthMap> depths = HalveDepths(problem);
@@ -79,7 +79,7 @@ std::vector<ParityAnswer> AnswerOnGpu(const PatchMatchProblem& problem, const Pl
   const DeviceArray<ParityAnswer> device_answers(device, queries.size());
 
   const PriorMap prior_map = {{device_prior.data(), prior.width(), prior.height(), prior.width()}, {}};
-  auto bilinear = MakeMatchContext<BilinearSampler>(problem, {}, 0);
+  auto bilinear = MakeMatchContext<BilinearSampler>(problem, {}, Pass::kPhotometric, 0);
   bilinear.sampler = {reference, device_images.data()};
   bilinear.sources = device_views.data();
   bilinear.prior = prior_map;

@@ -74,6 +74,7 @@ TEST(PatchMatchOptionsTest, EveryIntegersBoundsAreChecked) {
            {"geometric_iterations", &PatchMatchOptions::geometric_iterations, 1, 20},
            {"view_draws", &PatchMatchOptions::view_draws, 1, 255},
            {"candidate_view_votes", &PatchMatchOptions::candidate_view_votes, 0, 5},
+           {"settled_views", &PatchMatchOptions::settled_views, 0, 32},
        }) {
     PatchMatchOptions options;
     for (const int good : {field.low, field.high}) {

@@ -113,10 +113,31 @@ TEST(PropagationTest, SinglePixelImageHasNoCandidates) {
   KernelState state(MakeProblem(views, 0, {1, 10}));
   PlaneHypothesis candidates[kNumRegions];
   int shared_count;
-  EXPECT_EQ(CollectCandidates(state.Context(), 0, 0, {0, 0, 1}, SingleThread(), candidates, &shared_count), 0);
+  EXPECT_EQ(CollectCandidates(state.Context(), 0, 0, {0, 0, 1}, kAllRegions, SingleThread(), candidates, &shared_count),
+            0);
 }
 
-TEST(PropagationTest, CandidatesAreThePlanesOfTheBestMembersThatMeetTheRayInRange) {
+TEST(PropagationTest, NearAndFarRegionsTakeTurns) {
+  for (uint32_t turn = 0; turn < 4; ++turn) {
+    for (int row = 0; row < 9; ++row) {
+      for (int col = 0; col < 9; ++col) {
+        const RegionRange regions = RegionsInTurn(col, row, turn);
+        EXPECT_EQ(regions.count, 4);
+        EXPECT_TRUE(regions.first == 0 || regions.first == 4);
+        EXPECT_EQ(regions.first, RegionsInTurn(col / 2 * 2, row / 2 * 2, turn).first) << "a block has one turn";
+        EXPECT_NE(regions.first, RegionsInTurn(col + 2, row, turn).first);
+        EXPECT_NE(regions.first, RegionsInTurn(col, row + 2, turn).first);
+        EXPECT_NE(regions.first, RegionsInTurn(col, row, turn + 1).first);
+      }
+    }
+  }
+}
+
+/// Which regions' candidates a pixel gets.
+class CandidatesTest : public ::testing::TestWithParam<RegionRange> {};
+
+TEST_P(CandidatesTest, AreThePlanesOfTheBestMembersThatMeetTheRayInRange) {
+  const RegionRange regions = GetParam();
   const std::vector<PlanarView> views = RandomViews(2, 41, 35, 4);
   KernelState state(MakeProblem(views, 0, {2, 6}));
   TestRandom random(5);
@@ -132,7 +153,7 @@ TEST(PropagationTest, CandidatesAreThePlanesOfTheBestMembersThatMeetTheRayInRang
     for (int col = 0; col < 41; ++col) {
       std::vector<PlaneHypothesis> expected;
       bool ambiguous = false;
-      for (int region = 0; region < kNumRegions; ++region) {
+      for (int region = regions.first; region < regions.first + regions.count; ++region) {
         const std::set<int> best = ReferenceBest(state, col, row, region);
         if (best.empty()) continue;
         const PlaneHypothesis plane = state.planes.data()[*best.begin()];
@@ -150,7 +171,7 @@ TEST(PropagationTest, CandidatesAreThePlanesOfTheBestMembersThatMeetTheRayInRang
       PlaneHypothesis candidates[kNumRegions];
       int shared_count;
       const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
-      const int count = CollectCandidates(context, col, row, ray, SingleThread(), candidates, &shared_count);
+      const int count = CollectCandidates(context, col, row, ray, regions, SingleThread(), candidates, &shared_count);
       ASSERT_EQ(count, static_cast<int>(expected.size())) << col << ", " << row;
       for (int i = 0; i < count; ++i) {
         EXPECT_TRUE(candidates[i].nx == expected[i].nx && candidates[i].ny == expected[i].ny &&
@@ -160,6 +181,9 @@ TEST(PropagationTest, CandidatesAreThePlanesOfTheBestMembersThatMeetTheRayInRang
   }
   EXPECT_GT(outside, 100);  // the range does exclude some
 }
+
+INSTANTIATE_TEST_SUITE_P(AllNearAndFar, CandidatesTest,
+                         ::testing::Values(kAllRegions, RegionRange{0, 4}, RegionRange{4, 4}));
 
 }  // namespace
 }  // namespace acmp

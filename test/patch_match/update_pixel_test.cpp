@@ -189,7 +189,8 @@ void ExpectUpdateTakesTheBest() {
     PlaneHypothesis candidates[kNumRegions + 1];
     const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
     int count;
-    CollectCandidates(context, col, row, ray, SingleThread(), candidates, &count);
+    const RegionRange regions = kPass == Pass::kPhotometric ? kAllRegions : RegionsInTurn(col, row, 0);
+    CollectCandidates(context, col, row, ray, regions, SingleThread(), candidates, &count);
     candidates[count++] = before.plane;
     const PatchMatchOptions options = c.WindowOptions(col, row);
     broken += options.sigma_color != c.state.options().sigma_color;

@@ -35,11 +35,12 @@ double ReferencePaperLikelihood(const std::vector<double>& costs, double sigma) 
   return sum;
 }
 
-float KernelLikelihood(const std::vector<double>& costs, int iteration, const PatchMatchOptions& options) {
+float KernelLikelihood(const std::vector<double>& costs, int iteration, const PatchMatchOptions& options,
+                       int decisive = 3) {
   constexpr int kStride = 5;  // as in the kernel, costs of one view are not contiguous
   std::vector<float> strided(costs.size() * kStride + 1, -1e9f);
   for (size_t i = 0; i < costs.size(); ++i) strided[i * kStride] = static_cast<float>(costs[i]);
-  return ViewLikelihood(strided.data(), kStride, static_cast<int>(costs.size()), iteration, options);
+  return ViewLikelihood(strided.data(), kStride, static_cast<int>(costs.size()), iteration, decisive, options);
 }
 
 TEST(ViewLikelihoodTest, AgreesWithTheReference) {
@@ -71,10 +72,36 @@ TEST(ViewLikelihoodTest, CountsDecideAtTheirBounds) {
   EXPECT_GT(KernelLikelihood({0.1, 0.1, 0.1, 1.3, 1.3}, 0, options), floor);                         // two bad
   EXPECT_EQ(KernelLikelihood({0.1, 0.1, 0.1, 0.1, 0.1, 1.3, 1.3, 1.3}, 0, options), 0);              // three bad
   EXPECT_NEAR(KernelLikelihood({}, 0, options), floor, 1e-6);  // a pixel without neighbours
+  // Half of the regions: two decide.
+  EXPECT_NEAR(KernelLikelihood({0.1, 1.0, 1.0, 1.0}, 0, options, 2), floor, 1e-6);              // one good
+  EXPECT_NEAR(KernelLikelihood({0.1, 0.1, 1.0}, 0, options, 2), std::exp(-0.01 / 0.18), 1e-5);  // two good
+  EXPECT_GT(KernelLikelihood({0.1, 0.1, 1.3}, 0, options, 2), floor);                           // one bad
+  EXPECT_EQ(KernelLikelihood({0.1, 0.1, 1.3, 1.3}, 0, options, 2), 0);                          // two bad
   // A cost of 0.7 is good at the start and no longer after ten iterations (0.8 exp(-100 / 90) = 0.26).
   EXPECT_GT(KernelLikelihood({0.7, 0.2, 0.2}, 0, options), 0);
   EXPECT_NEAR(KernelLikelihood({0.7, 0.2, 0.2}, 10, options),
               std::exp(-std::pow(0.8 * std::exp(-100 / 90.0), 2) / 0.32), 1e-5);
+}
+
+TEST(IsViewRejectedTest, EnoughBadCostsRejectAsTheLikelihoodDoes) {
+  TestRandom random(2);
+  PatchMatchOptions options, paper;
+  paper.view_weighting = ViewWeighting::kPaper;
+  int rejected = 0;
+  for (int i = 0; i < 2000; ++i) {
+    std::vector<float> costs(4);
+    for (float& cost : costs) cost = static_cast<float>(random(0.5, 1.8));
+    for (const RegionRange& regions : {kAllRegions, RegionsInTurn(0, 0, 0)}) {
+      const int decisive = DecisiveCosts(regions);
+      EXPECT_EQ(decisive, regions.count == 8 ? 3 : 2);
+      const bool is_rejected = IsViewRejected(costs.data(), 1, 4, decisive, options);
+      EXPECT_EQ(is_rejected, ViewLikelihood(costs.data(), 1, 4, 0, decisive, options) == 0);
+      EXPECT_FALSE(IsViewRejected(costs.data(), 1, 4, decisive, paper)) << "all views count there";
+      rejected += is_rejected ? 1 : 0;
+    }
+  }
+  EXPECT_GT(rejected, 500);
+  EXPECT_LT(rejected, 3500);
 }
 
 TEST(ViewSmoothnessTest, AddsEtaPerNeighbourThatUsesTheView) {

@@ -238,8 +238,10 @@ TEST(RuntimeOptions, ParametersCountMoreThanThePreset) {
 }
 
 TEST(RuntimeOptions, BoundsOfTheCfgAreThoseOfTheStart) {
-  for (const auto& [name, low, high] :
-       {std::tuple("start_level", 0, 2), {"full_size_iterations", 0, 20}, {"candidate_view_votes", 0, 5}}) {
+  for (const auto& [name, low, high] : {std::tuple("start_level", 0, 2),
+                                        {"full_size_iterations", 0, 20},
+                                        {"candidate_view_votes", 0, 5},
+                                        {"settled_views", 0, 32}}) {
     for (const int good : {low, high}) EXPECT_EQ(RuntimeRefusal({{name, good}}), "(accepted)") << name;
     for (const int bad : {low - 1, high + 1}) {
       EXPECT_THAT(RuntimeRefusal({{name, bad}}), HasSubstr(Concat("~", name, " = ", bad)));

@@ -35,7 +35,7 @@ class KernelState {
 
   template <class Sampler>
   MatchContext<Sampler> ContextWith(const Sampler& sampler) {
-    MatchContext<Sampler> context = MakeMatchContext<Sampler>(problem_, options_, 0);
+    MatchContext<Sampler> context = MakeMatchContext<Sampler>(problem_, options_, Pass::kPhotometric, 0);
     context.sampler = sampler;
     context.sources = views_.data();
     context.planes = planes.View();

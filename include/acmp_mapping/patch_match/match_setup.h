@@ -28,10 +28,14 @@ HalvedDepthMap HalveDepth(const ImageView<const float>& depth);
 /// The sources' depth maps, halved.
 std::vector<HalvedDepthMap> HalveDepths(const PatchMatchProblem& problem);
 
+/// Number of a pass for its random numbers: 0 photometric, 1 planar prior, 2 + pass geometric.
+uint32_t PassNumber(Pass kind, int geometric_pass);
+
 /// A context without sampler, sources and maps, which depend on the device.
+/// @param geometric_pass which one, from 0; of other passes 0
 template <class Sampler>
-MatchContext<Sampler> MakeMatchContext(const PatchMatchProblem& problem, const PatchMatchOptions& options,
-                                       uint32_t pass_number) {
+MatchContext<Sampler> MakeMatchContext(const PatchMatchProblem& problem, const PatchMatchOptions& options, Pass kind,
+                                       int geometric_pass) {
   const PinholeCamera& camera = problem.reference.camera;
   MatchContext<Sampler> context = {};
   context.num_sources = static_cast<int>(problem.sources.size());
@@ -41,12 +45,10 @@ MatchContext<Sampler> MakeMatchContext(const PatchMatchProblem& problem, const P
   context.depth_min = problem.depth_range.min;
   context.depth_max = problem.depth_range.max;
   context.options = options;
-  context.pass_number = pass_number;
+  context.pass_number = PassNumber(kind, geometric_pass);
+  context.past_geometric_iterations = geometric_pass * options.geometric_iterations;
   return context;
 }
-
-/// Number of a pass for its random numbers: 0 photometric, 1 planar prior, 2 + pass geometric.
-uint32_t PassNumber(Pass kind, int geometric_pass);
 
 /// Throws InvalidInputError unless `start` or the prior has the reference's size, and `start` a plane in front of the
 /// camera everywhere (as every pass leaves it).

@@ -40,6 +40,12 @@ struct PatchMatchOptions {
   /// Passes that start from an estimate compare candidates only in the views that so many of the pixel and its four
   /// neighbours use, 0..5; 0: in all, as in the paper.
   int candidate_view_votes = 2;
+  /// Passes that start from an estimate take candidates from four of the eight regions, the near and the far ones in
+  /// turn: from one block of 2 x 2 px to the next, from iteration to iteration and from pass to pass. False: from all.
+  bool alternate_regions = true;
+  /// From the third geometric iteration on, pixels keep their hypothesis with which so many views agree to within a
+  /// pixel, unless the surface bends or breaks within the window; 1..32, or 0: none does.
+  int settled_views = 4;
 
   float perturb_depth = 0.02f;       ///< relative, (0, 1)
   float perturb_normal_deg = 1.8f;   ///< per axis, (0, 90)

@@ -29,6 +29,8 @@ void VisitPipelineParameters(Options& pipeline, const Visitor& visit) {
   visit("view_smoothness", match.view_smoothness);
   visit("view_draws", match.view_draws);
   visit("candidate_view_votes", match.candidate_view_votes);
+  visit("alternate_regions", match.alternate_regions);
+  visit("settled_views", match.settled_views);
   visit("perturb_depth", match.perturb_depth);
   visit("perturb_normal_deg", match.perturb_normal_deg);
   visit("gradient_normal", match.gradient_normal);

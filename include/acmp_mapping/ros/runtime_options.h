@@ -63,6 +63,8 @@ void VisitRuntimeParameters(Options& options, Config& config, const Visitor& vis
   visit("view_smoothness", match.view_smoothness, config.view_smoothness);
   visit("view_draws", match.view_draws, config.view_draws);
   visit("candidate_view_votes", match.candidate_view_votes, config.candidate_view_votes);
+  visit("alternate_regions", match.alternate_regions, config.alternate_regions);
+  visit("settled_views", match.settled_views, config.settled_views);
   visit("perturb_depth", match.perturb_depth, config.perturb_depth);
   visit("perturb_normal_deg", match.perturb_normal_deg, config.perturb_normal_deg);
   visit("gradient_normal", match.gradient_normal, config.gradient_normal);

@@ -6,6 +6,7 @@
 #include "acmp_mapping/patch_match/kernel/match_pairs.h"
 #include "acmp_mapping/patch_match/kernel/photometric_cost.h"
 #include "acmp_mapping/patch_match/kernel/pixel_scratch.h"
+#include "acmp_mapping/patch_match/kernel/settled.h"
 
 namespace acmp {
 
@@ -103,11 +104,18 @@ ACMP_HOST_DEVICE inline PlaneHypothesis StartingPlane(const MatchContext<Sampler
   return context.planes(col, row);
 }
 
-/// First step of a pass for a pixel that is updated second: its starting plane, cost and selected views. Reads and
-/// writes this pixel only.
+/// First step of a pass for a pixel that is updated second: its starting plane, cost and selected views. Writes this
+/// pixel only. A settled pixel starts with the cost that it has.
 template <Pass kPass, class Sampler, class Team>
 ACMP_HOST_DEVICE inline void InitializePixel(const MatchContext<Sampler>& context, int col, int row, const Team& team,
                                              PixelScratch* scratch) {
+  if (kPass == Pass::kGeometric) {
+    const uint32_t agreeing = SettledViews(context, col, row, team);
+    if (agreeing != 0) {
+      if (team.Rank() == 0) context.selected_views(col, row) = agreeing;
+      return;
+    }
+  }
   const PlaneHypothesis plane = StartingPlane<kPass>(context, col, row);
   uint32_t selected_views;
   const float cost = InitialCost<kPass>(context, col, row, plane, team, scratch, &selected_views);
@@ -124,11 +132,12 @@ inline void InitializePixel(const MatchContext<Sampler>& context, int col, int r
 }
 
 /// The same for a pixel that is updated first: nobody reads its cost and views before its update has set them, so they
-/// are not worth a comparison.
+/// are not worth a comparison. In geometric passes it stays as it is: it may be settled.
 template <Pass kPass, class Sampler>
 ACMP_HOST_DEVICE inline void InitializeUnmatched(const MatchContext<Sampler>& context, int col, int row) {
-  context.planes(col, row) = StartingPlane<kPass>(context, col, row);
   context.selected_views(col, row) = 0;
+  if (kPass == Pass::kGeometric) return;
+  context.planes(col, row) = StartingPlane<kPass>(context, col, row);
   context.cost(col, row) = kWorstCost;
 }
 

@@ -51,7 +51,8 @@ struct MatchContext {
   RayGrid rays;
   float depth_min, depth_max;
   PatchMatchOptions options;
-  uint32_t pass_number;  ///< distinguishes the passes' random numbers
+  uint32_t pass_number;           ///< distinguishes the passes' random numbers
+  int past_geometric_iterations;  ///< of the passes before this one
 
   ImageView<PlaneHypothesis> planes;
   ImageView<float> cost;

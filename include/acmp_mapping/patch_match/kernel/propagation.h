@@ -65,19 +65,35 @@ ACMP_HOST_DEVICE inline int BestOfRegion(const MatchContext<Sampler>& context, i
   return best;
 }
 
-/// Up to eight hypotheses from the other colour, one per region, into `candidates`. Absent: outside the image, or the
+/// Regions that a pixel takes candidates from.
+struct RegionRange {
+  int first, count;
+};
+
+constexpr RegionRange kAllRegions = {0, kNumRegions};
+
+/// The four near or the four far ones: neighbouring blocks of 2 x 2 px take different ones, and a block those that it
+/// did not take a turn ago.
+ACMP_HOST_DEVICE inline RegionRange RegionsInTurn(int col, int row, uint32_t turn) {
+  constexpr int kHalf = kNumRegions / 2;
+  const bool far = ((static_cast<uint32_t>(col / 2 + row / 2) + turn) & 1u) != 0;
+  return {far ? kHalf : 0, kHalf};
+}
+
+/// Hypotheses from the other colour, one per region, into `candidates`. Absent: outside the image, or the
 /// plane does not meet this pixel's ray within the depth range. Returns how many; all of the team see them then.
 /// @param count memory that the team shares
 template <class Sampler, class Team>
 ACMP_HOST_DEVICE inline int CollectCandidates(const MatchContext<Sampler>& context, int col, int row, const Vec3f& ray,
-                                              const Team& team, PlaneHypothesis* candidates, int* count) {
-  ForEach(team, kNumRegions, [&](int region) {
-    const int index = BestOfRegion(context, col, row, region);
+                                              const RegionRange& regions, const Team& team, PlaneHypothesis* candidates,
+                                              int* count) {
+  ForEach(team, regions.count, [&](int i) {
+    const int index = BestOfRegion(context, col, row, regions.first + i);
     PlaneHypothesis plane;
     if (index >= 0) plane = context.planes(index % context.width, index / context.width);
-    candidates[region] = index >= 0 && context.InRange(PlaneDepth(plane, ray)) ? plane : PlaneHypothesis{};
+    candidates[i] = index >= 0 && context.InRange(PlaneDepth(plane, ray)) ? plane : PlaneHypothesis{};
   });
-  return RemoveAbsent(team, kNumRegions, candidates, count);
+  return RemoveAbsent(team, regions.count, candidates, count);
 }
 
 }  // namespace acmp

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstdint>
+
 #include "acmp_mapping/common/host_device.h"
 
 namespace acmp {
@@ -13,6 +15,7 @@ namespace acmp {
 ///   SumOverWindow(value)  over the kWindowThreads neighbours, for all of them
 ///   SumOverTeam(value)    over all, for all of them
 ///   Any(value)            whether it is true for any, for all of them
+///   Union(mask)           bits that any has set, for all of them
 /// Functions that take a team are called by all its threads with the same arguments. This is the team of one.
 struct SingleThread {
   static constexpr int kSize = 1;
@@ -23,6 +26,7 @@ struct SingleThread {
   ACMP_HOST_DEVICE float SumOverWindow(float value) const { return value; }
   ACMP_HOST_DEVICE float SumOverTeam(float value) const { return value; }
   ACMP_HOST_DEVICE bool Any(bool value) const { return value; }
+  ACMP_HOST_DEVICE uint32_t Union(uint32_t mask) const { return mask; }
 };
 
 /// function(i) for all i below `count`, shared out over the team. No synchronisation.

@@ -8,6 +8,7 @@
 #include "acmp_mapping/patch_match/kernel/pixel_scratch.h"
 #include "acmp_mapping/patch_match/kernel/prior_cost.h"
 #include "acmp_mapping/patch_match/kernel/propagation.h"
+#include "acmp_mapping/patch_match/kernel/settled.h"
 #include "acmp_mapping/patch_match/kernel/surface_break.h"
 #include "acmp_mapping/patch_match/kernel/view_weights.h"
 
@@ -26,7 +27,8 @@ struct PixelUpdate : PixelMatch<Sampler, Team> {
   using PixelMatch<Sampler, Team>::PixelMatch;
   Vec3f ray;
   PixelPrior prior;
-  int num_drawn = 0;  ///< source views with a positive weight
+  RegionRange regions = kAllRegions;  ///< that candidates come from
+  int num_drawn = 0;                  ///< source views with a positive weight
 };
 
 /// lambda_geo times the reprojection error of eq. 13.
@@ -62,8 +64,8 @@ ACMP_HOST_DEVICE inline uint32_t RejectViews(const PixelUpdate<Sampler, Team>& p
   PixelScratch& scratch = *pixel.scratch;
   const int num_sources = pixel.context.num_sources;
   for (int view = 0; view < num_sources; ++view) {
-    if ((views >> view & 1u) == 0 ||
-        !IsViewRejected(scratch.ViewCost(0) + view, num_sources, matched, pixel.context.options)) {
+    if ((views >> view & 1u) == 0 || !IsViewRejected(scratch.ViewCost(0) + view, num_sources, matched,
+                                                     DecisiveCosts(pixel.regions), pixel.context.options)) {
       continue;
     }
     views &= ~(1u << view);
@@ -72,16 +74,16 @@ ACMP_HOST_DEVICE inline uint32_t RejectViews(const PixelUpdate<Sampler, Team>& p
   return views;
 }
 
-/// The eight candidates and the pixel's own plane in the scratch, with their photometric costs in those of `views` that
-/// can still be drawn. Returns how many; the own plane is the last.
+/// The regions' candidates and the pixel's own plane in the scratch, with their photometric costs in those of `views`
+/// that can still be drawn. Returns how many; the own plane is the last.
 template <class Sampler, class Team>
 ACMP_HOST_DEVICE inline int MatchCandidates(const PixelUpdate<Sampler, Team>& pixel, uint32_t views) {
   PixelScratch& scratch = *pixel.scratch;
   const int num_sources = pixel.context.num_sources;
   int* listed = scratch.DrawnViews();
   int num_views = ListViews(views, num_sources, pixel.team, listed);
-  const int candidates =
-      CollectCandidates(pixel.context, pixel.col, pixel.row, pixel.ray, pixel.team, scratch.planes, &scratch.count);
+  const int candidates = CollectCandidates(pixel.context, pixel.col, pixel.row, pixel.ray, pixel.regions, pixel.team,
+                                           scratch.planes, &scratch.count);
   if (pixel.team.Rank() == 0) scratch.planes[candidates] = pixel.context.planes(pixel.col, pixel.row);
   pixel.team.Sync();
   const int count = candidates + 1;
@@ -90,8 +92,8 @@ ACMP_HOST_DEVICE inline int MatchCandidates(const PixelUpdate<Sampler, Team>& pi
   int matched = 0;
   if constexpr (Team::kSize == 1) {
     // Rejecting views on the way gives the same bits, but costs a team on the GPU more time than it saves (5 %).
-    constexpr int kMatchedFirst = 4;  // of the candidates: one more than reject a view
-    matched = candidates < kMatchedFirst ? candidates : kMatchedFirst;
+    const int matched_first = DecisiveCosts(pixel.regions) + 1;
+    matched = candidates < matched_first ? candidates : matched_first;
     MatchPairs(
         pixel, matched, num_views, [](int i) { return i; }, view_of, store);
     num_views = ListViews(RejectViews(pixel, views, matched, count), num_sources, pixel.team, listed);
@@ -110,9 +112,10 @@ ACMP_HOST_DEVICE inline uint32_t WeighViews(const PixelUpdate<Sampler, Team>& pi
   const MatchContext<Sampler>& context = pixel.context;
   const int voters = context.options.view_weighting == ViewWeighting::kPaper ? count : count - 1;
   ForEach(pixel.team, context.num_sources, [&](int view) {
-    const float likelihood = (views >> view & 1u) == 0 ? 0
-                                                       : ViewLikelihood(scratch.ViewCost(0) + view, context.num_sources,
-                                                                        voters, iteration, context.options);
+    const float likelihood = (views >> view & 1u) == 0
+                                 ? 0
+                                 : ViewLikelihood(scratch.ViewCost(0) + view, context.num_sources, voters, iteration,
+                                                  DecisiveCosts(pixel.regions), context.options);
     scratch.ViewProbability()[view] =
         likelihood > 0 ? likelihood * ViewSmoothness(context, pixel.col, pixel.row, view) : 0;
     scratch.Draws()[view] = 0;
@@ -304,12 +307,19 @@ ACMP_HOST_DEVICE inline void Refine(const PixelUpdate<Sampler, Team>& pixel, int
   }
 }
 
-/// One checkerboard step for one pixel: propagation, view weights, hypothesis update, refinement. Reads planes, costs
-/// and masks of the other colour only and writes its own pixel, so all pixels of one colour may run at once in any
-/// order.
+/// One checkerboard step for one pixel: propagation, view weights, hypothesis update, refinement; nothing for a settled
+/// pixel. Reads planes, costs and masks of the other colour only and writes its own pixel, so all pixels of one colour
+/// may run at once in any order.
 template <Pass kPass, class Sampler, class Team>
 ACMP_HOST_DEVICE inline void UpdatePixel(const MatchContext<Sampler>& context, int col, int row, int iteration,
                                          const Team& team, PixelScratch* scratch) {
+  if (kPass == Pass::kGeometric && LeavesSettledPixels(context, iteration)) {
+    const uint32_t agreeing = SettledViews(context, col, row, team);
+    if (agreeing != 0) {
+      if (team.Rank() == 0) context.selected_views(col, row) = agreeing;
+      return;
+    }
+  }
   RandomStream random(context.options.seed, static_cast<uint32_t>(row * context.width + col),
                       context.pass_number * 64u + static_cast<uint32_t>(iteration) + 1u);
   if (team.Rank() == 0) scratch->num_sources = context.num_sources;
@@ -323,6 +333,9 @@ ACMP_HOST_DEVICE inline void UpdatePixel(const MatchContext<Sampler>& context, i
 
   uint32_t views = AllViews(context.num_sources);
   if (kPass != Pass::kPhotometric && context.options.candidate_view_votes > 0) views = CredibleViews(context, col, row);
+  if (kPass != Pass::kPhotometric && context.options.alternate_regions) {
+    pixel.regions = RegionsInTurn(col, row, context.pass_number + static_cast<uint32_t>(iteration));
+  }
   const int count = MatchCandidates(pixel, views);
   const uint32_t drawn_mask = WeighViews(pixel, views, count, iteration, &random);
   if (team.Rank() == 0) context.selected_views(col, row) = drawn_mask;

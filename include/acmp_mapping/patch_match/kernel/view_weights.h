@@ -2,26 +2,29 @@
 
 #include "acmp_mapping/common/random.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
+#include "acmp_mapping/patch_match/kernel/propagation.h"
 #include "acmp_mapping/patch_match/kernel/team.h"
 
 namespace acmp {
 
-/// Of the thresholded likelihood: a view with so many costs so bad shows something else, and is not drawn.
+/// Of the thresholded likelihood: a view with enough costs so bad shows something else, and is not drawn.
 constexpr float kBadCost = 1.2f;
-constexpr int kMinBadCosts = 3;
+
+/// How many good or bad costs decide: three of all eight regions' (design note 5), two of half of them.
+ACMP_HOST_DEVICE inline int DecisiveCosts(const RegionRange& regions) { return regions.count == kNumRegions ? 3 : 2; }
 
 /// Whether these costs alone reject the view, whatever the others are.
-ACMP_HOST_DEVICE inline bool IsViewRejected(const float* costs, int stride, int count,
+ACMP_HOST_DEVICE inline bool IsViewRejected(const float* costs, int stride, int count, int decisive,
                                             const PatchMatchOptions& options) {
   if (options.view_weighting == ViewWeighting::kPaper) return false;
   int bad = 0;
   for (int i = 0; i < count; ++i) bad += costs[i * stride] > kBadCost ? 1 : 0;
-  return bad >= kMinBadCosts;
+  return bad >= decisive;
 }
 
 /// P(X_j | Z_j, theta) of one view from its costs over the hypotheses. kThresholded: mean likelihood of the good ones
-/// where more than two are good and fewer than three bad, a floor where they are neither; kPaper: the plain sum.
-ACMP_HOST_DEVICE inline float ViewLikelihood(const float* costs, int stride, int count, int iteration,
+/// where `decisive` or more are good and fewer bad, a floor where they are neither; kPaper: the plain sum.
+ACMP_HOST_DEVICE inline float ViewLikelihood(const float* costs, int stride, int count, int iteration, int decisive,
                                              const PatchMatchOptions& options) {
   const float inv_sigma = 0.5f / (options.sigma_view * options.sigma_view);
   if (options.view_weighting == ViewWeighting::kPaper) {
@@ -42,8 +45,8 @@ ACMP_HOST_DEVICE inline float ViewLikelihood(const float* costs, int stride, int
       ++bad;
     }
   }
-  if (bad >= kMinBadCosts) return 0;
-  if (good > 2) return sum / static_cast<float>(good);
+  if (bad >= decisive) return 0;
+  if (good >= decisive) return sum / static_cast<float>(good);
   return expf(good_threshold * good_threshold / -0.32f);
 }
 
