@@ -59,11 +59,12 @@ PipelineOptions MakeQuality() {
 
 PipelineOptions MakeOnline() {
   PipelineOptions options;
-  StartAtHalfSize(2, 1, &options);
+  StartAtHalfSize(3, 1, &options);
   options.patch_match.planar_prior_iterations = 1;
   options.patch_match.geometric_iterations = 1;
   options.geometric_passes = 1;
   options.patch_match.candidate_view_votes = 1;
+  options.patch_match.view_draws = 8;
   options.planar_prior.cell_size_px = 8;
   // With one pass agreement with the neighbours' maps counts more than in the paper, and is cut off earlier.
   options.patch_match.geometric_weight = 0.2f;

@@ -39,7 +39,7 @@ TEST(PresetsTest, AreTheSystemsOfThePaper) {
 TEST(PresetsTest, OnlineTakesAllStepsWithLessWork) {
   const PipelineOptions online = MakePreset("online");
   EXPECT_EQ(online.start_level, 1);
-  EXPECT_EQ(online.patch_match.photometric_iterations, 2);
+  EXPECT_EQ(online.patch_match.photometric_iterations, 3);
   EXPECT_EQ(online.full_size_iterations, 1);
   EXPECT_TRUE(online.use_planar_prior);
   EXPECT_EQ(online.planar_prior.cell_size_px, 8);
@@ -47,11 +47,11 @@ TEST(PresetsTest, OnlineTakesAllStepsWithLessWork) {
   EXPECT_EQ(online.geometric_passes, 1);
   EXPECT_EQ(online.patch_match.geometric_iterations, 1);
   EXPECT_EQ(online.patch_match.candidate_view_votes, 1);
+  EXPECT_EQ(online.patch_match.view_draws, 8);
 
   // What it does not name is as in acmp: the same seed, thresholds and consistency check.
   const PipelineOptions acmp = MakePreset("acmp");
   EXPECT_EQ(online.patch_match.seed, acmp.patch_match.seed);
-  EXPECT_EQ(online.patch_match.view_draws, acmp.patch_match.view_draws);
   EXPECT_EQ(online.patch_match.median_filter, acmp.patch_match.median_filter);
   EXPECT_EQ(online.planar_prior.max_support_cost, acmp.planar_prior.max_support_cost);
   EXPECT_EQ(online.fusion.min_consistent_views, acmp.fusion.min_consistent_views);
