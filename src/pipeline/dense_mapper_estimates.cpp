@@ -175,12 +175,12 @@ KeyframeDepthPtr DenseMapper::Impl::MakeRefined(const ScheduledRefinement& refin
     times += estimator.last_times();
   };
   const int steps = estimator.num_refinements();
-  const int steps_of_passes = options.pipeline.completion.enabled ? steps - 1 : steps;
+  const int steps_in_passes = NumRefinementsInPasses(options.pipeline);
   read(&ScheduledRefinement::Source::in_passes);
-  for (int step = 0; step < steps_of_passes; ++step) run(step);
+  for (int step = 0; step < steps_in_passes; ++step) run(step);
   *for_others = problem.reference.estimate;
   read(&ScheduledRefinement::Source::after_passes);
-  for (int step = steps_of_passes; step < steps; ++step) run(step);
+  for (int step = steps_in_passes; step < steps; ++step) run(step);
   // A completed pixel confirms nothing, and what nothing confirms is completed: where few views see a place, as the
   // last keyframes do, completed pixels would spread from one to the next.
   if (!refinement.keyframe->few_later) *for_others = problem.reference.estimate;

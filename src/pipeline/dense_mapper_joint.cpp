@@ -97,7 +97,7 @@ void DenseMapper::Impl::ForActive(std::vector<Member>* members, const Work& work
 }
 
 void DenseMapper::Impl::StepTogether(int step, std::vector<Member>* members) {
-  const bool is_last_completion = options.pipeline.completion.enabled && step + 1 == estimator.num_refinements();
+  const bool is_last_completion = step >= NumRefinementsInPasses(options.pipeline);
   const auto stage =
       is_last_completion ? &ScheduledRefinement::Source::after_passes : &ScheduledRefinement::Source::in_passes;
   ForActive(members, [&](Member* member) {

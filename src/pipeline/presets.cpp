@@ -19,6 +19,10 @@ int NumRefinements(const PipelineOptions& options) {
   return options.geometric_passes > 0 ? options.geometric_passes + 2 : 1;
 }
 
+int NumRefinementsInPasses(const PipelineOptions& options) {
+  return NumRefinements(options) - (options.completion.enabled ? 1 : 0);
+}
+
 RefinementStep RefinementStepOf(const PipelineOptions& options, int step) {
   CheckRange("refinement step", step, 0, NumRefinements(options) - 1);
   if (!options.completion.enabled) return {false, step};

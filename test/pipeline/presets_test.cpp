@@ -85,7 +85,7 @@ TEST(PresetsTest, DifferInWhatTheyAreNamedFor) {
                                    "alternate_regions", "settled_views"));
 }
 
-/// "c": completion, "g": geometric pass, in the order of the steps; those of a step together.
+/// "c": completion, "g": geometric pass, in the order of the steps; those of a step together. "|": after the passes.
 std::string StepsOf(bool completes, bool between_passes, int passes) {
   PipelineOptions options;
   options.completion.enabled = completes;
@@ -95,6 +95,7 @@ std::string StepsOf(bool completes, bool between_passes, int passes) {
   int next = 0;
   for (int step = 0; step < NumRefinements(options); ++step) {
     const RefinementStep does = RefinementStepOf(options, step);
+    if (step == NumRefinementsInPasses(options)) steps += step > 0 ? " |" : "| ";
     steps += Concat(step > 0 ? " " : "", does.completes ? "c" : "", does.pass ? "g" : "");
     if (does.pass) {
       EXPECT_EQ(*does.pass, next++);
@@ -104,10 +105,10 @@ std::string StepsOf(bool completes, bool between_passes, int passes) {
 }
 
 TEST(PipelineOptionsTest, CompletionsGoBeforeAndAfterTheGeometricPasses) {
-  EXPECT_EQ(StepsOf(true, false, 2), "c g g c");
-  EXPECT_EQ(StepsOf(true, true, 3), "c g cg cg c");
-  EXPECT_EQ(StepsOf(true, true, 1), "c g c");
-  EXPECT_EQ(StepsOf(true, false, 0), "c");
+  EXPECT_EQ(StepsOf(true, false, 2), "c g g | c");
+  EXPECT_EQ(StepsOf(true, true, 3), "c g cg cg | c");
+  EXPECT_EQ(StepsOf(true, true, 1), "c g | c");
+  EXPECT_EQ(StepsOf(true, false, 0), "| c");
   EXPECT_EQ(StepsOf(false, true, 2), "g g");
   EXPECT_EQ(StepsOf(false, false, 0), "");
 }

@@ -27,6 +27,8 @@ void Validate(const PipelineOptions& options);
 /// How often an initial estimate is refined: once per geometric pass. If completion is enabled, also once before them,
 /// so that they read completed maps of the sources, and once after them.
 int NumRefinements(const PipelineOptions& options);
+/// How many of these come before the completion that follows the passes: all if there is none.
+int NumRefinementsInPasses(const PipelineOptions& options);
 
 /// What a refinement does: a completion, a geometric pass, or one after the other.
 struct RefinementStep {
