@@ -90,6 +90,7 @@ CompletionContext MakeCompletionContext(const PinholeCamera& camera, const Depth
   context.anchor_views = AnchorViews(options, num_sources);
   context.min_views = MinConfirmingViews(options, num_sources);
   context.cell_size = CompletionCellSize(camera.width, camera.height);
+  context.alternatives = options.alternatives;
   return context;
 }
 

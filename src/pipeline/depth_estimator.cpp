@@ -67,7 +67,10 @@ EngineEstimatePtr DepthEstimator::Refine(EngineProblem problem, int step) {
   engine_->TakeDeviceMs();
   Timer timer;
   if (does.completes) {
-    problem.reference.estimate = engine_->Complete(problem, options_.completion);
+    CompletionOptions completion = options_.completion;
+    // After the passes nobody is left to choose.
+    completion.alternatives = completion.alternatives && step < NumRefinementsInPasses(options_);
+    problem.reference.estimate = engine_->Complete(problem, completion);
     times_.completion_ms = timer.Lap();
   }
   if (does.pass) {

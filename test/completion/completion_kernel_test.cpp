@@ -270,18 +270,39 @@ TEST_F(ExtendedPlanesTest, NearerAnchorsCountMore) {
   EXPECT_EQ(planes.weight[12], 1);
   EXPECT_EQ(planes.weight[1], 0);
   EXPECT_EQ(planes.inverse_depth[8], 0.3f);
-  EXPECT_EQ(WeightedMedian(planes), 12);
+  EXPECT_EQ(WeightedQuantile(planes, 0.5f), 12);
 }
 
 TEST_F(ExtendedPlanesTest, OfEqualWeightsTheOneInTheMiddleIsTheMedian) {
   SetAnchor(0, 11, 5, 0.3f), SetAnchor(4, 12, 5, 0.1f), SetAnchor(8, 13, 5, 0.2f);
-  EXPECT_EQ(WeightedMedian(Find()), 8);
+  EXPECT_EQ(WeightedQuantile(Find(), 0.5f), 8);
   nearest_(0, 0).cell[0] = -1;  // of two the first
-  EXPECT_EQ(WeightedMedian(Find()), 4);
+  EXPECT_EQ(WeightedQuantile(Find(), 0.5f), 4);
   nearest_(0, 0).cell[4] = -1;
-  EXPECT_EQ(WeightedMedian(Find()), 8);
+  EXPECT_EQ(WeightedQuantile(Find(), 0.5f), 8);
   SetAnchor(8, 13, 5, 1 / 0.9f);  // nearer than the depth range
-  EXPECT_EQ(WeightedMedian(Find()), -1);
+  EXPECT_EQ(WeightedQuantile(Find(), 0.5f), -1);
+}
+
+TEST_F(ExtendedPlanesTest, SharesCountFromTheFarthest) {
+  SetAnchor(0, 11, 5, 0.3f), SetAnchor(4, 12, 5, 0.1f), SetAnchor(8, 13, 5, 0.2f), SetAnchor(12, 14, 5, 0.4f);
+  for (const auto& [share, direction] : {std::pair(0.0f, 4), {0.2f, 4}, {0.3f, 8}, {0.7f, 0}, {0.8f, 12}, {1.0f, 12}}) {
+    EXPECT_EQ(WeightedQuantile(Find(), share), direction) << share;
+  }
+}
+
+TEST_F(ExtendedPlanesTest, AlternativesTakeTurnsByBlocks) {
+  SetAnchor(0, 11, 5, 0.3f), SetAnchor(4, 12, 5, 0.1f), SetAnchor(8, 13, 5, 0.2f);
+  context_.alternatives = false;
+  EXPECT_EQ(ShareBehind(context_, 0, 0), 0.5f);
+  EXPECT_EQ(ShareBehind(context_, 2, 0), 0.5f);
+  context_.alternatives = true;
+  for (int row = 0; row < 6; ++row) {
+    for (int col = 0; col < 6; ++col) {
+      const int direction = WeightedQuantile(Find(), ShareBehind(context_, col, row));
+      EXPECT_EQ(direction, (col / 2 + row / 2) % 2 == 0 ? 8 : 4) << "the middle one or the farthest";
+    }
+  }
 }
 
 }  // namespace

@@ -56,6 +56,7 @@ void VisitPipelineParameters(Options& pipeline, const Visitor& visit) {
   visit("completion_anchor_views", completion.anchor_views);
   visit("completion_max_reprojection_px", completion.max_reprojection_px);
   visit("completion_max_relative_depth", completion.max_relative_depth);
+  visit("completion_alternatives", completion.alternatives);
   visit("weighted_median", completion.weighted_median);
 
   auto& fusion = pipeline.fusion;

@@ -90,6 +90,7 @@ void VisitRuntimeParameters(Options& options, Config& config, const Visitor& vis
   visit("completion_anchor_views", completion.anchor_views, config.completion_anchor_views);
   visit("completion_max_reprojection_px", completion.max_reprojection_px, config.completion_max_reprojection_px);
   visit("completion_max_relative_depth", completion.max_relative_depth, config.completion_max_relative_depth);
+  visit("completion_alternatives", completion.alternatives, config.completion_alternatives);
   visit("weighted_median", pipeline.completion.weighted_median, config.weighted_median);
 
   auto& mapper = options.mapper;

@@ -79,13 +79,13 @@ ACMP_HOST_DEVICE inline void KeepPlanesNear(float depth, ExtendedPlanes* planes)
   }
 }
 
-/// Direction of the weighted median: the least inverse depth up to which lies half of the weight or more. -1: no plane
-/// has a weight.
-ACMP_HOST_DEVICE inline int WeightedMedian(const ExtendedPlanes& planes) {
+/// Direction of the weighted quantile: the least inverse depth up to which lies this share of the weight or more, half
+/// of it for the median. -1: no plane has a weight.
+ACMP_HOST_DEVICE inline int WeightedQuantile(const ExtendedPlanes& planes, float share) {
   float total = 0;
   ACMP_UNROLL
   for (int i = 0; i < kNumDirections; ++i) total += planes.weight[i];
-  int median = -1;
+  int quantile = -1;
   float least = 0;
   ACMP_UNROLL
   for (int i = 0; i < kNumDirections; ++i) {
@@ -95,20 +95,29 @@ ACMP_HOST_DEVICE inline int WeightedMedian(const ExtendedPlanes& planes) {
     for (int j = 0; j < kNumDirections; ++j) {
       up_to += planes.inverse_depth[j] <= inverse_depth ? planes.weight[j] : 0;
     }
-    const bool is_median = planes.weight[i] > 0 && 2.0f * up_to >= total && (median < 0 || inverse_depth < least);
-    median = is_median ? i : median;
-    least = is_median ? inverse_depth : least;
+    const bool is_quantile = planes.weight[i] > 0 && up_to >= share * total && (quantile < 0 || inverse_depth < least);
+    quantile = is_quantile ? i : quantile;
+    least = is_quantile ? inverse_depth : least;
   }
-  return median;
+  return quantile;
 }
 
 /// Whether a pixel has this cost because its plane was measured elsewhere: it was completed, or filtered.
 ACMP_HOST_DEVICE inline bool IsCompleted(float cost) { return cost >= kUnverifiedCost; }
 
-/// A pixel that too few views confirm takes the plane that is the median of its surroundings', near its own depth where
-/// a view nearly confirms that. Where no view did, that is a guess, with the cost of a pixel without correspondence.
-/// Where one did, it gets kUnverifiedCost, and whoever fuses maps has to ask the views again. Other pixels, and those
-/// round which no plane is left, keep their own.
+/// The share of the planes' weight behind the one that a pixel takes. As one of several alternatives: a plane in front
+/// of most or one behind most, by blocks of 2 x 2 px. What is blank lies behind what is around it more often than in
+/// front.
+ACMP_HOST_DEVICE inline float ShareBehind(const CompletionContext& context, int col, int row) {
+  constexpr float kMedian = 0.5f, kNearer = 0.65f, kFarther = 0.2f;
+  if (!context.alternatives) return kMedian;
+  return (col / 2 + row / 2) % 2 == 0 ? kNearer : kFarther;
+}
+
+/// A pixel that too few views confirm takes the plane that is the median of its surroundings', or an alternative, near
+/// its own depth where a view nearly confirms that. Where no view did, that is a guess, with the cost of a pixel
+/// without correspondence. Where one did, it gets kUnverifiedCost, and whoever fuses maps has to ask the views again.
+/// Other pixels, and those round which no plane is left, keep their own.
 ACMP_HOST_DEVICE inline void CompletePixel(const CompletionContext& context, int col, int row) {
   const unsigned char sightings = context.sightings(col, row);
   const int views = ConfirmingViews(sightings);
@@ -120,9 +129,9 @@ ACMP_HOST_DEVICE inline void CompletePixel(const CompletionContext& context, int
     const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
     KeepPlanesNear(PlaneDepth(context.planes(col, row), ray), &planes);
   }
-  const int median = WeightedMedian(planes);
-  if (median < 0) return;
-  const AnchorCell& anchor = context.fitted.data[nearest.cell[median]];
+  const int direction = WeightedQuantile(planes, ShareBehind(context, col, row));
+  if (direction < 0) return;
+  const AnchorCell& anchor = context.fitted.data[nearest.cell[direction]];
   const PlaneHypothesis plane = PlaneOfInverse(anchor.inverse_plane);
   if (!(plane.d > 0)) return;
   context.planes(col, row) = plane;

@@ -41,6 +41,7 @@ struct CompletionContext {
   int anchor_views;                          ///< pixels that so many source views confirm are extended
   int min_views;                             ///< to those that fewer than this confirm
   int cell_size;                             ///< px
+  bool alternatives;                         ///< whether neighbouring pixels take different planes
   ImageView<const unsigned char> sightings;  ///< what the sources see of a pixel (LookAtPixel)
   ImageView<PlaneHypothesis> planes;
   ImageView<float> cost;
