@@ -56,7 +56,7 @@ void AddMatchingOptions(CLI::App* app, ReconstructOptions* options) {
   app->add_option(
          "--preset", options->preset,
          "acmp: everything; quality: more and shorter geometric passes; online: everything with\n"
-         "fewer iterations, less than half of the time (not tied to --schedule online); acmmp, acmm: acmp, acmh with\n"
+         "fewer iterations, half of the time or less (not tied to --schedule online); acmmp, acmm: acmp, acmh with\n"
          "a start at half size; acmp_no_geometric: without the geometric passes; acmh: without the prior")
       ->check(OneOf(PresetNames()))
       ->capture_default_str()

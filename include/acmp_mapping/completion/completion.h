@@ -24,10 +24,10 @@ CompletionContext MakeCompletionContext(const PinholeCamera& camera, const Depth
 
 /// Gives pixels that hardly any source view confirms (MinConfirmingViews) the plane of their surroundings: robust
 /// planes are fitted to the confirmed pixels around, a square of 18 % of the image's longer side, and each pixel takes
-/// the weighted median of the nearest ones in 16 directions. What the images do not show is a guess: pixels that no
-/// view confirmed get kWorstCost, the others kUnverifiedCost. Then, if it is asked for, a weighted median (FilterPixel)
-/// where surfaces meet: a window beside something nearer takes its depth, all views do so alike, and what some source
-/// looks through is wrong.
+/// the weighted median of the nearest ones in 16 directions, or with `alternatives` a nearer or farther one. What the
+/// images do not show is a guess: pixels that no view confirmed get kWorstCost, the others kUnverifiedCost. Then, if it
+/// is asked for, a weighted median (FilterPixel) where surfaces meet: a window beside something nearer takes its depth,
+/// all views do so alike, and what some source looks through is wrong.
 /// @param reference,sources as FilterByConsistency takes them; sources without a depth map do not count
 /// @param planes,cost of the reference; changed
 void CompleteUnconfirmed(const FusionView& reference, const std::vector<FusionView>& sources, const DepthRange& range,

@@ -44,7 +44,8 @@ struct PatchMatchOptions {
   /// turn: from one block of 2 x 2 px to the next, from iteration to iteration and from pass to pass. False: from all.
   bool alternate_regions = true;
   /// From the third geometric iteration on, pixels keep their hypothesis with which so many views agree to within a
-  /// pixel, unless the surface bends or breaks within the window; 1..32, or 0: none does.
+  /// pixel, unless the surface bends or breaks within the window; 1..32, or 0: none does. Every geometric pass takes
+  /// over the costs of such pixels instead of comparing them anew at its start.
   int settled_views = 4;
 
   float perturb_depth = 0.02f;       ///< relative, (0, 1)

@@ -99,7 +99,7 @@ class DepthEngine {
                                            EngineEstimatePtr start, const PriorMesh& prior) = 0;
 
   /// Steps 22-30, once, from an estimate as in RunPlanarPrior. The sources' estimates are read as they are; `pass` (0,
-  /// 1, ...) selects the random numbers.
+  /// 1, ...) selects the random numbers, and later ones leave settled pixels alone (PatchMatchOptions).
   virtual EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
                                          EngineEstimatePtr start, int pass) = 0;
 
