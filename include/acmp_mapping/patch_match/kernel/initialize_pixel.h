@@ -109,13 +109,7 @@ ACMP_HOST_DEVICE inline PlaneHypothesis StartingPlane(const MatchContext<Sampler
 template <Pass kPass, class Sampler, class Team>
 ACMP_HOST_DEVICE inline void InitializePixel(const MatchContext<Sampler>& context, int col, int row, const Team& team,
                                              PixelScratch* scratch) {
-  if (kPass == Pass::kGeometric) {
-    const uint32_t agreeing = SettledViews(context, col, row, team);
-    if (agreeing != 0) {
-      if (team.Rank() == 0) context.selected_views(col, row) = agreeing;
-      return;
-    }
-  }
+  if (kPass == Pass::kGeometric && KeepIfSettled(context, col, row, team)) return;
   const PlaneHypothesis plane = StartingPlane<kPass>(context, col, row);
   uint32_t selected_views;
   const float cost = InitialCost<kPass>(context, col, row, plane, team, scratch, &selected_views);

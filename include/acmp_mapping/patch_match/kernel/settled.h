@@ -32,4 +32,13 @@ ACMP_HOST_DEVICE inline uint32_t SettledViews(const MatchContext<Sampler>& conte
   return IsSurfaceBroken(context, col, row, team) ? 0 : agreeing;
 }
 
+/// True for a settled pixel, which keeps its plane and cost; its selected views are those that agree.
+template <class Sampler, class Team>
+ACMP_HOST_DEVICE inline bool KeepIfSettled(const MatchContext<Sampler>& context, int col, int row, const Team& team) {
+  const uint32_t agreeing = SettledViews(context, col, row, team);
+  if (agreeing == 0) return false;
+  if (team.Rank() == 0) context.selected_views(col, row) = agreeing;
+  return true;
+}
+
 }  // namespace acmp

@@ -313,12 +313,8 @@ ACMP_HOST_DEVICE inline void Refine(const PixelUpdate<Sampler, Team>& pixel, int
 template <Pass kPass, class Sampler, class Team>
 ACMP_HOST_DEVICE inline void UpdatePixel(const MatchContext<Sampler>& context, int col, int row, int iteration,
                                          const Team& team, PixelScratch* scratch) {
-  if (kPass == Pass::kGeometric && LeavesSettledPixels(context, iteration)) {
-    const uint32_t agreeing = SettledViews(context, col, row, team);
-    if (agreeing != 0) {
-      if (team.Rank() == 0) context.selected_views(col, row) = agreeing;
-      return;
-    }
+  if (kPass == Pass::kGeometric && LeavesSettledPixels(context, iteration) && KeepIfSettled(context, col, row, team)) {
+    return;
   }
   RandomStream random(context.options.seed, static_cast<uint32_t>(row * context.width + col),
                       context.pass_number * 64u + static_cast<uint32_t>(iteration) + 1u);
