@@ -83,15 +83,14 @@ class CudaDepthEngine final : public DepthEngine {
   /// A new estimate with the start's planes and costs: in its memory if nobody else holds it, else copied.
   std::shared_ptr<CudaEstimate> Continue(const EngineEstimatePtr& start);
   PassData MakePassData(const EngineProblem& problem, int level, const CudaEstimate& estimate) const;
-  void AddSourceDepths(const EngineProblem& problem, PassData* data) const;
+  void AddSourceDepths(const EngineProblem& problem, PassData* data);
+  HalvedDepth HalvedDepthOf(const CudaEstimate& estimate);
   void UploadPrior(const PriorMesh& mesh);
   /// Draws the uploaded triangles' numbers.
   /// @param storage for the numbers, one per pixel: the depths of the estimate to come, which are set after the pass
   PriorMap QueuePrior(const PatchMatchProblem& match, int triangles, float* storage);
-  /// The depths of the estimate's planes, and FinishDepths.
+  /// The depths of the estimate's planes, and the wait for all that was queued.
   void FinishEstimate(const PinholeCamera& camera, CudaEstimate* estimate);
-  /// The estimate's halved depths, and the wait for all that was queued.
-  void FinishDepths(CudaEstimate* estimate);
   std::vector<SupportPoint> FindCells(const CudaEstimate& maps, const DepthRange& range,
                                       const PlanarPriorOptions& options);
 

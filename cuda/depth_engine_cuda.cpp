@@ -49,10 +49,27 @@ PassData CudaDepthEngine::MakePassData(const EngineProblem& problem, int level, 
   return data;
 }
 
-void CudaDepthEngine::AddSourceDepths(const EngineProblem& problem, PassData* data) const {
+void CudaDepthEngine::AddSourceDepths(const EngineProblem& problem, PassData* data) {
   for (const EngineView& source : problem.sources) {
-    data->source_depths.push_back(source.estimate ? Cast<CudaEstimate>(source.estimate).Halved() : HalvedDepth());
+    data->source_depths.push_back(source.estimate ? HalvedDepthOf(Cast<CudaEstimate>(source.estimate)) : HalvedDepth());
   }
+}
+
+HalvedDepth CudaDepthEngine::HalvedDepthOf(const CudaEstimate& estimate) {
+  const int width = HalvedSize(estimate.width), height = HalvedSize(estimate.height);
+  const std::lock_guard<std::mutex> lock(estimate.halved_mutex);
+  if (estimate.inverse_depth.size() == 0) {
+    DeviceArray<uint16_t> inverse(runner_.device(), static_cast<size_t>(width) * height);
+    largest_inverse_.Reserve(runner_.device(), 1);
+    LaunchHalveDepth(estimate.DepthView(), largest_inverse_.data(), {inverse.data(), width, height, width},
+                     stream().get());
+    auto* largest = largest_inverse_on_host_.Reserve<float>(1);
+    largest_inverse_.Download(largest, 1, stream());
+    stream().Synchronize();
+    estimate.inverse_depth = std::move(inverse);
+    estimate.inverse_step = *largest / kInverseSteps;
+  }
+  return {{estimate.inverse_depth.data(), width, height, width}, estimate.inverse_step};
 }
 
 void CudaDepthEngine::UploadPrior(const PriorMesh& mesh) {
@@ -86,20 +103,8 @@ PriorMap CudaDepthEngine::QueuePrior(const PatchMatchProblem& match, int triangl
 
 void CudaDepthEngine::FinishEstimate(const PinholeCamera& camera, CudaEstimate* estimate) {
   LaunchToDepth(estimate->PlaneView(), MakeRayGrid(camera), estimate->depth.data(), stream().get());
-  FinishDepths(estimate);
-}
-
-void CudaDepthEngine::FinishDepths(CudaEstimate* estimate) {
-  largest_inverse_.Reserve(runner_.device(), 1);
-  const HalvedDepth halved = estimate->Halved();
-  LaunchHalveDepth(estimate->DepthView(), largest_inverse_.data(),
-                   {estimate->inverse_depth.data(), halved.inverse.width, halved.inverse.height, halved.inverse.width},
-                   stream().get());
-  auto* largest = largest_inverse_on_host_.Reserve<float>(1);
-  largest_inverse_.Download(largest, 1, stream());
   end_.Record(stream());
   stream().Synchronize();
-  estimate->inverse_step = *largest / kInverseSteps;
 }
 
 std::vector<SupportPoint> CudaDepthEngine::FindCells(const CudaEstimate& maps, const DepthRange& range,
@@ -123,6 +128,7 @@ std::vector<SupportPoint> CudaDepthEngine::FindCells(const CudaEstimate& maps, c
 std::shared_ptr<CudaEstimate> CudaDepthEngine::Continue(const EngineEstimatePtr& start) {
   const CudaEstimate& from = Cast<CudaEstimate>(start);
   if (IsHeldByNobodyElse(start)) {  // it was not made const, and nobody is left to see it
+    from.inverse_depth = DeviceArray<uint16_t>();
     return std::const_pointer_cast<CudaEstimate>(std::static_pointer_cast<const CudaEstimate>(start));
   }
   auto estimate = std::make_shared<CudaEstimate>(runner_.device(), from.width, from.height);

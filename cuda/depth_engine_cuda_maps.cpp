@@ -59,8 +59,6 @@ EngineEstimatePtr CudaDepthEngine::Import(const EngineEstimatePtr& estimate) {
     copy->planes.CopyFromPeer(from->planes, copy->Pixels(), stream());
     copy->cost.CopyFromPeer(from->cost, copy->Pixels(), stream());
     copy->depth.CopyFromPeer(from->depth, copy->Pixels(), stream());
-    copy->inverse_depth.CopyFromPeer(from->inverse_depth, from->inverse_depth.size(), stream());
-    copy->inverse_step = from->inverse_step;
     stream().Synchronize();
     return copy;
   });
@@ -89,7 +87,7 @@ EngineEstimatePtr CudaDepthEngine::UploadMaps(const EstimateMapViews& maps, cons
     estimate->planes.Upload(planes, pixels, stream());
     estimate->depth.Upload(depth, pixels, stream());
     estimate->cost.Upload(cost, pixels, stream());
-    FinishDepths(estimate.get());
+    stream().Synchronize();
     return estimate;
   });
 }

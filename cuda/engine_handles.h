@@ -29,8 +29,8 @@ struct CudaImage final : EngineImage {
   }
 };
 
-/// Planes, costs and the planes' depths in device memory: 24.5 bytes per pixel. While a pass makes it, the depths'
-/// memory holds the prior's numbers or the selected views.
+/// Planes, costs and the planes' depths in device memory: 24 bytes per pixel, and half a byte once a geometric pass of
+/// another view reads it. While a pass makes it, the depths' memory holds the prior's numbers or the selected views.
 struct CudaEstimate final : EngineEstimate {
   CudaEstimate(const CudaDevicePtr& device, const PinholeCamera& camera)
       : CudaEstimate(device, camera.width, camera.height) {}
@@ -40,23 +40,20 @@ struct CudaEstimate final : EngineEstimate {
         height(height),
         planes(device, Pixels()),
         cost(device, Pixels()),
-        depth(device, Pixels()),
-        inverse_depth(device, static_cast<size_t>(HalvedSize(width)) * HalvedSize(height)) {}
+        depth(device, Pixels()) {}
 
   size_t Pixels() const { return static_cast<size_t>(width) * height; }
   ImageView<const PlaneHypothesis> PlaneView() const { return {planes.data(), width, height, width}; }
   ImageView<const float> CostView() const { return {cost.data(), width, height, width}; }
   ImageView<const float> DepthView() const { return {depth.data(), width, height, width}; }
-  HalvedDepth Halved() const {
-    return {{inverse_depth.data(), HalvedSize(width), HalvedSize(height), HalvedSize(width)}, inverse_step};
-  }
 
   const CudaDevice* device;
   int width, height;
   DeviceArray<PlaneHypothesis> planes;
   DeviceArray<float> cost, depth;
-  DeviceArray<uint16_t> inverse_depth;  ///< see HalvedDepth
-  float inverse_step = 0;
+  mutable std::mutex halved_mutex;
+  mutable DeviceArray<uint16_t> inverse_depth;  ///< of HalvedDepth; made when it is first asked for: few estimates are
+  mutable float inverse_step = 0;
 };
 
 /// Each frame's stamps are on the GPU that used them last.
