@@ -25,25 +25,28 @@ ACMP_HOST_DEVICE inline DepthStatistics Statistics(float (&values)[kMedianPixels
   return {median, high - low};
 }
 
-/// Checkerboard median of depth over the pixel itself, its 16 nearest pixels of the other colour and the four at
-/// distance 5 along the axes. Either their depths, which evens out noise where normals are poor, or the depths at which
-/// their planes meet this pixel's ray, which keeps slopes: whichever spread less. A plane that leaves the depth range
-/// on the way counts as infinitely far. The pixel keeps its normal and its plane is moved to the median, so normal and
-/// depth stay consistent. Reads the other colour only.
-template <class Sampler>
-ACMP_HOST_DEVICE inline void FilterPixel(const MatchContext<Sampler>& context, int col, int row) {
+constexpr int kMedianReach = 5;  ///< px to the farthest of the pixels below
+
+/// What FilterPixel does.
+/// @tparam kAllInside the pixel is at least kMedianReach from the image's border: nothing has to be asked before a
+/// pixel
+///   is read, so that a GPU thread waits once for all, and the ranks are known to the compiler
+template <bool kAllInside, class Sampler>
+ACMP_HOST_DEVICE inline void FilterPixelAmong(const MatchContext<Sampler>& context, int col, int row) {
   constexpr int dx[kMedianPixels] = {0, 0, 0, -1, 1, -1, 1, -1, 1, -2, 2, -2, 2, 0, 0, -3, 3, 0, 0, -5, 5};
   constexpr int dy[kMedianPixels] = {0, -1, 1, 0, 0, -2, -2, 2, 2, -1, -1, 1, 1, -3, 3, 0, 0, -5, 5, 0, 0};
   constexpr float kFar = 1e30f;
   const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
   float own[kMedianPixels], extended[kMedianPixels];
-  int count = 0;
+  int count = kAllInside ? kMedianPixels : 0;
   ACMP_UNROLL
   for (int i = 0; i < kMedianPixels; ++i) {
     own[i] = extended[i] = kFar;
     const int c = col + dx[i], r = row + dy[i];
-    if (!context.Contains(c, r)) continue;
-    ++count;
+    if (!kAllInside) {
+      if (!context.Contains(c, r)) continue;
+      ++count;
+    }
     const PlaneHypothesis plane = context.planes(c, r);
     own[i] = PlaneDepth(plane, context.rays.Ray(static_cast<float>(c), static_cast<float>(r)));
     const float depth = PlaneDepth(plane, ray);
@@ -54,6 +57,21 @@ ACMP_HOST_DEVICE inline void FilterPixel(const MatchContext<Sampler>& context, i
   const PlaneHypothesis plane = context.planes(col, row);
   const float depth = keeps_slope ? slopes.median : depths.median;
   context.planes(col, row) = PlaneThrough(plane.normal(), ray, depth);
+}
+
+/// Checkerboard median of depth over the pixel itself, its 16 nearest pixels of the other colour and the four at
+/// distance 5 along the axes. Either their depths, which evens out noise where normals are poor, or the depths at which
+/// their planes meet this pixel's ray, which keeps slopes: whichever spread less. A plane that leaves the depth range
+/// on the way counts as infinitely far. The pixel keeps its normal and its plane is moved to the median, so normal and
+/// depth stay consistent. Reads the other colour only.
+template <class Sampler>
+ACMP_HOST_DEVICE inline void FilterPixel(const MatchContext<Sampler>& context, int col, int row) {
+  if (context.Contains(col - kMedianReach, row - kMedianReach) &&
+      context.Contains(col + kMedianReach, row + kMedianReach)) {
+    FilterPixelAmong<true>(context, col, row);
+  } else {
+    FilterPixelAmong<false>(context, col, row);
+  }
 }
 
 }  // namespace acmp
