@@ -59,7 +59,7 @@ void FilterByMedian(const FusionSetup<HostMaps>& setup, const CompletionContext&
 }  // namespace
 
 void Validate(const CompletionOptions& options) {
-  CheckRange("completion.anchor_views", options.anchor_views, 1, 32);
+  CheckRange("completion.anchor_views", options.anchor_views, 1, kMaxConfirming);
   CheckRange("completion.max_reprojection_px", options.max_reprojection_px, 1e-3f, 1e3f);
   CheckRange("completion.max_relative_depth", options.max_relative_depth, 1e-6f, 0.999f);
 }

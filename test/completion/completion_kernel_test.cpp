@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <set>
 #include <utility>
@@ -108,15 +109,30 @@ TEST_F(CompletionKernelTest, AnchorIsTheMostConfirmedPixelOfTheCell) {
   EXPECT_EQ(anchors_(9, 7).row, 29);
 }
 
-TEST_F(CompletionKernelTest, WhatASourceLooksThroughIsNoAnchor) {
+TEST(SightingsTest, AreCountedUpToWhatAByteHolds) {
+  for (const bool is_nearly_confirmed : {false, true}) {
+    for (const int confirming : {0, 1, 30, 31, 32, 500}) {
+      for (const int looking_through : {0, 1, 3, 4, 500}) {
+        const unsigned char sightings = PackSightings(confirming, is_nearly_confirmed, looking_through);
+        EXPECT_EQ(ConfirmingViews(sightings), std::min(confirming, 31));
+        EXPECT_EQ(IsNearlyConfirmed(sightings), is_nearly_confirmed);
+        EXPECT_EQ(LookingThrough(sightings), std::min(looking_through, 3));
+      }
+    }
+  }
+}
+
+TEST_F(CompletionKernelTest, WhatTwoSourcesLookThroughIsNoAnchor) {
   for (PlaneHypothesis& plane : planes_) plane = {0, 0, -1, 5};
-  sightings_(9, 5) = kLookedThrough + 9;
+  sightings_(9, 5) = PackSightings(9, false, 2);
   sightings_(10, 5) = 2;
-  sightings_(14, 6) = kLookedThrough + 3;
+  sightings_(14, 6) = PackSightings(3, false, 3);
+  sightings_(17, 6) = PackSightings(3, false, 1);
   FindAll();
   EXPECT_EQ(anchors_(2, 1).views, 2);
   EXPECT_EQ(anchors_(2, 1).col, 10);
   EXPECT_EQ(anchors_(3, 1).views, 0);
+  EXPECT_EQ(anchors_(4, 1).views, 3);
 }
 
 TEST_F(CompletionKernelTest, FitFindsThePlaneOfTheSurroundingsDespiteABadNormalAndOutliers) {
@@ -209,9 +225,9 @@ TEST_F(CompletionKernelTest, WhatAViewNearlyConfirmsTakesAPlaneNearItsOwnDepth) 
     sightings_(18, row) = sightings;
   };
   set(10, 4.1f, 0);
-  set(12, 4.1f, kNearlyConfirmed);
-  set(14, 4.1f, kNearlyConfirmed + 1);
-  set(16, 4.5f, kNearlyConfirmed);  // near neither
+  set(12, 4.1f, PackSightings(0, true, 0));
+  set(14, 4.1f, PackSightings(1, true, 0));
+  set(16, 4.5f, PackSightings(0, true, 0));  // near neither
   FindAll();
   FitAll();
   FindAllNearest();

@@ -325,7 +325,7 @@ TEST(CompletionTest, BadInputIsRefused) {
   };
   const float nan = std::numeric_limits<float>::quiet_NaN();
   EXPECT_THAT(refusal([](auto* o) { o->anchor_views = 0; }), HasSubstr("completion.anchor_views = 0"));
-  EXPECT_THAT(refusal([](auto* o) { o->anchor_views = 33; }), HasSubstr("[1, 32]"));
+  EXPECT_THAT(refusal([](auto* o) { o->anchor_views = 32; }), HasSubstr("[1, 31]"));
   EXPECT_THAT(refusal([](auto* o) { o->max_reprojection_px = 0; }), HasSubstr("max_reprojection_px"));
   EXPECT_THAT(refusal([&](auto* o) { o->max_relative_depth = nan; }), HasSubstr("max_relative_depth"));
   EXPECT_THAT(refusal([](auto*) {}, {3, 2}), HasSubstr("depth range"));

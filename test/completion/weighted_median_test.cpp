@@ -92,20 +92,24 @@ TEST_F(FilterPixelTest, ColoursTellWhichSurfaceAPixelIsOf) {
   EXPECT_NEAR(Filtered(kEdge - 2, 20), 2, 1e-5f) << "without colours most of what is around decides";
 }
 
-TEST_F(FilterPixelTest, WhatIsLookedThroughHasNoSay) {
-  // All of the left half that the filter sees from there but a column of samples has the wrong depth.
-  for (int row = 0; row < kSize; ++row) {
-    for (int col = 13; col < kEdge; ++col) {
-      SetDepth(col, row, 2);
-      sightings_(col, row) = kLookedThrough + 4;
+TEST_F(FilterPixelTest, WhatSourcesLookThroughHasLessSay) {
+  // All of the left half that the filter sees from there but a column of samples has the wrong depth: nine times the
+  // weight of that column, and a quarter of it for each source that looks through.
+  const auto filtered_with = [&](int looking_through) {
+    for (int row = 0; row < kSize; ++row) {
+      for (int col = 13; col < kEdge; ++col) {
+        SetDepth(col, row, 2);
+        sightings_(col, row) = PackSightings(4, false, looking_through);
+      }
     }
-  }
-  EXPECT_NEAR(Filtered(24, 30), 4, 1e-5f);
-  for (unsigned char& sightings : sightings_) sightings = 4;
-  EXPECT_NEAR(Filtered(24, 31), 2, 1e-5f);
-  for (unsigned char& sightings : sightings_) sightings = kLookedThrough;
-  EXPECT_EQ(Filtered(24, 32), 2) << "nothing is left to choose from";
-  EXPECT_EQ(cost_(24, 32), 0.1f);
+    return Filtered(24, 30);
+  };
+  EXPECT_NEAR(filtered_with(0), 2, 1e-5f);
+  EXPECT_NEAR(filtered_with(1), 2, 1e-5f);
+  EXPECT_NEAR(filtered_with(2), 4, 1e-5f);
+  EXPECT_NEAR(filtered_with(9), 4, 1e-5f);
+  for (unsigned char& sightings : sightings_) sightings = PackSightings(4, false, 3);
+  EXPECT_NEAR(Filtered(24, 30), 2, 1e-5f) << "the same of all changes nothing";
 }
 
 TEST_F(FilterPixelTest, ASurfaceByItselfAndAGuessStayWhatTheyAre) {

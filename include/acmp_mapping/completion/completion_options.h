@@ -7,7 +7,7 @@ namespace acmp {
 struct CompletionOptions {
   bool enabled = true;
   bool between_passes = false;        ///< also before the second and later geometric passes, of the reference only
-  int anchor_views = 4;               ///< pixels that so many source views confirm are extended, 1..32; half of all
+  int anchor_views = 4;               ///< pixels that so many source views confirm are extended, 1..31; half of all
                                       ///< source views, rounded up, suffice
   float max_reprojection_px = 2.0f;   ///< forward-backward error of a view that confirms a pixel, > 0
   float max_relative_depth = 0.003f;  ///< relative difference of its depth, (0, 1)

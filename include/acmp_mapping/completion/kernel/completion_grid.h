@@ -71,15 +71,19 @@ ACMP_HOST_DEVICE inline int CompletionCellSize(int width, int height) {
 
 ACMP_HOST_DEVICE inline int CellsOf(int pixels, int cell_size) { return (pixels + cell_size - 1) / cell_size; }
 
-// A pixel's sightings in a byte: how many source views confirm it, whether some source nearly does, and whether some
-// source looks through it.
-constexpr unsigned char kMaxConfirming = 63;
-constexpr unsigned char kNearlyConfirmed = 64;
-constexpr unsigned char kLookedThrough = 128;
+// A pixel's sightings in a byte: how many source views confirm it, whether some source nearly does, and how many
+// sources look through it. Of more than these maxima no step asks.
+constexpr int kMaxConfirming = 31;
+constexpr int kMaxLookingThrough = 3;
 
+ACMP_HOST_DEVICE inline unsigned char PackSightings(int confirming, bool is_nearly_confirmed, int looking_through) {
+  const int views = confirming < kMaxConfirming ? confirming : kMaxConfirming;
+  const int through = looking_through < kMaxLookingThrough ? looking_through : kMaxLookingThrough;
+  return static_cast<unsigned char>(through << 6 | (is_nearly_confirmed ? 1 : 0) << 5 | views);
+}
 ACMP_HOST_DEVICE inline int ConfirmingViews(unsigned char sightings) { return sightings & kMaxConfirming; }
-ACMP_HOST_DEVICE inline bool IsNearlyConfirmed(unsigned char sightings) { return (sightings & kNearlyConfirmed) != 0; }
-ACMP_HOST_DEVICE inline bool IsLookedThrough(unsigned char sightings) { return (sightings & kLookedThrough) != 0; }
+ACMP_HOST_DEVICE inline bool IsNearlyConfirmed(unsigned char sightings) { return (sightings >> 5 & 1) != 0; }
+ACMP_HOST_DEVICE inline int LookingThrough(unsigned char sightings) { return sightings >> 6; }
 
 /// A pixel that may become the anchor of its cell.
 struct AnchorChoice {
@@ -95,7 +99,7 @@ struct AnchorChoice {
   }
 };
 
-/// Fills one cell of `anchors`: the best of the pixels that enough views confirm and none looks through.
+/// Fills one cell of `anchors`: the best of the pixels that enough views confirm and at most one looks through.
 template <class Lanes>
 ACMP_HOST_DEVICE inline void FindAnchor(const CompletionContext& context, int cell_col, int cell_row,
                                         const Lanes& lanes) {
@@ -107,7 +111,7 @@ ACMP_HOST_DEVICE inline void FindAnchor(const CompletionContext& context, int ce
     for (int col = cell_col * size + lanes.Rank(); col < col_end; col += Lanes::kSize) {
       const unsigned char sightings = context.sightings(col, row);
       const int views = ConfirmingViews(sightings);
-      if (views < context.anchor_views || views < best.views || IsLookedThrough(sightings)) continue;
+      if (views < context.anchor_views || views < best.views || LookingThrough(sightings) > 1) continue;
       const AnchorChoice choice = {views, context.cost(col, row), row * width + col};
       if (choice.IsBetterThan(best)) best = choice;
     }

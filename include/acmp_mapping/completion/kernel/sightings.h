@@ -13,21 +13,21 @@ ACMP_HOST_DEVICE inline unsigned char LookAtPixel(const FusionContext<View>& con
   ReferencePixel pixel;
   if (!LoadReferencePlace(context, col, row, &pixel)) return 0;
   constexpr double kNearlySquaredPx = 4, kNearlyDepth = 4;
-  unsigned char confirming = 0, nearly = 0, looked_through = 0;
+  int confirming = 0, looking_through = 0;
+  bool is_nearly_confirmed = false;
   for (int i = 0; i < context.num_sources; ++i) {
     SourcePlace place;
     Sighting sighting;
     if (!LocateInSource(context.sources[i], pixel.homogeneous, &place)) continue;
     if (!LookBack(context.sources[i], pixel, place, &sighting)) continue;
-    if (LooksThrough(sighting)) looked_through = kLookedThrough;
+    if (LooksThrough(sighting)) ++looking_through;
     const double squared_px = context.limits.max_squared_px, relative_depth = context.limits.max_relative_depth;
-    const bool nearly_confirms =
+    is_nearly_confirmed |=
         sighting.squared_px < kNearlySquaredPx * squared_px && sighting.relative_depth < kNearlyDepth * relative_depth;
-    if (nearly_confirms) nearly = kNearlyConfirmed;
     const bool confirms = sighting.squared_px < squared_px && sighting.relative_depth < relative_depth;
-    confirming += confirms && confirming < kMaxConfirming ? 1 : 0;
+    confirming += confirms ? 1 : 0;
   }
-  return confirming | nearly | looked_through;
+  return PackSightings(confirming, is_nearly_confirmed, looking_through);
 }
 
 }  // namespace acmp

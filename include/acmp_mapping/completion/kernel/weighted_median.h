@@ -8,7 +8,7 @@
 namespace acmp {
 
 // Weighted median filters are an old remedy of stereo (Ma et al., Constant Time Weighted Median Filtering for Stereo
-// Matching and Beyond, ICCV 2013); here of slanted planes, and without free-space violations.
+// Matching and Beyond, ICCV 2013); here of slanted planes, of which free-space violations count less.
 //
 // A window of 11 x 11 px takes the depth of what is nearer up to 5 px beside it, so the filter sees more than twice as
 // far: every fourth pixel of 25 x 25.
@@ -74,8 +74,13 @@ ACMP_HOST_DEVICE inline bool HasSeveralSurfaces(const MedianContext& context, in
   return farthest > kSameSurfaces * nearest;
 }
 
-/// Those inside the image with a depth in the range that no source looks through. All are loaded, so that a GPU does
-/// not wait for one before it asks for the next.
+/// What the sources that look through a sample leave of its weight. One may be wrong itself; the more, the less likely.
+ACMP_HOST_DEVICE inline float ShareOfWeight(int looking_through) {
+  return 1.0f / static_cast<float>(1 << 2 * looking_through);  // a quarter for each
+}
+
+/// Those inside the image with a depth in the range. All are loaded, so that a GPU does not wait for one before it asks
+/// for the next.
 ACMP_HOST_DEVICE inline void FindMedianSamples(const MedianContext& context, int col, int row, MedianSamples* samples) {
   constexpr float kInverseColorReach = 1 / 15.0f;    // summed over three channels: the weight falls by e
   constexpr float kInverseDistanceReach = 1 / 8.0f;  // px
@@ -89,13 +94,13 @@ ACMP_HOST_DEVICE inline void FindMedianSamples(const MedianContext& context, int
     const int c = Clamped(col + dx, last_col), r = Clamped(row + dy, last_row);
     const bool is_inside = c == col + dx && r == row + dy;
     const float depth = context.depth(c, r);
-    const bool counts = is_inside && depth >= context.depth_min && depth <= context.depth_max &&
-                        !IsLookedThrough(context.sightings(c, r));
+    const bool counts = is_inside && depth >= context.depth_min && depth <= context.depth_max;
+    const float share = ShareOfWeight(LookingThrough(context.sightings(c, r)));
     const int color = has_color ? ColorDistance(own, context.color(c, r)) : 0;
     const float distance = sqrtf(static_cast<float>(dx * dx + dy * dy));
     const float weight = expf(-(static_cast<float>(color) * kInverseColorReach + distance * kInverseDistanceReach));
     samples->depth[n] = ExtendedDepth(context, context.planes(c, r), ray, depth);
-    samples->weight[n] = counts && samples->depth[n] > 0 ? weight : 0;
+    samples->weight[n] = counts && samples->depth[n] > 0 ? share * weight : 0;
   }
 }
 
@@ -133,12 +138,12 @@ ACMP_HOST_DEVICE inline int WeightedMedianOf(const MedianSamples& samples) {
 }
 
 /// The weighted median of the surfaces around: of those of the pixel's colour, and the nearer ones first. Pixels that
-/// some source looks through have no say. Where the depth changes by more than one in a hundred, the cost is that of
+/// sources look through have less say. Where the depth changes by more than one in a hundred, the cost is that of
 /// another surface: whoever fuses maps has to ask the views again.
 ACMP_HOST_DEVICE inline void FilterPixel(const MedianContext& context, int col, int row) {
   constexpr float kSameSurface = 0.01f;
   context.filtered(col, row) = context.planes(col, row);
-  if (!IsLookedThrough(context.sightings(col, row)) && !HasSeveralSurfaces(context, col, row)) return;
+  if (LookingThrough(context.sightings(col, row)) == 0 && !HasSeveralSurfaces(context, col, row)) return;
   MedianSamples samples;
   FindMedianSamples(context, col, row, &samples);
   const int median = WeightedMedianOf(samples);
