@@ -108,7 +108,7 @@ ConfidenceMap CudaDepthEngine::MeasureConfidence(const EngineView& reference, co
                                                  const FusionOptions& options) {
   return OnDevice([&] {
     return fusion_.MeasureConfidence(
-        SetUp(reference, sources, MakeFusionLimits(options), &CudaDepthEngine::GeometryMapsOf), stream());
+        SetUp(reference, sources, MakeFusionLimits(options), &CudaDepthEngine::FusionMapsOf), stream());
   });
 }
 

@@ -87,6 +87,32 @@ TEST(SurfaceUnevenness, IsTheMeanDeviationFromThePixelsPlane) {
   EXPECT_NEAR(UnevennessOfMiddle(view), (0.02 + kMaxUnevenness) / 23, 2e-7);
 }
 
+TEST(SurfaceUnevenness, ComparesWithWhatHasThePixelsColour) {
+  // A post of 7 px in front of a wall: of the 24 neighbours the four straight above and below at 8 and 16 px and the
+  // two at 4 px, all at 0 px across, are on it.
+  const auto post = [](Rgb color) {
+    TestView view = FlatView(61, 41, 4);
+    for (int row = 0; row < 41; ++row) {
+      for (int col = 27; col <= 33; ++col) {
+        view.depth(col, row) = 3;
+        view.color(col, row) = color;
+      }
+    }
+    return view;
+  };
+  const TestView red = post({200, 0, 0}), black = post({0, 0, 0});
+  const double weight = 400 / (400 + 200.0 * 200);
+  // The diagonals at 4 px are 3 px across.
+  EXPECT_NEAR(UnevennessOfMiddle(red), 0.1 * 14 * weight / (10 + 14 * weight), 1e-9);
+  EXPECT_NEAR(UnevennessOfMiddle(black), 0.1 * 14 / 24, 1e-9);
+  // A black pixel of the wall with the red post's depth.
+  TestView wrong = post({200, 0, 0});
+  wrong.color(30, 20) = {0, 0, 0};
+  EXPECT_NEAR(UnevennessOfMiddle(wrong), 0.1 * 14 / (10 * weight + 14), 1e-9);
+  wrong.color = ColorImage();
+  EXPECT_NEAR(UnevennessOfMiddle(wrong), 0.1 * 14 / 24, 1e-9) << "without colours all count the same";
+}
+
 TEST(SurfaceUnevenness, IsTheWorstWhereNothingCanBeCompared) {
   EXPECT_EQ(UnevennessOfMiddle(FlatView(5, 5, 4)), kMaxUnevenness);  // all neighbours are outside
   TestView view = FlatView(41, 41, 4);

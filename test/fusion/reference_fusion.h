@@ -68,13 +68,13 @@ inline bool Accepts(const std::vector<Match>& matches, const FusionOptions& opti
   return !matches.empty() && sum / static_cast<double>(matches.size()) > 0.3;
 }
 
-/// Mean deviation of 24 depths around the pixel from its plane, found by intersecting their rays with it.
+/// Mean deviation of 24 depths around the pixel from its plane, found by intersecting their rays with it; colours that
+/// differ by 20 count half.
 inline double Unevenness(const FusionView& view, int col, int row) {
   const Vec3f& n = view.normal(col, row);
   const Eigen::Vector3d normal(n.x, n.y, n.z);
   const double offset = normal.dot(view.camera.Unproject({col, row}, view.depth(col, row)));
-  double sum = 0;
-  int count = 0;
+  double sum = 0, weights = 0;
   for (const auto& [straight, diagonal] : {std::pair(4, 3), {8, 6}, {16, 12}}) {
     for (const auto& [dc, dr] : {std::pair(straight, 0),
                                  {-straight, 0},
@@ -86,11 +86,17 @@ inline double Unevenness(const FusionView& view, int col, int row) {
                                  {-diagonal, -diagonal}}) {
       if (!view.depth.Contains(col + dc, row + dr) || !(view.depth(col + dc, row + dr) > 0)) continue;
       const double plane = offset / normal.dot(view.camera.Unproject({col + dc, row + dr}, 1));
-      sum += std::min(0.1, std::abs(view.depth(col + dc, row + dr) / plane - 1));
-      ++count;
+      double weight = 1;
+      if (!view.color.empty()) {
+        const Rgb &a = view.color(col, row), &b = view.color(col + dc, row + dr);
+        const double distance = std::abs(a.r - b.r) + std::abs(a.g - b.g) + std::abs(a.b - b.b);
+        weight = 1 / (1 + std::pow(distance / 20, 2));
+      }
+      sum += weight * std::min(0.1, std::abs(view.depth(col + dc, row + dr) / plane - 1));
+      weights += weight;
     }
   }
-  return offset < 0 && count > 0 ? sum / count : 0.1;
+  return offset < 0 && weights > 0 ? sum / weights : 0.1;
 }
 
 /// See ComputeConfidence; sources without a depth of their own where the point falls count as views.

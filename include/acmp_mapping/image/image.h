@@ -93,6 +93,12 @@ struct Rgb {
   unsigned char r = 0, g = 0, b = 0;
 };
 
+/// Sum of the absolute differences of red, green and blue, 0..765.
+ACMP_HOST_DEVICE inline int ColorDistance(const Rgb& a, const Rgb& b) {
+  const int red = a.r - b.r, green = a.g - b.g, blue = a.b - b.b;
+  return (red < 0 ? -red : red) + (green < 0 ? -green : green) + (blue < 0 ? -blue : blue);
+}
+
 using GrayImage = Image<float>;  ///< grey values 0..255
 using ColorImage = Image<Rgb>;
 using DepthMap = Image<float>;      ///< z in scene units; 0 = unknown; never NaN

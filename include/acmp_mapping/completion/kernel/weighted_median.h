@@ -41,12 +41,6 @@ ACMP_HOST_DEVICE inline int SampleOffsetY(int n) { return (n / kMedianAcross - k
 
 ACMP_HOST_DEVICE inline int Clamped(int value, int last) { return value < 0 ? 0 : value > last ? last : value; }
 
-/// Sum of the absolute differences of red, green and blue.
-ACMP_HOST_DEVICE inline int ColorDistance(const Rgb& a, const Rgb& b) {
-  const int red = a.r - b.r, green = a.g - b.g, blue = a.b - b.b;
-  return (red < 0 ? -red : red) + (green < 0 ? -green : green) + (blue < 0 ? -blue : blue);
-}
-
 /// Depth of a neighbour's plane on the pixel's ray. The neighbour's own where the plane, seen so obliquely, leaves that
 /// within a few pixels, or leaves the depth range. 0 where the plane does not face the pixel.
 ACMP_HOST_DEVICE inline float ExtendedDepth(const MedianContext& context, const PlaneHypothesis& plane,
