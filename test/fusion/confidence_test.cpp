@@ -88,8 +88,8 @@ TEST(SurfaceUnevenness, IsTheMeanDeviationFromThePixelsPlane) {
 }
 
 TEST(SurfaceUnevenness, ComparesWithWhatHasThePixelsColour) {
-  // A post of 7 px in front of a wall: of the 24 neighbours the four straight above and below at 8 and 16 px and the
-  // two at 4 px, all at 0 px across, are on it.
+  // A post of 7 px in front of a wall. Ten of the 24 neighbours are on it: the six straight above and below, and the
+  // four nearest diagonal ones, which are 3 px across.
   const auto post = [](Rgb color) {
     TestView view = FlatView(61, 41, 4);
     for (int row = 0; row < 41; ++row) {
@@ -102,7 +102,6 @@ TEST(SurfaceUnevenness, ComparesWithWhatHasThePixelsColour) {
   };
   const TestView red = post({200, 0, 0}), black = post({0, 0, 0});
   const double weight = 400 / (400 + 200.0 * 200);
-  // The diagonals at 4 px are 3 px across.
   EXPECT_NEAR(UnevennessOfMiddle(red), 0.1 * 14 * weight / (10 + 14 * weight), 1e-9);
   EXPECT_NEAR(UnevennessOfMiddle(black), 0.1 * 14 / 24, 1e-9);
   // A black pixel of the wall with the red post's depth.

@@ -27,7 +27,7 @@ CompletionContext MakeCompletionContext(const PinholeCamera& camera, const Depth
 /// the weighted median of the nearest ones in 16 directions, or with `alternatives` a nearer or farther one. What the
 /// images do not show is a guess: pixels that no view confirmed get kWorstCost, the others kUnverifiedCost. Then, if it
 /// is asked for, a weighted median (FilterPixel) where surfaces meet: a window beside something nearer takes its depth,
-/// all views do so alike, and what some source looks through is wrong.
+/// all views do so alike, and what sources look through counts less.
 /// @param reference,sources as FilterByConsistency takes them; sources without a depth map do not count
 /// @param planes,cost of the reference; changed
 void CompleteUnconfirmed(const FusionView& reference, const std::vector<FusionView>& sources, const DepthRange& range,

@@ -28,9 +28,9 @@ ACMP_HOST_DEVICE inline double GradedAgreement(double reprojection_px, double re
 
 /// The relative depth error to expect of a pixel from its matching cost (0..2), the views, and its unevenness: how far
 /// the surface around it deviates from its plane (see SurfaceUnevenness, 0..0.1). Fitted to the logarithm of true
-/// errors of holo_table and holo_cabinet; docs/quality.md says what each term is worth. It never falls when cost,
-/// unevenness or the share of contradicting views grows or the mean agreement falls. A NaN cost is no photometric
-/// evidence; without views only cost and unevenness count.
+/// errors of holo_table and holo_cabinet before unevenness weighed colours; docs/quality.md says what each term is
+/// worth. It never falls when cost, unevenness or the share of contradicting views grows or the mean agreement falls. A
+/// NaN cost is no photometric evidence; without views only cost and unevenness count.
 ACMP_HOST_DEVICE inline double ExpectedRelativeError(float cost, const ViewEvidence& evidence, double unevenness) {
   const double used_cost = cost > 0 ? cost : 0;
   // The paper's photometric likelihood (eq. 5).

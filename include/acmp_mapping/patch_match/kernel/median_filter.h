@@ -28,9 +28,8 @@ ACMP_HOST_DEVICE inline DepthStatistics Statistics(float (&values)[kMedianPixels
 constexpr int kMedianReach = 5;  ///< px to the farthest of the pixels below
 
 /// What FilterPixel does.
-/// @tparam kAllInside the pixel is at least kMedianReach from the image's border: nothing has to be asked before a
-/// pixel
-///   is read, so that a GPU thread waits once for all, and the ranks are known to the compiler
+/// @tparam kAllInside the pixel is at least kMedianReach from the image's border. Nothing has to be asked before the
+/// others are read then, so that a GPU thread waits once for all, and the ranks are known to the compiler.
 template <bool kAllInside, class Sampler>
 ACMP_HOST_DEVICE inline void FilterPixelAmong(const MatchContext<Sampler>& context, int col, int row) {
   constexpr int dx[kMedianPixels] = {0, 0, 0, -1, 1, -1, 1, -1, 1, -2, 2, -2, 2, 0, 0, -3, 3, 0, 0, -5, 5};
