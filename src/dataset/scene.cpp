@@ -74,7 +74,7 @@ ColorImage LoadImage(const Scene& scene, int index) {
   return color;
 }
 
-Frame LoadFrame(const Scene& scene, int index, int max_size) {
+Frame LoadFrame(const Scene& scene, int index, const FrameOptions& options) {
   ColorImage color = LoadImage(scene, index);
   const SceneImage& image = scene.images[index];
   if (image.distortion.model != LensDistortion::Model::kNone) {
@@ -83,7 +83,7 @@ Frame LoadFrame(const Scene& scene, int index, int max_size) {
   std::vector<Eigen::Vector3d> landmarks;
   landmarks.reserve(image.landmark_indices.size());
   for (int landmark : image.landmark_indices) landmarks.push_back(scene.landmarks_in_world[landmark]);
-  return MakeFrame(index, 0.0, std::move(color), image.camera, image.cam_from_world, std::move(landmarks), max_size);
+  return MakeFrame(index, 0.0, std::move(color), image.camera, image.cam_from_world, std::move(landmarks), options);
 }
 
 }  // namespace acmp

@@ -257,7 +257,7 @@ std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& optio
   for (int i = 0; i < options.keyframes; ++i) {
     Rendering& r = renderings[i];
     views[i].frame = MakeFrame(i, kFirstStamp_s + kKeyframeInterval_s * i, std::move(r.color), camera,
-                               CamFromWorld(r.pose), std::move(landmarks[i]), 0);
+                               CamFromWorld(r.pose), std::move(landmarks[i]));
     views[i].true_depth = std::move(r.depth);
     views[i].true_normal = std::move(r.normal);
     views[i].low_texture = std::move(r.low_texture);

@@ -5,6 +5,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/image/image_processing.h"
+#include "acmp_mapping/image/sharpening.h"
 
 namespace acmp {
 
@@ -27,7 +28,8 @@ void CheckPose(const char* name, const RigidTransform& pose) {
 }
 
 Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamera& camera,
-                const RigidTransform& cam_from_world, std::vector<Eigen::Vector3d> landmarks_in_world, int max_size) {
+                const RigidTransform& cam_from_world, std::vector<Eigen::Vector3d> landmarks_in_world,
+                const FrameOptions& options) {
   const std::string name = Concat("frame ", id);
   CheckCamera(name.c_str(), camera);
   CheckPose(name.c_str(), cam_from_world);
@@ -35,11 +37,13 @@ Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamer
     throw InvalidInputError(Concat(name, ": image size ", color.width(), " x ", color.height(),
                                    ": must be the camera's, ", camera.width, " x ", camera.height));
   }
-  if (max_size < 0) throw InvalidInputError(Concat(name, ": max_size = ", max_size, ": must be >= 0 px"));
+  if (options.max_size < 0) {
+    throw InvalidInputError(Concat(name, ": max_size = ", options.max_size, ": must be >= 0 px"));
+  }
 
   int width = camera.width;
   int height = camera.height;
-  LimitSize(max_size, &width, &height);
+  LimitSize(options.max_size, &width, &height);
 
   Frame frame;
   frame.id = id;
@@ -48,6 +52,7 @@ Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamer
   frame.cam_from_world = cam_from_world;
   // Resized in float, after the conversion: averaging keeps the faint texture that 8 bits would round away.
   frame.gray = Resize(ToGray(color), width, height);
+  Sharpen(options.sharpening, &frame.gray);
   frame.color = width == color.width() && height == color.height() ? std::move(color) : Resize(color, width, height);
   frame.landmarks_in_world = std::move(landmarks_in_world);
   return frame;

@@ -263,7 +263,8 @@ void MapperWorker::Process(const NumberedInput& numbered) {
   min_confidence_ = options.output.min_confidence;
 
   cv::Mat valid;
-  const FramePtr frame = PrepareFrame(numbered, &valid);
+  const FrameOptions frame_options = {node_options_.max_image_size, options.mapper.pipeline.sharpening};
+  const FramePtr frame = PrepareFrame(numbered, frame_options, &valid);
   const double preparation_ms = timer.Lap();
   if (IsOwn(frame->id)) {
     pending_[frame->id] = {input.stamp_ns,    input.arrival_s,      input.camera_frame,
@@ -281,7 +282,7 @@ void MapperWorker::Process(const NumberedInput& numbered) {
   UpdateStatus([&](WorkerStatus* status) { status->keyframe_ms = preparation_ms + timer.Lap(); });
 }
 
-FramePtr MapperWorker::PrepareFrame(const NumberedInput& numbered, cv::Mat* valid) {
+FramePtr MapperWorker::PrepareFrame(const NumberedInput& numbered, const FrameOptions& options, cv::Mat* valid) {
   const KeyframeInput& input = numbered.keyframe;
   if (!calibration_ || !SameCalibration(*calibration_, *input.calibration)) {
     rectifier_ = std::make_unique<ImageRectifier>(*input.calibration);
@@ -289,7 +290,7 @@ FramePtr MapperWorker::PrepareFrame(const NumberedInput& numbered, cv::Mat* vali
   }
   auto frame = std::make_shared<const Frame>(MakeFrame(
       numbered.number, static_cast<double>(input.stamp_ns) * 1e-9, rectifier_->Rectify(DecodeRgb(*input.image)),
-      calibration_->camera, input.world_from_cam.inverse(), input.landmarks_in_world, node_options_.max_image_size));
+      calibration_->camera, input.world_from_cam.inverse(), input.landmarks_in_world, options));
   if (!rectifier_->valid().empty()) {
     cv::resize(rectifier_->valid(), *valid, cv::Size(frame->camera.width, frame->camera.height), 0, 0,
                cv::INTER_NEAREST);

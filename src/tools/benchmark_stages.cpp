@@ -26,34 +26,38 @@ cv::Mat MakeTexture(ImageSize size) {
 }
 
 /// The wall z = kWallDepth seen from (x, y, 0), with landmarks all over it.
-FramePtr MakeWallFrame(const cv::Mat& texture, int64_t id, double x, double y) {
+FramePtr MakeWallFrame(const cv::Mat& texture, const FrameOptions& options, int64_t id, double x, double y) {
   const int width = texture.cols, height = texture.rows;
-  auto frame = std::make_shared<Frame>();
-  frame->id = id;
-  frame->camera = {width, height, 0.9 * width, 0.9 * width, 0.5 * (width - 1), 0.5 * (height - 1)};
-  frame->cam_from_world.translation() = Eigen::Vector3d(-x, -y, 0);
-  frame->gray = GrayImage(width, height);
-  frame->color = ColorImage(width, height);
-  cv::Mat gray = AsMat(frame->gray);
-  const double pixels = frame->camera.fx / kWallDepth;
+  const PinholeCamera camera = {width, height, 0.9 * width, 0.9 * width, 0.5 * (width - 1), 0.5 * (height - 1)};
+  RigidTransform cam_from_world = RigidTransform::Identity();
+  cam_from_world.translation() = Eigen::Vector3d(-x, -y, 0);
+  const double pixels = camera.fx / kWallDepth;
   const cv::Matx23d shift(1, 0, -x * pixels, 0, 1, -y * pixels);
-  cv::warpAffine(texture, gray, shift, gray.size(), cv::INTER_LINEAR, cv::BORDER_WRAP);
+  cv::Mat gray, gray_8bit;
+  cv::warpAffine(texture, gray, shift, texture.size(), cv::INTER_LINEAR, cv::BORDER_WRAP);
+  gray.convertTo(gray_8bit, CV_8U);
+  ColorImage color(width, height);
+  cv::Mat color_mat = AsMat(color);
+  cv::cvtColor(gray_8bit, color_mat, cv::COLOR_GRAY2RGB);
+  std::vector<Eigen::Vector3d> landmarks;
   constexpr int kLandmarkCols = 20, kLandmarkRows = 10;
   for (int row = 0; row < kLandmarkRows; ++row) {
     for (int col = 0; col < kLandmarkCols; ++col) {
       const Eigen::Vector2d pixel((col + 0.5) * width / kLandmarkCols, (row + 0.5) * height / kLandmarkRows);
-      frame->landmarks_in_world.push_back(frame->cam_from_world.inverse() * frame->camera.Unproject(pixel, kWallDepth));
+      landmarks.push_back(cam_from_world.inverse() * camera.Unproject(pixel, kWallDepth));
     }
   }
-  return frame;
+  return std::make_shared<const Frame>(
+      MakeFrame(id, 0.0, std::move(color), camera, cam_from_world, std::move(landmarks), options));
 }
 
 /// Sources lie at alternating sides, about 5 degrees of triangulation angle apart.
-std::vector<FramePtr> MakeFrames(ImageSize size, int source_views) {
+std::vector<FramePtr> MakeFrames(ImageSize size, const FrameOptions& options, int source_views) {
   const cv::Mat texture = MakeTexture(size);
-  std::vector<FramePtr> frames = {MakeWallFrame(texture, 0, 0, 0)};
+  std::vector<FramePtr> frames = {MakeWallFrame(texture, options, 0, 0, 0)};
   for (int i = 1; i <= source_views; ++i) {
-    frames.push_back(MakeWallFrame(texture, i, (i % 2 == 0 ? 1 : -1) * (0.5 + 0.08 * i), (i % 4 < 2 ? 1 : -1) * 0.3));
+    frames.push_back(
+        MakeWallFrame(texture, options, i, (i % 2 == 0 ? 1 : -1) * (0.5 + 0.08 * i), (i % 4 < 2 ? 1 : -1) * 0.3));
   }
   return frames;
 }
@@ -109,7 +113,7 @@ Run RunStages(DepthEngine* engine, DepthEstimator* estimator, const PipelineOpti
 
 StageFigures MeasureStages(DepthEngine* engine, const PipelineOptions& options, ImageSize size, int source_views,
                            int repetitions) {
-  const std::vector<FramePtr> frames = MakeFrames(size, source_views);
+  const std::vector<FramePtr> frames = MakeFrames(size, {0, options.sharpening}, source_views);
   EngineProblem problem;
   problem.reference.frame = frames[0];
   problem.depth_range = kRange;
@@ -178,23 +182,19 @@ StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options,
   std::vector<FramePtr> frames;
   frames.reserve(kDistinct);
   for (int i = 0; i < std::min(kDistinct, keyframes); ++i) {
-    frames.push_back(MakeWallFrame(texture, i, kStep * i, i % 2 == 0 ? 0.0 : 0.2));
+    frames.push_back(MakeWallFrame(texture, {}, i, kStep * i, i % 2 == 0 ? 0.0 : 0.2));
   }
   double work_ms = 0;
   for (int i = 0; i < keyframes; ++i) {
-    auto frame = std::make_shared<Frame>();
     const int lap = i / kDistinct, place = i % kDistinct;
     const Frame& made = *frames[static_cast<size_t>(lap % 2 == 0 ? place : kDistinct - 1 - place)];
-    frame->id = i;
-    frame->camera = made.camera;
-    frame->cam_from_world = made.cam_from_world;
     // A place that is visited twice in a row would have no baseline.
-    frame->cam_from_world.translation().z() = -1e-3 * (lap % 2);
-    frame->gray = made.gray.Clone();
-    frame->color = made.color.Clone();
-    frame->landmarks_in_world = made.landmarks_in_world;
+    RigidTransform cam_from_world = made.cam_from_world;
+    cam_from_world.translation().z() = -1e-3 * (lap % 2);
+    ColorImage color = made.color.Clone();
     since_added = Timer();
-    mapper.AddKeyframe(std::move(frame));
+    mapper.AddKeyframe(std::make_shared<const Frame>(MakeFrame(i, 0.0, std::move(color), made.camera, cam_from_world,
+                                                               made.landmarks_in_world, {0, options.sharpening})));
     work_ms += since_added.Elapsed();
     if (i == keyframes / 10) {
       figures.device_bytes_begin = engine->DeviceBytes();

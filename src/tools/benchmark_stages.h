@@ -35,8 +35,8 @@ struct StreamFigures {
   ImageSize size;
   int source_views = 0;
   int keyframes = 0;
-  double fast_median = 0, fast_99 = 0;        ///< ms from AddKeyframe to on_fast
-  double refined_median = 0, refined_99 = 0;  ///< ms of work from AddKeyframe's begin to on_refined of another keyframe
+  double fast_median = 0, fast_99 = 0;        ///< ms from the colour image to on_fast
+  double refined_median = 0, refined_99 = 0;  ///< ms from the colour image to on_refined of another keyframe
   double device_median = 0;                   ///< ms of device time per keyframe until its refined maps are out
   double keyframes_per_s = 0;
   // After a tenth of the stream, and at its end.

@@ -118,7 +118,7 @@ void Reconstruct(const ReconstructOptions& options, const EngineMaker& make_engi
   for (const std::string& warning : plan.warnings) progress.Warn(warning);
 
   progress.Note(Concat("checking ", indices.size(), " images"));
-  FrameStore frames(scene, options.max_image_size, options.MemoryBytes(options.kImageShare));
+  FrameStore frames(scene, MakeFrameOptions(options), options.MemoryBytes(options.kImageShare));
   const std::string input_hash = CheckInput(scene, indices, &frames, *interrupt);
   const std::vector<ReconstructEngine> engines = engines_to_come.get();
   const RunRecord record = MakeRecord(options, engines.front().engine->device_name(), input_hash);

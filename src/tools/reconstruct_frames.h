@@ -8,12 +8,12 @@ namespace acmp {
 /// Images of a scene at the size of the run, the ones used last kept in memory. For any number of threads.
 class FrameStore {
  public:
-  FrameStore(const Scene& scene, int max_image_size, size_t max_bytes);
+  FrameStore(const Scene& scene, const FrameOptions& options, size_t max_bytes);
   FramePtr Get(int index);
 
  private:
   const Scene& scene_;
-  int max_image_size_;
+  FrameOptions options_;
   LruCache<int, Frame> cache_;
 };
 

@@ -46,7 +46,7 @@ class OnlineSchedule {
       run_.interrupt.Check();
       const int passes_before = recorder_.passes_run();
       Timer timer;
-      auto frame = std::make_shared<Frame>(LoadFrame(run_.scene, image.index, run_.options.max_image_size));
+      auto frame = std::make_shared<Frame>(LoadFrame(run_.scene, image.index, MakeFrameOptions(run_.options)));
       // What a PointCloud2 carries is in float: with the same bits the nodelet's maps are the same.
       frame->landmarks_in_world = RoundedToFloat(frame->landmarks_in_world);
       run_.times.reading_ms += timer.Lap();

@@ -248,6 +248,10 @@ PipelineOptions MakePipelineOptions(const ReconstructOptions& options) {
   return pipeline;
 }
 
+FrameOptions MakeFrameOptions(const ReconstructOptions& options) {
+  return {options.max_image_size, MakePipelineOptions(options).sharpening};
+}
+
 DenseMapperOptions MakeMapperOptions(const ReconstructOptions& options, const DepthRange& dataset_range) {
   DenseMapperOptions mapper;
   mapper.pipeline = MakePipelineOptions(options);

@@ -24,17 +24,17 @@ class LoadFrameTest : public SceneFixture {
 };
 
 TEST_F(LoadFrameTest, FrameHasImagePoseAndObservedLandmarks) {
-  const Frame frame = LoadFrame(Read(), 1, 0);
+  const Frame frame = LoadFrame(Read(), 1);
   EXPECT_EQ(frame.id, 1);
   EXPECT_EQ(frame.color.width(), kWidth);
   EXPECT_EQ(frame.gray.height(), kHeight);
   EXPECT_EQ(frame.color(5, 3).r, 60);
   EXPECT_EQ(frame.landmarks_in_world.size(), 2u);
-  EXPECT_TRUE(LoadFrame(Read(), 0, 0).landmarks_in_world.empty());
+  EXPECT_TRUE(LoadFrame(Read(), 0).landmarks_in_world.empty());
 }
 
 TEST_F(LoadFrameTest, MaxSizeScalesImageAndCamera) {
-  const Frame frame = LoadFrame(Read(), 0, 16);
+  const Frame frame = LoadFrame(Read(), 0, {16});
   EXPECT_EQ(frame.camera, (PinholeCamera{16, 12, 15, 15.5, 16.25 / 2 - 0.5, 12.75 / 2 - 0.5}));
   EXPECT_EQ(frame.color.width(), 16);
 }
@@ -42,12 +42,12 @@ TEST_F(LoadFrameTest, MaxSizeScalesImageAndCamera) {
 TEST_F(LoadFrameTest, WrongSizeAndTruncationAreRefused) {
   const Scene scene = Read();
   WriteImage("images/000001.png", kWidth + 1, kHeight);
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { LoadFrame(scene, 1, 0); }),
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { LoadFrame(scene, 1); }),
               AllOf(HasSubstr("000001.png"), HasSubstr("33 x 24"), HasSubstr("32 x 24")));
   const std::string content = ReadText(folder() / "images/000000.png");
   WriteText("images/000000.png", content.substr(0, content.size() / 2));
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { LoadFrame(scene, 0, 0); }), HasSubstr("000000.png"));
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { LoadFrame(scene, 2, 0); }), HasSubstr("image index = 2"));
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { LoadFrame(scene, 0); }), HasSubstr("000000.png"));
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { LoadFrame(scene, 2); }), HasSubstr("image index = 2"));
 }
 
 /// Where a pixel of the undistorted image lies in the stored one: the models' formulas as OpenCV and COLMAP document
@@ -86,7 +86,7 @@ TEST_F(LoadFrameTest, UndistortsEveryModel) {
                             "SIMPLE_RADIAL_FISHEYE 32 24 30 16 12 0.05", "RADIAL_FISHEYE 32 24 30 16 12 0.05 -0.02"}) {
     cameras = Replaced(good, "PINHOLE 32 24 30 31 16.25 12.75", model);
     const Scene scene = Read();
-    const Frame frame = LoadFrame(scene, 0, 0);
+    const Frame frame = LoadFrame(scene, 0);
     EXPECT_EQ(frame.camera, scene.images[0].camera);
     int inside = 0;
     for (int row = 0; row < kHeight; ++row) {
@@ -106,7 +106,7 @@ TEST_F(LoadFrameTest, UndistortsEveryModel) {
 
 TEST_F(LoadFrameTest, UnknownPixelsAreBlack) {
   cameras = Replaced(cameras, "PINHOLE 32 24 30 31 16.25 12.75", "SIMPLE_RADIAL 32 24 30 16 12 0.8");
-  const Rgb corner = LoadFrame(Read(), 0, 0).color(0, 0);
+  const Rgb corner = LoadFrame(Read(), 0).color(0, 0);
   EXPECT_EQ(corner.r + corner.g + corner.b, 0);
 }
 
@@ -131,7 +131,7 @@ TEST(RealData, BothLayoutsAgree) {
       EXPECT_EQ(a.landmark_indices, b.landmark_indices);
       EXPECT_FALSE(a.ranked_sources.empty());
     }
-    const Frame frame = LoadFrame(mvsnet, 0, 64);
+    const Frame frame = LoadFrame(mvsnet, 0, {64});
     EXPECT_EQ(frame.camera.width, 64);
   }
   EXPECT_GT(scenes, 0);

@@ -7,6 +7,7 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/image/sharpening.h"
 
 namespace acmp {
 namespace {
@@ -42,7 +43,7 @@ std::string ErrorOf(const Call& call) {
 
 TEST(MakeFrameTest, KeepsSizeAndValuesWithoutLimit) {
   const ColorImage color = MakeColor(6, 4);
-  const Frame frame = MakeFrame(7, 1.5, color.Clone(), kCamera, RigidTransform::Identity(), {{1, 2, 3}}, 0);
+  const Frame frame = MakeFrame(7, 1.5, color.Clone(), kCamera, RigidTransform::Identity(), {{1, 2, 3}});
   EXPECT_EQ(frame.id, 7);
   EXPECT_EQ(frame.stamp_s, 1.5);
   EXPECT_EQ(frame.camera, kCamera);
@@ -60,7 +61,7 @@ TEST(MakeFrameTest, KeepsSizeAndValuesWithoutLimit) {
 
 TEST(MakeFrameTest, AveragesGrayInFloatWhenShrinking) {
   const ColorImage color = MakeColor(6, 4);
-  const Frame frame = MakeFrame(0, 0, color.Clone(), kCamera, RigidTransform::Identity(), {}, 3);
+  const Frame frame = MakeFrame(0, 0, color.Clone(), kCamera, RigidTransform::Identity(), {}, {3});
   ASSERT_EQ(frame.gray.width(), 3);
   ASSERT_EQ(frame.gray.height(), 2);
   ASSERT_EQ(frame.color.width(), 3);
@@ -79,16 +80,32 @@ TEST(MakeFrameTest, AveragesGrayInFloatWhenShrinking) {
 
 TEST(MakeFrameTest, LimitsTheLongerSideOfOddSizes) {
   const PinholeCamera tall = {5, 7, 5, 5, 2, 3};
-  const Frame frame = MakeFrame(0, 0, MakeColor(5, 7), tall, RigidTransform::Identity(), {}, 4);
+  const Frame frame = MakeFrame(0, 0, MakeColor(5, 7), tall, RigidTransform::Identity(), {}, {4});
   EXPECT_EQ(frame.camera.height, 4);
   EXPECT_EQ(frame.camera.width, 3);  // 5 * 4 / 7 = 2.86
   EXPECT_EQ(frame.gray.width(), 3);
   EXPECT_EQ(frame.color.height(), 4);
 }
 
+TEST(MakeFrameTest, SharpensGreyValuesAtTheirNewSize) {
+  const ColorImage color = MakeColor(6, 4);
+  const Frame plain = MakeFrame(0, 0, color.Clone(), kCamera, RigidTransform::Identity(), {}, {3});
+  const Frame frame = MakeFrame(0, 0, color.Clone(), kCamera, RigidTransform::Identity(), {}, {3, 2.0});
+  GrayImage expected = plain.gray.Clone();
+  Sharpen(2.0, &expected);
+  for (size_t i = 0; i < expected.size(); ++i) {
+    EXPECT_EQ(frame.gray.data()[i], expected.data()[i]);
+    EXPECT_EQ(frame.color.data()[i].g, plain.color.data()[i].g);
+  }
+  EXPECT_THAT(ErrorOf([&] {
+                MakeFrame(0, 0, color.Clone(), kCamera, RigidTransform::Identity(), {}, {0, -1.0});
+              }),
+              HasSubstr("sharpening = -1"));
+}
+
 TEST(MakeFrameTest, RefusesWhatDoesNotFitAndNamesIt) {
   const auto make = [](int width, int height, const PinholeCamera& camera, int max_size) {
-    return [=] { MakeFrame(42, 0, MakeColor(width, height), camera, RigidTransform::Identity(), {}, max_size); };
+    return [=] { MakeFrame(42, 0, MakeColor(width, height), camera, RigidTransform::Identity(), {}, {max_size}); };
   };
   const std::string size_error = ErrorOf(make(5, 4, kCamera, 0));
   EXPECT_THAT(size_error, HasSubstr("frame 42"));

@@ -84,8 +84,8 @@ class DepthEstimatorTest : public ::testing::Test {
   DepthEstimatorTest() {
     for (int i = 0; i < 4; ++i) {
       const PinholeCamera camera = i == 3 ? TestCamera(30, 26) : TestCamera(40, 30);
-      frames_.push_back(std::make_shared<const Frame>(MakeFrame(i, 0, Pattern(camera.width, camera.height, i), camera,
-                                                                LookAhead({0.2 * i, 0, 0}, 0, 0, 0), {}, 0)));
+      frames_.push_back(std::make_shared<const Frame>(
+          MakeFrame(i, 0, Pattern(camera.width, camera.height, i), camera, LookAhead({0.2 * i, 0, 0}, 0, 0, 0), {})));
     }
   }
 

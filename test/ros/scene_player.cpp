@@ -4,6 +4,7 @@
 #include <sensor_msgs/point_cloud2_iterator.h>
 #include <tf2_eigen/tf2_eigen.h>
 
+#include "acmp_mapping/pipeline/presets.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/output_conversion.h"
 
@@ -53,7 +54,8 @@ FramePtr MakeExpectedFrame(int64_t id, const ViewMessages& messages) {
   const RigidTransform world_from_cam = ToTransform(messages.pose.pose);
   return std::make_shared<const Frame>(MakeFrame(
       id, messages.image.header.stamp.toSec(), ImageRectifier(calibration).Rectify(DecodeRgb({image, nullptr})),
-      calibration.camera, world_from_cam.inverse(), ToSparseCloud(messages.sparse_points).points, 0));
+      calibration.camera, world_from_cam.inverse(), ToSparseCloud(messages.sparse_points).points,
+      {0, PipelineOptions().sharpening}));
 }
 
 ScenePlayer::ScenePlayer(ros::NodeHandle nh, const std::string& image_topic, const std::string& camera_info_topic,

@@ -52,7 +52,7 @@ TEST_P(SceneFilesTest, IsReadBackWithTheSameCamerasPosesAndLandmarks) {
     EXPECT_NEAR(image.camera.cx, truth.camera.cx, 1e-8);
     EXPECT_NEAR(image.camera.cy, truth.camera.cy, 1e-8);
     EXPECT_LT((image.cam_from_world.matrix() - truth.cam_from_world.matrix()).cwiseAbs().maxCoeff(), 1e-10);
-    const Frame read = LoadFrame(scene, static_cast<int>(i), 0);
+    const Frame read = LoadFrame(scene, static_cast<int>(i));
     ASSERT_EQ(read.landmarks_in_world.size(), truth.landmarks_in_world.size());
     // The reader may order an image's landmarks by their number in the scene.
     for (const Eigen::Vector3d& landmark : truth.landmarks_in_world) {

@@ -60,6 +60,6 @@ ColorImage LoadImage(const Scene& scene, int index);
 
 /// Loads one image, undistorts it if need be (to the same K, black where nothing is known) and makes a frame of it with
 /// id = index and its landmarks. Throws as LoadImage does.
-Frame LoadFrame(const Scene& scene, int index, int max_size);
+Frame LoadFrame(const Scene& scene, int index, const FrameOptions& options = {});
 
 }  // namespace acmp

@@ -17,7 +17,7 @@ struct Frame {
   PinholeCamera camera;
   RigidTransform cam_from_world = RigidTransform::Identity();
   ColorImage color;
-  GrayImage gray;
+  GrayImage gray;  ///< what is matched
   /// Sparse map points that this image is said to see (observed, or a whole map: what is not in view is ignored by all
   /// who read them).
   std::vector<Eigen::Vector3d> landmarks_in_world;
@@ -25,11 +25,18 @@ struct Frame {
 
 using FramePtr = std::shared_ptr<const Frame>;
 
-/// Makes a frame from an undistorted image: grey values in float, both resized so that the longer side is at most
-/// `max_size` px (0: as it is), the camera with them. Throws InvalidInputError for a camera or image size that does not
-/// fit, or a pose that is not finite and orthonormal.
+/// How an image becomes a frame.
+struct FrameOptions {
+  int max_size = 0;       ///< longer side, px; 0: as it is
+  double sharpening = 0;  ///< of the grey values, at that size (Sharpen); 0: as they are
+};
+
+/// Makes a frame from an undistorted image: grey values in float, both resized, the camera with them. Throws
+/// InvalidInputError for a camera or image size that does not fit, a pose that is not finite and orthonormal, or
+/// options out of bounds.
 Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamera& camera,
-                const RigidTransform& cam_from_world, std::vector<Eigen::Vector3d> landmarks_in_world, int max_size);
+                const RigidTransform& cam_from_world, std::vector<Eigen::Vector3d> landmarks_in_world,
+                const FrameOptions& options = {});
 
 /// The points as a PointCloud2 carries them: every coordinate rounded to float, returned in double.
 std::vector<Eigen::Vector3d> RoundedToFloat(const std::vector<Eigen::Vector3d>& points);

@@ -11,6 +11,7 @@ namespace acmp {
 template <class Options, class Visitor>
 void VisitPipelineParameters(Options& pipeline, const Visitor& visit) {
   auto& match = pipeline.patch_match;
+  visit("sharpening", pipeline.sharpening);
   visit("start_level", pipeline.start_level);
   visit("photometric_iterations", match.photometric_iterations);
   visit("full_size_iterations", pipeline.full_size_iterations);

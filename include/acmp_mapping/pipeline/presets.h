@@ -17,6 +17,7 @@ struct PipelineOptions {
   PlanarPriorOptions planar_prior;
   CompletionOptions completion;
   FusionOptions fusion;
+  double sharpening = 2.5;       ///< of the images, as they become frames: FrameOptions
   int start_level = 0;           ///< how often the images of the photometric pass are halved, 0..2
   int full_size_iterations = 0;  ///< after such a start: photometric iterations at full size, 0..20
   bool use_planar_prior = true;  ///< steps 10-20 of Algorithm 1

@@ -119,7 +119,7 @@ class MapperWorker {
   void Run();
   void MakeMapper();
   void Process(const NumberedInput& input);
-  FramePtr PrepareFrame(const NumberedInput& input, cv::Mat* valid);
+  FramePtr PrepareFrame(const NumberedInput& input, const FrameOptions& options, cv::Mat* valid);
   double LatencyMs(const KeyframeDepth& maps) const;
   bool MustWait() const;
   void FinishWaits();

@@ -45,6 +45,7 @@ template <class Options, class Config, class Visitor>
 void VisitRuntimeParameters(Options& options, Config& config, const Visitor& visit) {
   auto& pipeline = options.mapper.pipeline;
   auto& match = pipeline.patch_match;
+  visit("sharpening", pipeline.sharpening, config.sharpening);
   visit("start_level", pipeline.start_level, config.start_level);
   visit("photometric_iterations", match.photometric_iterations, config.photometric_iterations);
   visit("full_size_iterations", pipeline.full_size_iterations, config.full_size_iterations);
