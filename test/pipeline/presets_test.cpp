@@ -73,13 +73,14 @@ TEST(PresetsTest, DefaultOptionsAreAcmp) { EXPECT_THAT(Differences({}, MakePrese
 TEST(PresetsTest, DifferInWhatTheyAreNamedFor) {
   using ::testing::UnorderedElementsAre;
   const auto from_acmp = [](const char* name) { return Differences(MakePreset("acmp"), MakePreset(name)); };
-  EXPECT_THAT(from_acmp("acmh"), UnorderedElementsAre("use_planar_prior", "completion", "candidate_view_votes",
-                                                      "alternate_regions", "settled_views"));
-  EXPECT_THAT(from_acmp("acmp_no_geometric"), UnorderedElementsAre("geometric_passes", "completion"));
+  EXPECT_THAT(from_acmp("acmh"), UnorderedElementsAre("use_planar_prior", "completion", "min_point_confidence",
+                                                      "candidate_view_votes", "alternate_regions", "settled_views"));
+  EXPECT_THAT(from_acmp("acmp_no_geometric"),
+              UnorderedElementsAre("geometric_passes", "completion", "min_point_confidence"));
   EXPECT_THAT(from_acmp("acmmp"), UnorderedElementsAre("start_level", "full_size_iterations"));
   EXPECT_THAT(Differences(MakePreset("acmmp"), MakePreset("acmm")),
-              UnorderedElementsAre("use_planar_prior", "completion", "candidate_view_votes", "alternate_regions",
-                                   "settled_views"));
+              UnorderedElementsAre("use_planar_prior", "completion", "min_point_confidence", "candidate_view_votes",
+                                   "alternate_regions", "settled_views"));
   EXPECT_THAT(from_acmp("quality"),
               UnorderedElementsAre("geometric_iterations", "geometric_passes", "completion_between_passes",
                                    "alternate_regions", "settled_views"));
