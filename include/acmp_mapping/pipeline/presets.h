@@ -44,10 +44,9 @@ const std::vector<std::string>& PresetNames();
 
 /// The systems compared in the paper as option sets of one pipeline: acmh = photometric + geometric passes,
 /// acmp_no_geometric = ACMP\G = photometric + planar prior, acmp = all of the paper, and completion. acmm and acmmp:
-/// the same two after a start on halved images, as ACMM has coarser scales. Those without completion fuse from a
-/// lower confidence on. quality: three geometric passes of one
-/// iteration, the best maps; online: all steps with fewer iterations, half of the time or less. Throws
-/// InvalidInputError naming the known presets.
+/// the same two after a start on halved images, as ACMM has coarser scales. Those without completion fuse from a lower
+/// confidence on. quality: three geometric passes of one iteration, the best maps; online: all steps with fewer
+/// iterations, half of the time or less. Throws InvalidInputError naming the known presets.
 PipelineOptions MakePreset(const std::string& name);
 
 }  // namespace acmp
