@@ -274,8 +274,17 @@ TEST_F(ReconstructTest, BadOptionsAreNamed) {
   EXPECT_THAT(error([](auto* o) { o->memory_limit_gb = NAN; }), HasSubstr("--memory-limit-gb = nan"));
   EXPECT_THAT(error([](auto* o) { o->threads = -1; }), HasSubstr("--threads = -1"));
   EXPECT_THAT(error([](auto* o) { o->preset = "best"; }), HasSubstr("\"best\""));
+  EXPECT_THAT(error([](auto* o) { o->set = {"sharpening=11"}; }), HasSubstr("sharpening = 11"));
   EXPECT_THAT(error([](auto* o) { o->schedule = "online", o->window_size = 1; }), HasSubstr("window_size"));
   EXPECT_TRUE(fake_.calls.empty());
+}
+
+TEST_F(ReconstructTest, FramesAreMadeAsTheOptionsSay) {
+  options_.max_image_size = 640;
+  EXPECT_EQ(MakeFrameOptions(options_).max_size, 640);
+  EXPECT_EQ(MakeFrameOptions(options_).sharpening, PipelineOptions().sharpening);
+  options_.set = {"sharpening=1.5"};
+  EXPECT_EQ(MakeFrameOptions(options_).sharpening, 1.5);
 }
 
 TEST_F(ReconstructTest, QuietRunsPrintNothing) {
