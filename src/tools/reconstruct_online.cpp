@@ -42,11 +42,12 @@ class OnlineSchedule {
     const double cost_of_image = TotalCost(run_.plan, pipeline) / static_cast<double>(run_.plan.images.size());
     run_.progress.Begin("keyframe", static_cast<int>(run_.plan.images.size()),
                         cost_of_image - StepCosts::kOutput - StepCosts::kFusion);
+    const FrameOptions frame_options = MakeFrameOptions(run_.options);
     for (const ImagePlan& image : run_.plan.images) {
       run_.interrupt.Check();
       const int passes_before = recorder_.passes_run();
       Timer timer;
-      auto frame = std::make_shared<Frame>(LoadFrame(run_.scene, image.index, MakeFrameOptions(run_.options)));
+      auto frame = std::make_shared<Frame>(LoadFrame(run_.scene, image.index, frame_options));
       // What a PointCloud2 carries is in float: with the same bits the nodelet's maps are the same.
       frame->landmarks_in_world = RoundedToFloat(frame->landmarks_in_world);
       run_.times.reading_ms += timer.Lap();
