@@ -20,12 +20,12 @@ dim3 GridFor(const ImageView<T>& image) {
 __device__ int Col() { return static_cast<int>(blockIdx.x * kBlockWidth + threadIdx.x); }
 __device__ int Row() { return static_cast<int>(blockIdx.y * kBlockHeight + threadIdx.y); }
 
-__global__ void LookKernel(const __grid_constant__ DeviceFusionContext views, ImageView<unsigned char> sightings) {
+__global__ void LookKernel(const __grid_constant__ DeviceFusionContext views, ImageView<Sightings> sightings) {
   const int col = Col(), row = Row();
   if (sightings.Contains(col, row)) sightings(col, row) = LookAtPixel(views, col, row);
 }
 
-__global__ void LookAgainKernel(const __grid_constant__ DeviceFusionContext views, ImageView<unsigned char> sightings) {
+__global__ void LookAgainKernel(const __grid_constant__ DeviceFusionContext views, ImageView<Sightings> sightings) {
   const int col = Col(), row = Row();
   if (!sightings.Contains(col, row) || !IsCompleted(views.reference.Cost(col, row))) return;
   sightings(col, row) = LookAtPixel(views, col, row);
@@ -45,9 +45,9 @@ struct WarpLanes {
   }
   __device__ void Best(AnchorChoice* choice) const {
     for (int offset = kSize / 2; offset > 0; offset /= 2) {
-      const AnchorChoice other = {__shfl_xor_sync(kAll, choice->views, offset),
-                                  __shfl_xor_sync(kAll, choice->cost, offset),
-                                  __shfl_xor_sync(kAll, choice->index, offset)};
+      const AnchorChoice other = {
+          __shfl_xor_sync(kAll, choice->is_sure ? 1 : 0, offset) != 0, __shfl_xor_sync(kAll, choice->views, offset),
+          __shfl_xor_sync(kAll, choice->cost, offset), __shfl_xor_sync(kAll, choice->index, offset)};
       if (other.IsBetterThan(*choice)) *choice = other;
     }
   }
@@ -85,7 +85,7 @@ __global__ void __launch_bounds__(kBlockWidth* kBlockHeight, 3)
 
 }  // namespace
 
-void LaunchCompletion(const DeviceFusionContext& sources, const ImageView<unsigned char>& sightings,
+void LaunchCompletion(const DeviceFusionContext& sources, const ImageView<Sightings>& sightings,
                       const CompletionContext& context, cudaStream_t stream) {
   CheckRange("number of source views on a GPU", sources.num_sources, 0, kMaxCudaFusionSources);
   const dim3 block(kBlockWidth, kBlockHeight);
@@ -105,7 +105,7 @@ void LaunchCompletion(const DeviceFusionContext& sources, const ImageView<unsign
   CudaCheck(cudaGetLastError(), "launch completion");
 }
 
-void LaunchWeightedMedian(const DeviceFusionContext& views, const ImageView<unsigned char>& sightings,
+void LaunchWeightedMedian(const DeviceFusionContext& views, const ImageView<Sightings>& sightings,
                           const MedianContext& context, cudaStream_t stream) {
   CheckRange("number of source views on a GPU", views.num_sources, 0, kMaxCudaFusionSources);
   const dim3 block(kBlockWidth, kBlockHeight);

@@ -12,13 +12,13 @@ namespace acmp {
 /// kMaxCudaFusionSources sources.
 /// @param sources compares the reference's maps as they were before
 /// @param sightings of the reference's size; the same as the context's
-void LaunchCompletion(const DeviceFusionContext& sources, const ImageView<unsigned char>& sightings,
+void LaunchCompletion(const DeviceFusionContext& sources, const ImageView<Sightings>& sightings,
                       const CompletionContext& context, cudaStream_t stream);
 
 /// Queues the weighted median of the completed maps.
 /// @param views compares the completed reference
 /// @param sightings the same as the context's: of the reference before it was completed
-void LaunchWeightedMedian(const DeviceFusionContext& views, const ImageView<unsigned char>& sightings,
+void LaunchWeightedMedian(const DeviceFusionContext& views, const ImageView<Sightings>& sightings,
                           const MedianContext& context, cudaStream_t stream);
 
 }  // namespace acmp

@@ -12,7 +12,7 @@ void CompletionRunner::Queue(const FusionSetup<DeviceFusionView>& sources, Compl
   sightings_.Reserve(device_, static_cast<size_t>(width) * height);
   cells_.Reserve(device_, 2 * cells);
   nearest_.Reserve(device_, cells);
-  const ImageView<unsigned char> sightings = {sightings_.data(), width, height, width};
+  const ImageView<Sightings> sightings = {sightings_.data(), width, height, width};
   context.sightings = sightings;
   context.planes = planes;
   context.cost = {cost, width, height, width};
@@ -28,7 +28,7 @@ void CompletionRunner::QueueMedian(const FusionSetup<DeviceFusionView>& sources,
   const int width = completed.depth.width, height = completed.depth.height;
   DeviceFusionContext views = sources.Context(sources_.data());
   views.reference = completed;
-  const ImageView<unsigned char> sightings = {sightings_.data(), width, height, width};
+  const ImageView<Sightings> sightings = {sightings_.data(), width, height, width};
   MedianContext median = {};
   median.rays = context.rays;
   median.depth_min = context.depth_min;

@@ -28,7 +28,7 @@ class CompletionRunner {
  private:
   CudaDevicePtr device_;
   DeviceArray<DeviceFusionSource> sources_;
-  DeviceArray<unsigned char> sightings_;
+  DeviceArray<Sightings> sightings_;
   DeviceArray<AnchorCell> cells_;
   DeviceArray<NearestAnchors> nearest_;
 };

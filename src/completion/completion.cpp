@@ -22,9 +22,9 @@ void ForEach(int width, int height, const Function& function) {
   });
 }
 
-Image<unsigned char> LookAtAll(const FusionSetup<HostMaps>& setup) {
+Image<Sightings> LookAtAll(const FusionSetup<HostMaps>& setup) {
   const FusionContext<HostMaps> context = setup.Context(setup.sources().data());
-  Image<unsigned char> sightings(context.reference.depth.width, context.reference.depth.height);
+  Image<Sightings> sightings(context.reference.depth.width, context.reference.depth.height);
   ForEach(sightings.width(), sightings.height(),
           [&](int col, int row) { sightings(col, row) = LookAtPixel(context, col, row); });
   return sightings;
@@ -33,7 +33,7 @@ Image<unsigned char> LookAtAll(const FusionSetup<HostMaps>& setup) {
 /// FilterPixel for all pixels of the completed reference.
 /// @param sightings of the reference as it was before; become those of the completed one
 void FilterByMedian(const FusionSetup<HostMaps>& setup, const CompletionContext& completed,
-                    Image<unsigned char>* sightings) {
+                    Image<Sightings>* sightings) {
   const ImageView<PlaneHypothesis>& planes = completed.planes;
   const int width = planes.width, height = planes.height;
   DepthMap depth(width, height);
@@ -80,6 +80,11 @@ int MinConfirmingViews(const CompletionOptions& options, int num_sources) {
   return std::min(num_sources < kFewSources ? 1 : 2, AnchorViews(options, num_sources));
 }
 
+int SureViews(const CompletionOptions& options, int num_sources) {
+  if (!options.surest_first) return 0;
+  return std::min({options.anchor_views + 1, (num_sources + 1) / 2, kMaxConfirming});
+}
+
 CompletionContext MakeCompletionContext(const PinholeCamera& camera, const DepthRange& range,
                                         const CompletionOptions& options, int num_sources) {
   CompletionContext context = {};
@@ -89,6 +94,7 @@ CompletionContext MakeCompletionContext(const PinholeCamera& camera, const Depth
   context.depth_max = range.max;
   context.anchor_views = AnchorViews(options, num_sources);
   context.min_views = MinConfirmingViews(options, num_sources);
+  context.sure_views = SureViews(options, num_sources);
   context.cell_size = CompletionCellSize(camera.width, camera.height);
   context.alternatives = options.alternatives;
   return context;
@@ -106,7 +112,7 @@ void CompleteUnconfirmed(const FusionView& reference, const std::vector<FusionVi
   }
   if (setup.sources().empty()) return;
 
-  Image<unsigned char> sightings = LookAtAll(setup);
+  Image<Sightings> sightings = LookAtAll(setup);
   CompletionContext context =
       MakeCompletionContext(reference.camera, range, options, static_cast<int>(setup.sources().size()));
   const int cell_cols = CellsOf(planes.width, context.cell_size), cell_rows = CellsOf(planes.height, context.cell_size);

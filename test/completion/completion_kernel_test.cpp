@@ -59,7 +59,7 @@ class CompletionKernelTest : public ::testing::Test {
     }
   }
 
-  Image<unsigned char> sightings_;
+  Image<Sightings> sightings_;
   PlaneMap planes_;
   CostMap cost_;
   Image<AnchorCell> anchors_, fitted_;
@@ -90,7 +90,7 @@ TEST_F(CompletionKernelTest, CellsCoverTheImageAndGrowWithIt) {
 TEST_F(CompletionKernelTest, AnchorIsTheMostConfirmedPixelOfTheCell) {
   for (PlaneHypothesis& plane : planes_) plane = {0, 0, -1, 5};
   const auto set = [&](int col, int row, int views, float cost) {
-    sightings_(col, row) = static_cast<unsigned char>(views);
+    sightings_(col, row) = static_cast<Sightings>(views);
     cost_(col, row) = cost;
   };
   set(5, 4, 1, 0.01f);                                           // too few
@@ -109,14 +109,17 @@ TEST_F(CompletionKernelTest, AnchorIsTheMostConfirmedPixelOfTheCell) {
   EXPECT_EQ(anchors_(9, 7).row, 29);
 }
 
-TEST(SightingsTest, AreCountedUpToWhatAByteHolds) {
+TEST(SightingsTest, AreCountedUpToWhatTheirBitsHold) {
   for (const bool is_nearly_confirmed : {false, true}) {
     for (const int confirming : {0, 1, 30, 31, 32, 500}) {
-      for (const int looking_through : {0, 1, 3, 4, 500}) {
-        const unsigned char sightings = PackSightings(confirming, is_nearly_confirmed, looking_through);
-        EXPECT_EQ(ConfirmingViews(sightings), std::min(confirming, 31));
-        EXPECT_EQ(IsNearlyConfirmed(sightings), is_nearly_confirmed);
-        EXPECT_EQ(LookingThrough(sightings), std::min(looking_through, 3));
+      for (const int closely : {0, 1, 31, 32, 500}) {
+        for (const int looking_through : {0, 1, 3, 4, 500}) {
+          const Sightings sightings = PackSightings(confirming, closely, is_nearly_confirmed, looking_through);
+          EXPECT_EQ(ConfirmingViews(sightings), std::min(confirming, 31));
+          EXPECT_EQ(CloselyConfirmingViews(sightings), std::min(closely, 31));
+          EXPECT_EQ(IsNearlyConfirmed(sightings), is_nearly_confirmed);
+          EXPECT_EQ(LookingThrough(sightings), std::min(looking_through, 3));
+        }
       }
     }
   }
@@ -124,10 +127,10 @@ TEST(SightingsTest, AreCountedUpToWhatAByteHolds) {
 
 TEST_F(CompletionKernelTest, WhatTwoSourcesLookThroughIsNoAnchor) {
   for (PlaneHypothesis& plane : planes_) plane = {0, 0, -1, 5};
-  sightings_(9, 5) = PackSightings(9, false, 2);
+  sightings_(9, 5) = PackSightings(9, 0, false, 2);
   sightings_(10, 5) = 2;
-  sightings_(14, 6) = PackSightings(3, false, 3);
-  sightings_(17, 6) = PackSightings(3, false, 1);
+  sightings_(14, 6) = PackSightings(3, 0, false, 3);
+  sightings_(17, 6) = PackSightings(3, 0, false, 1);
   FindAll();
   EXPECT_EQ(anchors_(2, 1).views, 2);
   EXPECT_EQ(anchors_(2, 1).col, 10);
@@ -192,7 +195,7 @@ TEST_F(CompletionKernelTest, WhatTooFewViewsConfirmTakesThePlaneAroundAndACostTh
   }
   for (int views = 0; views <= 2; ++views) {
     planes_(20 + views, 15) = wrong;
-    sightings_(20 + views, 15) = static_cast<unsigned char>(views);
+    sightings_(20 + views, 15) = static_cast<Sightings>(views);
   }
   FindAll();
   FitAll();
@@ -220,14 +223,14 @@ TEST_F(CompletionKernelTest, WhatAViewNearlyConfirmsTakesAPlaneNearItsOwnDepth) 
       sightings_(col, row) = col >= 16 && col < 28 ? 0 : 4;
     }
   }
-  const auto set = [&](int row, float depth, unsigned char sightings) {
+  const auto set = [&](int row, float depth, Sightings sightings) {
     planes_(18, row) = PlaneThrough({0, 0, -1}, Ray(18, row), depth);
     sightings_(18, row) = sightings;
   };
   set(10, 4.1f, 0);
-  set(12, 4.1f, PackSightings(0, true, 0));
-  set(14, 4.1f, PackSightings(1, true, 0));
-  set(16, 4.5f, PackSightings(0, true, 0));  // near neither
+  set(12, 4.1f, PackSightings(0, 0, true, 0));
+  set(14, 4.1f, PackSightings(1, 0, true, 0));
+  set(16, 4.5f, PackSightings(0, 0, true, 0));  // near neither
   FindAll();
   FitAll();
   FindAllNearest();
@@ -257,6 +260,87 @@ TEST_F(CompletionKernelTest, NearestAnchorsAreTheFirstOnesOfEachDirection) {
   EXPECT_EQ(nearest.cell[2], cell(5, 4));
   EXPECT_EQ(nearest.cell[1], cell(7, 4));
   for (const int own : nearest_(7, 4).cell) EXPECT_EQ(own, cell(7, 4));
+}
+
+TEST_F(CompletionKernelTest, ASureAnchorGoesBeforeANearerOneUpToEightTimesAsFarAndTwoCells) {
+  const auto cell = [&](int col, int row) { return row * fitted_.width() + col; };
+  const auto set = [&](int col, int row, bool is_sure) {
+    fitted_(col, row).views = 3;
+    fitted_(col, row).is_sure = is_sure;
+  };
+  // To the right of (0, row): an anchor and a sure one.
+  set(0, 0, false), set(2, 0, true);
+  set(0, 1, false), set(3, 1, true);
+  set(1, 2, false), set(2, 2, false), set(9, 2, true);
+  set(1, 3, true), set(2, 3, true);
+  set(4, 4, false);
+  context_.sure_views = 4;
+  FindAllNearest();
+  EXPECT_EQ(nearest_(0, 0).cell[0], cell(2, 0));
+  EXPECT_EQ(nearest_(0, 1).cell[0], cell(0, 1)) << "three steps instead of none";
+  EXPECT_EQ(nearest_(0, 2).cell[0], cell(9, 2)) << "nine steps instead of one";
+  EXPECT_EQ(nearest_(0, 3).cell[0], cell(1, 3)) << "the first of the sure ones";
+  EXPECT_EQ(nearest_(0, 4).cell[0], cell(4, 4)) << "there is no other";
+  EXPECT_EQ(nearest_(0, 5).cell[0], -1);
+  context_.sure_views = 0;
+  FindAllNearest();
+  for (const auto& [row, col] : {std::pair(0, 0), {1, 0}, {2, 1}, {3, 1}, {4, 4}}) {
+    EXPECT_EQ(nearest_(0, row).cell[0], cell(col, row)) << "the first one";
+  }
+}
+
+TEST_F(CompletionKernelTest, WhatEnoughViewsConfirmCloselyIsTheAnchorOfItsCell) {
+  for (PlaneHypothesis& plane : planes_) plane = {0, 0, -1, 5};
+  sightings_(8, 4) = PackSightings(9, 2, true, 0);
+  sightings_(9, 4) = PackSightings(3, 3, true, 0);
+  sightings_(10, 4) = PackSightings(3, 3, true, 2);  // two sources look through it
+  sightings_(16, 4) = PackSightings(4, 2, true, 0);
+  context_.sure_views = 3;
+  FindAll();
+  EXPECT_TRUE(anchors_(2, 1).is_sure);
+  EXPECT_EQ(anchors_(2, 1).col, 9) << "before one with nine views";
+  EXPECT_EQ(anchors_(2, 1).views, 3);
+  EXPECT_FALSE(anchors_(4, 1).is_sure);
+  EXPECT_EQ(anchors_(4, 1).views, 4);
+  FitAll();
+  EXPECT_TRUE(fitted_(2, 1).is_sure);
+  EXPECT_FALSE(fitted_(4, 1).is_sure);
+  context_.sure_views = 0;
+  FindAll();
+  EXPECT_FALSE(anchors_(2, 1).is_sure);
+  EXPECT_EQ(anchors_(2, 1).views, 9);
+}
+
+TEST_F(CompletionKernelTest, WithTheSurestFirstAPixelNeedsViewsThatConfirmItClosely) {
+  const PlaneHypothesis wall = PlaneThrough({0, 0, -1}, Ray(20, 15), 5),
+                        own = PlaneThrough({0, 0, -1}, Ray(20, 15), 4.9f);
+  const auto complete = [&](int sure_views) {
+    for (int row = 0; row < kHeight; ++row) {
+      for (int col = 0; col < kWidth; ++col) {
+        planes_(col, row) = wall;
+        cost_(col, row) = 0.1f;
+        sightings_(col, row) = PackSightings(4, 4, true, 0);
+      }
+    }
+    for (int close = 0; close <= 2; ++close) {
+      planes_(20 + close, 15) = own;
+      sightings_(20 + close, 15) = PackSightings(3, close, true, 0);
+    }
+    context_.sure_views = sure_views;
+    FindAll();
+    FitAll();
+    FindAllNearest();
+    for (int col = 20; col <= 22; ++col) CompletePixel(context_, col, 15);
+  };
+  complete(0);
+  for (int col = 20; col <= 22; ++col) EXPECT_EQ(cost_(col, 15), 0.1f) << "three views confirm it";
+  complete(3);
+  EXPECT_EQ(cost_(20, 15), kWorstCost);
+  EXPECT_EQ(cost_(21, 15), kUnverifiedCost);
+  EXPECT_EQ(cost_(22, 15), 0.1f);
+  // The fit is pulled to zero slope by a ten-thousandth.
+  EXPECT_NEAR(DepthAt(planes_(20, 15), 20, 15), 5, 5e-3);
+  EXPECT_EQ(planes_(22, 15).d, own.d);
 }
 
 /// Fronto-parallel anchors at some distance from the pixel (0, 0), in the directions that a test names.

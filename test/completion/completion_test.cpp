@@ -187,6 +187,18 @@ TEST(CompletionTest, HalfOfFewSourcesMakeAnAnchor) {
   EXPECT_EQ(AnchorViews(options, 32), 5);
 }
 
+TEST(CompletionTest, ASureAnchorNeedsOneViewMoreButNoMoreThanHalf) {
+  CompletionOptions options;
+  for (const auto& [sources, views] : {std::pair(1, 1), {2, 1}, {5, 3}, {7, 4}, {8, 4}, {9, 5}, {10, 5}, {32, 5}}) {
+    EXPECT_EQ(SureViews(options, sources), views) << sources;
+    EXPECT_GE(SureViews(options, sources), AnchorViews(options, sources)) << sources;
+  }
+  options.anchor_views = 31;  // no more can be counted
+  EXPECT_EQ(SureViews(options, 64), 31);
+  options.surest_first = false;
+  EXPECT_EQ(SureViews(options, 10), 0);
+}
+
 TEST(CompletionTest, OneOfFewSourcesConfirms) {
   CompletionOptions options;
   EXPECT_EQ(MinConfirmingViews(options, 1), 1);
@@ -219,7 +231,9 @@ TEST(CompletionTest, WhatOneOfSevenViewsConfirmsTakesThePlaneOfItsSurroundings) 
       for (int col = 30; col <= 75; ++col) view->depth(col, row) *= wrong_by;
     }
   }
-  const Completed of_seven = Complete(views, 7), of_six = Complete(views, 6);
+  CompletionOptions options = WithoutMedian();
+  options.surest_first = false;  // in the walls' seam no pixel is confirmed closely
+  const Completed of_seven = Complete(views, 7, options), of_six = Complete(views, 6, options);
   int completed = 0;
   for (int row = 0; row < 120; ++row) {
     for (int col = 0; col < 160; ++col) {

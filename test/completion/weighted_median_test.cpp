@@ -71,7 +71,7 @@ class FilterPixelTest : public ::testing::Test {
 
   PlaneMap planes_;
   DepthMap depth_;
-  Image<unsigned char> sightings_;
+  Image<Sightings> sightings_;
   ColorImage color_;
   PlaneMap filtered_;
   CostMap cost_;
@@ -99,7 +99,7 @@ TEST_F(FilterPixelTest, WhatSourcesLookThroughHasLessSay) {
     for (int row = 0; row < kSize; ++row) {
       for (int col = 13; col < kEdge; ++col) {
         SetDepth(col, row, 2);
-        sightings_(col, row) = PackSightings(4, false, looking_through);
+        sightings_(col, row) = PackSightings(4, 4, false, looking_through);
       }
     }
     return Filtered(24, 30);
@@ -108,7 +108,7 @@ TEST_F(FilterPixelTest, WhatSourcesLookThroughHasLessSay) {
   EXPECT_NEAR(filtered_with(1), 2, 1e-5f);
   EXPECT_NEAR(filtered_with(2), 4, 1e-5f);
   EXPECT_NEAR(filtered_with(9), 4, 1e-5f);
-  for (unsigned char& sightings : sightings_) sightings = PackSightings(4, false, 3);
+  for (Sightings& sightings : sightings_) sightings = PackSightings(4, 4, false, 3);
   EXPECT_NEAR(Filtered(24, 30), 2, 1e-5f) << "the same of all changes nothing";
 }
 

@@ -18,16 +18,21 @@ int AnchorViews(const CompletionOptions& options, int num_sources);
 /// cm, of those with two to four 42 % (docs/quality.md).
 int MinConfirmingViews(const CompletionOptions& options, int num_sources);
 
+/// Source views that must confirm an anchor closely to make it a sure one: one more than an anchor needs, half of all
+/// suffice. 0 unless the surest go first.
+int SureViews(const CompletionOptions& options, int num_sources);
+
 /// A context without its maps and anchors, which depend on the device.
 CompletionContext MakeCompletionContext(const PinholeCamera& camera, const DepthRange& range,
                                         const CompletionOptions& options, int num_sources);
 
 /// Gives pixels that hardly any source view confirms (MinConfirmingViews) the plane of their surroundings: robust
 /// planes are fitted to the confirmed pixels around, a square of 18 % of the image's longer side, and each pixel takes
-/// the weighted median of the nearest ones in 16 directions, or with `alternatives` a nearer or farther one. What the
-/// images do not show is a guess: pixels that no view confirmed get kWorstCost, the others kUnverifiedCost. Then, if it
-/// is asked for, a weighted median (FilterPixel) where surfaces meet: a window beside something nearer takes its depth,
-/// all views do so alike, and what sources look through counts less.
+/// the weighted median of the nearest ones in 16 directions, or with `alternatives` a nearer or farther one; with
+/// `surest_first` those that more views confirm closely go before nearer ones. What the images do not show is a guess:
+/// pixels that no view confirmed get kWorstCost, the others kUnverifiedCost. Then, if it is asked for, a weighted
+/// median (FilterPixel) where surfaces meet: a window beside something nearer takes its depth, all views do so alike,
+/// and what sources look through counts less.
 /// @param reference,sources as FilterByConsistency takes them; sources without a depth map do not count
 /// @param planes,cost of the reference; changed
 void CompleteUnconfirmed(const FusionView& reference, const std::vector<FusionView>& sources, const DepthRange& range,

@@ -92,6 +92,7 @@ void VisitRuntimeParameters(Options& options, Config& config, const Visitor& vis
   visit("completion_max_reprojection_px", completion.max_reprojection_px, config.completion_max_reprojection_px);
   visit("completion_max_relative_depth", completion.max_relative_depth, config.completion_max_relative_depth);
   visit("completion_alternatives", completion.alternatives, config.completion_alternatives);
+  visit("completion_surest_first", completion.surest_first, config.completion_surest_first);
   visit("weighted_median", pipeline.completion.weighted_median, config.weighted_median);
 
   auto& mapper = options.mapper;

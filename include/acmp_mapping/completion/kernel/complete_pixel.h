@@ -14,18 +14,24 @@ ACMP_HOST_DEVICE inline void DirectionStep(int direction, int* dc, int* dr) {
   *dr = quadrant == 0 ? r : quadrant == 1 ? c : quadrant == 2 ? -r : -c;
 }
 
-/// Fills one direction of one cell of `nearest`.
+/// Fills one direction of one cell of `nearest`: the first anchor, or a sure one that is not much farther away.
 ACMP_HOST_DEVICE inline void FindNearestAnchor(const CompletionContext& context, int cell_col, int cell_row,
                                                int direction) {
+  constexpr int kTimesAsFar = 8, kStepsMore = 2;
   const ImageView<AnchorCell>& cells = context.fitted;
   int dc, dr;
   DirectionStep(direction, &dc, &dr);
-  int col = cell_col, row = cell_row;
-  while (cells.Contains(col, row) && cells(col, row).views == 0) {
-    col += dc;
-    row += dr;
+  int found = -1, last_step = cells.width + cells.height;
+  for (int step = 0; step <= last_step; ++step) {
+    const int col = cell_col + step * dc, row = cell_row + step * dr;
+    if (!cells.Contains(col, row)) break;
+    const AnchorCell& cell = cells(col, row);
+    if (cell.views == 0 || (found >= 0 && !cell.is_sure)) continue;
+    found = row * cells.width + col;
+    if (cell.is_sure || context.sure_views == 0) break;
+    last_step = kTimesAsFar * step + kStepsMore;
   }
-  context.nearest(cell_col, cell_row).cell[direction] = cells.Contains(col, row) ? row * cells.width + col : -1;
+  context.nearest(cell_col, cell_row).cell[direction] = found;
 }
 
 /// Planes that could be extended to a pixel, by direction. Every index is known to the compiler, so that a GPU thread
@@ -117,10 +123,11 @@ ACMP_HOST_DEVICE inline float ShareBehind(const CompletionContext& context, int 
 /// A pixel that too few views confirm takes the plane that is the median of its surroundings', or an alternative, near
 /// its own depth where a view nearly confirms that. Where no view did, that is a guess, with the cost of a pixel
 /// without correspondence. Where one did, it gets kUnverifiedCost, and whoever fuses maps has to ask the views again.
+/// Where the surest go first, only views that confirm it closely count.
 /// Other pixels, and those round which no plane is left, keep their own.
 ACMP_HOST_DEVICE inline void CompletePixel(const CompletionContext& context, int col, int row) {
-  const unsigned char sightings = context.sightings(col, row);
-  const int views = ConfirmingViews(sightings);
+  const Sightings sightings = context.sightings(col, row);
+  const int views = context.sure_views > 0 ? CloselyConfirmingViews(sightings) : ConfirmingViews(sightings);
   if (views >= context.min_views) return;
   const NearestAnchors& nearest = context.nearest(col / context.cell_size, row / context.cell_size);
   ExtendedPlanes planes;

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstdint>
+
 #include "acmp_mapping/geometry/plane_hypothesis.h"
 #include "acmp_mapping/image/image.h"
 
@@ -25,11 +27,15 @@ struct AnchorCell {
   int col = 0, row = 0;
   float inverse_depth = 0;
   Vec3f inverse_plane = {0, 0, 0};  ///< of the pixel, later that of its surroundings
+  bool is_sure = false;             ///< enough source views confirm it closely
 };
 
 constexpr int kNumDirections = 16;
 
-/// The first anchor from a cell on, itself included, in each direction: linear index of its cell, -1: none.
+/// What the source views see of a pixel (LookAtPixel), packed by PackSightings.
+using Sightings = uint16_t;
+
+/// The anchor to extend from each direction, from a cell on, itself included: linear index of its cell, -1: none.
 struct NearestAnchors {
   int cell[kNumDirections];
 };
@@ -38,11 +44,13 @@ struct NearestAnchors {
 struct CompletionContext {
   RayGrid rays;
   float depth_min, depth_max;
-  int anchor_views;                          ///< pixels that so many source views confirm are extended
-  int min_views;                             ///< to those that fewer than this confirm
-  int cell_size;                             ///< px
-  bool alternatives;                         ///< whether neighbouring pixels take different planes
-  ImageView<const unsigned char> sightings;  ///< what the sources see of a pixel (LookAtPixel)
+  int anchor_views;                      ///< pixels that so many source views confirm are extended
+  int min_views;                         ///< to those that fewer than this confirm
+  int sure_views;                        ///< > 0: the surest first. An anchor that so many source views confirm
+                                         ///< closely is sure, and pixels need min_views that do so
+  int cell_size;                         ///< px
+  bool alternatives;                     ///< whether neighbouring pixels take different planes
+  ImageView<const Sightings> sightings;  ///< what the sources see of a pixel (LookAtPixel)
   ImageView<PlaneHypothesis> planes;
   ImageView<float> cost;
   ImageView<AnchorCell> anchors;  ///< as found; rows of cells
@@ -71,28 +79,33 @@ ACMP_HOST_DEVICE inline int CompletionCellSize(int width, int height) {
 
 ACMP_HOST_DEVICE inline int CellsOf(int pixels, int cell_size) { return (pixels + cell_size - 1) / cell_size; }
 
-// A pixel's sightings in a byte: how many source views confirm it, whether some source nearly does, and how many
+// How many source views confirm a pixel, how many of them closely, whether some source nearly does, and how many
 // sources look through it. Of more than these maxima no step asks.
 constexpr int kMaxConfirming = 31;
 constexpr int kMaxLookingThrough = 3;
 
-ACMP_HOST_DEVICE inline unsigned char PackSightings(int confirming, bool is_nearly_confirmed, int looking_through) {
+ACMP_HOST_DEVICE inline Sightings PackSightings(int confirming, int closely_confirming, bool is_nearly_confirmed,
+                                                int looking_through) {
   const int views = confirming < kMaxConfirming ? confirming : kMaxConfirming;
+  const int close_views = closely_confirming < kMaxConfirming ? closely_confirming : kMaxConfirming;
   const int through = looking_through < kMaxLookingThrough ? looking_through : kMaxLookingThrough;
-  return static_cast<unsigned char>(through << 6 | (is_nearly_confirmed ? 1 : 0) << 5 | views);
+  return static_cast<Sightings>(close_views << 8 | through << 6 | (is_nearly_confirmed ? 1 : 0) << 5 | views);
 }
-ACMP_HOST_DEVICE inline int ConfirmingViews(unsigned char sightings) { return sightings & kMaxConfirming; }
-ACMP_HOST_DEVICE inline bool IsNearlyConfirmed(unsigned char sightings) { return (sightings >> 5 & 1) != 0; }
-ACMP_HOST_DEVICE inline int LookingThrough(unsigned char sightings) { return sightings >> 6; }
+ACMP_HOST_DEVICE inline int ConfirmingViews(Sightings sightings) { return sightings & kMaxConfirming; }
+ACMP_HOST_DEVICE inline int CloselyConfirmingViews(Sightings sightings) { return sightings >> 8; }
+ACMP_HOST_DEVICE inline bool IsNearlyConfirmed(Sightings sightings) { return (sightings >> 5 & 1) != 0; }
+ACMP_HOST_DEVICE inline int LookingThrough(Sightings sightings) { return sightings >> 6 & kMaxLookingThrough; }
 
 /// A pixel that may become the anchor of its cell.
 struct AnchorChoice {
+  bool is_sure = false;
   int views = 0;  ///< 0: none
   float cost = 0;
   int index = 0;  ///< row-major in the image
 
-  /// More views, at equal views less cost, and the first in row-major order among equals.
+  /// A sure one, then more views, at equal views less cost, and the first in row-major order among equals.
   ACMP_HOST_DEVICE bool IsBetterThan(const AnchorChoice& other) const {
+    if (is_sure != other.is_sure) return is_sure;
     if (views != other.views) return views > other.views;
     if (cost != other.cost) return cost < other.cost;
     return index < other.index;
@@ -109,10 +122,11 @@ ACMP_HOST_DEVICE inline void FindAnchor(const CompletionContext& context, int ce
   AnchorChoice best;
   for (int row = cell_row * size; row < row_end; ++row) {
     for (int col = cell_col * size + lanes.Rank(); col < col_end; col += Lanes::kSize) {
-      const unsigned char sightings = context.sightings(col, row);
+      const Sightings sightings = context.sightings(col, row);
       const int views = ConfirmingViews(sightings);
-      if (views < context.anchor_views || views < best.views || LookingThrough(sightings) > 1) continue;
-      const AnchorChoice choice = {views, context.cost(col, row), row * width + col};
+      if (views < context.anchor_views || LookingThrough(sightings) > 1) continue;
+      const bool is_sure = context.sure_views > 0 && CloselyConfirmingViews(sightings) >= context.sure_views;
+      const AnchorChoice choice = {is_sure, views, context.cost(col, row), row * width + col};
       if (choice.IsBetterThan(best)) best = choice;
     }
   }
@@ -121,6 +135,7 @@ ACMP_HOST_DEVICE inline void FindAnchor(const CompletionContext& context, int ce
   AnchorCell anchor;
   if (best.views > 0) {
     anchor.views = best.views;
+    anchor.is_sure = best.is_sure;
     anchor.col = best.index % width;
     anchor.row = best.index / width;
     anchor.inverse_plane = InversePlane(context.planes(anchor.col, anchor.row));

@@ -6,14 +6,14 @@
 namespace acmp {
 
 /// Sightings of a pixel of the reference; 0 without a depth. A view confirms it within the limits on reprojection and
-/// depth, nearly within twice the one and four times the other. Normals do not count: where there is little texture
-/// they are noise, and the depths still agree.
+/// depth, closely within two thirds of the latter, nearly within twice the one and four times the other. Normals do not
+/// count: where there is little texture they are noise, and the depths still agree.
 template <class View>
-ACMP_HOST_DEVICE inline unsigned char LookAtPixel(const FusionContext<View>& context, int col, int row) {
+ACMP_HOST_DEVICE inline Sightings LookAtPixel(const FusionContext<View>& context, int col, int row) {
   ReferencePixel pixel;
   if (!LoadReferencePlace(context, col, row, &pixel)) return 0;
-  constexpr double kNearlySquaredPx = 4, kNearlyDepth = 4;
-  int confirming = 0, looking_through = 0;
+  constexpr double kNearlySquaredPx = 4, kNearlyDepth = 4, kCloselyDepth = 2.0 / 3;
+  int confirming = 0, closely_confirming = 0, looking_through = 0;
   bool is_nearly_confirmed = false;
   for (int i = 0; i < context.num_sources; ++i) {
     SourcePlace place;
@@ -26,8 +26,9 @@ ACMP_HOST_DEVICE inline unsigned char LookAtPixel(const FusionContext<View>& con
         sighting.squared_px < kNearlySquaredPx * squared_px && sighting.relative_depth < kNearlyDepth * relative_depth;
     const bool confirms = sighting.squared_px < squared_px && sighting.relative_depth < relative_depth;
     confirming += confirms ? 1 : 0;
+    closely_confirming += confirms && sighting.relative_depth < kCloselyDepth * relative_depth ? 1 : 0;
   }
-  return PackSightings(confirming, is_nearly_confirmed, looking_through);
+  return PackSightings(confirming, closely_confirming, is_nearly_confirmed, looking_through);
 }
 
 }  // namespace acmp

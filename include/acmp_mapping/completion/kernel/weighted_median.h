@@ -20,11 +20,11 @@ constexpr int kMedianSamples = kMedianAcross * kMedianAcross;
 struct MedianContext {
   RayGrid rays;
   float depth_min, depth_max;
-  ImageView<const PlaneHypothesis> planes;   ///< before
-  ImageView<const float> depth;              ///< of these
-  ImageView<const unsigned char> sightings;  ///< what the sources see of these (LookAtPixel)
-  ImageView<const Rgb> color;                ///< may be empty: colours do not count then
-  ImageView<PlaneHypothesis> filtered;       ///< others than `planes`
+  ImageView<const PlaneHypothesis> planes;  ///< before
+  ImageView<const float> depth;             ///< of these
+  ImageView<const Sightings> sightings;     ///< what the sources see of these (LookAtPixel)
+  ImageView<const Rgb> color;               ///< may be empty: colours do not count then
+  ImageView<PlaneHypothesis> filtered;      ///< others than `planes`
   ImageView<float> cost;
 };
 
