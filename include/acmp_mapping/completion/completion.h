@@ -15,7 +15,8 @@ int AnchorViews(const CompletionOptions& options, int num_sources);
 
 /// Source views that must confirm a pixel which stays as it is: two, or one of fewer than seven, but no more than an
 /// anchor needs. Of ten views one often agrees by chance: of pixels that one confirmed within 2 % 24 % were within 2
-/// cm, of those with two to four 42 % (docs/quality.md).
+/// cm, of those with two to four 42 % (docs/quality.md). With `surest_first` they must confirm it closely; a pixel that
+/// is extended may be replaced itself then.
 int MinConfirmingViews(const CompletionOptions& options, int num_sources);
 
 /// Source views that must confirm an anchor closely to make it a sure one: one more than an anchor needs, half of all
