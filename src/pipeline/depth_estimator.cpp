@@ -67,12 +67,7 @@ EngineEstimatePtr DepthEstimator::Refine(EngineProblem problem, int step) {
   engine_->TakeDeviceMs();
   Timer timer;
   if (does.completes) {
-    CompletionOptions completion = options_.completion;
-    // After the passes nobody is left to choose, or to check what comes from afar.
-    const bool is_checked = step < NumRefinementsInPasses(options_);
-    completion.alternatives = completion.alternatives && is_checked;
-    completion.surest_first = completion.surest_first && is_checked;
-    problem.reference.estimate = engine_->Complete(problem, completion);
+    problem.reference.estimate = engine_->Complete(problem, CompletionOptionsOf(options_, step));
     times_.completion_ms = timer.Lap();
   }
   if (does.pass) {

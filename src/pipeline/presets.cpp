@@ -32,6 +32,16 @@ RefinementStep RefinementStepOf(const PipelineOptions& options, int step) {
   return {step > 1 && options.completion.between_passes, step - 1};
 }
 
+CompletionOptions CompletionOptionsOf(const PipelineOptions& options, int step) {
+  CheckRange("refinement step", step, 0, NumRefinements(options) - 1);
+  CompletionOptions completion = options.completion;
+  // After the passes nobody is left to choose, or to check what comes from afar.
+  const bool is_checked = step < NumRefinementsInPasses(options);
+  completion.alternatives = completion.alternatives && is_checked;
+  completion.surest_first = completion.surest_first && is_checked;
+  return completion;
+}
+
 const std::vector<std::string>& PresetNames() {
   static const std::vector<std::string> names = {"acmh",  "acmp_no_geometric", "acmp",  "acmm",
                                                  "acmmp", "quality",           "online"};

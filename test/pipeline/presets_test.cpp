@@ -114,6 +114,24 @@ TEST(PipelineOptionsTest, CompletionsGoBeforeAndAfterTheGeometricPasses) {
   EXPECT_EQ(StepsOf(false, false, 0), "");
 }
 
+TEST(PipelineOptionsTest, WhatAPassHasToCheckIsOfferedBeforePassesOnly) {
+  PipelineOptions options = MakePreset("quality");
+  const int last = NumRefinements(options) - 1;
+  for (const bool wanted : {true, false}) {
+    options.completion.alternatives = options.completion.surest_first = wanted;
+    for (int step = 0; step <= last; ++step) {
+      const CompletionOptions completion = CompletionOptionsOf(options, step);
+      EXPECT_EQ(completion.alternatives, wanted && step < last) << step;
+      EXPECT_EQ(completion.surest_first, wanted && step < last) << step;
+      EXPECT_EQ(completion.anchor_views, options.completion.anchor_views);
+    }
+  }
+  EXPECT_THROW(CompletionOptionsOf(options, last + 1), InvalidInputError);
+  options.geometric_passes = 0;
+  options.completion.surest_first = true;
+  EXPECT_FALSE(CompletionOptionsOf(options, 0).surest_first) << "the only completion is the last";
+}
+
 TEST(PipelineOptionsTest, NoStepBeyondTheLast) {
   const PipelineOptions options;
   EXPECT_THROW(RefinementStepOf(options, NumRefinements(options)), InvalidInputError);

@@ -12,12 +12,10 @@ struct CompletionOptions {
   float max_reprojection_px = 2.0f;   ///< forward-backward error of a view that confirms a pixel, > 0
   float max_relative_depth = 0.003f;  ///< relative difference of its depth, (0, 1)
   bool alternatives = true;           ///< before geometric passes, where the surroundings disagree: blocks of 2 x 2 px
-                                      ///< take a nearer and a farther plane in turn, and the pass chooses;
-                                      ///< DepthEstimator turns it off after the passes
+                                      ///< take a nearer and a farther plane in turn, and the pass chooses
   bool surest_first = true;           ///< before geometric passes: pixels have to be confirmed within two thirds of
                                       ///< max_relative_depth, and anchors that more views confirm so go before nearer
-                                      ///< ones, since the pass will check what they give; DepthEstimator turns it off
-                                      ///< after the passes
+                                      ///< ones, since the pass will check what they give
   bool weighted_median = true;        ///< then filter the map where surfaces meet (FilterPixel)
 };
 /// Throws InvalidInputError naming the first field out of bounds.
