@@ -11,7 +11,6 @@ namespace acmp {
 namespace {
 
 constexpr int64_t kSameExposureNs = 1000000;  ///< rounding of stamps stays far below, the shortest frame interval above
-constexpr int64_t kTimeJumpNs = 200000000;    ///< images that go back less arrived in the wrong order
 constexpr size_t kPoseCapacity = 2000;        ///< 10 s of a 200 Hz source
 constexpr size_t kMoreClouds = 10;            ///< than images: those of images that are still to come
 
@@ -22,6 +21,14 @@ double ToMs(int64_t ns) { return static_cast<double>(ns) * 1e-6; }
 template <class ReceivedPose>
 int64_t Gap(const ReceivedPose& pose, int64_t stamp_ns) {
   return std::llabs(pose.sample.stamp_ns - stamp_ns);
+}
+
+/// Leaves what belongs to the run that begins now.
+template <class Received>
+void KeepNewRun(StreamRuns* runs, std::deque<Received>* buffer) {
+  const std::optional<uint64_t> first = runs->StartRun();
+  const auto is_old = [&first](const Received& received) { return !first || received.arrival < *first; };
+  buffer->erase(std::remove_if(buffer->begin(), buffer->end(), is_old), buffer->end());
 }
 
 }  // namespace
@@ -43,7 +50,6 @@ InputMatcher::InputMatcher(const InputMatcherOptions& options)
 void InputMatcher::AddImage(ImageSample image) {
   const int64_t stamp_ns = image.stamp_ns;
   if (newest_image_ns_ && stamp_ns < *newest_image_ns_ - kTimeJumpNs) HandleTimeJump(stamp_ns);
-  last_image_arrival_ = ++arrivals_;
   newest_image_ns_ = std::max(stamp_ns, newest_image_ns_.value_or(stamp_ns));
 
   if (last_match_ns_ && stamp_ns <= *last_match_ns_) {
@@ -67,11 +73,7 @@ void InputMatcher::AddImage(ImageSample image) {
 void InputMatcher::AddPose(PoseSample pose) {
   const uint64_t arrival = ++arrivals_;
   const int64_t stamp_ns = pose.stamp_ns;
-  if (newest_pose_ns_ != INT64_MIN && stamp_ns < newest_pose_ns_ - kTimeJumpNs) {
-    pose_jump_arrival_ = arrival;
-    newest_pose_ns_ = stamp_ns;
-  }
-  newest_pose_ns_ = std::max(newest_pose_ns_, stamp_ns);
+  if (pose_runs_.Add(stamp_ns, arrival)) poses_.clear();
   const auto place = std::upper_bound(poses_.begin(), poses_.end(), stamp_ns,
                                       [](int64_t s, const ReceivedPose& p) { return s < p.sample.stamp_ns; });
   poses_.insert(place, ReceivedPose{std::move(pose), false, arrival});
@@ -79,8 +81,9 @@ void InputMatcher::AddPose(PoseSample pose) {
 }
 
 void InputMatcher::AddCloud(SparseCloudPtr cloud) {
-  ++arrivals_;
-  clouds_.push_back(std::move(cloud));
+  const uint64_t arrival = ++arrivals_;
+  if (cloud_runs_.Add(cloud->stamp_ns, arrival)) clouds_.clear();
+  clouds_.push_back({std::move(cloud), arrival});
   // An image that waits for its pose must find its own cloud when the pose comes.
   const size_t capacity = static_cast<size_t>(options_.image_capacity) + kMoreClouds;
   if (clouds_.size() > capacity) clouds_.pop_front();
@@ -108,35 +111,21 @@ void InputMatcher::Clear(const std::string& reason) {
   clouds_.clear();
   newest_image_ns_.reset();
   last_match_ns_.reset();
-  newest_pose_ns_ = INT64_MIN;
-  pose_jump_arrival_ = 0;
+  pose_runs_ = cloud_runs_ = StreamRuns();
 }
 
 void InputMatcher::HandleTimeJump(int64_t stamp_ns) {
   FindPoses(0);
   EmitReady(0, false);
-  // A pose of the new run may have come before its first image: those after the poses' own jump back are kept, if that
-  // jump is younger than the last image of the old run.
-  std::deque<ReceivedPose> kept;
-  if (pose_jump_arrival_ > last_image_arrival_) {
-    std::copy_if(poses_.begin(), poses_.end(), std::back_inserter(kept),
-                 [this](const ReceivedPose& pose) { return pose.arrival >= pose_jump_arrival_; });
-  }
-  // Clouds that old would be landmarks of another run, whose world may be another one.
-  std::deque<SparseCloudPtr> kept_clouds;
-  std::copy_if(clouds_.begin(), clouds_.end(), std::back_inserter(kept_clouds), [&](const SparseCloudPtr& cloud) {
-    return !kept.empty() && std::llabs(cloud->stamp_ns - stamp_ns) <= kTimeJumpNs;
-  });
   // What still waits now has waited in vain: that is worth more to the user than that time went back.
   for (const WaitingImage& image : images_) DropWaiting(image);
   images_.clear();
-  const int64_t from_ns = *newest_image_ns_;
-  const int64_t kept_newest_ns = newest_pose_ns_;
-  Clear("time_jump");
-  if (!kept.empty()) newest_pose_ns_ = kept_newest_ns;
-  poses_ = std::move(kept);
-  clouds_ = std::move(kept_clouds);
-  events_.push_back(TimeJump{from_ns, stamp_ns});
+  // What is left of the old run would be poses and landmarks in what may be another world.
+  KeepNewRun(&pose_runs_, &poses_);
+  KeepNewRun(&cloud_runs_, &clouds_);
+  events_.push_back(TimeJump{*newest_image_ns_, stamp_ns});
+  newest_image_ns_.reset();
+  last_match_ns_.reset();
 }
 
 void InputMatcher::EvictOldestImage() {
@@ -191,7 +180,7 @@ const InputMatcher::ReceivedPose* InputMatcher::NearestPose(int64_t stamp_ns) co
 bool InputMatcher::PoseIsFinal(int64_t image_stamp_ns, int64_t pose_stamp_ns) const {
   const int64_t gap_ns = pose_stamp_ns - image_stamp_ns;
   if (std::llabs(gap_ns) > sync_tolerance_ns_) return false;
-  return gap_ns >= -kSameExposureNs || newest_pose_ns_ >= image_stamp_ns;
+  return gap_ns >= -kSameExposureNs || pose_runs_.newest_ns() >= image_stamp_ns;
 }
 
 void InputMatcher::EmitReady(double now_s, bool wait) {
@@ -209,21 +198,24 @@ void InputMatcher::EmitReady(double now_s, bool wait) {
 bool InputMatcher::CloudIsSettled(const WaitingImage& image, double now_s) const {
   if (!clouds_expected_ || now_s - image.ready_since_s >= options_.sparse_wait_s) return true;
   const int64_t earliest_ns = image.sample.stamp_ns - sync_tolerance_ns_;
-  return std::any_of(clouds_.begin(), clouds_.end(),
-                     [&](const SparseCloudPtr& c) { return c->stamp_ns >= earliest_ns; });
+  // One of the run before, which came late, tells nothing of this image's.
+  const int64_t latest_ns = cloud_runs_.is_behind() ? image.sample.stamp_ns + sparse_tolerance_ns_ : INT64_MAX;
+  return std::any_of(clouds_.begin(), clouds_.end(), [&](const ReceivedCloud& c) {
+    return c.cloud->stamp_ns >= earliest_ns && c.cloud->stamp_ns <= latest_ns;
+  });
 }
 
 SparseCloudPtr InputMatcher::ChooseCloud(int64_t stamp_ns) const {
   SparseCloudPtr nearest;
   int64_t nearest_gap_ns = sparse_tolerance_ns_;
-  for (const SparseCloudPtr& cloud : clouds_) {
-    const int64_t gap_ns = std::llabs(cloud->stamp_ns - stamp_ns);
+  for (const ReceivedCloud& received : clouds_) {
+    const int64_t gap_ns = std::llabs(received.cloud->stamp_ns - stamp_ns);
     if (gap_ns > nearest_gap_ns) continue;
-    nearest = cloud;
+    nearest = received.cloud;
     nearest_gap_ns = gap_ns;
   }
   if (nearest || clouds_.empty()) return nearest;
-  return clouds_.back();
+  return clouds_.back().cloud;
 }
 
 void InputMatcher::Emit(WaitingImage image) {
@@ -239,6 +231,8 @@ void InputMatcher::Emit(WaitingImage image) {
     }
   }
   events_.emplace_back(std::move(match));
+  pose_runs_.Settle();
+  cloud_runs_.Settle();
 }
 
 void InputMatcher::DropWaiting(const WaitingImage& image) {

@@ -21,9 +21,10 @@ PoseSample PoseAt(int64_t stamp_ns, double x = 0) {
   return pose;
 }
 
-SparseCloudPtr CloudAt(int64_t stamp_ns) {
+SparseCloudPtr CloudAt(int64_t stamp_ns, double x = 0) {
   auto cloud = std::make_shared<SparseCloud>();
   cloud->stamp_ns = stamp_ns;
+  cloud->points = {{x, 0, 0}};
   return cloud;
 }
 
@@ -217,41 +218,87 @@ TEST(InputMatcher, TakeAllWaitsForNothing) {
   EXPECT_THAT(Stamps(matcher.TakeAll()), ElementsAre(kT0));
 }
 
-/// Two runs of the same 2 s recording, poses before or after their image.
-class LoopingBag : public ::testing::TestWithParam<bool> {};
+/// Two runs of the same 2 s recording; the parameter says in which order image, pose and cloud of a stamp come.
+class LoopingBag : public ::testing::TestWithParam<std::string> {};
 
 TEST_P(LoopingBag, LosesNothing) {
-  const bool pose_first = GetParam();
+  constexpr int kImages = 20;
   InputMatcher matcher = MakeMatcher();
+  matcher.set_clouds_expected(true);
   std::vector<MatchEvent> events;
-  const auto take = [&] {
+  const auto add = [&](char stream, int index) {
+    const int64_t stamp = kT0 + index % kImages * 100 * kMs;
+    const double run = index / kImages;
+    if (stream == 'i') matcher.AddImage({stamp, nullptr});
+    if (stream == 'p') matcher.AddPose(PoseAt(stamp, run));
+    if (stream == 'c') matcher.AddCloud(CloudAt(stamp, run));
     for (MatchEvent& event : matcher.Take(0)) events.push_back(std::move(event));
   };
-  for (int run = 0; run < 2; ++run) {
-    for (int i = 0; i < 20; ++i) {
-      const int64_t stamp = kT0 + i * 100 * kMs;
-      if (pose_first) matcher.AddPose(PoseAt(stamp, run));
-      take();
-      matcher.AddImage({stamp, nullptr});
-      take();
-      if (!pose_first) matcher.AddPose(PoseAt(stamp, run));
-      take();
-    }
+  for (int i = 0; i < 2 * kImages; ++i) {
+    for (const char stream : GetParam()) add(stream, i);
   }
   const auto matches = Matches(events);
-  ASSERT_EQ(matches.size(), 40u);
-  for (size_t i = 0; i < matches.size(); ++i) {
-    EXPECT_EQ(matches[i].image.stamp_ns, kT0 + static_cast<int64_t>(i % 20) * 100 * kMs);
-    EXPECT_EQ(matches[i].pose.received.translation().x(), i < 20 ? 0 : 1) << "a pose of the other run at " << i;
+  ASSERT_EQ(matches.size(), 2u * kImages);
+  for (int i = 0; i < 2 * kImages; ++i) {
+    const MatchedInput& match = matches[static_cast<size_t>(i)];
+    const double run = i / kImages;
+    EXPECT_EQ(match.image.stamp_ns, kT0 + i % kImages * 100 * kMs);
+    EXPECT_EQ(match.pose.received.translation().x(), run) << "a pose of the other run at " << i;
+    ASSERT_TRUE(match.cloud) << "at " << i;
+    EXPECT_EQ(match.cloud->stamp_ns, match.image.stamp_ns) << "another image's cloud at " << i;
+    EXPECT_EQ(match.cloud->points[0].x(), run) << "a cloud of the other run at " << i;
   }
   const auto jumps =
       std::count_if(events.begin(), events.end(), [](const auto& e) { return std::holds_alternative<TimeJump>(e); });
   EXPECT_EQ(jumps, 1);
   EXPECT_THAT(DropReasons(events), IsEmpty());
-  EXPECT_TRUE(std::holds_alternative<TimeJump>(events[20])) << "between the runs";
+  EXPECT_TRUE(std::holds_alternative<TimeJump>(events[kImages])) << "between the runs";
 }
 
-INSTANTIATE_TEST_SUITE_P(PoseBeforeAndAfterImage, LoopingBag, ::testing::Bool());
+INSTANTIATE_TEST_SUITE_P(EachOrderOfTheStreams, LoopingBag,
+                         ::testing::Values("icp", "ipc", "cip", "cpi", "pic", "pci"));
+
+TEST(InputMatcher, KeepsWhatCameBeforeTheLastImageOfTheOldRun) {
+  InputMatcher matcher = MakeMatcher();
+  matcher.set_clouds_expected(true);
+  const int64_t last = kT0 + 5 * kS;
+  matcher.AddPose(PoseAt(last, 0));
+  matcher.AddCloud(CloudAt(last, 0));
+  matcher.AddPose(PoseAt(kT0, 1));
+  matcher.AddCloud(CloudAt(kT0, 1));
+  matcher.AddImage({last, nullptr});  // the greatest message, and the slowest
+  matcher.AddImage({kT0, nullptr});
+  const auto matches = Matches(matcher.Take(0));
+  ASSERT_EQ(matches.size(), 2u);
+  for (const double run : {0, 1}) {
+    EXPECT_EQ(matches[static_cast<size_t>(run)].pose.received.translation().x(), run);
+    ASSERT_TRUE(matches[static_cast<size_t>(run)].cloud);
+    EXPECT_EQ(matches[static_cast<size_t>(run)].cloud->points[0].x(), run);
+  }
+}
+
+TEST(InputMatcher, TakesNothingOfTheOldRunThatCameAfterTheJump) {
+  InputMatcher matcher = MakeMatcher();
+  matcher.set_clouds_expected(true);
+  const int64_t last = kT0 + 5 * kS;
+  for (const int64_t stamp : {kT0, last - 100 * kMs}) {
+    matcher.AddPose(PoseAt(stamp, 0));
+    matcher.AddCloud(CloudAt(stamp, 0));
+    matcher.AddImage({stamp, nullptr});
+  }
+  ASSERT_EQ(Matches(matcher.Take(0)).size(), 2u);
+  matcher.AddImage({last, nullptr});
+  matcher.AddImage({kT0, nullptr});
+  matcher.AddCloud(CloudAt(last, 0));  // late
+  matcher.AddPose(PoseAt(last, 0));
+  matcher.AddPose(PoseAt(kT0, 1));
+  EXPECT_THAT(Stamps(matcher.Take(1)), IsEmpty()) << "its own cloud may still come";
+  matcher.AddCloud(CloudAt(kT0, 1));
+  const auto matches = Matches(matcher.Take(1));
+  ASSERT_EQ(matches.size(), 1u);
+  EXPECT_EQ(matches[0].pose.received.translation().x(), 1);
+  EXPECT_EQ(matches[0].cloud->points[0].x(), 1);
+}
 
 TEST(InputMatcher, ForgetsTheOldRunAtAJump) {
   InputMatcher matcher = MakeMatcher();

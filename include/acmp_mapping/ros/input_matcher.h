@@ -9,6 +9,7 @@
 
 #include "acmp_mapping/ros/drop.h"
 #include "acmp_mapping/ros/sensor_samples.h"
+#include "acmp_mapping/ros/stream_runs.h"
 
 namespace acmp {
 
@@ -97,7 +98,12 @@ class InputMatcher {
   struct ReceivedPose {
     PoseSample sample;
     bool used = false;     ///< a pose belongs to one image
-    uint64_t arrival = 0;  ///< position among all messages received
+    uint64_t arrival = 0;  ///< position among all poses and clouds
+  };
+
+  struct ReceivedCloud {
+    SparseCloudPtr cloud;
+    uint64_t arrival = 0;
   };
 
   void HandleTimeJump(int64_t stamp_ns);
@@ -120,17 +126,15 @@ class InputMatcher {
   bool clouds_expected_ = true;
   std::optional<Drop> obstacle_ = Drop{"no_camera_info", "no usable camera_info has been received"};
 
-  std::deque<WaitingImage> images_;    ///< ascending stamps
-  std::deque<ReceivedPose> poses_;     ///< ascending stamps
-  std::deque<SparseCloudPtr> clouds_;  ///< in order of arrival
+  std::deque<WaitingImage> images_;   ///< ascending stamps
+  std::deque<ReceivedPose> poses_;    ///< ascending stamps
+  std::deque<ReceivedCloud> clouds_;  ///< in order of arrival
   std::vector<MatchEvent> events_;
   std::optional<int64_t> newest_image_ns_;
   std::optional<int64_t> last_match_ns_;
   std::optional<PoseGap> last_gap_;
-  uint64_t arrivals_ = 0;
-  uint64_t last_image_arrival_ = 0;
-  uint64_t pose_jump_arrival_ = 0;  ///< of the first pose after the poses' stamps last went back
-  int64_t newest_pose_ns_ = INT64_MIN;
+  StreamRuns pose_runs_, cloud_runs_;
+  uint64_t arrivals_ = 0;  ///< poses and clouds received
 };
 
 }  // namespace acmp

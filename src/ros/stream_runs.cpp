@@ -1,0 +1,30 @@
+#include "acmp_mapping/ros/stream_runs.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace acmp {
+
+bool StreamRuns::Add(int64_t stamp_ns, uint64_t arrival) {
+  const int64_t before_ns = std::max(newest_ns_, left_newest_ns_.value_or(INT64_MIN));
+  if (before_ns != INT64_MIN && stamp_ns < before_ns - kTimeJumpNs) {
+    const bool follows_images = is_behind();
+    left_newest_ns_.reset();
+    newest_ns_ = stamp_ns;
+    if (!follows_images) jump_ = Jump{before_ns, arrival};
+    return follows_images;
+  }
+  newest_ns_ = std::max(newest_ns_, stamp_ns);
+  // Back where it was without the images having gone back: a message that came late, or poses that were sent again.
+  if (jump_ && newest_ns_ >= jump_->from_ns) jump_.reset();
+  return false;
+}
+
+std::optional<uint64_t> StreamRuns::StartRun() {
+  if (const auto jump = std::exchange(jump_, std::nullopt)) return jump->arrival;
+  if (newest_ns_ != INT64_MIN) left_newest_ns_ = newest_ns_;
+  newest_ns_ = INT64_MIN;
+  return std::nullopt;
+}
+
+}  // namespace acmp

@@ -1,0 +1,69 @@
+#include "acmp_mapping/ros/stream_runs.h"
+
+#include <gtest/gtest.h>
+
+namespace acmp {
+namespace {
+
+constexpr int64_t kS = 1000000000;
+
+TEST(StreamRuns, KnowsTheNewRunByItsOwnJump) {
+  StreamRuns runs;
+  EXPECT_FALSE(runs.Add(9 * kS, 1));
+  EXPECT_FALSE(runs.Add(10 * kS, 2));
+  EXPECT_FALSE(runs.Add(0, 3)) << "the images are still in the old run, which needs what it has";
+  EXPECT_FALSE(runs.Add(kS, 4));
+  EXPECT_EQ(runs.newest_ns(), kS);
+  EXPECT_EQ(runs.StartRun(), 3u);
+  EXPECT_FALSE(runs.is_behind());
+  EXPECT_EQ(runs.newest_ns(), kS) << "of the new run, which had begun";
+}
+
+TEST(StreamRuns, IsBehindUntilItJumpsItself) {
+  StreamRuns runs;
+  runs.Add(10 * kS, 1);
+  EXPECT_EQ(runs.StartRun(), std::nullopt);
+  EXPECT_TRUE(runs.is_behind());
+  EXPECT_EQ(runs.newest_ns(), INT64_MIN);
+  EXPECT_FALSE(runs.Add(11 * kS, 2)) << "may be of the old run; only the next one tells";
+  EXPECT_TRUE(runs.is_behind());
+  EXPECT_TRUE(runs.Add(0, 3)) << "that one was of the old run";
+  EXPECT_FALSE(runs.is_behind());
+  EXPECT_EQ(runs.newest_ns(), 0);
+  EXPECT_EQ(runs.StartRun(), std::nullopt) << "the images' next jump is another one";
+}
+
+TEST(StreamRuns, NeedNotJumpWhereTheRunGoesOn) {
+  StreamRuns runs;
+  runs.Add(10 * kS, 1);
+  runs.StartRun();
+  runs.Settle();
+  EXPECT_FALSE(runs.is_behind());
+  EXPECT_FALSE(runs.Add(0, 2)) << "not what the images' jump was about";
+}
+
+TEST(StreamRuns, TakesWrongOrderForNoJump) {
+  StreamRuns runs;
+  runs.Add(10 * kS, 1);
+  runs.Add(10 * kS - kTimeJumpNs, 2);
+  EXPECT_EQ(runs.newest_ns(), 10 * kS);
+  EXPECT_EQ(runs.StartRun(), std::nullopt);
+}
+
+TEST(StreamRuns, ForgetsAJumpThatWasUndone) {
+  StreamRuns runs;
+  runs.Add(10 * kS, 1);
+  runs.Add(3 * kS, 2);  // an old pose sent again
+  runs.Add(11 * kS, 3);
+  EXPECT_EQ(runs.StartRun(), std::nullopt) << "all of it is of the run before";
+}
+
+TEST(StreamRuns, KnowsNothingOfAStreamWithoutMessages) {
+  StreamRuns runs;
+  EXPECT_EQ(runs.StartRun(), std::nullopt);
+  EXPECT_FALSE(runs.is_behind());
+  EXPECT_FALSE(runs.Add(0, 1));
+}
+
+}  // namespace
+}  // namespace acmp
