@@ -23,10 +23,10 @@ int64_t Gap(const ReceivedPose& pose, int64_t stamp_ns) {
   return std::llabs(pose.sample.stamp_ns - stamp_ns);
 }
 
-/// Leaves what belongs to the run that begins now.
+/// Leaves what belongs to the run whose first image has this stamp.
 template <class Received>
-void KeepNewRun(StreamRuns* runs, std::deque<Received>* buffer) {
-  const std::optional<uint64_t> first = runs->StartRun();
+void KeepNewRun(int64_t first_image_ns, StreamRuns* runs, std::deque<Received>* buffer) {
+  const std::optional<uint64_t> first = runs->StartRun(first_image_ns);
   const auto is_old = [&first](const Received& received) { return !first || received.arrival < *first; };
   buffer->erase(std::remove_if(buffer->begin(), buffer->end(), is_old), buffer->end());
 }
@@ -121,8 +121,8 @@ void InputMatcher::HandleTimeJump(int64_t stamp_ns) {
   for (const WaitingImage& image : images_) DropWaiting(image);
   images_.clear();
   // What is left of the old run would be poses and landmarks in what may be another world.
-  KeepNewRun(&pose_runs_, &poses_);
-  KeepNewRun(&cloud_runs_, &clouds_);
+  KeepNewRun(stamp_ns, &pose_runs_, &poses_);
+  KeepNewRun(stamp_ns, &cloud_runs_, &clouds_);
   events_.push_back(TimeJump{*newest_image_ns_, stamp_ns});
   newest_image_ns_.reset();
   last_match_ns_.reset();
@@ -198,8 +198,9 @@ void InputMatcher::EmitReady(double now_s, bool wait) {
 bool InputMatcher::CloudIsSettled(const WaitingImage& image, double now_s) const {
   if (!clouds_expected_ || now_s - image.ready_since_s >= options_.sparse_wait_s) return true;
   const int64_t earliest_ns = image.sample.stamp_ns - sync_tolerance_ns_;
-  // One of the run before, which came late, tells nothing of this image's.
-  const int64_t latest_ns = cloud_runs_.is_behind() ? image.sample.stamp_ns + sparse_tolerance_ns_ : INT64_MAX;
+  // One of the run before, which came after the first image of this one, tells nothing of that image's.
+  const bool may_be_old = cloud_runs_.is_behind() && !last_match_ns_;
+  const int64_t latest_ns = may_be_old ? image.sample.stamp_ns + sparse_tolerance_ns_ : INT64_MAX;
   return std::any_of(clouds_.begin(), clouds_.end(), [&](const ReceivedCloud& c) {
     return c.cloud->stamp_ns >= earliest_ns && c.cloud->stamp_ns <= latest_ns;
   });
@@ -231,8 +232,6 @@ void InputMatcher::Emit(WaitingImage image) {
     }
   }
   events_.emplace_back(std::move(match));
-  pose_runs_.Settle();
-  cloud_runs_.Settle();
 }
 
 void InputMatcher::DropWaiting(const WaitingImage& image) {

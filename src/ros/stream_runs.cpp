@@ -20,9 +20,11 @@ bool StreamRuns::Add(int64_t stamp_ns, uint64_t arrival) {
   return false;
 }
 
-std::optional<uint64_t> StreamRuns::StartRun() {
+std::optional<uint64_t> StreamRuns::StartRun(int64_t first_ns) {
+  left_newest_ns_.reset();
   if (const auto jump = std::exchange(jump_, std::nullopt)) return jump->arrival;
-  if (newest_ns_ != INT64_MIN) left_newest_ns_ = newest_ns_;
+  // A stream that had not got so far goes on without a jump.
+  if (newest_ns_ != INT64_MIN && newest_ns_ - kTimeJumpNs > first_ns) left_newest_ns_ = newest_ns_;
   newest_ns_ = INT64_MIN;
   return std::nullopt;
 }

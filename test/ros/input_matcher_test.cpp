@@ -270,11 +270,32 @@ TEST(InputMatcher, KeepsWhatCameBeforeTheLastImageOfTheOldRun) {
   matcher.AddImage({kT0, nullptr});
   const auto matches = Matches(matcher.Take(0));
   ASSERT_EQ(matches.size(), 2u);
-  for (const double run : {0, 1}) {
-    EXPECT_EQ(matches[static_cast<size_t>(run)].pose.received.translation().x(), run);
-    ASSERT_TRUE(matches[static_cast<size_t>(run)].cloud);
-    EXPECT_EQ(matches[static_cast<size_t>(run)].cloud->points[0].x(), run);
+  for (const size_t run : {0, 1}) {
+    EXPECT_EQ(matches[run].pose.received.translation().x(), run);
+    ASSERT_TRUE(matches[run].cloud);
+    EXPECT_EQ(matches[run].cloud->points[0].x(), run);
   }
+}
+
+TEST(InputMatcher, TakesNoCloudOfAShorterRunBefore) {
+  InputMatcher matcher = MakeMatcher();
+  SparseCloudPtr late;  // each cloud comes after the next image, the last one of a run after the next run's first
+  const auto play = [&](double run, int seconds) {
+    for (int i = 0; i < seconds; ++i) {
+      matcher.AddPose(PoseAt(kT0 + i * kS, run));
+      matcher.AddImage({kT0 + i * kS, nullptr});
+      const auto matches = Matches(matcher.Take(0));
+      ASSERT_EQ(matches.size(), 1u);
+      if (i == 0) {
+        EXPECT_FALSE(matches[0].cloud) << "none of run " << run << " has come";
+      }
+      if (late) matcher.AddCloud(late);
+      late = CloudAt(kT0 + i * kS, run);
+    }
+  };
+  play(0, 10);
+  play(1, 5);
+  play(2, 5);
 }
 
 TEST(InputMatcher, TakesNothingOfTheOldRunThatCameAfterTheJump) {

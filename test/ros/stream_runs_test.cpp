@@ -14,7 +14,7 @@ TEST(StreamRuns, KnowsTheNewRunByItsOwnJump) {
   EXPECT_FALSE(runs.Add(0, 3)) << "the images are still in the old run, which needs what it has";
   EXPECT_FALSE(runs.Add(kS, 4));
   EXPECT_EQ(runs.newest_ns(), kS);
-  EXPECT_EQ(runs.StartRun(), 3u);
+  EXPECT_EQ(runs.StartRun(0), 3u);
   EXPECT_FALSE(runs.is_behind());
   EXPECT_EQ(runs.newest_ns(), kS) << "of the new run, which had begun";
 }
@@ -22,7 +22,7 @@ TEST(StreamRuns, KnowsTheNewRunByItsOwnJump) {
 TEST(StreamRuns, IsBehindUntilItJumpsItself) {
   StreamRuns runs;
   runs.Add(10 * kS, 1);
-  EXPECT_EQ(runs.StartRun(), std::nullopt);
+  EXPECT_EQ(runs.StartRun(0), std::nullopt);
   EXPECT_TRUE(runs.is_behind());
   EXPECT_EQ(runs.newest_ns(), INT64_MIN);
   EXPECT_FALSE(runs.Add(11 * kS, 2)) << "may be of the old run; only the next one tells";
@@ -30,16 +30,27 @@ TEST(StreamRuns, IsBehindUntilItJumpsItself) {
   EXPECT_TRUE(runs.Add(0, 3)) << "that one was of the old run";
   EXPECT_FALSE(runs.is_behind());
   EXPECT_EQ(runs.newest_ns(), 0);
-  EXPECT_EQ(runs.StartRun(), std::nullopt) << "the images' next jump is another one";
+  EXPECT_EQ(runs.StartRun(0), std::nullopt) << "the images' next jump is another one";
 }
 
-TEST(StreamRuns, NeedNotJumpWhereTheRunGoesOn) {
+TEST(StreamRuns, NeedNotJumpWhereItHadNotGotSoFar) {
   StreamRuns runs;
   runs.Add(10 * kS, 1);
-  runs.StartRun();
-  runs.Settle();
+  EXPECT_EQ(runs.StartRun(10 * kS - kTimeJumpNs), std::nullopt);
   EXPECT_FALSE(runs.is_behind());
-  EXPECT_FALSE(runs.Add(0, 2)) << "not what the images' jump was about";
+  EXPECT_FALSE(runs.Add(11 * kS, 2));
+  EXPECT_FALSE(runs.Add(0, 3)) << "not what the images' jump was about";
+  EXPECT_EQ(runs.StartRun(0), 3u) << "but the next one";
+}
+
+TEST(StreamRuns, TakesAJumpLongAfterTheImagesForTheirs) {
+  StreamRuns runs;
+  runs.Add(10 * kS, 1);
+  runs.StartRun(0);
+  runs.Add(3 * kS, 2);  // the images are there by now; the run ends before 10 s
+  runs.Add(4 * kS, 3);
+  EXPECT_EQ(runs.StartRun(0), std::nullopt) << "nothing of the third run has come";
+  EXPECT_TRUE(runs.is_behind());
 }
 
 TEST(StreamRuns, TakesWrongOrderForNoJump) {
@@ -47,7 +58,7 @@ TEST(StreamRuns, TakesWrongOrderForNoJump) {
   runs.Add(10 * kS, 1);
   runs.Add(10 * kS - kTimeJumpNs, 2);
   EXPECT_EQ(runs.newest_ns(), 10 * kS);
-  EXPECT_EQ(runs.StartRun(), std::nullopt);
+  EXPECT_EQ(runs.StartRun(0), std::nullopt);
 }
 
 TEST(StreamRuns, ForgetsAJumpThatWasUndone) {
@@ -55,12 +66,12 @@ TEST(StreamRuns, ForgetsAJumpThatWasUndone) {
   runs.Add(10 * kS, 1);
   runs.Add(3 * kS, 2);  // an old pose sent again
   runs.Add(11 * kS, 3);
-  EXPECT_EQ(runs.StartRun(), std::nullopt) << "all of it is of the run before";
+  EXPECT_EQ(runs.StartRun(0), std::nullopt) << "all of it is of the run before";
 }
 
 TEST(StreamRuns, KnowsNothingOfAStreamWithoutMessages) {
   StreamRuns runs;
-  EXPECT_EQ(runs.StartRun(), std::nullopt);
+  EXPECT_EQ(runs.StartRun(0), std::nullopt);
   EXPECT_FALSE(runs.is_behind());
   EXPECT_FALSE(runs.Add(0, 1));
 }

@@ -17,13 +17,12 @@ class StreamRuns {
   /// a run that the images have left.
   bool Add(int64_t stamp_ns, uint64_t arrival);
 
-  /// The images' stamps went back. Returns the arrival of this stream's first message of the new run, if that has come.
-  std::optional<uint64_t> StartRun();
+  /// The images' stamps went back, to `first_ns`. Returns the arrival of this stream's first message of the new run, if
+  /// that has come.
+  std::optional<uint64_t> StartRun(int64_t first_ns);
 
-  /// The images' run goes on: a stream that has not gone back by now need not do so.
-  void Settle() { left_newest_ns_.reset(); }
-
-  /// Whether the images' stamps have gone back and this stream's have not yet: what comes may be of the run before.
+  /// Whether the images' stamps have gone back and this stream's must and have not yet: what comes may be of the run
+  /// before. A stream that is stamped by another clock may stay so.
   bool is_behind() const { return left_newest_ns_.has_value(); }
   /// Newest stamp of the run; INT64_MIN before the first one.
   int64_t newest_ns() const { return newest_ns_; }
