@@ -228,7 +228,7 @@ TEST_P(LoopingBag, LosesNothing) {
   std::vector<MatchEvent> events;
   const auto add = [&](char stream, int index) {
     const int64_t stamp = kT0 + index % kImages * 100 * kMs;
-    const double run = index / kImages;
+    const double run = index < kImages ? 0 : 1;
     if (stream == 'i') matcher.AddImage({stamp, nullptr});
     if (stream == 'p') matcher.AddPose(PoseAt(stamp, run));
     if (stream == 'c') matcher.AddCloud(CloudAt(stamp, run));
@@ -241,7 +241,7 @@ TEST_P(LoopingBag, LosesNothing) {
   ASSERT_EQ(matches.size(), 2u * kImages);
   for (int i = 0; i < 2 * kImages; ++i) {
     const MatchedInput& match = matches[static_cast<size_t>(i)];
-    const double run = i / kImages;
+    const double run = i < kImages ? 0 : 1;
     EXPECT_EQ(match.image.stamp_ns, kT0 + i % kImages * 100 * kMs);
     EXPECT_EQ(match.pose.received.translation().x(), run) << "a pose of the other run at " << i;
     ASSERT_TRUE(match.cloud) << "at " << i;
