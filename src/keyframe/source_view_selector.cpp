@@ -122,6 +122,7 @@ Assessment AssessByScene(const Frame& reference, const FrameLandmarks& candidate
   const Eigen::Vector3d candidate_centre = CentreInWorld(candidate);
   const double focal_ratio = MeanFocalLength(candidate.camera) / MeanFocalLength(reference.camera);
   std::vector<double> angles_deg;
+  int num_wide = 0;
   double weight_sum = 0;
   for (size_t i = 0; i < scene.depths.size(); ++i) {
     const Eigen::Vector3d& point = scene.points_in_world[i];
@@ -129,6 +130,7 @@ Assessment AssessByScene(const Frame& reference, const FrameLandmarks& candidate
     if (candidate_depth <= 0) continue;
     const double angle_deg = AngleDeg(reference_centre - point, candidate_centre - point);
     angles_deg.push_back(angle_deg);
+    num_wide += angle_deg >= options.min_angle_deg;
     weight_sum += VisibilityWeight(scene, i, candidate_landmarks) * AngleWeight(angle_deg, options) *
                   ScaleWeight(focal_ratio * scene.depths[i] / candidate_depth);
   }
@@ -136,8 +138,9 @@ Assessment AssessByScene(const Frame& reference, const FrameLandmarks& candidate
   if (angles_deg.empty() || static_cast<double>(angles_deg.size()) < options.min_overlap * total) {
     return {SourceViewVerdict::kLittleOverlap};
   }
+  // Not the median: a camera that moves ahead sees near things under wide angles and most of the scene under none.
+  const bool wide_enough = num_wide >= options.min_overlap * total && weight_sum > 0;
   const double angle_deg = Median(std::move(angles_deg));
-  const bool wide_enough = angle_deg >= options.min_angle_deg && weight_sum > 0;
   return {wide_enough ? SourceViewVerdict::kUseful : SourceViewVerdict::kSmallAngle, weight_sum / total, angle_deg};
 }
 

@@ -136,6 +136,37 @@ TEST(SelectSourceViewsTest, PenalisesAnotherResolution) {
   EXPECT_LT(score_of(3), 0.7 * score_of(2));
 }
 
+/// A street along z: posts 2 m beside the camera's way, 5 and 7 m ahead, and a house 60 m ahead that has eight times as
+/// many points.
+std::vector<Eigen::Vector3d> PostsAndHouse() {
+  std::vector<Eigen::Vector3d> points;
+  for (const double side : {-2.0, 2.0}) {
+    for (int i = 0; i < 4; ++i) points.emplace_back(side, 0.1 * i, i % 2 == 0 ? 5 : 7);
+  }
+  for (int i = 0; i < 64; ++i) points.emplace_back(0.5 * (i % 8 - 3.5), 0.5 * (i / 8 - 3.5), 60);
+  return points;
+}
+
+TEST(SelectSourceViewsTest, TakesViewsAheadThatSeeNearThingsAtAWideAngleAndMostOfTheSceneAtNone) {
+  const auto frame_at = [](double z) {
+    Frame frame;
+    frame.camera = kCamera;
+    frame.cam_from_world.translation().z() = -z;
+    return frame;
+  };
+  Frame reference = frame_at(0);
+  reference.landmarks_in_world = PostsAndHouse();
+  const std::vector<FramePtr> candidates = {Share(frame_at(0.01)), Share(frame_at(1))};
+  const auto ranked = SelectSourceViews(reference, candidates, 0, {});
+  // One metre ahead the posts are seen under 2 to 5 degrees, the house under less than 0.1.
+  EXPECT_THAT(Indices(ranked), ElementsAre(1));
+  EXPECT_LT(ranked[0].angle_deg, 0.1);
+  // Of all that has to be in view a tenth has to be at an angle: the posts are a ninth.
+  SourceViewOptions more;
+  more.min_overlap = 0.12;
+  EXPECT_THAT(SelectSourceViews(reference, candidates, 0, more), IsEmpty());
+}
+
 TEST(SelectSourceViewsTest, LeavesOutViewsWithoutBaseline) {
   Frame reference = FrameOnArc(0);
   reference.landmarks_in_world = Wall(4);
