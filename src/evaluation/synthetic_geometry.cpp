@@ -84,6 +84,12 @@ bool CrossSolid(const Solid& solid, const Ray& local, Crossing* crossing) {
 
 }  // namespace
 
+bool Meets(const Solid& solid, const Ray& ray) {
+  const Ray local = {RotateBack(solid.yaw, ray.origin - solid.center), RotateBack(solid.yaw, ray.direction)};
+  Crossing crossing;
+  return CrossSolid(solid, local, &crossing) && crossing.leave > 0;
+}
+
 std::optional<Intersection> Intersect(const Solid& solid, const Ray& ray) {
   const Ray local = {RotateBack(solid.yaw, ray.origin - solid.center), RotateBack(solid.yaw, ray.direction)};
   Crossing crossing;

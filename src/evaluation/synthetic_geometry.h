@@ -47,6 +47,9 @@ struct Intersection {
   Vec3d local_normal;  ///< unit, the solid's own frame
 };
 
+/// Whether the ray goes through the solid, or starts in it.
+bool Meets(const Solid& solid, const Ray& ray);
+
 /// First hit in front of the ray's origin.
 std::optional<Intersection> Intersect(const Solid& solid, const Ray& ray);
 

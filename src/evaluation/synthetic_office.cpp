@@ -106,7 +106,7 @@ SyntheticWorld BuildOffice() {
   world.wall_paint = {{158, 154, 148}, {226, 226, 222}, {196, 202, 200}, {210, 206, 198}};
   world.lamp = {0.3, -0.6, 2.4};
   world.diameter_m = 7.1;
-  world.path = {{0.0, 1.0, 0.85}, 2.4, 0.0349};  // the tangent of half of 4 degrees
+  world.path = HandHeldPath{{0.0, 1.0, 0.85}, 2.4, 0.0349};  // the tangent of half of 4 degrees
   return world;
 }
 

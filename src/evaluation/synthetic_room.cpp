@@ -105,7 +105,7 @@ SyntheticWorld BuildRoom() {
   world.lamp = {0.3, -0.6, 2.4};
   world.diameter_m = 6.7;
   // On the table. 0.043 is the tangent of half of 5 degrees; it grows by 3 % more than the angle up to 32.5 degrees.
-  world.path = {{0.0, 0.95, 0.85}, 2.55, 0.0430};
+  world.path = HandHeldPath{{0.0, 0.95, 0.85}, 2.55, 0.0430};
   return world;
 }
 

@@ -31,7 +31,15 @@ struct Rendering {
 };
 
 const SyntheticWorld& WorldOf(SyntheticPlace place) {
-  return place == SyntheticPlace::kOffice ? OfficeWorld() : RoomWorld();
+  switch (place) {
+    case SyntheticPlace::kRoom:
+      return RoomWorld();
+    case SyntheticPlace::kOffice:
+      return OfficeWorld();
+    case SyntheticPlace::kStreet:
+      break;
+  }
+  return StreetWorld();
 }
 
 // A global-shutter CMOS camera in lamp light, held by hand.
@@ -48,6 +56,16 @@ ImagingModel IndoorVideoCamera() {
   // An automatic exposure that follows what is in view, 0.6 steps up or down: 0.67 to 1.5.
   model.exposure_spread = 0.2;
   model.vignetting = true;
+  return model;
+}
+
+// The same kind of camera on a vehicle by day.
+ImagingModel DaylightCamera() {
+  ImagingModel model = IndoorVideoCamera();
+  model.grey_per_electron = 255.0 / 10500.0;  // the wells are full at white
+  model.read_noise_grey = 2.5 * model.grey_per_electron;
+  model.shake_deg = 0.02;  // 20 degrees per second at 1/1000 s
+  model.exposure_spread = 0.1;
   return model;
 }
 
@@ -105,9 +123,9 @@ void RenderGeometry(const Shot& shot, Rendering* out) {
   tbb::parallel_for(0, shot.camera.height, [&](int row) {
     for (int col = 0; col < shot.camera.width; ++col) {
       const WorldHit hit = Trace(shot.world, PixelRay(shot.camera, out->pose, col, row));
-      out->depth(col, row) = static_cast<float>(hit.where.t);
-      out->normal(col, row) = DirectionInCamera(out->pose, hit.where.normal);
       out->low_texture(col, row) = hit.low_texture ? 1 : 0;
+      out->depth(col, row) = hit.sky ? 0.0f : static_cast<float>(hit.where.t);
+      out->normal(col, row) = hit.sky ? Vec3f{0, 0, 0} : DirectionInCamera(out->pose, hit.where.normal);
     }
   });
 }
@@ -128,7 +146,7 @@ void TakePicture(const Shot& shot, int index, Rendering* out) {
 Rendering Render(const SyntheticWorld& world, const PinholeCamera& camera, int index,
                  const SyntheticSceneOptions& options) {
   Rendering out;
-  out.pose = HandHeldPose(world.path, index, options.keyframes, options.seed);
+  out.pose = PoseOnPath(world.path, index, options.keyframes, options.seed);
   out.exposure = ExposureOf(options.imaging, options.seed, index);
   out.color = ColorImage(camera.width, camera.height);
   out.depth = DepthMap(camera.width, camera.height);
@@ -191,7 +209,8 @@ PointCloud SampleRow(const SyntheticView& view, const CameraPose& pose, int row,
     for (int j = 0; j < rays; ++j) {
       for (int i = 0; i < rays; ++i) {
         const Ray ray = PixelRay(camera, pose, col + (i + 0.5) / rays - 0.5, row + (j + 0.5) / rays - 0.5);
-        points.push_back(SurfacePointAt(ray, Trace(world, ray, objects), view.frame.color(col, row)));
+        const WorldHit hit = Trace(world, ray, objects);
+        if (!hit.sky) points.push_back(SurfacePointAt(ray, hit, view.frame.color(col, row)));
       }
     }
   }
@@ -217,7 +236,7 @@ void SampleView(const SyntheticView& view, double spacing_m, std::unordered_set<
 }  // namespace
 
 const std::vector<std::string>& SyntheticSceneNames() {
-  static const std::vector<std::string> kNames = {"room", "hard"};
+  static const std::vector<std::string> kNames = {"room", "hard", "street"};
   return kNames;
 }
 
@@ -228,6 +247,9 @@ void SelectSyntheticScene(const std::string& name, SyntheticSceneOptions* option
   } else if (name == "hard") {
     options->place = SyntheticPlace::kOffice;
     options->imaging = IndoorVideoCamera();
+  } else if (name == "street") {
+    options->place = SyntheticPlace::kStreet;
+    options->imaging = DaylightCamera();
   } else {
     std::string known;
     for (const std::string& scene : SyntheticSceneNames()) known += (known.empty() ? "" : ", ") + scene;

@@ -13,6 +13,7 @@ void KeepFirst(const SyntheticWorld& world, size_t object, const Ray& ray, World
   first->where = *hit;
   first->object = object;
   first->low_texture = world.objects[object].material.pattern == Pattern::kBlank;
+  first->sky = world.sky && world.objects[object].solid.shape == Shape::kRoom;
 }
 
 WorldHit Nothing() {
@@ -37,6 +38,15 @@ double Highlight(double gloss, const Vec3d& normal, const Vec3d& to_lamp, const 
   return 255.0 * gloss * cosine;
 }
 
+// Paler towards the horizon, with faint clouds; by direction alone, as all of it is infinitely far.
+ColorD SkyColor(const Vec3d& direction, uint32_t seed) {
+  const Vec3d d = Normalized(direction);
+  const double up = std::clamp(d.z, 0.0, 1.0);
+  const double cloud = ValueNoise(seed * 7919u, {5 * d.x, 5 * d.y, 12 * d.z});
+  const double pale = std::clamp(1.0 - 1.6 * up + 0.25 * (cloud - 0.5), 0.0, 1.0);
+  return {120 + 110 * pale, 165 + 70 * pale, 222 + 18 * pale};
+}
+
 }  // namespace
 
 WorldHit Trace(const SyntheticWorld& world, const Ray& ray) {
@@ -57,12 +67,13 @@ std::vector<size_t> ObjectsNear(const SyntheticWorld& world, const Ray& ray, dou
     // Grown by the margin, the solid holds every point that lies within the margin of a point of its own.
     Solid grown = world.objects[i].solid;
     grown.size = grown.size + Vec3d{margin, margin, margin};
-    if (Intersect(grown, ray)) near.push_back(i);
+    if (Meets(grown, ray)) near.push_back(i);
   }
   return near;
 }
 
 ColorD LitColor(const SyntheticWorld& world, const WorldHit& hit, const Ray& ray, uint32_t seed) {
+  if (hit.sky) return SkyColor(ray.direction, seed);
   const WorldObject& object = world.objects[hit.object];
   const Vec3d& normal = hit.where.normal;
   const bool is_room = object.solid.shape == Shape::kRoom;

@@ -26,7 +26,8 @@ struct SyntheticWorld {
   WallPaint wall_paint;
   Vec3d lamp;
   double diameter_m;  ///< no ray inside the room is longer
-  HandHeldPath path;
+  CameraPath path;
+  bool sky = false;  ///< the room is not there: what it shows is infinitely far, with the colours of a sky
 };
 
 /// Blank walls and floor with trims, textured furniture; 5 degrees between keyframes.
@@ -35,11 +36,15 @@ const SyntheticWorld& RoomWorld();
 /// Blank walls and floor without trims, thin rods and cables, equal tiles; 4 degrees between keyframes.
 const SyntheticWorld& OfficeWorld();
 
+/// Houses along a street under a sky, driven along; 45 cm between keyframes.
+const SyntheticWorld& StreetWorld();
+
 /// What a ray sees first. Every ray from inside the room sees something.
 struct WorldHit {
   Intersection where;
   size_t object = 0;  ///< index into the world's objects
   bool low_texture = false;
+  bool sky = false;  ///< nothing is there; `where` is then that of the room around all
 };
 WorldHit Trace(const SyntheticWorld& world, const Ray& ray);
 

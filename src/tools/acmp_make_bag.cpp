@@ -59,7 +59,7 @@ void AddOptions(CLI::App& app, Arguments& arguments) {
   const std::string synthetic_group = "From the synthetic room";
   app.add_flag("--synthetic", arguments.synthetic, "Render a room with known geometry instead of reading SCENE")
       ->group(synthetic_group);
-  app.add_option("--scene", arguments.scene_name, "room (unless given) or hard: as acmp_make_scene has them")
+  app.add_option("--scene", arguments.scene_name, "room (unless given), hard or street: as acmp_make_scene has them")
       ->type_name("NAME")
       ->group(synthetic_group);
   app.add_option("--width", arguments.scene.width, "px")->capture_default_str()->group(synthetic_group);

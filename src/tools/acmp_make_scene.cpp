@@ -25,7 +25,9 @@ void AddOptions(CLI::App* app, Arguments* a) {
   app->add_option(
          "--scene", a->name,
          "room: textured furniture, a camera with little noise; hard: thin objects, equal tiles and more that is "
-         "blank, with the noise, blur, vignetting and changing exposure of a hand-held camera")
+         "blank, with the noise, blur, vignetting and changing exposure of a hand-held camera; street: houses, trees "
+         "and "
+         "posts under a sky, driven along")
       ->type_name("NAME")
       ->capture_default_str();
   app->add_option("--width", a->scene.width, "Pixels, 32 to 8192")->capture_default_str();
@@ -59,7 +61,8 @@ int MakeScene(const Arguments& a) {
 // NOLINTNEXTLINE(bugprone-exception-escape): only a wrong table of options or no memory throw outside RunTool
 int main(int argc, char** argv) {
   CLI::App app(
-      "Makes a test scene: a room with blank walls and floor, seen from a hand-held camera, with exact depth. The "
+      "Makes a test scene: a room with blank walls and floor, seen from a hand-held camera, or another, with exact "
+      "depth. The "
       "folder can be read by acmp_reconstruct, acmp_make_bag and acmp_evaluate: images/, cameras.txt, "
       "sparse/ (COLMAP), cams/ and pair.txt (MVSNet), depth/ and surface.ply (ground truth), low_texture/ (masks of "
       "the "

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 #include <iomanip>
+#include <limits>
 #include <map>
 #include <memory>
 #include <sstream>
@@ -105,8 +106,12 @@ DepthRange RangeOf(const SyntheticView& view) {
   const Frame& frame = view.frame;
   const auto range = DepthRangeFromLandmarks(frame.landmarks_in_world, frame.camera, frame.cam_from_world, {});
   if (range) return *range;
-  const auto [nearest, farthest] = std::minmax_element(view.true_depth.begin(), view.true_depth.end());
-  return {*nearest, *farthest};  // a tiny picture with hardly a landmark
+  // A tiny picture with hardly a landmark.
+  DepthRange known = {std::numeric_limits<float>::max(), 0};
+  for (const float depth : view.true_depth) {
+    if (depth > 0) known = {std::min(known.min, depth), std::max(known.max, depth)};
+  }
+  return known;
 }
 
 void WriteMvsnetCameras(const fs::path& folder, const std::vector<SyntheticView>& views) {

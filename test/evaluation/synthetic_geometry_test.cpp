@@ -90,6 +90,14 @@ TEST(Intersect, MissesWhatLiesBehindOrBeside) {
   EXPECT_DOUBLE_EQ(hit->t, 2.0);  // in units of the direction's length
 }
 
+TEST(Meets, CountsARayThatStartsInside) {
+  const Solid box = {Shape::kBox, {0, 0, 5}, {1, 1, 1}, {}};
+  EXPECT_TRUE(Meets(box, {{0, 0, 0}, {0, 0, 1}}));
+  EXPECT_TRUE(Meets(box, {{0, 0, 5}, {0, 0, 1}}));
+  EXPECT_FALSE(Meets(box, {{0, 0, 0}, {0, 0, -1}}));
+  EXPECT_FALSE(Meets(box, {{1.5, 0, 0}, {0, 0, 1}}));
+}
+
 class WorldTest : public testing::TestWithParam<const SyntheticWorld* (*)()> {
  protected:
   const SyntheticWorld& world_ = *GetParam()();
@@ -97,7 +105,7 @@ class WorldTest : public testing::TestWithParam<const SyntheticWorld* (*)()> {
 
 TEST_P(WorldTest, TracesTheSameAmongTheObjectsNearAPixelAsAmongAll) {
   const PinholeCamera camera = SyntheticCamera(64, 48);
-  const CameraPose pose = HandHeldPose(world_.path, 2, 14, 1);
+  const CameraPose pose = PoseOnPath(world_.path, 2, 14, 1);
   const double margin = 0.71 * world_.diameter_m / camera.fx;
   for (int row = 0; row < camera.height; ++row) {
     for (int col = 0; col < camera.width; ++col) {
@@ -121,7 +129,8 @@ TEST_P(WorldTest, DiameterIsThatOfTheRoom) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Worlds, WorldTest,
-                         testing::Values([] { return &RoomWorld(); }, [] { return &OfficeWorld(); }));
+                         testing::Values([] { return &RoomWorld(); }, [] { return &OfficeWorld(); },
+                                         [] { return &StreetWorld(); }));
 
 TEST(ValueNoise, IsContinuousAcrossCellsAndWithinBounds) {
   for (uint32_t i = 0; i < 1000; ++i) {

@@ -214,7 +214,7 @@ TEST(SelectSyntheticScene, SetsPlaceAndCameraOnly) {
     SelectSyntheticScene("kitchen", &options);
     FAIL();
   } catch (const InvalidInputError& error) {
-    EXPECT_STREQ(error.what(), "scene = \"kitchen\": must be one of room, hard");
+    EXPECT_STREQ(error.what(), "scene = \"kitchen\": must be one of room, hard, street");
   }
 }
 

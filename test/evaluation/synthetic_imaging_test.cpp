@@ -208,7 +208,7 @@ TEST(Psf, RendersTheBlurOfTheSharpImageUpToItsBorders) {
 }
 
 TEST(Shake, TurnsAsFarAsTheModelSaysAroundTheTruePose) {
-  const CameraPose pose = HandHeldPose(HandHeldPath{{0, 1, 1}, 2.0, 0.03}, 1, 4, 1);
+  const CameraPose pose = PoseOnPath(HandHeldPath{{0, 1, 1}, 2.0, 0.03}, 1, 4, 1);
   ImagingModel model;
   model.shake_deg = 0.3;
   constexpr int kImages = 2000, kMoments = 16;

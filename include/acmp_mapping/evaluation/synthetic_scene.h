@@ -16,6 +16,9 @@ enum class SyntheticPlace {
   /// Blank walls and floor without trims; rods, cables and lamp posts 8 to 25 mm thick, a wall of equal tiles, a faint
   /// carpet and faint veneer, a glossy picture; about 4 degrees between keyframes.
   kOffice,
+  /// A street with houses on both sides under a sky, seen from a vehicle that drives along it looking ahead: blank
+  /// plaster, bricks, trees, posts and wires; what is seen is 2 to 60 m away, 45 cm between keyframes.
+  kStreet,
 };
 
 /// From light to grey levels: a lens, a shutter and a linear sensor with the noise of the EMVA 1288 standard (variance
@@ -39,7 +42,8 @@ struct SyntheticSceneOptions {
   ImagingModel imaging;
 };
 
-/// "room": the room with the default camera. "hard": the office with a hand-held video camera indoors.
+/// "room": the room with the default camera. "hard": the office with a hand-held video camera indoors. "street": the
+/// street with a video camera by day.
 const std::vector<std::string>& SyntheticSceneNames();
 
 /// Sets place and imaging to those of a named scene. Throws InvalidInputError for a name that is not known.
@@ -47,8 +51,9 @@ void SelectSyntheticScene(const std::string& name, SyntheticSceneOptions* option
 
 /// What the renderer knows exactly about one image.
 struct SyntheticView {
-  Frame frame;          ///< colour as the camera gives it, landmarks as a SLAM frontend would have them
-  DepthMap true_depth;  ///< z of the first surface at each pixel centre, at the middle of the exposure as the pose
+  Frame frame;  ///< colour as the camera gives it, landmarks as a SLAM frontend would have them
+  DepthMap
+      true_depth;  ///< z of the first surface at each pixel centre, at the middle of the exposure as the pose; 0: sky
   NormalMap true_normal;
   Image<unsigned char> low_texture;  ///< 1 on surfaces of one colour, 0 elsewhere
   SyntheticPlace place = SyntheticPlace::kRoom;
