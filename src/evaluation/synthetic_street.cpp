@@ -6,7 +6,6 @@ namespace {
 
 // Fronts of the houses on both sides and at the end of the street.
 constexpr double kLeft_x = -6.0, kRight_x = 6.5, kEnd_y = 52.0;
-constexpr double kKerb_x = 3.2;  // half the width of the road
 
 Material Plain(const ColorD& color) { return {Pattern::kBlank, color, {}, 0}; }
 
