@@ -15,8 +15,9 @@ bool StreamRuns::Add(int64_t stamp_ns, uint64_t arrival) {
     return follows_images;
   }
   newest_ns_ = std::max(newest_ns_, stamp_ns);
-  // Back where it was without the images having gone back: a message that came late, or poses that were sent again.
-  if (jump_ && newest_ns_ >= jump_->from_ns) jump_.reset();
+  // Beyond where it was without the images having gone back: a message that came late, or poses that were sent again. A
+  // short bag that loops may bring all of a stream before the first image, up to the very stamp.
+  if (jump_ && newest_ns_ > jump_->from_ns) jump_.reset();
   return false;
 }
 

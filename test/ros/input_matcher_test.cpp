@@ -258,6 +258,31 @@ TEST_P(LoopingBag, LosesNothing) {
 INSTANTIATE_TEST_SUITE_P(EachOrderOfTheStreams, LoopingBag,
                          ::testing::Values("icp", "ipc", "cip", "cpi", "pic", "pci"));
 
+TEST(InputMatcher, LosesNothingOfAShortRunThatComesWholeBeforeItsFirstImage) {
+  constexpr int kImages = 5;
+  InputMatcher matcher = MakeMatcher();
+  matcher.set_clouds_expected(true);
+  std::vector<MatchEvent> events;
+  for (const double run : {0.0, 1.0}) {
+    for (int i = 0; i < kImages; ++i) matcher.AddPose(PoseAt(kT0 + i * 100 * kMs, run));
+    for (int i = 0; i < kImages; ++i) matcher.AddCloud(CloudAt(kT0 + i * 100 * kMs, run));
+    for (int i = 0; i < kImages; ++i) {
+      matcher.AddImage({kT0 + i * 100 * kMs, nullptr});
+      for (MatchEvent& event : matcher.Take(0)) events.push_back(std::move(event));
+    }
+  }
+  const auto matches = Matches(events);
+  ASSERT_EQ(matches.size(), 2u * kImages);
+  for (size_t i = 0; i < matches.size(); ++i) {
+    const double run = i < kImages ? 0 : 1;
+    EXPECT_EQ(matches[i].pose.received.translation().x(), run) << "a pose of the other run at " << i;
+    ASSERT_TRUE(matches[i].cloud) << "at " << i;
+    EXPECT_EQ(matches[i].cloud->stamp_ns, matches[i].image.stamp_ns);
+    EXPECT_EQ(matches[i].cloud->points[0].x(), run) << "a cloud of the other run at " << i;
+  }
+  EXPECT_THAT(DropReasons(events), IsEmpty());
+}
+
 TEST(InputMatcher, KeepsWhatCameBeforeTheLastImageOfTheOldRun) {
   InputMatcher matcher = MakeMatcher();
   matcher.set_clouds_expected(true);

@@ -69,6 +69,16 @@ TEST(StreamRuns, ForgetsAJumpThatWasUndone) {
   EXPECT_EQ(runs.StartRun(0), std::nullopt) << "all of it is of the run before";
 }
 
+TEST(StreamRuns, KnowsANewRunThatHasComeAsFarAsTheOldOne) {
+  StreamRuns runs;
+  runs.Add(kS, 1);
+  runs.Add(2 * kS, 2);
+  runs.Add(kS, 3);
+  runs.Add(2 * kS, 4);
+  EXPECT_EQ(runs.StartRun(kS), 3u) << "a short bag that loops: all of it came before the first image";
+  EXPECT_FALSE(runs.is_behind());
+}
+
 TEST(StreamRuns, KnowsNothingOfAStreamWithoutMessages) {
   StreamRuns runs;
   EXPECT_EQ(runs.StartRun(0), std::nullopt);
