@@ -26,8 +26,7 @@ void AddOptions(CLI::App* app, Arguments* a) {
          "--scene", a->name,
          "room: textured furniture, a camera with little noise; hard: thin objects, equal tiles and more that is "
          "blank, with the noise, blur, vignetting and changing exposure of a hand-held camera; street: houses, trees "
-         "and "
-         "posts under a sky, driven along")
+         "and posts under a sky, driven along")
       ->type_name("NAME")
       ->capture_default_str();
   app->add_option("--width", a->scene.width, "Pixels, 32 to 8192")->capture_default_str();
@@ -62,8 +61,7 @@ int MakeScene(const Arguments& a) {
 int main(int argc, char** argv) {
   CLI::App app(
       "Makes a test scene: a room with blank walls and floor, seen from a hand-held camera, or another, with exact "
-      "depth. The "
-      "folder can be read by acmp_reconstruct, acmp_make_bag and acmp_evaluate: images/, cameras.txt, "
+      "depth. The folder can be read by acmp_reconstruct, acmp_make_bag and acmp_evaluate: images/, cameras.txt, "
       "sparse/ (COLMAP), cams/ and pair.txt (MVSNet), depth/ and surface.ply (ground truth), low_texture/ (masks of "
       "the "
       "blank surfaces).",

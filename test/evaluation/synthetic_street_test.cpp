@@ -11,7 +11,6 @@
 namespace acmp {
 namespace {
 
-using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 SyntheticSceneOptions Street(int width, int height, int keyframes) {

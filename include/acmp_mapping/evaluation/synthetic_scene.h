@@ -52,15 +52,15 @@ void SelectSyntheticScene(const std::string& name, SyntheticSceneOptions* option
 /// What the renderer knows exactly about one image.
 struct SyntheticView {
   Frame frame;  ///< colour as the camera gives it, landmarks as a SLAM frontend would have them
-  DepthMap
-      true_depth;  ///< z of the first surface at each pixel centre, at the middle of the exposure as the pose; 0: sky
-  NormalMap true_normal;
+  /// z of the first surface at each pixel centre, at the middle of the exposure as the pose; 0: sky.
+  DepthMap true_depth;
+  NormalMap true_normal;             ///< camera frame; 0: sky
   Image<unsigned char> low_texture;  ///< 1 on surfaces of one colour, 0 elsewhere
   SyntheticPlace place = SyntheticPlace::kRoom;
   double exposure = 1;  ///< factor on the light
 };
 
-/// Renders a place from a hand-held path. The same options give the same bytes on every machine (integer noise, no
+/// Renders a place along its path. The same options give the same bytes on every machine (integer noise, no
 /// function of libm that may differ).
 std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& options);
 
