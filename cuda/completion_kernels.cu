@@ -3,6 +3,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/completion/kernel/complete_pixel.h"
 #include "acmp_mapping/completion/kernel/fit_anchor.h"
+#include "acmp_mapping/completion/kernel/refute_pixel.h"
 #include "acmp_mapping/completion/kernel/sightings.h"
 #include "cuda_check.h"
 
@@ -65,7 +66,6 @@ __global__ void FitAnchorKernel(const __grid_constant__ CompletionContext contex
   if (context.anchors.Contains(col, row)) FitAnchor(context, col, row, WarpLanes());
 }
 
-/// One thread per cell and direction.
 __global__ void FindNearestAnchorKernel(const __grid_constant__ CompletionContext context) {
   const int col = Col() / kNumDirections, row = Row();
   if (context.nearest.Contains(col, row)) FindNearestAnchor(context, col, row, Col() % kNumDirections);
@@ -76,11 +76,31 @@ __global__ void CompletePixelKernel(const __grid_constant__ CompletionContext co
   if (context.planes.Contains(col, row)) CompletePixel(context, col, row);
 }
 
+__global__ void FindEvidentAnchorKernel(const __grid_constant__ CompletionContext context,
+                                        ImageView<const float> evidence) {
+  const int col = Col(), row = Row();
+  if (evidence.Contains(col, row)) FindEvidentAnchor(context, evidence, col, row);
+}
+
+__global__ void RefutePixelKernel(const __grid_constant__ CompletionContext context) {
+  const int col = Col(), row = Row();
+  if (context.planes.Contains(col, row)) RefutePixel(context, col, row);
+}
+
 // Three blocks per multiprocessor: without a bound a thread takes 204 registers, and two fit; with four they spill.
 __global__ void __launch_bounds__(kBlockWidth* kBlockHeight, 3)
     FilterPixelKernel(const __grid_constant__ MedianContext context) {
   const int col = Col(), row = Row();
   if (context.planes.Contains(col, row)) FilterPixel(context, col, row);
+}
+
+/// One thread per cell and direction.
+void LaunchFindNearestAnchor(const CompletionContext& context, cudaStream_t stream) {
+  const int threads = context.nearest.width * kNumDirections;
+  const dim3 grid((threads + kBlockWidth - 1) / kBlockWidth,
+                  (context.nearest.height + kBlockHeight - 1) / kBlockHeight);
+  FindNearestAnchorKernel<<<grid, dim3(kBlockWidth, kBlockHeight), 0, stream>>>(context);
+  CudaCheck(cudaGetLastError(), "launch search for the nearest anchors");
 }
 
 }  // namespace
@@ -97,10 +117,7 @@ void LaunchCompletion(const DeviceFusionContext& sources, const ImageView<Sighti
   CudaCheck(cudaGetLastError(), "launch search for anchors");
   FitAnchorKernel<<<warps, block_of_warps, 0, stream>>>(context);
   CudaCheck(cudaGetLastError(), "launch plane fits");
-  const int threads = context.nearest.width * kNumDirections;
-  const dim3 directions((threads + kBlockWidth - 1) / kBlockWidth, warps.y);
-  FindNearestAnchorKernel<<<directions, block, 0, stream>>>(context);
-  CudaCheck(cudaGetLastError(), "launch search for the nearest anchors");
+  LaunchFindNearestAnchor(context, stream);
   CompletePixelKernel<<<GridFor(context.planes), block, 0, stream>>>(context);
   CudaCheck(cudaGetLastError(), "launch completion");
 }
@@ -113,6 +130,15 @@ void LaunchWeightedMedian(const DeviceFusionContext& views, const ImageView<Sigh
   CudaCheck(cudaGetLastError(), "launch second look at the sources");
   FilterPixelKernel<<<GridFor(context.planes), block, 0, stream>>>(context);
   CudaCheck(cudaGetLastError(), "launch weighted median");
+}
+
+void LaunchRefutation(const CompletionContext& context, const ImageView<const float>& evidence, cudaStream_t stream) {
+  const dim3 block(kBlockWidth, kBlockHeight);
+  FindEvidentAnchorKernel<<<GridFor(evidence), block, 0, stream>>>(context, evidence);
+  CudaCheck(cudaGetLastError(), "launch search for evident pixels");
+  LaunchFindNearestAnchor(context, stream);
+  RefutePixelKernel<<<GridFor(context.planes), block, 0, stream>>>(context);
+  CudaCheck(cudaGetLastError(), "launch refutation");
 }
 
 }  // namespace acmp

@@ -21,4 +21,8 @@ void LaunchCompletion(const DeviceFusionContext& sources, const ImageView<Sighti
 void LaunchWeightedMedian(const DeviceFusionContext& views, const ImageView<Sightings>& sightings,
                           const MedianContext& context, cudaStream_t stream);
 
+/// Queues RefuteUnsupported. All pointers are device memory.
+/// @param context from MakeRefutationContext, with places for its anchors
+void LaunchRefutation(const CompletionContext& context, const ImageView<const float>& evidence, cudaStream_t stream);
+
 }  // namespace acmp

@@ -42,4 +42,20 @@ void CompletionRunner::QueueMedian(const FusionSetup<DeviceFusionView>& sources,
   LaunchWeightedMedian(views, sightings, median, stream.get());
 }
 
+float* CompletionRunner::ReserveEvidence(size_t cells) {
+  evidence_.Reserve(device_, cells);
+  return evidence_.data();
+}
+
+void CompletionRunner::QueueRefutation(CompletionContext context, const CudaStream& stream) {
+  const int cell_cols = CellsOf(context.planes.width, context.cell_size);
+  const int cell_rows = CellsOf(context.planes.height, context.cell_size);
+  const size_t cells = static_cast<size_t>(cell_cols) * cell_rows;
+  cells_.Reserve(device_, cells);
+  nearest_.Reserve(device_, cells);
+  context.fitted = {cells_.data(), cell_cols, cell_rows, cell_cols};
+  context.nearest = {nearest_.data(), cell_cols, cell_rows, cell_cols};
+  LaunchRefutation(context, {evidence_.data(), cell_cols, cell_rows, cell_cols}, stream.get());
+}
+
 }  // namespace acmp

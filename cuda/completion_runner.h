@@ -1,6 +1,7 @@
 #pragma once
 
 #include "acmp_mapping/completion/completion.h"
+#include "acmp_mapping/completion/refutation.h"
 #include "completion_kernels.h"
 #include "cuda_device.h"
 
@@ -25,12 +26,19 @@ class CompletionRunner {
   void QueueMedian(const FusionSetup<DeviceFusionView>& sources, const DeviceFusionView& completed,
                    const CompletionContext& context, float* cost, PlaneHypothesis* filtered, const CudaStream& stream);
 
+  /// Where the evidence of so many cells may be written, until the next call.
+  float* ReserveEvidence(size_t cells);
+  /// Queues RefuteUnsupported with that.
+  /// @param context from MakeRefutationContext, of maps in device memory
+  void QueueRefutation(CompletionContext context, const CudaStream& stream);
+
  private:
   CudaDevicePtr device_;
   DeviceArray<DeviceFusionSource> sources_;
   DeviceArray<Sightings> sightings_;
   DeviceArray<AnchorCell> cells_;
   DeviceArray<NearestAnchors> nearest_;
+  DeviceArray<float> evidence_;
 };
 
 }  // namespace acmp

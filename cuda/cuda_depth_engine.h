@@ -30,6 +30,7 @@ class CudaDepthEngine final : public DepthEngine {
   std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
                                               const PlanarPriorOptions& options) override;
   EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) override;
+  EngineEstimatePtr RefuteUnsupported(const EngineProblem& problem) override;
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options) override;
   ConfidenceMap MeasureConfidence(const EngineView& reference, const std::vector<EngineView>& sources,

@@ -95,6 +95,33 @@ EngineEstimatePtr CudaDepthEngine::Complete(const EngineProblem& problem, const 
   });
 }
 
+EngineEstimatePtr CudaDepthEngine::RefuteUnsupported(const EngineProblem& problem) {
+  const PatchMatchProblem match = MakeProblem(problem, 0);
+  const PinholeCamera& camera = match.reference.camera;
+  const CudaEstimate& start = Cast<CudaEstimate>(problem.reference.estimate);
+  CheckSize("estimate", start.width, start.height, camera);
+  return OnDevice([&] {
+    auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
+    begin_.Record(stream());
+    estimate->planes.CopyFrom(start.planes, estimate->Pixels(), stream());
+    estimate->cost.CopyFrom(start.cost, estimate->Pixels(), stream());
+    PassData data = MakePassData(problem, 0, *estimate);
+    AddSourceDepths(problem, &data);
+    const CompletionContext context =
+        MakeRefutationContext(camera, {estimate->planes.data(), camera.width, camera.height, camera.width},
+                              {estimate->cost.data(), camera.width, camera.height, camera.width});
+    const int cell_cols = CellsOf(camera.width, context.cell_size);
+    const int cell_rows = CellsOf(camera.height, context.cell_size);
+    float* evidence = completion_.ReserveEvidence(static_cast<size_t>(cell_cols) * cell_rows);
+    const std::shared_lock<std::shared_mutex> images(device().images_mutex());
+    runner_.QueueEvidence(match, data, context.cell_size, {evidence, cell_cols, cell_rows, cell_cols});
+    completion_.QueueRefutation(context, stream());
+    FinishEstimate(camera, estimate.get());
+    device_ms_ += CudaEvent::ElapsedMs(begin_, end_);
+    return EngineEstimatePtr(estimate);
+  });
+}
+
 ConsistencyResult CudaDepthEngine::FilterByConsistency(const EngineView& reference,
                                                        const std::vector<EngineView>& sources,
                                                        const FusionOptions& options) {

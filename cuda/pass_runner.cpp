@@ -2,8 +2,6 @@
 
 #include <algorithm>
 
-#include "patch_match_kernels.h"
-
 namespace acmp {
 
 ImageLayer::ImageLayer(CudaDevicePtr device, int level, int width, int height, const CudaStream& stream)
@@ -13,9 +11,8 @@ ImageLayer::ImageLayer(CudaDevicePtr device, int level, int width, int height, c
 
 ImageLayer::~ImageLayer() { device_->images(level_).Release(layer_); }
 
-template <Pass kPass>
-void PassRunner::Queue(const PatchMatchProblem& problem, const PatchMatchOptions& options, const PassData& data,
-                       int geometric_pass, int iterations) {
+CudaMatchContext PassRunner::MakeContext(const PatchMatchProblem& problem, const PatchMatchOptions& options,
+                                         const PassData& data, Pass kind, int geometric_pass) {
   const int width = problem.reference.camera.width, height = problem.reference.camera.height;
   const size_t count = problem.sources.size();
   views_.Reserve(device_, kMaxSourceViews);
@@ -28,7 +25,7 @@ void PassRunner::Queue(const PatchMatchProblem& problem, const PatchMatchOptions
   std::copy(views.begin(), views.end(), staged);
   views_.Upload(staged, count, stream_);
 
-  CudaMatchContext context = MakeMatchContext<TextureSampler>(problem, options, kPass, geometric_pass);
+  CudaMatchContext context = MakeMatchContext<TextureSampler>(problem, options, kind, geometric_pass);
   context.sampler.images = device_->images(data.level).texture();
   context.sampler.reference = data.reference_layer;
   std::copy(data.source_layers.begin(), data.source_layers.end(), context.sampler.layers);
@@ -37,7 +34,18 @@ void PassRunner::Queue(const PatchMatchProblem& problem, const PatchMatchOptions
   context.cost = {data.cost, width, height, width};
   context.selected_views = {data.selected_views, width, height, width};
   context.prior = data.prior;
-  LaunchPass<kPass>(context, iterations, stream_.get());
+  return context;
+}
+
+template <Pass kPass>
+void PassRunner::Queue(const PatchMatchProblem& problem, const PatchMatchOptions& options, const PassData& data,
+                       int geometric_pass, int iterations) {
+  LaunchPass<kPass>(MakeContext(problem, options, data, kPass, geometric_pass), iterations, stream_.get());
+}
+
+void PassRunner::QueueEvidence(const PatchMatchProblem& problem, const PassData& data, int cell_size,
+                               const ImageView<float>& evidence) {
+  LaunchMeasureEvidence(MakeContext(problem, {}, data, Pass::kGeometric, 0), cell_size, evidence, stream_.get());
 }
 
 template void PassRunner::Queue<Pass::kPhotometric>(const PatchMatchProblem&, const PatchMatchOptions&, const PassData&,

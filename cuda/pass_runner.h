@@ -5,6 +5,7 @@
 
 #include "acmp_mapping/patch_match/match_setup.h"
 #include "cuda_device.h"
+#include "patch_match_kernels.h"
 
 namespace acmp {
 
@@ -50,7 +51,16 @@ class PassRunner {
   void Queue(const PatchMatchProblem& problem, const PatchMatchOptions& options, const PassData& data,
              int geometric_pass, int iterations);
 
+  /// Queues EvidenceOfCell for all cells. The caller holds images_mutex() as for Queue.
+  /// @param evidence in device memory, of CellsOf the reference's size
+  void QueueEvidence(const PatchMatchProblem& problem, const PassData& data, int cell_size,
+                     const ImageView<float>& evidence);
+
  private:
+  /// The context of a pass. Uploads what it points to.
+  CudaMatchContext MakeContext(const PatchMatchProblem& problem, const PatchMatchOptions& options, const PassData& data,
+                               Pass kind, int geometric_pass);
+
   CudaDevicePtr device_;
   CudaStream stream_;
   DeviceArray<SourceView> views_;

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/image/cells.h"
 #include "acmp_mapping/patch_match/match_setup.h"
 #include "pass_runner.h"
 
@@ -47,6 +48,27 @@ class PatchMatchCuda final : public PatchMatch {
     return Run<Pass::kGeometric>(problem, options, &start, {}, pass, options.geometric_iterations);
   }
 
+  Image<float> MeasureEvidence(const PatchMatchProblem& problem, const PlaneMap& planes, int cell_size) override {
+    Check(problem);
+    CheckEvidenceInput(problem, planes, cell_size);
+    return OnDevice([&] {
+      begin_.Record(runner_.stream());
+      Loaded loaded;
+      Load(problem, nullptr, {}, &loaded);
+      loaded.planes.Upload(planes.data(), planes.size(), runner_.stream());
+      Image<float> evidence(CellsOf(planes.width(), cell_size), CellsOf(planes.height(), cell_size));
+      DeviceArray<float> cells(runner_.device(), evidence.size());
+      const std::shared_lock<std::shared_mutex> images(runner_.device()->images_mutex());
+      uploaded_.Record(runner_.stream());
+      runner_.QueueEvidence(problem, loaded.data, cell_size,
+                            {cells.data(), evidence.width(), evidence.height(), evidence.width()});
+      computed_.Record(runner_.stream());
+      cells.Download(evidence.data(), evidence.size(), runner_.stream());
+      FinishTiming();
+      return evidence;
+    });
+  }
+
   PatchMatchTiming last_timing() const override { return timing_; }
   std::string device_name() const override {
     return Concat(runner_.device()->properties().name, " (cuda:", runner_.device()->index(), ")");
@@ -68,8 +90,7 @@ class PatchMatchCuda final : public PatchMatch {
                        const PatchMatchResult* start, ImageView<const PlaneHypothesis> prior, int geometric_pass,
                        int iterations) {
     Validate(options);
-    runner_.device()->MakeCurrent();  // the calling thread may be another one than before
-    try {
+    return OnDevice([&] {
       begin_.Record(runner_.stream());
       Loaded loaded;
       Load(problem, start, prior, &loaded);
@@ -78,6 +99,14 @@ class PatchMatchCuda final : public PatchMatch {
       runner_.Queue<kPass>(problem, options, loaded.data, geometric_pass, iterations);
       computed_.Record(runner_.stream());
       return Download(problem.reference.camera, loaded);
+    });
+  }
+
+  template <class Work>
+  auto OnDevice(const Work& work) -> decltype(work()) {
+    runner_.device()->MakeCurrent();  // the calling thread may be another one than before
+    try {
+      return work();
     } catch (...) {
       cudaStreamSynchronize(runner_.stream().get());  // queued copies must not outlive the host memory they use
       cudaGetLastError();
@@ -138,11 +167,16 @@ class PatchMatchCuda final : public PatchMatch {
     loaded.planes.Download(result.planes.data(), pixels, runner_.stream());
     loaded.cost.Download(result.cost.data(), pixels, runner_.stream());
     loaded.selected_views.Download(result.selected_views.data(), pixels, runner_.stream());
+    FinishTiming();
+    return result;
+  }
+
+  /// Once everything is queued: waits for it.
+  void FinishTiming() {
     end_.Record(runner_.stream());
     runner_.stream().Synchronize();
     timing_ = {CudaEvent::ElapsedMs(begin_, uploaded_), CudaEvent::ElapsedMs(uploaded_, computed_),
                CudaEvent::ElapsedMs(computed_, end_)};
-    return result;
   }
 
   PassRunner runner_;

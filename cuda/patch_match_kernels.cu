@@ -1,5 +1,6 @@
 #include "patch_match_kernels.h"
 
+#include "acmp_mapping/patch_match/kernel/depth_evidence.h"
 #include "acmp_mapping/patch_match/kernel/initialize_pixel.h"
 #include "acmp_mapping/patch_match/kernel/median_filter.h"
 #include "acmp_mapping/patch_match/kernel/update_pixel.h"
@@ -107,6 +108,34 @@ __global__ void __launch_bounds__(kFilterCols* kFilterRows)
   if (col < context.width && row < context.height) FilterPixel(context, col, row);
 }
 
+/// Neighbouring threads of a warp that share a cell: one per plane, so that those of a quad read the same image.
+struct EvidenceLanes {
+  static constexpr int kSize = 8;
+  __device__ int Rank() const { return static_cast<int>(threadIdx.x % kSize); }
+  __device__ float FromFirst(float x) const { return __shfl_sync(Mask(), x, 0, kSize); }
+  __device__ float Least(float x) const {
+    ACMP_UNROLL
+    for (int distance = kSize / 2; distance > 0; distance /= 2) {
+      x = fminf(x, __shfl_xor_sync(Mask(), x, distance, kSize));
+    }
+    return x;
+  }
+
+ private:
+  static __device__ unsigned Mask() { return 0xffu << (threadIdx.x % 32u / kSize * kSize); }
+};
+constexpr int kEvidenceThreads = 128;
+
+__global__ void __launch_bounds__(kEvidenceThreads)
+    MeasureEvidenceKernel(const __grid_constant__ CudaMatchContext context, int cell_size, ImageView<float> evidence) {
+  const int col = static_cast<int>(blockIdx.x * kEvidenceThreads + threadIdx.x) / EvidenceLanes::kSize;
+  const int row = static_cast<int>(blockIdx.y);
+  if (col >= evidence.width) return;
+  const EvidenceLanes lanes;
+  const float of_cell = EvidenceOfCell(context, col, row, cell_size, lanes);
+  if (lanes.Rank() == 0) evidence(col, row) = of_cell;
+}
+
 int DivideUp(int value, int divisor) { return (value + divisor - 1) / divisor; }
 
 }  // namespace
@@ -132,6 +161,13 @@ void LaunchPass(const CudaMatchContext& context, int iterations, cudaStream_t st
     FilterKernel<<<filter_grid, filter_block, 0, stream>>>(context, color);
     CudaCheck(cudaGetLastError(), "launch median filter");
   }
+}
+
+void LaunchMeasureEvidence(const CudaMatchContext& context, int cell_size, const ImageView<float>& evidence,
+                           cudaStream_t stream) {
+  const dim3 grid(DivideUp(evidence.width * EvidenceLanes::kSize, kEvidenceThreads), evidence.height);
+  MeasureEvidenceKernel<<<grid, kEvidenceThreads, 0, stream>>>(context, cell_size, evidence);
+  CudaCheck(cudaGetLastError(), "launch evidence");
 }
 
 template void LaunchPass<Pass::kPhotometric>(const CudaMatchContext&, int, cudaStream_t);

@@ -38,6 +38,10 @@ using CudaMatchContext = MatchContext<TextureSampler>;
 template <Pass kPass>
 void LaunchPass(const CudaMatchContext& context, int iterations, cudaStream_t stream);
 
+/// Queues EvidenceOfCell for all cells of `cell_size` px on the stream. All pointers are device memory.
+void LaunchMeasureEvidence(const CudaMatchContext& context, int cell_size, const ImageView<float>& evidence,
+                           cudaStream_t stream);
+
 /// Asks the driver to load the kernels: fails when the build holds no code for the current device.
 cudaError_t ProbeKernels();
 

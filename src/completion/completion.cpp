@@ -88,8 +88,7 @@ int SureViews(const CompletionOptions& options, int num_sources) {
 CompletionContext MakeCompletionContext(const PinholeCamera& camera, const DepthRange& range,
                                         const CompletionOptions& options, int num_sources) {
   CompletionContext context = {};
-  context.rays = {static_cast<float>(1 / camera.fx), static_cast<float>(1 / camera.fy), static_cast<float>(camera.cx),
-                  static_cast<float>(camera.cy)};
+  context.rays = MakeRayGrid(camera);
   context.depth_min = range.min;
   context.depth_max = range.max;
   context.anchor_views = AnchorViews(options, num_sources);

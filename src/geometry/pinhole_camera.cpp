@@ -27,6 +27,11 @@ void CheckCamera(const char* name, const PinholeCamera& camera) {
   }
 }
 
+RayGrid MakeRayGrid(const PinholeCamera& camera) {
+  return {static_cast<float>(1.0 / camera.fx), static_cast<float>(1.0 / camera.fy), static_cast<float>(camera.cx),
+          static_cast<float>(camera.cy)};
+}
+
 void LimitSize(int max_size, int* width, int* height) {
   const int longer = std::max(*width, *height);
   if (max_size <= 0 || longer <= max_size) return;

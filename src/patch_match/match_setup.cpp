@@ -30,11 +30,6 @@ void CheckSize(const char* name, int width, int height, const PinholeCamera& cam
 
 }  // namespace
 
-RayGrid MakeRayGrid(const PinholeCamera& camera) {
-  return {static_cast<float>(1.0 / camera.fx), static_cast<float>(1.0 / camera.fy), static_cast<float>(camera.cx),
-          static_cast<float>(camera.cy)};
-}
-
 std::vector<SourceView> MakeSourceViews(const PatchMatchProblem& problem) {
   const Eigen::Matrix3d k_ref = problem.reference.camera.K();
   const Eigen::Matrix3d k_ref_inverse = k_ref.inverse();
@@ -103,6 +98,11 @@ void CheckStart(const PatchMatchProblem& problem, const PatchMatchResult& start)
 
 void CheckPrior(const PatchMatchProblem& problem, const ImageView<const PlaneHypothesis>& prior) {
   CheckSize("prior", prior.width, prior.height, problem.reference.camera);
+}
+
+void CheckEvidenceInput(const PatchMatchProblem& problem, const PlaneMap& planes, int cell_size) {
+  CheckSize("planes", planes.width(), planes.height(), problem.reference.camera);
+  if (cell_size < 1) throw InvalidInputError(Concat("cell_size = ", cell_size, ": must be >= 1 px"));
 }
 
 DepthMap ToDepthMap(const PlaneMap& planes, const PinholeCamera& camera) {

@@ -3,6 +3,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
+#include "acmp_mapping/patch_match/kernel/depth_evidence.h"
 #include "acmp_mapping/patch_match/kernel/initialize_pixel.h"
 #include "acmp_mapping/patch_match/kernel/median_filter.h"
 #include "acmp_mapping/patch_match/kernel/update_pixel.h"
@@ -38,6 +39,25 @@ void RunPass(const Context& context, int iterations) {
   }
 }
 
+/// What a context's sampler and sources point to, in host memory.
+struct HostSources {
+  explicit HostSources(const PatchMatchProblem& problem)
+      : depths(HalveDepths(problem)), views(MakeSourceViews(problem)) {
+    for (size_t i = 0; i < views.size(); ++i) views[i].depth = depths[i].View();
+    images.reserve(views.size());
+    for (const MatchView& source : problem.sources) images.push_back(source.gray);
+  }
+
+  void SetUp(const PatchMatchProblem& problem, Context* context) const {
+    context->sampler = {{problem.reference.gray, images.data()}, SupportedWindowFunctions().back()};
+    context->sources = views.data();
+  }
+
+  std::vector<HalvedDepthMap> depths;
+  std::vector<SourceView> views;
+  std::vector<ImageView<const float>> images;
+};
+
 class PatchMatchCpu final : public PatchMatch {
  public:
   PatchMatchResult RunPhotometric(const PatchMatchProblem& problem, const PatchMatchOptions& options) override {
@@ -62,6 +82,24 @@ class PatchMatchCpu final : public PatchMatch {
     return Run<Pass::kGeometric>(problem, options, start.Clone(), {}, pass, options.geometric_iterations);
   }
 
+  Image<float> MeasureEvidence(const PatchMatchProblem& problem, const PlaneMap& planes, int cell_size) override {
+    Check(problem);
+    CheckEvidenceInput(problem, planes, cell_size);
+    Timer timer;
+    const HostSources sources(problem);
+    Context context = MakeMatchContext<CpuSampler>(problem, {}, Pass::kGeometric, 0);
+    sources.SetUp(problem, &context);
+    PlaneMap read = planes.Clone();  // the context could write
+    context.planes = read.View();
+    Image<float> evidence(CellsOf(planes.width(), cell_size), CellsOf(planes.height(), cell_size));
+    tbb::parallel_for(0, evidence.height(), [&](int row) {
+      for (int col = 0; col < evidence.width(); ++col)
+        evidence(col, row) = EvidenceOfCell(context, col, row, cell_size);
+    });
+    timing_ = {0, timer.Lap(), 0};
+    return evidence;
+  }
+
   PatchMatchTiming last_timing() const override { return timing_; }
 
   std::string device_name() const override {
@@ -74,17 +112,10 @@ class PatchMatchCpu final : public PatchMatch {
                        ImageView<const PlaneHypothesis> prior, int geometric_pass, int iterations) {
     Validate(options);
     Timer timer;
-    const std::vector<HalvedDepthMap> depths = HalveDepths(problem);
-    std::vector<SourceView> views = MakeSourceViews(problem);
-    for (size_t i = 0; i < views.size(); ++i) views[i].depth = depths[i].View();
-    std::vector<ImageView<const float>> images;
-    images.reserve(views.size());
-    for (const MatchView& source : problem.sources) images.push_back(source.gray);
-
+    const HostSources sources(problem);
     state.selected_views = Image<uint32_t>(state.planes.width(), state.planes.height());
     Context context = MakeMatchContext<CpuSampler>(problem, options, kPass, geometric_pass);
-    context.sampler = {{problem.reference.gray, images.data()}, SupportedWindowFunctions().back()};
-    context.sources = views.data();
+    sources.SetUp(problem, &context);
     context.planes = state.planes.View();
     context.cost = state.cost.View();
     context.selected_views = state.selected_views.View();

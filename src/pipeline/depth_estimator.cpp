@@ -75,6 +75,10 @@ EngineEstimatePtr DepthEstimator::Refine(EngineProblem problem, int step) {
     problem.reference.estimate = engine_->RunGeometric(problem, options_.patch_match, std::move(start), *does.pass);
     times_.geometric_ms = timer.Lap();
   }
+  if (does.refutes) {
+    problem.reference.estimate = engine_->RefuteUnsupported(problem);
+    times_.completion_ms += timer.Lap();
+  }
   times_.kernels_ms = engine_->TakeDeviceMs();
   return problem.reference.estimate;
 }

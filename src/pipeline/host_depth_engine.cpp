@@ -9,6 +9,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/completion/completion.h"
+#include "acmp_mapping/completion/refutation.h"
 #include "acmp_mapping/fusion/fusion_setup.h"
 #include "acmp_mapping/patch_match/kernel/upsample.h"
 #include "acmp_mapping/patch_match/match_setup.h"
@@ -79,6 +80,16 @@ PatchMatchProblem MakeProblem(const EngineProblem& problem, int level) {
   ToLevel(problem.reference, level, &result.reference);
   for (size_t i = 0; i < result.sources.size(); ++i) ToLevel(problem.sources[i], level, &result.sources[i]);
   return result;
+}
+
+/// At full size, with the depths of the sources' estimates.
+PatchMatchProblem MakeProblemWithDepths(const EngineProblem& problem) {
+  PatchMatchProblem match = MakeProblem(problem, 0);
+  for (size_t i = 0; i < match.sources.size(); ++i) {
+    const EngineEstimatePtr& estimate = problem.sources[i].estimate;
+    if (estimate) match.sources[i].depth = Cast<HostEstimate>(estimate).depth.View();
+  }
+  return match;
 }
 
 void CheckSize(const char* name, int width, int height, const PinholeCamera& camera) {
@@ -199,11 +210,7 @@ EngineEstimatePtr HostDepthEngine::RunPlanarPrior(const EngineProblem& problem, 
 
 EngineEstimatePtr HostDepthEngine::RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
                                                 EngineEstimatePtr start, int pass) {
-  PatchMatchProblem match = MakeProblem(problem, 0);
-  for (size_t i = 0; i < match.sources.size(); ++i) {
-    const EngineEstimatePtr& estimate = problem.sources[i].estimate;
-    if (estimate) match.sources[i].depth = Cast<HostEstimate>(estimate).depth.View();
-  }
+  const PatchMatchProblem match = MakeProblemWithDepths(problem);
   return Keep(patch_match_->RunGeometric(match, options, MakeStart(start), pass), match.reference.camera);
 }
 
@@ -216,6 +223,18 @@ EngineEstimatePtr HostDepthEngine::Complete(const EngineProblem& problem, const 
   CompleteUnconfirmed(MakeFusionView(problem.reference), sources, problem.depth_range, options, state.planes.View(),
                       state.cost.View());
   return UploadState(std::move(state), problem.reference.frame->camera);
+}
+
+EngineEstimatePtr HostDepthEngine::RefuteUnsupported(const EngineProblem& problem) {
+  const PatchMatchProblem match = MakeProblemWithDepths(problem);
+  const HostEstimate& start = Cast<HostEstimate>(problem.reference.estimate);
+  const PinholeCamera& camera = match.reference.camera;
+  EstimateState state = {start.planes.Clone(), start.cost.Clone()};
+  const Image<float> evidence =
+      patch_match_->MeasureEvidence(match, state.planes, CompletionCellSize(camera.width, camera.height));
+  device_ms_ += patch_match_->last_timing().kernels_ms;
+  acmp::RefuteUnsupported(camera, evidence.View(), state.planes.View(), state.cost.View());
+  return UploadState(std::move(state), camera);
 }
 
 ConsistencyResult HostDepthEngine::FilterByConsistency(const EngineView& reference,

@@ -28,7 +28,8 @@ int NumRefinementsInPasses(const PipelineOptions& options) {
 RefinementStep RefinementStepOf(const PipelineOptions& options, int step) {
   CheckRange("refinement step", step, 0, NumRefinements(options) - 1);
   if (!options.completion.enabled) return {false, step};
-  if (step == 0 || step > options.geometric_passes) return {true, std::nullopt};
+  if (step == NumRefinements(options) - 1) return {true, std::nullopt, options.completion.refute_unsupported};
+  if (step == 0) return {true, std::nullopt};
   return {step > 1 && options.completion.between_passes, step - 1};
 }
 

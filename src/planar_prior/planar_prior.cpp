@@ -73,8 +73,7 @@ PlaneMap RasterizePrior(const PinholeCamera& camera, const PriorMesh& mesh, cons
   CheckDepthRange("depth range of the planar prior", range);
   CheckRange("number of planes of the prior", mesh.planes.size(), mesh.triangles.size(), mesh.triangles.size());
   const Image<int> ids = RasterizeTriangles(camera.width, camera.height, mesh.points, mesh.triangles);
-  const RayGrid rays = {static_cast<float>(1 / camera.fx), static_cast<float>(1 / camera.fy),
-                        static_cast<float>(camera.cx), static_cast<float>(camera.cy)};
+  const RayGrid rays = MakeRayGrid(camera);
   PlaneMap planes(camera.width, camera.height);
   tbb::parallel_for(0, camera.height, [&](int row) {
     for (int col = 0; col < camera.width; ++col) {

@@ -81,6 +81,10 @@ EngineEstimatePtr RecordingDepthEngine::Complete(const EngineProblem& problem, c
   return Recorded(problem, 0, [&] { return engine_->Complete(problem, options); });
 }
 
+EngineEstimatePtr RecordingDepthEngine::RefuteUnsupported(const EngineProblem& problem) {
+  return Guarded([&] { return engine_->RefuteUnsupported(problem); });  // as fast as reading a file
+}
+
 ConsistencyResult RecordingDepthEngine::FilterByConsistency(const EngineView& reference,
                                                             const std::vector<EngineView>& sources,
                                                             const FusionOptions& options) {

@@ -48,7 +48,9 @@ TEST(ComputeConfidence, StaysInBoundsAndNeverGoesTheWrongWay) {
 
 TEST(ComputeConfidence, IsFiniteForOddInput) {
   const float nan = std::numeric_limits<float>::quiet_NaN(), infinity = std::numeric_limits<float>::infinity();
-  EXPECT_EQ(ComputeConfidence(nan, {}, 0.1), ComputeConfidence(infinity, {}, 0.1));
+  // The worst cost has a photometric likelihood of exp(-22).
+  EXPECT_NEAR(ComputeConfidence(nan, {}, 0.1), ComputeConfidence(kWorstCost, {}, 0.1), 1e-9);
+  EXPECT_GT(ComputeConfidence(infinity, {}, 0.1), 0) << "refuted";
   EXPECT_EQ(ComputeConfidence(-0.5f, {}, 0.1), ComputeConfidence(0, {}, 0.1));
 }
 
@@ -154,6 +156,24 @@ TEST(FilterByConsistency, GuessesHaveConfidence) {
   EXPECT_NEAR(ConfidenceOfMiddle(wall, {}), ComputeConfidence(kWorstCost, {}, 0), 1e-7);
   EXPECT_GT(ConfidenceOfMiddle(wall, {4}), ConfidenceOfMiddle(wall, {}));
   EXPECT_LT(ConfidenceOfMiddle(wall, {5}), ConfidenceOfMiddle(wall, {}));
+}
+
+TEST(FilterByConsistency, RefutedPixelsAreGuessesOfFourTimesTheError) {
+  TestView wall = FlatView(61, 41, 4);
+  wall.cost(30, 20) = kWorstCost;
+  const double guess = ConfidenceOfMiddle(wall, {4, 4});
+  wall.cost(30, 20) = kRefutedCost;
+  const double refuted = ConfidenceOfMiddle(wall, {4, 4});
+  EXPECT_NEAR((1 - refuted) / refuted, 4 * (1 - guess) / guess, 0.02 * (1 - refuted) / refuted);  // exp(1.4) = 4.06
+  FusionOptions options;
+  options.min_point_confidence = 0;
+  const std::vector<TestView> sources = SideViews({4, 4});
+  const auto count = [&] {
+    return FilterByConsistency(wall.View(), ViewsOf(sources), options).points_in_camera.size();
+  };
+  const size_t without_it = count();
+  wall.cost(30, 20) = 0.1f;
+  EXPECT_EQ(count(), without_it + 1);
 }
 
 TEST(FilterByConsistency, KeepsPixelsOfEnoughConfidence) {

@@ -4,6 +4,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "acmp_mapping/image/cells.h"
 #include "support/devices.h"
 #include "support/pass_result.h"
 #include "support/random_views.h"
@@ -275,6 +276,35 @@ TEST_P(PassesTest, BadInputIsRefusedAndLeavesTheObjectUsable) {
   EXPECT_THROW(patch_match_->RunPlanarPrior(problem, {}, start, wrong_size.View()), InvalidInputError);
 
   EXPECT_TRUE(SameBits(start, patch_match_->RunPhotometric(problem, {})));
+}
+
+TEST_P(PassesTest, EvidenceIsMeasuredOncePerCell) {
+  const std::vector<PlanarView> views = RenderPlanarScene(WorldPlane::Slanted(12, -8, 4), 61, 43, 5);
+  const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10}, true);
+  const PlaneMap planes = patch_match_->RunPhotometric(problem, {}).planes.Clone();
+  const Image<float> every = patch_match_->MeasureEvidence(problem, planes, 1);
+  const Image<float> cells = patch_match_->MeasureEvidence(problem, planes, 4);
+  ASSERT_EQ(every.width(), 61);
+  ASSERT_EQ(cells.width(), 16);
+  ASSERT_EQ(cells.height(), 11);
+  int evident = 0;
+  for (int row = 0; row < cells.height(); ++row) {
+    for (int col = 0; col < cells.width(); ++col) {
+      ASSERT_EQ(cells(col, row), every(MiddleOfCell(col, 4, 61), MiddleOfCell(row, 4, 43))) << col << ", " << row;
+      evident += cells(col, row) >= 10 ? 1 : 0;
+    }
+  }
+  EXPECT_GT(evident, 16 * 11 / 2);
+  const PatchMatchProblem without = MakeProblem(views, 0, {1, 10}, false);
+  for (const float value : patch_match_->MeasureEvidence(without, planes, 4)) ASSERT_EQ(value, 0) << "no view agrees";
+}
+
+TEST_P(PassesTest, EvidenceOfOtherSizesIsRefused) {
+  const std::vector<PlanarView> views = RenderPlanarScene(WorldPlane::Slanted(12, -8, 4), 31, 23, 3);
+  const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10}, true);
+  EXPECT_THROW(patch_match_->MeasureEvidence(problem, PlaneMap(31, 22), 4), InvalidInputError);
+  EXPECT_THROW(patch_match_->MeasureEvidence(problem, PlaneMap(31, 23), 0), InvalidInputError);
+  EXPECT_EQ(patch_match_->MeasureEvidence(problem, PlaneMap(31, 23), 8).width(), 4);
 }
 
 TEST_P(PassesTest, ReportsTimeAndName) {

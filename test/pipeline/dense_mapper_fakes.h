@@ -12,6 +12,7 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/image/cells.h"
 #include "acmp_mapping/pipeline/dense_mapper.h"
 #include "acmp_mapping/pipeline/host_depth_engine.h"
 
@@ -77,6 +78,9 @@ class FakePatchMatch : public PatchMatch {
   PatchMatchResult RunGeometric(const PatchMatchProblem& problem, const PatchMatchOptions&,
                                 const PatchMatchResult& start, int pass) override {
     return Answer("geometric", problem, &start, pass);
+  }
+  Image<float> MeasureEvidence(const PatchMatchProblem&, const PlaneMap& planes, int cell_size) override {
+    return Image<float>(CellsOf(planes.width(), cell_size), CellsOf(planes.height(), cell_size));
   }
   PatchMatchTiming last_timing() const override { return {0, 1, 0}; }
   std::string device_name() const override { return "fake"; }

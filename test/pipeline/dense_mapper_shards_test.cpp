@@ -10,6 +10,7 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/evaluation/synthetic_scene.h"
+#include "acmp_mapping/image/cells.h"
 #include "dense_mapper_fakes.h"
 
 namespace acmp {
@@ -34,6 +35,9 @@ class HashPatchMatch : public PatchMatch {
   PatchMatchResult RunGeometric(const PatchMatchProblem& problem, const PatchMatchOptions&,
                                 const PatchMatchResult& start, int pass) override {
     return Answer(problem, 3 + static_cast<uint32_t>(pass), &start);
+  }
+  Image<float> MeasureEvidence(const PatchMatchProblem&, const PlaneMap& planes, int cell_size) override {
+    return Image<float>(CellsOf(planes.width(), cell_size), CellsOf(planes.height(), cell_size));
   }
   PatchMatchTiming last_timing() const override { return {}; }
   std::string device_name() const override { return "hash"; }

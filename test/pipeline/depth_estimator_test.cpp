@@ -6,6 +6,7 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/image/cells.h"
 #include "acmp_mapping/pipeline/host_depth_engine.h"
 #include "support/planar_scene.h"
 
@@ -13,6 +14,7 @@ namespace acmp {
 namespace {
 
 using ::testing::ElementsAre;
+using ::testing::IsEmpty;
 
 /// Stands in for a device: remembers what it was asked and returns a slanted plane with credible and other pixels.
 class FakePatchMatch final : public PatchMatch {
@@ -36,6 +38,10 @@ class FakePatchMatch final : public PatchMatch {
     Note(Concat("geometric ", pass), problem, options);
     last_start = start.Clone();
     return Result(problem, {0, 0, -1, 6});
+  }
+  Image<float> MeasureEvidence(const PatchMatchProblem&, const PlaneMap& planes, int cell_size) override {
+    calls.emplace_back("evidence");
+    return Image<float>(CellsOf(planes.width(), cell_size), CellsOf(planes.height(), cell_size));
   }
   PatchMatchTiming last_timing() const override { return {1, 10, 1}; }
   std::string device_name() const override { return "fake"; }
@@ -329,8 +335,14 @@ TEST_F(DepthEstimatorTest, StepsRunThePassesThatTheOptionsName) {
       EXPECT_EQ(estimator.last_times().completion_ms, 0) << "the first pass alone";
     }
   }
-  EXPECT_THAT(kernels_ms, ElementsAre(0, 10, 10, 0)) << "the fake's passes say 10, completion on the host nothing";
-  EXPECT_THAT(fake_.calls, ElementsAre("geometric 0", "geometric 1"));
+  EXPECT_THAT(kernels_ms, ElementsAre(0, 10, 10, 10)) << "the fake says 10 of each, completion on the host nothing";
+  EXPECT_THAT(fake_.calls, ElementsAre("geometric 0", "geometric 1", "evidence"));
+
+  fake_.calls.clear();
+  options.completion.refute_unsupported = false;
+  estimator.set_options(options);
+  estimator.Refine(problem, estimator.num_refinements() - 1);
+  EXPECT_THAT(fake_.calls, IsEmpty());
 }
 
 TEST_F(DepthEstimatorTest, RefinementIsAtFullSizeWhateverTheStartLevel) {

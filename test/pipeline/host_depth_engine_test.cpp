@@ -7,6 +7,7 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/image/cells.h"
 #include "acmp_mapping/patch_match/kernel/upsample.h"
 #include "acmp_mapping/patch_match/match_setup.h"
 #include "support/pass_result.h"
@@ -36,6 +37,9 @@ class SpyPatchMatch final : public PatchMatch {
     last_start = start.Clone();
     last_pass = pass;
     return Answer(problem);
+  }
+  Image<float> MeasureEvidence(const PatchMatchProblem&, const PlaneMap& planes, int cell_size) override {
+    return Image<float>(CellsOf(planes.width(), cell_size), CellsOf(planes.height(), cell_size));
   }
   PatchMatchTiming last_timing() const override { return {100, 7, 100}; }
   std::string device_name() const override { return "spy"; }

@@ -132,6 +132,23 @@ TEST(PipelineOptionsTest, WhatAPassHasToCheckIsOfferedBeforePassesOnly) {
   EXPECT_FALSE(CompletionOptionsOf(options, 0).surest_first) << "the only completion is the last";
 }
 
+TEST(PipelineOptionsTest, WhatNoTextureSpeaksForIsRefutedAfterAllPassesOnly) {
+  for (const char* preset : {"acmp", "quality", "online", "acmh"}) {
+    PipelineOptions options = MakePreset(preset);
+    for (const int passes : {0, 2}) {
+      options.geometric_passes = passes;
+      for (const bool wanted : {true, false}) {
+        options.completion.refute_unsupported = wanted;
+        const int last = NumRefinements(options) - 1;
+        for (int step = 0; step <= last; ++step) {
+          EXPECT_EQ(RefinementStepOf(options, step).refutes, wanted && options.completion.enabled && step == last)
+              << preset << ", step " << step << " with " << passes << " passes";
+        }
+      }
+    }
+  }
+}
+
 TEST(PipelineOptionsTest, NoStepBeyondTheLast) {
   const PipelineOptions options;
   EXPECT_THROW(RefinementStepOf(options, NumRefinements(options)), InvalidInputError);

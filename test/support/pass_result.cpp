@@ -24,7 +24,7 @@ void ExpectSize(const Image<T>& image, const PinholeCamera& camera) {
 }
 
 void ExpectValidMaps(const PlaneMap& planes, const CostMap& costs, const PinholeCamera& camera, const DepthRange& range,
-                     float max_cost) {
+                     float max_cost, bool may_be_refuted) {
   ASSERT_NO_FATAL_FAILURE(ExpectSize(planes, camera));
   ASSERT_NO_FATAL_FAILURE(ExpectSize(costs, camera));
   for (int row = 0; row < camera.height; ++row) {
@@ -40,7 +40,8 @@ void ExpectValidMaps(const PlaneMap& planes, const CostMap& costs, const Pinhole
       ASSERT_TRUE(depth >= range.min * (1 - slack) && depth <= range.max * (1 + slack))
           << depth << " at " << col << ", " << row;
       const float cost = costs(col, row);
-      ASSERT_TRUE(cost >= 0 && cost <= max_cost) << cost << " at " << col << ", " << row;
+      const bool is_refuted = may_be_refuted && cost == kRefutedCost;
+      ASSERT_TRUE(is_refuted || (cost >= 0 && cost <= max_cost)) << cost << " at " << col << ", " << row;
     }
   }
 }
@@ -49,13 +50,13 @@ void ExpectValidMaps(const PlaneMap& planes, const CostMap& costs, const Pinhole
 
 void ExpectValid(const PatchMatchResult& result, const PatchMatchProblem& problem, float max_cost) {
   const PinholeCamera& camera = problem.reference.camera;
-  ASSERT_NO_FATAL_FAILURE(ExpectValidMaps(result.planes, result.cost, camera, problem.depth_range, max_cost));
+  ASSERT_NO_FATAL_FAILURE(ExpectValidMaps(result.planes, result.cost, camera, problem.depth_range, max_cost, false));
   ASSERT_NO_FATAL_FAILURE(ExpectSize(result.selected_views, camera));
   for (const uint32_t views : result.selected_views) ASSERT_EQ(uint64_t{views} >> problem.sources.size(), 0u);
 }
 
 void ExpectValid(const EstimateState& state, const PinholeCamera& camera, const DepthRange& range, float max_cost) {
-  ExpectValidMaps(state.planes, state.cost, camera, range, max_cost);
+  ExpectValidMaps(state.planes, state.cost, camera, range, max_cost, true);
 }
 
 bool SameBits(const PatchMatchResult& a, const PatchMatchResult& b) {

@@ -48,6 +48,9 @@ class FakeGpu final : public DepthEngine {
   EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) override {
     return host_.Complete(problem, options);
   }
+  EngineEstimatePtr RefuteUnsupported(const EngineProblem& problem) override {
+    return host_.RefuteUnsupported(problem);
+  }
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options) override {
     return host_.FilterByConsistency(reference, sources, options);

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "acmp_mapping/common/random.h"
+#include "acmp_mapping/image/cells.h"
 #include "acmp_mapping/patch_match/patch_match.h"
 
 namespace acmp {
@@ -31,6 +32,9 @@ class FakePatchMatch : public PatchMatch {
   PatchMatchResult RunGeometric(const PatchMatchProblem& problem, const PatchMatchOptions& options,
                                 const PatchMatchResult& start, int pass) override {
     return Run("geometric " + std::to_string(pass), problem, options, HashOf(start));
+  }
+  Image<float> MeasureEvidence(const PatchMatchProblem&, const PlaneMap& planes, int cell_size) override {
+    return Image<float>(CellsOf(planes.width(), cell_size), CellsOf(planes.height(), cell_size));
   }
   PatchMatchTiming last_timing() const override { return {0, 1, 0}; }
   std::string device_name() const override { return "fake (for tests)"; }

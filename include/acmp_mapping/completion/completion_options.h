@@ -17,6 +17,8 @@ struct CompletionOptions {
                                       ///< max_relative_depth, and anchors that more views confirm so go before nearer
                                       ///< ones, since the pass will check what they give
   bool weighted_median = true;        ///< then filter the map where surfaces meet (FilterPixel)
+  bool refute_unsupported = true;     ///< after the passes: what has no texture and would hide what has (RefutePixel)
+                                      ///< becomes a guess of little confidence: a sky, above all
 };
 /// Throws InvalidInputError naming the first field out of bounds.
 void Validate(const CompletionOptions& options);

@@ -2,6 +2,8 @@
 
 #include <Eigen/Core>
 
+#include "acmp_mapping/geometry/plane_hypothesis.h"
+
 namespace acmp {
 
 /// Undistorted pinhole camera. Pixel centres lie at integer coordinates (OpenCV and ROS CameraInfo convention; COLMAP's
@@ -45,6 +47,9 @@ struct PinholeCamera {
 /// Throws InvalidInputError unless size and focal lengths are positive and everything is finite. `name` starts
 /// messages.
 void CheckCamera(const char* name, const PinholeCamera& camera);
+
+/// Rays of the camera's pixels, rounded to float.
+RayGrid MakeRayGrid(const PinholeCamera& camera);
 
 /// Size whose longer side is at most `max_size` px, aspect kept to a pixel; unchanged when already small or max_size <=
 /// 0.

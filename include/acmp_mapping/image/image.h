@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <limits>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -108,6 +109,9 @@ constexpr float kWorstCost = 2.0f;  ///< in a CostMap: NCC = -1, or no correspon
 /// In a CostMap: a depth from the surroundings in place of one that a single view had confirmed, or that a weighted
 /// median replaced; never measured, but others may confirm it.
 constexpr float kUnverifiedCost = 1.9999999f;
+/// In a CostMap: what the other images show speaks against the depth (RefutePixel). A guess like kWorstCost, and a
+/// worse one.
+constexpr float kRefutedCost = std::numeric_limits<float>::infinity();
 using ConfidenceMap = Image<float>;       ///< 0..1; 0 = unknown
 using PlaneMap = Image<PlaneHypothesis>;  ///< planes in the camera frame; all zero = none
 

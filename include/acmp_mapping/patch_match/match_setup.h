@@ -7,9 +7,6 @@
 
 namespace acmp {
 
-/// Rays of a camera's pixels, rounded to float.
-RayGrid MakeRayGrid(const PinholeCamera& camera);
-
 /// Projections between the reference and every source view, composed in double and then rounded. Without depths, which
 /// depend on the device.
 std::vector<SourceView> MakeSourceViews(const PatchMatchProblem& problem);
@@ -54,5 +51,7 @@ MatchContext<Sampler> MakeMatchContext(const PatchMatchProblem& problem, const P
 /// camera everywhere (as every pass leaves it).
 void CheckStart(const PatchMatchProblem& problem, const PatchMatchResult& start);
 void CheckPrior(const PatchMatchProblem& problem, const ImageView<const PlaneHypothesis>& prior);
+/// Throws InvalidInputError unless `planes` has the reference's size and cells are of 1 px or more.
+void CheckEvidenceInput(const PatchMatchProblem& problem, const PlaneMap& planes, int cell_size);
 
 }  // namespace acmp

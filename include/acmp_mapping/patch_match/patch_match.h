@@ -36,6 +36,10 @@ class PatchMatch {
   virtual PatchMatchResult RunGeometric(const PatchMatchProblem& problem, const PatchMatchOptions& options,
                                         const PatchMatchResult& start, int pass) = 0;
 
+  /// DepthEvidence of the pixel in the middle of each cell of `cell_size` x `cell_size` px, the last ones cut off at
+  /// the image's border. `planes` has the reference's size. Sources without a depth map do not count.
+  virtual Image<float> MeasureEvidence(const PatchMatchProblem& problem, const PlaneMap& planes, int cell_size) = 0;
+
   virtual PatchMatchTiming last_timing() const = 0;
 
   /// "cpu (2 threads)", "NVIDIA H200 (cuda:0)".

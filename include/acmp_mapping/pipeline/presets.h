@@ -31,10 +31,11 @@ int NumRefinements(const PipelineOptions& options);
 /// How many of these come before the completion that follows the passes: all if there is none.
 int NumRefinementsInPasses(const PipelineOptions& options);
 
-/// What a refinement does: a completion, a geometric pass, or one after the other.
+/// What a refinement does: a completion, a geometric pass, or one after the other; the last one may refute.
 struct RefinementStep {
   bool completes = false;
   std::optional<int> pass;  ///< 0, 1, ...
+  bool refutes = false;     ///< what no texture speaks for, after all
 };
 /// Of refinement `step` (0, 1, ...).
 RefinementStep RefinementStepOf(const PipelineOptions& options, int step);

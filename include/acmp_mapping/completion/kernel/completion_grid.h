@@ -3,6 +3,7 @@
 #include <cstdint>
 
 #include "acmp_mapping/geometry/plane_hypothesis.h"
+#include "acmp_mapping/image/cells.h"
 #include "acmp_mapping/image/image.h"
 
 namespace acmp {
@@ -76,8 +77,6 @@ ACMP_HOST_DEVICE inline int CompletionCellSize(int width, int height) {
   const int size = (longer + kCellsAcross / 2) / kCellsAcross;
   return size > 1 ? size : 1;
 }
-
-ACMP_HOST_DEVICE inline int CellsOf(int pixels, int cell_size) { return (pixels + cell_size - 1) / cell_size; }
 
 // How many source views confirm a pixel, how many of them closely, whether some source nearly does, and how many
 // sources look through it. Of more than these maxima no step asks.

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "acmp_mapping/common/vector_math.h"
+#include "acmp_mapping/image/image.h"
 
 namespace acmp {
 
@@ -32,11 +33,14 @@ ACMP_HOST_DEVICE inline double GradedAgreement(double reprojection_px, double re
 /// worth. It never falls when cost, unevenness or the share of contradicting views grows or the mean agreement falls. A
 /// NaN cost is no photometric evidence; without views only cost and unevenness count.
 ACMP_HOST_DEVICE inline double ExpectedRelativeError(float cost, const ViewEvidence& evidence, double unevenness) {
+  constexpr double kRefutedExponent = 1.4;  // four times the error
   const double used_cost = cost > 0 ? cost : 0;
   // The paper's photometric likelihood (eq. 5).
   const double photometric = cost != cost ? 0.0 : std::exp(-used_cost * used_cost / 0.18);
   const double share = evidence.views > 0 ? 1.0 / evidence.views : 0.0;
-  const double exponent = 2.0 * share * evidence.contradicting - 0.9 * share * evidence.agreement - 0.3 * photometric;
+  const double refuted = cost >= kRefutedCost ? kRefutedExponent : 0.0;
+  const double exponent =
+      2.0 * share * evidence.contradicting - 0.9 * share * evidence.agreement - 0.3 * photometric + refuted;
   return 0.5 * std::pow(unevenness + 0.01, 0.9) * std::exp(exponent);
 }
 

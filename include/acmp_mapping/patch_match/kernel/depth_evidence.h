@@ -1,0 +1,153 @@
+#pragma once
+
+#include <cmath>
+
+#include "acmp_mapping/image/cells.h"
+#include "acmp_mapping/patch_match/kernel/geometric_cost.h"
+#include "acmp_mapping/patch_match/kernel/photometric_cost.h"
+
+namespace acmp {
+
+/// The plane itself and the same one farther away: factors of its inverse depth. The last is nearly at infinity, where
+/// a sky is.
+constexpr int kEvidencePlanes = 6;
+ACMP_HOST_DEVICE constexpr float EvidencePlane(int i) {
+  return i == 0 ? 1.0f : i == 1 ? 0.9f : i == 2 ? 0.8f : i == 3 ? 0.6f : i == 4 ? 0.3f : 0.01f;
+}
+
+/// The lanes that share a pixel. The CPU has one, which compares all planes; others have several, of which each takes
+/// every kSize-th, and
+///   FromFirst(x)  leaves all of them with the first one's
+///   Least(x)      with the least
+struct OneLane {
+  static constexpr int kSize = 1;
+  ACMP_HOST_DEVICE int Rank() const { return 0; }
+  ACMP_HOST_DEVICE float FromFirst(float x) const { return x; }
+  ACMP_HOST_DEVICE float Least(float x) const { return x; }
+};
+
+/// The window of a pixel as it is compared here: without weights, as texture that is hardly more than noise shows in
+/// the sum of many samples only.
+struct PlainWindow {
+  float value[kPatchSamples];                    ///< grey values minus the pixel's
+  float col[kPatchSamples], row[kPatchSamples];  ///< inside the image: the nearest pixels in it
+  float center;
+  float mean, variance;
+};
+
+template <class Sampler>
+ACMP_HOST_DEVICE inline PlainWindow LoadPlainWindow(const MatchContext<Sampler>& context, int col, int row) {
+  constexpr float kInverseSamples = 1.0f / kPatchSamples;
+  const auto clamped = [](int value, int last) { return value < 0 ? 0 : value > last ? last : value; };
+  PlainWindow window;
+  window.center = context.sampler.Reference(col, row);
+  float sum = 0, squares = 0;
+  ACMP_UNROLL
+  for (int i = 0; i < kPatchSamples; ++i) {
+    const int c = clamped(col + WindowCol(i), context.width - 1), r = clamped(row + WindowRow(i), context.height - 1);
+    const float value = context.sampler.Reference(c, r) - window.center;
+    window.value[i] = value;
+    window.col[i] = static_cast<float>(c);
+    window.row[i] = static_cast<float>(r);
+    sum += value;
+    squares += value * value;
+  }
+  window.mean = kInverseSamples * sum;
+  window.variance = kInverseSamples * squares - window.mean * window.mean;
+  return window;
+}
+
+/// The part of the window's variance that a gain and an offset of the source's grey values do not explain, grey
+/// levels^2; -1 where not all of the window falls into the source's image.
+/// @param dual of the plane (PlaneDual)
+template <class Sampler>
+ACMP_HOST_DEVICE inline float UnexplainedVariance(const MatchContext<Sampler>& context, const PlainWindow& window,
+                                                  const Vec3f& dual, int view) {
+  constexpr float kInverseSamples = 1.0f / kPatchSamples;
+  const SourceView& source = context.sources[view];
+  const PlaneWarp warp = MakePlaneWarp(source, dual, 0, 0);
+  const int image = context.sampler.ImageOf(view);
+  float sum = 0, squares = 0, products = 0;
+  bool is_inside = true;
+  ACMP_UNROLL
+  for (int i = 0; i < kPatchSamples; ++i) {
+    const Vec3f projected = window.col[i] * warp.step_col + window.row[i] * warp.step_row + warp.center;
+    const float inv_z = Reciprocal(projected.z);
+    const float x = projected.x * inv_z, y = projected.y * inv_z;
+    is_inside = is_inside && projected.z > 0 && x >= 0 && y >= 0 && x <= source.width - 1 && y <= source.height - 1;
+    const float value =
+        context.sampler.SourceAt(image, x + Sampler::kPixelCenter, y + Sampler::kPixelCenter) - window.center;
+    sum += value;
+    squares += value * value;
+    products += value * window.value[i];
+  }
+  if (!is_inside) return -1;
+  const float mean = kInverseSamples * sum;
+  const float variance = kInverseSamples * squares - mean * mean;
+  const float covariance = kInverseSamples * products - window.mean * mean;
+  if (!(covariance > 0 && variance > 0)) return window.variance;
+  const float rest = window.variance - covariance * covariance / variance;
+  return rest > 0 ? rest : 0;
+}
+
+/// How much the images speak for a pixel's plane against the same plane farther away: the least log-likelihood ratio of
+/// it against each EvidencePlane, over the source views whose depths agree with the pixel's (2 px). Noise of equal
+/// variance in all samples: n/2 log of the ratio of what is unexplained, summed over the views. About 0 on what has no
+/// texture, wherever it is drawn; negative where it fits better farther away. 0 with fewer than two views that agree.
+/// @param context with the planes that are asked about and the sources' depths; geometric_max_px above 2
+template <class Sampler, class Lanes = OneLane>
+ACMP_HOST_DEVICE inline float DepthEvidence(const MatchContext<Sampler>& context, int col, int row,
+                                            const Lanes& lanes = {}) {
+  constexpr float kAgreementPx = 2.0f;
+  constexpr float kNoiseVariance = 0.5f;  // grey levels^2, of both images together, at least
+  constexpr int kMinViews = 2;
+  constexpr float kFar = 1e30f;
+  constexpr int kPerLane = (kEvidencePlanes + Lanes::kSize - 1) / Lanes::kSize;
+  const PlaneHypothesis& plane = context.planes(col, row);
+  const float depth = PlaneDepth(plane, context.rays.Ray(static_cast<float>(col), static_cast<float>(row)));
+  if (!(plane.d > 0 && depth > 0)) return 0;
+  const PlainWindow window = LoadPlainWindow(context, col, row);
+  const Vec3f dual = PlaneDual(context, plane);
+  float log_ratio[kPerLane] = {};
+  int compared[kPerLane] = {};
+  int agreeing = 0;
+  for (int view = 0; view < context.num_sources; ++view) {
+    if (!(GeometricError(context, depth, col, row, view) < kAgreementPx)) continue;
+    float unexplained[kPerLane];
+    ACMP_UNROLL
+    for (int k = 0; k < kPerLane; ++k) {
+      const int i = lanes.Rank() + k * Lanes::kSize;
+      unexplained[k] =
+          i < kEvidencePlanes ? UnexplainedVariance(context, window, EvidencePlane(i) * dual, view) : -1.0f;
+    }
+    const float here = lanes.FromFirst(unexplained[0]);
+    if (here < 0) continue;
+    ++agreeing;
+    ACMP_UNROLL
+    for (int k = 0; k < kPerLane; ++k) {
+      if (unexplained[k] < 0) continue;
+      ++compared[k];
+      log_ratio[k] += logf((unexplained[k] + kNoiseVariance) / (here + kNoiseVariance));
+    }
+  }
+  if (agreeing < kMinViews) return 0;
+  float least = kFar;
+  ACMP_UNROLL
+  for (int k = 0; k < kPerLane; ++k) {
+    const bool is_farther = lanes.Rank() + k * Lanes::kSize > 0;
+    if (!is_farther || 2 * compared[k] < agreeing) continue;  // of what is out of sight there nothing is known
+    const float of_all = log_ratio[k] * static_cast<float>(agreeing) / static_cast<float>(compared[k]);
+    least = of_all < least ? of_all : least;
+  }
+  least = lanes.Least(least);
+  return least < kFar ? 0.5f * kPatchSamples * least : 0;
+}
+
+template <class Sampler, class Lanes = OneLane>
+ACMP_HOST_DEVICE inline float EvidenceOfCell(const MatchContext<Sampler>& context, int cell_col, int cell_row, int size,
+                                             const Lanes& lanes = {}) {
+  return DepthEvidence(context, MiddleOfCell(cell_col, size, context.width),
+                       MiddleOfCell(cell_row, size, context.height), lanes);
+}
+
+}  // namespace acmp

@@ -1,0 +1,54 @@
+#include "acmp_mapping/completion/refutation.h"
+
+#include <tbb/parallel_for.h>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/completion/kernel/refute_pixel.h"
+
+namespace acmp {
+namespace {
+
+void CheckSize(const char* name, int width, int height, int expected_width, int expected_height) {
+  if (width == expected_width && height == expected_height) return;
+  throw InvalidInputError(
+      Concat(name, " is ", width, " x ", height, ": must be ", expected_width, " x ", expected_height));
+}
+
+template <class Function>
+void ForEach(int width, int height, const Function& function) {
+  tbb::parallel_for(0, height, [&](int row) {
+    for (int col = 0; col < width; ++col) function(col, row);
+  });
+}
+
+}  // namespace
+
+CompletionContext MakeRefutationContext(const PinholeCamera& camera, const ImageView<PlaneHypothesis>& planes,
+                                        const ImageView<float>& cost) {
+  CompletionContext context = {};
+  context.rays = MakeRayGrid(camera);
+  context.cell_size = CompletionCellSize(camera.width, camera.height);
+  context.planes = planes;
+  context.cost = cost;
+  return context;
+}
+
+void RefuteUnsupported(const PinholeCamera& camera, const ImageView<const float>& evidence,
+                       const ImageView<PlaneHypothesis>& planes, const ImageView<float>& cost) {
+  CompletionContext context = MakeRefutationContext(camera, planes, cost);
+  const int cell_cols = CellsOf(camera.width, context.cell_size), cell_rows = CellsOf(camera.height, context.cell_size);
+  CheckSize("planes", planes.width, planes.height, camera.width, camera.height);
+  CheckSize("cost", cost.width, cost.height, camera.width, camera.height);
+  CheckSize("evidence", evidence.width, evidence.height, cell_cols, cell_rows);
+  Image<AnchorCell> evident(cell_cols, cell_rows);
+  Image<NearestAnchors> nearest(cell_cols, cell_rows);
+  context.fitted = evident.View();
+  context.nearest = nearest.View();
+  ForEach(cell_cols, cell_rows, [&](int col, int row) { FindEvidentAnchor(context, evidence, col, row); });
+  ForEach(cell_cols, cell_rows, [&](int col, int row) {
+    for (int direction = 0; direction < kNumDirections; ++direction) FindNearestAnchor(context, col, row, direction);
+  });
+  ForEach(camera.width, camera.height, [&](int col, int row) { RefutePixel(context, col, row); });
+}
+
+}  // namespace acmp
