@@ -39,10 +39,11 @@ class Recorder {
     return WaitUntil([count](const std::vector<ConstPtr>& messages) { return messages.size() >= count; }, timeout_s);
   }
 
-  bool WaitForPublisher(double timeout_s) const {
+  /// Until `count` publishers are connected; false after `timeout_s`.
+  bool WaitForPublisher(double timeout_s, uint32_t count = 1) const {
     const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(timeout_s);
-    while (subscriber_.getNumPublishers() == 0 && ros::WallTime::now() < end) ros::WallDuration(0.05).sleep();
-    return subscriber_.getNumPublishers() > 0;
+    while (subscriber_.getNumPublishers() < count && ros::WallTime::now() < end) ros::WallDuration(0.05).sleep();
+    return subscriber_.getNumPublishers() >= count;
   }
 
   std::vector<ConstPtr> messages() {
