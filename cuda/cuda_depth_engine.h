@@ -30,7 +30,7 @@ class CudaDepthEngine final : public DepthEngine {
   std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
                                               const PlanarPriorOptions& options) override;
   EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) override;
-  EngineEstimatePtr RefuteUnsupported(const EngineProblem& problem) override;
+  EngineEstimatePtr RefuteUnsupported(const EngineProblem& problem, EngineEstimatePtr start) override;
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options) override;
   ConfidenceMap MeasureConfidence(const EngineView& reference, const std::vector<EngineView>& sources,
@@ -81,8 +81,12 @@ class CudaDepthEngine final : public DepthEngine {
   template <Pass kPass>
   EngineEstimatePtr RunPass(const EngineProblem& problem, const PatchMatchOptions& options, int level,
                             const EngineEstimatePtr& start, const PriorMesh* prior, int geometric_pass, int iterations);
-  /// A new estimate with the start's planes and costs: in its memory if nobody else holds it, else copied.
-  std::shared_ptr<CudaEstimate> Continue(const EngineEstimatePtr& start);
+  /// The estimate itself if nobody else holds it, else null.
+  static std::shared_ptr<CudaEstimate> UseUp(const EngineEstimatePtr& start);
+  /// A new estimate that gets the planes and costs of another.
+  std::shared_ptr<CudaEstimate> QueueCopy(const CudaEstimate& from) const;
+  /// An estimate with the start's planes and costs: itself if nobody else holds it, else a copy.
+  std::shared_ptr<CudaEstimate> Continue(const EngineEstimatePtr& start) const;
   PassData MakePassData(const EngineProblem& problem, int level, const CudaEstimate& estimate) const;
   void AddSourceDepths(const EngineProblem& problem, PassData* data);
   HalvedDepth HalvedDepthOf(const CudaEstimate& estimate);

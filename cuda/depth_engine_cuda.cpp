@@ -125,16 +125,24 @@ std::vector<SupportPoint> CudaDepthEngine::FindCells(const CudaEstimate& maps, c
   return points;
 }
 
-std::shared_ptr<CudaEstimate> CudaDepthEngine::Continue(const EngineEstimatePtr& start) {
-  const CudaEstimate& from = Cast<CudaEstimate>(start);
-  if (IsHeldByNobodyElse(start)) {  // it was not made const, and nobody is left to see it
-    from.inverse_depth = DeviceArray<uint16_t>();
-    return std::const_pointer_cast<CudaEstimate>(std::static_pointer_cast<const CudaEstimate>(start));
-  }
+std::shared_ptr<CudaEstimate> CudaDepthEngine::UseUp(const EngineEstimatePtr& start) {
+  if (!IsHeldByNobodyElse(start)) return nullptr;
+  // It was not made const, and nobody is left to see it.
+  return std::const_pointer_cast<CudaEstimate>(std::static_pointer_cast<const CudaEstimate>(start));
+}
+
+std::shared_ptr<CudaEstimate> CudaDepthEngine::QueueCopy(const CudaEstimate& from) const {
   auto estimate = std::make_shared<CudaEstimate>(runner_.device(), from.width, from.height);
   estimate->planes.CopyFrom(from.planes, from.Pixels(), stream());
   estimate->cost.CopyFrom(from.cost, from.Pixels(), stream());
   return estimate;
+}
+
+std::shared_ptr<CudaEstimate> CudaDepthEngine::Continue(const EngineEstimatePtr& start) const {
+  const std::shared_ptr<CudaEstimate> used_up = UseUp(start);
+  if (!used_up) return QueueCopy(Cast<CudaEstimate>(start));
+  used_up->inverse_depth = DeviceArray<uint16_t>();
+  return used_up;
 }
 
 template <Pass kPass>

@@ -74,16 +74,14 @@ EngineEstimatePtr CudaDepthEngine::Complete(const EngineProblem& problem, const 
         SetUp(problem.reference, problem.sources, ConfirmationLimits(options), &CudaDepthEngine::GeometryMapsOf);
     if (setup.sources().empty()) return problem.reference.estimate;
     const PinholeCamera& camera = problem.reference.frame->camera;
-    auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
     DeviceArray<PlaneHypothesis> planes;  // of the filter; afterwards those of before
     ImageView<const Rgb> color;
     if (options.weighted_median) {
-      planes = DeviceArray<PlaneHypothesis>(runner_.device(), estimate->Pixels());
+      planes = DeviceArray<PlaneHypothesis>(runner_.device(), start.Pixels());
       color = ColorOf(problem.reference);
     }
     begin_.Record(stream());
-    estimate->planes.CopyFrom(start.planes, estimate->Pixels(), stream());
-    estimate->cost.CopyFrom(start.cost, estimate->Pixels(), stream());
+    const std::shared_ptr<CudaEstimate> estimate = QueueCopy(start);
     const CompletionContext context =
         MakeCompletionContext(camera, problem.depth_range, options, static_cast<int>(setup.sources().size()));
     completion_.Queue(setup, context, {estimate->planes.data(), camera.width, camera.height, camera.width},
@@ -95,16 +93,18 @@ EngineEstimatePtr CudaDepthEngine::Complete(const EngineProblem& problem, const 
   });
 }
 
-EngineEstimatePtr CudaDepthEngine::RefuteUnsupported(const EngineProblem& problem) {
+EngineEstimatePtr CudaDepthEngine::RefuteUnsupported(const EngineProblem& problem, EngineEstimatePtr start) {
   const PatchMatchProblem match = MakeProblem(problem, 0);
   const PinholeCamera& camera = match.reference.camera;
-  const CudaEstimate& start = Cast<CudaEstimate>(problem.reference.estimate);
-  CheckSize("estimate", start.width, start.height, camera);
+  const CudaEstimate& from = Cast<CudaEstimate>(start);
+  CheckSize("start", from.width, from.height, camera);
   return OnDevice([&] {
-    auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
     begin_.Record(stream());
-    estimate->planes.CopyFrom(start.planes, estimate->Pixels(), stream());
-    estimate->cost.CopyFrom(start.cost, estimate->Pixels(), stream());
+    std::shared_ptr<CudaEstimate> estimate = UseUp(start);
+    if (!estimate) {
+      estimate = QueueCopy(from);
+      estimate->depth.CopyFrom(from.depth, from.Pixels(), stream());  // planes stay, so do their depths
+    }
     PassData data = MakePassData(problem, 0, *estimate);
     AddSourceDepths(problem, &data);
     const CompletionContext context =
@@ -116,7 +116,8 @@ EngineEstimatePtr CudaDepthEngine::RefuteUnsupported(const EngineProblem& proble
     const std::shared_lock<std::shared_mutex> images(device().images_mutex());
     runner_.QueueEvidence(match, data, context.cell_size, {evidence, cell_cols, cell_rows, cell_cols});
     completion_.QueueRefutation(context, stream());
-    FinishEstimate(camera, estimate.get());
+    end_.Record(stream());
+    stream().Synchronize();
     device_ms_ += CudaEvent::ElapsedMs(begin_, end_);
     return EngineEstimatePtr(estimate);
   });

@@ -76,7 +76,8 @@ EngineEstimatePtr DepthEstimator::Refine(EngineProblem problem, int step) {
     times_.geometric_ms = timer.Lap();
   }
   if (does.refutes) {
-    problem.reference.estimate = engine_->RefuteUnsupported(problem);
+    EngineEstimatePtr start = std::move(problem.reference.estimate);
+    problem.reference.estimate = engine_->RefuteUnsupported(problem, std::move(start));
     times_.completion_ms += timer.Lap();
   }
   times_.kernels_ms = engine_->TakeDeviceMs();

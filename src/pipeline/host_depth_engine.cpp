@@ -225,16 +225,14 @@ EngineEstimatePtr HostDepthEngine::Complete(const EngineProblem& problem, const 
   return UploadState(std::move(state), problem.reference.frame->camera);
 }
 
-EngineEstimatePtr HostDepthEngine::RefuteUnsupported(const EngineProblem& problem) {
+EngineEstimatePtr HostDepthEngine::RefuteUnsupported(const EngineProblem& problem, EngineEstimatePtr start) {
   const PatchMatchProblem match = MakeProblemWithDepths(problem);
-  const HostEstimate& start = Cast<HostEstimate>(problem.reference.estimate);
   const PinholeCamera& camera = match.reference.camera;
-  EstimateState state = {start.planes.Clone(), start.cost.Clone()};
+  PatchMatchResult maps = MakeStart(start);
   const Image<float> evidence =
-      patch_match_->MeasureEvidence(match, state.planes, CompletionCellSize(camera.width, camera.height));
-  device_ms_ += patch_match_->last_timing().kernels_ms;
-  acmp::RefuteUnsupported(camera, evidence.View(), state.planes.View(), state.cost.View());
-  return UploadState(std::move(state), camera);
+      patch_match_->MeasureEvidence(match, maps.planes, RefutationCellSize(camera.width, camera.height));
+  acmp::RefuteUnsupported(camera, evidence.View(), maps.planes.View(), maps.cost.View());
+  return Keep(std::move(maps), camera);
 }
 
 ConsistencyResult HostDepthEngine::FilterByConsistency(const EngineView& reference,

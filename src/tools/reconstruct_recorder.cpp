@@ -81,8 +81,8 @@ EngineEstimatePtr RecordingDepthEngine::Complete(const EngineProblem& problem, c
   return Recorded(problem, 0, [&] { return engine_->Complete(problem, options); });
 }
 
-EngineEstimatePtr RecordingDepthEngine::RefuteUnsupported(const EngineProblem& problem) {
-  return Guarded([&] { return engine_->RefuteUnsupported(problem); });  // as fast as reading a file
+EngineEstimatePtr RecordingDepthEngine::RefuteUnsupported(const EngineProblem& problem, EngineEstimatePtr start) {
+  return Guarded([&] { return engine_->RefuteUnsupported(problem, std::move(start)); });  // as fast as reading a file
 }
 
 ConsistencyResult RecordingDepthEngine::FilterByConsistency(const EngineView& reference,

@@ -7,7 +7,7 @@
 namespace acmp {
 namespace {
 
-constexpr int kWidth = 320, kHeight = 240;  // cells of 2 px
+constexpr int kWidth = 320, kHeight = 240;  // cells of 4 px
 constexpr int kRoof = 120;                  // row
 
 /// A sky over a house front at a depth of 20. All of the sky has a nearer wall's plane, as have some pixels of the
@@ -39,7 +39,7 @@ class RefutationTest : public ::testing::Test {
     return count;
   }
 
-  static constexpr int kCell = 2;
+  static constexpr int kCell = 4;
   const PinholeCamera camera_ = {kWidth, kHeight, 300, 300, 159.5, 119.5};
   Image<float> evidence_;
   PlaneMap planes_;
@@ -47,7 +47,7 @@ class RefutationTest : public ::testing::Test {
 };
 
 TEST_F(RefutationTest, WhatWouldHideSomethingEvidentIsRefuted) {
-  ASSERT_EQ(CompletionCellSize(kWidth, kHeight), kCell);
+  ASSERT_EQ(RefutationCellSize(kWidth, kHeight), kCell);
   Refute();
   EXPECT_EQ(CountRefuted(0, kRoof), kRoof * kWidth);
   EXPECT_EQ(CountRefuted(kRoof, kHeight), 0);
@@ -75,8 +75,9 @@ TEST_F(RefutationTest, WhatGoesOnAsThePlaneOfTheEvidentStays) {
 }
 
 TEST_F(RefutationTest, OnlyTheNearestEvidentPixelOfADirectionCounts) {
-  // A blank wall whose rim is evident, in front of the house: the rim is where it ends.
-  for (int row = kRoof - 4; row < kRoof; ++row) {
+  // A blank wall whose rim is evident, in front of the house: the rim is where it ends. It is two cells wide, as some
+  // directions step over every other one.
+  for (int row = kRoof - 2 * kCell; row < kRoof; ++row) {
     for (int col = 0; col < kWidth; ++col) evidence_(col / kCell, row / kCell) = 50;
   }
   Refute();

@@ -1,6 +1,8 @@
 // Refutation through the engines: a blank sky over a textured house front, in which all views see a nearer wall.
 
+#include <algorithm>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "gtest/gtest.h"
@@ -12,7 +14,7 @@
 namespace acmp {
 namespace {
 
-constexpr int kWidth = 160, kHeight = 120, kViews = 5;  // cells of 1 px
+constexpr int kWidth = 160, kHeight = 120, kViews = 5;  // cells of 2 px
 
 class RefuteOnEnginesTest : public EngineTest {
  protected:
@@ -56,12 +58,15 @@ class RefuteOnEnginesTest : public EngineTest {
     return problem;
   }
 
+  /// Of a start that the scene holds, too.
+  EngineEstimatePtr Refute() { return engine_->RefuteUnsupported(scene_, scene_.reference.estimate); }
+
   EngineProblem scene_;
 };
 INSTANTIATE_TEST_SUITE_P(Devices, RefuteOnEnginesTest, ::testing::Values(Device::kCpu, Device::kCuda), DeviceName);
 
 TEST_P(RefuteOnEnginesTest, RefutesTheWallInTheSkyAndNothingElse) {
-  const EstimateState state = engine_->DownloadState(engine_->RefuteUnsupported(scene_));
+  const EstimateState state = engine_->DownloadState(Refute());
   int refuted = 0, kept = 0;
   for (int row = 0; row < kHeight; ++row) {
     for (int col = 0; col < kWidth; ++col) {
@@ -79,7 +84,7 @@ TEST_P(RefuteOnEnginesTest, RefutesTheWallInTheSkyAndNothingElse) {
 
 TEST_P(RefuteOnEnginesTest, KeepsPlanesAndLeavesTheStartAsItWas) {
   const EstimateState before = engine_->DownloadState(scene_.reference.estimate);
-  const EstimateState refuted = engine_->DownloadState(engine_->RefuteUnsupported(scene_));
+  const EstimateState refuted = engine_->DownloadState(Refute());
   const EstimateState after = engine_->DownloadState(scene_.reference.estimate);
   for (size_t i = 0; i < before.planes.size(); ++i) {
     ASSERT_EQ(refuted.planes.data()[i].d, before.planes.data()[i].d);
@@ -87,10 +92,25 @@ TEST_P(RefuteOnEnginesTest, KeepsPlanesAndLeavesTheStartAsItWas) {
   }
 }
 
+TEST_P(RefuteOnEnginesTest, UsesUpAStartThatNobodyElseHolds) {
+  const EstimateMaps before = engine_->Download(scene_.reference.estimate);
+  const EstimateState expected = engine_->DownloadState(Refute());
+  const EngineEstimate* start = scene_.reference.estimate.get();
+  const EngineEstimatePtr refuted = engine_->RefuteUnsupported(scene_, std::move(scene_.reference.estimate));
+  if (GetParam() == Device::kCuda) {
+    EXPECT_EQ(refuted.get(), start);
+  }
+  const EstimateState state = engine_->DownloadState(refuted);
+  EXPECT_TRUE(std::equal(state.cost.begin(), state.cost.end(), expected.cost.begin(), expected.cost.end()));
+  const DepthMap depth = engine_->Download(refuted).depth;
+  EXPECT_TRUE(std::equal(depth.begin(), depth.end(), before.depth.begin(), before.depth.end()));
+}
+
 TEST_P(RefuteOnEnginesTest, AgreesWithTheCpu) {
   const auto cpu = MakeDepthEngine(Device::kCpu).engine;
-  const EstimateState expected = cpu->DownloadState(cpu->RefuteUnsupported(MakeScene(cpu.get())));
-  const EstimateState state = engine_->DownloadState(engine_->RefuteUnsupported(scene_));
+  const EngineProblem scene = MakeScene(cpu.get());
+  const EstimateState expected = cpu->DownloadState(cpu->RefuteUnsupported(scene, scene.reference.estimate));
+  const EstimateState state = engine_->DownloadState(Refute());
   int different = 0;
   for (size_t i = 0; i < expected.cost.size(); ++i) {
     different += state.cost.data()[i] != expected.cost.data()[i] ? 1 : 0;
@@ -101,15 +121,15 @@ TEST_P(RefuteOnEnginesTest, AgreesWithTheCpu) {
 
 TEST_P(RefuteOnEnginesTest, NothingIsRefutedWithoutSourcesThatAgree) {
   for (EngineView& source : scene_.sources) source.estimate = nullptr;
-  const EstimateState state = engine_->DownloadState(engine_->RefuteUnsupported(scene_));
+  const EstimateState state = engine_->DownloadState(Refute());
   for (const float cost : state.cost) ASSERT_EQ(cost, 0.3f);
 }
 
 TEST_P(RefuteOnEnginesTest, BadInputIsRefused) {
   scene_.reference.estimate = nullptr;
-  EXPECT_THROW(engine_->RefuteUnsupported(scene_), InvalidInputError);
+  EXPECT_THROW(Refute(), InvalidInputError);
   scene_.reference.frame = nullptr;
-  EXPECT_THROW(engine_->RefuteUnsupported(scene_), InvalidInputError);
+  EXPECT_THROW(Refute(), InvalidInputError);
 }
 
 }  // namespace

@@ -48,8 +48,8 @@ class FakeGpu final : public DepthEngine {
   EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) override {
     return host_.Complete(problem, options);
   }
-  EngineEstimatePtr RefuteUnsupported(const EngineProblem& problem) override {
-    return host_.RefuteUnsupported(problem);
+  EngineEstimatePtr RefuteUnsupported(const EngineProblem& problem, EngineEstimatePtr start) override {
+    return host_.RefuteUnsupported(problem, std::move(start));
   }
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options) override {

@@ -33,7 +33,7 @@ class LostEngine final : public DepthEngine {
     Fail();
   }
   EngineEstimatePtr Complete(const EngineProblem&, const CompletionOptions&) override { Fail(); }
-  EngineEstimatePtr RefuteUnsupported(const EngineProblem&) override { Fail(); }
+  EngineEstimatePtr RefuteUnsupported(const EngineProblem&, EngineEstimatePtr) override { Fail(); }
   ConsistencyResult FilterByConsistency(const EngineView&, const std::vector<EngineView>&,
                                         const FusionOptions&) override {
     Fail();
@@ -153,7 +153,7 @@ TEST_F(RecordingDepthEngineTest, FailureOfAnyStepAbortsTheRun) {
       [&] { recorder.RunPlanarPrior(problem, {}, nullptr, {}); },
       [&] { recorder.RunGeometric(problem, {}, nullptr, 0); },
       [&] { recorder.Complete(problem, {}); },
-      [&] { recorder.RefuteUnsupported(problem); },
+      [&] { recorder.RefuteUnsupported(problem, nullptr); },
       [&] { recorder.FilterByConsistency({}, {}, {}); },
       [&] { recorder.Download(nullptr); },
       [&] { recorder.DownloadState(nullptr); },

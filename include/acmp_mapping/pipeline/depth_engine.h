@@ -107,9 +107,9 @@ class DepthEngine {
   /// Pixels that get another surface's plane have a cost of kWorstCost or kUnverifiedCost then.
   virtual EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) = 0;
 
-  /// RefuteUnsupported of the reference's estimate (not null), with the images, against the sources' estimates; those
-  /// without one do not count.
-  virtual EngineEstimatePtr RefuteUnsupported(const EngineProblem& problem) = 0;
+  /// RefuteUnsupported of the reference's estimate `start`, which is used up as in RunPlanarPrior, with the images,
+  /// against the sources' estimates; those without one do not count.
+  virtual EngineEstimatePtr RefuteUnsupported(const EngineProblem& problem, EngineEstimatePtr start) = 0;
 
   /// FilterByConsistency of the reference's estimate (not null) against the sources', with the frames' colours.
   virtual ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,

@@ -24,7 +24,7 @@ class HostDepthEngine final : public DepthEngine {
   EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
                                  EngineEstimatePtr start, int pass) override;
   EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) override;
-  EngineEstimatePtr RefuteUnsupported(const EngineProblem& problem) override;
+  EngineEstimatePtr RefuteUnsupported(const EngineProblem& problem, EngineEstimatePtr start) override;
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options) override;
   std::unique_ptr<FusionStamps> MakeFusionStamps() override;
