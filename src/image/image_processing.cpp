@@ -1,5 +1,8 @@
 #include "acmp_mapping/image/image_processing.h"
 
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
@@ -18,8 +21,8 @@ cv::Mat ReadOnlyMat(const GrayImage& image) {
 
 template <class T>
 Image<T> ResizeAny(const Image<T>& image, int width, int height) {
-  Image<T> resized(width, height);
   if (width == image.width() && height == image.height()) return image.Clone();
+  Image<T> resized(width, height);
   cv::Mat target = AsMat(resized);
   const bool shrinks = width <= image.width() && height <= image.height();
   cv::resize(ReadOnlyMat(image), target, target.size(), 0, 0, shrinks ? cv::INTER_AREA : cv::INTER_LINEAR);
@@ -38,13 +41,16 @@ GrayImage ToGray(const ColorImage& color) {
   GrayImage gray(color.width(), color.height());
   const cv::Mat source = ReadOnlyMat(color);
   const cv::Mat target = AsMat(gray);
-  cv::Mat strip;
-  for (int row = 0; row < color.height(); row += kStripRows) {
-    const cv::Range rows(row, std::min(row + kStripRows, color.height()));
-    source.rowRange(rows).convertTo(strip, CV_32FC3);
-    cv::Mat converted = target.rowRange(rows);
-    cv::cvtColor(strip, converted, cv::COLOR_RGB2GRAY);
-  }
+  const int strips = (color.height() + kStripRows - 1) / kStripRows;
+  tbb::parallel_for(tbb::blocked_range<int>(0, strips), [&](const tbb::blocked_range<int>& range) {
+    cv::Mat strip;
+    for (int i = range.begin(); i < range.end(); ++i) {
+      const cv::Range rows(i * kStripRows, std::min((i + 1) * kStripRows, color.height()));
+      source.rowRange(rows).convertTo(strip, CV_32FC3);
+      cv::Mat converted = target.rowRange(rows);
+      cv::cvtColor(strip, converted, cv::COLOR_RGB2GRAY);
+    }
+  });
   return gray;
 }
 

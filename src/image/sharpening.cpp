@@ -1,5 +1,8 @@
 #include "acmp_mapping/image/sharpening.h"
 
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
@@ -98,19 +101,22 @@ void Sharpen(double gain, GrayImage* gray) {
   const cv::Mat source = AsMat(*gray);
   const cv::Mat target = AsMat(result);
   const cv::Mat mean(1, kNeighbourhood, CV_32F, cv::Scalar(1.0 / kNeighbourhood));
-  cv::Mat blurred, detail, squares, power;
-  for (int row = 0; row < source.rows; row += kStripRows) {
-    const cv::Range rows(row, std::min(row + kStripRows, source.rows));
-    const cv::Range around(std::max(rows.start - kReach, 0), std::min(rows.end + kReach, source.rows));
-    const cv::Range inner = rows - around.start;
-    const cv::Mat strip = source.rowRange(around);
-    cv::GaussianBlur(strip, blurred, cv::Size(kBlurSize, kBlurSize), kBlur_px);
-    cv::subtract(strip, blurred, detail);
-    cv::multiply(detail, detail, squares);
-    cv::sepFilter2D(squares.rowRange(inner), power, CV_32F, mean, mean);  // blur() would sum in double
-    cv::Mat sharp = target.rowRange(rows);
-    Combine(blurred.rowRange(inner), detail.rowRange(inner), power, static_cast<float>(gain), noise_power, &sharp);
-  }
+  const int strips = (source.rows + kStripRows - 1) / kStripRows;
+  tbb::parallel_for(tbb::blocked_range<int>(0, strips), [&](const tbb::blocked_range<int>& range) {
+    cv::Mat blurred, detail, squares, power;
+    for (int i = range.begin(); i < range.end(); ++i) {
+      const cv::Range rows(i * kStripRows, std::min((i + 1) * kStripRows, source.rows));
+      const cv::Range around(std::max(rows.start - kReach, 0), std::min(rows.end + kReach, source.rows));
+      const cv::Range inner = rows - around.start;
+      const cv::Mat strip = source.rowRange(around);
+      cv::GaussianBlur(strip, blurred, cv::Size(kBlurSize, kBlurSize), kBlur_px);
+      cv::subtract(strip, blurred, detail);
+      cv::multiply(detail, detail, squares);
+      cv::sepFilter2D(squares.rowRange(inner), power, CV_32F, mean, mean);  // blur() would sum in double
+      cv::Mat sharp = target.rowRange(rows);
+      Combine(blurred.rowRange(inner), detail.rowRange(inner), power, static_cast<float>(gain), noise_power, &sharp);
+    }
+  });
   *gray = std::move(result);
 }
 

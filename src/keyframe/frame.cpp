@@ -51,9 +51,13 @@ Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamer
   frame.camera = camera.Resized(width, height);
   frame.cam_from_world = cam_from_world;
   // Resized in float, after the conversion: averaging keeps the faint texture that 8 bits would round away.
-  frame.gray = Resize(ToGray(color), width, height);
+  frame.gray = ToGray(color);
+  if (width != camera.width || height != camera.height) {
+    frame.gray = Resize(frame.gray, width, height);
+    color = Resize(color, width, height);
+  }
   Sharpen(options.sharpening, &frame.gray);
-  frame.color = width == color.width() && height == color.height() ? std::move(color) : Resize(color, width, height);
+  frame.color = std::move(color);
   frame.landmarks_in_world = std::move(landmarks_in_world);
   return frame;
 }
