@@ -42,6 +42,11 @@ struct PlaneFit {
   }
 };
 
+/// How many of `lanes`, a power of two, share a row of `count` anchors: the fewest that take it at once.
+ACMP_HOST_DEVICE constexpr int LanesOfRow(int lanes, int count) {
+  return lanes / 2 < count ? lanes : LanesOfRow(lanes / 2, count);
+}
+
 /// Tukey's biweight.
 ACMP_HOST_DEVICE inline float RobustWeight(float residual, float tolerance) {
   const float ratio = residual / (kCutOff * tolerance);
@@ -50,10 +55,13 @@ ACMP_HOST_DEVICE inline float RobustWeight(float residual, float tolerance) {
 }
 
 /// Fills one cell of `fitted`: the anchor with the plane of the anchors around that agree with it, by reweighted least
-/// squares from the plane of the anchor's own pixel.
+/// squares from the plane of the anchor's own pixel. Several lanes share its rows and columns.
 template <class Lanes>
 ACMP_HOST_DEVICE inline void FitAnchor(const CompletionContext& context, int cell_col, int cell_row,
                                        const Lanes& lanes) {
+  constexpr int kMaxAnchors = 2 * kFitRadius / kFitStep + 1;  // of a row
+  constexpr int kLanesOfRow = LanesOfRow(Lanes::kSize, kMaxAnchors);
+  constexpr int kRowsAtOnce = Lanes::kSize / kLanesOfRow;
   AnchorCell anchor = context.anchors(cell_col, cell_row);
   if (anchor.views == 0) {
     if (lanes.Rank() == 0) context.fitted(cell_col, cell_row) = anchor;
@@ -75,8 +83,10 @@ ACMP_HOST_DEVICE inline void FitAnchor(const CompletionContext& context, int cel
   for (int iteration = 0; iteration < kFitIterations; ++iteration) {
     const float tolerance = iteration == 0 ? kFirstFitTolerance : kFitTolerance;
     PlaneFit sums;
-    for (int row = first_row; row <= last_row; row += kFitStep) {
-      for (int col = first_col + kFitStep * lanes.Rank(); col <= last_col; col += kFitStep * Lanes::kSize) {
+    for (int row = first_row + kFitStep * (lanes.Rank() / kLanesOfRow); row <= last_row;
+         row += kFitStep * kRowsAtOnce) {
+      for (int col = first_col + kFitStep * (lanes.Rank() % kLanesOfRow); col <= last_col;
+           col += kFitStep * kLanesOfRow) {
         const AnchorCell& other = context.anchors(col, row);
         if (other.views == 0) continue;
         const float x = static_cast<float>(other.col - anchor.col) * inv_reach;

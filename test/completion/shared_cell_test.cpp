@@ -1,0 +1,174 @@
+// The work on a cell shared by many lanes, as on a GPU, against one lane that does all of it.
+
+#include <array>
+#include <condition_variable>
+#include <mutex>
+#include <random>
+#include <thread>
+#include <vector>
+
+#include "completion/completion_kernel_fixture.h"
+
+namespace acmp {
+namespace {
+
+constexpr int kLanes = 32;
+
+/// Where the lanes of a cell meet, each in a thread of its own.
+template <class T>
+class MeetingPoint {
+ public:
+  /// Blocks until all lanes have come. What each has brought, by rank.
+  std::array<T, kLanes> Meet(int rank, const T& brought) {
+    std::unique_lock<std::mutex> lock(mutex_);
+    const long round = round_;
+    brought_[static_cast<size_t>(rank)] = brought;
+    if (++present_ == kLanes) {
+      shared_ = brought_;
+      present_ = 0;
+      ++round_;
+      all_present_.notify_all();
+    } else {
+      all_present_.wait(lock, [&] { return round_ != round; });
+    }
+    return shared_;
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable all_present_;
+  std::array<T, kLanes> brought_ = {}, shared_ = {};
+  int present_ = 0;
+  long round_ = 0;
+};
+
+/// One lane of a warp.
+class ThreadLane {
+ public:
+  static constexpr int kSize = kLanes;
+  ThreadLane(int rank, MeetingPoint<PlaneFit>* fits, MeetingPoint<AnchorChoice>* choices)
+      : rank_(rank), fits_(fits), choices_(choices) {}
+
+  int Rank() const { return rank_; }
+  void AddUp(PlaneFit* fit) const {
+    PlaneFit sum;
+    for (const PlaneFit& of_lane : fits_->Meet(rank_, *fit)) {
+      sum.s1 += of_lane.s1, sum.sx += of_lane.sx, sum.sy += of_lane.sy;
+      sum.sxx += of_lane.sxx, sum.sxy += of_lane.sxy, sum.syy += of_lane.syy;
+      sum.q += of_lane.q, sum.qx += of_lane.qx, sum.qy += of_lane.qy;
+    }
+    *fit = sum;
+  }
+  void Best(AnchorChoice* choice) const {
+    for (const AnchorChoice& of_lane : choices_->Meet(rank_, *choice)) {
+      if (of_lane.views > 0 && (choice->views == 0 || of_lane.IsBetterThan(*choice))) *choice = of_lane;
+    }
+  }
+
+ private:
+  int rank_;
+  MeetingPoint<PlaneFit>* fits_;
+  MeetingPoint<AnchorChoice>* choices_;
+};
+
+TEST(LanesOfRowTest, TheFewestThatTakeARowAtOnce) {
+  EXPECT_EQ(LanesOfRow(1, 15), 1);
+  EXPECT_EQ(LanesOfRow(8, 15), 8);
+  EXPECT_EQ(LanesOfRow(32, 33), 32);
+  EXPECT_EQ(LanesOfRow(32, 17), 32);
+  EXPECT_EQ(LanesOfRow(32, 16), 16);
+  EXPECT_EQ(LanesOfRow(32, 15), 16);
+  EXPECT_EQ(LanesOfRow(32, 1), 1);
+}
+
+/// A floor and a wall, noisy, with gaps, in more cells than a fit reaches.
+class SharedCellTest : public CompletionKernelTest {
+ protected:
+  static constexpr int kCols = 52, kRows = 44;
+
+  SharedCellTest() : sightings_(kCols * kCell, kRows * kCell), planes_(kCols * kCell, kRows * kCell) {
+    cost_ = CostMap(kCols * kCell, kRows * kCell);
+    anchors_ = Image<AnchorCell>(kCols, kRows);
+    fitted_ = Image<AnchorCell>(kCols, kRows);
+    context_.sightings = sightings_.View();
+    context_.planes = planes_.View();
+    context_.cost = cost_.View();
+    context_.anchors = anchors_.View();
+    context_.fitted = fitted_.View();
+    std::mt19937 random(7);
+    for (int row = 0; row < planes_.height(); ++row) {
+      for (int col = 0; col < planes_.width(); ++col) {
+        const Vec3f ray = Ray(col, row);
+        const float noise = 1 + std::uniform_real_distribution<float>(-0.003f, 0.003f)(random);
+        const Vec3f normal = Normalized(row < 90 ? Vec3f{0.2f, 0, -1} : Vec3f{0, -1, -0.4f});
+        planes_(col, row) = PlaneThrough(normal, ray, noise * (row < 90 ? 6 + 0.01f * static_cast<float>(col) : 4));
+        cost_(col, row) = std::uniform_real_distribution<float>(0, 0.5f)(random);
+        sightings_(col, row) = PackSightings(static_cast<int>(random() % 5), static_cast<int>(random() % 3), false, 0);
+      }
+    }
+  }
+
+  /// The lanes of a warp, each for all cells.
+  template <class Work>
+  static void OnAllLanes(const Work& work) {
+    MeetingPoint<PlaneFit> fits;
+    MeetingPoint<AnchorChoice> choices;
+    std::vector<std::thread> threads;
+    threads.reserve(kLanes);
+    for (int rank = 0; rank < kLanes; ++rank) {
+      threads.emplace_back([&, rank] {
+        const ThreadLane lane(rank, &fits, &choices);
+        for (int row = 0; row < kRows; row += 3) {
+          for (int col = 0; col < kCols; col += 3) work(col, row, lane);
+        }
+      });
+    }
+    for (std::thread& thread : threads) thread.join();
+  }
+
+  Image<Sightings> sightings_;
+  PlaneMap planes_;
+};
+
+TEST_F(SharedCellTest, ManyLanesFindTheSameAnchors) {
+  FindAll();
+  const Image<AnchorCell> expected = anchors_.Clone();
+  OnAllLanes([&](int col, int row, const ThreadLane& lane) { FindAnchor(context_, col, row, lane); });
+  int found = 0;
+  for (int row = 0; row < kRows; row += 3) {
+    for (int col = 0; col < kCols; col += 3) {
+      found += expected(col, row).views > 0 ? 1 : 0;
+      ASSERT_EQ(anchors_(col, row).views, expected(col, row).views) << col << ", " << row;
+      ASSERT_EQ(anchors_(col, row).col, expected(col, row).col) << col << ", " << row;
+      ASSERT_EQ(anchors_(col, row).row, expected(col, row).row) << col << ", " << row;
+    }
+  }
+  EXPECT_GT(found, 100);
+}
+
+TEST_F(SharedCellTest, ManyLanesFitTheSamePlanes) {
+  FindAll();
+  FitAll();
+  const Image<AnchorCell> expected = fitted_.Clone();
+  for (AnchorCell& cell : fitted_) cell = {};
+  OnAllLanes([&](int col, int row, const ThreadLane& lane) { FitAnchor(context_, col, row, lane); });
+  int fitted = 0;
+  for (int row = 0; row < kRows; row += 3) {
+    for (int col = 0; col < kCols; col += 3) {
+      const AnchorCell &cell = fitted_(col, row), &of_one = expected(col, row);
+      ASSERT_EQ(cell.views, of_one.views);
+      if (of_one.views == 0) continue;
+      ++fitted;
+      const Vec3f ray = Ray(of_one.col, of_one.row);
+      // 225 terms summed in another order, and solved for slopes that hang on their differences: some hundred times the
+      // rounding of float (6e-8), and far from what a row or column left out would do (the noise is 3e-3).
+      ASSERT_NEAR(Dot(cell.inverse_plane, ray) / Dot(of_one.inverse_plane, ray), 1, 1e-5) << col << ", " << row;
+      const Vec3f change = cell.inverse_plane - of_one.inverse_plane;
+      ASSERT_LT(Norm(change), 1e-4f * Norm(of_one.inverse_plane)) << col << ", " << row;
+    }
+  }
+  EXPECT_GT(fitted, 100);
+}
+
+}  // namespace
+}  // namespace acmp
