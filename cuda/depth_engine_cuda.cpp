@@ -139,7 +139,7 @@ std::shared_ptr<CudaEstimate> CudaDepthEngine::QueueCopy(const CudaEstimate& fro
 }
 
 std::shared_ptr<CudaEstimate> CudaDepthEngine::Continue(const EngineEstimatePtr& start) const {
-  const std::shared_ptr<CudaEstimate> used_up = UseUp(start);
+  std::shared_ptr<CudaEstimate> used_up = UseUp(start);
   if (!used_up) return QueueCopy(Cast<CudaEstimate>(start));
   used_up->inverse_depth = DeviceArray<uint16_t>();
   return used_up;
