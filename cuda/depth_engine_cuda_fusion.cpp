@@ -106,6 +106,7 @@ EngineEstimatePtr CudaDepthEngine::RefuteUnsupported(const EngineProblem& proble
       estimate->depth.CopyFrom(from.depth, from.Pixels(), stream());  // planes stay, so do their depths
     }
     PassData data = MakePassData(problem, 0, *estimate);
+    data.selected_views = nullptr;  // none are written: the depths keep their memory
     AddSourceDepths(problem, &data);
     const CompletionContext context =
         MakeRefutationContext(camera, {estimate->planes.data(), camera.width, camera.height, camera.width},

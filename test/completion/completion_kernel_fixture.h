@@ -7,18 +7,18 @@
 
 namespace acmp {
 
-/// Maps and anchors of an image of 40 x 30 px in cells of 4 px.
+/// Maps and anchors of an image in cells of 4 px.
 class CompletionKernelTest : public ::testing::Test {
  protected:
   static constexpr int kWidth = 40, kHeight = 30, kCell = 4;
 
-  CompletionKernelTest()
-      : sightings_(kWidth, kHeight),
-        planes_(kWidth, kHeight),
-        cost_(kWidth, kHeight),
-        anchors_(kWidth / kCell, 8),
-        fitted_(kWidth / kCell, 8),
-        nearest_(kWidth / kCell, 8) {
+  explicit CompletionKernelTest(int width = kWidth, int height = kHeight)
+      : sightings_(width, height),
+        planes_(width, height),
+        cost_(width, height),
+        anchors_(CellsOf(width, kCell), CellsOf(height, kCell)),
+        fitted_(anchors_.width(), anchors_.height()),
+        nearest_(anchors_.width(), anchors_.height()) {
     context_.rays = {1 / 50.0f, 1 / 52.0f, 19.5f, 14.5f};
     context_.depth_min = 1;
     context_.depth_max = 20;

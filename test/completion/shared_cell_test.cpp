@@ -86,15 +86,7 @@ class SharedCellTest : public CompletionKernelTest {
  protected:
   static constexpr int kCols = 52, kRows = 44;
 
-  SharedCellTest() : sightings_(kCols * kCell, kRows * kCell), planes_(kCols * kCell, kRows * kCell) {
-    cost_ = CostMap(kCols * kCell, kRows * kCell);
-    anchors_ = Image<AnchorCell>(kCols, kRows);
-    fitted_ = Image<AnchorCell>(kCols, kRows);
-    context_.sightings = sightings_.View();
-    context_.planes = planes_.View();
-    context_.cost = cost_.View();
-    context_.anchors = anchors_.View();
-    context_.fitted = fitted_.View();
+  SharedCellTest() : CompletionKernelTest(kCols * kCell, kRows * kCell) {
     std::mt19937 random(7);
     for (int row = 0; row < planes_.height(); ++row) {
       for (int col = 0; col < planes_.width(); ++col) {
@@ -125,9 +117,6 @@ class SharedCellTest : public CompletionKernelTest {
     }
     for (std::thread& thread : threads) thread.join();
   }
-
-  Image<Sightings> sightings_;
-  PlaneMap planes_;
 };
 
 TEST_F(SharedCellTest, ManyLanesFindTheSameAnchors) {

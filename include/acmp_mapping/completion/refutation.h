@@ -5,8 +5,8 @@
 
 namespace acmp {
 
-/// Of twice the cells of completion: finer ones find no more (docs/quality.md), as they are asked for what is evident,
-/// which is dense wherever there is texture.
+/// Width of a cell, px: twice that of completion. What is evident is dense wherever there is texture, so that finer
+/// cells find no more of it (docs/quality.md).
 inline int RefutationCellSize(int width, int height) { return 2 * CompletionCellSize(width, height); }
 
 /// Gives kRefutedCost to pixels that no texture speaks for and whose surface would hide something that is evidently
