@@ -31,7 +31,8 @@ ACMP_HOST_DEVICE inline double GradedAgreement(double reprojection_px, double re
 /// the surface around it deviates from its plane (see SurfaceUnevenness, 0..0.1). Fitted to the logarithm of true
 /// errors of holo_table and holo_cabinet before unevenness weighed colours; docs/quality.md says what each term is
 /// worth. It never falls when cost, unevenness or the share of contradicting views grows or the mean agreement falls. A
-/// NaN cost is no photometric evidence; without views only cost and unevenness count.
+/// NaN cost is no photometric evidence, kRefutedCost evidence against the depth; without views only cost and unevenness
+/// count.
 ACMP_HOST_DEVICE inline double ExpectedRelativeError(float cost, const ViewEvidence& evidence, double unevenness) {
   constexpr double kRefutedExponent = 1.4;  // four times the error
   const double used_cost = cost > 0 ? cost : 0;
