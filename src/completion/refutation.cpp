@@ -27,7 +27,7 @@ CompletionContext MakeRefutationContext(const PinholeCamera& camera, const Image
                                         const ImageView<float>& cost) {
   CompletionContext context = {};
   context.rays = MakeRayGrid(camera);
-  context.cell_size = RefutationCellSize(camera.width, camera.height);
+  context.cell_size = CompletionCellSize(camera.width, camera.height);
   context.planes = planes;
   context.cost = cost;
   return context;

@@ -7,7 +7,7 @@
 namespace acmp {
 namespace {
 
-constexpr int kWidth = 320, kHeight = 240;  // cells of 4 px
+constexpr int kWidth = 320, kHeight = 240;  // cells of 2 px
 constexpr int kRoof = 120;                  // row
 
 /// A sky over a house front at a depth of 20. All of the sky has a nearer wall's plane, as have some pixels of the
@@ -39,7 +39,7 @@ class RefutationTest : public ::testing::Test {
     return count;
   }
 
-  static constexpr int kCell = 4;
+  static constexpr int kCell = 2;
   const PinholeCamera camera_ = {kWidth, kHeight, 300, 300, 159.5, 119.5};
   Image<float> evidence_;
   PlaneMap planes_;
@@ -47,7 +47,7 @@ class RefutationTest : public ::testing::Test {
 };
 
 TEST_F(RefutationTest, WhatWouldHideSomethingEvidentIsRefuted) {
-  ASSERT_EQ(RefutationCellSize(kWidth, kHeight), kCell);
+  ASSERT_EQ(CompletionCellSize(kWidth, kHeight), kCell);
   Refute();
   EXPECT_EQ(CountRefuted(0, kRoof), kRoof * kWidth);
   EXPECT_EQ(CountRefuted(kRoof, kHeight), 0);

@@ -14,7 +14,7 @@
 namespace acmp {
 namespace {
 
-constexpr int kWidth = 160, kHeight = 120, kViews = 5;  // cells of 2 px
+constexpr int kWidth = 160, kHeight = 120, kViews = 5;  // cells of 1 px
 
 class RefuteOnEnginesTest : public EngineTest {
  protected:

@@ -5,13 +5,9 @@
 
 namespace acmp {
 
-/// Width of a cell, px: twice that of completion. What is evident is dense wherever there is texture, so that finer
-/// cells find no more of it (docs/quality.md).
-inline int RefutationCellSize(int width, int height) { return 2 * CompletionCellSize(width, height); }
-
 /// Gives kRefutedCost to pixels that no texture speaks for and whose surface would hide something that is evidently
 /// farther away (RefutePixel): walls drawn into a sky, above all.
-/// @param evidence of cells of RefutationCellSize (PatchMatch::MeasureEvidence)
+/// @param evidence of cells of CompletionCellSize (PatchMatch::MeasureEvidence)
 /// @param planes,cost of the camera's size; the costs change
 void RefuteUnsupported(const PinholeCamera& camera, const ImageView<const float>& evidence,
                        const ImageView<PlaneHypothesis>& planes, const ImageView<float>& cost);
