@@ -120,6 +120,11 @@ struct EvidenceLanes {
     }
     return x;
   }
+  __device__ uint32_t Union(uint32_t x) const {
+    ACMP_UNROLL
+    for (int distance = kSize / 2; distance > 0; distance /= 2) x |= __shfl_xor_sync(Mask(), x, distance);
+    return x;
+  }
 
  private:
   static __device__ unsigned Mask() { return 0xffu << (threadIdx.x % 32u / kSize * kSize); }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cmath>
+#include <cstdint>
 
 #include "acmp_mapping/image/cells.h"
 #include "acmp_mapping/patch_match/kernel/geometric_cost.h"
@@ -16,21 +17,23 @@ ACMP_HOST_DEVICE constexpr float EvidencePlane(int i) {
 }
 
 /// The lanes that share a pixel. The CPU has one, which compares all planes; others have several, of which each takes
-/// every kSize-th, and
+/// every kSize-th plane or view, and
 ///   FromFirst(x)  leaves all of them with the first one's
 ///   Least(x)      with the least
+///   Union(x)      with the bits that any has
 struct OneLane {
   static constexpr int kSize = 1;
   ACMP_HOST_DEVICE int Rank() const { return 0; }
   ACMP_HOST_DEVICE float FromFirst(float x) const { return x; }
   ACMP_HOST_DEVICE float Least(float x) const { return x; }
+  ACMP_HOST_DEVICE uint32_t Union(uint32_t x) const { return x; }
 };
 
 /// The window of a pixel as it is compared here: without weights, as texture that is hardly more than noise shows in
 /// the sum of many samples only.
 struct PlainWindow {
-  float value[kPatchSamples];                    ///< grey values minus the pixel's
-  float col[kPatchSamples], row[kPatchSamples];  ///< inside the image: the nearest pixels in it
+  float value[kPatchSamples];                ///< grey values minus the pixel's, row by row
+  float col[kPatchWidth], row[kPatchWidth];  ///< inside the image: the nearest in it
   float center;
   float mean, variance;
 };
@@ -39,22 +42,43 @@ template <class Sampler>
 ACMP_HOST_DEVICE inline PlainWindow LoadPlainWindow(const MatchContext<Sampler>& context, int col, int row) {
   constexpr float kInverseSamples = 1.0f / kPatchSamples;
   const auto clamped = [](int value, int last) { return value < 0 ? 0 : value > last ? last : value; };
+  int cols[kPatchWidth], rows[kPatchWidth];
   PlainWindow window;
+  ACMP_UNROLL
+  for (int i = 0; i < kPatchWidth; ++i) {
+    cols[i] = clamped(col + i * kPatchStep - kPatchRadius, context.width - 1);
+    rows[i] = clamped(row + i * kPatchStep - kPatchRadius, context.height - 1);
+    window.col[i] = static_cast<float>(cols[i]);
+    window.row[i] = static_cast<float>(rows[i]);
+  }
   window.center = context.sampler.Reference(col, row);
   float sum = 0, squares = 0;
   ACMP_UNROLL
   for (int i = 0; i < kPatchSamples; ++i) {
-    const int c = clamped(col + WindowCol(i), context.width - 1), r = clamped(row + WindowRow(i), context.height - 1);
-    const float value = context.sampler.Reference(c, r) - window.center;
+    const float value = context.sampler.Reference(cols[i % kPatchWidth], rows[i / kPatchWidth]) - window.center;
     window.value[i] = value;
-    window.col[i] = static_cast<float>(c);
-    window.row[i] = static_cast<float>(r);
     sum += value;
     squares += value * value;
   }
   window.mean = kInverseSamples * sum;
   window.variance = kInverseSamples * squares - window.mean * window.mean;
   return window;
+}
+
+/// Whether a warped window lies in the source's image: where its corners are in front of the camera and inside, all of
+/// it is, as the warp keeps what is convex so.
+ACMP_HOST_DEVICE inline bool ContainsWindow(const SourceView& source, const PlaneWarp& warp,
+                                            const PlainWindow& window) {
+  bool is_inside = true;
+  ACMP_UNROLL
+  for (int i = 0; i < 4; ++i) {
+    const Vec3f corner = window.col[i % 2 * (kPatchWidth - 1)] * warp.step_col +
+                         (window.row[i / 2 * (kPatchWidth - 1)] * warp.step_row + warp.center);
+    const float last_x = static_cast<float>(source.width - 1), last_y = static_cast<float>(source.height - 1);
+    is_inside = is_inside && corner.z > 0 && corner.x >= 0 && corner.y >= 0 && corner.x <= last_x * corner.z &&
+                corner.y <= last_y * corner.z;
+  }
+  return is_inside;
 }
 
 /// The part of the window's variance that a gain and an offset of the source's grey values do not explain, grey
@@ -66,28 +90,42 @@ ACMP_HOST_DEVICE inline float UnexplainedVariance(const MatchContext<Sampler>& c
   constexpr float kInverseSamples = 1.0f / kPatchSamples;
   const SourceView& source = context.sources[view];
   const PlaneWarp warp = MakePlaneWarp(source, dual, 0, 0);
+  if (!ContainsWindow(source, warp, window)) return -1;
   const int image = context.sampler.ImageOf(view);
   float sum = 0, squares = 0, products = 0;
-  bool is_inside = true;
   ACMP_UNROLL
-  for (int i = 0; i < kPatchSamples; ++i) {
-    const Vec3f projected = window.col[i] * warp.step_col + window.row[i] * warp.step_row + warp.center;
-    const float inv_z = Reciprocal(projected.z);
-    const float x = projected.x * inv_z, y = projected.y * inv_z;
-    is_inside = is_inside && projected.z > 0 && x >= 0 && y >= 0 && x <= source.width - 1 && y <= source.height - 1;
-    const float value =
-        context.sampler.SourceAt(image, x + Sampler::kPixelCenter, y + Sampler::kPixelCenter) - window.center;
-    sum += value;
-    squares += value * value;
-    products += value * window.value[i];
+  for (int r = 0; r < kPatchWidth; ++r) {
+    const Vec3f start = window.row[r] * warp.step_row + warp.center;
+    ACMP_UNROLL
+    for (int c = 0; c < kPatchWidth; ++c) {
+      const Vec3f projected = window.col[c] * warp.step_col + start;
+      const float inv_z = Reciprocal(projected.z);
+      const float x = projected.x * inv_z + Sampler::kPixelCenter, y = projected.y * inv_z + Sampler::kPixelCenter;
+      const float value = context.sampler.SourceAt(image, x, y) - window.center;
+      sum += value;
+      squares += value * value;
+      products += value * window.value[r * kPatchWidth + c];
+    }
   }
-  if (!is_inside) return -1;
   const float mean = kInverseSamples * sum;
   const float variance = kInverseSamples * squares - mean * mean;
   const float covariance = kInverseSamples * products - window.mean * mean;
   if (!(covariance > 0 && variance > 0)) return window.variance;
   const float rest = window.variance - covariance * covariance / variance;
   return rest > 0 ? rest : 0;
+}
+
+/// The source views whose depths agree with a pixel's, as bits.
+template <class Sampler, class Lanes>
+ACMP_HOST_DEVICE inline uint32_t AgreeingViews(const MatchContext<Sampler>& context, float depth, int col, int row,
+                                               const Lanes& lanes) {
+  constexpr float kAgreementPx = 2.0f;
+  static_assert(kMaxSourceViews <= 32, "one bit per view");
+  uint32_t agreeing = 0;
+  for (int view = lanes.Rank(); view < context.num_sources; view += Lanes::kSize) {
+    if (GeometricError(context, depth, col, row, view) < kAgreementPx) agreeing |= 1u << view;
+  }
+  return lanes.Union(agreeing);
 }
 
 /// How much the images speak for a pixel's plane against the same plane farther away: the least log-likelihood ratio of
@@ -98,7 +136,6 @@ ACMP_HOST_DEVICE inline float UnexplainedVariance(const MatchContext<Sampler>& c
 template <class Sampler, class Lanes = OneLane>
 ACMP_HOST_DEVICE inline float DepthEvidence(const MatchContext<Sampler>& context, int col, int row,
                                             const Lanes& lanes = {}) {
-  constexpr float kAgreementPx = 2.0f;
   constexpr float kNoiseVariance = 0.5f;  // grey levels^2, of both images together, at least
   constexpr int kMinViews = 2;
   constexpr float kFar = 1e30f;
@@ -106,13 +143,14 @@ ACMP_HOST_DEVICE inline float DepthEvidence(const MatchContext<Sampler>& context
   const PlaneHypothesis& plane = context.planes(col, row);
   const float depth = PlaneDepth(plane, context.rays.Ray(static_cast<float>(col), static_cast<float>(row)));
   if (!(plane.d > 0 && depth > 0)) return 0;
+  const uint32_t views = AgreeingViews(context, depth, col, row, lanes);
   const PlainWindow window = LoadPlainWindow(context, col, row);
   const Vec3f dual = PlaneDual(context, plane);
   float log_ratio[kPerLane] = {};
   int compared[kPerLane] = {};
   int agreeing = 0;
   for (int view = 0; view < context.num_sources; ++view) {
-    if (!(GeometricError(context, depth, col, row, view) < kAgreementPx)) continue;
+    if ((views >> view & 1u) == 0) continue;
     float unexplained[kPerLane];
     ACMP_UNROLL
     for (int k = 0; k < kPerLane; ++k) {
