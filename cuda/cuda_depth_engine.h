@@ -83,19 +83,30 @@ class CudaDepthEngine final : public DepthEngine {
                             const EngineEstimatePtr& start, const PriorMesh* prior, int geometric_pass, int iterations);
   /// The estimate itself if nobody else holds it, else null.
   static std::shared_ptr<CudaEstimate> UseUp(const EngineEstimatePtr& start);
-  /// A new estimate that gets the planes and costs of another.
-  std::shared_ptr<CudaEstimate> QueueCopy(const CudaEstimate& from) const;
+  /// Queues the copy of planes and costs to an estimate of the same size.
+  void QueueCopy(const CudaEstimate& from, CudaEstimate* to) const;
   /// An estimate with the start's planes and costs: itself if nobody else holds it, else a copy.
   std::shared_ptr<CudaEstimate> Continue(const EngineEstimatePtr& start) const;
   PassData MakePassData(const EngineProblem& problem, int level, const CudaEstimate& estimate) const;
   void AddSourceDepths(const EngineProblem& problem, PassData* data);
   HalvedDepth HalvedDepthOf(const CudaEstimate& estimate);
+  /// Queues the halved depths of an estimate, and the way of their greatest inverse to the host. Once the stream has
+  /// been waited for, KeepHalvedDepth takes them.
+  DeviceArray<uint16_t> QueueHalvedDepth(const CudaEstimate& estimate);
+  void KeepHalvedDepth(DeviceArray<uint16_t> halved, const CudaEstimate& estimate);
   void UploadPrior(const PriorMesh& mesh);
+  /// Where the numbers of the pixels' triangles go: the depths of an estimate that is being made, which are set after
+  /// the pass.
+  static ImageView<uint32_t> NumbersIn(CudaEstimate* estimate);
   /// Draws the uploaded triangles' numbers.
-  /// @param storage for the numbers, one per pixel: the depths of the estimate to come, which are set after the pass
-  PriorMap QueuePrior(const PatchMatchProblem& match, int triangles, float* storage);
-  /// The depths of the estimate's planes, and the wait for all that was queued.
-  void FinishEstimate(const PinholeCamera& camera, CudaEstimate* estimate);
+  void QueuePrior(const PatchMatchProblem& match, int triangles, const ImageView<uint32_t>& numbers);
+  /// Queues the depths of the estimate's planes.
+  void QueueDepths(const PinholeCamera& camera, CudaEstimate* estimate);
+  /// As QueueDepths, with the halved depths that geometric passes of others will read: waits for all that was queued
+  /// and counts the device's time since begin_ was recorded.
+  void FinishSource(const PinholeCamera& camera, CudaEstimate* estimate);
+  /// Waits for all that was queued and counts the device's time since begin_ was recorded.
+  void FinishTiming();
   std::vector<SupportPoint> FindCells(const CudaEstimate& maps, const DepthRange& range,
                                       const PlanarPriorOptions& options);
 

@@ -49,6 +49,11 @@ PassData CudaDepthEngine::MakePassData(const EngineProblem& problem, int level, 
   return data;
 }
 
+ImageView<uint32_t> CudaDepthEngine::NumbersIn(CudaEstimate* estimate) {
+  static_assert(sizeof(uint32_t) == sizeof(float), "a triangle's number takes the place of a depth");
+  return {reinterpret_cast<uint32_t*>(estimate->depth.data()), estimate->width, estimate->height, estimate->width};
+}
+
 void CudaDepthEngine::AddSourceDepths(const EngineProblem& problem, PassData* data) {
   for (const EngineView& source : problem.sources) {
     data->source_depths.push_back(source.estimate ? HalvedDepthOf(Cast<CudaEstimate>(source.estimate)) : HalvedDepth());
@@ -59,17 +64,27 @@ HalvedDepth CudaDepthEngine::HalvedDepthOf(const CudaEstimate& estimate) {
   const int width = HalvedSize(estimate.width), height = HalvedSize(estimate.height);
   const std::lock_guard<std::mutex> lock(estimate.halved_mutex);
   if (estimate.inverse_depth.size() == 0) {
-    DeviceArray<uint16_t> inverse(runner_.device(), static_cast<size_t>(width) * height);
-    largest_inverse_.Reserve(runner_.device(), 1);
-    LaunchHalveDepth(estimate.DepthView(), largest_inverse_.data(), {inverse.data(), width, height, width},
-                     stream().get());
-    auto* largest = largest_inverse_on_host_.Reserve<float>(1);
-    largest_inverse_.Download(largest, 1, stream());
-    stream().Synchronize();
-    estimate.inverse_depth = std::move(inverse);
-    estimate.inverse_step = *largest / kInverseSteps;
+    begin_.Record(stream());
+    DeviceArray<uint16_t> halved = QueueHalvedDepth(estimate);
+    FinishTiming();
+    KeepHalvedDepth(std::move(halved), estimate);
   }
   return {{estimate.inverse_depth.data(), width, height, width}, estimate.inverse_step};
+}
+
+DeviceArray<uint16_t> CudaDepthEngine::QueueHalvedDepth(const CudaEstimate& estimate) {
+  const int width = HalvedSize(estimate.width), height = HalvedSize(estimate.height);
+  DeviceArray<uint16_t> halved(runner_.device(), static_cast<size_t>(width) * height);
+  largest_inverse_.Reserve(runner_.device(), 1);
+  LaunchHalveDepth(estimate.DepthView(), largest_inverse_.data(), {halved.data(), width, height, width},
+                   stream().get());
+  largest_inverse_.Download(largest_inverse_on_host_.Reserve<float>(1), 1, stream());
+  return halved;
+}
+
+void CudaDepthEngine::KeepHalvedDepth(DeviceArray<uint16_t> halved, const CudaEstimate& estimate) {
+  estimate.inverse_depth = std::move(halved);
+  estimate.inverse_step = *largest_inverse_on_host_.Reserve<float>(1) / kInverseSteps;
 }
 
 void CudaDepthEngine::UploadPrior(const PriorMesh& mesh) {
@@ -92,19 +107,26 @@ void CudaDepthEngine::UploadPrior(const PriorMesh& mesh) {
   triangles_.Upload(corners, count, stream());
 }
 
-PriorMap CudaDepthEngine::QueuePrior(const PatchMatchProblem& match, int triangles, float* storage) {
-  const PinholeCamera& camera = match.reference.camera;
-  static_assert(sizeof(uint32_t) == sizeof(float), "a number takes the place of a depth");
-  const ImageView<uint32_t> numbers = {reinterpret_cast<uint32_t*>(storage), camera.width, camera.height, camera.width};
-  LaunchRasterizePrior({triangles_.data(), prior_planes_.data(), triangles}, MakeRayGrid(camera), match.depth_range.min,
-                       match.depth_range.max, numbers, stream().get());
-  return {{prior_planes_.data(), triangles, 1, triangles}, numbers};
+void CudaDepthEngine::QueuePrior(const PatchMatchProblem& match, int triangles, const ImageView<uint32_t>& numbers) {
+  LaunchRasterizePrior({triangles_.data(), prior_planes_.data(), triangles}, MakeRayGrid(match.reference.camera),
+                       match.depth_range.min, match.depth_range.max, numbers, stream().get());
 }
 
-void CudaDepthEngine::FinishEstimate(const PinholeCamera& camera, CudaEstimate* estimate) {
+void CudaDepthEngine::QueueDepths(const PinholeCamera& camera, CudaEstimate* estimate) {
   LaunchToDepth(estimate->PlaneView(), MakeRayGrid(camera), estimate->depth.data(), stream().get());
+}
+
+void CudaDepthEngine::FinishSource(const PinholeCamera& camera, CudaEstimate* estimate) {
+  QueueDepths(camera, estimate);
+  DeviceArray<uint16_t> halved = QueueHalvedDepth(*estimate);
+  FinishTiming();
+  KeepHalvedDepth(std::move(halved), *estimate);
+}
+
+void CudaDepthEngine::FinishTiming() {
   end_.Record(stream());
   stream().Synchronize();
+  device_ms_ += CudaEvent::ElapsedMs(begin_, end_);
 }
 
 std::vector<SupportPoint> CudaDepthEngine::FindCells(const CudaEstimate& maps, const DepthRange& range,
@@ -131,16 +153,19 @@ std::shared_ptr<CudaEstimate> CudaDepthEngine::UseUp(const EngineEstimatePtr& st
   return std::const_pointer_cast<CudaEstimate>(std::static_pointer_cast<const CudaEstimate>(start));
 }
 
-std::shared_ptr<CudaEstimate> CudaDepthEngine::QueueCopy(const CudaEstimate& from) const {
-  auto estimate = std::make_shared<CudaEstimate>(runner_.device(), from.width, from.height);
-  estimate->planes.CopyFrom(from.planes, from.Pixels(), stream());
-  estimate->cost.CopyFrom(from.cost, from.Pixels(), stream());
-  return estimate;
+void CudaDepthEngine::QueueCopy(const CudaEstimate& from, CudaEstimate* to) const {
+  to->planes.CopyFrom(from.planes, from.Pixels(), stream());
+  to->cost.CopyFrom(from.cost, from.Pixels(), stream());
 }
 
 std::shared_ptr<CudaEstimate> CudaDepthEngine::Continue(const EngineEstimatePtr& start) const {
   std::shared_ptr<CudaEstimate> used_up = UseUp(start);
-  if (!used_up) return QueueCopy(Cast<CudaEstimate>(start));
+  if (!used_up) {
+    const CudaEstimate& from = Cast<CudaEstimate>(start);
+    auto copy = std::make_shared<CudaEstimate>(runner_.device(), from.width, from.height);
+    QueueCopy(from, copy.get());
+    return copy;
+  }
   used_up->inverse_depth = DeviceArray<uint16_t>();
   return used_up;
 }
@@ -166,17 +191,25 @@ EngineEstimatePtr CudaDepthEngine::RunPass(const EngineProblem& problem, const P
     const std::shared_ptr<CudaEstimate> estimate =
         kPass == Pass::kPhotometric ? std::make_shared<CudaEstimate>(runner_.device(), camera) : Continue(start);
     const std::unique_lock<std::mutex> turn = device().PassTurn(pixels);
-    begin_.Record(stream());
     PassData data = MakePassData(problem, level, *estimate);
     if (kPass == Pass::kGeometric) AddSourceDepths(problem, &data);
+    const int triangles = prior != nullptr ? static_cast<int>(prior->triangles.size()) : 0;
+    const ImageView<uint32_t> numbers = NumbersIn(estimate.get());
     if (prior != nullptr) {
       data.selected_views = selected_views.data();
-      data.prior = QueuePrior(match, static_cast<int>(prior->triangles.size()), estimate->depth.data());
+      data.prior = {{prior_planes_.data(), triangles, 1, triangles}, numbers};
     }
     const std::shared_lock<std::shared_mutex> images(device().images_mutex());
-    runner_.Queue<kPass>(match, options, data, geometric_pass, iterations);
-    FinishEstimate(camera, estimate.get());
-    device_ms_ += CudaEvent::ElapsedMs(begin_, end_);
+    const CudaMatchContext context = runner_.Prepare(match, options, data, kPass, geometric_pass);
+    begin_.Record(stream());
+    if (prior != nullptr) QueuePrior(match, triangles, numbers);
+    runner_.Queue<kPass>(context, iterations);
+    if (kPass == Pass::kGeometric) {
+      FinishSource(camera, estimate.get());
+    } else {
+      QueueDepths(camera, estimate.get());
+      FinishTiming();
+    }
     return EngineEstimatePtr(estimate);
   });
 }
@@ -216,9 +249,11 @@ EngineEstimatePtr CudaDepthEngine::Upsample(const EngineEstimatePtr& estimate, c
   return OnDevice([&] {
     auto full = std::make_shared<CudaEstimate>(runner_.device(), frame->camera);
     const ImageView<PlaneHypothesis> planes = {full->planes.data(), full->width, full->height, full->width};
+    begin_.Record(stream());
     LaunchUpsample({halved.PlaneView(), halved.cost.data(), MakeRayGrid(CameraAtLevel(frame->camera, level)), level},
                    MakeRayGrid(frame->camera), planes, full->cost.data(), stream().get());
-    FinishEstimate(frame->camera, full.get());
+    QueueDepths(frame->camera, full.get());
+    FinishTiming();
     return full;
   });
 }

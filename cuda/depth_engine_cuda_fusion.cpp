@@ -80,15 +80,15 @@ EngineEstimatePtr CudaDepthEngine::Complete(const EngineProblem& problem, const 
       planes = DeviceArray<PlaneHypothesis>(runner_.device(), start.Pixels());
       color = ColorOf(problem.reference);
     }
-    begin_.Record(stream());
-    const std::shared_ptr<CudaEstimate> estimate = QueueCopy(start);
     const CompletionContext context =
         MakeCompletionContext(camera, problem.depth_range, options, static_cast<int>(setup.sources().size()));
+    const auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
+    begin_.Record(stream());
+    QueueCopy(start, estimate.get());
     completion_.Queue(setup, context, {estimate->planes.data(), camera.width, camera.height, camera.width},
                       estimate->cost.data(), stream());
     if (options.weighted_median) FilterByMedian(setup, context, color, estimate.get(), &planes);
-    FinishEstimate(camera, estimate.get());
-    device_ms_ += CudaEvent::ElapsedMs(begin_, end_);
+    FinishSource(camera, estimate.get());
     return EngineEstimatePtr(estimate);
   });
 }
@@ -99,11 +99,13 @@ EngineEstimatePtr CudaDepthEngine::RefuteUnsupported(const EngineProblem& proble
   const CudaEstimate& from = Cast<CudaEstimate>(start);
   CheckSize("start", from.width, from.height, camera);
   return OnDevice([&] {
-    begin_.Record(stream());
     std::shared_ptr<CudaEstimate> estimate = UseUp(start);
     if (!estimate) {
-      estimate = QueueCopy(from);
+      estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
+      begin_.Record(stream());
+      QueueCopy(from, estimate.get());
       estimate->depth.CopyFrom(from.depth, from.Pixels(), stream());  // planes stay, so do their depths
+      FinishTiming();
     }
     PassData data = MakePassData(problem, 0, *estimate);
     data.selected_views = nullptr;  // none are written: the depths keep their memory
@@ -115,11 +117,11 @@ EngineEstimatePtr CudaDepthEngine::RefuteUnsupported(const EngineProblem& proble
     const int cell_rows = CellsOf(camera.height, context.cell_size);
     float* evidence = completion_.ReserveEvidence(static_cast<size_t>(cell_cols) * cell_rows);
     const std::shared_lock<std::shared_mutex> images(device().images_mutex());
-    runner_.QueueEvidence(match, data, context.cell_size, {evidence, cell_cols, cell_rows, cell_cols});
+    const CudaMatchContext match_context = runner_.Prepare(match, {}, data, Pass::kGeometric, 0);
+    begin_.Record(stream());
+    runner_.QueueEvidence(match_context, context.cell_size, {evidence, cell_cols, cell_rows, cell_cols});
     completion_.QueueRefutation(context, stream());
-    end_.Record(stream());
-    stream().Synchronize();
-    device_ms_ += CudaEvent::ElapsedMs(begin_, end_);
+    FinishTiming();
     return EngineEstimatePtr(estimate);
   });
 }

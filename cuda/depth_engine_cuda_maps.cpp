@@ -45,7 +45,8 @@ EngineEstimatePtr CudaDepthEngine::UploadState(EstimateState state, const Pinhol
     const size_t pixels = estimate->Pixels();
     estimate->planes.Upload(state.planes.data(), pixels, stream());
     estimate->cost.Upload(state.cost.data(), pixels, stream());
-    FinishEstimate(camera, estimate.get());
+    QueueDepths(camera, estimate.get());
+    stream().Synchronize();
     return estimate;
   });
 }

@@ -29,8 +29,8 @@ struct CudaImage final : EngineImage {
   }
 };
 
-/// Planes, costs and the planes' depths in device memory: 24 bytes per pixel, and half a byte once a geometric pass of
-/// another view reads it. While a pass makes it, the depths' memory holds the prior's numbers or the selected views.
+/// Planes, costs and the planes' depths in device memory: 24 bytes per pixel, and half a byte where a geometric pass of
+/// another view may read it. While a pass makes it, the depths' memory holds the prior's numbers or the selected views.
 struct CudaEstimate final : EngineEstimate {
   CudaEstimate(const CudaDevicePtr& device, const PinholeCamera& camera)
       : CudaEstimate(device, camera.width, camera.height) {}
@@ -52,7 +52,7 @@ struct CudaEstimate final : EngineEstimate {
   DeviceArray<PlaneHypothesis> planes;
   DeviceArray<float> cost, depth;
   mutable std::mutex halved_mutex;
-  mutable DeviceArray<uint16_t> inverse_depth;  ///< of HalvedDepth; made when it is first asked for: few estimates are
+  mutable DeviceArray<uint16_t> inverse_depth;  ///< of HalvedDepth; empty until it is asked for or known to be
   mutable float inverse_step = 0;
 };
 

@@ -11,8 +11,8 @@ ImageLayer::ImageLayer(CudaDevicePtr device, int level, int width, int height, c
 
 ImageLayer::~ImageLayer() { device_->images(level_).Release(layer_); }
 
-CudaMatchContext PassRunner::MakeContext(const PatchMatchProblem& problem, const PatchMatchOptions& options,
-                                         const PassData& data, Pass kind, int geometric_pass) {
+CudaMatchContext PassRunner::Prepare(const PatchMatchProblem& problem, const PatchMatchOptions& options,
+                                     const PassData& data, Pass kind, int geometric_pass) {
   const int width = problem.reference.camera.width, height = problem.reference.camera.height;
   const size_t count = problem.sources.size();
   views_.Reserve(device_, kMaxSourceViews);
@@ -36,23 +36,5 @@ CudaMatchContext PassRunner::MakeContext(const PatchMatchProblem& problem, const
   context.prior = data.prior;
   return context;
 }
-
-template <Pass kPass>
-void PassRunner::Queue(const PatchMatchProblem& problem, const PatchMatchOptions& options, const PassData& data,
-                       int geometric_pass, int iterations) {
-  LaunchPass<kPass>(MakeContext(problem, options, data, kPass, geometric_pass), iterations, stream_.get());
-}
-
-void PassRunner::QueueEvidence(const PatchMatchProblem& problem, const PassData& data, int cell_size,
-                               const ImageView<float>& evidence) {
-  LaunchMeasureEvidence(MakeContext(problem, {}, data, Pass::kGeometric, 0), cell_size, evidence, stream_.get());
-}
-
-template void PassRunner::Queue<Pass::kPhotometric>(const PatchMatchProblem&, const PatchMatchOptions&, const PassData&,
-                                                    int, int);
-template void PassRunner::Queue<Pass::kPlanarPrior>(const PatchMatchProblem&, const PatchMatchOptions&, const PassData&,
-                                                    int, int);
-template void PassRunner::Queue<Pass::kGeometric>(const PatchMatchProblem&, const PatchMatchOptions&, const PassData&,
-                                                  int, int);
 
 }  // namespace acmp

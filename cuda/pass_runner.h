@@ -45,22 +45,26 @@ class PassRunner {
   const CudaDevicePtr& device() const { return device_; }
   const CudaStream& stream() const { return stream_; }
 
-  /// Queues a pass. The caller holds images_mutex() shared until the stream has been waited for.
+  /// The context of a pass, until the next call. Queues the upload of what it points to: whoever then starts a clock on
+  /// the stream does not count the host's work. The caller holds images_mutex() shared from here until the stream has
+  /// been waited for.
   /// @param problem cameras, poses and depth range at the level of the images
-  template <Pass kPass>
-  void Queue(const PatchMatchProblem& problem, const PatchMatchOptions& options, const PassData& data,
-             int geometric_pass, int iterations);
+  CudaMatchContext Prepare(const PatchMatchProblem& problem, const PatchMatchOptions& options, const PassData& data,
+                           Pass kind, int geometric_pass);
 
-  /// Queues EvidenceOfCell for all cells. The caller holds images_mutex() as for Queue.
+  template <Pass kPass>
+  void Queue(const CudaMatchContext& context, int iterations) {
+    LaunchPass<kPass>(context, iterations, stream_.get());
+  }
+
+  /// Queues EvidenceOfCell for all cells.
+  /// @param context of a geometric pass
   /// @param evidence in device memory, of CellsOf the reference's size
-  void QueueEvidence(const PatchMatchProblem& problem, const PassData& data, int cell_size,
-                     const ImageView<float>& evidence);
+  void QueueEvidence(const CudaMatchContext& context, int cell_size, const ImageView<float>& evidence) {
+    LaunchMeasureEvidence(context, cell_size, evidence, stream_.get());
+  }
 
  private:
-  /// The context of a pass. Uploads what it points to.
-  CudaMatchContext MakeContext(const PatchMatchProblem& problem, const PatchMatchOptions& options, const PassData& data,
-                               Pass kind, int geometric_pass);
-
   CudaDevicePtr device_;
   CudaStream stream_;
   DeviceArray<SourceView> views_;

@@ -59,9 +59,9 @@ class PatchMatchCuda final : public PatchMatch {
       Image<float> evidence(CellsOf(planes.width(), cell_size), CellsOf(planes.height(), cell_size));
       DeviceArray<float> cells(runner_.device(), evidence.size());
       const std::shared_lock<std::shared_mutex> images(runner_.device()->images_mutex());
+      const CudaMatchContext context = runner_.Prepare(problem, {}, loaded.data, Pass::kGeometric, 0);
       uploaded_.Record(runner_.stream());
-      runner_.QueueEvidence(problem, loaded.data, cell_size,
-                            {cells.data(), evidence.width(), evidence.height(), evidence.width()});
+      runner_.QueueEvidence(context, cell_size, {cells.data(), evidence.width(), evidence.height(), evidence.width()});
       computed_.Record(runner_.stream());
       cells.Download(evidence.data(), evidence.size(), runner_.stream());
       FinishTiming();
@@ -95,8 +95,9 @@ class PatchMatchCuda final : public PatchMatch {
       Loaded loaded;
       Load(problem, start, prior, &loaded);
       const std::shared_lock<std::shared_mutex> images(runner_.device()->images_mutex());
+      const CudaMatchContext context = runner_.Prepare(problem, options, loaded.data, kPass, geometric_pass);
       uploaded_.Record(runner_.stream());
-      runner_.Queue<kPass>(problem, options, loaded.data, geometric_pass, iterations);
+      runner_.Queue<kPass>(context, iterations);
       computed_.Record(runner_.stream());
       return Download(problem.reference.camera, loaded);
     });
