@@ -3,7 +3,6 @@
 #include <tbb/parallel_for.h>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/completion/kernel/refute_pixel.h"
 
 namespace acmp {
 namespace {
@@ -27,7 +26,7 @@ CompletionContext MakeRefutationContext(const PinholeCamera& camera, const Image
                                         const ImageView<float>& cost) {
   CompletionContext context = {};
   context.rays = MakeRayGrid(camera);
-  context.cell_size = CompletionCellSize(camera.width, camera.height);
+  context.cell_size = RefutationCellSize(camera.width, camera.height);
   context.planes = planes;
   context.cost = cost;
   return context;

@@ -230,7 +230,7 @@ EngineEstimatePtr HostDepthEngine::RefuteUnsupported(const EngineProblem& proble
   const PinholeCamera& camera = match.reference.camera;
   PatchMatchResult maps = MakeStart(start);
   const Image<float> evidence =
-      patch_match_->MeasureEvidence(match, maps.planes, CompletionCellSize(camera.width, camera.height));
+      patch_match_->MeasureEvidence(match, maps.planes, RefutationCellSize(camera.width, camera.height));
   acmp::RefuteUnsupported(camera, evidence.View(), maps.planes.View(), maps.cost.View());
   return Keep(std::move(maps), camera);
 }

@@ -17,9 +17,9 @@ TEST_F(CompletionKernelTest, InversePlaneIsInverseDepthAlongRays) {
 }
 
 TEST_F(CompletionKernelTest, CellsCoverTheImageAndGrowWithIt) {
-  EXPECT_EQ(CompletionCellSize(640, 480), 4);
-  EXPECT_EQ(CompletionCellSize(480, 640), 4);
-  EXPECT_EQ(CompletionCellSize(3072, 2048), 19);
+  EXPECT_EQ(CompletionCellSize(640, 480), 6);
+  EXPECT_EQ(CompletionCellSize(480, 640), 6);
+  EXPECT_EQ(CompletionCellSize(3072, 2048), 28);
   EXPECT_EQ(CompletionCellSize(20, 15), 1);
   EXPECT_EQ(CellsOf(640, 4), 160);
   EXPECT_EQ(CellsOf(641, 4), 161);

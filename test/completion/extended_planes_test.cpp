@@ -107,10 +107,10 @@ class ExtendedPlanesTest : public CompletionKernelTest {
 };
 
 TEST_F(ExtendedPlanesTest, NearerAnchorsCountMore) {
-  // One near anchor against three that are 20 cells farther: each of those weighs exp(-20 / 12) = 0.19.
+  // One near anchor against three that are 20 cells farther: each of those weighs exp(-20 / 9) = 0.11.
   SetAnchor(0, 11, 25, 0.1f), SetAnchor(4, 12, 25, 0.2f), SetAnchor(8, 13, 25, 0.3f), SetAnchor(12, 14, 5, 0.4f);
   const ExtendedPlanes planes = Find();
-  EXPECT_NEAR(planes.weight[0], std::exp(-20 / 12.0), 1e-6);
+  EXPECT_NEAR(planes.weight[0], std::exp(-20 / 9.0), 1e-6);
   EXPECT_EQ(planes.weight[12], 1);
   EXPECT_EQ(planes.weight[1], 0);
   EXPECT_EQ(planes.inverse_depth[8], 0.3f);

@@ -28,7 +28,7 @@ CompletionContext MakeCompletionContext(const PinholeCamera& camera, const Depth
                                         const CompletionOptions& options, int num_sources);
 
 /// Gives pixels that hardly any source view confirms (MinConfirmingViews) the plane of their surroundings: robust
-/// planes are fitted to the confirmed pixels around, a square of 18 % of the image's longer side, and each pixel takes
+/// planes are fitted to the confirmed pixels around, a square of 19 % of the image's longer side, and each pixel takes
 /// the weighted median of the nearest ones in 16 directions, or with `alternatives` a nearer or farther one; with
 /// `surest_first` those that more views confirm closely go before nearer ones. What the images do not show is a guess:
 /// pixels that no view confirmed get kWorstCost, the others kUnverifiedCost. Then, if it is asked for, a weighted

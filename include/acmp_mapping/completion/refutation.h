@@ -1,13 +1,13 @@
 #pragma once
 
-#include "acmp_mapping/completion/kernel/completion_grid.h"
+#include "acmp_mapping/completion/kernel/refute_pixel.h"
 #include "acmp_mapping/geometry/pinhole_camera.h"
 
 namespace acmp {
 
 /// Gives kRefutedCost to pixels that no texture speaks for and whose surface would hide something that is evidently
 /// farther away (RefutePixel): walls drawn into a sky, above all.
-/// @param evidence of cells of CompletionCellSize (PatchMatch::MeasureEvidence)
+/// @param evidence of cells of RefutationCellSize (PatchMatch::MeasureEvidence)
 /// @param planes,cost of the camera's size; the costs change
 void RefuteUnsupported(const PinholeCamera& camera, const ImageView<const float>& evidence,
                        const ImageView<PlaneHypothesis>& planes, const ImageView<float>& cost);

@@ -45,7 +45,7 @@ struct ExtendedPlanes {
 /// even the nearest is, the less the difference counts.
 ACMP_HOST_DEVICE inline void FindExtendedPlanes(const CompletionContext& context, const NearestAnchors& nearest,
                                                 int col, int row, ExtendedPlanes* planes) {
-  constexpr float kReach = 9.0f;        // cells in which the weight falls by e
+  constexpr float kReach = 6.0f;        // cells in which the weight falls by e
   constexpr float kReachGrowth = 0.6f;  // cells more per cell to the nearest
   constexpr float kFar = 1e30f;
   const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));

@@ -8,8 +8,6 @@
 
 namespace acmp {
 
-constexpr int kCellsAcross = 160;  ///< of the longer side: the work does not grow with the image
-
 /// A plane as inverse depth over rays with z = 1: 1 / z = Dot(m, ray). Linear in the pixel, so that planes can be
 /// fitted to inverse depths.
 ACMP_HOST_DEVICE inline Vec3f InversePlane(const PlaneHypothesis& plane) { return (-1.0f / plane.d) * plane.normal(); }
@@ -72,10 +70,11 @@ struct SingleLane {
   ACMP_HOST_DEVICE void Best(Choice*) const {}
 };
 
+/// px, of the cells that have an anchor each. Half as many give the same planes but lose small surfaces
+/// (docs/quality.md).
 ACMP_HOST_DEVICE inline int CompletionCellSize(int width, int height) {
-  const int longer = width > height ? width : height;
-  const int size = (longer + kCellsAcross / 2) / kCellsAcross;
-  return size > 1 ? size : 1;
+  constexpr int kCellsAcross = 108;
+  return SizeOfCells(width, height, kCellsAcross);
 }
 
 // How many source views confirm a pixel, how many of them closely, whether some source nearly does, and how many

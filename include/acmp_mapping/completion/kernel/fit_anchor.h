@@ -4,7 +4,7 @@
 
 namespace acmp {
 
-constexpr int kFitRadius = 14;     ///< cells: the fit sees a square of 29 x 29 cells, 18 % of the image's width ...
+constexpr int kFitRadius = 10;     ///< cells: the fit sees a square of 21 x 21 cells, 19 % of the image's width ...
 constexpr int kFitStep = 2;        ///< ... of which every second one in every second row gives an anchor
 constexpr int kFitIterations = 3;  ///< of reweighted least squares
 constexpr float kFitTolerance = 0.01f;       ///< relative inverse depth that counts as the same plane's

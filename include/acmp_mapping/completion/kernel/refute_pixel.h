@@ -9,6 +9,13 @@ namespace acmp {
 // its own: all that is seen there are edges of roofs and trees. So where a surface that no texture speaks for would go
 // on in front of something that is evidently farther away, it is not there.
 
+/// px, of the cells that are asked for evidence in their middle. The rim of a blank thing must be two cells wide, as
+/// some directions step over every other one: of wider cells thin frames do not stop them (docs/quality.md).
+ACMP_HOST_DEVICE inline int RefutationCellSize(int width, int height) {
+  constexpr int kCellsAcross = 160;
+  return SizeOfCells(width, height, kCellsAcross);
+}
+
 /// Fills one cell of `fitted`: the pixel in its middle where that is evident, no anchor elsewhere.
 /// @param evidence DepthEvidence of these pixels
 ACMP_HOST_DEVICE inline void FindEvidentAnchor(const CompletionContext& context, const ImageView<const float>& evidence,
