@@ -66,9 +66,11 @@ __global__ void FitAnchorKernel(const __grid_constant__ CompletionContext contex
   if (context.anchors.Contains(col, row)) FitAnchor(context, col, row, WarpLanes());
 }
 
+/// One thread per cell and direction. Neighbours look in the same one: they read cells side by side.
 __global__ void FindNearestAnchorKernel(const __grid_constant__ CompletionContext context) {
-  const int col = Col() / kNumDirections, row = Row();
-  if (context.nearest.Contains(col, row)) FindNearestAnchor(context, col, row, Col() % kNumDirections);
+  constexpr int kCellsAtOnce = 8;
+  const int col = Col(), row = Row(), direction = static_cast<int>(blockIdx.z);
+  if (context.nearest.Contains(col, row)) FindNearestAnchor<kCellsAtOnce>(context, col, row, direction);
 }
 
 __global__ void CompletePixelKernel(const __grid_constant__ CompletionContext context) {
@@ -87,18 +89,45 @@ __global__ void RefutePixelKernel(const __grid_constant__ CompletionContext cont
   if (context.planes.Contains(col, row)) RefutePixel(context, col, row);
 }
 
-// Three blocks per multiprocessor: without a bound a thread takes 204 registers, and two fit; with four they spill.
-__global__ void __launch_bounds__(kBlockWidth* kBlockHeight, 3)
+/// Neighbouring threads of a warp that share a pixel. With all samples of a pixel one thread has 166 registers.
+struct MedianLanes {
+  static constexpr int kSize = 4;
+
+  __device__ int Rank() const { return static_cast<int>(threadIdx.x % kSize); }
+  __device__ float Sum(float x) const {
+    ACMP_UNROLL
+    for (int distance = kSize / 2; distance > 0; distance /= 2) x += FromLane(x, distance);
+    return x;
+  }
+  template <class T>
+  __device__ T Least(T x) const {
+    ACMP_UNROLL
+    for (int distance = kSize / 2; distance > 0; distance /= 2) x = min(x, FromLane(x, distance));
+    return x;
+  }
+  __device__ float Greatest(float x) const {
+    ACMP_UNROLL
+    for (int distance = kSize / 2; distance > 0; distance /= 2) x = max(x, FromLane(x, distance));
+    return x;
+  }
+
+ private:
+  template <class T>
+  static __device__ T FromLane(T x, int distance) {
+    const unsigned lanes = ((1u << kSize) - 1u) << (threadIdx.x % 32u / kSize * kSize);
+    return __shfl_xor_sync(lanes, x, distance);
+  }
+};
+
+__global__ void __launch_bounds__(kBlockWidth* kBlockHeight)
     FilterPixelKernel(const __grid_constant__ MedianContext context) {
-  const int col = Col(), row = Row();
-  if (context.planes.Contains(col, row)) FilterPixel(context, col, row);
+  const int col = Col() / MedianLanes::kSize, row = Row();
+  if (context.planes.Contains(col, row)) FilterPixel(context, col, row, MedianLanes());
 }
 
-/// One thread per cell and direction.
 void LaunchFindNearestAnchor(const CompletionContext& context, cudaStream_t stream) {
-  const int threads = context.nearest.width * kNumDirections;
-  const dim3 grid((threads + kBlockWidth - 1) / kBlockWidth,
-                  (context.nearest.height + kBlockHeight - 1) / kBlockHeight);
+  dim3 grid = GridFor(context.nearest);
+  grid.z = kNumDirections;
   FindNearestAnchorKernel<<<grid, dim3(kBlockWidth, kBlockHeight), 0, stream>>>(context);
   CudaCheck(cudaGetLastError(), "launch search for the nearest anchors");
 }
@@ -128,7 +157,9 @@ void LaunchWeightedMedian(const DeviceFusionContext& views, const ImageView<Sigh
   const dim3 block(kBlockWidth, kBlockHeight);
   LookAgainKernel<<<GridFor(sightings), block, 0, stream>>>(views, sightings);
   CudaCheck(cudaGetLastError(), "launch second look at the sources");
-  FilterPixelKernel<<<GridFor(context.planes), block, 0, stream>>>(context);
+  dim3 grid = GridFor(context.planes);
+  grid.x = (context.planes.width * MedianLanes::kSize + kBlockWidth - 1) / kBlockWidth;
+  FilterPixelKernel<<<grid, block, 0, stream>>>(context);
   CudaCheck(cudaGetLastError(), "launch weighted median");
 }
 

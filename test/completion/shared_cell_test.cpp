@@ -1,52 +1,20 @@
 // The work on a cell shared by many lanes, as on a GPU, against one lane that does all of it.
 
-#include <array>
-#include <condition_variable>
-#include <mutex>
 #include <random>
-#include <thread>
-#include <vector>
 
 #include "completion/completion_kernel_fixture.h"
+#include "support/lane_threads.h"
 
 namespace acmp {
 namespace {
 
 constexpr int kLanes = 32;
 
-/// Where the lanes of a cell meet, each in a thread of its own.
-template <class T>
-class MeetingPoint {
- public:
-  /// Blocks until all lanes have come. What each has brought, by rank.
-  std::array<T, kLanes> Meet(int rank, const T& brought) {
-    std::unique_lock<std::mutex> lock(mutex_);
-    const long round = round_;
-    brought_[static_cast<size_t>(rank)] = brought;
-    if (++present_ == kLanes) {
-      shared_ = brought_;
-      present_ = 0;
-      ++round_;
-      all_present_.notify_all();
-    } else {
-      all_present_.wait(lock, [&] { return round_ != round; });
-    }
-    return shared_;
-  }
-
- private:
-  std::mutex mutex_;
-  std::condition_variable all_present_;
-  std::array<T, kLanes> brought_ = {}, shared_ = {};
-  int present_ = 0;
-  long round_ = 0;
-};
-
 /// One lane of a warp.
 class ThreadLane {
  public:
   static constexpr int kSize = kLanes;
-  ThreadLane(int rank, MeetingPoint<PlaneFit>* fits, MeetingPoint<AnchorChoice>* choices)
+  ThreadLane(int rank, MeetingPoint<PlaneFit, kLanes>* fits, MeetingPoint<AnchorChoice, kLanes>* choices)
       : rank_(rank), fits_(fits), choices_(choices) {}
 
   int Rank() const { return rank_; }
@@ -67,8 +35,8 @@ class ThreadLane {
 
  private:
   int rank_;
-  MeetingPoint<PlaneFit>* fits_;
-  MeetingPoint<AnchorChoice>* choices_;
+  MeetingPoint<PlaneFit, kLanes>* fits_;
+  MeetingPoint<AnchorChoice, kLanes>* choices_;
 };
 
 TEST(LanesOfRowTest, TheFewestThatTakeARowAtOnce) {
@@ -78,6 +46,7 @@ TEST(LanesOfRowTest, TheFewestThatTakeARowAtOnce) {
   EXPECT_EQ(LanesOfRow(32, 17), 32);
   EXPECT_EQ(LanesOfRow(32, 16), 16);
   EXPECT_EQ(LanesOfRow(32, 15), 16);
+  EXPECT_EQ(LanesOfRow(32, 11), 16);
   EXPECT_EQ(LanesOfRow(32, 1), 1);
 }
 
@@ -103,19 +72,14 @@ class SharedCellTest : public CompletionKernelTest {
   /// The lanes of a warp, each for all cells.
   template <class Work>
   static void OnAllLanes(const Work& work) {
-    MeetingPoint<PlaneFit> fits;
-    MeetingPoint<AnchorChoice> choices;
-    std::vector<std::thread> threads;
-    threads.reserve(kLanes);
-    for (int rank = 0; rank < kLanes; ++rank) {
-      threads.emplace_back([&, rank] {
-        const ThreadLane lane(rank, &fits, &choices);
-        for (int row = 0; row < kRows; row += 3) {
-          for (int col = 0; col < kCols; col += 3) work(col, row, lane);
-        }
-      });
-    }
-    for (std::thread& thread : threads) thread.join();
+    MeetingPoint<PlaneFit, kLanes> fits;
+    MeetingPoint<AnchorChoice, kLanes> choices;
+    OnLaneThreads(kLanes, [&](int rank) {
+      const ThreadLane lane(rank, &fits, &choices);
+      for (int row = 0; row < kRows; row += 3) {
+        for (int col = 0; col < kCols; col += 3) work(col, row, lane);
+      }
+    });
   }
 };
 
@@ -149,7 +113,7 @@ TEST_F(SharedCellTest, ManyLanesFitTheSamePlanes) {
       if (of_one.views == 0) continue;
       ++fitted;
       const Vec3f ray = Ray(of_one.col, of_one.row);
-      // 225 terms summed in another order, and solved for slopes that hang on their differences: some hundred times the
+      // 121 terms summed in another order, and solved for slopes that hang on their differences: some hundred times the
       // rounding of float (6e-8), and far from what a row or column left out would do (the noise is 3e-3).
       ASSERT_NEAR(Dot(cell.inverse_plane, ray) / Dot(of_one.inverse_plane, ray), 1, 1e-5) << col << ", " << row;
       const Vec3f change = cell.inverse_plane - of_one.inverse_plane;
@@ -157,6 +121,33 @@ TEST_F(SharedCellTest, ManyLanesFitTheSamePlanes) {
     }
   }
   EXPECT_GT(fitted, 100);
+}
+
+TEST_F(SharedCellTest, LookingAtSeveralCellsAtOnceFindsTheSameNearestAnchors) {
+  std::mt19937 random(3);
+  for (AnchorCell& cell : fitted_) {
+    cell.views = random() % 25 == 0 ? 3 : 0;  // far between, so that the search goes on over several times eight cells
+    cell.is_sure = cell.views > 0 && random() % 3 == 0;
+  }
+  for (const int sure_views : {0, 3}) {
+    context_.sure_views = sure_views;
+    FindAllNearest();
+    const Image<NearestAnchors> expected = nearest_.Clone();
+    int found = 0;
+    for (int row = 0; row < kRows; ++row) {
+      for (int col = 0; col < kCols; ++col) {
+        for (int direction = 0; direction < kNumDirections; ++direction) {
+          nearest_(col, row).cell[direction] = -2;
+          FindNearestAnchor<8>(context_, col, row, direction);
+          const int cell = nearest_(col, row).cell[direction];
+          ASSERT_EQ(cell, expected(col, row).cell[direction]) << col << ", " << row << ", direction " << direction;
+          found += cell >= 0 ? 1 : 0;
+        }
+      }
+    }
+    EXPECT_GT(found, kRows * kCols * kNumDirections / 4) << "sure views: " << sure_views;
+    EXPECT_LT(found, kRows * kCols * kNumDirections) << "some look out of the image";
+  }
 }
 
 }  // namespace

@@ -28,16 +28,34 @@ struct MedianContext {
   ImageView<float> cost;
 };
 
-/// Surfaces around a pixel. In one array each, all of them used and every index known to the compiler, so that a GPU
-/// thread has them in registers.
-struct MedianSamples {
-  float depth[kMedianSamples];   ///< of the surface extended to the pixel
-  float weight[kMedianSamples];  ///< 0: none
+/// The lanes that share a pixel. The CPU has one, which does all; others have several, of which each takes every
+/// kSize-th row of samples, and
+///   Sum(x)       leaves all of them with the sum of what each has
+///   Least(x)     with the least
+///   Greatest(x)  with the greatest
+struct OneMedianLane {
+  static constexpr int kSize = 1;
+  ACMP_HOST_DEVICE int Rank() const { return 0; }
+  ACMP_HOST_DEVICE float Sum(float x) const { return x; }
+  ACMP_HOST_DEVICE float Greatest(float x) const { return x; }
+  template <class T>
+  ACMP_HOST_DEVICE T Least(T x) const {
+    return x;
+  }
 };
 
-/// Of the n-th sample, px from the pixel.
-ACMP_HOST_DEVICE inline int SampleOffsetX(int n) { return (n % kMedianAcross - kMedianAcross / 2) * kMedianStep; }
-ACMP_HOST_DEVICE inline int SampleOffsetY(int n) { return (n / kMedianAcross - kMedianAcross / 2) * kMedianStep; }
+/// Surfaces around a pixel, those of one of `kLanes` lanes, row by row. In one array each, all of them used and every
+/// index known to the compiler, so that a GPU thread has them in registers.
+template <int kLanes>
+struct MedianSamples {
+  static constexpr int kRows = (kMedianAcross + kLanes - 1) / kLanes;  ///< the last may be one too many for a lane
+  static constexpr int kCount = kRows * kMedianAcross;
+  float depth[kCount];   ///< of the surface extended to the pixel
+  float weight[kCount];  ///< 0: none
+};
+
+/// Of the n-th column or row of samples, px from the pixel.
+ACMP_HOST_DEVICE constexpr int SampleOffset(int n) { return (n - kMedianAcross / 2) * kMedianStep; }
 
 ACMP_HOST_DEVICE inline int Clamped(int value, int last) { return value < 0 ? 0 : value > last ? last : value; }
 
@@ -54,95 +72,111 @@ ACMP_HOST_DEVICE inline float ExtendedDepth(const MedianContext& context, const 
 }
 
 /// Whether depths around the pixel differ, by more than one in twenty: elsewhere there is nothing to choose from.
-ACMP_HOST_DEVICE inline bool HasSeveralSurfaces(const MedianContext& context, int col, int row) {
+template <class Lanes>
+ACMP_HOST_DEVICE inline bool HasSeveralSurfaces(const MedianContext& context, int col, int row, const Lanes& lanes) {
   constexpr float kSameSurfaces = 1.05f;
   float nearest = FLT_MAX, farthest = 0;
   const int last_col = context.depth.width - 1, last_row = context.depth.height - 1;
   ACMP_UNROLL
-  for (int n = 0; n < kMedianSamples; ++n) {
-    const float depth =
-        context.depth(Clamped(col + SampleOffsetX(n), last_col), Clamped(row + SampleOffsetY(n), last_row));
-    nearest = depth > 0 && depth < nearest ? depth : nearest;
-    farthest = depth > farthest ? depth : farthest;
+  for (int i = 0; i < MedianSamples<Lanes::kSize>::kRows; ++i) {
+    const int sample_row = Clamped(lanes.Rank() + i * Lanes::kSize, kMedianAcross - 1);
+    const int r = Clamped(row + SampleOffset(sample_row), last_row);
+    ACMP_UNROLL
+    for (int k = 0; k < kMedianAcross; ++k) {
+      const float depth = context.depth(Clamped(col + SampleOffset(k), last_col), r);
+      nearest = depth > 0 && depth < nearest ? depth : nearest;
+      farthest = depth > farthest ? depth : farthest;
+    }
   }
-  return farthest > kSameSurfaces * nearest;
+  return lanes.Greatest(farthest) > kSameSurfaces * lanes.Least(nearest);
 }
 
-/// What the sources that look through a sample leave of its weight. One may be wrong itself; the more, the less likely.
+/// What the sources that look through a sample leave of its weight, a quarter each. One may be wrong itself; the more,
+/// the less likely.
 ACMP_HOST_DEVICE inline float ShareOfWeight(int looking_through) {
-  return 1.0f / static_cast<float>(1 << 2 * looking_through);  // a quarter for each
+  static_assert(kMaxLookingThrough == 3, "two bits");
+  return ((looking_through & 1) != 0 ? 1 / 4.0f : 1.0f) * ((looking_through & 2) != 0 ? 1 / 16.0f : 1.0f);
 }
 
 /// Those inside the image with a depth in the range. All are loaded, so that a GPU does not wait for one before it asks
 /// for the next.
-ACMP_HOST_DEVICE inline void FindMedianSamples(const MedianContext& context, int col, int row, MedianSamples* samples) {
+template <class Lanes>
+ACMP_HOST_DEVICE inline MedianSamples<Lanes::kSize> FindMedianSamples(const MedianContext& context, int col, int row,
+                                                                      const Lanes& lanes) {
   constexpr float kInverseColorReach = 1 / 15.0f;    // summed over three channels: the weight falls by e
   constexpr float kInverseDistanceReach = 1 / 8.0f;  // px
   const int last_col = context.depth.width - 1, last_row = context.depth.height - 1;
   const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
   const bool has_color = !context.color.empty();
   const Rgb own = has_color ? context.color(col, row) : Rgb{0, 0, 0};
+  MedianSamples<Lanes::kSize> samples;
   ACMP_UNROLL
-  for (int n = 0; n < kMedianSamples; ++n) {
-    const int dx = SampleOffsetX(n), dy = SampleOffsetY(n);
+  for (int i = 0; i < samples.kCount; ++i) {
+    const int sample_row = lanes.Rank() + i / kMedianAcross * Lanes::kSize;
+    const int dx = SampleOffset(i % kMedianAcross), dy = SampleOffset(sample_row);
     const int c = Clamped(col + dx, last_col), r = Clamped(row + dy, last_row);
-    const bool is_inside = c == col + dx && r == row + dy;
+    const bool is_inside = sample_row < kMedianAcross && c == col + dx && r == row + dy;
     const float depth = context.depth(c, r);
     const bool counts = is_inside && depth >= context.depth_min && depth <= context.depth_max;
     const float share = ShareOfWeight(LookingThrough(context.sightings(c, r)));
     const int color = has_color ? ColorDistance(own, context.color(c, r)) : 0;
     const float distance = sqrtf(static_cast<float>(dx * dx + dy * dy));
     const float weight = expf(-(static_cast<float>(color) * kInverseColorReach + distance * kInverseDistanceReach));
-    samples->depth[n] = ExtendedDepth(context, context.planes(c, r), ray, depth);
-    samples->weight[n] = counts && samples->depth[n] > 0 ? share * weight : 0;
+    samples.depth[i] = ExtendedDepth(context, context.planes(c, r), ray, depth);
+    samples.weight[i] = counts && samples.depth[i] > 0 ? share * weight : 0;
   }
+  return samples;
 }
 
-/// Index of the nearest sample up to which lies half of the weight or more, or of one that is nearer by less than a
+/// Number of the nearest sample up to which lies half of the weight or more, or of one that is nearer by less than a
 /// thousandth of all depths' range; -1 of none.
-ACMP_HOST_DEVICE inline int WeightedMedianOf(const MedianSamples& samples) {
+template <class Lanes>
+ACMP_HOST_DEVICE inline int WeightedMedianOf(const MedianSamples<Lanes::kSize>& samples, const Lanes& lanes) {
   constexpr int kBisections = 10;
   float nearest = FLT_MAX, farthest = 0, half = 0;
   ACMP_UNROLL
-  for (int n = 0; n < kMedianSamples; ++n) {
-    const bool counts = samples.weight[n] > 0;
-    nearest = counts && samples.depth[n] < nearest ? samples.depth[n] : nearest;
-    farthest = counts && samples.depth[n] > farthest ? samples.depth[n] : farthest;
-    half += 0.5f * samples.weight[n];
+  for (int i = 0; i < samples.kCount; ++i) {
+    const bool counts = samples.weight[i] > 0;
+    nearest = counts && samples.depth[i] < nearest ? samples.depth[i] : nearest;
+    farthest = counts && samples.depth[i] > farthest ? samples.depth[i] : farthest;
+    half += 0.5f * samples.weight[i];
   }
+  half = lanes.Sum(half);
   if (!(half > 0)) return -1;
   // Less than half of the weight lies up to `low`, half or more up to `high`.
-  float low = 0.999f * nearest, high = farthest;
-  for (int i = 0; i < kBisections; ++i) {
+  float low = 0.999f * lanes.Least(nearest), high = lanes.Greatest(farthest);
+  for (int bisection = 0; bisection < kBisections; ++bisection) {
     const float middle = 0.5f * (low + high);
     float up_to = 0;
     ACMP_UNROLL
-    for (int n = 0; n < kMedianSamples; ++n) up_to += samples.depth[n] <= middle ? samples.weight[n] : 0;
-    (up_to < half ? low : high) = middle;
+    for (int i = 0; i < samples.kCount; ++i) up_to += samples.depth[i] <= middle ? samples.weight[i] : 0;
+    (lanes.Sum(up_to) < half ? low : high) = middle;
   }
-  int median = -1;
+  int median = 0;
   float depth = FLT_MAX;
   ACMP_UNROLL
-  for (int n = 0; n < kMedianSamples; ++n) {
-    const bool is_nearer = samples.weight[n] > 0 && samples.depth[n] > low && samples.depth[n] < depth;
-    depth = is_nearer ? samples.depth[n] : depth;
-    median = is_nearer ? n : median;
+  for (int i = 0; i < samples.kCount; ++i) {
+    const bool is_nearer = samples.weight[i] > 0 && samples.depth[i] > low && samples.depth[i] < depth;
+    depth = is_nearer ? samples.depth[i] : depth;
+    median = is_nearer ? i : median;
   }
-  return median;
+  const int row = lanes.Rank() + median / kMedianAcross * Lanes::kSize;
+  const int number = row * kMedianAcross + median % kMedianAcross;
+  return lanes.Least(depth == lanes.Least(depth) ? number : kMedianSamples);
 }
 
 /// The weighted median of the surfaces around: of those of the pixel's colour, and the nearer ones first. Pixels that
 /// sources look through have less say. Where the depth changes by more than one in a hundred, the cost is that of
 /// another surface: whoever fuses maps has to ask the views again.
-ACMP_HOST_DEVICE inline void FilterPixel(const MedianContext& context, int col, int row) {
+template <class Lanes = OneMedianLane>
+ACMP_HOST_DEVICE inline void FilterPixel(const MedianContext& context, int col, int row, const Lanes& lanes = {}) {
   constexpr float kSameSurface = 0.01f;
-  context.filtered(col, row) = context.planes(col, row);
-  if (LookingThrough(context.sightings(col, row)) == 0 && !HasSeveralSurfaces(context, col, row)) return;
-  MedianSamples samples;
-  FindMedianSamples(context, col, row, &samples);
-  const int median = WeightedMedianOf(samples);
-  if (median < 0) return;
-  const int c = col + SampleOffsetX(median), r = row + SampleOffsetY(median);
+  const bool is_first = lanes.Rank() == 0;
+  if (is_first) context.filtered(col, row) = context.planes(col, row);
+  if (LookingThrough(context.sightings(col, row)) == 0 && !HasSeveralSurfaces(context, col, row, lanes)) return;
+  const int median = WeightedMedianOf(FindMedianSamples(context, col, row, lanes), lanes);
+  if (median < 0 || !is_first) return;
+  const int c = col + SampleOffset(median % kMedianAcross), r = row + SampleOffset(median / kMedianAcross);
   const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
   const PlaneHypothesis& plane = context.planes(c, r);
   const float depth = ExtendedDepth(context, plane, ray, context.depth(c, r));
