@@ -66,6 +66,12 @@ __device__ void StagePoint(bool accepted, const SurfacePoint& point, const Point
 }
 
 __global__ void __launch_bounds__(kPointThreads)
+    ErrorKernel(const __grid_constant__ DeviceFusionContext context, const ImageView<float> log_error) {
+  const PixelPlace place = PlaceOfThread(log_error.width);
+  if (place.row < log_error.height) log_error(place.col, place.row) = LogExpectedError(context, place.col, place.row);
+}
+
+__global__ void __launch_bounds__(kPointThreads)
     FilterKernel(const __grid_constant__ DeviceFusionContext context, const ImageView<unsigned char> consistent_views,
                  const ImageView<float> confidence, const PointStage stage) {
   const PixelPlace place = PlaceOfThread(confidence.width);
@@ -120,8 +126,15 @@ void LaunchCollect(const PointStage& stage, int num_blocks, const PointOutput& o
   CudaCheck(cudaGetLastError(), "launch point copy");
 }
 
-void CheckSources(const DeviceFusionContext& context) {
+/// Queues LogExpectedError of all pixels of the reference.
+/// @return the context with them
+DeviceFusionContext LaunchErrors(DeviceFusionContext context, float* log_error, cudaStream_t stream) {
   CheckRange("number of source views on a GPU", context.num_sources, 0, kMaxCudaFusionSources);
+  const int width = context.reference.depth.width, height = context.reference.depth.height;
+  ErrorKernel<<<NumBlocks(width, height), kPointThreads, 0, stream>>>(context, {log_error, width, height, width});
+  CudaCheck(cudaGetLastError(), "launch expected errors");
+  context.log_error = {log_error, width, height, width};
+  return context;
 }
 
 }  // namespace
@@ -133,19 +146,19 @@ size_t PointScratchBytes(int width, int height) {
 
 void LaunchFilterByConsistency(const DeviceFusionContext& context, const ImageView<unsigned char>& consistent_views,
                                const ImageView<float>& confidence, const PointOutput& output, cudaStream_t stream) {
-  CheckSources(context);
   const int num_blocks = NumBlocks(confidence.width, confidence.height);
   const PointStage stage = StageIn(output.scratch, num_blocks);
-  FilterKernel<<<num_blocks, kPointThreads, 0, stream>>>(context, consistent_views, confidence, stage);
+  const DeviceFusionContext with_errors = LaunchErrors(context, output.log_error, stream);
+  FilterKernel<<<num_blocks, kPointThreads, 0, stream>>>(with_errors, consistent_views, confidence, stage);
   CudaCheck(cudaGetLastError(), "launch consistency check");
   LaunchCollect(stage, num_blocks, output, stream);
 }
 
 void LaunchFuseView(const DeviceFusionContext& context, const PointOutput& output, cudaStream_t stream) {
-  CheckSources(context);
   const int num_blocks = NumBlocks(context.stamps.width, context.stamps.height);
   const PointStage stage = StageIn(output.scratch, num_blocks);
-  FuseKernel<<<num_blocks, kPointThreads, 0, stream>>>(context, stage);
+  const DeviceFusionContext with_errors = LaunchErrors(context, output.log_error, stream);
+  FuseKernel<<<num_blocks, kPointThreads, 0, stream>>>(with_errors, stage);
   CudaCheck(cudaGetLastError(), "launch fusion");
   LaunchCollect(stage, num_blocks, output, stream);
 }

@@ -20,6 +20,7 @@ struct PointOutput {
   SurfacePoint* points;  ///< room for one per pixel
   unsigned* count;       ///< set to the number of points
   void* scratch;         ///< PointScratchBytes
+  float* log_error;      ///< room for one per pixel, scratch memory too
 };
 
 /// Bytes of scratch memory for one reference view. Its contents matter during a launch only.

@@ -13,7 +13,8 @@ PointOutput FusionRunner::ReservePoints(int width, int height) {
   points_.Reserve(device_, static_cast<size_t>(width) * height);
   count_.Reserve(device_, 1);
   scratch_.Reserve(device_, PointScratchBytes(width, height));
-  return {points_.data(), count_.data(), scratch_.data()};
+  log_error_.Reserve(device_, static_cast<size_t>(width) * height);
+  return {points_.data(), count_.data(), scratch_.data(), log_error_.data()};
 }
 
 PointCloud FusionRunner::Download(const CudaStream& stream) {

@@ -34,7 +34,7 @@ class FusionRunner {
   DeviceArray<SurfacePoint> points_;
   DeviceArray<unsigned> count_;
   DeviceArray<unsigned char> scratch_, consistent_views_;
-  DeviceArray<float> confidence_;
+  DeviceArray<float> confidence_, log_error_;
 };
 
 }  // namespace acmp

@@ -18,10 +18,21 @@ void CollectRows(int height, const AddPoints& add_points, PointCloud* points) {
   for (const PointCloud& row : points_of_row) points->insert(points->end(), row.begin(), row.end());
 }
 
+/// LogExpectedError of all pixels.
+Image<float> MeasureErrors(const FusionContext<HostMaps>& context) {
+  Image<float> log_error(context.reference.depth.width, context.reference.depth.height);
+  tbb::parallel_for(0, log_error.height(), [&](int row) {
+    for (int col = 0; col < log_error.width(); ++col) log_error(col, row) = LogExpectedError(context, col, row);
+  });
+  return log_error;
+}
+
 }  // namespace
 
 void FuseView(const FusionSetup<HostMaps>& setup, PointCloud* points) {
-  const FusionContext<HostMaps> context = setup.Context(setup.sources().data());
+  FusionContext<HostMaps> context = setup.Context(setup.sources().data());
+  const Image<float> log_error = MeasureErrors(context);
+  context.log_error = log_error.View();
   const auto fuse_row = [&](int row, PointCloud* points_of_row) {
     SurfacePoint point;
     for (int col = 0; col < context.reference.depth.width; ++col) {
@@ -41,7 +52,9 @@ ConsistencyResult FilterByConsistency(const FusionView& reference, const std::ve
   for (const FusionView& source : sources) {
     if (!source.depth.empty()) setup.AddSource(CameraOf(source), MapsOf(source));
   }
-  const FusionContext<HostMaps> context = setup.Context(setup.sources().data());
+  FusionContext<HostMaps> context = setup.Context(setup.sources().data());
+  const Image<float> log_error = MeasureErrors(context);
+  context.log_error = log_error.View();
 
   const int width = reference.depth.width, height = reference.depth.height;
   result.consistent_views = Image<unsigned char>(width, height);

@@ -12,16 +12,20 @@ namespace {
 
 const double kNan = std::numeric_limits<double>::quiet_NaN();
 
-TEST(ComputeConfidence, HasTheDocumentedValues) {
-  // 1 / (1 + 50 (u + 0.01)^0.9 exp(2 k / n - 0.9 a / n - 0.3 P)), worked out by hand to five digits.
-  EXPECT_NEAR(ComputeConfidence(2, {}, 0), 0.55790, 1e-5);  // P = exp(-4 / 0.18) = 2e-10
-  EXPECT_NEAR(ComputeConfidence(0, {}, 0), 0.63010, 1e-5);
-  EXPECT_NEAR(ComputeConfidence(0, {4, 2, 0}, 0), 0.72763, 1e-5);
-  EXPECT_NEAR(ComputeConfidence(0, {4, 2, 1}, 0), 0.61837, 1e-5);
-  EXPECT_NEAR(ComputeConfidence(0.3f, {4, 2, 0}, 0.09), 0.23010, 1e-5);  // P = exp(-0.5)
+double ConfidenceFor(float cost, const ViewEvidence& evidence, double unevenness) {
+  return ConfidenceOfError(ExpectedRelativeError(cost, evidence, unevenness));
 }
 
-TEST(ComputeConfidence, StaysInBoundsAndNeverGoesTheWrongWay) {
+TEST(ConfidenceOfError, HasTheDocumentedValues) {
+  // 1 / (1 + 50 (u + 0.01)^0.9 exp(2 k / n - 0.9 a / n - 0.3 P)), worked out by hand to five digits.
+  EXPECT_NEAR(ConfidenceFor(2, {}, 0), 0.55790, 1e-5);  // P = exp(-4 / 0.18) = 2e-10
+  EXPECT_NEAR(ConfidenceFor(0, {}, 0), 0.63010, 1e-5);
+  EXPECT_NEAR(ConfidenceFor(0, {4, 2, 0}, 0), 0.72763, 1e-5);
+  EXPECT_NEAR(ConfidenceFor(0, {4, 2, 1}, 0), 0.61837, 1e-5);
+  EXPECT_NEAR(ConfidenceFor(0.3f, {4, 2, 0}, 0.09), 0.23010, 1e-5);  // P = exp(-0.5)
+}
+
+TEST(ConfidenceOfError, StaysInBoundsAndNeverGoesTheWrongWay) {
   for (int views = 1; views <= 32; views += 3) {
     for (int k = 0; k <= 8; ++k) {
       for (int cost = 0; cost <= 20; ++cost) {
@@ -29,9 +33,9 @@ TEST(ComputeConfidence, StaysInBoundsAndNeverGoesTheWrongWay) {
         const int contradicting = views * k / 8;
         const auto confidence = [&](double more_cost, double more_agreement, int more_contradicting,
                                     double more_uneven) {
-          return ComputeConfidence(static_cast<float>(0.1 * cost + more_cost),
-                                   {views, agreement + more_agreement, contradicting + more_contradicting},
-                                   unevenness + more_uneven);
+          return ConfidenceFor(static_cast<float>(0.1 * cost + more_cost),
+                               {views, agreement + more_agreement, contradicting + more_contradicting},
+                               unevenness + more_uneven);
         };
         const double here = confidence(0, 0, 0, 0);
         ASSERT_GT(here, 0);
@@ -43,15 +47,15 @@ TEST(ComputeConfidence, StaysInBoundsAndNeverGoesTheWrongWay) {
       }
     }
   }
-  EXPECT_GT(ComputeConfidence(0.1f, {}, 0), ComputeConfidence(0.2f, {}, 0));
+  EXPECT_GT(ConfidenceFor(0.1f, {}, 0), ConfidenceFor(0.2f, {}, 0));
 }
 
-TEST(ComputeConfidence, IsFiniteForOddInput) {
+TEST(ConfidenceOfError, IsFiniteForOddInput) {
   const float nan = std::numeric_limits<float>::quiet_NaN(), infinity = std::numeric_limits<float>::infinity();
   // The worst cost has a photometric likelihood of exp(-22).
-  EXPECT_NEAR(ComputeConfidence(nan, {}, 0.1), ComputeConfidence(kWorstCost, {}, 0.1), 1e-9);
-  EXPECT_GT(ComputeConfidence(infinity, {}, 0.1), 0) << "refuted";
-  EXPECT_EQ(ComputeConfidence(-0.5f, {}, 0.1), ComputeConfidence(0, {}, 0.1));
+  EXPECT_NEAR(ConfidenceFor(nan, {}, 0.1), ConfidenceFor(kWorstCost, {}, 0.1), 1e-9);
+  EXPECT_GT(ConfidenceFor(infinity, {}, 0.1), 0) << "refuted";
+  EXPECT_EQ(ConfidenceFor(-0.5f, {}, 0.1), ConfidenceFor(0, {}, 0.1));
 }
 
 TEST(GradedAgreement, FallsWithErrorsAndNarrowAngles) {
@@ -133,38 +137,80 @@ std::vector<TestView> SideViews(const std::vector<float>& depths) {
   return views;
 }
 
-double ConfidenceOfMiddle(const TestView& reference, const std::vector<float>& source_depths) {
+/// A pixel that SideViews see with all that is around it, 20 px further to the left.
+constexpr int kCol = 44, kRow = 20;
+
+double ConfidenceOf(const TestView& reference, const std::vector<float>& source_depths) {
   const std::vector<TestView> sources = SideViews(source_depths);
-  return FilterByConsistency(reference.View(), ViewsOf(sources), {}).confidence(30, 20);
+  return FilterByConsistency(reference.View(), ViewsOf(sources), {}).confidence(kCol, kRow);
 }
 
 TEST(FilterByConsistency, ConfidenceCountsWhoSeesThePixel) {
   const TestView wall = FlatView(61, 41, 4);
   // Two of two views agree, two of three (one sees an occluder), and one of them looks through the point.
-  const double all = ConfidenceOfMiddle(wall, {4, 4}), occluded = ConfidenceOfMiddle(wall, {4, 4, 3});
-  const double contradicted = ConfidenceOfMiddle(wall, {4, 4, 5});
-  EXPECT_NEAR(all, ComputeConfidence(0, {2, 2, 0}, 0), 1e-7);  // float
-  EXPECT_NEAR(occluded, ComputeConfidence(0, {3, 2, 0}, 0), 1e-7);
-  EXPECT_NEAR(contradicted, ComputeConfidence(0, {3, 2, 1}, 0), 1e-7);
+  const double all = ConfidenceOf(wall, {4, 4}), occluded = ConfidenceOf(wall, {4, 4, 3});
+  const double contradicted = ConfidenceOf(wall, {4, 4, 5});
+  EXPECT_NEAR(all, ConfidenceFor(0, {2, 2, 0}, 0), 1e-7);  // float
+  EXPECT_NEAR(occluded, ConfidenceFor(0, {3, 2, 0}, 0), 1e-7);
+  EXPECT_NEAR(contradicted, ConfidenceFor(0, {3, 2, 1}, 0), 1e-7);
   // Which views take part in the average does not matter, nor do views without an estimate of their own.
-  EXPECT_NEAR(ConfidenceOfMiddle(wall, {4, 4, 0}), occluded, 1e-7);
+  EXPECT_NEAR(ConfidenceOf(wall, {4, 4, 0}), occluded, 1e-7);
 }
 
 TEST(FilterByConsistency, GuessesHaveConfidence) {
   TestView wall = FlatView(61, 41, 4);
-  wall.cost(30, 20) = kWorstCost;
-  EXPECT_NEAR(ConfidenceOfMiddle(wall, {}), ComputeConfidence(kWorstCost, {}, 0), 1e-7);
-  EXPECT_GT(ConfidenceOfMiddle(wall, {4}), ConfidenceOfMiddle(wall, {}));
-  EXPECT_LT(ConfidenceOfMiddle(wall, {5}), ConfidenceOfMiddle(wall, {}));
+  for (float& cost : wall.cost) cost = kWorstCost;
+  EXPECT_NEAR(ConfidenceOf(wall, {}), ConfidenceFor(kWorstCost, {}, 0), 1e-7);
+  EXPECT_GT(ConfidenceOf(wall, {4}), ConfidenceOf(wall, {}));
+  EXPECT_LT(ConfidenceOf(wall, {5}), ConfidenceOf(wall, {}));
+}
+
+TEST(FilterByConsistency, ConfidenceIsThatOfTheSurfaceAround) {
+  // Without views and unevenness only the cost tells: exp(0.3) between 0 and the worst.
+  const auto expected = [](double share_of_worst) {
+    return ConfidenceOfError(ExpectedRelativeError(0, {}, 0) * std::exp(0.3 * share_of_worst));
+  };
+  TestView wall = FlatView(61, 41, 4);
+  wall.cost(kCol, kRow) = kWorstCost;
+  EXPECT_NEAR(ConfidenceOf(wall, {}), expected(1 / 25.0), 1e-7);
+  wall.cost(kCol + 16, kRow) = wall.cost(kCol - 3, kRow + 3) = wall.cost(kCol, kRow - 8) = kWorstCost;
+  wall.cost(kCol + 1, kRow) = kWorstCost;  // not looked at
+  EXPECT_NEAR(ConfidenceOf(wall, {}), expected(4 / 25.0), 1e-7);
+  wall.depth(kCol + 6, kRow + 6) = 0;  // unknown
+  EXPECT_NEAR(ConfidenceOf(wall, {}), expected(4 / 24.0), 1e-7);
+  // Two pixels that count less, of which one is bad.
+  wall.color = ColorImage(61, 41, {90, 90, 90});
+  wall.color(kCol + 16, kRow) = wall.color(kCol - 16, kRow) = {90, 110, 90};
+  EXPECT_NEAR(ConfidenceOf(wall, {}), expected(3.5 / 23.0), 1e-7);
+  wall.depth(kCol, kRow) = 0;
+  EXPECT_EQ(ConfidenceOf(wall, {}), 0);
+}
+
+TEST(FilterByConsistency, AnotherSurfaceDoesNotCountForConfidence) {
+  // Half of what is around lies 20 % nearer, all of it guesses: it makes the pixel uneven, but its costs do not matter.
+  const auto confidence = [](float cost_of_nearer) {
+    TestView view = FlatView(61, 41, 4);
+    for (int row = 0; row < 41; ++row) {
+      for (int col = kCol + 1; col < 61; ++col) {
+        view.depth(col, row) = 3.2f;
+        view.cost(col, row) = cost_of_nearer;
+      }
+    }
+    return ConfidenceOf(view, {});
+  };
+  EXPECT_EQ(confidence(0), confidence(kWorstCost));
+  EXPECT_LT(confidence(0), ConfidenceOf(FlatView(61, 41, 4), {}));
 }
 
 TEST(FilterByConsistency, RefutedPixelsAreGuessesOfFourTimesTheError) {
   TestView wall = FlatView(61, 41, 4);
-  wall.cost(30, 20) = kWorstCost;
-  const double guess = ConfidenceOfMiddle(wall, {4, 4});
-  wall.cost(30, 20) = kRefutedCost;
-  const double refuted = ConfidenceOfMiddle(wall, {4, 4});
+  for (float& cost : wall.cost) cost = kWorstCost;
+  const double guess = ConfidenceOf(wall, {4, 4});
+  for (float& cost : wall.cost) cost = kRefutedCost;
+  const double refuted = ConfidenceOf(wall, {4, 4});
   EXPECT_NEAR((1 - refuted) / refuted, 4 * (1 - guess) / guess, 0.02 * (1 - refuted) / refuted);  // exp(1.4) = 4.06
+  for (float& cost : wall.cost) cost = 0.1f;
+  wall.cost(kCol, kRow) = kRefutedCost;
   FusionOptions options;
   options.min_point_confidence = 0;
   const std::vector<TestView> sources = SideViews({4, 4});
@@ -172,25 +218,26 @@ TEST(FilterByConsistency, RefutedPixelsAreGuessesOfFourTimesTheError) {
     return FilterByConsistency(wall.View(), ViewsOf(sources), options).points_in_camera.size();
   };
   const size_t without_it = count();
-  wall.cost(30, 20) = 0.1f;
+  wall.cost(kCol, kRow) = 0.1f;
   EXPECT_EQ(count(), without_it + 1);
 }
 
 TEST(FilterByConsistency, KeepsPixelsOfEnoughConfidence) {
   const TestView wall = FlatView(61, 41, 4);
-  const double middle = ConfidenceOfMiddle(wall, {4, 4});
+  const double seen = ConfidenceOf(wall, {4, 4});
   const std::vector<TestView> sources = SideViews({4, 4});
   FusionOptions options;
-  options.min_point_confidence = static_cast<float>(middle - 1e-4);
+  options.min_point_confidence = static_cast<float>(seen - 1e-4);
   const auto count = [&] {
     return FilterByConsistency(wall.View(), ViewsOf(sources), options).points_in_camera.size();
   };
   const auto fused = [&] {
     return FuseDepthMaps({wall.View(), sources[0].View(), sources[1].View()}, {{1, 2}, {}, {}}, options).size();
   };
-  EXPECT_EQ(count(), 41u * 41);  // the sources see all but the 20 columns at the left
-  EXPECT_EQ(fused(), 41u * 41);
-  options.min_point_confidence = static_cast<float>(middle + 1e-4);
+  // The sources do not see the 20 columns at the left, and from 16 more there is one of these around.
+  EXPECT_EQ(count(), 25u * 41);
+  EXPECT_EQ(fused(), 25u * 41);
+  options.min_point_confidence = static_cast<float>(seen + 1e-4);
   EXPECT_EQ(count(), 0u);
   EXPECT_EQ(fused(), 0u);
 }

@@ -210,7 +210,7 @@ TEST(FilterByConsistency, WorksWithoutSources) {
     const ConsistencyResult result = FilterByConsistency(view.View(), sources, {});
     EXPECT_TRUE(result.points_in_camera.empty());
     EXPECT_EQ(result.consistent_views(1, 1), 0);
-    EXPECT_FLOAT_EQ(result.confidence(1, 1), static_cast<float>(ComputeConfidence(0, {}, 0)));
+    EXPECT_FLOAT_EQ(result.confidence(1, 1), static_cast<float>(ConfidenceOfError(ExpectedRelativeError(0, {}, 0))));
     EXPECT_EQ(result.confidence(2, 2), 0);
   }
   const ConsistencyResult empty = FilterByConsistency(FusionView(), {view.View()}, {});

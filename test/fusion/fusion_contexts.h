@@ -20,11 +20,19 @@ class FusionContexts {
                            views[i].cam_from_world.inverse());
       setups_[i].SetStamps(stamps_[i].View(), static_cast<Stamp>(i));
       for (int k : neighbors[i]) setups_[i].AddSource(CameraOf(views[k]), MapsOf(views[k]), stamps_[k].View());
+      log_errors_.emplace_back(views[i].depth.width, views[i].depth.height);
+      const FusionContext<HostMaps> context = setups_[i].Context(setups_[i].sources().data());
+      ForEachPixel(static_cast<int>(i),
+                   [&](int col, int row) { log_errors_[i](col, row) = LogExpectedError(context, col, row); });
     }
   }
 
   int count() const { return static_cast<int>(setups_.size()); }
-  FusionContext<HostMaps> operator[](int view) const { return setups_[view].Context(setups_[view].sources().data()); }
+  FusionContext<HostMaps> operator[](int view) const {
+    FusionContext<HostMaps> context = setups_[view].Context(setups_[view].sources().data());
+    context.log_error = log_errors_[view].View();
+    return context;
+  }
   int stamp(int view, int col, int row) const { return stamps_[view](col, row); }
 
   template <class Function>
@@ -37,6 +45,7 @@ class FusionContexts {
  private:
   std::vector<Image<Stamp>> stamps_;
   std::vector<FusionSetup<HostMaps>> setups_;
+  std::vector<Image<float>> log_errors_;
 };
 
 }  // namespace acmp

@@ -68,6 +68,12 @@ inline bool Accepts(const std::vector<Match>& matches, const FusionOptions& opti
   return !matches.empty() && sum / static_cast<double>(matches.size()) > 0.3;
 }
 
+/// Colours that differ by 20, summed over the channels, count half.
+inline double ColorWeightOf(const Rgb& a, const Rgb& b) {
+  const double distance = std::abs(a.r - b.r) + std::abs(a.g - b.g) + std::abs(a.b - b.b);
+  return 1 / (1 + std::pow(distance / 20, 2));
+}
+
 /// Mean deviation of 24 depths around the pixel from its plane, found by intersecting their rays with it; colours that
 /// differ by 20 count half.
 inline double Unevenness(const FusionView& view, int col, int row) {
@@ -86,12 +92,8 @@ inline double Unevenness(const FusionView& view, int col, int row) {
                                  {-diagonal, -diagonal}}) {
       if (!view.depth.Contains(col + dc, row + dr) || !(view.depth(col + dc, row + dr) > 0)) continue;
       const double plane = offset / normal.dot(view.camera.Unproject({col + dc, row + dr}, 1));
-      double weight = 1;
-      if (!view.color.empty()) {
-        const Rgb &a = view.color(col, row), &b = view.color(col + dc, row + dr);
-        const double distance = std::abs(a.r - b.r) + std::abs(a.g - b.g) + std::abs(a.b - b.b);
-        weight = 1 / (1 + std::pow(distance / 20, 2));
-      }
+      const double weight =
+          view.color.empty() ? 1 : ColorWeightOf(view.color(col, row), view.color(col + dc, row + dr));
       sum += weight * std::min(0.1, std::abs(view.depth(col + dc, row + dr) / plane - 1));
       weights += weight;
     }
@@ -99,8 +101,8 @@ inline double Unevenness(const FusionView& view, int col, int row) {
   return offset < 0 && weights > 0 ? sum / weights : 0.1;
 }
 
-/// See ComputeConfidence; sources without a depth of their own where the point falls count as views.
-inline double Confidence(const FusionView& view, const std::vector<const FusionView*>& sources, int col, int row) {
+/// See ExpectedRelativeError; sources without a depth of their own where the point falls count as views.
+inline double ExpectedError(const FusionView& view, const std::vector<const FusionView*>& sources, int col, int row) {
   const Eigen::Vector3d point = PointInWorld(view, col, row);
   const Eigen::Vector3d center = view.cam_from_world.inverse().translation();
   double views = 0, agreement = 0, contradicting = 0;
@@ -122,9 +124,29 @@ inline double Confidence(const FusionView& view, const std::vector<const FusionV
   }
   const double share = views > 0 ? 1 / views : 0;
   const double likelihood = std::exp(-std::pow(view.cost(col, row), 2) / 0.18);
-  const double error = 0.5 * std::pow(Unevenness(view, col, row) + 0.01, 0.9) *
-                       std::exp(2 * contradicting * share - 0.9 * agreement * share - 0.3 * likelihood);
-  return 1 / (1 + error / 0.01);
+  return 0.5 * std::pow(Unevenness(view, col, row) + 0.01, 0.9) *
+         std::exp(2 * contradicting * share - 0.9 * agreement * share - 0.3 * likelihood);
+}
+
+/// Of the geometric mean of the pixel's expected error and those of the 24 around that lie within 10 % of its depth,
+/// colours that differ by 20 counting half.
+inline double Confidence(const FusionView& view, const std::vector<const FusionView*>& sources, int col, int row) {
+  double sum = 0, weights = 0;
+  for (int step : {0, 4, 8, 16}) {
+    for (int dr = -1; dr <= 1; ++dr) {
+      for (int dc = -1; dc <= 1; ++dc) {
+        if ((dc == 0 && dr == 0) != (step == 0)) continue;
+        const int length = dc == 0 || dr == 0 ? step : step * 3 / 4;
+        const int c = col + dc * length, r = row + dr * length;
+        if (!view.depth.Contains(c, r) || !(view.depth(c, r) > 0)) continue;
+        if (std::abs(view.depth(c, r) / view.depth(col, row) - 1) >= 0.1) continue;
+        const double weight = view.color.empty() ? 1 : ColorWeightOf(view.color(col, row), view.color(c, r));
+        sum += weight * std::log(ExpectedError(view, sources, c, r));
+        weights += weight;
+      }
+    }
+  }
+  return 1 / (1 + std::exp(sum / weights) / 0.01);
 }
 
 struct Point {

@@ -25,7 +25,7 @@ struct FusionView {
 /// Pixels of a reference view that its source views confirm.
 struct ConsistencyResult {
   Image<unsigned char> consistent_views;  ///< number of source views that agree with the pixel
-  ConfidenceMap confidence;               ///< see ComputeConfidence; 0 without depth
+  ConfidenceMap confidence;               ///< see ConfidenceOf; 0 without depth
   PointCloud points_in_camera;            ///< pixels with enough consistent views, averaged with them; reference frame
 };
 

@@ -32,7 +32,7 @@ ACMP_HOST_DEVICE inline double GradedAgreement(double reprojection_px, double re
 /// errors of holo_table and holo_cabinet before unevenness weighed colours; docs/quality.md says what each term is
 /// worth. It never falls when cost, unevenness or the share of contradicting views grows or the mean agreement falls. A
 /// NaN cost is no photometric evidence, kRefutedCost evidence against the depth; without views only cost and unevenness
-/// count.
+/// count. Completed pixels (kUnverifiedCost, kWorstCost) have no photometric evidence.
 ACMP_HOST_DEVICE inline double ExpectedRelativeError(float cost, const ViewEvidence& evidence, double unevenness) {
   constexpr double kRefutedExponent = 1.4;  // four times the error
   const double used_cost = cost > 0 ? cost : 0;
@@ -45,10 +45,8 @@ ACMP_HOST_DEVICE inline double ExpectedRelativeError(float cost, const ViewEvide
   return 0.5 * std::pow(unevenness + 0.01, 0.9) * std::exp(exponent);
 }
 
-/// Confidence 0..1 of a pixel: 1 / (1 + expected error / 1 %), so one half where an error of 1 % of depth is expected.
-/// Also for completed pixels (kUnverifiedCost, kWorstCost): they have no photometric evidence.
-ACMP_HOST_DEVICE inline double ComputeConfidence(float cost, const ViewEvidence& evidence, double unevenness) {
-  return 1 / (1 + 100 * ExpectedRelativeError(cost, evidence, unevenness));
-}
+/// Confidence 0..1: 1 / (1 + expected error / 1 %), so one half where an error of 1 % of depth is expected.
+/// @param error relative
+ACMP_HOST_DEVICE inline double ConfidenceOfError(double error) { return 1 / (1 + 100 * error); }
 
 }  // namespace acmp

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "acmp_mapping/fusion/kernel/expected_error.h"
 #include "acmp_mapping/fusion/kernel/match_sum.h"
 
 namespace acmp {
@@ -11,18 +12,15 @@ struct PixelConsistency {
 };
 
 /// One pixel of FilterByConsistency. Sets `point` when the pixel is accepted.
+/// @param context with `log_error` of all pixels
 template <int kMaxSources, class View>
 ACMP_HOST_DEVICE inline PixelConsistency CheckPixel(const FusionContext<View>& context, int col, int row,
                                                     SurfacePoint* point) {
-  if (!IsKnown(context.reference.Depth(col, row))) return {0, 0, false};
+  const double confidence = ConfidenceOf(context, col, row);
   ReferencePixel pixel;
-  if (!LoadReferencePixel(context, col, row, &pixel)) {
-    const double confidence = ComputeConfidence(context.reference.Cost(col, row), {}, kMaxUnevenness);
-    return {0, static_cast<float>(confidence), false};
-  }
+  if (!LoadReferencePixel(context, col, row, &pixel)) return {0, static_cast<float>(confidence), false};
   MatchSum<kMaxSources> sum;
   SumMatches(context, pixel, &sum);
-  const double confidence = Confidence(context, pixel, sum);
   const bool accepted = !context.reference.IsGuess(col, row) && HasEnoughMatches(context.limits, sum) &&
                         confidence >= context.limits.min_confidence;
   if (accepted) *point = Average(context.geometry, pixel, sum, confidence);
@@ -46,6 +44,7 @@ ACMP_HOST_DEVICE inline void StampUsed(const FusionContext<View>& context, const
 
 /// One pixel of one reference view of FuseDepthMaps: true when it becomes a point, which it then sets. Pixels of the
 /// view may be run at the same time and in any order; views one after the other.
+/// @param context with `log_error` of all pixels
 template <int kMaxSources, class View>
 ACMP_HOST_DEVICE inline bool FusePixel(const FusionContext<View>& context, int col, int row, SurfacePoint* point) {
   ReferencePixel pixel;
@@ -54,7 +53,7 @@ ACMP_HOST_DEVICE inline bool FusePixel(const FusionContext<View>& context, int c
   MatchSum<kMaxSources> sum;
   SumMatches(context, pixel, &sum);
   if (!HasEnoughMatches(context.limits, sum)) return false;
-  const double confidence = Confidence(context, pixel, sum);
+  const double confidence = ConfidenceOf(context, col, row);
   if (!(confidence >= context.limits.min_confidence)) return false;
   StampUsed(context, pixel, sum);
   *point = Average(context.geometry, pixel, sum, confidence);

@@ -75,6 +75,7 @@ struct FusionContext {
   int num_sources;
   Stamp current;  ///< the reference's place in the order of fusion
   FusionLimits limits;
+  ImageView<const float> log_error;  ///< LogExpectedError of the reference's pixels
 };
 
 }  // namespace acmp

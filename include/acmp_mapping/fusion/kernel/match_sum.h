@@ -1,7 +1,6 @@
 #pragma once
 
 #include "acmp_mapping/fusion/kernel/match_pixel.h"
-#include "acmp_mapping/fusion/kernel/surface_unevenness.h"
 #include "acmp_mapping/fusion/point_cloud.h"
 
 namespace acmp {
@@ -11,7 +10,6 @@ template <int kMaxSources>
 struct MatchSum {
   int count;                                  ///< of matches
   double agreement;                           ///< of the matches
-  ViewEvidence evidence;                      ///< of all sources, used by earlier views or not
   Vec3d homogeneous;                          ///< z (u, v, 1) in the reference; as all below with the reference pixel
   Vec3d normal;                               ///< target frame
   unsigned red, green, blue, num_colors;      ///< of the pixels whose view has colours
@@ -40,7 +38,6 @@ template <class View, int kMaxSources>
 ACMP_HOST_DEVICE inline void StartSum(const View& reference, const ReferencePixel& pixel, MatchSum<kMaxSources>* sum) {
   sum->count = 0;
   sum->agreement = 0;
-  sum->evidence = {};
   sum->homogeneous = pixel.homogeneous;
   sum->normal = pixel.normal;
   sum->red = sum->green = sum->blue = sum->num_colors = 0;
@@ -68,10 +65,8 @@ ACMP_HOST_DEVICE inline void SumMatches(const FusionContext<View>& context, cons
     const FusionSource<View>& source = context.sources[i];
     SourcePlace place;
     if (!LocateInSource(source, pixel.homogeneous, &place)) continue;
-    ++sum->evidence.views;
     Sighting sighting;
     if (!LookBack(source, pixel, place, &sighting)) continue;
-    AddEvidence(source, pixel, sighting, &sum->evidence);
     PixelMatch match;
     if (MatchSighting(source, context.limits, context.current, pixel, sighting, &match)) {
       AddMatch(source.view, i, match, sum);
@@ -83,13 +78,6 @@ ACMP_HOST_DEVICE inline void SumMatches(const FusionContext<View>& context, cons
 template <int kMaxSources>
 ACMP_HOST_DEVICE inline bool HasEnoughMatches(const FusionLimits& limits, const MatchSum<kMaxSources>& sum) {
   return limits.dynamic_consistency ? sum.agreement > 0.3 * sum.count : sum.count >= limits.min_consistent_views;
-}
-
-template <class View, int kMaxSources>
-ACMP_HOST_DEVICE inline double Confidence(const FusionContext<View>& context, const ReferencePixel& pixel,
-                                          const MatchSum<kMaxSources>& sum) {
-  return ComputeConfidence(context.reference.Cost(pixel.col, pixel.row), sum.evidence,
-                           SurfaceUnevenness(context, pixel));
 }
 
 /// Sum over count, rounded to nearest; 0 of none.
