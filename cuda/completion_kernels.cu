@@ -3,6 +3,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/completion/kernel/complete_pixel.h"
 #include "acmp_mapping/completion/kernel/fit_anchor.h"
+#include "acmp_mapping/completion/kernel/nearest_anchor.h"
 #include "acmp_mapping/completion/kernel/refute_pixel.h"
 #include "acmp_mapping/completion/kernel/sightings.h"
 #include "cuda_check.h"
@@ -84,6 +85,12 @@ __global__ void FindEvidentAnchorKernel(const __grid_constant__ CompletionContex
   if (evidence.Contains(col, row)) FindEvidentAnchor(context, evidence, col, row);
 }
 
+__global__ void FindEvidentOrAnchorKernel(const __grid_constant__ CompletionContext context,
+                                          ImageView<const float> evidence) {
+  const int col = Col(), row = Row();
+  if (evidence.Contains(col, row)) FindEvidentOrAnchor(context, evidence, col, row);
+}
+
 __global__ void RefutePixelKernel(const __grid_constant__ CompletionContext context) {
   const int col = Col(), row = Row();
   if (context.planes.Contains(col, row)) RefutePixel(context, col, row);
@@ -134,12 +141,20 @@ void LaunchFindNearestAnchor(const CompletionContext& context, cudaStream_t stre
 
 }  // namespace
 
-void LaunchCompletion(const DeviceFusionContext& sources, const ImageView<Sightings>& sightings,
-                      const CompletionContext& context, cudaStream_t stream) {
+void LaunchLook(const DeviceFusionContext& sources, const ImageView<Sightings>& sightings, cudaStream_t stream) {
   CheckRange("number of source views on a GPU", sources.num_sources, 0, kMaxCudaFusionSources);
-  const dim3 block(kBlockWidth, kBlockHeight);
-  LookKernel<<<GridFor(sightings), block, 0, stream>>>(sources, sightings);
+  LookKernel<<<GridFor(sightings), dim3(kBlockWidth, kBlockHeight), 0, stream>>>(sources, sightings);
   CudaCheck(cudaGetLastError(), "launch look at the sources");
+}
+
+void LaunchFindEvident(const CompletionContext& context, const ImageView<const float>& evidence, cudaStream_t stream) {
+  FindEvidentOrAnchorKernel<<<GridFor(evidence), dim3(kBlockWidth, kBlockHeight), 0, stream>>>(context, evidence);
+  CudaCheck(cudaGetLastError(), "launch search for what no plane may hide");
+  LaunchFindNearestAnchor(context, stream);
+}
+
+void LaunchCompletion(const CompletionContext& context, cudaStream_t stream) {
+  const dim3 block(kBlockWidth, kBlockHeight);
   const dim3 warps(context.anchors.width, (context.anchors.height + kBlockHeight - 1) / kBlockHeight);
   const dim3 block_of_warps(WarpLanes::kSize, kBlockHeight);
   FindAnchorKernel<<<warps, block_of_warps, 0, stream>>>(context);

@@ -8,12 +8,18 @@
 
 namespace acmp {
 
-/// Queues CompleteUnconfirmed. All pointers are device memory. Throws InvalidInputError for more than
-/// kMaxCudaFusionSources sources.
+/// Queues LookAtPixel for all pixels, the first step of CompleteUnconfirmed. All pointers are device memory, as below.
+/// Throws InvalidInputError for more than kMaxCudaFusionSources sources.
 /// @param sources compares the reference's maps as they were before
-/// @param sightings of the reference's size; the same as the context's
-void LaunchCompletion(const DeviceFusionContext& sources, const ImageView<Sightings>& sightings,
-                      const CompletionContext& context, cudaStream_t stream);
+/// @param sightings of the reference's size
+void LaunchLook(const DeviceFusionContext& sources, const ImageView<Sightings>& sightings, cudaStream_t stream);
+
+/// Queues the search for what no plane may hide.
+/// @param context from MakeEvidentContext, with sightings, anchor_views and places for its anchors
+void LaunchFindEvident(const CompletionContext& context, const ImageView<const float>& evidence, cudaStream_t stream);
+
+/// Queues the rest of CompleteUnconfirmed.
+void LaunchCompletion(const CompletionContext& context, cudaStream_t stream);
 
 /// Queues the weighted median of the completed maps.
 /// @param views compares the completed reference
@@ -21,8 +27,8 @@ void LaunchCompletion(const DeviceFusionContext& sources, const ImageView<Sighti
 void LaunchWeightedMedian(const DeviceFusionContext& views, const ImageView<Sightings>& sightings,
                           const MedianContext& context, cudaStream_t stream);
 
-/// Queues RefuteUnsupported. All pointers are device memory.
-/// @param context from MakeRefutationContext, with places for its anchors
+/// Queues RefuteUnsupported.
+/// @param context from MakeEvidentContext, with places for its anchors
 void LaunchRefutation(const CompletionContext& context, const ImageView<const float>& evidence, cudaStream_t stream);
 
 }  // namespace acmp

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -109,6 +110,17 @@ class CudaDepthEngine final : public DepthEngine {
   void FinishTiming();
   std::vector<SupportPoint> FindCells(const CudaEstimate& maps, const DepthRange& range,
                                       const PlanarPriorOptions& options);
+
+  /// What QueueEvidence measures, and of what.
+  struct EvidenceSearch {
+    CudaMatchContext match;
+    CompletionContext evident;
+    ImageView<float> evidence;
+  };
+  /// The caller holds images_mutex() shared until the stream has been waited for.
+  /// @param estimate whose planes are asked about, once QueueEvidence runs
+  EvidenceSearch PrepareEvidence(const EngineProblem& problem, CudaEstimate* estimate);
+  void QueueEvidence(const EvidenceSearch& search);
 
   /// Queues the weighted median of a completed estimate.
   /// @param planes of the estimate's size; become those of before, which the stream still reads

@@ -65,6 +65,25 @@ void CudaDepthEngine::FilterByMedian(const FusionSetup<DeviceFusionView>& setup,
   std::swap(*planes, estimate->planes);
 }
 
+CudaDepthEngine::EvidenceSearch CudaDepthEngine::PrepareEvidence(const EngineProblem& problem, CudaEstimate* estimate) {
+  const PatchMatchProblem match = MakeProblem(problem, 0);
+  const PinholeCamera& camera = match.reference.camera;
+  PassData data = MakePassData(problem, 0, *estimate);
+  data.selected_views = nullptr;  // none are written: the depths keep their memory
+  AddSourceDepths(problem, &data);
+  const CompletionContext evident =
+      MakeEvidentContext(camera, {estimate->planes.data(), camera.width, camera.height, camera.width},
+                         {estimate->cost.data(), camera.width, camera.height, camera.width});
+  const int cell_cols = CellsOf(camera.width, evident.cell_size);
+  const int cell_rows = CellsOf(camera.height, evident.cell_size);
+  float* evidence = completion_.ReserveEvidence(static_cast<size_t>(cell_cols) * cell_rows);
+  return {runner_.Prepare(match, {}, data, Pass::kGeometric, 0), evident, {evidence, cell_cols, cell_rows, cell_cols}};
+}
+
+void CudaDepthEngine::QueueEvidence(const EvidenceSearch& search) {
+  runner_.QueueEvidence(search.match, search.evident.cell_size, search.evidence);
+}
+
 EngineEstimatePtr CudaDepthEngine::Complete(const EngineProblem& problem, const CompletionOptions& options) {
   Validate(options);
   CheckDepthRange("depth range of the completion", problem.depth_range);
@@ -83,10 +102,14 @@ EngineEstimatePtr CudaDepthEngine::Complete(const EngineProblem& problem, const 
     const CompletionContext context =
         MakeCompletionContext(camera, problem.depth_range, options, static_cast<int>(setup.sources().size()));
     const auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
+    const std::shared_lock<std::shared_mutex> images(device().images_mutex());
+    std::optional<EvidenceSearch> search;
+    if (options.hide_nothing_evident) search = PrepareEvidence(problem, estimate.get());
     begin_.Record(stream());
     QueueCopy(start, estimate.get());
+    if (search) QueueEvidence(*search);
     completion_.Queue(setup, context, {estimate->planes.data(), camera.width, camera.height, camera.width},
-                      estimate->cost.data(), stream());
+                      estimate->cost.data(), search ? &search->evident : nullptr, stream());
     if (options.weighted_median) FilterByMedian(setup, context, color, estimate.get(), &planes);
     FinishSource(camera, estimate.get());
     return EngineEstimatePtr(estimate);
@@ -94,8 +117,8 @@ EngineEstimatePtr CudaDepthEngine::Complete(const EngineProblem& problem, const 
 }
 
 EngineEstimatePtr CudaDepthEngine::RefuteUnsupported(const EngineProblem& problem, EngineEstimatePtr start) {
-  const PatchMatchProblem match = MakeProblem(problem, 0);
-  const PinholeCamera& camera = match.reference.camera;
+  CheckHandles(problem, 0);
+  const PinholeCamera& camera = problem.reference.frame->camera;
   const CudaEstimate& from = Cast<CudaEstimate>(start);
   CheckSize("start", from.width, from.height, camera);
   return OnDevice([&] {
@@ -107,20 +130,11 @@ EngineEstimatePtr CudaDepthEngine::RefuteUnsupported(const EngineProblem& proble
       estimate->depth.CopyFrom(from.depth, from.Pixels(), stream());  // planes stay, so do their depths
       FinishTiming();
     }
-    PassData data = MakePassData(problem, 0, *estimate);
-    data.selected_views = nullptr;  // none are written: the depths keep their memory
-    AddSourceDepths(problem, &data);
-    const CompletionContext context =
-        MakeRefutationContext(camera, {estimate->planes.data(), camera.width, camera.height, camera.width},
-                              {estimate->cost.data(), camera.width, camera.height, camera.width});
-    const int cell_cols = CellsOf(camera.width, context.cell_size);
-    const int cell_rows = CellsOf(camera.height, context.cell_size);
-    float* evidence = completion_.ReserveEvidence(static_cast<size_t>(cell_cols) * cell_rows);
     const std::shared_lock<std::shared_mutex> images(device().images_mutex());
-    const CudaMatchContext match_context = runner_.Prepare(match, {}, data, Pass::kGeometric, 0);
+    const EvidenceSearch search = PrepareEvidence(problem, estimate.get());
     begin_.Record(stream());
-    runner_.QueueEvidence(match_context, context.cell_size, {evidence, cell_cols, cell_rows, cell_cols});
-    completion_.QueueRefutation(context, stream());
+    QueueEvidence(search);
+    completion_.QueueRefutation(search.evident, stream());
     FinishTiming();
     return EngineEstimatePtr(estimate);
   });

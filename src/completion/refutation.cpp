@@ -3,6 +3,7 @@
 #include <tbb/parallel_for.h>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/completion/kernel/nearest_anchor.h"
 
 namespace acmp {
 namespace {
@@ -22,11 +23,11 @@ void ForEach(int width, int height, const Function& function) {
 
 }  // namespace
 
-CompletionContext MakeRefutationContext(const PinholeCamera& camera, const ImageView<PlaneHypothesis>& planes,
-                                        const ImageView<float>& cost) {
+CompletionContext MakeEvidentContext(const PinholeCamera& camera, const ImageView<PlaneHypothesis>& planes,
+                                     const ImageView<float>& cost) {
   CompletionContext context = {};
   context.rays = MakeRayGrid(camera);
-  context.cell_size = RefutationCellSize(camera.width, camera.height);
+  context.cell_size = EvidenceCellSize(camera.width, camera.height);
   context.planes = planes;
   context.cost = cost;
   return context;
@@ -34,7 +35,7 @@ CompletionContext MakeRefutationContext(const PinholeCamera& camera, const Image
 
 void RefuteUnsupported(const PinholeCamera& camera, const ImageView<const float>& evidence,
                        const ImageView<PlaneHypothesis>& planes, const ImageView<float>& cost) {
-  CompletionContext context = MakeRefutationContext(camera, planes, cost);
+  CompletionContext context = MakeEvidentContext(camera, planes, cost);
   const int cell_cols = CellsOf(camera.width, context.cell_size), cell_rows = CellsOf(camera.height, context.cell_size);
   CheckSize("planes", planes.width, planes.height, camera.width, camera.height);
   CheckSize("cost", cost.width, cost.height, camera.width, camera.height);

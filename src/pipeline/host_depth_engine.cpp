@@ -214,23 +214,29 @@ EngineEstimatePtr HostDepthEngine::RunGeometric(const EngineProblem& problem, co
   return Keep(patch_match_->RunGeometric(match, options, MakeStart(start), pass), match.reference.camera);
 }
 
+Image<float> HostDepthEngine::MeasureEvidence(const EngineProblem& problem, const PlaneMap& planes) {
+  const PatchMatchProblem match = MakeProblemWithDepths(problem);
+  const PinholeCamera& camera = match.reference.camera;
+  return patch_match_->MeasureEvidence(match, planes, EvidenceCellSize(camera.width, camera.height));
+}
+
 EngineEstimatePtr HostDepthEngine::Complete(const EngineProblem& problem, const CompletionOptions& options) {
   const HostEstimate& start = Cast<HostEstimate>(problem.reference.estimate);
   std::vector<FusionView> sources;
   sources.reserve(problem.sources.size());
   for (const EngineView& source : problem.sources) sources.push_back(MakeFusionView(source));
   EstimateState state = {start.planes.Clone(), start.cost.Clone()};
+  const Image<float> evidence = options.hide_nothing_evident ? MeasureEvidence(problem, state.planes) : Image<float>();
   CompleteUnconfirmed(MakeFusionView(problem.reference), sources, problem.depth_range, options, state.planes.View(),
-                      state.cost.View());
+                      state.cost.View(), evidence.View());
   return UploadState(std::move(state), problem.reference.frame->camera);
 }
 
 EngineEstimatePtr HostDepthEngine::RefuteUnsupported(const EngineProblem& problem, EngineEstimatePtr start) {
-  const PatchMatchProblem match = MakeProblemWithDepths(problem);
-  const PinholeCamera& camera = match.reference.camera;
+  CheckHandles(problem, 0);
+  const PinholeCamera& camera = problem.reference.frame->camera;
   PatchMatchResult maps = MakeStart(start);
-  const Image<float> evidence =
-      patch_match_->MeasureEvidence(match, maps.planes, RefutationCellSize(camera.width, camera.height));
+  const Image<float> evidence = MeasureEvidence(problem, maps.planes);
   acmp::RefuteUnsupported(camera, evidence.View(), maps.planes.View(), maps.cost.View());
   return Keep(std::move(maps), camera);
 }

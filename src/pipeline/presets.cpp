@@ -40,6 +40,7 @@ CompletionOptions CompletionOptionsOf(const PipelineOptions& options, int step) 
   const bool is_checked = step < NumRefinementsInPasses(options);
   completion.alternatives = completion.alternatives && is_checked;
   completion.surest_first = completion.surest_first && is_checked;
+  completion.hide_nothing_evident = completion.hide_nothing_evident && is_checked;
   return completion;
 }
 
@@ -83,6 +84,7 @@ PipelineOptions MakeOnline() {
   options.patch_match.candidate_view_votes = 1;
   options.patch_match.view_draws = 8;
   options.planar_prior.cell_size_px = 8;
+  options.completion.hide_nothing_evident = false;  // 4 % of the time
   // With one pass agreement with the neighbours' maps counts more than in the paper, and is cut off earlier.
   options.patch_match.geometric_weight = 0.2f;
   options.patch_match.geometric_max_px = 3.0f;

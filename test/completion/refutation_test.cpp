@@ -47,7 +47,7 @@ class RefutationTest : public ::testing::Test {
 };
 
 TEST_F(RefutationTest, WhatWouldHideSomethingEvidentIsRefuted) {
-  ASSERT_EQ(RefutationCellSize(kWidth, kHeight), kCell);
+  ASSERT_EQ(EvidenceCellSize(kWidth, kHeight), kCell);
   Refute();
   EXPECT_EQ(CountRefuted(0, kRoof), kRoof * kWidth);
   EXPECT_EQ(CountRefuted(kRoof, kHeight), 0);

@@ -119,10 +119,12 @@ TEST(PipelineOptionsTest, WhatAPassHasToCheckIsOfferedBeforePassesOnly) {
   const int last = NumRefinements(options) - 1;
   for (const bool wanted : {true, false}) {
     options.completion.alternatives = options.completion.surest_first = wanted;
+    options.completion.hide_nothing_evident = wanted;
     for (int step = 0; step <= last; ++step) {
       const CompletionOptions completion = CompletionOptionsOf(options, step);
       EXPECT_EQ(completion.alternatives, wanted && step < last) << step;
       EXPECT_EQ(completion.surest_first, wanted && step < last) << step;
+      EXPECT_EQ(completion.hide_nothing_evident, wanted && step < last) << step;
       EXPECT_EQ(completion.anchor_views, options.completion.anchor_views);
     }
   }

@@ -7,14 +7,14 @@ namespace acmp {
 
 /// Gives kRefutedCost to pixels that no texture speaks for and whose surface would hide something that is evidently
 /// farther away (RefutePixel): walls drawn into a sky, above all.
-/// @param evidence of cells of RefutationCellSize (PatchMatch::MeasureEvidence)
+/// @param evidence of cells of EvidenceCellSize (PatchMatch::MeasureEvidence)
 /// @param planes,cost of the camera's size; the costs change
 void RefuteUnsupported(const PinholeCamera& camera, const ImageView<const float>& evidence,
                        const ImageView<PlaneHypothesis>& planes, const ImageView<float>& cost);
 
-/// A context for it without anchors (`fitted`, `nearest`), which depend on the device. The nearest are taken, as none
-/// is surer than another.
-CompletionContext MakeRefutationContext(const PinholeCamera& camera, const ImageView<PlaneHypothesis>& planes,
-                                        const ImageView<float>& cost);
+/// A context to find evident pixels, without anchors (`fitted`, `nearest`), which depend on the device. The nearest are
+/// taken, as none is surer than another.
+CompletionContext MakeEvidentContext(const PinholeCamera& camera, const ImageView<PlaneHypothesis>& planes,
+                                     const ImageView<float>& cost);
 
 }  // namespace acmp

@@ -14,10 +14,10 @@ struct FusionOptions {
   /// one that sees an occluder, or nothing, is no evidence against the pixel. A single view suffices when it agrees
   /// well.
   bool dynamic_consistency = false;
-  /// Least confidence of a kept pixel (see ConfidenceOf), [0, 1]; 0: all that agree. At 0.45 an error of 1.2 % of
+  /// Least confidence of a kept pixel (see ConfidenceOf), [0, 1]; 0: all that agree. At 0.4 an error of 1.5 % of
   /// depth is expected; docs/quality.md has the curve that this was chosen from, for completed maps. Presets without
   /// completion take less (MakePreset).
-  float min_point_confidence = 0.45f;
+  float min_point_confidence = 0.4f;
 };
 /// Throws InvalidInputError naming the first field out of bounds.
 void Validate(const FusionOptions& options);

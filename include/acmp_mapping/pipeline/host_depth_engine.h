@@ -40,6 +40,8 @@ class HostDepthEngine final : public DepthEngine {
   std::string device_name() const override { return patch_match_->device_name(); }
 
  private:
+  /// Of the reference's planes, in cells of EvidenceCellSize.
+  Image<float> MeasureEvidence(const EngineProblem& problem, const PlaneMap& planes);
   EngineEstimatePtr Keep(PatchMatchResult result, const PinholeCamera& camera);
 
   MakePatchMatchFunction make_ = nullptr;

@@ -59,6 +59,7 @@ void VisitPipelineParameters(Options& pipeline, const Visitor& visit) {
   visit("completion_max_relative_depth", completion.max_relative_depth);
   visit("completion_alternatives", completion.alternatives);
   visit("completion_surest_first", completion.surest_first);
+  visit("completion_hide_nothing_evident", completion.hide_nothing_evident);
   visit("completion_refute_unsupported", completion.refute_unsupported);
   visit("weighted_median", completion.weighted_median);
 

@@ -39,7 +39,8 @@ struct RefinementStep {
 };
 /// Of refinement `step` (0, 1, ...).
 RefinementStep RefinementStepOf(const PipelineOptions& options, int step);
-/// What a completion of that refinement does: `alternatives` and `surest_first` are for a pass to come.
+/// What a completion of that refinement does: `alternatives`, `surest_first` and `hide_nothing_evident`
+/// are for a pass to come.
 CompletionOptions CompletionOptionsOf(const PipelineOptions& options, int step);
 
 /// "acmh", "acmp_no_geometric", "acmp", "acmm", "acmmp", "quality", "online".

@@ -93,6 +93,7 @@ void VisitRuntimeParameters(Options& options, Config& config, const Visitor& vis
   visit("completion_max_relative_depth", completion.max_relative_depth, config.completion_max_relative_depth);
   visit("completion_alternatives", completion.alternatives, config.completion_alternatives);
   visit("completion_surest_first", completion.surest_first, config.completion_surest_first);
+  visit("completion_hide_nothing_evident", completion.hide_nothing_evident, config.completion_hide_nothing_evident);
   visit("completion_refute_unsupported", completion.refute_unsupported, config.completion_refute_unsupported);
   visit("weighted_median", pipeline.completion.weighted_median, config.weighted_median);
 

@@ -1,50 +1,9 @@
 #pragma once
 
-#include "acmp_mapping/completion/kernel/completion_grid.h"
+#include "acmp_mapping/completion/kernel/evident_anchor.h"
+#include "acmp_mapping/completion/kernel/nearest_anchor.h"
 
 namespace acmp {
-
-/// Step of cells in one of 16 directions round the compass.
-ACMP_HOST_DEVICE inline void DirectionStep(int direction, int* dc, int* dr) {
-  // One quadrant: (1,0), (2,1), (1,1), (1,2); the others by turns of 90 degrees.
-  const int step = direction % 4;
-  const int c = step == 1 ? 2 : 1, r = step == 0 ? 0 : (step == 3 ? 2 : 1);
-  const int quadrant = direction / 4;
-  *dc = quadrant == 0 ? c : quadrant == 1 ? -r : quadrant == 2 ? -c : r;
-  *dr = quadrant == 0 ? r : quadrant == 1 ? c : quadrant == 2 ? -r : -c;
-}
-
-/// Fills one direction of one cell of `nearest`: the first anchor, or a sure one that is not much farther away. Looks
-/// at `kAtOnce` cells before it asks what they have: a GPU thread waits for all of them together.
-template <int kAtOnce = 1>
-ACMP_HOST_DEVICE inline void FindNearestAnchor(const CompletionContext& context, int cell_col, int cell_row,
-                                               int direction) {
-  constexpr int kTimesAsFar = 8, kStepsMore = 2;
-  const ImageView<AnchorCell>& cells = context.fitted;
-  int dc, dr;
-  DirectionStep(direction, &dc, &dr);
-  int found = -1, last_step = cells.width + cells.height;
-  for (int first = 0; first <= last_step && cells.Contains(cell_col + first * dc, cell_row + first * dr);
-       first += kAtOnce) {
-    bool is_anchor[kAtOnce], is_sure[kAtOnce];
-    ACMP_UNROLL
-    for (int i = 0; i < kAtOnce; ++i) {
-      const int col = cell_col + (first + i) * dc, row = cell_row + (first + i) * dr;
-      const bool is_inside = cells.Contains(col, row);
-      is_anchor[i] = is_inside && cells(col, row).views > 0;
-      is_sure[i] = is_inside && cells(col, row).is_sure;
-    }
-    ACMP_UNROLL
-    for (int i = 0; i < kAtOnce; ++i) {
-      const int step = first + i;
-      if (step > last_step || !is_anchor[i] || (found >= 0 && !is_sure[i])) continue;
-      found = (cell_row + step * dr) * cells.width + cell_col + step * dc;
-      const bool is_final = is_sure[i] || context.sure_views == 0;
-      last_step = is_final ? -1 : kTimesAsFar * step + kStepsMore;
-    }
-  }
-  context.nearest(cell_col, cell_row).cell[direction] = found;
-}
 
 /// Planes that could be extended to a pixel, by direction. Every index is known to the compiler, so that a GPU thread
 /// has them in registers.
@@ -95,6 +54,32 @@ ACMP_HOST_DEVICE inline void KeepPlanesNear(float depth, ExtendedPlanes* planes)
     const bool is_near = fabsf(planes->inverse_depth[i] * depth - 1) < kSameSurface;
     planes->weight[i] = is_near ? planes->weight[i] : 0;
   }
+}
+
+/// Takes the weight from planes that would hide something evident, the nearest in any direction, unless all would: a
+/// blank surface ends where what is behind it is seen. Only of pixels that half of the sources have in their image. At
+/// the border of what they see less is evident than there is.
+ACMP_HOST_DEVICE inline void KeepPlanesThatHideNothing(const CompletionContext& context, const NearestAnchors& nearest,
+                                                       int col, int row, ExtendedPlanes* planes) {
+  if (context.evident.empty() || !IsWidelySeen(context.sightings(col, row))) return;
+  const int size = context.evident_cell_size;
+  const NearestAnchors& evident = context.nearest_evident(col / size, row / size);
+  unsigned hiding = 0;
+  bool all_hide = true;
+  ACMP_UNROLL
+  for (int i = 0; i < kNumDirections; ++i) {
+    if (!(planes->weight[i] > 0)) continue;
+    const Vec3f plane = context.fitted.data[nearest.cell[i]].inverse_plane;
+    bool hides = false;
+    for (int k = 0; k < kNumDirections && !hides; ++k) {
+      hides = evident.cell[k] >= 0 && WouldHide(context, plane, context.evident.data[evident.cell[k]]);
+    }
+    hiding |= hides ? 1u << i : 0;
+    all_hide = all_hide && hides;
+  }
+  if (all_hide) return;
+  ACMP_UNROLL
+  for (int i = 0; i < kNumDirections; ++i) planes->weight[i] = (hiding >> i & 1u) != 0 ? 0 : planes->weight[i];
 }
 
 /// Direction of the weighted quantile: the least inverse depth up to which lies this share of the weight or more, half
@@ -148,6 +133,7 @@ ACMP_HOST_DEVICE inline void CompletePixel(const CompletionContext& context, int
     const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
     KeepPlanesNear(PlaneDepth(context.planes(col, row), ray), &planes);
   }
+  KeepPlanesThatHideNothing(context, nearest, col, row, &planes);
   const int direction = WeightedQuantile(planes, ShareBehind(context, col, row));
   if (direction < 0) return;
   const AnchorCell& anchor = context.fitted.data[nearest.cell[direction]];

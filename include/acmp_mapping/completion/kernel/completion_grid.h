@@ -55,6 +55,10 @@ struct CompletionContext {
   ImageView<AnchorCell> anchors;  ///< as found; rows of cells
   ImageView<AnchorCell> fitted;   ///< with the planes of their surroundings; no gaps between rows
   ImageView<NearestAnchors> nearest;
+  /// What no plane may hide (EvidentContext); empty: no matter.
+  ImageView<const AnchorCell> evident;
+  ImageView<const NearestAnchors> nearest_evident;
+  int evident_cell_size;  ///< px
 };
 
 /// The lanes that share a cell. The CPU has one, which does all; others have several, of which each takes every
@@ -77,22 +81,29 @@ ACMP_HOST_DEVICE inline int CompletionCellSize(int width, int height) {
   return SizeOfCells(width, height, kCellsAcross);
 }
 
-// How many source views confirm a pixel, how many of them closely, whether some source nearly does, and how many
-// sources look through it. Of more than these maxima no step asks.
+// How many source views confirm a pixel, how many of them closely, whether some source nearly does, how many sources
+// look through it, and whether it falls into half of their images. Of more than these maxima no step asks.
 constexpr int kMaxConfirming = 31;
 constexpr int kMaxLookingThrough = 3;
 
 ACMP_HOST_DEVICE inline Sightings PackSightings(int confirming, int closely_confirming, bool is_nearly_confirmed,
-                                                int looking_through) {
+                                                int looking_through, bool is_widely_seen = false) {
   const int views = confirming < kMaxConfirming ? confirming : kMaxConfirming;
   const int close_views = closely_confirming < kMaxConfirming ? closely_confirming : kMaxConfirming;
   const int through = looking_through < kMaxLookingThrough ? looking_through : kMaxLookingThrough;
-  return static_cast<Sightings>(close_views << 8 | through << 6 | (is_nearly_confirmed ? 1 : 0) << 5 | views);
+  return static_cast<Sightings>((is_widely_seen ? 1 : 0) << 13 | close_views << 8 | through << 6 |
+                                (is_nearly_confirmed ? 1 : 0) << 5 | views);
 }
 ACMP_HOST_DEVICE inline int ConfirmingViews(Sightings sightings) { return sightings & kMaxConfirming; }
-ACMP_HOST_DEVICE inline int CloselyConfirmingViews(Sightings sightings) { return sightings >> 8; }
+ACMP_HOST_DEVICE inline int CloselyConfirmingViews(Sightings sightings) { return sightings >> 8 & kMaxConfirming; }
 ACMP_HOST_DEVICE inline bool IsNearlyConfirmed(Sightings sightings) { return (sightings >> 5 & 1) != 0; }
 ACMP_HOST_DEVICE inline int LookingThrough(Sightings sightings) { return sightings >> 6 & kMaxLookingThrough; }
+ACMP_HOST_DEVICE inline bool IsWidelySeen(Sightings sightings) { return (sightings >> 13 & 1) != 0; }
+
+/// Whether a pixel may be extended: enough views confirm it and at most one looks through.
+ACMP_HOST_DEVICE inline bool CanBeAnchor(Sightings sightings, int anchor_views) {
+  return ConfirmingViews(sightings) >= anchor_views && LookingThrough(sightings) <= 1;
+}
 
 /// A pixel that may become the anchor of its cell.
 struct AnchorChoice {
@@ -110,7 +121,7 @@ struct AnchorChoice {
   }
 };
 
-/// Fills one cell of `anchors`: the best of the pixels that enough views confirm and at most one looks through.
+/// Fills one cell of `anchors`: the best of the pixels that can be one.
 template <class Lanes>
 ACMP_HOST_DEVICE inline void FindAnchor(const CompletionContext& context, int cell_col, int cell_row,
                                         const Lanes& lanes) {
@@ -122,7 +133,7 @@ ACMP_HOST_DEVICE inline void FindAnchor(const CompletionContext& context, int ce
     for (int col = cell_col * size + lanes.Rank(); col < col_end; col += Lanes::kSize) {
       const Sightings sightings = context.sightings(col, row);
       const int views = ConfirmingViews(sightings);
-      if (views < context.anchor_views || LookingThrough(sightings) > 1) continue;
+      if (!CanBeAnchor(sightings, context.anchor_views)) continue;
       const bool is_sure = context.sure_views > 0 && CloselyConfirmingViews(sightings) >= context.sure_views;
       const AnchorChoice choice = {is_sure, views, context.cost(col, row), row * width + col};
       if (choice.IsBetterThan(best)) best = choice;
