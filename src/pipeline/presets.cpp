@@ -65,13 +65,13 @@ void CompareEverything(PatchMatchOptions* options) {
   options->settled_views = 0;
 }
 
-/// `acmp` with more geometric passes of one iteration each and completions between them: all they read is newer.
+/// `acmp` with more iterations, and with completion that asks the images what it may hide. Completions between the
+/// passes, which were here, give better depth maps and less accurate clouds (docs/quality.md).
 PipelineOptions MakeQuality() {
   PipelineOptions options;
-  CompareEverything(&options.patch_match);  // less of it costs the cloud 0.4 to 1.3 points of accuracy at 2 cm
-  options.patch_match.geometric_iterations = 1;
-  options.geometric_passes = 3;
-  options.completion.between_passes = true;
+  options.patch_match.photometric_iterations = 5;
+  options.patch_match.planar_prior_iterations = 5;
+  options.completion.hide_nothing_evident = true;
   return options;
 }
 
@@ -84,7 +84,6 @@ PipelineOptions MakeOnline() {
   options.patch_match.candidate_view_votes = 1;
   options.patch_match.view_draws = 8;
   options.planar_prior.cell_size_px = 8;
-  options.completion.hide_nothing_evident = false;  // 4 % of the time
   // With one pass agreement with the neighbours' maps counts more than in the paper, and is cut off earlier.
   options.patch_match.geometric_weight = 0.2f;
   options.patch_match.geometric_max_px = 3.0f;

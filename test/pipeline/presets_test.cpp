@@ -81,9 +81,8 @@ TEST(PresetsTest, DifferInWhatTheyAreNamedFor) {
   EXPECT_THAT(Differences(MakePreset("acmmp"), MakePreset("acmm")),
               UnorderedElementsAre("use_planar_prior", "completion", "min_point_confidence", "candidate_view_votes",
                                    "alternate_regions", "settled_views"));
-  EXPECT_THAT(from_acmp("quality"),
-              UnorderedElementsAre("geometric_iterations", "geometric_passes", "completion_between_passes",
-                                   "alternate_regions", "settled_views"));
+  EXPECT_THAT(from_acmp("quality"), UnorderedElementsAre("photometric_iterations", "planar_prior_iterations",
+                                                         "completion_hide_nothing_evident"));
 }
 
 /// "c": completion, "g": geometric pass, in the order of the steps; those of a step together. "|": after the passes.
