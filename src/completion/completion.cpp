@@ -1,7 +1,5 @@
 #include "acmp_mapping/completion/completion.h"
 
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <optional>
 
@@ -11,18 +9,12 @@
 #include "acmp_mapping/completion/kernel/sightings.h"
 #include "acmp_mapping/completion/kernel/weighted_median.h"
 #include "acmp_mapping/completion/refutation.h"
+#include "for_each_cell.h"
 
 namespace acmp {
 namespace {
 
 using HostMaps = FusionMaps<Vec3f>;
-
-template <class Function>
-void ForEach(int width, int height, const Function& function) {
-  tbb::parallel_for(0, height, [&](int row) {
-    for (int col = 0; col < width; ++col) function(col, row);
-  });
-}
 
 Image<Sightings> LookAtAll(const FusionSetup<HostMaps>& setup) {
   const FusionContext<HostMaps> context = setup.Context(setup.sources().data());
@@ -49,9 +41,7 @@ class Evident {
     context_.fitted = anchors_.View();
     context_.nearest = nearest_.View();
     ForEach(cols, rows, [&](int col, int row) { FindEvidentOrAnchor(context_, evidence, col, row); });
-    ForEach(cols, rows, [&](int col, int row) {
-      for (int direction = 0; direction < kNumDirections; ++direction) FindNearestAnchor(context_, col, row, direction);
-    });
+    FindAllNearestAnchors(context_);
   }
 
   void SetIn(CompletionContext* completion) const {
@@ -162,9 +152,7 @@ void CompleteUnconfirmed(const FusionView& reference, const std::vector<FusionVi
   context.nearest = nearest.View();
   ForEach(cell_cols, cell_rows, [&](int col, int row) { FindAnchor(context, col, row, SingleLane()); });
   ForEach(cell_cols, cell_rows, [&](int col, int row) { FitAnchor(context, col, row, SingleLane()); });
-  ForEach(cell_cols, cell_rows, [&](int col, int row) {
-    for (int direction = 0; direction < kNumDirections; ++direction) FindNearestAnchor(context, col, row, direction);
-  });
+  FindAllNearestAnchors(context);
   std::optional<Evident> evident;
   if (!evidence.empty()) evident.emplace(reference.camera, evidence, context);
   if (evident) evident->SetIn(&context);

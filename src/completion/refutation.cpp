@@ -1,9 +1,7 @@
 #include "acmp_mapping/completion/refutation.h"
 
-#include <tbb/parallel_for.h>
-
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/completion/kernel/nearest_anchor.h"
+#include "for_each_cell.h"
 
 namespace acmp {
 namespace {
@@ -12,13 +10,6 @@ void CheckSize(const char* name, int width, int height, int expected_width, int 
   if (width == expected_width && height == expected_height) return;
   throw InvalidInputError(
       Concat(name, " is ", width, " x ", height, ": must be ", expected_width, " x ", expected_height));
-}
-
-template <class Function>
-void ForEach(int width, int height, const Function& function) {
-  tbb::parallel_for(0, height, [&](int row) {
-    for (int col = 0; col < width; ++col) function(col, row);
-  });
 }
 
 }  // namespace
@@ -45,9 +36,7 @@ void RefuteUnsupported(const PinholeCamera& camera, const ImageView<const float>
   context.fitted = evident.View();
   context.nearest = nearest.View();
   ForEach(cell_cols, cell_rows, [&](int col, int row) { FindEvidentAnchor(context, evidence, col, row); });
-  ForEach(cell_cols, cell_rows, [&](int col, int row) {
-    for (int direction = 0; direction < kNumDirections; ++direction) FindNearestAnchor(context, col, row, direction);
-  });
+  FindAllNearestAnchors(context);
   ForEach(camera.width, camera.height, [&](int col, int row) { RefutePixel(context, col, row); });
 }
 

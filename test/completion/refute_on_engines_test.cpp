@@ -133,8 +133,8 @@ TEST_P(RefuteOnEnginesTest, CompletionDrawsNothingInFrontOfTheHouse) {
   scene_.reference.estimate = ForgetLowerSky(engine_.get(), scene_, kRoof);
   CompletionOptions options;
   options.alternatives = options.weighted_median = false;
-  for (const bool hides : {true, false}) {
-    options.hide_nothing_evident = !hides;
+  for (const bool may_hide : {true, false}) {
+    options.hide_nothing_evident = !may_hide;
     const DepthMap depth = engine_->Download(engine_->Complete(scene_, options)).depth;
     int drawn = 0, pixels = 0;
     for (int row = 24; row < kRoof - kRim; ++row) {
@@ -144,7 +144,7 @@ TEST_P(RefuteOnEnginesTest, CompletionDrawsNothingInFrontOfTheHouse) {
       }
     }
     // The wall has the plane at a depth of 3, the house one at 6. Without evidence the nearer one is taken: half of it.
-    if (hides) {
+    if (may_hide) {
       EXPECT_GT(drawn, pixels / 4);
     } else {
       // Windows of the first rows of the house see the sky, too: some of these rows are confirmed but not evident, and

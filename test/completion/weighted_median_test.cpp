@@ -24,7 +24,7 @@ TEST(WeightedMedianTest, OfManySamplesHalfOfTheWeightLiesUpToIt) {
       samples.depth[n] = 2 + std::round(20 * uniform(random)) / 10;
       samples.weight[n] = uniform(random) < 0.3f ? 0 : uniform(random);
     }
-    const int median = WeightedMedianOf(samples, OneMedianLane());
+    const int median = WeightedMedianOf(samples, SingleLane());
     ASSERT_GE(median, 0);
     EXPECT_GT(samples.weight[median], 0);
     double nearer = 0, up_to = 0, all = 0;
@@ -37,7 +37,7 @@ TEST(WeightedMedianTest, OfManySamplesHalfOfTheWeightLiesUpToIt) {
     EXPECT_LE(nearer, 0.5 * all + 1e-5);
     EXPECT_GE(up_to, 0.5 * all - 1e-5);
   }
-  EXPECT_EQ(WeightedMedianOf(MedianSamples<1>{}, OneMedianLane()), -1);
+  EXPECT_EQ(WeightedMedianOf(MedianSamples<1>{}, SingleLane()), -1);
 }
 
 /// Two walls side by side at depths of 4 and 2, white and black.

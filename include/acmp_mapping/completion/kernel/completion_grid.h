@@ -61,10 +61,11 @@ struct CompletionContext {
   int evident_cell_size;  ///< px
 };
 
-/// The lanes that share a cell. The CPU has one, which does all; others have several, of which each takes every
-/// kSize-th pixel or cell of a row, and
+/// The lanes that share a cell or a pixel. The CPU has one, which does all; others have several, of which each takes
+/// every kSize-th pixel, cell or row of samples. They offer what their work asks for:
 ///   AddUp(fit)    leaves all of them with the sum of what each has summed
 ///   Best(choice)  with the best of what each has found
+///   Sum(x), Least(x), Greatest(x)  return it to all of them
 struct SingleLane {
   static constexpr int kSize = 1;
   ACMP_HOST_DEVICE int Rank() const { return 0; }
@@ -72,6 +73,12 @@ struct SingleLane {
   ACMP_HOST_DEVICE void AddUp(PlaneFit*) const {}
   template <class Choice>
   ACMP_HOST_DEVICE void Best(Choice*) const {}
+  ACMP_HOST_DEVICE float Sum(float x) const { return x; }
+  ACMP_HOST_DEVICE float Greatest(float x) const { return x; }
+  template <class T>
+  ACMP_HOST_DEVICE T Least(T x) const {
+    return x;
+  }
 };
 
 /// px, of the cells that have an anchor each. Half as many give the same planes but lose small surfaces

@@ -28,22 +28,6 @@ struct MedianContext {
   ImageView<float> cost;
 };
 
-/// The lanes that share a pixel. The CPU has one, which does all; others have several, of which each takes every
-/// kSize-th row of samples, and
-///   Sum(x)       leaves all of them with the sum of what each has
-///   Least(x)     with the least
-///   Greatest(x)  with the greatest
-struct OneMedianLane {
-  static constexpr int kSize = 1;
-  ACMP_HOST_DEVICE int Rank() const { return 0; }
-  ACMP_HOST_DEVICE float Sum(float x) const { return x; }
-  ACMP_HOST_DEVICE float Greatest(float x) const { return x; }
-  template <class T>
-  ACMP_HOST_DEVICE T Least(T x) const {
-    return x;
-  }
-};
-
 /// Surfaces around a pixel, those of one of `kLanes` lanes, row by row. In one array each, all of them used and every
 /// index known to the compiler, so that a GPU thread has them in registers.
 template <int kLanes>
@@ -168,7 +152,7 @@ ACMP_HOST_DEVICE inline int WeightedMedianOf(const MedianSamples<Lanes::kSize>& 
 /// The weighted median of the surfaces around: of those of the pixel's colour, and the nearer ones first. Pixels that
 /// sources look through have less say. Where the depth changes by more than one in a hundred, the cost is that of
 /// another surface: whoever fuses maps has to ask the views again.
-template <class Lanes = OneMedianLane>
+template <class Lanes = SingleLane>
 ACMP_HOST_DEVICE inline void FilterPixel(const MedianContext& context, int col, int row, const Lanes& lanes = {}) {
   constexpr float kSameSurface = 0.01f;
   const bool is_first = lanes.Rank() == 0;
