@@ -5,9 +5,9 @@
 
 namespace acmp {
 
-/// Sightings of a pixel of the reference; 0 without a depth, which nobody sees. A view confirms it within the limits on reprojection and
-/// depth, closely within two thirds of the latter, nearly within twice the one and four times the other. Normals do not
-/// count: where there is little texture they are noise, and the depths still agree.
+/// Sightings of a pixel of the reference; 0 without a depth, which nobody sees. A view confirms it within the limits on
+/// reprojection and depth, closely within two thirds of the latter, nearly within twice the one and four times the
+/// other. Normals do not count: where there is little texture they are noise, and the depths still agree.
 template <class View>
 ACMP_HOST_DEVICE inline Sightings LookAtPixel(const FusionContext<View>& context, int col, int row) {
   ReferencePixel pixel;
