@@ -63,30 +63,28 @@ void Validate(const ShardOptions& shard) {
 }
 
 DenseMapper::Impl::Impl(DepthEngine* depth_engine, const DenseMapperOptions& mapper_options, Callbacks mapper_callbacks,
-                        const ShardOptions& mapper_shard)
+                        const ShardOptions& mapper_shard, DepthEngine* engine_of_outputs)
     : options(mapper_options),
       callbacks(std::move(mapper_callbacks)),
       shard(mapper_shard),
       engine(depth_engine),
-      estimator(depth_engine, options.pipeline) {}
+      output_engine(engine_of_outputs != nullptr ? engine_of_outputs : depth_engine),
+      estimator(depth_engine, options.pipeline),
+      outputs(engine_of_outputs != nullptr) {}
 
 int DenseMapper::Impl::ShardOf(int64_t id) const {
   const int remainder = static_cast<int>(id % shard.count);
   return remainder < 0 ? remainder + shard.count : remainder;
 }
 
-void DenseMapper::Impl::Report(const KeyframeDrop& drop) const {
-  if (callbacks.on_drop) callbacks.on_drop(drop);
-}
-
 /// Of another shard's keyframe, that shard tells.
-void DenseMapper::Impl::Drop(WindowKeyframe* keyframe, const std::string& reason, const std::string& message) {
+void DenseMapper::Impl::Drop(const WindowKeyframePtr& keyframe, const std::string& reason, const std::string& message) {
   keyframe->state = WindowKeyframe::State::kScheduled;
   if (!IsOwn(*keyframe)) return;
-  const bool had_fast = keyframe->times.has_value();
+  const bool has_fast = keyframe->times.has_value();
   keyframe->fast_settled = keyframe->refined_settled = true;
-  Publish(*keyframe, had_fast ? EstimateStage::kRefined : EstimateStage::kFast, nullptr);
-  Report({keyframe->frame->id, reason, message, had_fast});
+  Publish(*keyframe, has_fast ? EstimateStage::kRefined : EstimateStage::kFast, nullptr);
+  SubmitDrop({keyframe->frame->id, reason, message}, keyframe);
 }
 
 std::optional<DepthRange> DenseMapper::Impl::FindDepthRange(const Frame& frame) {
@@ -106,7 +104,7 @@ bool DenseMapper::Impl::Admit(FramePtr frame) {
   if (const auto failure = CatchFailure([&] { CheckFrame(*frame); })) {
     // Not kept: as a source view it would make the others fail as well.
     early.erase(early.begin(), early.upper_bound(id));
-    if (ShardOf(id) == shard.index) Report({id, failure->reason, failure->message});
+    if (ShardOf(id) == shard.index) SubmitDrop({id, failure->reason, failure->message}, nullptr);
     return false;
   }
   EvictUntil(options.window_size - 1);
@@ -120,7 +118,7 @@ bool DenseMapper::Impl::Admit(FramePtr frame) {
     keyframe->range = *range;
     return true;
   }
-  Drop(keyframe.get(), "no_depth_range",
+  Drop(keyframe, "no_depth_range",
        Concat("keyframe ", id, ": of its ", keyframe->frame->landmarks_in_world.size(), " landmarks fewer than ",
               options.depth_range.min_landmarks,
               " are usable and in view, no earlier keyframe had a depth range, and no fallback range is set"));
@@ -167,7 +165,7 @@ void DenseMapper::Impl::EstimatePending(int min_source_views) {
     keyframe->state = WindowKeyframe::State::kFast;
     keyframe->stage = EstimateStage::kFast;
     keyframe->views_score = sources.score;
-    if (IsOwn(*keyframe)) Estimate(keyframe.get(), sources);
+    if (IsOwn(*keyframe)) Estimate(keyframe, sources);
   }
 }
 
@@ -202,7 +200,7 @@ ScheduledRefinement DenseMapper::Impl::MakeRefinement(const WindowKeyframePtr& k
 void DenseMapper::Impl::Schedule(const WindowKeyframePtr& keyframe) {
   Sources sources = SelectSources(keyframe.get());
   // Its first views may have left the window meanwhile.
-  if (sources.ids.empty()) return Drop(keyframe.get(), "no_source_views", DescribeMissing(keyframe.get(), 1));
+  if (sources.ids.empty()) return Drop(keyframe, "no_source_views", DescribeMissing(keyframe.get(), 1));
   ScheduledRefinement refinement = MakeRefinement(keyframe, std::move(sources));
   keyframe->state = WindowKeyframe::State::kScheduled;
   keyframe->stage = EstimateStage::kRefined;
@@ -217,7 +215,7 @@ void DenseMapper::Impl::EvictUntil(int keyframes_left) {
     const WindowKeyframePtr oldest = window.front();
     if (oldest->state == WindowKeyframe::State::kFast) Schedule(oldest);
     if (oldest->state == WindowKeyframe::State::kPending) {
-      Drop(oldest.get(), "no_source_views", DescribeMissing(oldest.get(), options.min_source_views));
+      Drop(oldest, "no_source_views", DescribeMissing(oldest.get(), options.min_source_views));
     }
     if (CanBeRefinedAgain(*oldest)) leaving.push_back(oldest);
     window.pop_front();
@@ -225,11 +223,12 @@ void DenseMapper::Impl::EvictUntil(int keyframes_left) {
 }
 
 DenseMapper::DenseMapper(DepthEngine* engine, const DenseMapperOptions& options, Callbacks callbacks,
-                         const ShardOptions& shard) {
+                         const ShardOptions& shard, DepthEngine* output_engine) {
   if (engine == nullptr) throw InvalidInputError("engine: must not be null");
+  if (output_engine == engine) throw InvalidInputError("output_engine: must not be the engine of the passes");
   Validate(options);
   Validate(shard);
-  impl_ = std::make_unique<Impl>(engine, options, std::move(callbacks), shard);
+  impl_ = std::make_unique<Impl>(engine, options, std::move(callbacks), shard, output_engine);
 }
 
 DenseMapper::~DenseMapper() = default;
@@ -275,13 +274,15 @@ void DenseMapper::Flush(bool refine_again) {
   impl_->EstimatePending(1);
   for (const WindowKeyframePtr& keyframe : impl_->window) {
     if (keyframe->state != WindowKeyframe::State::kPending) continue;
-    impl_->Drop(keyframe.get(), "no_source_views", impl_->DescribeMissing(keyframe.get(), 1));
+    impl_->Drop(keyframe, "no_source_views", impl_->DescribeMissing(keyframe.get(), 1));
   }
   impl_->ScheduleOlderThan(0);
   if (refine_again) impl_->RefineWindowAgain();
+  impl_->outputs.WaitForAll();
 }
 
 void DenseMapper::Reset() {
+  impl_->outputs.WaitForAll();
   // Emptied first: the mapper is in order even if a callback throws.
   std::deque<WindowKeyframePtr> unfinished;
   for (const ScheduledRefinement& refinement : impl_->waiting) unfinished.push_back(refinement.keyframe);
@@ -295,8 +296,9 @@ void DenseMapper::Reset() {
   impl_->last_range.reset();
   impl_->last_id.reset();
   for (const WindowKeyframePtr& keyframe : unfinished) {
-    impl_->Drop(keyframe.get(), "reset", Concat("keyframe ", keyframe->frame->id, ": forgotten by a reset"));
+    impl_->Drop(keyframe, "reset", Concat("keyframe ", keyframe->frame->id, ": forgotten by a reset"));
   }
+  impl_->outputs.WaitForAll();
 }
 
 void DenseMapper::SetPeerEstimate(ShardEstimate estimate) {
@@ -321,6 +323,8 @@ void DenseMapper::StopWaiting() {
   }
   impl_->RunReady();
 }
+
+void DenseMapper::WaitForOutputs() { impl_->outputs.WaitForAll(); }
 
 size_t DenseMapper::waiting() const { return impl_->waiting.size(); }
 

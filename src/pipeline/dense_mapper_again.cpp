@@ -44,9 +44,10 @@ bool DenseMapper::Impl::CanBeRefinedAgain(const WindowKeyframe& keyframe) const 
   return options.refine_again && shard.count == 1 && keyframe.refined_score;
 }
 
-bool DenseMapper::Impl::IsWantedAgain(const WindowKeyframe& keyframe) const {
-  return CanBeRefinedAgain(keyframe) &&
-         (!callbacks.wants_refined_again || callbacks.wants_refined_again(keyframe.frame->id));
+bool DenseMapper::Impl::IsWantedAgain(const WindowKeyframe& keyframe) {
+  if (!CanBeRefinedAgain(keyframe)) return false;
+  outputs.WaitFor(keyframe.output);
+  return keyframe.had_refined && (!callbacks.wants_refined_again || callbacks.wants_refined_again(keyframe.frame->id));
 }
 
 bool DenseMapper::Impl::HasBetterViews(const WindowKeyframe& keyframe, const Sources& sources) {

@@ -2,7 +2,6 @@
 #include <iterator>
 #include <utility>
 
-#include "acmp_mapping/common/timer.h"
 #include "dense_mapper_impl.h"
 
 namespace acmp {
@@ -21,20 +20,6 @@ EngineView DenseMapper::Impl::MakeView(WindowKeyframe* keyframe) {
   return {keyframe->frame, keyframe->image, nullptr};
 }
 
-std::shared_ptr<KeyframeDepth> DenseMapper::Impl::MakeKeyframeDepth(const WindowKeyframe& keyframe,
-                                                                    const EngineEstimatePtr& estimate,
-                                                                    std::vector<int64_t> source_ids) {
-  EstimateMaps estimate_maps = engine->Download(estimate);
-  auto maps = std::make_shared<KeyframeDepth>();
-  maps->frame = keyframe.frame;
-  maps->range = keyframe.range;
-  maps->depth = std::move(estimate_maps.depth);
-  maps->normal = std::move(estimate_maps.normal);
-  maps->cost = std::move(estimate_maps.cost);
-  maps->source_ids = std::move(source_ids);
-  return maps;
-}
-
 EngineProblem DenseMapper::Impl::MakeInitialProblem(WindowKeyframe* keyframe, const Sources& sources) {
   EngineProblem problem;
   problem.reference = MakeView(keyframe);
@@ -43,23 +28,21 @@ EngineProblem DenseMapper::Impl::MakeInitialProblem(WindowKeyframe* keyframe, co
   return problem;
 }
 
-void DenseMapper::Impl::Estimate(WindowKeyframe* keyframe, const Sources& sources) {
-  EngineEstimatePtr estimate;
-  std::shared_ptr<KeyframeDepth> maps;
+void DenseMapper::Impl::Estimate(const WindowKeyframePtr& keyframe, const Sources& sources) {
+  EngineProblem problem;
   const auto failure = CatchFailure([&] {
-    estimate = estimator.EstimateInitial(MakeInitialProblem(keyframe, sources));
-    maps = MakeKeyframeDepth(*keyframe, estimate, sources.ids);
-    maps->times = estimator.last_times();
-    Publish(*keyframe, EstimateStage::kFast, estimate);
+    problem = MakeInitialProblem(keyframe.get(), sources);
+    problem.reference.estimate = estimator.EstimateInitial(problem);
+    Publish(*keyframe, EstimateStage::kFast, problem.reference.estimate);
   });
   if (failure) {
     keyframe->stage.reset();
     return Drop(keyframe, failure->reason, failure->message);
   }
-  keyframe->times = maps->times;
-  keyframe->fast = std::move(estimate);
+  keyframe->times = estimator.last_times();
+  keyframe->fast = problem.reference.estimate;
   keyframe->fast_settled = true;
-  if (callbacks.on_fast) callbacks.on_fast(maps);
+  SubmitFast(keyframe, {std::move(problem), sources.ids, *keyframe->times, {}});
 }
 
 /// Others read what comes of it from now on. Where it fails they go on with what they read before.
@@ -99,12 +82,12 @@ void DenseMapper::Impl::RunReady() {
 void DenseMapper::Impl::Refine(const ScheduledRefinement& refinement) {
   WindowKeyframe& keyframe = *refinement.keyframe;
   EngineEstimatePtr estimate;
-  KeyframeDepthPtr refined;
+  EstimateOutput output;
   const auto failure = CatchFailure([&] {
-    refined = MakeRefined(refinement, keyframe.fast, &estimate);
+    output = MakeRefined(refinement, keyframe.fast, &estimate);
     Publish(keyframe, EstimateStage::kRefined, estimate);
   });
-  if (failure) return Drop(&keyframe, failure->reason, failure->message);
+  if (failure) return Drop(refinement.keyframe, failure->reason, failure->message);
   keyframe.refined = std::move(estimate);
   keyframe.refined_settled = true;
   keyframe.refined_score = refinement.score;
@@ -112,17 +95,17 @@ void DenseMapper::Impl::Refine(const ScheduledRefinement& refinement) {
   keyframe.times = StageTimes();
   // With several shards a refinement that waits may still have to read the fast one.
   if (shard.count == 1 && !keyframe.few_later) keyframe.fast.reset();
-  if (callbacks.on_refined) callbacks.on_refined(refined);
+  keyframe.output = SubmitRefined(refinement.keyframe, std::move(output));
 }
 
 /// False where that fails; the keyframe's maps stay as they are then.
 bool DenseMapper::Impl::RunAgain(const ScheduledRefinement& refinement, const EngineEstimatePtr& start) {
   WindowKeyframe& keyframe = *refinement.keyframe;
   EngineEstimatePtr estimate;
-  KeyframeDepthPtr refined;
-  const auto failure = CatchFailure([&] { refined = MakeRefined(refinement, start, &estimate); });
+  EstimateOutput output;
+  const auto failure = CatchFailure([&] { output = MakeRefined(refinement, start, &estimate); });
   if (failure) {
-    ReportFailedAgain(keyframe, *failure);
+    ReportFailedAgain(keyframe.frame->id, *failure);
     return false;
   }
   keyframe.refined = std::move(estimate);
@@ -131,13 +114,8 @@ bool DenseMapper::Impl::RunAgain(const ScheduledRefinement& refinement, const En
   keyframe.refined_at = ++refinements;
   keyframe.times = StageTimes();
   if (!keyframe.few_later) keyframe.fast.reset();
-  if (callbacks.on_refined_again) callbacks.on_refined_again(refined);
+  SubmitRefinedAgain(std::move(output));
   return true;
-}
-
-void DenseMapper::Impl::ReportFailedAgain(const WindowKeyframe& keyframe, const Failure& failure) const {
-  ReportProblem("refine_again_failed",
-                Concat("keyframe ", keyframe.frame->id, " could not be refined again: ", failure.message));
 }
 
 EngineProblem DenseMapper::Impl::MakeRefinementProblem(const ScheduledRefinement& refinement) {
@@ -157,8 +135,8 @@ EngineProblem DenseMapper::Impl::MakeRefinementProblem(const ScheduledRefinement
   return problem;
 }
 
-KeyframeDepthPtr DenseMapper::Impl::MakeRefined(const ScheduledRefinement& refinement, const EngineEstimatePtr& start,
-                                                EngineEstimatePtr* for_others) {
+EstimateOutput DenseMapper::Impl::MakeRefined(const ScheduledRefinement& refinement, const EngineEstimatePtr& start,
+                                              EngineEstimatePtr* for_others) {
   EngineProblem problem = MakeRefinementProblem(refinement);
   problem.reference.estimate = start;
   const auto read = [&](std::optional<EstimateStage> ScheduledRefinement::Source::*stage) {
@@ -184,24 +162,16 @@ KeyframeDepthPtr DenseMapper::Impl::MakeRefined(const ScheduledRefinement& refin
   // A completed pixel confirms nothing, and what nothing confirms is completed: where few views see a place, as the
   // last keyframes do, completed pixels would spread from one to the next.
   if (!refinement.keyframe->few_later) *for_others = problem.reference.estimate;
-  std::shared_ptr<KeyframeDepth> refined =
-      MakeKeyframeDepth(*refinement.keyframe, problem.reference.estimate, refinement.source_ids);
-
-  Timer timer;
-  ConsistencyResult consistency =
-      engine->FilterByConsistency(problem.reference, problem.sources, options.pipeline.fusion);
-  refined->confidence = std::move(consistency.confidence);
-  refined->points_in_camera = std::move(consistency.points_in_camera);
-  refined->consistency_ms = timer.Lap();
-  refined->times = times;
-  refined->refined = true;
-  return refined;
+  return {std::move(problem), refinement.source_ids, times, options.pipeline.fusion};
 }
 
 void DenseMapper::Impl::Publish(const WindowKeyframe& keyframe, EstimateStage stage,
-                                const EngineEstimatePtr& estimate) const {
+                                const EngineEstimatePtr& estimate) {
   if (shard.count == 1 || !callbacks.on_own_estimate) return;
-  callbacks.on_own_estimate({keyframe.frame->id, stage, estimate ? engine->DownloadState(estimate) : EstimateState()});
+  // A std::function must be copyable.
+  const auto own = std::make_shared<ShardEstimate>();
+  *own = {keyframe.frame->id, stage, estimate ? engine->DownloadState(estimate) : EstimateState()};
+  outputs.Submit([this, own] { callbacks.on_own_estimate(std::move(*own)); });
 }
 
 void DenseMapper::Impl::AdmitPeer(const WindowKeyframePtr& keyframe) {
@@ -241,10 +211,6 @@ void DenseMapper::Impl::KeepForLater(ShardEstimate estimate) {
                 Concat(NameOf(last->second.stage), " estimate of keyframe ", last->first, ": ", most,
                        " estimates of keyframes that have not come here are kept already"));
   early.erase(last);
-}
-
-void DenseMapper::Impl::ReportProblem(const char* reason, const std::string& message) const {
-  if (callbacks.on_problem) callbacks.on_problem(reason, message);
 }
 
 }  // namespace acmp

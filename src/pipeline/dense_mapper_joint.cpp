@@ -91,7 +91,7 @@ void DenseMapper::Impl::ForActive(std::vector<Member>* members, const Work& work
     if (!member.is_active) continue;
     if (const auto failure = CatchFailure([&] { work(&member); })) {
       member.is_active = false;
-      ReportFailedAgain(keyframe, *failure);
+      ReportFailedAgain(keyframe.frame->id, *failure);
     }
   }
 }

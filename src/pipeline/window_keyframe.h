@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -41,6 +42,11 @@ struct WindowKeyframe {
   bool has_read_better_maps = false;    ///< that was for better maps of its source views, not for better views
   bool fast_settled = false;            ///< `fast` is there or will never be
   bool refined_settled = false;
+  uint64_t output = 0;  ///< number of the job that ends with its on_refined; 0: none yet
+
+  // Of the thread for outputs; read by others once `output` is done.
+  bool had_fast = false;     ///< its on_fast was called
+  bool had_refined = false;  ///< its on_refined was called
 
   std::optional<EstimateStage> StageInPasses() const { return few_later ? EstimateStage::kFast : stage; }
 

@@ -200,8 +200,9 @@ void MapperWorker::Run() {
     }
     FinishWaits();
   }
-  // The device's memory goes in the thread that has used it.
+  // The device's memory goes in a thread that has used it.
   mapper_.reset();
+  output_engine_.reset();
   engine_.reset();
   when_finished_.clear();
 }
@@ -218,6 +219,7 @@ void MapperWorker::FinishWaits() {
     mapper_->Flush();
   }
   if (mapper_ && mapper_->waiting() > 0) return;
+  if (mapper_ && !when_finished_.empty()) mapper_->WaitForOutputs();
   for (const auto& finish : std::exchange(when_finished_, {})) finish();
 }
 
@@ -225,6 +227,7 @@ void MapperWorker::MakeMapper() {
   try {
     DepthEngineBackend backend = MakeDepthEngine(node_options_.device, node_options_.cuda_device);
     engine_ = std::move(backend.engine);
+    output_engine_ = engine_->Share();
     DenseMapper::Callbacks callbacks;
     callbacks.on_fast = [this](const KeyframeDepthPtr& maps) { HandleFast(maps); };
     callbacks.on_refined = [this](const KeyframeDepthPtr& maps) { HandleRefined(maps); };
@@ -232,12 +235,14 @@ void MapperWorker::MakeMapper() {
     callbacks.wants_refined_again = [this](int64_t id) { return !stopping_ && map_->HasPoints(id); };
     callbacks.on_drop = [this](const KeyframeDrop& drop) { HandleDrop(drop); };
     callbacks.on_own_estimate = [this](const ShardEstimate& estimate) {
-      if (!stopping_) hooks_.on_own_estimate(estimate, pending_.at(estimate.id).stamp_ns);
+      const RecordPtr record = FindRecord(pending_, estimate.id);
+      if (!stopping_ && record) hooks_.on_own_estimate(estimate, record->stamp_ns);
     };
     callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
       ReportDrop({reason, message});
     };
-    mapper_ = std::make_unique<DenseMapper>(engine_.get(), options_->Get().mapper, callbacks, node_options_.shard);
+    mapper_ = std::make_unique<DenseMapper>(engine_.get(), options_->Get().mapper, callbacks, node_options_.shard,
+                                            output_engine_.get());
     UpdateStatus([&](WorkerStatus* status) {
       status->ready = true;
       status->device_name = engine_->device_name();
@@ -267,8 +272,10 @@ void MapperWorker::Process(const NumberedInput& numbered) {
   const FramePtr frame = PrepareFrame(numbered, frame_options, &valid);
   const double preparation_ms = timer.Lap();
   if (IsOwn(frame->id)) {
-    pending_[frame->id] = {input.stamp_ns,    input.arrival_s,      input.camera_frame,
-                           input.world_frame, input.world_from_cam, valid};
+    auto record = std::make_shared<const Record>(
+        Record{input.stamp_ns, input.arrival_s, input.camera_frame, input.world_frame, input.world_from_cam, valid});
+    const std::lock_guard<std::mutex> lock(records_mutex_);
+    pending_[frame->id] = std::move(record);
   }
   UpdateStatus([&](WorkerStatus* status) {
     ++status->keyframes;
@@ -278,7 +285,10 @@ void MapperWorker::Process(const NumberedInput& numbered) {
     status->preparation_ms = preparation_ms;
   });
   mapper_->AddKeyframe(frame);
-  while (refined_.size() > static_cast<size_t>(options.mapper.window_size)) refined_.erase(refined_.begin());
+  {
+    const std::lock_guard<std::mutex> lock(records_mutex_);
+    while (refined_.size() > 2 * static_cast<size_t>(options.mapper.window_size)) refined_.erase(refined_.begin());
+  }
   UpdateStatus([&](WorkerStatus* status) { status->keyframe_ms = preparation_ms + timer.Lap(); });
 }
 
@@ -298,24 +308,32 @@ FramePtr MapperWorker::PrepareFrame(const NumberedInput& numbered, const FrameOp
   return frame;
 }
 
-KeyframeOutput MapperWorker::MakeOutput(const KeyframeDepthPtr& maps, const Pending& pending) const {
+MapperWorker::RecordPtr MapperWorker::FindRecord(const Records& records, int64_t id) const {
+  const std::lock_guard<std::mutex> lock(records_mutex_);
+  const auto found = records.find(id);
+  return found == records.end() ? nullptr : found->second;
+}
+
+KeyframeOutput MapperWorker::MakeOutput(const KeyframeDepthPtr& maps, const Record& record) const {
+  const double min_confidence = min_confidence_;
   KeyframeOutput output;
   output.maps = maps;
-  output.stamp_ns = pending.stamp_ns;
-  output.camera_frame = pending.camera_frame;
-  output.world_frame = pending.world_frame;
-  output.world_from_cam = pending.world_from_cam;
-  output.keep = MakeKeepMask(*maps, pending.valid, min_confidence_);
-  output.points_in_camera = KeptPoints(*maps, output.keep.View(), min_confidence_);
+  output.stamp_ns = record.stamp_ns;
+  output.camera_frame = record.camera_frame;
+  output.world_frame = record.world_frame;
+  output.world_from_cam = record.world_from_cam;
+  output.keep = MakeKeepMask(*maps, record.valid, min_confidence);
+  output.points_in_camera = KeptPoints(*maps, output.keep.View(), min_confidence);
   return output;
 }
 
 void MapperWorker::HandleFast(const KeyframeDepthPtr& maps) {
-  if (stopping_) return;
-  const KeyframeOutput output = MakeOutput(maps, pending_.at(maps->frame->id));
+  const RecordPtr record = FindRecord(pending_, maps->frame->id);
+  if (stopping_ || !record) return;
+  const KeyframeOutput output = MakeOutput(maps, *record);
   map_->AddPose(maps->frame->id, output.stamp_ns, output.world_from_cam);
   Publish(hooks_.on_fast, output);
-  const double latency_ms = LatencyMs(*maps);
+  const double latency_ms = LatencyMs(*record);
   UpdateStatus([&](WorkerStatus* status) {
     ++status->fast;
     status->fast_latency.Add(latency_ms);
@@ -323,12 +341,16 @@ void MapperWorker::HandleFast(const KeyframeDepthPtr& maps) {
 }
 
 void MapperWorker::HandleRefined(const KeyframeDepthPtr& maps) {
-  if (stopping_) return;
-  const KeyframeOutput output = MakeOutput(maps, pending_.at(maps->frame->id));
+  const RecordPtr record = FindRecord(pending_, maps->frame->id);
+  if (stopping_ || !record) return;
+  const KeyframeOutput output = MakeOutput(maps, *record);
   map_->AddPoints(maps->frame->id, output.stamp_ns, output.world_from_cam, output.points_in_camera);
   Publish(hooks_.on_refined, output);
-  const double latency_ms = LatencyMs(*maps);
-  refined_.insert(pending_.extract(maps->frame->id));
+  const double latency_ms = LatencyMs(*record);
+  {
+    const std::lock_guard<std::mutex> lock(records_mutex_);
+    refined_.insert(pending_.extract(maps->frame->id));
+  }
   UpdateStatus([&](WorkerStatus* status) {
     ++status->refined;
     status->refined_latency.Add(latency_ms);
@@ -339,20 +361,17 @@ void MapperWorker::HandleRefined(const KeyframeDepthPtr& maps) {
 
 /// For the map: each keyframe's depth and points are published once.
 void MapperWorker::HandleRefinedAgain(const KeyframeDepthPtr& maps) {
-  const auto pending = refined_.find(maps->frame->id);
-  if (stopping_ || pending == refined_.end()) return;
+  const RecordPtr record = FindRecord(refined_, maps->frame->id);
+  if (stopping_ || !record) return;
   try {  // the mapper's callbacks must not throw
-    if (!map_->ReplacePoints(maps->frame->id, MakeOutput(maps, pending->second).points_in_camera)) return;
+    if (!map_->ReplacePoints(maps->frame->id, MakeOutput(maps, *record).points_in_camera)) return;
   } catch (const std::exception& error) {
-    return ReportDrop(
-        {"refine_again_failed", Concat("image ", FormatStamp(pending->second.stamp_ns), ": ", error.what())});
+    return ReportDrop({"refine_again_failed", Concat("image ", FormatStamp(record->stamp_ns), ": ", error.what())});
   }
   UpdateStatus([](WorkerStatus* status) { ++status->refined_again; });
 }
 
-double MapperWorker::LatencyMs(const KeyframeDepth& maps) const {
-  return (SteadySeconds() - pending_.at(maps.frame->id).arrival_s) * 1e3;
-}
+double MapperWorker::LatencyMs(const Record& record) { return (SteadySeconds() - record.arrival_s) * 1e3; }
 
 void MapperWorker::Publish(const std::function<void(const KeyframeOutput&)>& hook, const KeyframeOutput& output) const {
   try {
@@ -363,13 +382,14 @@ void MapperWorker::Publish(const std::function<void(const KeyframeOutput&)>& hoo
 }
 
 void MapperWorker::HandleDrop(const KeyframeDrop& drop) {
-  const auto pending = pending_.find(drop.id);
-  const std::string stamp = pending == pending_.end() ? "?" : FormatStamp(pending->second.stamp_ns);
-  if (pending != pending_.end()) {
+  const RecordPtr record = FindRecord(pending_, drop.id);
+  const std::string stamp = record ? FormatStamp(record->stamp_ns) : "?";
+  if (record) {
     if (!stopping_ && hooks_.on_dropped_keyframe) {
-      hooks_.on_dropped_keyframe(drop.id, pending->second.stamp_ns, drop.reason);
+      hooks_.on_dropped_keyframe(drop.id, record->stamp_ns, drop.reason);
     }
-    pending_.erase(pending);
+    const std::lock_guard<std::mutex> lock(records_mutex_);
+    pending_.erase(drop.id);
   }
   ReportDrop({drop.reason, Concat("image ", stamp, drop.had_fast ? " (refinement only): " : ": ", drop.message), true});
 }

@@ -164,17 +164,20 @@ StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options,
   mapper_options.reestimates = reestimates;
   mapper_options.refine_again = refine_again;
   std::vector<double> fast, refined, device;
-  Timer since_added;
+  // Since each image came; callbacks read those of images that came before them.
+  std::vector<Timer> since_added(static_cast<size_t>(keyframes));
+  const auto since = [&](int64_t id) { return since_added[static_cast<size_t>(id)].Elapsed(); };
   DenseMapper::Callbacks callbacks;
   callbacks.on_fast = [&](const KeyframeDepthPtr& maps) {
-    if (maps->source_ids.size() == static_cast<size_t>(source_views)) fast.push_back(since_added.Elapsed());
+    if (maps->source_ids.size() == static_cast<size_t>(source_views)) fast.push_back(since(maps->frame->id));
   };
   callbacks.on_refined = [&](const KeyframeDepthPtr& maps) {
     if (maps->source_ids.size() < static_cast<size_t>(source_views)) return;
-    refined.push_back(since_added.Elapsed());
+    refined.push_back(since(maps->frame->id + mapper_options.lookahead));
     device.push_back(maps->times.kernels_ms);
   };
-  DenseMapper mapper(engine, mapper_options, callbacks);
+  const std::unique_ptr<DepthEngine> output_engine = engine->Share();
+  DenseMapper mapper(engine, mapper_options, callbacks, {}, output_engine.get());
 
   const cv::Mat texture = MakeTexture(size);
   constexpr int kDistinct = 64;  // frames made beforehand; the stream goes to and fro over them
@@ -184,7 +187,7 @@ StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options,
   for (int i = 0; i < std::min(kDistinct, keyframes); ++i) {
     frames.push_back(MakeWallFrame(texture, {}, i, kStep * i, i % 2 == 0 ? 0.0 : 0.2));
   }
-  double work_ms = 0;
+  Timer work;
   for (int i = 0; i < keyframes; ++i) {
     const int lap = i / kDistinct, place = i % kDistinct;
     const Frame& made = *frames[static_cast<size_t>(lap % 2 == 0 ? place : kDistinct - 1 - place)];
@@ -192,15 +195,16 @@ StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options,
     RigidTransform cam_from_world = made.cam_from_world;
     cam_from_world.translation().z() = -1e-3 * (lap % 2);
     ColorImage color = made.color.Clone();
-    since_added = Timer();
+    since_added[static_cast<size_t>(i)] = Timer();
     mapper.AddKeyframe(std::make_shared<const Frame>(MakeFrame(i, 0.0, std::move(color), made.camera, cam_from_world,
                                                                made.landmarks_in_world, {0, options.sharpening})));
-    work_ms += since_added.Elapsed();
     if (i == keyframes / 10) {
       figures.device_bytes_begin = engine->DeviceBytes();
       figures.host_bytes_begin = HostBytes();
     }
   }
+  mapper.WaitForOutputs();
+  const double work_ms = work.Elapsed();
   figures.device_bytes_end = engine->DeviceBytes();
   figures.host_bytes_end = HostBytes();
   figures.keyframes_per_s = 1e3 * keyframes / work_ms;

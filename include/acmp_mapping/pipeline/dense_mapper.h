@@ -87,8 +87,12 @@ struct KeyframeDrop {
 /// exist, and a refined, consistency-checked map with points once `lookahead` later keyframes have come. A keyframe
 /// that was estimated when few views showed what it sees can be estimated anew for others to read (`reestimates`), and
 /// refined again halfway through the window, when it leaves it and at a flush (`refine_again`). Deterministic: the same
-/// frames, options and device give the same maps, whatever the timing. One thread at a time. The offline tool's online
-/// schedule and the nodelet's worker both drive this class.
+/// frames, options and device give the same maps and the same calls in the same order, whatever the timing. One thread
+/// at a time. The offline tool's online schedule and the nodelet's worker both drive this class.
+///
+/// With an engine for outputs, maps of finished estimates come to the host, are checked for consistency and go to the
+/// callbacks in a thread of the mapper's own, while passes go on: methods return before the callbacks that they cause,
+/// but for Flush, Reset and WaitForOutputs.
 ///
 /// As one of several shards it computes its own keyframes only. It follows the schedule of all, which depends on the
 /// frames alone, and so knows for each refinement which neighbours a single mapper would read as fast and which as
@@ -98,28 +102,33 @@ struct KeyframeDrop {
 /// that see each other.
 class DenseMapper {
  public:
-  /// Called inside the mapper's methods; empty ones are skipped. They must neither call the mapper nor throw.
+  /// Called inside the mapper's methods, or one at a time in its thread for outputs; empty ones are skipped. They must
+  /// neither call the mapper nor throw.
   struct Callbacks {
     std::function<void(const KeyframeDepthPtr&)> on_fast;  ///< at most once per keyframe, before its on_refined
     std::function<void(const KeyframeDepthPtr&)> on_refined;
     std::function<void(const KeyframeDrop&)> on_drop;  ///< every own keyframe ends in exactly one on_refined or on_drop
     /// Better maps of a keyframe that had its on_refined; may come several times.
     std::function<void(const KeyframeDepthPtr&)> on_refined_again = nullptr;
-    /// Asked before each of these: whether anybody would use better maps of this keyframe. Empty: yes.
+    /// Asked before each of these, inside the mapper's methods and after the keyframe's on_refined: whether anybody
+    /// would use better maps of this keyframe. Empty: yes.
     std::function<bool(int64_t id)> wants_refined_again = nullptr;
     /// With several shards: an own keyframe's estimate for SetPeerEstimate of all others. Each stage at most once; an
     /// empty one when the keyframe is dropped.
     std::function<void(ShardEstimate)> on_own_estimate = nullptr;
     /// What others would have read is missing: a peer's estimate cannot be used ("peer_estimate_refused") or did not
     /// come in time ("peer_estimate_missing"), a keyframe could not be estimated anew ("reestimate_failed") or refined
-    /// again ("refine_again_failed").
+    /// again ("refine_again_failed"), or its fast maps did not come from the device ("fast_maps_failed").
     std::function<void(const std::string& reason, const std::string& message)> on_problem = nullptr;
   };
 
   /// @param engine not null, outlives the mapper
+  /// @param output_engine shares handles with `engine` (DepthEngine::Share) and outlives the mapper; null: outputs are
+  ///   made by `engine`, inside the mapper's methods
   DenseMapper(DepthEngine* engine, const DenseMapperOptions& options, Callbacks callbacks,
-              const ShardOptions& shard = {});
-  /// Forgets what is unfinished without a callback: Flush or Reset first if it must be accounted for.
+              const ShardOptions& shard = {}, DepthEngine* output_engine = nullptr);
+  /// Forgets what is unfinished without a callback: Flush or Reset first if it must be accounted for. Waits for a
+  /// callback under way.
   ~DenseMapper();
 
   /// Replaces the options from the next keyframe on. Throws InvalidInputError for bad ones and keeps the old.
@@ -150,11 +159,14 @@ class DenseMapper {
   /// again. Refinements go on with the estimates there are, each lack told by on_problem.
   void StopWaiting();
 
+  /// Returns when all callbacks that earlier calls cause have been called.
+  void WaitForOutputs();
+
   /// Own refinements that wait for estimates of other shards, and the oldest's keyframe.
   size_t waiting() const;
   std::optional<int64_t> oldest_waiting() const;
 
-  /// Own keyframes that have had neither on_refined nor on_drop yet.
+  /// Own keyframes that have had neither on_refined nor on_drop yet; those on their way to it count as having had it.
   size_t unfinished() const;
 
  private:

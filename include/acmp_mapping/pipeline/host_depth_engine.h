@@ -5,7 +5,7 @@
 namespace acmp {
 
 /// An engine whose images and estimates are in host memory, over any PatchMatch: the CPU's engine, and the tests'.
-class HostDepthEngine final : public DepthEngine {
+class HostDepthEngine : public DepthEngine {
  public:
   /// Owns the PatchMatch; Share() makes another one with `make`.
   using MakePatchMatchFunction = std::unique_ptr<PatchMatch> (*)();

@@ -44,23 +44,25 @@ struct WorkerStatus {
   StageTimes times;           ///< of the last refined keyframe
   double consistency_ms = 0;
   double preparation_ms = 0;                    ///< decoding and rectifying the last image
-  double keyframe_ms = 0;                       ///< the last keyframe in the worker, all in all
+  double keyframe_ms = 0;                       ///< the last keyframe in the matching thread, all in all
   LatencyWindow fast_latency, refined_latency;  ///< from the image's callback until its map was published
   uint64_t of_others = 0;                       ///< keyframes that are other shards'
   size_t waiting = 0;                           ///< refinements that wait for other shards
 };
 
-/// The one thread that matches: it makes the backend, prepares frames and drives the DenseMapper. Hooks run in this
-/// thread, and none once Stop has been called.
+/// The one thread that matches: it makes the backend, prepares frames and drives the DenseMapper, which has a thread of
+/// its own for outputs. Hooks run in these two, and none begins once Stop has been called.
 ///
-/// Locks: the queue's and status_mutex_, each held for a moment and never together; mapper, rectifier and window belong
-/// to the worker thread alone.
+/// Locks: the queue's, status_mutex_ and records_mutex_, each held for a moment and never together; mapper, rectifier
+/// and window belong to the worker thread alone.
 class MapperWorker {
  public:
   struct Hooks {
     std::function<void(const WorkerStatus&)> on_device;  ///< once, when the backend exists or cannot be made
+    // One at a time.
     std::function<void(const KeyframeOutput&)> on_fast;
     std::function<void(const KeyframeOutput&)> on_refined;
+    // The others from both threads at the same time.
     std::function<void(const Drop&)> on_drop;
     // With several shards, of own keyframes.
     std::function<void(const ShardEstimate&, int64_t stamp_ns)> on_own_estimate;
@@ -106,8 +108,8 @@ class MapperWorker {
     KeyframeInput keyframe;
     int64_t number;
   };
-  /// What is known of a keyframe from AddKeyframe to its end.
-  struct Pending {
+  /// What is known of a keyframe beside its frame.
+  struct Record {
     int64_t stamp_ns;
     double arrival_s;
     std::string camera_frame;
@@ -115,15 +117,19 @@ class MapperWorker {
     RigidTransform world_from_cam;
     cv::Mat valid;  ///< where the rectified image is known, matched size; empty = everywhere
   };
+  using RecordPtr = std::shared_ptr<const Record>;
+  using Records = std::map<int64_t, RecordPtr>;
 
   void Run();
   void MakeMapper();
   void Process(const NumberedInput& input);
   FramePtr PrepareFrame(const NumberedInput& input, const FrameOptions& options, cv::Mat* valid);
-  double LatencyMs(const KeyframeDepth& maps) const;
+  /// Null: none.
+  RecordPtr FindRecord(const Records& records, int64_t id) const;
+  static double LatencyMs(const Record& record);
   bool MustWait() const;
   void FinishWaits();
-  KeyframeOutput MakeOutput(const KeyframeDepthPtr& maps, const Pending& pending) const;
+  KeyframeOutput MakeOutput(const KeyframeDepthPtr& maps, const Record& record) const;
   void HandleFast(const KeyframeDepthPtr& maps);
   void HandleRefined(const KeyframeDepthPtr& maps);
   void HandleRefinedAgain(const KeyframeDepthPtr& maps);
@@ -148,15 +154,18 @@ class MapperWorker {
   mutable std::mutex status_mutex_;
   WorkerStatus status_;
 
+  mutable std::mutex records_mutex_;
+  Records pending_;  ///< from AddKeyframe to the keyframe's end
+  Records refined_;  ///< that may be refined again: the mapper's window, and what has left it on its way out
+  std::atomic<double> min_confidence_{0};
+
   // Used by the worker thread alone.
   std::unique_ptr<DepthEngine> engine_;
+  std::unique_ptr<DepthEngine> output_engine_;
   std::unique_ptr<DenseMapper> mapper_;
   std::string device_error_;
   CalibrationPtr calibration_;
   std::unique_ptr<ImageRectifier> rectifier_;
-  std::map<int64_t, Pending> pending_;
-  std::map<int64_t, Pending> refined_;  ///< that may be refined again: as many as the mapper's window has
-  double min_confidence_ = 0;
   int64_t last_number_ = -1;                          ///< of the last keyframe taken from the queue
   std::optional<int64_t> flush_after_;                ///< a peer was flushed after this keyframe
   std::vector<std::function<void()>> when_finished_;  ///< to be done when nothing waits for other shards

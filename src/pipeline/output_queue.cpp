@@ -1,0 +1,71 @@
+#include "output_queue.h"
+
+#include <utility>
+
+namespace acmp {
+
+OutputQueue::OutputQueue(bool has_thread) {
+  if (has_thread) thread_ = std::thread([this] { Run(); });
+}
+
+OutputQueue::~OutputQueue() {
+  std::deque<Job> discarded;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stopped_ = true;
+    discarded.swap(jobs_);
+  }
+  discarded.clear();  // without the lock: jobs may own anything
+  given_.notify_one();
+  if (thread_.joinable()) thread_.join();
+}
+
+uint64_t OutputQueue::Submit(Job job) {
+  const uint64_t number = ++submitted_;
+  if (!thread_.joinable()) {
+    job();
+    return number;
+  }
+  {
+    std::unique_lock<std::mutex> lock(mutex_);
+    jobs_.push_back(std::move(job));
+    given_.notify_one();
+    if (number >= kMaxJobs) WaitUntilDone(&lock, number - kMaxJobs + 1);
+  }
+  return number;
+}
+
+void OutputQueue::WaitFor(uint64_t number) {
+  if (!thread_.joinable()) return;
+  std::unique_lock<std::mutex> lock(mutex_);
+  WaitUntilDone(&lock, number);
+}
+
+void OutputQueue::WaitUntilDone(std::unique_lock<std::mutex>* lock, uint64_t number) {
+  done_.wait(*lock, [&] { return finished_ >= number; });
+  if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
+}
+
+void OutputQueue::Run() {
+  std::unique_lock<std::mutex> lock(mutex_);
+  for (;;) {
+    given_.wait(lock, [this] { return stopped_ || !jobs_.empty(); });
+    if (stopped_) return;
+    Job job = std::move(jobs_.front());
+    jobs_.pop_front();
+    lock.unlock();
+    std::exception_ptr failure;
+    try {
+      job();
+    } catch (...) {
+      failure = std::current_exception();
+    }
+    job = nullptr;  // what it holds goes before its giver hears that it is done
+    lock.lock();
+    if (!failure_) failure_ = failure;
+    ++finished_;
+    done_.notify_one();
+  }
+}
+
+}  // namespace acmp

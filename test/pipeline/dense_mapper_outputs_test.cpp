@@ -1,0 +1,238 @@
+// The mapper with an engine and a thread for outputs.
+
+#include <algorithm>
+#include <future>
+#include <mutex>
+#include <random>
+#include <set>
+#include <thread>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "acmp_mapping/pipeline/dense_mapper.h"
+#include "dense_mapper_fakes.h"
+#include "hash_patch_match.h"
+
+namespace acmp {
+namespace {
+
+using testing::Contains;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::Not;
+using testing::SizeIs;
+
+std::unique_ptr<HostDepthEngine> MakeHashEngine() {
+  return std::make_unique<HostDepthEngine>(
+      [] { return std::unique_ptr<PatchMatch>(std::make_unique<HashPatchMatch>()); });
+}
+
+/// Notes all that callbacks say, and which of its threads they came in.
+class Listener {
+ public:
+  explicit Listener(bool has_thread) : has_thread_(has_thread) {}
+
+  DenseMapper::Callbacks MakeCallbacks() {
+    DenseMapper::Callbacks callbacks;
+    callbacks.on_fast = [this](const KeyframeDepthPtr& maps) { Note("fast", *maps); };
+    callbacks.on_refined = [this](const KeyframeDepthPtr& maps) {
+      Note("refined", *maps);
+      const std::lock_guard<std::mutex> lock(refined_mutex_);
+      refined_.insert(maps->frame->id);
+    };
+    callbacks.on_refined_again = [this](const KeyframeDepthPtr& maps) { Note("again", *maps); };
+    callbacks.on_drop = [this](const KeyframeDrop& drop) {
+      Note(Concat("drop ", drop.id, " ", drop.reason, drop.had_fast ? " had fast: " : ": ", drop.message));
+    };
+    callbacks.on_own_estimate = [this](const ShardEstimate& estimate) {
+      Note(Concat("own ", estimate.id, estimate.stage == EstimateStage::kFast ? " fast" : " refined"));
+    };
+    callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
+      Note(Concat("problem ", reason, ": ", message));
+    };
+    // As the nodelet: what has no points yet need not be better.
+    callbacks.wants_refined_again = [this](int64_t id) {
+      const std::lock_guard<std::mutex> lock(refined_mutex_);
+      return refined_.count(id) > 0 && id % 5 != 3;
+    };
+    return callbacks;
+  }
+
+  std::vector<std::string> said;
+
+ private:
+  void Note(std::string text) {
+    EXPECT_NE(std::this_thread::get_id() == giver_, has_thread_) << text;
+    said.push_back(std::move(text));
+  }
+  void Note(const char* kind, const KeyframeDepth& maps) {
+    std::string text = Concat(kind, " ", maps.frame->id, " ", maps.depth(0, 0), " ", maps.points_in_camera.size());
+    if (!maps.confidence.empty()) text += Concat(" ", maps.confidence(0, 0));
+    for (const int64_t id : maps.source_ids) text += Concat(" ", id);
+    Note(text);
+  }
+
+  const bool has_thread_;
+  const std::thread::id giver_ = std::this_thread::get_id();
+  std::mutex refined_mutex_;
+  std::set<int64_t> refined_;
+};
+
+/// What a random stream, with flushes, resets and changes of options, has a listener hear.
+std::vector<std::string> RunStream(unsigned seed, bool has_thread) {
+  std::mt19937 random(seed);
+  const auto engine = MakeHashEngine(), output_engine = MakeHashEngine();
+  Listener listener(has_thread);
+  DenseMapper mapper(engine.get(), RandomOptions(&random), listener.MakeCallbacks(), {},
+                     has_thread ? output_engine.get() : nullptr);
+  double x = 0;
+  for (int64_t id = 0; id < 40; ++id) {
+    mapper.AddKeyframe(RandomFrame(id, &x, &random));
+    switch (random() % 16) {
+      case 0:
+        mapper.Flush(random() % 2 == 0);
+        listener.said.emplace_back("flushed");
+        break;
+      case 1:
+        mapper.Reset();
+        listener.said.emplace_back("reset");
+        break;
+      case 2:
+        mapper.set_options(RandomOptions(&random));
+        break;
+      default:
+        break;
+    }
+  }
+  mapper.Flush();
+  listener.said.emplace_back("flushed");
+  return listener.said;
+}
+
+TEST(DenseMapperOutputsTest, OfAThreadSayTheSameInTheSameOrder) {
+  size_t again = 0;
+  for (unsigned seed = 0; seed < 100; ++seed) {
+    SCOPED_TRACE(seed);
+    const std::vector<std::string> said = RunStream(seed, true);
+    EXPECT_EQ(said, RunStream(seed, false));
+    again += static_cast<size_t>(
+        std::count_if(said.begin(), said.end(), [](const std::string& text) { return text.rfind("again", 0) == 0; }));
+  }
+  EXPECT_GT(again, 0u) << "nothing was refined again: the streams do not show what they are for";
+}
+
+TEST(DenseMapperOutputsTest, PassesGoOnWhileACallbackRuns) {
+  FakePatchMatch patch_match;
+  HostDepthEngine engine(&patch_match), output_engine(&patch_match);
+  std::promise<void> open;
+  DenseMapper::Callbacks callbacks;
+  callbacks.on_fast = [opened = open.get_future().share()](const KeyframeDepthPtr&) { opened.wait(); };
+  DenseMapper mapper(&engine, FakeOptions(8, 3), callbacks, {}, &output_engine);
+  for (int id = 0; id < 3; ++id) mapper.AddKeyframe(WallFrame(id));  // 0 and 1 cannot be estimated before 2 is there
+  EXPECT_THAT(CallsOf(patch_match, "photometric", 2), SizeIs(1));
+  open.set_value();
+  mapper.Flush();
+}
+
+TEST(DenseMapperOutputsTest, ADestroyedMapperForgetsThem) {
+  FakePatchMatch patch_match;
+  HostDepthEngine engine(&patch_match), output_engine(&patch_match);
+  std::vector<std::string> said;
+  std::weak_ptr<const Frame> frame;
+  {
+    DenseMapper::Callbacks callbacks;
+    callbacks.on_fast = [&](const KeyframeDepthPtr& maps) { said.push_back(Concat("fast ", maps->frame->id)); };
+    DenseMapper mapper(&engine, FakeOptions(8, 3), callbacks, {}, &output_engine);
+    for (int id = 0; id < 3; ++id) {
+      FramePtr added = WallFrame(id);
+      frame = added;
+      mapper.AddKeyframe(std::move(added));
+    }
+  }
+  EXPECT_LE(said.size(), 3u);
+  EXPECT_TRUE(frame.expired());
+}
+
+/// Cannot hand out maps of the keyframes that a test names.
+class FailingHostEngine : public HostDepthEngine {
+ public:
+  using HostDepthEngine::HostDepthEngine;
+
+  ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
+                                        const FusionOptions& options) override {
+    if (reference.frame->id == fails_consistency_of) throw ProcessingError("no memory for points");
+    return HostDepthEngine::FilterByConsistency(reference, sources, options);
+  }
+  EstimateMaps Download(const EngineEstimatePtr& estimate) override {
+    if (++downloads == fails_download) throw ProcessingError("device lost");
+    return HostDepthEngine::Download(estimate);
+  }
+
+  int64_t fails_consistency_of = -1;
+  int fails_download = 0;  ///< counted from 1
+  int downloads = 0;
+};
+
+struct FailingMapper {
+  explicit FailingMapper(const DenseMapperOptions& options)
+      : mapper(&engine, options, listener.MakeCallbacks(), {}, &output_engine) {}
+
+  FakePatchMatch patch_match;
+  HostDepthEngine engine{&patch_match};
+  FailingHostEngine output_engine{&patch_match};
+  Listener listener{true};
+  DenseMapper mapper;
+};
+
+TEST(DenseMapperOutputsTest, AFailedConsistencyCheckDropsThatKeyframeOnly) {
+  DenseMapperOptions options = FakeOptions(8, 3);
+  options.refine_again = true;
+  FailingMapper failing(options);
+  failing.output_engine.fails_consistency_of = 2;
+  for (int id = 0; id < 8; ++id) failing.mapper.AddKeyframe(WallFrame(id));
+  failing.mapper.Flush();
+  const auto& said = failing.listener.said;
+  EXPECT_THAT(said, Contains("drop 2 processing_error had fast: no memory for points"));
+  EXPECT_THAT(said, Not(Contains(HasSubstr("refined 2 "))));
+  EXPECT_THAT(said, Not(Contains(HasSubstr("again 2 "))));
+  for (const int id : {0, 1, 3, 4, 5, 6, 7}) EXPECT_THAT(said, Contains(HasSubstr(Concat("refined ", id, " "))));
+  EXPECT_EQ(failing.mapper.unfinished(), 0u);
+  // Its refined estimate is whole: others read it.
+  const FakePatchMatch::Call call = CallsOf(failing.patch_match, "geometric", 4)[0];
+  for (size_t i = 0; i < call.sources.size(); ++i) {
+    if (call.sources[i] == 2) {
+      EXPECT_FLOAT_EQ(call.source_depths[i], kRefinedDepth);
+    }
+  }
+}
+
+TEST(DenseMapperOutputsTest, MissingFastMapsAreAProblemAndTheRefinedOnesCome) {
+  FailingMapper failing(FakeOptions(8, 3));
+  failing.output_engine.fails_download = 1;
+  for (int id = 0; id < 3; ++id) failing.mapper.AddKeyframe(WallFrame(id));
+  failing.mapper.WaitForOutputs();
+  EXPECT_THAT(failing.listener.said, Contains("problem fast_maps_failed: keyframe 0 has no fast maps: device lost"));
+  EXPECT_THAT(failing.listener.said, Not(Contains(HasSubstr("fast 0 "))));
+  failing.mapper.Flush();
+  EXPECT_THAT(failing.listener.said, Contains(HasSubstr("refined 0 ")));
+}
+
+TEST(DenseMapperOutputsTest, HadFastTellsWhetherThereWasACall) {
+  FailingMapper failing(FakeOptions(8, 3));
+  failing.output_engine.fails_download = 1;
+  failing.output_engine.fails_consistency_of = 0;
+  for (int id = 0; id < 3; ++id) failing.mapper.AddKeyframe(WallFrame(id));
+  failing.mapper.Flush();
+  EXPECT_THAT(failing.listener.said, Contains("drop 0 processing_error: no memory for points"));
+}
+
+TEST(DenseMapperOutputsTest, NeedAnEngineOfTheirOwn) {
+  FakePatchMatch patch_match;
+  HostDepthEngine engine(&patch_match);
+  EXPECT_THROW(DenseMapper(&engine, FakeOptions(8, 3), {}, {}, &engine), InvalidInputError);
+}
+
+}  // namespace
+}  // namespace acmp
