@@ -8,7 +8,8 @@ namespace {
 constexpr int kBlankBegin = 12, kBlankEnd = 28;  // columns
 
 /// A wall at a depth of 5, evident at the left, a blank strip that nothing confirms, and a confirmed board at a depth
-/// of 4 at the right, of which nothing is evident.
+/// of 4 at the right, of which nothing is evident. The pixel of the strip that is asked takes the nearer of two
+/// alternatives, which is the board's plane if that counts, as the wall's has less than 0.65 of the weight.
 class HideEvidentTest : public CompletionKernelTest {
  protected:
   HideEvidentTest()
@@ -24,6 +25,7 @@ class HideEvidentTest : public CompletionKernelTest {
       }
     }
     SetEvident(kBlankBegin / kCell);
+    context_.alternatives = true;
   }
 
   /// The first `cols` columns of cells.
@@ -33,30 +35,38 @@ class HideEvidentTest : public CompletionKernelTest {
     }
   }
 
-  /// Depth of a pixel of the strip beside the board, completed.
-  float CompletedDepth() {
+  /// Depth of a pixel of the strip, completed.
+  float CompletedDepth(int col = kCol, int row = kRow) {
+    FindPlanes();
+    return DepthAmongPlanes(col, row);
+  }
+
+  void FindPlanes() {
     FindAll();
     FitAll();
     FindAllNearest();
+  }
+
+  float DepthAmongPlanes(int col = kCol, int row = kRow) {
     CompletionContext search = context_;
     search.fitted = evident_.View();
     search.nearest = nearest_evident_.View();
-    for (int row = 0; row < evident_.height(); ++row) {
-      for (int col = 0; col < evident_.width(); ++col) FindEvidentOrAnchor(search, evidence_.View(), col, row);
+    for (int r = 0; r < evident_.height(); ++r) {
+      for (int c = 0; c < evident_.width(); ++c) FindEvidentOrAnchor(search, evidence_.View(), c, r);
     }
-    for (int row = 0; row < evident_.height(); ++row) {
-      for (int col = 0; col < evident_.width(); ++col) {
-        for (int i = 0; i < kNumDirections; ++i) FindNearestAnchor(search, col, row, i);
+    for (int r = 0; r < evident_.height(); ++r) {
+      for (int c = 0; c < evident_.width(); ++c) {
+        for (int i = 0; i < kNumDirections; ++i) FindNearestAnchor(search, c, r, i);
       }
     }
     context_.evident = evident_.View();
     context_.nearest_evident = nearest_evident_.View();
     context_.evident_cell_size = kCell;
-    CompletePixel(context_, kCol, kRow);
-    return DepthAt(planes_(kCol, kRow), kCol, kRow);
+    CompletePixel(context_, col, row);
+    return DepthAt(planes_(col, row), col, row);
   }
 
-  static constexpr int kCol = kBlankEnd - 3, kRow = 14;
+  static constexpr int kCol = 18, kRow = 14;  // the wall has 0.56 of the weight
   Image<float> evidence_;
   Image<AnchorCell> evident_;
   Image<NearestAnchors> nearest_evident_;
@@ -81,14 +91,19 @@ TEST_F(HideEvidentTest, WhatLiesBeyondAnAnchorIsOfAnotherSurface) {
   EXPECT_NEAR(CompletedDepth(), 4, kTolerance);
 }
 
+TEST_F(HideEvidentTest, WherePlanesThatHideHaveMostOfTheWeightTheyCount) {
+  EXPECT_NEAR(CompletedDepth(kCol + 4), 4, kTolerance);  // the wall has 0.38
+}
+
 TEST_F(HideEvidentTest, AnAnchorThatTwoSourcesLookThroughIsNone) {
   SetEvident(kBlankBegin / kCell - 2);
+  FindPlanes();
   for (int row = 0; row < kHeight; ++row) {
     for (int col = kBlankBegin - 2 * kCell; col < kBlankBegin; ++col) {
       sightings_(col, row) = PackSightings(4, 4, true, 2, true);
     }
   }
-  EXPECT_NEAR(CompletedDepth(), 5, kTolerance);
+  EXPECT_NEAR(DepthAmongPlanes(), 5, kTolerance);
 }
 
 TEST_F(HideEvidentTest, WhereFewSourcesLookLessIsEvidentThanThereIs) {

@@ -56,16 +56,18 @@ ACMP_HOST_DEVICE inline void KeepPlanesNear(float depth, ExtendedPlanes* planes)
   }
 }
 
-/// Takes the weight from planes that would hide something evident, the nearest in any direction, unless all would: a
-/// blank surface ends where what is behind it is seen. Only of pixels that half of the sources have in their image. At
-/// the border of what they see less is evident than there is.
+/// Takes the weight from planes that would hide something evident, the nearest in any direction: a blank surface ends
+/// where what is behind it is seen. Not where these are more than half of the weight: what is left would be far away in
+/// the image, or, of a sky, the farthest plane there is, which all views would take. Only of pixels that half of the
+/// sources have in their image. At the border of what they see less is evident than there is.
 ACMP_HOST_DEVICE inline void KeepPlanesThatHideNothing(const CompletionContext& context, const NearestAnchors& nearest,
                                                        int col, int row, ExtendedPlanes* planes) {
   if (context.evident.empty() || !IsWidelySeen(context.sightings(col, row))) return;
   const int size = context.evident_cell_size;
   const NearestAnchors& evident = context.nearest_evident(col / size, row / size);
+  constexpr float kLeast = 0.5f;
   unsigned hiding = 0;
-  bool all_hide = true;
+  float total = 0, left = 0;
   ACMP_UNROLL
   for (int i = 0; i < kNumDirections; ++i) {
     if (!(planes->weight[i] > 0)) continue;
@@ -75,9 +77,10 @@ ACMP_HOST_DEVICE inline void KeepPlanesThatHideNothing(const CompletionContext& 
       hides = evident.cell[k] >= 0 && WouldHide(context, plane, context.evident.data[evident.cell[k]]);
     }
     hiding |= hides ? 1u << i : 0;
-    all_hide = all_hide && hides;
+    total += planes->weight[i];
+    left += hides ? 0 : planes->weight[i];
   }
-  if (all_hide) return;
+  if (!(left >= kLeast * total)) return;
   ACMP_UNROLL
   for (int i = 0; i < kNumDirections; ++i) planes->weight[i] = (hiding >> i & 1u) != 0 ? 0 : planes->weight[i];
 }
@@ -110,11 +113,15 @@ ACMP_HOST_DEVICE inline bool IsCompleted(float cost) { return cost >= kUnverifie
 
 /// The share of the planes' weight behind the one that a pixel takes. As one of several alternatives: a plane in front
 /// of most or one behind most, by blocks of 2 x 2 px. What is blank lies behind what is around it more often than in
-/// front.
+/// front. Where planes that would hide something are out of question the nearer one may be nearer, and has to, as those
+/// left are farther away.
 ACMP_HOST_DEVICE inline float ShareBehind(const CompletionContext& context, int col, int row) {
   constexpr float kMedian = 0.5f, kNearer = 0.65f, kFarther = 0.2f;
+  constexpr float kNearerHidingNothing = 0.75f, kFartherHidingNothing = 0.15f;
   if (!context.alternatives) return kMedian;
-  return (col / 2 + row / 2) % 2 == 0 ? kNearer : kFarther;
+  const bool is_nearer = (col / 2 + row / 2) % 2 == 0;
+  if (context.evident.empty()) return is_nearer ? kNearer : kFarther;
+  return is_nearer ? kNearerHidingNothing : kFartherHidingNothing;
 }
 
 /// A pixel that too few views confirm takes the plane that is the median of its surroundings', or an alternative, near
