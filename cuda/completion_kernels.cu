@@ -7,6 +7,7 @@
 #include "acmp_mapping/completion/kernel/refute_pixel.h"
 #include "acmp_mapping/completion/kernel/sightings.h"
 #include "cuda_check.h"
+#include "warp_group.h"
 
 namespace acmp {
 namespace {
@@ -34,22 +35,15 @@ __global__ void LookAgainKernel(const __grid_constant__ DeviceFusionContext view
 }
 
 /// A warp that shares a cell.
-struct WarpLanes {
-  static constexpr int kSize = 32;
-  static constexpr unsigned kAll = 0xffffffffu;
-
-  __device__ int Rank() const { return static_cast<int>(threadIdx.x) % kSize; }
+struct WarpLanes : WarpGroup<32> {
   __device__ void AddUp(PlaneFit* fit) const {
     float* sums[] = {&fit->s1, &fit->sx, &fit->sy, &fit->sxx, &fit->sxy, &fit->syy, &fit->q, &fit->qx, &fit->qy};
-    for (float* sum : sums) {
-      for (int offset = kSize / 2; offset > 0; offset /= 2) *sum += __shfl_xor_sync(kAll, *sum, offset);
-    }
+    for (float* sum : sums) *sum = Sum(*sum);
   }
   __device__ void Best(AnchorChoice* choice) const {
-    for (int offset = kSize / 2; offset > 0; offset /= 2) {
-      const AnchorChoice other = {
-          __shfl_xor_sync(kAll, choice->is_sure ? 1 : 0, offset) != 0, __shfl_xor_sync(kAll, choice->views, offset),
-          __shfl_xor_sync(kAll, choice->cost, offset), __shfl_xor_sync(kAll, choice->index, offset)};
+    for (int bit = 1; bit < kSize; bit *= 2) {
+      const AnchorChoice other = {Across(bit, choice->is_sure ? 1 : 0) != 0, Across(bit, choice->views),
+                                  Across(bit, choice->cost), Across(bit, choice->index)};
       if (other.IsBetterThan(*choice)) *choice = other;
     }
   }
@@ -96,35 +90,8 @@ __global__ void RefutePixelKernel(const __grid_constant__ CompletionContext cont
   if (context.planes.Contains(col, row)) RefutePixel(context, col, row);
 }
 
-/// Neighbouring threads of a warp that share a pixel. With all samples of a pixel one thread has 166 registers.
-struct MedianLanes {
-  static constexpr int kSize = 4;
-
-  __device__ int Rank() const { return static_cast<int>(threadIdx.x % kSize); }
-  __device__ float Sum(float x) const {
-    ACMP_UNROLL
-    for (int distance = kSize / 2; distance > 0; distance /= 2) x += FromLane(x, distance);
-    return x;
-  }
-  template <class T>
-  __device__ T Least(T x) const {
-    ACMP_UNROLL
-    for (int distance = kSize / 2; distance > 0; distance /= 2) x = min(x, FromLane(x, distance));
-    return x;
-  }
-  __device__ float Greatest(float x) const {
-    ACMP_UNROLL
-    for (int distance = kSize / 2; distance > 0; distance /= 2) x = max(x, FromLane(x, distance));
-    return x;
-  }
-
- private:
-  template <class T>
-  static __device__ T FromLane(T x, int distance) {
-    const unsigned lanes = ((1u << kSize) - 1u) << (threadIdx.x % 32u / kSize * kSize);
-    return __shfl_xor_sync(lanes, x, distance);
-  }
-};
+/// Threads that share a pixel. With all samples of a pixel one thread has 166 registers.
+using MedianLanes = WarpGroup<4>;
 
 __global__ void __launch_bounds__(kBlockWidth* kBlockHeight)
     FilterPixelKernel(const __grid_constant__ MedianContext context) {

@@ -3,6 +3,7 @@
 #include "acmp_mapping/patch_match/kernel/halved_depth.h"
 #include "acmp_mapping/patch_match/kernel/upsample.h"
 #include "cuda_check.h"
+#include "warp_group.h"
 
 namespace acmp {
 namespace {
@@ -10,7 +11,6 @@ namespace {
 constexpr int kBlockWidth = 32;
 constexpr int kBlockHeight = 8;
 constexpr int kWarp = 32;
-constexpr unsigned kAllLanes = 0xffffffffu;
 
 dim3 GridFor(int width, int height) {
   return dim3((width + kBlockWidth - 1) / kBlockWidth, (height + kBlockHeight - 1) / kBlockHeight);
@@ -31,10 +31,7 @@ __global__ void ToDepthKernel(ImageView<const PlaneHypothesis> planes, RayGrid r
 __global__ void LargestInverseKernel(ImageView<const float> depth, unsigned* largest) {
   const int col = Col(), row = Row();
   const float inverse = depth.Contains(col, row) ? InverseOfDepth(depth(col, row)) : 0.0f;
-  unsigned of_warp = __float_as_uint(inverse);
-  for (int offset = kWarp / 2; offset > 0; offset /= 2) {
-    of_warp = max(of_warp, __shfl_xor_sync(kAllLanes, of_warp, offset));
-  }
+  const unsigned of_warp = WarpGroup<kWarp>::Greatest(__float_as_uint(inverse));
   __shared__ unsigned of_warps[kBlockHeight];
   static_assert(kBlockWidth == kWarp, "a row of the block is a warp");
   if (threadIdx.x == 0) of_warps[threadIdx.y] = of_warp;
@@ -86,7 +83,7 @@ __global__ void RasterizePriorKernel(PriorTriangles triangles, RayGrid rays, flo
     if (first_row + lane < row_end) own = SpanOfRow(triangle, first_row + lane, numbers.width);
     const int rows = min(kWarp, row_end - first_row);
     for (int i = 0; i < rows; ++i) {
-      const ColumnSpan span = {__shfl_sync(kAllLanes, own.first, i), __shfl_sync(kAllLanes, own.last, i)};
+      const ColumnSpan span = {WarpGroup<kWarp>::From(i, own.first), WarpGroup<kWarp>::From(i, own.last)};
       const int row = first_row + i;
       for (int col = span.first + lane; col <= span.last; col += kWarp) {
         const float depth = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));

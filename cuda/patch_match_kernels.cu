@@ -5,6 +5,7 @@
 #include "acmp_mapping/patch_match/kernel/median_filter.h"
 #include "acmp_mapping/patch_match/kernel/update_pixel.h"
 #include "cuda_check.h"
+#include "warp_group.h"
 
 namespace acmp {
 namespace {
@@ -23,37 +24,13 @@ constexpr int kBlocksPerMultiprocessor = 6;
 constexpr int kFilterCols = 32;
 constexpr int kFilterRows = 4;
 
-/// Neighbouring threads of a warp.
-struct WarpTeam {
-  static constexpr int kSize = kTeamSize;
+struct WarpTeam : WarpGroup<kTeamSize> {
   static constexpr int kWindowThreads = 4;
-  __device__ int Rank() const { return static_cast<int>(threadIdx.x % kTeamSize); }
-  __device__ void Sync() const { __syncwarp(Lanes(kTeamSize)); }
+  __device__ void Sync() const { __syncwarp(Lanes()); }
   __device__ void Increment(int* counter) const { atomicAdd(counter, 1); }
-  __device__ float SumOverWindow(float value) const { return SumOver<kWindowThreads>(value); }
-  __device__ float SumOverTeam(float value) const { return SumOver<kTeamSize>(value); }
-  __device__ bool Any(bool value) const { return __any_sync(Lanes(kTeamSize), value) != 0; }
-  __device__ uint32_t Union(uint32_t mask) const {
-    ACMP_UNROLL
-    for (unsigned distance = 1; distance < kTeamSize; distance *= 2) {
-      mask |= __shfl_xor_sync(Lanes(kTeamSize), mask, static_cast<int>(distance));
-    }
-    return mask;
-  }
-
- private:
-  /// The lanes of the warp's group of so many threads that the calling one belongs to.
-  static __device__ unsigned Lanes(unsigned threads) {
-    return ((1u << threads) - 1u) << (threadIdx.x % 32u / threads * threads);
-  }
-  template <unsigned kThreads>
-  static __device__ float SumOver(float value) {
-    ACMP_UNROLL
-    for (unsigned distance = 1; distance < kThreads; distance *= 2) {
-      value += __shfl_xor_sync(Lanes(kThreads), value, static_cast<int>(distance));
-    }
-    return value;
-  }
+  __device__ float SumOverWindow(float value) const { return WarpGroup<kWindowThreads>::Sum(value); }
+  __device__ float SumOverTeam(float value) const { return Sum(value); }
+  __device__ bool Any(bool value) const { return __any_sync(Lanes(), value) != 0; }
 };
 
 /// Words of shared memory per team. The four teams of a warp read the same part of their patches at once: eight words
@@ -108,27 +85,8 @@ __global__ void __launch_bounds__(kFilterCols* kFilterRows)
   if (col < context.width && row < context.height) FilterPixel(context, col, row);
 }
 
-/// Neighbouring threads of a warp that share a cell: one per plane, so that those of a quad read the same image.
-struct EvidenceLanes {
-  static constexpr int kSize = 8;
-  __device__ int Rank() const { return static_cast<int>(threadIdx.x % kSize); }
-  __device__ float FromFirst(float x) const { return __shfl_sync(Mask(), x, 0, kSize); }
-  __device__ float Least(float x) const {
-    ACMP_UNROLL
-    for (int distance = kSize / 2; distance > 0; distance /= 2) {
-      x = fminf(x, __shfl_xor_sync(Mask(), x, distance, kSize));
-    }
-    return x;
-  }
-  __device__ uint32_t Union(uint32_t x) const {
-    ACMP_UNROLL
-    for (int distance = kSize / 2; distance > 0; distance /= 2) x |= __shfl_xor_sync(Mask(), x, distance);
-    return x;
-  }
-
- private:
-  static __device__ unsigned Mask() { return 0xffu << (threadIdx.x % 32u / kSize * kSize); }
-};
+/// Threads that share a cell: one per plane, so that those of a quad read the same image.
+using EvidenceLanes = WarpGroup<8>;
 constexpr int kEvidenceThreads = 128;
 
 __global__ void __launch_bounds__(kEvidenceThreads)
