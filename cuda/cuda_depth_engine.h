@@ -41,6 +41,7 @@ class CudaDepthEngine final : public DepthEngine {
                       int rank, FusionStamps* stamps) override;
 
   EstimateMaps Download(const EngineEstimatePtr& estimate) override;
+  DepthMap DownloadDepth(const EngineEstimatePtr& estimate) override;
   EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
   EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override;
   EngineEstimatePtr Import(const EngineEstimatePtr& estimate) override;

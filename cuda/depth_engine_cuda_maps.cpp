@@ -27,6 +27,15 @@ EstimateMaps CudaDepthEngine::Download(const EngineEstimatePtr& estimate) {
   });
 }
 
+DepthMap CudaDepthEngine::DownloadDepth(const EngineEstimatePtr& estimate) {
+  const CudaEstimate& maps = Cast<CudaEstimate>(estimate);
+  return OnDevice([&] {
+    DepthMap depth(maps.width, maps.height);
+    download_.Run(maps.depth, maps.Pixels(), stream(), depth.data());
+    return depth;
+  });
+}
+
 EstimateState CudaDepthEngine::DownloadState(const EngineEstimatePtr& estimate) {
   const CudaEstimate& maps = Cast<CudaEstimate>(estimate);
   return OnDevice([&] {

@@ -16,16 +16,20 @@ std::string DescribeFailedAgain(int64_t id, const Failure& failure) {
 }  // namespace
 
 KeyframeDepthPtr DenseMapper::Impl::Finish(const EstimateOutput& output) const {
-  EstimateMaps estimate_maps = output_engine->Download(output.problem.reference.estimate);
+  const EngineEstimatePtr& estimate = output.problem.reference.estimate;
   auto maps = std::make_shared<KeyframeDepth>();
   maps->frame = output.problem.reference.frame;
   maps->range = output.problem.depth_range;
+  maps->source_ids = output.source_ids;
+  maps->times = output.times;
+  if (!output.consistency) {
+    maps->depth = output_engine->DownloadDepth(estimate);
+    return maps;
+  }
+  EstimateMaps estimate_maps = output_engine->Download(estimate);
   maps->depth = std::move(estimate_maps.depth);
   maps->normal = std::move(estimate_maps.normal);
   maps->cost = std::move(estimate_maps.cost);
-  maps->source_ids = output.source_ids;
-  maps->times = output.times;
-  if (!output.consistency) return maps;
   Timer timer;
   ConsistencyResult consistency =
       output_engine->FilterByConsistency(output.problem.reference, output.problem.sources, *output.consistency);

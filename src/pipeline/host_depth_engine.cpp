@@ -278,6 +278,10 @@ EstimateMaps HostDepthEngine::Download(const EngineEstimatePtr& estimate) {
   return {host.depth.Clone(), host.normal.Clone(), host.cost.Clone()};
 }
 
+DepthMap HostDepthEngine::DownloadDepth(const EngineEstimatePtr& estimate) {
+  return Cast<HostEstimate>(estimate).depth.Clone();
+}
+
 EstimateState HostDepthEngine::DownloadState(const EngineEstimatePtr& estimate) {
   const HostEstimate& host = Cast<HostEstimate>(estimate);
   return {host.planes.Clone(), host.cost.Clone()};

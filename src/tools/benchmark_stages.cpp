@@ -92,7 +92,7 @@ Run RunStages(DepthEngine* engine, DepthEstimator* estimator, const PipelineOpti
   run.photometric = initial.photometric_kernels_ms;
   run.triangulation = initial.prior_construction_ms;
   run.planar_prior = initial.kernels_ms - initial.photometric_kernels_ms;
-  engine->Download(estimate);
+  engine->DownloadDepth(estimate);
   run.fast = whole.Elapsed();
   for (EngineView& source : problem.sources) source.estimate = estimate;
   problem.reference.estimate = estimate;

@@ -98,6 +98,10 @@ PointCloud RecordingDepthEngine::FuseView(const EngineView& reference, const std
   return Guarded([&] { return engine_->FuseView(reference, sources, options, rank, stamps); });
 }
 
+DepthMap RecordingDepthEngine::DownloadDepth(const EngineEstimatePtr& estimate) {
+  return Guarded([&] { return engine_->DownloadDepth(estimate); });
+}
+
 EstimateMaps RecordingDepthEngine::Download(const EngineEstimatePtr& estimate) {
   return Guarded([&] { return engine_->Download(estimate); });
 }

@@ -82,7 +82,7 @@ TEST_P(EnginePassesTest, AStartThatNobodyElseHoldsGivesItsMemory) {
   };
   const auto same = [&](const EngineEstimatePtr& a, const EngineEstimatePtr& b) {
     return SameBits(engine_->DownloadState(a), engine_->DownloadState(b)) &&
-           SamePixels(engine_->Download(a).depth, engine_->Download(b).depth);
+           SamePixels(engine_->DownloadDepth(a), engine_->Download(b).depth);
   };
   const EngineEstimatePtr held = copy();
   const EngineEstimatePtr refined = engine_->RunGeometric(problem, options_, held, 0);

@@ -169,6 +169,7 @@ class FailingHostEngine : public HostDepthEngine {
     if (++downloads == fails_download) throw ProcessingError("device lost");
     return HostDepthEngine::Download(estimate);
   }
+  DepthMap DownloadDepth(const EngineEstimatePtr& estimate) override { return Download(estimate).depth; }
 
   int64_t fails_consistency_of = -1;
   int fails_download = 0;  ///< counted from 1

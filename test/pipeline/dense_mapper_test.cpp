@@ -145,9 +145,9 @@ TEST(DenseMapperTest, MapsCarryWhatBelongsToThem) {
   EXPECT_TRUE(fast.confidence.empty());
   EXPECT_THAT(fast.points_in_camera, IsEmpty());
   EXPECT_EQ(fast.depth.width(), kWallCamera.width);
-  EXPECT_EQ(fast.cost.height(), kWallCamera.height);
+  EXPECT_TRUE(fast.normal.empty());
+  EXPECT_TRUE(fast.cost.empty());
   for (const float depth : fast.depth) EXPECT_FLOAT_EQ(depth, kFastDepth);
-  for (const Vec3f& normal : fast.normal) EXPECT_EQ(normal.z, -1);
   EXPECT_EQ(fast.times.kernels_ms, 1);
 
   const KeyframeDepth& refined = *harness.refined[2];
@@ -156,6 +156,9 @@ TEST(DenseMapperTest, MapsCarryWhatBelongsToThem) {
   EXPECT_EQ(refined.times.kernels_ms, 3);  // one photometric and two geometric passes
   for (const float depth : refined.depth) EXPECT_FLOAT_EQ(depth, kRefinedDepth);
   ASSERT_EQ(refined.confidence.size(), refined.depth.size());
+  ASSERT_EQ(refined.normal.size(), refined.depth.size());
+  for (const Vec3f& normal : refined.normal) EXPECT_EQ(normal.z, -1);
+  EXPECT_EQ(refined.cost.size(), refined.depth.size());
   ASSERT_FALSE(refined.points_in_camera.empty());
   for (const SurfacePoint& point : refined.points_in_camera) {
     // Averaged with a source that has only its fast map, 0.2 % off.
@@ -257,7 +260,7 @@ TEST(DenseMapperOptionsTest, StartLevelHalvesThePhotometricPassAndNothingElse) {
   }
   for (const auto& depth : harness.fast) {
     ASSERT_EQ(depth->depth.width(), kWallCamera.width);
-    ASSERT_EQ(depth->cost.height(), kWallCamera.height);
+    ASSERT_EQ(depth->depth.height(), kWallCamera.height);
     for (const float z : depth->depth) EXPECT_FLOAT_EQ(z, kFastDepth);
   }
 }

@@ -58,10 +58,11 @@ struct KeyframeDepth {
   FramePtr frame;
   DepthRange range;
   DepthMap depth;
+  // Of refined estimates only; empty for a fast one.
   NormalMap normal;
   CostMap cost;
-  ConfidenceMap confidence;         ///< refined estimates only; empty for a fast one
-  PointCloud points_in_camera;      ///< refined estimates only
+  ConfidenceMap confidence;
+  PointCloud points_in_camera;
   std::vector<int64_t> source_ids;  ///< keyframes it was matched against, best first
   StageTimes times;                 ///< summed over all passes since it was last refined
   double consistency_ms = 0;        ///< wall time of the consistency check, refined estimates only

@@ -136,6 +136,8 @@ class DepthEngine {
                               const FusionOptions& options, int rank, FusionStamps* stamps) = 0;
 
   virtual EstimateMaps Download(const EngineEstimatePtr& estimate) = 0;
+  /// Only the depths of the same: a sixth of what has to come from a device.
+  virtual DepthMap DownloadDepth(const EngineEstimatePtr& estimate) { return Download(estimate).depth; }
   virtual EstimateState DownloadState(const EngineEstimatePtr& estimate) = 0;
   virtual EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) = 0;
 

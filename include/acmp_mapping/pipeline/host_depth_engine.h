@@ -31,6 +31,7 @@ class HostDepthEngine : public DepthEngine {
   PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources, const FusionOptions& options,
                       int rank, FusionStamps* stamps) override;
   EstimateMaps Download(const EngineEstimatePtr& estimate) override;
+  DepthMap DownloadDepth(const EngineEstimatePtr& estimate) override;
   EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
   EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override;
   EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) override;
