@@ -141,7 +141,10 @@ class MapperWorker {
   /// Has the worker do `work` and waits until that calls done, at once or later. Empty then, else why not.
   std::string RunCommand(bool urgent, const std::function<void(const std::function<void()>& done)>& work);
   template <class Change>
-  void UpdateStatus(const Change& change);
+  void UpdateStatus(const Change& change) {
+    const std::lock_guard<std::mutex> lock(status_mutex_);
+    change(&status_);
+  }
 
   const NodeOptions node_options_;
   const SharedOptions* const options_;
