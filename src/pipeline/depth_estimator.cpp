@@ -27,24 +27,59 @@ DepthEstimator::DepthEstimator(DepthEngine* engine, const PipelineOptions& optio
 void DepthEstimator::set_options(const PipelineOptions& options) {
   Validate(options);
   options_ = options;
+  schedule_ = ScheduleOf(options);
+}
+
+EngineEstimatePtr DepthEstimator::Run(const KeyframeStep& step, EngineProblem problem) {
+  using Kind = KeyframeStep::Kind;
+  times_ = {};
+  engine_->TakeDeviceMs();
+  Timer timer;
+  EngineEstimatePtr& estimate = problem.reference.estimate;
+  switch (step.kind) {
+    case Kind::kInitial:
+      estimate = EstimateInitial(problem);
+      break;
+    case Kind::kFillForPasses: {
+      estimate = engine_->Complete(problem, options_.completion);
+      times_.completion_ms = timer.Lap();
+      break;
+    }
+    case Kind::kGeometricPass: {
+      EngineEstimatePtr start = std::move(estimate);
+      estimate = engine_->RunGeometric(problem, options_.patch_match, std::move(start), step.pass);
+      times_.geometric_ms = timer.Lap();
+      break;
+    }
+    case Kind::kFillUnverified: {
+      // After the passes nobody is left to choose between planes, or to check what comes from afar.
+      CompletionOptions completion = options_.completion;
+      completion.alternatives = completion.surest_first = completion.hide_nothing_evident = false;
+      estimate = engine_->Complete(problem, completion);
+      if (completion.refute_unsupported) {
+        EngineEstimatePtr start = std::move(estimate);
+        estimate = engine_->RefuteUnsupported(problem, std::move(start));
+      }
+      times_.completion_ms = timer.Lap();
+      break;
+    }
+  }
+  times_.kernels_ms = times_.photometric_kernels_ms + engine_->TakeDeviceMs();
+  return std::move(estimate);
 }
 
 EngineEstimatePtr DepthEstimator::EstimateInitial(const EngineProblem& problem) {
-  times_ = {};
-  engine_->TakeDeviceMs();
   Timer timer;
   EngineEstimatePtr estimate = EstimatePhotometric(problem);
   times_.photometric_ms = timer.Lap();
   times_.photometric_kernels_ms = engine_->TakeDeviceMs();
-  if (options_.use_planar_prior) {
-    const PriorMesh prior = MakePriorMesh(
-        problem.reference.frame->camera,
-        engine_->FindSupportPoints(estimate, problem.depth_range, options_.planar_prior), options_.planar_prior);
-    times_.prior_construction_ms = timer.Lap();
-    estimate = engine_->RunPlanarPrior(problem, options_.patch_match, std::move(estimate), prior);
-    times_.planar_prior_ms = timer.Lap();
-  }
-  times_.kernels_ms = times_.photometric_kernels_ms + engine_->TakeDeviceMs();
+  if (!options_.use_planar_prior) return estimate;
+  const PriorMesh prior = MakePriorMesh(
+      problem.reference.frame->camera, engine_->FindSupportPoints(estimate, problem.depth_range, options_.planar_prior),
+      options_.planar_prior);
+  times_.prior_construction_ms = timer.Lap();
+  estimate = engine_->RunPlanarPrior(problem, options_.patch_match, std::move(estimate), prior);
+  times_.planar_prior_ms = timer.Lap();
   return estimate;
 }
 
@@ -59,29 +94,6 @@ EngineEstimatePtr DepthEstimator::EstimatePhotometric(const EngineProblem& probl
   options.planar_prior_iterations = options_.full_size_iterations;
   options.seed = HashWord(options.seed);  // the planar-prior pass draws other numbers
   return engine_->RunPlanarPrior(problem, options, std::move(full), {});
-}
-
-EngineEstimatePtr DepthEstimator::Refine(EngineProblem problem, int step) {
-  const RefinementStep does = RefinementStepOf(options_, step);
-  times_ = {};
-  engine_->TakeDeviceMs();
-  Timer timer;
-  if (does.completes) {
-    problem.reference.estimate = engine_->Complete(problem, CompletionOptionsOf(options_, step));
-    times_.completion_ms = timer.Lap();
-  }
-  if (does.pass) {
-    EngineEstimatePtr start = std::move(problem.reference.estimate);
-    problem.reference.estimate = engine_->RunGeometric(problem, options_.patch_match, std::move(start), *does.pass);
-    times_.geometric_ms = timer.Lap();
-  }
-  if (does.refutes) {
-    EngineEstimatePtr start = std::move(problem.reference.estimate);
-    problem.reference.estimate = engine_->RefuteUnsupported(problem, std::move(start));
-    times_.completion_ms += timer.Lap();
-  }
-  times_.kernels_ms = engine_->TakeDeviceMs();
-  return problem.reference.estimate;
 }
 
 }  // namespace acmp

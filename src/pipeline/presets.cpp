@@ -16,34 +16,6 @@ void Validate(const PipelineOptions& options) {
   CheckRange("pipeline.geometric_passes", options.geometric_passes, 0, 10);
 }
 
-int NumRefinements(const PipelineOptions& options) {
-  if (!options.completion.enabled) return options.geometric_passes;
-  return options.geometric_passes > 0 ? options.geometric_passes + 2 : 1;
-}
-
-int NumRefinementsInPasses(const PipelineOptions& options) {
-  return NumRefinements(options) - (options.completion.enabled ? 1 : 0);
-}
-
-RefinementStep RefinementStepOf(const PipelineOptions& options, int step) {
-  CheckRange("refinement step", step, 0, NumRefinements(options) - 1);
-  if (!options.completion.enabled) return {false, step};
-  if (step == NumRefinements(options) - 1) return {true, std::nullopt, options.completion.refute_unsupported};
-  if (step == 0) return {true, std::nullopt};
-  return {step > 1 && options.completion.between_passes, step - 1};
-}
-
-CompletionOptions CompletionOptionsOf(const PipelineOptions& options, int step) {
-  CheckRange("refinement step", step, 0, NumRefinements(options) - 1);
-  CompletionOptions completion = options.completion;
-  // After the passes nobody is left to choose, or to check what comes from afar.
-  const bool is_checked = step < NumRefinementsInPasses(options);
-  completion.alternatives = completion.alternatives && is_checked;
-  completion.surest_first = completion.surest_first && is_checked;
-  completion.hide_nothing_evident = completion.hide_nothing_evident && is_checked;
-  return completion;
-}
-
 const std::vector<std::string>& PresetNames() {
   static const std::vector<std::string> names = {"acmh",  "acmp_no_geometric", "acmp",  "acmm",
                                                  "acmmp", "quality",           "online"};

@@ -116,7 +116,7 @@ class DepthEstimatorTest : public ::testing::Test {
 
 TEST_F(DepthEstimatorTest, WithoutPriorRunsThePhotometricPassOnly) {
   DepthEstimator estimator(&engine_, MakePreset("acmh"));
-  const EngineEstimatePtr estimate = estimator.EstimateInitial(Problem());
+  const EngineEstimatePtr estimate = estimator.Run(estimator.schedule().front(), Problem());
   EXPECT_THAT(fake_.calls, ElementsAre("photometric"));
   EXPECT_EQ(FirstPlane(estimate).d, 3.2f);
   EXPECT_EQ(estimator.last_times().kernels_ms, 10);
@@ -129,7 +129,7 @@ TEST_F(DepthEstimatorTest, HandsOverViewsInOrderWithTheirCameras) {
   DepthEstimator estimator(&engine_, options);
   EngineProblem problem = Problem();
   problem.sources[0].estimate = EstimateAt(4, 40, 30);  // not for this pass
-  estimator.EstimateInitial(problem);
+  estimator.Run(estimator.schedule().front(), problem);
   EXPECT_EQ(fake_.last_options.seed, 17u);
   const PatchMatchProblem& seen = fake_.problems.at(0);
   EXPECT_EQ(seen.depth_range.min, 1);
@@ -163,7 +163,7 @@ int CountPriorsOnThePlane(const PlaneMap& prior) {
 
 TEST_F(DepthEstimatorTest, PriorComesFromTheCrediblePixelsOfThePhotometricPass) {
   DepthEstimator estimator(&engine_, MakePreset("acmp"));
-  const EngineEstimatePtr estimate = estimator.EstimateInitial(Problem());
+  const EngineEstimatePtr estimate = estimator.Run(estimator.schedule().front(), Problem());
   EXPECT_THAT(fake_.calls, ElementsAre("photometric", "planar prior"));  // the geometric passes are asked for apart
   EXPECT_EQ(fake_.last_start.planes(0, 0).d, 3.2f);
   EXPECT_EQ(FirstPlane(estimate).d, 5);
@@ -179,7 +179,7 @@ TEST_F(DepthEstimatorTest, WithoutSupportThePriorIsEmptyAndThePassStillRuns) {
   PipelineOptions options = MakePreset("acmp");
   options.planar_prior.max_support_cost = 0.01f;  // no pixel is that good
   DepthEstimator estimator(&engine_, options);
-  estimator.EstimateInitial(Problem());
+  estimator.Run(estimator.schedule().front(), Problem());
   EXPECT_THAT(fake_.calls, ElementsAre("photometric", "planar prior"));
   for (const PlaneHypothesis& plane : fake_.last_prior) ASSERT_EQ(plane.d, 0);
 }
@@ -189,7 +189,7 @@ TEST_F(DepthEstimatorTest, PhotometricPassOfAStartLevelSeesHalvedImages) {
   options.start_level = 1;
   DepthEstimator estimator(&engine_, options);
   const EngineProblem problem = Problem(1);
-  estimator.EstimateInitial(problem);
+  estimator.Run(estimator.schedule().front(), problem);
   ASSERT_THAT(fake_.calls, ElementsAre("photometric", "planar prior"));
   EXPECT_EQ(estimator.last_times().kernels_ms, 20);
   const auto expect_halved = [](const MatchView& view, const Frame& frame) {
@@ -217,7 +217,7 @@ TEST_F(DepthEstimatorTest, PlanarPriorPassOfAStartLevelBeginsWithUpsampledPlanes
   PipelineOptions options = MakePreset("acmp");
   options.start_level = 1;
   DepthEstimator estimator(&engine_, options);
-  const EngineEstimatePtr estimate = estimator.EstimateInitial(Problem(1));
+  const EngineEstimatePtr estimate = estimator.Run(estimator.schedule().front(), Problem(1));
   EXPECT_EQ(engine_.DownloadState(estimate).planes.width(), 40);
   const PatchMatchResult& start = fake_.last_start;
   ASSERT_EQ(start.planes.width(), 40);
@@ -235,7 +235,7 @@ TEST_F(DepthEstimatorTest, PriorOfAStartLevelComesFromTheUpsampledEstimate) {
   PipelineOptions options = MakePreset("acmp");
   options.start_level = 1;
   DepthEstimator estimator(&engine_, options);
-  estimator.EstimateInitial(Problem(1));
+  estimator.Run(estimator.schedule().front(), Problem(1));
   const PlaneMap& prior = fake_.last_prior;
   ASSERT_EQ(prior.width(), 40);
   ASSERT_EQ(prior.height(), 30);
@@ -253,7 +253,7 @@ TEST_F(DepthEstimatorTest, FullSizeIterationsFollowAStartLevelWithoutPrior) {
   options.start_level = 1;
   options.full_size_iterations = 4;
   DepthEstimator estimator(&engine_, options);
-  const EngineEstimatePtr estimate = estimator.EstimateInitial(Problem(1));
+  const EngineEstimatePtr estimate = estimator.Run(estimator.schedule().front(), Problem(1));
   ASSERT_THAT(fake_.calls, ElementsAre("photometric", "planar prior"));
   EXPECT_TRUE(fake_.problems[1].reference.camera == frames_[0]->camera);
   EXPECT_EQ(fake_.last_options.planar_prior_iterations, 4);
@@ -271,7 +271,7 @@ TEST_F(DepthEstimatorTest, PlanarPriorPassFollowsTheFullSizeIterationsWithOption
   options.start_level = 1;
   options.full_size_iterations = 4;
   DepthEstimator estimator(&engine_, options);
-  estimator.EstimateInitial(Problem(1));
+  estimator.Run(estimator.schedule().front(), Problem(1));
   EXPECT_THAT(fake_.calls, ElementsAre("photometric", "planar prior", "planar prior"));
   EXPECT_EQ(fake_.last_options.planar_prior_iterations, options.patch_match.planar_prior_iterations);
   EXPECT_EQ(fake_.last_options.seed, options.patch_match.seed);
@@ -284,7 +284,7 @@ TEST_F(DepthEstimatorTest, WithoutAStartLevelThereAreNoFullSizeIterations) {
   PipelineOptions options = MakePreset("acmh");
   options.full_size_iterations = 4;
   DepthEstimator estimator(&engine_, options);
-  estimator.EstimateInitial(Problem());
+  estimator.Run(estimator.schedule().front(), Problem());
   EXPECT_THAT(fake_.calls, ElementsAre("photometric"));
 }
 
@@ -292,7 +292,7 @@ TEST_F(DepthEstimatorTest, WithoutPriorAStartLevelStillGivesTheFullSize) {
   PipelineOptions options = MakePreset("acmh");
   options.start_level = 2;
   DepthEstimator estimator(&engine_, options);
-  const EngineEstimatePtr estimate = estimator.EstimateInitial(Problem(2));
+  const EngineEstimatePtr estimate = estimator.Run(estimator.schedule().front(), Problem(2));
   EXPECT_THAT(fake_.calls, ElementsAre("photometric"));
   EXPECT_EQ(fake_.problems[0].reference.camera.width, 10);
   EXPECT_EQ(fake_.problems[0].sources[2].camera.height, 6);
@@ -307,7 +307,7 @@ TEST_F(DepthEstimatorTest, RefinementReadsTheGivenEstimatesAndStart) {
   problem.sources[0].estimate = EstimateAt(4, 40, 30);
   problem.sources[2].estimate = EstimateAt(5, 30, 26);
   problem.reference.estimate = EstimateAt(4.5f, 40, 30);
-  const EngineEstimatePtr refined = estimator.Refine(problem, 2);
+  const EngineEstimatePtr refined = estimator.Run(estimator.schedule().at(3), problem);
   EXPECT_THAT(fake_.calls, ElementsAre("geometric 1"));
   EXPECT_EQ(fake_.last_start.planes(0, 0).d, 4.5f);
   EXPECT_EQ(FirstPlane(refined).d, 6);
@@ -323,17 +323,13 @@ TEST_F(DepthEstimatorTest, RefinementReadsTheGivenEstimatesAndStart) {
 
 TEST_F(DepthEstimatorTest, StepsRunThePassesThatTheOptionsName) {
   PipelineOptions options = MakePreset("acmp");
-  options.completion.between_passes = true;
   DepthEstimator estimator(&engine_, options);
   std::vector<float> kernels_ms;
   EngineProblem problem = Problem();
   problem.reference.estimate = EstimateAt(4.5f, 40, 30);
-  for (int step = 0; step < estimator.num_refinements(); ++step) {
-    problem.reference.estimate = estimator.Refine(problem, step);
+  for (size_t step = 1; step < estimator.schedule().size(); ++step) {
+    problem.reference.estimate = estimator.Run(estimator.schedule()[step], problem);
     kernels_ms.push_back(static_cast<float>(estimator.last_times().kernels_ms));
-    if (step == 1) {
-      EXPECT_EQ(estimator.last_times().completion_ms, 0) << "the first pass alone";
-    }
   }
   EXPECT_THAT(kernels_ms, ElementsAre(0, 10, 10, 10)) << "the fake says 10 of each, completion on the host nothing";
   EXPECT_THAT(fake_.calls, ElementsAre("geometric 0", "geometric 1", "evidence"));
@@ -341,7 +337,7 @@ TEST_F(DepthEstimatorTest, StepsRunThePassesThatTheOptionsName) {
   fake_.calls.clear();
   options.completion.refute_unsupported = false;
   estimator.set_options(options);
-  estimator.Refine(problem, estimator.num_refinements() - 1);
+  estimator.Run(estimator.schedule().back(), problem);
   EXPECT_THAT(fake_.calls, IsEmpty());
 }
 
@@ -351,7 +347,7 @@ TEST_F(DepthEstimatorTest, RefinementIsAtFullSizeWhateverTheStartLevel) {
   DepthEstimator estimator(&engine_, options);
   EngineProblem problem = Problem(1);
   problem.reference.estimate = EstimateAt(4.5f, 40, 30);
-  estimator.Refine(problem, 1);
+  estimator.Run(estimator.schedule().at(2), problem);
   EXPECT_TRUE(fake_.problems.at(0).reference.camera == frames_[0]->camera);
 }
 

@@ -103,18 +103,19 @@ class RoomOnDevice {
 
 Estimates EstimateInitial(const RoomOnDevice& room, DepthEstimator* estimator) {
   Estimates estimates;
-  for (int i = 0; i < kKeyframes; ++i) estimates.push_back(estimator->EstimateInitial(room.Problem(i)));
+  for (int i = 0; i < kKeyframes; ++i)
+    estimates.push_back(estimator->Run(estimator->schedule().front(), room.Problem(i)));
   return estimates;
 }
 
 /// Algorithm 1's geometric passes over the whole scene: each reads the depths as the one before left them.
 Estimates RefineAll(const RoomOnDevice& room, DepthEstimator* estimator, Estimates estimates) {
-  for (int step = 0; step < estimator->num_refinements(); ++step) {
+  for (size_t step = 1; step < estimator->schedule().size(); ++step) {
     const Estimates before = estimates;
     for (int i = 0; i < kKeyframes; ++i) {
       EngineProblem problem = room.Problem(i, before);
       problem.reference.estimate = before[i];
-      estimates[i] = estimator->Refine(problem, step);
+      estimates[i] = estimator->Run(estimator->schedule()[step], problem);
     }
   }
   return estimates;
@@ -233,7 +234,8 @@ TEST_P(PipelineSyntheticTest, GeometricPassesHelpBothSystems) {
 TEST_P(PipelineSyntheticTest, PresetWithoutGeometricPassesIsTheFirstPartOfAcmp) {
   DepthEstimator estimator(engine_.get(), MakePreset("acmp_no_geometric"));
   EXPECT_EQ(estimator.options().geometric_passes, 0);
-  const EngineEstimatePtr estimate = estimator.EstimateInitial(RoomOnDevice(engine_.get()).Problem(2));
+  const EngineEstimatePtr estimate =
+      estimator.Run(estimator.schedule().front(), RoomOnDevice(engine_.get()).Problem(2));
   EXPECT_TRUE(SameBits(engine_->DownloadState(estimate), systems_->acmp_initial[2].state));
 }
 

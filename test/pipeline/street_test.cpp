@@ -55,14 +55,14 @@ class StreetTest : public EngineTest {
     std::vector<EngineView> views;
     for (const FramePtr& frame : street.frames) views.push_back({frame, engine_->Load(frame, 1), nullptr});
     DepthEstimator estimator(engine_.get(), options);
-    for (int step = -1; step < NumRefinements(options); ++step) {
+    for (const KeyframeStep& step : estimator.schedule()) {
       const std::vector<EngineView> before = views;
       for (size_t i = 0; i < views.size(); ++i) {
         EngineProblem problem;
         problem.reference = before[i];
         problem.sources = Others(before, i);
         problem.depth_range = street.ranges[i];
-        views[i].estimate = step < 0 ? estimator.EstimateInitial(problem) : estimator.Refine(problem, step);
+        views[i].estimate = estimator.Run(step, problem);
       }
     }
     return Count(views, options.fusion);

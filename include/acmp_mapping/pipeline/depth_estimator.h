@@ -1,7 +1,9 @@
 #pragma once
 
+#include <vector>
+
 #include "acmp_mapping/pipeline/depth_engine.h"
-#include "acmp_mapping/pipeline/presets.h"
+#include "acmp_mapping/pipeline/schedule.h"
 
 namespace acmp {
 
@@ -18,34 +20,35 @@ struct StageTimes {
   StageTimes& operator+=(const StageTimes& other);
 };
 
-/// Runs Algorithm 1 for one reference image at a time. Not thread-safe.
+/// Takes one reference image at a time through the steps of the schedule. Not thread-safe.
 class DepthEstimator {
  public:
   /// @param engine not null, outlives the estimator
   DepthEstimator(DepthEngine* engine, const PipelineOptions& options);
 
-  /// Replaces the options; takes effect with the next estimate. Throws InvalidInputError for bad ones.
+  /// Replaces the options; takes effect with the next step. Throws InvalidInputError for bad ones.
   void set_options(const PipelineOptions& options);
   const PipelineOptions& options() const { return options_; }
 
-  /// Steps 1-20: photometric pass, planar prior (if in use), planar-prior pass. Estimates of the sources are not read.
-  EngineEstimatePtr EstimateInitial(const EngineProblem& problem);
+  /// ScheduleOf the options.
+  const std::vector<KeyframeStep>& schedule() const { return schedule_; }
 
-  /// How often an initial estimate is refined: geometric passes (steps 21-30), with completions around them if enabled.
-  int num_refinements() const { return NumRefinements(options_); }
+  /// Does one step and returns the estimate it makes of the reference.
+  /// @param problem the reference's estimate is that of the step before, not read by the first one; it is used up if
+  ///   nobody else holds it. The sources' estimates are read as they are; those without one take no part
+  EngineEstimatePtr Run(const KeyframeStep& step, EngineProblem problem);
 
-  /// Refinement `step` (0, 1, ...) of the reference's estimate (RefinementStepOf). The sources' estimates are read as
-  /// they are: where all are of the step before (Jacobi), the order of images does not matter.
-  EngineEstimatePtr Refine(EngineProblem problem, int step);
-
+  /// Of the last step.
   const StageTimes& last_times() const { return times_; }
 
  private:
+  EngineEstimatePtr EstimateInitial(const EngineProblem& problem);
   /// The photometric estimate at full size.
   EngineEstimatePtr EstimatePhotometric(const EngineProblem& problem);
 
   DepthEngine* engine_;
   PipelineOptions options_;
+  std::vector<KeyframeStep> schedule_;
   StageTimes times_;
 };
 

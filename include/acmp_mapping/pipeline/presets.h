@@ -1,6 +1,5 @@
 #pragma once
 
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -24,24 +23,6 @@ struct PipelineOptions {
   int geometric_passes = 2;      ///< how often steps 21-30 run, 0..10
 };
 void Validate(const PipelineOptions& options);
-
-/// How often an initial estimate is refined: once per geometric pass. If completion is enabled, also once before them,
-/// so that they read completed maps of the sources, and once after them.
-int NumRefinements(const PipelineOptions& options);
-/// How many of these come before the completion that follows the passes: all if there is none.
-int NumRefinementsInPasses(const PipelineOptions& options);
-
-/// What a refinement does: a completion, a geometric pass, or one after the other; the last one may refute.
-struct RefinementStep {
-  bool completes = false;
-  std::optional<int> pass;  ///< 0, 1, ...
-  bool refutes = false;     ///< what no texture speaks for, after all
-};
-/// Of refinement `step` (0, 1, ...).
-RefinementStep RefinementStepOf(const PipelineOptions& options, int step);
-/// What a completion of that refinement does: `alternatives`, `surest_first` and `hide_nothing_evident`
-/// are for a pass to come.
-CompletionOptions CompletionOptionsOf(const PipelineOptions& options, int step);
 
 /// "acmh", "acmp_no_geometric", "acmp", "acmm", "acmmp", "quality", "online".
 const std::vector<std::string>& PresetNames();

@@ -8,7 +8,7 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/evaluation/synthetic_scene.h"
-#include "acmp_mapping/pipeline/dense_mapper.h"
+#include "acmp_mapping/mapping/dense_mapper.h"
 #include "dense_mapper_fakes.h"
 
 namespace acmp {

@@ -2,15 +2,13 @@
 
 #include <algorithm>
 #include <future>
-#include <mutex>
 #include <random>
-#include <set>
 #include <thread>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "acmp_mapping/pipeline/dense_mapper.h"
+#include "acmp_mapping/mapping/dense_mapper.h"
 #include "dense_mapper_fakes.h"
 #include "hash_patch_match.h"
 
@@ -37,25 +35,13 @@ class Listener {
   DenseMapper::Callbacks MakeCallbacks() {
     DenseMapper::Callbacks callbacks;
     callbacks.on_fast = [this](const KeyframeDepthPtr& maps) { Note("fast", *maps); };
-    callbacks.on_refined = [this](const KeyframeDepthPtr& maps) {
-      Note("refined", *maps);
-      const std::lock_guard<std::mutex> lock(refined_mutex_);
-      refined_.insert(maps->frame->id);
-    };
+    callbacks.on_refined = [this](const KeyframeDepthPtr& maps) { Note("refined", *maps); };
     callbacks.on_refined_again = [this](const KeyframeDepthPtr& maps) { Note("again", *maps); };
     callbacks.on_drop = [this](const KeyframeDrop& drop) {
       Note(Concat("drop ", drop.id, " ", drop.reason, drop.had_fast ? " had fast: " : ": ", drop.message));
     };
-    callbacks.on_own_estimate = [this](const ShardEstimate& estimate) {
-      Note(Concat("own ", estimate.id, estimate.stage == EstimateStage::kFast ? " fast" : " refined"));
-    };
     callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
       Note(Concat("problem ", reason, ": ", message));
-    };
-    // As the nodelet: what has no points yet need not be better.
-    callbacks.wants_refined_again = [this](int64_t id) {
-      const std::lock_guard<std::mutex> lock(refined_mutex_);
-      return refined_.count(id) > 0 && id % 5 != 3;
     };
     return callbacks;
   }
@@ -76,8 +62,6 @@ class Listener {
 
   const bool has_thread_;
   const std::thread::id giver_ = std::this_thread::get_id();
-  std::mutex refined_mutex_;
-  std::set<int64_t> refined_;
 };
 
 /// What a random stream, with flushes, resets and changes of options, has a listener hear.
@@ -85,7 +69,7 @@ std::vector<std::string> RunStream(unsigned seed, bool has_thread) {
   std::mt19937 random(seed);
   const auto engine = MakeHashEngine(), output_engine = MakeHashEngine();
   Listener listener(has_thread);
-  DenseMapper mapper(engine.get(), RandomOptions(&random), listener.MakeCallbacks(), {},
+  DenseMapper mapper(engine.get(), RandomOptions(&random), listener.MakeCallbacks(),
                      has_thread ? output_engine.get() : nullptr);
   double x = 0;
   for (int64_t id = 0; id < 40; ++id) {
@@ -129,7 +113,7 @@ TEST(DenseMapperOutputsTest, PassesGoOnWhileACallbackRuns) {
   std::promise<void> open;
   DenseMapper::Callbacks callbacks;
   callbacks.on_fast = [opened = open.get_future().share()](const KeyframeDepthPtr&) { opened.wait(); };
-  DenseMapper mapper(&engine, FakeOptions(8, 3), callbacks, {}, &output_engine);
+  DenseMapper mapper(&engine, FakeOptions(8, 3), callbacks, &output_engine);
   for (int id = 0; id < 3; ++id) mapper.AddKeyframe(WallFrame(id));  // 0 and 1 cannot be estimated before 2 is there
   EXPECT_THAT(CallsOf(patch_match, "photometric", 2), SizeIs(1));
   open.set_value();
@@ -144,7 +128,7 @@ TEST(DenseMapperOutputsTest, ADestroyedMapperForgetsThem) {
   {
     DenseMapper::Callbacks callbacks;
     callbacks.on_fast = [&](const KeyframeDepthPtr& maps) { said.push_back(Concat("fast ", maps->frame->id)); };
-    DenseMapper mapper(&engine, FakeOptions(8, 3), callbacks, {}, &output_engine);
+    DenseMapper mapper(&engine, FakeOptions(8, 3), callbacks, &output_engine);
     for (int id = 0; id < 3; ++id) {
       FramePtr added = WallFrame(id);
       frame = added;
@@ -178,7 +162,7 @@ class FailingHostEngine : public HostDepthEngine {
 
 struct FailingMapper {
   explicit FailingMapper(const DenseMapperOptions& options)
-      : mapper(&engine, options, listener.MakeCallbacks(), {}, &output_engine) {}
+      : mapper(&engine, options, listener.MakeCallbacks(), &output_engine) {}
 
   FakePatchMatch patch_match;
   HostDepthEngine engine{&patch_match};
@@ -232,7 +216,7 @@ TEST(DenseMapperOutputsTest, HadFastTellsWhetherThereWasACall) {
 TEST(DenseMapperOutputsTest, NeedAnEngineOfTheirOwn) {
   FakePatchMatch patch_match;
   HostDepthEngine engine(&patch_match);
-  EXPECT_THROW(DenseMapper(&engine, FakeOptions(8, 3), {}, {}, &engine), InvalidInputError);
+  EXPECT_THROW(DenseMapper(&engine, FakeOptions(8, 3), {}, &engine), InvalidInputError);
 }
 
 }  // namespace

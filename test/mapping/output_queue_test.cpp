@@ -1,4 +1,4 @@
-#include "../../src/pipeline/output_queue.h"
+#include "../../src/mapping/output_queue.h"
 
 #include <atomic>
 #include <chrono>

@@ -1,4 +1,4 @@
-#include "acmp_mapping/pipeline/dense_mapper.h"
+#include "acmp_mapping/mapping/dense_mapper.h"
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -203,8 +203,6 @@ TEST(DenseMapperOptionsTest, AreCheckedAndKeptWhenBad) {
   EXPECT_THAT(error_with([](auto& o) { o.window_size = 65; }), HasSubstr("window_size = 65"));
   EXPECT_THAT(error_with([](auto& o) { o.lookahead = 30; }), HasSubstr("lookahead = 30"));
   EXPECT_THAT(error_with([](auto& o) { o.lookahead = -1; }), HasSubstr("lookahead = -1"));
-  EXPECT_THAT(error_with([](auto& o) { o.reestimates = 30; }), HasSubstr("reestimates = 30"));
-  EXPECT_THAT(error_with([](auto& o) { o.reestimates = -1; }), HasSubstr("reestimates = -1"));
   EXPECT_THAT(error_with([](auto& o) { o.min_source_views = 0; }), HasSubstr("min_source_views = 0"));
   EXPECT_THAT(error_with([](auto& o) { o.min_source_views = 8; }), HasSubstr("min_source_views = 8"));
   EXPECT_THAT(error_with([](auto& o) { o.window_size = 2, o.lookahead = 1; }), HasSubstr("min_source_views = 2"));

@@ -13,7 +13,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/image/cells.h"
-#include "acmp_mapping/pipeline/dense_mapper.h"
+#include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/pipeline/host_depth_engine.h"
 
 namespace acmp {
@@ -155,7 +155,6 @@ class MapperHarness {
   std::vector<int64_t> refined_again;
   StageTimes last_times;  ///< of the last of these
   bool keep_maps = true;
-  std::set<int64_t> unwanted;  ///< no better maps of these
   DenseMapper mapper;
 
  private:
@@ -177,7 +176,6 @@ class MapperHarness {
       events.push_back(Concat("drop ", drop.id, " ", drop.reason));
       drops.push_back(drop);
     };
-    callbacks.wants_refined_again = [this](int64_t id) { return unwanted.count(id) == 0; };
     callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
       problems.push_back(reason + ": " + message);
     };
@@ -185,21 +183,15 @@ class MapperHarness {
   }
 };
 
-/// Every keyframe is estimated and refined once, as shards do.
-inline DenseMapperOptions EachOnce(DenseMapperOptions options) {
-  options.reestimates = 0;
-  options.refine_again = false;
-  return options;
-}
-
-/// Without the planar prior: the fake's answer does not depend on it.
+/// Each keyframe is refined once. Without the planar prior: the fake's answer does not depend on it.
 inline DenseMapperOptions FakeOptions(int window_size, int lookahead, int min_source_views = 2) {
   DenseMapperOptions options;
   options.pipeline = MakePreset("acmh");
   options.window_size = window_size;
   options.lookahead = lookahead;
   options.min_source_views = min_source_views;
-  return EachOnce(options);
+  options.refine_again = false;
+  return options;
 }
 
 inline DenseMapperOptions RefiningAgain(int window_size) {
@@ -258,7 +250,6 @@ inline DenseMapperOptions RandomOptions(std::mt19937* random) {
   options.pipeline.start_level = static_cast<int>((*random)() % 3);
   if ((*random)() % 2 == 0) options.fallback_depth_range = {1, 20};
   options.refine_again = (*random)() % 2 == 0;
-  options.reestimates = static_cast<int>((*random)() % static_cast<unsigned>(std::min(3, window_size)));
   return options;
 }
 

@@ -1,0 +1,93 @@
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "acmp_mapping/keyframe/depth_range.h"
+#include "acmp_mapping/keyframe/source_view_selector.h"
+#include "acmp_mapping/mapping/keyframe_depth.h"
+#include "acmp_mapping/pipeline/depth_engine.h"
+#include "acmp_mapping/pipeline/presets.h"
+
+namespace acmp {
+
+constexpr int kMaxWindowSize = 64;
+
+struct DenseMapperOptions {
+  PipelineOptions pipeline;
+  SourceViewOptions source_views;
+  DepthRangeOptions depth_range;
+  DepthRange fallback_depth_range;  ///< used when there are neither landmarks nor a previous range; 0, 0 = none
+  int window_size = 30;             ///< keyframes kept to match against, 2..kMaxWindowSize
+  int lookahead = 2;                ///< later keyframes a keyframe waits for before it is refined, 0..window_size-1
+  bool refine_again = true;  ///< refine a keyframe once more halfway through the window, and at a flush, if by then its
+                             ///< source views or their maps are better
+  int min_source_views = 2;  ///< a keyframe waits until so many views are useful; at most max_source_views and
+                             ///< window_size - 1, which is all that other keyframes can offer
+};
+/// Throws InvalidInputError naming the first field out of bounds.
+void Validate(const DenseMapperOptions& options);
+
+/// Online mapping over a sliding window: feed posed frames in time order, get fast maps as soon as enough past views
+/// exist, and refined, consistency-checked maps with points once `lookahead` later keyframes have come. The steps of a
+/// keyframe are those of ScheduleOf, as in the offline tool; here they read what maps the window has.
+///
+/// Deterministic: the same frames, options and device give the same maps and the same calls in the same order, whatever
+/// the timing. Used by one thread at a time.
+///
+/// With an engine for outputs, maps of finished estimates come to the host, are checked for consistency and go to the
+/// callbacks in a thread of the mapper's own while further steps run: methods return before the callbacks that they
+/// cause, but for Flush, Reset and WaitForOutputs.
+class DenseMapper {
+ public:
+  /// Called inside the mapper's methods, or one at a time in its thread for outputs; empty ones are skipped. They must
+  /// neither call the mapper nor throw.
+  struct Callbacks {
+    std::function<void(const KeyframeDepthPtr&)> on_fast;  ///< at most once per keyframe, before its on_refined
+    std::function<void(const KeyframeDepthPtr&)> on_refined;
+    std::function<void(const KeyframeDrop&)> on_drop;  ///< every keyframe ends in exactly one on_refined or on_drop
+    /// Better maps of a keyframe that had its on_refined; may come several times.
+    std::function<void(const KeyframeDepthPtr&)> on_refined_again;
+    /// Something failed that costs quality, but no keyframe: it could not be refined again ("refine_again_failed"), or
+    /// its fast maps did not come from the device ("fast_maps_failed").
+    std::function<void(const std::string& reason, const std::string& message)> on_problem;
+  };
+
+  /// @param engine not null, outlives the mapper
+  /// @param output_engine shares handles with `engine` (DepthEngine::Share) and outlives the mapper; null: outputs are
+  ///   made by `engine`, inside the mapper's methods
+  DenseMapper(DepthEngine* engine, const DenseMapperOptions& options, Callbacks callbacks,
+              DepthEngine* output_engine = nullptr);
+  /// Forgets what is unfinished without a callback: Flush or Reset first if it must be accounted for. Waits for a
+  /// callback under way.
+  ~DenseMapper();
+
+  /// Replaces the options from the next keyframe on. Throws InvalidInputError for bad ones and keeps the old.
+  void set_options(const DenseMapperOptions& options);
+
+  /// Adds a keyframe (id above all earlier ones since the last Reset, else InvalidInputError) and does what has become
+  /// possible: initial estimates of keyframes that now have enough views, refinements of those with `lookahead` later
+  /// ones, and once more of the keyframe halfway through the window. A keyframe that fails is reported through on_drop
+  /// and never stops the others.
+  void AddKeyframe(FramePtr frame);
+
+  /// Finishes everything that waits for later keyframes, with the views there are: one useful view is enough.
+  /// @param refine_again then also refines again what has better views now
+  void Flush(bool refine_again = true);
+
+  /// Forgets window, pending keyframes (each is reported as dropped with reason "reset"), depth range and ids.
+  void Reset();
+
+  /// Returns when all callbacks that earlier calls cause have been called.
+  void WaitForOutputs();
+
+  /// Keyframes that have had neither on_refined nor on_drop yet; those on their way to it count as having had it.
+  size_t unfinished() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace acmp

@@ -1,0 +1,100 @@
+#include "keyframe_window.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+std::vector<FrameLandmarksPtr> LandmarksOf(const std::vector<WindowKeyframePtr>& keyframes) {
+  std::vector<FrameLandmarksPtr> landmarks;
+  landmarks.reserve(keyframes.size());
+  for (const WindowKeyframePtr& keyframe : keyframes) landmarks.push_back(keyframe->landmarks);
+  return landmarks;
+}
+
+/// Middle of the range in the logarithm: a depth that is as many times the nearest as the farthest is of it.
+double TypicalDepth(const DepthRange& range) { return std::sqrt(static_cast<double>(range.min) * range.max); }
+
+}  // namespace
+
+std::vector<int64_t> SourceViews::Ids() const {
+  std::vector<int64_t> ids;
+  ids.reserve(keyframes.size());
+  for (const WindowKeyframePtr& keyframe : keyframes) ids.push_back(keyframe->frame->id);
+  return ids;
+}
+
+void KeyframeWindow::set_options(const SourceViewOptions& options) {
+  if (options == options_) return;
+  options_ = options;
+  for (const WindowKeyframePtr& keyframe : keyframes_) {
+    keyframe->selector.reset();
+    if (keyframe->state == WindowKeyframe::State::kPending) continue;
+    keyframe->initial_score = SelectSources(keyframe.get()).score;
+    if (keyframe->refined_score) keyframe->refined_score = keyframe->initial_score;
+  }
+}
+
+WindowKeyframePtr KeyframeWindow::Add(FramePtr frame) {
+  const auto keyframe = std::make_shared<WindowKeyframe>();
+  keyframe->landmarks = std::make_shared<FrameLandmarks>(frame);
+  keyframe->frame = std::move(frame);
+  keyframes_.push_back(keyframe);
+  return keyframe;
+}
+
+SourceViews KeyframeWindow::SelectSources(WindowKeyframe* keyframe) const {
+  const std::vector<WindowKeyframePtr> others = Others(*keyframe);
+  SourceViews sources;
+  for (const RankedSourceView& view : SelectorOf(keyframe).Select(LandmarksOf(others))) {
+    sources.keyframes.push_back(others[view.index]);
+    sources.score += view.score;
+  }
+  return sources;
+}
+
+std::string KeyframeWindow::DescribeMissingViews(WindowKeyframe* keyframe, int min_source_views) const {
+  const SourceViewCounts counts = SelectorOf(keyframe).Count(LandmarksOf(Others(*keyframe)));
+  const std::string name = Concat("keyframe ", keyframe->frame->id, ": ");
+  const int others = counts.useful + counts.no_baseline + counts.little_overlap + counts.small_angle;
+  if (others == 0) {
+    return Concat(name, "no other keyframe in the window, at least ", min_source_views, " needed");
+  }
+  std::string text = Concat(name, counts.useful, " of ", others, " other keyframes in the window useful, at least ",
+                            min_source_views, " needed");
+  if (counts.no_baseline > 0) text += Concat("; ", counts.no_baseline, " with no baseline (identical position)");
+  if (counts.little_overlap > 0) {
+    text += Concat("; ", counts.little_overlap, " see less than ", 100 * options_.min_overlap, " % of its scene");
+  }
+  if (counts.small_angle > 0) {
+    text += Concat("; ", counts.small_angle, " below the least triangulation angle of ", options_.min_angle_deg,
+                   " degrees (largest found: ", counts.largest_angle_deg, ")");
+  }
+  return text;
+}
+
+size_t KeyframeWindow::NumLaterThan(const WindowKeyframe& keyframe) const {
+  return static_cast<size_t>(std::count_if(
+      begin(), end(), [&](const WindowKeyframePtr& other) { return other->frame->id > keyframe.frame->id; }));
+}
+
+std::vector<WindowKeyframePtr> KeyframeWindow::Others(const WindowKeyframe& keyframe) const {
+  std::vector<WindowKeyframePtr> others;
+  for (const WindowKeyframePtr& other : keyframes_) {
+    if (other.get() != &keyframe) others.push_back(other);
+  }
+  return others;
+}
+
+SourceViewSelector& KeyframeWindow::SelectorOf(WindowKeyframe* keyframe) const {
+  if (!keyframe->selector) {
+    keyframe->selector.emplace(keyframe->landmarks, TypicalDepth(keyframe->range), options_);
+  }
+  return *keyframe->selector;
+}
+
+}  // namespace acmp

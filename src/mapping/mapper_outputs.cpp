@@ -1,0 +1,102 @@
+#include "mapper_outputs.h"
+
+#include <utility>
+
+#include "acmp_mapping/common/timer.h"
+
+namespace acmp {
+namespace {
+
+std::string DescribeFailedAgain(int64_t id, const Failure& failure) {
+  return Concat("keyframe ", id, " could not be refined again: ", failure.message);
+}
+
+std::shared_ptr<KeyframeDepth> MakeWithoutMaps(const FinishedEstimate& estimate) {
+  auto maps = std::make_shared<KeyframeDepth>();
+  maps->frame = estimate.problem.reference.frame;
+  maps->range = estimate.problem.depth_range;
+  maps->source_ids = estimate.source_ids;
+  maps->times = estimate.times;
+  return maps;
+}
+
+}  // namespace
+
+KeyframeDepthPtr MapperOutputs::MakeFast(const FinishedEstimate& estimate) const {
+  auto maps = MakeWithoutMaps(estimate);
+  maps->depth = engine_->DownloadDepth(estimate.problem.reference.estimate);
+  return maps;
+}
+
+KeyframeDepthPtr MapperOutputs::MakeRefined(const FinishedEstimate& estimate, const FusionOptions& consistency) const {
+  auto maps = MakeWithoutMaps(estimate);
+  EstimateMaps estimate_maps = engine_->Download(estimate.problem.reference.estimate);
+  maps->depth = std::move(estimate_maps.depth);
+  maps->normal = std::move(estimate_maps.normal);
+  maps->cost = std::move(estimate_maps.cost);
+  Timer timer;
+  ConsistencyResult result =
+      engine_->FilterByConsistency(estimate.problem.reference, estimate.problem.sources, consistency);
+  maps->confidence = std::move(result.confidence);
+  maps->points_in_camera = std::move(result.points_in_camera);
+  maps->consistency_ms = timer.Lap();
+  maps->refined = true;
+  return maps;
+}
+
+void MapperOutputs::SubmitFast(const WindowKeyframePtr& keyframe, FinishedEstimate estimate) {
+  queue_.Submit([this, keyframe, estimate = std::move(estimate)] {
+    KeyframeDepthPtr maps;
+    if (const auto failure = CatchFailure([&] { maps = MakeFast(estimate); })) {
+      return CallProblem("fast_maps_failed",
+                         Concat("keyframe ", keyframe->frame->id, " has no fast maps: ", failure->message));
+    }
+    keyframe->had_fast = true;
+    if (callbacks_.on_fast) callbacks_.on_fast(maps);
+  });
+}
+
+void MapperOutputs::SubmitRefined(const WindowKeyframePtr& keyframe, FinishedEstimate estimate,
+                                  const FusionOptions& consistency) {
+  keyframe->output = queue_.Submit([this, keyframe, consistency, estimate = std::move(estimate)] {
+    KeyframeDepthPtr maps;
+    if (const auto failure = CatchFailure([&] { maps = MakeRefined(estimate, consistency); })) {
+      if (!callbacks_.on_drop) return;
+      return callbacks_.on_drop({keyframe->frame->id, failure->reason, failure->message, keyframe->had_fast});
+    }
+    keyframe->had_refined = true;
+    if (callbacks_.on_refined) callbacks_.on_refined(maps);
+  });
+}
+
+void MapperOutputs::SubmitRefinedAgain(FinishedEstimate estimate, const FusionOptions& consistency) {
+  queue_.Submit([this, consistency, estimate = std::move(estimate)] {
+    KeyframeDepthPtr maps;
+    if (const auto failure = CatchFailure([&] { maps = MakeRefined(estimate, consistency); })) {
+      return CallProblem("refine_again_failed", DescribeFailedAgain(estimate.problem.reference.frame->id, *failure));
+    }
+    if (callbacks_.on_refined_again) callbacks_.on_refined_again(maps);
+  });
+}
+
+void MapperOutputs::SubmitDrop(KeyframeDrop drop, WindowKeyframePtr keyframe) {
+  queue_.Submit([this, drop = std::move(drop), keyframe = std::move(keyframe)]() mutable {
+    drop.had_fast = keyframe && keyframe->had_fast;
+    if (callbacks_.on_drop) callbacks_.on_drop(drop);
+  });
+}
+
+void MapperOutputs::ReportFailedAgain(int64_t id, const Failure& failure) {
+  queue_.Submit([this, message = DescribeFailedAgain(id, failure)] { CallProblem("refine_again_failed", message); });
+}
+
+bool MapperOutputs::HadRefined(const WindowKeyframe& keyframe) {
+  queue_.WaitFor(keyframe.output);
+  return keyframe.had_refined;
+}
+
+void MapperOutputs::CallProblem(const char* reason, const std::string& message) const {
+  if (callbacks_.on_problem) callbacks_.on_problem(reason, message);
+}
+
+}  // namespace acmp

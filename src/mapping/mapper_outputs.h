@@ -1,0 +1,41 @@
+#pragma once
+
+#include <string>
+
+#include "acmp_mapping/mapping/dense_mapper.h"
+#include "failure.h"
+#include "keyframe_estimator.h"
+#include "output_queue.h"
+
+namespace acmp {
+
+/// What becomes of finished estimates: their maps come to the host, are checked for consistency and go to the
+/// callbacks, in the order they were given. With an engine of its own it does so in a thread of its own.
+class MapperOutputs {
+ public:
+  /// @param engine makes the maps; outlives this
+  MapperOutputs(DepthEngine* engine, bool has_thread, DenseMapper::Callbacks callbacks)
+      : engine_(engine), callbacks_(std::move(callbacks)), queue_(has_thread) {}
+
+  void SubmitFast(const WindowKeyframePtr& keyframe, FinishedEstimate estimate);
+  void SubmitRefined(const WindowKeyframePtr& keyframe, FinishedEstimate estimate, const FusionOptions& consistency);
+  void SubmitRefinedAgain(FinishedEstimate estimate, const FusionOptions& consistency);
+  /// @param keyframe null: was never in the window
+  void SubmitDrop(KeyframeDrop drop, WindowKeyframePtr keyframe);
+  void ReportFailedAgain(int64_t id, const Failure& failure);
+
+  /// Whether the keyframe's on_refined was called; waits until that is known.
+  bool HadRefined(const WindowKeyframe& keyframe);
+  void WaitForAll() { queue_.WaitForAll(); }
+
+ private:
+  KeyframeDepthPtr MakeFast(const FinishedEstimate& estimate) const;
+  KeyframeDepthPtr MakeRefined(const FinishedEstimate& estimate, const FusionOptions& consistency) const;
+  void CallProblem(const char* reason, const std::string& message) const;
+
+  DepthEngine* engine_;
+  DenseMapper::Callbacks callbacks_;
+  OutputQueue queue_;  ///< last: its jobs use what is above
+};
+
+}  // namespace acmp

@@ -1,0 +1,29 @@
+#pragma once
+
+#include "keyframe_window.h"
+
+namespace acmp {
+
+/// When a finished keyframe of the window is refined again, and what others read of one that was refined early. Each
+/// rule was measured alone on recorded videos (docs/experiments.md).
+class RefinementPolicy {
+ public:
+  enum class Again {
+    kNo,
+    kFromInitial,  ///< its source views have become better: from an initial estimate
+    kFromRefined,  ///< its source views' maps have become better: from its own refined one
+  };
+
+  /// Whether, and from where, the keyframe is to be refined again with these source views, which are its best now.
+  static Again Decide(const WindowKeyframe& keyframe, const SourceViews& sources);
+
+  /// Whether its initial estimate must be made anew for that: there is none, or its views were worse.
+  static bool NeedsNewInitial(const WindowKeyframe& keyframe, const SourceViews& sources);
+
+  /// Whether too few later keyframes have come to see what the keyframe saw last. Refined without them it errs there as
+  /// its neighbours do, from which it took that; passes that read it would hand the error on from keyframe to keyframe,
+  /// where initial estimates err each in its own way.
+  static bool LacksFutureViews(const KeyframeWindow& window, const WindowKeyframe& keyframe);
+};
+
+}  // namespace acmp

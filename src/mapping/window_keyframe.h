@@ -1,0 +1,54 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+
+#include "acmp_mapping/keyframe/source_view_selector.h"
+#include "acmp_mapping/pipeline/depth_estimator.h"
+
+namespace acmp {
+
+/// One keyframe of the window. A finished one stays as a source view of others until it leaves.
+struct WindowKeyframe {
+  enum class State {
+    kPending,      ///< waits for source views
+    kInitialised,  ///< has its initial estimate, waits for later keyframes
+    kFinished,     ///< was refined or dropped
+  };
+  FramePtr frame;
+  FrameLandmarksPtr landmarks;  ///< the frame's
+  std::optional<SourceViewSelector> selector;
+  DepthRange range;
+  State state = State::kPending;
+
+  EngineImagePtr image;       ///< null until the keyframe is first used as reference or source view
+  int image_levels = 0;       ///< levels it was loaded with
+  EngineEstimatePtr initial;  ///< after step 0 of the schedule; null: none, or no longer needed
+  EngineEstimatePtr refined;  ///< after all steps; null: none
+  StageTimes times;           ///< of initial estimates since the last refinement
+
+  /// Refined before enough later keyframes had come to see what it sees (RefinementPolicy). Passes of others then go on
+  /// reading its initial estimate, and `refined` is as the last pass left it, before what is unverified was filled.
+  bool lacks_future_views = false;
+
+  // What decides about refining it again (RefinementPolicy). Scores are sums over source views.
+  double initial_score = 0;             ///< of the views of its initial estimate
+  std::optional<double> refined_score;  ///< of the views of its refined maps; none: there are none
+  int64_t refined_at = 0;               ///< which refinement of the mapper made these, counted from 1
+  int64_t refined_again_at = 0;         ///< the same, if it was not the keyframe's first; 0: none
+  bool has_read_better_maps = false;    ///< its last refinement was for better maps of its source views
+
+  // Outputs: written by their thread, read by others once the job `output` is done.
+  uint64_t output = 0;       ///< number of the job that ends with its on_refined; 0: none yet
+  bool had_fast = false;     ///< its on_fast was called
+  bool had_refined = false;  ///< its on_refined was called
+
+  /// What geometric passes of other keyframes read; may be null.
+  const EngineEstimatePtr& EstimateForPasses() const { return refined && !lacks_future_views ? refined : initial; }
+  /// What is read after these: to fill what is unverified, and for the consistency check; may be null.
+  const EngineEstimatePtr& EstimateAfterPasses() const { return refined ? refined : initial; }
+};
+using WindowKeyframePtr = std::shared_ptr<WindowKeyframe>;
+
+}  // namespace acmp

@@ -1,0 +1,15 @@
+#include "acmp_mapping/pipeline/schedule.h"
+
+namespace acmp {
+
+std::vector<KeyframeStep> ScheduleOf(const PipelineOptions& options) {
+  using Kind = KeyframeStep::Kind;
+  std::vector<KeyframeStep> steps = {{Kind::kInitial}};
+  const bool fills = options.completion.enabled;
+  if (fills && options.geometric_passes > 0) steps.push_back({Kind::kFillForPasses});
+  for (int pass = 0; pass < options.geometric_passes; ++pass) steps.push_back({Kind::kGeometricPass, pass});
+  if (fills) steps.push_back({Kind::kFillUnverified});
+  return steps;
+}
+
+}  // namespace acmp

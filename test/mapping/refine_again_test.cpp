@@ -1,0 +1,110 @@
+// Keyframes that are refined again because better source views, or better maps of them, have come.
+
+#include <algorithm>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "acmp_mapping/mapping/dense_mapper.h"
+#include "dense_mapper_fakes.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::Contains;
+using ::testing::Each;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Not;
+using ::testing::SizeIs;
+
+TEST(RefineAgainTest, HalfwayThroughTheWindowWhereViewsHaveBecomeBetter) {
+  for (const bool on : {true, false}) {
+    DenseMapperOptions options = RefiningAgain(5);
+    options.refine_again = on;
+    MapperHarness harness(options);
+    AddPoorStartAndGoodViews(&harness);
+    ASSERT_THAT(harness.refined, SizeIs(4));
+    // Two of five keyframes back when 3 and 4 came.
+    EXPECT_EQ(harness.refined_again, on ? std::vector<int64_t>({1, 2}) : std::vector<int64_t>());
+    const auto initial = CallsOf(harness.patch_match, "photometric", 1);
+    ASSERT_THAT(initial, SizeIs(on ? 2 : 1));
+    if (!on) continue;
+    EXPECT_THAT(initial[1].sources, Contains(3)) << "a new initial estimate with the newest view";
+    harness.refined_again.clear();
+    harness.patch_match.calls.clear();
+    EXPECT_THAT(harness.Add(WallFrame(5, 1.05)), ElementsAre("fast 5", "refined 4"));
+    EXPECT_THAT(harness.refined_again, ElementsAre(3));
+    EXPECT_THAT(CallsOf(harness.patch_match, "geometric", 3), SizeIs(2));
+    EXPECT_EQ(harness.refined.size(), 5u) << "its own refined maps came before";
+    EXPECT_EQ(harness.last_times.kernels_ms, 2) << "what was done since then";
+  }
+}
+
+TEST(RefineAgainTest, NotWhereViewsWereGoodFromTheStart) {
+  DenseMapperOptions options = RefiningAgain(6);
+  options.source_views.max_source_views = 3;
+  MapperHarness harness(options);
+  for (int id = 0; id < 6; ++id) harness.Add(WallFrame(id));
+  harness.refined_again.clear();
+  for (int id = 6; id < 20; ++id) harness.Add(WallFrame(id));
+  EXPECT_THAT(harness.refined_again, Each(testing::Lt(6))) << "the first window may gain";
+}
+
+TEST(RefineAgainTest, OtherWeightsOfViewsAreNoGain) {
+  DenseMapperOptions options = RefiningAgain(10);
+  options.source_views.max_source_views = 3;
+  MapperHarness harness(options);
+  for (int id = 0; id < 5; ++id) harness.Add(WallFrame(id, 0.14 * id));  // 2 degrees: weights of 0.25 to 1, later all 1
+  options.source_views.best_angle_min_deg = 2;
+  harness.mapper.set_options(options);
+  harness.Add(WallFrame(5, 0.14 * 4.5));
+  harness.Flush();
+  EXPECT_THAT(harness.refined_again, IsEmpty());
+}
+
+TEST(RefineAgainTest, AFlushTakesAllKeyframesWithBetterViewsAndThoseWithBetterMaps) {
+  for (const bool refine_again : {true, false}) {
+    MapperHarness harness(RefiningAgain(10));
+    AddPoorStartAndGoodViews(&harness);
+    harness.TakeEvents();
+    harness.refined_again.clear();
+    harness.mapper.Flush(refine_again);
+    EXPECT_THAT(harness.TakeEvents(), ElementsAre("refined 4")) << "what is pending is finished";
+    if (!refine_again) {
+      EXPECT_THAT(harness.refined_again, IsEmpty());
+      continue;
+    }
+    EXPECT_THAT(harness.refined_again, AllOf(Contains(0), Contains(1), Contains(2), Contains(3)));
+    harness.refined_again.clear();
+    for (int i = 0; i < 3; ++i) harness.Flush();
+    EXPECT_THAT(harness.refined_again, Each(testing::Le(4))) << "gains of better maps do not go round";
+    harness.refined_again.clear();
+    harness.Flush();
+    EXPECT_THAT(harness.refined_again, IsEmpty()) << "nothing more has come";
+  }
+}
+
+TEST(RefineAgainTest, WhereItFailsTheMapsStayAndItIsTold) {
+  for (const char* pass : {"photometric", "geometric"}) {
+    MapperHarness harness(RefiningAgain(10));
+    AddPoorStartAndGoodViews(&harness);
+    harness.refined_again.clear();
+    harness.patch_match.before_answer = [&](const FakePatchMatch::Call& call) {
+      if (call.pass == pass && call.reference == 1) throw ProcessingError("device lost");
+    };
+    EXPECT_THAT(harness.Flush(), ElementsAre("refined 4"));
+    EXPECT_THAT(harness.drops, IsEmpty());
+    EXPECT_THAT(harness.problems,
+                Contains(AllOf(HasSubstr("keyframe 1 could not be refined again"), HasSubstr("device lost"))));
+    EXPECT_THAT(harness.refined_again, AllOf(Contains(0), Contains(2), Not(Contains(1)))) << "it stops nobody";
+  }
+}
+
+}  // namespace
+}  // namespace acmp
