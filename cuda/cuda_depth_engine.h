@@ -47,7 +47,7 @@ class CudaDepthEngine final : public DepthEngine {
   EngineEstimatePtr Import(const EngineEstimatePtr& estimate) override;
   EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) override;
 
-  double TakeDeviceMs() override { return std::exchange(device_ms_, 0.0); }
+  double PopDeviceTime() override { return std::exchange(device_ms_, 0.0); }
   size_t DeviceBytes() const override { return runner_.device()->Bytes(); }
   size_t FreeDeviceBytes() const override;
   std::string device_name() const override;

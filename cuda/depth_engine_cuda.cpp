@@ -148,7 +148,7 @@ std::vector<SupportPoint> CudaDepthEngine::FindCells(const CudaEstimate& maps, c
 }
 
 std::shared_ptr<CudaEstimate> CudaDepthEngine::UseUp(const EngineEstimatePtr& start) {
-  if (!IsHeldByNobodyElse(start)) return nullptr;
+  if (!IsUnique(start)) return nullptr;
   // It was not made const, and nobody is left to see it.
   return std::const_pointer_cast<CudaEstimate>(std::static_pointer_cast<const CudaEstimate>(start));
 }

@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/engine/depth_engine.h"
 #include "acmp_mapping/fusion/kernel/fusion_context.h"
 #include "acmp_mapping/patch_match/kernel/halved_depth.h"
-#include "acmp_mapping/pipeline/depth_engine.h"
 #include "cuda_device.h"
 #include "pass_runner.h"
 

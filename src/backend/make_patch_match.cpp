@@ -2,7 +2,7 @@
 
 #include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/pipeline/host_depth_engine.h"
+#include "acmp_mapping/engine/host_depth_engine.h"
 #ifdef ACMP_HAVE_CUDA
 #include "acmp_mapping/backend/depth_engine_cuda.h"
 #include "acmp_mapping/backend/patch_match_cuda.h"

@@ -19,7 +19,7 @@ struct FinishedEstimate {
 class KeyframeEstimator {
  public:
   /// @param engine not null, outlives this
-  KeyframeEstimator(DepthEngine* engine, const PipelineOptions& options)
+  KeyframeEstimator(MatchingEngine* engine, const PipelineOptions& options)
       : engine_(engine), estimator_(engine, options) {}
 
   void set_options(const PipelineOptions& options) { estimator_.set_options(options); }
@@ -37,7 +37,7 @@ class KeyframeEstimator {
   EngineView MakeView(WindowKeyframe* keyframe);
   EngineProblem MakeProblem(WindowKeyframe* keyframe, const SourceViews& sources);
 
-  DepthEngine* engine_;
+  MatchingEngine* engine_;
   DepthEstimator estimator_;
   int64_t refinements_ = 0;  ///< made so far
 };

@@ -19,7 +19,7 @@ StageTimes& StageTimes::operator+=(const StageTimes& other) {
   return *this;
 }
 
-DepthEstimator::DepthEstimator(DepthEngine* engine, const PipelineOptions& options) : engine_(engine) {
+DepthEstimator::DepthEstimator(MatchingEngine* engine, const PipelineOptions& options) : engine_(engine) {
   if (engine == nullptr) throw InvalidInputError("engine: must not be null");
   set_options(options);
 }
@@ -33,7 +33,7 @@ void DepthEstimator::set_options(const PipelineOptions& options) {
 EngineEstimatePtr DepthEstimator::Run(const KeyframeStep& step, EngineProblem problem) {
   using Kind = KeyframeStep::Kind;
   times_ = {};
-  engine_->TakeDeviceMs();
+  engine_->PopDeviceTime();
   Timer timer;
   EngineEstimatePtr& estimate = problem.reference.estimate;
   switch (step.kind) {
@@ -64,7 +64,7 @@ EngineEstimatePtr DepthEstimator::Run(const KeyframeStep& step, EngineProblem pr
       break;
     }
   }
-  times_.kernels_ms = times_.photometric_kernels_ms + engine_->TakeDeviceMs();
+  times_.kernels_ms = times_.photometric_kernels_ms + engine_->PopDeviceTime();
   return std::move(estimate);
 }
 
@@ -72,7 +72,7 @@ EngineEstimatePtr DepthEstimator::EstimateInitial(const EngineProblem& problem) 
   Timer timer;
   EngineEstimatePtr estimate = EstimatePhotometric(problem);
   times_.photometric_ms = timer.Lap();
-  times_.photometric_kernels_ms = engine_->TakeDeviceMs();
+  times_.photometric_kernels_ms = engine_->PopDeviceTime();
   if (!options_.use_planar_prior) return estimate;
   const PriorMesh prior = MakePriorMesh(
       problem.reference.frame->camera, engine_->FindSupportPoints(estimate, problem.depth_range, options_.planar_prior),

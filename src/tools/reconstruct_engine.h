@@ -1,6 +1,6 @@
 #pragma once
 
-#include "acmp_mapping/pipeline/depth_engine.h"
+#include "acmp_mapping/engine/depth_engine.h"
 
 namespace acmp {
 

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "acmp_mapping/pipeline/depth_engine.h"
+#include "acmp_mapping/engine/depth_engine.h"
 #include "reconstruct_folder.h"
 #include "reconstruct_interrupt.h"
 
@@ -48,7 +48,7 @@ class RecordingDepthEngine final : public DepthEngine {
   EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
   EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override;
   EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) override;
-  double TakeDeviceMs() override { return engine_->TakeDeviceMs(); }
+  double PopDeviceTime() override { return engine_->PopDeviceTime(); }
   size_t DeviceBytes() const override { return engine_->DeviceBytes(); }
   size_t FreeDeviceBytes() const override { return engine_->FreeDeviceBytes(); }
   std::string device_name() const override { return engine_->device_name(); }

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "acmp_mapping/fusion/depth_fusion.h"
-#include "acmp_mapping/pipeline/depth_engine.h"
+#include "acmp_mapping/engine/depth_engine.h"
 
 namespace acmp {
 

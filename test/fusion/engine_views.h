@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/pipeline/depth_engine.h"
+#include "acmp_mapping/engine/depth_engine.h"
 #include "fusion/analytic_views.h"
 
 namespace acmp {

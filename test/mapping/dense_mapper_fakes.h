@@ -14,7 +14,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/image/cells.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
-#include "acmp_mapping/pipeline/host_depth_engine.h"
+#include "acmp_mapping/engine/host_depth_engine.h"
 
 namespace acmp {
 

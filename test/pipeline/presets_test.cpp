@@ -7,7 +7,7 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/pipeline/depth_engine.h"
+#include "acmp_mapping/engine/depth_engine.h"
 #include "acmp_mapping/pipeline/parameters.h"
 
 namespace acmp {

@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "acmp_mapping/patch_match/patch_match.h"
-#include "acmp_mapping/pipeline/depth_engine.h"
+#include "acmp_mapping/engine/depth_engine.h"
 
 namespace acmp {
 

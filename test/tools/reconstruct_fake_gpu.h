@@ -4,7 +4,7 @@
 #include <memory>
 #include <string>
 
-#include "acmp_mapping/pipeline/host_depth_engine.h"
+#include "acmp_mapping/engine/host_depth_engine.h"
 #include "tools/reconstruct_fake_matcher.h"
 
 namespace acmp {
@@ -72,7 +72,7 @@ class FakeGpu final : public DepthEngine {
   EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) override {
     return host_.UploadMaps(maps, camera);
   }
-  double TakeDeviceMs() override { return host_.TakeDeviceMs(); }
+  double PopDeviceTime() override { return host_.PopDeviceTime(); }
   size_t DeviceBytes() const override { return 0; }
   size_t FreeDeviceBytes() const override { return behaviour_.free_bytes; }
   std::string device_name() const override { return host_.device_name(); }

@@ -5,7 +5,7 @@
 #include <functional>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/pipeline/host_depth_engine.h"
+#include "acmp_mapping/engine/host_depth_engine.h"
 #include "dataset/test_folder.h"
 #include "support/pass_result.h"
 #include "support/planar_scene.h"
@@ -47,7 +47,7 @@ class LostEngine final : public DepthEngine {
   }
   EngineEstimatePtr UploadMaps(const EstimateMapViews&, const PinholeCamera&) override { Fail(); }
   EngineEstimatePtr UploadState(EstimateState, const PinholeCamera&) override { Fail(); }
-  double TakeDeviceMs() override { return 0; }
+  double PopDeviceTime() override { return 0; }
   size_t DeviceBytes() const override { return 0; }
   size_t FreeDeviceBytes() const override { return 0; }
   std::string device_name() const override { return "lost"; }
@@ -93,11 +93,11 @@ TEST_F(RecordingDepthEngineTest, ReadsWhatAnEarlierRunHasRecorded) {
   RecordingDepthEngine first(&engine_, &out_, &watcher_);
   const EstimateState recorded = RunAll(&first);
   EXPECT_EQ(first.passes_run(), 3);
-  EXPECT_EQ(first.TakeDeviceMs(), 3);
+  EXPECT_EQ(first.PopDeviceTime(), 3);
   RecordingDepthEngine second(&engine_, &out_, &watcher_);
   EXPECT_TRUE(SameBits(RunAll(&second), recorded));
   EXPECT_EQ(second.passes_run(), 0);
-  EXPECT_EQ(second.TakeDeviceMs(), 0);
+  EXPECT_EQ(second.PopDeviceTime(), 0);
   EXPECT_EQ(fake_.calls.size(), 3u);
 }
 

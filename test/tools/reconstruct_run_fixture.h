@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/pipeline/host_depth_engine.h"
+#include "acmp_mapping/engine/host_depth_engine.h"
 #include "reconstruct.h"
 #include "tools/reconstruct_fake_matcher.h"
 #include "tools/reconstruct_fixture.h"

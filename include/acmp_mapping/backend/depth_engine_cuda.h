@@ -2,7 +2,7 @@
 
 #include <memory>
 
-#include "acmp_mapping/pipeline/depth_engine.h"
+#include "acmp_mapping/engine/depth_engine.h"
 
 namespace acmp {
 

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "acmp_mapping/backend/make_patch_match.h"
-#include "acmp_mapping/pipeline/depth_engine.h"
+#include "acmp_mapping/engine/depth_engine.h"
 
 namespace acmp {
 

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "acmp_mapping/pipeline/depth_engine.h"
+#include "acmp_mapping/engine/matching_engine.h"
 #include "acmp_mapping/pipeline/schedule.h"
 
 namespace acmp {
@@ -24,7 +24,7 @@ struct StageTimes {
 class DepthEstimator {
  public:
   /// @param engine not null, outlives the estimator
-  DepthEstimator(DepthEngine* engine, const PipelineOptions& options);
+  DepthEstimator(MatchingEngine* engine, const PipelineOptions& options);
 
   /// Replaces the options; takes effect with the next step. Throws InvalidInputError for bad ones.
   void set_options(const PipelineOptions& options);
@@ -46,7 +46,7 @@ class DepthEstimator {
   /// The photometric estimate at full size.
   EngineEstimatePtr EstimatePhotometric(const EngineProblem& problem);
 
-  DepthEngine* engine_;
+  MatchingEngine* engine_;
   PipelineOptions options_;
   std::vector<KeyframeStep> schedule_;
   StageTimes times_;

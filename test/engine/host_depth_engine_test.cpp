@@ -1,4 +1,4 @@
-#include "acmp_mapping/pipeline/host_depth_engine.h"
+#include "acmp_mapping/engine/host_depth_engine.h"
 
 #include <algorithm>
 #include <random>
@@ -302,11 +302,11 @@ TEST_F(HostDepthEngineTest, ConsistencyIsThatOfTheMapsAndColours) {
 }
 
 TEST_F(HostDepthEngineTest, DeviceTimeAddsUpUntilItIsTaken) {
-  EXPECT_EQ(engine_.TakeDeviceMs(), 0);
+  EXPECT_EQ(engine_.PopDeviceTime(), 0);
   const EngineEstimatePtr estimate = engine_.RunPhotometric(Problem(), {}, 0);
   engine_.RunGeometric(Problem(), {}, estimate, 0);
-  EXPECT_EQ(engine_.TakeDeviceMs(), 14);
-  EXPECT_EQ(engine_.TakeDeviceMs(), 0);
+  EXPECT_EQ(engine_.PopDeviceTime(), 14);
+  EXPECT_EQ(engine_.PopDeviceTime(), 0);
   EXPECT_EQ(engine_.device_name(), "spy");
   EXPECT_EQ(engine_.DeviceBytes(), 0u);
   EXPECT_EQ(engine_.FreeDeviceBytes(), 0u);

@@ -1,4 +1,4 @@
-#include "acmp_mapping/pipeline/depth_engine.h"
+#include "acmp_mapping/engine/matching_engine.h"
 
 #include <atomic>
 
@@ -21,7 +21,7 @@ void CheckView(const char* name, const EngineView& view) {
 
 }  // namespace
 
-bool IsHeldByNobodyElse(const EngineEstimatePtr& estimate) {
+bool IsUnique(const EngineEstimatePtr& estimate) {
   if (estimate.use_count() != 1) return false;
   // The count alone orders nothing: what others read before they let go comes before what the caller does now.
   std::atomic_thread_fence(std::memory_order_acquire);

@@ -1,4 +1,4 @@
-#include "acmp_mapping/pipeline/host_depth_engine.h"
+#include "acmp_mapping/engine/host_depth_engine.h"
 
 #include <tbb/parallel_for.h>
 
@@ -100,7 +100,7 @@ void CheckSize(const char* name, int width, int height, const PinholeCamera& cam
 
 PatchMatchResult MakeStart(const EngineEstimatePtr& estimate) {
   const HostEstimate& host = Cast<HostEstimate>(estimate);
-  if (!IsHeldByNobodyElse(estimate)) return {host.planes.Clone(), host.cost.Clone(), {}};
+  if (!IsUnique(estimate)) return {host.planes.Clone(), host.cost.Clone(), {}};
   auto& used_up = const_cast<HostEstimate&>(host);  // Keep made it, and nobody is left to see it
   return {std::move(used_up.planes), std::move(used_up.cost), {}};
 }
@@ -310,7 +310,7 @@ EngineEstimatePtr HostDepthEngine::UploadMaps(const EstimateMapViews& maps, cons
   return estimate;
 }
 
-double HostDepthEngine::TakeDeviceMs() { return std::exchange(device_ms_, 0.0); }
+double HostDepthEngine::PopDeviceTime() { return std::exchange(device_ms_, 0.0); }
 
 std::unique_ptr<DepthEngine> MakeCpuDepthEngine() { return std::make_unique<HostDepthEngine>(&MakePatchMatchCpu); }
 

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "acmp_mapping/pipeline/depth_engine.h"
+#include "acmp_mapping/engine/depth_engine.h"
 
 namespace acmp {
 
@@ -35,7 +35,7 @@ class HostDepthEngine : public DepthEngine {
   EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
   EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override;
   EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) override;
-  double TakeDeviceMs() override;
+  double PopDeviceTime() override;
   size_t DeviceBytes() const override { return 0; }
   size_t FreeDeviceBytes() const override { return 0; }
   std::string device_name() const override { return patch_match_->device_name(); }

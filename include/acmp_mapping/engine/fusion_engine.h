@@ -1,0 +1,46 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "acmp_mapping/engine/matching_engine.h"
+#include "acmp_mapping/fusion/depth_fusion.h"
+
+namespace acmp {
+
+/// Which pixels of which frames have gone into points (see FuseDepthMaps), on the devices of the engines that use it.
+class FusionStamps {
+ public:
+  virtual ~FusionStamps() = default;
+};
+
+/// What is made of finished estimates: confidence, points of one keyframe, points of a whole scene.
+class FusionEngine {
+ public:
+  virtual ~FusionEngine() = default;
+
+  /// FilterByConsistency of the reference's estimate (not null) against the sources', with the frames' colours.
+  virtual ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
+                                                const FusionOptions& options) = 0;
+
+  /// Only the confidences of the same: on a device points would have to be fetched.
+  virtual ConfidenceMap MeasureConfidence(const EngineView& reference, const std::vector<EngineView>& sources,
+                                          const FusionOptions& options) {
+    return FilterByConsistency(reference, sources, options).confidence;
+  }
+
+  /// Stamps of no pixel yet, for this engine and all others of its kind: those on the CPU, or on any of the GPUs.
+  virtual std::unique_ptr<FusionStamps> MakeFusionStamps() = 0;
+
+  /// FuseDepthMaps, one view per call: the reference's points in the world. Views without an estimate take no part.
+  /// The caller fuses views that have a frame in common (as reference or source) one after the other, by rank: anything
+  /// else is a data race. Others do not touch the same stamps: they may be fused in any order, and by several engines
+  /// at the same time. The points are those of fusing all views by rank. An error leaves the stamps of this view half
+  /// set: the fusion cannot go on.
+  /// @param rank the view's own place in the order of fusion, 0..kMaxFusionViews - 1
+  /// @param stamps of MakeFusionStamps of an engine of this kind; of another it is an InvalidInputError
+  virtual PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
+                              const FusionOptions& options, int rank, FusionStamps* stamps) = 0;
+};
+
+}  // namespace acmp
