@@ -1,4 +1,4 @@
-#include "bag_check.h"
+#include "acmp_mapping/bags/bag_check.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "bag_contents.h"
+#include "acmp_mapping/bags/bag_contents.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "bag_recording.h"
+#include "acmp_mapping/bags/bag_recording.h"
 
 #include <cmath>
 #include <fstream>

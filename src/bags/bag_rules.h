@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
-#include "bag_check.h"
+#include "acmp_mapping/bags/bag_check.h"
 
 namespace acmp {
 

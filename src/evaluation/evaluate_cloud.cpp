@@ -1,4 +1,4 @@
-#include "evaluate_cloud.h"
+#include "acmp_mapping/evaluation/evaluate_cloud.h"
 
 #include <algorithm>
 

@@ -1,4 +1,4 @@
-#include "evaluate_depth.h"
+#include "acmp_mapping/evaluation/evaluate_depth.h"
 
 #include <algorithm>
 #include <cmath>

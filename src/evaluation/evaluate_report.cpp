@@ -1,4 +1,4 @@
-#include "evaluate_report.h"
+#include "acmp_mapping/evaluation/evaluate_report.h"
 
 #include <array>
 #include <cmath>

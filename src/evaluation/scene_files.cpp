@@ -1,4 +1,4 @@
-#include "scene_files.h"
+#include "acmp_mapping/evaluation/scene_files.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "evaluate_cloud.h"
+#include "acmp_mapping/evaluation/evaluate_cloud.h"
 
 #include <cmath>
 #include <filesystem>
@@ -14,8 +14,8 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/random.h"
 #include "acmp_mapping/dataset/map_io.h"
-#include "evaluate_report.h"
-#include "scene_files.h"
+#include "acmp_mapping/evaluation/evaluate_report.h"
+#include "acmp_mapping/evaluation/scene_files.h"
 
 namespace acmp {
 namespace {

@@ -1,4 +1,4 @@
-#include "evaluate_depth.h"
+#include "acmp_mapping/evaluation/evaluate_depth.h"
 
 #include <algorithm>
 #include <cmath>
@@ -12,8 +12,8 @@
 #include "acmp_mapping/common/random.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
-#include "evaluate_report.h"
-#include "scene_files.h"
+#include "acmp_mapping/evaluation/evaluate_report.h"
+#include "acmp_mapping/evaluation/scene_files.h"
 
 namespace acmp {
 namespace {

@@ -1,4 +1,4 @@
-#include "evaluate_inputs.h"
+#include "acmp_mapping/evaluation/evaluate_inputs.h"
 
 #include <cmath>
 #include <filesystem>

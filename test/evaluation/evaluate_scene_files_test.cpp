@@ -9,7 +9,7 @@
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/scene.h"
-#include "scene_files.h"
+#include "acmp_mapping/evaluation/scene_files.h"
 
 namespace acmp {
 namespace {

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "bag_contents.h"
+#include "acmp_mapping/bags/bag_contents.h"
 
 namespace acmp {
 

@@ -2,8 +2,8 @@
 
 #include <string>
 
-#include "evaluate_cloud.h"
-#include "evaluate_depth.h"
+#include "acmp_mapping/evaluation/evaluate_cloud.h"
+#include "acmp_mapping/evaluation/evaluate_depth.h"
 
 namespace acmp {
 
