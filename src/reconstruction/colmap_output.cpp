@@ -1,4 +1,4 @@
-#include "reconstruct_colmap.h"
+#include "colmap_output.h"
 
 #include <algorithm>
 #include <map>
@@ -63,48 +63,41 @@ std::vector<ColmapModelPoint> PointsOf(const std::vector<PointCloud>& clouds,
 }  // namespace
 
 ColmapOutput::ColmapOutput(const ReconstructRun* run) : run_(*run), folder_(run->folder.path() / "colmap") {
-  MakeFolder(folder_ / "sparse");
-  for (const ImagePlan& image : run_.plan.images) {
-    if (!image.no_map.empty()) continue;
-    for (const auto& file : FilesOf(image.index)) MakeFolder(file.parent_path());
-  }
+  for (const char* name : {"sparse", "stereo"}) MakeFolder(folder_ / name);
 }
 
 void ColmapOutput::CheckNames(const Scene& scene, const std::vector<int>& indices) {
   for (int index : indices) CheckColmapName(scene.images[index].name);
 }
 
-std::filesystem::path ColmapOutput::MapFile(const char* kind, int index) const {
-  return folder_ / "stereo" / kind / (run_.scene.images[index].name + ".geometric.bin");
-}
-
-std::vector<std::filesystem::path> ColmapOutput::FilesOf(int index) const {
-  return {folder_ / "images" / run_.scene.images[index].name, MapFile("depth_maps", index),
-          MapFile("normal_maps", index)};
-}
-
-void ColmapOutput::WriteMaps(int index, const StoredFinalMaps& maps) const {
-  DepthMap measured_depth = Clone(maps.depth());
-  NormalMap measured_normal = Clone(maps.normal());
-  for (int row = 0; row < measured_depth.height(); ++row) {
-    for (int col = 0; col < measured_depth.width(); ++col) {
-      if (maps.cost()(col, row) < kUnverifiedCost && measured_depth(col, row) > 0) continue;
-      measured_depth(col, row) = 0;
-      measured_normal(col, row) = {0, 0, 0};
-    }
+void ColmapOutput::WriteMaps(int index, const FinalMaps& maps) const {
+  DepthMap measured_depth = maps.depth.Clone();
+  NormalMap measured_normal = maps.normal.Clone();
+  for (size_t i = 0; i < measured_depth.size(); ++i) {
+    if (maps.cost.data()[i] < kUnverifiedCost && measured_depth.data()[i] > 0) continue;
+    measured_depth.data()[i] = 0;
+    measured_normal.data()[i] = {0, 0, 0};
   }
-  WriteColorImage(folder_ / "images" / run_.scene.images[index].name, Clone(maps.color()));
-  WriteColmapMap(MapFile("depth_maps", index), measured_depth);
-  WriteColmapMap(MapFile("normal_maps", index), measured_normal);
+  const std::string& name = run_.scene.images[index].name;
+  const auto write = [&](const std::filesystem::path& path, const auto& writer, const auto& pixels) {
+    MakeFolder(path.parent_path());
+    writer(path, pixels);
+    StartWriteback(path);
+  };
+  const auto write_map = [](const auto& path, const auto& map) { WriteColmapMap(path, map); };
+  write(folder_ / "images" / name, WriteColorImage, maps.color);
+  write(folder_ / "stereo/depth_maps" / (name + ".geometric.bin"), write_map, measured_depth);
+  write(folder_ / "stereo/normal_maps" / (name + ".geometric.bin"), write_map, measured_normal);
 }
 
 Places ColmapOutput::SourcesWithin(const std::vector<int>& images) const {
   std::map<int, size_t> place;
   for (size_t i = 0; i < images.size(); ++i) place[images[i]] = i;
+  std::map<int, std::vector<int>> sources_of;
+  for (const ImagePlan& image : run_.plan.images) sources_of[image.index] = image.sources;
   Places sources(images.size());
   for (size_t i = 0; i < images.size(); ++i) {
-    const StoredFinalMaps maps = run_.store.Final(images[i]);
-    for (int source : maps.sources()) {
+    for (int source : sources_of.at(images[i])) {
       if (const auto found = place.find(source); found != place.end()) sources[i].push_back(found->second);
     }
   }
@@ -117,8 +110,7 @@ void ColmapOutput::WriteModel(const std::vector<int>& images, const std::vector<
   for (int index : images) {
     const SceneImage& image = run_.scene.images[index];
     names.push_back(image.name);
-    model.push_back(
-        {index + 1, image.name, CameraOf(run_.scene, index, run_.options.max_image_size), image.cam_from_world});
+    model.push_back({index + 1, image.name, CameraOf(run_, index), image.cam_from_world});
   }
   const Places sources = SourcesWithin(images);
   std::vector<ColmapModelPoint> points = LandmarksOf(run_.scene, images);

@@ -6,7 +6,7 @@
 
 #include "acmp_mapping/dataset/colmap_workspace.h"
 #include "acmp_mapping/fusion/point_cloud.h"
-#include "reconstruct_run.h"
+#include "run.h"
 
 namespace acmp {
 
@@ -20,11 +20,9 @@ class ColmapOutput {
   /// Throws InvalidInputError when the workspace cannot have an image of that name.
   static void CheckNames(const Scene& scene, const std::vector<int>& indices);
 
-  /// What WriteMaps writes for an image.
-  std::vector<std::filesystem::path> FilesOf(int index) const;
   /// Depth and normals where they were measured: pixels of kUnverifiedCost or worse have at most planes from around
   /// them, and a program that fuses the maps would take them for what a camera saw.
-  void WriteMaps(int index, const StoredFinalMaps& maps) const;
+  void WriteMaps(int index, const FinalMaps& maps) const;
 
   /// Cameras, poses, landmarks and the lists of images: last, since the online schedule decides late what gets a map.
   /// @param images with maps, by scene index
@@ -32,7 +30,6 @@ class ColmapOutput {
   void WriteModel(const std::vector<int>& images, const std::vector<PointCloud>& clouds) const;
 
  private:
-  std::filesystem::path MapFile(const char* kind, int index) const;
   std::vector<std::vector<size_t>> SourcesWithin(const std::vector<int>& images) const;
 
   const ReconstructRun& run_;

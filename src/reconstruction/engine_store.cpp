@@ -1,8 +1,8 @@
-#include "reconstruct_store.h"
+#include "engine_store.h"
 
 #include <oneapi/tbb/parallel_for.h>
 
-#include <algorithm>
+#include "acmp_mapping/common/error.h"
 
 namespace acmp {
 namespace {
@@ -16,31 +16,40 @@ size_t HostBytes(const FinalMaps& maps) {
   return maps.depth.size() * (sizeof(float) + sizeof(Vec3f) + sizeof(float)) + maps.color.size() * sizeof(Rgb);
 }
 
+std::shared_ptr<const FinalMaps> FetchFinal(const Frame& frame, const DeviceEngine& engine,
+                                            const EngineEstimatePtr& estimate) {
+  EstimateMaps maps = engine.engine->Download(estimate);
+  return std::make_shared<const FinalMaps>(
+      FinalMaps{std::move(maps.depth), std::move(maps.normal), std::move(maps.cost), {}, frame.color.Clone()});
+}
+
 }  // namespace
 
-EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, const ReconstructFolder& folder,
-                         const ReconstructPlan& plan, const std::vector<ReconstructEngine>& engines)
+EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, const OutputFolder& folder,
+                         const ReconstructPlan& plan, const Devices& devices, int steps)
     : folder_(folder),
       plan_(plan),
       levels_(MakePipelineOptions(options).start_level),
+      final_step_(steps - 1),
       frames_(*frames),
-      always_writes_(options.keep_work || engines.front().on_host),
-      final_maps_on_host_(!options.maps.empty() || options.colmap),
-      max_unsaved_host_bytes_(options.MemoryBytes(options.kMapShare)) {
-  for (const ReconstructEngine& engine : engines) {
-    const size_t bytes = engine.on_host ? max_unsaved_host_bytes_ : engine.engine->FreeDeviceBytes() / 2;
-    const size_t unsaved = engine.on_host ? 0 : bytes / 2;
-    devices_.emplace(std::piecewise_construct, std::forward_as_tuple(engine.device),
-                     std::forward_as_tuple(bytes / 4, bytes - bytes / 4 - unsaved, unsaved));
+      always_writes_(options.keep_work || devices.on_host()),
+      removes_files_(devices.on_host() && !options.keep_work),
+      writes_maps_(!options.maps.empty() || options.colmap),
+      max_unsaved_map_bytes_(options.MemoryBytes(options.kMapShare)) {
+  for (int device = 0; device < devices.size(); ++device) {
+    const size_t bytes =
+        devices.on_host() ? max_unsaved_map_bytes_ : devices.Engine(device, 0).engine->FreeDeviceBytes() / 2;
+    const size_t unsaved = devices.on_host() ? 0 : bytes / 2;
+    devices_.emplace_back(bytes / 4, bytes - bytes / 4 - unsaved, unsaved);
   }
 }
 
-bool EngineStore::HasMap(int index) const {
-  return std::any_of(plan_.images.begin(), plan_.images.end(),
-                     [&](const ImagePlan& image) { return image.index == index && image.no_map.empty(); });
+std::filesystem::path EngineStore::FileOf(const Key& key) const {
+  const auto& [step, index] = key;
+  return folder_.WorkFile(step == final_step_ ? "final" : Concat("step_", step), index);
 }
 
-EngineProblem EngineStore::Problem(const ImagePlan& image, const ReconstructEngine& engine) {
+EngineProblem EngineStore::Problem(const ImagePlan& image, const DeviceEngine& engine) {
   EngineProblem problem;
   problem.depth_range = image.range;
   problem.sources.resize(image.sources.size());
@@ -61,36 +70,24 @@ EngineProblem EngineStore::Problem(const ImagePlan& image, const ReconstructEngi
   return problem;
 }
 
-EngineView EngineStore::View(int index, const ReconstructEngine& engine) {
-  const FramePtr frame = frames_.Get(index);
-  return {frame, Image(frame, engine), nullptr};
+EngineProblem EngineStore::Problem(const ImagePlan& image, int step, const DeviceEngine& engine) {
+  EngineProblem problem = Problem(image, engine);
+  problem.reference.estimate = Estimate({step, image.index}, *problem.reference.frame, engine);
+  for (EngineView& source : problem.sources) {
+    const int index = static_cast<int>(source.frame->id);
+    if (plan_.HasMap(index)) source.estimate = Estimate({step, index}, *source.frame, engine);
+  }
+  return problem;
 }
 
-EngineImagePtr EngineStore::Image(const FramePtr& frame, const ReconstructEngine& engine) {
+EngineImagePtr EngineStore::Image(const FramePtr& frame, const DeviceEngine& engine) {
   return devices_.at(engine.device)
       .images.Get(
           static_cast<int>(frame->id), [&] { return engine.engine->Load(frame, levels_); },
           [&](const EngineImage&) { return ImageBytes(*frame, engine.on_host); });
 }
 
-EngineEstimatePtr EngineStore::Read(const EstimateKey& key, const Frame& frame, const ReconstructEngine& engine) const {
-  const auto& [stage, index] = key;
-  EngineEstimatePtr elsewhere;
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (const auto found = unsaved_.find(key); found != unsaved_.end()) elsewhere = found->second.estimate;
-  }
-  if (elsewhere) return engine.engine->Import(elsewhere);
-  if (stage == kFinalStage) {
-    const StoredFinalMaps maps = Final(index);
-    return engine.engine->UploadMaps({maps.depth(), maps.normal(), maps.cost()}, frame.camera);
-  }
-  const auto path = folder_.WorkFile(stage, index);
-  return engine.engine->UploadState(ReadEstimate(path, frame.camera.width, frame.camera.height), frame.camera);
-}
-
-EngineEstimatePtr EngineStore::Estimate(const std::string& stage, const Frame& frame, const ReconstructEngine& engine) {
-  const EstimateKey key = {stage, static_cast<int>(frame.id)};
+EngineEstimatePtr EngineStore::Estimate(const Key& key, const Frame& frame, const DeviceEngine& engine) {
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     const auto found = unsaved_.find(key);
@@ -102,99 +99,105 @@ EngineEstimatePtr EngineStore::Estimate(const std::string& stage, const Frame& f
           [&](const EngineEstimate&) { return EstimateBytes(frame, engine.on_host); });
 }
 
-void EngineStore::AddEstimates(const std::string& stage, const ReconstructEngine& engine,
-                               std::vector<EngineView>* sources) {
-  for (EngineView& source : *sources) {
-    if (HasMap(static_cast<int>(source.frame->id))) source.estimate = Estimate(stage, *source.frame, engine);
+EngineEstimatePtr EngineStore::Read(const Key& key, const Frame& frame, const DeviceEngine& engine) const {
+  EngineEstimatePtr elsewhere;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (const auto found = unsaved_.find(key); found != unsaved_.end()) elsewhere = found->second.estimate;
   }
+  if (elsewhere) return engine.engine->Import(elsewhere);
+  if (key.first == final_step_) {
+    const FinalMaps maps = ReadFinalMaps(FileOf(key));
+    return engine.engine->UploadMaps({maps.depth.View(), maps.normal.View(), maps.cost.View()}, frame.camera);
+  }
+  return engine.engine->UploadState(ReadEstimate(FileOf(key), frame.camera.width, frame.camera.height), frame.camera);
 }
 
-void EngineStore::Keep(const std::string& stage, const Frame& frame, const ReconstructEngine& engine,
-                       const EngineEstimatePtr& estimate) {
-  const EstimateKey key = {stage, static_cast<int>(frame.id)};
+void EngineStore::Keep(int step, const Frame& frame, const DeviceEngine& engine, const EngineEstimatePtr& estimate) {
+  const Key key = {step, static_cast<int>(frame.id)};
+  const bool is_final = step == final_step_;
   const size_t bytes = EstimateBytes(frame, engine.on_host);
-  if (KeepUnsaved(key, {estimate, engine.device, bytes}, 0)) return;
-  WriteEstimate(folder_.WorkFile(stage, key.second), engine.engine->DownloadState(estimate));
+  std::shared_ptr<const FinalMaps> maps;
+  if (is_final && writes_maps_) maps = FetchFinal(frame, engine, estimate);
+  if (KeepUnsaved(key, {estimate, engine.device, bytes}, maps)) return;
+  if (is_final) {
+    WriteFinalMaps(FileOf(key), maps ? *maps : *FetchFinal(frame, engine, estimate));
+  } else {
+    WriteEstimate(FileOf(key), engine.engine->DownloadState(estimate));
+  }
   devices_.at(engine.device)
       .estimates.Get(
           key, [&] { return estimate; }, [&](const EngineEstimate&) { return bytes; });
 }
 
-bool EngineStore::KeepUnsaved(const EstimateKey& key, const Unsaved& unsaved, size_t host_bytes) {
+bool EngineStore::KeepUnsaved(const Key& key, const Unsaved& unsaved, std::shared_ptr<const FinalMaps> maps) {
   if (always_writes_) return false;
   const std::lock_guard<std::mutex> lock(mutex_);
   Device& device = devices_.at(unsaved.device);
-  const bool is_final = key.first == kFinalStage;
-  const size_t final_bytes = device.unsaved_final_bytes + (is_final ? unsaved.bytes : 0);
+  const size_t final_bytes = device.unsaved_final_bytes + (key.first == final_step_ ? unsaved.bytes : 0);
+  const size_t map_bytes = unsaved_map_bytes_ + (maps ? HostBytes(*maps) : 0);
   if (device.unsaved_bytes + unsaved.bytes > device.max_unsaved_bytes || final_bytes > device.max_unsaved_bytes / 2 ||
-      unsaved_host_bytes_ + host_bytes > max_unsaved_host_bytes_) {
+      map_bytes > max_unsaved_map_bytes_) {
     return false;
   }
   unsaved_[key] = unsaved;
   device.unsaved_bytes += unsaved.bytes;
   device.unsaved_final_bytes = final_bytes;
-  unsaved_host_bytes_ += host_bytes;
+  unsaved_map_bytes_ = map_bytes;
+  if (maps) unsaved_maps_[key.second] = std::move(maps);
   return true;
 }
 
-void EngineStore::FetchFinal(const Frame& frame, const ReconstructEngine& engine, const EngineEstimatePtr& estimate,
-                             FinalMaps* maps) {
-  EstimateMaps estimate_maps = engine.engine->Download(estimate);
-  maps->depth = std::move(estimate_maps.depth);
-  maps->normal = std::move(estimate_maps.normal);
-  maps->cost = std::move(estimate_maps.cost);
-  maps->color = frame.color.Clone();
-}
-
-void EngineStore::KeepFinal(const Frame& frame, const std::vector<int>& sources, const ReconstructEngine& engine,
-                            const EngineEstimatePtr& estimate) {
-  auto maps = std::make_shared<FinalMaps>();
-  maps->sources = sources;
-  if (final_maps_on_host_) FetchFinal(frame, engine, estimate, maps.get());
-  const EstimateKey key = {kFinalStage, static_cast<int>(frame.id)};
-  const size_t bytes = EstimateBytes(frame, engine.on_host);
-  if (KeepUnsaved(key, {estimate, engine.device, bytes}, HostBytes(*maps))) {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    unsaved_final_[key.second] = std::move(maps);
-    return;
+std::vector<EngineStore::Key> EngineStore::Estimates(const ImagePlan& image, int step) const {
+  std::vector<Key> keys = {{step, image.index}};
+  for (int source : image.sources) {
+    if (plan_.HasMap(source)) keys.emplace_back(step, source);
   }
-  if (!final_maps_on_host_) FetchFinal(frame, engine, estimate, maps.get());
-  WriteFinalMaps(folder_.WorkFile(kFinalStage, key.second), *maps);
-  devices_.at(engine.device)
-      .estimates.Get(
-          key, [&] { return estimate; }, [&](const EngineEstimate&) { return bytes; });
+  return keys;
 }
 
-StoredFinalMaps EngineStore::Final(int index) const {
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (const auto found = unsaved_final_.find(index); found != unsaved_final_.end()) {
-      return StoredFinalMaps(found->second);
-    }
-  }
-  return StoredFinalMaps(folder_.WorkFile(kFinalStage, index));
-}
-
-void EngineStore::ReleaseFinal(int index) {
+void EngineStore::AddReaders(const ImagePlan& image, int step, int count) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  const auto found = unsaved_final_.find(index);
-  if (found == unsaved_final_.end()) return;
-  unsaved_host_bytes_ -= HostBytes(*found->second);
-  auto only_sources = std::make_shared<FinalMaps>();
-  only_sources->sources = found->second->sources;
-  found->second = std::move(only_sources);
+  for (const Key& key : Estimates(image, step)) readers_left_[key] += count;
 }
 
-void EngineStore::Forget(const std::string& stage, int index) {
-  const EstimateKey key = {stage, index};
-  for (auto& [number, device] : devices_) device.estimates.Drop(key);
+void EngineStore::HasRead(const ImagePlan& image, int step) {
+  for (const Key& key : Estimates(image, step)) {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      if (--readers_left_.at(key) > 0) continue;
+    }
+    Forget(key);
+  }
+}
+
+void EngineStore::Forget(const Key& key) {
+  for (Device& device : devices_) device.estimates.Drop(key);
+  std::error_code ignored;  // what is left goes with the work folder
+  if (removes_files_ && key.first != final_step_) std::filesystem::remove(FileOf(key), ignored);
   const std::lock_guard<std::mutex> lock(mutex_);
   const auto found = unsaved_.find(key);
   if (found == unsaved_.end()) return;
   Device& device = devices_.at(found->second.device);
   device.unsaved_bytes -= found->second.bytes;
-  if (stage == kFinalStage) device.unsaved_final_bytes -= found->second.bytes;
+  if (key.first == final_step_) device.unsaved_final_bytes -= found->second.bytes;
   unsaved_.erase(found);
+}
+
+std::shared_ptr<const FinalMaps> EngineStore::Final(int index) const {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (const auto found = unsaved_maps_.find(index); found != unsaved_maps_.end()) return found->second;
+  }
+  return std::make_shared<const FinalMaps>(ReadFinalMaps(FileOf({final_step_, index})));
+}
+
+void EngineStore::ReleaseFinal(int index) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const auto found = unsaved_maps_.find(index);
+  if (found == unsaved_maps_.end()) return;
+  unsaved_map_bytes_ -= HostBytes(*found->second);
+  unsaved_maps_.erase(found);
 }
 
 }  // namespace acmp

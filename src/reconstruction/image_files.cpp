@@ -1,8 +1,10 @@
-#include "reconstruct_image_files.h"
+#include "image_files.h"
 
-#include <oneapi/tbb/parallel_invoke.h>
+#include <oneapi/tbb/parallel_for_each.h>
 
 #include <algorithm>
+#include <functional>
+#include <vector>
 
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
@@ -21,62 +23,33 @@ bool ImageFiles::Writes(const std::string& kind) const {
   return std::find(maps.begin(), maps.end(), kind) != maps.end();
 }
 
-std::filesystem::path ImageFiles::Picture(const std::string& kind, int index) const {
-  return run_.folder.MapFile("pictures", index, "_" + kind + ".png");
-}
-
-std::vector<std::filesystem::path> ImageFiles::FilesOf(int index) const {
-  std::vector<std::filesystem::path> files;
-  for (const std::string& kind : run_.options.maps) {
-    files.push_back(run_.folder.MapFile(kind, index, ".pfm"));
-    if (WritesPicture(kind)) files.push_back(Picture(kind, index));
-  }
-  if (Writes("depth")) files.push_back(run_.folder.MapFile("depth", index, ".png"));
-  if (run_.options.dmb) files.push_back(run_.folder.MapFile("depth", index, ".dmb"));
-  if (colmap_) {
-    for (auto& file : colmap_->FilesOf(index)) files.push_back(std::move(file));
-  }
-  return files;
-}
-
-bool ImageFiles::AllExist(int index) const {
-  const auto files = FilesOf(index);
-  return std::all_of(files.begin(), files.end(), [](const auto& file) { return std::filesystem::exists(file); });
-}
-
-size_t ImageFiles::WriteDepth(int index, const ImageView<const float>& depth) const {
-  WritePfm(run_.folder.MapFile("depth", index, ".pfm"), depth);
-  if (run_.options.dmb) WriteDmb(run_.folder.MapFile("depth", index, ".dmb"), depth);
-  return WriteDepthPng(run_.folder.MapFile("depth", index, ".png"), depth);
-}
-
-size_t ImageFiles::Write(int index, const StoredFinalMaps& maps, const ImageView<const float>& confidence) const {
-  const ReconstructFolder& folder = run_.folder;
+size_t ImageFiles::Write(int index, const FinalMaps& maps, const ConfidenceMap& confidence) const {
   size_t too_far = 0;
-  // One task per quantity: compressing pictures takes longer than writing them.
-  tbb::parallel_invoke(
-      [&] {
-        if (Writes("depth")) too_far = WriteDepth(index, maps.depth());
-      },
-      [&] {
-        if (WritesPicture("depth")) WritePng(Picture("depth", index), DepthPicture(maps.depth()));
-      },
-      [&] {
-        if (Writes("normal")) WritePfm(folder.MapFile("normal", index, ".pfm"), maps.normal());
-        if (WritesPicture("normal")) WritePng(Picture("normal", index), NormalPicture(maps.normal()));
-      },
-      [&] {
-        if (Writes("cost")) WritePfm(folder.MapFile("cost", index, ".pfm"), maps.cost());
-        if (WritesPicture("cost")) WritePng(Picture("cost", index), CostPicture(maps.cost()));
-      },
-      [&] {
-        if (Writes("confidence")) WritePfm(folder.MapFile("confidence", index, ".pfm"), confidence);
-        if (WritesPicture("confidence")) WritePng(Picture("confidence", index), ConfidencePicture(confidence));
-      },
-      [&] {
-        if (colmap_) colmap_->WriteMaps(index, maps);
-      });
-  for (const auto& file : FilesOf(index)) StartWriteback(file);
+  std::vector<std::function<void()>> files;
+  const auto add = [&](const std::string& kind, const std::string& suffix, const auto& write) {
+    files.emplace_back([path = run_.folder.MapFile(kind, index, suffix), write] {
+      write(path);
+      StartWriteback(path);
+    });
+  };
+  const auto add_map = [&](const std::string& kind, const auto& map, const auto& make_picture) {
+    if (!Writes(kind)) return;
+    add(kind, ".pfm", [&map](const auto& path) { WritePfm(path, map.View()); });
+    if (run_.options.no_pictures) return;
+    add("pictures", "_" + kind + ".png",
+        [&map, make_picture](const auto& path) { WritePng(path, make_picture(map.View())); });
+  };
+  add_map("depth", maps.depth, DepthPicture);
+  add_map("normal", maps.normal, NormalPicture);
+  add_map("cost", maps.cost, CostPicture);
+  add_map("confidence", confidence, ConfidencePicture);
+  if (Writes("depth")) {
+    add("depth", ".png", [&](const auto& path) { too_far = WriteDepthPng(path, maps.depth.View()); });
+  }
+  if (run_.options.dmb) add("depth", ".dmb", [&](const auto& path) { WriteDmb(path, maps.depth.View()); });
+  if (colmap_) files.emplace_back([&] { colmap_->WriteMaps(index, maps); });
+  // Side by side: compressing pictures takes longer than writing them.
+  tbb::parallel_for_each(files, [](const std::function<void()>& write) { write(); });
   return too_far;
 }
 

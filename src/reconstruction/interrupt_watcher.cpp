@@ -1,4 +1,4 @@
-#include "reconstruct_interrupt.h"
+#include "acmp_mapping/reconstruction/interrupt_watcher.h"
 
 #include <unistd.h>
 
@@ -30,7 +30,7 @@ void InterruptWatcher::Watch() {
     if (sigtimedwait(&signals_, nullptr, &kPoll) < 0) continue;
     if (requested_) {
       // Files are whole or absent at any time, so stopping dead loses nothing but the step at hand.
-      static const char kMessage[] = "\nstopped at once; run the same command again to go on\n";
+      static const char kMessage[] = "\nstopped at once\n";
       [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, kMessage, sizeof(kMessage) - 1);
       _exit(1);
     }

@@ -3,15 +3,11 @@
 #include <oneapi/tbb/task_arena.h>
 
 #include <cstddef>
-#include <cstdint>
-#include <exception>
 #include <functional>
-#include <future>
 #include <list>
 #include <map>
 #include <memory>
 #include <mutex>
-#include <utility>
 
 namespace acmp {
 
@@ -24,27 +20,18 @@ class LruCache {
 
   explicit LruCache(size_t max_bytes) : max_bytes_(max_bytes) {}
 
-  /// The value of a key; made by `make` when it is not there. `bytes_of` says how large it is. What `make` throws goes
-  /// to all who wait for the value, and the next one tries again.
+  /// The value of a key; made by `make` when it is not there. `bytes_of` says how large it is. Where `make` throws, each
+  /// of those who wait for the value tries for himself.
   Pointer Get(const Key& key, const std::function<Pointer()>& make,
               const std::function<size_t(const Value&)>& bytes_of) {
-    std::promise<Pointer> promise;
-    std::shared_future<Pointer> made_elsewhere;
-    uint64_t number = 0;
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      const auto found = entries_.find(key);
-      if (found != entries_.end()) {
-        order_.splice(order_.begin(), order_, found->second.position);
-        made_elsewhere = found->second.value;
-      } else {
-        number = next_number_++;
-        std::list<Key> position = {key};
-        entries_.emplace(key, Entry{promise.get_future().share(), number, false, 0, position.begin()});
-        order_.splice(order_.begin(), position);  // cannot throw: both know the key, or none
-      }
+    const std::shared_ptr<Slot> slot = Touch(key);
+    const std::lock_guard<std::mutex> lock(slot->mutex);
+    if (!slot->value) {
+      // While it waits for its own loops this thread must not take up work that waits for this value.
+      tbb::this_task_arena::isolate([&] { slot->value = make(); });
+      Count(key, slot, bytes_of(*slot->value));
     }
-    return made_elsewhere.valid() ? made_elsewhere.get() : Make(key, number, make, bytes_of, &promise);
+    return slot->value;
   }
 
   /// Forgets a value; no effect when it is not there. One that is being made still goes to all who wait for it, but is
@@ -59,64 +46,47 @@ class LruCache {
     const std::lock_guard<std::mutex> lock(mutex_);
     return bytes_;
   }
-  size_t size() const {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    return entries_.size();
-  }
 
  private:
+  struct Slot {
+    std::mutex mutex;  ///< held while the value is made
+    Pointer value;
+  };
   struct Entry {
-    std::shared_future<Pointer> value;
-    uint64_t number = 0;  ///< which of the entries that the key has had: who makes it must not touch a later one
-    bool made = false;
-    size_t bytes = 0;
-    typename std::list<Key>::iterator position;
+    std::shared_ptr<Slot> slot;
+    size_t bytes = 0;  ///< 0: not made yet
+    typename std::list<Key>::iterator place;
   };
   using Entries = std::map<Key, Entry>;
 
-  Pointer Make(const Key& key, uint64_t number, const std::function<Pointer()>& make,
-               const std::function<size_t(const Value&)>& bytes_of, std::promise<Pointer>* promise) {
-    try {
-      Pointer value;
-      // While it waits for its own loops this thread must not take up work that waits for this value.
-      tbb::this_task_arena::isolate([&] { value = make(); });
-      Count(key, number, bytes_of(*value));
-      promise->set_value(value);
-      return value;
-    } catch (...) {
-      DropUnmade(key, number);  // first: who hears of the failure and tries again must not find it
-      promise->set_exception(std::current_exception());
-      throw;
+  /// The slot of a key, which is the one used last from now on.
+  std::shared_ptr<Slot> Touch(const Key& key) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (const auto found = entries_.find(key); found != entries_.end()) {
+      order_.splice(order_.begin(), order_, found->second.place);
+      return found->second.slot;
     }
+    order_.push_front(key);
+    return entries_.emplace(key, Entry{std::make_shared<Slot>(), 0, order_.begin()}).first->second.slot;
   }
 
-  void DropUnmade(const Key& key, uint64_t number) {
+  void Count(const Key& key, const std::shared_ptr<Slot>& slot, size_t bytes) {
     const std::lock_guard<std::mutex> lock(mutex_);
     const auto entry = entries_.find(key);
-    if (entry != entries_.end() && entry->second.number == number) Erase(entry);
-  }
-
-  void Count(const Key& key, uint64_t number, size_t bytes) {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    const auto entry = entries_.find(key);
-    if (entry == entries_.end() || entry->second.number != number) return;  // dropped meanwhile
-    entry->second.made = true;
+    if (entry == entries_.end() || entry->second.slot != slot) return;  // dropped meanwhile
     entry->second.bytes = bytes;
     bytes_ += bytes;
-    while (bytes_ > max_bytes_) Erase(entries_.find(OldestMade()));
-  }
-
-  const Key& OldestMade() const {
-    auto key = order_.end();
-    do {
-      --key;
-    } while (!entries_.at(*key).made);
-    return *key;
+    for (auto oldest = order_.end(); bytes_ > max_bytes_ && oldest != order_.begin();) {
+      const auto found = entries_.find(*--oldest);
+      if (found->second.bytes == 0) continue;
+      ++oldest;  // before it goes
+      Erase(found);
+    }
   }
 
   void Erase(typename Entries::iterator entry) {
     bytes_ -= entry->second.bytes;
-    order_.erase(entry->second.position);
+    order_.erase(entry->second.place);
     entries_.erase(entry);
   }
 
@@ -125,7 +95,6 @@ class LruCache {
   Entries entries_;
   std::list<Key> order_;  ///< used last first
   size_t bytes_ = 0;      ///< of all that are made
-  uint64_t next_number_ = 0;
 };
 
 }  // namespace acmp

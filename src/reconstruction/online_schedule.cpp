@@ -3,49 +3,27 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
-#include "reconstruct_recorder.h"
-#include "reconstruct_run.h"
-#include "reconstruct_work_files.h"
+#include "acmp_mapping/pipeline/dense_mapper.h"
+#include "run.h"
+#include "work_files.h"
 
 namespace acmp {
 namespace {
 
 FinalMaps ToFinalMaps(const KeyframeDepth& keyframe) {
-  FinalMaps maps;
-  maps.depth = keyframe.depth.Clone();
-  maps.normal = keyframe.normal.Clone();
-  maps.cost = keyframe.cost.Clone();
-  maps.confidence = keyframe.confidence.Clone();
-  maps.color = keyframe.frame->color.Clone();
-  maps.sources.assign(keyframe.source_ids.begin(), keyframe.source_ids.end());
-  return maps;
+  return {keyframe.depth.Clone(), keyframe.normal.Clone(), keyframe.cost.Clone(), keyframe.confidence.Clone(),
+          keyframe.frame->color.Clone()};
 }
 
+/// Feeds the images to a mapper and keeps the last maps of each.
 class OnlineSchedule {
  public:
   explicit OnlineSchedule(ReconstructRun* run)
-      : run_(*run),
-        recorder_(run->engines.front().engine, &run->folder, &run->interrupt),
-        mapper_(&recorder_, MapperOptions(*run),
-                {{},
-                 [this](const KeyframeDepthPtr& keyframe) { Try([&] { KeepFirst(*keyframe); }); },
-                 [this](const KeyframeDrop& drop) { Try([&] { Drop(drop); }); },
-                 [this](const KeyframeDepthPtr& keyframe) { Try([&] { Keep(*keyframe, true); }); },
-                 {},
-                 {},
-                 [this](const std::string&, const std::string& message) { run_.progress.Warn(message); }}) {
-    run_.folder.MakeWorkFolder("final");
-  }
+      : run_(*run), mapper_(run->devices.Engine(0, 0).engine, MapperOptions(*run), Callbacks()) {}
 
   void Run() {
-    const PipelineOptions pipeline = MakePipelineOptions(run_.options);
-    const double cost_of_image = TotalCost(run_.plan, pipeline) / static_cast<double>(run_.plan.images.size());
-    run_.progress.Begin("keyframe", static_cast<int>(run_.plan.images.size()),
-                        cost_of_image - StepCosts::kOutput - StepCosts::kFusion);
     const FrameOptions frame_options = MakeFrameOptions(run_.options);
     for (const ImagePlan& image : run_.plan.images) {
-      run_.interrupt.Check();
-      const int passes_before = recorder_.passes_run();
       Timer timer;
       auto frame = std::make_shared<Frame>(LoadFrame(run_.scene, image.index, frame_options));
       // What a PointCloud2 carries is in float: with the same bits the nodelet's maps are the same.
@@ -53,7 +31,7 @@ class OnlineSchedule {
       run_.times.reading_ms += timer.Lap();
       mapper_.AddKeyframe(std::move(frame));
       CheckOutcome();
-      run_.progress.Step(recorder_.passes_run() == passes_before);
+      run_.progress.Step();
     }
     mapper_.Flush();
     CheckOutcome();
@@ -64,6 +42,23 @@ class OnlineSchedule {
     std::vector<int> indices;
     for (const ImagePlan& image : run.plan.images) indices.push_back(image.index);
     return MakeMapperOptions(run.options, UnionOfDatasetRanges(run.scene, indices));
+  }
+
+  DenseMapper::Callbacks Callbacks() {
+    DenseMapper::Callbacks callbacks;
+    callbacks.on_refined = [this](const KeyframeDepthPtr& keyframe) {
+      Try([&] {
+        ++run_.times.images;
+        Keep(*keyframe);
+      });
+    };
+    callbacks.on_refined_again = [this](const KeyframeDepthPtr& keyframe) { Try([&] { Keep(*keyframe); }); };
+    callbacks.on_drop = [this](const KeyframeDrop& drop) { Try([&] { Drop(drop); }); };
+    // A failed second estimate, with which the run would end in other maps.
+    callbacks.on_problem = [this](const std::string&, const std::string& message) {
+      Try([&] { throw ProcessingError(message); });
+    };
+    return callbacks;
   }
 
   /// The mapper's callbacks must not throw, and a flush may bring more maps than there is memory for: they are written
@@ -79,25 +74,18 @@ class OnlineSchedule {
     }
   }
 
-  void CheckOutcome() {
+  void CheckOutcome() const {
     run_.interrupt.Check();
     if (failure_) std::rethrow_exception(failure_);
   }
 
-  void KeepFirst(const KeyframeDepth& keyframe) {
-    ++run_.times.images;
-    Keep(keyframe, false);
-  }
-
-  /// @param anew the last ones are in the file, if it is not an earlier run's
-  void Keep(const KeyframeDepth& keyframe, bool anew) {
-    run_.times.Add(keyframe.times);
+  void Keep(const KeyframeDepth& keyframe) {
+    run_.times.stages += keyframe.times;
     run_.times.consistency_ms += keyframe.consistency_ms;
-    PlanOf(keyframe.frame->id).sources.assign(keyframe.source_ids.begin(), keyframe.source_ids.end());
-    const auto path = run_.folder.WorkFile("final", static_cast<int>(keyframe.frame->id));
-    if (!anew && IsWholeWorkFile(path)) return;
+    ImagePlan& image = PlanOf(keyframe.frame->id);
+    image.sources.assign(keyframe.source_ids.begin(), keyframe.source_ids.end());
     Timer timer;
-    WriteFinalMaps(path, ToFinalMaps(keyframe));
+    WriteFinalMaps(run_.store.FileOf({run_.store.final_step(), image.index}), ToFinalMaps(keyframe));
     run_.times.keeping_ms += timer.Lap();
   }
 
@@ -109,36 +97,25 @@ class OnlineSchedule {
   }
 
   ImagePlan& PlanOf(int64_t id) {
-    const auto found = std::find_if(run_.plan.images.begin(), run_.plan.images.end(),
-                                    [&](const ImagePlan& image) { return image.index == id; });
-    if (found == run_.plan.images.end())
-      throw ProcessingError(Concat("the mapper named image ", id, ", which it never got"));
+    std::vector<ImagePlan>& images = run_.plan.images;
+    const auto found =
+        std::find_if(images.begin(), images.end(), [&](const ImagePlan& image) { return image.index == id; });
+    if (found == images.end()) throw ProcessingError(Concat("the mapper named image ", id, ", which it never got"));
     return *found;
   }
 
   ReconstructRun& run_;
   std::exception_ptr failure_;
-  RecordingDepthEngine recorder_;
   DenseMapper mapper_;
 };
-
-void CheckSomeImageHasAMap(const ReconstructRun& run) {
-  for (const ImagePlan& image : run.plan.images) {
-    if (image.no_map.empty()) return;
-  }
-  throw InvalidInputError(Concat("none of the ", run.plan.images.size(), " images got a map; for example ",
-                                 run.plan.images.front().no_map));
-}
 
 }  // namespace
 
 void RunOnlineSchedule(ReconstructRun* run) {
-  try {
-    OnlineSchedule(run).Run();
-  } catch (const RunAborted& aborted) {
-    std::rethrow_exception(aborted.reason);
-  }
-  CheckSomeImageHasAMap(*run);
+  constexpr double kShareOfRun = 0.8;
+  run->progress.Begin("keyframe", static_cast<int>(run->plan.images.size()), kShareOfRun);
+  OnlineSchedule(run).Run();
+  CheckSomeImageGetsAMap(run->plan, run->scene);
 }
 
 }  // namespace acmp

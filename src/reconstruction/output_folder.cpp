@@ -1,4 +1,4 @@
-#include "reconstruct_folder.h"
+#include "output_folder.h"
 
 #include <fcntl.h>
 #include <sys/file.h>
@@ -89,8 +89,7 @@ std::string SixDigits(int number) {
   return text;
 }
 
-ReconstructFolder::ReconstructFolder(const std::filesystem::path& path, const RunRecord& record, bool overwrite)
-    : path_(path) {
+OutputFolder::OutputFolder(const std::filesystem::path& path, const RunRecord& record, bool overwrite) : path_(path) {
   MakeFolder(path_);
   Lock();
   try {
@@ -101,9 +100,9 @@ ReconstructFolder::ReconstructFolder(const std::filesystem::path& path, const Ru
   }
 }
 
-ReconstructFolder::~ReconstructFolder() { close(lock_); }
+OutputFolder::~OutputFolder() { close(lock_); }
 
-void ReconstructFolder::Lock() {
+void OutputFolder::Lock() {
   const auto path = path_ / kLockName;
   lock_ = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
   if (lock_ < 0) throw ProcessingError(Concat("cannot create ", path.string(), ": ", std::strerror(errno)));
@@ -114,7 +113,7 @@ void ReconstructFolder::Lock() {
   throw InvalidInputError(Concat(path_.string(), ": another run is writing to this folder right now"));
 }
 
-void ReconstructFolder::TakeOver(const RunRecord& record, bool overwrite) {
+void OutputFolder::TakeOver(const RunRecord& record, bool overwrite) {
   const auto record_path = path_ / kRecordName;
   const std::string text = Format(record);
   if (!std::filesystem::exists(record_path)) {
@@ -140,21 +139,24 @@ void ReconstructFolder::TakeOver(const RunRecord& record, bool overwrite) {
   state_ = std::filesystem::exists(SummaryFile()) ? State::kComplete : State::kStarted;
 }
 
-void ReconstructFolder::RemoveResults() const {
+void OutputFolder::RemoveResults() const {
   // The summary first: a folder without it never counts as complete.
   Remove(SummaryFile());
   for (const char* name : kOwnEntries) Remove(path_ / name);
 }
 
-std::filesystem::path ReconstructFolder::WorkFile(const std::string& stage, int number) const {
-  return path_ / "work" / stage / (SixDigits(number) + ".bin");
+void OutputFolder::StartAfresh() {
+  RemoveResults();
+  state_ = State::kFresh;
 }
 
-void ReconstructFolder::MakeWorkFolder(const std::string& stage) const { MakeFolder(path_ / "work" / stage); }
-void ReconstructFolder::RemoveWork(const std::string& stage) const { Remove(path_ / "work" / stage); }
-void ReconstructFolder::RemoveAllWork() const { Remove(path_ / "work"); }
+std::filesystem::path OutputFolder::WorkFile(const std::string& kind, int number) const {
+  return path_ / "work" / kind / (SixDigits(number) + ".bin");
+}
 
-std::filesystem::path ReconstructFolder::MapFile(const std::string& kind, int index, const std::string& suffix) const {
+void OutputFolder::RemoveWork() const { Remove(path_ / "work"); }
+
+std::filesystem::path OutputFolder::MapFile(const std::string& kind, int index, const std::string& suffix) const {
   return path_ / kind / (SixDigits(index) + suffix);
 }
 

@@ -11,7 +11,7 @@ namespace acmp {
 using RunRecord = std::vector<std::pair<std::string, std::string>>;
 
 /// The folder OUTPUT: where everything lies in it, and whose it is. Only one run at a time.
-class ReconstructFolder {
+class OutputFolder {
  public:
   enum class State {
     kFresh,     ///< nothing done yet
@@ -21,19 +21,20 @@ class ReconstructFolder {
 
   /// Makes the folder or takes over the one that is there. Throws InvalidInputError when it belongs to a run with other
   /// settings (unless `overwrite`), to something else, or to a run that is going on right now.
-  ReconstructFolder(const std::filesystem::path& path, const RunRecord& record, bool overwrite);
-  ~ReconstructFolder();
-  ReconstructFolder(const ReconstructFolder&) = delete;
-  ReconstructFolder& operator=(const ReconstructFolder&) = delete;
+  OutputFolder(const std::filesystem::path& path, const RunRecord& record, bool overwrite);
+  ~OutputFolder();
+  OutputFolder(const OutputFolder&) = delete;
+  OutputFolder& operator=(const OutputFolder&) = delete;
+
+  /// Removes what an interrupted run has left.
+  void StartAfresh();
 
   State state() const { return state_; }
   const std::filesystem::path& path() const { return path_; }
 
-  /// OUTPUT/work/STAGE/000012.bin
-  std::filesystem::path WorkFile(const std::string& stage, int number) const;
-  void MakeWorkFolder(const std::string& stage) const;
-  void RemoveWork(const std::string& stage) const;
-  void RemoveAllWork() const;
+  /// OUTPUT/work/KIND/000012.bin
+  std::filesystem::path WorkFile(const std::string& kind, int number) const;
+  void RemoveWork() const;
 
   /// OUTPUT/KIND/000012SUFFIX
   std::filesystem::path MapFile(const std::string& kind, int index, const std::string& suffix) const;

@@ -1,4 +1,4 @@
-#include "reconstruct_plan.h"
+#include "plan.h"
 
 #include <oneapi/tbb/parallel_for.h>
 
@@ -146,16 +146,21 @@ std::vector<int> SelectSources(const std::vector<FrameLandmarksPtr>& frames, siz
   return sources;
 }
 
+}  // namespace
+
+bool ReconstructPlan::HasMap(int index) const {
+  return std::any_of(images.begin(), images.end(),
+                     [&](const ImagePlan& image) { return image.index == index && image.no_map.empty(); });
+}
+
 void CheckSomeImageGetsAMap(const ReconstructPlan& plan, const Scene& scene) {
   for (const ImagePlan& image : plan.images) {
     if (image.no_map.empty()) return;
   }
   const ImagePlan& first = plan.images.front();
-  throw InvalidInputError(Concat("none of the ", plan.images.size(), " images has enough source views; for example ",
+  throw InvalidInputError(Concat("none of the ", plan.images.size(), " images gets a map; for example ",
                                  scene.images[first.index].name, ": ", first.no_map));
 }
-
-}  // namespace
 
 ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indices,
                                 const ReconstructOptions& options) {

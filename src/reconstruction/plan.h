@@ -4,9 +4,9 @@
 #include <vector>
 
 #include "acmp_mapping/dataset/scene.h"
-#include "reconstruct_frames.h"
-#include "reconstruct_interrupt.h"
-#include "reconstruct_options.h"
+#include "acmp_mapping/reconstruction/interrupt_watcher.h"
+#include "acmp_mapping/reconstruction/reconstruct_options.h"
+#include "frame_store.h"
 
 namespace acmp {
 
@@ -22,7 +22,13 @@ struct ImagePlan {
 struct ReconstructPlan {
   std::vector<ImagePlan> images;
   std::vector<std::string> warnings;
+
+  /// Whether the image takes part and gets a map.
+  bool HasMap(int index) const;
 };
+
+/// Throws InvalidInputError with an example when no image gets a map.
+void CheckSomeImageGetsAMap(const ReconstructPlan& plan, const Scene& scene);
 
 /// Decides depth range and source views of every image for the offline schedule. Throws InvalidInputError when an image
 /// has no depth range, or when no image has enough source views.

@@ -1,4 +1,4 @@
-#include "reconstruct_progress.h"
+#include "progress.h"
 
 #include <algorithm>
 #include <cmath>
@@ -19,17 +19,17 @@ std::string FormatDuration(double seconds) {
   return text;
 }
 
-Progress::Progress(std::ostream* stream, ProgressStyle style, double total_cost)
-    : stream_(stream), style_(style), total_cost_(total_cost) {}
+Progress::Progress(std::ostream* stream, ProgressStyle style) : stream_(stream), style_(style) {}
 
 Progress::~Progress() { EraseBar(); }
 
-void Progress::Begin(const std::string& stage, int steps, double cost_per_step) {
+void Progress::Begin(const std::string& stage, int steps, std::optional<double> share) {
   const std::lock_guard<std::mutex> lock(mutex_);
+  begun_ += share_;
+  share_ = share.value_or(1 - begun_);
   stage_ = stage;
   steps_ = steps;
   step_ = 0;
-  cost_per_step_ = cost_per_step;
   shown_percent_ = -1;
   Show();
 }
@@ -37,8 +37,7 @@ void Progress::Begin(const std::string& stage, int steps, double cost_per_step) 
 void Progress::Step(bool reused) {
   const std::lock_guard<std::mutex> lock(mutex_);
   ++step_;
-  done_cost_ += cost_per_step_;
-  if (reused) reused_cost_ += cost_per_step_;
+  if (reused) reused_ += share_ / steps_;
   Show();
 }
 
@@ -55,17 +54,17 @@ void Progress::Warn(const std::string& message) {
   *stream_ << "warning: " << message << std::endl;
 }
 
-double Progress::done_share() const { return total_cost_ > 0 ? std::min(1.0, done_cost_ / total_cost_) : 0.0; }
+double Progress::done_share() const { return begun_ + (steps_ > 0 ? share_ * step_ / steps_ : 0); }
 
 double Progress::SecondsLeft(double elapsed_s) const {
-  const double own_cost = done_cost_ - reused_cost_;
-  if (own_cost <= 0) return -1;
-  return elapsed_s / own_cost * std::max(0.0, total_cost_ - done_cost_);
+  const double own = done_share() - reused_;
+  if (own < 1e-9) return -1;  // but for rounding nothing
+  return elapsed_s / own * (1 - done_share());
 }
 
 void Progress::Show() {
   if (style_ == ProgressStyle::kSilent) return;
-  const int percent = static_cast<int>(100 * done_share() + 1e-6);  // the costs' sum is rounded
+  const int percent = static_cast<int>(100 * done_share() + 1e-6);  // the sum of shares is rounded
   if (style_ == ProgressStyle::kLines && percent == shown_percent_) return;
   shown_percent_ = percent;
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start_;

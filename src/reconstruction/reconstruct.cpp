@@ -1,4 +1,4 @@
-#include "reconstruct.h"
+#include "acmp_mapping/reconstruction/reconstruct.h"
 
 #include <future>
 #include <map>
@@ -7,9 +7,9 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/dataset/output_file.h"
-#include "reconstruct_colmap.h"
-#include "reconstruct_run.h"
-#include "reconstruct_summary.h"
+#include "colmap_output.h"
+#include "run.h"
+#include "summary.h"
 
 namespace acmp {
 namespace {
@@ -74,7 +74,8 @@ void ReportImagesWithoutMap(const ReconstructRun& run) {
   }
 }
 
-void RunAllSteps(ReconstructRun* run, const RunRecord& record, const Timer& timer, std::ostream* out) {
+/// Runs the schedule and writes the results. Returns the number of points.
+size_t RunSchedule(ReconstructRun* run) {
   TaskGraph graph;
   std::map<int, int> final_maps;
   if (run->options.online()) {
@@ -85,54 +86,62 @@ void RunAllSteps(ReconstructRun* run, const RunRecord& record, const Timer& time
   ReportImagesWithoutMap(*run);
   const size_t points = RunAndWriteResults(run, final_maps, &graph);
   run->interrupt.Check();
+  return points;
+}
+
+/// The summary, which makes the run complete.
+void Finish(ReconstructRun* run, const RunRecord& record, const Timer& timer, size_t points, std::ostream* out) {
   Timer sync;
   SyncFolder(run->folder.path());
-  run->times.syncing_ms += sync.Lap();
+  run->times.syncing_ms = sync.Lap();
   run->times.run_ms = timer.Elapsed();
-  WriteFileAtomically(run->folder.SummaryFile(),
-                      FormatSummary(*run, record, run->engines.front().engine->device_name(), points),
+  WriteFileAtomically(run->folder.SummaryFile(), FormatSummary(*run, record, run->devices.name(), points),
                       Durability::kPowerCut);
-  if (!run->options.keep_work) run->folder.RemoveAllWork();
+  if (!run->options.keep_work) run->folder.RemoveWork();
   if (!run->options.quiet) {
     *out << run->folder.path().string() << ": " << points << " points in fused.ply; took "
-         << FormatDuration(run->times.run_ms / 1000) << " on " << run->engines.front().engine->device_name()
-         << std::endl;
+         << FormatDuration(run->times.run_ms / 1000) << " on " << run->devices.name() << std::endl;
   }
   if (run->options.timings) *out << FormatTimings(run->times) << std::flush;
 }
 
 }  // namespace
 
-void Reconstruct(const ReconstructOptions& options, const EngineMaker& make_engines, InterruptWatcher* interrupt,
+void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devices, InterruptWatcher* interrupt,
                  std::ostream* out, std::ostream* log, bool log_is_terminal) {
   const Timer timer;
   Validate(options);
-  std::future<std::vector<ReconstructEngine>> engines_to_come = std::async(std::launch::async, make_engines);
+  std::future<std::vector<ReconstructDevice>> devices_to_come = std::async(std::launch::async, make_devices);
   const Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format));
   const std::vector<int> indices = ChosenImages(scene, options.images);
   if (options.colmap) ColmapOutput::CheckNames(scene, indices);
   ReconstructPlan plan = options.online() ? MakeOnlinePlan(indices) : MakeOfflinePlan(scene, indices, options);
   interrupt->Check();
-  Progress progress(log, StyleFor(options, log_is_terminal), TotalCost(plan, MakePipelineOptions(options)));
+  Progress progress(log, StyleFor(options, log_is_terminal));
   for (const std::string& warning : scene.warnings) progress.Warn(warning);
   for (const std::string& warning : plan.warnings) progress.Warn(warning);
 
   progress.Note(Concat("checking ", indices.size(), " images"));
   FrameStore frames(scene, MakeFrameOptions(options), options.MemoryBytes(options.kImageShare));
   const std::string input_hash = CheckInput(scene, indices, &frames, *interrupt);
-  const std::vector<ReconstructEngine> engines = engines_to_come.get();
-  const RunRecord record = MakeRecord(options, engines.front().engine->device_name(), input_hash);
-  const ReconstructFolder folder(options.output, record, options.overwrite);
-  if (folder.state() == ReconstructFolder::State::kComplete) {
-    if (!options.keep_work) folder.RemoveAllWork();
+  const Devices devices(devices_to_come.get(), indices);
+  const RunRecord record = MakeRecord(options, devices.name(), input_hash);
+  OutputFolder folder(options.output, record, options.overwrite);
+  if (folder.state() == OutputFolder::State::kComplete) {
+    if (!options.keep_work) folder.RemoveWork();
     if (!options.quiet)
       *out << options.output.string() << ": already complete (--overwrite starts afresh)" << std::endl;
     return;
   }
-  if (folder.state() == ReconstructFolder::State::kStarted) progress.Note("going on with an interrupted run");
-  EngineStore store(&frames, options, folder, plan, engines);
-  ReconstructRun run{scene, options, plan, folder, engines, store, *interrupt, progress, {}, {}};
-  RunAllSteps(&run, record, timer, out);
+  if (folder.state() == OutputFolder::State::kStarted) {
+    progress.Note(options.online() ? "an interrupted run with --schedule online starts anew"
+                                   : "going on with an interrupted run");
+    if (options.online()) folder.StartAfresh();
+  }
+  EngineStore store(&frames, options, folder, plan, devices, NumSteps(MakePipelineOptions(options)));
+  ReconstructRun run{scene, options, plan, folder, devices, store, *interrupt, progress, {}, {}};
+  const size_t points = RunSchedule(&run);
+  Finish(&run, record, timer, points, out);
 }
 
 }  // namespace acmp

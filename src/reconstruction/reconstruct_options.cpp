@@ -1,4 +1,4 @@
-#include "reconstruct_options.h"
+#include "acmp_mapping/reconstruction/reconstruct_options.h"
 
 #include <unistd.h>
 
@@ -35,8 +35,8 @@ OUTPUT is a folder that is made; afterwards it holds, for image 0, 1, 2, ... of 
   summary.json, run.txt    what was done, with which settings, and how long it took
 
 A run that was interrupted goes on where it stopped when the same command is given again; the result is the same to
-the last bit. Until then OUTPUT/work holds intermediate maps: about 50 bytes per pixel and image (with --schedule
-online up to 360). GPUs write only what they have no room for, and make the rest
+the last bit (with --schedule online it starts anew). Until then OUTPUT/work holds intermediate maps: about 50 bytes per
+pixel and image. GPUs write only what they have no room for, and make the rest
 again; on long runs that is up to 20 bytes for each pass over an image.
 
 Depths are searched in the range that the dataset names (mvsnet: last line of cams/*_cam.txt), else in the range of the

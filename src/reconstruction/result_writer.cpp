@@ -1,24 +1,21 @@
-#include <algorithm>
-#include <iterator>
+#include <Eigen/Geometry>
+#include <iomanip>
 #include <map>
 #include <memory>
 #include <mutex>
+#include <sstream>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/fusion/fusion_setup.h"
-#include "reconstruct_clouds.h"
-#include "reconstruct_image_files.h"
-#include "reconstruct_run.h"
-#include "reconstruct_work_files.h"
+#include "image_files.h"
+#include "run.h"
+#include "waiting_clouds.h"
 
 namespace acmp {
 namespace {
-
-constexpr const char* kWrittenMark = "written";
-constexpr size_t kImagesPerSync = 16;  // waiting for the disk takes as long for many files as for one
 
 /// The output steps of a run. Confidences and points are made on the engines, files by other threads.
 class ResultWriter {
@@ -27,12 +24,10 @@ class ResultWriter {
       : run_(*run),
         fusion_(MakePipelineOptions(run->options).fusion),
         files_(run),
+        measures_confidence_(files_.HasConfidence() && !run->options.online()),  // online maps come with theirs
         waiting_(&run->folder, run->options.MemoryBytes(run->options.kCloudShare)),
-        cloud_(run->folder.path() / "fused.ply") {
-    run_.folder.MakeWorkFolder(kWrittenMark);
-    for (int device = 0; device < NumDevices(run_); ++device) AddFusionEngine(device);
-    stamps_ = fusion_engines_.front().engine->MakeFusionStamps();
-  }
+        cloud_(run->folder.path() / "fused.ply"),
+        stamps_(run->devices.FusionEngine(0).engine->MakeFusionStamps()) {}
 
   /// Throws InvalidInputError when there are more images than a fusion can tell apart.
   void AddTasks(const std::map<int, int>& final_maps, TaskGraph* graph) {
@@ -41,31 +36,21 @@ class ResultWriter {
     std::vector<int> last_placed;  // or none
     for (const ImagePlan& image : run_.plan.images) {
       if (!image.no_map.empty()) continue;
-      const int index = image.index;
       const std::vector<int> maps = MapsRead(final_maps, image);
-      std::vector<int> before = maps;
-      if (files_.HasConfidence()) {
-        const int pool = EnginePoolOf(run_, index);
-        before = {graph->Add(
-            pool, maps, [this, &image, pool](int thread) { MakeConfidence(image, EngineOf(run_, pool, thread)); },
-            true)};
-      }
-      CountReaders(image);
-      all_written.push_back(graph->Add(kHostPool, before, [this, index](int) { WriteFiles(index); }));
+      run_.store.AddReaders(image, run_.store.final_step(), measures_confidence_ ? 2 : 1);
+      all_written.push_back(AddFiles(image, maps, graph));
       const int fused = AddFusion(image, maps, graph);
       const size_t rank = images_.size();
+      last_placed.push_back(fused);
       last_placed = {graph->Add(
-          kHostPool, Joined({fused}, last_placed), [this, rank](int) { Place(rank); }, true)};
-      all_in_cloud.push_back(graph->Add(kHostPool, last_placed, [this, rank](int) { WritePoints(rank); }));
-      images_.push_back(index);
+          Devices::kFilePool, last_placed, [this, rank](int) { Place(rank); }, true)};
+      all_in_cloud.push_back(graph->Add(Devices::kFilePool, last_placed, [this, rank](int) { WritePoints(rank); }));
+      images_.push_back(image.index);
     }
     places_.resize(images_.size());
     clouds_.resize(files_.colmap() ? images_.size() : 0);
-    graph->Add(kHostPool, all_written, [this](int) { FinishFiles(); });
-    graph->Add(kHostPool, all_in_cloud, [this](int) { FinishCloud(); });
-    if (files_.colmap()) {
-      graph->Add(kHostPool, all_in_cloud, [this](int) { files_.colmap()->WriteModel(images_, clouds_); });
-    }
+    graph->Add(Devices::kFilePool, all_written, [this](int) { FinishFiles(); });
+    graph->Add(Devices::kFilePool, all_in_cloud, [this](int) { FinishCloud(); });
   }
 
   static constexpr int kStepsPerImage = 2;
@@ -73,117 +58,71 @@ class ResultWriter {
   size_t points() const { return cloud_.points(); }
 
  private:
-  /// One of its own for each device, as views are fused while others are matched.
-  void AddFusionEngine(int device) {
-    ReconstructEngine engine = run_.engines[static_cast<size_t>(EngineOf(run_, kFirstEnginePool + device, 0))];
-    if (!engine.on_host) {
-      owned_engines_.push_back(engine.engine->Share());
-      engine.engine = owned_engines_.back().get();
+  /// Adds an image's files, with its confidence before them on the device of the image.
+  int AddFiles(const ImagePlan& image, std::vector<int> after, TaskGraph* graph) {
+    if (measures_confidence_) {
+      const int device = run_.devices.DeviceOf(image.index);
+      after = {graph->Add(
+          Devices::EnginePool(device), after,
+          [this, &image, device](int thread) { MeasureConfidence(image, run_.devices.Engine(device, thread)); }, true)};
     }
-    fusion_engines_.push_back(engine);
+    return graph->Add(Devices::kFilePool, after, [this, &image](int) { WriteFiles(image.index); });
   }
 
   /// Adds the fusion of a view, on the device of its image. It reads and writes the stamps of its frames: for each it
   /// waits for the view that did so last, and with that for all before. So it finds the stamps that it would find if
   /// the views were fused one after the other.
   int AddFusion(const ImagePlan& image, std::vector<int> after, TaskGraph* graph) {
-    const std::vector<int> frames = Joined({image.index}, SourcesOf(image));
+    const std::vector<int> frames = FramesOf(image);
     for (int frame : frames) {
       if (const auto last = last_fused_.find(frame); last != last_fused_.end()) after.push_back(last->second);
     }
     const int rank = static_cast<int>(images_.size());
-    const int task =
-        graph->Add(FusionPoolOf(run_, image.index), after, [this, &image, rank](int) { Fuse(image, rank); });
+    const int device = run_.devices.DeviceOf(image.index);
+    const int task = graph->Add(run_.devices.FusionPool(device), after, [this, &image, rank, device](int) {
+      Fuse(image, rank, run_.devices.FusionEngine(device));
+    });
     for (int frame : frames) last_fused_[frame] = task;
     return task;
   }
 
-  /// All whose maps the image's own are compared with.
+  /// The image and its source views that have a map.
+  std::vector<int> FramesOf(const ImagePlan& image) const {
+    std::vector<int> frames = {image.index};
+    for (int source : image.sources) {
+      if (run_.plan.HasMap(source)) frames.push_back(source);
+    }
+    return frames;
+  }
+
+  /// Tasks after which the image's map and all that it is compared with are there.
   std::vector<int> MapsRead(const std::map<int, int>& final_maps, const ImagePlan& image) const {
     std::vector<int> tasks;
     if (final_maps.empty()) return tasks;
-    tasks.push_back(final_maps.at(image.index));
-    for (int source : SourcesOf(image)) tasks.push_back(final_maps.at(source));
+    for (int frame : FramesOf(image)) tasks.push_back(final_maps.at(frame));
     return tasks;
   }
 
-  /// Of the final estimates that are compared with the image's: its confidences and its fusion.
-  void CountReaders(const ImagePlan& image) {
-    const size_t readers = files_.HasConfidence() ? 2 : 1;
-    for (int read : Joined({image.index}, SourcesOf(image))) readers_left_[read] += readers;
-  }
-
-  /// One of the image's readers is done. Memory for the estimates of which it was the last one is free then.
-  void ForgetWhatAllHaveRead(const ImagePlan& image) {
-    for (int read : Joined({image.index}, SourcesOf(image))) {
-      {
-        const std::lock_guard<std::mutex> lock(readers_mutex_);
-        if (--readers_left_.at(read) > 0) continue;
-      }
-      run_.store.Forget(EngineStore::kFinalStage, read);
-    }
-  }
-
-  static std::vector<int> Joined(std::vector<int> tasks, const std::vector<int>& others) {
-    tasks.insert(tasks.end(), others.begin(), others.end());
-    return tasks;
-  }
-
-  bool IsWritten(int index) const {
-    return std::filesystem::exists(run_.folder.WorkFile(kWrittenMark, index)) && files_.AllExist(index);
-  }
-
-  /// A view with its final estimate.
-  EngineView ViewOf(int index, const ReconstructEngine& engine) {
-    EngineView view = run_.store.View(index, engine);
-    view.estimate = run_.store.Estimate(EngineStore::kFinalStage, *view.frame, engine);
-    return view;
-  }
-
-  /// Source views that have a map.
-  std::vector<int> SourcesOf(const ImagePlan& image) const {
-    std::vector<int> sources;
-    std::copy_if(image.sources.begin(), image.sources.end(), std::back_inserter(sources),
-                 [this](int source) { return run_.store.HasMap(source); });
-    return sources;
-  }
-
-  std::vector<EngineView> SourceViewsOf(const ImagePlan& image, const ReconstructEngine& engine) {
-    std::vector<EngineView> views;
-    for (int source : SourcesOf(image)) views.push_back(ViewOf(source, engine));
-    return views;
-  }
-
-  void MakeConfidence(const ImagePlan& image, int engine_number) {
-    const int index = image.index;
-    if (!IsWritten(index) && run_.store.Final(index).confidence().empty()) MeasureConfidence(image, engine_number);
-    ForgetWhatAllHaveRead(image);
-  }
-
-  void MeasureConfidence(const ImagePlan& image, int engine_number) {
-    const ReconstructEngine& engine = run_.engines[static_cast<size_t>(engine_number)];
-    const EngineView reference = ViewOf(image.index, engine);
-    const std::vector<EngineView> sources = SourceViewsOf(image, engine);
+  void MeasureConfidence(const ImagePlan& image, const DeviceEngine& engine) {
+    const EngineProblem problem = run_.store.Problem(image, run_.store.final_step(), engine);
     Timer timer;
-    ConfidenceMap confidence = engine.engine->MeasureConfidence(reference, sources, fusion_);
+    ConfidenceMap confidence = engine.engine->MeasureConfidence(problem.reference, problem.sources, fusion_);
     run_.interrupt.Check();
-    const std::lock_guard<std::mutex> lock(mutex_);
+    run_.store.HasRead(image, run_.store.final_step());
+    const std::lock_guard<std::mutex> lock(run_.times_mutex);
     confidences_[image.index] = std::move(confidence);
-    const std::lock_guard<std::mutex> times_lock(run_.times_mutex);
     run_.times.consistency_ms += timer.Lap();
   }
 
-  void Fuse(const ImagePlan& image, int rank) {
-    const ReconstructEngine& engine = fusion_engines_[static_cast<size_t>(DeviceOf(run_, image.index))];
-    const EngineView reference = ViewOf(image.index, engine);
-    const std::vector<EngineView> sources = SourceViewsOf(image, engine);
+  void Fuse(const ImagePlan& image, int rank, const DeviceEngine& engine) {
+    const EngineProblem problem = run_.store.Problem(image, run_.store.final_step(), engine);
     Timer timer;
-    PointCloud cloud = engine.engine->FuseView(reference, sources, fusion_, rank, stamps_.get());
+    PointCloud cloud = engine.engine->FuseView(problem.reference, problem.sources, fusion_, rank, stamps_.get());
     run_.interrupt.Check();
-    ForgetWhatAllHaveRead(image);
+    run_.store.HasRead(image, run_.store.final_step());
     waiting_.Put(image.index, std::move(cloud));
     run_.progress.Step();
-    const std::lock_guard<std::mutex> times_lock(run_.times_mutex);
+    const std::lock_guard<std::mutex> lock(run_.times_mutex);
     run_.times.fusion_ms += timer.Lap();
   }
 
@@ -196,105 +135,105 @@ class ResultWriter {
     PointCloud cloud = waiting_.Take(images_[rank]);
     cloud_.WriteAt(places_[rank], cloud);
     if (files_.colmap()) clouds_[rank] = std::move(cloud);
-    const std::lock_guard<std::mutex> times_lock(run_.times_mutex);
+    const std::lock_guard<std::mutex> lock(run_.times_mutex);
     run_.times.cloud_ms += timer.Lap();
   }
 
   void WriteFiles(int index) {
-    const bool done = IsWritten(index);
-    if (!done) {
-      WriteImage(index);
-      run_.store.ReleaseFinal(index);
-      const std::lock_guard<std::mutex> lock(mutex_);
-      if (IsWholeWorkFile(run_.folder.WorkFile(EngineStore::kFinalStage, index))) unmarked_.push_back(index);
-      if (unmarked_.size() >= kImagesPerSync) MarkWritten();
+    if (files_.any()) {
+      const std::shared_ptr<const FinalMaps> maps = run_.store.Final(index);
+      const ConfidenceMap measured = TakeConfidence(index);
+      Timer timer;
+      const size_t too_far = files_.Write(index, *maps, measures_confidence_ ? measured : maps->confidence);
+      const std::lock_guard<std::mutex> lock(run_.times_mutex);
+      too_far_ += too_far;
+      run_.times.writing_ms += timer.Lap();
     }
-    run_.progress.Step(done);
+    run_.store.ReleaseFinal(index);
+    run_.progress.Step();
   }
 
-  /// A mark says that an image's files are on the disk for good. Where its final maps are in no work file it would be
-  /// of no use.
-  void MarkWritten() {
-    Timer timer;
-    SyncFolder(run_.folder.path());
-    {
-      const std::lock_guard<std::mutex> lock(run_.times_mutex);
-      run_.times.syncing_ms += timer.Lap();
-    }
-    for (int index : unmarked_) WriteFileAtomically(run_.folder.WorkFile(kWrittenMark, index), "");
-    unmarked_.clear();
+  /// Empty if none was measured.
+  ConfidenceMap TakeConfidence(int index) {
+    const std::lock_guard<std::mutex> lock(run_.times_mutex);
+    const auto measured = confidences_.extract(index);
+    return measured ? std::move(measured.mapped()) : ConfidenceMap();
   }
 
   void FinishFiles() {
-    if (!unmarked_.empty()) MarkWritten();
     if (too_far_ > 0) {
       run_.progress.Warn(
           Concat(too_far_, " pixels deeper than 65.535 units are missing in depth/*.png; the .pfm have them"));
     }
-    WriteCameraList(run_, images_);
-  }
-
-  void WriteImage(int index) {
-    const StoredFinalMaps maps = run_.store.Final(index);
-    ConfidenceMap made;
-    ImageView<const float> confidence = maps.confidence();
-    if (confidence.empty() && files_.HasConfidence()) {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      made = std::move(confidences_.at(index));
-      confidences_.erase(index);
-      confidence = made;
-    }
-    Timer timer;
-    const size_t too_far = files_.Write(index, maps, confidence);
-    const std::lock_guard<std::mutex> lock(run_.times_mutex);
-    too_far_ += too_far;
-    run_.times.writing_ms += timer.Lap();
+    WriteCameraList();
   }
 
   void FinishCloud() {
     Timer timer;
     cloud_.Commit();
-    const std::lock_guard<std::mutex> lock(run_.times_mutex);
-    run_.times.cloud_ms += timer.Lap();
+    {
+      const std::lock_guard<std::mutex> lock(run_.times_mutex);
+      run_.times.cloud_ms += timer.Lap();
+    }
+    if (files_.colmap()) files_.colmap()->WriteModel(images_, clouds_);
+  }
+
+  /// cameras.txt: cameras and poses of the maps.
+  void WriteCameraList() const {
+    std::ostringstream text;
+    text
+        << "# cameras of the maps (image plane: x right, y down, pixel centres at integer coordinates, no distortion)\n"
+           "# columns: index filename fx fy cx cy width height qw qx qy qz tx ty tz\n"
+           "# qw..tz is T_world_cam (camera -> world): X_world = R(q) * X_cam + t; camera axes x right, y down, z "
+           "forward\n"
+        << std::setprecision(15);
+    for (int index : images_) {
+      const PinholeCamera c = CameraOf(run_, index);
+      const RigidTransform world_from_cam = run_.scene.images[index].cam_from_world.inverse();
+      const Eigen::Quaterniond q(world_from_cam.linear());
+      const Eigen::Vector3d t = world_from_cam.translation();
+      text << index << ' ' << run_.scene.images[index].name << ' ' << c.fx << ' ' << c.fy << ' ' << c.cx << ' ' << c.cy
+           << ' ' << c.width << ' ' << c.height << ' ' << q.w() << ' ' << q.x() << ' ' << q.y() << ' ' << q.z() << ' '
+           << t.x() << ' ' << t.y() << ' ' << t.z() << '\n';
+    }
+    WriteFileAtomically(run_.folder.path() / "cameras.txt", text.str());
   }
 
   ReconstructRun& run_;
   const FusionOptions fusion_;
-  std::vector<std::unique_ptr<DepthEngine>> owned_engines_;
-  std::vector<ReconstructEngine> fusion_engines_;  ///< per device
-  std::unique_ptr<FusionStamps> stamps_;
   const ImageFiles files_;
+  const bool measures_confidence_;
   WaitingClouds waiting_;
   PlyFile cloud_;
+  const std::unique_ptr<FusionStamps> stamps_;
   std::vector<int> images_;         ///< with maps, by scene index: in the order of the cloud
   std::vector<size_t> places_;      ///< of the views' first points in the cloud
   std::vector<PointCloud> clouds_;  ///< the views', for COLMAP's model; else none
   std::map<int, int> last_fused_;   ///< the last task that uses the stamps of a frame
 
-  size_t too_far_ = 0;  ///< pixels; under times_mutex while images are written
-
-  std::mutex mutex_;  ///< of what follows
+  // Under times_mutex while tasks run.
+  size_t too_far_ = 0;  ///< pixels
   std::map<int, ConfidenceMap> confidences_;
-  std::vector<int> unmarked_;
-
-  std::mutex
-      readers_mutex_;  ///< of what follows: mutex_ is held while files go to the disk, which fusion must not wait for
-  std::map<int, size_t> readers_left_;  ///< of an image's final estimate
 };
 
 }  // namespace
 
+PinholeCamera CameraOf(const ReconstructRun& run, int index) {
+  const PinholeCamera& camera = run.scene.images[index].camera;
+  int width = camera.width;
+  int height = camera.height;
+  LimitSize(run.options.max_image_size, &width, &height);
+  return camera.Resized(width, height);
+}
+
 size_t RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_maps, TaskGraph* graph) {
   ResultWriter writer(run);
   writer.AddTasks(final_maps, graph);
-  const PipelineOptions pipeline = MakePipelineOptions(run->options);
-  const int stages = final_maps.empty() ? 0 : 1 + NumRefinements(pipeline);
-  const int steps = stages + ResultWriter::kStepsPerImage;
-  const double output = StepCosts::kOutput + StepCosts::kFusion;
-  const double maps = stages == 0 ? 0 : EstimateCost(pipeline);
-  run->progress.Begin(stages == 0 ? "maps, pictures and cloud" : "depth maps, pictures and cloud",
-                      static_cast<int>(writer.images()) * steps, (maps + output) / steps);
-  graph->Run(PoolThreads(*run), run->interrupt);
+  const bool all = !final_maps.empty();  // of the run's steps
+  const int steps = ResultWriter::kStepsPerImage + (all ? run->store.final_step() + 1 : 0);
+  run->progress.Begin(all ? "depth maps, pictures and cloud" : "maps, pictures and cloud",
+                      static_cast<int>(writer.images()) * steps);
+  graph->Run(run->devices.PoolThreads(), run->interrupt);
   return writer.points();
 }
 

@@ -1,4 +1,4 @@
-#include "reconstruct_summary.h"
+#include "summary.h"
 
 #include <algorithm>
 #include <cstdio>

@@ -2,7 +2,7 @@
 
 #include <string>
 
-#include "reconstruct_run.h"
+#include "run.h"
 
 namespace acmp {
 

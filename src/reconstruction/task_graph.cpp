@@ -1,4 +1,4 @@
-#include "reconstruct_tasks.h"
+#include "task_graph.h"
 
 #include <condition_variable>
 #include <exception>

@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "reconstruct_interrupt.h"
+#include "acmp_mapping/reconstruction/interrupt_watcher.h"
 
 namespace acmp {
 

@@ -1,4 +1,4 @@
-#include "reconstruct_clouds.h"
+#include "waiting_clouds.h"
 
 #include <filesystem>
 #include <fstream>
@@ -27,8 +27,9 @@ PointCloud ReadPoints(const std::filesystem::path& path, size_t points) {
 
 void WaitingClouds::Put(int index, PointCloud cloud) {
   if (KeepInMemory(index, &cloud)) return;
-  folder_.MakeWorkFolder(kStage);
-  AtomicFile file(folder_.WorkFile(kStage, index));
+  const std::filesystem::path path = folder_.WorkFile(kKind, index);
+  MakeFolder(path.parent_path());
+  AtomicFile file(path);
   file.Write(cloud.data(), BytesOf(cloud));
   file.Commit();
   const std::lock_guard<std::mutex> lock(mutex_);
@@ -62,7 +63,7 @@ PointCloud WaitingClouds::Take(int index) {
     points = points_in_file_.at(index);
     points_in_file_.erase(index);
   }
-  const std::filesystem::path path = folder_.WorkFile(kStage, index);
+  const std::filesystem::path path = folder_.WorkFile(kKind, index);
   PointCloud cloud = ReadPoints(path, points);
   std::error_code ignored;  // what is left goes with the work folder
   std::filesystem::remove(path, ignored);

@@ -4,7 +4,7 @@
 #include <mutex>
 
 #include "acmp_mapping/fusion/point_cloud.h"
-#include "reconstruct_folder.h"
+#include "output_folder.h"
 
 namespace acmp {
 
@@ -14,7 +14,7 @@ namespace acmp {
 class WaitingClouds {
  public:
   /// @param folder outlives this
-  WaitingClouds(const ReconstructFolder* folder, size_t max_bytes) : folder_(*folder), max_bytes_(max_bytes) {}
+  WaitingClouds(const OutputFolder* folder, size_t max_bytes) : folder_(*folder), max_bytes_(max_bytes) {}
 
   /// Keeps a view's points; once per view. Throws ProcessingError when their file cannot be written.
   void Put(int index, PointCloud cloud);
@@ -23,12 +23,12 @@ class WaitingClouds {
   /// Hands them out, once. Throws ProcessingError when their file cannot be read.
   PointCloud Take(int index);
 
-  static constexpr const char* kStage = "clouds";
+  static constexpr const char* kKind = "clouds";
 
  private:
   bool KeepInMemory(int index, PointCloud* cloud);
 
-  const ReconstructFolder& folder_;
+  const OutputFolder& folder_;
   const size_t max_bytes_;
 
   mutable std::mutex mutex_;  ///< of what follows

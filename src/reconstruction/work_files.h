@@ -1,8 +1,6 @@
 #pragma once
 
 #include <filesystem>
-#include <memory>
-#include <vector>
 
 #include "acmp_mapping/fusion/depth_fusion.h"
 #include "acmp_mapping/pipeline/depth_engine.h"
@@ -23,44 +21,11 @@ struct FinalMaps {
   DepthMap depth;
   NormalMap normal;
   CostMap cost;
-  ConfidenceMap confidence;  ///< empty: computed from the source views' maps later
+  ConfidenceMap confidence;  ///< empty: measured later against the source views' maps
   ColorImage color;
-  std::vector<int> sources;  ///< scene indices
 };
 void WriteFinalMaps(const std::filesystem::path& path, const FinalMaps& maps);
-
-/// Views of final maps, which are in memory or in a file. The file is mapped into memory, so that a scene of any size
-/// can be written: the system loads and drops pages as they are needed.
-class StoredFinalMaps {
- public:
-  /// Throws ProcessingError when the file is damaged.
-  explicit StoredFinalMaps(const std::filesystem::path& path);
-  explicit StoredFinalMaps(std::shared_ptr<const FinalMaps> maps);
-  ~StoredFinalMaps();
-  StoredFinalMaps(StoredFinalMaps&& other) noexcept;
-  StoredFinalMaps& operator=(StoredFinalMaps&&) = delete;
-  StoredFinalMaps(const StoredFinalMaps&) = delete;
-  StoredFinalMaps& operator=(const StoredFinalMaps&) = delete;
-
-  int width() const { return depth_.width; }
-  int height() const { return depth_.height; }
-  ImageView<const float> depth() const { return depth_; }
-  ImageView<const Vec3f> normal() const { return normal_; }
-  ImageView<const float> cost() const { return cost_; }
-  ImageView<const float> confidence() const { return confidence_; }  ///< may be empty
-  ImageView<const Rgb> color() const { return color_; }
-  const std::vector<int>& sources() const { return sources_; }
-
- private:
-  std::shared_ptr<const FinalMaps> owner_;
-  void* data_ = nullptr;
-  size_t bytes_ = 0;
-  ImageView<const float> depth_;
-  ImageView<const Vec3f> normal_;
-  ImageView<const float> cost_;
-  ImageView<const float> confidence_;
-  ImageView<const Rgb> color_;
-  std::vector<int> sources_;
-};
+/// Throws ProcessingError when the file is damaged.
+FinalMaps ReadFinalMaps(const std::filesystem::path& path);
 
 }  // namespace acmp

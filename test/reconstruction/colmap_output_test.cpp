@@ -1,9 +1,9 @@
-#include "reconstruct_colmap.h"
+#include "colmap_output.h"
 
 #include <gmock/gmock.h>
 
 #include "acmp_mapping/dataset/map_io.h"
-#include "tools/reconstruct_run_fixture.h"
+#include "reconstruction/run_fixture.h"
 
 namespace acmp {
 namespace {

@@ -13,9 +13,9 @@
 #include <thread>
 
 #include "acmp_mapping/dataset/map_io.h"
-#include "reconstruct_run.h"
-#include "tools/reconstruct_fake_gpu.h"
-#include "tools/reconstruct_run_fixture.h"
+#include "devices.h"
+#include "reconstruction/fake_gpu.h"
+#include "reconstruction/run_fixture.h"
 
 namespace acmp {
 namespace {
@@ -111,14 +111,14 @@ class ReconstructDevicesTest : public ReconstructRunFixture {
 
   void RunOnFakeGpus(const std::string& name, int devices, int jobs = 2) {
     options_.output = output(name);
-    std::vector<std::unique_ptr<DepthEngine>> owned;
     const auto make = [&] {
-      std::vector<ReconstructEngine> engines;
-      for (int i = 0; i < jobs * devices; ++i) {
-        owned.push_back(std::make_unique<FakeGpu>(i / jobs, &gpus_));
-        engines.push_back({owned.back().get(), i / jobs, false});
+      std::vector<ReconstructDevice> made(static_cast<size_t>(devices));
+      for (int device = 0; device < devices; ++device) {
+        for (int job = 0; job < jobs; ++job) {
+          made[static_cast<size_t>(device)].engines.push_back(std::make_unique<FakeGpu>(device, &gpus_));
+        }
       }
-      return engines;
+      return made;
     };
     Reconstruct(options_, make, &watcher_, &out_, &log_, false);
   }
@@ -230,7 +230,7 @@ TEST_F(ReconstructDevicesTest, AFusionThatFailsEndsTheRunWhichCanGoOn) {
     const std::string name = Concat("failing_", failing);
     EXPECT_EQ(MessageOf<ProcessingError>([&] { RunOnFakeGpus(name, 2); }), "device lost");
     EXPECT_FALSE(Has("fused.ply"));
-    gpus_ = {};
+    gpus_.before = [](int, int, int) {};
     RunOnFakeGpus(name, 2);
     ExpectSameContents(output("cpu"), options_.output);
   }
@@ -245,7 +245,6 @@ TEST_F(ReconstructDevicesTest, InterruptedWhileFusingTheRunCanGoOn) {
   };
   EXPECT_THROW(RunOnFakeGpus("gpu", 2), Interrupted);
   EXPECT_FALSE(Has("fused.ply"));
-  gpus_ = {};
   InterruptWatcher watcher;
   options_.output = output("gpu");
   FakePatchMatch fake;
@@ -255,95 +254,43 @@ TEST_F(ReconstructDevicesTest, InterruptedWhileFusingTheRunCanGoOn) {
 
 class DeviceMemoryTest : public ReconstructDevicesTest {
  protected:
-  /// As the tool counts: planes, cost, depth and halved depth.
-  static constexpr size_t kEstimateBytes = size_t{kWidth} * kHeight * 49 / 2;
-
-  /// For so many estimates that are in no file, half of them final ones at most.
-  void SetRoom(size_t room) {
-    constexpr size_t kShare = 4;  // of a GPU's free memory
-    gpus_.free_bytes = kShare * room * kEstimateBytes;
-  }
-
-  /// A run on GPUs with room for so many estimates each. Returns how many had work files at the most when a view was
+  /// A run on one GPU with so much free memory. Returns how many estimates were in work files at most when a view was
   /// fused.
-  size_t EstimatesInFiles(const std::string& name, int devices, int jobs, size_t room) {
-    SetRoom(room);
+  size_t EstimatesInFiles(const std::string& name, size_t free_bytes) {
+    gpus_.free_bytes = free_bytes;
     std::mutex mutex;
     size_t most = 0;
     gpus_.before = [&](int, int, int) {
-      size_t files = 0;
-      for (const char* stage : {"initial", "refined_1", "refined_2", "final"}) {
-        for (int image = 0; image < kTwelve; ++image) {
-          files +=
-              std::filesystem::exists(output(name) / "work" / stage / Concat("0000", image / 10, image % 10, ".bin"));
-        }
-      }
       const std::lock_guard<std::mutex> lock(mutex);
-      most = std::max(most, files);
+      if (Has("work")) most = std::max(most, Contents(output(name) / "work").size());
     };
-    RunOnFakeGpus(name, devices, jobs);
+    RunOnFakeGpus(name, 1);
     return most;
   }
 };
 
-TEST_F(DeviceMemoryTest, WhatFitsHasNoFile) {
+TEST_F(DeviceMemoryTest, WhatDoesNotFitIntoMemoryIsInFiles) {
   WriteTwelve(Sequence(kTwelve));
   RunOnCpu("cpu");
-  EXPECT_EQ(EstimatesInFiles("gpu", 1, 2, 1000), 0u);
-  ExpectSameContents(output("cpu"), output("gpu"));
+  EXPECT_EQ(EstimatesInFiles("enough", size_t{1} << 30), 0u);
+  const size_t all = EstimatesInFiles("none", 0);
+  const size_t some = EstimatesInFiles("little", 250 * kWidth * kHeight * sizeof(float));
+  EXPECT_GT(some, 0u);
+  EXPECT_GT(all, some);
+  for (const char* name : {"enough", "none", "little"}) ExpectSameContents(output("cpu"), output(name));
 }
 
-TEST_F(DeviceMemoryTest, WhatAllHaveReadMakesRoom) {
-  // Twelve last estimates at most, and of the stages before those of the groups under way: two threads are at two
-  // images of two groups at most. All four stages of all images would be 48.
+TEST_F(DeviceMemoryTest, EstimatesGoWithTheirLastReader) {
+  // Groups of three images that see each other: while one is matched all that is needed are its own estimates, of two
+  // steps at most and what a step under way has made, and the final ones of views that still wait for their fusion.
   WriteTwelve(Groups(kTwelve));
-  RunOnCpu("cpu");
-  EXPECT_EQ(EstimatesInFiles("gpu", 1, 2, 2 * 12), 0u);
-  ExpectSameContents(output("cpu"), output("gpu"));
-}
-
-TEST_F(DeviceMemoryTest, WhatIsFusedMakesRoom) {
-  // A group begins when the first view of the group before is fused, and with that all of the one before that. So the
-  // last estimates of two groups are in memory at most, half of what there is room for, and not all twelve.
-  WriteTwelve(Groups(kTwelve));
-  RunOnCpu("cpu");
-  constexpr int kPassesPerGroup = 3 * 3;  // one photometric and two geometric ones per image
-  std::mutex mutex;
-  std::condition_variable changed;
-  int fused = 0, passes = 0;
-  gpus_.after = [&](int, int, int) {
-    const std::lock_guard<std::mutex> lock(mutex);
-    ++fused;
-    changed.notify_all();
-  };
-  gpus_.before_pass = [&] {
-    std::unique_lock<std::mutex> lock(mutex);
-    const int groups_done = passes / kPassesPerGroup;
-    if (passes++ % kPassesPerGroup > 0 || groups_done == 0) return;
-    EXPECT_TRUE(changed.wait_for(lock, kHang, [&] { return fused > 3 * (groups_done - 1); }));
-  };
-  EXPECT_EQ(EstimatesInFiles("gpu", 1, 1, 2 * 6), 0u);
-  EXPECT_EQ(passes, 4 * kPassesPerGroup);
-  ExpectSameContents(output("cpu"), output("gpu"));
-}
-
-TEST_F(DeviceMemoryTest, EachDeviceHasItsOwn) {
-  // Six last estimates each, and one group under way; the twelve of both would not fit into one half of this.
-  WriteTwelve(Groups(kTwelve));
-  RunOnCpu("cpu");
-  EXPECT_EQ(EstimatesInFiles("gpu", 2, 1, 2 * 6), 0u);
-  ExpectSameContents(output("cpu"), output("gpu"));
-}
-
-TEST_F(DeviceMemoryTest, WhatDoesNotFitIsInFiles) {
-  WriteTwelve(Sequence(kTwelve));
-  RunOnCpu("cpu");
-  // Counted when the first view is fused, for which four images must be finished.
-  for (const size_t room : {0, 1, 5}) {
-    const std::string name = Concat("gpu_", room);
-    EXPECT_GE(EstimatesInFiles(name, 1, 2, room), 4 - room / 2) << "of the last stage";
-    ExpectSameContents(output("cpu"), output(name));
-  }
+  constexpr size_t kNeeded = 2 * 3 + 2 + kTwelve;
+  size_t most = 0;
+  gpus_.before_pass = [&] { most = std::max(most, gpus_.NumEstimatesAlive()); };
+  RunOnFakeGpus("gpu", 1, 1);
+  EXPECT_LE(most, kNeeded);
+  EXPECT_GT(gpus_.estimates.size(), 2 * kNeeded) << "few were made: the test shows nothing";
+  EXPECT_EQ(gpus_.NumEstimatesAlive(), 0u);
 }
 
 TEST_F(DeviceMemoryTest, ARunThatFailsAnywhereCanGoOn) {
@@ -353,9 +300,9 @@ TEST_F(DeviceMemoryTest, ARunThatFailsAnywhereCanGoOn) {
   gpus_.before_pass = [&] { ++passes; };
   RunOnFakeGpus("gpu", 1);
   const int all_passes = passes;
-  for (const size_t room : {0, 5, 12, 1000}) {
-    SetRoom(room);
-    for (int failing = 1; failing < all_passes; failing += 5) {
+  for (const size_t room : {0, 250, 40000}) {
+    gpus_.free_bytes = room * kWidth * kHeight * sizeof(float);
+    for (int failing = 1; failing < all_passes; failing += 9) {
       const std::string name = Concat("gpu_", room, "_", failing);
       passes = 0;
       gpus_.before_pass = [&] {

@@ -1,4 +1,4 @@
-#include "reconstruct.h"
+#include "acmp_mapping/reconstruction/reconstruct.h"
 
 #include <gmock/gmock.h>
 
@@ -6,7 +6,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
-#include "tools/reconstruct_run_fixture.h"
+#include "reconstruction/run_fixture.h"
 
 namespace acmp {
 namespace {
@@ -65,16 +65,6 @@ TEST_F(ReconstructTest, WritesTheMapsAskedFor) {
   EXPECT_TRUE(Has("cameras.txt"));
   Run(&fake_);
   EXPECT_THAT(out_.str(), HasSubstr("already complete"));
-}
-
-TEST_F(ReconstructTest, RefusesMapsThatContradict) {
-  options_.maps = {"normal", "normal"};
-  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("--maps: normal is given more than once"));
-  options_.maps = {"depth", "none"};
-  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("--maps: none stands alone"));
-  options_.maps = {"normal"};
-  options_.dmb = true;
-  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("--dmb: needs depth among --maps"));
 }
 
 TEST_F(ReconstructTest, CamerasFileHasTheMapsSizeAndPoses) {
@@ -253,7 +243,7 @@ TEST_F(ReconstructTest, DepthRangeMustComeFromSomewhere) {
   EXPECT_THAT(ErrorOf(&fake_), HasSubstr("together"));
   options_.depth_max.reset();
   options_.output = output("none");
-  EXPECT_THAT(ErrorOf(&fake_), AllOf(HasSubstr("none of the 4 images got a map"), HasSubstr("--depth-min")));
+  EXPECT_THAT(ErrorOf(&fake_), AllOf(HasSubstr("none of the 4 images gets a map"), HasSubstr("--depth-min")));
 }
 
 TEST_F(ReconstructTest, BadOptionsAreNamed) {
@@ -273,18 +263,13 @@ TEST_F(ReconstructTest, BadOptionsAreNamed) {
   EXPECT_THAT(error([](auto* o) { o->depth_max = 0.5; }), HasSubstr("depth range"));  // below the dataset's near end
   EXPECT_THAT(error([](auto* o) { o->memory_limit_gb = NAN; }), HasSubstr("--memory-limit-gb = nan"));
   EXPECT_THAT(error([](auto* o) { o->threads = -1; }), HasSubstr("--threads = -1"));
+  EXPECT_THAT(error([](auto* o) { o->maps = {"normal", "normal"}; }), HasSubstr("normal is given more than once"));
+  EXPECT_THAT(error([](auto* o) { o->maps = {"depth", "none"}; }), HasSubstr("none stands alone"));
+  EXPECT_THAT(error([](auto* o) { o->maps = {"normal"}, o->dmb = true; }), HasSubstr("--dmb: needs depth"));
   EXPECT_THAT(error([](auto* o) { o->preset = "best"; }), HasSubstr("\"best\""));
   EXPECT_THAT(error([](auto* o) { o->set = {"sharpening=11"}; }), HasSubstr("sharpening = 11"));
   EXPECT_THAT(error([](auto* o) { o->schedule = "online", o->window_size = 1; }), HasSubstr("window_size"));
   EXPECT_TRUE(fake_.calls.empty());
-}
-
-TEST_F(ReconstructTest, FramesAreMadeAsTheOptionsSay) {
-  options_.max_image_size = 640;
-  EXPECT_EQ(MakeFrameOptions(options_).max_size, 640);
-  EXPECT_EQ(MakeFrameOptions(options_).sharpening, PipelineOptions().sharpening);
-  options_.set = {"sharpening=1.5"};
-  EXPECT_EQ(MakeFrameOptions(options_).sharpening, 1.5);
 }
 
 TEST_F(ReconstructTest, QuietRunsPrintNothing) {

@@ -5,21 +5,18 @@
 #include <filesystem>
 #include <string>
 
-#include "tools/reconstruct_run_fixture.h"
+#include "reconstruction/run_fixture.h"
 
 namespace acmp {
 namespace {
 
 using ::testing::HasSubstr;
 
-class ResumeTest : public ReconstructRunFixture, public ::testing::WithParamInterface<std::string> {
+class ResumeTest : public ReconstructRunFixture {
  protected:
   ResumeTest() {
-    options_.schedule = GetParam();
     options_.colmap = true;
     options_.source_views = 3;
-    options_.window_size = 4;
-    options_.lookahead = 1;
   }
   int PassesOfWholeRun() {
     FakePatchMatch fake;
@@ -30,7 +27,7 @@ class ResumeTest : public ReconstructRunFixture, public ::testing::WithParamInte
   }
 };
 
-TEST_P(ResumeTest, InterruptedAnywhereEndsWithTheSameBytes) {
+TEST_F(ResumeTest, InterruptedAnywhereEndsWithTheSameBytes) {
   const int passes = PassesOfWholeRun();
   ASSERT_GE(passes, 4 * kImages - 4);
   for (int stop = 0; stop < passes; ++stop) {
@@ -46,14 +43,13 @@ TEST_P(ResumeTest, InterruptedAnywhereEndsWithTheSameBytes) {
     Run(&second);
     EXPECT_THAT(log_.str(), HasSubstr("going on with an interrupted run"));
     ExpectSameContents(output("whole"), output());
-    // Offline the two passes of an image's initial estimate are one step; online every pass is.
-    const int most_repeated = GetParam() == "offline" ? 2 : 1;
-    EXPECT_LE(static_cast<int>(first.calls.size() + second.calls.size()), passes + most_repeated)
+    constexpr int kMostRepeated = 2;  // the passes of an image's initial estimate are one step
+    EXPECT_LE(static_cast<int>(first.calls.size() + second.calls.size()), passes + kMostRepeated)
         << "stopped at " << stop;
   }
 }
 
-TEST_P(ResumeTest, FailureOfTheDeviceStopsTheRunAndCanBeResumed) {
+TEST_F(ResumeTest, FailureOfTheDeviceStopsTheRunAndCanBeResumed) {
   const int passes = PassesOfWholeRun();
   for (int stop : {0, 3, passes - 1}) {
     std::filesystem::remove_all(output());
@@ -68,7 +64,7 @@ TEST_P(ResumeTest, FailureOfTheDeviceStopsTheRunAndCanBeResumed) {
   }
 }
 
-TEST_P(ResumeTest, FilesThatAreMissingAreMadeAgain) {
+TEST_F(ResumeTest, FilesThatAreMissingAreMadeAgain) {
   PassesOfWholeRun();
   options_.keep_work = true;
   Run(&fake_);
@@ -84,7 +80,7 @@ TEST_P(ResumeTest, FilesThatAreMissingAreMadeAgain) {
   ExpectSameContents(output("whole"), output());
 }
 
-TEST_P(ResumeTest, CompleteRunIsNotRepeated) {
+TEST_F(ResumeTest, CompleteRunIsNotRepeated) {
   Run(&fake_);
   FakePatchMatch second;
   Run(&second);
@@ -92,7 +88,7 @@ TEST_P(ResumeTest, CompleteRunIsNotRepeated) {
   EXPECT_THAT(out_.str(), HasSubstr("already complete"));
 }
 
-TEST_P(ResumeTest, OtherSettingsAreRefusedUntilOverwrite) {
+TEST_F(ResumeTest, OtherSettingsAreRefusedUntilOverwrite) {
   Run(&fake_);
   options_.seed = 7;
   EXPECT_THAT(ErrorOf(&fake_), AllOf(HasSubstr("seed was 1 and is 7"), HasSubstr("--overwrite")));
@@ -106,21 +102,20 @@ TEST_P(ResumeTest, OtherSettingsAreRefusedUntilOverwrite) {
   ExpectSameContents(output(), output("fresh"));
 }
 
-TEST_P(ResumeTest, ChangedImageIsRefused) {
+TEST_F(ResumeTest, ChangedImageIsRefused) {
   Run(&fake_);
   std::filesystem::copy_file(scene() / "images/00000000.png", scene() / "images/00000001.png",
                              std::filesystem::copy_options::overwrite_existing);
   EXPECT_THAT(ErrorOf(&fake_), HasSubstr("input (hash of images"));
 }
 
-TEST_P(ResumeTest, WorkFilesCutByAPowerFailureAreMadeAgain) {
+TEST_F(ResumeTest, WorkFilesCutByAPowerFailureAreMadeAgain) {
   PassesOfWholeRun();
   options_.keep_work = true;
   Run(&fake_);
   std::filesystem::remove(output() / "summary.json");
   for (const auto& entry : std::filesystem::recursive_directory_iterator(output() / "work")) {
-    const std::string stage = entry.path().parent_path().filename().string();
-    if (!entry.is_regular_file() || stage == "written") continue;
+    if (!entry.is_regular_file()) continue;
     std::filesystem::resize_file(entry.path(), entry.path().filename() == "000001.bin" ? 0 : entry.file_size() - 1);
   }
   options_.keep_work = false;
@@ -130,8 +125,35 @@ TEST_P(ResumeTest, WorkFilesCutByAPowerFailureAreMadeAgain) {
   ExpectSameContents(output("whole"), output());
 }
 
-INSTANTIATE_TEST_SUITE_P(Schedules, ResumeTest, ::testing::Values("offline", "online"),
-                         [](const auto& info) { return info.param; });
+TEST_F(ResumeTest, AnInterruptedOnlineRunStartsAnew) {
+  options_.schedule = "online";
+  options_.window_size = 4;
+  options_.lookahead = 1;
+  const int passes = PassesOfWholeRun();
+  for (int stop : {0, 3, passes - 1}) {
+    for (const bool fails : {false, true}) {
+      std::filesystem::remove_all(output());
+      FakePatchMatch first;
+      InterruptWatcher watcher;
+      first.on_call = [&](int call) {
+        if (call != stop) return;
+        if (fails) throw ProcessingError("device lost");
+        watcher.Request();
+      };
+      if (fails) {
+        EXPECT_THAT(MessageOf<ProcessingError>([&] { Run(&first); }), HasSubstr("device lost"));
+      } else {
+        EXPECT_THROW(Run(&first, &watcher), Interrupted);
+      }
+      EXPECT_FALSE(Has("summary.json"));
+      FakePatchMatch second;
+      Run(&second);
+      EXPECT_THAT(log_.str(), HasSubstr("an interrupted run with --schedule online starts anew"));
+      EXPECT_EQ(static_cast<int>(second.calls.size()), passes);
+      ExpectSameContents(output("whole"), output());
+    }
+  }
+}
 
 }  // namespace
 }  // namespace acmp

@@ -6,9 +6,9 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/pipeline/host_depth_engine.h"
-#include "reconstruct.h"
-#include "tools/reconstruct_fake_matcher.h"
-#include "tools/reconstruct_fixture.h"
+#include "acmp_mapping/reconstruction/reconstruct.h"
+#include "reconstruction/fake_matcher.h"
+#include "reconstruction/scene_fixture.h"
 
 namespace acmp {
 
@@ -30,13 +30,13 @@ class ReconstructRunFixture : public ReconstructFixture {
   void Run(FakePatchMatch* matcher, InterruptWatcher* watcher) {
     log_.str("");
     out_.str("");
-    HostDepthEngine engine(matcher);
-    Reconstruct(
-        options_,
-        [&] {
-          return std::vector<ReconstructEngine>{{&engine, 0, true}};
-        },
-        watcher, &out_, &log_, false);
+    const auto make_devices = [&] {
+      std::vector<ReconstructDevice> devices(1);
+      devices[0].engines.push_back(std::make_unique<HostDepthEngine>(matcher));
+      devices[0].on_host = true;
+      return devices;
+    };
+    Reconstruct(options_, make_devices, watcher, &out_, &log_, false);
   }
   std::string ErrorOf(FakePatchMatch* matcher) {
     return MessageOf<InvalidInputError>([&] { Run(matcher); });

@@ -1,4 +1,4 @@
-#include "reconstruct_tasks.h"
+#include "task_graph.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -68,11 +68,6 @@ class TaskGraphTest : public ::testing::Test {
   TaskGraph graph_;
 };
 
-TEST_F(TaskGraphTest, EmptyGraphsAreDoneAtOnce) {
-  EXPECT_NO_THROW(TaskGraph().Run({}, interrupt_));
-  EXPECT_NO_THROW(TaskGraph().Run({2, 0, 3}, interrupt_));
-}
-
 TEST_F(TaskGraphTest, WithoutThreadsTheCallerDoesAllInOrder) {
   TestRandom random(1);
   const std::thread::id caller = std::this_thread::get_id();
@@ -90,13 +85,6 @@ TEST_F(TaskGraphTest, WithoutThreadsTheCallerDoesAllInOrder) {
   std::vector<int> all(100);
   std::iota(all.begin(), all.end(), 0);
   EXPECT_EQ(journal_.numbers(), all);
-}
-
-TEST_F(TaskGraphTest, PoolsWithoutThreadsAtAllAreTheCallers) {
-  graph_.Add(2, {}, journal_.Writer(0));
-  graph_.Add(0, {0}, journal_.Writer(1));
-  graph_.Run({0, 0, 0}, interrupt_);
-  EXPECT_THAT(journal_.numbers(), ElementsAre(0, 1));
 }
 
 /// A graph whose tasks check that what they wait for is done, that a thread does one at a time, and that it is of their
@@ -218,18 +206,6 @@ TEST_F(TaskGraphTest, ATaskGoesWithWhatItHoldsBeforeOthersThatWaitForIt) {
   EXPECT_FALSE(alive_after);
 }
 
-TEST_F(TaskGraphTest, KeptObjectsLiveAsLongAsTheGraph) {
-  auto object = std::make_shared<int>(5);
-  const std::weak_ptr<int> watched = object;
-  {
-    TaskGraph graph;
-    graph.KeepAlive(std::move(object));
-    graph.Run({1}, interrupt_);
-    EXPECT_FALSE(watched.expired());
-  }
-  EXPECT_TRUE(watched.expired());
-}
-
 TEST_F(TaskGraphTest, TasksWaitForEarlierOnesOnly) {
   graph_.Add(0, {}, journal_.Writer(0));
   for (const int other : {-1, 1, 2}) {
@@ -322,18 +298,6 @@ TEST_F(TaskGraphTest, InterruptionStopsAllThreads) {
     graph.Add(1, {last}, journal.Writer(3));
     EXPECT_THROW(graph.Run(threads, interrupt), Interrupted);
     EXPECT_THAT(journal.numbers(), ElementsAre(0, 1));
-  }
-}
-
-TEST_F(TaskGraphTest, InterruptedBeforeTheStartNothingIsDone) {
-  for (const std::vector<int>& threads : {std::vector<int>{}, {3}}) {
-    InterruptWatcher interrupt;
-    interrupt.Request();
-    TaskGraph graph;
-    Journal journal;
-    for (int i = 0; i < 10; ++i) graph.Add(0, {}, journal.Writer(i));
-    EXPECT_THROW(graph.Run(threads, interrupt), Interrupted);
-    EXPECT_THAT(journal.numbers(), IsEmpty());
   }
 }
 

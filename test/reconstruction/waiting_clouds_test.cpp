@@ -1,4 +1,4 @@
-#include "reconstruct_clouds.h"
+#include "waiting_clouds.h"
 
 #include <gmock/gmock.h>
 
@@ -23,9 +23,9 @@ PointCloud CloudOf(int points, float x) {
 
 class WaitingCloudsTest : public TestFolder {
  protected:
-  std::filesystem::path FileOf(int index) const { return out_.WorkFile(WaitingClouds::kStage, index); }
+  std::filesystem::path FileOf(int index) const { return out_.WorkFile(WaitingClouds::kKind, index); }
 
-  const ReconstructFolder out_{folder() / "out", {}, false};
+  const OutputFolder out_{folder() / "out", {}, false};
   WaitingClouds clouds_{&out_, 10 * sizeof(SurfacePoint)};
 };
 
@@ -41,13 +41,6 @@ TEST_F(WaitingCloudsTest, FilesTakeWhatMemoryDoesNot) {
   EXPECT_FALSE(std::filesystem::exists(FileOf(5)));
   for (int i : {5, 3, 1}) EXPECT_EQ(FirstDifference(clouds_.Take(i), CloudOf(5, static_cast<float>(i))), "");
   EXPECT_EQ(FirstDifference(clouds_.Take(4), CloudOf(6, 4)), "");
-}
-
-TEST_F(WaitingCloudsTest, ViewsWithoutPointsTakeNothing) {
-  WaitingClouds none(&out_, 0);
-  none.Put(0, {});
-  EXPECT_FALSE(std::filesystem::exists(FileOf(0)));
-  EXPECT_TRUE(none.Take(0).empty());
 }
 
 TEST_F(WaitingCloudsTest, AFileOfAnEarlierRunIsOverwritten) {
