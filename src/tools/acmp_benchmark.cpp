@@ -21,7 +21,6 @@ struct Arguments {
   std::vector<int> source_views = {10};
   int repetitions = 5;
   int keyframes = 0;
-  int reestimates = DenseMapperOptions().reestimates;
   bool refine_again = DenseMapperOptions().refine_again;
   std::string preset = "acmp";
   std::vector<std::string> set;
@@ -65,7 +64,7 @@ void Run(const Arguments& arguments) {
       CheckRange("--source-views", source_views, 1, kMaxSourceViews);
       if (arguments.keyframes > 0) {
         report.streams.push_back(MeasureStream(backend.engine.get(), options, size, source_views, arguments.keyframes,
-                                               arguments.reestimates, arguments.refine_again));
+                                               arguments.refine_again));
       } else {
         report.stages.push_back(
             MeasureStages(backend.engine.get(), options, size, source_views, arguments.repetitions));
@@ -98,10 +97,8 @@ int main(int argc, char** argv) {
   app.add_option("--keyframes", arguments.keyframes, "Length of the stream; 0: stages")
       ->check(CLI::Range(0, 1000000))
       ->capture_default_str();
-  app.add_option("--reestimates", arguments.reestimates, "Of the stream: keyframes estimated anew after each new one")
-      ->capture_default_str();
   app.add_option("--refine-again", arguments.refine_again,
-                 "Of the stream: true or false; refine keyframes again that have better views halfway or as they leave "
+                 "Of the stream: true or false; refine keyframes again that have better views halfway through "
                  "the window")
       ->capture_default_str();
   app.add_option("--preset", arguments.preset, "Option set, see the README")

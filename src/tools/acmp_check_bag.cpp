@@ -5,7 +5,7 @@
 #include <iostream>
 #include <string>
 
-#include "bag_check.h"
+#include "acmp_mapping/bags/bag_check.h"
 #include "tool_main.h"
 
 namespace {

@@ -6,10 +6,10 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/output_file.h"
-#include "evaluate_cloud.h"
-#include "evaluate_depth.h"
-#include "evaluate_inputs.h"
-#include "evaluate_report.h"
+#include "acmp_mapping/evaluation/evaluate_cloud.h"
+#include "acmp_mapping/evaluation/evaluate_depth.h"
+#include "acmp_mapping/evaluation/evaluate_inputs.h"
+#include "acmp_mapping/evaluation/evaluate_report.h"
 #include "tool_main.h"
 
 namespace acmp {

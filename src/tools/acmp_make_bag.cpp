@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "bag_recording.h"
-#include "scene_files.h"
+#include "acmp_mapping/bags/bag_recording.h"
+#include "acmp_mapping/evaluation/scene_files.h"
 #include "tool_main.h"
 
 namespace {

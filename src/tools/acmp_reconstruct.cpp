@@ -9,22 +9,10 @@
 #include <optional>
 
 #include "acmp_mapping/backend/make_depth_engine.h"
-#include "reconstruct.h"
+#include "acmp_mapping/reconstruction/reconstruct.h"
 #include "tool_main.h"
 
 namespace {
-
-/// Engines with their owner.
-struct Engines {
-  std::vector<std::unique_ptr<acmp::DepthEngine>> owned;
-  std::vector<acmp::ReconstructEngine> list;
-  std::string fallback_reason;
-
-  void Add(std::unique_ptr<acmp::DepthEngine> engine, int device) {
-    list.push_back({engine.get(), device, engine->FreeDeviceBytes() == 0});
-    owned.push_back(std::move(engine));
-  }
-};
 
 /// Each GPU's first engine. They start side by side: that takes a quarter of a second each. Only the first GPU may give
 /// way to the CPU: that the others are missing is an error.
@@ -42,37 +30,34 @@ std::vector<std::future<acmp::DepthEngineBackend>> StartDevices(const acmp::Reco
 
 /// `jobs_per_gpu` engines on each GPU; where the CPU has to do, one, which uses all cores itself. The online schedule
 /// works on one keyframe after the other.
-Engines MakeEngines(const acmp::ReconstructOptions& options) {
-  auto backends = StartDevices(options);
-  Engines engines;
-  for (size_t i = 0; i < backends.size(); ++i) {
-    acmp::DepthEngineBackend backend = backends[i].get();
-    const int index = options.cuda_index[i];
-    engines.Add(std::move(backend.engine), index);
-    engines.fallback_reason += backend.fallback_reason;
-    if (engines.list.back().on_host || options.online()) break;
-    for (int job = 1; job < options.jobs_per_gpu; ++job) engines.Add(engines.owned.back()->Share(), index);
+std::vector<acmp::ReconstructDevice> MakeDevices(const acmp::ReconstructOptions& options) {
+  std::vector<acmp::ReconstructDevice> devices;
+  for (auto& starting : StartDevices(options)) {
+    acmp::DepthEngineBackend backend = starting.get();
+    if (!backend.fallback_reason.empty() && !options.quiet) {
+      std::cerr << "no GPU in use: " + backend.fallback_reason + "\n";
+    }
+    acmp::ReconstructDevice& device = devices.emplace_back();
+    device.on_host = backend.engine->FreeDeviceBytes() == 0;
+    device.engines.push_back(std::move(backend.engine));
+    if (device.on_host || options.online()) break;
+    for (int job = 1; job < options.jobs_per_gpu; ++job) device.engines.push_back(device.engines.front()->Share());
   }
-  return engines;
+  return devices;
 }
 
 int RunReconstruct(const acmp::ReconstructOptions& options, acmp::InterruptWatcher* interrupt) {
   std::optional<tbb::global_control> threads;
   if (options.threads > 0) threads.emplace(tbb::global_control::max_allowed_parallelism, options.threads);
-  Engines engines;
-  const auto make_engines = [&] {
-    engines = MakeEngines(options);
-    if (!engines.fallback_reason.empty() && !options.quiet) {
-      std::cerr << "no GPU in use: " + engines.fallback_reason + "\n";
-    }
-    return engines.list;
-  };
   try {
-    interrupt->RunCancellable(
-        [&] { acmp::Reconstruct(options, make_engines, interrupt, &std::cout, &std::cerr, isatty(STDERR_FILENO)); });
+    interrupt->RunCancellable([&] {
+      acmp::Reconstruct(
+          options, [&] { return MakeDevices(options); }, interrupt, &std::cout, &std::cerr, isatty(STDERR_FILENO));
+    });
     interrupt->Check();
   } catch (const acmp::Interrupted&) {
-    std::cerr << "acmp_reconstruct: interrupted; run the same command again to go on\n";
+    std::cerr << "acmp_reconstruct: interrupted; the same command "
+              << (options.online() ? "starts anew" : "goes on from here") << "\n";
     return acmp::kExitFailed;
   }
   return acmp::kExitDone;

@@ -87,7 +87,7 @@ Run RunStages(DepthEngine* engine, DepthEstimator* estimator, const PipelineOpti
   Timer whole, stage;
   problem.reference.image = engine->Load(frame, options.start_level);
   run.load = stage.Lap();
-  const EngineEstimatePtr estimate = estimator->EstimateInitial(problem);
+  const EngineEstimatePtr estimate = estimator->Run(estimator->schedule().front(), problem);
   const StageTimes& initial = estimator->last_times();
   run.photometric = initial.photometric_kernels_ms;
   run.triangulation = initial.prior_construction_ms;
@@ -96,8 +96,8 @@ Run RunStages(DepthEngine* engine, DepthEstimator* estimator, const PipelineOpti
   run.fast = whole.Elapsed();
   for (EngineView& source : problem.sources) source.estimate = estimate;
   problem.reference.estimate = estimate;
-  for (int step = 0; step < estimator->num_refinements(); ++step) {
-    problem.reference.estimate = estimator->Refine(problem, step);
+  for (size_t step = 1; step < estimator->schedule().size(); ++step) {
+    problem.reference.estimate = estimator->Run(estimator->schedule()[step], problem);
     run.geometric += estimator->last_times().kernels_ms;
   }
   stage.Lap();
@@ -150,7 +150,7 @@ StageFigures MeasureStages(DepthEngine* engine, const PipelineOptions& options, 
 }
 
 StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options, ImageSize size, int source_views,
-                            int keyframes, int reestimates, bool refine_again) {
+                            int keyframes, bool refine_again) {
   StreamFigures figures;
   figures.size = size;
   figures.source_views = source_views;
@@ -161,7 +161,6 @@ StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options,
   mapper_options.window_size = std::max(mapper_options.window_size, source_views + 1);
   mapper_options.source_views.max_source_views = source_views;
   mapper_options.min_source_views = std::min(2, source_views);
-  mapper_options.reestimates = reestimates;
   mapper_options.refine_again = refine_again;
   std::vector<double> fast, refined, device;
   // Since each image came; callbacks read those of images that came before them.
@@ -177,7 +176,7 @@ StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options,
     device.push_back(maps->times.kernels_ms);
   };
   const std::unique_ptr<DepthEngine> output_engine = engine->Share();
-  DenseMapper mapper(engine, mapper_options, callbacks, {}, output_engine.get());
+  DenseMapper mapper(engine, mapper_options, callbacks, output_engine.get());
 
   const cv::Mat texture = MakeTexture(size);
   constexpr int kDistinct = 64;  // frames made beforehand; the stream goes to and fro over them

@@ -2,7 +2,7 @@
 
 #include <string>
 
-#include "acmp_mapping/pipeline/dense_mapper.h"
+#include "acmp_mapping/mapping/dense_mapper.h"
 
 namespace acmp {
 
@@ -44,8 +44,8 @@ struct StreamFigures {
 };
 
 /// Feeds a camera that moves along a textured wall to a mapper with the default window.
-/// @param reestimates,refine_again as in DenseMapperOptions
+/// @param refine_again as in DenseMapperOptions
 StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options, ImageSize size, int source_views,
-                            int keyframes, int reestimates, bool refine_again);
+                            int keyframes, bool refine_again);
 
 }  // namespace acmp

@@ -14,7 +14,7 @@
 #include <std_srvs/Trigger.h>
 
 #include "acmp_mapping/backend/make_depth_engine.h"
-#include "acmp_mapping/pipeline/dense_mapper.h"
+#include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "ros/recorder.h"
 #include "ros/scene_player.h"

@@ -9,7 +9,7 @@
 #include <string>
 #include <thread>
 
-#include "acmp_mapping/pipeline/dense_mapper.h"
+#include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
 #include "acmp_mapping/ros/keyframe_numbers.h"
 #include "acmp_mapping/ros/latency_window.h"

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "acmp_mapping/backend/make_patch_match.h"
-#include "acmp_mapping/pipeline/dense_mapper.h"
+#include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/input_matcher.h"
 #include "acmp_mapping/ros/map_store.h"
 #include "acmp_mapping/ros/parameter_reader.h"

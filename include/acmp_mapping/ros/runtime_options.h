@@ -5,7 +5,7 @@
 
 #include <acmp_mapping/DenseMapperConfig.h>
 
-#include "acmp_mapping/pipeline/dense_mapper.h"
+#include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/keyframe_gate.h"
 #include "acmp_mapping/ros/map_store.h"
 #include "acmp_mapping/ros/parameter_reader.h"

@@ -9,7 +9,7 @@
 #include <acmp_mapping/KeyframePoints.h>
 #include <ros/node_handle.h>
 
-#include "acmp_mapping/pipeline/dense_mapper.h"
+#include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/drop.h"
 #include "acmp_mapping/ros/keyframe_numbers.h"
 #include "acmp_mapping/ros/mapper_worker.h"

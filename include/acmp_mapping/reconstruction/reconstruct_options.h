@@ -1,0 +1,76 @@
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "acmp_mapping/mapping/dense_mapper.h"
+
+namespace acmp {
+
+/// A quarter of this machine's memory, or of what its container may take, GB.
+double DefaultMemoryLimitGb();
+
+/// What `acmp_reconstruct` is asked to do. Defaults are shown by --help.
+struct ReconstructOptions {
+  std::filesystem::path scene;
+  std::filesystem::path output;
+  std::string format = "auto";
+  std::string images;  ///< "0,3,7-12"; empty: all
+
+  std::string preset = "acmp";
+  std::string schedule = "offline";
+  std::vector<std::string> set;     ///< NAME=VALUE: options of the pipeline over the preset's
+  int max_image_size = 0;           ///< px, longer side; 0: as stored
+  int source_views = 10;            ///< 1..32
+  int min_source_views = 0;         ///< 0: 1 offline, the mapper's default online
+  std::optional<double> depth_min;  ///< scene units
+  std::optional<double> depth_max;
+  uint32_t seed = PatchMatchOptions().seed;
+  bool dynamic_consistency = false;
+  int window_size = DenseMapperOptions().window_size;
+  int lookahead = DenseMapperOptions().lookahead;
+  bool refine_again = DenseMapperOptions().refine_again;
+
+  std::string device = "auto";
+  std::vector<int> cuda_index = {0};
+  int jobs_per_gpu = 4;
+  int threads = 0;  ///< 0: one per core
+  double memory_limit_gb = DefaultMemoryLimitGb();
+
+  std::vector<std::string> maps = {"depth", "normal", "cost", "confidence"};  ///< kinds to write; none: only the cloud
+  bool dmb = false;
+  bool colmap = false;
+  bool no_pictures = false;
+  bool overwrite = false;
+  bool keep_work = false;
+  bool timings = false;
+  bool quiet = false;
+
+  bool online() const { return schedule == "online"; }
+
+  /// Of memory_limit_gb, what each kind may take: images; estimates or maps; points that wait to be written.
+  static constexpr double kImageShare = 0.4, kMapShare = 0.4, kCloudShare = 0.2;
+  /// @param share 0..1
+  size_t MemoryBytes(double share) const { return static_cast<size_t>(share * 1e9 * memory_limit_gb); }
+};
+
+/// Declares the command line on `app`; parsing fills `options`.
+void AddReconstructOptions(CLI::App* app, ReconstructOptions* options);
+
+/// Throws InvalidInputError naming the first option out of bounds.
+void Validate(const ReconstructOptions& options);
+
+PipelineOptions MakePipelineOptions(const ReconstructOptions& options);
+FrameOptions MakeFrameOptions(const ReconstructOptions& options);
+
+/// For the online schedule. `dataset_range` stands in where an image has no landmarks; 0, 0 when the dataset names
+/// none.
+DenseMapperOptions MakeMapperOptions(const ReconstructOptions& options, const DepthRange& dataset_range);
+
+/// Source views an image needs to get a map.
+int MinSourceViews(const ReconstructOptions& options);
+
+}  // namespace acmp

@@ -1,0 +1,135 @@
+#include "acmp_mapping/bags/bag_recording.h"
+
+#include <cmath>
+#include <fstream>
+#include <iterator>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/image/image_processing.h"
+#include "bag_messages.h"
+#include "bag_writer.h"
+
+namespace acmp {
+namespace {
+
+std_msgs::Header MakeHeader(int index, const std::string& frame, const RecordingOptions& options) {
+  std_msgs::Header header;
+  header.seq = static_cast<uint32_t>(index);
+  header.stamp = StampOf(index, options);
+  header.frame_id = frame;
+  return header;
+}
+
+/// All that belongs to one image but its pixels, in the order in which a frontend would send it: the pose comes last,
+/// since it triggers the mapper.
+void WriteGeometry(BagWriter& writer, int index, const PinholeCamera& camera, const LensDistortion& distortion,
+                   const RigidTransform& cam_from_world, const std::vector<Eigen::Vector3d>* landmarks,
+                   const RecordingOptions& options) {
+  const std_msgs::Header in_camera = MakeHeader(index, options.camera_frame, options);
+  const std_msgs::Header in_world = MakeHeader(index, options.world_frame, options);
+  const ros::Time& stamp = in_camera.stamp;
+  const geometry_msgs::PoseStamped pose = ToPoseStamped(cam_from_world, in_world);
+  writer.Write(kCameraInfoTopic, stamp, ToCameraInfo(camera, distortion, in_camera));
+  writer.Write(kTfTopic, stamp, ToTf(pose, options.camera_frame));
+  if (landmarks != nullptr) writer.Write(kSparsePointsTopic, stamp, ToPointCloud2(*landmarks, in_world));
+  writer.Write(kPoseTopic, stamp, pose);
+}
+
+std::string ReadFileBytes(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::string bytes((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
+  if (!file || bytes.empty()) throw InvalidInputError(Concat("cannot read ", path));
+  return bytes;
+}
+
+void CheckImageSize(const SceneImage& image, const ColorImage& pixels) {
+  if (pixels.width() != image.camera.width || pixels.height() != image.camera.height) {
+    throw InvalidInputError(Concat(image.path, ": is ", pixels.width(), "x", pixels.height(), " px, its camera ",
+                                   image.camera.width, "x", image.camera.height));
+  }
+}
+
+/// Writes the pixels and returns the camera that belongs to them.
+PinholeCamera WriteSceneImage(BagWriter& writer, const SceneImage& image, int index, const RecordingOptions& options) {
+  const std_msgs::Header header = MakeHeader(index, options.camera_frame, options);
+  ColorImage pixels = ReadColorImage(image.path);  // decoded in either case: a truncated file must not get into the bag
+  CheckImageSize(image, pixels);
+  if (options.compressed) {
+    writer.Write(std::string(kImageTopic) + "/compressed", header.stamp,
+                 ToCompressedMessage(ReadFileBytes(image.path), header));
+    return image.camera;
+  }
+  int width = image.camera.width;
+  int height = image.camera.height;
+  LimitSize(options.max_image_size, &width, &height);
+  if (width != image.camera.width || height != image.camera.height) pixels = Resize(pixels, width, height);
+  writer.Write(kImageTopic, header.stamp, ToBgr8Message(pixels, header));
+  return image.camera.Resized(width, height);
+}
+
+}  // namespace
+
+void Validate(const RecordingOptions& options) {
+  CheckRange("rate", options.rate_hz, 0.001, 1000.0);
+  CheckRange("start time", options.start_time_s, uint32_t{1}, uint32_t{4000000000});
+  CheckRange("max image size", options.max_image_size, 0, 1 << 16);
+  if (options.compressed && options.max_image_size > 0) {
+    throw InvalidInputError("compressed images are passed through as they are: max image size must be 0");
+  }
+  if (options.world_frame.empty()) throw InvalidInputError("world frame is empty");
+  if (options.camera_frame.empty()) throw InvalidInputError("camera frame is empty");
+}
+
+ros::Time StampOf(int index, const RecordingOptions& options) {
+  const auto offset_ns = static_cast<uint64_t>(std::llround(1e9 * index / options.rate_hz));
+  const uint64_t stamp_s = options.start_time_s + offset_ns / 1000000000u;
+  CheckRange("stamp in seconds", stamp_s, uint64_t{1}, uint64_t{4294967295});  // ROS 1 stores 32 bits
+  return ros::Time(static_cast<uint32_t>(stamp_s), static_cast<uint32_t>(offset_ns % 1000000000u));
+}
+
+RecordingSummary RecordScene(const Scene& scene, const std::vector<int>& indices, const RecordingOptions& options,
+                             const std::filesystem::path& bag_path) {
+  Validate(options);
+  BagWriter writer(bag_path);
+  RecordingSummary summary;
+  for (const int index : indices) {
+    const SceneImage& image = scene.images.at(index);
+    std::vector<Eigen::Vector3d> landmarks;
+    for (const int landmark : image.landmark_indices) landmarks.push_back(scene.landmarks_in_world.at(landmark));
+    const PinholeCamera camera = WriteSceneImage(writer, image, index, options);
+    WriteGeometry(writer, index, camera, image.distortion, image.cam_from_world,
+                  scene.landmarks_in_world.empty() ? nullptr : &landmarks, options);
+    ++summary.images;
+    summary.landmarks += landmarks.size();
+  }
+  if (!indices.empty()) {
+    summary.duration_s = (StampOf(indices.back(), options) - StampOf(indices.front(), options)).toSec();
+  }
+  writer.Finish();
+  return summary;
+}
+
+RecordingSummary RecordSynthetic(const std::vector<SyntheticView>& views, const RecordingOptions& options,
+                                 const std::filesystem::path& bag_path) {
+  Validate(options);
+  if (options.compressed || options.max_image_size > 0) {
+    throw InvalidInputError("a synthetic scene is recorded uncompressed and at its own size");
+  }
+  BagWriter writer(bag_path);
+  RecordingSummary summary;
+  for (size_t i = 0; i < views.size(); ++i) {
+    const int index = static_cast<int>(i);
+    const Frame& frame = views[i].frame;
+    const std_msgs::Header header = MakeHeader(index, options.camera_frame, options);
+    writer.Write(kImageTopic, header.stamp, ToBgr8Message(frame.color, header));
+    WriteGeometry(writer, index, frame.camera, {}, frame.cam_from_world, &frame.landmarks_in_world, options);
+    ++summary.images;
+    summary.landmarks += frame.landmarks_in_world.size();
+    summary.duration_s = (header.stamp - StampOf(0, options)).toSec();
+  }
+  writer.Finish();
+  return summary;
+}
+
+}  // namespace acmp

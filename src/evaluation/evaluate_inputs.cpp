@@ -1,0 +1,255 @@
+#include "acmp_mapping/evaluation/evaluate_inputs.h"
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <optional>
+#include <regex>
+#include <sstream>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/dataset/map_io.h"
+
+namespace acmp {
+namespace {
+
+namespace fs = std::filesystem;
+
+// A whole non-negative number that fits; nothing else in the text.
+std::optional<int> ParseIndex(const std::string& text) {
+  constexpr size_t kMaxDigits = 9;
+  if (text.empty() || !std::all_of(text.begin(), text.end(), [](unsigned char c) { return std::isdigit(c); }))
+    return {};
+  const size_t first = std::min(text.find_first_not_of('0'), text.size() - 1);
+  if (text.size() - first > kMaxDigits) return {};
+  return std::stoi(text.substr(first));
+}
+
+std::optional<int> LastNumber(const std::string& text) {
+  const auto is_digit = [](unsigned char c) { return std::isdigit(c) != 0; };
+  const auto end = std::find_if(text.rbegin(), text.rend(), is_digit).base();
+  const auto begin = std::find_if_not(std::make_reverse_iterator(end), text.rend(), is_digit).base();
+  return ParseIndex(std::string(begin, end));
+}
+
+std::vector<fs::path> SortedEntries(const fs::path& folder) {
+  std::vector<fs::path> entries;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
+    if (entry.path().filename().string().front() != '.') entries.push_back(entry.path());
+  }
+  std::sort(entries.begin(), entries.end());
+  return entries;
+}
+
+// The output of the public ACMP program.
+std::map<int, fs::path> FindAcmpOutput(const std::vector<fs::path>& entries, const std::string& name) {
+  const std::vector<std::string> candidates =
+      name.empty() ? std::vector<std::string>{"depths_geom.dmb", "depths_prior.dmb", "depths.dmb"}
+                   : std::vector<std::string>{name};
+  std::map<int, fs::path> found;
+  for (const fs::path& folder : entries) {
+    const auto index = LastNumber(folder.filename().string());
+    for (const std::string& candidate : candidates) {
+      if (!index || !fs::exists(folder / candidate)) continue;
+      found[*index] = folder / candidate;
+      break;
+    }
+  }
+  return found;
+}
+
+std::regex ParsePattern(const std::string& text) {
+  try {
+    return std::regex(text);
+  } catch (const std::regex_error& error) {
+    throw InvalidInputError(Concat("--name \"", text, "\": not a regular expression: ", error.what()));
+  }
+}
+
+// Files of the given extensions: an image's own stem goes before its index, which the first file in order gets.
+std::map<int, fs::path> FindNamedMaps(const std::vector<fs::path>& entries, const std::vector<EvaluationImage>& images,
+                                      const std::string& name, const std::vector<std::string>& extensions) {
+  std::map<std::string, int> index_of_stem;
+  for (const EvaluationImage& image : images) {
+    index_of_stem[fs::path(image.name).replace_extension().string()] = image.index;
+  }
+  const std::regex pattern = ParsePattern(name);
+  std::map<int, fs::path> found;
+  for (const fs::path& file : entries) {
+    if (std::find(extensions.begin(), extensions.end(), LowerExtension(file)) == extensions.end()) continue;
+    if (!name.empty() && !std::regex_search(file.filename().string(), pattern)) continue;
+    const std::string stem = file.stem().string();
+    if (const auto own = index_of_stem.find(stem); own != index_of_stem.end()) {
+      found[own->second] = file;
+    } else if (const auto index = LastNumber(stem)) {
+      found.emplace(*index, file);
+    }
+  }
+  return found;
+}
+
+// Calls visit(image, rest of its line, "file:line: text") for each image of SCENE/cameras.txt.
+template <class Visitor>
+void ForEachImageLine(const fs::path& scene, const Visitor& visit) {
+  const fs::path path = scene / "cameras.txt";
+  std::ifstream file(path);
+  if (!file)
+    throw InvalidInputError(Concat(path.string(), ": cannot be read; SCENE must be a folder with cameras.txt"));
+  bool any = false;
+  std::string line;
+  for (int number = 1; std::getline(file, line); ++number) {
+    std::istringstream words(line);
+    std::string index, name;
+    if (!(words >> index) || index.front() == '#') continue;
+    const std::string where = Concat(path.string(), ":", number, ": \"", line, "\"");
+    const auto value = ParseIndex(index);
+    if (!value || !(words >> name)) throw InvalidInputError(where + ": must begin with index and image name");
+    visit(EvaluationImage{*value, name}, words, where);
+    any = true;
+  }
+  if (!any) throw InvalidInputError(Concat(path.string(), ": names 0 images: must name at least 1"));
+}
+
+}  // namespace
+
+std::string LowerExtension(const fs::path& path) {
+  std::string extension = path.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return std::tolower(c); });
+  return extension;
+}
+
+std::vector<EvaluationImage> ReadImageList(const fs::path& scene) {
+  std::vector<EvaluationImage> images;
+  ForEachImageLine(scene,
+                   [&](const EvaluationImage& image, std::istream&, const std::string&) { images.push_back(image); });
+  return images;
+}
+
+std::vector<EvaluationCamera> ReadCameraList(const fs::path& scene) {
+  std::vector<EvaluationCamera> cameras;
+  ForEachImageLine(scene, [&](const EvaluationImage& image, std::istream& rest, const std::string& where) {
+    EvaluationCamera c = {image, {}, RigidTransform::Identity()};
+    Eigen::Quaterniond q;
+    Eigen::Vector3d t;
+    rest >> c.camera.fx >> c.camera.fy >> c.camera.cx >> c.camera.cy >> c.camera.width >> c.camera.height;
+    rest >> q.w() >> q.x() >> q.y() >> q.z() >> t.x() >> t.y() >> t.z();
+    if (!rest) {
+      throw InvalidInputError(where +
+                              ": must be index filename fx fy cx cy width height qw qx qy qz tx ty tz, all numbers but "
+                              "filename");
+    }
+    CheckCamera(where.c_str(), c.camera);
+    const double length = q.norm();
+    if (!(std::isfinite(length) && length > 0 && t.allFinite())) {
+      throw InvalidInputError(Concat(where, ": quaternion of length ", length, ", position (", t.x(), ", ", t.y(), ", ",
+                                     t.z(), "): must be finite, the length > 0"));
+    }
+    c.world_from_cam.linear() = q.normalized().toRotationMatrix();
+    c.world_from_cam.translation() = t;
+    cameras.push_back(c);
+  });
+  return cameras;
+}
+
+std::set<int> ParseSubset(const std::string& text) {
+  constexpr int kMaxIndex = 999999;  // file names have six digits
+  std::set<int> subset;
+  std::istringstream parts(text);
+  for (std::string part; std::getline(parts, part, ',');) {
+    const size_t dash = part.find('-');
+    const auto first = ParseIndex(part.substr(0, dash));
+    const auto last = dash == std::string::npos ? first : ParseIndex(part.substr(dash + 1));
+    if (!first || !last || *last < *first || *last > kMaxIndex) {
+      throw InvalidInputError(Concat("subset \"", text, "\": \"", part, "\" must be an index or a range such as 7-12"));
+    }
+    for (int i = *first; i <= *last; ++i) subset.insert(i);
+  }
+  if (subset.empty()) throw InvalidInputError("subset: must name at least one index");
+  return subset;
+}
+
+PredictionIndex FindPredictions(const fs::path& folder, const std::vector<EvaluationImage>& images,
+                                const std::string& name) {
+  if (!fs::is_directory(folder)) throw InvalidInputError(Concat(folder.string(), ": no such folder of predictions"));
+  const std::vector<fs::path> entries = SortedEntries(folder);
+  std::vector<fs::path> acmp_folders;
+  for (const fs::path& entry : entries) {
+    if (entry.filename().string().rfind("2333_", 0) == 0) acmp_folders.push_back(entry);
+  }
+
+  PredictionIndex index;
+  if (!acmp_folders.empty()) {
+    index.files = FindAcmpOutput(acmp_folders, name);
+  } else {
+    index.files = FindNamedMaps(entries, images, name, {".pfm"});
+    size_t set_aside = 0;
+    for (const auto& [image, path] : FindNamedMaps(entries, images, name, {".dmb", ".png"})) {
+      set_aside += !index.files.emplace(image, path).second;
+    }
+    if (set_aside > 0) index.notes.push_back(Concat(set_aside, " images have a .pfm and another map: took the .pfm"));
+    const auto is_npy = [](const fs::path& path) { return LowerExtension(path) == ".npy"; };
+    if (const auto count = std::count_if(entries.begin(), entries.end(), is_npy); count > 0) {
+      index.notes.push_back(Concat(count, " .npy files are not read: convert them to .pfm or .dmb"));
+    }
+  }
+  const bool any = std::any_of(images.begin(), images.end(),
+                               [&](const EvaluationImage& image) { return index.files.count(image.index) > 0; });
+  if (!any)
+    throw InvalidInputError(Concat(folder.string(), ": no .pfm, .dmb or .png named after an image of the scene"));
+  return index;
+}
+
+DepthMap ReadDepthMap(const fs::path& path, double png_unit) {
+  if (LowerExtension(path) != ".png") return ReadDepth(path);
+  const Image<uint16_t> counts = ReadPng16(path);
+  DepthMap depth(counts.width(), counts.height());
+  const auto unit = static_cast<float>(png_unit);
+  std::transform(counts.begin(), counts.end(), depth.begin(), [unit](uint16_t count) { return count / unit; });
+  return depth;
+}
+
+void CheckPositive(const char* name, double value) {
+  if (!(std::isfinite(value) && value > 0)) {
+    throw InvalidInputError(Concat(name, " = ", value, ": must be positive and finite"));
+  }
+}
+
+void Validate(const GroundTruthOptions& options) {
+  CheckPositive("--gt-png-unit", options.png_unit);
+  CheckRange("--max-depth", options.max_depth, 0.0, 1e9);
+}
+
+DepthMap ReadGroundTruth(const fs::path& folder, int index, const GroundTruthOptions& options) {
+  const fs::path path = FindMap(folder, index, {".png", ".pfm", ".dmb"});
+  if (path.empty()) return {};
+  DepthMap truth = ReadDepthMap(path, options.png_unit);
+  if (options.max_depth > 0) {
+    const auto limit = static_cast<float>(options.max_depth);
+    std::replace_if(
+        truth.begin(), truth.end(), [limit](float z) { return z > limit; }, 0.0f);
+  }
+  return truth;
+}
+
+fs::path FindFolder(const fs::path& scene, const std::string& name) {
+  for (const fs::path& folder : {scene / name, fs::path(name)}) {
+    if (fs::is_directory(folder)) return folder;
+  }
+  throw InvalidInputError(Concat("no folder ", (scene / name).string(), " nor ", name));
+}
+
+fs::path FindMap(const fs::path& folder, int index, const std::vector<std::string>& extensions) {
+  char stem[16];
+  std::snprintf(stem, sizeof(stem), "%06d", index);
+  for (const std::string& extension : extensions) {
+    fs::path path = folder / (stem + extension);
+    if (fs::exists(path)) return path;
+  }
+  return {};
+}
+
+}  // namespace acmp

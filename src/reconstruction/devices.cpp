@@ -1,0 +1,43 @@
+#include "devices.h"
+
+#include <oneapi/tbb/task_arena.h>
+
+#include <algorithm>
+#include <utility>
+
+namespace acmp {
+
+Devices::Devices(std::vector<ReconstructDevice> devices, const std::vector<int>& images)
+    : devices_(std::move(devices)) {
+  for (size_t place = 0; place < images.size(); ++place) {
+    device_of_[images[place]] = DeviceOfPlace(place, images.size(), devices_.size());
+  }
+  if (on_host()) return;
+  for (const ReconstructDevice& device : devices_) fusion_engines_.push_back(device.engines.front()->Share());
+}
+
+DeviceEngine Devices::Engine(int device, int number) const {
+  return {devices_.at(device).engines.at(number).get(), device, on_host()};
+}
+
+DeviceEngine Devices::FusionEngine(int device) const {
+  return on_host() ? Engine(0, 0) : DeviceEngine{fusion_engines_.at(device).get(), device, false};
+}
+
+std::vector<int> Devices::PoolThreads() const {
+  if (on_host()) return {};
+  std::vector<int> threads = {std::max(1, tbb::this_task_arena::max_concurrency() / 2)};  // the rest triangulates
+  for (int device = 0; device < size(); ++device) threads.push_back(NumEngines(device));
+  threads.resize(threads.size() + devices_.size(), 1);
+  return threads;
+}
+
+int DeviceOfPlace(size_t place, size_t images, size_t devices) {
+  constexpr size_t kMaxLength = 16;  // of a stretch
+  const size_t rounds = (images + kMaxLength * devices - 1) / (kMaxLength * devices);
+  const size_t stretches = std::min(rounds * devices, images);
+  const size_t stretch = ((place + 1) * stretches - 1) / images;  // s begins at s * images / stretches, rounded down
+  return static_cast<int>(stretch % devices);
+}
+
+}  // namespace acmp

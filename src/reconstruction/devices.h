@@ -1,0 +1,58 @@
+#pragma once
+
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "acmp_mapping/reconstruction/reconstruct.h"
+
+namespace acmp {
+
+/// One of a device's engines. For one thread at a time.
+struct DeviceEngine {
+  DepthEngine* engine;
+  int device;    ///< number, from 0: engines with the same one share handles
+  bool on_host;  ///< the CPU's
+};
+
+/// The devices of a run, who works on which image, and the pools of threads that the task graph has for them.
+class Devices {
+ public:
+  /// @param images that take part, by scene index in the order of the scene
+  Devices(std::vector<ReconstructDevice> devices, const std::vector<int>& images);
+
+  int size() const { return static_cast<int>(devices_.size()); }
+  bool on_host() const { return devices_.front().on_host; }
+  std::string name() const { return devices_.front().engines.front()->device_name(); }  ///< of the first one
+
+  /// The device that works on an image that takes part.
+  int DeviceOf(int index) const { return device_of_.at(index); }
+  int NumEngines(int device) const { return static_cast<int>(devices_.at(device).engines.size()); }
+  /// @param number of the device's thread, from 0
+  DeviceEngine Engine(int device, int number) const;
+  /// A further one on a GPU, so that views are fused while others are matched.
+  DeviceEngine FusionEngine(int device) const;
+
+  static constexpr int kFilePool = 0;  ///< writes files
+  /// A thread per engine of the device.
+  static int EnginePool(int device) { return 1 + device; }
+  /// One thread per device, for its FusionEngine.
+  int FusionPool(int device) const { return 1 + size() + device; }
+  /// Of each pool. None on the CPU, whose engine uses all cores itself: the caller's thread does everything.
+  std::vector<int> PoolThreads() const;
+
+ private:
+  std::vector<ReconstructDevice> devices_;
+  std::vector<std::unique_ptr<DepthEngine>> fusion_engines_;  ///< per device; none on the CPU
+  std::map<int, int> device_of_;                              ///< by scene index
+};
+
+/// The device that works on the image at a place of the scene. Stretches of up to 16 images, of about the same length,
+/// go to one device after the other: neighbours, which mostly see the same, are on the same one, and all devices are at
+/// about the same place of the scene, so that few points wait for those of earlier images.
+/// @param place below `images`; `devices` at least 1
+/// @return the device's number, from 0
+int DeviceOfPlace(size_t place, size_t images, size_t devices);
+
+}  // namespace acmp

@@ -1,0 +1,100 @@
+#pragma once
+
+#include <deque>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <utility>
+#include <vector>
+
+#include "acmp_mapping/reconstruction/reconstruct_options.h"
+#include "devices.h"
+#include "frame_store.h"
+#include "lru_cache.h"
+#include "output_folder.h"
+#include "plan.h"
+#include "work_files.h"
+
+namespace acmp {
+
+/// Images and estimates of a run where the engines read them: those used last stay on their devices, others are read
+/// from the images' and the work folder's files. For any number of threads; an engine by one at a time.
+/// What GPUs make is kept in their memory, as far as it goes, and not written to the work folder: that takes longer
+/// than making it again after an interruption.
+class EngineStore {
+ public:
+  /// An image's estimate after a step of its schedule: step, scene index.
+  using Key = std::pair<int, int>;
+
+  /// All outlive the store.
+  /// @param steps of an image's schedule; the last one's estimates are final
+  EngineStore(FrameStore* frames, const ReconstructOptions& options, const OutputFolder& folder,
+              const ReconstructPlan& plan, const Devices& devices, int steps);
+
+  int final_step() const { return final_step_; }
+  /// Where an estimate is if it is in a file.
+  std::filesystem::path FileOf(const Key& key) const;
+
+  /// The reference image and source views with frames and images; decodes several files side by side.
+  EngineProblem Problem(const ImagePlan& image, const DeviceEngine& engine);
+  /// The same with all their estimates after a step. Source views without a map keep a null one.
+  EngineProblem Problem(const ImagePlan& image, int step, const DeviceEngine& engine);
+
+  /// Keeps an estimate: on its device, and in a file of the work folder if there is no room or the device is the host.
+  void Keep(int step, const Frame& frame, const DeviceEngine& engine, const EngineEstimatePtr& estimate);
+
+  /// Announces that so many will read each of the estimates that Problem(image, step) gives.
+  void AddReaders(const ImagePlan& image, int step, int count);
+  /// One of them has. Frees the memory of estimates that nobody reads any more, and removes their files where what was
+  /// made of them is in files for certain.
+  void HasRead(const ImagePlan& image, int step);
+
+  /// An image's maps after the last step, to be written.
+  std::shared_ptr<const FinalMaps> Final(int index) const;
+  /// Frees their memory.
+  void ReleaseFinal(int index);
+
+ private:
+  struct Unsaved {
+    EngineEstimatePtr estimate;
+    int device = 0;
+    size_t bytes = 0;
+  };
+  struct Device {
+    Device(size_t image_bytes, size_t estimate_bytes, size_t unsaved_bytes)
+        : images(image_bytes), estimates(estimate_bytes), max_unsaved_bytes(unsaved_bytes) {}
+    LruCache<int, EngineImage> images;
+    LruCache<Key, EngineEstimate> estimates;  ///< copies of what is elsewhere or in a file
+    const size_t max_unsaved_bytes;
+    size_t unsaved_bytes = 0;        ///< under the store's mutex
+    size_t unsaved_final_bytes = 0;  ///< of these those of final estimates: half of the room at most
+  };
+
+  EngineImagePtr Image(const FramePtr& frame, const DeviceEngine& engine);
+  EngineEstimatePtr Estimate(const Key& key, const Frame& frame, const DeviceEngine& engine);
+  EngineEstimatePtr Read(const Key& key, const Frame& frame, const DeviceEngine& engine) const;
+  /// @param maps of a final estimate; null: they are not written
+  bool KeepUnsaved(const Key& key, const Unsaved& unsaved, std::shared_ptr<const FinalMaps> maps);
+  /// Keys of the estimates that Problem(image, step) gives.
+  std::vector<Key> Estimates(const ImagePlan& image, int step) const;
+  void Forget(const Key& key);
+
+  const OutputFolder& folder_;
+  const ReconstructPlan& plan_;
+  const int levels_;
+  const int final_step_;
+  FrameStore& frames_;
+  std::deque<Device> devices_;
+  const bool always_writes_;  ///< the work files
+  const bool removes_files_;  ///< that nobody reads any more
+  const bool writes_maps_;    ///< of final estimates
+  const size_t max_unsaved_map_bytes_;
+
+  mutable std::mutex mutex_;        ///< of what follows
+  std::map<Key, Unsaved> unsaved_;  ///< in no file
+  std::map<int, std::shared_ptr<const FinalMaps>> unsaved_maps_;
+  size_t unsaved_map_bytes_ = 0;
+  std::map<Key, int> readers_left_;
+};
+
+}  // namespace acmp

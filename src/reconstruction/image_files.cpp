@@ -1,0 +1,56 @@
+#include "image_files.h"
+
+#include <oneapi/tbb/parallel_for_each.h>
+
+#include <algorithm>
+#include <functional>
+#include <vector>
+
+#include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/dataset/output_file.h"
+
+namespace acmp {
+
+ImageFiles::ImageFiles(const ReconstructRun* run) : run_(*run) {
+  for (const std::string& kind : run_.options.maps) MakeFolder(run_.folder.path() / kind);
+  if (!run_.options.no_pictures && !run_.options.maps.empty()) MakeFolder(run_.folder.path() / "pictures");
+  if (run_.options.colmap) colmap_.emplace(run);
+}
+
+bool ImageFiles::Writes(const std::string& kind) const {
+  const std::vector<std::string>& maps = run_.options.maps;
+  return std::find(maps.begin(), maps.end(), kind) != maps.end();
+}
+
+size_t ImageFiles::Write(int index, const FinalMaps& maps, const ConfidenceMap& confidence) const {
+  size_t too_far = 0;
+  std::vector<std::function<void()>> files;
+  const auto add = [&](const std::string& kind, const std::string& suffix, const auto& write) {
+    files.emplace_back([path = run_.folder.MapFile(kind, index, suffix), write] {
+      write(path);
+      StartWriteback(path);
+    });
+  };
+  const auto add_map = [&](const std::string& kind, const auto& map, const auto& make_picture) {
+    if (!Writes(kind)) return;
+    add(kind, ".pfm", [&map](const auto& path) { WritePfm(path, map.View()); });
+    if (run_.options.no_pictures) return;
+    add("pictures", "_" + kind + ".png",
+        [&map, make_picture](const auto& path) { WritePng(path, make_picture(map.View())); });
+  };
+  add_map("depth", maps.depth, DepthPicture);
+  add_map("normal", maps.normal, NormalPicture);
+  add_map("cost", maps.cost, CostPicture);
+  add_map("confidence", confidence, ConfidencePicture);
+  if (Writes("depth")) {
+    add("depth", ".png", [&](const auto& path) { too_far = WriteDepthPng(path, maps.depth.View()); });
+  }
+  if (run_.options.dmb) add("depth", ".dmb", [&](const auto& path) { WriteDmb(path, maps.depth.View()); });
+  if (colmap_) files.emplace_back([&] { colmap_->WriteMaps(index, maps); });
+  // Side by side: compressing pictures takes longer than writing them.
+  tbb::parallel_for_each(files, [](const std::function<void()>& write) { write(); });
+  return too_far;
+}
+
+}  // namespace acmp

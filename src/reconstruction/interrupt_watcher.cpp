@@ -1,0 +1,43 @@
+#include "acmp_mapping/reconstruction/interrupt_watcher.h"
+
+#include <unistd.h>
+
+#include <ctime>
+
+namespace acmp {
+
+InterruptWatcher::InterruptWatcher() {
+  sigemptyset(&signals_);
+  for (int signal : {SIGINT, SIGTERM, SIGHUP}) sigaddset(&signals_, signal);
+  pthread_sigmask(SIG_BLOCK, &signals_, &previous_signals_);
+  watcher_ = std::thread([this] { Watch(); });
+}
+
+InterruptWatcher::~InterruptWatcher() {
+  stopping_ = true;
+  watcher_.join();
+  pthread_sigmask(SIG_SETMASK, &previous_signals_, nullptr);
+}
+
+void InterruptWatcher::Request() {
+  requested_ = true;  // first: whoever finds its loops cancelled must also find this set
+  context_.cancel_group_execution();
+}
+
+void InterruptWatcher::Watch() {
+  const timespec kPoll = {0, 100'000'000};  // how long the destructor may wait for this thread
+  while (!stopping_) {
+    if (sigtimedwait(&signals_, nullptr, &kPoll) < 0) continue;
+    if (requested_) {
+      // Files are whole or absent at any time, so stopping dead loses nothing but the step at hand.
+      static const char kMessage[] = "\nstopped at once\n";
+      [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, kMessage, sizeof(kMessage) - 1);
+      _exit(1);
+    }
+    static const char kMessage[] = "\nstopping (press Ctrl-C again to stop at once) ...\n";
+    [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, kMessage, sizeof(kMessage) - 1);
+    Request();
+  }
+}
+
+}  // namespace acmp

@@ -1,0 +1,133 @@
+#include <map>
+#include <memory>
+#include <set>
+#include <utility>
+#include <vector>
+
+#include "acmp_mapping/common/timer.h"
+#include "run.h"
+
+namespace acmp {
+namespace {
+
+/// The steps of the offline schedule. A step's result of an image is one file, or on a GPU only in its memory
+/// (EngineStore::Keep): after an interruption what has no file and is still read is made again. Each engine works on
+/// another image; a refinement waits for the estimates it reads.
+class OfflineSchedule {
+ public:
+  explicit OfflineSchedule(ReconstructRun* run) : run_(*run), final_step_(run->store.final_step()) {
+    for (const ImagePlan& image : run_.plan.images) {
+      if (image.no_map.empty()) images_[image.index] = &image;
+    }
+    const PipelineOptions pipeline = MakePipelineOptions(run->options);
+    for (int device = 0; device < run_.devices.size(); ++device) {
+      estimators_.emplace_back();
+      for (int i = 0; i < run_.devices.NumEngines(device); ++i) {
+        estimators_.back().emplace_back(run_.devices.Engine(device, i).engine, pipeline);
+      }
+    }
+  }
+
+  /// Returns the tasks of the last step, by scene index.
+  /// An image's refinements are numbered as early as what they read allows, so that the first images are finished,
+  /// written and forgotten while the last ones are still to come. On several devices neighbours in the order of the
+  /// scene, which mostly see the same, are on the same one.
+  std::map<int, int> AddTasks(TaskGraph* graph) {
+    FindWhatIsToDo();
+    for (const auto& [index, image] : images_) {
+      for (int read : ImagesRead(*image)) readers_[read].push_back(index);
+      for (int step = 0; step < final_step_; ++step) run_.store.AddReaders(*image, step, 1);
+    }
+    for (const auto& [index, image] : images_) AddWithReaders({0, index}, graph);
+    std::map<int, int> last;
+    for (const auto& [index, image] : images_) last[index] = tasks_.at({final_step_, index});
+    return last;
+  }
+
+ private:
+  using Key = EngineStore::Key;  ///< step, scene index
+
+  /// Images whose estimates of the step before a refinement of the image reads.
+  std::vector<int> ImagesRead(const ImagePlan& image) const {
+    std::vector<int> indices = {image.index};
+    for (int source : image.sources) {
+      if (images_.count(source) > 0) indices.push_back(source);
+    }
+    return indices;
+  }
+
+  /// Those without a file whose results are final or read by others that are to do.
+  void FindWhatIsToDo() {
+    std::set<Key> read;
+    for (int step = final_step_; step >= 0; --step) {
+      for (const auto& [index, image] : images_) {
+        const Key key = {step, index};
+        const bool wanted = step == final_step_ || read.count(key) > 0;
+        if (!wanted || IsWholeWorkFile(run_.store.FileOf(key))) continue;
+        to_do_.insert(key);
+        for (int other : ImagesRead(*image)) read.insert({step - 1, other});
+      }
+    }
+  }
+
+  /// Adds a step, and then those that waited for it last.
+  void AddWithReaders(const Key& key, TaskGraph* graph) {
+    const auto [step, index] = key;
+    const ImagePlan& image = *images_.at(index);
+    std::vector<int> after;
+    if (step > 0) {
+      for (int read : ImagesRead(image)) after.push_back(tasks_.at({step - 1, read}));
+    }
+    const bool done = to_do_.count(key) == 0;
+    const int device = run_.devices.DeviceOf(index);
+    tasks_[key] = graph->Add(Devices::EnginePool(device), after, [this, step = step, &image, done, device](int thread) {
+      if (!done) Run(step, image, device, thread);
+      if (step > 0) run_.store.HasRead(image, step - 1);
+      run_.progress.Step(done);
+    });
+    if (step == final_step_) return;
+    for (int reader : readers_.at(index)) {
+      const size_t ready = ++ready_[{step + 1, reader}];
+      if (ready == ImagesRead(*images_.at(reader)).size()) AddWithReaders({step + 1, reader}, graph);
+    }
+  }
+
+  void Run(int step, const ImagePlan& image, int device, int thread) {
+    const DeviceEngine engine = run_.devices.Engine(device, thread);
+    DepthEstimator& estimator = estimators_.at(device).at(thread);
+    Timer timer;
+    const EngineProblem problem =
+        step == 0 ? run_.store.Problem(image, engine) : run_.store.Problem(image, step - 1, engine);
+    const double reading_ms = timer.Lap();
+    run_.interrupt.Check();
+    const EngineEstimatePtr estimate = estimator.Run(estimator.schedule()[static_cast<size_t>(step)], problem);
+    run_.interrupt.Check();
+    timer.Lap();
+    run_.store.Keep(step, *problem.reference.frame, engine, estimate);
+    const std::lock_guard<std::mutex> lock(run_.times_mutex);
+    run_.times.stages += estimator.last_times();
+    run_.times.images += step == 0 ? 1 : 0;
+    run_.times.reading_ms += reading_ms;
+    run_.times.keeping_ms += timer.Lap();
+  }
+
+  ReconstructRun& run_;
+  const int final_step_;
+  std::map<int, const ImagePlan*> images_;               ///< that get a map, by scene index
+  std::vector<std::vector<DepthEstimator>> estimators_;  ///< per device and engine
+  std::set<Key> to_do_;  ///< the others have files, or nobody reads their results any more
+  std::map<Key, int> tasks_;
+  std::map<int, std::vector<int>> readers_;  ///< images whose refinements read the image's estimates
+  std::map<Key, size_t> ready_;              ///< how many of what a step reads have been added
+};
+
+}  // namespace
+
+std::map<int, int> AddOfflineSchedule(ReconstructRun* run, TaskGraph* graph) {
+  const auto schedule = std::make_shared<OfflineSchedule>(run);
+  std::map<int, int> tasks = schedule->AddTasks(graph);
+  graph->KeepAlive(schedule);
+  return tasks;
+}
+
+}  // namespace acmp

@@ -1,0 +1,121 @@
+#include <algorithm>
+#include <exception>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/timer.h"
+#include "acmp_mapping/mapping/dense_mapper.h"
+#include "run.h"
+#include "work_files.h"
+
+namespace acmp {
+namespace {
+
+FinalMaps ToFinalMaps(const KeyframeDepth& keyframe) {
+  return {keyframe.depth.Clone(), keyframe.normal.Clone(), keyframe.cost.Clone(), keyframe.confidence.Clone(),
+          keyframe.frame->color.Clone()};
+}
+
+/// Feeds the images to a mapper and keeps the last maps of each.
+class OnlineSchedule {
+ public:
+  explicit OnlineSchedule(ReconstructRun* run)
+      : run_(*run), mapper_(run->devices.Engine(0, 0).engine, MapperOptions(*run), Callbacks()) {}
+
+  void Run() {
+    const FrameOptions frame_options = MakeFrameOptions(run_.options);
+    for (const ImagePlan& image : run_.plan.images) {
+      Timer timer;
+      auto frame = std::make_shared<Frame>(LoadFrame(run_.scene, image.index, frame_options));
+      // What a PointCloud2 carries is in float: with the same bits the nodelet's maps are the same.
+      frame->landmarks_in_world = RoundedToFloat(frame->landmarks_in_world);
+      run_.times.reading_ms += timer.Lap();
+      mapper_.AddKeyframe(std::move(frame));
+      CheckOutcome();
+      run_.progress.Step();
+    }
+    mapper_.Flush();
+    CheckOutcome();
+  }
+
+ private:
+  static DenseMapperOptions MapperOptions(const ReconstructRun& run) {
+    std::vector<int> indices;
+    for (const ImagePlan& image : run.plan.images) indices.push_back(image.index);
+    return MakeMapperOptions(run.options, UnionOfDatasetRanges(run.scene, indices));
+  }
+
+  DenseMapper::Callbacks Callbacks() {
+    DenseMapper::Callbacks callbacks;
+    callbacks.on_refined = [this](const KeyframeDepthPtr& keyframe) {
+      Try([&] {
+        ++run_.times.images;
+        Keep(*keyframe);
+      });
+    };
+    callbacks.on_refined_again = [this](const KeyframeDepthPtr& keyframe) { Try([&] { Keep(*keyframe); }); };
+    callbacks.on_drop = [this](const KeyframeDrop& drop) { Try([&] { Drop(drop); }); };
+    // A failed second estimate, with which the run would end in other maps.
+    callbacks.on_problem = [this](const std::string&, const std::string& message) {
+      Try([&] { throw ProcessingError(message); });
+    };
+    return callbacks;
+  }
+
+  /// The mapper's callbacks must not throw, and a flush may bring more maps than there is memory for: they are written
+  /// as they come, and the first failure is kept.
+  template <class Work>
+  void Try(const Work& work) {
+    if (failure_) return;
+    try {
+      run_.interrupt.Check();  // a cancelled loop leaves unfinished maps
+      work();
+    } catch (...) {
+      failure_ = std::current_exception();
+    }
+  }
+
+  void CheckOutcome() const {
+    run_.interrupt.Check();
+    if (failure_) std::rethrow_exception(failure_);
+  }
+
+  void Keep(const KeyframeDepth& keyframe) {
+    run_.times.stages += keyframe.times;
+    run_.times.consistency_ms += keyframe.consistency_ms;
+    ImagePlan& image = PlanOf(keyframe.frame->id);
+    image.sources.assign(keyframe.source_ids.begin(), keyframe.source_ids.end());
+    Timer timer;
+    WriteFinalMaps(run_.store.FileOf({run_.store.final_step(), image.index}), ToFinalMaps(keyframe));
+    run_.times.keeping_ms += timer.Lap();
+  }
+
+  void Drop(const KeyframeDrop& drop) {
+    if (drop.reason == "processing_error") throw ProcessingError(drop.message);
+    ImagePlan& image = PlanOf(drop.id);
+    image.no_map = drop.message;
+    if (drop.reason == "no_depth_range") image.no_map += " (give --depth-min and --depth-max)";
+  }
+
+  ImagePlan& PlanOf(int64_t id) {
+    std::vector<ImagePlan>& images = run_.plan.images;
+    const auto found =
+        std::find_if(images.begin(), images.end(), [&](const ImagePlan& image) { return image.index == id; });
+    if (found == images.end()) throw ProcessingError(Concat("the mapper named image ", id, ", which it never got"));
+    return *found;
+  }
+
+  ReconstructRun& run_;
+  std::exception_ptr failure_;
+  DenseMapper mapper_;
+};
+
+}  // namespace
+
+void RunOnlineSchedule(ReconstructRun* run) {
+  constexpr double kShareOfRun = 0.8;
+  run->progress.Begin("keyframe", static_cast<int>(run->plan.images.size()), kShareOfRun);
+  OnlineSchedule(run).Run();
+  CheckSomeImageGetsAMap(run->plan, run->scene);
+}
+
+}  // namespace acmp

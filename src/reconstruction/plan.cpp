@@ -1,0 +1,241 @@
+#include "plan.h"
+
+#include <oneapi/tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <set>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+/// FNV-1a, 64 bit: tells inputs apart, guards against no attacker.
+class Hash {
+ public:
+  void AddBytes(const void* data, size_t bytes) {
+    for (const auto* p = static_cast<const unsigned char*>(data); bytes > 0; ++p, --bytes) {
+      value_ = (value_ ^ *p) * 1099511628211u;
+    }
+  }
+  template <class T>
+  void Add(const T& value) {
+    static_assert(std::is_arithmetic_v<T>);
+    AddBytes(&value, sizeof(value));
+  }
+  void Add(const std::string& text) {
+    Add(text.size());
+    AddBytes(text.data(), text.size());
+  }
+  uint64_t value() const { return value_; }
+
+ private:
+  uint64_t value_ = 14695981039346656037u;
+};
+
+uint64_t HashOfFile(const std::filesystem::path& path) {
+  std::ifstream stream(path, std::ios::binary);
+  std::vector<char> block(1 << 20);
+  Hash hash;
+  while (stream) {
+    stream.read(block.data(), static_cast<std::streamsize>(block.size()));
+    hash.AddBytes(block.data(), static_cast<size_t>(stream.gcount()));
+  }
+  return hash.value();
+}
+
+void AddGeometry(const Scene& scene, const SceneImage& image, Hash* hash) {
+  hash->Add(image.name);
+  const PinholeCamera& c = image.camera;
+  for (double value : {c.fx, c.fy, c.cx, c.cy}) hash->Add(value);
+  hash->Add(c.width);
+  hash->Add(c.height);
+  hash->Add(static_cast<int>(image.distortion.model));
+  for (double value : image.distortion.coefficients) hash->Add(value);
+  hash->AddBytes(image.cam_from_world.matrix().data(), 16 * sizeof(double));
+  for (int landmark : image.landmark_indices) {
+    hash->AddBytes(scene.landmarks_in_world[landmark].data(), 3 * sizeof(double));
+  }
+  hash->Add(image.landmark_indices.size());
+  hash->Add(image.depth_range ? image.depth_range->min : 0.0f);
+  hash->Add(image.depth_range ? image.depth_range->max : 0.0f);
+  for (int source : image.ranked_sources) hash->Add(source);
+  hash->Add(image.ranked_sources.size());
+}
+
+std::vector<Eigen::Vector3d> LandmarksOf(const Scene& scene, const SceneImage& image) {
+  std::vector<Eigen::Vector3d> landmarks;
+  landmarks.reserve(image.landmark_indices.size());
+  for (int landmark : image.landmark_indices) landmarks.push_back(scene.landmarks_in_world[landmark]);
+  return landmarks;
+}
+
+/// Camera, pose and landmarks of an image: all that the choice of source views looks at.
+FramePtr MakeFrameWithoutPixels(const Scene& scene, int index) {
+  const SceneImage& image = scene.images[index];
+  auto frame = std::make_shared<Frame>();
+  frame->id = index;
+  frame->camera = image.camera;
+  frame->cam_from_world = image.cam_from_world;
+  frame->landmarks_in_world = LandmarksOf(scene, image);
+  return frame;
+}
+
+/// The range that the dataset names, widened: datasets name the range of their sparse points, and up to a fifth of the
+/// surfaces seen lies nearer (measured). The factor 2 that landmarks get brings no more here and costs 0.5 points at 2
+/// cm, since the prior's bandwidth goes with the range.
+std::optional<DepthRange> DatasetRange(const SceneImage& image) {
+  constexpr float kMargin = 1.5f;
+  if (!image.depth_range) return std::nullopt;
+  return DepthRange{image.depth_range->min / kMargin, image.depth_range->max * kMargin};
+}
+
+DepthRange FindDepthRange(const Scene& scene, int index, const ReconstructOptions& options) {
+  const SceneImage& image = scene.images[index];
+  const bool given = options.depth_min && options.depth_max;
+  std::optional<DepthRange> range = DatasetRange(image);
+  if (!range && !given) {
+    range = DepthRangeFromLandmarks(LandmarksOf(scene, image), image.camera, image.cam_from_world, DepthRangeOptions());
+  }
+  if (!range && !given) {
+    throw InvalidInputError(Concat(
+        "image ", image.name, ": no depth range: the dataset names none, and of its ", image.landmark_indices.size(),
+        " landmarks fewer than ", DepthRangeOptions().min_landmarks, " are in view; give --depth-min and --depth-max"));
+  }
+  DepthRange result = range.value_or(DepthRange());
+  if (options.depth_min) result.min = static_cast<float>(*options.depth_min);
+  if (options.depth_max) result.max = static_cast<float>(*options.depth_max);
+  CheckDepthRange(Concat("image ", image.name, ": depth range").c_str(), result);
+  return result;
+}
+
+Eigen::Vector3d CentreOf(const SceneImage& image) { return image.cam_from_world.inverse().translation(); }
+
+/// The dataset's own ranking without images that do not take part or stand at the same place.
+std::vector<int> SourcesOfDataset(const Scene& scene, const ImagePlan& plan, const std::set<int>& taking_part,
+                                  int max_sources, std::vector<std::string>* warnings) {
+  const SceneImage& image = scene.images[plan.index];
+  std::vector<int> sources;
+  for (int source : image.ranked_sources) {
+    if (static_cast<int>(sources.size()) == max_sources) break;
+    if (taking_part.count(source) == 0) continue;
+    const double baseline = (CentreOf(image) - CentreOf(scene.images[source])).norm();
+    if (baseline <= 1e-6 * plan.range.min) {  // what the matcher takes for no baseline
+      warnings->push_back(Concat("image ", image.name, ": source view ", scene.images[source].name,
+                                 " is left out: both were taken from the same place (baseline ", baseline, ")"));
+      continue;
+    }
+    sources.push_back(source);
+  }
+  return sources;
+}
+
+std::vector<int> SelectSources(const std::vector<FrameLandmarksPtr>& frames, size_t reference, const DepthRange& range,
+                               const SourceViewOptions& options) {
+  std::vector<FrameLandmarksPtr> candidates = frames;
+  candidates.erase(candidates.begin() + static_cast<std::ptrdiff_t>(reference));
+  const double typical_depth = std::sqrt(static_cast<double>(range.min) * range.max);
+  std::vector<int> sources;
+  for (const RankedSourceView& view :
+       SourceViewSelector(frames[reference], typical_depth, options).Select(candidates)) {
+    sources.push_back(static_cast<int>(candidates[view.index]->frame().id));
+  }
+  return sources;
+}
+
+}  // namespace
+
+bool ReconstructPlan::HasMap(int index) const {
+  return std::any_of(images.begin(), images.end(),
+                     [&](const ImagePlan& image) { return image.index == index && image.no_map.empty(); });
+}
+
+void CheckSomeImageGetsAMap(const ReconstructPlan& plan, const Scene& scene) {
+  for (const ImagePlan& image : plan.images) {
+    if (image.no_map.empty()) return;
+  }
+  const ImagePlan& first = plan.images.front();
+  throw InvalidInputError(Concat("none of the ", plan.images.size(), " images gets a map; for example ",
+                                 scene.images[first.index].name, ": ", first.no_map));
+}
+
+ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indices,
+                                const ReconstructOptions& options) {
+  ReconstructPlan plan;
+  std::vector<FrameLandmarksPtr> frames(indices.size());
+  const std::set<int> taking_part(indices.begin(), indices.end());
+  bool all_ranked = true;
+  for (int index : indices) {
+    ImagePlan image;
+    image.index = index;
+    image.range = FindDepthRange(scene, index, options);
+    image.sources = SourcesOfDataset(scene, image, taking_part, options.source_views, &plan.warnings);
+    all_ranked &= !scene.images[index].ranked_sources.empty();
+    plan.images.push_back(std::move(image));
+  }
+  SourceViewOptions selection;
+  selection.max_source_views = options.source_views;
+  if (!all_ranked) {
+    tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
+      frames[i] = std::make_shared<FrameLandmarks>(MakeFrameWithoutPixels(scene, indices[i]));
+    });
+    tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
+      ImagePlan& image = plan.images[i];
+      if (scene.images[image.index].ranked_sources.empty()) {
+        image.sources = SelectSources(frames, i, image.range, selection);
+      }
+    });
+  }
+  const auto needed = static_cast<size_t>(MinSourceViews(options));
+  for (ImagePlan& image : plan.images) {
+    if (image.sources.size() < needed) {
+      image.no_map = Concat(image.sources.size(), " useful source views: must be at least ", needed);
+    }
+  }
+  CheckSomeImageGetsAMap(plan, scene);
+  return plan;
+}
+
+ReconstructPlan MakeOnlinePlan(const std::vector<int>& indices) {
+  ReconstructPlan plan;
+  for (int index : indices) {
+    plan.images.emplace_back();
+    plan.images.back().index = index;
+  }
+  return plan;
+}
+
+DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indices) {
+  DepthRange all;
+  for (int index : indices) {
+    const auto range = DatasetRange(scene.images[index]);
+    if (!range) continue;
+    all.min = all.max == 0 ? range->min : std::min(all.min, range->min);
+    all.max = std::max(all.max, range->max);
+  }
+  return all;
+}
+
+std::string CheckInput(const Scene& scene, const std::vector<int>& indices, FrameStore* frames,
+                       const InterruptWatcher& interrupt) {
+  std::vector<uint64_t> hashes(indices.size());
+  tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
+    frames->Get(indices[i]);  // those that fit in stay for the run
+    hashes[i] = HashOfFile(scene.images[indices[i]].path);
+  });
+  interrupt.Check();
+  Hash hash;
+  for (size_t i = 0; i < indices.size(); ++i) {
+    hash.Add(indices[i]);
+    hash.Add(hashes[i]);
+    AddGeometry(scene, scene.images[indices[i]], &hash);
+  }
+  char text[17];
+  std::snprintf(text, sizeof(text), "%016llx", static_cast<unsigned long long>(hash.value()));
+  return text;
+}
+
+}  // namespace acmp

@@ -1,0 +1,48 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/reconstruction/interrupt_watcher.h"
+#include "acmp_mapping/reconstruction/reconstruct_options.h"
+#include "frame_store.h"
+
+namespace acmp {
+
+/// What to do with one image of the scene.
+struct ImagePlan {
+  int index = 0;             ///< in the scene
+  DepthRange range;          ///< offline schedule only
+  std::vector<int> sources;  ///< scene indices, best first; online those that the mapper chose, once it has run
+  std::string no_map;        ///< why the image gets no map; empty when it gets one
+};
+
+/// Images that take part, in the order of their index.
+struct ReconstructPlan {
+  std::vector<ImagePlan> images;
+  std::vector<std::string> warnings;
+
+  /// Whether the image takes part and gets a map.
+  bool HasMap(int index) const;
+};
+
+/// Throws InvalidInputError with an example when no image gets a map.
+void CheckSomeImageGetsAMap(const ReconstructPlan& plan, const Scene& scene);
+
+/// Decides depth range and source views of every image for the offline schedule. Throws InvalidInputError when an image
+/// has no depth range, or when no image has enough source views.
+ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indices, const ReconstructOptions& options);
+
+/// For the online schedule, where the mapper decides.
+ReconstructPlan MakeOnlinePlan(const std::vector<int>& indices);
+
+/// All the depths that the dataset names for the images, with the same margin as offline; 0, 0 when it names none.
+DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indices);
+
+/// Reads every image once, so that a damaged one is found now and not hours later, and returns a hash of all input:
+/// files, cameras, poses, landmarks, ranges and source views.
+std::string CheckInput(const Scene& scene, const std::vector<int>& indices, FrameStore* frames,
+                       const InterruptWatcher& interrupt);
+
+}  // namespace acmp

@@ -1,0 +1,91 @@
+#include "progress.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+
+std::string FormatDuration(double seconds) {
+  const auto total = static_cast<long long>(std::llround(std::max(0.0, seconds)));
+  char text[40];
+  if (total >= 3600) {
+    std::snprintf(text, sizeof(text), "%lld:%02lld:%02lld", total / 3600, total / 60 % 60, total % 60);
+  } else {
+    std::snprintf(text, sizeof(text), "%lld:%02lld", total / 60, total % 60);
+  }
+  return text;
+}
+
+Progress::Progress(std::ostream* stream, ProgressStyle style) : stream_(stream), style_(style) {}
+
+Progress::~Progress() { EraseBar(); }
+
+void Progress::Begin(const std::string& stage, int steps, std::optional<double> share) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  begun_ += share_;
+  share_ = share.value_or(1 - begun_);
+  stage_ = stage;
+  steps_ = steps;
+  step_ = 0;
+  shown_percent_ = -1;
+  Show();
+}
+
+void Progress::Step(bool reused) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  ++step_;
+  if (reused) reused_ += share_ / steps_;
+  Show();
+}
+
+void Progress::Note(const std::string& message) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (style_ == ProgressStyle::kSilent) return;
+  EraseBar();
+  *stream_ << message << std::endl;
+}
+
+void Progress::Warn(const std::string& message) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  EraseBar();
+  *stream_ << "warning: " << message << std::endl;
+}
+
+double Progress::done_share() const { return begun_ + (steps_ > 0 ? share_ * step_ / steps_ : 0); }
+
+double Progress::SecondsLeft(double elapsed_s) const {
+  const double own = done_share() - reused_;
+  if (own < 1e-9) return -1;  // but for rounding nothing
+  return elapsed_s / own * (1 - done_share());
+}
+
+void Progress::Show() {
+  if (style_ == ProgressStyle::kSilent) return;
+  const int percent = static_cast<int>(100 * done_share() + 1e-6);  // the sum of shares is rounded
+  if (style_ == ProgressStyle::kLines && percent == shown_percent_) return;
+  shown_percent_ = percent;
+  const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start_;
+  const double left_s = SecondsLeft(elapsed.count());
+  const std::string text = Concat(percent, " %  ", stage_, " ", step_, "/", steps_,
+                                  left_s < 0 ? std::string() : Concat("  ", FormatDuration(left_s), " left"));
+  if (style_ == ProgressStyle::kLines) {
+    *stream_ << text << std::endl;
+    return;
+  }
+  constexpr int kBarWidth = 30;
+  const int filled = percent * kBarWidth / 100;
+  *stream_ << "\r\033[K[" << std::string(filled, '#') << std::string(kBarWidth - filled, '.') << "] " << text
+           << std::flush;
+  bar_visible_ = true;
+}
+
+void Progress::EraseBar() {
+  if (!bar_visible_) return;
+  *stream_ << "\r\033[K" << std::flush;
+  bar_visible_ = false;
+}
+
+}  // namespace acmp

@@ -1,0 +1,60 @@
+#pragma once
+
+#include <chrono>
+#include <mutex>
+#include <optional>
+#include <ostream>
+#include <string>
+
+namespace acmp {
+
+enum class ProgressStyle {
+  kBar,     ///< one line that is redrawn, for a terminal
+  kLines,   ///< one plain line per percent, for files and pipes
+  kSilent,  ///< warnings only
+};
+
+/// Reports how far a run is, with the time left. For any number of threads.
+class Progress {
+ public:
+  /// @param stream not null; outlives this
+  Progress(std::ostream* stream, ProgressStyle style);
+  ~Progress();
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+
+  /// Begins a stage of `steps` steps of the same cost.
+  /// @param share of the run's work that they are; by default all that is left, 0..1
+  void Begin(const std::string& stage, int steps, std::optional<double> share = std::nullopt);
+  /// One step is done. `reused`: an earlier run did it, so it says nothing about the speed.
+  void Step(bool reused = false);
+  /// A line for the user, above the bar; silent runs leave it out unless it is a warning.
+  void Note(const std::string& message);
+  void Warn(const std::string& message);
+
+  double done_share() const;
+  /// Seconds left, from the work done in this run; negative while unknown.
+  double SecondsLeft(double elapsed_s) const;
+
+ private:
+  void Show();
+  void EraseBar();
+
+  std::mutex mutex_;
+  std::ostream* stream_;
+  ProgressStyle style_;
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  std::string stage_;
+  int steps_ = 0;
+  int step_ = 0;
+  double begun_ = 0;   ///< share of the stages before
+  double share_ = 0;   ///< of the stage
+  double reused_ = 0;  ///< share that an earlier run did
+  int shown_percent_ = -1;
+  bool bar_visible_ = false;
+};
+
+/// "1:05:09", "2:07", "0:04".
+std::string FormatDuration(double seconds);
+
+}  // namespace acmp

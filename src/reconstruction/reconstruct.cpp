@@ -1,0 +1,147 @@
+#include "acmp_mapping/reconstruction/reconstruct.h"
+
+#include <future>
+#include <map>
+#include <numeric>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/timer.h"
+#include "acmp_mapping/dataset/output_file.h"
+#include "colmap_output.h"
+#include "run.h"
+#include "summary.h"
+
+namespace acmp {
+namespace {
+
+std::vector<int> ChosenImages(const Scene& scene, const std::string& list) {
+  const int count = static_cast<int>(scene.images.size());
+  if (!list.empty()) return ParseImageIndices(list, count);
+  std::vector<int> all(count);
+  std::iota(all.begin(), all.end(), 0);
+  return all;
+}
+
+/// "NVIDIA H200 (cuda:0)" -> "NVIDIA H200": what decides the bits.
+std::string DeviceModel(const std::string& device_name) { return device_name.substr(0, device_name.find(" (")); }
+
+std::string Joined(const std::vector<std::string>& words) {
+  std::string all;
+  for (const std::string& word : words) all += (all.empty() ? "" : " ") + word;
+  return all.empty() ? "nothing" : all;
+}
+
+/// Everything that decides the bits of the results, and which files there are.
+RunRecord MakeRecord(const ReconstructOptions& options, const std::string& device, const std::string& input_hash) {
+  const auto depth = [](const std::optional<double>& value) { return value ? Concat(*value) : std::string("auto"); };
+  const auto flag = [](bool value) { return std::string(value ? "yes" : "no"); };
+  RunRecord record = {{"version", ACMP_VERSION},
+                      {"input (hash of images, cameras, poses, landmarks)", input_hash},
+                      {"device", DeviceModel(device)},
+                      {"preset", options.preset},
+                      {"set", Joined(options.set)},
+                      {"schedule", options.schedule},
+                      {"max-image-size", Concat(options.max_image_size)},
+                      {"source-views", Concat(options.source_views)},
+                      {"min-source-views", Concat(MinSourceViews(options))},
+                      {"depth-min", depth(options.depth_min)},
+                      {"depth-max", depth(options.depth_max)},
+                      {"seed", Concat(options.seed)},
+                      {"dynamic-consistency", flag(options.dynamic_consistency)},
+                      {"maps", Joined(options.maps)},
+                      {"dmb", flag(options.dmb)},
+                      {"colmap", flag(options.colmap)},
+                      {"pictures", flag(!options.no_pictures)}};
+  if (options.online()) {
+    record.emplace_back("window-size", Concat(options.window_size));
+    record.emplace_back("lookahead", Concat(options.lookahead));
+    record.emplace_back("refine-again", flag(options.refine_again));
+  }
+  return record;
+}
+
+ProgressStyle StyleFor(const ReconstructOptions& options, bool log_is_terminal) {
+  if (options.quiet) return ProgressStyle::kSilent;
+  return log_is_terminal ? ProgressStyle::kBar : ProgressStyle::kLines;
+}
+
+void ReportImagesWithoutMap(const ReconstructRun& run) {
+  for (const ImagePlan& image : run.plan.images) {
+    if (!image.no_map.empty()) {
+      run.progress.Warn(Concat("no map for image ", run.scene.images[image.index].name, ": ", image.no_map));
+    }
+  }
+}
+
+/// Runs the schedule and writes the results. Returns the number of points.
+size_t RunSchedule(ReconstructRun* run) {
+  TaskGraph graph;
+  std::map<int, int> final_maps;
+  if (run->options.online()) {
+    RunOnlineSchedule(run);
+  } else {
+    final_maps = AddOfflineSchedule(run, &graph);
+  }
+  ReportImagesWithoutMap(*run);
+  const size_t points = RunAndWriteResults(run, final_maps, &graph);
+  run->interrupt.Check();
+  return points;
+}
+
+/// The summary, which makes the run complete.
+void Finish(ReconstructRun* run, const RunRecord& record, const Timer& timer, size_t points, std::ostream* out) {
+  Timer sync;
+  SyncFolder(run->folder.path());
+  run->times.syncing_ms = sync.Lap();
+  run->times.run_ms = timer.Elapsed();
+  WriteFileAtomically(run->folder.SummaryFile(), FormatSummary(*run, record, run->devices.name(), points),
+                      Durability::kPowerCut);
+  if (!run->options.keep_work) run->folder.RemoveWork();
+  if (!run->options.quiet) {
+    *out << run->folder.path().string() << ": " << points << " points in fused.ply; took "
+         << FormatDuration(run->times.run_ms / 1000) << " on " << run->devices.name() << std::endl;
+  }
+  if (run->options.timings) *out << FormatTimings(run->times) << std::flush;
+}
+
+}  // namespace
+
+void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devices, InterruptWatcher* interrupt,
+                 std::ostream* out, std::ostream* log, bool log_is_terminal) {
+  const Timer timer;
+  Validate(options);
+  std::future<std::vector<ReconstructDevice>> devices_to_come = std::async(std::launch::async, make_devices);
+  const Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format));
+  const std::vector<int> indices = ChosenImages(scene, options.images);
+  if (options.colmap) ColmapOutput::CheckNames(scene, indices);
+  ReconstructPlan plan = options.online() ? MakeOnlinePlan(indices) : MakeOfflinePlan(scene, indices, options);
+  interrupt->Check();
+  Progress progress(log, StyleFor(options, log_is_terminal));
+  for (const std::string& warning : scene.warnings) progress.Warn(warning);
+  for (const std::string& warning : plan.warnings) progress.Warn(warning);
+
+  progress.Note(Concat("checking ", indices.size(), " images"));
+  FrameStore frames(scene, MakeFrameOptions(options), options.MemoryBytes(options.kImageShare));
+  const std::string input_hash = CheckInput(scene, indices, &frames, *interrupt);
+  const Devices devices(devices_to_come.get(), indices);
+  const RunRecord record = MakeRecord(options, devices.name(), input_hash);
+  OutputFolder folder(options.output, record, options.overwrite);
+  if (folder.state() == OutputFolder::State::kComplete) {
+    if (!options.keep_work) folder.RemoveWork();
+    if (!options.quiet)
+      *out << options.output.string() << ": already complete (--overwrite starts afresh)" << std::endl;
+    return;
+  }
+  if (folder.state() == OutputFolder::State::kStarted) {
+    progress.Note(options.online() ? "an interrupted run with --schedule online starts anew"
+                                   : "going on with an interrupted run");
+    if (options.online()) folder.StartAfresh();
+  }
+  EngineStore store(&frames, options, folder, plan, devices,
+                    static_cast<int>(ScheduleOf(MakePipelineOptions(options)).size()));
+  ReconstructRun run{scene, options, plan, folder, devices, store, *interrupt, progress, {}, {}};
+  const size_t points = RunSchedule(&run);
+  Finish(&run, record, timer, points, out);
+}
+
+}  // namespace acmp

@@ -1,0 +1,272 @@
+#include "acmp_mapping/reconstruction/reconstruct_options.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <limits>
+
+#include "acmp_mapping/backend/make_patch_match.h"
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/pipeline/parameters.h"
+
+namespace acmp {
+namespace {
+
+constexpr const char* kFooter = R"(
+SCENE is a folder of images with known camera poses, in one of two layouts:
+  colmap   images/ and a COLMAP model (cameras, images, points3D as .txt or .bin) in SCENE, SCENE/sparse or
+           SCENE/sparse/0. Images with lens distortion are undistorted on the fly.
+  mvsnet   images/00000000.jpg ..., cams/00000000_cam.txt ... and pair.txt, as MVSNet and ACMP use it.
+"auto" takes mvsnet when it is there, with the landmarks of a COLMAP model beside it.
+
+OUTPUT is a folder that is made; afterwards it holds, for image 0, 1, 2, ... of the scene:
+  depth/000000.pfm         depth z in the scene's unit (metres if the poses are), 0 = unknown
+  depth/000000.png         the same in thousandths, 16 bit; depth/000000.dmb with --dmb
+  normal/000000.pfm        unit normals in the camera's frame
+  cost/000000.pfm          matching cost: 0 = perfect, 2 = worst
+  confidence/000000.pfm    0..1
+  pictures/000000_*.png    the four maps as colour pictures to look at
+  fused.ply                one point cloud of all images: position, normal, colour, confidence
+  cameras.txt              cameras of the maps (at the maps' size) with their poses
+  colmap/                  with --colmap: the undistorted images, sparse/, depth and normal maps in stereo/
+  summary.json, run.txt    what was done, with which settings, and how long it took
+
+A run that was interrupted goes on where it stopped when the same command is given again; the result is the same to
+the last bit (with --schedule online it starts anew). Until then OUTPUT/work holds intermediate maps: about 50 bytes per
+pixel and image. GPUs write only what they have no room for, and make the rest
+again; on long runs that is up to 20 bytes for each pass over an image.
+
+Depths are searched in the range that the dataset names (mvsnet: last line of cams/*_cam.txt), else in the range of the
+landmarks that the image observes, both widened by half at each end. --depth-min and --depth-max override that.
+
+Examples:
+  acmp_reconstruct ~/scenes/office /tmp/office
+  acmp_reconstruct ~/scenes/office /tmp/office_small --max-image-size 640 --device cpu
+  acmp_reconstruct ~/scenes/office /tmp/office_online --schedule online --source-views 7
+
+Exit codes: 0 done, 2 wrong use or input, 1 failed or interrupted.)";
+
+CLI::Validator OneOf(const std::vector<std::string>& names) { return CLI::IsMember(names); }
+
+void AddMatchingOptions(CLI::App* app, ReconstructOptions* options) {
+  const std::string group = "Matching";
+  app->add_option(
+         "--preset", options->preset,
+         "acmp: everything; quality: more and shorter geometric passes; online: everything with\n"
+         "fewer iterations, half of the time or less (not tied to --schedule online); acmmp, acmm: acmp, acmh with\n"
+         "a start at half size; acmp_no_geometric: without the geometric passes; acmh: without the prior")
+      ->check(OneOf(PresetNames()))
+      ->capture_default_str()
+      ->group(group);
+  app->add_option("--set", options->set,
+                  "NAME=VALUE: an option of the pipeline over the preset's; may be given several times. Names and\n"
+                  "meanings are those of config/acmp_mapping.yaml, from start_level to prior_*, and its fusion")
+      ->group(group);
+  app->add_option("--max-image-size", options->max_image_size,
+                  "Shrink images so that the longer side has at most this many pixels; 0: as stored")
+      ->capture_default_str()
+      ->group(group);
+  app->add_option("--source-views", options->source_views, "Images to match each image against, 1 to 32")
+      ->capture_default_str()
+      ->group(group);
+  app->add_option("--min-source-views", options->min_source_views,
+                  "An image with fewer useful source views gets no map; 0: 1 offline, 2 online")
+      ->capture_default_str()
+      ->group(group);
+  app->add_option("--depth-min", options->depth_min,
+                  "Nearest depth to search, scene units; instead of the dataset's and the landmarks'")
+      ->group(group);
+  app->add_option("--depth-max", options->depth_max, "Farthest depth to search")->group(group);
+  app->add_option("--seed", options->seed, "Of the random numbers: same seed, same bits")
+      ->capture_default_str()
+      ->group(group);
+  app->add_flag("--dynamic-consistency", options->dynamic_consistency,
+                "Fuse by summed consistency instead of fixed thresholds")
+      ->group(group);
+}
+
+void AddScheduleOptions(CLI::App* app, ReconstructOptions* options) {
+  const std::string group = "Schedule";
+  app->add_option(
+         "--schedule", options->schedule,
+         "offline: all images know each other; online: images come one by one in the order of their index and are\n"
+         "matched within a sliding window, as in the ROS nodelet (pair.txt is not used then)")
+      ->check(OneOf({"offline", "online"}))
+      ->capture_default_str()
+      ->group(group);
+  app->add_option("--window-size", options->window_size, "Online: keyframes kept to match against")
+      ->capture_default_str()
+      ->group(group);
+  app->add_option("--lookahead", options->lookahead, "Online: later keyframes to wait for before the geometric passes")
+      ->capture_default_str()
+      ->group(group);
+  app->add_option(
+         "--refine-again", options->refine_again,
+         "Online: true or false; refine a keyframe once more halfway through the window and at the end, if by then\n"
+         "its source views or their maps are better")
+      ->capture_default_str()
+      ->group(group);
+}
+
+void AddMachineOptions(CLI::App* app, ReconstructOptions* options) {
+  const std::string group = "Machine";
+  app->add_option("--device", options->device, "auto (GPU if there is one), cuda or cpu")
+      ->check(OneOf({"auto", "cuda", "cpu"}))
+      ->capture_default_str()
+      ->group(group);
+  app->add_option("--cuda-index", options->cuda_index, "Which GPUs, for example 0,1; images are shared out among them")
+      ->delimiter(',')
+      ->capture_default_str()
+      ->group(group);
+  app->add_option("--jobs-per-gpu", options->jobs_per_gpu,
+                  "Images under way at once on each GPU: while one is triangulated or written, others are matched")
+      ->capture_default_str()
+      ->group(group);
+  app->add_option("--threads", options->threads, "CPU threads; 0: one per core")->capture_default_str()->group(group);
+  app->add_option("--memory-limit-gb", options->memory_limit_gb,
+                  "Memory for images, maps and points that are kept at hand; by default a quarter of this machine's or "
+                  "container's")
+      ->capture_default_str()
+      ->group(group);
+}
+
+void AddOutputOptions(CLI::App* app, ReconstructOptions* options) {
+  const std::string group = "Output";
+  // Taken as one text, so that "none" can be told from names.
+  app->add_option_function<std::vector<std::string>>(
+         "--maps",
+         [options](const std::vector<std::string>& names) {
+           options->maps = names == std::vector<std::string>{"none"} ? std::vector<std::string>() : names;
+         },
+         "Which maps to write, for example depth,normal; none: only the cloud, in less time and a tenth of the space")
+      ->delimiter(',')
+      ->check(OneOf({"depth", "normal", "cost", "confidence", "none"}))
+      ->default_str("depth,normal,cost,confidence")
+      ->group(group);
+  app->add_flag("--dmb", options->dmb, "Also write depth as .dmb (Gipuma, ACMP)")->group(group);
+  app->add_flag(
+         "--colmap", options->colmap,
+         "Also write OUTPUT/colmap, COLMAP's dense workspace, for colmap stereo_fusion, OpenMVS and others. Its\n"
+         "depth maps leave out pixels that were only guessed, those of cost 2")
+      ->group(group);
+  app->add_flag("--no-pictures", options->no_pictures, "No colour pictures of the maps")->group(group);
+  app->add_flag("--overwrite", options->overwrite, "Start afresh: remove what an earlier run left in OUTPUT")
+      ->group(group);
+  app->add_flag("--keep-work", options->keep_work, "Keep OUTPUT/work at the end")->group(group);
+  app->add_flag("--timings", options->timings, "Print the time per stage and image")->group(group);
+  app->add_flag("--quiet", options->quiet, "No progress; only warnings and errors")->group(group);
+}
+
+void CheckDepthOption(const char* name, const std::optional<double>& value) {
+  // The search is done in float.
+  if (value && !(static_cast<float>(*value) > 0 && std::isfinite(static_cast<float>(*value)))) {
+    throw InvalidInputError(Concat(name, " = ", *value, ": must be positive and finite"));
+  }
+}
+
+void CheckMaps(const ReconstructOptions& options) {
+  const std::vector<std::string>& maps = options.maps;
+  for (const std::string& kind : maps) {
+    if (kind == "none") throw InvalidInputError("--maps: none stands alone");
+    if (std::count(maps.begin(), maps.end(), kind) > 1) {
+      throw InvalidInputError(Concat("--maps: ", kind, " is given more than once"));
+    }
+  }
+  if (options.dmb && std::count(maps.begin(), maps.end(), "depth") == 0) {
+    throw InvalidInputError("--dmb: needs depth among --maps");
+  }
+}
+
+}  // namespace
+
+double DefaultMemoryLimitGb() {
+  constexpr double kShare = 0.25, kStepsPerGb = 10;
+  double bytes = static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
+  // What a container may take; "max", which is no number, where there is no limit.
+  for (const char* limit_file : {"/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"}) {
+    double limit = 0;
+    if (std::ifstream(limit_file) >> limit && limit > 0) bytes = std::min(bytes, limit);
+  }
+  return std::floor(kShare * bytes / 1e9 * kStepsPerGb) / kStepsPerGb;
+}
+
+void AddReconstructOptions(CLI::App* app, ReconstructOptions* options) {
+  app->add_option("SCENE", options->scene, "Folder with images and their poses (see below)")->required();
+  app->add_option("OUTPUT", options->output, "Folder for the results (see below)")->required();
+  app->add_option("--format", options->format, "Layout of SCENE")
+      ->check(OneOf({"auto", "colmap", "mvsnet"}))
+      ->capture_default_str();
+  app->add_option("--images", options->images, "Use only these images, by index from 0: 0,3,7-12");
+  AddMatchingOptions(app, options);
+  AddScheduleOptions(app, options);
+  AddMachineOptions(app, options);
+  AddOutputOptions(app, options);
+  app->footer(kFooter);
+}
+
+void Validate(const ReconstructOptions& options) {
+  CheckRange("--max-image-size", options.max_image_size, 0, 65536);
+  CheckRange("--source-views", options.source_views, 1, kMaxSourceViews);
+  CheckRange("--min-source-views", options.min_source_views, 0, options.source_views);
+  CheckRange("--threads", options.threads, 0, 4096);
+  if (options.cuda_index.empty()) throw InvalidInputError("--cuda-index: must name at least one GPU");
+  for (int index : options.cuda_index) {
+    CheckRange("--cuda-index", index, 0, 1024);
+    if (std::count(options.cuda_index.begin(), options.cuda_index.end(), index) > 1) {
+      throw InvalidInputError(Concat("--cuda-index: GPU ", index, " is given more than once"));
+    }
+  }
+  CheckMaps(options);
+  CheckRange("--jobs-per-gpu", options.jobs_per_gpu, 1, 64);
+  CheckRange("--memory-limit-gb", options.memory_limit_gb, 0.0, 1e6);
+  CheckDepthOption("--depth-min", options.depth_min);
+  CheckDepthOption("--depth-max", options.depth_max);
+  if (options.depth_min && options.depth_max && *options.depth_min >= *options.depth_max) {
+    throw InvalidInputError(
+        Concat("--depth-min = ", *options.depth_min, ": must be below --depth-max = ", *options.depth_max));
+  }
+  if (options.online() && options.depth_min.has_value() != options.depth_max.has_value()) {
+    throw InvalidInputError("--schedule online takes --depth-min and --depth-max together or not at all");
+  }
+  Validate(MakePipelineOptions(options));
+  if (options.online()) Validate(MakeMapperOptions(options, {}));
+}
+
+PipelineOptions MakePipelineOptions(const ReconstructOptions& options) {
+  PipelineOptions pipeline = MakePreset(options.preset);
+  pipeline.patch_match.seed = options.seed;
+  pipeline.fusion.dynamic_consistency = options.dynamic_consistency;
+  for (const std::string& assignment : options.set) SetParameter(assignment, &pipeline);
+  return pipeline;
+}
+
+FrameOptions MakeFrameOptions(const ReconstructOptions& options) {
+  return {options.max_image_size, MakePipelineOptions(options).sharpening};
+}
+
+DenseMapperOptions MakeMapperOptions(const ReconstructOptions& options, const DepthRange& dataset_range) {
+  DenseMapperOptions mapper;
+  mapper.pipeline = MakePipelineOptions(options);
+  mapper.source_views.max_source_views = options.source_views;
+  mapper.window_size = options.window_size;
+  mapper.lookahead = options.lookahead;
+  mapper.refine_again = options.refine_again;
+  mapper.min_source_views = MinSourceViews(options);
+  mapper.fallback_depth_range = dataset_range;
+  if (options.depth_min && options.depth_max) {
+    mapper.fallback_depth_range = {static_cast<float>(*options.depth_min), static_cast<float>(*options.depth_max)};
+    // A range given by hand counts more than the landmarks: no image has enough of them for one of its own.
+    mapper.depth_range.min_landmarks = std::numeric_limits<int>::max();
+  }
+  return mapper;
+}
+
+int MinSourceViews(const ReconstructOptions& options) {
+  if (options.min_source_views > 0) return options.min_source_views;
+  return options.online() ? std::min(DenseMapperOptions().min_source_views, options.source_views) : 1;
+}
+
+}  // namespace acmp

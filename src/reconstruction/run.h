@@ -1,0 +1,64 @@
+#pragma once
+
+#include <map>
+#include <mutex>
+#include <vector>
+
+#include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/pipeline/depth_estimator.h"
+#include "acmp_mapping/reconstruction/interrupt_watcher.h"
+#include "acmp_mapping/reconstruction/reconstruct_options.h"
+#include "devices.h"
+#include "engine_store.h"
+#include "output_folder.h"
+#include "plan.h"
+#include "progress.h"
+#include "task_graph.h"
+
+namespace acmp {
+
+/// Wall time of this run in milliseconds, summed over images.
+struct RunTimes {
+  StageTimes stages;
+  double consistency_ms = 0;  ///< confidence maps
+  double fusion_ms = 0;       ///< point cloud
+  double reading_ms = 0;      ///< images, and estimates of steps before
+  double keeping_ms = 0;      ///< estimates and final maps, from the device and to work files
+  double writing_ms = 0;      ///< maps and pictures
+  double cloud_ms = 0;        ///< the cloud's file
+  double syncing_ms = 0;      ///< waiting for the disk
+  double run_ms = 0;          ///< the whole run, from the scene's files to the last one; not a sum
+  int images = 0;             ///< whose steps are in here; fewer than all after an interruption
+};
+
+/// What all steps of one run share. Everything outlives the steps.
+struct ReconstructRun {
+  const Scene& scene;
+  const ReconstructOptions& options;
+  ReconstructPlan& plan;
+  const OutputFolder& folder;
+  const Devices& devices;
+  EngineStore& store;
+  InterruptWatcher& interrupt;
+  Progress& progress;
+  RunTimes times;
+  std::mutex times_mutex;
+};
+
+/// Adds Algorithm 1 over all images to the graph: initial estimates, then refinements in Jacobi order. Leaves final
+/// estimates in the store. Returns the tasks after which they are there, by scene index.
+std::map<int, int> AddOfflineSchedule(ReconstructRun* run, TaskGraph* graph);
+
+/// Feeds the images in the order of their index to a DenseMapper. Leaves final maps in the folder.
+void RunOnlineSchedule(ReconstructRun* run);
+
+/// Runs what is in the graph and then, or meanwhile, the output: confidence, map files and pictures of every image with
+/// final maps; the fused cloud and the cameras.
+/// @param final_maps tasks that an image's final maps wait for, by scene index; none: they are there
+/// @return number of points
+size_t RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_maps, TaskGraph* graph);
+
+/// Camera of an image at the size of the run.
+PinholeCamera CameraOf(const ReconstructRun& run, int index);
+
+}  // namespace acmp

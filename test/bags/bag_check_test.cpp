@@ -1,0 +1,393 @@
+#include "acmp_mapping/bags/bag_check.h"
+
+#include <cmath>
+#include <functional>
+#include <limits>
+
+#include <geometry_msgs/PoseStamped.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nav_msgs/Odometry.h>
+#include <rosbag/bag.h>
+#include <sensor_msgs/CompressedImage.h>
+#include <sensor_msgs/PointCloud.h>
+#include <sensor_msgs/point_cloud2_iterator.h>
+#include <std_msgs/String.h>
+
+#include "acmp_mapping/common/error.h"
+#include "bag_messages.h"
+#include "bag_test_support.h"
+
+namespace acmp {
+namespace {
+
+using testing::AnyOf;
+using testing::Contains;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::Not;
+
+constexpr int kKeyframes = 6;
+
+/// Messages of one keyframe; a test damages them before they are written.
+struct Keyframe {
+  sensor_msgs::Image image;
+  sensor_msgs::CameraInfo info;
+  geometry_msgs::PoseStamped pose;
+  sensor_msgs::PointCloud2 cloud;
+};
+
+/// A camera that moves along x and looks along z at points on a wall 4 units away, all in view.
+Keyframe MakeKeyframe(int index) {
+  const PinholeCamera camera{32, 24, 30, 30, 15.5, 11.5};
+  std_msgs::Header header;
+  header.stamp = ros::Time(1000 + index, 0);
+  header.frame_id = "cam";
+  Keyframe keyframe;
+  keyframe.image = ToBgr8Message(ColorImage(camera.width, camera.height), header);
+  keyframe.info = ToCameraInfo(camera, {}, header);
+  header.frame_id = "map";
+  RigidTransform world_from_cam = RigidTransform::Identity();
+  world_from_cam.translation() = Eigen::Vector3d(5 + 0.2 * index, 3, -1);
+  keyframe.pose = ToPoseStamped(world_from_cam.inverse(), header);
+  std::vector<Eigen::Vector3d> points;
+  points.reserve(40);
+  for (int i = 0; i < 40; ++i) points.push_back(world_from_cam * camera.Unproject({i * 0.7, i * 0.5}, 4.0));
+  keyframe.cloud = ToPointCloud2(points, header);
+  return keyframe;
+}
+
+class CheckBagTest : public testing::Test {
+ protected:
+  using Change = std::function<void(int index, Keyframe&)>;
+
+  /// Writes a healthy bag but for `change` and checks it.
+  BagReport Check(const Change& change, const BagCheckOptions& options = {}) {
+    rosbag::Bag bag(Path(), rosbag::bagmode::Write);
+    for (int i = 0; i < kKeyframes; ++i) {
+      Keyframe keyframe = MakeKeyframe(i);
+      change(i, keyframe);
+      const ros::Time receive(1000 + i, 5000000);
+      bag.write("/image", receive, keyframe.image);
+      bag.write("/info", receive, keyframe.info);
+      bag.write("/pose", receive, keyframe.pose);
+      bag.write("/points", receive, keyframe.cloud);
+    }
+    bag.close();
+    return CheckBag(Path(), options);
+  }
+
+  std::string Path() const { return (folder_ / "test.bag").string(); }
+
+  TemporaryFolder folder_;
+};
+
+std::vector<std::string> Messages(const BagReport& report, Severity severity) {
+  std::vector<std::string> messages;
+  for (const Finding& finding : report.findings) {
+    if (finding.severity == severity) messages.push_back(finding.message);
+  }
+  return messages;
+}
+
+std::vector<std::string> Errors(const BagReport& report) { return Messages(report, Severity::kError); }
+std::vector<std::string> Warnings(const BagReport& report) { return Messages(report, Severity::kWarning); }
+
+TEST_F(CheckBagTest, AHealthyBagHasNothingToReport) {
+  const BagReport report = Check([](int, Keyframe&) {});
+  EXPECT_TRUE(Errors(report).empty()) << testing::PrintToString(Errors(report));
+  EXPECT_TRUE(Warnings(report).empty()) << testing::PrintToString(Warnings(report));
+  EXPECT_TRUE(report.usable());
+  EXPECT_EQ(report.contents.chosen.image, "/image");
+  EXPECT_EQ(report.contents.chosen.pose, "/pose");
+  EXPECT_EQ(report.contents.topics.size(), 4u);
+  EXPECT_THAT(Messages(report, Severity::kOk), Contains(HasSubstr("equal: 6")));
+}
+
+TEST_F(CheckBagTest, UncalibratedCamera) {
+  const BagReport report = Check([](int, Keyframe& keyframe) { keyframe.info.K.fill(0); });
+  EXPECT_THAT(Errors(report), Contains(HasSubstr("K[0] = 0")));
+  EXPECT_FALSE(report.usable());
+}
+
+TEST_F(CheckBagTest, CameraInfoOfAnotherSize) {
+  const BagReport report = Check([](int, Keyframe& keyframe) { keyframe.info.width = 64; });
+  EXPECT_THAT(Errors(report), Contains(HasSubstr("is for 64x24 px, an image has 32x24")));
+}
+
+TEST_F(CheckBagTest, BinnedCameraInfoIsOfTheImagesSize) {
+  const BagReport report = Check([](int, Keyframe& keyframe) {
+    keyframe.info.width *= 2;
+    keyframe.info.height *= 2;
+    keyframe.info.binning_x = keyframe.info.binning_y = 2;
+  });
+  EXPECT_TRUE(Errors(report).empty()) << testing::PrintToString(Errors(report));
+}
+
+TEST_F(CheckBagTest, UnknownDistortion) {
+  const BagReport report = Check([](int, Keyframe& keyframe) { keyframe.info.distortion_model = "omnidirectional"; });
+  EXPECT_THAT(Errors(report), Contains(HasSubstr("\"omnidirectional\" is unknown")));
+}
+
+TEST_F(CheckBagTest, TooFewDistortionCoefficients) {
+  const BagReport report = Check([](int, Keyframe& keyframe) { keyframe.info.D.resize(2); });
+  EXPECT_THAT(Errors(report), Contains(HasSubstr("2 distortion coefficients, plumb_bob needs 4")));
+}
+
+TEST_F(CheckBagTest, EncodingThatIsNoPicture) {
+  const BagReport report = Check([](int, Keyframe& keyframe) { keyframe.image.encoding = "32FC2"; });
+  EXPECT_THAT(Errors(report), Contains(HasSubstr("\"32FC2\" cannot be converted")));
+}
+
+TEST_F(CheckBagTest, ImageWithMissingBytes) {
+  const BagReport report = Check([](int i, Keyframe& keyframe) {
+    if (i == 2) keyframe.image.data.resize(100);
+  });
+  EXPECT_THAT(Errors(report), Contains(HasSubstr("1 have fewer bytes")));
+}
+
+TEST_F(CheckBagTest, PosesThatAreNotFiniteOrNotUnit) {
+  const BagReport report = Check([](int i, Keyframe& keyframe) {
+    if (i == 1) keyframe.pose.pose.position.x = std::nan("");
+    if (i == 2) keyframe.pose.pose.orientation.w = 1.002;  // bound: 1e-3
+    if (i == 3) keyframe.pose.pose.orientation.w = 1.0009;
+  });
+  EXPECT_THAT(Warnings(report), Contains(HasSubstr("1 of 6 are not finite")));
+  EXPECT_THAT(Warnings(report), Contains(HasSubstr("1 of 6 quaternions are off unit length")));
+  EXPECT_TRUE(report.usable());
+}
+
+TEST_F(CheckBagTest, TooFewUsablePoses) {
+  const BagReport report = Check([](int i, Keyframe& keyframe) {
+    if (i > 1) keyframe.pose.pose.orientation.w = std::numeric_limits<double>::infinity();
+  });
+  EXPECT_THAT(Errors(report), Contains(HasSubstr("only 2 are usable")));
+}
+
+TEST_F(CheckBagTest, IdenticalPoses) {
+  const BagReport report = Check([](int, Keyframe& keyframe) { keyframe.pose.pose = MakeKeyframe(0).pose.pose; });
+  EXPECT_THAT(Errors(report), Contains(HasSubstr("all at the same position")));
+}
+
+TEST_F(CheckBagTest, SomeIdenticalPoses) {
+  const BagReport report = Check([](int i, Keyframe& keyframe) {
+    if (i == 1) keyframe.pose.pose = MakeKeyframe(0).pose.pose;
+  });
+  EXPECT_THAT(Warnings(report), Contains(HasSubstr("1 of 6 repeat the position")));
+}
+
+TEST_F(CheckBagTest, StampsPushedThroughMicrosecondsMatch) {
+  const BagReport report = Check([](int, Keyframe& keyframe) { keyframe.pose.header.stamp += ros::Duration(0, 900); });
+  EXPECT_TRUE(Warnings(report).empty()) << testing::PrintToString(Warnings(report));
+  EXPECT_THAT(Messages(report, Severity::kOk), Contains(HasSubstr("to 1 us: 6")));
+}
+
+TEST_F(CheckBagTest, StampsOffByMillisecondsNameTheTolerance) {
+  const BagReport report = Check([](int, Keyframe& keyframe) { keyframe.pose.header.stamp += ros::Duration(0.010); });
+  EXPECT_THAT(Warnings(report), Contains(AnyOf(HasSubstr("set ~sync_tolerance to 0.011"))));
+  EXPECT_TRUE(report.usable());
+  BagCheckOptions wider;
+  wider.sync_tolerance_s = 0.011;
+  EXPECT_THAT(Warnings(Check([](int, Keyframe& k) { k.pose.header.stamp += ros::Duration(0.010); }, wider)),
+              Not(Contains(HasSubstr("sync_tolerance"))));
+}
+
+TEST_F(CheckBagTest, StampsOfAnotherClock) {
+  const BagReport report = Check([](int, Keyframe& keyframe) { keyframe.pose.header.stamp += ros::Duration(1e6); });
+  EXPECT_THAT(Errors(report), Contains(HasSubstr("do not have the same clock")));
+}
+
+TEST_F(CheckBagTest, ZeroStampsAndTimeRunningBackward) {
+  const BagReport zero = Check([](int i, Keyframe& keyframe) {
+    if (i == 3) keyframe.image.header.stamp = ros::Time();
+  });
+  EXPECT_THAT(Errors(zero), Contains(HasSubstr("1 of 6 stamps are zero")));
+  EXPECT_THAT(Warnings(zero), Contains(HasSubstr("time runs backward 1 times")));
+}
+
+TEST_F(CheckBagTest, InvertedPosesAreRecognised) {
+  const auto invert = [](int, Keyframe& keyframe) {
+    for (double* axis :
+         {&keyframe.pose.pose.position.x, &keyframe.pose.pose.position.y, &keyframe.pose.pose.position.z}) {
+      *axis = -*axis;  // the fixture's rotation is the identity
+    }
+  };
+  const BagReport report = Check(invert);
+  EXPECT_THAT(Warnings(report), Contains(HasSubstr("much better with pose_is: T_cam_world")));
+  BagCheckOptions declared;
+  declared.pose_is_cam_world = true;
+  EXPECT_TRUE(Warnings(Check(invert, declared)).empty());
+}
+
+TEST_F(CheckBagTest, ForwardLeftUpPosesAreRecognised) {
+  const BagReport report = Check([](int, Keyframe& keyframe) {
+    // The optical axes of the fixture expressed by a body that has x forward, y left, z up.
+    Eigen::Matrix3d optical_from_flu;
+    optical_from_flu << 0, -1, 0, 0, 0, -1, 1, 0, 0;
+    const Eigen::Quaterniond rotation(optical_from_flu);
+    keyframe.pose.pose.orientation.x = rotation.x();
+    keyframe.pose.pose.orientation.y = rotation.y();
+    keyframe.pose.pose.orientation.z = rotation.z();
+    keyframe.pose.pose.orientation.w = rotation.w();
+  });
+  EXPECT_THAT(Warnings(report), Contains(HasSubstr("much better with pose_is: T_world_cam, pose_child: camera_flu")));
+}
+
+TEST_F(CheckBagTest, PointsBehindInEveryReading) {
+  const BagReport report = Check([](int, Keyframe& keyframe) {
+    sensor_msgs::PointCloud2Iterator<float> z(keyframe.cloud, "z");
+    sensor_msgs::PointCloud2Iterator<float> x(keyframe.cloud, "x");
+    for (size_t i = 0; i < keyframe.cloud.width; ++i, ++z, ++x) {
+      *z = -50;
+      *x = -90;
+    }
+  });
+  EXPECT_THAT(Warnings(report), Contains(HasSubstr("with no reading of the poses do most points lie in front")));
+}
+
+TEST_F(CheckBagTest, UnusablePointsAreCounted) {
+  const BagReport report = Check([](int i, Keyframe& keyframe) {
+    sensor_msgs::PointCloud2Iterator<float> point(keyframe.cloud, "x");
+    if (i == 0) {
+      *point = std::numeric_limits<float>::quiet_NaN();
+      ++point;
+      for (int axis = 0; axis < 3; ++axis) point[axis] = 0;
+    }
+    if (i == 1) keyframe.cloud = ToPointCloud2({}, keyframe.cloud.header);
+  });
+  // 5 clouds of 40 points: one point is 0.5 %.
+  EXPECT_THAT(Warnings(report), Contains(HasSubstr("0.5 % of the points are not finite")));
+  EXPECT_THAT(Warnings(report), Contains(HasSubstr("0.5 % of the points are (0, 0, 0)")));
+  EXPECT_THAT(Warnings(report), Contains(HasSubstr("1 of 6 are empty")));
+}
+
+TEST_F(CheckBagTest, CloudWithoutCoordinates) {
+  const BagReport report = Check([](int, Keyframe& keyframe) { keyframe.cloud.fields[1].name = "height"; });
+  EXPECT_THAT(Errors(report), Contains(HasSubstr("has no field y")));
+}
+
+TEST_F(CheckBagTest, CloudWithFewerBytesThanPoints) {
+  const BagReport report = Check([](int, Keyframe& keyframe) { keyframe.cloud.width *= 1000; });
+  EXPECT_THAT(Errors(report), Contains(HasSubstr("bytes for 40000 points")));
+}
+
+TEST_F(CheckBagTest, CloudsWithoutAnImageNearby) {
+  const BagReport report = Check([](int, Keyframe& keyframe) { keyframe.cloud.header.stamp += ros::Duration(100); });
+  EXPECT_THAT(Warnings(report), Contains(HasSubstr("set ~sparse_tolerance")));
+}
+
+TEST_F(CheckBagTest, PointsInTheCamerasFrameNeedNoPose) {
+  const BagReport report = Check([](int, Keyframe& keyframe) {
+    std::vector<Eigen::Vector3d> points(10, Eigen::Vector3d(0.1, 0.2, -3));
+    points.resize(14, Eigen::Vector3d(0.1, 0.2, 3));
+    keyframe.cloud = ToPointCloud2(points, keyframe.image.header);
+  });
+  EXPECT_THAT(Warnings(report), Contains(HasSubstr("set ~sparse_frame: world")));
+}
+
+TEST_F(CheckBagTest, MissingTopics) {
+  {
+    rosbag::Bag bag(Path(), rosbag::bagmode::Write);
+    std_msgs::String text;
+    text.data = "nothing to see";
+    bag.write("/chatter", ros::Time(1, 0), text);
+  }
+  const BagReport report = CheckBag(Path(), {});
+  EXPECT_THAT(Errors(report), Contains(HasSubstr("no images")));
+  EXPECT_THAT(Errors(report), Contains(HasSubstr("no poses")));
+  EXPECT_THAT(Errors(report), Contains(HasSubstr("no camera_info")));
+  EXPECT_THAT(Warnings(report), Contains(HasSubstr("no sparse points")));
+}
+
+TEST_F(CheckBagTest, PosesFromTfOdometryCompressedImagesAndOldClouds) {
+  const auto write = [&](bool with_odometry) {
+    rosbag::Bag bag(Path(), rosbag::bagmode::Write);
+    for (int i = 0; i < kKeyframes; ++i) {
+      const Keyframe keyframe = MakeKeyframe(i);
+      const ros::Time& stamp = keyframe.pose.header.stamp;
+      sensor_msgs::CompressedImage compressed;
+      compressed.header = keyframe.image.header;
+      compressed.format = "bgr8; jpeg compressed bgr8";
+      compressed.data.resize(10);
+      sensor_msgs::PointCloud cloud;
+      cloud.header = keyframe.cloud.header;
+      cloud.points.resize(3);
+      for (auto& point : cloud.points) {
+        point.x = 5;
+        point.y = 3;
+        point.z = 3;
+      }
+      bag.write("/image/compressed", stamp, compressed);
+      bag.write("/info", stamp, keyframe.info);
+      bag.write("/tf", stamp, ToTf(keyframe.pose, "cam"));
+      bag.write("/cloud", stamp, cloud);
+      nav_msgs::Odometry odometry;
+      odometry.header = keyframe.pose.header;
+      odometry.pose.pose = keyframe.pose.pose;
+      if (with_odometry) bag.write("/odom", stamp, odometry);
+    }
+    bag.close();
+    return CheckBag(Path(), {});
+  };
+  const BagReport from_tf = write(false);
+  EXPECT_TRUE(Errors(from_tf).empty()) << testing::PrintToString(Errors(from_tf));
+  EXPECT_THAT(Messages(from_tf, Severity::kOk),
+              Contains(AllOf(HasSubstr("tf map -> cam"), HasSubstr("~pose_source: tf"))));
+  EXPECT_EQ(from_tf.contents.poses.size(), static_cast<size_t>(kKeyframes));
+  const BagReport from_odometry = write(true);
+  EXPECT_EQ(from_odometry.contents.chosen.pose, "/odom");
+  EXPECT_THAT(Messages(from_odometry, Severity::kOk), AllOf(Contains(HasSubstr("~pose_source: odom, and odom:=/odom")),
+                                                            Contains(HasSubstr("sparse_points_v1:=/cloud"))));
+  EXPECT_TRUE(from_odometry.usable()) << testing::PrintToString(Errors(from_odometry));
+}
+
+TEST_F(CheckBagTest, AskedForTopics) {
+  BagCheckOptions options;
+  options.topics.image = "/camera/image";
+  EXPECT_THROW(Check([](int, Keyframe&) {}, options), InvalidInputError);
+  options.topics.image = "/pose";
+  EXPECT_THROW(Check([](int, Keyframe&) {}, options), InvalidInputError);
+  options.topics.image = "/image";
+  EXPECT_NO_THROW(Check([](int, Keyframe&) {}, options));
+}
+
+TEST_F(CheckBagTest, SeveralTopicsOfAKind) {
+  Check([](int, Keyframe&) {});
+  {
+    rosbag::Bag bag(Path(), rosbag::bagmode::Append);
+    bag.write("/right/image", ros::Time(1001, 0), MakeKeyframe(1).image);
+  }
+  const BagReport report = CheckBag(Path(), {});
+  EXPECT_EQ(report.contents.chosen.image, "/image");  // the one with more messages
+  EXPECT_THAT(Warnings(report), Contains(HasSubstr("checked /image; there is also /right/image")));
+}
+
+TEST_F(CheckBagTest, DamagedFilesAreRefused) {
+  Check([](int, Keyframe&) {});
+  const std::string bytes = FileBytes(Path());
+  for (const size_t size : {size_t{0}, size_t{5}, size_t{100}, bytes.size() / 2, bytes.size() - 1}) {
+    WriteBytes(Path(), bytes.substr(0, size));
+    EXPECT_THROW(CheckBag(Path(), {}), InvalidInputError) << size << " of " << bytes.size() << " bytes";
+  }
+  EXPECT_THROW(CheckBag(folder_ / "missing.bag", {}), InvalidInputError);
+  EXPECT_THROW(CheckBag(folder_.path(), {}), InvalidInputError);
+}
+
+TEST_F(CheckBagTest, ABagCutOffWhileRecordingIsToBeReindexed) {
+  Check([](int, Keyframe&) {});
+  std::string bytes = FileBytes(Path());
+  // While recording, the header's index position is 0; it is the only field named so.
+  const size_t field = bytes.find("index_pos=");
+  ASSERT_NE(field, std::string::npos);
+  bytes.replace(field + 10, 8, std::string(8, '\0'));
+  WriteBytes(Path(), bytes);
+  try {
+    CheckBag(Path(), {});
+    FAIL() << "must throw";
+  } catch (const InvalidInputError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("rosbag reindex"));
+  }
+}
+
+}  // namespace
+}  // namespace acmp

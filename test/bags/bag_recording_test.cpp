@@ -1,0 +1,269 @@
+#include "acmp_mapping/bags/bag_recording.h"
+
+#include <cmath>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <rosbag/bag.h>
+#include <rosbag/view.h>
+#include <sensor_msgs/point_cloud2_iterator.h>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/image_codec.h"
+#include "bag_messages.h"
+#include "bag_test_support.h"
+#include "bag_writer.h"
+
+namespace acmp {
+namespace {
+
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+template <class Function>
+std::string InvalidInputMessage(const Function& function) {
+  try {
+    function();
+  } catch (const InvalidInputError& error) {
+    return error.what();
+  }
+  return "nothing thrown";
+}
+
+template <class Message>
+std::vector<boost::shared_ptr<Message>> ReadAll(const std::filesystem::path& path, const std::string& topic) {
+  rosbag::Bag bag(path.string(), rosbag::bagmode::Read);
+  std::vector<boost::shared_ptr<Message>> messages;
+  for (const rosbag::MessageInstance& message : rosbag::View(bag, rosbag::TopicQuery(topic))) {
+    messages.push_back(message.instantiate<Message>());
+  }
+  return messages;
+}
+
+SyntheticSceneOptions SmallScene() {
+  SyntheticSceneOptions options;
+  options.width = 48;
+  options.height = 36;
+  options.keyframes = 3;
+  return options;
+}
+
+/// Two images of 8x6 px; image 1 is seen from one unit to the right of image 0, turned by 90 degrees about y.
+class SceneFixture : public testing::Test {
+ protected:
+  SceneFixture() {
+    ColorImage picture(8, 6);
+    for (int row = 0; row < 6; ++row) {
+      for (int col = 0; col < 8; ++col) {
+        picture(col, row) = {static_cast<unsigned char>(10 * col), static_cast<unsigned char>(20 * row), 200};
+      }
+    }
+    scene_.landmarks_in_world = {{0.5, -0.25, 2}, {1, 2, 3}, {-4, 5, 6}};
+    for (int i = 0; i < 2; ++i) {
+      SceneImage image;
+      image.name = std::to_string(i) + ".png";
+      image.path = folder_ / image.name;
+      WritePng(image.path, picture);
+      image.camera = {8, 6, 7.0, 7.5, 3.5, 2.5};
+      image.landmark_indices = i == 0 ? std::vector<int>{0, 2} : std::vector<int>{1};
+      scene_.images.push_back(image);
+    }
+    RigidTransform world_from_cam = RigidTransform::Identity();
+    world_from_cam.linear() = Eigen::AngleAxisd(M_PI / 2, Eigen::Vector3d::UnitY()).toRotationMatrix();
+    world_from_cam.translation() = Eigen::Vector3d(1, 0, 0);
+    scene_.images[1].cam_from_world = world_from_cam.inverse();
+  }
+
+  TemporaryFolder folder_;
+  Scene scene_;
+};
+
+TEST(StampOf, FollowsTheIndexToTheNanosecond) {
+  RecordingOptions options;
+  options.rate_hz = 3;
+  EXPECT_EQ(StampOf(0, options), ros::Time(1600000000, 0));
+  EXPECT_EQ(StampOf(1, options), ros::Time(1600000000, 333333333));
+  EXPECT_EQ(StampOf(2, options), ros::Time(1600000000, 666666667));
+  EXPECT_EQ(StampOf(3000, options), ros::Time(1600001000, 0));
+}
+
+TEST(StampOf, RefusesWhatRosTimeCannotHold) {
+  RecordingOptions options;
+  options.start_time_s = 4000000000u;
+  options.rate_hz = 0.001;
+  EXPECT_THROW(StampOf(1000000, options), InvalidInputError);
+}
+
+TEST(RecordingOptions, AreChecked) {
+  const auto refused = [](auto change) {
+    RecordingOptions options;
+    change(options);
+    EXPECT_THROW(Validate(options), InvalidInputError);
+  };
+  refused([](RecordingOptions& o) { o.rate_hz = 0; });
+  refused([](RecordingOptions& o) { o.rate_hz = std::nan(""); });
+  refused([](RecordingOptions& o) { o.start_time_s = 0; });  // ROS takes a zero stamp as "none"
+  refused([](RecordingOptions& o) { o.max_image_size = -1; });
+  refused([](RecordingOptions& o) { o.world_frame = ""; });
+  refused([](RecordingOptions& o) {
+    o.compressed = true;
+    o.max_image_size = 100;
+  });
+  EXPECT_NO_THROW(Validate(RecordingOptions()));
+}
+
+TEST(RecordSynthetic, SameInputGivesSameBytes) {
+  const TemporaryFolder folder;
+  RecordSynthetic(MakeSyntheticScene(SmallScene()), {}, folder / "a.bag");
+  RecordSynthetic(MakeSyntheticScene(SmallScene()), {}, folder / "b.bag");
+  EXPECT_GT(FileBytes(folder / "a.bag").size(), 3u * 48 * 36 * 3);
+  EXPECT_TRUE(FileBytes(folder / "a.bag") == FileBytes(folder / "b.bag"));
+}
+
+TEST(RecordSynthetic, HoldsTheFrames) {
+  const TemporaryFolder folder;
+  const std::vector<SyntheticView> views = MakeSyntheticScene(SmallScene());
+  const RecordingSummary summary = RecordSynthetic(views, {}, folder / "a.bag");
+  EXPECT_EQ(summary.images, 3u);
+  const auto images = ReadAll<sensor_msgs::Image>(folder / "a.bag", kImageTopic);
+  const auto clouds = ReadAll<sensor_msgs::PointCloud2>(folder / "a.bag", kSparsePointsTopic);
+  const auto poses = ReadAll<geometry_msgs::PoseStamped>(folder / "a.bag", kPoseTopic);
+  ASSERT_EQ(images.size(), 3u);
+  ASSERT_EQ(clouds.size(), 3u);
+  ASSERT_EQ(poses.size(), 3u);
+  const Rgb& pixel = views[2].frame.color(7, 5);
+  const uint8_t* recorded = &images[2]->data[5 * images[2]->step + 7 * 3];
+  EXPECT_EQ(images[2]->encoding, "bgr8");
+  EXPECT_THAT(std::vector<int>(recorded, recorded + 3), ElementsAre(pixel.b, pixel.g, pixel.r));
+  EXPECT_EQ(size_t{clouds[1]->width} * clouds[1]->height, views[1].frame.landmarks_in_world.size());
+}
+
+TEST(RecordSynthetic, RefusesOptionsForFiles) {
+  RecordingOptions options;
+  options.compressed = true;
+  EXPECT_THROW(RecordSynthetic({}, options, "unused.bag"), InvalidInputError);
+}
+
+TEST_F(SceneFixture, RecordsPosesAsWorldFromCamera) {
+  RecordScene(scene_, {0, 1}, {}, folder_ / "out.bag");
+  const auto poses = ReadAll<geometry_msgs::PoseStamped>(folder_ / "out.bag", kPoseTopic);
+  ASSERT_EQ(poses.size(), 2u);
+  EXPECT_EQ(poses[1]->header.frame_id, "world");
+  // The fixture's pose, by hand: one unit along x, half angle 45 degrees about y. 1e-12: two inversions in double.
+  EXPECT_NEAR(poses[1]->pose.position.x, 1, 1e-12);
+  EXPECT_NEAR(poses[1]->pose.position.z, 0, 1e-12);
+  EXPECT_NEAR(poses[1]->pose.orientation.y, std::sqrt(0.5), 1e-12);
+  EXPECT_NEAR(poses[1]->pose.orientation.w, std::sqrt(0.5), 1e-12);
+  const auto tf = ReadAll<tf2_msgs::TFMessage>(folder_ / "out.bag", kTfTopic);
+  ASSERT_EQ(tf.size(), 2u);
+  EXPECT_EQ(tf[1]->transforms[0].child_frame_id, "camera_optical");
+  EXPECT_EQ(tf[1]->transforms[0].transform.translation.x, poses[1]->pose.position.x);
+}
+
+TEST_F(SceneFixture, RecordsThePointsOfEachImage) {
+  RecordScene(scene_, {0, 1}, {}, folder_ / "out.bag");
+  const auto clouds = ReadAll<sensor_msgs::PointCloud2>(folder_ / "out.bag", kSparsePointsTopic);
+  ASSERT_EQ(clouds.size(), 2u);
+  ASSERT_EQ(clouds[0]->width * clouds[0]->height, 2u);
+  sensor_msgs::PointCloud2ConstIterator<float> z(*clouds[0], "z");
+  EXPECT_EQ(*z, 2.0f);
+  EXPECT_EQ(*++z, 6.0f);
+  EXPECT_EQ(clouds[1]->width * clouds[1]->height, 1u);
+}
+
+TEST_F(SceneFixture, ShrinksImageAndCameraTogether) {
+  RecordingOptions options;
+  options.max_image_size = 4;
+  RecordScene(scene_, {0}, options, folder_ / "out.bag");
+  const auto images = ReadAll<sensor_msgs::Image>(folder_ / "out.bag", kImageTopic);
+  const auto infos = ReadAll<sensor_msgs::CameraInfo>(folder_ / "out.bag", kCameraInfoTopic);
+  ASSERT_EQ(images.size(), 1u);
+  EXPECT_EQ(images[0]->width, 4u);
+  EXPECT_EQ(images[0]->height, 3u);
+  EXPECT_EQ(infos[0]->width, 4u);
+  EXPECT_DOUBLE_EQ(infos[0]->K[0], 3.5);
+  EXPECT_DOUBLE_EQ(infos[0]->K[2], (3.5 + 0.5) / 2 - 0.5);  // pixel centres at integers
+}
+
+TEST_F(SceneFixture, PassesCompressedFilesThrough) {
+  RecordingOptions options;
+  options.compressed = true;
+  RecordScene(scene_, {1}, options, folder_ / "out.bag");
+  const auto images =
+      ReadAll<sensor_msgs::CompressedImage>(folder_ / "out.bag", std::string(kImageTopic) + "/compressed");
+  ASSERT_EQ(images.size(), 1u);
+  EXPECT_EQ(images[0]->format, "png");
+  EXPECT_EQ(std::string(images[0]->data.begin(), images[0]->data.end()), FileBytes(scene_.images[1].path));
+}
+
+TEST_F(SceneFixture, LeavingImagesOutKeepsStamps) {
+  RecordScene(scene_, {1}, {}, folder_ / "out.bag");
+  const auto poses = ReadAll<geometry_msgs::PoseStamped>(folder_ / "out.bag", kPoseTopic);
+  ASSERT_EQ(poses.size(), 1u);
+  EXPECT_EQ(poses[0]->header.stamp, StampOf(1, {}));
+}
+
+TEST_F(SceneFixture, WithoutLandmarksThereIsNoCloudTopic) {
+  scene_.landmarks_in_world.clear();
+  for (SceneImage& image : scene_.images) image.landmark_indices.clear();
+  RecordScene(scene_, {0, 1}, {}, folder_ / "out.bag");
+  EXPECT_TRUE(ReadAll<sensor_msgs::PointCloud2>(folder_ / "out.bag", kSparsePointsTopic).empty());
+}
+
+TEST_F(SceneFixture, ATruncatedImageLeavesNoBag) {
+  const std::string bytes = FileBytes(scene_.images[1].path);
+  WriteBytes(scene_.images[1].path, bytes.substr(0, bytes.size() / 2));
+  for (const bool compressed : {false, true}) {
+    RecordingOptions options;
+    options.compressed = compressed;
+    EXPECT_THAT(InvalidInputMessage([&] {
+                  RecordScene(scene_, {0, 1}, options, folder_ / "out.bag");
+                }),
+                HasSubstr("1.png"));
+    EXPECT_FALSE(std::filesystem::exists(folder_ / "out.bag"));
+    EXPECT_FALSE(std::filesystem::exists(folder_ / "out.bag.partial"));
+  }
+}
+
+TEST_F(SceneFixture, AnImageOfAnotherSizeThanItsCameraIsRefused) {
+  scene_.images[0].camera.width = 9;
+  EXPECT_THAT(InvalidInputMessage([&] { RecordScene(scene_, {0}, {}, folder_ / "out.bag"); }),
+              HasSubstr("is 8x6 px, its camera 9x6"));
+}
+
+TEST_F(SceneFixture, AFailedRunKeepsTheFormerBag) {
+  WriteBytes(folder_ / "out.bag", "former");
+  std::filesystem::remove(scene_.images[1].path);
+  EXPECT_THROW(RecordScene(scene_, {0, 1}, {}, folder_ / "out.bag"), InvalidInputError);
+  EXPECT_EQ(FileBytes(folder_ / "out.bag"), "former");
+}
+
+TEST(BagWriter, RefusesAFolderAsOutput) {
+  const TemporaryFolder folder;
+  EXPECT_THROW(BagWriter(folder.path()), InvalidInputError);
+}
+
+TEST(BagWriter, GivesTheSystemsReason) {
+  try {
+    BagWriter writer("/nonexistent_folder/out.bag");
+    FAIL() << "must throw";
+  } catch (const ProcessingError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("No such file or directory"));
+  }
+}
+
+TEST(ToCameraInfo, NamesTheDistortion) {
+  const PinholeCamera camera{640, 480, 500, 501, 320, 240};
+  const auto info = [&](LensDistortion::Model model, std::vector<double> coefficients) {
+    return ToCameraInfo(camera, {model, std::move(coefficients)}, {});
+  };
+  EXPECT_EQ(info(LensDistortion::Model::kNone, {}).distortion_model, "plumb_bob");
+  EXPECT_THAT(info(LensDistortion::Model::kNone, {}).D, ElementsAre(0, 0, 0, 0, 0));
+  EXPECT_THAT(info(LensDistortion::Model::kBrownConrady, {1, 2, 3, 4}).D, ElementsAre(1, 2, 3, 4, 0));
+  EXPECT_EQ(info(LensDistortion::Model::kRational, {1, 2, 3, 4, 5, 6, 7, 8}).distortion_model, "rational_polynomial");
+  EXPECT_EQ(info(LensDistortion::Model::kEquidistant, {1, 2, 3, 4}).distortion_model, "equidistant");
+  EXPECT_THROW(info(LensDistortion::Model::kEquidistant, {1, 2, 3, 4, 5}), InvalidInputError);
+}
+
+}  // namespace
+}  // namespace acmp

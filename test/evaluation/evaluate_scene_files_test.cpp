@@ -1,0 +1,110 @@
+#include <cstring>
+#include <filesystem>
+#include <set>
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/evaluation/scene_files.h"
+
+namespace acmp {
+namespace {
+
+namespace fs = std::filesystem;
+
+class SceneFilesTest : public testing::TestWithParam<SceneFormat> {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new fs::path(fs::path(testing::TempDir()) / ("acmp_scene_files_" + std::to_string(getpid())));
+    SyntheticSceneOptions options;
+    options.width = 97;
+    options.height = 64;
+    options.keyframes = 5;
+    views_ = new std::vector<SyntheticView>(MakeSyntheticScene(options));
+    WriteSceneFiles(*folder_, *views_, 0.1f);
+  }
+  static void TearDownTestSuite() {
+    fs::remove_all(*folder_);
+    delete folder_;
+    delete views_;
+  }
+
+  static fs::path* folder_;
+  static std::vector<SyntheticView>* views_;
+};
+fs::path* SceneFilesTest::folder_ = nullptr;
+std::vector<SyntheticView>* SceneFilesTest::views_ = nullptr;
+
+TEST_P(SceneFilesTest, IsReadBackWithTheSameCamerasPosesAndLandmarks) {
+  const Scene scene = ReadScene(*folder_, GetParam());
+  ASSERT_EQ(scene.images.size(), views_->size());
+  for (size_t i = 0; i < views_->size(); ++i) {
+    const Frame& truth = (*views_)[i].frame;
+    const SceneImage& image = scene.images[i];
+    // Twelve digits in the files, pixels below 1000 and metres below 10.
+    EXPECT_EQ(image.camera.width, truth.camera.width);
+    EXPECT_NEAR(image.camera.fx, truth.camera.fx, 1e-8);
+    EXPECT_NEAR(image.camera.fy, truth.camera.fy, 1e-8);
+    EXPECT_NEAR(image.camera.cx, truth.camera.cx, 1e-8);
+    EXPECT_NEAR(image.camera.cy, truth.camera.cy, 1e-8);
+    EXPECT_LT((image.cam_from_world.matrix() - truth.cam_from_world.matrix()).cwiseAbs().maxCoeff(), 1e-10);
+    const Frame read = LoadFrame(scene, static_cast<int>(i));
+    ASSERT_EQ(read.landmarks_in_world.size(), truth.landmarks_in_world.size());
+    // The reader may order an image's landmarks by their number in the scene.
+    for (const Eigen::Vector3d& landmark : truth.landmarks_in_world) {
+      double nearest = std::numeric_limits<double>::infinity();
+      for (const Eigen::Vector3d& other : read.landmarks_in_world) {
+        nearest = std::min(nearest, (landmark - other).norm());
+      }
+      ASSERT_LT(nearest, 1e-9);
+    }
+    ASSERT_EQ(read.color.size(), truth.color.size());
+    EXPECT_EQ(std::memcmp(read.color.data(), truth.color.data(), truth.color.size() * sizeof(Rgb)), 0);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Formats, SceneFilesTest, testing::Values(SceneFormat::kColmap, SceneFormat::kMvsnet));
+
+TEST_F(SceneFilesTest, NamesUsefulSourcesAndADepthRangeThatHoldsMostOfTheScene) {
+  const Scene scene = ReadScene(*folder_, SceneFormat::kMvsnet);
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    const std::vector<int>& sources = scene.images[i].ranked_sources;
+    const std::set<int> distinct(sources.begin(), sources.end());
+    EXPECT_EQ(distinct.size(), 4u);  // five views, all overlapping
+    EXPECT_EQ(distinct.count(static_cast<int>(i)), 0u);
+    ASSERT_TRUE(scene.images[i].depth_range);
+    const DepthRange& range = *scene.images[i].depth_range;
+    size_t within = 0;
+    for (const float depth : (*views_)[i].true_depth) within += depth >= range.min && depth <= range.max;
+    EXPECT_GT(within, 0.99 * (*views_)[i].true_depth.size());
+  }
+}
+
+TEST_F(SceneFilesTest, HoldsTheGroundTruth) {
+  for (size_t i = 0; i < views_->size(); ++i) {
+    const SyntheticView& view = (*views_)[i];
+    const std::string name = "00000" + std::to_string(i) + ".png";
+    const DepthMap depth = ReadDepth(*folder_ / "depth" / name);
+    const ColorImage mask = ReadColorImage(*folder_ / "low_texture" / name);
+    ASSERT_EQ(depth.size(), view.true_depth.size());
+    ASSERT_EQ(mask.size(), view.low_texture.size());
+    for (size_t p = 0; p < depth.size(); ++p) {
+      ASSERT_NEAR(depth.data()[p], view.true_depth.data()[p], 0.000501);  // half a millimetre
+      ASSERT_EQ(mask.data()[p].g, view.low_texture.data()[p] ? 255 : 0);
+    }
+  }
+  EXPECT_EQ(ReadPly(*folder_ / "surface.ply").size(), SampleSyntheticSurface(*views_, 0.1f).size());
+  EXPECT_EQ(ReadPly(*folder_ / "sparse.ply").size(), ReadScene(*folder_).landmarks_in_world.size());
+}
+
+TEST_F(SceneFilesTest, SaysWhyItCannotWrite) {
+  const fs::path file = *folder_ / "cameras.txt";
+  EXPECT_THROW(WriteSceneFiles(file / "below_a_file", *views_, 0.1f), ProcessingError);
+}
+
+}  // namespace
+}  // namespace acmp

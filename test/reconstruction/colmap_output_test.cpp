@@ -1,0 +1,117 @@
+#include "colmap_output.h"
+
+#include <gmock/gmock.h>
+
+#include "acmp_mapping/dataset/map_io.h"
+#include "reconstruction/run_fixture.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+class ReconstructColmapTest : public ReconstructRunFixture {
+ protected:
+  ReconstructColmapTest() { options_.colmap = true; }
+
+  /// The same scene as a COLMAP model with these image names.
+  void WriteAsColmap(const std::vector<std::string>& names, const std::vector<ColmapModelPoint>& points) {
+    const Scene from = ReadScene(scene());
+    std::vector<ColmapModelImage> images;
+    for (int i = 0; i < kImages; ++i) {
+      images.push_back({10 + i, names[i], from.images[i].camera, from.images[i].cam_from_world});
+      const auto path = folder() / "model/images" / names[i];
+      std::filesystem::create_directories(path.parent_path());
+      std::filesystem::copy_file(from.images[i].path, path);
+    }
+    std::filesystem::create_directories(folder() / "model/sparse");
+    WriteColmapModel(folder() / "model/sparse", images, points);
+    options_.scene = folder() / "model";
+    options_.depth_min = 3;
+    options_.depth_max = 5;
+  }
+
+  void Run() { ReconstructRunFixture::Run(&fake_); }
+  std::string Workspace(const std::string& name) const { return ReadText(output() / "colmap" / name); }
+  bool Has(const std::string& name) const { return std::filesystem::exists(output() / "colmap" / name); }
+};
+
+TEST_F(ReconstructColmapTest, MapsAreThoseOfTheRunAtItsSize) {
+  options_.max_image_size = 10;
+  Run();
+  EXPECT_THAT(Workspace("sparse/cameras.txt"), HasSubstr("\n1 PINHOLE 10 8 10 10.6"));
+  const DepthMap depth = ReadPfm(output() / "depth/000002.pfm");
+  const std::string content = Workspace("stereo/depth_maps/00000002.png.geometric.bin");
+  ASSERT_EQ(content.substr(0, 7), "10&8&1&");
+  EXPECT_EQ(content.substr(7), std::string(reinterpret_cast<const char*>(depth.data()), depth.size() * sizeof(float)));
+  EXPECT_EQ(Workspace("stereo/normal_maps/00000002.png.geometric.bin").size(), 7u + depth.size() * 3 * sizeof(float));
+  EXPECT_EQ(ReadColorImage(output() / "colmap/images/00000002.png").width(), 10);
+  EXPECT_EQ(Workspace("stereo/fusion.cfg"), "00000000.png\n00000001.png\n00000002.png\n00000003.png\n");
+  EXPECT_THAT(Workspace("stereo/patch-match.cfg"),
+              HasSubstr("00000001.png\n00000000.png, 00000002.png, 00000003.png\n"));
+}
+
+TEST_F(ReconstructColmapTest, WithoutLandmarksFusedPointsTellWhichImagesOverlap) {
+  Run();
+  const Scene workspace = ReadScene(output() / "colmap", SceneFormat::kColmap);
+  const PointCloud fused = ReadPly(output() / "fused.ply");
+  EXPECT_EQ(workspace.landmarks_in_world.size(), fused.size());  // few: all are taken
+  for (const SceneImage& image : workspace.images) {
+    EXPECT_GT(image.landmark_indices.size(), kWidth * kHeight / 4u) << image.name;
+    for (int landmark : image.landmark_indices) {
+      const Eigen::Vector3d in_cam = image.cam_from_world * workspace.landmarks_in_world[landmark];
+      ASSERT_TRUE(image.camera.Contains(image.camera.Project(in_cam)));
+    }
+  }
+}
+
+TEST_F(ReconstructColmapTest, KeepsNamesFoldersAndLandmarks) {
+  WriteAsColmap({"left/0.png", "left/1.png", "right/0.png", "top.jpg"},
+                {{{0, 0, 4}, {}, {0, 1, 2, 3}}, {{0.5, 0.1, 4}, {}, {1, 3}}, {{0.2, 0.1, 4}, {}, {2}}});
+  Run();
+  for (const std::string name : {"left/0.png", "left/1.png", "right/0.png", "top.jpg"}) {
+    EXPECT_TRUE(Has("images/" + name) && Has("stereo/depth_maps/" + name + ".geometric.bin") &&
+                Has("stereo/normal_maps/" + name + ".geometric.bin"))
+        << name;
+  }
+  EXPECT_EQ(Workspace("images/top.jpg").substr(0, 2), "\xff\xd8") << "a PNG file under the name of a JPEG file";
+  const Scene workspace = ReadScene(output() / "colmap", SceneFormat::kColmap);
+  ASSERT_EQ(workspace.images.size(), 4u);
+  EXPECT_THAT(workspace.images[1].landmark_indices, ElementsAre(0, 1));
+  EXPECT_THAT(workspace.images[2].landmark_indices, ElementsAre(0, 2));
+  EXPECT_EQ(workspace.landmarks_in_world[1], Eigen::Vector3d(0.5, 0.1, 4));
+}
+
+TEST_F(ReconstructColmapTest, NamesThatItCannotHoldAreRefusedBeforeTheFirstPass) {
+  WriteAsColmap({"0.png", "one, two.png", "2.png", "3.png"}, {});
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { Run(); }), HasSubstr("\"one, two.png\""));
+  EXPECT_TRUE(fake_.calls.empty());
+  EXPECT_FALSE(std::filesystem::exists(output()));
+  options_.images = "0,2,3";
+  EXPECT_NO_THROW(Run());
+  EXPECT_EQ(Workspace("stereo/fusion.cfg"), "0.png\n2.png\n3.png\n");
+}
+
+TEST_F(ReconstructColmapTest, ImagesWithoutMapAreNoSources) {
+  WriteText("scene/pair.txt", "4\n0\n2 1 1 2 1\n1\n2 0 1 3 1\n2\n2 1 1 0 1\n3\n1 0 1\n");
+  options_.min_source_views = 2;
+  Run();
+  EXPECT_EQ(Workspace("stereo/fusion.cfg"), "00000000.png\n00000001.png\n00000002.png\n");
+  EXPECT_THAT(Workspace("stereo/patch-match.cfg"), HasSubstr("00000001.png\n00000000.png\n"));
+  EXPECT_THAT(Workspace("sparse/images.txt"), Not(HasSubstr("00000003.png")));
+  EXPECT_FALSE(Has("images/00000003.png"));
+}
+
+TEST_F(ReconstructColmapTest, OverwriteRemovesTheWorkspace) {
+  Run();
+  options_.colmap = false;
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { Run(); }), HasSubstr("colmap was yes and is no"));
+  options_.overwrite = true;
+  Run();
+  EXPECT_FALSE(Has("."));
+}
+
+}  // namespace
+}  // namespace acmp

@@ -1,0 +1,339 @@
+// Runs on several devices: the same files, and which views are fused when and where.
+
+#include <gmock/gmock.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <filesystem>
+#include <map>
+#include <mutex>
+#include <set>
+#include <thread>
+
+#include "acmp_mapping/dataset/map_io.h"
+#include "devices.h"
+#include "reconstruction/fake_gpu.h"
+#include "reconstruction/run_fixture.h"
+
+namespace acmp {
+namespace {
+
+/// Only a deadlock takes so long.
+constexpr std::chrono::seconds kHang{60};
+
+/// Which images are fused at the moment and in which order they were.
+class Fusions {
+ public:
+  void Begin(int image) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    running_.insert(image);
+    for (int other : running_) together_.insert({std::min(image, other), std::max(image, other)});
+  }
+  void End(int image) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    running_.erase(image);
+    order_.push_back(image);
+    changed_.notify_all();
+  }
+  /// False if the image is not fused before long.
+  bool WaitFor(int image) {
+    std::unique_lock<std::mutex> lock(mutex_);
+    return changed_.wait_for(lock, kHang, [&] { return std::count(order_.begin(), order_.end(), image) > 0; });
+  }
+  const std::vector<int>& order() const { return order_; }
+  bool WereTogether(int a, int b) const { return together_.count({std::min(a, b), std::max(a, b)}) > 0; }
+  size_t PlaceOf(int image) const {
+    return static_cast<size_t>(std::find(order_.begin(), order_.end(), image) - order_.begin());
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::set<int> running_;
+  std::set<std::pair<int, int>> together_;
+  std::vector<int> order_;
+};
+
+using Sources = std::vector<std::vector<int>>;
+
+/// The three images before and after each.
+Sources Sequence(int images) {
+  Sources sources(static_cast<size_t>(images));
+  for (int i = 0; i < images; ++i) {
+    for (int step : {1, -1, 2, -2, 3, -3}) {
+      if (i + step >= 0 && i + step < images) sources[static_cast<size_t>(i)].push_back(i + step);
+    }
+  }
+  return sources;
+}
+
+/// Groups of three images that see each other.
+Sources Groups(int images) {
+  Sources sources(static_cast<size_t>(images));
+  for (int i = 0; i < images; ++i) {
+    for (int other = i / 3 * 3; other < i / 3 * 3 + 3; ++other) {
+      if (other != i) sources[static_cast<size_t>(i)].push_back(other);
+    }
+  }
+  return sources;
+}
+
+bool HaveCommonFrame(const Sources& sources, int a, int b) {
+  std::set<int> frames(sources[static_cast<size_t>(a)].begin(), sources[static_cast<size_t>(a)].end());
+  frames.insert(a);
+  const std::vector<int>& others = sources[static_cast<size_t>(b)];
+  return frames.count(b) > 0 || std::any_of(others.begin(), others.end(), [&](int i) { return frames.count(i) > 0; });
+}
+
+class ReconstructDevicesTest : public ReconstructRunFixture {
+ protected:
+  static constexpr int kTwelve = 12;
+
+  void WriteTwelve(const Sources& sources) {
+    WriteScene(kTwelve, kWidth, kHeight);
+    std::string pairs = std::to_string(sources.size()) + "\n";
+    for (size_t i = 0; i < sources.size(); ++i) {
+      pairs += std::to_string(i) + "\n" + std::to_string(sources[i].size());
+      for (int source : sources[i]) pairs += " " + std::to_string(source) + " 1";
+      pairs += "\n";
+    }
+    WriteText("scene/pair.txt", pairs);
+    options_.quiet = true;
+  }
+
+  void RunOnCpu(const std::string& name) {
+    FakePatchMatch fake;
+    options_.output = output(name);
+    Run(&fake);
+  }
+
+  void RunOnFakeGpus(const std::string& name, int devices, int jobs = 2) {
+    options_.output = output(name);
+    const auto make = [&] {
+      std::vector<ReconstructDevice> made(static_cast<size_t>(devices));
+      for (int device = 0; device < devices; ++device) {
+        for (int job = 0; job < jobs; ++job) {
+          made[static_cast<size_t>(device)].engines.push_back(std::make_unique<FakeGpu>(device, &gpus_));
+        }
+      }
+      return made;
+    };
+    Reconstruct(options_, make, &watcher_, &out_, &log_, false);
+  }
+
+  FakeGpuBehaviour gpus_;
+};
+
+TEST_F(ReconstructDevicesTest, AnyNumberOfDevicesGivesTheSameFiles) {
+  for (const Sources& sources : {Sequence(kTwelve), Groups(kTwelve)}) {
+    WriteTwelve(sources);
+    options_.overwrite = true;
+    RunOnCpu("cpu");
+    ASSERT_GT(ReadPly(output("cpu") / "fused.ply").size(), 500u);
+    for (int devices : {1, 2, 3}) {
+      for (const double memory_limit_gb : {4.0, 0.0}) {
+        options_.memory_limit_gb = memory_limit_gb;
+        RunOnFakeGpus("gpu", devices);
+        ExpectSameContents(output("cpu"), output("gpu"));
+      }
+      options_.memory_limit_gb = 4;
+    }
+  }
+}
+
+TEST(DeviceOfPlaceTest, StretchesOfNeighboursGoToOneDeviceAfterTheOther) {
+  for (const size_t devices : {1, 2, 3, 4, 8}) {
+    for (size_t images = 1; images < 200; ++images) {
+      std::vector<size_t> of_device(devices);
+      size_t length = 0, rounds = 1;
+      for (size_t place = 0; place < images; ++place) {
+        const int device = DeviceOfPlace(place, images, devices);
+        ASSERT_TRUE(device >= 0 && device < static_cast<int>(devices));
+        ++of_device[static_cast<size_t>(device)];
+        const int before = place == 0 ? 0 : DeviceOfPlace(place - 1, images, devices);
+        length = device == before ? length + 1 : 1;
+        rounds += device < before ? 1 : 0;
+        ASSERT_TRUE(device == before || device == (before + 1) % static_cast<int>(devices));
+        if (devices > 1) {
+          ASSERT_LE(length, 16u) << place << " of " << images;
+        }
+      }
+      // A stretch is at most one image longer than another.
+      const auto [least, most] = std::minmax_element(of_device.begin(), of_device.end());
+      EXPECT_LE(*most - *least, rounds) << images << " on " << devices;
+      EXPECT_LE(rounds, (images + 16 * devices - 1) / (16 * devices));
+    }
+  }
+}
+
+TEST_F(ReconstructDevicesTest, EachImageIsFusedWhereItsMapsAre) {
+  WriteTwelve(Sequence(kTwelve));
+  std::mutex mutex;
+  std::map<int, std::pair<int, int>> seen;  // by image: device, rank
+  gpus_.before = [&](int device, int image, int rank) {
+    const std::lock_guard<std::mutex> lock(mutex);
+    seen[image] = {device, rank};
+  };
+  RunOnFakeGpus("gpu", 2);
+  ASSERT_EQ(seen.size(), size_t{kTwelve});
+  for (const auto& [image, place] : seen) EXPECT_EQ(place, std::pair(image / 6, image));
+}
+
+TEST_F(ReconstructDevicesTest, ViewsWithoutACommonFrameDoNotWaitForEachOther) {
+  WriteTwelve(Groups(kTwelve));
+  RunOnCpu("cpu");
+  for (const double memory_limit_gb : {4.0, 0.0}) {
+    options_.memory_limit_gb = memory_limit_gb;
+    Fusions fusions;
+    bool waited_in_vain = false;
+    gpus_.before = [&](int, int image, int) {
+      if (image == 0) waited_in_vain = !fusions.WaitFor(kTwelve - 1);
+      fusions.Begin(image);
+    };
+    gpus_.after = [&](int, int image, int) { fusions.End(image); };
+    RunOnFakeGpus(Concat("gpu_", memory_limit_gb), 2);
+    EXPECT_FALSE(waited_in_vain) << "the last image waited for the first";
+    ExpectSameContents(output("cpu"), options_.output);
+  }
+}
+
+TEST_F(ReconstructDevicesTest, ViewsWithACommonFrameAreFusedInOrder) {
+  for (const Sources& sources : {Sequence(kTwelve), Groups(kTwelve)}) {
+    WriteTwelve(sources);
+    options_.overwrite = true;
+    Fusions fusions;
+    gpus_.before = [&](int, int image, int) {
+      fusions.Begin(image);
+      std::this_thread::sleep_for(std::chrono::milliseconds(image % 3));
+    };
+    gpus_.after = [&](int, int image, int) { fusions.End(image); };
+    RunOnFakeGpus("gpu", 3);
+    for (int b = 0; b < kTwelve; ++b) {
+      for (int a = 0; a < b; ++a) {
+        if (!HaveCommonFrame(sources, a, b)) continue;
+        EXPECT_FALSE(fusions.WereTogether(a, b)) << a << ", " << b;
+        EXPECT_LT(fusions.PlaceOf(a), fusions.PlaceOf(b));
+      }
+    }
+  }
+}
+
+TEST_F(ReconstructDevicesTest, AFusionThatFailsEndsTheRunWhichCanGoOn) {
+  WriteTwelve(Sequence(kTwelve));
+  RunOnCpu("cpu");
+  for (const int failing : {0, 5, 6, 11}) {
+    gpus_.before = [&](int, int image, int) {
+      if (image == failing) throw ProcessingError("device lost");
+    };
+    const std::string name = Concat("failing_", failing);
+    EXPECT_EQ(MessageOf<ProcessingError>([&] { RunOnFakeGpus(name, 2); }), "device lost");
+    EXPECT_FALSE(Has("fused.ply"));
+    gpus_.before = [](int, int, int) {};
+    RunOnFakeGpus(name, 2);
+    ExpectSameContents(output("cpu"), options_.output);
+  }
+}
+
+TEST_F(ReconstructDevicesTest, InterruptedWhileFusingTheRunCanGoOn) {
+  WriteTwelve(Groups(kTwelve));
+  RunOnCpu("cpu");
+  options_.memory_limit_gb = 0;  // points of the second device are in files when the run ends
+  gpus_.before = [&](int device, int image, int) {
+    if (device == 0 && image == 3) watcher_.Request();
+  };
+  EXPECT_THROW(RunOnFakeGpus("gpu", 2), Interrupted);
+  EXPECT_FALSE(Has("fused.ply"));
+  InterruptWatcher watcher;
+  options_.output = output("gpu");
+  FakePatchMatch fake;
+  Run(&fake, &watcher);
+  ExpectSameContents(output("cpu"), output("gpu"));
+}
+
+class DeviceMemoryTest : public ReconstructDevicesTest {
+ protected:
+  /// A run on one GPU with so much free memory. Returns how many estimates were in work files at most when a view was
+  /// fused.
+  size_t EstimatesInFiles(const std::string& name, size_t free_bytes) {
+    gpus_.free_bytes = free_bytes;
+    std::mutex mutex;
+    size_t most = 0;
+    gpus_.before = [&](int, int, int) {
+      const std::lock_guard<std::mutex> lock(mutex);
+      if (Has("work")) most = std::max(most, Contents(output(name) / "work").size());
+    };
+    RunOnFakeGpus(name, 1);
+    return most;
+  }
+};
+
+TEST_F(DeviceMemoryTest, WhatDoesNotFitIntoMemoryIsInFiles) {
+  WriteTwelve(Sequence(kTwelve));
+  RunOnCpu("cpu");
+  EXPECT_EQ(EstimatesInFiles("enough", size_t{1} << 30), 0u);
+  const size_t all = EstimatesInFiles("none", 0);
+  const size_t some = EstimatesInFiles("little", 250 * kWidth * kHeight * sizeof(float));
+  EXPECT_GT(some, 0u);
+  EXPECT_GT(all, some);
+  for (const char* name : {"enough", "none", "little"}) ExpectSameContents(output("cpu"), output(name));
+}
+
+TEST_F(DeviceMemoryTest, EstimatesGoWithTheirLastReader) {
+  // Groups of three images that see each other: while one is matched all that is needed are its own estimates, of two
+  // steps at most and what a step under way has made, and the final ones of views that still wait for their fusion.
+  WriteTwelve(Groups(kTwelve));
+  constexpr size_t kNeeded = 2 * 3 + 2 + kTwelve;
+  size_t most = 0;
+  gpus_.before_pass = [&] { most = std::max(most, gpus_.NumEstimatesAlive()); };
+  RunOnFakeGpus("gpu", 1, 1);
+  EXPECT_LE(most, kNeeded);
+  EXPECT_GT(gpus_.estimates.size(), 2 * kNeeded) << "few were made: the test shows nothing";
+  EXPECT_EQ(gpus_.NumEstimatesAlive(), 0u);
+}
+
+TEST_F(DeviceMemoryTest, ARunThatFailsAnywhereCanGoOn) {
+  WriteTwelve(Sequence(kTwelve));
+  RunOnCpu("cpu");
+  std::atomic<int> passes{0};
+  gpus_.before_pass = [&] { ++passes; };
+  RunOnFakeGpus("gpu", 1);
+  const int all_passes = passes;
+  for (const size_t room : {0, 250, 40000}) {
+    gpus_.free_bytes = room * kWidth * kHeight * sizeof(float);
+    for (int failing = 1; failing < all_passes; failing += 9) {
+      const std::string name = Concat("gpu_", room, "_", failing);
+      passes = 0;
+      gpus_.before_pass = [&] {
+        if (++passes == failing) throw ProcessingError("device lost");
+      };
+      EXPECT_EQ(MessageOf<ProcessingError>([&] { RunOnFakeGpus(name, 1); }), "device lost");
+      const int begun = passes;
+      passes = 0;
+      gpus_.before_pass = [&] { ++passes; };
+      RunOnFakeGpus(name, 1);
+      ExpectSameContents(output("cpu"), output(name));
+      EXPECT_LE(passes, all_passes);
+      // With all in files only what the two threads had begun is made again.
+      if (room == 0) {
+        EXPECT_LE(passes, all_passes - begun + 2) << failing;
+      }
+    }
+  }
+}
+
+TEST_F(ReconstructDevicesTest, OnlineRunsAreFusedWithTheMappersSources) {
+  WriteTwelve(Sequence(kTwelve));
+  options_.schedule = "online";
+  RunOnCpu("cpu");
+  // Refined again, all have ten sources instead of two to ten, and a point takes the pixels of each: 405 points.
+  ASSERT_GT(ReadPly(output("cpu") / "fused.ply").size(), 300u);
+  for (const int devices : {1, 2}) {
+    RunOnFakeGpus(Concat("gpu_", devices), devices);
+    ExpectSameContents(output("cpu"), options_.output);
+  }
+}
+
+}  // namespace
+}  // namespace acmp

@@ -1,0 +1,72 @@
+#include "progress.h"
+
+#include <gmock/gmock.h>
+
+#include <algorithm>
+#include <sstream>
+#include <string>
+
+namespace acmp {
+namespace {
+
+using ::testing::HasSubstr;
+
+TEST(Progress, TimeLeftFollowsTheShareOfTheWorkAndIgnoresReusedSteps) {
+  std::ostringstream stream;
+  Progress progress(&stream, ProgressStyle::kSilent);
+  EXPECT_LT(progress.SecondsLeft(1), 0);
+  progress.Begin("first", 4, 0.4);
+  progress.Step(true);
+  progress.Step(true);
+  EXPECT_LT(progress.SecondsLeft(1), 0) << "reused steps say nothing about the speed";
+  progress.Step();
+  progress.Step();
+  EXPECT_DOUBLE_EQ(progress.done_share(), 0.4);
+  EXPECT_NEAR(progress.SecondsLeft(3), 3.0 / 2 * 6, 1e-9);
+  progress.Begin("second", 2);
+  progress.Step();
+  EXPECT_DOUBLE_EQ(progress.done_share(), 0.7);
+  progress.Step();
+  EXPECT_DOUBLE_EQ(progress.done_share(), 1);
+  EXPECT_EQ(stream.str(), "");
+}
+
+TEST(Progress, LinesOncePerPercent) {
+  std::ostringstream stream;
+  Progress progress(&stream, ProgressStyle::kLines);
+  progress.Begin("many", 1000);
+  for (int i = 0; i < 1000; ++i) progress.Step();
+  const std::string text = stream.str();
+  EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 101);
+  EXPECT_THAT(text, HasSubstr("100 %  many 1000/1000"));
+}
+
+TEST(Progress, BarIsErasedForMessagesAndAtTheEnd) {
+  std::ostringstream stream;
+  {
+    Progress progress(&stream, ProgressStyle::kBar);
+    progress.Begin("stage", 2);
+    progress.Step();
+    progress.Warn("look");
+  }
+  EXPECT_THAT(stream.str(), HasSubstr("[###############...............] 50 %  stage 1/2"));
+  EXPECT_THAT(stream.str(), HasSubstr("\r\033[Kwarning: look\n"));
+}
+
+TEST(Progress, SilentStyleStillWarns) {
+  std::ostringstream stream;
+  Progress progress(&stream, ProgressStyle::kSilent);
+  progress.Note("hello");
+  progress.Warn("look");
+  EXPECT_EQ(stream.str(), "warning: look\n");
+}
+
+TEST(FormatDuration, UsesHoursOnlyWhenNeeded) {
+  EXPECT_EQ(FormatDuration(3.6), "0:04");
+  EXPECT_EQ(FormatDuration(127), "2:07");
+  EXPECT_EQ(FormatDuration(3909), "1:05:09");
+  EXPECT_EQ(FormatDuration(-5), "0:00");
+}
+
+}  // namespace
+}  // namespace acmp

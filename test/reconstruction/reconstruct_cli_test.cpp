@@ -1,0 +1,182 @@
+#include <gmock/gmock.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <cstdlib>
+#include <cstring>
+#include <thread>
+#include <vector>
+
+#include "acmp_mapping/dataset/map_io.h"
+#include "reconstruction/scene_fixture.h"
+
+// The program itself, with the real matcher on the CPU: exit codes, signals, full disks.
+namespace acmp {
+namespace {
+
+using ::testing::AnyOf;
+using ::testing::HasSubstr;
+
+class ReconstructCliTest : public ReconstructFixture {
+ protected:
+  struct Outcome {
+    int exit_code = -1;
+    std::string text;  ///< both streams
+  };
+
+  Outcome RunShell(const std::string& command) const {
+    const auto log = folder() / "log.txt";
+    const int status = std::system(("(" + command + ") > " + log.string() + " 2>&1").c_str());
+    return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, ReadText(log)};
+  }
+  Outcome RunTool(const std::string& arguments) const {
+    return RunShell(std::string(ACMP_RECONSTRUCT) + " " + arguments);
+  }
+  std::string Usual(const std::string& out = "out") const {
+    return scene().string() + " " + output(out).string() + " --device cpu --source-views 3";
+  }
+
+  /// Starts the tool, waits for a file to appear, sends a signal, and returns the exit status.
+  int SignalWhen(const std::filesystem::path& file, int signal) const {
+    const pid_t child = fork();
+    if (child == 0) {
+      const auto log = (folder() / "log.txt").string();
+      if (!std::freopen(log.c_str(), "w", stdout) || dup2(STDOUT_FILENO, STDERR_FILENO) < 0) _exit(99);
+      const std::string scene_name = scene().string();
+      const std::string output_name = output().string();
+      execl(ACMP_RECONSTRUCT, ACMP_RECONSTRUCT, scene_name.c_str(), output_name.c_str(), "--device", "cpu",
+            "--source-views", "3", "--threads", "2", nullptr);
+      _exit(98);
+    }
+    while (!std::filesystem::exists(file) && waitpid(child, nullptr, WNOHANG) == 0) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    }
+    kill(child, signal);
+    int status = 0;
+    waitpid(child, &status, 0);
+    return status;
+  }
+};
+
+TEST_F(ReconstructCliTest, FindsThePlaneWithEitherSchedule) {
+  WriteScene(4, 64, 48);
+  for (const char* schedule : {"offline", "online"}) {
+    const Outcome outcome = RunTool(Usual(schedule) + " --schedule " + schedule);
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.text;
+    EXPECT_THAT(outcome.text, HasSubstr("points in fused.ply"));
+    const DepthMap depth = ReadDepth(output(schedule) / "depth/000001.png");
+    int close = 0;
+    for (float z : depth) close += std::abs(z - kPlaneDepth) < 0.02 * kPlaneDepth;
+    // Border pixels that no neighbour sees cannot be matched: a step shifts the view by 1/16 of the width.
+    EXPECT_GT(close, 0.85 * depth.size()) << schedule;
+    EXPECT_GT(ReadPly(output(schedule) / "fused.ply").size(), 64u * 48u / 2) << schedule;
+  }
+}
+
+TEST_F(ReconstructCliTest, ColmapMapsLeaveOutWhatWasGuessed) {
+  WriteScene(4, 64, 48);
+  ASSERT_EQ(RunTool(Usual() + " --colmap").exit_code, 0);
+  const DepthMap depth = ReadPfm(output() / "depth/000000.pfm");
+  const CostMap cost = ReadPfm(output() / "cost/000000.pfm");
+  const std::string content = ReadText(output() / "colmap/stereo/depth_maps/00000000.png.geometric.bin");
+  ASSERT_EQ(content.size(), 8 + depth.size() * sizeof(float));  // "64&48&1&"
+  int guessed = 0;
+  for (size_t i = 0; i < depth.size(); ++i) {
+    float written = 0;
+    std::memcpy(&written, &content[8 + i * sizeof(float)], sizeof(written));
+    guessed += cost.data()[i] >= 2 && depth.data()[i] > 0;
+    ASSERT_EQ(written, cost.data()[i] < 2 ? depth.data()[i] : 0);
+  }
+  EXPECT_GT(guessed, 0) << "nothing was guessed: the test shows nothing";
+  EXPECT_LT(guessed, 0.2 * depth.size());
+}
+
+TEST_F(ReconstructCliTest, ExitCodesOfWrongUse) {
+  EXPECT_EQ(RunTool("--help").exit_code, 0);
+  EXPECT_THAT(RunTool("--help").text, HasSubstr("SCENE is a folder of images with known camera poses"));
+  EXPECT_EQ(RunTool("--version").exit_code, 0);
+  EXPECT_EQ(RunTool("").exit_code, 2);
+  EXPECT_EQ(RunTool(folder().string()).exit_code, 2);
+  const Outcome missing = RunTool((folder() / "nowhere").string() + " " + output().string() + " --device cpu");
+  EXPECT_EQ(missing.exit_code, 2);
+  EXPECT_THAT(missing.text, HasSubstr("nowhere"));
+  WriteScene(3, 24, 18);
+  for (const char* bad : {"--preset best", "--device tpu", "--schedule later", "--format obj", "--source-views 0",
+                          "--source-views many", "--max-image-size -5", "--maps color", "--maps none,depth",
+                          "--depth-min 5 --depth-max 1", "--depth-max inf", "--images 9", "--no-such-option"}) {
+    const Outcome outcome = RunTool(Usual() + " " + bad);
+    EXPECT_EQ(outcome.exit_code, 2) << bad << ": " << outcome.text;
+    EXPECT_NE(outcome.text, "") << bad;
+  }
+  EXPECT_FALSE(std::filesystem::exists(output()));
+}
+
+TEST_F(ReconstructCliTest, UnwritableOutputFails) {
+  WriteScene(3, 24, 18);
+  const Outcome outcome = RunTool(scene().string() + " " + Unwritable("out").string() + " --device cpu");
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_THAT(outcome.text, HasSubstr("Not a directory"));
+}
+
+TEST_F(ReconstructCliTest, MissingGpuIsNamed) {
+  WriteScene(3, 24, 18);
+  const Outcome outcome = RunTool(scene().string() + " " + output().string() + " --device cuda --cuda-index 1000");
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_THAT(outcome.text, HasSubstr("device = cuda"));
+}
+
+TEST_F(ReconstructCliTest, FullDiskFailsAndTheRunCanGoOn) {
+  WriteScene(4, 64, 48);
+  ASSERT_EQ(RunTool(Usual("whole")).exit_code, 0);
+  for (const int blocks :
+       {20, 60, 150}) {  // of 1024 bytes per file: work files (60 KiB), maps and the cloud differ in size
+    std::filesystem::remove_all(output());
+    const Outcome outcome = RunShell("ulimit -f " + std::to_string(blocks) + "; " + ACMP_RECONSTRUCT + " " + Usual());
+    if (outcome.exit_code == 0) {
+      EXPECT_GT(blocks, 60) << "nothing was larger than the limit";
+      continue;
+    }
+    EXPECT_EQ(outcome.exit_code, 1) << outcome.text;
+    EXPECT_THAT(outcome.text, AnyOf(HasSubstr("File too large"), HasSubstr("No space left")));
+    EXPECT_EQ(RunTool(Usual()).exit_code, 0);
+    ExpectSameContents(output("whole"), output());
+  }
+}
+
+TEST_F(ReconstructCliTest, CtrlCStopsCleanlyAndTheRunGoesOn) {
+  WriteScene(5, 64, 48);
+  ASSERT_EQ(RunTool(Usual("whole")).exit_code, 0);
+  const int status = SignalWhen(output() / "work/step_0/000001.bin", SIGINT);
+  ASSERT_TRUE(WIFEXITED(status)) << "the signal must be handled";
+  if (WEXITSTATUS(status) == 0) GTEST_SKIP() << "the run ended before the signal came";
+  EXPECT_EQ(WEXITSTATUS(status), 1);
+  EXPECT_THAT(ReadText(folder() / "log.txt"), HasSubstr("interrupted; the same command goes on from here"));
+  const Outcome second = RunTool(Usual());
+  EXPECT_EQ(second.exit_code, 0);
+  EXPECT_THAT(second.text, HasSubstr("going on with an interrupted run"));
+  ExpectSameContents(output("whole"), output());
+}
+
+TEST_F(ReconstructCliTest, KilledRunGoesOn) {
+  WriteScene(5, 64, 48);
+  ASSERT_EQ(RunTool(Usual("whole")).exit_code, 0);
+  for (const char* file : {"work/step_0/000001.bin", "work/step_1/000002.bin", "work/final/000002.bin"}) {
+    std::filesystem::remove_all(output());
+    SignalWhen(output() / file, SIGKILL);
+    const Outcome second = RunTool(Usual());
+    EXPECT_EQ(second.exit_code, 0) << second.text;
+    ExpectSameContents(output("whole"), output());
+  }
+}
+
+TEST_F(ReconstructCliTest, ThreadsDoNotChangeTheResult) {
+  WriteScene(3, 32, 24);
+  ASSERT_EQ(RunTool(Usual("one") + " --threads 1").exit_code, 0);
+  ASSERT_EQ(RunTool(Usual("three") + " --threads 3").exit_code, 0);
+  ExpectSameContents(output("one"), output("three"));
+}
+
+}  // namespace
+}  // namespace acmp

@@ -1,0 +1,300 @@
+#include "acmp_mapping/reconstruction/reconstruct.h"
+
+#include <gmock/gmock.h>
+
+#include <set>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/map_io.h"
+#include "reconstruction/run_fixture.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+class ReconstructTest : public ReconstructRunFixture {};
+
+TEST_F(ReconstructTest, WritesEveryFileItPromises) {
+  options_.dmb = true;
+  Run(&fake_);
+  for (const char* index : {"000000", "000001", "000002", "000003"}) {
+    const std::string i = index;
+    for (const std::string& name :
+         {"depth/" + i + ".pfm", "depth/" + i + ".png", "depth/" + i + ".dmb", "normal/" + i + ".pfm",
+          "cost/" + i + ".pfm", "confidence/" + i + ".pfm", "pictures/" + i + "_depth.png",
+          "pictures/" + i + "_normal.png", "pictures/" + i + "_cost.png", "pictures/" + i + "_confidence.png"}) {
+      EXPECT_TRUE(Has(name)) << name;
+    }
+  }
+  EXPECT_FALSE(Has("work"));
+  EXPECT_EQ(ReadDepth(output() / "depth/000002.pfm").width(), kWidth);
+  EXPECT_EQ(ReadPfmNormals(output() / "normal/000002.pfm")(3, 3).z, -1.0f);
+  EXPECT_FALSE(ReadPly(output() / "fused.ply").empty());
+  EXPECT_THAT(ReadText(output() / "summary.json"), HasSubstr("\"images_with_map\": 4"));
+}
+
+TEST_F(ReconstructTest, OptionalFilesAreLeftOut) {
+  options_.no_pictures = true;
+  Run(&fake_);
+  EXPECT_FALSE(Has("pictures"));
+  EXPECT_FALSE(Has("depth/000000.dmb"));
+  EXPECT_FALSE(Has("colmap"));
+  EXPECT_TRUE(Has("depth/000000.pfm"));
+}
+
+TEST_F(ReconstructTest, WritesTheMapsAskedFor) {
+  Run(&fake_);
+  const std::string cloud = ReadText(output() / "fused.ply");
+  const std::string depth = ReadText(output() / "depth/000001.pfm");
+
+  options_.output = output("depth_only");
+  options_.maps = {"depth"};
+  Run(&fake_);
+  EXPECT_EQ(ReadText(options_.output / "depth/000001.pfm"), depth);
+  EXPECT_TRUE(Has("depth/000001.png") && Has("pictures/000001_depth.png"));
+  EXPECT_FALSE(Has("normal") || Has("cost") || Has("confidence") || Has("pictures/000001_normal.png"));
+  EXPECT_EQ(ReadText(options_.output / "fused.ply"), cloud);
+
+  options_.output = output("cloud_only");
+  options_.maps = {};
+  Run(&fake_);
+  EXPECT_FALSE(Has("depth") || Has("pictures"));
+  EXPECT_EQ(ReadText(options_.output / "fused.ply"), cloud);
+  EXPECT_TRUE(Has("cameras.txt"));
+  Run(&fake_);
+  EXPECT_THAT(out_.str(), HasSubstr("already complete"));
+}
+
+TEST_F(ReconstructTest, CamerasFileHasTheMapsSizeAndPoses) {
+  options_.max_image_size = 10;
+  Run(&fake_);
+  std::istringstream text(ReadText(output() / "cameras.txt"));
+  std::string line;
+  while (std::getline(text, line) && line[0] == '#') continue;
+  std::getline(text, line);  // image 1
+  std::istringstream fields(line);
+  int index, width, height;
+  std::string name;
+  double fx, fy, cx, cy, qw, qx, qy, qz, tx, ty, tz;
+  fields >> index >> name >> fx >> fy >> cx >> cy >> width >> height >> qw >> qx >> qy >> qz >> tx >> ty >> tz;
+  EXPECT_EQ(index, 1);
+  EXPECT_EQ(name, "00000001.png");
+  EXPECT_EQ(width, 10);
+  EXPECT_EQ(height, 8);  // 7.5 rounded
+  EXPECT_DOUBLE_EQ(fx, kWidth / 2.0);
+  EXPECT_DOUBLE_EQ(cx, (9.5 + 0.5) / 2 - 0.5);
+  EXPECT_DOUBLE_EQ(qw, 1);
+  EXPECT_NEAR(tx, kSpacing, 1e-12);  // the camera's centre
+  EXPECT_EQ(ReadPfm(output() / "depth/000001.pfm").width(), 10);
+}
+
+std::vector<std::string> PassNames(const FakePatchMatch& fake) {
+  std::vector<std::string> names;
+  for (const auto& call : fake.calls) names.push_back(call.pass);
+  return names;
+}
+
+TEST_F(ReconstructTest, PresetsRunThePassesTheyName) {
+  const std::map<std::string, std::multiset<std::string>> expected = {
+      {"acmh", {"photometric", "geometric 0", "geometric 1"}},
+      {"acmp_no_geometric", {"photometric", "prior"}},
+      {"acmp", {"photometric", "prior", "geometric 0", "geometric 1"}}};
+  for (const auto& [preset, passes] : expected) {
+    FakePatchMatch fake;
+    options_.preset = preset;
+    options_.output = output(preset);
+    Run(&fake);
+    const auto names = PassNames(fake);
+    EXPECT_EQ(names.size(), kImages * passes.size()) << preset;
+    for (const std::string& pass : passes) EXPECT_EQ(std::count(names.begin(), names.end(), pass), kImages) << preset;
+  }
+}
+
+TEST_F(ReconstructTest, GeometricPassesReadTheMapsOfTheStageBefore) {
+  options_.set = {"completion=false"};
+  Run(&fake_);
+  std::map<std::string, std::set<uint32_t>> results;  // by pass
+  for (const auto& call : fake_.calls) results[call.pass].insert(call.result_hash);
+  for (const auto& call : fake_.calls) {
+    const std::string previous = call.pass == "geometric 0" ? "prior" : call.pass == "geometric 1" ? "geometric 0" : "";
+    ASSERT_EQ(call.source_hashes.size(), kImages - 1u);
+    for (uint32_t hash : call.source_hashes) {
+      if (previous.empty()) {
+        EXPECT_EQ(hash, 0u) << "photometric passes get no depth";
+      } else {
+        EXPECT_EQ(results[previous].count(hash), 1u) << call.pass << " read a map that is not of the stage before";
+      }
+    }
+  }
+}
+
+TEST_F(ReconstructTest, TheFirstGeometricPassReadsCompletedMaps) {
+  Run(&fake_);
+  std::set<uint32_t> initial, read, first, read_later;
+  for (const auto& call : fake_.calls) {
+    if (call.pass == "prior") initial.insert(call.result_hash);
+    if (call.pass == "geometric 0") first.insert(call.result_hash);
+    if (call.pass == "geometric 0") read.insert(call.source_hashes.begin(), call.source_hashes.end());
+    if (call.pass == "geometric 1") read_later.insert(call.source_hashes.begin(), call.source_hashes.end());
+  }
+  EXPECT_EQ(read.size(), static_cast<size_t>(kImages)) << "one map of each image, the same for all";
+  EXPECT_NE(read, initial) << "what only one image sees is completed";
+  EXPECT_EQ(read_later, first) << "between passes nothing is completed";
+}
+
+TEST_F(ReconstructTest, MemoryLimitDoesNotChangeTheResult) {
+  Run(&fake_);
+  options_.output = output("tight");
+  options_.memory_limit_gb = 0;
+  Run(&fake_);
+  ExpectSameContents(output(), output("tight"));
+}
+
+TEST_F(ReconstructTest, FoldersOfOthersAreNeverTouched) {
+  options_.output = scene();
+  options_.overwrite = true;
+  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("not made by this tool"));
+  EXPECT_TRUE(std::filesystem::exists(scene() / "pair.txt"));
+  EXPECT_TRUE(fake_.calls.empty());
+}
+
+TEST_F(ReconstructTest, TwoRunsAtOnceAreRefused) {
+  std::string message;
+  fake_.on_call = [&](int call) {
+    FakePatchMatch other;
+    if (call == 0) message = ErrorOf(&other);
+  };
+  Run(&fake_);
+  EXPECT_THAT(message, HasSubstr("another run is writing"));
+}
+
+TEST_F(ReconstructTest, UnwritableOutputIsReported) {
+  options_.output = Unwritable("out");
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { Run(&fake_); }), HasSubstr("Not a directory"));
+  EXPECT_TRUE(fake_.calls.empty());
+}
+
+TEST_F(ReconstructTest, DamagedImageIsFoundBeforeTheFirstPass) {
+  const auto image = scene() / "images/00000003.png";
+  std::filesystem::resize_file(image, std::filesystem::file_size(image) / 2);
+  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("00000003.png"));
+  EXPECT_TRUE(fake_.calls.empty());
+  EXPECT_FALSE(std::filesystem::exists(output()));
+}
+
+TEST_F(ReconstructTest, ImagesWithoutSourceViewsAreNamedAndLeftOut) {
+  // Image 3 names no sources; without landmarks a grid at the middle depth decides, and it looks the other way.
+  WriteText("scene/pair.txt", "4\n0\n2 1 1 2 1\n1\n2 0 1 2 1\n2\n2 1 1 0 1\n3\n0\n");
+  std::string camera = ReadText(scene() / "cams/00000003_cam.txt");
+  camera.replace(camera.find("1 0 0 "), 6, "-1 0 0 ");
+  camera.replace(camera.find("0 0 1 0"), 7, "0 0 -1 0");
+  WriteText("scene/cams/00000003_cam.txt", camera);
+  Run(&fake_);
+  EXPECT_THAT(log_.str(), HasSubstr("no map for image 00000003.png: 0 useful source views"));
+  EXPECT_FALSE(Has("depth/000003.pfm"));
+  EXPECT_TRUE(Has("depth/000002.pfm"));
+  EXPECT_THAT(ReadText(output() / "summary.json"), HasSubstr("\"name\": \"00000003.png\""));
+  options_.output = output("strict");
+  options_.min_source_views = 3;
+  EXPECT_THAT(ErrorOf(&fake_), AllOf(HasSubstr("none of the 4 images"), HasSubstr("must be at least 3")));
+}
+
+TEST_F(ReconstructTest, SourceWithoutBaselineIsLeftOutWithAWarning) {
+  WriteText("scene/cams/00000001_cam.txt", ReadText(scene() / "cams/00000000_cam.txt"));
+  Run(&fake_);
+  EXPECT_THAT(log_.str(), HasSubstr("image 00000000.png: source view 00000001.png is left out"));
+  EXPECT_TRUE(Has("depth/000000.pfm"));
+}
+
+TEST_F(ReconstructTest, SourceViewsAreLimitedInTheDatasetsOrder) {
+  options_.source_views = 2;
+  Run(&fake_);
+  for (const auto& call : fake_.calls) EXPECT_EQ(call.source_hashes.size(), 2u);
+}
+
+TEST_F(ReconstructTest, SubsetKeepsTheScenesIndices) {
+  options_.images = "1-2";
+  Run(&fake_);
+  EXPECT_TRUE(Has("depth/000001.pfm"));
+  EXPECT_FALSE(Has("depth/000000.pfm"));
+  for (const auto& call : fake_.calls) EXPECT_EQ(call.source_hashes.size(), 1u);
+  options_.images = "1-4";
+  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("\"1-4\""));
+}
+
+TEST_F(ReconstructTest, DepthRangeMustComeFromSomewhere) {
+  for (int i = 0; i < kImages; ++i) {
+    const std::string name = "scene/cams/0000000" + std::to_string(i) + "_cam.txt";
+    std::string camera = ReadText(folder() / name);
+    WriteText(name, camera.replace(camera.find("3 0.05 41 5"), 11, "3 0.05"));
+  }
+  EXPECT_THAT(ErrorOf(&fake_), AllOf(HasSubstr("no depth range"), HasSubstr("--depth-min")));
+  options_.depth_min = 3;
+  options_.depth_max = 5;
+  Run(&fake_);
+  EXPECT_NEAR(ReadPfm(output() / "depth/000000.pfm")(4, 4), 4.0, 0.01);  // the fake matcher's middle
+  options_.schedule = "online";
+  options_.output = output("online");
+  Run(&fake_);
+  EXPECT_NEAR(ReadPfm(output("online") / "depth/000000.pfm")(4, 4), 4.0, 0.01);
+  options_.depth_min.reset();
+  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("together"));
+  options_.depth_max.reset();
+  options_.output = output("none");
+  EXPECT_THAT(ErrorOf(&fake_), AllOf(HasSubstr("none of the 4 images gets a map"), HasSubstr("--depth-min")));
+}
+
+TEST_F(ReconstructTest, BadOptionsAreNamed) {
+  const auto error = [&](const std::function<void(ReconstructOptions*)>& change) {
+    const ReconstructOptions good = options_;
+    change(&options_);
+    std::string message = ErrorOf(&fake_);
+    options_ = good;
+    return message;
+  };
+  EXPECT_THAT(error([](auto* o) { o->source_views = 33; }), HasSubstr("--source-views = 33"));
+  EXPECT_THAT(error([](auto* o) { o->source_views = 0; }), HasSubstr("--source-views = 0"));
+  EXPECT_THAT(error([](auto* o) { o->max_image_size = -1; }), HasSubstr("--max-image-size = -1"));
+  EXPECT_THAT(error([](auto* o) { o->depth_min = -1; }), HasSubstr("--depth-min = -1"));
+  EXPECT_THAT(error([](auto* o) { o->depth_max = INFINITY; }), HasSubstr("--depth-max = inf"));
+  EXPECT_THAT(error([](auto* o) { o->depth_min = o->depth_max = 2; }), HasSubstr("must be below"));
+  EXPECT_THAT(error([](auto* o) { o->depth_max = 0.5; }), HasSubstr("depth range"));  // below the dataset's near end
+  EXPECT_THAT(error([](auto* o) { o->memory_limit_gb = NAN; }), HasSubstr("--memory-limit-gb = nan"));
+  EXPECT_THAT(error([](auto* o) { o->threads = -1; }), HasSubstr("--threads = -1"));
+  EXPECT_THAT(error([](auto* o) { o->maps = {"normal", "normal"}; }), HasSubstr("normal is given more than once"));
+  EXPECT_THAT(error([](auto* o) { o->maps = {"depth", "none"}; }), HasSubstr("none stands alone"));
+  EXPECT_THAT(error([](auto* o) { o->maps = {"normal"}, o->dmb = true; }), HasSubstr("--dmb: needs depth"));
+  EXPECT_THAT(error([](auto* o) { o->preset = "best"; }), HasSubstr("\"best\""));
+  EXPECT_THAT(error([](auto* o) { o->set = {"sharpening=11"}; }), HasSubstr("sharpening = 11"));
+  EXPECT_THAT(error([](auto* o) { o->schedule = "online", o->window_size = 1; }), HasSubstr("window_size"));
+  EXPECT_TRUE(fake_.calls.empty());
+}
+
+TEST_F(ReconstructTest, QuietRunsPrintNothing) {
+  options_.quiet = true;
+  Run(&fake_);
+  EXPECT_EQ(out_.str() + log_.str(), "");
+}
+
+TEST_F(ReconstructTest, TimingsAreListedPerStage) {
+  options_.timings = true;
+  Run(&fake_);
+  for (const char* stage : {"photometric", "prior construction", "planar prior", "geometric", "fusion", "kernels"}) {
+    EXPECT_THAT(out_.str(), HasSubstr(stage));
+  }
+}
+
+TEST_F(ReconstructTest, ProgressReachesTheEnd) {
+  for (const char* schedule : {"offline", "online"}) {
+    options_.schedule = schedule;
+    options_.output = output(schedule);
+    Run(&fake_);
+    EXPECT_THAT(log_.str(), HasSubstr("100 %")) << schedule;
+    EXPECT_THAT(log_.str(), Not(HasSubstr("\033"))) << "no control characters outside a terminal";
+  }
+}
+
+}  // namespace
+}  // namespace acmp

@@ -1,0 +1,159 @@
+// Runs that were interrupted, failed or were changed go on, or are refused.
+
+#include <gmock/gmock.h>
+
+#include <filesystem>
+#include <string>
+
+#include "reconstruction/run_fixture.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::HasSubstr;
+
+class ResumeTest : public ReconstructRunFixture {
+ protected:
+  ResumeTest() {
+    options_.colmap = true;
+    options_.source_views = 3;
+  }
+  int PassesOfWholeRun() {
+    FakePatchMatch fake;
+    options_.output = output("whole");
+    Run(&fake);
+    options_.output = output();
+    return static_cast<int>(fake.calls.size());
+  }
+};
+
+TEST_F(ResumeTest, InterruptedAnywhereEndsWithTheSameBytes) {
+  const int passes = PassesOfWholeRun();
+  ASSERT_GE(passes, 4 * kImages - 4);
+  for (int stop = 0; stop < passes; ++stop) {
+    std::filesystem::remove_all(output());
+    FakePatchMatch first;
+    InterruptWatcher watcher;
+    first.on_call = [&](int call) {
+      if (call == stop) watcher.Request();
+    };
+    EXPECT_THROW(Run(&first, &watcher), Interrupted);
+    EXPECT_FALSE(Has("summary.json"));
+    FakePatchMatch second;
+    Run(&second);
+    EXPECT_THAT(log_.str(), HasSubstr("going on with an interrupted run"));
+    ExpectSameContents(output("whole"), output());
+    constexpr int kMostRepeated = 2;  // the passes of an image's initial estimate are one step
+    EXPECT_LE(static_cast<int>(first.calls.size() + second.calls.size()), passes + kMostRepeated)
+        << "stopped at " << stop;
+  }
+}
+
+TEST_F(ResumeTest, FailureOfTheDeviceStopsTheRunAndCanBeResumed) {
+  const int passes = PassesOfWholeRun();
+  for (int stop : {0, 3, passes - 1}) {
+    std::filesystem::remove_all(output());
+    FakePatchMatch first;
+    first.on_call = [&](int call) {
+      if (call == stop) throw ProcessingError("device lost");
+    };
+    EXPECT_EQ(MessageOf<ProcessingError>([&] { Run(&first); }), "device lost");
+    FakePatchMatch second;
+    Run(&second);
+    ExpectSameContents(output("whole"), output());
+  }
+}
+
+TEST_F(ResumeTest, FilesThatAreMissingAreMadeAgain) {
+  PassesOfWholeRun();
+  options_.keep_work = true;
+  Run(&fake_);
+  for (const char* name : {"summary.json", "depth/000001.png", "pictures/000002_cost.png", "fused.ply",
+                           "colmap/images/00000000.png", "colmap/stereo/depth_maps/00000003.png.geometric.bin",
+                           "colmap/sparse/points3D.txt", "colmap/stereo/fusion.cfg"}) {
+    std::filesystem::remove(output() / name);
+  }
+  options_.keep_work = false;
+  FakePatchMatch second;
+  Run(&second);
+  EXPECT_TRUE(second.calls.empty()) << "the passes were there";
+  ExpectSameContents(output("whole"), output());
+}
+
+TEST_F(ResumeTest, CompleteRunIsNotRepeated) {
+  Run(&fake_);
+  FakePatchMatch second;
+  Run(&second);
+  EXPECT_TRUE(second.calls.empty());
+  EXPECT_THAT(out_.str(), HasSubstr("already complete"));
+}
+
+TEST_F(ResumeTest, OtherSettingsAreRefusedUntilOverwrite) {
+  Run(&fake_);
+  options_.seed = 7;
+  EXPECT_THAT(ErrorOf(&fake_), AllOf(HasSubstr("seed was 1 and is 7"), HasSubstr("--overwrite")));
+  options_.overwrite = true;
+  FakePatchMatch again;
+  Run(&again);
+  EXPECT_FALSE(again.calls.empty());
+  options_.overwrite = false;
+  options_.output = output("fresh");
+  Run(&fake_);
+  ExpectSameContents(output(), output("fresh"));
+}
+
+TEST_F(ResumeTest, ChangedImageIsRefused) {
+  Run(&fake_);
+  std::filesystem::copy_file(scene() / "images/00000000.png", scene() / "images/00000001.png",
+                             std::filesystem::copy_options::overwrite_existing);
+  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("input (hash of images"));
+}
+
+TEST_F(ResumeTest, WorkFilesCutByAPowerFailureAreMadeAgain) {
+  PassesOfWholeRun();
+  options_.keep_work = true;
+  Run(&fake_);
+  std::filesystem::remove(output() / "summary.json");
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(output() / "work")) {
+    if (!entry.is_regular_file()) continue;
+    std::filesystem::resize_file(entry.path(), entry.path().filename() == "000001.bin" ? 0 : entry.file_size() - 1);
+  }
+  options_.keep_work = false;
+  FakePatchMatch second;
+  Run(&second);
+  EXPECT_EQ(second.calls.size(), fake_.calls.size());
+  ExpectSameContents(output("whole"), output());
+}
+
+TEST_F(ResumeTest, AnInterruptedOnlineRunStartsAnew) {
+  options_.schedule = "online";
+  options_.window_size = 4;
+  options_.lookahead = 1;
+  const int passes = PassesOfWholeRun();
+  for (int stop : {0, 3, passes - 1}) {
+    for (const bool fails : {false, true}) {
+      std::filesystem::remove_all(output());
+      FakePatchMatch first;
+      InterruptWatcher watcher;
+      first.on_call = [&](int call) {
+        if (call != stop) return;
+        if (fails) throw ProcessingError("device lost");
+        watcher.Request();
+      };
+      if (fails) {
+        EXPECT_THAT(MessageOf<ProcessingError>([&] { Run(&first); }), HasSubstr("device lost"));
+      } else {
+        EXPECT_THROW(Run(&first, &watcher), Interrupted);
+      }
+      EXPECT_FALSE(Has("summary.json"));
+      FakePatchMatch second;
+      Run(&second);
+      EXPECT_THAT(log_.str(), HasSubstr("an interrupted run with --schedule online starts anew"));
+      EXPECT_EQ(static_cast<int>(second.calls.size()), passes);
+      ExpectSameContents(output("whole"), output());
+    }
+  }
+}
+
+}  // namespace
+}  // namespace acmp

@@ -1,0 +1,53 @@
+#pragma once
+
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/engine/host_depth_engine.h"
+#include "acmp_mapping/reconstruction/reconstruct.h"
+#include "reconstruction/fake_matcher.h"
+#include "reconstruction/scene_fixture.h"
+
+namespace acmp {
+
+/// Runs of the tool on four images of 20 x 15 px with a stand-in for the matcher.
+class ReconstructRunFixture : public ReconstructFixture {
+ protected:
+  static constexpr int kImages = 4;
+  static constexpr int kWidth = 20;
+  static constexpr int kHeight = 15;
+
+  ReconstructRunFixture() {
+    WriteScene(kImages, kWidth, kHeight);
+    options_.scene = scene();
+    options_.output = output();
+    options_.device = "cpu";
+  }
+
+  void Run(FakePatchMatch* matcher) { Run(matcher, &watcher_); }
+  void Run(FakePatchMatch* matcher, InterruptWatcher* watcher) {
+    log_.str("");
+    out_.str("");
+    const auto make_devices = [&] {
+      std::vector<ReconstructDevice> devices(1);
+      devices[0].engines.push_back(std::make_unique<HostDepthEngine>(matcher));
+      devices[0].on_host = true;
+      return devices;
+    };
+    Reconstruct(options_, make_devices, watcher, &out_, &log_, false);
+  }
+  std::string ErrorOf(FakePatchMatch* matcher) {
+    return MessageOf<InvalidInputError>([&] { Run(matcher); });
+  }
+  bool Has(const std::string& name) const { return std::filesystem::exists(options_.output / name); }
+
+  ReconstructOptions options_;
+  InterruptWatcher watcher_;
+  std::ostringstream out_;
+  std::ostringstream log_;
+  FakePatchMatch fake_;
+};
+
+}  // namespace acmp

@@ -1,0 +1,348 @@
+#include "task_graph.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <chrono>
+#include <cstdlib>
+#include <fstream>
+#include <future>
+#include <mutex>
+#include <numeric>
+#include <stdexcept>
+#include <string>
+#include <system_error>
+#include <thread>
+
+#include "acmp_mapping/common/error.h"
+#include "support/random_views.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+/// Only a deadlock takes so long.
+constexpr std::chrono::seconds kHang{60};
+
+std::string FailureOf(TaskGraph* graph, const std::vector<int>& threads, const InterruptWatcher& interrupt) {
+  try {
+    graph->Run(threads, interrupt);
+  } catch (const std::exception& error) {
+    return error.what();
+  } catch (const Interrupted&) {
+    return "interrupted";
+  }
+  return "";
+}
+
+/// Notes who ran, in order.
+class Journal {
+ public:
+  std::function<void(int)> Writer(int number) {
+    return [this, number](int) { Note(number); };
+  }
+  void Note(int number) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    numbers_.push_back(number);
+  }
+  std::vector<int> numbers() const {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return numbers_;
+  }
+
+ private:
+  mutable std::mutex mutex_;
+  std::vector<int> numbers_;
+};
+
+class TaskGraphTest : public ::testing::Test {
+ protected:
+  InterruptWatcher interrupt_;
+  Journal journal_;
+  TaskGraph graph_;
+};
+
+TEST_F(TaskGraphTest, WithoutThreadsTheCallerDoesAllInOrder) {
+  TestRandom random(1);
+  const std::thread::id caller = std::this_thread::get_id();
+  for (int i = 0; i < 100; ++i) {
+    std::vector<int> after;
+    for (int k = random.Below(4); k > 0 && i > 0; --k) after.push_back(random.Below(i));
+    const int number = graph_.Add(random.Below(5), after, [this, caller, i](int thread) {
+      EXPECT_EQ(std::this_thread::get_id(), caller);
+      EXPECT_EQ(thread, 0);
+      journal_.Note(i);
+    });
+    EXPECT_EQ(number, i);
+  }
+  graph_.Run({}, interrupt_);
+  std::vector<int> all(100);
+  std::iota(all.begin(), all.end(), 0);
+  EXPECT_EQ(journal_.numbers(), all);
+}
+
+/// A graph whose tasks check that what they wait for is done, that a thread does one at a time, and that it is of their
+/// pool.
+class CheckedGraph {
+ public:
+  CheckedGraph(uint32_t seed, TaskGraph* graph) {
+    TestRandom random(seed);
+    threads.resize(1 + static_cast<size_t>(random.Below(kMost)));
+    for (int& count : threads) count = 1 + random.Below(kMost);
+    busy_ = std::vector<std::atomic<bool>>(kMost * threads.size());
+    const int size = 1 + random.Below(80);
+    runs = std::vector<std::atomic<int>>(static_cast<size_t>(size));
+    const double most = random(0, 6);
+    for (int i = 0; i < size; ++i) {
+      std::vector<int> after;
+      for (int k = static_cast<int>(random(0, most)); k > 0 && i > 0; --k) after.push_back(random.Below(i));
+      const int pool = random.Below(static_cast<int>(threads.size()));
+      const int spin = random.Below(3) == 0 ? 2000 : 0;
+      const bool urgent = random.Below(4) == 0;
+      graph->Add(
+          pool, after, [=](int thread) { Do(i, pool, thread, after, spin); }, urgent);
+    }
+  }
+
+  std::vector<int> threads;
+  std::vector<std::atomic<int>> runs;  ///< of each task
+  std::atomic<int> errors{0};
+
+ private:
+  static constexpr int kMost = 4;  ///< pools, and threads of a pool
+
+  void Do(int number, int pool, int thread, const std::vector<int>& after, int spin) {
+    if (thread < 0 || thread >= threads[static_cast<size_t>(pool)]) {
+      ++errors;
+      return;
+    }
+    std::atomic<bool>& busy = busy_[kMost * static_cast<size_t>(pool) + static_cast<size_t>(thread)];
+    if (busy.exchange(true)) ++errors;
+    for (const int other : after) errors += runs[static_cast<size_t>(other)] == 1 ? 0 : 1;
+    for (int i = 0; i < spin; ++i) std::atomic_signal_fence(std::memory_order_seq_cst);
+    busy = false;
+    ++runs[static_cast<size_t>(number)];
+  }
+
+  std::vector<std::atomic<bool>> busy_;  ///< per pool and thread
+};
+
+TEST_F(TaskGraphTest, RandomGraphsKeepTheirOrderWithAnyThreads) {
+  for (uint32_t seed = 0; seed < 300; ++seed) {
+    TaskGraph graph;
+    CheckedGraph checked(seed, &graph);
+    graph.Run(checked.threads, interrupt_);
+    EXPECT_EQ(checked.errors, 0) << "seed " << seed;
+    for (size_t i = 0; i < checked.runs.size(); ++i) EXPECT_EQ(checked.runs[i], 1) << "seed " << seed << ", task " << i;
+  }
+}
+
+TEST_F(TaskGraphTest, APoolTakesTheSmallestNumberThatIsReady) {
+  // Task 0 ends after task 4, so that task 1, which waits for it, comes last.
+  std::promise<void> last_begun;
+  graph_.Add(1, {}, [&](int) { last_begun.get_future().wait(); });
+  graph_.Add(0, {0}, journal_.Writer(1));
+  graph_.Add(0, {}, journal_.Writer(2));
+  graph_.Add(0, {2}, journal_.Writer(3));
+  graph_.Add(0, {}, [&](int) {
+    journal_.Note(4);
+    last_begun.set_value();
+  });
+  graph_.Run({1, 1}, interrupt_);
+  EXPECT_THAT(journal_.numbers(), ElementsAre(2, 3, 4, 1));
+}
+
+TEST_F(TaskGraphTest, UrgentTasksGoFirst) {
+  for (const std::vector<int>& threads : {std::vector<int>{}, {1}}) {
+    TaskGraph graph;
+    Journal journal;
+    graph.Add(0, {}, journal.Writer(0));
+    graph.Add(0, {}, journal.Writer(1));
+    graph.Add(0, {}, journal.Writer(2), true);
+    graph.Add(0, {1}, journal.Writer(3), true);
+    graph.Add(0, {}, journal.Writer(4));
+    graph.Add(0, {}, journal.Writer(5), true);
+    graph.Run(threads, interrupt_);
+    EXPECT_THAT(journal.numbers(), ElementsAre(2, 5, 0, 1, 3, 4));
+  }
+}
+
+TEST_F(TaskGraphTest, AllThreadsWorkAtTheSameTime) {
+  // Each waits for all others to have begun.
+  constexpr int kTasks = 5;
+  std::atomic<int> begun{0}, late{0};
+  for (int i = 0; i < kTasks; ++i) {
+    graph_.Add(i < 3 ? 0 : 1, {}, [&](int) {
+      ++begun;
+      const auto start = std::chrono::steady_clock::now();
+      while (begun < kTasks) {
+        if (std::chrono::steady_clock::now() - start > kHang) {
+          ++late;
+          return;
+        }
+        std::this_thread::yield();
+      }
+    });
+  }
+  graph_.Run({3, 2}, interrupt_);
+  EXPECT_EQ(late, 0);
+}
+
+TEST_F(TaskGraphTest, ATaskGoesWithWhatItHoldsBeforeOthersThatWaitForIt) {
+  auto object = std::make_shared<int>(5);
+  const std::weak_ptr<int> watched = object;
+  bool alive_within = false, alive_after = true;
+  const int task = graph_.Add(0, {}, [&, object](int) { alive_within = *object == 5; });
+  object.reset();
+  graph_.Add(1, {task}, [&](int) { alive_after = !watched.expired(); });
+  graph_.Run({1, 1}, interrupt_);
+  EXPECT_TRUE(alive_within);
+  EXPECT_FALSE(alive_after);
+}
+
+TEST_F(TaskGraphTest, TasksWaitForEarlierOnesOnly) {
+  graph_.Add(0, {}, journal_.Writer(0));
+  for (const int other : {-1, 1, 2}) {
+    EXPECT_THROW(graph_.Add(0, {0, other}, journal_.Writer(1)), InvalidInputError) << other;
+  }
+}
+
+TEST_F(TaskGraphTest, ATaskOfAPoolWithoutThreadsIsRefused) {
+  // It would wait for ever.
+  graph_.Add(0, {}, journal_.Writer(0));
+  graph_.Add(1, {}, journal_.Writer(1));
+  EXPECT_THAT(FailureOf(&graph_, {1, 0}, interrupt_), HasSubstr("pool = 1"));
+  EXPECT_THAT(FailureOf(&graph_, {1}, interrupt_), HasSubstr("pool of a task = 1"));
+  EXPECT_THAT(FailureOf(&graph_, {1, -1}, interrupt_), HasSubstr("threads of a pool = -1"));
+  EXPECT_THAT(journal_.numbers(), IsEmpty());
+}
+
+TEST_F(TaskGraphTest, WithoutThreadsAFailureEndsTheRun) {
+  graph_.Add(0, {}, journal_.Writer(0));
+  graph_.Add(1, {}, [](int) { throw ProcessingError("first"); });
+  graph_.Add(0, {}, [](int) { throw ProcessingError("second"); });
+  graph_.Add(0, {}, journal_.Writer(3));
+  EXPECT_EQ(FailureOf(&graph_, {}, interrupt_), "first");
+  EXPECT_THAT(journal_.numbers(), ElementsAre(0));
+}
+
+TEST_F(TaskGraphTest, TheFirstFailureIsRethrown) {
+  std::promise<void> second_begun, first_throws;
+  graph_.Add(0, {}, [&](int) {
+    second_begun.get_future().wait();
+    first_throws.set_value();
+    throw InvalidInputError("first");
+  });
+  graph_.Add(1, {}, [&](int) {
+    second_begun.set_value();
+    first_throws.get_future().wait();
+    std::this_thread::sleep_for(std::chrono::milliseconds(300));  // far longer than the other takes to be caught
+    throw ProcessingError("second");
+  });
+  try {
+    graph_.Run({1, 1}, interrupt_);
+    ADD_FAILURE() << "no failure";
+  } catch (const InvalidInputError& error) {
+    EXPECT_STREQ(error.what(), "first");
+  }
+}
+
+TEST_F(TaskGraphTest, AfterAFailureNoTaskIsBegun) {
+  constexpr int kTasks = 20000;
+  std::atomic<int> begun{0};
+  const int failing = graph_.Add(0, {}, [](int) { throw ProcessingError("lost"); });
+  graph_.Add(1, {failing}, journal_.Writer(1));
+  graph_.Add(2, {1}, journal_.Writer(2));
+  for (int i = 0; i < kTasks; ++i) {
+    graph_.Add(3, {}, [&](int) {
+      ++begun;
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    });
+  }
+  EXPECT_EQ(FailureOf(&graph_, {1, 1, 1, 2}, interrupt_), "lost");
+  EXPECT_LT(begun, kTasks);  // all of them would take 10 s
+  EXPECT_THAT(journal_.numbers(), IsEmpty());
+}
+
+TEST_F(TaskGraphTest, AnyTaskOfARandomGraphMayFail) {
+  for (uint32_t seed = 0; seed < 200; ++seed) {
+    TaskGraph graph;
+    CheckedGraph checked(seed, &graph);
+    const int count = static_cast<int>(checked.runs.size());
+    const int fails_after = TestRandom(seed + 1000).Below(count);
+    graph.Add(0, {fails_after}, [](int) { throw ProcessingError("lost"); });
+    EXPECT_EQ(FailureOf(&graph, checked.threads, interrupt_), "lost") << "seed " << seed;
+    EXPECT_EQ(checked.errors, 0) << "seed " << seed;
+    for (const std::atomic<int>& runs : checked.runs) EXPECT_LE(runs, 1) << "seed " << seed;
+    EXPECT_EQ(checked.runs[static_cast<size_t>(fails_after)], 1) << "seed " << seed;
+  }
+}
+
+TEST_F(TaskGraphTest, InterruptionStopsAllThreads) {
+  for (const std::vector<int>& threads : {std::vector<int>{}, {1, 1}, {4, 2}}) {
+    InterruptWatcher interrupt;
+    TaskGraph graph;
+    Journal journal;
+    graph.Add(0, {}, journal.Writer(0));
+    const int last = graph.Add(1, {0}, [&](int) {
+      journal.Note(1);
+      interrupt.Request();
+    });
+    graph.Add(0, {last}, journal.Writer(2));
+    graph.Add(1, {last}, journal.Writer(3));
+    EXPECT_THROW(graph.Run(threads, interrupt), Interrupted);
+    EXPECT_THAT(journal.numbers(), ElementsAre(0, 1));
+  }
+}
+
+TEST_F(TaskGraphTest, AFailureThatComesBeforeTheInterruptionIsTheOneToldOf) {
+  graph_.Add(0, {}, [&](int) {
+    interrupt_.Request();
+    throw ProcessingError("lost");
+  });
+  EXPECT_EQ(FailureOf(&graph_, {1}, interrupt_), "lost");
+}
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr bool kLimitsAddressSpace = false;  // sanitizers reserve more than any limit
+#else
+constexpr bool kLimitsAddressSpace = true;
+#endif
+
+/// Ends the process: 0 if Run throws std::system_error where the address space is enough for some threads only.
+[[noreturn]] void RunWithTooFewThreads() {
+  InterruptWatcher interrupt;
+  TaskGraph graph;
+  // Pool 1 starts last: until then the threads of pool 0 have to wait.
+  graph.Add(1, {}, [](int) {});
+  graph.Add(0, {0}, [](int) {});
+  size_t pages = 0;
+  std::ifstream("/proc/self/statm") >> pages;
+  constexpr rlim_t kRoom = 100 << 20;  // bytes: a dozen stacks of the usual size
+  const rlim_t limit = pages * static_cast<rlim_t>(sysconf(_SC_PAGESIZE)) + kRoom;
+  const rlimit address_space = {limit, limit};
+  if (setrlimit(RLIMIT_AS, &address_space) != 0) std::_Exit(3);
+  try {
+    graph.Run({2000, 1}, interrupt);
+  } catch (const std::system_error&) {
+    std::_Exit(0);
+  } catch (...) {
+    std::_Exit(2);
+  }
+  std::_Exit(1);
+}
+
+TEST(TaskGraphDeathTest, ThreadsThatCannotStartAreAnErrorForTheCaller) {
+  if (!kLimitsAddressSpace) GTEST_SKIP() << "the address space cannot be limited in this build";
+  GTEST_FLAG_SET(death_test_style, "threadsafe");
+  EXPECT_EXIT(RunWithTooFewThreads(), ::testing::ExitedWithCode(0), "");
+}
+
+}  // namespace
+}  // namespace acmp
