@@ -23,7 +23,7 @@ struct Arguments {
   int keyframes = 0;
   int reestimates = DenseMapperOptions().reestimates;
   bool refine_again = DenseMapperOptions().refine_again;
-  std::string preset = "acmp";
+  std::string preset = "balanced";
   std::vector<std::string> set;
   std::string device = "auto";
   int cuda_index = 0;

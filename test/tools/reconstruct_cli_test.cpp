@@ -194,7 +194,7 @@ TEST_F(ReconstructCliTest, OtherOptionsNeedOverwrite) {
   ASSERT_EQ(RunTool(Usual()).exit_code, 0);
   const Outcome other = RunTool(Usual() + " --preset acmh");
   EXPECT_EQ(other.exit_code, 2);
-  EXPECT_THAT(other.text, HasSubstr("preset was acmp and is acmh"));
+  EXPECT_THAT(other.text, HasSubstr("preset was balanced and is acmh"));
   EXPECT_EQ(RunTool(Usual() + " --preset acmh --overwrite").exit_code, 0);
 }
 
