@@ -79,12 +79,6 @@ __global__ void FindEvidentAnchorKernel(const __grid_constant__ CompletionContex
   if (evidence.Contains(col, row)) FindEvidentAnchor(context, evidence, col, row);
 }
 
-__global__ void FindEvidentOrAnchorKernel(const __grid_constant__ CompletionContext context,
-                                          ImageView<const float> evidence) {
-  const int col = Col(), row = Row();
-  if (evidence.Contains(col, row)) FindEvidentOrAnchor(context, evidence, col, row);
-}
-
 __global__ void RefutePixelKernel(const __grid_constant__ CompletionContext context) {
   const int col = Col(), row = Row();
   if (context.planes.Contains(col, row)) RefutePixel(context, col, row);
@@ -112,12 +106,6 @@ void LaunchLook(const DeviceFusionContext& sources, const ImageView<Sightings>& 
   CheckRange("number of source views on a GPU", sources.num_sources, 0, kMaxCudaFusionSources);
   LookKernel<<<GridFor(sightings), dim3(kBlockWidth, kBlockHeight), 0, stream>>>(sources, sightings);
   CudaCheck(cudaGetLastError(), "launch look at the sources");
-}
-
-void LaunchFindEvident(const CompletionContext& context, const ImageView<const float>& evidence, cudaStream_t stream) {
-  FindEvidentOrAnchorKernel<<<GridFor(evidence), dim3(kBlockWidth, kBlockHeight), 0, stream>>>(context, evidence);
-  CudaCheck(cudaGetLastError(), "launch search for what no plane may hide");
-  LaunchFindNearestAnchor(context, stream);
 }
 
 void LaunchCompletion(const CompletionContext& context, cudaStream_t stream) {

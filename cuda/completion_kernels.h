@@ -14,10 +14,6 @@ namespace acmp {
 /// @param sightings of the reference's size
 void LaunchLook(const DeviceFusionContext& sources, const ImageView<Sightings>& sightings, cudaStream_t stream);
 
-/// Queues the search for what no plane may hide.
-/// @param context from MakeEvidentContext, with sightings, anchor_views and places for its anchors
-void LaunchFindEvident(const CompletionContext& context, const ImageView<const float>& evidence, cudaStream_t stream);
-
 /// Queues the rest of CompleteUnconfirmed.
 void LaunchCompletion(const CompletionContext& context, cudaStream_t stream);
 

@@ -1,17 +1,8 @@
 #include "completion_runner.h"
 
 namespace acmp {
-namespace {
-
-ImageView<const float> EvidenceOf(const CompletionContext& evident, const float* evidence) {
-  return {evidence, evident.fitted.width, evident.fitted.height, evident.fitted.width};
-}
-
-}  // namespace
-
 void CompletionRunner::Queue(const FusionSetup<DeviceFusionView>& sources, CompletionContext context,
-                             const ImageView<PlaneHypothesis>& planes, float* cost, const CompletionContext* evident,
-                             const CudaStream& stream) {
+                             const ImageView<PlaneHypothesis>& planes, float* cost, const CudaStream& stream) {
   const int width = planes.width, height = planes.height;
   const int cell_cols = CellsOf(width, context.cell_size), cell_rows = CellsOf(height, context.cell_size);
   const size_t cells = static_cast<size_t>(cell_cols) * cell_rows;
@@ -28,16 +19,6 @@ void CompletionRunner::Queue(const FusionSetup<DeviceFusionView>& sources, Compl
   context.fitted = {cells_.data() + cells, cell_cols, cell_rows, cell_cols};
   context.nearest = {nearest_.data(), cell_cols, cell_rows, cell_cols};
   LaunchLook(sources.Context(sources_.data()), sightings, stream.get());
-  if (evident != nullptr) {
-    CompletionContext search = *evident;
-    search.sightings = sightings;
-    search.anchor_views = context.anchor_views;
-    ReserveEvident(&search);
-    LaunchFindEvident(search, EvidenceOf(search, evidence_.data()), stream.get());
-    context.evident = search.fitted;
-    context.nearest_evident = search.nearest;
-    context.evident_cell_size = search.cell_size;
-  }
   LaunchCompletion(context, stream.get());
 }
 
@@ -66,19 +47,15 @@ float* CompletionRunner::ReserveEvidence(size_t cells) {
   return evidence_.data();
 }
 
-void CompletionRunner::ReserveEvident(CompletionContext* evident) {
-  const int cell_cols = CellsOf(evident->planes.width, evident->cell_size);
-  const int cell_rows = CellsOf(evident->planes.height, evident->cell_size);
-  const size_t cells = static_cast<size_t>(cell_cols) * cell_rows;
-  evident_.Reserve(device_, cells);
-  nearest_evident_.Reserve(device_, cells);
-  evident->fitted = {evident_.data(), cell_cols, cell_rows, cell_cols};
-  evident->nearest = {nearest_evident_.data(), cell_cols, cell_rows, cell_cols};
-}
-
 void CompletionRunner::QueueRefutation(CompletionContext context, const CudaStream& stream) {
-  ReserveEvident(&context);
-  LaunchRefutation(context, EvidenceOf(context, evidence_.data()), stream.get());
+  const int cell_cols = CellsOf(context.planes.width, context.cell_size);
+  const int cell_rows = CellsOf(context.planes.height, context.cell_size);
+  const size_t cells = static_cast<size_t>(cell_cols) * cell_rows;
+  cells_.Reserve(device_, cells);
+  nearest_.Reserve(device_, cells);
+  context.fitted = {cells_.data(), cell_cols, cell_rows, cell_cols};
+  context.nearest = {nearest_.data(), cell_cols, cell_rows, cell_cols};
+  LaunchRefutation(context, {evidence_.data(), cell_cols, cell_rows, cell_cols}, stream.get());
 }
 
 }  // namespace acmp

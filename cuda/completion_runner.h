@@ -15,11 +15,8 @@ class CompletionRunner {
   /// Queues CompleteUnconfirmed on planes and costs in device memory.
   /// @param sources the reference's maps as they were before, and its source views
   /// @param context from MakeCompletionContext
-  /// @param evident from MakeEvidentContext, of these planes, for which ReserveEvidence has the evidence; null: planes
-  /// may hide anything
   void Queue(const FusionSetup<DeviceFusionView>& sources, CompletionContext context,
-             const ImageView<PlaneHypothesis>& planes, float* cost, const CompletionContext* evident,
-             const CudaStream& stream);
+             const ImageView<PlaneHypothesis>& planes, float* cost, const CudaStream& stream);
 
   /// Queues the weighted median of what Queue left.
   /// @param sources,context as they were given to Queue
@@ -36,14 +33,11 @@ class CompletionRunner {
   void QueueRefutation(CompletionContext context, const CudaStream& stream);
 
  private:
-  /// Cells for what is evident.
-  void ReserveEvident(CompletionContext* evident);
-
   CudaDevicePtr device_;
   DeviceArray<DeviceFusionSource> sources_;
   DeviceArray<Sightings> sightings_;
-  DeviceArray<AnchorCell> cells_, evident_;
-  DeviceArray<NearestAnchors> nearest_, nearest_evident_;
+  DeviceArray<AnchorCell> cells_;
+  DeviceArray<NearestAnchors> nearest_;
   DeviceArray<float> evidence_;
 };
 

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <memory>
-#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -91,6 +90,7 @@ class CudaDepthEngine final : public DepthEngine {
   std::shared_ptr<CudaEstimate> Continue(const EngineEstimatePtr& start) const;
   PassData MakePassData(const EngineProblem& problem, int level, const CudaEstimate& estimate) const;
   void AddSourceDepths(const EngineProblem& problem, PassData* data);
+  void AddFullDepths(const EngineProblem& problem, PassData* data) const;
   HalvedDepth HalvedDepthOf(const CudaEstimate& estimate);
   /// Queues the halved depths of an estimate, and the way of their greatest inverse to the host. Once the stream has
   /// been waited for, KeepHalvedDepth takes them.

@@ -60,6 +60,13 @@ void CudaDepthEngine::AddSourceDepths(const EngineProblem& problem, PassData* da
   }
 }
 
+void CudaDepthEngine::AddFullDepths(const EngineProblem& problem, PassData* data) const {
+  for (const EngineView& source : problem.sources) {
+    data->full_depths.push_back(source.estimate ? Cast<CudaEstimate>(source.estimate).DepthView()
+                                                : ImageView<const float>());
+  }
+}
+
 HalvedDepth CudaDepthEngine::HalvedDepthOf(const CudaEstimate& estimate) {
   const int width = HalvedSize(estimate.width), height = HalvedSize(estimate.height);
   const std::lock_guard<std::mutex> lock(estimate.halved_mutex);
@@ -192,7 +199,9 @@ EngineEstimatePtr CudaDepthEngine::RunPass(const EngineProblem& problem, const P
         kPass == Pass::kPhotometric ? std::make_shared<CudaEstimate>(runner_.device(), camera) : Continue(start);
     const std::unique_lock<std::mutex> turn = device().PassTurn(pixels);
     PassData data = MakePassData(problem, level, *estimate);
-    if (kPass == Pass::kGeometric) AddSourceDepths(problem, &data);
+    const bool is_ours = options.method == Method::kOurs;
+    if (kPass == Pass::kGeometric && is_ours) AddSourceDepths(problem, &data);
+    if (kPass == Pass::kGeometric && !is_ours) AddFullDepths(problem, &data);
     const int triangles = prior != nullptr ? static_cast<int>(prior->triangles.size()) : 0;
     const ImageView<uint32_t> numbers = NumbersIn(estimate.get());
     if (prior != nullptr) {
@@ -204,7 +213,7 @@ EngineEstimatePtr CudaDepthEngine::RunPass(const EngineProblem& problem, const P
     begin_.Record(stream());
     if (prior != nullptr) QueuePrior(match, triangles, numbers);
     runner_.Queue<kPass>(context, iterations);
-    if (kPass == Pass::kGeometric) {
+    if (kPass == Pass::kGeometric && is_ours) {
       FinishSource(camera, estimate.get());
     } else {
       QueueDepths(camera, estimate.get());

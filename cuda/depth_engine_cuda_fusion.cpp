@@ -102,14 +102,10 @@ EngineEstimatePtr CudaDepthEngine::Complete(const EngineProblem& problem, const 
     const CompletionContext context =
         MakeCompletionContext(camera, problem.depth_range, options, static_cast<int>(setup.sources().size()));
     const auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
-    const std::shared_lock<std::shared_mutex> images(device().images_mutex());
-    std::optional<EvidenceSearch> search;
-    if (options.hide_nothing_evident) search = PrepareEvidence(problem, estimate.get());
     begin_.Record(stream());
     QueueCopy(start, estimate.get());
-    if (search) QueueEvidence(*search);
     completion_.Queue(setup, context, {estimate->planes.data(), camera.width, camera.height, camera.width},
-                      estimate->cost.data(), search ? &search->evident : nullptr, stream());
+                      estimate->cost.data(), stream());
     if (options.weighted_median) FilterByMedian(setup, context, color, estimate.get(), &planes);
     FinishSource(camera, estimate.get());
     return EngineEstimatePtr(estimate);

@@ -24,12 +24,17 @@ CudaMatchContext PassRunner::Prepare(const PatchMatchProblem& problem, const Pat
   SourceView* staged = host_views_.Reserve<SourceView>(kMaxSourceViews);
   std::copy(views.begin(), views.end(), staged);
   views_.Upload(staged, count, stream_);
+  full_depths_.Reserve(device_, kMaxSourceViews);
+  auto* staged_depths = host_full_depths_.Reserve<ImageView<const float>>(kMaxSourceViews);
+  std::copy(data.full_depths.begin(), data.full_depths.end(), staged_depths);
+  if (!data.full_depths.empty()) full_depths_.Upload(staged_depths, count, stream_);
 
   CudaMatchContext context = MakeMatchContext<TextureSampler>(problem, options, kind, geometric_pass);
   context.sampler.images = device_->images(data.level).texture();
   context.sampler.reference = data.reference_layer;
   std::copy(data.source_layers.begin(), data.source_layers.end(), context.sampler.layers);
   context.sources = views_.data();
+  context.full_depths = full_depths_.data();
   context.planes = {data.planes, width, height, width};
   context.cost = {data.cost, width, height, width};
   context.selected_views = {data.selected_views, width, height, width};

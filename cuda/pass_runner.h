@@ -30,7 +30,8 @@ struct PassData {
   int level = 0;  ///< of the images
   int reference_layer = 0;
   std::vector<int> source_layers;
-  std::vector<HalvedDepth> source_depths;  ///< empty ones: no map
+  std::vector<HalvedDepth> source_depths;           ///< empty ones: no map; ours
+  std::vector<ImageView<const float>> full_depths;  ///< the same of the papers' geometric passes
   PlaneHypothesis* planes = nullptr;
   float* cost = nullptr;
   uint32_t* selected_views = nullptr;
@@ -54,7 +55,8 @@ class PassRunner {
 
   template <Pass kPass>
   void Queue(const CudaMatchContext& context, int iterations) {
-    LaunchPass<kPass>(context, iterations, stream_.get());
+    VisitMethod<kPass>(context.options.method,
+                       [&](auto method) { LaunchPass<kPass, method>(context, iterations, stream_.get()); });
   }
 
   /// Queues EvidenceOfCell for all cells.
@@ -68,7 +70,8 @@ class PassRunner {
   CudaDevicePtr device_;
   CudaStream stream_;
   DeviceArray<SourceView> views_;
-  PinnedBuffer host_views_;
+  DeviceArray<ImageView<const float>> full_depths_;
+  PinnedBuffer host_views_, host_full_depths_;
 };
 
 }  // namespace acmp

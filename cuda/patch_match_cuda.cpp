@@ -78,7 +78,8 @@ class PatchMatchCuda final : public PatchMatch {
   /// What belongs to one run; kept for its duration.
   struct Loaded {
     std::vector<std::unique_ptr<ImageLayer>> layers;
-    std::vector<DeviceArray<uint16_t>> depths;
+    std::vector<DeviceArray<uint16_t>> halved_depths;
+    std::vector<DeviceArray<float>> full_depths;
     DeviceArray<PlaneHypothesis> planes, prior;
     DeviceArray<float> cost;
     DeviceArray<uint32_t> selected_views;
@@ -123,7 +124,8 @@ class PatchMatchCuda final : public PatchMatch {
     data.reference_layer = LoadImage(problem.reference.gray, loaded);
     for (const MatchView& source : problem.sources) {
       data.source_layers.push_back(LoadImage(source.gray, loaded));
-      data.source_depths.push_back(LoadDepth(source.depth, loaded));
+      data.source_depths.push_back(LoadHalvedDepth(source.depth, loaded));
+      data.full_depths.push_back(LoadFullDepth(source.depth, loaded));
     }
     loaded->planes = DeviceArray<PlaneHypothesis>(device, pixels);
     loaded->cost = DeviceArray<float>(device, pixels);
@@ -151,14 +153,24 @@ class PatchMatchCuda final : public PatchMatch {
     return layer;
   }
 
-  HalvedDepth LoadDepth(const ImageView<const float>& depth, Loaded* loaded) {
+  HalvedDepth LoadHalvedDepth(const ImageView<const float>& depth, Loaded* loaded) {
     if (depth.empty()) return {};
     const HalvedDepthMap halved = HalveDepth(depth);
     const Image<uint16_t>& inverse = halved.inverse;
-    loaded->depths.emplace_back(runner_.device(), inverse.size());
-    loaded->depths.back().Upload(inverse.data(), inverse.size(), runner_.stream());
+    loaded->halved_depths.emplace_back(runner_.device(), inverse.size());
+    loaded->halved_depths.back().Upload(inverse.data(), inverse.size(), runner_.stream());
     runner_.stream().Synchronize();
-    return {{loaded->depths.back().data(), inverse.width(), inverse.height(), inverse.width()}, halved.step};
+    return {{loaded->halved_depths.back().data(), inverse.width(), inverse.height(), inverse.width()}, halved.step};
+  }
+
+  ImageView<const float> LoadFullDepth(const ImageView<const float>& depth, Loaded* loaded) {
+    if (depth.empty()) return {};
+    const size_t pixels = static_cast<size_t>(depth.width) * depth.height;
+    std::vector<float> storage;
+    loaded->full_depths.emplace_back(runner_.device(), pixels);
+    loaded->full_depths.back().Upload(Contiguous(depth, &storage), pixels, runner_.stream());
+    runner_.stream().Synchronize();
+    return {loaded->full_depths.back().data(), depth.width, depth.height, depth.width};
   }
 
   PatchMatchResult Download(const PinholeCamera& camera, const Loaded& loaded) {

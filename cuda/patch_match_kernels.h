@@ -33,9 +33,9 @@ struct TextureSampler {
 
 using CudaMatchContext = MatchContext<TextureSampler>;
 
-/// Queue one pass (initialisation, `iterations` checkerboard iterations, median filter) on the stream. All pointers in
-/// the context are device memory.
-template <Pass kPass>
+/// Queue one pass (initialisation, `iterations` checkerboard iterations, our median filter) on the stream. All pointers
+/// in the context are device memory.
+template <Pass kPass, Method kMethod>
 void LaunchPass(const CudaMatchContext& context, int iterations, cudaStream_t stream);
 
 /// Queues EvidenceOfCell for all cells of `cell_size` px on the stream. All pointers are device memory.

@@ -63,7 +63,7 @@ check_quality() {
   for scene in "$root"/scenes/*/; do
     truth=depth
     [ -d "$scene/depth" ] || truth=gt_sparse
-    for preset in acmh acmp_no_geometric acmp acmm acmmp quality online; do
+    for preset in acmh acmm acmp_no_geometric acmp balanced online; do
       out=$1/$(basename "$scene")_$preset
       echo "-- $(basename "$scene") $preset"
       acmp_reconstruct "$scene" "$out" --preset "$preset" --device cuda --jobs-per-gpu 1 --no-pictures --timings --quiet ||
@@ -92,7 +92,7 @@ run() {
       sanitizer) check_sanitizer "$results" || status=1 ;;
       quality) check_quality "$results" || status=1 ;;
       times)
-        for preset in acmp quality online; do
+        for preset in balanced online; do
           acmp_benchmark --device cuda --preset $preset --sizes 320x240,640x480,3072x2048 --source-views 2,6,10,20 \
             --json "$results/times_$preset.json" || status=1
         done

@@ -1,14 +1,12 @@
 #include "acmp_mapping/completion/completion.h"
 
 #include <algorithm>
-#include <optional>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/completion/kernel/complete_pixel.h"
 #include "acmp_mapping/completion/kernel/fit_anchor.h"
 #include "acmp_mapping/completion/kernel/sightings.h"
 #include "acmp_mapping/completion/kernel/weighted_median.h"
-#include "acmp_mapping/completion/refutation.h"
 #include "for_each_cell.h"
 
 namespace acmp {
@@ -23,38 +21,6 @@ Image<Sightings> LookAtAll(const FusionSetup<HostMaps>& setup) {
           [&](int col, int row) { sightings(col, row) = LookAtPixel(context, col, row); });
   return sightings;
 }
-
-/// What no plane may hide, with its memory.
-class Evident {
- public:
-  Evident(const PinholeCamera& camera, const ImageView<const float>& evidence, const CompletionContext& completion)
-      : context_(MakeEvidentContext(camera, completion.planes, completion.cost)) {
-    const int cols = CellsOf(camera.width, context_.cell_size), rows = CellsOf(camera.height, context_.cell_size);
-    if (evidence.width != cols || evidence.height != rows) {
-      throw InvalidInputError(
-          Concat("evidence is ", evidence.width, " x ", evidence.height, " cells: must be ", cols, " x ", rows));
-    }
-    anchors_ = Image<AnchorCell>(cols, rows);
-    nearest_ = Image<NearestAnchors>(cols, rows);
-    context_.sightings = completion.sightings;
-    context_.anchor_views = completion.anchor_views;
-    context_.fitted = anchors_.View();
-    context_.nearest = nearest_.View();
-    ForEach(cols, rows, [&](int col, int row) { FindEvidentOrAnchor(context_, evidence, col, row); });
-    FindAllNearestAnchors(context_);
-  }
-
-  void SetIn(CompletionContext* completion) const {
-    completion->evident = anchors_.View();
-    completion->nearest_evident = nearest_.View();
-    completion->evident_cell_size = context_.cell_size;
-  }
-
- private:
-  CompletionContext context_;
-  Image<AnchorCell> anchors_;
-  Image<NearestAnchors> nearest_;
-};
 
 /// FilterPixel for all pixels of the completed reference.
 /// @param sightings of the reference as it was before; become those of the completed one
@@ -126,8 +92,7 @@ CompletionContext MakeCompletionContext(const PinholeCamera& camera, const Depth
 }
 
 void CompleteUnconfirmed(const FusionView& reference, const std::vector<FusionView>& sources, const DepthRange& range,
-                         const CompletionOptions& options, ImageView<PlaneHypothesis> planes, ImageView<float> cost,
-                         const ImageView<const float>& evidence) {
+                         const CompletionOptions& options, ImageView<PlaneHypothesis> planes, ImageView<float> cost) {
   Validate(options);
   CheckDepthRange("depth range of the completion", range);
   CheckConsistencyInput(reference, sources, kMaxFusionSources);
@@ -153,9 +118,6 @@ void CompleteUnconfirmed(const FusionView& reference, const std::vector<FusionVi
   ForEach(cell_cols, cell_rows, [&](int col, int row) { FindAnchor(context, col, row, SingleLane()); });
   ForEach(cell_cols, cell_rows, [&](int col, int row) { FitAnchor(context, col, row, SingleLane()); });
   FindAllNearestAnchors(context);
-  std::optional<Evident> evident;
-  if (!evidence.empty()) evident.emplace(reference.camera, evidence, context);
-  if (evident) evident->SetIn(&context);
   ForEach(planes.width, planes.height, [&](int col, int row) { CompletePixel(context, col, row); });
   if (options.weighted_median) FilterByMedian(setup, context, &sightings);
 }

@@ -226,9 +226,8 @@ EngineEstimatePtr HostDepthEngine::Complete(const EngineProblem& problem, const 
   sources.reserve(problem.sources.size());
   for (const EngineView& source : problem.sources) sources.push_back(MakeFusionView(source));
   EstimateState state = {start.planes.Clone(), start.cost.Clone()};
-  const Image<float> evidence = options.hide_nothing_evident ? MeasureEvidence(problem, state.planes) : Image<float>();
   CompleteUnconfirmed(MakeFusionView(problem.reference), sources, problem.depth_range, options, state.planes.View(),
-                      state.cost.View(), evidence.View());
+                      state.cost.View());
   return UploadState(std::move(state), problem.reference.frame->camera);
 }
 

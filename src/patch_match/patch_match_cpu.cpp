@@ -24,38 +24,51 @@ void ForEachPixelOfColor(const Context& context, int color, const Function& func
   });
 }
 
-template <Pass kPass>
+template <Pass kPass, Method kMethod>
 void RunPass(const Context& context, int iterations) {
-  ForEachPixelOfColor(context, 0, [&](int col, int row) { InitializeUnmatched<kPass>(context, col, row); });
-  ForEachPixelOfColor(context, 1, [&](int col, int row) { InitializePixel<kPass>(context, col, row); });
+  ForEachPixelOfColor(context, 0, [&](int col, int row) {
+    if constexpr (kMethod == Method::kOurs) {
+      InitializeUnmatched<kPass>(context, col, row);
+    } else {
+      InitializePixel<kPass, kMethod>(context, col, row);
+    }
+  });
+  ForEachPixelOfColor(context, 1, [&](int col, int row) { InitializePixel<kPass, kMethod>(context, col, row); });
   for (int iteration = 0; iteration < iterations; ++iteration) {
     for (int color = 0; color < 2; ++color) {
-      ForEachPixelOfColor(context, color, [&](int col, int row) { UpdatePixel<kPass>(context, col, row, iteration); });
+      ForEachPixelOfColor(context, color,
+                          [&](int col, int row) { UpdatePixel<kPass, kMethod>(context, col, row, iteration); });
     }
   }
-  if (!context.options.median_filter) return;
-  for (int color = 0; color < 2; ++color) {
-    ForEachPixelOfColor(context, color, [&](int col, int row) { FilterPixel(context, col, row); });
+  if constexpr (kMethod == Method::kOurs) {
+    for (int color = 0; color < 2; ++color) {
+      ForEachPixelOfColor(context, color, [&](int col, int row) { FilterPixel(context, col, row); });
+    }
   }
 }
 
 /// What a context's sampler and sources point to, in host memory.
 struct HostSources {
-  explicit HostSources(const PatchMatchProblem& problem)
-      : depths(HalveDepths(problem)), views(MakeSourceViews(problem)) {
-    for (size_t i = 0; i < views.size(); ++i) views[i].depth = depths[i].View();
+  HostSources(const PatchMatchProblem& problem, Method method) : views(MakeSourceViews(problem)) {
+    if (method == Method::kOurs) depths = HalveDepths(problem);
+    for (size_t i = 0; i < depths.size(); ++i) views[i].depth = depths[i].View();
     images.reserve(views.size());
-    for (const MatchView& source : problem.sources) images.push_back(source.gray);
+    full_depths.reserve(views.size());
+    for (const MatchView& source : problem.sources) {
+      images.push_back(source.gray);
+      full_depths.push_back(source.depth);
+    }
   }
 
   void SetUp(const PatchMatchProblem& problem, Context* context) const {
     context->sampler = {{problem.reference.gray, images.data()}, SupportedWindowFunctions().back()};
     context->sources = views.data();
+    context->full_depths = full_depths.data();
   }
 
   std::vector<HalvedDepthMap> depths;
   std::vector<SourceView> views;
-  std::vector<ImageView<const float>> images;
+  std::vector<ImageView<const float>> images, full_depths;
 };
 
 class PatchMatchCpu final : public PatchMatch {
@@ -86,7 +99,7 @@ class PatchMatchCpu final : public PatchMatch {
     Check(problem);
     CheckEvidenceInput(problem, planes, cell_size);
     Timer timer;
-    const HostSources sources(problem);
+    const HostSources sources(problem, Method::kOurs);
     Context context = MakeMatchContext<CpuSampler>(problem, {}, Pass::kGeometric, 0);
     sources.SetUp(problem, &context);
     PlaneMap read = planes.Clone();  // the context could write
@@ -112,7 +125,7 @@ class PatchMatchCpu final : public PatchMatch {
                        ImageView<const PlaneHypothesis> prior, int geometric_pass, int iterations) {
     Validate(options);
     Timer timer;
-    const HostSources sources(problem);
+    const HostSources sources(problem, options.method);
     state.selected_views = Image<uint32_t>(state.planes.width(), state.planes.height());
     Context context = MakeMatchContext<CpuSampler>(problem, options, kPass, geometric_pass);
     sources.SetUp(problem, &context);
@@ -120,7 +133,7 @@ class PatchMatchCpu final : public PatchMatch {
     context.cost = state.cost.View();
     context.selected_views = state.selected_views.View();
     context.prior = {prior, {}};
-    RunPass<kPass>(context, iterations);
+    VisitMethod<kPass>(options.method, [&](auto method) { RunPass<kPass, method>(context, iterations); });
     timing_ = {0, timer.Lap(), 0};
     return state;
   }

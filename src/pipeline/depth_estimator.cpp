@@ -54,7 +54,7 @@ EngineEstimatePtr DepthEstimator::Run(const KeyframeStep& step, EngineProblem pr
     case Kind::kFillUnverified: {
       // After the passes nobody is left to choose between planes, or to check what comes from afar.
       CompletionOptions completion = options_.completion;
-      completion.alternatives = completion.surest_first = completion.hide_nothing_evident = false;
+      completion.alternatives = completion.surest_first = false;
       estimate = engine_->Complete(problem, completion);
       if (completion.refute_unsupported) {
         EngineEstimatePtr start = std::move(estimate);

@@ -16,40 +16,58 @@ void Validate(const PipelineOptions& options) {
   CheckRange("pipeline.geometric_passes", options.geometric_passes, 0, 10);
 }
 
-const std::vector<std::string>& PresetNames() {
-  static const std::vector<std::string> names = {"acmh",  "acmp_no_geometric", "acmp",  "acmm",
-                                                 "acmmp", "quality",           "online"};
-  return names;
-}
-
 namespace {
 
-/// Photometric iterations on halved images first: windows see twice as far there, which low-textured surfaces need.
-void StartAtHalfSize(int iterations, int full_size_iterations, PipelineOptions* options) {
-  options->start_level = 1;
-  options->patch_match.photometric_iterations = iterations;
-  options->full_size_iterations = full_size_iterations;
-}
-
-/// What the papers do: candidates from all regions, every pixel in every iteration.
-void CompareEverything(PatchMatchOptions* options) {
-  options->alternate_regions = false;
-  options->settled_views = 0;
-}
-
-/// `acmp` with more iterations, and with completion that asks the images what it may hide. Completions between the
-/// passes, which were here, give better depth maps and less accurate clouds (docs/quality.md).
-PipelineOptions MakeQuality() {
+/// What the papers leave out: they keep what matching gave, of images as they are. The papers do not say how sparse the
+/// credible correspondences are; as in the authors' program it is one per cell of 5 x 5 px.
+PipelineOptions MakePapers(Method method) {
   PipelineOptions options;
-  options.patch_match.photometric_iterations = 5;
-  options.patch_match.planar_prior_iterations = 5;
-  options.completion.hide_nothing_evident = true;
+  options.patch_match.method = method;
+  options.sharpening = 0;
+  options.completion.enabled = false;
+  options.fusion.min_point_confidence = 0;
   return options;
 }
 
+PipelineOptions MakeAcmh() {
+  PipelineOptions options = MakePapers(Method::kAcmh);
+  options.use_planar_prior = false;
+  // That paper's own weight and truncation of the geometric term; eq. 13 of the later one has others.
+  options.patch_match.geometric_weight = 0.2f;
+  options.patch_match.geometric_max_px = 3.0f;
+  return options;
+}
+
+PipelineOptions MakeAcmpNoGeometric() {
+  PipelineOptions options = MakePapers(Method::kAcmp);
+  options.geometric_passes = 0;
+  return options;
+}
+
+PipelineOptions MakeAcmp() { return MakePapers(Method::kAcmp); }
+
+/// Photometric iterations on halved images first: windows see twice as far there, which low-textured surfaces need.
+void StartAtHalfSize(int full_size_iterations, PipelineOptions* options) {
+  options->start_level = 1;
+  options->full_size_iterations = full_size_iterations;
+}
+
+PipelineOptions MakeAcmm() {
+  PipelineOptions options;
+  StartAtHalfSize(2, &options);
+  options.use_planar_prior = false;
+  options.completion.enabled = false;
+  options.fusion.min_point_confidence = 0.2f;
+  options.patch_match.candidate_view_votes = 0;
+  options.patch_match.settled_views = 0;
+  return options;
+}
+
+PipelineOptions MakeBalanced() { return {}; }
+
 PipelineOptions MakeOnline() {
   PipelineOptions options;
-  StartAtHalfSize(3, 1, &options);
+  StartAtHalfSize(1, &options);
   options.patch_match.planar_prior_iterations = 1;
   options.patch_match.geometric_iterations = 1;
   options.geometric_passes = 1;
@@ -62,33 +80,33 @@ PipelineOptions MakeOnline() {
   return options;
 }
 
-/// The paper's systems keep what matching gave. Clouds of that have their largest F1 from here on (docs/quality.md).
-void LeaveIncomplete(PipelineOptions* options) {
-  options->completion.enabled = false;
-  options->fusion.min_point_confidence = 0.2f;
-}
+struct Preset {
+  const char* name;
+  PipelineOptions (*make)();
+};
+
+constexpr Preset kPresets[] = {
+    {"acmh", MakeAcmh}, {"acmm", MakeAcmm},         {"acmp_no_geometric", MakeAcmpNoGeometric},
+    {"acmp", MakeAcmp}, {"balanced", MakeBalanced}, {"online", MakeOnline}};
 
 }  // namespace
 
+const std::vector<std::string>& PresetNames() {
+  static const std::vector<std::string> names = [] {
+    std::vector<std::string> all;
+    for (const Preset& preset : kPresets) all.emplace_back(preset.name);
+    return all;
+  }();
+  return names;
+}
+
 PipelineOptions MakePreset(const std::string& name) {
-  if (name == "quality") return MakeQuality();
-  if (name == "online") return MakeOnline();
-  PipelineOptions options;
-  if (name == "acmh" || name == "acmm") {
-    options.use_planar_prior = false;
-    LeaveIncomplete(&options);
-    options.patch_match.candidate_view_votes = 0;  // without the prior, fewer views lose 0.5 points below 2 cm
-    CompareEverything(&options.patch_match);
-  } else if (name == "acmp_no_geometric") {
-    options.geometric_passes = 0;
-    LeaveIncomplete(&options);
-  } else if (name != "acmp" && name != "acmmp") {
-    std::string known;
-    for (const std::string& preset : PresetNames()) known += (known.empty() ? "" : ", ") + preset;
-    throw InvalidInputError(Concat("preset = \"", name, "\": must be one of ", known));
+  std::string known;
+  for (const Preset& preset : kPresets) {
+    if (name == preset.name) return preset.make();
+    known += (known.empty() ? "" : ", ") + std::string(preset.name);
   }
-  if (name == "acmm" || name == "acmmp") StartAtHalfSize(3, 2, &options);
-  return options;
+  throw InvalidInputError(Concat("preset = \"", name, "\": must be one of ", known));
 }
 
 }  // namespace acmp

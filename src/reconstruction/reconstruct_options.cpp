@@ -55,9 +55,8 @@ void AddMatchingOptions(CLI::App* app, ReconstructOptions* options) {
   const std::string group = "Matching";
   app->add_option(
          "--preset", options->preset,
-         "acmp: everything; quality: more and shorter geometric passes; online: everything with\n"
-         "fewer iterations, half of the time or less (not tied to --schedule online); acmmp, acmm: acmp, acmh with\n"
-         "a start at half size; acmp_no_geometric: without the geometric passes; acmh: without the prior")
+         "balanced: everything; online: everything with fewer iterations, half of the time or less (not tied to\n"
+         "--schedule online); acmh, acmm, acmp_no_geometric, acmp: the papers' systems, for comparison")
       ->check(OneOf(PresetNames()))
       ->capture_default_str()
       ->group(group);

@@ -229,7 +229,7 @@ bool DenseMapperNodelet::DropWhilePaused(const std_msgs::Header& header) {
 void DenseMapperNodelet::HandleConfig(DenseMapperConfig& config) {
   for (const std::string& change : MakeValid(config_, &config)) NODELET_WARN("%s", change.c_str());
   config_ = config;
-  const RuntimeOptions runtime_options = FromConfig(config);
+  const RuntimeOptions runtime_options = FromConfig(config, runtime_options_->Get());
   runtime_options_->Set(runtime_options);
   std::lock_guard<std::mutex> lock(intake_mutex_);
   intake_->set_gate(runtime_options.gate, FallbackDepth(runtime_options.mapper));

@@ -60,8 +60,7 @@ DenseMapperConfig ToConfig(const RuntimeOptions& options) {
   return config;
 }
 
-RuntimeOptions FromConfig(const DenseMapperConfig& config) {
-  RuntimeOptions options;
+RuntimeOptions FromConfig(const DenseMapperConfig& config, RuntimeOptions options) {
   VisitRuntimeParameters(options, config, [](const char*, auto& option, const auto& field) {
     option = static_cast<std::decay_t<decltype(option)>>(field);
   });
@@ -78,7 +77,7 @@ RuntimeOptions LoadRuntimeOptions(ParameterReader* reader, const RuntimeOptions&
       CheckRange(Concat("parameter ~", name).c_str(), static_cast<double>(field), low.at(name), high.at(name));
     }
   });
-  const RuntimeOptions options = FromConfig(config);
+  const RuntimeOptions options = FromConfig(config, start);
   Validate(options);
   return options;
 }

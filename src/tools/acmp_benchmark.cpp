@@ -22,7 +22,7 @@ struct Arguments {
   int repetitions = 5;
   int keyframes = 0;
   bool refine_again = DenseMapperOptions().refine_again;
-  std::string preset = "acmp";
+  std::string preset = "balanced";
   std::vector<std::string> set;
   std::string device = "auto";
   int cuda_index = 0;

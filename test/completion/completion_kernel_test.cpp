@@ -52,10 +52,7 @@ TEST(SightingsTest, AreCountedUpToWhatTheirBitsHold) {
     for (const int confirming : {0, 1, 30, 31, 32, 500}) {
       for (const int closely : {0, 1, 31, 32, 500}) {
         for (const int looking_through : {0, 1, 3, 4, 500}) {
-          const bool is_widely_seen = (confirming + looking_through) % 2 == 0;
-          const Sightings sightings =
-              PackSightings(confirming, closely, is_nearly_confirmed, looking_through, is_widely_seen);
-          EXPECT_EQ(IsWidelySeen(sightings), is_widely_seen);
+          const Sightings sightings = PackSightings(confirming, closely, is_nearly_confirmed, looking_through);
           EXPECT_EQ(ConfirmingViews(sightings), std::min(confirming, 31));
           EXPECT_EQ(CloselyConfirmingViews(sightings), std::min(closely, 31));
           EXPECT_EQ(IsNearlyConfirmed(sightings), is_nearly_confirmed);

@@ -149,15 +149,5 @@ TEST_F(ExtendedPlanesTest, AlternativesTakeTurnsByBlocks) {
   }
 }
 
-TEST_F(ExtendedPlanesTest, AlternativesAreFartherApartWherePlanesMustHideNothing) {
-  context_.alternatives = true;
-  const float nearer = ShareBehind(context_, 0, 0), farther = ShareBehind(context_, 2, 0);
-  context_.evident = fitted_.View();
-  EXPECT_GT(ShareBehind(context_, 0, 0), nearer);
-  EXPECT_LT(ShareBehind(context_, 2, 0), farther);
-  context_.alternatives = false;
-  EXPECT_EQ(ShareBehind(context_, 0, 0), 0.5f);
-}
-
 }  // namespace
 }  // namespace acmp

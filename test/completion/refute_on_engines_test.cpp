@@ -120,59 +120,6 @@ TEST_P(RefuteOnEnginesTest, AgreesWithTheCpu) {
   EXPECT_LE(different, kWidth * kHeight / 100);
 }
 
-/// The scene with a reference that knows nothing of the sky but its upper 20 rows, where all see a wall.
-EngineEstimatePtr ForgetLowerSky(DepthEngine* engine, const EngineProblem& scene, int roof) {
-  EstimateMaps maps = engine->Download(scene.reference.estimate);
-  for (int row = 20; row < roof; ++row) {
-    for (int col = 0; col < kWidth; ++col) maps.depth(col, row) = 4.4f;
-  }
-  return engine->UploadMaps({maps.depth.View(), maps.normal.View(), maps.cost.View()}, scene.reference.frame->camera);
-}
-
-TEST_P(RefuteOnEnginesTest, CompletionDrawsNothingInFrontOfTheHouse) {
-  scene_.reference.estimate = ForgetLowerSky(engine_.get(), scene_, kRoof);
-  // Between the wall, which ends at row 20, and the house, where the house's planes have 0.5 to 0.65 of the weight.
-  constexpr int kBegin = 40, kEnd = 43;
-  CompletionOptions options;
-  options.weighted_median = false;
-  for (const bool may_hide : {true, false}) {
-    options.hide_nothing_evident = !may_hide;
-    const DepthMap depth = engine_->Download(engine_->Complete(scene_, options)).depth;
-    int drawn = 0, pixels = 0;
-    for (int row = kBegin; row < kEnd; ++row) {
-      for (int col = 30; col < kWidth - 30; ++col) {
-        ++pixels;
-        drawn += depth(col, row) < 4 ? 1 : 0;
-      }
-    }
-    // The wall has the plane at a depth of 3, the house one at 6. Without evidence every other block takes the nearer.
-    if (may_hide) {
-      EXPECT_GT(drawn, pixels / 4);
-    } else {
-      // Windows of the first rows of the house see the sky, too: some of these rows are confirmed but not evident, and
-      // nothing beyond them counts.
-      EXPECT_LT(drawn, pixels / 10);
-    }
-  }
-}
-
-TEST_P(RefuteOnEnginesTest, CompletesAsTheCpuDoes) {
-  const auto cpu = MakeDepthEngine(Device::kCpu).engine;
-  EngineProblem scene = MakeScene(cpu.get());
-  scene.reference.estimate = ForgetLowerSky(cpu.get(), scene, kRoof);
-  scene_.reference.estimate = ForgetLowerSky(engine_.get(), scene_, kRoof);
-  CompletionOptions options;
-  options.hide_nothing_evident = true;
-  const DepthMap expected = cpu->Download(cpu->Complete(scene, options)).depth;
-  const DepthMap depth = engine_->Download(engine_->Complete(scene_, options)).depth;
-  int different = 0;
-  for (size_t i = 0; i < depth.size(); ++i) {
-    different += std::abs(depth.data()[i] - expected.data()[i]) > 1e-3f * expected.data()[i] ? 1 : 0;
-  }
-  // Evidence that lies at the limit, of windows at the rim, and what is nearest from there.
-  EXPECT_LE(different, kWidth * kHeight / 50);
-}
-
 TEST_P(RefuteOnEnginesTest, NothingIsRefutedWithoutSourcesThatAgree) {
   for (EngineView& source : scene_.sources) source.estimate = nullptr;
   const EstimateState state = engine_->DownloadState(Refute());

@@ -42,22 +42,5 @@ TEST(LookAtPixelTest, TellsCloseConfirmationFromConfirmationAndThatFromNearlyOne
   }
 }
 
-TEST(LookAtPixelTest, TellsWhetherHalfOfTheSourcesHaveThePixelInTheirImage) {
-  const std::vector<Quad> wall = {{{-20, -20, 5}, {40, 0, 0}, {0, 40, 0}, {90, 90, 90}}};
-  const PinholeCamera camera = {81, 61, 80, 80, 40, 30};
-  const TestView reference = Render(camera, LookAt({0, 0, 0}, {0, 0, 5}), wall);
-  // The first sees the pixel 1.6 px beside, the others, 4 m away, do not.
-  std::vector<TestView> sources;
-  for (const double x : {0.1, 4.0, -4.0}) sources.push_back(Render(camera, LookAt({x, 0, 0}, {x, 0, 5}), wall));
-  FusionSetup<FusionMaps<Vec3f>> setup(CameraOf(reference.View()), MapsOf(reference.View()),
-                                       ConfirmationLimits(CompletionOptions()), RigidTransform::Identity());
-  for (const bool expected : {true, true, false}) {
-    const TestView& source = sources[setup.sources().size()];
-    setup.AddSource(CameraOf(source.View()), MapsOf(source.View()));
-    EXPECT_EQ(IsWidelySeen(LookAtPixel(setup.Context(setup.sources().data()), 40, 30)), expected)
-        << setup.sources().size() << " sources";
-  }
-}
-
 }  // namespace
 }  // namespace acmp

@@ -181,7 +181,7 @@ TEST(DenseMapperTest, WithoutGeometricPassesRefinementOnlyChecksConsistency) {
 
 TEST(DenseMapperTest, UsesThePriorWhenAskedTo) {
   DenseMapperOptions options = FakeOptions(6, 1);
-  options.pipeline = MakePreset("acmp");
+  options.pipeline = MakePreset("balanced");
   MapperHarness harness(options);
   for (int id = 0; id <= 2; ++id) harness.Add(WallFrame(id));
   EXPECT_THAT(CallsOf(harness.patch_match, "prior", 1), SizeIs(1));

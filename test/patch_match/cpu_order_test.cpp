@@ -42,14 +42,12 @@ PatchMatchResult RunInOrder(KernelState* state, const Order& order, int iteratio
 template <Pass kPass>
 void ExpectOrderDoesNotMatter() {
   const std::vector<PlanarView> views = RandomViews(4, 53, 50, 1);
-  PatchMatchOptions options;
-  options.gradient_normal = true;
   Order order;
   for (int row = 0; row < 50; ++row) {
     for (int col = 0; col < 53; ++col) order.push_back({col, row});
   }
   const auto run = [&] {
-    KernelState state(MakeProblem(views, 0, {1, 10}, true), options);
+    KernelState state(MakeProblem(views, 0, {1, 10}, true));
     TestRandom random(2);
     for (int row = 0; row < 50; ++row) {
       for (int col = 0; col < 53; ++col) {

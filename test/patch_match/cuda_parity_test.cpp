@@ -147,7 +147,7 @@ TEST_F(CudaParityTest, InitialisationDrawsTheSamePlanes) {
   }
   const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10});
   PatchMatchOptions options;
-  options.median_filter = false;
+  options.method = Method::kAcmh;  // no median filter
   const PatchMatchResult on_cpu = cpu_->RunPhotometric(problem, options);
   const PatchMatchResult on_cuda = cuda_->RunPhotometric(problem, options);
   // Costs are 2 everywhere, so no hypothesis ever replaces the first.

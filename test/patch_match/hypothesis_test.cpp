@@ -46,21 +46,6 @@ TEST(RandomDepthTest, IsUniformInInverseDepthAndInRange) {
   }
 }
 
-TEST(RandomDepthTest, OptionMakesItUniformInDepth) {
-  const std::vector<PlanarView> views = RandomViews(2, 33, 27, 1);
-  PatchMatchOptions options;
-  options.sample_inverse_depth = false;
-  KernelState state(MakeProblem(views, 0, {0.5f, 20.0f}), options);
-  std::vector<double> shares;
-  for (uint32_t pixel = 0; pixel < 20000; ++pixel) {
-    RandomStream random(1, pixel, 0);
-    const float depth = RandomDepth(state.Context(), &random);
-    ASSERT_TRUE(depth >= 0.5f && depth <= 20.0f);
-    shares.push_back((depth - 0.5) / 19.5);
-  }
-  EXPECT_LT(ChiSquare(shares), kChiSquareLimit);
-}
-
 TEST(RandomNormalTest, IsUniformOnTheHalfSphereFacingTheCamera) {
   for (const Vec3f& ray : {Vec3f{0, 0, 1}, Vec3f{0.6f, -0.4f, 1}, Vec3f{-1.2f, 0.9f, 1}}) {
     // Uniform on the half sphere about the direction toward the camera: height above its base is uniform (Archimedes),
@@ -137,98 +122,6 @@ TEST(PerturbNormalTest, NeverTurnsAwayFromTheCamera) {
   }
   EXPECT_GT(kept, 200);
   EXPECT_LT(kept, 1800);
-}
-
-/// A state whose planes all pass through the points of one surface, given by its depth at each pixel.
-template <class Depth>
-void SetSurface(KernelState* state, const PinholeCamera& camera, const Depth& depth) {
-  TestRandom random(6);
-  for (int row = 0; row < state->height(); ++row) {
-    for (int col = 0; col < state->width(); ++col) {
-      const double z = depth(col, row);
-      // Random normals: the gradient must come from the depths alone.
-      state->planes(col, row) = RandomHypothesis(camera, col, row, z, z, 70, &random);
-    }
-  }
-}
-
-TEST(GradientNormalTest, IsTheSurfacesNormal) {
-  const std::vector<PlanarView> views = RandomViews(2, 33, 27, 7);
-  const PinholeCamera& camera = views[0].camera;
-  KernelState state(MakeProblem(views, 0, {1, 10}));
-  for (const auto& [tilt_x, tilt_y] : {std::pair(0.0, 0.0), {30.0, -20.0}, {-55.0, 10.0}}) {
-    const WorldPlane plane = WorldPlane::Slanted(tilt_x, tilt_y, 4);  // world = camera frame of the first view
-    SetSurface(&state, camera, [&](int col, int row) {
-      return -plane.d / plane.normal.dot(camera.Unproject({1.0 * col, 1.0 * row}));
-    });
-    const auto context = state.Context();
-    for (int row = 1; row < 26; ++row) {
-      for (int col = 1; col < 32; ++col) {
-        const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
-        const Vec3f normal = GradientNormal(context, col, row, ray, {9, 9, 9});
-        // Differences of points about 0.25 m apart whose depths round to 1e-6.
-        ASSERT_LT((ToEigen(normal) - plane.normal).norm(), 1e-4) << col << ", " << row;
-      }
-    }
-  }
-}
-
-TEST(GradientNormalTest, UsesTheFourNeighboursOnly) {
-  const std::vector<PlanarView> views = RandomViews(2, 9, 9, 8);
-  const PinholeCamera& camera = views[0].camera;
-  KernelState state(MakeProblem(views, 0, {1, 10}));
-  SetSurface(&state, camera, [&](int col, int row) { return 3.0 + 0.1 * col + 0.05 * row * col; });
-  const auto point = [&](int col, int row) -> Eigen::Vector3d {
-    return reference::Intersect(camera, Eigen::Vector2d(col, row), reference::ToDouble(state.planes(col, row)));
-  };
-  Eigen::Vector3d expected = (point(5, 4) - point(3, 4)).cross(point(4, 5) - point(4, 3)).normalized();
-  if (expected.dot(point(4, 4)) > 0) expected = -expected;
-  const float nan = std::numeric_limits<float>::quiet_NaN();
-  for (int row = 0; row < 9; ++row) {
-    for (int col = 0; col < 9; ++col) {
-      if (std::abs(col - 4) + std::abs(row - 4) != 1) state.planes(col, row) = {nan, nan, nan, nan};
-    }
-  }
-  const auto context = state.Context();
-  const Vec3f normal = GradientNormal(context, 4, 4, context.rays.Ray(4, 4), {9, 9, 9});
-  EXPECT_LT((ToEigen(normal) - expected).norm(), 1e-5);
-}
-
-TEST(GradientNormalTest, FallsBackAtBordersAndOnDegenerateNeighbours) {
-  const std::vector<PlanarView> views = RandomViews(2, 9, 7, 9);
-  const PinholeCamera& camera = views[0].camera;
-  KernelState state(MakeProblem(views, 0, {1, 10}));
-  SetSurface(&state, camera, [](int, int) { return 4.0; });
-  const Vec3f fallback = {0.6f, 0, -0.8f};
-  const auto gradient = [&](int col, int row) {
-    const auto context = state.Context();
-    return GradientNormal(context, col, row, context.rays.Ray(static_cast<float>(col), static_cast<float>(row)),
-                          fallback);
-  };
-  for (const auto& [col, row] : {std::pair(0, 3), {8, 3}, {4, 0}, {4, 6}, {0, 0}, {8, 6}}) {
-    EXPECT_EQ(gradient(col, row).x, fallback.x) << col << ", " << row;
-  }
-  EXPECT_NE(gradient(1, 1).x, fallback.x);
-  EXPECT_NE(gradient(7, 5).x, fallback.x);
-  state.planes(5, 3) = {1, 0, 0, 1e-30f};  // passes through the camera's centre: depth 0 or infinite
-  state.planes(3, 3) = {0, 0, 0, 0};       // none: depth is NaN
-  EXPECT_EQ(gradient(4, 3).x, fallback.x);
-}
-
-TEST(GradientNormalTest, FacesTheCamera) {
-  const std::vector<PlanarView> views = RandomViews(2, 33, 27, 10);
-  KernelState state(MakeProblem(views, 0, {1, 10}));
-  TestRandom random(11);
-  SetSurface(&state, views[0].camera, [&](int, int) { return random(1, 10); });
-  const auto context = state.Context();
-  for (int row = 0; row < 27; ++row) {
-    for (int col = 0; col < 33; ++col) {
-      const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
-      const Vec3f normal = GradientNormal(context, col, row, ray, {0, 0, -1});
-      ASSERT_LT(Dot(normal, ray), 0);
-      ASSERT_NEAR(ToEigen(normal).norm(), 1, 1e-5);
-    }
-  }
 }
 
 }  // namespace

@@ -207,20 +207,6 @@ TEST(PriorStartTest, DepthStaysInRange) {
   for (uint32_t seed = 0; seed < 500; ++seed) ASSERT_GE(c.Depth(c.Start(0.5f, seed)), 1 - 1e-6);
 }
 
-TEST(PriorStartTest, OptionStartsAllAtRandom) {
-  PatchMatchOptions options;
-  options.prior_random_start = true;
-  PriorStartCase c(options);
-  double least = 1e9, most = 0;
-  for (uint32_t seed = 0; seed < 500; ++seed) {
-    const double depth = c.Depth(c.Start(0.01f, seed));
-    least = std::min(least, depth);
-    most = std::max(most, depth);
-  }
-  EXPECT_LT(least, 1.1);  // the whole range [1, 10], credible or not
-  EXPECT_GT(most, 7);
-}
-
 TEST(InitializePixelTest, GeometricKeepsThePlaneAndRatesItByEquation13) {
   const std::vector<PlanarView> views = RandomViews(4, 33, 27, 9);
   KernelState state(MakeProblem(views, 0, {1, 10}, true));

@@ -23,7 +23,7 @@ ACMP_HOST_DEVICE inline void AnswerDraws(RandomStream* random, ParityAnswer* ans
   int list[kViews];
   const SingleThread team;
   DrawViews(probability, kViews, 255, team, random, counts);
-  answer->drawn_views = ListDrawnViews(counts, kViews, team, list);
+  answer->drawn_views = ListWeighedViews(counts, kViews, team, list);
   answer->impossible_views = answer->drawn_views & ~possible;
   for (const int count : counts) answer->draws += count;
 }
@@ -39,8 +39,8 @@ ACMP_HOST_DEVICE inline ParityAnswer Answer(const MatchContext<Sampler>& context
       PhotometricCost(context, patch, PlaneDual(context, query.plane), query.col, query.row, query.view);
   const float depth = PlaneDepth(query.plane, ray);
   answer.geometric_error = GeometricError(context, depth, query.col, query.row, query.view);
-  answer.prior_probability = PriorProbability(LoadPrior(context, query.col, query.row, ray),
-                                              context.options.prior_gamma, depth, query.plane.normal());
+  answer.prior_probability = PriorProbability<Method::kOurs>(LoadPrior(context, query.col, query.row, ray),
+                                                             context.options.prior_gamma, depth, query.plane.normal());
   const auto pixel = static_cast<uint32_t>(query.row * context.width + query.col);
   RandomStream random(context.options.seed, pixel, static_cast<uint32_t>(query.view));
   answer.random_plane = RandomPlane(context, ray, &random);

@@ -117,17 +117,15 @@ TEST_P(PassesTest, ResultsAreValidUnderExtremeOptionsAndRanges) {
   options.photometric_iterations = options.planar_prior_iterations = options.geometric_iterations = 20;
   options.perturb_depth = 0.999f;
   options.perturb_normal_deg = 90;
-  options.view_draws = 255;
-  options.view_weighting = ViewWeighting::kPaper;
-  options.view_smoothness = 1;
-  options.gradient_normal = true;
-  options.sample_inverse_depth = false;
-  options.prior_random_start = true;
-  ExpectAllValid(patch_match_.get(), MakeProblem(views, 0, {1, 10}, true), options);
-  options.view_draws = 1;
-  options.median_filter = false;
-  options.view_smoothness = 0.5f;
-  ExpectAllValid(patch_match_.get(), MakeProblem(views, 0, {1e-3f, 1e5f}, true), options);
+  for (const Method method : {Method::kOurs, Method::kAcmh, Method::kAcmp}) {
+    options.method = method;
+    options.view_draws = 255;
+    options.view_smoothness = 1;
+    ExpectAllValid(patch_match_.get(), MakeProblem(views, 0, {1, 10}, true), options);
+    options.view_draws = 1;
+    options.view_smoothness = 0.5f;
+    ExpectAllValid(patch_match_.get(), MakeProblem(views, 0, {1e-3f, 1e5f}, true), options);
+  }
   ExpectAllValid(patch_match_.get(), MakeProblem(views, 0, {3.0f, 3.000001f}, true));
 }
 

@@ -64,11 +64,11 @@ TEST_P(PlaneRecoveryTest, MoreIterationsMatchBetter) {
   EXPECT_GT(ShareWithin(patch_match_->RunPhotometric(problem, {}), problem, views[0].depth, 0.01), first + 0.05);
 }
 
-TEST_P(PlaneRecoveryTest, PaperViewWeightsFindPlanesToo) {
+TEST_P(PlaneRecoveryTest, AcmhFindsPlanesToo) {
   const std::vector<PlanarView> views = RenderPlanarScene(WorldPlane{}, 96, 72, 6);
   const PatchMatchProblem problem = MakeProblem(views, 0, {2, 8});
   PatchMatchOptions options;
-  options.view_weighting = ViewWeighting::kPaper;
+  options.method = Method::kAcmh;
   EXPECT_GE(ShareWithin(patch_match_->RunPhotometric(problem, options), problem, views[0].depth, 0.01), 0.97);
 }
 

@@ -19,8 +19,8 @@ PixelPrior MakePrior(double depth) {
   prior.valid = true;
   prior.normal = {0, 0, -1};
   prior.depth = static_cast<float>(depth);
-  prior.sigma_depth = 0.1f;
-  prior.sigma_normal = static_cast<float>(5 * kRad);
+  prior.lambda_depth = 0.1f;
+  prior.lambda_normal = static_cast<float>(5 * kRad);
   return prior;
 }
 
@@ -35,26 +35,28 @@ TEST(PriorCostTest, ProbabilityIsEquation6WithStandardDeviations) {
     for (const double angle_deg : {0.0, 2.0, 5.0, 12.0, 60.0, 180.0}) {
       const double expected = reference::PriorProbability(depth - 4, angle_deg * kRad, 0.1, 5 * kRad, 0.5);
       // acos near 1 has a float error of sqrt(2^-23) = 3.5e-4 rad, 0.004 standard deviations.
-      EXPECT_NEAR(PriorProbability(prior, 0.5f, static_cast<float>(depth), Tilted(angle_deg)), expected, 1e-4)
+      EXPECT_NEAR(PriorProbability<Method::kOurs>(prior, 0.5f, static_cast<float>(depth), Tilted(angle_deg)), expected,
+                  1e-4)
           << depth << ", " << angle_deg;
     }
   }
-  EXPECT_NEAR(PriorProbability(prior, 0.5f, 4, Tilted(0)), 1.5, 1e-5);
-  EXPECT_NEAR(PriorProbability(prior, 0.5f, 4.1f, Tilted(0)), 0.5 + std::exp(-0.5), 1e-4);  // one standard deviation
-  EXPECT_NEAR(PriorProbability(prior, 0.5f, 4, Tilted(5)), 0.5 + std::exp(-0.5), 1e-4);
+  EXPECT_NEAR(PriorProbability<Method::kOurs>(prior, 0.5f, 4, Tilted(0)), 1.5, 1e-5);
+  EXPECT_NEAR(PriorProbability<Method::kOurs>(prior, 0.5f, 4.1f, Tilted(0)), 0.5 + std::exp(-0.5),
+              1e-4);  // one standard deviation
+  EXPECT_NEAR(PriorProbability<Method::kOurs>(prior, 0.5f, 4, Tilted(5)), 0.5 + std::exp(-0.5), 1e-4);
 }
 
 TEST(PriorCostTest, GammaAloneWithoutPrior) {
-  EXPECT_EQ(PriorProbability(PixelPrior{}, 0.5f, 4, Tilted(0)), 0.5f);
-  EXPECT_EQ(PriorProbability(PixelPrior{}, 0.25f, 4, Tilted(0)), 0.25f);
+  EXPECT_EQ(PriorProbability<Method::kOurs>(PixelPrior{}, 0.5f, 4, Tilted(0)), 0.5f);
+  EXPECT_EQ(PriorProbability<Method::kOurs>(PixelPrior{}, 0.25f, 4, Tilted(0)), 0.25f);
 }
 
 TEST(PriorCostTest, ScalarProductsBeyondOneAreNoNan) {
   // Unit vectors in float may have a product of 1 + 1e-7, for which acos is not defined.
   PixelPrior prior = MakePrior(4);
   prior.normal = {0, 0, -1.0000001f};
-  EXPECT_NEAR(PriorProbability(prior, 0.5f, 4, {0, 0, -1.0000001f}), 1.5, 1e-5);
-  EXPECT_NEAR(PriorProbability(prior, 0.5f, 4, {0, 0, 1.0000001f}), 0.5, 1e-5);
+  EXPECT_NEAR(PriorProbability<Method::kOurs>(prior, 0.5f, 4, {0, 0, -1.0000001f}), 1.5, 1e-5);
+  EXPECT_NEAR(PriorProbability<Method::kOurs>(prior, 0.5f, 4, {0, 0, 1.0000001f}), 0.5, 1e-5);
 }
 
 TEST(PriorCostTest, CostIsEquation7) {
@@ -100,8 +102,8 @@ TEST(LoadPriorTest, GivesThePriorsDepthAtThePixel) {
     EXPECT_NEAR(prior.depth,
                 reference::Intersect(views[0].camera, Eigen::Vector2d(col, row), reference::ToDouble(plane)).z(), 1e-4);
     EXPECT_EQ(prior.normal.x, plane.nx);
-    EXPECT_NEAR(prior.sigma_depth, 8.0 / 32, 1e-6);  // depth interval / divisor
-    EXPECT_NEAR(prior.sigma_normal, 7 * kRad, 1e-6);
+    EXPECT_NEAR(prior.lambda_depth, 8.0 / 32, 1e-6);  // depth interval / divisor
+    EXPECT_NEAR(prior.lambda_normal, 7 * kRad, 1e-6);
   }
 }
 

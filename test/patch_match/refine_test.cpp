@@ -181,16 +181,6 @@ TEST(RefineTest, GeometricPassesPerturbOnly) {
   }
 }
 
-TEST(RefineTest, GradientNormalIsTheLast) {
-  RefineSpy spy;
-  PatchMatchOptions options;
-  options.gradient_normal = true;
-  const std::vector<Hypothesis> h = spy.Run<Pass::kPhotometric>(CurrentPlane(), {}, 0, options);
-  ASSERT_EQ(h.size(), 7u);
-  EXPECT_TRUE(SameDepth(h[6].depth, 5));
-  EXPECT_TRUE(SameNormal(h[6].normal, {0, 0, -1}));  // the neighbours lie on a fronto-parallel plane
-}
-
 TEST(RefineTest, RandomDrawsOfThePriorPassStayNearThePrior) {
   RefineSpy spy;
   const PatchMatchOptions options;
@@ -198,8 +188,8 @@ TEST(RefineTest, RandomDrawsOfThePriorPassStayNearThePrior) {
   prior.valid = true;
   prior.normal = Normalized(Vec3f{-0.4f, 0.1f, -1.0f});
   prior.depth = 6;
-  prior.sigma_depth = 0.1f;
-  prior.sigma_normal = static_cast<float>(5 * kRad);
+  prior.lambda_depth = 0.1f;
+  prior.lambda_normal = static_cast<float>(5 * kRad);
   const Eigen::Vector3d prior_normal = Eigen::Vector3d(-0.4, 0.1, -1).normalized();
   double widest_depth = 0, widest_normal = 0;
   for (uint32_t step = 0; step < 300; ++step) {
@@ -236,8 +226,8 @@ TEST(RefineTest, LaterIterationsOfThePriorPassPerturbOnly) {
   prior.valid = true;
   prior.normal = {0, 0, -1};
   prior.depth = 6;  // beyond what perturbing 5 reaches
-  prior.sigma_depth = 0.1f;
-  prior.sigma_normal = 0.1f;
+  prior.lambda_depth = 0.1f;
+  prior.lambda_normal = 0.1f;
   for (uint32_t step = 0; step < 100; ++step) {
     const std::vector<Hypothesis> h = spy.Run<Pass::kPlanarPrior>(CurrentPlane(), prior, step, {}, 1);
     ASSERT_EQ(h.size(), 3u);
@@ -254,8 +244,8 @@ TEST(RefineTest, NeverLeavesTheDepthRange) {
   prior.valid = true;
   prior.normal = {0, 0, -1};
   prior.depth = 7.9f;  // half of its draws lie beyond 8
-  prior.sigma_depth = 0.5f;
-  prior.sigma_normal = 0.1f;
+  prior.lambda_depth = 0.5f;
+  prior.lambda_normal = 0.1f;
   const PlaneHypothesis near_end = PlaneThrough({0, 0, -1}, {0, 0, 1}, 2.001f);
   size_t rated = 0;
   for (uint32_t step = 0; step < 300; ++step) {
@@ -289,7 +279,7 @@ void ExpectOnlyHopelessHypothesesAreLeftOut() {
       shared.Draws()[view] = view + 1 < kViews ? random.Below(left + 1) : left;
       left -= shared.Draws()[view];
     }
-    const uint32_t mask = ListDrawnViews(shared.Draws(), kViews, SingleThread(), shared.DrawnViews());
+    const uint32_t mask = ListWeighedViews(shared.Draws(), kViews, SingleThread(), shared.DrawnViews());
     LoadReferencePatch(context, col, row, context.options.sigma_color, SingleThread(), &shared.patch);
     PixelUpdate<BilinearSampler, SingleThread> pixel(context, col, row, SingleThread(), &shared);
     pixel.ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));

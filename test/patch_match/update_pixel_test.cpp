@@ -110,9 +110,7 @@ void ExpectReadsOtherColourOnly(KernelState* state, const Update& update) {
 template <Pass kPass>
 void ExpectUpdateReadsOtherColourOnly() {
   const std::vector<PlanarView> views = RandomViews(4, 53, 55, 1);  // larger than the 47 px of the far strips
-  PatchMatchOptions options;
-  options.gradient_normal = true;
-  KernelState state(MakeProblem(views, 0, {1, 10}, true), options);
+  KernelState state(MakeProblem(views, 0, {1, 10}, true));
   FillState<kPass>(&state, 2);
   ExpectReadsOtherColourOnly(&state,
                              [](const auto& context, int col, int row) { UpdatePixel<kPass>(context, col, row, 1); });

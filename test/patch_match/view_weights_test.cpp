@@ -12,8 +12,8 @@
 namespace acmp {
 namespace {
 
-/// Section 5 of the design note.
-double ReferenceLikelihood(const std::vector<double>& costs, int iteration) {
+/// w(I_j) of ACMH where it is not 0, `otherwise` where the costs are neither good nor bad.
+double ReferenceConfidence(const std::vector<double>& costs, int iteration, double otherwise) {
   const double tau = 0.8 * std::exp(-iteration * iteration / 90.0);
   int good = 0, bad = 0;
   double sum = 0;
@@ -25,68 +25,84 @@ double ReferenceLikelihood(const std::vector<double>& costs, int iteration) {
     if (cost > 1.2) ++bad;
   }
   if (good > 2 && bad < 3) return sum / good;
-  if (bad < 3) return std::exp(-tau * tau / 0.32);
-  return 0;
+  return bad < 3 ? otherwise : 0;
 }
 
-double ReferencePaperLikelihood(const std::vector<double>& costs, double sigma) {
-  double sum = 0;
-  for (const double cost : costs) sum += std::exp(-cost * cost / (2 * sigma * sigma));
-  return sum;
-}
-
-float KernelLikelihood(const std::vector<double>& costs, int iteration, const PatchMatchOptions& options,
-                       int decisive = 3) {
-  constexpr int kStride = 5;  // as in the kernel, costs of one view are not contiguous
+/// As in the kernel, the costs of one view are not contiguous.
+constexpr int kStride = 5;
+std::vector<float> Strided(const std::vector<double>& costs) {
   std::vector<float> strided(costs.size() * kStride + 1, -1e9f);
   for (size_t i = 0; i < costs.size(); ++i) strided[i * kStride] = static_cast<float>(costs[i]);
-  return ViewLikelihood(strided.data(), kStride, static_cast<int>(costs.size()), iteration, decisive, options);
+  return strided;
 }
 
-TEST(ViewLikelihoodTest, AgreesWithTheReference) {
+template <Method kMethod>
+float Confidence(const std::vector<double>& costs, int iteration, int decisive = 3) {
+  return MeanConfidence<kMethod>(Strided(costs).data(), kStride, static_cast<int>(costs.size()), iteration, decisive,
+                                 {});
+}
+
+TEST(MeanConfidenceTest, AgreesWithTheReference) {
   TestRandom random(1);
-  PatchMatchOptions options, paper;
-  paper.view_weighting = ViewWeighting::kPaper;
   int zero = 0, floor = 0, mean = 0;
   for (int i = 0; i < 5000; ++i) {
     std::vector<double> costs(random.Below(10));
     const double worst = random(0.3, 2.0);
     for (double& cost : costs) cost = static_cast<float>(random(0, worst));
     const int iteration = random.Below(20);
-    const double expected = ReferenceLikelihood(costs, iteration);
-    ASSERT_NEAR(KernelLikelihood(costs, iteration, options), expected, 1e-5);
-    ASSERT_NEAR(KernelLikelihood(costs, iteration, paper), ReferencePaperLikelihood(costs, 0.3), 1e-5);
-    const double tau = 0.8 * std::exp(-iteration * iteration / 90.0);
-    ++(expected == 0 ? zero : expected == std::exp(-tau * tau / 0.32) ? floor : mean);
+    const double tau = 0.8 * std::exp(-iteration * iteration / 90.0), least = std::exp(-tau * tau / 0.32);
+    const double expected = ReferenceConfidence(costs, iteration, least);
+    ASSERT_NEAR(Confidence<Method::kOurs>(costs, iteration), expected, 1e-5);
+    ASSERT_NEAR(Confidence<Method::kAcmh>(costs, iteration), ReferenceConfidence(costs, iteration, 0), 1e-5);
+    ++(expected == 0 ? zero : expected == least ? floor : mean);
   }
   EXPECT_GT(zero, 100);
   EXPECT_GT(floor, 100);
   EXPECT_GT(mean, 100);
 }
 
-TEST(ViewLikelihoodTest, CountsDecideAtTheirBounds) {
-  const PatchMatchOptions options;
-  const double floor = std::exp(-0.64 / 0.32);
-  EXPECT_NEAR(KernelLikelihood({0.1, 0.1, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0}, 0, options), floor, 1e-6);  // two good
-  EXPECT_NEAR(KernelLikelihood({0.1, 0.1, 0.1, 1.0}, 0, options), std::exp(-0.01 / 0.18), 1e-5);     // three good
-  EXPECT_GT(KernelLikelihood({0.1, 0.1, 0.1, 1.3, 1.3}, 0, options), floor);                         // two bad
-  EXPECT_EQ(KernelLikelihood({0.1, 0.1, 0.1, 0.1, 0.1, 1.3, 1.3, 1.3}, 0, options), 0);              // three bad
-  EXPECT_NEAR(KernelLikelihood({}, 0, options), floor, 1e-6);  // a pixel without neighbours
-  // Half of the regions: two decide.
-  EXPECT_NEAR(KernelLikelihood({0.1, 1.0, 1.0, 1.0}, 0, options, 2), floor, 1e-6);              // one good
-  EXPECT_NEAR(KernelLikelihood({0.1, 0.1, 1.0}, 0, options, 2), std::exp(-0.01 / 0.18), 1e-5);  // two good
-  EXPECT_GT(KernelLikelihood({0.1, 0.1, 1.3}, 0, options, 2), floor);                           // one bad
-  EXPECT_EQ(KernelLikelihood({0.1, 0.1, 1.3, 1.3}, 0, options, 2), 0);                          // two bad
-  // A cost of 0.7 is good at the start and no longer after ten iterations (0.8 exp(-100 / 90) = 0.26).
-  EXPECT_GT(KernelLikelihood({0.7, 0.2, 0.2}, 0, options), 0);
-  EXPECT_NEAR(KernelLikelihood({0.7, 0.2, 0.2}, 10, options),
-              std::exp(-std::pow(0.8 * std::exp(-100 / 90.0), 2) / 0.32), 1e-5);
+TEST(SumOfLikelihoodsTest, AddsTheLikelihoodsOfAllHypotheses) {
+  TestRandom random(1);
+  for (int i = 0; i < 500; ++i) {
+    std::vector<double> costs(random.Below(10));
+    double expected = 0;
+    for (double& cost : costs) {
+      cost = static_cast<float>(random(0, 2));
+      expected += std::exp(-cost * cost / (2 * 0.3 * 0.3));
+    }
+    ASSERT_NEAR(SumOfLikelihoods(Strided(costs).data(), kStride, static_cast<int>(costs.size()), {}), expected, 1e-5);
+  }
 }
 
-TEST(IsViewRejectedTest, EnoughBadCostsRejectAsTheLikelihoodDoes) {
+TEST(WeightWithMemoryTest, TheViewThatWeighedMostCountsTwiceOrALittle) {
+  EXPECT_EQ(WeightWithMemory(0.7f, false), 0.7f);
+  EXPECT_EQ(WeightWithMemory(0.7f, true), 1.4f);
+  EXPECT_EQ(WeightWithMemory(0, false), 0);
+  EXPECT_EQ(WeightWithMemory(0, true), 0.2f);
+}
+
+TEST(MeanConfidenceTest, CountsDecideAtTheirBounds) {
+  const auto ours = [](const std::vector<double>& costs, int iteration, int decisive = 3) {
+    return Confidence<Method::kOurs>(costs, iteration, decisive);
+  };
+  const double floor = std::exp(-0.64 / 0.32);
+  EXPECT_NEAR(ours({0.1, 0.1, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0}, 0), floor, 1e-6);  // two good
+  EXPECT_NEAR(ours({0.1, 0.1, 0.1, 1.0}, 0), std::exp(-0.01 / 0.18), 1e-5);     // three good
+  EXPECT_GT(ours({0.1, 0.1, 0.1, 1.3, 1.3}, 0), floor);                         // two bad
+  EXPECT_EQ(ours({0.1, 0.1, 0.1, 0.1, 0.1, 1.3, 1.3, 1.3}, 0), 0);              // three bad
+  EXPECT_NEAR(ours({}, 0), floor, 1e-6);                                        // a pixel without neighbours
+  // Half of the regions: two decide.
+  EXPECT_NEAR(ours({0.1, 1.0, 1.0, 1.0}, 0, 2), floor, 1e-6);              // one good
+  EXPECT_NEAR(ours({0.1, 0.1, 1.0}, 0, 2), std::exp(-0.01 / 0.18), 1e-5);  // two good
+  EXPECT_GT(ours({0.1, 0.1, 1.3}, 0, 2), floor);                           // one bad
+  EXPECT_EQ(ours({0.1, 0.1, 1.3, 1.3}, 0, 2), 0);                          // two bad
+  // A cost of 0.7 is good at the start and no longer after ten iterations (0.8 exp(-100 / 90) = 0.26).
+  EXPECT_GT(ours({0.7, 0.2, 0.2}, 0), 0);
+  EXPECT_NEAR(ours({0.7, 0.2, 0.2}, 10), std::exp(-std::pow(0.8 * std::exp(-100 / 90.0), 2) / 0.32), 1e-5);
+}
+
+TEST(IsViewRejectedTest, EnoughBadCostsRejectAsTheConfidenceDoes) {
   TestRandom random(2);
-  PatchMatchOptions options, paper;
-  paper.view_weighting = ViewWeighting::kPaper;
   int rejected = 0;
   for (int i = 0; i < 2000; ++i) {
     std::vector<float> costs(4);
@@ -94,9 +110,8 @@ TEST(IsViewRejectedTest, EnoughBadCostsRejectAsTheLikelihoodDoes) {
     for (const RegionRange& regions : {kAllRegions, RegionsInTurn(0, 0, 0)}) {
       const int decisive = DecisiveCosts(regions);
       EXPECT_EQ(decisive, regions.count == 8 ? 3 : 2);
-      const bool is_rejected = IsViewRejected(costs.data(), 1, 4, decisive, options);
-      EXPECT_EQ(is_rejected, ViewLikelihood(costs.data(), 1, 4, 0, decisive, options) == 0);
-      EXPECT_FALSE(IsViewRejected(costs.data(), 1, 4, decisive, paper)) << "all views count there";
+      const bool is_rejected = IsViewRejected(costs.data(), 1, 4, decisive);
+      EXPECT_EQ(is_rejected, MeanConfidence<Method::kOurs>(costs.data(), 1, 4, 0, decisive, {}) == 0);
       rejected += is_rejected ? 1 : 0;
     }
   }
@@ -252,7 +267,7 @@ DrawnViews Draw(const float* probability, int views, int draws, RandomStream* ra
   drawn.sum = std::accumulate(drawn.draws, drawn.draws + kMaxSourceViews, 0);
   EXPECT_EQ(any, drawn.sum > 0);
   int list[kMaxSourceViews];
-  drawn.mask = ListDrawnViews(drawn.draws, views, SingleThread(), list);
+  drawn.mask = ListWeighedViews(drawn.draws, views, SingleThread(), list);
   std::vector<int> expected;
   for (int j = 0; j < views; ++j) {
     if (drawn.draws[j] > 0) expected.push_back(j);

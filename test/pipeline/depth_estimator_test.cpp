@@ -162,7 +162,7 @@ int CountPriorsOnThePlane(const PlaneMap& prior) {
 }
 
 TEST_F(DepthEstimatorTest, PriorComesFromTheCrediblePixelsOfThePhotometricPass) {
-  DepthEstimator estimator(&engine_, MakePreset("acmp"));
+  DepthEstimator estimator(&engine_, MakePreset("balanced"));
   const EngineEstimatePtr estimate = estimator.Run(estimator.schedule().front(), Problem());
   EXPECT_THAT(fake_.calls, ElementsAre("photometric", "planar prior"));  // the geometric passes are asked for apart
   EXPECT_EQ(fake_.last_start.planes(0, 0).d, 3.2f);
@@ -176,7 +176,7 @@ TEST_F(DepthEstimatorTest, PriorComesFromTheCrediblePixelsOfThePhotometricPass) 
 }
 
 TEST_F(DepthEstimatorTest, WithoutSupportThePriorIsEmptyAndThePassStillRuns) {
-  PipelineOptions options = MakePreset("acmp");
+  PipelineOptions options = MakePreset("balanced");
   options.planar_prior.max_support_cost = 0.01f;  // no pixel is that good
   DepthEstimator estimator(&engine_, options);
   estimator.Run(estimator.schedule().front(), Problem());
@@ -185,7 +185,7 @@ TEST_F(DepthEstimatorTest, WithoutSupportThePriorIsEmptyAndThePassStillRuns) {
 }
 
 TEST_F(DepthEstimatorTest, PhotometricPassOfAStartLevelSeesHalvedImages) {
-  PipelineOptions options = MakePreset("acmp");
+  PipelineOptions options = MakePreset("balanced");
   options.start_level = 1;
   DepthEstimator estimator(&engine_, options);
   const EngineProblem problem = Problem(1);
@@ -214,7 +214,7 @@ TEST_F(DepthEstimatorTest, PhotometricPassOfAStartLevelSeesHalvedImages) {
 }
 
 TEST_F(DepthEstimatorTest, PlanarPriorPassOfAStartLevelBeginsWithUpsampledPlanes) {
-  PipelineOptions options = MakePreset("acmp");
+  PipelineOptions options = MakePreset("balanced");
   options.start_level = 1;
   DepthEstimator estimator(&engine_, options);
   const EngineEstimatePtr estimate = estimator.Run(estimator.schedule().front(), Problem(1));
@@ -232,7 +232,7 @@ TEST_F(DepthEstimatorTest, PlanarPriorPassOfAStartLevelBeginsWithUpsampledPlanes
 }
 
 TEST_F(DepthEstimatorTest, PriorOfAStartLevelComesFromTheUpsampledEstimate) {
-  PipelineOptions options = MakePreset("acmp");
+  PipelineOptions options = MakePreset("balanced");
   options.start_level = 1;
   DepthEstimator estimator(&engine_, options);
   estimator.Run(estimator.schedule().front(), Problem(1));
@@ -267,7 +267,7 @@ TEST_F(DepthEstimatorTest, FullSizeIterationsFollowAStartLevelWithoutPrior) {
 }
 
 TEST_F(DepthEstimatorTest, PlanarPriorPassFollowsTheFullSizeIterationsWithOptionsOfItsOwn) {
-  PipelineOptions options = MakePreset("acmp");
+  PipelineOptions options = MakePreset("balanced");
   options.start_level = 1;
   options.full_size_iterations = 4;
   DepthEstimator estimator(&engine_, options);
@@ -302,7 +302,7 @@ TEST_F(DepthEstimatorTest, WithoutPriorAStartLevelStillGivesTheFullSize) {
 }
 
 TEST_F(DepthEstimatorTest, RefinementReadsTheGivenEstimatesAndStart) {
-  DepthEstimator estimator(&engine_, MakePreset("acmp"));
+  DepthEstimator estimator(&engine_, MakePreset("balanced"));
   EngineProblem problem = Problem();
   problem.sources[0].estimate = EstimateAt(4, 40, 30);
   problem.sources[2].estimate = EstimateAt(5, 30, 26);
@@ -322,7 +322,7 @@ TEST_F(DepthEstimatorTest, RefinementReadsTheGivenEstimatesAndStart) {
 }
 
 TEST_F(DepthEstimatorTest, StepsRunThePassesThatTheOptionsName) {
-  PipelineOptions options = MakePreset("acmp");
+  PipelineOptions options = MakePreset("balanced");
   DepthEstimator estimator(&engine_, options);
   std::vector<float> kernels_ms;
   EngineProblem problem = Problem();
@@ -342,7 +342,7 @@ TEST_F(DepthEstimatorTest, StepsRunThePassesThatTheOptionsName) {
 }
 
 TEST_F(DepthEstimatorTest, RefinementIsAtFullSizeWhateverTheStartLevel) {
-  PipelineOptions options = MakePreset("acmp");
+  PipelineOptions options = MakePreset("balanced");
   options.start_level = 1;
   DepthEstimator estimator(&engine_, options);
   EngineProblem problem = Problem(1);
@@ -352,7 +352,7 @@ TEST_F(DepthEstimatorTest, RefinementIsAtFullSizeWhateverTheStartLevel) {
 }
 
 TEST_F(DepthEstimatorTest, BadOptionsAreRefusedAndTheOldOnesKept) {
-  PipelineOptions bad = MakePreset("acmp");
+  PipelineOptions bad = MakePreset("balanced");
   bad.patch_match.view_draws = 0;
   EXPECT_THROW(DepthEstimator(&engine_, bad), InvalidInputError);
   EXPECT_THROW(DepthEstimator(nullptr, MakePreset("acmh")), InvalidInputError);

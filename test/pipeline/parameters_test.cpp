@@ -29,12 +29,10 @@ TEST(ParametersTest, SetEveryKindOfOption) {
   SetParameter("seed=4294967295", &options);
   SetParameter("prior_alpha=0.25", &options);
   SetParameter("use_planar_prior=false", &options);
-  SetParameter("view_weighting=1", &options);
   EXPECT_EQ(options.geometric_passes, 3);
   EXPECT_EQ(options.patch_match.seed, 4294967295u);
   EXPECT_EQ(options.patch_match.prior_alpha, 0.25f);
   EXPECT_FALSE(options.use_planar_prior);
-  EXPECT_EQ(options.patch_match.view_weighting, ViewWeighting::kPaper);
 }
 
 TEST(ParametersTest, HaveNamesAndPlacesOfTheirOwn) {

@@ -16,23 +16,53 @@ namespace {
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-TEST(PresetsTest, AreTheSystemsOfThePaper) {
-  EXPECT_THAT(PresetNames(),
-              ::testing::ElementsAre("acmh", "acmp_no_geometric", "acmp", "acmm", "acmmp", "quality", "online"));
+TEST(PresetsTest, AreThePapersSystemsAndOurs) {
+  EXPECT_THAT(PresetNames(), ::testing::ElementsAre("acmh", "acmm", "acmp_no_geometric", "acmp", "balanced", "online"));
   for (const std::string& name : PresetNames()) EXPECT_NO_THROW(Validate(MakePreset(name))) << name;
+}
 
+TEST(PresetsTest, ThePapersRunTheStepsOfTheirPapersAndNothingElse) {
   const PipelineOptions acmh = MakePreset("acmh");
+  EXPECT_EQ(acmh.patch_match.method, Method::kAcmh);
   EXPECT_FALSE(acmh.use_planar_prior);
   EXPECT_EQ(acmh.geometric_passes, 2);
+  EXPECT_EQ(acmh.patch_match.geometric_weight, 0.2f);
+  EXPECT_EQ(acmh.patch_match.geometric_max_px, 3.0f);
   const PipelineOptions no_geometric = MakePreset("acmp_no_geometric");
   EXPECT_TRUE(no_geometric.use_planar_prior);
   EXPECT_EQ(no_geometric.geometric_passes, 0);
   const PipelineOptions acmp = MakePreset("acmp");
   EXPECT_TRUE(acmp.use_planar_prior);
   EXPECT_EQ(acmp.geometric_passes, 2);
+  for (const PipelineOptions& later : {no_geometric, acmp}) {
+    // Section "Experiments", parameter settings; section "The Algorithm".
+    const PatchMatchOptions& match = later.patch_match;
+    EXPECT_EQ(match.method, Method::kAcmp);
+    EXPECT_EQ(later.planar_prior.max_support_cost, 0.1f);
+    EXPECT_EQ(match.prior_alpha, 0.18f);
+    EXPECT_EQ(match.prior_gamma, 0.5f);
+    EXPECT_EQ(match.prior_sigma_normal_deg, 5.0f);
+    EXPECT_EQ(match.prior_depth_divisor, 64.0f);
+    EXPECT_EQ(match.sigma_view, 0.3f);
+    EXPECT_EQ(match.view_smoothness, 0.9f);
+    EXPECT_EQ(match.geometric_weight, 0.1f);
+    EXPECT_EQ(match.geometric_max_px, 5.0f);
+    EXPECT_EQ(match.photometric_iterations, 3);
+    EXPECT_EQ(match.planar_prior_iterations, 3);
+    EXPECT_EQ(match.geometric_iterations, 2);
+    EXPECT_EQ(later.planar_prior.cell_size_px, 5);
+  }
   for (const PipelineOptions& paper : {acmh, no_geometric, acmp}) {
+    EXPECT_EQ(paper.sharpening, 0);
     EXPECT_EQ(paper.start_level, 0);
     EXPECT_EQ(paper.full_size_iterations, 0);
+    EXPECT_FALSE(paper.completion.enabled);
+    EXPECT_EQ(paper.fusion.max_reprojection_px, 2.0f);
+    EXPECT_EQ(paper.fusion.max_relative_depth, 0.01f);
+    EXPECT_EQ(paper.fusion.max_normal_angle_deg, 10.0f);
+    EXPECT_EQ(paper.fusion.min_consistent_views, 2);
+    EXPECT_FALSE(paper.fusion.dynamic_consistency);
+    EXPECT_EQ(paper.fusion.min_point_confidence, 0.0f);
   }
 }
 
@@ -49,12 +79,7 @@ TEST(PresetsTest, OnlineTakesAllStepsWithLessWork) {
   EXPECT_EQ(online.patch_match.candidate_view_votes, 1);
   EXPECT_EQ(online.patch_match.view_draws, 8);
 
-  // What it does not name is as in acmp: the same seed, thresholds and consistency check.
-  const PipelineOptions acmp = MakePreset("acmp");
-  EXPECT_EQ(online.patch_match.seed, acmp.patch_match.seed);
-  EXPECT_EQ(online.patch_match.median_filter, acmp.patch_match.median_filter);
-  EXPECT_EQ(online.planar_prior.max_support_cost, acmp.planar_prior.max_support_cost);
-  EXPECT_EQ(online.fusion.min_consistent_views, acmp.fusion.min_consistent_views);
+  EXPECT_EQ(online.patch_match.method, Method::kOurs);
 }
 
 /// The names of the options in which two presets differ.
@@ -68,21 +93,17 @@ std::set<std::string> Differences(PipelineOptions a, PipelineOptions b) {
   return names;
 }
 
-TEST(PresetsTest, DefaultOptionsAreAcmp) { EXPECT_THAT(Differences({}, MakePreset("acmp")), ::testing::IsEmpty()); }
+TEST(PresetsTest, DefaultOptionsAreBalanced) {
+  EXPECT_THAT(Differences({}, MakePreset("balanced")), ::testing::IsEmpty());
+  EXPECT_EQ(PipelineOptions().patch_match.method, Method::kOurs);
+}
 
 TEST(PresetsTest, DifferInWhatTheyAreNamedFor) {
   using ::testing::UnorderedElementsAre;
-  const auto from_acmp = [](const char* name) { return Differences(MakePreset("acmp"), MakePreset(name)); };
-  EXPECT_THAT(from_acmp("acmh"), UnorderedElementsAre("use_planar_prior", "completion", "min_point_confidence",
-                                                      "candidate_view_votes", "alternate_regions", "settled_views"));
-  EXPECT_THAT(from_acmp("acmp_no_geometric"),
-              UnorderedElementsAre("geometric_passes", "completion", "min_point_confidence"));
-  EXPECT_THAT(from_acmp("acmmp"), UnorderedElementsAre("start_level", "full_size_iterations"));
-  EXPECT_THAT(Differences(MakePreset("acmmp"), MakePreset("acmm")),
-              UnorderedElementsAre("use_planar_prior", "completion", "min_point_confidence", "candidate_view_votes",
-                                   "alternate_regions", "settled_views"));
-  EXPECT_THAT(from_acmp("quality"), UnorderedElementsAre("photometric_iterations", "planar_prior_iterations",
-                                                         "completion_hide_nothing_evident"));
+  EXPECT_THAT(Differences(MakePreset("acmp"), MakePreset("acmp_no_geometric")),
+              UnorderedElementsAre("geometric_passes"));
+  EXPECT_THAT(Differences(MakePreset("acmp"), MakePreset("acmh")),
+              UnorderedElementsAre("use_planar_prior", "geometric_weight", "geometric_max_px"));
 }
 
 TEST(PresetsTest, UnknownNameIsAnErrorThatListsAllNames) {
@@ -92,7 +113,7 @@ TEST(PresetsTest, UnknownNameIsAnErrorThatListsAllNames) {
       ADD_FAILURE() << "accepted \"" << name << '"';
     } catch (const InvalidInputError& error) {
       EXPECT_THAT(error.what(), HasSubstr(Concat("\"", name, "\"")));
-      EXPECT_THAT(error.what(), HasSubstr("must be one of acmh, acmp_no_geometric"));
+      EXPECT_THAT(error.what(), HasSubstr("must be one of acmh, acmm"));
       for (const std::string& known : PresetNames()) EXPECT_THAT(error.what(), HasSubstr(known));
     }
   }

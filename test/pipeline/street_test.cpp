@@ -91,7 +91,7 @@ class StreetTest : public EngineTest {
 INSTANTIATE_TEST_SUITE_P(Devices, StreetTest, ::testing::Values(Device::kCpu, Device::kCuda), DeviceName);
 
 TEST_P(StreetTest, MostOfWhatCompletionDrawsIntoTheSkyIsRefutedAndHardlyAnythingElse) {
-  PipelineOptions options = MakePreset("acmp");
+  PipelineOptions options = MakePreset("balanced");
   const Confident refuted = Map(options);
   options.completion.refute_unsupported = false;
   const Confident before = Map(options);

@@ -22,6 +22,7 @@ class KernelState {
         prior(problem_.reference.camera.width, problem_.reference.camera.height) {
     for (size_t i = 0; i < views_.size(); ++i) {
       images_.push_back(problem_.sources[i].gray);
+      full_depths_.push_back(problem_.sources[i].depth);
       views_[i].depth = depths_[i].View();
     }
   }
@@ -38,6 +39,7 @@ class KernelState {
     MatchContext<Sampler> context = MakeMatchContext<Sampler>(problem_, options_, Pass::kPhotometric, 0);
     context.sampler = sampler;
     context.sources = views_.data();
+    context.full_depths = full_depths_.data();
     context.planes = planes.View();
     context.cost = cost.View();
     context.selected_views = selected_views.View();
@@ -55,7 +57,7 @@ class KernelState {
   PatchMatchOptions options_;
   std::vector<HalvedDepthMap> depths_;
   std::vector<SourceView> views_;
-  std::vector<ImageView<const float>> images_;
+  std::vector<ImageView<const float>> images_, full_depths_;
 
  public:
   PlaneMap planes;

@@ -30,16 +30,13 @@ CompletionContext MakeCompletionContext(const PinholeCamera& camera, const Depth
 /// Gives pixels that hardly any source view confirms (MinConfirmingViews) the plane of their surroundings: robust
 /// planes are fitted to the confirmed pixels around, a square of 19 % of the image's longer side, and each pixel takes
 /// the weighted median of the nearest ones in 16 directions, or with `alternatives` a nearer or farther one; with
-/// `surest_first` those that more views confirm closely go before nearer ones, and planes in front of what is evidently
-/// farther away do not count. What the images do not show is a guess: pixels that no view confirmed get kWorstCost, the
-/// others kUnverifiedCost. Then, if it is asked for, a weighted median (FilterPixel) where surfaces meet: a window
-/// beside something nearer takes its depth, all views do so alike, and what sources look through counts less.
+/// `surest_first` those that more views confirm closely go before nearer ones. What the images do not show is a guess:
+/// pixels that no view confirmed get kWorstCost, the others kUnverifiedCost. Then, if it is asked for, a weighted
+/// median (FilterPixel) where surfaces meet: a window beside something nearer takes its depth, all views do so alike,
+/// and what sources look through counts less.
 /// @param reference,sources as FilterByConsistency takes them; sources without a depth map do not count
 /// @param planes,cost of the reference; changed
-/// @param evidence for them, of cells of EvidenceCellSize (PatchMatch::MeasureEvidence), which decides what is evident;
-/// empty: planes may hide anything
 void CompleteUnconfirmed(const FusionView& reference, const std::vector<FusionView>& sources, const DepthRange& range,
-                         const CompletionOptions& options, ImageView<PlaneHypothesis> planes, ImageView<float> cost,
-                         const ImageView<const float>& evidence = {});
+                         const CompletionOptions& options, ImageView<PlaneHypothesis> planes, ImageView<float> cost);
 
 }  // namespace acmp

@@ -16,8 +16,6 @@ struct CompletionOptions {
   bool surest_first = true;           ///< before geometric passes: pixels have to be confirmed within two thirds of
                                       ///< max_relative_depth, and anchors that more views confirm so go before nearer
                                       ///< ones, since the pass will check what they give
-  bool hide_nothing_evident = false;  ///< before geometric passes: no plane goes in front of what the images show to
-                                      ///< be farther away, unless most would, where half of the sources see the pixel
   bool weighted_median = true;        ///< then filter the map where surfaces meet (FilterPixel)
   bool refute_unsupported = true;     ///< after the passes: what has no texture and would hide what has (RefutePixel)
                                       ///< becomes a guess of little confidence: a sky, above all

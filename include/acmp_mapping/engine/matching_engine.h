@@ -70,7 +70,6 @@ class MatchingEngine {
                                          EngineEstimatePtr start, int pass) = 0;
 
   /// CompleteUnconfirmed of the reference's estimate (not null) against the sources'; those without one do not count.
-  /// What is evident the images say, if `hide_nothing_evident` asks for it.
   /// Pixels that get another surface's plane have a cost of kWorstCost or kUnverifiedCost then.
   virtual EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) = 0;
 

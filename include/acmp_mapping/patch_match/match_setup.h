@@ -1,5 +1,6 @@
 #pragma once
 
+#include <type_traits>
 #include <vector>
 
 #include "acmp_mapping/patch_match/kernel/match_context.h"
@@ -27,6 +28,23 @@ std::vector<HalvedDepthMap> HalveDepths(const PatchMatchProblem& problem);
 
 /// Number of a pass for its random numbers: 0 photometric, 1 planar prior, 2 + pass geometric.
 uint32_t PassNumber(Pass kind, int geometric_pass);
+
+/// Calls function(method), a std::integral_constant, with the method that the pass follows: ACMP's photometric pass is
+/// ACMH's, and its planar-prior pass the only one of the papers.
+template <Pass kPass, class Function>
+void VisitMethod(Method method, const Function& function) {
+  if (method == Method::kOurs) {
+    function(std::integral_constant<Method, Method::kOurs>());
+  } else if constexpr (kPass == Pass::kPhotometric) {
+    function(std::integral_constant<Method, Method::kAcmh>());
+  } else if constexpr (kPass == Pass::kPlanarPrior) {
+    function(std::integral_constant<Method, Method::kAcmp>());
+  } else if (method == Method::kAcmh) {
+    function(std::integral_constant<Method, Method::kAcmh>());
+  } else {
+    function(std::integral_constant<Method, Method::kAcmp>());
+  }
+}
 
 /// A context without sampler, sources and maps, which depend on the device.
 /// @param geometric_pass which one, from 0; of other passes 0

@@ -6,14 +6,16 @@ namespace acmp {
 
 constexpr int kMaxSourceViews = 32;  ///< the selected-view mask is one 32-bit word
 
-/// How per-pixel view weights are derived from the propagated hypotheses' costs.
-enum class ViewWeighting {
-  kThresholded,  ///< good and bad costs counted against an annealed threshold (design note 5)
-  kPaper,  ///< plain sum of exp(-m^2 / (2 sigma^2)) over all nine hypotheses (paper, section "Planar Prior Assistance")
+/// Whose method the passes follow. The papers' compute what the papers describe and nothing else.
+enum class Method {
+  kOurs,  ///< ACMP, faster and better on most scenes; docs/algorithm.md lists what differs
+  kAcmh,  ///< Xu and Tao, CVPR 2019: "Multi-Scale Geometric Consistency Guided Multi-View Stereo", section 3
+  kAcmp,  ///< Xu and Tao, AAAI 2020; its photometric pass is ACMH's, as the paper says
 };
 
 /// Parameters of one PatchMatch pass. Defaults are the paper's where it names a value.
 struct PatchMatchOptions {
+  Method method = Method::kOurs;
   int photometric_iterations = 3;   ///< T_photo, 1..20
   int planar_prior_iterations = 3;  ///< T_p-photo, 1..20
   int geometric_iterations = 2;     ///< T_geo, 1..20
@@ -23,47 +25,38 @@ struct PatchMatchOptions {
   float sigma_color = 3.0f;       ///< bilateral weight exp(-|dI| / (2 s^2)), grey levels, > 0
 
   /// In place of sigma_color where the estimate's surface bends or breaks within the window, grey levels, > 0: what is
-  /// nearer or farther there has to differ less to be left out. In passes that start from an estimate.
+  /// nearer or farther there has to differ less to be left out. In passes that start from an estimate, ours alone.
   float edge_sigma_color = 1.5f;
   /// The surface does so where the inverse depths of two pixels 5 px on either side sum up to more or less than twice
   /// the pixel's own by more than this fraction of it, > 0: a step by itself, a thin object by twice its step.
   float edge_bend = 0.03f;
 
-  float min_variance = 0.01f;  ///< grey levels^2, > 0; a window below it has no texture. Relative to the reference's
-                               ///< centre value float32 keeps flat windows below it up to 100 grey levels of exposure
-                               ///< difference
-  ViewWeighting view_weighting = ViewWeighting::kThresholded;
-  float sigma_view = 0.3f;       ///< sigma of the view likelihood
+  float min_variance = 0.01f;    ///< grey levels^2, > 0; a window below it has no texture. Relative to the reference's
+                                 ///< centre value float32 keeps flat windows below it up to 100 grey levels of exposure
+                                 ///< difference
+  float sigma_view = 0.3f;       ///< sigma of the view likelihood (ACMP), beta of the confidence (ACMH)
   float view_smoothness = 0.9f;  ///< eta, 0.5..1
-  int view_draws = 15;           ///< Monte-Carlo draws per pixel, 1..255
+  int view_draws = 15;           ///< Monte-Carlo draws per pixel, 1..255; ACMH has none
 
   /// Passes that start from an estimate compare candidates only in the views that so many of the pixel and its four
-  /// neighbours use, 0..5; 0: in all, as in the paper.
+  /// neighbours use, 0..5; 0: in all. Ours alone.
   int candidate_view_votes = 2;
-  /// Passes that start from an estimate take candidates from four of the eight regions, the near and the far ones in
-  /// turn: from one block of 2 x 2 px to the next, from iteration to iteration and from pass to pass. False: from all.
-  bool alternate_regions = true;
   /// From the third geometric iteration on, pixels keep their hypothesis with which so many views agree to within a
   /// pixel, unless the surface bends or breaks within the window; 1..32, or 0: none does. Every geometric pass takes
-  /// over the costs of such pixels instead of comparing them anew at its start.
+  /// over the costs of such pixels instead of comparing them anew at its start. Ours alone.
   int settled_views = 4;
 
-  float perturb_depth = 0.02f;       ///< relative, (0, 1)
-  float perturb_normal_deg = 1.8f;   ///< per axis, (0, 90)
-  bool gradient_normal = false;      ///< also try the normal of the neighbours' depth gradient
-  bool sample_inverse_depth = true;  ///< random depths uniform in 1/z instead of z
+  float perturb_depth = 0.02f;      ///< relative, (0, 1)
+  float perturb_normal_deg = 1.8f;  ///< per axis, (0, 90)
 
   float prior_alpha = 0.18f;            ///< alpha of eq. 5, > 0
   float prior_gamma = 0.5f;             ///< gamma of eq. 6, > 0
-  float prior_sigma_normal_deg = 5.0f;  ///< lambda_n of eq. 6 read as a standard deviation
-  float prior_depth_divisor = 64.0f;    ///< lambda_d = depth interval / divisor, read as a standard deviation
-  float prior_start_cost = 0.1f;        ///< pixels at or above start at the prior, 0..2
-  bool prior_random_start = false;      ///< Algorithm 1's random start instead of the previous estimates and priors
+  float prior_sigma_normal_deg = 5.0f;  ///< lambda_n of eq. 6; ours reads it as a standard deviation
+  float prior_depth_divisor = 64.0f;    ///< lambda_d = depth interval / divisor; ours: a standard deviation
+  float prior_start_cost = 0.1f;        ///< ours: pixels at or above start at the prior, 0..2
 
   float geometric_weight = 0.1f;  ///< lambda_geo of eq. 13, >= 0
   float geometric_max_px = 5.0f;  ///< tau_geo of eq. 13, > 0
-
-  bool median_filter = true;  ///< checkerboard median filter after each pass
 };
 
 /// Throws InvalidInputError naming the first field out of bounds.

@@ -32,7 +32,7 @@ void Check(const PatchMatchProblem& problem);
 struct PatchMatchResult {
   PlaneMap planes;  ///< every pixel has a plane in front of the camera once a pass has run
   CostMap cost;     ///< photometric (eq. 1) after the photometric and prior passes, eq. 13 after geometric ones
-  Image<uint32_t> selected_views;  ///< bit j: source view j had a positive weight
+  Image<uint32_t> selected_views;  ///< bit j: source view j had a positive weight; of ACMH: weighed most
 
   PatchMatchResult Clone() const { return {planes.Clone(), cost.Clone(), selected_views.Clone()}; }
 };

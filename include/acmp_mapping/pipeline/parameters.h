@@ -25,18 +25,13 @@ void VisitPipelineParameters(Options& pipeline, const Visitor& visit) {
   visit("edge_sigma_color", match.edge_sigma_color);
   visit("edge_bend", match.edge_bend);
   visit("min_variance", match.min_variance);
-  visit("view_weighting", match.view_weighting);
   visit("sigma_view", match.sigma_view);
   visit("view_smoothness", match.view_smoothness);
   visit("view_draws", match.view_draws);
   visit("candidate_view_votes", match.candidate_view_votes);
-  visit("alternate_regions", match.alternate_regions);
   visit("settled_views", match.settled_views);
   visit("perturb_depth", match.perturb_depth);
   visit("perturb_normal_deg", match.perturb_normal_deg);
-  visit("gradient_normal", match.gradient_normal);
-  visit("sample_inverse_depth", match.sample_inverse_depth);
-  visit("median_filter", match.median_filter);
   visit("geometric_weight", match.geometric_weight);
   visit("geometric_max_px", match.geometric_max_px);
 
@@ -45,7 +40,6 @@ void VisitPipelineParameters(Options& pipeline, const Visitor& visit) {
   visit("prior_sigma_normal_deg", match.prior_sigma_normal_deg);
   visit("prior_depth_divisor", match.prior_depth_divisor);
   visit("prior_start_cost", match.prior_start_cost);
-  visit("prior_random_start", match.prior_random_start);
   auto& prior = pipeline.planar_prior;
   visit("prior_cell_size_px", prior.cell_size_px);
   visit("prior_max_support_cost", prior.max_support_cost);
@@ -59,7 +53,6 @@ void VisitPipelineParameters(Options& pipeline, const Visitor& visit) {
   visit("completion_max_relative_depth", completion.max_relative_depth);
   visit("completion_alternatives", completion.alternatives);
   visit("completion_surest_first", completion.surest_first);
-  visit("completion_hide_nothing_evident", completion.hide_nothing_evident);
   visit("completion_refute_unsupported", completion.refute_unsupported);
   visit("weighted_median", completion.weighted_median);
 

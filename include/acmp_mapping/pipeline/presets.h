@@ -24,14 +24,18 @@ struct PipelineOptions {
 };
 void Validate(const PipelineOptions& options);
 
-/// "acmh", "acmp_no_geometric", "acmp", "acmm", "acmmp", "quality", "online".
+/// "acmh", "acmm", "acmp_no_geometric", "acmp", "balanced", "online".
 const std::vector<std::string>& PresetNames();
 
-/// The systems compared in the paper as option sets of one pipeline: acmh = photometric + geometric passes,
-/// acmp_no_geometric = ACMP\G = photometric + planar prior, acmp = all of the paper, and completion. acmm and acmmp:
-/// the same two after a start on halved images, as ACMM has coarser scales. Those without completion fuse from a lower
-/// confidence on. quality: three geometric passes of one iteration, the best maps; online: all steps with fewer
-/// iterations, half of the time or less. Throws InvalidInputError naming the known presets.
+/// Option sets of one pipeline. The papers', which compute what these describe and nothing else:
+///   acmh               photometric and geometric passes of ACMH
+///   acmp_no_geometric  ACMP\G: steps 1-20 of Algorithm 1
+///   acmp               all of Algorithm 1
+///   acmm               ours without the prior after a start on halved images: not yet the paper's
+/// Ours:
+///   balanced           the default options
+///   online             all steps with fewer iterations, half of the time or less
+/// Throws InvalidInputError naming the known presets.
 PipelineOptions MakePreset(const std::string& name);
 
 }  // namespace acmp

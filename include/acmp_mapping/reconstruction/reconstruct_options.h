@@ -20,7 +20,7 @@ struct ReconstructOptions {
   std::string format = "auto";
   std::string images;  ///< "0,3,7-12"; empty: all
 
-  std::string preset = "acmp";
+  std::string preset = "balanced";
   std::string schedule = "offline";
   std::vector<std::string> set;     ///< NAME=VALUE: options of the pipeline over the preset's
   int max_image_size = 0;           ///< px, longer side; 0: as stored

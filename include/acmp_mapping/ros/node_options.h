@@ -30,9 +30,9 @@ enum class TimeJumpPolicy {
 /// What is read once when the nodelet is loaded. Every field is a private parameter of the name beside it; enumerations
 /// are the names of their values in lower_case.
 struct NodeOptions {
-  Device device = Device::kAuto;  ///< device: auto, cuda, cpu
-  int cuda_device = 0;            ///< cuda_device: 0-based, 0..63
-  std::string preset = "acmp";    ///< preset: see MakePreset; start values of matching parameters
+  Device device = Device::kAuto;    ///< device: auto, cuda, cpu
+  int cuda_device = 0;              ///< cuda_device: 0-based, 0..63
+  std::string preset = "balanced";  ///< preset: see MakePreset; start values of matching parameters
   ImageTransport image_transport = ImageTransport::kRaw;  ///< image_transport: raw, compressed
   bool rectified = false;        ///< rectified: images are undistorted already; camera_info's P holds
   int max_image_size = 640;      ///< max_image_size: longer side that is matched [px]; 0 = as sent, ..100000

@@ -30,7 +30,8 @@ void Validate(const RuntimeOptions& options);
 using acmp_mapping::DenseMapperConfig;
 
 DenseMapperConfig ToConfig(const RuntimeOptions& options);
-RuntimeOptions FromConfig(const DenseMapperConfig& config);
+/// @param options what the configuration does not have: it stays
+RuntimeOptions FromConfig(const DenseMapperConfig& config, RuntimeOptions options = {});
 
 /// Parameters of the namespace over the defaults in `start`. Throws InvalidInputError for a value out of the .cfg
 /// file's bounds or that does not fit another one.
@@ -59,18 +60,13 @@ void VisitRuntimeParameters(Options& options, Config& config, const Visitor& vis
   visit("edge_sigma_color", match.edge_sigma_color, config.edge_sigma_color);
   visit("edge_bend", match.edge_bend, config.edge_bend);
   visit("min_variance", match.min_variance, config.min_variance);
-  visit("view_weighting", match.view_weighting, config.view_weighting);
   visit("sigma_view", match.sigma_view, config.sigma_view);
   visit("view_smoothness", match.view_smoothness, config.view_smoothness);
   visit("view_draws", match.view_draws, config.view_draws);
   visit("candidate_view_votes", match.candidate_view_votes, config.candidate_view_votes);
-  visit("alternate_regions", match.alternate_regions, config.alternate_regions);
   visit("settled_views", match.settled_views, config.settled_views);
   visit("perturb_depth", match.perturb_depth, config.perturb_depth);
   visit("perturb_normal_deg", match.perturb_normal_deg, config.perturb_normal_deg);
-  visit("gradient_normal", match.gradient_normal, config.gradient_normal);
-  visit("sample_inverse_depth", match.sample_inverse_depth, config.sample_inverse_depth);
-  visit("median_filter", match.median_filter, config.median_filter);
   visit("geometric_weight", match.geometric_weight, config.geometric_weight);
   visit("geometric_max_px", match.geometric_max_px, config.geometric_max_px);
 
@@ -79,7 +75,6 @@ void VisitRuntimeParameters(Options& options, Config& config, const Visitor& vis
   visit("prior_sigma_normal_deg", match.prior_sigma_normal_deg, config.prior_sigma_normal_deg);
   visit("prior_depth_divisor", match.prior_depth_divisor, config.prior_depth_divisor);
   visit("prior_start_cost", match.prior_start_cost, config.prior_start_cost);
-  visit("prior_random_start", match.prior_random_start, config.prior_random_start);
   auto& prior = pipeline.planar_prior;
   visit("prior_cell_size_px", prior.cell_size_px, config.prior_cell_size_px);
   visit("prior_max_support_cost", prior.max_support_cost, config.prior_max_support_cost);
@@ -93,7 +88,6 @@ void VisitRuntimeParameters(Options& options, Config& config, const Visitor& vis
   visit("completion_max_relative_depth", completion.max_relative_depth, config.completion_max_relative_depth);
   visit("completion_alternatives", completion.alternatives, config.completion_alternatives);
   visit("completion_surest_first", completion.surest_first, config.completion_surest_first);
-  visit("completion_hide_nothing_evident", completion.hide_nothing_evident, config.completion_hide_nothing_evident);
   visit("completion_refute_unsupported", completion.refute_unsupported, config.completion_refute_unsupported);
   visit("weighted_median", pipeline.completion.weighted_median, config.weighted_median);
 

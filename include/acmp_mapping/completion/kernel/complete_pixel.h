@@ -1,6 +1,6 @@
 #pragma once
 
-#include "acmp_mapping/completion/kernel/evident_anchor.h"
+#include "acmp_mapping/completion/kernel/completion_grid.h"
 #include "acmp_mapping/completion/kernel/nearest_anchor.h"
 
 namespace acmp {
@@ -56,35 +56,6 @@ ACMP_HOST_DEVICE inline void KeepPlanesNear(float depth, ExtendedPlanes* planes)
   }
 }
 
-/// Takes the weight from planes that would hide something evident, the nearest in any direction: a blank surface ends
-/// where what is behind it is seen. Not where these are more than half of the weight: what is left would be far away in
-/// the image, or, of a sky, the farthest plane there is, which all views would take. Only of pixels that half of the
-/// sources have in their image. At the border of what they see less is evident than there is.
-ACMP_HOST_DEVICE inline void KeepPlanesThatHideNothing(const CompletionContext& context, const NearestAnchors& nearest,
-                                                       int col, int row, ExtendedPlanes* planes) {
-  if (context.evident.empty() || !IsWidelySeen(context.sightings(col, row))) return;
-  const int size = context.evident_cell_size;
-  const NearestAnchors& evident = context.nearest_evident(col / size, row / size);
-  constexpr float kLeast = 0.5f;
-  unsigned hiding = 0;
-  float total = 0, left = 0;
-  ACMP_UNROLL
-  for (int i = 0; i < kNumDirections; ++i) {
-    if (!(planes->weight[i] > 0)) continue;
-    const Vec3f plane = context.fitted.data[nearest.cell[i]].inverse_plane;
-    bool hides = false;
-    for (int k = 0; k < kNumDirections && !hides; ++k) {
-      hides = evident.cell[k] >= 0 && WouldHide(context, plane, context.evident.data[evident.cell[k]]);
-    }
-    hiding |= hides ? 1u << i : 0;
-    total += planes->weight[i];
-    left += hides ? 0 : planes->weight[i];
-  }
-  if (!(left >= kLeast * total)) return;
-  ACMP_UNROLL
-  for (int i = 0; i < kNumDirections; ++i) planes->weight[i] = (hiding >> i & 1u) != 0 ? 0 : planes->weight[i];
-}
-
 /// Direction of the weighted quantile: the least inverse depth up to which lies this share of the weight or more, half
 /// of it for the median. -1: no plane has a weight.
 ACMP_HOST_DEVICE inline int WeightedQuantile(const ExtendedPlanes& planes, float share) {
@@ -113,15 +84,11 @@ ACMP_HOST_DEVICE inline bool IsCompleted(float cost) { return cost >= kUnverifie
 
 /// The share of the planes' weight behind the one that a pixel takes. As one of several alternatives: a plane in front
 /// of most or one behind most, by blocks of 2 x 2 px. What is blank lies behind what is around it more often than in
-/// front. Where planes that would hide something are out of question the nearer one may be nearer, and has to, as those
-/// left are farther away.
+/// front.
 ACMP_HOST_DEVICE inline float ShareBehind(const CompletionContext& context, int col, int row) {
   constexpr float kMedian = 0.5f, kNearer = 0.65f, kFarther = 0.2f;
-  constexpr float kNearerHidingNothing = 0.75f, kFartherHidingNothing = 0.15f;
   if (!context.alternatives) return kMedian;
-  const bool is_nearer = (col / 2 + row / 2) % 2 == 0;
-  if (context.evident.empty()) return is_nearer ? kNearer : kFarther;
-  return is_nearer ? kNearerHidingNothing : kFartherHidingNothing;
+  return (col / 2 + row / 2) % 2 == 0 ? kNearer : kFarther;
 }
 
 /// A pixel that too few views confirm takes the plane that is the median of its surroundings', or an alternative, near
@@ -140,7 +107,6 @@ ACMP_HOST_DEVICE inline void CompletePixel(const CompletionContext& context, int
     const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
     KeepPlanesNear(PlaneDepth(context.planes(col, row), ray), &planes);
   }
-  KeepPlanesThatHideNothing(context, nearest, col, row, &planes);
   const int direction = WeightedQuantile(planes, ShareBehind(context, col, row));
   if (direction < 0) return;
   const AnchorCell& anchor = context.fitted.data[nearest.cell[direction]];

@@ -55,10 +55,6 @@ struct CompletionContext {
   ImageView<AnchorCell> anchors;  ///< as found; rows of cells
   ImageView<AnchorCell> fitted;   ///< with the planes of their surroundings; no gaps between rows
   ImageView<NearestAnchors> nearest;
-  /// What no plane may hide (EvidentContext); empty: no matter.
-  ImageView<const AnchorCell> evident;
-  ImageView<const NearestAnchors> nearest_evident;
-  int evident_cell_size;  ///< px
 };
 
 /// The lanes that share a cell or a pixel. The CPU has one, which does all; others have several, of which each takes
@@ -88,24 +84,22 @@ ACMP_HOST_DEVICE inline int CompletionCellSize(int width, int height) {
   return SizeOfCells(width, height, kCellsAcross);
 }
 
-// How many source views confirm a pixel, how many of them closely, whether some source nearly does, how many sources
-// look through it, and whether it falls into half of their images. Of more than these maxima no step asks.
+// How many source views confirm a pixel, how many of them closely, whether some source nearly does, and how many
+// sources look through it. Of more than these maxima no step asks.
 constexpr int kMaxConfirming = 31;
 constexpr int kMaxLookingThrough = 3;
 
 ACMP_HOST_DEVICE inline Sightings PackSightings(int confirming, int closely_confirming, bool is_nearly_confirmed,
-                                                int looking_through, bool is_widely_seen = false) {
+                                                int looking_through) {
   const int views = confirming < kMaxConfirming ? confirming : kMaxConfirming;
   const int close_views = closely_confirming < kMaxConfirming ? closely_confirming : kMaxConfirming;
   const int through = looking_through < kMaxLookingThrough ? looking_through : kMaxLookingThrough;
-  return static_cast<Sightings>((is_widely_seen ? 1 : 0) << 13 | close_views << 8 | through << 6 |
-                                (is_nearly_confirmed ? 1 : 0) << 5 | views);
+  return static_cast<Sightings>(close_views << 8 | through << 6 | (is_nearly_confirmed ? 1 : 0) << 5 | views);
 }
 ACMP_HOST_DEVICE inline int ConfirmingViews(Sightings sightings) { return sightings & kMaxConfirming; }
 ACMP_HOST_DEVICE inline int CloselyConfirmingViews(Sightings sightings) { return sightings >> 8 & kMaxConfirming; }
 ACMP_HOST_DEVICE inline bool IsNearlyConfirmed(Sightings sightings) { return (sightings >> 5 & 1) != 0; }
 ACMP_HOST_DEVICE inline int LookingThrough(Sightings sightings) { return sightings >> 6 & kMaxLookingThrough; }
-ACMP_HOST_DEVICE inline bool IsWidelySeen(Sightings sightings) { return (sightings >> 13 & 1) != 0; }
 
 /// Whether a pixel may be extended: enough views confirm it and at most one looks through.
 ACMP_HOST_DEVICE inline bool CanBeAnchor(Sightings sightings, int anchor_views) {

@@ -30,29 +30,6 @@ ACMP_HOST_DEVICE inline void FindEvidentAnchor(const CompletionContext& context,
   context.fitted(cell_col, cell_row) = anchor;
 }
 
-/// As FindEvidentAnchor; where the middle is not evident, a pixel of the cell that may become an anchor of completion,
-/// as something at no distance, which nothing hides: what lies beyond it is of another surface.
-/// @param context with sightings
-ACMP_HOST_DEVICE inline void FindEvidentOrAnchor(const CompletionContext& context,
-                                                 const ImageView<const float>& evidence, int cell_col, int cell_row) {
-  constexpr float kNoDistance = 1e30f;  // inverse depth
-  FindEvidentAnchor(context, evidence, cell_col, cell_row);
-  AnchorCell& found = context.fitted(cell_col, cell_row);
-  if (found.views > 0) return;
-  const int size = context.cell_size;
-  for (int row = cell_row * size; row < (cell_row + 1) * size; ++row) {
-    for (int col = cell_col * size; col < (cell_col + 1) * size; ++col) {
-      if (!context.sightings.Contains(col, row)) continue;
-      if (!CanBeAnchor(context.sightings(col, row), context.anchor_views)) continue;
-      found.views = 1;
-      found.col = col;
-      found.row = row;
-      found.inverse_depth = kNoDistance;
-      return;
-    }
-  }
-}
-
 /// Whether a plane, extended to an anchor's pixel, passes clearly in front of the anchor.
 ACMP_HOST_DEVICE inline bool WouldHide(const CompletionContext& context, const Vec3f& inverse_plane,
                                        const AnchorCell& anchor) {

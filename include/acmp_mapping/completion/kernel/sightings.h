@@ -13,13 +13,12 @@ ACMP_HOST_DEVICE inline Sightings LookAtPixel(const FusionContext<View>& context
   ReferencePixel pixel;
   if (!LoadReferencePlace(context, col, row, &pixel)) return 0;
   constexpr double kNearlySquaredPx = 4, kNearlyDepth = 4, kCloselyDepth = 2.0 / 3;
-  int seeing = 0, confirming = 0, closely_confirming = 0, looking_through = 0;
+  int confirming = 0, closely_confirming = 0, looking_through = 0;
   bool is_nearly_confirmed = false;
   for (int i = 0; i < context.num_sources; ++i) {
     SourcePlace place;
     Sighting sighting;
     if (!LocateInSource(context.sources[i], pixel.homogeneous, &place)) continue;
-    ++seeing;
     if (!LookBack(context.sources[i], pixel, place, &sighting)) continue;
     if (LooksThrough(sighting)) ++looking_through;
     const double squared_px = context.limits.max_squared_px, relative_depth = context.limits.max_relative_depth;
@@ -29,8 +28,7 @@ ACMP_HOST_DEVICE inline Sightings LookAtPixel(const FusionContext<View>& context
     confirming += confirms ? 1 : 0;
     closely_confirming += confirms && sighting.relative_depth < kCloselyDepth * relative_depth ? 1 : 0;
   }
-  const bool is_widely_seen = 2 * seeing >= context.num_sources;
-  return PackSightings(confirming, closely_confirming, is_nearly_confirmed, looking_through, is_widely_seen);
+  return PackSightings(confirming, closely_confirming, is_nearly_confirmed, looking_through);
 }
 
 }  // namespace acmp

@@ -6,14 +6,12 @@
 
 namespace acmp {
 
-/// Uniform in inverse depth (or depth) over the range.
+/// Uniform in inverse depth over the range.
 template <class Sampler>
 ACMP_HOST_DEVICE inline float RandomDepth(const MatchContext<Sampler>& context, RandomStream* random) {
   const float u = random->NextUniform();
   const float low = context.depth_min, high = context.depth_max;
-  const float depth =
-      context.options.sample_inverse_depth ? low * high / (high + u * (low - high)) : low + u * (high - low);
-  return Clamp(depth, low, high);  // rounding must not leave the range
+  return Clamp(low * high / (high + u * (low - high)), low, high);  // rounding must not leave the range
 }
 
 /// Uniform on the half sphere that faces the camera along `ray`.
@@ -42,29 +40,6 @@ ACMP_HOST_DEVICE inline Vec3f PerturbNormal(const Vec3f& normal, const Vec3f& ra
   const Vec3f about_y = {cy * about_x.x + sy * about_x.z, about_x.y, cy * about_x.z - sy * about_x.x};
   const Vec3f turned = Normalized(Vec3f{cz * about_y.x - sz * about_y.y, sz * about_y.x + cz * about_y.y, about_y.z});
   return Dot(turned, ray) < 0 ? turned : normal;
-}
-
-/// Normal of the surface through the four neighbours' points (all of the other colour), facing the camera; `fallback`
-/// at the border and where the points are degenerate.
-template <class Sampler>
-ACMP_HOST_DEVICE inline Vec3f GradientNormal(const MatchContext<Sampler>& context, int col, int row, const Vec3f& ray,
-                                             const Vec3f& fallback) {
-  if (col < 1 || row < 1 || col >= context.width - 1 || row >= context.height - 1) return fallback;
-  const Vec3f left_ray = context.rays.Ray(static_cast<float>(col - 1), static_cast<float>(row));
-  const Vec3f right_ray = context.rays.Ray(static_cast<float>(col + 1), static_cast<float>(row));
-  const Vec3f up_ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row - 1));
-  const Vec3f down_ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row + 1));
-  const Vec3f across = PlaneDepth(context.planes(col + 1, row), right_ray) * right_ray -
-                       PlaneDepth(context.planes(col - 1, row), left_ray) * left_ray;
-  const Vec3f along = PlaneDepth(context.planes(col, row + 1), down_ray) * down_ray -
-                      PlaneDepth(context.planes(col, row - 1), up_ray) * up_ray;
-  const Vec3f normal = Cross(across, along);
-  const float norm = Norm(normal);
-  if (!(norm > 0) || !(norm < 1e30f)) return fallback;
-  const Vec3f unit = (1.0f / norm) * normal;
-  const float facing = Dot(unit, ray);
-  if (!(fabsf(facing) > 1e-3f)) return fallback;  // seen edge-on: the plane would hold this pixel's depth only
-  return facing < 0 ? unit : -1.0f * unit;
 }
 
 }  // namespace acmp

@@ -10,8 +10,9 @@
 
 namespace acmp {
 
-/// Mean of the min(4, valid) smallest view costs, and which views those were. No valid view: worst cost, no view.
-template <Pass kPass, class Sampler, class Team>
+/// Mean of the min(4, valid) smallest view costs, and which views those were; of ACMH only the best. No valid view:
+/// worst cost, no view.
+template <Pass kPass, Method kMethod = Method::kOurs, class Sampler, class Team>
 ACMP_HOST_DEVICE inline float InitialCost(const MatchContext<Sampler>& context, int col, int row,
                                           const PlaneHypothesis& plane, const Team& team, PixelScratch* scratch,
                                           uint32_t* selected_views) {
@@ -30,7 +31,7 @@ ACMP_HOST_DEVICE inline float InitialCost(const MatchContext<Sampler>& context, 
         if (!(cost < kWorstCost)) {
           cost = kInvalid;
         } else if constexpr (kPass == Pass::kGeometric) {
-          cost += context.options.geometric_weight * GeometricError(context, depth, col, row, view);
+          cost += context.options.geometric_weight * GeometricError<kMethod>(context, depth, col, row, view);
         }
         view_cost[view] = cost;
       });
@@ -54,16 +55,16 @@ ACMP_HOST_DEVICE inline float InitialCost(const MatchContext<Sampler>& context, 
   float sum = 0;
   for (int i = 0; i < valid; ++i) {
     sum += best_cost[i];
-    *selected_views |= 1u << best_view[i];
+    if (kMethod != Method::kAcmh || i == 0) *selected_views |= 1u << best_view[i];
   }
   return sum / static_cast<float>(valid);
 }
 
-template <Pass kPass, class Sampler>
+template <Pass kPass, Method kMethod = Method::kOurs, class Sampler>
 inline float InitialCost(const MatchContext<Sampler>& context, int col, int row, const PlaneHypothesis& plane,
                          uint32_t* selected_views) {
   StackScratch scratch;
-  return InitialCost<kPass>(context, col, row, plane, SingleThread(), &scratch.shared, selected_views);
+  return InitialCost<kPass, kMethod>(context, col, row, plane, SingleThread(), &scratch.shared, selected_views);
 }
 
 /// A random plane for the pixel.
@@ -77,12 +78,11 @@ ACMP_HOST_DEVICE inline PlaneHypothesis RandomPlane(const MatchContext<Sampler>&
   return plane;
 }
 
-/// Where the pixel of a planar-prior pass starts: near the prior if it has one and its estimate is not credible.
+/// Where the pixel of our planar-prior pass starts: near the prior if it has one and its estimate is not credible.
 template <class Sampler>
 ACMP_HOST_DEVICE inline PlaneHypothesis PriorStart(const MatchContext<Sampler>& context, int col, int row,
                                                    const Vec3f& ray, RandomStream* random) {
   const PlaneHypothesis current = context.planes(col, row);
-  if (context.options.prior_random_start) return RandomPlane(context, ray, random);
   const PixelPrior prior = LoadPrior(context, col, row, ray);
   if (!prior.valid || context.cost(col, row) < context.options.prior_start_cost) return current;
   constexpr float kDepthSpread = 0.06f;
@@ -93,40 +93,46 @@ ACMP_HOST_DEVICE inline PlaneHypothesis PriorStart(const MatchContext<Sampler>& 
   return plane.d > 0 ? plane : current;
 }
 
-/// The plane with which a pixel starts a pass.
-template <Pass kPass, class Sampler>
+/// The plane with which a pixel starts a pass: a random one in the papers' photometric and planar-prior passes.
+template <Pass kPass, Method kMethod = Method::kOurs, class Sampler>
 ACMP_HOST_DEVICE inline PlaneHypothesis StartingPlane(const MatchContext<Sampler>& context, int col, int row) {
   RandomStream random(context.options.seed, static_cast<uint32_t>(row * context.width + col),
                       context.pass_number * 64u);
   const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
-  if constexpr (kPass == Pass::kPhotometric) return RandomPlane(context, ray, &random);
-  if constexpr (kPass == Pass::kPlanarPrior) return PriorStart(context, col, row, ray, &random);
-  return context.planes(col, row);
+  if constexpr (kPass == Pass::kGeometric) {
+    return context.planes(col, row);
+  } else if constexpr (kPass == Pass::kPlanarPrior && kMethod == Method::kOurs) {
+    return PriorStart(context, col, row, ray, &random);
+  } else {
+    return RandomPlane(context, ray, &random);
+  }
 }
 
-/// First step of a pass for a pixel that is updated second: its starting plane, cost and selected views. Writes this
-/// pixel only. A settled pixel starts with the cost that it has.
-template <Pass kPass, class Sampler, class Team>
+/// First step of a pass for a pixel: its starting plane, cost and selected views. Writes this pixel only. A settled
+/// pixel starts with the cost that it has.
+template <Pass kPass, Method kMethod = Method::kOurs, class Sampler, class Team>
 ACMP_HOST_DEVICE inline void InitializePixel(const MatchContext<Sampler>& context, int col, int row, const Team& team,
                                              PixelScratch* scratch) {
-  if (kPass == Pass::kGeometric && KeepIfSettled(context, col, row, team)) return;
-  const PlaneHypothesis plane = StartingPlane<kPass>(context, col, row);
+  if constexpr (kPass == Pass::kGeometric && kMethod == Method::kOurs) {
+    if (KeepIfSettled(context, col, row, team)) return;
+  }
+  const PlaneHypothesis plane = StartingPlane<kPass, kMethod>(context, col, row);
   uint32_t selected_views;
-  const float cost = InitialCost<kPass>(context, col, row, plane, team, scratch, &selected_views);
+  const float cost = InitialCost<kPass, kMethod>(context, col, row, plane, team, scratch, &selected_views);
   if (team.Rank() != 0) return;
   context.cost(col, row) = cost;
   context.planes(col, row) = plane;
   context.selected_views(col, row) = selected_views;
 }
 
-template <Pass kPass, class Sampler>
+template <Pass kPass, Method kMethod = Method::kOurs, class Sampler>
 inline void InitializePixel(const MatchContext<Sampler>& context, int col, int row) {
   StackScratch scratch;
-  InitializePixel<kPass>(context, col, row, SingleThread(), &scratch.shared);
+  InitializePixel<kPass, kMethod>(context, col, row, SingleThread(), &scratch.shared);
 }
 
-/// The same for a pixel that is updated first: nobody reads its cost and views before its update has set them, so they
-/// are not worth a comparison. In geometric passes it stays as it is: it may be settled.
+/// In ours, the same for a pixel that is updated first: nobody reads its cost and views before its update has set them,
+/// so they are not worth a comparison. In geometric passes it stays as it is: it may be settled.
 template <Pass kPass, class Sampler>
 ACMP_HOST_DEVICE inline void InitializeUnmatched(const MatchContext<Sampler>& context, int col, int row) {
   context.selected_views(col, row) = 0;

@@ -20,7 +20,7 @@ struct alignas(16) SourceView {
   Mat3f back_a;         ///< K_ref R_j^T K_j^-1
   Vec3f back_b;         ///< -K_ref R_j^T t_j
   float width, height;  ///< px
-  HalvedDepth depth;    ///< empty outside geometric passes
+  HalvedDepth depth;    ///< empty outside geometric passes and in the papers' ones
 };
 
 /// The planar prior: a plane per pixel, or planes and which of them is each pixel's, which takes a quarter of the
@@ -57,7 +57,8 @@ struct MatchContext {
   ImageView<PlaneHypothesis> planes;
   ImageView<float> cost;
   ImageView<uint32_t> selected_views;
-  PriorMap prior;  ///< planar-prior pass only
+  PriorMap prior;                             ///< planar-prior pass only
+  const ImageView<const float>* full_depths;  ///< of the sources, z at full size: the papers' geometric passes only
 
   ACMP_HOST_DEVICE bool Contains(int col, int row) const { return col >= 0 && row >= 0 && col < width && row < height; }
   ACMP_HOST_DEVICE bool InRange(float depth) const { return depth >= depth_min && depth <= depth_max; }

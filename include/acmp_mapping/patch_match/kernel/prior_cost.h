@@ -9,8 +9,8 @@ struct PixelPrior {
   bool valid = false;
   Vec3f normal = {0, 0, 0};
   float depth = 0;
-  float sigma_depth = 0;   ///< lambda_d of eq. 6, as a standard deviation
-  float sigma_normal = 0;  ///< lambda_n of eq. 6, as a standard deviation, rad
+  float lambda_depth = 0;   ///< of eq. 6
+  float lambda_normal = 0;  ///< of eq. 6, rad
 };
 
 constexpr float kRadPerDeg = 0.017453292519943295f;
@@ -23,18 +23,26 @@ ACMP_HOST_DEVICE inline PixelPrior LoadPrior(const MatchContext<Sampler>& contex
   prior.valid = true;
   prior.normal = plane.normal();
   prior.depth = PlaneDepth(plane, ray);
-  prior.sigma_depth = (context.depth_max - context.depth_min) / context.options.prior_depth_divisor;
-  prior.sigma_normal = context.options.prior_sigma_normal_deg * kRadPerDeg;
+  prior.lambda_depth = (context.depth_max - context.depth_min) / context.options.prior_depth_divisor;
+  prior.lambda_normal = context.options.prior_sigma_normal_deg * kRadPerDeg;
   return prior;
 }
 
-/// P(theta | theta_p) of eq. 6 with both lambdas read as standard deviations (squared), which is what makes them agree
-/// in dimension; gamma alone where there is no prior.
+/// P(theta | theta_p) of eq. 6; gamma alone where there is no prior. Ours reads both lambdas as standard deviations
+/// (squared), which makes them agree in dimension.
+template <Method kMethod>
 ACMP_HOST_DEVICE inline float PriorProbability(const PixelPrior& prior, float gamma, float depth, const Vec3f& normal) {
   if (!prior.valid) return gamma;
-  const float depth_ratio = (depth - prior.depth) / prior.sigma_depth;
-  const float angle_ratio = acosf(Clamp(Dot(normal, prior.normal), -1.0f, 1.0f)) / prior.sigma_normal;
-  return gamma + expf(-0.5f * (depth_ratio * depth_ratio + angle_ratio * angle_ratio));
+  const float depth_difference = depth - prior.depth;
+  const float angle = acosf(Clamp(Dot(normal, prior.normal), -1.0f, 1.0f));
+  if constexpr (kMethod == Method::kOurs) {
+    const float depth_ratio = depth_difference / prior.lambda_depth;
+    const float angle_ratio = angle / prior.lambda_normal;
+    return gamma + expf(-0.5f * (depth_ratio * depth_ratio + angle_ratio * angle_ratio));
+  } else {
+    return gamma + expf(-0.5f * (depth_difference * depth_difference / prior.lambda_depth +
+                                 angle * angle / prior.lambda_normal));
+  }
 }
 
 /// c_p-photo of eq. 7.

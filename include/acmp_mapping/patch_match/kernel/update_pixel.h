@@ -22,34 +22,52 @@ struct RatedHypothesis {
 };
 
 /// One pixel under update, as one thread of its team sees it.
-template <class Sampler, class Team>
+template <class Sampler, class Team, Method kMethod = Method::kOurs>
 struct PixelUpdate : PixelMatch<Sampler, Team> {
   using PixelMatch<Sampler, Team>::PixelMatch;
   Vec3f ray;
   PixelPrior prior;
   RegionRange regions = kAllRegions;  ///< that candidates come from
   int num_drawn = 0;                  ///< source views with a positive weight
+  float total_weight = 0;             ///< of ACMH's views
+
+  /// w_j of eq. 1 of a view: how often it was drawn; in ACMH a weight of its own.
+  ACMP_HOST_DEVICE float Weight(int view) const {
+    if constexpr (kMethod == Method::kAcmh) {
+      return this->scratch->ViewProbability()[view];
+    } else {
+      return static_cast<float>(this->scratch->Draws()[view]);
+    }
+  }
+  ACMP_HOST_DEVICE float TotalWeight() const {
+    if constexpr (kMethod == Method::kAcmh) {
+      return total_weight;
+    } else {
+      return static_cast<float>(this->context.options.view_draws);
+    }
+  }
 };
 
 /// lambda_geo times the reprojection error of eq. 13.
-template <class Sampler, class Team>
-ACMP_HOST_DEVICE inline float GeometricTerm(const PixelUpdate<Sampler, Team>& pixel, const PlaneHypothesis& plane,
-                                            int view) {
+template <class Sampler, class Team, Method kMethod>
+ACMP_HOST_DEVICE inline float GeometricTerm(const PixelUpdate<Sampler, Team, kMethod>& pixel,
+                                            const PlaneHypothesis& plane, int view) {
   const float depth = PlaneDepth(plane, pixel.ray);
-  return pixel.context.options.geometric_weight * GeometricError(pixel.context, depth, pixel.col, pixel.row, view);
+  return pixel.context.options.geometric_weight *
+         GeometricError<kMethod>(pixel.context, depth, pixel.col, pixel.row, view);
 }
 
 /// Turns the weighted sum of view costs in `cost[i]` into the cost of plane i (eq. 1, or eq. 13 in geometric passes)
 /// and its energy (the same, or eq. 7 in the planar-prior pass).
-template <Pass kPass, class Sampler, class Team>
-ACMP_HOST_DEVICE inline void RatePlane(const PixelUpdate<Sampler, Team>& pixel, int i) {
+template <Pass kPass, class Sampler, class Team, Method kMethod>
+ACMP_HOST_DEVICE inline void RatePlane(const PixelUpdate<Sampler, Team, kMethod>& pixel, int i) {
   PixelScratch& scratch = *pixel.scratch;
-  const float cost = scratch.cost[i] / static_cast<float>(pixel.context.options.view_draws);
+  const float cost = scratch.cost[i] / pixel.TotalWeight();
   float energy = cost;
   if constexpr (kPass == Pass::kPlanarPrior) {
     const PlaneHypothesis plane = scratch.planes[i];
-    const float probability =
-        PriorProbability(pixel.prior, pixel.context.options.prior_gamma, PlaneDepth(plane, pixel.ray), plane.normal());
+    const float probability = PriorProbability<kMethod>(pixel.prior, pixel.context.options.prior_gamma,
+                                                        PlaneDepth(plane, pixel.ray), plane.normal());
     energy = PriorAssistedCost(cost, probability, pixel.context.options.prior_alpha);
   }
   scratch.cost[i] = cost;
@@ -58,14 +76,14 @@ ACMP_HOST_DEVICE inline void RatePlane(const PixelUpdate<Sampler, Team>& pixel, 
 
 /// Of the views in the mask those that the costs of the first `matched` candidates do not reject yet. The others get
 /// the worst cost for the planes up to `count`: they will not be drawn.
-template <class Sampler, class Team>
-ACMP_HOST_DEVICE inline uint32_t RejectViews(const PixelUpdate<Sampler, Team>& pixel, uint32_t views, int matched,
-                                             int count) {
+template <class Sampler, class Team, Method kMethod>
+ACMP_HOST_DEVICE inline uint32_t RejectViews(const PixelUpdate<Sampler, Team, kMethod>& pixel, uint32_t views,
+                                             int matched, int count) {
   PixelScratch& scratch = *pixel.scratch;
   const int num_sources = pixel.context.num_sources;
   for (int view = 0; view < num_sources; ++view) {
-    if ((views >> view & 1u) == 0 || !IsViewRejected(scratch.ViewCost(0) + view, num_sources, matched,
-                                                     DecisiveCosts(pixel.regions), pixel.context.options)) {
+    if ((views >> view & 1u) == 0 ||
+        !IsViewRejected(scratch.ViewCost(0) + view, num_sources, matched, DecisiveCosts(pixel.regions))) {
       continue;
     }
     views &= ~(1u << view);
@@ -76,8 +94,8 @@ ACMP_HOST_DEVICE inline uint32_t RejectViews(const PixelUpdate<Sampler, Team>& p
 
 /// The regions' candidates and the pixel's own plane in the scratch, with their photometric costs in those of `views`
 /// that can still be drawn. Returns how many; the own plane is the last.
-template <class Sampler, class Team>
-ACMP_HOST_DEVICE inline int MatchCandidates(const PixelUpdate<Sampler, Team>& pixel, uint32_t views) {
+template <class Sampler, class Team, Method kMethod>
+ACMP_HOST_DEVICE inline int MatchCandidates(const PixelUpdate<Sampler, Team, kMethod>& pixel, uint32_t views) {
   PixelScratch& scratch = *pixel.scratch;
   const int num_sources = pixel.context.num_sources;
   int* listed = scratch.DrawnViews();
@@ -90,7 +108,7 @@ ACMP_HOST_DEVICE inline int MatchCandidates(const PixelUpdate<Sampler, Team>& pi
   const auto store = [&](int i, int view, float cost) { scratch.ViewCost(i)[view] = cost; };
   const auto view_of = [&](int k) { return listed[k]; };
   int matched = 0;
-  if constexpr (Team::kSize == 1) {
+  if constexpr (Team::kSize == 1 && kMethod == Method::kOurs) {
     // Rejecting views on the way gives the same bits, but costs a team on the GPU more time than it saves (5 %).
     const int matched_first = DecisiveCosts(pixel.regions) + 1;
     matched = candidates < matched_first ? candidates : matched_first;
@@ -105,17 +123,20 @@ ACMP_HOST_DEVICE inline int MatchCandidates(const PixelUpdate<Sampler, Team>& pi
 
 /// Draws the view weights from the candidates' costs in `views`. Returns the drawn views as a mask: 0 where no view
 /// counts.
-template <class Sampler, class Team>
-ACMP_HOST_DEVICE inline uint32_t WeighViews(const PixelUpdate<Sampler, Team>& pixel, uint32_t views, int count,
+template <class Sampler, class Team, Method kMethod>
+ACMP_HOST_DEVICE inline uint32_t WeighViews(const PixelUpdate<Sampler, Team, kMethod>& pixel, uint32_t views, int count,
                                             int iteration, RandomStream* random) {
   PixelScratch& scratch = *pixel.scratch;
   const MatchContext<Sampler>& context = pixel.context;
-  const int voters = context.options.view_weighting == ViewWeighting::kPaper ? count : count - 1;
   ForEach(pixel.team, context.num_sources, [&](int view) {
-    const float likelihood = (views >> view & 1u) == 0
-                                 ? 0
-                                 : ViewLikelihood(scratch.ViewCost(0) + view, context.num_sources, voters, iteration,
-                                                  DecisiveCosts(pixel.regions), context.options);
+    const float* costs = scratch.ViewCost(0) + view;
+    float likelihood = 0;
+    if constexpr (kMethod == Method::kAcmp) {
+      likelihood = SumOfLikelihoods(costs, context.num_sources, count, context.options);
+    } else if ((views >> view & 1u) != 0) {
+      likelihood = MeanConfidence<kMethod>(costs, context.num_sources, count - 1, iteration,
+                                           DecisiveCosts(pixel.regions), context.options);
+    }
     scratch.ViewProbability()[view] =
         likelihood > 0 ? likelihood * ViewSmoothness(context, pixel.col, pixel.row, view) : 0;
     scratch.Draws()[view] = 0;
@@ -125,12 +146,29 @@ ACMP_HOST_DEVICE inline uint32_t WeighViews(const PixelUpdate<Sampler, Team>& pi
                  scratch.Draws())) {
     return 0;
   }
-  return ListDrawnViews(scratch.Draws(), context.num_sources, pixel.team, scratch.DrawnViews());
+  return ListWeighedViews(scratch.Draws(), context.num_sources, pixel.team, scratch.DrawnViews());
+}
+
+/// ACMH's view weights: no random numbers, and the memory of the iteration before in place of the neighbours' views.
+/// Returns the views with a positive weight as a mask.
+/// @param weighed_most the view that did so before, as a mask; 0: none
+template <class Sampler, class Team, Method kMethod>
+ACMP_HOST_DEVICE inline uint32_t WeighViewsWithMemory(const PixelUpdate<Sampler, Team, kMethod>& pixel,
+                                                      uint32_t weighed_most, int count, int iteration) {
+  PixelScratch& scratch = *pixel.scratch;
+  const int num_sources = pixel.context.num_sources;
+  ForEach(pixel.team, num_sources, [&](int view) {
+    const float confidence = MeanConfidence<kMethod>(scratch.ViewCost(0) + view, num_sources, count - 1, iteration,
+                                                     kDecisiveCosts, pixel.context.options);
+    scratch.ViewProbability()[view] = WeightWithMemory(confidence, (weighed_most >> view & 1u) != 0);
+  });
+  pixel.team.Sync();
+  return ListWeighedViews(scratch.ViewProbability(), num_sources, pixel.team, scratch.DrawnViews());
 }
 
 /// The best of the candidates and the pixel's own plane; the own plane wins ties.
-template <Pass kPass, class Sampler, class Team>
-ACMP_HOST_DEVICE inline RatedHypothesis BestCandidate(const PixelUpdate<Sampler, Team>& pixel, int count) {
+template <Pass kPass, class Sampler, class Team, Method kMethod>
+ACMP_HOST_DEVICE inline RatedHypothesis BestCandidate(const PixelUpdate<Sampler, Team, kMethod>& pixel, int count) {
   PixelScratch& scratch = *pixel.scratch;
   if constexpr (kPass == Pass::kGeometric) {
     ForEachPair(pixel.team, count, pixel.num_drawn, [&](int i, int k) {
@@ -143,7 +181,7 @@ ACMP_HOST_DEVICE inline RatedHypothesis BestCandidate(const PixelUpdate<Sampler,
     float sum = 0;
     for (int k = 0; k < pixel.num_drawn; ++k) {
       const int view = scratch.DrawnViews()[k];
-      sum += static_cast<float>(scratch.Draws()[view]) * scratch.ViewCost(i)[view];
+      sum += pixel.Weight(view) * scratch.ViewCost(i)[view];
     }
     scratch.cost[i] = sum;
     RatePlane<kPass>(pixel, i);
@@ -164,22 +202,23 @@ struct DepthAndNormal {
   Vec3f normal;
 };
 
-/// Drawn at random; in the planar-prior pass about the prior.
-template <Pass kPass, class Sampler, class Team>
-ACMP_HOST_DEVICE inline DepthAndNormal DrawRandom(const PixelUpdate<Sampler, Team>& pixel, RandomStream* random) {
+/// [d_r, n_r] of eq. 12, drawn at random; in our planar-prior pass about the prior.
+template <Pass kPass, class Sampler, class Team, Method kMethod>
+ACMP_HOST_DEVICE inline DepthAndNormal DrawRandom(const PixelUpdate<Sampler, Team, kMethod>& pixel,
+                                                  RandomStream* random) {
   DepthAndNormal drawn;
   drawn.depth = RandomDepth(pixel.context, random);
   drawn.normal = RandomNormal(pixel.ray, random);
-  if (kPass == Pass::kPlanarPrior && pixel.prior.valid) {
-    drawn.depth = pixel.prior.depth + 3.0f * pixel.prior.sigma_depth * random->NextUniform(-1.0f, 1.0f);
-    drawn.normal = PerturbNormal(pixel.prior.normal, pixel.ray, 0.5f * pixel.prior.sigma_normal, random);
+  if (kMethod == Method::kOurs && kPass == Pass::kPlanarPrior && pixel.prior.valid) {
+    drawn.depth = pixel.prior.depth + 3.0f * pixel.prior.lambda_depth * random->NextUniform(-1.0f, 1.0f);
+    drawn.normal = PerturbNormal(pixel.prior.normal, pixel.ray, 0.5f * pixel.prior.lambda_normal, random);
   }
   return drawn;
 }
 
-/// Drawn near the current one.
-template <class Sampler, class Team>
-ACMP_HOST_DEVICE inline DepthAndNormal DrawPerturbed(const PixelUpdate<Sampler, Team>& pixel,
+/// [d_p, n_p] of eq. 12, drawn near the current one.
+template <class Sampler, class Team, Method kMethod>
+ACMP_HOST_DEVICE inline DepthAndNormal DrawPerturbed(const PixelUpdate<Sampler, Team, kMethod>& pixel,
                                                      const DepthAndNormal& current, RandomStream* random) {
   const PatchMatchOptions& options = pixel.context.options;
   DepthAndNormal drawn;
@@ -188,23 +227,24 @@ ACMP_HOST_DEVICE inline DepthAndNormal DrawPerturbed(const PixelUpdate<Sampler, 
   return drawn;
 }
 
-/// Eq. 12's hypotheses around the current one, and as an option the normal of the neighbours' depth gradient, into the
-/// scratch. Returns how many lie within the depth range. In geometric passes only the perturbed ones: random ones that
-/// win there mostly do so by luck, on blank surfaces (without them 0.1 to 0.5 points more pixels within 2 cm). In the
-/// planar-prior pass after the first iteration too: what a draw about the prior can bring has been tried by then.
-template <Pass kPass, class Sampler, class Team>
-ACMP_HOST_DEVICE inline int MakeRefinements(const PixelUpdate<Sampler, Team>& pixel, const PlaneHypothesis& plane,
-                                            int iteration, RandomStream* random) {
+/// Eq. 12's hypotheses around the current one into the scratch. Returns how many lie within the depth range. In ours
+/// only the perturbed ones in geometric passes: random ones that win there mostly do so by luck, on blank surfaces
+/// (without them 0.1 to 0.5 points more pixels within 2 cm). In our planar-prior pass after the first iteration too:
+/// what a draw about the prior can bring has been tried by then.
+template <Pass kPass, class Sampler, class Team, Method kMethod>
+ACMP_HOST_DEVICE inline int MakeRefinements(const PixelUpdate<Sampler, Team, kMethod>& pixel,
+                                            const PlaneHypothesis& plane, int iteration, RandomStream* random) {
   constexpr int kCombinations = 3;  // of the current and another: its depth, its normal, both
-  constexpr int kMaxOthers = kPass == Pass::kGeometric ? 1 : 2;
-  const int num_others = kPass == Pass::kPlanarPrior && iteration > 0 ? 1 : kMaxOthers;
+  constexpr bool kIsOurs = kMethod == Method::kOurs;
+  constexpr int kMaxOthers = kIsOurs && kPass == Pass::kGeometric ? 1 : 2;
+  const int num_others = kIsOurs && kPass == Pass::kPlanarPrior && iteration > 0 ? 1 : kMaxOthers;
   const MatchContext<Sampler>& context = pixel.context;
   const DepthAndNormal current = {PlaneDepth(plane, pixel.ray), plane.normal()};
   DepthAndNormal others[kMaxOthers] = {};
   if (num_others == 2) others[kMaxOthers - 1] = DrawRandom<kPass>(pixel, random);
   others[0] = DrawPerturbed(pixel, current, random);
 
-  const int size = kCombinations * num_others + (context.options.gradient_normal ? 1 : 0);
+  const int size = kCombinations * num_others;
   ForEach(pixel.team, size, [&](int i) {
     DepthAndNormal combined = current;
     ACMP_UNROLL
@@ -213,9 +253,6 @@ ACMP_HOST_DEVICE inline int MakeRefinements(const PixelUpdate<Sampler, Team>& pi
       const int combination = i - k * kCombinations;
       if (combination == 0 || combination == 2) combined.depth = others[k].depth;
       if (combination == 1 || combination == 2) combined.normal = others[k].normal;
-    }
-    if (i == kCombinations * num_others) {
-      combined.normal = GradientNormal(context, pixel.col, pixel.row, pixel.ray, current.normal);
     }
     const PlaneHypothesis refined = PlaneThrough(combined.normal, pixel.ray, combined.depth);
     const bool present = context.InRange(combined.depth) && refined.d > 0;  // d = 0: exactly edge-on
@@ -242,27 +279,28 @@ ACMP_HOST_DEVICE inline int KeepBelowLimit(const Team& team, int alive, PixelScr
 
 /// Weighted sum of view costs below which a plane must stay to win over `best_energy`: what follows from eq. 1, 13 or
 /// 7, with a margin for rounding.
-template <Pass kPass, class Sampler, class Team>
-ACMP_HOST_DEVICE inline float SumLimit(const PixelUpdate<Sampler, Team>& pixel, const PlaneHypothesis& plane,
+template <Pass kPass, class Sampler, class Team, Method kMethod>
+ACMP_HOST_DEVICE inline float SumLimit(const PixelUpdate<Sampler, Team, kMethod>& pixel, const PlaneHypothesis& plane,
                                        float best_energy) {
   constexpr float kMargin = 1.0f + 1e-5f;
   const PatchMatchOptions& options = pixel.context.options;
   float cost = best_energy;
   if constexpr (kPass == Pass::kPlanarPrior) {
     const float probability =
-        PriorProbability(pixel.prior, options.prior_gamma, PlaneDepth(plane, pixel.ray), plane.normal());
+        PriorProbability<kMethod>(pixel.prior, options.prior_gamma, PlaneDepth(plane, pixel.ray), plane.normal());
     constexpr float kEnergyMargin = 1e-5f;  // energies reach 20: some units in the last place
     const float squared_cost = options.prior_alpha * (best_energy + kEnergyMargin + logf(probability));
     cost = squared_cost > 0 ? sqrtf(squared_cost) : 0;
   }
-  return kMargin * cost * static_cast<float>(options.view_draws) + 1e-6f;
+  return kMargin * cost * pixel.TotalWeight() + 1e-6f;
 }
 
 /// Matches the first `count` planes of the scratch in the drawn views, the heaviest first, and leaves out those that
 /// can no longer win over `best_energy`: view costs only add up. Returns how many are left; they are listed in `alive`,
 /// with their weighted sums in `cost`.
-template <Pass kPass, class Sampler, class Team>
-ACMP_HOST_DEVICE inline int MatchWhileBelow(const PixelUpdate<Sampler, Team>& pixel, int count, float best_energy) {
+template <Pass kPass, class Sampler, class Team, Method kMethod>
+ACMP_HOST_DEVICE inline int MatchWhileBelow(const PixelUpdate<Sampler, Team, kMethod>& pixel, int count,
+                                            float best_energy) {
   PixelScratch& scratch = *pixel.scratch;
   ForEach(pixel.team, count, [&](int i) {
     scratch.limit[i] = SumLimit<kPass>(pixel, scratch.planes[i], best_energy);
@@ -280,7 +318,7 @@ ACMP_HOST_DEVICE inline int MatchWhileBelow(const PixelUpdate<Sampler, Team>& pi
         pixel, alive, views, [&](int a) { return scratch.alive[a]; }, [&](int j) { return drawn[j]; },
         [&](int i, int view, float cost) {
           if constexpr (kPass == Pass::kGeometric) cost += GeometricTerm(pixel, scratch.planes[i], view);
-          scratch.ViewCost(i)[view] = static_cast<float>(scratch.Draws()[view]) * cost;
+          scratch.ViewCost(i)[view] = pixel.Weight(view) * cost;
         });
     ForEach(pixel.team, alive, [&](int a) {
       const int i = scratch.alive[a];
@@ -293,9 +331,9 @@ ACMP_HOST_DEVICE inline int MatchWhileBelow(const PixelUpdate<Sampler, Team>& pi
 }
 
 /// Step "refinement": rates the new hypotheses and keeps the best.
-template <Pass kPass, class Sampler, class Team>
-ACMP_HOST_DEVICE inline void Refine(const PixelUpdate<Sampler, Team>& pixel, int iteration, RandomStream* random,
-                                    RatedHypothesis* best) {
+template <Pass kPass, class Sampler, class Team, Method kMethod>
+ACMP_HOST_DEVICE inline void Refine(const PixelUpdate<Sampler, Team, kMethod>& pixel, int iteration,
+                                    RandomStream* random, RatedHypothesis* best) {
   PixelScratch& scratch = *pixel.scratch;
   const int count = MakeRefinements<kPass>(pixel, best->plane, iteration, random);
   const int alive = MatchWhileBelow<kPass>(pixel, count, best->energy);
@@ -310,36 +348,45 @@ ACMP_HOST_DEVICE inline void Refine(const PixelUpdate<Sampler, Team>& pixel, int
 /// One checkerboard step for one pixel: propagation, view weights, hypothesis update, refinement; nothing for a settled
 /// pixel. Reads planes, costs and masks of the other colour only and writes its own pixel, so all pixels of one colour
 /// may run at once in any order.
-template <Pass kPass, class Sampler, class Team>
+template <Pass kPass, Method kMethod = Method::kOurs, class Sampler, class Team>
 ACMP_HOST_DEVICE inline void UpdatePixel(const MatchContext<Sampler>& context, int col, int row, int iteration,
                                          const Team& team, PixelScratch* scratch) {
-  if (kPass == Pass::kGeometric && LeavesSettledPixels(context, iteration) && KeepIfSettled(context, col, row, team)) {
-    return;
+  constexpr bool kIsOurs = kMethod == Method::kOurs;
+  if constexpr (kIsOurs && kPass == Pass::kGeometric) {
+    if (LeavesSettledPixels(context, iteration) && KeepIfSettled(context, col, row, team)) return;
   }
   RandomStream random(context.options.seed, static_cast<uint32_t>(row * context.width + col),
                       context.pass_number * 64u + static_cast<uint32_t>(iteration) + 1u);
   if (team.Rank() == 0) scratch->num_sources = context.num_sources;
-  const float sigma_color = kPass != Pass::kPhotometric && IsSurfaceBroken(context, col, row, team)
+  const float sigma_color = kIsOurs && kPass != Pass::kPhotometric && IsSurfaceBroken(context, col, row, team)
                                 ? context.options.edge_sigma_color
                                 : context.options.sigma_color;
   LoadReferencePatch(context, col, row, sigma_color, team, &scratch->patch);
-  PixelUpdate<Sampler, Team> pixel(context, col, row, team, scratch);
+  PixelUpdate<Sampler, Team, kMethod> pixel(context, col, row, team, scratch);
   pixel.ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
   if constexpr (kPass == Pass::kPlanarPrior) pixel.prior = LoadPrior(context, col, row, pixel.ray);
 
   uint32_t views = AllViews(context.num_sources);
-  if (kPass != Pass::kPhotometric && context.options.candidate_view_votes > 0) views = CredibleViews(context, col, row);
-  if (kPass != Pass::kPhotometric && context.options.alternate_regions) {
+  if constexpr (kIsOurs && kPass != Pass::kPhotometric) {
+    if (context.options.candidate_view_votes > 0) views = CredibleViews(context, col, row);
     pixel.regions = RegionsInTurn(col, row, context.pass_number + static_cast<uint32_t>(iteration));
   }
   const int count = MatchCandidates(pixel, views);
-  const uint32_t drawn_mask = WeighViews(pixel, views, count, iteration, &random);
-  if (team.Rank() == 0) context.selected_views(col, row) = drawn_mask;
-  if (drawn_mask == 0) {  // no view counts: the pixel keeps its hypothesis, which others are not to take over
+  uint32_t weighed;
+  if constexpr (kMethod == Method::kAcmh) {
+    weighed = WeighViewsWithMemory(pixel, context.selected_views(col, row), count, iteration);
+    pixel.num_drawn = CountBits(weighed);
+    for (int k = 0; k < pixel.num_drawn; ++k) pixel.total_weight += pixel.Weight(scratch->DrawnViews()[k]);
+  } else {
+    weighed = WeighViews(pixel, views, count, iteration, &random);
+    pixel.num_drawn = CountBits(weighed);
+  }
+  const uint32_t remembered = kMethod == Method::kAcmh && weighed != 0 ? 1u << scratch->DrawnViews()[0] : weighed;
+  if (team.Rank() == 0) context.selected_views(col, row) = remembered;
+  if (weighed == 0) {  // no view counts: the pixel keeps its hypothesis, which others are not to take over
     if (team.Rank() == 0) context.cost(col, row) = kWorstCost;
     return;
   }
-  pixel.num_drawn = CountBits(drawn_mask);
 
   RatedHypothesis best = BestCandidate<kPass>(pixel, count);
   Refine<kPass>(pixel, iteration, &random, &best);
@@ -348,10 +395,10 @@ ACMP_HOST_DEVICE inline void UpdatePixel(const MatchContext<Sampler>& context, i
   context.cost(col, row) = best.cost;
 }
 
-template <Pass kPass, class Sampler>
+template <Pass kPass, Method kMethod = Method::kOurs, class Sampler>
 inline void UpdatePixel(const MatchContext<Sampler>& context, int col, int row, int iteration) {
   StackScratch scratch;
-  UpdatePixel<kPass>(context, col, row, iteration, SingleThread(), &scratch.shared);
+  UpdatePixel<kPass, kMethod>(context, col, row, iteration, SingleThread(), &scratch.shared);
 }
 
 }  // namespace acmp

@@ -7,32 +7,46 @@
 
 namespace acmp {
 
-/// Of the thresholded likelihood: a view with enough costs so bad shows something else, and is not drawn.
+/// tau_1 of ACMH: a view with enough costs so bad shows something else, and does not count.
 constexpr float kBadCost = 1.2f;
 
-/// How many good or bad costs decide: three of all eight regions' (design note 5), two of half of them.
-ACMP_HOST_DEVICE inline int DecisiveCosts(const RegionRange& regions) { return regions.count == kNumRegions ? 3 : 2; }
+/// n_1 + 1 and n_2 of ACMH: so many good costs select a view, and so many bad ones reject it.
+constexpr int kDecisiveCosts = 3;
+
+/// The same of ours: two of four regions' costs.
+ACMP_HOST_DEVICE inline int DecisiveCosts(const RegionRange& regions) {
+  return regions.count == kNumRegions ? kDecisiveCosts : 2;
+}
+
+/// tau(t) of ACMH's eq. 2: costs below are good.
+ACMP_HOST_DEVICE inline float GoodCost(int iteration) {
+  return 0.8f * expf(static_cast<float>(iteration * iteration) / -90.0f);
+}
 
 /// Whether these costs alone reject the view, whatever the others are.
-ACMP_HOST_DEVICE inline bool IsViewRejected(const float* costs, int stride, int count, int decisive,
-                                            const PatchMatchOptions& options) {
-  if (options.view_weighting == ViewWeighting::kPaper) return false;
+ACMP_HOST_DEVICE inline bool IsViewRejected(const float* costs, int stride, int count, int decisive) {
   int bad = 0;
   for (int i = 0; i < count; ++i) bad += costs[i * stride] > kBadCost ? 1 : 0;
   return bad >= decisive;
 }
 
-/// P(X_j | Z_j, theta) of one view from its costs over the hypotheses. kThresholded: mean likelihood of the good ones
-/// where `decisive` or more are good and fewer bad, a floor where they are neither; kPaper: the plain sum.
-ACMP_HOST_DEVICE inline float ViewLikelihood(const float* costs, int stride, int count, int iteration, int decisive,
+/// P(X_j | Z_j, theta) of ACMP: the sum of eq. 9 over all hypotheses.
+ACMP_HOST_DEVICE inline float SumOfLikelihoods(const float* costs, int stride, int count,
+                                               const PatchMatchOptions& options) {
+  const float inv_sigma = 0.5f / (options.sigma_view * options.sigma_view);
+  float sum = 0;
+  for (int i = 0; i < count; ++i) sum += expf(-costs[i * stride] * costs[i * stride] * inv_sigma);
+  return sum;
+}
+
+/// w(I_j) of ACMH, from a view's costs over the propagated hypotheses: the mean confidence exp(-m^2 / (2 beta^2)) of
+/// the good ones where `decisive` or more are good and fewer bad. Else 0; in ours, where they are neither, that of a
+/// cost just good enough with a beta of 0.4.
+template <Method kMethod>
+ACMP_HOST_DEVICE inline float MeanConfidence(const float* costs, int stride, int count, int iteration, int decisive,
                                              const PatchMatchOptions& options) {
   const float inv_sigma = 0.5f / (options.sigma_view * options.sigma_view);
-  if (options.view_weighting == ViewWeighting::kPaper) {
-    float sum = 0;
-    for (int i = 0; i < count; ++i) sum += expf(-costs[i * stride] * costs[i * stride] * inv_sigma);
-    return sum;
-  }
-  const float good_threshold = 0.8f * expf(static_cast<float>(iteration * iteration) / -90.0f);
+  const float good_threshold = GoodCost(iteration);
   int good = 0, bad = 0;
   float sum = 0;
   for (int i = 0; i < count; ++i) {
@@ -47,12 +61,21 @@ ACMP_HOST_DEVICE inline float ViewLikelihood(const float* costs, int stride, int
   }
   if (bad >= decisive) return 0;
   if (good >= decisive) return sum / static_cast<float>(good);
-  return expf(good_threshold * good_threshold / -0.32f);
+  return kMethod == Method::kOurs ? expf(good_threshold * good_threshold / -0.32f) : 0;
+}
+
+/// w'(I_j) of ACMH: the view that weighed most in the iteration before counts twice, and a little where it would not
+/// count at all.
+ACMP_HOST_DEVICE inline float WeightWithMemory(float confidence, bool weighed_most) {
+  constexpr float kLeftOver = 0.2f;
+  if (!weighed_most) return confidence;
+  return confidence > 0 ? 2.0f * confidence : kLeftOver;
 }
 
 ACMP_HOST_DEVICE inline uint32_t AllViews(int num_sources) { return 0xffffffffu >> (32 - num_sources); }
 
-/// P(Z_j | Z_n): sum over the four neighbours of eta where the neighbour uses the view, 1 - eta where it does not.
+/// P(Z_j | Z_n) of ACMP: the sum of eq. 10 over the four neighbours, eta where the neighbour uses the view, 1 - eta
+/// where it does not.
 template <class Sampler>
 ACMP_HOST_DEVICE inline float ViewSmoothness(const MatchContext<Sampler>& context, int col, int row, int view) {
   const float eta = context.options.view_smoothness;
@@ -128,18 +151,18 @@ ACMP_HOST_DEVICE inline int ListViews(uint32_t mask, int num_views, const Team& 
   return CountBits(mask);
 }
 
-/// The views with a positive count, as a mask, and listed in `list` from the largest count to the smallest; for the
+/// The views with a positive weight, as a mask, and listed in `list` from the largest weight to the smallest; for the
 /// whole team.
-template <class Team>
-ACMP_HOST_DEVICE inline uint32_t ListDrawnViews(const int* counts, int num_views, const Team& team, int* list) {
+template <class Weight, class Team>
+ACMP_HOST_DEVICE inline uint32_t ListWeighedViews(const Weight* weights, int num_views, const Team& team, int* list) {
   uint32_t mask = 0;
-  for (int j = 0; j < num_views; ++j) mask |= (counts[j] > 0 ? 1u : 0u) << j;
+  for (int j = 0; j < num_views; ++j) mask |= (weights[j] > 0 ? 1u : 0u) << j;
   ForEach(team, num_views, [&](int j) {
-    const int count = counts[j];
-    if (count == 0) return;
+    const Weight weight = weights[j];
+    if (!(weight > 0)) return;
     int place = 0;
     for (int other = 0; other < num_views; ++other) {
-      place += counts[other] > count || (counts[other] == count && other < j) ? 1 : 0;
+      place += weights[other] > weight || (weights[other] == weight && other < j) ? 1 : 0;
     }
     list[place] = j;
   });

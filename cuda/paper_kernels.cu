@@ -1,0 +1,34 @@
+#include "team_kernels.h"
+
+namespace acmp {
+namespace {
+
+template <Pass kPass, Method kMethod>
+__global__ void __launch_bounds__(kTeamThreads, kBlocksPerMultiprocessor)
+    InitializeKernel(const __grid_constant__ CudaMatchContext context, int scratch_words, int color) {
+  const TeamPlace place = PlaceOfTeam(scratch_words);
+  const int col = ColOfTeam(place, color);
+  if (col >= context.width || place.row >= context.height) return;
+  InitializePixel<kPass, kMethod>(context, col, place.row, WarpTeam(), place.scratch);
+}
+
+}  // namespace
+
+template <Pass kPass, Method kMethod>
+void LaunchPass(const CudaMatchContext& context, int iterations, cudaStream_t stream) {
+  static_assert(kMethod != Method::kOurs, "ours are in patch_match_kernels.cu");
+  const TeamGrid grid(context);
+  for (int color = 0; color < 2; ++color) {
+    InitializeKernel<kPass, kMethod>
+        <<<grid.blocks, kTeamThreads, grid.bytes, stream>>>(context, grid.scratch_words, color);
+    CudaCheck(cudaGetLastError(), "launch initialisation");
+  }
+  LaunchIterations<kPass, kMethod>(context, grid, iterations, stream);
+}
+
+template void LaunchPass<Pass::kPhotometric, Method::kAcmh>(const CudaMatchContext&, int, cudaStream_t);
+template void LaunchPass<Pass::kPlanarPrior, Method::kAcmp>(const CudaMatchContext&, int, cudaStream_t);
+template void LaunchPass<Pass::kGeometric, Method::kAcmh>(const CudaMatchContext&, int, cudaStream_t);
+template void LaunchPass<Pass::kGeometric, Method::kAcmp>(const CudaMatchContext&, int, cudaStream_t);
+
+}  // namespace acmp

@@ -1,0 +1,205 @@
+// The presets of the papers against the papers: every decision of every pixel of a small scene.
+
+#include <cmath>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "gtest/gtest.h"
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/patch_match/kernel/initialize_pixel.h"
+#include "acmp_mapping/patch_match/kernel/update_pixel.h"
+#include "acmp_mapping/patch_match/patch_match.h"
+#include "acmp_mapping/patch_match/window_sums.h"
+#include "acmp_mapping/pipeline/presets.h"
+#include "acmp_mapping/planar_prior/planar_prior.h"
+#include "support/kernel_state.h"
+#include "support/paper_reference.h"
+#include "support/pass_result.h"
+#include "support/random_views.h"
+
+namespace acmp {
+namespace {
+
+constexpr int kWidth = 32, kHeight = 24, kViews = 6;
+
+/// A slanted wall with a blank strip and, in front of its right part, a board that some views see less of.
+std::vector<PlanarView> RenderScene() {
+  std::vector<PlanarView> views = RenderPlanarScene(WorldPlane::Slanted(20, -10, 4), kWidth, kHeight, kViews);
+  const WorldPlane board = WorldPlane::Slanted(-10, 5, 2.6);
+  const double pixel_m = board.d / views[0].camera.fx;
+  const WaveTexture texture(7, 6 * pixel_m, 30 * pixel_m);
+  TestRandom noise(5);
+  for (PlanarView& view : views) {
+    const PlanarView of_board = RenderPlane(board, texture, view.camera, view.cam_from_world);
+    for (int row = 0; row < kHeight; ++row) {
+      for (int col = 0; col < kWidth; ++col) {
+        const Eigen::Vector3d point =
+            view.cam_from_world.inverse() * view.camera.Unproject({1.0 * col, 1.0 * row}, of_board.depth(col, row));
+        if (point.x() > 0.3) {
+          view.gray(col, row) = of_board.gray(col, row);
+          view.depth(col, row) = of_board.depth(col, row);
+        } else if (row > 17) {
+          view.gray(col, row) = static_cast<float>(130 + noise(-0.3, 0.3));
+        }
+      }
+    }
+  }
+  return views;
+}
+
+/// How the kernels' outcomes compare with the reference's.
+struct Comparison {
+  int outcomes = 0;
+  int changed_planes = 0;
+  int near_ties = 0;  ///< other outcomes after a comparison that rounding decides
+  std::vector<std::string> differences;
+
+  void Add(const paper::Outcome& expected, const PlaneHypothesis& before, const KernelState& state, int col, int row) {
+    ++outcomes;
+    const PlaneHypothesis& plane = state.planes(col, row);
+    const bool changed = plane.nx != before.nx || plane.ny != before.ny || plane.nz != before.nz || plane.d != before.d;
+    changed_planes += changed ? 1 : 0;
+    // Float rounding: of normals and distances some 1e-6; of costs what a normalised correlation loses.
+    constexpr double kPlaneTolerance = 1e-5, kCostTolerance = 3e-4;
+    const double off_normal = (expected.plane.normal - reference::ToDouble(plane).normal).norm();
+    const double off_d = std::abs(expected.plane.d - plane.d),
+                 off_cost = std::abs(expected.cost - state.cost(col, row));
+    if (off_normal < kPlaneTolerance && off_d < kPlaneTolerance * (1 + plane.d) && off_cost < kCostTolerance &&
+        state.selected_views(col, row) == expected.views) {
+      return;
+    }
+    if (expected.is_near_tie) {
+      ++near_ties;
+      return;
+    }
+    differences.push_back(Concat("pixel ", col, ", ", row, ": normal off by ", off_normal, ", d by ", off_d, " of ",
+                                 plane.d, ", cost ", state.cost(col, row), " for ", expected.cost, ", views ",
+                                 state.selected_views(col, row), " for ", expected.views));
+  }
+};
+
+class PapersTest : public ::testing::Test {
+ protected:
+  void Start(const std::string& preset, paper::System system) {
+    options_ = MakePreset(preset);
+    system_ = system;
+    views_ = RenderScene();
+    problem_ = MakeProblem(views_, 0, {1.5f, 8}, true);
+    TestRandom random(3);
+    for (PlanarView& view : views_) {  // estimates of the sources: noisy, some missing, some far off
+      for (float& depth : view.depth) {
+        const double kind = random(0, 1);
+        depth = kind < 0.05 ? 0.0f : kind < 0.1 ? 0.5f : static_cast<float>(depth * random(0.99, 1.01));
+      }
+    }
+    state_ = std::make_unique<KernelState>(problem_, options_.patch_match);
+    for (const MatchView& source : problem_.sources) images_.push_back(source.gray);
+  }
+
+  /// Runs a pass pixel by pixel beside the reference, and checks that the CPU's pass leaves the same bits.
+  template <Pass kPass, Method kMethod>
+  void RunPass(paper::Stage stage, uint32_t pass, int iterations) {
+    PatchMatchResult start = {state_->planes.Clone(), state_->cost.Clone(), {}};
+    const CpuSampler sampler = {{problem_.reference.gray, images_.data()}, SupportedWindowFunctions().back()};
+    MatchContext<CpuSampler> context = state_->ContextWith(sampler);
+    context.pass_number = pass;
+    paper::Reference reference(problem_, options_.patch_match, system_, stage, pass);
+    const paper::Maps maps = {state_->planes, state_->cost, state_->selected_views, state_->prior};
+    Comparison comparison;
+    for (int row = 0; row < kHeight; ++row) {
+      for (int col = 0; col < kWidth; ++col) {
+        const paper::Outcome expected = reference.Initialize(maps, col, row);
+        const PlaneHypothesis before = state_->planes(col, row);
+        InitializePixel<kPass, kMethod>(context, col, row);
+        comparison.Add(expected, before, *state_, col, row);
+      }
+    }
+    for (int iteration = 0; iteration < iterations; ++iteration) {
+      for (int color = 0; color < 2; ++color) {
+        for (int row = 0; row < kHeight; ++row) {
+          for (int col = (row + color) % 2; col < kWidth; col += 2) {
+            const paper::Outcome expected = reference.Update(maps, col, row, iteration);
+            const PlaneHypothesis before = state_->planes(col, row);
+            UpdatePixel<kPass, kMethod>(context, col, row, iteration);
+            comparison.Add(expected, before, *state_, col, row);
+          }
+        }
+      }
+    }
+    EXPECT_EQ(comparison.outcomes, kWidth * kHeight * (iterations + 1));
+    EXPECT_GT(comparison.changed_planes, comparison.outcomes / 4) << "hardly anything to compare";
+    EXPECT_TRUE(comparison.differences.empty())
+        << comparison.differences.size() << " of " << comparison.outcomes << ", first: " << comparison.differences[0];
+    // Rounding decides a handful of several thousand outcomes.
+    EXPECT_LE(comparison.near_ties, comparison.outcomes / 500);
+    RecordProperty(Concat("near_ties_", pass), comparison.near_ties);
+    ExpectSameAsCpu<kPass>(start, pass);
+  }
+
+  template <Pass kPass>
+  void ExpectSameAsCpu(const PatchMatchResult& start, uint32_t pass) {
+    const std::unique_ptr<PatchMatch> cpu = MakePatchMatchCpu();
+    PatchMatchResult result;
+    if (kPass == Pass::kPhotometric) result = cpu->RunPhotometric(problem_, options_.patch_match);
+    if (kPass == Pass::kPlanarPrior) {
+      result = cpu->RunPlanarPrior(problem_, options_.patch_match, start, state_->prior.View());
+    }
+    if (kPass == Pass::kGeometric) {
+      result = cpu->RunGeometric(problem_, options_.patch_match, start, static_cast<int>(pass) - 2);
+    }
+    EXPECT_TRUE(SamePixels(result.planes, state_->planes));
+    EXPECT_TRUE(SamePixels(result.cost, state_->cost));
+    EXPECT_TRUE(SamePixels(result.selected_views, state_->selected_views));
+  }
+
+  /// Steps 10 and 11: every estimate with a cost below 0.1 is a credible correspondence.
+  void MakePrior() {
+    const PinholeCamera& camera = problem_.reference.camera;
+    const DepthMap depth = ToDepthMap(state_->planes, camera);
+    const std::vector<SupportPoint> points =
+        FindSupportPoints(depth.View(), state_->cost.View(), problem_.depth_range, options_.planar_prior);
+    size_t credible = 0;
+    for (const float cost : state_->cost) credible += cost < 0.1f ? 1 : 0;
+    EXPECT_EQ(points.size(), credible);
+    EXPECT_GT(credible, 100u);
+    for (const SupportPoint& point : points) EXPECT_LT(state_->cost(point.col, point.row), 0.1f);
+    const PriorMesh mesh = MakePriorMesh(camera, points, options_.planar_prior);
+    const PlaneMap prior = RasterizePrior(camera, mesh, problem_.depth_range);
+    size_t assisted = 0;
+    for (size_t i = 0; i < prior.size(); ++i) {
+      state_->prior.data()[i] = prior.data()[i];
+      assisted += prior.data()[i].d > 0 ? 1 : 0;
+    }
+    EXPECT_GT(assisted, prior.size() / 2);
+  }
+
+  PipelineOptions options_;
+  paper::System system_ = paper::System::kAcmp;
+  std::vector<PlanarView> views_;
+  std::vector<ImageView<const float>> images_;
+  PatchMatchProblem problem_;
+  std::unique_ptr<KernelState> state_;
+};
+
+TEST_F(PapersTest, AcmpIsAlgorithm1) {
+  Start("acmp", paper::System::kAcmp);
+  RunPass<Pass::kPhotometric, Method::kAcmh>(paper::Stage::kPhotometric, 0, 3);
+  MakePrior();
+  RunPass<Pass::kPlanarPrior, Method::kAcmp>(paper::Stage::kPlanarPrior, 1, 3);
+  for (uint32_t pass = 2; pass < 4; ++pass) {
+    RunPass<Pass::kGeometric, Method::kAcmp>(paper::Stage::kGeometric, pass, 2);
+  }
+}
+
+TEST_F(PapersTest, AcmhIsThatOfItsPaper) {
+  Start("acmh", paper::System::kAcmh);
+  RunPass<Pass::kPhotometric, Method::kAcmh>(paper::Stage::kPhotometric, 0, 3);
+  for (uint32_t pass = 2; pass < 4; ++pass) {
+    RunPass<Pass::kGeometric, Method::kAcmh>(paper::Stage::kGeometric, pass, 2);
+  }
+}
+
+}  // namespace
+}  // namespace acmp

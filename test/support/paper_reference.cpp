@@ -1,0 +1,345 @@
+#include "support/paper_reference.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include <Eigen/Geometry>
+
+namespace acmp::paper {
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+constexpr double kRadPerDeg = kPi / 180;
+constexpr double kWorst = 2;  // of a view that does not see the point
+
+// Differences below which float arithmetic may decide otherwise. Costs: a normalised correlation of 36 samples in float
+// is off by up to 1e-4 on the weakest texture here. Random draws: 24 bits times a sum of some probabilities.
+constexpr double kCostTolerance = 3e-4;
+constexpr double kDrawTolerance = 2e-4;
+constexpr double kPixelTolerance = 2e-3;
+constexpr double kRelativeDepthTolerance = 2e-6;
+
+}  // namespace
+
+/// The n-th number is a function of seed, pixel, step and n alone: PCG hashes of their sums.
+class Reference::Random {
+ public:
+  Random(uint32_t seed, uint32_t pixel, uint32_t step) : key_(Hash(Hash(Hash(seed) + pixel) + step)) {}
+  /// In [0, 1), of 24 bits.
+  double operator()() { return (Hash(key_ + 0x9e3779b9u * drawn_++) >> 8) / 16777216.0; }
+  double operator()(double low, double high) { return low + (high - low) * (*this)(); }
+
+ private:
+  static uint32_t Hash(uint32_t x) {
+    const uint32_t state = x * 747796405u + 2891336453u;
+    const uint32_t word = ((state >> ((state >> 28) + 4)) ^ state) * 277803737u;
+    return (word >> 22) ^ word;
+  }
+  uint32_t key_, drawn_ = 0;
+};
+
+Reference::Reference(const PatchMatchProblem& problem, const PatchMatchOptions& options, System system, Stage stage,
+                     uint32_t pass)
+    : problem_(problem),
+      options_(options),
+      stage_(stage),
+      weighs_as_acmh_(stage == Stage::kPhotometric || (stage == Stage::kGeometric && system == System::kAcmh)),
+      pass_(pass),
+      width_(problem.reference.camera.width),
+      height_(problem.reference.camera.height) {}
+
+bool Reference::Less(double a, double b, double tolerance) {
+  if (std::abs(a - b) < tolerance) is_near_tie_ = true;
+  return a < b;
+}
+
+bool Reference::InRange(double depth) {
+  const double low = problem_.depth_range.min, high = problem_.depth_range.max;
+  return !Less(depth, low, kRelativeDepthTolerance * low) && !Less(high, depth, kRelativeDepthTolerance * high);
+}
+
+Eigen::Vector3d Reference::Ray(int col, int row) const {
+  return problem_.reference.camera.Unproject({1.0 * col, 1.0 * row}, 1.0);
+}
+
+Reference::Hypothesis Reference::At(const reference::Plane& plane, int col, int row) const {
+  return {plane, reference::Intersect(problem_.reference.camera, {1.0 * col, 1.0 * row}, plane).z()};
+}
+
+Reference::Hypothesis Reference::Through(const Eigen::Vector3d& normal, double depth, int col, int row) const {
+  return {{normal, -depth * normal.dot(Ray(col, row))}, depth};
+}
+
+double Reference::RandomDepth(Random* random) const {
+  const double low = problem_.depth_range.min, high = problem_.depth_range.max;
+  return 1 / ((*random)(1 / low, 1 / high));
+}
+
+Eigen::Vector3d Reference::RandomNormal(const Eigen::Vector3d& ray, Random* random) const {
+  const double z = (*random)(-1, 1), angle = (*random)(0, 2 * kPi);
+  const double radius = std::sqrt(1 - z * z);
+  const Eigen::Vector3d normal(radius * std::cos(angle), radius * std::sin(angle), z);
+  return normal.dot(ray) < 0 ? normal : Eigen::Vector3d(-normal);
+}
+
+Eigen::Vector3d Reference::PerturbNormal(const Eigen::Vector3d& normal, const Eigen::Vector3d& ray, Random* random) {
+  const double most = options_.perturb_normal_deg * kRadPerDeg;
+  const double x = (*random)(-most, most), y = (*random)(-most, most), z = (*random)(-most, most);
+  const Eigen::Vector3d turned =
+      Eigen::AngleAxisd(z, Eigen::Vector3d::UnitZ()) *
+      (Eigen::AngleAxisd(y, Eigen::Vector3d::UnitY()) * (Eigen::AngleAxisd(x, Eigen::Vector3d::UnitX()) * normal));
+  return Less(turned.dot(ray), 0, 1e-6) ? turned : normal;
+}
+
+double Reference::MatchingCost(const Hypothesis& hypothesis, int col, int row, int view) {
+  const reference::Cost cost = reference::PhotometricCost(problem_, options_, hypothesis.plane, col, row, view);
+  const PinholeCamera& camera = problem_.sources[view].camera;
+  double z;
+  const Eigen::Vector2d center =
+      reference::Transfer(problem_.reference, problem_.sources[view], hypothesis.plane, {1.0 * col, 1.0 * row}, &z);
+  for (const double border : {center.x() + 0.5, center.y() + 0.5, camera.width - 0.5 - center.x(),
+                              camera.height - 0.5 - center.y(), cost.min_z}) {
+    Less(border, 0, kPixelTolerance);
+  }
+  // A window that reaches behind the source's camera shows nothing.
+  if (!(cost.min_z > 0) || cost.kind == reference::CostKind::kNoCorrespondence) return kWorst;
+  Less(cost.reference_variance, options_.min_variance, 0.1 * options_.min_variance);
+  Less(cost.source_variance, options_.min_variance, 0.1 * options_.min_variance);
+  return cost.value;
+}
+
+/// Delta e_j of eq. 13, truncated.
+double Reference::ReprojectionError(const Hypothesis& hypothesis, int col, int row, int view) {
+  const double worst = options_.geometric_max_px;
+  const MatchView& reference = problem_.reference;
+  const MatchView& source = problem_.sources[view];
+  if (source.depth.empty()) return worst;
+  const Eigen::Vector3d point = hypothesis.depth * Ray(col, row);
+  const Eigen::Vector3d in_source = source.cam_from_world * (reference.cam_from_world.inverse() * point);
+  if (!Less(0, in_source.z(), 1e-6)) return worst;
+  const Eigen::Vector2d forward = source.camera.Project(in_source);
+  const Eigen::Vector2d nearest(std::floor(forward.x() + 0.5), std::floor(forward.y() + 0.5));
+  for (int i = 0; i < 2; ++i) Less(std::abs(forward[i] - nearest[i]), 0.5, kPixelTolerance);
+  if (!source.depth.Contains(static_cast<int>(nearest.x()), static_cast<int>(nearest.y()))) return worst;
+  const double depth = source.depth(static_cast<int>(nearest.x()), static_cast<int>(nearest.y()));
+  if (!(depth > 0)) return worst;
+  const Eigen::Vector3d back =
+      reference.cam_from_world * (source.cam_from_world.inverse() * source.camera.Unproject(forward, depth));
+  if (!Less(0, back.z(), 1e-6)) return worst;
+  return std::min(worst, (reference.camera.Project(back) - Eigen::Vector2d(col, row)).norm());
+}
+
+/// Adaptive checkerboard sampling: the plane of least cost of each of four Vs and four strips.
+std::vector<Reference::Hypothesis> Reference::Propagate(const Maps& maps, int col, int row) {
+  std::vector<std::vector<Eigen::Vector2i>> regions;
+  const Eigen::Vector2i directions[] = {{0, -1}, {0, 1}, {-1, 0}, {1, 0}};
+  for (const Eigen::Vector2i& along : directions) {
+    const Eigen::Vector2i across(along.y() != 0 ? 1 : 0, along.y() != 0 ? 0 : 1);
+    std::vector<Eigen::Vector2i> v = {along};
+    for (int i = 1; i <= 3; ++i) {
+      v.emplace_back((i + 1) * along - i * across);
+      v.emplace_back((i + 1) * along + i * across);
+    }
+    regions.push_back(v);
+  }
+  for (const Eigen::Vector2i& along : directions) {
+    std::vector<Eigen::Vector2i> strip;
+    for (int i = 3; i <= 23; i += 2) strip.emplace_back(i * along);
+    regions.push_back(strip);
+  }
+  std::vector<Hypothesis> candidates;
+  for (const auto& region : regions) {
+    Eigen::Vector2i best(-1, -1);
+    for (const Eigen::Vector2i& offset : region) {
+      const Eigen::Vector2i at = Eigen::Vector2i(col, row) + offset;
+      if (!maps.cost.View().Contains(at.x(), at.y())) continue;
+      // Both are floats: no near ties here.
+      if (best.x() < 0 || maps.cost(at.x(), at.y()) < maps.cost(best.x(), best.y())) best = at;
+    }
+    if (best.x() < 0) continue;
+    const Hypothesis candidate = At(reference::ToDouble(maps.planes(best.x(), best.y())), col, row);
+    if (InRange(candidate.depth)) candidates.push_back(candidate);
+  }
+  return candidates;
+}
+
+/// Multi-hypothesis joint view selection of ACMH, section 3.
+std::vector<double> Reference::WeighAsAcmh(const std::vector<std::vector<double>>& costs, uint32_t before,
+                                           int iteration) {
+  constexpr double kTau0 = 0.8, kTau1 = 1.2, kAlpha = 90;
+  constexpr int kN1 = 2, kN2 = 3;
+  const double beta = options_.sigma_view, tau = kTau0 * std::exp(-iteration * iteration / kAlpha);
+  std::vector<double> weights;
+  for (size_t view = 0; view < problem_.sources.size(); ++view) {
+    std::vector<double> good;
+    int bad = 0;
+    for (size_t i = 0; i + 1 < costs.size(); ++i) {  // the propagated hypotheses, without the pixel's own
+      const double cost = costs[i][view];
+      if (Less(cost, tau, kCostTolerance)) good.push_back(std::exp(-cost * cost / (2 * beta * beta)));
+      if (Less(kTau1, cost, kCostTolerance)) ++bad;
+    }
+    const bool is_before = (before >> view & 1) != 0;
+    const bool is_selected = static_cast<int>(good.size()) > kN1 && bad < kN2;
+    const double mean = std::accumulate(good.begin(), good.end(), 0.0) / std::max<double>(1, good.size());
+    weights.push_back(is_selected ? (1 + is_before) * mean : 0.2 * is_before);
+  }
+  return weights;
+}
+
+/// Eqs. 8-11 of ACMP and the Monte-Carlo draws.
+std::vector<double> Reference::WeighAsAcmp(const std::vector<std::vector<double>>& costs, const Maps& maps, int col,
+                                           int row, Random* random) {
+  const double sigma = options_.sigma_view, eta = options_.view_smoothness;
+  std::vector<double> probability;
+  for (size_t view = 0; view < problem_.sources.size(); ++view) {
+    double likelihood = 0, smoothness = 0;
+    for (const auto& of_hypothesis : costs) {
+      likelihood += std::exp(-of_hypothesis[view] * of_hypothesis[view] / (2 * sigma * sigma));
+    }
+    for (const Eigen::Vector2i& step : {Eigen::Vector2i(0, -1), {0, 1}, {-1, 0}, {1, 0}}) {
+      if (!maps.views.View().Contains(col + step.x(), row + step.y())) continue;
+      smoothness += (maps.views(col + step.x(), row + step.y()) >> view & 1) != 0 ? eta : 1 - eta;
+    }
+    probability.push_back(likelihood * smoothness);
+  }
+  const double total = std::accumulate(probability.begin(), probability.end(), 0.0);
+  std::vector<double> weights(probability.size(), 0.0);
+  for (int draw = 0; draw < options_.view_draws; ++draw) {
+    const double drawn = (*random)() * total;
+    double up_to = 0;
+    size_t chosen = probability.size();
+    for (size_t view = 0; view < probability.size(); ++view) {
+      up_to += probability[view];
+      const bool is_last = view + 1 == probability.size();
+      if (chosen == probability.size() && (is_last || Less(drawn, up_to, kDrawTolerance * total))) chosen = view;
+    }
+    ++weights[chosen];
+  }
+  return weights;
+}
+
+Reference::Rating Reference::Rate(const Hypothesis& hypothesis, const std::vector<double>& weights, const Maps& maps,
+                                  int col, int row) {
+  double sum = 0, total = 0;
+  for (size_t j = 0; j < weights.size(); ++j) {
+    if (!(weights[j] > 0)) continue;
+    double cost = MatchingCost(hypothesis, col, row, static_cast<int>(j));
+    if (stage_ == Stage::kGeometric) {
+      cost += options_.geometric_weight * ReprojectionError(hypothesis, col, row, static_cast<int>(j));
+    }
+    sum += weights[j] * cost;
+    total += weights[j];
+  }
+  const double cost = sum / total;
+  if (stage_ != Stage::kPlanarPrior) return {cost, cost};
+  double compatibility = 0;  // the product of eq. 6
+  const PlaneHypothesis& prior_plane = maps.prior(col, row);
+  if (prior_plane.d > 0) {
+    const Hypothesis prior = At(reference::ToDouble(prior_plane), col, row);
+    const double lambda_d =
+        (static_cast<double>(problem_.depth_range.max) - problem_.depth_range.min) / options_.prior_depth_divisor;
+    const double lambda_n = options_.prior_sigma_normal_deg * kRadPerDeg;
+    const double difference = hypothesis.depth - prior.depth;
+    const double angle = std::acos(std::clamp(hypothesis.plane.normal.dot(prior.plane.normal), -1.0, 1.0));
+    compatibility = std::exp(-difference * difference / (2 * lambda_d)) * std::exp(-angle * angle / (2 * lambda_n));
+  }
+  return {cost, cost * cost / options_.prior_alpha - std::log(options_.prior_gamma + compatibility)};
+}
+
+Outcome Reference::Initialize(const Maps& maps, int col, int row) {
+  is_near_tie_ = false;
+  Random random(options_.seed, static_cast<uint32_t>(row * width_ + col), pass_ * 64);
+  Hypothesis start = At(reference::ToDouble(maps.planes(col, row)), col, row);
+  if (stage_ != Stage::kGeometric) {
+    const double depth = RandomDepth(&random);
+    start = Through(RandomNormal(Ray(col, row), &random), depth, col, row);
+  }
+  std::vector<std::pair<double, int>> costs;  // of the views that see it
+  for (size_t view = 0; view < problem_.sources.size(); ++view) {
+    const int j = static_cast<int>(view);
+    double cost = MatchingCost(start, col, row, j);
+    if (!Less(cost, kWorst, kCostTolerance)) continue;
+    if (stage_ == Stage::kGeometric) cost += options_.geometric_weight * ReprojectionError(start, col, row, j);
+    costs.emplace_back(cost, j);
+  }
+  constexpr size_t kTop = 4;
+  std::sort(costs.begin(), costs.end());
+  for (size_t i = 0; i + 1 < costs.size(); ++i) Less(costs[i].first, costs[i + 1].first, kCostTolerance);
+  costs.resize(std::min(kTop, costs.size()));
+  Outcome outcome = {start.plane, kWorst, 0, is_near_tie_};
+  if (costs.empty()) return outcome;
+  double sum = 0;
+  for (const auto& [cost, view] : costs) {
+    sum += cost;
+    if (!weighs_as_acmh_ || view == costs[0].second) outcome.views |= 1u << view;
+  }
+  outcome.cost = sum / static_cast<double>(costs.size());
+  return outcome;
+}
+
+Outcome Reference::Update(const Maps& maps, int col, int row, int iteration) {
+  is_near_tie_ = false;
+  Random random(options_.seed, static_cast<uint32_t>(row * width_ + col),
+                pass_ * 64 + static_cast<uint32_t>(iteration) + 1);
+
+  // Hypothesis sampling and propagation.
+  std::vector<Hypothesis> candidates = Propagate(maps, col, row);
+  candidates.push_back(At(reference::ToDouble(maps.planes(col, row)), col, row));  // theta_0
+  std::vector<std::vector<double>> costs(candidates.size());
+  for (size_t i = 0; i < candidates.size(); ++i) {
+    for (size_t view = 0; view < problem_.sources.size(); ++view) {
+      costs[i].push_back(MatchingCost(candidates[i], col, row, static_cast<int>(view)));
+    }
+  }
+
+  // View weights.
+  const std::vector<double> weights = weighs_as_acmh_ ? WeighAsAcmh(costs, maps.views(col, row), iteration)
+                                                      : WeighAsAcmp(costs, maps, col, row, &random);
+  Outcome outcome = {candidates.back().plane, kWorst, 0, false};
+  for (size_t view = 0; view < weights.size(); ++view) outcome.views |= (weights[view] > 0 ? 1u : 0u) << view;
+  if (outcome.views == 0) {
+    outcome.is_near_tie = is_near_tie_;
+    return outcome;
+  }
+  if (weighs_as_acmh_) {
+    size_t most = 0;
+    for (size_t view = 1; view < weights.size(); ++view) {
+      if (Less(weights[most], weights[view], kCostTolerance)) most = view;
+    }
+    outcome.views = 1u << most;
+  }
+
+  // Hypothesis updating. The pixel's own plane wins ties.
+  Hypothesis best = candidates.back();
+  Rating rating = Rate(best, weights, maps, col, row);
+  for (size_t i = 0; i + 1 < candidates.size(); ++i) {
+    const Rating other = Rate(candidates[i], weights, maps, col, row);
+    if (!Less(other.energy, rating.energy, kCostTolerance)) continue;
+    best = candidates[i];
+    rating = other;
+  }
+
+  // Refinement, eq. 12.
+  const Eigen::Vector3d ray = Ray(col, row);
+  const double d_c = best.depth, d_r = RandomDepth(&random);
+  const Eigen::Vector3d n_c = best.plane.normal, n_r = RandomNormal(ray, &random);
+  const double d_p = d_c * (1 + (random)(-options_.perturb_depth, options_.perturb_depth));
+  const Eigen::Vector3d n_p = PerturbNormal(n_c, ray, &random);
+  const std::pair<double, Eigen::Vector3d> refined[] = {{d_p, n_c}, {d_c, n_p}, {d_p, n_p},
+                                                        {d_r, n_c}, {d_c, n_r}, {d_r, n_r}};
+  for (const auto& [depth, normal] : refined) {
+    if (!InRange(depth)) continue;
+    const Hypothesis hypothesis = Through(normal, depth, col, row);
+    const Rating other = Rate(hypothesis, weights, maps, col, row);
+    if (!Less(other.energy, rating.energy, kCostTolerance)) continue;
+    best = hypothesis;
+    rating = other;
+  }
+  outcome.plane = best.plane;
+  outcome.cost = rating.cost;
+  outcome.is_near_tie = is_near_tie_;
+  return outcome;
+}
+
+}  // namespace acmp::paper

@@ -1,0 +1,78 @@
+#pragma once
+
+#include "support/reference_match.h"
+
+namespace acmp::paper {
+
+/// Algorithm 1 of the ACMP paper, one pixel at a time in plain double arithmetic, with the view weights of ACMH in its
+/// photometric pass. It shares no code with the kernels; the random numbers' definition is written down again.
+
+enum class Stage { kPhotometric, kPlanarPrior, kGeometric };
+enum class System { kAcmh, kAcmp };
+
+/// What a pixel reads, as the pass has left it so far.
+struct Maps {
+  const PlaneMap& planes;
+  const CostMap& cost;
+  const Image<uint32_t>& views;  ///< of ACMH the one view that weighed most
+  const PlaneMap& prior;         ///< zero planes: none
+};
+
+/// What a pixel becomes.
+struct Outcome {
+  reference::Plane plane;
+  double cost;
+  uint32_t views;
+  bool is_near_tie;  ///< some comparison on the way was so close that rounding to float may decide it otherwise
+};
+
+/// One pass over one problem. `problem` and `options` must outlive it.
+class Reference {
+ public:
+  /// @param pass number of the pass for its random numbers: 0 photometric, 1 planar prior, 2 and more geometric
+  Reference(const PatchMatchProblem& problem, const PatchMatchOptions& options, System system, Stage stage,
+            uint32_t pass);
+
+  /// Steps 3, 14, or the start of steps 22-30.
+  Outcome Initialize(const Maps& maps, int col, int row);
+  /// Steps 5-7, 16-18 or 25-27 in iteration 0, 1, ...
+  Outcome Update(const Maps& maps, int col, int row, int iteration);
+
+ private:
+  struct Hypothesis {
+    reference::Plane plane;
+    double depth;  ///< at the pixel
+  };
+  struct Rating {
+    double cost;    ///< eq. 1 or 13
+    double energy;  ///< eq. 1, 7 or 13
+  };
+  class Random;
+
+  bool Less(double a, double b, double tolerance);
+  bool InRange(double depth);
+  Eigen::Vector3d Ray(int col, int row) const;
+  Hypothesis At(const reference::Plane& plane, int col, int row) const;
+  Hypothesis Through(const Eigen::Vector3d& normal, double depth, int col, int row) const;
+  double RandomDepth(Random* random) const;
+  Eigen::Vector3d RandomNormal(const Eigen::Vector3d& ray, Random* random) const;
+  Eigen::Vector3d PerturbNormal(const Eigen::Vector3d& normal, const Eigen::Vector3d& ray, Random* random);
+
+  double MatchingCost(const Hypothesis& hypothesis, int col, int row, int view);
+  double ReprojectionError(const Hypothesis& hypothesis, int col, int row, int view);
+  std::vector<Hypothesis> Propagate(const Maps& maps, int col, int row);
+  std::vector<double> WeighAsAcmh(const std::vector<std::vector<double>>& costs, uint32_t before, int iteration);
+  std::vector<double> WeighAsAcmp(const std::vector<std::vector<double>>& costs, const Maps& maps, int col, int row,
+                                  Random* random);
+  Rating Rate(const Hypothesis& hypothesis, const std::vector<double>& weights, const Maps& maps, int col, int row);
+
+  const PatchMatchProblem& problem_;
+  const PatchMatchOptions& options_;
+  Stage stage_;
+  bool weighs_as_acmh_;
+  uint32_t pass_;
+  int width_, height_;
+  bool is_near_tie_ = false;
+};
+
+}  // namespace acmp::paper
