@@ -3,8 +3,8 @@
 #include <string>
 #include <vector>
 
-#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/bags/bag_check.h"
+#include "acmp_mapping/common/error.h"
 
 namespace acmp {
 

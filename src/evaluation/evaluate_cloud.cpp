@@ -5,6 +5,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/evaluation/observed_surface.h"
+#include "evaluate_inputs.h"
 
 namespace acmp {
 namespace {
@@ -15,7 +16,7 @@ namespace fs = std::filesystem;
 size_t AddTrueMaps(const CloudEvaluationOptions& options, ObservedSurface* surface) {
   const fs::path folder = FindFolder(options.ground_truth, options.truth.folder);
   size_t maps = 0;
-  for (const EvaluationCamera& image : ReadCameraList(options.ground_truth)) {
+  for (const ListedCamera& image : ReadCameraList(options.ground_truth / "cameras.txt")) {
     const DepthMap truth = ReadGroundTruth(folder, image.image.index, options.truth);
     if (truth.empty()) continue;
     surface->Add(truth, image.camera.Resized(truth.width(), truth.height()), image.world_from_cam.inverse());

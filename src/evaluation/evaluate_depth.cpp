@@ -9,6 +9,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
+#include "evaluate_inputs.h"
 
 namespace acmp {
 namespace {
@@ -105,7 +106,7 @@ Image<unsigned char> LowTextureMask(Image<unsigned char> picture, int width, int
 
 DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
   Check(options);
-  const std::vector<EvaluationImage> images = ReadImageList(options.scene);
+  const std::vector<ListedImage> images = ReadImageList(options.scene / "cameras.txt");
   const fs::path truth_folder = FindFolder(options.scene, options.truth.folder);
   PredictionIndex predictions = FindPredictions(options.predictions, images, options.name);
 
@@ -118,7 +119,7 @@ DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
     masks.emplace_back(FindFolder(options.scene, mask), RegionMean(fs::path(mask).filename().string()));
   }
   size_t without_picture = 0;
-  for (const EvaluationImage& image : images) {
+  for (const ListedImage& image : images) {
     if (!options.subset.empty() && options.subset.count(image.index) == 0) continue;
     const DepthMap truth = ReadGroundTruth(truth_folder, image.index, options.truth);
     if (truth.empty()) continue;

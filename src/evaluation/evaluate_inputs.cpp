@@ -1,13 +1,11 @@
-#include "acmp_mapping/evaluation/evaluate_inputs.h"
+#include "evaluate_inputs.h"
 
 #include <algorithm>
 #include <cctype>
 #include <cmath>
 #include <cstdio>
-#include <fstream>
 #include <optional>
 #include <regex>
-#include <sstream>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
@@ -70,10 +68,10 @@ std::regex ParsePattern(const std::string& text) {
 }
 
 // Files of the given extensions: an image's own stem goes before its index, which the first file in order gets.
-std::map<int, fs::path> FindNamedMaps(const std::vector<fs::path>& entries, const std::vector<EvaluationImage>& images,
+std::map<int, fs::path> FindNamedMaps(const std::vector<fs::path>& entries, const std::vector<ListedImage>& images,
                                       const std::string& name, const std::vector<std::string>& extensions) {
   std::map<std::string, int> index_of_stem;
-  for (const EvaluationImage& image : images) {
+  for (const ListedImage& image : images) {
     index_of_stem[fs::path(image.name).replace_extension().string()] = image.index;
   }
   const std::regex pattern = ParsePattern(name);
@@ -91,28 +89,6 @@ std::map<int, fs::path> FindNamedMaps(const std::vector<fs::path>& entries, cons
   return found;
 }
 
-// Calls visit(image, rest of its line, "file:line: text") for each image of SCENE/cameras.txt.
-template <class Visitor>
-void ForEachImageLine(const fs::path& scene, const Visitor& visit) {
-  const fs::path path = scene / "cameras.txt";
-  std::ifstream file(path);
-  if (!file)
-    throw InvalidInputError(Concat(path.string(), ": cannot be read; SCENE must be a folder with cameras.txt"));
-  bool any = false;
-  std::string line;
-  for (int number = 1; std::getline(file, line); ++number) {
-    std::istringstream words(line);
-    std::string index, name;
-    if (!(words >> index) || index.front() == '#') continue;
-    const std::string where = Concat(path.string(), ":", number, ": \"", line, "\"");
-    const auto value = ParseIndex(index);
-    if (!value || !(words >> name)) throw InvalidInputError(where + ": must begin with index and image name");
-    visit(EvaluationImage{*value, name}, words, where);
-    any = true;
-  }
-  if (!any) throw InvalidInputError(Concat(path.string(), ": names 0 images: must name at least 1"));
-}
-
 }  // namespace
 
 std::string LowerExtension(const fs::path& path) {
@@ -122,57 +98,7 @@ std::string LowerExtension(const fs::path& path) {
   return extension;
 }
 
-std::vector<EvaluationImage> ReadImageList(const fs::path& scene) {
-  std::vector<EvaluationImage> images;
-  ForEachImageLine(scene,
-                   [&](const EvaluationImage& image, std::istream&, const std::string&) { images.push_back(image); });
-  return images;
-}
-
-std::vector<EvaluationCamera> ReadCameraList(const fs::path& scene) {
-  std::vector<EvaluationCamera> cameras;
-  ForEachImageLine(scene, [&](const EvaluationImage& image, std::istream& rest, const std::string& where) {
-    EvaluationCamera c = {image, {}, RigidTransform::Identity()};
-    Eigen::Quaterniond q;
-    Eigen::Vector3d t;
-    rest >> c.camera.fx >> c.camera.fy >> c.camera.cx >> c.camera.cy >> c.camera.width >> c.camera.height;
-    rest >> q.w() >> q.x() >> q.y() >> q.z() >> t.x() >> t.y() >> t.z();
-    if (!rest) {
-      throw InvalidInputError(where +
-                              ": must be index filename fx fy cx cy width height qw qx qy qz tx ty tz, all numbers but "
-                              "filename");
-    }
-    CheckCamera(where.c_str(), c.camera);
-    const double length = q.norm();
-    if (!(std::isfinite(length) && length > 0 && t.allFinite())) {
-      throw InvalidInputError(Concat(where, ": quaternion of length ", length, ", position (", t.x(), ", ", t.y(), ", ",
-                                     t.z(), "): must be finite, the length > 0"));
-    }
-    c.world_from_cam.linear() = q.normalized().toRotationMatrix();
-    c.world_from_cam.translation() = t;
-    cameras.push_back(c);
-  });
-  return cameras;
-}
-
-std::set<int> ParseSubset(const std::string& text) {
-  constexpr int kMaxIndex = 999999;  // file names have six digits
-  std::set<int> subset;
-  std::istringstream parts(text);
-  for (std::string part; std::getline(parts, part, ',');) {
-    const size_t dash = part.find('-');
-    const auto first = ParseIndex(part.substr(0, dash));
-    const auto last = dash == std::string::npos ? first : ParseIndex(part.substr(dash + 1));
-    if (!first || !last || *last < *first || *last > kMaxIndex) {
-      throw InvalidInputError(Concat("subset \"", text, "\": \"", part, "\" must be an index or a range such as 7-12"));
-    }
-    for (int i = *first; i <= *last; ++i) subset.insert(i);
-  }
-  if (subset.empty()) throw InvalidInputError("subset: must name at least one index");
-  return subset;
-}
-
-PredictionIndex FindPredictions(const fs::path& folder, const std::vector<EvaluationImage>& images,
+PredictionIndex FindPredictions(const fs::path& folder, const std::vector<ListedImage>& images,
                                 const std::string& name) {
   if (!fs::is_directory(folder)) throw InvalidInputError(Concat(folder.string(), ": no such folder of predictions"));
   const std::vector<fs::path> entries = SortedEntries(folder);
@@ -197,7 +123,7 @@ PredictionIndex FindPredictions(const fs::path& folder, const std::vector<Evalua
     }
   }
   const bool any = std::any_of(images.begin(), images.end(),
-                               [&](const EvaluationImage& image) { return index.files.count(image.index) > 0; });
+                               [&](const ListedImage& image) { return index.files.count(image.index) > 0; });
   if (!any)
     throw InvalidInputError(Concat(folder.string(), ": no .pfm, .dmb or .png named after an image of the scene"));
   return index;

@@ -12,6 +12,7 @@
 #include <tuple>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/camera_list.h"
 #include "acmp_mapping/dataset/colmap_workspace.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
@@ -38,14 +39,6 @@ std::ostringstream TextFile() {
   std::ostringstream text;
   text << std::setprecision(kDigits);
   return text;
-}
-
-std::string QuaternionAndTranslation(const RigidTransform& transform) {
-  const Eigen::Quaterniond q(transform.linear());
-  std::ostringstream text = TextFile();
-  text << q.w() << ' ' << q.x() << ' ' << q.y() << ' ' << q.z();
-  for (int i = 0; i < 3; ++i) text << ' ' << transform.translation()[i];
-  return text.str();
 }
 
 // One landmark and where it is seen.
@@ -90,16 +83,13 @@ void WriteMaps(const fs::path& folder, const std::vector<SyntheticView>& views) 
   }
 }
 
-void WriteCameraList(const fs::path& folder, const std::vector<SyntheticView>& views) {
-  std::ostringstream text = TextFile();
-  text << "# one line per image: index filename fx fy cx cy width height qw qx qy qz tx ty tz\n"
-          "# pinhole without distortion, pixel centres at integers; qw..tz: T_world_cam (camera to world), metres\n";
+std::vector<ListedCamera> CamerasOf(const std::vector<SyntheticView>& views) {
+  std::vector<ListedCamera> cameras;
   for (size_t i = 0; i < views.size(); ++i) {
-    const PinholeCamera& c = views[i].frame.camera;
-    text << i << ' ' << ImageName(i) << ' ' << c.fx << ' ' << c.fy << ' ' << c.cx << ' ' << c.cy << ' ' << c.width
-         << ' ' << c.height << ' ' << QuaternionAndTranslation(views[i].frame.cam_from_world.inverse()) << '\n';
+    const Frame& frame = views[i].frame;
+    cameras.push_back({{static_cast<int>(i), ImageName(i)}, frame.camera, frame.cam_from_world.inverse()});
   }
-  WriteFileAtomically(folder / "cameras.txt", text.str());
+  return cameras;
 }
 
 DepthRange RangeOf(const SyntheticView& view) {
@@ -189,7 +179,7 @@ void WriteSceneFiles(const fs::path& folder, const std::vector<SyntheticView>& v
   WriteSparseModel(folder / "sparse", views, tracks);
   WritePly(folder / "sparse.ply", CloudOf(tracks));
   WritePly(folder / "surface.ply", SampleSyntheticSurface(views, surface_spacing_m));
-  WriteCameraList(folder, views);  // last: a folder with this file is whole
+  WriteCameraList(folder / "cameras.txt", CamerasOf(views));  // last: a folder with this file is whole
 }
 
 }  // namespace acmp

@@ -7,7 +7,6 @@
 #include <fstream>
 #include <limits>
 
-#include "acmp_mapping/backend/make_patch_match.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/pipeline/parameters.h"

@@ -1,14 +1,11 @@
-#include <Eigen/Geometry>
-#include <iomanip>
 #include <map>
 #include <memory>
 #include <mutex>
-#include <sstream>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
+#include "acmp_mapping/dataset/camera_list.h"
 #include "acmp_mapping/dataset/map_io.h"
-#include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/fusion/fusion_setup.h"
 #include "image_files.h"
 #include "run.h"
@@ -165,7 +162,7 @@ class ResultWriter {
       run_.progress.Warn(
           Concat(too_far_, " pixels deeper than 65.535 units are missing in depth/*.png; the .pfm have them"));
     }
-    WriteCameraList();
+    WriteCameraList(run_.folder.path() / "cameras.txt", Cameras());
   }
 
   void FinishCloud() {
@@ -178,25 +175,14 @@ class ResultWriter {
     if (files_.colmap()) files_.colmap()->WriteModel(images_, clouds_);
   }
 
-  /// cameras.txt: cameras and poses of the maps.
-  void WriteCameraList() const {
-    std::ostringstream text;
-    text
-        << "# cameras of the maps (image plane: x right, y down, pixel centres at integer coordinates, no distortion)\n"
-           "# columns: index filename fx fy cx cy width height qw qx qy qz tx ty tz\n"
-           "# qw..tz is T_world_cam (camera -> world): X_world = R(q) * X_cam + t; camera axes x right, y down, z "
-           "forward\n"
-        << std::setprecision(15);
+  /// Cameras and poses of the maps.
+  std::vector<ListedCamera> Cameras() const {
+    std::vector<ListedCamera> cameras;
     for (int index : images_) {
-      const PinholeCamera c = CameraOf(run_, index);
-      const RigidTransform world_from_cam = run_.scene.images[index].cam_from_world.inverse();
-      const Eigen::Quaterniond q(world_from_cam.linear());
-      const Eigen::Vector3d t = world_from_cam.translation();
-      text << index << ' ' << run_.scene.images[index].name << ' ' << c.fx << ' ' << c.fy << ' ' << c.cx << ' ' << c.cy
-           << ' ' << c.width << ' ' << c.height << ' ' << q.w() << ' ' << q.x() << ' ' << q.y() << ' ' << q.z() << ' '
-           << t.x() << ' ' << t.y() << ' ' << t.z() << '\n';
+      const SceneImage& image = run_.scene.images[index];
+      cameras.push_back({{index, image.name}, CameraOf(run_, index), image.cam_from_world.inverse()});
     }
-    WriteFileAtomically(run_.folder.path() / "cameras.txt", text.str());
+    return cameras;
   }
 
   ReconstructRun& run_;

@@ -6,9 +6,9 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/output_file.h"
+#include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/evaluation/evaluate_cloud.h"
 #include "acmp_mapping/evaluation/evaluate_depth.h"
-#include "acmp_mapping/evaluation/evaluate_inputs.h"
 #include "acmp_mapping/evaluation/evaluate_report.h"
 #include "tool_main.h"
 
@@ -96,7 +96,11 @@ CLI::App* AddCloudCommand(CLI::App* app, Arguments* a) {
 }
 
 int EvaluateDepthMaps(Arguments* a) {
-  if (!a->subset.empty()) a->depth.subset = ParseSubset(a->subset);
+  constexpr int kMaxImages = 1000000;  // file names have six digits
+  if (!a->subset.empty()) {
+    const std::vector<int> subset = ParseImageIndices(a->subset, kMaxImages);
+    a->depth.subset = {subset.begin(), subset.end()};
+  }
   const DepthEvaluation evaluation = EvaluateDepthFolder(a->depth);
   for (const std::string& note : evaluation.notes) std::cerr << "note: " << note << '\n';
   std::cout << DepthTable(evaluation, a->quiet) << std::flush;

@@ -124,94 +124,41 @@ TEST_F(ColmapTest, ModelInTheRootAndNamesWithSpaces) {
 }
 
 struct CameraCase {
-  const char* text;
+  std::string name;
   int32_t id;
-  std::vector<double> binary;
+  std::vector<double> parameters;
+  double fy;
   Model model;
-  double fx, fy, cx, cy;
   std::vector<double> coefficients;
 };
 
 TEST_F(ColmapTest, EveryCameraModelMapsToOpenCv) {
   const std::vector<CameraCase> cases = {
-      {"SIMPLE_PINHOLE 32 24 30 16 12", 0, {30, 16, 12}, Model::kNone, 30, 30, 15.5, 11.5, {}},
-      {"PINHOLE 32 24 30 31 16 12", 1, {30, 31, 16, 12}, Model::kNone, 30, 31, 15.5, 11.5, {}},
-      {"SIMPLE_RADIAL 32 24 30 16 12 0.1",
-       2,
-       {30, 16, 12, 0.1},
-       Model::kBrownConrady,
-       30,
-       30,
-       15.5,
-       11.5,
-       {0.1, 0, 0, 0}},
-      {"SIMPLE_RADIAL 32 24 30 16 12 0", 2, {30, 16, 12, 0}, Model::kNone, 30, 30, 15.5, 11.5, {}},
-      {"RADIAL 32 24 30 16 12 0.1 -0.2",
-       3,
-       {30, 16, 12, 0.1, -0.2},
-       Model::kBrownConrady,
-       30,
-       30,
-       15.5,
-       11.5,
-       {0.1, -0.2, 0, 0}},
-      {"OPENCV 32 24 30 31 16 12 0.1 -0.2 0.01 0.02",
-       4,
-       {30, 31, 16, 12, 0.1, -0.2, 0.01, 0.02},
-       Model::kBrownConrady,
-       30,
-       31,
-       15.5,
-       11.5,
-       {0.1, -0.2, 0.01, 0.02}},
-      {"OPENCV_FISHEYE 32 24 30 31 16 12 0.1 0.2 0.3 0.4",
-       5,
-       {30, 31, 16, 12, 0.1, 0.2, 0.3, 0.4},
-       Model::kEquidistant,
-       30,
-       31,
-       15.5,
-       11.5,
-       {0.1, 0.2, 0.3, 0.4}},
-      {"FULL_OPENCV 32 24 30 31 16 12 1 2 3 4 5 6 7 8",
-       6,
-       {30, 31, 16, 12, 1, 2, 3, 4, 5, 6, 7, 8},
-       Model::kRational,
-       30,
-       31,
-       15.5,
-       11.5,
-       {1, 2, 3, 4, 5, 6, 7, 8}},
-      {"SIMPLE_RADIAL_FISHEYE 32 24 30 16 12 0",
-       8,
-       {30, 16, 12, 0},
-       Model::kEquidistant,
-       30,
-       30,
-       15.5,
-       11.5,
-       {0, 0, 0, 0}},
-      {"RADIAL_FISHEYE 32 24 30 16 12 0.1 0.2",
-       9,
-       {30, 16, 12, 0.1, 0.2},
-       Model::kEquidistant,
-       30,
-       30,
-       15.5,
-       11.5,
-       {0.1, 0.2, 0, 0}}};
+      {"SIMPLE_PINHOLE", 0, {30, 16, 12}, 30, Model::kNone, {}},
+      {"PINHOLE", 1, {30, 31, 16, 12}, 31, Model::kNone, {}},
+      {"SIMPLE_RADIAL", 2, {30, 16, 12, 0.1}, 30, Model::kBrownConrady, {0.1, 0, 0, 0}},
+      {"SIMPLE_RADIAL", 2, {30, 16, 12, 0}, 30, Model::kNone, {}},
+      {"RADIAL", 3, {30, 16, 12, 0.1, -0.2}, 30, Model::kBrownConrady, {0.1, -0.2, 0, 0}},
+      {"OPENCV", 4, {30, 31, 16, 12, 0.1, -0.2, 0.01, 0.02}, 31, Model::kBrownConrady, {0.1, -0.2, 0.01, 0.02}},
+      {"OPENCV_FISHEYE", 5, {30, 31, 16, 12, 0.1, 0.2, 0.3, 0.4}, 31, Model::kEquidistant, {0.1, 0.2, 0.3, 0.4}},
+      {"FULL_OPENCV", 6, {30, 31, 16, 12, 1, 2, 3, 4, 5, 6, 7, 8}, 31, Model::kRational, {1, 2, 3, 4, 5, 6, 7, 8}},
+      {"SIMPLE_RADIAL_FISHEYE", 8, {30, 16, 12, 0}, 30, Model::kEquidistant, {0, 0, 0, 0}},
+      {"RADIAL_FISHEYE", 9, {30, 16, 12, 0.1, 0.2}, 30, Model::kEquidistant, {0.1, 0.2, 0, 0}}};
   const std::string text_cameras = cameras;
   for (const CameraCase& c : cases) {
-    cameras = Replaced(text_cameras, "PINHOLE 32 24 30 31 16.25 12.75", c.text);
+    std::string line = c.name + " 32 24";
+    for (double parameter : c.parameters) line += Concat(" ", parameter);
+    cameras = Replaced(text_cameras, "PINHOLE 32 24 30 31 16.25 12.75", line);
     std::filesystem::remove_all(folder() / "sparse");
     const Scene text = ReadText();
     std::filesystem::remove_all(folder() / "sparse");
-    const Scene binary = ReadBinary(CameraBytes(c.id, c.binary).bytes(), ImageBytes().bytes(), PointBytes().bytes());
+    const Scene binary =
+        ReadBinary(CameraBytes(c.id, c.parameters).bytes(), ImageBytes().bytes(), PointBytes().bytes());
     for (const Scene* scene : {&text, &binary}) {
       const SceneImage& image = scene->images[0];
-      EXPECT_EQ(image.distortion.model, c.model) << c.text;
-      EXPECT_EQ(image.distortion.coefficients, c.coefficients) << c.text;
-      EXPECT_EQ(image.camera, (PinholeCamera{32, 24, c.fx, c.fy, c.cx, c.cy})) << c.text;
+      EXPECT_EQ(image.distortion.model, c.model) << line;
+      EXPECT_EQ(image.distortion.coefficients, c.coefficients) << line;
+      EXPECT_EQ(image.camera, (PinholeCamera{32, 24, 30, c.fy, 15.5, 11.5})) << line;
     }
   }
 }

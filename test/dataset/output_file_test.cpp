@@ -81,11 +81,6 @@ TEST_F(OutputFileTest, UnwritableFolderIsReported) {
   EXPECT_THAT(message, HasSubstr("Not a directory"));
 }
 
-TEST_F(OutputFileTest, MissingFolderIsReported) {
-  EXPECT_THAT(MessageOf<ProcessingError>([&] { WriteFileAtomically(folder() / "none" / "map", "x"); }),
-              HasSubstr("No such file or directory"));
-}
-
 TEST_F(OutputFileTest, FolderInTheWayIsReported) {
   std::filesystem::create_directories(folder() / "map" / "inside");
   EXPECT_THAT(MessageOf<ProcessingError>([&] { WriteFileAtomically(folder() / "map", "x"); }),

@@ -6,7 +6,6 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/random.h"
@@ -14,35 +13,29 @@
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/evaluation/evaluate_report.h"
 #include "acmp_mapping/evaluation/scene_files.h"
+#include "dataset/test_folder.h"
 
 namespace acmp {
 namespace {
 
-namespace fs = std::filesystem;
 using testing::HasSubstr;
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
 // A small synthetic scene on disk with predictions: noise and holes in image 0, none for image 1, half size for
 // image 2.
-class EvaluateDepthTest : public testing::Test {
+class EvaluateDepthTest : public TestFolder {
  protected:
-  static void SetUpTestSuite() {
-    root_ = new fs::path(fs::path(testing::TempDir()) / ("acmp_evaluate_depth_" + std::to_string(getpid())));
+  EvaluateDepthTest() {
     SyntheticSceneOptions options;
     options.width = 64;
     options.height = 48;
     options.keyframes = 3;
-    views_ = new std::vector<SyntheticView>(MakeSyntheticScene(options));
-    WriteSceneFiles(*root_ / "scene", *views_, 0.2f);
-    fs::create_directories(*root_ / "maps");
-    WritePfm(*root_ / "maps/000000.pfm", Disturbed((*views_)[0].true_depth));
-    WriteDmb(*root_ / "maps/2.dmb", DepthMap(32, 24, 2.5f));
-  }
-  static void TearDownTestSuite() {
-    fs::remove_all(*root_);
-    delete root_;
-    delete views_;
+    views_ = MakeSyntheticScene(options);
+    WriteSceneFiles(folder() / "scene", views_, 0.2f);
+    std::filesystem::create_directories(folder() / "maps");
+    WritePfm(folder() / "maps/000000.pfm", Disturbed(views_[0].true_depth));
+    WriteDmb(folder() / "maps/2.dmb", DepthMap(32, 24, 2.5f));
   }
 
   static DepthMap Disturbed(const DepthMap& truth) {
@@ -55,19 +48,16 @@ class EvaluateDepthTest : public testing::Test {
     return map;
   }
 
-  static DepthEvaluationOptions Options() {
+  DepthEvaluationOptions Options() const {
     DepthEvaluationOptions options;
-    options.scene = *root_ / "scene";
-    options.predictions = *root_ / "maps";
+    options.scene = folder() / "scene";
+    options.predictions = folder() / "maps";
     options.low_texture = 30.0;  // 11 pixels are a large part of so small a picture
     return options;
   }
 
-  static fs::path* root_;
-  static std::vector<SyntheticView>* views_;
+  std::vector<SyntheticView> views_;
 };
-fs::path* EvaluateDepthTest::root_ = nullptr;
-std::vector<SyntheticView>* EvaluateDepthTest::views_ = nullptr;
 
 // Share in percent of pixels with an absolute error below `limit`, straight from the definition; `estimate` at the
 // truth's size; the truth rounded to millimetres as in the file.
@@ -90,12 +80,12 @@ TEST_F(EvaluateDepthTest, AgreesWithAPlainReference) {
   ASSERT_EQ(evaluation.images.size(), 3u);
   EXPECT_TRUE(evaluation.images[0].has_prediction);
   EXPECT_FALSE(evaluation.images[1].has_prediction);
-  const DepthMap first = Disturbed((*views_)[0].true_depth);
+  const DepthMap first = Disturbed(views_[0].true_depth);
   const DepthMap constant(64, 48, 2.5f);
   for (int k = 0; k < 3; ++k) {
     const double limit = kAbsoluteThresholds[k];
     const auto share = [&](int i, const DepthMap& map, bool masked) {
-      return ShareBelow(map, (*views_)[i].true_depth, limit, masked ? &(*views_)[i].low_texture : nullptr);
+      return ShareBelow(map, views_[i].true_depth, limit, masked ? &views_[i].low_texture : nullptr);
     };
     // Errors are continuous, but 3072 pixels have one or two within float rounding of a threshold at most.
     constexpr double kTolerance = 0.07;
@@ -110,7 +100,7 @@ TEST_F(EvaluateDepthTest, AgreesWithAPlainReference) {
   }
   EXPECT_EQ(evaluation.regions.back().name, "low_texture");
   double share = 0;
-  for (const SyntheticView& view : *views_) {
+  for (const SyntheticView& view : views_) {
     share += std::count(view.low_texture.begin(), view.low_texture.end(), 1) / 3.0 / view.low_texture.size();
   }
   EXPECT_NEAR(evaluation.regions.back().share, share, 1e-12);
@@ -125,7 +115,7 @@ TEST_F(EvaluateDepthTest, HonoursScaleSubsetAndMaxDepth) {
   const DepthEvaluation evaluation = EvaluateDepthFolder(options);
   ASSERT_EQ(evaluation.images.size(), 1u);
   EXPECT_TRUE(evaluation.regions.empty());
-  const DepthMap& truth = (*views_)[2].true_depth;
+  const DepthMap& truth = views_[2].true_depth;
   EXPECT_NEAR(evaluation.pool.below_absolute[2], ShareBelow(DepthMap(64, 48, 1.25f), truth, 0.1, nullptr), 0.07);
 
   options.truth.max_depth = 2.0;
@@ -134,13 +124,8 @@ TEST_F(EvaluateDepthTest, HonoursScaleSubsetAndMaxDepth) {
 }
 
 TEST_F(EvaluateDepthTest, RefusesBadOptionsAndInput) {
-  const auto expect_refused = [](const DepthEvaluationOptions& options, const char* message) {
-    try {
-      EvaluateDepthFolder(options);
-      ADD_FAILURE() << "not refused: " << message;
-    } catch (const InvalidInputError& error) {
-      EXPECT_THAT(error.what(), HasSubstr(message));
-    }
+  const auto expect_refused = [](const DepthEvaluationOptions& options, const std::string& message) {
+    EXPECT_THAT(MessageOf<InvalidInputError>([&] { EvaluateDepthFolder(options); }), HasSubstr(message));
   };
   DepthEvaluationOptions options = Options();
   options.scale = 0;
@@ -157,9 +142,9 @@ TEST_F(EvaluateDepthTest, RefusesBadOptionsAndInput) {
   options = Options();
   options.masks = {"sparse"};
   EXPECT_EQ(EvaluateDepthFolder(options).regions.size(), 1u);  // no mask of that name: lowtex alone
-  fs::create_directories(*root_ / "small_masks");
-  WritePng(*root_ / "small_masks/000000.png", ColorImage(4, 4));
-  options.masks = {(*root_ / "small_masks").string()};
+  std::filesystem::create_directories(folder() / "small_masks");
+  WritePng(folder() / "small_masks/000000.png", ColorImage(4, 4));
+  options.masks = {(folder() / "small_masks").string()};
   expect_refused(options, "size 4 x 4");
 }
 

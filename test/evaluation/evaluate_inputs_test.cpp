@@ -1,16 +1,15 @@
-#include "acmp_mapping/evaluation/evaluate_inputs.h"
+#include "evaluate_inputs.h"
 
-#include <cmath>
 #include <filesystem>
-#include <fstream>
+#include <string>
+#include <vector>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
-#include "acmp_mapping/dataset/map_io.h"
+#include "dataset/test_folder.h"
 
 namespace acmp {
 namespace {
@@ -19,28 +18,19 @@ namespace fs = std::filesystem;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-class EvaluateInputsTest : public testing::Test {
+class EvaluateInputsTest : public TestFolder {
  protected:
-  EvaluateInputsTest() : folder_(fs::path(testing::TempDir()) / ("acmp_evaluate_inputs_" + std::to_string(getpid()))) {
-    fs::create_directories(folder_);
-  }
-  ~EvaluateInputsTest() override { fs::remove_all(folder_); }
+  void Touch(const std::string& name) const { WriteText(name, "x"); }
 
-  void Touch(const fs::path& name) {
-    fs::create_directories((folder_ / name).parent_path());
-    std::ofstream(folder_ / name) << "x";
-  }
-
-  PredictionIndex Find(const std::string& name = "") const { return FindPredictions(folder_, images_, name); }
+  PredictionIndex Find(const std::string& name = "") const { return FindPredictions(folder(), images_, name); }
 
   std::string FileOf(int image, const std::string& name = "") const {
     const PredictionIndex index = Find(name);
     const auto found = index.files.find(image);
-    return found == index.files.end() ? "" : fs::relative(found->second, folder_).string();
+    return found == index.files.end() ? "" : fs::relative(found->second, folder()).string();
   }
 
-  fs::path folder_;
-  std::vector<EvaluationImage> images_ = {{0, "P100.jpg"}, {1, "P200.jpg"}, {7, "P300.jpg"}};
+  std::vector<ListedImage> images_ = {{0, "P100.jpg"}, {1, "P200.jpg"}, {7, "P300.jpg"}};
 };
 
 TEST_F(EvaluateInputsTest, TakesFilesByIndexOrByTheImagesOwnStem) {
@@ -93,53 +83,24 @@ TEST_F(EvaluateInputsTest, RefusesFoldersWithoutAnyMapOfTheScene) {
   EXPECT_THROW(Find(), InvalidInputError);
   Touch("000003.pfm");  // not an image of the scene
   EXPECT_THROW(Find(), InvalidInputError);
-  EXPECT_THROW(FindPredictions(folder_ / "missing", images_, ""), InvalidInputError);
+  EXPECT_THROW(FindPredictions(folder() / "missing", images_, ""), InvalidInputError);
   EXPECT_THROW(Find("("), InvalidInputError);
-}
-
-TEST_F(EvaluateInputsTest, ReadsTheImageList) {
-  std::ofstream(folder_ / "cameras.txt") << "# index filename ...\n\n0 a.png 1 2 3\n 12 sub/b.png 1\n";
-  const auto images = ReadImageList(folder_);
-  ASSERT_EQ(images.size(), 2u);
-  EXPECT_EQ(images[1].index, 12);
-  EXPECT_EQ(images[1].name, "sub/b.png");
-}
-
-TEST_F(EvaluateInputsTest, RefusesABadImageListNamingTheLine) {
-  EXPECT_THROW(ReadImageList(folder_), InvalidInputError);
-  std::ofstream(folder_ / "cameras.txt") << "# nothing\n";
-  EXPECT_THROW(ReadImageList(folder_), InvalidInputError);
-  std::ofstream(folder_ / "cameras.txt") << "0 a.png\n-1 b.png\n";
-  try {
-    ReadImageList(folder_);
-    FAIL() << "not refused";
-  } catch (const InvalidInputError& error) {
-    EXPECT_THAT(error.what(), HasSubstr("cameras.txt:2: \"-1 b.png\""));
-  }
 }
 
 TEST_F(EvaluateInputsTest, ReadsPngDepthInItsUnit) {
   Image<uint16_t> counts(2, 1);
   counts(0, 0) = 1234;
-  WritePng16(folder_ / "depth.png", counts);
-  EXPECT_EQ(ReadDepthMap(folder_ / "depth.png", 1000.0)(0, 0), 1.234f);
-  EXPECT_EQ(ReadDepthMap(folder_ / "depth.png", 5000.0)(0, 0), 1234 / 5000.0f);
-  EXPECT_EQ(ReadDepthMap(folder_ / "depth.png", 1000.0)(1, 0), 0.0f);
+  WritePng16(folder() / "depth.png", counts);
+  EXPECT_EQ(ReadDepthMap(folder() / "depth.png", 1000.0)(0, 0), 1.234f);
+  EXPECT_EQ(ReadDepthMap(folder() / "depth.png", 5000.0)(0, 0), 1234 / 5000.0f);
+  EXPECT_EQ(ReadDepthMap(folder() / "depth.png", 1000.0)(1, 0), 0.0f);
 }
 
 TEST_F(EvaluateInputsTest, FindsFoldersInTheSceneFirst) {
-  fs::create_directories(folder_ / "depth");
-  EXPECT_EQ(FindFolder(folder_, "depth"), folder_ / "depth");
-  EXPECT_EQ(FindFolder(folder_ / "depth", folder_.string()), folder_);
-  EXPECT_THROW(FindFolder(folder_, "no_such_folder"), InvalidInputError);
-}
-
-TEST(ParseSubset, ReadsIndicesAndRanges) {
-  EXPECT_THAT(ParseSubset("0,3,7-9"), ElementsAre(0, 3, 7, 8, 9));
-  EXPECT_THAT(ParseSubset("007"), ElementsAre(7));
-  for (const char* bad : {"", ",", "a", "3-1", "1-", "-1", "1.5", "99999999999", "0-1000000"}) {
-    EXPECT_THROW(ParseSubset(bad), InvalidInputError) << bad;
-  }
+  fs::create_directories(folder() / "depth");
+  EXPECT_EQ(FindFolder(folder(), "depth"), folder() / "depth");
+  EXPECT_EQ(FindFolder(folder() / "depth", folder().string()), folder());
+  EXPECT_THROW(FindFolder(folder(), "no_such_folder"), InvalidInputError);
 }
 
 }  // namespace

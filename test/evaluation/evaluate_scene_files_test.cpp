@@ -1,49 +1,39 @@
 #include <cstring>
-#include <filesystem>
 #include <set>
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/evaluation/scene_files.h"
+#include "dataset/test_folder.h"
 
 namespace acmp {
 namespace {
 
-namespace fs = std::filesystem;
-
-class SceneFilesTest : public testing::TestWithParam<SceneFormat> {
+class WrittenSceneTest : public TestFolder {
  protected:
-  static void SetUpTestSuite() {
-    folder_ = new fs::path(fs::path(testing::TempDir()) / ("acmp_scene_files_" + std::to_string(getpid())));
+  WrittenSceneTest() {
     SyntheticSceneOptions options;
     options.width = 97;
     options.height = 64;
     options.keyframes = 5;
-    views_ = new std::vector<SyntheticView>(MakeSyntheticScene(options));
-    WriteSceneFiles(*folder_, *views_, 0.1f);
-  }
-  static void TearDownTestSuite() {
-    fs::remove_all(*folder_);
-    delete folder_;
-    delete views_;
+    views_ = MakeSyntheticScene(options);
+    WriteSceneFiles(folder(), views_, 0.1f);
   }
 
-  static fs::path* folder_;
-  static std::vector<SyntheticView>* views_;
+  std::vector<SyntheticView> views_;
 };
-fs::path* SceneFilesTest::folder_ = nullptr;
-std::vector<SyntheticView>* SceneFilesTest::views_ = nullptr;
+
+class SceneFilesTest : public WrittenSceneTest, public testing::WithParamInterface<SceneFormat> {};
 
 TEST_P(SceneFilesTest, IsReadBackWithTheSameCamerasPosesAndLandmarks) {
-  const Scene scene = ReadScene(*folder_, GetParam());
-  ASSERT_EQ(scene.images.size(), views_->size());
-  for (size_t i = 0; i < views_->size(); ++i) {
-    const Frame& truth = (*views_)[i].frame;
+  const Scene scene = ReadScene(folder(), GetParam());
+  ASSERT_EQ(scene.images.size(), views_.size());
+  for (size_t i = 0; i < views_.size(); ++i) {
+    const Frame& truth = views_[i].frame;
     const SceneImage& image = scene.images[i];
     // Twelve digits in the files, pixels below 1000 and metres below 10.
     EXPECT_EQ(image.camera.width, truth.camera.width);
@@ -69,8 +59,8 @@ TEST_P(SceneFilesTest, IsReadBackWithTheSameCamerasPosesAndLandmarks) {
 
 INSTANTIATE_TEST_SUITE_P(Formats, SceneFilesTest, testing::Values(SceneFormat::kColmap, SceneFormat::kMvsnet));
 
-TEST_F(SceneFilesTest, NamesUsefulSourcesAndADepthRangeThatHoldsMostOfTheScene) {
-  const Scene scene = ReadScene(*folder_, SceneFormat::kMvsnet);
+TEST_F(WrittenSceneTest, NamesUsefulSourcesAndADepthRangeThatHoldsMostOfTheScene) {
+  const Scene scene = ReadScene(folder(), SceneFormat::kMvsnet);
   for (size_t i = 0; i < scene.images.size(); ++i) {
     const std::vector<int>& sources = scene.images[i].ranked_sources;
     const std::set<int> distinct(sources.begin(), sources.end());
@@ -79,17 +69,17 @@ TEST_F(SceneFilesTest, NamesUsefulSourcesAndADepthRangeThatHoldsMostOfTheScene) 
     ASSERT_TRUE(scene.images[i].depth_range);
     const DepthRange& range = *scene.images[i].depth_range;
     size_t within = 0;
-    for (const float depth : (*views_)[i].true_depth) within += depth >= range.min && depth <= range.max;
-    EXPECT_GT(within, 0.99 * (*views_)[i].true_depth.size());
+    for (const float depth : views_[i].true_depth) within += depth >= range.min && depth <= range.max;
+    EXPECT_GT(within, 0.99 * views_[i].true_depth.size());
   }
 }
 
-TEST_F(SceneFilesTest, HoldsTheGroundTruth) {
-  for (size_t i = 0; i < views_->size(); ++i) {
-    const SyntheticView& view = (*views_)[i];
+TEST_F(WrittenSceneTest, HoldsTheGroundTruth) {
+  for (size_t i = 0; i < views_.size(); ++i) {
+    const SyntheticView& view = views_[i];
     const std::string name = "00000" + std::to_string(i) + ".png";
-    const DepthMap depth = ReadDepth(*folder_ / "depth" / name);
-    const ColorImage mask = ReadColorImage(*folder_ / "low_texture" / name);
+    const DepthMap depth = ReadDepth(folder() / "depth" / name);
+    const ColorImage mask = ReadColorImage(folder() / "low_texture" / name);
     ASSERT_EQ(depth.size(), view.true_depth.size());
     ASSERT_EQ(mask.size(), view.low_texture.size());
     for (size_t p = 0; p < depth.size(); ++p) {
@@ -97,13 +87,13 @@ TEST_F(SceneFilesTest, HoldsTheGroundTruth) {
       ASSERT_EQ(mask.data()[p].g, view.low_texture.data()[p] ? 255 : 0);
     }
   }
-  EXPECT_EQ(ReadPly(*folder_ / "surface.ply").size(), SampleSyntheticSurface(*views_, 0.1f).size());
-  EXPECT_EQ(ReadPly(*folder_ / "sparse.ply").size(), ReadScene(*folder_).landmarks_in_world.size());
+  EXPECT_EQ(ReadPly(folder() / "surface.ply").size(), SampleSyntheticSurface(views_, 0.1f).size());
+  EXPECT_EQ(ReadPly(folder() / "sparse.ply").size(), ReadScene(folder()).landmarks_in_world.size());
 }
 
-TEST_F(SceneFilesTest, SaysWhyItCannotWrite) {
-  const fs::path file = *folder_ / "cameras.txt";
-  EXPECT_THROW(WriteSceneFiles(file / "below_a_file", *views_, 0.1f), ProcessingError);
+TEST_F(WrittenSceneTest, SaysWhyItCannotWrite) {
+  const std::filesystem::path file = folder() / "cameras.txt";
+  EXPECT_THROW(WriteSceneFiles(file / "below_a_file", views_, 0.1f), ProcessingError);
 }
 
 }  // namespace

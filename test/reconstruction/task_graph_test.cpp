@@ -301,14 +301,6 @@ TEST_F(TaskGraphTest, InterruptionStopsAllThreads) {
   }
 }
 
-TEST_F(TaskGraphTest, AFailureThatComesBeforeTheInterruptionIsTheOneToldOf) {
-  graph_.Add(0, {}, [&](int) {
-    interrupt_.Request();
-    throw ProcessingError("lost");
-  });
-  EXPECT_EQ(FailureOf(&graph_, {1}, interrupt_), "lost");
-}
-
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 constexpr bool kLimitsAddressSpace = false;  // sanitizers reserve more than any limit
 #else

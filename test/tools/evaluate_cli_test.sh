@@ -42,7 +42,7 @@ expect 2 "required" "$bin/acmp_evaluate"
 expect 2 "PREDICTIONS" "$bin/acmp_evaluate" depth a
 expect 2 "no such folder" "$bin/acmp_evaluate" depth a missing
 expect 2 "cameras.txt" "$bin/acmp_evaluate" depth a/depth a/depth
-expect 2 "subset" "$bin/acmp_evaluate" depth a a/depth --subset x
+expect 2 "image list" "$bin/acmp_evaluate" depth a a/depth --subset x
 expect 0 "low_texture (mean)" "$bin/acmp_evaluate" depth a b/depth --mask low_texture --csv out.csv --json out.json
 [ "$(wc -l <out.csv)" -eq 4 ] || { echo "FAILED: out.csv"; failures=$((failures + 1)); }
 grep -q '"pool"' out.json || { echo "FAILED: out.json"; failures=$((failures + 1)); }

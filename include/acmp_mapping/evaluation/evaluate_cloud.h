@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "acmp_mapping/evaluation/cloud_metrics.h"
-#include "acmp_mapping/evaluation/evaluate_inputs.h"
+#include "acmp_mapping/evaluation/ground_truth.h"
 
 namespace acmp {
 

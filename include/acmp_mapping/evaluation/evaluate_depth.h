@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "acmp_mapping/evaluation/depth_metrics.h"
-#include "acmp_mapping/evaluation/evaluate_inputs.h"
+#include "acmp_mapping/evaluation/ground_truth.h"
 
 namespace acmp {
 

@@ -1,0 +1,29 @@
+# acmp_target_warnings(target): the warnings that every target of ours has.
+function(acmp_target_warnings target)
+  target_compile_options(${target} PRIVATE $<$<COMPILE_LANGUAGE:CXX>:-Wall;-Wextra>)
+  if(ACMP_WARNINGS_AS_ERRORS)
+    target_compile_options(${target} PRIVATE $<$<COMPILE_LANGUAGE:CXX>:-Werror>)
+  endif()
+endfunction()
+
+# acmp_target_defaults(target): warnings, and the headers of all modules: for programs and tests, which no module uses.
+function(acmp_target_defaults target)
+  acmp_target_warnings(${target})
+  target_include_directories(${target} PUBLIC ${PROJECT_SOURCE_DIR}/include)
+endfunction()
+
+# acmp_add_module(name SOURCES files... [DEPENDS modules...] [PUBLIC libraries...] [PRIVATE libraries...]): the static
+# library acmp_NAME of the sources in src/NAME and the headers in include/acmp_mapping/NAME. It finds its own headers and
+# those of the modules it depends on, directly or through others, and no more: an #include that this table of
+# dependencies does not allow does not compile. For that each module's headers are linked into a folder of their own.
+function(acmp_add_module name)
+  cmake_parse_arguments(MODULE "" "" "SOURCES;DEPENDS;PUBLIC;PRIVATE" ${ARGN})
+  set(folder ${PROJECT_BINARY_DIR}/modules/${name}/include)
+  file(MAKE_DIRECTORY ${folder}/acmp_mapping)
+  file(CREATE_LINK ${PROJECT_SOURCE_DIR}/include/acmp_mapping/${name} ${folder}/acmp_mapping/${name} SYMBOLIC)
+  add_library(acmp_${name} STATIC ${MODULE_SOURCES})
+  acmp_target_warnings(acmp_${name})
+  target_include_directories(acmp_${name} PUBLIC ${folder})
+  list(TRANSFORM MODULE_DEPENDS PREPEND acmp_)
+  target_link_libraries(acmp_${name} PUBLIC ${MODULE_DEPENDS} ${MODULE_PUBLIC} PRIVATE ${MODULE_PRIVATE})
+endfunction()

@@ -1,0 +1,96 @@
+#include "acmp_mapping/dataset/camera_list.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <iomanip>
+#include <limits>
+#include <sstream>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/output_file.h"
+#include "input_file.h"
+
+namespace acmp {
+namespace {
+
+/// Calls visit(index and name, fields behind them, reader) for each line.
+template <class Visit>
+void ForEachImage(const std::filesystem::path& path, const Visit& visit) {
+  TextReader reader(path);
+  bool any = false;
+  for (std::string line; reader.NextContentLine(&line); any = true) {
+    FieldReader fields(reader, line);
+    const int64_t index = fields.Integer("image index");
+    if (index < 0 || index > std::numeric_limits<int>::max()) {
+      reader.Fail(Concat("image index = ", index, ": must be a whole number from 0 on"));
+    }
+    const std::string name = fields.Word("image name");
+    visit(ListedImage{static_cast<int>(index), name}, &fields, reader);
+  }
+  if (!any) throw InvalidInputError(Concat(path.string(), ": names 0 images: must name at least 1"));
+}
+
+int ReadSize(FieldReader* fields, const char* name) {
+  const int64_t pixels = fields->Integer(name);
+  return static_cast<int>(
+      std::clamp<int64_t>(pixels, -1, std::numeric_limits<int>::max()));  // CheckCamera refuses those
+}
+
+RigidTransform ReadPose(FieldReader* fields, const TextReader& reader) {
+  Eigen::Vector4d q;  // w x y z
+  Eigen::Vector3d t;
+  for (int i = 0; i < 4; ++i) q[i] = fields->Real("quaternion");
+  for (int i = 0; i < 3; ++i) t[i] = fields->Real("position");
+  if (!(q.norm() > 0)) reader.Fail("quaternion of length 0: must be above");
+  RigidTransform pose = RigidTransform::Identity();
+  pose.linear() = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix();
+  pose.translation() = t;
+  return pose;
+}
+
+}  // namespace
+
+void WriteCameraList(const std::filesystem::path& path, const std::vector<ListedCamera>& cameras) {
+  std::ostringstream text;
+  text << "# cameras of the images (x right, y down, pixel centres at integer coordinates, no distortion)\n"
+          "# columns: index filename fx fy cx cy width height qw qx qy qz tx ty tz\n"
+          "# qw..tz is T_world_cam (camera -> world): X_world = R(q) * X_cam + t; camera axes x right, y down, z "
+          "forward\n"
+       << std::setprecision(15);
+  for (const ListedCamera& listed : cameras) {
+    const PinholeCamera& c = listed.camera;
+    const Eigen::Quaterniond q(listed.world_from_cam.linear());
+    const Eigen::Vector3d t = listed.world_from_cam.translation();
+    text << listed.image.index << ' ' << listed.image.name << ' ' << c.fx << ' ' << c.fy << ' ' << c.cx << ' ' << c.cy
+         << ' ' << c.width << ' ' << c.height << ' ' << q.w() << ' ' << q.x() << ' ' << q.y() << ' ' << q.z() << ' '
+         << t.x() << ' ' << t.y() << ' ' << t.z() << '\n';
+  }
+  WriteFileAtomically(path, text.str());
+}
+
+std::vector<ListedCamera> ReadCameraList(const std::filesystem::path& path) {
+  std::vector<ListedCamera> cameras;
+  ForEachImage(path, [&](const ListedImage& image, FieldReader* fields, const TextReader& reader) {
+    ListedCamera listed;
+    listed.image = image;
+    PinholeCamera& c = listed.camera;
+    c.fx = fields->Real("fx");
+    c.fy = fields->Real("fy");
+    c.cx = fields->Real("cx");
+    c.cy = fields->Real("cy");
+    c.width = ReadSize(fields, "width");
+    c.height = ReadSize(fields, "height");
+    listed.world_from_cam = ReadPose(fields, reader);
+    CheckCamera(reader.Where().c_str(), c);
+    cameras.push_back(listed);
+  });
+  return cameras;
+}
+
+std::vector<ListedImage> ReadImageList(const std::filesystem::path& path) {
+  std::vector<ListedImage> images;
+  ForEachImage(path, [&](const ListedImage& image, FieldReader*, const TextReader&) { images.push_back(image); });
+  return images;
+}
+
+}  // namespace acmp
