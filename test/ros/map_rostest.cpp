@@ -12,7 +12,7 @@
 #include <pcl/point_types.h>
 #include <pcl_conversions/pcl_conversions.h>
 
-#include "acmp_mapping/ros/map_store.h"
+#include "acmp_mapping/map/map_store.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test {
