@@ -144,7 +144,7 @@ def run(arguments):
     call(mapper + "/flush", Trigger, deadline)
     wait_for("last messages", lambda: saver.idle(1.5), deadline)  # and diagnostics come at 1 Hz
     map_path = os.path.join(os.path.abspath(arguments.folder), "map.ply")
-    points = call(mapper + "/save_map", SaveMap, deadline, map_path, 0, True).points
+    points = call(arguments.namespace + "/map_server/save_map", SaveMap, deadline, map_path, 0, True).points
     print("matched on %s at %s px; the last keyframe:" % (saver.status.get("device"), saver.status.get("matched size [px]")))
     for key, value in sorted(saver.status.items()):
         if key.endswith("[ms]"):

@@ -26,7 +26,7 @@ if(NOT ACMP_ROS STREQUAL "OFF")
 endif()
 
 if(ACMP_HAVE_ROS)
-  add_message_files(DIRECTORY msg FILES Keyframe.msg KeyframeDepth.msg KeyframeEstimate.msg KeyframePoints.msg)
+  add_message_files(DIRECTORY msg FILES Keyframe.msg KeyframeDepth.msg KeyframePoints.msg)
   add_service_files(DIRECTORY srv FILES SaveMap.srv)
   generate_messages(DEPENDENCIES geometry_msgs sensor_msgs std_msgs)
   generate_dynamic_reconfigure_options(config/DenseMapper.cfg)

@@ -3,29 +3,26 @@
 #include <cmath>
 #include <utility>
 
+#include <std_srvs/SetBool.h>
 #include <pluginlib/class_list_macros.hpp>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/ros/calibration_file.h"
-#include "acmp_mapping/ros/optimized_path.h"
+#include "acmp_mapping/ros/services.h"
 #include "acmp_mapping/ros/topic_names.h"
 
 namespace acmp {
 namespace {
 
 constexpr double kDeliverPeriodS = 0.05;  ///< how late a wait for a cloud may end
-constexpr double kMapPeriodS = 0.1;       ///< how often the map's rate limit is looked at
-constexpr uint32_t kPathQueue = 2;        ///< each path replaces the one before
 
 /// Where the scene is assumed while nothing tells: the middle of the fallback range, as the mapper has it.
 double FallbackDepth(const DenseMapperOptions& options) {
   return std::sqrt(static_cast<double>(options.fallback_depth_range.min) * options.fallback_depth_range.max);
 }
 
-/// Services answer with a message on success and an exception on failure.
-std::string Expect(const std::string& failure, const char* success) {
+void Expect(const std::string& failure) {
   if (!failure.empty()) throw ProcessingError(failure);
-  return success;
 }
 
 }  // namespace
@@ -38,14 +35,13 @@ DenseMapperNodelet::~DenseMapperNodelet() {
   service_thread_.Stop();
   status_thread_.Stop();
   if (master_watch_) master_watch_->Stop();
-  exchange_thread_.Stop();
   worker_.reset();
 }
 
 void DenseMapperNodelet::onInit() {
   try {
     LoadOptions();
-    publisher_ = std::make_unique<OutputPublisher>(status_thread_.Attach(getNodeHandle()));
+    publisher_ = std::make_unique<OutputPublisher>(status_thread_.Attach(getNodeHandle()), getName());
     StartWorker();
     StartReconfigure();
     Subscribe();
@@ -54,9 +50,7 @@ void DenseMapperNodelet::onInit() {
                                                        getName(), [this] { return TakeSnapshot(); });
     master_watch_ = std::make_unique<MasterWatch>(
         getNodeHandle(), [this](const std::string& news) { NODELET_WARN("%s", news.c_str()); });
-    for (CallbackThread* thread : {&input_thread_, &service_thread_, &status_thread_, &exchange_thread_}) {
-      thread->Start();
-    }
+    for (CallbackThread* thread : {&input_thread_, &service_thread_, &status_thread_}) thread->Start();
     master_watch_->Start();
   } catch (const std::exception& error) {
     NODELET_FATAL("cannot start: %s", error.what());
@@ -83,51 +77,15 @@ void DenseMapperNodelet::LoadOptions() {
 }
 
 void DenseMapperNodelet::StartWorker() {
-  const RuntimeOptions runtime_options = runtime_options_->Get();
-  map_ = std::make_unique<MapStore>(runtime_options.map);
-  map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get());
-  MakeIntake(runtime_options);
+  MakeIntake(runtime_options_->Get());
   MapperWorker::Hooks hooks;
   hooks.on_device = [this](const WorkerStatus& status) { LogDevice(status); };
-  hooks.on_fast = [this](const KeyframeOutput& output) {
-    publisher_->PublishFast(output);
-    {
-      std::lock_guard<std::mutex> lock(path_mutex_);
-      path_frame_ = output.world_frame;
-    }
-    PublishPath();
-  };
-  hooks.on_refined = [this](const KeyframeOutput& output) {
-    map_output_->SetHeader(output.world_frame, output.stamp_ns);
-    if (exchange_) exchange_->PublishPoints(output);
-    publisher_->PublishRefined(output);
-  };
-  hooks.on_drop = [this](const Drop& drop) { ReportDrop(drop); };
-  if (options_.shard.count > 1) {
-    StartExchange(&hooks);
-    const DenseMapperOptions& mapper = runtime_options.mapper;
-    if (mapper.reestimates > 0)
-      NODELET_INFO("reestimates = %d: without effect with several shards", mapper.reestimates);
-    if (mapper.refine_again) NODELET_INFO("refine_again = true: without effect with several shards");
-  }
-  worker_ = std::make_unique<MapperWorker>(options_, runtime_options_.get(), map_.get(), &numbers_, hooks);
-}
-
-void DenseMapperNodelet::StartExchange(MapperWorker::Hooks* hooks) {
-  ShardExchange::Handlers handlers;  // they run when the thread does, with a worker
-  handlers.on_estimate = [this](ShardEstimate estimate) { worker_->AddPeerEstimate(std::move(estimate)); };
-  handlers.on_flush = [this](int64_t number) { worker_->FlushAfter(number); };
-  handlers.on_period = [this] { worker_->CheckWaiting(); };
-  handlers.on_drop = [this](const Drop& drop) { ReportDrop(drop); };
-  exchange_ = std::make_unique<ShardExchange>(exchange_thread_.Attach(getNodeHandle()), options_.shard, &numbers_,
-                                              std::move(handlers));
-  hooks->on_own_estimate = [this](const ShardEstimate& estimate, int64_t stamp_ns) {
-    exchange_->PublishEstimate(estimate, stamp_ns);
-  };
-  hooks->on_dropped_keyframe = [this](int64_t number, int64_t stamp_ns, const std::string& reason) {
-    exchange_->PublishDropped(number, stamp_ns, reason);
-  };
-  hooks->on_flush = [this](int64_t number) { exchange_->PublishFlush(number); };
+  hooks.on_fast = [this](const KeyframeOutput& output) { publisher_->PublishFast(output); };
+  hooks.on_refined = [this](const KeyframeOutput& output) { publisher_->PublishRefined(output); };
+  hooks.on_refined_again = [this](const KeyframeOutput& output) { publisher_->PublishRefinedAgain(output); };
+  hooks.wants_refined_again = [this] { return publisher_->maps() > 0; };
+  hooks.on_drop = [this](const RejectedInput& drop) { ReportDrop(drop); };
+  worker_ = std::make_unique<MapperWorker>(options_, runtime_options_.get(), hooks);
 }
 
 void DenseMapperNodelet::MakeIntake(const RuntimeOptions& runtime_options) {
@@ -191,34 +149,30 @@ void DenseMapperNodelet::Subscribe() {
     if (DropWhilePaused(keyframe->header)) return;
     Receive([&](auto* intake) { intake->AddKeyframe(keyframe, SteadySeconds()); });
   };
-  handlers.on_drop = [this](const Drop& drop) { ReportDrop(drop); };
+  handlers.on_drop = [this](const RejectedInput& drop) { ReportDrop(drop); };
   sources_ = MakeInputSources(nh, options_, handlers);
-  const boost::function<void(const nav_msgs::PathConstPtr&)> on_path = [this](const nav_msgs::PathConstPtr& path) {
-    HandleOptimizedPath(*path);
-  };
-  optimized_path_ = status_thread_.Attach(getNodeHandle()).subscribe(names::kOptimizedPath, kPathQueue, on_path);
   deliver_timer_ =
       nh.createWallTimer(ros::WallDuration(kDeliverPeriodS), [this](const ros::WallTimerEvent&) { Deliver(); });
 }
 
 void DenseMapperNodelet::StartServices() {
-  MapperServices::Handlers handlers;
-  handlers.flush = [this] {
+  ros::NodeHandle nh = service_thread_.Attach(getPrivateNodeHandle());
+  services_.push_back(AdvertiseTrigger(nh, names::kFlush, [this] {
     Deliver(true);
-    return Expect(worker_->Flush(), "all keyframes are finished");
+    Expect(worker_->Flush());
+    return Concat("all keyframes are finished; points were sent ", publisher_->points_sent(), " times to ",
+                  publisher_->maps(), " map(s)");
+  }));
+  services_.push_back(AdvertiseTrigger(nh, names::kReset, [this] { return Reset(); }));
+  using std_srvs::SetBool;
+  const boost::function<bool(SetBool::Request&, SetBool::Response&)> pause = [this](SetBool::Request& request,
+                                                                                    SetBool::Response& response) {
+    paused_ = request.data;
+    response.message = paused_ ? "paused: images are dropped" : "running";
+    response.success = true;
+    return true;
   };
-  handlers.reset = [this] { return Reset(); };
-  handlers.publish_map = [this] {
-    const size_t points = map_output_->Publish();
-    return Concat("published ", points, " points");
-  };
-  handlers.pause = [this](bool pause) -> std::string {
-    paused_ = pause;
-    return pause ? "paused: images are dropped" : "running";
-  };
-  handlers.save_map = [this](const acmp_mapping::SaveMap::Request& request) { return map_output_->Save(request); };
-  handlers.periodic = [this] { HandlePeriod(); };
-  services_ = std::make_unique<MapperServices>(service_thread_.Attach(getPrivateNodeHandle()), kMapPeriodS, handlers);
+  services_.push_back(nh.advertiseService(names::kPause, pause));
 }
 
 bool DenseMapperNodelet::DropWhilePaused(const std_msgs::Header& header) {
@@ -254,7 +208,7 @@ void DenseMapperNodelet::Deliver(bool all) {
 }
 
 void DenseMapperNodelet::Dispatch(IntakeEvent event) {
-  if (auto* drop = std::get_if<Drop>(&event)) return ReportDrop(*drop);
+  if (auto* drop = std::get_if<RejectedInput>(&event)) return ReportDrop(*drop);
   if (auto* notice = std::get_if<Notice>(&event)) {
     if (notice->warning) {
       NODELET_WARN("%s", notice->text.c_str());
@@ -267,55 +221,14 @@ void DenseMapperNodelet::Dispatch(IntakeEvent event) {
     if (tf_) tf_->Clear();
     NODELET_WARN("time jumped back from image %s to %s: buffers and window are cleared",
                  FormatStamp(jump->from_ns).c_str(), FormatStamp(jump->to_ns).c_str());
-    return worker_->StartOver(options_.on_time_jump == TimeJumpPolicy::kReset);
+    return worker_->StartOver();
   }
   ++matched_;
   worker_->Push(std::move(std::get<KeyframeInput>(event)));
 }
 
-void DenseMapperNodelet::ReportDrop(const Drop& drop) {
+void DenseMapperNodelet::ReportDrop(const RejectedInput& drop) {
   if (drops_.Record(drop, SteadySeconds())) NODELET_WARN("%s: %s", drop.reason.c_str(), drop.message.c_str());
-}
-
-void DenseMapperNodelet::HandleOptimizedPath(const nav_msgs::Path& message) {
-  std::optional<PoseResolver> resolver;
-  {
-    std::lock_guard<std::mutex> lock(intake_mutex_);
-    resolver = intake_->path_resolver();
-  }
-  if (!resolver->ready()) {
-    return ReportDrop({"bad_optimized_path", Concat("optimized_path: ", resolver->DescribeMissing())});
-  }
-  const auto world_from_camera = [&resolver](const RigidTransform& received) {
-    return resolver->WorldFromCamera(received);
-  };
-  std::string world_frame;
-  if (options_.world_frame.empty()) {  // else it replaces the frames of all inputs
-    std::lock_guard<std::mutex> lock(path_mutex_);
-    world_frame = path_frame_;
-  }
-  const auto on_doubt = [this](const Drop& doubt) {
-    if (path_doubts_.Record(doubt, SteadySeconds())) {
-      NODELET_WARN("%s: %s", doubt.reason.c_str(), doubt.message.c_str());
-    }
-  };
-  const bool moved = ApplyOptimizedPath(
-      message, world_frame, world_from_camera, options_.matcher.sync_tolerance_s, map_.get(),
-      [this](const Drop& drop) { ReportDrop(drop); }, on_doubt);
-  if (moved) PublishPath();
-}
-
-void DenseMapperNodelet::PublishPath() {
-  std::lock_guard<std::mutex> lock(path_mutex_);
-  publisher_->PublishPath(map_->Path(), path_frame_);
-}
-
-void DenseMapperNodelet::HandlePeriod() {
-  try {
-    map_output_->PublishIfDue(runtime_options_->Get().output.map_publish_rate);
-  } catch (const std::exception& error) {  // a thrown exception would end the whole manager
-    ReportDrop({"map_error", Concat("the map was not published: ", error.what())});
-  }
 }
 
 std::string DenseMapperNodelet::Reset() {
@@ -325,7 +238,8 @@ std::string DenseMapperNodelet::Reset() {
   }
   const std::string failure = worker_->Reset();
   Deliver();  // the drops; only now, since a full queue might have blocked it
-  return Expect(failure, "buffers, window and map are empty");
+  Expect(failure);
+  return "buffers and window are empty";
 }
 
 MapperSnapshot DenseMapperNodelet::TakeSnapshot() {
@@ -337,14 +251,10 @@ MapperSnapshot DenseMapperNodelet::TakeSnapshot() {
   snapshot.sync_tolerance_s = options_.matcher.sync_tolerance_s;
   snapshot.queued = worker_->queued();
   snapshot.worker = worker_->status();
-  snapshot.map = map_->statistics();
-  snapshot.optimized_path_topic = optimized_path_.getTopic();
-  snapshot.optimized_path_publishers = optimized_path_.getNumPublishers();
+  snapshot.maps = publisher_->maps();
+  snapshot.points_sent = publisher_->points_sent();
   snapshot.drops = drops_.entries();
   snapshot.images_dropped = drops_.images();
-  snapshot.path_doubts = path_doubts_.entries();
-  snapshot.shard = options_.shard;
-  if (exchange_) snapshot.peers = exchange_->peers();
   std::lock_guard<std::mutex> lock(intake_mutex_);
   snapshot.waiting_images = intake_->waiting_images();
   snapshot.waiting_for = intake_->DescribeWait(snapshot.now_s);

@@ -10,7 +10,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/ros/pose_semantics.h"
+#include "acmp_mapping/intake/pose_semantics.h"
 
 namespace acmp {
 namespace {

@@ -54,7 +54,7 @@ class TopicSource : public InputSource {
   using ConstPtr = boost::shared_ptr<const Message>;
 
   TopicSource(ros::NodeHandle nh, const InputStream& stream, std::function<void(const ConstPtr&)> handle,
-              std::function<void(const Drop&)> on_drop)
+              std::function<void(const RejectedInput&)> on_drop)
       : stream_(stream), handle_(std::move(handle)), on_drop_(std::move(on_drop)) {
     const boost::function<void(const ConstPtr&)> callback = [this](const ConstPtr& message) { Receive(message); };
     subscriber_ = nh.subscribe<Message>(stream.topic, stream.queue, callback);
@@ -76,7 +76,7 @@ class TopicSource : public InputSource {
 
   InputStream stream_;
   std::function<void(const ConstPtr&)> handle_;
-  std::function<void(const Drop&)> on_drop_;
+  std::function<void(const RejectedInput&)> on_drop_;
   Arrivals arrivals_;
   ros::Subscriber subscriber_;
 };

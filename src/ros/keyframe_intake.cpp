@@ -1,6 +1,7 @@
 #include "acmp_mapping/ros/keyframe_intake.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
@@ -118,11 +119,11 @@ void KeyframeIntake::UpdateObstacle() {
   const std::string body_frame = options_.body_frame.empty() ? child_frame_ : options_.body_frame;
   resolver_.Update(body_frame, CameraFrame());
   path_resolver_.Update(body_frame, CameraFrame());
-  std::optional<Drop> obstacle;
+  std::optional<RejectedInput> obstacle;
   if (!calibration_) {
-    obstacle = Drop{"no_camera_info", "no usable camera_info has been received"};
+    obstacle = RejectedInput{"no_camera_info", "no usable camera_info has been received"};
   } else if (!resolver_.ready()) {
-    obstacle = Drop{"no_extrinsic", resolver_.DescribeMissing()};
+    obstacle = RejectedInput{"no_extrinsic", resolver_.DescribeMissing()};
   }
   matcher_.set_obstacle(obstacle);
 }
@@ -181,7 +182,7 @@ std::vector<IntakeEvent> KeyframeIntake::Convert(std::vector<MatchEvent> matched
   for (MatchEvent& event : matched) {
     if (auto* match = std::get_if<MatchedInput>(&event)) {
       Convert(*match, &events);
-    } else if (auto* drop = std::get_if<Drop>(&event)) {
+    } else if (auto* drop = std::get_if<RejectedInput>(&event)) {
       events.emplace_back(std::move(*drop));
     } else {
       gate_.Reset();
@@ -214,6 +215,8 @@ void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>
   if (input.world_frame.empty()) input.world_frame = kNamelessWorld;
   input.world_from_cam = resolver_.WorldFromCamera(match.pose.received);
   input.landmarks_in_world = PlaceCloud(match, input, events);
+  input.path = MakePathConvention();
+  if (options_.world_frame.empty()) input.path_frame = input.world_frame;  // else it replaces the frames of all inputs
 
   if (options_.keyframe_mode == KeyframeMode::kGate) {
     const double depth = MedianDepth(input.landmarks_in_world, input.world_from_cam);
@@ -226,22 +229,34 @@ void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>
   events->emplace_back(std::move(input));
 }
 
+PathConvention KeyframeIntake::MakePathConvention() const {
+  // A double resolves 119 ns of today's stamps, and some frontends cut them to microseconds.
+  constexpr int64_t kLeastToleranceNs = 1000;
+  PathConvention path;
+  path.maps_world_to_child = path_resolver_.semantics().direction == PoseSemantics::Direction::kCamFromWorld;
+  path.child_from_cam.reset();
+  if (path_resolver_.ready()) path.child_from_cam = ChildFromCamera(path_resolver_.semantics());
+  path.tolerance_ns = std::max<int64_t>(kLeastToleranceNs, std::llround(options_.matcher.sync_tolerance_s * 1e9));
+  return path;
+}
+
 std::vector<Eigen::Vector3d> KeyframeIntake::PlaceCloud(const MatchedInput& match, const KeyframeInput& input,
                                                         std::vector<IntakeEvent>* events) {
   if (!match.cloud) return {};
   const SparseCloud& cloud = *match.cloud;
   const std::string at = Concat("sparse cloud ", FormatStamp(cloud.stamp_ns));
   if (cloud.points.empty()) {
-    events->emplace_back(Drop{"sparse_empty", Concat(at, ": 0 usable points (", cloud.not_finite, " not finite, ",
-                                                     cloud.zero, " exactly zero)")});
+    events->emplace_back(RejectedInput{"sparse_empty", Concat(at, ": 0 usable points (", cloud.not_finite,
+                                                              " not finite, ", cloud.zero, " exactly zero)")});
     return {};
   }
   const std::optional<bool> in_camera = IsInCamera(match, input, events);
   if (!in_camera) return {};
   if (*in_camera && !match.cloud_pose) {
-    events->emplace_back(Drop{"sparse_without_pose", Concat(at,
-                                                            " is in the camera's frame, and there is no pose at its "
-                                                            "stamp")});
+    events->emplace_back(
+        RejectedInput{"sparse_without_pose", Concat(at,
+                                                    " is in the camera's frame, and there is no pose at its "
+                                                    "stamp")});
     return {};
   }
   const PoseSample& cloud_pose = match.cloud_pose ? *match.cloud_pose : match.pose;
@@ -260,10 +275,10 @@ std::optional<bool> KeyframeIntake::IsInCamera(const MatchedInput& match, const 
     return false;
   }
   if (cloud.frame_id == input.camera_frame || cloud.frame_id == calibration_->frame_id) return true;
-  events->emplace_back(Drop{"sparse_frame_unknown",
-                            Concat("sparse cloud ", FormatStamp(cloud.stamp_ns), ": its frame \"", cloud.frame_id,
-                                   "\" is neither the world \"", input.world_frame, "\" nor the camera \"",
-                                   input.camera_frame, "\"; set ~sparse_frame to world or camera")});
+  events->emplace_back(RejectedInput{
+      "sparse_frame_unknown", Concat("sparse cloud ", FormatStamp(cloud.stamp_ns), ": its frame \"", cloud.frame_id,
+                                     "\" is neither the world \"", input.world_frame, "\" nor the camera \"",
+                                     input.camera_frame, "\"; set ~sparse_frame to world or camera")});
   return std::nullopt;
 }
 

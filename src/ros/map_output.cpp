@@ -5,8 +5,8 @@
 #include <sensor_msgs/PointCloud2.h>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/map/map_writer.h"
 #include "acmp_mapping/ros/input_sources.h"
-#include "acmp_mapping/ros/map_writer.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "acmp_mapping/ros/topic_names.h"
 
@@ -55,14 +55,21 @@ void MapOutput::PublishIfDue(double max_rate) {
   next_publish_s_ = now_s + std::max(1 / max_rate, (1 + kMapLoad) * (SteadySeconds() - now_s));
 }
 
-size_t MapOutput::Save(const acmp_mapping::SaveMap::Request& request) const {
-  using Request = acmp_mapping::SaveMap::Request;
-  if (request.format != Request::PLY && request.format != Request::PCD) {
+acmp_mapping::SaveMap::Response MapOutput::Save(const acmp_mapping::SaveMap::Request& request) const {
+  using acmp_mapping::SaveMap;
+  if (request.format != SaveMap::Request::PLY && request.format != SaveMap::Request::PCD) {
     throw InvalidInputError(Concat("format = ", int{request.format}, ": must be 0 (PLY) or 1 (PCD)"));
   }
-  const PointCloud map = map_->WorldCloud();
-  WriteMap(request.path, map, request.format == Request::PLY ? MapFormat::kPly : MapFormat::kPcd, request.binary);
-  return map.size();
+  size_t keyframes = 0;
+  const PointCloud map = map_->WorldCloud(&keyframes);
+  const MapFormat format = request.format == SaveMap::Request::PLY ? MapFormat::kPly : MapFormat::kPcd;
+  WriteMap(request.path, map, format, request.binary);
+  SaveMap::Response response;
+  response.success = true;
+  response.message = Concat("saved ", map.size(), " points of ", keyframes, " keyframes to ", request.path);
+  response.points = map.size();
+  response.keyframes = keyframes;
+  return response;
 }
 
 }  // namespace acmp

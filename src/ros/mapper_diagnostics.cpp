@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/ros/topic_names.h"
 
 namespace acmp {
 namespace {
@@ -38,10 +37,8 @@ std::string AccountForImages(const MapperSnapshot& snapshot) {
   const auto refined = static_cast<int64_t>(snapshot.worker.refined);
   const auto dropped = static_cast<int64_t>(snapshot.images_dropped);
   const auto passed_over = static_cast<int64_t>(snapshot.not_chosen);
-  const auto of_others = static_cast<int64_t>(snapshot.worker.of_others);
   return Concat(received, " received = ", refined, " refined + ", dropped, " dropped + ", passed_over,
-                " passed over + ", of_others > 0 ? Concat(of_others, " of other shards + ") : "",
-                received - refined - dropped - passed_over - of_others, " under way");
+                " passed over + ", received - refined - dropped - passed_over, " under way");
 }
 
 std::string DescribeLatency(const LatencyWindow& latency) {
@@ -116,6 +113,8 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
   status->add("fast depth maps", worker.fast);
   status->add("refined depth maps", worker.refined);
   status->add("refined again for the map", worker.refined_again);
+  status->add("maps that get its points", snapshot.maps);
+  status->add("messages sent to them", snapshot.points_sent);
   status->add("keyframes queued", snapshot.queued);
   status->add("matched size [px]", Concat(worker.width, "x", worker.height));
   status->add("last keyframe: decode and rectify [ms]", worker.preparation_ms);
@@ -137,44 +136,6 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
   }
 }
 
-void DescribeMap(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* status) {
-  status->summary(DiagnosticStatus::OK, Concat(snapshot.map.keyframes, " keyframes in the map"));
-  status->add("keyframes", snapshot.map.keyframes);
-  status->add("points held", snapshot.map.points);
-  status->add("keyframes evicted (~max_keyframes)", snapshot.map.evicted);
-  status->add("keyframes evicted (~map_radius)", snapshot.map.evicted_by_radius);
-  status->add("voxel size [unit of the poses]", snapshot.map.voxel_size);
-  status->add("optimized paths", Concat(snapshot.map.paths, " received on ", snapshot.optimized_path_topic, " (",
-                                        snapshot.optimized_path_publishers, " publisher(s))"));
-  status->add("loop corrections (paths that moved keyframes)", snapshot.map.corrections);
-  status->add("keyframes re-posed, all corrections together", snapshot.map.reposed);
-  status->add("poses of the last optimized path without a keyframe",
-              Concat(snapshot.map.path_unmatched, " of ", snapshot.map.path_poses));
-  for (const auto& [reason, entry] : snapshot.path_doubts) {
-    const std::string text = Concat(entry.count, " (", entry.last_message, ")");
-    status->add("doubtful: " + reason, text);
-    if (snapshot.now_s - entry.last_time_s <= kRecentS) status->mergeSummary(DiagnosticStatus::WARN, text);
-  }
-}
-
-void DescribeShards(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* status) {
-  status->summary(DiagnosticStatus::OK, Concat("shard ", snapshot.shard.index, " of ", snapshot.shard.count));
-  status->add("refinements that wait for other shards", snapshot.worker.waiting);
-  for (const PeerStatus& peer : snapshot.peers) {
-    const double silent_s = snapshot.now_s - peer.last_received_s;
-    status->add(Concat("shard ", peer.index),
-                Concat(peer.received, " messages, the last ", WholeSeconds(silent_s), " s ago"));
-    if (peer.received == 0 && silent_s > kSilentS) {
-      status->mergeSummary(DiagnosticStatus::WARN,
-                           Concat("nothing yet from shard ", peer.index, " of ", snapshot.shard.count, " on ",
-                                  names::kKeyframeEstimates, ": is it running, and the topic the same?"));
-    } else if (silent_s > kSilentS) {
-      status->mergeSummary(DiagnosticStatus::WARN,
-                           Concat("nothing from shard ", peer.index, " for ", WholeSeconds(silent_s), " s"));
-    }
-  }
-}
-
 MapperDiagnostics::MapperDiagnostics(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh,
                                      const std::string& name, std::function<MapperSnapshot()> take_snapshot)
     : take_snapshot_(std::move(take_snapshot)), updater_(nh, private_nh, name) {
@@ -186,8 +147,6 @@ MapperDiagnostics::MapperDiagnostics(const ros::NodeHandle& nh, const ros::NodeH
   add("inputs", &DescribeInputs);
   add("matching", &DescribeMatching);
   add("mapping", &DescribeMapping);
-  add("map", &DescribeMap);
-  if (snapshot_.shard.count > 1) add("shards", &DescribeShards);
   timer_ = nh.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { Update(); });
 }
 

@@ -1,4 +1,4 @@
-// What the mapper's callbacks do, in its thread for outputs: maps are made ready, put into the map and published.
+// What the mapper's callbacks do, in its thread for outputs: maps are made ready and published.
 
 #include <cmath>
 #include <exception>
@@ -51,11 +51,9 @@ MapperWorker::RecordPtr MapperWorker::FindRecord(const Records& records, int64_t
 KeyframeOutput MapperWorker::MakeOutput(const KeyframeDepthPtr& maps, const Record& record) const {
   const double min_confidence = min_confidence_;
   KeyframeOutput output;
+  output.origin = record.origin;
+  output.run = record.run;
   output.maps = maps;
-  output.stamp_ns = record.stamp_ns;
-  output.camera_frame = record.camera_frame;
-  output.world_frame = record.world_frame;
-  output.world_from_cam = record.world_from_cam;
   output.keep = MakeKeepMask(*maps, record.valid, min_confidence);
   output.points_in_camera = KeptPoints(*maps, output.keep.View(), min_confidence);
   return output;
@@ -64,9 +62,7 @@ KeyframeOutput MapperWorker::MakeOutput(const KeyframeDepthPtr& maps, const Reco
 void MapperWorker::HandleFast(const KeyframeDepthPtr& maps) {
   const RecordPtr record = FindRecord(pending_, maps->frame->id);
   if (stopping_ || !record) return;
-  const KeyframeOutput output = MakeOutput(maps, *record);
-  map_->AddPose(maps->frame->id, output.stamp_ns, output.world_from_cam);
-  Publish(hooks_.on_fast, output);
+  Publish(hooks_.on_fast, MakeOutput(maps, *record));
   const double latency_ms = LatencyMs(*record);
   UpdateStatus([&](WorkerStatus* status) {
     ++status->fast;
@@ -77,9 +73,7 @@ void MapperWorker::HandleFast(const KeyframeDepthPtr& maps) {
 void MapperWorker::HandleRefined(const KeyframeDepthPtr& maps) {
   const RecordPtr record = FindRecord(pending_, maps->frame->id);
   if (stopping_ || !record) return;
-  const KeyframeOutput output = MakeOutput(maps, *record);
-  map_->AddPoints(maps->frame->id, output.stamp_ns, output.world_from_cam, output.points_in_camera);
-  Publish(hooks_.on_refined, output);
+  Publish(hooks_.on_refined, MakeOutput(maps, *record));
   const double latency_ms = LatencyMs(*record);
   {
     const std::lock_guard<std::mutex> lock(records_mutex_);
@@ -97,31 +91,24 @@ void MapperWorker::HandleRefined(const KeyframeDepthPtr& maps) {
 void MapperWorker::HandleRefinedAgain(const KeyframeDepthPtr& maps) {
   const RecordPtr record = FindRecord(refined_, maps->frame->id);
   if (stopping_ || !record) return;
-  try {  // the mapper's callbacks must not throw
-    if (!map_->ReplacePoints(maps->frame->id, MakeOutput(maps, *record).points_in_camera)) return;
-  } catch (const std::exception& error) {
-    return ReportDrop({"refine_again_failed", Concat("image ", FormatStamp(record->stamp_ns), ": ", error.what())});
-  }
+  Publish(hooks_.on_refined_again, MakeOutput(maps, *record));
   UpdateStatus([](WorkerStatus* status) { ++status->refined_again; });
 }
 
-double MapperWorker::LatencyMs(const Record& record) { return (SteadySeconds() - record.arrival_s) * 1e3; }
+double MapperWorker::LatencyMs(const Record& record) { return (SteadySeconds() - record.origin.arrival_s) * 1e3; }
 
 void MapperWorker::Publish(const std::function<void(const KeyframeOutput&)>& hook, const KeyframeOutput& output) const {
   try {
     hook(output);
   } catch (const std::exception& error) {  // the mapper's callbacks must not throw
-    ReportDrop({"publish_error", Concat("image ", FormatStamp(output.stamp_ns), ": ", error.what())});
+    ReportDrop({"publish_error", Concat("image ", FormatStamp(output.origin.stamp_ns), ": ", error.what())});
   }
 }
 
 void MapperWorker::HandleDrop(const KeyframeDrop& drop) {
   const RecordPtr record = FindRecord(pending_, drop.id);
-  const std::string stamp = record ? FormatStamp(record->stamp_ns) : "?";
+  const std::string stamp = record ? FormatStamp(record->origin.stamp_ns) : "?";
   if (record) {
-    if (!stopping_ && hooks_.on_dropped_keyframe) {
-      hooks_.on_dropped_keyframe(drop.id, record->stamp_ns, drop.reason);
-    }
     const std::lock_guard<std::mutex> lock(records_mutex_);
     pending_.erase(drop.id);
   }

@@ -76,30 +76,6 @@ void LoadFrames(ParameterReader* reader, NodeOptions* options) {
   }
 }
 
-void ReadTimeJumpPolicy(ParameterReader* reader, TimeJumpPolicy* policy) {
-  ReadEnum<TimeJumpPolicy>(reader, "on_time_jump",
-                           {{"clear", TimeJumpPolicy::kClear}, {"reset", TimeJumpPolicy::kReset}}, policy);
-}
-
-void ReadShardTimeout(ParameterReader* reader, double* timeout_s) {
-  reader->Read("shard_timeout", timeout_s);
-  CheckRange("parameter ~shard_timeout", *timeout_s, 0.1, 3600.0);
-}
-
-void LoadShard(ParameterReader* reader, NodeOptions* options) {
-  reader->Read("shard_count", &options->shard.count);
-  CheckRange("parameter ~shard_count", options->shard.count, 1, kMaxShards);
-  reader->Read("shard_index", &options->shard.index);
-  CheckRange("parameter ~shard_index", options->shard.index, 0, options->shard.count - 1);
-  ReadShardTimeout(reader, &options->shard_timeout_s);
-  if (options->shard.count > 1 && options->overload == OverloadPolicy::kSkipIfBusy) {
-    throw InvalidInputError(
-        "parameter ~overload = skip_if_busy: must be drop_oldest or block with ~shard_count above 1, since a shard "
-        "needs "
-        "the others' keyframes as source views while it is busy with its own");
-  }
-}
-
 }  // namespace
 
 bool NeedsExtrinsic(const NodeOptions& options) {
@@ -155,28 +131,6 @@ NodeOptions LoadNodeOptions(ParameterReader* reader) {
                             {"skip_if_busy", OverloadPolicy::kSkipIfBusy},
                             {"block", OverloadPolicy::kBlock}},
                            &options.overload);
-  ReadTimeJumpPolicy(reader, &options.on_time_jump);
-  LoadShard(reader, &options);
-  return options;
-}
-
-MapMergerOptions LoadMapMergerOptions(ParameterReader* reader) {
-  MapMergerOptions options;
-  reader->Read("max_keyframes", &options.map.max_keyframes);
-  reader->Read("voxel_size", &options.map.voxel_size);
-  Validate(options.map);
-  reader->Read("map_publish_rate", &options.map_publish_rate);
-  CheckRange("parameter ~map_publish_rate", options.map_publish_rate, 0.0, 30.0);
-  ReadShardTimeout(reader, &options.shard_timeout_s);
-  ReadTimeJumpPolicy(reader, &options.on_time_jump);
-  NodeOptions poses;
-  LoadPoseSemantics(reader, &poses);
-  options.path = PathSemantics(poses);
-  if (options.path.child == PoseSemantics::Child::kBody && !options.path.body_from_cam) {
-    throw InvalidInputError("parameter ~pose_child = body: the map node needs ~T_body_cam");
-  }
-  reader->Read("sync_tolerance", &options.sync_tolerance_s);
-  CheckRange("parameter ~sync_tolerance", options.sync_tolerance_s, 0.0, 10.0);
   return options;
 }
 

@@ -10,6 +10,7 @@
 #include <boost/make_shared.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/map/packed_points.h"
 
 namespace acmp {
 namespace {
@@ -100,37 +101,13 @@ sensor_msgs::CameraInfoPtr ToCameraInfo(const PinholeCamera& camera, const std_m
 }
 
 void CheckCloudSize(size_t points, size_t limit) {
-  if (points <= limit / kCloudPointBytes) return;
-  throw InvalidInputError(Concat(points, " points: a message holds at most ", limit / kCloudPointBytes, " (",
+  if (points <= limit / kPackedPointBytes) return;
+  throw InvalidInputError(Concat(points, " points: a message holds at most ", limit / kPackedPointBytes, " (",
                                  limit / 1000000, " MB); raise ~voxel_size, or lower ~map_radius or ~max_keyframes"));
 }
 
-namespace {
-
-/// A point of the topics' clouds.
-struct Packed {
-  float x, y, z;
-  uint8_t b, g, r, zero;  // little-endian 0x00rrggbb, as PCL reads it
-  float normal_x, normal_y, normal_z, confidence;
-};
-static_assert(sizeof(Packed) == kCloudPointBytes, "eight float32 fields");
-
-constexpr const char* kPackedFields[] = {"x", "y", "z", "rgb", "normal_x", "normal_y", "normal_z", "confidence"};
-
-}  // namespace
-
-void PackPoints(const SurfacePoint* points, size_t count, uint8_t* target) {
-  for (size_t i = 0; i < count; ++i) {
-    const SurfacePoint& p = points[i];
-    const Packed packed = {p.position.x, p.position.y, p.position.z, p.color.b,   p.color.g, p.color.r, 0,
-                           p.normal.x,   p.normal.y,   p.normal.z,   p.confidence};
-    std::memcpy(target + i * kCloudPointBytes, &packed, kCloudPointBytes);
-  }
-}
-
-sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_msgs::Header& header) {
+void FillCloud(const PointCloud& points, const std_msgs::Header& header, sensor_msgs::PointCloud2* message) {
   CheckCloudSize(points.size(), std::numeric_limits<uint32_t>::max());
-  auto message = boost::make_shared<sensor_msgs::PointCloud2>();
   message->header = header;
   sensor_msgs::PointCloud2Modifier modifier(*message);
   constexpr auto kFloat = sensor_msgs::PointField::FLOAT32;
@@ -139,6 +116,11 @@ sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_m
   modifier.resize(points.size());
   message->is_dense = true;
   PackPoints(points.data(), points.size(), message->data.data());
+}
+
+sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_msgs::Header& header) {
+  auto message = boost::make_shared<sensor_msgs::PointCloud2>();
+  FillCloud(points, header, message.get());
   return message;
 }
 
@@ -149,22 +131,15 @@ PointCloud ToPointCloud(const sensor_msgs::PointCloud2& message) {
            field.datatype == sensor_msgs::PointField::FLOAT32;
   };
   constexpr size_t kFields = std::size(kPackedFields);
-  bool known = message.fields.size() == kFields && message.point_step == sizeof(Packed) && !message.is_bigendian;
+  bool known = message.fields.size() == kFields && message.point_step == kPackedPointBytes && !message.is_bigendian;
   for (size_t i = 0; known && i < kFields; ++i) known = fits(i);
   const size_t count = static_cast<size_t>(message.width) * message.height;
-  if (!known || message.data.size() != count * sizeof(Packed)) {
+  if (!known || message.data.size() != count * kPackedPointBytes) {
     throw InvalidInputError(Concat("cloud with ", message.fields.size(), " fields, ", message.point_step,
                                    " bytes per point and ", message.data.size(), " bytes for ", count,
                                    " points: must be as this package's topic points has it"));
   }
-  PointCloud points;
-  points.reserve(count);
-  for (size_t i = 0; i < count; ++i) {
-    Packed p;
-    std::memcpy(&p, message.data.data() + i * sizeof(Packed), sizeof(Packed));
-    points.push_back({{p.x, p.y, p.z}, {p.normal_x, p.normal_y, p.normal_z}, {p.r, p.g, p.b}, p.confidence});
-  }
-  return points;
+  return UnpackPoints(message.data.data(), count);
 }
 
 }  // namespace acmp

@@ -4,19 +4,20 @@
 
 #include <acmp_mapping/KeyframeDepth.h>
 #include <geometry_msgs/PoseStamped.h>
-#include <nav_msgs/Path.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <tf2_eigen/tf2_eigen.h>
 #include <boost/make_shared.hpp>
 
 #include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/ros/keyframe_points.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "acmp_mapping/ros/topic_names.h"
 
 namespace acmp {
 namespace {
 
-constexpr uint32_t kQueue = 5;  ///< keyframes come at a few hertz; a slow listener loses old ones, not new ones
+constexpr uint32_t kQueue = 5;       ///< keyframes come at a few hertz; a slow listener loses old ones, not new ones
+constexpr uint32_t kMapQueue = 200;  ///< the same for maps on other hosts, which notice what they lose
 
 std_msgs::Header MakeHeader(int64_t stamp_ns, const std::string& frame_id) {
   std_msgs::Header header;
@@ -38,7 +39,7 @@ sensor_msgs::ImagePtr ToConfidenceMessage(const KeyframeOutput& output, const st
 
 }  // namespace
 
-OutputPublisher::OutputPublisher(ros::NodeHandle nh) : transport_(nh) {
+OutputPublisher::OutputPublisher(ros::NodeHandle nh, std::string mapper) : mapper_(std::move(mapper)), transport_(nh) {
   depth_fast_ = transport_.advertiseCamera(names::kDepthFast, kQueue);
   depth_ = transport_.advertiseCamera(names::kDepth, kQueue);
   color_ = transport_.advertiseCamera(names::kColor, kQueue);
@@ -50,12 +51,12 @@ OutputPublisher::OutputPublisher(ros::NodeHandle nh) : transport_(nh) {
   depth_millimetres_ = nh.advertise<sensor_msgs::Image>(names::kDepthMillimetres, kQueue);
   points_ = nh.advertise<sensor_msgs::PointCloud2>(names::kPoints, kQueue);
   pose_ = nh.advertise<geometry_msgs::PoseStamped>(names::kKeyframePose, kQueue);
-  path_ = nh.advertise<nav_msgs::Path>(names::kKeyframePath, 1, true);
+  keyframe_points_ = nh.advertise<acmp_mapping::KeyframePoints>(names::kKeyframePoints, kMapQueue);
   keyframe_depth_ = nh.advertise<acmp_mapping::KeyframeDepth>(names::kKeyframeDepth, kQueue);
 }
 
 void OutputPublisher::PublishFast(const KeyframeOutput& output) {
-  const std_msgs::Header camera = MakeHeader(output.stamp_ns, output.camera_frame);
+  const std_msgs::Header camera = MakeHeader(output.origin.stamp_ns, output.origin.camera_frame);
   PublishPose(output);
   if (depth_fast_.getNumSubscribers() > 0) {
     depth_fast_.publish(ToDepthMessage(output.maps->depth, output.keep.View(), camera),
@@ -65,7 +66,7 @@ void OutputPublisher::PublishFast(const KeyframeOutput& output) {
 
 void OutputPublisher::PublishRefined(const KeyframeOutput& output) {
   const KeyframeDepth& maps = *output.maps;
-  const std_msgs::Header camera = MakeHeader(output.stamp_ns, output.camera_frame);
+  const std_msgs::Header camera = MakeHeader(output.origin.stamp_ns, output.origin.camera_frame);
   if (depth_.getNumSubscribers() > 0 || depth_millimetres_.getNumSubscribers() > 0) {
     const sensor_msgs::ImagePtr depth = ToDepthMessage(maps.depth, output.keep.View(), camera);
     if (depth_millimetres_.getNumSubscribers() > 0) depth_millimetres_.publish(ToDepthMillimetres(*depth));
@@ -79,25 +80,19 @@ void OutputPublisher::PublishRefined(const KeyframeOutput& output) {
   PublishPictures(output, camera);
   if (points_.getNumSubscribers() > 0) points_.publish(ToCloudMessage(output.points_in_camera, camera));
   PublishKeyframeDepth(output, camera);
+  PublishKeyframePoints(output, false);
 }
 
-void OutputPublisher::PublishPath(const std::vector<StampedPose>& poses, const std::string& world_frame) {
-  if (poses.empty()) return;
-  auto path = boost::make_shared<nav_msgs::Path>();
-  path->header = MakeHeader(poses.back().stamp_ns, world_frame);
-  for (const StampedPose& pose : poses) {
-    path->poses.emplace_back();
-    path->poses.back().header = MakeHeader(pose.stamp_ns, world_frame);
-    path->poses.back().pose = tf2::toMsg(pose.world_from_cam);
-  }
-  path_.publish(path);
+void OutputPublisher::PublishKeyframePoints(const KeyframeOutput& output, bool replaces) {
+  if (maps() == 0) return;
+  keyframe_points_.publish(ToKeyframePoints(output, mapper_, ++points_sent_, replaces));
 }
 
 void OutputPublisher::PublishPose(const KeyframeOutput& output) {
   if (pose_.getNumSubscribers() == 0) return;
   auto pose = boost::make_shared<geometry_msgs::PoseStamped>();
-  pose->header = MakeHeader(output.stamp_ns, output.world_frame);
-  pose->pose = tf2::toMsg(output.world_from_cam);
+  pose->header = MakeHeader(output.origin.stamp_ns, output.origin.world_frame);
+  pose->pose = tf2::toMsg(output.origin.world_from_cam);
   pose_.publish(pose);
 }
 
@@ -122,8 +117,8 @@ void OutputPublisher::PublishKeyframeDepth(const KeyframeOutput& output, const s
   if (keyframe_depth_.getNumSubscribers() == 0) return;
   const KeyframeDepth& maps = *output.maps;
   auto message = boost::make_shared<acmp_mapping::KeyframeDepth>();
-  message->header = MakeHeader(output.stamp_ns, output.world_frame);
-  message->pose = tf2::toMsg(output.world_from_cam);
+  message->header = MakeHeader(output.origin.stamp_ns, output.origin.world_frame);
+  message->pose = tf2::toMsg(output.origin.world_from_cam);
   message->camera_info = *ToCameraInfo(maps.frame->camera, camera);
   message->depth = *ToDepthMessage(maps.depth, output.keep.View(), camera);
   message->confidence = *ToConfidenceMessage(output, camera);

@@ -41,15 +41,11 @@ void Limit(const char* name, T high, const std::string& why, T* value, std::vect
 
 }  // namespace
 
-void Validate(const OutputOptions& options) {
-  CheckRange("min_confidence", options.min_confidence, 0.0, 1.0);
-  CheckRange("map_publish_rate", options.map_publish_rate, 0.0, 30.0);
-}
+void Validate(const OutputOptions& options) { CheckRange("min_confidence", options.min_confidence, 0.0, 1.0); }
 
 void Validate(const RuntimeOptions& options) {
   Validate(options.mapper);
   Validate(options.gate);
-  Validate(options.map);
   Validate(options.output);
 }
 

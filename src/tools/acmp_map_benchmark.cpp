@@ -13,8 +13,8 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
-#include "acmp_mapping/ros/map_store.h"
-#include "acmp_mapping/ros/map_writer.h"
+#include "acmp_mapping/map/map_store.h"
+#include "acmp_mapping/map/map_writer.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "tool_main.h"
 
@@ -101,19 +101,17 @@ int RunBenchmark(const Arguments& a) {
   Measure("make and add keyframes", [&] {
     for (int i = 0; i < a.keyframes; ++i) {
       path.push_back({i * int64_t{1000000000}, WorldFromCamera(a, i)});
-      const acmp::PointCloud points = MakePoints(a, path.back().world_from_cam);
+      const acmp::PointCloud points = MakePoints(a, path.back().pose);
       acmp::Timer timer;
-      store.AddPoints(i, path.back().stamp_ns, path.back().world_from_cam, points);
+      store.Add({"mapper", 0, static_cast<uint64_t>(i)}, {path.back().stamp_ns, path.back().pose, {}}, points);
       adding_s += timer.Lap() * 1e-3;
     }
     return acmp::Concat(store.statistics().points, " points, of these adding: ", adding_s * 1e3 / a.keyframes,
                         " ms per keyframe");
   });
-  for (acmp::StampedPose& pose : path) pose.world_from_cam.translation().y() += 1e-3 * pose.world_from_cam(0, 3);
-  Measure("re-pose all keyframes",
-          [&] { return acmp::Concat(store.Repose(path, 1000000).moved.size(), " keyframes moved"); });
-  Measure("the same path again",
-          [&] { return acmp::Concat(store.Repose(path, 1000000).moved.size(), " keyframes moved"); });
+  for (acmp::StampedPose& pose : path) pose.pose.translation().y() += 1e-3 * pose.pose(0, 3);
+  Measure("re-pose all keyframes", [&] { return acmp::Concat(store.Repose(path).moved.size(), " keyframes moved"); });
+  Measure("the same path again", [&] { return acmp::Concat(store.Repose(path).moved.size(), " keyframes moved"); });
   acmp::PointCloud map;
   Measure("build the map", [&] {
     map = store.WorldCloud();
@@ -125,9 +123,9 @@ int RunBenchmark(const Arguments& a) {
     int corrections = 0;
     double longest_ms = 0;
     while (building.wait_for(std::chrono::milliseconds(100)) != std::future_status::ready) {
-      for (acmp::StampedPose& pose : path) pose.world_from_cam.translation().z() += 0.1;
+      for (acmp::StampedPose& pose : path) pose.pose.translation().z() += 0.1;
       acmp::Timer timer;
-      store.Repose(path, 1000000);
+      store.Repose(path);
       longest_ms = std::max(longest_ms, timer.Lap());
       ++corrections;
     }

@@ -6,7 +6,7 @@ add_executable(frontends_rostest frontends_rostest.cpp frontend_player.cpp front
 acmp_target_defaults(frontends_rostest)
 target_compile_definitions(frontends_rostest PRIVATE ACMP_FRONTEND_RESULTS="${ACMP_FRONTEND_RESULTS}")
 target_link_libraries(frontends_rostest PRIVATE acmp_ros_test_support GTest::gtest)
-add_dependencies(frontends_rostest dense_mapper_node)
+add_dependencies(frontends_rostest dense_mapper_node map_server_node)
 
 # acmp_play_frontend(preset [played_as]): played_as is another way to wire it, of which frontends_rostest.test knows.
 function(acmp_play_frontend preset)

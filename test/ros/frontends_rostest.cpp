@@ -16,9 +16,9 @@
 #include <std_srvs/Trigger.h>
 
 #include "acmp_mapping/backend/make_depth_engine.h"
+#include "acmp_mapping/intake/pose_semantics.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/pipeline/presets.h"
-#include "acmp_mapping/ros/pose_semantics.h"
 #include "ros/frontend_player.h"
 #include "ros/recorder.h"
 

@@ -175,14 +175,38 @@ TEST(IntakeExtrinsic, ThePathMayHoldPosesOfTheBodyWhenTheOthersAreTheCameras) {
   NodeOptions options;
   options.path_child = PoseSemantics::Child::kBody;
   KeyframeIntake intake = MakeIntake(options);
-  EXPECT_FALSE(intake.path_resolver().ready());
-  EXPECT_EQ(Feed(&intake, 5, 1, nullptr).keyframes.at(0).world_from_cam.translation().x(), 1) << "needs no extrinsic";
+  const auto without = Feed(&intake, 5, 1, nullptr).keyframes.at(0);
+  EXPECT_EQ(without.world_from_cam.translation().x(), 1) << "needs no extrinsic";
+  EXPECT_FALSE(without.path.child_from_cam) << "that of the path is not known";
   RigidTransform body_from_cam = RigidTransform::Identity();
   body_from_cam.translation().x() = 10;
   intake.SetExtrinsic(body_from_cam);
-  intake.TakeAll();
-  ASSERT_TRUE(intake.path_resolver().ready());
-  EXPECT_EQ(intake.path_resolver().WorldFromCamera(RigidTransform::Identity()).translation().x(), 10);
+  const auto with = Feed(&intake, 6, 2, nullptr).keyframes.at(0);
+  EXPECT_EQ(with.world_from_cam.translation().x(), 2);
+  ASSERT_TRUE(with.path.child_from_cam);
+  EXPECT_EQ(with.path.child_from_cam->translation().x(), 10);
+  EXPECT_FALSE(with.path.maps_world_to_child);
+}
+
+TEST(IntakeFromTf, KeyframesSayWhatPosesOfAPathMeanForThem) {
+  NodeOptions options;
+  options.pose = {PoseSemantics::Direction::kCamFromWorld, PoseSemantics::Child::kCameraFlu, std::nullopt};
+  options.matcher.sync_tolerance_s = 0.003;
+  KeyframeIntake intake = MakeIntake(options);
+  const auto keyframe = Feed(&intake, 5, 1, nullptr).keyframes.at(0);
+  EXPECT_TRUE(keyframe.path.maps_world_to_child);
+  EXPECT_EQ(keyframe.path.tolerance_ns, 3000000);
+  EXPECT_EQ(keyframe.path_frame, "map");
+  // The same pose in a path is the same pose of the camera.
+  const RigidTransform received = PoseAt(5, 1).received;
+  EXPECT_TRUE((received.inverse() * *keyframe.path.child_from_cam).isApprox(keyframe.world_from_cam, 1e-12));
+
+  options.world_frame = "earth";
+  options.matcher.sync_tolerance_s = 0;
+  KeyframeIntake renamed = MakeIntake(options);
+  const auto other = Feed(&renamed, 5, 1, nullptr).keyframes.at(0);
+  EXPECT_EQ(other.path_frame, "") << "the frames of all inputs are replaced";
+  EXPECT_EQ(other.path.tolerance_ns, 1000) << "a double is up to 119 ns off";
 }
 
 acmp_mapping::KeyframePtr MakeKeyframe(uint32_t stamp_s) {

@@ -46,7 +46,7 @@ inline SparseCloudPtr CloudAt(uint32_t stamp_s, const std::string& frame_id, std
 
 struct Result {
   std::vector<KeyframeInput> keyframes;
-  std::vector<Drop> drops;
+  std::vector<RejectedInput> drops;
   int jumps = 0;
 };
 
@@ -54,7 +54,7 @@ inline Result Split(std::vector<IntakeEvent> events) {
   Result result;
   for (IntakeEvent& event : events) {
     if (auto* keyframe = std::get_if<KeyframeInput>(&event)) result.keyframes.push_back(std::move(*keyframe));
-    if (auto* drop = std::get_if<Drop>(&event)) result.drops.push_back(*drop);
+    if (auto* drop = std::get_if<RejectedInput>(&event)) result.drops.push_back(*drop);
     result.jumps += std::holds_alternative<TimeJump>(event);
   }
   return result;

@@ -12,7 +12,7 @@
 #include <pcl/point_types.h>
 #include <pcl_conversions/pcl_conversions.h>
 
-#include "acmp_mapping/ros/map_store.h"
+#include "acmp_mapping/map/map_store.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test {
@@ -95,9 +95,10 @@ struct Session {
     }
     const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
     while (optimized_path.getNumSubscribers() == 0 && ros::WallTime::now() < end) ros::WallDuration(0.05).sleep();
-    mapped = mapper.WaitUntilReady(kTimeoutS) && points.WaitForPublisher(kTimeoutS) &&
-             map.WaitForPublisher(kTimeoutS) && path.WaitForPublisher(kTimeoutS) &&
-             mapper.Map(Messages(1000)) == kViews && points.WaitForCount(kViews, kTimeoutS);
+    mapped = mapper.WaitUntilReady(kTimeoutS) && mapper.WaitForMapServer(kTimeoutS) &&
+             points.WaitForPublisher(kTimeoutS) && map.WaitForPublisher(kTimeoutS) &&
+             path.WaitForPublisher(kTimeoutS) && mapper.Map(Messages(1000)) == kViews &&
+             points.WaitForCount(kViews, kTimeoutS);
   }
 
   std::vector<ViewMessages> Messages(uint32_t start_s) const {
@@ -109,9 +110,9 @@ struct Session {
   /// The map of the keyframes' points, as they were published, at these poses.
   PointCloud ExpectedMap(const std::vector<RigidTransform>& poses) {
     MapStore store({1000, kVoxelSize});
-    int64_t id = 0;
+    uint64_t id = 0;
     for (const auto& message : points.messages()) {
-      store.AddPoints(id, id, poses[static_cast<size_t>(id)], ToPointCloud(*message));
+      store.Add({"mapper", 0, id}, {0, poses[id], {}}, ToPointCloud(*message));
       ++id;
     }
     return store.WorldCloud();
@@ -197,8 +198,8 @@ TEST_F(MapTest, D_BadPosesAndOtherFramesAreCounted) {
   path.poses[2].pose.orientation.w += 0.1;
   path.poses[3].header.frame_id = "somewhere";
   session().optimized_path.publish(path);
-  EXPECT_TRUE(session().mapper.WaitForDiagnostic({"dropped: bad_optimized_pose", "= 2", "norm"}, kTimeoutS));
-  EXPECT_TRUE(session().mapper.WaitForDiagnostic({"doubtful: optimized_path_frame", "\"somewhere\""}, kTimeoutS));
+  EXPECT_TRUE(session().mapper.WaitForDiagnostic({"incident: bad_optimized_pose", "= 2", "norm"}, kTimeoutS));
+  EXPECT_TRUE(session().mapper.WaitForDiagnostic({"incident: optimized_path_frame", "\"somewhere\""}, kTimeoutS));
   EXPECT_TRUE(session().mapper.WaitForLog({"bad_optimized_pose", "not finite"}, kTimeoutS));
   EXPECT_EQ(session().mapper.DiagnosticValue("loop corrections (paths that moved keyframes)"), "1");
 }
@@ -214,7 +215,7 @@ TEST_F(MapTest, E_APathOfOnePoseMovesOneKeyframe) {
 }
 
 TEST_F(MapTest, F_ResetForgetsCorrections) {
-  ASSERT_TRUE(session().mapper.Call("reset"));
+  ASSERT_TRUE(session().mapper.Call("reset") && session().mapper.CallMap("reset"));
   EXPECT_TRUE(session().mapper.WaitForDiagnostic({"optimized paths = 0 received"}, kTimeoutS));
 }
 

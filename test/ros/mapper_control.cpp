@@ -13,6 +13,13 @@ bool ContainsAll(const std::string& text, const std::vector<std::string>& parts)
                      [&](const std::string& part) { return text.find(part) != std::string::npos; });
 }
 
+bool CallTrigger(const std::string& service, std::string* message) {
+  std_srvs::Trigger trigger;
+  if (!ros::service::call(service, trigger)) return false;
+  if (message) *message = trigger.response.message;
+  return trigger.response.success;
+}
+
 }  // namespace
 
 std::vector<ViewMessages> MakeSmallScene(size_t views, uint32_t start_s) {
@@ -58,11 +65,19 @@ size_t MapperControl::Map(const std::vector<ViewMessages>& messages) {
   return mapped;
 }
 
+bool MapperControl::WaitForMapServer(double timeout_s) {
+  // Both ends must know of the connection.
+  return ros::service::waitForService("/map_server/save_map", ros::Duration(timeout_s)) &&
+         WaitForDiagnostic({"maps that get its points = 1"}, timeout_s) &&
+         WaitForDiagnostic({"publishers of /keyframe_points = 1"}, timeout_s);
+}
+
 bool MapperControl::Call(const std::string& service, std::string* message) {
-  std_srvs::Trigger trigger;
-  if (!ros::service::call("/dense_mapper/" + service, trigger)) return false;
-  if (message) *message = trigger.response.message;
-  return trigger.response.success;
+  return CallTrigger("/dense_mapper/" + service, message);
+}
+
+bool MapperControl::CallMap(const std::string& service, std::string* message) {
+  return CallTrigger("/map_server/" + service, message);
 }
 
 acmp_mapping::SaveMap::Response MapperControl::SaveMap(const std::string& path, uint8_t format, bool binary) {
@@ -70,7 +85,7 @@ acmp_mapping::SaveMap::Response MapperControl::SaveMap(const std::string& path, 
   save.request.path = path;
   save.request.format = format;
   save.request.binary = binary;
-  if (!ros::service::call("/dense_mapper/save_map", save)) save.response.message = "(no answer)";
+  if (!ros::service::call("/map_server/save_map", save)) save.response.message = "(no answer)";
   return save.response;
 }
 

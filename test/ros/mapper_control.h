@@ -20,7 +20,8 @@ namespace acmp::test {
 /// tests.
 std::vector<ViewMessages> MakeSmallScene(size_t views, uint32_t start_s = 1000);
 
-/// A mapper named /dense_mapper, seen from outside: its inputs, services, log and diagnostics.
+/// A mapper named /dense_mapper and perhaps its map, /map_server, seen from outside: their inputs, services, log and
+/// diagnostics.
 class MapperControl {
  public:
   MapperControl();
@@ -28,17 +29,22 @@ class MapperControl {
   /// Everything connected; false after `timeout_s`.
   bool WaitUntilReady(double timeout_s);
 
+  /// The map server is there and gets what the mapper finishes from now on; false after `timeout_s`.
+  bool WaitForMapServer(double timeout_s);
+
   /// Publishes all views and flushes when all are in the mapper; the number of views that got a refined depth image.
   size_t Map(const std::vector<ViewMessages>& messages);
 
-  /// Calls a Trigger service until it answers; false on failure or when `message` is not null and the service refuses.
+  /// Calls a Trigger service of the mapper; false when there is no answer or the service refuses.
   bool Call(const std::string& service, std::string* message = nullptr);
+  /// The same of the map server.
+  bool CallMap(const std::string& service, std::string* message = nullptr);
   acmp_mapping::SaveMap::Response SaveMap(const std::string& path, uint8_t format, bool binary);
 
-  /// Waits for a line of the mapper's log that contains all the parts.
+  /// Waits for a line of the log that contains all the parts.
   bool WaitForLog(const std::vector<std::string>& parts, double timeout_s);
 
-  /// Waits for a diagnostic value or message of the mapper that contains all the parts.
+  /// Waits for a diagnostic value or message that contains all the parts.
   bool WaitForDiagnostic(const std::vector<std::string>& parts, double timeout_s);
 
   /// Latest value of a key, "" when there is none.

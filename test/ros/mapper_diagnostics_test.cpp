@@ -47,7 +47,7 @@ std::string ValueOf(const DiagnosticStatusWrapper& status, const std::string& ke
 }
 
 TEST(Diagnostics, AllIsWell) {
-  for (const Describer describe : {&DescribeInputs, &DescribeMatching, &DescribeMapping, &DescribeMap}) {
+  for (const Describer describe : {&DescribeInputs, &DescribeMatching, &DescribeMapping}) {
     const auto status = Describe(describe, Healthy());
     EXPECT_EQ(status.level, DiagnosticStatus::OK) << status.message;
     EXPECT_FALSE(status.message.empty());
@@ -154,57 +154,13 @@ TEST(Diagnostics, TellTheDevice) {
   EXPECT_THAT(status.message, HasSubstr("~pose_is"));
 }
 
-TEST(Diagnostics, TellOfLoopCorrections) {
-  MapperSnapshot snapshot = Healthy();
-  snapshot.optimized_path_topic = "/slam/path";
-  snapshot.optimized_path_publishers = 1;
-  snapshot.map.paths = 7;
-  snapshot.map.corrections = 3;
-  snapshot.map.reposed = 40;
-  snapshot.map.path_poses = 30;
-  snapshot.map.path_unmatched = 12;
-  snapshot.map.evicted_by_radius = 5;
-  auto status = Describe(&DescribeMap, snapshot);
-  EXPECT_EQ(status.level, DiagnosticStatus::OK);
-  EXPECT_THAT(ValueOf(status, "optimized paths"), AllOf(HasSubstr("7 received on /slam/path"), HasSubstr("1 publ")));
-  EXPECT_EQ(ValueOf(status, "loop corrections (paths that moved keyframes)"), "3");
-  EXPECT_EQ(ValueOf(status, "keyframes re-posed, all corrections together"), "40");
-  EXPECT_EQ(ValueOf(status, "poses of the last optimized path without a keyframe"), "12 of 30");
-  EXPECT_EQ(ValueOf(status, "keyframes evicted (~map_radius)"), "5");
-  snapshot.path_doubts["optimized_path_frame"] = {2, "in another frame", 99, 99};
-  status = Describe(&DescribeMap, snapshot);
-  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
-  EXPECT_THAT(status.message, HasSubstr("in another frame"));
-  snapshot.now_s = 200;
-  EXPECT_EQ(Describe(&DescribeMap, snapshot).level, DiagnosticStatus::OK) << "long ago";
-}
-
-TEST(Diagnostics, TellWhichShardIsSilent) {
-  MapperSnapshot snapshot = Healthy();
-  snapshot.shard = {1, 3};
-  snapshot.worker.waiting = 2;
-  snapshot.peers = {{0, 40, 99.5}, {2, 30, 99.0}};
-  auto status = Describe(&DescribeShards, snapshot);
-  EXPECT_EQ(status.level, DiagnosticStatus::OK);
-  EXPECT_EQ(status.message, "shard 1 of 3");
-  EXPECT_EQ(ValueOf(status, "refinements that wait for other shards"), "2");
-  EXPECT_THAT(ValueOf(status, "shard 2"), HasSubstr("30 messages"));
-  snapshot.peers[0].last_received_s = 60;
-  status = Describe(&DescribeShards, snapshot);
-  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
-  EXPECT_THAT(status.message, HasSubstr("nothing from shard 0 for 40 s"));
-  snapshot.peers[0].received = 0;
-  EXPECT_THAT(Describe(&DescribeShards, snapshot).message,
-              AllOf(HasSubstr("nothing yet from shard 0 of 3"), HasSubstr("keyframe_estimates")));
-}
-
 TEST(IncidentLog, TellsNewReasonsAtOnceAndRepeatsSeldom) {
   IncidentLog log;
-  EXPECT_TRUE(log.Record({"a", "first"}, 0));
-  EXPECT_FALSE(log.Record({"a", "second"}, 4.9));
-  EXPECT_TRUE(log.Record({"b", "other"}, 4.9));
-  EXPECT_TRUE(log.Record({"a", "third"}, 5.0));
-  EXPECT_FALSE(log.Record({"a", "fourth"}, 9.9));
+  EXPECT_TRUE(log.Record(Incident{"a", "first"}, 0));
+  EXPECT_FALSE(log.Record(Incident{"a", "second"}, 4.9));
+  EXPECT_TRUE(log.Record(Incident{"b", "other"}, 4.9));
+  EXPECT_TRUE(log.Record(Incident{"a", "third"}, 5.0));
+  EXPECT_FALSE(log.Record(Incident{"a", "fourth"}, 9.9));
   const auto entries = log.entries();
   EXPECT_EQ(entries.at("a").count, 4u);
   EXPECT_EQ(entries.at("a").last_message, "fourth");
@@ -214,9 +170,9 @@ TEST(IncidentLog, TellsNewReasonsAtOnceAndRepeatsSeldom) {
 
 TEST(IncidentLog, CountsTheImagesThatEnded) {
   IncidentLog log;
-  log.Record({"no_pose", "image 1", true}, 0);
-  log.Record({"sparse_empty", "cloud 1"}, 0);
-  log.Record({"overload_oldest", "image 2", true}, 0);
+  log.Record(RejectedInput{"no_pose", "image 1", true}, 0);
+  log.Record(RejectedInput{"sparse_empty", "cloud 1"}, 0);
+  log.Record(RejectedInput{"overload_oldest", "image 2", true}, 0);
   EXPECT_EQ(log.images(), 2u);
 }
 

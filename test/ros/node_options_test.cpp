@@ -28,15 +28,13 @@ TEST(NodeOptions, ReadsEnumerations) {
                                  {"overload", std::string("block")},
                                  {"pose_is", std::string("T_cam_world")},
                                  {"sparse_frame", std::string("camera")},
-                                 {"keyframe_mode", std::string("gate")},
-                                 {"on_time_jump", std::string("reset")}}));
+                                 {"keyframe_mode", std::string("gate")}}));
   const NodeOptions options = LoadNodeOptions(&reader);
   EXPECT_EQ(options.device, Device::kCpu);
   EXPECT_EQ(options.overload, OverloadPolicy::kBlock);
   EXPECT_EQ(options.pose.direction, PoseSemantics::Direction::kCamFromWorld);
   EXPECT_EQ(options.sparse_frame, SparseFrame::kCamera);
   EXPECT_EQ(options.keyframe_mode, KeyframeMode::kGate);
-  EXPECT_EQ(options.on_time_jump, TimeJumpPolicy::kReset);
 }
 
 TEST(NodeOptions, RefusesBadValuesAndNamesThem) {
@@ -78,19 +76,6 @@ TEST(NodeOptions, RefusesABadExtrinsic) {
   EXPECT_THAT(refusal({2, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}), HasSubstr("T_body_cam"));
   EXPECT_THAT(NodeRefusal({{"T_body_cam", Matrix({1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}, false)}}),
               HasSubstr("pose_child"));
-}
-
-TEST(NodeOptions, ShardsAreChecked) {
-  ParameterReader reader(Struct({{"shard_index", 2}, {"shard_count", 3}, {"shard_timeout", 60}}));
-  const NodeOptions options = LoadNodeOptions(&reader);
-  EXPECT_EQ(options.shard.index, 2);
-  EXPECT_EQ(options.shard.count, 3);
-  EXPECT_EQ(options.shard_timeout_s, 60);
-  EXPECT_THAT(NodeRefusal({{"shard_count", 0}}), AllOf(HasSubstr("~shard_count = 0"), HasSubstr("64")));
-  EXPECT_THAT(NodeRefusal({{"shard_index", 1}}), AllOf(HasSubstr("~shard_index = 1"), HasSubstr("[0, 0]")));
-  EXPECT_THAT(NodeRefusal({{"shard_timeout", 0}}), HasSubstr("~shard_timeout = 0"));
-  EXPECT_THAT(NodeRefusal({{"shard_count", 2}, {"overload", std::string("skip_if_busy")}}),
-              AllOf(HasSubstr("skip_if_busy"), HasSubstr("~shard_count")));
 }
 
 TEST(NodeOptions, ReadsPoseSources) {

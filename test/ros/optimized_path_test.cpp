@@ -5,8 +5,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "acmp_mapping/ros/pose_semantics.h"
-
 namespace acmp {
 namespace {
 
@@ -22,13 +20,11 @@ geometry_msgs::PoseStamped MakePose(double stamp_s, double x, const std::string&
   return pose;
 }
 
-RigidTransform AsReceived(const RigidTransform& received) { return received; }
-
 struct Conversion {
-  std::vector<Drop> drops;
+  std::vector<Incident> drops;
   OptimizedPath path;
   Conversion(const nav_msgs::Path& message, const std::string& world_frame)
-      : path(ToOptimizedPath(message, world_frame, &AsReceived, [this](const Drop& drop) { drops.push_back(drop); })) {}
+      : path(ToOptimizedPath(message, world_frame, [this](const Incident& bad) { drops.push_back(bad); })) {}
 };
 
 TEST(OptimizedPath, TakesEachPosesOwnStamp) {
@@ -39,19 +35,8 @@ TEST(OptimizedPath, TakesEachPosesOwnStamp) {
   EXPECT_TRUE(conversion.drops.empty());
   ASSERT_EQ(conversion.path.poses.size(), 2u);
   EXPECT_EQ(conversion.path.poses[1].stamp_ns, 2500000000);
-  EXPECT_EQ(conversion.path.poses[1].world_from_cam.translation(), Eigen::Vector3d(2, 0, 0));
+  EXPECT_EQ(conversion.path.poses[1].pose.translation(), Eigen::Vector3d(2, 0, 0));
   EXPECT_EQ(conversion.path.in_other_frame, 0u);
-}
-
-TEST(OptimizedPath, PosesMeanWhatThePoseInputMeans) {
-  nav_msgs::Path message;
-  message.poses = {MakePose(1, 3)};
-  PoseSemantics semantics;
-  semantics.direction = PoseSemantics::Direction::kCamFromWorld;
-  const OptimizedPath path = ToOptimizedPath(
-      message, "", [&](const RigidTransform& received) { return WorldFromCamera(semantics, received); },
-      [](const Drop&) {});
-  EXPECT_EQ(path.poses.at(0).world_from_cam.translation(), Eigen::Vector3d(-3, 0, 0));
 }
 
 TEST(OptimizedPath, RefusesBadPosesAndSaysWhich) {
@@ -76,7 +61,7 @@ TEST(OptimizedPath, WarnsOfAnotherFrame) {
   EXPECT_EQ(conversion.path.in_other_frame, 2u)
       << "a slash makes no difference; a nameless pose is in the path's frame";
   EXPECT_EQ(conversion.path.other_frame, "map");
-  const Drop doubt = DescribeDoubt(conversion.path, ReposeResult(), "world", 1000000);
+  const Incident doubt = DescribeDoubt(conversion.path, ReposeResult(), "world");
   EXPECT_EQ(doubt.reason, "optimized_path_frame");
   EXPECT_THAT(doubt.message, AllOf(HasSubstr("2 of 3"), HasSubstr("\"map\""), HasSubstr("\"world\"")));
   EXPECT_EQ(Conversion(message, "").path.in_other_frame, 0u) << "nothing to compare with";
@@ -86,17 +71,22 @@ TEST(OptimizedPath, WarnsWhenNoStampFits) {
   OptimizedPath path;
   path.poses.resize(4);
   ReposeResult result;
-  EXPECT_TRUE(DescribeDoubt(path, result, "world", 1000000).message.empty()) << "there are no keyframes yet";
-  result.nearest_gap_ns = 33400000;
-  EXPECT_THAT(DescribeDoubt(path, result, "world", 1000000).message,
+  EXPECT_TRUE(DescribeDoubt(path, result, "world").message.empty()) << "there are no keyframes yet";
+  result.nearest = ReposeResult::Gap{33400000, 1000000};
+  EXPECT_THAT(DescribeDoubt(path, result, "world").message,
               AllOf(HasSubstr("none of the 4"), HasSubstr("within 1 ms"), HasSubstr("33.4 ms away")));
   result.named = 1;
-  EXPECT_TRUE(DescribeDoubt(path, result, "world", 1000000).message.empty());
+  EXPECT_TRUE(DescribeDoubt(path, result, "world").message.empty());
 }
 
-TEST(OptimizedPath, ToleratesRoundedStampsInAnyCase) {
-  EXPECT_EQ(PathToleranceNs(0.001), 1000000);
-  EXPECT_EQ(PathToleranceNs(0), 1000) << "a double is up to 119 ns off";
+TEST(OptimizedPath, WarnsOfKeyframesWhoseExtrinsicIsNotKnown) {
+  OptimizedPath path;
+  path.poses.resize(4);
+  ReposeResult result;
+  result.unresolved = 3;
+  const Incident doubt = DescribeDoubt(path, result, "world");
+  EXPECT_EQ(doubt.reason, "optimized_path_extrinsic");
+  EXPECT_THAT(doubt.message, AllOf(HasSubstr("3 keyframes"), HasSubstr("T_body_cam")));
 }
 
 }  // namespace

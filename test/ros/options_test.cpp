@@ -9,6 +9,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/pipeline/parameters.h"
+#include "acmp_mapping/ros/map_server_options.h"
 #include "acmp_mapping/ros/node_options.h"
 #include "acmp_mapping/ros/runtime_options.h"
 #include "ros/options_support.h"
@@ -71,29 +72,29 @@ TEST(ParameterReader, NamesTheNearestKnownKey) {
   EXPECT_NO_THROW(ParameterReader(XmlRpcValue()).CheckUnknown());
 }
 
-TEST(MapMergerOptions, AreReadAndChecked) {
+TEST(MapServerOptions, AreReadAndChecked) {
   ParameterReader reader(Struct({{"max_keyframes", 7},
+                                 {"map_radius", 12.5},
                                  {"voxel_size", 0.25},
                                  {"map_publish_rate", 2},
-                                 {"shard_timeout", 1.5},
                                  {"on_time_jump", std::string("reset")}}));
-  const MapMergerOptions options = LoadMapMergerOptions(&reader);
+  const MapServerOptions options = LoadMapServerOptions(&reader);
   EXPECT_NO_THROW(reader.CheckUnknown());
   EXPECT_EQ(options.map.max_keyframes, 7);
+  EXPECT_EQ(options.map.map_radius, 12.5);
   EXPECT_EQ(options.map.voxel_size, 0.25);
   EXPECT_EQ(options.map_publish_rate, 2);
-  EXPECT_EQ(options.shard_timeout_s, 1.5);
-  EXPECT_EQ(options.on_time_jump, TimeJumpPolicy::kReset);
+  EXPECT_FALSE(options.map.keep_earlier_runs);
   const auto refusal = [](const std::map<std::string, XmlRpcValue>& members) {
     return Refusal([&] {
       ParameterReader bad(Struct(members));
-      LoadMapMergerOptions(&bad);
+      LoadMapServerOptions(&bad);
     });
   };
   EXPECT_THAT(refusal({{"max_keyframes", 0}}), HasSubstr("max_keyframes = 0"));
+  EXPECT_THAT(refusal({{"voxel_size", std::numeric_limits<double>::quiet_NaN()}}), HasSubstr("voxel_size"));
   EXPECT_THAT(refusal({{"map_publish_rate", 31}}), HasSubstr("map_publish_rate = 31"));
-  EXPECT_THAT(refusal({{"on_time_jump", std::string("keep")}}), HasSubstr("keep"));
-  EXPECT_THAT(refusal({{"pose_child", std::string("body")}}), HasSubstr("~T_body_cam"));
+  EXPECT_THAT(refusal({{"on_time_jump", std::string("clear")}}), AllOf(HasSubstr("clear"), HasSubstr("keep, reset")));
 }
 
 /// Values by name, for comparisons.
@@ -192,7 +193,6 @@ TEST(RuntimeOptions, AreReadAndCheckedAgainstTheCfg) {
   EXPECT_THAT(RuntimeRefusal({{"min_confidence", 2.0}}), HasSubstr("min_confidence"));
   EXPECT_THAT(RuntimeRefusal({{"lookahead", 30}}), HasSubstr("lookahead"));
   EXPECT_THAT(RuntimeRefusal({{"depth_min", 5}, {"depth_max", 2}}), HasSubstr("depth_range"));
-  EXPECT_THAT(RuntimeRefusal({{"voxel_size", std::numeric_limits<double>::quiet_NaN()}}), HasSubstr("voxel_size"));
 }
 
 TEST(RuntimeOptions, PresetGivesStartValues) {
@@ -315,6 +315,7 @@ XmlRpcValue ToXmlRpc(const std::string& text) {
 }
 
 const std::string kShippedYaml = std::string(ACMP_SOURCE_DIR) + "/config/acmp_mapping.yaml";
+const std::string kShippedMapYaml = std::string(ACMP_SOURCE_DIR) + "/config/map_server.yaml";
 
 // The launch files load the whole file: a value in it would make the preset of no effect.
 TEST(ShippedYaml, LeavesToThePresetWhatItSets) {
@@ -365,13 +366,26 @@ TEST(ShippedYaml, HoldsAllParametersWithTheirDefaults) {
   EXPECT_EQ(node.matcher.sparse_wait_s, defaults.matcher.sparse_wait_s);
   EXPECT_EQ(node.keyframe_mode, defaults.keyframe_mode);
   EXPECT_EQ(node.overload, defaults.overload);
-  EXPECT_EQ(node.on_time_jump, defaults.on_time_jump);
 
   // Nothing is missing: every name that is read is there.
   ParameterReader nothing{XmlRpcValue()};
   LoadNodeOptions(&nothing);
   LoadRuntimeOptions(&nothing, RuntimeOptions());
   for (const std::string& name : nothing.known()) EXPECT_EQ(members.count(name), 1u) << name;
+}
+
+TEST(ShippedYaml, HoldsAllParametersOfTheMapServerWithTheirDefaults) {
+  std::map<std::string, XmlRpcValue> members;
+  for (const auto& [name, text] : ReadYaml(kShippedMapYaml).set) members[name] = ToXmlRpc(text);
+  ParameterReader reader(Struct(members));
+  const MapServerOptions options = LoadMapServerOptions(&reader), defaults;
+  EXPECT_NO_THROW(reader.CheckUnknown());
+  EXPECT_EQ(options.map.max_keyframes, defaults.map.max_keyframes);
+  EXPECT_EQ(options.map.map_radius, defaults.map.map_radius);
+  EXPECT_EQ(options.map.voxel_size, defaults.map.voxel_size);
+  EXPECT_EQ(options.map.keep_earlier_runs, defaults.map.keep_earlier_runs);
+  EXPECT_EQ(options.map_publish_rate, defaults.map_publish_rate);
+  EXPECT_EQ(members.size(), reader.known().size()) << "nothing is missing";
 }
 
 }  // namespace

@@ -11,9 +11,9 @@
 #include <pcl/point_types.h>
 #include <pcl_conversions/pcl_conversions.h>
 #include <sensor_msgs/image_encodings.h>
-#include "acmp_mapping/common/error.h"
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/map/packed_points.h"
 
 namespace acmp {
 namespace {
@@ -144,9 +144,9 @@ TEST(ToCloudMessage, IsUnderstoodByPcl) {
 TEST(CheckCloudSize, RefusesWhatAMessageCannotHold) {
   // 2^32 bytes and more: sizes in the message are 32-bit numbers and would wrap around.
   constexpr size_t kLimit = std::numeric_limits<uint32_t>::max();
-  EXPECT_NO_THROW(CheckCloudSize(kLimit / kCloudPointBytes, kLimit));
+  EXPECT_NO_THROW(CheckCloudSize(kLimit / kPackedPointBytes, kLimit));
   try {
-    CheckCloudSize(kLimit / kCloudPointBytes + 1, kLimit);
+    CheckCloudSize(kLimit / kPackedPointBytes + 1, kLimit);
     ADD_FAILURE() << "accepted";
   } catch (const InvalidInputError& error) {
     EXPECT_THAT(error.what(), testing::HasSubstr("134217728 points"));

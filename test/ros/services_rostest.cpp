@@ -1,5 +1,6 @@
 // The services and dynamic_reconfigure of a running mapper.
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 
@@ -28,19 +29,24 @@ class ServicesTest : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
     mapper_ = new MapperControl();
-    ready_ = mapper_->WaitUntilReady(60);
+    ready_ = mapper_->WaitUntilReady(60) && mapper_->WaitForMapServer(60);
   }
   static void TearDownTestSuite() { delete mapper_; }
   void SetUp() override {
     ASSERT_TRUE(ready_);
     start_s_ += 100;
-    ASSERT_TRUE(mapper().Call("reset"));
+    Reset();
     fs::remove_all(folder_);
     fs::create_directories(folder_);
   }
   void TearDown() override { fs::remove_all(folder_); }
 
   static MapperControl& mapper() { return *mapper_; }
+  /// Mapper and map.
+  static void Reset() {
+    ASSERT_TRUE(mapper().Call("reset"));
+    ASSERT_TRUE(mapper().CallMap("reset"));
+  }
   static std::vector<ViewMessages> Scene() { return MakeSmallScene(kViews, start_s_); }
   std::string PathOf(const std::string& name) const { return (folder_ / name).string(); }
 
@@ -85,6 +91,8 @@ TEST_F(ServicesTest, FlushFinishesEverythingAndSaveMapWritesIt) {
   const SaveMap::Response binary = mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true);
   ASSERT_TRUE(binary.success) << binary.message;
   EXPECT_GT(binary.points, 100u);
+  EXPECT_EQ(binary.keyframes, kViews);
+  EXPECT_THAT(binary.message, HasSubstr(std::to_string(kViews) + " keyframes"));
   EXPECT_EQ(ReadPly(PathOf("map.ply")).size(), binary.points);
   const SaveMap::Response ascii = mapper().SaveMap(PathOf("ascii.ply"), SaveMap::Request::PLY, false);
   EXPECT_EQ(ascii.points, binary.points);
@@ -113,23 +121,36 @@ TEST_F(ServicesTest, SaveMapRefusesBadPathsAndFormats) {
   EXPECT_FALSE(mapper().SaveMap("/proc/map.pcd", SaveMap::Request::PCD, true).success);
 }
 
-TEST_F(ServicesTest, ResetForgetsTheMap) {
+TEST_F(ServicesTest, ResetOfTheMapperKeepsTheMap) {
   ASSERT_EQ(mapper().Map(Scene()), kViews);
   ASSERT_TRUE(mapper().Call("reset"));
-  EXPECT_FALSE(mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true).success);
+  const SaveMap::Response once = mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true);
+  EXPECT_EQ(once.keyframes, kViews);
   EXPECT_EQ(mapper().Map(Scene()), kViews) << "the same stamps again, which nobody remembers";
+  const SaveMap::Response twice = mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true);
+  EXPECT_EQ(twice.keyframes, 2 * kViews) << "keyframes of another run";
+  EXPECT_EQ(twice.points, once.points) << "in the same places";
+}
+
+TEST_F(ServicesTest, ResetOfTheMapEmptiesIt) {
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  ASSERT_TRUE(mapper().CallMap("reset"));
+  EXPECT_FALSE(mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true).success);
 }
 
 TEST_F(ServicesTest, PublishMapPublishesOnRequest) {
   Recorder<sensor_msgs::PointCloud2> map(mapper().nh, "map_points");
   ASSERT_TRUE(map.WaitForPublisher(30));
-  map.Clear();  // a latched map of an earlier case
   ASSERT_EQ(mapper().Map(Scene()), kViews);
-  EXPECT_FALSE(map.WaitForCount(1, 1)) << "map_publish_rate is 0";
   std::string message;
-  ASSERT_TRUE(mapper().Call("publish_map", &message));
-  ASSERT_TRUE(map.WaitForCount(1, 30));
-  EXPECT_THAT(message, HasSubstr(std::to_string(map.messages()[0]->width)));
+  ASSERT_TRUE(mapper().CallMap("publish_map", &message));
+  const auto stamp = Scene().back().image.header.stamp;
+  const auto has_come = [&](const auto& maps) { return !maps.empty() && maps.back()->header.stamp == stamp; };
+  ASSERT_TRUE(map.WaitUntil(has_come, 30));
+  EXPECT_THAT(message, HasSubstr(std::to_string(map.messages().back()->width)));
+  const auto of_this_case = [&](const auto& m) { return m->header.stamp >= Scene().front().image.header.stamp; };
+  const auto maps = map.messages();
+  EXPECT_EQ(std::count_if(maps.begin(), maps.end(), of_this_case), 1) << "map_publish_rate is 0";
 }
 
 TEST_F(ServicesTest, PauseDropsImagesAndSaysSo) {
@@ -150,12 +171,12 @@ TEST_F(ServicesTest, ReconfigureChangesTheNextKeyframes) {
   ASSERT_TRUE(all.success);
   const auto config = Reconfigure([](dynamic_reconfigure::Config* c) { Append("min_confidence", 0.9, &c->doubles); });
   EXPECT_EQ(config.min_confidence, 0.9);
-  ASSERT_TRUE(mapper().Call("reset"));
+  Reset();
   ASSERT_EQ(mapper().Map(Scene()), kViews);
   const SaveMap::Response sure = mapper().SaveMap(PathOf("sure.ply"), SaveMap::Request::PLY, true);
   EXPECT_LT(sure.points, all.points);
   Reconfigure([](dynamic_reconfigure::Config* c) { Append("min_confidence", 0.0, &c->doubles); });
-  ASSERT_TRUE(mapper().Call("reset"));
+  Reset();
   ASSERT_EQ(mapper().Map(Scene()), kViews);
   EXPECT_EQ(mapper().SaveMap(PathOf("again.ply"), SaveMap::Request::PLY, true).points, all.points)
       << "the same input and options";

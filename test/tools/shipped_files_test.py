@@ -27,9 +27,9 @@ def interface_names():
         return set(re.findall(r'constexpr char k\w+\[\] = "([^"]+)";', file.read()))
 
 
-def parameter_names():
-    """Of the shipped file, with those that it leaves to the preset: "#name: value"."""
-    with open(os.path.join(SOURCE, "config/acmp_mapping.yaml")) as file:
+def parameter_names(path="config/acmp_mapping.yaml"):
+    """Of a shipped file, with those that it leaves to the preset: "#name: value"."""
+    with open(os.path.join(SOURCE, path)) as file:
         return set(yaml.safe_load(re.sub(r"^#(?=\w)", "", file.read(), flags=re.MULTILINE)))
 
 
@@ -59,64 +59,66 @@ class LaunchFiles(unittest.TestCase):
     def test_all_are_tested_here(self):
         paths = glob.glob(os.path.join(SOURCE, "launch/**/*.launch"), recursive=True)
         names = sorted(os.path.relpath(path, os.path.join(SOURCE, "launch")) for path in paths)
-        self.assertEqual(names, sorted(["demo.launch", "dense_mapper.launch", "shards.launch"] +
+        self.assertEqual(names, sorted(["demo.launch", "dense_mapper.launch"] +
                                        ["frontends/" + n for n in FRONTENDS] + ["consumers/" + n for n in CONSUMERS]))
-
-    def test_shards_take_what_a_mapper_takes(self):
-        mapper, shards = launch_arguments("dense_mapper.launch"), launch_arguments("shards.launch")
-        for name in set(mapper) - {"namespace"}:  # which is set for each shard
-            self.assertIn(name, shards)
-            self.assertEqual(mapper[name], shards[name], name)
-        config = load("shards.launch", "pose_source:=odom")
-        for index in (0, 1):
-            prefix = f"/acmp/shard_{index}/dense_mapper/"
-            self.assertEqual(config.params[prefix + "shard_index"].value, index)
-            self.assertEqual(config.params[prefix + "shard_count"].value, 2)
-            self.assertEqual(config.params[prefix + "pose_source"].value, "odom")
-        self.assertIn("/acmp/map_merger", node_names(config))
 
     def test_names_are_unique(self):
         names = FRONTENDS + CONSUMERS  # "roslaunch acmp_mapping NAME" looks in all folders
         self.assertEqual(len(names), len(set(names)))
 
-    def test_mapper_as_nodelet_and_alone(self):
-        self.assertEqual(node_names(load("dense_mapper.launch")), ["/acmp/dense_mapper", "/acmp/manager"])
+    def test_mapper_and_map_as_nodelets_and_alone(self):
+        self.assertEqual(node_names(load("dense_mapper.launch")),
+                         ["/acmp/dense_mapper", "/acmp/manager", "/acmp/map_server"])
         alone = load("dense_mapper.launch", "standalone:=true", "namespace:=other")
-        self.assertEqual(node_names(alone), ["/other/dense_mapper"])
+        self.assertEqual(node_names(alone), ["/other/dense_mapper", "/other/map_server"])
 
-    def test_nodelet_is_loaded_without_bonds(self):
-        mapper = [node for node in load("dense_mapper.launch").nodes if node.name == "dense_mapper"][0]
-        self.assertIn("--no-bond", mapper.args)
+    def test_a_second_mapper_sends_its_points_to_the_first_ones_map(self):
+        config = load("dense_mapper.launch", "namespace:=acmp/right", "map:=false",
+                      "keyframe_points:=/acmp/keyframe_points")
+        self.assertEqual(node_names(config), ["/acmp/right/dense_mapper", "/acmp/right/manager"])
+        mapper = [node for node in config.nodes if node.name == "dense_mapper"][0]
+        self.assertEqual(dict(mapper.remap_args)["keyframe_points"], "/acmp/keyframe_points")
+        own = [node for node in load("dense_mapper.launch").nodes if node.name == "map_server"][0]
+        self.assertEqual(dict(own.remap_args)["keyframe_points"], "keyframe_points")
+
+    def test_nodelets_are_loaded_without_bonds(self):
         with open(os.path.join(SOURCE, "nodelet_plugins.xml")) as file:
-            self.assertIn('name="%s"' % mapper.args.split()[1], file.read())
+            plugins = file.read()
+        for nodelet in [node for node in load("dense_mapper.launch").nodes if node.name != "manager"]:
+            self.assertIn("--no-bond", nodelet.args)
+            self.assertIn('name="%s"' % nodelet.args.split()[1], plugins)
 
     def test_remaps_are_inputs(self):
         inputs = [name for name, value in launch_arguments("dense_mapper.launch").items() if value and value[0] == "/"]
         self.assertIn("image", inputs)
         self.assertLessEqual(set(inputs), interface_names())
         config = load("dense_mapper.launch", *["%s:=/given/%s" % (name, name) for name in inputs])
-        mapper = [node for node in config.nodes if node.name == "dense_mapper"][0]
-        self.assertEqual(dict(mapper.remap_args), {name: "/given/" + name for name in inputs})
+        for node in [node for node in config.nodes if node.name != "manager"]:
+            remaps = dict(node.remap_args)
+            self.assertEqual({name: remaps[name] for name in inputs}, {name: "/given/" + name for name in inputs})
 
     def test_parameters_are_known(self):
         overrides = {"device": "cpu", "image_transport": "compressed", "pose_is": "T_cam_world",
                      "pose_child": "camera_flu", "overload": "block", "preset": "online"}
         config = load("dense_mapper.launch", *["%s:=%s" % item for item in overrides.items()])
-        prefix = NAMESPACE + "dense_mapper/"
-        values = {name[len(prefix):]: param.value for name, param in config.params.items()}
-        self.assertTrue(all(name.startswith(prefix) for name in config.params))
+        values = mapper_parameters(config)
+        map_prefix = NAMESPACE + "map_server/"
+        of_map = {name[len(map_prefix):] for name in config.params if name.startswith(map_prefix)}
+        self.assertEqual(len(values) + len(of_map), len(config.params), "there are others")
         self.assertLessEqual(set(values), parameter_names())
+        self.assertEqual(of_map, parameter_names("config/map_server.yaml"))
         for name, value in overrides.items():
             self.assertEqual(values[name], value)
 
     def test_values_of_an_earlier_start_are_forgotten(self):
         for standalone in ("true", "false"):
             config = load("dense_mapper.launch", "standalone:=" + standalone)
-            self.assertEqual([name.rstrip("/") for name in config.clear_params], ["/acmp/dense_mapper"])
+            self.assertEqual(sorted(name.rstrip("/") for name in config.clear_params),
+                             ["/acmp/dense_mapper", "/acmp/map_server"])
 
     def test_demo(self):
         config = load("demo.launch", "bag:=/some.bag", "rviz:=false", "device:=cpu")
-        self.assertEqual(node_names(config), ["/acmp/dense_mapper", "/acmp/manager", "/player"])
+        self.assertEqual(node_names(config), ["/acmp/dense_mapper", "/acmp/manager", "/acmp/map_server", "/player"])
         self.assertTrue(config.params["/use_sim_time"].value)
         self.assertEqual(config.params["/acmp/dense_mapper/overload"].value, "block")
         self.assertEqual(config.params["/acmp/dense_mapper/device"].value, "cpu")

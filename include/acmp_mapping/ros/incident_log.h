@@ -5,11 +5,17 @@
 #include <mutex>
 #include <string>
 
-#include "acmp_mapping/ros/drop.h"
+#include "acmp_mapping/intake/rejected_input.h"
 
 namespace acmp {
 
-/// Counts what was dropped, by reason, and says when it is time to tell: at once for a new reason, then at most every
+/// Something that a user should know. `reason` is a short fixed key for counting, `message` a sentence with the values.
+struct Incident {
+  std::string reason;
+  std::string message;
+};
+
+/// Counts incidents, by reason, and says when it is time to tell: at once for a new reason, then at most every
 /// kRepeatS, so that a fault at 30 Hz does not flood the log. Thread-safe; its mutex is held for a moment only.
 class IncidentLog {
  public:
@@ -23,11 +29,12 @@ class IncidentLog {
   };
 
   /// True when the message should go to the log now. `now_s` is any clock that never goes back.
-  bool Record(const Drop& drop, double now_s);
+  bool Record(const Incident& incident, double now_s);
+  bool Record(const RejectedInput& rejected, double now_s);
 
   std::map<std::string, Entry> entries() const;
 
-  /// Drops that ended an image.
+  /// Rejected inputs that ended an image.
   uint64_t images() const;
 
  private:

@@ -13,8 +13,8 @@
 #include <sensor_msgs/PointCloud.h>
 #include <sensor_msgs/PointCloud2.h>
 
+#include "acmp_mapping/intake/sensor_samples.h"
 #include "acmp_mapping/ros/image_rectifier.h"
-#include "acmp_mapping/ros/sensor_samples.h"
 
 /// From ROS messages to the library's types; no master is needed. Throws InvalidInputError naming the value that cannot
 /// be used.

@@ -9,10 +9,10 @@
 #include <ros/node_handle.h>
 #include <sensor_msgs/CameraInfo.h>
 
-#include "acmp_mapping/ros/drop.h"
+#include "acmp_mapping/intake/rejected_input.h"
+#include "acmp_mapping/intake/sensor_samples.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/node_options.h"
-#include "acmp_mapping/ros/sensor_samples.h"
 
 namespace acmp {
 
@@ -45,7 +45,7 @@ struct InputHandlers {
   std::function<void(SparseCloudPtr)> on_cloud;
   std::function<void(const RigidTransform&)> on_extrinsic;
   std::function<void(const acmp_mapping::KeyframeConstPtr&)> on_keyframe;
-  std::function<void(const Drop&)> on_drop;
+  std::function<void(const RejectedInput&)> on_drop;
 };
 
 /// Subscribes to the streams that the options ask for. Callbacks run in the node handle's callback queue.

@@ -8,24 +8,31 @@
 
 #include <acmp_mapping/Keyframe.h>
 
-#include "acmp_mapping/ros/convention_check.h"
+#include "acmp_mapping/intake/convention_check.h"
+#include "acmp_mapping/intake/input_matcher.h"
+#include "acmp_mapping/intake/keyframe_gate.h"
+#include "acmp_mapping/intake/pose_resolver.h"
+#include "acmp_mapping/map/loop_correction.h"
 #include "acmp_mapping/ros/input_conversion.h"
-#include "acmp_mapping/ros/input_matcher.h"
-#include "acmp_mapping/ros/keyframe_gate.h"
 #include "acmp_mapping/ros/node_options.h"
-#include "acmp_mapping/ros/pose_resolver.h"
 
 namespace acmp {
 
-/// All that one keyframe is made of. The image is decoded and rectified later, by the worker.
-struct KeyframeInput {
-  int64_t stamp_ns = 0;
-  double arrival_s = 0;  ///< steady clock, of the image
-  std::shared_ptr<const EncodedImage> image;
-  CalibrationPtr calibration;
+/// Where and when a keyframe was taken, and what its frames are called.
+struct KeyframeOrigin {
+  int64_t stamp_ns = 0;      ///< of the image
+  double arrival_s = 0;      ///< steady clock, of the image
   std::string camera_frame;  ///< the image's frame_id, else the camera_info's, else "camera_optical"
   std::string world_frame;   ///< ~world_frame, else the pose's frame_id, else "world"
   RigidTransform world_from_cam = RigidTransform::Identity();
+  PathConvention path;     ///< of optimized_path
+  std::string path_frame;  ///< frame_id of its poses; empty: any
+};
+
+/// All that one keyframe is made of. The image is decoded and rectified later, by the worker.
+struct KeyframeInput : KeyframeOrigin {
+  std::shared_ptr<const EncodedImage> image;
+  CalibrationPtr calibration;
   std::vector<Eigen::Vector3d> landmarks_in_world;
 };
 
@@ -35,7 +42,7 @@ struct Notice {
   std::string text;
 };
 
-using IntakeEvent = std::variant<KeyframeInput, TimeJump, Drop, Notice>;
+using IntakeEvent = std::variant<KeyframeInput, TimeJump, RejectedInput, Notice>;
 
 /// Where poses and T_body_cam are looked up. Must not wait. May be empty where the options do not ask for it.
 struct TransformSource {
@@ -81,8 +88,6 @@ class KeyframeIntake {
   uint64_t not_chosen() const { return not_chosen_; }  ///< posed images that the gate passed over
   /// Share of the first keyframes' sparse points, 0..1; none before the first point.
   std::optional<double> share_in_front() const { return convention_check_.share_in_front(); }
-  /// For the poses of optimized_path.
-  const PoseResolver& path_resolver() const { return path_resolver_; }
 
  private:
   void Prepare();
@@ -91,6 +96,7 @@ class KeyframeIntake {
   void LookUpPoses();
   std::vector<IntakeEvent> Convert(std::vector<MatchEvent> events);
   void Convert(const MatchedInput& match, std::vector<IntakeEvent>* events);
+  PathConvention MakePathConvention() const;
   /// Whether the cloud is in the camera's frame, else in the world's; none, and why in `events`, if that is not known.
   std::optional<bool> IsInCamera(const MatchedInput& match, const KeyframeInput& input,
                                  std::vector<IntakeEvent>* events) const;

@@ -8,7 +8,7 @@
 #include <acmp_mapping/SaveMap.h>
 #include <ros/node_handle.h>
 
-#include "acmp_mapping/ros/map_store.h"
+#include "acmp_mapping/map/map_store.h"
 
 namespace acmp {
 
@@ -29,8 +29,8 @@ class MapOutput {
   /// @param max_rate Hz; 0: never
   void PublishIfDue(double max_rate);
 
-  /// Writes the map to a file; returns the number of points. Throws InvalidInputError, ProcessingError (see WriteMap).
-  size_t Save(const acmp_mapping::SaveMap::Request& request) const;
+  /// Writes the map to a file. Throws InvalidInputError, ProcessingError (see WriteMap).
+  acmp_mapping::SaveMap::Response Save(const acmp_mapping::SaveMap::Request& request) const;
 
  private:
   const MapStore* const map_;

@@ -6,12 +6,10 @@
 
 #include <diagnostic_updater/diagnostic_updater.h>
 
+#include "acmp_mapping/intake/input_matcher.h"
 #include "acmp_mapping/ros/incident_log.h"
-#include "acmp_mapping/ros/input_matcher.h"
 #include "acmp_mapping/ros/input_sources.h"
-#include "acmp_mapping/ros/map_store.h"
 #include "acmp_mapping/ros/mapper_worker.h"
-#include "acmp_mapping/ros/shard_exchange.h"
 
 namespace acmp {
 
@@ -30,21 +28,15 @@ struct MapperSnapshot {
   double sync_tolerance_s = 0;
   std::optional<double> points_in_front;  ///< share of the first keyframes' sparse points, 0..1
   WorkerStatus worker;
-  MapStatistics map;
-  std::string optimized_path_topic;
-  uint32_t optimized_path_publishers = 0;
+  uint32_t maps = 0;         ///< nodes that listen to keyframe_points
+  uint64_t points_sent = 0;  ///< messages sent to them
   std::map<std::string, IncidentLog::Entry> drops;
-  std::map<std::string, IncidentLog::Entry> path_doubts;  ///< optimized paths that were used and look wrong
-  ShardOptions shard;
-  std::vector<PeerStatus> peers;
 };
 
-/// One status each, without a master: "inputs", "matching", "mapping", "map"; with several shards "shards".
+/// One status each, without a master: "inputs", "matching", "mapping".
 void DescribeInputs(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
 void DescribeMatching(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
 void DescribeMapping(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
-void DescribeMap(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
-void DescribeShards(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
 
 /// Publishes them on /diagnostics once a second of wall time, so that a paused or jumping clock does not silence it.
 class MapperDiagnostics {

@@ -11,9 +11,7 @@
 
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
-#include "acmp_mapping/ros/keyframe_numbers.h"
 #include "acmp_mapping/ros/latency_window.h"
-#include "acmp_mapping/ros/map_store.h"
 #include "acmp_mapping/ros/shared_options.h"
 #include "acmp_mapping/ros/work_queue.h"
 
@@ -21,11 +19,9 @@ namespace acmp {
 
 /// A keyframe's maps ready to be published.
 struct KeyframeOutput {
+  KeyframeOrigin origin;
+  uint64_t run = 0;  ///< another number since the last jump of time or reset
   KeyframeDepthPtr maps;
-  int64_t stamp_ns = 0;  ///< of the image
-  std::string camera_frame;
-  std::string world_frame;
-  RigidTransform world_from_cam = RigidTransform::Identity();
   Image<unsigned char> keep;  ///< 1 where depth is to be published
   PointCloud points_in_camera;
 };
@@ -46,8 +42,6 @@ struct WorkerStatus {
   double preparation_ms = 0;                    ///< decoding and rectifying the last image
   double keyframe_ms = 0;                       ///< the last keyframe in the matching thread, all in all
   LatencyWindow fast_latency, refined_latency;  ///< from the image's callback until its map was published
-  uint64_t of_others = 0;                       ///< keyframes that are other shards'
-  size_t waiting = 0;                           ///< refinements that wait for other shards
 };
 
 /// The one thread that matches: it makes the backend, prepares frames and drives the DenseMapper, which has a thread of
@@ -62,17 +56,14 @@ class MapperWorker {
     // One at a time.
     std::function<void(const KeyframeOutput&)> on_fast;
     std::function<void(const KeyframeOutput&)> on_refined;
-    // The others from both threads at the same time.
-    std::function<void(const Drop&)> on_drop;
-    // With several shards, of own keyframes.
-    std::function<void(const ShardEstimate&, int64_t stamp_ns)> on_own_estimate;
-    std::function<void(int64_t number, int64_t stamp_ns, const std::string& reason)> on_dropped_keyframe;
-    std::function<void(int64_t number)> on_flush;  ///< Flush was called after the keyframe of this number
+    std::function<void(const KeyframeOutput&)> on_refined_again;  ///< better maps of a keyframe that had its on_refined
+    // These two from both threads at the same time.
+    std::function<bool()> wants_refined_again;  ///< whether anybody would use them
+    std::function<void(const RejectedInput&)> on_drop;
   };
 
-  /// @param options, map, numbers outlive the worker
-  MapperWorker(const NodeOptions& node_options, const SharedOptions* options, MapStore* map, KeyframeNumbers* numbers,
-               Hooks hooks);
+  /// @param options outlive the worker
+  MapperWorker(const NodeOptions& node_options, const SharedOptions* options, Hooks hooks);
   ~MapperWorker();
   MapperWorker(const MapperWorker&) = delete;
   MapperWorker& operator=(const MapperWorker&) = delete;
@@ -80,20 +71,13 @@ class MapperWorker {
   /// Queues a keyframe. With overload: block, waits for room.
   void Push(KeyframeInput input);
 
-  /// Finishes all keyframes queued and pending. Empty when done, else why not. With several shards, the others are told
-  /// to do the same after the last keyframe queued here, since each needs the others' estimates.
+  /// Finishes all keyframes queued and pending: their hooks have returned. Empty when done, else why not.
   std::string Flush();
 
-  /// From other shards: an estimate, and that they were flushed after the keyframe of this number.
-  void AddPeerEstimate(ShardEstimate estimate);
-  void FlushAfter(int64_t number);
-  /// To be called some times a second: ends waits for other shards that have taken shard_timeout.
-  void CheckWaiting();
+  /// After all that is queued: finishes what is pending, then forgets the window. What comes later is another run.
+  void StartOver();
 
-  /// After all that is queued: finishes what is pending, then forgets the window, with `clear_map` the map too.
-  void StartOver(bool clear_map);
-
-  /// Forgets what is queued, window and map. Empty when done, else why not.
+  /// Forgets what is queued and the window. What comes later is another run. Empty when done, else why not.
   std::string Reset();
 
   /// Wakes all who wait and ends the thread after the keyframe it is at.
@@ -104,17 +88,10 @@ class MapperWorker {
 
  private:
   using Command = std::function<void()>;
-  struct NumberedInput {
-    KeyframeInput keyframe;
-    int64_t number;
-  };
   /// What is known of a keyframe beside its frame.
   struct Record {
-    int64_t stamp_ns;
-    double arrival_s;
-    std::string camera_frame;
-    std::string world_frame;
-    RigidTransform world_from_cam;
+    KeyframeOrigin origin;
+    uint64_t run;
     cv::Mat valid;  ///< where the rectified image is known, matched size; empty = everywhere
   };
   using RecordPtr = std::shared_ptr<const Record>;
@@ -122,24 +99,20 @@ class MapperWorker {
 
   void Run();
   void MakeMapper();
-  void Process(const NumberedInput& input);
-  FramePtr PrepareFrame(const NumberedInput& input, const FrameOptions& options, cv::Mat* valid);
+  void Process(const KeyframeInput& input);
+  FramePtr PrepareFrame(const KeyframeInput& input, const FrameOptions& options, cv::Mat* valid);
   /// Null: none.
   RecordPtr FindRecord(const Records& records, int64_t id) const;
   static double LatencyMs(const Record& record);
-  bool MustWait() const;
-  void FinishWaits();
   KeyframeOutput MakeOutput(const KeyframeDepthPtr& maps, const Record& record) const;
   void HandleFast(const KeyframeDepthPtr& maps);
   void HandleRefined(const KeyframeDepthPtr& maps);
   void HandleRefinedAgain(const KeyframeDepthPtr& maps);
   void Publish(const std::function<void(const KeyframeOutput&)>& hook, const KeyframeOutput& output) const;
   void HandleDrop(const KeyframeDrop& drop);
-  void ReportDrop(const Drop& drop) const;
-  bool IsOwn(int64_t number) const { return number % node_options_.shard.count == node_options_.shard.index; }
-  void ReportUnmapped(const NumberedInput& input, const Drop& drop) const;
-  /// Has the worker do `work` and waits until that calls done, at once or later. Empty then, else why not.
-  std::string RunCommand(bool urgent, const std::function<void(const std::function<void()>& done)>& work);
+  void ReportDrop(const RejectedInput& drop) const;
+  /// Has the worker do `work` and waits for it. Empty when done, else why not.
+  std::string RunCommand(bool urgent, const std::function<void()>& work);
   template <class Change>
   void UpdateStatus(const Change& change) {
     const std::lock_guard<std::mutex> lock(status_mutex_);
@@ -148,10 +121,8 @@ class MapperWorker {
 
   const NodeOptions node_options_;
   const SharedOptions* const options_;
-  MapStore* const map_;
-  KeyframeNumbers* const numbers_;
   const Hooks hooks_;
-  WorkQueue<NumberedInput, Command> queue_;
+  WorkQueue<KeyframeInput, Command> queue_;
   std::atomic<bool> stopping_{false};
 
   mutable std::mutex status_mutex_;
@@ -169,11 +140,8 @@ class MapperWorker {
   std::string device_error_;
   CalibrationPtr calibration_;
   std::unique_ptr<ImageRectifier> rectifier_;
-  int64_t last_number_ = -1;                          ///< of the last keyframe taken from the queue
-  std::optional<int64_t> flush_after_;                ///< a peer was flushed after this keyframe
-  std::vector<std::function<void()>> when_finished_;  ///< to be done when nothing waits for other shards
-  std::optional<int64_t> oldest_waiting_;
-  double waiting_since_s_ = 0;
+  int64_t next_id_ = 0;  ///< never goes back, whatever stamps do
+  uint64_t run_ = 0;
 
   std::thread thread_;  // last: it starts when everything above exists
 };

@@ -5,11 +5,10 @@
 #include <vector>
 
 #include "acmp_mapping/backend/make_patch_match.h"
+#include "acmp_mapping/intake/input_matcher.h"
+#include "acmp_mapping/intake/pose_semantics.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
-#include "acmp_mapping/ros/input_matcher.h"
-#include "acmp_mapping/ros/map_store.h"
 #include "acmp_mapping/ros/parameter_reader.h"
-#include "acmp_mapping/ros/pose_semantics.h"
 #include "acmp_mapping/ros/work_queue.h"
 
 namespace acmp {
@@ -22,11 +21,6 @@ enum class KeyframeMode {
   kGate,
   kExternal,  ///< the frontend's own keyframes, on the topic `keyframe` alone
 };
-enum class TimeJumpPolicy {
-  kClear,  ///< buffers and window are forgotten, the map is kept
-  kReset,  ///< the map as well
-};
-
 /// What is read once when the nodelet is loaded. Every field is a private parameter of the name beside it; enumerations
 /// are the names of their values in lower_case.
 struct NodeOptions {
@@ -48,9 +42,6 @@ struct NodeOptions {
   InputMatcherOptions matcher;                            ///< sync_tolerance, sparse_tolerance, sparse_wait [s]
   KeyframeMode keyframe_mode = KeyframeMode::kEveryPose;  ///< keyframe_mode: every_pose, gate, external
   OverloadPolicy overload = OverloadPolicy::kDropOldest;  ///< overload: drop_oldest, skip_if_busy, block
-  TimeJumpPolicy on_time_jump = TimeJumpPolicy::kClear;   ///< on_time_jump: clear, reset
-  ShardOptions shard;          ///< shard_index, shard_count: this mapper takes every shard_count-th keyframe
-  double shard_timeout_s = 5;  ///< shard_timeout: a refinement waits so long for other shards' estimates [s], 0.1..3600
 };
 
 /// Whether T_body_cam is needed and not a parameter: then it is looked up in tf and awaited on the topic extrinsic.
@@ -61,18 +52,5 @@ PoseSemantics PathSemantics(const NodeOptions& options);
 
 /// Throws InvalidInputError naming the parameter and what it may be.
 NodeOptions LoadNodeOptions(ParameterReader* reader);
-
-/// Private parameters of the node that merges the maps of several mappers.
-struct MapMergerOptions {
-  MapStoreOptions map;            ///< max_keyframes, voxel_size
-  double map_publish_rate = 0.5;  ///< map_publish_rate: map_points at most so often, 0..30 Hz; 0 = on request only
-  double shard_timeout_s = 10;    ///< shard_timeout: keyframes wait so long for an earlier one [s], 0.1..3600
-  TimeJumpPolicy on_time_jump =
-      TimeJumpPolicy::kClear;      ///< on_time_jump: reset: the map begins anew; clear: it is kept
-  PoseSemantics path;              ///< of optimized_path: pose_is, path_child or pose_child, T_body_cam
-  double sync_tolerance_s = 1e-3;  ///< sync_tolerance: between the stamps of path and keyframes, 0..10
-};
-/// Poses of the body need T_body_cam as a parameter here.
-MapMergerOptions LoadMapMergerOptions(ParameterReader* reader);
 
 }  // namespace acmp

@@ -23,17 +23,12 @@ sensor_msgs::ImagePtr ToNormalMessage(const NormalMap& normal, ImageView<const u
 sensor_msgs::ImagePtr ToColorMessage(const ColorImage& color, const std_msgs::Header& header);  ///< rgb8
 sensor_msgs::CameraInfoPtr ToCameraInfo(const PinholeCamera& camera, const std_msgs::Header& header);
 
-constexpr size_t kCloudPointBytes = 32;  ///< eight float32 fields
-
-/// The bytes of points in a cloud message: x y z rgb normal_x normal_y normal_z confidence.
-/// @param target kCloudPointBytes per point
-void PackPoints(const SurfacePoint* points, size_t count, uint8_t* target);
-
 /// Throws InvalidInputError when a message of so many points would have more bytes than `limit`.
 void CheckCloudSize(size_t points, size_t limit);
 
-/// x y z rgb normal_x normal_y normal_z confidence, all float32 (rgb packed as PCL does); unordered. Throws
-/// InvalidInputError above 4 GB, which the message's sizes cannot express.
+/// x y z rgb normal_x normal_y normal_z confidence, see packed_points.h; unordered. Throws InvalidInputError above 4
+/// GB, which the message's sizes cannot express.
+void FillCloud(const PointCloud& points, const std_msgs::Header& header, sensor_msgs::PointCloud2* message);
 sensor_msgs::PointCloud2Ptr ToCloudMessage(const PointCloud& points, const std_msgs::Header& header);
 /// Back again, without a change. Throws InvalidInputError for a message of any other layout.
 PointCloud ToPointCloud(const sensor_msgs::PointCloud2& message);

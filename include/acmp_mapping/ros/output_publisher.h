@@ -1,6 +1,8 @@
 #pragma once
 
-#include <vector>
+#include <atomic>
+#include <cstdint>
+#include <string>
 
 #include <image_transport/image_transport.h>
 #include <ros/node_handle.h>
@@ -9,22 +11,31 @@
 
 namespace acmp {
 
-/// All output topics but the map's. A message is only made when somebody listens. Methods belong to the worker thread;
-/// PublishPath may run in others, since ros::Publisher is thread-safe.
+/// The output topics of a mapper. A message is only made when somebody listens. Methods belong to one thread, but for
+/// those that say otherwise.
 class OutputPublisher {
  public:
-  explicit OutputPublisher(ros::NodeHandle nh);
+  /// @param mapper name of the mapper's node, for the map
+  OutputPublisher(ros::NodeHandle nh, std::string mapper);
 
   void PublishFast(const KeyframeOutput& output);
   void PublishRefined(const KeyframeOutput& output);
-  /// Stamped as its last pose; an empty one is not published.
-  void PublishPath(const std::vector<StampedPose>& poses, const std::string& world_frame);
+  /// Better points of a keyframe, for the map alone.
+  void PublishRefinedAgain(const KeyframeOutput& output) { PublishKeyframePoints(output, true); }
+
+  /// Nodes that listen to keyframe_points. Any thread.
+  uint32_t maps() const { return keyframe_points_.getNumSubscribers(); }
+  /// Messages sent on keyframe_points. Any thread.
+  uint64_t points_sent() const { return points_sent_; }
 
  private:
+  void PublishKeyframePoints(const KeyframeOutput& output, bool replaces);
   void PublishPose(const KeyframeOutput& output);
   void PublishPictures(const KeyframeOutput& output, const std_msgs::Header& camera);
   void PublishKeyframeDepth(const KeyframeOutput& output, const std_msgs::Header& camera);
 
+  const std::string mapper_;
+  std::atomic<uint64_t> points_sent_{0};
   image_transport::ImageTransport transport_;
   image_transport::CameraPublisher depth_fast_;
   image_transport::CameraPublisher depth_;
@@ -37,7 +48,7 @@ class OutputPublisher {
   ros::Publisher depth_millimetres_;
   ros::Publisher points_;
   ros::Publisher pose_;
-  ros::Publisher path_;
+  ros::Publisher keyframe_points_;
   ros::Publisher keyframe_depth_;
 };
 

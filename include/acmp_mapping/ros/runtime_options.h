@@ -5,16 +5,14 @@
 
 #include <acmp_mapping/DenseMapperConfig.h>
 
+#include "acmp_mapping/intake/keyframe_gate.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
-#include "acmp_mapping/ros/keyframe_gate.h"
-#include "acmp_mapping/ros/map_store.h"
 #include "acmp_mapping/ros/parameter_reader.h"
 
 namespace acmp {
 
 struct OutputOptions {
-  double min_confidence = 0;      ///< refined depth and points below are left out, 0..1; 0 = all
-  double map_publish_rate = 0.5;  ///< map_points at most so often, 0..30 Hz; 0 = on request only
+  double min_confidence = 0;  ///< refined depth and points below are left out, 0..1; 0 = all
 };
 void Validate(const OutputOptions& options);
 
@@ -22,7 +20,6 @@ void Validate(const OutputOptions& options);
 struct RuntimeOptions {
   DenseMapperOptions mapper;
   KeyframeGateOptions gate;
-  MapStoreOptions map;
   OutputOptions output;
 };
 void Validate(const RuntimeOptions& options);
@@ -122,10 +119,6 @@ void VisitRuntimeParameters(Options& options, Config& config, const Visitor& vis
   visit("min_point_confidence", fusion.min_point_confidence, config.min_point_confidence);
 
   visit("min_confidence", options.output.min_confidence, config.min_confidence);
-  visit("max_keyframes", options.map.max_keyframes, config.max_keyframes);
-  visit("map_radius", options.map.map_radius, config.map_radius);
-  visit("voxel_size", options.map.voxel_size, config.voxel_size);
-  visit("map_publish_rate", options.output.map_publish_rate, config.map_publish_rate);
 }
 
 }  // namespace acmp

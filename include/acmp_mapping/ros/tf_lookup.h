@@ -7,7 +7,7 @@
 #include <tf2_ros/buffer.h>
 #include <tf2_ros/transform_listener.h>
 
-#include "acmp_mapping/ros/sensor_samples.h"
+#include "acmp_mapping/intake/sensor_samples.h"
 
 namespace acmp {
 

@@ -31,8 +31,6 @@ constexpr char kMapPoints[] = "map_points";
 constexpr char kKeyframePose[] = "keyframe_pose";
 constexpr char kKeyframePath[] = "keyframe_path";
 constexpr char kKeyframeDepth[] = "keyframe_depth";
-// Only with several shards.
-constexpr char kKeyframeEstimates[] = "keyframe_estimates";
 constexpr char kKeyframePoints[] = "keyframe_points";
 
 constexpr char kSaveMap[] = "save_map";

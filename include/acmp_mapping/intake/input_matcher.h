@@ -1,0 +1,140 @@
+#pragma once
+
+#include <deque>
+#include <optional>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "acmp_mapping/intake/rejected_input.h"
+#include "acmp_mapping/intake/sensor_samples.h"
+#include "acmp_mapping/intake/time_jump_tracker.h"
+
+namespace acmp {
+
+struct InputMatcherOptions {
+  double sync_tolerance_s = 1e-3;   ///< between the stamps of image and pose, 0..10
+  double sparse_tolerance_s = 0.5;  ///< the nearest cloud within is taken, else the last one, 0..1000
+  double sparse_wait_s = 0.1;       ///< an image with a pose waits so long (wall time) for its own cloud, 0..10
+  int image_capacity = 30;          ///< images that wait for their pose, 1..1000
+};
+void Validate(const InputMatcherOptions& options);
+
+/// An image with its pose and landmarks.
+struct MatchedInput {
+  ImageSample image;
+  PoseSample pose;
+  SparseCloudPtr cloud;                  ///< may be null
+  std::optional<PoseSample> cloud_pose;  ///< pose at the cloud's stamp; needed where clouds are in the camera's frame
+};
+
+/// The images' stamps went back (a bag that loops, a restarted camera): everything before belongs to another run.
+struct TimeJump {
+  int64_t from_ns = 0;
+  int64_t to_ns = 0;
+};
+
+using MatchEvent = std::variant<MatchedInput, TimeJump, RejectedInput>;
+
+/// How far the nearest pose was from the last image that found none.
+struct PoseGap {
+  int64_t image_stamp_ns = 0;
+  std::optional<int64_t> gap_ns;  ///< pose minus image; none when there was no pose at all
+  std::string problem;            ///< what a source that is asked for poses said; else empty
+};
+
+/// Matches images, poses and sparse clouds by stamp in ring buffers of its own. Real frontends push stamps through
+/// doubles, publish a pose one or more images late and stamp clouds with the time of sending, so neither equal stamps
+/// nor any order between the streams is assumed; only poses among themselves come in order. Not thread-safe.
+///
+/// An image takes the nearest pose within the tolerance. A pose earlier than the image by more than kSameExposureNs is
+/// taken only once a later one has come, since that could be nearer. Matches come out in the order of the images'
+/// stamps; images that were overtaken by a match are dropped, since frontends need not give every image a pose.
+class InputMatcher {
+ public:
+  explicit InputMatcher(const InputMatcherOptions& options);
+
+  void AddImage(ImageSample image);
+  void AddPose(PoseSample pose);
+  void AddCloud(SparseCloudPtr cloud);
+
+  /// Whether anybody publishes clouds; if not, no image waits for one. True at first.
+  void set_clouds_expected(bool expected) { clouds_expected_ = expected; }
+  /// While set, images wait; those that wait too long are dropped with this. Set at first: no camera is known.
+  void set_obstacle(std::optional<RejectedInput> obstacle) { obstacle_ = std::move(obstacle); }
+
+  /// Stamps of the images that have no pose yet, oldest first, for sources that are asked for poses (tf).
+  std::vector<int64_t> UnposedStamps() const;
+  /// Why such a source has none for this image: told when the image is dropped.
+  void SetPoseProblem(int64_t stamp_ns, const std::string& problem);
+
+  /// What has happened since the last call, in order. `now_s` is any clock that never goes back.
+  std::vector<MatchEvent> Take(double now_s);
+
+  /// The same without waiting for clouds any longer.
+  std::vector<MatchEvent> TakeAll();
+
+  /// Forgets everything received; images that waited are reported as dropped for `reason`.
+  void Clear(const std::string& reason);
+
+  const std::optional<RejectedInput>& obstacle() const { return obstacle_; }
+  /// The oldest image that has no pose, and what keeps it from one; none where all have one.
+  struct PoseWait {
+    double arrival_s;  ///< of the image
+    std::string message;
+  };
+  std::optional<PoseWait> longest_pose_wait() const;
+  size_t waiting_images() const { return images_.size(); }
+  const std::optional<PoseGap>& last_gap() const { return last_gap_; }
+
+ private:
+  struct WaitingImage {
+    ImageSample sample;
+    std::optional<PoseSample> pose;
+    double ready_since_s = -1;  ///< when the pose was found; < 0: not yet
+    std::string pose_problem;   ///< what SetPoseProblem told
+  };
+  struct ReceivedPose {
+    PoseSample sample;
+    bool used = false;     ///< a pose belongs to one image
+    uint64_t arrival = 0;  ///< position among all poses and clouds
+  };
+
+  struct ReceivedCloud {
+    SparseCloudPtr cloud;
+    uint64_t arrival = 0;
+  };
+
+  void HandleTimeJump(int64_t stamp_ns);
+  void EvictOldestImage();
+  void FindPoses(double now_s);
+  ReceivedPose* NearestUnusedPose(int64_t stamp_ns);
+  bool PoseIsFinal(int64_t image_stamp_ns, int64_t pose_stamp_ns) const;
+  void EmitReady(double now_s, bool wait);
+  bool CloudIsSettled(const WaitingImage& image, double now_s) const;
+  SparseCloudPtr ChooseCloud(int64_t stamp_ns) const;
+  void Emit(WaitingImage image);
+  void DropUnposed(const WaitingImage& image);
+  void DropWaiting(const WaitingImage& image);
+  const ReceivedPose* NearestPose(int64_t stamp_ns) const;
+  std::string DescribeMissingPose(const WaitingImage& image) const;
+
+  InputMatcherOptions options_;
+  int64_t sync_tolerance_ns_;
+  int64_t sparse_tolerance_ns_;
+  bool clouds_expected_ = true;
+  std::optional<RejectedInput> obstacle_ = RejectedInput{"no_camera_info", "no usable camera_info has been received"};
+
+  std::deque<WaitingImage> images_;   ///< ascending stamps
+  std::deque<ReceivedPose> poses_;    ///< ascending stamps
+  std::deque<ReceivedCloud> clouds_;  ///< in order of arrival
+  std::vector<MatchEvent> events_;
+  std::optional<int64_t> newest_image_ns_;
+  std::optional<int64_t> last_match_ns_;
+  std::optional<PoseGap> last_gap_;
+  TimeJumpTracker pose_runs_, cloud_runs_;
+  uint64_t arrivals_ = 0;  ///< poses and clouds received
+};
+
+}  // namespace acmp

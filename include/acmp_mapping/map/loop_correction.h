@@ -1,0 +1,71 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "acmp_mapping/geometry/rigid_transform.h"
+
+namespace acmp {
+
+/// A pose and the stamp of its image.
+struct StampedPose {
+  int64_t stamp_ns = 0;
+  RigidTransform pose = RigidTransform::Identity();
+};
+
+/// How a pose of the frontend's optimized path becomes the pose of a keyframe's camera.
+struct PathConvention {
+  bool maps_world_to_child = false;  ///< the path has T_child_world, else T_world_child
+  /// T_child_cam: maps points of the optical frame to the frame whose poses the path has. None while it is not known:
+  /// then the path says nothing of the keyframe.
+  std::optional<RigidTransform> child_from_cam = RigidTransform::Identity();
+  int64_t tolerance_ns = 1000000;  ///< greatest distance between the stamps of pose and keyframe
+};
+
+/// A keyframe's pose as received and as corrected by loop closures.
+struct CorrectedPose {
+  int64_t stamp_ns = 0;
+  PathConvention path;
+  RigidTransform received = RigidTransform::Identity();        ///< world_from_cam of the pose input
+  RigidTransform world_from_cam = RigidTransform::Identity();  ///< in use
+  RigidTransform correction = RigidTransform::Identity();      ///< corrected world from received world
+  bool named = false;                                          ///< a path had a pose of its stamp
+  bool anchored = false;                                       ///< named, or took the correction of one that was
+};
+
+/// Poses that differ by less are the same; otherwise a frontend's rounding would make a new map at every path.
+struct PoseTolerance {
+  double translation = 0;  ///< unit of the poses
+  double rotation_rad = 0;
+};
+
+/// What a path did.
+struct ReposeResult {
+  /// Smallest distance in time of a keyframe to a pose, and that keyframe's tolerance.
+  struct Gap {
+    int64_t gap_ns = 0;
+    int64_t tolerance_ns = 0;
+  };
+  std::vector<size_t> moved;   ///< keyframes that have another pose now: their places in the list
+  size_t named = 0;            ///< keyframes that the path has a pose for
+  size_t unresolved = 0;       ///< keyframes whose T_child_cam is not known
+  size_t unmatched = 0;        ///< poses of the path that belong to no keyframe
+  std::optional<Gap> nearest;  ///< none without keyframes or poses
+};
+
+/// By stamp; poses with the same stamp keep their order.
+void SortPath(std::vector<StampedPose>* path);
+
+/// Corrects keyframes of one trajectory, given in the order of their stamps, by a sorted path.
+///
+/// A keyframe that the path names gets the pose of the path. One that it does not name keeps what an earlier path gave
+/// it. One that was never named moves rigidly with the nearest earlier keyframe that was, or, before the first of
+/// these, with the first: over short times odometry is more accurate than anything one could interpolate, and a
+/// neighbouring keyframe sees the same surfaces, which must not come apart. Corrections start from the received poses,
+/// so the same path again changes nothing, and the order in which keyframes and paths come does not matter.
+ReposeResult Repose(const std::vector<StampedPose>& path, const PoseTolerance& same,
+                    const std::vector<CorrectedPose*>& keyframes);
+
+}  // namespace acmp

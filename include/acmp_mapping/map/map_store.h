@@ -1,0 +1,142 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <tuple>
+#include <vector>
+
+#include "acmp_mapping/fusion/point_cloud.h"
+#include "acmp_mapping/geometry/rigid_transform.h"
+#include "acmp_mapping/map/loop_correction.h"
+
+namespace acmp {
+
+struct MapStoreOptions {
+  int max_keyframes = 500;  ///< of all mappers together; those that came first go first, 1..1000000
+  double voxel_size = 0;    ///< unit of the poses, >= 0; 0 = kAutoVoxelRatio of the first keyframe's median depth
+  /// Unit of the poses, >= 0; keyframes farther than this from the newest one of every mapper go; 0 = no limit.
+  double map_radius = 0;
+  bool keep_earlier_runs = true;  ///< else a mapper's keyframes go when it begins a new run
+};
+void Validate(const MapStoreOptions& options);
+
+constexpr double kAutoVoxelRatio = 0.005;  ///< about 2.5 px of a 500 px focal length
+
+/// A correction that moves points by less than about a thousandth of a voxel is none: nobody sees it, and a map of many
+/// points takes seconds to build. The angle is what moves points by that at 200 voxels, the median depth with
+/// kAutoVoxelRatio.
+constexpr double kSamePoseVoxels = 1e-3;
+constexpr double kSamePoseRad = 5e-6;
+
+/// Which keyframe of which mapper.
+struct KeyframeKey {
+  std::string mapper;
+  uint64_t run = 0;  ///< of the mapper, see MapStore
+  uint64_t id = 0;   ///< grows with time within a run
+
+  bool operator<(const KeyframeKey& other) const {
+    return std::tie(mapper, run, id) < std::tie(other.mapper, other.run, other.id);
+  }
+  bool operator==(const KeyframeKey& other) const {
+    return std::tie(mapper, run, id) == std::tie(other.mapper, other.run, other.id);
+  }
+};
+
+/// A keyframe's place in time and space.
+struct KeyframePose {
+  int64_t stamp_ns = 0;
+  RigidTransform world_from_cam = RigidTransform::Identity();  ///< as received
+  PathConvention path;
+};
+
+struct MapStatistics {
+  size_t keyframes = 0;
+  size_t points = 0;      ///< held, all keyframes together
+  double voxel_size = 0;  ///< in use; 0 = not known yet
+  // Since the last Clear:
+  size_t evicted = 0;            ///< keyframes that made room for later ones
+  size_t evicted_by_radius = 0;  ///< keyframes that were farther than map_radius away
+  size_t evicted_by_run = 0;     ///< keyframes of earlier runs that were not kept
+  size_t replaced = 0;           ///< keyframes that got better points
+  size_t not_replaced = 0;       ///< better points of keyframes that were not in the map
+  size_t paths = 0;              ///< given to Repose
+  size_t corrections = 0;        ///< paths that moved keyframes
+  size_t reposed = 0;            ///< keyframes moved, summed over the corrections
+  size_t path_poses = 0;         ///< of the last path
+  size_t path_unmatched = 0;     ///< of these, poses that belong to no keyframe
+};
+
+/// The map of any number of mappers in one world: the fused points of each keyframe in its own camera frame, thinned to
+/// one per voxel, with the keyframe's pose. So a pose can be corrected later without matching or touching a point.
+/// Thread-safe: one mutex guards the list and is held for a moment only, and clouds are immutable and shared, so that
+/// building a map holds up nobody.
+///
+/// A mapper's keyframes form runs: a new one begins when its images go back in time, or the mapper forgets everything.
+/// It may be in another world. Loop closures concern the last run of each mapper, and leave earlier ones alone though
+/// stamps may be the same.
+///
+/// The map does not depend on the order in which keyframes of different mappers come, but for what the limits of the
+/// options evict and the voxel size that the first keyframe chooses.
+class MapStore {
+ public:
+  explicit MapStore(const MapStoreOptions& options);
+
+  /// Add and Replace belong to one thread. Another run than that of the mapper's last keyframe is a new one. False, and
+  /// nothing is changed, for a keyframe that is in the map already. Throws InvalidInputError for points that
+  /// VoxelFilter refuses.
+  bool Add(const KeyframeKey& key, const KeyframePose& pose, const PointCloud& points_in_camera);
+  /// Better points of a keyframe in the map. False, and nothing is changed, where it is not there (any more).
+  bool Replace(const KeyframeKey& key, const PointCloud& points_in_camera);
+  void Clear();
+
+  /// Corrects poses after a loop closure, see Repose in loop_correction.h: all mappers' last runs are taken for one
+  /// trajectory, since cameras of a rig share the path. It also counts for keyframes that come later, until a mapper
+  /// begins a new run. Only poses change: takes microseconds per keyframe. An empty path does nothing.
+  ReposeResult Repose(std::vector<StampedPose> path);
+
+  /// The map: all keyframes' points in the world, one per voxel. Takes time in proportion to the points held.
+  /// @param keyframes if not null: how many keyframes these are
+  PointCloud WorldCloud(size_t* keyframes = nullptr) const;
+
+  /// Poses in use (T_world_cam) of all keyframes, by mapper and run, each in the order of ids.
+  std::vector<StampedPose> Path() const;
+
+  MapStatistics statistics() const;
+
+  /// Changes whenever the map does.
+  uint64_t version() const;
+
+ private:
+  struct Keyframe {
+    uint64_t arrival = 0;
+    CorrectedPose pose;
+    std::shared_ptr<const PointCloud> points_in_camera;
+  };
+  using Keyframes = std::map<KeyframeKey, Keyframe>;
+
+  std::shared_ptr<const PointCloud> Thinned(const PointCloud& points);
+
+  // All of these need the mutex.
+  double VoxelSize() const { return options_.voxel_size > 0 ? options_.voxel_size : auto_voxel_size_; }
+  void StartRun(const std::string& mapper, uint64_t run);
+  ReposeResult ApplyPath();
+  void Evict();
+  template <class Predicate>
+  size_t EraseIf(const Predicate& is_to_go);
+  Keyframes::iterator Erase(Keyframes::iterator keyframe);
+
+  const MapStoreOptions options_;
+  mutable std::mutex mutex_;
+  double auto_voxel_size_ = 0;
+  Keyframes keyframes_;
+  std::map<std::string, uint64_t> runs_;  ///< the last one of each mapper
+  uint64_t arrivals_ = 0;
+  std::vector<StampedPose> path_;  ///< the last one of these runs, sorted
+  MapStatistics statistics_;       ///< all but the numbers of keyframes and the voxel size
+  uint64_t version_ = 0;
+};
+
+}  // namespace acmp

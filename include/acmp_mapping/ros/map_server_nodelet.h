@@ -1,0 +1,84 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include <acmp_mapping/KeyframePoints.h>
+#include <diagnostic_updater/diagnostic_updater.h>
+#include <nav_msgs/Path.h>
+#include <nodelet/nodelet.h>
+
+#include "acmp_mapping/ros/callback_thread.h"
+#include "acmp_mapping/ros/keyframe_points.h"
+#include "acmp_mapping/ros/map_diagnostics.h"
+#include "acmp_mapping/ros/map_output.h"
+#include "acmp_mapping/ros/map_server_options.h"
+#include "acmp_mapping/ros/master_watch.h"
+
+namespace acmp {
+
+/// One map of the keyframes of any number of mappers: cameras of a rig, robots, hosts. Corrects it by loop closures,
+/// bounds, publishes and saves it.
+///
+/// Threads: one for keyframes and paths, in the order of their arrival; one for services, which also publishes the map;
+/// one for diagnostics; one that asks the ROS master. Services first wait for all keyframes that have arrived: in one
+/// process with a mapper, these are all that the mapper has published.
+///
+/// mutex_ guards what diagnostics read, for a moment; none is held while another one is taken.
+class MapServerNodelet : public nodelet::Nodelet {
+ public:
+  ~MapServerNodelet() override;
+
+ private:
+  void onInit() override;
+  void LoadOptions();
+  void Subscribe();
+  void StartServices();
+  void StartDiagnostics();
+  void Receive(const acmp_mapping::KeyframePoints& message);
+  void CountMessage(const std::string& mapper, uint64_t count);
+  void CheckFrame(const KeyframePointsHead& head);
+  void AddKeyframe(const KeyframePointsHead& head, const acmp_mapping::KeyframePoints& message);
+  void HandleOptimizedPath(const nav_msgs::Path& message);
+  void PublishPath();
+  /// Throws ProcessingError when the nodelet is being unloaded.
+  void WaitForArrived();
+  void HandlePeriod();
+  void Report(const Incident& incident);
+  MapSnapshot TakeSnapshot();
+
+  // First: what is attached to them goes before they do.
+  CallbackThread input_thread_;
+  CallbackThread service_thread_;
+  CallbackThread status_thread_;
+
+  MapServerOptions options_;
+  std::unique_ptr<MapStore> map_;
+  std::unique_ptr<MapOutput> map_output_;
+  IncidentLog incidents_;
+
+  std::mutex mutex_;
+  std::map<std::string, MapperTraffic> mappers_;
+
+  // Used by the input thread alone.
+  std::map<std::string, uint64_t> counts_;  ///< of each mapper's last message
+  std::string world_frame_;                 ///< of the first keyframe
+  std::string path_frame_;                  ///< of the last keyframe
+  int64_t newest_stamp_ns_ = 0;             ///< of the last keyframe
+
+  ros::Subscriber keyframes_;
+  ros::Subscriber optimized_path_;
+  ros::Publisher path_;
+  std::vector<ros::ServiceServer> services_;
+  ros::WallTimer publish_timer_;
+  std::unique_ptr<diagnostic_updater::Updater> updater_;
+  MapSnapshot snapshot_;
+  ros::WallTimer status_timer_;
+  std::unique_ptr<MasterWatch> master_watch_;
+};
+
+}  // namespace acmp

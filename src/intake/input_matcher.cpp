@@ -1,0 +1,267 @@
+#include "acmp_mapping/intake/input_matcher.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+constexpr int64_t kSameExposureNs = 1000000;  ///< rounding of stamps stays far below, the shortest frame interval above
+constexpr size_t kPoseCapacity = 2000;        ///< 10 s of a 200 Hz source
+constexpr size_t kMoreClouds = 10;            ///< than images: those of images that are still to come
+
+int64_t ToNs(double seconds) { return std::llround(seconds * 1e9); }
+double ToMs(int64_t ns) { return static_cast<double>(ns) * 1e-6; }
+
+/// Distance of a received pose from a stamp.
+template <class ReceivedPose>
+int64_t Gap(const ReceivedPose& pose, int64_t stamp_ns) {
+  return std::llabs(pose.sample.stamp_ns - stamp_ns);
+}
+
+/// Leaves what belongs to the run whose first image has this stamp.
+template <class Received>
+void KeepNewRun(int64_t first_image_ns, TimeJumpTracker* runs, std::deque<Received>* buffer) {
+  const std::optional<uint64_t> first = runs->StartRun(first_image_ns);
+  const auto is_old = [&first](const Received& received) { return !first || received.arrival < *first; };
+  buffer->erase(std::remove_if(buffer->begin(), buffer->end(), is_old), buffer->end());
+}
+
+}  // namespace
+
+void Validate(const InputMatcherOptions& options) {
+  CheckRange("sync_tolerance", options.sync_tolerance_s, 0.0, 10.0);
+  CheckRange("sparse_tolerance", options.sparse_tolerance_s, 0.0, 1000.0);
+  CheckRange("sparse_wait", options.sparse_wait_s, 0.0, 10.0);
+  CheckRange("image_capacity", options.image_capacity, 1, 1000);
+}
+
+InputMatcher::InputMatcher(const InputMatcherOptions& options)
+    : options_(options),
+      sync_tolerance_ns_(ToNs(options.sync_tolerance_s)),
+      sparse_tolerance_ns_(ToNs(options.sparse_tolerance_s)) {
+  Validate(options);
+}
+
+void InputMatcher::AddImage(ImageSample image) {
+  const int64_t stamp_ns = image.stamp_ns;
+  if (newest_image_ns_ && stamp_ns < *newest_image_ns_ - kTimeJumpNs) HandleTimeJump(stamp_ns);
+  newest_image_ns_ = std::max(stamp_ns, newest_image_ns_.value_or(stamp_ns));
+
+  if (last_match_ns_ && stamp_ns <= *last_match_ns_) {
+    const char* reason = stamp_ns == *last_match_ns_ ? "duplicate_image" : "late_image";
+    events_.push_back(RejectedInput{
+        reason,
+        Concat("image ", FormatStamp(stamp_ns), " came after image ", FormatStamp(*last_match_ns_), " was used"),
+        true});
+    return;
+  }
+  const auto place = std::upper_bound(images_.begin(), images_.end(), stamp_ns,
+                                      [](int64_t s, const WaitingImage& w) { return s < w.sample.stamp_ns; });
+  if (place != images_.begin() && std::prev(place)->sample.stamp_ns == stamp_ns) {
+    events_.push_back(
+        RejectedInput{"duplicate_image", Concat("two images have the stamp ", FormatStamp(stamp_ns)), true});
+    return;
+  }
+  images_.insert(place, WaitingImage{std::move(image), std::nullopt, -1, {}});
+  if (images_.size() > static_cast<size_t>(options_.image_capacity)) EvictOldestImage();
+}
+
+void InputMatcher::AddPose(PoseSample pose) {
+  const uint64_t arrival = ++arrivals_;
+  const int64_t stamp_ns = pose.stamp_ns;
+  if (pose_runs_.Add(stamp_ns, arrival)) poses_.clear();
+  const auto place = std::upper_bound(poses_.begin(), poses_.end(), stamp_ns,
+                                      [](int64_t s, const ReceivedPose& p) { return s < p.sample.stamp_ns; });
+  poses_.insert(place, ReceivedPose{std::move(pose), false, arrival});
+  if (poses_.size() > kPoseCapacity) poses_.pop_front();
+}
+
+void InputMatcher::AddCloud(SparseCloudPtr cloud) {
+  const uint64_t arrival = ++arrivals_;
+  if (cloud_runs_.Add(cloud->stamp_ns, arrival)) clouds_.clear();
+  clouds_.push_back({std::move(cloud), arrival});
+  // An image that waits for its pose must find its own cloud when the pose comes.
+  const size_t capacity = static_cast<size_t>(options_.image_capacity) + kMoreClouds;
+  if (clouds_.size() > capacity) clouds_.pop_front();
+}
+
+std::vector<MatchEvent> InputMatcher::Take(double now_s) {
+  FindPoses(now_s);
+  EmitReady(now_s, true);
+  return std::exchange(events_, {});
+}
+
+std::vector<MatchEvent> InputMatcher::TakeAll() {
+  FindPoses(0);
+  EmitReady(0, false);
+  return std::exchange(events_, {});
+}
+
+void InputMatcher::Clear(const std::string& reason) {
+  for (const WaitingImage& image : images_) {
+    events_.push_back(RejectedInput{
+        reason, Concat("image ", FormatStamp(image.sample.stamp_ns), " was waiting (", reason, ")"), true});
+  }
+  images_.clear();
+  poses_.clear();
+  clouds_.clear();
+  newest_image_ns_.reset();
+  last_match_ns_.reset();
+  pose_runs_ = cloud_runs_ = TimeJumpTracker();
+}
+
+void InputMatcher::HandleTimeJump(int64_t stamp_ns) {
+  FindPoses(0);
+  EmitReady(0, false);
+  // What still waits now has waited in vain: that is worth more to the user than that time went back.
+  for (const WaitingImage& image : images_) DropWaiting(image);
+  images_.clear();
+  // What is left of the old run would be poses and landmarks in what may be another world.
+  KeepNewRun(stamp_ns, &pose_runs_, &poses_);
+  KeepNewRun(stamp_ns, &cloud_runs_, &clouds_);
+  events_.push_back(TimeJump{*newest_image_ns_, stamp_ns});
+  newest_image_ns_.reset();
+  last_match_ns_.reset();
+}
+
+void InputMatcher::EvictOldestImage() {
+  WaitingImage image = std::move(images_.front());
+  images_.pop_front();
+  if (image.pose && !obstacle_) {
+    Emit(std::move(image));
+  } else {
+    DropWaiting(image);
+  }
+}
+
+std::vector<int64_t> InputMatcher::UnposedStamps() const {
+  std::vector<int64_t> stamps;
+  for (const WaitingImage& image : images_) {
+    if (!image.pose) stamps.push_back(image.sample.stamp_ns);
+  }
+  return stamps;
+}
+
+void InputMatcher::SetPoseProblem(int64_t stamp_ns, const std::string& problem) {
+  for (WaitingImage& image : images_) {
+    if (image.sample.stamp_ns == stamp_ns) image.pose_problem = problem;
+  }
+}
+
+void InputMatcher::FindPoses(double now_s) {
+  for (WaitingImage& image : images_) {
+    if (image.pose) continue;
+    ReceivedPose* nearest = NearestUnusedPose(image.sample.stamp_ns);
+    if (!nearest || !PoseIsFinal(image.sample.stamp_ns, nearest->sample.stamp_ns)) continue;
+    nearest->used = true;
+    image.pose = nearest->sample;
+    image.ready_since_s = now_s;
+  }
+}
+
+InputMatcher::ReceivedPose* InputMatcher::NearestUnusedPose(int64_t stamp_ns) {
+  ReceivedPose* nearest = nullptr;
+  for (ReceivedPose& pose : poses_) {
+    if (!pose.used && (!nearest || Gap(pose, stamp_ns) < Gap(*nearest, stamp_ns))) nearest = &pose;
+  }
+  return nearest;
+}
+
+const InputMatcher::ReceivedPose* InputMatcher::NearestPose(int64_t stamp_ns) const {
+  const auto nearest = std::min_element(
+      poses_.begin(), poses_.end(), [&](const auto& a, const auto& b) { return Gap(a, stamp_ns) < Gap(b, stamp_ns); });
+  return nearest == poses_.end() ? nullptr : &*nearest;
+}
+
+bool InputMatcher::PoseIsFinal(int64_t image_stamp_ns, int64_t pose_stamp_ns) const {
+  const int64_t gap_ns = pose_stamp_ns - image_stamp_ns;
+  if (std::llabs(gap_ns) > sync_tolerance_ns_) return false;
+  return gap_ns >= -kSameExposureNs || pose_runs_.newest_ns() >= image_stamp_ns;
+}
+
+void InputMatcher::EmitReady(double now_s, bool wait) {
+  if (obstacle_) return;
+  for (;;) {
+    const auto ready = std::find_if(images_.begin(), images_.end(), [](const WaitingImage& i) { return i.pose; });
+    if (ready == images_.end() || (wait && !CloudIsSettled(*ready, now_s))) return;
+    std::for_each(images_.begin(), ready, [this](const WaitingImage& overtaken) { DropUnposed(overtaken); });
+    WaitingImage image = std::move(*ready);
+    images_.erase(images_.begin(), std::next(ready));
+    Emit(std::move(image));
+  }
+}
+
+bool InputMatcher::CloudIsSettled(const WaitingImage& image, double now_s) const {
+  if (!clouds_expected_ || now_s - image.ready_since_s >= options_.sparse_wait_s) return true;
+  const int64_t earliest_ns = image.sample.stamp_ns - sync_tolerance_ns_;
+  // One of the run before, which came after the first image of this one, tells nothing of that image's.
+  const bool may_be_old = cloud_runs_.is_behind() && !last_match_ns_;
+  const int64_t latest_ns = may_be_old ? image.sample.stamp_ns + sparse_tolerance_ns_ : INT64_MAX;
+  return std::any_of(clouds_.begin(), clouds_.end(), [&](const ReceivedCloud& c) {
+    return c.cloud->stamp_ns >= earliest_ns && c.cloud->stamp_ns <= latest_ns;
+  });
+}
+
+SparseCloudPtr InputMatcher::ChooseCloud(int64_t stamp_ns) const {
+  SparseCloudPtr nearest;
+  int64_t nearest_gap_ns = sparse_tolerance_ns_;
+  for (const ReceivedCloud& received : clouds_) {
+    const int64_t gap_ns = std::llabs(received.cloud->stamp_ns - stamp_ns);
+    if (gap_ns > nearest_gap_ns) continue;
+    nearest = received.cloud;
+    nearest_gap_ns = gap_ns;
+  }
+  if (nearest || clouds_.empty()) return nearest;
+  return clouds_.back().cloud;
+}
+
+void InputMatcher::Emit(WaitingImage image) {
+  last_match_ns_ = image.sample.stamp_ns;
+  MatchedInput match{std::move(image.sample), std::move(*image.pose), nullptr, std::nullopt};
+  match.cloud = ChooseCloud(match.image.stamp_ns);
+  if (match.cloud) {
+    if (std::llabs(match.cloud->stamp_ns - match.image.stamp_ns) <= std::max(sync_tolerance_ns_, kSameExposureNs)) {
+      match.cloud_pose = match.pose;
+    } else if (const ReceivedPose* pose = NearestPose(match.cloud->stamp_ns);
+               pose && std::llabs(pose->sample.stamp_ns - match.cloud->stamp_ns) <= sync_tolerance_ns_) {
+      match.cloud_pose = pose->sample;
+    }
+  }
+  events_.emplace_back(std::move(match));
+}
+
+void InputMatcher::DropWaiting(const WaitingImage& image) {
+  if (!obstacle_) return DropUnposed(image);
+  events_.push_back(RejectedInput{
+      obstacle_->reason, Concat("image ", FormatStamp(image.sample.stamp_ns), ": ", obstacle_->message), true});
+}
+
+void InputMatcher::DropUnposed(const WaitingImage& image) {
+  const int64_t stamp_ns = image.sample.stamp_ns;
+  last_gap_ = PoseGap{stamp_ns, std::nullopt, image.pose_problem};
+  if (const ReceivedPose* nearest = NearestPose(stamp_ns)) last_gap_->gap_ns = nearest->sample.stamp_ns - stamp_ns;
+  events_.push_back(RejectedInput{"no_pose", DescribeMissingPose(image), true});
+}
+
+std::string InputMatcher::DescribeMissingPose(const WaitingImage& image) const {
+  const int64_t stamp_ns = image.sample.stamp_ns;
+  std::string nearest_text = image.pose_problem.empty() ? "no pose has been received" : image.pose_problem;
+  if (const ReceivedPose* nearest = NearestPose(stamp_ns)) {
+    nearest_text = Concat("nearest is ", ToMs(Gap(*nearest, stamp_ns)), " ms away");
+  }
+  return Concat("no pose within ", ToMs(sync_tolerance_ns_), " ms of image ", FormatStamp(stamp_ns), "; ",
+                nearest_text);
+}
+
+std::optional<InputMatcher::PoseWait> InputMatcher::longest_pose_wait() const {
+  const auto oldest = std::find_if(images_.begin(), images_.end(), [](const WaitingImage& i) { return !i.pose; });
+  if (oldest == images_.end()) return std::nullopt;
+  return PoseWait{oldest->sample.arrival_s, DescribeMissingPose(*oldest)};
+}
+
+}  // namespace acmp

@@ -1,0 +1,213 @@
+#include "acmp_mapping/map/map_store.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <utility>
+#include <vector>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/fusion/voxel_map.h"
+
+namespace acmp {
+namespace {
+
+/// Of a cloud that is not empty.
+double MedianDepth(const PointCloud& points) {
+  std::vector<float> depths(points.size());
+  std::transform(points.begin(), points.end(), depths.begin(), [](const SurfacePoint& p) { return p.position.z; });
+  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
+  std::nth_element(depths.begin(), middle, depths.end());
+  return *middle;
+}
+
+}  // namespace
+
+void Validate(const MapStoreOptions& options) {
+  CheckRange("max_keyframes", options.max_keyframes, 1, 1000000);
+  CheckRange("map_radius", options.map_radius, 0.0, 1e9);
+  CheckRange("voxel_size", options.voxel_size, 0.0, 1e6);
+}
+
+MapStore::MapStore(const MapStoreOptions& options) : options_(options) { Validate(options); }
+
+std::shared_ptr<const PointCloud> MapStore::Thinned(const PointCloud& points) {
+  if (points.empty()) return std::make_shared<const PointCloud>();
+  double voxel_size = 0;
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    if (auto_voxel_size_ == 0) auto_voxel_size_ = kAutoVoxelRatio * MedianDepth(points);
+    voxel_size = VoxelSize();
+  }
+  return std::make_shared<const PointCloud>(VoxelFilter(points, static_cast<float>(voxel_size)));
+}
+
+bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const PointCloud& points_in_camera) {
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    if (keyframes_.count(key) > 0) return false;
+    StartRun(key.mapper, key.run);  // first: what it evicts may have chosen the voxel size
+  }
+  std::shared_ptr<const PointCloud> thinned = Thinned(points_in_camera);
+  std::lock_guard<std::mutex> lock(mutex_);
+  Keyframe keyframe;
+  keyframe.arrival = arrivals_++;
+  keyframe.pose.stamp_ns = pose.stamp_ns;
+  keyframe.pose.path = pose.path;
+  keyframe.pose.received = keyframe.pose.world_from_cam = pose.world_from_cam;
+  statistics_.points += thinned->size();
+  keyframe.points_in_camera = std::move(thinned);
+  keyframes_.insert_or_assign(key, std::move(keyframe));
+  ApplyPath();
+  Evict();
+  ++version_;
+  return true;
+}
+
+void MapStore::StartRun(const std::string& mapper, uint64_t run) {
+  const auto [last, is_new_mapper] = runs_.try_emplace(mapper, run);
+  if (is_new_mapper || last->second == run) return;
+  last->second = run;
+  path_.clear();
+  if (options_.keep_earlier_runs) return;
+  statistics_.evicted_by_run +=
+      EraseIf([&](const KeyframeKey& key, const Keyframe&) { return key.mapper == mapper && key.run != run; });
+  if (keyframes_.empty()) auto_voxel_size_ = 0;  // another scene may have another scale
+}
+
+bool MapStore::Replace(const KeyframeKey& key, const PointCloud& points_in_camera) {
+  {
+    std::lock_guard<std::mutex> lock(mutex_);  // refused points tell nothing about the scene
+    if (keyframes_.count(key) == 0) {
+      ++statistics_.not_replaced;
+      return false;
+    }
+  }
+  std::shared_ptr<const PointCloud> thinned = Thinned(points_in_camera);
+  std::lock_guard<std::mutex> lock(mutex_);
+  const auto keyframe = keyframes_.find(key);
+  if (keyframe == keyframes_.end()) {
+    ++statistics_.not_replaced;
+    return false;
+  }
+  std::shared_ptr<const PointCloud>& points = keyframe->second.points_in_camera;
+  statistics_.points += thinned->size();
+  statistics_.points -= points->size();
+  points = std::move(thinned);
+  ++statistics_.replaced;
+  ++version_;
+  return true;
+}
+
+ReposeResult MapStore::Repose(std::vector<StampedPose> path) {
+  if (path.empty()) return {};
+  SortPath(&path);
+  std::lock_guard<std::mutex> lock(mutex_);
+  path_ = std::move(path);
+  ++statistics_.paths;
+  ReposeResult result = ApplyPath();
+  if (!result.moved.empty()) {
+    ++statistics_.corrections;
+    statistics_.reposed += result.moved.size();
+    Evict();
+  }
+  return result;
+}
+
+ReposeResult MapStore::ApplyPath() {
+  if (path_.empty()) return {};
+  std::vector<CorrectedPose*> trajectory;
+  for (auto& [key, keyframe] : keyframes_) {
+    if (runs_.at(key.mapper) == key.run) trajectory.push_back(&keyframe.pose);
+  }
+  std::stable_sort(trajectory.begin(), trajectory.end(),
+                   [](const CorrectedPose* a, const CorrectedPose* b) { return a->stamp_ns < b->stamp_ns; });
+  ReposeResult result = acmp::Repose(path_, {kSamePoseVoxels * VoxelSize(), kSamePoseRad}, trajectory);
+  statistics_.path_poses = path_.size();
+  statistics_.path_unmatched = result.unmatched;
+  if (!result.moved.empty()) ++version_;
+  return result;
+}
+
+void MapStore::Evict() {
+  if (options_.map_radius > 0) {
+    std::map<std::string, Eigen::Vector3d> newest;  // of each mapper
+    for (const auto& [key, keyframe] : keyframes_) {
+      if (runs_.at(key.mapper) == key.run) newest[key.mapper] = keyframe.pose.world_from_cam.translation();
+    }
+    statistics_.evicted_by_radius += EraseIf([&](const KeyframeKey&, const Keyframe& keyframe) {
+      const Eigen::Vector3d& position = keyframe.pose.world_from_cam.translation();
+      return std::none_of(newest.begin(), newest.end(),
+                          [&](const auto& camera) { return (position - camera.second).norm() <= options_.map_radius; });
+    });
+  }
+  while (keyframes_.size() > static_cast<size_t>(options_.max_keyframes)) {
+    Erase(std::min_element(keyframes_.begin(), keyframes_.end(),
+                           [](const auto& a, const auto& b) { return a.second.arrival < b.second.arrival; }));
+    ++statistics_.evicted;
+  }
+}
+
+template <class Predicate>
+size_t MapStore::EraseIf(const Predicate& is_to_go) {
+  const size_t before = keyframes_.size();
+  for (auto keyframe = keyframes_.begin(); keyframe != keyframes_.end();) {
+    keyframe = is_to_go(keyframe->first, keyframe->second) ? Erase(keyframe) : std::next(keyframe);
+  }
+  return before - keyframes_.size();
+}
+
+MapStore::Keyframes::iterator MapStore::Erase(Keyframes::iterator keyframe) {
+  statistics_.points -= keyframe->second.points_in_camera->size();
+  ++version_;
+  return keyframes_.erase(keyframe);
+}
+
+void MapStore::Clear() {
+  std::lock_guard<std::mutex> lock(mutex_);
+  keyframes_.clear();
+  path_.clear();
+  auto_voxel_size_ = 0;
+  statistics_ = {};
+  ++version_;
+}
+
+PointCloud MapStore::WorldCloud(size_t* keyframes) const {
+  std::vector<std::shared_ptr<const PointCloud>> clouds;  // keeps them alive
+  std::vector<PlacedCloud> placed;
+  double voxel_size = 0;
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    for (const auto& [key, keyframe] : keyframes_) {
+      if (keyframe.points_in_camera->empty()) continue;
+      clouds.push_back(keyframe.points_in_camera);
+      placed.push_back({keyframe.pose.world_from_cam, keyframe.points_in_camera.get()});
+    }
+    voxel_size = VoxelSize();
+    if (keyframes) *keyframes = keyframes_.size();
+  }
+  return placed.empty() ? PointCloud() : MergeClouds(placed, static_cast<float>(voxel_size));
+}
+
+std::vector<StampedPose> MapStore::Path() const {
+  std::lock_guard<std::mutex> lock(mutex_);
+  std::vector<StampedPose> path;
+  path.reserve(keyframes_.size());
+  for (const auto& [key, keyframe] : keyframes_) path.push_back({keyframe.pose.stamp_ns, keyframe.pose.world_from_cam});
+  return path;
+}
+
+MapStatistics MapStore::statistics() const {
+  std::lock_guard<std::mutex> lock(mutex_);
+  MapStatistics statistics = statistics_;
+  statistics.keyframes = keyframes_.size();
+  statistics.voxel_size = VoxelSize();
+  return statistics;
+}
+
+uint64_t MapStore::version() const {
+  std::lock_guard<std::mutex> lock(mutex_);
+  return version_;
+}
+
+}  // namespace acmp

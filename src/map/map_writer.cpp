@@ -1,0 +1,91 @@
+#include "acmp_mapping/map/map_writer.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <cstdio>
+#include <string>
+#include <vector>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/dataset/output_file.h"
+#include "acmp_mapping/map/packed_points.h"
+
+namespace acmp {
+namespace {
+
+namespace fs = std::filesystem;
+
+void CheckPath(const fs::path& path) {
+  if (path.empty() || !path.has_filename())
+    throw InvalidInputError(Concat("path = \"", path.string(), "\": names no file"));
+  const fs::path folder = path.has_parent_path() ? path.parent_path() : fs::path(".");
+  if (!fs::is_directory(folder)) throw InvalidInputError(Concat("path = \"", path.string(), "\": no such folder"));
+  if (fs::is_directory(path)) throw InvalidInputError(Concat("path = \"", path.string(), "\": is a folder"));
+}
+
+constexpr size_t kLineBytes = 200;  ///< of a point in a text file; numbers have 9 digits, so that a float32 reads back
+
+std::string PcdHeader(size_t points, const char* types, const char* data) {
+  std::string fields;
+  for (const char* field : kPackedFields) fields += Concat(" ", field);
+  return Concat("# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS", fields,
+                "\nSIZE 4 4 4 4 4 4 4 4\nTYPE ", types, "\nCOUNT 1 1 1 1 1 1 1 1\nWIDTH ", points,
+                "\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS ", points, "\nDATA ", data, "\n");
+}
+
+/// Colours are whole numbers here, as PCL writes them.
+void WriteAsciiPcd(const fs::path& path, const PointCloud& map) {
+  AtomicFile file(path, Durability::kPowerCut);
+  file.Write(PcdHeader(map.size(), "F F F U F F F F", "ascii"));
+  for (const SurfacePoint& p : map) {
+    const unsigned rgb = (unsigned{p.color.r} << 16) | (unsigned{p.color.g} << 8) | p.color.b;
+    char line[kLineBytes];
+    const int length = std::snprintf(line, sizeof(line), "%.9g %.9g %.9g %u %.9g %.9g %.9g %.9g\n", p.position.x,
+                                     p.position.y, p.position.z, rgb, p.normal.x, p.normal.y, p.normal.z, p.confidence);
+    file.Write(line, static_cast<size_t>(length));
+  }
+  file.Commit();
+}
+
+/// Piece by piece: PCL's writer would need the whole map twice more in memory, and takes 4 GB at most.
+void WriteBinaryPcd(const fs::path& path, const PointCloud& map) {
+  AtomicFile file(path, Durability::kPowerCut);
+  file.Write(PcdHeader(map.size(), "F F F F F F F F", "binary"));
+  constexpr size_t kPiece = 4096;
+  std::vector<uint8_t> bytes(kPiece * kPackedPointBytes);
+  for (size_t i = 0; i < map.size(); i += kPiece) {
+    const size_t count = std::min(kPiece, map.size() - i);
+    PackPoints(map.data() + i, count, bytes.data());
+    file.Write(bytes.data(), count * kPackedPointBytes);
+  }
+  file.Commit();
+}
+
+/// The properties of WritePly.
+void WriteAsciiPly(const fs::path& path, const PointCloud& map) {
+  AtomicFile file(path, Durability::kPowerCut);
+  file.Write(Concat("ply\nformat ascii 1.0\nelement vertex ", map.size(),
+                    "\nproperty float x\nproperty float y\nproperty float z\nproperty float nx\nproperty float ny\n"
+                    "property float nz\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+                    "property float confidence\nend_header\n"));
+  for (const SurfacePoint& p : map) {
+    char line[kLineBytes];
+    const int length =
+        std::snprintf(line, sizeof(line), "%.9g %.9g %.9g %.9g %.9g %.9g %d %d %d %.9g\n", p.position.x, p.position.y,
+                      p.position.z, p.normal.x, p.normal.y, p.normal.z, p.color.r, p.color.g, p.color.b, p.confidence);
+    file.Write(line, static_cast<size_t>(length));
+  }
+  file.Commit();
+}
+
+}  // namespace
+
+void WriteMap(const fs::path& path, const PointCloud& map, MapFormat format, bool binary) {
+  if (map.empty()) throw InvalidInputError("the map is empty: nothing was written");
+  CheckPath(path);
+  if (format == MapFormat::kPly) return binary ? WritePly(path, map) : WriteAsciiPly(path, map);
+  return binary ? WriteBinaryPcd(path, map) : WriteAsciiPcd(path, map);
+}
+
+}  // namespace acmp

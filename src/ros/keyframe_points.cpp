@@ -1,0 +1,77 @@
+#include "acmp_mapping/ros/keyframe_points.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <boost/make_shared.hpp>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/keyframe/frame.h"
+#include "acmp_mapping/ros/input_conversion.h"
+#include "acmp_mapping/ros/output_conversion.h"
+
+namespace acmp {
+namespace {
+
+using acmp_mapping::KeyframePoints;
+using Matrix3x4 = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
+using Numbers = KeyframePoints::_T_world_cam_type;
+
+Numbers ToNumbers(const RigidTransform& transform) {
+  Numbers numbers;
+  Eigen::Map<Matrix3x4>(numbers.data()) = transform.matrix().topRows<3>();
+  return numbers;
+}
+
+RigidTransform ToTransform(const char* name, const Numbers& numbers) {
+  RigidTransform transform = RigidTransform::Identity();
+  transform.matrix().topRows<3>() = Eigen::Map<const Matrix3x4>(numbers.data());
+  CheckPose(name, transform);
+  return transform;
+}
+
+}  // namespace
+
+acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, const std::string& mapper,
+                                                 uint64_t count, bool replaces) {
+  const KeyframeOrigin& origin = output.origin;
+  auto message = boost::make_shared<KeyframePoints>();
+  message->header.stamp.fromNSec(static_cast<uint64_t>(origin.stamp_ns));
+  message->header.frame_id = origin.world_frame;
+  message->mapper = mapper;
+  message->count = count;
+  message->run = output.run;
+  message->id = static_cast<uint64_t>(output.maps->frame->id);
+  message->replaces = replaces;
+  message->T_world_cam = ToNumbers(origin.world_from_cam);
+  std_msgs::Header camera = message->header;
+  camera.frame_id = origin.camera_frame;
+  FillCloud(output.points_in_camera, camera, &message->points);
+  message->path_inverted = origin.path.maps_world_to_child;
+  message->path_T_child_cam.fill(0);
+  if (origin.path.child_from_cam) message->path_T_child_cam = ToNumbers(*origin.path.child_from_cam);
+  message->path_frame = origin.path_frame;
+  message->path_tolerance = static_cast<double>(origin.path.tolerance_ns) * 1e-9;
+  return message;
+}
+
+KeyframePointsHead ReadHead(const KeyframePoints& message) {
+  if (message.mapper.empty()) throw InvalidInputError("mapper is empty: must be the name of the mapper's node");
+  KeyframePointsHead head;
+  head.key = {message.mapper, message.run, message.id};
+  head.pose.stamp_ns = ToStampNs(message.header.stamp);
+  head.pose.world_from_cam = ToTransform("T_world_cam", message.T_world_cam);
+  head.pose.path.maps_world_to_child = message.path_inverted;
+  head.pose.path.child_from_cam.reset();
+  const Numbers& child_from_cam = message.path_T_child_cam;
+  if (std::any_of(child_from_cam.begin(), child_from_cam.end(), [](double number) { return number != 0; })) {
+    head.pose.path.child_from_cam = ToTransform("path_T_child_cam", child_from_cam);
+  }
+  CheckRange("path_tolerance", message.path_tolerance, 0.0, 10.0);
+  head.pose.path.tolerance_ns = std::llround(message.path_tolerance * 1e9);
+  head.world_frame = StripLeadingSlash(message.header.frame_id);
+  head.path_frame = StripLeadingSlash(message.path_frame);
+  return head;
+}
+
+}  // namespace acmp

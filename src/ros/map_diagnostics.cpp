@@ -1,0 +1,55 @@
+#include "acmp_mapping/ros/map_diagnostics.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+using diagnostic_msgs::DiagnosticStatus;
+using diagnostic_updater::DiagnosticStatusWrapper;
+
+constexpr double kRecentS = 5;  ///< incidents that young are worth a word
+
+}  // namespace
+
+void DescribeMap(const MapSnapshot& snapshot, DiagnosticStatusWrapper* status) {
+  const MapStatistics& map = snapshot.map;
+  status->summary(DiagnosticStatus::OK, Concat(map.keyframes, " keyframes in the map"));
+  status->add("keyframes", map.keyframes);
+  status->add("points held", map.points);
+  status->add("keyframes that got better points", map.replaced);
+  status->add("better points of keyframes that were not in the map", map.not_replaced);
+  status->add("keyframes evicted (~max_keyframes)", map.evicted);
+  status->add("keyframes evicted (~map_radius)", map.evicted_by_radius);
+  status->add("keyframes evicted (~on_time_jump)", map.evicted_by_run);
+  status->add("voxel size [unit of the poses]", map.voxel_size);
+  status->add("optimized paths", Concat(map.paths, " received on ", snapshot.optimized_path_topic, " (",
+                                        snapshot.optimized_path_publishers, " publisher(s))"));
+  status->add("loop corrections (paths that moved keyframes)", map.corrections);
+  status->add("keyframes re-posed, all corrections together", map.reposed);
+  status->add("poses of the last optimized path without a keyframe",
+              Concat(map.path_unmatched, " of ", map.path_poses));
+  for (const auto& [reason, entry] : snapshot.incidents) {
+    const std::string text = Concat(entry.count, " (", entry.last_message, ")");
+    status->add("incident: " + reason, text);
+    if (snapshot.now_s - entry.last_time_s <= kRecentS) status->mergeSummary(DiagnosticStatus::WARN, text);
+  }
+}
+
+void DescribeMappers(const MapSnapshot& snapshot, DiagnosticStatusWrapper* status) {
+  status->summary(DiagnosticStatus::OK, Concat("keyframes of ", snapshot.mappers.size(), " mapper(s)"));
+  status->add("publishers of " + snapshot.keyframe_topic, snapshot.keyframe_publishers);
+  if (snapshot.keyframe_publishers == 0) {
+    status->mergeSummary(DiagnosticStatus::WARN,
+                         Concat("nobody publishes ", snapshot.keyframe_topic, ": is a mapper running?"));
+  }
+  for (const auto& [name, mapper] : snapshot.mappers) {
+    const long silent_s = std::lround(std::max(0.0, snapshot.now_s - mapper.last_received_s));
+    status->add(name, Concat(mapper.received, " messages, the last ", silent_s, " s ago; ", mapper.lost, " lost"));
+  }
+}
+
+}  // namespace acmp

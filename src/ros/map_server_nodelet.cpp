@@ -1,0 +1,225 @@
+#include "acmp_mapping/ros/map_server_nodelet.h"
+
+#include <tf2_eigen/tf2_eigen.h>
+#include <boost/make_shared.hpp>
+#include <pluginlib/class_list_macros.hpp>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/ros/input_conversion.h"
+#include "acmp_mapping/ros/input_sources.h"
+#include "acmp_mapping/ros/optimized_path.h"
+#include "acmp_mapping/ros/output_conversion.h"
+#include "acmp_mapping/ros/services.h"
+#include "acmp_mapping/ros/topic_names.h"
+
+namespace acmp {
+namespace {
+
+using acmp_mapping::KeyframePoints;
+using acmp_mapping::SaveMap;
+using diagnostic_updater::DiagnosticStatusWrapper;
+
+constexpr double kMapPeriodS = 0.1;  ///< how often the map's rate limit is looked at
+constexpr uint32_t kPathQueue = 2;   ///< each path replaces the one before
+constexpr uint32_t kKeyframeQueue =
+    0;  ///< no limit: keyframes are thinned faster than they are made, and none may be lost
+
+}  // namespace
+
+MapServerNodelet::~MapServerNodelet() {
+  input_thread_.Stop();  // services that wait for it return
+  service_thread_.Stop();
+  status_thread_.Stop();
+  if (master_watch_) master_watch_->Stop();
+}
+
+void MapServerNodelet::onInit() {
+  try {
+    LoadOptions();
+    map_ = std::make_unique<MapStore>(options_.map);
+    map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get());
+    path_ = status_thread_.Attach(getNodeHandle()).advertise<nav_msgs::Path>(names::kKeyframePath, 1, true);
+    Subscribe();
+    StartServices();
+    StartDiagnostics();
+    master_watch_ = std::make_unique<MasterWatch>(
+        getNodeHandle(), [this](const std::string& news) { NODELET_WARN("%s", news.c_str()); });
+    for (CallbackThread* thread : {&input_thread_, &service_thread_, &status_thread_}) thread->Start();
+    master_watch_->Start();
+  } catch (const std::exception& error) {
+    NODELET_FATAL("cannot start: %s", error.what());
+    throw;
+  }
+  NODELET_INFO("maps the keyframes of %s", keyframes_.getTopic().c_str());
+}
+
+void MapServerNodelet::LoadOptions() {
+  XmlRpc::XmlRpcValue values;
+  getPrivateNodeHandle().getParam(getPrivateNodeHandle().getNamespace(), values);
+  ParameterReader reader(values);
+  reader.Allow("diagnostic_period");   // diagnostic_updater
+  reader.Allow("num_worker_threads");  // a nodelet manager of the same name
+  options_ = LoadMapServerOptions(&reader);
+  reader.CheckUnknown();
+}
+
+void MapServerNodelet::Subscribe() {
+  ros::NodeHandle nh = input_thread_.Attach(getNodeHandle());
+  const boost::function<void(const acmp_mapping::KeyframePointsConstPtr&)> receive =
+      [this](const acmp_mapping::KeyframePointsConstPtr& message) { Receive(*message); };
+  keyframes_ = nh.subscribe<KeyframePoints>(names::kKeyframePoints, kKeyframeQueue, receive, ros::VoidConstPtr(),
+                                            ros::TransportHints().tcpNoDelay());
+  const boost::function<void(const nav_msgs::PathConstPtr&)> correct = [this](const nav_msgs::PathConstPtr& message) {
+    HandleOptimizedPath(*message);
+  };
+  optimized_path_ = nh.subscribe(names::kOptimizedPath, kPathQueue, correct);
+}
+
+void MapServerNodelet::StartServices() {
+  ros::NodeHandle nh = service_thread_.Attach(getPrivateNodeHandle());
+  services_.push_back(AdvertiseTrigger(nh, names::kReset, [this] {
+    WaitForArrived();
+    map_->Clear();
+    return "the map is empty";
+  }));
+  services_.push_back(AdvertiseTrigger(nh, names::kPublishMap, [this] {
+    WaitForArrived();
+    return Concat("published ", map_output_->Publish(), " points");
+  }));
+  const boost::function<bool(SaveMap::Request&, SaveMap::Response&)> save = [this](SaveMap::Request& request,
+                                                                                   SaveMap::Response& response) {
+    try {
+      WaitForArrived();
+      response = map_output_->Save(request);
+    } catch (const std::exception& error) {
+      response.success = false;
+      response.message = error.what();
+    }
+    return true;
+  };
+  services_.push_back(nh.advertiseService(names::kSaveMap, save));
+  publish_timer_ =
+      nh.createWallTimer(ros::WallDuration(kMapPeriodS), [this](const ros::WallTimerEvent&) { HandlePeriod(); });
+}
+
+void MapServerNodelet::StartDiagnostics() {
+  ros::NodeHandle nh = status_thread_.Attach(getNodeHandle());
+  updater_ = std::make_unique<diagnostic_updater::Updater>(nh, getPrivateNodeHandle(), getName());
+  updater_->setHardwareID("none");
+  snapshot_ = TakeSnapshot();
+  updater_->add("map", [this](DiagnosticStatusWrapper& status) { DescribeMap(snapshot_, &status); });
+  updater_->add("mappers", [this](DiagnosticStatusWrapper& status) { DescribeMappers(snapshot_, &status); });
+  status_timer_ = nh.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) {
+    snapshot_ = TakeSnapshot();
+    updater_->force_update();
+  });
+}
+
+void MapServerNodelet::Receive(const KeyframePoints& message) {
+  try {
+    const KeyframePointsHead head = ReadHead(message);
+    CountMessage(head.key.mapper, message.count);
+    CheckFrame(head);
+    AddKeyframe(head, message);
+  } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
+    Report({"bad_keyframe", Concat("keyframe ", message.id, " of \"", message.mapper, "\": ", error.what())});
+  }
+}
+
+void MapServerNodelet::CountMessage(const std::string& mapper, uint64_t count) {
+  const auto [last, is_new] = counts_.try_emplace(mapper, count);
+  // A mapper that was started again counts from the beginning.
+  const uint64_t lost = !is_new && count > last->second ? count - last->second - 1 : 0;
+  last->second = count;
+  if (lost > 0) Report({"keyframes_lost", Concat(lost, " messages of ", mapper, " were lost on the way")});
+  std::lock_guard<std::mutex> lock(mutex_);
+  MapperTraffic& traffic = mappers_[mapper];
+  ++traffic.received;
+  traffic.lost += lost;
+  traffic.last_received_s = SteadySeconds();
+}
+
+void MapServerNodelet::CheckFrame(const KeyframePointsHead& head) {
+  if (world_frame_.empty()) world_frame_ = head.world_frame;
+  if (head.world_frame == world_frame_) return;
+  Report({"other_world_frame", Concat("keyframes of ", head.key.mapper, " are in \"", head.world_frame,
+                                      "\", the map is in \"", world_frame_, "\": taken as if they were in the map's")});
+}
+
+void MapServerNodelet::AddKeyframe(const KeyframePointsHead& head, const KeyframePoints& message) {
+  const PointCloud points = ToPointCloud(message.points);
+  if (message.replaces) {
+    map_->Replace(head.key, points);  // where it is not in the map any more, that is counted there
+    return;
+  }
+  if (!map_->Add(head.key, head.pose, points)) {
+    return Report({"keyframe_twice", Concat("keyframe ", head.key.id, " of ", head.key.mapper,
+                                            " has come already: have two mappers the same name?")});
+  }
+  path_frame_ = head.path_frame;
+  newest_stamp_ns_ = head.pose.stamp_ns;
+  map_output_->SetHeader(world_frame_, newest_stamp_ns_);
+  PublishPath();
+}
+
+void MapServerNodelet::HandleOptimizedPath(const nav_msgs::Path& message) {
+  try {
+    const OptimizedPath path =
+        ToOptimizedPath(message, path_frame_, [this](const Incident& incident) { Report(incident); });
+    const ReposeResult result = map_->Repose(path.poses);
+    const Incident doubt = DescribeDoubt(path, result, path_frame_);
+    if (!doubt.message.empty()) Report(doubt);
+    if (!result.moved.empty()) PublishPath();
+  } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
+    Report({"bad_optimized_path", Concat("optimized_path: ", error.what())});
+  }
+}
+
+void MapServerNodelet::PublishPath() {
+  auto path = boost::make_shared<nav_msgs::Path>();
+  path->header.stamp.fromNSec(static_cast<uint64_t>(newest_stamp_ns_));
+  path->header.frame_id = world_frame_;
+  for (const StampedPose& pose : map_->Path()) {
+    path->poses.emplace_back();
+    path->poses.back().header.stamp.fromNSec(static_cast<uint64_t>(pose.stamp_ns));
+    path->poses.back().header.frame_id = world_frame_;
+    path->poses.back().pose = tf2::toMsg(pose.pose);
+  }
+  path_.publish(path);
+}
+
+void MapServerNodelet::WaitForArrived() {
+  if (!input_thread_.Drain()) throw ProcessingError("the map server is shutting down");
+}
+
+void MapServerNodelet::HandlePeriod() {
+  try {
+    map_output_->PublishIfDue(options_.map_publish_rate);
+  } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
+    Report({"map_error", Concat("the map was not published: ", error.what())});
+  }
+}
+
+void MapServerNodelet::Report(const Incident& incident) {
+  if (incidents_.Record(incident, SteadySeconds())) {
+    NODELET_WARN("%s: %s", incident.reason.c_str(), incident.message.c_str());
+  }
+}
+
+MapSnapshot MapServerNodelet::TakeSnapshot() {
+  MapSnapshot snapshot;
+  snapshot.now_s = SteadySeconds();
+  snapshot.map = map_->statistics();
+  snapshot.optimized_path_topic = optimized_path_.getTopic();
+  snapshot.optimized_path_publishers = optimized_path_.getNumPublishers();
+  snapshot.keyframe_topic = keyframes_.getTopic();
+  snapshot.keyframe_publishers = keyframes_.getNumPublishers();
+  snapshot.incidents = incidents_.entries();
+  std::lock_guard<std::mutex> lock(mutex_);
+  snapshot.mappers = mappers_;
+  return snapshot;
+}
+
+}  // namespace acmp
+
+PLUGINLIB_EXPORT_CLASS(acmp::MapServerNodelet, nodelet::Nodelet)

@@ -1,0 +1,225 @@
+#include "acmp_mapping/map/map_store.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <utility>
+
+#include <gtest/gtest.h>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+PointCloud PlaneAt(float z, int side, float spacing) {
+  PointCloud points;
+  for (int i = 0; i < side; ++i) {
+    for (int j = 0; j < side; ++j) {
+      points.push_back({{(i + 0.5f) * spacing, (j + 0.5f) * spacing, z}, {0, 0, -1}, {10, 20, 30}, 0.5f});
+    }
+  }
+  return points;
+}
+
+RigidTransform Shifted(double x) {
+  RigidTransform pose = RigidTransform::Identity();
+  pose.translation().x() = x;
+  return pose;
+}
+
+KeyframeKey Key(uint64_t id, const std::string& mapper = "mapper", uint64_t run = 7) { return {mapper, run, id}; }
+
+void Add(MapStore* store, const KeyframeKey& key, const RigidTransform& world_from_cam, const PointCloud& points) {
+  EXPECT_TRUE(store->Add(key, {static_cast<int64_t>(key.id) * 100000000, world_from_cam, {}}, points));
+}
+
+void Add(MapStore* store, uint64_t id, const RigidTransform& world_from_cam, const PointCloud& points) {
+  Add(store, Key(id), world_from_cam, points);
+}
+
+bool Same(const PointCloud& a, const PointCloud& b) {
+  return a.size() == b.size() && std::equal(a.begin(), a.end(), b.begin(), [](const auto& p, const auto& q) {
+           return p.position.x == q.position.x && p.position.y == q.position.y && p.position.z == q.position.z &&
+                  p.confidence == q.confidence;
+         });
+}
+
+TEST(MapStore, PutsKeyframesIntoTheWorld) {
+  MapStore store({10, 0.1});
+  EXPECT_TRUE(store.WorldCloud().empty());
+  RigidTransform turned = RigidTransform::Identity();  // world x = camera z
+  turned.linear() << 0, 0, 1, 0, 1, 0, -1, 0, 0;
+  turned.translation() << 5, 0, 0;
+  Add(&store, 0, turned, {{{0.05f, 0.05f, 2.05f}, {0, 0, -1}, {1, 2, 3}, 0.25f}});
+  const PointCloud map = store.WorldCloud();
+  ASSERT_EQ(map.size(), 1u);
+  // float32 of values below 10
+  EXPECT_NEAR(map[0].position.x, 7.05, 1e-5);
+  EXPECT_NEAR(map[0].position.y, 0.05, 1e-5);
+  EXPECT_NEAR(map[0].position.z, -0.05, 1e-5);
+  EXPECT_NEAR(map[0].normal.x, -1, 1e-5);
+  EXPECT_EQ(map[0].color.g, 2);
+}
+
+TEST(MapStore, ThinsToOnePointPerVoxelAcrossKeyframes) {
+  MapStore store({10, 0.1});
+  Add(&store, 0, Shifted(0), PlaneAt(1.05f, 20, 0.05f));  // 1 m x 1 m
+  EXPECT_EQ(store.statistics().points, 100u);
+  Add(&store, 1, Shifted(0.5), PlaneAt(1.05f, 20, 0.05f));
+  EXPECT_EQ(store.statistics().points, 200u);
+  EXPECT_EQ(store.WorldCloud().size(), 150u) << "the overlap counts once";
+}
+
+TEST(MapStore, PointsOfAKeyframeAreReplacedWhereItStillIs) {
+  MapStore store({2, 0.1});
+  Add(&store, 3, Shifted(0), PlaneAt(1.05f, 20, 0.05f));
+  const uint64_t version = store.version();
+  EXPECT_TRUE(store.Replace(Key(3), PlaneAt(2.05f, 10, 0.05f)));
+  EXPECT_NE(store.version(), version);
+  EXPECT_EQ(store.statistics().points, 25u);
+  EXPECT_EQ(store.statistics().keyframes, 1u);
+  ASSERT_EQ(store.WorldCloud().size(), 25u);
+  EXPECT_NEAR(store.WorldCloud()[0].position.z, 2.05, 1e-5);
+  EXPECT_TRUE(store.Replace(Key(3), {}));
+  EXPECT_TRUE(store.WorldCloud().empty());
+  EXPECT_TRUE(store.Replace(Key(3), PlaneAt(1.05f, 2, 0.1f))) << "no points are points, too";
+  EXPECT_EQ(store.statistics().replaced, 3u);
+
+  EXPECT_FALSE(store.Replace(Key(4), PlaneAt(1.05f, 2, 0.05f))) << "it has not come";
+  EXPECT_FALSE(store.Replace(Key(3, "other"), PlaneAt(1.05f, 2, 0.05f))) << "another mapper's";
+  EXPECT_FALSE(store.Replace(Key(3, "mapper", 8), PlaneAt(1.05f, 2, 0.05f))) << "another run's";
+  Add(&store, 5, Shifted(1), PlaneAt(1.05f, 2, 0.1f));
+  Add(&store, 6, Shifted(2), PlaneAt(1.05f, 2, 0.1f));
+  EXPECT_FALSE(store.Replace(Key(3), PlaneAt(1.05f, 20, 0.05f))) << "it has made room";
+  EXPECT_EQ(store.statistics().points, 8u);
+  EXPECT_EQ(store.statistics().not_replaced, 4u);
+
+  MapStore empty({2, 0});
+  EXPECT_FALSE(empty.Replace(Key(0), PlaneAt(1.05f, 20, 0.05f)));
+  EXPECT_EQ(empty.statistics().voxel_size, 0) << "refused points tell nothing about the scene";
+}
+
+TEST(MapStore, RefusesAKeyframeThatIsThere) {
+  MapStore store({10, 0.1});
+  Add(&store, 3, Shifted(0), PlaneAt(1.05f, 2, 0.1f));
+  const uint64_t version = store.version();
+  EXPECT_FALSE(store.Add(Key(3), {0, Shifted(5), {}}, PlaneAt(1.05f, 20, 0.1f)));
+  EXPECT_EQ(store.version(), version);
+  EXPECT_EQ(store.statistics().points, 4u);
+}
+
+TEST(MapStore, MapsOfTwoMappersAreOneAndTheirOrderDoesNotCount) {
+  // Points of unequal weights that share voxels: sums depend on their order.
+  const auto points = [](uint64_t id) {
+    PointCloud cloud = PlaneAt(1.05f, 20, 0.03f);
+    for (size_t i = 0; i < cloud.size(); ++i) cloud[i].confidence = 1.0f / static_cast<float>(3 + (i * 7 + id) % 11);
+    return cloud;
+  };
+  MapStore one({100, 0.1}), other({100, 0.1}), left({100, 0.1}), right({100, 0.1});
+  for (uint64_t id = 0; id < 5; ++id) {
+    const RigidTransform left_pose = Shifted(0.013 * static_cast<double>(id)), right_pose = Shifted(0.31);
+    Add(&one, Key(id, "left"), left_pose, points(id));
+    Add(&one, Key(id, "right"), right_pose, points(id + 50));
+    Add(&left, Key(id, "left"), left_pose, points(id));
+    Add(&right, Key(id, "right"), right_pose, points(id + 50));
+  }
+  for (uint64_t id = 0; id < 5; ++id) Add(&other, Key(id, "right"), Shifted(0.31), points(id + 50));
+  for (uint64_t id = 0; id < 5; ++id) {
+    Add(&other, Key(id, "left"), Shifted(0.013 * static_cast<double>(id)), points(id));
+  }
+  EXPECT_EQ(one.statistics().keyframes, 10u);
+  EXPECT_TRUE(Same(one.WorldCloud(), other.WorldCloud()));
+  // A voxel is occupied in the map of both where it is in one of the two.
+  const auto voxels = [](const PointCloud& cloud) {
+    std::set<std::pair<long, long>> found;
+    for (const SurfacePoint& p : cloud) found.emplace(std::floor(p.position.x / 0.1), std::floor(p.position.y / 0.1));
+    return found;
+  };
+  auto both = voxels(left.WorldCloud());
+  const auto of_right = voxels(right.WorldCloud());
+  EXPECT_LT(both.size(), voxels(one.WorldCloud()).size());
+  both.insert(of_right.begin(), of_right.end());
+  EXPECT_EQ(voxels(one.WorldCloud()), both);
+}
+
+TEST(MapStore, ChoosesAVoxelSizeInProportionToTheScene) {
+  for (const float scale : {0.001f, 1.0f, 1000.0f}) {
+    MapStore store({10, 0});
+    Add(&store, 0, Shifted(0), {});  // tells nothing about the scene
+    EXPECT_EQ(store.statistics().voxel_size, 0);
+    Add(&store, 1, Shifted(0), PlaneAt(4 * scale, 3, scale));
+    EXPECT_NEAR(store.statistics().voxel_size, 0.02 * scale, 1e-6 * scale);  // float32
+    Add(&store, 2, Shifted(0), PlaneAt(40 * scale, 3, scale));
+    EXPECT_NEAR(store.statistics().voxel_size, 0.02 * scale, 1e-6 * scale) << "the grid stays";
+  }
+}
+
+TEST(MapStore, EvictsTheOldestKeyframes) {
+  MapStore store({2, 0.1});
+  for (int i = 0; i < 5; ++i) Add(&store, i, Shifted(10.0 * i), PlaneAt(1, 1, 0.1f));
+  const MapStatistics statistics = store.statistics();
+  EXPECT_EQ(statistics.keyframes, 2u);
+  EXPECT_EQ(statistics.evicted, 3u);
+  EXPECT_EQ(statistics.points, 2u);
+  for (const SurfacePoint& point : store.WorldCloud()) EXPECT_GT(point.position.x, 29);
+}
+
+TEST(MapStore, EvictsWhatIsFartherThanTheRadiusFromTheNewest) {
+  MapStore store({100, 0.1, 25});
+  for (int i = 0; i < 5; ++i) Add(&store, i, Shifted(10.0 * i), PlaneAt(1, 1, 0.1f));
+  MapStatistics statistics = store.statistics();
+  EXPECT_EQ(statistics.keyframes, 3u) << "at 20, 30 and 40";
+  EXPECT_EQ(statistics.evicted_by_radius, 2u);
+  EXPECT_EQ(statistics.evicted, 0u) << "counted apart";
+  EXPECT_EQ(statistics.points, 3u);
+  EXPECT_EQ(store.Path().size(), 3u);
+  // Back where it came from: order does not count, distance does.
+  Add(&store, 5, Shifted(5), PlaneAt(1, 1, 0.1f));
+  EXPECT_EQ(store.statistics().keyframes, 3u) << "at 20, 30 and 5";
+}
+
+TEST(MapStore, TheRadiusCountsFromTheNewestKeyframeOfEachMapper) {
+  MapStore store({100, 0.1, 25});
+  Add(&store, Key(0, "here"), Shifted(0), PlaneAt(1, 1, 0.1f));
+  Add(&store, Key(0, "far away"), Shifted(1000), PlaneAt(1, 1, 0.1f));
+  Add(&store, Key(1, "far away"), Shifted(1020), PlaneAt(1, 1, 0.1f));
+  EXPECT_EQ(store.statistics().keyframes, 3u);
+  Add(&store, Key(2, "far away"), Shifted(1040), PlaneAt(1, 1, 0.1f));
+  EXPECT_EQ(store.statistics().keyframes, 3u) << "at 0, 1020 and 1040";
+  EXPECT_EQ(store.statistics().evicted_by_radius, 1u);
+}
+
+TEST(MapStore, KeyframesOfEarlierRunsAreKeptOrNot) {
+  for (const bool keep : {true, false}) {
+    MapStore store({100, 0.1, 0, keep});
+    for (uint64_t id = 0; id < 3; ++id) {
+      Add(&store, Key(id, "a", 100), Shifted(0), PlaneAt(1, 1, 0.1f));
+      Add(&store, Key(id, "b", 200), Shifted(1), PlaneAt(1, 1, 0.1f));
+    }
+    Add(&store, Key(3, "a", 101), Shifted(2), PlaneAt(1, 1, 0.1f));
+    EXPECT_EQ(store.statistics().keyframes, keep ? 7u : 4u) << "those of b have nothing to do with it";
+    EXPECT_EQ(store.statistics().evicted_by_run, keep ? 0u : 3u);
+  }
+}
+
+TEST(MapStore, ClearForgetsAllAndChangesTheVersion) {
+  MapStore store({2, 0});
+  const uint64_t empty = store.version();
+  Add(&store, 0, Shifted(0), PlaneAt(1, 2, 0.1f));
+  const uint64_t one = store.version();
+  EXPECT_NE(one, empty);
+  store.Clear();
+  EXPECT_NE(store.version(), one);
+  EXPECT_TRUE(store.WorldCloud().empty());
+  EXPECT_EQ(store.statistics().voxel_size, 0) << "another scene may have another scale";
+}
+
+TEST(MapStore, RefusesBadOptions) {
+  EXPECT_THROW(MapStore({0, 0.1}), InvalidInputError);
+  EXPECT_THROW(MapStore({1, -0.1}), InvalidInputError);
+  EXPECT_THROW(MapStore({1, 0.1, -1}), InvalidInputError);
+}
+
+}  // namespace
+}  // namespace acmp

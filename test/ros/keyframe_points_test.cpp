@@ -1,0 +1,80 @@
+#include "acmp_mapping/ros/keyframe_points.h"
+
+#include <limits>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "acmp_mapping/ros/output_conversion.h"
+#include "ros/options_support.h"
+
+namespace acmp {
+namespace {
+
+using test::Refusal;
+using ::testing::HasSubstr;
+
+KeyframeOutput MakeOutput() {
+  auto frame = std::make_shared<Frame>();
+  frame->id = 42;
+  auto maps = std::make_shared<KeyframeDepth>();
+  maps->frame = std::move(frame);
+  KeyframeOutput output;
+  output.origin.stamp_ns = 1403636579763555584;
+  output.origin.camera_frame = "cam";
+  output.origin.world_frame = "world";
+  output.origin.world_from_cam.translation() << 1.0 / 3, 2e5, -3;
+  output.origin.world_from_cam.rotate(Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 3).normalized()));
+  output.origin.path.child_from_cam->translation() << 0.1, 0.2, 0.3;
+  output.origin.path.maps_world_to_child = true;
+  output.origin.path.tolerance_ns = 2500000;
+  output.origin.path_frame = "global";
+  output.run = 1700000000123456789;
+  output.maps = std::move(maps);
+  output.points_in_camera = {{{1, 2, 3}, {0, 0, -1}, {4, 5, 6}, 0.5f}, {{7, 8, 9}, {0, 0, -1}, {1, 1, 1}, 0.25f}};
+  return output;
+}
+
+TEST(KeyframePoints, ArriveAsTheyWereSent) {
+  const KeyframeOutput output = MakeOutput();
+  const auto message = ToKeyframePoints(output, "/acmp/dense_mapper", 17, true);
+  EXPECT_EQ(message->count, 17u);
+  EXPECT_TRUE(message->replaces);
+  EXPECT_EQ(message->points.header.frame_id, "cam");
+  const KeyframePointsHead head = ReadHead(*message);
+  EXPECT_EQ(head.key, (KeyframeKey{"/acmp/dense_mapper", output.run, 42}));
+  EXPECT_EQ(head.pose.stamp_ns, output.origin.stamp_ns);
+  EXPECT_EQ(head.pose.world_from_cam.matrix(), output.origin.world_from_cam.matrix()) << "bit by bit";
+  EXPECT_TRUE(head.pose.path.maps_world_to_child);
+  EXPECT_EQ(head.pose.path.child_from_cam->matrix(), output.origin.path.child_from_cam->matrix());
+  EXPECT_EQ(head.pose.path.tolerance_ns, output.origin.path.tolerance_ns);
+  EXPECT_EQ(head.world_frame, "world");
+  EXPECT_EQ(head.path_frame, "global");
+  const PointCloud points = ToPointCloud(message->points);
+  ASSERT_EQ(points.size(), 2u);
+  EXPECT_EQ(points[1].position.z, 9);
+  EXPECT_EQ(points[0].color.b, 6);
+}
+
+TEST(KeyframePoints, SayWhenTheExtrinsicIsNotKnown) {
+  KeyframeOutput output = MakeOutput();
+  output.origin.path.child_from_cam.reset();
+  EXPECT_FALSE(ReadHead(*ToKeyframePoints(output, "m", 1, false)).pose.path.child_from_cam);
+}
+
+TEST(KeyframePoints, BadOnesAreRefused) {
+  const auto message = ToKeyframePoints(MakeOutput(), "m", 1, false);
+  const auto refusal = [&](const std::function<void(acmp_mapping::KeyframePoints*)>& change) {
+    acmp_mapping::KeyframePoints bad = *message;
+    change(&bad);
+    return Refusal([&] { ReadHead(bad); });
+  };
+  EXPECT_THAT(refusal([](auto* m) { m->mapper.clear(); }), HasSubstr("mapper is empty"));
+  EXPECT_THAT(refusal([](auto* m) { m->T_world_cam.fill(0); }), HasSubstr("T_world_cam"));
+  EXPECT_THAT(refusal([](auto* m) { m->path_T_child_cam[0] = 5; }), HasSubstr("path_T_child_cam"));
+  EXPECT_THAT(refusal([](auto* m) { m->path_tolerance = std::numeric_limits<double>::quiet_NaN(); }),
+              HasSubstr("path_tolerance"));
+}
+
+}  // namespace
+}  // namespace acmp
