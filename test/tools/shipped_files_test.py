@@ -27,10 +27,14 @@ def interface_names():
         return set(re.findall(r'constexpr char k\w+\[\] = "([^"]+)";', file.read()))
 
 
-def parameter_names():
+def parameters():
     """Of the shipped file, with those that it leaves to the preset: "#name: value"."""
     with open(os.path.join(SOURCE, "config/acmp_mapping.yaml")) as file:
-        return set(yaml.safe_load(re.sub(r"^#(?=\w)", "", file.read(), flags=re.MULTILINE)))
+        return yaml.safe_load(re.sub(r"^#(?=\w)", "", file.read(), flags=re.MULTILINE))
+
+
+def parameter_names():
+    return set(parameters())
 
 
 def load(launch, *arguments):
@@ -59,21 +63,8 @@ class LaunchFiles(unittest.TestCase):
     def test_all_are_tested_here(self):
         paths = glob.glob(os.path.join(SOURCE, "launch/**/*.launch"), recursive=True)
         names = sorted(os.path.relpath(path, os.path.join(SOURCE, "launch")) for path in paths)
-        self.assertEqual(names, sorted(["demo.launch", "dense_mapper.launch", "shards.launch"] +
+        self.assertEqual(names, sorted(["demo.launch", "dense_mapper.launch"] +
                                        ["frontends/" + n for n in FRONTENDS] + ["consumers/" + n for n in CONSUMERS]))
-
-    def test_shards_take_what_a_mapper_takes(self):
-        mapper, shards = launch_arguments("dense_mapper.launch"), launch_arguments("shards.launch")
-        for name in set(mapper) - {"namespace"}:  # which is set for each shard
-            self.assertIn(name, shards)
-            self.assertEqual(mapper[name], shards[name], name)
-        config = load("shards.launch", "pose_source:=odom")
-        for index in (0, 1):
-            prefix = f"/acmp/shard_{index}/dense_mapper/"
-            self.assertEqual(config.params[prefix + "shard_index"].value, index)
-            self.assertEqual(config.params[prefix + "shard_count"].value, 2)
-            self.assertEqual(config.params[prefix + "pose_source"].value, "odom")
-        self.assertIn("/acmp/map_merger", node_names(config))
 
     def test_names_are_unique(self):
         names = FRONTENDS + CONSUMERS  # "roslaunch acmp_mapping NAME" looks in all folders
@@ -108,6 +99,18 @@ class LaunchFiles(unittest.TestCase):
         self.assertLessEqual(set(values), parameter_names())
         for name, value in overrides.items():
             self.assertEqual(values[name], value)
+
+    def test_every_argument_that_names_a_parameter_sets_it(self):
+        defaults = parameters()
+        names = sorted(set(launch_arguments("dense_mapper.launch")) & set(defaults))
+        self.assertGreaterEqual(set(names), {"device", "preset", "max_image_size", "max_source_views", "lookahead"})
+        for name in set(names) - {"T_body_cam"}:
+            with self.subTest(name):
+                wanted = {int: 5, float: 0.75, str: "other"}[type(defaults[name])]
+                self.assertNotEqual(wanted, defaults[name])
+                values = mapper_parameters(load("dense_mapper.launch", "%s:=%s" % (name, wanted)))
+                self.assertEqual(values[name], wanted)
+                self.assertEqual(type(values[name]), type(defaults[name]))
 
     def test_values_of_an_earlier_start_are_forgotten(self):
         for standalone in ("true", "false"):
