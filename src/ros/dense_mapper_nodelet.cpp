@@ -77,14 +77,14 @@ void DenseMapperNodelet::LoadOptions() {
   RuntimeOptions start;
   start.mapper.pipeline = MakePreset(options_.preset);
   const RuntimeOptions runtime_options = LoadRuntimeOptions(&reader, start);
-  reader.CheckUnknown();
-  config_ = ToConfig(runtime_options);
+  map_options_ = LoadMapServerOptions(&reader);
+  for (const std::string& warning : reader.DescribeUnknown()) NODELET_WARN("%s", warning.c_str());
   runtime_options_ = std::make_unique<SharedOptions>(runtime_options);
 }
 
 void DenseMapperNodelet::StartWorker() {
   const RuntimeOptions runtime_options = runtime_options_->Get();
-  map_ = std::make_unique<MapStore>(runtime_options.map);
+  map_ = std::make_unique<MapStore>(map_options_.map);
   map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get());
   MakeIntake(runtime_options);
   MapperWorker::Hooks hooks;
@@ -159,8 +159,11 @@ void DenseMapperNodelet::LogDevice(const WorkerStatus& status) {
 
 void DenseMapperNodelet::StartReconfigure() {
   const ros::NodeHandle nh = status_thread_.Attach(getPrivateNodeHandle());
-  config_.__toServer__(nh);  // the server starts from there
+  ToConfig(runtime_options_->Get()).__toServer__(nh);  // the server starts from there
   reconfigure_ = std::make_unique<dynamic_reconfigure::Server<DenseMapperConfig>>(config_mutex_, nh);
+  const auto [least, largest] = ConfigBounds();
+  reconfigure_->setConfigMin(least);
+  reconfigure_->setConfigMax(largest);
   reconfigure_->setCallback([this](DenseMapperConfig& config, uint32_t) { HandleConfig(config); });
 }
 
@@ -227,12 +230,16 @@ bool DenseMapperNodelet::DropWhilePaused(const std_msgs::Header& header) {
 }
 
 void DenseMapperNodelet::HandleConfig(DenseMapperConfig& config) {
-  for (const std::string& change : MakeValid(config_, &config)) NODELET_WARN("%s", change.c_str());
-  config_ = config;
-  const RuntimeOptions runtime_options = FromConfig(config);
-  runtime_options_->Set(runtime_options);
-  std::lock_guard<std::mutex> lock(intake_mutex_);
-  intake_->set_gate(runtime_options.gate, FallbackDepth(runtime_options.mapper));
+  const RuntimeOptions current = runtime_options_->Get();
+  try {
+    const RuntimeOptions wanted = FromConfig(config, current);
+    runtime_options_->Set(wanted);
+    std::lock_guard<std::mutex> lock(intake_mutex_);
+    intake_->set_gate(wanted.gate, FallbackDepth(wanted.mapper));
+  } catch (const InvalidInputError& error) {
+    NODELET_WARN("the change of parameters was refused: %s", error.what());
+    config = ToConfig(current);
+  }
 }
 
 void DenseMapperNodelet::Deliver(bool all) {
@@ -267,7 +274,7 @@ void DenseMapperNodelet::Dispatch(IntakeEvent event) {
     if (tf_) tf_->Clear();
     NODELET_WARN("time jumped back from image %s to %s: buffers and window are cleared",
                  FormatStamp(jump->from_ns).c_str(), FormatStamp(jump->to_ns).c_str());
-    return worker_->StartOver(options_.on_time_jump == TimeJumpPolicy::kReset);
+    return worker_->StartOver(map_options_.on_time_jump == TimeJumpPolicy::kReset);
   }
   ++matched_;
   worker_->Push(std::move(std::get<KeyframeInput>(event)));
@@ -312,7 +319,7 @@ void DenseMapperNodelet::PublishPath() {
 
 void DenseMapperNodelet::HandlePeriod() {
   try {
-    map_output_->PublishIfDue(runtime_options_->Get().output.map_publish_rate);
+    map_output_->PublishIfDue(map_options_.map_publish_rate);
   } catch (const std::exception& error) {  // a thrown exception would end the whole manager
     ReportDrop({"map_error", Concat("the map was not published: ", error.what())});
   }

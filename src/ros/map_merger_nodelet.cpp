@@ -19,9 +19,10 @@ using diagnostic_msgs::DiagnosticStatus;
 using diagnostic_updater::DiagnosticStatusWrapper;
 
 constexpr double kPeriodS = 0.1;
-constexpr uint32_t kPathQueue = 2;  ///< each path replaces the one before
-constexpr uint32_t kQueue = 200;    ///< keyframes; building a map does not hold them up
-constexpr double kRecentS = 5;      ///< incidents that young are worth a word, as in MapperDiagnostics
+constexpr uint32_t kPathQueue = 2;     ///< each path replaces the one before
+constexpr uint32_t kQueue = 200;       ///< keyframes; building a map does not hold them up
+constexpr double kRecentS = 5;         ///< incidents that young are worth a word, as in MapperDiagnostics
+constexpr double kShardTimeoutS = 10;  ///< keyframes wait so long for an earlier one
 
 }  // namespace
 
@@ -80,8 +81,9 @@ void MapMergerNodelet::LoadOptions() {
   ParameterReader reader(values);
   reader.Allow("diagnostic_period");   // diagnostic_updater
   reader.Allow("num_worker_threads");  // a nodelet manager of the same name
-  options_ = LoadMapMergerOptions(&reader);
-  reader.CheckUnknown();
+  options_ = LoadMapServerOptions(&reader);
+  poses_ = LoadNodeOptions(&reader);
+  for (const std::string& warning : reader.DescribeUnknown()) NODELET_WARN("%s", warning.c_str());
 }
 
 void MapMergerNodelet::StartServices() {
@@ -169,8 +171,9 @@ void MapMergerNodelet::HandleOptimizedPath(const nav_msgs::Path& path) {
     }
   };
   ApplyOptimizedPath(
-      path, world_frame, [this](const RigidTransform& received) { return WorldFromCamera(options_.path, received); },
-      options_.sync_tolerance_s, map_.get(), [this](const Drop& drop) { ReportDrop(drop); }, on_doubt);
+      path, world_frame,
+      [this](const RigidTransform& received) { return WorldFromCamera(PathSemantics(poses_), received); },
+      poses_.matcher.sync_tolerance_s, map_.get(), [this](const Drop& drop) { ReportDrop(drop); }, on_doubt);
 }
 
 void MapMergerNodelet::GiveUp() {
@@ -182,7 +185,7 @@ void MapMergerNodelet::HandlePeriod() {
   bool late = false;
   {
     std::lock_guard<std::mutex> lock(mutex_);
-    late = sequence_.held() > 0 && SteadySeconds() - last_progress_s_ > options_.shard_timeout_s;
+    late = sequence_.held() > 0 && SteadySeconds() - last_progress_s_ > kShardTimeoutS;
   }
   if (late) GiveUp();
   try {

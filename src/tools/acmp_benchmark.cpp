@@ -57,7 +57,7 @@ void Run(const Arguments& arguments) {
   }
 #endif
   PipelineOptions options = MakePreset(arguments.preset);
-  for (const std::string& assignment : arguments.set) SetParameter(assignment, &options);
+  for (const std::string& assignment : arguments.set) SetOption(PipelineOptionTable(), assignment, &options);
   Validate(options);
   for (const std::string& text : arguments.sizes) {
     const ImageSize size = ParseSize(text);

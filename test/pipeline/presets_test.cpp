@@ -1,14 +1,10 @@
 #include "acmp_mapping/pipeline/presets.h"
 
-#include <map>
-#include <set>
-
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/pipeline/depth_engine.h"
-#include "acmp_mapping/pipeline/parameters.h"
 
 namespace acmp {
 namespace {
@@ -55,34 +51,6 @@ TEST(PresetsTest, OnlineTakesAllStepsWithLessWork) {
   EXPECT_EQ(online.patch_match.median_filter, acmp.patch_match.median_filter);
   EXPECT_EQ(online.planar_prior.max_support_cost, acmp.planar_prior.max_support_cost);
   EXPECT_EQ(online.fusion.min_consistent_views, acmp.fusion.min_consistent_views);
-}
-
-/// The names of the options in which two presets differ.
-std::set<std::string> Differences(PipelineOptions a, PipelineOptions b) {
-  std::map<std::string, double> values;
-  std::set<std::string> names;
-  VisitPipelineParameters(a, [&](const char* name, const auto& option) { values[name] = static_cast<double>(option); });
-  VisitPipelineParameters(b, [&](const char* name, const auto& option) {
-    if (values.at(name) != static_cast<double>(option)) names.insert(name);
-  });
-  return names;
-}
-
-TEST(PresetsTest, DefaultOptionsAreAcmp) { EXPECT_THAT(Differences({}, MakePreset("acmp")), ::testing::IsEmpty()); }
-
-TEST(PresetsTest, DifferInWhatTheyAreNamedFor) {
-  using ::testing::UnorderedElementsAre;
-  const auto from_acmp = [](const char* name) { return Differences(MakePreset("acmp"), MakePreset(name)); };
-  EXPECT_THAT(from_acmp("acmh"), UnorderedElementsAre("use_planar_prior", "completion", "min_point_confidence",
-                                                      "candidate_view_votes", "alternate_regions", "settled_views"));
-  EXPECT_THAT(from_acmp("acmp_no_geometric"),
-              UnorderedElementsAre("geometric_passes", "completion", "min_point_confidence"));
-  EXPECT_THAT(from_acmp("acmmp"), UnorderedElementsAre("start_level", "full_size_iterations"));
-  EXPECT_THAT(Differences(MakePreset("acmmp"), MakePreset("acmm")),
-              UnorderedElementsAre("use_planar_prior", "completion", "min_point_confidence", "candidate_view_votes",
-                                   "alternate_regions", "settled_views"));
-  EXPECT_THAT(from_acmp("quality"), UnorderedElementsAre("photometric_iterations", "planar_prior_iterations",
-                                                         "completion_hide_nothing_evident"));
 }
 
 /// "c": completion, "g": geometric pass, in the order of the steps; those of a step together. "|": after the passes.

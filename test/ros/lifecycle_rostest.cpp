@@ -49,9 +49,7 @@ class LifecycleTest : public ::testing::Test {
     ASSERT_TRUE(ros::service::waitForService("/manager/load_nodelet", 60000));
     ros::param::del(kName);
     ros::param::set(std::string(kName) + "/device", "cpu");
-    ros::param::set(std::string(kName) + "/photometric_iterations", 1);
-    ros::param::set(std::string(kName) + "/planar_prior_iterations", 1);
-    ros::param::set(std::string(kName) + "/geometric_passes", 1);
+    ros::param::set(std::string(kName) + "/preset", "online");
     mapper().log.Clear();
     mapper().diagnostics.Clear();
   }

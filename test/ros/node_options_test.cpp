@@ -28,15 +28,13 @@ TEST(NodeOptions, ReadsEnumerations) {
                                  {"overload", std::string("block")},
                                  {"pose_is", std::string("T_cam_world")},
                                  {"sparse_frame", std::string("camera")},
-                                 {"keyframe_mode", std::string("gate")},
-                                 {"on_time_jump", std::string("reset")}}));
+                                 {"keyframe_mode", std::string("gate")}}));
   const NodeOptions options = LoadNodeOptions(&reader);
   EXPECT_EQ(options.device, Device::kCpu);
   EXPECT_EQ(options.overload, OverloadPolicy::kBlock);
   EXPECT_EQ(options.pose.direction, PoseSemantics::Direction::kCamFromWorld);
   EXPECT_EQ(options.sparse_frame, SparseFrame::kCamera);
   EXPECT_EQ(options.keyframe_mode, KeyframeMode::kGate);
-  EXPECT_EQ(options.on_time_jump, TimeJumpPolicy::kReset);
 }
 
 TEST(NodeOptions, RefusesBadValuesAndNamesThem) {
@@ -80,17 +78,22 @@ TEST(NodeOptions, RefusesABadExtrinsic) {
               HasSubstr("pose_child"));
 }
 
-TEST(NodeOptions, ShardsAreChecked) {
-  ParameterReader reader(Struct({{"shard_index", 2}, {"shard_count", 3}, {"shard_timeout", 60}}));
-  const NodeOptions options = LoadNodeOptions(&reader);
-  EXPECT_EQ(options.shard.index, 2);
-  EXPECT_EQ(options.shard.count, 3);
-  EXPECT_EQ(options.shard_timeout_s, 60);
-  EXPECT_THAT(NodeRefusal({{"shard_count", 0}}), AllOf(HasSubstr("~shard_count = 0"), HasSubstr("64")));
-  EXPECT_THAT(NodeRefusal({{"shard_index", 1}}), AllOf(HasSubstr("~shard_index = 1"), HasSubstr("[0, 0]")));
-  EXPECT_THAT(NodeRefusal({{"shard_timeout", 0}}), HasSubstr("~shard_timeout = 0"));
-  EXPECT_THAT(NodeRefusal({{"shard_count", 2}, {"overload", std::string("skip_if_busy")}}),
-              AllOf(HasSubstr("skip_if_busy"), HasSubstr("~shard_count")));
+TEST(NodeOptions, TheDeviceMayBeOneOfSeveral) {
+  EXPECT_EQ(Load({{"device", std::string("cuda")}}).cuda_device, 0);
+  const NodeOptions second = Load({{"device", std::string("cuda:1")}});
+  EXPECT_EQ(second.device, Device::kCuda);
+  EXPECT_EQ(second.cuda_device, 1);
+  const Option<NodeOptions>& option = NodeOptionTable().Find("device");
+  EXPECT_EQ(option.get(second), OptionValue(std::string("cuda:1")));
+  for (const char* bad : {"cuda:", "cuda:-1", "cuda:01", "cuda:64", "cuda:1 ", "CPU", ""}) {
+    EXPECT_THAT(NodeRefusal({{"device", std::string(bad)}}), HasSubstr("must be auto, cuda")) << bad;
+  }
+}
+
+TEST(NodeOptions, ThePathMayBeOfAnotherChild) {
+  EXPECT_EQ(PathSemantics(Load({{"pose_child", std::string("camera_flu")}})).child, PoseSemantics::Child::kCameraFlu);
+  EXPECT_EQ(PathSemantics(Load({{"path_child", std::string("body")}})).child, PoseSemantics::Child::kBody);
+  EXPECT_EQ(Load({{"path_child", std::string()}}).path_child, std::nullopt);
 }
 
 TEST(NodeOptions, ReadsPoseSources) {

@@ -15,6 +15,7 @@
 #include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
 #include "acmp_mapping/ros/map_output.h"
+#include "acmp_mapping/ros/map_server_options.h"
 #include "acmp_mapping/ros/mapper_diagnostics.h"
 #include "acmp_mapping/ros/mapper_services.h"
 #include "acmp_mapping/ros/mapper_worker.h"
@@ -75,6 +76,7 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   CallbackThread exchange_thread_;
 
   NodeOptions options_;
+  MapServerOptions map_options_;
   std::unique_ptr<SharedOptions> runtime_options_;
   std::unique_ptr<MapStore> map_;
   std::unique_ptr<OutputPublisher> publisher_;
@@ -103,7 +105,6 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   ros::Subscriber optimized_path_;
   std::unique_ptr<MapperServices> services_;
   boost::recursive_mutex config_mutex_;
-  DenseMapperConfig config_;
   std::unique_ptr<dynamic_reconfigure::Server<DenseMapperConfig>> reconfigure_;
   std::unique_ptr<MapperDiagnostics> diagnostics_;
 };

@@ -14,9 +14,10 @@
 #include "acmp_mapping/ros/incident_log.h"
 #include "acmp_mapping/ros/keyframe_sequence.h"
 #include "acmp_mapping/ros/map_output.h"
+#include "acmp_mapping/ros/map_server_options.h"
+#include "acmp_mapping/ros/node_options.h"
 #include "acmp_mapping/ros/mapper_services.h"
 #include "acmp_mapping/ros/master_watch.h"
-#include "acmp_mapping/ros/node_options.h"
 
 namespace acmp {
 
@@ -53,7 +54,8 @@ class MapMergerNodelet : public nodelet::Nodelet {
   CallbackThread service_thread_;
   CallbackThread status_thread_;
 
-  MapMergerOptions options_;
+  MapServerOptions options_;
+  NodeOptions poses_;
   std::unique_ptr<MapStore> map_;
   std::unique_ptr<MapOutput> map_output_;
   IncidentLog drops_;

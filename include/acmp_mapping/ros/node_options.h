@@ -5,9 +5,9 @@
 #include <vector>
 
 #include "acmp_mapping/backend/make_patch_match.h"
+#include "acmp_mapping/common/option.h"
 #include "acmp_mapping/pipeline/dense_mapper.h"
 #include "acmp_mapping/ros/input_matcher.h"
-#include "acmp_mapping/ros/map_store.h"
 #include "acmp_mapping/ros/parameter_reader.h"
 #include "acmp_mapping/ros/pose_semantics.h"
 #include "acmp_mapping/ros/work_queue.h"
@@ -22,36 +22,32 @@ enum class KeyframeMode {
   kGate,
   kExternal,  ///< the frontend's own keyframes, on the topic `keyframe` alone
 };
-enum class TimeJumpPolicy {
-  kClear,  ///< buffers and window are forgotten, the map is kept
-  kReset,  ///< the map as well
+
+/// What is read once when the nodelet is loaded; NodeOptionTable says what each means and what it may be.
+struct NodeOptions {
+  Device device = Device::kAuto;
+  int cuda_device = 0;  ///< 0-based
+  std::string preset = "acmp";
+  ImageTransport image_transport = ImageTransport::kRaw;
+  bool rectified = false;
+  int max_image_size = 640;  ///< px, longer side; 0 = as sent
+  std::string calibration_file;
+  PoseSource pose_source = PoseSource::kPose;
+  PoseSemantics pose;
+  std::optional<PoseSemantics::Child> path_child;  ///< of optimized_path; none = as the poses
+  bool extrinsic_inverted = false;                 ///< the topic `extrinsic` has T_cam_body
+  std::string world_frame;                         ///< empty = as sent, as the next two
+  std::string camera_frame;
+  std::string body_frame;
+  SparseFrame sparse_frame = SparseFrame::kAuto;
+  InputMatcherOptions matcher;
+  KeyframeMode keyframe_mode = KeyframeMode::kEveryPose;
+  OverloadPolicy overload = OverloadPolicy::kDropOldest;
+  ShardOptions shard;
+  double shard_timeout_s = 5;
 };
 
-/// What is read once when the nodelet is loaded. Every field is a private parameter of the name beside it; enumerations
-/// are the names of their values in lower_case.
-struct NodeOptions {
-  Device device = Device::kAuto;  ///< device: auto, cuda, cpu
-  int cuda_device = 0;            ///< cuda_device: 0-based, 0..63
-  std::string preset = "acmp";    ///< preset: see MakePreset; start values of matching parameters
-  ImageTransport image_transport = ImageTransport::kRaw;  ///< image_transport: raw, compressed
-  bool rectified = false;        ///< rectified: images are undistorted already; camera_info's P holds
-  int max_image_size = 640;      ///< max_image_size: longer side that is matched [px]; 0 = as sent, ..100000
-  std::string calibration_file;  ///< calibration_file: the camera, in place of camera_info; empty = none
-  PoseSource pose_source = PoseSource::kPose;      ///< pose_source: pose, pose_cov, odom, transform, tf
-  PoseSemantics pose;                              ///< pose_is, pose_child, T_body_cam (4x4, row by row)
-  std::optional<PoseSemantics::Child> path_child;  ///< path_child: of optimized_path; empty = pose_child
-  bool extrinsic_inverted = false;                 ///< extrinsic_inverted: the topic `extrinsic` has T_cam_body
-  std::string world_frame;                         ///< world_frame: replaces the poses' frame_id; empty = as sent
-  std::string camera_frame;                        ///< camera_frame: replaces the images' frame_id; empty = as sent
-  std::string body_frame;  ///< body_frame: replaces the poses' child frame in tf; empty = as sent
-  SparseFrame sparse_frame = SparseFrame::kAuto;          ///< sparse_frame: auto, world, camera
-  InputMatcherOptions matcher;                            ///< sync_tolerance, sparse_tolerance, sparse_wait [s]
-  KeyframeMode keyframe_mode = KeyframeMode::kEveryPose;  ///< keyframe_mode: every_pose, gate, external
-  OverloadPolicy overload = OverloadPolicy::kDropOldest;  ///< overload: drop_oldest, skip_if_busy, block
-  TimeJumpPolicy on_time_jump = TimeJumpPolicy::kClear;   ///< on_time_jump: clear, reset
-  ShardOptions shard;          ///< shard_index, shard_count: this mapper takes every shard_count-th keyframe
-  double shard_timeout_s = 5;  ///< shard_timeout: a refinement waits so long for other shards' estimates [s], 0.1..3600
-};
+const OptionTable<NodeOptions>& NodeOptionTable();
 
 /// Whether T_body_cam is needed and not a parameter: then it is looked up in tf and awaited on the topic extrinsic.
 bool NeedsExtrinsic(const NodeOptions& options);
@@ -61,18 +57,5 @@ PoseSemantics PathSemantics(const NodeOptions& options);
 
 /// Throws InvalidInputError naming the parameter and what it may be.
 NodeOptions LoadNodeOptions(ParameterReader* reader);
-
-/// Private parameters of the node that merges the maps of several mappers.
-struct MapMergerOptions {
-  MapStoreOptions map;            ///< max_keyframes, voxel_size
-  double map_publish_rate = 0.5;  ///< map_publish_rate: map_points at most so often, 0..30 Hz; 0 = on request only
-  double shard_timeout_s = 10;    ///< shard_timeout: keyframes wait so long for an earlier one [s], 0.1..3600
-  TimeJumpPolicy on_time_jump =
-      TimeJumpPolicy::kClear;      ///< on_time_jump: reset: the map begins anew; clear: it is kept
-  PoseSemantics path;              ///< of optimized_path: pose_is, path_child or pose_child, T_body_cam
-  double sync_tolerance_s = 1e-3;  ///< sync_tolerance: between the stamps of path and keyframes, 0..10
-};
-/// Poses of the body need T_body_cam as a parameter here.
-MapMergerOptions LoadMapMergerOptions(ParameterReader* reader);
 
 }  // namespace acmp

@@ -1,0 +1,39 @@
+#include "acmp_mapping/ros/map_server_options.h"
+
+namespace acmp {
+
+const OptionTable<MapServerOptions>& MapServerOptionTable() {
+  static const OptionTable<MapServerOptions> table = [] {
+    OptionTable<MapServerOptions> made;
+    made.Group("map");
+    made.Add(
+        Number("max_keyframes", 1, 1000000, "", "Keyframes kept in the map; the oldest go first"),
+        [](auto& o) -> auto& { return o.map.max_keyframes; });
+    made.Add(
+        Number("map_radius", 0, 1e9, "(unit of the poses)",
+               "Keyframes farther from the newest one than this leave the map; 0: no limit"),
+        [](auto& o) -> auto& { return o.map.map_radius; });
+    made.Add(
+        Number("voxel_size", 0, 1e6, "(unit of the poses)",
+               "The map has one point per cube of this size; 0: 0.5 % of the first keyframe's median depth"),
+        [](auto& o) -> auto& { return o.map.voxel_size; });
+    made.Add(
+        Choice("on_time_jump", {"keep", "reset"},
+               "When stamps jump back, as in a bag that is played again: keep the map, or begin it anew"),
+        [](auto& o) -> auto& { return o.on_time_jump; });
+    made.Add(
+        Number("map_publish_rate", 0, 30, "Hz",
+               "The map is published at most so often; 0: only when the service publish_map is called"),
+        [](auto& o) -> auto& { return o.map_publish_rate; });
+    return made;
+  }();
+  return table;
+}
+
+MapServerOptions LoadMapServerOptions(ParameterReader* reader) {
+  MapServerOptions options;
+  ReadOptions(MapServerOptionTable(), reader, &options);
+  return options;
+}
+
+}  // namespace acmp
