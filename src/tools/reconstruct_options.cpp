@@ -82,9 +82,6 @@ void AddMatchingOptions(CLI::App* app, ReconstructOptions* options) {
   app->add_option("--seed", options->seed, "Of the random numbers: same seed, same bits")
       ->capture_default_str()
       ->group(group);
-  app->add_flag("--dynamic-consistency", options->dynamic_consistency,
-                "Fuse by summed consistency instead of fixed thresholds")
-      ->group(group);
 }
 
 std::string OnlineHelp(const char* option) {
@@ -251,7 +248,6 @@ void Validate(const ReconstructOptions& options) {
 PipelineOptions MakePipelineOptions(const ReconstructOptions& options) {
   PipelineOptions pipeline = MakePreset(options.preset);
   pipeline.patch_match.seed = options.seed;
-  pipeline.fusion.dynamic_consistency = options.dynamic_consistency;
   for (const std::string& assignment : options.set) SetOption(PipelineOptionTable(), assignment, &pipeline);
   return pipeline;
 }
