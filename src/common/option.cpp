@@ -51,10 +51,9 @@ std::string YamlOf(double number) {
 std::string YamlOf(int number) { return Concat(number); }
 std::string YamlOf(bool flag) { return flag ? "true" : "false"; }
 std::string YamlOf(const std::string& text) { return text.empty() ? "\"\"" : text; }
-template <class T>
-std::string YamlOf(const std::vector<T>& list) {
+std::string YamlOf(const std::vector<double>& numbers) {
   std::string text;
-  for (const T& item : list) text += (text.empty() ? "" : ", ") + YamlOf(item);
+  for (const double number : numbers) text += (text.empty() ? "" : ", ") + YamlOf(number);
   return "[" + text + "]";
 }
 
@@ -112,7 +111,7 @@ OptionValue ParseOption(const OptionDescription& option, const OptionValue& like
   if (std::holds_alternative<bool>(like)) value = ParseNumber<bool>(option.name, text, "true or false");
   if (std::holds_alternative<int>(like)) value = ParseNumber<int>(option.name, text, "an integer");
   if (std::holds_alternative<double>(like)) value = ParseNumber<double>(option.name, text, "a number");
-  if (like.index() >= OptionValue(std::vector<double>()).index()) {
+  if (std::holds_alternative<std::vector<double>>(like)) {
     throw InvalidInputError(Concat(option.name, " = \"", text, "\": a list cannot be given in this way"));
   }
   CheckOption(option, value);

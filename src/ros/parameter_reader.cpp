@@ -58,15 +58,6 @@ OptionValue Convert(const std::string& name, XmlRpcValue& value, const OptionVal
     if (type != XmlRpcValue::TypeString) Refuse(name, value, "a text");
     return static_cast<std::string>(static_cast<std::string&>(value));
   }
-  if (std::holds_alternative<std::vector<std::string>>(like)) {
-    std::vector<std::string> texts;
-    if (type != XmlRpcValue::TypeArray) Refuse(name, value, "a list of texts");
-    for (int i = 0; i < value.size(); ++i) {
-      if (value[i].getType() != XmlRpcValue::TypeString) Refuse(name, value, "a list of texts");
-      texts.push_back(static_cast<std::string&>(value[i]));
-    }
-    return texts;
-  }
   std::vector<double> numbers;
   if (type != XmlRpcValue::TypeArray || !AppendNumbers(value, &numbers)) Refuse(name, value, "a list of numbers");
   return numbers;

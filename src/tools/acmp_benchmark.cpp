@@ -98,16 +98,16 @@ int main(int argc, char** argv) {
   app.add_option("--keyframes", arguments.keyframes, "Length of the stream; 0: stages")
       ->check(CLI::Range(0, 1000000))
       ->capture_default_str();
-  app.add_option("--reestimates", arguments.reestimates, "Of the stream: keyframes estimated anew after each new one")
-      ->capture_default_str();
-  app.add_option("--refine-again", arguments.refine_again,
-                 "Of the stream: true or false; refine keyframes again that have better views halfway or as they leave "
-                 "the window")
-      ->capture_default_str();
+  const auto of_stream = [](const char* option) {
+    return "Of the stream: " + acmp::WindowOptionTable().Find(option).description.sentence;
+  };
+  app.add_option("--reestimates", arguments.reestimates, of_stream("reestimates"))->capture_default_str();
+  app.add_option("--refine-again", arguments.refine_again, of_stream("refine_again"))->capture_default_str();
   app.add_option("--preset", arguments.preset, "Option set, see the README")
       ->check(CLI::IsMember(acmp::PresetNames()))
       ->capture_default_str();
-  app.add_option("--set", arguments.set, "NAME=VALUE: an option of the pipeline over the preset's");
+  app.add_option("--set", arguments.set,
+                 "NAME=VALUE: an option of the pipeline over the preset's, see docs/parameters.md");
   app.add_option("--device", arguments.device, "auto, cuda or cpu")->capture_default_str();
   app.add_option("--cuda-index", arguments.cuda_index, "Which GPU")->capture_default_str();
   app.add_option("--json", arguments.json, "Also write the figures to this file");

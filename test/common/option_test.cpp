@@ -138,7 +138,7 @@ TEST(OptionTest, ValuesAreWrittenAsYaml) {
   EXPECT_EQ(ToYaml(1e-5), "1e-05");
   EXPECT_EQ(ToYaml(std::string()), "\"\"");
   EXPECT_EQ(ToYaml(std::vector<double>{1, 0.5}), "[1.0, 0.5]");
-  EXPECT_EQ(ToYaml(std::vector<std::string>{}), "[]");
+  EXPECT_EQ(ToYaml(std::vector<double>()), "[]");
 }
 
 TEST(OptionTest, ValuesAreDescribed) {

@@ -12,7 +12,7 @@
 namespace acmp {
 
 /// What an option may hold. An enumeration is the name of its value, a matrix its numbers row by row.
-using OptionValue = std::variant<bool, int, double, std::string, std::vector<double>, std::vector<std::string>>;
+using OptionValue = std::variant<bool, int, double, std::string, std::vector<double>>;
 
 /// All that there is to say about an option. Whatever reads, checks, lists or explains options takes it from here.
 struct OptionDescription {
@@ -31,7 +31,7 @@ struct OptionDescription {
 OptionDescription Flag(std::string name, std::string sentence);
 /// An integer or floating-point number in [min, max].
 OptionDescription Number(std::string name, double min, double max, std::string unit, std::string sentence);
-/// Any text, or a list of numbers or texts.
+/// Any text, or a list of numbers.
 OptionDescription Text(std::string name, std::string sentence);
 /// One of several texts; for an enumeration, the names of its values 0, 1, ...; for an optional one, "" after them.
 OptionDescription Choice(std::string name, std::vector<std::string> choices, std::string sentence);
