@@ -56,12 +56,8 @@ void CheckNeighbors(int view, std::vector<int> neighbors, int num_views) {
 FusionLimits MakeFusionLimits(const FusionOptions& options) {
   Validate(options);
   const double max_px = options.max_reprojection_px;
-  return {max_px * max_px,
-          options.max_relative_depth,
-          std::cos(options.max_normal_angle_deg * kPi / 180),
-          options.min_consistent_views,
-          options.dynamic_consistency,
-          options.min_point_confidence};
+  return {max_px * max_px, options.max_relative_depth, std::cos(options.max_normal_angle_deg * kPi / 180),
+          options.min_consistent_views, options.min_point_confidence};
 }
 
 Stamp StampOfRank(int rank) {

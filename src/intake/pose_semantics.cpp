@@ -55,21 +55,6 @@ RigidTransform CheckedTransform(const Eigen::Quaterniond& rotation, const Eigen:
   return transform;
 }
 
-PoseSemantics::Direction ParsePoseDirection(const std::string& name) {
-  for (const auto direction : {PoseSemantics::Direction::kWorldFromCam, PoseSemantics::Direction::kCamFromWorld}) {
-    if (name == Name(direction)) return direction;
-  }
-  throw InvalidInputError(Concat("pose_is = \"", name, "\": must be T_world_cam or T_cam_world"));
-}
-
-PoseSemantics::Child ParsePoseChild(const char* parameter, const std::string& name) {
-  for (const auto child :
-       {PoseSemantics::Child::kCameraOptical, PoseSemantics::Child::kCameraFlu, PoseSemantics::Child::kBody}) {
-    if (name == Name(child)) return child;
-  }
-  throw InvalidInputError(Concat(parameter, " = \"", name, "\": must be camera_optical, camera_flu or body"));
-}
-
 const char* Name(PoseSemantics::Direction direction) {
   return direction == PoseSemantics::Direction::kWorldFromCam ? "T_world_cam" : "T_cam_world";
 }

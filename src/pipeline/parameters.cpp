@@ -1,51 +1,85 @@
 #include "acmp_mapping/pipeline/parameters.h"
 
-#include <sstream>
-#include <type_traits>
-
-#include "acmp_mapping/common/edit_distance.h"
-#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/image/sharpening.h"
 
 namespace acmp {
 namespace {
 
-template <class T>
-void Parse(const std::string& name, const std::string& text, T* value) {
-  std::istringstream stream(text);
-  std::conditional_t<std::is_enum_v<T>, int, T> number = {};
-  const char* kind = std::is_floating_point_v<T> ? "a number" : "an integer";
-  if constexpr (std::is_same_v<T, bool>) {
-    kind = "true or false";
-    stream >> std::boolalpha;
-  }
-  // Streams take "-1" for an unsigned number.
-  const bool wraps = std::is_unsigned_v<T> && text.find('-') != std::string::npos;
-  if (wraps || !(stream >> number) || stream.peek() != std::istringstream::traits_type::eof()) {
-    throw InvalidInputError(Concat(name, " = \"", text, "\": must be ", kind));
-  }
-  *value = static_cast<T>(number);
+OptionTable<PipelineOptions> MakePipelineOptionTable() {
+  OptionTable<PipelineOptions> table;
+  table.Group("pipeline");
+  table.Add(
+      Number("sharpening", 0, kMaxSharpening, "",
+             "Gain of faint detail of the images before matching, as far as it stands out from the image's noise; 1: "
+             "images "
+             "are only denoised, 0: left as they are")
+          .WhileRunning(),
+      [](auto& o) -> auto& { return o.sharpening; });
+  table.Add(
+      Flag("use_planar_prior", "Help surfaces without texture by planes through the pixels that match well")
+          .WhileRunning(),
+      [](auto& o) -> auto& { return o.use_planar_prior; });
+  table.Add(
+      Number("geometric_passes", 0, 10, "",
+             "Passes that make the maps of neighbouring images agree; 0: fastest and least accurate")
+          .WhileRunning(),
+      [](auto& o) -> auto& { return o.geometric_passes; });
+  table.Add(
+      Flag("completion",
+           "Give pixels that hardly any other image confirms the planes of confirmed surfaces around them")
+          .WhileRunning(),
+      [](auto& o) -> auto& { return o.completion.enabled; });
+  table.Add(
+      Flag("remove_unsupported",
+           "With completion: mark as a guess what has no texture and would hide what has, above all walls in a sky")
+          .WhileRunning(),
+      [](auto& o) -> auto& { return o.completion.refute_unsupported; });
+  table.Add(
+      Flag("weighted_median", "With completion: let the outlines of surfaces follow the colours of the image")
+          .WhileRunning(),
+      [](auto& o) -> auto& { return o.completion.weighted_median; });
+  table.Add(
+      Number("min_consistent_views", 1, 32, "",
+             "Source views that must agree with a pixel before it becomes a point; more: fewer and better points")
+          .WhileRunning(),
+      [](auto& o) -> auto& { return o.fusion.min_consistent_views; });
+  table.Add(
+      Number("min_point_confidence", 0, 1, "",
+             "Least confidence of a pixel that becomes a point; lower: a denser cloud with more errors")
+          .WhileRunning(),
+      [](auto& o) -> auto& { return o.fusion.min_point_confidence; });
+
+  table.Group("pipeline, offline only");
+  table.Add(
+      Number("photometric_iterations", 1, 20, "",
+             "Iterations of the first pass, which compares images alone; more: better and slower"),
+      [](auto& o) -> auto& { return o.patch_match.photometric_iterations; });
+  table.Add(
+      Number("planar_prior_iterations", 1, 20, "", "Iterations of the pass that the planar prior assists"),
+      [](auto& o) -> auto& { return o.patch_match.planar_prior_iterations; });
+  table.Add(
+      Number("geometric_iterations", 1, 20, "", "Iterations of each geometric pass"),
+      [](auto& o) -> auto& { return o.patch_match.geometric_iterations; });
+  table.Add(
+      Number("max_reprojection_px", 0.01, 100, "px",
+             "A source view agrees with a pixel that it sends back to within this distance"),
+      [](auto& o) -> auto& { return o.fusion.max_reprojection_px; });
+  table.Add(
+      Number("max_relative_depth", 0.0001, 0.99, "",
+             "A source view agrees with a pixel when their depths differ by less than this share"),
+      [](auto& o) -> auto& { return o.fusion.max_relative_depth; });
+  table.Add(
+      Number("max_normal_angle_deg", 0.1, 180, "deg",
+             "A source view agrees with a pixel when their normals differ by less than this angle"),
+      [](auto& o) -> auto& { return o.fusion.max_normal_angle_deg; });
+  return table;
 }
 
 }  // namespace
 
-void SetParameter(const std::string& assignment, PipelineOptions* options) {
-  const size_t equals = assignment.find('=');
-  if (equals == std::string::npos) {
-    throw InvalidInputError(Concat("\"", assignment, "\": must be a parameter and its value, NAME=VALUE"));
-  }
-  const std::string name = assignment.substr(0, equals);
-  const std::string text = assignment.substr(equals + 1);
-  bool found = false;
-  std::vector<std::string> names;
-  VisitPipelineParameters(*options, [&](const char* known, auto& option) {
-    names.emplace_back(known);
-    if (name != known) return;
-    found = true;
-    Parse(name, text, &option);
-  });
-  if (!found) {
-    throw InvalidInputError(Concat("unknown parameter ", name, ": did you mean ", MostSimilar(name, names), "?"));
-  }
+const OptionTable<PipelineOptions>& PipelineOptionTable() {
+  static const OptionTable<PipelineOptions> table = MakePipelineOptionTable();
+  return table;
 }
 
 }  // namespace acmp

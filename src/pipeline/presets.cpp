@@ -1,7 +1,7 @@
 #include "acmp_mapping/pipeline/presets.h"
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/image/sharpening.h"
+#include "acmp_mapping/pipeline/parameters.h"
 
 namespace acmp {
 
@@ -10,10 +10,9 @@ void Validate(const PipelineOptions& options) {
   Validate(options.planar_prior);
   Validate(options.completion);
   Validate(options.fusion);
-  CheckRange("pipeline.sharpening", options.sharpening, 0.0, kMaxSharpening);
+  PipelineOptionTable().Check(options);
   CheckRange("pipeline.start_level", options.start_level, 0, 2);
   CheckRange("pipeline.full_size_iterations", options.full_size_iterations, 0, 20);
-  CheckRange("pipeline.geometric_passes", options.geometric_passes, 0, 10);
 }
 
 namespace {

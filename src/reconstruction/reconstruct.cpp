@@ -47,7 +47,6 @@ RunRecord MakeRecord(const ReconstructOptions& options, const std::string& devic
                       {"depth-min", depth(options.depth_min)},
                       {"depth-max", depth(options.depth_max)},
                       {"seed", Concat(options.seed)},
-                      {"dynamic-consistency", flag(options.dynamic_consistency)},
                       {"maps", Joined(options.maps)},
                       {"dmb", flag(options.dmb)},
                       {"colmap", flag(options.colmap)},

@@ -9,6 +9,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/mapping/window_options.h"
 #include "acmp_mapping/pipeline/parameters.h"
 
 namespace acmp {
@@ -60,8 +61,7 @@ void AddMatchingOptions(CLI::App* app, ReconstructOptions* options) {
       ->capture_default_str()
       ->group(group);
   app->add_option("--set", options->set,
-                  "NAME=VALUE: an option of the pipeline over the preset's; may be given several times. Names and\n"
-                  "meanings are those of config/acmp_mapping.yaml, from start_level to prior_*, and its fusion")
+                  "NAME=VALUE: an option of the pipeline over the preset's, see below; may be given several times")
       ->group(group);
   app->add_option("--max-image-size", options->max_image_size,
                   "Shrink images so that the longer side has at most this many pixels; 0: as stored")
@@ -81,9 +81,22 @@ void AddMatchingOptions(CLI::App* app, ReconstructOptions* options) {
   app->add_option("--seed", options->seed, "Of the random numbers: same seed, same bits")
       ->capture_default_str()
       ->group(group);
-  app->add_flag("--dynamic-consistency", options->dynamic_consistency,
-                "Fuse by summed consistency instead of fixed thresholds")
-      ->group(group);
+}
+
+std::string OnlineHelp(const char* option) {
+  return "Online: " + WindowOptionTable().Find(option).description.sentence;
+}
+
+/// The options that --set takes.
+std::string PipelineHelp() {
+  std::string text = "\nOptions of the pipeline, for --set, with the values of the default preset:\n";
+  const PipelineOptions defaults = MakePreset(ReconstructOptions().preset);
+  for (const Option<PipelineOptions>& option : PipelineOptionTable()) {
+    const OptionValue value = option.get(defaults);
+    text += Concat("  ", option.name(), "=", ToYaml(value), "  (", DescribeValues(option.description, value),
+                   ")\n      ", option.description.sentence, "\n");
+  }
+  return text;
 }
 
 void AddScheduleOptions(CLI::App* app, ReconstructOptions* options) {
@@ -95,16 +108,11 @@ void AddScheduleOptions(CLI::App* app, ReconstructOptions* options) {
       ->check(OneOf({"offline", "online"}))
       ->capture_default_str()
       ->group(group);
-  app->add_option("--window-size", options->window_size, "Online: keyframes kept to match against")
+  app->add_option("--window-size", options->window_size, OnlineHelp("window_size"))
       ->capture_default_str()
       ->group(group);
-  app->add_option("--lookahead", options->lookahead, "Online: later keyframes to wait for before the geometric passes")
-      ->capture_default_str()
-      ->group(group);
-  app->add_option(
-         "--refine-again", options->refine_again,
-         "Online: true or false; refine a keyframe once more halfway through the window and at the end, if by then\n"
-         "its source views or their maps are better")
+  app->add_option("--lookahead", options->lookahead, OnlineHelp("lookahead"))->capture_default_str()->group(group);
+  app->add_option("--refine-again", options->refine_again, OnlineHelp("refine_again"))
       ->capture_default_str()
       ->group(group);
 }
@@ -202,7 +210,7 @@ void AddReconstructOptions(CLI::App* app, ReconstructOptions* options) {
   AddScheduleOptions(app, options);
   AddMachineOptions(app, options);
   AddOutputOptions(app, options);
-  app->footer(kFooter);
+  app->footer(PipelineHelp() + kFooter);
 }
 
 void Validate(const ReconstructOptions& options) {
@@ -236,8 +244,7 @@ void Validate(const ReconstructOptions& options) {
 PipelineOptions MakePipelineOptions(const ReconstructOptions& options) {
   PipelineOptions pipeline = MakePreset(options.preset);
   pipeline.patch_match.seed = options.seed;
-  pipeline.fusion.dynamic_consistency = options.dynamic_consistency;
-  for (const std::string& assignment : options.set) SetParameter(assignment, &pipeline);
+  for (const std::string& assignment : options.set) SetOption(PipelineOptionTable(), assignment, &pipeline);
   return pipeline;
 }
 

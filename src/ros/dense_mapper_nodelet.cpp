@@ -71,8 +71,7 @@ void DenseMapperNodelet::LoadOptions() {
   RuntimeOptions start;
   start.mapper.pipeline = MakePreset(options_.preset);
   const RuntimeOptions runtime_options = LoadRuntimeOptions(&reader, start);
-  reader.CheckUnknown();
-  config_ = ToConfig(runtime_options);
+  for (const std::string& warning : reader.DescribeUnknown()) NODELET_WARN("%s", warning.c_str());
   runtime_options_ = std::make_unique<SharedOptions>(runtime_options);
 }
 
@@ -117,8 +116,11 @@ void DenseMapperNodelet::LogDevice(const WorkerStatus& status) {
 
 void DenseMapperNodelet::StartReconfigure() {
   const ros::NodeHandle nh = status_thread_.Attach(getPrivateNodeHandle());
-  config_.__toServer__(nh);  // the server starts from there
+  ToConfig(runtime_options_->Get()).__toServer__(nh);  // the server starts from there
   reconfigure_ = std::make_unique<dynamic_reconfigure::Server<DenseMapperConfig>>(config_mutex_, nh);
+  const auto [least, largest] = ConfigBounds();
+  reconfigure_->setConfigMin(least);
+  reconfigure_->setConfigMax(largest);
   reconfigure_->setCallback([this](DenseMapperConfig& config, uint32_t) { HandleConfig(config); });
 }
 
@@ -181,12 +183,16 @@ bool DenseMapperNodelet::DropWhilePaused(const std_msgs::Header& header) {
 }
 
 void DenseMapperNodelet::HandleConfig(DenseMapperConfig& config) {
-  for (const std::string& change : MakeValid(config_, &config)) NODELET_WARN("%s", change.c_str());
-  config_ = config;
-  const RuntimeOptions runtime_options = FromConfig(config, runtime_options_->Get());
-  runtime_options_->Set(runtime_options);
-  std::lock_guard<std::mutex> lock(intake_mutex_);
-  intake_->set_gate(runtime_options.gate, FallbackDepth(runtime_options.mapper));
+  const RuntimeOptions current = runtime_options_->Get();
+  try {
+    const RuntimeOptions wanted = FromConfig(config, current);
+    runtime_options_->Set(wanted);
+    std::lock_guard<std::mutex> lock(intake_mutex_);
+    intake_->set_gate(wanted.gate, FallbackDepth(wanted.mapper));
+  } catch (const InvalidInputError& error) {
+    NODELET_WARN("the change of parameters was refused: %s", error.what());
+    config = ToConfig(current);
+  }
 }
 
 void DenseMapperNodelet::Deliver(bool all) {

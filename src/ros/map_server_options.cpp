@@ -2,24 +2,44 @@
 
 #include <string>
 
-#include "acmp_mapping/common/error.h"
-
 namespace acmp {
+
+const OptionTable<MapServerOptions>& MapServerOptionTable() {
+  static const OptionTable<MapServerOptions> table = [] {
+    OptionTable<MapServerOptions> made;
+    made.Group("map");
+    made.Add(
+        Number("max_keyframes", 1, 1000000, "", "Keyframes kept in the map, of all mappers together; the oldest go first"),
+        [](auto& o) -> auto& { return o.map.max_keyframes; });
+    made.Add(
+        Number("map_radius", 0, 1e9, "(unit of the poses)",
+               "Keyframes farther than this from the newest one of every mapper leave the map; 0: no limit"),
+        [](auto& o) -> auto& { return o.map.map_radius; });
+    made.Add(
+        Number("voxel_size", 0, 1e6, "(unit of the poses)",
+               "The map has one point per cube of this size; 0: 0.5 % of the first keyframe's median depth"),
+        [](auto& o) -> auto& { return o.map.voxel_size; });
+    made.Add(
+        Choice("on_time_jump", {"keep", "reset"},
+               "When a mapper's images go back in time, as in a bag that is played again, or it was restarted: keep its "
+               "earlier keyframes, or forget them"),
+        [](const MapServerOptions& o) { return OptionValue(std::string(o.map.keep_earlier_runs ? "keep" : "reset")); },
+        [](const OptionValue& value, MapServerOptions* o) {
+          o->map.keep_earlier_runs = std::get<std::string>(value) == "keep";
+        });
+    made.Add(
+        Number("map_publish_rate", 0, 30, "Hz",
+               "The map is published at most so often; 0: only when the service publish_map is called"),
+        [](auto& o) -> auto& { return o.map_publish_rate; });
+    return made;
+  }();
+  return table;
+}
 
 MapServerOptions LoadMapServerOptions(ParameterReader* reader) {
   MapServerOptions options;
-  reader->Read("max_keyframes", &options.map.max_keyframes);
-  reader->Read("map_radius", &options.map.map_radius);
-  reader->Read("voxel_size", &options.map.voxel_size);
+  ReadOptions(MapServerOptionTable(), reader, &options);
   Validate(options.map);
-  std::string on_time_jump = "keep";
-  reader->Read("on_time_jump", &on_time_jump);
-  if (on_time_jump != "keep" && on_time_jump != "reset") {
-    throw InvalidInputError(Concat("parameter ~on_time_jump = \"", on_time_jump, "\": must be one of keep, reset"));
-  }
-  options.map.keep_earlier_runs = on_time_jump == "keep";
-  reader->Read("map_publish_rate", &options.map_publish_rate);
-  CheckRange("parameter ~map_publish_rate", options.map_publish_rate, 0.0, 30.0);
   return options;
 }
 

@@ -156,7 +156,7 @@ void MapperWorker::Process(const KeyframeInput& input) {
   Timer timer;
   const RuntimeOptions options = options_->Get();
   mapper_->set_options(options.mapper);
-  min_confidence_ = options.output.min_confidence;
+  min_confidence_ = options.min_confidence;
 
   cv::Mat valid;
   const FrameOptions frame_options = {node_options_.max_image_size, options.mapper.pipeline.sharpening};

@@ -39,64 +39,51 @@ bool AppendNumbers(XmlRpcValue& value, std::vector<double>* numbers) {
   return true;
 }
 
+OptionValue Convert(const std::string& name, XmlRpcValue& value, const OptionValue& like) {
+  const XmlRpcValue::Type type = value.getType();
+  if (std::holds_alternative<bool>(like)) {
+    if (type != XmlRpcValue::TypeBoolean) Refuse(name, value, "true or false");
+    return static_cast<bool>(static_cast<bool&>(value));
+  }
+  if (std::holds_alternative<int>(like)) {
+    if (type != XmlRpcValue::TypeInt) Refuse(name, value, "an integer");
+    return static_cast<int>(static_cast<int&>(value));
+  }
+  if (std::holds_alternative<double>(like)) {
+    double number = 0;
+    if (!ToDouble(value, &number)) Refuse(name, value, "a number");
+    return number;
+  }
+  if (std::holds_alternative<std::string>(like)) {
+    if (type != XmlRpcValue::TypeString) Refuse(name, value, "a text");
+    return static_cast<std::string>(static_cast<std::string&>(value));
+  }
+  std::vector<double> numbers;
+  if (type != XmlRpcValue::TypeArray || !AppendNumbers(value, &numbers)) Refuse(name, value, "a list of numbers");
+  return numbers;
+}
+
 }  // namespace
 
-XmlRpcValue* ParameterReader::Find(const std::string& name) {
-  known_.insert(name);
-  if (values_.getType() != XmlRpcValue::TypeStruct || !values_.hasMember(name)) return nullptr;
-  return &values_[name];
+std::optional<OptionValue> ParameterReader::Read(const OptionDescription& option, const OptionValue& like) {
+  known_.insert(option.name);
+  if (values_.getType() != XmlRpcValue::TypeStruct || !values_.hasMember(option.name)) return std::nullopt;
+  const OptionValue value = Convert(option.name, values_[option.name], like);
+  CheckOption(option, value, "parameter ~");
+  return value;
 }
 
-bool ParameterReader::Read(const std::string& name, double* value) {
-  XmlRpcValue* found = Find(name);
-  if (found && !ToDouble(*found, value)) Refuse(name, *found, "a number");
-  return found != nullptr;
-}
-
-bool ParameterReader::Read(const std::string& name, int* value) {
-  XmlRpcValue* found = Find(name);
-  if (!found) return false;
-  if (found->getType() != XmlRpcValue::TypeInt) Refuse(name, *found, "an integer");
-  *value = static_cast<int&>(*found);
-  return true;
-}
-
-bool ParameterReader::Read(const std::string& name, bool* value) {
-  XmlRpcValue* found = Find(name);
-  if (!found) return false;
-  if (found->getType() != XmlRpcValue::TypeBoolean) Refuse(name, *found, "true or false");
-  *value = static_cast<bool&>(*found);
-  return true;
-}
-
-bool ParameterReader::Read(const std::string& name, std::string* value) {
-  XmlRpcValue* found = Find(name);
-  if (!found) return false;
-  if (found->getType() != XmlRpcValue::TypeString) Refuse(name, *found, "a text");
-  *value = static_cast<std::string&>(*found);
-  return true;
-}
-
-bool ParameterReader::Read(const std::string& name, std::vector<double>* value) {
-  XmlRpcValue* found = Find(name);
-  if (!found) return false;
-  std::vector<double> numbers;
-  if (found->getType() != XmlRpcValue::TypeArray || !AppendNumbers(*found, &numbers)) {
-    Refuse(name, *found, "a list of numbers");
-  }
-  *value = std::move(numbers);
-  return true;
-}
-
-void ParameterReader::CheckUnknown() const {
-  if (values_.getType() != XmlRpcValue::TypeStruct) return;
+std::vector<std::string> ParameterReader::DescribeUnknown() const {
+  std::vector<std::string> sentences;
+  if (values_.getType() != XmlRpcValue::TypeStruct) return sentences;
   XmlRpcValue values = values_;  // iteration is not const
   for (auto& member : values) {
     const std::string& name = member.first;
     if (known_.count(name) > 0 || member.second.getType() == XmlRpcValue::TypeStruct) continue;
-    const std::string nearest = MostSimilar(name, {known_.begin(), known_.end()});
-    throw InvalidInputError(Concat("unknown parameter ~", name, ": did you mean ~", nearest, "?"));
+    sentences.push_back(Concat("unknown parameter ~", name, " has no effect: did you mean ~",
+                               MostSimilar(name, {known_.begin(), known_.end()}), "?"));
   }
+  return sentences;
 }
 
 }  // namespace acmp

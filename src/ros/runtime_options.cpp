@@ -1,100 +1,123 @@
 #include "acmp_mapping/ros/runtime_options.h"
 
 #include <algorithm>
-#include <cmath>
+#include <functional>
 #include <map>
-#include <type_traits>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/mapping/window_options.h"
+#include "acmp_mapping/pipeline/parameters.h"
 
 namespace acmp {
 namespace {
 
-/// The shortest decimal that reads back as the float: 0.18 rather than 0.180000007.
-double ToDecimal(float value) { return std::stod(Concat(value)); }
+using Description = OptionDescription;
 
-template <class Option, class Field>
-void OptionToField(const Option& option, Field& field) {
-  if constexpr (std::is_same_v<Option, float>) {
-    field = ToDecimal(option);
-  } else {
-    field = static_cast<Field>(option);
+OptionTable<RuntimeOptions> MakeTable() {
+  OptionTable<RuntimeOptions> table;
+  table.Group("keyframes");
+  table.Add(
+      Number("gate_baseline_ratio", 0, 10, "",
+             "keyframe_mode gate: a keyframe has moved by this share of the scene's median depth since the last")
+          .WhileRunning(),
+      [](auto& o) -> auto& { return o.gate.min_baseline_ratio; });
+  table.Add(
+      Number("gate_angle_deg", 0.1, 180, "deg", "keyframe_mode gate: or it has turned by this angle").WhileRunning(),
+      [](auto& o) -> auto& { return o.gate.min_angle_deg; });
+  table.Embed(
+      WindowOptionTable(), [](auto& o) -> auto& { return o.mapper; });
+  table.Group("output");
+  table.Add(
+      Number("min_confidence", 0, 1, "", "Refined depth and points of less confidence are left out; 0: none are")
+          .WhileRunning(),
+      [](auto& o) -> auto& { return o.min_confidence; });
+  table.Embed(
+      PipelineOptionTable(), [](auto& o) -> auto& { return o.mapper.pipeline; },
+      [](const Description& option) { return option.while_running; });
+  return table;
+}
+
+/// A keyframe needs two useful views, or as many as it can have.
+void FitMinSourceViews(DenseMapperOptions* mapper) {
+  mapper->min_source_views = std::min({DenseMapperOptions().min_source_views, mapper->source_views.max_source_views,
+                                       std::max(mapper->window_size - 1, 1)});
+}
+
+/// A configuration of value(option) for each option that may change.
+DenseMapperConfig MakeConfig(const std::function<OptionValue(const Option<RuntimeOptions>&)>& value) {
+  dynamic_reconfigure::Config message;
+  const auto append = [](const std::string& name, auto number, auto* list) {
+    list->emplace_back();
+    list->back().name = name;
+    list->back().value = number;
+  };
+  for (const Option<RuntimeOptions>& option : RuntimeOptionTable()) {
+    if (!option.description.while_running) continue;
+    const OptionValue of_option = value(option);
+    if (const bool* flag = std::get_if<bool>(&of_option)) append(option.name(), *flag, &message.bools);
+    if (const int* integer = std::get_if<int>(&of_option)) append(option.name(), *integer, &message.ints);
+    if (const double* number = std::get_if<double>(&of_option)) append(option.name(), *number, &message.doubles);
   }
+  DenseMapperConfig config = DenseMapperConfig::__getDefault__();
+  config.__fromMessage__(message);
+  return config;
 }
 
-/// Bound of each numeric parameter.
-std::map<std::string, double> Bounds(const DenseMapperConfig& config) {
-  std::map<std::string, double> bounds;
-  const RuntimeOptions unused;
-  VisitRuntimeParameters(unused, config, [&](const char* name, const auto&, const auto& field) {
-    bounds[name] = static_cast<double>(field);
-  });
-  return bounds;
-}
-
-template <class T>
-void Limit(const char* name, T high, const std::string& why, T* value, std::vector<std::string>* changes) {
-  if (!(*value > high)) return;
-  changes->push_back(Concat(name, " = ", *value, " was changed to ", high, ": ", why));
-  *value = high;
+/// One end of the bounds, as the kind of value that the option has.
+OptionValue BoundOf(const Option<RuntimeOptions>& option, bool upper) {
+  const double bound = upper ? option.description.max : option.description.min;
+  const OptionValue like = option.default_value();
+  if (std::holds_alternative<bool>(like)) return upper;
+  if (std::holds_alternative<int>(like)) return static_cast<int>(bound);
+  return bound;
 }
 
 }  // namespace
 
-void Validate(const OutputOptions& options) { CheckRange("min_confidence", options.min_confidence, 0.0, 1.0); }
+const OptionTable<RuntimeOptions>& RuntimeOptionTable() {
+  static const OptionTable<RuntimeOptions> table = MakeTable();
+  return table;
+}
 
 void Validate(const RuntimeOptions& options) {
+  RuntimeOptionTable().Check(options);
   Validate(options.mapper);
   Validate(options.gate);
-  Validate(options.output);
-}
-
-DenseMapperConfig ToConfig(const RuntimeOptions& options) {
-  DenseMapperConfig config = DenseMapperConfig::__getDefault__();
-  VisitRuntimeParameters(options, config,
-                         [](const char*, const auto& option, auto& field) { OptionToField(option, field); });
-  return config;
-}
-
-RuntimeOptions FromConfig(const DenseMapperConfig& config, RuntimeOptions options) {
-  VisitRuntimeParameters(options, config, [](const char*, auto& option, const auto& field) {
-    option = static_cast<std::decay_t<decltype(option)>>(field);
-  });
-  return options;
 }
 
 RuntimeOptions LoadRuntimeOptions(ParameterReader* reader, const RuntimeOptions& start) {
-  const std::map<std::string, double> low = Bounds(DenseMapperConfig::__getMin__());
-  const std::map<std::string, double> high = Bounds(DenseMapperConfig::__getMax__());
-  DenseMapperConfig config = ToConfig(start);
-  VisitRuntimeParameters(start, config, [&](const char* name, const auto&, auto& field) {
-    if (!reader->Read(name, &field)) return;
-    if constexpr (!std::is_same_v<std::decay_t<decltype(field)>, bool>) {
-      CheckRange(Concat("parameter ~", name).c_str(), static_cast<double>(field), low.at(name), high.at(name));
-    }
-  });
-  const RuntimeOptions options = FromConfig(config, start);
+  RuntimeOptions options = start;
+  ReadOptions(RuntimeOptionTable(), reader, &options);
+  FitMinSourceViews(&options.mapper);
   Validate(options);
   return options;
 }
 
-std::vector<std::string> MakeValid(const DenseMapperConfig& previous, DenseMapperConfig* config) {
-  std::vector<std::string> changes;
-  Limit("lookahead", config->window_size - 1, "must be below window_size", &config->lookahead, &changes);
-  Limit("reestimates", config->window_size - 1, "must be below window_size", &config->reestimates, &changes);
-  Limit("min_source_views", std::min(config->max_source_views, config->window_size - 1),
-        "must be at most max_source_views and below window_size", &config->min_source_views, &changes);
-  Limit("best_angle_min_deg", config->best_angle_max_deg, "must be at most best_angle_max_deg",
-        &config->best_angle_min_deg, &changes);
-  Limit("min_angle_deg", config->best_angle_min_deg, "must be at most best_angle_min_deg", &config->min_angle_deg,
-        &changes);
-  try {
-    Validate(FromConfig(*config));
-  } catch (const InvalidInputError& error) {
-    changes = {Concat("all changes were refused: ", error.what())};
-    *config = previous;
+DenseMapperConfig ToConfig(const RuntimeOptions& options) {
+  return MakeConfig([&](const Option<RuntimeOptions>& option) { return option.get(options); });
+}
+
+RuntimeOptions FromConfig(const DenseMapperConfig& config, const RuntimeOptions& current) {
+  dynamic_reconfigure::Config message;
+  config.__toMessage__(message);
+  std::map<std::string, OptionValue> values;
+  for (const auto& flag : message.bools) values[flag.name] = static_cast<bool>(flag.value);
+  for (const auto& integer : message.ints) values[integer.name] = static_cast<int>(integer.value);
+  for (const auto& number : message.doubles) values[number.name] = static_cast<double>(number.value);
+  RuntimeOptions options = current;
+  for (const Option<RuntimeOptions>& option : RuntimeOptionTable()) {
+    if (!option.description.while_running) continue;
+    CheckOption(option.description, values.at(option.name()));
+    option.set(values.at(option.name()), &options);
   }
-  return changes;
+  FitMinSourceViews(&options.mapper);
+  Validate(options);
+  return options;
+}
+
+std::pair<DenseMapperConfig, DenseMapperConfig> ConfigBounds() {
+  return {MakeConfig([](const Option<RuntimeOptions>& option) { return BoundOf(option, false); }),
+          MakeConfig([](const Option<RuntimeOptions>& option) { return BoundOf(option, true); })};
 }
 
 }  // namespace acmp

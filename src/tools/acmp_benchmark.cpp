@@ -5,6 +5,7 @@
 
 #include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/mapping/window_options.h"
 #include "acmp_mapping/pipeline/parameters.h"
 #include "benchmark_report.h"
 #include "benchmark_stages.h"
@@ -56,7 +57,7 @@ void Run(const Arguments& arguments) {
   }
 #endif
   PipelineOptions options = MakePreset(arguments.preset);
-  for (const std::string& assignment : arguments.set) SetParameter(assignment, &options);
+  for (const std::string& assignment : arguments.set) SetOption(PipelineOptionTable(), assignment, &options);
   Validate(options);
   for (const std::string& text : arguments.sizes) {
     const ImageSize size = ParseSize(text);
@@ -98,13 +99,13 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(0, 1000000))
       ->capture_default_str();
   app.add_option("--refine-again", arguments.refine_again,
-                 "Of the stream: true or false; refine keyframes again that have better views halfway through "
-                 "the window")
+                 "Of the stream: " + acmp::WindowOptionTable().Find("refine_again").description.sentence)
       ->capture_default_str();
   app.add_option("--preset", arguments.preset, "Option set, see the README")
       ->check(CLI::IsMember(acmp::PresetNames()))
       ->capture_default_str();
-  app.add_option("--set", arguments.set, "NAME=VALUE: an option of the pipeline over the preset's");
+  app.add_option("--set", arguments.set,
+                 "NAME=VALUE: an option of the pipeline over the preset's, see docs/parameters.md");
   app.add_option("--device", arguments.device, "auto, cuda or cpu")->capture_default_str();
   app.add_option("--cuda-index", arguments.cuda_index, "Which GPU")->capture_default_str();
   app.add_option("--json", arguments.json, "Also write the figures to this file");

@@ -119,46 +119,5 @@ TEST(FilterByConsistency, NeedsMinConsistentViews) {
   }
 }
 
-TEST(FilterByConsistency, DynamicConsistencyComparesTheMeanAgreementWith03) {
-  // Without a baseline and with equal normals the agreement is exp(-200 rel): 0.3 at rel = 0.00602.
-  const auto keeps = [](const std::vector<float>& relative) {
-    FusionOptions options = AnyConfidence();
-    options.dynamic_consistency = true;
-    std::vector<TestView> views;
-    views.reserve(relative.size());
-    for (const float e : relative) views.push_back(FlatView(1, 1, 4 * (1 + e)));
-    return FilterByConsistency(FlatView(1, 1, 4).View(), ViewsOf(views), options).points_in_camera.size() == 1;
-  };
-  EXPECT_TRUE(keeps({0.0f}));
-  EXPECT_TRUE(keeps({0.0060f}));
-  EXPECT_FALSE(keeps({0.00604f}));
-  EXPECT_TRUE(keeps({0.009f, 0.0040f}));       // 0.165 + 0.449 > 0.6
-  EXPECT_FALSE(keeps({0.009f, 0.0043f}));      // 0.165 + 0.423 < 0.6
-  EXPECT_TRUE(keeps({0.0060f, 0.5f, -0.5f}));  // views that disagree do not count
-  EXPECT_FALSE(keeps({0.5f}));
-  EXPECT_FALSE(keeps({}));
-}
-
-TEST(FilterByConsistency, DynamicConsistencyWeighsAllThreeErrors) {
-  // exp(-(px + 200 rel + 10 rad)) for a baseline, a depth error and a tilt at once.
-  TestView reference = FlatView(41, 1, 4), source = FlatView(41, 1, 3.98f);
-  source.cam_from_world.translation().x() = -0.4;
-  source.normal = NormalMap(41, 1, {std::sin(0.05f), 0, -std::cos(0.05f)});
-  FusionOptions options;
-  options.dynamic_consistency = true;
-  const FusionContexts contexts({reference.View(), source.View()}, {{1}, {}}, options);
-  ReferencePixel pixel;
-  ASSERT_TRUE(LoadReferencePixel(contexts[0], 20, 0, &pixel));
-  const auto& seen_by = contexts[0].sources[0];
-  SourcePlace place;
-  Sighting sighting;
-  PixelMatch match;
-  ASSERT_TRUE(LocateInSource(seen_by, pixel.homogeneous, &place) && LookBack(seen_by, pixel, place, &sighting));
-  ASSERT_TRUE(MatchSighting(seen_by, contexts[0].limits, 0, pixel, sighting, &match));
-  const double px = 10 * (4 / 3.98 - 1), relative = 0.02 / 4;
-  EXPECT_NEAR(match.agreement, std::exp(-(px + 200 * relative + 10 * 0.05)), 1e-5);  // 3.98 in float: rel 1e-8
-  EXPECT_EQ(match.col, 10);
-}
-
 }  // namespace
 }  // namespace acmp

@@ -88,13 +88,10 @@ bool SameBits(const PointCloud& a, const PointCloud& b) {
 
 TEST_F(CudaFusionParityTest, NoisyViews) {
   const std::vector<TestView> views = NoisyViews();
-  for (const bool dynamic : {false, true}) {
-    FusionOptions options;
-    options.dynamic_consistency = dynamic;
-    ASSERT_GT(FilterByConsistency(views[1].View(), ViewsOf(views), options).points_in_camera.size(), 100u);
-    ExpectParity(views[0].View(), SourcesOf(ViewsOf(views)), options);
-    ExpectParity(ViewsOf(views), NoisyNeighbors(), options);
-  }
+  FusionOptions options;
+  ASSERT_GT(FilterByConsistency(views[1].View(), ViewsOf(views), options).points_in_camera.size(), 100u);
+  ExpectParity(views[0].View(), SourcesOf(ViewsOf(views)), options);
+  ExpectParity(ViewsOf(views), NoisyNeighbors(), options);
 }
 
 TEST_F(CudaFusionParityTest, ConfidenceAloneIsThatOfTheFilter) {

@@ -27,25 +27,21 @@ void ExpectSamePoints(const PointCloud& a, const PointCloud& b) {
 
 TEST(FuseDepthMaps, AgreesWithThePlainReference) {
   const std::vector<TestView> views = NoisyViews();
-  for (const bool dynamic : {false, true}) {
-    FusionOptions options;
-    options.dynamic_consistency = dynamic;
-    if (dynamic) options.min_point_confidence = 0.2f;  // a single view suffices then, at less confidence
-    const PointCloud points = FuseDepthMaps(ViewsOf(views), NoisyNeighbors(), options);
-    const std::vector<reference::Point> expected = reference::Fuse(ViewsOf(views), NoisyNeighbors(), options);
-    ASSERT_EQ(points.size(), expected.size());
-    ASSERT_GT(points.size(), 500u);
-    for (size_t i = 0; i < points.size(); ++i) {
-      // Coordinates up to 5, held in float: 2.4e-7 each.
-      ASSERT_NEAR(points[i].position.x, expected[i].position.x(), 3e-6) << i;
-      ASSERT_NEAR(points[i].position.y, expected[i].position.y(), 3e-6) << i;
-      ASSERT_NEAR(points[i].position.z, expected[i].position.z(), 3e-6) << i;
-      ASSERT_NEAR(points[i].normal.x, expected[i].normal.x(), 1e-6);
-      ASSERT_NEAR(points[i].normal.y, expected[i].normal.y(), 1e-6);
-      ASSERT_NEAR(points[i].normal.z, expected[i].normal.z(), 1e-6);
-      ASSERT_NEAR(points[i].color.b, expected[i].color.z(), 0.5);
-      ASSERT_NEAR(points[i].confidence, expected[i].confidence, 1e-6);  // held in float
-    }
+  FusionOptions options;
+  const PointCloud points = FuseDepthMaps(ViewsOf(views), NoisyNeighbors(), options);
+  const std::vector<reference::Point> expected = reference::Fuse(ViewsOf(views), NoisyNeighbors(), options);
+  ASSERT_EQ(points.size(), expected.size());
+  ASSERT_GT(points.size(), 500u);
+  for (size_t i = 0; i < points.size(); ++i) {
+    // Coordinates up to 5, held in float: 2.4e-7 each.
+    ASSERT_NEAR(points[i].position.x, expected[i].position.x(), 3e-6) << i;
+    ASSERT_NEAR(points[i].position.y, expected[i].position.y(), 3e-6) << i;
+    ASSERT_NEAR(points[i].position.z, expected[i].position.z(), 3e-6) << i;
+    ASSERT_NEAR(points[i].normal.x, expected[i].normal.x(), 1e-6);
+    ASSERT_NEAR(points[i].normal.y, expected[i].normal.y(), 1e-6);
+    ASSERT_NEAR(points[i].normal.z, expected[i].normal.z(), 1e-6);
+    ASSERT_NEAR(points[i].color.b, expected[i].color.z(), 0.5);
+    ASSERT_NEAR(points[i].confidence, expected[i].confidence, 1e-6);  // held in float
   }
 }
 
@@ -64,31 +60,28 @@ TEST(FuseDepthMaps, UsesNoPixelOfAnEarlierViewsPoints) {
 
 TEST(FuseDepthMaps, StampsEachPixelWithTheViewThatUsedItFirst) {
   const std::vector<TestView> views = NoisyViews();
-  for (const bool dynamic : {false, true}) {
-    FusionOptions options;
-    options.dynamic_consistency = dynamic;
-    FusionContexts contexts(ViewsOf(views), NoisyNeighbors(), options);
-    std::vector<std::vector<reference::Place>> used;
-    reference::Fuse(ViewsOf(views), NoisyNeighbors(), options, &used);
-    std::set<std::tuple<int, int, int>> used_before;
-    for (int i = 0; i < contexts.count(); ++i) {
-      const size_t stamped_before = used_before.size();
-      contexts.ForEachPixel(i, [&](int col, int row) {
-        SurfacePoint point;
-        FusePixel<kMaxFusionSources>(contexts[i], col, row, &point);
-      });
-      for (const reference::Place& place : used[i]) {
-        // Never by an earlier view; maybe by several points of this one.
-        ASSERT_EQ(contexts.stamp(place.view, place.col, place.row), i);
-        used_before.insert({place.view, place.col, place.row});
-      }
-      EXPECT_GT(used_before.size(), stamped_before);
-      size_t stamped = 0;
-      for (int k = 0; k < contexts.count(); ++k) {
-        contexts.ForEachPixel(k, [&](int col, int row) { stamped += contexts.stamp(k, col, row) != kUnusedStamp; });
-      }
-      EXPECT_EQ(stamped, used_before.size());
+  FusionOptions options;
+  FusionContexts contexts(ViewsOf(views), NoisyNeighbors(), options);
+  std::vector<std::vector<reference::Place>> used;
+  reference::Fuse(ViewsOf(views), NoisyNeighbors(), options, &used);
+  std::set<std::tuple<int, int, int>> used_before;
+  for (int i = 0; i < contexts.count(); ++i) {
+    const size_t stamped_before = used_before.size();
+    contexts.ForEachPixel(i, [&](int col, int row) {
+      SurfacePoint point;
+      FusePixel<kMaxFusionSources>(contexts[i], col, row, &point);
+    });
+    for (const reference::Place& place : used[i]) {
+      // Never by an earlier view; maybe by several points of this one.
+      ASSERT_EQ(contexts.stamp(place.view, place.col, place.row), i);
+      used_before.insert({place.view, place.col, place.row});
     }
+    EXPECT_GT(used_before.size(), stamped_before);
+    size_t stamped = 0;
+    for (int k = 0; k < contexts.count(); ++k) {
+      contexts.ForEachPixel(k, [&](int col, int row) { stamped += contexts.stamp(k, col, row) != kUnusedStamp; });
+    }
+    EXPECT_EQ(stamped, used_before.size());
   }
 }
 

@@ -16,7 +16,6 @@ namespace reference {
 struct Match {
   int source, col, row;
   Eigen::Vector3d point_in_world, normal_in_world;
-  double agreement;
 };
 
 inline Eigen::Vector3d PointInWorld(const FusionView& view, int col, int row) {
@@ -54,18 +53,14 @@ inline std::vector<Match> FindMatches(const FusionView& view, const std::vector<
     const double angle = AngleRad(NormalInWorld(view, col, row), source_normal);
     if (px >= options.max_reprojection_px || relative >= options.max_relative_depth) continue;
     if (angle * 180 / M_PI >= options.max_normal_angle_deg) continue;
-    matches.push_back({static_cast<int>(i), source_col, source_row, source_point, source_normal,
-                       std::exp(-(px + 200 * relative + 10 * angle))});
+    matches.push_back({static_cast<int>(i), source_col, source_row, source_point, source_normal});
   }
   return matches;
 }
 
 /// Whether enough agrees; the confidence is another matter.
 inline bool Accepts(const std::vector<Match>& matches, const FusionOptions& options) {
-  if (!options.dynamic_consistency) return static_cast<int>(matches.size()) >= options.min_consistent_views;
-  double sum = 0;
-  for (const Match& match : matches) sum += match.agreement;
-  return !matches.empty() && sum / static_cast<double>(matches.size()) > 0.3;
+  return static_cast<int>(matches.size()) >= options.min_consistent_views;
 }
 
 /// Colours that differ by 20, summed over the channels, count half.

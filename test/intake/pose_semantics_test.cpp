@@ -73,12 +73,5 @@ TEST(CheckedTransform, NormalisesSmallErrors) {
   EXPECT_EQ(pose.translation(), Eigen::Vector3d(1, 2, 3));
 }
 
-TEST(PoseSemantics, RefusesUnknownNames) {
-  EXPECT_EQ(ParsePoseDirection("T_cam_world"), PoseSemantics::Direction::kCamFromWorld);
-  EXPECT_EQ(ParsePoseChild("pose_child", "camera_flu"), PoseSemantics::Child::kCameraFlu);
-  EXPECT_THROW(ParsePoseDirection("Twc"), InvalidInputError);
-  EXPECT_THROW(ParsePoseChild("pose_child", "imu"), InvalidInputError);
-}
-
 }  // namespace
 }  // namespace acmp

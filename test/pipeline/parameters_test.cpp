@@ -1,3 +1,4 @@
+#include "acmp_mapping/mapping/window_options.h"
 #include "acmp_mapping/pipeline/parameters.h"
 
 #include <set>
@@ -10,50 +11,67 @@
 namespace acmp {
 namespace {
 
-using ::testing::AllOf;
-using ::testing::HasSubstr;
-
-std::string Refusal(const std::string& assignment) {
-  PipelineOptions options;
-  try {
-    SetParameter(assignment, &options);
-  } catch (const InvalidInputError& error) {
-    return error.what();
-  }
-  return "(accepted)";
-}
-
-TEST(ParametersTest, SetEveryKindOfOption) {
-  PipelineOptions options;
-  SetParameter("geometric_passes=3", &options);
-  SetParameter("seed=4294967295", &options);
-  SetParameter("prior_alpha=0.25", &options);
-  SetParameter("use_planar_prior=false", &options);
-  EXPECT_EQ(options.geometric_passes, 3);
-  EXPECT_EQ(options.patch_match.seed, 4294967295u);
-  EXPECT_EQ(options.patch_match.prior_alpha, 0.25f);
-  EXPECT_FALSE(options.use_planar_prior);
-}
-
-TEST(ParametersTest, HaveNamesAndPlacesOfTheirOwn) {
-  PipelineOptions options;
+std::set<std::string> Names() {
   std::set<std::string> names;
-  std::set<const void*> places;
-  VisitPipelineParameters(options, [&](const char* name, const auto& option) {
-    EXPECT_TRUE(names.insert(name).second) << name;
-    EXPECT_TRUE(places.insert(&option).second) << name;
-  });
+  for (const auto& option : PipelineOptionTable()) {
+    EXPECT_TRUE(names.insert(option.name()).second) << option.name();
+    EXPECT_FALSE(option.description.sentence.empty()) << option.name();
+  }
+  for (const auto& option : WindowOptionTable()) {
+    EXPECT_TRUE(names.insert(option.name()).second) << option.name();
+    EXPECT_FALSE(option.description.sentence.empty()) << option.name();
+  }
+  return names;
 }
 
-TEST(ParametersTest, RefuseWhatTheyCannotRead) {
-  EXPECT_THAT(Refusal("geometric_passes"), HasSubstr("NAME=VALUE"));
-  EXPECT_THAT(Refusal("geometric_pases=1"), AllOf(HasSubstr("geometric_pases"), HasSubstr("mean geometric_passes?")));
-  EXPECT_THAT(Refusal("geometric_passes=1.5"), AllOf(HasSubstr("\"1.5\""), HasSubstr("an integer")));
-  EXPECT_THAT(Refusal("prior_alpha=much"), AllOf(HasSubstr("prior_alpha"), HasSubstr("a number")));
-  EXPECT_THAT(Refusal("prior_alpha=0.1 "), HasSubstr("a number"));
-  EXPECT_THAT(Refusal("use_planar_prior=1"), HasSubstr("true or false"));
-  EXPECT_THAT(Refusal("seed=-1"), HasSubstr("seed"));
-  EXPECT_THAT(Refusal("seed="), HasSubstr("seed"));
+TEST(ParametersTest, HaveNamesOfTheirOwnAndAreExplained) { EXPECT_FALSE(Names().empty()); }
+
+/// A bound of the option, or the other value of a flag.
+OptionValue Extreme(const OptionDescription& option, const OptionValue& like, bool upper) {
+  const double bound = upper ? option.max : option.min;
+  if (std::holds_alternative<bool>(like)) return upper;
+  if (std::holds_alternative<int>(like)) return static_cast<int>(bound);
+  return bound;
+}
+
+TEST(ParametersTest, EachBoundOfThePipelineIsLegal) {
+  for (const std::string& preset : PresetNames()) {
+    for (const auto& option : PipelineOptionTable()) {
+      for (const bool upper : {false, true}) {
+        PipelineOptions options = MakePreset(preset);
+        option.set(Extreme(option.description, option.get(options), upper), &options);
+        EXPECT_NO_THROW(Validate(options)) << preset << ", " << option.name();
+      }
+    }
+  }
+}
+
+TEST(ParametersTest, EachBoundOfTheWindowIsLegalWithWhatBelongsToIt) {
+  for (const auto& option : WindowOptionTable()) {
+    for (const bool upper : {false, true}) {
+      DenseMapperOptions options;
+      options.window_size = upper ? kMaxWindowSize : 3;
+      options.lookahead = 0;
+      options.min_source_views = 1;
+      if (option.name() == "depth_min" && upper) continue;  // nothing is farther
+      if (option.name() == "depth_min") options.fallback_depth_range.max = 0;
+      if (option.name() == "depth_max" && upper) options.fallback_depth_range.min = 1;
+      option.set(Extreme(option.description, option.get(options), upper), &options);
+      EXPECT_NO_THROW(Validate(options)) << option.name();
+    }
+  }
+}
+
+TEST(ParametersTest, SettingOneChangesThatOneAlone) {
+  for (const auto& changed : PipelineOptionTable()) {
+    PipelineOptions options;
+    const bool at_top = changed.get(options) == Extreme(changed.description, changed.get(options), true);
+    changed.set(Extreme(changed.description, changed.get(options), !at_top), &options);
+    for (const auto& option : PipelineOptionTable()) {
+      EXPECT_EQ(option.get(options) == option.default_value(), option.name() != changed.name())
+          << changed.name() << ", " << option.name();
+    }
+  }
 }
 
 }  // namespace

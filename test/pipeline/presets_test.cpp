@@ -1,14 +1,10 @@
 #include "acmp_mapping/pipeline/presets.h"
 
-#include <map>
-#include <set>
-
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/engine/depth_engine.h"
-#include "acmp_mapping/pipeline/parameters.h"
 
 namespace acmp {
 namespace {
@@ -82,28 +78,6 @@ TEST(PresetsTest, OnlineTakesAllStepsWithLessWork) {
   EXPECT_EQ(online.patch_match.method, Method::kOurs);
 }
 
-/// The names of the options in which two presets differ.
-std::set<std::string> Differences(PipelineOptions a, PipelineOptions b) {
-  std::map<std::string, double> values;
-  std::set<std::string> names;
-  VisitPipelineParameters(a, [&](const char* name, const auto& option) { values[name] = static_cast<double>(option); });
-  VisitPipelineParameters(b, [&](const char* name, const auto& option) {
-    if (values.at(name) != static_cast<double>(option)) names.insert(name);
-  });
-  return names;
-}
-
-TEST(PresetsTest, DefaultOptionsAreBalanced) {
-  EXPECT_THAT(Differences({}, MakePreset("balanced")), ::testing::IsEmpty());
-  EXPECT_EQ(PipelineOptions().patch_match.method, Method::kOurs);
-}
-
-TEST(PresetsTest, DifferInWhatTheyAreNamedFor) {
-  using ::testing::UnorderedElementsAre;
-  EXPECT_THAT(Differences(MakePreset("acmp"), MakePreset("acmp_no_geometric")),
-              UnorderedElementsAre("geometric_passes"));
-  EXPECT_THAT(Differences(MakePreset("acmp"), MakePreset("acmh")),
-              UnorderedElementsAre("use_planar_prior", "geometric_weight", "geometric_max_px"));
 }
 
 TEST(PresetsTest, UnknownNameIsAnErrorThatListsAllNames) {

@@ -3,10 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <filesystem>
 #include <limits>
 
-#include <dynamic_reconfigure/Reconfigure.h>
 #include <gtest/gtest.h>
 #include <nav_msgs/Path.h>
 #include <pcl/point_types.h>
@@ -217,33 +215,6 @@ TEST_F(MapTest, E_APathOfOnePoseMovesOneKeyframe) {
 TEST_F(MapTest, F_ResetForgetsCorrections) {
   ASSERT_TRUE(session().mapper.Call("reset") && session().mapper.CallMap("reset"));
   EXPECT_TRUE(session().mapper.WaitForDiagnostic({"optimized paths = 0 received"}, kTimeoutS));
-}
-
-TEST_F(MapTest, G_KeyframesThatAreRefinedAgainGetOtherPointsInTheMapAlone) {
-  dynamic_reconfigure::Reconfigure call;
-  dynamic_reconfigure::BoolParameter refine_again;
-  refine_again.name = "refine_again";
-  refine_again.value = 1;
-  call.request.config.bools.push_back(refine_again);
-  ASSERT_TRUE(ros::service::call("/dense_mapper/set_parameters", call));
-  session().points.Clear();
-  ASSERT_EQ(session().mapper.Map(session().Messages(2000)), kViews);
-  ASSERT_TRUE(session().points.WaitForCount(kViews, kTimeoutS));
-  session().mapper.diagnostics.Clear();  // what is told from now on
-  ASSERT_TRUE(session().mapper.WaitForDiagnostic({"refined again for the map"}, kTimeoutS));
-  EXPECT_GT(std::stoi(session().mapper.DiagnosticValue("refined again for the map")), 0);
-  EXPECT_EQ(session().points.messages().size(), kViews) << "published once";
-  EXPECT_EQ(session().mapper.depth.messages().size(), kViews) << "published once";
-  // The last map is the one that can be saved now.
-  const std::string path = (std::filesystem::temp_directory_path() / "acmp_map_rostest.pcd").string();
-  const auto saved = session().mapper.SaveMap(path, acmp_mapping::SaveMap::Request::PCD, true);
-  std::filesystem::remove(path);
-  ASSERT_TRUE(saved.success) << saved.message;
-  ASSERT_TRUE(session().map.WaitUntil(
-      [&](const auto& messages) { return !messages.empty() && messages.back()->width == saved.points; }, kTimeoutS));
-  const PointCloud map = ToPointCloud(*session().map.messages().back());
-  EXPECT_GT(map.size(), 100u);
-  EXPECT_FALSE(Same(map, session().ExpectedMap(session().drifted_poses))) << "that is the map of what was published";
 }
 
 }  // namespace

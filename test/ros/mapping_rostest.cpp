@@ -358,6 +358,8 @@ TEST_F(MappingTest, DiagnosticsAreWell) {
   EXPECT_EQ(values["keyframes"], std::to_string(kViews));
   EXPECT_EQ(values["refined depth maps"], std::to_string(kViews));
   EXPECT_EQ(values["matched size [px]"], "120x90");
+  EXPECT_GT(std::stoi(values["refined again for the map"]), 0);
+  EXPECT_EQ(session().points.messages().size(), kViews) << "what is refined again is not published again";
 }
 
 }  // namespace

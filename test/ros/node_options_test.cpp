@@ -78,6 +78,24 @@ TEST(NodeOptions, RefusesABadExtrinsic) {
               HasSubstr("pose_child"));
 }
 
+TEST(NodeOptions, TheDeviceMayBeOneOfSeveral) {
+  EXPECT_EQ(Load({{"device", std::string("cuda")}}).cuda_device, 0);
+  const NodeOptions second = Load({{"device", std::string("cuda:1")}});
+  EXPECT_EQ(second.device, Device::kCuda);
+  EXPECT_EQ(second.cuda_device, 1);
+  const Option<NodeOptions>& option = NodeOptionTable().Find("device");
+  EXPECT_EQ(option.get(second), OptionValue(std::string("cuda:1")));
+  for (const char* bad : {"cuda:", "cuda:-1", "cuda:01", "cuda:64", "cuda:1 ", "CPU", ""}) {
+    EXPECT_THAT(NodeRefusal({{"device", std::string(bad)}}), HasSubstr("must be auto, cuda")) << bad;
+  }
+}
+
+TEST(NodeOptions, ThePathMayBeOfAnotherChild) {
+  EXPECT_EQ(PathSemantics(Load({{"pose_child", std::string("camera_flu")}})).child, PoseSemantics::Child::kCameraFlu);
+  EXPECT_EQ(PathSemantics(Load({{"path_child", std::string("body")}})).child, PoseSemantics::Child::kBody);
+  EXPECT_EQ(Load({{"path_child", std::string()}}).path_child, std::nullopt);
+}
+
 TEST(NodeOptions, ReadsPoseSources) {
   const std::pair<const char*, PoseSource> sources[] = {{"pose", PoseSource::kPose},
                                                         {"pose_cov", PoseSource::kPoseWithCovariance},

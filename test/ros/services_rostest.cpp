@@ -182,24 +182,24 @@ TEST_F(ServicesTest, ReconfigureChangesTheNextKeyframes) {
       << "the same input and options";
 }
 
-TEST_F(ServicesTest, ReconfigureLimitsWhatDoesNotFit) {
-  const auto out_of_bounds = Reconfigure([](dynamic_reconfigure::Config* c) { Append("window_size", 2000, &c->ints); });
-  EXPECT_EQ(out_of_bounds.window_size, 64);
-  const auto narrow = Reconfigure([](dynamic_reconfigure::Config* c) { Append("window_size", 2, &c->ints); });
-  EXPECT_EQ(narrow.window_size, 2);
-  EXPECT_EQ(narrow.lookahead, 1);
-  EXPECT_TRUE(mapper().WaitForLog({"lookahead = 2 was changed to 1"}, 30));
+TEST_F(ServicesTest, ReconfigureRefusesWhatIsOutOfBoundsOrDoesNotFit) {
+  const auto before = Reconfigure([](dynamic_reconfigure::Config*) {});
+  const auto out_of_bounds = Reconfigure([](dynamic_reconfigure::Config* c) {
+    Append("max_source_views", 2000, &c->ints);
+    Append("min_confidence", 0.5, &c->doubles);
+  });
+  EXPECT_EQ(out_of_bounds.max_source_views, before.max_source_views);
+  EXPECT_EQ(out_of_bounds.min_confidence, before.min_confidence) << "all or nothing";
+  EXPECT_TRUE(mapper().WaitForLog({"max_source_views = 2000", "[1, 32]"}, 30));
+  const auto does_not_fit = Reconfigure([](dynamic_reconfigure::Config* c) { Append("lookahead", 63, &c->ints); });
+  EXPECT_EQ(does_not_fit.lookahead, before.lookahead);
+  EXPECT_TRUE(mapper().WaitForLog({"refused", "lookahead = 63"}, 30));
   const auto inverted = Reconfigure([](dynamic_reconfigure::Config* c) {
     Append("depth_min", 5.0, &c->doubles);
     Append("depth_max", 2.0, &c->doubles);
   });
   EXPECT_EQ(inverted.depth_min, 0);
   EXPECT_TRUE(mapper().WaitForLog({"refused", "depth_range"}, 30));
-  Reconfigure([](dynamic_reconfigure::Config* c) {
-    Append("window_size", 10, &c->ints);
-    Append("lookahead", 2, &c->ints);
-    Append("min_source_views", 2, &c->ints);
-  });
   EXPECT_EQ(mapper().Map(Scene()), kViews);
 }
 

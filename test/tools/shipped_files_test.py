@@ -27,10 +27,14 @@ def interface_names():
         return set(re.findall(r'constexpr char k\w+\[\] = "([^"]+)";', file.read()))
 
 
-def parameter_names(path="config/acmp_mapping.yaml"):
+def parameters(path="config/acmp_mapping.yaml"):
     """Of a shipped file, with those that it leaves to the preset: "#name: value"."""
     with open(os.path.join(SOURCE, path)) as file:
-        return set(yaml.safe_load(re.sub(r"^#(?=\w)", "", file.read(), flags=re.MULTILINE)))
+        return yaml.safe_load(re.sub(r"^#(?=\w)", "", file.read(), flags=re.MULTILINE))
+
+
+def parameter_names(path="config/acmp_mapping.yaml"):
+    return set(parameters(path))
 
 
 def load(launch, *arguments):
@@ -109,6 +113,18 @@ class LaunchFiles(unittest.TestCase):
         self.assertEqual(of_map, parameter_names("config/map_server.yaml"))
         for name, value in overrides.items():
             self.assertEqual(values[name], value)
+
+    def test_every_argument_that_names_a_parameter_sets_it(self):
+        defaults = parameters()
+        names = sorted(set(launch_arguments("dense_mapper.launch")) & set(defaults))
+        self.assertGreaterEqual(set(names), {"device", "preset", "max_image_size", "max_source_views", "lookahead"})
+        for name in set(names) - {"T_body_cam"}:
+            with self.subTest(name):
+                wanted = {int: 5, float: 0.75, str: "other"}[type(defaults[name])]
+                self.assertNotEqual(wanted, defaults[name])
+                values = mapper_parameters(load("dense_mapper.launch", "%s:=%s" % (name, wanted)))
+                self.assertEqual(values[name], wanted)
+                self.assertEqual(type(values[name]), type(defaults[name]))
 
     def test_values_of_an_earlier_start_are_forgotten(self):
         for standalone in ("true", "false"):

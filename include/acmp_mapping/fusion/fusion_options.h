@@ -9,11 +9,6 @@ struct FusionOptions {
   float max_relative_depth = 0.01f;    ///< (0, 1)
   float max_normal_angle_deg = 10.0f;  ///< (0, 180]
   int min_consistent_views = 2;        ///< source views that must agree, 1..32
-  /// Keep a pixel by the quality of its agreement instead of min_consistent_views: n >= 1 and
-  /// sum exp(-(px + 200 rel + 10 rad)) > 0.3 n over the n agreeing views, as in ACMMP. n counts agreeing views only:
-  /// one that sees an occluder, or nothing, is no evidence against the pixel. A single view suffices when it agrees
-  /// well.
-  bool dynamic_consistency = false;
   /// Least confidence of a kept pixel (see ConfidenceOf), [0, 1]; 0: all that agree. At 0.4 an error of 1.5 % of
   /// depth is expected; docs/quality.md has the curve that this was chosen from, for completed maps. Presets without
   /// completion take less (MakePreset).

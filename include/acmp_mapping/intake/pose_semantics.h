@@ -34,10 +34,6 @@ RigidTransform WorldFromCamera(const PoseSemantics& semantics, const RigidTransf
 /// within 1e-3 of 1.
 RigidTransform CheckedTransform(const Eigen::Quaterniond& rotation, const Eigen::Vector3d& position);
 
-PoseSemantics::Direction ParsePoseDirection(const std::string& name);
-/// @param parameter for the message of the InvalidInputError
-PoseSemantics::Child ParsePoseChild(const char* parameter, const std::string& name);
-
 /// As in parameters: "T_world_cam", "camera_optical".
 const char* Name(PoseSemantics::Direction direction);
 const char* Name(PoseSemantics::Child child);

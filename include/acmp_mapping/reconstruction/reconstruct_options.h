@@ -29,7 +29,6 @@ struct ReconstructOptions {
   std::optional<double> depth_min;  ///< scene units
   std::optional<double> depth_max;
   uint32_t seed = PatchMatchOptions().seed;
-  bool dynamic_consistency = false;
   int window_size = DenseMapperOptions().window_size;
   int lookahead = DenseMapperOptions().lookahead;
   bool refine_again = DenseMapperOptions().refine_again;

@@ -82,7 +82,6 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   std::vector<std::unique_ptr<InputSource>> sources_;
   std::vector<ros::ServiceServer> services_;
   boost::recursive_mutex config_mutex_;
-  DenseMapperConfig config_;
   std::unique_ptr<dynamic_reconfigure::Server<DenseMapperConfig>> reconfigure_;
   std::unique_ptr<MapperDiagnostics> diagnostics_;
 };

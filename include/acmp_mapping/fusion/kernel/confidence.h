@@ -18,7 +18,7 @@ struct ViewEvidence {
 /// rays that are nearly parallel, agreement says little about depth.
 /// @param angle_versine 1 - cos of the angle between the rays, 2 sin^2(angle / 2)
 ACMP_HOST_DEVICE inline double GradedAgreement(double reprojection_px, double relative_depth, double angle_versine) {
-  constexpr double kPixelsPerRelativeDepth = 200;  // as in the dynamic consistency: 2 px weigh like 1 % of depth
+  constexpr double kPixelsPerRelativeDepth = 200;  // 2 px weigh like 1 % of depth
   constexpr double kNothing = 20;                  // exp(-20) = 2e-9 is not worth its computation
   constexpr double kFullVersine = 1.51922470e-2;   // of 10 degrees
   const double error = reprojection_px + kPixelsPerRelativeDepth * relative_depth;

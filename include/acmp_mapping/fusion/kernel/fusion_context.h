@@ -34,7 +34,6 @@ struct FusionLimits {
   double max_relative_depth;
   double min_normal_cosine;
   int min_consistent_views;
-  bool dynamic_consistency;
   double min_confidence;  ///< of a point
 };
 

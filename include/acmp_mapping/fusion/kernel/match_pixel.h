@@ -126,7 +126,6 @@ struct PixelMatch {
   int col, row;
   Vec3d homogeneous;  ///< the source pixel's point as the reference sees it, z (u, v, 1)
   Vec3d normal;       ///< unit, target frame
-  double agreement;   ///< exp(-(px + 200 rel + 10 rad)), 0..1; 0 unless the limits ask for dynamic_consistency
 };
 
 /// True when what the source sees agrees with the pixel and no earlier view has used it.
@@ -143,12 +142,7 @@ ACMP_HOST_DEVICE inline bool MatchSighting(const FusionSource<View>& source, con
   const double cosine = Dot(normal, pixel.normal);
   if (!(cosine > limits.min_normal_cosine)) return false;
 
-  *match = {col, row, sighting.homogeneous, normal, 0};
-  if (limits.dynamic_consistency) {
-    // Exact for small angles, unlike the arc cosine.
-    const double angle = std::atan2(Norm(Cross(normal, pixel.normal)), cosine);
-    match->agreement = std::exp(-(std::sqrt(sighting.squared_px) + 200 * sighting.relative_depth + 10 * angle));
-  }
+  *match = {col, row, sighting.homogeneous, normal};
   return true;
 }
 

@@ -9,7 +9,6 @@ namespace acmp {
 template <int kMaxSources>
 struct MatchSum {
   int count;                                  ///< of matches
-  double agreement;                           ///< of the matches
   Vec3d homogeneous;                          ///< z (u, v, 1) in the reference; as all below with the reference pixel
   Vec3d normal;                               ///< target frame
   unsigned red, green, blue, num_colors;      ///< of the pixels whose view has colours
@@ -37,7 +36,6 @@ ACMP_HOST_DEVICE inline void AddColor(const View& view, int col, int row, MatchS
 template <class View, int kMaxSources>
 ACMP_HOST_DEVICE inline void StartSum(const View& reference, const ReferencePixel& pixel, MatchSum<kMaxSources>* sum) {
   sum->count = 0;
-  sum->agreement = 0;
   sum->homogeneous = pixel.homogeneous;
   sum->normal = pixel.normal;
   sum->red = sum->green = sum->blue = sum->num_colors = 0;
@@ -49,7 +47,6 @@ template <class View, int kMaxSources>
 ACMP_HOST_DEVICE inline void AddMatch(const View& view, int source, const PixelMatch& match,
                                       MatchSum<kMaxSources>* sum) {
   ++sum->count;
-  sum->agreement += match.agreement;
   sum->homogeneous = sum->homogeneous + match.homogeneous;
   sum->normal = sum->normal + match.normal;
   sum->matched[WordOf<kMaxSources>(source)] |= 1u << (source % 32);
@@ -77,7 +74,7 @@ ACMP_HOST_DEVICE inline void SumMatches(const FusionContext<View>& context, cons
 /// True when the matches suffice to keep the pixel, if it is confident enough.
 template <int kMaxSources>
 ACMP_HOST_DEVICE inline bool HasEnoughMatches(const FusionLimits& limits, const MatchSum<kMaxSources>& sum) {
-  return limits.dynamic_consistency ? sum.agreement > 0.3 * sum.count : sum.count >= limits.min_consistent_views;
+  return sum.count >= limits.min_consistent_views;
 }
 
 /// Sum over count, rounded to nearest; 0 of none.
