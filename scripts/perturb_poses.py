@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Copies a scene with errors in its poses, as those of a SLAM system have: what depth maps are worth then (docs/quality.md).
+"""Copies a scene with errors in its poses, as those of a SLAM system have: what depth maps are worth then (docs/experiments.md).
 
     scripts/perturb_poses.py SCENE OUTPUT --rotation-deg 0.03 --position 0.001
     acmp_reconstruct OUTPUT out && acmp_evaluate depth SCENE out/depth

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Measures presets on scenes and keeps what scripts/quality_report.py makes a report of:
 #   scripts/quality_report.sh run FOLDER_WITH_SCENES RESULTS [PRESET...]
-# PRESET: acmh acmp_no_geometric acmp quality online, unless given. acmp_reconstruct and acmp_evaluate are taken from
+# PRESET: acmh acmm acmp_no_geometric acmp balanced online, unless given. acmp_reconstruct and acmp_evaluate are taken from
 # PATH; python3 needs no modules. A scene is a folder with images/, cameras.txt and ground truth in depth/ (maps and
 # cloud are measured) or gt_sparse/ (maps only). RESULTS/SCENE/PRESET gets depth.json, cloud.json, summary.json, and
 # depth and confidence of a few images as maps/000007_depth.png (16 bit, thousandths) and maps/000007_confidence.png
@@ -86,7 +86,7 @@ measure() {
 run() {
   local scenes=$1 results=$2 scene preset result status=0
   shift 2
-  [ $# -gt 0 ] || set -- acmh acmp_no_geometric acmp quality online
+  [ $# -gt 0 ] || set -- acmh acmm acmp_no_geometric acmp balanced online
   [ -d "$scenes" ] || { echo "$scenes: no such folder" >&2; exit 2; }
   work=$(mktemp -d)
   trap 'rm -rf "$work"' EXIT
