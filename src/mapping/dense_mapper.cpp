@@ -144,7 +144,7 @@ struct DenseMapper::Impl {
   /// Makes the maps of a finished keyframe anew if the policy says so. Where that fails its maps stay as they are.
   void RefineAgain(const WindowKeyframePtr& keyframe) {
     using Again = RefinementPolicy::Again;
-    if (!options.refine_again || !keyframe->refined_score || !outputs.HadRefined(*keyframe)) return;
+    if (!options.refine_again || !keyframe->refined_score || !outputs.WantsRefinedAgain(*keyframe)) return;
     const SourceViews sources = window.SelectSources(keyframe.get());
     const Again again = RefinementPolicy::Decide(*keyframe, sources);
     if (again == Again::kNo) return;

@@ -90,9 +90,9 @@ void MapperOutputs::ReportFailedAgain(int64_t id, const Failure& failure) {
   queue_.Submit([this, message = DescribeFailedAgain(id, failure)] { CallProblem("refine_again_failed", message); });
 }
 
-bool MapperOutputs::HadRefined(const WindowKeyframe& keyframe) {
+bool MapperOutputs::WantsRefinedAgain(const WindowKeyframe& keyframe) {
   queue_.WaitFor(keyframe.output);
-  return keyframe.had_refined;
+  return keyframe.had_refined && (!callbacks_.wants_refined_again || callbacks_.wants_refined_again());
 }
 
 void MapperOutputs::CallProblem(const char* reason, const std::string& message) const {

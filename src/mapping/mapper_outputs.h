@@ -24,8 +24,8 @@ class MapperOutputs {
   void SubmitDrop(KeyframeDrop drop, WindowKeyframePtr keyframe);
   void ReportFailedAgain(int64_t id, const Failure& failure);
 
-  /// Whether the keyframe's on_refined was called; waits until that is known.
-  bool HadRefined(const WindowKeyframe& keyframe);
+  /// Whether the keyframe's on_refined was called, and somebody would use better maps; waits until that is known.
+  bool WantsRefinedAgain(const WindowKeyframe& keyframe);
   void WaitForAll() { queue_.WaitForAll(); }
 
  private:

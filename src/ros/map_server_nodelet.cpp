@@ -60,7 +60,7 @@ void MapServerNodelet::LoadOptions() {
   reader.Allow("diagnostic_period");   // diagnostic_updater
   reader.Allow("num_worker_threads");  // a nodelet manager of the same name
   options_ = LoadMapServerOptions(&reader);
-  reader.CheckUnknown();
+  for (const std::string& warning : reader.DescribeUnknown()) NODELET_WARN("%s", warning.c_str());
 }
 
 void MapServerNodelet::Subscribe() {

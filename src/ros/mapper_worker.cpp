@@ -131,13 +131,12 @@ void MapperWorker::MakeMapper() {
     callbacks.on_fast = [this](const KeyframeDepthPtr& maps) { HandleFast(maps); };
     callbacks.on_refined = [this](const KeyframeDepthPtr& maps) { HandleRefined(maps); };
     callbacks.on_refined_again = [this](const KeyframeDepthPtr& maps) { HandleRefinedAgain(maps); };
-    callbacks.wants_refined_again = [this](int64_t) { return !stopping_ && hooks_.wants_refined_again(); };
+    callbacks.wants_refined_again = [this] { return !stopping_ && hooks_.wants_refined_again(); };
     callbacks.on_drop = [this](const KeyframeDrop& drop) { HandleDrop(drop); };
     callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
       ReportDrop({reason, message});
     };
-    mapper_ = std::make_unique<DenseMapper>(engine_.get(), options_->Get().mapper, callbacks, ShardOptions(),
-                                            output_engine_.get());
+    mapper_ = std::make_unique<DenseMapper>(engine_.get(), options_->Get().mapper, callbacks, output_engine_.get());
     UpdateStatus([&](WorkerStatus* status) {
       status->ready = true;
       status->device_name = engine_->device_name();

@@ -155,6 +155,7 @@ class MapperHarness {
   std::vector<int64_t> refined_again;
   StageTimes last_times;  ///< of the last of these
   bool keep_maps = true;
+  bool wants_refined_again = true;
   DenseMapper mapper;
 
  private:
@@ -176,6 +177,7 @@ class MapperHarness {
       events.push_back(Concat("drop ", drop.id, " ", drop.reason));
       drops.push_back(drop);
     };
+    callbacks.wants_refined_again = [this] { return wants_refined_again; };
     callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
       problems.push_back(reason + ": " + message);
     };

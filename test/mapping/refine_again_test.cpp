@@ -90,6 +90,14 @@ TEST(RefineAgainTest, AFlushTakesAllKeyframesWithBetterViewsAndThoseWithBetterMa
   }
 }
 
+TEST(RefineAgainTest, NotWhereNobodyWantsIt) {
+  MapperHarness harness(RefiningAgain(10));
+  harness.wants_refined_again = false;
+  AddPoorStartAndGoodViews(&harness);
+  EXPECT_THAT(harness.Flush(), ElementsAre("refined 4")) << "what is pending is finished";
+  EXPECT_THAT(harness.refined_again, IsEmpty());
+}
+
 TEST(RefineAgainTest, WhereItFailsTheMapsStayAndItIsTold) {
   for (const char* pass : {"photometric", "geometric"}) {
     MapperHarness harness(RefiningAgain(10));

@@ -49,6 +49,9 @@ class DenseMapper {
     std::function<void(const KeyframeDrop&)> on_drop;  ///< every keyframe ends in exactly one on_refined or on_drop
     /// Better maps of a keyframe that had its on_refined; may come several times.
     std::function<void(const KeyframeDepthPtr&)> on_refined_again;
+    /// Asked before a keyframe is refined again, inside the mapper's methods: whether anybody would use better maps.
+    /// Empty: yes.
+    std::function<bool()> wants_refined_again;
     /// Something failed that costs quality, but no keyframe: it could not be refined again ("refine_again_failed"), or
     /// its fast maps did not come from the device ("fast_maps_failed").
     std::function<void(const std::string& reason, const std::string& message)> on_problem;
