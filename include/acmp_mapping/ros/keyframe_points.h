@@ -19,10 +19,9 @@ struct KeyframePointsHead {
   std::string path_frame;  ///< frame_id of the poses of optimized_path; empty: any
 };
 
-/// @param mapper name of the mapper's node
-/// @param count messages that the mapper has sent, with this one
+/// All but the count. @param mapper name of the mapper's node
 acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, const std::string& mapper,
-                                                 uint64_t count, bool replaces);
+                                                 bool replaces);
 
 /// Throws InvalidInputError naming what cannot be used: no name of a mapper, no rigid transform, a bad tolerance.
 KeyframePointsHead ReadHead(const acmp_mapping::KeyframePoints& message);
