@@ -9,9 +9,6 @@
 namespace acmp::test {
 namespace {
 
-constexpr double kTimeoutS = 60;
-constexpr double kGiveUpS = 600;  ///< takes some seconds; only a mapper that hangs needs so long
-
 DenseMapperConfig Reconfigure(const DenseMapperConfig& wanted) {
   dynamic_reconfigure::Reconfigure call;
   wanted.__toMessage__(call.request.config);
@@ -81,7 +78,7 @@ TEST(ReconfigureWhileImagesCome, EveryParameterTakesEffectAndNoImageIsLost) {
   }
   // What was sent is on its way or in the mapper: all of it must end somewhere, and a flush ends what has arrived.
   const std::string all_ended = std::to_string(sent) + " received";
-  const ros::WallTime give_up = ros::WallTime::now() + ros::WallDuration(kGiveUpS);
+  const ros::WallTime give_up = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
   bool ended = false;
   while (!ended && ros::WallTime::now() < give_up) {
     ASSERT_TRUE(mapper.Call("flush"));

@@ -6,7 +6,7 @@
 #include <acmp_mapping/KeyframePoints.h>
 
 #include "acmp_mapping/map/map_store.h"
-#include "acmp_mapping/ros/mapper_worker.h"
+#include "acmp_mapping/ros/keyframe_outputs.h"
 
 /// The message between mappers and the map; no master is needed.
 namespace acmp {

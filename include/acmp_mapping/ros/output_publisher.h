@@ -9,7 +9,7 @@
 #include <image_transport/image_transport.h>
 #include <ros/node_handle.h>
 
-#include "acmp_mapping/ros/mapper_worker.h"
+#include "acmp_mapping/ros/keyframe_outputs.h"
 
 namespace acmp {
 
