@@ -85,6 +85,8 @@ class Saver:
     def note_status(self, message):
         status = {value.key: value.value for part in message.status if part.name.endswith("mapping")
                   for value in part.values}
+        if not status:  # the map server's
+            return
         with self.lock:
             if status.get("keyframes") != self.status.get("keyframes"):
                 self.last_progress = time.monotonic()
@@ -144,14 +146,14 @@ def run(arguments):
     call(mapper + "/flush", Trigger, deadline)
     wait_for("last messages", lambda: saver.idle(1.5), deadline)  # and diagnostics come at 1 Hz
     map_path = os.path.join(os.path.abspath(arguments.folder), "map.ply")
-    points = call(arguments.namespace + "/map_server/save_map", SaveMap, deadline, map_path, 0, True).points
+    saved = call(arguments.namespace + "/map_server/save_map", SaveMap, deadline, map_path, 0, True)
     print("matched on %s at %s px; the last keyframe:" % (saver.status.get("device"), saver.status.get("matched size [px]")))
     for key, value in sorted(saver.status.items()):
         if key.endswith("[ms]"):
             print("  %s %s" % (key, rounded(value)))
     print("%d images played; received: %s" % (len(stamps), ", ".join(
         "%d %s" % (count, kind) for kind, count in sorted(saver.counts.items()))))
-    print("map: %d points in %s" % (points, map_path))
+    print("map: %d points of %d keyframes in %s" % (saved.points, saved.keyframes, map_path))
 
 
 def main():

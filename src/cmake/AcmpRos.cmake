@@ -10,7 +10,7 @@ if(NOT ACMP_ROS STREQUAL "OFF")
     file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/devel/lib/python3/dist-packages ${CMAKE_BINARY_DIR}/devel/lib/pkgconfig)
   endif()
   set(ACMP_CATKIN_COMPONENTS camera_calibration_parsers cv_bridge diagnostic_updater dynamic_reconfigure geometry_msgs image_geometry
-      image_transport message_generation nodelet pcl_conversions pluginlib rosbag roscpp sensor_msgs std_msgs std_srvs
+      image_transport message_generation nodelet pluginlib rosbag roscpp sensor_msgs std_msgs std_srvs
       nav_msgs tf2_eigen tf2_geometry_msgs tf2_msgs tf2_ros)
   if(ACMP_ROS STREQUAL "ON")
     find_package(catkin REQUIRED COMPONENTS ${ACMP_CATKIN_COMPONENTS})
@@ -34,7 +34,4 @@ if(ACMP_HAVE_ROS)
   catkin_package(LIBRARIES acmp_mapping_nodelets
                  CATKIN_DEPENDS geometry_msgs message_runtime nodelet roscpp sensor_msgs std_msgs)
   find_package(OpenCV 4 REQUIRED COMPONENTS imgcodecs)
-  # pcl_io by hand: its component would search for VTK, Qt and OpenNI, and link them all.
-  find_package(PCL 1.10 REQUIRED COMPONENTS common)
-  find_library(ACMP_PCL_IO_LIBRARY pcl_io HINTS ${PCL_LIBRARY_DIRS} REQUIRED)
 endif()

@@ -79,11 +79,11 @@ void DenseMapperNodelet::StartWorker() {
   MakeIntake(runtime_options_->Get());
   MapperWorker::Hooks hooks;
   hooks.on_device = [this](const WorkerStatus& status) { LogDevice(status); };
-  hooks.on_fast = [this](const KeyframeOutput& output) { publisher_->PublishFast(output); };
-  hooks.on_refined = [this](const KeyframeOutput& output) { publisher_->PublishRefined(output); };
-  hooks.on_refined_again = [this](const KeyframeOutput& output) { publisher_->PublishRefinedAgain(output); };
-  hooks.wants_refined_again = [this] { return publisher_->maps() > 0; };
-  hooks.on_drop = [this](const RejectedInput& drop) { ReportDrop(drop); };
+  hooks.outputs.on_fast = [this](const KeyframeOutput& output) { publisher_->PublishFast(output); };
+  hooks.outputs.on_refined = [this](const KeyframeOutput& output) { publisher_->PublishRefined(output); };
+  hooks.outputs.on_refined_again = [this](const KeyframeOutput& output) { publisher_->PublishRefinedAgain(output); };
+  hooks.outputs.wants_refined_again = [this] { return publisher_->maps() > 0; };
+  hooks.outputs.on_drop = [this](const RejectedInput& drop) { ReportDrop(drop); };
   worker_ = std::make_unique<MapperWorker>(options_, runtime_options_.get(), hooks);
 }
 

@@ -33,13 +33,12 @@ RigidTransform ToTransform(const char* name, const Numbers& numbers) {
 }  // namespace
 
 acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, const std::string& mapper,
-                                                 uint64_t count, bool replaces) {
+                                                 bool replaces) {
   const KeyframeOrigin& origin = output.origin;
   auto message = boost::make_shared<KeyframePoints>();
   message->header.stamp.fromNSec(static_cast<uint64_t>(origin.stamp_ns));
   message->header.frame_id = origin.world_frame;
   message->mapper = mapper;
-  message->count = count;
   message->run = output.run;
   message->id = static_cast<uint64_t>(output.maps->frame->id);
   message->replaces = replaces;

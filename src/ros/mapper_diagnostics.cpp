@@ -34,7 +34,7 @@ std::string AccountForImages(const MapperSnapshot& snapshot) {
     const bool images = input.kind == InputStatus::Kind::kImage || input.kind == InputStatus::Kind::kKeyframe;
     if (images) received += static_cast<int64_t>(input.received);
   }
-  const auto refined = static_cast<int64_t>(snapshot.worker.refined);
+  const auto refined = static_cast<int64_t>(snapshot.worker.outputs.refined);
   const auto dropped = static_cast<int64_t>(snapshot.images_dropped);
   const auto passed_over = static_cast<int64_t>(snapshot.not_chosen);
   return Concat(received, " received = ", refined, " refined + ", dropped, " dropped + ", passed_over,
@@ -110,24 +110,24 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
   }
   status->add("device", worker.device_name);
   status->add("keyframes", worker.keyframes);
-  status->add("fast depth maps", worker.fast);
-  status->add("refined depth maps", worker.refined);
-  status->add("refined again for the map", worker.refined_again);
+  status->add("fast depth maps", worker.outputs.fast);
+  status->add("refined depth maps", worker.outputs.refined);
+  status->add("refined again for the map", worker.outputs.refined_again);
   status->add("maps that get its points", snapshot.maps);
   status->add("messages sent to them", snapshot.points_sent);
   status->add("keyframes queued", snapshot.queued);
   status->add("matched size [px]", Concat(worker.width, "x", worker.height));
   status->add("last keyframe: decode and rectify [ms]", worker.preparation_ms);
   status->add("last keyframe: all in all [ms]", worker.keyframe_ms);
-  status->add("latency of fast depth maps [ms]", DescribeLatency(worker.fast_latency));
-  status->add("latency of refined depth maps [ms]", DescribeLatency(worker.refined_latency));
-  status->add("photometric pass [ms]", worker.times.photometric_ms);
-  status->add("prior construction [ms]", worker.times.prior_construction_ms);
-  status->add("planar-prior pass [ms]", worker.times.planar_prior_ms);
-  status->add("geometric passes [ms]", worker.times.geometric_ms);
-  status->add("completion [ms]", worker.times.completion_ms);
-  status->add("of these in kernels [ms]", worker.times.kernels_ms);
-  status->add("consistency check [ms]", worker.consistency_ms);
+  status->add("latency of fast depth maps [ms]", DescribeLatency(worker.outputs.fast_latency));
+  status->add("latency of refined depth maps [ms]", DescribeLatency(worker.outputs.refined_latency));
+  status->add("photometric pass [ms]", worker.outputs.times.photometric_ms);
+  status->add("prior construction [ms]", worker.outputs.times.prior_construction_ms);
+  status->add("planar-prior pass [ms]", worker.outputs.times.planar_prior_ms);
+  status->add("geometric passes [ms]", worker.outputs.times.geometric_ms);
+  status->add("completion [ms]", worker.outputs.times.completion_ms);
+  status->add("of these in kernels [ms]", worker.outputs.times.kernels_ms);
+  status->add("consistency check [ms]", worker.outputs.consistency_ms);
   if (!snapshot.points_in_front) return;
   status->add("sparse points in front of the first cameras [%]", 100 * *snapshot.points_in_front);
   if (*snapshot.points_in_front < 0.5) {

@@ -25,7 +25,8 @@ uint64_t NewRun() { return ros::WallTime::now().toNSec(); }
 MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions* options, Hooks hooks)
     : node_options_(node_options),
       options_(options),
-      hooks_(std::move(hooks)),
+      on_device_(std::move(hooks.on_device)),
+      outputs_(std::move(hooks.outputs)),
       queue_(node_options.overload),
       run_(NewRun()),
       thread_([this] { Run(); }) {}
@@ -36,16 +37,16 @@ MapperWorker::~MapperWorker() {
 }
 
 void MapperWorker::Stop() {
-  stopping_ = true;
+  outputs_.Stop();
   queue_.Stop();
 }
 
 void MapperWorker::Push(KeyframeInput input) {
   const std::optional<KeyframeInput> dropped = queue_.Push(std::move(input));
-  if (!dropped || stopping_) return;
+  if (!dropped) return;
   const bool oldest = node_options_.overload == OverloadPolicy::kDropOldest;
-  ReportDrop({oldest ? "overload_oldest" : "overload_busy",
-              Concat("keyframe ", FormatStamp(dropped->stamp_ns), ": the mapper is busy (~overload)"), true});
+  outputs_.ReportDrop({oldest ? "overload_oldest" : "overload_busy",
+                       Concat("keyframe ", FormatStamp(dropped->stamp_ns), ": the mapper is busy (~overload)"), true});
 }
 
 std::string MapperWorker::Flush() {
@@ -65,7 +66,7 @@ void MapperWorker::StartOver() {
 
 std::string MapperWorker::Reset() {
   for (const KeyframeInput& input : queue_.ClearInputs()) {
-    ReportDrop({"reset", Concat("keyframe ", FormatStamp(input.stamp_ns), " was queued (reset)"), true});
+    outputs_.ReportDrop({"reset", Concat("keyframe ", FormatStamp(input.stamp_ns), " was queued (reset)"), true});
   }
   return RunCommand(true, [this] {
     if (mapper_) mapper_->Reset();
@@ -94,13 +95,18 @@ std::string MapperWorker::RunCommand(bool urgent, const std::function<void()>& w
 }
 
 WorkerStatus MapperWorker::status() const {
-  std::lock_guard<std::mutex> lock(status_mutex_);
-  return status_;
+  WorkerStatus status;
+  {
+    std::lock_guard<std::mutex> lock(status_mutex_);
+    status = status_;
+  }
+  status.outputs = outputs_.status();
+  return status;
 }
 
 void MapperWorker::Run() {
   MakeMapper();
-  if (!stopping_) hooks_.on_device(status());
+  if (!outputs_.is_stopping()) on_device_(status());
   while (auto item = queue_.Pop()) {
     if (auto* command = std::get_if<Command>(&*item)) {
       (*command)();
@@ -111,9 +117,9 @@ void MapperWorker::Run() {
     try {
       Process(input);
     } catch (const InvalidInputError& error) {
-      ReportDrop({"bad_image", name + error.what(), true});
+      outputs_.ReportDrop({"bad_image", name + error.what(), true});
     } catch (const std::exception& error) {
-      ReportDrop({"processing_error", name + error.what(), true});
+      outputs_.ReportDrop({"processing_error", name + error.what(), true});
     }
   }
   // The device's memory goes in a thread that has used it.
@@ -127,16 +133,8 @@ void MapperWorker::MakeMapper() {
     DepthEngineBackend backend = MakeDepthEngine(node_options_.device, node_options_.cuda_device);
     engine_ = std::move(backend.engine);
     output_engine_ = engine_->Share();
-    DenseMapper::Callbacks callbacks;
-    callbacks.on_fast = [this](const KeyframeDepthPtr& maps) { HandleFast(maps); };
-    callbacks.on_refined = [this](const KeyframeDepthPtr& maps) { HandleRefined(maps); };
-    callbacks.on_refined_again = [this](const KeyframeDepthPtr& maps) { HandleRefinedAgain(maps); };
-    callbacks.wants_refined_again = [this] { return !stopping_ && hooks_.wants_refined_again(); };
-    callbacks.on_drop = [this](const KeyframeDrop& drop) { HandleDrop(drop); };
-    callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
-      ReportDrop({reason, message});
-    };
-    mapper_ = std::make_unique<DenseMapper>(engine_.get(), options_->Get().mapper, callbacks, output_engine_.get());
+    mapper_ = std::make_unique<DenseMapper>(engine_.get(), options_->Get().mapper, outputs_.MakeCallbacks(),
+                                            output_engine_.get());
     UpdateStatus([&](WorkerStatus* status) {
       status->ready = true;
       status->device_name = engine_->device_name();
@@ -150,22 +148,19 @@ void MapperWorker::MakeMapper() {
 
 void MapperWorker::Process(const KeyframeInput& input) {
   if (!mapper_) {
-    return ReportDrop({"no_device", Concat("keyframe ", FormatStamp(input.stamp_ns), ": ", device_error_), true});
+    return outputs_.ReportDrop(
+        {"no_device", Concat("keyframe ", FormatStamp(input.stamp_ns), ": ", device_error_), true});
   }
   Timer timer;
   const RuntimeOptions options = options_->Get();
   mapper_->set_options(options.mapper);
-  min_confidence_ = options.min_confidence;
+  outputs_.set_min_confidence(options.min_confidence);
 
   cv::Mat valid;
   const FrameOptions frame_options = {node_options_.max_image_size, options.mapper.pipeline.sharpening};
   const FramePtr frame = PrepareFrame(input, frame_options, &valid);
   const double preparation_ms = timer.Lap();
-  {
-    auto record = std::make_shared<const Record>(Record{input, run_, valid});
-    const std::lock_guard<std::mutex> lock(records_mutex_);
-    pending_[frame->id] = std::move(record);
-  }
+  outputs_.Add(frame->id, {input, run_, valid});
   UpdateStatus([&](WorkerStatus* status) {
     ++status->keyframes;
     status->width = frame->camera.width;
@@ -173,10 +168,7 @@ void MapperWorker::Process(const KeyframeInput& input) {
     status->preparation_ms = preparation_ms;
   });
   mapper_->AddKeyframe(frame);
-  {
-    const std::lock_guard<std::mutex> lock(records_mutex_);
-    while (refined_.size() > 2 * static_cast<size_t>(options.mapper.window_size)) refined_.erase(refined_.begin());
-  }
+  outputs_.Trim(2 * static_cast<size_t>(options.mapper.window_size));
   UpdateStatus([&](WorkerStatus* status) { status->keyframe_ms = preparation_ms + timer.Lap(); });
 }
 
@@ -193,10 +185,6 @@ FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input, const FrameOptio
                cv::INTER_NEAREST);
   }
   return frame;
-}
-
-void MapperWorker::ReportDrop(const RejectedInput& drop) const {
-  if (!stopping_) hooks_.on_drop(drop);
 }
 
 }  // namespace acmp

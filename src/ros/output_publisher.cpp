@@ -17,6 +17,7 @@ namespace acmp {
 namespace {
 
 constexpr uint32_t kQueue = 5;       ///< keyframes come at a few hertz; a slow listener loses old ones, not new ones
+constexpr size_t kWaiting = 10;      ///< first keyframes that are kept for a map that is loaded a moment later
 constexpr uint32_t kMapQueue = 200;  ///< the same for maps on other hosts, which notice what they lose
 
 std_msgs::Header MakeHeader(int64_t stamp_ns, const std::string& frame_id) {
@@ -84,8 +85,14 @@ void OutputPublisher::PublishRefined(const KeyframeOutput& output) {
 }
 
 void OutputPublisher::PublishKeyframePoints(const KeyframeOutput& output, bool replaces) {
+  const bool is_first_map_to_come = points_sent_ == 0;
+  if (maps() == 0 && (!is_first_map_to_come || waiting_.size() >= kWaiting)) return;
+  waiting_.push_back(ToKeyframePoints(output, mapper_, replaces));
   if (maps() == 0) return;
-  keyframe_points_.publish(ToKeyframePoints(output, mapper_, ++points_sent_, replaces));
+  for (acmp_mapping::KeyframePointsPtr& message : std::exchange(waiting_, {})) {
+    message->count = ++points_sent_;
+    keyframe_points_.publish(message);
+  }
 }
 
 void OutputPublisher::PublishPose(const KeyframeOutput& output) {

@@ -12,7 +12,6 @@
 namespace acmp::test {
 namespace {
 
-constexpr double kTimeoutS = 30;
 constexpr size_t kViews = 5;
 
 class BadInputTest : public ::testing::Test {

@@ -18,7 +18,6 @@
 namespace acmp::test {
 namespace {
 
-constexpr double kTimeoutS = 200;
 constexpr size_t kViews = 6;
 const std::vector<double> kDistortion = {-0.2, 0.05, 1e-3, -1e-3, 0};
 

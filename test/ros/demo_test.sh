@@ -28,3 +28,4 @@ grep -q "^14 images played; received: .*14 depth" "$folder/saved"
 grep -q "latency of refined depth maps \[ms\] median" "$folder/saved"
 test -s "$folder/map.ply"
 test "$(find "$folder/depth" -name '*.pfm' | wc -l)" -eq 14
+grep -q "^map: .* points of 14 keyframes in " "$folder/saved"

@@ -17,7 +17,6 @@
 namespace acmp::test {
 namespace {
 
-constexpr double kTimeoutS = 60;
 constexpr size_t kViews = 4;
 constexpr char kNodelet[] = "depth_image_proc/point_cloud_xyzrgb";
 

@@ -25,7 +25,6 @@
 namespace acmp::test {
 namespace {
 
-constexpr double kTimeoutS = 60;  // the keyframes take some seconds; the machine may be shared
 constexpr int kWidth = 64, kHeight = 48;
 constexpr size_t kKeyframes = 5;
 constexpr char kPreset[] = "online";  // as frontends_rostest.test has it: all steps, in less time

@@ -17,7 +17,6 @@
 namespace acmp::test {
 namespace {
 
-constexpr double kTimeoutS = 120;
 constexpr size_t kViews = 5;
 
 template <class Message>
@@ -38,7 +37,7 @@ struct Mapper {
 
   bool WaitUntilReady() const {
     return depth.WaitForPublisher(kTimeoutS) && keyframes.WaitForPublisher(kTimeoutS) &&
-           ros::service::waitForService(ns + "/mapper/flush", 60000);
+           ros::service::waitForService(ns + "/mapper/flush", ros::Duration(kTimeoutS));
   }
   /// All depth images of the scene, or fewer.
   std::vector<sensor_msgs::ImageConstPtr> Finish() {

@@ -37,8 +37,7 @@ KeyframeOutput MakeOutput() {
 
 TEST(KeyframePoints, ArriveAsTheyWereSent) {
   const KeyframeOutput output = MakeOutput();
-  const auto message = ToKeyframePoints(output, "/acmp/dense_mapper", 17, true);
-  EXPECT_EQ(message->count, 17u);
+  const auto message = ToKeyframePoints(output, "/acmp/dense_mapper", true);
   EXPECT_TRUE(message->replaces);
   EXPECT_EQ(message->points.header.frame_id, "cam");
   const KeyframePointsHead head = ReadHead(*message);
@@ -59,11 +58,11 @@ TEST(KeyframePoints, ArriveAsTheyWereSent) {
 TEST(KeyframePoints, SayWhenTheExtrinsicIsNotKnown) {
   KeyframeOutput output = MakeOutput();
   output.origin.path.child_from_cam.reset();
-  EXPECT_FALSE(ReadHead(*ToKeyframePoints(output, "m", 1, false)).pose.path.child_from_cam);
+  EXPECT_FALSE(ReadHead(*ToKeyframePoints(output, "m", false)).pose.path.child_from_cam);
 }
 
 TEST(KeyframePoints, BadOnesAreRefused) {
-  const auto message = ToKeyframePoints(MakeOutput(), "m", 1, false);
+  const auto message = ToKeyframePoints(MakeOutput(), "m", false);
   const auto refusal = [&](const std::function<void(acmp_mapping::KeyframePoints*)>& change) {
     acmp_mapping::KeyframePoints bad = *message;
     change(&bad);

@@ -5,6 +5,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <nav_msgs/Path.h>
 #include <nodelet/NodeletList.h>
 #include <nodelet/NodeletLoad.h>
 #include <nodelet/NodeletUnload.h>
@@ -21,17 +22,21 @@ namespace acmp::test {
 namespace {
 
 constexpr char kName[] = "/dense_mapper";
+constexpr char kMapName[] = "/map_server";
 
-bool Load() {
+bool LoadNodelet(const char* name, const char* type) {
   nodelet::NodeletLoad load;
-  load.request.name = kName;
-  load.request.type = "acmp_mapping/DenseMapperNodelet";
+  load.request.name = name;
+  load.request.type = type;
   return ros::service::call("/manager/load_nodelet", load) && load.response.success;
 }
 
-bool Unload() {
+bool Load() { return LoadNodelet(kName, "acmp_mapping/DenseMapperNodelet"); }
+bool LoadMap() { return LoadNodelet(kMapName, "acmp_mapping/MapServerNodelet"); }
+
+bool Unload(const char* name = kName) {
   nodelet::NodeletUnload unload;
-  unload.request.name = kName;
+  unload.request.name = name;
   return ros::service::call("/manager/unload_nodelet", unload) && unload.response.success;
 }
 
@@ -46,7 +51,7 @@ class LifecycleTest : public ::testing::Test {
   static void SetUpTestSuite() { mapper_ = new MapperControl(); }
   static void TearDownTestSuite() { delete mapper_; }
   void SetUp() override {
-    ASSERT_TRUE(ros::service::waitForService("/manager/load_nodelet", 60000));
+    ASSERT_TRUE(ros::service::waitForService("/manager/load_nodelet", ros::Duration(kTimeoutS)));
     ros::param::del(kName);
     ros::param::set(std::string(kName) + "/device", "cpu");
     ros::param::set(std::string(kName) + "/preset", "online");
@@ -68,17 +73,45 @@ TEST_F(LifecycleTest, LoadsUnloadsAndReloadsWhileDataFlows) {
     mapper().depth.Clear();
     // Every second time it is unloaded before it has made anything.
     if (cycle % 2 == 0) {
-      EXPECT_TRUE(mapper().depth.WaitForCount(2, 60)) << "no depth in cycle " << cycle;
+      EXPECT_TRUE(mapper().depth.WaitForCount(2, kTimeoutS)) << "no depth in cycle " << cycle;
     }
     ASSERT_TRUE(Unload()) << cycle;
     EXPECT_THAT(LoadedNodelets(), ::testing::IsEmpty());
   }
 }
 
+TEST_F(LifecycleTest, TheMapComesAndGoesWhileKeyframesAreMapped) {
+  const EndlessPlayer player(mapper().player);
+  ASSERT_TRUE(Load());
+  for (int cycle = 0; cycle < 4; ++cycle) {
+    ASSERT_TRUE(LoadMap()) << cycle;
+    // Every second time it is unloaded while it is asked for the map.
+    Recorder<nav_msgs::Path> path(mapper().nh, "keyframe_path");
+    EXPECT_TRUE(path.WaitForCount(2, kTimeoutS)) << "no keyframes in cycle " << cycle;
+    std::thread asking([cycle] {
+      std_srvs::Trigger publish;
+      if (cycle % 2 == 0) ros::service::call("/map_server/publish_map", publish);
+    });
+    EXPECT_TRUE(Unload(kMapName)) << cycle;
+    asking.join();
+    EXPECT_THAT(LoadedNodelets(), ::testing::ElementsAre(kName));
+  }
+  mapper().depth.Clear();
+  EXPECT_TRUE(mapper().depth.WaitForCount(1, kTimeoutS)) << "the mapper needs no map";
+  EXPECT_TRUE(Unload());
+}
+
+TEST_F(LifecycleTest, TheMapServerRefusesAnUnknownParameter) {
+  ros::param::set(std::string(kMapName) + "/max_keyframe", 10);
+  EXPECT_FALSE(LoadMap());
+  EXPECT_TRUE(mapper().WaitForLog({"~max_keyframe", "~max_keyframes"}, kTimeoutS));
+  ros::param::del(kMapName);
+}
+
 TEST_F(LifecycleTest, UnloadEndsAFlushThatWaits) {
   const EndlessPlayer player(mapper().player);
   ASSERT_TRUE(Load());
-  ASSERT_TRUE(ros::service::waitForService("/dense_mapper/flush", 30000));
+  ASSERT_TRUE(ros::service::waitForService("/dense_mapper/flush", ros::Duration(kTimeoutS)));
   std::thread flusher([] {
     // Whether it is done, refused or cut off does not matter, only that it ends.
     for (int i = 0; i < 5; ++i) {
@@ -102,7 +135,7 @@ TEST_F(LifecycleTest, StandaloneNodeEndsCleanlyOnSignals) {
       ::execl(ACMP_NODE_PATH, ACMP_NODE_PATH, "__name:=dense_mapper", static_cast<char*>(nullptr));
       ::_exit(127);
     }
-    EXPECT_TRUE(mapper().depth.WaitForCount(2, 60));
+    EXPECT_TRUE(mapper().depth.WaitForCount(2, kTimeoutS));
     ::kill(child, signal);
     int status = -1;
     ASSERT_EQ(::waitpid(child, &status, 0), child);
@@ -114,7 +147,7 @@ TEST_F(LifecycleTest, StandaloneNodeEndsCleanlyOnSignals) {
 TEST_F(LifecycleTest, WarnsOfAnUnknownParameterAndNamesTheNearest) {
   ros::param::set(std::string(kName) + "/max_imagesize", 320);
   EXPECT_TRUE(Load());
-  EXPECT_TRUE(mapper().WaitForLog({"~max_imagesize", "~max_image_size"}, 30));
+  EXPECT_TRUE(mapper().WaitForLog({"~max_imagesize", "~max_image_size"}, kTimeoutS));
   EXPECT_TRUE(Unload());
   ros::param::del(std::string(kName) + "/max_imagesize");
 }
@@ -122,7 +155,7 @@ TEST_F(LifecycleTest, WarnsOfAnUnknownParameterAndNamesTheNearest) {
 TEST_F(LifecycleTest, RefusesAValueOutOfBounds) {
   ros::param::set(std::string(kName) + "/window_size", 1);
   EXPECT_FALSE(Load());
-  EXPECT_TRUE(mapper().WaitForLog({"~window_size = 1", "[2, 64]"}, 30));
+  EXPECT_TRUE(mapper().WaitForLog({"~window_size = 1", "[2, 64]"}, kTimeoutS));
   ros::param::del(std::string(kName) + "/window_size");
   EXPECT_TRUE(Load()) << "the manager must survive";
   EXPECT_TRUE(Unload());
@@ -136,10 +169,10 @@ TEST_F(LifecycleTest, ReportsThatThereIsNoGpu) {
   }
   ros::param::set(std::string(kName) + "/device", "cuda");
   ASSERT_TRUE(Load());
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"no device to match on", "device = cuda"}, 30));
-  EXPECT_TRUE(mapper().WaitForLog({"no device to match on", "device = cuda"}, 30));
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"no device to match on", "device = cuda"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForLog({"no device to match on", "device = cuda"}, kTimeoutS));
   for (const ViewMessages& view : MakeSmallScene(2)) mapper().player.Publish(view);
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: no_device"}, 30));
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: no_device"}, kTimeoutS));
   std::string message;
   EXPECT_FALSE(mapper().Call("flush", &message));
   EXPECT_THAT(message, ::testing::HasSubstr("cuda"));
@@ -148,9 +181,9 @@ TEST_F(LifecycleTest, ReportsThatThereIsNoGpu) {
   mapper().diagnostics.Clear();
   ros::param::set(std::string(kName) + "/device", "auto");
   ASSERT_TRUE(Load());
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"why not on a GPU"}, 30));
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"mapping on cpu"}, 30));
-  EXPECT_TRUE(mapper().WaitForLog({"mapping on cpu", "no GPU"}, 30));
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"why not on a GPU"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"mapping on cpu"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForLog({"mapping on cpu", "no GPU"}, kTimeoutS));
   EXPECT_TRUE(Unload());
 }
 

@@ -8,6 +8,7 @@
 #include <pcl/point_types.h>
 
 #include "acmp_mapping/map/map_writer.h"
+#include "acmp_mapping/ros/map_point.h"
 
 namespace acmp {
 namespace {
@@ -53,6 +54,12 @@ TEST(MapFiles, PclReadsThem) {
     WriteMap(pcd, map, MapFormat::kPcd, binary);
     ASSERT_EQ(pcl::io::loadPCDFile(pcd, cloud), 0);
     ExpectSame(cloud, map);
+    pcl::PointCloud<MapPoint> all;
+    ASSERT_EQ(pcl::io::loadPCDFile(pcd, all), 0);
+    ASSERT_EQ(all.size(), map.size());
+    EXPECT_EQ(all[5].g, map[5].color.g);
+    EXPECT_EQ(all[5].normal_z, map[5].normal.z);
+    EXPECT_EQ(all[5].confidence, map[5].confidence);
     pcl::PointCloud<pcl::PointXYZRGBA> colors;  // some read the colours as whole numbers
     ASSERT_EQ(pcl::io::loadPCDFile(pcd, colors), 0);
     EXPECT_EQ(colors[5].g, map[5].color.g);

@@ -3,20 +3,20 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <filesystem>
 #include <limits>
 
 #include <gtest/gtest.h>
 #include <nav_msgs/Path.h>
-#include <pcl/point_types.h>
 #include <pcl_conversions/pcl_conversions.h>
 
 #include "acmp_mapping/map/map_store.h"
+#include "acmp_mapping/ros/map_point.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test {
 namespace {
 
-constexpr double kTimeoutS = 60;
 constexpr size_t kViews = 6;
 constexpr double kVoxelSize = 0.05;  // as in the .test file
 
@@ -29,15 +29,11 @@ RigidTransform DriftAt(size_t view) {
 }
 
 PointCloud ToPointCloud(const sensor_msgs::PointCloud2& message) {
-  pcl::PointCloud<pcl::PointXYZRGBNormal> cloud;
+  pcl::PointCloud<MapPoint> cloud;
   pcl::fromROSMsg(message, cloud);
-  // PCL has no field for the confidence.
-  float confidence = 0;
   PointCloud points;
-  for (size_t i = 0; i < cloud.size(); ++i) {
-    const auto& p = cloud[i];
-    std::memcpy(&confidence, message.data.data() + i * message.point_step + message.fields[7].offset, sizeof(float));
-    points.push_back({{p.x, p.y, p.z}, {p.normal_x, p.normal_y, p.normal_z}, {p.r, p.g, p.b}, confidence});
+  for (const MapPoint& p : cloud) {
+    points.push_back({{p.x, p.y, p.z}, {p.normal_x, p.normal_y, p.normal_z}, {p.r, p.g, p.b}, p.confidence});
   }
   return points;
 }

@@ -39,7 +39,8 @@ MapperControl::MapperControl() { spinner.start(); }
 bool MapperControl::WaitUntilReady(double timeout_s) {
   return player.WaitForMapper(timeout_s) && depth.WaitForPublisher(timeout_s) &&
          keyframe_pose.WaitForPublisher(timeout_s) && log.WaitForPublisher(timeout_s) &&
-         diagnostics.WaitForCount(1, timeout_s) && ros::service::waitForService("/dense_mapper/flush", 30000);
+         diagnostics.WaitForCount(1, timeout_s) &&
+         ros::service::waitForService("/dense_mapper/flush", ros::Duration(timeout_s));
 }
 
 size_t MapperControl::Map(const std::vector<ViewMessages>& messages) {
@@ -58,8 +59,8 @@ size_t MapperControl::Map(const std::vector<ViewMessages>& messages) {
     return seen.size() == sent.size();
   };
   // A flush before all have arrived would finish early ones with fewer views.
-  if (!keyframe_pose.WaitUntil(all_seen, 60) || !Call("flush")) return 0;
-  depth.WaitUntil(all_seen, 60);
+  if (!keyframe_pose.WaitUntil(all_seen, kTimeoutS) || !Call("flush")) return 0;
+  depth.WaitUntil(all_seen, kTimeoutS);
   size_t mapped = 0;
   for (const auto& message : depth.messages()) mapped += sent.count(message->header.stamp);
   return mapped;

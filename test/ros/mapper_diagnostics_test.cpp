@@ -96,7 +96,7 @@ TEST(Diagnostics, TellWhatTfLacks) {
 
 TEST(Diagnostics, AccountForEveryImage) {
   MapperSnapshot snapshot = Healthy();
-  snapshot.worker.refined = 300;
+  snapshot.worker.outputs.refined = 300;
   snapshot.images_dropped = 50;
   snapshot.not_chosen = 147;
   EXPECT_EQ(ValueOf(Describe(&DescribeMatching, snapshot), "images"),
@@ -106,7 +106,7 @@ TEST(Diagnostics, AccountForEveryImage) {
 TEST(Diagnostics, TellLatencies) {
   MapperSnapshot snapshot = Healthy();
   EXPECT_EQ(ValueOf(Describe(&DescribeMapping, snapshot), "latency of fast depth maps [ms]"), "none yet");
-  for (int i = 1; i <= 101; ++i) snapshot.worker.fast_latency.Add(i);
+  for (int i = 1; i <= 101; ++i) snapshot.worker.outputs.fast_latency.Add(i);
   EXPECT_EQ(ValueOf(Describe(&DescribeMapping, snapshot), "latency of fast depth maps [ms]"),
             "median 51, 99 % 100, greatest 101 of the last 101");
 }

@@ -22,7 +22,6 @@
 namespace acmp::test {
 namespace {
 
-constexpr double kTimeoutS = 200;  // eight small keyframes take seconds; the machine may be shared
 constexpr int kWidth = 120, kHeight = 90;
 constexpr size_t kViews = 8;
 
@@ -86,7 +85,7 @@ struct Session {
 
   Session() {
     spinner.start();
-    complete = player.WaitForMapper(60) && ConnectOutputs(60) && WaitForMapServer(60);
+    complete = player.WaitForMapper(kTimeoutS) && ConnectOutputs(kTimeoutS) && WaitForMapServer(kTimeoutS);
     for (const ViewMessages& view : messages) player.Publish(view);
     complete = complete && depth_fast.WaitForCount(expected.fast_before_flush, kTimeoutS);
     std_srvs::Trigger flush;
@@ -315,7 +314,8 @@ TEST_F(MappingTest, KeyframeDepthHoldsEverythingAtOnce) {
 
 TEST_F(MappingTest, LateSubscriberGetsTheMap) {
   Recorder<sensor_msgs::PointCloud2> map(session().nh, "map_points");
-  ASSERT_TRUE(map.WaitUntil([](const auto& messages) { return !messages.empty() && messages.back()->width > 0; }, 60));
+  ASSERT_TRUE(
+      map.WaitUntil([](const auto& messages) { return !messages.empty() && messages.back()->width > 0; }, kTimeoutS));
   const auto message = map.messages().back();
   EXPECT_EQ(message->header.frame_id, kWorldFrame);
   pcl::PointCloud<pcl::PointXYZRGBNormal> cloud;
@@ -350,7 +350,7 @@ TEST_F(MappingTest, DiagnosticsAreWell) {
     }
     return true;
   };
-  ASSERT_TRUE(session().diagnostics.WaitUntil(all_are_there, 30));
+  ASSERT_TRUE(session().diagnostics.WaitUntil(all_are_there, kTimeoutS));
   EXPECT_EQ(statuses["dense_mapper: mapping"].level, diagnostic_msgs::DiagnosticStatus::OK);
   EXPECT_NE(statuses["dense_mapper: mapping"].message.find("cpu"), std::string::npos);
   std::map<std::string, std::string> values;

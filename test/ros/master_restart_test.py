@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""The ROS master is killed while the mapper holds a map, and another one started: the map must be kept, found and
+"""The ROS master is killed while mapper and map are loaded, and another one started: the map must be kept, found and
 extended. Usage: master_restart_test.py SOURCE_FOLDER BUILD_FOLDER ACMP_MAKE_BAG"""
+import json
 import os
 import subprocess
 import sys
@@ -22,9 +23,15 @@ def call(service, *arguments):
     return result.stdout if result.returncode == 0 else ""
 
 
+def load(name, nodelet):
+    request = {"name": name, "type": f"acmp_mapping/{nodelet}", "remap_source_args": [f"/{n}" for n in NAMES],
+               "remap_target_args": TOPICS}
+    replay_report.wait_for(lambda: "success: True" in call("/manager/load_nodelet", json.dumps(request)), name)
+
+
 def points(folder):
-    answer = call("/dense_mapper/save_map", f"{{path: {folder}/map.ply, format: 0, binary: true}}")
-    return int(answer.split("points:")[1]) if "success: True" in answer else 0
+    answer = call("/map_server/save_map", f"{{path: {folder}/map.ply, format: 0, binary: true}}")
+    return int(answer.split("points:")[1].split()[0]) if "success: True" in answer else 0
 
 
 def play(bag):
@@ -41,20 +48,22 @@ def map_bag(bag, folder):
 
 def main():
     master = replay_report.start_master()
-    mapper = None
+    manager = None
     with tempfile.TemporaryDirectory() as folder:
         try:
             bag = f"{folder}/room.bag"
             subprocess.run([MAKE_BAG, "--synthetic", bag, "--width", "64", "--height", "48"], check=True)
             log = open(f"{folder}/log", "w")
-            mapper = subprocess.Popen(
-                [BUILD / "devel/lib/acmp_mapping/dense_mapper_node", "__name:=dense_mapper", "_device:=cpu",
-                 "_overload:=block", "_geometric_passes:=1", *(f"{n}:={t}" for n, t in zip(NAMES, TOPICS))],
-                stdout=log, stderr=subprocess.STDOUT)
+            manager = subprocess.Popen(["rosrun", "nodelet", "nodelet", "manager", "__name:=manager"], stdout=log,
+                                       stderr=subprocess.STDOUT)
+            for name, value in (("device", "cpu"), ("overload", "block"), ("geometric_passes", "1")):
+                subprocess.run(["rosparam", "set", f"/dense_mapper/{name}", value], check=True)
+            load("/map_server", "MapServerNodelet")
+            load("/dense_mapper", "DenseMapperNodelet")
             replay_report.wait_for(lambda: call("/dense_mapper/flush"), "the mapper")
             first = map_bag(bag, folder)
             # The watch reads what is registered every few seconds: it must have seen all of it once.
-            replay_report.wait_for(lambda: "/dense_mapper/save_map" in subprocess.run(
+            replay_report.wait_for(lambda: "/map_server/save_map" in subprocess.run(
                 ["rosservice", "list"], stdout=subprocess.PIPE, text=True, check=True).stdout, "the services")
             master.kill()
             master.wait()
@@ -72,13 +81,13 @@ def main():
                 failures.append("points were lost")
             if "time jumped back" not in Path(folder, "log").read_text():
                 failures.append("the second run's images did not arrive")
-            if mapper.poll() is not None:
-                failures.append("the mapper has died")
+            if manager.poll() is not None:
+                failures.append("the nodelets' manager has died")
             sys.exit("; ".join(failures) or 0)
         finally:
-            if mapper:
-                mapper.terminate()
-                mapper.wait(60)
+            if manager:
+                manager.terminate()
+                manager.wait(60)
             master.terminate()
             master.wait()
 

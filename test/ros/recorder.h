@@ -10,6 +10,10 @@
 
 namespace acmp::test {
 
+/// How long tests wait for what takes some seconds: so long that only something that hangs fails. rostest's time-limit
+/// is longer.
+constexpr double kTimeoutS = 400;
+
 /// Keeps every message of a topic. Needs a spinner in another thread.
 template <class Message>
 class Recorder {

@@ -29,7 +29,7 @@ class ServicesTest : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
     mapper_ = new MapperControl();
-    ready_ = mapper_->WaitUntilReady(60) && mapper_->WaitForMapServer(60);
+    ready_ = mapper_->WaitUntilReady(kTimeoutS) && mapper_->WaitForMapServer(kTimeoutS);
   }
   static void TearDownTestSuite() { delete mapper_; }
   void SetUp() override {
@@ -140,13 +140,13 @@ TEST_F(ServicesTest, ResetOfTheMapEmptiesIt) {
 
 TEST_F(ServicesTest, PublishMapPublishesOnRequest) {
   Recorder<sensor_msgs::PointCloud2> map(mapper().nh, "map_points");
-  ASSERT_TRUE(map.WaitForPublisher(30));
+  ASSERT_TRUE(map.WaitForPublisher(kTimeoutS));
   ASSERT_EQ(mapper().Map(Scene()), kViews);
   std::string message;
   ASSERT_TRUE(mapper().CallMap("publish_map", &message));
   const auto stamp = Scene().back().image.header.stamp;
   const auto has_come = [&](const auto& maps) { return !maps.empty() && maps.back()->header.stamp == stamp; };
-  ASSERT_TRUE(map.WaitUntil(has_come, 30));
+  ASSERT_TRUE(map.WaitUntil(has_come, kTimeoutS));
   EXPECT_THAT(message, HasSubstr(std::to_string(map.messages().back()->width)));
   const auto of_this_case = [&](const auto& m) { return m->header.stamp >= Scene().front().image.header.stamp; };
   const auto maps = map.messages();
@@ -158,8 +158,8 @@ TEST_F(ServicesTest, PauseDropsImagesAndSaysSo) {
   pause.request.data = true;
   ASSERT_TRUE(ros::service::call("/dense_mapper/pause", pause));
   for (const ViewMessages& view : Scene()) mapper().player.Publish(view);
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: paused"}, 30));
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"paused (~pause)"}, 30));
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: paused"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"paused (~pause)"}, kTimeoutS));
   pause.request.data = false;
   ASSERT_TRUE(ros::service::call("/dense_mapper/pause", pause));
   EXPECT_EQ(mapper().Map(MakeSmallScene(kViews, 900000)), kViews);
@@ -190,16 +190,16 @@ TEST_F(ServicesTest, ReconfigureRefusesWhatIsOutOfBoundsOrDoesNotFit) {
   });
   EXPECT_EQ(out_of_bounds.max_source_views, before.max_source_views);
   EXPECT_EQ(out_of_bounds.min_confidence, before.min_confidence) << "all or nothing";
-  EXPECT_TRUE(mapper().WaitForLog({"max_source_views = 2000", "[1, 32]"}, 30));
+  EXPECT_TRUE(mapper().WaitForLog({"max_source_views = 2000", "[1, 32]"}, kTimeoutS));
   const auto does_not_fit = Reconfigure([](dynamic_reconfigure::Config* c) { Append("lookahead", 63, &c->ints); });
   EXPECT_EQ(does_not_fit.lookahead, before.lookahead);
-  EXPECT_TRUE(mapper().WaitForLog({"refused", "lookahead = 63"}, 30));
+  EXPECT_TRUE(mapper().WaitForLog({"refused", "lookahead = 63"}, kTimeoutS));
   const auto inverted = Reconfigure([](dynamic_reconfigure::Config* c) {
     Append("depth_min", 5.0, &c->doubles);
     Append("depth_max", 2.0, &c->doubles);
   });
   EXPECT_EQ(inverted.depth_min, 0);
-  EXPECT_TRUE(mapper().WaitForLog({"refused", "depth_range"}, 30));
+  EXPECT_TRUE(mapper().WaitForLog({"refused", "depth_range"}, kTimeoutS));
   EXPECT_EQ(mapper().Map(Scene()), kViews);
 }
 

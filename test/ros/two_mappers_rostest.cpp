@@ -22,7 +22,6 @@
 namespace acmp::test {
 namespace {
 
-constexpr double kTimeoutS = 120;
 constexpr size_t kViews = 6;         ///< of each camera
 constexpr double kVoxelSize = 0.05;  // as in the .test file
 

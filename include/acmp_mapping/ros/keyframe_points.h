@@ -6,7 +6,7 @@
 #include <acmp_mapping/KeyframePoints.h>
 
 #include "acmp_mapping/map/map_store.h"
-#include "acmp_mapping/ros/mapper_worker.h"
+#include "acmp_mapping/ros/keyframe_outputs.h"
 
 /// The message between mappers and the map; no master is needed.
 namespace acmp {
@@ -19,10 +19,9 @@ struct KeyframePointsHead {
   std::string path_frame;  ///< frame_id of the poses of optimized_path; empty: any
 };
 
-/// @param mapper name of the mapper's node
-/// @param count messages that the mapper has sent, with this one
+/// All but the count. @param mapper name of the mapper's node
 acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, const std::string& mapper,
-                                                 uint64_t count, bool replaces);
+                                                 bool replaces);
 
 /// Throws InvalidInputError naming what cannot be used: no name of a mapper, no rigid transform, a bad tolerance.
 KeyframePointsHead ReadHead(const acmp_mapping::KeyframePoints& message);

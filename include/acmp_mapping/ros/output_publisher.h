@@ -3,11 +3,13 @@
 #include <atomic>
 #include <cstdint>
 #include <string>
+#include <vector>
 
+#include <acmp_mapping/KeyframePoints.h>
 #include <image_transport/image_transport.h>
 #include <ros/node_handle.h>
 
-#include "acmp_mapping/ros/mapper_worker.h"
+#include "acmp_mapping/ros/keyframe_outputs.h"
 
 namespace acmp {
 
@@ -35,6 +37,7 @@ class OutputPublisher {
   void PublishKeyframeDepth(const KeyframeOutput& output, const std_msgs::Header& camera);
 
   const std::string mapper_;
+  std::vector<acmp_mapping::KeyframePointsPtr> waiting_;  ///< for the first map that listens
   std::atomic<uint64_t> points_sent_{0};
   image_transport::ImageTransport transport_;
   image_transport::CameraPublisher depth_fast_;

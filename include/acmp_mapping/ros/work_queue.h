@@ -10,7 +10,7 @@
 
 namespace acmp {
 
-/// What happens to a new input when as many as the queue's capacity already wait.
+/// What happens to a new input when kWorkQueueCapacity already wait.
 enum class OverloadPolicy {
   kDropOldest,  ///< the oldest waiting input makes room
   kSkipIfBusy,  ///< an input is taken only when none waits and none is being worked on
@@ -27,19 +27,18 @@ class WorkQueue {
  public:
   using Item = std::variant<Input, Command>;
 
-  explicit WorkQueue(OverloadPolicy policy, size_t capacity = kWorkQueueCapacity)
-      : policy_(policy), capacity_(capacity) {}
+  explicit WorkQueue(OverloadPolicy policy) : policy_(policy) {}
 
   /// Returns the input that was not or no longer queued, if any: the oldest one or the new one itself.
   std::optional<Input> Push(Input input) {
     std::unique_lock<std::mutex> lock(mutex_);
     if (policy_ == OverloadPolicy::kBlock) {
-      room_.wait(lock, [this] { return stopped_ || inputs_ < capacity_; });
+      room_.wait(lock, [this] { return stopped_ || inputs_ < kWorkQueueCapacity; });
     }
     if (stopped_) return input;
     std::optional<Input> dropped;
     if (policy_ == OverloadPolicy::kSkipIfBusy && (inputs_ > 0 || working_)) return input;
-    if (inputs_ >= capacity_) dropped = TakeOldestInput();
+    if (inputs_ >= kWorkQueueCapacity) dropped = TakeOldestInput();
     items_.emplace_back(std::in_place_index<0>, std::move(input));
     ++inputs_;
     lock.unlock();
@@ -63,11 +62,10 @@ class WorkQueue {
   }
 
   /// Waits for work; none once the queue is stopped. The worker counts as working from here to its next call.
-  /// `urgent_only`: all else waits.
-  std::optional<Item> Pop(bool urgent_only = false) {
+  std::optional<Item> Pop() {
     std::unique_lock<std::mutex> lock(mutex_);
     working_ = false;
-    work_.wait(lock, [&] { return stopped_ || !urgent_.empty() || (!urgent_only && !items_.empty()); });
+    work_.wait(lock, [&] { return stopped_ || !urgent_.empty() || !items_.empty(); });
     if (stopped_) return std::nullopt;
     std::deque<Item>& lane = urgent_.empty() ? items_ : urgent_;
     Item item = std::move(lane.front());
@@ -118,7 +116,6 @@ class WorkQueue {
   }
 
   const OverloadPolicy policy_;
-  const size_t capacity_;
   mutable std::mutex mutex_;
   std::condition_variable work_;
   std::condition_variable room_;

@@ -1,0 +1,101 @@
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+
+#include "acmp_mapping/mapping/dense_mapper.h"
+#include "acmp_mapping/ros/keyframe_intake.h"
+#include "acmp_mapping/ros/latency_window.h"
+
+namespace acmp {
+
+/// A keyframe's maps ready to be published.
+struct KeyframeOutput {
+  KeyframeOrigin origin;
+  uint64_t run = 0;  ///< another number since the last jump of time or reset
+  KeyframeDepthPtr maps;
+  Image<unsigned char> keep;  ///< 1 where depth is to be published
+  PointCloud points_in_camera;
+};
+
+/// What has been made of the keyframes.
+struct OutputStatus {
+  uint64_t fast = 0;
+  uint64_t refined = 0;
+  uint64_t refined_again = 0;
+  StageTimes times;  ///< of the last refined keyframe
+  double consistency_ms = 0;
+  LatencyWindow fast_latency, refined_latency;  ///< from the image's callback until its map was published
+};
+
+/// Makes what a DenseMapper's callbacks bring ready to be published: remembers where each keyframe came from, leaves
+/// out what is not to be published, and counts. Hooks run in the mapper's thread for outputs; none begins once Stop has
+/// been called.
+///
+/// One mutex guards the records and the status, and is held for a moment only, never while a hook runs.
+class KeyframeOutputs {
+ public:
+  struct Hooks {
+    // One at a time. What they throw goes to on_drop.
+    std::function<void(const KeyframeOutput&)> on_fast;
+    std::function<void(const KeyframeOutput&)> on_refined;
+    std::function<void(const KeyframeOutput&)> on_refined_again;  ///< better maps of a keyframe that had its on_refined
+    // These two from both threads at the same time.
+    std::function<bool()> wants_refined_again;  ///< whether anybody would use them
+    std::function<void(const RejectedInput&)> on_drop;
+  };
+
+  /// What is known of a keyframe beside its frame.
+  struct Record {
+    KeyframeOrigin origin;
+    uint64_t run = 0;
+    cv::Mat valid;  ///< where the rectified image is known, matched size; empty = everywhere
+  };
+
+  explicit KeyframeOutputs(Hooks hooks) : hooks_(std::move(hooks)) {}
+
+  /// For a mapper, which this must outlive.
+  DenseMapper::Callbacks MakeCallbacks();
+
+  /// Before the mapper gets the keyframe.
+  void Add(int64_t id, Record record);
+  /// Forgets finished keyframes but for the newest ones, so many.
+  void Trim(size_t kept);
+  /// Depth and points below are left out, 0..1.
+  void set_min_confidence(double min_confidence) { min_confidence_ = min_confidence; }
+
+  /// Tells the hook of an input that was not used.
+  void ReportDrop(const RejectedInput& drop) const;
+  void Stop() { stopping_ = true; }
+  bool is_stopping() const { return stopping_; }
+
+  OutputStatus status() const;
+
+ private:
+  using RecordPtr = std::shared_ptr<const Record>;
+  using Records = std::map<int64_t, RecordPtr>;
+
+  /// Null: none, or the hooks are to be silent.
+  RecordPtr FindRecord(const Records& records, int64_t id) const;
+  KeyframeOutput MakeOutput(const KeyframeDepthPtr& maps, const Record& record) const;
+  void Publish(const std::function<void(const KeyframeOutput&)>& hook, const KeyframeDepthPtr& maps,
+               const Record& record) const;
+  void HandleFast(const KeyframeDepthPtr& maps);
+  void HandleRefined(const KeyframeDepthPtr& maps);
+  void HandleRefinedAgain(const KeyframeDepthPtr& maps);
+  void HandleDrop(const KeyframeDrop& drop);
+
+  const Hooks hooks_;
+  std::atomic<bool> stopping_{false};
+  std::atomic<double> min_confidence_{0};
+  mutable std::mutex mutex_;  ///< guards all below
+  Records pending_;           ///< from Add to the keyframe's end
+  Records refined_;           ///< that may be refined again: the mapper's window, and what has left it on its way out
+  OutputStatus status_;
+};
+
+}  // namespace acmp

@@ -1,0 +1,147 @@
+#include "acmp_mapping/ros/keyframe_outputs.h"
+
+#include <cmath>
+#include <exception>
+#include <utility>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/ros/input_sources.h"
+
+namespace acmp {
+namespace {
+
+/// Pixels whose depth is published: known to the lens and confident enough.
+Image<unsigned char> MakeKeepMask(const KeyframeDepth& maps, const cv::Mat& valid, double min_confidence) {
+  Image<unsigned char> keep(maps.depth.width(), maps.depth.height(), 1);
+  for (int row = 0; row < keep.height(); ++row) {
+    for (int col = 0; col < keep.width(); ++col) {
+      const bool known = valid.empty() || valid.at<uchar>(row, col) != 0;
+      const bool confident = maps.confidence.empty() || maps.confidence(col, row) >= min_confidence;
+      keep(col, row) = known && confident ? 1 : 0;
+    }
+  }
+  return keep;
+}
+
+PointCloud KeptPoints(const KeyframeDepth& maps, ImageView<const unsigned char> keep, double min_confidence) {
+  const PinholeCamera& camera = maps.frame->camera;
+  PointCloud kept;
+  kept.reserve(maps.points_in_camera.size());
+  for (const SurfacePoint& point : maps.points_in_camera) {
+    if (point.confidence < min_confidence) continue;
+    const Eigen::Vector2d pixel = camera.Project({point.position.x, point.position.y, point.position.z});
+    // Rounded as Contains does: -0.5 belongs to pixel 0.
+    const int col = static_cast<int>(std::floor(pixel.x() + 0.5));
+    const int row = static_cast<int>(std::floor(pixel.y() + 0.5));
+    if (camera.Contains(pixel) && !keep(col, row)) continue;
+    kept.push_back(point);
+  }
+  return kept;
+}
+
+double LatencyMs(const KeyframeOrigin& origin) { return (SteadySeconds() - origin.arrival_s) * 1e3; }
+
+}  // namespace
+
+DenseMapper::Callbacks KeyframeOutputs::MakeCallbacks() {
+  DenseMapper::Callbacks callbacks;
+  callbacks.on_fast = [this](const KeyframeDepthPtr& maps) { HandleFast(maps); };
+  callbacks.on_refined = [this](const KeyframeDepthPtr& maps) { HandleRefined(maps); };
+  callbacks.on_refined_again = [this](const KeyframeDepthPtr& maps) { HandleRefinedAgain(maps); };
+  callbacks.wants_refined_again = [this] { return !stopping_ && hooks_.wants_refined_again(); };
+  callbacks.on_drop = [this](const KeyframeDrop& drop) { HandleDrop(drop); };
+  callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
+    ReportDrop({reason, message});
+  };
+  return callbacks;
+}
+
+void KeyframeOutputs::Add(int64_t id, Record record) {
+  auto added = std::make_shared<const Record>(std::move(record));
+  const std::lock_guard<std::mutex> lock(mutex_);
+  pending_[id] = std::move(added);
+}
+
+void KeyframeOutputs::Trim(size_t kept) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  while (refined_.size() > kept) refined_.erase(refined_.begin());
+}
+
+OutputStatus KeyframeOutputs::status() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return status_;
+}
+
+KeyframeOutputs::RecordPtr KeyframeOutputs::FindRecord(const Records& records, int64_t id) const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const auto found = records.find(id);
+  return stopping_ || found == records.end() ? nullptr : found->second;
+}
+
+KeyframeOutput KeyframeOutputs::MakeOutput(const KeyframeDepthPtr& maps, const Record& record) const {
+  const double min_confidence = min_confidence_;
+  KeyframeOutput output;
+  output.origin = record.origin;
+  output.run = record.run;
+  output.maps = maps;
+  output.keep = MakeKeepMask(*maps, record.valid, min_confidence);
+  output.points_in_camera = KeptPoints(*maps, output.keep.View(), min_confidence);
+  return output;
+}
+
+void KeyframeOutputs::Publish(const std::function<void(const KeyframeOutput&)>& hook, const KeyframeDepthPtr& maps,
+                              const Record& record) const {
+  try {
+    hook(MakeOutput(maps, record));
+  } catch (const std::exception& error) {  // the mapper's callbacks must not throw
+    ReportDrop({"publish_error", Concat("image ", FormatStamp(record.origin.stamp_ns), ": ", error.what())});
+  }
+}
+
+void KeyframeOutputs::HandleFast(const KeyframeDepthPtr& maps) {
+  const RecordPtr record = FindRecord(pending_, maps->frame->id);
+  if (!record) return;
+  Publish(hooks_.on_fast, maps, *record);
+  const std::lock_guard<std::mutex> lock(mutex_);
+  ++status_.fast;
+  status_.fast_latency.Add(LatencyMs(record->origin));
+}
+
+void KeyframeOutputs::HandleRefined(const KeyframeDepthPtr& maps) {
+  const RecordPtr record = FindRecord(pending_, maps->frame->id);
+  if (!record) return;
+  Publish(hooks_.on_refined, maps, *record);
+  const std::lock_guard<std::mutex> lock(mutex_);
+  refined_.insert(pending_.extract(maps->frame->id));
+  ++status_.refined;
+  status_.refined_latency.Add(LatencyMs(record->origin));
+  status_.times = maps->times;
+  status_.consistency_ms = maps->consistency_ms;
+}
+
+/// For the map: each keyframe's depth and points are published once.
+void KeyframeOutputs::HandleRefinedAgain(const KeyframeDepthPtr& maps) {
+  const RecordPtr record = FindRecord(refined_, maps->frame->id);
+  if (!record) return;
+  Publish(hooks_.on_refined_again, maps, *record);
+  const std::lock_guard<std::mutex> lock(mutex_);
+  ++status_.refined_again;
+}
+
+void KeyframeOutputs::HandleDrop(const KeyframeDrop& drop) {
+  const RecordPtr record = FindRecord(pending_, drop.id);
+  if (record) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    pending_.erase(drop.id);
+  }
+  ReportDrop({drop.reason,
+              Concat("image ", record ? FormatStamp(record->origin.stamp_ns) : "?",
+                     drop.had_fast ? " (refinement only): " : ": ", drop.message),
+              true});
+}
+
+void KeyframeOutputs::ReportDrop(const RejectedInput& drop) const {
+  if (!stopping_) hooks_.on_drop(drop);
+}
+
+}  // namespace acmp
