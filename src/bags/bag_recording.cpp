@@ -5,7 +5,6 @@
 #include <iterator>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/image/image_processing.h"
 #include "bag_messages.h"
 #include "bag_writer.h"
@@ -43,18 +42,11 @@ std::string ReadFileBytes(const std::filesystem::path& path) {
   return bytes;
 }
 
-void CheckImageSize(const SceneImage& image, const ColorImage& pixels) {
-  if (pixels.width() != image.camera.width || pixels.height() != image.camera.height) {
-    throw InvalidInputError(Concat(image.path, ": is ", pixels.width(), "x", pixels.height(), " px, its camera ",
-                                   image.camera.width, "x", image.camera.height));
-  }
-}
-
 /// Writes the pixels and returns the camera that belongs to them.
-PinholeCamera WriteSceneImage(BagWriter& writer, const SceneImage& image, int index, const RecordingOptions& options) {
+PinholeCamera WriteSceneImage(BagWriter& writer, const Scene& scene, int index, const RecordingOptions& options) {
+  const SceneImage& image = scene.images[index];
   const std_msgs::Header header = MakeHeader(index, options.camera_frame, options);
-  ColorImage pixels = ReadColorImage(image.path);  // decoded in either case: a truncated file must not get into the bag
-  CheckImageSize(image, pixels);
+  ColorImage pixels = LoadImage(scene, index);  // decoded in either case: a truncated file must not get into the bag
   if (options.compressed) {
     writer.Write(std::string(kImageTopic) + "/compressed", header.stamp,
                  ToCompressedMessage(ReadFileBytes(image.path), header));
@@ -97,7 +89,7 @@ RecordingSummary RecordScene(const Scene& scene, const std::vector<int>& indices
     const SceneImage& image = scene.images.at(index);
     std::vector<Eigen::Vector3d> landmarks;
     for (const int landmark : image.landmark_indices) landmarks.push_back(scene.landmarks_in_world.at(landmark));
-    const PinholeCamera camera = WriteSceneImage(writer, image, index, options);
+    const PinholeCamera camera = WriteSceneImage(writer, scene, index, options);
     WriteGeometry(writer, index, camera, image.distortion, image.cam_from_world,
                   scene.landmarks_in_world.empty() ? nullptr : &landmarks, options);
     ++summary.images;

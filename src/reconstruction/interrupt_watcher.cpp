@@ -2,8 +2,6 @@
 
 #include <unistd.h>
 
-#include <ctime>
-
 namespace acmp {
 
 InterruptWatcher::InterruptWatcher() {
@@ -15,6 +13,7 @@ InterruptWatcher::InterruptWatcher() {
 
 InterruptWatcher::~InterruptWatcher() {
   stopping_ = true;
+  pthread_kill(watcher_.native_handle(), SIGTERM);  // for that thread alone, which takes it and ends
   watcher_.join();
   pthread_sigmask(SIG_SETMASK, &previous_signals_, nullptr);
 }
@@ -25,9 +24,7 @@ void InterruptWatcher::Request() {
 }
 
 void InterruptWatcher::Watch() {
-  const timespec kPoll = {0, 100'000'000};  // how long the destructor may wait for this thread
-  while (!stopping_) {
-    if (sigtimedwait(&signals_, nullptr, &kPoll) < 0) continue;
+  for (int signal = 0; sigwait(&signals_, &signal) == 0 && !stopping_;) {
     if (requested_) {
       // Files are whole or absent at any time, so stopping dead loses nothing but the step at hand.
       static const char kMessage[] = "\nstopped at once\n";

@@ -149,8 +149,9 @@ std::vector<int> SelectSources(const std::vector<FrameLandmarksPtr>& frames, siz
 }  // namespace
 
 bool ReconstructPlan::HasMap(int index) const {
-  return std::any_of(images.begin(), images.end(),
-                     [&](const ImagePlan& image) { return image.index == index && image.no_map.empty(); });
+  const auto found = std::lower_bound(images.begin(), images.end(), index,
+                                      [](const ImagePlan& image, int wanted) { return image.index < wanted; });
+  return found != images.end() && found->index == index && found->no_map.empty();
 }
 
 void CheckSomeImageGetsAMap(const ReconstructPlan& plan, const Scene& scene) {

@@ -16,7 +16,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "bag_messages.h"
-#include "bag_test_support.h"
+#include "dataset/test_folder.h"
 
 namespace acmp {
 namespace {
@@ -57,7 +57,7 @@ Keyframe MakeKeyframe(int index) {
   return keyframe;
 }
 
-class CheckBagTest : public testing::Test {
+class CheckBagTest : public TestFolder {
  protected:
   using Change = std::function<void(int index, Keyframe&)>;
 
@@ -77,9 +77,7 @@ class CheckBagTest : public testing::Test {
     return CheckBag(Path(), options);
   }
 
-  std::string Path() const { return (folder_ / "test.bag").string(); }
-
-  TemporaryFolder folder_;
+  std::string Path() const { return (folder() / "test.bag").string(); }
 };
 
 std::vector<std::string> Messages(const BagReport& report, Severity severity) {
@@ -364,23 +362,23 @@ TEST_F(CheckBagTest, SeveralTopicsOfAKind) {
 
 TEST_F(CheckBagTest, DamagedFilesAreRefused) {
   Check([](int, Keyframe&) {});
-  const std::string bytes = FileBytes(Path());
+  const std::string bytes = ReadText(Path());
   for (const size_t size : {size_t{0}, size_t{5}, size_t{100}, bytes.size() / 2, bytes.size() - 1}) {
-    WriteBytes(Path(), bytes.substr(0, size));
+    WriteText("test.bag", bytes.substr(0, size));
     EXPECT_THROW(CheckBag(Path(), {}), InvalidInputError) << size << " of " << bytes.size() << " bytes";
   }
-  EXPECT_THROW(CheckBag(folder_ / "missing.bag", {}), InvalidInputError);
-  EXPECT_THROW(CheckBag(folder_.path(), {}), InvalidInputError);
+  EXPECT_THROW(CheckBag(folder() / "missing.bag", {}), InvalidInputError);
+  EXPECT_THROW(CheckBag(folder(), {}), InvalidInputError);
 }
 
 TEST_F(CheckBagTest, ABagCutOffWhileRecordingIsToBeReindexed) {
   Check([](int, Keyframe&) {});
-  std::string bytes = FileBytes(Path());
+  std::string bytes = ReadText(Path());
   // While recording, the header's index position is 0; it is the only field named so.
   const size_t field = bytes.find("index_pos=");
   ASSERT_NE(field, std::string::npos);
   bytes.replace(field + 10, 8, std::string(8, '\0'));
-  WriteBytes(Path(), bytes);
+  WriteText("test.bag", bytes);
   try {
     CheckBag(Path(), {});
     FAIL() << "must throw";

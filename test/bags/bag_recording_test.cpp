@@ -11,8 +11,8 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "bag_messages.h"
-#include "bag_test_support.h"
 #include "bag_writer.h"
+#include "dataset/test_folder.h"
 
 namespace acmp {
 namespace {
@@ -20,15 +20,8 @@ namespace {
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-template <class Function>
-std::string InvalidInputMessage(const Function& function) {
-  try {
-    function();
-  } catch (const InvalidInputError& error) {
-    return error.what();
-  }
-  return "nothing thrown";
-}
+using RecordSyntheticTest = TestFolder;
+using BagWriterTest = TestFolder;
 
 template <class Message>
 std::vector<boost::shared_ptr<Message>> ReadAll(const std::filesystem::path& path, const std::string& topic) {
@@ -49,9 +42,9 @@ SyntheticSceneOptions SmallScene() {
 }
 
 /// Two images of 8x6 px; image 1 is seen from one unit to the right of image 0, turned by 90 degrees about y.
-class SceneFixture : public testing::Test {
+class RecordSceneTest : public TestFolder {
  protected:
-  SceneFixture() {
+  RecordSceneTest() {
     ColorImage picture(8, 6);
     for (int row = 0; row < 6; ++row) {
       for (int col = 0; col < 8; ++col) {
@@ -62,7 +55,7 @@ class SceneFixture : public testing::Test {
     for (int i = 0; i < 2; ++i) {
       SceneImage image;
       image.name = std::to_string(i) + ".png";
-      image.path = folder_ / image.name;
+      image.path = folder() / image.name;
       WritePng(image.path, picture);
       image.camera = {8, 6, 7.0, 7.5, 3.5, 2.5};
       image.landmark_indices = i == 0 ? std::vector<int>{0, 2} : std::vector<int>{1};
@@ -74,7 +67,6 @@ class SceneFixture : public testing::Test {
     scene_.images[1].cam_from_world = world_from_cam.inverse();
   }
 
-  TemporaryFolder folder_;
   Scene scene_;
 };
 
@@ -112,22 +104,20 @@ TEST(RecordingOptions, AreChecked) {
   EXPECT_NO_THROW(Validate(RecordingOptions()));
 }
 
-TEST(RecordSynthetic, SameInputGivesSameBytes) {
-  const TemporaryFolder folder;
-  RecordSynthetic(MakeSyntheticScene(SmallScene()), {}, folder / "a.bag");
-  RecordSynthetic(MakeSyntheticScene(SmallScene()), {}, folder / "b.bag");
-  EXPECT_GT(FileBytes(folder / "a.bag").size(), 3u * 48 * 36 * 3);
-  EXPECT_TRUE(FileBytes(folder / "a.bag") == FileBytes(folder / "b.bag"));
+TEST_F(RecordSyntheticTest, SameInputGivesSameBytes) {
+  RecordSynthetic(MakeSyntheticScene(SmallScene()), {}, folder() / "a.bag");
+  RecordSynthetic(MakeSyntheticScene(SmallScene()), {}, folder() / "b.bag");
+  EXPECT_GT(ReadText(folder() / "a.bag").size(), 3u * 48 * 36 * 3);
+  EXPECT_TRUE(ReadText(folder() / "a.bag") == ReadText(folder() / "b.bag"));
 }
 
-TEST(RecordSynthetic, HoldsTheFrames) {
-  const TemporaryFolder folder;
+TEST_F(RecordSyntheticTest, HoldsTheFrames) {
   const std::vector<SyntheticView> views = MakeSyntheticScene(SmallScene());
-  const RecordingSummary summary = RecordSynthetic(views, {}, folder / "a.bag");
+  const RecordingSummary summary = RecordSynthetic(views, {}, folder() / "a.bag");
   EXPECT_EQ(summary.images, 3u);
-  const auto images = ReadAll<sensor_msgs::Image>(folder / "a.bag", kImageTopic);
-  const auto clouds = ReadAll<sensor_msgs::PointCloud2>(folder / "a.bag", kSparsePointsTopic);
-  const auto poses = ReadAll<geometry_msgs::PoseStamped>(folder / "a.bag", kPoseTopic);
+  const auto images = ReadAll<sensor_msgs::Image>(folder() / "a.bag", kImageTopic);
+  const auto clouds = ReadAll<sensor_msgs::PointCloud2>(folder() / "a.bag", kSparsePointsTopic);
+  const auto poses = ReadAll<geometry_msgs::PoseStamped>(folder() / "a.bag", kPoseTopic);
   ASSERT_EQ(images.size(), 3u);
   ASSERT_EQ(clouds.size(), 3u);
   ASSERT_EQ(poses.size(), 3u);
@@ -138,15 +128,15 @@ TEST(RecordSynthetic, HoldsTheFrames) {
   EXPECT_EQ(size_t{clouds[1]->width} * clouds[1]->height, views[1].frame.landmarks_in_world.size());
 }
 
-TEST(RecordSynthetic, RefusesOptionsForFiles) {
+TEST_F(RecordSyntheticTest, RefusesOptionsForFiles) {
   RecordingOptions options;
   options.compressed = true;
   EXPECT_THROW(RecordSynthetic({}, options, "unused.bag"), InvalidInputError);
 }
 
-TEST_F(SceneFixture, RecordsPosesAsWorldFromCamera) {
-  RecordScene(scene_, {0, 1}, {}, folder_ / "out.bag");
-  const auto poses = ReadAll<geometry_msgs::PoseStamped>(folder_ / "out.bag", kPoseTopic);
+TEST_F(RecordSceneTest, RecordsPosesAsWorldFromCamera) {
+  RecordScene(scene_, {0, 1}, {}, folder() / "out.bag");
+  const auto poses = ReadAll<geometry_msgs::PoseStamped>(folder() / "out.bag", kPoseTopic);
   ASSERT_EQ(poses.size(), 2u);
   EXPECT_EQ(poses[1]->header.frame_id, "world");
   // The fixture's pose, by hand: one unit along x, half angle 45 degrees about y. 1e-12: two inversions in double.
@@ -154,15 +144,15 @@ TEST_F(SceneFixture, RecordsPosesAsWorldFromCamera) {
   EXPECT_NEAR(poses[1]->pose.position.z, 0, 1e-12);
   EXPECT_NEAR(poses[1]->pose.orientation.y, std::sqrt(0.5), 1e-12);
   EXPECT_NEAR(poses[1]->pose.orientation.w, std::sqrt(0.5), 1e-12);
-  const auto tf = ReadAll<tf2_msgs::TFMessage>(folder_ / "out.bag", kTfTopic);
+  const auto tf = ReadAll<tf2_msgs::TFMessage>(folder() / "out.bag", kTfTopic);
   ASSERT_EQ(tf.size(), 2u);
   EXPECT_EQ(tf[1]->transforms[0].child_frame_id, "camera_optical");
   EXPECT_EQ(tf[1]->transforms[0].transform.translation.x, poses[1]->pose.position.x);
 }
 
-TEST_F(SceneFixture, RecordsThePointsOfEachImage) {
-  RecordScene(scene_, {0, 1}, {}, folder_ / "out.bag");
-  const auto clouds = ReadAll<sensor_msgs::PointCloud2>(folder_ / "out.bag", kSparsePointsTopic);
+TEST_F(RecordSceneTest, RecordsThePointsOfEachImage) {
+  RecordScene(scene_, {0, 1}, {}, folder() / "out.bag");
+  const auto clouds = ReadAll<sensor_msgs::PointCloud2>(folder() / "out.bag", kSparsePointsTopic);
   ASSERT_EQ(clouds.size(), 2u);
   ASSERT_EQ(clouds[0]->width * clouds[0]->height, 2u);
   sensor_msgs::PointCloud2ConstIterator<float> z(*clouds[0], "z");
@@ -171,12 +161,12 @@ TEST_F(SceneFixture, RecordsThePointsOfEachImage) {
   EXPECT_EQ(clouds[1]->width * clouds[1]->height, 1u);
 }
 
-TEST_F(SceneFixture, ShrinksImageAndCameraTogether) {
+TEST_F(RecordSceneTest, ShrinksImageAndCameraTogether) {
   RecordingOptions options;
   options.max_image_size = 4;
-  RecordScene(scene_, {0}, options, folder_ / "out.bag");
-  const auto images = ReadAll<sensor_msgs::Image>(folder_ / "out.bag", kImageTopic);
-  const auto infos = ReadAll<sensor_msgs::CameraInfo>(folder_ / "out.bag", kCameraInfoTopic);
+  RecordScene(scene_, {0}, options, folder() / "out.bag");
+  const auto images = ReadAll<sensor_msgs::Image>(folder() / "out.bag", kImageTopic);
+  const auto infos = ReadAll<sensor_msgs::CameraInfo>(folder() / "out.bag", kCameraInfoTopic);
   ASSERT_EQ(images.size(), 1u);
   EXPECT_EQ(images[0]->width, 4u);
   EXPECT_EQ(images[0]->height, 3u);
@@ -185,71 +175,64 @@ TEST_F(SceneFixture, ShrinksImageAndCameraTogether) {
   EXPECT_DOUBLE_EQ(infos[0]->K[2], (3.5 + 0.5) / 2 - 0.5);  // pixel centres at integers
 }
 
-TEST_F(SceneFixture, PassesCompressedFilesThrough) {
+TEST_F(RecordSceneTest, PassesCompressedFilesThrough) {
   RecordingOptions options;
   options.compressed = true;
-  RecordScene(scene_, {1}, options, folder_ / "out.bag");
+  RecordScene(scene_, {1}, options, folder() / "out.bag");
   const auto images =
-      ReadAll<sensor_msgs::CompressedImage>(folder_ / "out.bag", std::string(kImageTopic) + "/compressed");
+      ReadAll<sensor_msgs::CompressedImage>(folder() / "out.bag", std::string(kImageTopic) + "/compressed");
   ASSERT_EQ(images.size(), 1u);
   EXPECT_EQ(images[0]->format, "png");
-  EXPECT_EQ(std::string(images[0]->data.begin(), images[0]->data.end()), FileBytes(scene_.images[1].path));
+  EXPECT_EQ(std::string(images[0]->data.begin(), images[0]->data.end()), ReadText(scene_.images[1].path));
 }
 
-TEST_F(SceneFixture, LeavingImagesOutKeepsStamps) {
-  RecordScene(scene_, {1}, {}, folder_ / "out.bag");
-  const auto poses = ReadAll<geometry_msgs::PoseStamped>(folder_ / "out.bag", kPoseTopic);
+TEST_F(RecordSceneTest, LeavingImagesOutKeepsStamps) {
+  RecordScene(scene_, {1}, {}, folder() / "out.bag");
+  const auto poses = ReadAll<geometry_msgs::PoseStamped>(folder() / "out.bag", kPoseTopic);
   ASSERT_EQ(poses.size(), 1u);
   EXPECT_EQ(poses[0]->header.stamp, StampOf(1, {}));
 }
 
-TEST_F(SceneFixture, WithoutLandmarksThereIsNoCloudTopic) {
+TEST_F(RecordSceneTest, WithoutLandmarksThereIsNoCloudTopic) {
   scene_.landmarks_in_world.clear();
   for (SceneImage& image : scene_.images) image.landmark_indices.clear();
-  RecordScene(scene_, {0, 1}, {}, folder_ / "out.bag");
-  EXPECT_TRUE(ReadAll<sensor_msgs::PointCloud2>(folder_ / "out.bag", kSparsePointsTopic).empty());
+  RecordScene(scene_, {0, 1}, {}, folder() / "out.bag");
+  EXPECT_TRUE(ReadAll<sensor_msgs::PointCloud2>(folder() / "out.bag", kSparsePointsTopic).empty());
 }
 
-TEST_F(SceneFixture, ATruncatedImageLeavesNoBag) {
-  const std::string bytes = FileBytes(scene_.images[1].path);
-  WriteBytes(scene_.images[1].path, bytes.substr(0, bytes.size() / 2));
+TEST_F(RecordSceneTest, ATruncatedImageLeavesNoBag) {
+  const std::string bytes = ReadText(scene_.images[1].path);
+  WriteText("1.png", bytes.substr(0, bytes.size() / 2));
   for (const bool compressed : {false, true}) {
     RecordingOptions options;
     options.compressed = compressed;
-    EXPECT_THAT(InvalidInputMessage([&] {
-                  RecordScene(scene_, {0, 1}, options, folder_ / "out.bag");
+    EXPECT_THAT(MessageOf<InvalidInputError>([&] {
+                  RecordScene(scene_, {0, 1}, options, folder() / "out.bag");
                 }),
                 HasSubstr("1.png"));
-    EXPECT_FALSE(std::filesystem::exists(folder_ / "out.bag"));
-    EXPECT_FALSE(std::filesystem::exists(folder_ / "out.bag.partial"));
+    EXPECT_FALSE(std::filesystem::exists(folder() / "out.bag"));
+    EXPECT_FALSE(std::filesystem::exists(folder() / "out.bag.partial"));
   }
 }
 
-TEST_F(SceneFixture, AnImageOfAnotherSizeThanItsCameraIsRefused) {
+TEST_F(RecordSceneTest, AnImageOfAnotherSizeThanItsCameraIsRefused) {
   scene_.images[0].camera.width = 9;
-  EXPECT_THAT(InvalidInputMessage([&] { RecordScene(scene_, {0}, {}, folder_ / "out.bag"); }),
-              HasSubstr("is 8x6 px, its camera 9x6"));
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { RecordScene(scene_, {0}, {}, folder() / "out.bag"); }),
+              HasSubstr("8 x 6 differs from its camera's 9 x 6"));
 }
 
-TEST_F(SceneFixture, AFailedRunKeepsTheFormerBag) {
-  WriteBytes(folder_ / "out.bag", "former");
+TEST_F(RecordSceneTest, AFailedRunKeepsTheFormerBag) {
+  WriteText("out.bag", "former");
   std::filesystem::remove(scene_.images[1].path);
-  EXPECT_THROW(RecordScene(scene_, {0, 1}, {}, folder_ / "out.bag"), InvalidInputError);
-  EXPECT_EQ(FileBytes(folder_ / "out.bag"), "former");
+  EXPECT_THROW(RecordScene(scene_, {0, 1}, {}, folder() / "out.bag"), InvalidInputError);
+  EXPECT_EQ(ReadText(folder() / "out.bag"), "former");
 }
 
-TEST(BagWriter, RefusesAFolderAsOutput) {
-  const TemporaryFolder folder;
-  EXPECT_THROW(BagWriter(folder.path()), InvalidInputError);
-}
+TEST_F(BagWriterTest, RefusesAFolderAsOutput) { EXPECT_THROW(BagWriter writer(folder()), InvalidInputError); }
 
-TEST(BagWriter, GivesTheSystemsReason) {
-  try {
-    BagWriter writer("/nonexistent_folder/out.bag");
-    FAIL() << "must throw";
-  } catch (const ProcessingError& error) {
-    EXPECT_THAT(error.what(), HasSubstr("No such file or directory"));
-  }
+TEST_F(BagWriterTest, GivesTheSystemsReason) {
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { BagWriter writer(folder() / "none/out.bag"); }),
+              HasSubstr("No such file or directory"));
 }
 
 TEST(ToCameraInfo, NamesTheDistortion) {

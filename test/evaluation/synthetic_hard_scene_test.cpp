@@ -8,7 +8,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/evaluation/synthetic_scene.h"
-#include "scene_checksum.h"
+#include "evaluation/named_scene.h"
 #include "synthetic_world.h"
 
 namespace acmp {
@@ -17,31 +17,13 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-SyntheticSceneOptions HardScene(int width, int height, int keyframes) {
-  SyntheticSceneOptions options;
-  options.width = width;
-  options.height = height;
-  options.keyframes = keyframes;
-  SelectSyntheticScene("hard", &options);
-  return options;
-}
-
 const std::vector<SyntheticView>& LargeViews() {
-  static const std::vector<SyntheticView> kViews = MakeSyntheticScene(HardScene(640, 480, 3));
+  static const std::vector<SyntheticView> kViews = MakeSyntheticScene(NamedScene("hard", 640, 480, 3));
   return kViews;
 }
 
-TEST(HardScene, BytesAreTheSameOnEveryMachine) {
-  const uint64_t checksum = ChecksumOf(MakeSyntheticScene(HardScene(97, 64, 4)));
-  EXPECT_EQ(checksum, 12023321076656201375u);  // the same from g++ and clang++, at -O0 and with AVX2
-  EXPECT_EQ(checksum, ChecksumOf(MakeSyntheticScene(HardScene(97, 64, 4))));
-  SyntheticSceneOptions other = HardScene(97, 64, 4);
-  other.seed = 2;
-  EXPECT_NE(checksum, ChecksumOf(MakeSyntheticScene(other)));
-}
-
 TEST(HardScene, HasTheExposuresOfAVideoAndBlankSurfacesLikeAnOffice) {
-  const std::vector<SyntheticView> views = MakeSyntheticScene(HardScene(120, 90, 14));
+  const std::vector<SyntheticView> views = MakeSyntheticScene(NamedScene("hard", 120, 90, 14));
   double least = 10, most = 0;
   for (const SyntheticView& view : views) {
     least = std::min(least, view.exposure);
@@ -148,26 +130,6 @@ TEST(HardScene, LandmarksLieOnTexture) {
     // Their error of some millimetres moves some at the edge of a surface past it.
     EXPECT_LT(blank, 0.1 * landmarks);
   }
-}
-
-TEST(HardScene, TilesRepeatAndOtherTexturesDoNot) {
-  Material material = {Pattern::kTiles, {10, 20, 30}, {200, 210, 220}, 0.08};
-  const auto differs = [&](const Vec3d& a, const Vec3d& b) {
-    return std::abs(TextureColor(material, 7, a, {0, -1, 0}).g - TextureColor(material, 7, b, {0, -1, 0}).g) > 1;
-  };
-  int repeats_wrong = 0, varies = 0, mosaic_differs = 0;
-  for (int i = 0; i < 400; ++i) {
-    const Vec3d at = {0.013 * (i % 20) + 0.0013, 0, 0.017 * (i / 20) + 0.0013};
-    const Vec3d next = at + Vec3d{0.08, 0, -0.16};
-    material.pattern = Pattern::kTiles;
-    repeats_wrong += differs(at, next);
-    varies += differs(at, {0.04, 0, 0.04});
-    material.pattern = Pattern::kMosaic;
-    mosaic_differs += differs(at, next);
-  }
-  EXPECT_EQ(repeats_wrong, 0);
-  EXPECT_GT(varies, 40);  // joints are 19 % of the area
-  EXPECT_GT(mosaic_differs, 350);
 }
 
 TEST(HardScene, HighlightsMoveWithTheCameraAndPaintDoesNot) {

@@ -229,7 +229,7 @@ class RvizConfig(unittest.TestCase):
         self.assertEqual(set(self.topics().values()), {NAMESPACE + topic for topic in wanted})
 
     def test_fixed_frame_is_that_of_recorded_bags(self):
-        with open(os.path.join(SOURCE, "src/tools/bag_recording.h")) as file:
+        with open(os.path.join(SOURCE, "include/acmp_mapping/bags/bag_recording.h")) as file:
             frame = re.search(r'world_frame = "(\w+)"', file.read()).group(1)
         self.assertEqual(self.manager["Global Options"]["Fixed Frame"], frame)
 
