@@ -77,6 +77,11 @@ EngineEstimatePtr RecordingDepthEngine::RunGeometric(const EngineProblem& proble
   return Recorded(problem, 0, [&] { return engine_->RunGeometric(problem, options, std::move(start), pass); });
 }
 
+EngineEstimatePtr RecordingDepthEngine::RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
+                                                       EngineEstimatePtr start, const EngineEstimatePtr& coarser) {
+  return Recorded(problem, 0, [&] { return engine_->RestoreDetails(problem, options, std::move(start), coarser); });
+}
+
 EngineEstimatePtr RecordingDepthEngine::Complete(const EngineProblem& problem, const CompletionOptions& options) {
   return Recorded(problem, 0, [&] { return engine_->Complete(problem, options); });
 }

@@ -45,6 +45,10 @@ class FakeGpu final : public DepthEngine {
     behaviour_.before_pass();
     return host_.RunGeometric(problem, options, std::move(start), pass);
   }
+  EngineEstimatePtr RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
+                                   EngineEstimatePtr start, const EngineEstimatePtr& coarser) override {
+    return host_.RestoreDetails(problem, options, std::move(start), coarser);
+  }
   EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) override {
     return host_.Complete(problem, options);
   }

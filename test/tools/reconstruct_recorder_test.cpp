@@ -32,6 +32,10 @@ class LostEngine final : public DepthEngine {
   EngineEstimatePtr RunGeometric(const EngineProblem&, const PatchMatchOptions&, EngineEstimatePtr, int) override {
     Fail();
   }
+  EngineEstimatePtr RestoreDetails(const EngineProblem&, const PatchMatchOptions&, EngineEstimatePtr,
+                                   const EngineEstimatePtr&) override {
+    Fail();
+  }
   EngineEstimatePtr Complete(const EngineProblem&, const CompletionOptions&) override { Fail(); }
   EngineEstimatePtr RefuteUnsupported(const EngineProblem&, EngineEstimatePtr) override { Fail(); }
   ConsistencyResult FilterByConsistency(const EngineView&, const std::vector<EngineView>&,
