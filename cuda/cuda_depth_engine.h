@@ -26,6 +26,8 @@ class CudaDepthEngine final : public DepthEngine {
                                    EngineEstimatePtr start, const PriorMesh& prior) override;
   EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
                                  EngineEstimatePtr start, int pass) override;
+  EngineEstimatePtr RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
+                                   EngineEstimatePtr start, const EngineEstimatePtr& coarser) override;
   EngineEstimatePtr Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) override;
   std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
                                               const PlanarPriorOptions& options) override;
@@ -89,6 +91,8 @@ class CudaDepthEngine final : public DepthEngine {
   /// An estimate with the start's planes and costs: itself if nobody else holds it, else a copy.
   std::shared_ptr<CudaEstimate> Continue(const EngineEstimatePtr& start) const;
   PassData MakePassData(const EngineProblem& problem, int level, const CudaEstimate& estimate) const;
+  /// Throws InvalidInputError unless the sources' estimates are of the level.
+  void CheckSourceSizes(const EngineProblem& problem, int level) const;
   void AddSourceDepths(const EngineProblem& problem, PassData* data);
   void AddFullDepths(const EngineProblem& problem, PassData* data) const;
   HalvedDepth HalvedDepthOf(const CudaEstimate& estimate);

@@ -54,6 +54,14 @@ ImageView<uint32_t> CudaDepthEngine::NumbersIn(CudaEstimate* estimate) {
   return {reinterpret_cast<uint32_t*>(estimate->depth.data()), estimate->width, estimate->height, estimate->width};
 }
 
+void CudaDepthEngine::CheckSourceSizes(const EngineProblem& problem, int level) const {
+  for (const EngineView& source : problem.sources) {
+    if (!source.estimate) continue;
+    const CudaEstimate& estimate = Cast<CudaEstimate>(source.estimate);
+    CheckSize("estimate of a source view", estimate.width, estimate.height, CameraAtLevel(source.frame->camera, level));
+  }
+}
+
 void CudaDepthEngine::AddSourceDepths(const EngineProblem& problem, PassData* data) {
   for (const EngineView& source : problem.sources) {
     data->source_depths.push_back(source.estimate ? HalvedDepthOf(Cast<CudaEstimate>(source.estimate)) : HalvedDepth());
@@ -188,6 +196,7 @@ EngineEstimatePtr CudaDepthEngine::RunPass(const EngineProblem& problem, const P
     const CudaEstimate& from = Cast<CudaEstimate>(start);
     CheckSize("start", from.width, from.height, camera);
   }
+  if (kPass == Pass::kGeometric) CheckSourceSizes(problem, level);
   return OnDevice([&] {
     const size_t pixels = static_cast<size_t>(camera.width) * camera.height;
     DeviceArray<uint32_t> selected_views;  // only where the prior's numbers have the place of the depths
@@ -247,7 +256,33 @@ EngineEstimatePtr CudaDepthEngine::RunPlanarPrior(const EngineProblem& problem, 
 
 EngineEstimatePtr CudaDepthEngine::RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
                                                 EngineEstimatePtr start, int pass) {
-  return RunPass<Pass::kGeometric>(problem, options, 0, start, nullptr, pass, options.geometric_iterations);
+  const CudaEstimate& from = Cast<CudaEstimate>(start);
+  const int level = LevelOf(problem, from.width, from.height);
+  return RunPass<Pass::kGeometric>(problem, options, level, start, nullptr, pass, options.geometric_iterations);
+}
+
+EngineEstimatePtr CudaDepthEngine::RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
+                                                  EngineEstimatePtr start, const EngineEstimatePtr& coarser) {
+  Validate(options);
+  const CudaEstimate& from = Cast<CudaEstimate>(start);
+  const int level = LevelOf(problem, from.width, from.height);
+  const PatchMatchProblem match = MakeProblem(problem, level);
+  const PinholeCamera& camera = match.reference.camera;
+  const PinholeCamera halved = camera.Halved();
+  const CudaEstimate& halved_estimate = Cast<CudaEstimate>(coarser);
+  CheckSize("coarser estimate", halved_estimate.width, halved_estimate.height, halved);
+  return OnDevice([&] {
+    const std::shared_ptr<CudaEstimate> estimate = Continue(start);
+    const std::unique_lock<std::mutex> turn = device().PassTurn(estimate->Pixels());
+    const PassData data = MakePassData(problem, level, *estimate);
+    const std::shared_lock<std::shared_mutex> images(device().images_mutex());
+    const CudaMatchContext context = runner_.Prepare(match, options, data, Pass::kPhotometric, 0);
+    begin_.Record(stream());
+    runner_.QueueRestoreDetails(context, {halved_estimate.PlaneView(), MakeRayGrid(halved)});
+    QueueDepths(camera, estimate.get());
+    FinishTiming();
+    return EngineEstimatePtr(estimate);
+  });
 }
 
 EngineEstimatePtr CudaDepthEngine::Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) {

@@ -71,11 +71,4 @@ class CudaStamps final : public FusionStamps {
   std::map<int64_t, DeviceArray<Stamp>> by_frame_;
 };
 
-/// Throws InvalidInputError unless the size is the camera's.
-inline void CheckSize(const char* name, int width, int height, const PinholeCamera& camera) {
-  if (width == camera.width && height == camera.height) return;
-  throw InvalidInputError(
-      Concat(name, ": ", width, " x ", height, " px, but the camera has ", camera.width, " x ", camera.height));
-}
-
 }  // namespace acmp

@@ -12,6 +12,15 @@ __global__ void __launch_bounds__(kTeamThreads, kBlocksPerMultiprocessor)
   InitializePixel<kPass, kMethod>(context, col, place.row, WarpTeam(), place.scratch);
 }
 
+__global__ void __launch_bounds__(kTeamThreads, kBlocksPerMultiprocessor)
+    RestoreKernel(const __grid_constant__ CudaMatchContext context, const CoarserEstimate coarser, int scratch_words,
+                  int color) {
+  const TeamPlace place = PlaceOfTeam(scratch_words);
+  const int col = ColOfTeam(place, color);
+  if (col >= context.width || place.row >= context.height) return;
+  RestorePixel(context, coarser, col, place.row, WarpTeam(), place.scratch);
+}
+
 }  // namespace
 
 template <Pass kPass, Method kMethod>
@@ -24,6 +33,14 @@ void LaunchPass(const CudaMatchContext& context, int iterations, cudaStream_t st
     CudaCheck(cudaGetLastError(), "launch initialisation");
   }
   LaunchIterations<kPass, kMethod>(context, grid, iterations, stream);
+}
+
+void LaunchRestoreDetails(const CudaMatchContext& context, const CoarserEstimate& coarser, cudaStream_t stream) {
+  const TeamGrid grid(context);
+  for (int color = 0; color < 2; ++color) {
+    RestoreKernel<<<grid.blocks, kTeamThreads, grid.bytes, stream>>>(context, coarser, grid.scratch_words, color);
+    CudaCheck(cudaGetLastError(), "launch detail restorer");
+  }
 }
 
 template void LaunchPass<Pass::kPhotometric, Method::kAcmh>(const CudaMatchContext&, int, cudaStream_t);

@@ -59,6 +59,11 @@ class PassRunner {
                        [&](auto method) { LaunchPass<kPass, method>(context, iterations, stream_.get()); });
   }
 
+  /// Queues RestorePixel for all pixels.
+  void QueueRestoreDetails(const CudaMatchContext& context, const CoarserEstimate& coarser) {
+    LaunchRestoreDetails(context, coarser, stream_.get());
+  }
+
   /// Queues EvidenceOfCell for all cells.
   /// @param context of a geometric pass
   /// @param evidence in device memory, of CellsOf the reference's size

@@ -3,6 +3,7 @@
 #include <cuda_runtime_api.h>
 
 #include "acmp_mapping/patch_match/kernel/match_context.h"
+#include "acmp_mapping/patch_match/kernel/restore_detail.h"
 #include "texture_pool.h"
 
 namespace acmp {
@@ -37,6 +38,9 @@ using CudaMatchContext = MatchContext<TextureSampler>;
 /// in the context are device memory.
 template <Pass kPass, Method kMethod>
 void LaunchPass(const CudaMatchContext& context, int iterations, cudaStream_t stream);
+
+/// Queues RestorePixel for all pixels on the stream. All pointers are device memory.
+void LaunchRestoreDetails(const CudaMatchContext& context, const CoarserEstimate& coarser, cudaStream_t stream);
 
 /// Queues EvidenceOfCell for all cells of `cell_size` px on the stream. All pointers are device memory.
 void LaunchMeasureEvidence(const CudaMatchContext& context, int cell_size, const ImageView<float>& evidence,

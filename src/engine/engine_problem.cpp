@@ -33,6 +33,17 @@ PinholeCamera CameraAtLevel(PinholeCamera camera, int level) {
   return camera;
 }
 
+int LevelOf(const EngineProblem& problem, int width, int height) {
+  CheckView("reference", problem.reference);
+  const PinholeCamera& camera = problem.reference.frame->camera;
+  for (int level = 0; level <= kMaxLevels; ++level) {
+    const PinholeCamera of_level = CameraAtLevel(camera, level);
+    if (of_level.width == width && of_level.height == height) return level;
+  }
+  throw InvalidInputError(Concat("estimate: ", width, " x ", height, " px, but the camera has ", camera.width, " x ",
+                                 camera.height, ", or these halved up to ", kMaxLevels, " times"));
+}
+
 void CheckHandles(const EngineProblem& problem, int level) {
   CheckRange("level", level, 0, kMaxLevels);
   CheckView("reference", problem.reference);

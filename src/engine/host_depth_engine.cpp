@@ -13,6 +13,7 @@
 #include "acmp_mapping/fusion/fusion_setup.h"
 #include "acmp_mapping/patch_match/kernel/upsample.h"
 #include "acmp_mapping/patch_match/match_setup.h"
+#include "acmp_mapping/patch_match/restore_details.h"
 
 namespace acmp {
 namespace {
@@ -82,20 +83,14 @@ PatchMatchProblem MakeProblem(const EngineProblem& problem, int level) {
   return result;
 }
 
-/// At full size, with the depths of the sources' estimates.
-PatchMatchProblem MakeProblemWithDepths(const EngineProblem& problem) {
-  PatchMatchProblem match = MakeProblem(problem, 0);
+/// With the depths of the sources' estimates, which must be of the same level.
+PatchMatchProblem MakeProblemWithDepths(const EngineProblem& problem, int level) {
+  PatchMatchProblem match = MakeProblem(problem, level);
   for (size_t i = 0; i < match.sources.size(); ++i) {
     const EngineEstimatePtr& estimate = problem.sources[i].estimate;
     if (estimate) match.sources[i].depth = Cast<HostEstimate>(estimate).depth.View();
   }
   return match;
-}
-
-void CheckSize(const char* name, int width, int height, const PinholeCamera& camera) {
-  if (width == camera.width && height == camera.height) return;
-  throw InvalidInputError(
-      Concat(name, " is ", width, " x ", height, ": must be the camera's ", camera.width, " x ", camera.height));
 }
 
 PatchMatchResult MakeStart(const EngineEstimatePtr& estimate) {
@@ -210,12 +205,21 @@ EngineEstimatePtr HostDepthEngine::RunPlanarPrior(const EngineProblem& problem, 
 
 EngineEstimatePtr HostDepthEngine::RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
                                                 EngineEstimatePtr start, int pass) {
-  const PatchMatchProblem match = MakeProblemWithDepths(problem);
+  const PlaneMap& planes = Cast<HostEstimate>(start).planes;
+  const PatchMatchProblem match = MakeProblemWithDepths(problem, LevelOf(problem, planes.width(), planes.height()));
   return Keep(patch_match_->RunGeometric(match, options, MakeStart(start), pass), match.reference.camera);
 }
 
+EngineEstimatePtr HostDepthEngine::RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
+                                                  EngineEstimatePtr start, const EngineEstimatePtr& coarser) {
+  PatchMatchResult maps = MakeStart(start);
+  const PatchMatchProblem match = MakeProblem(problem, LevelOf(problem, maps.planes.width(), maps.planes.height()));
+  acmp::RestoreDetails(match, options, Cast<HostEstimate>(coarser).planes.View(), maps.planes.View(), maps.cost.View());
+  return UploadState({std::move(maps.planes), std::move(maps.cost)}, match.reference.camera);
+}
+
 Image<float> HostDepthEngine::MeasureEvidence(const EngineProblem& problem, const PlaneMap& planes) {
-  const PatchMatchProblem match = MakeProblemWithDepths(problem);
+  const PatchMatchProblem match = MakeProblemWithDepths(problem, 0);
   const PinholeCamera& camera = match.reference.camera;
   return patch_match_->MeasureEvidence(match, planes, EvidenceCellSize(camera.width, camera.height));
 }

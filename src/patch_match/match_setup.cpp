@@ -21,13 +21,6 @@ Vec3f ToVec3f(const Eigen::Vector3d& v) {
   return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
 }
 
-void CheckSize(const char* name, int width, int height, const PinholeCamera& camera) {
-  if (width != camera.width || height != camera.height) {
-    throw InvalidInputError(
-        Concat(name, ": ", width, " x ", height, " px, but the camera has ", camera.width, " x ", camera.height));
-  }
-}
-
 }  // namespace
 
 std::vector<SourceView> MakeSourceViews(const PatchMatchProblem& problem) {
@@ -78,6 +71,13 @@ uint32_t PassNumber(Pass kind, int geometric_pass) {
   if (kind == Pass::kPhotometric) return 0;
   if (kind == Pass::kPlanarPrior) return 1;
   return 2u + static_cast<uint32_t>(geometric_pass);
+}
+
+void CheckSize(const char* name, int width, int height, const PinholeCamera& camera) {
+  if (width != camera.width || height != camera.height) {
+    throw InvalidInputError(
+        Concat(name, ": ", width, " x ", height, " px, but the camera has ", camera.width, " x ", camera.height));
+  }
 }
 
 void CheckStart(const PatchMatchProblem& problem, const PatchMatchResult& start) {

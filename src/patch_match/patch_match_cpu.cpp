@@ -6,9 +6,11 @@
 #include "acmp_mapping/patch_match/kernel/depth_evidence.h"
 #include "acmp_mapping/patch_match/kernel/initialize_pixel.h"
 #include "acmp_mapping/patch_match/kernel/median_filter.h"
+#include "acmp_mapping/patch_match/kernel/restore_detail.h"
 #include "acmp_mapping/patch_match/kernel/update_pixel.h"
 #include "acmp_mapping/patch_match/match_setup.h"
 #include "acmp_mapping/patch_match/patch_match.h"
+#include "acmp_mapping/patch_match/restore_details.h"
 #include "acmp_mapping/patch_match/window_sums.h"
 
 namespace acmp {
@@ -142,6 +144,27 @@ class PatchMatchCpu final : public PatchMatch {
 };
 
 }  // namespace
+
+void RestoreDetails(const PatchMatchProblem& problem, const PatchMatchOptions& options,
+                    const ImageView<const PlaneHypothesis>& coarser, const ImageView<PlaneHypothesis>& planes,
+                    const ImageView<float>& cost) {
+  Check(problem);
+  Validate(options);
+  const PinholeCamera& camera = problem.reference.camera;
+  const PinholeCamera halved = camera.Halved();
+  CheckSize("planes", planes.width, planes.height, camera);
+  CheckSize("cost", cost.width, cost.height, camera);
+  CheckSize("coarser planes", coarser.width, coarser.height, halved);
+  const HostSources sources(problem, options.method);
+  Context context = MakeMatchContext<CpuSampler>(problem, options, Pass::kPhotometric, 0);
+  sources.SetUp(problem, &context);
+  context.planes = planes;
+  context.cost = cost;
+  const CoarserEstimate estimate = {coarser, MakeRayGrid(halved)};
+  tbb::parallel_for(0, camera.height, [&](int row) {
+    for (int col = 0; col < camera.width; ++col) RestorePixel(context, estimate, col, row);
+  });
+}
 
 std::unique_ptr<PatchMatch> MakePatchMatchCpu() { return std::make_unique<PatchMatchCpu>(); }
 

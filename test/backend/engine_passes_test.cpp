@@ -30,7 +30,7 @@ class EnginePassesTest : public EngineTest {
       frame->camera = view.camera;
       frame->cam_from_world = view.cam_from_world;
       frame->gray = view.gray.Clone();
-      views_.push_back({frame, engine_->Load(frame, 0), nullptr});
+      views_.push_back({frame, engine_->Load(frame, 1), nullptr});
     }
     for (size_t i = 0; i < views_.size(); ++i) {
       views_[i].estimate = engine_->RunPhotometric(ProblemOf(i), options_, 0);
@@ -73,6 +73,50 @@ TEST_P(EnginePassesTest, GeometricPassReadsTheDepthsThatTheHostHalves) {
   // Other depths give other bits: the comparison would notice.
   for (MatchView& source : problem.sources) source.depth = rendered_[0].depth.View();
   EXPECT_FALSE(IsSameAs(refined, patch_match_->RunGeometric(problem, options_, Start(), 0)));
+}
+
+TEST_P(EnginePassesTest, GeometricPassesOfThePapersReadTheFullDepths) {
+  PatchMatchProblem problem = MakeProblem(rendered_, 0, kRange);
+  for (size_t i = 0; i < problem.sources.size(); ++i) problem.sources[i].depth = depths_[i + 1].View();
+  for (const Method method : {Method::kAcmh, Method::kAcmp}) {
+    options_.method = method;
+    const EngineEstimatePtr refined = engine_->RunGeometric(ProblemOf(0), options_, views_[0].estimate, 0);
+    EXPECT_TRUE(IsSameAs(refined, patch_match_->RunGeometric(problem, options_, Start(), 0)));
+  }
+}
+
+/// ACMM's steps at the coarsest scale and from there to the next one.
+TEST_P(EnginePassesTest, EstimatesOfALevelGuideTheNextFinerOne) {
+  options_.method = Method::kAcmh;
+  options_.photometric_iterations = 3;
+  std::vector<EngineEstimatePtr> full, coarse;
+  for (size_t i = 0; i < views_.size(); ++i) {
+    full.push_back(engine_->RunPhotometric(ProblemOf(i), options_, 0));
+    coarse.push_back(engine_->RunPhotometric(ProblemOf(i), options_, 1));
+  }
+  const PinholeCamera halved = rendered_[0].camera.Halved();
+  EngineProblem problem = ProblemOf(0);
+  EXPECT_THROW(engine_->RunGeometric(problem, options_, coarse[0], 0), InvalidInputError) << "sources of another level";
+  for (size_t i = 0; i < problem.sources.size(); ++i) problem.sources[i].estimate = coarse[i + 1];
+  const EngineEstimatePtr refined = engine_->RunGeometric(problem, options_, coarse[0], 0);
+  const EstimateState state = engine_->DownloadState(refined);
+  ExpectValid(state, halved, kRange, 2.6f);
+  EXPECT_FALSE(SameBits(state, engine_->DownloadState(coarse[0])));
+
+  const EngineEstimatePtr guided = engine_->RestoreDetails(ProblemOf(0), options_, full[0], refined);
+  const EstimateState own = engine_->DownloadState(full[0]), mixed = engine_->DownloadState(guided);
+  ExpectValid(mixed, rendered_[0].camera, kRange, 2.0f);
+  int kept = 0, within = 0, within_before = 0;
+  const DepthMap before = engine_->Download(full[0]).depth, after = engine_->Download(guided).depth;
+  for (size_t i = 0; i < before.size(); ++i) {
+    kept += own.planes.data()[i].d == mixed.planes.data()[i].d ? 1 : 0;
+    within_before += std::abs(before.data()[i] / rendered_[0].depth.data()[i] - 1) < 0.05 ? 1 : 0;
+    within += std::abs(after.data()[i] / rendered_[0].depth.data()[i] - 1) < 0.05 ? 1 : 0;
+  }
+  EXPECT_GT(kept, 0);
+  EXPECT_LT(kept, static_cast<int>(before.size()) / 2);
+  EXPECT_GT(within, within_before * 9 / 10) << "on a plane the coarser scale is not much worse";
+  EXPECT_THROW(engine_->RestoreDetails(ProblemOf(0), options_, full[0], full[0]), InvalidInputError);
 }
 
 TEST_P(EnginePassesTest, AStartThatNobodyElseHoldsGivesItsMemory) {

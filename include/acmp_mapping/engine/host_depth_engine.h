@@ -23,6 +23,8 @@ class HostDepthEngine : public DepthEngine {
                                    EngineEstimatePtr start, const PriorMesh& prior) override;
   EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
                                  EngineEstimatePtr start, int pass) override;
+  EngineEstimatePtr RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
+                                   EngineEstimatePtr start, const EngineEstimatePtr& coarser) override;
   EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) override;
   EngineEstimatePtr RefuteUnsupported(const EngineProblem& problem, EngineEstimatePtr start) override;
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,

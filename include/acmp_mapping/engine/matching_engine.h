@@ -64,10 +64,16 @@ class MatchingEngine {
   virtual EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
                                            EngineEstimatePtr start, const PriorMesh& prior) = 0;
 
-  /// Steps 22-30, once, from an estimate as in RunPlanarPrior. The sources' estimates are read as they are; `pass` (0,
-  /// 1, ...) selects the random numbers, and later ones leave settled pixels alone (PatchMatchOptions).
+  /// Steps 22-30, once, from an estimate at any level, used up as in RunPlanarPrior, on the images of that level. The
+  /// sources' estimates, of the same level, are read as they are; `pass` (0, 1, ...) selects the random numbers, and
+  /// later ones leave converged pixels alone (PatchMatchOptions).
   virtual EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
                                          EngineEstimatePtr start, int pass) = 0;
+
+  /// ACMM's step between two scales (RestorePixel): pixels of a photometric estimate, which is used up as in
+  /// RunPlanarPrior, take the upsampled planes of the next coarser level's estimate unless they match clearly better.
+  virtual EngineEstimatePtr RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
+                                           EngineEstimatePtr start, const EngineEstimatePtr& coarser) = 0;
 
   /// CompleteUnconfirmed of the reference's estimate (not null) against the sources'; those without one do not count.
   /// Pixels that get another surface's plane have a cost of kWorstCost or kUnverifiedCost then.
@@ -88,6 +94,9 @@ constexpr int kMaxLevels = 2;  ///< times an image can be halved
 
 /// The camera of the image halved `level` times.
 PinholeCamera CameraAtLevel(PinholeCamera camera, int level);
+
+/// The level whose images of the reference have this size. Throws InvalidInputError where none has.
+int LevelOf(const EngineProblem& problem, int width, int height);
 
 /// Throws InvalidInputError unless frames and images are there, and 0 <= level <= kMaxLevels.
 void CheckHandles(const EngineProblem& problem, int level);

@@ -65,6 +65,8 @@ MatchContext<Sampler> MakeMatchContext(const PatchMatchProblem& problem, const P
   return context;
 }
 
+/// Throws InvalidInputError unless the map called `name` has the camera's size.
+void CheckSize(const char* name, int width, int height, const PinholeCamera& camera);
 /// Throws InvalidInputError unless `start` or the prior has the reference's size, and `start` a plane in front of the
 /// camera everywhere (as every pass leaves it).
 void CheckStart(const PatchMatchProblem& problem, const PatchMatchResult& start);
