@@ -20,8 +20,8 @@ class LruCache {
 
   explicit LruCache(size_t max_bytes) : max_bytes_(max_bytes) {}
 
-  /// The value of a key; made by `make` when it is not there. `bytes_of` says how large it is. Where `make` throws, each
-  /// of those who wait for the value tries for himself.
+  /// The value of a key; made by `make` when it is not there. `bytes_of` says how large it is. Where `make` throws,
+  /// each of those who wait for the value tries for himself.
   Pointer Get(const Key& key, const std::function<Pointer()>& make,
               const std::function<size_t(const Value&)>& bytes_of) {
     const std::shared_ptr<Slot> slot = Touch(key);
