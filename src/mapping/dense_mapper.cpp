@@ -34,6 +34,10 @@ void CheckFrame(const Frame& frame) {
 
 void Validate(const DenseMapperOptions& options) {
   Validate(options.pipeline);
+  if (options.pipeline.multi_scale) {
+    throw InvalidInputError(
+        "preset acmm: needs the maps of all images at every scale, which only the offline schedule has");
+  }
   Validate(options.source_views);
   Validate(options.depth_range);
   const DepthRange& fallback = options.fallback_depth_range;

@@ -21,7 +21,9 @@ OptionTable<DenseMapperOptions> MakeWindowOptionTable() {
           .WhileRunning(),
       [](auto& o) -> auto& { return o.source_views.max_source_views; });
   table.Add(
-      Flag("refine_again", "Refine a keyframe once more halfway through the window, and at a flush, where its views have become better"),
+      Flag(
+          "refine_again",
+          "Refine a keyframe once more halfway through the window, and at a flush, where its views have become better"),
       [](auto& o) -> auto& { return o.refine_again; });
   table.Add(
       Number("depth_min", 0, 1e9, "(unit of the poses)",

@@ -40,6 +40,13 @@ EngineEstimatePtr DepthEstimator::Run(const KeyframeStep& step, EngineProblem pr
     case Kind::kInitial:
       estimate = EstimateInitial(problem);
       break;
+    case Kind::kNextScale: {
+      EngineEstimatePtr own = engine_->RunPhotometric(problem, options_.patch_match, step.level);
+      estimate = engine_->RestoreDetails(problem, options_.patch_match, std::move(own), estimate);
+      times_.photometric_ms = timer.Lap();
+      times_.photometric_kernels_ms = engine_->PopDeviceTime();
+      break;
+    }
     case Kind::kFillForPasses: {
       estimate = engine_->Complete(problem, options_.completion);
       times_.completion_ms = timer.Lap();
@@ -86,7 +93,7 @@ EngineEstimatePtr DepthEstimator::EstimateInitial(const EngineProblem& problem) 
 EngineEstimatePtr DepthEstimator::EstimatePhotometric(const EngineProblem& problem) {
   const int level = options_.start_level;
   EngineEstimatePtr start = engine_->RunPhotometric(problem, options_.patch_match, level);
-  if (level == 0) return start;
+  if (level == 0 || options_.multi_scale) return start;
   EngineEstimatePtr full = engine_->Upsample(start, problem.reference.frame, level);
   if (options_.full_size_iterations == 0) return full;
   // Without prior planes eq. 7 decides as eq. 1 does.

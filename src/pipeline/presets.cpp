@@ -12,6 +12,9 @@ void Validate(const PipelineOptions& options) {
   Validate(options.fusion);
   PipelineOptionTable().Check(options);
   CheckRange("pipeline.start_level", options.start_level, 0, 2);
+  if (options.multi_scale && (options.use_planar_prior || options.completion.enabled)) {
+    throw InvalidInputError("pipeline.multi_scale = true: must go without use_planar_prior and completion");
+  }
   CheckRange("pipeline.full_size_iterations", options.full_size_iterations, 0, 20);
 }
 
@@ -45,20 +48,11 @@ PipelineOptions MakeAcmpNoGeometric() {
 
 PipelineOptions MakeAcmp() { return MakePapers(Method::kAcmp); }
 
-/// Photometric iterations on halved images first: windows see twice as far there, which low-textured surfaces need.
-void StartAtHalfSize(int full_size_iterations, PipelineOptions* options) {
-  options->start_level = 1;
-  options->full_size_iterations = full_size_iterations;
-}
-
+/// Three scales. Geometric consistency guides each, from the coarsest on, where windows see low-textured surfaces.
 PipelineOptions MakeAcmm() {
-  PipelineOptions options;
-  StartAtHalfSize(2, &options);
-  options.use_planar_prior = false;
-  options.completion.enabled = false;
-  options.fusion.min_point_confidence = 0.2f;
-  options.patch_match.candidate_view_votes = 0;
-  options.patch_match.settled_views = 0;
+  PipelineOptions options = MakeAcmh();
+  options.multi_scale = true;
+  options.start_level = 2;
   return options;
 }
 
@@ -66,7 +60,9 @@ PipelineOptions MakeBalanced() { return {}; }
 
 PipelineOptions MakeOnline() {
   PipelineOptions options;
-  StartAtHalfSize(1, &options);
+  // Photometric iterations on halved images first: windows see twice as far there, as low-textured surfaces need.
+  options.start_level = 1;
+  options.full_size_iterations = 1;
   options.patch_match.planar_prior_iterations = 1;
   options.patch_match.geometric_iterations = 1;
   options.geometric_passes = 1;

@@ -26,11 +26,12 @@ std::shared_ptr<const FinalMaps> FetchFinal(const Frame& frame, const DeviceEngi
 }  // namespace
 
 EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, const OutputFolder& folder,
-                         const ReconstructPlan& plan, const Devices& devices, int steps)
+                         const ReconstructPlan& plan, const Devices& devices, const std::vector<KeyframeStep>& steps)
     : folder_(folder),
       plan_(plan),
       levels_(MakePipelineOptions(options).start_level),
-      final_step_(steps - 1),
+      steps_(steps),
+      final_step_(static_cast<int>(steps.size()) - 1),
       frames_(*frames),
       always_writes_(options.keep_work || devices.on_host()),
       removes_files_(devices.on_host() && !options.keep_work),
@@ -110,7 +111,8 @@ EngineEstimatePtr EngineStore::Read(const Key& key, const Frame& frame, const De
     const FinalMaps maps = ReadFinalMaps(FileOf(key));
     return engine.engine->UploadMaps({maps.depth.View(), maps.normal.View(), maps.cost.View()}, frame.camera);
   }
-  return engine.engine->UploadState(ReadEstimate(FileOf(key), frame.camera.width, frame.camera.height), frame.camera);
+  const PinholeCamera camera = CameraAtLevel(frame.camera, steps_[static_cast<size_t>(key.first)].level);
+  return engine.engine->UploadState(ReadEstimate(FileOf(key), camera.width, camera.height), camera);
 }
 
 void EngineStore::Keep(int step, const Frame& frame, const DeviceEngine& engine, const EngineEstimatePtr& estimate) {

@@ -29,7 +29,7 @@ class EngineStore {
   /// All outlive the store.
   /// @param steps of an image's schedule; the last one's estimates are final
   EngineStore(FrameStore* frames, const ReconstructOptions& options, const OutputFolder& folder,
-              const ReconstructPlan& plan, const Devices& devices, int steps);
+              const ReconstructPlan& plan, const Devices& devices, const std::vector<KeyframeStep>& steps);
 
   int final_step() const { return final_step_; }
   /// Where an estimate is if it is in a file.
@@ -82,6 +82,7 @@ class EngineStore {
   const OutputFolder& folder_;
   const ReconstructPlan& plan_;
   const int levels_;
+  const std::vector<KeyframeStep> steps_;
   const int final_step_;
   FrameStore& frames_;
   std::deque<Device> devices_;

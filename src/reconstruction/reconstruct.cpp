@@ -137,7 +137,7 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
     if (options.online()) folder.StartAfresh();
   }
   EngineStore store(&frames, options, folder, plan, devices,
-                    static_cast<int>(ScheduleOf(MakePipelineOptions(options)).size()));
+                    ScheduleOf(MakePipelineOptions(options)));
   ReconstructRun run{scene, options, plan, folder, devices, store, *interrupt, progress, {}, {}};
   const size_t points = RunSchedule(&run);
   Finish(&run, record, timer, points, out);

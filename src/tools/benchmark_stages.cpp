@@ -98,6 +98,10 @@ Run RunStages(DepthEngine* engine, DepthEstimator* estimator, const PipelineOpti
   problem.reference.estimate = estimate;
   for (size_t step = 1; step < estimator->schedule().size(); ++step) {
     problem.reference.estimate = estimator->Run(estimator->schedule()[step], problem);
+    // The sources' maps must be of the scale that is matched.
+    if (estimator->schedule()[step].kind == KeyframeStep::Kind::kNextScale) {
+      for (EngineView& source : problem.sources) source.estimate = problem.reference.estimate;
+    }
     run.geometric += estimator->last_times().kernels_ms;
   }
   stage.Lap();

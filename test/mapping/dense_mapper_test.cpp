@@ -199,6 +199,7 @@ TEST(DenseMapperOptionsTest, AreCheckedAndKeptWhenBad) {
     }
     return "";
   };
+  EXPECT_THAT(error_with([](auto& o) { o.pipeline = MakePreset("acmm"); }), HasSubstr("offline"));
   EXPECT_THAT(error_with([](auto& o) { o.window_size = 1; }), HasSubstr("window_size = 1"));
   EXPECT_THAT(error_with([](auto& o) { o.window_size = 65; }), HasSubstr("window_size = 65"));
   EXPECT_THAT(error_with([](auto& o) { o.lookahead = 30; }), HasSubstr("lookahead = 30"));

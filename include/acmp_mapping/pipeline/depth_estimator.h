@@ -43,7 +43,7 @@ class DepthEstimator {
 
  private:
   EngineEstimatePtr EstimateInitial(const EngineProblem& problem);
-  /// The photometric estimate at full size.
+  /// The photometric estimate at full size; with several scales at the coarsest.
   EngineEstimatePtr EstimatePhotometric(const EngineProblem& problem);
 
   MatchingEngine* engine_;

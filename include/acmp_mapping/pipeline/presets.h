@@ -18,6 +18,7 @@ struct PipelineOptions {
   FusionOptions fusion;
   double sharpening = 2.5;       ///< of the images, as they become frames: FrameOptions
   int start_level = 0;           ///< how often the images of the photometric pass are halved, 0..2
+  bool multi_scale = false;      ///< ACMM: all steps at each level from start_level on, without prior and completion
   int full_size_iterations = 0;  ///< after such a start: photometric iterations at full size, 0..20
   bool use_planar_prior = true;  ///< steps 10-20 of Algorithm 1
   int geometric_passes = 2;      ///< how often steps 21-30 run, 0..10
