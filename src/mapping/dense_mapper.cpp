@@ -145,32 +145,70 @@ struct DenseMapper::Impl {
     outputs.SubmitRefined(keyframe, std::move(estimate), options.pipeline.fusion);
   }
 
-  /// Makes the maps of a finished keyframe anew if the policy says so. Where that fails its maps stay as they are.
-  void RefineAgain(const WindowKeyframePtr& keyframe) {
-    using Again = RefinementPolicy::Again;
-    if (!options.refine_again || !keyframe->refined_score || !outputs.WantsRefinedAgain(*keyframe)) return;
-    const SourceViews sources = window.SelectSources(keyframe.get());
-    const Again again = RefinementPolicy::Decide(*keyframe, sources);
-    if (again == Again::kNo) return;
+  bool WantsRefinedAgain(const WindowKeyframe& keyframe) {
+    return options.refine_again && keyframe.refined_score && outputs.WantsRefinedAgain(keyframe);
+  }
+
+  /// A new initial estimate if the keyframe's is worse than it could be. Where that fails it stays as it is.
+  bool InitialiseAgain(const WindowKeyframePtr& keyframe, const SourceViews& sources) {
+    if (!RefinementPolicy::NeedsNewInitial(*keyframe, sources)) return true;
+    const auto failure = CatchFailure([&] { estimator.Initialise(keyframe.get(), sources); });
+    if (failure) outputs.ReportFailedAgain(keyframe->frame->id, *failure);
+    return !failure;
+  }
+
+  /// Makes the maps of a finished keyframe anew, from its initial estimate or its refined one. Where that fails its
+  /// maps stay as they are.
+  bool RefineAgainFrom(RefinementPolicy::Again again, const WindowKeyframePtr& keyframe, const SourceViews& sources) {
+    const bool from_initial = again == RefinementPolicy::Again::kFromInitial;
+    if (from_initial && !InitialiseAgain(keyframe, sources)) return false;
     FinishedEstimate estimate;
     const auto failure = CatchFailure([&] {
-      if (again == Again::kFromInitial && RefinementPolicy::NeedsNewInitial(*keyframe, sources)) {
-        estimator.Initialise(keyframe.get(), sources);
-      }
-      estimate = estimator.Refine(keyframe.get(), sources,
-                                  again == Again::kFromInitial ? keyframe->initial : keyframe->refined,
+      estimate = estimator.Refine(keyframe.get(), sources, from_initial ? keyframe->initial : keyframe->refined,
                                   RefinementPolicy::LacksFutureViews(window, *keyframe));
     });
-    if (failure) return outputs.ReportFailedAgain(keyframe->frame->id, *failure);
+    if (failure) {
+      outputs.ReportFailedAgain(keyframe->frame->id, *failure);
+      return false;
+    }
     keyframe->refined_again_at = keyframe->refined_at;
-    keyframe->has_read_better_maps = again == Again::kFromRefined;
+    keyframe->has_read_better_maps = !from_initial;
     outputs.SubmitRefinedAgain(std::move(estimate), options.pipeline.fusion);
+    return true;
+  }
+
+  /// If the policy says so. Returns whether it was.
+  bool RefineAgain(const WindowKeyframePtr& keyframe) {
+    if (!WantsRefinedAgain(*keyframe)) return false;
+    const SourceViews sources = window.SelectSources(keyframe.get());
+    const RefinementPolicy::Again again = RefinementPolicy::Decide(*keyframe, sources);
+    return again != RefinementPolicy::Again::kNo && RefineAgainFrom(again, keyframe, sources);
   }
 
   /// The keyframe that has as many later ones as earlier ones to be matched against, at most.
   void RefineHalfwayAgain() {
     const size_t half = static_cast<size_t>(options.window_size) / 2;
     if (window.size() > half) RefineAgain(window.WithLater(half));
+  }
+
+  /// All that is to come has come. Keyframes whose views have become better get new initial estimates first, which the
+  /// refinements of all then read in place of what was made with worse views. Then each is refined once more: it reads
+  /// finished maps.
+  void RefineWindowAgain() {
+    for (const WindowKeyframePtr& keyframe : window) {
+      if (!WantsRefinedAgain(*keyframe)) continue;
+      const SourceViews sources = window.SelectSources(keyframe.get());
+      if (RefinementPolicy::Decide(*keyframe, sources) != RefinementPolicy::Again::kFromInitial) continue;
+      if (InitialiseAgain(keyframe, sources)) keyframe->refined.reset();
+    }
+    std::vector<WindowKeyframePtr> refined;
+    for (const WindowKeyframePtr& keyframe : window) {
+      if (RefineAgain(keyframe)) refined.push_back(keyframe);
+    }
+    for (const WindowKeyframePtr& keyframe : refined) {
+      if (!WantsRefinedAgain(*keyframe)) return;
+      RefineAgainFrom(RefinementPolicy::Again::kFromRefined, keyframe, window.SelectSources(keyframe.get()));
+    }
   }
 
   DenseMapperOptions options;
@@ -218,9 +256,7 @@ void DenseMapper::Flush(bool refine_again) {
     if (keyframe->state == WindowKeyframe::State::kPending) impl_->DropForMissingViews(keyframe, 1);
   }
   impl_->RefineWithLater(0);
-  if (refine_again) {
-    for (const WindowKeyframePtr& keyframe : impl_->window) impl_->RefineAgain(keyframe);
-  }
+  if (refine_again) impl_->RefineWindowAgain();
   impl_->outputs.WaitForAll();
 }
 

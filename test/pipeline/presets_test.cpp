@@ -77,8 +77,6 @@ TEST(PresetsTest, OnlineTakesAllStepsWithLessWork) {
   EXPECT_EQ(online.patch_match.method, Method::kOurs);
 }
 
-}
-
 TEST(PresetsTest, UnknownNameIsAnErrorThatListsAllNames) {
   for (const char* name : {"", "ACMP", "acmp ", "colmap", "onlin", "Online"}) {
     try {
