@@ -56,7 +56,7 @@ def main():
             log = open(f"{folder}/log", "w")
             manager = subprocess.Popen(["rosrun", "nodelet", "nodelet", "manager", "__name:=manager"], stdout=log,
                                        stderr=subprocess.STDOUT)
-            for name, value in (("device", "cpu"), ("overload", "block"), ("geometric_passes", "1")):
+            for name, value in (("device", "cpu"), ("overload", "block"), ("preset", "online")):
                 subprocess.run(["rosparam", "set", f"/dense_mapper/{name}", value], check=True)
             load("/map_server", "MapServerNodelet")
             load("/dense_mapper", "DenseMapperNodelet")

@@ -22,7 +22,8 @@
 namespace acmp {
 
 /// One map of the keyframes of any number of mappers: cameras of a rig, robots, hosts. Corrects it by loop closures,
-/// bounds, publishes and saves it.
+/// bounds, publishes and saves it. All poses are in one world, and optimized_path is of the frontend that they all come
+/// from: keyframes that it has no pose for move with those that it has one for.
 ///
 /// Threads: one for keyframes and paths, in the order of their arrival; one for services, which also publishes the map;
 /// one for diagnostics; one that asks the ROS master. Services first wait for all keyframes that have arrived: in one
