@@ -9,22 +9,19 @@ namespace acmp {
 void Validate(const KeyframeGateOptions& options) {
   CheckRange("gate_baseline_ratio", options.min_baseline_ratio, 0.0, 10.0);
   CheckRange("gate_angle_deg", options.min_angle_deg, 1e-3, 180.0);
-  CheckRange("gate_interval_s", options.max_interval_s, 0.0, 3600.0);
 }
 
-bool KeyframeGate::Accept(int64_t stamp_ns, const RigidTransform& world_from_cam, double median_depth) {
+bool KeyframeGate::Accept(const RigidTransform& world_from_cam, double median_depth) {
   bool accept = true;
   if (last_) {
     constexpr double kDegPerRad = 57.29577951308232;
-    const RigidTransform motion = last_->world_from_cam.inverse() * world_from_cam;
+    const RigidTransform motion = last_->inverse() * world_from_cam;
     const double baseline = motion.translation().norm();
     const double angle_deg = Eigen::AngleAxisd(motion.linear()).angle() * kDegPerRad;
-    const double interval_s = static_cast<double>(stamp_ns - last_->stamp_ns) * 1e-9;
     const double min_baseline = median_depth > 0 ? options_.min_baseline_ratio * median_depth : 0;
-    accept = (baseline > 0 && baseline >= min_baseline) || angle_deg >= options_.min_angle_deg ||
-             (options_.max_interval_s > 0 && interval_s >= options_.max_interval_s);
+    accept = (baseline > 0 && baseline >= min_baseline) || angle_deg >= options_.min_angle_deg;
   }
-  if (accept) last_ = Last{stamp_ns, world_from_cam};
+  if (accept) last_ = world_from_cam;
   return accept;
 }
 

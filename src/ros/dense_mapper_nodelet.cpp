@@ -8,6 +8,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/ros/calibration_file.h"
+#include "acmp_mapping/ros/map_server_options.h"
 #include "acmp_mapping/ros/services.h"
 #include "acmp_mapping/ros/topic_names.h"
 
@@ -67,6 +68,7 @@ void DenseMapperNodelet::LoadOptions() {
   ParameterReader reader(values);
   reader.Allow("diagnostic_period");   // diagnostic_updater
   reader.Allow("num_worker_threads");  // a nodelet manager of the same name
+  for (const auto& option : MapServerOptionTable()) reader.SetElsewhere(option.name(), "map_server");
   options_ = LoadNodeOptions(&reader);
   RuntimeOptions start;
   start.mapper.pipeline = MakePreset(options_.preset);

@@ -55,6 +55,15 @@ std::vector<double> ToNumbers(const std::optional<RigidTransform>& transform) {
   return {rows.data(), rows.data() + rows.size()};
 }
 
+/// A preset of several scales needs the maps of all images at each of them.
+std::vector<std::string> OnlinePresets() {
+  std::vector<std::string> names;
+  for (const std::string& name : PresetNames()) {
+    if (!MakePreset(name).multi_scale) names.push_back(name);
+  }
+  return names;
+}
+
 void AddDeviceAndPreset(OptionTable<NodeOptions>* table) {
   table->Group("device and preset");
   table->Add(
@@ -62,7 +71,7 @@ void AddDeviceAndPreset(OptionTable<NodeOptions>* table) {
       [](const NodeOptions& o) { return OptionValue(DeviceName(o)); },
       [](const OptionValue& value, NodeOptions* o) { SetDevice(std::get<std::string>(value), o); });
   table->Add(
-      Choice("preset", PresetNames(), "How depth is computed: start values of the options of the pipeline"),
+      Choice("preset", OnlinePresets(), "How depth is computed: start values of the options of the pipeline"),
       [](auto& o) -> auto& { return o.preset; });
   table->Add(
       Number("max_image_size", 0, 100000, "px",

@@ -80,6 +80,11 @@ std::vector<std::string> ParameterReader::DescribeUnknown() const {
   for (auto& member : values) {
     const std::string& name = member.first;
     if (known_.count(name) > 0 || member.second.getType() == XmlRpcValue::TypeStruct) continue;
+    const auto elsewhere = elsewhere_.find(name);
+    if (elsewhere != elsewhere_.end()) {
+      sentences.push_back(Concat("parameter ~", name, " has no effect here: it is one of ", elsewhere->second));
+      continue;
+    }
     sentences.push_back(Concat("unknown parameter ~", name, " has no effect: did you mean ~",
                                MostSimilar(name, {known_.begin(), known_.end()}), "?"));
   }

@@ -101,14 +101,14 @@ TEST_F(LifecycleTest, TheMapComesAndGoesWhileKeyframesAreMapped) {
   EXPECT_TRUE(Unload());
 }
 
-TEST_F(LifecycleTest, TheMapServerWarnsOfUnknownParametersAndRefusesBadValues) {
+TEST_F(LifecycleTest, TheMapServerWarnsOfAnUnknownParameterAndRefusesABadValue) {
   ros::param::set(std::string(kMapName) + "/max_keyframe", 10);
   EXPECT_TRUE(LoadMap());
   EXPECT_TRUE(mapper().WaitForLog({"~max_keyframe ", "~max_keyframes"}, kTimeoutS));
   EXPECT_TRUE(Unload(kMapName));
   ros::param::set(std::string(kMapName) + "/max_keyframes", 0);
   EXPECT_FALSE(LoadMap());
-  EXPECT_TRUE(mapper().WaitForLog({"max_keyframes = 0"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForLog({"~max_keyframes = 0", "[1, 1000000]"}, kTimeoutS));
   ros::param::del(kMapName);
 }
 

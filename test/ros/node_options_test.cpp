@@ -78,6 +78,10 @@ TEST(NodeOptions, RefusesABadExtrinsic) {
               HasSubstr("pose_child"));
 }
 
+TEST(NodeOptions, APresetThatNeedsAllImagesIsRefused) {
+  EXPECT_THAT(NodeRefusal({{"preset", std::string("acmm")}}), AllOf(HasSubstr("acmm"), HasSubstr("online")));
+}
+
 TEST(NodeOptions, TheDeviceMayBeOneOfSeveral) {
   EXPECT_EQ(Load({{"device", std::string("cuda")}}).cuda_device, 0);
   const NodeOptions second = Load({{"device", std::string("cuda:1")}});

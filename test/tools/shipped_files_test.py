@@ -115,16 +115,27 @@ class LaunchFiles(unittest.TestCase):
             self.assertEqual(values[name], value)
 
     def test_every_argument_that_names_a_parameter_sets_it(self):
-        defaults = parameters()
-        names = sorted(set(launch_arguments("dense_mapper.launch")) & set(defaults))
-        self.assertGreaterEqual(set(names), {"device", "preset", "max_image_size", "max_source_views", "lookahead"})
-        for name in set(names) - {"T_body_cam"}:
-            with self.subTest(name):
-                wanted = {int: 5, float: 0.75, str: "other"}[type(defaults[name])]
-                self.assertNotEqual(wanted, defaults[name])
-                values = mapper_parameters(load("dense_mapper.launch", "%s:=%s" % (name, wanted)))
-                self.assertEqual(values[name], wanted)
-                self.assertEqual(type(values[name]), type(defaults[name]))
+        arguments = set(launch_arguments("dense_mapper.launch"))
+        for node, path, least in (("dense_mapper", "config/acmp_mapping.yaml", {"preset", "max_image_size", "lookahead"}),
+                                  ("map_server", "config/map_server.yaml", {"max_keyframes", "voxel_size"})):
+            defaults = parameters(path)
+            names = arguments & set(defaults)
+            self.assertGreaterEqual(names, least)
+            for name in names - {"T_body_cam"}:
+                with self.subTest(name):
+                    wanted = {int: 5, float: 0.75, str: "other"}[type(defaults[name])]
+                    self.assertNotEqual(wanted, defaults[name])
+                    config = load("dense_mapper.launch", "%s:=%s" % (name, wanted))
+                    value = config.params[NAMESPACE + node + "/" + name].value
+                    self.assertEqual(value, wanted)
+                    self.assertEqual(type(value), type(defaults[name]))
+
+    def test_parameters_that_matter_are_arguments(self):
+        with open(os.path.join(SOURCE, "README.md")) as file:
+            table = file.read().split("| parameter | default | |\n")[1].split("\n\n")[0]
+        names = {name for row in table.splitlines() for name in re.findall(r"`(\w+)`", row.split("|")[1])}
+        self.assertGreaterEqual(len(names), 10)
+        self.assertLessEqual(names, set(launch_arguments("dense_mapper.launch")))
 
     def test_values_of_an_earlier_start_are_forgotten(self):
         for standalone in ("true", "false"):

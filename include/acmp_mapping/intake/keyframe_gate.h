@@ -1,17 +1,15 @@
 #pragma once
 
-#include <cstdint>
 #include <optional>
 
 #include "acmp_mapping/geometry/rigid_transform.h"
 
 namespace acmp {
 
-/// How far the camera must have moved for the next keyframe; any one criterion suffices. None needs a metric scale.
+/// How far the camera must have moved for the next keyframe; either suffices. Neither needs a metric scale.
 struct KeyframeGateOptions {
   double min_baseline_ratio = 0.05;  ///< baseline / median scene depth, 0..10; 0.05 = 3 degrees of parallax
   double min_angle_deg = 10;         ///< rotation, (0, 180]
-  double max_interval_s = 0;         ///< time; 0 = no limit, else up to 3600
 };
 void Validate(const KeyframeGateOptions& options);
 
@@ -22,18 +20,14 @@ class KeyframeGate {
 
   /// Whether this pose is a keyframe; if so, the next ones are compared with it. While the scene's depth is unknown
   /// (`median_depth` <= 0) every moved pose is one, or the scene would never become known.
-  bool Accept(int64_t stamp_ns, const RigidTransform& world_from_cam, double median_depth);
+  bool Accept(const RigidTransform& world_from_cam, double median_depth);
 
   /// The next pose is a keyframe again.
   void Reset() { last_.reset(); }
 
  private:
-  struct Last {
-    int64_t stamp_ns;
-    RigidTransform world_from_cam;
-  };
   KeyframeGateOptions options_;
-  std::optional<Last> last_;
+  std::optional<RigidTransform> last_;  ///< world_from_cam
 };
 
 }  // namespace acmp

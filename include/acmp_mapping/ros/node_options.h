@@ -6,10 +6,10 @@
 
 #include "acmp_mapping/backend/make_patch_match.h"
 #include "acmp_mapping/common/option.h"
-#include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/intake/input_matcher.h"
-#include "acmp_mapping/ros/parameter_reader.h"
 #include "acmp_mapping/intake/pose_semantics.h"
+#include "acmp_mapping/mapping/dense_mapper.h"
+#include "acmp_mapping/ros/parameter_reader.h"
 #include "acmp_mapping/ros/work_queue.h"
 
 namespace acmp {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <map>
 #include <optional>
 #include <set>
 #include <string>
@@ -25,6 +26,9 @@ class ParameterReader {
   /// Names that somebody else reads.
   void Allow(const std::string& name) { known_.insert(name); }
 
+  /// A name that another node reads from its own namespace.
+  void SetElsewhere(const std::string& name, const std::string& node) { elsewhere_[name] = node; }
+
   /// A sentence for each name that nobody asked for, with the most similar one that exists. Sub-namespaces are left
   /// alone: plugins of image_transport keep their own parameters in some.
   std::vector<std::string> DescribeUnknown() const;
@@ -32,6 +36,7 @@ class ParameterReader {
  private:
   XmlRpc::XmlRpcValue values_;
   std::set<std::string> known_;
+  std::map<std::string, std::string> elsewhere_;  ///< node of each name
 };
 
 /// Reads all options of the table that are set, over what `options` has.

@@ -5,8 +5,8 @@
 #include <acmp_mapping/DenseMapperConfig.h>
 
 #include "acmp_mapping/common/option.h"
-#include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/intake/keyframe_gate.h"
+#include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/parameter_reader.h"
 
 namespace acmp {
