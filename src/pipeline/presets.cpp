@@ -45,12 +45,12 @@ CompletionOptions CompletionOptionsOf(const PipelineOptions& options, int step) 
 
 namespace {
 
-/// What the papers leave out: they keep what matching gave, of images as they are.
+/// What the papers leave out: they keep what matching gave, of images as they are. The papers do not say how sparse the
+/// credible correspondences are; as in the authors' program it is one per cell of 5 x 5 px.
 PipelineOptions MakePapers(Method method) {
   PipelineOptions options;
   options.patch_match.method = method;
   options.sharpening = 0;
-  options.planar_prior.cell_size_px = 1;  // every estimate of little cost is a credible correspondence
   options.completion.enabled = false;
   options.fusion.min_point_confidence = 0;
   return options;

@@ -234,7 +234,7 @@ TEST_F(HostDepthEngineTest, StateOfAnotherSizeIsRefused) {
   EXPECT_THAT(ErrorOf([&] {
                 engine_.UploadState({PlaneMap(15, 11), CostMap(14, 11)}, camera);
               }),
-              HasSubstr("cost map is 14 x 11"));
+              HasSubstr("cost map: 14 x 11"));
 }
 
 TEST_F(HostDepthEngineTest, PassesStartFromTheEstimateGiven) {

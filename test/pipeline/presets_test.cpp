@@ -50,7 +50,7 @@ TEST(PresetsTest, ThePapersRunTheStepsOfTheirPapersAndNothingElse) {
     EXPECT_EQ(match.photometric_iterations, 3);
     EXPECT_EQ(match.planar_prior_iterations, 3);
     EXPECT_EQ(match.geometric_iterations, 2);
-    EXPECT_EQ(later.planar_prior.cell_size_px, 1);
+    EXPECT_EQ(later.planar_prior.cell_size_px, 5);
   }
   for (const PipelineOptions& paper : {acmh, no_geometric, acmp}) {
     EXPECT_EQ(paper.sharpening, 0);
