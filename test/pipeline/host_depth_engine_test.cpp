@@ -230,7 +230,7 @@ TEST_F(HostDepthEngineTest, StateOfAnotherSizeIsRefused) {
   EXPECT_THAT(ErrorOf([&] {
                 engine_.UploadState({PlaneMap(15, 10), CostMap(15, 11)}, camera);
               }),
-              HasSubstr("plane map is 15 x 10"));
+              HasSubstr("plane map: 15 x 10"));
   EXPECT_THAT(ErrorOf([&] {
                 engine_.UploadState({PlaneMap(15, 11), CostMap(14, 11)}, camera);
               }),
