@@ -35,7 +35,7 @@ __global__ void LookAgainKernel(const __grid_constant__ DeviceFusionContext view
 }
 
 /// A warp that shares a cell.
-struct WarpLanes : WarpGroup<32> {
+struct WarpThreads : WarpGroup<32> {
   __device__ void AddUp(PlaneFit* fit) const {
     float* sums[] = {&fit->s1, &fit->sx, &fit->sy, &fit->sxx, &fit->sxy, &fit->syy, &fit->q, &fit->qx, &fit->qy};
     for (float* sum : sums) *sum = Sum(*sum);
@@ -52,13 +52,13 @@ struct WarpLanes : WarpGroup<32> {
 /// One warp per cell.
 __global__ void FindAnchorKernel(const __grid_constant__ CompletionContext context) {
   const int col = static_cast<int>(blockIdx.x), row = static_cast<int>(blockIdx.y * kBlockHeight + threadIdx.y);
-  if (context.anchors.Contains(col, row)) FindAnchor(context, col, row, WarpLanes());
+  if (context.anchors.Contains(col, row)) FindAnchor(context, col, row, WarpThreads());
 }
 
 /// One warp per cell.
 __global__ void FitAnchorKernel(const __grid_constant__ CompletionContext context) {
   const int col = static_cast<int>(blockIdx.x), row = static_cast<int>(blockIdx.y * kBlockHeight + threadIdx.y);
-  if (context.anchors.Contains(col, row)) FitAnchor(context, col, row, WarpLanes());
+  if (context.anchors.Contains(col, row)) FitAnchor(context, col, row, WarpThreads());
 }
 
 /// One thread per cell and direction. Neighbours look in the same one: they read cells side by side.
@@ -85,12 +85,12 @@ __global__ void RefutePixelKernel(const __grid_constant__ CompletionContext cont
 }
 
 /// Threads that share a pixel. With all samples of a pixel one thread has 166 registers.
-using MedianLanes = WarpGroup<4>;
+using MedianThreads = WarpGroup<4>;
 
 __global__ void __launch_bounds__(kBlockWidth* kBlockHeight)
     FilterPixelKernel(const __grid_constant__ MedianContext context) {
-  const int col = Col() / MedianLanes::kSize, row = Row();
-  if (context.planes.Contains(col, row)) FilterPixel(context, col, row, MedianLanes());
+  const int col = Col() / MedianThreads::kSize, row = Row();
+  if (context.planes.Contains(col, row)) FilterPixel(context, col, row, MedianThreads());
 }
 
 void LaunchFindNearestAnchor(const CompletionContext& context, cudaStream_t stream) {
@@ -111,7 +111,7 @@ void LaunchLook(const DeviceFusionContext& sources, const ImageView<Sightings>& 
 void LaunchCompletion(const CompletionContext& context, cudaStream_t stream) {
   const dim3 block(kBlockWidth, kBlockHeight);
   const dim3 warps(context.anchors.width, (context.anchors.height + kBlockHeight - 1) / kBlockHeight);
-  const dim3 block_of_warps(WarpLanes::kSize, kBlockHeight);
+  const dim3 block_of_warps(WarpThreads::kSize, kBlockHeight);
   FindAnchorKernel<<<warps, block_of_warps, 0, stream>>>(context);
   CudaCheck(cudaGetLastError(), "launch search for anchors");
   FitAnchorKernel<<<warps, block_of_warps, 0, stream>>>(context);
@@ -128,7 +128,7 @@ void LaunchWeightedMedian(const DeviceFusionContext& views, const ImageView<Sigh
   LookAgainKernel<<<GridFor(sightings), block, 0, stream>>>(views, sightings);
   CudaCheck(cudaGetLastError(), "launch second look at the sources");
   dim3 grid = GridFor(context.planes);
-  grid.x = (context.planes.width * MedianLanes::kSize + kBlockWidth - 1) / kBlockWidth;
+  grid.x = (context.planes.width * MedianThreads::kSize + kBlockWidth - 1) / kBlockWidth;
   FilterPixelKernel<<<grid, block, 0, stream>>>(context);
   CudaCheck(cudaGetLastError(), "launch weighted median");
 }

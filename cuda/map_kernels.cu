@@ -75,17 +75,17 @@ __global__ void RasterizePriorKernel(PriorTriangles triangles, RayGrid rays, flo
   const PlaneHypothesis plane = triangles.planes[index];
   if (!(plane.d > 0)) return;
   const RasterTriangle triangle = MakeRasterTriangle(triangles.corners[index]);
-  const int lane = static_cast<int>(threadIdx.x) % kWarp;
+  const int thread = static_cast<int>(threadIdx.x) % kWarp;
   const int row_end = min(triangle.row_max + 1, numbers.height);
-  // Spans take divisions of 64 bits: each lane finds that of one row, and all fill them one after the other.
+  // Spans take divisions of 64 bits: each thread finds that of one row, and all fill them one after the other.
   for (int first_row = max(triangle.row_min, 0); first_row < row_end; first_row += kWarp) {
     ColumnSpan own = {0, -1};
-    if (first_row + lane < row_end) own = SpanOfRow(triangle, first_row + lane, numbers.width);
+    if (first_row + thread < row_end) own = SpanOfRow(triangle, first_row + thread, numbers.width);
     const int rows = min(kWarp, row_end - first_row);
     for (int i = 0; i < rows; ++i) {
       const ColumnSpan span = {WarpGroup<kWarp>::From(i, own.first), WarpGroup<kWarp>::From(i, own.last)};
       const int row = first_row + i;
-      for (int col = span.first + lane; col <= span.last; col += kWarp) {
+      for (int col = span.first + thread; col <= span.last; col += kWarp) {
         const float depth = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));
         if (depth >= depth_min && depth <= depth_max) numbers(col, row) = static_cast<uint32_t>(index) + 1;
       }

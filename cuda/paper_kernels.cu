@@ -1,24 +1,24 @@
-#include "team_kernels.h"
+#include "group_kernels.h"
 
 namespace acmp {
 namespace {
 
 template <Pass kPass, Method kMethod>
-__global__ void __launch_bounds__(kTeamThreads, kBlocksPerMultiprocessor)
+__global__ void __launch_bounds__(kBlockThreads, kBlocksPerMultiprocessor)
     InitializeKernel(const __grid_constant__ CudaMatchContext context, int scratch_words, int color) {
-  const TeamPlace place = PlaceOfTeam(scratch_words);
-  const int col = ColOfTeam(place, color);
+  const GroupPlace place = PlaceOfGroup(scratch_words);
+  const int col = ColOfGroup(place, color);
   if (col >= context.width || place.row >= context.height) return;
-  InitializePixel<kPass, kMethod>(context, col, place.row, WarpTeam(), place.scratch);
+  InitializePixel<kPass, kMethod>(context, col, place.row, PixelThreads(), place.scratch);
 }
 
-__global__ void __launch_bounds__(kTeamThreads, kBlocksPerMultiprocessor)
+__global__ void __launch_bounds__(kBlockThreads, kBlocksPerMultiprocessor)
     RestoreKernel(const __grid_constant__ CudaMatchContext context, const CoarserEstimate coarser, int scratch_words,
                   int color) {
-  const TeamPlace place = PlaceOfTeam(scratch_words);
-  const int col = ColOfTeam(place, color);
+  const GroupPlace place = PlaceOfGroup(scratch_words);
+  const int col = ColOfGroup(place, color);
   if (col >= context.width || place.row >= context.height) return;
-  RestorePixel(context, coarser, col, place.row, WarpTeam(), place.scratch);
+  RestorePixel(context, coarser, col, place.row, PixelThreads(), place.scratch);
 }
 
 }  // namespace
@@ -26,19 +26,19 @@ __global__ void __launch_bounds__(kTeamThreads, kBlocksPerMultiprocessor)
 template <Pass kPass, Method kMethod>
 void LaunchPass(const CudaMatchContext& context, int iterations, cudaStream_t stream) {
   static_assert(kMethod != Method::kOurs, "ours are in patch_match_kernels.cu");
-  const TeamGrid grid(context);
+  const GroupGrid grid(context);
   for (int color = 0; color < 2; ++color) {
     InitializeKernel<kPass, kMethod>
-        <<<grid.blocks, kTeamThreads, grid.bytes, stream>>>(context, grid.scratch_words, color);
+        <<<grid.blocks, kBlockThreads, grid.bytes, stream>>>(context, grid.scratch_words, color);
     CudaCheck(cudaGetLastError(), "launch initialisation");
   }
   LaunchIterations<kPass, kMethod>(context, grid, iterations, stream);
 }
 
 void LaunchRestoreDetails(const CudaMatchContext& context, const CoarserEstimate& coarser, cudaStream_t stream) {
-  const TeamGrid grid(context);
+  const GroupGrid grid(context);
   for (int color = 0; color < 2; ++color) {
-    RestoreKernel<<<grid.blocks, kTeamThreads, grid.bytes, stream>>>(context, coarser, grid.scratch_words, color);
+    RestoreKernel<<<grid.blocks, kBlockThreads, grid.bytes, stream>>>(context, coarser, grid.scratch_words, color);
     CudaCheck(cudaGetLastError(), "launch detail restorer");
   }
 }

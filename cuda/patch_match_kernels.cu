@@ -1,6 +1,6 @@
 #include "acmp_mapping/patch_match/kernel/depth_evidence.h"
 #include "acmp_mapping/patch_match/kernel/median_filter.h"
-#include "team_kernels.h"
+#include "group_kernels.h"
 
 namespace acmp {
 namespace {
@@ -8,37 +8,37 @@ namespace {
 constexpr int kFilterCols = 32;
 constexpr int kFilterRows = 4;
 
-/// A team for two pixels side by side: one of the colour that is updated second, and one that needs no comparison.
+/// A group for two pixels side by side: one of the colour that is updated second, and one that needs no comparison.
 template <Pass kPass>
-__global__ void __launch_bounds__(kTeamThreads, kBlocksPerMultiprocessor)
+__global__ void __launch_bounds__(kBlockThreads, kBlocksPerMultiprocessor)
     InitializeKernel(const __grid_constant__ CudaMatchContext context, int scratch_words) {
-  const TeamPlace place = PlaceOfTeam(scratch_words);
+  const GroupPlace place = PlaceOfGroup(scratch_words);
   if (place.row >= context.height) return;
-  const WarpTeam team;
-  const int unmatched_col = ColOfTeam(place, 0), col = ColOfTeam(place, 1);
-  if (team.Rank() == 0 && unmatched_col < context.width) InitializeUnmatched<kPass>(context, unmatched_col, place.row);
-  if (col < context.width) InitializePixel<kPass>(context, col, place.row, team, place.scratch);
+  const PixelThreads group;
+  const int unmatched_col = ColOfGroup(place, 0), col = ColOfGroup(place, 1);
+  if (group.Rank() == 0 && unmatched_col < context.width) InitializeUnmatched<kPass>(context, unmatched_col, place.row);
+  if (col < context.width) InitializePixel<kPass>(context, col, place.row, group, place.scratch);
 }
 
 __global__ void __launch_bounds__(kFilterCols* kFilterRows)
     FilterKernel(const __grid_constant__ CudaMatchContext context, int color) {
   const int row = static_cast<int>(blockIdx.y * kFilterRows + threadIdx.y);
   const int col = 2 * static_cast<int>(blockIdx.x * kFilterCols + threadIdx.x) + ((row + color) & 1);
-  if (col < context.width && row < context.height) FilterPixel(context, col, row);
+  if (col < context.width && row < context.height) MedianFilterPixel(context, col, row);
 }
 
 /// Threads that share a cell: one per plane, so that those of a quad read the same image.
-using EvidenceLanes = WarpGroup<8>;
+using CellThreads = WarpGroup<8>;
 constexpr int kEvidenceThreads = 128;
 
 __global__ void __launch_bounds__(kEvidenceThreads)
     MeasureEvidenceKernel(const __grid_constant__ CudaMatchContext context, int cell_size, ImageView<float> evidence) {
-  const int col = static_cast<int>(blockIdx.x * kEvidenceThreads + threadIdx.x) / EvidenceLanes::kSize;
+  const int col = static_cast<int>(blockIdx.x * kEvidenceThreads + threadIdx.x) / CellThreads::kSize;
   const int row = static_cast<int>(blockIdx.y);
   if (col >= evidence.width) return;
-  const EvidenceLanes lanes;
-  const float of_cell = EvidenceOfCell(context, col, row, cell_size, lanes);
-  if (lanes.Rank() == 0) evidence(col, row) = of_cell;
+  const CellThreads group;
+  const float of_cell = EvidenceOfCell(context, col, row, cell_size, group);
+  if (group.Rank() == 0) evidence(col, row) = of_cell;
 }
 
 void LaunchFilter(const CudaMatchContext& context, cudaStream_t stream) {
@@ -55,8 +55,8 @@ void LaunchFilter(const CudaMatchContext& context, cudaStream_t stream) {
 template <Pass kPass, Method kMethod>
 void LaunchPass(const CudaMatchContext& context, int iterations, cudaStream_t stream) {
   static_assert(kMethod == Method::kOurs, "those of the papers are in paper_kernels.cu");
-  const TeamGrid grid(context);
-  InitializeKernel<kPass><<<grid.blocks, kTeamThreads, grid.bytes, stream>>>(context, grid.scratch_words);
+  const GroupGrid grid(context);
+  InitializeKernel<kPass><<<grid.blocks, kBlockThreads, grid.bytes, stream>>>(context, grid.scratch_words);
   CudaCheck(cudaGetLastError(), "launch initialisation");
   LaunchIterations<kPass, kMethod>(context, grid, iterations, stream);
   LaunchFilter(context, stream);
@@ -64,7 +64,7 @@ void LaunchPass(const CudaMatchContext& context, int iterations, cudaStream_t st
 
 void LaunchMeasureEvidence(const CudaMatchContext& context, int cell_size, const ImageView<float>& evidence,
                            cudaStream_t stream) {
-  const dim3 grid(DivideUp(evidence.width * EvidenceLanes::kSize, kEvidenceThreads), evidence.height);
+  const dim3 grid(DivideUp(evidence.width * CellThreads::kSize, kEvidenceThreads), evidence.height);
   MeasureEvidenceKernel<<<grid, kEvidenceThreads, 0, stream>>>(context, cell_size, evidence);
   CudaCheck(cudaGetLastError(), "launch evidence");
 }

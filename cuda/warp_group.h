@@ -4,14 +4,19 @@
 
 namespace acmp {
 
-/// Neighbouring threads of a warp that work on one thing: `kThreads` of them, a power of two, from a multiple of it on.
-/// Blocks have one dimension, or rows of whole warps. All threads of a group call its methods together.
+/// A thread group (see SingleThread) of neighbouring threads of a warp: `kThreads` of them, a power of two, from a
+/// multiple of it on. Blocks have one dimension, or rows of whole warps. All threads of a group call its methods
+/// together.
 template <int kThreads>
 struct WarpGroup {
   static constexpr int kSize = kThreads;
   static_assert(kThreads >= 1 && kThreads <= 32 && (kThreads & (kThreads - 1)) == 0, "part of a warp");
 
   __device__ int Rank() const { return static_cast<int>(threadIdx.x % kThreads); }
+
+  __device__ void Sync() const { __syncwarp(Lanes()); }
+  __device__ void Increment(int* counter) const { atomicAdd(counter, 1); }
+  __device__ bool Any(bool x) const { return __any_sync(Lanes(), x) != 0; }
 
   /// The group's lanes of the warp, as bits.
   static __device__ unsigned Lanes() {

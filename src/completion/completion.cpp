@@ -115,8 +115,8 @@ void CompleteUnconfirmed(const FusionView& reference, const std::vector<FusionVi
   context.anchors = anchors.View();
   context.fitted = fitted.View();
   context.nearest = nearest.View();
-  ForEach(cell_cols, cell_rows, [&](int col, int row) { FindAnchor(context, col, row, SingleLane()); });
-  ForEach(cell_cols, cell_rows, [&](int col, int row) { FitAnchor(context, col, row, SingleLane()); });
+  ForEach(cell_cols, cell_rows, [&](int col, int row) { FindAnchor(context, col, row, SingleThread()); });
+  ForEach(cell_cols, cell_rows, [&](int col, int row) { FitAnchor(context, col, row, SingleThread()); });
   FindAllNearestAnchors(context);
   ForEach(planes.width, planes.height, [&](int col, int row) { CompletePixel(context, col, row); });
   if (options.weighted_median) FilterByMedian(setup, context, &sightings);

@@ -44,7 +44,7 @@ void RunPass(const Context& context, int iterations) {
   }
   if constexpr (kMethod == Method::kOurs) {
     for (int color = 0; color < 2; ++color) {
-      ForEachPixelOfColor(context, color, [&](int col, int row) { FilterPixel(context, col, row); });
+      ForEachPixelOfColor(context, color, [&](int col, int row) { MedianFilterPixel(context, col, row); });
     }
   }
 }

@@ -38,12 +38,12 @@ class CompletionKernelTest : public ::testing::Test {
 
   void FindAll() {
     for (int row = 0; row < anchors_.height(); ++row) {
-      for (int col = 0; col < anchors_.width(); ++col) FindAnchor(context_, col, row, SingleLane());
+      for (int col = 0; col < anchors_.width(); ++col) FindAnchor(context_, col, row, SingleThread());
     }
   }
   void FitAll() {
     for (int row = 0; row < anchors_.height(); ++row) {
-      for (int col = 0; col < anchors_.width(); ++col) FitAnchor(context_, col, row, SingleLane());
+      for (int col = 0; col < anchors_.width(); ++col) FitAnchor(context_, col, row, SingleThread());
     }
   }
   void FindAllNearest() {

@@ -1,53 +1,53 @@
-// The work on a cell shared by many lanes, as on a GPU, against one lane that does all of it.
+// The work on a cell shared by many group, as on a GPU, against one thread that does all of it.
 
 #include <random>
 
 #include "completion/completion_kernel_fixture.h"
-#include "support/lane_threads.h"
+#include "support/group_threads.h"
 
 namespace acmp {
 namespace {
 
-constexpr int kLanes = 32;
+constexpr int kThreads = 32;
 
-/// One lane of a warp.
-class ThreadLane {
+/// One thread of a warp.
+class GroupThread {
  public:
-  static constexpr int kSize = kLanes;
-  ThreadLane(int rank, MeetingPoint<PlaneFit, kLanes>* fits, MeetingPoint<AnchorChoice, kLanes>* choices)
+  static constexpr int kSize = kThreads;
+  GroupThread(int rank, MeetingPoint<PlaneFit, kThreads>* fits, MeetingPoint<AnchorChoice, kThreads>* choices)
       : rank_(rank), fits_(fits), choices_(choices) {}
 
   int Rank() const { return rank_; }
   void AddUp(PlaneFit* fit) const {
     PlaneFit sum;
-    for (const PlaneFit& of_lane : fits_->Meet(rank_, *fit)) {
-      sum.s1 += of_lane.s1, sum.sx += of_lane.sx, sum.sy += of_lane.sy;
-      sum.sxx += of_lane.sxx, sum.sxy += of_lane.sxy, sum.syy += of_lane.syy;
-      sum.q += of_lane.q, sum.qx += of_lane.qx, sum.qy += of_lane.qy;
+    for (const PlaneFit& of_thread : fits_->Meet(rank_, *fit)) {
+      sum.s1 += of_thread.s1, sum.sx += of_thread.sx, sum.sy += of_thread.sy;
+      sum.sxx += of_thread.sxx, sum.sxy += of_thread.sxy, sum.syy += of_thread.syy;
+      sum.q += of_thread.q, sum.qx += of_thread.qx, sum.qy += of_thread.qy;
     }
     *fit = sum;
   }
   void Best(AnchorChoice* choice) const {
-    for (const AnchorChoice& of_lane : choices_->Meet(rank_, *choice)) {
-      if (of_lane.views > 0 && (choice->views == 0 || of_lane.IsBetterThan(*choice))) *choice = of_lane;
+    for (const AnchorChoice& of_thread : choices_->Meet(rank_, *choice)) {
+      if (of_thread.views > 0 && (choice->views == 0 || of_thread.IsBetterThan(*choice))) *choice = of_thread;
     }
   }
 
  private:
   int rank_;
-  MeetingPoint<PlaneFit, kLanes>* fits_;
-  MeetingPoint<AnchorChoice, kLanes>* choices_;
+  MeetingPoint<PlaneFit, kThreads>* fits_;
+  MeetingPoint<AnchorChoice, kThreads>* choices_;
 };
 
-TEST(LanesOfRowTest, TheFewestThatTakeARowAtOnce) {
-  EXPECT_EQ(LanesOfRow(1, 15), 1);
-  EXPECT_EQ(LanesOfRow(8, 15), 8);
-  EXPECT_EQ(LanesOfRow(32, 33), 32);
-  EXPECT_EQ(LanesOfRow(32, 17), 32);
-  EXPECT_EQ(LanesOfRow(32, 16), 16);
-  EXPECT_EQ(LanesOfRow(32, 15), 16);
-  EXPECT_EQ(LanesOfRow(32, 11), 16);
-  EXPECT_EQ(LanesOfRow(32, 1), 1);
+TEST(ThreadsOfRowTest, TheFewestThatTakeARowAtOnce) {
+  EXPECT_EQ(ThreadsOfRow(1, 15), 1);
+  EXPECT_EQ(ThreadsOfRow(8, 15), 8);
+  EXPECT_EQ(ThreadsOfRow(32, 33), 32);
+  EXPECT_EQ(ThreadsOfRow(32, 17), 32);
+  EXPECT_EQ(ThreadsOfRow(32, 16), 16);
+  EXPECT_EQ(ThreadsOfRow(32, 15), 16);
+  EXPECT_EQ(ThreadsOfRow(32, 11), 16);
+  EXPECT_EQ(ThreadsOfRow(32, 1), 1);
 }
 
 /// A floor and a wall, noisy, with gaps, in more cells than a fit reaches.
@@ -69,24 +69,24 @@ class SharedCellTest : public CompletionKernelTest {
     }
   }
 
-  /// The lanes of a warp, each for all cells.
+  /// The group of a warp, each for all cells.
   template <class Work>
-  static void OnAllLanes(const Work& work) {
-    MeetingPoint<PlaneFit, kLanes> fits;
-    MeetingPoint<AnchorChoice, kLanes> choices;
-    OnLaneThreads(kLanes, [&](int rank) {
-      const ThreadLane lane(rank, &fits, &choices);
+  static void OnAllThreads(const Work& work) {
+    MeetingPoint<PlaneFit, kThreads> fits;
+    MeetingPoint<AnchorChoice, kThreads> choices;
+    OnThreads(kThreads, [&](int rank) {
+      const GroupThread thread(rank, &fits, &choices);
       for (int row = 0; row < kRows; row += 3) {
-        for (int col = 0; col < kCols; col += 3) work(col, row, lane);
+        for (int col = 0; col < kCols; col += 3) work(col, row, thread);
       }
     });
   }
 };
 
-TEST_F(SharedCellTest, ManyLanesFindTheSameAnchors) {
+TEST_F(SharedCellTest, ManyThreadsFindTheSameAnchors) {
   FindAll();
   const Image<AnchorCell> expected = anchors_.Clone();
-  OnAllLanes([&](int col, int row, const ThreadLane& lane) { FindAnchor(context_, col, row, lane); });
+  OnAllThreads([&](int col, int row, const GroupThread& thread) { FindAnchor(context_, col, row, thread); });
   int found = 0;
   for (int row = 0; row < kRows; row += 3) {
     for (int col = 0; col < kCols; col += 3) {
@@ -99,12 +99,12 @@ TEST_F(SharedCellTest, ManyLanesFindTheSameAnchors) {
   EXPECT_GT(found, 100);
 }
 
-TEST_F(SharedCellTest, ManyLanesFitTheSamePlanes) {
+TEST_F(SharedCellTest, ManyThreadsFitTheSamePlanes) {
   FindAll();
   FitAll();
   const Image<AnchorCell> expected = fitted_.Clone();
   for (AnchorCell& cell : fitted_) cell = {};
-  OnAllLanes([&](int col, int row, const ThreadLane& lane) { FitAnchor(context_, col, row, lane); });
+  OnAllThreads([&](int col, int row, const GroupThread& thread) { FitAnchor(context_, col, row, thread); });
   int fitted = 0;
   for (int row = 0; row < kRows; row += 3) {
     for (int col = 0; col < kCols; col += 3) {

@@ -9,7 +9,7 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/completion/kernel/complete_pixel.h"
-#include "support/lane_threads.h"
+#include "support/group_threads.h"
 
 namespace acmp {
 namespace {
@@ -24,7 +24,7 @@ TEST(WeightedMedianTest, OfManySamplesHalfOfTheWeightLiesUpToIt) {
       samples.depth[n] = 2 + std::round(20 * uniform(random)) / 10;
       samples.weight[n] = uniform(random) < 0.3f ? 0 : uniform(random);
     }
-    const int median = WeightedMedianOf(samples, SingleLane());
+    const int median = WeightedMedianOf(samples, SingleThread());
     ASSERT_GE(median, 0);
     EXPECT_GT(samples.weight[median], 0);
     double nearer = 0, up_to = 0, all = 0;
@@ -37,7 +37,7 @@ TEST(WeightedMedianTest, OfManySamplesHalfOfTheWeightLiesUpToIt) {
     EXPECT_LE(nearer, 0.5 * all + 1e-5);
     EXPECT_GE(up_to, 0.5 * all - 1e-5);
   }
-  EXPECT_EQ(WeightedMedianOf(MedianSamples<1>{}, SingleLane()), -1);
+  EXPECT_EQ(WeightedMedianOf(MedianSamples<1>{}, SingleThread()), -1);
 }
 
 /// Two walls side by side at depths of 4 and 2, white and black.
@@ -143,13 +143,13 @@ TEST_F(FilterPixelTest, PlanesThatFaceAwayOrLeaveTheRangeAreNotExtended) {
   }
 }
 
-/// One of several lanes that share a pixel.
-class MedianThreadLane {
+/// One of several group that share a pixel.
+class MedianGroupThread {
  public:
   static constexpr int kSize = 4;
   using Floats = MeetingPoint<float, kSize>;
   using Ints = MeetingPoint<int, kSize>;
-  MedianThreadLane(int rank, Floats* floats, Ints* ints) : rank_(rank), floats_(floats), ints_(ints) {}
+  MedianGroupThread(int rank, Floats* floats, Ints* ints) : rank_(rank), floats_(floats), ints_(ints) {}
 
   int Rank() const { return rank_; }
   float Sum(float x) const {
@@ -171,7 +171,7 @@ class MedianThreadLane {
   Ints* ints_;
 };
 
-TEST_F(FilterPixelTest, FourLanesFindWhatOneFinds) {
+TEST_F(FilterPixelTest, FourThreadsFindWhatOneFinds) {
   std::mt19937 random(11);
   std::uniform_real_distribution<float> uniform(0, 1);
   for (int row = 0; row < kSize; ++row) {
@@ -191,12 +191,12 @@ TEST_F(FilterPixelTest, FourLanesFindWhatOneFinds) {
   const CostMap expected_cost = cost_.Clone();
   for (PlaneHypothesis& plane : filtered_) plane = {};
   for (float& cost : cost_) cost = 0.1f;
-  MedianThreadLane::Floats floats;
-  MedianThreadLane::Ints ints;
-  OnLaneThreads(MedianThreadLane::kSize, [&](int rank) {
-    const MedianThreadLane lane(rank, &floats, &ints);
+  MedianGroupThread::Floats floats;
+  MedianGroupThread::Ints ints;
+  OnThreads(MedianGroupThread::kSize, [&](int rank) {
+    const MedianGroupThread thread(rank, &floats, &ints);
     for (int row = 0; row < kSize; ++row) {
-      for (int col = 0; col < kSize; ++col) FilterPixel(context_, col, row, lane);
+      for (int col = 0; col < kSize; ++col) FilterPixel(context_, col, row, thread);
     }
   });
   int changed = 0, different = 0;

@@ -230,11 +230,11 @@ TEST_F(HostDepthEngineTest, StateOfAnotherSizeIsRefused) {
   EXPECT_THAT(ErrorOf([&] {
                 engine_.UploadState({PlaneMap(15, 10), CostMap(15, 11)}, camera);
               }),
-              HasSubstr("plane map is 15 x 10"));
+              HasSubstr("plane map: 15 x 10"));
   EXPECT_THAT(ErrorOf([&] {
                 engine_.UploadState({PlaneMap(15, 11), CostMap(14, 11)}, camera);
               }),
-              HasSubstr("cost map is 14 x 11"));
+              HasSubstr("cost map: 14 x 11"));
 }
 
 TEST_F(HostDepthEngineTest, PassesStartFromTheEstimateGiven) {

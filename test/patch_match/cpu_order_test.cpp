@@ -35,7 +35,7 @@ PatchMatchResult RunInOrder(KernelState* state, const Order& order, int iteratio
       for_color(color, [&](int col, int row) { UpdatePixel<kPass>(context, col, row, iteration); });
     }
   }
-  for (const int color : {0, 1}) for_color(color, [&](int col, int row) { FilterPixel(context, col, row); });
+  for (const int color : {0, 1}) for_color(color, [&](int col, int row) { MedianFilterPixel(context, col, row); });
   return {state->planes.Clone(), state->cost.Clone(), state->selected_views.Clone()};
 }
 

@@ -21,9 +21,9 @@ ACMP_HOST_DEVICE inline void AnswerDraws(RandomStream* random, ParityAnswer* ans
   }
   int counts[kViews] = {};
   int list[kViews];
-  const SingleThread team;
-  DrawViews(probability, kViews, 255, team, random, counts);
-  answer->drawn_views = ListWeighedViews(counts, kViews, team, list);
+  const SingleThread group;
+  DrawViews(probability, kViews, 255, group, random, counts);
+  answer->drawn_views = ListWeighedViews(counts, kViews, group, list);
   answer->impossible_views = answer->drawn_views & ~possible;
   for (const int count : counts) answer->draws += count;
 }

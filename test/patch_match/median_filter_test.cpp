@@ -76,7 +76,7 @@ TEST(MedianFilterTest, MovesThePlaneToTheMedianDepthAndKeepsItsNormal) {
     for (int row = 0; row < height; ++row) {
       for (int col = 0; col < width; ++col) {
         std::copy(before.begin(), before.end(), state.planes.begin());
-        FilterPixel(state.Context(), col, row);
+        MedianFilterPixel(state.Context(), col, row);
         ASSERT_NEAR(Depth(state, state.planes, col, row), ReferenceMedian(state, before, col, row), 1e-5)
             << col << ", " << row << " of " << width << " x " << height;
         ASSERT_EQ(state.planes(col, row).nx, before(col, row).nx);
@@ -93,9 +93,9 @@ TEST(MedianFilterTest, RemovesAnOutlierAndKeepsAPlane) {
   KernelState state(MakeProblem(views, 0, {1, 10}));
   for (PlaneHypothesis& plane : state.planes) plane = {0, 0, -1, 4};
   state.planes(7, 7) = {0, 0, -1, 9};
-  FilterPixel(state.Context(), 7, 7);
+  MedianFilterPixel(state.Context(), 7, 7);
   EXPECT_NEAR(Depth(state, state.planes, 7, 7), 4, 1e-6);
-  FilterPixel(state.Context(), 8, 8);
+  MedianFilterPixel(state.Context(), 8, 8);
   EXPECT_NEAR(Depth(state, state.planes, 8, 8), 4, 1e-6);
 }
 
@@ -109,7 +109,7 @@ TEST(MedianFilterTest, KeepsASlopeWhereNormalsAreGoodAndEvensOutDepthsWhereTheyA
   for (int row = 0; row < 21; ++row) {
     for (int col = 0; col < 21; ++col) state.planes(col, row) = PlaneThrough(col < 10 ? left : right, ray(10), 4);
   }
-  FilterPixel(state.Context(), 10, 10);
+  MedianFilterPixel(state.Context(), 10, 10);
   EXPECT_NEAR(Depth(state, state.planes, 10, 10), 4, 1e-5);
   // The same depths with normals at random: planes extended from the neighbours are worth less than their depths.
   TestRandom random(6);
@@ -120,7 +120,7 @@ TEST(MedianFilterTest, KeepsASlopeWhereNormalsAreGoodAndEvensOutDepthsWhereTheyA
       state.planes(col, row) = PlaneThrough(normal, own, 4);
     }
   }
-  FilterPixel(state.Context(), 10, 10);
+  MedianFilterPixel(state.Context(), 10, 10);
   EXPECT_NEAR(Depth(state, state.planes, 10, 10), 4, 1e-5);
 }
 
@@ -133,7 +133,7 @@ TEST(MedianFilterTest, KeepsADepthEdge) {
   for (int color = 0; color < 2; ++color) {
     for (int row = 4; row < 11; ++row) {
       for (int col = 4; col < 16; ++col) {
-        if ((col + row) % 2 == color) FilterPixel(state.Context(), col, row);
+        if ((col + row) % 2 == color) MedianFilterPixel(state.Context(), col, row);
       }
     }
   }

@@ -58,7 +58,7 @@ TEST(PatchMatchOptionsTest, DefaultsAreThePapers) {
   EXPECT_FLOAT_EQ(options.view_smoothness, 0.9f);
   EXPECT_FLOAT_EQ(options.geometric_weight, 0.1f);
   EXPECT_FLOAT_EQ(options.geometric_max_px, 5.0f);
-  // The design note's.
+  // What the papers leave open.
   EXPECT_FLOAT_EQ(options.sigma_spatial_px, 5.0f);
   EXPECT_FLOAT_EQ(options.sigma_color, 3.0f);
   EXPECT_EQ(options.view_draws, 15);

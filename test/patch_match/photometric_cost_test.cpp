@@ -33,7 +33,7 @@ TEST(BilateralWeightTest, DistancesAreNotSquared) {
                   reference::BilateralWeight(distance, difference, options), 1e-6);
     }
   }
-  // The values of the design note spelt out.
+  // The formula spelt out.
   EXPECT_NEAR(reference::BilateralWeight(5, 9, options), std::exp(-5.0 / 50 - 9.0 / 18), 1e-12);
 }
 

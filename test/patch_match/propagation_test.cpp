@@ -14,7 +14,7 @@ namespace {
 
 using Offset = std::pair<int, int>;
 
-/// Section 4 of the design note, spelt out for "up" and "far up" and turned for the other directions.
+/// ACMH's sampling, spelt out for "up" and "far up" and turned for the other directions.
 std::set<Offset> ReferenceRegion(int region) {
   std::set<Offset> up = {{0, -1}, {-1, -2}, {1, -2}, {-2, -3}, {2, -3}, {-3, -4}, {3, -4}};
   if (region >= 4) {
@@ -121,13 +121,13 @@ TEST(PropagationTest, NearAndFarRegionsTakeTurns) {
   for (uint32_t turn = 0; turn < 4; ++turn) {
     for (int row = 0; row < 9; ++row) {
       for (int col = 0; col < 9; ++col) {
-        const RegionRange regions = RegionsInTurn(col, row, turn);
+        const RegionRange regions = AlternatingRegions(col, row, turn);
         EXPECT_EQ(regions.count, 4);
         EXPECT_TRUE(regions.first == 0 || regions.first == 4);
-        EXPECT_EQ(regions.first, RegionsInTurn(col / 2 * 2, row / 2 * 2, turn).first) << "a block has one turn";
-        EXPECT_NE(regions.first, RegionsInTurn(col + 2, row, turn).first);
-        EXPECT_NE(regions.first, RegionsInTurn(col, row + 2, turn).first);
-        EXPECT_NE(regions.first, RegionsInTurn(col, row, turn + 1).first);
+        EXPECT_EQ(regions.first, AlternatingRegions(col / 2 * 2, row / 2 * 2, turn).first) << "a block has one turn";
+        EXPECT_NE(regions.first, AlternatingRegions(col + 2, row, turn).first);
+        EXPECT_NE(regions.first, AlternatingRegions(col, row + 2, turn).first);
+        EXPECT_NE(regions.first, AlternatingRegions(col, row, turn + 1).first);
       }
     }
   }

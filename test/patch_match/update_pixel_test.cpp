@@ -128,7 +128,8 @@ TEST(CheckerboardTest, MedianFilterReadsTheOtherColourOnly) {
   const std::vector<PlanarView> views = RandomViews(2, 33, 27, 1);
   KernelState state(MakeProblem(views, 0, {1, 10}));
   FillState<Pass::kPhotometric>(&state, 2);
-  ExpectReadsOtherColourOnly(&state, [](const auto& context, int col, int row) { FilterPixel(context, col, row); });
+  ExpectReadsOtherColourOnly(&state,
+                             [](const auto& context, int col, int row) { MedianFilterPixel(context, col, row); });
 }
 
 /// One source view: all draws go to it, so the stored cost is the cost of the stored plane.
@@ -187,7 +188,7 @@ void ExpectUpdateTakesTheBest() {
     PlaneHypothesis candidates[kNumRegions + 1];
     const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
     int count;
-    const RegionRange regions = kPass == Pass::kPhotometric ? kAllRegions : RegionsInTurn(col, row, 0);
+    const RegionRange regions = kPass == Pass::kPhotometric ? kAllRegions : AlternatingRegions(col, row, 0);
     CollectCandidates(context, col, row, ray, regions, SingleThread(), candidates, &count);
     candidates[count++] = before.plane;
     const PatchMatchOptions options = c.WindowOptions(col, row);
@@ -279,7 +280,7 @@ TEST(CandidateViewVotesTest, OnlyCredibleViewsAreDrawn) {
     int fewer = 0;
     for (int row = 0; row < state.height(); ++row) {
       for (int col = row % 2; col < state.width(); col += 2) {
-        const uint32_t credible = CredibleViews(state.Context(), col, row);
+        const uint32_t credible = ViewsOfNeighbours(state.Context(), col, row);
         UpdatePixel<Pass::kGeometric>(state.Context(), col, row, 0);
         ASSERT_EQ(state.selected_views(col, row) & ~credible, 0u) << col << ", " << row << ", " << votes << " votes";
         fewer += credible != AllViews(5) ? 1 : 0;

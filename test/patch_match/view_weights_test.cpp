@@ -107,7 +107,7 @@ TEST(IsViewRejectedTest, EnoughBadCostsRejectAsTheConfidenceDoes) {
   for (int i = 0; i < 2000; ++i) {
     std::vector<float> costs(4);
     for (float& cost : costs) cost = static_cast<float>(random(0.5, 1.8));
-    for (const RegionRange& regions : {kAllRegions, RegionsInTurn(0, 0, 0)}) {
+    for (const RegionRange& regions : {kAllRegions, AlternatingRegions(0, 0, 0)}) {
       const int decisive = DecisiveCosts(regions);
       EXPECT_EQ(decisive, regions.count == 8 ? 3 : 2);
       const bool is_rejected = IsViewRejected(costs.data(), 1, 4, decisive);
@@ -196,7 +196,7 @@ TEST(CredibleViewsTest, AgreesWithTheReferenceAlsoAtTheBorder) {
         for (int row = 0; row < state.height(); ++row) {
           for (int col = 0; col < state.width(); ++col) {
             const uint32_t expected = ReferenceCredibleViews(state, col, row);
-            ASSERT_EQ(CredibleViews(state.Context(), col, row), expected)
+            ASSERT_EQ(ViewsOfNeighbours(state.Context(), col, row), expected)
                 << sources << " sources, " << votes << " votes, pixel " << col << ", " << row;
             ++(expected == AllViews(sources) ? all : some);
           }
@@ -215,18 +215,18 @@ TEST(CredibleViewsTest, AllWhereNoneHasTheVotes) {
     options.candidate_view_votes = votes;
     KernelState state(ProblemWithSources(views, 7), options);
     for (uint32_t& mask : state.selected_views) mask = 0;
-    EXPECT_EQ(CredibleViews(state.Context(), 2, 2), 0x7fu) << "nobody votes";
+    EXPECT_EQ(ViewsOfNeighbours(state.Context(), 2, 2), 0x7fu) << "nobody votes";
     // The pixel and then one neighbour after the other vote for view 6.
     constexpr int kVoters[5][2] = {{2, 2}, {2, 1}, {1, 2}, {3, 2}, {2, 3}};
     for (int voters = 1; voters <= 5; ++voters) {
       state.selected_views(kVoters[voters - 1][0], kVoters[voters - 1][1]) = 1u << 6;
-      EXPECT_EQ(CredibleViews(state.Context(), 2, 2), voters >= votes ? 1u << 6 : 0x7fu)
+      EXPECT_EQ(ViewsOfNeighbours(state.Context(), 2, 2), voters >= votes ? 1u << 6 : 0x7fu)
           << voters << " voters, " << votes << " needed";
     }
     // A corner has three voters: never four votes.
     for (uint32_t& mask : state.selected_views) mask = 1u << 3;
     for (const auto& [col, row] : {std::pair(0, 0), {4, 0}, {0, 3}, {4, 3}}) {
-      EXPECT_EQ(CredibleViews(state.Context(), col, row), votes <= 3 ? 1u << 3 : 0x7fu) << votes << " needed";
+      EXPECT_EQ(ViewsOfNeighbours(state.Context(), col, row), votes <= 3 ? 1u << 3 : 0x7fu) << votes << " needed";
     }
   }
 }
@@ -334,7 +334,7 @@ TEST(DrawViewsTest, NeverDrawsAViewOfProbabilityZero) {
   }
 }
 
-// Members of a team draw every kSize-th number: the stream goes on behind all of them, whoever drew which.
+// Members of a group draw every kSize-th number: the stream goes on behind all of them, whoever drew which.
 TEST(DrawViewsTest, TakesAsManyNumbersAsDraws) {
   RandomStream random(1, 2, 3), other(1, 2, 3);
   const float probability[2] = {0.5f, 0.5f};

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 
+#include "acmp_mapping/common/thread_group.h"
 #include "acmp_mapping/geometry/plane_hypothesis.h"
 #include "acmp_mapping/image/cells.h"
 #include "acmp_mapping/image/image.h"
@@ -57,26 +58,6 @@ struct CompletionContext {
   ImageView<NearestAnchors> nearest;
 };
 
-/// The lanes that share a cell or a pixel. The CPU has one, which does all; others have several, of which each takes
-/// every kSize-th pixel, cell or row of samples. They offer what their work asks for:
-///   AddUp(fit)    leaves all of them with the sum of what each has summed
-///   Best(choice)  with the best of what each has found
-///   Sum(x), Least(x), Greatest(x)  return it to all of them
-struct SingleLane {
-  static constexpr int kSize = 1;
-  ACMP_HOST_DEVICE int Rank() const { return 0; }
-  template <class PlaneFit>
-  ACMP_HOST_DEVICE void AddUp(PlaneFit*) const {}
-  template <class Choice>
-  ACMP_HOST_DEVICE void Best(Choice*) const {}
-  ACMP_HOST_DEVICE float Sum(float x) const { return x; }
-  ACMP_HOST_DEVICE float Greatest(float x) const { return x; }
-  template <class T>
-  ACMP_HOST_DEVICE T Least(T x) const {
-    return x;
-  }
-};
-
 /// px, of the cells that have an anchor each. Half as many give the same planes but lose small surfaces
 /// (docs/quality.md).
 ACMP_HOST_DEVICE inline int CompletionCellSize(int width, int height) {
@@ -123,15 +104,15 @@ struct AnchorChoice {
 };
 
 /// Fills one cell of `anchors`: the best of the pixels that can be one.
-template <class Lanes>
+template <class Group>
 ACMP_HOST_DEVICE inline void FindAnchor(const CompletionContext& context, int cell_col, int cell_row,
-                                        const Lanes& lanes) {
+                                        const Group& group) {
   const int size = context.cell_size, width = context.planes.width;
   const int col_end = (cell_col + 1) * size < width ? (cell_col + 1) * size : width;
   const int row_end = (cell_row + 1) * size < context.planes.height ? (cell_row + 1) * size : context.planes.height;
   AnchorChoice best;
   for (int row = cell_row * size; row < row_end; ++row) {
-    for (int col = cell_col * size + lanes.Rank(); col < col_end; col += Lanes::kSize) {
+    for (int col = cell_col * size + group.Rank(); col < col_end; col += Group::kSize) {
       const Sightings sightings = context.sightings(col, row);
       const int views = ConfirmingViews(sightings);
       if (!CanBeAnchor(sightings, context.anchor_views)) continue;
@@ -140,8 +121,8 @@ ACMP_HOST_DEVICE inline void FindAnchor(const CompletionContext& context, int ce
       if (choice.IsBetterThan(best)) best = choice;
     }
   }
-  lanes.Best(&best);
-  if (lanes.Rank() != 0) return;
+  group.Best(&best);
+  if (group.Rank() != 0) return;
   AnchorCell anchor;
   if (best.views > 0) {
     anchor.views = best.views;

@@ -42,9 +42,9 @@ struct PlaneFit {
   }
 };
 
-/// How many of `lanes`, a power of two, share a row of `count` anchors: the fewest that take it at once.
-ACMP_HOST_DEVICE constexpr int LanesOfRow(int lanes, int count) {
-  return lanes / 2 < count ? lanes : LanesOfRow(lanes / 2, count);
+/// How many of `threads`, a power of two, share a row of `count` anchors: the fewest that take it at once.
+ACMP_HOST_DEVICE constexpr int ThreadsOfRow(int threads, int count) {
+  return threads / 2 < count ? threads : ThreadsOfRow(threads / 2, count);
 }
 
 /// Tukey's biweight.
@@ -55,16 +55,16 @@ ACMP_HOST_DEVICE inline float RobustWeight(float residual, float tolerance) {
 }
 
 /// Fills one cell of `fitted`: the anchor with the plane of the anchors around that agree with it, by reweighted least
-/// squares from the plane of the anchor's own pixel. Several lanes share its rows and columns.
-template <class Lanes>
+/// squares from the plane of the anchor's own pixel. The threads of a group share its rows and columns.
+template <class Group>
 ACMP_HOST_DEVICE inline void FitAnchor(const CompletionContext& context, int cell_col, int cell_row,
-                                       const Lanes& lanes) {
+                                       const Group& group) {
   constexpr int kMaxAnchors = 2 * kFitRadius / kFitStep + 1;  // of a row
-  constexpr int kLanesOfRow = LanesOfRow(Lanes::kSize, kMaxAnchors);
-  constexpr int kRowsAtOnce = Lanes::kSize / kLanesOfRow;
+  constexpr int kThreadsOfRow = ThreadsOfRow(Group::kSize, kMaxAnchors);
+  constexpr int kRowsAtOnce = Group::kSize / kThreadsOfRow;
   AnchorCell anchor = context.anchors(cell_col, cell_row);
   if (anchor.views == 0) {
-    if (lanes.Rank() == 0) context.fitted(cell_col, cell_row) = anchor;
+    if (group.Rank() == 0) context.fitted(cell_col, cell_row) = anchor;
     return;
   }
   const float reach = static_cast<float>(kFitRadius * context.cell_size);  // px that are 1 in the fit
@@ -83,10 +83,10 @@ ACMP_HOST_DEVICE inline void FitAnchor(const CompletionContext& context, int cel
   for (int iteration = 0; iteration < kFitIterations; ++iteration) {
     const float tolerance = iteration == 0 ? kFirstFitTolerance : kFitTolerance;
     PlaneFit sums;
-    for (int row = first_row + kFitStep * (lanes.Rank() / kLanesOfRow); row <= last_row;
+    for (int row = first_row + kFitStep * (group.Rank() / kThreadsOfRow); row <= last_row;
          row += kFitStep * kRowsAtOnce) {
-      for (int col = first_col + kFitStep * (lanes.Rank() % kLanesOfRow); col <= last_col;
-           col += kFitStep * kLanesOfRow) {
+      for (int col = first_col + kFitStep * (group.Rank() % kThreadsOfRow); col <= last_col;
+           col += kFitStep * kThreadsOfRow) {
         const AnchorCell& other = context.anchors(col, row);
         if (other.views == 0) continue;
         const float x = static_cast<float>(other.col - anchor.col) * inv_reach;
@@ -96,7 +96,7 @@ ACMP_HOST_DEVICE inline void FitAnchor(const CompletionContext& context, int cel
         if (weight > 0) sums.Add(weight * static_cast<float>(other.views), x, y, value);
       }
     }
-    lanes.AddUp(&sums);
+    group.AddUp(&sums);
     if (!(sums.s1 > kMinFitViews)) break;
     fit = sums.Solve();
   }
@@ -105,7 +105,7 @@ ACMP_HOST_DEVICE inline void FitAnchor(const CompletionContext& context, int cel
   m.y = inv_depth * fit.z / (reach * context.rays.inv_fy);
   m.z = inv_depth * fit.x - m.x * ray.x - m.y * ray.y;
   anchor.inverse_plane = m;
-  if (lanes.Rank() == 0) context.fitted(cell_col, cell_row) = anchor;
+  if (group.Rank() == 0) context.fitted(cell_col, cell_row) = anchor;
 }
 
 }  // namespace acmp

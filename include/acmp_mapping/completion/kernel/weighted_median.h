@@ -28,11 +28,12 @@ struct MedianContext {
   ImageView<float> cost;
 };
 
-/// Surfaces around a pixel, those of one of `kLanes` lanes, row by row. In one array each, all of them used and every
-/// index known to the compiler, so that a GPU thread has them in registers.
-template <int kLanes>
+/// Surfaces around a pixel, those of one of `kThreads` threads, row by row. In one array each, all of them used and
+/// every index known to the compiler, so that a GPU thread has them in registers.
+template <int kThreads>
 struct MedianSamples {
-  static constexpr int kRows = (kMedianAcross + kLanes - 1) / kLanes;  ///< the last may be one too many for a lane
+  static constexpr int kRows =
+      (kMedianAcross + kThreads - 1) / kThreads;  ///< the last may be one too many for a thread
   static constexpr int kCount = kRows * kMedianAcross;
   float depth[kCount];   ///< of the surface extended to the pixel
   float weight[kCount];  ///< 0: none
@@ -56,14 +57,14 @@ ACMP_HOST_DEVICE inline float ExtendedDepth(const MedianContext& context, const 
 }
 
 /// Whether depths around the pixel differ, by more than one in twenty: elsewhere there is nothing to choose from.
-template <class Lanes>
-ACMP_HOST_DEVICE inline bool HasSeveralSurfaces(const MedianContext& context, int col, int row, const Lanes& lanes) {
+template <class Group>
+ACMP_HOST_DEVICE inline bool HasSeveralSurfaces(const MedianContext& context, int col, int row, const Group& group) {
   constexpr float kSameSurfaces = 1.05f;
   float nearest = FLT_MAX, farthest = 0;
   const int last_col = context.depth.width - 1, last_row = context.depth.height - 1;
   ACMP_UNROLL
-  for (int i = 0; i < MedianSamples<Lanes::kSize>::kRows; ++i) {
-    const int sample_row = Clamped(lanes.Rank() + i * Lanes::kSize, kMedianAcross - 1);
+  for (int i = 0; i < MedianSamples<Group::kSize>::kRows; ++i) {
+    const int sample_row = Clamped(group.Rank() + i * Group::kSize, kMedianAcross - 1);
     const int r = Clamped(row + SampleOffset(sample_row), last_row);
     ACMP_UNROLL
     for (int k = 0; k < kMedianAcross; ++k) {
@@ -72,7 +73,7 @@ ACMP_HOST_DEVICE inline bool HasSeveralSurfaces(const MedianContext& context, in
       farthest = depth > farthest ? depth : farthest;
     }
   }
-  return lanes.Greatest(farthest) > kSameSurfaces * lanes.Least(nearest);
+  return group.Greatest(farthest) > kSameSurfaces * group.Least(nearest);
 }
 
 /// What the sources that look through a sample leave of its weight, a quarter each. One may be wrong itself; the more,
@@ -84,19 +85,19 @@ ACMP_HOST_DEVICE inline float ShareOfWeight(int looking_through) {
 
 /// Those inside the image with a depth in the range. All are loaded, so that a GPU does not wait for one before it asks
 /// for the next.
-template <class Lanes>
-ACMP_HOST_DEVICE inline MedianSamples<Lanes::kSize> FindMedianSamples(const MedianContext& context, int col, int row,
-                                                                      const Lanes& lanes) {
+template <class Group>
+ACMP_HOST_DEVICE inline MedianSamples<Group::kSize> FindMedianSamples(const MedianContext& context, int col, int row,
+                                                                      const Group& group) {
   constexpr float kInverseColorReach = 1 / 15.0f;    // summed over three channels: the weight falls by e
   constexpr float kInverseDistanceReach = 1 / 8.0f;  // px
   const int last_col = context.depth.width - 1, last_row = context.depth.height - 1;
   const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
   const bool has_color = !context.color.empty();
   const Rgb own = has_color ? context.color(col, row) : Rgb{0, 0, 0};
-  MedianSamples<Lanes::kSize> samples;
+  MedianSamples<Group::kSize> samples;
   ACMP_UNROLL
   for (int i = 0; i < samples.kCount; ++i) {
-    const int sample_row = lanes.Rank() + i / kMedianAcross * Lanes::kSize;
+    const int sample_row = group.Rank() + i / kMedianAcross * Group::kSize;
     const int dx = SampleOffset(i % kMedianAcross), dy = SampleOffset(sample_row);
     const int c = Clamped(col + dx, last_col), r = Clamped(row + dy, last_row);
     const bool is_inside = sample_row < kMedianAcross && c == col + dx && r == row + dy;
@@ -114,8 +115,8 @@ ACMP_HOST_DEVICE inline MedianSamples<Lanes::kSize> FindMedianSamples(const Medi
 
 /// Number of the nearest sample up to which lies half of the weight or more, or of one that is nearer by less than a
 /// thousandth of all depths' range; -1 of none.
-template <class Lanes>
-ACMP_HOST_DEVICE inline int WeightedMedianOf(const MedianSamples<Lanes::kSize>& samples, const Lanes& lanes) {
+template <class Group>
+ACMP_HOST_DEVICE inline int WeightedMedianOf(const MedianSamples<Group::kSize>& samples, const Group& group) {
   constexpr int kBisections = 10;
   float nearest = FLT_MAX, farthest = 0, half = 0;
   ACMP_UNROLL
@@ -125,16 +126,16 @@ ACMP_HOST_DEVICE inline int WeightedMedianOf(const MedianSamples<Lanes::kSize>& 
     farthest = counts && samples.depth[i] > farthest ? samples.depth[i] : farthest;
     half += 0.5f * samples.weight[i];
   }
-  half = lanes.Sum(half);
+  half = group.Sum(half);
   if (!(half > 0)) return -1;
   // Less than half of the weight lies up to `low`, half or more up to `high`.
-  float low = 0.999f * lanes.Least(nearest), high = lanes.Greatest(farthest);
+  float low = 0.999f * group.Least(nearest), high = group.Greatest(farthest);
   for (int bisection = 0; bisection < kBisections; ++bisection) {
     const float middle = 0.5f * (low + high);
     float up_to = 0;
     ACMP_UNROLL
     for (int i = 0; i < samples.kCount; ++i) up_to += samples.depth[i] <= middle ? samples.weight[i] : 0;
-    (lanes.Sum(up_to) < half ? low : high) = middle;
+    (group.Sum(up_to) < half ? low : high) = middle;
   }
   int median = 0;
   float depth = FLT_MAX;
@@ -144,21 +145,21 @@ ACMP_HOST_DEVICE inline int WeightedMedianOf(const MedianSamples<Lanes::kSize>& 
     depth = is_nearer ? samples.depth[i] : depth;
     median = is_nearer ? i : median;
   }
-  const int row = lanes.Rank() + median / kMedianAcross * Lanes::kSize;
+  const int row = group.Rank() + median / kMedianAcross * Group::kSize;
   const int number = row * kMedianAcross + median % kMedianAcross;
-  return lanes.Least(depth == lanes.Least(depth) ? number : kMedianSamples);
+  return group.Least(depth == group.Least(depth) ? number : kMedianSamples);
 }
 
 /// The weighted median of the surfaces around: of those of the pixel's colour, and the nearer ones first. Pixels that
 /// sources look through have less say. Where the depth changes by more than one in a hundred, the cost is that of
 /// another surface: whoever fuses maps has to ask the views again.
-template <class Lanes = SingleLane>
-ACMP_HOST_DEVICE inline void FilterPixel(const MedianContext& context, int col, int row, const Lanes& lanes = {}) {
+template <class Group = SingleThread>
+ACMP_HOST_DEVICE inline void FilterPixel(const MedianContext& context, int col, int row, const Group& group = {}) {
   constexpr float kSameSurface = 0.01f;
-  const bool is_first = lanes.Rank() == 0;
+  const bool is_first = group.Rank() == 0;
   if (is_first) context.filtered(col, row) = context.planes(col, row);
-  if (LookingThrough(context.sightings(col, row)) == 0 && !HasSeveralSurfaces(context, col, row, lanes)) return;
-  const int median = WeightedMedianOf(FindMedianSamples(context, col, row, lanes), lanes);
+  if (LookingThrough(context.sightings(col, row)) == 0 && !HasSeveralSurfaces(context, col, row, group)) return;
+  const int median = WeightedMedianOf(FindMedianSamples(context, col, row, group), group);
   if (median < 0 || !is_first) return;
   const int c = col + SampleOffset(median % kMedianAcross), r = row + SampleOffset(median / kMedianAcross);
   const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));

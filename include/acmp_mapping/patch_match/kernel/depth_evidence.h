@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdint>
 
+#include "acmp_mapping/common/thread_group.h"
 #include "acmp_mapping/image/cells.h"
 #include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 #include "acmp_mapping/patch_match/kernel/photometric_cost.h"
@@ -15,19 +16,6 @@ constexpr int kEvidencePlanes = 6;
 ACMP_HOST_DEVICE constexpr float EvidencePlane(int i) {
   return i == 0 ? 1.0f : i == 1 ? 0.9f : i == 2 ? 0.8f : i == 3 ? 0.6f : i == 4 ? 0.3f : 0.01f;
 }
-
-/// The lanes that share a pixel. The CPU has one, which compares all planes; others have several, of which each takes
-/// every kSize-th plane or view, and
-///   FromFirst(x)  leaves all of them with the first one's
-///   Least(x)      with the least
-///   Union(x)      with the bits that any has
-struct OneLane {
-  static constexpr int kSize = 1;
-  ACMP_HOST_DEVICE int Rank() const { return 0; }
-  ACMP_HOST_DEVICE float FromFirst(float x) const { return x; }
-  ACMP_HOST_DEVICE float Least(float x) const { return x; }
-  ACMP_HOST_DEVICE uint32_t Union(uint32_t x) const { return x; }
-};
 
 /// The window of a pixel as it is compared here: without weights, as texture that is hardly more than noise shows in
 /// the sum of many samples only.
@@ -116,16 +104,16 @@ ACMP_HOST_DEVICE inline float UnexplainedVariance(const MatchContext<Sampler>& c
 }
 
 /// The source views whose depths agree with a pixel's, as bits.
-template <class Sampler, class Lanes>
+template <class Sampler, class Group>
 ACMP_HOST_DEVICE inline uint32_t AgreeingViews(const MatchContext<Sampler>& context, float depth, int col, int row,
-                                               const Lanes& lanes) {
+                                               const Group& group) {
   constexpr float kAgreementPx = 2.0f;
   static_assert(kMaxSourceViews <= 32, "one bit per view");
   uint32_t agreeing = 0;
-  for (int view = lanes.Rank(); view < context.num_sources; view += Lanes::kSize) {
+  for (int view = group.Rank(); view < context.num_sources; view += Group::kSize) {
     if (GeometricError(context, depth, col, row, view) < kAgreementPx) agreeing |= 1u << view;
   }
-  return lanes.Union(agreeing);
+  return group.Union(agreeing);
 }
 
 /// How much the images speak for a pixel's plane against the same plane farther away: the least log-likelihood ratio of
@@ -133,36 +121,36 @@ ACMP_HOST_DEVICE inline uint32_t AgreeingViews(const MatchContext<Sampler>& cont
 /// variance in all samples: n/2 log of the ratio of what is unexplained, summed over the views. About 0 on what has no
 /// texture, wherever it is drawn; negative where it fits better farther away. 0 with fewer than two views that agree.
 /// @param context with the planes that are asked about and the sources' depths; geometric_max_px above 2
-template <class Sampler, class Lanes = OneLane>
+template <class Sampler, class Group = SingleThread>
 ACMP_HOST_DEVICE inline float DepthEvidence(const MatchContext<Sampler>& context, int col, int row,
-                                            const Lanes& lanes = {}) {
+                                            const Group& group = {}) {
   constexpr float kNoiseVariance = 0.5f;  // grey levels^2, of both images together, at least
   constexpr int kMinViews = 2;
   constexpr float kFar = 1e30f;
-  constexpr int kPerLane = (kEvidencePlanes + Lanes::kSize - 1) / Lanes::kSize;
+  constexpr int kPerThread = (kEvidencePlanes + Group::kSize - 1) / Group::kSize;
   const PlaneHypothesis& plane = context.planes(col, row);
   const float depth = PlaneDepth(plane, context.rays.Ray(static_cast<float>(col), static_cast<float>(row)));
   if (!(plane.d > 0 && depth > 0)) return 0;
-  const uint32_t views = AgreeingViews(context, depth, col, row, lanes);
+  const uint32_t views = AgreeingViews(context, depth, col, row, group);
   const PlainWindow window = LoadPlainWindow(context, col, row);
   const Vec3f dual = PlaneDual(context, plane);
-  float log_ratio[kPerLane] = {};
-  int compared[kPerLane] = {};
+  float log_ratio[kPerThread] = {};
+  int compared[kPerThread] = {};
   int agreeing = 0;
   for (int view = 0; view < context.num_sources; ++view) {
     if ((views >> view & 1u) == 0) continue;
-    float unexplained[kPerLane];
+    float unexplained[kPerThread];
     ACMP_UNROLL
-    for (int k = 0; k < kPerLane; ++k) {
-      const int i = lanes.Rank() + k * Lanes::kSize;
+    for (int k = 0; k < kPerThread; ++k) {
+      const int i = group.Rank() + k * Group::kSize;
       unexplained[k] =
           i < kEvidencePlanes ? UnexplainedVariance(context, window, EvidencePlane(i) * dual, view) : -1.0f;
     }
-    const float here = lanes.FromFirst(unexplained[0]);
+    const float here = group.FromFirst(unexplained[0]);
     if (here < 0) continue;
     ++agreeing;
     ACMP_UNROLL
-    for (int k = 0; k < kPerLane; ++k) {
+    for (int k = 0; k < kPerThread; ++k) {
       if (unexplained[k] < 0) continue;
       ++compared[k];
       log_ratio[k] += logf((unexplained[k] + kNoiseVariance) / (here + kNoiseVariance));
@@ -171,21 +159,21 @@ ACMP_HOST_DEVICE inline float DepthEvidence(const MatchContext<Sampler>& context
   if (agreeing < kMinViews) return 0;
   float least = kFar;
   ACMP_UNROLL
-  for (int k = 0; k < kPerLane; ++k) {
-    const bool is_farther = lanes.Rank() + k * Lanes::kSize > 0;
+  for (int k = 0; k < kPerThread; ++k) {
+    const bool is_farther = group.Rank() + k * Group::kSize > 0;
     if (!is_farther || 2 * compared[k] < agreeing) continue;  // of what is out of sight there nothing is known
     const float of_all = log_ratio[k] * static_cast<float>(agreeing) / static_cast<float>(compared[k]);
     least = of_all < least ? of_all : least;
   }
-  least = lanes.Least(least);
+  least = group.Least(least);
   return least < kFar ? 0.5f * kPatchSamples * least : 0;
 }
 
-template <class Sampler, class Lanes = OneLane>
+template <class Sampler, class Group = SingleThread>
 ACMP_HOST_DEVICE inline float EvidenceOfCell(const MatchContext<Sampler>& context, int cell_col, int cell_row, int size,
-                                             const Lanes& lanes = {}) {
+                                             const Group& group = {}) {
   return DepthEvidence(context, MiddleOfCell(cell_col, size, context.width),
-                       MiddleOfCell(cell_row, size, context.height), lanes);
+                       MiddleOfCell(cell_row, size, context.height), group);
 }
 
 }  // namespace acmp

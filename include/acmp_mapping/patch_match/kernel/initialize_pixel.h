@@ -1,31 +1,31 @@
 #pragma once
 
+#include "acmp_mapping/patch_match/kernel/converged.h"
 #include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 #include "acmp_mapping/patch_match/kernel/hypothesis.h"
 #include "acmp_mapping/patch_match/kernel/match_alone.h"
 #include "acmp_mapping/patch_match/kernel/match_pairs.h"
 #include "acmp_mapping/patch_match/kernel/photometric_cost.h"
 #include "acmp_mapping/patch_match/kernel/pixel_scratch.h"
-#include "acmp_mapping/patch_match/kernel/settled.h"
 
 namespace acmp {
 
 /// Mean of the min(4, valid) smallest view costs, and which views those were; of ACMH only the best. No valid view:
 /// worst cost, no view.
-template <Pass kPass, Method kMethod = Method::kOurs, class Sampler, class Team>
+template <Pass kPass, Method kMethod = Method::kOurs, class Sampler, class Group>
 ACMP_HOST_DEVICE inline float InitialCost(const MatchContext<Sampler>& context, int col, int row,
-                                          const PlaneHypothesis& plane, const Team& team, PixelScratch* scratch,
+                                          const PlaneHypothesis& plane, const Group& group, PixelScratch* scratch,
                                           uint32_t* selected_views) {
   constexpr int kBestViews = 4;
   constexpr float kInvalid = 1e30f;
-  if (team.Rank() == 0) scratch->num_sources = context.num_sources;
-  LoadReferencePatch(context, col, row, context.options.sigma_color, team, &scratch->patch);
+  if (group.Rank() == 0) scratch->num_sources = context.num_sources;
+  LoadReferencePatch(context, col, row, context.options.sigma_color, group, &scratch->patch);
   const float depth = PlaneDepth(plane, context.rays.Ray(static_cast<float>(col), static_cast<float>(row)));
-  if (team.Rank() == 0) scratch->planes[0] = plane;
-  team.Sync();
+  if (group.Rank() == 0) scratch->planes[0] = plane;
+  group.Sync();
   float* view_cost = scratch->ViewCost(0);
   MatchPairs(
-      PixelMatch<Sampler, Team>(context, col, row, team, scratch), 1, context.num_sources, [](int i) { return i; },
+      ComparedPixel<Sampler, Group>(context, col, row, group, scratch), 1, context.num_sources, [](int i) { return i; },
       [](int k) { return k; },
       [&](int, int view, float cost) {
         if (!(cost < kWorstCost)) {
@@ -108,18 +108,18 @@ ACMP_HOST_DEVICE inline PlaneHypothesis StartingPlane(const MatchContext<Sampler
   }
 }
 
-/// First step of a pass for a pixel: its starting plane, cost and selected views. Writes this pixel only. A settled
+/// First step of a pass for a pixel: its starting plane, cost and selected views. Writes this pixel only. A converged
 /// pixel starts with the cost that it has.
-template <Pass kPass, Method kMethod = Method::kOurs, class Sampler, class Team>
-ACMP_HOST_DEVICE inline void InitializePixel(const MatchContext<Sampler>& context, int col, int row, const Team& team,
+template <Pass kPass, Method kMethod = Method::kOurs, class Sampler, class Group>
+ACMP_HOST_DEVICE inline void InitializePixel(const MatchContext<Sampler>& context, int col, int row, const Group& group,
                                              PixelScratch* scratch) {
   if constexpr (kPass == Pass::kGeometric && kMethod == Method::kOurs) {
-    if (KeepIfSettled(context, col, row, team)) return;
+    if (KeepIfConverged(context, col, row, group)) return;
   }
   const PlaneHypothesis plane = StartingPlane<kPass, kMethod>(context, col, row);
   uint32_t selected_views;
-  const float cost = InitialCost<kPass, kMethod>(context, col, row, plane, team, scratch, &selected_views);
-  if (team.Rank() != 0) return;
+  const float cost = InitialCost<kPass, kMethod>(context, col, row, plane, group, scratch, &selected_views);
+  if (group.Rank() != 0) return;
   context.cost(col, row) = cost;
   context.planes(col, row) = plane;
   context.selected_views(col, row) = selected_views;
@@ -132,7 +132,7 @@ inline void InitializePixel(const MatchContext<Sampler>& context, int col, int r
 }
 
 /// In ours, the same for a pixel that is updated first: nobody reads its cost and views before its update has set them,
-/// so they are not worth a comparison. In geometric passes it stays as it is: it may be settled.
+/// so they are not worth a comparison. In geometric passes it stays as it is: it may be converged.
 template <Pass kPass, class Sampler>
 ACMP_HOST_DEVICE inline void InitializeUnmatched(const MatchContext<Sampler>& context, int col, int row) {
   context.selected_views(col, row) = 0;

@@ -7,7 +7,7 @@ namespace acmp {
 /// MatchPairs by one thread alone: each step for all planes of a view before the next, since a step's divisions and
 /// roots depend on each other but not on those of the other planes, and a processor works on several at once.
 template <class Sampler, class PlaneOf, class ViewOf, class Store>
-ACMP_HOST_DEVICE inline void MatchPairs(const PixelMatch<Sampler, SingleThread>& match, int count, int num_views,
+ACMP_HOST_DEVICE inline void MatchPairs(const ComparedPixel<Sampler, SingleThread>& match, int count, int num_views,
                                         const PlaneOf& plane_of, const ViewOf& view_of, const Store& store) {
   const MatchContext<Sampler>& context = match.context;
   const ReferencePatch& patch = match.scratch->patch;

@@ -27,11 +27,11 @@ ACMP_HOST_DEVICE inline DepthStatistics Statistics(float (&values)[kMedianPixels
 
 constexpr int kMedianReach = 5;  ///< px to the farthest of the pixels below
 
-/// What FilterPixel does.
+/// What MedianFilterPixel does.
 /// @tparam kAllInside the pixel is at least kMedianReach from the image's border. Nothing has to be asked before the
 /// others are read then, so that a GPU thread waits once for all, and the ranks are known to the compiler.
 template <bool kAllInside, class Sampler>
-ACMP_HOST_DEVICE inline void FilterPixelAmong(const MatchContext<Sampler>& context, int col, int row) {
+ACMP_HOST_DEVICE inline void MedianFilterPixelAmong(const MatchContext<Sampler>& context, int col, int row) {
   constexpr int dx[kMedianPixels] = {0, 0, 0, -1, 1, -1, 1, -1, 1, -2, 2, -2, 2, 0, 0, -3, 3, 0, 0, -5, 5};
   constexpr int dy[kMedianPixels] = {0, -1, 1, 0, 0, -2, -2, 2, 2, -1, -1, 1, 1, -3, 3, 0, 0, -5, 5, 0, 0};
   constexpr float kFar = 1e30f;
@@ -64,12 +64,12 @@ ACMP_HOST_DEVICE inline void FilterPixelAmong(const MatchContext<Sampler>& conte
 /// on the way counts as infinitely far. The pixel keeps its normal and its plane is moved to the median, so normal and
 /// depth stay consistent. Reads the other colour only.
 template <class Sampler>
-ACMP_HOST_DEVICE inline void FilterPixel(const MatchContext<Sampler>& context, int col, int row) {
+ACMP_HOST_DEVICE inline void MedianFilterPixel(const MatchContext<Sampler>& context, int col, int row) {
   if (context.Contains(col - kMedianReach, row - kMedianReach) &&
       context.Contains(col + kMedianReach, row + kMedianReach)) {
-    FilterPixelAmong<true>(context, col, row);
+    MedianFilterPixelAmong<true>(context, col, row);
   } else {
-    FilterPixelAmong<false>(context, col, row);
+    MedianFilterPixelAmong<false>(context, col, row);
   }
 }
 

@@ -1,7 +1,7 @@
 #pragma once
 
+#include "acmp_mapping/common/thread_group.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
-#include "acmp_mapping/patch_match/kernel/team.h"
 #include "acmp_mapping/patch_match/kernel/window.h"
 
 namespace acmp {
@@ -34,16 +34,16 @@ ACMP_HOST_DEVICE inline void SetMoments(float sum_w, float sum_wr, float sum_wrr
   patch->variance = sum_wrr * patch->inv_sum_weight - patch->mean * patch->mean;
 }
 
-/// Fills `patch`, which all of the team see when it returns.
+/// Fills `patch`, which all of the group see when it returns.
 /// @param sigma_color of the bilateral weights, grey levels
-template <class Sampler, class Team>
+template <class Sampler, class Group>
 ACMP_HOST_DEVICE inline void LoadReferencePatch(const MatchContext<Sampler>& context, int col, int row,
-                                                float sigma_color, const Team& team, ReferencePatch* patch) {
+                                                float sigma_color, const Group& group, ReferencePatch* patch) {
   const float inv_spatial = 0.5f / (context.options.sigma_spatial_px * context.options.sigma_spatial_px);
   const float inv_color = 0.5f / (sigma_color * sigma_color);
   const float center = context.sampler.Reference(col, row);
   float sum_w = 0, sum_wr = 0, sum_wrr = 0;
-  ForEach(team, kPatchSamples, [&](int i) {
+  ForEach(group, kPatchSamples, [&](int i) {
     const int dx = WindowCol(i);
     const int dy = WindowRow(i);
     PatchSample sample = {0, 0};
@@ -57,14 +57,14 @@ ACMP_HOST_DEVICE inline void LoadReferencePatch(const MatchContext<Sampler>& con
     sum_wr += sample.weight * sample.value;
     sum_wrr += sample.weight * sample.value * sample.value;
   });
-  sum_w = team.SumOverTeam(sum_w);
-  sum_wr = team.SumOverTeam(sum_wr);
-  sum_wrr = team.SumOverTeam(sum_wrr);
-  if (team.Rank() == 0) {
+  sum_w = group.Sum(sum_w);
+  sum_wr = group.Sum(sum_wr);
+  sum_wrr = group.Sum(sum_wrr);
+  if (group.Rank() == 0) {
     patch->center = center;
     SetMoments(sum_w, sum_wr, sum_wrr, patch);
   }
-  team.Sync();
+  group.Sync();
 }
 
 /// K_ref^-T n / d: with it H_j = A_j - b_j m^T costs nine multiply-adds per view.

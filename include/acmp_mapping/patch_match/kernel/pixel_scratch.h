@@ -15,13 +15,13 @@ struct alignas(16) WindowTask {
   int image;  ///< as the sampler calls it
 };
 
-/// The largest team; the CPU's has one member.
-constexpr int kMaxTeamSize = 8;
+/// The largest group; the CPU's has one member.
+constexpr int kMaxGroupSize = 8;
 
-/// What the team of one pixel shares. The arrays per source view lie behind it, so that few views need little memory.
+/// What the group of one pixel shares. The arrays per source view lie behind it, so that few views need little memory.
 struct PixelScratch {
   ReferencePatch patch;
-  WindowTask tasks[kMaxTeamSize];
+  WindowTask tasks[kMaxGroupSize];
   PlaneHypothesis planes[kMaxHypotheses];
   float cost[kMaxHypotheses];    ///< what is stored of each plane: photometric, or eq. 13
   float energy[kMaxHypotheses];  ///< what is compared: eq. 1, 7 or 13
@@ -42,7 +42,7 @@ struct PixelScratch {
   static constexpr int kWordsPerView = kMaxHypotheses + 3;
 };
 
-/// Scratch of one pixel on the stack: for teams of one.
+/// Scratch of one pixel on the stack: for groups of one.
 struct StackScratch {
   PixelScratch shared;
   float arrays[PixelScratch::kWordsPerView * kMaxSourceViews];

@@ -1,15 +1,15 @@
 #pragma once
 
+#include "acmp_mapping/common/thread_group.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
-#include "acmp_mapping/patch_match/kernel/team.h"
 
 namespace acmp {
 
-/// Closes the gaps that absent planes (d = 0) leave in a list that the team shares. Returns how many are left.
-template <class Team>
-ACMP_HOST_DEVICE inline int RemoveAbsent(const Team& team, int size, PlaneHypothesis* planes, int* count) {
-  team.Sync();
-  if (team.Rank() == 0) {
+/// Closes the gaps that absent planes (d = 0) leave in a list that the group shares. Returns how many are left.
+template <class Group>
+ACMP_HOST_DEVICE inline int RemoveAbsent(const Group& group, int size, PlaneHypothesis* planes, int* count) {
+  group.Sync();
+  if (group.Rank() == 0) {
     int present = 0;
     for (int i = 0; i < size; ++i) {
       const PlaneHypothesis plane = planes[i];
@@ -17,7 +17,7 @@ ACMP_HOST_DEVICE inline int RemoveAbsent(const Team& team, int size, PlaneHypoth
     }
     *count = present;
   }
-  team.Sync();
+  group.Sync();
   return *count;
 }
 
@@ -74,26 +74,26 @@ constexpr RegionRange kAllRegions = {0, kNumRegions};
 
 /// The four near or the four far ones: neighbouring blocks of 2 x 2 px take different ones, and a block those that it
 /// did not take a turn ago.
-ACMP_HOST_DEVICE inline RegionRange RegionsInTurn(int col, int row, uint32_t turn) {
+ACMP_HOST_DEVICE inline RegionRange AlternatingRegions(int col, int row, uint32_t turn) {
   constexpr int kHalf = kNumRegions / 2;
   const bool far = ((static_cast<uint32_t>(col / 2 + row / 2) + turn) & 1u) != 0;
   return {far ? kHalf : 0, kHalf};
 }
 
 /// Hypotheses from the other colour, one per region, into `candidates`. Absent: outside the image, or the
-/// plane does not meet this pixel's ray within the depth range. Returns how many; all of the team see them then.
-/// @param count memory that the team shares
-template <class Sampler, class Team>
+/// plane does not meet this pixel's ray within the depth range. Returns how many; all of the group see them then.
+/// @param count memory that the group shares
+template <class Sampler, class Group>
 ACMP_HOST_DEVICE inline int CollectCandidates(const MatchContext<Sampler>& context, int col, int row, const Vec3f& ray,
-                                              const RegionRange& regions, const Team& team, PlaneHypothesis* candidates,
-                                              int* count) {
-  ForEach(team, regions.count, [&](int i) {
+                                              const RegionRange& regions, const Group& group,
+                                              PlaneHypothesis* candidates, int* count) {
+  ForEach(group, regions.count, [&](int i) {
     const int index = BestOfRegion(context, col, row, regions.first + i);
     PlaneHypothesis plane;
     if (index >= 0) plane = context.planes(index % context.width, index / context.width);
     candidates[i] = index >= 0 && context.InRange(PlaneDepth(plane, ray)) ? plane : PlaneHypothesis{};
   });
-  return RemoveAbsent(team, regions.count, candidates, count);
+  return RemoveAbsent(group, regions.count, candidates, count);
 }
 
 }  // namespace acmp

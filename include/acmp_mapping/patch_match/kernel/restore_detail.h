@@ -52,15 +52,15 @@ ACMP_HOST_DEVICE inline PlaneHypothesis UpsampleJointly(const MatchContext<Sampl
 /// coarser scale's plane, with its photometric cost here, unless its own costs less by more than xi, as a detail that
 /// the coarser scale does not have.
 /// @param context with planes and costs of the photometric estimate
-template <class Sampler, class Team>
+template <class Sampler, class Group>
 ACMP_HOST_DEVICE inline void RestorePixel(const MatchContext<Sampler>& context, const CoarserEstimate& coarser, int col,
-                                          int row, const Team& team, PixelScratch* scratch) {
+                                          int row, const Group& group, PixelScratch* scratch) {
   constexpr float kXi = 0.1f;
   const PlaneHypothesis plane = UpsampleJointly(context, coarser, col, row);
   if (!(plane.d > 0)) return;
   uint32_t views;
-  const float cost = InitialCost<Pass::kPhotometric, Method::kAcmh>(context, col, row, plane, team, scratch, &views);
-  if (team.Rank() != 0 || cost - context.cost(col, row) > kXi) return;
+  const float cost = InitialCost<Pass::kPhotometric, Method::kAcmh>(context, col, row, plane, group, scratch, &views);
+  if (group.Rank() != 0 || cost - context.cost(col, row) > kXi) return;
   context.planes(col, row) = plane;
   context.cost(col, row) = cost;
 }

@@ -1,7 +1,7 @@
 #pragma once
 
+#include "acmp_mapping/common/thread_group.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
-#include "acmp_mapping/patch_match/kernel/team.h"
 #include "acmp_mapping/patch_match/kernel/window.h"
 
 namespace acmp {
@@ -10,8 +10,9 @@ namespace acmp {
 /// window: inverse depth is affine on a plane, so that a pixel of one has the mean of any two opposite ones. Compared
 /// with four pairs on the window's rim, those that lie in the image. They are of the other colour, which no one writes
 /// meanwhile.
-template <class Sampler, class Team>
-ACMP_HOST_DEVICE inline bool IsSurfaceBroken(const MatchContext<Sampler>& context, int col, int row, const Team& team) {
+template <class Sampler, class Group>
+ACMP_HOST_DEVICE inline bool IsSurfaceBroken(const MatchContext<Sampler>& context, int col, int row,
+                                             const Group& group) {
   const auto inverse_depth = [&](int x, int y) {
     return PlaneInverseDepth(context.planes(x, y), context.rays.Ray(static_cast<float>(x), static_cast<float>(y)));
   };
@@ -19,14 +20,14 @@ ACMP_HOST_DEVICE inline bool IsSurfaceBroken(const MatchContext<Sampler>& contex
   static_assert(kPatchRadius == 5, "the pairs lie on the rim");
   const float own = inverse_depth(col, row);
   bool broken = false;
-  ForEach(team, kPairs, [&](int i) {
+  ForEach(group, kPairs, [&](int i) {
     const int dx = i == 0 ? 5 : i == 1 ? 0 : 4;
     const int dy = i == 0 ? 0 : i == 1 ? 5 : i == 2 ? 3 : -3;
     if (!context.Contains(col + dx, row + dy) || !context.Contains(col - dx, row - dy)) return;
     const float bend = inverse_depth(col + dx, row + dy) + inverse_depth(col - dx, row - dy) - 2.0f * own;
     broken = broken || fabsf(bend) > context.options.edge_bend * own;
   });
-  return team.Any(broken);
+  return group.Any(broken);
 }
 
 }  // namespace acmp

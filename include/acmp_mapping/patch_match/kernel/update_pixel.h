@@ -1,5 +1,6 @@
 #pragma once
 
+#include "acmp_mapping/patch_match/kernel/converged.h"
 #include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 #include "acmp_mapping/patch_match/kernel/hypothesis.h"
 #include "acmp_mapping/patch_match/kernel/match_alone.h"
@@ -8,7 +9,6 @@
 #include "acmp_mapping/patch_match/kernel/pixel_scratch.h"
 #include "acmp_mapping/patch_match/kernel/prior_cost.h"
 #include "acmp_mapping/patch_match/kernel/propagation.h"
-#include "acmp_mapping/patch_match/kernel/settled.h"
 #include "acmp_mapping/patch_match/kernel/surface_break.h"
 #include "acmp_mapping/patch_match/kernel/view_weights.h"
 
@@ -21,10 +21,10 @@ struct RatedHypothesis {
   float energy;
 };
 
-/// One pixel under update, as one thread of its team sees it.
-template <class Sampler, class Team, Method kMethod = Method::kOurs>
-struct PixelUpdate : PixelMatch<Sampler, Team> {
-  using PixelMatch<Sampler, Team>::PixelMatch;
+/// One pixel under update, as one thread of its group sees it.
+template <class Sampler, class Group, Method kMethod = Method::kOurs>
+struct PixelUpdate : ComparedPixel<Sampler, Group> {
+  using ComparedPixel<Sampler, Group>::ComparedPixel;
   Vec3f ray;
   PixelPrior prior;
   RegionRange regions = kAllRegions;  ///< that candidates come from
@@ -49,8 +49,8 @@ struct PixelUpdate : PixelMatch<Sampler, Team> {
 };
 
 /// lambda_geo times the reprojection error of eq. 13.
-template <class Sampler, class Team, Method kMethod>
-ACMP_HOST_DEVICE inline float GeometricTerm(const PixelUpdate<Sampler, Team, kMethod>& pixel,
+template <class Sampler, class Group, Method kMethod>
+ACMP_HOST_DEVICE inline float GeometricTerm(const PixelUpdate<Sampler, Group, kMethod>& pixel,
                                             const PlaneHypothesis& plane, int view) {
   const float depth = PlaneDepth(plane, pixel.ray);
   return pixel.context.options.geometric_weight *
@@ -59,8 +59,8 @@ ACMP_HOST_DEVICE inline float GeometricTerm(const PixelUpdate<Sampler, Team, kMe
 
 /// Turns the weighted sum of view costs in `cost[i]` into the cost of plane i (eq. 1, or eq. 13 in geometric passes)
 /// and its energy (the same, or eq. 7 in the planar-prior pass).
-template <Pass kPass, class Sampler, class Team, Method kMethod>
-ACMP_HOST_DEVICE inline void RatePlane(const PixelUpdate<Sampler, Team, kMethod>& pixel, int i) {
+template <Pass kPass, class Sampler, class Group, Method kMethod>
+ACMP_HOST_DEVICE inline void RatePlane(const PixelUpdate<Sampler, Group, kMethod>& pixel, int i) {
   PixelScratch& scratch = *pixel.scratch;
   const float cost = scratch.cost[i] / pixel.TotalWeight();
   float energy = cost;
@@ -76,8 +76,8 @@ ACMP_HOST_DEVICE inline void RatePlane(const PixelUpdate<Sampler, Team, kMethod>
 
 /// Of the views in the mask those that the costs of the first `matched` candidates do not reject yet. The others get
 /// the worst cost for the planes up to `count`: they will not be drawn.
-template <class Sampler, class Team, Method kMethod>
-ACMP_HOST_DEVICE inline uint32_t RejectViews(const PixelUpdate<Sampler, Team, kMethod>& pixel, uint32_t views,
+template <class Sampler, class Group, Method kMethod>
+ACMP_HOST_DEVICE inline uint32_t RejectViews(const PixelUpdate<Sampler, Group, kMethod>& pixel, uint32_t views,
                                              int matched, int count) {
   PixelScratch& scratch = *pixel.scratch;
   const int num_sources = pixel.context.num_sources;
@@ -94,27 +94,27 @@ ACMP_HOST_DEVICE inline uint32_t RejectViews(const PixelUpdate<Sampler, Team, kM
 
 /// The regions' candidates and the pixel's own plane in the scratch, with their photometric costs in those of `views`
 /// that can still be drawn. Returns how many; the own plane is the last.
-template <class Sampler, class Team, Method kMethod>
-ACMP_HOST_DEVICE inline int MatchCandidates(const PixelUpdate<Sampler, Team, kMethod>& pixel, uint32_t views) {
+template <class Sampler, class Group, Method kMethod>
+ACMP_HOST_DEVICE inline int MatchCandidates(const PixelUpdate<Sampler, Group, kMethod>& pixel, uint32_t views) {
   PixelScratch& scratch = *pixel.scratch;
   const int num_sources = pixel.context.num_sources;
   int* listed = scratch.DrawnViews();
-  int num_views = ListViews(views, num_sources, pixel.team, listed);
-  const int candidates = CollectCandidates(pixel.context, pixel.col, pixel.row, pixel.ray, pixel.regions, pixel.team,
+  int num_views = ListViews(views, num_sources, pixel.group, listed);
+  const int candidates = CollectCandidates(pixel.context, pixel.col, pixel.row, pixel.ray, pixel.regions, pixel.group,
                                            scratch.planes, &scratch.count);
-  if (pixel.team.Rank() == 0) scratch.planes[candidates] = pixel.context.planes(pixel.col, pixel.row);
-  pixel.team.Sync();
+  if (pixel.group.Rank() == 0) scratch.planes[candidates] = pixel.context.planes(pixel.col, pixel.row);
+  pixel.group.Sync();
   const int count = candidates + 1;
   const auto store = [&](int i, int view, float cost) { scratch.ViewCost(i)[view] = cost; };
   const auto view_of = [&](int k) { return listed[k]; };
   int matched = 0;
-  if constexpr (Team::kSize == 1 && kMethod == Method::kOurs) {
-    // Rejecting views on the way gives the same bits, but costs a team on the GPU more time than it saves (5 %).
+  if constexpr (Group::kSize == 1 && kMethod == Method::kOurs) {
+    // Rejecting views on the way gives the same bits, but costs a group on the GPU more time than it saves (5 %).
     const int matched_first = DecisiveCosts(pixel.regions) + 1;
     matched = candidates < matched_first ? candidates : matched_first;
     MatchPairs(
         pixel, matched, num_views, [](int i) { return i; }, view_of, store);
-    num_views = ListViews(RejectViews(pixel, views, matched, count), num_sources, pixel.team, listed);
+    num_views = ListViews(RejectViews(pixel, views, matched, count), num_sources, pixel.group, listed);
   }
   MatchPairs(
       pixel, count - matched, num_views, [&](int i) { return matched + i; }, view_of, store);
@@ -123,12 +123,12 @@ ACMP_HOST_DEVICE inline int MatchCandidates(const PixelUpdate<Sampler, Team, kMe
 
 /// Draws the view weights from the candidates' costs in `views`. Returns the drawn views as a mask: 0 where no view
 /// counts.
-template <class Sampler, class Team, Method kMethod>
-ACMP_HOST_DEVICE inline uint32_t WeighViews(const PixelUpdate<Sampler, Team, kMethod>& pixel, uint32_t views, int count,
-                                            int iteration, RandomStream* random) {
+template <class Sampler, class Group, Method kMethod>
+ACMP_HOST_DEVICE inline uint32_t WeighViews(const PixelUpdate<Sampler, Group, kMethod>& pixel, uint32_t views,
+                                            int count, int iteration, RandomStream* random) {
   PixelScratch& scratch = *pixel.scratch;
   const MatchContext<Sampler>& context = pixel.context;
-  ForEach(pixel.team, context.num_sources, [&](int view) {
+  ForEach(pixel.group, context.num_sources, [&](int view) {
     const float* costs = scratch.ViewCost(0) + view;
     float likelihood = 0;
     if constexpr (kMethod == Method::kAcmp) {
@@ -141,43 +141,43 @@ ACMP_HOST_DEVICE inline uint32_t WeighViews(const PixelUpdate<Sampler, Team, kMe
         likelihood > 0 ? likelihood * ViewSmoothness(context, pixel.col, pixel.row, view) : 0;
     scratch.Draws()[view] = 0;
   });
-  pixel.team.Sync();
-  if (!DrawViews(scratch.ViewProbability(), context.num_sources, context.options.view_draws, pixel.team, random,
+  pixel.group.Sync();
+  if (!DrawViews(scratch.ViewProbability(), context.num_sources, context.options.view_draws, pixel.group, random,
                  scratch.Draws())) {
     return 0;
   }
-  return ListWeighedViews(scratch.Draws(), context.num_sources, pixel.team, scratch.DrawnViews());
+  return ListWeighedViews(scratch.Draws(), context.num_sources, pixel.group, scratch.DrawnViews());
 }
 
 /// ACMH's view weights: no random numbers, and the memory of the iteration before in place of the neighbours' views.
 /// Returns the views with a positive weight as a mask.
 /// @param weighed_most the view that did so before, as a mask; 0: none
-template <class Sampler, class Team, Method kMethod>
-ACMP_HOST_DEVICE inline uint32_t WeighViewsWithMemory(const PixelUpdate<Sampler, Team, kMethod>& pixel,
+template <class Sampler, class Group, Method kMethod>
+ACMP_HOST_DEVICE inline uint32_t WeighViewsWithMemory(const PixelUpdate<Sampler, Group, kMethod>& pixel,
                                                       uint32_t weighed_most, int count, int iteration) {
   PixelScratch& scratch = *pixel.scratch;
   const int num_sources = pixel.context.num_sources;
-  ForEach(pixel.team, num_sources, [&](int view) {
+  ForEach(pixel.group, num_sources, [&](int view) {
     const float confidence = MeanConfidence<kMethod>(scratch.ViewCost(0) + view, num_sources, count - 1, iteration,
                                                      kDecisiveCosts, pixel.context.options);
     scratch.ViewProbability()[view] = WeightWithMemory(confidence, (weighed_most >> view & 1u) != 0);
   });
-  pixel.team.Sync();
-  return ListWeighedViews(scratch.ViewProbability(), num_sources, pixel.team, scratch.DrawnViews());
+  pixel.group.Sync();
+  return ListWeighedViews(scratch.ViewProbability(), num_sources, pixel.group, scratch.DrawnViews());
 }
 
 /// The best of the candidates and the pixel's own plane; the own plane wins ties.
-template <Pass kPass, class Sampler, class Team, Method kMethod>
-ACMP_HOST_DEVICE inline RatedHypothesis BestCandidate(const PixelUpdate<Sampler, Team, kMethod>& pixel, int count) {
+template <Pass kPass, class Sampler, class Group, Method kMethod>
+ACMP_HOST_DEVICE inline RatedHypothesis BestCandidate(const PixelUpdate<Sampler, Group, kMethod>& pixel, int count) {
   PixelScratch& scratch = *pixel.scratch;
   if constexpr (kPass == Pass::kGeometric) {
-    ForEachPair(pixel.team, count, pixel.num_drawn, [&](int i, int k) {
+    ForEachPair(pixel.group, count, pixel.num_drawn, [&](int i, int k) {
       const int view = scratch.DrawnViews()[k];
       scratch.ViewCost(i)[view] += GeometricTerm(pixel, scratch.planes[i], view);
     });
-    pixel.team.Sync();
+    pixel.group.Sync();
   }
-  ForEach(pixel.team, count, [&](int i) {
+  ForEach(pixel.group, count, [&](int i) {
     float sum = 0;
     for (int k = 0; k < pixel.num_drawn; ++k) {
       const int view = scratch.DrawnViews()[k];
@@ -186,13 +186,13 @@ ACMP_HOST_DEVICE inline RatedHypothesis BestCandidate(const PixelUpdate<Sampler,
     scratch.cost[i] = sum;
     RatePlane<kPass>(pixel, i);
   });
-  pixel.team.Sync();
+  pixel.group.Sync();
   int best = count - 1;
   for (int i = 0; i < count - 1; ++i) {
     if (scratch.energy[i] < scratch.energy[best]) best = i;
   }
   const RatedHypothesis rated = {scratch.planes[best], scratch.cost[best], scratch.energy[best]};
-  pixel.team.Sync();  // the planes are overwritten next
+  pixel.group.Sync();  // the planes are overwritten next
   return rated;
 }
 
@@ -203,8 +203,8 @@ struct DepthAndNormal {
 };
 
 /// [d_r, n_r] of eq. 12, drawn at random; in our planar-prior pass about the prior.
-template <Pass kPass, class Sampler, class Team, Method kMethod>
-ACMP_HOST_DEVICE inline DepthAndNormal DrawRandom(const PixelUpdate<Sampler, Team, kMethod>& pixel,
+template <Pass kPass, class Sampler, class Group, Method kMethod>
+ACMP_HOST_DEVICE inline DepthAndNormal DrawRandom(const PixelUpdate<Sampler, Group, kMethod>& pixel,
                                                   RandomStream* random) {
   DepthAndNormal drawn;
   drawn.depth = RandomDepth(pixel.context, random);
@@ -217,8 +217,8 @@ ACMP_HOST_DEVICE inline DepthAndNormal DrawRandom(const PixelUpdate<Sampler, Tea
 }
 
 /// [d_p, n_p] of eq. 12, drawn near the current one.
-template <class Sampler, class Team, Method kMethod>
-ACMP_HOST_DEVICE inline DepthAndNormal DrawPerturbed(const PixelUpdate<Sampler, Team, kMethod>& pixel,
+template <class Sampler, class Group, Method kMethod>
+ACMP_HOST_DEVICE inline DepthAndNormal DrawPerturbed(const PixelUpdate<Sampler, Group, kMethod>& pixel,
                                                      const DepthAndNormal& current, RandomStream* random) {
   const PatchMatchOptions& options = pixel.context.options;
   DepthAndNormal drawn;
@@ -231,8 +231,8 @@ ACMP_HOST_DEVICE inline DepthAndNormal DrawPerturbed(const PixelUpdate<Sampler, 
 /// only the perturbed ones in geometric passes: random ones that win there mostly do so by luck, on blank surfaces
 /// (without them 0.1 to 0.5 points more pixels within 2 cm). In our planar-prior pass after the first iteration too:
 /// what a draw about the prior can bring has been tried by then.
-template <Pass kPass, class Sampler, class Team, Method kMethod>
-ACMP_HOST_DEVICE inline int MakeRefinements(const PixelUpdate<Sampler, Team, kMethod>& pixel,
+template <Pass kPass, class Sampler, class Group, Method kMethod>
+ACMP_HOST_DEVICE inline int MakeRefinements(const PixelUpdate<Sampler, Group, kMethod>& pixel,
                                             const PlaneHypothesis& plane, int iteration, RandomStream* random) {
   constexpr int kCombinations = 3;  // of the current and another: its depth, its normal, both
   constexpr bool kIsOurs = kMethod == Method::kOurs;
@@ -245,7 +245,7 @@ ACMP_HOST_DEVICE inline int MakeRefinements(const PixelUpdate<Sampler, Team, kMe
   others[0] = DrawPerturbed(pixel, current, random);
 
   const int size = kCombinations * num_others;
-  ForEach(pixel.team, size, [&](int i) {
+  ForEach(pixel.group, size, [&](int i) {
     DepthAndNormal combined = current;
     ACMP_UNROLL
     for (int k = 0; k < kMaxOthers; ++k) {
@@ -258,14 +258,14 @@ ACMP_HOST_DEVICE inline int MakeRefinements(const PixelUpdate<Sampler, Team, kMe
     const bool present = context.InRange(combined.depth) && refined.d > 0;  // d = 0: exactly edge-on
     pixel.scratch->planes[i] = present ? refined : PlaneHypothesis{};
   });
-  return RemoveAbsent(pixel.team, size, pixel.scratch->planes, &pixel.scratch->count);
+  return RemoveAbsent(pixel.group, size, pixel.scratch->planes, &pixel.scratch->count);
 }
 
 /// Drops the planes whose sum has reached their limit from the list of those alive. Returns how many are left.
-template <class Team>
-ACMP_HOST_DEVICE inline int KeepBelowLimit(const Team& team, int alive, PixelScratch* scratch) {
-  team.Sync();
-  if (team.Rank() == 0) {
+template <class Group>
+ACMP_HOST_DEVICE inline int KeepBelowLimit(const Group& group, int alive, PixelScratch* scratch) {
+  group.Sync();
+  if (group.Rank() == 0) {
     int kept = 0;
     for (int a = 0; a < alive; ++a) {
       const int i = scratch->alive[a];
@@ -273,14 +273,14 @@ ACMP_HOST_DEVICE inline int KeepBelowLimit(const Team& team, int alive, PixelScr
     }
     scratch->count = kept;
   }
-  team.Sync();
+  group.Sync();
   return scratch->count;
 }
 
 /// Weighted sum of view costs below which a plane must stay to win over `best_energy`: what follows from eq. 1, 13 or
 /// 7, with a margin for rounding.
-template <Pass kPass, class Sampler, class Team, Method kMethod>
-ACMP_HOST_DEVICE inline float SumLimit(const PixelUpdate<Sampler, Team, kMethod>& pixel, const PlaneHypothesis& plane,
+template <Pass kPass, class Sampler, class Group, Method kMethod>
+ACMP_HOST_DEVICE inline float SumLimit(const PixelUpdate<Sampler, Group, kMethod>& pixel, const PlaneHypothesis& plane,
                                        float best_energy) {
   constexpr float kMargin = 1.0f + 1e-5f;
   const PatchMatchOptions& options = pixel.context.options;
@@ -298,20 +298,20 @@ ACMP_HOST_DEVICE inline float SumLimit(const PixelUpdate<Sampler, Team, kMethod>
 /// Matches the first `count` planes of the scratch in the drawn views, the heaviest first, and leaves out those that
 /// can no longer win over `best_energy`: view costs only add up. Returns how many are left; they are listed in `alive`,
 /// with their weighted sums in `cost`.
-template <Pass kPass, class Sampler, class Team, Method kMethod>
-ACMP_HOST_DEVICE inline int MatchWhileBelow(const PixelUpdate<Sampler, Team, kMethod>& pixel, int count,
+template <Pass kPass, class Sampler, class Group, Method kMethod>
+ACMP_HOST_DEVICE inline int MatchWhileBelow(const PixelUpdate<Sampler, Group, kMethod>& pixel, int count,
                                             float best_energy) {
   PixelScratch& scratch = *pixel.scratch;
-  ForEach(pixel.team, count, [&](int i) {
+  ForEach(pixel.group, count, [&](int i) {
     scratch.limit[i] = SumLimit<kPass>(pixel, scratch.planes[i], best_energy);
     scratch.cost[i] = 0;
     scratch.alive[i] = i;
   });
-  pixel.team.Sync();
+  pixel.group.Sync();
   int alive = count;
   for (int k = 0; k < pixel.num_drawn && alive > 0;) {
-    // As many views at once as keep the team busy; one at first, which already decides most.
-    int views = k == 0 || alive > Team::kSize ? 1 : Team::kSize / alive;
+    // As many views at once as keep the group busy; one at first, which already decides most.
+    int views = k == 0 || alive > Group::kSize ? 1 : Group::kSize / alive;
     views = views < pixel.num_drawn - k ? views : pixel.num_drawn - k;
     const int* drawn = scratch.DrawnViews() + k;
     MatchPairs(
@@ -320,56 +320,56 @@ ACMP_HOST_DEVICE inline int MatchWhileBelow(const PixelUpdate<Sampler, Team, kMe
           if constexpr (kPass == Pass::kGeometric) cost += GeometricTerm(pixel, scratch.planes[i], view);
           scratch.ViewCost(i)[view] = pixel.Weight(view) * cost;
         });
-    ForEach(pixel.team, alive, [&](int a) {
+    ForEach(pixel.group, alive, [&](int a) {
       const int i = scratch.alive[a];
       for (int j = 0; j < views; ++j) scratch.cost[i] += scratch.ViewCost(i)[drawn[j]];
     });
     k += views;
-    alive = KeepBelowLimit(pixel.team, alive, &scratch);
+    alive = KeepBelowLimit(pixel.group, alive, &scratch);
   }
   return alive;
 }
 
 /// Step "refinement": rates the new hypotheses and keeps the best.
-template <Pass kPass, class Sampler, class Team, Method kMethod>
-ACMP_HOST_DEVICE inline void Refine(const PixelUpdate<Sampler, Team, kMethod>& pixel, int iteration,
+template <Pass kPass, class Sampler, class Group, Method kMethod>
+ACMP_HOST_DEVICE inline void Refine(const PixelUpdate<Sampler, Group, kMethod>& pixel, int iteration,
                                     RandomStream* random, RatedHypothesis* best) {
   PixelScratch& scratch = *pixel.scratch;
   const int count = MakeRefinements<kPass>(pixel, best->plane, iteration, random);
   const int alive = MatchWhileBelow<kPass>(pixel, count, best->energy);
-  ForEach(pixel.team, alive, [&](int a) { RatePlane<kPass>(pixel, scratch.alive[a]); });
-  pixel.team.Sync();
+  ForEach(pixel.group, alive, [&](int a) { RatePlane<kPass>(pixel, scratch.alive[a]); });
+  pixel.group.Sync();
   for (int a = 0; a < alive; ++a) {
     const int i = scratch.alive[a];
     if (scratch.energy[i] < best->energy) *best = {scratch.planes[i], scratch.cost[i], scratch.energy[i]};
   }
 }
 
-/// One checkerboard step for one pixel: propagation, view weights, hypothesis update, refinement; nothing for a settled
-/// pixel. Reads planes, costs and masks of the other colour only and writes its own pixel, so all pixels of one colour
-/// may run at once in any order.
-template <Pass kPass, Method kMethod = Method::kOurs, class Sampler, class Team>
+/// One checkerboard step for one pixel: propagation, view weights, hypothesis update, refinement; nothing for a
+/// converged pixel. Reads planes, costs and masks of the other colour only and writes its own pixel, so all pixels of
+/// one colour may run at once in any order.
+template <Pass kPass, Method kMethod = Method::kOurs, class Sampler, class Group>
 ACMP_HOST_DEVICE inline void UpdatePixel(const MatchContext<Sampler>& context, int col, int row, int iteration,
-                                         const Team& team, PixelScratch* scratch) {
+                                         const Group& group, PixelScratch* scratch) {
   constexpr bool kIsOurs = kMethod == Method::kOurs;
   if constexpr (kIsOurs && kPass == Pass::kGeometric) {
-    if (LeavesSettledPixels(context, iteration) && KeepIfSettled(context, col, row, team)) return;
+    if (SkipsConvergedPixels(context, iteration) && KeepIfConverged(context, col, row, group)) return;
   }
   RandomStream random(context.options.seed, static_cast<uint32_t>(row * context.width + col),
                       context.pass_number * 64u + static_cast<uint32_t>(iteration) + 1u);
-  if (team.Rank() == 0) scratch->num_sources = context.num_sources;
-  const float sigma_color = kIsOurs && kPass != Pass::kPhotometric && IsSurfaceBroken(context, col, row, team)
+  if (group.Rank() == 0) scratch->num_sources = context.num_sources;
+  const float sigma_color = kIsOurs && kPass != Pass::kPhotometric && IsSurfaceBroken(context, col, row, group)
                                 ? context.options.edge_sigma_color
                                 : context.options.sigma_color;
-  LoadReferencePatch(context, col, row, sigma_color, team, &scratch->patch);
-  PixelUpdate<Sampler, Team, kMethod> pixel(context, col, row, team, scratch);
+  LoadReferencePatch(context, col, row, sigma_color, group, &scratch->patch);
+  PixelUpdate<Sampler, Group, kMethod> pixel(context, col, row, group, scratch);
   pixel.ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
   if constexpr (kPass == Pass::kPlanarPrior) pixel.prior = LoadPrior(context, col, row, pixel.ray);
 
   uint32_t views = AllViews(context.num_sources);
   if constexpr (kIsOurs && kPass != Pass::kPhotometric) {
-    if (context.options.candidate_view_votes > 0) views = CredibleViews(context, col, row);
-    pixel.regions = RegionsInTurn(col, row, context.pass_number + static_cast<uint32_t>(iteration));
+    if (context.options.candidate_view_votes > 0) views = ViewsOfNeighbours(context, col, row);
+    pixel.regions = AlternatingRegions(col, row, context.pass_number + static_cast<uint32_t>(iteration));
   }
   const int count = MatchCandidates(pixel, views);
   uint32_t weighed;
@@ -382,15 +382,15 @@ ACMP_HOST_DEVICE inline void UpdatePixel(const MatchContext<Sampler>& context, i
     pixel.num_drawn = CountBits(weighed);
   }
   const uint32_t remembered = kMethod == Method::kAcmh && weighed != 0 ? 1u << scratch->DrawnViews()[0] : weighed;
-  if (team.Rank() == 0) context.selected_views(col, row) = remembered;
+  if (group.Rank() == 0) context.selected_views(col, row) = remembered;
   if (weighed == 0) {  // no view counts: the pixel keeps its hypothesis, which others are not to take over
-    if (team.Rank() == 0) context.cost(col, row) = kWorstCost;
+    if (group.Rank() == 0) context.cost(col, row) = kWorstCost;
     return;
   }
 
   RatedHypothesis best = BestCandidate<kPass>(pixel, count);
   Refine<kPass>(pixel, iteration, &random, &best);
-  if (team.Rank() != 0) return;
+  if (group.Rank() != 0) return;
   context.planes(col, row) = best.plane;
   context.cost(col, row) = best.cost;
 }

@@ -1,9 +1,9 @@
 #pragma once
 
 #include "acmp_mapping/common/random.h"
+#include "acmp_mapping/common/thread_group.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
 #include "acmp_mapping/patch_match/kernel/propagation.h"
-#include "acmp_mapping/patch_match/kernel/team.h"
 
 namespace acmp {
 
@@ -93,31 +93,31 @@ ACMP_HOST_DEVICE inline float ViewSmoothness(const MatchContext<Sampler>& contex
 /// The views in which candidates are worth comparing, as a mask: those that at least candidate_view_votes of the pixel
 /// and its four neighbours use, or all where there is none.
 template <class Sampler>
-ACMP_HOST_DEVICE inline uint32_t CredibleViews(const MatchContext<Sampler>& context, int col, int row) {
-  constexpr int kMaxVotes = 5;
-  const int dx[kMaxVotes] = {0, 0, 0, -1, 1};
-  const int dy[kMaxVotes] = {0, -1, 1, 0, 0};
-  uint32_t with_votes[kMaxVotes] = {};  // [n]: views with more than n votes
-  for (int i = 0; i < kMaxVotes; ++i) {
+ACMP_HOST_DEVICE inline uint32_t ViewsOfNeighbours(const MatchContext<Sampler>& context, int col, int row) {
+  constexpr int kMaxUsers = 5;
+  const int dx[kMaxUsers] = {0, 0, 0, -1, 1};
+  const int dy[kMaxUsers] = {0, -1, 1, 0, 0};
+  uint32_t used_by[kMaxUsers] = {};  // [n]: views with more than n users
+  for (int i = 0; i < kMaxUsers; ++i) {
     if (!context.Contains(col + dx[i], row + dy[i])) continue;
     const uint32_t used = context.selected_views(col + dx[i], row + dy[i]);
     ACMP_UNROLL
-    for (int n = kMaxVotes - 1; n > 0; --n) with_votes[n] |= with_votes[n - 1] & used;
-    with_votes[0] |= used;
+    for (int n = kMaxUsers - 1; n > 0; --n) used_by[n] |= used_by[n - 1] & used;
+    used_by[0] |= used;
   }
-  uint32_t credible = 0;
+  uint32_t enough = 0;
   ACMP_UNROLL
-  for (int n = 0; n < kMaxVotes; ++n) {
-    if (n + 1 == context.options.candidate_view_votes) credible = with_votes[n];
+  for (int n = 0; n < kMaxUsers; ++n) {
+    if (n + 1 == context.options.candidate_view_votes) enough = used_by[n];
   }
-  return credible != 0 ? credible : AllViews(context.num_sources);
+  return enough != 0 ? enough : AllViews(context.num_sources);
 }
 
 /// Monte-Carlo draws from probabilities that need not be normalised: adds one to `counts[j]` for every draw of view j,
 /// and the counts become the integer weights w_j of eq. 1. False, with nothing drawn, where all probabilities are zero.
-/// All of the team see the counts when it returns.
-template <class Team>
-ACMP_HOST_DEVICE inline bool DrawViews(const float* probability, int num_views, int draws, const Team& team,
+/// All of the group see the counts when it returns.
+template <class Group>
+ACMP_HOST_DEVICE inline bool DrawViews(const float* probability, int num_views, int draws, const Group& group,
                                        RandomStream* random, int* counts) {
   float total = 0;
   int last = -1;
@@ -126,7 +126,7 @@ ACMP_HOST_DEVICE inline bool DrawViews(const float* probability, int num_views, 
     if (probability[j] > 0) last = j;
   }
   if (last < 0) return false;
-  ForEach(team, draws, [&](int k) {
+  ForEach(group, draws, [&](int k) {
     RandomStream own = *random;
     own.Skip(static_cast<uint32_t>(k));
     float rest = own.NextUniform() * total;
@@ -134,30 +134,30 @@ ACMP_HOST_DEVICE inline bool DrawViews(const float* probability, int num_views, 
     while (view < last && !(rest < probability[view])) rest -= probability[view++];
     // Where the product above and a difference fuse, `rest` can come out below 0 and end the search on a view of
     // probability zero: never draw one.
-    team.Increment(counts + (probability[view] > 0 ? view : last));
+    group.Increment(counts + (probability[view] > 0 ? view : last));
   });
   random->Skip(static_cast<uint32_t>(draws));
-  team.Sync();
+  group.Sync();
   return true;
 }
 
-/// Lists the views of a mask in `list`, for the whole team. Returns how many.
-template <class Team>
-ACMP_HOST_DEVICE inline int ListViews(uint32_t mask, int num_views, const Team& team, int* list) {
-  ForEach(team, num_views, [&](int j) {
+/// Lists the views of a mask in `list`, for the whole group. Returns how many.
+template <class Group>
+ACMP_HOST_DEVICE inline int ListViews(uint32_t mask, int num_views, const Group& group, int* list) {
+  ForEach(group, num_views, [&](int j) {
     if ((mask >> j & 1u) != 0) list[CountBits(mask & ~(0xffffffffu << j))] = j;
   });
-  team.Sync();
+  group.Sync();
   return CountBits(mask);
 }
 
 /// The views with a positive weight, as a mask, and listed in `list` from the largest weight to the smallest; for the
-/// whole team.
-template <class Weight, class Team>
-ACMP_HOST_DEVICE inline uint32_t ListWeighedViews(const Weight* weights, int num_views, const Team& team, int* list) {
+/// whole group.
+template <class Weight, class Group>
+ACMP_HOST_DEVICE inline uint32_t ListWeighedViews(const Weight* weights, int num_views, const Group& group, int* list) {
   uint32_t mask = 0;
   for (int j = 0; j < num_views; ++j) mask |= (weights[j] > 0 ? 1u : 0u) << j;
-  ForEach(team, num_views, [&](int j) {
+  ForEach(group, num_views, [&](int j) {
     const Weight weight = weights[j];
     if (!(weight > 0)) return;
     int place = 0;
@@ -166,7 +166,7 @@ ACMP_HOST_DEVICE inline uint32_t ListWeighedViews(const Weight* weights, int num
     }
     list[place] = j;
   });
-  team.Sync();
+  group.Sync();
   return mask;
 }
 

@@ -1,4 +1,4 @@
-#include "acmp_mapping/patch_match/kernel/settled.h"
+#include "acmp_mapping/patch_match/kernel/converged.h"
 
 #include <cmath>
 
@@ -17,7 +17,7 @@ constexpr int kWidth = 60, kHeight = 44, kSources = 6;
 constexpr float kCost = 0.25f;  // none that a comparison gives
 
 /// A wall seen by seven cameras, whose true planes the first one has.
-class SettledTest : public ::testing::Test {
+class ConvergedTest : public ::testing::Test {
  protected:
   /// Makes blocks of the sources' depths wrong.
   void SpoilDepths() {
@@ -70,11 +70,11 @@ class SettledTest : public ::testing::Test {
   std::vector<PlanarView> views_ = RenderPlanarScene(wall_, kWidth, kHeight, kSources + 1);
 };
 
-TEST_F(SettledTest, AgreesWithTheDefinition) {
+TEST_F(ConvergedTest, AgreesWithTheDefinition) {
   SpoilDepths();
   for (const int needed : {1, 3, 4, 6}) {
     KernelState state = State(needed);
-    int settled = 0, odd = 0, unclear = 0;
+    int converged = 0, odd = 0, unclear = 0;
     for (int row = 0; row < kHeight; ++row) {
       for (int col = 0; col < kWidth; ++col) {
         uint32_t mask;
@@ -84,23 +84,23 @@ TEST_F(SettledTest, AgreesWithTheDefinition) {
           continue;
         }
         const uint32_t expected = agreeing >= needed ? mask : 0;
-        odd += SettledViews(state.Context(), col, row, SingleThread()) != expected ? 1 : 0;
-        settled += expected != 0 ? 1 : 0;
+        odd += ConvergedViews(state.Context(), col, row, SingleThread()) != expected ? 1 : 0;
+        converged += expected != 0 ? 1 : 0;
       }
     }
     EXPECT_LE(odd, kWidth * kHeight / 100) << "but where a source pixel is read on the other side of a half";
     EXPECT_LT(unclear, kWidth * kHeight / 10);
-    EXPECT_GT(settled, 100) << needed << " views";
-    EXPECT_LT(settled, kWidth * kHeight - 100) << needed << " views";
+    EXPECT_GT(converged, 100) << needed << " views";
+    EXPECT_LT(converged, kWidth * kHeight - 100) << needed << " views";
   }
 }
 
-/// A pixel that settles with four views.
+/// A pixel that converges with four views.
 constexpr int kCol = 30, kRow = 20;
 
-class SettledPixelTest : public SettledTest {
+class ConvergedPixelTest : public ConvergedTest {
  protected:
-  uint32_t Settled() { return SettledViews(state_.Context(), kCol, kRow, SingleThread()); }
+  uint32_t Converged() { return ConvergedViews(state_.Context(), kCol, kRow, SingleThread()); }
   MatchContext<BilinearSampler> Context(int past_iterations) {
     MatchContext<BilinearSampler> context = state_.Context(2);
     context.past_geometric_iterations = past_iterations;
@@ -110,20 +110,20 @@ class SettledPixelTest : public SettledTest {
   KernelState state_ = State(4);
 };
 
-TEST_F(SettledPixelTest, CompletedPixelsAreNot) {
-  EXPECT_NE(Settled(), 0u);
+TEST_F(ConvergedPixelTest, CompletedPixelsAreNot) {
+  EXPECT_NE(Converged(), 0u);
   for (const float cost : {kUnverifiedCost, kWorstCost}) {
     state_.cost(kCol, kRow) = cost;
-    EXPECT_EQ(Settled(), 0u) << cost;
+    EXPECT_EQ(Converged(), 0u) << cost;
   }
 }
 
-TEST_F(SettledPixelTest, PixelsAtABreakAreNot) {
+TEST_F(ConvergedPixelTest, PixelsAtABreakAreNot) {
   state_.planes(kCol + 5, kRow).d *= 1.1f;
-  EXPECT_EQ(Settled(), 0u);
+  EXPECT_EQ(Converged(), 0u);
 }
 
-TEST_F(SettledPixelTest, UpdatesLeaveThemFromTheThirdIterationOn) {
+TEST_F(ConvergedPixelTest, UpdatesLeaveThemFromTheThirdIterationOn) {
   const PlaneHypothesis plane = state_.planes(kCol, kRow);
   for (const auto& [past, iteration] : {std::pair(0, 0), {0, 1}, {1, 0}, {0, 2}, {1, 1}, {2, 0}, {4, 1}}) {
     state_.cost(kCol, kRow) = kCost;
@@ -134,22 +134,22 @@ TEST_F(SettledPixelTest, UpdatesLeaveThemFromTheThirdIterationOn) {
     EXPECT_EQ(state_.cost(kCol, kRow) == kCost, left) << past << " + " << iteration;
     if (!left) continue;
     EXPECT_TRUE(state_.planes(kCol, kRow).nx == plane.nx && state_.planes(kCol, kRow).d == plane.d);
-    EXPECT_EQ(state_.selected_views(kCol, kRow), Settled()) << "neighbours read them";
+    EXPECT_EQ(state_.selected_views(kCol, kRow), Converged()) << "neighbours read them";
   }
 }
 
-TEST_F(SettledPixelTest, GeometricPassesStartWithTheCostTheyHave) {
+TEST_F(ConvergedPixelTest, GeometricPassesStartWithTheCostTheyHave) {
   for (const int past : {0, 2}) {
     state_.selected_views(kCol, kRow) = 0;
     InitializePixel<Pass::kGeometric>(Context(past), kCol, kRow);
     EXPECT_EQ(state_.cost(kCol, kRow), kCost);
-    EXPECT_EQ(state_.selected_views(kCol, kRow), Settled());
+    EXPECT_EQ(state_.selected_views(kCol, kRow), Converged());
   }
   InitializePixel<Pass::kPlanarPrior>(Context(2), kCol, kRow);
   EXPECT_NE(state_.cost(kCol, kRow), kCost);
 }
 
-TEST_F(SettledPixelTest, OtherPassesAndZeroViewsDoNotLeaveThem) {
+TEST_F(ConvergedPixelTest, OtherPassesAndZeroViewsDoNotLeaveThem) {
   UpdatePixel<Pass::kPlanarPrior>(Context(4), kCol, kRow, 3);
   EXPECT_NE(state_.cost(kCol, kRow), kCost);
   KernelState never = State(0);
@@ -162,7 +162,7 @@ TEST_F(SettledPixelTest, OtherPassesAndZeroViewsDoNotLeaveThem) {
   EXPECT_NE(never.cost(kCol, kRow), kCost);
 }
 
-TEST_F(SettledPixelTest, PixelsUpdatedFirstKeepWhatTheyHave) {
+TEST_F(ConvergedPixelTest, PixelsUpdatedFirstKeepWhatTheyHave) {
   const PlaneHypothesis plane = state_.planes(kCol, kRow);
   state_.selected_views(kCol, kRow) = 5;
   InitializeUnmatched<Pass::kGeometric>(Context(2), kCol, kRow);
