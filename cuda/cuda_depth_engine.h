@@ -5,8 +5,8 @@
 #include <utility>
 #include <vector>
 
-#include "completion_runner.h"
 #include "engine_handles.h"
+#include "fill_runner.h"
 #include "fusion_runner.h"
 #include "map_kernels.h"
 #include "pass_runner.h"
@@ -17,7 +17,7 @@ namespace acmp {
 /// The engine of one GPU (see DepthEngine); those that Share() made have the device in common.
 class CudaDepthEngine final : public DepthEngine {
  public:
-  explicit CudaDepthEngine(const CudaDevicePtr& device) : runner_(device), completion_(device), fusion_(device) {}
+  explicit CudaDepthEngine(const CudaDevicePtr& device) : runner_(device), fill_(device), fusion_(device) {}
 
   std::unique_ptr<DepthEngine> Share() override;
   EngineImagePtr Load(const FramePtr& frame, int levels) override;
@@ -31,8 +31,8 @@ class CudaDepthEngine final : public DepthEngine {
   EngineEstimatePtr Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) override;
   std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
                                               const PlanarPriorOptions& options) override;
-  EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) override;
-  EngineEstimatePtr RefuteUnsupported(const EngineProblem& problem, EngineEstimatePtr start) override;
+  EngineEstimatePtr FillUnverified(const EngineProblem& problem, const FillOptions& options) override;
+  EngineEstimatePtr RemoveUnsupported(const EngineProblem& problem, EngineEstimatePtr start) override;
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options) override;
   ConfidenceMap MeasureConfidence(const EngineView& reference, const std::vector<EngineView>& sources,
@@ -119,7 +119,7 @@ class CudaDepthEngine final : public DepthEngine {
   /// What QueueEvidence measures, and of what.
   struct EvidenceSearch {
     CudaMatchContext match;
-    CompletionContext evident;
+    FillContext textured;
     ImageView<float> evidence;
   };
   /// The caller holds images_mutex() shared until the stream has been waited for.
@@ -129,7 +129,7 @@ class CudaDepthEngine final : public DepthEngine {
 
   /// Queues the weighted median of a completed estimate.
   /// @param planes of the estimate's size; become those of before, which the stream still reads
-  void FilterByMedian(const FusionSetup<DeviceFusionView>& setup, const CompletionContext& context,
+  void FilterByMedian(const FusionSetup<DeviceFusionView>& setup, const FillContext& context,
                       const ImageView<const Rgb>& color, CudaEstimate* estimate, DeviceArray<PlaneHypothesis>* planes);
   static PosedCamera PosedCameraOf(const EngineView& view);
   /// Without colours.
@@ -148,7 +148,7 @@ class CudaDepthEngine final : public DepthEngine {
   ImageView<Stamp> StampsOf(const Frame& frame, CudaStamps* stamps);
 
   PassRunner runner_;
-  CompletionRunner completion_;
+  FillRunner fill_;
   FusionRunner fusion_;
   CudaEvent begin_, end_;
   PinnedBuffer staging_;

@@ -56,12 +56,12 @@ FusionSetup<DeviceFusionView> CudaDepthEngine::SetUp(const EngineView& reference
   return setup;
 }
 
-void CudaDepthEngine::FilterByMedian(const FusionSetup<DeviceFusionView>& setup, const CompletionContext& context,
+void CudaDepthEngine::FilterByMedian(const FusionSetup<DeviceFusionView>& setup, const FillContext& context,
                                      const ImageView<const Rgb>& color, CudaEstimate* estimate,
                                      DeviceArray<PlaneHypothesis>* planes) {
   LaunchToDepth(estimate->PlaneView(), context.rays, estimate->depth.data(), stream().get());
-  completion_.QueueMedian(setup, {estimate->DepthView(), estimate->PlaneView(), estimate->CostView(), color}, context,
-                          estimate->cost.data(), planes->data(), stream());
+  fill_.QueueMedian(setup, {estimate->DepthView(), estimate->PlaneView(), estimate->CostView(), color}, context,
+                    estimate->cost.data(), planes->data(), stream());
   std::swap(*planes, estimate->planes);
 }
 
@@ -71,26 +71,26 @@ CudaDepthEngine::EvidenceSearch CudaDepthEngine::PrepareEvidence(const EnginePro
   PassData data = MakePassData(problem, 0, *estimate);
   data.selected_views = nullptr;  // none are written: the depths keep their memory
   AddSourceDepths(problem, &data);
-  const CompletionContext evident =
-      MakeEvidentContext(camera, {estimate->planes.data(), camera.width, camera.height, camera.width},
-                         {estimate->cost.data(), camera.width, camera.height, camera.width});
-  const int cell_cols = CellsOf(camera.width, evident.cell_size);
-  const int cell_rows = CellsOf(camera.height, evident.cell_size);
-  float* evidence = completion_.ReserveEvidence(static_cast<size_t>(cell_cols) * cell_rows);
-  return {runner_.Prepare(match, {}, data, Pass::kGeometric, 0), evident, {evidence, cell_cols, cell_rows, cell_cols}};
+  const FillContext textured =
+      MakeTexturedContext(camera, {estimate->planes.data(), camera.width, camera.height, camera.width},
+                          {estimate->cost.data(), camera.width, camera.height, camera.width});
+  const int cell_cols = CellsOf(camera.width, textured.cell_size);
+  const int cell_rows = CellsOf(camera.height, textured.cell_size);
+  float* evidence = fill_.ReserveEvidence(static_cast<size_t>(cell_cols) * cell_rows);
+  return {runner_.Prepare(match, {}, data, Pass::kGeometric, 0), textured, {evidence, cell_cols, cell_rows, cell_cols}};
 }
 
 void CudaDepthEngine::QueueEvidence(const EvidenceSearch& search) {
-  runner_.QueueEvidence(search.match, search.evident.cell_size, search.evidence);
+  runner_.QueueEvidence(search.match, search.textured.cell_size, search.evidence);
 }
 
-EngineEstimatePtr CudaDepthEngine::Complete(const EngineProblem& problem, const CompletionOptions& options) {
+EngineEstimatePtr CudaDepthEngine::FillUnverified(const EngineProblem& problem, const FillOptions& options) {
   Validate(options);
   CheckDepthRange("depth range of the completion", problem.depth_range);
   const CudaEstimate& start = Cast<CudaEstimate>(problem.reference.estimate);
   return OnDevice([&] {
     const FusionSetup<DeviceFusionView> setup =
-        SetUp(problem.reference, problem.sources, ConfirmationLimits(options), &CudaDepthEngine::GeometryMapsOf);
+        SetUp(problem.reference, problem.sources, ConsistencyLimits(options), &CudaDepthEngine::GeometryMapsOf);
     if (setup.sources().empty()) return problem.reference.estimate;
     const PinholeCamera& camera = problem.reference.frame->camera;
     DeviceArray<PlaneHypothesis> planes;  // of the filter; afterwards those of before
@@ -99,20 +99,20 @@ EngineEstimatePtr CudaDepthEngine::Complete(const EngineProblem& problem, const 
       planes = DeviceArray<PlaneHypothesis>(runner_.device(), start.Pixels());
       color = ColorOf(problem.reference);
     }
-    const CompletionContext context =
-        MakeCompletionContext(camera, problem.depth_range, options, static_cast<int>(setup.sources().size()));
+    const FillContext context =
+        MakeFillContext(camera, problem.depth_range, options, static_cast<int>(setup.sources().size()));
     const auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
     begin_.Record(stream());
     QueueCopy(start, estimate.get());
-    completion_.Queue(setup, context, {estimate->planes.data(), camera.width, camera.height, camera.width},
-                      estimate->cost.data(), stream());
+    fill_.Queue(setup, context, {estimate->planes.data(), camera.width, camera.height, camera.width},
+                estimate->cost.data(), stream());
     if (options.weighted_median) FilterByMedian(setup, context, color, estimate.get(), &planes);
     FinishSource(camera, estimate.get());
     return EngineEstimatePtr(estimate);
   });
 }
 
-EngineEstimatePtr CudaDepthEngine::RefuteUnsupported(const EngineProblem& problem, EngineEstimatePtr start) {
+EngineEstimatePtr CudaDepthEngine::RemoveUnsupported(const EngineProblem& problem, EngineEstimatePtr start) {
   CheckHandles(problem, 0);
   const PinholeCamera& camera = problem.reference.frame->camera;
   const CudaEstimate& from = Cast<CudaEstimate>(start);
@@ -130,7 +130,7 @@ EngineEstimatePtr CudaDepthEngine::RefuteUnsupported(const EngineProblem& proble
     const EvidenceSearch search = PrepareEvidence(problem, estimate.get());
     begin_.Record(stream());
     QueueEvidence(search);
-    completion_.QueueRefutation(search.evident, stream());
+    fill_.QueueFreeSpaceCheck(search.textured, stream());
     FinishTiming();
     return EngineEstimatePtr(estimate);
   });

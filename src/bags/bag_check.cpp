@@ -88,8 +88,8 @@ void CheckTopicTypes(const BagContents& contents, Findings& findings) {
   }
 }
 
-void CheckAlternatives(const BagContents& contents, TopicRole role, const std::string& chosen,
-                       const std::string& wanted, const char* option, Findings& findings) {
+void CheckNearAndFar(const BagContents& contents, TopicRole role, const std::string& chosen, const std::string& wanted,
+                     const char* option, Findings& findings) {
   if (!wanted.empty()) return;
   std::string others;
   for (const BagTopic& topic : contents.topics) {
@@ -184,12 +184,11 @@ BagReport CheckBag(const std::filesystem::path& path, const BagCheckOptions& opt
   const TopicChoice& wanted = options.topics;
   Findings findings;
   CheckTopicTypes(contents, findings);
-  CheckAlternatives(contents, TopicRole::kImage, chosen.image, wanted.image, "--image", findings);
-  CheckAlternatives(contents, TopicRole::kCameraInfo, chosen.camera_info, wanted.camera_info, "--camera-info",
-                    findings);
-  CheckAlternatives(contents, TopicRole::kPose, chosen.pose, wanted.pose, "--pose", findings);
-  CheckAlternatives(contents, TopicRole::kSparsePoints, chosen.sparse_points, wanted.sparse_points, "--sparse-points",
-                    findings);
+  CheckNearAndFar(contents, TopicRole::kImage, chosen.image, wanted.image, "--image", findings);
+  CheckNearAndFar(contents, TopicRole::kCameraInfo, chosen.camera_info, wanted.camera_info, "--camera-info", findings);
+  CheckNearAndFar(contents, TopicRole::kPose, chosen.pose, wanted.pose, "--pose", findings);
+  CheckNearAndFar(contents, TopicRole::kSparsePoints, chosen.sparse_points, wanted.sparse_points, "--sparse-points",
+                  findings);
   CheckImages(contents, findings);
   CheckCameraInfo(contents, findings);
   CheckPoses(contents, options, findings);

@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/completion/completion.h"
-#include "acmp_mapping/completion/refutation.h"
+#include "acmp_mapping/fill/fill.h"
+#include "acmp_mapping/fill/free_space_check.h"
 #include "acmp_mapping/fusion/fusion_setup.h"
 #include "acmp_mapping/patch_match/kernel/upsample.h"
 #include "acmp_mapping/patch_match/match_setup.h"
@@ -224,23 +224,23 @@ Image<float> HostDepthEngine::MeasureEvidence(const EngineProblem& problem, cons
   return patch_match_->MeasureEvidence(match, planes, EvidenceCellSize(camera.width, camera.height));
 }
 
-EngineEstimatePtr HostDepthEngine::Complete(const EngineProblem& problem, const CompletionOptions& options) {
+EngineEstimatePtr HostDepthEngine::FillUnverified(const EngineProblem& problem, const FillOptions& options) {
   const HostEstimate& start = Cast<HostEstimate>(problem.reference.estimate);
   std::vector<FusionView> sources;
   sources.reserve(problem.sources.size());
   for (const EngineView& source : problem.sources) sources.push_back(MakeFusionView(source));
   EstimateState state = {start.planes.Clone(), start.cost.Clone()};
-  CompleteUnconfirmed(MakeFusionView(problem.reference), sources, problem.depth_range, options, state.planes.View(),
-                      state.cost.View());
+  acmp::FillUnverified(MakeFusionView(problem.reference), sources, problem.depth_range, options, state.planes.View(),
+                       state.cost.View());
   return UploadState(std::move(state), problem.reference.frame->camera);
 }
 
-EngineEstimatePtr HostDepthEngine::RefuteUnsupported(const EngineProblem& problem, EngineEstimatePtr start) {
+EngineEstimatePtr HostDepthEngine::RemoveUnsupported(const EngineProblem& problem, EngineEstimatePtr start) {
   CheckHandles(problem, 0);
   const PinholeCamera& camera = problem.reference.frame->camera;
   PatchMatchResult maps = MakeStart(start);
   const Image<float> evidence = MeasureEvidence(problem, maps.planes);
-  acmp::RefuteUnsupported(camera, evidence.View(), maps.planes.View(), maps.cost.View());
+  acmp::RemoveUnsupported(camera, evidence.View(), maps.planes.View(), maps.cost.View());
   return Keep(std::move(maps), camera);
 }
 

@@ -44,7 +44,7 @@ void NameKeyframes(const std::vector<StampedPose>& path, const std::vector<Corre
     if (gap_ns > tolerance_ns) continue;
     used[nearest] = true;
     ++result->named;
-    keyframe->named = keyframe->anchored = true;
+    keyframe->named = keyframe->seeded = true;
     keyframe->correction = WorldFromCam(keyframe->path, path[nearest].pose) * keyframe->received.inverse();
   }
   result->unmatched = static_cast<size_t>(std::count(used.begin(), used.end(), false));
@@ -64,7 +64,7 @@ ReposeResult Repose(const std::vector<StampedPose>& path, const PoseTolerance& s
   if (path.empty() || keyframes.empty()) return result;
   NameKeyframes(path, keyframes, &result);
 
-  const auto first = std::find_if(keyframes.begin(), keyframes.end(), [](const auto* k) { return k->anchored; });
+  const auto first = std::find_if(keyframes.begin(), keyframes.end(), [](const auto* k) { return k->seeded; });
   if (first == keyframes.end()) return result;
   RigidTransform correction = (*first)->correction;
   for (size_t i = 0; i < keyframes.size(); ++i) {
@@ -73,7 +73,7 @@ ReposeResult Repose(const std::vector<StampedPose>& path, const PoseTolerance& s
       correction = keyframe->correction;
     } else {
       keyframe->correction = correction;
-      keyframe->anchored = true;  // so it goes on telling the next ones when the one it learnt from is evicted
+      keyframe->seeded = true;  // so it goes on telling the next ones when the one it learnt from is evicted
     }
     const RigidTransform corrected = keyframe->correction * keyframe->received;
     if (SamePose(corrected, keyframe->world_from_cam, same)) continue;

@@ -13,7 +13,7 @@ StageTimes& StageTimes::operator+=(const StageTimes& other) {
   prior_construction_ms += other.prior_construction_ms;
   planar_prior_ms += other.planar_prior_ms;
   geometric_ms += other.geometric_ms;
-  completion_ms += other.completion_ms;
+  fill_ms += other.fill_ms;
   kernels_ms += other.kernels_ms;
   photometric_kernels_ms += other.photometric_kernels_ms;
   return *this;
@@ -48,8 +48,8 @@ EngineEstimatePtr DepthEstimator::Run(const KeyframeStep& step, EngineProblem pr
       break;
     }
     case Kind::kFillForPasses: {
-      estimate = engine_->Complete(problem, options_.completion);
-      times_.completion_ms = timer.Lap();
+      estimate = engine_->FillUnverified(problem, options_.fill);
+      times_.fill_ms = timer.Lap();
       break;
     }
     case Kind::kGeometricPass: {
@@ -60,14 +60,14 @@ EngineEstimatePtr DepthEstimator::Run(const KeyframeStep& step, EngineProblem pr
     }
     case Kind::kFillUnverified: {
       // After the passes nobody is left to choose between planes, or to check what comes from afar.
-      CompletionOptions completion = options_.completion;
-      completion.alternatives = completion.surest_first = false;
-      estimate = engine_->Complete(problem, completion);
-      if (completion.refute_unsupported) {
+      FillOptions fill = options_.fill;
+      fill.near_and_far = fill.strong_seeds_first = false;
+      estimate = engine_->FillUnverified(problem, fill);
+      if (fill.remove_unsupported) {
         EngineEstimatePtr start = std::move(estimate);
-        estimate = engine_->RefuteUnsupported(problem, std::move(start));
+        estimate = engine_->RemoveUnsupported(problem, std::move(start));
       }
-      times_.completion_ms = timer.Lap();
+      times_.fill_ms = timer.Lap();
       break;
     }
   }

@@ -28,16 +28,16 @@ OptionTable<PipelineOptions> MakePipelineOptionTable() {
       Flag("completion",
            "Give pixels that hardly any other image confirms the planes of confirmed surfaces around them")
           .WhileRunning(),
-      [](auto& o) -> auto& { return o.completion.enabled; });
+      [](auto& o) -> auto& { return o.fill.enabled; });
   table.Add(
       Flag("remove_unsupported",
            "With completion: mark as a guess what has no texture and would hide what has, above all walls in a sky")
           .WhileRunning(),
-      [](auto& o) -> auto& { return o.completion.refute_unsupported; });
+      [](auto& o) -> auto& { return o.fill.remove_unsupported; });
   table.Add(
       Flag("weighted_median", "With completion: let the outlines of surfaces follow the colours of the image")
           .WhileRunning(),
-      [](auto& o) -> auto& { return o.completion.weighted_median; });
+      [](auto& o) -> auto& { return o.fill.weighted_median; });
   table.Add(
       Number("min_consistent_views", 1, 32, "",
              "Source views that must agree with a pixel before it becomes a point; more: fewer and better points")

@@ -8,11 +8,11 @@ namespace acmp {
 void Validate(const PipelineOptions& options) {
   Validate(options.patch_match);
   Validate(options.planar_prior);
-  Validate(options.completion);
+  Validate(options.fill);
   Validate(options.fusion);
   PipelineOptionTable().Check(options);
   CheckRange("pipeline.start_level", options.start_level, 0, 2);
-  if (options.multi_scale && (options.use_planar_prior || options.completion.enabled)) {
+  if (options.multi_scale && (options.use_planar_prior || options.fill.enabled)) {
     throw InvalidInputError("pipeline.multi_scale = true: must go without use_planar_prior and completion");
   }
   CheckRange("pipeline.full_size_iterations", options.full_size_iterations, 0, 20);
@@ -26,7 +26,7 @@ PipelineOptions MakePapers(Method method) {
   PipelineOptions options;
   options.patch_match.method = method;
   options.sharpening = 0;
-  options.completion.enabled = false;
+  options.fill.enabled = false;
   options.fusion.min_point_confidence = 0;
   return options;
 }
@@ -66,7 +66,7 @@ PipelineOptions MakeOnline() {
   options.patch_match.planar_prior_iterations = 1;
   options.patch_match.geometric_iterations = 1;
   options.geometric_passes = 1;
-  options.patch_match.candidate_view_votes = 1;
+  options.patch_match.min_neighbours_per_view = 1;
   options.patch_match.view_draws = 8;
   options.planar_prior.cell_size_px = 8;
   // With one pass agreement with the neighbours' maps counts more than in the paper, and is cut off earlier.

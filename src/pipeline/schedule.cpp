@@ -13,7 +13,7 @@ std::vector<KeyframeStep> ScheduleOf(const PipelineOptions& options) {
     return steps;
   }
   std::vector<KeyframeStep> steps = {{Kind::kInitial}};
-  const bool fills = options.completion.enabled;
+  const bool fills = options.fill.enabled;
   if (fills && options.geometric_passes > 0) steps.push_back({Kind::kFillForPasses});
   for (int pass = 0; pass < options.geometric_passes; ++pass) steps.push_back({Kind::kGeometricPass, pass});
   if (fills) steps.push_back({Kind::kFillUnverified});

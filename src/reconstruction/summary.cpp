@@ -32,7 +32,7 @@ std::vector<std::pair<const char*, double>> Rows(const RunTimes& times) {
           {"prior construction", times.stages.prior_construction_ms},
           {"planar prior", times.stages.planar_prior_ms},
           {"geometric", times.stages.geometric_ms},
-          {"completion", times.stages.completion_ms},
+          {"completion", times.stages.fill_ms},
           {"kernels (device time, part of the passes above)", times.stages.kernels_ms},
           {"consistency", times.consistency_ms},
           {"fusion", times.fusion_ms},

@@ -125,7 +125,7 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
   status->add("prior construction [ms]", worker.outputs.times.prior_construction_ms);
   status->add("planar-prior pass [ms]", worker.outputs.times.planar_prior_ms);
   status->add("geometric passes [ms]", worker.outputs.times.geometric_ms);
-  status->add("completion [ms]", worker.outputs.times.completion_ms);
+  status->add("completion [ms]", worker.outputs.times.fill_ms);
   status->add("of these in kernels [ms]", worker.outputs.times.kernels_ms);
   status->add("consistency check [ms]", worker.outputs.consistency_ms);
   if (!snapshot.points_in_front) return;

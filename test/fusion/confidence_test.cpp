@@ -147,7 +147,7 @@ double ConfidenceOf(const TestView& reference, const std::vector<float>& source_
 
 TEST(FilterByConsistency, ConfidenceCountsWhoSeesThePixel) {
   const TestView wall = FlatView(61, 41, 4);
-  // Two of two views agree, two of three (one sees an occluder), and one of them looks through the point.
+  // Two of two views agree, two of three (one sees an occluder), and one of them violates the point.
   const double all = ConfidenceOf(wall, {4, 4}), occluded = ConfidenceOf(wall, {4, 4, 3});
   const double contradicted = ConfidenceOf(wall, {4, 4, 5});
   EXPECT_NEAR(all, ConfidenceFor(0, {2, 2, 0}, 0), 1e-7);  // float
@@ -202,15 +202,16 @@ TEST(FilterByConsistency, AnotherSurfaceDoesNotCountForConfidence) {
   EXPECT_LT(confidence(0), ConfidenceOf(FlatView(61, 41, 4), {}));
 }
 
-TEST(FilterByConsistency, RefutedPixelsAreGuessesOfFourTimesTheError) {
+TEST(FilterByConsistency, UnsupportedPixelsAreGuessesOfFourTimesTheError) {
   TestView wall = FlatView(61, 41, 4);
   for (float& cost : wall.cost) cost = kWorstCost;
   const double guess = ConfidenceOf(wall, {4, 4});
-  for (float& cost : wall.cost) cost = kRefutedCost;
-  const double refuted = ConfidenceOf(wall, {4, 4});
-  EXPECT_NEAR((1 - refuted) / refuted, 4 * (1 - guess) / guess, 0.02 * (1 - refuted) / refuted);  // exp(1.4) = 4.06
+  for (float& cost : wall.cost) cost = kUnsupportedCost;
+  const double unsupported = ConfidenceOf(wall, {4, 4});
+  EXPECT_NEAR((1 - unsupported) / unsupported, 4 * (1 - guess) / guess,
+              0.02 * (1 - unsupported) / unsupported);  // exp(1.4) = 4.06
   for (float& cost : wall.cost) cost = 0.1f;
-  wall.cost(kCol, kRow) = kRefutedCost;
+  wall.cost(kCol, kRow) = kUnsupportedCost;
   FusionOptions options;
   options.min_point_confidence = 0;
   const std::vector<TestView> sources = SideViews({4, 4});

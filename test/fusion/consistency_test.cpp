@@ -262,7 +262,7 @@ TEST(MatchSum, KeepsTheReferenceNormalWhenNormalsCancel) {
   ASSERT_TRUE(LoadReferencePixel(contexts[0], 0, 0, &pixel));
   MatchSum<1> sum;
   StartSum(contexts[0].reference, pixel, &sum);
-  AddMatch(contexts[0].reference, 0, {0, 0, pixel.homogeneous, {0, 0, 1}, 0}, &sum);
+  AddMatch(contexts[0].reference, 0, {0, 0, pixel.homogeneous, {0, 0, 1}}, &sum);
   EXPECT_EQ(Average(contexts[0].geometry, pixel, sum, 1).normal.z, -1);
 }
 

@@ -124,7 +124,7 @@ TEST(DenseMapperTest, TheConsistencyCheckReadsRefinedNeighboursAtOnce) {
 
 TEST(DenseMapperTest, CompletedPixelsDoNotSpreadFromKeyframeToKeyframe) {
   DenseMapperOptions options = FakeOptions(8, 0);
-  options.pipeline.completion.enabled = true;
+  options.pipeline.fill.enabled = true;
   MapperHarness harness(options);
   for (int id = 0; id <= 11; ++id) harness.Add(WallFrame(id));
   const KeyframeDepth& last = *harness.refined.back();

@@ -33,9 +33,9 @@ class ConvergedTest : public ::testing::Test {
   }
 
   /// All pixels have the wall's plane, and a cost.
-  KernelState State(int settled_views) {
+  KernelState State(int converged_views) {
     PatchMatchOptions options;
-    options.settled_views = settled_views;
+    options.converged_views = converged_views;
     KernelState state(MakeProblem(views_, 0, {1, 10}, true), options);
     const RigidTransform& camera = views_[0].cam_from_world;
     const Eigen::Vector3d normal = camera.linear() * wall_.normal;

@@ -145,7 +145,7 @@ TEST_F(DepthEvidenceTest, TextureSpeaksForTheDepthWhereItFits) {
   EXPECT_GT(sorted[sorted.size() / 2], 100);
 }
 
-TEST_F(DepthEvidenceTest, WhatFitsBetterFartherAwayIsNotEvident) {
+TEST_F(DepthEvidenceTest, WhatFitsBetterFartherAwayIsNotTextured) {
   KernelState state = State(0.9);  // the first of the farther planes is the wall
   EXPECT_LT(Sorted(&state)[kWidth * kHeight * 9 / 10], 0);
 }

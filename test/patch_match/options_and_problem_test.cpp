@@ -62,7 +62,7 @@ TEST(PatchMatchOptionsTest, DefaultsAreThePapers) {
   EXPECT_FLOAT_EQ(options.sigma_spatial_px, 5.0f);
   EXPECT_FLOAT_EQ(options.sigma_color, 3.0f);
   EXPECT_EQ(options.view_draws, 15);
-  EXPECT_EQ(options.candidate_view_votes, 2);
+  EXPECT_EQ(options.min_neighbours_per_view, 2);
   EXPECT_FLOAT_EQ(options.perturb_depth, 0.02f);
   EXPECT_FLOAT_EQ(options.perturb_normal_deg, 1.8f);
 }
@@ -73,8 +73,8 @@ TEST(PatchMatchOptionsTest, EveryIntegersBoundsAreChecked) {
            {"planar_prior_iterations", &PatchMatchOptions::planar_prior_iterations, 1, 20},
            {"geometric_iterations", &PatchMatchOptions::geometric_iterations, 1, 20},
            {"view_draws", &PatchMatchOptions::view_draws, 1, 255},
-           {"candidate_view_votes", &PatchMatchOptions::candidate_view_votes, 0, 5},
-           {"settled_views", &PatchMatchOptions::settled_views, 0, 32},
+           {"candidate_view_votes", &PatchMatchOptions::min_neighbours_per_view, 0, 5},
+           {"settled_views", &PatchMatchOptions::converged_views, 0, 32},
        }) {
     PatchMatchOptions options;
     for (const int good : {field.low, field.high}) {

@@ -285,14 +285,14 @@ TEST_P(PassesTest, EvidenceIsMeasuredOncePerCell) {
   ASSERT_EQ(every.width(), 61);
   ASSERT_EQ(cells.width(), 16);
   ASSERT_EQ(cells.height(), 11);
-  int evident = 0;
+  int textured = 0;
   for (int row = 0; row < cells.height(); ++row) {
     for (int col = 0; col < cells.width(); ++col) {
       ASSERT_EQ(cells(col, row), every(MiddleOfCell(col, 4, 61), MiddleOfCell(row, 4, 43))) << col << ", " << row;
-      evident += cells(col, row) >= 10 ? 1 : 0;
+      textured += cells(col, row) >= 10 ? 1 : 0;
     }
   }
-  EXPECT_GT(evident, 16 * 11 / 2);
+  EXPECT_GT(textured, 16 * 11 / 2);
   const PatchMatchProblem without = MakeProblem(views, 0, {1, 10}, false);
   for (const float value : patch_match_->MeasureEvidence(without, planes, 4)) ASSERT_EQ(value, 0) << "no view agrees";
 }

@@ -227,7 +227,7 @@ TEST(UpdatePixelTest, GeometricTakesTheBestHypothesisByEquation13) { ExpectUpdat
 
 PatchMatchOptions WithVotes(int votes) {
   PatchMatchOptions options;
-  options.candidate_view_votes = votes;
+  options.min_neighbours_per_view = votes;
   return options;
 }
 

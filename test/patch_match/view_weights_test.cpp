@@ -169,7 +169,7 @@ uint32_t ReferenceCredibleViews(const KernelState& state, int col, int row) {
       if (c < 0 || r < 0 || c >= state.width() || r >= state.height()) continue;
       votes += (state.selected_views(c, r) & (uint32_t{1} << view)) != 0 ? 1 : 0;
     }
-    if (votes >= state.options().candidate_view_votes) credible |= uint32_t{1} << view;
+    if (votes >= state.options().min_neighbours_per_view) credible |= uint32_t{1} << view;
   }
   if (credible != 0) return credible;
   for (int view = 0; view < num_sources; ++view) credible |= uint32_t{1} << view;
@@ -182,7 +182,7 @@ TEST(CredibleViewsTest, AgreesWithTheReferenceAlsoAtTheBorder) {
   for (const int sources : {1, 2, 7, 31, 32}) {
     for (int votes = 1; votes <= 5; ++votes) {
       PatchMatchOptions options;
-      options.candidate_view_votes = votes;
+      options.min_neighbours_per_view = votes;
       KernelState state(ProblemWithSources(views, sources), options);
       int all = 0, some = 0;
       for (int round = 0; round < 60; ++round) {
@@ -212,7 +212,7 @@ TEST(CredibleViewsTest, AllWhereNoneHasTheVotes) {
   const std::vector<PlanarView> views = RandomViews(2, 5, 4, 2);
   for (int votes = 1; votes <= 5; ++votes) {
     PatchMatchOptions options;
-    options.candidate_view_votes = votes;
+    options.min_neighbours_per_view = votes;
     KernelState state(ProblemWithSources(views, 7), options);
     for (uint32_t& mask : state.selected_views) mask = 0;
     EXPECT_EQ(ViewsOfNeighbours(state.Context(), 2, 2), 0x7fu) << "nobody votes";

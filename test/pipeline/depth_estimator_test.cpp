@@ -6,8 +6,8 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/image/cells.h"
 #include "acmp_mapping/engine/host_depth_engine.h"
+#include "acmp_mapping/image/cells.h"
 #include "support/planar_scene.h"
 
 namespace acmp {
@@ -335,7 +335,7 @@ TEST_F(DepthEstimatorTest, StepsRunThePassesThatTheOptionsName) {
   EXPECT_THAT(fake_.calls, ElementsAre("geometric 0", "geometric 1", "evidence"));
 
   fake_.calls.clear();
-  options.completion.refute_unsupported = false;
+  options.fill.remove_unsupported = false;
   estimator.set_options(options);
   estimator.Run(estimator.schedule().back(), problem);
   EXPECT_THAT(fake_.calls, IsEmpty());
@@ -371,7 +371,7 @@ TEST(StageTimesTest, AddUp) {
   EXPECT_EQ(times.prior_construction_ms, 22);
   EXPECT_EQ(times.planar_prior_ms, 33);
   EXPECT_EQ(times.geometric_ms, 44);
-  EXPECT_EQ(times.completion_ms, 55);
+  EXPECT_EQ(times.fill_ms, 55);
   EXPECT_EQ(times.kernels_ms, 66);
   EXPECT_EQ(times.photometric_kernels_ms, 77);
 }

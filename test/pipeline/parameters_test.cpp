@@ -1,5 +1,5 @@
-#include "acmp_mapping/mapping/window_options.h"
 #include "acmp_mapping/pipeline/parameters.h"
+#include "acmp_mapping/mapping/window_options.h"
 
 #include <set>
 
@@ -40,7 +40,7 @@ TEST(ParametersTest, EachBoundOfThePipelineIsLegal) {
       for (const bool upper : {false, true}) {
         PipelineOptions options = MakePreset(preset);
         option.set(Extreme(option.description, option.get(options), upper), &options);
-        if (options.multi_scale && (options.use_planar_prior || options.completion.enabled)) continue;  // refused
+        if (options.multi_scale && (options.use_planar_prior || options.fill.enabled)) continue;  // refused
         EXPECT_NO_THROW(Validate(options)) << preset << ", " << option.name();
       }
     }

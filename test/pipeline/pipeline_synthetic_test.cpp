@@ -154,7 +154,7 @@ struct System {
 PipelineOptions WithoutPrior() {
   PipelineOptions options = MakePreset("balanced");
   options.use_planar_prior = false;
-  options.completion.enabled = false;
+  options.fill.enabled = false;
   options.geometric_passes = 0;
   return options;
 }

@@ -52,7 +52,7 @@ TEST(PresetsTest, ThePapersRunTheStepsOfTheirPapersAndNothingElse) {
     EXPECT_EQ(paper.sharpening, 0);
     EXPECT_EQ(paper.start_level, 0);
     EXPECT_EQ(paper.full_size_iterations, 0);
-    EXPECT_FALSE(paper.completion.enabled);
+    EXPECT_FALSE(paper.fill.enabled);
     EXPECT_EQ(paper.fusion.max_reprojection_px, 2.0f);
     EXPECT_EQ(paper.fusion.max_relative_depth, 0.01f);
     EXPECT_EQ(paper.fusion.max_normal_angle_deg, 10.0f);
@@ -71,7 +71,7 @@ TEST(PresetsTest, OnlineTakesAllStepsWithLessWork) {
   EXPECT_EQ(online.patch_match.planar_prior_iterations, 1);
   EXPECT_EQ(online.geometric_passes, 1);
   EXPECT_EQ(online.patch_match.geometric_iterations, 1);
-  EXPECT_EQ(online.patch_match.candidate_view_votes, 1);
+  EXPECT_EQ(online.patch_match.min_neighbours_per_view, 1);
   EXPECT_EQ(online.patch_match.view_draws, 8);
 
   EXPECT_EQ(online.patch_match.method, Method::kOurs);

@@ -37,7 +37,7 @@ std::string StepsOf(const PipelineOptions& options) {
 
 std::string StepsOf(bool fills, int geometric_passes) {
   PipelineOptions options;
-  options.completion.enabled = fills;
+  options.fill.enabled = fills;
   options.geometric_passes = geometric_passes;
   return StepsOf(options);
 }

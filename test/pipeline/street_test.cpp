@@ -90,17 +90,18 @@ class StreetTest : public EngineTest {
 };
 INSTANTIATE_TEST_SUITE_P(Devices, StreetTest, ::testing::Values(Device::kCpu, Device::kCuda), DeviceName);
 
-TEST_P(StreetTest, MostOfWhatCompletionDrawsIntoTheSkyIsRefutedAndHardlyAnythingElse) {
+TEST_P(StreetTest, MostOfWhatFillingDrawsIntoTheSkyIsUnsupportedAndHardlyAnythingElse) {
   PipelineOptions options = MakePreset("balanced");
-  const Confident refuted = Map(options);
-  options.completion.refute_unsupported = false;
+  const Confident unsupported = Map(options);
+  options.fill.remove_unsupported = false;
   const Confident before = Map(options);
   // In larger images with more views it takes three quarters of what is confident in the sky, and a few percent of the
-  // surfaces (docs/quality.md). What of the sky lies beside a roof has its depth, and stays. What is refuted counts for
-  // the confidence of the surface around, too, up to 16 px away: in images this small that is a tenth of all.
+  // surfaces (docs/experiments.md). What of the sky lies beside a roof has its depth, and stays. What is unsupported
+  // counts for the confidence of the surface around, too, up to 16 px away: in images this small that is a tenth of
+  // all.
   ASSERT_GT(before.of_sky, 0.05) << "nothing to refute";
-  EXPECT_LT(refuted.of_sky, 0.5 * before.of_sky);
-  EXPECT_GT(refuted.of_surfaces, 0.88 * before.of_surfaces);
+  EXPECT_LT(unsupported.of_sky, 0.5 * before.of_sky);
+  EXPECT_GT(unsupported.of_surfaces, 0.88 * before.of_surfaces);
 }
 
 }  // namespace

@@ -148,7 +148,7 @@ TEST(RuntimeOptions, AParameterCountsMoreThanThePreset) {
   ASSERT_FALSE(start.mapper.pipeline.use_planar_prior);
   const PipelineOptions pipeline = LoadRuntime({{"use_planar_prior", true}}, start).mapper.pipeline;
   EXPECT_TRUE(pipeline.use_planar_prior);
-  EXPECT_EQ(pipeline.completion.enabled, MakePreset("acmh").completion.enabled);
+  EXPECT_EQ(pipeline.fill.enabled, MakePreset("acmh").fill.enabled);
 }
 
 /// What dynamic_reconfigure knows by name.

@@ -24,7 +24,7 @@ void ExpectSize(const Image<T>& image, const PinholeCamera& camera) {
 }
 
 void ExpectValidMaps(const PlaneMap& planes, const CostMap& costs, const PinholeCamera& camera, const DepthRange& range,
-                     float max_cost, bool may_be_refuted) {
+                     float max_cost, bool may_be_unsupported) {
   ASSERT_NO_FATAL_FAILURE(ExpectSize(planes, camera));
   ASSERT_NO_FATAL_FAILURE(ExpectSize(costs, camera));
   for (int row = 0; row < camera.height; ++row) {
@@ -40,8 +40,8 @@ void ExpectValidMaps(const PlaneMap& planes, const CostMap& costs, const Pinhole
       ASSERT_TRUE(depth >= range.min * (1 - slack) && depth <= range.max * (1 + slack))
           << depth << " at " << col << ", " << row;
       const float cost = costs(col, row);
-      const bool is_refuted = may_be_refuted && cost == kRefutedCost;
-      ASSERT_TRUE(is_refuted || (cost >= 0 && cost <= max_cost)) << cost << " at " << col << ", " << row;
+      const bool is_unsupported = may_be_unsupported && cost == kUnsupportedCost;
+      ASSERT_TRUE(is_unsupported || (cost >= 0 && cost <= max_cost)) << cost << " at " << col << ", " << row;
     }
   }
 }

@@ -2,15 +2,15 @@
 
 #include <algorithm>
 
-#include "acmp_mapping/patch_match/patch_match.h"
 #include "acmp_mapping/engine/depth_engine.h"
+#include "acmp_mapping/patch_match/patch_match.h"
 
 namespace acmp {
 
 /// What every pass must leave behind: sizes, finite unit normals that face the camera, d > 0, depths in range, costs in
 /// 0..max_cost, no bits of views that are not there.
 void ExpectValid(const PatchMatchResult& result, const PatchMatchProblem& problem, float max_cost);
-/// The same of an estimate, whose pixels may also be refuted.
+/// The same of an estimate, whose pixels may also be unsupported.
 void ExpectValid(const EstimateState& state, const PinholeCamera& camera, const DepthRange& range, float max_cost);
 
 /// Bit for bit.

@@ -25,8 +25,8 @@ class HostDepthEngine : public DepthEngine {
                                  EngineEstimatePtr start, int pass) override;
   EngineEstimatePtr RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
                                    EngineEstimatePtr start, const EngineEstimatePtr& coarser) override;
-  EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) override;
-  EngineEstimatePtr RefuteUnsupported(const EngineProblem& problem, EngineEstimatePtr start) override;
+  EngineEstimatePtr FillUnverified(const EngineProblem& problem, const FillOptions& options) override;
+  EngineEstimatePtr RemoveUnsupported(const EngineProblem& problem, EngineEstimatePtr start) override;
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options) override;
   std::unique_ptr<FusionStamps> MakeFusionStamps() override;

@@ -3,7 +3,7 @@
 #include <memory>
 #include <vector>
 
-#include "acmp_mapping/completion/completion_options.h"
+#include "acmp_mapping/fill/fill_options.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/keyframe/frame.h"
 #include "acmp_mapping/patch_match/patch_match.h"
@@ -75,13 +75,13 @@ class MatchingEngine {
   virtual EngineEstimatePtr RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
                                            EngineEstimatePtr start, const EngineEstimatePtr& coarser) = 0;
 
-  /// CompleteUnconfirmed of the reference's estimate (not null) against the sources'; those without one do not count.
+  /// FillUnverified of the reference's estimate (not null) against the sources'; those without one do not count.
   /// Pixels that get another surface's plane have a cost of kWorstCost or kUnverifiedCost then.
-  virtual EngineEstimatePtr Complete(const EngineProblem& problem, const CompletionOptions& options) = 0;
+  virtual EngineEstimatePtr FillUnverified(const EngineProblem& problem, const FillOptions& options) = 0;
 
-  /// RefuteUnsupported of the reference's estimate `start`, which is used up as in RunPlanarPrior, with the images,
+  /// RemoveUnsupported of the reference's estimate `start`, which is used up as in RunPlanarPrior, with the images,
   /// against the sources' estimates; those without one do not count.
-  virtual EngineEstimatePtr RefuteUnsupported(const EngineProblem& problem, EngineEstimatePtr start) = 0;
+  virtual EngineEstimatePtr RemoveUnsupported(const EngineProblem& problem, EngineEstimatePtr start) = 0;
 
   /// Device time of steps and filters since the last call, ms; 0 where it is not measured.
   virtual double PopDeviceTime() = 0;

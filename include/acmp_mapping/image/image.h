@@ -111,7 +111,7 @@ constexpr float kWorstCost = 2.0f;  ///< in a CostMap: NCC = -1, or no correspon
 constexpr float kUnverifiedCost = 1.9999999f;
 /// In a CostMap: what the other images show speaks against the depth (RefutePixel). A guess like kWorstCost, and a
 /// worse one.
-constexpr float kRefutedCost = std::numeric_limits<float>::infinity();
+constexpr float kUnsupportedCost = std::numeric_limits<float>::infinity();
 using ConfidenceMap = Image<float>;       ///< 0..1; 0 = unknown
 using PlaneMap = Image<PlaneHypothesis>;  ///< planes in the camera frame; all zero = none
 

@@ -32,7 +32,7 @@ struct CorrectedPose {
   RigidTransform world_from_cam = RigidTransform::Identity();  ///< in use
   RigidTransform correction = RigidTransform::Identity();      ///< corrected world from received world
   bool named = false;                                          ///< a path had a pose of its stamp
-  bool anchored = false;                                       ///< named, or took the correction of one that was
+  bool seeded = false;                                         ///< named, or took the correction of one that was
 };
 
 /// Poses that differ by less are the same; otherwise a frontend's rounding would make a new map at every path.

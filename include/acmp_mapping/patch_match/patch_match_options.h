@@ -40,11 +40,11 @@ struct PatchMatchOptions {
 
   /// Passes that start from an estimate compare candidates only in the views that so many of the pixel and its four
   /// neighbours use, 0..5; 0: in all. Ours alone.
-  int candidate_view_votes = 2;
+  int min_neighbours_per_view = 2;
   /// From the third geometric iteration on, pixels keep their hypothesis with which so many views agree to within a
   /// pixel, unless the surface bends or breaks within the window; 1..32, or 0: none does. Every geometric pass takes
   /// over the costs of such pixels instead of comparing them anew at its start. Ours alone.
-  int settled_views = 4;
+  int converged_views = 4;
 
   float perturb_depth = 0.02f;      ///< relative, (0, 1)
   float perturb_normal_deg = 1.8f;  ///< per axis, (0, 90)

@@ -13,7 +13,7 @@ struct StageTimes {
   double prior_construction_ms = 0;  ///< support points and their triangulation
   double planar_prior_ms = 0;
   double geometric_ms = 0;
-  double completion_ms = 0;
+  double fill_ms = 0;
   double kernels_ms = 0;
   double photometric_kernels_ms = 0;  ///< of these, the photometric pass's
 

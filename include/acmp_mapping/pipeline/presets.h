@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "acmp_mapping/completion/completion_options.h"
+#include "acmp_mapping/fill/fill_options.h"
 #include "acmp_mapping/fusion/fusion_options.h"
 #include "acmp_mapping/patch_match/patch_match_options.h"
 #include "acmp_mapping/planar_prior/planar_prior.h"
@@ -14,7 +14,7 @@ namespace acmp {
 struct PipelineOptions {
   PatchMatchOptions patch_match;
   PlanarPriorOptions planar_prior;
-  CompletionOptions completion;
+  FillOptions fill;
   FusionOptions fusion;
   double sharpening = 2.5;       ///< of the images, as they become frames: FrameOptions
   int start_level = 0;           ///< how often the images of the photometric pass are halved, 0..2

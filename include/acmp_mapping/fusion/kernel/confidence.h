@@ -29,19 +29,19 @@ ACMP_HOST_DEVICE inline double GradedAgreement(double reprojection_px, double re
 
 /// The relative depth error to expect of a pixel from its matching cost (0..2), the views, and its unevenness: how far
 /// the surface around it deviates from its plane (see SurfaceUnevenness, 0..0.1). Fitted to the logarithm of true
-/// errors of holo_table and holo_cabinet before unevenness weighed colours; docs/quality.md says what each term is
+/// errors of holo_table and holo_cabinet before unevenness weighed colours; docs/experiments.md says what each term is
 /// worth. It never falls when cost, unevenness or the share of contradicting views grows or the mean agreement falls. A
-/// NaN cost is no photometric evidence, kRefutedCost evidence against the depth; without views only cost and unevenness
-/// count. Completed pixels (kUnverifiedCost, kWorstCost) have no photometric evidence.
+/// NaN cost is no photometric evidence, kUnsupportedCost evidence against the depth; without views only cost and
+/// unevenness count. Completed pixels (kUnverifiedCost, kWorstCost) have no photometric evidence.
 ACMP_HOST_DEVICE inline double ExpectedRelativeError(float cost, const ViewEvidence& evidence, double unevenness) {
-  constexpr double kRefutedExponent = 1.4;  // four times the error
+  constexpr double kUnsupportedExponent = 1.4;  // four times the error
   const double used_cost = cost > 0 ? cost : 0;
   // The paper's photometric likelihood (eq. 5).
   const double photometric = cost != cost ? 0.0 : std::exp(-used_cost * used_cost / 0.18);
   const double share = evidence.views > 0 ? 1.0 / evidence.views : 0.0;
-  const double refuted = cost >= kRefutedCost ? kRefutedExponent : 0.0;
+  const double unsupported = cost >= kUnsupportedCost ? kUnsupportedExponent : 0.0;
   const double exponent =
-      2.0 * share * evidence.contradicting - 0.9 * share * evidence.agreement - 0.3 * photometric + refuted;
+      2.0 * share * evidence.contradicting - 0.9 * share * evidence.agreement - 0.3 * photometric + unsupported;
   return 0.5 * std::pow(unevenness + 0.01, 0.9) * std::exp(exponent);
 }
 

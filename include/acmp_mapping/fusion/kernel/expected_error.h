@@ -19,8 +19,8 @@ ACMP_HOST_DEVICE inline ViewEvidence GatherEvidence(const FusionContext<View>& c
     SourcePlace place;
     if (!LocateInSource(source, pixel.homogeneous, &place)) continue;
     ++evidence.views;
-    Sighting sighting;
-    if (LookBack(source, pixel, place, &sighting)) AddEvidence(source, pixel, sighting, &evidence);
+    ViewAgreement agreement;
+    if (ProjectBack(source, pixel, place, &agreement)) AddEvidence(source, pixel, agreement, &evidence);
   }
   return evidence;
 }

@@ -18,7 +18,7 @@ struct FusionMaps {
   ACMP_HOST_DEVICE float Depth(int col, int row) const { return depth(col, row); }
   ACMP_HOST_DEVICE Vec3f Normal(int col, int row) const { return NormalOf(normal(col, row)); }
   ACMP_HOST_DEVICE float Cost(int col, int row) const { return cost(col, row); }
-  /// Whether the pixel was completed where no view had confirmed it (see CompleteUnconfirmed). Such a pixel neither
+  /// Whether the pixel was completed where no view had confirmed it (see FillUnverified). Such a pixel neither
   /// becomes a point nor confirms one.
   ACMP_HOST_DEVICE bool IsGuess(int col, int row) const { return cost(col, row) >= kWorstCost; }
   ACMP_HOST_DEVICE const Rgb& Color(int col, int row) const { return color(col, row); }

@@ -26,7 +26,7 @@ struct ReferencePixel {
   Vec3d normal;       ///< unit, target frame
 };
 
-/// Sets what LocateInSource and LookBack read: all but ray, point and normal. False where the depth is unknown.
+/// Sets what LocateInSource and ProjectBack read: all but ray, point and normal. False where the depth is unknown.
 template <class View>
 ACMP_HOST_DEVICE inline bool LoadReferencePlace(const FusionContext<View>& context, int col, int row,
                                                 ReferencePixel* pixel) {
@@ -78,7 +78,7 @@ ACMP_HOST_DEVICE inline bool LocateInSource(const FusionSource<View>& source, co
 }
 
 /// What a source sees there.
-struct Sighting {
+struct ViewAgreement {
   SourcePlace place;
   float depth;            ///< of the source pixel
   Vec3d homogeneous;      ///< the source pixel's point as the reference sees it, z (u, v, 1)
@@ -88,22 +88,22 @@ struct Sighting {
 
 /// False where the source has no depth of its own.
 template <class View>
-ACMP_HOST_DEVICE inline bool LookBack(const FusionSource<View>& source, const ReferencePixel& pixel,
-                                      const SourcePlace& place, Sighting* sighting) {
+ACMP_HOST_DEVICE inline bool ProjectBack(const FusionSource<View>& source, const ReferencePixel& pixel,
+                                         const SourcePlace& place, ViewAgreement* agreement) {
   const float depth = source.view.Depth(place.col, place.row);
   if (!IsKnown(depth) || source.view.IsGuess(place.col, place.row)) return false;
   const Vec3d homogeneous = depth * Vec3d{static_cast<double>(place.col), static_cast<double>(place.row), 1};
   const Vec3d back = source.geometry.to_reference * homogeneous + source.geometry.to_reference_offset;
   const double dx = back.x / back.z - pixel.col, dy = back.y / back.z - pixel.row;
-  *sighting = {place, depth, back, dx * dx + dy * dy, std::fabs(back.z - pixel.depth) / pixel.depth};
+  *agreement = {place, depth, back, dx * dx + dy * dy, std::fabs(back.z - pixel.depth) / pixel.depth};
   return true;
 }
 
-/// True when the source sees something clearly farther away than the reference pixel's point: it looks through it (a
+/// True when the source sees something clearly farther away than the reference pixel's point: it violates it (a
 /// free-space violation in Merrell et al., Real-Time Visibility-Based Fusion of Depth Maps, ICCV 2007).
-ACMP_HOST_DEVICE inline bool LooksThrough(const Sighting& sighting) {
+ACMP_HOST_DEVICE inline bool ViolatesFreeSpace(const ViewAgreement& agreement) {
   constexpr double kClearly = 1.03;  // three times what fusion lets agree by default
-  return sighting.depth > kClearly * sighting.place.depth;
+  return agreement.depth > kClearly * agreement.place.depth;
 }
 
 /// 1 - cos of the angle between the rays from the reference and from a camera centre to the reference pixel's point.
@@ -115,9 +115,9 @@ ACMP_HOST_DEVICE inline double TriangulationVersine(const ReferencePixel& pixel,
 /// Adds what a source sees to the evidence for the pixel.
 template <class View>
 ACMP_HOST_DEVICE inline void AddEvidence(const FusionSource<View>& source, const ReferencePixel& pixel,
-                                         const Sighting& sighting, ViewEvidence* evidence) {
-  evidence->contradicting += LooksThrough(sighting) ? 1 : 0;
-  evidence->agreement += GradedAgreement(std::sqrt(sighting.squared_px), sighting.relative_depth,
+                                         const ViewAgreement& agreement, ViewEvidence* evidence) {
+  evidence->contradicting += ViolatesFreeSpace(agreement) ? 1 : 0;
+  evidence->agreement += GradedAgreement(std::sqrt(agreement.squared_px), agreement.relative_depth,
                                          TriangulationVersine(pixel, source.geometry.center));
 }
 
@@ -130,19 +130,20 @@ struct PixelMatch {
 
 /// True when what the source sees agrees with the pixel and no earlier view has used it.
 template <class View>
-ACMP_HOST_DEVICE inline bool MatchSighting(const FusionSource<View>& source, const FusionLimits& limits, Stamp current,
-                                           const ReferencePixel& pixel, const Sighting& sighting, PixelMatch* match) {
-  const int col = sighting.place.col, row = sighting.place.row;
-  if (!(sighting.squared_px < limits.max_squared_px)) return false;
+ACMP_HOST_DEVICE inline bool MatchAgreement(const FusionSource<View>& source, const FusionLimits& limits, Stamp current,
+                                            const ReferencePixel& pixel, const ViewAgreement& agreement,
+                                            PixelMatch* match) {
+  const int col = agreement.place.col, row = agreement.place.row;
+  if (!(agreement.squared_px < limits.max_squared_px)) return false;
   // A point behind the reference needs no test of its own: it misses the limit on depths, which is below 1.
-  if (!(sighting.relative_depth < limits.max_relative_depth)) return false;
+  if (!(agreement.relative_depth < limits.max_relative_depth)) return false;
   if (IsUsed(source.stamps, current, col, row)) return false;
   const Vec3d normal = Normalized(source.geometry.target_from_camera * AsDouble(source.view.Normal(col, row)));
   // The cosine is NaN for an unknown normal, which fails the test.
   const double cosine = Dot(normal, pixel.normal);
   if (!(cosine > limits.min_normal_cosine)) return false;
 
-  *match = {col, row, sighting.homogeneous, normal};
+  *match = {col, row, agreement.homogeneous, normal};
   return true;
 }
 

@@ -62,10 +62,10 @@ ACMP_HOST_DEVICE inline void SumMatches(const FusionContext<View>& context, cons
     const FusionSource<View>& source = context.sources[i];
     SourcePlace place;
     if (!LocateInSource(source, pixel.homogeneous, &place)) continue;
-    Sighting sighting;
-    if (!LookBack(source, pixel, place, &sighting)) continue;
+    ViewAgreement agreement;
+    if (!ProjectBack(source, pixel, place, &agreement)) continue;
     PixelMatch match;
-    if (MatchSighting(source, context.limits, context.current, pixel, sighting, &match)) {
+    if (MatchAgreement(source, context.limits, context.current, pixel, agreement, &match)) {
       AddMatch(source.view, i, match, sum);
     }
   }

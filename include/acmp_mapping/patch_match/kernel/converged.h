@@ -21,7 +21,7 @@ template <class Sampler, class Group>
 ACMP_HOST_DEVICE inline uint32_t ConvergedViews(const MatchContext<Sampler>& context, int col, int row,
                                                 const Group& group) {
   constexpr float kAgreementPx = 1.0f;
-  if (context.options.settled_views == 0 || context.cost(col, row) >= kUnverifiedCost) return 0;
+  if (context.options.converged_views == 0 || context.cost(col, row) >= kUnverifiedCost) return 0;
   const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
   const float depth = PlaneDepth(context.planes(col, row), ray);
   uint32_t agreeing = 0;
@@ -29,7 +29,7 @@ ACMP_HOST_DEVICE inline uint32_t ConvergedViews(const MatchContext<Sampler>& con
     if (GeometricError(context, depth, col, row, view) < kAgreementPx) agreeing |= 1u << view;
   });
   agreeing = group.Union(agreeing);
-  if (CountBits(agreeing) < context.options.settled_views) return 0;
+  if (CountBits(agreeing) < context.options.converged_views) return 0;
   return IsSurfaceBroken(context, col, row, group) ? 0 : agreeing;
 }
 

@@ -368,7 +368,7 @@ ACMP_HOST_DEVICE inline void UpdatePixel(const MatchContext<Sampler>& context, i
 
   uint32_t views = AllViews(context.num_sources);
   if constexpr (kIsOurs && kPass != Pass::kPhotometric) {
-    if (context.options.candidate_view_votes > 0) views = ViewsOfNeighbours(context, col, row);
+    if (context.options.min_neighbours_per_view > 0) views = ViewsOfNeighbours(context, col, row);
     pixel.regions = AlternatingRegions(col, row, context.pass_number + static_cast<uint32_t>(iteration));
   }
   const int count = MatchCandidates(pixel, views);

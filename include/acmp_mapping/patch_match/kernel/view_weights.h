@@ -90,8 +90,8 @@ ACMP_HOST_DEVICE inline float ViewSmoothness(const MatchContext<Sampler>& contex
   return sum;
 }
 
-/// The views in which candidates are worth comparing, as a mask: those that at least candidate_view_votes of the pixel
-/// and its four neighbours use, or all where there is none.
+/// The views in which candidates are worth comparing, as a mask: those that at least min_neighbours_per_view of the
+/// pixel and its four neighbours use, or all where there is none.
 template <class Sampler>
 ACMP_HOST_DEVICE inline uint32_t ViewsOfNeighbours(const MatchContext<Sampler>& context, int col, int row) {
   constexpr int kMaxUsers = 5;
@@ -108,7 +108,7 @@ ACMP_HOST_DEVICE inline uint32_t ViewsOfNeighbours(const MatchContext<Sampler>& 
   uint32_t enough = 0;
   ACMP_UNROLL
   for (int n = 0; n < kMaxUsers; ++n) {
-    if (n + 1 == context.options.candidate_view_votes) enough = used_by[n];
+    if (n + 1 == context.options.min_neighbours_per_view) enough = used_by[n];
   }
   return enough != 0 ? enough : AllViews(context.num_sources);
 }

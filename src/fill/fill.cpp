@@ -1,0 +1,122 @@
+#include "acmp_mapping/fill/fill.h"
+
+#include <algorithm>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/fill/kernel/fill_pixel.h"
+#include "acmp_mapping/fill/kernel/fit_seed.h"
+#include "acmp_mapping/fill/kernel/view_support.h"
+#include "acmp_mapping/fill/kernel/weighted_median.h"
+#include "for_each_cell.h"
+
+namespace acmp {
+namespace {
+
+using HostMaps = FusionMaps<Vec3f>;
+
+Image<ViewSupport> CountAllSupportingViews(const FusionSetup<HostMaps>& setup) {
+  const FusionContext<HostMaps> context = setup.Context(setup.sources().data());
+  Image<ViewSupport> support(context.reference.depth.width, context.reference.depth.height);
+  ForEach(support.width(), support.height(),
+          [&](int col, int row) { support(col, row) = CountSupportingViews(context, col, row); });
+  return support;
+}
+
+/// WeightedMedianPixel for all pixels of the completed reference.
+/// @param view support of the reference as it was before; become those of the completed one
+void FilterByMedian(const FusionSetup<HostMaps>& setup, const FillContext& filled, Image<ViewSupport>* support) {
+  const ImageView<PlaneHypothesis>& planes = filled.planes;
+  const int width = planes.width, height = planes.height;
+  DepthMap depth(width, height);
+  ForEach(width, height, [&](int col, int row) {
+    const PlaneHypothesis& plane = planes(col, row);
+    if (!(plane.d > 0)) return;
+    depth(col, row) = PlaneDepth(plane, filled.rays.Ray(static_cast<float>(col), static_cast<float>(row)));
+  });
+  FusionContext<HostMaps> context = setup.Context(setup.sources().data());
+  context.reference.depth = depth.View();  // CountSupportingViews reads no normals
+  context.reference.cost = filled.cost;
+  PlaneMap filtered(width, height);
+  const MedianContext median = {filled.rays,     filled.depth_min,        filled.depth_max, planes,     depth.View(),
+                                support->View(), context.reference.color, filtered.View(),  filled.cost};
+  ForEach(width, height, [&](int col, int row) {
+    if (IsFilled(filled.cost(col, row))) (*support)(col, row) = CountSupportingViews(context, col, row);
+  });
+  ForEach(width, height, [&](int col, int row) { WeightedMedianPixel(median, col, row); });
+  ForEach(width, height, [&](int col, int row) { planes(col, row) = filtered(col, row); });
+}
+
+}  // namespace
+
+void Validate(const FillOptions& options) {
+  CheckRange("completion.anchor_views", options.seed_views, 1, kMaxConsistent);
+  CheckRange("completion.max_reprojection_px", options.max_reprojection_px, 1e-3f, 1e3f);
+  CheckRange("completion.max_relative_depth", options.max_relative_depth, 1e-6f, 0.999f);
+}
+
+FusionLimits ConsistencyLimits(const FillOptions& options) {
+  FusionLimits limits = {};
+  limits.max_squared_px = static_cast<double>(options.max_reprojection_px) * options.max_reprojection_px;
+  limits.max_relative_depth = options.max_relative_depth;
+  return limits;
+}
+
+int SeedViews(const FillOptions& options, int num_sources) {
+  return std::min(options.seed_views, (num_sources + 1) / 2);
+}
+
+int MinConsistentViews(const FillOptions& options, int num_sources) {
+  constexpr int kFewSources = 7;
+  return std::min(num_sources < kFewSources ? 1 : 2, SeedViews(options, num_sources));
+}
+
+int StrongViews(const FillOptions& options, int num_sources) {
+  if (!options.strong_seeds_first) return 0;
+  return std::min({options.seed_views + 1, (num_sources + 1) / 2, kMaxConsistent});
+}
+
+FillContext MakeFillContext(const PinholeCamera& camera, const DepthRange& range, const FillOptions& options,
+                            int num_sources) {
+  FillContext context = {};
+  context.rays = MakeRayGrid(camera);
+  context.depth_min = range.min;
+  context.depth_max = range.max;
+  context.seed_views = SeedViews(options, num_sources);
+  context.min_views = MinConsistentViews(options, num_sources);
+  context.strong_views = StrongViews(options, num_sources);
+  context.cell_size = FillCellSize(camera.width, camera.height);
+  context.near_and_far = options.near_and_far;
+  return context;
+}
+
+void FillUnverified(const FusionView& reference, const std::vector<FusionView>& sources, const DepthRange& range,
+                    const FillOptions& options, ImageView<PlaneHypothesis> planes, ImageView<float> cost) {
+  Validate(options);
+  CheckDepthRange("depth range of the completion", range);
+  CheckConsistencyInput(reference, sources, kMaxFusionSources);
+  FusionSetup<HostMaps> setup(CameraOf(reference), MapsOf(reference), ConsistencyLimits(options),
+                              RigidTransform::Identity());
+  for (const FusionView& source : sources) {
+    if (!source.depth.empty()) setup.AddSource(CameraOf(source), MapsOf(source));
+  }
+  if (setup.sources().empty()) return;
+
+  Image<ViewSupport> support = CountAllSupportingViews(setup);
+  FillContext context = MakeFillContext(reference.camera, range, options, static_cast<int>(setup.sources().size()));
+  const int cell_cols = CellsOf(planes.width, context.cell_size), cell_rows = CellsOf(planes.height, context.cell_size);
+  Image<SeedCell> seeds(cell_cols, cell_rows), fitted(cell_cols, cell_rows);
+  Image<NearestSeeds> nearest(cell_cols, cell_rows);
+  context.support = support.View();
+  context.planes = planes;
+  context.cost = cost;
+  context.seeds = seeds.View();
+  context.fitted = fitted.View();
+  context.nearest = nearest.View();
+  ForEach(cell_cols, cell_rows, [&](int col, int row) { FindSeed(context, col, row, SingleThread()); });
+  ForEach(cell_cols, cell_rows, [&](int col, int row) { FitSeed(context, col, row, SingleThread()); });
+  FindAllNearestSeeds(context);
+  ForEach(planes.width, planes.height, [&](int col, int row) { FillPixel(context, col, row); });
+  if (options.weighted_median) FilterByMedian(setup, context, &support);
+}
+
+}  // namespace acmp
