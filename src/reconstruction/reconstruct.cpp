@@ -136,8 +136,7 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
                                    : "going on with an interrupted run");
     if (options.online()) folder.StartAfresh();
   }
-  EngineStore store(&frames, options, folder, plan, devices,
-                    ScheduleOf(MakePipelineOptions(options)));
+  EngineStore store(&frames, options, folder, plan, devices, ScheduleOf(MakePipelineOptions(options)));
   ReconstructRun run{scene, options, plan, folder, devices, store, *interrupt, progress, {}, {}};
   const size_t points = RunSchedule(&run);
   Finish(&run, record, timer, points, out);

@@ -12,9 +12,9 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/engine/host_depth_engine.h"
 #include "acmp_mapping/image/cells.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
-#include "acmp_mapping/engine/host_depth_engine.h"
 
 namespace acmp {
 

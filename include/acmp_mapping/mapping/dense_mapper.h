@@ -4,10 +4,10 @@
 #include <memory>
 #include <string>
 
+#include "acmp_mapping/engine/depth_engine.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/keyframe/source_view_selector.h"
 #include "acmp_mapping/mapping/keyframe_depth.h"
-#include "acmp_mapping/engine/depth_engine.h"
 #include "acmp_mapping/pipeline/presets.h"
 
 namespace acmp {

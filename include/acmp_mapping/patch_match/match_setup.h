@@ -33,17 +33,12 @@ uint32_t PassNumber(Pass kind, int geometric_pass);
 /// ACMH's, and its planar-prior pass the only one of the papers.
 template <Pass kPass, class Function>
 void VisitMethod(Method method, const Function& function) {
-  if (method == Method::kOurs) {
-    function(std::integral_constant<Method, Method::kOurs>());
-  } else if constexpr (kPass == Pass::kPhotometric) {
-    function(std::integral_constant<Method, Method::kAcmh>());
-  } else if constexpr (kPass == Pass::kPlanarPrior) {
-    function(std::integral_constant<Method, Method::kAcmp>());
-  } else if (method == Method::kAcmh) {
-    function(std::integral_constant<Method, Method::kAcmh>());
-  } else {
-    function(std::integral_constant<Method, Method::kAcmp>());
+  constexpr bool kHasAcmh = kPass != Pass::kPlanarPrior, kHasAcmp = kPass != Pass::kPhotometric;
+  if (method == Method::kOurs) return function(std::integral_constant<Method, Method::kOurs>());
+  if constexpr (kHasAcmh) {
+    if (method == Method::kAcmh || !kHasAcmp) return function(std::integral_constant<Method, Method::kAcmh>());
   }
+  if constexpr (kHasAcmp) function(std::integral_constant<Method, Method::kAcmp>());
 }
 
 /// A context without sampler, sources and maps, which depend on the device.
