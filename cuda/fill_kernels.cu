@@ -96,7 +96,7 @@ void LaunchFindNearestSeed(const FillContext& context, cudaStream_t stream) {
   dim3 grid = GridFor(context.nearest);
   grid.z = kNumDirections;
   FindNearestSeedKernel<<<grid, dim3(kBlockWidth, kBlockHeight), 0, stream>>>(context);
-  CudaCheck(cudaGetLastError(), "launch search for the nearest anchors");
+  CudaCheck(cudaGetLastError(), "launch search for the nearest seeds");
 }
 
 }  // namespace
@@ -112,7 +112,7 @@ void LaunchFill(const FillContext& context, cudaStream_t stream) {
   const dim3 warps(context.seeds.width, (context.seeds.height + kBlockHeight - 1) / kBlockHeight);
   const dim3 block_of_warps(WarpThreads::kSize, kBlockHeight);
   FindSeedKernel<<<warps, block_of_warps, 0, stream>>>(context);
-  CudaCheck(cudaGetLastError(), "launch search for anchors");
+  CudaCheck(cudaGetLastError(), "launch search for seeds");
   FitSeedKernel<<<warps, block_of_warps, 0, stream>>>(context);
   CudaCheck(cudaGetLastError(), "launch plane fits");
   LaunchFindNearestSeed(context, stream);
@@ -135,10 +135,10 @@ void LaunchWeightedMedian(const DeviceFusionContext& views, const ImageView<View
 void LaunchFreeSpaceCheck(const FillContext& context, const ImageView<const float>& evidence, cudaStream_t stream) {
   const dim3 block(kBlockWidth, kBlockHeight);
   FindTexturedSeedKernel<<<GridFor(evidence), block, 0, stream>>>(context, evidence);
-  CudaCheck(cudaGetLastError(), "launch search for evident pixels");
+  CudaCheck(cudaGetLastError(), "launch search for textured pixels");
   LaunchFindNearestSeed(context, stream);
   RemoveUnsupportedKernel<<<GridFor(context.planes), block, 0, stream>>>(context);
-  CudaCheck(cudaGetLastError(), "launch refutation");
+  CudaCheck(cudaGetLastError(), "launch free-space check");
 }
 
 }  // namespace acmp

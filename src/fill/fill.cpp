@@ -49,9 +49,9 @@ void FilterByMedian(const FusionSetup<HostMaps>& setup, const FillContext& fille
 }  // namespace
 
 void Validate(const FillOptions& options) {
-  CheckRange("completion.anchor_views", options.seed_views, 1, kMaxConsistent);
-  CheckRange("completion.max_reprojection_px", options.max_reprojection_px, 1e-3f, 1e3f);
-  CheckRange("completion.max_relative_depth", options.max_relative_depth, 1e-6f, 0.999f);
+  CheckRange("fill.seed_views", options.seed_views, 1, kMaxConsistent);
+  CheckRange("fill.max_reprojection_px", options.max_reprojection_px, 1e-3f, 1e3f);
+  CheckRange("fill.max_relative_depth", options.max_relative_depth, 1e-6f, 0.999f);
 }
 
 FusionLimits ConsistencyLimits(const FillOptions& options) {

@@ -338,7 +338,7 @@ TEST(FillTest, BadInputIsRefused) {
     return std::string("(accepted)");
   };
   const float nan = std::numeric_limits<float>::quiet_NaN();
-  EXPECT_THAT(refusal([](auto* o) { o->seed_views = 0; }), HasSubstr("completion.anchor_views = 0"));
+  EXPECT_THAT(refusal([](auto* o) { o->seed_views = 0; }), HasSubstr("fill.seed_views = 0"));
   EXPECT_THAT(refusal([](auto* o) { o->seed_views = 32; }), HasSubstr("[1, 31]"));
   EXPECT_THAT(refusal([](auto* o) { o->max_reprojection_px = 0; }), HasSubstr("max_reprojection_px"));
   EXPECT_THAT(refusal([&](auto* o) { o->max_relative_depth = nan; }), HasSubstr("max_relative_depth"));

@@ -11,7 +11,7 @@ constexpr int kWidth = 320, kHeight = 240;  // cells of 2 px
 constexpr int kRoof = 120;                  // row
 
 /// A sky over a house front at a depth of 20. All of the sky has a nearer wall's plane, as have some pixels of the
-/// house that nothing speaks for. The house is evident.
+/// house that nothing speaks for. The house is textured.
 class FreeSpaceCheckTest : public ::testing::Test {
  protected:
   FreeSpaceCheckTest()
@@ -75,7 +75,7 @@ TEST_F(FreeSpaceCheckTest, WhatGoesOnAsThePlaneOfTheTexturedStays) {
 }
 
 TEST_F(FreeSpaceCheckTest, OnlyTheNearestTexturedPixelOfADirectionCounts) {
-  // A blank wall whose rim is evident, in front of the house: the rim is where it ends. It is two cells wide, as some
+  // A blank wall whose rim has texture, in front of the house: the rim is where it ends. It is two cells wide, as some
   // directions step over every other one.
   for (int row = kRoof - 2 * kCell; row < kRoof; ++row) {
     for (int col = 0; col < kWidth; ++col) evidence_(col / kCell, row / kCell) = 50;

@@ -54,7 +54,7 @@ TEST(ConfidenceOfError, IsFiniteForOddInput) {
   const float nan = std::numeric_limits<float>::quiet_NaN(), infinity = std::numeric_limits<float>::infinity();
   // The worst cost has a photometric likelihood of exp(-22).
   EXPECT_NEAR(ConfidenceFor(nan, {}, 0.1), ConfidenceFor(kWorstCost, {}, 0.1), 1e-9);
-  EXPECT_GT(ConfidenceFor(infinity, {}, 0.1), 0) << "refuted";
+  EXPECT_GT(ConfidenceFor(infinity, {}, 0.1), 0) << "unsupported";
   EXPECT_EQ(ConfidenceFor(-0.5f, {}, 0.1), ConfidenceFor(0, {}, 0.1));
 }
 

@@ -225,16 +225,16 @@ TEST(UpdatePixelTest, PhotometricTakesTheBestHypothesis) { ExpectUpdateTakesTheB
 TEST(UpdatePixelTest, PlanarPriorTakesTheBestHypothesisByEquation7) { ExpectUpdateTakesTheBest<Pass::kPlanarPrior>(); }
 TEST(UpdatePixelTest, GeometricTakesTheBestHypothesisByEquation13) { ExpectUpdateTakesTheBest<Pass::kGeometric>(); }
 
-PatchMatchOptions WithVotes(int votes) {
+PatchMatchOptions WithUsers(int users) {
   PatchMatchOptions options;
-  options.min_neighbours_per_view = votes;
+  options.min_neighbours_per_view = users;
   return options;
 }
 
 /// All pixels of one colour after an update. Masks are random, or those given.
 template <Pass kPass>
-Maps UpdateColour(const PatchMatchProblem& problem, int votes, const uint32_t* mask = nullptr) {
-  KernelState state(problem, WithVotes(votes));
+Maps UpdateColour(const PatchMatchProblem& problem, int users, const uint32_t* mask = nullptr) {
+  KernelState state(problem, WithUsers(users));
   FillState<kPass>(&state, 12);
   if (mask != nullptr) std::fill(state.selected_views.begin(), state.selected_views.end(), *mask);
   for (int row = 0; row < state.height(); ++row) {
@@ -255,38 +255,38 @@ TEST(CandidateViewVotesTest, DoNotTouchThePhotometricPass) {
   EXPECT_TRUE(SameBits(UpdateColour<Pass::kPhotometric>(problem, 3), UpdateColour<Pass::kPhotometric>(problem, 0)));
 }
 
-/// Where everybody votes for all views, or nobody for any, votes change nothing.
+/// Where everybody uses all views, or nobody any, the number changes nothing.
 template <Pass kPass>
-void ExpectVotesMatterOnlyWhereTheyDiffer() {
+void ExpectUsersMatterOnlyWhereTheyDiffer() {
   const std::vector<PlanarView> views = RandomViews(6, 33, 27, 11);
   const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10}, true);
   for (const uint32_t mask : {0u, 31u}) {
     const Maps in_all = UpdateColour<kPass>(problem, 0, &mask);
-    for (const int votes : {1, 2, 5}) {
-      EXPECT_TRUE(SameBits(UpdateColour<kPass>(problem, votes, &mask), in_all)) << votes << " votes, mask " << mask;
+    for (const int users : {1, 2, 5}) {
+      EXPECT_TRUE(SameBits(UpdateColour<kPass>(problem, users, &mask), in_all)) << users << " users, mask " << mask;
     }
   }
   EXPECT_FALSE(SameBits(UpdateColour<kPass>(problem, 2), UpdateColour<kPass>(problem, 0)));
 }
 
-TEST(CandidateViewVotesTest, PlanarPriorPassHeedsThem) { ExpectVotesMatterOnlyWhereTheyDiffer<Pass::kPlanarPrior>(); }
-TEST(CandidateViewVotesTest, GeometricPassHeedsThem) { ExpectVotesMatterOnlyWhereTheyDiffer<Pass::kGeometric>(); }
+TEST(CandidateViewVotesTest, PlanarPriorPassHeedsThem) { ExpectUsersMatterOnlyWhereTheyDiffer<Pass::kPlanarPrior>(); }
+TEST(CandidateViewVotesTest, GeometricPassHeedsThem) { ExpectUsersMatterOnlyWhereTheyDiffer<Pass::kGeometric>(); }
 
 TEST(CandidateViewVotesTest, OnlyCredibleViewsAreDrawn) {
   const std::vector<PlanarView> views = RandomViews(6, 53, 55, 13);
-  for (const int votes : {1, 2, 3}) {
-    KernelState state(MakeProblem(views, 0, {1, 10}, true), WithVotes(votes));
+  for (const int users : {1, 2, 3}) {
+    KernelState state(MakeProblem(views, 0, {1, 10}, true), WithUsers(users));
     FillState<Pass::kGeometric>(&state, 14);
     int fewer = 0;
     for (int row = 0; row < state.height(); ++row) {
       for (int col = row % 2; col < state.width(); col += 2) {
         const uint32_t credible = ViewsOfNeighbours(state.Context(), col, row);
         UpdatePixel<Pass::kGeometric>(state.Context(), col, row, 0);
-        ASSERT_EQ(state.selected_views(col, row) & ~credible, 0u) << col << ", " << row << ", " << votes << " votes";
+        ASSERT_EQ(state.selected_views(col, row) & ~credible, 0u) << col << ", " << row << ", " << users << " users";
         fewer += credible != AllViews(5) ? 1 : 0;
       }
     }
-    EXPECT_GT(fewer, 100) << votes << " votes";
+    EXPECT_GT(fewer, 100) << users << " users";
   }
 }
 

@@ -159,17 +159,17 @@ PatchMatchProblem ProblemWithSources(const std::vector<PlanarView>& views, int s
   return problem;
 }
 
-/// The definition: counts the votes of the pixel and its four neighbours for each view.
+/// The definition: counts the users among the pixel and its four neighbours for each view.
 uint32_t ReferenceCredibleViews(const KernelState& state, int col, int row) {
   const int num_sources = static_cast<int>(state.problem().sources.size());
   uint32_t credible = 0;
   for (int view = 0; view < num_sources; ++view) {
-    int votes = 0;
+    int users = 0;
     for (const auto& [c, r] : {std::pair(col, row), {col - 1, row}, {col + 1, row}, {col, row - 1}, {col, row + 1}}) {
       if (c < 0 || r < 0 || c >= state.width() || r >= state.height()) continue;
-      votes += (state.selected_views(c, r) & (uint32_t{1} << view)) != 0 ? 1 : 0;
+      users += (state.selected_views(c, r) & (uint32_t{1} << view)) != 0 ? 1 : 0;
     }
-    if (votes >= state.options().min_neighbours_per_view) credible |= uint32_t{1} << view;
+    if (users >= state.options().min_neighbours_per_view) credible |= uint32_t{1} << view;
   }
   if (credible != 0) return credible;
   for (int view = 0; view < num_sources; ++view) credible |= uint32_t{1} << view;
@@ -180,9 +180,9 @@ TEST(CredibleViewsTest, AgreesWithTheReferenceAlsoAtTheBorder) {
   const std::vector<PlanarView> views = RandomViews(2, 6, 5, 2);
   TestRandom random(5);
   for (const int sources : {1, 2, 7, 31, 32}) {
-    for (int votes = 1; votes <= 5; ++votes) {
+    for (int users = 1; users <= 5; ++users) {
       PatchMatchOptions options;
-      options.min_neighbours_per_view = votes;
+      options.min_neighbours_per_view = users;
       KernelState state(ProblemWithSources(views, sources), options);
       int all = 0, some = 0;
       for (int round = 0; round < 60; ++round) {
@@ -197,36 +197,36 @@ TEST(CredibleViewsTest, AgreesWithTheReferenceAlsoAtTheBorder) {
           for (int col = 0; col < state.width(); ++col) {
             const uint32_t expected = ReferenceCredibleViews(state, col, row);
             ASSERT_EQ(ViewsOfNeighbours(state.Context(), col, row), expected)
-                << sources << " sources, " << votes << " votes, pixel " << col << ", " << row;
+                << sources << " sources, " << users << " users, pixel " << col << ", " << row;
             ++(expected == AllViews(sources) ? all : some);
           }
         }
       }
-      EXPECT_GT(all, 0) << sources << " sources, " << votes << " votes";
-      EXPECT_EQ(some > 0, sources > 1) << sources << " sources, " << votes << " votes";
+      EXPECT_GT(all, 0) << sources << " sources, " << users << " users";
+      EXPECT_EQ(some > 0, sources > 1) << sources << " sources, " << users << " users";
     }
   }
 }
 
 TEST(CredibleViewsTest, AllWhereNoneHasTheVotes) {
   const std::vector<PlanarView> views = RandomViews(2, 5, 4, 2);
-  for (int votes = 1; votes <= 5; ++votes) {
+  for (int users = 1; users <= 5; ++users) {
     PatchMatchOptions options;
-    options.min_neighbours_per_view = votes;
+    options.min_neighbours_per_view = users;
     KernelState state(ProblemWithSources(views, 7), options);
     for (uint32_t& mask : state.selected_views) mask = 0;
-    EXPECT_EQ(ViewsOfNeighbours(state.Context(), 2, 2), 0x7fu) << "nobody votes";
+    EXPECT_EQ(ViewsOfNeighbours(state.Context(), 2, 2), 0x7fu) << "nobody uses it";
     // The pixel and then one neighbour after the other vote for view 6.
     constexpr int kVoters[5][2] = {{2, 2}, {2, 1}, {1, 2}, {3, 2}, {2, 3}};
-    for (int voters = 1; voters <= 5; ++voters) {
-      state.selected_views(kVoters[voters - 1][0], kVoters[voters - 1][1]) = 1u << 6;
-      EXPECT_EQ(ViewsOfNeighbours(state.Context(), 2, 2), voters >= votes ? 1u << 6 : 0x7fu)
-          << voters << " voters, " << votes << " needed";
+    for (int users_there = 1; users_there <= 5; ++users_there) {
+      state.selected_views(kVoters[users_there - 1][0], kVoters[users_there - 1][1]) = 1u << 6;
+      EXPECT_EQ(ViewsOfNeighbours(state.Context(), 2, 2), users_there >= users ? 1u << 6 : 0x7fu)
+          << users_there << " users_there, " << users << " needed";
     }
-    // A corner has three voters: never four votes.
+    // A corner has three users_there: never four users.
     for (uint32_t& mask : state.selected_views) mask = 1u << 3;
     for (const auto& [col, row] : {std::pair(0, 0), {4, 0}, {0, 3}, {4, 3}}) {
-      EXPECT_EQ(ViewsOfNeighbours(state.Context(), col, row), votes <= 3 ? 1u << 3 : 0x7fu) << votes << " needed";
+      EXPECT_EQ(ViewsOfNeighbours(state.Context(), col, row), users <= 3 ? 1u << 3 : 0x7fu) << users << " needed";
     }
   }
 }

@@ -99,7 +99,7 @@ TEST_P(StreetTest, MostOfWhatFillingDrawsIntoTheSkyIsUnsupportedAndHardlyAnythin
   // surfaces (docs/experiments.md). What of the sky lies beside a roof has its depth, and stays. What is unsupported
   // counts for the confidence of the surface around, too, up to 16 px away: in images this small that is a tenth of
   // all.
-  ASSERT_GT(before.of_sky, 0.05) << "nothing to refute";
+  ASSERT_GT(before.of_sky, 0.05) << "nothing to remove";
   EXPECT_LT(unsupported.of_sky, 0.5 * before.of_sky);
   EXPECT_GT(unsupported.of_surfaces, 0.88 * before.of_surfaces);
 }

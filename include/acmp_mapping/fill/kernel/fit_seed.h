@@ -72,7 +72,7 @@ ACMP_HOST_DEVICE inline void FitSeed(const FillContext& context, int cell_col, i
   Vec3f m = seed.inverse_plane;
   // Relative to the seed's inverse depth: its own value, slopes per reach.
   Vec3f fit = {1.0f, m.x * context.rays.inv_fx * reach / inv_depth, m.y * context.rays.inv_fy * reach / inv_depth};
-  static_assert(kFitRadius % kFitStep == 0, "the anchor itself is one of those");
+  static_assert(kFitRadius % kFitStep == 0, "the seed itself is one of those");
   const int first_col = cell_col > kFitRadius ? cell_col - kFitRadius : cell_col % kFitStep;
   const int first_row = cell_row > kFitRadius ? cell_row - kFitRadius : cell_row % kFitStep;
   const int last_col = cell_col + kFitRadius < context.seeds.width ? cell_col + kFitRadius : context.seeds.width - 1;

@@ -11,7 +11,7 @@ ACMP_HOST_DEVICE inline int EvidenceCellSize(int width, int height) {
   return SizeOfCells(width, height, kCellsAcross);
 }
 
-/// Fills one cell of `fitted`: the pixel in its middle where that is evident, no seed elsewhere.
+/// Fills one cell of `fitted`: the pixel in its middle where that has texture, no seed elsewhere.
 /// @param evidence DepthEvidence of these pixels
 ACMP_HOST_DEVICE inline void FindTexturedSeed(const FillContext& context, const ImageView<const float>& evidence,
                                               int cell_col, int cell_row) {
