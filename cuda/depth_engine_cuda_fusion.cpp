@@ -85,12 +85,11 @@ void CudaDepthEngine::QueueEvidence(const EvidenceSearch& search) {
 }
 
 EngineEstimatePtr CudaDepthEngine::FillUnverified(const EngineProblem& problem, const FillOptions& options) {
-  Validate(options);
   CheckDepthRange("depth range of the completion", problem.depth_range);
   const CudaEstimate& start = Cast<CudaEstimate>(problem.reference.estimate);
   return OnDevice([&] {
     const FusionSetup<DeviceFusionView> setup =
-        SetUp(problem.reference, problem.sources, ConsistencyLimits(options), &CudaDepthEngine::GeometryMapsOf);
+        SetUp(problem.reference, problem.sources, ConsistencyLimits(), &CudaDepthEngine::GeometryMapsOf);
     if (setup.sources().empty()) return problem.reference.estimate;
     const PinholeCamera& camera = problem.reference.frame->camera;
     DeviceArray<PlaneHypothesis> planes;  // of the filter; afterwards those of before

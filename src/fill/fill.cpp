@@ -48,32 +48,25 @@ void FilterByMedian(const FusionSetup<HostMaps>& setup, const FillContext& fille
 
 }  // namespace
 
-void Validate(const FillOptions& options) {
-  CheckRange("fill.seed_views", options.seed_views, 1, kMaxConsistent);
-  CheckRange("fill.max_reprojection_px", options.max_reprojection_px, 1e-3f, 1e3f);
-  CheckRange("fill.max_relative_depth", options.max_relative_depth, 1e-6f, 0.999f);
-}
-
-FusionLimits ConsistencyLimits(const FillOptions& options) {
+FusionLimits ConsistencyLimits() {
+  constexpr double kMaxReprojectionPx = 2, kMaxRelativeDepth = 0.003f;
   FusionLimits limits = {};
-  limits.max_squared_px = static_cast<double>(options.max_reprojection_px) * options.max_reprojection_px;
-  limits.max_relative_depth = options.max_relative_depth;
+  limits.max_squared_px = kMaxReprojectionPx * kMaxReprojectionPx;
+  limits.max_relative_depth = kMaxRelativeDepth;
   return limits;
 }
 
-int SeedViews(const FillOptions& options, int num_sources) {
-  return std::min(options.seed_views, (num_sources + 1) / 2);
+int SeedViews(int num_sources) {
+  constexpr int kEnough = 4;
+  return std::min(kEnough, (num_sources + 1) / 2);
 }
 
-int MinConsistentViews(const FillOptions& options, int num_sources) {
+int MinConsistentViews(int num_sources) {
   constexpr int kFewSources = 7;
-  return std::min(num_sources < kFewSources ? 1 : 2, SeedViews(options, num_sources));
+  return std::min(num_sources < kFewSources ? 1 : 2, SeedViews(num_sources));
 }
 
-int StrongViews(const FillOptions& options, int num_sources) {
-  if (!options.strong_seeds_first) return 0;
-  return std::min({options.seed_views + 1, (num_sources + 1) / 2, kMaxConsistent});
-}
+int StrongViews(int num_sources) { return std::min(SeedViews(num_sources) + 1, (num_sources + 1) / 2); }
 
 FillContext MakeFillContext(const PinholeCamera& camera, const DepthRange& range, const FillOptions& options,
                             int num_sources) {
@@ -81,21 +74,19 @@ FillContext MakeFillContext(const PinholeCamera& camera, const DepthRange& range
   context.rays = MakeRayGrid(camera);
   context.depth_min = range.min;
   context.depth_max = range.max;
-  context.seed_views = SeedViews(options, num_sources);
-  context.min_views = MinConsistentViews(options, num_sources);
-  context.strong_views = StrongViews(options, num_sources);
+  context.seed_views = SeedViews(num_sources);
+  context.min_views = MinConsistentViews(num_sources);
+  context.strong_views = options.for_passes ? StrongViews(num_sources) : 0;
   context.cell_size = FillCellSize(camera.width, camera.height);
-  context.near_and_far = options.near_and_far;
+  context.near_and_far = options.for_passes;
   return context;
 }
 
 void FillUnverified(const FusionView& reference, const std::vector<FusionView>& sources, const DepthRange& range,
                     const FillOptions& options, ImageView<PlaneHypothesis> planes, ImageView<float> cost) {
-  Validate(options);
   CheckDepthRange("depth range of the completion", range);
   CheckConsistencyInput(reference, sources, kMaxFusionSources);
-  FusionSetup<HostMaps> setup(CameraOf(reference), MapsOf(reference), ConsistencyLimits(options),
-                              RigidTransform::Identity());
+  FusionSetup<HostMaps> setup(CameraOf(reference), MapsOf(reference), ConsistencyLimits(), RigidTransform::Identity());
   for (const FusionView& source : sources) {
     if (!source.depth.empty()) setup.AddSource(CameraOf(source), MapsOf(source));
   }

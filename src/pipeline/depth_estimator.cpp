@@ -48,7 +48,9 @@ EngineEstimatePtr DepthEstimator::Run(const KeyframeStep& step, EngineProblem pr
       break;
     }
     case Kind::kFillForPasses: {
-      estimate = engine_->FillUnverified(problem, options_.fill);
+      FillOptions fill = options_.fill;
+      fill.for_passes = true;
+      estimate = engine_->FillUnverified(problem, fill);
       times_.fill_ms = timer.Lap();
       break;
     }
@@ -59,9 +61,8 @@ EngineEstimatePtr DepthEstimator::Run(const KeyframeStep& step, EngineProblem pr
       break;
     }
     case Kind::kFillUnverified: {
-      // After the passes nobody is left to choose between planes, or to check what comes from afar.
       FillOptions fill = options_.fill;
-      fill.near_and_far = fill.strong_seeds_first = false;
+      fill.for_passes = false;
       estimate = engine_->FillUnverified(problem, fill);
       if (fill.remove_unsupported) {
         EngineEstimatePtr start = std::move(estimate);

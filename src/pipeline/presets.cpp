@@ -8,7 +8,6 @@ namespace acmp {
 void Validate(const PipelineOptions& options) {
   Validate(options.patch_match);
   Validate(options.planar_prior);
-  Validate(options.fill);
   Validate(options.fusion);
   PipelineOptionTable().Check(options);
   CheckRange("pipeline.start_level", options.start_level, 0, 2);

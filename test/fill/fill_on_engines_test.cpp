@@ -117,9 +117,6 @@ TEST_P(FillOnEnginesTest, SourcesWithoutAnEstimateDoNotCount) {
 
 TEST_P(FillOnEnginesTest, BadInputIsRefused) {
   OnEngine scene(engine_.get());
-  FillOptions options;
-  options.seed_views = 0;
-  EXPECT_THROW(scene.Fill(options), InvalidInputError);
   scene.problem.depth_range = {2, 1};
   EXPECT_THROW(scene.Fill(), InvalidInputError);
   scene.problem.depth_range = {1, 20};

@@ -175,38 +175,23 @@ TEST(FillTest, PlanesAreNotExtendedBeyondTheDepthRange) {
   }
 }
 
-TEST(FillTest, HalfOfFewSourcesMakeAnSeed) {
-  FillOptions options;
-  EXPECT_EQ(SeedViews(options, 1), 1);
-  EXPECT_EQ(SeedViews(options, 2), 1);
-  EXPECT_EQ(SeedViews(options, 3), 2);
-  EXPECT_EQ(SeedViews(options, 5), 3);
-  EXPECT_EQ(SeedViews(options, 7), 4);
-  EXPECT_EQ(SeedViews(options, 32), 4);
-  options.seed_views = 5;
-  EXPECT_EQ(SeedViews(options, 32), 5);
+TEST(FillTest, HalfOfFewSourcesMakeASeed) {
+  for (const auto& [sources, views] : {std::pair(1, 1), {2, 1}, {3, 2}, {5, 3}, {7, 4}, {32, 4}}) {
+    EXPECT_EQ(SeedViews(sources), views) << sources;
+  }
 }
 
 TEST(FillTest, AStrongSeedNeedsOneViewMoreButNoMoreThanHalf) {
-  FillOptions options;
   for (const auto& [sources, views] : {std::pair(1, 1), {2, 1}, {5, 3}, {7, 4}, {8, 4}, {9, 5}, {10, 5}, {32, 5}}) {
-    EXPECT_EQ(StrongViews(options, sources), views) << sources;
-    EXPECT_GE(StrongViews(options, sources), SeedViews(options, sources)) << sources;
+    EXPECT_EQ(StrongViews(sources), views) << sources;
+    EXPECT_GE(StrongViews(sources), SeedViews(sources)) << sources;
   }
-  options.seed_views = 31;  // no more can be counted
-  EXPECT_EQ(StrongViews(options, 64), 31);
-  options.strong_seeds_first = false;
-  EXPECT_EQ(StrongViews(options, 10), 0);
 }
 
 TEST(FillTest, OneOfFewSourcesConfirms) {
-  FillOptions options;
-  EXPECT_EQ(MinConsistentViews(options, 1), 1);
-  EXPECT_EQ(MinConsistentViews(options, 6), 1);
-  EXPECT_EQ(MinConsistentViews(options, 7), 2);
-  EXPECT_EQ(MinConsistentViews(options, 32), 2);
-  options.seed_views = 1;  // what is extended is not replaced itself
-  EXPECT_EQ(MinConsistentViews(options, 32), 1);
+  for (const auto& [sources, views] : {std::pair(1, 1), {6, 1}, {7, 2}, {32, 2}}) {
+    EXPECT_EQ(MinConsistentViews(sources), views) << sources;
+  }
 }
 
 TestView CopyOf(const TestView& view) {
@@ -232,7 +217,7 @@ TEST(FillTest, WhatOneOfSevenViewsConfirmsTakesThePlaneOfItsSurroundings) {
     }
   }
   FillOptions options = WithoutMedian();
-  options.strong_seeds_first = false;  // in the walls' seam no pixel is confirmed closely
+  options.for_passes = false;  // in the walls' seam no pixel is confirmed closely
   const Filled of_seven = Fill(views, 7, options), of_six = Fill(views, 6, options);
   int filled = 0;
   for (int row = 0; row < 120; ++row) {
@@ -253,27 +238,26 @@ TEST(FillTest, WhatOneOfSevenViewsConfirmsTakesThePlaneOfItsSurroundings) {
 
 TEST(FillTest, WhatAViewNearlyConfirmsIsNotTakenForAnotherSurface) {
   const std::vector<TestView> corner = Corner();
-  std::vector<TestView> views;  // the reference, a source in its place, and one beside it
-  for (const size_t i : {0, 0, 1}) views.push_back(CopyOf(corner[i]));
   const int first = 30, last = 60;
-  for (int row = first; row <= last; ++row) {
-    for (int col = first; col <= last; ++col) {
-      views[0].depth(col, row) *= 0.7f;  // nothing around is so near
-      views[1].depth(col, row) *= 0.7f * 1.03f;
+  const auto fill_apart = [&](float apart) {
+    std::vector<TestView> views;  // the reference, a source in its place, and one beside it
+    for (const size_t i : {0, 0, 1}) views.push_back(CopyOf(corner[i]));
+    for (int row = first; row <= last; ++row) {
+      for (int col = first; col <= last; ++col) {
+        views[0].depth(col, row) *= 0.7f;  // nothing around is so near
+        views[1].depth(col, row) *= 0.7f * apart;
+      }
     }
-  }
-  FillOptions options = WithoutMedian();
-  options.max_relative_depth = 0.01f;
-  const Filled kept = Fill(views, 2, options);
-  options.max_relative_depth = 0.005f;
-  const Filled filled = Fill(views, 2, options);
+    return Fill(views, 2, WithoutMedian());
+  };
+  const Filled kept = fill_apart(1.01f), filled = fill_apart(1.03f);
   for (int row = first; row <= last; ++row) {
     for (int col = first; col <= last; ++col) {
       const float truth = corner[0].depth(col, row);
-      ASSERT_NEAR(kept.depth(col, row), 0.7f * truth, 1e-5f * truth) << "3 % are less than four times 1 %";
-      ASSERT_EQ(kept.cost(col, row), views[0].cost(col, row));
+      ASSERT_NEAR(kept.depth(col, row), 0.7f * truth, 1e-5f * truth) << "1 % is less than four times 0.3 %";
+      ASSERT_EQ(kept.cost(col, row), corner[0].cost(col, row));
       // The walls are exact planes; the fit is pulled to zero slope by a ten-thousandth.
-      ASSERT_NEAR(filled.depth(col, row), truth, 2e-3f * truth) << "and more than four times 0.5 %";
+      ASSERT_NEAR(filled.depth(col, row), truth, 2e-3f * truth) << "and 3 % is more";
       ASSERT_EQ(filled.cost(col, row), kWorstCost);
     }
   }
@@ -327,22 +311,12 @@ TEST(FillTest, WhatASourceLooksThroughTakesTheSurfaceOfItsColour) {
 
 TEST(FillTest, BadInputIsRefused) {
   const std::vector<TestView> views = Corner();
-  const auto refusal = [&](const std::function<void(FillOptions*)>& change, const DepthRange& range = kRange) {
-    FillOptions options;
-    change(&options);
-    try {
-      Fill(views, 2, options, range);
-    } catch (const InvalidInputError& error) {
-      return std::string(error.what());
-    }
-    return std::string("(accepted)");
-  };
-  const float nan = std::numeric_limits<float>::quiet_NaN();
-  EXPECT_THAT(refusal([](auto* o) { o->seed_views = 0; }), HasSubstr("fill.seed_views = 0"));
-  EXPECT_THAT(refusal([](auto* o) { o->seed_views = 32; }), HasSubstr("[1, 31]"));
-  EXPECT_THAT(refusal([](auto* o) { o->max_reprojection_px = 0; }), HasSubstr("max_reprojection_px"));
-  EXPECT_THAT(refusal([&](auto* o) { o->max_relative_depth = nan; }), HasSubstr("max_relative_depth"));
-  EXPECT_THAT(refusal([](auto*) {}, {3, 2}), HasSubstr("depth range"));
+  try {
+    Fill(views, 2, {}, {3, 2});
+    ADD_FAILURE() << "accepted";
+  } catch (const InvalidInputError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("depth range"));
+  }
 }
 
 }  // namespace

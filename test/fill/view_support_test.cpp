@@ -18,8 +18,8 @@ ViewSupport LookAtAWallSeenAt(float factor) {
   TestView reference = Render(camera, LookAt({0, 0, 0}, {0, 0, 5}), wall);
   TestView source = Render(camera, LookAt({0.1, 0, 0}, {0.1, 0, 5}), wall);
   for (float& depth : source.depth) depth *= factor;
-  FusionSetup<FusionMaps<Vec3f>> setup(CameraOf(reference.View()), MapsOf(reference.View()),
-                                       ConsistencyLimits(FillOptions()), RigidTransform::Identity());
+  FusionSetup<FusionMaps<Vec3f>> setup(CameraOf(reference.View()), MapsOf(reference.View()), ConsistencyLimits(),
+                                       RigidTransform::Identity());
   setup.AddSource(CameraOf(source.View()), MapsOf(source.View()));
   return CountSupportingViews(setup.Context(setup.sources().data()), 40, 30);
 }

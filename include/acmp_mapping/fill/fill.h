@@ -7,21 +7,21 @@
 
 namespace acmp {
 
-/// When a source view confirms a pixel: the two limits that CountSupportingViews reads, and no others.
-FusionLimits ConsistencyLimits(const FillOptions& options);
+/// When a source view confirms a pixel: forward-backward error below 2 px, depths within 0.3 %. The two limits that
+/// CountSupportingViews reads, and no others.
+FusionLimits ConsistencyLimits();
 
-/// Source views that must confirm a pixel which is extended, of `num_sources` that have a map.
-int SeedViews(const FillOptions& options, int num_sources);
+/// Source views that must confirm a pixel which is extended, of `num_sources` that have a map: four, or half of all.
+int SeedViews(int num_sources);
 
 /// Source views that must confirm a pixel which stays as it is: two, or one of fewer than seven, but no more than a
-/// seed needs. Of ten views one often agrees by chance: of pixels that one confirmed within 2 % 24 % were within 2
-/// cm, of those with two to four 42 % (docs/experiments.md). With `strong_seeds_first` they must confirm it closely; a
-/// pixel that is extended may be replaced itself then.
-int MinConsistentViews(const FillOptions& options, int num_sources);
+/// seed needs. Of ten views one often agrees by chance: of pixels that one confirmed within 2 % 24 % were within 2 cm,
+/// of those with two to four 42 % (docs/experiments.md). Before passes they must confirm it closely.
+int MinConsistentViews(int num_sources);
 
 /// Source views that must confirm a seed closely to make it a strong one: one more than a seed needs, half of all
-/// suffice. 0 unless the strong ones go first.
-int StrongViews(const FillOptions& options, int num_sources);
+/// suffice.
+int StrongViews(int num_sources);
 
 /// A context without its maps and seeds, which depend on the device.
 FillContext MakeFillContext(const PinholeCamera& camera, const DepthRange& range, const FillOptions& options,
@@ -29,8 +29,8 @@ FillContext MakeFillContext(const PinholeCamera& camera, const DepthRange& range
 
 /// Gives pixels that hardly any source view confirms (MinConsistentViews) the plane of their surroundings: robust
 /// planes are fitted to the confirmed pixels around, a square of 19 % of the image's longer side, and each pixel takes
-/// the weighted median of the nearest ones in 16 directions, or with `near_and_far` a nearer or farther one; with
-/// `strong_seeds_first` those that more views confirm closely go before nearer ones. What the images do not show is a
+/// the weighted median of the nearest ones in 16 directions, or before passes a nearer or farther one; there
+/// those that more views confirm closely go before nearer ones. What the images do not show is a
 /// guess: pixels that no view confirmed get kWorstCost, the others kUnverifiedCost. Then, if it is asked for, a
 /// weighted median (WeightedMedianPixel) where surfaces meet: a window beside something nearer takes its depth, all
 /// views do so alike, and what sources look through counts less.
