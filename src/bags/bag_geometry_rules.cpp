@@ -215,7 +215,7 @@ void CheckCloudStamps(const BagContents& contents, const BagCheckOptions& option
   if (far > 0) {
     findings.Warn("sparse points ", contents.chosen.sparse_points, ": ", far, " of ", gaps.size(), " are more than ",
                   options.sparse_tolerance_s, " s from any image (largest gap ", Quantile(gaps, 1.0),
-                  " s); the mapper then uses the last ones: set ~sparse_tolerance if that is wrong");
+                  " s); the mapper then takes the last ones before: have them carry their image's stamp");
   }
 }
 

@@ -271,7 +271,7 @@ TEST_F(CheckBagTest, CloudWithFewerBytesThanPoints) {
 
 TEST_F(CheckBagTest, CloudsWithoutAnImageNearby) {
   const BagReport report = Check([](int, Keyframe& keyframe) { keyframe.cloud.header.stamp += ros::Duration(100); });
-  EXPECT_THAT(Warnings(report), Contains(HasSubstr("set ~sparse_tolerance")));
+  EXPECT_THAT(Warnings(report), Contains(HasSubstr("takes the last ones before")));
 }
 
 TEST_F(CheckBagTest, PointsInTheCamerasFrameNeedNoPose) {
