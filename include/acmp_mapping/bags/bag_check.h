@@ -19,7 +19,7 @@ struct Finding {
 struct BagCheckOptions {
   TopicChoice topics;
   double sync_tolerance_s = 1e-3;   ///< the mapper's ~sync_tolerance
-  double sparse_tolerance_s = 0.5;  ///< the mapper's ~sparse_tolerance
+  double sparse_tolerance_s = 0.5;  ///< between points and their image, as in the mapper, s
   bool pose_is_cam_world = false;   ///< the mapper's ~pose_is: T_cam_world instead of T_world_cam
   bool pose_child_is_flu = false;   ///< the mapper's ~pose_child: camera_flu instead of camera_optical
 };
