@@ -32,7 +32,7 @@ RigidTransform ChildFromCamera(const PoseSemantics& semantics) {
 }
 
 RigidTransform WorldFromCamera(const PoseSemantics& semantics, const RigidTransform& received) {
-  const RigidTransform world_from_child =
+  RigidTransform world_from_child =
       semantics.direction == PoseSemantics::Direction::kWorldFromCam ? received : received.inverse();
   if (semantics.child == PoseSemantics::Child::kCameraOptical) return world_from_child;
   return world_from_child * ChildFromCamera(semantics);

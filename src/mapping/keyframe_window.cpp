@@ -40,7 +40,7 @@ void KeyframeWindow::set_options(const SourceViewOptions& options) {
 }
 
 WindowKeyframePtr KeyframeWindow::Add(FramePtr frame) {
-  const auto keyframe = std::make_shared<WindowKeyframe>();
+  auto keyframe = std::make_shared<WindowKeyframe>();
   keyframe->landmarks = std::make_shared<FrameLandmarks>(frame);
   keyframe->frame = std::move(frame);
   keyframes_.push_back(keyframe);

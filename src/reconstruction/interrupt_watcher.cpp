@@ -13,7 +13,7 @@ InterruptWatcher::InterruptWatcher() {
 
 InterruptWatcher::~InterruptWatcher() {
   stopping_ = true;
-  pthread_kill(watcher_.native_handle(), SIGTERM);  // for that thread alone, which takes it and ends
+  pthread_kill(watcher_.native_handle(), SIGINT);  // for that thread alone, which takes it and ends
   watcher_.join();
   pthread_sigmask(SIG_SETMASK, &previous_signals_, nullptr);
 }
