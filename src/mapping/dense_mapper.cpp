@@ -1,6 +1,7 @@
 #include "acmp_mapping/mapping/dense_mapper.h"
 
 #include <algorithm>
+#include <iterator>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -29,6 +30,28 @@ void CheckFrame(const Frame& frame) {
         frame.color.height(), " (colour): must be the camera's, ", frame.camera.width, " x ", frame.camera.height));
   }
 }
+
+/// Keyframes that are refined side by side: each reads what the others have after the step before.
+class SideBySide {
+ public:
+  explicit SideBySide(const std::vector<KeyframeRefinement>& members) {
+    for (const KeyframeRefinement& member : members) keyframes_.push_back(member.keyframe);
+    Share(members);
+  }
+  ~SideBySide() {
+    for (const WindowKeyframePtr& keyframe : keyframes_) keyframe->shared.reset();
+  }
+  SideBySide(const SideBySide&) = delete;
+  SideBySide& operator=(const SideBySide&) = delete;
+
+  /// Who is no longer among the members goes on sharing what was last shared.
+  static void Share(const std::vector<KeyframeRefinement>& members) {
+    for (const KeyframeRefinement& member : members) member.keyframe->shared = member.problem.reference.estimate;
+  }
+
+ private:
+  std::vector<WindowKeyframePtr> keyframes_;
+};
 
 }  // namespace
 
@@ -131,15 +154,21 @@ struct DenseMapper::Impl {
     }
   }
 
+  /// All steps of a refinement of one keyframe. What it throws leaves the keyframe as it was.
+  FinishedEstimate TakeAllSteps(const WindowKeyframePtr& keyframe, const SourceViews& sources,
+                                const EngineEstimatePtr& start) {
+    KeyframeRefinement refinement =
+        estimator.Begin(keyframe, sources, start, RefinementPolicy::LacksFutureViews(window, *keyframe));
+    for (size_t step = 1; step < estimator.num_steps(); ++step) estimator.Step(step, &refinement);
+    return estimator.Finish(std::move(refinement));
+  }
+
   void Refine(const WindowKeyframePtr& keyframe) {
     const SourceViews sources = window.SelectSources(keyframe.get());
     // Its first views may have left the window meanwhile.
     if (sources.keyframes.empty()) return DropForMissingViews(keyframe, 1);
     FinishedEstimate estimate;
-    const auto failure = CatchFailure([&] {
-      estimate = estimator.Refine(keyframe.get(), sources, keyframe->initial,
-                                  RefinementPolicy::LacksFutureViews(window, *keyframe));
-    });
+    const auto failure = CatchFailure([&] { estimate = TakeAllSteps(keyframe, sources, keyframe->initial); });
     if (failure) return Drop(keyframe, *failure);
     keyframe->state = State::kFinished;
     outputs.SubmitRefined(keyframe, std::move(estimate), options.pipeline.fusion);
@@ -149,66 +178,79 @@ struct DenseMapper::Impl {
     return options.refine_again && keyframe.refined_score && outputs.WantsRefinedAgain(keyframe);
   }
 
-  /// A new initial estimate if the keyframe's is worse than it could be. Where that fails it stays as it is.
-  bool InitialiseAgain(const WindowKeyframePtr& keyframe, const SourceViews& sources) {
-    if (!RefinementPolicy::NeedsNewInitial(*keyframe, sources)) return true;
-    const auto failure = CatchFailure([&] { estimator.Initialise(keyframe.get(), sources); });
-    if (failure) outputs.ReportFailedAgain(keyframe->frame->id, *failure);
+  /// Does something for a finished keyframe that is refined again. Where it fails that is told, the maps that others
+  /// have of it stay as they are, and nobody else is concerned.
+  template <class Work>
+  bool TryAgain(const WindowKeyframe& keyframe, const Work& work) {
+    const auto failure = CatchFailure(work);
+    if (failure) outputs.ReportFailedAgain(keyframe.frame->id, *failure);
     return !failure;
   }
 
-  /// Makes the maps of a finished keyframe anew, from its initial estimate or its refined one. Where that fails its
-  /// maps stay as they are.
-  bool RefineAgainFrom(RefinementPolicy::Again again, const WindowKeyframePtr& keyframe, const SourceViews& sources) {
-    const bool from_initial = again == RefinementPolicy::Again::kFromInitial;
-    if (from_initial && !InitialiseAgain(keyframe, sources)) return false;
-    FinishedEstimate estimate;
-    const auto failure = CatchFailure([&] {
-      estimate = estimator.Refine(keyframe.get(), sources, from_initial ? keyframe->initial : keyframe->refined,
-                                  RefinementPolicy::LacksFutureViews(window, *keyframe));
-    });
-    if (failure) {
-      outputs.ReportFailedAgain(keyframe->frame->id, *failure);
-      return false;
-    }
-    keyframe->refined_again_at = keyframe->refined_at;
-    keyframe->has_read_better_maps = !from_initial;
-    outputs.SubmitRefinedAgain(std::move(estimate), options.pipeline.fusion);
-    return true;
+  /// A new initial estimate if the keyframe's is worse than it could be.
+  void InitialiseAgain(const WindowKeyframePtr& keyframe, const SourceViews& sources) {
+    if (RefinementPolicy::NeedsNewInitial(*keyframe, sources)) estimator.Initialise(keyframe.get(), sources);
   }
 
-  /// If the policy says so. Returns whether it was.
-  bool RefineAgain(const WindowKeyframePtr& keyframe) {
-    if (!WantsRefinedAgain(*keyframe)) return false;
-    const SourceViews sources = window.SelectSources(keyframe.get());
-    const RefinementPolicy::Again again = RefinementPolicy::Decide(*keyframe, sources);
-    return again != RefinementPolicy::Again::kNo && RefineAgainFrom(again, keyframe, sources);
+  void SubmitAgain(const WindowKeyframePtr& keyframe, FinishedEstimate estimate, bool has_read_better_maps) {
+    keyframe->refined_again_at = keyframe->refined_at;
+    keyframe->has_read_better_maps = has_read_better_maps;
+    outputs.SubmitRefinedAgain(std::move(estimate), options.pipeline.fusion);
   }
 
   /// The keyframe that has as many later ones as earlier ones to be matched against, at most.
   void RefineHalfwayAgain() {
     const size_t half = static_cast<size_t>(options.window_size) / 2;
-    if (window.size() > half) RefineAgain(window.WithLater(half));
+    if (window.size() <= half) return;
+    const WindowKeyframePtr& keyframe = window.WithLater(half);
+    if (!WantsRefinedAgain(*keyframe)) return;
+    const SourceViews sources = window.SelectSources(keyframe.get());
+    const RefinementPolicy::Again again = RefinementPolicy::Decide(*keyframe, sources);
+    if (again == RefinementPolicy::Again::kNo) return;
+    const bool from_initial = again == RefinementPolicy::Again::kFromInitial;
+    TryAgain(*keyframe, [&] {
+      if (from_initial) InitialiseAgain(keyframe, sources);
+      SubmitAgain(keyframe, TakeAllSteps(keyframe, sources, from_initial ? keyframe->initial : keyframe->refined),
+                  !from_initial);
+    });
   }
 
-  /// All that is to come has come. Keyframes whose views have become better get new initial estimates first, which the
-  /// refinements of all then read in place of what was made with worse views. Then each is refined once more: it reads
-  /// finished maps.
+  std::vector<KeyframeRefinement> BeginSideBySide() {
+    std::vector<WindowKeyframePtr> wanted;
+    std::copy_if(window.begin(), window.end(), std::back_inserter(wanted),
+                 [&](const WindowKeyframePtr& keyframe) { return WantsRefinedAgain(*keyframe); });
+    std::vector<KeyframeRefinement> members;
+    for (const auto& [keyframe, sources] : RefinementPolicy::ChooseForSideBySide(window, wanted)) {
+      TryAgain(*keyframe, [&, &keyframe = keyframe, &sources = sources] {
+        InitialiseAgain(keyframe, sources);
+        members.push_back(estimator.Begin(keyframe, sources, keyframe->initial,
+                                          RefinementPolicy::LacksFutureViews(window, *keyframe)));
+      });
+    }
+    return members;
+  }
+
+  /// All that is to come has come. Keyframes take their steps side by side, as offline: each reads what the step before
+  /// has made of the others.
   void RefineWindowAgain() {
-    for (const WindowKeyframePtr& keyframe : window) {
-      if (!WantsRefinedAgain(*keyframe)) continue;
-      const SourceViews sources = window.SelectSources(keyframe.get());
-      if (RefinementPolicy::Decide(*keyframe, sources) != RefinementPolicy::Again::kFromInitial) continue;
-      if (InitialiseAgain(keyframe, sources)) keyframe->refined.reset();
+    std::vector<KeyframeRefinement> members = BeginSideBySide();
+    const SideBySide side_by_side(members);
+    const auto for_each_member = [&](const auto& work) {
+      std::vector<KeyframeRefinement> going_on;
+      for (KeyframeRefinement& member : members) {
+        if (!WantsRefinedAgain(*member.keyframe)) continue;
+        if (TryAgain(*member.keyframe, [&] { work(&member); })) going_on.push_back(std::move(member));
+      }
+      members = std::move(going_on);
+    };
+    for (size_t step = 1; step < estimator.num_steps(); ++step) {
+      for_each_member([&](KeyframeRefinement* member) { estimator.Step(step, member); });
+      SideBySide::Share(members);
     }
-    std::vector<WindowKeyframePtr> refined;
-    for (const WindowKeyframePtr& keyframe : window) {
-      if (RefineAgain(keyframe)) refined.push_back(keyframe);
-    }
-    for (const WindowKeyframePtr& keyframe : refined) {
-      if (!WantsRefinedAgain(*keyframe)) return;
-      RefineAgainFrom(RefinementPolicy::Again::kFromRefined, keyframe, window.SelectSources(keyframe.get()));
-    }
+    for_each_member([&](KeyframeRefinement* member) {
+      const WindowKeyframePtr keyframe = member->keyframe;
+      SubmitAgain(keyframe, estimator.Finish(*member), false);
+    });
   }
 
   DenseMapperOptions options;

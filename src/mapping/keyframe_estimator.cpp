@@ -41,34 +41,45 @@ FinishedEstimate KeyframeEstimator::Initialise(WindowKeyframe* keyframe, const S
   return {std::move(problem), sources.Ids(), keyframe->times};
 }
 
-FinishedEstimate KeyframeEstimator::Refine(WindowKeyframe* keyframe, const SourceViews& sources,
-                                           const EngineEstimatePtr& start, bool lacks_future_views) {
-  EngineProblem problem = MakeProblem(keyframe, sources);
-  problem.reference.estimate = start;
-  ReadEstimates(sources, &WindowKeyframe::EstimateForPasses, &problem);
-  StageTimes times = keyframe->times;
-  EngineEstimatePtr after_passes;
-  const std::vector<KeyframeStep>& steps = estimator_.schedule();
-  for (size_t i = 1; i < steps.size(); ++i) {
-    if (steps[i].kind == KeyframeStep::Kind::kFillUnverified) {
-      if (lacks_future_views) after_passes = problem.reference.estimate;
-      ReadEstimates(sources, &WindowKeyframe::EstimateAfterPasses, &problem);
-    }
-    EngineProblem next = problem;
-    problem.reference.estimate.reset();  // a pass continues in memory that nobody else holds
-    problem.reference.estimate = estimator_.Run(steps[i], std::move(next));
-    times += estimator_.last_times();
+KeyframeRefinement KeyframeEstimator::Begin(const WindowKeyframePtr& keyframe, const SourceViews& sources,
+                                            const EngineEstimatePtr& start, bool lacks_future_views) {
+  KeyframeRefinement refinement;
+  refinement.keyframe = keyframe;
+  refinement.sources = sources;
+  refinement.problem = MakeProblem(keyframe.get(), sources);
+  refinement.problem.reference.estimate = start;
+  refinement.lacks_future_views = lacks_future_views;
+  refinement.times = keyframe->times;
+  return refinement;
+}
+
+void KeyframeEstimator::Step(size_t step, KeyframeRefinement* refinement) {
+  EngineProblem problem = refinement->problem;
+  const KeyframeStep& kind = estimator_.schedule()[step];
+  if (kind.kind == KeyframeStep::Kind::kFillUnverified) {
+    if (refinement->lacks_future_views) refinement->after_passes = problem.reference.estimate;
+    ReadEstimates(refinement->sources, &WindowKeyframe::EstimateAfterPasses, &problem);
+  } else {
+    ReadEstimates(refinement->sources, &WindowKeyframe::EstimateForPasses, &problem);
   }
-  ReadEstimates(sources, &WindowKeyframe::EstimateAfterPasses, &problem);
+  refinement->problem.reference.estimate.reset();  // a pass continues in memory that nobody else holds
+  refinement->problem.reference.estimate = estimator_.Run(kind, std::move(problem));
+  refinement->times += estimator_.last_times();
+}
+
+FinishedEstimate KeyframeEstimator::Finish(KeyframeRefinement refinement) {
+  WindowKeyframe& keyframe = *refinement.keyframe;
+  EngineProblem& problem = refinement.problem;
+  ReadEstimates(refinement.sources, &WindowKeyframe::EstimateAfterPasses, &problem);
   // A filled pixel confirms nothing, and what nothing confirms is filled: where few views see a place, as the last
   // keyframes do, filled pixels would spread from one to the next.
-  keyframe->refined = after_passes ? after_passes : problem.reference.estimate;
-  keyframe->lacks_future_views = lacks_future_views;
-  keyframe->refined_score = sources.score;
-  keyframe->refined_at = ++refinements_;
-  keyframe->times = StageTimes();
-  if (!lacks_future_views) keyframe->initial.reset();
-  return {std::move(problem), sources.Ids(), times};
+  keyframe.refined = refinement.after_passes ? refinement.after_passes : problem.reference.estimate;
+  keyframe.lacks_future_views = refinement.lacks_future_views;
+  keyframe.refined_score = refinement.sources.score;
+  keyframe.refined_at = ++refinements_;
+  keyframe.times = StageTimes();
+  if (!refinement.lacks_future_views) keyframe.initial.reset();
+  return {std::move(problem), refinement.sources.Ids(), refinement.times};
 }
 
 }  // namespace acmp

@@ -14,6 +14,16 @@ struct FinishedEstimate {
   StageTimes times;
 };
 
+/// A keyframe on its way through the steps of a refinement.
+struct KeyframeRefinement {
+  WindowKeyframePtr keyframe;
+  SourceViews sources;
+  EngineProblem problem;           ///< the reference's estimate is that of the last step taken
+  bool lacks_future_views;         ///< what the keyframe's becomes
+  EngineEstimatePtr after_passes;  ///< if it lacks future views: before what is unverified was filled
+  StageTimes times;
+};
+
 /// Takes keyframes of the window through the steps of the schedule: step 0 is the initial estimate, all others together
 /// are a refinement.
 class KeyframeEstimator {
@@ -27,11 +37,16 @@ class KeyframeEstimator {
   /// Makes keyframe->initial. What it throws leaves the keyframe as it was.
   FinishedEstimate Initialise(WindowKeyframe* keyframe, const SourceViews& sources);
 
-  /// Makes keyframe->refined from `start`, which is its initial estimate or its last refined one. Source views are read
-  /// as they are in the window now. What it throws leaves the keyframe as it was.
-  /// @param lacks_future_views what keyframe->lacks_future_views becomes
-  FinishedEstimate Refine(WindowKeyframe* keyframe, const SourceViews& sources, const EngineEstimatePtr& start,
-                          bool lacks_future_views);
+  /// A refinement is Begin, all steps from 1 to num_steps() - 1 in order, and Finish, which makes keyframe->refined.
+  /// Each step reads the source views as they are in the window then. What one of these throws leaves the keyframe as
+  /// it was.
+  /// @param start its initial estimate or its last refined one
+  KeyframeRefinement Begin(const WindowKeyframePtr& keyframe, const SourceViews& sources,
+                           const EngineEstimatePtr& start, bool lacks_future_views);
+  void Step(size_t step, KeyframeRefinement* refinement);
+  FinishedEstimate Finish(KeyframeRefinement refinement);
+
+  size_t num_steps() const { return estimator_.schedule().size(); }
 
  private:
   EngineView MakeView(WindowKeyframe* keyframe);

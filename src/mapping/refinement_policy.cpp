@@ -34,6 +34,19 @@ RefinementPolicy::Again RefinementPolicy::Decide(const WindowKeyframe& keyframe,
   return Again::kNo;
 }
 
+std::vector<std::pair<WindowKeyframePtr, SourceViews>> RefinementPolicy::ChooseForSideBySide(
+    const KeyframeWindow& window, const std::vector<WindowKeyframePtr>& keyframes) {
+  std::vector<std::pair<WindowKeyframePtr, SourceViews>> chosen;
+  bool any_gains = false;
+  for (const WindowKeyframePtr& keyframe : keyframes) {
+    SourceViews sources = window.SelectSources(keyframe.get());
+    any_gains = any_gains || HasBetterViews(*keyframe, sources);
+    if (sources.score >= *keyframe->refined_score) chosen.emplace_back(keyframe, std::move(sources));
+  }
+  if (!any_gains) chosen.clear();
+  return chosen;
+}
+
 bool RefinementPolicy::NeedsNewInitial(const WindowKeyframe& keyframe, const SourceViews& sources) {
   return !keyframe.initial || sources.score >= kBetterScore * keyframe.initial_score;
 }

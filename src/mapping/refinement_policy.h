@@ -1,5 +1,8 @@
 #pragma once
 
+#include <utility>
+#include <vector>
+
 #include "keyframe_window.h"
 
 namespace acmp {
@@ -16,6 +19,11 @@ class RefinementPolicy {
 
   /// Whether, and from where, the keyframe is to be refined again with these source views, which are its best now.
   static Again Decide(const WindowKeyframe& keyframe, const SourceViews& sources);
+
+  /// Those of `keyframes` that are to be refined side by side, each with its best source views now: if the views of any
+  /// have become better, all whose views have not become worse, for they read each other.
+  static std::vector<std::pair<WindowKeyframePtr, SourceViews>> ChooseForSideBySide(
+      const KeyframeWindow& window, const std::vector<WindowKeyframePtr>& keyframes);
 
   /// Whether its initial estimate must be made anew for that: there is none, or its views were worse.
   static bool NeedsNewInitial(const WindowKeyframe& keyframe, const SourceViews& sources);

@@ -26,6 +26,7 @@ struct WindowKeyframe {
   int image_levels = 0;       ///< levels it was loaded with
   EngineEstimatePtr initial;  ///< after step 0 of the schedule; null: none, or no longer needed
   EngineEstimatePtr refined;  ///< after all steps; null: none
+  EngineEstimatePtr shared;   ///< while it is refined side by side with others: after the last step; else null
   StageTimes times;           ///< of initial estimates since the last refinement
 
   /// Refined before enough later keyframes had come to see what it sees (RefinementPolicy). Passes of others then go on
@@ -45,9 +46,15 @@ struct WindowKeyframe {
   bool had_refined = false;  ///< its on_refined was called
 
   /// What geometric passes of other keyframes read; may be null.
-  const EngineEstimatePtr& EstimateForPasses() const { return refined && !lacks_future_views ? refined : initial; }
+  const EngineEstimatePtr& EstimateForPasses() const {
+    if (shared) return shared;
+    return refined && !lacks_future_views ? refined : initial;
+  }
   /// What is read after these: to fill what is unverified, and for the consistency check; may be null.
-  const EngineEstimatePtr& EstimateAfterPasses() const { return refined ? refined : initial; }
+  const EngineEstimatePtr& EstimateAfterPasses() const {
+    if (shared) return shared;
+    return refined ? refined : initial;
+  }
 };
 using WindowKeyframePtr = std::shared_ptr<WindowKeyframe>;
 

@@ -87,6 +87,24 @@ TEST(RefineAgainTest, AFlushTakesAllKeyframesWithBetterViewsAndThoseWithBetterMa
   }
 }
 
+TEST(RefineAgainTest, AtAFlushKeyframesTakeTheirStepsSideBySide) {
+  MapperHarness harness(RefiningAgain(10));
+  AddPoorStartAndGoodViews(&harness);
+  harness.Add(WallFrame(5, 1.05));
+  harness.mapper.Flush(false);
+  harness.patch_match.calls.clear();
+  harness.Flush();
+  std::vector<int> passes;
+  for (const FakePatchMatch::Call& call : harness.patch_match.calls) {
+    if (call.pass != "geometric") continue;
+    passes.push_back(call.geometric_pass);
+    EXPECT_THAT(call.source_depths, Each(call.geometric_pass == 0 ? kFastDepth : kRefinedDepth))
+        << "all were refined before, but what is read is what the step before has made";
+  }
+  EXPECT_THAT(passes, SizeIs(testing::Gt(2)));
+  EXPECT_TRUE(std::is_sorted(passes.begin(), passes.end())) << "no keyframe takes a step before all have the last one";
+}
+
 TEST(RefineAgainTest, NotWhereNobodyWantsIt) {
   MapperHarness harness(RefiningAgain(10));
   harness.wants_refined_again = false;
