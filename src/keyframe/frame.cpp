@@ -5,7 +5,6 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/image/image_processing.h"
-#include "acmp_mapping/image/sharpening.h"
 
 namespace acmp {
 
@@ -56,7 +55,6 @@ Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamer
     frame.gray = Resize(frame.gray, width, height);
     color = Resize(color, width, height);
   }
-  Sharpen(options.sharpening, &frame.gray);
   frame.color = std::move(color);
   frame.landmarks_in_world = std::move(landmarks_in_world);
   return frame;

@@ -1,20 +1,11 @@
 #include "acmp_mapping/pipeline/parameters.h"
 
-#include "acmp_mapping/image/sharpening.h"
-
 namespace acmp {
 namespace {
 
 OptionTable<PipelineOptions> MakePipelineOptionTable() {
   OptionTable<PipelineOptions> table;
   table.Group("pipeline");
-  table.Add(
-      Number("sharpening", 0, kMaxSharpening, "",
-             "Gain of faint detail of the images before matching, as far as it stands out from the image's noise; 1: "
-             "images "
-             "are only denoised, 0: left as they are")
-          .WhileRunning(),
-      [](auto& o) -> auto& { return o.sharpening; });
   table.Add(
       Flag("use_planar_prior", "Help surfaces without texture by planes through the pixels that match well")
           .WhileRunning(),

@@ -24,7 +24,6 @@ namespace {
 PipelineOptions MakePapers(Method method) {
   PipelineOptions options;
   options.patch_match.method = method;
-  options.sharpening = 0;
   options.fill.enabled = false;
   options.fusion.min_point_confidence = 0;
   return options;

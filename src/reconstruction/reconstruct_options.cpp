@@ -249,7 +249,7 @@ PipelineOptions MakePipelineOptions(const ReconstructOptions& options) {
 }
 
 FrameOptions MakeFrameOptions(const ReconstructOptions& options) {
-  return {options.max_image_size, MakePipelineOptions(options).sharpening};
+  return {options.max_image_size};
 }
 
 DenseMapperOptions MakeMapperOptions(const ReconstructOptions& options, const DepthRange& dataset_range) {

@@ -157,7 +157,7 @@ void MapperWorker::Process(const KeyframeInput& input) {
   outputs_.set_min_confidence(options.min_confidence);
 
   cv::Mat valid;
-  const FrameOptions frame_options = {node_options_.max_image_size, options.mapper.pipeline.sharpening};
+  const FrameOptions frame_options = {node_options_.max_image_size};
   const FramePtr frame = PrepareFrame(input, frame_options, &valid);
   const double preparation_ms = timer.Lap();
   outputs_.Add(frame->id, {input, run_, valid});

@@ -117,7 +117,7 @@ Run RunStages(DepthEngine* engine, DepthEstimator* estimator, const PipelineOpti
 
 StageFigures MeasureStages(DepthEngine* engine, const PipelineOptions& options, ImageSize size, int source_views,
                            int repetitions) {
-  const std::vector<FramePtr> frames = MakeFrames(size, {0, options.sharpening}, source_views);
+  const std::vector<FramePtr> frames = MakeFrames(size, {}, source_views);
   EngineProblem problem;
   problem.reference.frame = frames[0];
   problem.depth_range = kRange;
@@ -199,8 +199,8 @@ StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options,
     cam_from_world.translation().z() = -1e-3 * (lap % 2);
     ColorImage color = made.color.Clone();
     since_added[static_cast<size_t>(i)] = Timer();
-    mapper.AddKeyframe(std::make_shared<const Frame>(MakeFrame(i, 0.0, std::move(color), made.camera, cam_from_world,
-                                                               made.landmarks_in_world, {0, options.sharpening})));
+    mapper.AddKeyframe(std::make_shared<const Frame>(
+        MakeFrame(i, 0.0, std::move(color), made.camera, cam_from_world, made.landmarks_in_world, {})));
     if (i == keyframes / 10) {
       figures.device_bytes_begin = engine->DeviceBytes();
       figures.host_bytes_begin = HostBytes();

@@ -7,7 +7,6 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/image/sharpening.h"
 
 namespace acmp {
 namespace {
@@ -85,22 +84,6 @@ TEST(MakeFrameTest, LimitsTheLongerSideOfOddSizes) {
   EXPECT_EQ(frame.camera.width, 3);  // 5 * 4 / 7 = 2.86
   EXPECT_EQ(frame.gray.width(), 3);
   EXPECT_EQ(frame.color.height(), 4);
-}
-
-TEST(MakeFrameTest, SharpensGreyValuesAtTheirNewSize) {
-  const ColorImage color = MakeColor(6, 4);
-  const Frame plain = MakeFrame(0, 0, color.Clone(), kCamera, RigidTransform::Identity(), {}, {3});
-  const Frame frame = MakeFrame(0, 0, color.Clone(), kCamera, RigidTransform::Identity(), {}, {3, 2.0});
-  GrayImage expected = plain.gray.Clone();
-  Sharpen(2.0, &expected);
-  for (size_t i = 0; i < expected.size(); ++i) {
-    EXPECT_EQ(frame.gray.data()[i], expected.data()[i]);
-    EXPECT_EQ(frame.color.data()[i].g, plain.color.data()[i].g);
-  }
-  EXPECT_THAT(ErrorOf([&] {
-                MakeFrame(0, 0, color.Clone(), kCamera, RigidTransform::Identity(), {}, {0, -1.0});
-              }),
-              HasSubstr("sharpening = -1"));
 }
 
 TEST(MakeFrameTest, RefusesWhatDoesNotFitAndNamesIt) {

@@ -49,7 +49,6 @@ TEST(PresetsTest, ThePapersRunTheStepsOfTheirPapersAndNothingElse) {
     EXPECT_EQ(later.planar_prior.cell_size_px, 5);
   }
   for (const PipelineOptions& paper : {acmh, no_geometric, acmp}) {
-    EXPECT_EQ(paper.sharpening, 0);
     EXPECT_EQ(paper.start_level, 0);
     EXPECT_EQ(paper.full_size_iterations, 0);
     EXPECT_FALSE(paper.fill.enabled);

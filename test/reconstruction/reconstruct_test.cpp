@@ -227,7 +227,7 @@ TEST_F(ReconstructTest, BadOptionsAreNamed) {
   EXPECT_THAT(error([](auto* o) { o->maps = {"depth", "none"}; }), HasSubstr("none stands alone"));
   EXPECT_THAT(error([](auto* o) { o->maps = {"normal"}, o->dmb = true; }), HasSubstr("--dmb: needs depth"));
   EXPECT_THAT(error([](auto* o) { o->preset = "best"; }), HasSubstr("\"best\""));
-  EXPECT_THAT(error([](auto* o) { o->set = {"sharpening=11"}; }), HasSubstr("sharpening = 11"));
+  EXPECT_THAT(error([](auto* o) { o->set = {"geometric_passes=11"}; }), HasSubstr("geometric_passes = 11"));
   EXPECT_THAT(error([](auto* o) { o->schedule = "online", o->window_size = 1; }), HasSubstr("window_size"));
   EXPECT_TRUE(fake_.calls.empty());
 }

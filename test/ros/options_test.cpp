@@ -114,7 +114,8 @@ TEST(RuntimeOptions, AreReadAndChecked) {
   EXPECT_THAT(RuntimeRefusal({{"min_confidence", 2.0}}), HasSubstr("min_confidence"));
   EXPECT_THAT(RuntimeRefusal({{"lookahead", 30}}), HasSubstr("lookahead"));
   EXPECT_THAT(RuntimeRefusal({{"depth_min", 5}, {"depth_max", 2}}), HasSubstr("depth_range"));
-  EXPECT_THAT(RuntimeRefusal({{"sharpening", std::numeric_limits<double>::quiet_NaN()}}), HasSubstr("sharpening"));
+  EXPECT_THAT(RuntimeRefusal({{"min_point_confidence", std::numeric_limits<double>::quiet_NaN()}}),
+              HasSubstr("min_point_confidence"));
 }
 
 TEST(RuntimeOptions, AKeyframeNeedsNoMoreViewsThanItMayHave) {
@@ -214,8 +215,8 @@ TEST(Reconfigure, RefusesWhatIsOutOfBoundsOrDoesNotFit) {
               AllOf(HasSubstr("max_source_views = 2000"), HasSubstr("[1, 32]")));
   EXPECT_THAT(refusal([](auto* c) { c->lookahead = 4; }), AllOf(HasSubstr("lookahead = 4"), HasSubstr("[0, 3]")));
   EXPECT_THAT(refusal([](auto* c) { c->depth_min = 5, c->depth_max = 2; }), HasSubstr("depth_range"));
-  EXPECT_THAT(refusal([](auto* c) { c->sharpening = std::numeric_limits<double>::quiet_NaN(); }),
-              HasSubstr("sharpening"));
+  EXPECT_THAT(refusal([](auto* c) { c->min_point_confidence = std::numeric_limits<double>::quiet_NaN(); }),
+              HasSubstr("min_point_confidence"));
 }
 
 template <class Options>

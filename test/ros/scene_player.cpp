@@ -55,7 +55,7 @@ FramePtr MakeExpectedFrame(int64_t id, const ViewMessages& messages) {
   return std::make_shared<const Frame>(MakeFrame(
       id, messages.image.header.stamp.toSec(), ImageRectifier(calibration).Rectify(DecodeRgb({image, nullptr})),
       calibration.camera, world_from_cam.inverse(), ToSparseCloud(messages.sparse_points).points,
-      {0, PipelineOptions().sharpening}));
+      {}));
 }
 
 ScenePlayer::ScenePlayer(ros::NodeHandle nh, const std::string& image_topic, const std::string& camera_info_topic,

@@ -27,8 +27,7 @@ using FramePtr = std::shared_ptr<const Frame>;
 
 /// How an image becomes a frame.
 struct FrameOptions {
-  int max_size = 0;       ///< longer side, px; 0: as it is
-  double sharpening = 0;  ///< of the grey values, at that size (Sharpen); 0: as they are
+  int max_size = 0;  ///< longer side, px; 0: as it is
 };
 
 /// Makes a frame from an undistorted image: grey values in float, both resized, the camera with them. Throws

@@ -16,7 +16,6 @@ struct PipelineOptions {
   PlanarPriorOptions planar_prior;
   FillOptions fill;
   FusionOptions fusion;
-  double sharpening = 2.5;       ///< of the images, as they become frames: FrameOptions
   int start_level = 0;           ///< how often the images of the photometric pass are halved, 0..2
   bool multi_scale = false;      ///< ACMM: all steps at each level from start_level on, without prior and completion
   int full_size_iterations = 0;  ///< after such a start: photometric iterations at full size, 0..20
