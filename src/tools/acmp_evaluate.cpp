@@ -55,6 +55,9 @@ CLI::App* AddDepthCommand(CLI::App* app, Arguments* a) {
   AddGroundTruthOptions(command, &a->depth.truth);
   command->add_option("--name", a->depth.name, "Only files whose name contains this regular expression");
   command->add_option("--scale", a->depth.scale, "Multiply the predictions by this")->capture_default_str();
+  command->add_flag("--median-scale", a->depth.median_scale,
+                    "Multiply each map by the median of true over predicted depth: for poses whose scale is unknown or "
+                    "drifts");
   command->add_option("--subset", a->subset, "Only these image indices, for example 0,3,7-12");
   command
       ->add_option(
