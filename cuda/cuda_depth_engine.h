@@ -80,7 +80,6 @@ class CudaDepthEngine final : public DepthEngine {
   }
 
   EngineImagePtr LoadLevels(const Frame& frame, int levels);
-  PatchMatchProblem MakeProblem(const EngineProblem& problem, int level) const;
   template <Pass kPass>
   EngineEstimatePtr RunPass(const EngineProblem& problem, const PatchMatchOptions& options, int level,
                             const EngineEstimatePtr& start, const PriorMesh* prior, int geometric_pass, int iterations);

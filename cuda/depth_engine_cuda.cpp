@@ -26,15 +26,6 @@ EngineImagePtr CudaDepthEngine::LoadLevels(const Frame& frame, int levels) {
   return image;
 }
 
-PatchMatchProblem CudaDepthEngine::MakeProblem(const EngineProblem& problem, int level) const {
-  CheckHandles(problem, level);
-  PatchMatchProblem match = MakePatchMatchProblem(problem);
-  Check(match);
-  match.reference.camera = CameraAtLevel(match.reference.camera, level);
-  for (MatchView& source : match.sources) source.camera = CameraAtLevel(source.camera, level);
-  return match;
-}
-
 PassData CudaDepthEngine::MakePassData(const EngineProblem& problem, int level, const CudaEstimate& estimate) const {
   PassData data;
   data.level = level;
@@ -190,7 +181,7 @@ EngineEstimatePtr CudaDepthEngine::RunPass(const EngineProblem& problem, const P
                                            const EngineEstimatePtr& start, const PriorMesh* prior, int geometric_pass,
                                            int iterations) {
   Validate(options);
-  const PatchMatchProblem match = MakeProblem(problem, level);
+  const PatchMatchProblem match = MakePatchMatchProblem(problem, level);
   const PinholeCamera& camera = match.reference.camera;
   if (kPass != Pass::kPhotometric) {
     const CudaEstimate& from = Cast<CudaEstimate>(start);
@@ -238,9 +229,7 @@ std::unique_ptr<DepthEngine> CudaDepthEngine::Share() {
 }
 
 EngineImagePtr CudaDepthEngine::Load(const FramePtr& frame, int levels) {
-  if (!frame) throw InvalidInputError("frame: must not be null");
-  CheckRange("levels", levels, 0, kMaxLevels);
-  CheckCamera("camera of the smallest level", CameraAtLevel(frame->camera, levels));
+  CheckLoad(frame, levels);
   return OnDevice([&] { return LoadLevels(*frame, levels); });
 }
 
@@ -266,7 +255,7 @@ EngineEstimatePtr CudaDepthEngine::RestoreDetails(const EngineProblem& problem, 
   Validate(options);
   const CudaEstimate& from = Cast<CudaEstimate>(start);
   const int level = LevelOf(problem, from.width, from.height);
-  const PatchMatchProblem match = MakeProblem(problem, level);
+  const PatchMatchProblem match = MakePatchMatchProblem(problem, level);
   const PinholeCamera& camera = match.reference.camera;
   const PinholeCamera halved = camera.Halved();
   const CudaEstimate& halved_estimate = Cast<CudaEstimate>(coarser);
@@ -286,10 +275,8 @@ EngineEstimatePtr CudaDepthEngine::RestoreDetails(const EngineProblem& problem, 
 }
 
 EngineEstimatePtr CudaDepthEngine::Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) {
-  if (!frame) throw InvalidInputError("frame: must not be null");
-  CheckRange("level", level, 0, kMaxLevels);
   const CudaEstimate& halved = Cast<CudaEstimate>(estimate);
-  CheckSize("halved estimate", halved.width, halved.height, CameraAtLevel(frame->camera, level));
+  CheckUpsample(frame, level, halved.width, halved.height);
   return OnDevice([&] {
     auto full = std::make_shared<CudaEstimate>(runner_.device(), frame->camera);
     const ImageView<PlaneHypothesis> planes = {full->planes.data(), full->width, full->height, full->width};

@@ -66,7 +66,7 @@ void CudaDepthEngine::FilterByMedian(const FusionSetup<DeviceFusionView>& setup,
 }
 
 CudaDepthEngine::EvidenceSearch CudaDepthEngine::PrepareEvidence(const EngineProblem& problem, CudaEstimate* estimate) {
-  const PatchMatchProblem match = MakeProblem(problem, 0);
+  const PatchMatchProblem match = MakePatchMatchProblem(problem, 0);
   const PinholeCamera& camera = match.reference.camera;
   PassData data = MakePassData(problem, 0, *estimate);
   data.selected_views = nullptr;  // none are written: the depths keep their memory

@@ -47,8 +47,7 @@ EstimateState CudaDepthEngine::DownloadState(const EngineEstimatePtr& estimate) 
 }
 
 EngineEstimatePtr CudaDepthEngine::UploadState(EstimateState state, const PinholeCamera& camera) {
-  CheckSize("plane map", state.planes.width(), state.planes.height(), camera);
-  CheckSize("cost map", state.cost.width(), state.cost.height(), camera);
+  CheckUpload(state, camera);
   return OnDevice([&] {
     auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
     const size_t pixels = estimate->Pixels();
@@ -75,9 +74,7 @@ EngineEstimatePtr CudaDepthEngine::Import(const EngineEstimatePtr& estimate) {
 }
 
 EngineEstimatePtr CudaDepthEngine::UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) {
-  CheckSize("depth map", maps.depth.width, maps.depth.height, camera);
-  CheckSize("normal map", maps.normal.width, maps.normal.height, camera);
-  CheckSize("cost map", maps.cost.width, maps.cost.height, camera);
+  CheckUpload(maps, camera);
   return OnDevice([&] {
     auto estimate = std::make_shared<CudaEstimate>(runner_.device(), camera);
     const size_t pixels = estimate->Pixels();
