@@ -3,11 +3,11 @@
 
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <random>
 
-#include "acmp_mapping/backend/make_patch_match.h"
+#include "fusion/engine_views.h"
 #include "fusion/error_text.h"
-#include "fusion/fuse_on_gpu.h"
 #include "fusion/noisy_views.h"
 #include "support/devices.h"
 
@@ -26,17 +26,6 @@ constexpr float kPositionTolerance = 4.8e-7f;
 constexpr float kNormalTolerance = 6e-8f;
 /// A unit in the last place of floats of 0.5 to 1.
 constexpr float kConfidenceTolerance = 6e-8f;
-
-class CudaFusionParityTest : public ::testing::Test {
- protected:
-  void SetUp() override {
-    try {
-      MakePatchMatch(Device::kCuda);
-    } catch (const InvalidInputError& error) {
-      GTEST_SKIP() << error.what();
-    }
-  }
-};
 
 void ExpectSamePoints(const PointCloud& cpu, const PointCloud& cuda) {
   ASSERT_EQ(cpu.size(), cuda.size());
@@ -65,26 +54,60 @@ void ExpectSameResults(const ConsistencyResult& cpu, const ConsistencyResult& cu
   ExpectSamePoints(cpu.points_in_camera, cuda.points_in_camera);
 }
 
-void ExpectParity(const FusionView& reference, const std::vector<FusionView>& sources, const FusionOptions& options) {
-  ExpectSameResults(FilterByConsistency(reference, sources, options),
-                    FilterByConsistencyCuda(reference, sources, options));
-}
+class CudaFusionParityTest : public ::testing::Test {
+ protected:
+  void SetUp() override { MakeEngineOrSkip(Device::kCuda, &engine_); }
 
-void ExpectParity(const std::vector<FusionView>& views, const std::vector<std::vector<int>>& neighbors,
-                  const FusionOptions& options) {
-  ExpectSamePoints(FuseDepthMaps(views, neighbors, options), FuseDepthMapsCuda(views, neighbors, options));
-}
+  ConsistencyResult FilterOnGpu(const FusionView& reference, const std::vector<FusionView>& sources,
+                                const FusionOptions& options = {}) {
+    return engine_->FilterByConsistency(Upload(reference), Upload(sources), options);
+  }
+  PointCloud FuseOnGpu(const std::vector<FusionView>& views, const std::vector<std::vector<int>>& neighbors,
+                       const FusionOptions& options = {}) {
+    const std::vector<EngineView> uploaded = Upload(views);
+    const std::unique_ptr<FusionStamps> stamps = engine_->MakeFusionStamps();
+    PointCloud points;
+    for (size_t i = 0; i < views.size(); ++i) {
+      if (!uploaded[i].estimate) continue;
+      const PointCloud of_view =
+          FuseOne(engine_.get(), uploaded, neighbors, static_cast<int>(i), stamps.get(), options);
+      points.insert(points.end(), of_view.begin(), of_view.end());
+    }
+    return points;
+  }
+
+  void ExpectParity(const FusionView& reference, const std::vector<FusionView>& sources, const FusionOptions& options) {
+    ExpectSameResults(FilterByConsistency(reference, sources, options), FilterOnGpu(reference, sources, options));
+  }
+  void ExpectParity(const std::vector<FusionView>& views, const std::vector<std::vector<int>>& neighbors,
+                    const FusionOptions& options) {
+    ExpectSamePoints(FuseDepthMaps(views, neighbors, options), FuseOnGpu(views, neighbors, options));
+  }
+
+  /// Empty views have no estimate.
+  EngineView Upload(const FusionView& view, int64_t id = -1) {
+    auto frame = std::make_shared<Frame>();
+    frame->id = id;
+    if (view.depth.empty()) return {frame, nullptr, nullptr};
+    frame->camera = view.camera;
+    frame->cam_from_world = view.cam_from_world;
+    frame->gray = GrayImage(view.camera.width, view.camera.height);
+    frame->color = ColorImage(view.color.width, view.color.height);
+    for (int row = 0; row < view.color.height; ++row) {
+      std::copy_n(&view.color(0, row), view.color.width, &frame->color(0, row));
+    }
+    return {frame, engine_->Load(frame, 0), engine_->UploadMaps({view.depth, view.normal, view.cost}, view.camera)};
+  }
+  std::vector<EngineView> Upload(const std::vector<FusionView>& views) {
+    std::vector<EngineView> uploaded;
+    for (const FusionView& view : views) uploaded.push_back(Upload(view, static_cast<int64_t>(uploaded.size())));
+    return uploaded;
+  }
+
+  std::unique_ptr<DepthEngine> engine_;
+};
 
 std::vector<FusionView> SourcesOf(const std::vector<FusionView>& views) { return {views.begin() + 1, views.end()}; }
-
-bool SameBits(const PointCloud& a, const PointCloud& b) {
-  const auto same = [](const SurfacePoint& p, const SurfacePoint& q) {
-    return p.position.x == q.position.x && p.position.y == q.position.y && p.position.z == q.position.z &&
-           p.normal.x == q.normal.x && p.normal.y == q.normal.y && p.normal.z == q.normal.z && p.color.r == q.color.r &&
-           p.color.g == q.color.g && p.color.b == q.color.b && p.confidence == q.confidence;
-  };
-  return std::equal(a.begin(), a.end(), b.begin(), b.end(), same);
-}
 
 TEST_F(CudaFusionParityTest, NoisyViews) {
   const std::vector<TestView> views = NoisyViews();
@@ -97,18 +120,18 @@ TEST_F(CudaFusionParityTest, NoisyViews) {
 TEST_F(CudaFusionParityTest, ConfidenceAloneIsThatOfTheFilter) {
   const std::vector<TestView> views = NoisyViews();
   const std::vector<FusionView> sources = SourcesOf(ViewsOf(views));
-  const ConfidenceMap alone = MeasureConfidenceCuda(views[0].View(), sources, {});
-  const ConfidenceMap expected = FilterByConsistencyCuda(views[0].View(), sources, {}).confidence;
+  const ConfidenceMap alone = engine_->MeasureConfidence(Upload(views[0].View()), Upload(sources), {});
+  const ConfidenceMap expected = FilterOnGpu(views[0].View(), sources).confidence;
   ASSERT_GT(*std::max_element(expected.begin(), expected.end()), 0.5f);
   EXPECT_TRUE(std::equal(alone.begin(), alone.end(), expected.begin(), expected.end()));
 }
 
 TEST_F(CudaFusionParityTest, TheSameBitsInEveryRun) {
   const std::vector<TestView> views = NoisyViews();
-  const PointCloud first = FuseDepthMapsCuda(ViewsOf(views), NoisyNeighbors(), {});
+  const PointCloud first = FuseOnGpu(ViewsOf(views), NoisyNeighbors());
   EXPECT_GT(first.size(), 500u);
   for (int i = 0; i < 5; ++i) {
-    ASSERT_TRUE(SameBits(first, FuseDepthMapsCuda(ViewsOf(views), NoisyNeighbors(), {})));
+    ASSERT_EQ(FirstDifference(first, FuseOnGpu(ViewsOf(views), NoisyNeighbors())), "");
   }
 }
 
@@ -120,7 +143,7 @@ TEST_F(CudaFusionParityTest, SharesSourcePixelsWithinOneView) {
   FusionOptions options;
   options.min_consistent_views = 1;
   const std::vector<FusionView> views = {fine.View(), coarse.View()};
-  EXPECT_EQ(FuseDepthMapsCuda(views, {{1}, {0}}, options).size(), 120u * 90);
+  EXPECT_EQ(FuseOnGpu(views, {{1}, {0}}, options).size(), 120u * 90);
   ExpectParity(views, {{1}, {0}}, options);
 }
 
@@ -139,8 +162,8 @@ TEST_F(CudaFusionParityTest, AllSizesOfBlocksAndScans) {
 
 TEST_F(CudaFusionParityTest, NoPointAndEveryPixelAPoint) {
   const TestView near = FlatView(70, 50, 4), far = FlatView(70, 50, 8);
-  EXPECT_TRUE(FilterByConsistencyCuda(near.View(), {far.View(), far.View()}, {}).points_in_camera.empty());
-  EXPECT_EQ(FilterByConsistencyCuda(near.View(), {near.View(), near.View()}, {}).points_in_camera.size(), 70u * 50);
+  EXPECT_TRUE(FilterOnGpu(near.View(), {far.View(), far.View()}).points_in_camera.empty());
+  EXPECT_EQ(FilterOnGpu(near.View(), {near.View(), near.View()}).points_in_camera.size(), 70u * 50);
   ExpectParity(near.View(), {far.View(), far.View()}, {});
   ExpectParity(near.View(), {near.View(), near.View()}, {});
 }
@@ -178,9 +201,6 @@ TEST_F(CudaFusionParityTest, PaddedRowsMissingColorsAndEmptyViews) {
   ExpectParity(padded[0], SourcesOf(padded), {});
   ExpectParity(padded, {{1, 2, 3, 4}, {0, 2}, {4, 1, 0}, {2, 0, 1}, {3, 2}}, {});
 
-  EXPECT_TRUE(FuseDepthMapsCuda({}, {}, {}).empty());
-  EXPECT_TRUE(FuseDepthMapsCuda({FusionView(), FusionView()}, {{1}, {0}}, {}).empty());
-  EXPECT_TRUE(FilterByConsistencyCuda(FusionView(), {views[0].View()}, {}).confidence.empty());
   ExpectParity(views[0].View(), {}, {});
 }
 
@@ -195,27 +215,11 @@ TEST_F(CudaFusionParityTest, AsManySourcesAsTheLimitAndOneMore) {
   neighbors[32] = {2, 0};
   sources.push_back(views[0].View());
   ExpectParity(sources, neighbors, {});
-  EXPECT_THAT(ErrorOf([&] { FilterByConsistencyCuda(views[0].View(), sources, {}); }),
-              testing::HasSubstr("number of source views = 33"));
   neighbors.emplace_back();
   neighbors[0].push_back(33);
   sources.push_back(views[0].View());
-  EXPECT_THAT(ErrorOf([&] { FuseDepthMapsCuda(sources, neighbors, {}); }),
-              testing::HasSubstr("number of neighbours of view 0 = 33"));
-}
-
-TEST_F(CudaFusionParityTest, RefusesWhatTheCpuRefuses) {
-  const TestView good = FlatView(4, 3, 2);
-  TestView bad = FlatView(4, 3, 2);
-  bad.cost = CostMap();
-  EXPECT_THAT(ErrorOf([&] { FilterByConsistencyCuda(good.View(), {bad.View()}, {}); }),
-              testing::HasSubstr("source view 0: cost map is 0 x 0"));
-  EXPECT_THAT(ErrorOf([&] {
-                FuseDepthMapsCuda({good.View(), bad.View()}, {{1}, {0}}, {});
-              }),
-              testing::HasSubstr("view 1: cost map is 0 x 0"));
-  EXPECT_THAT(ErrorOf([&] { FilterByConsistencyCuda(good.View(), {good.View()}, {}, 1000); }),
-              testing::HasSubstr("index = 1000"));
+  EXPECT_THAT(ErrorOf([&] { FilterOnGpu(views[0].View(), sources); }), testing::HasSubstr("on a GPU = 34"));
+  EXPECT_THAT(ErrorOf([&] { FuseOnGpu(sources, neighbors); }), testing::HasSubstr("on a GPU = 33"));
 }
 
 }  // namespace

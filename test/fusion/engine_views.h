@@ -29,10 +29,11 @@ inline std::vector<EngineView> UploadViews(const std::vector<TestView>& views, D
 
 /// The points of one view.
 inline PointCloud FuseOne(DepthEngine* engine, const std::vector<EngineView>& views,
-                          const std::vector<std::vector<int>>& neighbors, int view, FusionStamps* stamps) {
+                          const std::vector<std::vector<int>>& neighbors, int view, FusionStamps* stamps,
+                          const FusionOptions& options = {}) {
   std::vector<EngineView> sources;
   for (int source : neighbors[static_cast<size_t>(view)]) sources.push_back(views[static_cast<size_t>(source)]);
-  return engine->FuseView(views[static_cast<size_t>(view)], sources, {}, view, stamps);
+  return engine->FuseView(views[static_cast<size_t>(view)], sources, options, view, stamps);
 }
 
 /// Those of all views, fused one after the other.
