@@ -92,10 +92,10 @@ TEST(RefineAgainTest, AtAFlushKeyframesTakeTheirStepsSideBySide) {
   AddPoorStartAndGoodViews(&harness);
   harness.Add(WallFrame(5, 1.05));
   harness.mapper.Flush(false);
-  harness.patch_match.calls.clear();
+  harness.engine.calls.clear();
   harness.Flush();
   std::vector<int> passes;
-  for (const FakePatchMatch::Call& call : harness.patch_match.calls) {
+  for (const WallEngine::Call& call : harness.engine.calls) {
     if (call.pass != "geometric") continue;
     passes.push_back(call.geometric_pass);
     EXPECT_THAT(call.source_depths, Each(call.geometric_pass == 0 ? kFastDepth : kRefinedDepth))
