@@ -41,8 +41,8 @@ void MapperWorker::Stop() {
   queue_.Stop();
 }
 
-void MapperWorker::Push(KeyframeInput input) {
-  const std::optional<KeyframeInput> dropped = queue_.Push(std::move(input));
+void MapperWorker::Push(KeyframeInput input, bool wait_for_room) {
+  const std::optional<KeyframeInput> dropped = queue_.Push(std::move(input), wait_for_room);
   if (!dropped) return;
   const bool oldest = node_options_.overload == OverloadPolicy::kDropOldest;
   outputs_.ReportDrop({oldest ? "overload_oldest" : "overload_busy",

@@ -46,6 +46,15 @@ TEST(MapDiagnostics, AllIsWell) {
   }
 }
 
+TEST(MapDiagnostics, SayWhatIsNotInTheMapYet) {
+  MapSnapshot snapshot = Healthy();
+  EXPECT_EQ(DescribeUnderWay(snapshot.mappers), "");
+  snapshot.mappers["/acmp_2/dense_mapper"].images_under_way = 7;
+  EXPECT_THAT(DescribeUnderWay(snapshot.mappers),
+              AllOf(HasSubstr("7 images"), HasSubstr("/acmp_2/dense_mapper"), HasSubstr("flush")));
+  EXPECT_THAT(ValueOf(Describe(&DescribeMappers, snapshot), "/acmp_2/dense_mapper"), HasSubstr("under way then: 7"));
+}
+
 TEST(MapDiagnostics, TellOfLoopCorrections) {
   MapSnapshot snapshot = Healthy();
   snapshot.map.paths = 7;

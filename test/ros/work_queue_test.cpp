@@ -44,6 +44,19 @@ TEST(WorkQueue, BlockWaitsForRoom) {
   EXPECT_EQ(PopInput(&queue), 3);
 }
 
+TEST(WorkQueue, AnyPolicyWaitsForRoomWhenAskedTo) {
+  for (const OverloadPolicy policy : {OverloadPolicy::kDropOldest, OverloadPolicy::kSkipIfBusy}) {
+    Queue queue(policy);
+    EXPECT_FALSE(queue.Push(1, true));
+    EXPECT_FALSE(queue.Push(2, true));
+    std::thread pusher([&] { EXPECT_FALSE(queue.Push(3, true)); });
+    EXPECT_EQ(PopInput(&queue), 1);
+    pusher.join();  // hangs if nobody wakes it
+    EXPECT_EQ(PopInput(&queue), 2);
+    EXPECT_EQ(PopInput(&queue), 3);
+  }
+}
+
 TEST(WorkQueue, CommandsKeepTheirPlaceAndAreNeverDropped) {
   Queue queue(OverloadPolicy::kDropOldest);
   queue.PushCommand(std::make_shared<int>(10));

@@ -46,7 +46,8 @@ class MapperWorker {
   MapperWorker& operator=(const MapperWorker&) = delete;
 
   /// Queues a keyframe. With overload: block, waits for room.
-  void Push(KeyframeInput input);
+  /// @param wait_for_room wait for it whatever overload says: nothing is lost
+  void Push(KeyframeInput input, bool wait_for_room = false);
 
   /// Finishes all keyframes queued and pending: their hooks have returned. Empty when done, else why not.
   std::string Flush();

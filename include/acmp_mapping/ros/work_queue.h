@@ -30,14 +30,15 @@ class WorkQueue {
   explicit WorkQueue(OverloadPolicy policy) : policy_(policy) {}
 
   /// Returns the input that was not or no longer queued, if any: the oldest one or the new one itself.
-  std::optional<Input> Push(Input input) {
+  /// @param wait_for_room as with kBlock, whatever the policy
+  std::optional<Input> Push(Input input, bool wait_for_room = false) {
     std::unique_lock<std::mutex> lock(mutex_);
-    if (policy_ == OverloadPolicy::kBlock) {
+    if (wait_for_room || policy_ == OverloadPolicy::kBlock) {
       room_.wait(lock, [this] { return stopped_ || inputs_ < kWorkQueueCapacity; });
     }
     if (stopped_) return input;
     std::optional<Input> dropped;
-    if (policy_ == OverloadPolicy::kSkipIfBusy && (inputs_ > 0 || working_)) return input;
+    if (policy_ == OverloadPolicy::kSkipIfBusy && !wait_for_room && (inputs_ > 0 || working_)) return input;
     if (inputs_ >= kWorkQueueCapacity) dropped = TakeOldestInput();
     items_.emplace_back(std::in_place_index<0>, std::move(input));
     ++inputs_;
