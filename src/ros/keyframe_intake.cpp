@@ -221,7 +221,7 @@ void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>
   if (options_.keyframe_mode == KeyframeMode::kGate) {
     const double depth = MedianDepth(input.landmarks_in_world, input.world_from_cam);
     if (depth > 0) scene_depth_ = depth;
-    if (!gate_.Accept(input.world_from_cam, scene_depth_ > 0 ? scene_depth_ : fallback_depth_)) {
+    if (!gate_.Accept(input.world_from_cam, calibration_->camera, scene_depth_ > 0 ? scene_depth_ : fallback_depth_)) {
       ++not_chosen_;
       return;
     }

@@ -118,8 +118,8 @@ TEST(KeyframeIntake, GateMeasuresBaselinesByTheLandmarks) {
     KeyframeIntake intake = MakeIntake(options);
     const std::vector<Eigen::Vector3d> points = {{0, 0, 4 * scale}, {0, 0, 4 * scale}, {0, 0, -900 * scale}};
     EXPECT_EQ(Feed(&intake, 1, 0, CloudAt(1, "map", points)).keyframes.size(), 1u);
-    EXPECT_EQ(Feed(&intake, 2, 0.19 * scale, CloudAt(2, "map", points)).keyframes.size(), 0u);
-    EXPECT_EQ(Feed(&intake, 3, 0.21 * scale, CloudAt(3, "map", points)).keyframes.size(), 1u);
+    EXPECT_EQ(Feed(&intake, 2, 0.079 * scale, CloudAt(2, "map", points)).keyframes.size(), 0u);
+    EXPECT_EQ(Feed(&intake, 3, 0.081 * scale, CloudAt(3, "map", points)).keyframes.size(), 1u);
     EXPECT_EQ(intake.not_chosen(), 1u);
   }
 }
@@ -129,8 +129,8 @@ TEST(KeyframeIntake, GateUsesTheFallbackDepthWithoutLandmarks) {
   options.keyframe_mode = KeyframeMode::kGate;
   KeyframeIntake intake = MakeIntake(options, 4);
   EXPECT_EQ(Feed(&intake, 1, 0, nullptr).keyframes.size(), 1u);
-  EXPECT_EQ(Feed(&intake, 2, 0.19, nullptr).keyframes.size(), 0u);
-  EXPECT_EQ(Feed(&intake, 3, 0.21, nullptr).keyframes.size(), 1u);
+  EXPECT_EQ(Feed(&intake, 2, 0.079, nullptr).keyframes.size(), 0u);
+  EXPECT_EQ(Feed(&intake, 3, 0.081, nullptr).keyframes.size(), 1u);
 }
 
 TEST(KeyframeIntake, PassesTimeJumpsOn) {
