@@ -40,6 +40,7 @@ void DescribeMap(const MapSnapshot& snapshot, DiagnosticStatusWrapper* status) {
                                         snapshot.optimized_path_publishers, " publisher(s))"));
   status->add("loop corrections (paths that moved keyframes)", map.corrections);
   status->add("keyframes re-posed, all corrections together", map.reposed);
+  status->add("scales of keyframes by optimized paths", Concat(map.smallest_scale, " to ", map.largest_scale));
   status->add("poses of the last optimized path without a keyframe",
               Concat(map.path_unmatched, " of ", map.path_poses));
   for (const auto& [reason, entry] : snapshot.incidents) {

@@ -63,9 +63,11 @@ TEST(MapDiagnostics, TellOfLoopCorrections) {
   snapshot.map.path_poses = 30;
   snapshot.map.path_unmatched = 12;
   snapshot.map.evicted_by_radius = 5;
+  snapshot.map.smallest_scale = 0.75;
   const auto status = Describe(&DescribeMap, snapshot);
   EXPECT_EQ(status.level, DiagnosticStatus::OK);
   EXPECT_THAT(ValueOf(status, "optimized paths"), AllOf(HasSubstr("7 received on /slam/path"), HasSubstr("1 publ")));
+  EXPECT_EQ(ValueOf(status, "scales of keyframes by optimized paths"), "0.75 to 1");
   EXPECT_EQ(ValueOf(status, "loop corrections (paths that moved keyframes)"), "3");
   EXPECT_EQ(ValueOf(status, "keyframes re-posed, all corrections together"), "40");
   EXPECT_EQ(ValueOf(status, "poses of the last optimized path without a keyframe"), "12 of 30");
