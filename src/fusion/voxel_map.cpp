@@ -59,7 +59,7 @@ class PlacedPoints {
   SurfacePoint Moved(size_t cloud, size_t index) const {
     const RigidTransform& target_from_cloud = clouds_[cloud].target_from_cloud;
     SurfacePoint point = (*clouds_[cloud].points)[index];
-    point.position = ToVec3f(target_from_cloud * ToEigen(point.position));
+    point.position = ToVec3f(target_from_cloud * (clouds_[cloud].scale * ToEigen(point.position)));
     point.normal = ToVec3f(target_from_cloud.linear() * ToEigen(point.normal));
     return point;
   }

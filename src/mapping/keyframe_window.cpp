@@ -48,12 +48,19 @@ WindowKeyframePtr KeyframeWindow::Add(FramePtr frame) {
 }
 
 SourceViews KeyframeWindow::SelectSources(WindowKeyframe* keyframe) const {
-  const std::vector<WindowKeyframePtr> others = Others(*keyframe);
+  std::vector<WindowKeyframePtr> others = Others(*keyframe);
+  const auto images = std::stable_partition(others.begin(), others.end(),
+                                            [](const WindowKeyframePtr& other) { return other->is_mapped; });
   SourceViews sources;
-  for (const RankedSourceView& view : SelectorOf(keyframe).Select(LandmarksOf(others))) {
-    sources.keyframes.push_back(others[view.index]);
-    sources.score += view.score;
-  }
+  const auto add_best = [&](const std::vector<WindowKeyframePtr>& candidates) {
+    for (const RankedSourceView& view : SelectorOf(keyframe).Select(LandmarksOf(candidates))) {
+      if (sources.keyframes.size() == static_cast<size_t>(options_.max_source_views)) return;
+      sources.keyframes.push_back(candidates[view.index]);
+      sources.score += view.score;
+    }
+  };
+  add_best({others.begin(), images});
+  add_best({images, others.end()});
   return sources;
 }
 

@@ -21,6 +21,7 @@ struct WindowKeyframe {
   std::optional<SourceViewSelector> selector;
   DepthRange range;
   State state = State::kPending;
+  bool is_mapped = true;  ///< false: it is a source view of others alone
 
   EngineImagePtr image;       ///< null until the keyframe is first used as reference or source view
   int image_levels = 0;       ///< levels it was loaded with
