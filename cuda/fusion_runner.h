@@ -18,7 +18,7 @@ class FusionRunner {
   /// The confidences of the same.
   ConfidenceMap MeasureConfidence(const FusionSetup<DeviceFusionView>& setup, const CudaStream& stream);
 
-  /// One reference view of FuseDepthMaps; waits for its points.
+  /// FusionEngine::FuseView of one reference view; waits for its points.
   PointCloud Fuse(const FusionSetup<DeviceFusionView>& setup, int width, int height, const CudaStream& stream);
 
  private:
