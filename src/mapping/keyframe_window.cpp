@@ -75,10 +75,10 @@ std::string KeyframeWindow::DescribeMissingViews(WindowKeyframe* keyframe, int m
                             min_source_views, " needed");
   if (counts.no_baseline > 0) text += Concat("; ", counts.no_baseline, " with no baseline (identical position)");
   if (counts.little_overlap > 0) {
-    text += Concat("; ", counts.little_overlap, " see less than ", 100 * options_.min_overlap, " % of its scene");
+    text += Concat("; ", counts.little_overlap, " see less than ", 100 * kMinSourceOverlap, " % of its scene");
   }
   if (counts.small_angle > 0) {
-    text += Concat("; ", counts.small_angle, " below the least triangulation angle of ", options_.min_angle_deg,
+    text += Concat("; ", counts.small_angle, " below the least triangulation angle of ", kMinSourceAngleDeg,
                    " degrees (largest found: ", counts.largest_angle_deg, ")");
   }
   return text;

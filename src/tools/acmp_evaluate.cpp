@@ -18,7 +18,7 @@ namespace {
 struct Arguments {
   DepthEvaluationOptions depth;
   CloudEvaluationOptions cloud;
-  std::string subset, csv, json;
+  std::string subset, json;
   bool quiet = false;
 };
 
@@ -66,7 +66,6 @@ CLI::App* AddDepthCommand(CLI::App* app, Arguments* a) {
       ->capture_default_str();
   command->add_option("--mask", a->depth.masks,
                       "Repeat the mean over the white pixels of the pictures in this folder, in SCENE or anywhere");
-  command->add_option("--csv", a->csv, "Write the figures per image to this file");
   command->add_option("--json", a->json, "Write all figures to this file");
   command->add_flag("--quiet", a->quiet, "Leave out the lines per image");
   return command;
@@ -107,7 +106,6 @@ int EvaluateDepthMaps(Arguments* a) {
   const DepthEvaluation evaluation = EvaluateDepthFolder(a->depth);
   for (const std::string& note : evaluation.notes) std::cerr << "note: " << note << '\n';
   std::cout << DepthTable(evaluation, a->quiet) << std::flush;
-  if (!a->csv.empty()) WriteFileAtomically(a->csv, DepthCsv(evaluation));
   if (!a->json.empty()) WriteFileAtomically(a->json, DepthJson(evaluation));
   return kExitDone;
 }

@@ -146,8 +146,8 @@ TEST(DenseMapperDepthRangeTest, ComesFromTheLandmarksInView) {
   for (int id = 0; id < 3; ++id) harness.Add(WallFrame(id, 0.35 * id, whole_map));
   ASSERT_THAT(harness.fast, SizeIs(3));
   for (const auto& depth : harness.fast) {
-    EXPECT_FLOAT_EQ(depth->range.min, static_cast<float>(kWallDepth / options.depth_range.margin));
-    EXPECT_FLOAT_EQ(depth->range.max, static_cast<float>(kWallDepth * options.depth_range.margin));
+    EXPECT_FLOAT_EQ(depth->range.min, static_cast<float>(kWallDepth / kDepthMargin));
+    EXPECT_FLOAT_EQ(depth->range.max, static_cast<float>(kWallDepth * kDepthMargin));
   }
 }
 
@@ -160,7 +160,7 @@ TEST(DenseMapperDepthRangeTest, FallsBackToTheLastThenToTheOptions) {
   harness.Add(WallFrame(2, 0.7, {}));
   ASSERT_THAT(harness.fast, SizeIs(3));
   EXPECT_EQ(harness.fast[0]->range.max, 50);
-  const auto from_landmarks = static_cast<float>(kWallDepth * options.depth_range.margin);
+  const auto from_landmarks = static_cast<float>(kWallDepth * kDepthMargin);
   EXPECT_FLOAT_EQ(harness.fast[1]->range.max, from_landmarks);
   EXPECT_FLOAT_EQ(harness.fast[2]->range.max, from_landmarks);
 }
