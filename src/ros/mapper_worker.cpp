@@ -161,7 +161,7 @@ void MapperWorker::Process(const KeyframeInput& input) {
   outputs_.set_min_confidence(options.min_confidence);
 
   cv::Mat valid;
-  const FramePtr frame = PrepareFrame(input, options, &valid);
+  const FramePtr frame = PrepareFrame(input, &valid);
   const double preparation_ms = timer.Lap();
   outputs_.Add(frame->id, {input, run_, valid});
   UpdateStatus([&](WorkerStatus* status) {
@@ -179,7 +179,7 @@ void MapperWorker::ProcessOvertaken(const KeyframeInput& input) {
   if (mapper_) {
     const RuntimeOptions options = options_->Get();
     mapper_->set_options(options.mapper);
-    mapper_->AddSourceImage(PrepareFrame(input, options, nullptr));
+    mapper_->AddSourceImage(PrepareFrame(input, nullptr));
   }
   outputs_.ReportDrop({"overload",
                        Concat("keyframe ", FormatStamp(input.stamp_ns),
@@ -187,7 +187,7 @@ void MapperWorker::ProcessOvertaken(const KeyframeInput& input) {
                        true});
 }
 
-FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input, const RuntimeOptions& options, cv::Mat* valid) {
+FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input, cv::Mat* valid) {
   const FrameOptions frame_options = {node_options_.max_image_size};
   if (!calibration_ || !SameCalibration(*calibration_, *input.calibration)) {
     rectifier_ = std::make_unique<ImageRectifier>(*input.calibration);

@@ -72,7 +72,7 @@ class MapperWorker {
   /// A keyframe that the mapper has no time for becomes a source view of others.
   void ProcessOvertaken(const KeyframeInput& input);
   /// @param valid if not null: where the rectified image is known, matched size; empty = everywhere
-  FramePtr PrepareFrame(const KeyframeInput& input, const RuntimeOptions& options, cv::Mat* valid);
+  FramePtr PrepareFrame(const KeyframeInput& input, cv::Mat* valid);
   /// Has the worker do `work` and waits for it. Empty when done, else why not.
   std::string RunCommand(bool urgent, const std::function<void()>& work);
   template <class Change>
