@@ -9,6 +9,7 @@
 #include "acmp_mapping/dataset/output_file.h"
 #include "colmap_output.h"
 #include "run.h"
+#include "scene_pose_refinement.h"
 #include "summary.h"
 
 namespace acmp {
@@ -31,6 +32,10 @@ std::string Joined(const std::vector<std::string>& words) {
   return all.empty() ? "nothing" : all;
 }
 
+std::string RefinePosesName(const ReconstructOptions& options) {
+  return std::get<std::string>(PoseRefinementOptionTable().Find("refine_poses").get(options.pose_refinement));
+}
+
 /// Everything that decides the bits of the results, and which files there are.
 RunRecord MakeRecord(const ReconstructOptions& options, const std::string& device, const std::string& input_hash) {
   const auto depth = [](const std::optional<double>& value) { return value ? Concat(*value) : std::string("auto"); };
@@ -46,6 +51,7 @@ RunRecord MakeRecord(const ReconstructOptions& options, const std::string& devic
                       {"min-source-views", Concat(MinSourceViews(options))},
                       {"depth-min", depth(options.depth_min)},
                       {"depth-max", depth(options.depth_max)},
+                      {"refine-poses", RefinePosesName(options)},
                       {"seed", Concat(options.seed)},
                       {"maps", Joined(options.maps)},
                       {"dmb", flag(options.dmb)},
@@ -110,7 +116,7 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   const Timer timer;
   Validate(options);
   std::future<std::vector<ReconstructDevice>> devices_to_come = std::async(std::launch::async, make_devices);
-  const Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format));
+  Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format));
   const std::vector<int> indices = ChosenImages(scene, options.images);
   if (options.colmap) ColmapOutput::CheckNames(scene, indices);
   ReconstructPlan plan = options.online() ? MakeOnlinePlan(indices) : MakeOfflinePlan(scene, indices, options);
@@ -119,6 +125,8 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   for (const std::string& warning : scene.warnings) progress.Warn(warning);
   for (const std::string& warning : plan.warnings) progress.Warn(warning);
 
+  RefineScenePoses(plan, options, *interrupt, &scene, &progress);
+  interrupt->Check();
   progress.Note(Concat("checking ", indices.size(), " images"));
   FrameStore frames(scene, MakeFrameOptions(options), options.MemoryBytes(options.kImageShare));
   const std::string input_hash = CheckInput(scene, indices, &frames, *interrupt);

@@ -78,6 +78,16 @@ void AddMatchingOptions(CLI::App* app, ReconstructOptions* options) {
                   "Nearest depth to search, scene units; instead of the dataset's and the landmarks'")
       ->group(group);
   app->add_option("--depth-max", options->depth_max, "Farthest depth to search")->group(group);
+  const OptionDescription& refine_poses = PoseRefinementOptionTable().Find("refine_poses").description;
+  app->add_option_function<std::string>(
+         "--refine-poses",
+         [options](const std::string& value) {
+           SetOption(PoseRefinementOptionTable(), "refine_poses=" + value, &options->pose_refinement);
+         },
+         refine_poses.sentence)
+      ->check(OneOf(refine_poses.choices))
+      ->default_str("off")
+      ->group(group);
   app->add_option("--seed", options->seed, "Of the random numbers: same seed, same bits")
       ->capture_default_str()
       ->group(group);
@@ -238,6 +248,10 @@ void Validate(const ReconstructOptions& options) {
     throw InvalidInputError("--schedule online takes --depth-min and --depth-max together or not at all");
   }
   Validate(MakePipelineOptions(options));
+  Validate(options.pose_refinement);
+  if (options.online() && options.pose_refinement.refine != RefinePoses::kOff) {
+    throw InvalidInputError("--refine-poses is for --schedule offline");
+  }
   if (options.online()) Validate(MakeMapperOptions(options, {}));
 }
 

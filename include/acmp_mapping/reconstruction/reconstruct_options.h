@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "acmp_mapping/mapping/dense_mapper.h"
+#include "acmp_mapping/pose_refinement/pose_refinement_options.h"
 
 namespace acmp {
 
@@ -29,6 +30,7 @@ struct ReconstructOptions {
   std::optional<double> depth_min;  ///< scene units
   std::optional<double> depth_max;
   uint32_t seed = PatchMatchOptions().seed;
+  PoseRefinementOptions pose_refinement = {RefinePoses::kOff};  ///< offline schedule only
   int window_size = DenseMapperOptions().window_size;
   int lookahead = DenseMapperOptions().lookahead;
   bool refine_again = DenseMapperOptions().refine_again;

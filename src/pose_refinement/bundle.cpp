@@ -1,0 +1,50 @@
+#include "bundle.h"
+
+#include <algorithm>
+
+#include "rotation_vector.h"
+
+namespace acmp {
+namespace {
+
+CameraMotion MotionBetween(const Bundle& bundle, size_t a, size_t b) {
+  CameraMotion motion;
+  const double interval = bundle.times[b] - bundle.times[a];
+  if (!(interval > 0)) return motion;
+  motion.angular = RotationVector(bundle.poses[b].rotation * bundle.poses[a].rotation.conjugate()) / interval;
+  motion.linear = (bundle.poses[b].centre - bundle.poses[a].centre) / interval;
+  return motion;
+}
+
+}  // namespace
+
+std::vector<CameraMotion> MotionsOf(const Bundle& bundle) {
+  std::vector<CameraMotion> motions(bundle.size());
+  for (size_t i = 0; i < bundle.size(); ++i) {
+    if (bundle.motions[i]) {
+      motions[i] = *bundle.motions[i];
+      continue;
+    }
+    motions[i] = MotionBetween(bundle, i == 0 ? 0 : i - 1, std::min(i + 1, bundle.size() - 1));
+  }
+  return motions;
+}
+
+PixelErrors PixelErrorsAt(const PinholeCamera& camera, const Eigen::Vector2d& pixel, const ViewPose& pose,
+                          const CameraMotion& motion, const Eigen::Vector3d& direction, double inverse_length) {
+  PixelErrors errors;
+  const Eigen::Vector2d x((pixel.x() - camera.cx) / camera.fx, (pixel.y() - camera.cy) / camera.fy);
+  const double r2 = x.squaredNorm();
+  const Eigen::Vector2d radial(camera.fx * x.x(), camera.fy * x.y());
+  errors.by_parameter.col(0) = radial * r2;
+  errors.by_parameter.col(1) = radial * r2 * r2;
+  const Eigen::Vector3d d = direction / direction.z();
+  const Eigen::Vector3d velocity =
+      motion.angular.cross(d) - (inverse_length / direction.z()) * (pose.rotation * motion.linear);
+  const Eigen::Vector2d flow(camera.fx * (velocity.x() - d.x() * velocity.z()),
+                             camera.fy * (velocity.y() - d.y() * velocity.z()));
+  errors.by_parameter.col(2) = ((pixel.y() + 0.5) / camera.height - 0.5) * flow;
+  return errors;
+}
+
+}  // namespace acmp

@@ -1,0 +1,275 @@
+#include "bundle_adjustment.h"
+
+#include <ceres/ceres.h>
+#include <glog/logging.h>
+
+#include <array>
+
+#include "acmp_mapping/common/error.h"
+#include "rotation_vector.h"
+
+namespace acmp {
+namespace {
+
+constexpr int kPoseSize = 7;  // quaternion x y z w, centre
+using PoseMap = Eigen::Map<const Eigen::Quaterniond>;
+
+/// Rotations are turned on the left. Costs give their derivatives with respect to the six local coordinates in the
+/// first six columns of seven, so that this is all there is to it.
+class PoseManifold : public ceres::Manifold {
+ public:
+  int AmbientSize() const override { return kPoseSize; }
+  int TangentSize() const override { return 6; }
+  bool Plus(const double* x, const double* delta, double* result) const override {
+    Eigen::Map<Eigen::Quaterniond> rotation(result);
+    rotation = (RotationAbout(Eigen::Map<const Eigen::Vector3d>(delta)) * PoseMap(x)).normalized();
+    for (int i = 0; i < 3; ++i) result[4 + i] = x[4 + i] + delta[3 + i];
+    return true;
+  }
+  bool PlusJacobian(const double*, double* jacobian) const override {
+    Eigen::Map<Eigen::Matrix<double, kPoseSize, 6, Eigen::RowMajor>> j(jacobian);
+    j.setZero();
+    j.topRows<6>().setIdentity();
+    return true;
+  }
+  bool Minus(const double* y, const double* x, double* result) const override {
+    Eigen::Map<Eigen::Vector3d> turned(result);
+    turned = RotationVector(PoseMap(y) * PoseMap(x).conjugate());
+    for (int i = 0; i < 3; ++i) result[3 + i] = y[4 + i] - x[4 + i];
+    return true;
+  }
+  bool MinusJacobian(const double*, double* jacobian) const override {
+    Eigen::Map<Eigen::Matrix<double, 6, kPoseSize, Eigen::RowMajor>> j(jacobian);
+    j.setZero();
+    j.leftCols<6>().setIdentity();
+    return true;
+  }
+};
+
+/// Parameters: the anchor's pose, the view's, the inverse depth, the camera's errors (k1, k2, readout).
+class SightingCost : public ceres::SizedCostFunction<2, kPoseSize, kPoseSize, 1, 3> {
+ public:
+  SightingCost(const PinholeCamera& anchor_camera, const Eigen::Vector2d& anchor_pixel,
+               const PixelErrors& anchor_errors, const PinholeCamera& camera, const Eigen::Vector2d& pixel,
+               const PixelErrors& errors, double sigma)
+      : ray_(anchor_camera.Unproject(anchor_pixel)),
+        camera_(camera),
+        pixel_(pixel),
+        errors_(errors.by_parameter),
+        weight_(1 / sigma) {
+    ray_errors_.row(0) = anchor_errors.by_parameter.row(0) / anchor_camera.fx;
+    ray_errors_.row(1) = anchor_errors.by_parameter.row(1) / anchor_camera.fy;
+    ray_errors_.row(2).setZero();
+  }
+
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    const Eigen::Matrix3d anchor = PoseMap(parameters[0]).toRotationMatrix();
+    const Eigen::Matrix3d view = PoseMap(parameters[1]).toRotationMatrix();
+    const Eigen::Map<const Eigen::Vector3d> anchor_centre(parameters[0] + 4), centre(parameters[1] + 4);
+    const double inverse_depth = parameters[2][0];
+    const Eigen::Map<const Eigen::Vector3d> camera_errors(parameters[3]);
+    const Eigen::Vector3d ray = ray_ - ray_errors_ * camera_errors;
+    const Eigen::Matrix3d turn = view * anchor.transpose();
+    const Eigen::Vector3d moved = view * (anchor_centre - centre);
+    const Eigen::Vector3d y = turn * ray + inverse_depth * moved;
+    if (!(y.z() > kMinDepthRatio)) return false;
+    const double inverse_z = 1 / y.z();
+    const Eigen::Vector2d predicted(camera_.fx * y.x() * inverse_z + camera_.cx,
+                                    camera_.fy * y.y() * inverse_z + camera_.cy);
+    Eigen::Map<Eigen::Vector2d> r(residuals);
+    r = weight_ * (predicted + errors_ * camera_errors - pixel_);
+    if (!jacobians) return true;
+    Eigen::Matrix<double, 2, 3> j;
+    j << camera_.fx * inverse_z, 0, -camera_.fx * y.x() * inverse_z * inverse_z, 0, camera_.fy * inverse_z,
+        -camera_.fy * y.y() * inverse_z * inverse_z;
+    j *= weight_;
+    using PoseJacobian = Eigen::Map<Eigen::Matrix<double, 2, kPoseSize, Eigen::RowMajor>>;
+    if (jacobians[0]) {
+      PoseJacobian a(jacobians[0]);
+      a.leftCols<3>() = j * turn * CrossMatrix(ray);
+      a.middleCols<3>(3) = inverse_depth * j * view;
+      a.col(6).setZero();
+    }
+    if (jacobians[1]) {
+      PoseJacobian v(jacobians[1]);
+      v.leftCols<3>() = -j * CrossMatrix(y);
+      v.middleCols<3>(3) = -inverse_depth * j * view;
+      v.col(6).setZero();
+    }
+    if (jacobians[2]) {
+      Eigen::Map<Eigen::Vector2d> d(jacobians[2]);
+      d = j * moved;
+    }
+    if (jacobians[3]) {
+      Eigen::Map<Eigen::Matrix<double, 2, 3, Eigen::RowMajor>> e(jacobians[3]);
+      e = weight_ * errors_ - j * turn * ray_errors_;
+    }
+    return true;
+  }
+
+  /// Smallest z in the view over z in the anchor: nearer to its plane no projection is of use.
+  static constexpr double kMinDepthRatio = 1e-2;
+
+ private:
+  const Eigen::Vector3d ray_;
+  Eigen::Matrix3d ray_errors_;
+  const PinholeCamera camera_;
+  const Eigen::Vector2d pixel_;
+  const Eigen::Matrix<double, 2, 3> errors_;
+  const double weight_;
+};
+
+/// A received pose. The rotation's derivative is that at zero: corrections are small.
+class PosePrior : public ceres::SizedCostFunction<6, kPoseSize> {
+ public:
+  PosePrior(const ViewPose& pose, double rotation_sigma, double position_sigma)
+      : pose_(pose), rotation_weight_(1 / rotation_sigma), position_weight_(1 / position_sigma) {}
+
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    Eigen::Map<Eigen::Matrix<double, 6, 1>> r(residuals);
+    r.head<3>() = rotation_weight_ * RotationVector(PoseMap(parameters[0]) * pose_.rotation.conjugate());
+    r.tail<3>() = position_weight_ * (Eigen::Map<const Eigen::Vector3d>(parameters[0] + 4) - pose_.centre);
+    if (jacobians && jacobians[0]) {
+      Eigen::Map<Eigen::Matrix<double, 6, kPoseSize, Eigen::RowMajor>> j(jacobians[0]);
+      j.setZero();
+      for (int i = 0; i < 3; ++i) j(i, i) = rotation_weight_, j(3 + i, 3 + i) = position_weight_;
+    }
+    return true;
+  }
+
+ private:
+  const ViewPose pose_;
+  const double rotation_weight_, position_weight_;
+};
+
+class CameraPrior : public ceres::SizedCostFunction<3, 3> {
+ public:
+  CameraPrior(const Eigen::Vector3d& mean, const Eigen::Vector3d& sigma) : mean_(mean), sigma_(sigma) {}
+
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    for (int i = 0; i < 3; ++i) residuals[i] = (parameters[0][i] - mean_[i]) / sigma_[i];
+    if (jacobians && jacobians[0]) {
+      for (int i = 0; i < 9; ++i) jacobians[0][i] = i % 4 == 0 ? 1 / sigma_[i / 4] : 0;
+    }
+    return true;
+  }
+
+ private:
+  const Eigen::Vector3d mean_, sigma_;
+};
+
+std::array<double, kPoseSize> ToParameters(const ViewPose& pose) {
+  const Eigen::Quaterniond& q = pose.rotation;
+  return {q.x(), q.y(), q.z(), q.w(), pose.centre.x(), pose.centre.y(), pose.centre.z()};
+}
+
+ViewPose FromParameters(const std::array<double, kPoseSize>& p) {
+  return {Eigen::Quaterniond(p[3], p[0], p[1], p[2]), {p[4], p[5], p[6]}};
+}
+
+Eigen::Vector3d ToVector(const CameraErrors& errors) { return {errors.k1, errors.k2, errors.readout}; }
+
+/// Ceres reports single steps that fail, which it then repeats shorter, through glog to stderr.
+class QuietLog {
+ public:
+  QuietLog() : level_(FLAGS_minloglevel) { FLAGS_minloglevel = google::GLOG_ERROR; }
+  ~QuietLog() { FLAGS_minloglevel = level_; }
+  QuietLog(const QuietLog&) = delete;
+  QuietLog& operator=(const QuietLog&) = delete;
+
+ private:
+  int level_;
+};
+
+/// The problem in Ceres' terms; keeps what it points to.
+class Adjustment {
+ public:
+  Adjustment(const BundleWeights& weights, Bundle* bundle, CameraErrors* camera)
+      : weights_(weights), bundle_(*bundle), camera_(*camera), problem_(KeepOurs()) {
+    for (const ViewPose& pose : bundle_.poses) poses_.push_back(ToParameters(pose));
+    for (size_t i = 0; i < poses_.size(); ++i) {
+      problem_.AddParameterBlock(poses_[i].data(), kPoseSize, &manifold_);
+      ordering_->AddElementToGroup(poses_[i].data(), 1);
+      problem_.AddResidualBlock(new PosePrior(bundle_.received[i], weights.rotation_sigma, weights.position_sigma),
+                                nullptr, poses_[i].data());
+    }
+    camera_errors_ = ToVector(camera_);
+    problem_.AddParameterBlock(camera_errors_.data(), 3);
+    ordering_->AddElementToGroup(camera_errors_.data(), 1);
+    problem_.AddResidualBlock(new CameraPrior(camera_errors_, ToVector(weights.camera_sigma)), nullptr,
+                              camera_errors_.data());
+    const std::vector<CameraMotion> motions = MotionsOf(bundle_);
+    for (Landmark& landmark : bundle_.landmarks) {
+      if (!landmark.held_out) AddSightings(motions, &landmark);
+    }
+  }
+
+  void Solve(int max_iterations) {
+    ceres::Solver::Options options;
+    constexpr size_t kMaxDense = 40;  // views; more: sparse Cholesky of the reduced system
+    options.linear_solver_type = poses_.size() <= kMaxDense ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
+    options.linear_solver_ordering = ordering_;
+    options.max_num_iterations = max_iterations;
+    options.num_threads = 1;
+    options.function_tolerance = 1e-5;
+    options.logging_type = ceres::SILENT;
+    ceres::Solver::Summary summary;
+    const QuietLog quiet;
+    ceres::Solve(options, &problem_, &summary);
+    if (!summary.IsSolutionUsable()) throw ProcessingError("bundle adjustment failed: " + summary.message);
+    for (size_t i = 0; i < poses_.size(); ++i) bundle_.poses[i] = FromParameters(poses_[i]);
+    camera_ = {camera_errors_[0], camera_errors_[1], camera_errors_[2]};
+  }
+
+ private:
+  static ceres::Problem::Options KeepOurs() {
+    ceres::Problem::Options options;
+    options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    return options;
+  }
+
+  PixelErrors ErrorsAt(size_t view, const Eigen::Vector2d& pixel, const CameraMotion& motion,
+                       const Eigen::Vector3d& direction, double inverse_length) const {
+    return PixelErrorsAt(bundle_.cameras[view], pixel, bundle_.poses[view], motion, direction, inverse_length);
+  }
+
+  void AddSightings(const std::vector<CameraMotion>& motions, Landmark* landmark) {
+    const auto anchor = static_cast<size_t>(landmark->anchor);
+    const PinholeCamera& anchor_camera = bundle_.cameras[anchor];
+    const Eigen::Vector3d ray = anchor_camera.Unproject(landmark->pixel);
+    const PixelErrors anchor_errors = ErrorsAt(anchor, landmark->pixel, motions[anchor], ray, landmark->inverse_depth);
+    bool added = false;
+    for (const Sighting& sighting : landmark->sightings) {
+      const auto view = static_cast<size_t>(sighting.view);
+      const Eigen::Vector3d y =
+          DirectionInView(ray, landmark->inverse_depth, bundle_.poses[anchor], bundle_.poses[view]);
+      if (!(y.z() > 2 * SightingCost::kMinDepthRatio)) continue;
+      const PixelErrors errors = ErrorsAt(view, sighting.pixel, motions[view], y, landmark->inverse_depth);
+      problem_.AddResidualBlock(new SightingCost(anchor_camera, landmark->pixel, anchor_errors, bundle_.cameras[view],
+                                                 sighting.pixel, errors, weights_.pixel_sigma),
+                                &loss_, poses_[anchor].data(), poses_[view].data(), &landmark->inverse_depth,
+                                camera_errors_.data());
+      added = true;
+    }
+    if (added) ordering_->AddElementToGroup(&landmark->inverse_depth, 0);
+  }
+
+  const BundleWeights& weights_;
+  Bundle& bundle_;
+  CameraErrors& camera_;
+  std::vector<std::array<double, kPoseSize>> poses_;
+  Eigen::Vector3d camera_errors_;
+  PoseManifold manifold_;
+  ceres::CauchyLoss loss_{1.0};
+  std::shared_ptr<ceres::ParameterBlockOrdering> ordering_ = std::make_shared<ceres::ParameterBlockOrdering>();
+  ceres::Problem problem_;
+};
+
+}  // namespace
+
+void AdjustBundle(const BundleWeights& weights, int max_iterations, Bundle* bundle, CameraErrors* camera) {
+  Adjustment(weights, bundle, camera).Solve(max_iterations);
+}
+
+}  // namespace acmp

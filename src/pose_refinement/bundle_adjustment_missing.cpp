@@ -1,0 +1,12 @@
+// In place of bundle_adjustment.cpp where there is no Ceres.
+
+#include "acmp_mapping/common/error.h"
+#include "bundle_adjustment.h"
+
+namespace acmp {
+
+void AdjustBundle(const BundleWeights&, int, Bundle*, CameraErrors*) {
+  throw InvalidInputError("poses cannot be refined: this build has no Ceres");
+}
+
+}  // namespace acmp

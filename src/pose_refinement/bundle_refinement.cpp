@@ -1,0 +1,190 @@
+#include "bundle_refinement.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "acmp_mapping/common/error.h"
+#include "landmark_matching.h"
+#include "rotation_vector.h"
+
+namespace acmp {
+namespace {
+
+/// Reorders the values.
+double Median(std::vector<double>* values) {
+  if (values->empty()) return 0;
+  const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
+  std::nth_element(values->begin(), middle, values->end());
+  return *middle;
+}
+
+double TypicalDepth(const Bundle& bundle) {
+  std::vector<double> inverse_depths;
+  for (const Landmark& landmark : bundle.landmarks) inverse_depths.push_back(landmark.inverse_depth);
+  const double median = Median(&inverse_depths);
+  return median > 0 ? 1 / median : 1;
+}
+
+/// Times are seconds or images; either way this is wider than any camera's readout relative to the motion between
+/// images.
+CameraErrors FirstCameraSigma(const Bundle& bundle) {
+  const double interval =
+      bundle.size() < 2 ? 1 : (bundle.times.back() - bundle.times.front()) / static_cast<double>(bundle.size() - 1);
+  return {0.1, 0.1, std::min(0.1, interval)};
+}
+
+/// Of sightings that take part, px along an axis: from the median length, which is 1.18 sigma for normal errors in two
+/// dimensions.
+double PixelSigma(const Bundle& bundle) {
+  std::vector<double> lengths;
+  for (const Landmark& landmark : bundle.landmarks) {
+    if (landmark.held_out) continue;
+    const auto anchor = static_cast<size_t>(landmark.anchor);
+    const Eigen::Vector3d ray = bundle.cameras[anchor].Unproject(landmark.pixel);
+    for (const Sighting& sighting : landmark.sightings) {
+      const auto view = static_cast<size_t>(sighting.view);
+      const Eigen::Vector3d y = DirectionInView(ray, landmark.inverse_depth, bundle.poses[anchor], bundle.poses[view]);
+      if (y.z() > 0) lengths.push_back((bundle.cameras[view].Project(y) - sighting.pixel).norm());
+    }
+  }
+  constexpr double kMin = 0.1, kMax = 1;
+  return std::clamp(Median(&lengths) / 1.18, kMin, kMax);
+}
+
+/// Root mean square of the corrections per axis: what received poses are thought to be off by.
+void WeighReceivedPoses(const Bundle& bundle, double typical_depth, BundleWeights* weights) {
+  double turned = 0, moved = 0;
+  for (size_t i = 0; i < bundle.size(); ++i) {
+    turned += RotationVector(bundle.poses[i].rotation * bundle.received[i].rotation.conjugate()).squaredNorm();
+    moved += (bundle.poses[i].centre - bundle.received[i].centre).squaredNorm();
+  }
+  const double axes = 3.0 * static_cast<double>(bundle.size());
+  weights->rotation_sigma = std::clamp(std::sqrt(turned / axes), 1e-4, 0.05);
+  weights->position_sigma = std::clamp(std::sqrt(moved / axes), 1e-4 * typical_depth, 0.1 * typical_depth);
+}
+
+struct FitSamples {
+  std::vector<double> all;
+  std::map<int, std::vector<double>> by_gap;  ///< by the gap's binary logarithm
+
+  void Add(int gap, double residual) {
+    all.push_back(residual);
+    by_gap[std::ilogb(gap)].push_back(residual);
+  }
+  PoseFit Fit() {
+    PoseFit fit;
+    fit.matches = static_cast<int>(all.size());
+    fit.median_px = Median(&all);
+    for (auto& [exponent, residuals] : by_gap) {
+      fit.by_gap.push_back(
+          {1 << exponent, (2 << exponent) - 1, static_cast<int>(residuals.size()), Median(&residuals)});
+    }
+    return fit;
+  }
+};
+
+/// Fits of all views, then of each one.
+struct Fits {
+  explicit Fits(size_t views) : of_view(views) {}
+  FitSamples all;
+  std::vector<FitSamples> of_view;
+};
+
+void Collect(const Bundle& bundle, const std::vector<ViewPose>& poses, Fits* fits) {
+  for (const Landmark& landmark : bundle.landmarks) {
+    if (!landmark.held_out) continue;
+    const auto anchor = static_cast<size_t>(landmark.anchor);
+    for (const Sighting& sighting : landmark.sightings) {
+      const auto view = static_cast<size_t>(sighting.view);
+      const double distance = EpipolarDistance(landmark, bundle.cameras[anchor], poses[anchor], sighting.pixel,
+                                               bundle.cameras[view], poses[view]);
+      if (!std::isfinite(distance)) continue;  // no baseline, no line
+      const int gap = std::abs(sighting.view - landmark.anchor);
+      fits->all.Add(gap, distance);
+      fits->of_view[anchor].Add(gap, distance);
+      fits->of_view[view].Add(gap, distance);
+    }
+  }
+}
+
+std::string WhyUnchanged(const PoseRefinement& result, const PoseRefinementOptions& options, bool was_changed) {
+  constexpr int kMinMatches = 50, kMinLandmarks = 50;
+  if (result.landmarks < kMinLandmarks || result.received_fit.matches < kMinMatches) {
+    return Concat("few matches: ", result.landmarks, " landmarks, ", result.received_fit.matches,
+                  " matches held out; needs ", kMinLandmarks, " and ", kMinMatches);
+  }
+  if (options.refine == RefinePoses::kOn) return "";
+  const double before = result.received_fit.median_px, after = result.refined_fit.median_px;
+  const double share = was_changed ? options.needed_gain / 2 : options.needed_gain;
+  const double least = was_changed ? options.needed_gain_px / 2 : options.needed_gain_px;
+  if (before - after >= std::max(share * before, least)) return "";
+  return Concat("poses fit well enough: refined ones would lower the median residual from ", before, " to ", after,
+                " px");
+}
+
+}  // namespace
+
+bool IsHeldOut(int64_t anchor_id, const Eigen::Vector2d& pixel) {
+  uint64_t hash = static_cast<uint64_t>(anchor_id) * 0x9e3779b97f4a7c15u;
+  hash ^= (static_cast<uint64_t>(std::lround(pixel.x())) << 32) + static_cast<uint64_t>(std::lround(pixel.y()));
+  hash = (hash ^ (hash >> 30)) * 0xbf58476d1ce4e5b9u;  // splitmix64
+  hash = (hash ^ (hash >> 27)) * 0x94d049bb133111ebu;
+  return (hash ^ (hash >> 31)) % 5 == 0;
+}
+
+void RefineBundle(int rounds, int max_iterations, Bundle* bundle, RefinementState* state) {
+  const double typical_depth = TypicalDepth(*bundle);
+  if (!state->started) {
+    state->started = true;
+    state->weights.rotation_sigma = 0.02;
+    state->weights.position_sigma = 0.02 * typical_depth;
+    state->weights.camera_sigma = FirstCameraSigma(*bundle);
+  }
+  for (int round = 0; round < rounds; ++round) {
+    AdjustBundle(state->weights, max_iterations, bundle, &state->camera);
+    state->weights.pixel_sigma = PixelSigma(*bundle);
+    WeighReceivedPoses(*bundle, typical_depth, &state->weights);
+  }
+}
+
+PoseRefinement JudgeRefinement(const Bundle& bundle, const std::vector<int64_t>& ids,
+                               const std::vector<RigidTransform>& received, const std::vector<ViewPose>& refined,
+                               const CameraErrors& camera, const PoseRefinementOptions& options, bool was_changed) {
+  PoseRefinement result = Unrefined(ids, received, "");
+  result.camera = camera;
+  Fits before(bundle.size()), after(bundle.size());
+  Collect(bundle, bundle.received, &before);
+  Collect(bundle, refined, &after);
+  result.received_fit = before.all.Fit();
+  result.refined_fit = after.all.Fit();
+  for (const Landmark& landmark : bundle.landmarks) {
+    if (landmark.held_out) continue;
+    result.landmarks += 1;
+    result.sightings += static_cast<int>(landmark.sightings.size());
+  }
+  result.reason = WhyUnchanged(result, options, was_changed);
+  result.changed = result.reason.empty();
+  for (size_t i = 0; i < ids.size(); ++i) {
+    result.poses[i].received_fit = before.of_view[i].Fit();
+    result.poses[i].refined_fit = after.of_view[i].Fit();
+    if (result.changed) {
+      result.poses[i].cam_from_world = ToRigidTransform({refined[i].rotation, refined[i].centre + bundle.origin});
+    }
+  }
+  return result;
+}
+
+PoseRefinement Unrefined(const std::vector<int64_t>& ids, const std::vector<RigidTransform>& received,
+                         std::string reason) {
+  PoseRefinement result;
+  result.reason = std::move(reason);
+  for (size_t i = 0; i < ids.size(); ++i) {
+    result.poses.emplace_back();
+    result.poses.back().id = ids[i];
+    result.poses.back().cam_from_world = received[i];
+  }
+  return result;
+}
+
+}  // namespace acmp

@@ -1,0 +1,71 @@
+#include "corner_detection.h"
+
+#include <cmath>
+#include <opencv2/core/mat.hpp>
+#include <opencv2/imgproc.hpp>
+
+namespace acmp {
+namespace {
+
+/// What cv::cornerMinEigenVal gives where the gradients' root mean square along the weaker direction is `gradient`:
+/// Sobel's 3 x 3 operator sums to eight times the gradient, is scaled by 1 / (4 block 255) and summed over block x
+/// block px.
+double ResponseOf(double gradient) { return 4 * gradient * gradient / (255.0 * 255.0); }
+
+bool IsLocalMaximum(const cv::Mat1f& response, int col, int row) {
+  const float value = response(row, col);
+  for (int r = row - 1; r <= row + 1; ++r) {
+    for (int c = col - 1; c <= col + 1; ++c) {
+      if (response(r, c) > value) return false;
+    }
+  }
+  return true;
+}
+
+}  // namespace
+
+CornerOptions CornersFor(const PinholeCamera& camera, int corners) {
+  CornerOptions options;
+  const double pixels = static_cast<double>(camera.width) * camera.height;
+  options.cell = std::max(1, static_cast<int>(std::lround(std::sqrt(pixels / corners))));
+  return options;
+}
+
+std::vector<Eigen::Vector2d> DetectCorners(const Image<uint8_t>& image, const std::vector<Eigen::Vector2d>& taken,
+                                           const CornerOptions& options) {
+  const cv::Mat pixels(image.height(), image.width(), CV_8UC1, const_cast<uint8_t*>(image.data()));
+  cv::Mat1f response;
+  constexpr int kBlock = 5;
+  cv::cornerMinEigenVal(pixels, response, kBlock, 3);
+  const int cols = (image.width() + options.cell - 1) / options.cell;
+  const int rows = (image.height() + options.cell - 1) / options.cell;
+  std::vector<bool> is_taken(static_cast<size_t>(cols) * rows, false);
+  for (const Eigen::Vector2d& pixel : taken) {
+    const int col = static_cast<int>(pixel.x()) / options.cell, row = static_cast<int>(pixel.y()) / options.cell;
+    if (col >= 0 && row >= 0 && col < cols && row < rows) is_taken[static_cast<size_t>(row) * cols + col] = true;
+  }
+  const auto threshold = static_cast<float>(ResponseOf(options.min_gradient));
+  std::vector<Eigen::Vector2d> corners;
+  for (int cell_row = 0; cell_row < rows; ++cell_row) {
+    for (int cell_col = 0; cell_col < cols; ++cell_col) {
+      if (is_taken[static_cast<size_t>(cell_row) * cols + cell_col]) continue;
+      const int left = std::max(cell_col * options.cell, options.border);
+      const int right = std::min((cell_col + 1) * options.cell, image.width() - options.border);
+      const int top = std::max(cell_row * options.cell, options.border);
+      const int bottom = std::min((cell_row + 1) * options.cell, image.height() - options.border);
+      float best = threshold;
+      int best_col = -1, best_row = -1;
+      for (int row = top; row < bottom; ++row) {
+        for (int col = left; col < right; ++col) {
+          if (response(row, col) > best && IsLocalMaximum(response, col, row)) {
+            best = response(row, col), best_col = col, best_row = row;
+          }
+        }
+      }
+      if (best_col >= 0) corners.emplace_back(best_col, best_row);
+    }
+  }
+  return corners;
+}
+
+}  // namespace acmp

@@ -1,0 +1,192 @@
+#include "landmark_matching.h"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <numeric>
+
+namespace acmp {
+namespace {
+
+constexpr int kSearchHalf = 3;  // px of the level
+constexpr int kSearchSide = 2 * kSearchHalf + 1;
+constexpr int kSearchPixels = kSearchSide * kSearchSide;
+
+/// Pixel and its change with the anchor's pixel, for a plane parallel to the anchor's image.
+struct Projection {
+  bool in_front = false;
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+  Eigen::Matrix2d warp = Eigen::Matrix2d::Identity();
+};
+
+/// The geometry between an anchor and a view, worked out once.
+struct RelativeView {
+  RelativeView(const PosedView& anchor, const PosedView& posed)
+      : rotation((posed.pose.rotation * anchor.pose.rotation.conjugate()).toRotationMatrix()),
+        baseline(posed.pose.rotation * (anchor.pose.centre - posed.pose.centre)),
+        anchor_camera(anchor.view->camera),
+        camera(posed.view->camera) {}
+
+  Projection Project(const Eigen::Vector2d& anchor_pixel, double inverse_depth) const {
+    Projection result;
+    const Eigen::Vector3d y = rotation * anchor_camera.Unproject(anchor_pixel) + inverse_depth * baseline;
+    if (!(y.z() > 0.05)) return result;
+    result.in_front = true;
+    result.pixel = camera.Project(y);
+    Eigen::Matrix<double, 2, 3> j;
+    j << camera.fx / y.z(), 0, -camera.fx * y.x() / (y.z() * y.z()), 0, camera.fy / y.z(),
+        -camera.fy * y.y() / (y.z() * y.z());
+    result.warp.col(0) = j * rotation.col(0) / anchor_camera.fx;
+    result.warp.col(1) = j * rotation.col(1) / anchor_camera.fy;
+    return result;
+  }
+
+  Eigen::Matrix3d rotation;
+  Eigen::Vector3d baseline;
+  const PinholeCamera& anchor_camera;
+  const PinholeCamera& camera;
+};
+
+bool Normalize(float* values) {
+  float mean = 0;
+  for (int i = 0; i < kSearchPixels; ++i) mean += values[i];
+  mean /= kSearchPixels;
+  float squares = 0;
+  for (int i = 0; i < kSearchPixels; ++i) {
+    values[i] -= mean;
+    squares += values[i] * values[i];
+  }
+  if (!(squares > kSearchPixels)) return false;
+  const float inverse_norm = 1 / std::sqrt(squares);
+  for (int i = 0; i < kSearchPixels; ++i) values[i] *= inverse_norm;
+  return true;
+}
+
+/// False where the window leaves the image or is blank.
+bool SampleWarped(const Image<uint8_t>& image, const Eigen::Vector2d& centre, const Eigen::Matrix2d& warp,
+                  float* values) {
+  const Eigen::Vector2d reach = warp.cwiseAbs() * Eigen::Vector2d::Constant(kSearchHalf);
+  if (centre.x() - reach.x() < 0 || centre.y() - reach.y() < 0 || centre.x() + reach.x() >= image.width() - 1 ||
+      centre.y() + reach.y() >= image.height() - 1) {
+    return false;
+  }
+  const Eigen::Matrix2f w = warp.cast<float>();
+  const Eigen::Vector2f c = centre.cast<float>();
+  for (int row = -kSearchHalf, i = 0; row <= kSearchHalf; ++row) {
+    for (int col = -kSearchHalf; col <= kSearchHalf; ++col, ++i) {
+      values[i] = Sample(image, c.x() + w(0, 0) * static_cast<float>(col) + w(0, 1) * static_cast<float>(row),
+                         c.y() + w(1, 0) * static_cast<float>(col) + w(1, 1) * static_cast<float>(row));
+    }
+  }
+  return Normalize(values);
+}
+
+/// The search works where the image is about 400 px wide.
+int SearchLevel(const GrayPyramid& pyramid) {
+  int level = 0;
+  while (level + 1 < pyramid.levels() && pyramid.level(level).width() > 400) ++level;
+  return level;
+}
+
+}  // namespace
+
+double SearchInverseDepth(const PosedView& anchor, const Eigen::Vector2d& pixel, const DepthRange& range,
+                          const std::vector<PosedView>& others) {
+  const int level = SearchLevel(anchor.view->pyramid);
+  const double scale = 1 << level;
+  float reference[kSearchPixels];
+  if (!SampleWarped(anchor.view->pyramid.level(level), {ToLevel(pixel.x(), level), ToLevel(pixel.y(), level)},
+                    Eigen::Matrix2d::Identity(), reference)) {
+    return 0;
+  }
+  const double nearest = 1.0 / range.min, farthest = 1.0 / range.max;
+  std::vector<RelativeView> views;
+  double steps = 1;
+  for (const PosedView& other : others) {
+    views.emplace_back(anchor, other);
+    const Projection a = views.back().Project(pixel, nearest), b = views.back().Project(pixel, farthest);
+    if (a.in_front && b.in_front) steps = std::max(steps, (a.pixel - b.pixel).norm() / scale);
+  }
+  constexpr double kMaxSteps = 256;
+  const int count = static_cast<int>(std::ceil(std::min(steps, kMaxSteps))) + 1;
+  std::vector<float> scores(static_cast<size_t>(count), -1);
+  float values[kSearchPixels];
+  std::vector<float> nccs;
+  for (int k = 0; k < count; ++k) {
+    const double inverse_depth = farthest + (nearest - farthest) * k / (count - 1);
+    nccs.clear();
+    for (size_t v = 0; v < std::min<size_t>(views.size(), 8); ++v) {
+      const Projection p = views[v].Project(pixel, inverse_depth);
+      const GrayPyramid& pyramid = others[v].view->pyramid;
+      if (!p.in_front || level >= pyramid.levels()) continue;
+      if (!SampleWarped(pyramid.level(level), {ToLevel(p.pixel.x(), level), ToLevel(p.pixel.y(), level)}, p.warp,
+                        values)) {
+        continue;
+      }
+      float ncc = 0;
+      for (int i = 0; i < kSearchPixels; ++i) ncc += values[i] * reference[i];
+      nccs.push_back(ncc);
+    }
+    if (nccs.empty()) continue;
+    // The better half: others may be occluded.
+    std::sort(nccs.begin(), nccs.end(), std::greater<float>());
+    nccs.resize((nccs.size() + 1) / 2);
+    scores[static_cast<size_t>(k)] = std::accumulate(nccs.begin(), nccs.end(), 0.0f) / static_cast<float>(nccs.size());
+  }
+  const auto best = static_cast<int>(std::max_element(scores.begin(), scores.end()) - scores.begin());
+  constexpr float kMinScore = 0.8f;
+  if (scores[static_cast<size_t>(best)] < kMinScore) return 0;
+  // A second place that looks as good: not unique.
+  constexpr float kMargin = 0.04f;
+  for (int k = 0; k < count; ++k) {
+    if (std::abs(k - best) > 4 && scores[static_cast<size_t>(k)] > scores[static_cast<size_t>(best)] - kMargin)
+      return 0;
+  }
+  return farthest + (nearest - farthest) * best / (count - 1);
+}
+
+Alignment FindInView(const Landmark& landmark, const PosedView& anchor, const PosedView& view,
+                     const AlignmentOptions& options) {
+  const Projection p = RelativeView(anchor, view).Project(landmark.pixel, landmark.inverse_depth);
+  if (!p.in_front || !view.view->camera.Contains(p.pixel)) return {};
+  return Align(anchor.view->pyramid, landmark.pixel, p.warp, view.view->pyramid, p.pixel, options);
+}
+
+void Triangulate(const std::vector<ViewPose>& poses, const std::vector<PinholeCamera>& cameras, Landmark* landmark) {
+  const ViewPose& anchor = poses[static_cast<size_t>(landmark->anchor)];
+  const Eigen::Vector3d ray = cameras[static_cast<size_t>(landmark->anchor)].Unproject(landmark->pixel);
+  for (int iteration = 0; iteration < 8; ++iteration) {
+    double h = 0, g = 0;
+    for (const Sighting& sighting : landmark->sightings) {
+      const ViewPose& pose = poses[static_cast<size_t>(sighting.view)];
+      const PinholeCamera& camera = cameras[static_cast<size_t>(sighting.view)];
+      const Eigen::Vector3d y = DirectionInView(ray, landmark->inverse_depth, anchor, pose);
+      if (!(y.z() > 0)) continue;
+      const Eigen::Vector2d r = camera.Project(y) - sighting.pixel;
+      const Eigen::Vector3d d = pose.rotation * (anchor.centre - pose.centre);
+      const Eigen::Vector2d j(camera.fx * (d.x() - y.x() / y.z() * d.z()) / y.z(),
+                              camera.fy * (d.y() - y.y() / y.z() * d.z()) / y.z());
+      const double weight = 1 / (1 + r.squaredNorm());
+      h += weight * j.squaredNorm(), g += weight * j.dot(r);
+    }
+    if (!(h > 0)) return;
+    const double step = g / h;
+    landmark->inverse_depth -= step;
+    if (std::abs(step) < 1e-5 * std::abs(landmark->inverse_depth)) return;
+  }
+}
+
+double EpipolarDistance(const Landmark& landmark, const PinholeCamera& anchor_camera, const ViewPose& anchor,
+                        const Eigen::Vector2d& pixel, const PinholeCamera& camera, const ViewPose& view) {
+  const Eigen::Vector3d at_infinity =
+      view.rotation * (anchor.rotation.conjugate() * anchor_camera.Unproject(landmark.pixel));
+  const Eigen::Vector3d epipole = view.rotation * (anchor.centre - view.centre);
+  const Eigen::Vector3d normal = at_infinity.cross(epipole);  // of the epipolar plane
+  // The line in pixels: n.x (u - cx) / fx + n.y (v - cy) / fy + n.z = 0.
+  const Eigen::Vector2d direction(normal.x() / camera.fx, normal.y() / camera.fy);
+  const double distance =
+      direction.x() * (pixel.x() - camera.cx) + direction.y() * (pixel.y() - camera.cy) + normal.z();
+  return std::abs(distance) / direction.norm();
+}
+
+}  // namespace acmp

@@ -1,0 +1,172 @@
+#include "patch_alignment.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace acmp {
+namespace {
+
+constexpr int kMaxHalfWidth = 10;
+constexpr int kMaxSide = 2 * kMaxHalfWidth + 1;
+constexpr int kMaxPixels = kMaxSide * kMaxSide;
+
+/// Level of the first image whose resolution is that of the other's level `l`.
+int LevelOf(const Eigen::Matrix2d& warp, int l, int levels) {
+  const double scale = std::sqrt(std::abs(warp.determinant()));
+  return std::clamp(static_cast<int>(std::lround(l - std::log2(scale))), 0, levels - 1);
+}
+
+struct Template {
+  int side = 0;
+  float values[kMaxPixels];  ///< zero mean, unit norm
+  float dx[kMaxPixels];      ///< gradients of these
+  float dy[kMaxPixels];
+  Eigen::Matrix2f inverse_hessian;
+};
+
+/// False where the patch leaves the image or has no texture.
+bool MakeTemplate(const GrayPyramid& image, const Eigen::Vector2d& pixel, const Eigen::Matrix2d& inverse_warp,
+                  int level, int image_level, int half, Template* patch) {
+  const Image<uint8_t>& pixels = image.level(image_level);
+  const int padded = half + 1, side = 2 * padded + 1;
+  float values[(kMaxSide + 2) * (kMaxSide + 2)];
+  const double scale = static_cast<double>(1 << level) / (1 << image_level);
+  const Eigen::Matrix2f step = (inverse_warp * scale).cast<float>();
+  const Eigen::Vector2f centre(static_cast<float>(ToLevel(pixel.x(), image_level)),
+                               static_cast<float>(ToLevel(pixel.y(), image_level)));
+  const Eigen::Vector2f reach = step.cwiseAbs() * Eigen::Vector2f::Constant(static_cast<float>(padded));
+  if (centre.x() - reach.x() < 0 || centre.y() - reach.y() < 0 ||
+      centre.x() + reach.x() >= static_cast<float>(pixels.width() - 1) ||
+      centre.y() + reach.y() >= static_cast<float>(pixels.height() - 1)) {
+    return false;
+  }
+  for (int row = -padded, i = 0; row <= padded; ++row) {
+    for (int col = -padded; col <= padded; ++col, ++i) {
+      const float u = centre.x() + step(0, 0) * static_cast<float>(col) + step(0, 1) * static_cast<float>(row);
+      const float v = centre.y() + step(1, 0) * static_cast<float>(col) + step(1, 1) * static_cast<float>(row);
+      values[i] = Sample(pixels, u, v);
+    }
+  }
+  patch->side = 2 * half + 1;
+  const int count = patch->side * patch->side;
+  float mean = 0;
+  for (int row = 0, i = 0; row < patch->side; ++row) {
+    for (int col = 0; col < patch->side; ++col, ++i) {
+      const float* p = values + (row + 1) * side + col + 1;
+      patch->values[i] = *p;
+      patch->dx[i] = 0.5f * (p[1] - p[-1]);
+      patch->dy[i] = 0.5f * (p[side] - p[-side]);
+      mean += *p;
+    }
+  }
+  mean /= static_cast<float>(count);
+  float squares = 0;
+  for (int i = 0; i < count; ++i) {
+    patch->values[i] -= mean;
+    squares += patch->values[i] * patch->values[i];
+  }
+  if (!(squares > static_cast<float>(count))) return false;  // a standard deviation of one grey value
+  const float inverse_norm = 1.0f / std::sqrt(squares);
+  float xx = 0, xy = 0, yy = 0;
+  for (int i = 0; i < count; ++i) {
+    patch->values[i] *= inverse_norm, patch->dx[i] *= inverse_norm, patch->dy[i] *= inverse_norm;
+    xx += patch->dx[i] * patch->dx[i], xy += patch->dx[i] * patch->dy[i], yy += patch->dy[i] * patch->dy[i];
+  }
+  const float determinant = xx * yy - xy * xy;
+  if (!(determinant > 1e-4f * (xx + yy) * (xx + yy))) return false;
+  patch->inverse_hessian << yy, -xy, -xy, xx;
+  patch->inverse_hessian /= determinant;
+  return true;
+}
+
+/// Samples the patch at `at`, zero mean and unit norm. False where it leaves the image or is blank.
+bool SamplePatch(const Image<uint8_t>& image, const Eigen::Vector2f& at, int half, float* values) {
+  const int left = static_cast<int>(std::floor(at.x())) - half, top = static_cast<int>(std::floor(at.y())) - half;
+  if (left < 0 || top < 0 || left + 2 * half + 1 >= image.width() || top + 2 * half + 1 >= image.height()) return false;
+  const float a = at.x() - std::floor(at.x()), b = at.y() - std::floor(at.y());
+  const float w00 = (1 - a) * (1 - b), w01 = a * (1 - b), w10 = (1 - a) * b, w11 = a * b;
+  const int side = 2 * half + 1, count = side * side;
+  float sum = 0;
+  for (int row = 0, i = 0; row < side; ++row) {
+    const uint8_t* p = &image(left, top + row);
+    const uint8_t* q = p + image.width();
+    for (int col = 0; col < side; ++col, ++i) {
+      values[i] = w00 * p[col] + w01 * p[col + 1] + w10 * q[col] + w11 * q[col + 1];
+      sum += values[i];
+    }
+  }
+  const float mean = sum / static_cast<float>(count);
+  float squares = 0;
+  for (int i = 0; i < count; ++i) {
+    values[i] -= mean;
+    squares += values[i] * values[i];
+  }
+  if (!(squares > 0.25f * static_cast<float>(count))) return false;
+  const float inverse_norm = 1.0f / std::sqrt(squares);
+  for (int i = 0; i < count; ++i) values[i] *= inverse_norm;
+  return true;
+}
+
+}  // namespace
+
+Alignment Align(const GrayPyramid& image, const Eigen::Vector2d& pixel, const Eigen::Matrix2d& warp,
+                const GrayPyramid& other, const Eigen::Vector2d& start, const AlignmentOptions& options) {
+  Alignment result;
+  const double scale = std::sqrt(std::abs(warp.determinant()));
+  if (!(warp.determinant() > 0) || scale > 3 || scale < 1 / 3.0) return result;
+  const Eigen::Matrix2d inverse_warp = warp.inverse();
+  const int half = std::min(options.half_width, kMaxHalfWidth);
+  const double start_level_reach = options.max_shift * options.max_shift;
+  Eigen::Vector2d at = start;
+  Template patch;
+  float values[kMaxPixels];
+  bool fine = false;
+  for (int level = std::min(options.start_level, other.levels() - 1); level >= 0; --level) {
+    const int image_level = LevelOf(warp, level, image.levels());
+    if (!MakeTemplate(image, pixel, inverse_warp, level, image_level, half, &patch)) {
+      if (level == 0) return result;
+      continue;  // near the border the coarse levels have no room
+    }
+    Eigen::Vector2f p(static_cast<float>(ToLevel(at.x(), level)), static_cast<float>(ToLevel(at.y(), level)));
+    const int count = patch.side * patch.side;
+    bool inside = true;
+    fine = false;
+    for (int iteration = 0; iteration < options.iterations && inside; ++iteration) {
+      inside = SamplePatch(other.level(level), p, half, values);
+      if (!inside) break;
+      float bx = 0, by = 0;
+      for (int i = 0; i < count; ++i) {
+        const float difference = values[i] - patch.values[i];
+        bx += patch.dx[i] * difference, by += patch.dy[i] * difference;
+      }
+      Eigen::Vector2f move = patch.inverse_hessian * Eigen::Vector2f(bx, by);
+      const float length = move.norm();
+      constexpr float kMaxStep = 2;  // px of the level
+      if (length > kMaxStep) move *= kMaxStep / length;
+      p -= move;
+      if (length < 0.01f) {
+        fine = true;
+        break;
+      }
+    }
+    if (!inside) {
+      if (level == 0) return result;
+      continue;
+    }
+    at = {FromLevel(p.x(), level), FromLevel(p.y(), level)};
+    if ((at - start).squaredNorm() > start_level_reach) return result;
+  }
+  if (!fine) return result;
+  const Eigen::Vector2f p = at.cast<float>();
+  if (!SamplePatch(other.level(0), p, half, values)) return result;
+  float ncc = 0;
+  for (int i = 0; i < patch.side * patch.side; ++i) ncc += values[i] * patch.values[i];
+  result.pixel = at;
+  result.ncc = ncc;
+  result.found = ncc >= options.min_ncc;
+  return result;
+}
+
+}  // namespace acmp

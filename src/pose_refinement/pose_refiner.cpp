@@ -1,0 +1,180 @@
+#include "acmp_mapping/pose_refinement/pose_refiner.h"
+
+#include <algorithm>
+#include <deque>
+
+#include "acmp_mapping/common/error.h"
+#include "bundle_refinement.h"
+#include "corner_detection.h"
+#include "landmark_matching.h"
+#include "resection.h"
+
+namespace acmp {
+namespace {
+
+constexpr size_t kSearchViews = 4;   // earlier keyframes in which a new landmark's depth is looked for
+constexpr size_t kMinSightings = 2;  // of a new landmark
+constexpr size_t kMinKeyframes = 3;
+constexpr int kLostAfter = 3;  // keyframes in which a landmark was not found: given up
+
+struct Keyframe {
+  int64_t id = 0;
+  double stamp_s = 0;
+  View view;
+  RigidTransform received;
+  std::optional<CameraMotion> motion;
+};
+
+}  // namespace
+
+struct PoseRefiner::Impl {
+  explicit Impl(const PoseRefinementOptions& o) : options(o) {}
+
+  PosedView Posed(size_t i) const { return {static_cast<int>(i), &keyframes[i].view, bundle.poses[i]}; }
+
+  /// The pose of the newest keyframe: the received motion from the last one, on top of its refined pose.
+  ViewPose Predicted(const ViewPose& received) const {
+    if (bundle.size() == 0) return received;
+    const ViewPose &from = bundle.received.back(), &refined = bundle.poses.back();
+    ViewPose pose;
+    pose.rotation = (received.rotation * from.rotation.conjugate() * refined.rotation).normalized();
+    pose.centre = refined.centre + refined.rotation.conjugate() * (from.rotation * (received.centre - from.centre));
+    return pose;
+  }
+
+  /// Known landmarks in the newest keyframe. Returns their pixels.
+  std::vector<Eigen::Vector2d> TrackLandmarks() {
+    const size_t newest = bundle.size() - 1;
+    std::vector<Eigen::Vector2d> pixels;
+    for (Landmark& landmark : bundle.landmarks) {
+      const int last = landmark.sightings.back().view;  // sightings ascend but for those of its first keyframes
+      if (static_cast<int>(newest) - std::max(last, landmark.anchor) > kLostAfter) continue;
+      const Alignment alignment = FindInView(landmark, Posed(static_cast<size_t>(landmark.anchor)), Posed(newest), {});
+      if (!alignment.found) continue;
+      landmark.sightings.push_back({static_cast<int>(newest), alignment.pixel});
+      pixels.push_back(alignment.pixel);
+    }
+    return pixels;
+  }
+
+  void AddLandmarks(const std::vector<Eigen::Vector2d>& taken, const DepthRange& range) {
+    const size_t newest = bundle.size() - 1;
+    const PosedView anchor = Posed(newest);
+    std::vector<PosedView> others;
+    for (size_t i = newest; i-- > 0 && others.size() < kSearchViews;) others.push_back(Posed(i));
+    if (others.size() < kMinSightings) return;
+    for (const Eigen::Vector2d& corner :
+         DetectCorners(anchor.view->pyramid.level(0), taken, CornersFor(anchor.view->camera, options.corners))) {
+      Landmark landmark;
+      landmark.anchor = static_cast<int>(newest);
+      landmark.pixel = corner;
+      landmark.inverse_depth = SearchInverseDepth(anchor, corner, range, others);
+      if (!(landmark.inverse_depth > 0)) continue;
+      for (size_t i = 0; i < newest; ++i) {
+        const Alignment alignment = FindInView(landmark, anchor, Posed(i), {});
+        if (alignment.found) landmark.sightings.push_back({static_cast<int>(i), alignment.pixel});
+      }
+      if (landmark.sightings.size() < kMinSightings) continue;
+      landmark.held_out = IsHeldOut(keyframes.back().id, corner);
+      Triangulate(bundle.poses, bundle.cameras, &landmark);
+      if (landmark.inverse_depth > 0) bundle.landmarks.push_back(std::move(landmark));
+    }
+  }
+
+  const PoseRefinementOptions options;
+  std::deque<Keyframe> keyframes;
+  Bundle bundle;  ///< of the keyframes, in their order
+  RefinementState state;
+  bool changed = false;  ///< by the last Refine
+};
+
+PoseRefiner::PoseRefiner(const PoseRefinementOptions& options) {
+  Validate(options);
+  impl_ = std::make_unique<Impl>(options);
+}
+
+PoseRefiner::~PoseRefiner() = default;
+
+void PoseRefiner::Add(const Frame& frame, const DepthRange& range, const std::optional<CameraMotion>& motion) {
+  const std::string name = Concat("keyframe ", frame.id);
+  CheckCamera(name.c_str(), frame.camera);
+  CheckPose(name.c_str(), frame.cam_from_world);
+  CheckDepthRange(name.c_str(), range);
+  if (frame.gray.width() != frame.camera.width || frame.gray.height() != frame.camera.height) {
+    throw InvalidInputError(name + ": grey image and camera differ in size");
+  }
+  std::deque<Keyframe>& keyframes = impl_->keyframes;
+  if (!keyframes.empty() && frame.id <= keyframes.back().id) {
+    throw InvalidInputError(Concat(name, ": must come after ", keyframes.back().id));
+  }
+  const bool stamped = frame.stamp_s > 0;
+  if (!keyframes.empty() && stamped && frame.stamp_s <= keyframes.back().stamp_s) {
+    throw InvalidInputError(Concat(name, ": its stamp must be after that of keyframe ", keyframes.back().id));
+  }
+  Bundle& bundle = impl_->bundle;
+  ViewPose received = ToViewPose(frame.cam_from_world);
+  if (bundle.size() == 0) bundle.origin = received.centre;
+  received.centre -= bundle.origin;
+  const ViewPose predicted = impl_->Predicted(received);
+  keyframes.push_back(
+      {frame.id, frame.stamp_s, {frame.camera, GrayPyramid(frame.gray.View())}, frame.cam_from_world, motion});
+  bundle.cameras.push_back(frame.camera);
+  bundle.received.push_back(received);
+  bundle.poses.push_back(predicted);
+  bundle.times.push_back(stamped ? frame.stamp_s : static_cast<double>(frame.id));
+  bundle.motions.push_back(motion);
+  impl_->AddLandmarks(impl_->TrackLandmarks(), range);
+}
+
+void PoseRefiner::RemoveOldest() {
+  Bundle& b = impl_->bundle;
+  if (b.size() == 0) throw InvalidInputError("PoseRefiner::RemoveOldest: the window is empty");
+  impl_->keyframes.pop_front();
+  b.cameras.erase(b.cameras.begin());
+  b.received.erase(b.received.begin());
+  b.poses.erase(b.poses.begin());
+  b.times.erase(b.times.begin());
+  b.motions.erase(b.motions.begin());
+  std::vector<Landmark> kept;
+  for (Landmark& landmark : b.landmarks) {
+    if (--landmark.anchor < 0) continue;
+    std::vector<Sighting> sightings;
+    for (Sighting sighting : landmark.sightings) {
+      if (--sighting.view >= 0) sightings.push_back(sighting);
+    }
+    landmark.sightings = std::move(sightings);
+    if (!landmark.sightings.empty()) kept.push_back(std::move(landmark));
+  }
+  b.landmarks = std::move(kept);
+}
+
+PoseRefinement PoseRefiner::Refine() {
+  Bundle& bundle = impl_->bundle;
+  std::vector<int64_t> ids;
+  std::vector<RigidTransform> received;
+  for (const Keyframe& keyframe : impl_->keyframes) {
+    ids.push_back(keyframe.id);
+    received.push_back(keyframe.received);
+  }
+  if (impl_->options.refine == RefinePoses::kOff) return Unrefined(ids, received, "refinement is off");
+  if (bundle.size() < kMinKeyframes) {
+    return Unrefined(ids, received, Concat(bundle.size(), " keyframes: needs ", kMinKeyframes));
+  }
+  if (bundle.landmarks.empty()) return Unrefined(ids, received, "no matches between the keyframes");
+  constexpr int kIterations = 6;
+  RefineBundle(1, kIterations, &bundle, &impl_->state);
+  // From now on the camera is known, and may change slowly.
+  const double interval = (bundle.times.back() - bundle.times.front()) / static_cast<double>(bundle.size() - 1);
+  impl_->state.weights.camera_sigma = {0.01, 0.01, 0.02 * interval};
+  const std::vector<ViewPose> refined = ResectViews(bundle, impl_->state.camera);
+  PoseRefinement result =
+      JudgeRefinement(bundle, ids, received, refined, impl_->state.camera, impl_->options, impl_->changed);
+  impl_->changed = result.changed;
+  return result;
+}
+
+void PoseRefiner::Reset() { impl_ = std::make_unique<Impl>(impl_->options); }
+
+size_t PoseRefiner::size() const { return impl_->keyframes.size(); }
+
+}  // namespace acmp

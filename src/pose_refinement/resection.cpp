@@ -1,0 +1,78 @@
+#include "resection.h"
+
+#include <Eigen/Cholesky>
+
+#include "rotation_vector.h"
+
+namespace acmp {
+namespace {
+
+struct SeenPoint {
+  Eigen::Vector3d point;  ///< world
+  Eigen::Vector2d pixel;
+};
+
+using Matrix6 = Eigen::Matrix<double, 6, 6>;
+using Vector6 = Eigen::Matrix<double, 6, 1>;
+
+/// Robust Gauss-Newton (Cauchy).
+ViewPose Resect(const std::vector<SeenPoint>& points, const PinholeCamera& camera, const ViewPose& start) {
+  constexpr double kSigma = 0.5;  // px: what the camera's errors leave
+  constexpr int kIterations = 10;
+  ViewPose pose = start;
+  for (int iteration = 0; iteration < kIterations; ++iteration) {
+    Matrix6 h = Matrix6::Zero();
+    Vector6 g = Vector6::Zero();
+    for (const SeenPoint& seen : points) {
+      const Eigen::Vector3d y = pose.rotation * (seen.point - pose.centre);
+      if (!(y.z() > 0)) continue;
+      const Eigen::Vector2d r = camera.Project(y) - seen.pixel;
+      const double inverse_z = 1 / y.z(), weight = 1 / (1 + r.squaredNorm() / (kSigma * kSigma));
+      Eigen::Matrix<double, 2, 3> j;
+      j << camera.fx * inverse_z, 0, -camera.fx * y.x() * inverse_z * inverse_z, 0, camera.fy * inverse_z,
+          -camera.fy * y.y() * inverse_z * inverse_z;
+      Eigen::Matrix<double, 2, 6> a;
+      a << -j * CrossMatrix(y), -j * pose.rotation.toRotationMatrix();
+      h += weight * a.transpose() * a;
+      g += weight * a.transpose() * r;
+    }
+    const Eigen::LDLT<Matrix6> ldlt(h);
+    if (ldlt.info() != Eigen::Success || !ldlt.isPositive() || !(ldlt.rcond() > 1e-14)) return start;
+    const Vector6 step = -ldlt.solve(g);
+    if (!step.allFinite()) return start;
+    pose.rotation = (RotationAbout(step.head<3>()) * pose.rotation).normalized();
+    pose.centre += step.tail<3>();
+  }
+  return pose;
+}
+
+}  // namespace
+
+std::vector<ViewPose> ResectViews(const Bundle& bundle, const CameraErrors& camera) {
+  const std::vector<CameraMotion> motions = MotionsOf(bundle);
+  const Eigen::Vector3d errors(camera.k1, camera.k2, camera.readout);
+  std::vector<std::vector<SeenPoint>> seen(bundle.size());
+  for (const Landmark& landmark : bundle.landmarks) {
+    if (landmark.held_out || !(landmark.inverse_depth > 0)) continue;
+    const auto anchor = static_cast<size_t>(landmark.anchor);
+    const ViewPose& pose = bundle.poses[anchor];
+    const PinholeCamera& anchor_camera = bundle.cameras[anchor];
+    const PixelErrors pixel_errors = PixelErrorsAt(anchor_camera, landmark.pixel, pose, motions[anchor],
+                                                   anchor_camera.Unproject(landmark.pixel), landmark.inverse_depth);
+    const Eigen::Vector2d ideal = landmark.pixel - pixel_errors.by_parameter * errors;
+    const Eigen::Vector3d point =
+        pose.rotation.conjugate() * anchor_camera.Unproject(ideal, 1 / landmark.inverse_depth) + pose.centre;
+    seen[anchor].push_back({point, landmark.pixel});
+    for (const Sighting& sighting : landmark.sightings) {
+      seen[static_cast<size_t>(sighting.view)].push_back({point, sighting.pixel});
+    }
+  }
+  constexpr size_t kMinPoints = 15;
+  std::vector<ViewPose> poses = bundle.poses;
+  for (size_t i = 0; i < poses.size(); ++i) {
+    if (seen[i].size() >= kMinPoints) poses[i] = Resect(seen[i], bundle.cameras[i], poses[i]);
+  }
+  return poses;
+}
+
+}  // namespace acmp

@@ -1,0 +1,12 @@
+#pragma once
+
+#include "bundle.h"
+
+namespace acmp {
+
+/// For each view the pose from which a pinhole camera without errors sees the adjusted landmarks best where their
+/// pixels are: what whoever matches images as they are needs. A view with too few landmarks keeps its pose.
+/// @param camera what has been found out about the cameras: anchors' pixels are freed from it
+std::vector<ViewPose> ResectViews(const Bundle& bundle, const CameraErrors& camera);
+
+}  // namespace acmp

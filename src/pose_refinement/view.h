@@ -1,0 +1,65 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "acmp_mapping/geometry/pinhole_camera.h"
+#include "acmp_mapping/geometry/rigid_transform.h"
+#include "gray_pyramid.h"
+
+namespace acmp {
+
+/// Orientation and place of a camera. Errors of a direction do not move the centre, so that the two can be adjusted
+/// apart.
+struct ViewPose {
+  Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();  ///< cam_from_world
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();              ///< in the world
+};
+
+inline ViewPose ToViewPose(const RigidTransform& cam_from_world) {
+  ViewPose pose;
+  pose.rotation = Eigen::Quaterniond(cam_from_world.rotation()).normalized();
+  pose.centre = -(cam_from_world.rotation().transpose() * cam_from_world.translation());
+  return pose;
+}
+
+inline RigidTransform ToRigidTransform(const ViewPose& pose) {
+  RigidTransform cam_from_world = RigidTransform::Identity();
+  cam_from_world.linear() = pose.rotation.toRotationMatrix();
+  cam_from_world.translation() = -(cam_from_world.linear() * pose.centre);
+  return cam_from_world;
+}
+
+/// An image to find landmarks in.
+struct View {
+  PinholeCamera camera;
+  GrayPyramid pyramid;
+};
+
+/// Where a landmark is seen.
+struct Sighting {
+  int view = 0;
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+};
+
+/// A point of the scene: a pixel of its anchor view, taken as exact, and the inverse of its depth z there. Its place in
+/// the other views is measured against the anchor's pixels.
+struct Landmark {
+  int anchor = 0;
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+  double inverse_depth = 0;  ///< 1 / scene unit
+  bool held_out = false;     ///< takes no part in any adjustment
+  std::vector<Sighting> sightings;
+};
+
+/// (z in the view) / (z in the anchor) times the direction to the landmark in the view's frame: a point of the ray, and
+/// with it the projection, also for landmarks at infinity.
+inline Eigen::Vector3d DirectionInView(const Eigen::Vector3d& anchor_ray, double inverse_depth, const ViewPose& anchor,
+                                       const ViewPose& view) {
+  return view.rotation * (anchor.rotation.conjugate() * anchor_ray + inverse_depth * (anchor.centre - view.centre));
+}
+
+}  // namespace acmp

@@ -1,0 +1,61 @@
+#include "scene_pose_refinement.h"
+
+#include <cstdio>
+#include <map>
+
+#include "acmp_mapping/pose_refinement/pose_refinement.h"
+
+namespace acmp {
+namespace {
+
+std::vector<PosedImage> PosedImages(const ReconstructPlan& plan, const Scene& scene, int max_size) {
+  std::map<int, int> positions;
+  for (const ImagePlan& image : plan.images) positions.emplace(image.index, static_cast<int>(positions.size()));
+  std::vector<PosedImage> images;
+  for (const ImagePlan& planned : plan.images) {
+    const SceneImage& image = scene.images[static_cast<size_t>(planned.index)];
+    PosedImage posed;
+    posed.id = planned.index;
+    int width = image.camera.width, height = image.camera.height;
+    LimitSize(max_size, &width, &height);
+    posed.camera = image.camera.Resized(width, height);
+    posed.cam_from_world = image.cam_from_world;
+    posed.depth_range = planned.range;
+    for (int source : planned.sources) posed.sources.push_back(positions.at(source));
+    images.push_back(std::move(posed));
+  }
+  return images;
+}
+
+std::string Describe(const PoseRefinement& refinement) {
+  char text[256];
+  std::snprintf(text, sizeof(text),
+                "poses: matches that took no part lie %.2f px (median of %d) from their epipolar lines as received, "
+                "%.2f px with refined poses; ",
+                refinement.received_fit.median_px, refinement.received_fit.matches, refinement.refined_fit.median_px);
+  std::string message = text;
+  if (!refinement.changed) return message + "poses stay as they are: " + refinement.reason;
+  std::snprintf(text, sizeof(text),
+                "refined poses are used (%d landmarks; the camera reads its rows out in %.3f of the time from image to "
+                "image, radial distortion k1 = %.4f, k2 = %.4f is left)",
+                refinement.landmarks, refinement.camera.readout, refinement.camera.k1, refinement.camera.k2);
+  return message + text;
+}
+
+}  // namespace
+
+void RefineScenePoses(const ReconstructPlan& plan, const ReconstructOptions& options, const InterruptWatcher& interrupt,
+                      Scene* scene, Progress* progress) {
+  if (options.pose_refinement.refine == RefinePoses::kOff) return;
+  progress->Note("refining poses");
+  const FrameOptions frame_options = {options.max_image_size, 0};  // sharpening would sharpen the noise, too
+  const auto load = [&](size_t i) { return LoadFrame(*scene, plan.images[i].index, frame_options).gray; };
+  const PoseRefinement refinement = RefineImagePoses(PosedImages(plan, *scene, options.max_image_size), load,
+                                                     options.pose_refinement, [&] { interrupt.Check(); });
+  for (const RefinedPose& pose : refinement.poses) {
+    scene->images[static_cast<size_t>(pose.id)].cam_from_world = pose.cam_from_world;
+  }
+  progress->Note(Describe(refinement));
+}
+
+}  // namespace acmp

@@ -1,0 +1,155 @@
+#include "bundle_refinement.h"
+
+#include <gtest/gtest.h>
+
+#include "landmark_matching.h"
+#include "pose_scene.h"
+#include "resection.h"
+#include "rotation_vector.h"
+
+namespace acmp {
+namespace {
+
+constexpr double kInterval = 0.1;  // s from view to view
+
+/// A bundle without images: a hand-held camera sees random points through a rolling shutter and a lens.
+class BundleRefinementTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (!CanRefinePoses()) GTEST_SKIP() << "built without Ceres";
+  }
+
+  double Uniform(double low, double high) {
+    return low + (high - low) * static_cast<double>(random_() - random_.min()) / (random_.max() - random_.min());
+  }
+
+  ViewPose PoseAt(double t) const {
+    ViewPose pose;
+    pose.rotation = RotationAbout({0.12 * std::sin(3.1 * t), 0.25 * std::sin(2.3 * t + 1), 0.15 * std::sin(2.7 * t)});
+    pose.centre = {0.8 * t, 0.1 * std::sin(4 * t), 0.06 * std::cos(3 * t)};
+    return pose;
+  }
+
+  /// Where a camera with errors sees a point: the row that sees it decides when.
+  Eigen::Vector2d See(const Eigen::Vector3d& point, double t, const CameraErrors& errors) const {
+    double row = camera_.cy;
+    Eigen::Vector2d pixel;
+    for (int i = 0; i < 10; ++i) {
+      const ViewPose pose = PoseAt(t + errors.readout * ((row + 0.5) / camera_.height - 0.5));
+      const Eigen::Vector3d y = pose.rotation * (point - pose.centre);
+      const Eigen::Vector2d x = y.head<2>() / y.z();
+      const double r2 = x.squaredNorm(), factor = 1 + errors.k1 * r2 + errors.k2 * r2 * r2;
+      pixel = {camera_.fx * factor * x.x() + camera_.cx, camera_.fy * factor * x.y() + camera_.cy};
+      row = pixel.y();
+    }
+    return pixel;
+  }
+
+  Bundle MakeBundle(const CameraErrors& errors, double rotation_error, double position_error) {
+    Bundle bundle;
+    constexpr int kViews = 12;
+    PoseErrors pose_errors(rotation_error * 180 / M_PI, position_error);
+    for (int i = 0; i < kViews; ++i) {
+      bundle.cameras.push_back(camera_);
+      truth_.push_back(PoseAt(kInterval * i));
+      bundle.received.push_back(ToViewPose(pose_errors.Perturbed(ToRigidTransform(truth_.back()))));
+      bundle.times.push_back(kInterval * i);
+    }
+    bundle.poses = bundle.received;
+    bundle.motions.resize(kViews);
+    for (int anchor = 0; anchor < kViews; ++anchor) {
+      for (int k = 0; k < 60; ++k) {
+        const ViewPose& pose = truth_[static_cast<size_t>(anchor)];
+        const Eigen::Vector2d where(Uniform(10, camera_.width - 10), Uniform(10, camera_.height - 10));
+        const double depth = Uniform(1.2, 5);
+        const Eigen::Vector3d point = pose.rotation.conjugate() * camera_.Unproject(where, depth) + pose.centre;
+        Landmark landmark;
+        landmark.anchor = anchor;
+        landmark.pixel = See(point, kInterval * anchor, errors);
+        landmark.held_out = k % 5 == 0;
+        for (int view = std::max(0, anchor - 5); view <= std::min(kViews - 1, anchor + 5); ++view) {
+          if (view == anchor) continue;
+          const Eigen::Vector2d pixel = See(point, kInterval * view, errors);
+          if (!camera_.Contains(pixel)) continue;
+          landmark.sightings.push_back({view, pixel + Eigen::Vector2d(Uniform(-0.2, 0.2), Uniform(-0.2, 0.2))});
+        }
+        if (landmark.sightings.size() < 2) continue;
+        landmark.inverse_depth = 1 / 2.5;
+        Triangulate(bundle.poses, bundle.cameras, &landmark);
+        if (!(landmark.inverse_depth > 0)) continue;
+        bundle.landmarks.push_back(landmark);
+        true_inverse_depths_.push_back(1 / depth);
+      }
+    }
+    return bundle;
+  }
+
+  std::vector<RigidTransform> Transforms(const std::vector<ViewPose>& poses) const {
+    std::vector<RigidTransform> transforms;
+    for (const ViewPose& pose : poses) transforms.push_back(ToRigidTransform(pose));
+    return transforms;
+  }
+
+  /// Median relative error of the held-out landmarks' depths, triangulated with these poses.
+  double DepthError(const Bundle& bundle, const std::vector<ViewPose>& poses) const {
+    std::vector<double> ratios;
+    for (size_t i = 0; i < bundle.landmarks.size(); ++i) {
+      Landmark landmark = bundle.landmarks[i];
+      if (!landmark.held_out) continue;
+      Triangulate(poses, bundle.cameras, &landmark);
+      ratios.push_back(landmark.inverse_depth / true_inverse_depths_[i]);
+    }
+    const auto median = [](std::vector<double> v) {
+      std::sort(v.begin(), v.end());
+      return v[v.size() / 2];
+    };
+    const double scale = median(ratios);
+    for (double& ratio : ratios) ratio = std::abs(ratio / scale - 1);
+    return median(ratios);
+  }
+
+  const PinholeCamera camera_ = {540, 360, 495, 495, 269.5, 169};
+  std::vector<ViewPose> truth_;
+  std::vector<double> true_inverse_depths_;  ///< of the landmarks
+  std::minstd_rand random_{3};
+};
+
+TEST_F(BundleRefinementTest, RollingShutterAndDistortionAreFoundWithThePoses) {
+  const CameraErrors errors = {0.04, -0.05, 0.012};
+  Bundle bundle = MakeBundle(errors, 0.003, 0.008);
+  RefinementState state;
+  RefineBundle(3, 30, &bundle, &state);
+  EXPECT_NEAR(state.camera.readout, errors.readout, 0.002);
+  EXPECT_NEAR(state.camera.k1, errors.k1, 0.02);
+  const MotionErrors before = CompareMotions(Transforms(bundle.received), Transforms(truth_));
+  const MotionErrors after = CompareMotions(Transforms(bundle.poses), Transforms(truth_));
+  EXPECT_LT(after.rotation_deg, before.rotation_deg / 5);
+  EXPECT_LT(after.position, before.position / 3);
+}
+
+TEST_F(BundleRefinementTest, ACameraWithoutErrorsIsFoundToHaveNone) {
+  Bundle bundle = MakeBundle({}, 0.003, 0.008);
+  RefinementState state;
+  RefineBundle(3, 30, &bundle, &state);
+  EXPECT_NEAR(state.camera.readout, 0, 0.001);
+  EXPECT_NEAR(state.camera.k1, 0, 0.01);
+  EXPECT_LT(CompareMotions(Transforms(bundle.poses), Transforms(truth_)).rotation_deg, 0.02);
+}
+
+// A bundle adjustment that knows nothing of the camera's errors explains them by the scene. The resected poses give
+// whoever triangulates the pixels as they are better depths, at the scale that fits best.
+TEST_F(BundleRefinementTest, ResectedPosesGiveBetterDepthsThanAPlainBundleAdjustment) {
+  Bundle bundle = MakeBundle({0.04, -0.05, 0.012}, 0.003, 0.008);
+  Bundle plain_bundle = bundle;
+  RefinementState state, plain;
+  plain.started = true;
+  plain.weights.camera_sigma = {1e-9, 1e-9, 1e-9};
+  RefineBundle(3, 30, &bundle, &state);
+  RefineBundle(3, 30, &plain_bundle, &plain);
+  const double error = DepthError(bundle, ResectViews(bundle, state.camera));
+  EXPECT_LT(error, DepthError(bundle, bundle.received) / 3);
+  EXPECT_LT(error, 0.8 * DepthError(bundle, plain_bundle.poses));
+}
+
+}  // namespace
+}  // namespace acmp

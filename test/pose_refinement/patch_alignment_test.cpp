@@ -1,0 +1,85 @@
+#include "patch_alignment.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "corner_detection.h"
+
+namespace acmp {
+namespace {
+
+/// A smooth pattern without repetition nearby, moved and stretched.
+GrayImage Pattern(const Eigen::Vector2d& shift, double gain = 1, double offset = 0, double zoom = 1) {
+  GrayImage image(120, 100);
+  for (int row = 0; row < image.height(); ++row) {
+    for (int col = 0; col < image.width(); ++col) {
+      const double x = (col - 60 - shift.x()) / zoom, y = (row - 50 - shift.y()) / zoom;
+      const double value = 110 + 40 * std::sin(0.31 * x + 0.2 * y) + 35 * std::cos(0.27 * y - 0.17 * x + 1) +
+                           15 * std::sin(0.011 * x * y);
+      image(col, row) = static_cast<float>(gain * value + offset);
+    }
+  }
+  return image;
+}
+
+const Eigen::Vector2d kPixel(60, 50);
+
+TEST(PatchAlignmentTest, FindsAShiftToAFractionOfAPixel) {
+  const GrayPyramid image(Pattern({0, 0}).View());
+  for (const Eigen::Vector2d& shift : {Eigen::Vector2d(0, 0), {0.3, -0.4}, {3.7, 2.2}, {-6.2, 4.5}}) {
+    const GrayPyramid other(Pattern(shift).View());
+    const Alignment found = Align(image, kPixel, Eigen::Matrix2d::Identity(), other, kPixel, {});
+    ASSERT_TRUE(found.found) << shift.transpose();
+    EXPECT_LT((found.pixel - kPixel - shift).norm(), 0.05) << shift.transpose();
+  }
+}
+
+TEST(PatchAlignmentTest, BrightnessAndContrastDoNotMatter) {
+  const GrayPyramid image(Pattern({0, 0}).View()), other(Pattern({1.6, 0.7}, 0.6, 30).View());
+  const Alignment found = Align(image, kPixel, Eigen::Matrix2d::Identity(), other, kPixel, {});
+  ASSERT_TRUE(found.found);
+  EXPECT_LT((found.pixel - kPixel - Eigen::Vector2d(1.6, 0.7)).norm(), 0.1);
+  EXPECT_GT(found.ncc, 0.99);
+}
+
+TEST(PatchAlignmentTest, TheWarpIsAppliedToThePatch) {
+  constexpr double kZoom = 1.4;
+  const GrayPyramid image(Pattern({0, 0}).View()), other(Pattern({0, 0}, 1, 0, kZoom).View());
+  const Eigen::Vector2d pixel(66, 45);
+  const Eigen::Vector2d expected(60 + 6 * kZoom, 50 - 5 * kZoom);
+  const Alignment found =
+      Align(image, pixel, kZoom * Eigen::Matrix2d::Identity(), other, expected + Eigen::Vector2d(1.5, 1), {});
+  ASSERT_TRUE(found.found);
+  EXPECT_LT((found.pixel - expected).norm(), 0.1);
+}
+
+TEST(PatchAlignmentTest, WhatIsNotThereIsNotFound) {
+  const GrayPyramid image(Pattern({0, 0}).View());
+  const GrayPyramid blank(GrayImage(120, 100, 90.0f).View());
+  EXPECT_FALSE(Align(image, kPixel, Eigen::Matrix2d::Identity(), blank, kPixel, {}).found);
+  EXPECT_FALSE(Align(blank, kPixel, Eigen::Matrix2d::Identity(), image, kPixel, {}).found);
+  EXPECT_FALSE(Align(image, kPixel, Eigen::Matrix2d::Identity(), image, {-50, 50}, {}).found);
+  EXPECT_FALSE(Align(image, {1, 1}, Eigen::Matrix2d::Identity(), image, kPixel, {}).found);
+  EXPECT_FALSE(Align(image, kPixel, Eigen::Matrix2d::Zero(), image, kPixel, {}).found);
+}
+
+TEST(CornerDetectionTest, CornersOfASquareAreFoundAndTakenCellsLeftOut) {
+  GrayImage square(120, 100, 60.0f);
+  for (int row = 30; row < 70; ++row) {
+    for (int col = 40; col < 80; ++col) square(col, row) = 180;
+  }
+  const GrayPyramid pyramid(square.View());
+  CornerOptions options;
+  options.cell = 20;
+  const std::vector<Eigen::Vector2d> corners = DetectCorners(pyramid.level(0), {}, options);
+  ASSERT_EQ(corners.size(), 4u);
+  for (const Eigen::Vector2d& corner : corners) {
+    EXPECT_LT(std::abs(std::abs(corner.x() - 59.5) - 20), 3);
+    EXPECT_LT(std::abs(std::abs(corner.y() - 49.5) - 20), 3);
+  }
+  EXPECT_EQ(DetectCorners(pyramid.level(0), {corners[0]}, options).size(), 3u);
+}
+
+}  // namespace
+}  // namespace acmp

@@ -1,0 +1,143 @@
+#include "acmp_mapping/pose_refinement/pose_refiner.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "acmp_mapping/common/error.h"
+#include "pose_scene.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::HasSubstr;
+
+class PoseRefinerTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (!CanRefinePoses()) GTEST_SKIP() << "built without Ceres";
+    for (const SyntheticView& view : Room()) truth_.push_back(view.frame.cam_from_world);
+    received_ = truth_;
+    options_.corners = 250;
+  }
+
+  void Perturb(double rotation_deg, double position) {
+    PoseErrors errors(rotation_deg, position);
+    for (RigidTransform& pose : received_) pose = errors.Perturbed(pose);
+  }
+
+  Frame FrameOf(size_t i) const {
+    const Frame& view = Room()[i].frame;
+    Frame frame;
+    frame.id = static_cast<int64_t>(i);
+    frame.stamp_s = 100 + 0.2 * static_cast<double>(i);
+    frame.camera = view.camera;
+    frame.cam_from_world = received_[i];
+    frame.gray = view.gray.Clone();
+    return frame;
+  }
+
+  /// Feeds the room with a window of eight keyframes. Returns what Refine gave after each.
+  std::vector<PoseRefinement> Run(PoseRefiner* refiner) {
+    constexpr size_t kWindow = 8;
+    std::vector<PoseRefinement> results;
+    for (size_t i = 0; i < received_.size(); ++i) {
+      if (refiner->size() == kWindow) refiner->RemoveOldest();
+      refiner->Add(FrameOf(i), kRoomRange);
+      results.push_back(refiner->Refine());
+    }
+    return results;
+  }
+
+  std::vector<RigidTransform> Window(const std::vector<RigidTransform>& poses, const PoseRefinement& result) const {
+    std::vector<RigidTransform> window;
+    for (const RefinedPose& pose : result.poses) window.push_back(poses[static_cast<size_t>(pose.id)]);
+    return window;
+  }
+
+  std::vector<RigidTransform> truth_, received_;
+  PoseRefinementOptions options_;
+};
+
+TEST_F(PoseRefinerTest, EveryFullWindowComesNearTheTruth) {
+  Perturb(0.3, 0.01);
+  PoseRefiner refiner(options_);
+  const std::vector<PoseRefinement> results = Run(&refiner);
+  for (size_t i = 7; i < results.size(); ++i) {
+    const PoseRefinement& result = results[i];
+    ASSERT_EQ(result.poses.size(), 8u);
+    EXPECT_EQ(result.poses.back().id, static_cast<int64_t>(i));
+    EXPECT_TRUE(result.changed) << result.reason;
+    const std::vector<RigidTransform> truth = Window(truth_, result);
+    const MotionErrors before = CompareMotions(Window(received_, result), truth);
+    const MotionErrors after = CompareMotions(PosesOf(result.poses), truth);
+    EXPECT_LT(after.rotation_deg, before.rotation_deg / 2) << i;
+    EXPECT_LT(after.position, before.position / 2) << i;
+  }
+}
+
+TEST_F(PoseRefinerTest, ExactPosesStayBitByBit) {
+  PoseRefiner refiner(options_);
+  for (const PoseRefinement& result : Run(&refiner)) {
+    EXPECT_FALSE(result.changed);
+    for (const RefinedPose& pose : result.poses) {
+      EXPECT_TRUE(SameBits(pose.cam_from_world, truth_[static_cast<size_t>(pose.id)]));
+    }
+  }
+}
+
+TEST_F(PoseRefinerTest, TheSameKeyframesGiveTheSameBits) {
+  Perturb(0.3, 0.01);
+  PoseRefiner a(options_), b(options_);
+  Run(&b);
+  b.Reset();
+  EXPECT_EQ(b.size(), 0u);
+  const std::vector<PoseRefinement> first = Run(&a), second = Run(&b);
+  for (size_t i = 0; i < first.size(); ++i) {
+    for (size_t k = 0; k < first[i].poses.size(); ++k) {
+      EXPECT_TRUE(SameBits(first[i].poses[k].cam_from_world, second[i].poses[k].cam_from_world));
+    }
+  }
+}
+
+TEST_F(PoseRefinerTest, FewKeyframesOrMatchesLeavePosesAndSaySo) {
+  PoseRefiner refiner(options_);
+  EXPECT_TRUE(refiner.Refine().poses.empty());
+  for (size_t i = 0; i < 4; ++i) {
+    Frame frame = FrameOf(i);
+    frame.gray = GrayImage(frame.camera.width, frame.camera.height, 77.0f);
+    refiner.Add(frame, kRoomRange);
+    const PoseRefinement result = refiner.Refine();
+    EXPECT_FALSE(result.changed);
+    EXPECT_FALSE(result.reason.empty());
+    ASSERT_EQ(result.poses.size(), i + 1);
+    EXPECT_TRUE(SameBits(result.poses[i].cam_from_world, received_[i]));
+  }
+}
+
+TEST_F(PoseRefinerTest, BadKeyframesAreRefusedAndChangeNothing) {
+  PoseRefiner refiner(options_);
+  EXPECT_THROW(refiner.RemoveOldest(), InvalidInputError);
+  refiner.Add(FrameOf(1), kRoomRange);
+  EXPECT_THROW(refiner.Add(FrameOf(0), kRoomRange), InvalidInputError);  // older
+  EXPECT_THROW(refiner.Add(FrameOf(2), DepthRange{0, 1}), InvalidInputError);
+  Frame frame = FrameOf(2);
+  frame.cam_from_world.translation().y() = INFINITY;
+  EXPECT_THROW(refiner.Add(frame, kRoomRange), InvalidInputError);
+  frame = FrameOf(2);
+  frame.gray = GrayImage(3, 3);
+  EXPECT_THROW(refiner.Add(frame, kRoomRange), InvalidInputError);
+  frame = FrameOf(2);
+  frame.stamp_s = 1;
+  EXPECT_THROW(refiner.Add(frame, kRoomRange), InvalidInputError);
+  EXPECT_EQ(refiner.size(), 1u);
+}
+
+TEST_F(PoseRefinerTest, OffReturnsReceivedPoses) {
+  options_.refine = RefinePoses::kOff;
+  Perturb(0.3, 0.01);
+  PoseRefiner refiner(options_);
+  for (const PoseRefinement& result : Run(&refiner)) EXPECT_FALSE(result.changed);
+}
+
+}  // namespace
+}  // namespace acmp
