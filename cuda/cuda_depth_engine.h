@@ -5,160 +5,91 @@
 #include <utility>
 #include <vector>
 
-#include "engine_handles.h"
-#include "fill_runner.h"
-#include "fusion_runner.h"
-#include "map_kernels.h"
-#include "pass_runner.h"
-#include "staged_copy.h"
+#include "acmp_mapping/engine/depth_engine.h"
+#include "cuda_fill.h"
+#include "cuda_fusion.h"
+#include "cuda_image.h"
+#include "cuda_passes.h"
+#include "cuda_prior.h"
+#include "estimate_copies.h"
 
 namespace acmp {
 
-/// The engine of one GPU (see DepthEngine); those that Share() made have the device in common.
+/// The engine of one GPU: each of its parts does one job on the stream that they share. Engines that Share() made have
+/// the device in common.
 class CudaDepthEngine final : public DepthEngine {
  public:
-  explicit CudaDepthEngine(const CudaDevicePtr& device) : runner_(device), fill_(device), fusion_(device) {}
+  explicit CudaDepthEngine(const CudaDevicePtr& device) : queue_(device) {}
+
+  EngineImagePtr Load(const FramePtr& frame, int levels) override { return LoadImage(frame, levels, &queue_); }
+  EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options, int level) override {
+    return passes_.RunPhotometric(problem, options, level);
+  }
+  EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
+                                   EngineEstimatePtr start, const PriorMesh& prior) override {
+    return passes_.RunPlanarPrior(problem, options, start, prior);
+  }
+  EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
+                                 EngineEstimatePtr start, int pass) override {
+    return passes_.RunGeometric(problem, options, start, pass);
+  }
+  EngineEstimatePtr RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
+                                   EngineEstimatePtr start, const EngineEstimatePtr& coarser) override {
+    return passes_.RestoreDetails(problem, options, start, coarser);
+  }
+  EngineEstimatePtr Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) override {
+    return passes_.Upsample(estimate, frame, level);
+  }
+  std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
+                                              const PlanarPriorOptions& options) override {
+    return prior_.FindSupportPoints(estimate, range, options);
+  }
+  EngineEstimatePtr FillUnverified(const EngineProblem& problem, const FillOptions& options) override {
+    return fill_.FillUnverified(problem, options);
+  }
+  EngineEstimatePtr RemoveUnsupported(const EngineProblem& problem, EngineEstimatePtr start) override {
+    return fill_.RemoveUnsupported(problem, start);
+  }
+  double PopDeviceTime() override { return queue_.PopTime(); }
+
+  ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
+                                        const FusionOptions& options) override {
+    return fusion_.FilterByConsistency(reference, sources, options);
+  }
+  ConfidenceMap MeasureConfidence(const EngineView& reference, const std::vector<EngineView>& sources,
+                                  const FusionOptions& options) override {
+    return fusion_.MeasureConfidence(reference, sources, options);
+  }
+  std::unique_ptr<FusionStamps> MakeFusionStamps() override { return CudaFusion::MakeStamps(); }
+  PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources, const FusionOptions& options,
+                      int rank, FusionStamps* stamps) override {
+    return fusion_.FuseView(reference, sources, options, rank, stamps);
+  }
+
+  EstimateMaps Download(const EngineEstimatePtr& estimate) override { return copies_.Download(estimate); }
+  DepthMap DownloadDepth(const EngineEstimatePtr& estimate) override { return copies_.DownloadDepth(estimate); }
+  EstimateState DownloadState(const EngineEstimatePtr& estimate) override { return copies_.DownloadState(estimate); }
+  EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override {
+    return copies_.UploadState(state, camera);
+  }
+  EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) override {
+    return copies_.UploadMaps(maps, camera);
+  }
+  EngineEstimatePtr Import(const EngineEstimatePtr& estimate) override { return copies_.Import(estimate); }
 
   std::unique_ptr<DepthEngine> Share() override;
-  EngineImagePtr Load(const FramePtr& frame, int levels) override;
-  EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options, int level) override;
-  EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
-                                   EngineEstimatePtr start, const PriorMesh& prior) override;
-  EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
-                                 EngineEstimatePtr start, int pass) override;
-  EngineEstimatePtr RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
-                                   EngineEstimatePtr start, const EngineEstimatePtr& coarser) override;
-  EngineEstimatePtr Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) override;
-  std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
-                                              const PlanarPriorOptions& options) override;
-  EngineEstimatePtr FillUnverified(const EngineProblem& problem, const FillOptions& options) override;
-  EngineEstimatePtr RemoveUnsupported(const EngineProblem& problem, EngineEstimatePtr start) override;
-  ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
-                                        const FusionOptions& options) override;
-  ConfidenceMap MeasureConfidence(const EngineView& reference, const std::vector<EngineView>& sources,
-                                  const FusionOptions& options) override;
-  std::unique_ptr<FusionStamps> MakeFusionStamps() override;
-  PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources, const FusionOptions& options,
-                      int rank, FusionStamps* stamps) override;
-
-  EstimateMaps Download(const EngineEstimatePtr& estimate) override;
-  DepthMap DownloadDepth(const EngineEstimatePtr& estimate) override;
-  EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
-  EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override;
-  EngineEstimatePtr Import(const EngineEstimatePtr& estimate) override;
-  EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) override;
-
-  double PopDeviceTime() override { return std::exchange(device_ms_, 0.0); }
-  size_t DeviceBytes() const override { return runner_.device()->Bytes(); }
+  size_t DeviceBytes() const override { return queue_.device()->Bytes(); }
   size_t FreeDeviceBytes() const override;
   std::string device_name() const override;
 
  private:
-  CudaDevice& device() const { return *runner_.device(); }
-  const CudaStream& stream() const { return runner_.stream(); }
-
-  template <class Handle, class Base>
-  const Handle& Cast(const std::shared_ptr<const Base>& handle) const {
-    const auto* cast = dynamic_cast<const Handle*>(handle.get());
-    if (cast == nullptr || cast->device != runner_.device().get()) {
-      throw InvalidInputError("a handle is null or belongs to another device");
-    }
-    return *cast;
-  }
-
-  /// Runs `work` with the device selected for this thread; after a failure nothing is left under way.
-  template <class Work>
-  auto OnDevice(const Work& work) -> decltype(work()) {
-    device().MakeCurrent();
-    try {
-      return work();
-    } catch (...) {
-      cudaStreamSynchronize(stream().get());  // queued work must not outlive the memory it uses
-      cudaGetLastError();
-      throw;
-    }
-  }
-
-  EngineImagePtr LoadLevels(const Frame& frame, int levels);
-  PatchMatchProblem MakeProblem(const EngineProblem& problem, int level) const;
-  template <Pass kPass>
-  EngineEstimatePtr RunPass(const EngineProblem& problem, const PatchMatchOptions& options, int level,
-                            const EngineEstimatePtr& start, const PriorMesh* prior, int geometric_pass, int iterations);
-  /// The estimate itself if nobody else holds it, else null.
-  static std::shared_ptr<CudaEstimate> UseUp(const EngineEstimatePtr& start);
-  /// Queues the copy of planes and costs to an estimate of the same size.
-  void QueueCopy(const CudaEstimate& from, CudaEstimate* to) const;
-  /// An estimate with the start's planes and costs: itself if nobody else holds it, else a copy.
-  std::shared_ptr<CudaEstimate> Continue(const EngineEstimatePtr& start) const;
-  PassData MakePassData(const EngineProblem& problem, int level, const CudaEstimate& estimate) const;
-  /// Throws InvalidInputError unless the sources' estimates are of the level.
-  void CheckSourceSizes(const EngineProblem& problem, int level) const;
-  void AddSourceDepths(const EngineProblem& problem, PassData* data);
-  void AddFullDepths(const EngineProblem& problem, PassData* data) const;
-  HalvedDepth HalvedDepthOf(const CudaEstimate& estimate);
-  /// Queues the halved depths of an estimate, and the way of their greatest inverse to the host. Once the stream has
-  /// been waited for, KeepHalvedDepth takes them.
-  DeviceArray<uint16_t> QueueHalvedDepth(const CudaEstimate& estimate);
-  void KeepHalvedDepth(DeviceArray<uint16_t> halved, const CudaEstimate& estimate);
-  void UploadPrior(const PriorMesh& mesh);
-  /// Where the numbers of the pixels' triangles go: the depths of an estimate that is being made, which are set after
-  /// the pass.
-  static ImageView<uint32_t> NumbersIn(CudaEstimate* estimate);
-  /// Draws the uploaded triangles' numbers.
-  void QueuePrior(const PatchMatchProblem& match, int triangles, const ImageView<uint32_t>& numbers);
-  /// Queues the depths of the estimate's planes.
-  void QueueDepths(const PinholeCamera& camera, CudaEstimate* estimate);
-  /// As QueueDepths, with the halved depths that geometric passes of others will read: waits for all that was queued
-  /// and counts the device's time since begin_ was recorded.
-  void FinishSource(const PinholeCamera& camera, CudaEstimate* estimate);
-  /// Waits for all that was queued and counts the device's time since begin_ was recorded.
-  void FinishTiming();
-  std::vector<SupportPoint> FindCells(const CudaEstimate& maps, const DepthRange& range,
-                                      const PlanarPriorOptions& options);
-
-  /// What QueueEvidence measures, and of what.
-  struct EvidenceSearch {
-    CudaMatchContext match;
-    FillContext textured;
-    ImageView<float> evidence;
-  };
-  /// The caller holds images_mutex() shared until the stream has been waited for.
-  /// @param estimate whose planes are asked about, once QueueEvidence runs
-  EvidenceSearch PrepareEvidence(const EngineProblem& problem, CudaEstimate* estimate);
-  void QueueEvidence(const EvidenceSearch& search);
-
-  /// Queues the weighted median of a completed estimate.
-  /// @param planes of the estimate's size; become those of before, which the stream still reads
-  void FilterByMedian(const FusionSetup<DeviceFusionView>& setup, const FillContext& context,
-                      const ImageView<const Rgb>& color, CudaEstimate* estimate, DeviceArray<PlaneHypothesis>* planes);
-  static PosedCamera PosedCameraOf(const EngineView& view);
-  /// Without colours.
-  DeviceFusionView GeometryMapsOf(const EngineView& view);
-  DeviceFusionView FusionMapsOf(const EngineView& view);
-  ImageView<const Rgb> ColorOf(const EngineView& view);
-  /// The reference's estimate against the sources' in the reference's camera frame.
-  /// @param maps_of GeometryMapsOf or FusionMapsOf
-  FusionSetup<DeviceFusionView> SetUp(const EngineView& reference, const std::vector<EngineView>& sources,
-                                      const FusionLimits& limits,
-                                      DeviceFusionView (CudaDepthEngine::*maps_of)(const EngineView&));
-  DeviceArray<Stamp> UnusedStamps(size_t pixels);
-  /// Replaces another GPU's stamps by a copy on this one.
-  void MoveHere(DeviceArray<Stamp>* stamps);
-  /// On this GPU. Nobody else may use the frame's stamps meanwhile.
-  ImageView<Stamp> StampsOf(const Frame& frame, CudaStamps* stamps);
-
-  PassRunner runner_;
-  FillRunner fill_;
-  FusionRunner fusion_;
-  CudaEvent begin_, end_;
-  PinnedBuffer staging_;
-  StagedDownload download_;
-  DeviceArray<PlaneHypothesis> prior_planes_;  ///< of the triangles
-  DeviceArray<TriangleCorners> triangles_;
-  DeviceArray<float> largest_inverse_;
-  PinnedBuffer largest_inverse_on_host_;
-  DeviceArray<SupportPoint> cells_;
-  double device_ms_ = 0;
+  DeviceQueue queue_;
+  HalvedDepths halved_{&queue_};
+  CudaPrior prior_{&queue_};
+  CudaPasses passes_{&queue_, &halved_, &prior_};
+  CudaFill fill_{&queue_, &halved_};
+  CudaFusion fusion_{&queue_};
+  EstimateCopies copies_{&queue_};
 };
 
 }  // namespace acmp

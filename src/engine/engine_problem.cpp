@@ -1,8 +1,9 @@
-#include "acmp_mapping/engine/matching_engine.h"
-
 #include <atomic>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/engine/estimate_transfer.h"
+#include "acmp_mapping/engine/matching_engine.h"
+#include "acmp_mapping/patch_match/match_setup.h"
 
 namespace acmp {
 namespace {
@@ -44,19 +45,46 @@ int LevelOf(const EngineProblem& problem, int width, int height) {
                                  camera.height, ", or these halved up to ", kMaxLevels, " times"));
 }
 
+void CheckLoad(const FramePtr& frame, int levels) {
+  if (!frame) throw InvalidInputError("frame: must not be null");
+  CheckRange("levels", levels, 0, kMaxLevels);
+  CheckCamera("camera of the smallest level", CameraAtLevel(frame->camera, levels));
+}
+
 void CheckHandles(const EngineProblem& problem, int level) {
   CheckRange("level", level, 0, kMaxLevels);
   CheckView("reference", problem.reference);
   for (const EngineView& source : problem.sources) CheckView("source view", source);
 }
 
-PatchMatchProblem MakePatchMatchProblem(const EngineProblem& problem) {
+void CheckUpsample(const FramePtr& frame, int level, int width, int height) {
+  if (!frame) throw InvalidInputError("frame: must not be null");
+  CheckRange("level", level, 0, kMaxLevels);
+  CheckSize("halved estimate", width, height, CameraAtLevel(frame->camera, level));
+}
+
+PatchMatchProblem MakePatchMatchProblem(const EngineProblem& problem, int level) {
+  CheckHandles(problem, level);
   PatchMatchProblem result;
   result.reference = MakeMatchView(*problem.reference.frame);
   result.sources.reserve(problem.sources.size());
   for (const EngineView& source : problem.sources) result.sources.push_back(MakeMatchView(*source.frame));
   result.depth_range = problem.depth_range;
+  Check(result);
+  result.reference.camera = CameraAtLevel(result.reference.camera, level);
+  for (MatchView& source : result.sources) source.camera = CameraAtLevel(source.camera, level);
   return result;
+}
+
+void CheckUpload(const EstimateState& state, const PinholeCamera& camera) {
+  CheckSize("plane map", state.planes.width(), state.planes.height(), camera);
+  CheckSize("cost map", state.cost.width(), state.cost.height(), camera);
+}
+
+void CheckUpload(const EstimateMapViews& maps, const PinholeCamera& camera) {
+  CheckSize("depth map", maps.depth.width, maps.depth.height, camera);
+  CheckSize("normal map", maps.normal.width, maps.normal.height, camera);
+  CheckSize("cost map", maps.cost.width, maps.cost.height, camera);
 }
 
 }  // namespace acmp

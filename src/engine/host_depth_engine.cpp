@@ -1,6 +1,7 @@
 #include "acmp_mapping/engine/host_depth_engine.h"
 
 #include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <map>
@@ -8,12 +9,13 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/fill/fill.h"
 #include "acmp_mapping/fill/free_space_check.h"
 #include "acmp_mapping/fusion/fusion_setup.h"
+#include "acmp_mapping/image/cells.h"
+#include "acmp_mapping/patch_match/host_passes.h"
 #include "acmp_mapping/patch_match/kernel/upsample.h"
-#include "acmp_mapping/patch_match/match_setup.h"
-#include "acmp_mapping/patch_match/restore_details.h"
 
 namespace acmp {
 namespace {
@@ -70,17 +72,13 @@ GrayImage Halve(const ImageView<const float>& image) {
   return halved;
 }
 
-void ToLevel(const EngineView& from, int level, MatchView* view) {
-  view->camera = CameraAtLevel(view->camera, level);
-  view->gray = Cast<HostImage>(from.image).Gray(level);
-}
-
 PatchMatchProblem MakeProblem(const EngineProblem& problem, int level) {
-  CheckHandles(problem, level);
-  PatchMatchProblem result = MakePatchMatchProblem(problem);
-  ToLevel(problem.reference, level, &result.reference);
-  for (size_t i = 0; i < result.sources.size(); ++i) ToLevel(problem.sources[i], level, &result.sources[i]);
-  return result;
+  PatchMatchProblem match = MakePatchMatchProblem(problem, level);
+  match.reference.gray = Cast<HostImage>(problem.reference.image).Gray(level);
+  for (size_t i = 0; i < match.sources.size(); ++i) {
+    match.sources[i].gray = Cast<HostImage>(problem.sources[i].image).Gray(level);
+  }
+  return match;
 }
 
 /// With the depths of the sources' estimates, which must be of the same level.
@@ -93,11 +91,11 @@ PatchMatchProblem MakeProblemWithDepths(const EngineProblem& problem, int level)
   return match;
 }
 
-PatchMatchResult MakeStart(const EngineEstimatePtr& estimate) {
+EstimateState MakeStart(const EngineEstimatePtr& estimate) {
   const HostEstimate& host = Cast<HostEstimate>(estimate);
-  if (!IsUnique(estimate)) return {host.planes.Clone(), host.cost.Clone(), {}};
-  auto& used_up = const_cast<HostEstimate&>(host);  // Keep made it, and nobody is left to see it
-  return {std::move(used_up.planes), std::move(used_up.cost), {}};
+  if (!IsUnique(estimate)) return {host.planes.Clone(), host.cost.Clone()};
+  auto& used_up = const_cast<HostEstimate&>(host);  // it was not made const, and nobody is left to see it
+  return {std::move(used_up.planes), std::move(used_up.cost)};
 }
 
 template <class T>
@@ -135,45 +133,38 @@ FusionView MakeFusionView(const EngineView& view) {
 
 }  // namespace
 
-HostDepthEngine::HostDepthEngine(MakePatchMatchFunction make)
-    : make_(make), owned_(make()), patch_match_(owned_.get()) {}
+std::unique_ptr<DepthEngine> HostDepthEngine::Share() { return std::make_unique<HostDepthEngine>(); }
 
-HostDepthEngine::HostDepthEngine(PatchMatch* patch_match) : patch_match_(patch_match) {
-  if (patch_match == nullptr) throw InvalidInputError("patch_match: must not be null");
-}
-
-std::unique_ptr<DepthEngine> HostDepthEngine::Share() {
-  if (make_ == nullptr) throw InvalidInputError("this engine does not own its PatchMatch and cannot be shared");
-  return std::make_unique<HostDepthEngine>(make_);
+std::string HostDepthEngine::device_name() const {
+  return Concat("cpu (", tbb::this_task_arena::max_concurrency(), " threads)");
 }
 
 EngineImagePtr HostDepthEngine::Load(const FramePtr& frame, int levels) {
-  if (!frame) throw InvalidInputError("frame: must not be null");
-  CheckRange("levels", levels, 0, kMaxLevels);
-  CheckCamera("camera of the smallest level", CameraAtLevel(frame->camera, levels));
+  CheckLoad(frame, levels);
   auto image = std::make_shared<HostImage>();
   image->frame = frame;
   for (int level = 0; level < levels; ++level) image->halved.push_back(Halve(image->Gray(level)));
   return image;
 }
 
-EngineEstimatePtr HostDepthEngine::Keep(PatchMatchResult result, const PinholeCamera& camera) {
-  device_ms_ += patch_match_->last_timing().kernels_ms;
-  return UploadState({std::move(result.planes), std::move(result.cost)}, camera);
+template <class Work>
+EngineEstimatePtr HostDepthEngine::Keep(const PinholeCamera& camera, const Work& work) {
+  const Timer timer;
+  EstimateState state = work();
+  device_ms_ += timer.Elapsed();
+  return UploadState(std::move(state), camera);
 }
 
 EngineEstimatePtr HostDepthEngine::RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options,
                                                   int level) {
   const PatchMatchProblem match = MakeProblem(problem, level);
-  return Keep(patch_match_->RunPhotometric(match, options), match.reference.camera);
+  return Keep(match.reference.camera, [&] { return acmp::RunPhotometric(match, options); });
 }
 
 EngineEstimatePtr HostDepthEngine::Upsample(const EngineEstimatePtr& estimate, const FramePtr& frame, int level) {
-  if (!frame) throw InvalidInputError("frame: must not be null");
-  CheckRange("level", level, 0, kMaxLevels);
   const HostEstimate& halved = Cast<HostEstimate>(estimate);
+  CheckUpsample(frame, level, halved.planes.width(), halved.planes.height());
   const PinholeCamera& camera = frame->camera;
-  CheckSize("halved estimate", halved.planes.width(), halved.planes.height(), CameraAtLevel(camera, level));
   EstimateState state = {PlaneMap(camera.width, camera.height), CostMap(camera.width, camera.height)};
   const RayGrid rays = MakeRayGrid(camera), halved_rays = MakeRayGrid(CameraAtLevel(camera, level));
   tbb::parallel_for(0, camera.height, [&](int row) {
@@ -200,48 +191,49 @@ EngineEstimatePtr HostDepthEngine::RunPlanarPrior(const EngineProblem& problem, 
                                                   EngineEstimatePtr start, const PriorMesh& prior) {
   const PatchMatchProblem match = MakeProblem(problem, 0);
   const PlaneMap planes = RasterizePrior(match.reference.camera, prior, match.depth_range);
-  return Keep(patch_match_->RunPlanarPrior(match, options, MakeStart(start), planes.View()), match.reference.camera);
+  return Keep(match.reference.camera,
+              [&] { return acmp::RunPlanarPrior(match, options, MakeStart(start), planes.View()); });
 }
 
 EngineEstimatePtr HostDepthEngine::RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
                                                 EngineEstimatePtr start, int pass) {
   const PlaneMap& planes = Cast<HostEstimate>(start).planes;
   const PatchMatchProblem match = MakeProblemWithDepths(problem, LevelOf(problem, planes.width(), planes.height()));
-  return Keep(patch_match_->RunGeometric(match, options, MakeStart(start), pass), match.reference.camera);
+  return Keep(match.reference.camera, [&] { return acmp::RunGeometric(match, options, MakeStart(start), pass); });
 }
 
 EngineEstimatePtr HostDepthEngine::RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
                                                   EngineEstimatePtr start, const EngineEstimatePtr& coarser) {
-  PatchMatchResult maps = MakeStart(start);
-  const PatchMatchProblem match = MakeProblem(problem, LevelOf(problem, maps.planes.width(), maps.planes.height()));
-  acmp::RestoreDetails(match, options, Cast<HostEstimate>(coarser).planes.View(), maps.planes.View(), maps.cost.View());
-  return UploadState({std::move(maps.planes), std::move(maps.cost)}, match.reference.camera);
-}
-
-Image<float> HostDepthEngine::MeasureEvidence(const EngineProblem& problem, const PlaneMap& planes) {
-  const PatchMatchProblem match = MakeProblemWithDepths(problem, 0);
-  const PinholeCamera& camera = match.reference.camera;
-  return patch_match_->MeasureEvidence(match, planes, EvidenceCellSize(camera.width, camera.height));
+  const PlaneMap& planes = Cast<HostEstimate>(start).planes;
+  const PatchMatchProblem match = MakeProblem(problem, LevelOf(problem, planes.width(), planes.height()));
+  const PlaneMap& halved = Cast<HostEstimate>(coarser).planes;
+  return Keep(match.reference.camera,
+              [&] { return acmp::RestoreDetails(match, options, MakeStart(start), halved.View()); });
 }
 
 EngineEstimatePtr HostDepthEngine::FillUnverified(const EngineProblem& problem, const FillOptions& options) {
   const HostEstimate& start = Cast<HostEstimate>(problem.reference.estimate);
+  const FusionView reference = MakeFusionView(problem.reference);
   std::vector<FusionView> sources;
   sources.reserve(problem.sources.size());
   for (const EngineView& source : problem.sources) sources.push_back(MakeFusionView(source));
-  EstimateState state = {start.planes.Clone(), start.cost.Clone()};
-  acmp::FillUnverified(MakeFusionView(problem.reference), sources, problem.depth_range, options, state.planes.View(),
-                       state.cost.View());
-  return UploadState(std::move(state), problem.reference.frame->camera);
+  const PinholeCamera& camera = problem.reference.frame->camera;
+  return Keep(camera, [&] {
+    EstimateState state = {start.planes.Clone(), start.cost.Clone()};
+    acmp::FillUnverified(reference, sources, problem.depth_range, options, state.planes.View(), state.cost.View());
+    return state;
+  });
 }
 
 EngineEstimatePtr HostDepthEngine::RemoveUnsupported(const EngineProblem& problem, EngineEstimatePtr start) {
-  CheckHandles(problem, 0);
-  const PinholeCamera& camera = problem.reference.frame->camera;
-  PatchMatchResult maps = MakeStart(start);
-  const Image<float> evidence = MeasureEvidence(problem, maps.planes);
-  acmp::RemoveUnsupported(camera, evidence.View(), maps.planes.View(), maps.cost.View());
-  return Keep(std::move(maps), camera);
+  const PatchMatchProblem match = MakeProblemWithDepths(problem, 0);
+  const PinholeCamera& camera = match.reference.camera;
+  return Keep(camera, [&] {
+    EstimateState state = MakeStart(start);
+    const Image<float> evidence = MeasureEvidence(match, state.planes, EvidenceCellSize(camera.width, camera.height));
+    acmp::RemoveUnsupported(camera, evidence.View(), state.planes.View(), state.cost.View());
+    return state;
+  });
 }
 
 ConsistencyResult HostDepthEngine::FilterByConsistency(const EngineView& reference,
@@ -291,8 +283,7 @@ EstimateState HostDepthEngine::DownloadState(const EngineEstimatePtr& estimate) 
 }
 
 EngineEstimatePtr HostDepthEngine::UploadState(EstimateState state, const PinholeCamera& camera) {
-  CheckSize("plane map", state.planes.width(), state.planes.height(), camera);
-  CheckSize("cost map", state.cost.width(), state.cost.height(), camera);
+  CheckUpload(state, camera);
   auto estimate = std::make_shared<HostEstimate>();
   estimate->planes = std::move(state.planes);
   estimate->cost = std::move(state.cost);
@@ -302,9 +293,7 @@ EngineEstimatePtr HostDepthEngine::UploadState(EstimateState state, const Pinhol
 }
 
 EngineEstimatePtr HostDepthEngine::UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) {
-  CheckSize("depth map", maps.depth.width, maps.depth.height, camera);
-  CheckSize("normal map", maps.normal.width, maps.normal.height, camera);
-  CheckSize("cost map", maps.cost.width, maps.cost.height, camera);
+  CheckUpload(maps, camera);
   auto estimate = std::make_shared<HostEstimate>();
   estimate->depth = CopyOf(maps.depth);
   estimate->normal = CopyOf(maps.normal);
@@ -312,9 +301,5 @@ EngineEstimatePtr HostDepthEngine::UploadMaps(const EstimateMapViews& maps, cons
   estimate->planes = PlanesFrom(estimate->depth, estimate->normal, camera);
   return estimate;
 }
-
-double HostDepthEngine::PopDeviceTime() { return std::exchange(device_ms_, 0.0); }
-
-std::unique_ptr<DepthEngine> MakeCpuDepthEngine() { return std::make_unique<HostDepthEngine>(&MakePatchMatchCpu); }
 
 }  // namespace acmp

@@ -6,7 +6,6 @@
 #include <cmath>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/patch_match/patch_match.h"
 
 namespace acmp {
 namespace {
@@ -80,7 +79,7 @@ void CheckSize(const char* name, int width, int height, const PinholeCamera& cam
   }
 }
 
-void CheckStart(const PatchMatchProblem& problem, const PatchMatchResult& start) {
+void CheckStart(const PatchMatchProblem& problem, const EstimateState& start) {
   const PinholeCamera& camera = problem.reference.camera;
   CheckSize("start.planes", start.planes.width(), start.planes.height(), camera);
   CheckSize("start.cost", start.cost.width(), start.cost.height(), camera);
@@ -94,35 +93,6 @@ void CheckStart(const PatchMatchProblem& problem, const PatchMatchResult& start)
                                      ": must both be positive and finite"));
     }
   }
-}
-
-void CheckPrior(const PatchMatchProblem& problem, const ImageView<const PlaneHypothesis>& prior) {
-  CheckSize("prior", prior.width, prior.height, problem.reference.camera);
-}
-
-void CheckEvidenceInput(const PatchMatchProblem& problem, const PlaneMap& planes, int cell_size) {
-  CheckSize("planes", planes.width(), planes.height(), problem.reference.camera);
-  if (cell_size < 1) throw InvalidInputError(Concat("cell_size = ", cell_size, ": must be >= 1 px"));
-}
-
-DepthMap ToDepthMap(const PlaneMap& planes, const PinholeCamera& camera) {
-  CheckSize("planes", planes.width(), planes.height(), camera);
-  const RayGrid rays = MakeRayGrid(camera);
-  DepthMap depth(planes.width(), planes.height());
-  tbb::parallel_for(0, planes.height(), [&](int row) {
-    for (int col = 0; col < planes.width(); ++col) {
-      const PlaneHypothesis& plane = planes(col, row);
-      if (!(plane.d > 0)) continue;
-      depth(col, row) = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));
-    }
-  });
-  return depth;
-}
-
-NormalMap ToNormalMap(const PlaneMap& planes) {
-  NormalMap normal(planes.width(), planes.height(), Vec3f{0, 0, 0});
-  for (size_t i = 0; i < planes.size(); ++i) normal.data()[i] = planes.data()[i].normal();
-  return normal;
 }
 
 }  // namespace acmp

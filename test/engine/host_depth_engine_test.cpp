@@ -7,11 +7,10 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/image/cells.h"
+#include "acmp_mapping/patch_match/host_passes.h"
 #include "acmp_mapping/patch_match/kernel/upsample.h"
-#include "acmp_mapping/patch_match/match_setup.h"
+#include "support/engine_scene.h"
 #include "support/pass_result.h"
-#include "support/planar_scene.h"
 
 namespace acmp {
 namespace {
@@ -20,55 +19,22 @@ using ::testing::HasSubstr;
 
 constexpr DepthRange kRange = {1, 10};
 
-/// Keeps what it was asked, and answers with another plane and cost for every pixel.
-class SpyPatchMatch final : public PatchMatch {
- public:
-  PatchMatchResult RunPhotometric(const PatchMatchProblem& problem, const PatchMatchOptions&) override {
-    return Answer(problem);
-  }
-  PatchMatchResult RunPlanarPrior(const PatchMatchProblem& problem, const PatchMatchOptions&,
-                                  const PatchMatchResult& start, ImageView<const PlaneHypothesis> prior) override {
-    last_start = start.Clone();
-    last_prior_d = prior(1, 1).d;
-    return Answer(problem);
-  }
-  PatchMatchResult RunGeometric(const PatchMatchProblem& problem, const PatchMatchOptions&,
-                                const PatchMatchResult& start, int pass) override {
-    last_start = start.Clone();
-    last_pass = pass;
-    return Answer(problem);
-  }
-  Image<float> MeasureEvidence(const PatchMatchProblem&, const PlaneMap& planes, int cell_size) override {
-    return Image<float>(CellsOf(planes.width(), cell_size), CellsOf(planes.height(), cell_size));
-  }
-  PatchMatchTiming last_timing() const override { return {100, 7, 100}; }
-  std::string device_name() const override { return "spy"; }
+/// Another plane and cost for every pixel.
+PlaneHypothesis PlaneAt(int col, int row) {
+  return {0, 0, -1, 2 + 0.01f * static_cast<float>(col) + 0.1f * static_cast<float>(row)};
+}
+float CostAt(int col, int row) { return 0.001f * static_cast<float>(10 * row + col); }
 
-  static PlaneHypothesis PlaneAt(int col, int row) {
-    return {0, 0, -1, 2 + 0.01f * static_cast<float>(col) + 0.1f * static_cast<float>(row)};
-  }
-  static float CostAt(int col, int row) { return 0.001f * static_cast<float>(10 * row + col); }
-
-  PatchMatchProblem last_problem;  ///< its pixels belong to the caller
-  PatchMatchResult last_start;
-  float last_prior_d = 0;
-  int last_pass = -1;
-
- private:
-  PatchMatchResult Answer(const PatchMatchProblem& problem) {
-    Check(problem);
-    last_problem = problem;
-    const int width = problem.reference.camera.width, height = problem.reference.camera.height;
-    PatchMatchResult result = {PlaneMap(width, height), CostMap(width, height), Image<uint32_t>(width, height)};
-    for (int row = 0; row < height; ++row) {
-      for (int col = 0; col < width; ++col) {
-        result.planes(col, row) = PlaneAt(col, row);
-        result.cost(col, row) = CostAt(col, row);
-      }
+EstimateState VaryingState(const PinholeCamera& camera) {
+  EstimateState state = {PlaneMap(camera.width, camera.height), CostMap(camera.width, camera.height)};
+  for (int row = 0; row < camera.height; ++row) {
+    for (int col = 0; col < camera.width; ++col) {
+      state.planes(col, row) = PlaneAt(col, row);
+      state.cost(col, row) = CostAt(col, row);
     }
-    return result;
   }
-};
+  return state;
+}
 
 FramePtr RandomFrame(int id, int width, int height) {
   std::mt19937 random(static_cast<unsigned>(id));
@@ -93,7 +59,7 @@ std::string ErrorOf(const Work& work) {
   return "no error";
 }
 
-/// An engine over the spy, a reference of odd size and a source of another size.
+/// An engine, a reference of odd size and a source of another size.
 class HostDepthEngineTest : public ::testing::Test {
  protected:
   EngineView View(const FramePtr& frame, int levels = 0) { return {frame, engine_.Load(frame, levels), nullptr}; }
@@ -104,40 +70,42 @@ class HostDepthEngineTest : public ::testing::Test {
         {PlaneMap(camera.width, camera.height, plane), CostMap(camera.width, camera.height, cost)}, camera);
   }
 
-  SpyPatchMatch spy_;
-  HostDepthEngine engine_{&spy_};
+  EngineEstimatePtr Varying(int level = 0) {
+    const PinholeCamera camera = CameraAtLevel(reference_->camera, level);
+    return engine_.UploadState(VaryingState(camera), camera);
+  }
+
+  HostDepthEngine engine_;
   const FramePtr reference_ = RandomFrame(0, 15, 11), source_ = RandomFrame(1, 12, 9);
 };
 
-/// The level below a halved image, pixel by pixel.
-void ExpectHalved(const ImageView<const float>& halved, const ImageView<const float>& image) {
-  ASSERT_EQ(halved.width, image.width / 2);
-  ASSERT_EQ(halved.height, image.height / 2);
-  for (int row = 0; row < halved.height; ++row) {
-    for (int col = 0; col < halved.width; ++col) {
-      double sum = 0;
-      for (const int from_row : {2 * row, 2 * row + 1}) {
-        for (const int from_col : {2 * col, 2 * col + 1}) sum += image(from_col, from_row);
-      }
-      ASSERT_FLOAT_EQ(halved(col, row), static_cast<float>(sum / 4)) << col << ", " << row;
+/// Of means of 2 x 2 pixels.
+FramePtr HalvedFrame(const Frame& frame) {
+  Frame halved;
+  halved.id = frame.id;
+  halved.camera = frame.camera.Halved();
+  halved.cam_from_world = frame.cam_from_world;
+  halved.gray = GrayImage(halved.camera.width, halved.camera.height);
+  for (int row = 0; row < halved.camera.height; ++row) {
+    for (int col = 0; col < halved.camera.width; ++col) {
+      const auto at = [&](int x, int y) { return frame.gray(2 * col + x, 2 * row + y); };
+      halved.gray(col, row) = (at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1)) / 4;
     }
   }
+  return std::make_shared<const Frame>(std::move(halved));
 }
 
 TEST_F(HostDepthEngineTest, LevelsAreMeansOfTwoByTwoPixels) {
   const EngineProblem problem = Problem(2);
-  engine_.RunPhotometric(problem, {}, 0);
-  EXPECT_EQ(spy_.last_problem.reference.gray.data, reference_->gray.data());
-  engine_.RunPhotometric(problem, {}, 1);
-  const PatchMatchProblem once = spy_.last_problem;
-  ExpectHalved(once.reference.gray, reference_->gray.View());
-  ExpectHalved(once.sources[0].gray, source_->gray.View());
-  EXPECT_TRUE(once.reference.camera == reference_->camera.Halved());
-  EXPECT_TRUE(once.sources[0].camera == source_->camera.Halved());
-  engine_.RunPhotometric(problem, {}, 2);
-  ExpectHalved(spy_.last_problem.reference.gray, once.reference.gray);
-  ExpectHalved(spy_.last_problem.sources[0].gray, once.sources[0].gray);
-  EXPECT_TRUE(spy_.last_problem.reference.camera == reference_->camera.Halved().Halved());
+  FramePtr reference = reference_, source = source_;
+  for (int level = 0; level <= 2; ++level) {
+    const EngineProblem halved = {View(reference), {View(source)}, kRange};
+    EXPECT_TRUE(SameBits(engine_.DownloadState(engine_.RunPhotometric(problem, {}, level)),
+                         engine_.DownloadState(engine_.RunPhotometric(halved, {}, 0))))
+        << level;
+    reference = HalvedFrame(*reference);
+    source = HalvedFrame(*source);
+  }
 }
 
 TEST_F(HostDepthEngineTest, LevelsThatAreNotThereAreRefused) {
@@ -163,7 +131,7 @@ TEST_F(HostDepthEngineTest, ImagesThatAreTooSmallToBeHalvedAreRefused) {
 
 TEST_F(HostDepthEngineTest, UpsampledPixelsAreThoseThatCoverThem) {
   for (const int level : {0, 1, 2}) {
-    const EngineEstimatePtr halved = engine_.RunPhotometric(Problem(2), {}, level);
+    const EngineEstimatePtr halved = Varying(level);
     const EngineEstimatePtr full = engine_.Upsample(halved, reference_, level);
     const EstimateState state = engine_.DownloadState(full);
     const EstimateMaps maps = engine_.Download(full);
@@ -175,9 +143,9 @@ TEST_F(HostDepthEngineTest, UpsampledPixelsAreThoseThatCoverThem) {
     for (int row = 0; row < 11; ++row) {
       for (int col = 0; col < 15; ++col) {
         const int from_col = std::min(col / (1 << level), last_col), from_row = std::min(row / (1 << level), last_row);
-        const float d = SpyPatchMatch::PlaneAt(from_col, from_row).d;
+        const float d = PlaneAt(from_col, from_row).d;
         ASSERT_EQ(state.planes(col, row).d, d) << level << ": " << col << ", " << row;
-        ASSERT_EQ(state.cost(col, row), SpyPatchMatch::CostAt(from_col, from_row));
+        ASSERT_EQ(state.cost(col, row), CostAt(from_col, from_row));
         ASSERT_FLOAT_EQ(maps.depth(col, row), d);  // the planes face the camera
       }
     }
@@ -206,23 +174,23 @@ TEST_F(HostDepthEngineTest, UpsampledPlanesStayInFrontOfTheCamera) {
 }
 
 TEST_F(HostDepthEngineTest, UpsamplingAnotherSizeIsRefused) {
-  const EngineEstimatePtr halved = engine_.RunPhotometric(Problem(1), {}, 1);
+  const EngineEstimatePtr halved = Varying(1);
   EXPECT_THAT(ErrorOf([&] { engine_.Upsample(halved, reference_, 2); }), HasSubstr("7 x 5"));
   EXPECT_THAT(ErrorOf([&] { engine_.Upsample(halved, source_, 1); }), HasSubstr("7 x 5"));
   EXPECT_THROW(engine_.Upsample(halved, nullptr, 1), InvalidInputError);
 }
 
 TEST_F(HostDepthEngineTest, StateGoesThereAndBack) {
-  const EngineEstimatePtr estimate = engine_.RunPhotometric(Problem(), {}, 0);
+  const EngineEstimatePtr estimate = Varying();
   const EngineEstimatePtr again = engine_.UploadState(engine_.DownloadState(estimate), reference_->camera);
   EXPECT_TRUE(SameBits(engine_.DownloadState(estimate), engine_.DownloadState(again)));
   const EstimateMaps before = engine_.Download(estimate), after = engine_.Download(again);
   EXPECT_TRUE(SamePixels(before.depth, after.depth));
   EXPECT_TRUE(SamePixels(before.normal, after.normal));
   EXPECT_TRUE(SamePixels(before.cost, after.cost));
-  EXPECT_FLOAT_EQ(before.depth(3, 4), SpyPatchMatch::PlaneAt(3, 4).d);
+  EXPECT_FLOAT_EQ(before.depth(3, 4), PlaneAt(3, 4).d);
   EXPECT_EQ(before.normal(3, 4).z, -1);
-  EXPECT_EQ(before.cost(3, 4), SpyPatchMatch::CostAt(3, 4));
+  EXPECT_EQ(before.cost(3, 4), CostAt(3, 4));
 }
 
 TEST_F(HostDepthEngineTest, StateOfAnotherSizeIsRefused) {
@@ -237,29 +205,24 @@ TEST_F(HostDepthEngineTest, StateOfAnotherSizeIsRefused) {
               HasSubstr("cost map: 14 x 11"));
 }
 
-TEST_F(HostDepthEngineTest, PassesStartFromTheEstimateGiven) {
+TEST_F(HostDepthEngineTest, PassesReadTheStartThePriorAndTheSourcesDepths) {
   EngineProblem problem = Problem();
   problem.sources[0].estimate = EstimateOf(source_, {0, 0, -1, 6}, 0);
-  const EngineEstimatePtr start = EstimateOf(reference_, {0, 0, -1, 3}, 0.25f);
+  const EngineEstimatePtr start = Varying();
+  PatchMatchProblem match = MakePatchMatchProblem(problem, 0);
   // One triangle over the whole image, of the plane z = 5.
   const PriorMesh prior = MakePriorMesh(reference_->camera, {{-9, -9, 5}, {60, -9, 5}, {-9, 60, 5}}, {});
-  engine_.RunPlanarPrior(problem, {}, start, prior);
-  EXPECT_FLOAT_EQ(spy_.last_prior_d, 5);
-  EXPECT_EQ(spy_.last_start.planes(14, 10).d, 3);
-  EXPECT_EQ(spy_.last_start.cost(14, 10), 0.25f);
-  EXPECT_TRUE(spy_.last_problem.sources[0].depth.empty()) << "depths are for the geometric pass";
-
-  spy_.last_start = {};
-  engine_.RunGeometric(problem, {}, start, 3);
-  EXPECT_EQ(spy_.last_pass, 3);
-  EXPECT_EQ(spy_.last_start.planes(14, 10).d, 3);
-  EXPECT_EQ(spy_.last_problem.sources[0].depth(11, 8), 6);
-  // The start is not written to: a later pass makes a new estimate.
-  EXPECT_EQ(engine_.DownloadState(start).planes(14, 10).d, 3);
+  const PlaneMap prior_planes = RasterizePrior(reference_->camera, prior, kRange);
+  EXPECT_TRUE(SameBits(engine_.DownloadState(engine_.RunPlanarPrior(problem, {}, start, prior)),
+                       RunPlanarPrior(match, {}, VaryingState(reference_->camera), prior_planes.View())));
+  const DepthMap source_depth(source_->camera.width, source_->camera.height, 6.0f);
+  match.sources[0].depth = source_depth.View();
+  EXPECT_TRUE(SameBits(engine_.DownloadState(engine_.RunGeometric(problem, {}, start, 3)),
+                       RunGeometric(match, {}, VaryingState(reference_->camera), 3)));
 }
 
 TEST_F(HostDepthEngineTest, SupportPointsAreThoseOfTheMaps) {
-  const EngineEstimatePtr estimate = engine_.RunPhotometric(Problem(), {}, 0);
+  const EngineEstimatePtr estimate = Varying();
   PlanarPriorOptions options;
   options.cell_size_px = 4;
   const EstimateMaps maps = engine_.Download(estimate);
@@ -299,17 +262,6 @@ TEST_F(HostDepthEngineTest, ConsistencyIsThatOfTheMapsAndColours) {
   ASSERT_GT(result.points_in_camera.size(), 50u);
   EXPECT_EQ(result.points_in_camera[0].position.z, expected.points_in_camera[0].position.z);
   EXPECT_EQ(result.points_in_camera[0].color.r, 10);
-}
-
-TEST_F(HostDepthEngineTest, DeviceTimeAddsUpUntilItIsTaken) {
-  EXPECT_EQ(engine_.PopDeviceTime(), 0);
-  const EngineEstimatePtr estimate = engine_.RunPhotometric(Problem(), {}, 0);
-  engine_.RunGeometric(Problem(), {}, estimate, 0);
-  EXPECT_EQ(engine_.PopDeviceTime(), 14);
-  EXPECT_EQ(engine_.PopDeviceTime(), 0);
-  EXPECT_EQ(engine_.device_name(), "spy");
-  EXPECT_EQ(engine_.DeviceBytes(), 0u);
-  EXPECT_EQ(engine_.FreeDeviceBytes(), 0u);
 }
 
 struct ForeignImage final : EngineImage {};
@@ -357,35 +309,17 @@ TEST_F(HostDepthEngineTest, NullAndForeignEstimatesAreRefused) {
   EXPECT_NO_THROW(engine_.RunGeometric(Problem(), {}, start, 0)) << "the engine can be used again";
 }
 
-TEST_F(HostDepthEngineTest, OverABorrowedMatcherCannotBeShared) {
-  EXPECT_THAT(ErrorOf([&] { engine_.Share(); }), HasSubstr("cannot be shared"));
-  EXPECT_THROW(HostDepthEngine(static_cast<PatchMatch*>(nullptr)), InvalidInputError);
-}
-
-TEST(CpuDepthEngineTest, SharedEnginesReadEachOthersHandles) {
-  std::vector<FramePtr> frames;
-  for (PlanarView& view : RenderPlanarScene(WorldPlane::Slanted(10, 15, 4), 40, 30, 3)) {
-    Frame frame;
-    frame.id = static_cast<int64_t>(frames.size());
-    frame.camera = view.camera;
-    frame.cam_from_world = view.cam_from_world;
-    frame.gray = std::move(view.gray);
-    frames.push_back(std::make_shared<const Frame>(std::move(frame)));
-  }
-  const std::unique_ptr<DepthEngine> engine = MakeCpuDepthEngine();
-  const std::unique_ptr<DepthEngine> shared = engine->Share();
-  EXPECT_NE(shared, nullptr);
-  EXPECT_EQ(shared->device_name(), engine->device_name());
-  EngineProblem problem;
-  problem.reference = {frames[0], engine->Load(frames[0], 1), nullptr};
-  problem.sources = {{frames[1], shared->Load(frames[1], 1), nullptr},
-                     {frames[2], engine->Load(frames[2], 1), nullptr}};
-  problem.depth_range = {2, 8};
-  const EngineEstimatePtr start = engine->Upsample(engine->RunPhotometric(problem, {}, 1), frames[0], 1);
-  const EngineEstimatePtr one = engine->RunGeometric(problem, {}, start, 0);
+TEST_F(HostDepthEngineTest, SharedEnginesReadEachOthersHandles) {
+  const std::vector<PlanarView> rendered = RenderPlanarScene(WorldPlane::Slanted(10, 15, 4), 40, 30, 3);
+  HostDepthEngine engine;
+  const std::unique_ptr<DepthEngine> shared = engine.Share();
+  const std::vector<EngineView> views = LoadViews(rendered, &engine, 1), others = LoadViews(rendered, shared.get(), 1);
+  const EngineProblem problem = {views[0], {others[1], views[2]}, {2, 8}};
+  const EngineEstimatePtr start = engine.Upsample(engine.RunPhotometric(problem, {}, 1), views[0].frame, 1);
+  const EngineEstimatePtr one = engine.RunGeometric(problem, {}, start, 0);
   const EngineEstimatePtr other = shared->RunGeometric(problem, {}, start, 0);
-  EXPECT_TRUE(SameBits(engine->DownloadState(other), shared->DownloadState(one)));
-  ExpectValid(engine->DownloadState(other), frames[0]->camera, problem.depth_range, 2.5f);
+  EXPECT_TRUE(SameBits(engine.DownloadState(other), shared->DownloadState(one)));
+  ExpectValid(engine.DownloadState(other), rendered[0].camera, problem.depth_range, 2.5f);
 }
 
 }  // namespace

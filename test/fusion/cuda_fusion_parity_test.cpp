@@ -3,9 +3,9 @@
 
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <random>
 
-#include "acmp_mapping/backend/make_patch_match.h"
 #include "fusion/error_text.h"
 #include "fusion/fuse_on_gpu.h"
 #include "fusion/noisy_views.h"
@@ -30,11 +30,8 @@ constexpr float kConfidenceTolerance = 6e-8f;
 class CudaFusionParityTest : public ::testing::Test {
  protected:
   void SetUp() override {
-    try {
-      MakePatchMatch(Device::kCuda);
-    } catch (const InvalidInputError& error) {
-      GTEST_SKIP() << error.what();
-    }
+    std::unique_ptr<DepthEngine> engine;
+    MakeEngineOrSkip(Device::kCuda, &engine);
   }
 };
 

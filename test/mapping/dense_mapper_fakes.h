@@ -12,9 +12,8 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/engine/host_depth_engine.h"
-#include "acmp_mapping/image/cells.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
+#include "support/fake_engine.h"
 
 namespace acmp {
 
@@ -31,14 +30,14 @@ inline std::vector<Eigen::Vector3d> WallLandmarks() {
   return points;
 }
 
-/// A camera at x, with a gradient image whose first pixel is the id: so the fake below knows whom it is asked about.
+/// A camera at x.
 inline Frame MakeWallFrame(int64_t id, double x, std::vector<Eigen::Vector3d> landmarks = WallLandmarks()) {
   Frame frame;
   frame.id = id;
   frame.stamp_s = 0.1 * static_cast<double>(id);
   frame.camera = kWallCamera;
   frame.cam_from_world.translation().x() = -x;
-  frame.gray = GrayImage(kWallCamera.width, kWallCamera.height, static_cast<float>(id));
+  frame.gray = GrayImage(kWallCamera.width, kWallCamera.height);
   frame.color = ColorImage(kWallCamera.width, kWallCamera.height);
   frame.landmarks_in_world = std::move(landmarks);
   return frame;
@@ -53,7 +52,7 @@ inline FramePtr WallFrame(int64_t id) { return WallFrame(id, 0.35 * static_cast<
 
 /// Answers with the wall's plane, `kFastError` too far before the geometric passes and exact after them, and remembers
 /// what it was asked.
-class FakePatchMatch : public PatchMatch {
+class WallEngine : public FakeEngine {
  public:
   static constexpr double kFastError = 1.002;  // within the 1 % that the consistency check allows
 
@@ -63,65 +62,39 @@ class FakePatchMatch : public PatchMatch {
     std::vector<int64_t> sources;
     std::vector<float> source_depths;  ///< at the first pixel; -1 where there is no map
     int geometric_pass = -1;
-    int width = 0;  ///< of all images, px
+    int width = 0;  ///< of the reference, px
     float start_depth = 0;
     DepthRange range;
   };
-
-  PatchMatchResult RunPhotometric(const PatchMatchProblem& problem, const PatchMatchOptions&) override {
-    return Answer("photometric", problem, nullptr, -1);
-  }
-  PatchMatchResult RunPlanarPrior(const PatchMatchProblem& problem, const PatchMatchOptions&,
-                                  const PatchMatchResult& start, ImageView<const PlaneHypothesis>) override {
-    return Answer("prior", problem, &start, -1);
-  }
-  PatchMatchResult RunGeometric(const PatchMatchProblem& problem, const PatchMatchOptions&,
-                                const PatchMatchResult& start, int pass) override {
-    return Answer("geometric", problem, &start, pass);
-  }
-  Image<float> MeasureEvidence(const PatchMatchProblem&, const PlaneMap& planes, int cell_size) override {
-    return Image<float>(CellsOf(planes.width(), cell_size), CellsOf(planes.height(), cell_size));
-  }
-  PatchMatchTiming last_timing() const override { return {0, 1, 0}; }
-  std::string device_name() const override { return "fake"; }
 
   std::vector<Call> calls;
   float fast_depth = static_cast<float>(kWallDepth * kFastError);  ///< before the geometric passes
   std::function<void(const Call&)> before_answer;                  ///< may throw
 
- private:
-  PatchMatchResult Answer(const std::string& pass, const PatchMatchProblem& problem, const PatchMatchResult* start,
-                          int geometric_pass) {
-    Check(problem);  // so the sources have the size of their cameras too
+ protected:
+  EstimateState Answer(const PassRequest& request) override {
     Call call;
-    call.pass = pass;
-    call.reference = std::lround(problem.reference.gray(0, 0));
-    for (const MatchView& source : problem.sources) {
-      call.sources.push_back(std::lround(source.gray(0, 0)));
-      call.source_depths.push_back(source.depth.empty() ? -1.0f : source.depth(0, 0));
+    call.pass = request.pass == Pass::kPhotometric   ? "photometric"
+                : request.pass == Pass::kPlanarPrior ? "prior"
+                                                     : "geometric";
+    call.reference = request.reference();
+    for (const EngineView& source : request.problem.sources) {
+      const DepthMap depth = SourceDepth(request, source);
+      call.sources.push_back(source.frame->id);
+      call.source_depths.push_back(depth.empty() ? -1.0f : depth(0, 0));
     }
-    call.geometric_pass = geometric_pass;
-    call.range = problem.depth_range;
-    call.width = problem.reference.camera.width;
-    for (const MatchView& source : problem.sources) EXPECT_EQ(source.camera.width, call.width);
-    if (start != nullptr) {
-      EXPECT_EQ(start->planes.width(), call.width);
-      call.start_depth = start->planes(0, 0).d;
-    }
+    call.geometric_pass = request.geometric_pass;
+    call.range = request.problem.depth_range;
+    call.width = request.camera().width;
+    if (request.start) call.start_depth = DownloadDepth(request.start)(0, 0);
     calls.push_back(call);
     if (before_answer) before_answer(call);
-
-    const int height = problem.reference.camera.height;
-    const float depth = pass == "geometric" ? static_cast<float>(kWallDepth) : fast_depth;
-    PatchMatchResult result;
-    result.planes = PlaneMap(call.width, height, {0, 0, -1, depth});
-    result.cost = CostMap(call.width, height, 0.05f);
-    result.selected_views = Image<uint32_t>(call.width, height);
-    return result;
+    const float depth = request.pass == Pass::kGeometric ? static_cast<float>(kWallDepth) : fast_depth;
+    return UniformState(request.camera(), {0, 0, -1, depth}, 0.05f);
   }
 };
 
-constexpr float kFastDepth = static_cast<float>(kWallDepth * FakePatchMatch::kFastError);
+constexpr float kFastDepth = static_cast<float>(kWallDepth * WallEngine::kFastError);
 constexpr float kRefinedDepth = static_cast<float>(kWallDepth);
 
 /// A mapper over the fake that notes every callback as "fast 3", "refined 3" or "drop 3 reason".
@@ -145,8 +118,7 @@ class MapperHarness {
     return TakeEvents();
   }
 
-  FakePatchMatch patch_match;
-  HostDepthEngine engine{&patch_match};
+  WallEngine engine;
   std::vector<std::string> events;
   std::vector<KeyframeDepthPtr> fast;
   std::vector<KeyframeDepthPtr> refined;
@@ -256,10 +228,9 @@ inline DenseMapperOptions RandomOptions(std::mt19937* random) {
 }
 
 /// The calls of a pass on a keyframe.
-inline std::vector<FakePatchMatch::Call> CallsOf(const FakePatchMatch& patch_match, const std::string& pass,
-                                                 int64_t id) {
-  std::vector<FakePatchMatch::Call> calls;
-  for (const auto& call : patch_match.calls) {
+inline std::vector<WallEngine::Call> CallsOf(const WallEngine& engine, const std::string& pass, int64_t id) {
+  std::vector<WallEngine::Call> calls;
+  for (const auto& call : engine.calls) {
     if (call.pass == pass && call.reference == id) calls.push_back(call);
   }
   return calls;

@@ -10,7 +10,7 @@
 
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "dense_mapper_fakes.h"
-#include "hash_patch_match.h"
+#include "hash_engine.h"
 
 namespace acmp {
 namespace {
@@ -21,11 +21,6 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::Not;
 using testing::SizeIs;
-
-std::unique_ptr<HostDepthEngine> MakeHashEngine() {
-  return std::make_unique<HostDepthEngine>(
-      [] { return std::unique_ptr<PatchMatch>(std::make_unique<HashPatchMatch>()); });
-}
 
 /// Notes all that callbacks say, and which of its threads they came in.
 class Listener {
@@ -67,10 +62,10 @@ class Listener {
 /// What a random stream, with flushes, resets and changes of options, has a listener hear.
 std::vector<std::string> RunStream(unsigned seed, bool has_thread) {
   std::mt19937 random(seed);
-  const auto engine = MakeHashEngine(), output_engine = MakeHashEngine();
+  HashEngine engine;
+  HostDepthEngine output_engine;
   Listener listener(has_thread);
-  DenseMapper mapper(engine.get(), RandomOptions(&random), listener.MakeCallbacks(),
-                     has_thread ? output_engine.get() : nullptr);
+  DenseMapper mapper(&engine, RandomOptions(&random), listener.MakeCallbacks(), has_thread ? &output_engine : nullptr);
   double x = 0;
   for (int64_t id = 0; id < 40; ++id) {
     mapper.AddKeyframe(RandomFrame(id, &x, &random));
@@ -108,21 +103,21 @@ TEST(DenseMapperOutputsTest, OfAThreadSayTheSameInTheSameOrder) {
 }
 
 TEST(DenseMapperOutputsTest, PassesGoOnWhileACallbackRuns) {
-  FakePatchMatch patch_match;
-  HostDepthEngine engine(&patch_match), output_engine(&patch_match);
+  WallEngine engine;
+  HostDepthEngine output_engine;
   std::promise<void> open;
   DenseMapper::Callbacks callbacks;
   callbacks.on_fast = [opened = open.get_future().share()](const KeyframeDepthPtr&) { opened.wait(); };
   DenseMapper mapper(&engine, FakeOptions(8, 3), callbacks, &output_engine);
   for (int id = 0; id < 3; ++id) mapper.AddKeyframe(WallFrame(id));  // 0 and 1 cannot be estimated before 2 is there
-  EXPECT_THAT(CallsOf(patch_match, "photometric", 2), SizeIs(1));
+  EXPECT_THAT(CallsOf(engine, "photometric", 2), SizeIs(1));
   open.set_value();
   mapper.Flush();
 }
 
 TEST(DenseMapperOutputsTest, ADestroyedMapperForgetsThem) {
-  FakePatchMatch patch_match;
-  HostDepthEngine engine(&patch_match), output_engine(&patch_match);
+  WallEngine engine;
+  HostDepthEngine output_engine;
   std::vector<std::string> said;
   std::weak_ptr<const Frame> frame;
   {
@@ -142,8 +137,6 @@ TEST(DenseMapperOutputsTest, ADestroyedMapperForgetsThem) {
 /// Cannot hand out maps of the keyframes that a test names.
 class FailingHostEngine : public HostDepthEngine {
  public:
-  using HostDepthEngine::HostDepthEngine;
-
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options) override {
     if (reference.frame->id == fails_consistency_of) throw ProcessingError("no memory for points");
@@ -164,9 +157,8 @@ struct FailingMapper {
   explicit FailingMapper(const DenseMapperOptions& options)
       : mapper(&engine, options, listener.MakeCallbacks(), &output_engine) {}
 
-  FakePatchMatch patch_match;
-  HostDepthEngine engine{&patch_match};
-  FailingHostEngine output_engine{&patch_match};
+  WallEngine engine;
+  FailingHostEngine output_engine;
   Listener listener{true};
   DenseMapper mapper;
 };
@@ -185,7 +177,7 @@ TEST(DenseMapperOutputsTest, AFailedConsistencyCheckDropsThatKeyframeOnly) {
   for (const int id : {0, 1, 3, 4, 5, 6, 7}) EXPECT_THAT(said, Contains(HasSubstr(Concat("refined ", id, " "))));
   EXPECT_EQ(failing.mapper.unfinished(), 0u);
   // Its refined estimate is whole: others read it.
-  const FakePatchMatch::Call call = CallsOf(failing.patch_match, "geometric", 4)[0];
+  const WallEngine::Call call = CallsOf(failing.engine, "geometric", 4)[0];
   for (size_t i = 0; i < call.sources.size(); ++i) {
     if (call.sources[i] == 2) {
       EXPECT_FLOAT_EQ(call.source_depths[i], kRefinedDepth);
@@ -214,8 +206,7 @@ TEST(DenseMapperOutputsTest, HadFastTellsWhetherThereWasACall) {
 }
 
 TEST(DenseMapperOutputsTest, NeedAnEngineOfTheirOwn) {
-  FakePatchMatch patch_match;
-  HostDepthEngine engine(&patch_match);
+  WallEngine engine;
   EXPECT_THROW(DenseMapper(&engine, FakeOptions(8, 3), {}, &engine), InvalidInputError);
 }
 

@@ -43,8 +43,8 @@ struct Account {
   std::set<int64_t> refined;
 };
 
-void FailSometimes(FakePatchMatch* patch_match, std::mt19937* random) {
-  patch_match->before_answer = [random](const FakePatchMatch::Call&) {
+void FailSometimes(WallEngine* engine, std::mt19937* random) {
+  engine->before_answer = [random](const WallEngine::Call&) {
     switch ((*random)() % 25) {
       case 0:
         throw ProcessingError("device lost");
@@ -65,7 +65,7 @@ TEST(DenseMapperPropertyTest, EveryKeyframeEndsExactlyOnce) {
     DenseMapperOptions options = RandomOptions(&random);
     MapperHarness harness(options);
     harness.keep_maps = false;
-    FailSometimes(&harness.patch_match, &random);
+    FailSometimes(&harness.engine, &random);
     Account account;
     std::vector<std::weak_ptr<const Frame>> frames;
     double x = 0;
@@ -112,13 +112,13 @@ std::vector<KeyframeDepthPtr> MapSyntheticScene(const std::vector<FramePtr>& fra
   DenseMapperOptions options;
   options.window_size = 5;
   options.lookahead = 1;
-  const auto engine = MakeCpuDepthEngine();
+  HostDepthEngine engine;
   std::vector<KeyframeDepthPtr> maps;
   DenseMapper::Callbacks callbacks;
   callbacks.on_fast = [&](const KeyframeDepthPtr& depth) { maps.push_back(depth); };
   callbacks.on_refined = callbacks.on_fast;
   callbacks.on_drop = [](const KeyframeDrop& drop) { ADD_FAILURE() << drop.message; };
-  DenseMapper mapper(engine.get(), options, callbacks);
+  DenseMapper mapper(&engine, options, callbacks);
   for (const FramePtr& frame : frames) mapper.AddKeyframe(frame);
   mapper.Flush();
   return maps;

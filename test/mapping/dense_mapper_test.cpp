@@ -56,17 +56,17 @@ TEST(DenseMapperTest, SmallestWindowPairsNeighbours) {
   EXPECT_THAT(harness.Add(WallFrame(0)), IsEmpty());
   EXPECT_THAT(harness.Add(WallFrame(1)), ElementsAre("fast 0", "fast 1", "refined 0"));
   EXPECT_THAT(harness.Add(WallFrame(2)), ElementsAre("fast 2", "refined 1"));
-  for (const auto& call : harness.patch_match.calls) EXPECT_THAT(call.sources, SizeIs(1));
+  for (const auto& call : harness.engine.calls) EXPECT_THAT(call.sources, SizeIs(1));
 }
 
 TEST(DenseMapperTest, InitialEstimateIsCausalAndRefinementSeesBothSides) {
   MapperHarness harness(FakeOptions(6, 2));
   for (int id = 0; id <= 7; ++id) harness.Add(WallFrame(id));
-  const auto initial = CallsOf(harness.patch_match, "photometric", 5);
+  const auto initial = CallsOf(harness.engine, "photometric", 5);
   ASSERT_THAT(initial, SizeIs(1));
   EXPECT_THAT(initial[0].sources, UnorderedElementsAre(0, 1, 2, 3, 4));
   // When 7 arrives the window is 2..7.
-  const auto geometric = CallsOf(harness.patch_match, "geometric", 5);
+  const auto geometric = CallsOf(harness.engine, "geometric", 5);
   ASSERT_THAT(geometric, SizeIs(2));
   EXPECT_THAT(geometric[0].sources, UnorderedElementsAre(2, 3, 4, 6, 7));
   EXPECT_EQ(geometric[0].sources, geometric[1].sources);
@@ -78,7 +78,7 @@ TEST(DenseMapperTest, AtMostMaxSourceViewsAreUsed) {
   MapperHarness harness(options);
   for (int id = 0; id <= 7; ++id) harness.Add(WallFrame(id));
   // 5, 10 and 15 degrees to the wall's middle; 10 is best, since 5 at the middle is less elsewhere.
-  EXPECT_THAT(CallsOf(harness.patch_match, "photometric", 7)[0].sources, ElementsAre(5, 6, 4));
+  EXPECT_THAT(CallsOf(harness.engine, "photometric", 7)[0].sources, ElementsAre(5, 6, 4));
   EXPECT_THAT(harness.fast.back()->source_ids, ElementsAre(5, 6, 4));
 }
 
@@ -86,7 +86,7 @@ TEST(DenseMapperTest, GeometricPassesReadTheNeighboursAsTheyAreWhenRefinementBeg
   MapperHarness harness(FakeOptions(8, 3));
   for (int id = 0; id <= 7; ++id) harness.Add(WallFrame(id));
   // 4 is refined when 7 comes: 0..3 are refined, with three later keyframes each, and 5..7 have their fast maps.
-  const auto calls = CallsOf(harness.patch_match, "geometric", 4);
+  const auto calls = CallsOf(harness.engine, "geometric", 4);
   ASSERT_THAT(calls, SizeIs(2));
   for (size_t pass = 0; pass < calls.size(); ++pass) {
     EXPECT_EQ(calls[pass].geometric_pass, static_cast<int>(pass));
@@ -104,7 +104,7 @@ TEST(DenseMapperTest, GeometricPassesDoNotReadWhatWasRefinedWithFewLaterKeyframe
     MapperHarness harness(FakeOptions(8, lookahead));
     for (int id = 0; id <= 7; ++id) harness.Add(WallFrame(id));
     for (int id = 0; id <= 7 - lookahead; ++id) {
-      for (const auto& call : CallsOf(harness.patch_match, "geometric", id)) {
+      for (const auto& call : CallsOf(harness.engine, "geometric", id)) {
         EXPECT_THAT(call.source_depths, Each(kFastDepth)) << lookahead;
       }
     }
@@ -148,12 +148,12 @@ TEST(DenseMapperTest, MapsCarryWhatBelongsToThem) {
   EXPECT_TRUE(fast.normal.empty());
   EXPECT_TRUE(fast.cost.empty());
   for (const float depth : fast.depth) EXPECT_FLOAT_EQ(depth, kFastDepth);
-  EXPECT_EQ(fast.times.kernels_ms, 1);
+  EXPECT_EQ(fast.times.kernels_ms, FakeEngine::kPassMs);
 
   const KeyframeDepth& refined = *harness.refined[2];
   EXPECT_EQ(refined.frame->id, 2);
   EXPECT_TRUE(refined.refined);
-  EXPECT_EQ(refined.times.kernels_ms, 3);  // one photometric and two geometric passes
+  EXPECT_EQ(refined.times.kernels_ms, 3 * FakeEngine::kPassMs);  // one photometric and two geometric passes
   for (const float depth : refined.depth) EXPECT_FLOAT_EQ(depth, kRefinedDepth);
   ASSERT_EQ(refined.confidence.size(), refined.depth.size());
   ASSERT_EQ(refined.normal.size(), refined.depth.size());
@@ -173,7 +173,7 @@ TEST(DenseMapperTest, WithoutGeometricPassesRefinementOnlyChecksConsistency) {
   options.pipeline.geometric_passes = 0;
   MapperHarness harness(options);
   for (int id = 0; id <= 3; ++id) harness.Add(WallFrame(id));
-  for (const auto& call : harness.patch_match.calls) EXPECT_EQ(call.pass, "photometric");
+  for (const auto& call : harness.engine.calls) EXPECT_EQ(call.pass, "photometric");
   ASSERT_THAT(harness.refined, SizeIs(3));
   for (const float depth : harness.refined[1]->depth) EXPECT_FLOAT_EQ(depth, kFastDepth);
   EXPECT_FALSE(harness.refined[1]->points_in_camera.empty());
@@ -184,7 +184,7 @@ TEST(DenseMapperTest, UsesThePriorWhenAskedTo) {
   options.pipeline = MakePreset("balanced");
   MapperHarness harness(options);
   for (int id = 0; id <= 2; ++id) harness.Add(WallFrame(id));
-  EXPECT_THAT(CallsOf(harness.patch_match, "prior", 1), SizeIs(1));
+  EXPECT_THAT(CallsOf(harness.engine, "prior", 1), SizeIs(1));
 }
 
 TEST(DenseMapperOptionsTest, AreCheckedAndKeptWhenBad) {
@@ -232,7 +232,7 @@ TEST(DenseMapperOptionsTest, TakeEffectFromTheNextKeyframe) {
   harness.mapper.set_options(options);
   EXPECT_THAT(harness.TakeEvents(), IsEmpty());
   EXPECT_THAT(harness.Add(WallFrame(4)), ElementsAre("fast 4", "refined 2", "refined 3"));
-  EXPECT_THAT(CallsOf(harness.patch_match, "geometric", 3), SizeIs(1));
+  EXPECT_THAT(CallsOf(harness.engine, "geometric", 3), SizeIs(1));
 }
 
 TEST(DenseMapperOptionsTest, StartLevelHalvesThePhotometricPassAndNothingElse) {
@@ -252,10 +252,10 @@ TEST(DenseMapperOptionsTest, StartLevelHalvesThePhotometricPassAndNothingElse) {
   EXPECT_THAT(harness.Add(WallFrame(6)), ElementsAre("fast 6", "refined 4"));
   const std::vector<int> expected = {24, 24, 24, 24, 12, 6, 24};
   for (int id = 0; id <= 6; ++id) {
-    const auto calls = CallsOf(harness.patch_match, "photometric", id);
+    const auto calls = CallsOf(harness.engine, "photometric", id);
     ASSERT_THAT(calls, SizeIs(1)) << id;
     EXPECT_EQ(calls[0].width, expected[static_cast<size_t>(id)]) << id;
-    for (const auto& call : CallsOf(harness.patch_match, "geometric", id)) EXPECT_EQ(call.width, 24) << id;
+    for (const auto& call : CallsOf(harness.engine, "geometric", id)) EXPECT_EQ(call.width, 24) << id;
   }
   for (const auto& depth : harness.fast) {
     ASSERT_EQ(depth->depth.width(), kWallCamera.width);
@@ -265,13 +265,12 @@ TEST(DenseMapperOptionsTest, StartLevelHalvesThePhotometricPassAndNothingElse) {
 }
 
 TEST(DenseMapperTest, CallbacksMayBeEmpty) {
-  FakePatchMatch patch_match;
-  HostDepthEngine engine(&patch_match);
+  WallEngine engine;
   DenseMapper mapper(&engine, FakeOptions(3, 1), {});
   for (int id = 0; id < 6; ++id) mapper.AddKeyframe(WallFrame(id));
   mapper.AddKeyframe(WallFrame(6, -100));
   mapper.Flush();
-  EXPECT_THAT(patch_match.calls, SizeIs(Ge(6)));
+  EXPECT_THAT(engine.calls, SizeIs(Ge(6)));
 }
 
 }  // namespace

@@ -79,7 +79,7 @@ TEST(DenseMapperIdenticalPosesTest, DropsWithTheReasonWhenTheyLeaveTheWindow) {
               AllOf(HasSubstr("keyframe 0"), HasSubstr("0 of 2"), HasSubstr("2 with no baseline")));
   EXPECT_THAT(harness.Flush(),
               ElementsAre("drop 1 no_source_views", "drop 2 no_source_views", "drop 3 no_source_views"));
-  EXPECT_THAT(harness.patch_match.calls, IsEmpty());
+  EXPECT_THAT(harness.engine.calls, IsEmpty());
 }
 
 TEST(DenseMapperIdenticalPosesTest, GoesOnOnceTheCameraMoves) {
@@ -89,7 +89,7 @@ TEST(DenseMapperIdenticalPosesTest, GoesOnOnceTheCameraMoves) {
   EXPECT_THAT(harness.Add(WallFrame(4, 1.8)),
               ElementsAre("fast 0", "fast 1", "fast 2", "fast 4", "refined 0", "refined 1", "refined 2", "refined 3"));
   // Views at the same place never count as sources.
-  EXPECT_THAT(CallsOf(harness.patch_match, "photometric", 0)[0].sources, UnorderedElementsAre(3, 4));
+  EXPECT_THAT(CallsOf(harness.engine, "photometric", 0)[0].sources, UnorderedElementsAre(3, 4));
 }
 
 TEST(DenseMapperIdenticalPosesTest, NamesTheAngleThatIsTooSmall) {
@@ -156,7 +156,7 @@ TEST(DenseMapperDepthRangeTest, DropsWithoutAny) {
 TEST(DenseMapperFailureTest, OfAnEstimateDropsThatKeyframeOnly) {
   const auto run = [](const std::function<void()>& fail) {
     MapperHarness harness(FakeOptions(6, 1));
-    harness.patch_match.before_answer = [&](const FakePatchMatch::Call& call) {
+    harness.engine.before_answer = [&](const WallEngine::Call& call) {
       if (call.reference == 3) fail();
     };
     Strings events;
@@ -166,7 +166,7 @@ TEST(DenseMapperFailureTest, OfAnEstimateDropsThatKeyframeOnly) {
     EXPECT_THAT(harness.drops, SizeIs(1));
     EXPECT_FALSE(harness.drops[0].had_fast);
     EXPECT_EQ(harness.mapper.unfinished(), 1u);
-    EXPECT_THAT(CallsOf(harness.patch_match, "photometric", 5)[0].sources, testing::Contains(3));
+    EXPECT_THAT(CallsOf(harness.engine, "photometric", 5)[0].sources, testing::Contains(3));
     return std::make_pair(events, harness.drops[0].message);
   };
   const auto expected = [](const std::string& reason) {
@@ -186,14 +186,14 @@ TEST(DenseMapperFailureTest, OfAnEstimateDropsThatKeyframeOnly) {
 
 TEST(DenseMapperFailureTest, OfARefinementKeepsTheFastMapForOthers) {
   MapperHarness harness(FakeOptions(8, 3));
-  harness.patch_match.before_answer = [](const FakePatchMatch::Call& call) {
+  harness.engine.before_answer = [](const WallEngine::Call& call) {
     if (call.reference == 2 && call.pass == "geometric") throw ProcessingError("device lost");
   };
   for (int id = 0; id <= 6; ++id) harness.Add(WallFrame(id));
   ASSERT_THAT(harness.drops, SizeIs(1));
   EXPECT_EQ(harness.drops[0].id, 2);
   EXPECT_TRUE(harness.drops[0].had_fast);
-  const auto call = CallsOf(harness.patch_match, "geometric", 3)[0];
+  const auto call = CallsOf(harness.engine, "geometric", 3)[0];
   for (size_t j = 0; j < call.sources.size(); ++j) {
     EXPECT_FLOAT_EQ(call.source_depths[j], call.sources[j] <= 1 ? kRefinedDepth : kFastDepth);
   }
@@ -218,7 +218,7 @@ TEST(DenseMapperFailureTest, BadFramesAreRefusedAndNeverBecomeSources) {
   EXPECT_THAT(harness.Add(std::make_shared<Frame>(std::move(bad_camera))), ElementsAre("drop 4 invalid_input"));
   harness.Add(WallFrame(5, 0.5));
   EXPECT_THAT(harness.Add(WallFrame(6, 1.0)), testing::Contains("fast 6"));
-  EXPECT_THAT(CallsOf(harness.patch_match, "photometric", 6)[0].sources, UnorderedElementsAre(0, 5));
+  EXPECT_THAT(CallsOf(harness.engine, "photometric", 6)[0].sources, UnorderedElementsAre(0, 5));
 }
 
 TEST(DenseMapperEvictionTest, KeepsNothingButTheWindow) {

@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <random>
+#include <utility>
 
 #include "gtest/gtest.h"
 
+#include "acmp_mapping/patch_match/host_passes.h"
 #include "acmp_mapping/patch_match/kernel/initialize_pixel.h"
 #include "acmp_mapping/patch_match/kernel/median_filter.h"
 #include "acmp_mapping/patch_match/kernel/update_pixel.h"
@@ -21,7 +23,7 @@ using Order = std::vector<std::pair<int, int>>;  ///< all pixels, col and row
 
 /// One pass with pixels visited one by one in the given order, colour by colour.
 template <Pass kPass>
-PatchMatchResult RunInOrder(KernelState* state, const Order& order, int iterations) {
+EstimateState RunInOrder(KernelState* state, const Order& order, int iterations) {
   const auto context = state->Context(static_cast<uint32_t>(kPass));
   const auto for_color = [&](int color, const auto& function) {
     for (const auto& [col, row] : order) {
@@ -36,7 +38,7 @@ PatchMatchResult RunInOrder(KernelState* state, const Order& order, int iteratio
     }
   }
   for (const int color : {0, 1}) for_color(color, [&](int col, int row) { MedianFilterPixel(context, col, row); });
-  return {state->planes.Clone(), state->cost.Clone(), state->selected_views.Clone()};
+  return {state->planes.Clone(), state->cost.Clone()};
 }
 
 template <Pass kPass>
@@ -58,7 +60,7 @@ void ExpectOrderDoesNotMatter() {
     }
     return RunInOrder<kPass>(&state, order, 2);
   };
-  const PatchMatchResult forward = run();
+  const EstimateState forward = run();
   std::reverse(order.begin(), order.end());
   EXPECT_TRUE(SameBits(forward, run())) << "reversed";
   std::shuffle(order.begin(), order.end(), std::mt19937(3));
@@ -73,16 +75,15 @@ TEST(ThreadCountTest, DoesNotMatter) {
   const std::vector<PlanarView> views = RandomViews(4, 83, 71, 4);
   const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10}, true);
   const auto run = [&] {
-    const auto patch_match = MakePatchMatchCpu();
-    const PatchMatchResult start = patch_match->RunPhotometric(problem, {});
-    return patch_match->RunGeometric(problem, {}, patch_match->RunPlanarPrior(problem, {}, start, start.planes.View()),
-                                     0);
+    EstimateState state = RunPhotometric(problem, {});
+    const PlaneMap prior = state.planes.Clone();
+    return RunGeometric(problem, {}, RunPlanarPrior(problem, {}, std::move(state), prior.View()), 0);
   };
   const auto run_with = [&](size_t threads) {
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
     return run();
   };
-  const PatchMatchResult many = run_with(8);
+  const EstimateState many = run_with(8);
   EXPECT_TRUE(SameBits(many, run_with(1)));
   EXPECT_TRUE(SameBits(many, run_with(3)));
 }

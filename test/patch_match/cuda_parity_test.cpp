@@ -1,14 +1,17 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <tuple>
+#include <memory>
+#include <numeric>
+#include <utility>
 #include <vector>
 
-#include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "acmp_mapping/patch_match/host_passes.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
 #include "support/devices.h"
+#include "support/engine_scene.h"
 #include "support/pass_result.h"
 #include "support/random_views.h"
 
@@ -20,21 +23,6 @@
 
 namespace acmp {
 namespace {
-
-/// Both devices, or a skip with the reason.
-class CudaParityTest : public ::testing::Test {
- protected:
-  void SetUp() override {
-    try {
-      cuda_ = MakePatchMatch(Device::kCuda).patch_match;
-    } catch (const InvalidInputError& error) {
-      GTEST_SKIP() << error.what();
-    }
-    cpu_ = MakePatchMatch(Device::kCpu).patch_match;
-  }
-
-  std::unique_ptr<PatchMatch> cpu_, cuda_;
-};
 
 const WorldPlane kPlane = WorldPlane::Slanted(25, -15, 4);
 
@@ -48,97 +36,90 @@ constexpr double kMaxAccuracyDifference = 0.006;  ///< of the shares of pixels n
 /// 1/512 px.
 constexpr double kMaxCostDifference = 1e-3;
 
-struct ParityScene {
-  ParityScene() : views(RenderPlanarScene(kPlane, 96, 72, 6)), problem(MakeProblem(views, 0, {2, 8}, true)) {}
+/// One problem on one device.
+struct OnDevice {
+  OnDevice(Device device, const std::vector<PlanarView>& views, const DepthRange& range)
+      : engine(MakeDepthEngine(device).engine), problem(MakeEngineProblem(views, range, true, engine.get())) {}
 
-  void ExpectParity(const PatchMatchResult& cpu, const PatchMatchResult& cuda) const {
-    EXPECT_GE(ShareEqual(cpu, cuda, problem.reference.camera, 0.01), 1 - kMaxDiffering);
-    for (const double tolerance : {0.005, 0.01, 0.02}) {
-      EXPECT_NEAR(ShareWithin(cpu, problem, views[0].depth, tolerance),
-                  ShareWithin(cuda, problem, views[0].depth, tolerance), kMaxAccuracyDifference)
-          << tolerance;
-    }
-    double cpu_cost = 0, cuda_cost = 0;
-    for (const float cost : cpu.cost) cpu_cost += cost;
-    for (const float cost : cuda.cost) cuda_cost += cost;
-    const auto pixels = static_cast<double>(cpu.cost.size());
-    EXPECT_NEAR(cpu_cost / pixels, cuda_cost / pixels, kMaxCostDifference);
+  /// @param start of any device; its depths are those of its planes
+  EstimateState Run(Pass pass, const PatchMatchOptions& options, const EstimateState& start, const PriorMesh& prior,
+                    int geometric_pass = 0) const {
+    if (pass == Pass::kPhotometric) return engine->DownloadState(engine->RunPhotometric(problem, options, 0));
+    const EngineEstimatePtr from = engine->UploadState(start.Clone(), problem.reference.frame->camera);
+    return engine->DownloadState(pass == Pass::kPlanarPrior
+                                     ? engine->RunPlanarPrior(problem, options, from, prior)
+                                     : engine->RunGeometric(problem, options, from, geometric_pass));
+  }
+  EstimateState RunPhotometric(const PatchMatchOptions& options = {}) const {
+    return Run(Pass::kPhotometric, options, {}, {});
   }
 
-  std::vector<PlanarView> views;
-  PatchMatchProblem problem;
+  std::unique_ptr<DepthEngine> engine;
+  EngineProblem problem;
 };
 
-TEST_F(CudaParityTest, PhotometricPass) {
-  const ParityScene scene;
-  scene.ExpectParity(cpu_->RunPhotometric(scene.problem, {}), cuda_->RunPhotometric(scene.problem, {}));
-}
-
-TEST_F(CudaParityTest, PlanarPriorPassFromTheSameStart) {
-  const ParityScene scene;
-  const PatchMatchResult start = cpu_->RunPhotometric(scene.problem, {});
-  const PlaneMap prior(96, 72,
-                       {static_cast<float>(kPlane.normal.x()), static_cast<float>(kPlane.normal.y()),
-                        static_cast<float>(kPlane.normal.z()), static_cast<float>(kPlane.d)});
-  scene.ExpectParity(cpu_->RunPlanarPrior(scene.problem, {}, start, prior.View()),
-                     cuda_->RunPlanarPrior(scene.problem, {}, start, prior.View()));
-}
-
-TEST_F(CudaParityTest, Evidence) {
-  const ParityScene scene;
-  const PatchMatchResult start = cpu_->RunPhotometric(scene.problem, {});
-  for (const int cell_size : {1, 3}) {
-    const Image<float> cpu = cpu_->MeasureEvidence(scene.problem, start.planes, cell_size);
-    const Image<float> cuda = cuda_->MeasureEvidence(scene.problem, start.planes, cell_size);
-    ASSERT_EQ(cuda.width(), cpu.width());
-    ASSERT_EQ(cuda.height(), cpu.height());
-    std::vector<float> differences;
-    int undecided = 0;
-    for (size_t i = 0; i < cpu.size(); ++i) {
-      const float a = cpu.data()[i], b = cuda.data()[i];
-      differences.push_back(std::abs(a - b) / (10 + std::abs(a)));
-      undecided += (a >= 10) != (b >= 10) ? 1 : 0;
-    }
-    std::sort(differences.begin(), differences.end());
-    // Texture fractions move samples by 1/512 px, 0.05 grey levels where a window has some 25 per px: of what a plane
-    // leaves unexplained (0.5 grey levels^2 are added to it) half a percent, in a logarithm times 18 per view.
-    EXPECT_LT(differences[differences.size() / 2], 0.02);
-    // A source depth that is read on the other side of a half decides about a view.
-    EXPECT_LE(undecided, static_cast<int>(cpu.size()) / 100);
+/// The same problem on both devices, or a skip with the reason.
+class CudaParityTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    std::unique_ptr<DepthEngine> cuda;
+    MakeEngineOrSkip(Device::kCuda, &cuda);
+    if (!IsSkipped()) SetScene(RenderPlanarScene(kPlane, 96, 72, 6), {2, 8});
   }
-}
 
-TEST_F(CudaParityTest, GeometricPassFromTheSameStart) {
-  const ParityScene scene;
-  const PatchMatchResult start = cpu_->RunPhotometric(scene.problem, {});
-  scene.ExpectParity(cpu_->RunGeometric(scene.problem, {}, start, 0), cuda_->RunGeometric(scene.problem, {}, start, 0));
+  void SetScene(std::vector<PlanarView> views, const DepthRange& range) {
+    views_ = std::move(views);
+    cpu_ = std::make_unique<OnDevice>(Device::kCpu, views_, range);
+    cuda_ = std::make_unique<OnDevice>(Device::kCuda, views_, range);
+    prior_ = PriorOfPlane(views_[0].camera, ToHypothesis(kPlane));
+  }
+
+  DepthMap DepthOf(const EstimateState& state) const { return ToDepthMap(state.planes, views_[0].camera); }
+  double NearTruth(const EstimateState& state, double tolerance) const {
+    return ShareWithin(DepthOf(state), views_[0].depth, tolerance);
+  }
+  /// Share of the pixels where depths differ by more than 1 %.
+  double Differing(const EstimateState& a, const EstimateState& b) const {
+    return 1 - ShareWithin(DepthOf(a), DepthOf(b), 0.01);
+  }
+  static double MeanCost(const EstimateState& state) {
+    return std::accumulate(state.cost.begin(), state.cost.end(), 0.0) / static_cast<double>(state.cost.size());
+  }
+
+  void ExpectParity(const EstimateState& cpu, const EstimateState& cuda) const {
+    EXPECT_LE(Differing(cpu, cuda), kMaxDiffering);
+    for (const double tolerance : {0.005, 0.01, 0.02}) {
+      EXPECT_NEAR(NearTruth(cpu, tolerance), NearTruth(cuda, tolerance), kMaxAccuracyDifference) << tolerance;
+    }
+    EXPECT_NEAR(MeanCost(cpu), MeanCost(cuda), kMaxCostDifference);
+  }
+
+  std::vector<PlanarView> views_;
+  std::unique_ptr<OnDevice> cpu_, cuda_;
+  PriorMesh prior_;
+};
+
+TEST_F(CudaParityTest, EachPassFromTheSameStart) {
+  const EstimateState start = cpu_->RunPhotometric();
+  ExpectParity(start, cuda_->RunPhotometric());
+  for (const Pass pass : {Pass::kPlanarPrior, Pass::kGeometric}) {
+    ExpectParity(cpu_->Run(pass, {}, start, prior_), cuda_->Run(pass, {}, start, prior_));
+  }
 }
 
 TEST_F(CudaParityTest, AllPassesInARow) {
-  const ParityScene scene;
-  const PlaneMap no_prior(96, 72);
-  const auto run = [&](PatchMatch* device) {
-    PatchMatchResult result = device->RunPhotometric(scene.problem, {});
-    result = device->RunPlanarPrior(scene.problem, {}, result, no_prior.View());
-    result = device->RunGeometric(scene.problem, {}, result, 0);
-    return device->RunGeometric(scene.problem, {}, result, 1);
+  const auto run = [](const OnDevice& device) {
+    EstimateState state = device.Run(Pass::kPlanarPrior, {}, device.RunPhotometric(), {});
+    state = device.Run(Pass::kGeometric, {}, state, {}, 0);
+    return device.Run(Pass::kGeometric, {}, state, {}, 1);
   };
-  scene.ExpectParity(run(cpu_.get()), run(cuda_.get()));
+  ExpectParity(run(*cpu_), run(*cuda_));
 }
 
 /// The papers' passes have no median filter and leave more pixels to chance: devices, which share the random numbers,
 /// may differ as two seeds on the CPU do.
 TEST_F(CudaParityTest, PassesOfThePapersDifferNoMoreThanTwoSeeds) {
-  const ParityScene scene;
-  const PatchMatchResult start = cpu_->RunPhotometric(scene.problem, {});
-  const PlaneMap prior(96, 72,
-                       {static_cast<float>(kPlane.normal.x()), static_cast<float>(kPlane.normal.y()),
-                        static_cast<float>(kPlane.normal.z()), static_cast<float>(kPlane.d)});
-  const auto run = [&](PatchMatch* device, Pass pass, const PatchMatchOptions& options) {
-    if (pass == Pass::kPhotometric) return device->RunPhotometric(scene.problem, options);
-    if (pass == Pass::kPlanarPrior) return device->RunPlanarPrior(scene.problem, options, start, prior.View());
-    return device->RunGeometric(scene.problem, options, start, 0);
-  };
+  const EstimateState start = cpu_->RunPhotometric();
   for (const auto& [pass, method] : {std::pair(Pass::kPhotometric, Method::kAcmh),
                                      {Pass::kPlanarPrior, Method::kAcmp},
                                      {Pass::kGeometric, Method::kAcmh},
@@ -146,12 +127,12 @@ TEST_F(CudaParityTest, PassesOfThePapersDifferNoMoreThanTwoSeeds) {
     PatchMatchOptions options, other;
     options.method = other.method = method;
     other.seed = 2;
-    const PatchMatchResult on_cpu = run(cpu_.get(), pass, options), on_cuda = run(cuda_.get(), pass, options);
-    const PinholeCamera& camera = scene.problem.reference.camera;
-    const double of_seeds = 1 - ShareEqual(on_cpu, run(cpu_.get(), pass, other), camera, 0.01);
-    EXPECT_LE(1 - ShareEqual(on_cpu, on_cuda, camera, 0.01), of_seeds + kMaxDiffering);
-    EXPECT_NEAR(ShareWithin(on_cpu, scene.problem, scene.views[0].depth, 0.01),
-                ShareWithin(on_cuda, scene.problem, scene.views[0].depth, 0.01), 0.01);
+    const EstimateState on_cpu = cpu_->Run(pass, options, start, prior_);
+    const EstimateState on_cuda = cuda_->Run(pass, options, start, prior_);
+    EXPECT_LE(Differing(on_cpu, on_cuda), Differing(on_cpu, cpu_->Run(pass, other, start, prior_)) + kMaxDiffering);
+    EXPECT_NEAR(NearTruth(on_cpu, 0.01), NearTruth(on_cuda, 0.01), 0.01);
+    // Without the sources' depths a geometric pass's costs are higher by 0.5.
+    EXPECT_NEAR(MeanCost(on_cpu), MeanCost(on_cuda), 0.05);
   }
 }
 
@@ -159,14 +140,12 @@ TEST_F(CudaParityTest, PriorOnBlankWallsIsTheSameToItsWidth) {
   // Without texture the prior's draws decide. They are the same on both devices but for rounding.
   std::vector<PlanarView> views = RenderPlanarScene(kPlane, 60, 45, 5);
   for (PlanarView& view : views) std::fill(view.gray.begin(), view.gray.end(), 120.0f);
-  const PatchMatchProblem problem = MakeProblem(views, 0, {2, 8});
-  const PlaneMap prior(60, 45,
-                       {static_cast<float>(kPlane.normal.x()), static_cast<float>(kPlane.normal.y()),
-                        static_cast<float>(kPlane.normal.z()), static_cast<float>(kPlane.d)});
-  const PatchMatchResult start = cpu_->RunPhotometric(problem, {});
-  const PatchMatchResult on_cpu = cpu_->RunPlanarPrior(problem, {}, start, prior.View());
-  const PatchMatchResult on_cuda = cuda_->RunPlanarPrior(problem, {}, start, prior.View());
-  EXPECT_GE(ShareEqual(on_cpu, on_cuda, views[0].camera, 0.01), 0.99);  // as two seeds on the CPU do: 100 %
+  SetScene(std::move(views), {2, 8});
+  const EstimateState start = cpu_->RunPhotometric();
+  // As two seeds on the CPU do: 0.
+  EXPECT_LE(
+      Differing(cpu_->Run(Pass::kPlanarPrior, {}, start, prior_), cuda_->Run(Pass::kPlanarPrior, {}, start, prior_)),
+      0.01);
 }
 
 TEST_F(CudaParityTest, InitialisationDrawsTheSamePlanes) {
@@ -175,11 +154,10 @@ TEST_F(CudaParityTest, InitialisationDrawsTheSamePlanes) {
   for (size_t i = 1; i < 4; ++i) {
     views[i].cam_from_world = LookAhead({0.1, 0.0, 0.1 * static_cast<double>(i)}, 180, 0, 0);
   }
-  const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10});
+  SetScene(std::move(views), {1, 10});
   PatchMatchOptions options;
   options.method = Method::kAcmh;  // no median filter
-  const PatchMatchResult on_cpu = cpu_->RunPhotometric(problem, options);
-  const PatchMatchResult on_cuda = cuda_->RunPhotometric(problem, options);
+  const EstimateState on_cpu = cpu_->RunPhotometric(options), on_cuda = cuda_->RunPhotometric(options);
   // Costs are 2 everywhere, so no hypothesis ever replaces the first.
   size_t differing = 0;
   for (size_t i = 0; i < on_cpu.planes.size(); ++i) {
@@ -195,58 +173,15 @@ TEST_F(CudaParityTest, InitialisationDrawsTheSamePlanes) {
 
 TEST_F(CudaParityTest, RandomImagesGiveTheSameStatistics) {
   // Nothing matches: every pixel is chaotic, but the distribution of costs is the device's no less than the CPU's.
-  const std::vector<PlanarView> views = RandomViews(6, 81, 63, 8);
-  const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10}, true);
-  const auto quantiles = [](const PatchMatchResult& result) {
+  SetScene(RandomViews(6, 81, 63, 8), {1, 10});
+  const auto quantiles = [](const EstimateState& result) {
     std::vector<float> costs(result.cost.begin(), result.cost.end());
     std::sort(costs.begin(), costs.end());
     return std::array<float, 3>{costs[costs.size() / 10], costs[costs.size() / 2], costs[costs.size() * 9 / 10]};
   };
-  const auto on_cpu = quantiles(cpu_->RunPhotometric(problem, {})),
-             on_cuda = quantiles(cuda_->RunPhotometric(problem, {}));
+  const auto on_cpu = quantiles(cpu_->RunPhotometric()), on_cuda = quantiles(cuda_->RunPhotometric());
   // Two seeds on the CPU differ by up to 0.005.
   for (int i = 0; i < 3; ++i) EXPECT_NEAR(on_cpu[i], on_cuda[i], 0.015) << i;
-}
-
-TEST_F(CudaParityTest, OneObjectServesManySizesAndSourceCounts) {
-  // Buffers grow and are reused; each result must be that of a fresh object.
-  for (const auto& [width, height, count] :
-       {std::tuple(40, 30, 2), {120, 90, 9}, {30, 70, 33}, {120, 90, 3}, {1, 1, 2}, {97, 3, 5}, {40, 30, 2}}) {
-    const std::vector<PlanarView> views = RandomViews(count, width, height, 9);
-    const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10}, true);
-    const auto fresh = MakePatchMatch(Device::kCuda).patch_match;
-    const PatchMatchResult a = cuda_->RunPhotometric(problem, {}), b = fresh->RunPhotometric(problem, {});
-    EXPECT_TRUE(SameBits(a, b)) << width << " x " << height;
-    EXPECT_TRUE(SameBits(cuda_->RunGeometric(problem, {}, a, 0), fresh->RunGeometric(problem, {}, b, 0)));
-    // A pass without depth maps after one with them must not see the old ones.
-    const PatchMatchProblem without = MakeProblem(views, 0, {1, 10});
-    EXPECT_TRUE(SameBits(cuda_->RunGeometric(without, {}, a, 0), fresh->RunGeometric(without, {}, b, 0)));
-  }
-}
-
-TEST_F(CudaParityTest, DeviceIndexOutOfRangeIsRefused) {
-  for (const int index : {-1, 1000}) {
-    try {
-      MakePatchMatch(Device::kCuda, index);
-      ADD_FAILURE() << "accepted index " << index;
-    } catch (const InvalidInputError& error) {
-      EXPECT_THAT(error.what(), ::testing::HasSubstr(Concat("index = ", index)));
-    }
-  }
-  // The object made before still works.
-  const ParityScene scene;
-  EXPECT_NO_THROW(cuda_->RunPhotometric(scene.problem, {}));
-}
-
-TEST_F(CudaParityTest, TwoObjectsDoNotDisturbEachOther) {
-  const ParityScene scene;
-  const std::vector<PlanarView> other_views = RandomViews(4, 61, 45, 10);
-  const PatchMatchProblem other = MakeProblem(other_views, 0, {1, 10});
-  const auto second = MakePatchMatch(Device::kCuda).patch_match;
-  const PatchMatchResult a = cuda_->RunPhotometric(scene.problem, {});
-  const PatchMatchResult b = second->RunPhotometric(other, {});
-  EXPECT_TRUE(SameBits(a, cuda_->RunPhotometric(scene.problem, {})));
-  EXPECT_TRUE(SameBits(b, second->RunPhotometric(other, {})));
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <vector>
 
 #include "gtest/gtest.h"
@@ -33,11 +34,9 @@ constexpr int kWidth = 65, kHeight = 49, kQueries = 50000;
 class KernelParityTest : public ::testing::Test {
  protected:
   void SetUp() override {
-    try {
-      MakePatchMatch(Device::kCuda);
-    } catch (const InvalidInputError& error) {
-      GTEST_SKIP() << error.what();
-    }
+    std::unique_ptr<DepthEngine> engine;
+    MakeEngineOrSkip(Device::kCuda, &engine);
+    if (IsSkipped()) return;
     views_ = RandomViews(5, kWidth, kHeight, 4);
     problem_ = MakeProblem(views_, 0, {1, 10}, true);
     prior_ = PlaneMap(kWidth, kHeight);

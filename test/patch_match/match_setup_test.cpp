@@ -6,7 +6,7 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/patch_match/patch_match.h"
+#include "acmp_mapping/patch_match/host_passes.h"
 #include "support/random_views.h"
 #include "support/reference_match.h"
 
@@ -152,8 +152,8 @@ std::string MessageOf(const Function& function) {
   return "";
 }
 
-PatchMatchResult GoodStart(int width, int height) {
-  return {PlaneMap(width, height, {0, 0, -1, 4}), CostMap(width, height, 0.5f), Image<uint32_t>(width, height)};
+EstimateState GoodStart(int width, int height) {
+  return {PlaneMap(width, height, {0, 0, -1, 4}), CostMap(width, height, 0.5f)};
 }
 
 TEST(CheckStartTest, RefusesOtherSizes) {
@@ -162,29 +162,20 @@ TEST(CheckStartTest, RefusesOtherSizes) {
   EXPECT_EQ(MessageOf([&] { CheckStart(problem, GoodStart(33, 27)); }), "");
   EXPECT_THAT(MessageOf([&] { CheckStart(problem, GoodStart(34, 27)); }),
               AllOf(HasSubstr("start"), HasSubstr("34 x 27"), HasSubstr("33 x 27")));
-  PatchMatchResult start = GoodStart(33, 27);
+  EstimateState start = GoodStart(33, 27);
   start.cost = CostMap(33, 26);
   EXPECT_THAT(MessageOf([&] { CheckStart(problem, start); }), HasSubstr("33 x 26"));
-  EXPECT_NE(MessageOf([&] { CheckStart(problem, PatchMatchResult{}); }), "");
+  EXPECT_NE(MessageOf([&] { CheckStart(problem, EstimateState{}); }), "");
 }
 
 TEST(CheckStartTest, RefusesPixelsWithoutAPlaneInFrontOfTheCamera) {
   const std::vector<PlanarView> views = RandomViews(2, 33, 27, 6);
   const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10});
   for (const float d : {0.0f, -1.5f, std::numeric_limits<float>::quiet_NaN()}) {
-    PatchMatchResult start = GoodStart(33, 27);
+    EstimateState start = GoodStart(33, 27);
     start.planes(32, 26).d = d;
     EXPECT_THAT(MessageOf([&] { CheckStart(problem, start); }), HasSubstr(Concat("d = ", d)));
   }
-}
-
-TEST(CheckPriorTest, RefusesOtherSizes) {
-  const std::vector<PlanarView> views = RandomViews(2, 33, 27, 6);
-  const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10});
-  const PlaneMap good(33, 27), bad(27, 33);
-  EXPECT_EQ(MessageOf([&] { CheckPrior(problem, good.View()); }), "");
-  EXPECT_THAT(MessageOf([&] { CheckPrior(problem, bad.View()); }), AllOf(HasSubstr("prior"), HasSubstr("27 x 33")));
-  EXPECT_NE(MessageOf([&] { CheckPrior(problem, {}); }), "");
 }
 
 }  // namespace

@@ -10,9 +10,9 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/patch_match/host_passes.h"
 #include "acmp_mapping/patch_match/kernel/initialize_pixel.h"
 #include "acmp_mapping/patch_match/kernel/update_pixel.h"
-#include "acmp_mapping/patch_match/patch_match.h"
 #include "acmp_mapping/patch_match/window_sums.h"
 #include "acmp_mapping/pipeline/presets.h"
 #include "acmp_mapping/planar_prior/planar_prior.h"
@@ -103,7 +103,7 @@ class PapersTest : public ::testing::Test {
   /// Runs a pass pixel by pixel beside the reference, and checks that the CPU's pass leaves the same bits.
   template <Pass kPass, Method kMethod>
   void RunPass(paper::Stage stage, uint32_t pass, int iterations) {
-    PatchMatchResult start = {state_->planes.Clone(), state_->cost.Clone(), {}};
+    const EstimateState start = {state_->planes.Clone(), state_->cost.Clone()};
     const CpuSampler sampler = {{problem_.reference.gray, images_.data()}, SupportedWindowFunctions().back()};
     MatchContext<CpuSampler> context = state_->ContextWith(sampler);
     context.pass_number = pass;
@@ -141,19 +141,14 @@ class PapersTest : public ::testing::Test {
   }
 
   template <Pass kPass>
-  void ExpectSameAsCpu(const PatchMatchResult& start, uint32_t pass) {
-    const std::unique_ptr<PatchMatch> cpu = MakePatchMatchCpu();
-    PatchMatchResult result;
-    if (kPass == Pass::kPhotometric) result = cpu->RunPhotometric(problem_, options_.patch_match);
-    if (kPass == Pass::kPlanarPrior) {
-      result = cpu->RunPlanarPrior(problem_, options_.patch_match, start, state_->prior.View());
-    }
-    if (kPass == Pass::kGeometric) {
-      result = cpu->RunGeometric(problem_, options_.patch_match, start, static_cast<int>(pass) - 2);
-    }
+  void ExpectSameAsCpu(const EstimateState& start, uint32_t pass) {
+    const PatchMatchOptions& options = options_.patch_match;
+    EstimateState result;
+    if (kPass == Pass::kPhotometric) result = RunPhotometric(problem_, options);
+    if (kPass == Pass::kPlanarPrior) result = RunPlanarPrior(problem_, options, start.Clone(), state_->prior.View());
+    if (kPass == Pass::kGeometric) result = RunGeometric(problem_, options, start.Clone(), static_cast<int>(pass) - 2);
     EXPECT_TRUE(SamePixels(result.planes, state_->planes));
     EXPECT_TRUE(SamePixels(result.cost, state_->cost));
-    EXPECT_TRUE(SamePixels(result.selected_views, state_->selected_views));
   }
 
   /// Steps 10 and 11: of every cell of 5 x 5 px the estimate of least cost is a credible correspondence if that is

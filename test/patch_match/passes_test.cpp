@@ -1,11 +1,11 @@
 #include <cmath>
-#include <limits>
+#include <utility>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "acmp_mapping/image/cells.h"
 #include "support/devices.h"
+#include "support/engine_scene.h"
 #include "support/pass_result.h"
 #include "support/random_views.h"
 
@@ -16,47 +16,69 @@ namespace {
 
 using ::testing::HasSubstr;
 
-class PassesTest : public DeviceTest {};
-
 constexpr float kMaxPhotometric = 2.0f;
 constexpr float kMaxGeometric = 2.5f;  // 2 + 0.1 * min(error, 5)
+constexpr DepthRange kRange = {1, 10};
 
-/// A prior of random planes with holes.
-PlaneMap RandomPrior(const PinholeCamera& camera, uint32_t seed) {
+/// A prior of large and small triangles at random depths; a third of them has no plane.
+PriorMesh RandomPrior(const PinholeCamera& camera, uint32_t seed) {
   TestRandom random(seed);
-  PlaneMap prior(camera.width, camera.height);
-  for (int row = 0; row < camera.height; ++row) {
-    for (int col = 0; col < camera.width; ++col) {
-      if (random(0, 1) < 0.7) prior(col, row) = RandomHypothesis(camera, col, row, 2, 8, 60, &random);
+  std::vector<SupportPoint> points;
+  for (int row = 0; row < camera.height; row += 1 + random.Below(9)) {
+    for (int col = random.Below(5); col < camera.width; col += 1 + random.Below(12)) {
+      points.push_back({col, row, static_cast<float>(random(3, 5))});
     }
   }
-  return prior;
+  PriorMesh mesh = MakePriorMesh(camera, points, {});
+  for (PlaneHypothesis& plane : mesh.planes) {
+    if (random(0, 1) < 0.3) plane = {};
+  }
+  return mesh;
 }
 
 struct AllPasses {
-  PatchMatchResult photometric, planar_prior, geometric;
+  EstimateState photometric, planar_prior, geometric;
+
+  bool operator==(const AllPasses& other) const {
+    return SameBits(photometric, other.photometric) && SameBits(planar_prior, other.planar_prior) &&
+           SameBits(geometric, other.geometric);
+  }
 };
 
-AllPasses RunAll(PatchMatch* patch_match, const PatchMatchProblem& problem, const PatchMatchOptions& options = {}) {
-  AllPasses all;
-  all.photometric = patch_match->RunPhotometric(problem, options);
-  const PlaneMap prior = RandomPrior(problem.reference.camera, 77);
-  all.planar_prior = patch_match->RunPlanarPrior(problem, options, all.photometric, prior.View());
-  all.geometric = patch_match->RunGeometric(problem, options, all.planar_prior, 0);
-  return all;
+AllPasses RunAll(DepthEngine* engine, const EngineProblem& problem, const PatchMatchOptions& options = {}) {
+  const PriorMesh prior = RandomPrior(problem.reference.frame->camera, 77);
+  const EngineEstimatePtr photometric = engine->RunPhotometric(problem, options, 0);
+  const EngineEstimatePtr assisted = engine->RunPlanarPrior(problem, options, photometric, prior);
+  const EngineEstimatePtr geometric = engine->RunGeometric(problem, options, assisted, 0);
+  return {engine->DownloadState(photometric), engine->DownloadState(assisted), engine->DownloadState(geometric)};
 }
 
-void ExpectAllValid(PatchMatch* patch_match, const PatchMatchProblem& problem, const PatchMatchOptions& options = {}) {
-  const AllPasses all = RunAll(patch_match, problem, options);
-  ExpectValid(all.photometric, problem, kMaxPhotometric);
-  ExpectValid(all.planar_prior, problem, kMaxPhotometric);
-  ExpectValid(all.geometric, problem, kMaxGeometric);
-}
+class PassesTest : public EngineTest {
+ protected:
+  EngineProblem Problem(const std::vector<PlanarView>& views, const DepthRange& range = kRange,
+                        bool with_depths = true) {
+    return MakeEngineProblem(views, range, with_depths, engine_.get());
+  }
+
+  AllPasses ExpectAllValid(const EngineProblem& problem, const PatchMatchOptions& options = {}) {
+    AllPasses all = RunAll(engine_.get(), problem, options);
+    const PinholeCamera& camera = problem.reference.frame->camera;
+    ExpectValid(all.photometric, camera, problem.depth_range, kMaxPhotometric);
+    ExpectValid(all.planar_prior, camera, problem.depth_range, kMaxPhotometric);
+    ExpectValid(all.geometric, camera, problem.depth_range, kMaxGeometric);
+    return all;
+  }
+
+  bool Same(const EngineEstimatePtr& a, const EngineEstimatePtr& b) {
+    return SameBits(engine_->DownloadState(a), engine_->DownloadState(b)) &&
+           SamePixels(engine_->DownloadDepth(a), engine_->Download(b).depth);
+  }
+};
+INSTANTIATE_TEST_SUITE_P(Devices, PassesTest, ::testing::Values(Device::kCpu, Device::kCuda), DeviceName);
 
 TEST_P(PassesTest, ResultsAreValidOnOddAndUnequalSizes) {
   for (const auto& [width, height] : {std::pair(37, 29), {64, 21}, {20, 49}}) {
-    const std::vector<PlanarView> views = RandomViews(5, width, height, 1);
-    ExpectAllValid(patch_match_.get(), MakeProblem(views, 0, {1, 10}, true));
+    ExpectAllValid(Problem(RandomViews(5, width, height, 1)));
   }
 }
 
@@ -68,17 +90,12 @@ TEST_P(PassesTest, ResultsAreValidOnImagesSmallerThanTheWindow) {
     views[2].camera = TestCamera(1, 1);  // a source may be tiny too
     views[2].gray = RandomImage(1, 1, 4);
     views[2].depth = DepthMap(1, 1, 4.0f);
-    ExpectAllValid(patch_match_.get(), MakeProblem(views, 0, {1, 10}, true));
+    ExpectAllValid(Problem(views));
   }
 }
 
 TEST_P(PassesTest, ResultsAreValidWithOneAndThirtyTwoSources) {
-  for (const int count : {1, 2, 31, 32}) {
-    const std::vector<PlanarView> views = RandomViews(1 + count, 25, 19, 5);
-    const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10}, true);
-    ASSERT_EQ(static_cast<int>(problem.sources.size()), count);
-    ExpectAllValid(patch_match_.get(), problem);
-  }
+  for (const int count : {1, 2, 31, 32}) ExpectAllValid(Problem(RandomViews(1 + count, 25, 19, 5)));
 }
 
 TEST_P(PassesTest, ResultsAreValidWithoutTexture) {
@@ -87,7 +104,7 @@ TEST_P(PassesTest, ResultsAreValidWithoutTexture) {
     for (size_t i = reference_too ? 0 : 1; i < views.size(); ++i) {
       for (float& value : views[i].gray) value = 90.0f + 20.0f * static_cast<float>(i);
     }
-    ExpectAllValid(patch_match_.get(), MakeProblem(views, 0, {1, 10}, true));
+    ExpectAllValid(Problem(views));
   }
 }
 
@@ -95,7 +112,7 @@ TEST_P(PassesTest, FlatReferenceGivesTheUninformedCostExactly) {
   // Were flat windows compared by rounding noise, some would look well matched.
   std::vector<PlanarView> views = RenderPlanarScene(WorldPlane{}, 40, 30, 4);
   for (float& value : views[0].gray) value = 77.7f;
-  const PatchMatchResult result = patch_match_->RunPhotometric(MakeProblem(views, 0, {2, 8}), {});
+  const EstimateState result = engine_->DownloadState(engine_->RunPhotometric(Problem(views, {2, 8}), {}, 0));
   for (const float cost : result.cost) ASSERT_TRUE(cost == 1.0f || cost == 2.0f) << cost;
 }
 
@@ -104,11 +121,8 @@ TEST_P(PassesTest, ResultsAreValidWhereNoSourceSeesAnything) {
   for (size_t i = 1; i < 4; ++i) {
     views[i].cam_from_world = LookAhead({0.1, 0.0, 0.1 * static_cast<double>(i)}, 180, 0, 0);
   }
-  const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10}, true);
-  ExpectAllValid(patch_match_.get(), problem);
-  const PatchMatchResult result = patch_match_->RunPhotometric(problem, {});
-  for (const float cost : result.cost) ASSERT_EQ(cost, 2.0f);
-  for (const uint32_t mask : result.selected_views) ASSERT_EQ(mask, 0u);
+  const AllPasses all = ExpectAllValid(Problem(views));
+  for (const float cost : all.photometric.cost) ASSERT_EQ(cost, 2.0f);
 }
 
 TEST_P(PassesTest, ResultsAreValidUnderExtremeOptionsAndRanges) {
@@ -121,200 +135,153 @@ TEST_P(PassesTest, ResultsAreValidUnderExtremeOptionsAndRanges) {
     options.method = method;
     options.view_draws = 255;
     options.view_smoothness = 1;
-    ExpectAllValid(patch_match_.get(), MakeProblem(views, 0, {1, 10}, true), options);
+    ExpectAllValid(Problem(views), options);
     options.view_draws = 1;
     options.view_smoothness = 0.5f;
-    ExpectAllValid(patch_match_.get(), MakeProblem(views, 0, {1e-3f, 1e5f}, true), options);
+    ExpectAllValid(Problem(views, {1e-3f, 1e5f}), options);
   }
-  ExpectAllValid(patch_match_.get(), MakeProblem(views, 0, {3.0f, 3.000001f}, true));
+  ExpectAllValid(Problem(views, {3.0f, 3.000001f}));
 }
 
 TEST_P(PassesTest, SameInputGivesTheSameBits) {
   const std::vector<PlanarView> views = RandomViews(5, 61, 45, 9);
-  const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10}, true);
-  const AllPasses first = RunAll(patch_match_.get(), problem);
-  // Problems of other sizes and source counts in between: no state may survive.
-  for (const auto& [width, height, count] : {std::tuple(80, 70, 8), {10, 9, 2}}) {
-    const std::vector<PlanarView> other = RandomViews(count, width, height, 10);
-    RunAll(patch_match_.get(), MakeProblem(other, 0, {0.5f, 5}, true));
+  const EngineProblem problem = Problem(views);
+  const AllPasses first = RunAll(engine_.get(), problem);
+  // Problems of other sizes and source counts in between, with depths and without: no state may survive.
+  for (const auto& [width, height, count] :
+       {std::tuple(40, 30, 2), {120, 90, 9}, {30, 70, 33}, {1, 1, 2}, {97, 3, 5}}) {
+    const std::vector<PlanarView> others = RandomViews(count, width, height, 10);
+    for (const bool with_depths : {true, false}) RunAll(engine_.get(), Problem(others, {0.5f, 5}, with_depths));
   }
-  const AllPasses again = RunAll(patch_match_.get(), problem);
-  const AllPasses fresh = RunAll(MakePatchMatch(GetParam()).patch_match.get(), problem);
-  for (const AllPasses* other : {&again, &fresh}) {
-    EXPECT_TRUE(SameBits(first.photometric, other->photometric));
-    EXPECT_TRUE(SameBits(first.planar_prior, other->planar_prior));
-    EXPECT_TRUE(SameBits(first.geometric, other->geometric));
-  }
+  EXPECT_TRUE(RunAll(engine_.get(), problem) == first);
+  EXPECT_TRUE(RunAll(engine_->Share().get(), problem) == first);
+  const std::unique_ptr<DepthEngine> fresh = MakeDepthEngine(GetParam()).engine;
+  EXPECT_TRUE(RunAll(fresh.get(), MakeEngineProblem(views, kRange, true, fresh.get())) == first);
 }
 
 TEST_P(PassesTest, SeedAndPassNumberChangeTheRandomNumbers) {
-  const std::vector<PlanarView> views = RandomViews(3, 33, 27, 11);
-  const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10}, true);
+  const EngineProblem problem = Problem(RandomViews(3, 33, 27, 11));
   PatchMatchOptions other_seed;
   other_seed.seed = 2;
-  const PatchMatchResult start = patch_match_->RunPhotometric(problem, {});
-  EXPECT_FALSE(SameBits(start, patch_match_->RunPhotometric(problem, other_seed)));
-  const PlaneMap prior = RandomPrior(problem.reference.camera, 12);
-  EXPECT_FALSE(SameBits(patch_match_->RunPlanarPrior(problem, {}, start, prior.View()),
-                        patch_match_->RunPlanarPrior(problem, other_seed, start, prior.View())));
-  const PatchMatchResult geometric = patch_match_->RunGeometric(problem, {}, start, 0);
-  EXPECT_FALSE(SameBits(geometric, patch_match_->RunGeometric(problem, other_seed, start, 0)));
-  EXPECT_FALSE(SameBits(geometric, patch_match_->RunGeometric(problem, {}, start, 1)));
-  EXPECT_TRUE(SameBits(geometric, patch_match_->RunGeometric(problem, {}, start, 0)));
-}
-
-TEST_P(PassesTest, InputIsNotModified) {
-  const std::vector<PlanarView> views = RandomViews(3, 33, 27, 13);
-  const std::vector<PlanarView> untouched = RandomViews(3, 33, 27, 13);
-  const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10}, true);
-  const PatchMatchResult start = patch_match_->RunPhotometric(problem, {});
-  const PatchMatchResult copy = start.Clone();
-  const PlaneMap prior = RandomPrior(problem.reference.camera, 14);
-  patch_match_->RunPlanarPrior(problem, {}, start, prior.View());
-  patch_match_->RunGeometric(problem, {}, start, 0);
-  EXPECT_TRUE(SameBits(start, copy));
-  for (size_t i = 0; i < views.size(); ++i) {
-    EXPECT_TRUE(std::equal(views[i].gray.begin(), views[i].gray.end(), untouched[i].gray.begin()));
-    EXPECT_TRUE(std::equal(views[i].depth.begin(), views[i].depth.end(), untouched[i].depth.begin()));
-  }
-}
-
-/// A copy of the image inside a larger one whose other pixels are NaN.
-template <class T>
-struct Padded {
-  explicit Padded(const Image<T>& image, const T& filler) : pixels(image.width() + 5, image.height() + 2, filler) {
-    for (int row = 0; row < image.height(); ++row) {
-      for (int col = 0; col < image.width(); ++col) pixels(col + 3, row + 1) = image(col, row);
-    }
-    view = {&pixels(3, 1), image.width(), image.height(), pixels.width()};
-  }
-  Image<T> pixels;
-  ImageView<const T> view;
-};
-
-TEST_P(PassesTest, RowsMayBePadded) {
-  const std::vector<PlanarView> views = RandomViews(3, 33, 27, 15);
-  const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10}, true);
-  const AllPasses expected = RunAll(patch_match_.get(), problem);
-  constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-
-  PatchMatchProblem strided = problem;
-  std::vector<Padded<float>> storage;
-  storage.reserve(5);
-  strided.reference.gray = storage.emplace_back(views[0].gray, kNan).view;
-  for (size_t i = 1; i < 3; ++i) {
-    strided.sources[i - 1].gray = storage.emplace_back(views[i].gray, kNan).view;
-    strided.sources[i - 1].depth = storage.emplace_back(views[i].depth, kNan).view;
-  }
-  const Padded<PlaneHypothesis> prior(RandomPrior(problem.reference.camera, 77), {kNan, kNan, kNan, kNan});
-  const PatchMatchResult photometric = patch_match_->RunPhotometric(strided, {});
-  EXPECT_TRUE(SameBits(photometric, expected.photometric));
-  EXPECT_TRUE(SameBits(patch_match_->RunPlanarPrior(strided, {}, photometric, prior.view), expected.planar_prior));
-  EXPECT_TRUE(SameBits(patch_match_->RunGeometric(strided, {}, expected.planar_prior, 0), expected.geometric));
+  const AllPasses first = RunAll(engine_.get(), problem);
+  EXPECT_FALSE(SameBits(first.photometric, engine_->DownloadState(engine_->RunPhotometric(problem, other_seed, 0))));
+  const EngineEstimatePtr start = engine_->RunPhotometric(problem, {}, 0);
+  const PriorMesh prior = RandomPrior(problem.reference.frame->camera, 77);
+  EXPECT_FALSE(Same(engine_->RunPlanarPrior(problem, {}, start, prior),
+                    engine_->RunPlanarPrior(problem, other_seed, start, prior)));
+  const EngineEstimatePtr geometric = engine_->RunGeometric(problem, {}, start, 0);
+  EXPECT_FALSE(Same(geometric, engine_->RunGeometric(problem, other_seed, start, 0)));
+  EXPECT_FALSE(Same(geometric, engine_->RunGeometric(problem, {}, start, 1)));
+  EXPECT_TRUE(Same(geometric, engine_->RunGeometric(problem, {}, start, 0)));
 }
 
 TEST_P(PassesTest, MissingDepthMapsCountAsTruncatedEverywhere) {
-  const std::vector<PlanarView> views = RandomViews(3, 33, 27, 16);
-  const PatchMatchResult start = patch_match_->RunPhotometric(MakeProblem(views, 0, {1, 10}), {});
-  PatchMatchProblem none = MakeProblem(views, 0, {1, 10});
-  std::vector<PlanarView> empty = RandomViews(3, 33, 27, 16);
-  for (PlanarView& view : empty) std::fill(view.depth.begin(), view.depth.end(), 0.0f);
-  const PatchMatchProblem zero = MakeProblem(empty, 0, {1, 10}, true);
-  const PatchMatchResult result = patch_match_->RunGeometric(none, {}, start, 0);
-  EXPECT_TRUE(SameBits(result, patch_match_->RunGeometric(zero, {}, start, 0)));
-  ExpectValid(result, none, kMaxGeometric);
+  std::vector<PlanarView> views = RandomViews(3, 33, 27, 16);
+  const EngineProblem none = Problem(views, kRange, false);
+  const EngineEstimatePtr start = engine_->RunPhotometric(none, {}, 0);
+  for (PlanarView& view : views) std::fill(view.depth.begin(), view.depth.end(), 0.0f);
+  const EngineEstimatePtr result = engine_->RunGeometric(none, {}, start, 0);
+  EXPECT_TRUE(Same(result, engine_->RunGeometric(Problem(views), {}, start, 0)));
+  const EstimateState state = engine_->DownloadState(result);
+  ExpectValid(state, views[0].camera, kRange, kMaxGeometric);
   // 0.1 * 5 px from every view, unless the pixel has none.
-  for (const float cost : result.cost) ASSERT_GE(cost, 0.5f);
+  for (const float cost : state.cost) ASSERT_GE(cost, 0.5f);
 }
 
-TEST_P(PassesTest, GeometricResultDoesNotDependOnTheOrderOfImages) {
-  // Two images match against each other; each is refined with the other's depths as they were before.
-  const std::vector<PlanarView> views = RandomViews(3, 33, 27, 17);
-  std::vector<PatchMatchResult> start;
-  std::vector<DepthMap> depths;
-  for (size_t i = 0; i < 2; ++i) {
-    start.push_back(patch_match_->RunPhotometric(MakeProblem(views, i, {1, 10}), {}));
-    depths.push_back(ToDepthMap(start[i].planes, views[i].camera));
-  }
-  const auto refine = [&](size_t i) {
-    PatchMatchProblem problem;
-    problem.reference = views[i].View();
-    problem.sources = {views[1 - i].View(), views[2].View()};
-    problem.sources[0].depth = std::as_const(depths[1 - i]).View();
-    problem.depth_range = {1, 10};
-    return patch_match_->RunGeometric(problem, {}, start[i], 0);
+TEST_P(PassesTest, AStartThatNobodyElseHoldsGivesItsMemory) {
+  const std::vector<PlanarView> views = RenderPlanarScene(WorldPlane::Slanted(30, 20, 4), 65, 49, 4);
+  const EngineProblem problem = Problem(views, {2, 8});
+  const EngineEstimatePtr held = engine_->RunPhotometric(problem, {}, 0);
+  const auto copy = [&] { return engine_->UploadState(engine_->DownloadState(held), views[0].camera); };
+  const EngineEstimatePtr original = copy();
+  const PriorMesh prior = MakePriorMesh(views[0].camera, engine_->FindSupportPoints(held, {2, 8}, {}), {});
+  ASSERT_GT(prior.triangles.size(), 20u);
+  const auto expect_in_place = [&](const auto& run) {
+    const EngineEstimatePtr expected = run(held);
+    EXPECT_TRUE(Same(held, original)) << "others may still read it";
+    EXPECT_FALSE(Same(expected, held));
+    EngineEstimatePtr start = copy();
+    const EngineEstimate* memory = start.get();
+    const EngineEstimatePtr result = run(std::move(start));
+    EXPECT_TRUE(Same(result, expected));
+    // On the GPU the new estimate is the old one; on the CPU its planes' memory is.
+    EXPECT_TRUE(GetParam() == Device::kCpu || result.get() == memory);
   };
-  const PatchMatchResult a0 = refine(0), a1 = refine(1);
-  const PatchMatchResult b1 = refine(1), b0 = refine(0);
-  EXPECT_TRUE(SameBits(a0, b0));
-  EXPECT_TRUE(SameBits(a1, b1));
+  expect_in_place([&](EngineEstimatePtr start) { return engine_->RunGeometric(problem, {}, std::move(start), 0); });
+  expect_in_place(
+      [&](EngineEstimatePtr start) { return engine_->RunPlanarPrior(problem, {}, std::move(start), prior); });
 }
 
-TEST_P(PassesTest, BadInputIsRefusedAndLeavesTheObjectUsable) {
+/// ACMM's steps at the coarsest scale and from there to the next one.
+TEST_P(PassesTest, EstimatesOfALevelGuideTheNextFinerOne) {
+  const std::vector<PlanarView> rendered = RenderPlanarScene(WorldPlane::Slanted(30, 20, 4), 65, 49, 4);
+  const std::vector<EngineView> views = LoadViews(rendered, engine_.get(), 1);
+  const auto problem_of = [&](size_t reference, const std::vector<EngineEstimatePtr>& estimates) {
+    EngineProblem problem = {views[reference], {}, {2, 8}};
+    for (size_t i = 0; i < views.size(); ++i) {
+      if (i == reference) continue;
+      problem.sources.push_back(views[i]);
+      if (!estimates.empty()) problem.sources.back().estimate = estimates[i];
+    }
+    return problem;
+  };
+  PatchMatchOptions options;
+  options.method = Method::kAcmh;
+  std::vector<EngineEstimatePtr> full, coarse;
+  for (size_t i = 0; i < views.size(); ++i) {
+    full.push_back(engine_->RunPhotometric(problem_of(i, {}), options, 0));
+    coarse.push_back(engine_->RunPhotometric(problem_of(i, {}), options, 1));
+  }
+  EXPECT_THROW(engine_->RunGeometric(problem_of(0, full), options, coarse[0], 0), InvalidInputError)
+      << "sources of another level";
+  const EngineEstimatePtr refined = engine_->RunGeometric(problem_of(0, coarse), options, coarse[0], 0);
+  ExpectValid(engine_->DownloadState(refined), rendered[0].camera.Halved(), {2, 8}, kMaxGeometric);
+  EXPECT_FALSE(Same(refined, coarse[0]));
+
+  const EngineEstimatePtr guided = engine_->RestoreDetails(problem_of(0, {}), options, full[0], refined);
+  const EstimateState own = engine_->DownloadState(full[0]), mixed = engine_->DownloadState(guided);
+  ExpectValid(mixed, rendered[0].camera, {2, 8}, kMaxPhotometric);
+  size_t kept = 0;
+  for (size_t i = 0; i < own.planes.size(); ++i) {
+    kept += own.planes.data()[i].d == mixed.planes.data()[i].d ? 1 : 0;
+  }
+  EXPECT_GT(kept, 0u);
+  EXPECT_LT(kept, own.planes.size() / 2);
+  EXPECT_GT(ShareWithin(engine_->DownloadDepth(guided), rendered[0].depth, 0.05),
+            0.9 * ShareWithin(engine_->DownloadDepth(full[0]), rendered[0].depth, 0.05))
+      << "on a plane the coarser scale is not much worse";
+  EXPECT_THROW(engine_->RestoreDetails(problem_of(0, {}), options, full[0], full[0]), InvalidInputError);
+}
+
+TEST_P(PassesTest, BadInputIsRefusedAndLeavesTheEngineUsable) {
   const std::vector<PlanarView> views = RandomViews(3, 33, 27, 18);
-  const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10}, true);
-  const PatchMatchResult start = patch_match_->RunPhotometric(problem, {});
-  const PlaneMap prior = RandomPrior(problem.reference.camera, 19);
-
-  PatchMatchProblem bad_problem = problem;
-  bad_problem.depth_range = {5, 5};
-  EXPECT_THROW(patch_match_->RunPhotometric(bad_problem, {}), InvalidInputError);
-  EXPECT_THROW(patch_match_->RunPlanarPrior(bad_problem, {}, start, prior.View()), InvalidInputError);
-  EXPECT_THROW(patch_match_->RunGeometric(bad_problem, {}, start, 0), InvalidInputError);
-
+  const EngineProblem problem = Problem(views);
+  const EngineEstimatePtr start = engine_->RunPhotometric(problem, {}, 0);
+  const auto expect_refused = [&](const EngineProblem& bad, const PatchMatchOptions& options) {
+    EXPECT_THROW(engine_->RunPhotometric(bad, options, 0), InvalidInputError);
+    EXPECT_THROW(engine_->RunPlanarPrior(bad, options, start, {}), InvalidInputError);
+    EXPECT_THROW(engine_->RunGeometric(bad, options, start, 0), InvalidInputError);
+  };
+  EngineProblem bad_range = problem;
+  bad_range.depth_range = {5, 5};
+  expect_refused(bad_range, {});
   PatchMatchOptions bad_options;
   bad_options.view_draws = 0;
-  EXPECT_THROW(patch_match_->RunPhotometric(problem, bad_options), InvalidInputError);
-  EXPECT_THROW(patch_match_->RunPlanarPrior(problem, bad_options, start, prior.View()), InvalidInputError);
-  EXPECT_THROW(patch_match_->RunGeometric(problem, bad_options, start, 0), InvalidInputError);
-
-  EXPECT_THROW(patch_match_->RunPlanarPrior(problem, {}, {}, prior.View()), InvalidInputError);
-  EXPECT_THROW(patch_match_->RunGeometric(problem, {}, {}, 0), InvalidInputError);
-  const PlaneMap wrong_size(32, 27);
-  EXPECT_THROW(patch_match_->RunPlanarPrior(problem, {}, start, wrong_size.View()), InvalidInputError);
-
-  EXPECT_TRUE(SameBits(start, patch_match_->RunPhotometric(problem, {})));
-}
-
-TEST_P(PassesTest, EvidenceIsMeasuredOncePerCell) {
-  const std::vector<PlanarView> views = RenderPlanarScene(WorldPlane::Slanted(12, -8, 4), 61, 43, 5);
-  const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10}, true);
-  const PlaneMap planes = patch_match_->RunPhotometric(problem, {}).planes.Clone();
-  const Image<float> every = patch_match_->MeasureEvidence(problem, planes, 1);
-  const Image<float> cells = patch_match_->MeasureEvidence(problem, planes, 4);
-  ASSERT_EQ(every.width(), 61);
-  ASSERT_EQ(cells.width(), 16);
-  ASSERT_EQ(cells.height(), 11);
-  int textured = 0;
-  for (int row = 0; row < cells.height(); ++row) {
-    for (int col = 0; col < cells.width(); ++col) {
-      ASSERT_EQ(cells(col, row), every(MiddleOfCell(col, 4, 61), MiddleOfCell(row, 4, 43))) << col << ", " << row;
-      textured += cells(col, row) >= 10 ? 1 : 0;
-    }
+  expect_refused(problem, bad_options);
+  for (const EngineEstimatePtr& bad : {EngineEstimatePtr(), UploadDepth(views[1], engine_.get())}) {
+    EXPECT_THROW(engine_->RunPlanarPrior(problem, {}, bad, {}), InvalidInputError) << "null and of another size";
+    EXPECT_THROW(engine_->RunGeometric(problem, {}, bad, 0), InvalidInputError);
   }
-  EXPECT_GT(textured, 16 * 11 / 2);
-  const PatchMatchProblem without = MakeProblem(views, 0, {1, 10}, false);
-  for (const float value : patch_match_->MeasureEvidence(without, planes, 4)) ASSERT_EQ(value, 0) << "no view agrees";
-}
-
-TEST_P(PassesTest, EvidenceOfOtherSizesIsRefused) {
-  const std::vector<PlanarView> views = RenderPlanarScene(WorldPlane::Slanted(12, -8, 4), 31, 23, 3);
-  const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10}, true);
-  EXPECT_THROW(patch_match_->MeasureEvidence(problem, PlaneMap(31, 22), 4), InvalidInputError);
-  EXPECT_THROW(patch_match_->MeasureEvidence(problem, PlaneMap(31, 23), 0), InvalidInputError);
-  EXPECT_EQ(patch_match_->MeasureEvidence(problem, PlaneMap(31, 23), 8).width(), 4);
+  EXPECT_TRUE(Same(start, engine_->RunPhotometric(problem, {}, 0)));
 }
 
 TEST_P(PassesTest, ReportsTimeAndName) {
-  const std::vector<PlanarView> views = RandomViews(2, 33, 27, 20);
-  patch_match_->RunPhotometric(MakeProblem(views, 0, {1, 10}), {});
-  EXPECT_GT(patch_match_->last_timing().kernels_ms, 0);
-  EXPECT_GE(patch_match_->last_timing().upload_ms, 0);
-  EXPECT_GE(patch_match_->last_timing().download_ms, 0);
-  EXPECT_THAT(patch_match_->device_name(), HasSubstr(GetParam() == Device::kCuda ? "cuda:0" : "cpu ("));
+  EXPECT_EQ(engine_->PopDeviceTime(), 0);
+  engine_->RunPhotometric(Problem(RandomViews(2, 33, 27, 20)), {}, 0);
+  EXPECT_GT(engine_->PopDeviceTime(), 0);
+  EXPECT_EQ(engine_->PopDeviceTime(), 0);
+  EXPECT_THAT(engine_->device_name(), HasSubstr(GetParam() == Device::kCuda ? "cuda:0" : "cpu ("));
 }
-
-INSTANTIATE_TEST_SUITE_P(Devices, PassesTest, ::testing::Values(Device::kCpu, Device::kCuda), DeviceName);
 
 }  // namespace
 }  // namespace acmp

@@ -9,7 +9,7 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/patch_match/restore_details.h"
+#include "acmp_mapping/patch_match/host_passes.h"
 #include "support/kernel_state.h"
 #include "support/random_views.h"
 #include "support/reference_match.h"
@@ -136,12 +136,12 @@ TEST_F(RestoreDetailTest, OnlyWhatMatchesClearlyBetterIsADetail) {
 }
 
 TEST_F(RestoreDetailTest, MapsOfOtherSizesAreRefused) {
-  PlaneMap planes(kWidth, kHeight), small(kWidth, kHeight - 1);
-  CostMap cost(kWidth, kHeight);
-  const PatchMatchProblem& problem = state_.problem();
-  EXPECT_THROW(RestoreDetails(problem, {}, planes.View(), planes.View(), cost.View()), InvalidInputError);
-  EXPECT_THROW(RestoreDetails(problem, {}, coarser_.View(), small.View(), cost.View()), InvalidInputError);
-  EXPECT_NO_THROW(RestoreDetails(problem, {}, coarser_.View(), planes.View(), cost.View()));
+  const auto restore = [&](int height, const PlaneMap& coarser) {
+    RestoreDetails(state_.problem(), {}, {PlaneMap(kWidth, height), CostMap(kWidth, height)}, coarser.View());
+  };
+  EXPECT_THROW(restore(kHeight, PlaneMap(kWidth, kHeight)), InvalidInputError);
+  EXPECT_THROW(restore(kHeight - 1, coarser_), InvalidInputError);
+  EXPECT_NO_THROW(restore(kHeight, coarser_));
 }
 
 }  // namespace

@@ -104,7 +104,7 @@ class ReconstructDevicesTest : public ReconstructRunFixture {
   }
 
   void RunOnCpu(const std::string& name) {
-    FakePatchMatch fake;
+    FakeMatcher fake;
     options_.output = output(name);
     Run(&fake);
   }
@@ -247,7 +247,7 @@ TEST_F(ReconstructDevicesTest, InterruptedWhileFusingTheRunCanGoOn) {
   EXPECT_FALSE(Has("fused.ply"));
   InterruptWatcher watcher;
   options_.output = output("gpu");
-  FakePatchMatch fake;
+  FakeMatcher fake;
   Run(&fake, &watcher);
   ExpectSameContents(output("cpu"), output("gpu"));
 }

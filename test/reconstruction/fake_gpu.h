@@ -4,11 +4,8 @@
 #include <functional>
 #include <memory>
 #include <mutex>
-#include <string>
-#include <utility>
 #include <vector>
 
-#include "acmp_mapping/engine/host_depth_engine.h"
 #include "reconstruction/fake_matcher.h"
 
 namespace acmp {
@@ -34,40 +31,31 @@ struct FakeGpuBehaviour {
   std::vector<std::weak_ptr<const EngineEstimate>> estimates;
 };
 
-/// An engine that the tool takes for one on a GPU, so that it works with threads, over the fake matcher.
-class FakeGpu final : public HostDepthEngine {
+/// An engine that the tool takes for one on a GPU, so that it works with threads.
+class FakeGpu final : public FakeMatcherEngine {
  public:
   /// @param behaviour outlives this
   FakeGpu(int device, FakeGpuBehaviour* behaviour)
-      : HostDepthEngine(&MakeFakePatchMatch), device_(device), behaviour_(*behaviour) {}
+      : FakeMatcherEngine(&matcher_), device_(device), behaviour_(*behaviour) {}
 
   std::unique_ptr<DepthEngine> Share() override { return std::make_unique<FakeGpu>(device_, &behaviour_); }
-  EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options, int level) override {
-    behaviour_.before_pass();
-    return behaviour_.Watch(HostDepthEngine::RunPhotometric(problem, options, level));
-  }
-  EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
-                                   EngineEstimatePtr start, const PriorMesh& prior) override {
-    return behaviour_.Watch(HostDepthEngine::RunPlanarPrior(problem, options, std::move(start), prior));
-  }
-  EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
-                                 EngineEstimatePtr start, int pass) override {
-    behaviour_.before_pass();
-    return behaviour_.Watch(HostDepthEngine::RunGeometric(problem, options, std::move(start), pass));
-  }
   PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources, const FusionOptions& options,
                       int rank, FusionStamps* stamps) override {
     const int image = static_cast<int>(reference.frame->id);
     behaviour_.before(device_, image, rank);
-    PointCloud cloud = HostDepthEngine::FuseView(reference, sources, options, rank, stamps);
+    PointCloud cloud = FakeMatcherEngine::FuseView(reference, sources, options, rank, stamps);
     behaviour_.after(device_, image, rank);
     return cloud;
   }
   size_t FreeDeviceBytes() const override { return behaviour_.free_bytes; }
 
  private:
-  static std::unique_ptr<PatchMatch> MakeFakePatchMatch() { return std::make_unique<FakePatchMatch>(); }
+  EngineEstimatePtr Run(const PassRequest& request) override {
+    if (request.pass != Pass::kPlanarPrior) behaviour_.before_pass();
+    return behaviour_.Watch(FakeMatcherEngine::Run(request));
+  }
 
+  FakeMatcher matcher_;
   const int device_;
   FakeGpuBehaviour& behaviour_;
 };

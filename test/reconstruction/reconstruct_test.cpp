@@ -129,7 +129,7 @@ TEST_F(ReconstructTest, FoldersOfOthersAreNeverTouched) {
 TEST_F(ReconstructTest, TwoRunsAtOnceAreRefused) {
   std::string message;
   fake_.on_call = [&](int call) {
-    FakePatchMatch other;
+    FakeMatcher other;
     if (call == 0) message = ErrorOf(&other);
   };
   Run(&fake_);

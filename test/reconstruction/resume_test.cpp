@@ -19,7 +19,7 @@ class ResumeTest : public ReconstructRunFixture {
     options_.source_views = 3;
   }
   int PassesOfWholeRun() {
-    FakePatchMatch fake;
+    FakeMatcher fake;
     options_.output = output("whole");
     Run(&fake);
     options_.output = output();
@@ -32,14 +32,14 @@ TEST_F(ResumeTest, InterruptedAnywhereEndsWithTheSameBytes) {
   ASSERT_GE(passes, 4 * kImages - 4);
   for (int stop = 0; stop < passes; ++stop) {
     std::filesystem::remove_all(output());
-    FakePatchMatch first;
+    FakeMatcher first;
     InterruptWatcher watcher;
     first.on_call = [&](int call) {
       if (call == stop) watcher.Request();
     };
     EXPECT_THROW(Run(&first, &watcher), Interrupted);
     EXPECT_FALSE(Has("summary.json"));
-    FakePatchMatch second;
+    FakeMatcher second;
     Run(&second);
     EXPECT_THAT(log_.str(), HasSubstr("going on with an interrupted run"));
     ExpectSameContents(output("whole"), output());
@@ -53,12 +53,12 @@ TEST_F(ResumeTest, FailureOfTheDeviceStopsTheRunAndCanBeResumed) {
   const int passes = PassesOfWholeRun();
   for (int stop : {0, 3, passes - 1}) {
     std::filesystem::remove_all(output());
-    FakePatchMatch first;
+    FakeMatcher first;
     first.on_call = [&](int call) {
       if (call == stop) throw ProcessingError("device lost");
     };
     EXPECT_EQ(MessageOf<ProcessingError>([&] { Run(&first); }), "device lost");
-    FakePatchMatch second;
+    FakeMatcher second;
     Run(&second);
     ExpectSameContents(output("whole"), output());
   }
@@ -74,7 +74,7 @@ TEST_F(ResumeTest, FilesThatAreMissingAreMadeAgain) {
     std::filesystem::remove(output() / name);
   }
   options_.keep_work = false;
-  FakePatchMatch second;
+  FakeMatcher second;
   Run(&second);
   EXPECT_TRUE(second.calls.empty()) << "the passes were there";
   ExpectSameContents(output("whole"), output());
@@ -82,7 +82,7 @@ TEST_F(ResumeTest, FilesThatAreMissingAreMadeAgain) {
 
 TEST_F(ResumeTest, CompleteRunIsNotRepeated) {
   Run(&fake_);
-  FakePatchMatch second;
+  FakeMatcher second;
   Run(&second);
   EXPECT_TRUE(second.calls.empty());
   EXPECT_THAT(out_.str(), HasSubstr("already complete"));
@@ -93,7 +93,7 @@ TEST_F(ResumeTest, OtherSettingsAreRefusedUntilOverwrite) {
   options_.seed = 7;
   EXPECT_THAT(ErrorOf(&fake_), AllOf(HasSubstr("seed was 1 and is 7"), HasSubstr("--overwrite")));
   options_.overwrite = true;
-  FakePatchMatch again;
+  FakeMatcher again;
   Run(&again);
   EXPECT_FALSE(again.calls.empty());
   options_.overwrite = false;
@@ -119,7 +119,7 @@ TEST_F(ResumeTest, WorkFilesCutByAPowerFailureAreMadeAgain) {
     std::filesystem::resize_file(entry.path(), entry.path().filename() == "000001.bin" ? 0 : entry.file_size() - 1);
   }
   options_.keep_work = false;
-  FakePatchMatch second;
+  FakeMatcher second;
   Run(&second);
   EXPECT_EQ(second.calls.size(), fake_.calls.size());
   ExpectSameContents(output("whole"), output());
@@ -133,7 +133,7 @@ TEST_F(ResumeTest, AnInterruptedOnlineRunStartsAnew) {
   for (int stop : {0, 3, passes - 1}) {
     for (const bool fails : {false, true}) {
       std::filesystem::remove_all(output());
-      FakePatchMatch first;
+      FakeMatcher first;
       InterruptWatcher watcher;
       first.on_call = [&](int call) {
         if (call != stop) return;
@@ -146,7 +146,7 @@ TEST_F(ResumeTest, AnInterruptedOnlineRunStartsAnew) {
         EXPECT_THROW(Run(&first, &watcher), Interrupted);
       }
       EXPECT_FALSE(Has("summary.json"));
-      FakePatchMatch second;
+      FakeMatcher second;
       Run(&second);
       EXPECT_THAT(log_.str(), HasSubstr("an interrupted run with --schedule online starts anew"));
       EXPECT_EQ(static_cast<int>(second.calls.size()), passes);

@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/engine/host_depth_engine.h"
 #include "acmp_mapping/reconstruction/reconstruct.h"
 #include "reconstruction/fake_matcher.h"
 #include "reconstruction/scene_fixture.h"
@@ -26,19 +25,19 @@ class ReconstructRunFixture : public ReconstructFixture {
     options_.device = "cpu";
   }
 
-  void Run(FakePatchMatch* matcher) { Run(matcher, &watcher_); }
-  void Run(FakePatchMatch* matcher, InterruptWatcher* watcher) {
+  void Run(FakeMatcher* matcher) { Run(matcher, &watcher_); }
+  void Run(FakeMatcher* matcher, InterruptWatcher* watcher) {
     log_.str("");
     out_.str("");
     const auto make_devices = [&] {
       std::vector<ReconstructDevice> devices(1);
-      devices[0].engines.push_back(std::make_unique<HostDepthEngine>(matcher));
+      devices[0].engines.push_back(std::make_unique<FakeMatcherEngine>(matcher));
       devices[0].on_host = true;
       return devices;
     };
     Reconstruct(options_, make_devices, watcher, &out_, &log_, false);
   }
-  std::string ErrorOf(FakePatchMatch* matcher) {
+  std::string ErrorOf(FakeMatcher* matcher) {
     return MessageOf<InvalidInputError>([&] { Run(matcher); });
   }
   bool Has(const std::string& name) const { return std::filesystem::exists(options_.output / name); }
@@ -47,7 +46,7 @@ class ReconstructRunFixture : public ReconstructFixture {
   InterruptWatcher watcher_;
   std::ostringstream out_;
   std::ostringstream log_;
-  FakePatchMatch fake_;
+  FakeMatcher fake_;
 };
 
 }  // namespace acmp

@@ -13,30 +13,19 @@ namespace acmp {
 
 inline void PrintTo(Device device, std::ostream* out) { *out << (device == Device::kCuda ? "cuda" : "cpu"); }
 
-/// Base of tests that run on every device; those without hardware are skipped with the reason.
-class DeviceTest : public ::testing::TestWithParam<Device> {
- protected:
-  void SetUp() override {
-    try {
-      patch_match_ = MakePatchMatch(GetParam()).patch_match;
-    } catch (const InvalidInputError& error) {
-      GTEST_SKIP() << error.what();
-    }
+/// The engine of a device into `engine`, or a skip of the test with what is missing.
+inline void MakeEngineOrSkip(Device device, std::unique_ptr<DepthEngine>* engine) {
+  try {
+    *engine = MakeDepthEngine(device).engine;
+  } catch (const InvalidInputError& error) {
+    GTEST_SKIP() << error.what();
   }
+}
 
-  std::unique_ptr<PatchMatch> patch_match_;
-};
-
-/// The same for tests of whole engines.
+/// Base of tests that run on every device.
 class EngineTest : public ::testing::TestWithParam<Device> {
  protected:
-  void SetUp() override {
-    try {
-      engine_ = MakeDepthEngine(GetParam()).engine;
-    } catch (const InvalidInputError& error) {
-      GTEST_SKIP() << error.what();
-    }
-  }
+  void SetUp() override { MakeEngineOrSkip(GetParam(), &engine_); }
 
   std::unique_ptr<DepthEngine> engine_;
 };

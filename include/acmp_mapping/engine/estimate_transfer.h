@@ -18,12 +18,6 @@ struct EstimateMapViews {
   ImageView<const float> cost;
 };
 
-/// All of an estimate, as it has to be kept for a later pass.
-struct EstimateState {
-  PlaneMap planes;
-  CostMap cost;
-};
-
 /// The way of estimates to the host, back, and from one device to another.
 class EstimateTransfer {
  public:
@@ -41,5 +35,9 @@ class EstimateTransfer {
   /// An estimate with these depths and normals, for the consistency check and fusion.
   virtual EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) = 0;
 };
+
+/// Throw InvalidInputError unless the maps have the camera's size.
+void CheckUpload(const EstimateState& state, const PinholeCamera& camera);
+void CheckUpload(const EstimateMapViews& maps, const PinholeCamera& camera);
 
 }  // namespace acmp

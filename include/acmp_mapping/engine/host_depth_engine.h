@@ -1,18 +1,17 @@
 #pragma once
 
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
 #include "acmp_mapping/engine/depth_engine.h"
 
 namespace acmp {
 
-/// An engine whose images and estimates are in host memory, over any PatchMatch: the CPU's engine, and the tests'.
+/// The CPU's engine: images and estimates are in host memory.
 class HostDepthEngine : public DepthEngine {
  public:
-  /// Owns the PatchMatch; Share() makes another one with `make`.
-  using MakePatchMatchFunction = std::unique_ptr<PatchMatch> (*)();
-  explicit HostDepthEngine(MakePatchMatchFunction make);
-  /// @param patch_match not null, outlives the engine, which cannot be shared
-  explicit HostDepthEngine(PatchMatch* patch_match);
-
   std::unique_ptr<DepthEngine> Share() override;
   EngineImagePtr Load(const FramePtr& frame, int levels) override;
   EngineEstimatePtr RunPhotometric(const EngineProblem& problem, const PatchMatchOptions& options, int level) override;
@@ -37,23 +36,17 @@ class HostDepthEngine : public DepthEngine {
   EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
   EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override;
   EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) override;
-  double PopDeviceTime() override;
+  double PopDeviceTime() override { return std::exchange(device_ms_, 0.0); }
   size_t DeviceBytes() const override { return 0; }
   size_t FreeDeviceBytes() const override { return 0; }
-  std::string device_name() const override { return patch_match_->device_name(); }
+  std::string device_name() const override;
 
  private:
-  /// Of the reference's planes, in cells of EvidenceCellSize.
-  Image<float> MeasureEvidence(const EngineProblem& problem, const PlaneMap& planes);
-  EngineEstimatePtr Keep(PatchMatchResult result, const PinholeCamera& camera);
+  /// Keeps the result of work(), and counts its time.
+  template <class Work>
+  EngineEstimatePtr Keep(const PinholeCamera& camera, const Work& work);
 
-  MakePatchMatchFunction make_ = nullptr;
-  std::unique_ptr<PatchMatch> owned_;
-  PatchMatch* patch_match_;
   double device_ms_ = 0;
 };
-
-/// The CPU's engine.
-std::unique_ptr<DepthEngine> MakeCpuDepthEngine();
 
 }  // namespace acmp

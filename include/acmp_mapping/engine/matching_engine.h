@@ -6,7 +6,8 @@
 #include "acmp_mapping/fill/fill_options.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/keyframe/frame.h"
-#include "acmp_mapping/patch_match/patch_match.h"
+#include "acmp_mapping/patch_match/patch_match_options.h"
+#include "acmp_mapping/patch_match/patch_match_problem.h"
 #include "acmp_mapping/planar_prior/planar_prior.h"
 
 namespace acmp {
@@ -98,10 +99,19 @@ PinholeCamera CameraAtLevel(PinholeCamera camera, int level);
 /// The level whose images of the reference have this size. Throws InvalidInputError where none has.
 int LevelOf(const EngineProblem& problem, int width, int height);
 
-/// Throws InvalidInputError unless frames and images are there, and 0 <= level <= kMaxLevels.
+// What all engines check and make of their input. Throw InvalidInputError.
+
+/// Unless there is a frame, and `levels` times halved an image is left.
+void CheckLoad(const FramePtr& frame, int levels);
+
+/// Unless frames and images are there, and 0 <= level <= kMaxLevels.
 void CheckHandles(const EngineProblem& problem, int level);
 
-/// The problem as PatchMatch sees it, at full size, without the sources' depth maps. Pixels are the frames'.
-PatchMatchProblem MakePatchMatchProblem(const EngineProblem& problem);
+/// Unless there is a frame, and an estimate of this size is of its image halved `level` times.
+void CheckUpsample(const FramePtr& frame, int level, int width, int height);
+
+/// The problem as PatchMatch sees it, with the cameras of a level, without the sources' depth maps. Pixels are the
+/// frames', at full size. Checked (Check).
+PatchMatchProblem MakePatchMatchProblem(const EngineProblem& problem, int level);
 
 }  // namespace acmp

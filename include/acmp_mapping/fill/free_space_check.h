@@ -7,7 +7,7 @@ namespace acmp {
 
 /// Gives kUnsupportedCost to pixels that no texture speaks for and whose surface would hide something that is evidently
 /// farther away (RemoveUnsupportedPixel): walls drawn into a sky, above all.
-/// @param evidence of cells of EvidenceCellSize (PatchMatch::MeasureEvidence)
+/// @param evidence of cells of EvidenceCellSize (MeasureEvidence)
 /// @param planes,cost of the camera's size; the costs change
 void RemoveUnsupported(const PinholeCamera& camera, const ImageView<const float>& evidence,
                        const ImageView<PlaneHypothesis>& planes, const ImageView<float>& cost);

@@ -62,11 +62,8 @@ MatchContext<Sampler> MakeMatchContext(const PatchMatchProblem& problem, const P
 
 /// Throws InvalidInputError unless the map called `name` has the camera's size.
 void CheckSize(const char* name, int width, int height, const PinholeCamera& camera);
-/// Throws InvalidInputError unless `start` or the prior has the reference's size, and `start` a plane in front of the
-/// camera everywhere (as every pass leaves it).
-void CheckStart(const PatchMatchProblem& problem, const PatchMatchResult& start);
-void CheckPrior(const PatchMatchProblem& problem, const ImageView<const PlaneHypothesis>& prior);
-/// Throws InvalidInputError unless `planes` has the reference's size and cells are of 1 px or more.
-void CheckEvidenceInput(const PatchMatchProblem& problem, const PlaneMap& planes, int cell_size);
+/// Throws InvalidInputError unless `start` has the reference's size and a plane in front of the camera everywhere (as
+/// every pass leaves it).
+void CheckStart(const PatchMatchProblem& problem, const EstimateState& start);
 
 }  // namespace acmp

@@ -28,13 +28,12 @@ struct PatchMatchProblem {
 /// depth range is valid.
 void Check(const PatchMatchProblem& problem);
 
-/// What a pass leaves behind and the next one starts from. All of the reference's size.
-struct PatchMatchResult {
+/// All that a pass leaves behind and the next one starts from. Both maps have the reference's size.
+struct EstimateState {
   PlaneMap planes;  ///< every pixel has a plane in front of the camera once a pass has run
   CostMap cost;     ///< photometric (eq. 1) after the photometric and prior passes, eq. 13 after geometric ones
-  Image<uint32_t> selected_views;  ///< bit j: source view j had a positive weight; of ACMH: weighed most
 
-  PatchMatchResult Clone() const { return {planes.Clone(), cost.Clone(), selected_views.Clone()}; }
+  EstimateState Clone() const { return {planes.Clone(), cost.Clone()}; }
 };
 
 }  // namespace acmp

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "acmp_mapping/backend/make_patch_match.h"
+#include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/option.h"
 #include "acmp_mapping/intake/input_matcher.h"
 #include "acmp_mapping/intake/pose_semantics.h"

@@ -1,0 +1,123 @@
+#include "cuda_fill.h"
+
+#include <memory>
+#include <shared_mutex>
+#include <utility>
+
+#include "cuda_image.h"
+#include "fusion_views.h"
+#include "map_kernels.h"
+
+namespace acmp {
+
+EngineEstimatePtr CudaFill::FillUnverified(const EngineProblem& problem, const FillOptions& options) {
+  CheckDepthRange("depth range of the completion", problem.depth_range);
+  const CudaEstimate& start = queue_.Cast<CudaEstimate>(problem.reference.estimate);
+  return queue_.OnDevice([&] {
+    const Setup setup = SetUpViews(problem.reference, problem.sources, ConsistencyLimits(), GeometryMapsOf, &queue_);
+    if (setup.sources().empty()) return problem.reference.estimate;
+    const PinholeCamera& camera = problem.reference.frame->camera;
+    DeviceArray<PlaneHypothesis> planes;  // of the filter; afterwards those of before
+    ImageView<const Rgb> color;
+    if (options.weighted_median) {
+      planes = DeviceArray<PlaneHypothesis>(queue_.device(), start.Pixels());
+      color = ColorOf(problem.reference, &queue_);
+    }
+    const FillContext context =
+        MakeFillContext(camera, problem.depth_range, options, static_cast<int>(setup.sources().size()));
+    const auto estimate = std::make_shared<CudaEstimate>(queue_.device(), camera);
+    queue_.StartClock();
+    QueueCopy(start, estimate.get(), queue_.stream());
+    QueueFill(setup, context, estimate.get());
+    if (options.weighted_median) QueueMedian(setup, context, color, estimate.get(), &planes);
+    halved_.Finish(camera, estimate.get());
+    return EngineEstimatePtr(estimate);
+  });
+}
+
+void CudaFill::QueueFill(const Setup& sources, FillContext context, CudaEstimate* estimate) {
+  const CudaDevicePtr& device = queue_.device();
+  const int width = estimate->width, height = estimate->height;
+  const int cell_cols = CellsOf(width, context.cell_size), cell_rows = CellsOf(height, context.cell_size);
+  const size_t cells = static_cast<size_t>(cell_cols) * cell_rows;
+  sources_.Reserve(device, sources.sources().size());
+  sources_.Upload(sources.sources().data(), sources.sources().size(), queue_.stream());
+  support_.Reserve(device, estimate->Pixels());
+  cells_.Reserve(device, 2 * cells);
+  nearest_.Reserve(device, cells);
+  const ImageView<ViewSupport> support = {support_.data(), width, height, width};
+  context.support = support;
+  context.planes = estimate->PlaneView();
+  context.cost = estimate->CostView();
+  context.seeds = {cells_.data(), cell_cols, cell_rows, cell_cols};
+  context.fitted = {cells_.data() + cells, cell_cols, cell_rows, cell_cols};
+  context.nearest = {nearest_.data(), cell_cols, cell_rows, cell_cols};
+  LaunchLook(sources.Context(sources_.data()), support, queue_.stream().get());
+  LaunchFill(context, queue_.stream().get());
+}
+
+void CudaFill::QueueMedian(const Setup& sources, const FillContext& context, const ImageView<const Rgb>& color,
+                           CudaEstimate* estimate, DeviceArray<PlaneHypothesis>* planes) {
+  const int width = estimate->width, height = estimate->height;
+  LaunchToDepth(std::as_const(*estimate).PlaneView(), context.rays, estimate->depth.data(), queue_.stream().get());
+  DeviceFusionContext views = sources.Context(sources_.data());
+  views.reference = {estimate->DepthView(), estimate->PlaneView(), estimate->CostView(), color};
+  const ImageView<ViewSupport> support = {support_.data(), width, height, width};
+  MedianContext median = {};
+  median.rays = context.rays;
+  median.depth_min = context.depth_min;
+  median.depth_max = context.depth_max;
+  median.planes = estimate->PlaneView();
+  median.depth = estimate->DepthView();
+  median.support = support;
+  median.color = color;
+  median.filtered = {planes->data(), width, height, width};
+  median.cost = estimate->CostView();
+  LaunchWeightedMedian(views, support, median, queue_.stream().get());
+  std::swap(*planes, estimate->planes);
+}
+
+EngineEstimatePtr CudaFill::RemoveUnsupported(const EngineProblem& problem, const EngineEstimatePtr& start) {
+  const PatchMatchProblem match = MakePatchMatchProblem(problem, 0);
+  const PinholeCamera& camera = match.reference.camera;
+  const CudaEstimate& from = queue_.Cast<CudaEstimate>(start);
+  CheckSize("start", from.width, from.height, camera);
+  return queue_.OnDevice([&] {
+    std::shared_ptr<CudaEstimate> estimate = UseUp(start);
+    if (!estimate) {
+      estimate = std::make_shared<CudaEstimate>(queue_.device(), camera);
+      queue_.StartClock();
+      QueueCopy(from, estimate.get(), queue_.stream());
+      estimate->depth.CopyFrom(from.depth, from.Pixels(), queue_.stream());  // planes stay, so do their depths
+      queue_.FinishClock();
+    }
+    const std::shared_lock<std::shared_mutex> images(queue_.device()->images_mutex());
+    CudaMatchContext context = context_.Prepare(problem, match, 0, {}, Pass::kGeometric, 0, estimate.get());
+    context.selected_views = {};  // none are written: the depths keep their memory
+    const FillContext textured = MakeTexturedContext(camera, estimate->PlaneView(), estimate->CostView());
+    const ImageView<float> evidence = ReserveEvidence(camera, textured.cell_size);
+    queue_.StartClock();
+    LaunchMeasureEvidence(context, textured.cell_size, evidence, queue_.stream().get());
+    QueueFreeSpaceCheck(textured, evidence);
+    queue_.FinishClock();
+    return EngineEstimatePtr(estimate);
+  });
+}
+
+ImageView<float> CudaFill::ReserveEvidence(const PinholeCamera& camera, int cell_size) {
+  const int cols = CellsOf(camera.width, cell_size), rows = CellsOf(camera.height, cell_size);
+  evidence_.Reserve(queue_.device(), static_cast<size_t>(cols) * rows);
+  return {evidence_.data(), cols, rows, cols};
+}
+
+void CudaFill::QueueFreeSpaceCheck(FillContext context, const ImageView<float>& evidence) {
+  const int cols = evidence.width, rows = evidence.height;
+  const size_t cells = static_cast<size_t>(cols) * rows;
+  cells_.Reserve(queue_.device(), cells);
+  nearest_.Reserve(queue_.device(), cells);
+  context.fitted = {cells_.data(), cols, rows, cols};
+  context.nearest = {nearest_.data(), cols, rows, cols};
+  LaunchFreeSpaceCheck(context, evidence, queue_.stream().get());
+}
+
+}  // namespace acmp

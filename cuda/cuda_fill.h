@@ -1,0 +1,48 @@
+#pragma once
+
+#include "acmp_mapping/fill/fill.h"
+#include "acmp_mapping/fill/free_space_check.h"
+#include "fill_kernels.h"
+#include "pass_context.h"
+
+namespace acmp {
+
+/// The filling of what the passes leave unverified and the free-space check on the GPU; see MatchingEngine.
+class CudaFill {
+ public:
+  /// Both outlive this.
+  CudaFill(DeviceQueue* queue, HalvedDepths* halved) : queue_(*queue), halved_(*halved), context_(queue, halved) {}
+
+  EngineEstimatePtr FillUnverified(const EngineProblem& problem, const FillOptions& options);
+  EngineEstimatePtr RemoveUnsupported(const EngineProblem& problem, const EngineEstimatePtr& start);
+
+ private:
+  using Setup = FusionSetup<DeviceFusionView>;
+
+  /// Queues FillUnverified without the median.
+  /// @param sources the reference's maps as they were before, and its source views
+  /// @param context from MakeFillContext
+  /// @param estimate a copy of the reference's, changed
+  void QueueFill(const Setup& sources, FillContext context, CudaEstimate* estimate);
+  /// Queues the weighted median of what QueueFill left.
+  /// @param sources,context as they were given to it
+  /// @param planes of the estimate's size; become those of before, which the stream still reads
+  void QueueMedian(const Setup& sources, const FillContext& context, const ImageView<const Rgb>& color,
+                   CudaEstimate* estimate, DeviceArray<PlaneHypothesis>* planes);
+  /// Where the evidence of so many cells may be written, until the next call.
+  ImageView<float> ReserveEvidence(const PinholeCamera& camera, int cell_size);
+  /// Queues RemoveUnsupported with that.
+  /// @param context from MakeTexturedContext, of maps in device memory
+  void QueueFreeSpaceCheck(FillContext context, const ImageView<float>& evidence);
+
+  DeviceQueue& queue_;
+  HalvedDepths& halved_;
+  PassContext context_;
+  DeviceArray<DeviceFusionSource> sources_;
+  DeviceArray<ViewSupport> support_;
+  DeviceArray<SeedCell> cells_;
+  DeviceArray<NearestSeeds> nearest_;
+  DeviceArray<float> evidence_;
+};
+
+}  // namespace acmp

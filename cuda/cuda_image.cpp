@@ -1,0 +1,62 @@
+#include "cuda_image.h"
+
+#include <shared_mutex>
+#include <utility>
+
+#include "parallel_copy.h"
+
+namespace acmp {
+
+ImageLayer::ImageLayer(CudaDevicePtr device, int level, int width, int height, const CudaStream& stream)
+    : device_(std::move(device)),
+      level_(level),
+      layer_(device_->images(level).Acquire(width, height, stream, &device_->images_mutex())) {}
+
+ImageLayer::~ImageLayer() { device_->images(level_).Release(layer_); }
+
+int CudaImage::Layer(int level) const {
+  if (level >= static_cast<int>(levels.size())) {
+    throw InvalidInputError(Concat("level = ", level, ": the image was loaded with ", levels.size() - 1));
+  }
+  return levels[static_cast<size_t>(level)]->layer();
+}
+
+EngineImagePtr LoadImage(const FramePtr& frame, int levels, DeviceQueue* queue) {
+  CheckLoad(frame, levels);
+  return queue->OnDevice([&] {
+    const CudaStream& stream = queue->stream();
+    CudaDevice& device = *queue->device();
+    auto image = std::make_shared<CudaImage>();
+    image->device = &device;
+    PinholeCamera camera = frame->camera;
+    for (int level = 0; level <= levels; ++level, camera = camera.Halved()) {
+      image->levels.push_back(
+          std::make_unique<ImageLayer>(queue->device(), level, camera.width, camera.height, stream));
+    }
+    const std::shared_lock<std::shared_mutex> images(device.images_mutex());
+    device.images(0).Upload(frame->gray.View(), image->Layer(0), queue->staging(), stream);
+    for (int level = 1; level <= levels; ++level) {
+      device.images(level).QueueHalf(device.images(level - 1), image->Layer(level - 1), image->Layer(level), stream);
+    }
+    stream.Synchronize();
+    return EngineImagePtr(image);
+  });
+}
+
+ImageView<const Rgb> ColorOf(const EngineView& view, DeviceQueue* queue) {
+  const ColorImage& color = view.frame->color;
+  if (color.empty()) return {};
+  const CudaImage& image = queue->Cast<CudaImage>(view.image);
+  const std::lock_guard<std::mutex> lock(image.color_mutex);
+  if (image.color.size() == 0) {
+    DeviceArray<Rgb> copy(queue->device(), color.size());
+    Rgb* staged = queue->staging()->Reserve<Rgb>(color.size());
+    ParallelCopy(color.data(), color.size(), staged);
+    copy.Upload(staged, color.size(), queue->stream());
+    queue->stream().Synchronize();
+    image.color = std::move(copy);
+  }
+  return {image.color.data(), color.width(), color.height(), color.width()};
+}
+
+}  // namespace acmp

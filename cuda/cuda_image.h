@@ -1,0 +1,45 @@
+#pragma once
+
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "acmp_mapping/engine/matching_engine.h"
+#include "device_queue.h"
+
+namespace acmp {
+
+/// A layer of a device's images, given back at the end.
+class ImageLayer {
+ public:
+  ImageLayer(CudaDevicePtr device, int level, int width, int height, const CudaStream& stream);
+  ~ImageLayer();
+  ImageLayer(const ImageLayer&) = delete;
+  ImageLayer& operator=(const ImageLayer&) = delete;
+
+  int layer() const { return layer_; }
+
+ private:
+  CudaDevicePtr device_;
+  int level_;
+  int layer_;
+};
+
+/// An image's levels as layers of textures.
+struct CudaImage final : EngineImage {
+  const CudaDevice* device = nullptr;
+  std::vector<std::unique_ptr<ImageLayer>> levels;
+  mutable std::mutex color_mutex;
+  mutable DeviceArray<Rgb> color;  ///< copied when it is first asked for: matching does without
+
+  /// Throws InvalidInputError where the image was loaded with fewer levels.
+  int Layer(int level) const;
+};
+
+/// See MatchingEngine::Load.
+EngineImagePtr LoadImage(const FramePtr& frame, int levels, DeviceQueue* queue);
+
+/// The view's colours on the device; empty where the frame has none.
+ImageView<const Rgb> ColorOf(const EngineView& view, DeviceQueue* queue);
+
+}  // namespace acmp

@@ -1,0 +1,173 @@
+#include "acmp_mapping/patch_match/host_passes.h"
+
+#include <tbb/parallel_for.h>
+
+#include <utility>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/patch_match/kernel/depth_evidence.h"
+#include "acmp_mapping/patch_match/kernel/initialize_pixel.h"
+#include "acmp_mapping/patch_match/kernel/median_filter.h"
+#include "acmp_mapping/patch_match/kernel/restore_detail.h"
+#include "acmp_mapping/patch_match/kernel/update_pixel.h"
+#include "acmp_mapping/patch_match/match_setup.h"
+#include "acmp_mapping/patch_match/window_sums.h"
+
+namespace acmp {
+namespace {
+
+using Context = MatchContext<CpuSampler>;
+
+/// The pixels with (col + row) % 2 == color.
+template <class Function>
+void ForEachPixelOfColor(const Context& context, int color, const Function& function) {
+  tbb::parallel_for(0, context.height, [&](int row) {
+    for (int col = (row + color) % 2; col < context.width; col += 2) function(col, row);
+  });
+}
+
+template <Pass kPass, Method kMethod>
+void RunPass(const Context& context, int iterations) {
+  ForEachPixelOfColor(context, 0, [&](int col, int row) {
+    if constexpr (kMethod == Method::kOurs) {
+      InitializeUnmatched<kPass>(context, col, row);
+    } else {
+      InitializePixel<kPass, kMethod>(context, col, row);
+    }
+  });
+  ForEachPixelOfColor(context, 1, [&](int col, int row) { InitializePixel<kPass, kMethod>(context, col, row); });
+  for (int iteration = 0; iteration < iterations; ++iteration) {
+    for (int color = 0; color < 2; ++color) {
+      ForEachPixelOfColor(context, color,
+                          [&](int col, int row) { UpdatePixel<kPass, kMethod>(context, col, row, iteration); });
+    }
+  }
+  if constexpr (kMethod == Method::kOurs) {
+    for (int color = 0; color < 2; ++color) {
+      ForEachPixelOfColor(context, color, [&](int col, int row) { MedianFilterPixel(context, col, row); });
+    }
+  }
+}
+
+/// What a context's sampler and sources point to, in host memory.
+struct HostSources {
+  HostSources(const PatchMatchProblem& problem, Method method) : views(MakeSourceViews(problem)) {
+    if (method == Method::kOurs) depths = HalveDepths(problem);
+    for (size_t i = 0; i < depths.size(); ++i) views[i].depth = depths[i].View();
+    images.reserve(views.size());
+    full_depths.reserve(views.size());
+    for (const MatchView& source : problem.sources) {
+      images.push_back(source.gray);
+      full_depths.push_back(source.depth);
+    }
+  }
+
+  void SetUp(const PatchMatchProblem& problem, Context* context) const {
+    context->sampler = {{problem.reference.gray, images.data()}, SupportedWindowFunctions().back()};
+    context->sources = views.data();
+    context->full_depths = full_depths.data();
+  }
+
+  std::vector<HalvedDepthMap> depths;
+  std::vector<SourceView> views;
+  std::vector<ImageView<const float>> images, full_depths;
+};
+
+template <Pass kPass>
+EstimateState Run(const PatchMatchProblem& problem, const PatchMatchOptions& options, EstimateState state,
+                  const ImageView<const PlaneHypothesis>& prior, int geometric_pass, int iterations) {
+  Validate(options);
+  const HostSources sources(problem, options.method);
+  Image<uint32_t> selected_views(state.planes.width(), state.planes.height());
+  Context context = MakeMatchContext<CpuSampler>(problem, options, kPass, geometric_pass);
+  sources.SetUp(problem, &context);
+  context.planes = state.planes.View();
+  context.cost = state.cost.View();
+  context.selected_views = selected_views.View();
+  context.prior = {prior, {}};
+  VisitMethod<kPass>(options.method, [&](auto method) { RunPass<kPass, method>(context, iterations); });
+  return state;
+}
+
+}  // namespace
+
+EstimateState RunPhotometric(const PatchMatchProblem& problem, const PatchMatchOptions& options) {
+  Check(problem);
+  const int width = problem.reference.camera.width, height = problem.reference.camera.height;
+  return Run<Pass::kPhotometric>(problem, options, {PlaneMap(width, height), CostMap(width, height)}, {}, 0,
+                                 options.photometric_iterations);
+}
+
+EstimateState RunPlanarPrior(const PatchMatchProblem& problem, const PatchMatchOptions& options, EstimateState start,
+                             const ImageView<const PlaneHypothesis>& prior) {
+  Check(problem);
+  CheckStart(problem, start);
+  CheckSize("prior", prior.width, prior.height, problem.reference.camera);
+  return Run<Pass::kPlanarPrior>(problem, options, std::move(start), prior, 0, options.planar_prior_iterations);
+}
+
+EstimateState RunGeometric(const PatchMatchProblem& problem, const PatchMatchOptions& options, EstimateState start,
+                           int pass) {
+  Check(problem);
+  CheckStart(problem, start);
+  return Run<Pass::kGeometric>(problem, options, std::move(start), {}, pass, options.geometric_iterations);
+}
+
+EstimateState RestoreDetails(const PatchMatchProblem& problem, const PatchMatchOptions& options, EstimateState start,
+                             const ImageView<const PlaneHypothesis>& coarser) {
+  Check(problem);
+  Validate(options);
+  const PinholeCamera& camera = problem.reference.camera;
+  const PinholeCamera halved = camera.Halved();
+  CheckSize("planes", start.planes.width(), start.planes.height(), camera);
+  CheckSize("cost", start.cost.width(), start.cost.height(), camera);
+  CheckSize("coarser planes", coarser.width, coarser.height, halved);
+  const HostSources sources(problem, options.method);
+  Context context = MakeMatchContext<CpuSampler>(problem, options, Pass::kPhotometric, 0);
+  sources.SetUp(problem, &context);
+  context.planes = start.planes.View();
+  context.cost = start.cost.View();
+  const CoarserEstimate estimate = {coarser, MakeRayGrid(halved)};
+  tbb::parallel_for(0, camera.height, [&](int row) {
+    for (int col = 0; col < camera.width; ++col) RestorePixel(context, estimate, col, row);
+  });
+  return start;
+}
+
+Image<float> MeasureEvidence(const PatchMatchProblem& problem, const PlaneMap& planes, int cell_size) {
+  Check(problem);
+  CheckSize("planes", planes.width(), planes.height(), problem.reference.camera);
+  if (cell_size < 1) throw InvalidInputError(Concat("cell_size = ", cell_size, ": must be >= 1 px"));
+  const HostSources sources(problem, Method::kOurs);
+  Context context = MakeMatchContext<CpuSampler>(problem, {}, Pass::kGeometric, 0);
+  sources.SetUp(problem, &context);
+  PlaneMap read = planes.Clone();  // the context could write
+  context.planes = read.View();
+  Image<float> evidence(CellsOf(planes.width(), cell_size), CellsOf(planes.height(), cell_size));
+  tbb::parallel_for(0, evidence.height(), [&](int row) {
+    for (int col = 0; col < evidence.width(); ++col) evidence(col, row) = EvidenceOfCell(context, col, row, cell_size);
+  });
+  return evidence;
+}
+
+DepthMap ToDepthMap(const PlaneMap& planes, const PinholeCamera& camera) {
+  CheckSize("planes", planes.width(), planes.height(), camera);
+  const RayGrid rays = MakeRayGrid(camera);
+  DepthMap depth(planes.width(), planes.height());
+  tbb::parallel_for(0, planes.height(), [&](int row) {
+    for (int col = 0; col < planes.width(); ++col) {
+      const PlaneHypothesis& plane = planes(col, row);
+      if (!(plane.d > 0)) continue;
+      depth(col, row) = PlaneDepth(plane, rays.Ray(static_cast<float>(col), static_cast<float>(row)));
+    }
+  });
+  return depth;
+}
+
+NormalMap ToNormalMap(const PlaneMap& planes) {
+  NormalMap normal(planes.width(), planes.height(), Vec3f{0, 0, 0});
+  for (size_t i = 0; i < planes.size(); ++i) normal.data()[i] = planes.data()[i].normal();
+  return normal;
+}
+
+}  // namespace acmp
