@@ -1,0 +1,68 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "acmp_mapping/keyframe/depth_range.h"
+#include "acmp_mapping/keyframe/frame.h"
+#include "acmp_mapping/pose_refinement/pose_fit.h"
+#include "acmp_mapping/pose_refinement/pose_refinement_options.h"
+
+namespace acmp {
+
+/// What cameras do that poses and a pinhole cannot say. It is estimated together with the poses, since a bundle
+/// adjustment that does not know it bends the scene to explain it.
+struct CameraErrors {
+  double k1 = 0;  ///< radial distortion that is left: a pixel at x (z = 1) is seen at x (1 + k1 r^2 + k2 r^4)
+  double k2 = 0;
+  double readout = 0;  ///< time from the first image row to the last (rolling shutter): seconds where images have
+                       ///< stamps, else in units of the interval from image to image
+};
+
+/// How the camera moved while an image was taken.
+struct CameraMotion {
+  Eigen::Vector3d angular = Eigen::Vector3d::Zero();  ///< rad/s, axes of the camera: cam_from_world(t) =
+                                                      ///< exp(t angular) cam_from_world
+  Eigen::Vector3d linear = Eigen::Vector3d::Zero();   ///< of the camera's centre, scene units/s, axes of the world
+};
+
+struct RefinedPose {
+  int64_t id = 0;
+  RigidTransform cam_from_world = RigidTransform::Identity();  ///< the received one, bit by bit, unless `changed`
+  PoseFit received_fit;  ///< matches of this image with all others, with the poses as received
+  PoseFit refined_fit;   ///< and with refined ones, whether they are used or not
+};
+
+struct PoseRefinement {
+  bool changed = false;
+  std::string reason;    ///< why poses stay as they are; empty when they change
+  PoseFit received_fit;  ///< of all images
+  PoseFit refined_fit;
+  CameraErrors camera;
+  int landmarks = 0;               ///< that took part
+  int sightings = 0;               ///< of these in other images than their own
+  std::vector<RefinedPose> poses;  ///< in the order of the images
+};
+
+/// An image of a set, as RefineImagePoses takes it.
+struct PosedImage {
+  int64_t id = 0;
+  double stamp_s = 0;  ///< 0: unknown
+  PinholeCamera camera;
+  RigidTransform cam_from_world = RigidTransform::Identity();
+  DepthRange depth_range;    ///< where its landmarks are looked for
+  std::vector<int> sources;  ///< positions of the images that see the same, best first
+};
+
+/// Refines the poses of an image set by a bundle adjustment over matches that it finds itself. `images` are in the
+/// order in which they were taken, as far as there is one. The same input gives the same bits. Works in parallel (TBB).
+/// Throws InvalidInputError for bad options, depth ranges or indices, and whatever `load` throws.
+/// @param load gives the grey values of the image at a position, of its camera's size; called by several threads
+/// @param check called after each parallel loop, to throw where that was cancelled; may be empty
+PoseRefinement RefineImagePoses(const std::vector<PosedImage>& images, const std::function<GrayImage(size_t)>& load,
+                                const PoseRefinementOptions& options, const std::function<void()>& check = {});
+
+}  // namespace acmp

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <memory>
+
+#include "acmp_mapping/pose_refinement/pose_refinement.h"
+
+namespace acmp {
+
+/// Refines the poses of a sliding window of keyframes. Landmarks are carried over from keyframe to keyframe, so that a
+/// new one costs little. Used by one thread at a time; deterministic.
+class PoseRefiner {
+ public:
+  /// Throws InvalidInputError for bad options.
+  explicit PoseRefiner(const PoseRefinementOptions& options);
+  ~PoseRefiner();
+
+  /// Adds the newest keyframe: finds known landmarks in it, and new ones. Nothing of the frame is kept but a copy of
+  /// its grey values in 8 bits. Throws InvalidInputError for a bad pose, camera or range, and for an id or (where there
+  /// are stamps) a stamp that does not ascend.
+  /// @param range where new landmarks are looked for
+  /// @param motion while the image was taken; none: from the neighbouring keyframes
+  void Add(const Frame& frame, const DepthRange& range, const std::optional<CameraMotion>& motion = std::nullopt);
+
+  /// Forgets the oldest keyframe and the landmarks first seen there. Throws InvalidInputError where there is none.
+  void RemoveOldest();
+
+  /// Poses of the keyframes in the window, oldest first, and how well they fit. Fewer than three keyframes or few
+  /// matches: as received, with the reason.
+  PoseRefinement Refine();
+
+  /// Forgets everything, also what was learnt about the camera.
+  void Reset();
+
+  /// Keyframes in the window.
+  size_t size() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace acmp
