@@ -56,19 +56,64 @@ class CudaStamps final : public FusionStamps {
 
 }  // namespace
 
+DeviceFusionContext CudaFusion::Upload(const Setup& setup) {
+  const size_t count = setup.sources().size();
+  sources_.Reserve(queue_.device(), count);
+  if (count > 0) sources_.Upload(setup.sources().data(), count, queue_.stream());
+  return setup.Context(sources_.data());
+}
+
+PointOutput CudaFusion::ReservePoints(int width, int height) {
+  const CudaDevicePtr& device = queue_.device();
+  points_.Reserve(device, static_cast<size_t>(width) * height);
+  count_.Reserve(device, 1);
+  scratch_.Reserve(device, PointScratchBytes(width, height));
+  log_error_.Reserve(device, static_cast<size_t>(width) * height);
+  return {points_.data(), count_.data(), scratch_.data(), log_error_.data()};
+}
+
+PointCloud CudaFusion::DownloadPoints() {
+  auto* count = count_on_host_.Reserve<unsigned>(1);
+  count_.Download(count, 1, queue_.stream());
+  queue_.stream().Synchronize();
+  PointCloud points(*count);
+  download_.Run(points_, points.size(), queue_.stream(), points.data());
+  return points;
+}
+
+void CudaFusion::QueueFilter(const Setup& setup) {
+  const DeviceFusionContext context = Upload(setup);
+  const int width = context.reference.depth.width, height = context.reference.depth.height;
+  const size_t pixels = static_cast<size_t>(width) * height;
+  consistent_views_.Reserve(queue_.device(), pixels);
+  confidence_.Reserve(queue_.device(), pixels);
+  LaunchFilterByConsistency(context, {consistent_views_.data(), width, height, width},
+                            {confidence_.data(), width, height, width}, ReservePoints(width, height),
+                            queue_.stream().get());
+}
+
 ConsistencyResult CudaFusion::FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                                   const FusionOptions& options) {
   return queue_.OnDevice([&] {
-    return runner_.Filter(SetUpViews(reference, sources, MakeFusionLimits(options), FusionMapsOf, &queue_),
-                          queue_.stream());
+    const Setup setup = SetUpViews(reference, sources, MakeFusionLimits(options), FusionMapsOf, &queue_);
+    QueueFilter(setup);
+    const int width = setup.reference().depth.width, height = setup.reference().depth.height;
+    ConsistencyResult result = {Image<unsigned char>(width, height), ConfidenceMap(width, height), {}};
+    download_.Run(confidence_, result.confidence.size(), queue_.stream(), result.confidence.data());
+    download_.Run(consistent_views_, result.consistent_views.size(), queue_.stream(), result.consistent_views.data());
+    result.points_in_camera = DownloadPoints();
+    return result;
   });
 }
 
 ConfidenceMap CudaFusion::MeasureConfidence(const EngineView& reference, const std::vector<EngineView>& sources,
                                             const FusionOptions& options) {
   return queue_.OnDevice([&] {
-    return runner_.MeasureConfidence(SetUpViews(reference, sources, MakeFusionLimits(options), FusionMapsOf, &queue_),
-                                     queue_.stream());
+    const Setup setup = SetUpViews(reference, sources, MakeFusionLimits(options), FusionMapsOf, &queue_);
+    QueueFilter(setup);
+    ConfidenceMap confidence(setup.reference().depth.width, setup.reference().depth.height);
+    download_.Run(confidence_, confidence.size(), queue_.stream(), confidence.data());
+    return confidence;
   });
 }
 
@@ -80,14 +125,16 @@ PointCloud CudaFusion::FuseView(const EngineView& reference, const std::vector<E
   if (gpu_stamps == nullptr) throw InvalidInputError("stamps: null or not of a GPU");
   const Stamp stamp = StampOfRank(rank);
   return queue_.OnDevice([&] {
-    FusionSetup<DeviceFusionView> setup(PosedCameraOf(reference), FusionMapsOf(reference, &queue_),
-                                        MakeFusionLimits(options), reference.cam_from_world().inverse());
+    Setup setup(PosedCameraOf(reference), FusionMapsOf(reference, &queue_), MakeFusionLimits(options),
+                reference.cam_from_world().inverse());
     setup.SetStamps(gpu_stamps->Of(*reference.frame, queue_), stamp);
     for (const EngineView& source : sources) {
       if (!source.estimate) continue;
       setup.AddSource(PosedCameraOf(source), FusionMapsOf(source, &queue_), gpu_stamps->Of(*source.frame, queue_));
     }
-    return runner_.Fuse(setup, reference.frame->camera.width, reference.frame->camera.height, queue_.stream());
+    const PinholeCamera& camera = reference.frame->camera;
+    LaunchFuseView(Upload(setup), ReservePoints(camera.width, camera.height), queue_.stream().get());
+    return DownloadPoints();
   });
 }
 

@@ -4,16 +4,18 @@
 #include <vector>
 
 #include "acmp_mapping/engine/fusion_engine.h"
+#include "acmp_mapping/fusion/fusion_setup.h"
 #include "device_queue.h"
-#include "fusion_runner.h"
+#include "fusion_kernels.h"
+#include "staged_copy.h"
 
 namespace acmp {
 
-/// What is made of finished estimates on the GPU; see FusionEngine.
+/// What is made of finished estimates on the GPU, with the memory of one reference view at a time; see FusionEngine.
 class CudaFusion {
  public:
   /// @param queue outlives this
-  explicit CudaFusion(DeviceQueue* queue) : queue_(*queue), runner_(queue->device()) {}
+  explicit CudaFusion(DeviceQueue* queue) : queue_(*queue) {}
 
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options);
@@ -24,8 +26,22 @@ class CudaFusion {
                       int rank, FusionStamps* stamps);
 
  private:
+  using Setup = FusionSetup<DeviceFusionView>;
+
+  void QueueFilter(const Setup& setup);
+  DeviceFusionContext Upload(const Setup& setup);
+  PointOutput ReservePoints(int width, int height);
+  /// Waits for the points.
+  PointCloud DownloadPoints();
+
   DeviceQueue& queue_;
-  FusionRunner runner_;
+  PinnedBuffer count_on_host_;
+  StagedDownload download_;
+  DeviceArray<DeviceFusionSource> sources_;
+  DeviceArray<SurfacePoint> points_;
+  DeviceArray<unsigned> count_;
+  DeviceArray<unsigned char> scratch_, consistent_views_;
+  DeviceArray<float> confidence_, log_error_;
 };
 
 }  // namespace acmp

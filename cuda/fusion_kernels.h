@@ -32,8 +32,8 @@ size_t PointScratchBytes(int width, int height);
 void LaunchFilterByConsistency(const DeviceFusionContext& context, const ImageView<unsigned char>& consistent_views,
                                const ImageView<float>& confidence, const PointOutput& output, cudaStream_t stream);
 
-/// Queue one reference view of FuseDepthMaps. Stamps of all views start at kUnusedStamp and go on from view to view.
-/// Throws as LaunchFilterByConsistency.
+/// Queue FusionEngine::FuseView of one reference view. Stamps of all views start at kUnusedStamp and go on from view to
+/// view. Throws as LaunchFilterByConsistency.
 void LaunchFuseView(const DeviceFusionContext& context, const PointOutput& output, cudaStream_t stream);
 
 }  // namespace acmp

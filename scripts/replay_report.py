@@ -29,7 +29,7 @@ def parse_arguments():
     parser.add_argument("build", type=Path, help="build folder")
     parser.add_argument("bag", type=Path)
     parser.add_argument("--rates", type=float, nargs="+", default=[1, 5, 20], help="times real time")
-    parser.add_argument("--policies", nargs="+", default=["drop_oldest", "skip_if_busy", "block"])
+    parser.add_argument("--policies", nargs="+", default=["drop", "skip_if_busy", "block"])
     parser.add_argument("--loops", type=int, default=1, help="how often the bag is played to each mapper")
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE", help="parameters of the mapper")
     parser.add_argument("--remap", nargs="*", metavar="NAME:=TOPIC", default=[

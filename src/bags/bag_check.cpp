@@ -1,201 +1,325 @@
 #include "acmp_mapping/bags/bag_check.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
-#include <iomanip>
-#include <map>
+#include <limits>
 #include <set>
-#include <sstream>
 
-#include <sensor_msgs/distortion_models.h>
-#include <sensor_msgs/image_encodings.h>
-
-#include "bag_rules.h"
+#include "acmp_mapping/intake/convention_check.h"
+#include "bag_contents.h"
 
 namespace acmp {
 namespace {
 
-bool IsConvertible(const std::string& encoding) {
-  namespace enc = sensor_msgs::image_encodings;
-  static const std::set<std::string> others = {enc::YUV422, enc::BGR16, enc::RGB16, enc::BGRA16, enc::RGBA16};
-  static const std::set<std::string> usual = {enc::MONO8, enc::MONO16, enc::BGR8, enc::RGB8, enc::BGRA8, enc::RGBA8};
-  return usual.count(encoding) > 0 || others.count(encoding) > 0 || enc::isBayer(encoding);
-}
+constexpr size_t kFewest = 3;  // images and poses: a keyframe waits for two source views
+constexpr double kSecondsPerNs = 1e-9;
 
-bool IsDecodable(const std::string& format) {
-  for (const char* name : {"jpeg", "jpg", "png"}) {
-    if (format.find(name) != std::string::npos) return true;
+/// Collects findings; the arguments are joined to one sentence.
+class Findings {
+ public:
+  template <class... Args>
+  void Add(Severity severity, const Args&... args) {
+    list_.push_back({severity, Concat(args...)});
   }
-  return false;
+  template <class... Args>
+  void Ok(const Args&... args) {
+    Add(Severity::kOk, args...);
+  }
+  template <class... Args>
+  void Warn(const Args&... args) {
+    Add(Severity::kWarning, args...);
+  }
+  template <class... Args>
+  void Error(const Args&... args) {
+    Add(Severity::kError, args...);
+  }
+  std::vector<Finding> Take() { return std::move(list_); }
+
+ private:
+  std::vector<Finding> list_;
+};
+
+std::string Percent(size_t part, size_t whole) {
+  return Concat(std::round(1000.0 * static_cast<double>(part) / static_cast<double>(whole)) / 10, " %");
 }
 
-template <class Records>
-size_t BackwardSteps(const Records& records) {
-  size_t steps = 0;
-  for (size_t i = 1; i < records.size(); ++i) steps += records[i].stamp < records[i - 1].stamp ? 1 : 0;
-  return steps;
+/// Messages that the mapper would refuse.
+template <class T>
+void CheckRefused(const std::string& what, const BagStream<T>& stream, size_t fewest, Findings* findings) {
+  const bool enough = stream.samples.size() >= fewest;
+  if (stream.refused > 0) {
+    findings->Add(enough ? Severity::kWarning : Severity::kError, what, ": ", stream.refused, " of ", stream.size(),
+                  " cannot be used; the first one: ", stream.refusal);
+  }
+  if (!enough) {
+    findings->Error(what, ": only ", stream.samples.size(), " are usable, at least ", fewest, " needed");
+  }
 }
 
-template <class Records>
-void CheckHeaders(const char* what, const std::string& topic, const Records& records, Findings& findings) {
-  const auto count = [&](const auto& predicate) { return std::count_if(records.begin(), records.end(), predicate); };
-  const auto unset = count([](const auto& record) { return record.stamp.isZero(); });
-  const auto nameless = count([](const auto& record) { return record.frame.empty(); });
-  if (unset > 0) findings.Error(what, " ", topic, ": ", unset, " of ", records.size(), " stamps are zero");
-  if (nameless > 0) findings.Warn(what, " ", topic, ": ", nameless, " of ", records.size(), " have no frame_id");
-  const size_t backward = BackwardSteps(records);
+template <class T>
+void CheckHeaders(const std::string& what, const std::vector<T>& samples, std::string T::*frame, Findings* findings) {
+  size_t unset = 0, nameless = 0, backward = 0;
+  for (size_t i = 0; i < samples.size(); ++i) {
+    unset += samples[i].stamp_ns == 0;
+    nameless += (samples[i].*frame).empty();
+    backward += i > 0 && samples[i].stamp_ns < samples[i - 1].stamp_ns;
+  }
+  if (unset > 0) findings->Error(what, ": ", unset, " of ", samples.size(), " stamps are zero");
+  if (nameless > 0) findings->Warn(what, ": ", nameless, " of ", samples.size(), " have no frame_id");
   if (backward > 0) {
-    findings.Warn(what, " ", topic, ": time runs backward ", backward,
-                  " times; the mapper starts over at each (~on_time_jump)");
+    findings->Warn(what, ": time runs backward ", backward, " times; the mapper starts over at each (~on_time_jump)");
   }
 }
 
-void CheckDistortion(const CameraInfoRecord& info, const std::string& topic, Findings& findings) {
-  namespace models = sensor_msgs::distortion_models;
-  static const std::map<std::string, size_t> coefficients = {
-      {models::PLUMB_BOB, 4}, {models::RATIONAL_POLYNOMIAL, 8}, {models::EQUIDISTANT, 4}};
-  if (info.distortion_model.empty() && info.distortion_size == 0) {
-    findings.Warn("camera_info ", topic, ": names no distortion model; the images are taken as undistorted");
-    return;
-  }
-  const auto known = coefficients.find(info.distortion_model);
-  if (known == coefficients.end()) {
-    findings.Error("camera_info ", topic, ": distortion model \"", info.distortion_model,
-                   "\" is unknown; known: plumb_bob, rational_polynomial, equidistant");
-  } else if (info.distortion_size != 0 && info.distortion_size < known->second) {
-    findings.Error("camera_info ", topic, ": ", info.distortion_size, " distortion coefficients, ", known->first,
-                   " needs ", known->second);
-  }
+template <class T>
+std::vector<int64_t> Stamps(const std::vector<T>& samples) {
+  std::vector<int64_t> stamps;
+  for (const T& sample : samples) stamps.push_back(sample.stamp_ns);
+  return stamps;
 }
 
-void CheckIntrinsics(const CameraInfoRecord& info, const std::string& topic, Findings& findings) {
-  const bool finite =
-      std::isfinite(info.fx) && std::isfinite(info.fy) && std::isfinite(info.cx) && std::isfinite(info.cy);
-  if (!finite || info.fx <= 0 || info.fy <= 0) {
-    findings.Error("camera_info ", topic, ": K[0] = ", info.fx, ", K[4] = ", info.fy,
-                   ": the camera is not calibrated; calibrate it and publish the result");
-  } else if (!info.resized && (info.cx < 0 || info.cy < 0 || info.cx > info.width || info.cy > info.height)) {
-    findings.Warn("camera_info ", topic, ": principal point ", info.cx, ", ", info.cy, " lies outside the image of ",
-                  info.width, "x", info.height, " px");
-  }
-}
-
-void CheckTopicTypes(const BagContents& contents, Findings& findings) {
-  for (const BagTopic& topic : contents.topics) {
-    if (!topic.known_definition) {
-      findings.Error(topic.name, ": recorded with another definition of ", topic.type, "; convert it with: rosbag fix");
-    }
-  }
-}
-
-void CheckNearAndFar(const BagContents& contents, TopicRole role, const std::string& chosen, const std::string& wanted,
-                     const char* option, Findings& findings) {
-  if (!wanted.empty()) return;
-  std::string others;
-  for (const BagTopic& topic : contents.topics) {
-    if (topic.role == role && topic.name != chosen) others += " " + topic.name;
-  }
-  if (!others.empty()) findings.Warn("checked ", chosen, "; there is also", others, "; choose with ", option);
-}
-
-}  // namespace
-
-std::string Percent(double share) {
-  std::ostringstream text;
-  text << std::fixed << std::setprecision(1) << 100 * share << " %";
-  return text.str();
-}
-
-std::vector<double> NearestGaps(const std::vector<ros::Time>& stamps, const std::vector<ros::Time>& others) {
+/// Seconds from each of `stamps` to the nearest of `others`, which are not empty. In order of time.
+std::vector<double> NearestGaps(std::vector<int64_t> stamps, std::vector<int64_t> others) {
+  std::sort(stamps.begin(), stamps.end());
+  std::sort(others.begin(), others.end());
   std::vector<double> gaps;
-  for (const ros::Time& stamp : stamps) {
+  for (const int64_t stamp : stamps) {
     const auto after = std::lower_bound(others.begin(), others.end(), stamp);
-    double gap = std::numeric_limits<double>::infinity();
-    if (after != others.end()) gap = (*after - stamp).toSec();
-    if (after != others.begin()) gap = std::min(gap, (stamp - *std::prev(after)).toSec());
-    gaps.push_back(gap);
+    int64_t gap = std::numeric_limits<int64_t>::max();
+    if (after != others.end()) gap = *after - stamp;
+    if (after != others.begin()) gap = std::min(gap, stamp - *std::prev(after));
+    gaps.push_back(static_cast<double>(gap) * kSecondsPerNs);
   }
   return gaps;
 }
 
-void CheckImages(const BagContents& contents, Findings& findings) {
-  const std::string& topic = contents.chosen.image;
-  const std::vector<ImageRecord>& images = contents.images;
-  if (images.empty()) {
-    findings.Error("no images: the bag has no sensor_msgs/Image or CompressedImage messages that can be read");
-    return;
-  }
-  std::set<std::string> encodings;
-  std::set<std::pair<uint32_t, uint32_t>> sizes;
-  size_t incomplete = 0;
-  for (const ImageRecord& image : images) {
-    encodings.insert(image.encoding);
-    if (!image.compressed) sizes.insert({image.width, image.height});
-    incomplete += image.complete ? 0 : 1;
-  }
-  for (const std::string& encoding : encodings) {
-    const bool usable = images.front().compressed ? IsDecodable(encoding) : IsConvertible(encoding);
-    if (!usable)
-      findings.Error("images ", topic, ": encoding \"", encoding, "\" cannot be converted to colour or grey");
-  }
-  if (incomplete > 0) findings.Error("images ", topic, ": ", incomplete, " have fewer bytes than their size asks for");
-  if (sizes.size() > 1) findings.Warn("images ", topic, ": ", sizes.size(), " different sizes");
-  constexpr size_t kFewestImages = 3;  // a keyframe waits for two source views
-  if (images.size() < kFewestImages) findings.Error("images ", topic, ": only ", images.size(), ", at least 3 needed");
-  CheckHeaders("images", topic, images, findings);
-  const ImageRecord& first = images.front();
-  const std::string size = first.compressed ? "" : Concat(", ", first.width, "x", first.height, " px");
-  findings.Ok("images ", topic, ": ", images.size(), ", ", first.encoding, size, ", frame \"", first.frame, "\"");
+size_t CountWithin(const std::vector<double>& gaps, double tolerance_s) {
+  return static_cast<size_t>(std::count_if(gaps.begin(), gaps.end(), [=](double gap) { return gap <= tolerance_s; }));
 }
 
-void CheckCameraInfo(const BagContents& contents, Findings& findings) {
-  const std::string& topic = contents.chosen.camera_info;
-  if (contents.camera_infos.empty()) {
-    findings.Error("no camera_info: the mapper needs sensor_msgs/CameraInfo with the images");
-    return;
+std::string GapHistogram(const std::vector<double>& gaps) {
+  struct Bin {
+    const char* name;
+    double upper_s;
+  };
+  constexpr std::array<Bin, 6> kBins = {Bin{"equal", 0},    {"to 1 us", 1e-6},
+                                        {"to 1 ms", 1e-3},  {"to 10 ms", 1e-2},
+                                        {"to 100 ms", 0.1}, {"more", std::numeric_limits<double>::infinity()}};
+  std::string text;
+  size_t below = 0;
+  for (const Bin& bin : kBins) {
+    const size_t within = CountWithin(gaps, bin.upper_s);
+    if (within > below) text += Concat(text.empty() ? "" : ", ", bin.name, ": ", within - below);
+    below = within;
   }
-  const CameraInfoRecord& info = contents.camera_infos.front();
-  CheckIntrinsics(info, topic, findings);
-  CheckDistortion(info, topic, findings);
-  std::set<std::vector<double>> variants;
-  for (const CameraInfoRecord& other : contents.camera_infos) variants.insert({other.fx, other.fy, other.cx, other.cy});
-  if (variants.size() > 1) findings.Warn("camera_info ", topic, ": K changes, ", variants.size(), " variants");
-  for (const ImageRecord& image : contents.images) {
-    if (image.compressed || (image.width == info.width && image.height == info.height)) continue;
-    findings.Error("camera_info ", topic, ": is for ", info.width, "x", info.height, " px, an image has ", image.width,
-                   "x", image.height);
+  return text;
+}
+
+void CheckOtherTopics(const BagContents& contents, const std::vector<std::string>& types, const std::string& chosen,
+                      const std::string& wanted, const char* option, Findings* findings) {
+  if (!wanted.empty()) return;
+  std::string others;
+  for (const BagTopic& topic : contents.topics) {
+    const bool fits = std::find(types.begin(), types.end(), topic.type) != types.end();
+    if (fits && topic.name != chosen) others += " " + topic.name;
+  }
+  if (!others.empty()) findings->Warn("checked ", chosen, "; there is also", others, "; choose with ", option);
+}
+
+void CheckImages(const BagContents& contents, Findings* findings) {
+  const std::string name = "images " + contents.chosen.image;
+  if (contents.images.size() == 0) {
+    return findings->Error("no images: the bag has no sensor_msgs/Image or CompressedImage messages");
+  }
+  CheckRefused(name, contents.images, kFewest, findings);
+  const std::vector<BagImage>& images = contents.images.samples;
+  if (images.empty()) return;
+  std::set<std::pair<int, int>> sizes;
+  for (const BagImage& image : images) sizes.insert({image.width, image.height});
+  if (sizes.size() > 1) findings->Warn(name, ": ", sizes.size(), " different sizes");
+  CheckHeaders(name, images, &BagImage::frame, findings);
+  const BagImage& first = images.front();
+  findings->Ok(name, ": ", images.size(), ", ", first.encoding, ", ", first.width, "x", first.height, " px, frame \"",
+               first.frame, "\"");
+}
+
+void CheckCameraInfo(const BagContents& contents, Findings* findings) {
+  const std::string name = "camera_info " + contents.chosen.camera_info;
+  if (contents.calibrations.size() == 0) {
+    return findings->Error("no camera_info: the mapper needs sensor_msgs/CameraInfo with the images");
+  }
+  CheckRefused(name, contents.calibrations, 1, findings);
+  if (contents.calibrations.samples.empty()) return;
+  const BagCalibration& first = contents.calibrations.samples.front();
+  const PinholeCamera& camera = first.calibration.camera;
+  for (const BagCalibration& other : contents.calibrations.samples) {
+    if (SameCalibration(first.calibration, other.calibration)) continue;
+    findings->Warn(name, ": changes");
     break;
   }
-  if (info.resized) findings.Ok("camera_info ", topic, ": has binning or a region of interest");
-  findings.Ok("camera_info ", topic, ": fx ", info.fx, ", fy ", info.fy, ", ",
-              info.distortion_model.empty() ? "no distortion model" : info.distortion_model);
+  for (const BagImage& image : contents.images.samples) {
+    if (image.width == camera.width && image.height == camera.height) continue;
+    findings->Error(name, ": is for ", camera.width, "x", camera.height, " px, an image has ", image.width, "x",
+                    image.height);
+    break;
+  }
+  if (!camera.Contains({camera.cx, camera.cy})) {
+    findings->Warn(name, ": principal point ", camera.cx, ", ", camera.cy, " lies outside the image");
+  }
+  if (!first.names_a_model) {
+    findings->Warn(name, ": names no distortion model; the images are taken as undistorted");
+  }
+  findings->Ok(name, ": fx ", camera.fx, ", fy ", camera.fy);
 }
 
+/// Which parameters make the mapper take these poses.
+void AdviseOnPoses(const BagContents& contents, const std::string& name, Findings* findings) {
+  if (contents.chosen.pose.empty()) {
+    return findings->Ok(name,
+                        " are transforms: set ~pose_source: tf, ~world_frame and, if the images have no frame_id, ",
+                        "~camera_frame");
+  }
+  constexpr std::array<const char*, 4> kSources = {"pose", "pose_cov", "odom", "transform"};  // in the order of types
+  const std::string& type = contents.Find(contents.chosen.pose)->type;
+  const auto place = std::find(PoseTypes().begin(), PoseTypes().end(), type) - PoseTypes().begin();
+  const char* source = kSources.at(static_cast<size_t>(place));
+  findings->Ok(name, " are ", type, ": ~pose_source: ", source, ", and ", source, ":=", contents.chosen.pose);
+}
+
+void CheckPoseStamps(const BagContents& contents, double tolerance_s, Findings* findings) {
+  const std::vector<int64_t> images = Stamps(contents.images.samples), poses = Stamps(contents.poses.samples);
+  const std::vector<double> image_gaps = NearestGaps(images, poses), pose_gaps = NearestGaps(poses, images);
+  const size_t matched = CountWithin(image_gaps, tolerance_s), used = CountWithin(pose_gaps, tolerance_s);
+  // Poses of keyframes only, or of every IMU sample: what counts is the sparser of the two.
+  std::vector<double> gaps = image_gaps.size() <= pose_gaps.size() ? image_gaps : pose_gaps;
+  findings->Ok("stamp gaps between poses and images: ", GapHistogram(gaps));
+  constexpr double kMostMatched = 0.9;
+  const auto most = [](size_t part, size_t whole) { return part >= kMostMatched * static_cast<double>(whole); };
+  if (matched >= kFewest && (most(matched, images.size()) || most(used, poses.size()))) {
+    return findings->Ok(matched, " images have a pose within ", tolerance_s, " s (", Percent(matched, images.size()),
+                        " of the images, ", Percent(used, poses.size()), " of the poses)");
+  }
+  std::sort(gaps.begin(), gaps.end());
+  const double needed_s = gaps[static_cast<size_t>(0.95 * static_cast<double>(gaps.size() - 1))];
+  constexpr double kLargestSensible_s = 0.05;  // a hand-held camera moves visibly in that time
+  const bool sensible = needed_s <= kLargestSensible_s;
+  findings->Add(matched >= kFewest || sensible ? Severity::kWarning : Severity::kError, "only ", matched,
+                " images have a pose within ", tolerance_s, " s",
+                sensible ? Concat("; set ~sync_tolerance to ", 1.1 * needed_s)
+                         : "; poses and images do not have the same clock, or most poses are missing");
+}
+
+void CheckPoses(const BagContents& contents, double tolerance_s, Findings* findings) {
+  const std::vector<PoseSample>& poses = contents.poses.samples;
+  const std::string name =
+      "poses " + (contents.chosen.pose.empty() ? "tf " + contents.pose_from_tf : contents.chosen.pose);
+  if (contents.poses.size() == 0) {
+    return findings->Error(
+        "no poses: neither a PoseStamped, PoseWithCovarianceStamped, Odometry or TransformStamped topic nor a "
+        "transform tree that reaches the images' frame");
+  }
+  AdviseOnPoses(contents, name, findings);
+  CheckRefused(name, contents.poses, kFewest, findings);
+  if (poses.empty()) return;
+  CheckHeaders(name, poses, &PoseSample::world_frame, findings);
+  size_t repeated = 0;
+  double path = 0;
+  for (size_t i = 1; i < poses.size(); ++i) {
+    const double step = (poses[i].received.translation() - poses[i - 1].received.translation()).norm();
+    path += step;
+    repeated += step == 0;
+  }
+  if (poses.size() > 1 && path == 0) {
+    findings->Error(name, ": all at the same position; without a baseline there is no depth");
+  } else if (repeated > 0) {
+    findings->Warn(name, ": ", repeated, " of ", poses.size(), " repeat the position of the pose before");
+  }
+  findings->Ok(name, ": ", poses.size(), ", path length ", path, " (units of the poses), frame \"",
+               poses.front().world_frame, "\"");
+  if (!contents.images.samples.empty()) CheckPoseStamps(contents, tolerance_s, findings);
+}
+
+const PoseSample* NearestPose(const std::vector<PoseSample>& poses, int64_t stamp_ns, double tolerance_s) {
+  const auto gap = [stamp_ns](const PoseSample& pose) { return std::abs(pose.stamp_ns - stamp_ns); };
+  const auto nearest = std::min_element(poses.begin(), poses.end(),
+                                        [&](const PoseSample& a, const PoseSample& b) { return gap(a) < gap(b); });
+  const bool near = nearest != poses.end() && static_cast<double>(gap(*nearest)) * kSecondsPerNs <= tolerance_s;
+  return near ? &*nearest : nullptr;
+}
+
+/// Whether the points lie before the camera, as the mapper checks it.
+void CheckConventions(const BagContents& contents, const BagCheckOptions& options, Findings* findings) {
+  const std::vector<SparseCloud>& clouds = contents.clouds.samples;
+  if (contents.calibrations.samples.empty() || clouds.empty()) return;
+  const PinholeCamera& camera = contents.calibrations.samples.front().calibration.camera;
+  const std::vector<BagImage>& images = contents.images.samples;
+  const bool in_camera = !images.empty() && clouds.front().frame_id == images.front().frame;
+  ConventionCheck check;
+  for (const SparseCloud& cloud : clouds) {
+    const PoseSample* pose = NearestPose(contents.poses.samples, cloud.stamp_ns, options.sparse_tolerance_s);
+    if (pose == nullptr) continue;
+    const auto warning = check.Add(options.semantics, pose->received, cloud, in_camera, camera);
+    if (warning) findings->Warn(*warning);
+  }
+  if (const auto share = check.share_in_front()) {
+    findings->Ok("points are in the ", in_camera ? "camera's frame" : "world",
+                 " (sparse_frame: auto takes them so): ", std::lround(100 * *share), " % lie in front of the camera");
+  }
+}
+
+void CheckClouds(const BagContents& contents, const BagCheckOptions& options, Findings* findings) {
+  const std::vector<SparseCloud>& clouds = contents.clouds.samples;
+  const std::string& topic = contents.chosen.sparse_points;
+  const std::string name = "sparse points " + topic;
+  if (contents.clouds.size() == 0) {
+    return findings->Warn("no sparse points: set the depth range by ~depth_min and ~depth_max");
+  }
+  if (contents.Find(topic)->type != CloudTypes().front()) {
+    findings->Ok(name, " are sensor_msgs/PointCloud: sparse_points_v1:=", topic);
+  }
+  CheckRefused(name, contents.clouds, 1, findings);
+  size_t empty = 0, not_finite = 0, zero = 0;
+  for (const SparseCloud& cloud : clouds) {
+    empty += cloud.points.empty();
+    not_finite += cloud.not_finite;
+    zero += cloud.zero;
+  }
+  if (empty > 0) findings->Warn(name, ": ", empty, " of ", clouds.size(), " have no point that is usable");
+  if (not_finite > 0) findings->Warn(name, ": ", not_finite, " points are not finite; the mapper leaves them out");
+  if (zero > 0) findings->Warn(name, ": ", zero, " points are (0, 0, 0); the mapper leaves them out");
+  if (empty == clouds.size()) findings->Warn(name, ": none is usable; set ~depth_min and ~depth_max");
+  if (clouds.empty() || contents.images.samples.empty()) return;
+  const std::vector<double> gaps = NearestGaps(Stamps(clouds), Stamps(contents.images.samples));
+  if (const size_t near = CountWithin(gaps, options.sparse_tolerance_s); near < gaps.size()) {
+    findings->Warn(name, ": ", gaps.size() - near, " of ", gaps.size(), " are more than ", options.sparse_tolerance_s,
+                   " s from any image (largest gap ", *std::max_element(gaps.begin(), gaps.end()),
+                   " s); the mapper then takes the last ones before: have them carry their image's stamp");
+  }
+  CheckConventions(contents, options, findings);
+}
+
+}  // namespace
+
 size_t BagReport::Count(Severity severity) const {
-  return std::count_if(findings.begin(), findings.end(),
-                       [severity](const Finding& finding) { return finding.severity == severity; });
+  return static_cast<size_t>(std::count_if(
+      findings.begin(), findings.end(), [severity](const Finding& finding) { return finding.severity == severity; }));
 }
 
 BagReport CheckBag(const std::filesystem::path& path, const BagCheckOptions& options) {
-  BagReport report;
-  report.contents = ReadBagContents(path, options.topics);
-  const BagContents& contents = report.contents;
+  const BagContents contents = ReadBagContents(path, options.topics);
   const TopicChoice& chosen = contents.chosen;
   const TopicChoice& wanted = options.topics;
   Findings findings;
-  CheckTopicTypes(contents, findings);
-  CheckNearAndFar(contents, TopicRole::kImage, chosen.image, wanted.image, "--image", findings);
-  CheckNearAndFar(contents, TopicRole::kCameraInfo, chosen.camera_info, wanted.camera_info, "--camera-info", findings);
-  CheckNearAndFar(contents, TopicRole::kPose, chosen.pose, wanted.pose, "--pose", findings);
-  CheckNearAndFar(contents, TopicRole::kSparsePoints, chosen.sparse_points, wanted.sparse_points, "--sparse-points",
-                  findings);
-  CheckImages(contents, findings);
-  CheckCameraInfo(contents, findings);
-  CheckPoses(contents, options, findings);
-  CheckClouds(contents, options, findings);
-  if (!chosen.pose.empty()) CheckHeaders("poses", chosen.pose, contents.poses, findings);
-  report.findings = findings.Take();
-  return report;
+  CheckOtherTopics(contents, ImageTypes(), chosen.image, wanted.image, "--image", &findings);
+  CheckOtherTopics(contents, CameraInfoTypes(), chosen.camera_info, wanted.camera_info, "--camera-info", &findings);
+  CheckOtherTopics(contents, PoseTypes(), chosen.pose, wanted.pose, "--pose", &findings);
+  CheckOtherTopics(contents, CloudTypes(), chosen.sparse_points, wanted.sparse_points, "--sparse-points", &findings);
+  CheckImages(contents, &findings);
+  CheckCameraInfo(contents, &findings);
+  CheckPoses(contents, options.sync_tolerance_s, &findings);
+  CheckClouds(contents, options, &findings);
+  return {contents.topics, chosen, findings.Take()};
 }
 
 }  // namespace acmp

@@ -8,6 +8,7 @@
 
 #include <csetjmp>
 #include <cstdlib>
+#include <memory>
 
 #include "acmp_mapping/common/error.h"
 #include "image_codec_private.h"
@@ -21,7 +22,7 @@ constexpr int kQuality = 98;  // of 100: errors of a grey level, below sensor no
 struct ErrorManager {
   jpeg_error_mgr base;  // first: libjpeg hands back a pointer to it
   std::jmp_buf jump;
-  char message[JMSG_LENGTH_MAX];
+  char message[JMSG_LENGTH_MAX] = "";
 };
 
 [[noreturn]] void OnError(j_common_ptr info) {
@@ -40,116 +41,97 @@ void OnMessage(j_common_ptr info, int level) {
   }
 }
 
-/// Decompressor that is always released. The functions that call setjmp keep no other object with a destructor.
-struct Decompressor {
-  Decompressor() {
+/// Compressor or decompressor that is always released.
+template <class Info>
+struct Codec {
+  Codec() {
     info.err = jpeg_std_error(&errors.base);
     errors.base.error_exit = OnError;
     errors.base.emit_message = OnMessage;
-    errors.message[0] = '\0';
   }
-  ~Decompressor() { jpeg_destroy_decompress(&info); }
-  Decompressor(const Decompressor&) = delete;
-  Decompressor& operator=(const Decompressor&) = delete;
+  ~Codec() { jpeg_destroy(reinterpret_cast<j_common_ptr>(&info)); }
+  Codec(const Codec&) = delete;
+  Codec& operator=(const Codec&) = delete;
 
-  jpeg_decompress_struct info = {};
+  /// False where libjpeg reports an error. `work` must not make objects with destructors: it is left by longjmp.
+  template <class Work>
+  bool Guarded(const Work& work) {
+    if (setjmp(errors.jump)) return false;
+    work();
+    return true;
+  }
+
+  Info info = {};
   ErrorManager errors;
 };
-
-/// Compressor into memory that is always released.
-struct Compressor {
-  Compressor() {
-    info.err = jpeg_std_error(&errors.base);
-    errors.base.error_exit = OnError;
-    errors.message[0] = '\0';
-  }
-  ~Compressor() {
-    jpeg_destroy_compress(&info);
-    std::free(bytes);  // NOLINT(cppcoreguidelines-no-malloc): libjpeg allocates it
-  }
-  Compressor(const Compressor&) = delete;
-  Compressor& operator=(const Compressor&) = delete;
-
-  jpeg_compress_struct info = {};
-  ErrorManager errors;
-  unsigned char* bytes = nullptr;
-  unsigned long size = 0;  // NOLINT(google-runtime-int): libjpeg's type
-};
-
-bool Compress(Compressor* encoder, const ColorImage& image) {
-  if (setjmp(encoder->errors.jump)) return false;
-  jpeg_compress_struct& info = encoder->info;
-  jpeg_create_compress(&info);
-  jpeg_mem_dest(&info, &encoder->bytes, &encoder->size);
-  info.image_width = static_cast<JDIMENSION>(image.width());
-  info.image_height = static_cast<JDIMENSION>(image.height());
-  info.input_components = 3;
-  info.in_color_space = JCS_RGB;
-  jpeg_set_defaults(&info);
-  jpeg_set_quality(&info, kQuality, TRUE);
-  info.comp_info[0].h_samp_factor = 1;  // colour at full resolution
-  info.comp_info[0].v_samp_factor = 1;
-  jpeg_start_compress(&info, TRUE);
-  while (info.next_scanline < info.image_height) {
-    // libjpeg takes no pointers to const but only reads.
-    auto* row = reinterpret_cast<JSAMPROW>(const_cast<Rgb*>(&image(0, static_cast<int>(info.next_scanline))));
-    jpeg_write_scanlines(&info, &row, 1);
-  }
-  jpeg_finish_compress(&info);
-  return true;
-}
-
-bool ReadHeader(Decompressor* decoder, const std::string& content) {
-  if (setjmp(decoder->errors.jump)) return false;
-  jpeg_create_decompress(&decoder->info);
-  jpeg_mem_src(&decoder->info, reinterpret_cast<const unsigned char*>(content.data()), content.size());
-  jpeg_read_header(&decoder->info, TRUE);
-  decoder->info.out_color_space = JCS_RGB;
-  return true;
-}
-
-bool ReadRows(Decompressor* decoder, ImageView<Rgb> image) {
-  if (setjmp(decoder->errors.jump)) return false;
-  jpeg_start_decompress(&decoder->info);
-  while (decoder->info.output_scanline < decoder->info.output_height) {
-    JSAMPROW row = reinterpret_cast<JSAMPROW>(&image(0, static_cast<int>(decoder->info.output_scanline)));
-    jpeg_read_scanlines(&decoder->info, &row, 1);
-  }
-  jpeg_finish_decompress(&decoder->info);
-  return true;
-}
+using Decompressor = Codec<jpeg_decompress_struct>;
 
 [[noreturn]] void Fail(const std::filesystem::path& path, const Decompressor& decoder) {
   throw InvalidInputError(Concat(path.string(), ": damaged JPEG file: ", decoder.errors.message));
 }
 
-void ReadCheckedHeader(const std::filesystem::path& path, const std::string& content, Decompressor* decoder) {
-  if (!ReadHeader(decoder, content)) Fail(path, *decoder);
-  CheckImageSize(path, decoder->info.image_width, decoder->info.image_height);
+ImageSize ReadHeader(const std::filesystem::path& path, const std::string& content, Decompressor* decoder) {
+  jpeg_decompress_struct& info = decoder->info;
+  const bool whole = decoder->Guarded([&] {
+    jpeg_create_decompress(&info);
+    jpeg_mem_src(&info, reinterpret_cast<const unsigned char*>(content.data()), content.size());
+    jpeg_read_header(&info, TRUE);
+    info.out_color_space = JCS_RGB;
+  });
+  if (!whole) Fail(path, *decoder);
+  CheckImageSize(path, info.image_width, info.image_height);
+  return {static_cast<int>(info.image_width), static_cast<int>(info.image_height)};
 }
 
 }  // namespace
 
 ImageSize DecodeJpegSize(const std::filesystem::path& path, const std::string& content) {
   Decompressor decoder;
-  ReadCheckedHeader(path, content, &decoder);
-  return {static_cast<int>(decoder.info.image_width), static_cast<int>(decoder.info.image_height)};
+  return ReadHeader(path, content, &decoder);
 }
 
 ColorImage DecodeJpeg(const std::filesystem::path& path, const std::string& content) {
   Decompressor decoder;
-  ReadCheckedHeader(path, content, &decoder);
-  ColorImage image(static_cast<int>(decoder.info.image_width), static_cast<int>(decoder.info.image_height));
-  if (!ReadRows(&decoder, image.View())) Fail(path, decoder);
+  const ImageSize size = ReadHeader(path, content, &decoder);
+  ColorImage image(size.width, size.height);
+  const bool whole = decoder.Guarded([&, &info = decoder.info] {
+    jpeg_start_decompress(&info);
+    while (info.output_scanline < info.output_height) {
+      auto* row = reinterpret_cast<JSAMPROW>(&image(0, static_cast<int>(info.output_scanline)));
+      jpeg_read_scanlines(&info, &row, 1);
+    }
+    jpeg_finish_decompress(&info);
+  });
+  if (!whole) Fail(path, decoder);
   return image;
 }
 
 std::string EncodeJpeg(const std::filesystem::path& path, const ColorImage& image) {
-  Compressor encoder;
-  if (!Compress(&encoder, image)) {
-    throw ProcessingError(Concat("cannot write ", path.string(), " as JPEG: ", encoder.errors.message));
-  }
-  return {reinterpret_cast<const char*>(encoder.bytes), encoder.size};
+  unsigned char* bytes = nullptr;
+  unsigned long size = 0;  // NOLINT(google-runtime-int): libjpeg's type
+  Codec<jpeg_compress_struct> encoder;
+  const bool whole = encoder.Guarded([&, &info = encoder.info] {
+    jpeg_create_compress(&info);
+    jpeg_mem_dest(&info, &bytes, &size);
+    info.image_width = static_cast<JDIMENSION>(image.width());
+    info.image_height = static_cast<JDIMENSION>(image.height());
+    info.input_components = 3;
+    info.in_color_space = JCS_RGB;
+    jpeg_set_defaults(&info);
+    jpeg_set_quality(&info, kQuality, TRUE);
+    info.comp_info[0].h_samp_factor = 1;  // colour at full resolution
+    info.comp_info[0].v_samp_factor = 1;
+    jpeg_start_compress(&info, TRUE);
+    while (info.next_scanline < info.image_height) {
+      // libjpeg takes no pointers to const but only reads.
+      auto* row = reinterpret_cast<JSAMPROW>(const_cast<Rgb*>(&image(0, static_cast<int>(info.next_scanline))));
+      jpeg_write_scanlines(&info, &row, 1);
+    }
+    jpeg_finish_compress(&info);
+  });
+  const std::unique_ptr<unsigned char, void (*)(void*)> owned(bytes, std::free);  // libjpeg allocates it
+  if (!whole) throw ProcessingError(Concat("cannot write ", path.string(), " as JPEG: ", encoder.errors.message));
+  return {reinterpret_cast<const char*>(bytes), size};
 }
 
 }  // namespace acmp

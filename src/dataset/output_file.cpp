@@ -10,23 +10,25 @@
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
-namespace {
 
-std::filesystem::path TemporaryPath(const std::filesystem::path& path) {
-  return std::filesystem::path(path) += ".partial";
-}
-
-}  // namespace
-
-OutputFile::OutputFile(const std::filesystem::path& path) : path_(path), file_(std::fopen(path.c_str(), "wbe")) {
+AtomicFile::AtomicFile(const std::filesystem::path& path, Durability durability)
+    : path_(path),
+      temporary_path_(std::filesystem::path(path) += ".partial"),
+      durability_(durability),
+      file_(std::fopen(temporary_path_.c_str(), "wbe")) {
   if (!file_) Fail("cannot create");
 }
 
-void OutputFile::Write(const void* data, size_t bytes) {
+AtomicFile::~AtomicFile() {
+  std::error_code ignored;  // a leftover temporary file is overwritten by the next attempt
+  if (!committed_) std::filesystem::remove(temporary_path_, ignored);
+}
+
+void AtomicFile::Write(const void* data, size_t bytes) {
   if (bytes > 0 && std::fwrite(data, 1, bytes, file_.get()) != bytes) Fail("cannot write");
 }
 
-void OutputFile::WriteAt(size_t offset, const void* data, size_t bytes) {
+void AtomicFile::WriteAt(size_t offset, const void* data, size_t bytes) {
   const auto* next = static_cast<const char*>(data);
   while (bytes > 0) {
     const ssize_t written = pwrite(fileno(file_.get()), next, bytes, static_cast<off_t>(offset));
@@ -38,36 +40,23 @@ void OutputFile::WriteAt(size_t offset, const void* data, size_t bytes) {
   }
 }
 
-void OutputFile::StartWriteback(size_t offset, size_t bytes) {
+void AtomicFile::StartWriteback(size_t offset, size_t bytes) {
   sync_file_range(fileno(file_.get()), static_cast<off64_t>(offset), static_cast<off64_t>(bytes),
                   SYNC_FILE_RANGE_WRITE);
 }
 
-void OutputFile::Close(Durability durability) {
-  if (std::fflush(file_.get()) != 0) Fail("cannot write");
-  // Devices and pipes refuse fsync with EINVAL: there is nothing to wait for.
-  if (durability == Durability::kPowerCut && fsync(fileno(file_.get())) != 0 && errno != EINVAL) Fail("cannot write");
-  if (std::fclose(file_.release()) != 0) Fail("cannot write");
-}
-
-void OutputFile::Fail(const char* what) const {
-  throw ProcessingError(Concat(what, " ", path_.string(), ": ", std::strerror(errno)));
-}
-
-AtomicFile::AtomicFile(const std::filesystem::path& path, Durability durability)
-    : path_(path), temporary_path_(TemporaryPath(path)), durability_(durability), file_(temporary_path_) {}
-
-AtomicFile::~AtomicFile() {
-  std::error_code ignored;  // a leftover temporary file is overwritten by the next attempt
-  if (!committed_) std::filesystem::remove(temporary_path_, ignored);
-}
-
 void AtomicFile::Commit() {
-  file_.Close(durability_);
+  if (std::fflush(file_.get()) != 0) Fail("cannot write");
+  if (durability_ == Durability::kPowerCut && fsync(fileno(file_.get())) != 0) Fail("cannot write");
+  if (std::fclose(file_.release()) != 0) Fail("cannot write");
   std::error_code error;
   std::filesystem::rename(temporary_path_, path_, error);
   if (error) throw ProcessingError(Concat("cannot write ", path_.string(), ": ", error.message()));
   committed_ = true;
+}
+
+void AtomicFile::Fail(const char* what) const {
+  throw ProcessingError(Concat(what, " ", temporary_path_.string(), ": ", std::strerror(errno)));
 }
 
 void WriteFileAtomically(const std::filesystem::path& path, const std::string& content, Durability durability) {

@@ -4,7 +4,6 @@
 #include <array>
 #include <cstring>
 #include <map>
-#include <optional>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
@@ -14,84 +13,88 @@
 namespace acmp {
 namespace {
 
-constexpr size_t kMaxHeaderLine = 4096;
+constexpr size_t kMaxLine = 4096;
 constexpr size_t kRecordBytes = 7 * sizeof(float) + 3;
 
-enum class Type { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat32, kFloat64 };
+/// A number type of the format: its size, and how one is read from a binary body.
+struct Type {
+  size_t bytes;
+  double (*read)(BinaryReader*);
+};
 
-const std::map<std::string, Type>& TypeNames() {
-  static const std::map<std::string, Type> names = {
-      {"char", Type::kInt8},     {"int8", Type::kInt8},       {"uchar", Type::kUint8},    {"uint8", Type::kUint8},
-      {"short", Type::kInt16},   {"int16", Type::kInt16},     {"ushort", Type::kUint16},  {"uint16", Type::kUint16},
-      {"int", Type::kInt32},     {"int32", Type::kInt32},     {"uint", Type::kUint32},    {"uint32", Type::kUint32},
-      {"float", Type::kFloat32}, {"float32", Type::kFloat32}, {"double", Type::kFloat64}, {"float64", Type::kFloat64}};
-  return names;
+template <class T>
+constexpr Type TypeOf() {
+  return {sizeof(T), [](BinaryReader* file) { return static_cast<double>(file->Read<T>("PLY body")); }};
 }
 
-size_t SizeOf(Type type) {
-  constexpr std::array<size_t, 8> kSizes = {1, 1, 2, 2, 4, 4, 4, 8};
-  return kSizes[static_cast<size_t>(type)];
+Type ParseType(const BinaryReader& file, const std::string& name) {
+  static const std::map<std::string, Type> types = {
+      {"char", TypeOf<int8_t>()},     {"int8", TypeOf<int8_t>()},     {"uchar", TypeOf<uint8_t>()},
+      {"uint8", TypeOf<uint8_t>()},   {"short", TypeOf<int16_t>()},   {"int16", TypeOf<int16_t>()},
+      {"ushort", TypeOf<uint16_t>()}, {"uint16", TypeOf<uint16_t>()}, {"int", TypeOf<int32_t>()},
+      {"int32", TypeOf<int32_t>()},   {"uint", TypeOf<uint32_t>()},   {"uint32", TypeOf<uint32_t>()},
+      {"float", TypeOf<float>()},     {"float32", TypeOf<float>()},   {"double", TypeOf<double>()},
+      {"float64", TypeOf<double>()}};
+  const auto found = types.find(name);
+  if (found == types.end()) file.Fail(Concat("PLY property type \"", name, "\" is unknown"));
+  return found->second;
 }
 
 struct Property {
   std::string name;
-  Type type = Type::kFloat32;
-  std::optional<Type> list_count_type;  ///< set for a list property
+  Type type;
+  bool is_list = false;
 };
 
 struct Element {
   std::string name;
   uint64_t count = 0;
   std::vector<Property> properties;
+
+  bool HasList() const {
+    return std::any_of(properties.begin(), properties.end(), [](const Property& p) { return p.is_list; });
+  }
+  uint64_t Bytes() const {
+    uint64_t bytes = 0;
+    for (const Property& property : properties) bytes += property.type.bytes;
+    return bytes;
+  }
 };
 
 struct Header {
-  bool ascii = false;
+  std::string format;
   std::vector<Element> elements;
 };
-
-Type ParseType(const BinaryReader& file, const std::string& name) {
-  const auto found = TypeNames().find(name);
-  if (found == TypeNames().end()) file.Fail(Concat("PLY property type \"", name, "\" is unknown"));
-  return found->second;
-}
 
 Property ParseProperty(const BinaryReader& file, std::istringstream* words) {
   std::string type;
   Property property;
   *words >> type;
-  if (type == "list") {
+  property.is_list = type == "list";
+  if (property.is_list) {
     std::string count_type;
     *words >> count_type >> type;
-    property.list_count_type = ParseType(file, count_type);
   }
   property.type = ParseType(file, type);
   if (!(*words >> property.name)) file.Fail("PLY property without a name");
   return property;
 }
 
-Element ParseElement(const BinaryReader& file, std::istringstream* words) {
-  Element element;
-  long long count = -1;
-  if (!(*words >> element.name >> count) || count < 0) file.Fail("PLY element without a name or a count >= 0");
-  element.count = static_cast<uint64_t>(count);
-  return element;
-}
-
-void ParseHeaderLine(const BinaryReader& file, const std::string& line, Header* header, bool* has_format) {
+void ParseHeaderLine(const BinaryReader& file, const std::string& line, Header* header) {
   std::istringstream words(line);
   std::string keyword;
   words >> keyword;
   if (keyword == "format") {
-    std::string format;
-    words >> format;
-    if (format != "ascii" && format != "binary_little_endian") {
-      file.Fail(Concat("PLY format \"", format, "\": must be ascii or binary_little_endian"));
+    words >> header->format;
+    if (header->format != "ascii" && header->format != "binary_little_endian") {
+      file.Fail(Concat("PLY format \"", header->format, "\": must be ascii or binary_little_endian"));
     }
-    header->ascii = format == "ascii";
-    *has_format = true;
   } else if (keyword == "element") {
-    header->elements.push_back(ParseElement(file, &words));
+    Element element;
+    int64_t count = -1;
+    if (!(words >> element.name >> count) || count < 0) file.Fail("PLY element without a name or a count >= 0");
+    element.count = static_cast<uint64_t>(count);
+    header->elements.push_back(std::move(element));
   } else if (keyword == "property") {
     if (header->elements.empty()) file.Fail("PLY property before any element");
     header->elements.back().properties.push_back(ParseProperty(file, &words));
@@ -101,30 +104,13 @@ void ParseHeaderLine(const BinaryReader& file, const std::string& line, Header* 
 }
 
 Header ReadHeader(BinaryReader* file) {
-  if (file->ReadLine(kMaxHeaderLine, "PLY magic") != "ply")
-    file->Fail("not a PLY file: the first line must be \"ply\"");
+  if (file->ReadLine(kMaxLine, "PLY magic") != "ply") file->Fail("not a PLY file: the first line must be \"ply\"");
   Header header;
-  bool has_format = false;
-  for (;;) {
-    const std::string line = file->ReadLine(kMaxHeaderLine, "PLY header");
-    if (line == "end_header") break;
-    ParseHeaderLine(*file, line, &header, &has_format);
+  for (std::string line; line != "end_header"; line = file->ReadLine(kMaxLine, "PLY header")) {
+    ParseHeaderLine(*file, line, &header);
   }
-  if (!has_format) file->Fail("PLY header without a format line");
+  if (header.format.empty()) file->Fail("PLY header without a format line");
   return header;
-}
-
-template <class T>
-double ReadNumber(BinaryReader* file) {
-  return static_cast<double>(file->Read<T>("PLY body"));
-}
-
-double ReadBinaryValue(BinaryReader* file, Type type) {
-  using Function = double (*)(BinaryReader*);
-  constexpr std::array<Function, 8> kReaders = {ReadNumber<int8_t>,   ReadNumber<uint8_t>, ReadNumber<int16_t>,
-                                                ReadNumber<uint16_t>, ReadNumber<int32_t>, ReadNumber<uint32_t>,
-                                                ReadNumber<float>,    ReadNumber<double>};
-  return kReaders[static_cast<size_t>(type)](file);
 }
 
 double ReadAsciiValue(BinaryReader* file) {
@@ -144,80 +130,54 @@ double ReadAsciiValue(BinaryReader* file) {
   return value;
 }
 
-double ReadValue(BinaryReader* file, bool ascii, Type type) {
-  return ascii ? ReadAsciiValue(file) : ReadBinaryValue(file, type);
-}
-
-void SkipList(BinaryReader* file, bool ascii, const Property& property) {
-  const double count = ReadValue(file, ascii, *property.list_count_type);
-  if (!(count >= 0 && count <= 4294967295.0)) file->Fail(Concat("PLY list of ", count, " entries"));
-  if (!ascii) {
-    file->ExpectRemaining(static_cast<uint64_t>(count), SizeOf(property.type), "PLY list");
-    file->Skip(static_cast<uint64_t>(count) * SizeOf(property.type), "PLY list");
+/// Leaves out an element before the vertices.
+void Skip(BinaryReader* file, bool ascii, const Element& element) {
+  if (ascii) {
+    for (uint64_t i = 0; i < element.count; ++i) file->ReadLine(kMaxLine, "PLY body");
     return;
   }
-  for (uint64_t i = 0; i < static_cast<uint64_t>(count); ++i) ReadAsciiValue(file);
+  if (element.HasList()) file->Fail(Concat("PLY element \"", element.name, "\" has lists: must follow the vertices"));
+  file->ExpectRemaining(element.count, std::max<uint64_t>(1, element.Bytes()), "PLY body");
+  file->Skip(element.count * element.Bytes(), "PLY body");
 }
 
-enum Field { kX, kY, kZ, kNx, kNy, kNz, kRed, kGreen, kBlue, kConfidence, kFields };
-
-int FieldOf(const std::string& name) {
-  static const std::array<const char*, kFields> names = {"x",  "y",   "z",     "nx",   "ny",
-                                                         "nz", "red", "green", "blue", "confidence"};
-  for (int field = 0; field < kFields; ++field) {
-    if (name == names[field]) return field;
-  }
-  return -1;
-}
+constexpr std::array<const char*, 10> kFields = {"x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "confidence"};
 
 unsigned char ToByte(double value) {
   return static_cast<unsigned char>(value < 0 ? 0 : value > 255 ? 255 : value + 0.5);
 }
 
-SurfacePoint ToPoint(const std::array<double, kFields>& v) {
-  SurfacePoint point;
-  point.position = {static_cast<float>(v[kX]), static_cast<float>(v[kY]), static_cast<float>(v[kZ])};
-  point.normal = {static_cast<float>(v[kNx]), static_cast<float>(v[kNy]), static_cast<float>(v[kNz])};
-  point.color = {ToByte(v[kRed]), ToByte(v[kGreen]), ToByte(v[kBlue])};
-  point.confidence = static_cast<float>(v[kConfidence]);
-  return point;
+SurfacePoint ToPoint(const std::array<double, kFields.size()>& v) {
+  const auto vector = [&v](size_t i) {
+    return Vec3f{static_cast<float>(v[i]), static_cast<float>(v[i + 1]), static_cast<float>(v[i + 2])};
+  };
+  return {vector(0), vector(3), {ToByte(v[6]), ToByte(v[7]), ToByte(v[8])}, static_cast<float>(v[9])};
 }
 
-// Smallest number of bytes one record can take: catches corrupt counts before memory is asked for.
-uint64_t MinRecordBytes(const Element& element, bool ascii) {
-  uint64_t bytes = 0;
+PointCloud ReadVertices(BinaryReader* file, bool ascii, const Element& element) {
+  if (element.HasList()) file->Fail("PLY vertex has a list: must be single numbers");
+  std::vector<size_t> fields;  // of each property: its place in kFields, or the end
   for (const Property& property : element.properties) {
-    bytes += ascii ? 2 : SizeOf(property.list_count_type.value_or(property.type));
+    fields.push_back(static_cast<size_t>(std::find(kFields.begin(), kFields.end(), property.name) - kFields.begin()));
   }
-  return ascii && bytes > 0 ? bytes - 1 : bytes;  // the file's last number may have no white space after it
-}
-
-void ReadElement(BinaryReader* file, bool ascii, const Element& element, PointCloud* points) {
-  if (element.count == 0 || element.properties.empty()) return;
-  file->ExpectRemaining(element.count, MinRecordBytes(element, ascii), "PLY body");
-  std::vector<int> fields;
-  for (const Property& property : element.properties) fields.push_back(FieldOf(property.name));
-  if (points) points->reserve(element.count);
+  for (size_t field = 0; field < 3; ++field) {
+    if (std::count(fields.begin(), fields.end(), field) > 0) continue;
+    file->Fail(Concat("PLY vertex has no property \"", kFields[field], "\""));
+  }
+  // Catches corrupt counts before memory is asked for. A number in text takes two bytes, the last one in the file one.
+  const uint64_t bytes = ascii ? 2 * fields.size() - 1 : element.Bytes();
+  file->ExpectRemaining(element.count, bytes, "PLY body");
+  PointCloud points;
+  points.reserve(element.count);
   for (uint64_t i = 0; i < element.count; ++i) {
-    std::array<double, kFields> values = {};
+    std::array<double, kFields.size()> values = {};
     for (size_t p = 0; p < fields.size(); ++p) {
-      if (element.properties[p].list_count_type) {
-        SkipList(file, ascii, element.properties[p]);
-        continue;
-      }
-      const double value = ReadValue(file, ascii, element.properties[p].type);
-      if (fields[p] >= 0) values[fields[p]] = value;
+      const double value = ascii ? ReadAsciiValue(file) : element.properties[p].type.read(file);
+      if (fields[p] < values.size()) values[fields[p]] = value;
     }
-    if (points) points->push_back(ToPoint(values));
+    points.push_back(ToPoint(values));
   }
-}
-
-void CheckHasPosition(const BinaryReader& file, const Element& vertex) {
-  for (const char* name : {"x", "y", "z"}) {
-    bool found = false;
-    for (const Property& property : vertex.properties) found |= property.name == name && !property.list_count_type;
-    if (!found) file.Fail(Concat("PLY vertex has no property \"", name, "\""));
-  }
+  return points;
 }
 
 template <class T>
@@ -292,16 +252,12 @@ void PlyFile::Commit() {
 PointCloud ReadPly(const std::filesystem::path& path) {
   BinaryReader file(path);
   const Header header = ReadHeader(&file);
-  PointCloud points;
-  bool has_vertex = false;
+  const bool ascii = header.format == "ascii";
   for (const Element& element : header.elements) {
-    const bool is_vertex = element.name == "vertex";
-    if (is_vertex) CheckHasPosition(file, element);
-    has_vertex |= is_vertex;
-    ReadElement(&file, header.ascii, element, is_vertex ? &points : nullptr);
+    if (element.name == "vertex") return ReadVertices(&file, ascii, element);
+    Skip(&file, ascii, element);
   }
-  if (!has_vertex) file.Fail("PLY file without a vertex element");
-  return points;
+  file.Fail("PLY file without a vertex element");
 }
 
 }  // namespace acmp

@@ -19,7 +19,7 @@ struct PngContext {
   const std::string* input = nullptr;
   size_t position = 0;
   std::string output;
-  char message[256] = "";
+  char message[256] = "out of memory";
 };
 
 [[noreturn]] void OnError(png_structp png, png_const_charp message) {
@@ -37,82 +37,36 @@ void OnRead(png_structp png, png_bytep target, size_t bytes) {
   context->position += bytes;
 }
 
-/// Reader that is always released. The functions that call setjmp keep no other object with a destructor.
-struct Reader {
-  explicit Reader(const std::string& content) {
-    context.input = &content;
-    png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &context, OnError, OnWarning);
-    if (png) info = png_create_info_struct(png);
-    if (!info) throw ProcessingError("libpng: out of memory");
-    png_set_read_fn(png, &context, OnRead);
-  }
-  ~Reader() { png_destroy_read_struct(&png, &info, nullptr); }
-  Reader(const Reader&) = delete;
-  Reader& operator=(const Reader&) = delete;
+void OnWrite(png_structp png, png_bytep data, size_t bytes) {
+  static_cast<PngContext*>(png_get_io_ptr(png))->output.append(reinterpret_cast<const char*>(data), bytes);
+}
 
-  PngContext context;
-  png_structp png = nullptr;
-  png_infop info = nullptr;
+void OnFlush(png_structp /*png*/) {}
+
+/// False where libpng reports an error. `work` must not make objects with destructors: it is left by longjmp.
+template <class Work>
+bool Guarded(png_structp png, const Work& work) {
+  if (setjmp(png_jmpbuf(png))) return false;
+  work();
+  return true;
+}
+
+/// The first chunk of every PNG file.
+struct Header {
+  ImageSize size;
+  int bit_depth, color_type;
 };
 
-struct Writer {
-  Writer() {
-    png = png_create_write_struct(PNG_LIBPNG_VER_STRING, &context, OnError, OnWarning);
-    if (png) info = png_create_info_struct(png);
-    if (!info) throw ProcessingError("libpng: out of memory");
+Header ReadHeader(const std::filesystem::path& path, const std::string& content) {
+  constexpr char kStart[] = "\x89PNG\r\n\x1a\n\0\0\0\rIHDR";  // signature, length and name of the chunk
+  constexpr size_t kAt = sizeof(kStart) - 1, kBytes = 10;
+  if (content.size() < kAt + kBytes || content.compare(0, kAt, kStart, kAt) != 0) {
+    throw InvalidInputError(Concat(path.string(), ": damaged PNG file: no header"));
   }
-  ~Writer() { png_destroy_write_struct(&png, &info); }
-  Writer(const Writer&) = delete;
-  Writer& operator=(const Writer&) = delete;
-
-  PngContext context;
-  png_structp png = nullptr;
-  png_infop info = nullptr;
-};
-
-bool ReadHeader(Reader* reader) {
-  if (setjmp(png_jmpbuf(reader->png))) return false;
-  png_read_info(reader->png, reader->info);
-  return true;
-}
-
-// Everything becomes 8-bit RGB: palettes and low bit depths are expanded, 16 bits scaled, alpha dropped.
-bool SetColorTransforms(Reader* reader) {
-  if (setjmp(png_jmpbuf(reader->png))) return false;
-  png_set_expand(reader->png);
-  png_set_scale_16(reader->png);
-  png_set_strip_alpha(reader->png);
-  png_set_gray_to_rgb(reader->png);
-  png_set_interlace_handling(reader->png);
-  png_read_update_info(reader->png, reader->info);
-  return true;
-}
-
-bool SetGray16Transforms(Reader* reader) {
-  if (setjmp(png_jmpbuf(reader->png))) return false;
-  png_set_swap(reader->png);  // PNG is big endian
-  png_set_interlace_handling(reader->png);
-  png_read_update_info(reader->png, reader->info);
-  return true;
-}
-
-bool ReadRows(Reader* reader, png_bytepp rows) {
-  if (setjmp(png_jmpbuf(reader->png))) return false;
-  png_read_image(reader->png, rows);
-  png_read_end(reader->png, nullptr);
-  return true;
-}
-
-[[noreturn]] void Fail(const std::filesystem::path& path, const Reader& reader) {
-  throw InvalidInputError(Concat(path.string(), ": damaged PNG file: ", reader.context.message));
-}
-
-ImageSize ReadCheckedHeader(const std::filesystem::path& path, Reader* reader) {
-  if (!ReadHeader(reader)) Fail(path, *reader);
-  const uint64_t width = png_get_image_width(reader->png, reader->info);
-  const uint64_t height = png_get_image_height(reader->png, reader->info);
+  const auto* bytes = reinterpret_cast<png_const_bytep>(content.data()) + kAt;
+  const uint64_t width = png_get_uint_32(bytes), height = png_get_uint_32(bytes + 4);
   CheckImageSize(path, width, height);
-  return {static_cast<int>(width), static_cast<int>(height)};
+  return {{static_cast<int>(width), static_cast<int>(height)}, bytes[8], bytes[9]};
 }
 
 template <class T>
@@ -125,74 +79,78 @@ std::vector<png_bytep> RowPointers(ImageView<T> image) {
   return rows;
 }
 
+/// @param set_transforms tells libpng how to make pixels of type T
 template <class T>
-Image<T> ReadPixels(const std::filesystem::path& path, const ImageSize& size, Reader* reader) {
-  if (png_get_rowbytes(reader->png, reader->info) != sizeof(T) * size.width) {
-    throw InvalidInputError(Concat(path.string(), ": unsupported kind of PNG pixels"));
-  }
+Image<T> Decode(const std::filesystem::path& path, const std::string& content, const ImageSize& size,
+                void (*set_transforms)(png_structp)) {
   Image<T> image(size.width, size.height);
   std::vector<png_bytep> rows = RowPointers(image.View());
-  if (!ReadRows(reader, rows.data())) Fail(path, *reader);
+  PngContext context;
+  context.input = &content;
+  png_structp png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &context, OnError, OnWarning);
+  png_infop info = png ? png_create_info_struct(png) : nullptr;
+  const bool whole = info && Guarded(png, [&] {
+                       png_set_read_fn(png, &context, OnRead);
+                       png_read_info(png, info);
+                       set_transforms(png);
+                       png_set_interlace_handling(png);
+                       png_read_update_info(png, info);
+                       if (png_get_rowbytes(png, info) != sizeof(T) * size.width) png_error(png, "unknown pixels");
+                       png_read_image(png, rows.data());
+                       png_read_end(png, nullptr);
+                     });
+  png_destroy_read_struct(&png, &info, nullptr);
+  if (!whole) throw InvalidInputError(Concat(path.string(), ": damaged PNG file: ", context.message));
   return image;
-}
-
-void OnWrite(png_structp png, png_bytep data, size_t bytes) {
-  static_cast<PngContext*>(png_get_io_ptr(png))->output.append(reinterpret_cast<const char*>(data), bytes);
-}
-
-void OnFlush(png_structp /*png*/) {}
-
-bool WriteRows(Writer* writer, png_bytepp rows, const ImageSize& size, int color_type, int bit_depth) {
-  if (setjmp(png_jmpbuf(writer->png))) return false;
-  png_set_write_fn(writer->png, &writer->context, OnWrite, OnFlush);
-  png_set_compression_level(writer->png, kCompressionLevel);
-  png_set_filter(writer->png, PNG_FILTER_TYPE_BASE, PNG_FILTER_UP);
-  png_set_IHDR(writer->png, writer->info, size.width, size.height, bit_depth, color_type, PNG_INTERLACE_NONE,
-               PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
-  png_write_info(writer->png, writer->info);
-  if (bit_depth == 16) png_set_swap(writer->png);
-  png_write_image(writer->png, rows);
-  png_write_end(writer->png, nullptr);
-  return true;
 }
 
 template <class T>
 void WritePixels(const std::filesystem::path& path, const Image<T>& image, int color_type, int bit_depth) {
   if (image.empty()) throw InvalidInputError(Concat(path.string(), ": an empty image cannot be written as PNG"));
-  Writer writer;
   std::vector<png_bytep> rows = RowPointers(image.View());
-  if (!WriteRows(&writer, rows.data(), {image.width(), image.height()}, color_type, bit_depth)) {
-    throw ProcessingError(Concat("cannot write ", path.string(), ": ", writer.context.message));
-  }
-  WriteFileAtomically(path, writer.context.output);
+  PngContext context;
+  png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, &context, OnError, OnWarning);
+  png_infop info = png ? png_create_info_struct(png) : nullptr;
+  const bool whole = info && Guarded(png, [&] {
+                       png_set_write_fn(png, &context, OnWrite, OnFlush);
+                       png_set_compression_level(png, kCompressionLevel);
+                       png_set_filter(png, PNG_FILTER_TYPE_BASE, PNG_FILTER_UP);
+                       png_set_IHDR(png, info, image.width(), image.height(), bit_depth, color_type, PNG_INTERLACE_NONE,
+                                    PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+                       png_write_info(png, info);
+                       if (bit_depth == 16) png_set_swap(png);
+                       png_write_image(png, rows.data());
+                       png_write_end(png, nullptr);
+                     });
+  png_destroy_write_struct(&png, &info);
+  if (!whole) throw ProcessingError(Concat("cannot write ", path.string(), ": ", context.message));
+  WriteFileAtomically(path, context.output);
 }
 
 }  // namespace
 
 ImageSize DecodePngSize(const std::filesystem::path& path, const std::string& content) {
-  Reader reader(content);
-  return ReadCheckedHeader(path, &reader);
+  return ReadHeader(path, content).size;
 }
 
 ColorImage DecodePngColor(const std::filesystem::path& path, const std::string& content) {
-  Reader reader(content);
-  const ImageSize size = ReadCheckedHeader(path, &reader);
-  if (!SetColorTransforms(&reader)) Fail(path, reader);
-  return ReadPixels<Rgb>(path, size, &reader);
+  // Everything becomes 8-bit RGB: palettes and low bit depths are expanded, 16 bits scaled, alpha dropped.
+  return Decode<Rgb>(path, content, ReadHeader(path, content).size, [](png_structp png) {
+    png_set_expand(png);
+    png_set_scale_16(png);
+    png_set_strip_alpha(png);
+    png_set_gray_to_rgb(png);
+  });
 }
 
 Image<uint16_t> ReadPng16(const std::filesystem::path& path) {
   const std::string content = ReadWholeFile(path);
-  Reader reader(content);
-  const ImageSize size = ReadCheckedHeader(path, &reader);
-  const int color_type = png_get_color_type(reader.png, reader.info);
-  const int bit_depth = png_get_bit_depth(reader.png, reader.info);
-  if (color_type != PNG_COLOR_TYPE_GRAY || bit_depth != 16) {
-    throw InvalidInputError(Concat(path.string(), ": PNG with bit depth ", bit_depth, " and colour type ", color_type,
-                                   ": must be 16-bit grey (depth 16, type 0)"));
+  const Header header = ReadHeader(path, content);
+  if (header.color_type != PNG_COLOR_TYPE_GRAY || header.bit_depth != 16) {
+    throw InvalidInputError(Concat(path.string(), ": PNG with bit depth ", header.bit_depth, " and colour type ",
+                                   header.color_type, ": must be 16-bit grey (depth 16, type 0)"));
   }
-  if (!SetGray16Transforms(&reader)) Fail(path, reader);
-  return ReadPixels<uint16_t>(path, size, &reader);
+  return Decode<uint16_t>(path, content, header.size, [](png_structp png) { png_set_swap(png); });  // big endian
 }
 
 void WritePng(const std::filesystem::path& path, const ColorImage& image) {

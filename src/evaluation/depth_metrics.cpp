@@ -49,6 +49,20 @@ class NanMean {
 
 }  // namespace
 
+double MedianScale(const DepthMap& estimate, const DepthMap& ground_truth) {
+  if (estimate.empty()) return 1;
+  const std::vector<int> cols = NearestPixels(estimate.width(), ground_truth.width());
+  const std::vector<int> rows = NearestPixels(estimate.height(), ground_truth.height());
+  std::vector<float> ratios;
+  for (int row = 0; row < ground_truth.height(); ++row) {
+    for (int col = 0; col < ground_truth.width(); ++col) {
+      const float truth = ground_truth(col, row), depth = estimate(cols[col], rows[row]);
+      if (IsKnown(truth) && IsKnown(depth)) ratios.push_back(truth / depth);
+    }
+  }
+  return ratios.empty() ? 1 : Median(&ratios);
+}
+
 void DepthErrors::Add(const DepthMap& estimate, const DepthMap& ground_truth, ImageView<const unsigned char> mask) {
   if (!mask.empty() && (mask.width != ground_truth.width() || mask.height != ground_truth.height())) {
     throw InvalidInputError(Concat("mask size ", mask.width, " x ", mask.height, ": must be the ground truth's, ",

@@ -39,10 +39,14 @@ class RegionMean {
   double share_sum_ = 0;
 };
 
+void Multiply(double factor, DepthMap* depths) {
+  for (float& depth : *depths) depth *= static_cast<float>(factor);
+}
+
 DepthMap ReadPrediction(const fs::path& path, double scale) {
   constexpr double kMillimetres = 1000.0;
   DepthMap estimate = ReadDepthMap(path, kMillimetres);
-  for (float& depth : estimate) depth *= static_cast<float>(scale);
+  Multiply(scale, &estimate);
   return estimate;
 }
 
@@ -125,7 +129,8 @@ DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
     if (truth.empty()) continue;
     const auto found = predictions.files.find(image.index);
     const bool has_prediction = found != predictions.files.end();
-    const DepthMap estimate = has_prediction ? ReadPrediction(found->second, options.scale) : DepthMap();
+    DepthMap estimate = has_prediction ? ReadPrediction(found->second, options.scale) : DepthMap();
+    if (options.median_scale) Multiply(MedianScale(estimate, truth), &estimate);
     const DepthMetrics metrics = EvaluateDepth(estimate, truth);
     evaluation.images.push_back({image.index, image.name, has_prediction, metrics});
     pool.Add(estimate, truth);

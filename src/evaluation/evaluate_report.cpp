@@ -1,13 +1,15 @@
 #include "acmp_mapping/evaluation/evaluate_report.h"
 
 #include <array>
-#include <cmath>
 #include <cstdio>
+#include <nlohmann/json.hpp>
 
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
 namespace {
+
+using Json = nlohmann::ordered_json;
 
 constexpr std::array<const char*, 8> kColumns = {"<2cm", "<5cm", "<10cm", "<1%", "<2%", "<5%", "dens", "med"};
 
@@ -47,22 +49,8 @@ std::string MissingLine(const DepthEvaluation& evaluation) {
   return Concat("no prediction file for ", missing, " of ", evaluation.images.size(), " images: [", list, "]\n");
 }
 
-std::string JsonString(const std::string& text) {
-  std::string quoted = "\"";
-  for (const char c : text) {
-    if (c == '"' || c == '\\') quoted += '\\';
-    quoted += static_cast<unsigned char>(c) < 0x20 ? Format("\\u%04x", c) : std::string(1, c);
-  }
-  return quoted + '"';
-}
-
-std::string JsonFigures(const DepthMetrics& metrics) {
-  std::string list;
-  for (const double figure : Figures(metrics)) {
-    list += (list.empty() ? "[" : ", ") + (std::isnan(figure) ? std::string("null") : Format("%.17g", figure));
-  }
-  return list + "]";
-}
+// NaN becomes null.
+Json JsonFigures(const DepthMetrics& metrics) { return Figures(metrics); }
 
 }  // namespace
 
@@ -86,34 +74,24 @@ std::string DepthTable(const DepthEvaluation& evaluation, bool quiet) {
   return table + MissingLine(evaluation);
 }
 
-std::string DepthCsv(const DepthEvaluation& evaluation) {
-  std::string csv = "index,image,gt_pixels";
-  for (const char* column : kColumns) csv += std::string(",") + column;
-  csv += "\n";
-  for (const ImageEvaluation& image : evaluation.images) {
-    csv += Format("%d,%s,%zu", image.index, image.name.c_str(), image.metrics.ground_truth_pixels);
-    for (const double figure : Figures(image.metrics)) csv += Format(",%.5g", figure);
-    csv += "\n";
-  }
-  return csv;
-}
-
 std::string DepthJson(const DepthEvaluation& evaluation) {
-  std::string columns, images, regions;
-  for (const char* column : kColumns) columns += (columns.empty() ? "" : ", ") + JsonString(column);
+  Json images = Json::array(), regions = Json::array();
   for (const ImageEvaluation& image : evaluation.images) {
-    images += Format("%s\n    {\"index\": %d, \"image\": %s, \"gt_pixels\": %zu, \"predicted\": %s, \"figures\": %s}",
-                     images.empty() ? "" : ",", image.index, JsonString(image.name).c_str(),
-                     image.metrics.ground_truth_pixels, image.has_prediction ? "true" : "false",
-                     JsonFigures(image.metrics).c_str());
+    images.push_back({{"index", image.index},
+                      {"image", image.name},
+                      {"gt_pixels", image.metrics.ground_truth_pixels},
+                      {"predicted", image.has_prediction},
+                      {"figures", JsonFigures(image.metrics)}});
   }
   for (const RegionEvaluation& region : evaluation.regions) {
-    regions += Format("%s\n    {\"name\": %s, \"share\": %.17g, \"mean\": %s}", regions.empty() ? "" : ",",
-                      JsonString(region.name).c_str(), region.share, JsonFigures(region.mean).c_str());
+    regions.push_back({{"name", region.name}, {"share", region.share}, {"mean", JsonFigures(region.mean)}});
   }
-  return "{\n  \"columns\": [" + columns + "],\n  \"images\": [" + images +
-         "],\n  \"mean\": " + JsonFigures(evaluation.mean) + ",\n  \"pool\": " + JsonFigures(evaluation.pool) +
-         ",\n  \"regions\": [" + regions + "]\n}\n";
+  const Json json = {{"columns", kColumns},
+                     {"images", images},
+                     {"mean", JsonFigures(evaluation.mean)},
+                     {"pool", JsonFigures(evaluation.pool)},
+                     {"regions", regions}};
+  return json.dump(1) + "\n";
 }
 
 std::string CloudTable(const CloudEvaluation& evaluation) {
@@ -132,17 +110,18 @@ std::string CloudTable(const CloudEvaluation& evaluation) {
 }
 
 std::string CloudJson(const CloudEvaluation& evaluation) {
-  std::string rows;
+  Json metrics = Json::array();
   for (const CloudMetrics& m : evaluation.metrics) {
-    rows += Format("%s\n    {\"threshold\": %.17g, \"accuracy\": %.17g, \"completeness\": %.17g, \"f1\": %.17g}",
-                   rows.empty() ? "" : ",", m.threshold, m.accuracy, m.completeness, m.f1);
+    metrics.push_back(
+        {{"threshold", m.threshold}, {"accuracy", m.accuracy}, {"completeness", m.completeness}, {"f1", m.f1}});
   }
-  return Format(
-             "{\n  \"reconstructed_points\": %zu,\n  \"observed_points\": %zu,\n  \"true_points\": %zu,\n"
-             "  \"true_maps\": %zu,\n  \"voxel\": %.17g,\n  \"metrics\": [",
-             evaluation.reconstructed_points, evaluation.observed_points, evaluation.true_points, evaluation.true_maps,
-             evaluation.voxel_size) +
-         rows + "]\n}\n";
+  const Json json = {{"reconstructed_points", evaluation.reconstructed_points},
+                     {"observed_points", evaluation.observed_points},
+                     {"true_points", evaluation.true_points},
+                     {"true_maps", evaluation.true_maps},
+                     {"voxel", evaluation.voxel_size},
+                     {"metrics", metrics}};
+  return json.dump(1) + "\n";
 }
 
 }  // namespace acmp

@@ -72,27 +72,4 @@ ConsistencyResult FilterByConsistency(const FusionView& reference, const std::ve
   return result;
 }
 
-PointCloud FuseDepthMaps(const std::vector<FusionView>& views, const std::vector<std::vector<int>>& neighbors,
-                         const FusionOptions& options) {
-  const FusionLimits limits = MakeFusionLimits(options);
-  CheckFusionInput(views, neighbors, kMaxFusionSources);
-  std::vector<Image<Stamp>> stamps;
-  stamps.reserve(views.size());
-  for (const FusionView& view : views) stamps.emplace_back(view.depth.width, view.depth.height, kUnusedStamp);
-
-  PointCloud points_in_world;
-  for (size_t i = 0; i < views.size(); ++i) {
-    const FusionView& view = views[i];
-    if (view.depth.empty()) continue;
-    FusionSetup<HostMaps> setup(CameraOf(view), MapsOf(view), limits, view.cam_from_world.inverse());
-    setup.SetStamps(stamps[i].View(), static_cast<Stamp>(i));
-    for (int source : neighbors[i]) {
-      if (views[source].depth.empty()) continue;
-      setup.AddSource(CameraOf(views[source]), MapsOf(views[source]), stamps[source].View());
-    }
-    FuseView(setup, &points_in_world);
-  }
-  return points_in_world;
-}
-
 }  // namespace acmp

@@ -1,7 +1,6 @@
 #include "acmp_mapping/fusion/fusion_setup.h"
 
 #include <Eigen/LU>
-#include <algorithm>
 #include <cmath>
 #include <string>
 
@@ -33,21 +32,6 @@ void CheckView(const std::string& name, const FusionView& view) {
   if (!(error <= 1e-3) || !(rotation.determinant() > 0) || !view.cam_from_world.translation().allFinite()) {
     throw InvalidInputError(Concat(name, ": pose is not a finite rigid motion; R^T R differs from 1 by ", error,
                                    ", limit 0.001; det R = ", rotation.determinant(), ", must be > 0"));
-  }
-}
-
-/// Neighbours are distinct and other views.
-void CheckNeighbors(int view, std::vector<int> neighbors, int num_views) {
-  std::sort(neighbors.begin(), neighbors.end());
-  const auto repeated = std::adjacent_find(neighbors.begin(), neighbors.end());
-  if (repeated != neighbors.end()) {
-    throw InvalidInputError(Concat("neighbour ", *repeated, " of view ", view, " is given more than once"));
-  }
-  for (int neighbor : neighbors) {
-    if (neighbor < 0 || neighbor >= num_views || neighbor == view) {
-      throw InvalidInputError(
-          Concat("neighbour ", neighbor, " of view ", view, ": must be another view in [0, ", num_views - 1, "]"));
-    }
   }
 }
 
@@ -91,22 +75,6 @@ void CheckConsistencyInput(const FusionView& reference, const std::vector<Fusion
   CheckRange("number of source views", sources.size(), size_t{0}, static_cast<size_t>(max_sources));
   CheckView("reference view", reference);
   for (size_t i = 0; i < sources.size(); ++i) CheckView(Concat("source view ", i), sources[i]);
-}
-
-void CheckFusionInput(const std::vector<FusionView>& views, const std::vector<std::vector<int>>& neighbors,
-                      int max_sources) {
-  CheckRange("number of views", views.size(), size_t{0}, size_t{kMaxFusionViews});
-  if (neighbors.size() != views.size()) {
-    throw InvalidInputError(Concat("neighbour lists for ", neighbors.size(), " views but ", views.size(),
-                                   " views: must be one list per view"));
-  }
-  const int count = static_cast<int>(views.size());
-  for (int i = 0; i < count; ++i) {
-    CheckView(Concat("view ", i), views[i]);
-    CheckRange(Concat("number of neighbours of view ", i).c_str(), neighbors[i].size(), size_t{0},
-               static_cast<size_t>(max_sources));
-    CheckNeighbors(i, neighbors[i], count);
-  }
 }
 
 }  // namespace acmp

@@ -1,28 +1,53 @@
 #include "acmp_mapping/intake/keyframe_gate.h"
 
-#include <Eigen/Geometry>
+#include <algorithm>
 
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
+namespace {
+
+constexpr double kSameView = 0.8;  ///< of the image that both see
+
+/// Share of the image that the other camera sees, if everything is at this depth.
+double SharedView(const RigidTransform& other_from_cam, const PinholeCamera& camera, double depth) {
+  constexpr int kSteps = 8;  ///< per axis
+  int shared = 0;
+  for (int row = 0; row < kSteps; ++row) {
+    for (int col = 0; col < kSteps; ++col) {
+      const Eigen::Vector2d pixel((col + 0.5) / kSteps * camera.width - 0.5,
+                                  (row + 0.5) / kSteps * camera.height - 0.5);
+      const Eigen::Vector3d point = other_from_cam * camera.Unproject(pixel, depth);
+      shared += point.z() > 0 && camera.Contains(camera.Project(point));
+    }
+  }
+  return static_cast<double>(shared) / (kSteps * kSteps);
+}
+
+}  // namespace
 
 void Validate(const KeyframeGateOptions& options) {
   CheckRange("gate_baseline_ratio", options.min_baseline_ratio, 0.0, 10.0);
-  CheckRange("gate_angle_deg", options.min_angle_deg, 1e-3, 180.0);
+  if (options.remembered == 0) throw InvalidInputError("remembered keyframes = 0: must be > 0");
 }
 
-bool KeyframeGate::Accept(const RigidTransform& world_from_cam, double median_depth) {
-  bool accept = true;
-  if (last_) {
-    constexpr double kDegPerRad = 57.29577951308232;
-    const RigidTransform motion = last_->inverse() * world_from_cam;
-    const double baseline = motion.translation().norm();
-    const double angle_deg = Eigen::AngleAxisd(motion.linear()).angle() * kDegPerRad;
-    const double min_baseline = median_depth > 0 ? options_.min_baseline_ratio * median_depth : 0;
-    accept = (baseline > 0 && baseline >= min_baseline) || angle_deg >= options_.min_angle_deg;
+bool KeyframeGate::Accept(const RigidTransform& world_from_cam, const PinholeCamera& camera, double median_depth) {
+  const double min_baseline = median_depth > 0 ? options_.min_baseline_ratio * median_depth : 0;
+  const auto is_near = [&](const RigidTransform& keyframe) {
+    const double baseline = (keyframe.translation() - world_from_cam.translation()).norm();
+    return baseline == 0 || baseline < min_baseline;
+  };
+  const auto shows_the_same = [&](const RigidTransform& keyframe) {
+    return is_near(keyframe) &&
+           (median_depth <= 0 || SharedView(keyframe.inverse() * world_from_cam, camera, median_depth) >= kSameView);
+  };
+  if (!keyframes_.empty() &&
+      (is_near(keyframes_.back()) || std::any_of(keyframes_.begin(), keyframes_.end(), shows_the_same))) {
+    return false;
   }
-  if (accept) last_ = world_from_cam;
-  return accept;
+  keyframes_.push_back(world_from_cam);
+  while (keyframes_.size() > options_.remembered) keyframes_.pop_front();
+  return true;
 }
 
 }  // namespace acmp

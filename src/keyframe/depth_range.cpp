@@ -25,10 +25,6 @@ void CheckDepthRange(const char* name, const DepthRange& range) {
 }
 
 void Validate(const DepthRangeOptions& options) {
-  if (!(options.quantile >= 0 && options.quantile < 0.5)) {
-    throw InvalidInputError(Concat("depth_range.quantile = ", options.quantile, ": must be in [0, 0.5)"));
-  }
-  CheckRange("depth_range.margin", options.margin, 1.0, 1000.0);
   CheckRange("depth_range.min_landmarks", options.min_landmarks, 1, std::numeric_limits<int>::max());
 }
 
@@ -38,9 +34,9 @@ std::optional<DepthRange> DepthRangeFromLandmarks(const std::vector<Eigen::Vecto
   std::vector<double> depths = FindLandmarksInView(landmarks_in_world, camera, cam_from_world).depths;
   if (depths.size() < static_cast<size_t>(options.min_landmarks)) return std::nullopt;
   std::sort(depths.begin(), depths.end());
-  const DepthRange range = {static_cast<float>(SortedQuantile(depths, options.quantile) / options.margin),
-                            static_cast<float>(SortedQuantile(depths, 1 - options.quantile) * options.margin)};
-  // All at one depth without a margin, or beyond what a float holds: nothing to search.
+  const DepthRange range = {static_cast<float>(SortedQuantile(depths, kDepthQuantile) / kDepthMargin),
+                            static_cast<float>(SortedQuantile(depths, 1 - kDepthQuantile) * kDepthMargin)};
+  // Beyond what a float holds: nothing to search.
   if (!(range.min > 0 && range.min < range.max && std::isfinite(range.max))) return std::nullopt;
   return range;
 }

@@ -4,9 +4,7 @@
 #include <cmath>
 #include <cstring>
 #include <iterator>
-#include <limits>
 #include <map>
-#include <tuple>
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
@@ -15,6 +13,9 @@ namespace acmp {
 namespace {
 
 constexpr double kRadToDeg = 57.295779513082320877;
+// Full score between these triangulation angles; up to 20 degrees gives up to 1 % fewer right depths.
+constexpr double kBestAngleMinDeg = 5.0, kBestAngleMaxDeg = 10.0;
+constexpr size_t kMinLandmarks = 10;  // in view; below, a grid of pixels at one depth stands in for them
 
 /// Of the coordinates' bits, mixed as splitmix64 does.
 uint64_t HashOf(const Eigen::Vector3d& point) {
@@ -49,12 +50,11 @@ double MeanFocalLength(const PinholeCamera& camera) { return 0.5 * (camera.fx + 
 
 /// 0 at the least angle, rising to 1 over the best angles, then falling like a Gaussian: wide baselines still match,
 /// but foreshortening and occlusion grow.
-double AngleWeight(double angle_deg, const SourceViewOptions& options) {
-  if (angle_deg < options.best_angle_min_deg) {
-    const double span = options.best_angle_min_deg - options.min_angle_deg;
-    return span > 0 ? std::max(0.0, (angle_deg - options.min_angle_deg) / span) : 0.0;
+double AngleWeight(double angle_deg) {
+  if (angle_deg < kBestAngleMinDeg) {
+    return std::max(0.0, (angle_deg - kMinSourceAngleDeg) / (kBestAngleMinDeg - kMinSourceAngleDeg));
   }
-  const double excess = std::max(0.0, angle_deg - options.best_angle_max_deg) / options.best_angle_max_deg;
+  const double excess = std::max(0.0, angle_deg - kBestAngleMaxDeg) / kBestAngleMaxDeg;
   return std::exp(-0.5 * excess * excess);
 }
 
@@ -87,11 +87,9 @@ ScenePoints GridAtDepth(const Frame& reference, double depth) {
 }
 
 /// Scene points of the reference; empty when its scale is unknown.
-ScenePoints MakeScenePoints(const FrameLandmarks& reference, double fallback_depth, const SourceViewOptions& options) {
+ScenePoints MakeScenePoints(const FrameLandmarks& reference, double fallback_depth) {
   const LandmarksInView& sample = reference.sample();
-  if (reference.num_in_view() >= static_cast<size_t>(options.min_shared_landmarks)) {
-    return {sample.points_in_world, sample.depths, true};
-  }
+  if (reference.num_in_view() >= kMinLandmarks) return {sample.points_in_world, sample.depths, true};
   if (fallback_depth > 0) return GridAtDepth(reference.frame(), fallback_depth);
   if (!sample.depths.empty()) return GridAtDepth(reference.frame(), Median(sample.depths));
   return {};
@@ -115,8 +113,7 @@ struct Assessment {
   double angle_deg = 0;
 };
 
-Assessment AssessByScene(const Frame& reference, const FrameLandmarks& candidate_landmarks, const ScenePoints& scene,
-                         const SourceViewOptions& options) {
+Assessment AssessByScene(const Frame& reference, const FrameLandmarks& candidate_landmarks, const ScenePoints& scene) {
   const Frame& candidate = candidate_landmarks.frame();
   const Eigen::Vector3d reference_centre = CentreInWorld(reference);
   const Eigen::Vector3d candidate_centre = CentreInWorld(candidate);
@@ -130,16 +127,16 @@ Assessment AssessByScene(const Frame& reference, const FrameLandmarks& candidate
     if (candidate_depth <= 0) continue;
     const double angle_deg = AngleDeg(reference_centre - point, candidate_centre - point);
     angles_deg.push_back(angle_deg);
-    num_wide += angle_deg >= options.min_angle_deg;
-    weight_sum += VisibilityWeight(scene, i, candidate_landmarks) * AngleWeight(angle_deg, options) *
+    num_wide += angle_deg >= kMinSourceAngleDeg;
+    weight_sum += VisibilityWeight(scene, i, candidate_landmarks) * AngleWeight(angle_deg) *
                   ScaleWeight(focal_ratio * scene.depths[i] / candidate_depth);
   }
   const double total = static_cast<double>(scene.depths.size());
-  if (angles_deg.empty() || static_cast<double>(angles_deg.size()) < options.min_overlap * total) {
+  if (angles_deg.empty() || static_cast<double>(angles_deg.size()) < kMinSourceOverlap * total) {
     return {SourceViewVerdict::kLittleOverlap};
   }
   // Not the median: a camera that moves ahead sees near things under wide angles and most of the scene under none.
-  const bool wide_enough = num_wide >= options.min_overlap * total && weight_sum > 0;
+  const bool wide_enough = num_wide >= kMinSourceOverlap * total && weight_sum > 0;
   const double angle_deg = Median(std::move(angles_deg));
   return {wide_enough ? SourceViewVerdict::kUseful : SourceViewVerdict::kSmallAngle, weight_sum / total, angle_deg};
 }
@@ -165,22 +162,6 @@ bool HasBaseline(const Frame& reference, const Frame& candidate, double typical_
 
 void Validate(const SourceViewOptions& options) {
   CheckRange("source_views.max_source_views", options.max_source_views, 1, kMaxRankedViews);
-  CheckRange("source_views.min_angle_deg", options.min_angle_deg, 0.0, 90.0);
-  CheckRange("source_views.best_angle_min_deg", options.best_angle_min_deg, options.min_angle_deg, 90.0);
-  CheckRange("source_views.best_angle_max_deg", options.best_angle_max_deg, options.best_angle_min_deg, 180.0);
-  if (!(options.best_angle_max_deg > 0)) {
-    throw InvalidInputError(Concat("source_views.best_angle_max_deg = ", options.best_angle_max_deg, ": must be > 0"));
-  }
-  CheckRange("source_views.min_overlap", options.min_overlap, 0.0, 1.0);
-  CheckRange("source_views.min_shared_landmarks", options.min_shared_landmarks, 1, std::numeric_limits<int>::max());
-}
-
-bool operator==(const SourceViewOptions& a, const SourceViewOptions& b) {
-  const auto fields = [](const SourceViewOptions& o) {
-    return std::tie(o.max_source_views, o.min_angle_deg, o.best_angle_min_deg, o.best_angle_max_deg, o.min_overlap,
-                    o.min_shared_landmarks);
-  };
-  return fields(a) == fields(b);
 }
 
 FrameLandmarks::FrameLandmarks(FramePtr frame) : frame_(std::move(frame)) {
@@ -204,7 +185,7 @@ bool FrameLandmarks::Lists(const Eigen::Vector3d& point_in_world) const {
 
 struct SourceViewSelector::Impl {
   FrameLandmarksPtr reference;
-  SourceViewOptions options;
+  int max_source_views = 0;
   ScenePoints scene;
   double typical_depth = 0;
   /// Candidates that are gone have entries that nothing equals.
@@ -213,8 +194,7 @@ struct SourceViewSelector::Impl {
   Assessment Assess(const FrameLandmarks& candidate) const {
     const Frame& frame = reference->frame();
     if (!HasBaseline(frame, candidate.frame(), typical_depth)) return {};
-    return scene.depths.empty() ? AssessByPose(frame, candidate.frame())
-                                : AssessByScene(frame, candidate, scene, options);
+    return scene.depths.empty() ? AssessByPose(frame, candidate.frame()) : AssessByScene(frame, candidate, scene);
   }
 
   std::vector<Assessment> AssessAll(const std::vector<FrameLandmarksPtr>& candidates) {
@@ -239,8 +219,8 @@ SourceViewSelector::SourceViewSelector(const FrameLandmarksPtr& reference, doubl
   Validate(options);
   if (!reference) throw InvalidInputError("choice of source views: there is no reference");
   impl_->reference = reference;
-  impl_->options = options;
-  impl_->scene = MakeScenePoints(*reference, fallback_depth, options);
+  impl_->max_source_views = options.max_source_views;
+  impl_->scene = MakeScenePoints(*reference, fallback_depth);
   if (!impl_->scene.depths.empty()) impl_->typical_depth = Median(impl_->scene.depths);
 }
 
@@ -258,8 +238,8 @@ std::vector<RankedSourceView> SourceViewSelector::Select(const std::vector<Frame
   // Stable: equal scores keep the candidates' order on every standard library.
   std::stable_sort(ranked.begin(), ranked.end(),
                    [](const RankedSourceView& a, const RankedSourceView& b) { return a.score > b.score; });
-  if (ranked.size() > static_cast<size_t>(impl_->options.max_source_views)) {
-    ranked.resize(static_cast<size_t>(impl_->options.max_source_views));
+  if (ranked.size() > static_cast<size_t>(impl_->max_source_views)) {
+    ranked.resize(static_cast<size_t>(impl_->max_source_views));
   }
   return ranked;
 }

@@ -18,6 +18,10 @@ size_t NearestPose(const std::vector<StampedPose>& path, int64_t stamp_ns) {
   return static_cast<size_t>((later ? after : before) - path.begin());
 }
 
+constexpr size_t kNeighbours = 5;  ///< steps on each side that tell a keyframe's scale
+constexpr double kAgreeing = 0.1;  ///< relative deviation from the median
+constexpr double kLeastChange = 0.02;
+
 bool SamePose(const RigidTransform& a, const RigidTransform& b, const PoseTolerance& same) {
   // The matrices of two rotations by a small angle from each other differ by sqrt(2) times the angle.
   return (a.translation() - b.translation()).norm() <= same.translation &&
@@ -28,10 +32,51 @@ RigidTransform WorldFromCam(const PathConvention& convention, const RigidTransfo
   return (convention.maps_world_to_child ? pose.inverse() : pose) * *convention.child_from_cam;
 }
 
+/// What the ratios of distances after and before say about the scale; 1 if they tell nothing.
+double ScaleOf(std::vector<double> ratios) {
+  if (ratios.size() < kNeighbours) return 1;
+  const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
+  std::nth_element(ratios.begin(), middle, ratios.end());
+  const double median = *middle;
+  const auto agreeing = static_cast<size_t>(std::count_if(
+      ratios.begin(), ratios.end(), [&](double ratio) { return std::abs(ratio - median) <= kAgreeing * median; }));
+  return 4 * agreeing >= 3 * ratios.size() && std::abs(median - 1) > kLeastChange ? median : 1;
+}
+
+/// A keyframe that the path names, and what that makes of its pose.
+struct NamedKeyframe {
+  CorrectedPose* keyframe;
+  RigidTransform world_from_cam;
+};
+
+/// Corrections of keyframes, given in the order of their stamps.
+void CorrectNamed(const std::vector<NamedKeyframe>& named) {
+  std::vector<double> ratios;  // of the step from each to the next; negative: none
+  for (size_t i = 0; i + 1 < named.size(); ++i) {
+    const double before =
+        (named[i + 1].keyframe->received.translation() - named[i].keyframe->received.translation()).norm();
+    const double after = (named[i + 1].world_from_cam.translation() - named[i].world_from_cam.translation()).norm();
+    ratios.push_back(before > 0 ? after / before : -1);
+  }
+  for (size_t i = 0; i < named.size(); ++i) {
+    std::vector<double> nearby;
+    for (size_t step = i - std::min(i, kNeighbours); step < std::min(i + kNeighbours, ratios.size()); ++step) {
+      if (ratios[step] >= 0) nearby.push_back(ratios[step]);
+    }
+    const RigidTransform& received = named[i].keyframe->received;
+    Similarity& correction = named[i].keyframe->correction;
+    correction.scale = ScaleOf(std::move(nearby));
+    RigidTransform scaled = received;
+    scaled.translation() *= correction.scale;
+    correction.rigid = named[i].world_from_cam * scaled.inverse();
+  }
+}
+
 /// What the path says of the keyframes it names.
 void NameKeyframes(const std::vector<StampedPose>& path, const std::vector<CorrectedPose*>& keyframes,
                    ReposeResult* result) {
   std::vector<bool> used(path.size());
+  std::vector<NamedKeyframe> named;
   for (CorrectedPose* keyframe : keyframes) {
     if (!keyframe->path.child_from_cam) {
       ++result->unresolved;
@@ -45,12 +90,19 @@ void NameKeyframes(const std::vector<StampedPose>& path, const std::vector<Corre
     used[nearest] = true;
     ++result->named;
     keyframe->named = keyframe->seeded = true;
-    keyframe->correction = WorldFromCam(keyframe->path, path[nearest].pose) * keyframe->received.inverse();
+    named.push_back({keyframe, WorldFromCam(keyframe->path, path[nearest].pose)});
   }
+  CorrectNamed(named);
   result->unmatched = static_cast<size_t>(std::count(used.begin(), used.end(), false));
 }
 
 }  // namespace
+
+RigidTransform Similarity::Moved(const RigidTransform& world_from_cam) const {
+  RigidTransform scaled = world_from_cam;
+  scaled.translation() *= scale;
+  return rigid * scaled;
+}
 
 void SortPath(std::vector<StampedPose>* path) {
   std::stable_sort(path->begin(), path->end(),
@@ -66,7 +118,7 @@ ReposeResult Repose(const std::vector<StampedPose>& path, const PoseTolerance& s
 
   const auto first = std::find_if(keyframes.begin(), keyframes.end(), [](const auto* k) { return k->seeded; });
   if (first == keyframes.end()) return result;
-  RigidTransform correction = (*first)->correction;
+  Similarity correction = (*first)->correction;
   for (size_t i = 0; i < keyframes.size(); ++i) {
     CorrectedPose* keyframe = keyframes[i];
     if (keyframe->named) {
@@ -75,9 +127,11 @@ ReposeResult Repose(const std::vector<StampedPose>& path, const PoseTolerance& s
       keyframe->correction = correction;
       keyframe->seeded = true;  // so it goes on telling the next ones when the one it learnt from is evicted
     }
-    const RigidTransform corrected = keyframe->correction * keyframe->received;
-    if (SamePose(corrected, keyframe->world_from_cam, same)) continue;
+    const RigidTransform corrected = keyframe->correction.Moved(keyframe->received);
+    const bool same_scale = std::abs(keyframe->correction.scale - keyframe->scale) <= same.scale * keyframe->scale;
+    if (same_scale && SamePose(corrected, keyframe->world_from_cam, same)) continue;
     keyframe->world_from_cam = corrected;
+    keyframe->scale = keyframe->correction.scale;
     result.moved.push_back(i);
   }
   return result;

@@ -122,7 +122,7 @@ ReposeResult MapStore::ApplyPath() {
   }
   std::stable_sort(trajectory.begin(), trajectory.end(),
                    [](const CorrectedPose* a, const CorrectedPose* b) { return a->stamp_ns < b->stamp_ns; });
-  ReposeResult result = acmp::Repose(path_, {kSamePoseVoxels * VoxelSize(), kSamePoseRad}, trajectory);
+  ReposeResult result = acmp::Repose(path_, {kSamePoseVoxels * VoxelSize(), kSamePoseRad, kSamePoseRad}, trajectory);
   statistics_.path_poses = path_.size();
   statistics_.path_unmatched = result.unmatched;
   if (!result.moved.empty()) ++version_;
@@ -181,7 +181,7 @@ PointCloud MapStore::WorldCloud(size_t* keyframes) const {
     for (const auto& [key, keyframe] : keyframes_) {
       if (keyframe.points_in_camera->empty()) continue;
       clouds.push_back(keyframe.points_in_camera);
-      placed.push_back({keyframe.pose.world_from_cam, keyframe.points_in_camera.get()});
+      placed.push_back({keyframe.pose.world_from_cam, keyframe.points_in_camera.get(), keyframe.pose.scale});
     }
     voxel_size = VoxelSize();
     if (keyframes) *keyframes = keyframes_.size();
@@ -202,6 +202,10 @@ MapStatistics MapStore::statistics() const {
   MapStatistics statistics = statistics_;
   statistics.keyframes = keyframes_.size();
   statistics.voxel_size = VoxelSize();
+  for (const auto& [key, keyframe] : keyframes_) {
+    statistics.smallest_scale = std::min(statistics.smallest_scale, keyframe.pose.scale);
+    statistics.largest_scale = std::max(statistics.largest_scale, keyframe.pose.scale);
+  }
   return statistics;
 }
 

@@ -130,16 +130,20 @@ struct DenseMapper::Impl {
   }
 
   /// Whether the frame is in the window now.
-  bool Admit(FramePtr frame) {
+  bool Admit(FramePtr frame, bool is_mapped) {
     const int64_t id = frame->id;
     if (const auto failure = CatchFailure([&] { CheckFrame(*frame); })) {
       // Not kept: as a source view it would make the others fail as well.
+      if (!is_mapped) throw InvalidInputError(failure->message);
       outputs.SubmitDrop({id, failure->reason, failure->message}, nullptr);
       return false;
     }
     ShrinkWindow(options.window_size - 1);
     const WindowKeyframePtr keyframe = window.Add(std::move(frame));
-    if (const std::optional<DepthRange> range = FindDepthRange(*keyframe->frame)) {
+    keyframe->is_mapped = is_mapped;
+    if (!is_mapped) {
+      keyframe->state = State::kFinished;
+    } else if (const std::optional<DepthRange> range = FindDepthRange(*keyframe->frame)) {
       keyframe->range = *range;
       RefinePoses(keyframe);
     } else {
@@ -287,6 +291,20 @@ struct DenseMapper::Impl {
     });
   }
 
+  void Add(FramePtr frame, bool is_mapped) {
+    if (!frame) throw InvalidInputError("frame: must not be null");
+    if (last_id && frame->id <= *last_id) {
+      throw InvalidInputError(
+          Concat("frame id = ", frame->id, ": must be above ", *last_id, ", the previous keyframe's"));
+    }
+    last_id = frame->id;
+    ShrinkWindow(options.window_size);  // options may have made it smaller
+    const bool is_admitted = Admit(std::move(frame), is_mapped);
+    InitialisePending(options.min_source_views);
+    RefineWithLater(static_cast<size_t>(options.lookahead));
+    if (is_admitted) RefineHalfwayAgain();
+  }
+
   DenseMapperOptions options;
   KeyframeWindow window;
   KeyframeEstimator estimator;
@@ -313,19 +331,9 @@ void DenseMapper::set_options(const DenseMapperOptions& options) {
   impl_->window.set_options(options.source_views);
 }
 
-void DenseMapper::AddKeyframe(FramePtr frame) {
-  if (!frame) throw InvalidInputError("frame: must not be null");
-  if (impl_->last_id && frame->id <= *impl_->last_id) {
-    throw InvalidInputError(
-        Concat("frame id = ", frame->id, ": must be above ", *impl_->last_id, ", the previous keyframe's"));
-  }
-  impl_->last_id = frame->id;
-  impl_->ShrinkWindow(impl_->options.window_size);  // options may have made it smaller
-  const bool is_admitted = impl_->Admit(std::move(frame));
-  impl_->InitialisePending(impl_->options.min_source_views);
-  impl_->RefineWithLater(static_cast<size_t>(impl_->options.lookahead));
-  if (is_admitted) impl_->RefineHalfwayAgain();
-}
+void DenseMapper::AddKeyframe(FramePtr frame) { impl_->Add(std::move(frame), true); }
+
+void DenseMapper::AddSourceImage(FramePtr frame) { impl_->Add(std::move(frame), false); }
 
 void DenseMapper::Flush(bool refine_again) {
   impl_->InitialisePending(1);

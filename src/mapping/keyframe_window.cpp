@@ -48,12 +48,19 @@ WindowKeyframePtr KeyframeWindow::Add(FramePtr frame) {
 }
 
 SourceViews KeyframeWindow::SelectSources(WindowKeyframe* keyframe) const {
-  const std::vector<WindowKeyframePtr> others = Others(*keyframe);
+  std::vector<WindowKeyframePtr> others = Others(*keyframe);
+  const auto images = std::stable_partition(others.begin(), others.end(),
+                                            [](const WindowKeyframePtr& other) { return other->is_mapped; });
   SourceViews sources;
-  for (const RankedSourceView& view : SelectorOf(keyframe).Select(LandmarksOf(others))) {
-    sources.keyframes.push_back(others[view.index]);
-    sources.score += view.score;
-  }
+  const auto add_best = [&](const std::vector<WindowKeyframePtr>& candidates) {
+    for (const RankedSourceView& view : SelectorOf(keyframe).Select(LandmarksOf(candidates))) {
+      if (sources.keyframes.size() == static_cast<size_t>(options_.max_source_views)) return;
+      sources.keyframes.push_back(candidates[view.index]);
+      sources.score += view.score;
+    }
+  };
+  add_best({others.begin(), images});
+  add_best({images, others.end()});
   return sources;
 }
 
@@ -68,10 +75,10 @@ std::string KeyframeWindow::DescribeMissingViews(WindowKeyframe* keyframe, int m
                             min_source_views, " needed");
   if (counts.no_baseline > 0) text += Concat("; ", counts.no_baseline, " with no baseline (identical position)");
   if (counts.little_overlap > 0) {
-    text += Concat("; ", counts.little_overlap, " see less than ", 100 * options_.min_overlap, " % of its scene");
+    text += Concat("; ", counts.little_overlap, " see less than ", 100 * kMinSourceOverlap, " % of its scene");
   }
   if (counts.small_angle > 0) {
-    text += Concat("; ", counts.small_angle, " below the least triangulation angle of ", options_.min_angle_deg,
+    text += Concat("; ", counts.small_angle, " below the least triangulation angle of ", kMinSourceAngleDeg,
                    " degrees (largest found: ", counts.largest_angle_deg, ")");
   }
   return text;

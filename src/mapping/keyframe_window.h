@@ -34,7 +34,8 @@ class KeyframeWindow {
   void PopOldest() { keyframes_.pop_front(); }
   void Clear() { keyframes_.clear(); }
 
-  /// The useful views among the others in the window, at most max_source_views.
+  /// The useful views among the others in the window, at most max_source_views: those that are mapped, which can
+  /// confirm depth, then the best of those that are not.
   SourceViews SelectSources(WindowKeyframe* keyframe) const;
 
   /// Sentence that says why the keyframe has fewer than `min_source_views`, with the numbers.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <nlohmann/json.hpp>
 #include <utility>
 #include <vector>
 
@@ -10,22 +11,7 @@
 namespace acmp {
 namespace {
 
-std::string Quoted(const std::string& text) {
-  std::string quoted = "\"";
-  for (char c : text) {
-    if (c == '"' || c == '\\') {
-      quoted += '\\';
-      quoted += c;
-    } else if (static_cast<unsigned char>(c) < 0x20) {
-      char code[8];
-      std::snprintf(code, sizeof(code), "\\u%04x", c);
-      quoted += code;
-    } else {
-      quoted += c;
-    }
-  }
-  return quoted + '"';
-}
+using Json = nlohmann::ordered_json;
 
 std::vector<std::pair<const char*, double>> Rows(const RunTimes& times) {
   return {{"photometric", times.stages.photometric_ms},
@@ -48,29 +34,22 @@ std::vector<std::pair<const char*, double>> Rows(const RunTimes& times) {
 
 std::string FormatSummary(const ReconstructRun& run, const RunRecord& record, const std::string& device,
                           size_t points) {
-  std::string text = "{\n  \"device\": " + Quoted(device) + ",\n  \"settings\": {";
-  for (size_t i = 0; i < record.size(); ++i) {
-    text += Concat(i ? "," : "", "\n    ", Quoted(record[i].first), ": ", Quoted(record[i].second));
-  }
-  std::string without_map;
-  int with_map = 0;
+  Json settings = Json::object(), times = Json::object(), without_map = Json::array();
+  for (const auto& [name, value] : record) settings[name] = value;
+  for (const auto& [name, ms] : Rows(run.times)) times[name] = ms;
   for (const ImagePlan& image : run.plan.images) {
-    if (image.no_map.empty()) {
-      ++with_map;
-      continue;
-    }
-    without_map +=
-        Concat(without_map.empty() ? "" : ",", "\n    {\"index\": ", image.index,
-               ", \"name\": ", Quoted(run.scene.images[image.index].name), ", \"reason\": ", Quoted(image.no_map), "}");
+    if (image.no_map.empty()) continue;
+    without_map.push_back(
+        {{"index", image.index}, {"name", run.scene.images[image.index].name}, {"reason", image.no_map}});
   }
-  text += Concat("\n  },\n  \"images_with_map\": ", with_map, ",\n  \"images_without_map\": [", without_map,
-                 without_map.empty() ? "" : "\n  ", "],\n  \"points\": ", points,
-                 ",\n  \"images_matched_in_last_run\": ", run.times.images, ",\n  \"milliseconds_in_last_run\": {");
-  const auto rows = Rows(run.times);
-  for (size_t i = 0; i < rows.size(); ++i) {
-    text += Concat(i ? "," : "", "\n    ", Quoted(rows[i].first), ": ", rows[i].second);
-  }
-  return text + "\n  }\n}\n";
+  const Json summary = {{"device", device},
+                        {"settings", settings},
+                        {"images_with_map", run.plan.images.size() - without_map.size()},
+                        {"images_without_map", without_map},
+                        {"points", points},
+                        {"images_matched_in_last_run", run.times.images},
+                        {"milliseconds_in_last_run", times}};
+  return summary.dump(2) + "\n";
 }
 
 std::string FormatTimings(const RunTimes& times) {

@@ -16,6 +16,8 @@ namespace acmp {
 namespace {
 
 constexpr double kDeliverPeriodS = 0.05;  ///< how late a wait for a cloud may end
+constexpr double kOnTheWayS = 0.2;        ///< a flush waits for images until none has come for so long ...
+constexpr double kLongOnTheWayS = 2;      ///< ... or for so long, while a camera goes on
 
 /// Where the scene is assumed while nothing tells: the middle of the fallback range, as the mapper has it.
 double FallbackDepth(const DenseMapperOptions& options) {
@@ -42,7 +44,8 @@ DenseMapperNodelet::~DenseMapperNodelet() {
 void DenseMapperNodelet::onInit() {
   try {
     LoadOptions();
-    publisher_ = std::make_unique<OutputPublisher>(status_thread_.Attach(getNodeHandle()), getName());
+    publisher_ = std::make_unique<OutputPublisher>(status_thread_.Attach(getNodeHandle()), getName(),
+                                                   [this] { return ImagesUnderWay(TakeSnapshot()); });
     StartWorker();
     StartReconfigure();
     Subscribe();
@@ -161,12 +164,7 @@ void DenseMapperNodelet::Subscribe() {
 
 void DenseMapperNodelet::StartServices() {
   ros::NodeHandle nh = service_thread_.Attach(getPrivateNodeHandle());
-  services_.push_back(AdvertiseTrigger(nh, names::kFlush, [this] {
-    Deliver(true);
-    Expect(worker_->Flush());
-    return Concat("all keyframes are finished; points were sent ", publisher_->points_sent(), " times to ",
-                  publisher_->maps(), " map(s)");
-  }));
+  services_.push_back(AdvertiseTrigger(nh, names::kFlush, [this] { return Flush(); }));
   services_.push_back(AdvertiseTrigger(nh, names::kReset, [this] { return Reset(); }));
   using std_srvs::SetBool;
   const boost::function<bool(SetBool::Request&, SetBool::Response&)> pause = [this](SetBool::Request& request,
@@ -197,6 +195,30 @@ void DenseMapperNodelet::HandleConfig(DenseMapperConfig& config) {
   }
 }
 
+std::string DenseMapperNodelet::Flush() {
+  const MapperSnapshot before = TakeSnapshot();
+  WaitForArriving();
+  Deliver(true);
+  Expect(worker_->Flush());
+  const MapperSnapshot after = TakeSnapshot();
+  const uint64_t arrived = ImagesReceived(after.inputs) - ImagesReceived(before.inputs);
+  std::string text = Concat("finished all that had come; waited for ", arrived, " image(s) on their way and ",
+                            ImagesUnderWay(before), " under way; images: ", AccountForImages(after),
+                            "; points were sent ", after.points_sent, " times to ", after.maps, " map(s)");
+  if (after.waiting_images > 0) text += Concat("; ", after.waiting_images, " image(s) have no pose and still wait");
+  return text;
+}
+
+void DenseMapperNodelet::WaitForArriving() {
+  const double end_s = SteadySeconds() + kLongOnTheWayS;
+  uint64_t received = 0;
+  do {
+    received = ImagesReceived(InputStatuses());
+    ros::WallDuration(kOnTheWayS).sleep();
+    if (!input_thread_.Drain()) throw ProcessingError("the mapper is shutting down");
+  } while (ImagesReceived(InputStatuses()) != received && SteadySeconds() < end_s);
+}
+
 void DenseMapperNodelet::Deliver(bool all) {
   // Clouds of a player that has ended may still be queued behind their images.
   const bool clouds_expected = std::any_of(sources_.begin(), sources_.end(), [](const auto& source) {
@@ -211,11 +233,11 @@ void DenseMapperNodelet::Deliver(bool all) {
     events = all ? intake_->TakeAll() : intake_->Take(SteadySeconds() - blocked_s_);
   }
   const double start_s = SteadySeconds();
-  for (IntakeEvent& event : events) Dispatch(std::move(event));
+  for (IntakeEvent& event : events) Dispatch(std::move(event), all);
   blocked_s_ += SteadySeconds() - start_s;
 }
 
-void DenseMapperNodelet::Dispatch(IntakeEvent event) {
+void DenseMapperNodelet::Dispatch(IntakeEvent event, bool wait_for_room) {
   if (auto* drop = std::get_if<RejectedInput>(&event)) return ReportDrop(*drop);
   if (auto* notice = std::get_if<Notice>(&event)) {
     if (notice->warning) {
@@ -231,8 +253,12 @@ void DenseMapperNodelet::Dispatch(IntakeEvent event) {
                  FormatStamp(jump->from_ns).c_str(), FormatStamp(jump->to_ns).c_str());
     return worker_->StartOver();
   }
+  if (auto* world = std::get_if<NewWorld>(&event)) {
+    ReportDrop({"new_world", world->text});
+    return worker_->StartOver();
+  }
   ++matched_;
-  worker_->Push(std::move(std::get<KeyframeInput>(event)));
+  worker_->Push(std::move(std::get<KeyframeInput>(event)), wait_for_room);
 }
 
 void DenseMapperNodelet::ReportDrop(const RejectedInput& drop) {
@@ -250,11 +276,17 @@ std::string DenseMapperNodelet::Reset() {
   return "buffers and window are empty";
 }
 
+std::vector<InputStatus> DenseMapperNodelet::InputStatuses() const {
+  std::vector<InputStatus> statuses;
+  for (const auto& source : sources_) statuses.push_back(source->status());
+  return statuses;
+}
+
 MapperSnapshot DenseMapperNodelet::TakeSnapshot() {
   MapperSnapshot snapshot;
   snapshot.now_s = SteadySeconds();
   snapshot.paused = paused_;
-  for (const auto& source : sources_) snapshot.inputs.push_back(source->status());
+  snapshot.inputs = InputStatuses();
   snapshot.matched = matched_;
   snapshot.sync_tolerance_s = options_.matcher.sync_tolerance_s;
   snapshot.queued = worker_->queued();

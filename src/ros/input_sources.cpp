@@ -219,6 +219,14 @@ std::vector<std::unique_ptr<InputSource>> MakeInputSources(const ros::NodeHandle
   return SourceFactory(nh, options, handlers).Make();
 }
 
+uint64_t ImagesReceived(const std::vector<InputStatus>& inputs) {
+  uint64_t received = 0;
+  for (const InputStatus& input : inputs) {
+    if (BringsImages(input.kind)) received += input.received;
+  }
+  return received;
+}
+
 double SteadySeconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }

@@ -127,13 +127,17 @@ void KeyframeOutputs::HandleFast(const KeyframeDepthPtr& maps) {
 void KeyframeOutputs::HandleRefined(const KeyframeDepthPtr& maps) {
   const RecordPtr record = FindRecord(pending_, maps->frame->id);
   if (!record) return;
+  {
+    // First: what is published says how many images are still under way.
+    const std::lock_guard<std::mutex> lock(mutex_);
+    refined_.insert(pending_.extract(maps->frame->id));
+    ++status_.refined;
+    status_.times = maps->times;
+    status_.consistency_ms = maps->consistency_ms;
+  }
   Publish(hooks_.on_refined, maps, *record);
   const std::lock_guard<std::mutex> lock(mutex_);
-  refined_.insert(pending_.extract(maps->frame->id));
-  ++status_.refined;
   status_.refined_latency.Add(LatencyMs(record->origin));
-  status_.times = maps->times;
-  status_.consistency_ms = maps->consistency_ms;
 }
 
 /// For the map: each keyframe's depth and points are published once.

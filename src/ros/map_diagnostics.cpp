@@ -15,6 +15,16 @@ constexpr double kRecentS = 5;  ///< incidents that young are worth a word
 
 }  // namespace
 
+std::string DescribeUnderWay(const std::map<std::string, MapperTraffic>& mappers) {
+  std::string text;
+  for (const auto& [name, mapper] : mappers) {
+    if (mapper.images_under_way == 0) continue;
+    text += Concat("; ", mapper.images_under_way, " images were still under way in ", name,
+                   " when its last points came: its service flush finishes them");
+  }
+  return text;
+}
+
 void DescribeMap(const MapSnapshot& snapshot, DiagnosticStatusWrapper* status) {
   const MapStatistics& map = snapshot.map;
   status->summary(DiagnosticStatus::OK, Concat(map.keyframes, " keyframes in the map"));
@@ -30,6 +40,7 @@ void DescribeMap(const MapSnapshot& snapshot, DiagnosticStatusWrapper* status) {
                                         snapshot.optimized_path_publishers, " publisher(s))"));
   status->add("loop corrections (paths that moved keyframes)", map.corrections);
   status->add("keyframes re-posed, all corrections together", map.reposed);
+  status->add("scales of keyframes by optimized paths", Concat(map.smallest_scale, " to ", map.largest_scale));
   status->add("poses of the last optimized path without a keyframe",
               Concat(map.path_unmatched, " of ", map.path_poses));
   for (const auto& [reason, entry] : snapshot.incidents) {
@@ -48,7 +59,8 @@ void DescribeMappers(const MapSnapshot& snapshot, DiagnosticStatusWrapper* statu
   }
   for (const auto& [name, mapper] : snapshot.mappers) {
     const long silent_s = std::lround(std::max(0.0, snapshot.now_s - mapper.last_received_s));
-    status->add(name, Concat(mapper.received, " messages, the last ", silent_s, " s ago; ", mapper.lost, " lost"));
+    status->add(name, Concat(mapper.received, " messages, the last ", silent_s, " s ago; ", mapper.lost,
+                             " lost; images under way then: ", mapper.images_under_way));
   }
 }
 

@@ -95,6 +95,9 @@ void MapServerNodelet::StartServices() {
       response.success = false;
       response.message = error.what();
     }
+    const std::string under_way = DescribeUnderWay(TakeSnapshot().mappers);
+    response.message += under_way;
+    if (!under_way.empty()) NODELET_WARN("save_map: %s", response.message.c_str());
     return true;
   };
   services_.push_back(nh.advertiseService(names::kSaveMap, save));
@@ -118,7 +121,7 @@ void MapServerNodelet::StartDiagnostics() {
 void MapServerNodelet::Receive(const KeyframePoints& message) {
   try {
     const KeyframePointsHead head = ReadHead(message);
-    CountMessage(head.key.mapper, message.count);
+    CountMessage(head.key.mapper, message);
     CheckFrame(head);
     AddKeyframe(head, message);
   } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
@@ -126,7 +129,8 @@ void MapServerNodelet::Receive(const KeyframePoints& message) {
   }
 }
 
-void MapServerNodelet::CountMessage(const std::string& mapper, uint64_t count) {
+void MapServerNodelet::CountMessage(const std::string& mapper, const KeyframePoints& message) {
+  const uint64_t count = message.count;
   const auto [last, is_new] = counts_.try_emplace(mapper, count);
   // A mapper that was started again counts from the beginning.
   const uint64_t lost = !is_new && count > last->second ? count - last->second - 1 : 0;
@@ -137,6 +141,7 @@ void MapServerNodelet::CountMessage(const std::string& mapper, uint64_t count) {
   ++traffic.received;
   traffic.lost += lost;
   traffic.last_received_s = SteadySeconds();
+  traffic.images_under_way = message.images_under_way;
 }
 
 void MapServerNodelet::CheckFrame(const KeyframePointsHead& head) {

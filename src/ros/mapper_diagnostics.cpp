@@ -27,20 +27,6 @@ std::string DescribeSilence(const InputStatus& input, double now_s) {
                 " s (", publishers, ")");
 }
 
-/// Every image that came is in one of these. Those under way wait for a pose, for the worker or for later keyframes.
-std::string AccountForImages(const MapperSnapshot& snapshot) {
-  int64_t received = 0;
-  for (const InputStatus& input : snapshot.inputs) {
-    const bool images = input.kind == InputStatus::Kind::kImage || input.kind == InputStatus::Kind::kKeyframe;
-    if (images) received += static_cast<int64_t>(input.received);
-  }
-  const auto refined = static_cast<int64_t>(snapshot.worker.outputs.refined);
-  const auto dropped = static_cast<int64_t>(snapshot.images_dropped);
-  const auto passed_over = static_cast<int64_t>(snapshot.not_chosen);
-  return Concat(received, " received = ", refined, " refined + ", dropped, " dropped + ", passed_over,
-                " passed over + ", received - refined - dropped - passed_over, " under way");
-}
-
 std::string DescribeLatency(const LatencyWindow& latency) {
   const LatencyWindow::Quantiles quantiles = latency.quantiles();
   if (quantiles.count == 0) return "none yet";
@@ -56,6 +42,18 @@ std::string PoseTopic(const MapperSnapshot& snapshot) {
 }
 
 }  // namespace
+
+uint64_t ImagesUnderWay(const MapperSnapshot& snapshot) {
+  const uint64_t received = ImagesReceived(snapshot.inputs);
+  const uint64_t finished = snapshot.worker.outputs.refined + snapshot.images_dropped + snapshot.not_chosen;
+  return received > finished ? received - finished : 0;  // the numbers are not of one moment
+}
+
+std::string AccountForImages(const MapperSnapshot& snapshot) {
+  return Concat(ImagesReceived(snapshot.inputs), " received = ", snapshot.worker.outputs.refined, " refined + ",
+                snapshot.images_dropped, " dropped + ", snapshot.not_chosen, " passed over + ",
+                ImagesUnderWay(snapshot), " under way");
+}
 
 void DescribeInputs(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* status) {
   status->summary(DiagnosticStatus::OK, "all inputs arrive");

@@ -41,12 +41,11 @@ void MapperWorker::Stop() {
   queue_.Stop();
 }
 
-void MapperWorker::Push(KeyframeInput input) {
-  const std::optional<KeyframeInput> dropped = queue_.Push(std::move(input));
+void MapperWorker::Push(KeyframeInput input, bool wait_for_room) {
+  const std::optional<KeyframeInput> dropped = queue_.Push(std::move(input), wait_for_room);
   if (!dropped) return;
-  const bool oldest = node_options_.overload == OverloadPolicy::kDropOldest;
-  outputs_.ReportDrop({oldest ? "overload_oldest" : "overload_busy",
-                       Concat("keyframe ", FormatStamp(dropped->stamp_ns), ": the mapper is busy (~overload)"), true});
+  outputs_.ReportDrop(
+      {"overload", Concat("keyframe ", FormatStamp(dropped->stamp_ns), ": the mapper is busy (~overload)"), true});
 }
 
 std::string MapperWorker::Flush() {
@@ -112,10 +111,15 @@ void MapperWorker::Run() {
       (*command)();
       continue;
     }
-    const KeyframeInput& input = std::get<KeyframeInput>(*item);
+    auto* overtaken = std::get_if<Overtaken<KeyframeInput>>(&*item);
+    const KeyframeInput& input = overtaken ? overtaken->input : std::get<KeyframeInput>(*item);
     const std::string name = Concat("keyframe ", FormatStamp(input.stamp_ns), ": ");
     try {
-      Process(input);
+      if (overtaken) {
+        ProcessOvertaken(input);
+      } else {
+        Process(input);
+      }
     } catch (const InvalidInputError& error) {
       outputs_.ReportDrop({"bad_image", name + error.what(), true});
     } catch (const std::exception& error) {
@@ -157,8 +161,7 @@ void MapperWorker::Process(const KeyframeInput& input) {
   outputs_.set_min_confidence(options.min_confidence);
 
   cv::Mat valid;
-  const FrameOptions frame_options = {node_options_.max_image_size};
-  const FramePtr frame = PrepareFrame(input, frame_options, &valid);
+  const FramePtr frame = PrepareFrame(input, options, &valid);
   const double preparation_ms = timer.Lap();
   outputs_.Add(frame->id, {input, run_, valid});
   UpdateStatus([&](WorkerStatus* status) {
@@ -172,15 +175,28 @@ void MapperWorker::Process(const KeyframeInput& input) {
   UpdateStatus([&](WorkerStatus* status) { status->keyframe_ms = preparation_ms + timer.Lap(); });
 }
 
-FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input, const FrameOptions& options, cv::Mat* valid) {
+void MapperWorker::ProcessOvertaken(const KeyframeInput& input) {
+  if (mapper_) {
+    const RuntimeOptions options = options_->Get();
+    mapper_->set_options(options.mapper);
+    mapper_->AddSourceImage(PrepareFrame(input, options, nullptr));
+  }
+  outputs_.ReportDrop({"overload",
+                       Concat("keyframe ", FormatStamp(input.stamp_ns),
+                              " gets no maps, since the mapper is busy (~overload); others are matched against it"),
+                       true});
+}
+
+FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input, const RuntimeOptions& options, cv::Mat* valid) {
+  const FrameOptions frame_options = {node_options_.max_image_size};
   if (!calibration_ || !SameCalibration(*calibration_, *input.calibration)) {
     rectifier_ = std::make_unique<ImageRectifier>(*input.calibration);
     calibration_ = input.calibration;
   }
   auto frame = std::make_shared<const Frame>(
       MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, rectifier_->Rectify(DecodeRgb(*input.image)),
-                calibration_->camera, input.world_from_cam.inverse(), input.landmarks_in_world, options));
-  if (!rectifier_->valid().empty()) {
+                calibration_->camera, input.world_from_cam.inverse(), input.landmarks_in_world, frame_options));
+  if (valid && !rectifier_->valid().empty()) {
     cv::resize(rectifier_->valid(), *valid, cv::Size(frame->camera.width, frame->camera.height), 0, 0,
                cv::INTER_NEAREST);
   }

@@ -155,12 +155,15 @@ void AddInputs(OptionTable<NodeOptions>* table) {
   table->Group("keyframes");
   table->Add(
       Choice("keyframe_mode", {"every_pose", "gate", "external"},
-             "Keyframes are all images with a pose, those after enough motion, or what the topic keyframe brings"),
+             "Keyframes are all images with a pose, those of them that show something new, or what the topic keyframe "
+             "brings"),
       [](auto& o) -> auto& { return o.keyframe_mode; });
   table->Add(
-      Choice("overload", {"drop_oldest", "skip_if_busy", "block"},
-             "When keyframes come faster than they are mapped: the oldest that waits goes, new ones are skipped, or "
-             "the input waits, so that nothing of a recording is lost"),
+      Choice(
+          "overload", {"drop", "skip_if_busy", "block"},
+          "When keyframes come faster than they are mapped: groups of neighbours are mapped, or only what comes while "
+          "the mapper is idle, and others are matched against the rest; or the input waits, so that nothing of a "
+          "recording is lost"),
       [](auto& o) -> auto& { return o.overload; });
 }
 

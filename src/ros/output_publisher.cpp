@@ -40,7 +40,8 @@ sensor_msgs::ImagePtr ToConfidenceMessage(const KeyframeOutput& output, const st
 
 }  // namespace
 
-OutputPublisher::OutputPublisher(ros::NodeHandle nh, std::string mapper) : mapper_(std::move(mapper)), transport_(nh) {
+OutputPublisher::OutputPublisher(ros::NodeHandle nh, std::string mapper, std::function<uint64_t()> images_under_way)
+    : mapper_(std::move(mapper)), images_under_way_(std::move(images_under_way)), transport_(nh) {
   depth_fast_ = transport_.advertiseCamera(names::kDepthFast, kQueue);
   depth_ = transport_.advertiseCamera(names::kDepth, kQueue);
   color_ = transport_.advertiseCamera(names::kColor, kQueue);
@@ -88,6 +89,7 @@ void OutputPublisher::PublishKeyframePoints(const KeyframeOutput& output, bool r
   const bool is_first_map_to_come = points_sent_ == 0;
   if (maps() == 0 && (!is_first_map_to_come || waiting_.size() >= kWaiting)) return;
   waiting_.push_back(ToKeyframePoints(output, mapper_, replaces));
+  waiting_.back()->images_under_way = images_under_way_();
   if (maps() == 0) return;
   for (acmp_mapping::KeyframePointsPtr& message : std::exchange(waiting_, {})) {
     message->count = ++points_sent_;

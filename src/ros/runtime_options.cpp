@@ -17,13 +17,12 @@ OptionTable<RuntimeOptions> MakeTable() {
   OptionTable<RuntimeOptions> table;
   table.Group("keyframes");
   table.Add(
-      Number("gate_baseline_ratio", 0, 10, "",
-             "keyframe_mode gate: a keyframe has moved by this share of the scene's median depth since the last")
+      Number(
+          "gate_baseline_ratio", 0, 10, "",
+          "keyframe_mode gate: a keyframe is so far from the last, and from others of the window with the same view, "
+          "as a share of the scene's median depth")
           .WhileRunning(),
       [](auto& o) -> auto& { return o.gate.min_baseline_ratio; });
-  table.Add(
-      Number("gate_angle_deg", 0.1, 180, "deg", "keyframe_mode gate: or it has turned by this angle").WhileRunning(),
-      [](auto& o) -> auto& { return o.gate.min_angle_deg; });
   table.Embed(
       WindowOptionTable(), [](auto& o) -> auto& { return o.mapper; });
   table.Group("output");
@@ -37,8 +36,11 @@ OptionTable<RuntimeOptions> MakeTable() {
   return table;
 }
 
-/// A keyframe needs two useful views, or as many as it can have.
-void FitMinSourceViews(DenseMapperOptions* mapper) {
+/// What follows from the options that a user sets.
+void SetDependentOptions(RuntimeOptions* options) {
+  DenseMapperOptions* mapper = &options->mapper;
+  options->gate.remembered = static_cast<size_t>(std::max(mapper->window_size, 1));
+  // A keyframe needs two useful views, or as many as it can have.
   mapper->min_source_views = std::min({DenseMapperOptions().min_source_views, mapper->source_views.max_source_views,
                                        std::max(mapper->window_size - 1, 1)});
 }
@@ -88,7 +90,7 @@ void Validate(const RuntimeOptions& options) {
 RuntimeOptions LoadRuntimeOptions(ParameterReader* reader, const RuntimeOptions& start) {
   RuntimeOptions options = start;
   ReadOptions(RuntimeOptionTable(), reader, &options);
-  FitMinSourceViews(&options.mapper);
+  SetDependentOptions(&options);
   Validate(options);
   return options;
 }
@@ -110,7 +112,7 @@ RuntimeOptions FromConfig(const DenseMapperConfig& config, const RuntimeOptions&
     CheckOption(option.description, values.at(option.name()));
     option.set(values.at(option.name()), &options);
   }
-  FitMinSourceViews(&options.mapper);
+  SetDependentOptions(&options);
   Validate(options);
   return options;
 }

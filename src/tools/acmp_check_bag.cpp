@@ -18,18 +18,17 @@ const char* RoleOf(const acmp::BagTopic& topic, const acmp::TopicChoice& chosen)
   return "";
 }
 
-void PrintTopics(const acmp::BagContents& contents) {
+void PrintTopics(const acmp::BagReport& report) {
   size_t widest = 0;
-  for (const acmp::BagTopic& topic : contents.topics) widest = std::max(widest, topic.name.size());
+  for (const acmp::BagTopic& topic : report.topics) widest = std::max(widest, topic.name.size());
   std::cout << "topics:\n" << std::left << std::fixed << std::setprecision(1);
-  for (const acmp::BagTopic& topic : contents.topics) {
-    const double seconds = (topic.last - topic.first).toSec();
+  for (const acmp::BagTopic& topic : report.topics) {
     std::cout << "  " << std::setw(static_cast<int>(widest)) << topic.name << "  " << std::setw(32) << topic.type << " "
               << std::setw(6) << topic.messages;
-    if (topic.messages > 1 && seconds > 0) {
-      std::cout << " " << static_cast<double>(topic.messages - 1) / seconds << " Hz";
+    if (topic.messages > 1 && topic.duration_s > 0) {
+      std::cout << " " << static_cast<double>(topic.messages - 1) / topic.duration_s << " Hz";
     }
-    std::cout << "  " << RoleOf(topic, contents.chosen) << '\n';
+    std::cout << "  " << RoleOf(topic, report.chosen) << '\n';
   }
 }
 
@@ -46,7 +45,7 @@ const char* NameOf(acmp::Severity severity) {
 }
 
 int PrintReport(const acmp::BagReport& report) {
-  PrintTopics(report.contents);
+  PrintTopics(report);
   std::cout << "findings:\n";
   for (const acmp::Finding& finding : report.findings) {
     std::cout << "  " << std::setw(8) << NameOf(finding.severity) << finding.message << '\n';
@@ -88,8 +87,8 @@ int main(int argc, char** argv) {
       ->check(CLI::IsMember({"camera_optical", "camera_flu"}))
       ->capture_default_str();
   return acmp::RunTool(app, argc, argv, [&] {
-    options.pose_is_cam_world = pose_is == "T_cam_world";
-    options.pose_child_is_flu = pose_child == "camera_flu";
+    if (pose_is == "T_cam_world") options.semantics.direction = acmp::PoseSemantics::Direction::kCamFromWorld;
+    if (pose_child == "camera_flu") options.semantics.child = acmp::PoseSemantics::Child::kCameraFlu;
     return PrintReport(acmp::CheckBag(bag, options));
   });
 }

@@ -18,7 +18,7 @@ namespace {
 struct Arguments {
   DepthEvaluationOptions depth;
   CloudEvaluationOptions cloud;
-  std::string subset, csv, json;
+  std::string subset, json;
   bool quiet = false;
 };
 
@@ -55,6 +55,9 @@ CLI::App* AddDepthCommand(CLI::App* app, Arguments* a) {
   AddGroundTruthOptions(command, &a->depth.truth);
   command->add_option("--name", a->depth.name, "Only files whose name contains this regular expression");
   command->add_option("--scale", a->depth.scale, "Multiply the predictions by this")->capture_default_str();
+  command->add_flag("--median-scale", a->depth.median_scale,
+                    "Multiply each map by the median of true over predicted depth: for poses whose scale is unknown or "
+                    "drifts");
   command->add_option("--subset", a->subset, "Only these image indices, for example 0,3,7-12");
   command
       ->add_option(
@@ -63,7 +66,6 @@ CLI::App* AddDepthCommand(CLI::App* app, Arguments* a) {
       ->capture_default_str();
   command->add_option("--mask", a->depth.masks,
                       "Repeat the mean over the white pixels of the pictures in this folder, in SCENE or anywhere");
-  command->add_option("--csv", a->csv, "Write the figures per image to this file");
   command->add_option("--json", a->json, "Write all figures to this file");
   command->add_flag("--quiet", a->quiet, "Leave out the lines per image");
   return command;
@@ -104,7 +106,6 @@ int EvaluateDepthMaps(Arguments* a) {
   const DepthEvaluation evaluation = EvaluateDepthFolder(a->depth);
   for (const std::string& note : evaluation.notes) std::cerr << "note: " << note << '\n';
   std::cout << DepthTable(evaluation, a->quiet) << std::flush;
-  if (!a->csv.empty()) WriteFileAtomically(a->csv, DepthCsv(evaluation));
   if (!a->json.empty()) WriteFileAtomically(a->json, DepthJson(evaluation));
   return kExitDone;
 }

@@ -1,9 +1,10 @@
 #include "benchmark_report.h"
 
-#include <fstream>
 #include <iomanip>
+#include <nlohmann/json.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/output_file.h"
 
 namespace acmp {
 namespace {
@@ -80,35 +81,44 @@ void PrintReport(const BenchmarkReport& report, std::ostream* out) {
 }
 
 void WriteJson(const BenchmarkReport& report, const std::string& path) {
-  std::ofstream file(path);
-  file << "{\"device\": \"" << report.device << "\", \"preset\": \"" << report.preset
-       << "\", \"texture_fetches_per_s\": " << report.fetches_per_s << ", \"stages\": [";
-  const char* separator = "";
+  using Json = nlohmann::ordered_json;
+  Json stages = Json::array(), streams = Json::array();
   for (const StageFigures& row : report.stages) {
-    file << separator << "{\"width\": " << row.size.width << ", \"height\": " << row.size.height
-         << ", \"source_views\": " << row.source_views << ", \"photometric_ms\": " << row.photometric
-         << ", \"planar_prior_ms\": " << row.planar_prior << ", \"geometric_ms\": " << row.geometric
-         << ", \"floor_ms\": " << FloorMs(report, row, kPhotometricSamples + kPriorSamples + kGeometricSamples)
-         << ", \"triangulation_ms\": " << row.triangulation << ", \"load_ms\": " << row.load
-         << ", \"download_ms\": " << row.download << ", \"consistency_ms\": " << row.consistency
-         << ", \"fast_ms\": " << row.fast << ", \"whole_ms\": " << row.whole
-         << ", \"device_bytes\": " << row.device_bytes << "}";
-    separator = ", ";
+    stages.push_back({{"width", row.size.width},
+                      {"height", row.size.height},
+                      {"source_views", row.source_views},
+                      {"photometric_ms", row.photometric},
+                      {"planar_prior_ms", row.planar_prior},
+                      {"geometric_ms", row.geometric},
+                      {"floor_ms", FloorMs(report, row, kPhotometricSamples + kPriorSamples + kGeometricSamples)},
+                      {"triangulation_ms", row.triangulation},
+                      {"load_ms", row.load},
+                      {"download_ms", row.download},
+                      {"consistency_ms", row.consistency},
+                      {"fast_ms", row.fast},
+                      {"whole_ms", row.whole},
+                      {"device_bytes", row.device_bytes}});
   }
-  file << "], \"streams\": [";
-  separator = "";
   for (const StreamFigures& row : report.streams) {
-    file << separator << "{\"width\": " << row.size.width << ", \"height\": " << row.size.height
-         << ", \"source_views\": " << row.source_views << ", \"keyframes\": " << row.keyframes
-         << ", \"fast_median_ms\": " << row.fast_median << ", \"fast_99_ms\": " << row.fast_99
-         << ", \"refined_median_ms\": " << row.refined_median << ", \"refined_99_ms\": " << row.refined_99
-         << ", \"device_median_ms\": " << row.device_median << ", \"keyframes_per_s\": " << row.keyframes_per_s
-         << ", \"device_bytes\": [" << row.device_bytes_begin << ", " << row.device_bytes_end << "], \"host_bytes\": ["
-         << row.host_bytes_begin << ", " << row.host_bytes_end << "]}";
-    separator = ", ";
+    streams.push_back({{"width", row.size.width},
+                       {"height", row.size.height},
+                       {"source_views", row.source_views},
+                       {"keyframes", row.keyframes},
+                       {"fast_median_ms", row.fast_median},
+                       {"fast_99_ms", row.fast_99},
+                       {"refined_median_ms", row.refined_median},
+                       {"refined_99_ms", row.refined_99},
+                       {"device_median_ms", row.device_median},
+                       {"keyframes_per_s", row.keyframes_per_s},
+                       {"device_bytes", {row.device_bytes_begin, row.device_bytes_end}},
+                       {"host_bytes", {row.host_bytes_begin, row.host_bytes_end}}});
   }
-  file << "]}\n";
-  if (!file.flush()) throw ProcessingError(path + ": cannot be written");
+  const Json json = {{"device", report.device},
+                     {"preset", report.preset},
+                     {"texture_fetches_per_s", report.fetches_per_s},
+                     {"stages", stages},
+                     {"streams", streams}};
+  WriteFileAtomically(path, json.dump(1) + "\n");
 }
 
 }  // namespace acmp

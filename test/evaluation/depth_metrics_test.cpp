@@ -84,6 +84,12 @@ TEST(EvaluateDepth, AgreesWithAPlainDoublePrecisionReference) {
   }
 }
 
+TEST(MedianScale, IsThatOfWhatIsKnownOnBothSides) {
+  EXPECT_DOUBLE_EQ(MedianScale(Row({1, 2, 0, 4, 5}), Row({2, 4, 3, 0, 50})), 2);
+  EXPECT_EQ(MedianScale(Row({0, kNan}), Row({1, 1})), 1);
+  EXPECT_EQ(MedianScale(DepthMap(), Row({1, 1})), 1);
+}
+
 TEST(EvaluateDepth, CountsMissingEstimatesAsWrong) {
   const DepthMetrics metrics = EvaluateDepth(Row({1.0f, 0.0f, kNan, -2.0f, kInf}), Row({1.0f, 1.0f, 1.0f, 1.0f, 1.0f}));
   EXPECT_EQ(metrics.ground_truth_pixels, 5u);

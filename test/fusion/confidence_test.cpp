@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "fusion/analytic_views.h"
+#include "fusion/engine_views.h"
 #include "fusion/fusion_contexts.h"
 #include "fusion/reference_fusion.h"
 
@@ -233,7 +234,7 @@ TEST(FilterByConsistency, KeepsPixelsOfEnoughConfidence) {
     return FilterByConsistency(wall.View(), ViewsOf(sources), options).points_in_camera.size();
   };
   const auto fused = [&] {
-    return FuseDepthMaps({wall.View(), sources[0].View(), sources[1].View()}, {{1, 2}, {}, {}}, options).size();
+    return FuseViews({wall.View(), sources[0].View(), sources[1].View()}, {{1, 2}, {}, {}}, options).size();
   };
   // The sources do not see the 20 columns at the left, and from 16 more there is one of these around.
   EXPECT_EQ(count(), 25u * 41);

@@ -6,6 +6,7 @@
 #include <random>
 
 #include "fusion/analytic_views.h"
+#include "fusion/engine_views.h"
 #include "fusion/error_text.h"
 #include "fusion/fusion_contexts.h"
 #include "fusion/reference_fusion.h"
@@ -252,7 +253,7 @@ TEST(FilterByConsistency, NeverPutsOutNan) {
   loose.max_relative_depth = 0.99f;
   loose.min_consistent_views = 1;
   ExpectFinite(Filter(views, loose).points_in_camera);
-  ExpectFinite(FuseDepthMaps(ViewsOf(views), {{1, 2}, {0, 2}, {0, 1}}, loose));
+  ExpectFinite(FuseViews(ViewsOf(views), {{1, 2}, {0, 2}, {0, 1}}, loose));
 }
 
 TEST(MatchSum, KeepsTheReferenceNormalWhenNormalsCancel) {
@@ -338,7 +339,7 @@ TEST(ConsistencyTest, GuessesAreNeitherPointsNorEvidence) {
   EXPECT_EQ(result.consistent_views(3, 2), 1) << "a source may confirm the guess";
   EXPECT_EQ(result.consistent_views(7, 5), 0);
   EXPECT_EQ(result.consistent_views(8, 5), 1);
-  const PointCloud fused = FuseDepthMaps({reference.View(), source.View()}, {{1}, {0}}, options);
+  const PointCloud fused = FuseViews({reference.View(), source.View()}, {{1}, {0}}, options);
   for (const SurfacePoint& point : fused) {
     const bool guessed = point.position.x == reference.camera.Unproject({3, 2}, 4).cast<float>().x() &&
                          point.position.y == reference.camera.Unproject({3, 2}, 4).cast<float>().y();

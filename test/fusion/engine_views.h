@@ -5,45 +5,70 @@
 #include <utility>
 #include <vector>
 
+#include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/engine/depth_engine.h"
 #include "fusion/analytic_views.h"
 
 namespace acmp {
 
-/// Views as an engine sees them; frames are numbered from 0.
-inline std::vector<EngineView> UploadViews(const std::vector<TestView>& views, DepthEngine* engine) {
+/// Views as an engine sees them; frames are numbered from 0. One without pixels has no estimate.
+inline std::vector<EngineView> UploadViews(const std::vector<FusionView>& views, DepthEngine* engine) {
   std::vector<EngineView> uploaded;
-  for (const TestView& view : views) {
+  for (const FusionView& view : views) {
     auto frame = std::make_shared<Frame>();
     frame->id = static_cast<int64_t>(uploaded.size());
+    uploaded.push_back({frame, nullptr, nullptr});
+    if (view.depth.empty()) continue;
     frame->camera = view.camera;
     frame->cam_from_world = view.cam_from_world;
     frame->gray = GrayImage(view.camera.width, view.camera.height, 100.0f);
-    frame->color = view.color.Clone();
-    uploaded.push_back({frame, engine->Load(frame, 0),
-                        engine->UploadMaps({view.depth.View(), view.normal.View(), view.cost.View()}, view.camera)});
+    frame->color = Clone(view.color);
+    uploaded.back().image = engine->Load(frame, 0);
+    uploaded.back().estimate = engine->UploadMaps({view.depth, view.normal, view.cost}, view.camera);
   }
   return uploaded;
 }
 
+inline std::vector<EngineView> UploadViews(const std::vector<TestView>& views, DepthEngine* engine) {
+  return UploadViews(ViewsOf(views), engine);
+}
+
 /// The points of one view.
 inline PointCloud FuseOne(DepthEngine* engine, const std::vector<EngineView>& views,
-                          const std::vector<std::vector<int>>& neighbors, int view, FusionStamps* stamps) {
+                          const std::vector<std::vector<int>>& neighbors, int view, FusionStamps* stamps,
+                          const FusionOptions& options = {}) {
   std::vector<EngineView> sources;
   for (int source : neighbors[static_cast<size_t>(view)]) sources.push_back(views[static_cast<size_t>(source)]);
-  return engine->FuseView(views[static_cast<size_t>(view)], sources, {}, view, stamps);
+  return engine->FuseView(views[static_cast<size_t>(view)], sources, options, view, stamps);
 }
 
 /// Those of all views, fused one after the other.
 inline std::vector<PointCloud> FuseAll(DepthEngine* engine, const std::vector<EngineView>& views,
-                                       const std::vector<std::vector<int>>& neighbors) {
+                                       const std::vector<std::vector<int>>& neighbors,
+                                       const FusionOptions& options = {}) {
   const std::unique_ptr<FusionStamps> stamps = engine->MakeFusionStamps();
   std::vector<PointCloud> clouds;
   for (int i = 0; i < static_cast<int>(views.size()); ++i) {
-    clouds.push_back(FuseOne(engine, views, neighbors, i, stamps.get()));
+    const bool takes_part = views[static_cast<size_t>(i)].estimate != nullptr;
+    clouds.push_back(takes_part ? FuseOne(engine, views, neighbors, i, stamps.get(), options) : PointCloud());
   }
   return clouds;
+}
+
+/// The same as one cloud.
+inline PointCloud FuseViews(DepthEngine* engine, const std::vector<FusionView>& views,
+                            const std::vector<std::vector<int>>& neighbors, const FusionOptions& options) {
+  PointCloud points;
+  for (const PointCloud& cloud : FuseAll(engine, UploadViews(views, engine), neighbors, options)) {
+    points.insert(points.end(), cloud.begin(), cloud.end());
+  }
+  return points;
+}
+/// On the CPU.
+inline PointCloud FuseViews(const std::vector<FusionView>& views, const std::vector<std::vector<int>>& neighbors,
+                            const FusionOptions& options) {
+  return FuseViews(MakeDepthEngine(Device::kCpu).engine.get(), views, neighbors, options);
 }
 
 /// Where the first point is that differs in a bit, for EXPECT_EQ with "".

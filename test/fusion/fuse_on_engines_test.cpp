@@ -53,19 +53,6 @@ class FuseOnEnginesTest : public EngineTest {
 };
 INSTANTIATE_TEST_SUITE_P(Devices, FuseOnEnginesTest, ::testing::Values(Device::kCpu, Device::kCuda), DeviceName);
 
-TEST_P(FuseOnEnginesTest, ByRankIsFuseDepthMaps) {
-  const std::vector<TestView> views = TwoGroups();
-  const PointCloud expected = FuseDepthMaps(ViewsOf(views), neighbors_, {});
-  PointCloud points;
-  for (const PointCloud& cloud : FuseAll(engine_.get(), views_, neighbors_)) {
-    points.insert(points.end(), cloud.begin(), cloud.end());
-  }
-  ASSERT_EQ(points.size(), expected.size());
-  ASSERT_GT(points.size(), 1000u);
-  if (GetParam() == Device::kCuda) return;  // a unit in the last place may differ
-  EXPECT_EQ(FirstDifference(points, expected), "");
-}
-
 TEST_P(FuseOnEnginesTest, ViewsWithoutACommonFrameMayComeInAnyOrder) {
   const std::vector<PointCloud> expected = FuseAll(engine_.get(), views_, neighbors_);
   for (const PointCloud& cloud : expected) ASSERT_GT(cloud.size(), 10u) << "nothing is left: the test shows nothing";

@@ -32,21 +32,11 @@ struct AxisScene {
 
 TEST(DepthRangeTest, TakesQuantilesWithMargin) {
   const AxisScene scene;
-  DepthRangeOptions options;
-  options.quantile = 0.05;
-  options.margin = 1.5;
-  const auto range = DepthRangeFromLandmarks(scene.points, kCamera, scene.pose, options);
+  const auto range = DepthRangeFromLandmarks(scene.points, kCamera, scene.pose, {});
   ASSERT_TRUE(range);
-  // Of 101 sorted depths the 5th and 95th percentiles are exactly 1.05 and 1.95; the result is a float.
-  EXPECT_NEAR(range->min, 1.05 / 1.5, 1e-6);
-  EXPECT_NEAR(range->max, 1.95 * 1.5, 1e-6);
-  DepthRangeOptions all;
-  all.quantile = 0;
-  all.margin = 1;
-  const auto exact = DepthRangeFromLandmarks(scene.points, kCamera, scene.pose, all);
-  ASSERT_TRUE(exact);
-  EXPECT_NEAR(exact->min, 1.0, 1e-6);
-  EXPECT_NEAR(exact->max, 2.0, 1e-6);
+  // Of 101 sorted depths 2 % lie below 1.02 and above 1.98; the result is a float.
+  EXPECT_NEAR(range->min, 1.02 / kDepthMargin, 1e-6);
+  EXPECT_NEAR(range->max, 1.98 * kDepthMargin, 1e-6);
 }
 
 TEST(DepthRangeTest, ScalesWithTheScene) {
@@ -103,16 +93,11 @@ TEST(DepthRangeTest, NoneWithTooFewLandmarks) {
   EXPECT_TRUE(DepthRangeFromLandmarks(ten, kCamera, scene.pose, {}));
 }
 
-TEST(DepthRangeTest, NoneWhenThereIsNothingToSearch) {
+TEST(DepthRangeTest, NoneBeyondWhatAFloatHolds) {
   const AxisScene scene;
-  DepthRangeOptions options;
-  options.margin = 1;
-  const std::vector<Eigen::Vector3d> same(20, scene.AtDepth(3));
-  EXPECT_FALSE(DepthRangeFromLandmarks(same, kCamera, scene.pose, options));
-  options.margin = 1.5;
-  EXPECT_TRUE(DepthRangeFromLandmarks(same, kCamera, scene.pose, options));
-  const std::vector<Eigen::Vector3d> beyond_float(20, scene.AtDepth(1e39));
-  EXPECT_FALSE(DepthRangeFromLandmarks(beyond_float, kCamera, scene.pose, options));
+  const std::vector<Eigen::Vector3d> same(20, scene.AtDepth(3)), beyond(20, scene.AtDepth(1e39));
+  EXPECT_TRUE(DepthRangeFromLandmarks(same, kCamera, scene.pose, {}));
+  EXPECT_FALSE(DepthRangeFromLandmarks(beyond, kCamera, scene.pose, {}));
 }
 
 TEST(CheckDepthRangeTest, RefusesInvertedAndInfinite) {
@@ -129,21 +114,6 @@ TEST(CheckDepthRangeTest, RefusesInvertedAndInfinite) {
   } catch (const InvalidInputError& error) {
     EXPECT_THAT(error.what(), testing::AllOf(testing::HasSubstr("fallback"), testing::HasSubstr("[3, 2]")));
   }
-}
-
-TEST(DepthRangeOptionsTest, RefusesBadValues) {
-  EXPECT_NO_THROW(Validate(DepthRangeOptions{}));
-  const auto with = [](auto set) {
-    DepthRangeOptions options;
-    set(options);
-    return options;
-  };
-  EXPECT_THROW(Validate(with([](auto& o) { o.quantile = 0.5; })), InvalidInputError);
-  EXPECT_THROW(Validate(with([](auto& o) { o.quantile = -0.1; })), InvalidInputError);
-  EXPECT_THROW(Validate(with([](auto& o) { o.quantile = kNan; })), InvalidInputError);
-  EXPECT_THROW(Validate(with([](auto& o) { o.margin = 0.9; })), InvalidInputError);
-  EXPECT_THROW(Validate(with([](auto& o) { o.margin = kInf; })), InvalidInputError);
-  EXPECT_THROW(Validate(with([](auto& o) { o.min_landmarks = 0; })), InvalidInputError);
 }
 
 }  // namespace

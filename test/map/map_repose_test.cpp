@@ -1,5 +1,8 @@
 // Loop closures in the map.
 
+#include <algorithm>
+#include <cmath>
+
 #include <gtest/gtest.h>
 
 #include "acmp_mapping/map/map_store.h"
@@ -148,6 +151,54 @@ TEST(MapRepose, TheSamePathIsFree) {
   EXPECT_EQ(store.Repose(path).moved, std::vector<size_t>{2});
   path[2].pose.rotate(Eigen::AngleAxisd(0.5 * kSamePoseRad, Eigen::Vector3d::UnitY()));
   EXPECT_TRUE(store.Repose(path).moved.empty());
+}
+
+/// The path of keyframes 0 to count - 1, the steps scaled by 1, and by `scale` from keyframe 20 on, as a loop closure
+/// of a monocular frontend may leave it.
+std::vector<StampedPose> ScaledPath(int count, double scale) {
+  std::vector<StampedPose> path;
+  double x = 0;
+  for (int i = 0; i < count; ++i) {
+    path.push_back({i * kSecond, Pose(x, 7)});
+    x += i < 20 ? 1 : scale;
+  }
+  return path;
+}
+
+TEST(MapRepose, APathOfAnotherScaleScalesThePoints) {
+  for (const double scale : {0.5, 1.3}) {
+    MapStore store({100, 0.1});
+    AddKeyframes(&store, 40);
+    const std::vector<StampedPose> path = ScaledPath(40, scale);
+    store.Repose(path);
+    std::vector<RigidTransform> expected;
+    for (const StampedPose& pose : path) expected.push_back(pose.pose);
+    ExpectPath(store, expected);
+    const PointCloud map = store.WorldCloud();
+    ASSERT_EQ(map.size(), 40u);
+    for (const SurfacePoint& point : map) {
+      if (point.position.x > 14 && point.position.x < 20 + 6 * scale) continue;  // around the change
+      EXPECT_NEAR(point.position.z, point.position.x < 20 ? 2 : 2 * scale, kFloat);
+    }
+    EXPECT_NEAR(store.statistics().smallest_scale, std::min(scale, 1.0), kExact);
+    EXPECT_NEAR(store.statistics().largest_scale, std::max(scale, 1.0), kExact);
+    const uint64_t version = store.version();
+    EXPECT_TRUE(store.Repose(path).moved.empty());
+    EXPECT_EQ(store.version(), version);
+    // Keyframes that come later, or are not named, go on at the scale of the one before.
+    AddKeyframes(&store, 2, 40);
+    EXPECT_TRUE(store.Path().back().pose.isApprox(Pose(path.back().pose.translation().x() + 2 * scale, 7), kExact));
+  }
+}
+
+TEST(MapRepose, ACorrectionOfPosesAloneScalesNothing) {
+  MapStore store({100, 0.1});
+  AddKeyframes(&store, 40);
+  std::vector<StampedPose> path;
+  for (int i = 0; i < 40; ++i) path.push_back({i * kSecond, Pose(i + 0.4 * std::sin(2.0 * i), i < 20 ? 0 : 9)});
+  store.Repose(path);
+  EXPECT_EQ(store.statistics().smallest_scale, 1);
+  EXPECT_EQ(store.statistics().largest_scale, 1);
 }
 
 TEST(MapRepose, CorrectionsOutliveTheKeyframeTheyCameFrom) {

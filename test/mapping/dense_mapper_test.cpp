@@ -210,7 +210,7 @@ TEST(DenseMapperOptionsTest, AreCheckedAndKeptWhenBad) {
   EXPECT_THAT(error_with([](auto& o) { o.fallback_depth_range = {2, 1}; }), HasSubstr("fallback_depth_range"));
   EXPECT_THAT(error_with([](auto& o) { o.fallback_depth_range = {0, 1}; }), HasSubstr("fallback_depth_range"));
   EXPECT_THAT(error_with([](auto& o) { o.source_views.max_source_views = 0; }), HasSubstr("max_source_views"));
-  EXPECT_THAT(error_with([](auto& o) { o.depth_range.margin = 0; }), HasSubstr("margin"));
+  EXPECT_THAT(error_with([](auto& o) { o.depth_range.min_landmarks = 0; }), HasSubstr("min_landmarks"));
   EXPECT_THAT(error_with([](auto& o) { o.pipeline.geometric_passes = 11; }), HasSubstr("geometric_passes"));
 
   MapperHarness harness(FakeOptions(6, 0));

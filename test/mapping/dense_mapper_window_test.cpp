@@ -42,6 +42,41 @@ TEST(DenseMapperFlushTest, ALoneKeyframeIsDropped) {
   EXPECT_THAT(harness.Add(WallFrame(5)), ElementsAre("fast 4", "fast 5"));
 }
 
+TEST(DenseMapperSourceImageTest, IsMatchedAgainstAndGetsNoMaps) {
+  MapperHarness harness(FakeOptions(6, 2));
+  harness.mapper.AddSourceImage(WallFrame(0));
+  harness.mapper.AddSourceImage(WallFrame(1));
+  EXPECT_THAT(harness.TakeEvents(), IsEmpty());
+  EXPECT_THAT(harness.Add(WallFrame(2)), ElementsAre("fast 2"));
+  EXPECT_THAT(harness.engine.calls.back().sources, UnorderedElementsAre(0, 1));
+  harness.mapper.AddSourceImage(WallFrame(3));
+  EXPECT_THAT(harness.TakeEvents(), IsEmpty());
+  harness.mapper.AddSourceImage(WallFrame(4));
+  EXPECT_THAT(harness.TakeEvents(), ElementsAre("refined 2")) << "they are later keyframes to those that wait";
+  EXPECT_THAT(harness.Flush(), IsEmpty());
+  EXPECT_EQ(harness.mapper.unfinished(), 0u);
+}
+
+TEST(DenseMapperSourceImageTest, ComesAfterKeyframesWithMaps) {
+  DenseMapperOptions options = FakeOptions(8, 0);
+  options.source_views.max_source_views = 3;
+  MapperHarness harness(options);
+  harness.Add(WallFrame(0, 0));
+  harness.Add(WallFrame(1, 0.1));
+  for (int id = 2; id < 6; ++id) harness.mapper.AddSourceImage(WallFrame(id, 0.1 + 0.35 * (id - 1)));
+  harness.Add(WallFrame(6, 0.2));
+  const std::vector<int64_t>& sources = harness.engine.calls.back().sources;
+  ASSERT_THAT(sources, SizeIs(3));
+  EXPECT_THAT((std::vector<int64_t>{sources[0], sources[1]}), UnorderedElementsAre(0, 1));
+}
+
+TEST(DenseMapperSourceImageTest, RefusesABadFrame) {
+  MapperHarness harness(FakeOptions(6, 2));
+  Frame frame = MakeWallFrame(0, 0);
+  frame.camera.fx = -1;
+  EXPECT_THROW(harness.mapper.AddSourceImage(std::make_shared<Frame>(std::move(frame))), InvalidInputError);
+}
+
 TEST(DenseMapperResetTest, AccountsForEverythingAndForgetsIt) {
   MapperHarness harness(FakeOptions(6, 2));
   for (int id = 10; id <= 13; ++id) harness.Add(WallFrame(id));
@@ -111,8 +146,8 @@ TEST(DenseMapperDepthRangeTest, ComesFromTheLandmarksInView) {
   for (int id = 0; id < 3; ++id) harness.Add(WallFrame(id, 0.35 * id, whole_map));
   ASSERT_THAT(harness.fast, SizeIs(3));
   for (const auto& depth : harness.fast) {
-    EXPECT_FLOAT_EQ(depth->range.min, static_cast<float>(kWallDepth / options.depth_range.margin));
-    EXPECT_FLOAT_EQ(depth->range.max, static_cast<float>(kWallDepth * options.depth_range.margin));
+    EXPECT_FLOAT_EQ(depth->range.min, static_cast<float>(kWallDepth / kDepthMargin));
+    EXPECT_FLOAT_EQ(depth->range.max, static_cast<float>(kWallDepth * kDepthMargin));
   }
 }
 
@@ -125,7 +160,7 @@ TEST(DenseMapperDepthRangeTest, FallsBackToTheLastThenToTheOptions) {
   harness.Add(WallFrame(2, 0.7, {}));
   ASSERT_THAT(harness.fast, SizeIs(3));
   EXPECT_EQ(harness.fast[0]->range.max, 50);
-  const auto from_landmarks = static_cast<float>(kWallDepth * options.depth_range.margin);
+  const auto from_landmarks = static_cast<float>(kWallDepth * kDepthMargin);
   EXPECT_FLOAT_EQ(harness.fast[1]->range.max, from_landmarks);
   EXPECT_FLOAT_EQ(harness.fast[2]->range.max, from_landmarks);
 }

@@ -56,14 +56,13 @@ TEST(RefineAgainTest, NotWhereViewsWereGoodFromTheStart) {
   EXPECT_THAT(harness.refined_again, Each(testing::Lt(6))) << "the first window may gain";
 }
 
-TEST(RefineAgainTest, OtherWeightsOfViewsAreNoGain) {
+TEST(RefineAgainTest, AnotherNumberOfViewsIsNoGain) {
   DenseMapperOptions options = RefiningAgain(10);
   options.source_views.max_source_views = 3;
   MapperHarness harness(options);
-  for (int id = 0; id < 5; ++id) harness.Add(WallFrame(id, 0.14 * id));  // 2 degrees: weights of 0.25 to 1, later all 1
-  options.source_views.best_angle_min_deg = 2;
+  for (int id = 0; id < 5; ++id) harness.Add(WallFrame(id, 0.14 * id));
+  options.source_views.max_source_views = 4;
   harness.mapper.set_options(options);
-  harness.Add(WallFrame(5, 0.14 * 4.5));
   harness.Flush();
   EXPECT_THAT(harness.refined_again, IsEmpty());
 }
@@ -92,10 +91,10 @@ TEST(RefineAgainTest, AtAFlushKeyframesTakeTheirStepsSideBySide) {
   AddPoorStartAndGoodViews(&harness);
   harness.Add(WallFrame(5, 1.05));
   harness.mapper.Flush(false);
-  harness.patch_match.calls.clear();
+  harness.engine.calls.clear();
   harness.Flush();
   std::vector<int> passes;
-  for (const FakePatchMatch::Call& call : harness.patch_match.calls) {
+  for (const WallEngine::Call& call : harness.engine.calls) {
     if (call.pass != "geometric") continue;
     passes.push_back(call.geometric_pass);
     EXPECT_THAT(call.source_depths, Each(call.geometric_pass == 0 ? kFastDepth : kRefinedDepth))

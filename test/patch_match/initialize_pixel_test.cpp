@@ -69,7 +69,6 @@ void ExpectInitialCostsAgree() {
 }
 
 TEST(InitialCostTest, PhotometricIsTheMeanOfTheFourBest) { ExpectInitialCostsAgree<Pass::kPhotometric>(); }
-TEST(InitialCostTest, PlanarPriorIsPhotometric) { ExpectInitialCostsAgree<Pass::kPlanarPrior>(); }
 TEST(InitialCostTest, GeometricAddsTheReprojectionError) { ExpectInitialCostsAgree<Pass::kGeometric>(); }
 
 TEST(InitialCostTest, NoValidViewIsTheWorstCostAndNoMask) {
@@ -94,46 +93,6 @@ TEST(InitialCostTest, ThirtyTwoViewsUseTheTopBit) {
   int bits = 0;
   for (int j = 27; j < 32; ++j) bits += (mask >> j) & 1;
   EXPECT_EQ(bits, 4);
-}
-
-TEST(RandomPlaneTest, PassesThroughADepthInRangeAndFacesTheCamera) {
-  const std::vector<PlanarView> views = RandomViews(2, 33, 27, 4);
-  KernelState state(MakeProblem(views, 0, {0.5f, 20}));
-  const auto context = state.Context();
-  for (int row = 0; row < 27; ++row) {
-    for (int col = 0; col < 33; ++col) {
-      for (uint32_t step = 0; step < 20; ++step) {
-        const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
-        RandomStream random(1, static_cast<uint32_t>(row * 33 + col), step);
-        const PlaneHypothesis plane = RandomPlane(context, ray, &random);
-        ASSERT_GT(plane.d, 0);
-        ASSERT_LT(Dot(plane.normal(), ray), 0);
-        const float depth = PlaneDepth(plane, ray);
-        ASSERT_GE(depth, 0.5f * (1 - 1e-6f));  // division undoes the multiplication to two roundings
-        ASSERT_LE(depth, 20.0f * (1 + 1e-6f));
-      }
-    }
-  }
-}
-
-TEST(InitializePixelTest, PhotometricStoresARandomPlaneWithItsCostAndViews) {
-  const std::vector<PlanarView> views = RandomViews(4, 33, 27, 5);
-  KernelState state(MakeProblem(views, 0, {1, 10}));
-  const auto context = state.Context();
-  for (int row = 0; row < 27; ++row) {
-    for (int col = 0; col < 33; ++col) InitializePixel<Pass::kPhotometric>(context, col, row);
-  }
-  int differing_neighbours = 0;
-  for (int row = 0; row < 27; ++row) {
-    for (int col = 0; col < 33; ++col) {
-      uint32_t mask = 0;
-      ASSERT_EQ(state.cost(col, row),
-                InitialCost<Pass::kPhotometric>(context, col, row, state.planes(col, row), &mask));
-      ASSERT_EQ(state.selected_views(col, row), mask);
-      differing_neighbours += col > 0 && state.planes(col, row).d != state.planes(col - 1, row).d;
-    }
-  }
-  EXPECT_EQ(differing_neighbours, 27 * 32);
 }
 
 /// Start, prior and cost maps of a planar-prior pass at one pixel.
@@ -205,28 +164,6 @@ TEST(PriorStartTest, DepthStaysInRange) {
   for (uint32_t seed = 0; seed < 500; ++seed) ASSERT_LE(c.Depth(c.Start(0.5f, seed)), 10 * (1 + 1e-6));
   c.state.prior(20, 9) = RandomHypothesis(c.views[0].camera, 20, 9, 1.001, 1.001, 20, &random);
   for (uint32_t seed = 0; seed < 500; ++seed) ASSERT_GE(c.Depth(c.Start(0.5f, seed)), 1 - 1e-6);
-}
-
-TEST(InitializePixelTest, GeometricKeepsThePlaneAndRatesItByEquation13) {
-  const std::vector<PlanarView> views = RandomViews(4, 33, 27, 9);
-  KernelState state(MakeProblem(views, 0, {1, 10}, true));
-  TestRandom random(10);
-  for (int row = 0; row < 27; ++row) {
-    for (int col = 0; col < 33; ++col) {
-      state.planes(col, row) = RandomHypothesis(views[0].camera, col, row, 2, 8, 60, &random);
-    }
-  }
-  const PlaneMap before = state.planes.Clone();
-  const auto context = state.Context(2);
-  for (int row = 0; row < 27; ++row) {
-    for (int col = 0; col < 33; ++col) {
-      InitializePixel<Pass::kGeometric>(context, col, row);
-      ASSERT_TRUE(Same(state.planes(col, row), before(col, row)));
-      uint32_t mask = 0;
-      ASSERT_EQ(state.cost(col, row), InitialCost<Pass::kGeometric>(context, col, row, before(col, row), &mask));
-      ASSERT_EQ(state.selected_views(col, row), mask);
-    }
-  }
 }
 
 template <Pass kPass>

@@ -106,13 +106,6 @@ TEST(HalveDepthTest, WhatIsNoDepthIsUnknown) {
   }
 }
 
-TEST(MatchSetupTest, PassesHaveDistinctNumbers) {
-  EXPECT_EQ(PassNumber(Pass::kPhotometric, 0), 0u);
-  EXPECT_EQ(PassNumber(Pass::kPlanarPrior, 0), 1u);
-  EXPECT_EQ(PassNumber(Pass::kGeometric, 0), 2u);
-  EXPECT_EQ(PassNumber(Pass::kGeometric, 1), 3u);
-}
-
 TEST(MatchSetupTest, DepthMapHasThePlanesDepthsAndZeroForNone) {
   const std::vector<PlanarView> views = RandomViews(2, 33, 27, 4);
   PlaneMap planes(33, 27);

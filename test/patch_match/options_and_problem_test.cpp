@@ -43,30 +43,6 @@ struct FloatField {
   std::vector<float> good, bad;
 };
 
-TEST(PatchMatchOptionsTest, DefaultsAreThePapers) {
-  const PatchMatchOptions options;
-  EXPECT_EQ(Message(options), "");
-  EXPECT_EQ(options.photometric_iterations, 3);
-  EXPECT_EQ(options.planar_prior_iterations, 3);
-  EXPECT_EQ(options.geometric_iterations, 2);
-  EXPECT_FLOAT_EQ(options.prior_start_cost, 0.1f);  // epsilon
-  EXPECT_FLOAT_EQ(options.prior_alpha, 0.18f);
-  EXPECT_FLOAT_EQ(options.prior_gamma, 0.5f);
-  EXPECT_FLOAT_EQ(options.prior_sigma_normal_deg, 5.0f);
-  EXPECT_FLOAT_EQ(options.prior_depth_divisor, 64.0f);
-  EXPECT_FLOAT_EQ(options.sigma_view, 0.3f);
-  EXPECT_FLOAT_EQ(options.view_smoothness, 0.9f);
-  EXPECT_FLOAT_EQ(options.geometric_weight, 0.1f);
-  EXPECT_FLOAT_EQ(options.geometric_max_px, 5.0f);
-  // What the papers leave open.
-  EXPECT_FLOAT_EQ(options.sigma_spatial_px, 5.0f);
-  EXPECT_FLOAT_EQ(options.sigma_color, 3.0f);
-  EXPECT_EQ(options.view_draws, 15);
-  EXPECT_EQ(options.min_neighbours_per_view, 2);
-  EXPECT_FLOAT_EQ(options.perturb_depth, 0.02f);
-  EXPECT_FLOAT_EQ(options.perturb_normal_deg, 1.8f);
-}
-
 TEST(PatchMatchOptionsTest, EveryIntegersBoundsAreChecked) {
   for (const IntField& field : {
            IntField{"photometric_iterations", &PatchMatchOptions::photometric_iterations, 1, 20},

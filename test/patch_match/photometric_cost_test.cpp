@@ -25,18 +25,6 @@ reference::Cost ReferenceCost(const KernelState& state, const PlaneHypothesis& p
   return reference::PhotometricCost(state.problem(), state.options(), reference::ToDouble(plane), col, row, view);
 }
 
-TEST(BilateralWeightTest, DistancesAreNotSquared) {
-  const PatchMatchOptions options;
-  for (const double distance : {0.0, 1.0, 7.0710678}) {
-    for (const double difference : {0.0, -4.0, 4.0, 60.0}) {
-      EXPECT_NEAR(BilateralWeight(static_cast<float>(distance), static_cast<float>(difference), 0.5f / 25, 0.5f / 9),
-                  reference::BilateralWeight(distance, difference, options), 1e-6);
-    }
-  }
-  // The formula spelt out.
-  EXPECT_NEAR(reference::BilateralWeight(5, 9, options), std::exp(-5.0 / 50 - 9.0 / 18), 1e-12);
-}
-
 TEST(ReferencePatchTest, HasTheWindowsSamplesAndMoments) {
   const std::vector<PlanarView> views = RandomViews(2, 31, 23, 1);
   KernelState state(MakeProblem(views, 0, {1, 10}));

@@ -71,19 +71,6 @@ TEST(PriorCostTest, CostIsEquation7) {
   }
 }
 
-TEST(PriorCostTest, MinimisesWhatTheDesignMaximises) {
-  // Score exp(-c^2 / 0.18) * P and energy order hypotheses the same way.
-  TestRandom random(1);
-  for (int i = 0; i < 1000; ++i) {
-    const double c1 = random(0, 1), c2 = random(0, 1), p1 = random(0.5, 1.5), p2 = random(0.5, 1.5);
-    const double score1 = std::exp(-c1 * c1 / 0.18) * p1, score2 = std::exp(-c2 * c2 / 0.18) * p2;
-    if (std::abs(std::log(score1 / score2)) < 1e-4) continue;  // float rounding of energies up to 6
-    EXPECT_EQ(PriorAssistedCost(static_cast<float>(c1), static_cast<float>(p1), 0.18f) <
-                  PriorAssistedCost(static_cast<float>(c2), static_cast<float>(p2), 0.18f),
-              score1 > score2);
-  }
-}
-
 TEST(LoadPriorTest, GivesThePriorsDepthAtThePixel) {
   const std::vector<PlanarView> views = RandomViews(2, 33, 27, 1);
   PatchMatchOptions options;

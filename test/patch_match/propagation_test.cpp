@@ -40,32 +40,6 @@ std::set<Offset> ReferenceRegion(int region) {
   return turned;
 }
 
-TEST(PropagationTest, RegionsAreThoseOfTheDesign) {
-  ASSERT_EQ(kNumRegions, 8);
-  for (int region = 0; region < kNumRegions; ++region) {
-    std::set<Offset> members;
-    for (int member = 0; member < RegionSize(region); ++member) {
-      int dx, dy;
-      RegionOffset(region, member, &dx, &dy);
-      EXPECT_TRUE(members.insert({dx, dy}).second) << "twice in region " << region;
-    }
-    EXPECT_EQ(members, ReferenceRegion(region)) << "region " << region;
-  }
-}
-
-TEST(PropagationTest, AllMembersHaveTheOppositeColour) {
-  std::set<Offset> all;
-  for (int region = 0; region < kNumRegions; ++region) {
-    for (int member = 0; member < RegionSize(region); ++member) {
-      int dx, dy;
-      RegionOffset(region, member, &dx, &dy);
-      EXPECT_EQ(std::abs(dx + dy) % 2, 1) << dx << ", " << dy;
-      EXPECT_TRUE(all.insert({dx, dy}).second) << dx << ", " << dy << " is in two regions";
-    }
-  }
-  EXPECT_EQ(all.size(), 4u * 7u + 4u * 11u);
-}
-
 /// Reference: indices of all members with the least cost; empty if no member lies in the image.
 std::set<int> ReferenceBest(const KernelState& state, int col, int row, int region) {
   std::set<int> best;
@@ -106,15 +80,6 @@ TEST(PropagationTest, TakesTheMemberOfLeastCostEverywhere) {
     }
     EXPECT_GT(absent, 0);
   }
-}
-
-TEST(PropagationTest, SinglePixelImageHasNoCandidates) {
-  const std::vector<PlanarView> views = RandomViews(2, 1, 1, 3);
-  KernelState state(MakeProblem(views, 0, {1, 10}));
-  PlaneHypothesis candidates[kNumRegions];
-  int shared_count;
-  EXPECT_EQ(CollectCandidates(state.Context(), 0, 0, {0, 0, 1}, kAllRegions, SingleThread(), candidates, &shared_count),
-            0);
 }
 
 TEST(PropagationTest, NearAndFarRegionsTakeTurns) {

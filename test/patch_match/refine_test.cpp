@@ -122,36 +122,6 @@ const Eigen::Vector3d kCurrentNormal = Eigen::Vector3d(0.2, -0.3, -1.0).normaliz
 /// {[d_p, n_c], [d_c, n_p], [d_p, n_p], [d_r, n_c], [d_c, n_r], [d_r, n_r]} with current, perturbed and random d, n.
 enum Combination { kPerturbedDepth, kPerturbedNormal, kBothPerturbed, kRandomDepth, kRandomNormal, kBothRandom };
 
-TEST(RefineTest, RatesTheSixHypothesesOfEquation12) {
-  RefineSpy spy;
-  const PatchMatchOptions options;
-  double widest_depth = 0, widest_normal = 0, nearest = 1e9, farthest = 0;
-  for (uint32_t step = 0; step < 300; ++step) {
-    const std::vector<Hypothesis> h = spy.Run<Pass::kPhotometric>(CurrentPlane(), {}, step, options);
-    ASSERT_EQ(h.size(), 6u);
-    const double perturbed_depth = h[kPerturbedDepth].depth, random_depth = h[kRandomDepth].depth;
-    const Eigen::Vector3d perturbed_normal = h[kPerturbedNormal].normal, random_normal = h[kRandomNormal].normal;
-    for (const int i : {kPerturbedDepth, kRandomDepth}) ASSERT_TRUE(SameNormal(h[i].normal, kCurrentNormal)) << i;
-    for (const int i : {kPerturbedNormal, kRandomNormal}) ASSERT_TRUE(SameDepth(h[i].depth, 5)) << i;
-    ASSERT_TRUE(SameDepth(h[kBothRandom].depth, random_depth) && SameNormal(h[kBothRandom].normal, random_normal));
-    ASSERT_TRUE(SameDepth(h[kBothPerturbed].depth, perturbed_depth) &&
-                SameNormal(h[kBothPerturbed].normal, perturbed_normal));
-
-    ASSERT_LE(std::abs(perturbed_depth / 5 - 1), 0.02 + kDepthResolution);
-    ASSERT_LE(AngleDeg(perturbed_normal, kCurrentNormal), 3 * 1.8 + kNormalResolution);
-    ASSERT_TRUE(random_depth > 2 * (1 - kDepthResolution) && random_depth < 8 * (1 + kDepthResolution));
-    ASSERT_LT(random_normal.z(), 0);
-    widest_depth = std::max(widest_depth, std::abs(perturbed_depth / 5 - 1));
-    widest_normal = std::max(widest_normal, AngleDeg(perturbed_normal, kCurrentNormal));
-    nearest = std::min(nearest, random_depth);
-    farthest = std::max(farthest, random_depth);
-  }
-  EXPECT_GT(widest_depth, 0.019);  // of 300 draws one lies in the outer 5 % but for 0.95^300
-  EXPECT_GT(widest_normal, 1.8);
-  EXPECT_LT(nearest, 2.1);
-  EXPECT_GT(farthest, 7);
-}
-
 TEST(RefineTest, OptionsSetThePerturbations) {
   RefineSpy spy;
   PatchMatchOptions options;

@@ -10,6 +10,7 @@
 #include "acmp_mapping/fusion/depth_fusion.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/pipeline/depth_estimator.h"
+#include "fusion/engine_views.h"
 #include "support/devices.h"
 #include "support/pass_result.h"
 
@@ -280,7 +281,7 @@ TEST_P(PipelineSyntheticTest, FusedCloudLiesOnTheSurfaces) {
                      frame.color.View()});
     neighbors.push_back(room.Neighbors(i));
   }
-  const PointCloud cloud = FuseDepthMaps(views, neighbors, {});
+  const PointCloud cloud = FuseViews(engine_.get(), views, neighbors, {});
   const std::vector<CloudMetrics> metrics = EvaluateCloud(cloud, room.surface, {0.05}, 0.05);
   // Measured: 93.2 and 55.0 %. A pixel needs two sources that agree to 1 %, as many blank ones do not, and confidence.
   EXPECT_GT(metrics[0].accuracy, 80);

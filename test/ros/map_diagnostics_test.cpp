@@ -46,6 +46,15 @@ TEST(MapDiagnostics, AllIsWell) {
   }
 }
 
+TEST(MapDiagnostics, SayWhatIsNotInTheMapYet) {
+  MapSnapshot snapshot = Healthy();
+  EXPECT_EQ(DescribeUnderWay(snapshot.mappers), "");
+  snapshot.mappers["/acmp_2/dense_mapper"].images_under_way = 7;
+  EXPECT_THAT(DescribeUnderWay(snapshot.mappers),
+              AllOf(HasSubstr("7 images"), HasSubstr("/acmp_2/dense_mapper"), HasSubstr("flush")));
+  EXPECT_THAT(ValueOf(Describe(&DescribeMappers, snapshot), "/acmp_2/dense_mapper"), HasSubstr("under way then: 7"));
+}
+
 TEST(MapDiagnostics, TellOfLoopCorrections) {
   MapSnapshot snapshot = Healthy();
   snapshot.map.paths = 7;
@@ -54,9 +63,11 @@ TEST(MapDiagnostics, TellOfLoopCorrections) {
   snapshot.map.path_poses = 30;
   snapshot.map.path_unmatched = 12;
   snapshot.map.evicted_by_radius = 5;
+  snapshot.map.smallest_scale = 0.75;
   const auto status = Describe(&DescribeMap, snapshot);
   EXPECT_EQ(status.level, DiagnosticStatus::OK);
   EXPECT_THAT(ValueOf(status, "optimized paths"), AllOf(HasSubstr("7 received on /slam/path"), HasSubstr("1 publ")));
+  EXPECT_EQ(ValueOf(status, "scales of keyframes by optimized paths"), "0.75 to 1");
   EXPECT_EQ(ValueOf(status, "loop corrections (paths that moved keyframes)"), "3");
   EXPECT_EQ(ValueOf(status, "keyframes re-posed, all corrections together"), "40");
   EXPECT_EQ(ValueOf(status, "poses of the last optimized path without a keyframe"), "12 of 30");

@@ -122,10 +122,10 @@ TEST(LatencyWindow, ForgetsWhatIsLongAgo) {
 TEST(Diagnostics, CountDropsByReasonAndWarnOfRecentOnes) {
   MapperSnapshot snapshot = Healthy();
   snapshot.drops["bad_pose"] = {7, "pose 1.000000000: not finite", 98, 98};
-  snapshot.drops["overload_oldest"] = {9, "keyframe 2.0: the mapper is busy", 99, 99};
+  snapshot.drops["overload"] = {9, "keyframe 2.0: the mapper is busy", 99, 99};
   auto status = Describe(&DescribeMatching, snapshot);
   EXPECT_EQ(status.level, DiagnosticStatus::WARN);
-  EXPECT_THAT(status.message, HasSubstr("overload_oldest")) << "the latest";
+  EXPECT_THAT(status.message, HasSubstr("overload")) << "the latest";
   EXPECT_THAT(ValueOf(status, "dropped: bad_pose"), AllOf(HasSubstr("7"), HasSubstr("not finite")));
   snapshot.now_s = 200;
   status = Describe(&DescribeMatching, snapshot);
@@ -172,7 +172,7 @@ TEST(IncidentLog, CountsTheImagesThatEnded) {
   IncidentLog log;
   log.Record(RejectedInput{"no_pose", "image 1", true}, 0);
   log.Record(RejectedInput{"sparse_empty", "cloud 1"}, 0);
-  log.Record(RejectedInput{"overload_oldest", "image 2", true}, 0);
+  log.Record(RejectedInput{"overload", "image 2", true}, 0);
   EXPECT_EQ(log.images(), 2u);
 }
 

@@ -39,7 +39,8 @@ TEST(NodeOptions, ReadsEnumerations) {
 
 TEST(NodeOptions, RefusesBadValuesAndNamesThem) {
   EXPECT_THAT(NodeRefusal({{"device", std::string("gpu")}}), AllOf(HasSubstr("gpu"), HasSubstr("cuda")));
-  EXPECT_THAT(NodeRefusal({{"overload", std::string("never")}}), AllOf(HasSubstr("never"), HasSubstr("drop_oldest")));
+  EXPECT_THAT(NodeRefusal({{"overload", std::string("never")}}),
+              AllOf(HasSubstr("never"), HasSubstr("drop, skip_if_busy")));
   EXPECT_THAT(NodeRefusal({{"pose_is", std::string("Twc")}}), HasSubstr("Twc"));
   EXPECT_THAT(NodeRefusal({{"max_image_size", -1}}), HasSubstr("-1"));
   EXPECT_THAT(NodeRefusal({{"sync_tolerance", -0.5}}), HasSubstr("-0.5"));

@@ -21,7 +21,9 @@ namespace {
 
 namespace fs = std::filesystem;
 using acmp_mapping::SaveMap;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 constexpr size_t kViews = 5;
 
@@ -104,6 +106,28 @@ TEST_F(ServicesTest, FlushFinishesEverythingAndSaveMapWritesIt) {
     ASSERT_EQ(pcl::io::loadPCDFile(PathOf("map.pcd"), cloud), 0);
     EXPECT_EQ(cloud.size(), binary.points);
   }
+}
+
+TEST_F(ServicesTest, FlushWaitsForWhatWasPublishedBeforeIt) {
+  mapper().depth.Clear();
+  for (const ViewMessages& view : Scene()) mapper().player.Publish(view);
+  std::string message;
+  ASSERT_TRUE(mapper().Call("flush", &message));
+  EXPECT_THAT(message, HasSubstr("0 under way"));
+  EXPECT_TRUE(mapper().depth.WaitForCount(kViews, kTimeoutS)) << message;
+  EXPECT_EQ(mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true).keyframes, kViews);
+}
+
+TEST_F(ServicesTest, SaveMapSaysWhatIsNotInTheMapYet) {
+  mapper().depth.Clear();
+  for (const ViewMessages& view : Scene()) mapper().player.Publish(view);
+  ASSERT_TRUE(mapper().depth.WaitForCount(kViews - 2, kTimeoutS)) << "all but the lookahead";
+  EXPECT_THAT(mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true).message,
+              AllOf(HasSubstr("images were still under way in /dense_mapper"), HasSubstr("flush")));
+  ASSERT_TRUE(mapper().Call("flush"));
+  const SaveMap::Response whole = mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true);
+  EXPECT_EQ(whole.keyframes, kViews);
+  EXPECT_THAT(whole.message, Not(HasSubstr("under way")));
 }
 
 TEST_F(ServicesTest, SaveMapRefusesBadPathsAndFormats) {

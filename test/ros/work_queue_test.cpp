@@ -12,25 +12,44 @@ using Queue = WorkQueue<int, std::shared_ptr<int>>;
 
 int PopInput(Queue* queue) { return std::get<0>(*queue->Pop()); }
 
-TEST(WorkQueue, DropOldestKeepsTheNewestTwo) {
-  Queue queue(OverloadPolicy::kDropOldest);
-  EXPECT_FALSE(queue.Push(1));
-  EXPECT_FALSE(queue.Push(2));
-  EXPECT_EQ(queue.Push(3), 1);
-  EXPECT_EQ(queue.waiting_inputs(), 2u);
-  EXPECT_EQ(PopInput(&queue), 2);
-  EXPECT_EQ(PopInput(&queue), 3);
+TEST(WorkQueue, DropTakesGroupsOfNeighboursAndKeepsTheOthersAsOvertaken) {
+  Queue queue(OverloadPolicy::kDrop);
+  for (int i = 0; i < 6; ++i) EXPECT_FALSE(queue.Push(i));
+  EXPECT_EQ(queue.waiting_inputs(), kInputGroup);
+  for (int i = 0; i < 4; ++i) EXPECT_EQ(PopInput(&queue), i);
+  EXPECT_FALSE(queue.Push(6)) << "the next group, while the last of the first is worked on";
+  for (int i : {4, 5}) EXPECT_EQ(std::get<2>(*queue.Pop()).input, i) << "in their order";
+  EXPECT_EQ(PopInput(&queue), 6);
+}
+
+TEST(WorkQueue, NothingIsOvertakenWhereTheWorkerKeepsUp) {
+  Queue queue(OverloadPolicy::kDrop);
+  for (int i = 0; i < 20; ++i) {
+    queue.Push(i);
+    EXPECT_EQ(PopInput(&queue), i);
+  }
+}
+
+TEST(WorkQueue, OfTooManyOvertakenTheOldestGo) {
+  Queue queue(OverloadPolicy::kDrop);
+  const int kept = static_cast<int>(kInputGroup + kOvertakenInputs);
+  for (int i = 0; i < kept; ++i) EXPECT_FALSE(queue.Push(i));
+  EXPECT_EQ(queue.Push(kept), 4);
+  EXPECT_EQ(queue.Push(kept + 1), 5);
 }
 
 TEST(WorkQueue, SkipIfBusyTakesOnlyWhenIdle) {
   Queue queue(OverloadPolicy::kSkipIfBusy);
-  EXPECT_FALSE(queue.Push(1));
-  EXPECT_EQ(queue.Push(2), 2) << "one waits";
+  queue.Push(1);
+  queue.Push(2);
+  EXPECT_EQ(queue.waiting_inputs(), 1u) << "one waits, the other was overtaken";
   EXPECT_EQ(PopInput(&queue), 1);
-  EXPECT_EQ(queue.Push(3), 3) << "one is worked on";
+  queue.Push(3);
+  for (int i : {2, 3}) EXPECT_EQ(std::get<2>(*queue.Pop()).input, i) << "one was worked on";
   queue.PushCommand(nullptr);
-  EXPECT_EQ(queue.Pop()->index(), 1u);  // the worker asks for more: 1 is done
-  EXPECT_EQ(queue.Push(4), 4) << "a command is work as well";
+  EXPECT_EQ(queue.Pop()->index(), 1u);
+  queue.Push(4);
+  EXPECT_EQ(std::get<2>(*queue.Pop()).input, 4) << "a command is work as well";
 }
 
 TEST(WorkQueue, BlockWaitsForRoom) {
@@ -44,17 +63,29 @@ TEST(WorkQueue, BlockWaitsForRoom) {
   EXPECT_EQ(PopInput(&queue), 3);
 }
 
+TEST(WorkQueue, AnyPolicyWaitsForRoomWhenAskedTo) {
+  for (const OverloadPolicy policy : {OverloadPolicy::kDrop, OverloadPolicy::kSkipIfBusy}) {
+    Queue queue(policy);
+    EXPECT_FALSE(queue.Push(1, true));
+    EXPECT_FALSE(queue.Push(2, true));
+    std::thread pusher([&] { EXPECT_FALSE(queue.Push(3, true)); });
+    EXPECT_EQ(PopInput(&queue), 1);
+    pusher.join();  // hangs if nobody wakes it
+    EXPECT_EQ(PopInput(&queue), 2);
+    EXPECT_EQ(PopInput(&queue), 3);
+  }
+}
+
 TEST(WorkQueue, CommandsKeepTheirPlaceAndAreNeverDropped) {
-  Queue queue(OverloadPolicy::kDropOldest);
+  Queue queue(OverloadPolicy::kSkipIfBusy);
   queue.PushCommand(std::make_shared<int>(10));
   queue.Push(1);
   queue.PushCommand(std::make_shared<int>(20));
   queue.Push(2);
-  EXPECT_EQ(queue.Push(3), 1);
   EXPECT_EQ(*std::get<1>(*queue.Pop()), 10);
+  EXPECT_EQ(PopInput(&queue), 1);
   EXPECT_EQ(*std::get<1>(*queue.Pop()), 20);
-  EXPECT_EQ(PopInput(&queue), 2);
-  EXPECT_EQ(PopInput(&queue), 3);
+  EXPECT_EQ(std::get<2>(*queue.Pop()).input, 2);
 }
 
 TEST(WorkQueue, UrgentCommandsComeFirst) {
@@ -73,12 +104,12 @@ TEST(WorkQueue, UrgentCommandsComeFirst) {
 }
 
 TEST(WorkQueue, ClearInputsLeavesCommands) {
-  Queue queue(OverloadPolicy::kDropOldest);
+  Queue queue(OverloadPolicy::kSkipIfBusy);
   queue.Push(1);
   queue.PushCommand(std::make_shared<int>(10));
   queue.Push(2);
   const auto cleared = queue.ClearInputs();
-  EXPECT_EQ(cleared, (std::deque<int>{1, 2}));
+  EXPECT_EQ(cleared, (std::deque<int>{1, 2})) << "2 was overtaken";
   EXPECT_EQ(queue.waiting_inputs(), 0u);
   EXPECT_EQ(queue.Pop()->index(), 1u);
 }

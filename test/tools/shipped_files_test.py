@@ -6,6 +6,7 @@ import glob
 import os
 import re
 import sys
+import tempfile
 import unittest
 import xml.etree.ElementTree
 
@@ -57,6 +58,28 @@ def launch_arguments(launch):
 def mapper_parameters(config):
     prefix = NAMESPACE + "dense_mapper/"
     return {name[len(prefix):]: param.value for name, param in config.params.items() if name.startswith(prefix)}
+
+
+def check_arguments_set_parameters(test, launch):
+    """Of each argument of dense_mapper.launch that names a parameter, given to `launch`."""
+    arguments = set(launch_arguments("dense_mapper.launch"))
+    for node, path, least in (("dense_mapper", "config/acmp_mapping.yaml", {"preset", "max_image_size", "lookahead"}),
+                              ("map_server", "config/map_server.yaml", {"max_keyframes", "voxel_size"})):
+        defaults = parameters(path)
+        names = arguments & set(defaults)
+        test.assertGreaterEqual(names, least)
+        for name in names - {"T_body_cam"}:
+            with test.subTest(launch=launch, name=name):
+                wanted = {int: 5, float: 0.75, str: "other"}[type(defaults[name])]
+                test.assertNotEqual(wanted, defaults[name])
+                config = load(launch, "%s:=%s" % (name, wanted))
+                value = config.params[NAMESPACE + node + "/" + name].value
+                test.assertEqual(value, wanted)
+                test.assertEqual(type(value), type(defaults[name]))
+
+
+def parameters_of_plain_launch():
+    return mapper_parameters(load("dense_mapper.launch"))
 
 
 class LaunchFiles(unittest.TestCase):
@@ -115,20 +138,7 @@ class LaunchFiles(unittest.TestCase):
             self.assertEqual(values[name], value)
 
     def test_every_argument_that_names_a_parameter_sets_it(self):
-        arguments = set(launch_arguments("dense_mapper.launch"))
-        for node, path, least in (("dense_mapper", "config/acmp_mapping.yaml", {"preset", "max_image_size", "lookahead"}),
-                                  ("map_server", "config/map_server.yaml", {"max_keyframes", "voxel_size"})):
-            defaults = parameters(path)
-            names = arguments & set(defaults)
-            self.assertGreaterEqual(names, least)
-            for name in names - {"T_body_cam"}:
-                with self.subTest(name):
-                    wanted = {int: 5, float: 0.75, str: "other"}[type(defaults[name])]
-                    self.assertNotEqual(wanted, defaults[name])
-                    config = load("dense_mapper.launch", "%s:=%s" % (name, wanted))
-                    value = config.params[NAMESPACE + node + "/" + name].value
-                    self.assertEqual(value, wanted)
-                    self.assertEqual(type(value), type(defaults[name]))
+        check_arguments_set_parameters(self, "dense_mapper.launch")
 
     def test_parameters_that_matter_are_arguments(self):
         with open(os.path.join(SOURCE, "README.md")) as file:
@@ -189,13 +199,28 @@ class Frontends(unittest.TestCase):
                 self.assertGreaterEqual(len(topics), 3)
                 self.assertEqual({name: remaps[name] for name in topics}, topics)
 
-    def test_arguments_of_the_mapper_still_count(self):
+    def test_arguments_of_the_mapper_count_more_than_its_own_parameters(self):
+        for launch in FRONTENDS:
+            check_arguments_set_parameters(self, "frontends/" + launch)
+
+    def test_other_arguments_of_the_mapper_reach_it(self):
+        topics = [name for name, value in launch_arguments("dense_mapper.launch").items() if value and value[0] == "/"]
+        arguments = ["%s:=/given/%s" % (name, name) for name in topics]
         for launch in FRONTENDS:
             with self.subTest(launch):
-                values = mapper_parameters(load("frontends/" + launch, "device:=cpu", "preset:=online",
-                                                "pose_child:=camera_flu"))
-                self.assertEqual([values[name] for name in ("device", "preset", "pose_child")],
-                                 ["cpu", "online", "camera_flu"])
+                config = load("frontends/" + launch, "namespace:=other", "standalone:=true", "map:=false", *arguments)
+                self.assertEqual(node_names(config), ["/other/dense_mapper"])
+                remaps = dict(config.nodes[0].remap_args)
+                self.assertEqual({name: remaps[name] for name in topics}, {name: "/given/" + name for name in topics})
+
+    def test_a_file_of_the_users_takes_the_place_of_its_own(self):
+        with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
+            file.write("sync_tolerance: 0.25\n")
+            file.flush()
+            for launch in FRONTENDS:
+                with self.subTest(launch):
+                    values = mapper_parameters(load("frontends/" + launch, "frontend_config:=" + file.name))
+                    self.assertEqual(values, dict(parameters_of_plain_launch(), sync_tolerance=0.25))
 
     def test_extrinsic_as_argument(self):
         matrix = [0.5, 0, 0, 1, 0, 1, 0, 2, 0, 0, 1, 3, 0, 0, 0, 1]

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "acmp_mapping/bags/bag_contents.h"
+#include "acmp_mapping/intake/pose_semantics.h"
 
 namespace acmp {
 
@@ -16,16 +16,31 @@ struct Finding {
   std::string message;
 };
 
+/// Topics the mapper would be given; an empty name is filled in from the bag by type.
+struct TopicChoice {
+  std::string image;
+  std::string camera_info;
+  std::string pose;  ///< empty in a report when the poses come from tf
+  std::string sparse_points;
+};
+
+struct BagTopic {
+  std::string name;
+  std::string type;
+  size_t messages = 0;
+  double duration_s = 0;  ///< from the first message to the last one, as they were received
+};
+
 struct BagCheckOptions {
   TopicChoice topics;
   double sync_tolerance_s = 1e-3;   ///< the mapper's ~sync_tolerance
   double sparse_tolerance_s = 0.5;  ///< between points and their image, as in the mapper, s
-  bool pose_is_cam_world = false;   ///< the mapper's ~pose_is: T_cam_world instead of T_world_cam
-  bool pose_child_is_flu = false;   ///< the mapper's ~pose_child: camera_flu instead of camera_optical
+  PoseSemantics semantics;          ///< the mapper's ~pose_is and ~pose_child
 };
 
 struct BagReport {
-  BagContents contents;
+  std::vector<BagTopic> topics;
+  TopicChoice chosen;
   std::vector<Finding> findings;
 
   size_t Count(Severity severity) const;
@@ -33,7 +48,8 @@ struct BagReport {
   bool usable() const { return Count(Severity::kError) == 0; }
 };
 
-/// Throws InvalidInputError when the bag cannot be read at all or a topic in the options is not in it.
+/// Converts the messages as the mapper does, and reports what it would refuse, and what does not fit together. Throws
+/// InvalidInputError when the bag cannot be read at all or a topic in the options is not in it.
 BagReport CheckBag(const std::filesystem::path& path, const BagCheckOptions& options);
 
 }  // namespace acmp

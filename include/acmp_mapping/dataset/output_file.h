@@ -15,25 +15,30 @@ enum class Durability {
   kPowerCut,  ///< that, and a power cut right afterwards
 };
 
-/// A file being written. Every failure (no space, not writable, too large) throws ProcessingError with the system's
-/// reason.
-class OutputFile {
+/// Asks the system to begin writing a file to the disk without waiting for it: a later sync then has less to do. No
+/// effect where that fails.
+void StartWriteback(const std::filesystem::path& path);
+
+/// A file that is either whole or absent: written under a temporary name beside the final one, renamed by Commit.
+/// Without a Commit the temporary file is removed and an earlier file of the final name stays as it was. Every failure
+/// (no space, not writable, too large) throws ProcessingError with the system's reason.
+class AtomicFile {
  public:
-  /// Creates or empties the file.
-  explicit OutputFile(const std::filesystem::path& path);
+  explicit AtomicFile(const std::filesystem::path& path, Durability durability = Durability::kProcess);
+  ~AtomicFile();
+  AtomicFile(const AtomicFile&) = delete;
+  AtomicFile& operator=(const AtomicFile&) = delete;
 
   void Write(const void* data, size_t bytes);
   void Write(const std::string& text) { Write(text.data(), text.size()); }
   /// Writes at a place, counted from the file's beginning, where Write does not write. Several threads may do so at
   /// once.
   void WriteAt(size_t offset, const void* data, size_t bytes);
-  /// Asks the system to begin writing so many bytes to the disk without waiting for it: Close then waits less. No
+  /// Asks the system to begin writing so many bytes to the disk without waiting for it: Commit then waits less. No
   /// effect where that fails.
   void StartWriteback(size_t offset, size_t bytes);
-
-  /// Writes what is still buffered and closes; nothing may be written afterwards. Without this call the file's content
-  /// is unspecified.
-  void Close(Durability durability = Durability::kProcess);
+  /// Nothing may be written afterwards.
+  void Commit();
 
  private:
   struct Closer {
@@ -42,33 +47,9 @@ class OutputFile {
   [[noreturn]] void Fail(const char* what) const;
 
   std::filesystem::path path_;
-  std::unique_ptr<std::FILE, Closer> file_;
-};
-
-/// Asks the system to begin writing a file to the disk without waiting for it: a later sync then has less to do. No
-/// effect where that fails.
-void StartWriteback(const std::filesystem::path& path);
-
-/// A file that is either whole or absent: written under a temporary name beside the final one, renamed by Commit.
-/// Without a Commit the temporary file is removed and an earlier file of the final name stays as it was.
-class AtomicFile {
- public:
-  explicit AtomicFile(const std::filesystem::path& path, Durability durability = Durability::kProcess);
-  ~AtomicFile();
-  AtomicFile(const AtomicFile&) = delete;
-  AtomicFile& operator=(const AtomicFile&) = delete;
-
-  void Write(const void* data, size_t bytes) { file_.Write(data, bytes); }
-  void Write(const std::string& text) { file_.Write(text); }
-  void WriteAt(size_t offset, const void* data, size_t bytes) { file_.WriteAt(offset, data, bytes); }
-  void StartWriteback(size_t offset, size_t bytes) { file_.StartWriteback(offset, bytes); }
-  void Commit();
-
- private:
-  std::filesystem::path path_;
   std::filesystem::path temporary_path_;
   Durability durability_;
-  OutputFile file_;
+  std::unique_ptr<std::FILE, Closer> file_;
   bool committed_ = false;
 };
 

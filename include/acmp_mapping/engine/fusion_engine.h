@@ -8,7 +8,7 @@
 
 namespace acmp {
 
-/// Which pixels of which frames have gone into points (see FuseDepthMaps), on the devices of the engines that use it.
+/// Which pixels of which frames have gone into points (see FuseView), on the devices of the engines that use it.
 class FusionStamps {
  public:
   virtual ~FusionStamps() = default;
@@ -32,7 +32,9 @@ class FusionEngine {
   /// Stamps of no pixel yet, for this engine and all others of its kind: those on the CPU, or on any of the GPUs.
   virtual std::unique_ptr<FusionStamps> MakeFusionStamps() = 0;
 
-  /// FuseDepthMaps, one view per call: the reference's points in the world. Views without an estimate take no part.
+  /// Fuses one view of a scene: the reference's points in the world, in row-major order. A pixel that went into a point
+  /// of an earlier view is not used again, neither averaged nor counted as agreeing; the pixels of one view are decided
+  /// together, so one source pixel may go into several of its points. Views without an estimate take no part.
   /// The caller fuses views that have a frame in common (as reference or source) one after the other, by rank: anything
   /// else is a data race. Others do not touch the same stamps: they may be fused in any order, and by several engines
   /// at the same time. The points are those of fusing all views by rank. An error leaves the stamps of this view half

@@ -37,6 +37,9 @@ class DepthErrors {
   std::vector<float> errors_;  // of the pixels that have an estimate
 };
 
+/// Median of true over estimated depth, where both are known; 1 where none is.
+double MedianScale(const DepthMap& estimate, const DepthMap& ground_truth);
+
 /// Compares at every pixel with ground truth (> 0); an estimate of another size is looked up at the nearest pixel
 /// centre. `mask` (ground truth's size, may be empty) restricts to pixels where it is not 0.
 DepthMetrics EvaluateDepth(const DepthMap& estimate, const DepthMap& ground_truth,

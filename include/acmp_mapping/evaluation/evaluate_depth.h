@@ -16,6 +16,7 @@ struct DepthEvaluationOptions {
   GroundTruthOptions truth;
   std::string name;                ///< see FindPredictions
   double scale = 1.0;              ///< predictions are multiplied by it, > 0
+  bool median_scale = false;       ///< then each by its own MedianScale
   double low_texture = 4.0;        ///< grey levels; 0 turns the row off
   std::set<int> subset;            ///< image indices; empty: all
   std::vector<std::string> masks;  ///< folders of 8-bit pictures, each a row of its own

@@ -36,13 +36,4 @@ struct ConsistencyResult {
 ConsistencyResult FilterByConsistency(const FusionView& reference, const std::vector<FusionView>& sources,
                                       const FusionOptions& options);
 
-/// Fuses all views of a scene into one cloud in the world frame. `neighbors[i]` are the source views of view i:
-/// distinct, and not i. Views are visited in the order given. A pixel that went into a point of an earlier view is not
-/// used again, neither averaged nor counted as agreeing; the pixels of one view are decided together, so one source
-/// pixel may go into several of its points. Points come view by view, in row-major order, and do not depend on the
-/// number of threads. Throws InvalidInputError for bad neighbours and views, more than 255 neighbours of a view and
-/// more than 65535 views.
-PointCloud FuseDepthMaps(const std::vector<FusionView>& views, const std::vector<std::vector<int>>& neighbors,
-                         const FusionOptions& options);
-
 }  // namespace acmp

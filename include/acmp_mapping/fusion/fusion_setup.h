@@ -69,16 +69,13 @@ class FusionSetup {
   std::vector<FusionSource<View>> sources_;
 };
 
-/// One view of FuseDepthMaps on the host: appends its points and stamps the pixels that they used.
+/// FusionEngine::FuseView on the host: appends its points and stamps the pixels that they used.
 void FuseView(const FusionSetup<FusionMaps<Vec3f>>& setup, PointCloud* points);
 
 /// The host's maps as the kernel functions read them.
 inline FusionMaps<Vec3f> MapsOf(const FusionView& view) { return {view.depth, view.normal, view.cost, view.color}; }
 
-/// Throw InvalidInputError for what FilterByConsistency and FuseDepthMaps do not take, and for more than `max_sources`
-/// sources or neighbours of one view.
+/// Throws InvalidInputError for what FilterByConsistency does not take, and for more than `max_sources` sources.
 void CheckConsistencyInput(const FusionView& reference, const std::vector<FusionView>& sources, int max_sources);
-void CheckFusionInput(const std::vector<FusionView>& views, const std::vector<std::vector<int>>& neighbors,
-                      int max_sources);
 
 }  // namespace acmp

@@ -18,11 +18,12 @@ PointCloud VoxelFilter(const PointCloud& points, float voxel_size);
 struct PlacedCloud {
   RigidTransform target_from_cloud = RigidTransform::Identity();
   const PointCloud* points = nullptr;
+  double scale = 1;  ///< of the positions, before they are moved
 };
 
-/// VoxelFilter of all clouds in the target frame, one after the other: positions are moved and normals rotated, then
-/// rounded to float32. Needs 32 bytes per point besides the result, since points are moved when they are read and never
-/// stored.
+/// VoxelFilter of all clouds in the target frame, one after the other: positions are scaled and moved and normals
+/// rotated, then rounded to float32. Needs 32 bytes per point besides the result, since points are moved when they are
+/// read and never stored.
 PointCloud MergeClouds(const std::vector<PlacedCloud>& clouds, float voxel_size);
 
 }  // namespace acmp

@@ -17,17 +17,18 @@ struct DepthRange {
 /// Throws InvalidInputError unless 0 < min < max < inf. `name` starts the message.
 void CheckDepthRange(const char* name, const DepthRange& range);
 
-/// The defaults are wide on purpose: landmarks are rare on the blank surfaces that the prior is for. With 5 % and 1.5
-/// up to a third of a real image lay nearer than the range (15 % over one scene); with 2 % and 2 it is 0.1 %, and what
-/// a wider range costs the random start was too little to measure.
+/// Share of landmarks dropped at each end of their range, and by what the near end is divided and the far end
+/// multiplied. Wide on purpose: landmarks are rare on the blank surfaces that the prior is for. With 5 % and 1.5 up to
+/// a third of a real image lay nearer than the range (15 % over one scene); with 2 % and 2 it is 0.1 %, and what a
+/// wider range costs the random start was too little to measure.
+constexpr double kDepthQuantile = 0.02, kDepthMargin = 2.0;
+
 struct DepthRangeOptions {
-  double quantile = 0.02;  ///< share of landmarks dropped at each end, [0, 0.5)
-  double margin = 2.0;     ///< near end divided by it, far end multiplied, >= 1
   int min_landmarks = 10;  ///< fewer in view: no range
 };
 void Validate(const DepthRangeOptions& options);
 
-/// Range of the depths of the landmarks in view ([q02 / 2, q98 * 2] by default). Points that are not finite, exactly
+/// Range of the depths of the landmarks in view, [q02 / 2, q98 * 2]. Points that are not finite, exactly
 /// zero, behind the camera or outside the image are left out. None when too few remain.
 std::optional<DepthRange> DepthRangeFromLandmarks(const std::vector<Eigen::Vector3d>& landmarks_in_world,
                                                   const PinholeCamera& camera, const RigidTransform& cam_from_world,

@@ -11,16 +11,17 @@ namespace acmp {
 
 constexpr int kMaxRankedViews = 32;  ///< what the matcher takes (kMaxSourceViews)
 
+constexpr double kMinSourceAngleDeg = 1.0;  ///< triangulation angle below which a view is useless
+constexpr double kMinSourceOverlap =
+    0.1;  ///< share of the reference's landmarks a source must see, at that angle or more
+
 struct SourceViewOptions {
-  int max_source_views = 7;          ///< 1..32
-  double min_angle_deg = 1.0;        ///< triangulation angle below which a view is useless
-  double best_angle_min_deg = 5.0;   ///< full score from here ...
-  double best_angle_max_deg = 10.0;  ///< ... to here, falling off on both sides; 20 gives up to 1 % fewer right depths
-  double min_overlap = 0.1;          ///< share of the reference's landmarks a source must see, at that angle or more
-  int min_shared_landmarks = 10;     ///< below: ranked by baseline over depth and frustum overlap instead
+  int max_source_views = 7;  ///< 1..32
 };
 void Validate(const SourceViewOptions& options);
-bool operator==(const SourceViewOptions& a, const SourceViewOptions& b);
+inline bool operator==(const SourceViewOptions& a, const SourceViewOptions& b) {
+  return a.max_source_views == b.max_source_views;
+}
 
 /// A frame with those of its landmarks that it sees: found once, since many frontends name their whole map with every
 /// keyframe.

@@ -54,8 +54,9 @@ struct KeyframePose {
 
 struct MapStatistics {
   size_t keyframes = 0;
-  size_t points = 0;      ///< held, all keyframes together
-  double voxel_size = 0;  ///< in use; 0 = not known yet
+  size_t points = 0;                             ///< held, all keyframes together
+  double voxel_size = 0;                         ///< in use; 0 = not known yet
+  double smallest_scale = 1, largest_scale = 1;  ///< that loop closures gave keyframes, and 1
   // Since the last Clear:
   size_t evicted = 0;            ///< keyframes that made room for later ones
   size_t evicted_by_radius = 0;  ///< keyframes that were farther than map_radius away
@@ -74,9 +75,9 @@ struct MapStatistics {
 /// Thread-safe: one mutex guards the list and is held for a moment only, and clouds are immutable and shared, so that
 /// building a map holds up nobody.
 ///
-/// A mapper's keyframes form runs: a new one begins when its images go back in time, or the mapper forgets everything.
-/// It may be in another world. Loop closures concern the last run of each mapper, and leave earlier ones alone though
-/// stamps may be the same.
+/// A mapper's keyframes form runs: a new one begins when its images go back in time, its frontend goes on in another
+/// world, or the mapper forgets everything. It may be in another world. Loop closures concern the last run of each
+/// mapper, and leave earlier ones alone though stamps may be the same.
 ///
 /// The map does not depend on the order in which keyframes of different mappers come, but for what the limits of the
 /// options evict and the voxel size that the first keyframe chooses.
@@ -94,7 +95,7 @@ class MapStore {
 
   /// Corrects poses after a loop closure, see Repose in loop_correction.h: all mappers' last runs are taken for one
   /// trajectory, since cameras of a rig share the path. It also counts for keyframes that come later, until a mapper
-  /// begins a new run. Only poses change: takes microseconds per keyframe. An empty path does nothing.
+  /// begins a new run. Only poses and scales change: takes microseconds per keyframe. An empty path does nothing.
   ReposeResult Repose(std::vector<StampedPose> path);
 
   /// The map: all keyframes' points in the world, one per voxel. Takes time in proportion to the points held.

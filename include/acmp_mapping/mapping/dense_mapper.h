@@ -78,6 +78,12 @@ class DenseMapper {
   /// and never stops the others.
   void AddKeyframe(FramePtr frame);
 
+  /// Adds a frame as AddKeyframe does, but gives it no maps and no callback: it is a source view of keyframes, and a
+  /// later one to those that wait for some. Costs little; for frames that come faster than they can be mapped. Where
+  /// keyframes have maps, too, these go before it as source views, since only they can confirm depth. Throws
+  /// InvalidInputError for a frame that cannot be used.
+  void AddSourceImage(FramePtr frame);
+
   /// Finishes everything that waits for later keyframes, with the views there are: one useful view is enough.
   /// @param refine_again then also refines again what has better views now
   void Flush(bool refine_again = true);

@@ -52,9 +52,14 @@ class DenseMapperNodelet : public nodelet::Nodelet {
 
   /// Takes what the intake has ready and hands it on. `all`: without waiting for clouds.
   void Deliver(bool all = false);
-  void Dispatch(IntakeEvent event);
+  void Dispatch(IntakeEvent event, bool wait_for_room);
+  /// Finishes what was published before the call; says what that was.
+  std::string Flush();
+  /// Waits for messages that are on their way or in the queues of subscribers: until no image has come for a moment.
+  void WaitForArriving();
   void ReportDrop(const RejectedInput& drop);
   std::string Reset();
+  std::vector<InputStatus> InputStatuses() const;
   MapperSnapshot TakeSnapshot();
 
   // First: what is attached to them goes before they do.

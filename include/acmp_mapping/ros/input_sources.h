@@ -52,6 +52,9 @@ struct InputHandlers {
 std::vector<std::unique_ptr<InputSource>> MakeInputSources(const ros::NodeHandle& nh, const NodeOptions& options,
                                                            const InputHandlers& handlers);
 
+/// Images that have come on all streams, those in whole keyframes too.
+uint64_t ImagesReceived(const std::vector<InputStatus>& inputs);
+
 /// Seconds of a clock that never goes back, whatever ROS time does.
 double SteadySeconds();
 

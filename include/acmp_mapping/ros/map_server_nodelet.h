@@ -41,7 +41,7 @@ class MapServerNodelet : public nodelet::Nodelet {
   void StartServices();
   void StartDiagnostics();
   void Receive(const acmp_mapping::KeyframePoints& message);
-  void CountMessage(const std::string& mapper, uint64_t count);
+  void CountMessage(const std::string& mapper, const acmp_mapping::KeyframePoints& message);
   void CheckFrame(const KeyframePointsHead& head);
   void AddKeyframe(const KeyframePointsHead& head, const acmp_mapping::KeyframePoints& message);
   void HandleOptimizedPath(const nav_msgs::Path& message);

@@ -33,6 +33,12 @@ struct MapperSnapshot {
   std::map<std::string, IncidentLog::Entry> drops;
 };
 
+/// Images that were received and have had no end yet: they wait for a pose, for the worker or for later keyframes.
+uint64_t ImagesUnderWay(const MapperSnapshot& snapshot);
+
+/// Every image that came is in one of these: "112 received = 90 refined + 12 dropped + 6 passed over + 4 under way".
+std::string AccountForImages(const MapperSnapshot& snapshot);
+
 /// One status each, without a master: "inputs", "matching", "mapping".
 void DescribeInputs(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
 void DescribeMatching(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);

@@ -46,7 +46,8 @@ class MapperWorker {
   MapperWorker& operator=(const MapperWorker&) = delete;
 
   /// Queues a keyframe. With overload: block, waits for room.
-  void Push(KeyframeInput input);
+  /// @param wait_for_room wait for it whatever overload says: nothing is lost
+  void Push(KeyframeInput input, bool wait_for_room = false);
 
   /// Finishes all keyframes queued and pending: their hooks have returned. Empty when done, else why not.
   std::string Flush();
@@ -68,7 +69,10 @@ class MapperWorker {
   void Run();
   void MakeMapper();
   void Process(const KeyframeInput& input);
-  FramePtr PrepareFrame(const KeyframeInput& input, const FrameOptions& options, cv::Mat* valid);
+  /// A keyframe that the mapper has no time for becomes a source view of others.
+  void ProcessOvertaken(const KeyframeInput& input);
+  /// @param valid if not null: where the rectified image is known, matched size; empty = everywhere
+  FramePtr PrepareFrame(const KeyframeInput& input, const RuntimeOptions& options, cv::Mat* valid);
   /// Has the worker do `work` and waits for it. Empty when done, else why not.
   std::string RunCommand(bool urgent, const std::function<void()>& work);
   template <class Change>

@@ -42,7 +42,7 @@ struct NodeOptions {
   SparseFrame sparse_frame = SparseFrame::kAuto;
   InputMatcherOptions matcher;
   KeyframeMode keyframe_mode = KeyframeMode::kEveryPose;
-  OverloadPolicy overload = OverloadPolicy::kDropOldest;
+  OverloadPolicy overload = OverloadPolicy::kDrop;
 };
 
 const OptionTable<NodeOptions>& NodeOptionTable();

@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -18,7 +19,8 @@ namespace acmp {
 class OutputPublisher {
  public:
   /// @param mapper name of the mapper's node, for the map
-  OutputPublisher(ros::NodeHandle nh, std::string mapper);
+  /// @param images_under_way how many images the mapper has received and not finished
+  OutputPublisher(ros::NodeHandle nh, std::string mapper, std::function<uint64_t()> images_under_way);
 
   void PublishFast(const KeyframeOutput& output);
   void PublishRefined(const KeyframeOutput& output);
@@ -37,6 +39,7 @@ class OutputPublisher {
   void PublishKeyframeDepth(const KeyframeOutput& output, const std_msgs::Header& camera);
 
   const std::string mapper_;
+  const std::function<uint64_t()> images_under_way_;
   std::vector<acmp_mapping::KeyframePointsPtr> waiting_;  ///< for the first map that listens
   std::atomic<uint64_t> points_sent_{0};
   image_transport::ImageTransport transport_;

@@ -10,14 +10,23 @@
 
 namespace acmp {
 
-/// What happens to a new input when kWorkQueueCapacity already wait.
+/// Which inputs are worked on when they come faster than they can be.
 enum class OverloadPolicy {
-  kDropOldest,  ///< the oldest waiting input makes room
-  kSkipIfBusy,  ///< an input is taken only when none waits and none is being worked on
-  kBlock,       ///< the caller waits: nothing is lost, for recordings
+  kDrop,        ///< groups of kInputGroup that came one after the other: what comes while one waits is overtaken
+  kSkipIfBusy,  ///< only what comes while none waits and none is being worked on; all else is overtaken
+  kBlock,       ///< all: the caller waits, for recordings
 };
 
-constexpr size_t kWorkQueueCapacity = 2;  ///< inputs that one mapper works on; more would only add latency
+constexpr size_t kBlockedInputs = 2;  ///< that wait with kBlock; more would only take memory
+/// Neighbours confirm each other's depth, two others each at least; single keyframes far apart would leave no points.
+constexpr size_t kInputGroup = 4;
+constexpr size_t kOvertakenInputs = 15;  ///< that are kept: half of the default window, which they shall not fill
+
+/// An input that is not worked on in full, since there were too many.
+template <class Input>
+struct Overtaken {
+  Input input;
+};
 
 /// Hands inputs and commands to one worker thread in the order given, urgent commands before all others. Inputs are
 /// bounded by the policy, commands never wait for room and are never dropped. Thread-safe; all methods hold the one
@@ -25,22 +34,26 @@ constexpr size_t kWorkQueueCapacity = 2;  ///< inputs that one mapper works on; 
 template <class Input, class Command>
 class WorkQueue {
  public:
-  using Item = std::variant<Input, Command>;
+  using Item = std::variant<Input, Command, Overtaken<Input>>;
 
   explicit WorkQueue(OverloadPolicy policy) : policy_(policy) {}
 
-  /// Returns the input that was not or no longer queued, if any: the oldest one or the new one itself.
-  std::optional<Input> Push(Input input) {
+  /// Returns the input that is not or no longer queued, if any: the oldest of too many overtaken ones, or, when the
+  /// queue was stopped, the new one itself.
+  /// @param wait_for_room as with kBlock, whatever the policy
+  std::optional<Input> Push(Input input, bool wait_for_room = false) {
     std::unique_lock<std::mutex> lock(mutex_);
-    if (policy_ == OverloadPolicy::kBlock) {
-      room_.wait(lock, [this] { return stopped_ || inputs_ < kWorkQueueCapacity; });
-    }
+    const bool takes_all = wait_for_room || policy_ == OverloadPolicy::kBlock;
+    if (takes_all) room_.wait(lock, [this] { return stopped_ || inputs_ < kBlockedInputs; });
     if (stopped_) return input;
     std::optional<Input> dropped;
-    if (policy_ == OverloadPolicy::kSkipIfBusy && (inputs_ > 0 || working_)) return input;
-    if (inputs_ >= kWorkQueueCapacity) dropped = TakeOldestInput();
-    items_.emplace_back(std::in_place_index<0>, std::move(input));
-    ++inputs_;
+    if (takes_all || HasTime()) {
+      items_.emplace_back(std::in_place_index<0>, std::move(input));
+      ++inputs_;
+    } else {
+      items_.emplace_back(Overtaken<Input>{std::move(input)});
+      if (++overtaken_ > kOvertakenInputs) dropped = TakeOldestOvertaken();
+    }
     lock.unlock();
     work_.notify_one();
     return dropped;
@@ -50,12 +63,21 @@ class WorkQueue {
   bool PushCommand(Command command) { return PushCommandTo(&items_, std::move(command)); }
   bool PushUrgent(Command command) { return PushCommandTo(&urgent_, std::move(command)); }
 
-  /// Takes out all waiting inputs; commands stay.
+  /// Takes out all waiting inputs, those that were overtaken too; commands stay.
   std::deque<Input> ClearInputs() {
     std::deque<Input> cleared;
     {
       std::lock_guard<std::mutex> lock(mutex_);
-      while (inputs_ > 0) cleared.push_back(TakeOldestInput());
+      std::deque<Item> commands;
+      for (Item& item : items_) {
+        if (item.index() == 1) {
+          commands.push_back(std::move(item));
+        } else {
+          cleared.push_back(item.index() == 0 ? std::move(std::get<0>(item)) : std::move(std::get<2>(item).input));
+        }
+      }
+      items_ = std::move(commands);
+      inputs_ = overtaken_ = 0;
     }
     room_.notify_all();
     return cleared;
@@ -71,6 +93,7 @@ class WorkQueue {
     Item item = std::move(lane.front());
     lane.pop_front();
     if (item.index() == 0) --inputs_;
+    if (item.index() == 2) --overtaken_;
     working_ = true;
     lock.unlock();
     room_.notify_all();
@@ -85,7 +108,7 @@ class WorkQueue {
       stopped_ = true;
       discarded.swap(items_);
       urgent_discarded.swap(urgent_);
-      inputs_ = 0;
+      inputs_ = overtaken_ = 0;
     }
     work_.notify_all();
     room_.notify_all();
@@ -107,11 +130,18 @@ class WorkQueue {
     return true;
   }
 
-  Input TakeOldestInput() {
-    const auto oldest = std::find_if(items_.begin(), items_.end(), [](const Item& item) { return item.index() == 0; });
-    Input input = std::move(std::get<0>(*oldest));
+  /// Whether a new input is worked on; not asked with kBlock.
+  bool HasTime() {
+    if (policy_ == OverloadPolicy::kSkipIfBusy) return inputs_ == 0 && !working_;
+    if (inputs_ == 0) group_ = 0;
+    return group_++ < kInputGroup;
+  }
+
+  Input TakeOldestOvertaken() {
+    const auto oldest = std::find_if(items_.begin(), items_.end(), [](const Item& item) { return item.index() == 2; });
+    Input input = std::move(std::get<2>(*oldest).input);
     items_.erase(oldest);
-    --inputs_;
+    --overtaken_;
     return input;
   }
 
@@ -121,7 +151,9 @@ class WorkQueue {
   std::condition_variable room_;
   std::deque<Item> items_;
   std::deque<Item> urgent_;
-  size_t inputs_ = 0;
+  size_t inputs_ = 0;     ///< that wait, without the overtaken ones
+  size_t overtaken_ = 0;  ///< that wait
+  size_t group_ = 0;      ///< inputs that came since none waited
   bool working_ = false;
   bool stopped_ = false;
 };

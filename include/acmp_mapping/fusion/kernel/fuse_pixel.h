@@ -42,7 +42,7 @@ ACMP_HOST_DEVICE inline void StampUsed(const FusionContext<View>& context, const
   }
 }
 
-/// One pixel of one reference view of FuseDepthMaps: true when it becomes a point, which it then sets. Pixels of the
+/// One pixel of FusionEngine::FuseView: true when it becomes a point, which it then sets. Pixels of the
 /// view may be run at the same time and in any order; views one after the other.
 /// @param context with `log_error` of all pixels
 template <int kMaxSources, class View>
