@@ -126,7 +126,7 @@ PointCloud CudaFusion::FuseView(const EngineView& reference, const std::vector<E
   const Stamp stamp = StampOfRank(rank);
   return queue_.OnDevice([&] {
     Setup setup(PosedCameraOf(reference), FusionMapsOf(reference, &queue_), MakeFusionLimits(options),
-                reference.frame->cam_from_world.inverse());
+                reference.cam_from_world().inverse());
     setup.SetStamps(gpu_stamps->Of(*reference.frame, queue_), stamp);
     for (const EngineView& source : sources) {
       if (!source.estimate) continue;

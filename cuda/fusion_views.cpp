@@ -8,7 +8,7 @@ namespace acmp {
 
 PosedCamera PosedCameraOf(const EngineView& view) {
   if (!view.frame) throw InvalidInputError("frame: must not be null");
-  return {view.frame->camera, view.frame->cam_from_world};
+  return {view.frame->camera, view.cam_from_world()};
 }
 
 DeviceFusionView GeometryMapsOf(const EngineView& view, DeviceQueue* queue) {

@@ -8,12 +8,12 @@
 namespace acmp {
 namespace {
 
-MatchView MakeMatchView(const Frame& frame) {
-  MatchView view;
-  view.gray = frame.gray.View();
-  view.camera = frame.camera;
-  view.cam_from_world = frame.cam_from_world;
-  return view;
+MatchView MakeMatchView(const EngineView& view) {
+  MatchView result;
+  result.gray = view.frame->gray.View();
+  result.camera = view.frame->camera;
+  result.cam_from_world = view.cam_from_world();
+  return result;
 }
 
 void CheckView(const char* name, const EngineView& view) {
@@ -66,9 +66,9 @@ void CheckUpsample(const FramePtr& frame, int level, int width, int height) {
 PatchMatchProblem MakePatchMatchProblem(const EngineProblem& problem, int level) {
   CheckHandles(problem, level);
   PatchMatchProblem result;
-  result.reference = MakeMatchView(*problem.reference.frame);
+  result.reference = MakeMatchView(problem.reference);
   result.sources.reserve(problem.sources.size());
-  for (const EngineView& source : problem.sources) result.sources.push_back(MakeMatchView(*source.frame));
+  for (const EngineView& source : problem.sources) result.sources.push_back(MakeMatchView(source));
   result.depth_range = problem.depth_range;
   Check(result);
   result.reference.camera = CameraAtLevel(result.reference.camera, level);

@@ -121,7 +121,7 @@ FusionView MakeFusionView(const EngineView& view) {
   if (!view.frame) throw InvalidInputError("frame: must not be null");
   FusionView result;
   result.camera = view.frame->camera;
-  result.cam_from_world = view.frame->cam_from_world;
+  result.cam_from_world = view.cam_from_world();
   if (!view.estimate) return result;
   const HostEstimate& estimate = Cast<HostEstimate>(view.estimate);
   result.depth = estimate.depth.View();

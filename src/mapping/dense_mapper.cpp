@@ -2,10 +2,12 @@
 
 #include <algorithm>
 #include <iterator>
+#include <memory>
 #include <optional>
 #include <utility>
 #include <vector>
 
+#include "acmp_mapping/pose_refinement/pose_refiner.h"
 #include "failure.h"
 #include "keyframe_estimator.h"
 #include "keyframe_window.h"
@@ -63,6 +65,7 @@ void Validate(const DenseMapperOptions& options) {
   }
   Validate(options.source_views);
   Validate(options.depth_range);
+  Validate(options.poses);
   const DepthRange& fallback = options.fallback_depth_range;
   if (!(fallback.min == 0 && fallback.max == 0)) CheckDepthRange("fallback_depth_range", fallback);
   CheckRange("window_size", options.window_size, 2, kMaxWindowSize);
@@ -79,6 +82,7 @@ struct DenseMapper::Impl {
       : options(mapper_options),
         window(options.source_views),
         estimator(engine, options.pipeline),
+        refiner(MakeRefiner(options.poses)),
         outputs(output_engine != nullptr ? output_engine : engine, output_engine != nullptr, std::move(callbacks)) {}
 
   void Drop(const WindowKeyframePtr& keyframe, const Failure& failure) {
@@ -94,6 +98,35 @@ struct DenseMapper::Impl {
       return options.fallback_depth_range;
     }
     return last_range;
+  }
+
+  static std::unique_ptr<PoseRefiner> MakeRefiner(const PoseRefinementOptions& options) {
+    return options.refine == RefinePoses::kOff ? nullptr : std::make_unique<PoseRefiner>(options);
+  }
+
+  /// Maps made from now on are matched with the poses that fit the images of the window best.
+  void RefinePoses(const WindowKeyframePtr& newest) {
+    if (!refiner) return;
+    PoseRefinement refinement;
+    const auto failure = CatchFailure([&] {
+      refiner->Add(*newest->frame, newest->range);
+      newest->has_refinable_pose = true;
+      refinement = refiner->Refine();
+    });
+    if (failure) return outputs.ReportFailedPoses(newest->frame->id, *failure);
+    auto pose = refinement.poses.begin();
+    for (const WindowKeyframePtr& keyframe : window) {
+      if (!keyframe->has_refinable_pose) continue;
+      keyframe->refined_pose.reset();
+      if (refinement.changed) keyframe->refined_pose = pose->cam_from_world;
+      keyframe->pose_fit = refinement.changed ? pose->refined_fit : pose->received_fit;
+      ++pose;
+    }
+  }
+
+  void ForgetOldest() {
+    if (window.oldest()->has_refinable_pose) refiner->RemoveOldest();
+    window.PopOldest();
   }
 
   /// Whether the frame is in the window now.
@@ -112,6 +145,7 @@ struct DenseMapper::Impl {
       keyframe->state = State::kFinished;
     } else if (const std::optional<DepthRange> range = FindDepthRange(*keyframe->frame)) {
       keyframe->range = *range;
+      RefinePoses(keyframe);
     } else {
       Drop(keyframe, {"no_depth_range",
                       Concat("keyframe ", id, ": of its ", keyframe->frame->landmarks_in_world.size(),
@@ -128,7 +162,7 @@ struct DenseMapper::Impl {
       const WindowKeyframePtr oldest = window.oldest();
       if (oldest->state == State::kInitialised) Refine(oldest);
       if (oldest->state == State::kPending) DropForMissingViews(oldest, options.min_source_views);
-      window.PopOldest();
+      ForgetOldest();
     }
   }
 
@@ -274,6 +308,7 @@ struct DenseMapper::Impl {
   DenseMapperOptions options;
   KeyframeWindow window;
   KeyframeEstimator estimator;
+  std::unique_ptr<PoseRefiner> refiner;  ///< null: poses are used as received
   std::optional<DepthRange> last_range;
   std::optional<int64_t> last_id;
   MapperOutputs outputs;  ///< last: its thread is gone before what is above
@@ -314,6 +349,7 @@ void DenseMapper::Reset() {
   impl_->outputs.WaitForAll();
   // Emptied first: the mapper is in order even if a callback throws.
   const KeyframeWindow forgotten = std::exchange(impl_->window, KeyframeWindow(impl_->options.source_views));
+  if (impl_->refiner) impl_->refiner->Reset();
   impl_->last_range.reset();
   impl_->last_id.reset();
   for (const WindowKeyframePtr& keyframe : forgotten) {

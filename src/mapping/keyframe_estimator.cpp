@@ -21,7 +21,7 @@ EngineView KeyframeEstimator::MakeView(WindowKeyframe* keyframe) {
     keyframe->image = engine_->Load(keyframe->frame, levels);
     keyframe->image_levels = levels;
   }
-  return {keyframe->frame, keyframe->image, nullptr};
+  return {keyframe->frame, keyframe->image, nullptr, keyframe->refined_pose};
 }
 
 EngineProblem KeyframeEstimator::MakeProblem(WindowKeyframe* keyframe, const SourceViews& sources) {
@@ -38,7 +38,7 @@ FinishedEstimate KeyframeEstimator::Initialise(WindowKeyframe* keyframe, const S
   keyframe->initial = problem.reference.estimate;
   keyframe->initial_score = sources.score;
   keyframe->times += estimator_.last_times();
-  return {std::move(problem), sources.Ids(), keyframe->times};
+  return {std::move(problem), sources.Ids(), keyframe->pose_fit, keyframe->times};
 }
 
 KeyframeRefinement KeyframeEstimator::Begin(const WindowKeyframePtr& keyframe, const SourceViews& sources,
@@ -79,7 +79,7 @@ FinishedEstimate KeyframeEstimator::Finish(KeyframeRefinement refinement) {
   keyframe.refined_at = ++refinements_;
   keyframe.times = StageTimes();
   if (!refinement.lacks_future_views) keyframe.initial.reset();
-  return {std::move(problem), refinement.sources.Ids(), refinement.times};
+  return {std::move(problem), refinement.sources.Ids(), keyframe.pose_fit, refinement.times};
 }
 
 }  // namespace acmp

@@ -14,6 +14,8 @@ std::string DescribeFailedAgain(int64_t id, const Failure& failure) {
 std::shared_ptr<KeyframeDepth> MakeWithoutMaps(const FinishedEstimate& estimate) {
   auto maps = std::make_shared<KeyframeDepth>();
   maps->frame = estimate.problem.reference.frame;
+  maps->cam_from_world = estimate.problem.reference.cam_from_world();
+  maps->pose_fit = estimate.pose_fit;
   maps->range = estimate.problem.depth_range;
   maps->source_ids = estimate.source_ids;
   maps->times = estimate.times;
@@ -88,6 +90,12 @@ void MapperOutputs::SubmitDrop(KeyframeDrop drop, WindowKeyframePtr keyframe) {
 
 void MapperOutputs::ReportFailedAgain(int64_t id, const Failure& failure) {
   queue_.Submit([this, message = DescribeFailedAgain(id, failure)] { CallProblem("refine_again_failed", message); });
+}
+
+void MapperOutputs::ReportFailedPoses(int64_t id, const Failure& failure) {
+  queue_.Submit([this, message = Concat("poses could not be refined with keyframe ", id, ": ", failure.message)] {
+    CallProblem("pose_refinement_failed", message);
+  });
 }
 
 bool MapperOutputs::WantsRefinedAgain(const WindowKeyframe& keyframe) {

@@ -22,6 +22,7 @@ class MapperOutputs {
   void SubmitRefinedAgain(FinishedEstimate estimate, const FusionOptions& consistency);
   /// @param keyframe null: was never in the window
   void SubmitDrop(KeyframeDrop drop, WindowKeyframePtr keyframe);
+  void ReportFailedPoses(int64_t id, const Failure& failure);
   void ReportFailedAgain(int64_t id, const Failure& failure);
 
   /// Whether the keyframe's on_refined was called, and somebody would use better maps; waits until that is known.

@@ -6,6 +6,7 @@
 
 #include "acmp_mapping/keyframe/source_view_selector.h"
 #include "acmp_mapping/pipeline/depth_estimator.h"
+#include "acmp_mapping/pose_refinement/pose_fit.h"
 
 namespace acmp {
 
@@ -22,6 +23,10 @@ struct WindowKeyframe {
   DepthRange range;
   State state = State::kPending;
   bool is_mapped = true;  ///< false: it is a source view of others alone
+
+  bool has_refinable_pose = false;             ///< the pose refiner has it
+  std::optional<RigidTransform> refined_pose;  ///< cam_from_world to match with; none: the frame's
+  PoseFit pose_fit;                            ///< of the pose to match with
 
   EngineImagePtr image;       ///< null until the keyframe is first used as reference or source view
   int image_levels = 0;       ///< levels it was loaded with

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "acmp_mapping/fill/fill_options.h"
@@ -33,6 +34,9 @@ struct EngineView {
   FramePtr frame;
   EngineImagePtr image;
   EngineEstimatePtr estimate;  ///< of source views: for the geometric term and the consistency check; null: none yet
+  std::optional<RigidTransform> refined_pose = std::nullopt;  ///< in place of the frame's cam_from_world
+
+  const RigidTransform& cam_from_world() const { return refined_pose ? *refined_pose : frame->cam_from_world; }
 };
 
 struct EngineProblem {

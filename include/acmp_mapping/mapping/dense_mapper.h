@@ -9,6 +9,7 @@
 #include "acmp_mapping/keyframe/source_view_selector.h"
 #include "acmp_mapping/mapping/keyframe_depth.h"
 #include "acmp_mapping/pipeline/presets.h"
+#include "acmp_mapping/pose_refinement/pose_refinement_options.h"
 
 namespace acmp {
 
@@ -18,6 +19,7 @@ struct DenseMapperOptions {
   PipelineOptions pipeline;
   SourceViewOptions source_views;
   DepthRangeOptions depth_range;
+  PoseRefinementOptions poses;
   DepthRange fallback_depth_range;  ///< used when there are neither landmarks nor a previous range; 0, 0 = none
   int window_size = 30;             ///< keyframes kept to match against, 2..kMaxWindowSize
   int lookahead = 2;                ///< later keyframes a keyframe waits for before it is refined, 0..window_size-1
@@ -53,7 +55,8 @@ class DenseMapper {
     /// Empty: yes.
     std::function<bool()> wants_refined_again;
     /// Something failed that costs quality, but no keyframe: it could not be refined again ("refine_again_failed"), or
-    /// its fast maps did not come from the device ("fast_maps_failed").
+    /// its fast maps did not come from the device ("fast_maps_failed"), or poses could not be refined
+    /// ("pose_refinement_failed").
     std::function<void(const std::string& reason, const std::string& message)> on_problem;
   };
 

@@ -9,12 +9,15 @@
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/keyframe/frame.h"
 #include "acmp_mapping/pipeline/depth_estimator.h"
+#include "acmp_mapping/pose_refinement/pose_fit.h"
 
 namespace acmp {
 
 /// Depth of one keyframe with all that belongs to it. Maps have the size of frame->camera. Never modified.
 struct KeyframeDepth {
   FramePtr frame;
+  RigidTransform cam_from_world = RigidTransform::Identity();  ///< with which it was matched: the frame's, or refined
+  PoseFit pose_fit;                                            ///< how well that fits; no matches: not measured
   DepthRange range;  ///< that was searched, scene units
   DepthMap depth;    ///< z in the camera's frame, scene units
   // Of refined maps only; empty for fast ones.
