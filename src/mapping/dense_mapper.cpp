@@ -74,6 +74,10 @@ void Validate(const DenseMapperOptions& options) {
              std::min(options.source_views.max_source_views, options.window_size - 1));
 }
 
+/// Of so many keyframes, the newest ones, poses are refined. Landmarks are hardly seen for longer, and time grows with
+/// it.
+constexpr size_t kRefinedPoses = 12;
+
 /// The online schedule: which keyframe is initialised, refined and refined again when.
 struct DenseMapper::Impl {
   using State = WindowKeyframe::State;
@@ -101,32 +105,28 @@ struct DenseMapper::Impl {
   }
 
   static std::unique_ptr<PoseRefiner> MakeRefiner(const PoseRefinementOptions& options) {
-    return options.refine == RefinePoses::kOff ? nullptr : std::make_unique<PoseRefiner>(options);
+    const bool refines = options.refine != RefinePoses::kOff && CanRefinePoses();
+    return refines ? std::make_unique<PoseRefiner>(options) : nullptr;
   }
 
-  /// Maps made from now on are matched with the poses that fit the images of the window best.
+  /// Maps made from now on are matched with the poses that fit the images best. What leaves the refiner keeps its last
+  /// pose.
   void RefinePoses(const WindowKeyframePtr& newest) {
     if (!refiner) return;
     PoseRefinement refinement;
     const auto failure = CatchFailure([&] {
       refiner->Add(*newest->frame, newest->range);
-      newest->has_refinable_pose = true;
+      while (refiner->size() > std::min(kRefinedPoses, window.size())) refiner->RemoveOldest();
       refinement = refiner->Refine();
     });
     if (failure) return outputs.ReportFailedPoses(newest->frame->id, *failure);
-    auto pose = refinement.poses.begin();
-    for (const WindowKeyframePtr& keyframe : window) {
-      if (!keyframe->has_refinable_pose) continue;
+    for (const RefinedPose& pose : refinement.poses) {
+      const WindowKeyframePtr keyframe = window.Find(pose.id);
+      if (!keyframe) continue;
       keyframe->refined_pose.reset();
-      if (refinement.changed) keyframe->refined_pose = pose->cam_from_world;
-      keyframe->pose_fit = refinement.changed ? pose->refined_fit : pose->received_fit;
-      ++pose;
+      if (refinement.changed) keyframe->refined_pose = pose.cam_from_world;
+      keyframe->pose_fit = refinement.changed ? pose.refined_fit : pose.received_fit;
     }
-  }
-
-  void ForgetOldest() {
-    if (window.oldest()->has_refinable_pose) refiner->RemoveOldest();
-    window.PopOldest();
   }
 
   /// Whether the frame is in the window now.
@@ -141,12 +141,14 @@ struct DenseMapper::Impl {
     ShrinkWindow(options.window_size - 1);
     const WindowKeyframePtr keyframe = window.Add(std::move(frame));
     keyframe->is_mapped = is_mapped;
-    if (!is_mapped) {
-      keyframe->state = State::kFinished;
-    } else if (const std::optional<DepthRange> range = FindDepthRange(*keyframe->frame)) {
+    const std::optional<DepthRange> range = FindDepthRange(*keyframe->frame);
+    if (range) {
       keyframe->range = *range;
       RefinePoses(keyframe);
-    } else {
+    }
+    if (!is_mapped) {
+      keyframe->state = State::kFinished;
+    } else if (!range) {
       Drop(keyframe, {"no_depth_range",
                       Concat("keyframe ", id, ": of its ", keyframe->frame->landmarks_in_world.size(),
                              " landmarks fewer than ", options.depth_range.min_landmarks,
@@ -162,7 +164,7 @@ struct DenseMapper::Impl {
       const WindowKeyframePtr oldest = window.oldest();
       if (oldest->state == State::kInitialised) Refine(oldest);
       if (oldest->state == State::kPending) DropForMissingViews(oldest, options.min_source_views);
-      ForgetOldest();
+      window.PopOldest();
     }
   }
 

@@ -84,6 +84,12 @@ std::string KeyframeWindow::DescribeMissingViews(WindowKeyframe* keyframe, int m
   return text;
 }
 
+WindowKeyframePtr KeyframeWindow::Find(int64_t id) const {
+  const auto found =
+      std::find_if(begin(), end(), [&](const WindowKeyframePtr& keyframe) { return keyframe->frame->id == id; });
+  return found == end() ? nullptr : *found;
+}
+
 size_t KeyframeWindow::NumLaterThan(const WindowKeyframe& keyframe) const {
   return static_cast<size_t>(std::count_if(
       begin(), end(), [&](const WindowKeyframePtr& other) { return other->frame->id > keyframe.frame->id; }));

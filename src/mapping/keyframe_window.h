@@ -48,6 +48,8 @@ class KeyframeWindow {
   const WindowKeyframePtr& WithLater(size_t later_keyframes) const {
     return keyframes_[keyframes_.size() - 1 - later_keyframes];
   }
+  /// Null where it is not in the window.
+  WindowKeyframePtr Find(int64_t id) const;
   size_t NumLaterThan(const WindowKeyframe& keyframe) const;
   const_iterator begin() const { return keyframes_.begin(); }  ///< oldest first
   const_iterator end() const { return keyframes_.end(); }

@@ -24,7 +24,6 @@ struct WindowKeyframe {
   State state = State::kPending;
   bool is_mapped = true;  ///< false: it is a source view of others alone
 
-  bool has_refinable_pose = false;             ///< the pose refiner has it
   std::optional<RigidTransform> refined_pose;  ///< cam_from_world to match with; none: the frame's
   PoseFit pose_fit;                            ///< of the pose to match with
 

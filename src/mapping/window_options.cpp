@@ -26,6 +26,8 @@ OptionTable<DenseMapperOptions> MakeWindowOptionTable() {
           "Refine a keyframe once more halfway through the window, and at a flush, where its views have become better"),
       [](auto& o) -> auto& { return o.refine_again; });
   table.Add(
+      PoseRefinementOptionTable().Find("refine_poses").description, [](auto& o) -> auto& { return o.poses.refine; });
+  table.Add(
       Number("depth_min", 0, 1e9, "(unit of the poses)",
              "Nearest depth to search where no sparse points tell; 0, with depth_max: none")
           .WhileRunning(),

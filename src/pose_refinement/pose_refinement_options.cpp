@@ -39,8 +39,8 @@ const OptionTable<PoseRefinementOptions>& PoseRefinementOptionTable() {
 
 void Validate(const PoseRefinementOptions& options) {
   PoseRefinementOptionTable().Check(options);
-  if (options.refine != RefinePoses::kOff && !CanRefinePoses()) {
-    throw InvalidInputError("refine_poses: this build has no Ceres, without which it can only be off");
+  if (options.refine == RefinePoses::kOn && !CanRefinePoses()) {
+    throw InvalidInputError("refine_poses: this build has no Ceres, without which it cannot be on");
   }
 }
 

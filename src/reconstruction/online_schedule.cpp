@@ -83,6 +83,7 @@ class OnlineSchedule {
     run_.times.stages += keyframe.times;
     run_.times.consistency_ms += keyframe.consistency_ms;
     ImagePlan& image = PlanOf(keyframe.frame->id);
+    run_.scene.images[static_cast<size_t>(image.index)].cam_from_world = keyframe.cam_from_world;
     image.sources.assign(keyframe.source_ids.begin(), keyframe.source_ids.end());
     Timer timer;
     WriteFinalMaps(run_.store.FileOf({run_.store.final_step(), image.index}), ToFinalMaps(keyframe));

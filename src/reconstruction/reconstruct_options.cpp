@@ -249,9 +249,6 @@ void Validate(const ReconstructOptions& options) {
   }
   Validate(MakePipelineOptions(options));
   Validate(options.pose_refinement);
-  if (options.online() && options.pose_refinement.refine != RefinePoses::kOff) {
-    throw InvalidInputError("--refine-poses is for --schedule offline");
-  }
   if (options.online()) Validate(MakeMapperOptions(options, {}));
 }
 
@@ -262,14 +259,13 @@ PipelineOptions MakePipelineOptions(const ReconstructOptions& options) {
   return pipeline;
 }
 
-FrameOptions MakeFrameOptions(const ReconstructOptions& options) {
-  return {options.max_image_size};
-}
+FrameOptions MakeFrameOptions(const ReconstructOptions& options) { return {options.max_image_size}; }
 
 DenseMapperOptions MakeMapperOptions(const ReconstructOptions& options, const DepthRange& dataset_range) {
   DenseMapperOptions mapper;
   mapper.pipeline = MakePipelineOptions(options);
   mapper.source_views.max_source_views = options.source_views;
+  mapper.poses = options.pose_refinement;
   mapper.window_size = options.window_size;
   mapper.lookahead = options.lookahead;
   mapper.refine_again = options.refine_again;

@@ -33,7 +33,7 @@ struct RunTimes {
 
 /// What all steps of one run share. Everything outlives the steps.
 struct ReconstructRun {
-  const Scene& scene;
+  Scene& scene;  ///< the online schedule puts refined poses into it
   const ReconstructOptions& options;
   ReconstructPlan& plan;
   const OutputFolder& folder;

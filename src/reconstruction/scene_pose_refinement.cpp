@@ -46,9 +46,9 @@ std::string Describe(const PoseRefinement& refinement) {
 
 void RefineScenePoses(const ReconstructPlan& plan, const ReconstructOptions& options, const InterruptWatcher& interrupt,
                       Scene* scene, Progress* progress) {
-  if (options.pose_refinement.refine == RefinePoses::kOff) return;
+  if (options.pose_refinement.refine == RefinePoses::kOff || options.online() || !CanRefinePoses()) return;
   progress->Note("refining poses");
-  const FrameOptions frame_options = {options.max_image_size, 0};  // sharpening would sharpen the noise, too
+  const FrameOptions frame_options = {options.max_image_size};
   const auto load = [&](size_t i) { return LoadFrame(*scene, plan.images[i].index, frame_options).gray; };
   const PoseRefinement refinement = RefineImagePoses(PosedImages(plan, *scene, options.max_image_size), load,
                                                      options.pose_refinement, [&] { interrupt.Check(); });

@@ -16,7 +16,7 @@ constexpr double kMinSourceOverlap =
     0.1;  ///< share of the reference's landmarks a source must see, at that angle or more
 
 struct SourceViewOptions {
-  int max_source_views = 7;  ///< 1..32
+  int max_source_views = 10;  ///< 1..32
 };
 void Validate(const SourceViewOptions& options);
 inline bool operator==(const SourceViewOptions& a, const SourceViewOptions& b) {
