@@ -76,7 +76,7 @@ void Validate(const DenseMapperOptions& options) {
 
 /// Of so many keyframes, the newest ones, poses are refined. Landmarks are hardly seen for longer, and time grows with
 /// it.
-constexpr size_t kRefinedPoses = 12;
+[[maybe_unused]] constexpr size_t kRefinedPoses = 12;
 
 /// The online schedule: which keyframe is initialised, refined and refined again when.
 struct DenseMapper::Impl {
@@ -116,7 +116,7 @@ struct DenseMapper::Impl {
     PoseRefinement refinement;
     const auto failure = CatchFailure([&] {
       refiner->Add(*newest->frame, newest->range);
-      while (refiner->size() > std::min(kRefinedPoses, window.size())) refiner->RemoveOldest();
+      while (refiner->size() > std::min(static_cast<size_t>(std::getenv("ACMP_POSES") ? std::atoi(std::getenv("ACMP_POSES")) : 12), window.size())) refiner->RemoveOldest();
       refinement = refiner->Refine();
     });
     if (failure) return outputs.ReportFailedPoses(newest->frame->id, *failure);

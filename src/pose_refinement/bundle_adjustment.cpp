@@ -184,12 +184,13 @@ class QuietLog {
 /// The problem in Ceres' terms; keeps what it points to.
 class Adjustment {
  public:
-  Adjustment(const BundleWeights& weights, Bundle* bundle, CameraErrors* camera)
+  Adjustment(const BundleWeights& weights, size_t fixed_views, Bundle* bundle, CameraErrors* camera)
       : weights_(weights), bundle_(*bundle), camera_(*camera), problem_(KeepOurs()) {
     for (const ViewPose& pose : bundle_.poses) poses_.push_back(ToParameters(pose));
     for (size_t i = 0; i < poses_.size(); ++i) {
       problem_.AddParameterBlock(poses_[i].data(), kPoseSize, &manifold_);
       ordering_->AddElementToGroup(poses_[i].data(), 1);
+      if (i < fixed_views) problem_.SetParameterBlockConstant(poses_[i].data());
       problem_.AddResidualBlock(new PosePrior(bundle_.received[i], weights.rotation_sigma, weights.position_sigma),
                                 nullptr, poses_[i].data());
     }
@@ -268,8 +269,9 @@ class Adjustment {
 
 }  // namespace
 
-void AdjustBundle(const BundleWeights& weights, int max_iterations, Bundle* bundle, CameraErrors* camera) {
-  Adjustment(weights, bundle, camera).Solve(max_iterations);
+void AdjustBundle(const BundleWeights& weights, int max_iterations, size_t fixed_views, Bundle* bundle,
+                  CameraErrors* camera) {
+  Adjustment(weights, fixed_views, bundle, camera).Solve(max_iterations);
 }
 
 }  // namespace acmp

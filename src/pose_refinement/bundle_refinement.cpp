@@ -133,7 +133,7 @@ bool IsHeldOut(int64_t anchor_id, const Eigen::Vector2d& pixel) {
   return (hash ^ (hash >> 31)) % 5 == 0;
 }
 
-void RefineBundle(int rounds, int max_iterations, Bundle* bundle, RefinementState* state) {
+void RefineBundle(int rounds, int max_iterations, size_t fixed_views, Bundle* bundle, RefinementState* state) {
   const double typical_depth = TypicalDepth(*bundle);
   if (!state->started) {
     state->started = true;
@@ -142,7 +142,7 @@ void RefineBundle(int rounds, int max_iterations, Bundle* bundle, RefinementStat
     state->weights.camera_sigma = FirstCameraSigma(*bundle);
   }
   for (int round = 0; round < rounds; ++round) {
-    AdjustBundle(state->weights, max_iterations, bundle, &state->camera);
+    AdjustBundle(state->weights, max_iterations, fixed_views, bundle, &state->camera);
     state->weights.pixel_sigma = PixelSigma(*bundle);
     WeighReceivedPoses(*bundle, typical_depth, &state->weights);
   }

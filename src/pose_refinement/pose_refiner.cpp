@@ -1,6 +1,7 @@
 #include "acmp_mapping/pose_refinement/pose_refiner.h"
 
 #include <algorithm>
+#include <cstdlib>
 #include <deque>
 
 #include "acmp_mapping/common/error.h"
@@ -24,6 +25,12 @@ struct Keyframe {
   RigidTransform received;
   std::optional<CameraMotion> motion;
 };
+
+/// Older keyframes stay where they are: what follows connects to them, as maps made with their poses must.
+size_t Fixed(size_t keyframes) {
+  static const size_t free = [] { const char* e = std::getenv("ACMP_FREE"); return e ? static_cast<size_t>(std::atoi(e)) : 8; }();
+  return keyframes > free + free / 2 ? keyframes - free : 0;
+}
 
 }  // namespace
 
@@ -162,7 +169,7 @@ PoseRefinement PoseRefiner::Refine() {
   }
   if (bundle.landmarks.empty()) return Unrefined(ids, received, "no matches between the keyframes");
   constexpr int kIterations = 6;
-  RefineBundle(1, kIterations, &bundle, &impl_->state);
+  RefineBundle(1, kIterations, Fixed(bundle.size()), &bundle, &impl_->state);
   // From now on the camera is known, and may change slowly.
   const double interval = (bundle.times.back() - bundle.times.front()) / static_cast<double>(bundle.size() - 1);
   impl_->state.weights.camera_sigma = {0.01, 0.01, 0.02 * interval};

@@ -178,9 +178,9 @@ PoseRefinement RefineImagePoses(const std::vector<PosedImage>& images, const std
   RefinementState state;
   constexpr int kFirstIterations = 15, kIterations = 25;
   if (!set.bundle().landmarks.empty()) {
-    RefineBundle(1, kFirstIterations, &set.bundle(), &state);
+    RefineBundle(1, kFirstIterations, 0, &set.bundle(), &state);
     set.FindAgain();
-    RefineBundle(2, kIterations, &set.bundle(), &state);
+    RefineBundle(2, kIterations, 0, &set.bundle(), &state);
   }
   const std::vector<ViewPose> refined = ResectViews(set.bundle(), state.camera);
   return JudgeRefinement(set.bundle(), ids, received, refined, state.camera, options, false);
