@@ -211,7 +211,7 @@ class Adjustment {
     options.linear_solver_ordering = ordering_;
     options.max_num_iterations = max_iterations;
     options.num_threads = 1;
-    options.function_tolerance = 1e-5;
+    options.function_tolerance = 1e-4;
     options.logging_type = ceres::SILENT;
     ceres::Solver::Summary summary;
     const QuietLog quiet;

@@ -12,8 +12,9 @@
 namespace acmp {
 namespace {
 
-constexpr size_t kSearchViews = 4;   // earlier keyframes in which a new landmark's depth is looked for
-constexpr size_t kMinSightings = 2;  // of a new landmark
+constexpr size_t kFirstSightings = 6;  // earlier keyframes in which a new landmark is measured
+constexpr size_t kSearchViews = 3;     // earlier keyframes in which a new landmark's depth is looked for
+constexpr size_t kMinSightings = 2;    // of a new landmark
 constexpr size_t kMinKeyframes = 3;
 constexpr int kLostAfter = 3;  // keyframes in which a landmark was not found: given up
 
@@ -23,6 +24,12 @@ struct Keyframe {
   View view;
   RigidTransform received;
   std::optional<CameraMotion> motion;
+};
+
+/// A known landmark in the newest keyframe.
+struct Tracked {
+  Eigen::Vector2d pixel;
+  double inverse_depth = 0;  ///< there
 };
 
 }  // namespace
@@ -42,35 +49,62 @@ struct PoseRefiner::Impl {
     return pose;
   }
 
-  /// Known landmarks in the newest keyframe. Returns their pixels.
-  std::vector<Eigen::Vector2d> TrackLandmarks() {
+  /// Known landmarks in the newest keyframe.
+  std::vector<Tracked> TrackLandmarks() {
     const size_t newest = bundle.size() - 1;
-    std::vector<Eigen::Vector2d> pixels;
+    std::vector<Tracked> tracked;
     for (Landmark& landmark : bundle.landmarks) {
       const int last = landmark.sightings.back().view;  // sightings ascend but for those of its first keyframes
       if (static_cast<int>(newest) - std::max(last, landmark.anchor) > kLostAfter) continue;
       const Alignment alignment = FindInView(landmark, Posed(static_cast<size_t>(landmark.anchor)), Posed(newest), {});
       if (!alignment.found) continue;
       landmark.sightings.push_back({static_cast<int>(newest), alignment.pixel});
-      pixels.push_back(alignment.pixel);
+      const auto anchor = static_cast<size_t>(landmark.anchor);
+      const double ratio = DirectionInView(bundle.cameras[anchor].Unproject(landmark.pixel), landmark.inverse_depth,
+                                           bundle.poses[anchor], bundle.poses[newest])
+                               .z();
+      if (ratio > 0) tracked.push_back({alignment.pixel, landmark.inverse_depth / ratio});
     }
-    return pixels;
+    return tracked;
   }
 
-  void AddLandmarks(const std::vector<Eigen::Vector2d>& taken, const DepthRange& range) {
+  /// Where a new landmark is looked for: about as far as known ones around it, or in all of `range`.
+  DepthRange RangeAround(const Eigen::Vector2d& pixel, const std::vector<Tracked>& tracked,
+                         const DepthRange& range) const {
+    const double reach = 0.15 * bundle.cameras.back().width;
+    double nearest = 0, farthest = 0;  // inverse depths
+    int count = 0;
+    for (const Tracked& t : tracked) {
+      if (!(t.inverse_depth > 0) || (t.pixel - pixel).squaredNorm() > reach * reach) continue;
+      nearest = count == 0 ? t.inverse_depth : std::max(nearest, t.inverse_depth);
+      farthest = count == 0 ? t.inverse_depth : std::min(farthest, t.inverse_depth);
+      ++count;
+    }
+    constexpr int kMinAround = 3;
+    constexpr double kMargin = 1.5;
+    if (count < kMinAround) return range;
+    const DepthRange around = {std::max(range.min, static_cast<float>(1 / (kMargin * nearest))),
+                               std::min(range.max, static_cast<float>(kMargin / farthest))};
+    return around.min < around.max ? around : range;
+  }
+
+  void AddLandmarks(const std::vector<Tracked>& tracked, const DepthRange& range) {
     const size_t newest = bundle.size() - 1;
     const PosedView anchor = Posed(newest);
     std::vector<PosedView> others;
     for (size_t i = newest; i-- > 0 && others.size() < kSearchViews;) others.push_back(Posed(i));
     if (others.size() < kMinSightings) return;
+    std::vector<Eigen::Vector2d> taken;
+    for (const Tracked& t : tracked) taken.push_back(t.pixel);
+    const size_t first = newest > kFirstSightings ? newest - kFirstSightings : 0;
     for (const Eigen::Vector2d& corner :
          DetectCorners(anchor.view->pyramid.level(0), taken, CornersFor(anchor.view->camera, options.corners))) {
       Landmark landmark;
       landmark.anchor = static_cast<int>(newest);
       landmark.pixel = corner;
-      landmark.inverse_depth = SearchInverseDepth(anchor, corner, range, others);
+      landmark.inverse_depth = SearchInverseDepth(anchor, corner, RangeAround(corner, tracked, range), others);
       if (!(landmark.inverse_depth > 0)) continue;
-      for (size_t i = 0; i < newest; ++i) {
+      for (size_t i = first; i < newest; ++i) {
         const Alignment alignment = FindInView(landmark, anchor, Posed(i), {});
         if (alignment.found) landmark.sightings.push_back({static_cast<int>(i), alignment.pixel});
       }
@@ -79,6 +113,16 @@ struct PoseRefiner::Impl {
       Triangulate(bundle.poses, bundle.cameras, &landmark);
       if (landmark.inverse_depth > 0) bundle.landmarks.push_back(std::move(landmark));
     }
+  }
+
+  /// Brings what took no part up to date, and forgets what was adjusted to behind its anchor.
+  void TidyLandmarks() {
+    std::vector<Landmark> kept;
+    for (Landmark& landmark : bundle.landmarks) {
+      if (landmark.held_out) Triangulate(bundle.poses, bundle.cameras, &landmark);
+      if (landmark.inverse_depth > 0) kept.push_back(std::move(landmark));
+    }
+    bundle.landmarks = std::move(kept);
   }
 
   const PoseRefinementOptions options;
@@ -161,7 +205,7 @@ PoseRefinement PoseRefiner::Refine() {
     return Unrefined(ids, received, Concat(bundle.size(), " keyframes: needs ", kMinKeyframes));
   }
   if (bundle.landmarks.empty()) return Unrefined(ids, received, "no matches between the keyframes");
-  constexpr int kIterations = 6;
+  constexpr int kIterations = 3;  // the next window goes on from here
   RefineBundle(1, kIterations, &bundle, &impl_->state);
   // From now on the camera is known, and may change slowly.
   const double interval = (bundle.times.back() - bundle.times.front()) / static_cast<double>(bundle.size() - 1);
@@ -170,6 +214,7 @@ PoseRefinement PoseRefiner::Refine() {
   PoseRefinement result =
       JudgeRefinement(bundle, ids, received, refined, impl_->state.camera, impl_->options, impl_->changed);
   impl_->changed = result.changed;
+  impl_->TidyLandmarks();
   return result;
 }
 
