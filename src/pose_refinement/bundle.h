@@ -12,6 +12,7 @@ namespace acmp {
 struct Bundle {
   std::vector<PinholeCamera> cameras;
   std::vector<ViewPose> received;
+  std::vector<ViewPose> expected;                    ///< what poses are held to: received ones, or near them
   std::vector<ViewPose> poses;                       ///< the best known so far
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();  ///< in the world: centres are relative to it, for precision
   std::vector<double> times;                         ///< of the exposures, ascending; the unit of CameraErrors::readout

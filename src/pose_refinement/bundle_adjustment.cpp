@@ -119,7 +119,7 @@ class SightingCost : public ceres::SizedCostFunction<2, kPoseSize, kPoseSize, 1,
   const double weight_;
 };
 
-/// A received pose. The rotation's derivative is that at zero: corrections are small.
+/// An expected pose. The rotation's derivative is that at zero: corrections are small.
 class PosePrior : public ceres::SizedCostFunction<6, kPoseSize> {
  public:
   PosePrior(const ViewPose& pose, double rotation_sigma, double position_sigma)
@@ -191,7 +191,7 @@ class Adjustment {
       problem_.AddParameterBlock(poses_[i].data(), kPoseSize, &manifold_);
       ordering_->AddElementToGroup(poses_[i].data(), 1);
       if (i < fixed_views) problem_.SetParameterBlockConstant(poses_[i].data());
-      problem_.AddResidualBlock(new PosePrior(bundle_.received[i], weights.rotation_sigma, weights.position_sigma),
+      problem_.AddResidualBlock(new PosePrior(bundle_.expected[i], weights.rotation_sigma, weights.position_sigma),
                                 nullptr, poses_[i].data());
     }
     camera_errors_ = ToVector(camera_);
@@ -212,7 +212,7 @@ class Adjustment {
     options.linear_solver_ordering = ordering_;
     options.max_num_iterations = max_iterations;
     options.num_threads = 1;
-    options.function_tolerance = 1e-5;
+    options.function_tolerance = 1e-4;
     options.logging_type = ceres::SILENT;
     ceres::Solver::Summary summary;
     const QuietLog quiet;

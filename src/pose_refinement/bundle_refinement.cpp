@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <utility>
 
 #include "acmp_mapping/common/error.h"
 #include "landmark_matching.h"
@@ -52,16 +53,25 @@ double PixelSigma(const Bundle& bundle) {
   return std::clamp(Median(&lengths) / 1.18, kMin, kMax);
 }
 
-/// Root mean square of the corrections per axis: what received poses are thought to be off by.
-void WeighReceivedPoses(const Bundle& bundle, double typical_depth, BundleWeights* weights) {
-  double turned = 0, moved = 0;
-  for (size_t i = 0; i < bundle.size(); ++i) {
-    turned += RotationVector(bundle.poses[i].rotation * bundle.received[i].rotation.conjugate()).squaredNorm();
-    moved += (bundle.poses[i].centre - bundle.received[i].centre).squaredNorm();
+/// Root mean square per axis.
+struct Corrections {
+  double rotation = 0, position = 0;
+};
+Corrections Between(const std::vector<ViewPose>& before, const std::vector<ViewPose>& poses) {
+  Corrections sum;
+  for (size_t i = 0; i < poses.size(); ++i) {
+    sum.rotation += RotationVector(poses[i].rotation * before[i].rotation.conjugate()).squaredNorm();
+    sum.position += (poses[i].centre - before[i].centre).squaredNorm();
   }
-  const double axes = 3.0 * static_cast<double>(bundle.size());
-  weights->rotation_sigma = std::clamp(std::sqrt(turned / axes), 1e-4, 0.05);
-  weights->position_sigma = std::clamp(std::sqrt(moved / axes), 1e-4 * typical_depth, 0.1 * typical_depth);
+  const double axes = 3.0 * static_cast<double>(poses.size());
+  return {std::sqrt(sum.rotation / axes), std::sqrt(sum.position / axes)};
+}
+
+/// What expected poses are thought to be off by is what they have been corrected by.
+void WeighExpectedPoses(const Bundle& bundle, double typical_depth, BundleWeights* weights) {
+  const Corrections corrections = Between(bundle.expected, bundle.poses);
+  weights->rotation_sigma = std::clamp(corrections.rotation, 1e-4, 0.05);
+  weights->position_sigma = std::clamp(corrections.position, 1e-4 * typical_depth, 0.1 * typical_depth);
 }
 
 struct FitSamples {
@@ -108,6 +118,20 @@ void Collect(const Bundle& bundle, const std::vector<ViewPose>& poses, Fits* fit
   }
 }
 
+/// Of received and refined poses, px. The median over all matches does not see single images that are far off.
+std::pair<double, double> MeanOfMedians(const PoseRefinement& result) {
+  constexpr int kMinMatches = 10;  // of an image
+  double before = 0, after = 0;
+  int count = 0;
+  for (const RefinedPose& pose : result.poses) {
+    if (pose.received_fit.matches < kMinMatches) continue;
+    before += pose.received_fit.median_px;
+    after += pose.refined_fit.median_px;
+    ++count;
+  }
+  return {before / std::max(count, 1), after / std::max(count, 1)};
+}
+
 std::string WhyUnchanged(const PoseRefinement& result, const PoseRefinementOptions& options, bool was_changed) {
   constexpr int kMinMatches = 50, kMinLandmarks = 50;
   if (result.landmarks < kMinLandmarks || result.received_fit.matches < kMinMatches) {
@@ -115,12 +139,12 @@ std::string WhyUnchanged(const PoseRefinement& result, const PoseRefinementOptio
                   " matches held out; needs ", kMinLandmarks, " and ", kMinMatches);
   }
   if (options.refine == RefinePoses::kOn) return "";
-  const double before = result.received_fit.median_px, after = result.refined_fit.median_px;
+  const auto [before, after] = MeanOfMedians(result);
   const double share = was_changed ? options.needed_gain / 2 : options.needed_gain;
   const double least = was_changed ? options.needed_gain_px / 2 : options.needed_gain_px;
   if (before - after >= std::max(share * before, least)) return "";
-  return Concat("poses fit well enough: refined ones would lower the median residual from ", before, " to ", after,
-                " px");
+  return Concat("poses fit well enough: refined ones would lower the mean of the images' median residuals from ",
+                before, " to ", after, " px");
 }
 
 }  // namespace
@@ -144,7 +168,7 @@ void RefineBundle(int rounds, int max_iterations, size_t fixed_views, Bundle* bu
   for (int round = 0; round < rounds; ++round) {
     AdjustBundle(state->weights, max_iterations, fixed_views, bundle, &state->camera);
     state->weights.pixel_sigma = PixelSigma(*bundle);
-    WeighReceivedPoses(*bundle, typical_depth, &state->weights);
+    WeighExpectedPoses(*bundle, typical_depth, &state->weights);
   }
 }
 
@@ -163,14 +187,17 @@ PoseRefinement JudgeRefinement(const Bundle& bundle, const std::vector<int64_t>&
     result.landmarks += 1;
     result.sightings += static_cast<int>(landmark.sightings.size());
   }
-  result.reason = WhyUnchanged(result, options, was_changed);
-  result.changed = result.reason.empty();
+  const Corrections corrections = Between(bundle.received, refined);
+  result.rotation_correction = corrections.rotation;
+  result.position_correction = corrections.position;
   for (size_t i = 0; i < ids.size(); ++i) {
     result.poses[i].received_fit = before.of_view[i].Fit();
     result.poses[i].refined_fit = after.of_view[i].Fit();
-    if (result.changed) {
-      result.poses[i].cam_from_world = ToRigidTransform({refined[i].rotation, refined[i].centre + bundle.origin});
-    }
+  }
+  result.reason = WhyUnchanged(result, options, was_changed);
+  result.changed = result.reason.empty();
+  for (size_t i = 0; i < ids.size() && result.changed; ++i) {
+    result.poses[i].cam_from_world = ToRigidTransform({refined[i].rotation, refined[i].centre + bundle.origin});
   }
   return result;
 }

@@ -47,38 +47,47 @@ struct RelativeView {
   const PinholeCamera& camera;
 };
 
-bool Normalize(float* values) {
-  float mean = 0;
-  for (int i = 0; i < kSearchPixels; ++i) mean += values[i];
-  mean /= kSearchPixels;
-  float squares = 0;
-  for (int i = 0; i < kSearchPixels; ++i) {
-    values[i] -= mean;
-    squares += values[i] * values[i];
-  }
-  if (!(squares > kSearchPixels)) return false;
-  const float inverse_norm = 1 / std::sqrt(squares);
-  for (int i = 0; i < kSearchPixels; ++i) values[i] *= inverse_norm;
-  return true;
-}
+/// Pixels of a window, with what a correlation needs of them.
+struct Window {
+  float values[kSearchPixels];
+  float sum = 0;
+  float inverse_norm = 0;  ///< 1 / sqrt(sum of squares about the mean)
+};
 
 /// False where the window leaves the image or is blank.
-bool SampleWarped(const Image<uint8_t>& image, const Eigen::Vector2d& centre, const Eigen::Matrix2d& warp,
-                  float* values) {
+bool SampleWindow(const Image<uint8_t>& image, const Eigen::Vector2d& centre, const Eigen::Matrix2d& warp,
+                  Window* window) {
   const Eigen::Vector2d reach = warp.cwiseAbs() * Eigen::Vector2d::Constant(kSearchHalf);
-  if (centre.x() - reach.x() < 0 || centre.y() - reach.y() < 0 || centre.x() + reach.x() >= image.width() - 1 ||
-      centre.y() + reach.y() >= image.height() - 1) {
+  constexpr double kRounding = 0.01;  // px: of steps in float
+  if (centre.x() - reach.x() < kRounding || centre.y() - reach.y() < kRounding ||
+      centre.x() + reach.x() >= image.width() - 1 - kRounding ||
+      centre.y() + reach.y() >= image.height() - 1 - kRounding) {
     return false;
   }
   const Eigen::Matrix2f w = warp.cast<float>();
   const Eigen::Vector2f c = centre.cast<float>();
+  float sum = 0, squares = 0;
   for (int row = -kSearchHalf, i = 0; row <= kSearchHalf; ++row) {
-    for (int col = -kSearchHalf; col <= kSearchHalf; ++col, ++i) {
-      values[i] = Sample(image, c.x() + w(0, 0) * static_cast<float>(col) + w(0, 1) * static_cast<float>(row),
-                         c.y() + w(1, 0) * static_cast<float>(col) + w(1, 1) * static_cast<float>(row));
+    float u = c.x() + w(0, 1) * static_cast<float>(row) - w(0, 0) * kSearchHalf;
+    float v = c.y() + w(1, 1) * static_cast<float>(row) - w(1, 0) * kSearchHalf;
+    for (int col = -kSearchHalf; col <= kSearchHalf; ++col, ++i, u += w(0, 0), v += w(1, 0)) {
+      const float value = Sample(image, u, v);
+      window->values[i] = value;
+      sum += value;
+      squares += value * value;
     }
   }
-  return Normalize(values);
+  const float about_mean = squares - sum * sum / kSearchPixels;
+  if (!(about_mean > kSearchPixels)) return false;  // a standard deviation of one grey value
+  window->sum = sum;
+  window->inverse_norm = 1 / std::sqrt(about_mean);
+  return true;
+}
+
+float Correlation(const Window& a, const Window& b) {
+  float product = 0;
+  for (int i = 0; i < kSearchPixels; ++i) product += a.values[i] * b.values[i];
+  return (product - a.sum * b.sum / kSearchPixels) * a.inverse_norm * b.inverse_norm;
 }
 
 /// The search works where the image is about 400 px wide.
@@ -94,9 +103,9 @@ double SearchInverseDepth(const PosedView& anchor, const Eigen::Vector2d& pixel,
                           const std::vector<PosedView>& others) {
   const int level = SearchLevel(anchor.view->pyramid);
   const double scale = 1 << level;
-  float reference[kSearchPixels];
-  if (!SampleWarped(anchor.view->pyramid.level(level), {ToLevel(pixel.x(), level), ToLevel(pixel.y(), level)},
-                    Eigen::Matrix2d::Identity(), reference)) {
+  Window reference;
+  if (!SampleWindow(anchor.view->pyramid.level(level), {ToLevel(pixel.x(), level), ToLevel(pixel.y(), level)},
+                    Eigen::Matrix2d::Identity(), &reference)) {
     return 0;
   }
   const double nearest = 1.0 / range.min, farthest = 1.0 / range.max;
@@ -110,7 +119,7 @@ double SearchInverseDepth(const PosedView& anchor, const Eigen::Vector2d& pixel,
   constexpr double kMaxSteps = 256;
   const int count = static_cast<int>(std::ceil(std::min(steps, kMaxSteps))) + 1;
   std::vector<float> scores(static_cast<size_t>(count), -1);
-  float values[kSearchPixels];
+  Window window;
   std::vector<float> nccs;
   for (int k = 0; k < count; ++k) {
     const double inverse_depth = farthest + (nearest - farthest) * k / (count - 1);
@@ -119,13 +128,10 @@ double SearchInverseDepth(const PosedView& anchor, const Eigen::Vector2d& pixel,
       const Projection p = views[v].Project(pixel, inverse_depth);
       const GrayPyramid& pyramid = others[v].view->pyramid;
       if (!p.in_front || level >= pyramid.levels()) continue;
-      if (!SampleWarped(pyramid.level(level), {ToLevel(p.pixel.x(), level), ToLevel(p.pixel.y(), level)}, p.warp,
-                        values)) {
-        continue;
+      if (SampleWindow(pyramid.level(level), {ToLevel(p.pixel.x(), level), ToLevel(p.pixel.y(), level)}, p.warp,
+                       &window)) {
+        nccs.push_back(Correlation(reference, window));
       }
-      float ncc = 0;
-      for (int i = 0; i < kSearchPixels; ++i) ncc += values[i] * reference[i];
-      nccs.push_back(ncc);
     }
     if (nccs.empty()) continue;
     // The better half: others may be occluded.
@@ -136,11 +142,12 @@ double SearchInverseDepth(const PosedView& anchor, const Eigen::Vector2d& pixel,
   const auto best = static_cast<int>(std::max_element(scores.begin(), scores.end()) - scores.begin());
   constexpr float kMinScore = 0.8f;
   if (scores[static_cast<size_t>(best)] < kMinScore) return 0;
-  // A second place that looks as good: not unique.
+  // A second place that looks as good: not unique. One hill may be wide.
   constexpr float kMargin = 0.04f;
+  const auto score = [&](int k) { return k < 0 || k >= count ? -1.0f : scores[static_cast<size_t>(k)]; };
   for (int k = 0; k < count; ++k) {
-    if (std::abs(k - best) > 4 && scores[static_cast<size_t>(k)] > scores[static_cast<size_t>(best)] - kMargin)
-      return 0;
+    const bool is_peak = score(k) >= score(k - 1) && score(k) >= score(k + 1);
+    if (is_peak && std::abs(k - best) > 4 && score(k) > score(best) - kMargin) return 0;
   }
   return farthest + (nearest - farthest) * best / (count - 1);
 }

@@ -27,7 +27,9 @@ const OptionTable<PoseRefinementOptions>& PoseRefinementOptionTable() {
         [](auto& o) -> auto& { return o.corners; });
     t.Add(
         Number("refine_poses_gain", 0, 1, "",
-               "Share by which the median residual must fall for poses to be replaced with refine_poses auto"),
+               "Share by which the mean of the images' median residuals must fall for poses to be replaced with "
+               "refine_poses "
+               "auto"),
         [](auto& o) -> auto& { return o.needed_gain; });
     t.Add(
         Number("refine_poses_gain_px", 0, 10, "px", "And by how much at least"),

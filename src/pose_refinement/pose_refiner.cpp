@@ -1,6 +1,7 @@
 #include "acmp_mapping/pose_refinement/pose_refiner.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <deque>
 
@@ -9,12 +10,14 @@
 #include "corner_detection.h"
 #include "landmark_matching.h"
 #include "resection.h"
+#include "rotation_vector.h"
 
 namespace acmp {
 namespace {
 
-constexpr size_t kSearchViews = 4;   // earlier keyframes in which a new landmark's depth is looked for
-constexpr size_t kMinSightings = 2;  // of a new landmark
+constexpr size_t kFirstSightings = 6;  // earlier keyframes in which a new landmark is measured
+constexpr size_t kSearchViews = 3;     // earlier keyframes in which a new landmark's depth is looked for
+constexpr size_t kMinSightings = 2;    // of a new landmark
 constexpr size_t kMinKeyframes = 3;
 constexpr int kLostAfter = 3;  // keyframes in which a landmark was not found: given up
 
@@ -26,10 +29,50 @@ struct Keyframe {
   std::optional<CameraMotion> motion;
 };
 
-/// Older keyframes stay where they are: what follows connects to them, as maps made with their poses must.
-size_t Fixed(size_t keyframes) {
+/// A known landmark in the newest keyframe.
+struct Tracked {
+  Eigen::Vector2d pixel;
+  double inverse_depth = 0;  ///< there
+};
+
+constexpr size_t kMinFixed = 4;
+
+/// Older keyframes stay where they are: maps were made with their poses, and what follows must connect to them.
+size_t NumFixed(size_t keyframes) {
   static const size_t free = [] { const char* e = std::getenv("ACMP_FREE"); return e ? static_cast<size_t>(std::atoi(e)) : 8; }();
-  return keyframes > free + free / 2 ? keyframes - free : 0;
+  return keyframes >= free + kMinFixed ? keyframes - free : 0;
+}
+
+/// Where the frontend puts the keyframes after the fixed ones: as far from received poses as the fixed ones are, but
+/// for a part that fades, so that the window stays in the frontend's world and at its scale.
+std::vector<ViewPose> ExpectedPoses(const Bundle& bundle, size_t fixed) {
+  static const double keep = [] { const char* e = std::getenv("ACMP_KEEP"); return e ? std::atof(e) : 0.9; }();
+  if (fixed < kMinFixed) return bundle.received;
+  Eigen::Vector3d turn = Eigen::Vector3d::Zero();  // of the world, from received to refined
+  Eigen::Vector3d received_mean = Eigen::Vector3d::Zero(), refined_mean = Eigen::Vector3d::Zero();
+  const double share = 1.0 / static_cast<double>(fixed);
+  for (size_t i = 0; i < fixed; ++i) {
+    turn += share * RotationVector(bundle.poses[i].rotation.conjugate() * bundle.received[i].rotation);
+    received_mean += share * bundle.received[i].centre;
+    refined_mean += share * bundle.poses[i].centre;
+  }
+  double products = 0, squares = 0;
+  const Eigen::Quaterniond turned = RotationAbout(turn);
+  for (size_t i = 0; i < fixed; ++i) {
+    const Eigen::Vector3d b = turned * (bundle.received[i].centre - received_mean);
+    products += b.dot(bundle.poses[i].centre - refined_mean), squares += b.squaredNorm();
+  }
+  constexpr double kMaxScale = 1.5;
+  const double scale = squares > 0 ? std::clamp(products / squares, 1 / kMaxScale, kMaxScale) : 1;
+  const Eigen::Quaterniond kept_turn = RotationAbout(keep * turn);
+  const double kept_scale = std::pow(scale, keep);
+  std::vector<ViewPose> expected = bundle.received;
+  for (ViewPose& pose : expected) {
+    pose.rotation = (pose.rotation * kept_turn.conjugate()).normalized();
+    pose.centre = received_mean + keep * (refined_mean - received_mean) +
+                  kept_scale * (kept_turn * (pose.centre - received_mean));
+  }
+  return expected;
 }
 
 }  // namespace
@@ -49,35 +92,62 @@ struct PoseRefiner::Impl {
     return pose;
   }
 
-  /// Known landmarks in the newest keyframe. Returns their pixels.
-  std::vector<Eigen::Vector2d> TrackLandmarks() {
+  /// Known landmarks in the newest keyframe.
+  std::vector<Tracked> TrackLandmarks() {
     const size_t newest = bundle.size() - 1;
-    std::vector<Eigen::Vector2d> pixels;
+    std::vector<Tracked> tracked;
     for (Landmark& landmark : bundle.landmarks) {
       const int last = landmark.sightings.back().view;  // sightings ascend but for those of its first keyframes
       if (static_cast<int>(newest) - std::max(last, landmark.anchor) > kLostAfter) continue;
       const Alignment alignment = FindInView(landmark, Posed(static_cast<size_t>(landmark.anchor)), Posed(newest), {});
       if (!alignment.found) continue;
       landmark.sightings.push_back({static_cast<int>(newest), alignment.pixel});
-      pixels.push_back(alignment.pixel);
+      const auto anchor = static_cast<size_t>(landmark.anchor);
+      const double ratio = DirectionInView(bundle.cameras[anchor].Unproject(landmark.pixel), landmark.inverse_depth,
+                                           bundle.poses[anchor], bundle.poses[newest])
+                               .z();
+      if (ratio > 0) tracked.push_back({alignment.pixel, landmark.inverse_depth / ratio});
     }
-    return pixels;
+    return tracked;
   }
 
-  void AddLandmarks(const std::vector<Eigen::Vector2d>& taken, const DepthRange& range) {
+  /// Where a new landmark is looked for: about as far as known ones around it, or in all of `range`.
+  DepthRange RangeAround(const Eigen::Vector2d& pixel, const std::vector<Tracked>& tracked,
+                         const DepthRange& range) const {
+    const double reach = 0.15 * bundle.cameras.back().width;
+    double nearest = 0, farthest = 0;  // inverse depths
+    int count = 0;
+    for (const Tracked& t : tracked) {
+      if (!(t.inverse_depth > 0) || (t.pixel - pixel).squaredNorm() > reach * reach) continue;
+      nearest = count == 0 ? t.inverse_depth : std::max(nearest, t.inverse_depth);
+      farthest = count == 0 ? t.inverse_depth : std::min(farthest, t.inverse_depth);
+      ++count;
+    }
+    constexpr int kMinAround = 3;
+    constexpr double kMargin = 1.5;
+    if (count < kMinAround) return range;
+    const DepthRange around = {std::max(range.min, static_cast<float>(1 / (kMargin * nearest))),
+                               std::min(range.max, static_cast<float>(kMargin / farthest))};
+    return around.min < around.max ? around : range;
+  }
+
+  void AddLandmarks(const std::vector<Tracked>& tracked, const DepthRange& range) {
     const size_t newest = bundle.size() - 1;
     const PosedView anchor = Posed(newest);
     std::vector<PosedView> others;
     for (size_t i = newest; i-- > 0 && others.size() < kSearchViews;) others.push_back(Posed(i));
     if (others.size() < kMinSightings) return;
+    std::vector<Eigen::Vector2d> taken;
+    for (const Tracked& t : tracked) taken.push_back(t.pixel);
+    const size_t first = newest > kFirstSightings ? newest - kFirstSightings : 0;
     for (const Eigen::Vector2d& corner :
          DetectCorners(anchor.view->pyramid.level(0), taken, CornersFor(anchor.view->camera, options.corners))) {
       Landmark landmark;
       landmark.anchor = static_cast<int>(newest);
       landmark.pixel = corner;
-      landmark.inverse_depth = SearchInverseDepth(anchor, corner, range, others);
+      landmark.inverse_depth = SearchInverseDepth(anchor, corner, RangeAround(corner, tracked, range), others);
       if (!(landmark.inverse_depth > 0)) continue;
-      for (size_t i = 0; i < newest; ++i) {
+      for (size_t i = first; i < newest; ++i) {
         const Alignment alignment = FindInView(landmark, anchor, Posed(i), {});
         if (alignment.found) landmark.sightings.push_back({static_cast<int>(i), alignment.pixel});
       }
@@ -86,6 +156,16 @@ struct PoseRefiner::Impl {
       Triangulate(bundle.poses, bundle.cameras, &landmark);
       if (landmark.inverse_depth > 0) bundle.landmarks.push_back(std::move(landmark));
     }
+  }
+
+  /// Brings what took no part up to date, and forgets what was adjusted to behind its anchor.
+  void TidyLandmarks() {
+    std::vector<Landmark> kept;
+    for (Landmark& landmark : bundle.landmarks) {
+      if (landmark.held_out) Triangulate(bundle.poses, bundle.cameras, &landmark);
+      if (landmark.inverse_depth > 0) kept.push_back(std::move(landmark));
+    }
+    bundle.landmarks = std::move(kept);
   }
 
   const PoseRefinementOptions options;
@@ -168,8 +248,10 @@ PoseRefinement PoseRefiner::Refine() {
     return Unrefined(ids, received, Concat(bundle.size(), " keyframes: needs ", kMinKeyframes));
   }
   if (bundle.landmarks.empty()) return Unrefined(ids, received, "no matches between the keyframes");
-  constexpr int kIterations = 6;
-  RefineBundle(1, kIterations, Fixed(bundle.size()), &bundle, &impl_->state);
+  constexpr int kIterations = 3;  // the next window goes on from here
+  const size_t fixed = NumFixed(bundle.size());
+  bundle.expected = ExpectedPoses(bundle, fixed);
+  RefineBundle(1, kIterations, fixed, &bundle, &impl_->state);
   // From now on the camera is known, and may change slowly.
   const double interval = (bundle.times.back() - bundle.times.front()) / static_cast<double>(bundle.size() - 1);
   impl_->state.weights.camera_sigma = {0.01, 0.01, 0.02 * interval};
@@ -177,6 +259,7 @@ PoseRefinement PoseRefiner::Refine() {
   PoseRefinement result =
       JudgeRefinement(bundle, ids, received, refined, impl_->state.camera, impl_->options, impl_->changed);
   impl_->changed = result.changed;
+  impl_->TidyLandmarks();
   return result;
 }
 

@@ -56,7 +56,7 @@ class ImageSet {
       b.origin += b.received.back().centre / static_cast<double>(images.size());
     }
     for (ViewPose& pose : b.received) pose.centre -= b.origin;
-    b.poses = b.received;
+    b.poses = b.expected = b.received;
     b.times = TimesOf(images);
     b.motions.resize(images.size());
     for (size_t i = 0; i < images.size(); ++i) {

@@ -90,6 +90,42 @@ TEST_F(ReconstructTest, CamerasFileHasTheMapsSizeAndPoses) {
   EXPECT_EQ(ReadPfm(output() / "depth/000001.pfm").width(), 10);
 }
 
+TEST_F(ReconstructTest, PosesAreRefinedWhereThatHelps) {
+  if (!CanRefinePoses()) GTEST_SKIP() << "built without Ceres";
+  WriteScene(10, 160, 120);
+  options_.maps = {};
+  Run(&fake_);
+  const std::string given = ReadText(output() / "cameras.txt");
+  EXPECT_THAT(log_.str(), Not(HasSubstr("poses:")));
+
+  options_.pose_refinement.refine = RefinePoses::kAuto;
+  options_.output = output("exact");
+  Run(&fake_);
+  EXPECT_THAT(log_.str(), HasSubstr("poses stay as they are"));
+  EXPECT_EQ(ReadText(options_.output / "cameras.txt"), given);
+
+  // Half a degree about x.
+  std::string camera = ReadText(scene() / "cams/00000002_cam.txt");
+  const std::string upright = "0 1 0 0\n0 0 1 0\n";
+  ASSERT_NE(camera.find(upright), std::string::npos);
+  camera.replace(camera.find(upright), upright.size(), "0 0.9999619 -0.0087265 0\n0 0.0087265 0.9999619 0\n");
+  WriteText("scene/cams/00000002_cam.txt", camera);
+  options_.output = output("turned");
+  Run(&fake_);
+  EXPECT_THAT(log_.str(), HasSubstr("refined poses are used"));
+  const auto turn_of_image_2 = [](const std::string& cameras) {  // the quaternion's x
+    std::istringstream stream(cameras);
+    std::string line, word;
+    while (std::getline(stream, line) && line.rfind("2 ", 0) != 0) {
+    }
+    std::istringstream words(line);
+    for (int i = 0; i < 10; ++i) words >> word;
+    return std::stod(word);
+  };
+  EXPECT_NEAR(turn_of_image_2(ReadText(options_.output / "cameras.txt")), 0, 0.001);
+  EXPECT_THAT(ReadText(options_.output / "summary.json"), HasSubstr("\"refine-poses\": \"auto\""));
+}
+
 TEST_F(ReconstructTest, EachStepReadsTheMapsAfterTheStepBefore) {
   options_.preset = "acmh";
   Run(&fake_);
@@ -229,6 +265,10 @@ TEST_F(ReconstructTest, BadOptionsAreNamed) {
   EXPECT_THAT(error([](auto* o) { o->preset = "best"; }), HasSubstr("\"best\""));
   EXPECT_THAT(error([](auto* o) { o->set = {"geometric_passes=11"}; }), HasSubstr("geometric_passes = 11"));
   EXPECT_THAT(error([](auto* o) { o->schedule = "online", o->window_size = 1; }), HasSubstr("window_size"));
+  if (CanRefinePoses()) {
+    EXPECT_THAT(error([](auto* o) { o->schedule = "online", o->pose_refinement.refine = RefinePoses::kOn; }),
+                HasSubstr("--refine-poses is for --schedule offline"));
+  }
   EXPECT_TRUE(fake_.calls.empty());
 }
 

@@ -41,6 +41,8 @@ struct PoseRefinement {
   std::string reason;    ///< why poses stay as they are; empty when they change
   PoseFit received_fit;  ///< of all images
   PoseFit refined_fit;
+  double rotation_correction = 0;  ///< rad about each axis, root mean square over all images; also where poses stay
+  double position_correction = 0;  ///< scene units along each axis
   CameraErrors camera;
   int landmarks = 0;               ///< that took part
   int sightings = 0;               ///< of these in other images than their own
