@@ -74,10 +74,6 @@ void Validate(const DenseMapperOptions& options) {
              std::min(options.source_views.max_source_views, options.window_size - 1));
 }
 
-/// Of so many keyframes, the newest ones, poses are refined. Landmarks are hardly seen for longer, and time grows with
-/// it.
-[[maybe_unused]] constexpr size_t kRefinedPoses = 12;
-
 /// The online schedule: which keyframe is initialised, refined and refined again when.
 struct DenseMapper::Impl {
   using State = WindowKeyframe::State;
@@ -109,14 +105,13 @@ struct DenseMapper::Impl {
     return refines ? std::make_unique<PoseRefiner>(options) : nullptr;
   }
 
-  /// Maps made from now on are matched with the poses that fit the images best. What leaves the refiner keeps its last
-  /// pose.
+  /// Maps made from now on are matched with the poses that fit the images best.
   void RefinePoses(const WindowKeyframePtr& newest) {
     if (!refiner) return;
     PoseRefinement refinement;
     const auto failure = CatchFailure([&] {
       refiner->Add(*newest->frame, newest->range);
-      while (refiner->size() > std::min(static_cast<size_t>(std::getenv("ACMP_POSES") ? std::atoi(std::getenv("ACMP_POSES")) : 12), window.size())) refiner->RemoveOldest();
+      while (refiner->size() > window.size()) refiner->RemoveOldest();
       refinement = refiner->Refine();
     });
     if (failure) return outputs.ReportFailedPoses(newest->frame->id, *failure);
@@ -125,7 +120,8 @@ struct DenseMapper::Impl {
       if (!keyframe) continue;
       keyframe->refined_pose.reset();
       if (refinement.changed) keyframe->refined_pose = pose.cam_from_world;
-      keyframe->pose_fit = refinement.changed ? pose.refined_fit : pose.received_fit;
+      keyframe->placed = {pose.cam_from_received, static_cast<float>(refinement.scale),
+                          refinement.changed ? pose.refined_fit : pose.received_fit};
     }
   }
 

@@ -28,7 +28,8 @@ EngineProblem KeyframeEstimator::MakeProblem(WindowKeyframe* keyframe, const Sou
   EngineProblem problem;
   problem.reference = MakeView(keyframe);
   for (const WindowKeyframePtr& source : sources.keyframes) problem.sources.push_back(MakeView(source.get()));
-  problem.depth_range = keyframe->range;
+  const float scale = keyframe->placed.scale;
+  problem.depth_range = {keyframe->range.min / scale, keyframe->range.max / scale};
   return problem;
 }
 
@@ -38,7 +39,7 @@ FinishedEstimate KeyframeEstimator::Initialise(WindowKeyframe* keyframe, const S
   keyframe->initial = problem.reference.estimate;
   keyframe->initial_score = sources.score;
   keyframe->times += estimator_.last_times();
-  return {std::move(problem), sources.Ids(), keyframe->pose_fit, keyframe->times};
+  return {std::move(problem), sources.Ids(), keyframe->placed, keyframe->times};
 }
 
 KeyframeRefinement KeyframeEstimator::Begin(const WindowKeyframePtr& keyframe, const SourceViews& sources,
@@ -79,7 +80,7 @@ FinishedEstimate KeyframeEstimator::Finish(KeyframeRefinement refinement) {
   keyframe.refined_at = ++refinements_;
   keyframe.times = StageTimes();
   if (!refinement.lacks_future_views) keyframe.initial.reset();
-  return {std::move(problem), refinement.sources.Ids(), keyframe.pose_fit, refinement.times};
+  return {std::move(problem), refinement.sources.Ids(), keyframe.placed, refinement.times};
 }
 
 }  // namespace acmp

@@ -11,7 +11,7 @@ namespace acmp {
 struct FinishedEstimate {
   EngineProblem problem;            ///< the reference's estimate is the one; the sources' are for the consistency check
   std::vector<int64_t> source_ids;  ///< best first
-  PoseFit pose_fit;                 ///< of the reference's pose
+  PlacedPose placed;
   StageTimes times;
 };
 

@@ -42,6 +42,7 @@ void KeyframeWindow::set_options(const SourceViewOptions& options) {
 WindowKeyframePtr KeyframeWindow::Add(FramePtr frame) {
   auto keyframe = std::make_shared<WindowKeyframe>();
   keyframe->landmarks = std::make_shared<FrameLandmarks>(frame);
+  keyframe->placed.cam_from_world = frame->cam_from_world;
   keyframe->frame = std::move(frame);
   keyframes_.push_back(keyframe);
   return keyframe;

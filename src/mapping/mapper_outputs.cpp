@@ -11,12 +11,17 @@ std::string DescribeFailedAgain(int64_t id, const Failure& failure) {
   return Concat("keyframe ", id, " could not be refined again: ", failure.message);
 }
 
+void Scale(float scale, DepthMap* depths) {
+  for (float& depth : *depths) depth *= scale;
+}
+
 std::shared_ptr<KeyframeDepth> MakeWithoutMaps(const FinishedEstimate& estimate) {
   auto maps = std::make_shared<KeyframeDepth>();
   maps->frame = estimate.problem.reference.frame;
-  maps->cam_from_world = estimate.problem.reference.cam_from_world();
-  maps->pose_fit = estimate.pose_fit;
-  maps->range = estimate.problem.depth_range;
+  const DepthRange& range = estimate.problem.depth_range;
+  maps->cam_from_world = estimate.placed.cam_from_world;
+  maps->pose_fit = estimate.placed.fit;
+  maps->range = {estimate.placed.scale * range.min, estimate.placed.scale * range.max};
   maps->source_ids = estimate.source_ids;
   maps->times = estimate.times;
   return maps;
@@ -27,6 +32,7 @@ std::shared_ptr<KeyframeDepth> MakeWithoutMaps(const FinishedEstimate& estimate)
 KeyframeDepthPtr MapperOutputs::MakeFast(const FinishedEstimate& estimate) const {
   auto maps = MakeWithoutMaps(estimate);
   maps->depth = engine_->DownloadDepth(estimate.problem.reference.estimate);
+  Scale(estimate.placed.scale, &maps->depth);
   return maps;
 }
 
@@ -34,6 +40,7 @@ KeyframeDepthPtr MapperOutputs::MakeRefined(const FinishedEstimate& estimate, co
   auto maps = MakeWithoutMaps(estimate);
   EstimateMaps estimate_maps = engine_->Download(estimate.problem.reference.estimate);
   maps->depth = std::move(estimate_maps.depth);
+  Scale(estimate.placed.scale, &maps->depth);
   maps->normal = std::move(estimate_maps.normal);
   maps->cost = std::move(estimate_maps.cost);
   Timer timer;
@@ -41,6 +48,10 @@ KeyframeDepthPtr MapperOutputs::MakeRefined(const FinishedEstimate& estimate, co
       engine_->FilterByConsistency(estimate.problem.reference, estimate.problem.sources, consistency);
   maps->confidence = std::move(result.confidence);
   maps->points_in_camera = std::move(result.points_in_camera);
+  for (SurfacePoint& point : maps->points_in_camera) {
+    const float scale = estimate.placed.scale;
+    point.position = {scale * point.position.x, scale * point.position.y, scale * point.position.z};
+  }
   maps->consistency_ms = timer.Lap();
   maps->refined = true;
   return maps;

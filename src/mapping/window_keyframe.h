@@ -10,6 +10,13 @@
 
 namespace acmp {
 
+/// How maps that were made with refined poses lie in the frontend's world.
+struct PlacedPose {
+  RigidTransform cam_from_world = RigidTransform::Identity();
+  float scale = 1;  ///< of their depths
+  PoseFit fit;
+};
+
 /// One keyframe of the window. A finished one stays as a source view of others until it leaves.
 struct WindowKeyframe {
   enum class State {
@@ -25,7 +32,7 @@ struct WindowKeyframe {
   bool is_mapped = true;  ///< false: it is a source view of others alone
 
   std::optional<RigidTransform> refined_pose;  ///< cam_from_world to match with; none: the frame's
-  PoseFit pose_fit;                            ///< of the pose to match with
+  PlacedPose placed;                           ///< where that puts the maps in the frontend's world
 
   EngineImagePtr image;       ///< null until the keyframe is first used as reference or source view
   int image_levels = 0;       ///< levels it was loaded with

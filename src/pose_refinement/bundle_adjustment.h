@@ -14,7 +14,8 @@ struct BundleWeights {
 
 /// Adjusts poses, inverse depths of landmarks that are not held out, and the camera's errors. Robust (Cauchy); received
 /// poses and the camera's errors are priors. Poses are then those at the middle row of an image without distortion.
-/// The first `fixed_views` poses stay as they are. One thread, so that results do not depend on the machine. Throws ProcessingError where the solver fails.
+/// The first `fixed_views` poses stay as they are. One thread, so that results do not depend on the machine. Throws
+/// ProcessingError where the solver fails.
 void AdjustBundle(const BundleWeights& weights, int max_iterations, size_t fixed_views, Bundle* bundle,
                   CameraErrors* camera);
 

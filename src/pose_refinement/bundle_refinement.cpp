@@ -197,7 +197,8 @@ PoseRefinement JudgeRefinement(const Bundle& bundle, const std::vector<int64_t>&
   result.reason = WhyUnchanged(result, options, was_changed);
   result.changed = result.reason.empty();
   for (size_t i = 0; i < ids.size() && result.changed; ++i) {
-    result.poses[i].cam_from_world = ToRigidTransform({refined[i].rotation, refined[i].centre + bundle.origin});
+    result.poses[i].cam_from_world = result.poses[i].cam_from_received =
+        ToRigidTransform({refined[i].rotation, refined[i].centre + bundle.origin});
   }
   return result;
 }
@@ -209,7 +210,7 @@ PoseRefinement Unrefined(const std::vector<int64_t>& ids, const std::vector<Rigi
   for (size_t i = 0; i < ids.size(); ++i) {
     result.poses.emplace_back();
     result.poses.back().id = ids[i];
-    result.poses.back().cam_from_world = received[i];
+    result.poses.back().cam_from_world = result.poses.back().cam_from_received = received[i];
   }
   return result;
 }

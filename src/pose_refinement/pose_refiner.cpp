@@ -1,9 +1,8 @@
 #include "acmp_mapping/pose_refinement/pose_refiner.h"
 
 #include <algorithm>
-#include <cmath>
-#include <cstdlib>
 #include <deque>
+#include <utility>
 
 #include "acmp_mapping/common/error.h"
 #include "bundle_refinement.h"
@@ -39,40 +38,47 @@ constexpr size_t kMinFixed = 4;
 
 /// Older keyframes stay where they are: maps were made with their poses, and what follows must connect to them.
 size_t NumFixed(size_t keyframes) {
-  static const size_t free = [] { const char* e = std::getenv("ACMP_FREE"); return e ? static_cast<size_t>(std::atoi(e)) : 8; }();
-  return keyframes >= free + kMinFixed ? keyframes - free : 0;
+  constexpr size_t kFree = 8;
+  return keyframes >= kFree + kMinFixed ? keyframes - kFree : 0;
 }
 
-/// Where the frontend puts the keyframes after the fixed ones: as far from received poses as the fixed ones are, but
-/// for a part that fades, so that the window stays in the frontend's world and at its scale.
-std::vector<ViewPose> ExpectedPoses(const Bundle& bundle, size_t fixed) {
-  static const double keep = [] { const char* e = std::getenv("ACMP_KEEP"); return e ? std::atof(e) : 0.9; }();
-  if (fixed < kMinFixed) return bundle.received;
-  Eigen::Vector3d turn = Eigen::Vector3d::Zero();  // of the world, from received to refined
-  Eigen::Vector3d received_mean = Eigen::Vector3d::Zero(), refined_mean = Eigen::Vector3d::Zero();
-  const double share = 1.0 / static_cast<double>(fixed);
-  for (size_t i = 0; i < fixed; ++i) {
-    turn += share * RotationVector(bundle.poses[i].rotation.conjugate() * bundle.received[i].rotation);
-    received_mean += share * bundle.received[i].centre;
-    refined_mean += share * bundle.poses[i].centre;
+/// x -> scale rotation x + translation.
+struct Similarity {
+  double scale = 1;
+  Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();
+  Eigen::Vector3d translation = Eigen::Vector3d::Zero();
+
+  ViewPose operator*(const ViewPose& pose) const {
+    return {(pose.rotation * rotation.conjugate()).normalized(), scale * (rotation * pose.centre) + translation};
   }
+};
+
+/// The similarity that takes the first `count` poses `from` to `to`: mean of the rotations, least squares of the
+/// centres along them. A trajectory may be straight, so that its centres alone do not tell the rotation.
+Similarity Align(const std::vector<ViewPose>& from, const std::vector<ViewPose>& to, size_t count) {
+  if (count < kMinFixed) return {};
+  const double share = 1.0 / static_cast<double>(count);
+  Eigen::Vector3d turn = Eigen::Vector3d::Zero(), from_mean = turn, to_mean = turn;
+  for (size_t i = 0; i < count; ++i) {
+    turn += share * RotationVector(to[i].rotation.conjugate() * from[i].rotation);
+    from_mean += share * from[i].centre;
+    to_mean += share * to[i].centre;
+  }
+  Similarity result;
+  result.rotation = RotationAbout(turn);
   double products = 0, squares = 0;
-  const Eigen::Quaterniond turned = RotationAbout(turn);
-  for (size_t i = 0; i < fixed; ++i) {
-    const Eigen::Vector3d b = turned * (bundle.received[i].centre - received_mean);
-    products += b.dot(bundle.poses[i].centre - refined_mean), squares += b.squaredNorm();
+  for (size_t i = 0; i < count; ++i) {
+    const Eigen::Vector3d moved = result.rotation * (from[i].centre - from_mean);
+    products += moved.dot(to[i].centre - to_mean), squares += moved.squaredNorm();
   }
-  constexpr double kMaxScale = 1.5;
-  const double scale = squares > 0 ? std::clamp(products / squares, 1 / kMaxScale, kMaxScale) : 1;
-  const Eigen::Quaterniond kept_turn = RotationAbout(keep * turn);
-  const double kept_scale = std::pow(scale, keep);
-  std::vector<ViewPose> expected = bundle.received;
-  for (ViewPose& pose : expected) {
-    pose.rotation = (pose.rotation * kept_turn.conjugate()).normalized();
-    pose.centre = received_mean + keep * (refined_mean - received_mean) +
-                  kept_scale * (kept_turn * (pose.centre - received_mean));
-  }
-  return expected;
+  if (products > 0 && squares > 0) result.scale = products / squares;
+  result.translation = to_mean - result.scale * (result.rotation * from_mean);
+  return result;
+}
+
+std::vector<ViewPose> Moved(const Similarity& similarity, std::vector<ViewPose> poses) {
+  for (ViewPose& pose : poses) pose = similarity * pose;
+  return poses;
 }
 
 }  // namespace
@@ -173,6 +179,7 @@ struct PoseRefiner::Impl {
   Bundle bundle;  ///< of the keyframes, in their order
   RefinementState state;
   bool changed = false;  ///< by the last Refine
+  double scale = 1;      ///< of the last Refine's result
 };
 
 PoseRefiner::PoseRefiner(const PoseRefinementOptions& options) {
@@ -210,7 +217,8 @@ void PoseRefiner::Add(const Frame& frame, const DepthRange& range, const std::op
   bundle.poses.push_back(predicted);
   bundle.times.push_back(stamped ? frame.stamp_s : static_cast<double>(frame.id));
   bundle.motions.push_back(motion);
-  impl_->AddLandmarks(impl_->TrackLandmarks(), range);
+  const auto scale = static_cast<float>(impl_->scale);
+  impl_->AddLandmarks(impl_->TrackLandmarks(), {range.min / scale, range.max / scale});
 }
 
 void PoseRefiner::RemoveOldest() {
@@ -250,7 +258,7 @@ PoseRefinement PoseRefiner::Refine() {
   if (bundle.landmarks.empty()) return Unrefined(ids, received, "no matches between the keyframes");
   constexpr int kIterations = 3;  // the next window goes on from here
   const size_t fixed = NumFixed(bundle.size());
-  bundle.expected = ExpectedPoses(bundle, fixed);
+  bundle.expected = Moved(Align(bundle.received, bundle.poses, fixed), bundle.received);
   RefineBundle(1, kIterations, fixed, &bundle, &impl_->state);
   // From now on the camera is known, and may change slowly.
   const double interval = (bundle.times.back() - bundle.times.front()) / static_cast<double>(bundle.size() - 1);
@@ -259,6 +267,19 @@ PoseRefinement PoseRefiner::Refine() {
   PoseRefinement result =
       JudgeRefinement(bundle, ids, received, refined, impl_->state.camera, impl_->options, impl_->changed);
   impl_->changed = result.changed;
+  const Similarity received_from_refined = Align(bundle.poses, bundle.received, bundle.size());
+  if (result.changed) {
+    result.scale = received_from_refined.scale;
+    for (size_t i = 0; i < bundle.size(); ++i) {
+      const ViewPose placed = received_from_refined * refined[i];
+      result.poses[i].cam_from_received = ToRigidTransform({placed.rotation, placed.centre + bundle.origin});
+    }
+  } else {
+    // As long as received poses are used the two worlds stay one.
+    bundle.poses = Moved(received_from_refined, std::move(bundle.poses));
+    for (Landmark& landmark : bundle.landmarks) landmark.inverse_depth /= received_from_refined.scale;
+  }
+  impl_->scale = result.scale;
   impl_->TidyLandmarks();
   return result;
 }

@@ -16,10 +16,10 @@ namespace acmp {
 /// Depth of one keyframe with all that belongs to it. Maps have the size of frame->camera. Never modified.
 struct KeyframeDepth {
   FramePtr frame;
-  RigidTransform cam_from_world = RigidTransform::Identity();  ///< with which it was matched: the frame's, or refined
+  RigidTransform cam_from_world = RigidTransform::Identity();  ///< where it lies: the frame's, or refined
   PoseFit pose_fit;                                            ///< how well that fits; no matches: not measured
-  DepthRange range;  ///< that was searched, scene units
-  DepthMap depth;    ///< z in the camera's frame, scene units
+  DepthRange range;                                            ///< that was searched, scene units
+  DepthMap depth;                                              ///< z in the camera's frame, scene units
   // Of refined maps only; empty for fast ones.
   NormalMap normal;                 ///< unit vectors in the camera's frame, towards the camera
   CostMap cost;                     ///< 0..2, see EstimateMaps

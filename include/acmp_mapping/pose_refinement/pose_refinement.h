@@ -31,7 +31,10 @@ struct CameraMotion {
 
 struct RefinedPose {
   int64_t id = 0;
-  RigidTransform cam_from_world = RigidTransform::Identity();  ///< the received one, bit by bit, unless `changed`
+  /// In the world of the refined poses; the received one, bit by bit, unless `changed`.
+  RigidTransform cam_from_world = RigidTransform::Identity();
+  /// The same in the world of the received poses, to which `scale` takes lengths.
+  RigidTransform cam_from_received = RigidTransform::Identity();
   PoseFit received_fit;  ///< matches of this image with all others, with the poses as received
   PoseFit refined_fit;   ///< and with refined ones, whether they are used or not
 };
@@ -43,6 +46,9 @@ struct PoseRefinement {
   PoseFit refined_fit;
   double rotation_correction = 0;  ///< rad about each axis, root mean square over all images; also where poses stay
   double position_correction = 0;  ///< scene units along each axis
+  /// Length in the world of the received poses of what is 1 in that of the refined ones. A sliding window carries its
+  /// own scale on, which then does not wander as a monocular frontend's does.
+  double scale = 1;
   CameraErrors camera;
   int landmarks = 0;               ///< that took part
   int sightings = 0;               ///< of these in other images than their own
