@@ -27,12 +27,13 @@ double TypicalDepth(const Bundle& bundle) {
   return median > 0 ? 1 / median : 1;
 }
 
-/// Times are seconds or images; either way this is wider than any camera's readout relative to the motion between
-/// images.
-CameraErrors FirstCameraSigma(const Bundle& bundle) {
+/// Of the camera's errors about what earlier bundles have found. At first wider than any camera's (a readout takes
+/// less than the time from image to image); the more bundles, the surer; but lenses and clocks may drift.
+CameraErrors CameraSigma(const Bundle& bundle, int bundles) {
   const double interval =
       bundle.size() < 2 ? 1 : (bundle.times.back() - bundle.times.front()) / static_cast<double>(bundle.size() - 1);
-  return {0.1, 0.1, std::min(0.1, interval)};
+  const auto sigma = [bundles](double first, double least) { return std::max(first / (1 + bundles), least); };
+  return {sigma(0.1, 0.003), sigma(0.1, 0.003), sigma(std::min(0.1, interval), 0.006 * interval)};
 }
 
 /// Of sightings that take part, px along an axis: from the median length, which is 1.18 sigma for normal errors in two
@@ -159,12 +160,11 @@ bool IsHeldOut(int64_t anchor_id, const Eigen::Vector2d& pixel) {
 
 void RefineBundle(int rounds, int max_iterations, size_t fixed_views, Bundle* bundle, RefinementState* state) {
   const double typical_depth = TypicalDepth(*bundle);
-  if (!state->started) {
-    state->started = true;
+  if (state->bundles == 0) {
     state->weights.rotation_sigma = 0.02;
     state->weights.position_sigma = 0.02 * typical_depth;
-    state->weights.camera_sigma = FirstCameraSigma(*bundle);
   }
+  state->weights.camera_sigma = CameraSigma(*bundle, state->bundles++);
   for (int round = 0; round < rounds; ++round) {
     AdjustBundle(state->weights, max_iterations, fixed_views, bundle, &state->camera);
     state->weights.pixel_sigma = PixelSigma(*bundle);

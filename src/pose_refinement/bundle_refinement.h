@@ -8,7 +8,7 @@ namespace acmp {
 /// What is learnt while bundles are refined and helps with the next one: the camera's errors, and how far received
 /// poses are off.
 struct RefinementState {
-  bool started = false;
+  int bundles = 0;  ///< refined so far
   CameraErrors camera;
   BundleWeights weights;
 };

@@ -260,9 +260,6 @@ PoseRefinement PoseRefiner::Refine() {
   const size_t fixed = NumFixed(bundle.size());
   bundle.expected = Moved(Align(bundle.received, bundle.poses, fixed), bundle.received);
   RefineBundle(1, kIterations, fixed, &bundle, &impl_->state);
-  // From now on the camera is known, and may change slowly.
-  const double interval = (bundle.times.back() - bundle.times.front()) / static_cast<double>(bundle.size() - 1);
-  impl_->state.weights.camera_sigma = {0.01, 0.01, 0.02 * interval};
   const std::vector<ViewPose> refined = ResectViews(bundle, impl_->state.camera);
   PoseRefinement result =
       JudgeRefinement(bundle, ids, received, refined, impl_->state.camera, impl_->options, impl_->changed);
