@@ -87,8 +87,7 @@ RecordingSummary RecordScene(const Scene& scene, const std::vector<int>& indices
   RecordingSummary summary;
   for (const int index : indices) {
     const SceneImage& image = scene.images.at(index);
-    std::vector<Eigen::Vector3d> landmarks;
-    for (const int landmark : image.landmark_indices) landmarks.push_back(scene.landmarks_in_world.at(landmark));
+    const std::vector<Eigen::Vector3d> landmarks = LandmarksOf(scene, image);
     const PinholeCamera camera = WriteSceneImage(writer, scene, index, options);
     WriteGeometry(writer, index, camera, image.distortion, image.cam_from_world,
                   scene.landmarks_in_world.empty() ? nullptr : &landmarks, options);

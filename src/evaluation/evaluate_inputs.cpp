@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cctype>
-#include <cmath>
 #include <cstdio>
 #include <optional>
 #include <regex>
@@ -10,6 +9,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
+#include "voxel_index.h"
 
 namespace acmp {
 namespace {
@@ -91,13 +91,6 @@ std::map<int, fs::path> FindNamedMaps(const std::vector<fs::path>& entries, cons
 
 }  // namespace
 
-std::string LowerExtension(const fs::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
-  return extension;
-}
-
 PredictionIndex FindPredictions(const fs::path& folder, const std::vector<ListedImage>& images,
                                 const std::string& name) {
   if (!fs::is_directory(folder)) throw InvalidInputError(Concat(folder.string(), ": no such folder of predictions"));
@@ -129,21 +122,6 @@ PredictionIndex FindPredictions(const fs::path& folder, const std::vector<Listed
   return index;
 }
 
-DepthMap ReadDepthMap(const fs::path& path, double png_unit) {
-  if (LowerExtension(path) != ".png") return ReadDepth(path);
-  const Image<uint16_t> counts = ReadPng16(path);
-  DepthMap depth(counts.width(), counts.height());
-  const auto unit = static_cast<float>(png_unit);
-  std::transform(counts.begin(), counts.end(), depth.begin(), [unit](uint16_t count) { return count / unit; });
-  return depth;
-}
-
-void CheckPositive(const char* name, double value) {
-  if (!(std::isfinite(value) && value > 0)) {
-    throw InvalidInputError(Concat(name, " = ", value, ": must be positive and finite"));
-  }
-}
-
 void Validate(const GroundTruthOptions& options) {
   CheckPositive("--gt-png-unit", options.png_unit);
   CheckRange("--max-depth", options.max_depth, 0.0, 1e9);
@@ -152,7 +130,7 @@ void Validate(const GroundTruthOptions& options) {
 DepthMap ReadGroundTruth(const fs::path& folder, int index, const GroundTruthOptions& options) {
   const fs::path path = FindMap(folder, index, {".png", ".pfm", ".dmb"});
   if (path.empty()) return {};
-  DepthMap truth = ReadDepthMap(path, options.png_unit);
+  DepthMap truth = ReadDepth(path, options.png_unit);
   if (options.max_depth > 0) {
     const auto limit = static_cast<float>(options.max_depth);
     std::replace_if(

@@ -24,17 +24,8 @@ struct PredictionIndex {
 PredictionIndex FindPredictions(const std::filesystem::path& folder, const std::vector<ListedImage>& images,
                                 const std::string& name);
 
-/// Reads .pfm, .dmb or 16-bit .png with `png_unit` counts per scene unit. What is not finite and > 0 becomes 0.
-DepthMap ReadDepthMap(const std::filesystem::path& path, double png_unit);
-
 /// The true map of an image; empty when the folder has none.
 DepthMap ReadGroundTruth(const std::filesystem::path& folder, int index, const GroundTruthOptions& options);
-
-/// Throws InvalidInputError unless the value is positive and finite.
-void CheckPositive(const char* name, double value);
-
-/// ".jpg" for "a/B.JPG".
-std::string LowerExtension(const std::filesystem::path& path);
 
 /// The folder of ground truth or masks: `name` within the scene if there is one, else `name` itself. Throws
 /// InvalidInputError when neither exists.

@@ -9,6 +9,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/dataset/map_io.h"
 #include "dataset/test_folder.h"
 
 namespace acmp {
@@ -91,9 +92,9 @@ TEST_F(EvaluateInputsTest, ReadsPngDepthInItsUnit) {
   Image<uint16_t> counts(2, 1);
   counts(0, 0) = 1234;
   WritePng16(folder() / "depth.png", counts);
-  EXPECT_EQ(ReadDepthMap(folder() / "depth.png", 1000.0)(0, 0), 1.234f);
-  EXPECT_EQ(ReadDepthMap(folder() / "depth.png", 5000.0)(0, 0), 1234 / 5000.0f);
-  EXPECT_EQ(ReadDepthMap(folder() / "depth.png", 1000.0)(1, 0), 0.0f);
+  EXPECT_EQ(ReadDepth(folder() / "depth.png", 1000.0)(0, 0), 1.234f);
+  EXPECT_EQ(ReadDepth(folder() / "depth.png", 5000.0)(0, 0), 1234 / 5000.0f);
+  EXPECT_EQ(ReadDepth(folder() / "depth.png", 1000.0)(1, 0), 0.0f);
 }
 
 TEST_F(EvaluateInputsTest, FindsFoldersInTheSceneFirst) {
