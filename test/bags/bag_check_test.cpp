@@ -16,6 +16,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/ros/output_conversion.h"
 #include "bag_messages.h"
 #include "dataset/test_folder.h"
 
@@ -45,7 +46,7 @@ Keyframe MakeKeyframe(int index) {
   header.stamp = ros::Time(1000 + index, 0);
   header.frame_id = "cam";
   Keyframe keyframe;
-  keyframe.image = ToBgr8Message(ColorImage(camera.width, camera.height), header);
+  keyframe.image = *ToColorMessage(ColorImage(camera.width, camera.height), header);
   keyframe.info = ToCameraInfo(camera, {}, header);
   header.frame_id = "map";
   RigidTransform world_from_cam = RigidTransform::Identity();

@@ -60,13 +60,7 @@ TEST_F(EvaluateInputsTest, PrefersPfmAndSaysSo) {
   Touch("000001.png");
   EXPECT_EQ(FileOf(0), "000000.pfm");
   EXPECT_EQ(FileOf(1), "000001.png");
-  EXPECT_THAT(Find().notes, ElementsAre("1 images have a .pfm and another map: took the .pfm"));
-}
-
-TEST_F(EvaluateInputsTest, NamesFilesItCannotRead) {
-  Touch("000000.pfm");
-  Touch("000001.npy");
-  EXPECT_THAT(Find().notes, ElementsAre(HasSubstr("1 .npy files are not read")));
+  EXPECT_THAT(Find().notes, ElementsAre(HasSubstr("1 maps left aside")));
 }
 
 TEST_F(EvaluateInputsTest, ReadsTheOutputOfThePublicProgram) {
