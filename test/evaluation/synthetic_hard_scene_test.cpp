@@ -5,9 +5,9 @@
 
 #include <gtest/gtest.h>
 
-#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/evaluation/synthetic_scene.h"
 #include "evaluation/named_scene.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
@@ -61,12 +61,8 @@ TEST(SelectSyntheticScene, SetsPlaceAndCameraOnly) {
   EXPECT_EQ(options.place, SyntheticPlace::kRoom);
   EXPECT_EQ(options.imaging.grey_per_electron, 0);
   for (const std::string& name : SyntheticSceneNames()) EXPECT_NO_THROW(SelectSyntheticScene(name, &options));
-  try {
-    SelectSyntheticScene("kitchen", &options);
-    FAIL();
-  } catch (const InvalidInputError& error) {
-    EXPECT_STREQ(error.what(), "scene = \"kitchen\": must be one of room, hard, street");
-  }
+  EXPECT_EQ(ErrorOf([&] { SelectSyntheticScene("kitchen", &options); }),
+            "scene = \"kitchen\": must be one of room, hard, street");
 }
 
 }  // namespace
