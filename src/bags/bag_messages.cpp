@@ -1,12 +1,10 @@
 #include "bag_messages.h"
 
-#include <algorithm>
-
 #include <sensor_msgs/distortion_models.h>
-#include <sensor_msgs/image_encodings.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/ros/output_conversion.h"
 
 namespace acmp {
 namespace {
@@ -31,22 +29,6 @@ RosDistortion DistortionFor(LensDistortion::Model model) {
 
 }  // namespace
 
-sensor_msgs::Image ToBgr8Message(const ColorImage& image, const std_msgs::Header& header) {
-  sensor_msgs::Image message;
-  message.header = header;
-  message.width = image.width();
-  message.height = image.height();
-  message.encoding = sensor_msgs::image_encodings::BGR8;
-  message.step = 3 * message.width;
-  message.data.reserve(3 * image.size());
-  for (const Rgb& pixel : image) {
-    message.data.push_back(pixel.b);
-    message.data.push_back(pixel.g);
-    message.data.push_back(pixel.r);
-  }
-  return message;
-}
-
 sensor_msgs::CompressedImage ToCompressedMessage(const std::string& file_bytes, const std_msgs::Header& header) {
   sensor_msgs::CompressedImage message;
   message.header = header;
@@ -62,16 +44,10 @@ sensor_msgs::CameraInfo ToCameraInfo(const PinholeCamera& camera, const LensDist
     throw InvalidInputError(Concat(distortion.coefficients.size(), " distortion coefficients: ", ros_distortion.name,
                                    " has at most ", ros_distortion.coefficients));
   }
-  sensor_msgs::CameraInfo message;
-  message.header = header;
-  message.width = camera.width;
-  message.height = camera.height;
+  sensor_msgs::CameraInfo message = *ToCameraInfo(camera, header);
   message.distortion_model = ros_distortion.name;
   message.D = distortion.coefficients;
   message.D.resize(ros_distortion.coefficients, 0.0);
-  message.K = {camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1};
-  message.R = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-  message.P = {camera.fx, 0, camera.cx, 0, 0, camera.fy, camera.cy, 0, 0, 0, 1, 0};
   return message;
 }
 

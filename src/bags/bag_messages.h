@@ -17,7 +17,6 @@
 namespace acmp {
 
 /// Messages of a recorded bag from the core's types. Headers are the caller's.
-sensor_msgs::Image ToBgr8Message(const ColorImage& image, const std_msgs::Header& header);
 sensor_msgs::CompressedImage ToCompressedMessage(const std::string& file_bytes, const std_msgs::Header& header);
 
 /// K, P = [K 0], R = identity and the distortion under ROS's names: plumb_bob (5 coefficients; zero when there is

@@ -6,6 +6,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/image/image_processing.h"
+#include "acmp_mapping/ros/output_conversion.h"
 #include "bag_messages.h"
 #include "bag_writer.h"
 
@@ -56,7 +57,7 @@ PinholeCamera WriteSceneImage(BagWriter& writer, const Scene& scene, int index, 
   int height = image.camera.height;
   LimitSize(options.max_image_size, &width, &height);
   if (width != image.camera.width || height != image.camera.height) pixels = Resize(pixels, width, height);
-  writer.Write(kImageTopic, header.stamp, ToBgr8Message(pixels, header));
+  writer.Write(kImageTopic, header.stamp, *ToColorMessage(pixels, header));
   return image.camera.Resized(width, height);
 }
 
@@ -87,8 +88,7 @@ RecordingSummary RecordScene(const Scene& scene, const std::vector<int>& indices
   RecordingSummary summary;
   for (const int index : indices) {
     const SceneImage& image = scene.images.at(index);
-    std::vector<Eigen::Vector3d> landmarks;
-    for (const int landmark : image.landmark_indices) landmarks.push_back(scene.landmarks_in_world.at(landmark));
+    const std::vector<Eigen::Vector3d> landmarks = LandmarksOf(scene, image);
     const PinholeCamera camera = WriteSceneImage(writer, scene, index, options);
     WriteGeometry(writer, index, camera, image.distortion, image.cam_from_world,
                   scene.landmarks_in_world.empty() ? nullptr : &landmarks, options);
@@ -114,7 +114,7 @@ RecordingSummary RecordSynthetic(const std::vector<SyntheticView>& views, const 
     const int index = static_cast<int>(i);
     const Frame& frame = views[i].frame;
     const std_msgs::Header header = MakeHeader(index, options.camera_frame, options);
-    writer.Write(kImageTopic, header.stamp, ToBgr8Message(frame.color, header));
+    writer.Write(kImageTopic, header.stamp, *ToColorMessage(frame.color, header));
     WriteGeometry(writer, index, frame.camera, {}, frame.cam_from_world, &frame.landmarks_in_world, options);
     ++summary.images;
     summary.landmarks += frame.landmarks_in_world.size();

@@ -13,23 +13,6 @@
 namespace acmp {
 namespace {
 
-/// Calls visit(index and name, fields behind them, reader) for each line.
-template <class Visit>
-void ForEachImage(const std::filesystem::path& path, const Visit& visit) {
-  TextReader reader(path);
-  bool any = false;
-  for (std::string line; reader.NextContentLine(&line); any = true) {
-    FieldReader fields(reader, line);
-    const int64_t index = fields.Integer("image index");
-    if (index < 0 || index > std::numeric_limits<int>::max()) {
-      reader.Fail(Concat("image index = ", index, ": must be a whole number from 0 on"));
-    }
-    const std::string name = fields.Word("image name");
-    visit(ListedImage{static_cast<int>(index), name}, &fields, reader);
-  }
-  if (!any) throw InvalidInputError(Concat(path.string(), ": names 0 images: must name at least 1"));
-}
-
 int ReadSize(FieldReader* fields, const char* name) {
   const int64_t pixels = fields->Integer(name);
   return static_cast<int>(
@@ -70,27 +53,28 @@ void WriteCameraList(const std::filesystem::path& path, const std::vector<Listed
 
 std::vector<ListedCamera> ReadCameraList(const std::filesystem::path& path) {
   std::vector<ListedCamera> cameras;
-  ForEachImage(path, [&](const ListedImage& image, FieldReader* fields, const TextReader& reader) {
+  TextReader reader(path);
+  for (std::string line; reader.NextContentLine(&line);) {
+    FieldReader fields(reader, line);
+    const int64_t index = fields.Integer("image index");
+    if (index < 0 || index > std::numeric_limits<int>::max()) {
+      reader.Fail(Concat("image index = ", index, ": must be a whole number from 0 on"));
+    }
     ListedCamera listed;
-    listed.image = image;
+    listed.image = {static_cast<int>(index), fields.Word("image name")};
     PinholeCamera& c = listed.camera;
-    c.fx = fields->Real("fx");
-    c.fy = fields->Real("fy");
-    c.cx = fields->Real("cx");
-    c.cy = fields->Real("cy");
-    c.width = ReadSize(fields, "width");
-    c.height = ReadSize(fields, "height");
-    listed.world_from_cam = ReadPose(fields, reader);
+    c.fx = fields.Real("fx");
+    c.fy = fields.Real("fy");
+    c.cx = fields.Real("cx");
+    c.cy = fields.Real("cy");
+    c.width = ReadSize(&fields, "width");
+    c.height = ReadSize(&fields, "height");
+    listed.world_from_cam = ReadPose(&fields, reader);
     CheckCamera(reader.Where().c_str(), c);
     cameras.push_back(listed);
-  });
+  }
+  if (cameras.empty()) throw InvalidInputError(Concat(path.string(), ": names 0 images: must name at least 1"));
   return cameras;
-}
-
-std::vector<ListedImage> ReadImageList(const std::filesystem::path& path) {
-  std::vector<ListedImage> images;
-  ForEachImage(path, [&](const ListedImage& image, FieldReader*, const TextReader&) { images.push_back(image); });
-  return images;
 }
 
 }  // namespace acmp

@@ -13,7 +13,6 @@ namespace acmp {
 namespace {
 
 constexpr size_t kMaxHeaderLine = 200;
-constexpr float kUnitsPerCount = 0.001f;
 constexpr float kCountsPerUnit = 1000.0f;
 constexpr int32_t kDmbFloat = 1;
 
@@ -84,15 +83,6 @@ void WritePfmAs(const std::filesystem::path& path, const ImageView<const T>& map
   file.Commit();
 }
 
-template <class T>
-void WriteDmbAs(const std::filesystem::path& path, const ImageView<const T>& map) {
-  AtomicFile file(path);
-  const int32_t header[4] = {kDmbFloat, map.height, map.width, kChannels<T>};
-  file.Write(header, sizeof(header));
-  for (int row = 0; row < map.height; ++row) file.Write(&map(0, row), sizeof(T) * map.width);
-  file.Commit();
-}
-
 }  // namespace
 
 Image<float> ReadPfm(const std::filesystem::path& path) { return ReadPfmAs<float>(path); }
@@ -118,8 +108,13 @@ Image<float> ReadDmb(const std::filesystem::path& path) {
   return map;
 }
 
-void WriteDmb(const std::filesystem::path& path, const ImageView<const float>& map) { WriteDmbAs(path, map); }
-void WriteDmb(const std::filesystem::path& path, const ImageView<const Vec3f>& map) { WriteDmbAs(path, map); }
+void WriteDmb(const std::filesystem::path& path, const ImageView<const float>& map) {
+  AtomicFile file(path);
+  const int32_t header[4] = {kDmbFloat, map.height, map.width, 1};
+  file.Write(header, sizeof(header));
+  for (int row = 0; row < map.height; ++row) file.Write(&map(0, row), sizeof(float) * map.width);
+  file.Commit();
+}
 
 size_t WriteDepthPng(const std::filesystem::path& path, const ImageView<const float>& depth) {
   constexpr float kMaxCount = 65535.0f;
@@ -140,22 +135,18 @@ size_t WriteDepthPng(const std::filesystem::path& path, const ImageView<const fl
   return too_far;
 }
 
-DepthMap ReadDepthPng(const std::filesystem::path& path) {
-  const Image<uint16_t> counts = ReadPng16(path);
-  DepthMap depth(counts.width(), counts.height());
-  std::transform(counts.begin(), counts.end(), depth.begin(), [](uint16_t count) { return count * kUnitsPerCount; });
-  return depth;
-}
-
-DepthMap ReadDepth(const std::filesystem::path& path) {
-  const std::string extension = path.extension().string();
+DepthMap ReadDepth(const std::filesystem::path& path, double png_unit) {
+  const std::string extension = LowerExtension(path);
   DepthMap depth;
   if (extension == ".pfm") {
     depth = ReadPfm(path);
   } else if (extension == ".dmb") {
     depth = ReadDmb(path);
   } else if (extension == ".png") {
-    depth = ReadDepthPng(path);
+    const Image<uint16_t> counts = ReadPng16(path);
+    depth = DepthMap(counts.width(), counts.height());
+    const auto unit = static_cast<float>(png_unit);
+    std::transform(counts.begin(), counts.end(), depth.begin(), [unit](uint16_t count) { return count / unit; });
   } else {
     throw InvalidInputError(
         Concat(path.string(), ": depth file extension \"", extension, "\": must be .pfm, .dmb or .png"));

@@ -24,6 +24,13 @@ FileKind DetectKind(const std::filesystem::path& path, const std::string& conten
 
 }  // namespace
 
+std::string LowerExtension(const std::filesystem::path& path) {
+  std::string extension = path.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return extension;
+}
+
 void CheckImageSize(const std::filesystem::path& path, uint64_t width, uint64_t height) {
   if (width == 0 || height == 0 || width > kMaxImagePixels || height > kMaxImagePixels / width) {
     throw InvalidInputError(Concat(path.string(), ": image size ", width, " x ", height, ": must be 1 x 1 to ",
@@ -37,9 +44,7 @@ ColorImage ReadColorImage(const std::filesystem::path& path) {
 }
 
 void WriteColorImage(const std::filesystem::path& path, const ColorImage& image) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string extension = LowerExtension(path);
   if (extension == ".jpg" || extension == ".jpeg") {
     WriteFileAtomically(path, EncodeJpeg(path, image));
   } else {

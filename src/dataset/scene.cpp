@@ -63,6 +63,13 @@ Scene ReadScene(const std::filesystem::path& root, SceneFormat format) {
   return ReadColmapScene(root, *model_folder);
 }
 
+std::vector<Eigen::Vector3d> LandmarksOf(const Scene& scene, const SceneImage& image) {
+  std::vector<Eigen::Vector3d> landmarks;
+  landmarks.reserve(image.landmark_indices.size());
+  for (int landmark : image.landmark_indices) landmarks.push_back(scene.landmarks_in_world[landmark]);
+  return landmarks;
+}
+
 ColorImage LoadImage(const Scene& scene, int index) {
   CheckRange("image index", index, 0, static_cast<int>(scene.images.size()) - 1);
   const SceneImage& image = scene.images[index];
@@ -80,10 +87,8 @@ Frame LoadFrame(const Scene& scene, int index, const FrameOptions& options) {
   if (image.distortion.model != LensDistortion::Model::kNone) {
     color = Undistort(color, image.camera, image.distortion);
   }
-  std::vector<Eigen::Vector3d> landmarks;
-  landmarks.reserve(image.landmark_indices.size());
-  for (int landmark : image.landmark_indices) landmarks.push_back(scene.landmarks_in_world[landmark]);
-  return MakeFrame(index, 0.0, std::move(color), image.camera, image.cam_from_world, std::move(landmarks), options);
+  return MakeFrame(index, 0.0, std::move(color), image.camera, image.cam_from_world, LandmarksOf(scene, image),
+                   options);
 }
 
 }  // namespace acmp

@@ -114,8 +114,8 @@ PointCloud Select(const PointCloud& points, const std::vector<uint8_t>& marks) {
 std::vector<CloudMetrics> EvaluateCloud(const PointCloud& reconstruction, const PointCloud& ground_truth,
                                         const std::vector<double>& thresholds, double voxel_size,
                                         const std::vector<uint8_t>& observed) {
-  CheckLength("voxel size", voxel_size);
-  for (const double threshold : thresholds) CheckLength("threshold", threshold);
+  CheckPositive("voxel size", voxel_size);
+  for (const double threshold : thresholds) CheckPositive("threshold", threshold);
   if (ground_truth.empty()) throw InvalidInputError("ground truth: 0 points: must be at least 1");
   CheckCloud("reconstruction", reconstruction, voxel_size);
   CheckCloud("ground truth", ground_truth, voxel_size);

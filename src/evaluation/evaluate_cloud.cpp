@@ -6,6 +6,7 @@
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/evaluation/observed_surface.h"
 #include "evaluate_inputs.h"
+#include "voxel_index.h"
 
 namespace acmp {
 namespace {

@@ -9,7 +9,9 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/dataset/map_io.h"
 #include "evaluate_inputs.h"
+#include "voxel_index.h"
 
 namespace acmp {
 namespace {
@@ -44,8 +46,7 @@ void Multiply(double factor, DepthMap* depths) {
 }
 
 DepthMap ReadPrediction(const fs::path& path, double scale) {
-  constexpr double kMillimetres = 1000.0;
-  DepthMap estimate = ReadDepthMap(path, kMillimetres);
+  DepthMap estimate = ReadDepth(path);
   Multiply(scale, &estimate);
   return estimate;
 }
@@ -110,7 +111,8 @@ Image<unsigned char> LowTextureMask(Image<unsigned char> picture, int width, int
 
 DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
   Check(options);
-  const std::vector<ListedImage> images = ReadImageList(options.scene / "cameras.txt");
+  std::vector<ListedImage> images;
+  for (const ListedCamera& camera : ReadCameraList(options.scene / "cameras.txt")) images.push_back(camera.image);
   const fs::path truth_folder = FindFolder(options.scene, options.truth.folder);
   PredictionIndex predictions = FindPredictions(options.predictions, images, options.name);
 

@@ -1,8 +1,7 @@
 #include "evaluate_inputs.h"
 
 #include <algorithm>
-#include <cctype>
-#include <cmath>
+#include <charconv>
 #include <cstdio>
 #include <optional>
 #include <regex>
@@ -10,27 +9,21 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
+#include "voxel_index.h"
 
 namespace acmp {
 namespace {
 
 namespace fs = std::filesystem;
 
-// A whole non-negative number that fits; nothing else in the text.
-std::optional<int> ParseIndex(const std::string& text) {
-  constexpr size_t kMaxDigits = 9;
-  if (text.empty() || !std::all_of(text.begin(), text.end(), [](unsigned char c) { return std::isdigit(c); }))
-    return {};
-  const size_t first = std::min(text.find_first_not_of('0'), text.size() - 1);
-  if (text.size() - first > kMaxDigits) return {};
-  return std::stoi(text.substr(first));
-}
-
 std::optional<int> LastNumber(const std::string& text) {
-  const auto is_digit = [](unsigned char c) { return std::isdigit(c) != 0; };
-  const auto end = std::find_if(text.rbegin(), text.rend(), is_digit).base();
-  const auto begin = std::find_if_not(std::make_reverse_iterator(end), text.rend(), is_digit).base();
-  return ParseIndex(std::string(begin, end));
+  static const std::regex pattern("([0-9]+)[^0-9]*$");
+  std::smatch number;
+  if (!std::regex_search(text, number, pattern)) return {};
+  const std::string digits = number[1];
+  int value = 0;
+  const bool fits = std::from_chars(digits.data(), digits.data() + digits.size(), value).ec == std::errc();
+  return fits ? std::make_optional(value) : std::nullopt;
 }
 
 std::vector<fs::path> SortedEntries(const fs::path& folder) {
@@ -67,18 +60,16 @@ std::regex ParsePattern(const std::string& text) {
   }
 }
 
-// Files of the given extensions: an image's own stem goes before its index, which the first file in order gets.
+// Files of an extension: an image's own stem goes before its index, which the first file in order gets.
 std::map<int, fs::path> FindNamedMaps(const std::vector<fs::path>& entries, const std::vector<ListedImage>& images,
-                                      const std::string& name, const std::vector<std::string>& extensions) {
+                                      const std::regex& pattern, const char* extension) {
   std::map<std::string, int> index_of_stem;
   for (const ListedImage& image : images) {
     index_of_stem[fs::path(image.name).replace_extension().string()] = image.index;
   }
-  const std::regex pattern = ParsePattern(name);
   std::map<int, fs::path> found;
   for (const fs::path& file : entries) {
-    if (std::find(extensions.begin(), extensions.end(), LowerExtension(file)) == extensions.end()) continue;
-    if (!name.empty() && !std::regex_search(file.filename().string(), pattern)) continue;
+    if (LowerExtension(file) != extension || !std::regex_search(file.filename().string(), pattern)) continue;
     const std::string stem = file.stem().string();
     if (const auto own = index_of_stem.find(stem); own != index_of_stem.end()) {
       found[own->second] = file;
@@ -90,13 +81,6 @@ std::map<int, fs::path> FindNamedMaps(const std::vector<fs::path>& entries, cons
 }
 
 }  // namespace
-
-std::string LowerExtension(const fs::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
-  return extension;
-}
 
 PredictionIndex FindPredictions(const fs::path& folder, const std::vector<ListedImage>& images,
                                 const std::string& name) {
@@ -111,37 +95,23 @@ PredictionIndex FindPredictions(const fs::path& folder, const std::vector<Listed
   if (!acmp_folders.empty()) {
     index.files = FindAcmpOutput(acmp_folders, name);
   } else {
-    index.files = FindNamedMaps(entries, images, name, {".pfm"});
+    const std::regex pattern = ParsePattern(name);
+    index.files = FindNamedMaps(entries, images, pattern, ".pfm");
     size_t set_aside = 0;
-    for (const auto& [image, path] : FindNamedMaps(entries, images, name, {".dmb", ".png"})) {
-      set_aside += !index.files.emplace(image, path).second;
+    for (const char* extension : {".dmb", ".png"}) {
+      for (const auto& [image, path] : FindNamedMaps(entries, images, pattern, extension)) {
+        set_aside += !index.files.emplace(image, path).second;
+      }
     }
-    if (set_aside > 0) index.notes.push_back(Concat(set_aside, " images have a .pfm and another map: took the .pfm"));
-    const auto is_npy = [](const fs::path& path) { return LowerExtension(path) == ".npy"; };
-    if (const auto count = std::count_if(entries.begin(), entries.end(), is_npy); count > 0) {
-      index.notes.push_back(Concat(count, " .npy files are not read: convert them to .pfm or .dmb"));
-    }
+    if (set_aside > 0)
+      index.notes.push_back(
+          Concat(set_aside, " maps left aside for another of their image: .pfm before .dmb before .png"));
   }
   const bool any = std::any_of(images.begin(), images.end(),
                                [&](const ListedImage& image) { return index.files.count(image.index) > 0; });
   if (!any)
     throw InvalidInputError(Concat(folder.string(), ": no .pfm, .dmb or .png named after an image of the scene"));
   return index;
-}
-
-DepthMap ReadDepthMap(const fs::path& path, double png_unit) {
-  if (LowerExtension(path) != ".png") return ReadDepth(path);
-  const Image<uint16_t> counts = ReadPng16(path);
-  DepthMap depth(counts.width(), counts.height());
-  const auto unit = static_cast<float>(png_unit);
-  std::transform(counts.begin(), counts.end(), depth.begin(), [unit](uint16_t count) { return count / unit; });
-  return depth;
-}
-
-void CheckPositive(const char* name, double value) {
-  if (!(std::isfinite(value) && value > 0)) {
-    throw InvalidInputError(Concat(name, " = ", value, ": must be positive and finite"));
-  }
 }
 
 void Validate(const GroundTruthOptions& options) {
@@ -152,7 +122,7 @@ void Validate(const GroundTruthOptions& options) {
 DepthMap ReadGroundTruth(const fs::path& folder, int index, const GroundTruthOptions& options) {
   const fs::path path = FindMap(folder, index, {".png", ".pfm", ".dmb"});
   if (path.empty()) return {};
-  DepthMap truth = ReadDepthMap(path, options.png_unit);
+  DepthMap truth = ReadDepth(path, options.png_unit);
   if (options.max_depth > 0) {
     const auto limit = static_cast<float>(options.max_depth);
     std::replace_if(

@@ -18,23 +18,14 @@ struct PredictionIndex {
 
 /// Finds the depth maps of a folder: .pfm, .dmb or .png named by the image's own stem or by its index (the last number
 /// in the file name), or ACMP's own output (2333_<index>/depths_geom.dmb, else depths_prior.dmb, else depths.dmb).
-/// Where an image has a .pfm and another file the .pfm counts. `name`, if not empty, is the file to read in 2333_*
-/// folders, else a regular expression that file names must contain. Throws InvalidInputError when the folder or every
-/// map is missing.
+/// Of several for one image .pfm goes before .dmb and that before .png. `name`, if not empty, is the file to read in
+/// 2333_* folders, else a regular expression that file names must contain. Throws InvalidInputError when the folder or
+/// every map is missing.
 PredictionIndex FindPredictions(const std::filesystem::path& folder, const std::vector<ListedImage>& images,
                                 const std::string& name);
 
-/// Reads .pfm, .dmb or 16-bit .png with `png_unit` counts per scene unit. What is not finite and > 0 becomes 0.
-DepthMap ReadDepthMap(const std::filesystem::path& path, double png_unit);
-
 /// The true map of an image; empty when the folder has none.
 DepthMap ReadGroundTruth(const std::filesystem::path& folder, int index, const GroundTruthOptions& options);
-
-/// Throws InvalidInputError unless the value is positive and finite.
-void CheckPositive(const char* name, double value);
-
-/// ".jpg" for "a/B.JPG".
-std::string LowerExtension(const std::filesystem::path& path);
 
 /// The folder of ground truth or masks: `name` within the scene if there is one, else `name` itself. Throws
 /// InvalidInputError when neither exists.

@@ -24,8 +24,8 @@ ObservedSurface::ObservedSurface(const PointCloud& reconstruction, double spacin
       tolerance_(tolerance),
       observed_(reconstruction.size()),
       occupied_(std::make_unique<OccupiedVoxels>()) {
-  CheckLength("spacing", spacing);
-  CheckLength("tolerance", tolerance);
+  CheckPositive("spacing", spacing);
+  CheckPositive("tolerance", tolerance);
   for (size_t i = 0; i < reconstruction.size(); ++i) {
     const Vec3f& p = reconstruction[i].position;
     if (std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z)) continue;

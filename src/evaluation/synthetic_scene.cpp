@@ -12,6 +12,7 @@
 #include "synthetic_imaging.h"
 #include "synthetic_landmarks.h"
 #include "synthetic_world.h"
+#include "voxel_index.h"
 
 namespace acmp {
 namespace {
@@ -180,14 +181,6 @@ CameraPose PoseOf(const RigidTransform& cam_from_world) {
   return {column(3), column(0), column(1), column(2)};
 }
 
-// Key of a grid cell; 21 bits per axis hold +-1 km at the smallest spacing.
-uint64_t CellKey(const Vec3f& point, double cell_m) {
-  const auto part = [&](double x) {
-    return static_cast<uint64_t>(static_cast<int64_t>(std::floor(x / cell_m)) & 0x1fffff);
-  };
-  return part(point.x) << 42 | part(point.y) << 21 | part(point.z);
-}
-
 SurfacePoint SurfacePointAt(const Ray& ray, const WorldHit& hit, const Rgb& color) {
   const Vec3d p = ray.origin + hit.where.t * ray.direction;
   const Vec3d& n = hit.where.normal;
@@ -219,7 +212,8 @@ PointCloud SampleRow(const SyntheticView& view, const CameraPose& pose, int row,
 
 // Casts rays densely enough that neighbours on a surface facing the camera lie within half the spacing, and keeps the
 // first point in each cell.
-void SampleView(const SyntheticView& view, double spacing_m, std::unordered_set<uint64_t>* taken, PointCloud* cloud) {
+void SampleView(const SyntheticView& view, double spacing_m, std::unordered_set<Voxel, VoxelHash>* taken,
+                PointCloud* cloud) {
   const PinholeCamera& camera = view.frame.camera;
   const CameraPose pose = PoseOf(view.frame.cam_from_world);
   const double max_depth = *std::max_element(view.true_depth.begin(), view.true_depth.end());
@@ -228,7 +222,7 @@ void SampleView(const SyntheticView& view, double spacing_m, std::unordered_set<
   tbb::parallel_for(0, camera.height, [&](int row) { rows[row] = SampleRow(view, pose, row, rays); });
   for (const PointCloud& row : rows) {
     for (const SurfacePoint& point : row) {
-      if (taken->insert(CellKey(point.position, spacing_m)).second) cloud->push_back(point);
+      if (taken->insert(VoxelOf(point.position, spacing_m, 0.0)).second) cloud->push_back(point);
     }
   }
 }
@@ -292,7 +286,7 @@ std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& optio
 PointCloud SampleSyntheticSurface(const std::vector<SyntheticView>& views, float spacing_m) {
   CheckRange("spacing_m", spacing_m, 0.001f, 1.0f);
   PointCloud cloud;
-  std::unordered_set<uint64_t> taken;
+  std::unordered_set<Voxel, VoxelHash> taken;
   for (const SyntheticView& view : views) SampleView(view, spacing_m, &taken, &cloud);
   return cloud;
 }

@@ -36,7 +36,7 @@ inline bool FitsVoxels(const Vec3f& point, double voxel_size) {
 }
 
 /// Throws InvalidInputError unless the value is positive and finite.
-inline void CheckLength(const char* name, double value) {
+inline void CheckPositive(const char* name, double value) {
   if (!(std::isfinite(value) && value > 0)) {
     throw InvalidInputError(Concat(name, " = ", value, ": must be positive and finite"));
   }

@@ -5,6 +5,7 @@
 
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/output_file.h"
+#include "acmp_mapping/keyframe/landmark_visibility.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
 
 namespace acmp {
@@ -36,11 +37,6 @@ bool SomeAreShared(const std::vector<ColmapModelPoint>& points) {
   return std::any_of(points.begin(), points.end(), [](const auto& point) { return point.images.size() > 1; });
 }
 
-bool Sees(const ColmapModelImage& image, const Eigen::Vector3d& point_in_world) {
-  const Eigen::Vector3d in_cam = image.cam_from_world * point_in_world;
-  return in_cam.z() > 0 && image.camera.Contains(image.camera.Project(in_cam));
-}
-
 /// Stand-ins for landmarks: some fused points of each image, seen by it and by those of its source views that they lie
 /// in. Hidden or not does not matter for the one use they have, to tell which images overlap.
 std::vector<ColmapModelPoint> PointsOf(const std::vector<PointCloud>& clouds,
@@ -52,7 +48,9 @@ std::vector<ColmapModelPoint> PointsOf(const std::vector<PointCloud>& clouds,
       const auto& p = clouds[i][k].position;
       ColmapModelPoint point{{p.x, p.y, p.z}, clouds[i][k].color, {i}};
       for (size_t source : sources[i]) {
-        if (Sees(images[source], point.position_in_world)) point.images.push_back(source);
+        if (DepthInView(point.position_in_world, images[source].camera, images[source].cam_from_world) > 0) {
+          point.images.push_back(source);
+        }
       }
       points.push_back(std::move(point));
     }

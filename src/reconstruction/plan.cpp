@@ -66,13 +66,6 @@ void AddGeometry(const Scene& scene, const SceneImage& image, Hash* hash) {
   hash->Add(image.ranked_sources.size());
 }
 
-std::vector<Eigen::Vector3d> LandmarksOf(const Scene& scene, const SceneImage& image) {
-  std::vector<Eigen::Vector3d> landmarks;
-  landmarks.reserve(image.landmark_indices.size());
-  for (int landmark : image.landmark_indices) landmarks.push_back(scene.landmarks_in_world[landmark]);
-  return landmarks;
-}
-
 /// Camera, pose and landmarks of an image: all that the choice of source views looks at.
 FramePtr MakeFrameWithoutPixels(const Scene& scene, int index) {
   const SceneImage& image = scene.images[index];

@@ -16,6 +16,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/ros/output_conversion.h"
 #include "bag_messages.h"
 #include "dataset/test_folder.h"
 
@@ -45,7 +46,7 @@ Keyframe MakeKeyframe(int index) {
   header.stamp = ros::Time(1000 + index, 0);
   header.frame_id = "cam";
   Keyframe keyframe;
-  keyframe.image = ToBgr8Message(ColorImage(camera.width, camera.height), header);
+  keyframe.image = *ToColorMessage(ColorImage(camera.width, camera.height), header);
   keyframe.info = ToCameraInfo(camera, {}, header);
   header.frame_id = "map";
   RigidTransform world_from_cam = RigidTransform::Identity();
@@ -356,12 +357,7 @@ TEST_F(CheckBagTest, ABagCutOffWhileRecordingIsToBeReindexed) {
   ASSERT_NE(field, std::string::npos);
   bytes.replace(field + 10, 8, std::string(8, '\0'));
   WriteText("test.bag", bytes);
-  try {
-    CheckBag(Path(), {});
-    FAIL() << "must throw";
-  } catch (const InvalidInputError& error) {
-    EXPECT_THAT(error.what(), HasSubstr("rosbag reindex"));
-  }
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { CheckBag(Path(), {}); }), HasSubstr("rosbag reindex"));
 }
 
 }  // namespace

@@ -123,8 +123,8 @@ TEST_F(RecordSyntheticTest, HoldsTheFrames) {
   ASSERT_EQ(poses.size(), 3u);
   const Rgb& pixel = views[2].frame.color(7, 5);
   const uint8_t* recorded = &images[2]->data[5 * images[2]->step + 7 * 3];
-  EXPECT_EQ(images[2]->encoding, "bgr8");
-  EXPECT_THAT(std::vector<int>(recorded, recorded + 3), ElementsAre(pixel.b, pixel.g, pixel.r));
+  EXPECT_EQ(images[2]->encoding, "rgb8");
+  EXPECT_THAT(std::vector<int>(recorded, recorded + 3), ElementsAre(pixel.r, pixel.g, pixel.b));
   EXPECT_EQ(size_t{clouds[1]->width} * clouds[1]->height, views[1].frame.landmarks_in_world.size());
 }
 

@@ -38,13 +38,6 @@ TEST_F(CameraListTest, IsReadBack) {
   EXPECT_TRUE(read[1].world_from_cam.isApprox(camera.world_from_cam, 1e-13));
 }
 
-TEST_F(CameraListTest, ImagesAloneNeedNoCamera) {
-  const auto images = ReadImageList(Write("\n0 a.png 1 2 3\n 012 sub/b.png\n"));
-  ASSERT_EQ(images.size(), 2u);
-  EXPECT_EQ(images[1].index, 12);
-  EXPECT_EQ(images[1].name, "sub/b.png");
-}
-
 TEST_F(CameraListTest, QuaternionsOfAnyLengthAreTaken) {
   const auto cameras = ReadCameraList(Write("3 a.png 100 100 20 15 40 30 2 0 0 0 1 2 3\n"));
   EXPECT_EQ(cameras[0].world_from_cam.linear(), Eigen::Matrix3d::Identity());
@@ -59,7 +52,7 @@ TEST_F(CameraListTest, BadLinesAreNamed) {
   EXPECT_THAT(ErrorOf("0 a.png nan 100 20 15 40 30 1 0 0 0 1 2 3\n"), HasSubstr("fx = nan"));
   EXPECT_THAT(ErrorOf("0 a.png 100 100 20 15 0 30 1 0 0 0 1 2 3\n"), HasSubstr("image size 0 x 30"));
   EXPECT_THAT(ErrorOf("0 a.png 100 100 20 15 40 30 0 0 0 0 1 2 3\n"), HasSubstr("quaternion of length 0"));
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadImageList(folder() / "none"); }), HasSubstr("No such file"));
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadCameraList(folder() / "none"); }), HasSubstr("No such file"));
 }
 
 }  // namespace

@@ -92,8 +92,6 @@ TEST_F(MapIoTest, DmbHasTheDocumentedBytes) {
   std::memcpy(header, content.data(), sizeof(header));
   EXPECT_THAT(header, ::testing::ElementsAre(1, 2, 3, 1));  // type, height, width, channels
   EXPECT_TRUE(SameBytes(ReadDmb(folder() / "a.dmb"), Ramp(3, 2)));
-  WriteDmb(folder() / "n.dmb", NormalRamp(3, 2));
-  EXPECT_EQ(ReadText(folder() / "n.dmb").size(), sizeof(header) + 18 * sizeof(float));
 }
 
 TEST_F(MapIoTest, DamagedDmbIsRefused) {
@@ -116,7 +114,7 @@ TEST_F(MapIoTest, DepthPngStoresThousandthsAndCountsWhatIsTooFar) {
   EXPECT_EQ(WriteDepthPng(folder() / "d.png", depth), 1u);
   const Image<uint16_t> counts = ReadPng16(folder() / "d.png");
   EXPECT_THAT(std::vector<int>(counts.begin(), counts.end()), ::testing::ElementsAre(0, 1234, 1235, 65535, 0, 0, 0));
-  EXPECT_FLOAT_EQ(ReadDepthPng(folder() / "d.png")(1, 0), 1.234f);
+  EXPECT_FLOAT_EQ(ReadDepth(folder() / "d.png")(1, 0), 1.234f);
 }
 
 TEST_F(MapIoTest, ReadDepthTakesEveryFormatAndCleansUnknowns) {

@@ -9,6 +9,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/dataset/map_io.h"
 #include "dataset/test_folder.h"
 
 namespace acmp {
@@ -59,13 +60,7 @@ TEST_F(EvaluateInputsTest, PrefersPfmAndSaysSo) {
   Touch("000001.png");
   EXPECT_EQ(FileOf(0), "000000.pfm");
   EXPECT_EQ(FileOf(1), "000001.png");
-  EXPECT_THAT(Find().notes, ElementsAre("1 images have a .pfm and another map: took the .pfm"));
-}
-
-TEST_F(EvaluateInputsTest, NamesFilesItCannotRead) {
-  Touch("000000.pfm");
-  Touch("000001.npy");
-  EXPECT_THAT(Find().notes, ElementsAre(HasSubstr("1 .npy files are not read")));
+  EXPECT_THAT(Find().notes, ElementsAre(HasSubstr("1 maps left aside")));
 }
 
 TEST_F(EvaluateInputsTest, ReadsTheOutputOfThePublicProgram) {
@@ -91,9 +86,9 @@ TEST_F(EvaluateInputsTest, ReadsPngDepthInItsUnit) {
   Image<uint16_t> counts(2, 1);
   counts(0, 0) = 1234;
   WritePng16(folder() / "depth.png", counts);
-  EXPECT_EQ(ReadDepthMap(folder() / "depth.png", 1000.0)(0, 0), 1.234f);
-  EXPECT_EQ(ReadDepthMap(folder() / "depth.png", 5000.0)(0, 0), 1234 / 5000.0f);
-  EXPECT_EQ(ReadDepthMap(folder() / "depth.png", 1000.0)(1, 0), 0.0f);
+  EXPECT_EQ(ReadDepth(folder() / "depth.png", 1000.0)(0, 0), 1.234f);
+  EXPECT_EQ(ReadDepth(folder() / "depth.png", 5000.0)(0, 0), 1234 / 5000.0f);
+  EXPECT_EQ(ReadDepth(folder() / "depth.png", 1000.0)(1, 0), 0.0f);
 }
 
 TEST_F(EvaluateInputsTest, FindsFoldersInTheSceneFirst) {

@@ -90,14 +90,6 @@ TEST(Intersect, MissesWhatLiesBehindOrBeside) {
   EXPECT_DOUBLE_EQ(hit->t, 2.0);  // in units of the direction's length
 }
 
-TEST(Meets, CountsARayThatStartsInside) {
-  const Solid box = {Shape::kBox, {0, 0, 5}, {1, 1, 1}, {}};
-  EXPECT_TRUE(Meets(box, {{0, 0, 0}, {0, 0, 1}}));
-  EXPECT_TRUE(Meets(box, {{0, 0, 5}, {0, 0, 1}}));
-  EXPECT_FALSE(Meets(box, {{0, 0, 0}, {0, 0, -1}}));
-  EXPECT_FALSE(Meets(box, {{1.5, 0, 0}, {0, 0, 1}}));
-}
-
 class WorldTest : public testing::TestWithParam<const SyntheticWorld* (*)()> {
  protected:
   const SyntheticWorld& world_ = *GetParam()();
@@ -122,18 +114,6 @@ TEST_P(WorldTest, TracesTheSameAmongTheObjectsNearAPixelAsAmongAll) {
 INSTANTIATE_TEST_SUITE_P(Worlds, WorldTest,
                          testing::Values([] { return &RoomWorld(); }, [] { return &OfficeWorld(); },
                                          [] { return &StreetWorld(); }));
-
-TEST(ValueNoise, IsContinuousAcrossCellsAndWithinBounds) {
-  for (uint32_t i = 0; i < 1000; ++i) {
-    RandomStream random(3, i, 0);
-    const Vec3d p = RandomVector(&random, 20.0);
-    const Vec3d border = {std::floor(p.x), p.y, p.z};
-    const double value = ValueNoise(9, border);
-    EXPECT_GE(value, 0.0);
-    EXPECT_LE(value, 1.0);
-    EXPECT_NEAR(ValueNoise(9, {border.x - 1e-9, p.y, p.z}), value, 1e-8);  // its slope is below 2 per cell
-  }
-}
 
 }  // namespace
 }  // namespace acmp

@@ -7,9 +7,9 @@
 
 #include "fusion/analytic_views.h"
 #include "fusion/engine_views.h"
-#include "fusion/error_text.h"
 #include "fusion/fusion_contexts.h"
 #include "fusion/reference_fusion.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {

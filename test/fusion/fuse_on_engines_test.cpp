@@ -7,9 +7,9 @@
 #include "gtest/gtest.h"
 
 #include "fusion/engine_views.h"
-#include "fusion/error_text.h"
 #include "fusion/noisy_views.h"
 #include "support/devices.h"
+#include "support/error_text.h"
 #include "support/random_views.h"
 
 namespace acmp {

@@ -10,7 +10,7 @@
 #include <map>
 #include <random>
 
-#include "fusion/error_text.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {

@@ -6,7 +6,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "acmp_mapping/common/error.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
@@ -108,12 +108,10 @@ TEST(CheckDepthRangeTest, RefusesInvertedAndInfinite) {
        std::vector<DepthRange>{{2, 1}, {1, 1}, {0, 1}, {-1, 1}, {1, inf}, {nan, 1}, {1, nan}, {inf, inf}, {0, 0}}) {
     EXPECT_THROW(CheckDepthRange("range", range), InvalidInputError) << range.min << " " << range.max;
   }
-  try {
-    CheckDepthRange("fallback", {3, 2});
-    FAIL();
-  } catch (const InvalidInputError& error) {
-    EXPECT_THAT(error.what(), testing::AllOf(testing::HasSubstr("fallback"), testing::HasSubstr("[3, 2]")));
-  }
+  EXPECT_THAT(ErrorOf([] {
+                CheckDepthRange("fallback", {3, 2});
+              }),
+              testing::AllOf(testing::HasSubstr("fallback"), testing::HasSubstr("[3, 2]")));
 }
 
 }  // namespace

@@ -8,8 +8,8 @@
 #include <cmath>
 #include <limits>
 
-#include "acmp_mapping/common/error.h"
 #include "planar_prior/random_points.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
@@ -17,16 +17,6 @@ namespace {
 const float kNan = std::numeric_limits<float>::quiet_NaN();
 const DepthRange kRange = {1.0f, 10.0f};
 const PinholeCamera kCamera = {120, 90, 100, 105, 58.3, 44.1};
-
-template <class Function>
-std::string ErrorOf(Function&& function) {
-  try {
-    function();
-  } catch (const InvalidInputError& error) {
-    return error.what();
-  }
-  return "no error";
-}
 
 PlaneMap MakePlanarPrior(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
                          const std::vector<SupportTriangle>& triangles, const DepthRange& range,

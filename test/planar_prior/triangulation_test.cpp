@@ -6,8 +6,8 @@
 #include <numeric>
 #include <string>
 
-#include "acmp_mapping/common/error.h"
 #include "planar_prior/random_points.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
@@ -115,12 +115,10 @@ TEST(TriangulateSupportPoints, IsEmptyBelowThreePointsAndOnALine) {
 
 TEST(TriangulateSupportPoints, NamesADuplicatePixel) {
   for (const float depth : {1.0f, 2.0f}) {  // whether or not the depths agree
-    try {
-      TriangulateSupportPoints({{3, 4, 1.0f}, {8, 1, 1.0f}, {3, 4, depth}, {9, 9, 1.0f}});
-      FAIL() << "no error";
-    } catch (const InvalidInputError& error) {
-      EXPECT_THAT(error.what(), testing::HasSubstr("(3, 4)"));
-    }
+    EXPECT_THAT(ErrorOf([&] {
+                  TriangulateSupportPoints({{3, 4, 1.0f}, {8, 1, 1.0f}, {3, 4, depth}, {9, 9, 1.0f}});
+                }),
+                testing::HasSubstr("(3, 4)"));
   }
 }
 

@@ -2,19 +2,12 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/resource.h>
-#include <unistd.h>
 
 #include <atomic>
-#include <chrono>
-#include <cstdlib>
-#include <fstream>
 #include <future>
 #include <mutex>
 #include <numeric>
-#include <stdexcept>
 #include <string>
-#include <system_error>
 #include <thread>
 
 #include "acmp_mapping/common/error.h"
@@ -26,9 +19,6 @@ namespace {
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-
-/// Only a deadlock takes so long.
-constexpr std::chrono::seconds kHang{60};
 
 std::string FailureOf(TaskGraph* graph, const std::vector<int>& threads, const InterruptWatcher& interrupt) {
   try {
@@ -173,27 +163,6 @@ TEST_F(TaskGraphTest, UrgentTasksGoFirst) {
   }
 }
 
-TEST_F(TaskGraphTest, AllThreadsWorkAtTheSameTime) {
-  // Each waits for all others to have begun.
-  constexpr int kTasks = 5;
-  std::atomic<int> begun{0}, late{0};
-  for (int i = 0; i < kTasks; ++i) {
-    graph_.Add(i < 3 ? 0 : 1, {}, [&](int) {
-      ++begun;
-      const auto start = std::chrono::steady_clock::now();
-      while (begun < kTasks) {
-        if (std::chrono::steady_clock::now() - start > kHang) {
-          ++late;
-          return;
-        }
-        std::this_thread::yield();
-      }
-    });
-  }
-  graph_.Run({3, 2}, interrupt_);
-  EXPECT_EQ(late, 0);
-}
-
 TEST_F(TaskGraphTest, ATaskGoesWithWhatItHoldsBeforeOthersThatWaitForIt) {
   auto object = std::make_shared<int>(5);
   const std::weak_ptr<int> watched = object;
@@ -220,53 +189,6 @@ TEST_F(TaskGraphTest, ATaskOfAPoolWithoutThreadsIsRefused) {
   EXPECT_THAT(FailureOf(&graph_, {1, 0}, interrupt_), HasSubstr("pool = 1"));
   EXPECT_THAT(FailureOf(&graph_, {1}, interrupt_), HasSubstr("pool of a task = 1"));
   EXPECT_THAT(FailureOf(&graph_, {1, -1}, interrupt_), HasSubstr("threads of a pool = -1"));
-  EXPECT_THAT(journal_.numbers(), IsEmpty());
-}
-
-TEST_F(TaskGraphTest, WithoutThreadsAFailureEndsTheRun) {
-  graph_.Add(0, {}, journal_.Writer(0));
-  graph_.Add(1, {}, [](int) { throw ProcessingError("first"); });
-  graph_.Add(0, {}, [](int) { throw ProcessingError("second"); });
-  graph_.Add(0, {}, journal_.Writer(3));
-  EXPECT_EQ(FailureOf(&graph_, {}, interrupt_), "first");
-  EXPECT_THAT(journal_.numbers(), ElementsAre(0));
-}
-
-TEST_F(TaskGraphTest, TheFirstFailureIsRethrown) {
-  std::promise<void> second_begun, first_throws;
-  graph_.Add(0, {}, [&](int) {
-    second_begun.get_future().wait();
-    first_throws.set_value();
-    throw InvalidInputError("first");
-  });
-  graph_.Add(1, {}, [&](int) {
-    second_begun.set_value();
-    first_throws.get_future().wait();
-    std::this_thread::sleep_for(std::chrono::milliseconds(300));  // far longer than the other takes to be caught
-    throw ProcessingError("second");
-  });
-  try {
-    graph_.Run({1, 1}, interrupt_);
-    ADD_FAILURE() << "no failure";
-  } catch (const InvalidInputError& error) {
-    EXPECT_STREQ(error.what(), "first");
-  }
-}
-
-TEST_F(TaskGraphTest, AfterAFailureNoTaskIsBegun) {
-  constexpr int kTasks = 20000;
-  std::atomic<int> begun{0};
-  const int failing = graph_.Add(0, {}, [](int) { throw ProcessingError("lost"); });
-  graph_.Add(1, {failing}, journal_.Writer(1));
-  graph_.Add(2, {1}, journal_.Writer(2));
-  for (int i = 0; i < kTasks; ++i) {
-    graph_.Add(3, {}, [&](int) {
-      ++begun;
-      std::this_thread::sleep_for(std::chrono::milliseconds(1));
-    });
-  }
-  EXPECT_EQ(FailureOf(&graph_, {1, 1, 1, 2}, interrupt_), "lost");
-  EXPECT_LT(begun, kTasks);  // all of them would take 10 s
   EXPECT_THAT(journal_.numbers(), IsEmpty());
 }
 
@@ -299,41 +221,6 @@ TEST_F(TaskGraphTest, InterruptionStopsAllThreads) {
     EXPECT_THROW(graph.Run(threads, interrupt), Interrupted);
     EXPECT_THAT(journal.numbers(), ElementsAre(0, 1));
   }
-}
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr bool kLimitsAddressSpace = false;  // sanitizers reserve more than any limit
-#else
-constexpr bool kLimitsAddressSpace = true;
-#endif
-
-/// Ends the process: 0 if Run throws std::system_error where the address space is enough for some threads only.
-[[noreturn]] void RunWithTooFewThreads() {
-  InterruptWatcher interrupt;
-  TaskGraph graph;
-  // Pool 1 starts last: until then the threads of pool 0 have to wait.
-  graph.Add(1, {}, [](int) {});
-  graph.Add(0, {0}, [](int) {});
-  size_t pages = 0;
-  std::ifstream("/proc/self/statm") >> pages;
-  constexpr rlim_t kRoom = 100 << 20;  // bytes: a dozen stacks of the usual size
-  const rlim_t limit = pages * static_cast<rlim_t>(sysconf(_SC_PAGESIZE)) + kRoom;
-  const rlimit address_space = {limit, limit};
-  if (setrlimit(RLIMIT_AS, &address_space) != 0) std::_Exit(3);
-  try {
-    graph.Run({2000, 1}, interrupt);
-  } catch (const std::system_error&) {
-    std::_Exit(0);
-  } catch (...) {
-    std::_Exit(2);
-  }
-  std::_Exit(1);
-}
-
-TEST(TaskGraphDeathTest, ThreadsThatCannotStartAreAnErrorForTheCaller) {
-  if (!kLimitsAddressSpace) GTEST_SKIP() << "the address space cannot be limited in this build";
-  GTEST_FLAG_SET(death_test_style, "threadsafe");
-  EXPECT_EXIT(RunWithTooFewThreads(), ::testing::ExitedWithCode(0), "");
 }
 
 }  // namespace

@@ -29,7 +29,4 @@ void WriteCameraList(const std::filesystem::path& path, const std::vector<Listed
 /// Throws InvalidInputError naming file, line and value.
 std::vector<ListedCamera> ReadCameraList(const std::filesystem::path& path);
 
-/// Reads only index and name of each line, whatever follows. Throws InvalidInputError naming file, line and value.
-std::vector<ListedImage> ReadImageList(const std::filesystem::path& path);
-
 }  // namespace acmp

@@ -2,10 +2,14 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <string>
 
 #include "acmp_mapping/image/image.h"
 
 namespace acmp {
+
+/// ".jpg" for "a/B.JPG".
+std::string LowerExtension(const std::filesystem::path& path);
 
 /// Reads an 8-bit PNG or JPEG (grey, palette, alpha and 16-bit are converted). Throws InvalidInputError naming the file
 /// when it is missing, truncated or of another kind.

@@ -19,15 +19,14 @@ void WritePfm(const std::filesystem::path& path, const ImageView<const Vec3f>& m
 /// The .dmb format of Gipuma and ACMP: int32 type = 1, height, width, channels, then float32 row by row.
 Image<float> ReadDmb(const std::filesystem::path& path);
 void WriteDmb(const std::filesystem::path& path, const ImageView<const float>& map);
-void WriteDmb(const std::filesystem::path& path, const ImageView<const Vec3f>& map);
 
 /// 16-bit PNG of depth in thousandths of the scene's unit (millimetres for metres); 0 = unknown. Depths above 65.535
 /// units cannot be stored: returns how many pixels were left unknown for that reason, for the caller to report.
 size_t WriteDepthPng(const std::filesystem::path& path, const ImageView<const float>& depth);
-DepthMap ReadDepthPng(const std::filesystem::path& path);
 
-/// Reads depth by extension: .pfm, .dmb, 16-bit .png (thousandths). Not finite or not positive becomes 0.
-DepthMap ReadDepth(const std::filesystem::path& path);
+/// Reads depth by extension: .pfm, .dmb, 16-bit .png with `png_unit` counts per unit. Not finite or not positive
+/// becomes 0.
+DepthMap ReadDepth(const std::filesystem::path& path, double png_unit = 1000);
 
 /// Binary little-endian PLY: x y z nx ny nz (float), red green blue (uchar), confidence (float).
 void WritePly(const std::filesystem::path& path, const PointCloud& points);

@@ -54,6 +54,9 @@ std::vector<int> ParseImageIndices(const std::string& text, int count);
 /// bounds.
 Scene ReadScene(const std::filesystem::path& root, SceneFormat format = SceneFormat::kAuto);
 
+/// The points that an image observes, world frame.
+std::vector<Eigen::Vector3d> LandmarksOf(const Scene& scene, const SceneImage& image);
+
 /// The stored image, still distorted. Throws InvalidInputError for an unreadable or truncated file or a size that
 /// differs from the camera's.
 ColorImage LoadImage(const Scene& scene, int index);
