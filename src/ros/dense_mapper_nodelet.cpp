@@ -253,6 +253,10 @@ void DenseMapperNodelet::Dispatch(IntakeEvent event, bool wait_for_room) {
                  FormatStamp(jump->from_ns).c_str(), FormatStamp(jump->to_ns).c_str());
     return worker_->StartOver();
   }
+  if (auto* world = std::get_if<NewWorld>(&event)) {
+    ReportDrop({"new_world", world->text});
+    return worker_->StartOver();
+  }
   ++matched_;
   worker_->Push(std::move(std::get<KeyframeInput>(event)), wait_for_room);
 }

@@ -158,7 +158,9 @@ std::vector<IntakeEvent> KeyframeIntake::Take(double now_s) {
 
 std::vector<IntakeEvent> KeyframeIntake::TakeAll() {
   Prepare();
-  return Convert(matcher_.TakeAll());
+  std::vector<IntakeEvent> events = Convert(matcher_.TakeAll());
+  UseStarting(&events);
+  return events;
 }
 
 void KeyframeIntake::set_gate(const KeyframeGateOptions& gate, double fallback_depth) {
@@ -168,13 +170,19 @@ void KeyframeIntake::set_gate(const KeyframeGateOptions& gate, double fallback_d
 
 void KeyframeIntake::Clear() {
   matcher_.Clear("reset");
-  gate_.Reset();
+  RejectStarting("reset", "the frontend was starting", &forgotten_);
+  StartOver();
   convention_check_ = ConventionCheck();
+}
+
+void KeyframeIntake::StartOver() {
+  gate_.Reset();
+  world_.Reset();
   scene_depth_ = 0;
 }
 
 std::vector<IntakeEvent> KeyframeIntake::Convert(std::vector<MatchEvent> matched) {
-  std::vector<IntakeEvent> events;
+  std::vector<IntakeEvent> events = std::exchange(forgotten_, {});
   auto notice = resolver_.TakeNotice();
   auto path_notice = path_resolver_.TakeNotice();
   if (!notice) notice = std::move(path_notice);
@@ -185,8 +193,8 @@ std::vector<IntakeEvent> KeyframeIntake::Convert(std::vector<MatchEvent> matched
     } else if (auto* drop = std::get_if<RejectedInput>(&event)) {
       events.emplace_back(std::move(*drop));
     } else {
-      gate_.Reset();
-      scene_depth_ = 0;
+      UseStarting(&events);
+      StartOver();
       events.emplace_back(std::get<TimeJump>(event));
     }
   }
@@ -194,6 +202,7 @@ std::vector<IntakeEvent> KeyframeIntake::Convert(std::vector<MatchEvent> matched
 }
 
 std::string KeyframeIntake::DescribeWait(double now_s) const {
+  if (!starting_.empty()) return "the frontend has just started, and its landmarks still settle";
   if (matcher_.waiting_images() == 0) return "";
   if (matcher_.obstacle()) return matcher_.obstacle()->message;
   const auto wait = matcher_.longest_pose_wait();
@@ -218,10 +227,52 @@ void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>
   input.path = MakePathConvention();
   if (options_.world_frame.empty()) input.path_frame = input.world_frame;  // else it replaces the frames of all inputs
 
+  CheckWorld(std::move(input), match.cloud && match.cloud->points.empty(), events);
+}
+
+void KeyframeIntake::CheckWorld(KeyframeInput input, bool has_empty_cloud, std::vector<IntakeEvent>* events) {
+  using Verdict = WorldTracker::Verdict;
+  const double depth = MedianDepth(input.landmarks_in_world, input.world_from_cam);
+  if (depth > 0) scene_depth_ = depth;
+  input.scene_depth = scene_depth_ > 0 ? scene_depth_ : fallback_depth_;
+  const WorldTracker::Judgement judgement = world_.Add({input.stamp_ns, input.world_from_cam, input.calibration->camera,
+                                                        input.landmarks_in_world, has_empty_cloud, input.scene_depth});
+  switch (judgement.verdict) {
+    case Verdict::kNotInitialised:
+      events->emplace_back(RejectedInput{"not_initialised",
+                                         Concat("image ", FormatStamp(input.stamp_ns), ": ", judgement.reason), true});
+      return;
+    case Verdict::kNotSettled:
+      RejectStarting("not_settled", judgement.reason, events);
+      break;
+    case Verdict::kNewWorld:
+      gate_.Reset();
+      events->emplace_back(NewWorld{
+          Concat("from image ", FormatStamp(input.stamp_ns),
+                 " on the frontend's world is another one, and a new part of the map begins: ", judgement.reason)});
+      break;
+    case Verdict::kUse:
+    case Verdict::kWait:
+      break;
+  }
+  starting_.push_back(std::move(input));
+  if (judgement.verdict == Verdict::kUse) UseStarting(events);
+}
+
+void KeyframeIntake::RejectStarting(const std::string& reason, const std::string& message,
+                                    std::vector<IntakeEvent>* events) {
+  for (const KeyframeInput& input : std::exchange(starting_, {})) {
+    events->emplace_back(RejectedInput{reason, Concat("image ", FormatStamp(input.stamp_ns), ": ", message), true});
+  }
+}
+
+void KeyframeIntake::UseStarting(std::vector<IntakeEvent>* events) {
+  for (KeyframeInput& input : std::exchange(starting_, {})) ChooseKeyframe(std::move(input), events);
+}
+
+void KeyframeIntake::ChooseKeyframe(KeyframeInput input, std::vector<IntakeEvent>* events) {
   if (options_.keyframe_mode == KeyframeMode::kGate) {
-    const double depth = MedianDepth(input.landmarks_in_world, input.world_from_cam);
-    if (depth > 0) scene_depth_ = depth;
-    if (!gate_.Accept(input.world_from_cam, calibration_->camera, scene_depth_ > 0 ? scene_depth_ : fallback_depth_)) {
+    if (!gate_.Accept(input.world_from_cam, input.calibration->camera, input.scene_depth)) {
       ++not_chosen_;
       return;
     }

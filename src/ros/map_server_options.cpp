@@ -21,10 +21,10 @@ const OptionTable<MapServerOptions>& MapServerOptionTable() {
                "The map has one point per cube of this size; 0: 0.5 % of the first keyframe's median depth"),
         [](auto& o) -> auto& { return o.map.voxel_size; });
     made.Add(
-        Choice(
-            "on_time_jump", {"keep", "reset"},
-            "When a mapper's images go back in time, as in a bag that is played again, or it was restarted: keep its "
-            "earlier keyframes, or forget them"),
+        Choice("on_time_jump", {"keep", "reset"},
+               "When a mapper's images go back in time, as in a bag that is played again, it was restarted, or its "
+               "frontend "
+               "went on in another world: keep its earlier keyframes, or forget them"),
         [](const MapServerOptions& o) { return OptionValue(std::string(o.map.keep_earlier_runs ? "keep" : "reset")); },
         [](const OptionValue& value, MapServerOptions* o) {
           o->map.keep_earlier_runs = std::get<std::string>(value) == "keep";

@@ -47,6 +47,7 @@ inline SparseCloudPtr CloudAt(uint32_t stamp_s, const std::string& frame_id, std
 struct Result {
   std::vector<KeyframeInput> keyframes;
   std::vector<RejectedInput> drops;
+  std::vector<std::string> new_worlds;
   int jumps = 0;
 };
 
@@ -55,6 +56,7 @@ inline Result Split(std::vector<IntakeEvent> events) {
   for (IntakeEvent& event : events) {
     if (auto* keyframe = std::get_if<KeyframeInput>(&event)) result.keyframes.push_back(std::move(*keyframe));
     if (auto* drop = std::get_if<RejectedInput>(&event)) result.drops.push_back(*drop);
+    if (auto* world = std::get_if<NewWorld>(&event)) result.new_worlds.push_back(world->text);
     result.jumps += std::holds_alternative<TimeJump>(event);
   }
   return result;

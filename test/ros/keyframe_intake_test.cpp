@@ -56,12 +56,13 @@ TEST(KeyframeIntake, SaysWhyPointsAreNotUsedAndKeepsTheKeyframe) {
   EXPECT_THAT(result.drops[0].message,
               AllOf(HasSubstr("\"odd\""), HasSubstr("\"map\""), HasSubstr("\"cam\""), HasSubstr("~sparse_frame")));
 
+  Feed(&intake, 6, 0, CloudAt(6, "map", {{1, 2, 3}}));
   auto empty = std::make_shared<SparseCloud>();
-  empty->stamp_ns = ToStampNs(ros::Time(6, 0));
+  empty->stamp_ns = ToStampNs(ros::Time(7, 0));
   empty->not_finite = 7;
   empty->zero = 9;
-  result = Feed(&intake, 6, 0, empty);
-  EXPECT_EQ(result.keyframes.size(), 1u);
+  result = Feed(&intake, 7, 0, empty);
+  EXPECT_EQ(result.keyframes.size(), 1u) << "the frontend had points before";
   ASSERT_EQ(result.drops.size(), 1u);
   EXPECT_THAT(result.drops[0].message, AllOf(HasSubstr("7 not finite"), HasSubstr("9 exactly zero")));
 
@@ -131,6 +132,58 @@ TEST(KeyframeIntake, GateUsesTheFallbackDepthWithoutLandmarks) {
   EXPECT_EQ(Feed(&intake, 1, 0, nullptr).keyframes.size(), 1u);
   EXPECT_EQ(Feed(&intake, 2, 0.079, nullptr).keyframes.size(), 0u);
   EXPECT_EQ(Feed(&intake, 3, 0.081, nullptr).keyframes.size(), 1u);
+}
+
+/// Landmarks enough to compare, at this depth.
+std::vector<Eigen::Vector3d> WallAt(double depth) {
+  std::vector<Eigen::Vector3d> points;
+  for (int i = 0; i < 100; ++i) points.emplace_back(0.02 * depth * (i % 10 - 5), 0.02 * depth * (i / 10 - 5), depth);
+  return points;
+}
+
+TEST(KeyframeIntake, NothingOfAStartThatFailsIsUsed) {
+  KeyframeIntake intake = MakeIntake();
+  Result result = Feed(&intake, 1, 0, CloudAt(1, "map", {}));
+  EXPECT_THAT(result.keyframes, IsEmpty());
+  EXPECT_EQ(result.drops.back().reason, "not_initialised");
+  EXPECT_TRUE(result.drops.back().ends_image);
+
+  intake.AddCloud(CloudAt(2, "map", WallAt(4)));
+  intake.AddPose(PoseAt(2, 0));
+  intake.AddImage(ImageAt(2));
+  EXPECT_THAT(Split(intake.Take(0)).keyframes, IsEmpty()) << "its scale may still change";
+  EXPECT_EQ(intake.waiting_images(), 1u);
+  EXPECT_THAT(intake.DescribeWait(0), HasSubstr("settle"));
+  intake.AddCloud(CloudAt(3, "map", WallAt(2)));
+  intake.AddPose(PoseAt(3, 0));
+  intake.AddImage(ImageAt(3));
+  result = Split(intake.Take(0));
+  ASSERT_EQ(result.drops.size(), 1u);
+  EXPECT_EQ(result.drops[0].reason, "not_settled");
+  EXPECT_THAT(result.drops[0].message, HasSubstr("2.000000000"));
+  EXPECT_EQ(Split(intake.TakeAll()).keyframes.size(), 1u) << "a flush waits for nothing";
+}
+
+TEST(KeyframeIntake, ResetAccountsForWhatWaitedForTheFrontend) {
+  KeyframeIntake intake = MakeIntake();
+  Feed(&intake, 1, 0, CloudAt(1, "map", {}));
+  intake.AddCloud(CloudAt(2, "map", WallAt(4)));
+  intake.AddPose(PoseAt(2, 0));
+  intake.AddImage(ImageAt(2));
+  intake.Take(0);
+  intake.Clear();
+  const Result result = Split(intake.Take(0));
+  EXPECT_EQ(result.drops.at(0).reason, "reset");
+  EXPECT_EQ(intake.waiting_images(), 0u);
+}
+
+TEST(KeyframeIntake, PassesANewWorldOn) {
+  KeyframeIntake intake = MakeIntake();
+  EXPECT_EQ(Feed(&intake, 1, 0, CloudAt(1, "map", WallAt(4))).keyframes.size(), 1u);
+  const Result result = Feed(&intake, 2, 0, CloudAt(2, "map", WallAt(2)));
+  ASSERT_EQ(result.new_worlds.size(), 1u);
+  EXPECT_THAT(result.new_worlds[0], AllOf(HasSubstr("2.000000000"), HasSubstr("new part of the map")));
+  EXPECT_EQ(result.keyframes.size(), 1u) << "after it";
 }
 
 TEST(KeyframeIntake, PassesTimeJumpsOn) {

@@ -12,6 +12,7 @@
 #include "acmp_mapping/intake/input_matcher.h"
 #include "acmp_mapping/intake/keyframe_gate.h"
 #include "acmp_mapping/intake/pose_resolver.h"
+#include "acmp_mapping/intake/world_tracker.h"
 #include "acmp_mapping/map/loop_correction.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/node_options.h"
@@ -34,6 +35,7 @@ struct KeyframeInput : KeyframeOrigin {
   std::shared_ptr<const EncodedImage> image;
   CalibrationPtr calibration;
   std::vector<Eigen::Vector3d> landmarks_in_world;
+  double scene_depth = 0;  ///< median of the landmarks in front of the last cameras, or the fallback; 0 = unknown
 };
 
 /// Something the user should read.
@@ -42,7 +44,12 @@ struct Notice {
   std::string text;
 };
 
-using IntakeEvent = std::variant<KeyframeInput, TimeJump, RejectedInput, Notice>;
+/// The frontend goes on in another world, see WorldTracker: what comes must not be mixed with what came.
+struct NewWorld {
+  std::string text;
+};
+
+using IntakeEvent = std::variant<KeyframeInput, TimeJump, NewWorld, RejectedInput, Notice>;
 
 /// Where poses and T_body_cam are looked up. Must not wait. May be empty where the options do not ask for it.
 struct TransformSource {
@@ -80,7 +87,8 @@ class KeyframeIntake {
   /// Forgets images, poses and clouds; the camera stays known.
   void Clear();
 
-  size_t waiting_images() const { return matcher_.waiting_images(); }
+  /// For a pose, or for the frontend's world to settle.
+  size_t waiting_images() const { return matcher_.waiting_images() + starting_.size(); }
   /// What images wait for longer than they should: "T_body_cam is not known: ..."; empty while all is well. Poses count
   /// only until the first image has got one: many frontends pose some images alone.
   std::string DescribeWait(double now_s) const;
@@ -96,6 +104,13 @@ class KeyframeIntake {
   void LookUpPoses();
   std::vector<IntakeEvent> Convert(std::vector<MatchEvent> events);
   void Convert(const MatchedInput& match, std::vector<IntakeEvent>* events);
+  /// Asks the WorldTracker whether the image can be used.
+  void CheckWorld(KeyframeInput input, bool has_empty_cloud, std::vector<IntakeEvent>* events);
+  void RejectStarting(const std::string& reason, const std::string& message, std::vector<IntakeEvent>* events);
+  /// Those that wait while the frontend starts are used.
+  void UseStarting(std::vector<IntakeEvent>* events);
+  void ChooseKeyframe(KeyframeInput input, std::vector<IntakeEvent>* events);
+  void StartOver();
   PathConvention MakePathConvention() const;
   /// Whether the cloud is in the camera's frame, else in the world's; none, and why in `events`, if that is not known.
   std::optional<bool> IsInCamera(const MatchedInput& match, const KeyframeInput& input,
@@ -109,8 +124,12 @@ class KeyframeIntake {
   PoseResolver resolver_, path_resolver_;
   ConventionCheck convention_check_;
   KeyframeGate gate_;
+  WorldTracker world_;
+  std::vector<KeyframeInput> starting_;  ///< wait for the frontend's world to settle
+  std::vector<IntakeEvent> forgotten_;   ///< what Clear has to tell
   double fallback_depth_;
-  double scene_depth_ = 0;  ///< median of the landmarks that were last in front of the camera; 0 = none yet
+  double scene_depth_ =
+      0;  ///< of the last posed image: median of the landmarks that were last in front of the camera; 0 = none yet
   sensor_msgs::CameraInfo last_info_;
   CalibrationPtr calibration_;
   std::string image_frame_;  ///< of the last image
