@@ -118,10 +118,7 @@ WorldTracker::Judgement WorldTracker::Add(Sample sample) {
 
 WorldTracker::Judgement WorldTracker::Continue(const Sample& sample) {
   if (sample.landmarks_in_world.empty()) {
-    if (!last_ && sample.has_empty_cloud) {
-      is_starting_ = true;
-      return {Verdict::kNotInitialised, "the frontend's cloud has no usable point yet"};
-    }
+    if (!last_ && sample.has_empty_cloud) return ContinueWithoutLandmarks(sample.world_from_cam);
     if (HasJumped(sample)) return Change("the camera has jumped, by more than the scene's depth");
     return is_starting_ && last_ ? ContinueStart(1, false) : Judgement{};
   }
@@ -141,6 +138,14 @@ WorldTracker::Judgement WorldTracker::Continue(const Sample& sample) {
                          " % are where the last image had them"));
   }
   return is_starting_ ? ContinueStart(stayed, 2 * comparison.identical < comparison.compared) : Judgement{};
+}
+
+WorldTracker::Judgement WorldTracker::ContinueWithoutLandmarks(const RigidTransform& world_from_cam) {
+  const std::optional<RigidTransform> before = std::exchange(last_without_, world_from_cam);
+  if (!before) return {Verdict::kWait, ""};
+  if (before->matrix() == world_from_cam.matrix()) is_starting_ = true;
+  if (!is_starting_) return {};
+  return {Verdict::kNotInitialised, "the frontend has no usable point yet, and sends the same pose again and again"};
 }
 
 WorldTracker::Judgement WorldTracker::ContinueStart(double share_that_stayed, bool were_adjusted) {

@@ -9,7 +9,6 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/ros/calibration_file.h"
 #include "acmp_mapping/ros/map_server_options.h"
-#include "acmp_mapping/ros/services.h"
 #include "acmp_mapping/ros/topic_names.h"
 
 namespace acmp {
@@ -34,50 +33,35 @@ DenseMapperNodelet::~DenseMapperNodelet() {
   // First everything that waits is woken and the worker's hooks fall silent; then the threads end; members go after
   // that.
   if (worker_) worker_->Stop();
-  input_thread_.Stop();
-  service_thread_.Stop();
-  status_thread_.Stop();
-  if (master_watch_) master_watch_->Stop();
+  StopThreads();
   worker_.reset();
 }
 
-void DenseMapperNodelet::onInit() {
-  try {
-    LoadOptions();
-    publisher_ = std::make_unique<OutputPublisher>(status_thread_.Attach(getNodeHandle()), getName(),
-                                                   [this] { return ImagesUnderWay(TakeSnapshot()); });
-    StartWorker();
-    StartReconfigure();
-    Subscribe();
-    StartServices();
-    diagnostics_ = std::make_unique<MapperDiagnostics>(status_thread_.Attach(getNodeHandle()), getPrivateNodeHandle(),
-                                                       getName(), [this] { return TakeSnapshot(); });
-    master_watch_ = std::make_unique<MasterWatch>(
-        getNodeHandle(), [this](const std::string& news) { NODELET_WARN("%s", news.c_str()); });
-    for (CallbackThread* thread : {&input_thread_, &service_thread_, &status_thread_}) thread->Start();
-    master_watch_->Start();
-  } catch (const std::exception& error) {
-    NODELET_FATAL("cannot start: %s", error.what());
-    throw;
-  }
+void DenseMapperNodelet::Start() {
+  LoadOptions();
+  publisher_ = std::make_unique<OutputPublisher>(status_thread_.Attach(getNodeHandle()), getName(),
+                                                 [this] { return ImagesUnderWay(TakeSnapshot()); });
+  StartWorker();
+  StartReconfigure();
+  Subscribe();
+  StartServices();
+  diagnostics_ = std::make_unique<Diagnostics<MapperSnapshot>>(
+      status_thread_.Attach(getNodeHandle()), getPrivateNodeHandle(), getName(), [this] { return TakeSnapshot(); },
+      Diagnostics<MapperSnapshot>::Statuses{
+          {"inputs", &DescribeInputs}, {"matching", &DescribeMatching}, {"mapping", &DescribeMapping}});
   std::string topics;
   for (const auto& source : sources_) topics += source->status().topic + " ";
   NODELET_INFO("subscribed to %s; poses are %s", topics.c_str(), Describe(options_.pose).c_str());
 }
 
 void DenseMapperNodelet::LoadOptions() {
-  XmlRpc::XmlRpcValue values;
-  getPrivateNodeHandle().getParam(getPrivateNodeHandle().getNamespace(), values);
-  ParameterReader reader(values);
-  reader.Allow("diagnostic_period");   // diagnostic_updater
-  reader.Allow("num_worker_threads");  // a nodelet manager of the same name
+  ParameterReader reader = ReadParameters();
   for (const auto& option : MapServerOptionTable()) reader.SetElsewhere(option.name(), "map_server");
   options_ = LoadNodeOptions(&reader);
   RuntimeOptions start;
   start.mapper.pipeline = MakePreset(options_.preset);
-  const RuntimeOptions runtime_options = LoadRuntimeOptions(&reader, start);
-  for (const std::string& warning : reader.DescribeUnknown()) NODELET_WARN("%s", warning.c_str());
-  runtime_options_ = std::make_unique<SharedOptions>(runtime_options);
+  runtime_options_ = std::make_unique<SharedOptions>(LoadRuntimeOptions(&reader, start));
+  WarnOfUnknown(reader);
 }
 
 void DenseMapperNodelet::StartWorker() {
@@ -88,7 +72,7 @@ void DenseMapperNodelet::StartWorker() {
   hooks.outputs.on_refined = [this](const KeyframeOutput& output) { publisher_->PublishRefined(output); };
   hooks.outputs.on_refined_again = [this](const KeyframeOutput& output) { publisher_->PublishRefinedAgain(output); };
   hooks.outputs.wants_refined_again = [this] { return publisher_->maps() > 0; };
-  hooks.outputs.on_drop = [this](const RejectedInput& drop) { ReportDrop(drop); };
+  hooks.outputs.on_drop = [this](const RejectedInput& drop) { Report(drop); };
   worker_ = std::make_unique<MapperWorker>(options_, runtime_options_.get(), hooks);
 }
 
@@ -156,16 +140,15 @@ void DenseMapperNodelet::Subscribe() {
     if (DropWhilePaused(keyframe->header)) return;
     Receive([&](auto* intake) { intake->AddKeyframe(keyframe, SteadySeconds()); });
   };
-  handlers.on_drop = [this](const RejectedInput& drop) { ReportDrop(drop); };
+  handlers.on_drop = [this](const RejectedInput& drop) { Report(drop); };
   sources_ = MakeInputSources(nh, options_, handlers);
   deliver_timer_ =
       nh.createWallTimer(ros::WallDuration(kDeliverPeriodS), [this](const ros::WallTimerEvent&) { Deliver(); });
 }
 
 void DenseMapperNodelet::StartServices() {
-  ros::NodeHandle nh = service_thread_.Attach(getPrivateNodeHandle());
-  services_.push_back(AdvertiseTrigger(nh, names::kFlush, [this] { return Flush(); }));
-  services_.push_back(AdvertiseTrigger(nh, names::kReset, [this] { return Reset(); }));
+  AddTrigger(names::kFlush, [this] { return Flush(); });
+  AddTrigger(names::kReset, [this] { return Reset(); });
   using std_srvs::SetBool;
   const boost::function<bool(SetBool::Request&, SetBool::Response&)> pause = [this](SetBool::Request& request,
                                                                                     SetBool::Response& response) {
@@ -174,11 +157,12 @@ void DenseMapperNodelet::StartServices() {
     response.success = true;
     return true;
   };
-  services_.push_back(nh.advertiseService(names::kPause, pause));
+  services_.push_back(service_thread_.Attach(getPrivateNodeHandle()).advertiseService(names::kPause, pause));
 }
 
 bool DenseMapperNodelet::DropWhilePaused(const std_msgs::Header& header) {
-  if (paused_) ReportDrop({"paused", Concat("image ", FormatStamp(ToStampNs(header.stamp)), " (~pause)"), true});
+  if (paused_)
+    Report(RejectedInput{"paused", Concat("image ", FormatStamp(ToStampNs(header.stamp)), " (~pause)"), true});
   return paused_;
 }
 
@@ -238,7 +222,7 @@ void DenseMapperNodelet::Deliver(bool all) {
 }
 
 void DenseMapperNodelet::Dispatch(IntakeEvent event, bool wait_for_room) {
-  if (auto* drop = std::get_if<RejectedInput>(&event)) return ReportDrop(*drop);
+  if (auto* drop = std::get_if<RejectedInput>(&event)) return Report(*drop);
   if (auto* notice = std::get_if<Notice>(&event)) {
     if (notice->warning) {
       NODELET_WARN("%s", notice->text.c_str());
@@ -254,15 +238,11 @@ void DenseMapperNodelet::Dispatch(IntakeEvent event, bool wait_for_room) {
     return worker_->StartOver();
   }
   if (auto* world = std::get_if<NewWorld>(&event)) {
-    ReportDrop({"new_world", world->text});
+    Report(RejectedInput{"new_world", world->text});
     return worker_->StartOver();
   }
   ++matched_;
   worker_->Push(std::move(std::get<KeyframeInput>(event)), wait_for_room);
-}
-
-void DenseMapperNodelet::ReportDrop(const RejectedInput& drop) {
-  if (drops_.Record(drop, SteadySeconds())) NODELET_WARN("%s: %s", drop.reason.c_str(), drop.message.c_str());
 }
 
 std::string DenseMapperNodelet::Reset() {
@@ -293,8 +273,8 @@ MapperSnapshot DenseMapperNodelet::TakeSnapshot() {
   snapshot.worker = worker_->status();
   snapshot.maps = publisher_->maps();
   snapshot.points_sent = publisher_->points_sent();
-  snapshot.drops = drops_.entries();
-  snapshot.images_dropped = drops_.images();
+  snapshot.drops = incidents_.entries();
+  snapshot.images_dropped = incidents_.images();
   std::lock_guard<std::mutex> lock(intake_mutex_);
   snapshot.waiting_images = intake_->waiting_images();
   snapshot.waiting_for = intake_->DescribeWait(snapshot.now_s);

@@ -202,7 +202,7 @@ std::vector<IntakeEvent> KeyframeIntake::Convert(std::vector<MatchEvent> matched
 }
 
 std::string KeyframeIntake::DescribeWait(double now_s) const {
-  if (!starting_.empty()) return "the frontend has just started, and its landmarks still settle";
+  if (!starting_.empty()) return "the frontend starts, and its points have not settled";
   if (matcher_.waiting_images() == 0) return "";
   if (matcher_.obstacle()) return matcher_.obstacle()->message;
   const auto wait = matcher_.longest_pose_wait();
@@ -239,9 +239,8 @@ void KeyframeIntake::CheckWorld(KeyframeInput input, bool has_empty_cloud, std::
                                                         input.landmarks_in_world, has_empty_cloud, input.scene_depth});
   switch (judgement.verdict) {
     case Verdict::kNotInitialised:
-      events->emplace_back(RejectedInput{"not_initialised",
-                                         Concat("image ", FormatStamp(input.stamp_ns), ": ", judgement.reason), true});
-      return;
+      starting_.push_back(std::move(input));
+      return RejectStarting("not_initialised", judgement.reason, events);
     case Verdict::kNotSettled:
       RejectStarting("not_settled", judgement.reason, events);
       break;

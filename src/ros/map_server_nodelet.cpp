@@ -9,7 +9,6 @@
 #include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/optimized_path.h"
 #include "acmp_mapping/ros/output_conversion.h"
-#include "acmp_mapping/ros/services.h"
 #include "acmp_mapping/ros/topic_names.h"
 
 namespace acmp {
@@ -17,7 +16,6 @@ namespace {
 
 using acmp_mapping::KeyframePoints;
 using acmp_mapping::SaveMap;
-using diagnostic_updater::DiagnosticStatusWrapper;
 
 constexpr double kMapPeriodS = 0.1;  ///< how often the map's rate limit is looked at
 constexpr uint32_t kPathQueue = 2;   ///< each path replaces the one before
@@ -26,41 +24,21 @@ constexpr uint32_t kKeyframeQueue =
 
 }  // namespace
 
-MapServerNodelet::~MapServerNodelet() {
-  input_thread_.Stop();  // services that wait for it return
-  service_thread_.Stop();
-  status_thread_.Stop();
-  if (master_watch_) master_watch_->Stop();
-}
+MapServerNodelet::~MapServerNodelet() { StopThreads(); }
 
-void MapServerNodelet::onInit() {
-  try {
-    LoadOptions();
-    map_ = std::make_unique<MapStore>(options_.map);
-    map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get());
-    path_ = status_thread_.Attach(getNodeHandle()).advertise<nav_msgs::Path>(names::kKeyframePath, 1, true);
-    Subscribe();
-    StartServices();
-    StartDiagnostics();
-    master_watch_ = std::make_unique<MasterWatch>(
-        getNodeHandle(), [this](const std::string& news) { NODELET_WARN("%s", news.c_str()); });
-    for (CallbackThread* thread : {&input_thread_, &service_thread_, &status_thread_}) thread->Start();
-    master_watch_->Start();
-  } catch (const std::exception& error) {
-    NODELET_FATAL("cannot start: %s", error.what());
-    throw;
-  }
-  NODELET_INFO("maps the keyframes of %s", keyframes_.getTopic().c_str());
-}
-
-void MapServerNodelet::LoadOptions() {
-  XmlRpc::XmlRpcValue values;
-  getPrivateNodeHandle().getParam(getPrivateNodeHandle().getNamespace(), values);
-  ParameterReader reader(values);
-  reader.Allow("diagnostic_period");   // diagnostic_updater
-  reader.Allow("num_worker_threads");  // a nodelet manager of the same name
+void MapServerNodelet::Start() {
+  ParameterReader reader = ReadParameters();
   options_ = LoadMapServerOptions(&reader);
-  for (const std::string& warning : reader.DescribeUnknown()) NODELET_WARN("%s", warning.c_str());
+  WarnOfUnknown(reader);
+  map_ = std::make_unique<MapStore>(options_.map);
+  map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get());
+  path_ = status_thread_.Attach(getNodeHandle()).advertise<nav_msgs::Path>(names::kKeyframePath, 1, true);
+  Subscribe();
+  StartServices();
+  diagnostics_ = std::make_unique<Diagnostics<MapSnapshot>>(
+      status_thread_.Attach(getNodeHandle()), getPrivateNodeHandle(), getName(), [this] { return TakeSnapshot(); },
+      Diagnostics<MapSnapshot>::Statuses{{"map", &DescribeMap}, {"mappers", &DescribeMappers}});
+  NODELET_INFO("maps the keyframes of %s", keyframes_.getTopic().c_str());
 }
 
 void MapServerNodelet::Subscribe() {
@@ -77,15 +55,15 @@ void MapServerNodelet::Subscribe() {
 
 void MapServerNodelet::StartServices() {
   ros::NodeHandle nh = service_thread_.Attach(getPrivateNodeHandle());
-  services_.push_back(AdvertiseTrigger(nh, names::kReset, [this] {
+  AddTrigger(names::kReset, [this] {
     WaitForArrived();
     map_->Clear();
     return "the map is empty";
-  }));
-  services_.push_back(AdvertiseTrigger(nh, names::kPublishMap, [this] {
+  });
+  AddTrigger(names::kPublishMap, [this] {
     WaitForArrived();
     return Concat("published ", map_output_->Publish(), " points");
-  }));
+  });
   const boost::function<bool(SaveMap::Request&, SaveMap::Response&)> save = [this](SaveMap::Request& request,
                                                                                    SaveMap::Response& response) {
     try {
@@ -105,19 +83,6 @@ void MapServerNodelet::StartServices() {
       nh.createWallTimer(ros::WallDuration(kMapPeriodS), [this](const ros::WallTimerEvent&) { HandlePeriod(); });
 }
 
-void MapServerNodelet::StartDiagnostics() {
-  ros::NodeHandle nh = status_thread_.Attach(getNodeHandle());
-  updater_ = std::make_unique<diagnostic_updater::Updater>(nh, getPrivateNodeHandle(), getName());
-  updater_->setHardwareID("none");
-  snapshot_ = TakeSnapshot();
-  updater_->add("map", [this](DiagnosticStatusWrapper& status) { DescribeMap(snapshot_, &status); });
-  updater_->add("mappers", [this](DiagnosticStatusWrapper& status) { DescribeMappers(snapshot_, &status); });
-  status_timer_ = nh.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) {
-    snapshot_ = TakeSnapshot();
-    updater_->force_update();
-  });
-}
-
 void MapServerNodelet::Receive(const KeyframePoints& message) {
   try {
     const KeyframePointsHead head = ReadHead(message);
@@ -125,7 +90,7 @@ void MapServerNodelet::Receive(const KeyframePoints& message) {
     CheckFrame(head);
     AddKeyframe(head, message);
   } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
-    Report({"bad_keyframe", Concat("keyframe ", message.id, " of \"", message.mapper, "\": ", error.what())});
+    Report(Incident{"bad_keyframe", Concat("keyframe ", message.id, " of \"", message.mapper, "\": ", error.what())});
   }
 }
 
@@ -135,7 +100,7 @@ void MapServerNodelet::CountMessage(const std::string& mapper, const KeyframePoi
   // A mapper that was started again counts from the beginning.
   const uint64_t lost = !is_new && count > last->second ? count - last->second - 1 : 0;
   last->second = count;
-  if (lost > 0) Report({"keyframes_lost", Concat(lost, " messages of ", mapper, " were lost on the way")});
+  if (lost > 0) Report(Incident{"keyframes_lost", Concat(lost, " messages of ", mapper, " were lost on the way")});
   std::lock_guard<std::mutex> lock(mutex_);
   MapperTraffic& traffic = mappers_[mapper];
   ++traffic.received;
@@ -147,8 +112,9 @@ void MapServerNodelet::CountMessage(const std::string& mapper, const KeyframePoi
 void MapServerNodelet::CheckFrame(const KeyframePointsHead& head) {
   if (world_frame_.empty()) world_frame_ = head.world_frame;
   if (head.world_frame == world_frame_) return;
-  Report({"other_world_frame", Concat("keyframes of ", head.key.mapper, " are in \"", head.world_frame,
-                                      "\", the map is in \"", world_frame_, "\": taken as if they were in the map's")});
+  Report(Incident{"other_world_frame",
+                  Concat("keyframes of ", head.key.mapper, " are in \"", head.world_frame, "\", the map is in \"",
+                         world_frame_, "\": taken as if they were in the map's")});
 }
 
 void MapServerNodelet::AddKeyframe(const KeyframePointsHead& head, const KeyframePoints& message) {
@@ -158,8 +124,8 @@ void MapServerNodelet::AddKeyframe(const KeyframePointsHead& head, const Keyfram
     return;
   }
   if (!map_->Add(head.key, head.pose, points)) {
-    return Report({"keyframe_twice", Concat("keyframe ", head.key.id, " of ", head.key.mapper,
-                                            " has come already: have two mappers the same name?")});
+    return Report(Incident{"keyframe_twice", Concat("keyframe ", head.key.id, " of ", head.key.mapper,
+                                                    " has come already: have two mappers the same name?")});
   }
   path_frame_ = head.path_frame;
   newest_stamp_ns_ = head.pose.stamp_ns;
@@ -176,7 +142,7 @@ void MapServerNodelet::HandleOptimizedPath(const nav_msgs::Path& message) {
     if (!doubt.message.empty()) Report(doubt);
     if (!result.moved.empty()) PublishPath();
   } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
-    Report({"bad_optimized_path", Concat("optimized_path: ", error.what())});
+    Report(Incident{"bad_optimized_path", Concat("optimized_path: ", error.what())});
   }
 }
 
@@ -201,13 +167,7 @@ void MapServerNodelet::HandlePeriod() {
   try {
     map_output_->PublishIfDue(options_.map_publish_rate);
   } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
-    Report({"map_error", Concat("the map was not published: ", error.what())});
-  }
-}
-
-void MapServerNodelet::Report(const Incident& incident) {
-  if (incidents_.Record(incident, SteadySeconds())) {
-    NODELET_WARN("%s: %s", incident.reason.c_str(), incident.message.c_str());
+    Report(Incident{"map_error", Concat("the map was not published: ", error.what())});
   }
 }
 

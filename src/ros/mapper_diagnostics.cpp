@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 #include "acmp_mapping/common/error.h"
 
@@ -132,26 +131,6 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
     status->mergeSummary(DiagnosticStatus::WARN,
                          "most sparse points lie behind the camera: check ~pose_is, ~pose_child and ~sparse_frame");
   }
-}
-
-MapperDiagnostics::MapperDiagnostics(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh,
-                                     const std::string& name, std::function<MapperSnapshot()> take_snapshot)
-    : take_snapshot_(std::move(take_snapshot)), updater_(nh, private_nh, name) {
-  updater_.setHardwareID("none");
-  const auto add = [this](const char* task, void (*describe)(const MapperSnapshot&, DiagnosticStatusWrapper*)) {
-    updater_.add(task, [this, describe](DiagnosticStatusWrapper& status) { describe(snapshot_, &status); });
-  };
-  snapshot_ = take_snapshot_();
-  add("inputs", &DescribeInputs);
-  add("matching", &DescribeMatching);
-  add("mapping", &DescribeMapping);
-  timer_ = nh.createWallTimer(ros::WallDuration(1.0), [this](const ros::WallTimerEvent&) { Update(); });
-}
-
-void MapperDiagnostics::Update() {
-  snapshot_ = take_snapshot_();
-  updater_.setHardwareID(snapshot_.worker.device_name.empty() ? "none" : snapshot_.worker.device_name);
-  updater_.force_update();
 }
 
 }  // namespace acmp

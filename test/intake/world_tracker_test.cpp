@@ -71,15 +71,26 @@ TEST(WorldTracker, WaitsForNothingBesideARunningFrontend) {
 
 TEST(WorldTracker, UsesNothingOfAFrontendBeforeItHasLandmarks) {
   Frontend frontend;
+  EXPECT_EQ(frontend.SendEmpty(), Verdict::kWait);
   for (int i = 0; i < 5; ++i) EXPECT_EQ(frontend.SendEmpty(), Verdict::kNotInitialised);
   EXPECT_THAT(frontend.last.reason, HasSubstr("no usable point"));
   EXPECT_EQ(frontend.Send(Wall(), 0), Verdict::kWait);
 }
 
+TEST(WorldTracker, AnEmptyCloudAloneIsNoStart) {
+  Frontend frontend;
+  EXPECT_EQ(frontend.SendEmpty(), Verdict::kWait);
+  EXPECT_EQ(frontend.Send(Wall(), 0), Verdict::kUse);
+  Frontend moving;
+  EXPECT_EQ(moving.SendEmpty(), Verdict::kWait);
+  EXPECT_EQ(moving.Send({}, Eigen::Vector3d(0.1, 0, 0), true), Verdict::kUse);
+  EXPECT_EQ(moving.Send(Wall(), 0.2), Verdict::kUse);
+}
+
 TEST(WorldTracker, UsesNothingUntilTheScaleHasSettled) {
   for (const double unit : {0.01, 1.0, 100.0}) {
     Frontend frontend(unit);
-    frontend.SendEmpty();
+    for (int i = 0; i < 2; ++i) frontend.SendEmpty();
     EXPECT_EQ(frontend.Send(Wall(2), 0), Verdict::kWait);
     EXPECT_EQ(frontend.Send(Wall(2), 0.1), Verdict::kWait) << "the same numbers again tell nothing";
     EXPECT_EQ(frontend.Send(Wall(1.3), 0.1), Verdict::kNotSettled);
@@ -94,7 +105,7 @@ TEST(WorldTracker, UsesNothingUntilTheScaleHasSettled) {
 
 TEST(WorldTracker, DoesNotWaitForEverWhereLandmarksAreNeverAdjusted) {
   Frontend frontend;
-  frontend.SendEmpty();
+  for (int i = 0; i < 2; ++i) frontend.SendEmpty();
   int waited = 0;
   while (frontend.Send(Wall(), 0.01 * waited) == Verdict::kWait) ++waited;
   EXPECT_EQ(frontend.last.verdict, Verdict::kUse);

@@ -143,21 +143,24 @@ std::vector<Eigen::Vector3d> WallAt(double depth) {
 
 TEST(KeyframeIntake, NothingOfAStartThatFailsIsUsed) {
   KeyframeIntake intake = MakeIntake();
-  Result result = Feed(&intake, 1, 0, CloudAt(1, "map", {}));
+  const auto add = [&](uint32_t stamp_s, const std::vector<Eigen::Vector3d>& points) {
+    intake.AddCloud(CloudAt(stamp_s, "map", points));
+    intake.AddPose(PoseAt(stamp_s, 0));
+    intake.AddImage(ImageAt(stamp_s));
+    return Split(intake.Take(0));
+  };
+  EXPECT_EQ(add(0, {}).drops.size(), 1u) << "sparse_empty";
+  Result result = add(1, {});
   EXPECT_THAT(result.keyframes, IsEmpty());
-  EXPECT_EQ(result.drops.back().reason, "not_initialised");
-  EXPECT_TRUE(result.drops.back().ends_image);
+  for (size_t i : {1, 2}) {
+    EXPECT_EQ(result.drops.at(i).reason, "not_initialised");
+    EXPECT_TRUE(result.drops.at(i).ends_image);
+  }
 
-  intake.AddCloud(CloudAt(2, "map", WallAt(4)));
-  intake.AddPose(PoseAt(2, 0));
-  intake.AddImage(ImageAt(2));
-  EXPECT_THAT(Split(intake.Take(0)).keyframes, IsEmpty()) << "its scale may still change";
+  EXPECT_THAT(add(2, WallAt(4)).keyframes, IsEmpty()) << "its scale may still change";
   EXPECT_EQ(intake.waiting_images(), 1u);
-  EXPECT_THAT(intake.DescribeWait(0), HasSubstr("settle"));
-  intake.AddCloud(CloudAt(3, "map", WallAt(2)));
-  intake.AddPose(PoseAt(3, 0));
-  intake.AddImage(ImageAt(3));
-  result = Split(intake.Take(0));
+  EXPECT_THAT(intake.DescribeWait(0), HasSubstr("settled"));
+  result = add(3, WallAt(2));
   ASSERT_EQ(result.drops.size(), 1u);
   EXPECT_EQ(result.drops[0].reason, "not_settled");
   EXPECT_THAT(result.drops[0].message, HasSubstr("2.000000000"));
@@ -166,11 +169,11 @@ TEST(KeyframeIntake, NothingOfAStartThatFailsIsUsed) {
 
 TEST(KeyframeIntake, ResetAccountsForWhatWaitedForTheFrontend) {
   KeyframeIntake intake = MakeIntake();
-  Feed(&intake, 1, 0, CloudAt(1, "map", {}));
-  intake.AddCloud(CloudAt(2, "map", WallAt(4)));
+  intake.AddCloud(CloudAt(2, "map", {}));
   intake.AddPose(PoseAt(2, 0));
   intake.AddImage(ImageAt(2));
   intake.Take(0);
+  EXPECT_EQ(intake.waiting_images(), 1u);
   intake.Clear();
   const Result result = Split(intake.Take(0));
   EXPECT_EQ(result.drops.at(0).reason, "reset");

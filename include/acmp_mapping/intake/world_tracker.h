@@ -21,15 +21,15 @@ namespace acmp {
 /// has changed when the camera moved by more than the scene's depth, and five times as fast as at any of the last
 /// images.
 ///
-/// A start counts as such if it was seen: a cloud without points came before the first landmarks, or the world has just
-/// changed. Images then wait until landmarks were adjusted twice and three quarters of them stayed, or until 30 images
-/// have come. A mapper that is started beside a running frontend waits for nothing.
+/// A start counts as such if it was seen: before the first landmarks came clouds without points and the same pose
+/// twice, or the world has just changed. Images then wait until landmarks were adjusted twice and three quarters of
+/// them stayed, or until 30 images have come. A mapper that is started beside a running frontend waits for nothing.
 class WorldTracker {
  public:
   enum class Verdict {
     kUse,             ///< this image and those that wait
     kWait,            ///< until a later verdict
-    kNotInitialised,  ///< the frontend has no landmarks yet: not this image
+    kNotInitialised,  ///< the frontend has no landmarks yet: neither this image nor those that wait
     kNotSettled,      ///< the start goes on: not those that wait; this one waits
     kNewWorld,        ///< what comes must not be mixed with what was used; this one waits
   };
@@ -56,15 +56,17 @@ class WorldTracker {
 
  private:
   Judgement Continue(const Sample& sample);
+  Judgement ContinueWithoutLandmarks(const RigidTransform& world_from_cam);
   Judgement ContinueStart(double share_that_stayed, bool were_adjusted);
   Judgement Change(const std::string& reason);
   bool HasJumped(const Sample& sample) const;
 
   bool is_starting_ = false;
-  int adjustments_ = 0;         ///< since the start, at which most landmarks stayed
-  int waiting_ = 0;             ///< images
-  std::optional<Sample> last_;  ///< the last one with landmarks
-  std::deque<double> speeds_;   ///< unit of the poses per second, of the last images
+  int adjustments_ = 0;                         ///< since the start, at which most landmarks stayed
+  int waiting_ = 0;                             ///< images
+  std::optional<RigidTransform> last_without_;  ///< world_from_cam of the last image before the first landmarks
+  std::optional<Sample> last_;                  ///< the last one with landmarks
+  std::deque<double> speeds_;                   ///< unit of the poses per second, of the last images
   std::optional<int64_t> last_stamp_ns_;
   Eigen::Vector3d last_position_ = Eigen::Vector3d::Zero();
 };

@@ -7,15 +7,13 @@
 #include <vector>
 
 #include <dynamic_reconfigure/server.h>
-#include <nodelet/nodelet.h>
 
-#include "acmp_mapping/ros/callback_thread.h"
-#include "acmp_mapping/ros/incident_log.h"
+#include "acmp_mapping/ros/diagnostics.h"
 #include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
 #include "acmp_mapping/ros/mapper_diagnostics.h"
 #include "acmp_mapping/ros/mapper_worker.h"
-#include "acmp_mapping/ros/master_watch.h"
+#include "acmp_mapping/ros/nodelet_base.h"
 #include "acmp_mapping/ros/output_publisher.h"
 #include "acmp_mapping/ros/shared_options.h"
 #include "acmp_mapping/ros/tf_lookup.h"
@@ -30,12 +28,12 @@ namespace acmp {
 /// Locks: delivery_mutex_ keeps "take from the intake, hand to the worker" in order and may be held while the worker's
 /// queue blocks; intake_mutex_ guards the intake for a moment. Where both are needed delivery_mutex_ comes first. All
 /// other locks are inside their classes, and none of those is held while another one is taken.
-class DenseMapperNodelet : public nodelet::Nodelet {
+class DenseMapperNodelet : public NodeletBase {
  public:
   ~DenseMapperNodelet() override;
 
  private:
-  void onInit() override;
+  void Start() override;
   void LoadOptions();
   void StartWorker();
   void Subscribe();
@@ -57,20 +55,13 @@ class DenseMapperNodelet : public nodelet::Nodelet {
   std::string Flush();
   /// Waits for messages that are on their way or in the queues of subscribers: until no image has come for a moment.
   void WaitForArriving();
-  void ReportDrop(const RejectedInput& drop);
   std::string Reset();
   std::vector<InputStatus> InputStatuses() const;
   MapperSnapshot TakeSnapshot();
 
-  // First: what is attached to them goes before they do.
-  CallbackThread input_thread_;
-  CallbackThread service_thread_;
-  CallbackThread status_thread_;
-
   NodeOptions options_;
   std::unique_ptr<SharedOptions> runtime_options_;
   std::unique_ptr<OutputPublisher> publisher_;
-  IncidentLog drops_;
   std::atomic<bool> paused_{false};
   std::atomic<uint64_t> matched_{0};
 
@@ -83,12 +74,10 @@ class DenseMapperNodelet : public nodelet::Nodelet {
 
   std::unique_ptr<MapperWorker> worker_;
   ros::WallTimer deliver_timer_;
-  std::unique_ptr<MasterWatch> master_watch_;
   std::vector<std::unique_ptr<InputSource>> sources_;
-  std::vector<ros::ServiceServer> services_;
   boost::recursive_mutex config_mutex_;
   std::unique_ptr<dynamic_reconfigure::Server<DenseMapperConfig>> reconfigure_;
-  std::unique_ptr<MapperDiagnostics> diagnostics_;
+  std::unique_ptr<Diagnostics<MapperSnapshot>> diagnostics_;
 };
 
 }  // namespace acmp

@@ -8,16 +8,14 @@
 #include <vector>
 
 #include <acmp_mapping/KeyframePoints.h>
-#include <diagnostic_updater/diagnostic_updater.h>
 #include <nav_msgs/Path.h>
-#include <nodelet/nodelet.h>
 
-#include "acmp_mapping/ros/callback_thread.h"
+#include "acmp_mapping/ros/diagnostics.h"
 #include "acmp_mapping/ros/keyframe_points.h"
 #include "acmp_mapping/ros/map_diagnostics.h"
 #include "acmp_mapping/ros/map_output.h"
 #include "acmp_mapping/ros/map_server_options.h"
-#include "acmp_mapping/ros/master_watch.h"
+#include "acmp_mapping/ros/nodelet_base.h"
 
 namespace acmp {
 
@@ -30,16 +28,14 @@ namespace acmp {
 /// process with a mapper, these are all that the mapper has published.
 ///
 /// mutex_ guards what diagnostics read, for a moment; none is held while another one is taken.
-class MapServerNodelet : public nodelet::Nodelet {
+class MapServerNodelet : public NodeletBase {
  public:
   ~MapServerNodelet() override;
 
  private:
-  void onInit() override;
-  void LoadOptions();
+  void Start() override;
   void Subscribe();
   void StartServices();
-  void StartDiagnostics();
   void Receive(const acmp_mapping::KeyframePoints& message);
   void CountMessage(const std::string& mapper, const acmp_mapping::KeyframePoints& message);
   void CheckFrame(const KeyframePointsHead& head);
@@ -49,18 +45,11 @@ class MapServerNodelet : public nodelet::Nodelet {
   /// Throws ProcessingError when the nodelet is being unloaded.
   void WaitForArrived();
   void HandlePeriod();
-  void Report(const Incident& incident);
   MapSnapshot TakeSnapshot();
-
-  // First: what is attached to them goes before they do.
-  CallbackThread input_thread_;
-  CallbackThread service_thread_;
-  CallbackThread status_thread_;
 
   MapServerOptions options_;
   std::unique_ptr<MapStore> map_;
   std::unique_ptr<MapOutput> map_output_;
-  IncidentLog incidents_;
 
   std::mutex mutex_;
   std::map<std::string, MapperTraffic> mappers_;
@@ -74,12 +63,8 @@ class MapServerNodelet : public nodelet::Nodelet {
   ros::Subscriber keyframes_;
   ros::Subscriber optimized_path_;
   ros::Publisher path_;
-  std::vector<ros::ServiceServer> services_;
   ros::WallTimer publish_timer_;
-  std::unique_ptr<diagnostic_updater::Updater> updater_;
-  MapSnapshot snapshot_;
-  ros::WallTimer status_timer_;
-  std::unique_ptr<MasterWatch> master_watch_;
+  std::unique_ptr<Diagnostics<MapSnapshot>> diagnostics_;
 };
 
 }  // namespace acmp

@@ -44,19 +44,4 @@ void DescribeInputs(const MapperSnapshot& snapshot, diagnostic_updater::Diagnost
 void DescribeMatching(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
 void DescribeMapping(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
 
-/// Publishes them on /diagnostics once a second of wall time, so that a paused or jumping clock does not silence it.
-class MapperDiagnostics {
- public:
-  MapperDiagnostics(const ros::NodeHandle& nh, const ros::NodeHandle& private_nh, const std::string& name,
-                    std::function<MapperSnapshot()> take_snapshot);
-
- private:
-  void Update();
-
-  std::function<MapperSnapshot()> take_snapshot_;
-  diagnostic_updater::Updater updater_;
-  MapperSnapshot snapshot_;
-  ros::WallTimer timer_;
-};
-
 }  // namespace acmp

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <nodelet/nodelet.h>
+
+#include "acmp_mapping/ros/callback_thread.h"
+#include "acmp_mapping/ros/incident_log.h"
+#include "acmp_mapping/ros/input_sources.h"
+#include "acmp_mapping/ros/master_watch.h"
+#include "acmp_mapping/ros/parameter_reader.h"
+
+namespace acmp {
+
+/// What dense_mapper and map_server have alike: how they start and stop, their threads, services and warnings.
+class NodeletBase : public nodelet::Nodelet {
+ protected:
+  /// Attaches everything to the threads, which run afterwards. What it throws ends the loading of the nodelet.
+  virtual void Start() = 0;
+  /// Of the private namespace, with those that others read allowed.
+  ParameterReader ReadParameters();
+  void WarnOfUnknown(const ParameterReader& reader);
+  /// A Trigger service. The handler returns what it did; an exception's text becomes the message of a failure.
+  void AddTrigger(const char* name, std::function<std::string()> handler);
+  /// Counts an Incident or RejectedInput, and warns when it is time to.
+  template <class Happening>
+  void Report(const Happening& happening) {
+    if (incidents_.Record(happening, SteadySeconds())) {
+      NODELET_WARN("%s: %s", happening.reason.c_str(), happening.message.c_str());
+    }
+  }
+  /// To be called by the destructor: afterwards no callback runs, and nobody waits for one.
+  void StopThreads();
+
+  // First: what is attached to them goes before they do.
+  CallbackThread input_thread_;
+  CallbackThread service_thread_;  ///< handlers may take as long as a map takes to write
+  CallbackThread status_thread_;
+
+  IncidentLog incidents_;
+  std::vector<ros::ServiceServer> services_;
+
+ private:
+  void onInit() final;
+
+  std::unique_ptr<MasterWatch> master_watch_;
+};
+
+}  // namespace acmp

@@ -1,0 +1,59 @@
+#include "acmp_mapping/ros/nodelet_base.h"
+
+#include <exception>
+#include <utility>
+
+#include <std_srvs/Trigger.h>
+
+namespace acmp {
+
+void NodeletBase::onInit() {
+  try {
+    Start();
+    master_watch_ = std::make_unique<MasterWatch>(
+        getNodeHandle(), [this](const std::string& news) { NODELET_WARN("%s", news.c_str()); });
+    for (CallbackThread* thread : {&input_thread_, &service_thread_, &status_thread_}) thread->Start();
+    master_watch_->Start();
+  } catch (const std::exception& error) {
+    NODELET_FATAL("cannot start: %s", error.what());
+    throw;
+  }
+}
+
+ParameterReader NodeletBase::ReadParameters() {
+  XmlRpc::XmlRpcValue values;
+  getPrivateNodeHandle().getParam(getPrivateNodeHandle().getNamespace(), values);
+  ParameterReader reader(values);
+  reader.Allow("diagnostic_period");   // diagnostic_updater
+  reader.Allow("num_worker_threads");  // a nodelet manager of the same name
+  return reader;
+}
+
+void NodeletBase::WarnOfUnknown(const ParameterReader& reader) {
+  for (const std::string& warning : reader.DescribeUnknown()) NODELET_WARN("%s", warning.c_str());
+}
+
+void NodeletBase::AddTrigger(const char* name, std::function<std::string()> handler) {
+  using std_srvs::Trigger;
+  const boost::function<bool(Trigger::Request&, Trigger::Response&)> callback =
+      [handler = std::move(handler)](Trigger::Request&, Trigger::Response& response) {
+        try {
+          response.message = handler();
+          response.success = true;
+        } catch (const std::exception& error) {
+          response.success = false;
+          response.message = error.what();
+        }
+        return true;
+      };
+  services_.push_back(service_thread_.Attach(getPrivateNodeHandle()).advertiseService(name, callback));
+}
+
+void NodeletBase::StopThreads() {
+  input_thread_.Stop();
+  service_thread_.Stop();
+  status_thread_.Stop();
+  if (master_watch_) master_watch_->Stop();
+}
+
+}  // namespace acmp
