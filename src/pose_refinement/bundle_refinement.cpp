@@ -141,8 +141,10 @@ std::string WhyUnchanged(const PoseRefinement& result, const PoseRefinementOptio
   }
   if (options.refine == RefinePoses::kOn) return "";
   const auto [before, after] = MeanOfMedians(result);
-  const double share = was_changed ? options.needed_gain / 2 : options.needed_gain;
-  const double least = was_changed ? options.needed_gain_px / 2 : options.needed_gain_px;
+  // By so much the mean of the images' median residuals must fall. Half of it is enough to go on with refined poses.
+  constexpr double kNeededShare = 0.2, kNeeded_px = 0.05;
+  const double share = was_changed ? kNeededShare / 2 : kNeededShare;
+  const double least = was_changed ? kNeeded_px / 2 : kNeeded_px;
   if (before - after >= std::max(share * before, least)) return "";
   return Concat("poses fit well enough: refined ones would lower the mean of the images' median residuals from ",
                 before, " to ", after, " px");

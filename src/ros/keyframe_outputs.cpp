@@ -134,6 +134,8 @@ void KeyframeOutputs::HandleRefined(const KeyframeDepthPtr& maps) {
     ++status_.refined;
     status_.times = maps->times;
     status_.consistency_ms = maps->consistency_ms;
+    status_.pose_fit = maps->pose_fit;
+    status_.pose_refined = maps->cam_from_world.matrix() != maps->frame->cam_from_world.matrix();
   }
   Publish(hooks_.on_refined, maps, *record);
   const std::lock_guard<std::mutex> lock(mutex_);

@@ -95,6 +95,24 @@ void DescribeMatching(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* s
                                                   "; ~sync_tolerance is ", snapshot.sync_tolerance_s * 1e3, " ms"));
 }
 
+namespace {
+
+/// Where poses are right a few tenths of a pixel remain; passes take 2 px for agreement between maps.
+constexpr double kPoorFit_px = 1.0;
+
+void DescribePoseFit(const OutputStatus& outputs, DiagnosticStatusWrapper* status) {
+  const PoseFit& fit = outputs.pose_fit;
+  if (fit.matches == 0) return;
+  status->add("poses are refined", outputs.pose_refined ? "yes" : "no, received ones fit or there are few matches");
+  status->add("poses fit the images to [px]", Concat(fit.median_px, " (median of ", fit.matches, " matches)"));
+  if (fit.median_px <= kPoorFit_px) return;
+  status->mergeSummary(DiagnosticStatus::WARN,
+                       Concat("poses fit the images to ", fit.median_px,
+                              " px only, walls will be missing: check calibration and stamps, or tracking is lost"));
+}
+
+}  // namespace
+
 void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* status) {
   const WorkerStatus& worker = snapshot.worker;
   if (!worker.device_error.empty()) {
@@ -125,6 +143,7 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
   status->add("completion [ms]", worker.outputs.times.fill_ms);
   status->add("of these in kernels [ms]", worker.outputs.times.kernels_ms);
   status->add("consistency check [ms]", worker.outputs.consistency_ms);
+  DescribePoseFit(worker.outputs, status);
   if (!snapshot.points_in_front) return;
   status->add("sparse points in front of the first cameras [%]", 100 * *snapshot.points_in_front);
   if (*snapshot.points_in_front < 0.5) {

@@ -1,5 +1,6 @@
 #include "acmp_mapping/ros/output_publisher.h"
 
+#include <limits>
 #include <utility>
 
 #include <acmp_mapping/KeyframeDepth.h>
@@ -128,6 +129,9 @@ void OutputPublisher::PublishKeyframeDepth(const KeyframeOutput& output, const s
   auto message = boost::make_shared<acmp_mapping::KeyframeDepth>();
   message->header = MakeHeader(output.origin.stamp_ns, output.origin.world_frame);
   message->pose = tf2::toMsg(output.origin.world_from_cam);
+  message->refined_pose = tf2::toMsg(maps.cam_from_world.inverse());
+  message->epipolar_residual =
+      maps.pose_fit.matches > 0 ? static_cast<float>(maps.pose_fit.median_px) : std::numeric_limits<float>::quiet_NaN();
   message->camera_info = *ToCameraInfo(maps.frame->camera, camera);
   message->depth = *ToDepthMessage(maps.depth, output.keep.View(), camera);
   message->confidence = *ToConfidenceMessage(output, camera);

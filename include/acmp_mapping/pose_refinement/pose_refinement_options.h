@@ -13,9 +13,7 @@ enum class RefinePoses {
 
 struct PoseRefinementOptions {
   RefinePoses refine = RefinePoses::kAuto;
-  int corners = 250;             ///< landmarks looked for in an image, at most; 50..5000
-  double needed_gain = 0.2;      ///< auto: the mean of the images' median residuals must fall by this share ...
-  double needed_gain_px = 0.05;  ///< ... and by so many px
+  int corners = 250;  ///< landmarks looked for in an image, at most; 50..5000
 };
 /// Throws InvalidInputError naming the first field out of bounds, and where poses are to be refined by a build without
 /// Ceres.

@@ -29,6 +29,8 @@ struct OutputStatus {
   uint64_t refined_again = 0;
   StageTimes times;  ///< of the last refined keyframe
   double consistency_ms = 0;
+  PoseFit pose_fit;                             ///< of the last refined keyframe
+  bool pose_refined = false;                    ///< and whether it was matched with another pose than received
   LatencyWindow fast_latency, refined_latency;  ///< from the image's callback until its map was published
 };
 

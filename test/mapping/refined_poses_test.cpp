@@ -1,0 +1,109 @@
+// Poses that do not fit the images are refined in the window, and what comes out lies in the frontend's world.
+
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "acmp_mapping/mapping/dense_mapper.h"
+#include "dense_mapper_fakes.h"
+#include "pose_scene.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::IsEmpty;
+
+/// The synthetic room with the poses that a frontend gives.
+FramePtr RoomFrame(size_t i, const RigidTransform& received) {
+  const Frame& view = Room()[i].frame;
+  auto frame = std::make_shared<Frame>();
+  frame->id = static_cast<int64_t>(i);
+  frame->stamp_s = 100 + 0.2 * static_cast<double>(i);
+  frame->camera = view.camera;
+  frame->cam_from_world = received;
+  frame->gray = view.gray.Clone();
+  frame->landmarks_in_world = view.landmarks_in_world;
+  return frame;
+}
+
+std::vector<RigidTransform> TruePoses() {
+  std::vector<RigidTransform> poses;
+  for (const SyntheticView& view : Room()) poses.push_back(view.frame.cam_from_world);
+  return poses;
+}
+
+std::vector<KeyframeDepthPtr> Map(const std::vector<RigidTransform>& received, RefinePoses refine) {
+  DenseMapperOptions options = FakeOptions(14, 2, 1);
+  options.fallback_depth_range = kRoomRange;
+  options.poses.refine = refine;
+  MapperHarness harness(options);
+  for (size_t i = 0; i < received.size(); ++i) harness.Add(RoomFrame(i, received[i]));
+  harness.Flush();
+  EXPECT_THAT(harness.problems, IsEmpty());
+  EXPECT_THAT(harness.drops, IsEmpty());
+  return harness.refined;
+}
+
+class RefinedPosesTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (!CanRefinePoses()) GTEST_SKIP() << "built without Ceres";
+  }
+};
+
+TEST_F(RefinedPosesTest, KeyframesAreMatchedWithPosesNearerToTheTruth) {
+  const std::vector<RigidTransform> truth = TruePoses();
+  std::vector<RigidTransform> received = truth;
+  PoseErrors errors(0.3, 0.01);
+  for (RigidTransform& pose : received) pose = errors.Perturbed(pose);
+  const std::vector<KeyframeDepthPtr> maps = Map(received, RefinePoses::kAuto);
+  std::vector<RigidTransform> refined, before, exact;
+  for (const KeyframeDepthPtr& keyframe : maps) {
+    const auto i = static_cast<size_t>(keyframe->frame->id);
+    if (i < 6) continue;  // the first ones are matched before there is anything to refine by
+    refined.push_back(keyframe->cam_from_world);
+    before.push_back(received[i]);
+    exact.push_back(truth[i]);
+    EXPECT_GT(keyframe->pose_fit.matches, 0);
+    EXPECT_LT(keyframe->pose_fit.median_px, 0.5);
+  }
+  ASSERT_GE(refined.size(), 6u);
+  EXPECT_LT(CompareMotions(refined, exact).rotation_deg, CompareMotions(before, exact).rotation_deg / 2);
+  EXPECT_LT(CompareMotions(refined, exact).position, CompareMotions(before, exact).position / 2);
+}
+
+TEST_F(RefinedPosesTest, DepthIsInTheFrontendsScale) {
+  // The frontend's world grows along the way, as that of a monocular one does; here by a third.
+  std::vector<RigidTransform> received = TruePoses();
+  Eigen::Vector3d exact_before = received[0].inverse().translation(), centre = exact_before;
+  PoseErrors errors(0.3, 0.005);
+  for (size_t i = 0; i < received.size(); ++i) {
+    const RigidTransform world_from_cam = received[i].inverse();
+    const double scale = 1 + 0.025 * static_cast<double>(i);
+    centre += scale * (world_from_cam.translation() - exact_before);
+    exact_before = world_from_cam.translation();
+    received[i].translation() = -(received[i].linear() * centre);
+    received[i] = errors.Perturbed(received[i]);
+  }
+  const KeyframeDepthPtr last = Map(received, RefinePoses::kOn).back();
+  const auto i = static_cast<size_t>(last->frame->id);
+  // The fake matches a wall at kWallDepth in the world that it is given; the window's is smaller than the frontend's.
+  const float scale = last->depth(0, 0) / kRefinedDepth;
+  EXPECT_GT(scale, 1.03);
+  EXPECT_LT(scale, 1.3);
+  const Eigen::Vector3d placed = last->cam_from_world.inverse().translation();
+  EXPECT_LT((placed - received[i].inverse().translation()).norm(), 0.1) << "it lies where the frontend has it";
+}
+
+TEST_F(RefinedPosesTest, PosesThatFitStayBitByBit) {
+  for (const KeyframeDepthPtr& keyframe : Map(TruePoses(), RefinePoses::kAuto)) {
+    EXPECT_TRUE(SameBits(keyframe->cam_from_world, keyframe->frame->cam_from_world));
+    EXPECT_EQ(keyframe->depth(0, 0), kRefinedDepth);
+  }
+}
+
+}  // namespace
+}  // namespace acmp
