@@ -68,11 +68,29 @@ Corrections CorrectionsOf(const Bundle& bundle, const std::vector<ViewPose>& pos
   return {std::sqrt(sum.rotation / axes), std::sqrt(sum.position / axes)};
 }
 
-/// What received poses are thought to be off by is what they have been corrected by.
+/// The same of the motions from view to view.
+Corrections MotionCorrectionsOf(const Bundle& bundle, const std::vector<ViewPose>& poses) {
+  Corrections sum;
+  for (size_t i = 0; i + 1 < bundle.size(); ++i) {
+    const auto turn = [i](const std::vector<ViewPose>& p) { return p[i + 1].rotation * p[i].rotation.conjugate(); };
+    const auto move = [i](const std::vector<ViewPose>& p) { return p[i].rotation * (p[i + 1].centre - p[i].centre); };
+    sum.rotation += RotationVector(turn(poses) * turn(bundle.received).conjugate()).squaredNorm();
+    sum.position += (move(poses) - move(bundle.received)).squaredNorm();
+  }
+  const double axes = 3.0 * static_cast<double>(std::max<size_t>(bundle.size(), 2) - 1);
+  return {std::sqrt(sum.rotation / axes), std::sqrt(sum.position / axes)};
+}
+
+/// What received poses are thought to be off by is what they have been corrected by. Motions count for less than that:
+/// there are as many of them, and priors that hold poses make themselves surer.
 void WeighReceivedPoses(const Bundle& bundle, double typical_depth, BundleWeights* weights) {
   const Corrections corrections = CorrectionsOf(bundle, bundle.poses);
   weights->rotation_sigma = std::clamp(corrections.rotation, 1e-4, 0.05);
   weights->position_sigma = std::clamp(corrections.position, 1e-4 * typical_depth, 0.1 * typical_depth);
+  const Corrections motions = MotionCorrectionsOf(bundle, bundle.poses);
+  constexpr double kCaution = 3;
+  weights->turn_sigma = std::clamp(kCaution * motions.rotation, 1e-4, 0.05);
+  weights->move_sigma = std::clamp(kCaution * motions.position, 1e-4 * typical_depth, 0.1 * typical_depth);
 }
 
 struct FitSamples {
@@ -158,18 +176,21 @@ bool IsHeldOut(int64_t anchor_id, const Eigen::Vector2d& pixel) {
   return (hash ^ (hash >> 31)) % 5 == 0;
 }
 
-void RefineBundle(int rounds, int max_iterations, Bundle* bundle, RefinementState* state) {
+bool RefineBundle(int rounds, int max_iterations, Bundle* bundle, RefinementState* state) {
   const double typical_depth = TypicalDepth(*bundle);
   if (state->bundles == 0) {
     state->weights.rotation_sigma = 0.02;
     state->weights.position_sigma = 0.02 * typical_depth;
+    state->weights.turn_sigma = 0.01;
+    state->weights.move_sigma = 0.01 * typical_depth;
   }
   state->weights.camera_sigma = CameraSigma(*bundle, state->bundles++);
   for (int round = 0; round < rounds; ++round) {
-    AdjustBundle(state->weights, max_iterations, bundle, &state->camera);
+    if (!AdjustBundle(state->weights, max_iterations, bundle, &state->camera)) return false;
     state->weights.pixel_sigma = PixelSigma(*bundle);
     WeighReceivedPoses(*bundle, typical_depth, &state->weights);
   }
+  return true;
 }
 
 PoseRefinement JudgeRefinement(const Bundle& bundle, const std::vector<int64_t>& ids,

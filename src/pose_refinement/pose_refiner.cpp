@@ -206,7 +206,12 @@ PoseRefinement PoseRefiner::Refine() {
   }
   if (bundle.landmarks.empty()) return Unrefined(ids, received, "no matches between the keyframes");
   constexpr int kIterations = 3;  // the next window goes on from here
-  RefineBundle(1, kIterations, &bundle, &impl_->state);
+  if (!RefineBundle(1, kIterations, &bundle, &impl_->state)) {
+    bundle.landmarks.clear();
+    bundle.poses = bundle.received;
+    impl_->state = {};
+    return Unrefined(ids, received, "the bundle adjustment found no solution");
+  }
   const std::vector<ViewPose> refined = ResectViews(bundle, impl_->state.camera);
   PoseRefinement result =
       JudgeRefinement(bundle, ids, received, refined, impl_->state.camera, impl_->options, impl_->changed);
