@@ -4,6 +4,7 @@
 #include <glog/logging.h>
 
 #include <array>
+#include <memory>
 
 #include "rotation_vector.h"
 
