@@ -4,8 +4,8 @@
 #include <glog/logging.h>
 
 #include <array>
+#include <memory>
 
-#include "acmp_mapping/common/error.h"
 #include "rotation_vector.h"
 
 namespace acmp {
@@ -142,6 +142,47 @@ class PosePrior : public ceres::SizedCostFunction<6, kPoseSize> {
   const double rotation_weight_, position_weight_;
 };
 
+/// An expected motion between two views, in the frame of the first. The rotation's derivative is that at zero.
+class MotionPrior : public ceres::SizedCostFunction<6, kPoseSize, kPoseSize> {
+ public:
+  MotionPrior(const ViewPose& a, const ViewPose& b, double turn_sigma, double move_sigma)
+      : turn_(b.rotation * a.rotation.conjugate()),
+        move_(a.rotation * (b.centre - a.centre)),
+        turn_weight_(1 / turn_sigma),
+        move_weight_(1 / move_sigma) {}
+
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    const Eigen::Quaterniond a{PoseMap{parameters[0]}}, b{PoseMap{parameters[1]}};
+    const Eigen::Vector3d move = a * (Eigen::Map<const Eigen::Vector3d>(parameters[1] + 4) -
+                                      Eigen::Map<const Eigen::Vector3d>(parameters[0] + 4));
+    const Eigen::Quaterniond turn = b * a.conjugate();
+    Eigen::Map<Eigen::Matrix<double, 6, 1>> r(residuals);
+    r.head<3>() = turn_weight_ * RotationVector(turn * turn_.conjugate());
+    r.tail<3>() = move_weight_ * (move - move_);
+    if (!jacobians) return true;
+    using Jacobian = Eigen::Map<Eigen::Matrix<double, 6, kPoseSize, Eigen::RowMajor>>;
+    if (jacobians[0]) {
+      Jacobian j(jacobians[0]);
+      j.setZero();
+      j.block<3, 3>(0, 0) = -turn_weight_ * turn.toRotationMatrix();
+      j.block<3, 3>(3, 0) = -move_weight_ * CrossMatrix(move);
+      j.block<3, 3>(3, 3) = -move_weight_ * a.toRotationMatrix();
+    }
+    if (jacobians[1]) {
+      Jacobian j(jacobians[1]);
+      j.setZero();
+      j.block<3, 3>(0, 0) = turn_weight_ * Eigen::Matrix3d::Identity();
+      j.block<3, 3>(3, 3) = move_weight_ * a.toRotationMatrix();
+    }
+    return true;
+  }
+
+ private:
+  const Eigen::Quaterniond turn_;
+  const Eigen::Vector3d move_;
+  const double turn_weight_, move_weight_;
+};
+
 class CameraPrior : public ceres::SizedCostFunction<3, 3> {
  public:
   CameraPrior(const Eigen::Vector3d& mean, const Eigen::Vector3d& sigma) : mean_(mean), sigma_(sigma) {}
@@ -194,6 +235,11 @@ class Adjustment {
       problem_.AddResidualBlock(new PosePrior(bundle_.expected[i], weights.rotation_sigma, weights.position_sigma),
                                 nullptr, poses_[i].data());
     }
+    for (size_t i = 0; i + 1 < poses_.size(); ++i) {
+      problem_.AddResidualBlock(
+          new MotionPrior(bundle_.expected[i], bundle_.expected[i + 1], weights.turn_sigma, weights.move_sigma),
+          nullptr, poses_[i].data(), poses_[i + 1].data());
+    }
     camera_errors_ = ToVector(camera_);
     problem_.AddParameterBlock(camera_errors_.data(), 3);
     ordering_->AddElementToGroup(camera_errors_.data(), 1);
@@ -205,7 +251,7 @@ class Adjustment {
     }
   }
 
-  void Solve(int max_iterations) {
+  bool Solve(int max_iterations) {
     ceres::Solver::Options options;
     constexpr size_t kMaxDense = 40;  // views; more: sparse Cholesky of the reduced system
     options.linear_solver_type = poses_.size() <= kMaxDense ? ceres::DENSE_SCHUR : ceres::SPARSE_SCHUR;
@@ -217,9 +263,10 @@ class Adjustment {
     ceres::Solver::Summary summary;
     const QuietLog quiet;
     ceres::Solve(options, &problem_, &summary);
-    if (!summary.IsSolutionUsable()) throw ProcessingError("bundle adjustment failed: " + summary.message);
+    if (!summary.IsSolutionUsable()) return false;
     for (size_t i = 0; i < poses_.size(); ++i) bundle_.poses[i] = FromParameters(poses_[i]);
     camera_ = {camera_errors_[0], camera_errors_[1], camera_errors_[2]};
+    return true;
   }
 
  private:
@@ -269,9 +316,9 @@ class Adjustment {
 
 }  // namespace
 
-void AdjustBundle(const BundleWeights& weights, int max_iterations, size_t fixed_views, Bundle* bundle,
+bool AdjustBundle(const BundleWeights& weights, int max_iterations, size_t fixed_views, Bundle* bundle,
                   CameraErrors* camera) {
-  Adjustment(weights, fixed_views, bundle, camera).Solve(max_iterations);
+  return Adjustment(weights, fixed_views, bundle, camera).Solve(max_iterations);
 }
 
 }  // namespace acmp

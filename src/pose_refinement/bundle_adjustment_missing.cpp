@@ -5,7 +5,7 @@
 
 namespace acmp {
 
-void AdjustBundle(const BundleWeights&, int, size_t, Bundle*, CameraErrors*) {
+bool AdjustBundle(const BundleWeights&, int, size_t, Bundle*, CameraErrors*) {
   throw InvalidInputError("poses cannot be refined: this build has no Ceres");
 }
 

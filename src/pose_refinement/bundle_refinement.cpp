@@ -68,11 +68,29 @@ Corrections Between(const std::vector<ViewPose>& before, const std::vector<ViewP
   return {std::sqrt(sum.rotation / axes), std::sqrt(sum.position / axes)};
 }
 
-/// What expected poses are thought to be off by is what they have been corrected by.
+/// The same of the motions from view to view.
+Corrections BetweenMotions(const std::vector<ViewPose>& before, const std::vector<ViewPose>& poses) {
+  Corrections sum;
+  for (size_t i = 0; i + 1 < poses.size(); ++i) {
+    const auto turn = [i](const std::vector<ViewPose>& p) { return p[i + 1].rotation * p[i].rotation.conjugate(); };
+    const auto move = [i](const std::vector<ViewPose>& p) { return p[i].rotation * (p[i + 1].centre - p[i].centre); };
+    sum.rotation += RotationVector(turn(poses) * turn(before).conjugate()).squaredNorm();
+    sum.position += (move(poses) - move(before)).squaredNorm();
+  }
+  const double axes = 3.0 * static_cast<double>(std::max<size_t>(poses.size(), 2) - 1);
+  return {std::sqrt(sum.rotation / axes), std::sqrt(sum.position / axes)};
+}
+
+/// What expected poses are thought to be off by is what they have been corrected by. Motions count for less than that:
+/// there are as many of them, and priors that hold poses make themselves surer.
 void WeighExpectedPoses(const Bundle& bundle, double typical_depth, BundleWeights* weights) {
   const Corrections corrections = Between(bundle.expected, bundle.poses);
   weights->rotation_sigma = std::clamp(corrections.rotation, 1e-4, 0.05);
   weights->position_sigma = std::clamp(corrections.position, 1e-4 * typical_depth, 0.1 * typical_depth);
+  const Corrections motions = BetweenMotions(bundle.expected, bundle.poses);
+  constexpr double kCaution = 3;
+  weights->turn_sigma = std::clamp(kCaution * motions.rotation, 1e-4, 0.05);
+  weights->move_sigma = std::clamp(kCaution * motions.position, 1e-4 * typical_depth, 0.1 * typical_depth);
 }
 
 struct FitSamples {
@@ -160,18 +178,21 @@ bool IsHeldOut(int64_t anchor_id, const Eigen::Vector2d& pixel) {
   return (hash ^ (hash >> 31)) % 5 == 0;
 }
 
-void RefineBundle(int rounds, int max_iterations, size_t fixed_views, Bundle* bundle, RefinementState* state) {
+bool RefineBundle(int rounds, int max_iterations, size_t fixed_views, Bundle* bundle, RefinementState* state) {
   const double typical_depth = TypicalDepth(*bundle);
   if (state->bundles == 0) {
     state->weights.rotation_sigma = 0.02;
     state->weights.position_sigma = 0.02 * typical_depth;
+    state->weights.turn_sigma = 0.01;
+    state->weights.move_sigma = 0.01 * typical_depth;
   }
   state->weights.camera_sigma = CameraSigma(*bundle, state->bundles++);
   for (int round = 0; round < rounds; ++round) {
-    AdjustBundle(state->weights, max_iterations, fixed_views, bundle, &state->camera);
+    if (!AdjustBundle(state->weights, max_iterations, fixed_views, bundle, &state->camera)) return false;
     state->weights.pixel_sigma = PixelSigma(*bundle);
     WeighExpectedPoses(*bundle, typical_depth, &state->weights);
   }
+  return true;
 }
 
 PoseRefinement JudgeRefinement(const Bundle& bundle, const std::vector<int64_t>& ids,

@@ -14,8 +14,11 @@ struct RefinementState {
 };
 
 /// Refines bundle.poses: adjusts the bundle and estimates how far received poses are off, which weighs them
-/// (`rounds` times), so that bundle.poses are those of the middle rows of undistorted images.
-void RefineBundle(int rounds, int max_iterations, size_t fixed_views, Bundle* bundle, RefinementState* state);
+/// (`rounds` times), so that bundle.poses are those of the middle rows of undistorted images. Returns false where the
+/// adjustment finds no solution.
+/// @param fixed_views so many of the first poses stay
+[[nodiscard]] bool RefineBundle(int rounds, int max_iterations, size_t fixed_views, Bundle* bundle,
+                                RefinementState* state);
 
 /// Compares received with refined poses by the matches of held-out landmarks and decides.
 /// @param was_changed the decision before, which is kept where the gain is nearly enough

@@ -3,7 +3,6 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <vector>
 
 namespace acmp {
 namespace {
@@ -118,11 +117,11 @@ Alignment Align(const GrayPyramid& image, const Eigen::Vector2d& pixel, const Ei
   if (!(warp.determinant() > 0) || scale > 3 || scale < 1 / 3.0) return result;
   const Eigen::Matrix2d inverse_warp = warp.inverse();
   const int half = std::min(options.half_width, kMaxHalfWidth);
-  const double start_level_reach = options.max_shift * options.max_shift;
+  const double max_shift_squared = options.max_shift * options.max_shift;
   Eigen::Vector2d at = start;
   Template patch;
   float values[kMaxPixels];
-  bool fine = false;
+  bool converged = false;
   for (int level = std::min(options.start_level, other.levels() - 1); level >= 0; --level) {
     const int image_level = LevelOf(warp, level, image.levels());
     if (!MakeTemplate(image, pixel, inverse_warp, level, image_level, half, &patch)) {
@@ -132,7 +131,7 @@ Alignment Align(const GrayPyramid& image, const Eigen::Vector2d& pixel, const Ei
     Eigen::Vector2f p(static_cast<float>(ToLevel(at.x(), level)), static_cast<float>(ToLevel(at.y(), level)));
     const int count = patch.side * patch.side;
     bool inside = true;
-    fine = false;
+    converged = false;
     for (int iteration = 0; iteration < options.iterations && inside; ++iteration) {
       inside = SamplePatch(other.level(level), p, half, values);
       if (!inside) break;
@@ -147,7 +146,7 @@ Alignment Align(const GrayPyramid& image, const Eigen::Vector2d& pixel, const Ei
       if (length > kMaxStep) move *= kMaxStep / length;
       p -= move;
       if (length < 0.01f) {
-        fine = true;
+        converged = true;
         break;
       }
     }
@@ -156,9 +155,9 @@ Alignment Align(const GrayPyramid& image, const Eigen::Vector2d& pixel, const Ei
       continue;
     }
     at = {FromLevel(p.x(), level), FromLevel(p.y(), level)};
-    if ((at - start).squaredNorm() > start_level_reach) return result;
+    if ((at - start).squaredNorm() > max_shift_squared) return result;
   }
-  if (!fine) return result;
+  if (!converged) return result;
   const Eigen::Vector2f p = at.cast<float>();
   if (!SamplePatch(other.level(0), p, half, values)) return result;
   float ncc = 0;

@@ -259,7 +259,14 @@ PoseRefinement PoseRefiner::Refine() {
   constexpr int kIterations = 3;  // the next window goes on from here
   const size_t fixed = NumFixed(bundle.size());
   bundle.expected = Moved(Align(bundle.received, bundle.poses, fixed), bundle.received);
-  RefineBundle(1, kIterations, fixed, &bundle, &impl_->state);
+  if (!RefineBundle(1, kIterations, fixed, &bundle, &impl_->state)) {
+    bundle.landmarks.clear();
+    bundle.poses = bundle.received;
+    impl_->state = {};
+    impl_->changed = false;
+    impl_->scale = 1;
+    return Unrefined(ids, received, "the bundle adjustment found no solution");
+  }
   const std::vector<ViewPose> refined = ResectViews(bundle, impl_->state.camera);
   PoseRefinement result =
       JudgeRefinement(bundle, ids, received, refined, impl_->state.camera, impl_->options, impl_->changed);

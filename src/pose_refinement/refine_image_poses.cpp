@@ -177,11 +177,12 @@ PoseRefinement RefineImagePoses(const std::vector<PosedImage>& images, const std
   set.FindLandmarks();
   RefinementState state;
   constexpr int kFirstIterations = 15, kIterations = 25;
-  if (!set.bundle().landmarks.empty()) {
-    RefineBundle(1, kFirstIterations, 0, &set.bundle(), &state);
+  bool solved = RefineBundle(1, kFirstIterations, 0, &set.bundle(), &state);
+  if (solved) {
     set.FindAgain();
-    RefineBundle(2, kIterations, 0, &set.bundle(), &state);
+    solved = RefineBundle(2, kIterations, 0, &set.bundle(), &state);
   }
+  if (!solved) return Unrefined(ids, received, "the bundle adjustment found no solution");
   const std::vector<ViewPose> refined = ResectViews(set.bundle(), state.camera);
   return JudgeRefinement(set.bundle(), ids, received, refined, state.camera, options, false);
 }

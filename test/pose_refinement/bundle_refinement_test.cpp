@@ -55,7 +55,7 @@ class BundleRefinementTest : public ::testing::Test {
       bundle.received.push_back(ToViewPose(pose_errors.Perturbed(ToRigidTransform(truth_.back()))));
       bundle.times.push_back(kInterval * i);
     }
-    bundle.poses = bundle.received;
+    bundle.poses = bundle.expected = bundle.received;
     bundle.motions.resize(kViews);
     for (int anchor = 0; anchor < kViews; ++anchor) {
       for (int k = 0; k < 60; ++k) {
@@ -118,7 +118,7 @@ TEST_F(BundleRefinementTest, RollingShutterAndDistortionAreFoundWithThePoses) {
   const CameraErrors errors = {0.04, -0.05, 0.012};
   Bundle bundle = MakeBundle(errors, 0.003, 0.008);
   RefinementState state;
-  RefineBundle(3, 30, &bundle, &state);
+  ASSERT_TRUE(RefineBundle(3, 30, 0, &bundle, &state));
   EXPECT_NEAR(state.camera.readout, errors.readout, 0.002);
   EXPECT_NEAR(state.camera.k1, errors.k1, 0.02);
   const MotionErrors before = CompareMotions(Transforms(bundle.received), Transforms(truth_));
@@ -130,10 +130,31 @@ TEST_F(BundleRefinementTest, RollingShutterAndDistortionAreFoundWithThePoses) {
 TEST_F(BundleRefinementTest, ACameraWithoutErrorsIsFoundToHaveNone) {
   Bundle bundle = MakeBundle({}, 0.003, 0.008);
   RefinementState state;
-  RefineBundle(3, 30, &bundle, &state);
+  ASSERT_TRUE(RefineBundle(3, 30, 0, &bundle, &state));
   EXPECT_NEAR(state.camera.readout, 0, 0.001);
   EXPECT_NEAR(state.camera.k1, 0, 0.01);
   EXPECT_LT(CompareMotions(Transforms(bundle.poses), Transforms(truth_)).rotation_deg, 0.02);
+}
+
+TEST_F(BundleRefinementTest, AViewWithoutLandmarksMovesWithItsNeighbours) {
+  Bundle bundle = MakeBundle({}, 0.0005, 0.002);
+  constexpr int kBlank = 6;
+  const auto sees = [](const Landmark& l) { return l.anchor == kBlank; };
+  auto& landmarks = bundle.landmarks;
+  landmarks.erase(std::remove_if(landmarks.begin(), landmarks.end(), sees), landmarks.end());
+  for (Landmark& landmark : landmarks) {
+    auto& s = landmark.sightings;
+    s.erase(std::remove_if(s.begin(), s.end(), [](const Sighting& x) { return x.view == kBlank; }), s.end());
+  }
+  const Eigen::Vector3d drift(0.03, -0.02, 0.01);  // grows from view to view
+  for (size_t i = 0; i < bundle.size(); ++i) bundle.received[i].centre += static_cast<double>(i) * drift;
+  bundle.poses = bundle.expected = bundle.received;
+  for (Landmark& landmark : landmarks) Triangulate(bundle.poses, bundle.cameras, &landmark);
+  RefinementState state;
+  ASSERT_TRUE(RefineBundle(3, 30, 0, &bundle, &state));
+  const auto moved = [&](size_t i) -> Eigen::Vector3d { return bundle.poses[i].centre - bundle.received[i].centre; };
+  const Eigen::Vector3d around = (moved(kBlank - 1) + moved(kBlank + 1)) / 2;
+  EXPECT_LT((moved(kBlank) - around).norm(), 0.01);
 }
 
 // A bundle adjustment that knows nothing of the camera's errors explains them by the scene. The resected poses give
@@ -142,11 +163,11 @@ TEST_F(BundleRefinementTest, ResectedPosesGiveBetterDepthsThanAPlainBundleAdjust
   Bundle bundle = MakeBundle({0.04, -0.05, 0.012}, 0.003, 0.008);
   Bundle plain_bundle = bundle;
   RefinementState state;
-  RefineBundle(3, 30, &bundle, &state);
+  ASSERT_TRUE(RefineBundle(3, 30, 0, &bundle, &state));
   BundleWeights weights = state.weights;
   weights.camera_sigma = {1e-9, 1e-9, 1e-9};
   CameraErrors none;
-  AdjustBundle(weights, 60, &plain_bundle, &none);
+  ASSERT_TRUE(AdjustBundle(weights, 60, &plain_bundle, &none));
   const double error = DepthError(bundle, ResectViews(bundle, state.camera));
   EXPECT_LT(error, DepthError(bundle, bundle.received) / 3);
   EXPECT_LT(error, 0.8 * DepthError(bundle, plain_bundle.poses));

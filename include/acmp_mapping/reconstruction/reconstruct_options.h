@@ -30,7 +30,7 @@ struct ReconstructOptions {
   std::optional<double> depth_min;  ///< scene units
   std::optional<double> depth_max;
   uint32_t seed = PatchMatchOptions().seed;
-  PoseRefinementOptions pose_refinement = {RefinePoses::kOff, 500};  ///< offline schedule only
+  PoseRefinementOptions pose_refinement = {RefinePoses::kOff, 500};
   int window_size = DenseMapperOptions().window_size;
   int lookahead = DenseMapperOptions().lookahead;
   bool refine_again = DenseMapperOptions().refine_again;
