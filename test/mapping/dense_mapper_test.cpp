@@ -205,7 +205,7 @@ TEST(DenseMapperOptionsTest, AreCheckedAndKeptWhenBad) {
   EXPECT_THAT(error_with([](auto& o) { o.lookahead = 30; }), HasSubstr("lookahead = 30"));
   EXPECT_THAT(error_with([](auto& o) { o.lookahead = -1; }), HasSubstr("lookahead = -1"));
   EXPECT_THAT(error_with([](auto& o) { o.min_source_views = 0; }), HasSubstr("min_source_views = 0"));
-  EXPECT_THAT(error_with([](auto& o) { o.min_source_views = 8; }), HasSubstr("min_source_views = 8"));
+  EXPECT_THAT(error_with([](auto& o) { o.min_source_views = 11; }), HasSubstr("min_source_views = 11"));
   EXPECT_THAT(error_with([](auto& o) { o.window_size = 2, o.lookahead = 1; }), HasSubstr("min_source_views = 2"));
   EXPECT_THAT(error_with([](auto& o) { o.fallback_depth_range = {2, 1}; }), HasSubstr("fallback_depth_range"));
   EXPECT_THAT(error_with([](auto& o) { o.fallback_depth_range = {0, 1}; }), HasSubstr("fallback_depth_range"));

@@ -76,13 +76,13 @@ TEST_F(RefinedPosesTest, KeyframesAreMatchedWithPosesNearerToTheTruth) {
 }
 
 TEST_F(RefinedPosesTest, DepthIsInTheFrontendsScale) {
-  // The frontend's world grows along the way, as that of a monocular one does; here by a third.
+  // The frontend's world grows along the way, as that of a monocular one does; here to 1.8 times of what it was.
   std::vector<RigidTransform> received = TruePoses();
   Eigen::Vector3d exact_before = received[0].inverse().translation(), centre = exact_before;
   PoseErrors errors(0.3, 0.005);
   for (size_t i = 0; i < received.size(); ++i) {
     const RigidTransform world_from_cam = received[i].inverse();
-    const double scale = 1 + 0.025 * static_cast<double>(i);
+    const double scale = 1 + 0.06 * static_cast<double>(i);
     centre += scale * (world_from_cam.translation() - exact_before);
     exact_before = world_from_cam.translation();
     received[i].translation() = -(received[i].linear() * centre);
@@ -95,7 +95,8 @@ TEST_F(RefinedPosesTest, DepthIsInTheFrontendsScale) {
   EXPECT_GT(scale, 1.03);
   EXPECT_LT(scale, 1.3);
   const Eigen::Vector3d placed = last->cam_from_world.inverse().translation();
-  EXPECT_LT((placed - received[i].inverse().translation()).norm(), 0.1) << "it lies where the frontend has it";
+  const Eigen::Vector3d end = received[i].inverse().translation(), begin = received[0].inverse().translation();
+  EXPECT_LT((placed - end).norm(), (end - begin).norm() / 10) << "one similarity for a window that grows";
 }
 
 TEST_F(RefinedPosesTest, PosesThatFitStayBitByBit) {

@@ -167,7 +167,7 @@ TEST_F(BundleRefinementTest, ResectedPosesGiveBetterDepthsThanAPlainBundleAdjust
   BundleWeights weights = state.weights;
   weights.camera_sigma = {1e-9, 1e-9, 1e-9};
   CameraErrors none;
-  ASSERT_TRUE(AdjustBundle(weights, 60, &plain_bundle, &none));
+  ASSERT_TRUE(AdjustBundle(weights, 60, 0, &plain_bundle, &none));
   const double error = DepthError(bundle, ResectViews(bundle, state.camera));
   EXPECT_LT(error, DepthError(bundle, bundle.received) / 3);
   EXPECT_LT(error, 0.8 * DepthError(bundle, plain_bundle.poses));

@@ -265,8 +265,6 @@ TEST_F(ReconstructTest, BadOptionsAreNamed) {
   EXPECT_THAT(error([](auto* o) { o->preset = "best"; }), HasSubstr("\"best\""));
   EXPECT_THAT(error([](auto* o) { o->set = {"geometric_passes=11"}; }), HasSubstr("geometric_passes = 11"));
   EXPECT_THAT(error([](auto* o) { o->schedule = "online", o->window_size = 1; }), HasSubstr("window_size"));
-  if (CanRefinePoses()) {
-  }
   EXPECT_TRUE(fake_.calls.empty());
 }
 
