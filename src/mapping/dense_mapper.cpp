@@ -7,12 +7,12 @@
 #include <utility>
 #include <vector>
 
-#include "acmp_mapping/pose_refinement/pose_refiner.h"
 #include "failure.h"
 #include "keyframe_estimator.h"
 #include "keyframe_window.h"
 #include "mapper_outputs.h"
 #include "refinement_policy.h"
+#include "window_poses.h"
 
 namespace acmp {
 namespace {
@@ -82,7 +82,7 @@ struct DenseMapper::Impl {
       : options(mapper_options),
         window(options.source_views),
         estimator(engine, options.pipeline),
-        refiner(MakeRefiner(options.poses)),
+        poses(options.poses),
         outputs(output_engine != nullptr ? output_engine : engine, output_engine != nullptr, std::move(callbacks)) {}
 
   void Drop(const WindowKeyframePtr& keyframe, const Failure& failure) {
@@ -100,29 +100,10 @@ struct DenseMapper::Impl {
     return last_range;
   }
 
-  static std::unique_ptr<PoseRefiner> MakeRefiner(const PoseRefinementOptions& options) {
-    const bool refines = options.refine != RefinePoses::kOff && CanRefinePoses();
-    return refines ? std::make_unique<PoseRefiner>(options) : nullptr;
-  }
-
-  /// Maps made from now on are matched with the poses that fit the images best.
-  void RefinePoses(const WindowKeyframePtr& newest) {
-    if (!refiner) return;
-    PoseRefinement refinement;
-    const auto failure = CatchFailure([&] {
-      refiner->Add(*newest->frame, newest->range);
-      while (refiner->size() > window.size()) refiner->RemoveOldest();
-      refinement = refiner->Refine();
-    });
-    if (failure) return outputs.ReportFailedPoses(newest->frame->id, *failure);
-    for (const RefinedPose& pose : refinement.poses) {
-      const WindowKeyframePtr keyframe = window.Find(pose.id);
-      if (!keyframe) continue;
-      keyframe->refined_pose.reset();
-      if (refinement.changed) keyframe->refined_pose = pose.cam_from_world;
-      keyframe->placed = {pose.cam_from_received, static_cast<float>(refinement.scale),
-                          refinement.changed ? pose.refined_fit : pose.received_fit};
-    }
+  /// Where refinement fails poses stay as they are, and that is told.
+  template <class Work>
+  void RefinePoses(int64_t id, const Work& work) {
+    if (const auto failure = CatchFailure(work)) outputs.ReportFailedPoses(id, *failure);
   }
 
   /// Whether the frame is in the window now.
@@ -138,10 +119,8 @@ struct DenseMapper::Impl {
     const WindowKeyframePtr keyframe = window.Add(std::move(frame));
     keyframe->is_mapped = is_mapped;
     const std::optional<DepthRange> range = FindDepthRange(*keyframe->frame);
-    if (range) {
-      keyframe->range = *range;
-      RefinePoses(keyframe);
-    }
+    if (range) keyframe->range = *range;
+    RefinePoses(id, [&] { range ? poses.Add(keyframe, window) : poses.Finish(window); });
     if (!is_mapped) {
       keyframe->state = State::kFinished;
     } else if (!range) {
@@ -306,7 +285,7 @@ struct DenseMapper::Impl {
   DenseMapperOptions options;
   KeyframeWindow window;
   KeyframeEstimator estimator;
-  std::unique_ptr<PoseRefiner> refiner;  ///< null: poses are used as received
+  WindowPoses poses;
   std::optional<DepthRange> last_range;
   std::optional<int64_t> last_id;
   MapperOutputs outputs;  ///< last: its thread is gone before what is above
@@ -334,6 +313,7 @@ void DenseMapper::AddKeyframe(FramePtr frame) { impl_->Add(std::move(frame), tru
 void DenseMapper::AddSourceImage(FramePtr frame) { impl_->Add(std::move(frame), false); }
 
 void DenseMapper::Flush(bool refine_again) {
+  if (impl_->last_id) impl_->RefinePoses(*impl_->last_id, [&] { impl_->poses.Finish(impl_->window); });
   impl_->InitialisePending(1);
   for (const WindowKeyframePtr& keyframe : impl_->window) {
     if (keyframe->state == WindowKeyframe::State::kPending) impl_->DropForMissingViews(keyframe, 1);
@@ -347,7 +327,7 @@ void DenseMapper::Reset() {
   impl_->outputs.WaitForAll();
   // Emptied first: the mapper is in order even if a callback throws.
   const KeyframeWindow forgotten = std::exchange(impl_->window, KeyframeWindow(impl_->options.source_views));
-  if (impl_->refiner) impl_->refiner->Reset();
+  impl_->poses.Reset();
   impl_->last_range.reset();
   impl_->last_id.reset();
   for (const WindowKeyframePtr& keyframe : forgotten) {

@@ -166,6 +166,7 @@ StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options,
   mapper_options.source_views.max_source_views = source_views;
   mapper_options.min_source_views = std::min(2, source_views);
   mapper_options.refine_again = refine_again;
+  mapper_options.poses.refine = RefinePoses::kOff;  // they are exact, and what is measured is matching
   std::vector<double> fast, refined, device;
   // Since each image came; callbacks read those of images that came before them.
   std::vector<Timer> since_added(static_cast<size_t>(keyframes));

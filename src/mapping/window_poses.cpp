@@ -1,0 +1,55 @@
+#include "window_poses.h"
+
+namespace acmp {
+namespace {
+
+/// As the frontend has moved since the keyframe before.
+void PredictPose(const WindowKeyframe& before, WindowKeyframe* newest) {
+  if (!before.refined_pose) return;
+  RigidTransform motion = newest->frame->cam_from_world * before.frame->cam_from_world.inverse();
+  newest->placed = {motion * before.placed.cam_from_world, before.placed.scale, PoseFit()};
+  motion.translation() /= before.placed.scale;
+  newest->refined_pose = motion * *before.refined_pose;
+}
+
+}  // namespace
+
+WindowPoses::WindowPoses(const PoseRefinementOptions& options) {
+  if (options.refine != RefinePoses::kOff && CanRefinePoses()) refiner_ = std::make_unique<PoseRefiner>(options);
+}
+
+void WindowPoses::Add(const WindowKeyframePtr& newest, const KeyframeWindow& window) {
+  if (!refiner_) return;
+  Finish(window);
+  if (window.size() > 1) PredictPose(*window.WithLater(1), newest.get());
+  Begin(newest, window.size());
+}
+
+void WindowPoses::Begin(const WindowKeyframePtr& newest, size_t window_size) {
+  found_ = std::async(std::launch::async, [this, frame = newest->frame, range = newest->range, window_size] {
+    refiner_->Add(*frame, range);
+    while (refiner_->size() > window_size) refiner_->RemoveOldest();
+    return refiner_->Refine();
+  });
+}
+
+void WindowPoses::Finish(const KeyframeWindow& window) {
+  if (!found_.valid()) return;
+  const PoseRefinement refinement = found_.get();
+  for (const RefinedPose& pose : refinement.poses) {
+    const WindowKeyframePtr keyframe = window.Find(pose.id);
+    if (!keyframe) continue;
+    keyframe->refined_pose.reset();
+    if (refinement.changed) keyframe->refined_pose = pose.cam_from_world;
+    keyframe->placed = {pose.cam_from_received, static_cast<float>(refinement.scale),
+                        refinement.changed ? pose.refined_fit : pose.received_fit};
+  }
+}
+
+void WindowPoses::Reset() {
+  if (found_.valid()) found_.wait();
+  found_ = {};
+  if (refiner_) refiner_->Reset();
+}
+
+}  // namespace acmp

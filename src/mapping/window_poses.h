@@ -1,0 +1,35 @@
+#pragma once
+
+#include <future>
+#include <memory>
+
+#include "acmp_mapping/pose_refinement/pose_refiner.h"
+#include "keyframe_window.h"
+
+namespace acmp {
+
+/// Refines the poses of the window in a thread beside the mapper. What a keyframe has taught is taken in when the next
+/// one comes, or when nothing more comes: so results do not depend on the timing, and no map waits for a pose while the
+/// input leaves time.
+class WindowPoses {
+ public:
+  /// Without Ceres, or where refinement is off, poses stay as they are.
+  explicit WindowPoses(const PoseRefinementOptions& options);
+
+  /// Takes in what has been found, gives the window's newest keyframe the pose that follows from it, and begins again
+  /// with that keyframe. Throws what the refinement has thrown; poses then stay.
+  void Add(const WindowKeyframePtr& newest, const KeyframeWindow& window);
+
+  /// Takes in what has been found. Throws as Add does.
+  void Finish(const KeyframeWindow& window);
+
+  void Reset();
+
+ private:
+  void Begin(const WindowKeyframePtr& newest, size_t window_size);
+
+  std::unique_ptr<PoseRefiner> refiner_;  ///< null: poses stay as received
+  std::future<PoseRefinement> found_;     ///< last: its thread is gone before what is above
+};
+
+}  // namespace acmp
