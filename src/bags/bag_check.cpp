@@ -75,6 +75,7 @@ void CheckHeaders(const std::string& what, const std::vector<T>& samples, std::s
 template <class T>
 std::vector<int64_t> Stamps(const std::vector<T>& samples) {
   std::vector<int64_t> stamps;
+  stamps.reserve(samples.size());
   for (const T& sample : samples) stamps.push_back(sample.stamp_ns);
   return stamps;
 }

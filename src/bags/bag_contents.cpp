@@ -29,6 +29,7 @@ std::vector<BagTopic> ReadTopics(const rosbag::Bag& bag) {
     topic.duration_s = (message.getTime() - first.try_emplace(topic.name, message.getTime()).first->second).toSec();
   }
   std::vector<BagTopic> list;
+  list.reserve(topics.size());
   for (auto& [name, topic] : topics) list.push_back(std::move(topic));
   return list;
 }

@@ -103,7 +103,7 @@ size_t NumInView(const std::vector<Eigen::Vector3d>& landmarks, const WorldTrack
 }  // namespace
 
 WorldTracker::Judgement WorldTracker::Add(Sample sample) {
-  const Judgement judgement = Continue(sample);
+  Judgement judgement = Continue(sample);
   if (last_stamp_ns_ && sample.stamp_ns > *last_stamp_ns_) {
     const double elapsed_s = static_cast<double>(sample.stamp_ns - *last_stamp_ns_) * 1e-9;
     speeds_.push_back((sample.world_from_cam.translation() - last_position_).norm() / elapsed_s);

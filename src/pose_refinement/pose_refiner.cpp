@@ -144,6 +144,7 @@ struct PoseRefiner::Impl {
     for (size_t i = newest; i-- > 0 && others.size() < kSearchViews;) others.push_back(Posed(i));
     if (others.size() < kMinSightings) return;
     std::vector<Eigen::Vector2d> taken;
+    taken.reserve(tracked.size());
     for (const Tracked& t : tracked) taken.push_back(t.pixel);
     const size_t first = newest > kFirstSightings ? newest - kFirstSightings : 0;
     for (const Eigen::Vector2d& corner :

@@ -54,8 +54,7 @@ FramePtr MakeExpectedFrame(int64_t id, const ViewMessages& messages) {
   const RigidTransform world_from_cam = ToTransform(messages.pose.pose);
   return std::make_shared<const Frame>(MakeFrame(
       id, messages.image.header.stamp.toSec(), ImageRectifier(calibration).Rectify(DecodeRgb({image, nullptr})),
-      calibration.camera, world_from_cam.inverse(), ToSparseCloud(messages.sparse_points).points,
-      {}));
+      calibration.camera, world_from_cam.inverse(), ToSparseCloud(messages.sparse_points).points, {}));
 }
 
 ScenePlayer::ScenePlayer(ros::NodeHandle nh, const std::string& image_topic, const std::string& camera_info_topic,
