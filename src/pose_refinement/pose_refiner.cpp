@@ -34,7 +34,7 @@ struct Tracked {
   double inverse_depth = 0;  ///< there
 };
 
-constexpr size_t kMinFixed = 4;
+constexpr size_t kMinFixed = 4;  // keyframes: fewer do not tell scale and place of the window
 
 /// Older keyframes stay where they are: maps were made with their poses, and what follows must connect to them.
 size_t NumFixed(size_t keyframes) {
@@ -55,7 +55,7 @@ struct Similarity {
 
 /// The similarity that takes the first `count` poses `from` to `to`: mean of the rotations, least squares of the
 /// centres along them. A trajectory may be straight, so that its centres alone do not tell the rotation.
-Similarity Align(const std::vector<ViewPose>& from, const std::vector<ViewPose>& to, size_t count) {
+Similarity FitSimilarity(const std::vector<ViewPose>& from, const std::vector<ViewPose>& to, size_t count) {
   if (count < kMinFixed) return {};
   const double share = 1.0 / static_cast<double>(count);
   Eigen::Vector3d turn = Eigen::Vector3d::Zero(), from_mean = turn, to_mean = turn;
@@ -94,7 +94,8 @@ struct PoseRefiner::Impl {
     const ViewPose &from = bundle.received.back(), &refined = bundle.poses.back();
     ViewPose pose;
     pose.rotation = (received.rotation * from.rotation.conjugate() * refined.rotation).normalized();
-    pose.centre = refined.centre + refined.rotation.conjugate() * (from.rotation * (received.centre - from.centre));
+    const Eigen::Vector3d motion = (received.centre - from.centre) / scale;
+    pose.centre = refined.centre + refined.rotation.conjugate() * (from.rotation * motion);
     return pose;
   }
 
@@ -259,7 +260,7 @@ PoseRefinement PoseRefiner::Refine() {
   if (bundle.landmarks.empty()) return Unrefined(ids, received, "no matches between the keyframes");
   constexpr int kIterations = 3;  // the next window goes on from here
   const size_t fixed = NumFixed(bundle.size());
-  bundle.expected = Moved(Align(bundle.received, bundle.poses, fixed), bundle.received);
+  bundle.expected = Moved(FitSimilarity(bundle.received, bundle.poses, fixed), bundle.received);
   if (!RefineBundle(1, kIterations, fixed, &bundle, &impl_->state)) {
     bundle.landmarks.clear();
     bundle.poses = bundle.received;
@@ -272,7 +273,7 @@ PoseRefinement PoseRefiner::Refine() {
   PoseRefinement result =
       JudgeRefinement(bundle, ids, received, refined, impl_->state.camera, impl_->options, impl_->changed);
   impl_->changed = result.changed;
-  const Similarity received_from_refined = Align(bundle.poses, bundle.received, bundle.size());
+  const Similarity received_from_refined = FitSimilarity(bundle.poses, bundle.received, bundle.size());
   if (result.changed) {
     result.scale = received_from_refined.scale;
     for (size_t i = 0; i < bundle.size(); ++i) {
