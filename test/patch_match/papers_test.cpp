@@ -12,9 +12,11 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/patch_match/host_passes.h"
 #include "acmp_mapping/patch_match/kernel/initialize_pixel.h"
+#include "acmp_mapping/patch_match/kernel/restore_detail.h"
 #include "acmp_mapping/patch_match/kernel/update_pixel.h"
 #include "acmp_mapping/patch_match/window_sums.h"
 #include "acmp_mapping/pipeline/presets.h"
+#include "acmp_mapping/pipeline/schedule.h"
 #include "acmp_mapping/planar_prior/planar_prior.h"
 #include "support/kernel_state.h"
 #include "support/paper_reference.h"
@@ -26,23 +28,35 @@ namespace {
 
 constexpr int kWidth = 32, kHeight = 24, kViews = 6;
 
+GrayImage Halve(const GrayImage& image) {
+  GrayImage halved(image.width() / 2, image.height() / 2);
+  for (int row = 0; row < halved.height(); ++row) {
+    for (int col = 0; col < halved.width(); ++col) {
+      double sum = 0;
+      for (int i = 0; i < 4; ++i) sum += image(2 * col + i % 2, 2 * row + i / 2);
+      halved(col, row) = static_cast<float>(sum / 4);
+    }
+  }
+  return halved;
+}
+
 /// A slanted wall with a blank strip and, in front of its right part, a board that some views see less of.
-std::vector<PlanarView> RenderScene() {
-  std::vector<PlanarView> views = RenderPlanarScene(WorldPlane::Slanted(20, -10, 4), kWidth, kHeight, kViews);
+std::vector<PlanarView> RenderScene(int width, int height) {
+  std::vector<PlanarView> views = RenderPlanarScene(WorldPlane::Slanted(20, -10, 4), width, height, kViews);
   const WorldPlane board = WorldPlane::Slanted(-10, 5, 2.6);
   const double pixel_m = board.d / views[0].camera.fx;
   const WaveTexture texture(7, 6 * pixel_m, 30 * pixel_m);
   TestRandom noise(5);
   for (PlanarView& view : views) {
     const PlanarView of_board = RenderPlane(board, texture, view.camera, view.cam_from_world);
-    for (int row = 0; row < kHeight; ++row) {
-      for (int col = 0; col < kWidth; ++col) {
+    for (int row = 0; row < height; ++row) {
+      for (int col = 0; col < width; ++col) {
         const Eigen::Vector3d point =
             view.cam_from_world.inverse() * view.camera.Unproject({1.0 * col, 1.0 * row}, of_board.depth(col, row));
         if (point.x() > 0.3) {
           view.gray(col, row) = of_board.gray(col, row);
           view.depth(col, row) = of_board.depth(col, row);
-        } else if (row > 17) {
+        } else if (row >= 3 * height / 4) {
           view.gray(col, row) = static_cast<float>(130 + noise(-0.3, 0.3));
         }
       }
@@ -63,12 +77,11 @@ struct Comparison {
     const PlaneHypothesis& plane = state.planes(col, row);
     const bool changed = plane.nx != before.nx || plane.ny != before.ny || plane.nz != before.nz || plane.d != before.d;
     changed_planes += changed ? 1 : 0;
-    // Float rounding: of normals and distances some 1e-6; of costs what a normalised correlation loses.
-    constexpr double kPlaneTolerance = 1e-5, kCostTolerance = 3e-4;
+    constexpr double kPlaneTolerance = 1e-5;  // float rounding of normals and distances: some 1e-6
     const double off_normal = (expected.plane.normal - reference::ToDouble(plane).normal).norm();
     const double off_d = std::abs(expected.plane.d - plane.d),
                  off_cost = std::abs(expected.cost - state.cost(col, row));
-    if (off_normal < kPlaneTolerance && off_d < kPlaneTolerance * (1 + plane.d) && off_cost < kCostTolerance &&
+    if (off_normal < kPlaneTolerance && off_d < kPlaneTolerance * (1 + plane.d) && off_cost < expected.cost_tolerance &&
         state.selected_views(col, row) == expected.views) {
       return;
     }
@@ -84,10 +97,19 @@ struct Comparison {
 
 class PapersTest : public ::testing::Test {
  protected:
-  void Start(const std::string& preset, paper::System system) {
+  /// @param width,height of the rendered images, px
+  /// @param level how often they are halved
+  void Start(const std::string& preset, paper::System system, int width = kWidth, int height = kHeight, int level = 0) {
     options_ = MakePreset(preset);
     system_ = system;
-    views_ = RenderScene();
+    views_ = RenderScene(width, height);
+    for (PlanarView& view : views_) {
+      for (int i = 0; i < level; ++i) {
+        view.camera = view.camera.Halved();
+        view.gray = Halve(view.gray);
+        view.depth = Halve(view.depth);
+      }
+    }
     problem_ = MakeProblem(views_, 0, {1.5f, 8}, true);
     TestRandom random(3);
     for (PlanarView& view : views_) {  // estimates of the sources: noisy, some missing, some far off
@@ -97,6 +119,7 @@ class PapersTest : public ::testing::Test {
       }
     }
     state_ = std::make_unique<KernelState>(problem_, options_.patch_match);
+    images_.clear();
     for (const MatchView& source : problem_.sources) images_.push_back(source.gray);
   }
 
@@ -110,8 +133,8 @@ class PapersTest : public ::testing::Test {
     paper::Reference reference(problem_, options_.patch_match, system_, stage, pass);
     const paper::Maps maps = {state_->planes, state_->cost, state_->selected_views, state_->prior};
     Comparison comparison;
-    for (int row = 0; row < kHeight; ++row) {
-      for (int col = 0; col < kWidth; ++col) {
+    for (int row = 0; row < height(); ++row) {
+      for (int col = 0; col < width(); ++col) {
         const paper::Outcome expected = reference.Initialize(maps, col, row);
         const PlaneHypothesis before = state_->planes(col, row);
         InitializePixel<kPass, kMethod>(context, col, row);
@@ -120,8 +143,8 @@ class PapersTest : public ::testing::Test {
     }
     for (int iteration = 0; iteration < iterations; ++iteration) {
       for (int color = 0; color < 2; ++color) {
-        for (int row = 0; row < kHeight; ++row) {
-          for (int col = (row + color) % 2; col < kWidth; col += 2) {
+        for (int row = 0; row < height(); ++row) {
+          for (int col = (row + color) % 2; col < width(); col += 2) {
             const paper::Outcome expected = reference.Update(maps, col, row, iteration);
             const PlaneHypothesis before = state_->planes(col, row);
             UpdatePixel<kPass, kMethod>(context, col, row, iteration);
@@ -130,14 +153,42 @@ class PapersTest : public ::testing::Test {
         }
       }
     }
-    EXPECT_EQ(comparison.outcomes, kWidth * kHeight * (iterations + 1));
+    EXPECT_EQ(comparison.outcomes, width() * height() * (iterations + 1));
+    Check(comparison);
+    RecordProperty(Concat("near_ties_", pass), comparison.near_ties);
+    ExpectSameAsCpu<kPass>(start, pass);
+  }
+
+  /// ACMM's step between two scales, in the same way.
+  void RunRestorer(const PlaneMap& coarser) {
+    const EstimateState start = {state_->planes.Clone(), state_->cost.Clone()};
+    const CpuSampler sampler = {{problem_.reference.gray, images_.data()}, SupportedWindowFunctions().back()};
+    const MatchContext<CpuSampler> context = state_->ContextWith(sampler);
+    const CoarserEstimate estimate = {coarser.View(), MakeRayGrid(problem_.reference.camera.Halved())};
+    paper::Reference reference(problem_, options_.patch_match, system_, paper::Stage::kPhotometric, 0);
+    const paper::Maps maps = {state_->planes, state_->cost, state_->selected_views, state_->prior};
+    Comparison comparison;
+    for (int row = 0; row < height(); ++row) {
+      for (int col = 0; col < width(); ++col) {
+        const paper::Outcome expected = reference.Restore(maps, coarser, col, row);
+        const PlaneHypothesis before = state_->planes(col, row);
+        RestorePixel(context, estimate, col, row);
+        comparison.Add(expected, before, *state_, col, row);
+      }
+    }
+    EXPECT_LT(comparison.changed_planes, comparison.outcomes) << "no details";
+    Check(comparison);
+    const EstimateState result = RestoreDetails(problem_, options_.patch_match, start.Clone(), coarser.View());
+    EXPECT_TRUE(SamePixels(result.planes, state_->planes));
+    EXPECT_TRUE(SamePixels(result.cost, state_->cost));
+  }
+
+  void Check(const Comparison& comparison) {
     EXPECT_GT(comparison.changed_planes, comparison.outcomes / 4) << "hardly anything to compare";
     EXPECT_TRUE(comparison.differences.empty())
         << comparison.differences.size() << " of " << comparison.outcomes << ", first: " << comparison.differences[0];
     // Rounding decides a handful of several thousand outcomes.
     EXPECT_LE(comparison.near_ties, comparison.outcomes / 500);
-    RecordProperty(Concat("near_ties_", pass), comparison.near_ties);
-    ExpectSameAsCpu<kPass>(start, pass);
   }
 
   template <Pass kPass>
@@ -183,6 +234,9 @@ class PapersTest : public ::testing::Test {
     EXPECT_GT(assisted, prior.size() / 3);
   }
 
+  int width() const { return problem_.reference.camera.width; }
+  int height() const { return problem_.reference.camera.height; }
+
   PipelineOptions options_;
   paper::System system_ = paper::System::kAcmp;
   std::vector<PlanarView> views_;
@@ -206,6 +260,34 @@ TEST_F(PapersTest, AcmhIsThatOfItsPaper) {
   RunPass<Pass::kPhotometric, Method::kAcmh>(paper::Stage::kPhotometric, 0, 3);
   for (uint32_t pass = 2; pass < 4; ++pass) {
     RunPass<Pass::kGeometric, Method::kAcmh>(paper::Stage::kGeometric, pass, 2);
+  }
+}
+
+/// Section 4: ACMH at the coarsest of three scales; each finer one starts from its own photometric estimate and what
+/// the coarser one knows better. Geometric consistency twice at every scale.
+TEST_F(PapersTest, AcmmIsThatOfItsPaper) {
+  using Kind = KeyframeStep::Kind;
+  constexpr int kCoarsest = 2, kFullWidth = 80, kFullHeight = 64;
+  PlaneMap coarser;
+  std::vector<KeyframeStep> steps;
+  for (int level = kCoarsest; level >= 0; --level) {
+    SCOPED_TRACE(Concat("level ", level));
+    Start("acmm", paper::System::kAcmh, kFullWidth, kFullHeight, level);
+    RunPass<Pass::kPhotometric, Method::kAcmh>(paper::Stage::kPhotometric, 0, 3);
+    if (level < kCoarsest) RunRestorer(coarser);
+    steps.push_back({level < kCoarsest ? Kind::kNextScale : Kind::kInitial, 0, level});
+    for (int pass = 0; pass < 2; ++pass) {
+      RunPass<Pass::kGeometric, Method::kAcmh>(paper::Stage::kGeometric, static_cast<uint32_t>(pass + 2), 2);
+      steps.push_back({Kind::kGeometricPass, pass, level});
+    }
+    coarser = state_->planes.Clone();
+  }
+  const std::vector<KeyframeStep> schedule = ScheduleOf(options_);
+  ASSERT_EQ(schedule.size(), steps.size());
+  for (size_t i = 0; i < steps.size(); ++i) {
+    EXPECT_EQ(schedule[i].kind, steps[i].kind) << i;
+    EXPECT_EQ(schedule[i].pass, steps[i].pass) << i;
+    EXPECT_EQ(schedule[i].level, steps[i].level) << i;
   }
 }
 

@@ -14,8 +14,13 @@ constexpr double kRadPerDeg = kPi / 180;
 constexpr double kWorst = 2;  // of a view that does not see the point
 
 // Differences below which float arithmetic may decide otherwise. Costs: a normalised correlation of 36 samples in float
-// is off by up to 1e-4 on the weakest texture here. Random draws: 24 bits times a sum of some probabilities.
+// is off by up to 1e-4 where windows have a variance of 0.1 grey levels^2 or more. Random draws: 24 bits times a sum of
+// some probabilities.
 constexpr double kCostTolerance = 3e-4;
+// With less variance the same error of the covariance counts more, ten times at the limit of 0.01: there, where a
+// window reaches over an edge of 100 grey levels, positions that are off by 1e-5 px change grey values by a hundredth
+// of the deviation.
+constexpr double kWeakVariance = 0.1;
 constexpr double kDrawTolerance = 2e-4;
 constexpr double kPixelTolerance = 2e-3;
 constexpr double kRelativeDepthTolerance = 2e-6;
@@ -48,6 +53,17 @@ Reference::Reference(const PatchMatchProblem& problem, const PatchMatchOptions& 
       pass_(pass),
       width_(problem.reference.camera.width),
       height_(problem.reference.camera.height) {}
+
+void Reference::StartPixel() {
+  is_near_tie_ = false;
+  least_variance_ = kWeakVariance;
+}
+
+Outcome Reference::Done(Outcome outcome) const {
+  outcome.cost_tolerance = kCostTolerance * kWeakVariance / std::max<double>(least_variance_, options_.min_variance);
+  outcome.is_near_tie = is_near_tie_;
+  return outcome;
+}
 
 bool Reference::Less(double a, double b, double tolerance) {
   if (std::abs(a - b) < tolerance) is_near_tie_ = true;
@@ -104,6 +120,7 @@ double Reference::MatchingCost(const Hypothesis& hypothesis, int col, int row, i
   }
   // A window that reaches behind the source's camera shows nothing.
   if (!(cost.min_z > 0) || cost.kind == reference::CostKind::kNoCorrespondence) return kWorst;
+  least_variance_ = std::min({least_variance_, cost.reference_variance, cost.source_variance});
   Less(cost.reference_variance, options_.min_variance, 0.1 * options_.min_variance);
   Less(cost.source_variance, options_.min_variance, 0.1 * options_.min_variance);
   return cost.value;
@@ -248,13 +265,18 @@ Reference::Rating Reference::Rate(const Hypothesis& hypothesis, const std::vecto
 }
 
 Outcome Reference::Initialize(const Maps& maps, int col, int row) {
-  is_near_tie_ = false;
+  StartPixel();
   Random random(options_.seed, static_cast<uint32_t>(row * width_ + col), pass_ * 64);
   Hypothesis start = At(reference::ToDouble(maps.planes(col, row)), col, row);
   if (stage_ != Stage::kGeometric) {
     const double depth = RandomDepth(&random);
     start = Through(RandomNormal(Ray(col, row), &random), depth, col, row);
   }
+  return RateByBestViews(start, col, row);
+}
+
+/// Mean of the four least costs.
+Outcome Reference::RateByBestViews(const Hypothesis& start, int col, int row) {
   std::vector<std::pair<double, int>> costs;  // of the views that see it
   for (size_t view = 0; view < problem_.sources.size(); ++view) {
     const int j = static_cast<int>(view);
@@ -267,19 +289,57 @@ Outcome Reference::Initialize(const Maps& maps, int col, int row) {
   std::sort(costs.begin(), costs.end());
   for (size_t i = 0; i + 1 < costs.size(); ++i) Less(costs[i].first, costs[i + 1].first, kCostTolerance);
   costs.resize(std::min(kTop, costs.size()));
-  Outcome outcome = {start.plane, kWorst, 0, is_near_tie_};
-  if (costs.empty()) return outcome;
+  Outcome outcome = {start.plane, kWorst, 0, 0, false};
+  if (costs.empty()) return Done(outcome);
   double sum = 0;
   for (const auto& [cost, view] : costs) {
     sum += cost;
     if (!weighs_as_acmh_ || view == costs[0].second) outcome.views |= 1u << view;
   }
   outcome.cost = sum / static_cast<double>(costs.size());
-  return outcome;
+  return Done(outcome);
+}
+
+/// Joint bilateral upsampling: the mean of the coarser scale's depths in 5 x 5 px, weighted by distance (deviation
+/// 0.5 px there) and by difference of grey values here (a tenth of their range). The normal is that of the pixel that
+/// covers this one; it faces the camera where that does not.
+Reference::Hypothesis Reference::Upsample(const PlaneMap& coarser, int col, int row) {
+  const ImageView<const float>& gray = problem_.reference.gray;
+  const PinholeCamera camera = problem_.reference.camera.Halved();
+  const Eigen::Vector2d place((col + 0.5) / 2 - 0.5, (row + 0.5) / 2 - 0.5);
+  const Eigen::Vector2i covering(std::min(col / 2, camera.width - 1), std::min(row / 2, camera.height - 1));
+  double sum = 0, total = 0;
+  for (int r = covering.y() - 2; r <= covering.y() + 2; ++r) {
+    for (int c = covering.x() - 2; c <= covering.x() + 2; ++c) {
+      if (!coarser.View().Contains(c, r) || !(coarser(c, r).d > 0)) continue;
+      const double distance = (Eigen::Vector2d(c, r) - place).norm() / 0.5;
+      const double difference = (static_cast<double>(gray(2 * c, 2 * r)) - gray(col, row)) / 25.5;
+      const double weight = std::exp(-distance * distance / 2) * std::exp(-difference * difference / 2);
+      sum += weight * reference::Intersect(camera, {1.0 * c, 1.0 * r}, reference::ToDouble(coarser(c, r))).z();
+      total += weight;
+    }
+  }
+  const double depth = std::clamp<double>(sum / total, problem_.depth_range.min, problem_.depth_range.max);
+  const Eigen::Vector3d normal = reference::ToDouble(coarser(covering.x(), covering.y())).normal;
+  const bool is_facing = Less(normal.dot(Ray(col, row)), 0, 1e-6);
+  return Through(is_facing ? normal : Eigen::Vector3d(0, 0, -1), depth, col, row);
+}
+
+Outcome Reference::Restore(const Maps& maps, const PlaneMap& coarser, int col, int row) {
+  constexpr double kXi = 0.1;
+  StartPixel();
+  Outcome outcome = RateByBestViews(Upsample(coarser, col, row), col, row);
+  const double own = maps.cost(col, row);
+  if (Less(kXi, outcome.cost - own, kCostTolerance)) {  // a detail that the coarser scale does not have
+    outcome.plane = reference::ToDouble(maps.planes(col, row));
+    outcome.cost = own;
+  }
+  outcome.views = maps.views(col, row);
+  return Done(outcome);
 }
 
 Outcome Reference::Update(const Maps& maps, int col, int row, int iteration) {
-  is_near_tie_ = false;
+  StartPixel();
   Random random(options_.seed, static_cast<uint32_t>(row * width_ + col),
                 pass_ * 64 + static_cast<uint32_t>(iteration) + 1);
 
@@ -296,12 +356,9 @@ Outcome Reference::Update(const Maps& maps, int col, int row, int iteration) {
   // View weights.
   const std::vector<double> weights = weighs_as_acmh_ ? WeighAsAcmh(costs, maps.views(col, row), iteration)
                                                       : WeighAsAcmp(costs, maps, col, row, &random);
-  Outcome outcome = {candidates.back().plane, kWorst, 0, false};
+  Outcome outcome = {candidates.back().plane, kWorst, 0, 0, false};
   for (size_t view = 0; view < weights.size(); ++view) outcome.views |= (weights[view] > 0 ? 1u : 0u) << view;
-  if (outcome.views == 0) {
-    outcome.is_near_tie = is_near_tie_;
-    return outcome;
-  }
+  if (outcome.views == 0) return Done(outcome);
   if (weighs_as_acmh_) {
     size_t most = 0;
     for (size_t view = 1; view < weights.size(); ++view) {
@@ -338,8 +395,7 @@ Outcome Reference::Update(const Maps& maps, int col, int row, int iteration) {
   }
   outcome.plane = best.plane;
   outcome.cost = rating.cost;
-  outcome.is_near_tie = is_near_tie_;
-  return outcome;
+  return Done(outcome);
 }
 
 }  // namespace acmp::paper

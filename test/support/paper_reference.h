@@ -5,7 +5,8 @@
 namespace acmp::paper {
 
 /// Algorithm 1 of the ACMP paper, one pixel at a time in plain double arithmetic, with the view weights of ACMH in its
-/// photometric pass. It shares no code with the kernels; the random numbers' definition is written down again.
+/// photometric pass, and ACMM's step between two scales. It shares no code with the kernels; the random numbers'
+/// definition is written down again.
 
 enum class Stage { kPhotometric, kPlanarPrior, kGeometric };
 enum class System { kAcmh, kAcmp };
@@ -22,6 +23,7 @@ struct Maps {
 struct Outcome {
   reference::Plane plane;
   double cost;
+  double cost_tolerance;  ///< what rounding to float may change the cost by
   uint32_t views;
   bool is_near_tie;  ///< some comparison on the way was so close that rounding to float may decide it otherwise
 };
@@ -37,6 +39,9 @@ class Reference {
   Outcome Initialize(const Maps& maps, int col, int row);
   /// Steps 5-7, 16-18 or 25-27 in iteration 0, 1, ...
   Outcome Update(const Maps& maps, int col, int row, int iteration);
+  /// ACMM's detail restorer after a photometric pass; leaves the views as they are.
+  /// @param coarser estimate of the next coarser scale, whose camera is the problem's halved
+  Outcome Restore(const Maps& maps, const PlaneMap& coarser, int col, int row);
 
  private:
   struct Hypothesis {
@@ -49,6 +54,8 @@ class Reference {
   };
   class Random;
 
+  void StartPixel();
+  Outcome Done(Outcome outcome) const;
   bool Less(double a, double b, double tolerance);
   bool InRange(double depth);
   Eigen::Vector3d Ray(int col, int row) const;
@@ -60,6 +67,8 @@ class Reference {
 
   double MatchingCost(const Hypothesis& hypothesis, int col, int row, int view);
   double ReprojectionError(const Hypothesis& hypothesis, int col, int row, int view);
+  Outcome RateByBestViews(const Hypothesis& hypothesis, int col, int row);
+  Hypothesis Upsample(const PlaneMap& coarser, int col, int row);
   std::vector<Hypothesis> Propagate(const Maps& maps, int col, int row);
   std::vector<double> WeighAsAcmh(const std::vector<std::vector<double>>& costs, uint32_t before, int iteration);
   std::vector<double> WeighAsAcmp(const std::vector<std::vector<double>>& costs, const Maps& maps, int col, int row,
@@ -73,6 +82,7 @@ class Reference {
   uint32_t pass_;
   int width_, height_;
   bool is_near_tie_ = false;
+  double least_variance_ = 0;  ///< of the windows compared for the pixel
 };
 
 }  // namespace acmp::paper
