@@ -14,29 +14,31 @@ bool SameCalibration(const CameraCalibration& a, const CameraCalibration& b) {
          a.distortion.coefficients == b.distortion.coefficients && a.frame_id == b.frame_id;
 }
 
-ImageRectifier::ImageRectifier(const CameraCalibration& calibration) : calibration_(calibration) {
-  if (calibration.distortion.model == LensDistortion::Model::kNone) return;
-  const PinholeCamera& c = calibration.camera;
+ImageRectifier::ImageRectifier(const CameraCalibration& calibration) : calibration_(calibration) {}
+
+void ImageRectifier::BuildMaps() {
+  const PinholeCamera& c = calibration_.camera;
   const cv::Matx33d k(c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1);
   const cv::Size size(c.width, c.height);
   cv::Mat x, y;
-  if (calibration.distortion.model == LensDistortion::Model::kEquidistant) {
-    cv::fisheye::initUndistortRectifyMap(k, calibration.distortion.coefficients, cv::Matx33d::eye(), k, size, CV_32FC1,
+  if (calibration_.distortion.model == LensDistortion::Model::kEquidistant) {
+    cv::fisheye::initUndistortRectifyMap(k, calibration_.distortion.coefficients, cv::Matx33d::eye(), k, size, CV_32FC1,
                                          x, y);
   } else {
-    cv::initUndistortRectifyMap(k, calibration.distortion.coefficients, cv::noArray(), k, size, CV_32FC1, x, y);
+    cv::initUndistortRectifyMap(k, calibration_.distortion.coefficients, cv::noArray(), k, size, CV_32FC1, x, y);
   }
   valid_ = (x >= 0) & (y >= 0) & (x <= c.width - 1) & (y <= c.height - 1);
   if (cv::countNonZero(valid_) == c.width * c.height) valid_.release();
   cv::convertMaps(x, y, map_x_, map_y_, CV_16SC2);
 }
 
-ColorImage ImageRectifier::Rectify(const cv::Mat& rgb) const {
+ColorImage ImageRectifier::Rectify(const cv::Mat& rgb) {
   const PinholeCamera& c = calibration_.camera;
   if (rgb.cols != c.width || rgb.rows != c.height) {
     throw InvalidInputError(
         Concat("image size ", rgb.cols, "x", rgb.rows, ": camera_info says ", c.width, "x", c.height));
   }
+  if (map_x_.empty() && calibration_.distortion.model != LensDistortion::Model::kNone) BuildMaps();
   ColorImage rectified(c.width, c.height);
   cv::Mat target(c.height, c.width, CV_8UC3, rectified.data());
   if (map_x_.empty()) {

@@ -15,6 +15,8 @@
 namespace acmp {
 namespace {
 
+constexpr int64_t kMaxImageSize = 32767;  // cv::remap, which rectifies images, has 16-bit coordinates
+
 LensDistortion ToDistortion(const sensor_msgs::CameraInfo& info) {
   const bool straight = std::all_of(info.D.begin(), info.D.end(), [](double d) { return d == 0; });
   if (straight) return {};
@@ -58,9 +60,9 @@ struct CoordinateReader {
                                        ": must be FLOAT32 (7) or FLOAT64 (8)"));
       }
       offset = field.offset;
-      if (offset + (is_double ? 8u : 4u) > cloud.point_step) {
-        throw InvalidInputError(
-            Concat("sparse cloud field \"", name, "\" lies beyond point_step = ", cloud.point_step));
+      if (uint64_t{offset} + (is_double ? 8 : 4) > cloud.point_step) {
+        throw InvalidInputError(Concat("sparse cloud field \"", name, "\" at offset ", offset,
+                                       " lies beyond point_step = ", cloud.point_step));
       }
       return;
     }
@@ -132,20 +134,23 @@ CameraCalibration ToCalibration(const sensor_msgs::CameraInfo& info, bool rectif
   if (!(fy > 0) || !std::isfinite(fy)) {
     throw InvalidInputError(Concat("camera_info ", matrix, rectified ? "[5] = " : "[4] = ", fy, ": must be > 0"));
   }
-  const int binning_x = info.binning_x > 1 ? static_cast<int>(info.binning_x) : 1;
-  const int binning_y = info.binning_y > 1 ? static_cast<int>(info.binning_y) : 1;
+  const int64_t binning_x = std::max(info.binning_x, 1u);
+  const int64_t binning_y = std::max(info.binning_y, 1u);
   const bool cropped = info.roi.width > 0 && info.roi.height > 0;
-  const uint32_t full_width = cropped ? info.roi.width : info.width;
-  const uint32_t full_height = cropped ? info.roi.height : info.height;
-  if (cropped &&
-      (info.roi.x_offset + info.roi.width > info.width || info.roi.y_offset + info.roi.height > info.height)) {
+  const int64_t full_width = cropped ? info.roi.width : info.width;
+  const int64_t full_height = cropped ? info.roi.height : info.height;
+  if (cropped && (info.roi.x_offset + full_width > info.width || info.roi.y_offset + full_height > info.height)) {
     throw InvalidInputError(Concat("camera_info roi ", info.roi.width, "x", info.roi.height, " at (", info.roi.x_offset,
                                    ", ", info.roi.y_offset, "): must lie in ", info.width, "x", info.height));
   }
+  if (full_width > kMaxImageSize || full_height > kMaxImageSize) {
+    throw InvalidInputError(
+        Concat("camera_info of ", full_width, "x", full_height, " pixels: must be at most ", kMaxImageSize, " a side"));
+  }
   CameraCalibration calibration;
   // A binned pixel u covers the full pixels b u .. b u + b - 1, hence the half pixels.
-  calibration.camera.width = static_cast<int>(full_width) / binning_x;
-  calibration.camera.height = static_cast<int>(full_height) / binning_y;
+  calibration.camera.width = static_cast<int>(full_width / binning_x);
+  calibration.camera.height = static_cast<int>(full_height / binning_y);
   calibration.camera.fx = fx / binning_x;
   calibration.camera.fy = fy / binning_y;
   calibration.camera.cx = (cx - (cropped ? info.roi.x_offset : 0) + 0.5) / binning_x - 0.5;

@@ -67,7 +67,7 @@ TEST_P(RectifierModels, UndoesTheLens) {
       distorted.at<cv::Vec3b>(v, u) = cv::Vec3b::all(cv::saturate_cast<uchar>(Pattern(ray.x(), ray.y())));
     }
   }
-  const ImageRectifier rectifier(calibration);
+  ImageRectifier rectifier(calibration);
   const ColorImage rectified = rectifier.Rectify(distorted);
   int compared = 0;
   for (int v = 0; v < camera.height; ++v) {
@@ -101,7 +101,7 @@ INSTANTIATE_TEST_SUITE_P(
                       MakeCalibration(Model::kEquidistant, {-0.013, 0.02, -0.012, 0.002})));
 
 TEST(ImageRectifier, LeavesAStraightLensAlone) {
-  const ImageRectifier rectifier(MakeCalibration(Model::kNone, {}));
+  ImageRectifier rectifier(MakeCalibration(Model::kNone, {}));
   cv::Mat image(120, 160, CV_8UC3);
   cv::randu(image, 0, 255);
   const ColorImage same = rectifier.Rectify(image);
@@ -110,13 +110,23 @@ TEST(ImageRectifier, LeavesAStraightLensAlone) {
 }
 
 TEST(ImageRectifier, RefusesAnotherSize) {
-  const ImageRectifier rectifier(MakeCalibration(Model::kNone, {}));
+  ImageRectifier rectifier(MakeCalibration(Model::kNone, {}));
   try {
     rectifier.Rectify(cv::Mat(121, 160, CV_8UC3));
     FAIL();
   } catch (const InvalidInputError& error) {
     EXPECT_THAT(error.what(), ::testing::AllOf(::testing::HasSubstr("160x121"), ::testing::HasSubstr("160x120")));
   }
+}
+
+TEST(ImageRectifier, MakesNoMapsForASizeThatNoImageHas) {
+  CameraCalibration calibration = MakeCalibration(Model::kBrownConrady, {-0.28, 0.07, 0, 0});
+  calibration.camera.width = calibration.camera.height = 2000;
+  ImageRectifier rectifier(calibration);
+  EXPECT_THROW(rectifier.Rectify(cv::Mat(48, 64, CV_8UC3)), InvalidInputError);
+  EXPECT_TRUE(rectifier.valid().empty());
+  rectifier.Rectify(cv::Mat::zeros(2000, 2000, CV_8UC3));
+  EXPECT_FALSE(rectifier.valid().empty());
 }
 
 }  // namespace

@@ -159,6 +159,19 @@ TEST(ToCalibration, RefusesWhatCannotBeUsedAndNamesIt) {
   EXPECT_THAT(refusal([](auto* info) { info->distortion_model = "fov"; }), HasSubstr("fov"));
   EXPECT_THAT(refusal([](auto* info) { info->D = {1, 2, 3}; }), HasSubstr("3 coefficients"));
   EXPECT_THAT(refusal([](auto* info) { info->D[1] = std::numeric_limits<double>::infinity(); }), HasSubstr("inf"));
+  // Numbers at the ends of 32 bits, which once divided INT_MIN by -1 and wrapped around.
+  EXPECT_THAT(refusal([](auto* info) {
+                info->width = info->height = 0x80000000;
+                info->binning_x = info->binning_y = 0xffffffff;
+              }),
+              AllOf(HasSubstr("2147483648x2147483648"), HasSubstr("at most 32767")));
+  EXPECT_THAT(refusal([](auto* info) { info->width = 32768; }), HasSubstr("32768x480"));
+  EXPECT_THAT(refusal([](auto* info) { info->binning_x = 0xffffffff; }), HasSubstr("0 x 480"));
+  EXPECT_THAT(refusal([](auto* info) {
+                info->roi.x_offset = 0xffffffff;
+                info->roi.width = info->roi.height = 2;
+              }),
+              HasSubstr("(4294967295, 0): must lie in 640x480"));
 }
 
 template <class T>
@@ -229,6 +242,8 @@ TEST(ToSparseCloud, RefusesMalformedClouds) {
   cloud = good;
   cloud.fields[2].offset = 1000;
   EXPECT_THAT(Refusal([&] { ToSparseCloud(cloud); }), HasSubstr("point_step"));
+  cloud.fields[2].offset = 0xfffffffc;  // wraps to 0 in 32 bits
+  EXPECT_THAT(Refusal([&] { ToSparseCloud(cloud); }), AllOf(HasSubstr("4294967292"), HasSubstr("point_step = 16")));
   cloud = good;
   cloud.is_bigendian = true;
   EXPECT_THAT(Refusal([&] { ToSparseCloud(cloud); }), HasSubstr("bigendian"));

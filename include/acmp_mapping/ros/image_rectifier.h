@@ -26,13 +26,17 @@ class ImageRectifier {
  public:
   explicit ImageRectifier(const CameraCalibration& calibration);
 
-  /// Throws InvalidInputError when the image (8-bit RGB) has not the calibration's size.
-  ColorImage Rectify(const cv::Mat& rgb) const;
+  /// Throws InvalidInputError when the image (8-bit RGB) has not the calibration's size. The first image of this size
+  /// makes the maps: a camera_info alone, whatever size it claims, takes no memory.
+  ColorImage Rectify(const cv::Mat& rgb);
 
-  /// 255 where the rectified image is known, 0 where the lens saw nothing; empty when everything is known.
+  /// 255 where the rectified image is known, 0 where the lens saw nothing; empty when everything is known
+  /// or no image has been rectified yet.
   const cv::Mat& valid() const { return valid_; }
 
  private:
+  void BuildMaps();
+
   CameraCalibration calibration_;
   cv::Mat map_x_, map_y_;  ///< fixed point; empty without distortion
   cv::Mat valid_;
