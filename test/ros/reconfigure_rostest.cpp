@@ -9,10 +9,11 @@
 namespace acmp::test {
 namespace {
 
-DenseMapperConfig Reconfigure(const DenseMapperConfig& wanted) {
+/// One connection for all calls, as a client that stays open has: of many short ones roscpp now and then drops one.
+DenseMapperConfig Reconfigure(ros::ServiceClient* set_parameters, const DenseMapperConfig& wanted) {
   dynamic_reconfigure::Reconfigure call;
   wanted.__toMessage__(call.request.config);
-  EXPECT_TRUE(ros::service::call("/dense_mapper/set_parameters", call));
+  EXPECT_TRUE(set_parameters->call(call));
   DenseMapperConfig config;
   config.__fromMessage__(call.response.config);
   return config;
@@ -57,7 +58,9 @@ TEST(ReconfigureWhileImagesCome, EveryParameterTakesEffectAndNoImageIsLost) {
   ASSERT_TRUE(mapper.WaitUntilReady(kTimeoutS));
   RuntimeOptions options;
   options.mapper.pipeline = MakePreset("online");  // the test is about changes, not about maps
-  const DenseMapperConfig quick = Reconfigure(ToConfig(options));
+  ros::ServiceClient set_parameters =
+      ros::NodeHandle().serviceClient<dynamic_reconfigure::Reconfigure>("/dense_mapper/set_parameters", true);
+  const DenseMapperConfig quick = Reconfigure(&set_parameters, ToConfig(options));
   const auto changes = Changes(options);
   ASSERT_FALSE(changes.empty());
   const std::vector<ViewMessages> scene = MakeSmallScene(12);
@@ -66,9 +69,9 @@ TEST(ReconfigureWhileImagesCome, EveryParameterTakesEffectAndNoImageIsLost) {
   // The mapper works at its own pace while the changes come at theirs.
   for (const auto& [name, wanted] : changes) {
     send();
-    EXPECT_EQ(ToText(Reconfigure(wanted)), ToText(wanted)) << "change of " << name;
+    EXPECT_EQ(ToText(Reconfigure(&set_parameters, wanted)), ToText(wanted)) << "change of " << name;
     send();
-    EXPECT_EQ(ToText(Reconfigure(quick)), ToText(quick)) << "back from " << name;
+    EXPECT_EQ(ToText(Reconfigure(&set_parameters, quick)), ToText(quick)) << "back from " << name;
   }
   // What was sent is on its way or in the mapper: all of it must end somewhere, and a flush ends what has arrived.
   const std::string all_ended = std::to_string(sent) + " received";
