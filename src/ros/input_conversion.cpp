@@ -178,6 +178,7 @@ SparseCloud ToSparseCloud(const sensor_msgs::PointCloud2& cloud) {
                                    cloud.data.size(), " bytes: needs ", needed));
   }
   SparseCloud sparse = EmptyCloud(cloud.header);
+  if (cloud.width == 0) return sparse;  // of any height, which is up to 2^32 then
   sparse.points.reserve(static_cast<size_t>(cloud.width) * cloud.height);
   for (size_t row = 0; row < cloud.height; ++row) {
     for (size_t col = 0; col < cloud.width; ++col) {

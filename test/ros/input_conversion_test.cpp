@@ -217,6 +217,13 @@ TEST(ToSparseCloud, ReadsBothPrecisionsAndLeavesOutWhatIsNoPoint) {
   EXPECT_TRUE(ToSparseCloud(MakeCloud<float>({}, sensor_msgs::PointField::FLOAT32)).points.empty());
 }
 
+TEST(ToSparseCloud, OfNoWidthIsEmptyAtAnyHeight) {
+  auto cloud = MakeCloud<float>({}, sensor_msgs::PointField::FLOAT32);
+  cloud.width = cloud.row_step = 0;
+  cloud.height = 0xffffffff;
+  EXPECT_TRUE(ToSparseCloud(cloud).points.empty());
+}
+
 TEST(ToSparseCloud, ReadsOrganisedCloudsWithPaddedRows) {
   sensor_msgs::PointCloud2 cloud =
       MakeCloud<float>({{1, 1, 1}, {2, 2, 2}, {3, 3, 3}, {4, 4, 4}}, sensor_msgs::PointField::FLOAT32);
