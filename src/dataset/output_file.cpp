@@ -1,6 +1,8 @@
 #include "acmp_mapping/dataset/output_file.h"
 
 #include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -12,11 +14,42 @@
 namespace acmp {
 
 AtomicFile::AtomicFile(const std::filesystem::path& path, Durability durability)
-    : path_(path),
-      temporary_path_(std::filesystem::path(path) += ".partial"),
-      durability_(durability),
-      file_(std::fopen(temporary_path_.c_str(), "wbe")) {
+    : path_(path), durability_(durability) {
+  if (path.native().find('\0') != std::string::npos) {
+    throw InvalidInputError(Concat("a file name must not contain a zero character: ", path));
+  }
+  struct stat target = {};
+  if (stat(path.c_str(), &target) == 0 && !S_ISREG(target.st_mode) && !S_ISDIR(target.st_mode)) {
+    throw InvalidInputError(Concat("file ", path, ": is a device, pipe or socket; give the name of a file"));
+  }
+  for (int others = 0; !IsMine(); ++others) {
+    temporary_path_ = path;
+    if (others > 0) temporary_path_ += "." + std::to_string(others);
+    temporary_path_ += ".partial";
+    lock_ = Descriptor(open(temporary_path_.c_str(), O_WRONLY | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666));
+    if (lock_.get() < 0) Fail("cannot create");
+  }
+  if (ftruncate(lock_.get(), 0) != 0) Fail("cannot write");
+  const int descriptor = fcntl(lock_.get(), F_DUPFD_CLOEXEC, 0);  // shares the lock
+  if (descriptor < 0) Fail("cannot create");
+  file_.reset(fdopen(descriptor, "wb"));
   if (!file_) Fail("cannot create");
+}
+
+AtomicFile::Descriptor::~Descriptor() {
+  if (descriptor_ >= 0) close(descriptor_);
+}
+
+/// Whether nobody else writes to the temporary file. It may have become another's final file before it was locked.
+bool AtomicFile::IsMine() const {
+  if (lock_.get() < 0) return false;
+  if (flock(lock_.get(), LOCK_EX | LOCK_NB) != 0) {
+    if (errno != EWOULDBLOCK && errno != EINTR) Fail("cannot lock");
+    return false;
+  }
+  struct stat opened = {}, named = {};
+  return fstat(lock_.get(), &opened) == 0 && lstat(temporary_path_.c_str(), &named) == 0 &&
+         opened.st_ino == named.st_ino && opened.st_dev == named.st_dev;
 }
 
 AtomicFile::~AtomicFile() {

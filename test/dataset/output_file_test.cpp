@@ -1,5 +1,12 @@
 #include "acmp_mapping/dataset/output_file.h"
 
+#include <sys/resource.h>
+#include <sys/stat.h>
+
+#include <csignal>
+#include <thread>
+#include <vector>
+
 #include <gmock/gmock.h>
 
 #include "acmp_mapping/common/error.h"
@@ -41,21 +48,74 @@ TEST_F(OutputFileTest, PlacesAreFilledInAnyOrder) {
   EXPECT_EQ(ReadText(folder() / "a"), "hello world");
 }
 
-TEST_F(OutputFileTest, FullDiskIsReported) {
-  if (!std::filesystem::exists("/dev/full")) GTEST_SKIP() << "this system has no /dev/full";
-  const auto expect_full = [&](auto write) {
-    std::filesystem::create_symlink("/dev/full", folder() / "a.partial");
+TEST_F(OutputFileTest, WhatTheSystemDoesNotTakeIsReported) {
+  rlimit before = {};
+  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
+  std::signal(SIGXFSZ, SIG_IGN);
+  const auto expect_refused = [&](auto write) {
     AtomicFile file(folder() / "a");
-    EXPECT_THAT(MessageOf<ProcessingError>([&] { write(&file); }),
-                AllOf(HasSubstr((folder() / "a").string()), HasSubstr("No space left on device")));
+    const rlimit none = {0, before.rlim_max};
+    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &none), 0);
+    const std::string message = MessageOf<ProcessingError>([&] { write(&file); });
+    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &before), 0);
+    EXPECT_THAT(message, AllOf(HasSubstr((folder() / "a").string()), HasSubstr("File too large")));
   };
-  expect_full([](AtomicFile* file) { file->Write(std::string(100000, 'x')); });
-  expect_full([](AtomicFile* file) { file->WriteAt(100, "x", 1); });
-  expect_full([](AtomicFile* file) {
+  expect_refused([](AtomicFile* file) { file->Write(std::string(100000, 'x')); });
+  expect_refused([](AtomicFile* file) { file->WriteAt(100, "x", 1); });
+  expect_refused([](AtomicFile* file) {
     file->Write("x");  // stays in the buffer
     file->Commit();
   });
   EXPECT_EQ(CountFiles(folder()), 0u);
+}
+
+TEST_F(OutputFileTest, SeveralWritersOfOneFileDoNotDisturbEachOther) {
+  const auto path = folder() / "map";
+  AtomicFile first(path), second(path);
+  first.Write("first");
+  second.Write("second");
+  first.Commit();
+  EXPECT_EQ(ReadText(path), "first");
+  second.Commit();
+  EXPECT_EQ(ReadText(path), "second");
+  EXPECT_EQ(CountFiles(folder()), 1u);
+}
+
+TEST_F(OutputFileTest, ManyWritersAtOnceLeaveWholeFiles) {
+  const auto path = folder() / "map";
+  std::vector<std::thread> writers;
+  for (char letter = 'a'; letter < 'e'; ++letter) {
+    writers.emplace_back([&path, letter] {
+      for (int i = 0; i < 50; ++i) WriteFileAtomically(path, std::string(10000, letter));
+    });
+  }
+  for (std::thread& writer : writers) writer.join();
+  const std::string text = ReadText(path);
+  EXPECT_EQ(text, std::string(10000, text.empty() ? '?' : text[0]));
+  EXPECT_EQ(CountFiles(folder()), 1u);
+}
+
+TEST_F(OutputFileTest, WhatAKilledProcessLeftIsUsedAgain) {
+  WriteText("map.partial", "a longer text that was never finished");
+  WriteFileAtomically(folder() / "map", "new");
+  EXPECT_EQ(ReadText(folder() / "map"), "new");
+  EXPECT_EQ(CountFiles(folder()), 1u);
+}
+
+TEST_F(OutputFileTest, LinksInPlaceOfTheTemporaryFileAreNotFollowed) {
+  const auto other = WriteText("other", "precious");
+  std::filesystem::create_symlink(other, folder() / "map.partial");
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { WriteFileAtomically(folder() / "map", "x"); }),
+              HasSubstr("map.partial: Too many levels of symbolic links"));
+  EXPECT_EQ(ReadText(other), "precious");
+}
+
+TEST_F(OutputFileTest, OnlyRegularFilesAreReplaced) {
+  ASSERT_EQ(mkfifo((folder() / "pipe").c_str(), 0600), 0);
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { WriteFileAtomically(folder() / "pipe", "x"); }), HasSubstr("pipe"));
+  EXPECT_TRUE(std::filesystem::is_fifo(folder() / "pipe"));
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { WriteFileAtomically(folder() / std::string("nul\0.ply", 8), "x"); }),
+              HasSubstr("zero character"));
 }
 
 TEST_F(OutputFileTest, DurableFilesHaveTheSameContent) {
