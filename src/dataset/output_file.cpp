@@ -22,33 +22,26 @@ AtomicFile::AtomicFile(const std::filesystem::path& path, Durability durability)
   if (stat(path.c_str(), &target) == 0 && !S_ISREG(target.st_mode) && !S_ISDIR(target.st_mode)) {
     throw InvalidInputError(Concat("file ", path, ": is a device, pipe or socket; give the name of a file"));
   }
-  for (int others = 0; !IsMine(); ++others) {
+  for (int others = 0; !file_ || !LockTemporary(); ++others) {
     temporary_path_ = path;
     if (others > 0) temporary_path_ += "." + std::to_string(others);
     temporary_path_ += ".partial";
-    lock_ = Descriptor(open(temporary_path_.c_str(), O_WRONLY | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666));
-    if (lock_.get() < 0) Fail("cannot create");
+    const int descriptor = open(temporary_path_.c_str(), O_WRONLY | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666);
+    if (descriptor < 0) Fail("cannot create");
+    file_.reset(fdopen(descriptor, "wb"));
+    if (!file_) {
+      close(descriptor);
+      Fail("cannot create");
+    }
   }
-  if (ftruncate(lock_.get(), 0) != 0) Fail("cannot write");
-  const int descriptor = fcntl(lock_.get(), F_DUPFD_CLOEXEC, 0);  // shares the lock
-  if (descriptor < 0) Fail("cannot create");
-  file_.reset(fdopen(descriptor, "wb"));
-  if (!file_) Fail("cannot create");
+  if (ftruncate(fileno(file_.get()), 0) != 0) Fail("cannot write");
 }
 
-AtomicFile::Descriptor::~Descriptor() {
-  if (descriptor_ >= 0) close(descriptor_);
-}
-
-/// Whether nobody else writes to the temporary file. It may have become another's final file before it was locked.
-bool AtomicFile::IsMine() const {
-  if (lock_.get() < 0) return false;
-  if (flock(lock_.get(), LOCK_EX | LOCK_NB) != 0) {
-    if (errno != EWOULDBLOCK && errno != EINTR) Fail("cannot lock");
-    return false;
-  }
+/// False if another writes to the temporary file, or did so and gave it its final name before it was locked.
+bool AtomicFile::LockTemporary() const {
+  if (flock(fileno(file_.get()), LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) return false;
   struct stat opened = {}, named = {};
-  return fstat(lock_.get(), &opened) == 0 && lstat(temporary_path_.c_str(), &named) == 0 &&
+  return fstat(fileno(file_.get()), &opened) == 0 && lstat(temporary_path_.c_str(), &named) == 0 &&
          opened.st_ino == named.st_ino && opened.st_dev == named.st_dev;
 }
 
@@ -81,11 +74,13 @@ void AtomicFile::StartWriteback(size_t offset, size_t bytes) {
 void AtomicFile::Commit() {
   if (std::fflush(file_.get()) != 0) Fail("cannot write");
   if (durability_ == Durability::kPowerCut && fsync(fileno(file_.get())) != 0) Fail("cannot write");
-  if (std::fclose(file_.release()) != 0) Fail("cannot write");
+  // Some file systems report errors only when a file is closed: close a second descriptor, as the first has the lock.
+  if (close(dup(fileno(file_.get()))) != 0) Fail("cannot write");
   std::error_code error;
   std::filesystem::rename(temporary_path_, path_, error);
   if (error) throw ProcessingError(Concat("cannot write ", path_.string(), ": ", error.message()));
   committed_ = true;
+  file_.reset();
 }
 
 void AtomicFile::Fail(const char* what) const {

@@ -5,7 +5,6 @@
 #include <filesystem>
 #include <memory>
 #include <string>
-#include <utility>
 
 namespace acmp {
 
@@ -24,7 +23,8 @@ void StartWriteback(const std::filesystem::path& path);
 /// Without a Commit the temporary file is removed and an earlier file of the final name stays as it was. Every failure
 /// (no space, not writable, too large) throws ProcessingError with the system's reason; a name that is not that of a
 /// regular file InvalidInputError. Several processes may write the same file: each has a temporary file of its own,
-/// which it locks, and the last Commit wins. What a killed process left is used again.
+/// which it locks, and the last Commit wins. What a killed process left is used again. On a file system without locks
+/// only one may write.
 class AtomicFile {
  public:
   explicit AtomicFile(const std::filesystem::path& path, Durability durability = Durability::kProcess);
@@ -47,29 +47,13 @@ class AtomicFile {
   struct Closer {
     void operator()(std::FILE* file) const { std::fclose(file); }
   };
-  class Descriptor {
-   public:
-    Descriptor() = default;
-    explicit Descriptor(int descriptor) : descriptor_(descriptor) {}
-    Descriptor(Descriptor&& other) noexcept : descriptor_(std::exchange(other.descriptor_, -1)) {}
-    Descriptor& operator=(Descriptor&& other) noexcept {
-      std::swap(descriptor_, other.descriptor_);
-      return *this;
-    }
-    ~Descriptor();
-    int get() const { return descriptor_; }
-
-   private:
-    int descriptor_ = -1;
-  };
-  bool IsMine() const;
+  bool LockTemporary() const;
   [[noreturn]] void Fail(const char* what) const;
 
   std::filesystem::path path_;
   std::filesystem::path temporary_path_;
   Durability durability_;
-  Descriptor lock_;  ///< held until the file has its final name or is gone
-  std::unique_ptr<std::FILE, Closer> file_;
+  std::unique_ptr<std::FILE, Closer> file_;  ///< the temporary one, locked until it has its final name or is gone
   bool committed_ = false;
 };
 
