@@ -15,7 +15,7 @@
 namespace acmp {
 namespace {
 
-constexpr int64_t kMaxImageSize = 32767;  // cv::remap, which rectifies images, has 16-bit coordinates
+constexpr int64_t kMaxImageSide = 32767;  // cv::remap, which rectifies images, has 16-bit coordinates
 
 LensDistortion ToDistortion(const sensor_msgs::CameraInfo& info) {
   const bool straight = std::all_of(info.D.begin(), info.D.end(), [](double d) { return d == 0; });
@@ -143,14 +143,15 @@ CameraCalibration ToCalibration(const sensor_msgs::CameraInfo& info, bool rectif
     throw InvalidInputError(Concat("camera_info roi ", info.roi.width, "x", info.roi.height, " at (", info.roi.x_offset,
                                    ", ", info.roi.y_offset, "): must lie in ", info.width, "x", info.height));
   }
-  if (full_width > kMaxImageSize || full_height > kMaxImageSize) {
+  const int64_t width = full_width / binning_x, height = full_height / binning_y;
+  if (width > kMaxImageSide || height > kMaxImageSide) {
     throw InvalidInputError(
-        Concat("camera_info of ", full_width, "x", full_height, " pixels: must be at most ", kMaxImageSize, " a side"));
+        Concat("camera_info of ", width, "x", height, " pixels: must be at most ", kMaxImageSide, " a side"));
   }
   CameraCalibration calibration;
   // A binned pixel u covers the full pixels b u .. b u + b - 1, hence the half pixels.
-  calibration.camera.width = static_cast<int>(full_width / binning_x);
-  calibration.camera.height = static_cast<int>(full_height / binning_y);
+  calibration.camera.width = static_cast<int>(width);
+  calibration.camera.height = static_cast<int>(height);
   calibration.camera.fx = fx / binning_x;
   calibration.camera.fy = fy / binning_y;
   calibration.camera.cx = (cx - (cropped ? info.roi.x_offset : 0) + 0.5) / binning_x - 0.5;
