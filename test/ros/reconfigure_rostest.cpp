@@ -9,7 +9,7 @@
 namespace acmp::test {
 namespace {
 
-/// One connection for all calls, as a client that stays open has: of many short ones roscpp now and then drops one.
+/// @param set_parameters stays connected, as rqt_reconfigure does
 DenseMapperConfig Reconfigure(ros::ServiceClient* set_parameters, const DenseMapperConfig& wanted) {
   dynamic_reconfigure::Reconfigure call;
   wanted.__toMessage__(call.request.config);
