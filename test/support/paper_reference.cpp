@@ -13,14 +13,12 @@ constexpr double kPi = 3.14159265358979323846;
 constexpr double kRadPerDeg = kPi / 180;
 constexpr double kWorst = 2;  // of a view that does not see the point
 
-// Differences below which float arithmetic may decide otherwise. Costs: a normalised correlation of 36 samples in float
-// is off by up to 1e-4 where windows have a variance of 0.1 grey levels^2 or more. Random draws: 24 bits times a sum of
-// some probabilities.
+// Differences below which float arithmetic may decide otherwise. Costs: measured over these tests, normalised
+// correlations in float are off by up to 3e-5 where windows have a variance of 0.02 grey levels^2 or more, and by up to
+// 2.2e-3 at the limit of 0.01, where a window reaches over an edge: positions that are off by 1e-5 px change its grey
+// values by a hundredth of its deviation. Random draws: 24 bits times a sum of some probabilities.
 constexpr double kCostTolerance = 3e-4;
-// With less variance the same error of the covariance counts more, ten times at the limit of 0.01: there, where a
-// window reaches over an edge of 100 grey levels, positions that are off by 1e-5 px change grey values by a hundredth
-// of the deviation.
-constexpr double kWeakVariance = 0.1;
+constexpr double kWeakVariance = 0.02, kWeakCostTolerance = 3e-3;
 constexpr double kDrawTolerance = 2e-4;
 constexpr double kPixelTolerance = 2e-3;
 constexpr double kRelativeDepthTolerance = 2e-6;
@@ -60,7 +58,7 @@ void Reference::StartPixel() {
 }
 
 Outcome Reference::Done(Outcome outcome) const {
-  outcome.cost_tolerance = kCostTolerance * kWeakVariance / std::max<double>(least_variance_, options_.min_variance);
+  outcome.cost_tolerance = least_variance_ < kWeakVariance ? kWeakCostTolerance : kCostTolerance;
   outcome.is_near_tie = is_near_tie_;
   return outcome;
 }
@@ -289,7 +287,7 @@ Outcome Reference::RateByBestViews(const Hypothesis& start, int col, int row) {
   std::sort(costs.begin(), costs.end());
   for (size_t i = 0; i + 1 < costs.size(); ++i) Less(costs[i].first, costs[i + 1].first, kCostTolerance);
   costs.resize(std::min(kTop, costs.size()));
-  Outcome outcome = {start.plane, kWorst, 0, 0, false};
+  Outcome outcome = {start.plane};
   if (costs.empty()) return Done(outcome);
   double sum = 0;
   for (const auto& [cost, view] : costs) {
@@ -356,7 +354,7 @@ Outcome Reference::Update(const Maps& maps, int col, int row, int iteration) {
   // View weights.
   const std::vector<double> weights = weighs_as_acmh_ ? WeighAsAcmh(costs, maps.views(col, row), iteration)
                                                       : WeighAsAcmp(costs, maps, col, row, &random);
-  Outcome outcome = {candidates.back().plane, kWorst, 0, 0, false};
+  Outcome outcome = {candidates.back().plane};
   for (size_t view = 0; view < weights.size(); ++view) outcome.views |= (weights[view] > 0 ? 1u : 0u) << view;
   if (outcome.views == 0) return Done(outcome);
   if (weighs_as_acmh_) {

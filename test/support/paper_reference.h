@@ -22,10 +22,10 @@ struct Maps {
 /// What a pixel becomes.
 struct Outcome {
   reference::Plane plane;
-  double cost;
-  double cost_tolerance;  ///< what rounding to float may change the cost by
-  uint32_t views;
-  bool is_near_tie;  ///< some comparison on the way was so close that rounding to float may decide it otherwise
+  double cost = 2;            ///< that of no view seeing it
+  double cost_tolerance = 0;  ///< what rounding to float may change the cost by
+  uint32_t views = 0;
+  bool is_near_tie = false;  ///< some comparison on the way was so close that rounding to float may decide it otherwise
 };
 
 /// One pass over one problem. `problem` and `options` must outlive it.
