@@ -3,6 +3,7 @@
 #include <ceres/ceres.h>
 #include <glog/logging.h>
 
+#include <algorithm>
 #include <array>
 #include <memory>
 
@@ -231,11 +232,14 @@ class Adjustment {
     for (size_t i = 0; i < poses_.size(); ++i) {
       problem_.AddParameterBlock(poses_[i].data(), kPoseSize, &manifold_);
       ordering_->AddElementToGroup(poses_[i].data(), 1);
-      if (i < fixed_views) problem_.SetParameterBlockConstant(poses_[i].data());
+      if (i < fixed_views) {
+        problem_.SetParameterBlockConstant(poses_[i].data());
+        continue;
+      }
       problem_.AddResidualBlock(new PosePrior(bundle_.expected[i], weights.rotation_sigma, weights.position_sigma),
                                 nullptr, poses_[i].data());
     }
-    for (size_t i = 0; i + 1 < poses_.size(); ++i) {
+    for (size_t i = fixed_views > 0 ? fixed_views - 1 : 0; i + 1 < poses_.size(); ++i) {
       problem_.AddResidualBlock(
           new MotionPrior(bundle_.expected[i], bundle_.expected[i + 1], weights.turn_sigma, weights.move_sigma),
           nullptr, poses_[i].data(), poses_[i + 1].data());
@@ -247,7 +251,7 @@ class Adjustment {
                               camera_errors_.data());
     const std::vector<CameraMotion> motions = MotionsOf(bundle_);
     for (Landmark& landmark : bundle_.landmarks) {
-      if (!landmark.held_out) AddSightings(motions, &landmark);
+      if (!landmark.held_out && IsSeenFrom(landmark, fixed_views)) AddSightings(motions, &landmark);
     }
   }
 
@@ -275,6 +279,13 @@ class Adjustment {
     options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
     options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
     return options;
+  }
+
+  /// Whether a view from `first` on sees it. What only fixed views see has its depth from them already.
+  static bool IsSeenFrom(const Landmark& landmark, size_t first) {
+    const auto is_late = [first](int view) { return static_cast<size_t>(view) >= first; };
+    return is_late(landmark.anchor) || std::any_of(landmark.sightings.begin(), landmark.sightings.end(),
+                                                   [&](const Sighting& s) { return is_late(s.view); });
   }
 
   PixelErrors ErrorsAt(size_t view, const Eigen::Vector2d& pixel, const CameraMotion& motion,

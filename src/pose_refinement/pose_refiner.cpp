@@ -1,5 +1,7 @@
 #include "acmp_mapping/pose_refinement/pose_refiner.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <deque>
 #include <utility>
@@ -102,18 +104,23 @@ struct PoseRefiner::Impl {
   /// Known landmarks in the newest keyframe.
   std::vector<Tracked> TrackLandmarks() {
     const size_t newest = bundle.size() - 1;
-    std::vector<Tracked> tracked;
-    for (Landmark& landmark : bundle.landmarks) {
+    std::vector<Alignment> alignments(bundle.landmarks.size());
+    tbb::parallel_for(size_t{0}, bundle.landmarks.size(), [&](size_t i) {
+      const Landmark& landmark = bundle.landmarks[i];
       const int last = landmark.sightings.back().view;  // sightings ascend but for those of its first keyframes
-      if (static_cast<int>(newest) - std::max(last, landmark.anchor) > kLostAfter) continue;
-      const Alignment alignment = FindInView(landmark, Posed(static_cast<size_t>(landmark.anchor)), Posed(newest), {});
-      if (!alignment.found) continue;
-      landmark.sightings.push_back({static_cast<int>(newest), alignment.pixel});
+      if (static_cast<int>(newest) - std::max(last, landmark.anchor) > kLostAfter) return;
+      alignments[i] = FindInView(landmark, Posed(static_cast<size_t>(landmark.anchor)), Posed(newest), {});
+    });
+    std::vector<Tracked> tracked;
+    for (size_t i = 0; i < alignments.size(); ++i) {
+      if (!alignments[i].found) continue;
+      Landmark& landmark = bundle.landmarks[i];
+      landmark.sightings.push_back({static_cast<int>(newest), alignments[i].pixel});
       const auto anchor = static_cast<size_t>(landmark.anchor);
       const double ratio = DirectionInView(bundle.cameras[anchor].Unproject(landmark.pixel), landmark.inverse_depth,
                                            bundle.poses[anchor], bundle.poses[newest])
                                .z();
-      if (ratio > 0) tracked.push_back({alignment.pixel, landmark.inverse_depth / ratio});
+      if (ratio > 0) tracked.push_back({alignments[i].pixel, landmark.inverse_depth / ratio});
     }
     return tracked;
   }
@@ -140,30 +147,41 @@ struct PoseRefiner::Impl {
 
   void AddLandmarks(const std::vector<Tracked>& tracked, const DepthRange& range) {
     const size_t newest = bundle.size() - 1;
-    const PosedView anchor = Posed(newest);
-    std::vector<PosedView> others;
-    for (size_t i = newest; i-- > 0 && others.size() < kSearchViews;) others.push_back(Posed(i));
-    if (others.size() < kMinSightings) return;
+    if (newest < kMinSightings) return;
     std::vector<Eigen::Vector2d> taken;
     taken.reserve(tracked.size());
     for (const Tracked& t : tracked) taken.push_back(t.pixel);
-    const size_t first = newest > kFirstSightings ? newest - kFirstSightings : 0;
-    for (const Eigen::Vector2d& corner :
-         DetectCorners(anchor.view->pyramid.level(0), taken, CornersFor(anchor.view->camera, options.corners))) {
-      Landmark landmark;
-      landmark.anchor = static_cast<int>(newest);
-      landmark.pixel = corner;
-      landmark.inverse_depth = SearchInverseDepth(anchor, corner, RangeAround(corner, tracked, range), others);
-      if (!(landmark.inverse_depth > 0)) continue;
-      for (size_t i = first; i < newest; ++i) {
-        const Alignment alignment = FindInView(landmark, anchor, Posed(i), {});
-        if (alignment.found) landmark.sightings.push_back({static_cast<int>(i), alignment.pixel});
-      }
-      if (landmark.sightings.size() < kMinSightings) continue;
-      landmark.held_out = IsHeldOut(keyframes.back().id, corner);
-      Triangulate(bundle.poses, bundle.cameras, &landmark);
-      if (landmark.inverse_depth > 0) bundle.landmarks.push_back(std::move(landmark));
+    const View& view = keyframes.back().view;
+    const std::vector<Eigen::Vector2d> corners =
+        DetectCorners(view.pyramid.level(0), taken, CornersFor(view.camera, options.corners));
+    std::vector<std::optional<Landmark>> found(corners.size());
+    tbb::parallel_for(size_t{0}, corners.size(),
+                      [&](size_t i) { found[i] = MakeLandmark(corners[i], RangeAround(corners[i], tracked, range)); });
+    for (std::optional<Landmark>& landmark : found) {
+      if (landmark) bundle.landmarks.push_back(std::move(*landmark));
     }
+  }
+
+  /// A landmark at a corner of the newest keyframe, if earlier ones see it.
+  std::optional<Landmark> MakeLandmark(const Eigen::Vector2d& corner, const DepthRange& range) const {
+    const size_t newest = bundle.size() - 1;
+    const PosedView anchor = Posed(newest);
+    std::vector<PosedView> others;
+    for (size_t i = newest; i-- > 0 && others.size() < kSearchViews;) others.push_back(Posed(i));
+    Landmark landmark;
+    landmark.anchor = static_cast<int>(newest);
+    landmark.pixel = corner;
+    landmark.inverse_depth = SearchInverseDepth(anchor, corner, range, others);
+    if (!(landmark.inverse_depth > 0)) return std::nullopt;
+    for (size_t i = newest > kFirstSightings ? newest - kFirstSightings : 0; i < newest; ++i) {
+      const Alignment alignment = FindInView(landmark, anchor, Posed(i), {});
+      if (alignment.found) landmark.sightings.push_back({static_cast<int>(i), alignment.pixel});
+    }
+    if (landmark.sightings.size() < kMinSightings) return std::nullopt;
+    landmark.held_out = IsHeldOut(keyframes.back().id, corner);
+    Triangulate(bundle.poses, bundle.cameras, &landmark);
+    if (!(landmark.inverse_depth > 0)) return std::nullopt;
+    return landmark;
   }
 
   /// Brings what took no part up to date, and forgets what was adjusted to behind its anchor.
@@ -178,7 +196,8 @@ struct PoseRefiner::Impl {
 
   const PoseRefinementOptions options;
   std::deque<Keyframe> keyframes;
-  Bundle bundle;  ///< of the keyframes, in their order
+  Bundle bundle;                  ///< of the keyframes, in their order
+  std::vector<ViewPose> refined;  ///< by resection; of keyframes that are fixed by now, when they were last free
   RefinementState state;
   bool changed = false;  ///< by the last Refine
   double scale = 1;      ///< of the last Refine's result
@@ -217,6 +236,7 @@ void PoseRefiner::Add(const Frame& frame, const DepthRange& range, const std::op
   bundle.cameras.push_back(frame.camera);
   bundle.received.push_back(received);
   bundle.poses.push_back(predicted);
+  impl_->refined.push_back(predicted);
   bundle.times.push_back(stamped ? frame.stamp_s : static_cast<double>(frame.id));
   bundle.motions.push_back(motion);
   const auto scale = static_cast<float>(impl_->scale);
@@ -232,6 +252,7 @@ void PoseRefiner::RemoveOldest() {
   b.poses.erase(b.poses.begin());
   b.times.erase(b.times.begin());
   b.motions.erase(b.motions.begin());
+  impl_->refined.erase(impl_->refined.begin());
   std::vector<Landmark> kept;
   for (Landmark& landmark : b.landmarks) {
     if (--landmark.anchor < 0) continue;
@@ -263,13 +284,15 @@ PoseRefinement PoseRefiner::Refine() {
   bundle.expected = Moved(FitSimilarity(bundle.received, bundle.poses, fixed), bundle.received);
   if (!RefineBundle(1, kIterations, fixed, &bundle, &impl_->state)) {
     bundle.landmarks.clear();
-    bundle.poses = bundle.received;
+    bundle.poses = impl_->refined = bundle.received;
     impl_->state = {};
     impl_->changed = false;
     impl_->scale = 1;
     return Unrefined(ids, received, "the bundle adjustment found no solution");
   }
-  const std::vector<ViewPose> refined = ResectViews(bundle, impl_->state.camera);
+  std::vector<ViewPose>& refined = impl_->refined;
+  const std::vector<ViewPose> free = ResectViews(bundle, impl_->state.camera, fixed);
+  std::copy(free.begin(), free.end(), refined.begin() + static_cast<std::ptrdiff_t>(fixed));
   PoseRefinement result =
       JudgeRefinement(bundle, ids, received, refined, impl_->state.camera, impl_->options, impl_->changed);
   impl_->changed = result.changed;
@@ -283,6 +306,7 @@ PoseRefinement PoseRefiner::Refine() {
   } else {
     // As long as received poses are used the two worlds stay one.
     bundle.poses = Moved(received_from_refined, std::move(bundle.poses));
+    refined = Moved(received_from_refined, std::move(refined));
     for (Landmark& landmark : bundle.landmarks) landmark.inverse_depth /= received_from_refined.scale;
   }
   impl_->scale = result.scale;

@@ -48,7 +48,7 @@ ViewPose Resect(const std::vector<SeenPoint>& points, const PinholeCamera& camer
 
 }  // namespace
 
-std::vector<ViewPose> ResectViews(const Bundle& bundle, const CameraErrors& camera) {
+std::vector<ViewPose> ResectViews(const Bundle& bundle, const CameraErrors& camera, size_t first_view) {
   const std::vector<CameraMotion> motions = MotionsOf(bundle);
   const Eigen::Vector3d errors(camera.k1, camera.k2, camera.readout);
   std::vector<std::vector<SeenPoint>> seen(bundle.size());
@@ -68,9 +68,10 @@ std::vector<ViewPose> ResectViews(const Bundle& bundle, const CameraErrors& came
     }
   }
   constexpr size_t kMinPoints = 15;
-  std::vector<ViewPose> poses = bundle.poses;
-  for (size_t i = 0; i < poses.size(); ++i) {
-    if (seen[i].size() >= kMinPoints) poses[i] = Resect(seen[i], bundle.cameras[i], poses[i]);
+  std::vector<ViewPose> poses;
+  for (size_t i = first_view; i < bundle.size(); ++i) {
+    const ViewPose& pose = bundle.poses[i];
+    poses.push_back(seen[i].size() < kMinPoints ? pose : Resect(seen[i], bundle.cameras[i], pose));
   }
   return poses;
 }

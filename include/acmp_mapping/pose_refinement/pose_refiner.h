@@ -7,7 +7,7 @@
 namespace acmp {
 
 /// Refines the poses of a sliding window of keyframes. Landmarks are carried over from keyframe to keyframe, so that a
-/// new one costs little. Used by one thread at a time; deterministic.
+/// new one costs little. Used by one thread at a time, works in parallel (TBB); deterministic.
 class PoseRefiner {
  public:
   /// Throws InvalidInputError for bad options.
