@@ -1,9 +1,12 @@
+#include <tbb/parallel_for.h>
+
 #include <map>
 #include <memory>
 #include <set>
 #include <utility>
 #include <vector>
 
+#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "run.h"
 
@@ -56,16 +59,28 @@ class OfflineSchedule {
     return indices;
   }
 
-  /// Those without a file whose results are final or read by others that are to do.
+  /// Those without a whole file whose results are final or read by others that are to do. Damaged files are named.
   void FindWhatIsToDo() {
-    std::set<Key> read;
+    std::set<int> read;  // of the step's results, by scene index
+    for (const auto& [index, image] : images_) read.insert(index);
     for (int step = final_step_; step >= 0; --step) {
-      for (const auto& [index, image] : images_) {
-        const Key key = {step, index};
-        const bool wanted = step == final_step_ || read.count(key) > 0;
-        if (!wanted || IsWholeWorkFile(run_.store.FileOf(key))) continue;
+      const std::vector<int> wanted(read.begin(), read.end());
+      std::vector<WorkFileState> files(wanted.size());
+      tbb::parallel_for(size_t{0}, wanted.size(), [&](size_t i) {
+        run_.interrupt.Check();
+        files[i] = CheckWorkFile(run_.store.FileOf({step, wanted[i]}));
+      });
+      read.clear();
+      for (size_t i = 0; i < wanted.size(); ++i) {
+        if (files[i] == WorkFileState::kWhole) continue;
+        const Key key = {step, wanted[i]};
+        if (files[i] == WorkFileState::kDamaged) {
+          run_.progress.Warn(Concat("the work file ", run_.store.FileOf(key).string(),
+                                    " is damaged: its step of image ",
+                                    run_.scene.images[static_cast<size_t>(wanted[i])].name, " is computed again"));
+        }
         to_do_.insert(key);
-        for (int other : ImagesRead(*image)) read.insert({step - 1, other});
+        for (int other : ImagesRead(*images_.at(wanted[i]))) read.insert(other);
       }
     }
   }

@@ -7,9 +7,15 @@
 
 namespace acmp {
 
-/// True when the work file exists and has the size its header announces. After a power cut a file that was not on the
-/// disk yet can be there without its content; it is then made again.
-bool IsWholeWorkFile(const std::filesystem::path& path);
+enum class WorkFileState {
+  kMissing,
+  kWhole,
+  kDamaged,  ///< of another length or content than was written, or not a work file of this version
+};
+
+/// Reads the whole file and compares its checksum (CRC-32, some GB/s). After a power cut a file that was not on the
+/// disk yet can be there without its content.
+WorkFileState CheckWorkFile(const std::filesystem::path& path);
 
 /// Intermediate result of one image, as it is in memory: for this machine and this run only.
 void WriteEstimate(const std::filesystem::path& path, const EstimateState& estimate);

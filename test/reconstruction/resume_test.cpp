@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <string>
 
@@ -123,6 +124,45 @@ TEST_F(ResumeTest, WorkFilesCutByAPowerFailureAreMadeAgain) {
   Run(&second);
   EXPECT_EQ(second.calls.size(), fake_.calls.size());
   ExpectSameContents(output("whole"), output());
+}
+
+TEST_F(ResumeTest, WorkFilesWithDamagedContentAreMadeAgain) {
+  PassesOfWholeRun();
+  options_.keep_work = true;
+  Run(&fake_);
+  const auto whole = Contents(output() / "work");
+  ASSERT_GE(whole.size(), 4u * kImages);
+  const size_t bytes = whole.begin()->second.size();
+  // In the header: width, checksum; in the pixels: the first bit of a plane, the last one of a cost.
+  for (const size_t damaged_byte : {size_t{4}, size_t{16}, size_t{20}, bytes - 1}) {
+    for (const auto& [name, content] : whole) {
+      std::string damaged = content;
+      damaged[std::min(damaged_byte, content.size() - 1)] ^= 1;
+      WriteText("out/work/" + name, damaged);
+    }
+    std::filesystem::remove(output() / "summary.json");
+    FakeMatcher second;
+    Run(&second);
+    EXPECT_EQ(second.calls.size(), fake_.calls.size()) << "byte " << damaged_byte;
+    EXPECT_THAT(log_.str(), HasSubstr("000002.bin is damaged: its step of image 00000002.png is computed again"));
+    EXPECT_TRUE(Contents(output() / "work") == whole) << "byte " << damaged_byte;
+    ExpectSameContents(output("whole") / "depth", output() / "depth");
+  }
+}
+
+TEST_F(ResumeTest, OneDamagedWorkFileOfTheLastStepCostsOnlyThatStep) {
+  options_.keep_work = true;
+  Run(&fake_);
+  std::filesystem::remove(output() / "summary.json");
+  const std::string cloud = ReadText(output() / "fused.ply");
+  std::string damaged = ReadText(output() / "work/final/000001.bin");
+  damaged[damaged.size() / 2] ^= 64;
+  WriteText("out/work/final/000001.bin", damaged);
+  FakeMatcher second;
+  Run(&second);
+  EXPECT_LE(second.calls.size(), 1u);  // the last step may be none of the matcher's
+  EXPECT_THAT(log_.str(), HasSubstr("000001.bin is damaged: its step of image 00000001.png is computed again"));
+  EXPECT_EQ(ReadText(output() / "fused.ply"), cloud);
 }
 
 TEST_F(ResumeTest, AnInterruptedOnlineRunStartsAnew) {
