@@ -6,9 +6,12 @@
 
 #include <array>
 #include <cerrno>
+#include <cstdint>
 #include <cstdio>
 #include <cstring>
 #include <fstream>
+#include <map>
+#include <sstream>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/output_file.h"
@@ -18,9 +21,11 @@ namespace {
 
 constexpr const char* kRecordName = "run.txt";
 constexpr const char* kLockName = ".lock";
+constexpr const char* kListName = "files.txt";
 constexpr const char* kTemporarySuffix = ".partial";  // of AtomicFile
-constexpr std::array<const char*, 10> kOwnEntries = {"depth",  "normal", "cost",      "confidence",  "pictures",
-                                                     "colmap", "work",   "fused.ply", "cameras.txt", "summary.json"};
+constexpr const char* kWorkName = "work";
+constexpr std::array<const char*, 8> kResults = {"depth",    "normal", "cost",      "confidence",
+                                                 "pictures", "colmap", "fused.ply", "cameras.txt"};
 
 std::string Format(const RunRecord& record) {
   std::string text = "# settings of the run that made this folder\n";
@@ -136,13 +141,62 @@ void OutputFolder::TakeOver(const RunRecord& record, bool overwrite) {
                                    DescribeDifferences(Parse(earlier), record),
                                    "): give --overwrite to start afresh, or another folder"));
   }
-  state_ = std::filesystem::exists(SummaryFile()) ? State::kComplete : State::kStarted;
+  const bool finished = std::filesystem::exists(SummaryFile());
+  if (finished) losses_ = Losses();
+  state_ = finished && losses_.empty() ? State::kComplete : State::kStarted;
+  if (!losses_.empty()) Remove(SummaryFile());
+}
+
+void OutputFolder::WriteFileList() const {
+  std::map<std::string, uintmax_t> bytes;  // of each file
+  const auto add = [&](const std::filesystem::path& path) {
+    const std::string name = std::filesystem::relative(path, path_).string();
+    if (std::filesystem::is_regular_file(path) && path.extension() != kTemporarySuffix) {
+      bytes[name] = std::filesystem::file_size(path);
+    }
+  };
+  for (const char* name : kResults) {
+    const std::filesystem::path result = path_ / name;
+    add(result);
+    if (!std::filesystem::is_directory(result)) continue;
+    for (const auto& entry : std::filesystem::recursive_directory_iterator(result)) add(entry.path());
+  }
+  std::string text = "# bytes and name of each file of the finished run\n";
+  for (const auto& [name, size] : bytes) text += Concat(size, " ", name, "\n");
+  WriteFileAtomically(path_ / kListName, text, Durability::kPowerCut);
+}
+
+std::string OutputFolder::Losses() const {
+  std::ifstream list(path_ / kListName, std::ios::binary);
+  if (!list) return Concat(kListName, ", which lists the files, is missing");
+  size_t files = 0, lost = 0;
+  std::string first, line;
+  std::getline(list, line);  // the comment
+  while (std::getline(list, line)) {
+    std::istringstream words(line);
+    uintmax_t listed = 0;
+    std::string name;
+    if (!(words >> listed) || words.get() != ' ' || !std::getline(words, name)) {
+      return Concat(kListName, ", which lists the files, is damaged: \"", line, "\"");
+    }
+    ++files;
+    std::error_code error;
+    const uintmax_t bytes = std::filesystem::file_size(path_ / name, error);
+    if (!error && bytes == listed) continue;
+    if (lost++ == 0)
+      first = error ? Concat(name, " is missing") : Concat(name, " has ", bytes, " of ", listed, " bytes");
+  }
+  if (files == 0) return Concat(kListName, ", which lists the files, is empty");
+  return lost == 0 ? ""
+                   : Concat(lost, " of ", files, " files are missing or have another size: ", first,
+                            lost > 1 ? " and so on" : "");
 }
 
 void OutputFolder::RemoveResults() const {
   // The summary first: a folder without it never counts as complete.
   Remove(SummaryFile());
-  for (const char* name : kOwnEntries) Remove(path_ / name);
+  for (const char* name : kResults) Remove(path_ / name);
+  for (const char* name : {kListName, kWorkName}) Remove(path_ / name);
 }
 
 void OutputFolder::StartAfresh() {
@@ -151,10 +205,10 @@ void OutputFolder::StartAfresh() {
 }
 
 std::filesystem::path OutputFolder::WorkFile(const std::string& kind, int number) const {
-  return path_ / "work" / kind / (SixDigits(number) + ".bin");
+  return path_ / kWorkName / kind / (SixDigits(number) + ".bin");
 }
 
-void OutputFolder::RemoveWork() const { Remove(path_ / "work"); }
+void OutputFolder::RemoveWork() const { Remove(path_ / kWorkName); }
 
 std::filesystem::path OutputFolder::MapFile(const std::string& kind, int index, const std::string& suffix) const {
   return path_ / kind / (SixDigits(index) + suffix);

@@ -16,7 +16,7 @@ class OutputFolder {
   enum class State {
     kFresh,     ///< nothing done yet
     kStarted,   ///< an interrupted run with the same settings
-    kComplete,  ///< a finished run with the same settings
+    kComplete,  ///< a finished run with the same settings, and all its files have the size that they had
   };
 
   /// Makes the folder or takes over the one that is there. Throws InvalidInputError when it belongs to a run with other
@@ -30,6 +30,10 @@ class OutputFolder {
   void StartAfresh();
 
   State state() const { return state_; }
+  /// Which files a finished run lacks now, or that are shorter or longer: then it counts as kStarted. Empty: none.
+  const std::string& losses() const { return losses_; }
+  /// Lists the results with their sizes. A run without the list is not complete.
+  void WriteFileList() const;
   const std::filesystem::path& path() const { return path_; }
 
   /// OUTPUT/work/KIND/000012.bin
@@ -44,9 +48,11 @@ class OutputFolder {
   void Lock();
   void TakeOver(const RunRecord& record, bool overwrite);
   void RemoveResults() const;
+  std::string Losses() const;
 
   std::filesystem::path path_;
   State state_ = State::kFresh;
+  std::string losses_;
   int lock_ = -1;
 };
 

@@ -96,6 +96,7 @@ size_t RunSchedule(ReconstructRun* run) {
 /// The summary, which makes the run complete.
 void Finish(ReconstructRun* run, const RunRecord& record, const Timer& timer, size_t points, std::ostream* out) {
   Timer sync;
+  run->folder.WriteFileList();
   SyncFolder(run->folder.path());
   run->times.syncing_ms = sync.Lap();
   run->times.run_ms = timer.Elapsed();
@@ -139,11 +140,13 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
       *out << options.output.string() << ": already complete (--overwrite starts afresh)" << std::endl;
     return;
   }
-  if (folder.state() == OutputFolder::State::kStarted) {
+  if (!folder.losses().empty()) {
+    progress.Warn(Concat(options.output.string(), ": was complete, but ", folder.losses(), "; all is written again"));
+  } else if (folder.state() == OutputFolder::State::kStarted) {
     progress.Note(options.online() ? "an interrupted run with --schedule online starts anew"
                                    : "going on with an interrupted run");
-    if (options.online()) folder.StartAfresh();
   }
+  if (folder.state() == OutputFolder::State::kStarted && options.online()) folder.StartAfresh();
   EngineStore store(&frames, options, folder, plan, devices, ScheduleOf(MakePipelineOptions(options)));
   ReconstructRun run{scene, options, plan, folder, devices, store, *interrupt, progress, {}, {}};
   const size_t points = RunSchedule(&run);

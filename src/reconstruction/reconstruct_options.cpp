@@ -33,11 +33,13 @@ OUTPUT is a folder that is made; afterwards it holds, for image 0, 1, 2, ... of 
   cameras.txt              cameras of the maps (at the maps' size) with their poses
   colmap/                  with --colmap: the undistorted images, sparse/, depth and normal maps in stereo/
   summary.json, run.txt    what was done, with which settings, and how long it took
+  files.txt                names and sizes of all these files
 
 A run that was interrupted goes on where it stopped when the same command is given again; the result is the same to
 the last bit (with --schedule online it starts anew). Until then OUTPUT/work holds intermediate maps: about 50 bytes per
 pixel and image. GPUs write only what they have no room for, and make the rest
-again; on long runs that is up to 20 bytes for each pass over an image.
+again; on long runs that is up to 20 bytes for each pass over an image. Damaged ones are made again, and so is a
+finished run that lacks files or has some of another size.
 
 Depths are searched in the range that the dataset names (mvsnet: last line of cams/*_cam.txt), else in the range of the
 landmarks that the image observes, both widened by half at each end. --depth-min and --depth-max override that.

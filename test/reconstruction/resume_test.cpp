@@ -89,6 +89,54 @@ TEST_F(ResumeTest, CompleteRunIsNotRepeated) {
   EXPECT_THAT(out_.str(), HasSubstr("already complete"));
 }
 
+TEST_F(ResumeTest, ACompleteRunThatLostFilesIsMadeAgain) {
+  for (const char* schedule : {"offline", "online"}) {
+    std::filesystem::remove_all(output());
+    std::filesystem::remove_all(output("whole"));
+    options_.schedule = schedule;
+    options_.window_size = 4;
+    options_.lookahead = 1;
+    PassesOfWholeRun();
+    Run(&fake_);
+    const auto expect_made_again = [&](const std::string& word) {
+      FakeMatcher again;
+      Run(&again);
+      EXPECT_FALSE(again.calls.empty());
+      EXPECT_THAT(log_.str(), HasSubstr("warning: " + output().string() + ": was complete, but " + word));
+      ExpectSameContents(output("whole"), output());
+      Run(&again);
+      EXPECT_THAT(out_.str(), HasSubstr("already complete"));
+    };
+    std::filesystem::remove(output() / "fused.ply");
+    expect_made_again("1 of 55 files are missing or have another size: fused.ply is missing; all is written again");
+    std::filesystem::resize_file(output() / "depth/000001.pfm", 100);
+    std::filesystem::remove_all(output() / "pictures");
+    expect_made_again("17 of 55 files are missing or have another size: depth/000001.pfm has 100 of ");
+    std::filesystem::remove(output() / "colmap/stereo/depth_maps/00000003.png.geometric.bin");
+    expect_made_again("1 of 55 files are missing or have another size: colmap/stereo/depth_maps/00000003");
+    std::filesystem::resize_file(output() / "files.txt", 0);
+    expect_made_again("files.txt, which lists the files, is empty");
+    WriteText("out/files.txt", "# files\n12 a\nb\n");
+    expect_made_again("files.txt, which lists the files, is damaged: \"b\"");
+    std::filesystem::remove(output() / "files.txt");
+    expect_made_again("files.txt, which lists the files, is missing");
+  }
+}
+
+TEST_F(ResumeTest, LostOutputsAreMadeOfWorkFilesThatWereKept) {
+  options_.keep_work = true;
+  Run(&fake_);
+  const auto before = Contents(output());
+  std::filesystem::remove_all(output() / "depth");
+  FakeMatcher again;
+  InterruptWatcher stopped;
+  stopped.Request();
+  EXPECT_THROW(Run(&again, &stopped), Interrupted);
+  Run(&again);
+  EXPECT_TRUE(again.calls.empty());
+  EXPECT_TRUE(Contents(output()) == before);
+}
+
 TEST_F(ResumeTest, OtherSettingsAreRefusedUntilOverwrite) {
   Run(&fake_);
   options_.seed = 7;
