@@ -72,9 +72,18 @@ void CorrectNamed(const std::vector<NamedKeyframe>& named) {
   }
 }
 
+/// Whether a keyframe's points would be within the distance from the origin; counts it where not. False for NaN, too.
+bool IsWithin(double max_distance, const CorrectedPose& keyframe, const RigidTransform& world_from_cam, double scale,
+              const StampedPose& cause, ReposeResult* result) {
+  if (world_from_cam.translation().norm() + scale * keyframe.reach <= max_distance) return true;
+  ++result->too_far;
+  if (!result->first_too_far) result->first_too_far = {cause.stamp_ns, cause.pose.translation(), max_distance};
+  return false;
+}
+
 /// What the path says of the keyframes it names.
-void NameKeyframes(const std::vector<StampedPose>& path, const std::vector<CorrectedPose*>& keyframes,
-                   ReposeResult* result) {
+void NameKeyframes(const std::vector<StampedPose>& path, double max_distance,
+                   const std::vector<CorrectedPose*>& keyframes, ReposeResult* result) {
   std::vector<bool> used(path.size());
   std::vector<NamedKeyframe> named;
   for (CorrectedPose* keyframe : keyframes) {
@@ -88,9 +97,11 @@ void NameKeyframes(const std::vector<StampedPose>& path, const std::vector<Corre
     if (!result->nearest || gap_ns < result->nearest->gap_ns) result->nearest = {gap_ns, tolerance_ns};
     if (gap_ns > tolerance_ns) continue;
     used[nearest] = true;
+    const RigidTransform world_from_cam = WorldFromCam(keyframe->path, path[nearest].pose);
+    if (!IsWithin(max_distance, *keyframe, world_from_cam, 1, path[nearest], result)) continue;
     ++result->named;
     keyframe->named = keyframe->seeded = true;
-    named.push_back({keyframe, WorldFromCam(keyframe->path, path[nearest].pose)});
+    named.push_back({keyframe, world_from_cam});
   }
   CorrectNamed(named);
   result->unmatched = static_cast<size_t>(std::count(used.begin(), used.end(), false));
@@ -109,12 +120,12 @@ void SortPath(std::vector<StampedPose>* path) {
                    [](const StampedPose& a, const StampedPose& b) { return a.stamp_ns < b.stamp_ns; });
 }
 
-ReposeResult Repose(const std::vector<StampedPose>& path, const PoseTolerance& same,
+ReposeResult Repose(const std::vector<StampedPose>& path, const PoseTolerance& same, double max_distance,
                     const std::vector<CorrectedPose*>& keyframes) {
   ReposeResult result;
   result.unmatched = path.size();
   if (path.empty() || keyframes.empty()) return result;
-  NameKeyframes(path, keyframes, &result);
+  NameKeyframes(path, max_distance, keyframes, &result);
 
   const auto first = std::find_if(keyframes.begin(), keyframes.end(), [](const auto* k) { return k->seeded; });
   if (first == keyframes.end()) return result;
@@ -130,6 +141,8 @@ ReposeResult Repose(const std::vector<StampedPose>& path, const PoseTolerance& s
     const RigidTransform corrected = keyframe->correction.Moved(keyframe->received);
     const bool same_scale = std::abs(keyframe->correction.scale - keyframe->scale) <= same.scale * keyframe->scale;
     if (same_scale && SamePose(corrected, keyframe->world_from_cam, same)) continue;
+    const StampedPose moved = {keyframe->stamp_ns, corrected};
+    if (!IsWithin(max_distance, *keyframe, corrected, keyframe->correction.scale, moved, &result)) continue;
     keyframe->world_from_cam = corrected;
     keyframe->scale = keyframe->correction.scale;
     result.moved.push_back(i);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -21,6 +22,23 @@ double MedianDepth(const PointCloud& points) {
   return *middle;
 }
 
+double ReachOf(const PointCloud& points) {
+  double reach = 0;
+  for (const SurfacePoint& point : points) {
+    const Vec3f& p = point.position;
+    reach = std::max(reach, Eigen::Vector3d(p.x, p.y, p.z).norm());
+  }
+  return reach;
+}
+
+/// Throws unless a keyframe's points are within the distance from the origin.
+void CheckDistance(const RigidTransform& world_from_cam, double reach, double max_distance) {
+  const Eigen::Vector3d& position = world_from_cam.translation();
+  if (position.norm() + reach <= max_distance) return;
+  throw InvalidInputError(Concat("position (", position.x(), ", ", position.y(), ", ", position.z(), "), points up to ",
+                                 reach, " away: must lie within ", max_distance, " of the origin (2^30 voxels)"));
+}
+
 }  // namespace
 
 void Validate(const MapStoreOptions& options) {
@@ -36,10 +54,22 @@ std::shared_ptr<const PointCloud> MapStore::Thinned(const PointCloud& points) {
   double voxel_size = 0;
   {
     std::lock_guard<std::mutex> lock(mutex_);
-    if (auto_voxel_size_ == 0) auto_voxel_size_ = kAutoVoxelRatio * MedianDepth(points);
     voxel_size = VoxelSize();
   }
-  return std::make_shared<const PointCloud>(VoxelFilter(points, static_cast<float>(voxel_size)));
+  const bool chooses = voxel_size == 0;
+  if (chooses) {
+    const double depth = MedianDepth(points);
+    if (!(depth > 0)) throw InvalidInputError(Concat("median depth of the points = ", depth, ": must be > 0"));
+    voxel_size = kAutoVoxelRatio * depth;
+  }
+  auto thinned = std::make_shared<const PointCloud>(VoxelFilter(points, static_cast<float>(voxel_size)));
+  std::lock_guard<std::mutex> lock(mutex_);
+  if (chooses) auto_voxel_size_ = voxel_size;  // not before: points that are refused tell nothing about the scene
+  return thinned;
+}
+
+double MapStore::MaxDistance() const {
+  return VoxelSize() > 0 ? kMaxVoxels * VoxelSize() : std::numeric_limits<double>::infinity();
 }
 
 bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const PointCloud& points_in_camera) {
@@ -49,11 +79,14 @@ bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const Point
     StartRun(key.mapper, key.run);  // first: what it evicts may have chosen the voxel size
   }
   std::shared_ptr<const PointCloud> thinned = Thinned(points_in_camera);
+  const double reach = ReachOf(*thinned);
   std::lock_guard<std::mutex> lock(mutex_);
+  CheckDistance(pose.world_from_cam, reach, MaxDistance());
   Keyframe keyframe;
   keyframe.arrival = arrivals_++;
   keyframe.pose.stamp_ns = pose.stamp_ns;
   keyframe.pose.path = pose.path;
+  keyframe.pose.reach = reach;
   keyframe.pose.received = keyframe.pose.world_from_cam = pose.world_from_cam;
   statistics_.points += thinned->size();
   keyframe.points_in_camera = std::move(thinned);
@@ -84,12 +117,16 @@ bool MapStore::Replace(const KeyframeKey& key, const PointCloud& points_in_camer
     }
   }
   std::shared_ptr<const PointCloud> thinned = Thinned(points_in_camera);
+  const double reach = ReachOf(*thinned);
   std::lock_guard<std::mutex> lock(mutex_);
   const auto keyframe = keyframes_.find(key);
   if (keyframe == keyframes_.end()) {
     ++statistics_.not_replaced;
     return false;
   }
+  CorrectedPose& pose = keyframe->second.pose;
+  CheckDistance(pose.world_from_cam, pose.scale * reach, MaxDistance());
+  pose.reach = reach;
   std::shared_ptr<const PointCloud>& points = keyframe->second.points_in_camera;
   statistics_.points += thinned->size();
   statistics_.points -= points->size();
@@ -122,9 +159,11 @@ ReposeResult MapStore::ApplyPath() {
   }
   std::stable_sort(trajectory.begin(), trajectory.end(),
                    [](const CorrectedPose* a, const CorrectedPose* b) { return a->stamp_ns < b->stamp_ns; });
-  ReposeResult result = acmp::Repose(path_, {kSamePoseVoxels * VoxelSize(), kSamePoseRad, kSamePoseRad}, trajectory);
+  const PoseTolerance same = {kSamePoseVoxels * VoxelSize(), kSamePoseRad, kSamePoseRad};
+  ReposeResult result = acmp::Repose(path_, same, MaxDistance(), trajectory);
   statistics_.path_poses = path_.size();
   statistics_.path_unmatched = result.unmatched;
+  statistics_.path_too_far = result.too_far;
   if (!result.moved.empty()) ++version_;
   return result;
 }

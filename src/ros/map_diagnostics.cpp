@@ -43,6 +43,12 @@ void DescribeMap(const MapSnapshot& snapshot, DiagnosticStatusWrapper* status) {
   status->add("scales of keyframes by optimized paths", Concat(map.smallest_scale, " to ", map.largest_scale));
   status->add("poses of the last optimized path without a keyframe",
               Concat(map.path_unmatched, " of ", map.path_poses));
+  status->add("keyframes that the last optimized path would put too far away", map.path_too_far);
+  if (map.path_too_far > 0) {
+    status->mergeSummary(DiagnosticStatus::WARN,
+                         Concat(map.path_too_far, " keyframes stay where they are: by the last optimized path they ",
+                                "would go farther than 2^30 voxels of size ", map.voxel_size, " from the origin"));
+  }
   for (const auto& [reason, entry] : snapshot.incidents) {
     const std::string text = Concat(entry.count, " (", entry.last_message, ")");
     status->add("incident: " + reason, text);

@@ -138,8 +138,9 @@ void MapServerNodelet::HandleOptimizedPath(const nav_msgs::Path& message) {
     const OptimizedPath path =
         ToOptimizedPath(message, path_frame_, [this](const Incident& incident) { Report(incident); });
     const ReposeResult result = map_->Repose(path.poses);
-    const Incident doubt = DescribeDoubt(path, result, path_frame_);
-    if (!doubt.message.empty()) Report(doubt);
+    for (const Incident& doubt : {DescribeDoubt(path, result, path_frame_), DescribeTooFar(result)}) {
+      if (!doubt.message.empty()) Report(doubt);
+    }
     if (!result.moved.empty()) PublishPath();
   } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
     Report(Incident{"bad_optimized_path", Concat("optimized_path: ", error.what())});

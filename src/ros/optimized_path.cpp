@@ -40,13 +40,23 @@ Incident DescribeDoubt(const OptimizedPath& path, const ReposeResult& result, co
                    " keyframes are not corrected by optimized_path: their mapper did not know "
                    "T_body_cam, which ~path_child = body needs")};
   }
-  if (result.named == 0 && result.nearest) {
+  if (result.named == 0 && result.too_far == 0 && result.nearest) {
     return {"optimized_path_unmatched",
             Concat("none of the ", path.poses.size(), " poses of optimized_path has the stamp of a keyframe within ",
                    to_ms(result.nearest->tolerance_ns), " ms (~sync_tolerance of the mapper); the nearest is ",
                    to_ms(result.nearest->gap_ns), " ms away: each pose needs the stamp of its own image")};
   }
   return {};
+}
+
+Incident DescribeTooFar(const ReposeResult& result) {
+  if (!result.first_too_far) return {};
+  const ReposeResult::TooFar& first = *result.first_too_far;
+  return {"optimized_path_too_far",
+          Concat(result.too_far, " keyframes are not moved by optimized_path; the first would go by pose ",
+                 FormatStamp(first.stamp_ns), " to (", first.position.x(), ", ", first.position.y(), ", ",
+                 first.position.z(), "): must lie within ", first.max_distance,
+                 " of the origin with its points (2^30 voxels)")};
 }
 
 }  // namespace acmp

@@ -305,5 +305,49 @@ TEST(MapRepose, TouchesNoPoint) {
   }
 }
 
+TEST(MapRepose, APoseFarAwayIsRefusedAndTheOthersAreUsed) {
+  MapStore store({10, 0.1});
+  AddKeyframes(&store, 3);
+  const double bound = kMaxVoxels * 0.1;
+  for (const double far : {1e12, 1e308, 1.001 * bound, -1e12}) {
+    const ReposeResult result = store.Repose({{0, Pose(0, 1)}, {kSecond, Pose(far, 0)}, {2 * kSecond, Pose(2, 3)}});
+    EXPECT_EQ(result.named, 2u);
+    EXPECT_EQ(result.unmatched, 0u);
+    EXPECT_EQ(result.too_far, 1u);
+    ASSERT_TRUE(result.first_too_far);
+    EXPECT_EQ(result.first_too_far->stamp_ns, kSecond);
+    EXPECT_EQ(result.first_too_far->position.x(), far);
+    EXPECT_EQ(result.first_too_far->max_distance, bound);
+    EXPECT_EQ(store.statistics().path_too_far, 1u);
+    ExpectPath(store, {Pose(0, 1), Pose(1, 1), Pose(2, 3)});
+    EXPECT_EQ(store.WorldCloud().size(), 3u);
+  }
+  const ReposeResult near = store.Repose({{kSecond, Pose(0.999 * bound, 0)}});
+  EXPECT_EQ(near.too_far, 0u);
+  EXPECT_EQ(store.statistics().path_too_far, 0u);
+  EXPECT_EQ(store.WorldCloud().size(), 3u);
+}
+
+TEST(MapRepose, KeyframesThatOthersWouldMoveTooFarStay) {
+  MapStore store({10, 0.1});
+  const double bound = kMaxVoxels * 0.1;
+  Add(&store, 0, 0, Pose(0, 0));
+  Add(&store, 1, kSecond, Pose(0.9 * bound, 0));
+  const ReposeResult result = store.Repose({{0, Pose(0.9 * bound, 0)}});  // the other one would go to 1.8
+  EXPECT_EQ(result.too_far, 1u);
+  EXPECT_EQ(result.first_too_far->stamp_ns, kSecond);
+  ExpectPath(store, {Pose(0.9 * bound, 0), Pose(0.9 * bound, 0)});
+  EXPECT_EQ(store.WorldCloud().size(), 1u) << "both see the same now";
+}
+
+TEST(MapRepose, APoseFarAwayIsRefusedForALaterKeyframe) {
+  MapStore store({10, 0});
+  store.Repose({{0, Pose(1e12, 0)}});  // before there is a voxel size
+  Add(&store, 0, 0, Pose(0, 0));
+  EXPECT_EQ(store.statistics().path_too_far, 1u);
+  ExpectPath(store, {Pose(0, 0)});
+  EXPECT_EQ(store.WorldCloud().size(), 1u);
+}
+
 }  // namespace
 }  // namespace acmp

@@ -221,5 +221,35 @@ TEST(MapStore, RefusesBadOptions) {
   EXPECT_THROW(MapStore({1, 0.1, -1}), InvalidInputError);
 }
 
+TEST(MapStore, KeyframesFarAwayAreRefused) {
+  MapStore store({10, 0});
+  const PointCloud points = PlaneAt(2, 3, 1);
+  Add(&store, 0, Shifted(0), points);
+  const double bound = kMaxVoxels * kAutoVoxelRatio * 2;
+  const std::string message = [&] {
+    try {
+      store.Add(Key(1), {1, Shifted(1e12), {}}, points);
+    } catch (const InvalidInputError& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  }();
+  EXPECT_NE(message.find("position (1e+12, 0, 0)"), std::string::npos) << message;
+  EXPECT_NE(message.find(Concat("within ", bound, " of the origin")), std::string::npos) << message;
+  EXPECT_THROW(store.Replace(Key(0), PlaneAt(1.5e7f, 1, 1)), InvalidInputError);
+  EXPECT_EQ(store.statistics().keyframes, 1u);
+  EXPECT_EQ(store.WorldCloud().size(), points.size());
+}
+
+TEST(MapStore, PointsThatAreRefusedDoNotChooseTheVoxelSize) {
+  MapStore store({10, 0});
+  const PointCloud points = PlaneAt(2, 3, 1);
+  for (const float depth : {-2.0f, NAN, INFINITY}) {
+    EXPECT_THROW(store.Add(Key(0), {0, Shifted(0), {}}, PlaneAt(depth, 3, 1)), InvalidInputError) << depth;
+  }
+  Add(&store, 0, Shifted(0), points);
+  EXPECT_EQ(store.statistics().voxel_size, kAutoVoxelRatio * 2);
+}
+
 }  // namespace
 }  // namespace acmp

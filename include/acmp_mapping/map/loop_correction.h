@@ -43,6 +43,7 @@ struct CorrectedPose {
   Similarity correction;                                       ///< corrected world from received world
   bool named = false;                                          ///< a path had a pose of its stamp
   bool seeded = false;                                         ///< named, or took the correction of one that was
+  double reach = 0;  ///< of its farthest point from the camera, before `scale`, unit of the poses
 };
 
 /// Poses that differ by less are the same; otherwise a frontend's rounding would make a new map at every path.
@@ -59,11 +60,19 @@ struct ReposeResult {
     int64_t gap_ns = 0;
     int64_t tolerance_ns = 0;
   };
+  /// What would put a keyframe or its points too far away.
+  struct TooFar {
+    int64_t stamp_ns = 0;
+    Eigen::Vector3d position = Eigen::Vector3d::Zero();  ///< of the path's pose, or of the keyframe moved with others
+    double max_distance = 0;                             ///< from the origin
+  };
   std::vector<size_t> moved;   ///< keyframes that have another pose now: their places in the list
   size_t named = 0;            ///< keyframes that the path has a pose for
   size_t unresolved = 0;       ///< keyframes whose T_child_cam is not known
   size_t unmatched = 0;        ///< poses of the path that belong to no keyframe
   std::optional<Gap> nearest;  ///< none without keyframes or poses
+  size_t too_far = 0;          ///< keyframes that stay where they are, since they would go beyond max_distance
+  std::optional<TooFar> first_too_far;
 };
 
 /// By stamp; poses with the same stamp keep their order.
@@ -81,7 +90,11 @@ void SortPath(std::vector<StampedPose>* path);
 /// to each side, are compared with those before. Where three quarters of the ratios agree within 10 % and their median
 /// is off 1 by more than 2 %, it is the keyframe's scale, also of its points. Else that is 1, since a correction of
 /// poses alone changes distances as well.
-ReposeResult Repose(const std::vector<StampedPose>& path, const PoseTolerance& same,
+///
+/// A pose of the path that would put a keyframe's points farther than max_distance from the origin is taken as if it
+/// were not there; a keyframe that others would move so far stays where it is. Both are counted (too_far).
+/// @param max_distance unit of the poses, > 0
+ReposeResult Repose(const std::vector<StampedPose>& path, const PoseTolerance& same, double max_distance,
                     const std::vector<CorrectedPose*>& keyframes);
 
 }  // namespace acmp

@@ -25,6 +25,10 @@ void Validate(const MapStoreOptions& options);
 
 constexpr double kAutoVoxelRatio = 0.005;  ///< about 2.5 px of a 500 px focal length
 
+/// Greatest distance of a keyframe's points from the origin, in voxels: half of what VoxelFilter takes, since float32
+/// rounds.
+constexpr double kMaxVoxels = 1 << 30;
+
 /// A correction that moves points by less than about a thousandth of a voxel is none: nobody sees it, and a map of many
 /// points takes seconds to build. The angle is what moves points by that at 200 voxels, the median depth with
 /// kAutoVoxelRatio.
@@ -68,6 +72,7 @@ struct MapStatistics {
   size_t reposed = 0;            ///< keyframes moved, summed over the corrections
   size_t path_poses = 0;         ///< of the last path
   size_t path_unmatched = 0;     ///< of these, poses that belong to no keyframe
+  size_t path_too_far = 0;       ///< keyframes that it would have put too far away, and left
 };
 
 /// The map of any number of mappers in one world: the fused points of each keyframe in its own camera frame, thinned to
@@ -87,15 +92,17 @@ class MapStore {
 
   /// Add and Replace belong to one thread. Another run than that of the mapper's last keyframe is a new one. False, and
   /// nothing is changed, for a keyframe that is in the map already. Throws InvalidInputError for points that
-  /// VoxelFilter refuses.
+  /// VoxelFilter refuses, that have no positive median depth, or that lie farther than kMaxVoxels from the origin.
   bool Add(const KeyframeKey& key, const KeyframePose& pose, const PointCloud& points_in_camera);
-  /// Better points of a keyframe in the map. False, and nothing is changed, where it is not there (any more).
+  /// Better points of a keyframe in the map. False, and nothing is changed, where it is not there (any more). Throws as
+  /// Add.
   bool Replace(const KeyframeKey& key, const PointCloud& points_in_camera);
   void Clear();
 
   /// Corrects poses after a loop closure, see Repose in loop_correction.h: all mappers' last runs are taken for one
   /// trajectory, since cameras of a rig share the path. It also counts for keyframes that come later, until a mapper
   /// begins a new run. Only poses and scales change: takes microseconds per keyframe. An empty path does nothing.
+  /// Keyframes never go farther than kMaxVoxels from the origin: one such pose would make the whole map unusable.
   ReposeResult Repose(std::vector<StampedPose> path);
 
   /// The map: all keyframes' points in the world, one per voxel. Takes time in proportion to the points held.
@@ -121,6 +128,7 @@ class MapStore {
   std::shared_ptr<const PointCloud> Thinned(const PointCloud& points);
 
   // All of these need the mutex.
+  double MaxDistance() const;
   double VoxelSize() const { return options_.voxel_size > 0 ? options_.voxel_size : auto_voxel_size_; }
   void StartRun(const std::string& mapper, uint64_t run);
   ReposeResult ApplyPath();

@@ -26,4 +26,7 @@ OptimizedPath ToOptimizedPath(const nav_msgs::Path& message, const std::string& 
 /// What a user should know of a path that was used; `message` is empty when all is well.
 Incident DescribeDoubt(const OptimizedPath& path, const ReposeResult& result, const std::string& path_frame);
 
+/// What of a path was refused because it lies too far away; `message` is empty when nothing was.
+Incident DescribeTooFar(const ReposeResult& result);
+
 }  // namespace acmp
