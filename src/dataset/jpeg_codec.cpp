@@ -70,7 +70,7 @@ using Decompressor = Codec<jpeg_decompress_struct>;
   throw InvalidInputError(Concat(path.string(), ": damaged JPEG file: ", decoder.errors.message));
 }
 
-ImageSize ReadHeader(const std::filesystem::path& path, const std::string& content, Decompressor* decoder) {
+ImageSize ReadHeader(const std::filesystem::path& path, std::string_view content, Decompressor* decoder) {
   jpeg_decompress_struct& info = decoder->info;
   const bool whole = decoder->Guarded([&] {
     jpeg_create_decompress(&info);
@@ -85,7 +85,7 @@ ImageSize ReadHeader(const std::filesystem::path& path, const std::string& conte
 
 }  // namespace
 
-ImageSize DecodeJpegSize(const std::filesystem::path& path, const std::string& content) {
+ImageSize DecodeJpegSize(const std::filesystem::path& path, std::string_view content) {
   Decompressor decoder;
   return ReadHeader(path, content, &decoder);
 }

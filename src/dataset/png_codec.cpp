@@ -57,7 +57,7 @@ struct Header {
   int bit_depth, color_type;
 };
 
-Header ReadHeader(const std::filesystem::path& path, const std::string& content) {
+Header ReadHeader(const std::filesystem::path& path, std::string_view content) {
   constexpr char kStart[] = "\x89PNG\r\n\x1a\n\0\0\0\rIHDR";  // signature, length and name of the chunk
   constexpr size_t kAt = sizeof(kStart) - 1, kBytes = 10;
   if (content.size() < kAt + kBytes || content.compare(0, kAt, kStart, kAt) != 0) {
@@ -129,7 +129,7 @@ void WritePixels(const std::filesystem::path& path, const Image<T>& image, int c
 
 }  // namespace
 
-ImageSize DecodePngSize(const std::filesystem::path& path, const std::string& content) {
+ImageSize DecodePngSize(const std::filesystem::path& path, std::string_view content) {
   return ReadHeader(path, content).size;
 }
 

@@ -73,12 +73,7 @@ std::vector<Eigen::Vector3d> LandmarksOf(const Scene& scene, const SceneImage& i
 ColorImage LoadImage(const Scene& scene, int index) {
   CheckRange("image index", index, 0, static_cast<int>(scene.images.size()) - 1);
   const SceneImage& image = scene.images[index];
-  ColorImage color = ReadColorImage(image.path);
-  if (color.width() != image.camera.width || color.height() != image.camera.height) {
-    throw InvalidInputError(Concat(image.path.string(), ": image size ", color.width(), " x ", color.height(),
-                                   " differs from its camera's ", image.camera.width, " x ", image.camera.height));
-  }
-  return color;
+  return ReadColorImage(image.path, {image.camera.width, image.camera.height});
 }
 
 Frame LoadFrame(const Scene& scene, int index, const FrameOptions& options) {

@@ -10,6 +10,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/intake/pose_semantics.h"
 
 namespace acmp {
@@ -98,20 +99,25 @@ void AddPoint(const Eigen::Vector3d& point, SparseCloud* sparse) {
   }
 }
 
+cv::Mat DecodeCompressed(const sensor_msgs::CompressedImage& image, const PinholeCamera* camera) {
+  const std::string name = Concat("compressed image of ", image.data.size(), " bytes, format \"", image.format, "\"");
+  const ImageSize size = EncodedImageSize(name, {reinterpret_cast<const char*>(image.data.data()), image.data.size()});
+  const auto fits = [&](int width, int height) { return width == camera->width && height == camera->height; };
+  if (camera && !fits(size.width, size.height) && !fits(size.height, size.width)) {  // OpenCV turns some upright
+    throw InvalidInputError(Concat(name, ": its header says ", size.width, "x", size.height, ", camera_info says ",
+                                   camera->width, "x", camera->height));
+  }
+  const cv::Mat bgr = cv::imdecode(image.data, cv::IMREAD_COLOR);
+  if (bgr.empty()) throw InvalidInputError(Concat(name, ": cannot be decoded"));
+  cv::Mat rgb;
+  cv::cvtColor(bgr, rgb, cv::COLOR_BGR2RGB);
+  return rgb;
+}
+
 }  // namespace
 
-cv::Mat DecodeRgb(const EncodedImage& image) {
-  if (image.compressed) {
-    const std::vector<uint8_t>& data = image.compressed->data;
-    const cv::Mat bgr = data.empty() ? cv::Mat() : cv::imdecode(data, cv::IMREAD_COLOR);
-    if (bgr.empty()) {
-      throw InvalidInputError(Concat("compressed image of ", data.size(), " bytes, format \"", image.compressed->format,
-                                     "\": cannot be decoded"));
-    }
-    cv::Mat rgb;
-    cv::cvtColor(bgr, rgb, cv::COLOR_BGR2RGB);
-    return rgb;
-  }
+cv::Mat DecodeRgb(const EncodedImage& image, const PinholeCamera* camera) {
+  if (image.compressed) return DecodeCompressed(*image.compressed, camera);
   const sensor_msgs::Image& raw = *image.raw;
   try {
     return cv_bridge::toCvCopy(raw, sensor_msgs::image_encodings::RGB8)->image;

@@ -194,8 +194,9 @@ FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input, cv::Mat* valid) 
     calibration_ = input.calibration;
   }
   auto frame = std::make_shared<const Frame>(
-      MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, rectifier_->Rectify(DecodeRgb(*input.image)),
-                calibration_->camera, input.world_from_cam.inverse(), input.landmarks_in_world, frame_options));
+      MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9,
+                rectifier_->Rectify(DecodeRgb(*input.image, &calibration_->camera)), calibration_->camera,
+                input.world_from_cam.inverse(), input.landmarks_in_world, frame_options));
   if (valid && !rectifier_->valid().empty()) {
     cv::resize(rectifier_->valid(), *valid, cv::Size(frame->camera.width, frame->camera.height), 0, 0,
                cv::INTER_NEAREST);

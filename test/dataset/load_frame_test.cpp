@@ -39,6 +39,15 @@ TEST_F(LoadFrameTest, MaxSizeScalesImageAndCamera) {
   EXPECT_EQ(frame.color.width(), 16);
 }
 
+TEST_F(LoadFrameTest, AHeaderThatClaimsAnotherSizeIsRefusedBeforeMemoryIsTaken) {
+  const Scene scene = Read();
+  std::string content = ReadText(folder() / "images/000001.png");
+  content.replace(16, 8, std::string("\0\0\x3e\x80\0\0\x3e\x80", 8));  // 16000 x 16000: below the general bound
+  WriteText("images/000001.png", content);
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { LoadFrame(scene, 1); }),
+              HasSubstr("000001.png: image size 16000 x 16000 differs from its camera's 32 x 24"));
+}
+
 TEST_F(LoadFrameTest, WrongSizeAndTruncationAreRefused) {
   const Scene scene = Read();
   WriteImage("images/000001.png", kWidth + 1, kHeight);

@@ -1,5 +1,8 @@
 #include "acmp_mapping/ros/input_conversion.h"
 
+#include <sys/resource.h>
+
+#include <algorithm>
 #include <functional>
 #include <limits>
 
@@ -86,6 +89,54 @@ TEST(DecodeRgb, DecodesCompressedImages) {
     EXPECT_THAT(Refusal([&] { DecodeRgb({nullptr, broken}); }), AllOf(HasSubstr("3 bytes"), HasSubstr("jpeg")));
     broken->data.clear();
     EXPECT_THAT(Refusal([&] { DecodeRgb({nullptr, broken}); }), HasSubstr("0 bytes"));
+  }
+}
+
+/// The file with another size in its header.
+std::vector<uint8_t> WithSize(const std::string& extension, const std::vector<uint8_t>& file, int width, int height) {
+  std::vector<uint8_t> changed = file;
+  const auto put = [&](size_t at, int number, int bytes) {
+    for (int i = 0; i < bytes; ++i) changed.at(at + i) = static_cast<uint8_t>(number >> (8 * (bytes - 1 - i)));
+  };
+  if (extension == ".png") {
+    put(16, width, 4);
+    put(20, height, 4);
+  } else {
+    const std::vector<uint8_t> frame = {0xff, 0xc0};
+    const auto found = std::search(file.begin(), file.end(), frame.begin(), frame.end());
+    put(static_cast<size_t>(found - file.begin()) + 5, height, 2);
+    put(static_cast<size_t>(found - file.begin()) + 7, width, 2);
+  }
+  return changed;
+}
+
+TEST(DecodeRgb, RefusesASizeThatIsNotTheCamerasBeforeMemoryIsTaken) {
+  const auto peak_mb = [] {
+    rusage usage = {};
+    getrusage(RUSAGE_SELF, &usage);
+    return usage.ru_maxrss / 1024;
+  };
+  const cv::Mat bgr(48, 64, CV_8UC3, cv::Scalar(10, 100, 200));
+  const PinholeCamera camera{64, 48, 50, 50, 31.5, 23.5}, upright{48, 64, 50, 50, 23.5, 31.5},
+      other{65, 48, 50, 50, 31, 23};
+  for (const char* extension : {".png", ".jpg"}) {
+    auto image = boost::make_shared<sensor_msgs::CompressedImage>();
+    cv::imencode(extension, bgr, image->data);
+    EXPECT_EQ(DecodeRgb({nullptr, image}, &camera).size(), bgr.size());
+    EXPECT_EQ(DecodeRgb({nullptr, image}, &upright).size(), bgr.size()) << "an image may be turned by its metadata";
+    EXPECT_THAT(Refusal([&] {
+                  DecodeRgb({nullptr, image}, &other);
+                }),
+                HasSubstr("its header says 64x48, camera_info says 65x48"));
+    const auto before = peak_mb();
+    image->data = WithSize(extension, image->data, 15000, 10000);
+    EXPECT_THAT(Refusal([&] {
+                  DecodeRgb({nullptr, image}, &camera);
+                }),
+                HasSubstr("its header says 15000x10000, camera_info says 64x48"));
+    image->data = WithSize(extension, image->data, 32000, 20000);
+    EXPECT_THAT(Refusal([&] { DecodeRgb({nullptr, image}); }), HasSubstr("image size 32000 x 20000: must be"));
+    EXPECT_LT(peak_mb() - before, 50) << extension;
   }
 }
 

@@ -28,9 +28,11 @@ struct EncodedImage {
   const std_msgs::Header& header() const { return raw ? raw->header : compressed->header; }
 };
 
-/// 8-bit RGB of whatever cv_bridge and cv::imdecode can convert: mono8, mono16, rgb8, bgr8, rgba8, bgra8, bayer,
-/// yuv422; JPEG and PNG.
-cv::Mat DecodeRgb(const EncodedImage& image);
+/// 8-bit RGB of whatever cv_bridge can convert (mono8, mono16, rgb8, bgr8, rgba8, bgra8, bayer, yuv422), of JPEG and
+/// PNG. The size that the header of a compressed image announces is read before memory is asked for: it must be at most
+/// kMaxImagePixels, and that of the camera, in either orientation, if there is one.
+/// @param camera null: any size
+cv::Mat DecodeRgb(const EncodedImage& image, const PinholeCamera* camera = nullptr);
 
 /// Camera and distortion of the image as sent: binning and region of interest are applied, plumb_bob,
 /// rational_polynomial and equidistant are known. `rectified`: the image is undistorted already, P holds and D does
