@@ -34,4 +34,5 @@ if(ACMP_HAVE_ROS)
   catkin_package(LIBRARIES acmp_mapping_nodelets
                  CATKIN_DEPENDS geometry_msgs message_runtime nodelet roscpp sensor_msgs std_msgs)
   find_package(OpenCV 4 REQUIRED COMPONENTS imgcodecs)
+  find_package(yaml-cpp REQUIRED)
 endif()

@@ -7,7 +7,8 @@
 namespace acmp {
 
 /// Reads what camera_calibration writes: YAML (.yaml, .yml) or INI (.ini). Throws InvalidInputError if the file cannot
-/// be read. Whether the camera is usable ToCalibration says.
+/// be read, naming what a YAML file lacks, or the size that a matrix has and must have. Whether the camera is usable
+/// ToCalibration says.
 sensor_msgs::CameraInfo ReadCalibrationFile(const std::string& path);
 
 }  // namespace acmp

@@ -1,0 +1,77 @@
+#include "acmp_mapping/ros/calibration_file.h"
+
+#include <gmock/gmock.h>
+
+#include "acmp_mapping/common/error.h"
+#include "dataset/test_folder.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+class CalibrationFileTest : public TestFolder {
+ protected:
+  CalibrationFileTest() : good_(ReadText(ACMP_SOURCE_DIR "/test/ros/small_camera.yaml")) {}
+
+  /// What is said of the good file with one part replaced.
+  std::string RefusalOf(const std::string& part, const std::string& by) const {
+    std::string text = good_;
+    EXPECT_NE(text.find(part), std::string::npos) << part;
+    text.replace(text.find(part), part.size(), by);
+    const auto path = WriteText("camera.yaml", text);
+    const std::string message = MessageOf<InvalidInputError>([&] { ReadCalibrationFile(path.string()); });
+    EXPECT_THAT(message, HasSubstr("calibration_file = \"" + path.string()));
+    return message;
+  }
+
+  const std::string good_;
+};
+
+TEST_F(CalibrationFileTest, ReadsWhatCameraCalibrationWrites) {
+  for (const char* name : {"camera.yaml", "camera.yml", "CAMERA.YAML"}) {
+    const sensor_msgs::CameraInfo info = ReadCalibrationFile(WriteText(name, good_).string());
+    EXPECT_EQ(info.width, 64u);
+    EXPECT_EQ(info.K[2], 32.012);
+    EXPECT_EQ(info.P[6], 23.212);
+    EXPECT_EQ(info.D.size(), 5u);
+  }
+}
+
+TEST_F(CalibrationFileTest, MatricesOfAnotherSizeAreRefusedWithBothSizes) {
+  EXPECT_THAT(RefusalOf("camera_matrix: {rows: 3, cols: 3", "camera_matrix: {rows: 4, cols: 4"),
+              HasSubstr("camera_matrix has 4 rows, 4 cols and 9 numbers: must have 3, 3 and 9"));
+  EXPECT_THAT(RefusalOf("projection_matrix: {rows: 3, cols: 4", "projection_matrix: {rows: 3, cols: 3"),
+              HasSubstr("projection_matrix has 3 rows, 3 cols and 12 numbers: must have 3, 4 and 12"));
+  EXPECT_THAT(RefusalOf("data: [1, 0, 0, 0, 1, 0, 0, 0, 1]", "data: [1, 0, 0]"),
+              HasSubstr("rectification_matrix has 3 rows, 3 cols and 3 numbers: must have 3, 3 and 9"));
+  for (const char* size :
+       {"rows: 1000000, cols: 1000000", "rows: -1, cols: -5", "rows: 1, cols: 4", "rows: 5, cols: 5"}) {
+    EXPECT_THAT(RefusalOf("rows: 1, cols: 5", size), HasSubstr("5 numbers: must have at most 14 numbers")) << size;
+  }
+}
+
+TEST_F(CalibrationFileTest, WhatIsMissingOrNoNumberIsNamed) {
+  EXPECT_THAT(RefusalOf("camera_matrix", "K"), HasSubstr("camera_matrix is missing"));
+  EXPECT_THAT(RefusalOf("image_width: 64", "width: 64"), HasSubstr("image_width is missing"));
+  EXPECT_THAT(RefusalOf("image_width: 64", "image_width: -64"), HasSubstr("image_width = -64"));
+  EXPECT_THAT(RefusalOf("camera_matrix: {rows: 3", "camera_matrix: {columns: 3"),
+              HasSubstr("camera_matrix.rows is missing"));
+  EXPECT_THAT(RefusalOf("55.42562584220407", "fx"), AllOf(HasSubstr("line 5"), HasSubstr("bad conversion")));
+  EXPECT_THAT(RefusalOf("camera_matrix: {", "camera_matrix: [{"), HasSubstr("line"));
+  EXPECT_THAT(RefusalOf(good_, "- 1\n- 2\n"), HasSubstr("must be a map"));
+  EXPECT_THAT(RefusalOf(good_, ""), HasSubstr("must be a map"));
+}
+
+TEST_F(CalibrationFileTest, OtherFilesAreRefused) {
+  const auto refusal = [](const std::string& path) {
+    return MessageOf<InvalidInputError>([&] { ReadCalibrationFile(path); });
+  };
+  EXPECT_THAT(refusal((folder() / "none.yaml").string()), HasSubstr("there is no such file"));
+  EXPECT_THAT(refusal(WriteText("camera.txt", good_).string()), HasSubstr("must be a .yaml, .yml or .ini file"));
+  EXPECT_THAT(refusal(WriteText("camera.ini", good_).string()), HasSubstr("must be a .yaml, .yml or .ini file"));
+}
+
+}  // namespace
+}  // namespace acmp
