@@ -1,28 +1,28 @@
 #include "bag_writer.h"
 
 #include <cerrno>
-#include <fstream>
 #include <system_error>
-#include <utility>
 
 #include <rosbag/view.h>
 
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
+namespace {
 
-BagWriter::BagWriter(std::filesystem::path path) : path_(std::move(path)), temporary_path_(path_) {
-  temporary_path_ += ".partial";
-  if (!path_.has_filename() || std::filesystem::is_directory(path_)) {
-    throw InvalidInputError(Concat("output ", path_, ": is a folder; give the name of a file"));
+const std::filesystem::path& CheckedPath(const std::filesystem::path& path) {
+  if (!path.has_filename() || std::filesystem::is_directory(path)) {
+    throw InvalidInputError(Concat("output ", path, ": is a folder; give the name of a file"));
   }
-  // rosbag does not say why a file cannot be opened: ask the system first.
-  errno = 0;
-  if (!std::ofstream(temporary_path_)) {
-    throw ProcessingError(Concat("cannot write ", temporary_path_, ": ", std::generic_category().message(errno)));
-  }
-  bag_ = std::make_unique<rosbag::Bag>(temporary_path_.string(), rosbag::bagmode::Write);
+  return path;
 }
+
+}  // namespace
+
+BagWriter::BagWriter(const std::filesystem::path& path)
+    : path_(CheckedPath(path)),
+      file_(path),
+      bag_(std::make_unique<rosbag::Bag>(file_.temporary_path().string(), rosbag::bagmode::Write)) {}
 
 BagWriter::~BagWriter() {
   if (bag_ == nullptr) return;
@@ -31,8 +31,6 @@ BagWriter::~BagWriter() {
   } catch (const rosbag::BagException&) {
     static_cast<void>(bag_.release());  // see ThrowWriteError
   }
-  std::error_code ignored;
-  std::filesystem::remove(temporary_path_, ignored);
 }
 
 void BagWriter::ThrowWriteError(const std::string& reason) {
@@ -40,8 +38,6 @@ void BagWriter::ThrowWriteError(const std::string& reason) {
   // rosbag::Bag's destructor writes the index and throws when that fails, which would end the program: leave the object
   // to the end of the process.
   static_cast<void>(bag_.release());
-  std::error_code ignored;
-  std::filesystem::remove(temporary_path_, ignored);
   throw ProcessingError(Concat("cannot write ", path_, ": ", reason,
                                system_error != 0 ? " (" + std::generic_category().message(system_error) + ")" : ""));
 }
@@ -51,19 +47,16 @@ void BagWriter::Finish() {
   try {
     bag_->close();
     // What is left in C's buffers is written when the file is closed, where rosbag overlooks some errors.
-    const rosbag::Bag written(temporary_path_.string(), rosbag::bagmode::Read);
+    const rosbag::Bag written(file_.temporary_path().string(), rosbag::bagmode::Read);
     const size_t readable = rosbag::View(written).size();
     if (readable != messages_) {
       ThrowWriteError(Concat("only ", readable, " of ", messages_, " messages could be read back"));
     }
-    std::filesystem::rename(temporary_path_, path_);
   } catch (const rosbag::BagException& error) {
-    ThrowWriteError(error.what());
-  } catch (const std::filesystem::filesystem_error& error) {
-    errno = 0;
     ThrowWriteError(error.what());
   }
   bag_.reset();
+  file_.Commit();
 }
 
 }  // namespace acmp

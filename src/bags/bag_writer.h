@@ -7,15 +7,16 @@
 #include <ros/time.h>
 #include <rosbag/bag.h>
 
+#include "acmp_mapping/dataset/output_file.h"
+
 namespace acmp {
 
-/// Writes a bag under a temporary name beside `path` and renames it when it is complete, so that a file called `path`
-/// is either whole or what it was before. The same messages in the same order give the same bytes.
+/// Writes a bag as an AtomicFile. The same messages in the same order give the same bytes.
 class BagWriter {
  public:
   /// Throws InvalidInputError when `path` cannot name a file, ProcessingError with the system's reason when the folder
   /// cannot be written to.
-  explicit BagWriter(std::filesystem::path path);
+  explicit BagWriter(const std::filesystem::path& path);
   /// Without Finish: removes what was written.
   ~BagWriter();
   BagWriter(const BagWriter&) = delete;
@@ -39,7 +40,7 @@ class BagWriter {
   [[noreturn]] void ThrowWriteError(const std::string& reason);
 
   std::filesystem::path path_;
-  std::filesystem::path temporary_path_;
+  AtomicFile file_;  ///< whose temporary file rosbag writes
   std::unique_ptr<rosbag::Bag> bag_;
   size_t messages_ = 0;
 };

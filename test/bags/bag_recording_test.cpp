@@ -235,6 +235,23 @@ TEST_F(BagWriterTest, GivesTheSystemsReason) {
               HasSubstr("No such file or directory"));
 }
 
+TEST_F(BagWriterTest, TwoWritersOfOneBagDoNotDisturbEachOther) {
+  const auto path = folder() / "out.bag";
+  const auto write = [](BagWriter* writer, int width) {
+    sensor_msgs::CameraInfo info;
+    info.width = width;
+    writer->Write("camera_info", ros::Time(1), info);
+  };
+  BagWriter first(path), second(path);
+  write(&first, 1);
+  write(&second, 2);
+  first.Finish();
+  EXPECT_EQ(ReadAll<sensor_msgs::CameraInfo>(path, "camera_info").at(0)->width, 1u);
+  second.Finish();
+  EXPECT_EQ(ReadAll<sensor_msgs::CameraInfo>(path, "camera_info").at(0)->width, 2u);
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder()), std::filesystem::directory_iterator()), 1);
+}
+
 TEST(ToCameraInfo, NamesTheDistortion) {
   const PinholeCamera camera{640, 480, 500, 501, 320, 240};
   const auto info = [&](LensDistortion::Model model, std::vector<double> coefficients) {

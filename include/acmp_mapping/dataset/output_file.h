@@ -43,6 +43,9 @@ class AtomicFile {
   /// Nothing may be written afterwards.
   void Commit();
 
+  /// For libraries that write to a name: they may do so in place of Write, and must have closed it before Commit.
+  const std::filesystem::path& temporary_path() const { return temporary_path_; }
+
  private:
   struct Closer {
     void operator()(std::FILE* file) const { std::fclose(file); }
