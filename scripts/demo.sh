@@ -35,7 +35,7 @@ port=$(/usr/bin/python3 -c 'import socket; s = socket.socket(); s.bind(("", 0));
 export ROS_MASTER_URI=http://localhost:$port  # a ROS that runs already is left alone
 topics="/camera/image_raw /camera/camera_info /slam/pose /slam/sparse_points"
 if $show; then topics="$topics /tf"; fi  # only rviz listens to it
-roslaunch --port "$port" acmp_mapping demo.launch bag:="$out/room.bag" rviz:=$show \
+roslaunch --port "$port" acmp_mapping demo.launch bag:="$out/room.bag" save_folder:="$out" rviz:=$show \
   device:="${DEVICE:-}" play_args:="--wait-for-subscribers --quiet --topics $topics" >"$out/roslaunch.log" 2>&1 </dev/null &
 launch=$!
 # roslaunch ends its nodes on SIGTERM; as a background job it would ignore SIGINT.

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstdio>
+#include <cstdlib>
 #include <string>
+#include <system_error>
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
@@ -16,12 +18,29 @@ namespace {
 
 namespace fs = std::filesystem;
 
+[[noreturn]] void RefusePath(const fs::path& path, const std::string& reason) {
+  throw InvalidInputError(Concat("path = \"", path.string(), "\": ", reason));
+}
+
+void CheckName(const fs::path& path) {
+  if (path.empty() || !path.has_filename()) RefusePath(path, "names no file");
+  if (path.native().find('\0') != std::string::npos) {  // what() would end there
+    throw InvalidInputError("path: must not contain a zero character");
+  }
+  const fs::path first = *path.begin();
+  if (path == "~" || (first.native()[0] == '~' && path.has_parent_path())) {
+    const char* home = std::getenv("HOME");
+    const fs::path rest = path == first ? fs::path("map.ply") : path.lexically_relative(first);
+    RefusePath(path, Concat("~ stands for no folder here: write it out, for example ",
+                            (fs::path(home ? home : "/home/you") / rest).string()));
+  }
+}
+
 void CheckPath(const fs::path& path) {
-  if (path.empty() || !path.has_filename())
-    throw InvalidInputError(Concat("path = \"", path.string(), "\": names no file"));
+  CheckName(path);
   const fs::path folder = path.has_parent_path() ? path.parent_path() : fs::path(".");
-  if (!fs::is_directory(folder)) throw InvalidInputError(Concat("path = \"", path.string(), "\": no such folder"));
-  if (fs::is_directory(path)) throw InvalidInputError(Concat("path = \"", path.string(), "\": is a folder"));
+  if (!fs::is_directory(folder)) RefusePath(path, Concat("no such folder: ", folder.string()));
+  if (fs::is_directory(path)) RefusePath(path, "is a folder");
 }
 
 constexpr size_t kLineBytes = 200;  ///< of a point in a text file; numbers have 9 digits, so that a float32 reads back
@@ -80,6 +99,19 @@ void WriteAsciiPly(const fs::path& path, const PointCloud& map) {
 }
 
 }  // namespace
+
+fs::path MapPathBelow(const fs::path& folder, const fs::path& path) {
+  CheckName(path);
+  std::error_code error;
+  const fs::path top = fs::canonical(folder, error);
+  if (error) throw InvalidInputError(Concat("save_folder = \"", folder.string(), "\": ", error.message()));
+  const fs::path parent = fs::canonical((top / path).parent_path(), error);
+  if (error) RefusePath(path, Concat("no such folder: ", (top / path).parent_path().string()));
+  if (std::mismatch(top.begin(), top.end(), parent.begin(), parent.end()).first != top.end()) {
+    RefusePath(path, Concat("must lie below ", top.string(), ", the parameter save_folder of the map server"));
+  }
+  return parent / path.filename();
+}
 
 void WriteMap(const fs::path& path, const PointCloud& map, MapFormat format, bool binary) {
   if (map.empty()) throw InvalidInputError("the map is empty: nothing was written");

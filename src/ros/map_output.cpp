@@ -1,6 +1,7 @@
 #include "acmp_mapping/ros/map_output.h"
 
 #include <algorithm>
+#include <filesystem>
 
 #include <sensor_msgs/PointCloud2.h>
 
@@ -19,7 +20,8 @@ constexpr double kMapLoad = 4;  ///< building maps takes at most one part in 1 +
 
 }  // namespace
 
-MapOutput::MapOutput(ros::NodeHandle nh, const MapStore* map) : map_(map) {
+MapOutput::MapOutput(ros::NodeHandle nh, const MapStore* map, const std::string& save_folder)
+    : map_(map), save_folder_(save_folder) {
   const ros::SubscriberStatusCallback on_connect = [this](const ros::SingleSubscriberPublisher&) { requested_ = true; };
   publisher_ = nh.advertise<sensor_msgs::PointCloud2>(names::kMapPoints, 1, on_connect, ros::SubscriberStatusCallback(),
                                                       ros::VoidConstPtr(), true);
@@ -60,13 +62,14 @@ acmp_mapping::SaveMap::Response MapOutput::Save(const acmp_mapping::SaveMap::Req
   if (request.format != SaveMap::Request::PLY && request.format != SaveMap::Request::PCD) {
     throw InvalidInputError(Concat("format = ", int{request.format}, ": must be 0 (PLY) or 1 (PCD)"));
   }
+  const std::filesystem::path path = MapPathBelow(save_folder_, request.path);
   size_t keyframes = 0;
   const PointCloud map = map_->WorldCloud(&keyframes);
   const MapFormat format = request.format == SaveMap::Request::PLY ? MapFormat::kPly : MapFormat::kPcd;
-  WriteMap(request.path, map, format, request.binary);
+  WriteMap(path, map, format, request.binary);
   SaveMap::Response response;
   response.success = true;
-  response.message = Concat("saved ", map.size(), " points of ", keyframes, " keyframes to ", request.path);
+  response.message = Concat("saved ", map.size(), " points of ", keyframes, " keyframes to ", path.string());
   response.points = map.size();
   response.keyframes = keyframes;
   return response;

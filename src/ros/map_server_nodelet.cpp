@@ -31,7 +31,7 @@ void MapServerNodelet::Start() {
   options_ = LoadMapServerOptions(&reader);
   WarnOfUnknown(reader);
   map_ = std::make_unique<MapStore>(options_.map);
-  map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get());
+  map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get(), options_.save_folder);
   path_ = status_thread_.Attach(getNodeHandle()).advertise<nav_msgs::Path>(names::kKeyframePath, 1, true);
   Subscribe();
   StartServices();

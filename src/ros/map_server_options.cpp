@@ -1,6 +1,9 @@
 #include "acmp_mapping/ros/map_server_options.h"
 
+#include <filesystem>
 #include <string>
+
+#include "acmp_mapping/common/error.h"
 
 namespace acmp {
 
@@ -33,6 +36,11 @@ const OptionTable<MapServerOptions>& MapServerOptionTable() {
         Number("map_publish_rate", 0, 30, "Hz",
                "The map is published at most so often; 0: only when the service publish_map is called"),
         [](auto& o) -> auto& { return o.map_publish_rate; });
+    made.Add(
+        Text("save_folder",
+             "save_map writes only below this folder, where relative paths start; .: where the node was started, with "
+             "roslaunch ~/.ros; /: anywhere"),
+        [](auto& o) -> auto& { return o.save_folder; });
     return made;
   }();
   return table;
@@ -42,6 +50,10 @@ MapServerOptions LoadMapServerOptions(ParameterReader* reader) {
   MapServerOptions options;
   ReadOptions(MapServerOptionTable(), reader, &options);
   Validate(options.map);
+  if (!std::filesystem::is_directory(options.save_folder)) {
+    throw InvalidInputError(
+        Concat("parameter ~save_folder = \"", options.save_folder, "\": must be a folder (without ~)"));
+  }
   return options;
 }
 

@@ -1,7 +1,9 @@
 #include "acmp_mapping/map/map_writer.h"
 
 #include <csignal>
+#include <cstdlib>
 #include <fstream>
+#include <functional>
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>
@@ -69,6 +71,56 @@ TEST_F(MapWriterTest, RefusesAnEmptyMapAndBadPaths) {
   } catch (const InvalidInputError& error) {
     EXPECT_NE(std::string(error.what()).find("missing/map.pcd"), std::string::npos) << error.what();
   }
+}
+
+std::string RefusalOf(const std::function<void()>& action) {
+  try {
+    action();
+  } catch (const InvalidInputError& error) {
+    return error.what();
+  }
+  return "(accepted)";
+}
+
+TEST_F(MapWriterTest, TildeIsNotTakenForAName) {
+  const fs::path before = fs::current_path();
+  fs::current_path(folder_);
+  const char* home = std::getenv("HOME");
+  const std::string example = (fs::path(home ? home : "/home/you") / "map.ply").string();
+  fs::create_directory(folder_ / "~");
+  for (const std::string path : {"~", "~/map.ply", "~me/map.ply"}) {
+    const std::string message = RefusalOf([&] { WriteMap(path, MakeMap(3), MapFormat::kPly, true); });
+    EXPECT_EQ(message.rfind("path = \"" + path + "\": ~ stands for no folder here: write it out, for example ", 0), 0u)
+        << message;
+    EXPECT_NE(message.find(example), std::string::npos) << message;
+    EXPECT_EQ(RefusalOf([&] { MapPathBelow(folder_, path); }), message);
+  }
+  WriteMap("~map.ply", MakeMap(3), MapFormat::kPly, true);  // as a shell does
+  EXPECT_EQ(FilesInFolder(), 2u);
+  fs::current_path(before);
+}
+
+TEST_F(MapWriterTest, PathsMustLieBelowTheFolder) {
+  const fs::path top = fs::canonical(folder_);
+  fs::create_directories(folder_ / "maps" / "inner");
+  fs::create_directories(folder_ / "mapsibling");
+  fs::create_directory_symlink(folder_ / "mapsibling", folder_ / "maps" / "out");
+  fs::create_directory_symlink(folder_ / "maps" / "inner", folder_ / "mapsibling" / "in");
+  const fs::path maps = folder_ / "maps";
+  EXPECT_EQ(MapPathBelow(maps, "a.ply"), top / "maps/a.ply");
+  EXPECT_EQ(MapPathBelow(maps, "inner/../inner/a.ply"), top / "maps/inner/a.ply");
+  EXPECT_EQ(MapPathBelow(maps, folder_ / "mapsibling/in/a.ply"), top / "maps/inner/a.ply");
+  EXPECT_EQ(MapPathBelow("/", folder_ / "a.ply"), top / "a.ply");
+  for (const fs::path& path : {fs::path("../a.ply"), folder_ / "a.ply", folder_ / "mapsibling/a.ply",
+                               fs::path("/a.ply"), fs::path("out/a.ply"), fs::path("inner/../../a.ply")}) {
+    EXPECT_EQ(RefusalOf([&] { MapPathBelow(maps, path); }), "path = \"" + path.string() + "\": must lie below " +
+                                                                (top / "maps").string() +
+                                                                ", the parameter save_folder of the map server");
+  }
+  EXPECT_NE(RefusalOf([&] { MapPathBelow(maps, "none/a.ply"); }).find("no such folder"), std::string::npos);
+  EXPECT_NE(RefusalOf([&] { MapPathBelow(maps, ""); }).find("names no file"), std::string::npos);
+  EXPECT_NE(RefusalOf([&] { MapPathBelow(maps, std::string("a\0b", 3)); }).find("zero"), std::string::npos);
+  EXPECT_NE(RefusalOf([&] { MapPathBelow(folder_ / "none", "a.ply"); }).find("save_folder = "), std::string::npos);
 }
 
 /// A limit on the size of files stands in for a full disk: writes fail in the middle.

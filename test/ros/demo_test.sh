@@ -11,7 +11,7 @@ source "$1/scripts/ros_environment.sh" "$2"
 port=$(/usr/bin/python3 -c 'import socket; s = socket.socket(); s.bind(("", 0)); print(s.getsockname()[1])')
 export ROS_MASTER_URI=http://localhost:$port
 topics="/camera/image_raw /camera/camera_info /slam/pose /slam/sparse_points"
-roslaunch --port "$port" acmp_mapping demo.launch bag:="$folder/room.bag" rviz:=false device:=cpu \
+roslaunch --port "$port" acmp_mapping demo.launch bag:="$folder/room.bag" save_folder:="$folder" rviz:=false device:=cpu \
   play_args:="--wait-for-subscribers --quiet --topics $topics" >"$folder/roslaunch.log" 2>&1 </dev/null &
 launch=$!
 "$1/scripts/save_demo_output.py" "$folder/room.bag" "$folder" --timeout 200 >"$folder/saved" &

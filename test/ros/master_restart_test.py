@@ -58,6 +58,7 @@ def main():
                                        stderr=subprocess.STDOUT)
             for name, value in (("device", "cpu"), ("overload", "block"), ("preset", "online")):
                 subprocess.run(["rosparam", "set", f"/dense_mapper/{name}", value], check=True)
+            subprocess.run(["rosparam", "set", "/map_server/save_folder", folder], check=True)
             load("/map_server", "MapServerNodelet")
             load("/dense_mapper", "DenseMapperNodelet")
             replay_report.wait_for(lambda: call("/dense_mapper/flush"), "the mapper")

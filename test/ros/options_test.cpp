@@ -84,6 +84,7 @@ TEST(MapServerOptions, AreReadAndChecked) {
                                  {"voxel_size", 0.25},
                                  {"map_radius", 20},
                                  {"map_publish_rate", 2},
+                                 {"save_folder", std::string("/")},
                                  {"on_time_jump", std::string("reset")}}));
   const MapServerOptions options = LoadMapServerOptions(&reader);
   EXPECT_THAT(reader.DescribeUnknown(), IsEmpty());
@@ -91,6 +92,7 @@ TEST(MapServerOptions, AreReadAndChecked) {
   EXPECT_EQ(options.map.voxel_size, 0.25);
   EXPECT_EQ(options.map.map_radius, 20);
   EXPECT_EQ(options.map_publish_rate, 2);
+  EXPECT_EQ(options.save_folder, "/");
   EXPECT_FALSE(options.map.keep_earlier_runs);
   const auto refusal = [](const std::map<std::string, XmlRpcValue>& members) {
     return Refusal([&] {
@@ -100,6 +102,8 @@ TEST(MapServerOptions, AreReadAndChecked) {
   };
   EXPECT_THAT(refusal({{"max_keyframes", 0}}), HasSubstr("max_keyframes = 0"));
   EXPECT_THAT(refusal({{"map_publish_rate", 31}}), HasSubstr("map_publish_rate = 31"));
+  EXPECT_THAT(refusal({{"save_folder", std::string("~/maps")}}),
+              HasSubstr("~save_folder = \"~/maps\": must be a folder"));
   EXPECT_THAT(refusal({{"on_time_jump", std::string("stop")}}), AllOf(HasSubstr("stop"), HasSubstr("keep, reset")));
 }
 

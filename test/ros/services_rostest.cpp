@@ -140,9 +140,25 @@ TEST_F(ServicesTest, SaveMapRefusesBadPathsAndFormats) {
   const SaveMap::Response response = mapper().SaveMap(PathOf("map.xyz"), 7, true);
   EXPECT_FALSE(response.success);
   EXPECT_THAT(response.message, HasSubstr("7"));
-  // /proc takes no files from anybody, root included.
-  EXPECT_FALSE(mapper().SaveMap("/proc/map.ply", SaveMap::Request::PLY, true).success);
-  EXPECT_FALSE(mapper().SaveMap("/proc/map.pcd", SaveMap::Request::PCD, true).success);
+}
+
+TEST_F(ServicesTest, SaveMapWritesBelowItsFolderOnly) {
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  const std::string top = fs::canonical(fs::temp_directory_path()).string();
+  for (const std::string& path : {std::string("/map.ply"), PathOf("../../map.ply"), std::string("../map.ply")}) {
+    const SaveMap::Response response = mapper().SaveMap(path, SaveMap::Request::PLY, true);
+    EXPECT_FALSE(response.success) << path;
+    EXPECT_THAT(response.message, HasSubstr("must lie below " + top + ", the parameter save_folder"));
+  }
+  for (const std::string path : {"~", "~/map.ply", "~someone/map.ply"}) {
+    const SaveMap::Response response = mapper().SaveMap(path, SaveMap::Request::PLY, true);
+    EXPECT_FALSE(response.success) << path;
+    EXPECT_THAT(response.message, HasSubstr("path = \"" + path + "\": ~ stands for no folder here"));
+  }
+  const std::string relative = fs::relative(PathOf("map.ply"), top).string();
+  const SaveMap::Response response = mapper().SaveMap(relative, SaveMap::Request::PLY, true);
+  EXPECT_THAT(response.message, HasSubstr("keyframes to " + (fs::path(top) / relative).string()));
+  EXPECT_EQ(ReadPly(PathOf("map.ply")).size(), response.points);
 }
 
 TEST_F(ServicesTest, ResetOfTheMapperKeepsTheMap) {

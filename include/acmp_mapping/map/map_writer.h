@@ -6,6 +6,11 @@
 
 namespace acmp {
 
+/// The whole path of a file for the map that must lie below a folder. A relative path starts at the folder; links and
+/// .. are followed before the comparison. Throws InvalidInputError when the path names no file, begins with ~ (which a
+/// shell expands, and nobody here), lies elsewhere or in a folder that does not exist.
+std::filesystem::path MapPathBelow(const std::filesystem::path& folder, const std::filesystem::path& path);
+
 enum class MapFormat { kPly, kPcd };
 
 /// Writes x y z, normal, colour and confidence of each point. The file appears under its name only when it is whole and

@@ -17,7 +17,8 @@ namespace acmp {
 class MapOutput {
  public:
   /// @param map outlives this
-  MapOutput(ros::NodeHandle nh, const MapStore* map);
+  /// @param save_folder of Save, see MapPathBelow
+  MapOutput(ros::NodeHandle nh, const MapStore* map, const std::string& save_folder);
 
   /// Of the newest keyframe in the map. Nothing is published before the first.
   void SetHeader(const std::string& world_frame, int64_t stamp_ns);
@@ -29,11 +30,13 @@ class MapOutput {
   /// @param max_rate Hz; 0: never
   void PublishIfDue(double max_rate);
 
-  /// Writes the map to a file. Throws InvalidInputError, ProcessingError (see WriteMap).
+  /// Writes the map to a file below save_folder. Throws InvalidInputError, ProcessingError (see MapPathBelow,
+  /// WriteMap).
   acmp_mapping::SaveMap::Response Save(const acmp_mapping::SaveMap::Request& request) const;
 
  private:
   const MapStore* const map_;
+  const std::string save_folder_;
   std::mutex header_mutex_;  ///< guards the next two
   std::string world_frame_;
   int64_t stamp_ns_ = 0;

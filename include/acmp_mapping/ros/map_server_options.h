@@ -1,5 +1,7 @@
 #pragma once
 
+#include <string>
+
 #include "acmp_mapping/common/option.h"
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/ros/parameter_reader.h"
@@ -11,6 +13,7 @@ namespace acmp {
 struct MapServerOptions {
   MapStoreOptions map;
   double map_publish_rate = 0.5;  ///< Hz
+  std::string save_folder = ".";  ///< save_map writes only below it
 };
 
 const OptionTable<MapServerOptions>& MapServerOptionTable();
