@@ -10,6 +10,7 @@ import tempfile
 import unittest
 import xml.etree.ElementTree
 
+import roslaunch.arg_dump
 import roslaunch.config
 import roslaunch.xmlloader
 import yaml
@@ -136,6 +137,17 @@ class LaunchFiles(unittest.TestCase):
         self.assertEqual(of_map, parameter_names("config/map_server.yaml"))
         for name, value in overrides.items():
             self.assertEqual(values[name], value)
+
+    def test_roslaunch_calls_no_optional_argument_required(self):
+        for launch in ["dense_mapper.launch", "demo.launch"] + ["frontends/" + name for name in FRONTENDS]:
+            with self.subTest(launch):
+                shown = roslaunch.arg_dump.get_args([os.path.join(SOURCE, "launch", launch)])
+                required = {name for name, (_, default) in shown.items() if not default}
+                self.assertEqual(required, {"bag"} if launch == "demo.launch" else set())
+
+    def test_an_empty_argument_is_none(self):
+        empty = ["%s:=" % name for name in ("device", "preset", "T_body_cam", "frontend_config", "depth_min", "voxel_size")]
+        self.assertEqual(mapper_parameters(load("dense_mapper.launch", *empty)), parameters_of_plain_launch())
 
     def test_every_argument_that_names_a_parameter_sets_it(self):
         check_arguments_set_parameters(self, "dense_mapper.launch")
