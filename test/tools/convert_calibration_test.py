@@ -1,0 +1,252 @@
+#!/usr/bin/python3
+"""Calibrations that scripts/convert_calibration.py reads and writes.
+
+usage: convert_calibration_test.py SOURCE_FOLDER"""
+import os
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import yaml
+
+SOURCE = os.path.abspath(sys.argv.pop(1))
+SCRIPT = os.path.join(SOURCE, "scripts", "convert_calibration.py")
+sys.dont_write_bytecode = True
+sys.path.insert(0, os.path.dirname(SCRIPT))
+import convert_calibration
+
+K = [458.654, 457.296, 367.215, 248.375]
+RADTAN = [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]
+
+VINS = """%YAML:1.0
+---
+model_type: PINHOLE
+camera_name: camera
+image_width: 752
+image_height: 480
+distortion_parameters:
+   k1: -0.28340811
+   k2: 0.07395907
+   p1: 0.00019359
+   p2: 1.76187114e-05
+projection_parameters:
+   fx: 458.654
+   fy: 457.296
+   cx: 367.215
+   cy: 248.375
+#Rotation from camera frame to imu frame, imu^R_cam
+extrinsicRotation: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [0, -1, 0, 1, 0, 0, 0, 0, 1]
+"""
+
+VINS_FISHEYE = """%YAML:1.0
+---
+model_type: KANNALA_BRANDT
+camera_name: cam0
+image_width: 512
+image_height: 512
+projection_parameters:
+   k2: 0.0034823894022493434
+   k3: 0.0007150348452162257
+   k4: -0.0020532361418706202
+   k5: 0.00020293673591811182
+   mu: 190.97847715128717
+   mv: 190.9733070521226
+   u0: 254.93170605935475
+   v0: 256.8974428996504
+"""
+
+VINS_FULL = VINS.replace("PINHOLE", "PINHOLE_FULL").replace(
+    "   p1:", "   k3: 3\n   k4: 4\n   k5: 5\n   k6: 6\n   p1:")
+
+ORB_SLAM3 = """%YAML:1.0
+#--------------------------------------------------------------------------------------------
+File.version: "1.0"
+Camera.type: "PinHole"
+Camera1.fx: 458.654
+Camera1.fy: 457.296
+Camera1.cx: 367.215
+Camera1.cy: 248.375
+Camera1.k1: -0.28340811
+Camera1.k2: 0.07395907
+Camera1.p1: 0.00019359
+Camera1.p2: 1.76187114e-05
+Camera2.fx: 457.587
+Camera2.fy: 456.134
+Camera2.cx: 379.999
+Camera2.cy: 255.238
+Camera.width: 752
+Camera.height: 480
+Camera.newWidth: 600
+Camera.newHeight: 350
+IMU.T_b_c1: !!opencv-matrix
+   rows: 1
+   cols: 1
+   dt: f
+   data: [1.0]
+"""
+
+ORB_SLAM3_FISHEYE = """%YAML:1.0
+Camera.type: "KannalaBrandt8"
+Camera.fx: 190.978477
+Camera.fy: 190.973307
+Camera.cx: 254.931706
+Camera.cy: 256.897442
+Camera.k1: 0.003482389402
+Camera.k2: 0.000715034845
+Camera.k3: -0.002053236141
+Camera.k4: 0.000202936736
+Camera.width: 512
+Camera.height: 512
+"""
+
+ORB_SLAM2 = """%YAML:1.0
+Camera.fx: 517.306408
+Camera.fy: 516.469215
+Camera.cx: 318.643040
+Camera.cy: 255.313989
+Camera.k1: 0.262383
+Camera.k2: -0.953104
+Camera.p1: -0.005358
+Camera.p2: 0.002628
+Camera.k3: 1.163314
+Camera.fps: 30.0
+"""
+
+KALIBR = """cam0:
+  cam_overlaps: [1]
+  camera_model: pinhole
+  distortion_coeffs: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]
+  distortion_model: radtan
+  intrinsics: [458.654, 457.296, 367.215, 248.375]
+  resolution: [752, 480]
+  rostopic: /cam0/image_raw
+cam1:
+  T_cn_cnm1:
+  - [1.0, 0.0, 0.0, -0.1]
+  camera_model: pinhole
+  distortion_coeffs: [0.01, 0.02, 0.03, 0.04]
+  distortion_model: equidistant
+  intrinsics: [190.5, 191.5, 254.5, 256.5]
+  resolution: [512, 512]
+"""
+
+OKVIS = """%YAML:1.0
+cameras:
+     - {T_SC:
+        [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1],
+        image_dimension: [752, 480],
+        distortion_coefficients: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05],
+        distortion_type: radialtangential,
+        focal_length: [458.654, 457.296],
+        principal_point: [367.215, 248.375]}
+"""
+
+EUROC = """sensor_type: camera
+rate_hz: 20
+resolution: [752, 480]
+camera_model: pinhole
+intrinsics: [458.654, 457.296, 367.215, 248.375] #fu, fv, cu, cv
+distortion_model: radial-tangential
+distortion_coefficients: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]
+"""
+
+
+def converted(text, *arguments):
+    return yaml.safe_load(convert_calibration.format_calibration(convert_calibration.convert(text, *arguments)))
+
+
+def refusal(text, *arguments):
+    try:
+        convert_calibration.convert(text, *arguments)
+    except convert_calibration.Refused as error:
+        return str(error)
+    return "not refused"
+
+
+class ConvertCalibration(unittest.TestCase):
+    def expect(self, result, size, intrinsics, model, coefficients):
+        fx, fy, cx, cy = intrinsics
+        self.assertEqual([result["image_width"], result["image_height"]], size)
+        self.assertEqual(result["camera_matrix"], {"rows": 3, "cols": 3, "data": [fx, 0, cx, 0, fy, cy, 0, 0, 1]})
+        self.assertEqual(result["projection_matrix"],
+                         {"rows": 3, "cols": 4, "data": [fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1, 0]})
+        self.assertEqual(result["distortion_model"], model)
+        self.assertEqual(result["distortion_coefficients"], {"rows": 1, "cols": len(coefficients), "data": coefficients})
+
+    def test_pinhole_cameras_of_every_kind(self):
+        for text in VINS, ORB_SLAM3, KALIBR, OKVIS, EUROC:
+            with self.subTest(text[:80]):
+                self.expect(converted(text), [752, 480], K, "plumb_bob", RADTAN + [0])
+
+    def test_fisheye_cameras(self):
+        self.expect(converted(VINS_FISHEYE), [512, 512],
+                    [190.97847715128717, 190.9733070521226, 254.93170605935475, 256.8974428996504], "equidistant",
+                    [0.0034823894022493434, 0.0007150348452162257, -0.0020532361418706202, 0.00020293673591811182])
+        self.expect(converted(ORB_SLAM3_FISHEYE), [512, 512], [190.978477, 190.973307, 254.931706, 256.897442],
+                    "equidistant", [0.003482389402, 0.000715034845, -0.002053236141, 0.000202936736])
+        self.expect(converted(KALIBR, 1), [512, 512], [190.5, 191.5, 254.5, 256.5], "equidistant", [0.01, 0.02, 0.03, 0.04])
+
+    def test_other_models(self):
+        self.expect(converted(VINS_FULL), [752, 480], K, "rational_polynomial", RADTAN + [3, 4, 5, 6])
+        self.expect(converted(KALIBR.replace("radtan", "none")), [752, 480], K, "plumb_bob", [0] * 5)
+        self.expect(converted(ORB_SLAM3.replace("PinHole", "Rectified")), [752, 480], K, "plumb_bob", [0] * 5)
+        self.expect(converted(ORB_SLAM3, 1), [752, 480], [457.587, 456.134, 379.999, 255.238], "plumb_bob", [0] * 5)
+
+    def test_size_that_the_file_lacks(self):
+        self.assertIn("image size 0 x 0", refusal(ORB_SLAM2))
+        self.expect(converted(ORB_SLAM2, 0, [640, 480]), [640, 480], [517.306408, 516.469215, 318.64304, 255.313989],
+                    "plumb_bob", [0.262383, -0.953104, -0.005358, 0.002628, 1.163314])
+
+    def test_what_is_refused(self):
+        for text, words in (
+                (VINS.replace("PINHOLE", "MEI"), "'MEI'"),
+                (VINS.replace("   fx: 458.654\n", ""), "projection_parameters: fx is missing"),
+                (VINS.replace("458.654", "large"), "fx = 'large': must be a number"),
+                (VINS.replace("image_width: 752", "image_width: 300"), "principal point (367.215, 248.375)"),
+                (VINS.replace("458.654", "-1"), "focal length -1"),
+                (ORB_SLAM3.replace("PinHole", "Sphere"), "Camera.type 'Sphere'"),
+                (KALIBR.replace("camera_model: pinhole", "camera_model: omni"), "cam0: camera_model 'omni'"),
+                (KALIBR.replace("radtan", "fov"), "cam0: distortion model 'fov'"),
+                (KALIBR.replace("[-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]", "[1, 2, 3, 4, 5, 6, 7, 8]"),
+                 "8 distortion coefficients"),
+                (KALIBR.replace("[752, 480]", "[752]"), "must be a list of 2 numbers"),
+                ("cam0_calib: \"cam0_pinhole.yaml\"\n", "convert cam0_pinhole.yaml"),
+                ("image_width: 3\ncamera_matrix: 1\n", "already"),
+                ("a: 1\n", "no known kind"), ("", "name: value"), ("a: [1\n", "no YAML")):
+            with self.subTest(words):
+                self.assertIn(words, refusal(text))
+        self.assertIn("no camera 1", refusal(VINS, 1))
+        self.assertIn("cam2 is missing", refusal(KALIBR, 2))
+        self.assertIn("Camera2.fx is missing", refusal(ORB_SLAM2, 1))
+
+    def test_command(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "camchain.yaml")
+            with open(path, "w") as file:
+                file.write(KALIBR)
+            run = lambda *arguments: subprocess.run([sys.executable, SCRIPT, *arguments], capture_output=True, text=True)
+            result = run(path, "--camera", "1")
+            self.assertEqual((result.returncode, result.stderr), (0, ""))
+            self.assertEqual(yaml.safe_load(result.stdout)["camera_name"], "cam1")
+            result = run(path, "--camera", "7")
+            self.assertEqual((result.returncode, result.stdout), (2, ""))
+            self.assertIn(path + ": cam7 is missing", result.stderr)
+            self.assertEqual(run(os.path.join(folder, "none.yaml")).returncode, 2)
+            self.assertEqual(run(path, "--size", "big").returncode, 2)
+
+    def test_template_is_what_is_written(self):
+        with open(os.path.join(SOURCE, "config", "camera.yaml")) as file:
+            template = yaml.safe_load(file)
+        written = converted(EUROC)
+        self.assertEqual(set(template), set(written))
+        for key in set(written) - {"camera_name"}:
+            self.assertEqual(template[key], written[key], key)
+
+
+if __name__ == "__main__":
+    unittest.main(verbosity=2)
