@@ -10,6 +10,7 @@ import tempfile
 import unittest
 import xml.etree.ElementTree
 
+import catkin_pkg.package
 import roslaunch.arg_dump
 import roslaunch.config
 import roslaunch.xmlloader
@@ -255,6 +256,55 @@ class Consumers(unittest.TestCase):
                         continue  # what it publishes
                     self.assertIn(relative, interface_names() | made_here | {"rgb/camera_info"})
                 self.assertEqual({node.namespace for node in nodes}, {NAMESPACE})
+
+
+class PackageXml(unittest.TestCase):
+    """What the build looks for has a dependency, so that rosdep installs it."""
+
+    def setUp(self):
+        environment = {"ROS_DISTRO": "debian", "ROS_PYTHON_VERSION": "3", "ROS_VERSION": "1"}
+        self.package = catkin_pkg.package.parse_package(os.path.join(SOURCE, "package.xml"))
+        self.package.evaluate_conditions(environment)
+        self.package.validate()
+
+    def names(self, *kinds):
+        return {item.name for kind in kinds for item in getattr(self.package, kind + "_depends")
+                if item.evaluated_condition}
+
+    def test_catkin_packages(self):
+        with open(os.path.join(SOURCE, "src/cmake/AcmpRos.cmake")) as file:
+            text = file.read()
+        components = re.search(r"ACMP_CATKIN_COMPONENTS ([^)]*)\)", text).group(1).split()
+        self.assertGreater(len(components), 15)
+        self.assertLessEqual(set(components), self.names("build"))
+
+    def test_libraries_that_cmake_finds(self):
+        keys = {"CGAL": "cgal", "CLI11": "cli11", "Ceres": "libceres-dev", "Eigen3": "eigen", "GTest": "gtest",
+                "JPEG": "libjpeg", "OpenCV": "libopencv-dev", "PCL": "libpcl-all-dev", "PNG": "libpng-dev", "TBB": "tbb",
+                "nanoflann": "libnanoflann-dev", "nlohmann_json": "nlohmann-json-dev",
+                "pcl_conversions": "pcl_conversions", "rosbag_storage": "rosbag", "rostest": "rostest"}
+        others = {"CUDAToolkit", "Threads", "catkin"}
+        found = set()
+        for path in glob.glob(os.path.join(SOURCE, "**/CMakeLists.txt"), recursive=True):
+            if os.path.relpath(path, SOURCE).split(os.sep)[0] in ("src", "test", "cuda", "CMakeLists.txt"):
+                with open(path) as file:
+                    found |= set(re.findall(r"find_package\((\w+)", file.read()))
+        self.assertEqual(found - others - set(keys), set(), "has no key here")
+        self.assertLessEqual({keys[name] for name in found - others}, self.names("build", "test"))
+
+    def test_nodes_of_launch_files(self):
+        nodes = [node for launch in ["dense_mapper.launch"] for node in load(launch).nodes]
+        nodes += load("demo.launch", "bag:=/some.bag").nodes
+        packages = {node.package for node in nodes} - {"acmp_mapping"}
+        self.assertGreaterEqual(packages, {"nodelet", "rosbag", "rviz"})
+        self.assertLessEqual(packages, self.names("exec"))
+
+    def test_modules_of_installed_scripts(self):
+        self.assertLessEqual({"python3-yaml"}, self.names("exec"))
+
+    def test_ubuntu_20_04_is_asked_for_nothing_that_rosdep_lacks_there(self):
+        self.package.evaluate_conditions({"ROS_DISTRO": "noetic"})
+        self.assertEqual(self.names("build") & {"cli11", "libnanoflann-dev"}, set())
 
 
 class RvizConfig(unittest.TestCase):
