@@ -1,21 +1,24 @@
 #!/bin/bash
 # Builds everything with warnings as errors and runs all tests and style checks, on a Debian 12 machine that need have
 # nothing installed. Ends with one line "N passed, N failed, N skipped" (a test is one ctest entry or one style check).
-# Environment: ACMP_BUILD_DIR (build_test), ACMP_CUDA (AUTO, ON or OFF), ACMP_SKIP_STYLE=1 to leave the style checks out.
+# Environment: ACMP_BUILD_DIR (build, that of demo.sh), ACMP_CUDA (AUTO, ON or OFF), ACMP_SKIP_STYLE=1 to leave the style
+# checks out.
 set -uo pipefail
 cd "$(dirname "$0")/.." || exit 1
-build=${ACMP_BUILD_DIR:-$PWD/build_test}
+# shellcheck source=scripts/build_steps.sh
+source scripts/build_steps.sh
 export PYENV_VERSION=system
 
+step "packages"
 scripts/install_dependencies.sh || exit 1
-echo "building in $build"
-cmake -S . -B "$build" -G Ninja -DACMP_CUDA="${ACMP_CUDA:-AUTO}" -DACMP_ROS=ON -DACMP_WARNINGS_AS_ERRORS=ON \
-  -DACMP_BUILD_TESTS=ON -DCMAKE_BUILD_TYPE=Release || exit 1
+step "build in $build"
+configure || exit 1
 cmake --build "$build" --parallel "$(nproc)" --target all || exit 1
 if cmake --build "$build" --target help | grep -q '^tests:'; then  # catkin's own tests are not part of "all"
   cmake --build "$build" --parallel "$(nproc)" --target tests || exit 1
 fi
 
+step "tests"
 # shellcheck source=scripts/ros_environment.sh
 source scripts/ros_environment.sh "$build"
 junit=$build/ctest.junit.xml
@@ -23,9 +26,11 @@ rm -f "$junit"
 ctest --test-dir "$build" --no-tests=error --output-on-failure --output-junit "$junit" -j2 --timeout 600 </dev/null
 ctest_code=$?
 
+step "style"
 style_passed=0
 style_failed=0
 if [ "${ACMP_SKIP_STYLE:-0}" != 1 ]; then
   if scripts/check_style.sh "$build"; then style_passed=1; else style_failed=1; fi
 fi
+step
 /usr/bin/python3 scripts/summarize_tests.py "$junit" "$ctest_code" "$style_passed" "$style_failed"
