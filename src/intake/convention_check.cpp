@@ -8,11 +8,10 @@
 namespace acmp {
 namespace {
 
-constexpr size_t kSample = 1000;           ///< points of a cloud looked at: a cloud may be a whole map
-constexpr double kPlausibleFront = 0.5;    ///< of the points in front of the camera
-constexpr double kClearlyBetter = 1.5;     ///< times as many points in the image
-constexpr double kImplausibleImage = 0.3;  ///< of the points in the image, though in front: another reading may fit
-constexpr double kConvincingImage = 0.6;
+constexpr size_t kSample = 1000;          ///< points of a cloud looked at: a cloud may be a whole map
+constexpr double kPlausibleFront = 0.5;   ///< of the points in front of the camera
+constexpr double kClearlyBetter = 1.5;    ///< times as many points in the image
+constexpr double kConvincingImage = 0.6;  ///< of the points in the image
 
 using Direction = PoseSemantics::Direction;
 using Child = PoseSemantics::Child;
@@ -42,7 +41,7 @@ std::vector<std::pair<std::string, PoseSemantics>> OtherSemantics(const PoseSema
 std::optional<std::string> ConventionCheck::Add(const PoseSemantics& configured, const RigidTransform& cloud_received,
                                                 const SparseCloud& cloud, bool cloud_in_camera,
                                                 const PinholeCamera& camera) {
-  if (keyframes_ >= kKeyframes || cloud.points.empty()) return std::nullopt;
+  if (keyframes_ >= kLastKeyframes || !warning_.empty() || cloud.points.empty()) return std::nullopt;
   points_ += std::min(cloud.points.size(), kSample);
   const RigidTransform cam_from_world = WorldFromCamera(configured, cloud_received).inverse();
   const RigidTransform same = RigidTransform::Identity();
@@ -54,8 +53,13 @@ std::optional<std::string> ConventionCheck::Add(const PoseSemantics& configured,
       Count(name, WorldFromCamera(semantics, cloud_received).inverse(), cloud, camera);
     }
   }
-  if (++keyframes_ < kKeyframes) return std::nullopt;
-  return Judge(configured);
+  ++keyframes_;
+  if (keyframes_ < kKeyframes || keyframes_ % kKeyframes != 0) return std::nullopt;
+  const int times = keyframes_ / kKeyframes;
+  if ((times & (times - 1)) != 0) return std::nullopt;  // not yet doubled
+  const auto warning = Judge(configured);
+  if (warning) warning_ = *warning;
+  return warning;
 }
 
 void ConventionCheck::Count(const std::string& name, const RigidTransform& cam_from_cloud, const SparseCloud& cloud,
@@ -81,8 +85,8 @@ std::optional<std::string> ConventionCheck::Judge(const PoseSemantics& configure
   // Points that a keyframe observes lie in its image with the right reading; some do so by chance with wrong ones.
   const bool fits = best_image > kConvincingImage && best_image > kClearlyBetter * now_image;
   const bool plausible = Share(now.in_front) >= kPlausibleFront;
-  if (plausible && !(fits && now_image < kImplausibleImage)) return std::nullopt;
-  const std::string found = Concat("of the sparse points of the first ", kKeyframes, " keyframes only ",
+  if (plausible && !fits) return std::nullopt;
+  const std::string found = Concat("of the sparse points of the first ", keyframes_, " keyframes only ",
                                    Percent(Share(now.in_front)), " % lie in front of the camera and ",
                                    Percent(now_image), " % in the image (poses read as ", Describe(configured), ")");
   const std::string other = Concat(best->name, ": ", Percent(best_image), " % in the image");

@@ -96,6 +96,37 @@ TEST(ConventionCheck, NamesTheConventionThatFits) {
   EXPECT_THAT(warnings[0], HasSubstr("~pose_child: camera_optical"));
 }
 
+/// A level camera that moves sideways past a wall, as recordings begin: near the world's origin and hardly turned, so
+/// that many points lie in the image with the inverse pose, too.
+std::vector<std::string> WarningsNearTheOrigin(Direction sent, Direction configured, double step) {
+  ConventionCheck check;
+  std::vector<std::string> warnings;
+  for (int i = 0; i < ConventionCheck::kLastKeyframes + 5; ++i) {
+    RigidTransform world_from_cam = RigidTransform::Identity();
+    world_from_cam.translation() = Eigen::Vector3d(step * i, 0, 0);
+    SparseCloud cloud;
+    for (int k = -20; k <= 20; ++k) cloud.points.push_back(world_from_cam * Eigen::Vector3d(0.1 * k, 0.02 * k, 4));
+    const RigidTransform received = Sent({sent, Child::kCameraOptical, std::nullopt}, world_from_cam);
+    const PoseSemantics read{configured, Child::kCameraOptical, std::nullopt};
+    if (auto warning = check.Add(read, received, cloud, false, TestCamera())) warnings.push_back(*warning);
+  }
+  EXPECT_EQ(warnings.empty() ? "" : warnings[0], check.warning());
+  return warnings;
+}
+
+TEST(ConventionCheck, ComparesReadingsWithEachOther) {
+  // The wrong reading has half of the points in the image at first: 5 keyframes are shifted by 0 to 2.8 times 2.
+  auto warnings = WarningsNearTheOrigin(Direction::kCamFromWorld, Direction::kWorldFromCam, 0.45);
+  ASSERT_EQ(warnings.size(), 1u);
+  EXPECT_THAT(warnings[0], AllOf(HasSubstr("first 5 keyframes"), HasSubstr("100 % lie in front"),
+                                 HasSubstr("~pose_is: T_cam_world"), HasSubstr("set this")));
+  // Slower: it shows only later.
+  warnings = WarningsNearTheOrigin(Direction::kWorldFromCam, Direction::kCamFromWorld, 0.05);
+  ASSERT_EQ(warnings.size(), 1u);
+  EXPECT_THAT(warnings[0], AllOf(HasSubstr("first 40 keyframes"), HasSubstr("~pose_is: T_world_cam")));
+  EXPECT_TRUE(WarningsNearTheOrigin(Direction::kWorldFromCam, Direction::kWorldFromCam, 0.45).empty());
+}
+
 TEST(ConventionCheck, NamesAnInvertedExtrinsic) {
   RigidTransform body_from_cam = RigidTransform::Identity();  // a camera that looks sideways from its body
   body_from_cam.linear() = Eigen::AngleAxisd(1.2, Eigen::Vector3d::UnitY()).toRotationMatrix();
