@@ -26,7 +26,9 @@ OUTPUT is a folder that is made; afterwards it holds, for image 0, 1, 2, ... of 
   depth/000000.pfm         depth z in the scene's unit (metres if the poses are), 0 = unknown
   depth/000000.png         the same in thousandths, 16 bit; depth/000000.dmb with --dmb
   normal/000000.pfm        unit normals in the camera's frame
-  cost/000000.pfm          matching cost: 0 = perfect, 2 = worst
+  cost/000000.pfm          matching cost, 0 = perfect to 2 = a guess, which makes no point; two values stand for more:
+                           1.9999999 = completed where a view had confirmed something, which may make a point;
+                           inf = the other views speak against the depth, a guess, too
   confidence/000000.pfm    0..1
   pictures/000000_*.png    the four maps as colour pictures to look at
   fused.ply                one point cloud of all images: position, normal, colour, confidence

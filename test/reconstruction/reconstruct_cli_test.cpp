@@ -6,6 +6,8 @@
 #include <chrono>
 #include <cstdlib>
 #include <cstring>
+#include <iomanip>
+#include <sstream>
 #include <thread>
 #include <vector>
 
@@ -97,6 +99,12 @@ TEST_F(ReconstructCliTest, ExitCodesOfWrongUse) {
   EXPECT_EQ(RunTool("--help").exit_code, 0);
   EXPECT_THAT(RunTool("--help").text, HasSubstr("SCENE is a folder of images with known camera poses"));
   EXPECT_EQ(RunTool("--version").exit_code, 0);
+  for (const float cost :
+       {kWorstCost, kUnverifiedCost, kUnsupportedCost}) {  // all that cost/*.pfm may have beside costs
+    std::ostringstream value;
+    value << std::setprecision(8) << cost << " =";
+    EXPECT_THAT(RunTool("--help").text, HasSubstr(value.str()));
+  }
   EXPECT_EQ(RunTool("").exit_code, 2);
   EXPECT_EQ(RunTool(folder().string()).exit_code, 2);
   const Outcome missing = RunTool((folder() / "nowhere").string() + " " + output().string() + " --device cpu");

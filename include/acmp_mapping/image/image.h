@@ -102,9 +102,9 @@ ACMP_HOST_DEVICE inline int ColorDistance(const Rgb& a, const Rgb& b) {
 
 using GrayImage = Image<float>;  ///< grey values 0..255
 using ColorImage = Image<Rgb>;
-using DepthMap = Image<float>;      ///< z in scene units; 0 = unknown; never NaN
-using NormalMap = Image<Vec3f>;     ///< unit normals in the camera frame, facing the camera; 0 = unknown
-using CostMap = Image<float>;       ///< matching cost, 0 (perfect) to 2 (plus the geometric term); 2 = worst
+using DepthMap = Image<float>;   ///< z in scene units; 0 = unknown; never NaN
+using NormalMap = Image<Vec3f>;  ///< unit normals in the camera frame, facing the camera; 0 = unknown
+using CostMap = Image<float>;    ///< matching cost, 0 (perfect) to kWorstCost (plus the geometric term), or one below
 constexpr float kWorstCost = 2.0f;  ///< in a CostMap: NCC = -1, or no correspondence at all
 /// In a CostMap: a depth from the surroundings in place of one that a single view had confirmed, or that a weighted
 /// median replaced; never measured, but others may confirm it.

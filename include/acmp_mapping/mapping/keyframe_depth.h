@@ -21,14 +21,15 @@ struct KeyframeDepth {
   DepthRange range;                                            ///< that was searched, scene units
   DepthMap depth;                                              ///< z in the camera's frame, scene units
   // Of refined maps only; empty for fast ones.
-  NormalMap normal;                 ///< unit vectors in the camera's frame, towards the camera
-  CostMap cost;                     ///< 0..2, see EstimateMaps
-  ConfidenceMap confidence;         ///< 0..1
-  PointCloud points_in_camera;      ///< pixels that enough source views confirm
-  std::vector<int64_t> source_ids;  ///< keyframes it was matched against, best first
-  StageTimes times;                 ///< summed over all steps since it was last refined
-  double consistency_ms = 0;        ///< wall time of the consistency check
-  bool refined = false;             ///< false: fast maps of steps 1-20; true: after all steps
+  NormalMap normal;                             ///< unit vectors in the camera's frame, towards the camera
+  CostMap cost;                                 ///< 0..kWorstCost or kUnsupportedCost, see CostMap
+  ConfidenceMap confidence;                     ///< 0..1
+  PointCloud points_in_camera;                  ///< pixels that enough source views confirm
+  std::optional<std::string> no_points_reason;  ///< Describe(PointLosses), where no pixel is confirmed
+  std::vector<int64_t> source_ids;              ///< keyframes it was matched against, best first
+  StageTimes times;                             ///< summed over all steps since it was last refined
+  double consistency_ms = 0;                    ///< wall time of the consistency check
+  bool refined = false;                         ///< false: fast maps of steps 1-20; true: after all steps
 };
 using KeyframeDepthPtr = std::shared_ptr<const KeyframeDepth>;
 

@@ -27,12 +27,12 @@ ACMP_HOST_DEVICE inline double GradedAgreement(double reprojection_px, double re
   return angle_versine < kFullVersine ? fit * std::sqrt(angle_versine > 0 ? angle_versine / kFullVersine : 0) : fit;
 }
 
-/// The relative depth error to expect of a pixel from its matching cost (0..2), the views, and its unevenness: how far
-/// the surface around it deviates from its plane (see SurfaceUnevenness, 0..0.1). Fitted to the logarithm of true
-/// errors of holo_table and holo_cabinet before unevenness weighed colours; docs/experiments.md says what each term is
-/// worth. It never falls when cost, unevenness or the share of contradicting views grows or the mean agreement falls. A
-/// NaN cost is no photometric evidence, kUnsupportedCost evidence against the depth; without views only cost and
-/// unevenness count. Completed pixels (kUnverifiedCost, kWorstCost) have no photometric evidence.
+/// The relative depth error to expect of a pixel from its matching cost (see CostMap), the views, and its unevenness:
+/// how far the surface around it deviates from its plane (see SurfaceUnevenness, 0..0.1). Fitted to the logarithm of
+/// true errors of holo_table and holo_cabinet before unevenness weighed colours; docs/experiments.md says what each
+/// term is worth. It never falls when cost, unevenness or the share of contradicting views grows or the mean agreement
+/// falls. A NaN cost is no photometric evidence, kUnsupportedCost evidence against the depth; without views only cost
+/// and unevenness count. Completed pixels (kUnverifiedCost, kWorstCost) have no photometric evidence.
 ACMP_HOST_DEVICE inline double ExpectedRelativeError(float cost, const ViewEvidence& evidence, double unevenness) {
   constexpr double kUnsupportedExponent = 1.4;  // four times the error
   const double used_cost = cost > 0 ? cost : 0;

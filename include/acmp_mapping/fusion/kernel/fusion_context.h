@@ -12,7 +12,7 @@ template <class NormalPixel>
 struct FusionMaps {
   ImageView<const float> depth;  ///< z, 0 = unknown
   ImageView<const NormalPixel> normal;
-  ImageView<const float> cost;  ///< 0..2
+  ImageView<const float> cost;  ///< see CostMap
   ImageView<const Rgb> color;
 
   ACMP_HOST_DEVICE float Depth(int col, int row) const { return depth(col, row); }
