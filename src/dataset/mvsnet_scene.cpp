@@ -1,4 +1,5 @@
 #include <Eigen/SVD>
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <unordered_map>
@@ -11,6 +12,8 @@
 
 namespace acmp {
 namespace {
+
+constexpr double kHalfPixel = 0.5;
 
 std::string Numbered(const char* format, int index) {
   char text[64];
@@ -68,13 +71,14 @@ RigidTransform ReadExtrinsic(TextReader* reader) {
   return pose;
 }
 
-PinholeCamera ReadIntrinsic(TextReader* reader, const ImageSize& size) {
+PinholeCamera ReadIntrinsic(TextReader* reader, const ImageSize& size, PixelCenters centers) {
   ExpectKeyword(reader, "intrinsic");
   const Eigen::Matrix3d k = ReadMatrix<3, 3>(reader, "intrinsic");
   if (k(0, 1) != 0 || k(1, 0) != 0 || k.row(2) != Eigen::RowVector3d(0, 0, 1)) {
     reader->Fail("intrinsic is not of the form fx 0 cx / 0 fy cy / 0 0 1 (skew is not supported)");
   }
-  const PinholeCamera camera{size.width, size.height, k(0, 0), k(1, 1), k(0, 2), k(1, 2)};
+  const double first = centers == PixelCenters::kHalf ? kHalfPixel : 0;
+  const PinholeCamera camera{size.width, size.height, k(0, 0), k(1, 1), k(0, 2) - first, k(1, 2) - first};
   CheckCamera(reader->Where().c_str(), camera);
   return camera;
 }
@@ -95,13 +99,13 @@ std::optional<DepthRange> ReadDepthLine(TextReader* reader) {
   return range;
 }
 
-SceneImage ReadImage(const std::filesystem::path& root, int index) {
+SceneImage ReadImage(const std::filesystem::path& root, int index, PixelCenters centers) {
   SceneImage image;
   image.path = FindImage(root / "images", index);
   image.name = image.path.filename().string();
   TextReader reader(root / "cams" / (Numbered("%08d", index) + "_cam.txt"));
   image.cam_from_world = ReadExtrinsic(&reader);
-  image.camera = ReadIntrinsic(&reader, ReadImageSize(image.path));
+  image.camera = ReadIntrinsic(&reader, ReadImageSize(image.path), centers);
   image.depth_range = ReadDepthLine(&reader);
   return image;
 }
@@ -154,8 +158,18 @@ bool SamePose(const RigidTransform& a, const RigidTransform& b) {
          (a.translation() - b.translation()).norm() < kTolerance * (1 + a.translation().norm());
 }
 
+/// Whether the other reading of the pixel centres would give COLMAP's camera. False for cameras of other images, such
+/// as those before undistortion.
+bool IsHalfPixelOff(const PinholeCamera& camera, const PinholeCamera& colmap, PixelCenters centers) {
+  constexpr double kTolerance_px = 0.01, kSameFocal = 1e-3;
+  const double wanted = centers == PixelCenters::kInteger ? kHalfPixel : -kHalfPixel;
+  return camera.width == colmap.width && camera.height == colmap.height &&
+         std::abs(camera.fx / colmap.fx - 1) < kSameFocal && std::abs(camera.cx - colmap.cx - wanted) < kTolerance_px &&
+         std::abs(camera.cy - colmap.cy - wanted) < kTolerance_px;
+}
+
 /// Takes the landmarks of a COLMAP model beside the scene, if it has the same images at the same poses.
-void AddLandmarks(const std::filesystem::path& model_folder, Scene* scene) {
+void AddLandmarks(const std::filesystem::path& model_folder, PixelCenters centers, Scene* scene) {
   ColmapModel model = ReadColmapModel(model_folder);
   std::unordered_map<std::string, const ColmapImage*> by_name;
   for (const ColmapImage& image : model.images) by_name[image.name] = &image;
@@ -167,6 +181,15 @@ void AddLandmarks(const std::filesystem::path& model_folder, Scene* scene) {
       return;
     }
   }
+  const bool all_off = std::all_of(scene->images.begin(), scene->images.end(), [&](const SceneImage& image) {
+    return IsHalfPixelOff(image.camera, model.cameras.at(by_name.at(image.name)->camera_id).camera, centers);
+  });
+  if (all_off) {
+    scene->warnings.push_back(Concat("the principal points of cams/ are half a pixel off those of ",
+                                     model_folder.string(), ": pixel centres there are ",
+                                     centers == PixelCenters::kInteger ? "half, not integer" : "integer, not half",
+                                     " (--pixel-centers)"));
+  }
   for (SceneImage& image : scene->images) image.landmark_indices = by_name.at(image.name)->landmark_indices;
   scene->landmarks_in_world = std::move(model.landmarks_in_world);
 }
@@ -177,16 +200,16 @@ bool LooksLikeMvsnet(const std::filesystem::path& root) {
   return std::filesystem::is_directory(root / "cams") && std::filesystem::is_regular_file(root / "pair.txt");
 }
 
-Scene ReadMvsnetScene(const std::filesystem::path& root) {
+Scene ReadMvsnetScene(const std::filesystem::path& root, PixelCenters centers) {
   Scene scene;
   scene.root = root;
   std::vector<std::vector<int>> pairs = ReadPairs(root / "pair.txt");
   for (size_t i = 0; i < pairs.size(); ++i) {
-    scene.images.push_back(ReadImage(root, static_cast<int>(i)));
+    scene.images.push_back(ReadImage(root, static_cast<int>(i), centers));
     scene.images.back().ranked_sources = std::move(pairs[i]);
   }
   const auto model_folder = FindColmapModel(root);
-  if (model_folder) AddLandmarks(*model_folder, &scene);
+  if (model_folder) AddLandmarks(*model_folder, centers, &scene);
   return scene;
 }
 

@@ -1,6 +1,8 @@
 #include "acmp_mapping/dataset/scene.h"
 
+#include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <set>
 #include <sstream>
 
@@ -22,6 +24,44 @@ int ParseIndex(const std::string& part, const std::string& number, int count) {
   return index;
 }
 
+/// Cameras whose principal point is far from the image's middle were often made for images of another size. A cut-out
+/// may have one as well: one warning for all.
+void WarnOfPrincipalPoints(Scene* scene) {
+  constexpr double kFarOff = 0.25;  // of the image's size
+  const auto far_off = [](const SceneImage& image) {
+    const PinholeCamera& c = image.camera;
+    return std::abs((c.cx + 0.5) / c.width - 0.5) > kFarOff || std::abs((c.cy + 0.5) / c.height - 0.5) > kFarOff;
+  };
+  const auto first = std::find_if(scene->images.begin(), scene->images.end(), far_off);
+  if (first == scene->images.end()) return;
+  const PinholeCamera& c = first->camera;
+  scene->warnings.push_back(Concat("the principal point of ", std::count_if(first, scene->images.end(), far_off),
+                                   " of ", scene->images.size(), " images is far from their middle, for example of ",
+                                   first->path.string(), ": cx = ", c.cx, ", cy = ", c.cy, " in ", c.width, " x ",
+                                   c.height, " px; were the cameras made for images of another size, about ",
+                                   std::lround(2 * c.cx + 1), " x ", std::lround(2 * c.cy + 1), " px?"));
+}
+
+Scene ReadSceneFiles(const std::filesystem::path& root, SceneFormat format, PixelCenters centers) {
+  const bool mvsnet = LooksLikeMvsnet(root);
+  if (format == SceneFormat::kMvsnet && !mvsnet) {
+    throw InvalidInputError(Concat(root.string(), ": no MVSNet scene: cams/ or pair.txt is missing"));
+  }
+  if (mvsnet && format != SceneFormat::kColmap) return ReadMvsnetScene(root, centers);
+  const auto model_folder = FindColmapModel(root);
+  if (!model_folder) {
+    throw InvalidInputError(Concat(
+        root.string(), ": no COLMAP model (cameras and images as .bin or .txt in the folder, in ",
+        "sparse/ or in sparse/0/)", format == SceneFormat::kAuto ? " and no MVSNet scene (cams/ and pair.txt)" : ""));
+  }
+  if (centers == PixelCenters::kHalf) {
+    throw InvalidInputError(Concat(root.string(),
+                                   ": pixel centres can be chosen for MVSNet scenes only; this is a COLMAP "
+                                   "model, which has them at +0.5"));
+  }
+  return ReadColmapScene(root, *model_folder);
+}
+
 }  // namespace
 
 SceneFormat ParseSceneFormat(const std::string& name) {
@@ -29,6 +69,12 @@ SceneFormat ParseSceneFormat(const std::string& name) {
   if (name == "colmap") return SceneFormat::kColmap;
   if (name == "mvsnet") return SceneFormat::kMvsnet;
   throw InvalidInputError(Concat("scene format \"", name, "\": must be auto, colmap or mvsnet"));
+}
+
+PixelCenters ParsePixelCenters(const std::string& name) {
+  if (name == "integer") return PixelCenters::kInteger;
+  if (name == "half") return PixelCenters::kHalf;
+  throw InvalidInputError(Concat("pixel centres \"", name, "\": must be integer or half"));
 }
 
 std::vector<int> ParseImageIndices(const std::string& text, int count) {
@@ -45,22 +91,13 @@ std::vector<int> ParseImageIndices(const std::string& text, int count) {
   return std::vector<int>(indices.begin(), indices.end());
 }
 
-Scene ReadScene(const std::filesystem::path& root, SceneFormat format) {
+Scene ReadScene(const std::filesystem::path& root, SceneFormat format, PixelCenters centers) {
   if (!std::filesystem::is_directory(root)) {
     throw InvalidInputError(Concat("scene folder ", root.string(), " does not exist or is not a folder"));
   }
-  const bool mvsnet = LooksLikeMvsnet(root);
-  if (format == SceneFormat::kMvsnet && !mvsnet) {
-    throw InvalidInputError(Concat(root.string(), ": no MVSNet scene: cams/ or pair.txt is missing"));
-  }
-  if (mvsnet && format != SceneFormat::kColmap) return ReadMvsnetScene(root);
-  const auto model_folder = FindColmapModel(root);
-  if (!model_folder) {
-    throw InvalidInputError(Concat(
-        root.string(), ": no COLMAP model (cameras and images as .bin or .txt in the folder, in ",
-        "sparse/ or in sparse/0/)", format == SceneFormat::kAuto ? " and no MVSNet scene (cams/ and pair.txt)" : ""));
-  }
-  return ReadColmapScene(root, *model_folder);
+  Scene scene = ReadSceneFiles(root, format, centers);
+  WarnOfPrincipalPoints(&scene);
+  return scene;
 }
 
 std::vector<Eigen::Vector3d> LandmarksOf(const Scene& scene, const SceneImage& image) {

@@ -8,7 +8,7 @@ Scene ReadColmapScene(const std::filesystem::path& root, const std::filesystem::
 
 /// True when `root` has the parts that make it an MVSNet scene: cams/ and pair.txt.
 bool LooksLikeMvsnet(const std::filesystem::path& root);
-Scene ReadMvsnetScene(const std::filesystem::path& root);
+Scene ReadMvsnetScene(const std::filesystem::path& root, PixelCenters centers);
 
 /// The image without its lens distortion, seen by the same pinhole camera; black where it shows nothing.
 ColorImage Undistort(const ColorImage& image, const PinholeCamera& camera, const LensDistortion& distortion);

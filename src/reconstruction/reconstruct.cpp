@@ -117,7 +117,7 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   const Timer timer;
   Validate(options);
   std::future<std::vector<ReconstructDevice>> devices_to_come = std::async(std::launch::async, make_devices);
-  Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format));
+  Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format), ParsePixelCenters(options.pixel_centers));
   const std::vector<int> indices = ChosenImages(scene, options.images);
   if (options.colmap) ColmapOutput::CheckNames(scene, indices);
   ReconstructPlan plan = options.online() ? MakeOnlinePlan(indices) : MakeOfflinePlan(scene, indices, options);

@@ -219,6 +219,12 @@ void AddReconstructOptions(CLI::App* app, ReconstructOptions* options) {
   app->add_option("--format", options->format, "Layout of SCENE")
       ->check(OneOf({"auto", "colmap", "mvsnet"}))
       ->capture_default_str();
+  app->add_option(
+         "--pixel-centers", options->pixel_centers,
+         "Of mvsnet: where K has the centre of the first pixel, integer: (0, 0), half: (0.5, 0.5), as K of COLMAP\n"
+         "that was copied (colmap2mvsnet.py)")
+      ->check(OneOf({"integer", "half"}))
+      ->capture_default_str();
   app->add_option("--images", options->images, "Use only these images, by index from 0: 0,3,7-12");
   AddMatchingOptions(app, options);
   AddScheduleOptions(app, options);

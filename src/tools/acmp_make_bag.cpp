@@ -21,7 +21,7 @@ struct Arguments {
   std::string scene_name;
   std::string ground_truth;
   std::string images;
-  std::string format = "auto";
+  std::string format = "auto", pixel_centers = "integer";
   acmp::SyntheticSceneOptions scene;
   acmp::RecordingOptions recording;
 };
@@ -47,6 +47,11 @@ void AddOptions(CLI::App& app, Arguments& arguments) {
 
   const std::string scene_group = "From a dataset folder";
   app.add_option("--format", arguments.format, "Layout of SCENE: auto, colmap or mvsnet")
+      ->type_name("NAME")
+      ->capture_default_str()
+      ->group(scene_group);
+  app.add_option("--pixel-centers", arguments.pixel_centers,
+                 "Of mvsnet: where K has the centre of the first pixel: integer (0, 0) or half (0.5, 0.5)")
       ->type_name("NAME")
       ->capture_default_str()
       ->group(scene_group);
@@ -90,7 +95,9 @@ acmp::RecordingSummary MakeSceneBag(const Arguments& arguments) {
   if (arguments.paths.size() != 2) throw acmp::InvalidInputError("give SCENE and OUT.bag");
   if (!arguments.ground_truth.empty()) throw acmp::InvalidInputError("--ground-truth needs --synthetic");
   if (!arguments.scene_name.empty()) throw acmp::InvalidInputError("--scene needs --synthetic");
-  const acmp::Scene scene = acmp::ReadScene(arguments.paths[0], acmp::ParseSceneFormat(arguments.format));
+  const acmp::Scene scene = acmp::ReadScene(arguments.paths[0], acmp::ParseSceneFormat(arguments.format),
+                                            acmp::ParsePixelCenters(arguments.pixel_centers));
+  for (const std::string& warning : scene.warnings) std::cerr << "warning: " << warning << '\n';
   const int count = static_cast<int>(scene.images.size());
   std::vector<int> indices(scene.images.size());
   std::iota(indices.begin(), indices.end(), 0);

@@ -55,6 +55,23 @@ TEST_F(MvsnetTest, LandmarksComeFromTheModelBesideIt) {
   EXPECT_TRUE(ReadScene(folder(), SceneFormat::kColmap).images[0].ranked_sources.empty());
 }
 
+TEST_F(MvsnetTest, PixelCentersAreAsSaidAndComparedWithTheModelBesideIt) {
+  WriteColmapText();
+  EXPECT_TRUE(Read().warnings.empty()) << "15.75 12.25 is COLMAP's 16.25 12.75 with centres at integers";
+  for (std::string* cam : {&cam0, &cam1}) *cam = Replaced(*cam, "30 0 15.75\n0 31 12.25", "30 0 16.25\n0 31 12.75");
+  EXPECT_THAT(Read().warnings, ElementsAre(AllOf(HasSubstr("half, not integer"), HasSubstr("--pixel-centers"))));
+  const Scene half = ReadScene(folder(), SceneFormat::kAuto, ParsePixelCenters("half"));
+  EXPECT_TRUE(half.warnings.empty());
+  EXPECT_EQ(half.images[1].camera, (PinholeCamera{32, 24, 30, 31, 15.75, 12.25}));
+  for (std::string* cam : {&cam0, &cam1}) *cam = Replaced(*cam, "30 0 16.25\n0 31 12.75", "30 0 15.75\n0 31 12.25");
+  WriteMvsnet();
+  EXPECT_THAT(ReadScene(folder(), SceneFormat::kAuto, PixelCenters::kHalf).warnings,
+              ElementsAre(HasSubstr("integer, not half")));
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadScene(folder(), SceneFormat::kColmap, PixelCenters::kHalf); }),
+              HasSubstr("MVSNet scenes only"));
+  EXPECT_THAT(MessageOf<InvalidInputError>([] { ParsePixelCenters("middle"); }), HasSubstr("\"middle\""));
+}
+
 TEST_F(MvsnetTest, ModelOfOtherPosesOrImagesIsLeftAsideWithAWarning) {
   const std::string good = images;
   images = Replaced(good, "0.1 0.2 0.3", "0.1 0.25 0.3");
@@ -66,6 +83,14 @@ TEST_F(MvsnetTest, ModelOfOtherPosesOrImagesIsLeftAsideWithAWarning) {
   WriteColmapText();
   scene = Read();
   EXPECT_THAT(scene.warnings, ElementsAre(HasSubstr("000001.png is not in it")));
+}
+
+TEST_F(MvsnetTest, CamerasOfAnotherImageSizeAreWarnedOf) {
+  EXPECT_TRUE(Read().warnings.empty());
+  cam0 = Replaced(cam0, "30 0 15.75\n0 31 12.25", "60 0 31.5\n0 62 24.5");  // made for 64 x 48, images are half of that
+  EXPECT_THAT(Read().warnings,
+              ElementsAre(AllOf(HasSubstr("1 of 2 images"), HasSubstr("images/000000.png"), HasSubstr("cx = 31.5"),
+                                HasSubstr("in 32 x 24 px"), HasSubstr("about 64 x 50 px"))));
 }
 
 TEST_F(MvsnetTest, BadPairs) {

@@ -44,6 +44,13 @@ enum class SceneFormat { kAuto, kColmap, kMvsnet };
 /// "auto", "colmap" or "mvsnet"; throws InvalidInputError for anything else.
 SceneFormat ParseSceneFormat(const std::string& name);
 
+/// Where K of the MVSNet layout has the centre of the first pixel: (0, 0), or (0.5, 0.5) as COLMAP and what copies its
+/// K.
+enum class PixelCenters { kInteger, kHalf };
+
+/// "integer" or "half"; throws InvalidInputError for anything else.
+PixelCenters ParsePixelCenters(const std::string& name);
+
 /// "0,3,7-12" as sorted, unique indices below `count`; throws InvalidInputError naming the part that is not one.
 std::vector<int> ParseImageIndices(const std::string& text, int count);
 
@@ -52,7 +59,10 @@ std::vector<int> ParseImageIndices(const std::string& text, int count);
 /// its pair.txt names the source views; landmarks are read from a COLMAP model beside it when there is one with the
 /// same images. Throws InvalidInputError naming file, line and value for whatever is missing, truncated or out of
 /// bounds.
-Scene ReadScene(const std::filesystem::path& root, SceneFormat format = SceneFormat::kAuto);
+/// @param centers of MVSNet's K; where a COLMAP model beside it speaks for the other, there is a warning. kHalf for a
+///                COLMAP model, whose centres are known, is an InvalidInputError
+Scene ReadScene(const std::filesystem::path& root, SceneFormat format = SceneFormat::kAuto,
+                PixelCenters centers = PixelCenters::kInteger);
 
 /// The points that an image observes, world frame.
 std::vector<Eigen::Vector3d> LandmarksOf(const Scene& scene, const SceneImage& image);

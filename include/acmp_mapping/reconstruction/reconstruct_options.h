@@ -19,6 +19,7 @@ struct ReconstructOptions {
   std::filesystem::path scene;
   std::filesystem::path output;
   std::string format = "auto";
+  std::string pixel_centers = "integer";
   std::string images;  ///< "0,3,7-12"; empty: all
 
   std::string preset = "balanced";
