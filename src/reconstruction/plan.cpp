@@ -105,6 +105,12 @@ DepthRange FindDepthRange(const Scene& scene, int index, const ReconstructOption
   return result;
 }
 
+/// Source views of the dataset's ranking that do not take part.
+size_t CountLeftOut(const SceneImage& image, const std::set<int>& taking_part) {
+  return static_cast<size_t>(std::count_if(image.ranked_sources.begin(), image.ranked_sources.end(),
+                                           [&](int source) { return taking_part.count(source) == 0; }));
+}
+
 Eigen::Vector3d CentreOf(const SceneImage& image) { return image.cam_from_world.inverse().translation(); }
 
 /// The dataset's own ranking without images that do not take part or stand at the same place.
@@ -137,6 +143,15 @@ std::vector<int> SelectSources(const std::vector<FrameLandmarksPtr>& frames, siz
     sources.push_back(static_cast<int>(candidates[view.index]->frame().id));
   }
   return sources;
+}
+
+/// @param levels how often the image will be halved
+void CheckSize(const SceneImage& image, const PinholeCamera& matched, int levels) {
+  const int least = 1 << levels;
+  if (matched.width >= least && matched.height >= least) return;
+  throw InvalidInputError(Concat("image ", image.path.string(), ": is matched at ", matched.width, " x ",
+                                 matched.height, " px (stored: ", image.camera.width, " x ", image.camera.height,
+                                 "): must be at least ", least, " x ", least, " for start_level = ", levels));
 }
 
 }  // namespace
@@ -185,9 +200,10 @@ ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indi
   }
   const auto needed = static_cast<size_t>(MinSourceViews(options));
   for (ImagePlan& image : plan.images) {
-    if (image.sources.size() < needed) {
-      image.no_map = Concat(image.sources.size(), " useful source views: must be at least ", needed);
-    }
+    if (image.sources.size() >= needed) continue;
+    image.no_map = Concat(image.sources.size(), " useful source views: must be at least ", needed);
+    const size_t left_out = CountLeftOut(scene.images[image.index], taking_part);
+    if (left_out > 0) image.no_map += Concat("; ", left_out, " of the scene's for it are not among --images");
   }
   CheckSomeImageGetsAMap(plan, scene);
   return plan;
@@ -213,11 +229,12 @@ DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indi
   return all;
 }
 
-std::string CheckInput(const Scene& scene, const std::vector<int>& indices, FrameStore* frames,
+std::string CheckInput(const Scene& scene, const std::vector<int>& indices, int levels, FrameStore* frames,
                        const InterruptWatcher& interrupt) {
   std::vector<uint64_t> hashes(indices.size());
   tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
-    frames->Get(indices[i]);  // those that fit in stay for the run
+    const FramePtr frame = frames->Get(indices[i]);  // those that fit in stay for the run
+    CheckSize(scene.images[indices[i]], frame->camera, levels);
     hashes[i] = HashOfFile(scene.images[indices[i]].path);
   });
   interrupt.Check();

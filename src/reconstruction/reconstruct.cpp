@@ -93,6 +93,37 @@ size_t RunSchedule(ReconstructRun* run) {
   return points;
 }
 
+/// Warns when hardly any pixel became a point. Returns why the run counts as failed: none did, though enough images
+/// have maps for it. Empty: it does not.
+std::string JudgePoints(const ReconstructRun& run, size_t points) {
+  constexpr double kHardlyAny = 0.01;
+  constexpr char kCauses[] =
+      ": poses, cameras (made for images of this size?) or the range of depths may be wrong, or images too small; "
+      "confidence/ and cost/ show where";
+  int64_t pixels = 0;
+  int images = 0;
+  for (const ImagePlan& image : run.plan.images) {
+    if (!image.no_map.empty()) continue;
+    const PinholeCamera camera = CameraOf(run, image.index);
+    pixels += static_cast<int64_t>(camera.width) * camera.height;
+    ++images;
+  }
+  const int views = MakePipelineOptions(run.options).fusion.min_consistent_views;
+  if (images <= views) {
+    if (points == 0)
+      run.progress.Warn(Concat("no points: for one ", views, " source views must agree, and ", images,
+                               " images have maps (--set min_consistent_views)"));
+    return "";
+  }
+  if (points == 0) {
+    return Concat(run.folder.path().string(), ": none of the ", pixels, " pixels became a point", kCauses);
+  }
+  if (static_cast<double>(points) < kHardlyAny * static_cast<double>(pixels)) {
+    run.progress.Warn(Concat("only ", points, " of ", pixels, " pixels became points", kCauses));
+  }
+  return "";
+}
+
 /// The summary, which makes the run complete.
 void Finish(ReconstructRun* run, const RunRecord& record, const Timer& timer, size_t points, std::ostream* out) {
   Timer sync;
@@ -100,7 +131,8 @@ void Finish(ReconstructRun* run, const RunRecord& record, const Timer& timer, si
   SyncFolder(run->folder.path());
   run->times.syncing_ms = sync.Lap();
   run->times.run_ms = timer.Elapsed();
-  WriteFileAtomically(run->folder.SummaryFile(), FormatSummary(*run, record, run->devices.name(), points),
+  const std::string failure = JudgePoints(*run, points);
+  WriteFileAtomically(run->folder.SummaryFile(), FormatSummary(*run, record, run->devices.name(), points, failure),
                       Durability::kPowerCut);
   if (!run->options.keep_work) run->folder.RemoveWork();
   if (!run->options.quiet) {
@@ -108,6 +140,7 @@ void Finish(ReconstructRun* run, const RunRecord& record, const Timer& timer, si
          << FormatDuration(run->times.run_ms / 1000) << " on " << run->devices.name() << std::endl;
   }
   if (run->options.timings) *out << FormatTimings(run->times) << std::flush;
+  if (!failure.empty()) throw ProcessingError(failure);
 }
 
 }  // namespace
@@ -118,19 +151,20 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   Validate(options);
   std::future<std::vector<ReconstructDevice>> devices_to_come = std::async(std::launch::async, make_devices);
   Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format), ParsePixelCenters(options.pixel_centers));
+  Progress progress(log, StyleFor(options, log_is_terminal));
+  for (const std::string& warning : scene.warnings) progress.Warn(warning);
   const std::vector<int> indices = ChosenImages(scene, options.images);
   if (options.colmap) ColmapOutput::CheckNames(scene, indices);
   ReconstructPlan plan = options.online() ? MakeOnlinePlan(indices) : MakeOfflinePlan(scene, indices, options);
   interrupt->Check();
-  Progress progress(log, StyleFor(options, log_is_terminal));
-  for (const std::string& warning : scene.warnings) progress.Warn(warning);
   for (const std::string& warning : plan.warnings) progress.Warn(warning);
 
   RefineScenePoses(plan, options, *interrupt, &scene, &progress);
   interrupt->Check();
   progress.Note(Concat("checking ", indices.size(), " images"));
   FrameStore frames(scene, MakeFrameOptions(options), options.MemoryBytes(options.kImageShare));
-  const std::string input_hash = CheckInput(scene, indices, &frames, *interrupt);
+  const std::string input_hash =
+      CheckInput(scene, indices, MakePipelineOptions(options).start_level, &frames, *interrupt);
   const Devices devices(devices_to_come.get(), indices);
   const RunRecord record = MakeRecord(options, devices.name(), input_hash);
   OutputFolder folder(options.output, record, options.overwrite);
@@ -138,6 +172,8 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
     if (!options.keep_work) folder.RemoveWork();
     if (!options.quiet)
       *out << options.output.string() << ": already complete (--overwrite starts afresh)" << std::endl;
+    const std::string failure = FailureOfSummary(folder.SummaryFile());
+    if (!failure.empty()) throw ProcessingError(failure);
     return;
   }
   if (!folder.losses().empty()) {

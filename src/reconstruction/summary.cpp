@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <utility>
 #include <vector>
@@ -32,8 +33,8 @@ std::vector<std::pair<const char*, double>> Rows(const RunTimes& times) {
 
 }  // namespace
 
-std::string FormatSummary(const ReconstructRun& run, const RunRecord& record, const std::string& device,
-                          size_t points) {
+std::string FormatSummary(const ReconstructRun& run, const RunRecord& record, const std::string& device, size_t points,
+                          const std::string& failure) {
   Json settings = Json::object(), times = Json::object(), without_map = Json::array();
   for (const auto& [name, value] : record) settings[name] = value;
   for (const auto& [name, ms] : Rows(run.times)) times[name] = ms;
@@ -42,14 +43,22 @@ std::string FormatSummary(const ReconstructRun& run, const RunRecord& record, co
     without_map.push_back(
         {{"index", image.index}, {"name", run.scene.images[image.index].name}, {"reason", image.no_map}});
   }
-  const Json summary = {{"device", device},
-                        {"settings", settings},
-                        {"images_with_map", run.plan.images.size() - without_map.size()},
-                        {"images_without_map", without_map},
-                        {"points", points},
-                        {"images_matched_in_last_run", run.times.images},
-                        {"milliseconds_in_last_run", times}};
+  Json summary = {{"device", device},
+                  {"settings", settings},
+                  {"images_with_map", run.plan.images.size() - without_map.size()},
+                  {"images_without_map", without_map},
+                  {"points", points},
+                  {"images_matched_in_last_run", run.times.images},
+                  {"milliseconds_in_last_run", times}};
+  if (!failure.empty()) summary["failure"] = failure;
   return summary.dump(2) + "\n";
+}
+
+std::string FailureOfSummary(const std::filesystem::path& path) {
+  std::ifstream stream(path);
+  const Json summary = Json::parse(stream, nullptr, false);
+  if (!summary.is_object() || !summary.contains("failure") || !summary["failure"].is_string()) return "";
+  return summary["failure"].get<std::string>();
 }
 
 std::string FormatTimings(const RunTimes& times) {

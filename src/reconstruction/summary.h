@@ -1,5 +1,6 @@
 #pragma once
 
+#include <filesystem>
 #include <string>
 
 #include "run.h"
@@ -7,7 +8,12 @@
 namespace acmp {
 
 /// summary.json: version, settings, images with and without a map, points, times of this run.
-std::string FormatSummary(const ReconstructRun& run, const RunRecord& record, const std::string& device, size_t points);
+/// @param failure why it counts as failed; empty: it does not
+std::string FormatSummary(const ReconstructRun& run, const RunRecord& record, const std::string& device, size_t points,
+                          const std::string& failure);
+
+/// The failure in such a file; empty: none, or it cannot be read.
+std::string FailureOfSummary(const std::filesystem::path& path);
 
 /// Table of milliseconds per stage, in all and per image.
 std::string FormatTimings(const RunTimes& times);

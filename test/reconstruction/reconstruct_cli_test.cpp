@@ -18,6 +18,7 @@
 namespace acmp {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::AnyOf;
 using ::testing::HasSubstr;
 
@@ -98,13 +99,13 @@ TEST_F(ReconstructCliTest, ColmapMapsLeaveOutWhatWasGuessed) {
 TEST_F(ReconstructCliTest, ExitCodesOfWrongUse) {
   EXPECT_EQ(RunTool("--help").exit_code, 0);
   EXPECT_THAT(RunTool("--help").text, HasSubstr("SCENE is a folder of images with known camera poses"));
-  EXPECT_EQ(RunTool("--version").exit_code, 0);
   for (const float cost :
        {kWorstCost, kUnverifiedCost, kUnsupportedCost}) {  // all that cost/*.pfm may have beside costs
     std::ostringstream value;
     value << std::setprecision(8) << cost << " =";
     EXPECT_THAT(RunTool("--help").text, HasSubstr(value.str()));
   }
+  EXPECT_EQ(RunTool("--version").exit_code, 0);
   EXPECT_EQ(RunTool("").exit_code, 2);
   EXPECT_EQ(RunTool(folder().string()).exit_code, 2);
   const Outcome missing = RunTool((folder() / "nowhere").string() + " " + output().string() + " --device cpu");
@@ -121,10 +122,61 @@ TEST_F(ReconstructCliTest, ExitCodesOfWrongUse) {
   EXPECT_FALSE(std::filesystem::exists(output()));
 }
 
+TEST_F(ReconstructCliTest, NoPointsAreAFailure) {
+  WriteScene(4, 64, 48);
+  for (int attempt = 0; attempt < 2; ++attempt) {  // the second finds a finished run
+    const Outcome outcome = RunTool(Usual() + " --max-image-size 8 --set min_point_confidence=1");
+    EXPECT_EQ(outcome.exit_code, 1) << outcome.text;
+    EXPECT_THAT(outcome.text, HasSubstr("none of the 192 pixels became a point: poses, cameras"));
+  }
+  EXPECT_TRUE(std::filesystem::exists(output() / "depth/000001.pfm")) << "to see what went wrong";
+}
+
+TEST_F(ReconstructCliTest, TwoImagesMakeMapsWithoutPoints) {
+  WriteScene(2, 64, 48);
+  const Outcome outcome = RunTool(Usual());
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.text;
+  EXPECT_THAT(outcome.text, HasSubstr("2 source views must agree, and 2 images have maps"));
+}
+
+TEST_F(ReconstructCliTest, CamerasOfAnotherImageSizeAreWarnedOf) {
+  WriteScene(4, 64, 48);
+  const std::string camera = ReadText(scene() / "cams/00000000_cam.txt");
+  for (const char* file : {"cams/00000000_cam.txt", "cams/00000001_cam.txt", "cams/00000002_cam.txt",
+                           "cams/00000003_cam.txt"}) {  // made for images of twice this size
+    std::string text = ReadText(scene() / file);
+    for (const auto& [from, to] : {std::pair("64.000000 0 31.500000", "128 0 63.5"),
+                                   {"0 64.000000 23.500000", "0 128 47.5"},
+                                   {"64 0 31.5", "128 0 63.5"},
+                                   {"0 64 23.5", "0 128 47.5"}}) {
+      const size_t at = text.find(from);
+      if (at != std::string::npos) text.replace(at, std::string(from).size(), to);
+    }
+    WriteText(std::string("scene/") + file, text);
+  }
+  const Outcome outcome = RunTool(Usual());
+  EXPECT_THAT(outcome.text, HasSubstr("the principal point of 4 of 4 images is far from their middle"));
+}
+
+TEST_F(ReconstructCliTest, AnImageThatIsTooSmallIsNamed) {
+  WriteScene(4, 24, 18);
+  const Outcome outcome = RunTool(Usual() + " --preset online --max-image-size 1");
+  EXPECT_EQ(outcome.exit_code, 2) << outcome.text;
+  EXPECT_THAT(outcome.text, AllOf(HasSubstr("scene/images/0000000"), HasSubstr(".png: is matched at 1 x 1 px"),
+                                  HasSubstr("must be at least 2 x 2")));
+}
+
+TEST_F(ReconstructCliTest, ImagesThatCutOffAllNeighboursAreNamed) {
+  WriteScene(4, 24, 18);
+  const Outcome outcome = RunTool(Usual() + " --images 2");
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_THAT(outcome.text, HasSubstr("3 of the scene's for it are not among --images"));
+}
+
 TEST_F(ReconstructCliTest, UnwritableOutputFails) {
   WriteScene(3, 24, 18);
   const Outcome outcome = RunTool(scene().string() + " " + Unwritable("out").string() + " --device cpu");
-  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_EQ(outcome.exit_code, 2);
   EXPECT_THAT(outcome.text, HasSubstr("Not a directory"));
 }
 
