@@ -6,6 +6,7 @@
 #include <rosbag/view.h>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/output_file.h"
 
 namespace acmp {
 namespace {

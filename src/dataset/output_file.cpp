@@ -13,11 +13,21 @@
 
 namespace acmp {
 
+void CheckFolderOf(const std::filesystem::path& path) {
+  const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : std::filesystem::path(".");
+  std::error_code ignored;  // where it cannot be told, open says why
+  const std::filesystem::file_type type = std::filesystem::status(folder, ignored).type();
+  if (type != std::filesystem::file_type::directory && type != std::filesystem::file_type::none) {
+    throw InvalidInputError(Concat("file ", path, ": there is no folder ", std::filesystem::absolute(folder)));
+  }
+}
+
 AtomicFile::AtomicFile(const std::filesystem::path& path, Durability durability)
     : path_(path), durability_(durability) {
   if (path.native().find('\0') != std::string::npos) {
     throw InvalidInputError(Concat("a file name must not contain a zero character: ", path));
   }
+  CheckFolderOf(path);
   struct stat target = {};
   if (stat(path.c_str(), &target) == 0 && !S_ISREG(target.st_mode) && !S_ISDIR(target.st_mode)) {
     throw InvalidInputError(Concat("file ", path, ": is a device, pipe or socket; give the name of a file"));
@@ -114,7 +124,9 @@ void MakeFolder(const std::filesystem::path& path) {
   if (!error && !std::filesystem::is_directory(path, error) && !error) {
     error = std::make_error_code(std::errc::not_a_directory);
   }
-  if (error) throw ProcessingError(Concat("cannot create folder ", path.string(), ": ", error.message()));
+  const std::string message = Concat("cannot create folder ", path.string(), ": ", error.message());
+  if (error == std::errc::not_a_directory || error == std::errc::file_exists) throw InvalidInputError(message);
+  if (error) throw ProcessingError(message);
 }
 
 }  // namespace acmp

@@ -22,6 +22,8 @@ namespace fs = std::filesystem;
   throw InvalidInputError(Concat("path = \"", path.string(), "\": ", reason));
 }
 
+std::string NoFolder(const fs::path& folder) { return Concat("there is no folder \"", folder.string(), "\""); }
+
 void CheckName(const fs::path& path) {
   if (path.empty() || !path.has_filename()) RefusePath(path, "names no file");
   if (path.native().find('\0') != std::string::npos) {  // what() would end there
@@ -39,7 +41,7 @@ void CheckName(const fs::path& path) {
 void CheckPath(const fs::path& path) {
   CheckName(path);
   const fs::path folder = path.has_parent_path() ? path.parent_path() : fs::path(".");
-  if (!fs::is_directory(folder)) RefusePath(path, Concat("no such folder: ", folder.string()));
+  if (!fs::is_directory(folder)) RefusePath(path, NoFolder(fs::absolute(folder)));
   if (fs::is_directory(path)) RefusePath(path, "is a folder");
 }
 
@@ -106,7 +108,7 @@ fs::path MapPathBelow(const fs::path& folder, const fs::path& path) {
   const fs::path top = fs::canonical(folder, error);
   if (error) throw InvalidInputError(Concat("save_folder = \"", folder.string(), "\": ", error.message()));
   const fs::path parent = fs::canonical((top / path).parent_path(), error);
-  if (error) RefusePath(path, Concat("no such folder: ", (top / path).parent_path().string()));
+  if (error) RefusePath(path, NoFolder((top / path).parent_path()));
   if (std::mismatch(top.begin(), top.end(), parent.begin(), parent.end()).first != top.end()) {
     RefusePath(path, Concat("must lie below ", top.string(), ", the parameter save_folder of the map server"));
   }

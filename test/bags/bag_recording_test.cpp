@@ -230,9 +230,9 @@ TEST_F(RecordSceneTest, AFailedRunKeepsTheFormerBag) {
 
 TEST_F(BagWriterTest, RefusesAFolderAsOutput) { EXPECT_THROW(BagWriter writer(folder()), InvalidInputError); }
 
-TEST_F(BagWriterTest, GivesTheSystemsReason) {
-  EXPECT_THAT(MessageOf<ProcessingError>([&] { BagWriter writer(folder() / "none/out.bag"); }),
-              HasSubstr("No such file or directory"));
+TEST_F(BagWriterTest, NamesAMissingFolder) {
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { BagWriter writer(folder() / "none/out.bag"); }),
+              HasSubstr(Concat("there is no folder ", folder() / "none")));
 }
 
 TEST_F(BagWriterTest, TwoWritersOfOneBagDoNotDisturbEachOther) {

@@ -81,11 +81,11 @@ TEST_F(ColmapWorkspaceTest, MapsAreReadBackBitForBit) {
 
 TEST_F(ColmapWorkspaceTest, WritersReportUnwritablePaths) {
   const auto path = Unwritable("a");
-  EXPECT_THAT(MessageOf<ProcessingError>([&] { WriteColmapMap(path, Image<float>(2, 2)); }),
-              HasSubstr("Not a directory"));
-  EXPECT_THROW(WriteColmapMap(path, NormalMap(2, 2)), ProcessingError);
-  EXPECT_THROW(WriteColmapModel(path, {}, {}), ProcessingError);
-  EXPECT_THROW(WriteColmapLists(path, {}, {}), ProcessingError);
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { WriteColmapMap(path, Image<float>(2, 2)); }),
+              HasSubstr("there is no folder"));
+  EXPECT_THROW(WriteColmapMap(path, NormalMap(2, 2)), InvalidInputError);
+  EXPECT_THROW(WriteColmapModel(path, {}, {}), InvalidInputError);
+  EXPECT_THROW(WriteColmapLists(path, {}, {}), InvalidInputError);
 }
 
 std::vector<ColmapModelImage> SomeImages() {

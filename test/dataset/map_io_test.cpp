@@ -241,11 +241,11 @@ TEST_F(MapIoTest, DamagedPlyIsRefused) {
 
 TEST_F(MapIoTest, WritersReportUnwritablePaths) {
   const auto path = Unwritable("a");
-  EXPECT_THAT(MessageOf<ProcessingError>([&] { WritePfm(path, Ramp(2, 2)); }), HasSubstr("Not a directory"));
-  EXPECT_THROW(WritePfm(path, NormalRamp(2, 2)), ProcessingError);
-  EXPECT_THROW(WriteDmb(path, Ramp(2, 2)), ProcessingError);
-  EXPECT_THROW(WriteDepthPng(path, Ramp(2, 2)), ProcessingError);
-  EXPECT_THROW(WritePly(path, SomePoints()), ProcessingError);
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { WritePfm(path, Ramp(2, 2)); }), HasSubstr("there is no folder"));
+  EXPECT_THROW(WritePfm(path, NormalRamp(2, 2)), InvalidInputError);
+  EXPECT_THROW(WriteDmb(path, Ramp(2, 2)), InvalidInputError);
+  EXPECT_THROW(WriteDepthPng(path, Ramp(2, 2)), InvalidInputError);
+  EXPECT_THROW(WritePly(path, SomePoints()), InvalidInputError);
 }
 
 bool IsBlack(const Rgb& p) { return p.r == 0 && p.g == 0 && p.b == 0; }

@@ -129,9 +129,9 @@ TEST_F(OutputFileTest, DurableFilesHaveTheSameContent) {
 
 TEST_F(OutputFileTest, UnwritableFolderIsReported) {
   const auto path = Unwritable("map.pfm");
-  const std::string message = MessageOf<ProcessingError>([&] { WriteFileAtomically(path, "x"); });
+  const std::string message = MessageOf<InvalidInputError>([&] { WriteFileAtomically(path, "x"); });
   EXPECT_THAT(message, HasSubstr(path.string()));
-  EXPECT_THAT(message, HasSubstr("Not a directory"));
+  EXPECT_THAT(message, HasSubstr("there is no folder"));
 }
 
 TEST_F(OutputFileTest, FolderInTheWayIsReported) {
@@ -144,8 +144,8 @@ TEST_F(OutputFileTest, MakeFolderMakesParentsAndReportsFailure) {
   MakeFolder(folder() / "a" / "b");
   EXPECT_TRUE(std::filesystem::is_directory(folder() / "a" / "b"));
   MakeFolder(folder() / "a" / "b");  // already there: fine
-  EXPECT_THAT(MessageOf<ProcessingError>([&] { MakeFolder(Unwritable("sub")); }), HasSubstr("Not a directory"));
-  EXPECT_THAT(MessageOf<ProcessingError>([&] { MakeFolder(WriteText("plain", "x")); }), HasSubstr("Not a directory"));
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { MakeFolder(Unwritable("sub")); }), HasSubstr("Not a directory"));
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { MakeFolder(WriteText("plain", "x")); }), HasSubstr("Not a directory"));
 }
 
 }  // namespace

@@ -68,8 +68,11 @@ TEST_F(MapWriterTest, RefusesAnEmptyMapAndBadPaths) {
   EXPECT_EQ(FilesInFolder(), 0u);
   try {
     WriteMap(folder_ / "missing" / "map.pcd", map, MapFormat::kPcd, true);
+    ADD_FAILURE() << "written";
   } catch (const InvalidInputError& error) {
-    EXPECT_NE(std::string(error.what()).find("missing/map.pcd"), std::string::npos) << error.what();
+    const std::string text = error.what();
+    EXPECT_NE(text.find("missing/map.pcd"), std::string::npos) << text;
+    EXPECT_NE(text.find("there is no folder \"" + (folder_ / "missing").string() + "\""), std::string::npos) << text;
   }
 }
 
@@ -117,7 +120,7 @@ TEST_F(MapWriterTest, PathsMustLieBelowTheFolder) {
                                                                 (top / "maps").string() +
                                                                 ", the parameter save_folder of the map server");
   }
-  EXPECT_NE(RefusalOf([&] { MapPathBelow(maps, "none/a.ply"); }).find("no such folder"), std::string::npos);
+  EXPECT_NE(RefusalOf([&] { MapPathBelow(maps, "none/a.ply"); }).find("there is no folder"), std::string::npos);
   EXPECT_NE(RefusalOf([&] { MapPathBelow(maps, ""); }).find("names no file"), std::string::npos);
   EXPECT_NE(RefusalOf([&] { MapPathBelow(maps, std::string("a\0b", 3)); }).find("zero"), std::string::npos);
   EXPECT_NE(RefusalOf([&] { MapPathBelow(folder_ / "none", "a.ply"); }).find("save_folder = "), std::string::npos);

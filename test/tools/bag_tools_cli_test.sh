@@ -43,7 +43,7 @@ expect 2 "rate = 0" "$bin/acmp_make_bag" "${small[@]}" --rate 0 out.bag
 expect 2 "must be auto, colmap or mvsnet" "$bin/acmp_make_bag" --format ply . out.bag
 expect 2 "missing" "$bin/acmp_make_bag" missing out.bag
 expect 2 "is a folder" "$bin/acmp_make_bag" "${small[@]}" .
-expect 1 "No such file or directory" "$bin/acmp_make_bag" "${small[@]}" missing/out.bag
+expect 2 "there is no folder" "$bin/acmp_make_bag" "${small[@]}" missing/out.bag
 expect 1 "File too large" limited "$bin/acmp_make_bag" "${small[@]}" out.bag
 [ ! -e out.bag ] && [ ! -e out.bag.partial ] || { echo "FAILED: a failed run left files"; failures=$((failures + 1)); }
 

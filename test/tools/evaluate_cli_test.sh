@@ -33,7 +33,7 @@ expect 2 "read_noise_grey = 51" "$bin/acmp_make_scene" c --noise 51
 expect 2 "keyframes = 1" "$bin/acmp_make_scene" c --keyframes 1
 expect 2 "width = 31" "$bin/acmp_make_scene" c --width 31
 expect 2 "required" "$bin/acmp_make_scene"
-expect 1 "cannot create folder" "$bin/acmp_make_scene" a/cameras.txt/below "${small[@]}"
+expect 2 "cannot create folder" "$bin/acmp_make_scene" a/cameras.txt/below "${small[@]}"
 
 expect 0 "Usage: acmp_evaluate" "$bin/acmp_evaluate" --help
 expect 0 "counts as wrong" "$bin/acmp_evaluate" depth --help
@@ -45,7 +45,7 @@ expect 2 "cameras.txt" "$bin/acmp_evaluate" depth a/depth a/depth
 expect 2 "image list" "$bin/acmp_evaluate" depth a a/depth --subset x
 expect 0 "low_texture (mean)" "$bin/acmp_evaluate" depth a b/depth --mask low_texture --json out.json
 grep -q '"pool"' out.json || { echo "FAILED: out.json"; failures=$((failures + 1)); }
-expect 1 "No such file or directory" "$bin/acmp_evaluate" depth a b/depth --json missing/out.json
+expect 2 "there is no folder" "$bin/acmp_evaluate" depth a b/depth --json missing/out.json
 mkdir truncated && head -c 300 a/depth/000000.png >truncated/000000.png
 expect 2 "000000.png" "$bin/acmp_evaluate" depth a truncated
 

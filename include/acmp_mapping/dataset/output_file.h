@@ -15,6 +15,9 @@ enum class Durability {
   kPowerCut,  ///< that, and a power cut right afterwards
 };
 
+/// Throws InvalidInputError that names the folder in which the file would lie unless there is one.
+void CheckFolderOf(const std::filesystem::path& path);
+
 /// Asks the system to begin writing a file to the disk without waiting for it: a later sync then has less to do. No
 /// effect where that fails.
 void StartWriteback(const std::filesystem::path& path);
@@ -22,9 +25,9 @@ void StartWriteback(const std::filesystem::path& path);
 /// A file that is either whole or absent: written under a temporary name beside the final one, renamed by Commit.
 /// Without a Commit the temporary file is removed and an earlier file of the final name stays as it was. Every failure
 /// (no space, not writable, too large) throws ProcessingError with the system's reason; a name that is not that of a
-/// regular file InvalidInputError. Several processes may write the same file: each has a temporary file of its own,
-/// which it locks, and the last Commit wins. What a killed process left is used again. On a file system without locks
-/// only one may write.
+/// regular file, or whose folder does not exist, InvalidInputError. Several processes may write the same file: each has
+/// a temporary file of its own, which it locks, and the last Commit wins. What a killed process left is used again. On
+/// a file system without locks only one may write.
 class AtomicFile {
  public:
   explicit AtomicFile(const std::filesystem::path& path, Durability durability = Durability::kProcess);
@@ -67,7 +70,8 @@ void WriteFileAtomically(const std::filesystem::path& path, const std::string& c
 /// Waits until everything written so far to the file system that holds the folder is on the disk.
 void SyncFolder(const std::filesystem::path& folder);
 
-/// Makes a folder and its parents; ProcessingError with the system's reason when that is not possible.
+/// Makes a folder and its parents; ProcessingError with the system's reason when that is not possible,
+/// InvalidInputError when one of them is a file.
 void MakeFolder(const std::filesystem::path& path);
 
 }  // namespace acmp
