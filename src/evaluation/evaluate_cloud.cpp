@@ -3,7 +3,6 @@
 #include <algorithm>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/evaluation/observed_surface.h"
 #include "evaluate_inputs.h"
 #include "voxel_index.h"
@@ -39,10 +38,10 @@ CloudEvaluation EvaluateCloudFile(const CloudEvaluationOptions& options) {
 
   CloudEvaluation evaluation;
   evaluation.voxel_size = options.voxel_size;
-  const PointCloud reconstruction = ReadPly(options.reconstruction);
+  const PointCloud reconstruction = options.read_cloud(options.reconstruction);
   evaluation.reconstructed_points = evaluation.observed_points = reconstruction.size();
   if (!fs::is_directory(options.ground_truth)) {
-    const PointCloud truth = ReadPly(options.ground_truth);
+    const PointCloud truth = options.read_cloud(options.ground_truth);
     evaluation.true_points = truth.size();
     evaluation.metrics = EvaluateCloud(reconstruction, truth, options.thresholds, options.voxel_size);
     return evaluation;

@@ -10,6 +10,7 @@
 #include "acmp_mapping/evaluation/evaluate_cloud.h"
 #include "acmp_mapping/evaluation/evaluate_depth.h"
 #include "acmp_mapping/evaluation/evaluate_report.h"
+#include "cloud_file.h"
 #include "tool_main.h"
 
 namespace acmp {
@@ -83,10 +84,11 @@ CLI::App* AddCloudCommand(CLI::App* app, Arguments* a) {
       "its place: it projects on a pixel of known depth z and has itself a depth of at most z + the largest threshold "
       "there. What is in front of or on an observed surface is judged, what is hidden behind all of them or outside of "
       "all maps is not.");
-  command->add_option("RECONSTRUCTION", a->cloud.reconstruction, "PLY file")->required();
+  command->add_option("RECONSTRUCTION", a->cloud.reconstruction, "PLY or PCD file")->required();
   command
-      ->add_option("GROUND_TRUTH", a->cloud.ground_truth,
-                   "PLY file in the same frame and unit, or a SCENE: folder with cameras.txt (T_world_cam) and depth/")
+      ->add_option(
+          "GROUND_TRUTH", a->cloud.ground_truth,
+          "PLY or PCD file in the same frame and unit, or a SCENE: folder with cameras.txt (T_world_cam) and depth/")
       ->required();
   command->add_option("--thresholds", a->cloud.thresholds, "Distances, separated by commas")
       ->delimiter(',')
@@ -121,7 +123,9 @@ int EvaluatePointCloud(const CLI::App& command, const Arguments& a) {
                                      a.cloud.ground_truth.string()));
     }
   }
-  const CloudEvaluation evaluation = EvaluateCloudFile(a.cloud);
+  CloudEvaluationOptions options = a.cloud;
+  options.read_cloud = [](const std::filesystem::path& path) { return ReadCloudFile(path, &std::cerr); };
+  const CloudEvaluation evaluation = EvaluateCloudFile(options);
   std::cout << CloudTable(evaluation) << std::flush;
   if (!a.json.empty()) WriteFileAtomically(a.json, CloudJson(evaluation));
   return kExitDone;

@@ -1,26 +1,29 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <vector>
 
+#include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/evaluation/cloud_metrics.h"
 #include "acmp_mapping/evaluation/ground_truth.h"
 
 namespace acmp {
 
 struct CloudEvaluationOptions {
-  std::filesystem::path reconstruction;  ///< PLY
-  std::filesystem::path ground_truth;    ///< PLY, or a scene: folder with cameras.txt and true depth maps
+  std::filesystem::path reconstruction;  ///< what read_cloud reads
+  std::filesystem::path ground_truth;    ///< the same, or a scene: folder with cameras.txt and true depth maps
   GroundTruthOptions truth;              ///< of a scene
   std::vector<double> thresholds = {0.02, 0.05};
   double voxel_size = 0.01;
+  std::function<PointCloud(const std::filesystem::path&)> read_cloud = ReadPly;  ///< throws InvalidInputError
 };
 
 struct CloudEvaluation {
   size_t reconstructed_points = 0;
-  size_t observed_points = 0;  ///< of the reconstructed ones, those that count for accuracy; all against a PLY
+  size_t observed_points = 0;  ///< of the reconstructed ones, those that count for accuracy; all against a file
   size_t true_points = 0;
-  size_t true_maps = 0;  ///< 0 against a PLY
+  size_t true_maps = 0;  ///< 0 against a file
   double voxel_size = 0;
   std::vector<CloudMetrics> metrics;
 };
