@@ -15,6 +15,7 @@ namespace acmp {
 namespace {
 
 constexpr double kDeliverPeriodS = 0.05;  ///< how late a wait for a cloud may end
+constexpr double kMissingPeriodS = 10;    ///< between two words in the log about missing inputs
 constexpr double kOnTheWayS = 0.2;        ///< a flush waits for images until none has come for so long ...
 constexpr double kLongOnTheWayS = 2;      ///< ... or for so long, while a camera goes on
 
@@ -49,6 +50,11 @@ void DenseMapperNodelet::Start() {
       status_thread_.Attach(getNodeHandle()), getPrivateNodeHandle(), getName(), [this] { return TakeSnapshot(); },
       Diagnostics<MapperSnapshot>::Statuses{
           {"inputs", &DescribeInputs}, {"matching", &DescribeMatching}, {"mapping", &DescribeMapping}});
+  missing_timer_ = status_thread_.Attach(getNodeHandle())
+                       .createWallTimer(ros::WallDuration(kMissingPeriodS), [this](const ros::WallTimerEvent&) {
+                         const std::string missing = DescribeMissing(TakeSnapshot());
+                         if (!missing.empty()) NODELET_WARN("missing_input: %s", missing.c_str());
+                       });
   std::string topics;
   for (const auto& source : sources_) topics += source->status().topic + " ";
   NODELET_INFO("subscribed to %s; poses are %s", topics.c_str(), Describe(options_.pose).c_str());

@@ -16,12 +16,21 @@ constexpr double kRecentS = 5;  ///< drops that young are worth a word
 
 long WholeSeconds(double seconds) { return std::lround(std::max(0.0, seconds)); }
 
+bool IsSilent(const InputStatus& input, double now_s) {
+  return input.received == 0 || now_s - input.last_received_s >= kSilentS;
+}
+
 /// Empty when messages arrive.
 std::string DescribeSilence(const InputStatus& input, double now_s) {
+  if (!IsSilent(input, now_s)) return "";
   const double silent_s = now_s - input.last_received_s;
-  if (input.received > 0 && silent_s < kSilentS) return "";
-  const std::string publishers =
-      input.publishers == 0 ? "nobody publishes it: check the remap" : Concat(input.publishers, " publisher(s)");
+  std::string publishers = Concat(input.publishers, " publisher(s)");
+  if (input.publishers == 0 && input.received == 0) publishers = "nobody publishes it: check the remap";
+  if (input.publishers == 0 && input.received > 0) {
+    publishers = Concat("after ", input.received,
+                        " messages nobody publishes it any more: a recording has ended, or the "
+                        "node that sent them");
+  }
   return Concat(input.received == 0 ? "nothing yet on " : "nothing on ", input.topic, " for ", WholeSeconds(silent_s),
                 " s (", publishers, ")");
 }
@@ -62,6 +71,21 @@ void DescribeInputs(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* sta
     if (!silence.empty() && input.required) status->mergeSummary(DiagnosticStatus::WARN, silence);
   }
   if (snapshot.paused) status->mergeSummary(DiagnosticStatus::WARN, "paused (~pause)");
+}
+
+std::string DescribeMissing(const MapperSnapshot& snapshot) {
+  if (snapshot.paused) return "";
+  const auto sends = [&](const InputStatus& input) { return input.required && !IsSilent(input, snapshot.now_s); };
+  const bool some_send = std::any_of(snapshot.inputs.begin(), snapshot.inputs.end(), sends);
+  std::string text;
+  const auto add = [&](const std::string& sentence) { text += (text.empty() ? "" : "; ") + sentence; };
+  for (const InputStatus& input : snapshot.inputs) {
+    if (!input.required || !IsSilent(input, snapshot.now_s)) continue;
+    if (snapshot.now_s - input.last_received_s < kSilentS) continue;  // it has just begun to wait
+    if (input.received == 0 || some_send) add(DescribeSilence(input, snapshot.now_s));
+  }
+  if (!snapshot.waiting_for.empty()) add(Concat(snapshot.waiting_images, " images wait: ", snapshot.waiting_for));
+  return text;
 }
 
 void DescribeMatching(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* status) {

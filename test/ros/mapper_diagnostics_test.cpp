@@ -75,6 +75,34 @@ TEST(Diagnostics, NameTheMissingInputItsTopicAndSinceWhen) {
   EXPECT_THAT(Describe(&DescribeInputs, snapshot).message, HasSubstr("paused"));
 }
 
+TEST(Diagnostics, DoNotBlameTheRemapWhenARecordingHasEnded) {
+  MapperSnapshot snapshot = Healthy();
+  snapshot.now_s = 200;
+  for (InputStatus& input : snapshot.inputs) input.publishers = 0;
+  const auto status = Describe(&DescribeInputs, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
+  EXPECT_THAT(status.message, AllOf(HasSubstr("after 500 messages nobody publishes it any more: a recording has ended"),
+                                    Not(HasSubstr("remap"))));
+  EXPECT_EQ(DescribeMissing(snapshot), "") << "no use of repeating that in the log";
+}
+
+TEST(Diagnostics, NameMissingInputsInTheLog) {
+  EXPECT_EQ(DescribeMissing(Healthy()), "");
+  MapperSnapshot snapshot = Healthy();
+  snapshot.inputs[0] = {Kind::kImage, "/cam/image", 0, 0, 97};
+  EXPECT_EQ(DescribeMissing(snapshot), "") << "3 s are no long wait";
+  snapshot.inputs[0].last_received_s = 88;
+  EXPECT_THAT(DescribeMissing(snapshot), AllOf(HasSubstr("nothing yet on /cam/image for 12 s"), HasSubstr("remap")));
+  snapshot.inputs[2].last_received_s = 90;  // the frontend has stopped, the camera goes on
+  EXPECT_THAT(DescribeMissing(snapshot), AllOf(HasSubstr("/cam/image"), HasSubstr("; nothing on /slam/pose for 10 s")));
+  snapshot.paused = true;
+  EXPECT_EQ(DescribeMissing(snapshot), "");
+  snapshot = Healthy();
+  snapshot.waiting_images = 7;
+  snapshot.waiting_for = "T_body_cam is not known";
+  EXPECT_EQ(DescribeMissing(snapshot), "7 images wait: T_body_cam is not known");
+}
+
 TEST(Diagnostics, TellTheStampGap) {
   MapperSnapshot snapshot = Healthy();
   snapshot.matched = 0;

@@ -73,6 +73,7 @@ class DenseMapperNodelet : public NodeletBase {
   std::unique_ptr<KeyframeIntake> intake_;
 
   std::unique_ptr<MapperWorker> worker_;
+  ros::WallTimer missing_timer_;
   ros::WallTimer deliver_timer_;
   std::vector<std::unique_ptr<InputSource>> sources_;
   boost::recursive_mutex config_mutex_;

@@ -40,6 +40,10 @@ uint64_t ImagesUnderWay(const MapperSnapshot& snapshot);
 std::string AccountForImages(const MapperSnapshot& snapshot);
 
 /// One status each, without a master: "inputs", "matching", "mapping".
+/// For the log: the required inputs that never came or fell silent while others go on, and what images wait for in
+/// vain. Empty: nothing, also when all have fallen silent, as after a recording, and while paused.
+std::string DescribeMissing(const MapperSnapshot& snapshot);
+
 void DescribeInputs(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
 void DescribeMatching(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
 void DescribeMapping(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
