@@ -18,7 +18,8 @@ void CollectRows(int height, const AddPoints& add_points, PointCloud* points) {
   for (const PointCloud& row : points_of_row) points->insert(points->end(), row.begin(), row.end());
 }
 
-/// LogExpectedError of all pixels.
+}  // namespace
+
 Image<float> MeasureErrors(const FusionContext<HostMaps>& context) {
   Image<float> log_error(context.reference.depth.width, context.reference.depth.height);
   tbb::parallel_for(0, log_error.height(), [&](int row) {
@@ -26,8 +27,6 @@ Image<float> MeasureErrors(const FusionContext<HostMaps>& context) {
   });
   return log_error;
 }
-
-}  // namespace
 
 void FuseView(const FusionSetup<HostMaps>& setup, PointCloud* points) {
   FusionContext<HostMaps> context = setup.Context(setup.sources().data());

@@ -27,6 +27,32 @@ std::shared_ptr<KeyframeDepth> MakeWithoutMaps(const FinishedEstimate& estimate)
   return maps;
 }
 
+/// A view's maps in host memory.
+struct HostView {
+  EngineView view;
+  EstimateMaps maps;
+
+  FusionView View() const {
+    return {view.frame->camera, view.cam_from_world(), maps.depth.View(),
+            maps.normal.View(), maps.cost.View(),      view.frame->color.View()};
+  }
+};
+
+/// Which checks leave no point of the reference. Maps are fetched for it, so it takes a few times as long as the
+/// checks.
+PointLosses FindPointLosses(const EngineProblem& problem, const FusionOptions& consistency, DepthEngine* engine) {
+  constexpr int kStep = 4;
+  const auto download = [&](const EngineView& view) {
+    return HostView{view, view.estimate ? engine->Download(view.estimate) : EstimateMaps()};
+  };
+  const HostView reference = download(problem.reference);
+  std::vector<HostView> sources;
+  for (const EngineView& source : problem.sources) sources.push_back(download(source));
+  std::vector<FusionView> views;
+  for (const HostView& source : sources) views.push_back(source.View());
+  return CountPointLosses(reference.View(), views, consistency, kStep);
+}
+
 }  // namespace
 
 KeyframeDepthPtr MapperOutputs::MakeFast(const FinishedEstimate& estimate) const {
@@ -53,6 +79,9 @@ KeyframeDepthPtr MapperOutputs::MakeRefined(const FinishedEstimate& estimate, co
     point.position = {scale * point.position.x, scale * point.position.y, scale * point.position.z};
   }
   maps->consistency_ms = timer.Lap();
+  if (maps->points_in_camera.empty()) {
+    maps->no_points_reason = Describe(FindPointLosses(estimate.problem, consistency, engine_), consistency);
+  }
   maps->refined = true;
   return maps;
 }

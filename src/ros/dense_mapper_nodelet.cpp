@@ -287,6 +287,7 @@ MapperSnapshot DenseMapperNodelet::TakeSnapshot() {
   snapshot.not_chosen = intake_->not_chosen();
   snapshot.last_gap = intake_->last_gap();
   snapshot.points_in_front = intake_->share_in_front();
+  snapshot.convention_warning = intake_->convention_warning();
   return snapshot;
 }
 

@@ -106,13 +106,34 @@ KeyframeOutput KeyframeOutputs::MakeOutput(const KeyframeDepthPtr& maps, const R
   return output;
 }
 
-void KeyframeOutputs::Publish(const std::function<void(const KeyframeOutput&)>& hook, const KeyframeDepthPtr& maps,
-                              const Record& record) const {
+std::optional<size_t> KeyframeOutputs::Publish(const std::function<void(const KeyframeOutput&)>& hook,
+                                               const KeyframeDepthPtr& maps, const Record& record) const {
   try {
-    hook(MakeOutput(maps, record));
+    const KeyframeOutput output = MakeOutput(maps, record);
+    hook(output);
+    return output.points_in_camera.size();
   } catch (const std::exception& error) {  // the mapper's callbacks must not throw
     ReportDrop({"publish_error", Concat("image ", FormatStamp(record.origin.stamp_ns), ": ", error.what())});
+    return std::nullopt;
   }
+}
+
+void KeyframeOutputs::CountWithoutPoints(const KeyframeDepth& maps, const KeyframeOrigin& origin, size_t points) {
+  OutputStatus now;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    status_.run_without_points = points > 0 ? 0 : status_.run_without_points + 1;
+    status_.no_points_reason = "";
+    if (points == 0) {
+      status_.no_points_reason =
+          maps.no_points_reason.value_or(Concat("all ", maps.points_in_camera.size(), " are below ~min_confidence (",
+                                                min_confidence_, ") or where the lens's image is not known"));
+    }
+    now = status_;
+  }
+  if (now.run_without_points < kRunWithoutPoints) return;
+  ReportDrop({"no_points", Concat("the last ", now.run_without_points, " refined keyframes have no points; of image ",
+                                  FormatStamp(origin.stamp_ns), " these checks remove them: ", now.no_points_reason)});
 }
 
 void KeyframeOutputs::HandleFast(const KeyframeDepthPtr& maps) {
@@ -137,7 +158,8 @@ void KeyframeOutputs::HandleRefined(const KeyframeDepthPtr& maps) {
     status_.pose_fit = maps->pose_fit;
     status_.pose_refined = maps->cam_from_world.matrix() != maps->frame->cam_from_world.matrix();
   }
-  Publish(hooks_.on_refined, maps, *record);
+  const std::optional<size_t> points = Publish(hooks_.on_refined, maps, *record);
+  if (points) CountWithoutPoints(*maps, record->origin, *points);
   const std::lock_guard<std::mutex> lock(mutex_);
   status_.refined_latency.Add(LatencyMs(record->origin));
 }

@@ -137,6 +137,19 @@ void DescribePoseFit(const OutputStatus& outputs, DiagnosticStatusWrapper* statu
 
 }  // namespace
 
+namespace {
+
+void DescribeRunWithoutPoints(const OutputStatus& outputs, DiagnosticStatusWrapper* status) {
+  status->add("newest refined keyframes without points", outputs.run_without_points);
+  if (outputs.run_without_points == 0) return;
+  status->add("checks that remove the points of the last one", outputs.no_points_reason);
+  if (outputs.run_without_points < KeyframeOutputs::kRunWithoutPoints) return;
+  status->mergeSummary(DiagnosticStatus::WARN, Concat("the last ", outputs.run_without_points,
+                                                      " refined keyframes have no points: ", outputs.no_points_reason));
+}
+
+}  // namespace
+
 void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* status) {
   const WorkerStatus& worker = snapshot.worker;
   if (!worker.device_error.empty()) {
@@ -168,12 +181,10 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
   status->add("of these in kernels [ms]", worker.outputs.times.kernels_ms);
   status->add("consistency check [ms]", worker.outputs.consistency_ms);
   DescribePoseFit(worker.outputs, status);
+  DescribeRunWithoutPoints(worker.outputs, status);
   if (!snapshot.points_in_front) return;
   status->add("sparse points in front of the first cameras [%]", 100 * *snapshot.points_in_front);
-  if (*snapshot.points_in_front < 0.5) {
-    status->mergeSummary(DiagnosticStatus::WARN,
-                         "most sparse points lie behind the camera: check ~pose_is, ~pose_child and ~sparse_frame");
-  }
+  if (!snapshot.convention_warning.empty()) status->mergeSummary(DiagnosticStatus::WARN, snapshot.convention_warning);
 }
 
 }  // namespace acmp

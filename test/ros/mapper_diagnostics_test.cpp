@@ -176,10 +176,23 @@ TEST(Diagnostics, TellTheDevice) {
   EXPECT_EQ(status.level, DiagnosticStatus::ERROR);
   EXPECT_THAT(status.message, HasSubstr("no driver"));
   snapshot = Healthy();
-  snapshot.points_in_front = 0.2;
+  snapshot.convention_warning = "with ~pose_is: T_cam_world more points are in the image";
   status = Describe(&DescribeMapping, snapshot);
   EXPECT_EQ(status.level, DiagnosticStatus::WARN);
   EXPECT_THAT(status.message, HasSubstr("~pose_is"));
+}
+
+TEST(Diagnostics, WarnOfARunOfKeyframesWithoutPoints) {
+  MapperSnapshot snapshot = Healthy();
+  snapshot.worker.outputs.run_without_points = KeyframeOutputs::kRunWithoutPoints - 1;
+  snapshot.worker.outputs.no_points_reason = "reprojection (2 px) 90 %; check ~pose_is";
+  auto status = Describe(&DescribeMapping, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::OK);
+  EXPECT_THAT(ValueOf(status, "checks that remove the points of the last one"), HasSubstr("reprojection"));
+  ++snapshot.worker.outputs.run_without_points;
+  status = Describe(&DescribeMapping, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
+  EXPECT_THAT(status.message, AllOf(HasSubstr("the last 3 refined"), HasSubstr("reprojection"), HasSubstr("~pose_is")));
 }
 
 TEST(IncidentLog, TellsNewReasonsAtOnceAndRepeatsSeldom) {

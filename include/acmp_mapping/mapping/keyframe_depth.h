@@ -2,10 +2,11 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
-#include "acmp_mapping/fusion/depth_fusion.h"
+#include "acmp_mapping/fusion/point_losses.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/keyframe/frame.h"
 #include "acmp_mapping/pipeline/depth_estimator.h"

@@ -96,6 +96,7 @@ class KeyframeIntake {
   uint64_t not_chosen() const { return not_chosen_; }  ///< posed images that the gate passed over
   /// Share of the first keyframes' sparse points, 0..1; none before the first point.
   std::optional<double> share_in_front() const { return convention_check_.share_in_front(); }
+  const std::string& convention_warning() const { return convention_check_.warning(); }
 
  private:
   void Prepare();

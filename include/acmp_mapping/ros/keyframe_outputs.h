@@ -6,6 +6,8 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
+#include <string>
 
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
@@ -31,6 +33,8 @@ struct OutputStatus {
   double consistency_ms = 0;
   PoseFit pose_fit;                             ///< of the last refined keyframe
   bool pose_refined = false;                    ///< and whether it was matched with another pose than received
+  uint64_t run_without_points = 0;              ///< the newest refined keyframes, so many, have no points ...
+  std::string no_points_reason;                 ///< ... and which check removes those of the last one
   LatencyWindow fast_latency, refined_latency;  ///< from the image's callback until its map was published
 };
 
@@ -41,6 +45,8 @@ struct OutputStatus {
 /// One mutex guards the records and the status, and is held for a moment only, never while a hook runs.
 class KeyframeOutputs {
  public:
+  static constexpr uint64_t kRunWithoutPoints = 3;  ///< refined keyframes without points that are worth a word
+
   struct Hooks {
     // One at a time. What they throw goes to on_drop.
     std::function<void(const KeyframeOutput&)> on_fast;
@@ -84,8 +90,11 @@ class KeyframeOutputs {
   /// Null: none, or the hooks are to be silent.
   RecordPtr FindRecord(const Records& records, int64_t id) const;
   KeyframeOutput MakeOutput(const KeyframeDepthPtr& maps, const Record& record) const;
-  void Publish(const std::function<void(const KeyframeOutput&)>& hook, const KeyframeDepthPtr& maps,
-               const Record& record) const;
+  /// How many points there were to publish; none when the hook threw.
+  std::optional<size_t> Publish(const std::function<void(const KeyframeOutput&)>& hook, const KeyframeDepthPtr& maps,
+                                const Record& record) const;
+  /// Counts refined keyframes without points, and tells of a run of kRunWithoutPoints.
+  void CountWithoutPoints(const KeyframeDepth& maps, const KeyframeOrigin& origin, size_t points);
   void HandleFast(const KeyframeDepthPtr& maps);
   void HandleRefined(const KeyframeDepthPtr& maps);
   void HandleRefinedAgain(const KeyframeDepthPtr& maps);

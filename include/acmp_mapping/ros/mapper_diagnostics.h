@@ -27,6 +27,7 @@ struct MapperSnapshot {
   std::optional<PoseGap> last_gap;
   double sync_tolerance_s = 0;
   std::optional<double> points_in_front;  ///< share of the first keyframes' sparse points, 0..1
+  std::string convention_warning;         ///< why poses are probably read wrongly; empty: they are not
   WorkerStatus worker;
   uint32_t maps = 0;         ///< nodes that listen to keyframe_points
   uint64_t points_sent = 0;  ///< messages sent to them
@@ -39,11 +40,11 @@ uint64_t ImagesUnderWay(const MapperSnapshot& snapshot);
 /// Every image that came is in one of these: "112 received = 90 refined + 12 dropped + 6 passed over + 4 under way".
 std::string AccountForImages(const MapperSnapshot& snapshot);
 
-/// One status each, without a master: "inputs", "matching", "mapping".
 /// For the log: the required inputs that never came or fell silent while others go on, and what images wait for in
 /// vain. Empty: nothing, also when all have fallen silent, as after a recording, and while paused.
 std::string DescribeMissing(const MapperSnapshot& snapshot);
 
+/// One status each, without a master: "inputs", "matching", "mapping".
 void DescribeInputs(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
 void DescribeMatching(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);
 void DescribeMapping(const MapperSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "acmp_mapping/fusion/depth_fusion.h"
+
+namespace acmp {
+
+/// What becomes of the pixels of a reference view in FilterByConsistency: each is counted once. A pixel with too few
+/// agreeing sources counts for the check that most of its sources fail first; of equals for the earlier one.
+struct PointLosses {
+  size_t pixels = 0;         ///< looked at
+  size_t without_depth = 0;  ///< depth or normal unknown
+  size_t guesses = 0;        ///< completed where no view confirms anything
+  size_t outside = 0;        ///< behind or outside the sources' images
+  size_t source_depth = 0;   ///< the sources know no depth there
+  size_t reprojection = 0;   ///< sent back too far away, px
+  size_t relative_depth = 0;
+  size_t angle = 0;       ///< between normals
+  size_t confidence = 0;  ///< enough sources agree, but it is not confident enough
+  size_t points = 0;
+};
+
+/// Looks at every `step`-th pixel of every `step`-th row. Sources with an empty depth map take no part; with no other
+/// all known pixels are `outside`. Throws InvalidInputError as FilterByConsistency does and unless step is 1..1000.
+PointLosses CountPointLosses(const FusionView& reference, const std::vector<FusionView>& sources,
+                             const FusionOptions& options, int step);
+
+/// "reprojection 71 %, depth 20 %, confidence 9 %", most first, without what is below 1 %; then what may be the cause
+/// of the first, as a clause for users of the ROS node. `options` are those that it was counted with.
+std::string Describe(const PointLosses& losses, const FusionOptions& options);
+
+}  // namespace acmp

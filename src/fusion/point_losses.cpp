@@ -1,0 +1,112 @@
+#include "acmp_mapping/fusion/point_losses.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/fusion/fusion_setup.h"
+#include "acmp_mapping/fusion/kernel/expected_error.h"
+
+namespace acmp {
+namespace {
+
+using HostMaps = FusionMaps<Vec3f>;
+
+constexpr int kMaxStep = 1000;
+
+/// What one source says of a pixel: the first check that fails, in the order of the checks.
+enum Outcome { kOutside, kSourceDepth, kReprojection, kRelativeDepth, kAngle, kAgrees, kNumOutcomes };
+
+Outcome CheckSource(const FusionContext<HostMaps>& context, const FusionSource<HostMaps>& source,
+                    const ReferencePixel& pixel) {
+  SourcePlace place;
+  if (!LocateInSource(source, pixel.homogeneous, &place)) return kOutside;
+  ViewAgreement agreement;
+  if (!ProjectBack(source, pixel, place, &agreement)) return kSourceDepth;
+  PixelMatch match;
+  if (MatchAgreement(source, context.limits, context.current, pixel, agreement, &match)) return kAgrees;
+  if (!(agreement.squared_px < context.limits.max_squared_px)) return kReprojection;
+  return agreement.relative_depth < context.limits.max_relative_depth ? kAngle : kRelativeDepth;
+}
+
+void CountPixel(const FusionContext<HostMaps>& context, int col, int row, PointLosses* losses) {
+  ++losses->pixels;
+  ReferencePixel pixel;
+  if (!LoadReferencePixel(context, col, row, &pixel)) {
+    ++losses->without_depth;
+    return;
+  }
+  if (context.reference.IsGuess(col, row)) {
+    ++losses->guesses;
+    return;
+  }
+  std::array<int, kNumOutcomes> outcomes = {};
+  for (int i = 0; i < context.num_sources; ++i) ++outcomes[CheckSource(context, context.sources[i], pixel)];
+  if (outcomes[kAgrees] >= context.limits.min_consistent_views) {
+    const bool confident = ConfidenceOf(context, col, row) >= context.limits.min_confidence;
+    ++(confident ? losses->points : losses->confidence);
+    return;
+  }
+  size_t* const counts[] = {&losses->outside, &losses->source_depth, &losses->reprojection, &losses->relative_depth,
+                            &losses->angle};
+  ++*counts[std::max_element(outcomes.begin(), outcomes.begin() + kAgrees) - outcomes.begin()];
+}
+
+}  // namespace
+
+PointLosses CountPointLosses(const FusionView& reference, const std::vector<FusionView>& sources,
+                             const FusionOptions& options, int step) {
+  CheckRange("step", step, 1, kMaxStep);
+  const FusionLimits limits = MakeFusionLimits(options);
+  PointLosses losses;
+  if (reference.depth.empty()) return losses;
+  CheckConsistencyInput(reference, sources, kMaxFusionSources);
+  FusionSetup<HostMaps> setup(CameraOf(reference), MapsOf(reference), limits, RigidTransform::Identity());
+  for (const FusionView& source : sources) {
+    if (!source.depth.empty()) setup.AddSource(CameraOf(source), MapsOf(source));
+  }
+  FusionContext<HostMaps> context = setup.Context(setup.sources().data());
+  const Image<float> log_error = MeasureErrors(context);
+  context.log_error = log_error.View();
+  for (int row = 0; row < reference.depth.height; row += step) {
+    for (int col = 0; col < reference.depth.width; col += step) CountPixel(context, col, row, &losses);
+  }
+  return losses;
+}
+
+std::string Describe(const PointLosses& losses, const FusionOptions& options) {
+  struct Loss {
+    size_t count;
+    std::string check;
+    const char* cause;
+  };
+  constexpr char kPoses[] =
+      "the views' depths contradict each other: check ~pose_is, ~pose_child, ~sync_tolerance and the calibration";
+  std::vector<Loss> all = {
+      {losses.without_depth, "no depth",
+       "nothing matches within the range of depth: check the sparse points or "
+       "~depth_min and ~depth_max"},
+      {losses.guesses, "completed without any view that confirms it",
+       "the images do not match each other: check ~pose_is, ~pose_child, the stamps and the calibration"},
+      {losses.outside, "outside the other images",
+       "the views do not see the same: check ~pose_is and ~pose_child, or keyframes are too far apart"},
+      {losses.source_depth, "no depth in the other images",
+       "the images do not match each other: check ~pose_is, ~pose_child, the stamps and the calibration"},
+      {losses.reprojection, Concat("reprojection (", options.max_reprojection_px, " px)"), kPoses},
+      {losses.relative_depth, Concat("depth (", 100 * options.max_relative_depth, " %)"), kPoses},
+      {losses.angle, Concat("angle of normals (", options.max_normal_angle_deg, " degrees)"),
+       "surfaces are uneven or poorly matched: blurred, noisy or very small images"},
+      {losses.confidence, Concat("confidence (", options.min_point_confidence, ")"),
+       "views agree by little: the camera hardly moves sideways, poses are wrong (~pose_is, stamps, calibration), or "
+       "~min_point_confidence is too high"}};
+  std::stable_sort(all.begin(), all.end(), [](const Loss& a, const Loss& b) { return a.count > b.count; });
+  std::string text;
+  for (const Loss& loss : all) {
+    const long percent = std::lround(100.0 * static_cast<double>(loss.count) / std::max<double>(1, losses.pixels));
+    if (percent >= 1) text += Concat(text.empty() ? "" : ", ", loss.check, " ", percent, " %");
+  }
+  return text.empty() ? "nothing is lost" : Concat(text, "; ", all.front().cause);
+}
+
+}  // namespace acmp

@@ -1,0 +1,102 @@
+// One check is made to fail at a time: it must be the one that is counted.
+
+#include "acmp_mapping/fusion/point_losses.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "fusion/analytic_views.h"
+#include "support/error_text.h"
+
+namespace acmp {
+namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::Not;
+using testing::StartsWith;
+
+constexpr size_t kPixels = 20 * 16;
+
+/// A wall at 4, seen from three places 0.2 apart: 5 px.
+std::vector<TestView> Views() {
+  std::vector<TestView> views;
+  for (int i = 0; i < 3; ++i) {
+    views.push_back(FlatView(20, 16, 4));
+    views.back().cam_from_world.translation().x() = -0.02 * i;
+  }
+  return views;
+}
+
+PointLosses Count(const std::vector<TestView>& views, const FusionOptions& options = AnyConfidence(), int step = 1) {
+  std::vector<FusionView> sources = ViewsOf(views);
+  sources.erase(sources.begin());
+  return CountPointLosses(views[0].View(), sources, options, step);
+}
+
+TEST(PointLosses, CountsPointsAsTheConsistencyCheckDoes) {
+  const std::vector<TestView> views = Views();
+  std::vector<FusionView> sources = ViewsOf(views);
+  sources.erase(sources.begin());
+  const ConsistencyResult result = FilterByConsistency(views[0].View(), sources, AnyConfidence());
+  const PointLosses losses = Count(views);
+  EXPECT_EQ(losses.pixels, kPixels);
+  EXPECT_EQ(losses.points, result.points_in_camera.size());
+  EXPECT_GT(losses.points, kPixels / 2);
+  EXPECT_EQ(losses.points + losses.outside, kPixels) << "the last columns are outside the second source";
+  EXPECT_EQ(Count(views, AnyConfidence(), 4).pixels, 5u * 4);
+}
+
+TEST(PointLosses, NamesTheCheckThatFails) {
+  std::vector<TestView> views = Views();
+  for (int i = 1; i < 3; ++i) views[i].depth = DepthMap(20, 16, 4.2f);  // 5 %, less than 2 px
+  PointLosses losses = Count(views);
+  EXPECT_EQ(losses.points, 0u);
+  EXPECT_GT(losses.relative_depth, kPixels / 2);
+  EXPECT_THAT(Describe(losses, {}), AllOf(StartsWith("depth (1 %) "), HasSubstr("~pose_is")));
+
+  views = Views();
+  for (int i = 1; i < 3; ++i) {
+    views[i].cam_from_world.translation().x() = -0.1 * i;
+    views[i].depth = DepthMap(20, 16, 2.0f);
+  }
+  losses = Count(views);
+  EXPECT_GT(losses.reprojection, kPixels / 4);
+  EXPECT_EQ(losses.relative_depth, 0u);
+  FusionOptions strict;
+  strict.max_reprojection_px = 1.5f;
+  EXPECT_THAT(Describe(losses, strict), HasSubstr("reprojection (1.5 px)"));
+
+  views = Views();
+  for (int i = 1; i < 3; ++i) views[i].normal = NormalMap(20, 16, {0.6f, 0, -0.8f});
+  losses = Count(views);
+  EXPECT_GT(losses.angle, kPixels / 2);
+  EXPECT_THAT(Describe(losses, {}), StartsWith("angle of normals (10 degrees)"));
+
+  FusionOptions sure;
+  sure.min_point_confidence = 1;
+  losses = Count(Views(), sure);
+  EXPECT_GT(losses.confidence, kPixels / 2);
+  EXPECT_THAT(Describe(losses, sure), AllOf(StartsWith("confidence (1)"), HasSubstr("~min_point_confidence")));
+
+  views = Views();
+  for (int i = 1; i < 3; ++i) views[i].depth = DepthMap(20, 16, 0.0f);
+  EXPECT_GT(Count(views).source_depth, kPixels / 2);
+  views[0].cost = CostMap(20, 16, 2.0f);
+  EXPECT_EQ(Count(views).guesses, kPixels);
+  views[0].depth = DepthMap(20, 16, 0.0f);
+  losses = Count(views);
+  EXPECT_EQ(losses.without_depth, kPixels);
+  EXPECT_THAT(Describe(losses, {}), AllOf(StartsWith("no depth 100 %"), HasSubstr("~depth_min")));
+  views = Views();
+  views.resize(1);
+  EXPECT_EQ(Count(views).outside, kPixels) << "no source";
+}
+
+TEST(PointLosses, RefusesBadSteps) {
+  EXPECT_THAT(ErrorOf([] { Count(Views(), {}, 0); }), HasSubstr("step = 0"));
+  EXPECT_THAT(Describe({}, {}), Not(HasSubstr("%")));
+}
+
+}  // namespace
+}  // namespace acmp
