@@ -2,6 +2,9 @@
 
 #include <cmath>
 #include <cstring>
+#include <fstream>
+#include <set>
+#include <string>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
@@ -29,8 +32,23 @@ size_t OffsetOf(const pcl::PCLPointCloud2& cloud, const char* name, const std::f
   throw InvalidInputError(Concat(path.string(), ": there is no field ", name));
 }
 
+/// PCL's reader ends the process where there is no header, and makes points of nothing where it breaks off.
+void CheckHeader(const std::filesystem::path& path) {
+  std::ifstream stream(path, std::ios::binary);
+  std::set<std::string> missing = {"FIELDS", "SIZE", "TYPE", "WIDTH", "HEIGHT", "DATA"};
+  constexpr int kMaxLines = 100;
+  std::string line;
+  for (int i = 0; i < kMaxLines && missing.count("DATA") > 0 && std::getline(stream, line); ++i) {
+    missing.erase(line.substr(0, line.find(' ')));
+  }
+  if (!missing.empty()) {
+    throw InvalidInputError(Concat(path.string(), ": no PCD file: its header has no line ", *missing.begin()));
+  }
+}
+
 PointCloud ReadPcd(const std::filesystem::path& path, std::ostream* notes) {
   if (!std::filesystem::is_regular_file(path)) throw InvalidInputError(Concat(path.string(), ": no such file"));
+  CheckHeader(path);
   pcl::console::setVerbosityLevel(pcl::console::L_ALWAYS);  // it would print what is thrown here
   pcl::PCLPointCloud2 cloud;
   int code = -1;

@@ -71,6 +71,12 @@ else
   sed 's/FIELDS x y z/FIELDS a b c/' two.pcd >abc.pcd
   expect 2 "abc.pcd: there is no field x" "$bin/acmp_evaluate" cloud abc.pcd two.ply
   echo "no PCD" >text.pcd
-  expect 2 "text.pcd: " "$bin/acmp_evaluate" cloud text.pcd two.ply
+  expect 2 "text.pcd: no PCD file: its header has no line DATA" "$bin/acmp_evaluate" cloud text.pcd two.ply
+  sed '/^DATA/,$d' two.pcd >headless.pcd
+  expect 2 "header has no line DATA" "$bin/acmp_evaluate" cloud headless.pcd two.ply
+  sed '/^HEIGHT/d' two.pcd >flat.pcd
+  expect 2 "header has no line HEIGHT" "$bin/acmp_evaluate" cloud flat.pcd two.ply
+  (sed 's/^DATA ascii/DATA binary/;/^DATA/q' two.pcd; head -c 20 /dev/zero) >short.pcd
+  expect 2 "short.pcd: no PCD file, or truncated" "$bin/acmp_evaluate" cloud short.pcd two.ply
 fi
 exit $((failures > 0))
