@@ -36,12 +36,11 @@ class PoseRefinerTest : public ::testing::Test {
     return frame;
   }
 
-  /// Feeds the room with a window of eight keyframes. Returns what Refine gave after each.
-  std::vector<PoseRefinement> Run(PoseRefiner* refiner) {
-    constexpr size_t kWindow = 8;
+  /// Feeds the room. Returns what Refine gave after each keyframe.
+  std::vector<PoseRefinement> Run(PoseRefiner* refiner, size_t window = 8) {
     std::vector<PoseRefinement> results;
     for (size_t i = 0; i < received_.size(); ++i) {
-      if (refiner->size() == kWindow) refiner->RemoveOldest();
+      if (refiner->size() == window) refiner->RemoveOldest();
       refiner->Add(FrameOf(i), kRoomRange);
       results.push_back(refiner->Refine());
     }
@@ -97,6 +96,26 @@ TEST_F(PoseRefinerTest, TheSameKeyframesGiveTheSameBits) {
       EXPECT_TRUE(SameBits(first[i].poses[k].cam_from_world, second[i].poses[k].cam_from_world));
     }
   }
+}
+
+TEST_F(PoseRefinerTest, KeyframesThatAreFixedStayBitByBit) {
+  Perturb(0.3, 0.01);
+  PoseRefiner refiner(options_);
+  const std::vector<PoseRefinement> results = Run(&refiner, received_.size());
+  constexpr size_t kFree = 8, kMinFixed = 4;  // the newest are free, once there are as many others
+  for (size_t i = kFree + kMinFixed; i < results.size(); ++i) {
+    ASSERT_TRUE(results[i - 1].changed && results[i].changed);
+    const std::vector<RefinedPose>&before = results[i - 1].poses, &now = results[i].poses;
+    for (size_t k = 0; k < now.size() - kFree; ++k) {
+      EXPECT_TRUE(SameBits(now[k].cam_from_world, before[k].cam_from_world)) << k << " after keyframe " << i;
+    }
+    EXPECT_FALSE(SameBits(now[now.size() - kFree].cam_from_world, before[now.size() - kFree].cam_from_world));
+  }
+  const std::vector<RigidTransform> truth = Window(truth_, results.back());
+  const MotionErrors before = CompareMotions(received_, truth),
+                     after = CompareMotions(PosesOf(results.back().poses), truth);
+  EXPECT_LT(after.rotation_deg, before.rotation_deg / 2);
+  EXPECT_LT(after.position, before.position / 2);
 }
 
 TEST_F(PoseRefinerTest, FewKeyframesOrMatchesLeavePosesAndSaySo) {
