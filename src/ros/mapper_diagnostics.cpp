@@ -135,10 +135,6 @@ void DescribePoseFit(const OutputStatus& outputs, DiagnosticStatusWrapper* statu
                               " px only, walls will be missing: check calibration and stamps, or tracking is lost"));
 }
 
-}  // namespace
-
-namespace {
-
 void DescribeRunWithoutPoints(const OutputStatus& outputs, DiagnosticStatusWrapper* status) {
   status->add("newest refined keyframes without points", outputs.run_without_points);
   if (outputs.run_without_points == 0) return;

@@ -93,7 +93,7 @@ TEST_F(WrittenSceneTest, HoldsTheGroundTruth) {
 
 TEST_F(WrittenSceneTest, SaysWhyItCannotWrite) {
   const std::filesystem::path file = folder() / "cameras.txt";
-  EXPECT_THROW(WriteSceneFiles(file / "below_a_file", views_, 0.1f), ProcessingError);
+  EXPECT_THROW(WriteSceneFiles(file / "below_a_file", views_, 0.1f), InvalidInputError);
 }
 
 }  // namespace

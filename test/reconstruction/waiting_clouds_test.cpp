@@ -60,7 +60,7 @@ TEST_F(WaitingCloudsTest, ADamagedFileIsAnError) {
 TEST_F(WaitingCloudsTest, AFileThatCannotBeWrittenIsAnError) {
   WaitingClouds in_files(&out_, 0);
   WriteText("out/work/clouds", "in the way of the folder");
-  EXPECT_THROW(in_files.Put(0, CloudOf(5, 0)), ProcessingError);
+  EXPECT_THROW(in_files.Put(0, CloudOf(5, 0)), InvalidInputError);  // as any folder that cannot be
 }
 
 TEST_F(WaitingCloudsTest, SeveralThreadsPutWhileAnotherTakes) {
