@@ -57,7 +57,7 @@ std::optional<std::string> ConventionCheck::Add(const PoseSemantics& configured,
   if (keyframes_ < kKeyframes || keyframes_ % kKeyframes != 0) return std::nullopt;
   const int times = keyframes_ / kKeyframes;
   if ((times & (times - 1)) != 0) return std::nullopt;  // not yet doubled
-  const auto warning = Judge(configured);
+  std::optional<std::string> warning = Judge(configured);
   if (warning) warning_ = *warning;
   return warning;
 }

@@ -49,6 +49,7 @@ PointLosses FindPointLosses(const EngineProblem& problem, const FusionOptions& c
   std::vector<HostView> sources;
   for (const EngineView& source : problem.sources) sources.push_back(download(source));
   std::vector<FusionView> views;
+  views.reserve(sources.size());
   for (const HostView& source : sources) views.push_back(source.View());
   return CountPointLosses(reference.View(), views, consistency, kStep);
 }
