@@ -18,7 +18,7 @@
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/keyframe/depth_range.h"
-#include "acmp_mapping/keyframe/source_view_selector.h"
+#include "acmp_mapping/keyframe/source_view_selection.h"
 
 namespace acmp {
 namespace {
@@ -123,22 +123,18 @@ void WriteMvsnetCameras(const fs::path& folder, const std::vector<SyntheticView>
 void WritePairs(const fs::path& folder, const std::vector<SyntheticView>& views) {
   SourceViewOptions options;
   options.max_source_views = 10;
-  const double table_distance_m = 2.5;
   std::ostringstream text = TextFile();
   text << views.size() << '\n';
-  std::vector<FrameLandmarksPtr> frames;
-  frames.reserve(views.size());
-  for (const SyntheticView& view : views) {
-    // The views outlive the call: a pointer that does not own.
-    frames.push_back(std::make_shared<FrameLandmarks>(FramePtr(FramePtr(), &view.frame)));
-  }
+  std::vector<SourceViewCandidate> all;
+  all.reserve(views.size());
+  for (const SyntheticView& view : views) all.push_back({{view.frame.camera, view.frame.cam_from_world}});
   for (size_t i = 0; i < views.size(); ++i) {
-    std::vector<FrameLandmarksPtr> candidates = frames;
+    std::vector<SourceViewCandidate> candidates = all;
     candidates.erase(candidates.begin() + static_cast<std::ptrdiff_t>(i));
-    const auto sources = SourceViewSelector(frames[i], table_distance_m, options).Select(candidates);
+    const auto sources = SelectSourceViews(all[i].view, TypicalDepth(RangeOf(views[i])), candidates, options).views;
     text << i << '\n' << sources.size();
-    for (const RankedSourceView& source : sources) {
-      text << ' ' << (source.index < i ? source.index : source.index + 1) << ' ' << source.score;
+    for (const SelectedSourceView& source : sources) {
+      text << ' ' << (source.index < i ? source.index : source.index + 1) << ' ' << source.gain;
     }
     text << '\n';
   }

@@ -17,7 +17,7 @@
 namespace acmp {
 namespace {
 
-static_assert(kMaxRankedViews == kMaxSourceViews, "the selector must not rank more views than the matcher takes");
+static_assert(kMaxSelectedViews == kMaxSourceViews, "no more views are chosen than the matcher takes");
 
 /// MakeFrame guarantees this; frames from elsewhere must not reach the kernels with sizes that do not fit.
 void CheckFrame(const Frame& frame) {
@@ -144,13 +144,13 @@ struct DenseMapper::Impl {
   }
 
   void DropForMissingViews(const WindowKeyframePtr& keyframe, int min_source_views) {
-    Drop(keyframe, {"no_source_views", window.DescribeMissingViews(keyframe.get(), min_source_views)});
+    Drop(keyframe, {"no_source_views", window.DescribeMissingViews(*keyframe, min_source_views)});
   }
 
   void InitialisePending(int min_source_views) {
     for (const WindowKeyframePtr& keyframe : window) {
       if (keyframe->state != State::kPending) continue;
-      const SourceViews sources = window.SelectSources(keyframe.get());
+      const SourceViews sources = window.SelectSources(*keyframe);
       if (sources.keyframes.size() < static_cast<size_t>(min_source_views)) continue;
       FinishedEstimate estimate;
       if (const auto failure = CatchFailure([&] { estimate = estimator.Initialise(keyframe.get(), sources); })) {
@@ -179,7 +179,7 @@ struct DenseMapper::Impl {
   }
 
   void Refine(const WindowKeyframePtr& keyframe) {
-    const SourceViews sources = window.SelectSources(keyframe.get());
+    const SourceViews sources = window.SelectSources(*keyframe);
     // Its first views may have left the window meanwhile.
     if (sources.keyframes.empty()) return DropForMissingViews(keyframe, 1);
     FinishedEstimate estimate;
@@ -219,7 +219,7 @@ struct DenseMapper::Impl {
     if (window.size() <= half) return;
     const WindowKeyframePtr& keyframe = window.WithLater(half);
     if (!WantsRefinedAgain(*keyframe)) return;
-    const SourceViews sources = window.SelectSources(keyframe.get());
+    const SourceViews sources = window.SelectSources(*keyframe);
     const RefinementPolicy::Again again = RefinementPolicy::Decide(*keyframe, sources);
     if (again == RefinementPolicy::Again::kNo) return;
     const bool from_initial = again == RefinementPolicy::Again::kFromInitial;

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "acmp_mapping/keyframe/depth_range.h"
-#include "acmp_mapping/keyframe/source_view_selector.h"
+#include "acmp_mapping/keyframe/source_view_selection.h"
 #include "window_keyframe.h"
 
 namespace acmp {
@@ -14,7 +14,7 @@ namespace acmp {
 /// Source views of one keyframe, best first.
 struct SourceViews {
   std::vector<WindowKeyframePtr> keyframes;
-  double score = 0;  ///< sum of theirs
+  double score = 0;  ///< what they bring together: the selection's gain
 
   std::vector<int64_t> Ids() const;
 };
@@ -34,12 +34,12 @@ class KeyframeWindow {
   void PopOldest() { keyframes_.pop_front(); }
   void Clear() { keyframes_.clear(); }
 
-  /// The useful views among the others in the window, at most max_source_views: those that are mapped, which can
-  /// confirm depth, then the best of those that are not.
-  SourceViews SelectSources(WindowKeyframe* keyframe) const;
+  /// Chosen among the others in the window (SelectSourceViews), at most max_source_views. Those that are mapped go
+  /// first, for they can confirm depth. The keyframe has a depth range.
+  SourceViews SelectSources(const WindowKeyframe& keyframe) const;
 
   /// Sentence that says why the keyframe has fewer than `min_source_views`, with the numbers.
-  std::string DescribeMissingViews(WindowKeyframe* keyframe, int min_source_views) const;
+  std::string DescribeMissingViews(const WindowKeyframe& keyframe, int min_source_views) const;
 
   size_t size() const { return keyframes_.size(); }
   bool empty() const { return keyframes_.empty(); }
@@ -56,8 +56,6 @@ class KeyframeWindow {
 
  private:
   std::vector<WindowKeyframePtr> Others(const WindowKeyframe& keyframe) const;
-  SourceViewSelector& SelectorOf(WindowKeyframe* keyframe) const;
-
   SourceViewOptions options_;
   std::deque<WindowKeyframePtr> keyframes_;
 };

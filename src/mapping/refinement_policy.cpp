@@ -39,7 +39,7 @@ std::vector<std::pair<WindowKeyframePtr, SourceViews>> RefinementPolicy::ChooseF
   std::vector<std::pair<WindowKeyframePtr, SourceViews>> chosen;
   bool any_gains = false;
   for (const WindowKeyframePtr& keyframe : keyframes) {
-    SourceViews sources = window.SelectSources(keyframe.get());
+    SourceViews sources = window.SelectSources(*keyframe);
     any_gains = any_gains || HasBetterViews(*keyframe, sources);
     if (sources.score >= *keyframe->refined_score) chosen.emplace_back(keyframe, std::move(sources));
   }

@@ -4,7 +4,8 @@
 #include <memory>
 #include <optional>
 
-#include "acmp_mapping/keyframe/source_view_selector.h"
+#include "acmp_mapping/keyframe/depth_range.h"
+#include "acmp_mapping/keyframe/frame.h"
 #include "acmp_mapping/pipeline/depth_estimator.h"
 #include "acmp_mapping/pose_refinement/pose_fit.h"
 
@@ -25,8 +26,6 @@ struct WindowKeyframe {
     kFinished,     ///< was refined or dropped
   };
   FramePtr frame;
-  FrameLandmarksPtr landmarks;  ///< the frame's
-  std::optional<SourceViewSelector> selector;
   DepthRange range;
   State state = State::kPending;
   bool is_mapped = true;  ///< false: it is a source view of others alone
@@ -45,7 +44,7 @@ struct WindowKeyframe {
   /// reading its initial estimate, and `refined` is as the last pass left it, before what is unverified was filled.
   bool lacks_future_views = false;
 
-  // What decides about refining it again (RefinementPolicy). Scores are sums over source views.
+  // What decides about refining it again (RefinementPolicy). Scores are gains of all source views (SelectSourceViews).
   double initial_score = 0;             ///< of the views of its initial estimate
   std::optional<double> refined_score;  ///< of the views of its refined maps; none: there are none
   int64_t refined_at = 0;               ///< which refinement of the mapper made these, counted from 1

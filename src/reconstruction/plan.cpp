@@ -3,7 +3,6 @@
 #include <oneapi/tbb/parallel_for.h>
 
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <fstream>
 #include <set>
@@ -66,17 +65,6 @@ void AddGeometry(const Scene& scene, const SceneImage& image, Hash* hash) {
   hash->Add(image.ranked_sources.size());
 }
 
-/// Camera, pose and landmarks of an image: all that the choice of source views looks at.
-FramePtr MakeFrameWithoutPixels(const Scene& scene, int index) {
-  const SceneImage& image = scene.images[index];
-  auto frame = std::make_shared<Frame>();
-  frame->id = index;
-  frame->camera = image.camera;
-  frame->cam_from_world = image.cam_from_world;
-  frame->landmarks_in_world = LandmarksOf(scene, image);
-  return frame;
-}
-
 /// The range that the dataset names, widened: datasets name the range of their sparse points, and up to a fifth of the
 /// surfaces seen lies nearer (measured). The factor 2 that landmarks get brings no more here and costs 0.5 points at 2
 /// cm, since the prior's bandwidth goes with the range.
@@ -132,15 +120,24 @@ std::vector<int> SourcesOfDataset(const Scene& scene, const ImagePlan& plan, con
   return sources;
 }
 
-std::vector<int> SelectSources(const std::vector<FrameLandmarksPtr>& frames, size_t reference, const DepthRange& range,
-                               const SourceViewOptions& options) {
-  std::vector<FrameLandmarksPtr> candidates = frames;
-  candidates.erase(candidates.begin() + static_cast<std::ptrdiff_t>(reference));
-  const double typical_depth = std::sqrt(static_cast<double>(range.min) * range.max);
+std::vector<int> SelectSources(const Scene& scene, const ImagePlan& plan, const std::vector<int>& indices,
+                               int max_sources) {
+  const auto camera_of = [&](int index) {
+    return PosedCamera{scene.images[index].camera, scene.images[index].cam_from_world};
+  };
+  std::vector<int> others;
+  std::vector<SourceViewCandidate> candidates;
+  for (int index : indices) {
+    if (index == plan.index) continue;
+    others.push_back(index);
+    candidates.push_back({camera_of(index)});
+  }
+  SourceViewOptions options;
+  options.max_source_views = max_sources;
   std::vector<int> sources;
-  for (const RankedSourceView& view :
-       SourceViewSelector(frames[reference], typical_depth, options).Select(candidates)) {
-    sources.push_back(static_cast<int>(candidates[view.index]->frame().id));
+  for (const SelectedSourceView& view :
+       SelectSourceViews(camera_of(plan.index), TypicalDepth(plan.range), candidates, options).views) {
+    sources.push_back(others[view.index]);
   }
   return sources;
 }
@@ -174,30 +171,20 @@ void CheckSomeImageGetsAMap(const ReconstructPlan& plan, const Scene& scene) {
 ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indices,
                                 const ReconstructOptions& options) {
   ReconstructPlan plan;
-  std::vector<FrameLandmarksPtr> frames(indices.size());
   const std::set<int> taking_part(indices.begin(), indices.end());
-  bool all_ranked = true;
   for (int index : indices) {
     ImagePlan image;
     image.index = index;
     image.range = FindDepthRange(scene, index, options);
     image.sources = SourcesOfDataset(scene, image, taking_part, options.source_views, &plan.warnings);
-    all_ranked &= !scene.images[index].ranked_sources.empty();
     plan.images.push_back(std::move(image));
   }
-  SourceViewOptions selection;
-  selection.max_source_views = options.source_views;
-  if (!all_ranked) {
-    tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
-      frames[i] = std::make_shared<FrameLandmarks>(MakeFrameWithoutPixels(scene, indices[i]));
-    });
-    tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
-      ImagePlan& image = plan.images[i];
-      if (scene.images[image.index].ranked_sources.empty()) {
-        image.sources = SelectSources(frames, i, image.range, selection);
-      }
-    });
-  }
+  tbb::parallel_for(size_t{0}, plan.images.size(), [&](size_t i) {
+    ImagePlan& image = plan.images[i];
+    if (scene.images[image.index].ranked_sources.empty()) {
+      image.sources = SelectSources(scene, image, indices, options.source_views);
+    }
+  });
   const auto needed = static_cast<size_t>(MinSourceViews(options));
   for (ImagePlan& image : plan.images) {
     if (image.sources.size() >= needed) continue;

@@ -4,6 +4,7 @@
 
 #include "acmp_mapping/fusion/depth_fusion.h"
 #include "acmp_mapping/fusion/kernel/fusion_context.h"
+#include "acmp_mapping/geometry/posed_camera.h"
 
 namespace acmp {
 
@@ -11,10 +12,6 @@ namespace acmp {
 constexpr int kMaxFusionSources = 255;
 constexpr int kMaxFusionViews = kUnusedStamp;  ///< with a stamp each
 
-struct PosedCamera {
-  PinholeCamera camera;
-  RigidTransform cam_from_world;
-};
 inline PosedCamera CameraOf(const FusionView& view) { return {view.camera, view.cam_from_world}; }
 
 FusionLimits MakeFusionLimits(const FusionOptions& options);

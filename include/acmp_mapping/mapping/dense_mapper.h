@@ -6,7 +6,7 @@
 
 #include "acmp_mapping/engine/depth_engine.h"
 #include "acmp_mapping/keyframe/depth_range.h"
-#include "acmp_mapping/keyframe/source_view_selector.h"
+#include "acmp_mapping/keyframe/source_view_selection.h"
 #include "acmp_mapping/mapping/keyframe_depth.h"
 #include "acmp_mapping/pipeline/presets.h"
 #include "acmp_mapping/pose_refinement/pose_refinement_options.h"

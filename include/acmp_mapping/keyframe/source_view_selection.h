@@ -1,0 +1,65 @@
+#pragma once
+
+#include <vector>
+
+#include "acmp_mapping/geometry/posed_camera.h"
+#include "acmp_mapping/keyframe/depth_range.h"
+
+namespace acmp {
+
+constexpr int kMaxSelectedViews = 32;  ///< what the matcher takes (kMaxSourceViews)
+
+constexpr double kMinSourceAngleDeg = 1.0;  ///< triangulation angle below which a view is useless
+constexpr double kMinSourceOverlap = 0.1;   ///< share of the reference that a source must see, at that angle or more
+
+struct SourceViewOptions {
+  int max_source_views = 10;  ///< 1..32
+};
+void Validate(const SourceViewOptions& options);
+inline bool operator==(const SourceViewOptions& a, const SourceViewOptions& b) {
+  return a.max_source_views == b.max_source_views;
+}
+
+/// A view that may become a source view.
+struct SourceViewCandidate {
+  PosedCamera view;
+  bool is_preferred = true;  ///< the others are taken where the preferred ones do not fill the list
+};
+
+struct SelectedSourceView {
+  size_t index = 0;  ///< position in `candidates`
+  double gain = 0;   ///< what it adds to those before it: 0..1, mean over the reference's pixels, 1 for a first view
+                     ///< that sees all of them at the best angles
+};
+
+/// Source views of one reference, and why the other candidates are not among them.
+struct SourceViewSelection {
+  std::vector<SelectedSourceView> views;  ///< most useful first, at most max_source_views
+  double gain = 0;                        ///< sum of theirs
+
+  // These add up to the number of candidates.
+  int num_useful = 0;  ///< selected or not
+  int num_without_baseline = 0;
+  int num_without_overlap = 0;   ///< see less than kMinSourceOverlap of the reference
+  int num_with_small_angle = 0;  ///< see less than that at kMinSourceAngleDeg or more
+  double largest_angle_deg = 0;  ///< largest median triangulation angle among those with overlap
+};
+
+/// Middle of the range in the logarithm: a depth that is as many times the nearest as the farthest is of it.
+double TypicalDepth(const DepthRange& range);
+
+/// Chooses the views that are most useful to match the reference against, one by one. The scene is taken for a plane at
+/// one depth, since that is known before anything is matched, and on recorded scenes it chose better than sparse points
+/// did. Each candidate has a weight at each pixel of a grid in the reference: in view, under a good triangulation
+/// angle, at about the same resolution. The next view is the one that adds most, summed over the pixels, where a pixel
+/// counts the less the more views chosen before see it from the same side (cosine between the baselines' directions): a
+/// surface that a nearer one hides from views on one side is mostly seen from the other.
+///
+/// `typical_depth` (z > 0, scene units) is the plane's. A candidate without baseline or overlap is left out, so the
+/// result may be empty; equal candidates keep their order. Throws InvalidInputError for bad options or a depth that is
+/// not positive and finite.
+SourceViewSelection SelectSourceViews(const PosedCamera& reference, double typical_depth,
+                                      const std::vector<SourceViewCandidate>& candidates,
+                                      const SourceViewOptions& options);
+
+}  // namespace acmp
