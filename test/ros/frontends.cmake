@@ -3,7 +3,7 @@ set(ACMP_FRONTENDS vins_mono vins_fusion orb_slam3_ros orb_slam3_ros_wrapper orb
                    kimera_vio okvis openvins rtabmap)
 set(ACMP_FRONTEND_RESULTS ${CMAKE_BINARY_DIR}/frontend_results)
 add_executable(frontends_rostest frontends_rostest.cpp frontend_player.cpp frontend_traits.cpp)
-acmp_target_defaults(frontends_rostest)
+acmp_test_defaults(frontends_rostest)
 target_compile_definitions(frontends_rostest PRIVATE ACMP_FRONTEND_RESULTS="${ACMP_FRONTEND_RESULTS}")
 target_link_libraries(frontends_rostest PRIVATE acmp_ros_test_support GTest::gtest)
 add_dependencies(frontends_rostest dense_mapper_node map_server_node)
