@@ -1,6 +1,7 @@
 // Time per stage of Algorithm 1 on synthetic images of given sizes, and its ratio to the texture floor.
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <iostream>
 
 #include "acmp_mapping/backend/make_depth_engine.h"
@@ -22,7 +23,7 @@ struct Arguments {
   std::vector<int> source_views = {10};
   int repetitions = 5;
   int keyframes = 0;
-  bool refine_again = DenseMapperOptions().refine_again;
+  DenseMapperOptions stream;
   std::string preset = "balanced";
   std::vector<std::string> set;
   std::string device = "auto";
@@ -64,8 +65,12 @@ void Run(const Arguments& arguments) {
     for (int source_views : arguments.source_views) {
       CheckRange("--source-views", source_views, 1, kMaxSourceViews);
       if (arguments.keyframes > 0) {
-        report.streams.push_back(MeasureStream(backend.engine.get(), options, size, source_views, arguments.keyframes,
-                                               arguments.refine_again));
+        DenseMapperOptions stream = arguments.stream;
+        stream.pipeline = options;
+        stream.window_size = std::max(stream.window_size, source_views + 1);
+        stream.source_views.max_source_views = source_views;
+        stream.min_source_views = std::min(2, source_views);
+        report.streams.push_back(MeasureStream(backend.engine.get(), stream, size, arguments.keyframes));
       } else {
         report.stages.push_back(
             MeasureStages(backend.engine.get(), options, size, source_views, arguments.repetitions));
@@ -98,9 +103,19 @@ int main(int argc, char** argv) {
   app.add_option("--keyframes", arguments.keyframes, "Length of the stream; 0: stages")
       ->check(CLI::Range(0, 1000000))
       ->capture_default_str();
-  app.add_option("--refine-again", arguments.refine_again,
+  app.add_option("--refine-again", arguments.stream.refine_again,
                  "Of the stream: " + acmp::WindowOptionTable().Find("refine_again").description.sentence)
       ->capture_default_str();
+  const acmp::OptionDescription& refine_poses = acmp::WindowOptionTable().Find("refine_poses").description;
+  arguments.stream.poses.refine = acmp::RefinePoses::kOff;
+  app.add_option_function<std::string>(
+         "--refine-poses",
+         [&](const std::string& value) {
+           SetOption(acmp::WindowOptionTable(), "refine_poses=" + value, &arguments.stream);
+         },
+         "Of the stream: " + refine_poses.sentence)
+      ->check(CLI::IsMember(refine_poses.choices))
+      ->default_str("off");
   app.add_option("--preset", arguments.preset, "Option set, see the README")
       ->check(CLI::IsMember(acmp::PresetNames()))
       ->capture_default_str();

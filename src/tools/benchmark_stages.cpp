@@ -153,20 +153,13 @@ StageFigures MeasureStages(DepthEngine* engine, const PipelineOptions& options, 
   return figures;
 }
 
-StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options, ImageSize size, int source_views,
-                            int keyframes, bool refine_again) {
+StreamFigures MeasureStream(DepthEngine* engine, const DenseMapperOptions& options, ImageSize size, int keyframes) {
+  const int source_views = options.source_views.max_source_views;
   StreamFigures figures;
   figures.size = size;
   figures.source_views = source_views;
   figures.keyframes = keyframes;
 
-  DenseMapperOptions mapper_options;
-  mapper_options.pipeline = options;
-  mapper_options.window_size = std::max(mapper_options.window_size, source_views + 1);
-  mapper_options.source_views.max_source_views = source_views;
-  mapper_options.min_source_views = std::min(2, source_views);
-  mapper_options.refine_again = refine_again;
-  mapper_options.poses.refine = RefinePoses::kOff;  // they are exact, and what is measured is matching
   std::vector<double> fast, refined, device;
   // Since each image came; callbacks read those of images that came before them.
   std::vector<Timer> since_added(static_cast<size_t>(keyframes));
@@ -177,11 +170,11 @@ StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options,
   };
   callbacks.on_refined = [&](const KeyframeDepthPtr& maps) {
     if (maps->source_ids.size() < static_cast<size_t>(source_views)) return;
-    refined.push_back(since(maps->frame->id + mapper_options.lookahead));
+    refined.push_back(since(maps->frame->id + options.lookahead));
     device.push_back(maps->times.kernels_ms);
   };
   const std::unique_ptr<DepthEngine> output_engine = engine->Share();
-  DenseMapper mapper(engine, mapper_options, callbacks, output_engine.get());
+  DenseMapper mapper(engine, options, callbacks, output_engine.get());
 
   const cv::Mat texture = MakeTexture(size);
   constexpr int kDistinct = 64;  // frames made beforehand; the stream goes to and fro over them

@@ -43,9 +43,7 @@ struct StreamFigures {
   size_t device_bytes_begin = 0, device_bytes_end = 0, host_bytes_begin = 0, host_bytes_end = 0;
 };
 
-/// Feeds a camera that moves along a textured wall to a mapper with the default window.
-/// @param refine_again as in DenseMapperOptions
-StreamFigures MeasureStream(DepthEngine* engine, const PipelineOptions& options, ImageSize size, int source_views,
-                            int keyframes, bool refine_again);
+/// Feeds a camera that moves along a textured wall to a mapper with these options.
+StreamFigures MeasureStream(DepthEngine* engine, const DenseMapperOptions& options, ImageSize size, int keyframes);
 
 }  // namespace acmp
