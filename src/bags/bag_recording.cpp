@@ -4,6 +4,8 @@
 #include <fstream>
 #include <iterator>
 
+#include <nav_msgs/Path.h>
+
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/image/image_processing.h"
 #include "acmp_mapping/ros/output_conversion.h"
@@ -34,6 +36,17 @@ void WriteGeometry(BagWriter& writer, int index, const PinholeCamera& camera, co
   writer.Write(kTfTopic, stamp, ToTf(pose, options.camera_frame));
   if (landmarks != nullptr) writer.Write(kSparsePointsTopic, stamp, ToPointCloud2(*landmarks, in_world));
   writer.Write(kPoseTopic, stamp, pose);
+}
+
+/// The poses after the loop closure of all images before it, with their stamps.
+nav_msgs::Path MakeOptimizedPath(const SlamRun& slam, const RecordingOptions& options) {
+  nav_msgs::Path path;
+  path.header = MakeHeader(static_cast<int>(slam.loop_closure), options.world_frame, options);
+  for (size_t i = static_cast<size_t>(slam.errors.start); i < slam.loop_closure; ++i) {
+    const std_msgs::Header header = MakeHeader(static_cast<int>(i), options.world_frame, options);
+    path.poses.push_back(ToPoseStamped(slam.corrected[i].inverse(Eigen::Isometry), header));
+  }
+  return path;
 }
 
 std::string ReadFileBytes(const std::filesystem::path& path) {
@@ -103,8 +116,12 @@ RecordingSummary RecordScene(const Scene& scene, const std::vector<int>& indices
 }
 
 RecordingSummary RecordSynthetic(const std::vector<SyntheticView>& views, const RecordingOptions& options,
-                                 const std::filesystem::path& bag_path) {
+                                 const std::filesystem::path& bag_path, const SlamRun* slam) {
   Validate(options);
+  if (slam != nullptr && slam->outputs.size() != views.size()) {
+    throw InvalidInputError(
+        Concat("the simulated frontend saw ", slam->outputs.size(), " of ", views.size(), " images"));
+  }
   if (options.compressed || options.max_image_size > 0) {
     throw InvalidInputError("a synthetic scene is recorded uncompressed and at its own size");
   }
@@ -115,9 +132,14 @@ RecordingSummary RecordSynthetic(const std::vector<SyntheticView>& views, const 
     const Frame& frame = views[i].frame;
     const std_msgs::Header header = MakeHeader(index, options.camera_frame, options);
     writer.Write(kImageTopic, header.stamp, *ToColorMessage(frame.color, header));
-    WriteGeometry(writer, index, frame.camera, {}, frame.cam_from_world, &frame.landmarks_in_world, options);
+    if (slam != nullptr && i == slam->loop_closure) {
+      writer.Write(kOptimizedPathTopic, header.stamp, MakeOptimizedPath(*slam, options));
+    }
+    const SlamOutput exact = {frame.cam_from_world, frame.landmarks_in_world};
+    const SlamOutput& output = slam != nullptr ? slam->outputs[i] : exact;
+    WriteGeometry(writer, index, frame.camera, {}, output.cam_from_world, &output.landmarks_in_world, options);
     ++summary.images;
-    summary.landmarks += frame.landmarks_in_world.size();
+    summary.landmarks += output.landmarks_in_world.size();
     summary.duration_s = (header.stamp - StampOf(0, options)).toSec();
   }
   writer.Finish();

@@ -19,6 +19,7 @@ struct Arguments {
   std::vector<std::string> paths;
   bool synthetic = false;
   std::string scene_name;
+  std::string poses = "true";
   std::string ground_truth;
   std::string images;
   std::string format = "auto", pixel_centers = "integer";
@@ -67,6 +68,14 @@ void AddOptions(CLI::App& app, Arguments& arguments) {
   app.add_option("--scene", arguments.scene_name, "room (unless given), hard or street: as acmp_make_scene has them")
       ->type_name("NAME")
       ->group(synthetic_group);
+  app.add_option(
+         "--poses", arguments.poses,
+         "true, or slam: those of a simulated monocular frontend, with its sparse points: a late start, half the\n"
+         "size, drift and a scale that grows until a loop is closed (/slam/optimized_path), jitter")
+      ->type_name("NAME")
+      ->check(CLI::IsMember({"true", "slam"}))
+      ->capture_default_str()
+      ->group(synthetic_group);
   app.add_option("--width", arguments.scene.width, "px")->capture_default_str()->group(synthetic_group);
   app.add_option("--height", arguments.scene.height, "px")->capture_default_str()->group(synthetic_group);
   app.add_option("--keyframes", arguments.scene.keyframes, "Number of images")
@@ -88,13 +97,16 @@ acmp::RecordingSummary MakeSyntheticBag(const Arguments& arguments) {
   if (!arguments.scene_name.empty()) acmp::SelectSyntheticScene(arguments.scene_name, &options);
   const std::vector<acmp::SyntheticView> views = acmp::MakeSyntheticScene(options);
   if (!arguments.ground_truth.empty()) acmp::WriteSceneFiles(arguments.ground_truth, views, kSurfaceSpacing_m);
-  return acmp::RecordSynthetic(views, arguments.recording, arguments.paths[0]);
+  if (arguments.poses == "true") return acmp::RecordSynthetic(views, arguments.recording, arguments.paths[0]);
+  const acmp::SlamRun slam = acmp::SimulateSlam(views, acmp::SlamErrors(), options.seed);
+  return acmp::RecordSynthetic(views, arguments.recording, arguments.paths[0], &slam);
 }
 
 acmp::RecordingSummary MakeSceneBag(const Arguments& arguments) {
   if (arguments.paths.size() != 2) throw acmp::InvalidInputError("give SCENE and OUT.bag");
   if (!arguments.ground_truth.empty()) throw acmp::InvalidInputError("--ground-truth needs --synthetic");
   if (!arguments.scene_name.empty()) throw acmp::InvalidInputError("--scene needs --synthetic");
+  if (arguments.poses != "true") throw acmp::InvalidInputError("--poses slam needs --synthetic");
   const acmp::Scene scene = acmp::ReadScene(arguments.paths[0], acmp::ParseSceneFormat(arguments.format),
                                             acmp::ParsePixelCenters(arguments.pixel_centers));
   for (const std::string& warning : scene.warnings) std::cerr << "warning: " << warning << '\n';

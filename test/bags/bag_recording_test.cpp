@@ -4,6 +4,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <nav_msgs/Path.h>
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
@@ -109,6 +110,37 @@ TEST_F(RecordSyntheticTest, SameInputGivesSameBytes) {
   RecordSynthetic(MakeSyntheticScene(SmallScene()), {}, folder() / "b.bag");
   EXPECT_GT(ReadText(folder() / "a.bag").size(), 3u * 48 * 36 * 3);
   EXPECT_TRUE(ReadText(folder() / "a.bag") == ReadText(folder() / "b.bag"));
+}
+
+TEST_F(RecordSyntheticTest, HoldsWhatASimulatedFrontendPublishes) {
+  SyntheticSceneOptions scene = SmallScene();
+  scene.keyframes = 9;
+  const std::vector<SyntheticView> views = MakeSyntheticScene(scene);
+  const SlamRun slam = SimulateSlam(views, {}, 1);
+  RecordSynthetic(views, {}, folder() / "a.bag", &slam);
+  const auto poses = ReadAll<geometry_msgs::PoseStamped>(folder() / "a.bag", kPoseTopic);
+  const auto clouds = ReadAll<sensor_msgs::PointCloud2>(folder() / "a.bag", kSparsePointsTopic);
+  const auto paths = ReadAll<nav_msgs::Path>(folder() / "a.bag", kOptimizedPathTopic);
+  ASSERT_EQ(poses.size(), 9u);
+  ASSERT_EQ(clouds.size(), 9u);
+  EXPECT_EQ(poses[0]->pose.orientation.w, 1);
+  EXPECT_EQ(clouds[2]->width, 0u);
+  EXPECT_EQ(clouds[3]->width, views[3].frame.landmarks_in_world.size());
+  const Eigen::Vector3d centre = slam.outputs[8].cam_from_world.inverse().translation();
+  EXPECT_NEAR(poses[8]->pose.position.x, centre.x(), 1e-12);  // inverted twice in double
+  ASSERT_EQ(paths.size(), 1u);
+  ASSERT_EQ(paths[0]->poses.size(), 4u);  // images 3 to 6
+  EXPECT_EQ(paths[0]->header.stamp, poses[7]->header.stamp);
+  EXPECT_EQ(paths[0]->poses[0].header.stamp, poses[3]->header.stamp);
+  EXPECT_EQ(paths[0]->poses[3].pose.position.x, slam.corrected[6].translation().x());
+}
+
+TEST_F(RecordSyntheticTest, RefusesTheRunOfAnotherScene) {
+  SyntheticSceneOptions scene = SmallScene();
+  scene.keyframes = 9;
+  const std::vector<SyntheticView> views = MakeSyntheticScene(scene);
+  const SlamRun slam = SimulateSlam(views, {}, 1);
+  EXPECT_THROW(RecordSynthetic(MakeSyntheticScene(SmallScene()), {}, folder() / "a.bag", &slam), InvalidInputError);
 }
 
 TEST_F(RecordSyntheticTest, HoldsTheFrames) {

@@ -8,6 +8,7 @@
 #include <ros/time.h>
 
 #include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/evaluation/slam_simulation.h"
 #include "acmp_mapping/evaluation/synthetic_scene.h"
 
 namespace acmp {
@@ -29,6 +30,7 @@ constexpr char kCameraInfoTopic[] = "/camera/camera_info";
 constexpr char kPoseTopic[] = "/slam/pose";
 constexpr char kSparsePointsTopic[] = "/slam/sparse_points";
 constexpr char kTfTopic[] = "/tf";
+constexpr char kOptimizedPathTopic[] = "/slam/optimized_path";  ///< of a simulated frontend
 
 struct RecordingSummary {
   size_t images = 0;
@@ -43,7 +45,9 @@ ros::Time StampOf(int index, const RecordingOptions& options);
 RecordingSummary RecordScene(const Scene& scene, const std::vector<int>& indices, const RecordingOptions& options,
                              const std::filesystem::path& bag_path);
 
+/// With `slam`, made of the same views, poses and points are the simulated frontend's, and the path that its loop
+/// closure corrects comes before the image after it.
 RecordingSummary RecordSynthetic(const std::vector<SyntheticView>& views, const RecordingOptions& options,
-                                 const std::filesystem::path& bag_path);
+                                 const std::filesystem::path& bag_path, const SlamRun* slam = nullptr);
 
 }  // namespace acmp

@@ -1,0 +1,99 @@
+#include "acmp_mapping/evaluation/slam_simulation.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "gtest/gtest.h"
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/keyframe/landmark_visibility.h"
+
+namespace acmp {
+namespace {
+
+std::vector<SyntheticView> Views(int count) {
+  SyntheticSceneOptions options;
+  options.width = 48;
+  options.height = 36;
+  options.keyframes = count;
+  return MakeSyntheticScene(options);
+}
+
+Eigen::Vector3d Centre(const SlamOutput& output) { return output.cam_from_world.inverse().translation(); }
+
+/// Without errors that are random.
+SlamErrors DriftAlone() {
+  SlamErrors errors;
+  errors.jitter_deg = errors.jitter_m = 0;
+  return errors;
+}
+
+TEST(SimulateSlamTest, StartsWithIdentityPosesAndNoLandmarks) {
+  const SlamRun run = SimulateSlam(Views(9), {}, 1);
+  ASSERT_EQ(run.outputs.size(), 9u);
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_TRUE(run.outputs[i].cam_from_world.matrix().isIdentity()) << i;
+    EXPECT_TRUE(run.outputs[i].landmarks_in_world.empty()) << i;
+  }
+  EXPECT_EQ(run.loop_closure, 7u);
+  EXPECT_EQ(run.corrected.size(), 7u);
+}
+
+TEST(SimulateSlamTest, LandmarksProjectWhereTheyDoInTruth) {
+  const std::vector<SyntheticView> views = Views(9);
+  const SlamRun run = SimulateSlam(views, DriftAlone(), 1);
+  for (size_t i = 3; i < 9; ++i) {
+    const Frame& frame = views[i].frame;
+    const std::vector<Eigen::Vector3d>& landmarks = run.outputs[i].landmarks_in_world;
+    ASSERT_EQ(landmarks.size(), frame.landmarks_in_world.size());
+    ASSERT_FALSE(landmarks.empty());
+    const double scale =
+        i < run.loop_closure ? 0.5 * (1 + 0.06 * static_cast<double>(i - 3) / 4.0) : 0.5;  // closes at 7
+    for (size_t k = 0; k < landmarks.size(); ++k) {
+      const Eigen::Vector3d expected = frame.cam_from_world * frame.landmarks_in_world[k];
+      // Rounding of double at a few metres.
+      EXPECT_LT((run.outputs[i].cam_from_world * landmarks[k] - scale * expected).norm(), 1e-12) << i;
+    }
+  }
+}
+
+TEST(SimulateSlamTest, DriftsUntilTheLoopIsClosed) {
+  const std::vector<SyntheticView> views = Views(12);
+  const SlamRun run = SimulateSlam(views, DriftAlone(), 1);
+  const auto error_m = [&](size_t i) {
+    return (run.ToTrueWorld(Centre(run.outputs[i])) - views[i].frame.cam_from_world.inverse().translation()).norm();
+  };
+  EXPECT_LT(error_m(3), 1e-12);
+  for (size_t i = 4; i < run.loop_closure; ++i) EXPECT_GT(error_m(i), 0.001) << i;
+  for (size_t i = run.loop_closure; i < 12; ++i) EXPECT_LT(error_m(i), 1e-12) << i;
+  for (size_t i = 3; i < run.loop_closure; ++i) {
+    const Eigen::Vector3d corrected = run.ToTrueWorld(run.corrected[i].translation());
+    EXPECT_LT((corrected - views[i].frame.cam_from_world.inverse().translation()).norm(), 1e-12) << i;
+  }
+}
+
+TEST(SimulateSlamTest, JitterHasItsSize) {
+  const std::vector<SyntheticView> views = Views(200);
+  const SlamRun run = SimulateSlam(views, {}, 1), steady = SimulateSlam(views, DriftAlone(), 1);
+  double squares = 0, squared_angles = 0;
+  for (size_t i = 3; i < 200; ++i) {
+    const RigidTransform off = run.outputs[i].cam_from_world * steady.outputs[i].cam_from_world.inverse();
+    squares += off.translation().squaredNorm();
+    squared_angles += std::pow(Eigen::AngleAxisd(off.linear()).angle(), 2);
+  }
+  // Three axes each, 0.5 to 0.53 units per metre; of 197 images the standard deviation is known to 3 %.
+  EXPECT_NEAR(std::sqrt(squares / 197 / 3), 0.515 * 0.002, 0.1 * 0.515 * 0.002);
+  EXPECT_NEAR(std::sqrt(squared_angles / 197 / 3) * 180 / M_PI, 0.06, 0.006);
+  const SlamRun other = SimulateSlam(views, {}, 2);
+  EXPECT_NE(Centre(run.outputs[5]), Centre(other.outputs[5]));
+}
+
+TEST(SimulateSlamTest, RefusesTooFewImagesAndNoUnits) {
+  EXPECT_THROW(SimulateSlam(Views(6), {}, 1), InvalidInputError);
+  SlamErrors errors;
+  errors.units_per_m = 0;
+  EXPECT_THROW(SimulateSlam(Views(9), errors, 1), InvalidInputError);
+}
+
+}  // namespace
+}  // namespace acmp
