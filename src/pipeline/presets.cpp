@@ -19,13 +19,15 @@ void Validate(const PipelineOptions& options) {
 
 namespace {
 
-/// What the papers leave out: they keep what matching gave, of images as they are. The papers do not say how sparse the
-/// credible correspondences are; as in the authors' program it is one per cell of 5 x 5 px.
+/// What the papers leave out: they keep what matching gave, of images as they are, and ask for closer depths. The
+/// papers do not say how sparse the credible correspondences are; as in the authors' program it is one per cell of 5 x
+/// 5 px.
 PipelineOptions MakePapers(Method method) {
   PipelineOptions options;
   options.patch_match.method = method;
   options.fill.enabled = false;
   options.fusion.min_point_confidence = 0;
+  options.fusion.max_relative_depth = 0.01f;
   return options;
 }
 

@@ -45,16 +45,17 @@ class FuseOnEnginesTest : public EngineTest {
     if (engine_) views_ = UploadViews(TwoGroups(), engine_.get());
   }
   PointCloud Fuse(DepthEngine* engine, int view, FusionStamps* stamps) const {
-    return FuseOne(engine, views_, neighbors_, view, stamps);
+    return FuseOne(engine, views_, neighbors_, view, stamps, options_);
   }
 
   const std::vector<std::vector<int>> neighbors_ = GroupNeighbors();
+  const FusionOptions options_ = {2.0f, 0.01f};  // so close that of these views each has points of its own
   std::vector<EngineView> views_;
 };
 INSTANTIATE_TEST_SUITE_P(Devices, FuseOnEnginesTest, ::testing::Values(Device::kCpu, Device::kCuda), DeviceName);
 
 TEST_P(FuseOnEnginesTest, ViewsWithoutACommonFrameMayComeInAnyOrder) {
-  const std::vector<PointCloud> expected = FuseAll(engine_.get(), views_, neighbors_);
+  const std::vector<PointCloud> expected = FuseAll(engine_.get(), views_, neighbors_, options_);
   for (const PointCloud& cloud : expected) ASSERT_GT(cloud.size(), 10u) << "nothing is left: the test shows nothing";
   const int count = static_cast<int>(views_.size());
   for (uint32_t seed = 0; seed < 10; ++seed) {
@@ -78,7 +79,7 @@ TEST_P(FuseOnEnginesTest, ViewsWithoutACommonFrameMayComeInAnyOrder) {
 }
 
 TEST_P(FuseOnEnginesTest, EnginesMayFuseAtTheSameTime) {
-  const std::vector<PointCloud> expected = FuseAll(engine_.get(), views_, neighbors_);
+  const std::vector<PointCloud> expected = FuseAll(engine_.get(), views_, neighbors_, options_);
   const std::unique_ptr<DepthEngine> other = engine_->Share();
   for (int run = 0; run < 10; ++run) {
     const std::unique_ptr<FusionStamps> stamps = engine_->MakeFusionStamps();
@@ -94,12 +95,12 @@ TEST_P(FuseOnEnginesTest, EnginesMayFuseAtTheSameTime) {
 }
 
 TEST_P(FuseOnEnginesTest, RanksNeedNotFollowEachOther) {
-  const std::vector<PointCloud> expected = FuseAll(engine_.get(), views_, neighbors_);
+  const std::vector<PointCloud> expected = FuseAll(engine_.get(), views_, neighbors_, options_);
   const std::unique_ptr<FusionStamps> stamps = engine_->MakeFusionStamps();
   const std::vector<EngineView> sources = {views_[1], views_[2], views_[3]};
-  EXPECT_EQ(FirstDifference(engine_->FuseView(views_[0], sources, {}, 7, stamps.get()), expected[0]), "");
+  EXPECT_EQ(FirstDifference(engine_->FuseView(views_[0], sources, options_, 7, stamps.get()), expected[0]), "");
   // The last rank there is.
-  const PointCloud last = engine_->FuseView(views_[1], {views_[0], views_[2]}, {}, 65534, stamps.get());
+  const PointCloud last = engine_->FuseView(views_[1], {views_[0], views_[2]}, options_, 65534, stamps.get());
   EXPECT_EQ(FirstDifference(last, expected[1]), "");
 }
 

@@ -53,7 +53,7 @@ TEST(PointLosses, NamesTheCheckThatFails) {
   PointLosses losses = Count(views);
   EXPECT_EQ(losses.points, 0u);
   EXPECT_GT(losses.relative_depth, kPixels / 2);
-  EXPECT_THAT(Describe(losses, {}), AllOf(StartsWith("depth (1 %) "), HasSubstr("~pose_is")));
+  EXPECT_THAT(Describe(losses, {}), AllOf(StartsWith("depth (2 %) "), HasSubstr("~pose_is")));
 
   views = Views();
   for (int i = 1; i < 3; ++i) {

@@ -72,6 +72,7 @@ TEST(PresetsTest, OnlineTakesAllStepsWithLessWork) {
   EXPECT_EQ(online.patch_match.geometric_iterations, 1);
   EXPECT_EQ(online.patch_match.min_neighbours_per_view, 1);
   EXPECT_EQ(online.patch_match.view_draws, 8);
+  EXPECT_EQ(online.fusion.max_relative_depth, 0.02f);
 
   EXPECT_EQ(online.patch_match.method, Method::kOurs);
 }
