@@ -56,6 +56,7 @@ class KeyframeWindow {
 
  private:
   std::vector<WindowKeyframePtr> Others(const WindowKeyframe& keyframe) const;
+
   SourceViewOptions options_;
   std::deque<WindowKeyframePtr> keyframes_;
 };

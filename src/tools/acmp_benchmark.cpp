@@ -107,7 +107,7 @@ int main(int argc, char** argv) {
                  "Of the stream: " + acmp::WindowOptionTable().Find("refine_again").description.sentence)
       ->capture_default_str();
   const acmp::OptionDescription& refine_poses = acmp::WindowOptionTable().Find("refine_poses").description;
-  arguments.stream.poses.refine = acmp::RefinePoses::kOff;
+  arguments.stream.poses.refine = acmp::RefinePoses::kOff;  // the stream's are exact
   app.add_option_function<std::string>(
          "--refine-poses",
          [&](const std::string& value) {

@@ -31,10 +31,10 @@ struct SlamRun {
   size_t loop_closure = 0;          ///< before this image it closes a loop: from here on nothing drifts any more
   /// world_from_cam of the images before, as the loop closure corrects them; identity of those before the start.
   std::vector<RigidTransform> corrected;
+  RigidTransform start_from_true = RigidTransform::Identity();  ///< the camera's true cam_from_world at image `start`
 
-  /// Of a point in the frontend's world, as it is after the loop closure.
+  /// Where a point of the frontend's world, as that is after the loop closure, lies in the true one, m.
   Eigen::Vector3d ToTrueWorld(const Eigen::Vector3d& point) const;
-  RigidTransform start_from_true;  ///< the camera's true pose at image `start`
 };
 
 /// Runs the frontend on views in their order. The loop is closed after two thirds of the images. The same input gives
