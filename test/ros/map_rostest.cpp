@@ -9,6 +9,7 @@
 #include <gtest/gtest.h>
 #include <nav_msgs/Path.h>
 #include <pcl_conversions/pcl_conversions.h>
+#include <tf2_eigen/tf2_eigen.h>
 
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/ros/map_point.h"
@@ -131,14 +132,7 @@ struct Session {
       geometry_msgs::PoseStamped pose;
       pose.header.frame_id = message.header.frame_id;
       pose.header.stamp = StampOf(i) + ros::Duration(0, i % 2 == 0 ? 119 : -119);
-      const Eigen::Quaterniond rotation(poses[i].linear());
-      pose.pose.position.x = poses[i].translation().x();
-      pose.pose.position.y = poses[i].translation().y();
-      pose.pose.position.z = poses[i].translation().z();
-      pose.pose.orientation.x = rotation.x();
-      pose.pose.orientation.y = rotation.y();
-      pose.pose.orientation.z = rotation.z();
-      pose.pose.orientation.w = rotation.w();
+      pose.pose = tf2::toMsg(poses[i]);
       message.poses.push_back(pose);
     }
     return message;

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 #include <nav_msgs/Path.h>
 #include <pcl_conversions/pcl_conversions.h>
+#include <tf2_eigen/tf2_eigen.h>
 
 #include "acmp_mapping/evaluation/cloud_metrics.h"
 #include "acmp_mapping/evaluation/slam_simulation.h"
@@ -26,21 +27,6 @@ SlamErrors Errors() {
   errors.step_m = 0.0005;
   errors.jitter_deg = errors.jitter_m = 0;
   return errors;
-}
-
-geometry_msgs::PoseStamped ToMessage(const RigidTransform& world_from_cam, const ros::Time& stamp) {
-  geometry_msgs::PoseStamped pose;
-  pose.header.stamp = stamp;
-  pose.header.frame_id = kWorldFrame;
-  const Eigen::Quaterniond rotation(world_from_cam.linear());
-  pose.pose.position.x = world_from_cam.translation().x();
-  pose.pose.position.y = world_from_cam.translation().y();
-  pose.pose.position.z = world_from_cam.translation().z();
-  pose.pose.orientation.x = rotation.x();
-  pose.pose.orientation.y = rotation.y();
-  pose.pose.orientation.z = rotation.z();
-  pose.pose.orientation.w = rotation.w();
-  return pose;
 }
 
 struct Session {
@@ -81,7 +67,11 @@ struct Session {
     nav_msgs::Path path;
     path.header.frame_id = kWorldFrame;
     for (auto i = static_cast<size_t>(slam.errors.start); i < slam.loop_closure; ++i) {
-      path.poses.push_back(ToMessage(slam.corrected[i], StampOf(i)));
+      geometry_msgs::PoseStamped pose;
+      pose.header.frame_id = kWorldFrame;
+      pose.header.stamp = StampOf(i);
+      pose.pose = tf2::toMsg(slam.corrected[i]);
+      path.poses.push_back(pose);
     }
     optimized_path.publish(path);
   }
