@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <memory>
 
 #include "rotation_vector.h"
@@ -120,6 +121,23 @@ class SightingCost : public ceres::SizedCostFunction<2, kPoseSize, kPoseSize, 1,
   const double weight_;
 };
 
+/// What sightings whose views do not move tell of an inverse depth: their sum, linear about the depth known so far.
+class DepthPrior : public ceres::SizedCostFunction<1, 1> {
+ public:
+  /// @param information 1 / variance
+  DepthPrior(double inverse_depth, double information)
+      : inverse_depth_(inverse_depth), weight_(std::sqrt(information)) {}
+
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    residuals[0] = weight_ * (parameters[0][0] - inverse_depth_);
+    if (jacobians && jacobians[0]) jacobians[0][0] = weight_;
+    return true;
+  }
+
+ private:
+  const double inverse_depth_, weight_;
+};
+
 /// An expected pose. The rotation's derivative is that at zero: corrections are small.
 class PosePrior : public ceres::SizedCostFunction<6, kPoseSize> {
  public:
@@ -227,7 +245,7 @@ class QuietLog {
 class Adjustment {
  public:
   Adjustment(const BundleWeights& weights, size_t fixed_views, Bundle* bundle, CameraErrors* camera)
-      : weights_(weights), bundle_(*bundle), camera_(*camera), problem_(KeepOurs()) {
+      : weights_(weights), fixed_views_(fixed_views), bundle_(*bundle), camera_(*camera), problem_(KeepOurs()) {
     for (const ViewPose& pose : bundle_.poses) poses_.push_back(ToParameters(pose));
     for (size_t i = 0; i < poses_.size(); ++i) {
       problem_.AddParameterBlock(poses_[i].data(), kPoseSize, &manifold_);
@@ -299,22 +317,45 @@ class Adjustment {
     const Eigen::Vector3d ray = anchor_camera.Unproject(landmark->pixel);
     const PixelErrors anchor_errors = ErrorsAt(anchor, landmark->pixel, motions[anchor], ray, landmark->inverse_depth);
     bool added = false;
+    double information = 0, gradient = 0;  // of the inverse depth, from fixed views
     for (const Sighting& sighting : landmark->sightings) {
       const auto view = static_cast<size_t>(sighting.view);
       const Eigen::Vector3d y =
           DirectionInView(ray, landmark->inverse_depth, bundle_.poses[anchor], bundle_.poses[view]);
       if (!(y.z() > 2 * SightingCost::kMinDepthRatio)) continue;
       const PixelErrors errors = ErrorsAt(view, sighting.pixel, motions[view], y, landmark->inverse_depth);
-      problem_.AddResidualBlock(new SightingCost(anchor_camera, landmark->pixel, anchor_errors, bundle_.cameras[view],
-                                                 sighting.pixel, errors, weights_.pixel_sigma),
-                                &loss_, poses_[anchor].data(), poses_[view].data(), &landmark->inverse_depth,
-                                camera_errors_.data());
+      auto cost = std::make_unique<SightingCost>(anchor_camera, landmark->pixel, anchor_errors, bundle_.cameras[view],
+                                                 sighting.pixel, errors, weights_.pixel_sigma);
+      const std::array<double*, 4> parameters = {poses_[anchor].data(), poses_[view].data(), &landmark->inverse_depth,
+                                                 camera_errors_.data()};
+      if (std::max(anchor, view) < fixed_views_) {
+        AddToDepth(*cost, parameters.data(), &information, &gradient);
+        continue;
+      }
+      problem_.AddResidualBlock(cost.release(), &loss_, parameters.data(), static_cast<int>(parameters.size()));
       added = true;
+    }
+    if (added && information > 0) {
+      problem_.AddResidualBlock(new DepthPrior(landmark->inverse_depth - gradient / information, information), nullptr,
+                                &landmark->inverse_depth);
     }
     if (added) ordering_->AddElementToGroup(&landmark->inverse_depth, 0);
   }
 
+  /// Adds J^T J and J^T r of a sighting with respect to the inverse depth, weighted by the loss.
+  void AddToDepth(const SightingCost& cost, const double* const* parameters, double* information,
+                  double* gradient) const {
+    Eigen::Vector2d residual, derivative;
+    double* jacobians[] = {nullptr, nullptr, derivative.data(), nullptr};
+    if (!cost.Evaluate(parameters, residual.data(), jacobians)) return;
+    double loss[3];
+    loss_.Evaluate(residual.squaredNorm(), loss);
+    *information += loss[1] * derivative.squaredNorm();
+    *gradient += loss[1] * derivative.dot(residual);
+  }
+
   const BundleWeights& weights_;
+  const size_t fixed_views_;
   Bundle& bundle_;
   CameraErrors& camera_;
   std::vector<std::array<double, kPoseSize>> poses_;

@@ -12,11 +12,11 @@ namespace {
 /// block px.
 double ResponseOf(double gradient) { return 4 * gradient * gradient / (255.0 * 255.0); }
 
-bool IsLocalMaximum(const cv::Mat1f& response, int col, int row) {
-  const float value = response(row, col);
+bool IsLocalMaximum(const Image<float>& response, int col, int row) {
+  const float value = response(col, row);
   for (int r = row - 1; r <= row + 1; ++r) {
     for (int c = col - 1; c <= col + 1; ++c) {
-      if (response(r, c) > value) return false;
+      if (response(c, r) > value) return false;
     }
   }
   return true;
@@ -31,14 +31,19 @@ CornerOptions CornersFor(const PinholeCamera& camera, int corners) {
   return options;
 }
 
-std::vector<Eigen::Vector2d> DetectCorners(const Image<uint8_t>& image, const std::vector<Eigen::Vector2d>& taken,
-                                           const CornerOptions& options) {
+Image<float> CornerResponse(const Image<uint8_t>& image) {
   const cv::Mat pixels(image.height(), image.width(), CV_8UC1, const_cast<uint8_t*>(image.data()));
-  cv::Mat1f response;
+  Image<float> response(image.width(), image.height());
+  cv::Mat result(image.height(), image.width(), CV_32FC1, response.data());
   constexpr int kBlock = 5;
-  cv::cornerMinEigenVal(pixels, response, kBlock, 3);
-  const int cols = (image.width() + options.cell - 1) / options.cell;
-  const int rows = (image.height() + options.cell - 1) / options.cell;
+  cv::cornerMinEigenVal(pixels, result, kBlock, 3);
+  return response;
+}
+
+std::vector<Eigen::Vector2d> PickCorners(const Image<float>& response, const std::vector<Eigen::Vector2d>& taken,
+                                         const CornerOptions& options) {
+  const int cols = (response.width() + options.cell - 1) / options.cell;
+  const int rows = (response.height() + options.cell - 1) / options.cell;
   std::vector<bool> is_taken(static_cast<size_t>(cols) * rows, false);
   for (const Eigen::Vector2d& pixel : taken) {
     const int col = static_cast<int>(pixel.x()) / options.cell, row = static_cast<int>(pixel.y()) / options.cell;
@@ -50,15 +55,15 @@ std::vector<Eigen::Vector2d> DetectCorners(const Image<uint8_t>& image, const st
     for (int cell_col = 0; cell_col < cols; ++cell_col) {
       if (is_taken[static_cast<size_t>(cell_row) * cols + cell_col]) continue;
       const int left = std::max(cell_col * options.cell, options.border);
-      const int right = std::min((cell_col + 1) * options.cell, image.width() - options.border);
+      const int right = std::min((cell_col + 1) * options.cell, response.width() - options.border);
       const int top = std::max(cell_row * options.cell, options.border);
-      const int bottom = std::min((cell_row + 1) * options.cell, image.height() - options.border);
+      const int bottom = std::min((cell_row + 1) * options.cell, response.height() - options.border);
       float best = threshold;
       int best_col = -1, best_row = -1;
       for (int row = top; row < bottom; ++row) {
         for (int col = left; col < right; ++col) {
-          if (response(row, col) > best && IsLocalMaximum(response, col, row)) {
-            best = response(row, col), best_col = col, best_row = row;
+          if (response(col, row) > best && IsLocalMaximum(response, col, row)) {
+            best = response(col, row), best_col = col, best_row = row;
           }
         }
       }

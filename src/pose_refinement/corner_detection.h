@@ -17,9 +17,13 @@ struct CornerOptions {
 /// So that an image has about so many cells.
 CornerOptions CornersFor(const PinholeCamera& camera, int corners);
 
-/// Corners (Shi and Tomasi 1994: the smaller eigenvalue of the gradients' covariance over 5 x 5 px has a local maximum
-/// there), the strongest of each cell, cells row by row. Cells that hold one of `taken` are left out.
-std::vector<Eigen::Vector2d> DetectCorners(const Image<uint8_t>& image, const std::vector<Eigen::Vector2d>& taken,
-                                           const CornerOptions& options);
+/// At each pixel the smaller eigenvalue of the gradients' covariance over 5 x 5 px (Shi and Tomasi 1994), as
+/// cv::cornerMinEigenVal scales it.
+Image<float> CornerResponse(const Image<uint8_t>& image);
+
+/// Local maxima of the response, the strongest of each cell, cells row by row. Cells that hold one of `taken` are left
+/// out.
+std::vector<Eigen::Vector2d> PickCorners(const Image<float>& response, const std::vector<Eigen::Vector2d>& taken,
+                                         const CornerOptions& options);
 
 }  // namespace acmp

@@ -23,7 +23,12 @@ struct Template {
   float dx[kMaxPixels];      ///< gradients of these
   float dy[kMaxPixels];
   Eigen::Matrix2f inverse_hessian;
+
+  int count() const { return side * side; }
 };
+
+using Values = Eigen::Map<Eigen::VectorXf>;  // its sums are vector code
+using ConstValues = Eigen::Map<const Eigen::VectorXf>;
 
 /// False where the patch leaves the image or has no texture.
 bool MakeTemplate(const GrayPyramid& image, const Eigen::Vector2d& pixel, const Eigen::Matrix2d& inverse_warp,
@@ -49,30 +54,22 @@ bool MakeTemplate(const GrayPyramid& image, const Eigen::Vector2d& pixel, const 
     }
   }
   patch->side = 2 * half + 1;
-  const int count = patch->side * patch->side;
-  float mean = 0;
   for (int row = 0, i = 0; row < patch->side; ++row) {
     for (int col = 0; col < patch->side; ++col, ++i) {
       const float* p = values + (row + 1) * side + col + 1;
       patch->values[i] = *p;
       patch->dx[i] = 0.5f * (p[1] - p[-1]);
       patch->dy[i] = 0.5f * (p[side] - p[-side]);
-      mean += *p;
     }
   }
-  mean /= static_cast<float>(count);
-  float squares = 0;
-  for (int i = 0; i < count; ++i) {
-    patch->values[i] -= mean;
-    squares += patch->values[i] * patch->values[i];
-  }
+  const int count = patch->count();
+  Values centred(patch->values, count), dx(patch->dx, count), dy(patch->dy, count);
+  centred.array() -= centred.mean();
+  const float squares = centred.squaredNorm();
   if (!(squares > static_cast<float>(count))) return false;  // a standard deviation of one grey value
   const float inverse_norm = 1.0f / std::sqrt(squares);
-  float xx = 0, xy = 0, yy = 0;
-  for (int i = 0; i < count; ++i) {
-    patch->values[i] *= inverse_norm, patch->dx[i] *= inverse_norm, patch->dy[i] *= inverse_norm;
-    xx += patch->dx[i] * patch->dx[i], xy += patch->dx[i] * patch->dy[i], yy += patch->dy[i] * patch->dy[i];
-  }
+  centred *= inverse_norm, dx *= inverse_norm, dy *= inverse_norm;
+  const float xx = dx.squaredNorm(), xy = dx.dot(dy), yy = dy.squaredNorm();
   const float determinant = xx * yy - xy * xy;
   if (!(determinant > 1e-4f * (xx + yy) * (xx + yy))) return false;
   patch->inverse_hessian << yy, -xy, -xy, xx;
@@ -86,25 +83,19 @@ bool SamplePatch(const Image<uint8_t>& image, const Eigen::Vector2f& at, int hal
   if (left < 0 || top < 0 || left + 2 * half + 1 >= image.width() || top + 2 * half + 1 >= image.height()) return false;
   const float a = at.x() - std::floor(at.x()), b = at.y() - std::floor(at.y());
   const float w00 = (1 - a) * (1 - b), w01 = a * (1 - b), w10 = (1 - a) * b, w11 = a * b;
-  const int side = 2 * half + 1, count = side * side;
-  float sum = 0;
+  const int side = 2 * half + 1;
   for (int row = 0, i = 0; row < side; ++row) {
     const uint8_t* p = &image(left, top + row);
     const uint8_t* q = p + image.width();
     for (int col = 0; col < side; ++col, ++i) {
       values[i] = w00 * p[col] + w01 * p[col + 1] + w10 * q[col] + w11 * q[col + 1];
-      sum += values[i];
     }
   }
-  const float mean = sum / static_cast<float>(count);
-  float squares = 0;
-  for (int i = 0; i < count; ++i) {
-    values[i] -= mean;
-    squares += values[i] * values[i];
-  }
-  if (!(squares > 0.25f * static_cast<float>(count))) return false;
-  const float inverse_norm = 1.0f / std::sqrt(squares);
-  for (int i = 0; i < count; ++i) values[i] *= inverse_norm;
+  Values centred(values, side * side);
+  centred.array() -= centred.mean();
+  const float squares = centred.squaredNorm();
+  if (!(squares > 0.25f * static_cast<float>(side * side))) return false;
+  centred *= 1.0f / std::sqrt(squares);
   return true;
 }
 
@@ -129,18 +120,14 @@ Alignment Align(const GrayPyramid& image, const Eigen::Vector2d& pixel, const Ei
       continue;  // near the border the coarse levels have no room
     }
     Eigen::Vector2f p(static_cast<float>(ToLevel(at.x(), level)), static_cast<float>(ToLevel(at.y(), level)));
-    const int count = patch.side * patch.side;
+    const ConstValues dx(patch.dx, patch.count()), dy(patch.dy, patch.count()), wanted(patch.values, patch.count());
+    const ConstValues seen(values, patch.count());
     bool inside = true;
     converged = false;
     for (int iteration = 0; iteration < options.iterations && inside; ++iteration) {
       inside = SamplePatch(other.level(level), p, half, values);
       if (!inside) break;
-      float bx = 0, by = 0;
-      for (int i = 0; i < count; ++i) {
-        const float difference = values[i] - patch.values[i];
-        bx += patch.dx[i] * difference, by += patch.dy[i] * difference;
-      }
-      Eigen::Vector2f move = patch.inverse_hessian * Eigen::Vector2f(bx, by);
+      Eigen::Vector2f move = patch.inverse_hessian * Eigen::Vector2f(dx.dot(seen - wanted), dy.dot(seen - wanted));
       const float length = move.norm();
       constexpr float kMaxStep = 2;  // px of the level
       if (length > kMaxStep) move *= kMaxStep / length;
@@ -160,11 +147,9 @@ Alignment Align(const GrayPyramid& image, const Eigen::Vector2d& pixel, const Ei
   if (!converged) return result;
   const Eigen::Vector2f p = at.cast<float>();
   if (!SamplePatch(other.level(0), p, half, values)) return result;
-  float ncc = 0;
-  for (int i = 0; i < patch.side * patch.side; ++i) ncc += values[i] * patch.values[i];
   result.pixel = at;
-  result.ncc = ncc;
-  result.found = ncc >= options.min_ncc;
+  result.ncc = ConstValues(values, patch.count()).dot(ConstValues(patch.values, patch.count()));
+  result.found = result.ncc >= options.min_ncc;
   return result;
 }
 

@@ -1,6 +1,7 @@
 #include "acmp_mapping/pose_refinement/pose_refiner.h"
 
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_invoke.h>
 
 #include <algorithm>
 #include <deque>
@@ -20,7 +21,8 @@ constexpr size_t kFirstSightings = 6;  // earlier keyframes in which a new landm
 constexpr size_t kSearchViews = 3;     // earlier keyframes in which a new landmark's depth is looked for
 constexpr size_t kMinSightings = 2;    // of a new landmark
 constexpr size_t kMinKeyframes = 3;
-constexpr int kLostAfter = 3;  // keyframes in which a landmark was not found: given up
+constexpr size_t kMinResected = 10;  // landmarks from which the newest keyframe's pose follows
+constexpr int kLostAfter = 3;        // keyframes in which a landmark was not found: given up
 
 struct Keyframe {
   int64_t id = 0;
@@ -101,7 +103,14 @@ struct PoseRefiner::Impl {
     return pose;
   }
 
-  /// Known landmarks in the newest keyframe.
+  Eigen::Vector3d PointOf(const Landmark& landmark) const {
+    const auto anchor = static_cast<size_t>(landmark.anchor);
+    const ViewPose& pose = bundle.poses[anchor];
+    return pose.rotation.conjugate() * bundle.cameras[anchor].Unproject(landmark.pixel, 1 / landmark.inverse_depth) +
+           pose.centre;
+  }
+
+  /// Known landmarks in the newest keyframe, whose pose then follows from them.
   std::vector<Tracked> TrackLandmarks() {
     const size_t newest = bundle.size() - 1;
     std::vector<Alignment> alignments(bundle.landmarks.size());
@@ -111,16 +120,20 @@ struct PoseRefiner::Impl {
       if (static_cast<int>(newest) - std::max(last, landmark.anchor) > kLostAfter) return;
       alignments[i] = FindInView(landmark, Posed(static_cast<size_t>(landmark.anchor)), Posed(newest), {});
     });
+    std::vector<SeenPoint> seen;
+    for (size_t i = 0; i < alignments.size(); ++i) {
+      const Landmark& landmark = bundle.landmarks[i];
+      if (alignments[i].found && !landmark.held_out) seen.push_back({PointOf(landmark), alignments[i].pixel});
+    }
+    if (seen.size() >= kMinResected) bundle.poses.back() = Resect(seen, bundle.cameras.back(), bundle.poses.back());
     std::vector<Tracked> tracked;
     for (size_t i = 0; i < alignments.size(); ++i) {
       if (!alignments[i].found) continue;
       Landmark& landmark = bundle.landmarks[i];
       landmark.sightings.push_back({static_cast<int>(newest), alignments[i].pixel});
-      const auto anchor = static_cast<size_t>(landmark.anchor);
-      const double ratio = DirectionInView(bundle.cameras[anchor].Unproject(landmark.pixel), landmark.inverse_depth,
-                                           bundle.poses[anchor], bundle.poses[newest])
-                               .z();
-      if (ratio > 0) tracked.push_back({alignments[i].pixel, landmark.inverse_depth / ratio});
+      const ViewPose& pose = bundle.poses[newest];
+      const double depth = (pose.rotation * (PointOf(landmark) - pose.centre)).z();
+      if (depth > 0) tracked.push_back({alignments[i].pixel, 1 / depth});
     }
     return tracked;
   }
@@ -145,15 +158,14 @@ struct PoseRefiner::Impl {
     return around.min < around.max ? around : range;
   }
 
-  void AddLandmarks(const std::vector<Tracked>& tracked, const DepthRange& range) {
+  void AddLandmarks(const std::vector<Tracked>& tracked, const Image<float>& response, const DepthRange& range) {
     const size_t newest = bundle.size() - 1;
     if (newest < kMinSightings) return;
     std::vector<Eigen::Vector2d> taken;
     taken.reserve(tracked.size());
     for (const Tracked& t : tracked) taken.push_back(t.pixel);
-    const View& view = keyframes.back().view;
     const std::vector<Eigen::Vector2d> corners =
-        DetectCorners(view.pyramid.level(0), taken, CornersFor(view.camera, options.corners));
+        PickCorners(response, taken, CornersFor(keyframes.back().view.camera, options.corners));
     std::vector<std::optional<Landmark>> found(corners.size());
     tbb::parallel_for(size_t{0}, corners.size(),
                       [&](size_t i) { found[i] = MakeLandmark(corners[i], RangeAround(corners[i], tracked, range)); });
@@ -240,7 +252,11 @@ void PoseRefiner::Add(const Frame& frame, const DepthRange& range, const std::op
   bundle.times.push_back(stamped ? frame.stamp_s : static_cast<double>(frame.id));
   bundle.motions.push_back(motion);
   const auto scale = static_cast<float>(impl_->scale);
-  impl_->AddLandmarks(impl_->TrackLandmarks(), {range.min / scale, range.max / scale});
+  std::vector<Tracked> tracked;
+  Image<float> response;
+  tbb::parallel_invoke([&] { tracked = impl_->TrackLandmarks(); },
+                       [&] { response = CornerResponse(keyframes.back().view.pyramid.level(0)); });
+  impl_->AddLandmarks(tracked, response, {range.min / scale, range.max / scale});
 }
 
 void PoseRefiner::RemoveOldest() {
@@ -279,7 +295,7 @@ PoseRefinement PoseRefiner::Refine() {
     return Unrefined(ids, received, Concat(bundle.size(), " keyframes: needs ", kMinKeyframes));
   }
   if (bundle.landmarks.empty()) return Unrefined(ids, received, "no matches between the keyframes");
-  constexpr int kIterations = 3;  // the next window goes on from here
+  constexpr int kIterations = 1;  // the newest pose is good already, and the next window goes on from here
   const size_t fixed = NumFixed(bundle.size());
   bundle.expected = Moved(FitSimilarity(bundle.received, bundle.poses, fixed), bundle.received);
   if (!RefineBundle(1, kIterations, fixed, &bundle, &impl_->state)) {

@@ -131,8 +131,8 @@ class ImageSet {
       if (others.size() < kSearchViews) others.push_back(Posed(source));
     }
     std::vector<Landmark> landmarks;
-    for (const Eigen::Vector2d& corner :
-         DetectCorners(views_[i].pyramid.level(0), {}, CornersFor(bundle_.cameras[i], options_.corners))) {
+    for (const Eigen::Vector2d& corner : PickCorners(CornerResponse(views_[i].pyramid.level(0)), {},
+                                                     CornersFor(bundle_.cameras[i], options_.corners))) {
       Landmark landmark;
       landmark.anchor = static_cast<int>(i);
       landmark.pixel = corner;

@@ -1,5 +1,7 @@
 #include "resection.h"
 
+#include <tbb/parallel_for.h>
+
 #include <Eigen/Cholesky>
 
 #include "rotation_vector.h"
@@ -7,24 +9,22 @@
 namespace acmp {
 namespace {
 
-struct SeenPoint {
-  Eigen::Vector3d point;  ///< world
-  Eigen::Vector2d pixel;
-};
-
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 using Vector6 = Eigen::Matrix<double, 6, 1>;
 
-/// Robust Gauss-Newton (Cauchy).
+}  // namespace
+
 ViewPose Resect(const std::vector<SeenPoint>& points, const PinholeCamera& camera, const ViewPose& start) {
   constexpr double kSigma = 0.5;  // px: what the camera's errors leave
   constexpr int kIterations = 10;
+  constexpr double kNoGain_px = 1e-3;  // root mean square: what a step must move pixels by to be worth another one
   ViewPose pose = start;
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     Matrix6 h = Matrix6::Zero();
     Vector6 g = Vector6::Zero();
+    const Eigen::Matrix3d rotation = pose.rotation.toRotationMatrix();
     for (const SeenPoint& seen : points) {
-      const Eigen::Vector3d y = pose.rotation * (seen.point - pose.centre);
+      const Eigen::Vector3d y = rotation * (seen.point - pose.centre);
       if (!(y.z() > 0)) continue;
       const Eigen::Vector2d r = camera.Project(y) - seen.pixel;
       const double inverse_z = 1 / y.z(), weight = 1 / (1 + r.squaredNorm() / (kSigma * kSigma));
@@ -32,7 +32,7 @@ ViewPose Resect(const std::vector<SeenPoint>& points, const PinholeCamera& camer
       j << camera.fx * inverse_z, 0, -camera.fx * y.x() * inverse_z * inverse_z, 0, camera.fy * inverse_z,
           -camera.fy * y.y() * inverse_z * inverse_z;
       Eigen::Matrix<double, 2, 6> a;
-      a << -j * CrossMatrix(y), -j * pose.rotation.toRotationMatrix();
+      a << -j * CrossMatrix(y), -j * rotation;
       h += weight * a.transpose() * a;
       g += weight * a.transpose() * r;
     }
@@ -42,11 +42,10 @@ ViewPose Resect(const std::vector<SeenPoint>& points, const PinholeCamera& camer
     if (!step.allFinite()) return start;
     pose.rotation = (RotationAbout(step.head<3>()) * pose.rotation).normalized();
     pose.centre += step.tail<3>();
+    if (-step.dot(g) < kNoGain_px * kNoGain_px * static_cast<double>(points.size())) break;
   }
   return pose;
 }
-
-}  // namespace
 
 std::vector<ViewPose> ResectViews(const Bundle& bundle, const CameraErrors& camera, size_t first_view) {
   const std::vector<CameraMotion> motions = MotionsOf(bundle);
@@ -68,11 +67,11 @@ std::vector<ViewPose> ResectViews(const Bundle& bundle, const CameraErrors& came
     }
   }
   constexpr size_t kMinPoints = 15;
-  std::vector<ViewPose> poses;
-  for (size_t i = first_view; i < bundle.size(); ++i) {
-    const ViewPose& pose = bundle.poses[i];
-    poses.push_back(seen[i].size() < kMinPoints ? pose : Resect(seen[i], bundle.cameras[i], pose));
-  }
+  std::vector<ViewPose> poses(bundle.poses.begin() + static_cast<std::ptrdiff_t>(first_view), bundle.poses.end());
+  tbb::parallel_for(first_view, bundle.size(), [&](size_t i) {
+    ViewPose& pose = poses[i - first_view];
+    if (seen[i].size() >= kMinPoints) pose = Resect(seen[i], bundle.cameras[i], pose);
+  });
   return poses;
 }
 

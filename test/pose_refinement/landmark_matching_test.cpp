@@ -18,7 +18,7 @@ class LandmarkMatchingTest : public ::testing::Test {
       poses_.push_back(ToViewPose(frame.cam_from_world));
     }
     for (int i = 0; i < 5; ++i) posed_.push_back({i, &views_[static_cast<size_t>(i)], poses_[static_cast<size_t>(i)]});
-    corners_ = DetectCorners(views_[2].pyramid.level(0), {}, CornersFor(cameras_[2], 300));
+    corners_ = PickCorners(CornerResponse(views_[2].pyramid.level(0)), {}, CornersFor(cameras_[2], 300));
   }
 
   const DepthMap& TrueDepth() const { return Room()[6].true_depth; }

@@ -72,13 +72,13 @@ TEST(CornerDetectionTest, CornersOfASquareAreFoundAndTakenCellsLeftOut) {
   const GrayPyramid pyramid(square.View());
   CornerOptions options;
   options.cell = 20;
-  const std::vector<Eigen::Vector2d> corners = DetectCorners(pyramid.level(0), {}, options);
+  const std::vector<Eigen::Vector2d> corners = PickCorners(CornerResponse(pyramid.level(0)), {}, options);
   ASSERT_EQ(corners.size(), 4u);
   for (const Eigen::Vector2d& corner : corners) {
     EXPECT_LT(std::abs(std::abs(corner.x() - 59.5) - 20), 3);
     EXPECT_LT(std::abs(std::abs(corner.y() - 49.5) - 20), 3);
   }
-  EXPECT_EQ(DetectCorners(pyramid.level(0), {corners[0]}, options).size(), 3u);
+  EXPECT_EQ(PickCorners(CornerResponse(pyramid.level(0)), {corners[0]}, options).size(), 3u);
 }
 
 }  // namespace
