@@ -11,6 +11,7 @@
 #include "keyframe_estimator.h"
 #include "keyframe_window.h"
 #include "mapper_outputs.h"
+#include "pose_shift.h"
 #include "refinement_policy.h"
 #include "window_poses.h"
 
@@ -169,6 +170,14 @@ struct DenseMapper::Impl {
     }
   }
 
+  /// Makes the initial estimate of the keyframe anew if passes read it and poses have moved since.
+  void BringUpToDate(const WindowKeyframePtr& keyframe) {
+    if (!keyframe->initial || keyframe->EstimateForPasses() != keyframe->initial) return;
+    if (!HaveMoved(*keyframe, keyframe->initial_views)) return;
+    const SourceViews sources = window.SelectSources(*keyframe);
+    if (!sources.keyframes.empty()) estimator.Initialise(keyframe.get(), sources);
+  }
+
   /// All steps of a refinement of one keyframe. What it throws leaves the keyframe as it was.
   FinishedEstimate TakeAllSteps(const WindowKeyframePtr& keyframe, const SourceViews& sources,
                                 const EngineEstimatePtr& start) {
@@ -183,7 +192,11 @@ struct DenseMapper::Impl {
     // Its first views may have left the window meanwhile.
     if (sources.keyframes.empty()) return DropForMissingViews(keyframe, 1);
     FinishedEstimate estimate;
-    const auto failure = CatchFailure([&] { estimate = TakeAllSteps(keyframe, sources, keyframe->initial); });
+    const auto failure = CatchFailure([&] {
+      BringUpToDate(keyframe);
+      for (const WindowKeyframePtr& source : sources.keyframes) BringUpToDate(source);
+      estimate = TakeAllSteps(keyframe, sources, keyframe->initial);
+    });
     if (failure) return Drop(keyframe, *failure);
     keyframe->state = State::kFinished;
     outputs.SubmitRefined(keyframe, std::move(estimate), options.pipeline.fusion);
@@ -225,6 +238,7 @@ struct DenseMapper::Impl {
     const bool from_initial = again == RefinementPolicy::Again::kFromInitial;
     TryAgain(*keyframe, [&] {
       if (from_initial) InitialiseAgain(keyframe, sources);
+      for (const WindowKeyframePtr& source : sources.keyframes) BringUpToDate(source);
       SubmitAgain(keyframe, TakeAllSteps(keyframe, sources, from_initial ? keyframe->initial : keyframe->refined),
                   !from_initial);
     });

@@ -13,6 +13,15 @@ void ReadEstimates(const SourceViews& sources, Read estimate, EngineProblem* pro
   }
 }
 
+std::vector<MatchedView> MatchedViews(const EngineProblem& problem, const SourceViews& sources) {
+  std::vector<MatchedView> views;
+  const RigidTransform world_from_reference = problem.reference.cam_from_world().inverse();
+  for (size_t i = 0; i < sources.keyframes.size(); ++i) {
+    views.push_back({sources.keyframes[i], problem.sources[i].cam_from_world() * world_from_reference});
+  }
+  return views;
+}
+
 }  // namespace
 
 EngineView KeyframeEstimator::MakeView(WindowKeyframe* keyframe) {
@@ -38,6 +47,7 @@ FinishedEstimate KeyframeEstimator::Initialise(WindowKeyframe* keyframe, const S
   problem.reference.estimate = estimator_.Run(estimator_.schedule().front(), problem);
   keyframe->initial = problem.reference.estimate;
   keyframe->initial_score = sources.score;
+  keyframe->initial_views = MatchedViews(problem, sources);
   keyframe->times += estimator_.last_times();
   return {std::move(problem), sources.Ids(), keyframe->placed, keyframe->times};
 }
@@ -77,6 +87,7 @@ FinishedEstimate KeyframeEstimator::Finish(KeyframeRefinement refinement) {
   keyframe.refined = refinement.after_passes ? refinement.after_passes : problem.reference.estimate;
   keyframe.lacks_future_views = refinement.lacks_future_views;
   keyframe.refined_score = refinement.sources.score;
+  keyframe.refined_views = MatchedViews(problem, refinement.sources);
   keyframe.refined_at = ++refinements_;
   keyframe.times = StageTimes();
   if (!refinement.lacks_future_views) keyframe.initial.reset();

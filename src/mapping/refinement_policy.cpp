@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "pose_shift.h"
+
 namespace acmp {
 namespace {
 
@@ -29,7 +31,7 @@ bool HasBetterMaps(const WindowKeyframe& keyframe, const SourceViews& sources) {
 
 RefinementPolicy::Again RefinementPolicy::Decide(const WindowKeyframe& keyframe, const SourceViews& sources) {
   if (!keyframe.refined_score) return Again::kNo;
-  if (HasBetterViews(keyframe, sources)) return Again::kFromInitial;
+  if (HasBetterViews(keyframe, sources) || HaveMoved(keyframe, keyframe.refined_views)) return Again::kFromInitial;
   if (keyframe.refined && HasBetterMaps(keyframe, sources)) return Again::kFromRefined;
   return Again::kNo;
 }
@@ -40,7 +42,7 @@ std::vector<std::pair<WindowKeyframePtr, SourceViews>> RefinementPolicy::ChooseF
   bool any_gains = false;
   for (const WindowKeyframePtr& keyframe : keyframes) {
     SourceViews sources = window.SelectSources(*keyframe);
-    any_gains = any_gains || HasBetterViews(*keyframe, sources);
+    any_gains = any_gains || HasBetterViews(*keyframe, sources) || HaveMoved(*keyframe, keyframe->refined_views);
     if (sources.score >= *keyframe->refined_score) chosen.emplace_back(keyframe, std::move(sources));
   }
   if (!any_gains) chosen.clear();
@@ -48,7 +50,8 @@ std::vector<std::pair<WindowKeyframePtr, SourceViews>> RefinementPolicy::ChooseF
 }
 
 bool RefinementPolicy::NeedsNewInitial(const WindowKeyframe& keyframe, const SourceViews& sources) {
-  return !keyframe.initial || sources.score >= kBetterScore * keyframe.initial_score;
+  return !keyframe.initial || sources.score >= kBetterScore * keyframe.initial_score ||
+         HaveMoved(keyframe, keyframe.initial_views);
 }
 
 bool RefinementPolicy::LacksFutureViews(const KeyframeWindow& window, const WindowKeyframe& keyframe) {

@@ -13,19 +13,19 @@ class RefinementPolicy {
  public:
   enum class Again {
     kNo,
-    kFromInitial,  ///< its source views have become better: from an initial estimate
+    kFromInitial,  ///< its source views have become better, or poses have moved: from an initial estimate
     kFromRefined,  ///< its source views' maps have become better: from its own refined one
   };
 
   /// Whether, and from where, the keyframe is to be refined again with these source views, which are its best now.
   static Again Decide(const WindowKeyframe& keyframe, const SourceViews& sources);
 
-  /// Those of `keyframes` that are to be refined side by side, each with its best source views now: if the views of any
-  /// have become better, all whose views have not become worse, for they read each other.
+  /// Those of `keyframes` that are to be refined side by side, each with its best source views now: if any have better
+  /// views or poses that have moved, all whose views have not become worse, for they read each other.
   static std::vector<std::pair<WindowKeyframePtr, SourceViews>> ChooseForSideBySide(
       const KeyframeWindow& window, const std::vector<WindowKeyframePtr>& keyframes);
 
-  /// Whether its initial estimate must be made anew for that: there is none, or its views were worse.
+  /// Whether its initial estimate must be made anew for that: there is none, its views were worse, or poses have moved.
   static bool NeedsNewInitial(const WindowKeyframe& keyframe, const SourceViews& sources);
 
   /// Whether too few later keyframes have come to see what the keyframe saw last. Refined without them it errs there as

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <vector>
 
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/keyframe/frame.h"
@@ -16,6 +17,14 @@ struct PlacedPose {
   RigidTransform cam_from_world = RigidTransform::Identity();
   float scale = 1;  ///< of their depths
   PoseFit fit;
+};
+
+struct WindowKeyframe;
+
+/// How a source view lay to the keyframe whose maps were matched with it.
+struct MatchedView {
+  std::weak_ptr<const WindowKeyframe> source;
+  RigidTransform source_from_reference = RigidTransform::Identity();
 };
 
 /// One keyframe of the window. A finished one stays as a source view of others until it leaves.
@@ -44,6 +53,9 @@ struct WindowKeyframe {
   /// reading its initial estimate, and `refined` is as the last pass left it, before what is unverified was filled.
   bool lacks_future_views = false;
 
+  std::vector<MatchedView> initial_views;  ///< of `initial`
+  std::vector<MatchedView> refined_views;  ///< of `refined`
+
   // What decides about refining it again (RefinementPolicy). Scores are gains of all source views (SelectSourceViews).
   double initial_score = 0;             ///< of the views of its initial estimate
   std::optional<double> refined_score;  ///< of the views of its refined maps; none: there are none
@@ -55,6 +67,8 @@ struct WindowKeyframe {
   uint64_t output = 0;       ///< number of the job that ends with its on_refined; 0: none yet
   bool had_fast = false;     ///< its on_fast was called
   bool had_refined = false;  ///< its on_refined was called
+
+  const RigidTransform& cam_from_world() const { return refined_pose ? *refined_pose : frame->cam_from_world; }
 
   /// What geometric passes of other keyframes read; may be null.
   const EngineEstimatePtr& EstimateForPasses() const {

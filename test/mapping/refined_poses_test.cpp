@@ -1,5 +1,6 @@
 // Poses that do not fit the images are refined in the window, and what comes out lies in the frontend's world.
 
+#include <algorithm>
 #include <memory>
 #include <utility>
 #include <vector>
@@ -14,6 +15,7 @@
 namespace acmp {
 namespace {
 
+using ::testing::Each;
 using ::testing::IsEmpty;
 
 /// The synthetic room with the poses that a frontend gives.
@@ -35,7 +37,12 @@ std::vector<RigidTransform> TruePoses() {
   return poses;
 }
 
-std::vector<KeyframeDepthPtr> Map(const std::vector<RigidTransform>& received, RefinePoses refine) {
+struct RoomMap {
+  std::vector<KeyframeDepthPtr> refined;
+  std::vector<size_t> initial_estimates;  ///< how many each keyframe had
+};
+
+RoomMap Map(const std::vector<RigidTransform>& received, RefinePoses refine) {
   DenseMapperOptions options = FakeOptions(14, 2, 1);
   options.fallback_depth_range = kRoomRange;
   options.poses.refine = refine;
@@ -44,7 +51,11 @@ std::vector<KeyframeDepthPtr> Map(const std::vector<RigidTransform>& received, R
   harness.Flush();
   EXPECT_THAT(harness.problems, IsEmpty());
   EXPECT_THAT(harness.drops, IsEmpty());
-  return harness.refined;
+  RoomMap map = {harness.refined, {}};
+  for (size_t i = 0; i < received.size(); ++i) {
+    map.initial_estimates.push_back(CallsOf(harness.engine, "photometric", static_cast<int64_t>(i)).size());
+  }
+  return map;
 }
 
 class RefinedPosesTest : public ::testing::Test {
@@ -59,7 +70,7 @@ TEST_F(RefinedPosesTest, KeyframesAreMatchedWithPosesNearerToTheTruth) {
   std::vector<RigidTransform> received = truth;
   PoseErrors errors(0.3, 0.01);
   for (RigidTransform& pose : received) pose = errors.Perturbed(pose);
-  const std::vector<KeyframeDepthPtr> maps = Map(received, RefinePoses::kAuto);
+  const std::vector<KeyframeDepthPtr> maps = Map(received, RefinePoses::kAuto).refined;
   std::vector<RigidTransform> refined, before, exact;
   for (const KeyframeDepthPtr& keyframe : maps) {
     const auto i = static_cast<size_t>(keyframe->frame->id);
@@ -88,7 +99,7 @@ TEST_F(RefinedPosesTest, DepthIsInTheFrontendsScale) {
     received[i].translation() = -(received[i].linear() * centre);
     received[i] = errors.Perturbed(received[i]);
   }
-  const KeyframeDepthPtr last = Map(received, RefinePoses::kOn).back();
+  const KeyframeDepthPtr last = Map(received, RefinePoses::kOn).refined.back();
   const auto i = static_cast<size_t>(last->frame->id);
   // The fake matches a wall at kWallDepth in the world that it is given; the window's is smaller than the frontend's.
   const float scale = last->depth(0, 0) / kRefinedDepth;
@@ -99,8 +110,19 @@ TEST_F(RefinedPosesTest, DepthIsInTheFrontendsScale) {
   EXPECT_LT((placed - end).norm(), (end - begin).norm() / 10) << "one similarity for a window that grows";
 }
 
+// They were made with the frontend's motion from the keyframe before, and others read them.
+TEST_F(RefinedPosesTest, InitialEstimatesAreMadeAnewWhereThePoseHasMoved) {
+  std::vector<RigidTransform> received = TruePoses();
+  PoseErrors errors(0.6, 0.02);
+  for (RigidTransform& pose : received) pose = errors.Perturbed(pose);
+  const std::vector<size_t> initial_estimates = Map(received, RefinePoses::kOn).initial_estimates;
+  EXPECT_GE(std::count_if(initial_estimates.begin(), initial_estimates.end(), [](size_t n) { return n > 1; }), 3);
+}
+
 TEST_F(RefinedPosesTest, PosesThatFitStayBitByBit) {
-  for (const KeyframeDepthPtr& keyframe : Map(TruePoses(), RefinePoses::kAuto)) {
+  const RoomMap map = Map(TruePoses(), RefinePoses::kAuto);
+  EXPECT_THAT(map.initial_estimates, Each(1));
+  for (const KeyframeDepthPtr& keyframe : map.refined) {
     EXPECT_TRUE(SameBits(keyframe->cam_from_world, keyframe->frame->cam_from_world));
     EXPECT_EQ(keyframe->depth(0, 0), kRefinedDepth);
   }

@@ -1,0 +1,38 @@
+#include "pose_shift.h"
+
+#include "acmp_mapping/keyframe/source_view_selection.h"
+
+namespace acmp {
+namespace {
+
+/// px, mean of nine points of the keyframe's image over the views that are still there.
+double MeanShift(const WindowKeyframe& keyframe, const std::vector<MatchedView>& views) {
+  const PinholeCamera& camera = keyframe.frame->camera;
+  const double depth = TypicalDepth(keyframe.range) / keyframe.placed.scale;
+  double sum = 0;
+  int count = 0;
+  for (const MatchedView& view : views) {
+    const std::shared_ptr<const WindowKeyframe> source = view.source.lock();
+    if (!source) continue;
+    const PinholeCamera& source_camera = source->frame->camera;
+    const RigidTransform source_from_reference = source->cam_from_world() * keyframe.cam_from_world().inverse();
+    for (int i = 0; i < 9; ++i) {
+      const Eigen::Vector2d pixel(0.25 * (1 + i % 3) * camera.width, 0.25 * (1 + i / 3) * camera.height);
+      const Eigen::Vector3d point = camera.Unproject(pixel, depth);
+      const Eigen::Vector3d then = view.source_from_reference * point, now = source_from_reference * point;
+      if (!(then.z() > 0 && now.z() > 0)) continue;
+      sum += (source_camera.Project(now) - source_camera.Project(then)).norm();
+      ++count;
+    }
+  }
+  return count == 0 ? 0 : sum / count;
+}
+
+}  // namespace
+
+bool HaveMoved(const WindowKeyframe& keyframe, const std::vector<MatchedView>& views) {
+  constexpr double kMax_px = 1;
+  return MeanShift(keyframe, views) > kMax_px;
+}
+
+}  // namespace acmp

@@ -1,0 +1,79 @@
+// Whether maps still fit poses that have been refined since.
+
+#include "pose_shift.h"
+
+#include <memory>
+
+#include "gtest/gtest.h"
+
+#include "dense_mapper_fakes.h"
+
+namespace acmp {
+namespace {
+
+using KeyframePtr = std::shared_ptr<WindowKeyframe>;
+
+/// The wall seen by a camera of 200 px focal length at x.
+KeyframePtr MakeKeyframe(int64_t id, double x) {
+  Frame frame = MakeWallFrame(id, x);
+  frame.camera = {240, 180, 200, 200, 119.5, 89.5};
+  auto keyframe = std::make_shared<WindowKeyframe>();
+  keyframe->frame = std::make_shared<Frame>(std::move(frame));
+  keyframe->range = {kWallDepth, kWallDepth * 1.0001f};
+  return keyframe;
+}
+
+MatchedView Matched(const KeyframePtr& source, const WindowKeyframe& reference) {
+  return {source, source->cam_from_world() * reference.cam_from_world().inverse()};
+}
+
+/// To the side by what moves a point of the wall by so many px.
+RigidTransform MovedBy(double pixels, const WindowKeyframe& keyframe) {
+  RigidTransform pose = keyframe.frame->cam_from_world;
+  pose.translation().x() += pixels * kWallDepth / keyframe.frame->camera.fx;
+  return pose;
+}
+
+class PoseShiftTest : public ::testing::Test {
+ protected:
+  KeyframePtr reference_ = MakeKeyframe(0, 0), left_ = MakeKeyframe(1, -0.3), right_ = MakeKeyframe(2, 0.3);
+  std::vector<MatchedView> views_ = {Matched(left_, *reference_), Matched(right_, *reference_)};
+};
+
+TEST_F(PoseShiftTest, PosesThatStayHaveNotMoved) { EXPECT_FALSE(HaveMoved(*reference_, views_)); }
+
+TEST_F(PoseShiftTest, MoreThanAPixelOnAverage) {
+  right_->refined_pose = MovedBy(1.9, *right_);
+  EXPECT_FALSE(HaveMoved(*reference_, views_)) << "one of two views by 1.9 px";
+  right_->refined_pose = MovedBy(2.1, *right_);
+  EXPECT_TRUE(HaveMoved(*reference_, views_));
+}
+
+TEST_F(PoseShiftTest, TheReferencesOwnPoseCounts) {
+  reference_->refined_pose = MovedBy(1.1, *reference_);
+  EXPECT_TRUE(HaveMoved(*reference_, views_));
+}
+
+TEST_F(PoseShiftTest, MovingTogetherIsNoMove) {
+  for (const KeyframePtr& keyframe : {reference_, left_, right_}) keyframe->refined_pose = MovedBy(20, *keyframe);
+  EXPECT_FALSE(HaveMoved(*reference_, views_));
+}
+
+TEST_F(PoseShiftTest, DepthIsMeasuredInTheWorldOfRefinedPoses) {
+  // In a world of half the size, the same moves are seen twice as large.
+  reference_->placed.scale = 2;
+  right_->refined_pose = MovedBy(1.1, *right_);
+  EXPECT_TRUE(HaveMoved(*reference_, views_));
+}
+
+TEST_F(PoseShiftTest, ViewsThatAreGoneDoNotCount) {
+  right_->refined_pose = MovedBy(50, *right_);
+  EXPECT_TRUE(HaveMoved(*reference_, views_));
+  right_.reset();
+  EXPECT_FALSE(HaveMoved(*reference_, views_));
+  left_.reset();
+  EXPECT_FALSE(HaveMoved(*reference_, views_));
+}
+
+}  // namespace
+}  // namespace acmp
