@@ -1,6 +1,6 @@
 # Sourced by demo.sh and test.sh, from the repository's root: one build folder for both, so that nothing is compiled twice,
 # and the time of each step.
-# Environment: ACMP_BUILD_DIR (build), ACMP_CUDA (AUTO, ON or OFF).
+# Environment: ACMP_BUILD_DIR (build), ACMP_CUDA (AUTO, ON or OFF), ACMP_CUDA_ARCHITECTURES (see gpu_architectures).
 
 build=${ACMP_BUILD_DIR:-$PWD/build}
 
@@ -14,11 +14,20 @@ step() {
   if [ -n "$step_name" ]; then echo "== $step_name"; else echo "-- in all: $SECONDS s"; fi
 }
 
+# gpu_architectures: of this machine's GPUs, as code for all that the toolkit knows takes minutes more. Without one 75, the
+# oldest: drivers translate its PTX for later ones.
+gpu_architectures() {
+  local found
+  found=$(nvidia-smi --query-gpu=compute_cap --format=csv,noheader 2>/dev/null | tr -d . | sort -u | paste -sd ';') || true
+  [[ $found =~ ^[0-9\;]+$ ]] || found=75
+  echo "${ACMP_CUDA_ARCHITECTURES:-$found}"
+}
+
 # configure [OPTION...]: the same options for both, as others would compile everything again.
 configure() {
   mkdir -p "$build"
   cmake -S . -B "$build" -G Ninja -DACMP_CUDA="${ACMP_CUDA:-AUTO}" -DACMP_ROS=ON -DACMP_WARNINGS_AS_ERRORS=ON \
-    -DACMP_BUILD_TESTS=ON -DCMAKE_BUILD_TYPE=Release "$@" >"$build/configure.log" 2>&1 ||
+    -DACMP_BUILD_TESTS=ON -DCMAKE_BUILD_TYPE=Release -DACMP_CUDA_ARCHITECTURES="$(gpu_architectures)" "$@" >"$build/configure.log" 2>&1 ||
     { tail -n 30 "$build/configure.log"; return 1; }
   grep '^-- acmp_mapping:' "$build/configure.log"
 }
