@@ -8,6 +8,7 @@
 #include <cmath>
 #include <memory>
 
+#include "ceres_manifold.h"
 #include "rotation_vector.h"
 
 namespace acmp {
@@ -18,7 +19,7 @@ using PoseMap = Eigen::Map<const Eigen::Quaterniond>;
 
 /// Rotations are turned on the left. Costs give their derivatives with respect to the six local coordinates in the
 /// first six columns of seven, so that this is all there is to it.
-class PoseManifold : public ceres::Manifold {
+class PoseManifold : public Manifold {
  public:
   int AmbientSize() const override { return kPoseSize; }
   int TangentSize() const override { return 6; }
@@ -294,7 +295,7 @@ class Adjustment {
  private:
   static ceres::Problem::Options KeepOurs() {
     ceres::Problem::Options options;
-    options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    KeepManifolds(&options);
     options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
     return options;
   }
