@@ -1,6 +1,6 @@
 #include "devices.h"
 
-#include <oneapi/tbb/task_arena.h>
+#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <utility>

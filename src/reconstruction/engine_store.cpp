@@ -1,6 +1,6 @@
 #include "engine_store.h"
 
-#include <oneapi/tbb/parallel_for.h>
+#include <tbb/parallel_for.h>
 
 #include "acmp_mapping/common/error.h"
 

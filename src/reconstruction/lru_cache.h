@@ -1,6 +1,6 @@
 #pragma once
 
-#include <oneapi/tbb/task_arena.h>
+#include <tbb/task_arena.h>
 
 #include <cstddef>
 #include <functional>

@@ -1,6 +1,6 @@
 #include "plan.h"
 
-#include <oneapi/tbb/parallel_for.h>
+#include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <cstdio>

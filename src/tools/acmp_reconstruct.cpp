@@ -1,6 +1,6 @@
 // acmp_reconstruct: depth, normal and cost maps and a fused point cloud of a posed image set.
 
-#include <oneapi/tbb/global_control.h>
+#include <tbb/global_control.h>
 #include <signal.h>
 #include <unistd.h>
 

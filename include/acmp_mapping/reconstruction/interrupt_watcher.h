@@ -1,9 +1,10 @@
 #pragma once
 
-#include <oneapi/tbb/task_group.h>
 #include <signal.h>
+#include <tbb/parallel_for.h>
 
 #include <atomic>
+#include <exception>
 #include <thread>
 
 namespace acmp {
@@ -28,9 +29,21 @@ class InterruptWatcher {
     if (requested_) throw Interrupted();
   }
 
+  /// Runs `work` in this thread and throws what it throws. Does nothing once a stop was asked for.
   template <class Work>
   void RunCancellable(const Work& work) {
-    tbb::task_group(context_).run_and_wait(work);
+    // A loop of one turn, as a task_group of TBB 2020 takes no context. Its context is cancelled by exceptions too: not
+    // by those of `work`.
+    std::exception_ptr thrown;
+    const auto once = [&](int) {
+      try {
+        work();
+      } catch (...) {
+        thrown = std::current_exception();
+      }
+    };
+    tbb::parallel_for(0, 1, once, tbb::simple_partitioner(), context_);
+    if (thrown) std::rethrow_exception(thrown);
   }
 
   /// What a signal does; for tests.
