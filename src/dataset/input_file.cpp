@@ -2,7 +2,9 @@
 
 #include <cerrno>
 #include <charconv>
+#include <clocale>
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
 #include <iterator>
 
@@ -11,10 +13,31 @@ namespace {
 
 constexpr const char* kSpace = " \t\r";
 
+using std::from_chars;
+#ifndef __cpp_lib_to_chars
+/// That of floating-point numbers, which libstdc++ has from GCC 11 on.
+std::from_chars_result from_chars(const char* first, const char* last, double& value) {
+  static const locale_t c_locale = newlocale(LC_ALL_MASK, "C", nullptr);
+  const std::string word(first, last);
+  // What strtod takes and from_chars does not: space, a plus, hexadecimal digits.
+  if (word.find_first_of(" \t\n\v\f\r+") == 0 || word.find_first_of("xX") != std::string::npos) {
+    return {first, std::errc::invalid_argument};
+  }
+  char* end = nullptr;
+  errno = 0;
+  const double parsed = strtod_l(word.c_str(), &end, c_locale);
+  const char* const parsed_end = first + (end - word.c_str());
+  if (parsed_end == first) return {first, std::errc::invalid_argument};
+  if (errno == ERANGE && (std::isinf(parsed) || parsed == 0)) return {parsed_end, std::errc::result_out_of_range};
+  value = parsed;
+  return {parsed_end, std::errc()};
+}
+#endif
+
 template <class T>
 bool ParseWhole(std::string_view word, T* value) {
   if (!word.empty() && word.front() == '+') word.remove_prefix(1);
-  const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), *value);
+  const auto [end, error] = from_chars(word.data(), word.data() + word.size(), *value);
   return error == std::errc() && end == word.data() + word.size();
 }
 

@@ -187,6 +187,9 @@ TEST_F(ColmapTest, BadCameraValues) {
   EXPECT_THAT(error("1 PINHOLE 32 24 nan 31 16 12"), HasSubstr("nan"));
   EXPECT_THAT(error("1 PINHOLE 32 24 30 31 16 inf"), HasSubstr("inf"));
   EXPECT_THAT(error("1 PINHOLE 32 24 30 31 16 12x"), HasSubstr("\"12x\""));
+  EXPECT_THAT(error("1 PINHOLE 32 24 30 31 16 0x12"), HasSubstr("\"0x12\""));
+  EXPECT_THAT(error("1 PINHOLE 32 24 30 31 16 ++12"), HasSubstr("\"++12\""));
+  EXPECT_THAT(error("1 PINHOLE 32 24 30 31 16 1e999"), HasSubstr("\"1e999\""));
   EXPECT_THAT(error("one PINHOLE 32 24 30 31 16 12"), HasSubstr("\"one\""));
   EXPECT_THAT(error("1 PINHOLE 99999999999 24 30 31 16 12"), HasSubstr("99999999999"));
   EXPECT_THAT(error("1 PINHOLE 32 24 30 31 16 12\n1 PINHOLE 32 24 30 31 16 12"), HasSubstr("camera id 1 occurs twice"));
