@@ -1,9 +1,10 @@
 #!/usr/bin/python3
 """Prints what a ctest run skipped and why, and the closing line of scripts/test.sh.
 
-usage: summarize_tests.py CTEST_JUNIT_XML CTEST_EXIT_CODE EXTRA_PASSED EXTRA_FAILED
+usage: summarize_tests.py BUILD_FOLDER CTEST_EXIT_CODE EXTRA_PASSED EXTRA_FAILED EXTRA_SKIPPED
 Exits with 1 when anything failed or nothing ran."""
 import collections
+import os
 import re
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -12,41 +13,53 @@ import xml.etree.ElementTree as ElementTree
 GTEST_SKIP = re.compile(r"^(?P<place>\S+): Skipped\n(?P<reason>.*)$", re.MULTILINE)
 
 
-def reason_of(case, output):
+def completion_of(test):
+    """What ctest says of how it ended: Completed, Failed, Timeout, SKIP_RETURN_CODE=77, Disabled ..."""
+    return test.findtext("Results/NamedMeasurement[@name='Completion Status']/Value") or ""
+
+
+def reason_of(test, output):
     """Why a whole test was skipped: what its cases say, else the last line it printed, else what ctest says."""
     skip = GTEST_SKIP.search(output)
     if skip and skip.group("reason").strip():
         return skip.group("reason").strip()
     lines = output.strip().splitlines()
-    element = case.find("skipped")
-    return lines[-1] if lines else element.get("message") if element is not None else case.get("status")
+    return lines[-1] if lines else completion_of(test)
+
+
+def tests_of(folder):
+    """The elements of the last run of `ctest -T Test` in a build folder."""
+    testing = os.path.join(folder, "Testing")
+    with open(os.path.join(testing, "TAG")) as tag:
+        results = os.path.join(testing, tag.readline().strip(), "Test.xml")
+    return ElementTree.parse(results).getroot().findall("Testing/Test")
 
 
 def main():
-    junit, ctest_code, passed, failed = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
-    skipped = 0
+    folder = sys.argv[1]
+    ctest_code, passed, failed, skipped = (int(argument) for argument in sys.argv[2:6])
     try:
-        cases = ElementTree.parse(junit).getroot().findall("testcase")
+        tests = tests_of(folder)
     except (OSError, ElementTree.ParseError) as error:
         print("no test results: %s" % error)
-        cases = []
+        tests = []
         failed += 1
-    for case in cases:
-        output = case.findtext("system-out") or ""
-        status = case.get("status")
-        if status == "run":
+    for test in tests:
+        name = test.findtext("Name")
+        output = test.findtext("Results/Measurement/Value") or ""
+        status = test.get("Status")
+        if status == "passed":
             passed += 1
-        elif status in ("notrun", "disabled"):
-            skipped += 1
-            print("skipped: %s: %s" % (case.get("name"), reason_of(case, output)))
-        else:
-            failed += 1
-            print("failed: %s" % case.get("name"))
-        if status == "run":
             reasons = collections.Counter(skip.group("reason").strip() or skip.group("place")
                                           for skip in GTEST_SKIP.finditer(output))
             for reason, count in reasons.items():
-                print("%d cases left out of %s: %s" % (count, case.get("name"), reason))
+                print("%d cases left out of %s: %s" % (count, name, reason))
+        elif status == "notrun" and completion_of(test).startswith(("SKIP", "Disabled")):
+            skipped += 1
+            print("skipped: %s: %s" % (name, reason_of(test, output)))
+        else:
+            failed += 1
+            print("failed: %s" % name)
     if ctest_code != 0 and failed == 0:
         failed += 1
         print("failed: ctest ended with %d" % ctest_code)
