@@ -1,7 +1,7 @@
 #!/bin/bash
-# The main job, on a Debian 12 machine that need have nothing installed: installs packages, builds, renders the synthetic
-# room into a bag, plays it through the nodelet by roslaunch, and leaves the map (PLY), depth maps and pictures in
-# demo_output/. Prints how the depth compares with the ground truth. Shows rviz if there is a display.
+# The main job, on Debian 11 to 13 with nothing installed: installs packages, builds, renders the synthetic room into a bag,
+# plays it through the nodelet by roslaunch, and leaves the map (PLY), depth maps and pictures in demo_output/. Prints how
+# the depth compares with the ground truth. Shows rviz if there is a display.
 # Environment: ACMP_BUILD_DIR (build; test.sh goes on in it), ACMP_CUDA (AUTO, ON or OFF), DEVICE (auto, cuda or cpu).
 set -euo pipefail
 cd "$(dirname "$0")/.."

@@ -1,13 +1,20 @@
 #!/bin/bash
-# Installs the Debian 12 packages of scripts/debian_packages.txt that are missing. Needs root or sudo only when one is.
+# Installs the packages of scripts/debian_packages.txt that are missing, on Debian 11 to 13 or Ubuntu 20.04. Needs root or
+# sudo only when one is missing.
 # Usage: scripts/install_dependencies.sh [--display]     --display: also what is needed to look at the demo (rviz)
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-list=scripts/debian_packages.txt
+# packages SECTION: the packages of one section of the list; those before the first have the section "".
+packages() {
+  awk -v wanted="$1" '/^\[/ { section = substr($0, 2, length($0) - 2) }
+                      !/^(\[|#|$)/ && section == wanted' scripts/debian_packages.txt
+}
+
+wanted=$(packages ""; packages headers)
 case "${1:-}" in
-  "") wanted=$(sed -e '/^\[display\]/,$d' -e '/^#/d' -e '/^$/d' "$list") ;;
-  --display) wanted=$(sed -e '/^\[/d' -e '/^#/d' -e '/^$/d' "$list") ;;
+  "") ;;
+  --display) wanted+=" $(packages display)" ;;
   *)
     echo "usage: $0 [--display]" >&2
     exit 2
@@ -28,15 +35,54 @@ if [ "$(id -u)" -ne 0 ]; then
   command -v sudo >/dev/null || { echo "not root and no sudo: install these packages: ${missing[*]}" >&2; exit 1; }
   as_root=(sudo)
 fi
+
+# apt_get ARGUMENT...: as root. env inside sudo, which drops the environment.
+apt_get() { "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get "$@"; }
+
+# install_from_next_release PACKAGE...: packages without dependencies, from the release after this one. The list of its
+# packages is kept apart, so that apt takes nothing else from it.
+install_from_next_release() {
+  local release next folder apart
+  release=$(. /etc/os-release && echo "$VERSION_CODENAME")
+  case $release in
+    bullseye) next=bookworm ;;
+    focal) next=jammy ;;
+    *)
+      echo "this release ($release) does not have: $*"
+      return 1
+      ;;
+  esac
+  echo "from the release after this one: $*"
+  folder=$(mktemp -d)
+  mkdir -p "$folder/lists/partial"
+  sed -n "s/^\(deb .*\) $release \(.*\)/\1 $next \2/p" /etc/apt/sources.list >"$folder/sources.list"
+  apart=(-o Dir::Etc::SourceList="$folder/sources.list" -o Dir::Etc::SourceParts=- -o Dir::State::Lists="$folder/lists"
+         -o APT::Sandbox::User=root)
+  apt_get "${apart[@]}" update && (cd "$folder" && apt_get "${apart[@]}" download "$@") &&
+    "${as_root[@]}" dpkg -i "$folder"/*.deb && "${as_root[@]}" rm -rf "$folder"
+}
+
+# install_missing: headers alone, for any processor, may come from the next release; what else this one lacks ends it.
+install_missing() {
+  local package here=() next=()
+  apt_get update || return 1
+  for package in "${missing[@]}"; do
+    if packages headers | grep -qx "$package" && ! apt-cache show "$package" >/dev/null 2>&1; then
+      next+=("$package")
+    else
+      here+=("$package")
+    fi
+  done
+  if [ ${#here[@]} -gt 0 ]; then apt_get install -y --no-install-recommends "${here[@]}" || return 1; fi
+  if [ ${#next[@]} -gt 0 ]; then install_from_next_release "${next[@]}" || return 1; fi
+}
+
 echo "installing ${#missing[@]} Debian packages and what they depend on"
-export DEBIAN_FRONTEND=noninteractive
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
-# env inside sudo, which drops the environment.
-if ! { "${as_root[@]}" apt-get update && "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
-       apt-get install -y --no-install-recommends "${missing[@]}"; } >"$log" 2>&1 </dev/null; then
+if ! install_missing >"$log" 2>&1 </dev/null; then
   tail -n 30 "$log" >&2
-  echo "apt-get failed; the packages are those of Debian 12 (bookworm)" >&2
+  echo "packages could not be installed; their names are those of Debian 11 to 13" >&2
   exit 1
 fi
 echo "done"
