@@ -9,6 +9,8 @@ if(NOT ACMP_ROS STREQUAL "OFF")
     # catkin snapshots the environment at find_package and leaves out folders that do not exist yet.
     file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/devel/lib/python3/dist-packages ${CMAKE_BINARY_DIR}/devel/lib/pkgconfig)
   endif()
+  # catkin on Debian 11 would build GoogleTest by the CMake files of another package, and define targets without files.
+  set(CMAKE_DISABLE_FIND_PACKAGE_GMock TRUE)
   set(ACMP_CATKIN_COMPONENTS camera_calibration_parsers cv_bridge diagnostic_updater dynamic_reconfigure geometry_msgs image_geometry
       image_transport message_generation nodelet pluginlib rosbag roscpp sensor_msgs std_msgs std_srvs
       nav_msgs tf2_eigen tf2_geometry_msgs tf2_msgs tf2_ros)
