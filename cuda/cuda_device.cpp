@@ -4,6 +4,7 @@
 #include <exception>
 
 #include "acmp_mapping/common/error.h"
+#include "no_device_reason.h"
 #include "patch_match_kernels.h"
 
 namespace acmp {
@@ -12,7 +13,12 @@ CudaDevice::CudaDevice(int index) : index_(index) {
   int count = 0;
   const cudaError_t status = cudaGetDeviceCount(&count);
   if (status != cudaSuccess) {
-    throw InvalidInputError(Concat("no usable CUDA device: ", cudaGetErrorString(status)));
+    int driver = 0;
+    int runtime = 0;
+    cudaDriverGetVersion(&driver);
+    cudaRuntimeGetVersion(&runtime);
+    throw InvalidInputError(
+        Concat("no usable CUDA device: ", NoDeviceReason(status, driver, runtime, ForbiddenDeviceFile("/dev"))));
   }
   if (index < 0 || index >= count) {
     throw InvalidInputError(Concat("CUDA device index = ", index, ": must be in [0, ", count - 1, "]"));
