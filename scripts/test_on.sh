@@ -47,6 +47,7 @@ mounts+=("$root/proc")
 bind /dev /dev
 bind /dev/shm /dev/shm
 cp --dereference /etc/resolv.conf "$root/etc/resolv.conf"
+echo "127.0.0.1 localhost" >"$root/etc/hosts"  # debootstrap leaves it to whoever sets up the network
 git init --quiet "$root/acmp_mapping"
 git -C "$root/acmp_mapping" fetch --quiet "$PWD" HEAD
 git -C "$root/acmp_mapping" reset --quiet --hard FETCH_HEAD
