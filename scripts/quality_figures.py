@@ -111,6 +111,12 @@ def encode_figure(figure):
     return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode()
 
 
+def hide_frame(axes):
+    """Leaves the left and the lower line of a plot's frame."""
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
 def bar_plot(groups, names, values, colors, title):
     """Bars of `values[name]` (one per group, NaN: none), percent."""
     figure, axes = plt.subplots(figsize=(9, 2.6))
@@ -125,7 +131,7 @@ def bar_plot(groups, names, values, colors, title):
     axes.set_title(title, loc="left", fontsize=10)
     axes.grid(axis="y", alpha=0.3)
     axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+    hide_frame(axes)
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
     return encode_figure(figure)
 
@@ -143,7 +149,7 @@ def risk_plot(curves, colors):
     axes.set_xlabel("coverage: % of the pixels with ground truth, most confident first")
     axes.set_ylabel("%% of them wrong by %g cm or more" % (100 * WRONG_M))
     axes.grid(alpha=0.3)
-    axes.spines[["top", "right"]].set_visible(False)
+    hide_frame(axes)
     axes.plot([], [], color="grey", linestyle="--", linewidth=1, label="ideal order")
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
     return encode_figure(figure)

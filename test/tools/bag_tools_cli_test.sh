@@ -50,7 +50,7 @@ expect 2 "must be auto, colmap or mvsnet" "$bin/acmp_make_bag" --format ply . ou
 expect 2 "missing" "$bin/acmp_make_bag" missing out.bag
 expect 2 "is a folder" "$bin/acmp_make_bag" "${small[@]}" .
 expect 2 "there is no folder" "$bin/acmp_make_bag" "${small[@]}" missing/out.bag
-expect 1 "File too large" limited "$bin/acmp_make_bag" "${small[@]}" out.bag
+expect 1 "cannot write" limited "$bin/acmp_make_bag" "${small[@]}" out.bag
 [ ! -e out.bag ] && [ ! -e out.bag.partial ] || { echo "FAILED: a failed run left files"; failures=$((failures + 1)); }
 
 head -c 5000 a.bag >cut.bag
