@@ -17,7 +17,8 @@ void ReadCameras(const std::filesystem::path& path, ColmapModelBuilder* builder)
   for (uint64_t i = 0; i < count; ++i) {
     const auto id = file.Read<uint32_t>("camera id");
     const std::string where = Where(path, "camera", id);
-    const ColmapCameraModel& model = FindColmapCameraModel(where, file.Read<int32_t>("camera model"));
+    const auto model_id = file.Read<int32_t>("camera model");
+    const ColmapCameraModel& model = FindColmapCameraModel(where, model_id);
     const auto width = file.Read<uint64_t>("image width");
     const auto height = file.Read<uint64_t>("image height");
     std::vector<double> parameters(model.parameters);

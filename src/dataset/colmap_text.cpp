@@ -24,7 +24,8 @@ void ReadCameras(const std::filesystem::path& path, ColmapModelBuilder* builder)
   for (std::string line; reader.NextContentLine(&line); ++count) {
     FieldReader fields(reader, line);
     const int64_t id = fields.Integer("camera id");
-    const ColmapCameraModel& model = FindColmapCameraModel(reader.Where(), fields.Word("camera model"));
+    const std::string name = fields.Word("camera model");
+    const ColmapCameraModel& model = FindColmapCameraModel(reader.Where(), name);
     const uint64_t width = ReadSize(reader, &fields, "image width");
     const uint64_t height = ReadSize(reader, &fields, "image height");
     std::vector<double> parameters(model.parameters);
