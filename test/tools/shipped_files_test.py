@@ -281,15 +281,16 @@ class PackageXml(unittest.TestCase):
     def test_libraries_that_cmake_finds(self):
         keys = {"CGAL": "cgal", "CLI11": "cli11", "Ceres": "libceres-dev", "Eigen3": "eigen", "GTest": "gtest",
                 "JPEG": "libjpeg", "OpenCV": "libopencv-dev", "PCL": "libpcl-all-dev", "PNG": "libpng-dev", "TBB": "tbb",
-                "ZLIB": "zlib",
+                "ZLIB": "zlib", "depth_image_proc": "depth_image_proc", "yaml-cpp": "yaml-cpp",
                 "nanoflann": "libnanoflann-dev", "nlohmann_json": "nlohmann-json-dev",
                 "pcl_conversions": "pcl_conversions", "rosbag_storage": "rosbag", "rostest": "rostest"}
         others = {"CUDAToolkit", "Threads", "catkin"}
         found = set()
-        for path in glob.glob(os.path.join(SOURCE, "**/CMakeLists.txt"), recursive=True):
+        paths = glob.glob(os.path.join(SOURCE, "**/CMakeLists.txt"), recursive=True)
+        for path in paths + glob.glob(os.path.join(SOURCE, "src/cmake/*.cmake")):
             if os.path.relpath(path, SOURCE).split(os.sep)[0] in ("src", "test", "cuda", "CMakeLists.txt"):
                 with open(path) as file:
-                    found |= set(re.findall(r"find_package\((\w+)", file.read()))
+                    found |= set(re.findall(r"find_package\(([\w-]+)", file.read()))
         self.assertEqual(found - others - set(keys), set(), "has no key here")
         self.assertLessEqual({keys[name] for name in found - others}, self.names("build", "test"))
 
