@@ -5,6 +5,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/image/image_processing.h"
+#include "acmp_mapping/keyframe/landmark_visibility.h"
 
 namespace acmp {
 
@@ -28,13 +29,17 @@ void CheckPose(const char* name, const RigidTransform& pose) {
 
 Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamera& camera,
                 const RigidTransform& cam_from_world, std::vector<Eigen::Vector3d> landmarks_in_world,
-                const FrameOptions& options) {
+                const FrameOptions& options, const Mask& mask) {
   const std::string name = Concat("frame ", id);
   CheckCamera(name.c_str(), camera);
   CheckPose(name.c_str(), cam_from_world);
   if (color.width() != camera.width || color.height() != camera.height) {
     throw InvalidInputError(Concat(name, ": image size ", color.width(), " x ", color.height(),
                                    ": must be the camera's, ", camera.width, " x ", camera.height));
+  }
+  if (!mask.empty() && (mask.width() != camera.width || mask.height() != camera.height)) {
+    throw InvalidInputError(Concat(name, ": mask size ", mask.width(), " x ", mask.height(), ": must be the image's, ",
+                                   camera.width, " x ", camera.height));
   }
   if (options.max_size < 0) {
     throw InvalidInputError(Concat(name, ": max_size = ", options.max_size, ": must be >= 0 px"));
@@ -56,7 +61,9 @@ Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamer
     color = Resize(color, width, height);
   }
   frame.color = std::move(color);
-  frame.landmarks_in_world = std::move(landmarks_in_world);
+  if (IgnoresSome(mask)) frame.mask = ResizeMask(mask, width, height);
+  frame.landmarks_in_world =
+      WithoutMasked(std::move(landmarks_in_world), frame.camera, frame.cam_from_world, frame.mask);
   return frame;
 }
 

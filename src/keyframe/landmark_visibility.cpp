@@ -1,5 +1,6 @@
 #include "acmp_mapping/keyframe/landmark_visibility.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace acmp {
@@ -13,6 +14,21 @@ double DepthInView(const Eigen::Vector3d& point_in_world, const PinholeCamera& c
   const Eigen::Vector3d point_in_cam = cam_from_world * point_in_world;
   if (!(point_in_cam.z() > 0) || !std::isfinite(point_in_cam.z())) return 0;
   return camera.Contains(camera.Project(point_in_cam)) ? point_in_cam.z() : 0;
+}
+
+std::vector<Eigen::Vector3d> WithoutMasked(std::vector<Eigen::Vector3d> landmarks_in_world, const PinholeCamera& camera,
+                                           const RigidTransform& cam_from_world, const Mask& mask) {
+  if (mask.empty()) return landmarks_in_world;
+  const auto is_masked = [&](const Eigen::Vector3d& point) {
+    if (DepthInView(point, camera, cam_from_world) <= 0) return false;
+    const Eigen::Vector2d pixel = camera.Project(cam_from_world * point);
+    const int col = std::clamp(static_cast<int>(std::lround(pixel.x())), 0, mask.width() - 1);
+    const int row = std::clamp(static_cast<int>(std::lround(pixel.y())), 0, mask.height() - 1);
+    return mask(col, row) == 0;
+  };
+  landmarks_in_world.erase(std::remove_if(landmarks_in_world.begin(), landmarks_in_world.end(), is_masked),
+                           landmarks_in_world.end());
+  return landmarks_in_world;
 }
 
 LandmarksInView FindLandmarksInView(const std::vector<Eigen::Vector3d>& landmarks_in_world, const PinholeCamera& camera,

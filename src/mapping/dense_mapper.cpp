@@ -32,6 +32,7 @@ void CheckFrame(const Frame& frame) {
         name, ": image sizes ", frame.gray.width(), " x ", frame.gray.height(), " (grey), ", frame.color.width(), " x ",
         frame.color.height(), " (colour): must be the camera's, ", frame.camera.width, " x ", frame.camera.height));
   }
+  if (IgnoresAll(frame.mask)) throw InvalidInputError(name + ": its mask ignores every pixel");
 }
 
 /// Keyframes that are refined side by side: each reads what the others have after the step before.

@@ -86,6 +86,34 @@ TEST(MakeFrameTest, LimitsTheLongerSideOfOddSizes) {
   EXPECT_EQ(frame.color.height(), 4);
 }
 
+TEST(MakeFrameTest, MaskIsResizedWithTheImageAndLandmarksOnItAreLeftOut) {
+  Mask mask(6, 4, 200);
+  mask(2, 1) = 0;
+  const auto at = [](double col, double row) -> Eigen::Vector3d { return 2.0 * kCamera.Unproject({col, row}); };
+  const std::vector<Eigen::Vector3d> landmarks = {at(2, 1), at(4, 1), {0, 0, -1}};
+  const auto make = [&](int max_size, const Mask& of_image) {
+    return MakeFrame(0, 0, MakeColor(6, 4), kCamera, RigidTransform::Identity(), landmarks, {max_size}, of_image);
+  };
+  const Frame frame = make(0, mask);
+  ASSERT_EQ(frame.mask.width(), 6);
+  EXPECT_EQ(frame.mask(2, 1), 0);
+  EXPECT_NE(frame.mask(1, 1), 0);
+  ASSERT_EQ(frame.landmarks_in_world.size(), 2u);  // behind the camera: not seen, whatever the mask
+  EXPECT_EQ(frame.landmarks_in_world[0], landmarks[1]);
+
+  const Frame shrunk = make(3, mask);
+  ASSERT_EQ(shrunk.mask.width(), 3);
+  EXPECT_EQ(shrunk.mask(1, 0), 0);
+  EXPECT_NE(shrunk.mask(0, 0), 0);
+  EXPECT_EQ(shrunk.landmarks_in_world.size(), 2u);
+
+  const Frame whole = make(0, Mask(6, 4, 1));
+  EXPECT_TRUE(whole.mask.empty()) << "ignores nothing";
+  EXPECT_EQ(whole.landmarks_in_world.size(), 3u);
+  EXPECT_THAT(ErrorOf([&] { make(0, Mask(4, 6, 255)); }),
+              ::testing::AllOf(HasSubstr("mask size 4 x 6"), HasSubstr("6 x 4")));
+}
+
 TEST(MakeFrameTest, RefusesWhatDoesNotFitAndNamesIt) {
   const auto make = [](int width, int height, const PinholeCamera& camera, int max_size) {
     return [=] { MakeFrame(42, 0, MakeColor(width, height), camera, RigidTransform::Identity(), {}, {max_size}); };

@@ -7,6 +7,7 @@
 #include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
 #include "acmp_mapping/image/image.h"
+#include "acmp_mapping/image/mask.h"
 
 namespace acmp {
 
@@ -18,8 +19,11 @@ struct Frame {
   RigidTransform cam_from_world = RigidTransform::Identity();
   ColorImage color;
   GrayImage gray;  ///< what is matched
+  /// Which pixels count, of the same size: the others are neither matched nor matched against, and get no depth. Empty
+  /// where all count.
+  Mask mask;
   /// Sparse map points that this image is said to see (observed, or a whole map: what is not in view is ignored by all
-  /// who read them).
+  /// who read them), without those that fall on pixels which the mask ignores: they may be of something that moves.
   std::vector<Eigen::Vector3d> landmarks_in_world;
 };
 
@@ -30,12 +34,13 @@ struct FrameOptions {
   int max_size = 0;  ///< longer side, px; 0: as it is
 };
 
-/// Makes a frame from an undistorted image: grey values in float, both resized, the camera with them. Throws
-/// InvalidInputError for a camera or image size that does not fit, a pose that is not finite and orthonormal, or
-/// options out of bounds.
+/// Makes a frame from an undistorted image: grey values in float, both resized, the camera and the mask with them.
+/// Throws InvalidInputError for a camera, image or mask size that does not fit, a pose that is not finite and
+/// orthonormal, or options out of bounds.
+/// @param mask of the image; empty: all pixels count
 Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamera& camera,
                 const RigidTransform& cam_from_world, std::vector<Eigen::Vector3d> landmarks_in_world,
-                const FrameOptions& options = {});
+                const FrameOptions& options = {}, const Mask& mask = {});
 
 /// The points as a PointCloud2 carries them: every coordinate rounded to float, returned in double.
 std::vector<Eigen::Vector3d> RoundedToFloat(const std::vector<Eigen::Vector3d>& points);
