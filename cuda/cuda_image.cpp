@@ -21,6 +21,24 @@ int CudaImage::Layer(int level) const {
   return levels[static_cast<size_t>(level)]->layer();
 }
 
+namespace {
+
+/// The frame's mask, if it has one, for all levels of its image.
+void UploadMask(const Frame& frame, int levels, DeviceQueue* queue, CudaImage* image) {
+  if (frame.mask.empty()) return;
+  for (const ClearanceMap& clearance : MakeClearances(frame, levels)) {
+    DeviceArray<unsigned char> copy(queue->device(), clearance.size());
+    unsigned char* staged = queue->staging()->Reserve<unsigned char>(clearance.size());
+    ParallelCopy(clearance.data(), clearance.size(), staged);
+    copy.Upload(staged, clearance.size(), queue->stream());
+    queue->stream().Synchronize();
+    image->clearance_views.push_back({copy.data(), clearance.width(), clearance.height(), clearance.width()});
+    image->clearances.push_back(std::move(copy));
+  }
+}
+
+}  // namespace
+
 EngineImagePtr LoadImage(const FramePtr& frame, int levels, DeviceQueue* queue) {
   CheckLoad(frame, levels);
   return queue->OnDevice([&] {
@@ -39,6 +57,7 @@ EngineImagePtr LoadImage(const FramePtr& frame, int levels, DeviceQueue* queue) 
       device.images(level).QueueHalf(device.images(level - 1), image->Layer(level - 1), image->Layer(level), stream);
     }
     stream.Synchronize();
+    UploadMask(*frame, levels, queue, image.get());
     return EngineImagePtr(image);
   });
 }

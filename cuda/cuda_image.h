@@ -25,15 +25,21 @@ class ImageLayer {
   int layer_;
 };
 
-/// An image's levels as layers of textures.
+/// An image's levels as layers of textures, and those of its mask.
 struct CudaImage final : EngineImage {
   const CudaDevice* device = nullptr;
   std::vector<std::unique_ptr<ImageLayer>> levels;
+  std::vector<DeviceArray<unsigned char>> clearances;  ///< of all levels (MakeClearances); none without a mask
+  std::vector<ImageView<const unsigned char>> clearance_views;
   mutable std::mutex color_mutex;
   mutable DeviceArray<Rgb> color;  ///< copied when it is first asked for: matching does without
 
   /// Throws InvalidInputError where the image was loaded with fewer levels.
   int Layer(int level) const;
+  /// ClearanceMap of the mask of a level that the image has, on the device; empty without a mask.
+  ImageView<const unsigned char> Clearance(int level) const {
+    return clearance_views.empty() ? ImageView<const unsigned char>() : clearance_views[static_cast<size_t>(level)];
+  }
 };
 
 /// See MatchingEngine::Load.

@@ -35,7 +35,22 @@ CudaMatchContext PassContext::Prepare(const EngineProblem& problem, const PatchM
   context.planes = estimate->PlaneView();
   context.cost = estimate->CostView();
   context.selected_views = estimate->NumbersView();
+  AddMasks(problem, level, &context);
   return context;
+}
+
+void PassContext::AddMasks(const EngineProblem& problem, int level, CudaMatchContext* context) {
+  context->clearance = queue_.Cast<CudaImage>(problem.reference.image).Clearance(level);
+  auto* clearances = host_clearances_.Reserve<ImageView<const unsigned char>>(kMaxSourceViews);
+  bool has_masks = false;
+  for (size_t i = 0; i < problem.sources.size(); ++i) {
+    clearances[i] = queue_.Cast<CudaImage>(problem.sources[i].image).Clearance(level);
+    has_masks |= !clearances[i].empty();
+  }
+  if (!has_masks) return;
+  clearances_.Reserve(queue_.device(), kMaxSourceViews);
+  clearances_.Upload(clearances, problem.sources.size(), queue_.stream());
+  context->source_clearances = clearances_.data();
 }
 
 void PassContext::AddDepths(const EngineProblem& problem, const PatchMatchProblem& match, Method method,

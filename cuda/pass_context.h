@@ -25,12 +25,15 @@ class PassContext {
   /// Throws InvalidInputError unless the sources' estimates are of the level.
   void AddDepths(const EngineProblem& problem, const PatchMatchProblem& match, Method method, SourceView* views,
                  ImageView<const float>* full_depths);
+  /// Where the reference or a source has a mask.
+  void AddMasks(const EngineProblem& problem, int level, CudaMatchContext* context);
 
   DeviceQueue& queue_;
   HalvedDepths& halved_;
   DeviceArray<SourceView> views_;
   DeviceArray<ImageView<const float>> full_depths_;
-  PinnedBuffer host_views_, host_full_depths_;
+  DeviceArray<ImageView<const unsigned char>> clearances_;
+  PinnedBuffer host_views_, host_full_depths_, host_clearances_;
 };
 
 }  // namespace acmp

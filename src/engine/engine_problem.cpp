@@ -49,6 +49,18 @@ void CheckLoad(const FramePtr& frame, int levels) {
   if (!frame) throw InvalidInputError("frame: must not be null");
   CheckRange("levels", levels, 0, kMaxLevels);
   CheckCamera("camera of the smallest level", CameraAtLevel(frame->camera, levels));
+  if (!frame->mask.empty()) CheckSize("mask", frame->mask.width(), frame->mask.height(), frame->camera);
+}
+
+std::vector<ClearanceMap> MakeClearances(const Frame& frame, int levels) {
+  std::vector<ClearanceMap> clearances;
+  clearances.push_back(MakeClearance(frame.mask));
+  Mask halved;
+  for (int level = 1; level <= levels; ++level) {
+    halved = HalveMask(level == 1 ? frame.mask : halved);
+    clearances.push_back(MakeClearance(halved));
+  }
+  return clearances;
 }
 
 void CheckHandles(const EngineProblem& problem, int level) {

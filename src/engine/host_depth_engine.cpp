@@ -23,12 +23,19 @@ namespace {
 struct HostImage final : EngineImage {
   FramePtr frame;  ///< keeps the pixels of level 0
   std::vector<GrayImage> halved;
+  std::vector<ClearanceMap> clearances;  ///< of all levels; empty maps where the frame has no mask
 
   ImageView<const float> Gray(int level) const {
     if (level > static_cast<int>(halved.size())) {
       throw InvalidInputError(Concat("level = ", level, ": the image was loaded with ", halved.size()));
     }
     return level == 0 ? frame->gray.View() : halved[static_cast<size_t>(level) - 1].View();
+  }
+
+  /// Sets grey values and mask of a view.
+  void SetPixels(int level, MatchView* view) const {
+    view->gray = Gray(level);
+    view->clearance = clearances[static_cast<size_t>(level)].View();
   }
 };
 
@@ -74,9 +81,9 @@ GrayImage Halve(const ImageView<const float>& image) {
 
 PatchMatchProblem MakeProblem(const EngineProblem& problem, int level) {
   PatchMatchProblem match = MakePatchMatchProblem(problem, level);
-  match.reference.gray = Cast<HostImage>(problem.reference.image).Gray(level);
+  Cast<HostImage>(problem.reference.image).SetPixels(level, &match.reference);
   for (size_t i = 0; i < match.sources.size(); ++i) {
-    match.sources[i].gray = Cast<HostImage>(problem.sources[i].image).Gray(level);
+    Cast<HostImage>(problem.sources[i].image).SetPixels(level, &match.sources[i]);
   }
   return match;
 }
@@ -144,6 +151,7 @@ EngineImagePtr HostDepthEngine::Load(const FramePtr& frame, int levels) {
   auto image = std::make_shared<HostImage>();
   image->frame = frame;
   for (int level = 0; level < levels; ++level) image->halved.push_back(Halve(image->Gray(level)));
+  image->clearances = MakeClearances(*frame, levels);
   return image;
 }
 

@@ -56,9 +56,12 @@ struct HostSources {
     for (size_t i = 0; i < depths.size(); ++i) views[i].depth = depths[i].View();
     images.reserve(views.size());
     full_depths.reserve(views.size());
+    clearances.reserve(views.size());
     for (const MatchView& source : problem.sources) {
       images.push_back(source.gray);
       full_depths.push_back(source.depth);
+      clearances.push_back(source.clearance);
+      has_masks |= !source.clearance.empty();
     }
   }
 
@@ -66,11 +69,15 @@ struct HostSources {
     context->sampler = {{problem.reference.gray, images.data()}, SupportedWindowFunctions().back()};
     context->sources = views.data();
     context->full_depths = full_depths.data();
+    context->clearance = problem.reference.clearance;
+    context->source_clearances = has_masks ? clearances.data() : nullptr;
   }
 
   std::vector<HalvedDepthMap> depths;
   std::vector<SourceView> views;
   std::vector<ImageView<const float>> images, full_depths;
+  std::vector<ImageView<const unsigned char>> clearances;
+  bool has_masks = false;
 };
 
 template <Pass kPass>

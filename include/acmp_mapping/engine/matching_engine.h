@@ -13,14 +13,16 @@
 
 namespace acmp {
 
-/// Grey pixels of a frame where the engine that loaded them reads them, with those of its halved images. Immutable.
+/// Grey pixels of a frame and its mask where the engine that loaded them reads them, with those of its halved images.
+/// Immutable.
 class EngineImage {
  public:
   virtual ~EngineImage() = default;
 };
 using EngineImagePtr = std::shared_ptr<const EngineImage>;
 
-/// What a pass leaves of a reference view where the engine that ran it reads it: plane, cost and depth of every pixel.
+/// What a pass leaves of a reference view where the engine that ran it reads it: plane, cost and depth of every pixel;
+/// of pixels that the mask ignores no plane, depth 0 and kWorstCost.
 /// Immutable: a later pass makes a new one, so that others go on reading this (Jacobi). Only one that nobody else holds
 /// is used up: moved into a pass, it gives the new one its memory.
 class EngineEstimate {
@@ -105,8 +107,11 @@ int LevelOf(const EngineProblem& problem, int width, int height);
 
 // What all engines check and make of their input. Throw InvalidInputError.
 
-/// Unless there is a frame, and `levels` times halved an image is left.
+/// Unless there is a frame, `levels` times halved an image is left, and the mask has the image's size.
 void CheckLoad(const FramePtr& frame, int levels);
+
+/// Of the frame's mask and of the masks halved up to `levels` times; empty maps without a mask.
+std::vector<ClearanceMap> MakeClearances(const Frame& frame, int levels);
 
 /// Unless frames and images are there, and 0 <= level <= kMaxLevels.
 void CheckHandles(const EngineProblem& problem, int level);

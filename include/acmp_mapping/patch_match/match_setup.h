@@ -62,8 +62,8 @@ MatchContext<Sampler> MakeMatchContext(const PatchMatchProblem& problem, const P
 
 /// Throws InvalidInputError unless the map called `name` has the camera's size.
 void CheckSize(const char* name, int width, int height, const PinholeCamera& camera);
-/// Throws InvalidInputError unless `start` has the reference's size and a plane in front of the camera everywhere (as
-/// every pass leaves it).
+/// Throws InvalidInputError unless `start` has the reference's size and in every pixel a plane in front of the camera,
+/// or none where the reference has a mask (as every pass leaves it).
 void CheckStart(const PatchMatchProblem& problem, const EstimateState& start);
 
 }  // namespace acmp

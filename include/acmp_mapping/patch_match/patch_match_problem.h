@@ -4,7 +4,7 @@
 
 #include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
-#include "acmp_mapping/image/image.h"
+#include "acmp_mapping/image/mask.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 
 namespace acmp {
@@ -14,7 +14,8 @@ struct MatchView {
   ImageView<const float> gray;  ///< 0..255
   PinholeCamera camera;
   RigidTransform cam_from_world = RigidTransform::Identity();
-  ImageView<const float> depth;  ///< z, 0 = unknown; empty unless the pass is geometric (source views only)
+  ImageView<const float> depth;              ///< z, 0 = unknown; empty unless the pass is geometric (source views only)
+  ImageView<const unsigned char> clearance;  ///< ClearanceMap of the image's mask; empty: all pixels count
 };
 
 /// Input of a pass: one reference view, 1..32 source views (sizes may differ) and the depths to search.
@@ -30,7 +31,7 @@ void Check(const PatchMatchProblem& problem);
 
 /// All that a pass leaves behind and the next one starts from. Both maps have the reference's size.
 struct EstimateState {
-  PlaneMap planes;  ///< every pixel has a plane in front of the camera once a pass has run
+  PlaneMap planes;  ///< once a pass has run all pixels but those that the mask ignores have a plane before the camera
   CostMap cost;     ///< photometric (eq. 1) after the photometric and prior passes, eq. 13 after geometric ones
 
   EstimateState Clone() const { return {planes.Clone(), cost.Clone()}; }

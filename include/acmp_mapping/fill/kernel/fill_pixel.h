@@ -95,11 +95,12 @@ ACMP_HOST_DEVICE inline float DepthQuantile(const FillContext& context, int col,
 /// its own depth where a view nearly confirms that. Where no view did, that is a guess, with the cost of a pixel
 /// without correspondence. Where one did, it gets kUnverifiedCost, and whoever fuses maps has to ask the views again.
 /// Where the strong ones go first, only views that confirm it closely count.
-/// Other pixels, and those round which no plane is left, keep their own.
+/// Other pixels, and those round which no plane is left, keep their own. A pixel that the mask ignores has none, and
+/// goes on having none.
 ACMP_HOST_DEVICE inline void FillPixel(const FillContext& context, int col, int row) {
   const ViewSupport support = context.support(col, row);
   const int views = context.strong_views > 0 ? StrictlyConsistentViews(support) : ConsistentViews(support);
-  if (views >= context.min_views) return;
+  if (views >= context.min_views || !(context.planes(col, row).d > 0)) return;
   const NearestSeeds& nearest = context.nearest(col / context.cell_size, row / context.cell_size);
   ExtendedPlanes planes;
   FindExtendedPlanes(context, nearest, col, row, &planes);

@@ -152,13 +152,14 @@ ACMP_HOST_DEVICE inline int WeightedMedianOf(const MedianSamples<Group::kSize>& 
 
 /// The weighted median of the surfaces around: of those of the pixel's colour, and the nearer ones first. Pixels that
 /// sources look through have less say. Where the depth changes by more than one in a hundred, the cost is that of
-/// another surface: whoever fuses maps has to ask the views again.
+/// another surface: whoever fuses maps has to ask the views again. A pixel without a depth goes on having none.
 template <class Group = SingleThread>
 ACMP_HOST_DEVICE inline void WeightedMedianPixel(const MedianContext& context, int col, int row,
                                                  const Group& group = {}) {
   constexpr float kSameSurface = 0.01f;
   const bool is_first = group.Rank() == 0;
   if (is_first) context.filtered(col, row) = context.planes(col, row);
+  if (!(context.depth(col, row) > 0)) return;  // the mask ignores the pixel
   if (FreeSpaceViolations(context.support(col, row)) == 0 && !HasSeveralSurfaces(context, col, row, group)) return;
   const int median = WeightedMedianOf(FindMedianSamples(context, col, row, group), group);
   if (median < 0 || !is_first) return;

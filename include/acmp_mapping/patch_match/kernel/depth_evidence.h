@@ -19,19 +19,27 @@ ACMP_HOST_DEVICE constexpr float EvidencePlane(int i) {
 
 /// The window of a pixel as it is compared here: without weights, as texture that is hardly more than noise shows in
 /// the sum of many samples only.
+/// @tparam kMasked some samples may be such that the mask ignores them
+template <bool kMasked>
 struct PlainWindow {
   float value[kPatchSamples];                ///< grey values minus the pixel's, row by row
   float col[kPatchWidth], row[kPatchWidth];  ///< inside the image: the nearest in it
   float center;
   float mean, variance;
+  uint64_t counting = ~uint64_t{0};  ///< which samples the mask does not ignore, as bits
+  int count = kPatchSamples;         ///< of these
+
+  ACMP_HOST_DEVICE bool Counts(int i) const { return !kMasked || (counting >> i & 1u) != 0; }
+  ACMP_HOST_DEVICE float InverseCount() const {
+    return kMasked ? 1.0f / static_cast<float>(count) : 1.0f / kPatchSamples;
+  }
 };
 
-template <class Sampler>
-ACMP_HOST_DEVICE inline PlainWindow LoadPlainWindow(const MatchContext<Sampler>& context, int col, int row) {
-  constexpr float kInverseSamples = 1.0f / kPatchSamples;
+template <bool kMasked, class Sampler>
+ACMP_HOST_DEVICE inline PlainWindow<kMasked> LoadPlainWindow(const MatchContext<Sampler>& context, int col, int row) {
   const auto clamped = [](int value, int last) { return value < 0 ? 0 : value > last ? last : value; };
   int cols[kPatchWidth], rows[kPatchWidth];
-  PlainWindow window;
+  PlainWindow<kMasked> window;
   ACMP_UNROLL
   for (int i = 0; i < kPatchWidth; ++i) {
     cols[i] = clamped(col + i * kPatchStep - kPatchRadius, context.width - 1);
@@ -43,20 +51,27 @@ ACMP_HOST_DEVICE inline PlainWindow LoadPlainWindow(const MatchContext<Sampler>&
   float sum = 0, squares = 0;
   ACMP_UNROLL
   for (int i = 0; i < kPatchSamples; ++i) {
+    if (kMasked && context.IsMasked(cols[i % kPatchWidth], rows[i / kPatchWidth])) {
+      window.value[i] = 0;
+      window.counting &= ~(uint64_t{1} << i);
+      --window.count;
+      continue;
+    }
     const float value = context.sampler.Reference(cols[i % kPatchWidth], rows[i / kPatchWidth]) - window.center;
     window.value[i] = value;
     sum += value;
     squares += value * value;
   }
-  window.mean = kInverseSamples * sum;
-  window.variance = kInverseSamples * squares - window.mean * window.mean;
+  window.mean = window.InverseCount() * sum;
+  window.variance = window.InverseCount() * squares - window.mean * window.mean;
   return window;
 }
 
 /// Whether a warped window lies in the source's image: where its corners are in front of the camera and inside, all of
 /// it is, as the warp keeps what is convex so.
+template <bool kMasked>
 ACMP_HOST_DEVICE inline bool ContainsWindow(const SourceView& source, const PlaneWarp& warp,
-                                            const PlainWindow& window) {
+                                            const PlainWindow<kMasked>& window) {
   bool is_inside = true;
   ACMP_UNROLL
   for (int i = 0; i < 4; ++i) {
@@ -70,15 +85,21 @@ ACMP_HOST_DEVICE inline bool ContainsWindow(const SourceView& source, const Plan
 }
 
 /// The part of the window's variance that a gain and an offset of the source's grey values do not explain, grey
-/// levels^2; -1 where not all of the window falls into the source's image.
+/// levels^2; -1 where not all of the window falls into the source's image, or it reaches what the source's mask
+/// ignores.
 /// @param dual of the plane (PlaneDual)
-template <class Sampler>
-ACMP_HOST_DEVICE inline float UnexplainedVariance(const MatchContext<Sampler>& context, const PlainWindow& window,
-                                                  const Vec3f& dual, int view) {
-  constexpr float kInverseSamples = 1.0f / kPatchSamples;
+/// @param col,row of the window's middle
+template <bool kMasked, class Sampler>
+ACMP_HOST_DEVICE inline float UnexplainedVariance(const MatchContext<Sampler>& context,
+                                                  const PlainWindow<kMasked>& window, const Vec3f& dual, int col,
+                                                  int row, int view) {
   const SourceView& source = context.sources[view];
   const PlaneWarp warp = MakePlaneWarp(source, dual, 0, 0);
   if (!ContainsWindow(source, warp, window)) return -1;
+  if (context.source_clearances != nullptr &&
+      ReachesMasked(context, view, MakePlaneWarp(source, dual, static_cast<float>(col), static_cast<float>(row)))) {
+    return -1;
+  }
   const int image = context.sampler.ImageOf(view);
   float sum = 0, squares = 0, products = 0;
   ACMP_UNROLL
@@ -86,6 +107,7 @@ ACMP_HOST_DEVICE inline float UnexplainedVariance(const MatchContext<Sampler>& c
     const Vec3f start = window.row[r] * warp.step_row + warp.center;
     ACMP_UNROLL
     for (int c = 0; c < kPatchWidth; ++c) {
+      if (!window.Counts(r * kPatchWidth + c)) continue;
       const Vec3f projected = window.col[c] * warp.step_col + start;
       const float inv_z = Reciprocal(projected.z);
       const float x = projected.x * inv_z + Sampler::kPixelCenter, y = projected.y * inv_z + Sampler::kPixelCenter;
@@ -95,9 +117,9 @@ ACMP_HOST_DEVICE inline float UnexplainedVariance(const MatchContext<Sampler>& c
       products += value * window.value[r * kPatchWidth + c];
     }
   }
-  const float mean = kInverseSamples * sum;
-  const float variance = kInverseSamples * squares - mean * mean;
-  const float covariance = kInverseSamples * products - window.mean * mean;
+  const float mean = window.InverseCount() * sum;
+  const float variance = window.InverseCount() * squares - mean * mean;
+  const float covariance = window.InverseCount() * products - window.mean * mean;
   if (!(covariance > 0 && variance > 0)) return window.variance;
   const float rest = window.variance - covariance * covariance / variance;
   return rest > 0 ? rest : 0;
@@ -116,14 +138,10 @@ ACMP_HOST_DEVICE inline uint32_t AgreeingViews(const MatchContext<Sampler>& cont
   return group.Union(agreeing);
 }
 
-/// How much the images speak for a pixel's plane against the same plane farther away: the least log-likelihood ratio of
-/// it against each EvidencePlane, over the source views whose depths agree with the pixel's (2 px). Noise of equal
-/// variance in all samples: n/2 log of the ratio of what is unexplained, summed over the views. About 0 on what has no
-/// texture, wherever it is drawn; negative where it fits better farther away. 0 with fewer than two views that agree.
-/// @param context with the planes that are asked about and the sources' depths; geometric_max_px above 2
-template <class Sampler, class Group = SingleThread>
-ACMP_HOST_DEVICE inline float DepthEvidence(const MatchContext<Sampler>& context, int col, int row,
-                                            const Group& group = {}) {
+/// DepthEvidence; kMasked: of a pixel near one that the mask ignores.
+template <bool kMasked, class Sampler, class Group>
+ACMP_HOST_DEVICE inline float EvidenceOfWindow(const MatchContext<Sampler>& context, int col, int row,
+                                               const Group& group) {
   constexpr float kNoiseVariance = 0.5f;  // grey levels^2, of both images together, at least
   constexpr int kMinViews = 2;
   constexpr float kFar = 1e30f;
@@ -132,7 +150,7 @@ ACMP_HOST_DEVICE inline float DepthEvidence(const MatchContext<Sampler>& context
   const float depth = PlaneDepth(plane, context.rays.Ray(static_cast<float>(col), static_cast<float>(row)));
   if (!(plane.d > 0 && depth > 0)) return 0;
   const uint32_t views = AgreeingViews(context, depth, col, row, group);
-  const PlainWindow window = LoadPlainWindow(context, col, row);
+  const PlainWindow<kMasked> window = LoadPlainWindow<kMasked>(context, col, row);
   const Vec3f dual = PlaneDual(context, plane);
   float log_ratio[kPerThread] = {};
   int compared[kPerThread] = {};
@@ -144,7 +162,7 @@ ACMP_HOST_DEVICE inline float DepthEvidence(const MatchContext<Sampler>& context
     for (int k = 0; k < kPerThread; ++k) {
       const int i = group.Rank() + k * Group::kSize;
       unexplained[k] =
-          i < kEvidencePlanes ? UnexplainedVariance(context, window, EvidencePlane(i) * dual, view) : -1.0f;
+          i < kEvidencePlanes ? UnexplainedVariance(context, window, EvidencePlane(i) * dual, col, row, view) : -1.0f;
     }
     const float here = group.FromFirst(unexplained[0]);
     if (here < 0) continue;
@@ -166,7 +184,21 @@ ACMP_HOST_DEVICE inline float DepthEvidence(const MatchContext<Sampler>& context
     least = of_all < least ? of_all : least;
   }
   least = group.Least(least);
-  return least < kFar ? 0.5f * kPatchSamples * least : 0;
+  const float samples = kMasked ? static_cast<float>(window.count) : kPatchSamples;
+  return least < kFar ? 0.5f * samples * least : 0;
+}
+
+/// How much the images speak for a pixel's plane against the same plane farther away: the least log-likelihood ratio of
+/// it against each EvidencePlane, over the source views whose depths agree with the pixel's (2 px). Noise of equal
+/// variance in all samples: n/2 log of the ratio of what is unexplained, summed over the views. About 0 on what has no
+/// texture, wherever it is drawn; negative where it fits better farther away. 0 with fewer than two views that agree,
+/// and without a plane.
+/// @param context with the planes that are asked about and the sources' depths; geometric_max_px above 2
+template <class Sampler, class Group = SingleThread>
+ACMP_HOST_DEVICE inline float DepthEvidence(const MatchContext<Sampler>& context, int col, int row,
+                                            const Group& group = {}) {
+  return context.IsNearMasked(col, row, kPatchRadius) ? EvidenceOfWindow<true>(context, col, row, group)
+                                                      : EvidenceOfWindow<false>(context, col, row, group);
 }
 
 template <class Sampler, class Group = SingleThread>

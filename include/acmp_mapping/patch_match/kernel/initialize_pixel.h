@@ -19,7 +19,7 @@ ACMP_HOST_DEVICE inline float InitialCost(const MatchContext<Sampler>& context, 
   constexpr int kBestViews = 4;
   constexpr float kInvalid = 1e30f;
   if (group.Rank() == 0) scratch->num_sources = context.num_sources;
-  LoadReferencePatch(context, col, row, context.options.sigma_color, group, &scratch->patch);
+  LoadUnmaskedPatch(context, col, row, context.options.sigma_color, group, &scratch->patch);
   const float depth = PlaneDepth(plane, context.rays.Ray(static_cast<float>(col), static_cast<float>(row)));
   if (group.Rank() == 0) scratch->planes[0] = plane;
   group.Sync();
@@ -78,11 +78,19 @@ ACMP_HOST_DEVICE inline PlaneHypothesis RandomPlane(const MatchContext<Sampler>&
   return plane;
 }
 
+/// The pixel's plane so far; a random one where it has none, which only a mask of coarser pixels leaves.
+template <class Sampler>
+ACMP_HOST_DEVICE inline PlaneHypothesis PresentPlane(const MatchContext<Sampler>& context, int col, int row,
+                                                     const Vec3f& ray, RandomStream* random) {
+  const PlaneHypothesis plane = context.planes(col, row);
+  return context.clearance.data == nullptr || plane.d > 0 ? plane : RandomPlane(context, ray, random);
+}
+
 /// Where the pixel of our planar-prior pass starts: near the prior if it has one and its estimate is not credible.
 template <class Sampler>
 ACMP_HOST_DEVICE inline PlaneHypothesis PriorStart(const MatchContext<Sampler>& context, int col, int row,
                                                    const Vec3f& ray, RandomStream* random) {
-  const PlaneHypothesis current = context.planes(col, row);
+  const PlaneHypothesis current = PresentPlane(context, col, row, ray, random);
   const PixelPrior prior = LoadPrior(context, col, row, ray);
   if (!prior.valid || context.cost(col, row) < context.options.prior_start_cost) return current;
   constexpr float kDepthSpread = 0.06f;
@@ -100,7 +108,7 @@ ACMP_HOST_DEVICE inline PlaneHypothesis StartingPlane(const MatchContext<Sampler
                       context.pass_number * 64u);
   const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
   if constexpr (kPass == Pass::kGeometric) {
-    return context.planes(col, row);
+    return PresentPlane(context, col, row, ray, &random);
   } else if constexpr (kPass == Pass::kPlanarPrior && kMethod == Method::kOurs) {
     return PriorStart(context, col, row, ray, &random);
   } else {
@@ -113,6 +121,7 @@ ACMP_HOST_DEVICE inline PlaneHypothesis StartingPlane(const MatchContext<Sampler
 template <Pass kPass, Method kMethod = Method::kOurs, class Sampler, class Group>
 ACMP_HOST_DEVICE inline void InitializePixel(const MatchContext<Sampler>& context, int col, int row, const Group& group,
                                              PixelScratch* scratch) {
+  if (LeaveIfMasked(context, col, row, group)) return;
   if constexpr (kPass == Pass::kGeometric && kMethod == Method::kOurs) {
     if (KeepIfConverged(context, col, row, group)) return;
   }
@@ -135,8 +144,9 @@ inline void InitializePixel(const MatchContext<Sampler>& context, int col, int r
 /// so they are not worth a comparison. In geometric passes it stays as it is: it may be converged.
 template <Pass kPass, class Sampler>
 ACMP_HOST_DEVICE inline void InitializeUnmatched(const MatchContext<Sampler>& context, int col, int row) {
+  if (LeaveIfMasked(context, col, row, SingleThread())) return;
   context.selected_views(col, row) = 0;
-  if (kPass == Pass::kGeometric) return;
+  if (kPass == Pass::kGeometric && (context.clearance.data == nullptr || context.planes(col, row).d > 0)) return;
   context.planes(col, row) = StartingPlane<kPass>(context, col, row);
   context.cost(col, row) = kWorstCost;
 }

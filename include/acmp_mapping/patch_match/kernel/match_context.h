@@ -60,8 +60,18 @@ struct MatchContext {
   PriorMap prior;                             ///< planar-prior pass only
   const ImageView<const float>* full_depths;  ///< of the sources, z at full size: the papers' geometric passes only
 
+  /// ClearanceMap of the reference's mask; empty: all of its pixels count.
+  ImageView<const unsigned char> clearance;
+  /// The same of the sources; null where none has a mask.
+  const ImageView<const unsigned char>* source_clearances;
+
   ACMP_HOST_DEVICE bool Contains(int col, int row) const { return col >= 0 && row >= 0 && col < width && row < height; }
   ACMP_HOST_DEVICE bool InRange(float depth) const { return depth >= depth_min && depth <= depth_max; }
+  /// Whether the reference's mask ignores the pixel, or one that lies within `reach` px of it along both axes.
+  ACMP_HOST_DEVICE bool IsNearMasked(int col, int row, int reach) const {
+    return clearance.data != nullptr && clearance(col, row) <= reach;
+  }
+  ACMP_HOST_DEVICE bool IsMasked(int col, int row) const { return IsNearMasked(col, row, 0); }
 };
 
 constexpr float kUninformedCost = 1.0f;  ///< NCC = 0: the reference window has no texture to compare

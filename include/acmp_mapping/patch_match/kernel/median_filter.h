@@ -28,8 +28,9 @@ ACMP_HOST_DEVICE inline DepthStatistics Statistics(float (&values)[kMedianPixels
 constexpr int kMedianReach = 5;  ///< px to the farthest of the pixels below
 
 /// What MedianFilterPixel does.
-/// @tparam kAllInside the pixel is at least kMedianReach from the image's border. Nothing has to be asked before the
-/// others are read then, so that a GPU thread waits once for all, and the ranks are known to the compiler.
+/// @tparam kAllInside the pixel is at least kMedianReach from the image's border and from what its mask ignores.
+/// Nothing has to be asked before the others are read then, so that a GPU thread waits once for all, and the ranks are
+/// known to the compiler.
 template <bool kAllInside, class Sampler>
 ACMP_HOST_DEVICE inline void MedianFilterPixelAmong(const MatchContext<Sampler>& context, int col, int row) {
   constexpr int dx[kMedianPixels] = {0, 0, 0, -1, 1, -1, 1, -1, 1, -2, 2, -2, 2, 0, 0, -3, 3, 0, 0, -5, 5};
@@ -43,7 +44,7 @@ ACMP_HOST_DEVICE inline void MedianFilterPixelAmong(const MatchContext<Sampler>&
     own[i] = extended[i] = kFar;
     const int c = col + dx[i], r = row + dy[i];
     if (!kAllInside) {
-      if (!context.Contains(c, r)) continue;
+      if (!context.Contains(c, r) || context.IsMasked(c, r)) continue;
       ++count;
     }
     const PlaneHypothesis plane = context.planes(c, r);
@@ -62,11 +63,12 @@ ACMP_HOST_DEVICE inline void MedianFilterPixelAmong(const MatchContext<Sampler>&
 /// distance 5 along the axes. Either their depths, which evens out noise where normals are poor, or the depths at which
 /// their planes meet this pixel's ray, which keeps slopes: whichever spread less. A plane that leaves the depth range
 /// on the way counts as infinitely far. The pixel keeps its normal and its plane is moved to the median, so normal and
-/// depth stay consistent. Reads the other colour only.
+/// depth stay consistent. Reads the other colour only. A pixel that the mask ignores has no plane and does not count.
 template <class Sampler>
 ACMP_HOST_DEVICE inline void MedianFilterPixel(const MatchContext<Sampler>& context, int col, int row) {
+  if (context.IsMasked(col, row)) return;
   if (context.Contains(col - kMedianReach, row - kMedianReach) &&
-      context.Contains(col + kMedianReach, row + kMedianReach)) {
+      context.Contains(col + kMedianReach, row + kMedianReach) && !context.IsNearMasked(col, row, kMedianReach)) {
     MedianFilterPixelAmong<true>(context, col, row);
   } else {
     MedianFilterPixelAmong<false>(context, col, row);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "acmp_mapping/common/thread_group.h"
+#include "acmp_mapping/patch_match/kernel/masked_window.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
 #include "acmp_mapping/patch_match/kernel/window.h"
 
@@ -8,7 +9,7 @@ namespace acmp {
 
 struct PatchSample {
   float value;   ///< grey value minus the patch's center
-  float weight;  ///< bilateral; 0 outside the image
+  float weight;  ///< bilateral; 0 outside the image and where the mask ignores it
 };
 
 /// The reference side of the NCC: depends on the pixel only, so one patch serves all hypotheses and views.
@@ -67,6 +68,36 @@ ACMP_HOST_DEVICE inline void LoadReferencePatch(const MatchContext<Sampler>& con
   group.Sync();
 }
 
+/// Takes the samples that the reference's mask ignores out of a patch that has been loaded.
+template <class Sampler, class Group>
+ACMP_HOST_DEVICE inline void LeaveOutMasked(const MatchContext<Sampler>& context, int col, int row, const Group& group,
+                                            ReferencePatch* patch) {
+  if (!context.IsNearMasked(col, row, kPatchRadius)) return;
+  float sum_w = 0, sum_wr = 0, sum_wrr = 0;
+  ForEach(group, kPatchSamples, [&](int i) {
+    const int x = col + WindowCol(i), y = row + WindowRow(i);
+    PatchSample sample = patch->samples[i];
+    if (context.Contains(x, y) && context.IsMasked(x, y)) sample = {0, 0};
+    patch->samples[i] = sample;
+    sum_w += sample.weight;
+    sum_wr += sample.weight * sample.value;
+    sum_wrr += sample.weight * sample.value * sample.value;
+  });
+  sum_w = group.Sum(sum_w);
+  sum_wr = group.Sum(sum_wr);
+  sum_wrr = group.Sum(sum_wrr);
+  if (group.Rank() == 0) SetMoments(sum_w, sum_wr, sum_wrr, patch);
+  group.Sync();
+}
+
+/// LoadReferencePatch without what the mask ignores.
+template <class Sampler, class Group>
+ACMP_HOST_DEVICE inline void LoadUnmaskedPatch(const MatchContext<Sampler>& context, int col, int row,
+                                               float sigma_color, const Group& group, ReferencePatch* patch) {
+  LoadReferencePatch(context, col, row, sigma_color, group, patch);
+  LeaveOutMasked(context, col, row, group, patch);
+}
+
 /// K_ref^-T n / d: with it H_j = A_j - b_j m^T costs nine multiply-adds per view.
 template <class Sampler>
 ACMP_HOST_DEVICE inline Vec3f PlaneDual(const MatchContext<Sampler>& context, const PlaneHypothesis& plane) {
@@ -112,7 +143,8 @@ ACMP_HOST_DEVICE inline WindowSums SumWindow(const Sampler& sampler, int view, c
 }
 
 /// Whether the window has to be compared: then `warp` says where; else `cost` is the answer. Worst where the plane's
-/// point lies behind the source camera or projects outside its image.
+/// point lies behind the source camera or projects outside its image, and where the window reaches what the source's
+/// mask ignores.
 template <class Sampler>
 ACMP_HOST_DEVICE inline bool PrepareWindow(const MatchContext<Sampler>& context, const ReferencePatch& patch,
                                            const Vec3f& dual, int col, int row, int view, PlaneWarp* warp,
@@ -127,6 +159,7 @@ ACMP_HOST_DEVICE inline bool PrepareWindow(const MatchContext<Sampler>& context,
   const float x = warp->center.x * inv_z;
   const float y = warp->center.y * inv_z;
   if (!(x >= -0.5f && y >= -0.5f && x < source.width - 0.5f && y < source.height - 0.5f)) return false;
+  if (ReachesMasked(context, view, *warp)) return false;
   *cost = kUninformedCost;
   return patch.variance >= context.options.min_variance;
 }

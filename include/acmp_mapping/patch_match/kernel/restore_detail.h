@@ -50,12 +50,13 @@ ACMP_HOST_DEVICE inline PlaneHypothesis UpsampleJointly(const MatchContext<Sampl
 
 /// The detail restorer of ACMM (section 4 of ACMH's paper) for one pixel of a photometric estimate: it takes the
 /// coarser scale's plane, with its photometric cost here, unless its own costs less by more than xi, as a detail that
-/// the coarser scale does not have.
+/// the coarser scale does not have. Nothing for a pixel that the mask ignores.
 /// @param context with planes and costs of the photometric estimate
 template <class Sampler, class Group>
 ACMP_HOST_DEVICE inline void RestorePixel(const MatchContext<Sampler>& context, const CoarserEstimate& coarser, int col,
                                           int row, const Group& group, PixelScratch* scratch) {
   constexpr float kXi = 0.1f;
+  if (context.IsMasked(col, row)) return;
   const PlaneHypothesis plane = UpsampleJointly(context, coarser, col, row);
   if (!(plane.d > 0)) return;
   uint32_t views;

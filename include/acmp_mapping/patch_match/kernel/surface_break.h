@@ -8,7 +8,8 @@ namespace acmp {
 
 /// Whether the surface of the present estimates bends or breaks (a crease or a depth discontinuity) within the pixel's
 /// window: inverse depth is affine on a plane, so that a pixel of one has the mean of any two opposite ones. Compared
-/// with four pairs on the window's rim, those that lie in the image. They are of the other colour, which no one writes
+/// with four pairs on the window's rim, those that lie in the image and have planes (without one the difference is NaN,
+/// which no comparison finds greater). They are of the other colour, which no one writes
 /// meanwhile.
 template <class Sampler, class Group>
 ACMP_HOST_DEVICE inline bool IsSurfaceBroken(const MatchContext<Sampler>& context, int col, int row,

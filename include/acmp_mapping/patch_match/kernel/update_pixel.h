@@ -89,12 +89,13 @@ ACMP_HOST_DEVICE inline RatedHypothesis BestCandidate(const PixelUpdate<Sampler,
 }
 
 /// One checkerboard step for one pixel: propagation, view weights, hypothesis update, refinement; nothing for a
-/// converged pixel. Reads planes, costs and masks of the other colour only and writes its own pixel, so all pixels of
-/// one colour may run at once in any order.
+/// converged pixel and one that the mask ignores. Reads planes, costs and masks of the other colour only and writes its
+/// own pixel, so all pixels of one colour may run at once in any order.
 template <Pass kPass, Method kMethod = Method::kOurs, class Sampler, class Group>
 ACMP_HOST_DEVICE inline void UpdatePixel(const MatchContext<Sampler>& context, int col, int row, int iteration,
                                          const Group& group, PixelScratch* scratch) {
   constexpr bool kIsOurs = kMethod == Method::kOurs;
+  if (LeaveIfMasked(context, col, row, group)) return;
   if constexpr (kIsOurs && kPass == Pass::kGeometric) {
     if (SkipsConvergedPixels(context, iteration) && KeepIfConverged(context, col, row, group)) return;
   }
@@ -104,7 +105,7 @@ ACMP_HOST_DEVICE inline void UpdatePixel(const MatchContext<Sampler>& context, i
   const float sigma_color = kIsOurs && kPass != Pass::kPhotometric && IsSurfaceBroken(context, col, row, group)
                                 ? context.options.edge_sigma_color
                                 : context.options.sigma_color;
-  LoadReferencePatch(context, col, row, sigma_color, group, &scratch->patch);
+  LoadUnmaskedPatch(context, col, row, sigma_color, group, &scratch->patch);
   PixelUpdate<Sampler, Group, kMethod> pixel(context, col, row, group, scratch);
   pixel.ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
   if constexpr (kPass == Pass::kPlanarPrior) pixel.prior = LoadPrior(context, col, row, pixel.ray);
