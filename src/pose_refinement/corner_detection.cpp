@@ -40,8 +40,8 @@ Image<float> CornerResponse(const Image<uint8_t>& image) {
   return response;
 }
 
-std::vector<Eigen::Vector2d> PickCorners(const Image<float>& response, const std::vector<Eigen::Vector2d>& taken,
-                                         const CornerOptions& options) {
+std::vector<Eigen::Vector2d> PickCorners(const View& view, const Image<float>& response,
+                                         const std::vector<Eigen::Vector2d>& taken, const CornerOptions& options) {
   const int cols = (response.width() + options.cell - 1) / options.cell;
   const int rows = (response.height() + options.cell - 1) / options.cell;
   std::vector<bool> is_taken(static_cast<size_t>(cols) * rows, false);
@@ -62,7 +62,8 @@ std::vector<Eigen::Vector2d> PickCorners(const Image<float>& response, const std
       int best_col = -1, best_row = -1;
       for (int row = top; row < bottom; ++row) {
         for (int col = left; col < right; ++col) {
-          if (response(col, row) > best && IsLocalMaximum(response, col, row)) {
+          if (response(col, row) > best && IsLocalMaximum(response, col, row) &&
+              view.IsClear({col, row}, options.border)) {
             best = response(col, row), best_col = col, best_row = row;
           }
         }

@@ -128,6 +128,7 @@ double SearchInverseDepth(const PosedView& anchor, const Eigen::Vector2d& pixel,
       const Projection p = views[v].Project(pixel, inverse_depth);
       const GrayPyramid& pyramid = others[v].view->pyramid;
       if (!p.in_front || level >= pyramid.levels()) continue;
+      if (!others[v].view->IsClear(p.pixel, scale * (kSearchHalf + 1))) continue;
       if (SampleWindow(pyramid.level(level), {ToLevel(p.pixel.x(), level), ToLevel(p.pixel.y(), level)}, p.warp,
                        &window)) {
         nccs.push_back(Correlation(reference, window));
@@ -156,7 +157,9 @@ Alignment FindInView(const Landmark& landmark, const PosedView& anchor, const Po
                      const AlignmentOptions& options) {
   const Projection p = RelativeView(anchor, view).Project(landmark.pixel, landmark.inverse_depth);
   if (!p.in_front || !view.view->camera.Contains(p.pixel)) return {};
-  return Align(anchor.view->pyramid, landmark.pixel, p.warp, view.view->pyramid, p.pixel, options);
+  Alignment alignment = Align(anchor.view->pyramid, landmark.pixel, p.warp, view.view->pyramid, p.pixel, options);
+  alignment.found = alignment.found && view.view->IsClear(alignment.pixel, options.half_width + 1);
+  return alignment;
 }
 
 void Triangulate(const std::vector<ViewPose>& poses, const std::vector<PinholeCamera>& cameras, Landmark* landmark) {

@@ -16,13 +16,14 @@ struct PosedView {
 };
 
 /// Depth of a pixel by a search along its ray: the inverse depth at which the pixels of the other views look most like
-/// those around it (mean normalised correlation). Returns 0 where no depth stands out.
+/// those around it (mean normalised correlation). Returns 0 where no depth stands out. What masks ignore is not
+/// compared.
 /// @param others at most 8 are of use
 double SearchInverseDepth(const PosedView& anchor, const Eigen::Vector2d& pixel, const DepthRange& range,
                           const std::vector<PosedView>& others);
 
 /// Measures where the landmark is seen in a view: predicted by its depth, then aligned to a fraction of a pixel in both
-/// directions, so that the pose's error shows.
+/// directions, so that the pose's error shows. Not found near what the view's mask ignores.
 Alignment FindInView(const Landmark& landmark, const PosedView& anchor, const PosedView& view,
                      const AlignmentOptions& options);
 

@@ -164,8 +164,9 @@ struct PoseRefiner::Impl {
     std::vector<Eigen::Vector2d> taken;
     taken.reserve(tracked.size());
     for (const Tracked& t : tracked) taken.push_back(t.pixel);
+    const View& view = keyframes.back().view;
     const std::vector<Eigen::Vector2d> corners =
-        PickCorners(response, taken, CornersFor(keyframes.back().view.camera, options.corners));
+        PickCorners(view, response, taken, CornersFor(view.camera, options.corners));
     std::vector<std::optional<Landmark>> found(corners.size());
     tbb::parallel_for(size_t{0}, corners.size(),
                       [&](size_t i) { found[i] = MakeLandmark(corners[i], RangeAround(corners[i], tracked, range)); });
@@ -243,8 +244,11 @@ void PoseRefiner::Add(const Frame& frame, const DepthRange& range, const std::op
   if (bundle.size() == 0) bundle.origin = received.centre;
   received.centre -= bundle.origin;
   const ViewPose predicted = impl_->Predicted(received);
-  keyframes.push_back(
-      {frame.id, frame.stamp_s, {frame.camera, GrayPyramid(frame.gray.View())}, frame.cam_from_world, motion});
+  keyframes.push_back({frame.id,
+                       frame.stamp_s,
+                       {frame.camera, GrayPyramid(frame.gray.View()), MakeClearance(frame.mask)},
+                       frame.cam_from_world,
+                       motion});
   bundle.cameras.push_back(frame.camera);
   bundle.received.push_back(received);
   bundle.poses.push_back(predicted);

@@ -67,15 +67,16 @@ class ImageSet {
     }
   }
 
-  void Load(const std::function<GrayImage(size_t)>& load) {
+  void Load(const std::function<ImagePixels(size_t)>& load) {
     tbb::parallel_for(size_t{0}, views_.size(), [&](size_t i) {
-      const GrayImage gray = load(i);
+      const ImagePixels pixels = load(i);
+      const GrayImage& gray = pixels.gray;
       const PinholeCamera& camera = bundle_.cameras[i];
       if (gray.width() != camera.width || gray.height() != camera.height) {
         throw InvalidInputError(Concat("image ", images_[i].id, ": ", gray.width(), " x ", gray.height(),
                                        " px: must be of the camera's ", camera.width, " x ", camera.height));
       }
-      views_[i] = {camera, GrayPyramid(gray.View())};
+      views_[i] = {camera, GrayPyramid(gray.View()), MakeClearance(pixels.mask)};
     });
     Check();
   }
@@ -131,7 +132,7 @@ class ImageSet {
       if (others.size() < kSearchViews) others.push_back(Posed(source));
     }
     std::vector<Landmark> landmarks;
-    for (const Eigen::Vector2d& corner : PickCorners(CornerResponse(views_[i].pyramid.level(0)), {},
+    for (const Eigen::Vector2d& corner : PickCorners(views_[i], CornerResponse(views_[i].pyramid.level(0)), {},
                                                      CornersFor(bundle_.cameras[i], options_.corners))) {
       Landmark landmark;
       landmark.anchor = static_cast<int>(i);
@@ -157,7 +158,7 @@ class ImageSet {
 
 }  // namespace
 
-PoseRefinement RefineImagePoses(const std::vector<PosedImage>& images, const std::function<GrayImage(size_t)>& load,
+PoseRefinement RefineImagePoses(const std::vector<PosedImage>& images, const std::function<ImagePixels(size_t)>& load,
                                 const PoseRefinementOptions& options, const std::function<void()>& check) {
   Validate(options);
   CheckImages(images);

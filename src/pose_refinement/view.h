@@ -2,12 +2,15 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <memory>
 #include <vector>
 
 #include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
+#include "acmp_mapping/image/mask.h"
 #include "gray_pyramid.h"
 
 namespace acmp {
@@ -37,6 +40,15 @@ inline RigidTransform ToRigidTransform(const ViewPose& pose) {
 struct View {
   PinholeCamera camera;
   GrayPyramid pyramid;
+  ClearanceMap clearance;  ///< of its mask; empty: all pixels count
+
+  /// Whether the mask ignores no pixel within `reach` px of a place in the image, along both axes.
+  bool IsClear(const Eigen::Vector2d& pixel, double reach) const {
+    if (clearance.empty()) return true;
+    const int col = std::clamp(static_cast<int>(std::lround(pixel.x())), 0, clearance.width() - 1);
+    const int row = std::clamp(static_cast<int>(std::lround(pixel.y())), 0, clearance.height() - 1);
+    return clearance(col, row) > reach;
+  }
 };
 
 /// Where a landmark is seen.

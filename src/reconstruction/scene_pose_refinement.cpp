@@ -49,7 +49,10 @@ void RefineScenePoses(const ReconstructPlan& plan, const ReconstructOptions& opt
   if (options.pose_refinement.refine == RefinePoses::kOff || options.online() || !CanRefinePoses()) return;
   progress->Note("refining poses");
   const FrameOptions frame_options = {options.max_image_size};
-  const auto load = [&](size_t i) { return LoadFrame(*scene, plan.images[i].index, frame_options).gray; };
+  const auto load = [&](size_t i) {
+    Frame frame = LoadFrame(*scene, plan.images[i].index, frame_options);
+    return ImagePixels{std::move(frame.gray), std::move(frame.mask)};
+  };
   const PoseRefinement refinement = RefineImagePoses(PosedImages(plan, *scene, options.max_image_size), load,
                                                      options.pose_refinement, [&] { interrupt.Check(); });
   for (const RefinedPose& pose : refinement.poses) {

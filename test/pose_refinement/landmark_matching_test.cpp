@@ -13,12 +13,12 @@ class LandmarkMatchingTest : public ::testing::Test {
   LandmarkMatchingTest() {
     for (int i = 0; i < 5; ++i) {
       const Frame& frame = Room()[static_cast<size_t>(4 + i)].frame;
-      views_.push_back({frame.camera, GrayPyramid(frame.gray.View())});
+      views_.push_back({frame.camera, GrayPyramid(frame.gray.View()), {}});
       cameras_.push_back(frame.camera);
       poses_.push_back(ToViewPose(frame.cam_from_world));
     }
     for (int i = 0; i < 5; ++i) posed_.push_back({i, &views_[static_cast<size_t>(i)], poses_[static_cast<size_t>(i)]});
-    corners_ = PickCorners(CornerResponse(views_[2].pyramid.level(0)), {}, CornersFor(cameras_[2], 300));
+    corners_ = PickCorners(views_[2], CornerResponse(views_[2].pyramid.level(0)), {}, CornersFor(cameras_[2], 300));
   }
 
   const DepthMap& TrueDepth() const { return Room()[6].true_depth; }

@@ -69,16 +69,23 @@ TEST(CornerDetectionTest, CornersOfASquareAreFoundAndTakenCellsLeftOut) {
   for (int row = 30; row < 70; ++row) {
     for (int col = 40; col < 80; ++col) square(col, row) = 180;
   }
-  const GrayPyramid pyramid(square.View());
+  View view;
+  view.pyramid = GrayPyramid(square.View());
   CornerOptions options;
   options.cell = 20;
-  const std::vector<Eigen::Vector2d> corners = PickCorners(CornerResponse(pyramid.level(0)), {}, options);
+  const Image<float> response = CornerResponse(view.pyramid.level(0));
+  const std::vector<Eigen::Vector2d> corners = PickCorners(view, response, {}, options);
   ASSERT_EQ(corners.size(), 4u);
   for (const Eigen::Vector2d& corner : corners) {
     EXPECT_LT(std::abs(std::abs(corner.x() - 59.5) - 20), 3);
     EXPECT_LT(std::abs(std::abs(corner.y() - 49.5) - 20), 3);
   }
-  EXPECT_EQ(PickCorners(CornerResponse(pyramid.level(0)), {corners[0]}, options).size(), 3u);
+  EXPECT_EQ(PickCorners(view, response, {corners[0]}, options).size(), 3u);
+
+  Mask mask(120, 100, 255);
+  mask(45, 35) = 0;  // near the corner at (40, 30)
+  view.clearance = MakeClearance(mask);
+  EXPECT_EQ(PickCorners(view, response, {}, options).size(), 3u);
 }
 
 }  // namespace

@@ -45,7 +45,7 @@ inline std::vector<PosedImage> RoomImages() {
   return images;
 }
 
-inline GrayImage RoomGray(size_t i) { return Room()[i].frame.gray.Clone(); }
+inline ImagePixels RoomPixels(size_t i) { return {Room()[i].frame.gray.Clone(), {}}; }
 
 /// Normally distributed, independent errors about and along each axis, always the same.
 class PoseErrors {

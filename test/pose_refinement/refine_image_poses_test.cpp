@@ -21,7 +21,7 @@ class RefineImagePosesTest : public ::testing::Test {
     for (PosedImage& image : images_) image.cam_from_world = errors.Perturbed(image.cam_from_world);
   }
 
-  PoseRefinement Refine() { return RefineImagePoses(images_, RoomGray, options_); }
+  PoseRefinement Refine() { return RefineImagePoses(images_, RoomPixels, options_); }
 
   void ExpectUnchanged(const PoseRefinement& result) {
     EXPECT_FALSE(result.changed);
@@ -78,14 +78,17 @@ TEST_F(RefineImagePosesTest, OffLooksAtNothing) {
   options_.refine = RefinePoses::kOff;
   Perturb(0.3, 0.01);
   const PoseRefinement result = RefineImagePoses(
-      images_, [](size_t) -> GrayImage { throw ProcessingError("was read"); }, options_);
+      images_, [](size_t) -> ImagePixels { throw ProcessingError("was read"); }, options_);
   ExpectUnchanged(result);
 }
 
 TEST_F(RefineImagePosesTest, BlankImagesLeavePosesAndSaySo) {
   options_.refine = RefinePoses::kOn;
   const PoseRefinement result = RefineImagePoses(
-      images_, [&](size_t i) { return GrayImage(images_[i].camera.width, images_[i].camera.height, 128.0f); },
+      images_,
+      [&](size_t i) {
+        return ImagePixels{GrayImage(images_[i].camera.width, images_[i].camera.height, 128.0f), {}};
+      },
       options_);
   ExpectUnchanged(result);
   EXPECT_THAT(result.reason, HasSubstr("few matches"));
@@ -137,7 +140,11 @@ TEST_F(RefineImagePosesTest, BadInputIsRefused) {
 
 TEST_F(RefineImagePosesTest, AnImageOfAnotherSizeIsRefused) {
   EXPECT_THROW(RefineImagePoses(
-                   images_, [](size_t) { return GrayImage(10, 10); }, options_),
+                   images_,
+                   [](size_t) {
+                     return ImagePixels{GrayImage(10, 10), {}};
+                   },
+                   options_),
                InvalidInputError);
 }
 

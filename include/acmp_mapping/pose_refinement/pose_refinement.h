@@ -65,12 +65,18 @@ struct PosedImage {
   std::vector<int> sources;  ///< positions of the images that see the same, best first
 };
 
+/// What of an image is matched.
+struct ImagePixels {
+  GrayImage gray;
+  Mask mask;  ///< of the same size; empty: all pixels count
+};
+
 /// Refines the poses of an image set by a bundle adjustment over matches that it finds itself. `images` are in the
 /// order in which they were taken, as far as there is one. The same input gives the same bits. Works in parallel (TBB).
 /// Throws InvalidInputError for bad options, depth ranges or indices, and whatever `load` throws.
-/// @param load gives the grey values of the image at a position, of its camera's size; called by several threads
+/// @param load gives the pixels of the image at a position, of its camera's size; called by several threads
 /// @param check called after each parallel loop, to throw where that was cancelled; may be empty
-PoseRefinement RefineImagePoses(const std::vector<PosedImage>& images, const std::function<GrayImage(size_t)>& load,
+PoseRefinement RefineImagePoses(const std::vector<PosedImage>& images, const std::function<ImagePixels(size_t)>& load,
                                 const PoseRefinementOptions& options, const std::function<void()>& check = {});
 
 }  // namespace acmp
