@@ -8,6 +8,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/dataset/masks.h"
 #include "colmap_model.h"
 #include "scene_private.h"
 
@@ -119,8 +120,8 @@ Frame LoadFrame(const Scene& scene, int index, const FrameOptions& options) {
   if (image.distortion.model != LensDistortion::Model::kNone) {
     color = Undistort(color, image.camera, image.distortion);
   }
-  return MakeFrame(index, 0.0, std::move(color), image.camera, image.cam_from_world, LandmarksOf(scene, image),
-                   options);
+  return MakeFrame(index, 0.0, std::move(color), image.camera, image.cam_from_world, LandmarksOf(scene, image), options,
+                   LoadMask(image));
 }
 
 }  // namespace acmp

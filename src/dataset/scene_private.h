@@ -13,4 +13,9 @@ Scene ReadMvsnetScene(const std::filesystem::path& root, PixelCenters centers);
 /// The image without its lens distortion, seen by the same pinhole camera; black where it shows nothing.
 ColorImage Undistort(const ColorImage& image, const PinholeCamera& camera, const LensDistortion& distortion);
 
+/// The mask of the undistorted image: it ignores what is made of a pixel that `mask` ignores, and what the lens did not
+/// see. Empty where all is used.
+/// @param mask of the stored image; empty: all of its pixels count
+Mask UndistortMask(Mask mask, const PinholeCamera& camera, const LensDistortion& distortion);
+
 }  // namespace acmp

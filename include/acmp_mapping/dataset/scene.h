@@ -23,6 +23,7 @@ struct LensDistortion {
 struct SceneImage {
   std::string name;            ///< file name relative to the image folder
   std::filesystem::path path;  ///< of the file
+  std::filesystem::path mask;  ///< of its mask (AddMasks); empty: it has none
   PinholeCamera camera;        ///< of the file as stored, pixel centres at integers
   LensDistortion distortion;
   RigidTransform cam_from_world = RigidTransform::Identity();
@@ -71,8 +72,8 @@ std::vector<Eigen::Vector3d> LandmarksOf(const Scene& scene, const SceneImage& i
 /// differs from the camera's.
 ColorImage LoadImage(const Scene& scene, int index);
 
-/// Loads one image, undistorts it if need be (to the same K, black where nothing is known) and makes a frame of it with
-/// id = index and its landmarks. Throws as LoadImage does.
+/// Loads one image, undistorts it if need be (to the same K, black and masked where nothing is known) and makes a frame
+/// of it with id = index, its mask and its landmarks. Throws as LoadImage and LoadMask do.
 Frame LoadFrame(const Scene& scene, int index, const FrameOptions& options = {});
 
 }  // namespace acmp
