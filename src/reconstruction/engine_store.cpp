@@ -8,8 +8,11 @@ namespace acmp {
 namespace {
 
 // What the caches count. On a GPU: texels of two bytes with their halved images; planes, cost, depth and half a byte of
-// halved depth. On the host: nothing but halved images beside the frame; the same with normals.
-size_t ImageBytes(const Frame& frame, bool on_host) { return frame.gray.size() * (on_host ? 2 : 3); }
+// halved depth. On the host: nothing but halved images beside the frame; the same with normals. A mask: a byte, and
+// those of its halved images.
+size_t ImageBytes(const Frame& frame, bool on_host) {
+  return frame.gray.size() * (on_host ? 2 : 3) + frame.mask.size() * 3 / 2;
+}
 size_t EstimateBytes(const Frame& frame, bool on_host) { return frame.gray.size() * (on_host ? 72 : 49) / 2; }
 
 size_t HostBytes(const FinalMaps& maps) {

@@ -15,7 +15,9 @@ class FrameStore {
   FramePtr Get(int index) {
     return cache_.Get(
         index, [&] { return std::make_shared<const Frame>(LoadFrame(scene_, index, options_)); },
-        [](const Frame& frame) { return frame.gray.size() * sizeof(float) + frame.color.size() * sizeof(Rgb); });
+        [](const Frame& frame) {
+          return frame.gray.size() * sizeof(float) + frame.color.size() * sizeof(Rgb) + frame.mask.size();
+        });
   }
 
  private:

@@ -8,6 +8,8 @@
 #include <set>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/masks.h"
+#include "acmp_mapping/keyframe/landmark_visibility.h"
 
 namespace acmp {
 namespace {
@@ -79,7 +81,11 @@ DepthRange FindDepthRange(const Scene& scene, int index, const ReconstructOption
   const bool given = options.depth_min && options.depth_max;
   std::optional<DepthRange> range = DatasetRange(image);
   if (!range && !given) {
-    range = DepthRangeFromLandmarks(LandmarksOf(scene, image), image.camera, image.cam_from_world, DepthRangeOptions());
+    std::vector<Eigen::Vector3d> landmarks = LandmarksOf(scene, image);
+    if (!image.mask.empty()) {
+      landmarks = WithoutMasked(std::move(landmarks), image.camera, image.cam_from_world, LoadMask(image));
+    }
+    range = DepthRangeFromLandmarks(landmarks, image.camera, image.cam_from_world, DepthRangeOptions());
   }
   if (!range && !given) {
     throw InvalidInputError(Concat(
@@ -218,17 +224,20 @@ DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indi
 
 std::string CheckInput(const Scene& scene, const std::vector<int>& indices, int levels, FrameStore* frames,
                        const InterruptWatcher& interrupt) {
-  std::vector<uint64_t> hashes(indices.size());
+  std::vector<uint64_t> hashes(indices.size()), mask_hashes(indices.size());
   tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
     const FramePtr frame = frames->Get(indices[i]);  // those that fit in stay for the run
     CheckSize(scene.images[indices[i]], frame->camera, levels);
-    hashes[i] = HashOfFile(scene.images[indices[i]].path);
+    const SceneImage& image = scene.images[indices[i]];
+    hashes[i] = HashOfFile(image.path);
+    if (!image.mask.empty()) mask_hashes[i] = HashOfFile(image.mask);
   });
   interrupt.Check();
   Hash hash;
   for (size_t i = 0; i < indices.size(); ++i) {
     hash.Add(indices[i]);
     hash.Add(hashes[i]);
+    if (!scene.images[indices[i]].mask.empty()) hash.Add(mask_hashes[i]);
     AddGeometry(scene, scene.images[indices[i]], &hash);
   }
   char text[17];

@@ -41,8 +41,8 @@ ReconstructPlan MakeOnlinePlan(const std::vector<int>& indices);
 DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indices);
 
 /// Reads every image once, so that a damaged one is found now and not hours later, and returns a hash of all input:
-/// files, cameras, poses, landmarks, ranges and source views. Throws InvalidInputError for an image that has no pixel
-/// left when it is halved `levels` times.
+/// files, masks, cameras, poses, landmarks, ranges and source views. Throws InvalidInputError for an image that has no
+/// pixel left when it is halved `levels` times.
 std::string CheckInput(const Scene& scene, const std::vector<int>& indices, int levels, FrameStore* frames,
                        const InterruptWatcher& interrupt);
 

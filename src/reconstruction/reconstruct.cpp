@@ -9,6 +9,7 @@
 #include "acmp_mapping/dataset/output_file.h"
 #include "colmap_output.h"
 #include "run.h"
+#include "scene_masks.h"
 #include "scene_pose_refinement.h"
 #include "summary.h"
 
@@ -41,7 +42,7 @@ RunRecord MakeRecord(const ReconstructOptions& options, const std::string& devic
   const auto depth = [](const std::optional<double>& value) { return value ? Concat(*value) : std::string("auto"); };
   const auto flag = [](bool value) { return std::string(value ? "yes" : "no"); };
   RunRecord record = {{"version", ACMP_VERSION},
-                      {"input (hash of images, cameras, poses, landmarks)", input_hash},
+                      {"input (hash of images, masks, cameras, poses, landmarks)", input_hash},
                       {"device", DeviceModel(device)},
                       {"preset", options.preset},
                       {"set", Joined(options.set)},
@@ -153,7 +154,7 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format), ParsePixelCenters(options.pixel_centers));
   Progress progress(log, StyleFor(options, log_is_terminal));
   for (const std::string& warning : scene.warnings) progress.Warn(warning);
-  const std::vector<int> indices = ChosenImages(scene, options.images);
+  const std::vector<int> indices = TakeMasks(options, ChosenImages(scene, options.images), &scene, &progress);
   if (options.colmap) ColmapOutput::CheckNames(scene, indices);
   ReconstructPlan plan = options.online() ? MakeOnlinePlan(indices) : MakeOfflinePlan(scene, indices, options);
   interrupt->Check();

@@ -226,6 +226,10 @@ void AddReconstructOptions(CLI::App* app, ReconstructOptions* options) {
       ->check(OneOf({"integer", "half"}))
       ->capture_default_str();
   app->add_option("--images", options->images, "Use only these images, by index from 0: 0,3,7-12");
+  app->add_option(
+      "--masks", options->masks,
+      "Folder of masks, IMAGE_NAME.png as in COLMAP: what is black (moving things, the robot, a sky) is not\n"
+      "matched and gets no depth. Images without one count as a whole");
   AddMatchingOptions(app, options);
   AddScheduleOptions(app, options);
   AddMachineOptions(app, options);

@@ -78,6 +78,35 @@ TEST_F(ReconstructCliTest, FindsThePlaneWithEitherSchedule) {
   }
 }
 
+TEST_F(ReconstructCliTest, MasksGiveNoDepthsAndNoPoints) {
+  WriteScene(4, 64, 48);
+  std::filesystem::create_directories(folder() / "masks");
+  ColorImage mask(64, 48, {255, 255, 255});
+  for (int row = 20; row < 30; ++row) {
+    for (int col = 30; col < 45; ++col) mask(col, row) = {0, 0, 0};
+  }
+  for (const char* name : {"00000001", "00000002"}) {
+    WritePng(folder() / "masks" / (std::string(name) + ".png.png"), mask);
+  }
+  for (const char* schedule : {"offline", "online"}) {
+    const Outcome outcome =
+        RunTool(Usual(schedule) + " --masks " + (folder() / "masks").string() + " --schedule " + schedule);
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.text;
+    EXPECT_THAT(outcome.text, HasSubstr("2 of 4 images have a mask"));
+    for (const int image : {1, 3}) {
+      const DepthMap depth = ReadPfm(output(schedule) / ("depth/00000" + std::to_string(image) + ".pfm"));
+      int without = 0;
+      for (size_t i = 0; i < depth.size(); ++i) {
+        without += depth.data()[i] > 0 ? 0 : 1;
+        if (image == 1 && mask.data()[i].r == 0) {
+          EXPECT_EQ(depth.data()[i], 0);
+        }
+      }
+      EXPECT_EQ(without, image == 1 ? 150 : 0) << schedule;
+    }
+  }
+}
+
 TEST_F(ReconstructCliTest, ColmapMapsLeaveOutWhatWasGuessed) {
   WriteScene(4, 64, 48);
   ASSERT_EQ(RunTool(Usual() + " --colmap").exit_code, 0);

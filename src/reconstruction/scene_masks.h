@@ -1,0 +1,17 @@
+#pragma once
+
+#include <vector>
+
+#include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/reconstruction/reconstruct_options.h"
+#include "progress.h"
+
+namespace acmp {
+
+/// Gives the scene's images the masks of --masks, says how many have one, and reads those of `indices` once, so that a
+/// bad one is found now. Returns the indices of the images that are of use: a warning names those of which their mask
+/// ignores every pixel. Throws InvalidInputError as AddMasks and LoadMask do, and where no image is of use.
+std::vector<int> TakeMasks(const ReconstructOptions& options, const std::vector<int>& indices, Scene* scene,
+                           Progress* progress);
+
+}  // namespace acmp
