@@ -68,18 +68,25 @@ std::vector<Track> FindTracks(const std::vector<SyntheticView>& views) {
   return tracks;
 }
 
+ColorImage Picture(const Image<unsigned char>& gray) {
+  ColorImage picture(gray.width(), gray.height());
+  std::transform(gray.begin(), gray.end(), picture.begin(), [](unsigned char value) {
+    const unsigned char level = value != 0 ? 255 : 0;
+    return Rgb{level, level, level};
+  });
+  return picture;
+}
+
 void WriteMaps(const fs::path& folder, const std::vector<SyntheticView>& views) {
   for (const char* name : {"images", "depth", "low_texture"}) MakeFolder(folder / name);
   for (size_t i = 0; i < views.size(); ++i) {
     const SyntheticView& view = views[i];
     WritePng(folder / "images" / ImageName(i), view.frame.color);
     WriteDepthPng(folder / "depth" / ImageName(i), view.true_depth);  // the room ends at 7 m: all can be stored
-    ColorImage mask(view.low_texture.width(), view.low_texture.height());
-    std::transform(view.low_texture.begin(), view.low_texture.end(), mask.begin(), [](unsigned char blank) {
-      const unsigned char value = blank ? 255 : 0;
-      return Rgb{value, value, value};
-    });
-    WritePng(folder / "low_texture" / ImageName(i), mask);
+    WritePng(folder / "low_texture" / ImageName(i), Picture(view.low_texture));
+    if (view.frame.mask.empty()) continue;
+    MakeFolder(folder / "masks");
+    WritePng(folder / "masks" / (ImageName(i) + ".png"), Picture(view.frame.mask));
   }
 }
 

@@ -11,6 +11,7 @@
 #include "acmp_mapping/common/error.h"
 #include "synthetic_imaging.h"
 #include "synthetic_landmarks.h"
+#include "synthetic_mover.h"
 #include "synthetic_world.h"
 #include "voxel_index.h"
 
@@ -28,6 +29,7 @@ struct Rendering {
   DepthMap depth;
   NormalMap normal;
   Image<unsigned char> low_texture;
+  Mask mask;
   double exposure;
 };
 
@@ -160,7 +162,13 @@ Rendering Render(const SyntheticWorld& world, const PinholeCamera& camera, int i
                      PosesDuringExposure(options.imaging, out.pose, options.seed, index, kRaysPerSide * kRaysPerSide),
                      PixelMargin(camera, world.diameter_m) + world.diameter_m * LargestTurn(options.imaging)};
   RenderGeometry(shot, &out);
-  TakePicture(shot, index, &out);
+  if (!options.moving_object) {
+    TakePicture(shot, index, &out);
+    return out;
+  }
+  const SyntheticWorld with_object = WithMovingObject(world, index, options);
+  TakePicture({with_object, shot.imaging, shot.camera, shot.seed, shot.poses, shot.margin_m}, index, &out);
+  out.mask = MaskOfLastObject(with_object, camera, out.pose, options.imaging);
   return out;
 }
 
@@ -273,7 +281,7 @@ std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& optio
   for (int i = 0; i < options.keyframes; ++i) {
     Rendering& r = renderings[i];
     views[i].frame = MakeFrame(i, kFirstStamp_s + kKeyframeInterval_s * i, std::move(r.color), camera,
-                               CamFromWorld(r.pose), std::move(landmarks[i]));
+                               CamFromWorld(r.pose), std::move(landmarks[i]), {}, r.mask);
     views[i].true_depth = std::move(r.depth);
     views[i].true_normal = std::move(r.normal);
     views[i].low_texture = std::move(r.low_texture);

@@ -37,6 +37,9 @@ void AddOptions(CLI::App* app, Arguments* a) {
                   "Sensor noise in the dark per colour channel, grey levels (as the scene's camera has it)");
   app->add_option("--spacing", a->spacing_m, "Distance between the points of surface.ply, metres")
       ->capture_default_str();
+  app->add_flag("--moving-object", a->scene.moving_object,
+                "Something textured moves along with the camera, which depth/ and surface.ply leave out; masks/ has a "
+                "mask of it for each image");
   app->add_flag("--overwrite", a->overwrite, "Write into a folder that is not empty");
 }
 
@@ -63,8 +66,7 @@ int main(int argc, char** argv) {
       "Makes a test scene: a room with blank walls and floor, seen from a hand-held camera, or another, with exact "
       "depth. The folder can be read by acmp_reconstruct, acmp_make_bag and acmp_evaluate: images/, cameras.txt, "
       "sparse/ (COLMAP), cams/ and pair.txt (MVSNet), depth/ and surface.ply (ground truth), low_texture/ (masks of "
-      "the "
-      "blank surfaces).",
+      "the blank surfaces); with --moving-object masks/ for acmp_reconstruct --masks.",
       "acmp_make_scene");
   app.footer(
       "Example: acmp_make_scene room --width 640 --height 480\nExit code: 0 done, 2 wrong use or input, 1 failed.");

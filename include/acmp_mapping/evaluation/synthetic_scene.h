@@ -40,6 +40,9 @@ struct SyntheticSceneOptions {
   uint32_t seed = 1;
   SyntheticPlace place = SyntheticPlace::kRoom;
   ImagingModel imaging;
+  /// Something moves through the place, ahead of the camera. Frames have masks of it; true depths, normals and surfaces
+  /// are those of the place without it.
+  bool moving_object = false;
 };
 
 /// "room": the room with the default camera. "hard": the office with a hand-held video camera indoors. "street": the
@@ -51,7 +54,7 @@ void SelectSyntheticScene(const std::string& name, SyntheticSceneOptions* option
 
 /// What the renderer knows exactly about one image.
 struct SyntheticView {
-  Frame frame;  ///< colour as the camera gives it, landmarks as a SLAM frontend would have them
+  Frame frame;  ///< colour as the camera gives it, landmarks as a SLAM frontend would have them; see moving_object
   /// z of the first surface at each pixel centre, at the middle of the exposure as the pose; 0: sky.
   DepthMap true_depth;
   NormalMap true_normal;             ///< camera frame; 0: sky
