@@ -1,5 +1,8 @@
 #pragma once
 
+#include <cstring>
+#include <type_traits>
+
 #include "acmp_mapping/patch_match/kernel/initialize_pixel.h"
 #include "acmp_mapping/patch_match/kernel/update_pixel.h"
 #include "cuda_check.h"
@@ -51,9 +54,18 @@ __device__ inline int ColOfGroup(const GroupPlace& place, int color) {
   return 2 * place.col + ((place.row + color) & 1);
 }
 
-template <Pass kPass, Method kMethod>
+/// The context for the kernels that know masks.
+inline MatchContext<MaskedTextureSampler> WithMasks(const CudaMatchContext& context) {
+  MatchContext<MaskedTextureSampler> masked;
+  static_assert(sizeof(masked) == sizeof(context), "the samplers differ in a constant only");
+  static_assert(std::is_trivially_copyable<CudaMatchContext>::value, "copied byte by byte");
+  std::memcpy(static_cast<void*>(&masked), &context, sizeof(masked));
+  return masked;
+}
+
+template <Pass kPass, Method kMethod, class Sampler>
 __global__ void __launch_bounds__(kBlockThreads, kBlocksPerMultiprocessor)
-    UpdateKernel(const __grid_constant__ CudaMatchContext context, int scratch_words, int color, int iteration) {
+    UpdateKernel(const __grid_constant__ MatchContext<Sampler> context, int scratch_words, int color, int iteration) {
   const GroupPlace place = PlaceOfGroup(scratch_words);
   const int col = ColOfGroup(place, color);
   if (col >= context.width || place.row >= context.height) return;
@@ -64,7 +76,8 @@ inline int DivideUp(int value, int divisor) { return (value + divisor - 1) / div
 
 /// Grid and shared memory of kernels that have a group for every pixel of one colour.
 struct GroupGrid {
-  explicit GroupGrid(const CudaMatchContext& context)
+  template <class Sampler>
+  explicit GroupGrid(const MatchContext<Sampler>& context)
       : scratch_words(ScratchWords(context.num_sources)),
         bytes(static_cast<size_t>(scratch_words) * kGroupCols * kGroupRows * sizeof(float)),
         blocks(DivideUp(DivideUp(context.width, 2), kGroupCols), DivideUp(context.height, kGroupRows)) {}
@@ -75,8 +88,9 @@ struct GroupGrid {
 };
 
 /// Queues the checkerboard iterations of a pass.
-template <Pass kPass, Method kMethod>
-void LaunchIterations(const CudaMatchContext& context, const GroupGrid& grid, int iterations, cudaStream_t stream) {
+template <Pass kPass, Method kMethod, class Sampler>
+void LaunchIterations(const MatchContext<Sampler>& context, const GroupGrid& grid, int iterations,
+                      cudaStream_t stream) {
   for (int iteration = 0; iteration < iterations; ++iteration) {
     for (int color = 0; color < 2; ++color) {
       UpdateKernel<kPass, kMethod>

@@ -5,7 +5,7 @@ namespace {
 
 template <Pass kPass, Method kMethod>
 __global__ void __launch_bounds__(kBlockThreads, kBlocksPerMultiprocessor)
-    InitializeKernel(const __grid_constant__ CudaMatchContext context, int scratch_words, int color) {
+    InitializeKernel(const __grid_constant__ MatchContext<MaskedTextureSampler> context, int scratch_words, int color) {
   const GroupPlace place = PlaceOfGroup(scratch_words);
   const int col = ColOfGroup(place, color);
   if (col >= context.width || place.row >= context.height) return;
@@ -13,8 +13,8 @@ __global__ void __launch_bounds__(kBlockThreads, kBlocksPerMultiprocessor)
 }
 
 __global__ void __launch_bounds__(kBlockThreads, kBlocksPerMultiprocessor)
-    RestoreKernel(const __grid_constant__ CudaMatchContext context, const CoarserEstimate coarser, int scratch_words,
-                  int color) {
+    RestoreKernel(const __grid_constant__ MatchContext<MaskedTextureSampler> context, const CoarserEstimate coarser,
+                  int scratch_words, int color) {
   const GroupPlace place = PlaceOfGroup(scratch_words);
   const int col = ColOfGroup(place, color);
   if (col >= context.width || place.row >= context.height) return;
@@ -24,8 +24,10 @@ __global__ void __launch_bounds__(kBlockThreads, kBlocksPerMultiprocessor)
 }  // namespace
 
 template <Pass kPass, Method kMethod>
-void LaunchPass(const CudaMatchContext& context, int iterations, cudaStream_t stream) {
+void LaunchPass(const CudaMatchContext& unmasked, int iterations, cudaStream_t stream) {
   static_assert(kMethod != Method::kOurs, "ours are in patch_match_kernels.cu");
+  // One kind of kernels for images with and without masks: these are for comparison.
+  const MatchContext<MaskedTextureSampler> context = WithMasks(unmasked);
   const GroupGrid grid(context);
   for (int color = 0; color < 2; ++color) {
     InitializeKernel<kPass, kMethod>
@@ -35,7 +37,8 @@ void LaunchPass(const CudaMatchContext& context, int iterations, cudaStream_t st
   LaunchIterations<kPass, kMethod>(context, grid, iterations, stream);
 }
 
-void LaunchRestoreDetails(const CudaMatchContext& context, const CoarserEstimate& coarser, cudaStream_t stream) {
+void LaunchRestoreDetails(const CudaMatchContext& unmasked, const CoarserEstimate& coarser, cudaStream_t stream) {
+  const MatchContext<MaskedTextureSampler> context = WithMasks(unmasked);
   const GroupGrid grid(context);
   for (int color = 0; color < 2; ++color) {
     RestoreKernel<<<grid.blocks, kBlockThreads, grid.bytes, stream>>>(context, coarser, grid.scratch_words, color);

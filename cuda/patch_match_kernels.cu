@@ -9,9 +9,9 @@ constexpr int kFilterCols = 32;
 constexpr int kFilterRows = 4;
 
 /// A group for two pixels side by side: one of the colour that is updated second, and one that needs no comparison.
-template <Pass kPass>
+template <Pass kPass, class Sampler>
 __global__ void __launch_bounds__(kBlockThreads, kBlocksPerMultiprocessor)
-    InitializeKernel(const __grid_constant__ CudaMatchContext context, int scratch_words) {
+    InitializeKernel(const __grid_constant__ MatchContext<Sampler> context, int scratch_words) {
   const GroupPlace place = PlaceOfGroup(scratch_words);
   if (place.row >= context.height) return;
   const PixelThreads group;
@@ -20,8 +20,9 @@ __global__ void __launch_bounds__(kBlockThreads, kBlocksPerMultiprocessor)
   if (col < context.width) InitializePixel<kPass>(context, col, place.row, group, place.scratch);
 }
 
+template <class Sampler>
 __global__ void __launch_bounds__(kFilterCols* kFilterRows)
-    FilterKernel(const __grid_constant__ CudaMatchContext context, int color) {
+    FilterKernel(const __grid_constant__ MatchContext<Sampler> context, int color) {
   const int row = static_cast<int>(blockIdx.y * kFilterRows + threadIdx.y);
   const int col = 2 * static_cast<int>(blockIdx.x * kFilterCols + threadIdx.x) + ((row + color) & 1);
   if (col < context.width && row < context.height) MedianFilterPixel(context, col, row);
@@ -31,8 +32,10 @@ __global__ void __launch_bounds__(kFilterCols* kFilterRows)
 using CellThreads = WarpGroup<8>;
 constexpr int kEvidenceThreads = 128;
 
+template <class Sampler>
 __global__ void __launch_bounds__(kEvidenceThreads)
-    MeasureEvidenceKernel(const __grid_constant__ CudaMatchContext context, int cell_size, ImageView<float> evidence) {
+    MeasureEvidenceKernel(const __grid_constant__ MatchContext<Sampler> context, int cell_size,
+                          ImageView<float> evidence) {
   const int col = static_cast<int>(blockIdx.x * kEvidenceThreads + threadIdx.x) / CellThreads::kSize;
   const int row = static_cast<int>(blockIdx.y);
   if (col >= evidence.width) return;
@@ -41,7 +44,8 @@ __global__ void __launch_bounds__(kEvidenceThreads)
   if (group.Rank() == 0) evidence(col, row) = of_cell;
 }
 
-void LaunchFilter(const CudaMatchContext& context, cudaStream_t stream) {
+template <class Sampler>
+void LaunchFilter(const MatchContext<Sampler>& context, cudaStream_t stream) {
   const dim3 block(kFilterCols, kFilterRows);
   const dim3 grid(DivideUp(DivideUp(context.width, 2), kFilterCols), DivideUp(context.height, kFilterRows));
   for (int color = 0; color < 2; ++color) {
@@ -50,22 +54,36 @@ void LaunchFilter(const CudaMatchContext& context, cudaStream_t stream) {
   }
 }
 
+template <Pass kPass, class Sampler>
+void LaunchSteps(const MatchContext<Sampler>& context, int iterations, cudaStream_t stream) {
+  const GroupGrid grid(context);
+  InitializeKernel<kPass><<<grid.blocks, kBlockThreads, grid.bytes, stream>>>(context, grid.scratch_words);
+  CudaCheck(cudaGetLastError(), "launch initialisation");
+  LaunchIterations<kPass, Method::kOurs>(context, grid, iterations, stream);
+  LaunchFilter(context, stream);
+}
+
+/// Calls function(context) with a context for kernels that know masks where there are any.
+template <class Function>
+void VisitMasks(const CudaMatchContext& context, const Function& function) {
+  if (HasMasks(context)) return function(WithMasks(context));
+  function(context);
+}
+
 }  // namespace
 
 template <Pass kPass, Method kMethod>
 void LaunchPass(const CudaMatchContext& context, int iterations, cudaStream_t stream) {
   static_assert(kMethod == Method::kOurs, "those of the papers are in paper_kernels.cu");
-  const GroupGrid grid(context);
-  InitializeKernel<kPass><<<grid.blocks, kBlockThreads, grid.bytes, stream>>>(context, grid.scratch_words);
-  CudaCheck(cudaGetLastError(), "launch initialisation");
-  LaunchIterations<kPass, kMethod>(context, grid, iterations, stream);
-  LaunchFilter(context, stream);
+  VisitMasks(context, [&](const auto& chosen) { LaunchSteps<kPass>(chosen, iterations, stream); });
 }
 
 void LaunchMeasureEvidence(const CudaMatchContext& context, int cell_size, const ImageView<float>& evidence,
                            cudaStream_t stream) {
   const dim3 grid(DivideUp(evidence.width * CellThreads::kSize, kEvidenceThreads), evidence.height);
-  MeasureEvidenceKernel<<<grid, kEvidenceThreads, 0, stream>>>(context, cell_size, evidence);
+  VisitMasks(context, [&](const auto& chosen) {
+    MeasureEvidenceKernel<<<grid, kEvidenceThreads, 0, stream>>>(chosen, cell_size, evidence);
+  });
   CudaCheck(cudaGetLastError(), "launch evidence");
 }
 
@@ -75,7 +93,7 @@ template void LaunchPass<Pass::kGeometric, Method::kOurs>(const CudaMatchContext
 
 cudaError_t ProbeKernels() {
   cudaFuncAttributes attributes;
-  return cudaFuncGetAttributes(&attributes, UpdateKernel<Pass::kPhotometric, Method::kOurs>);
+  return cudaFuncGetAttributes(&attributes, UpdateKernel<Pass::kPhotometric, Method::kOurs, TextureSampler>);
 }
 
 }  // namespace acmp

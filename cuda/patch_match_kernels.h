@@ -17,6 +17,7 @@ struct TextureSampler {
   int layers[kMaxSourceViews];  ///< of each source view
 
   static constexpr float kPixelCenter = 0.5f;
+  static constexpr bool kHasMasks = false;
   /// At a pixel's centre the filter gives its texel as it is.
   ACMP_HOST_DEVICE float Reference(int col, int row) const {
     return SourceAt(reference, static_cast<float>(col) + kPixelCenter, static_cast<float>(row) + kPixelCenter);
@@ -33,6 +34,15 @@ struct TextureSampler {
 };
 
 using CudaMatchContext = MatchContext<TextureSampler>;
+
+/// The same for problems with masks: kernels of their own, since the registers that masks take cost time.
+struct MaskedTextureSampler : TextureSampler {
+  static constexpr bool kHasMasks = true;
+};
+
+inline bool HasMasks(const CudaMatchContext& context) {
+  return context.clearance.data != nullptr || context.source_clearances != nullptr;
+}
 
 /// Queue one pass (initialisation, `iterations` checkerboard iterations, our median filter) on the stream. All pointers
 /// in the context are device memory.

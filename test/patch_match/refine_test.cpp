@@ -25,6 +25,7 @@ struct SpySampler {
     return static_cast<float>(HashWord(static_cast<uint32_t>(col * 1000 + row)) % 256);
   }
   static constexpr float kPixelCenter = 0.0f;
+  static constexpr bool kHasMasks = false;
   int ImageOf(int view) const { return view; }
   float SourceAt(int, float x, float y) const {
     positions->push_back({x, y});

@@ -30,6 +30,7 @@ struct BilinearSampler {
 
   ACMP_HOST_DEVICE float Reference(int col, int row) const { return reference(col, row); }
   static constexpr float kPixelCenter = 0.0f;
+  static constexpr bool kHasMasks = true;
   ACMP_HOST_DEVICE int ImageOf(int view) const { return view; }
   ACMP_HOST_DEVICE float SourceAt(int image, float x, float y) const { return SampleBilinear(sources[image], x, y); }
 };

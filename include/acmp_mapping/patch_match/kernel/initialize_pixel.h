@@ -82,8 +82,7 @@ ACMP_HOST_DEVICE inline PlaneHypothesis RandomPlane(const MatchContext<Sampler>&
 template <class Sampler>
 ACMP_HOST_DEVICE inline PlaneHypothesis PresentPlane(const MatchContext<Sampler>& context, int col, int row,
                                                      const Vec3f& ray, RandomStream* random) {
-  const PlaneHypothesis plane = context.planes(col, row);
-  return context.clearance.data == nullptr || plane.d > 0 ? plane : RandomPlane(context, ray, random);
+  return context.HasNoPlane(col, row) ? RandomPlane(context, ray, random) : context.planes(col, row);
 }
 
 /// Where the pixel of our planar-prior pass starts: near the prior if it has one and its estimate is not credible.
@@ -146,7 +145,7 @@ template <Pass kPass, class Sampler>
 ACMP_HOST_DEVICE inline void InitializeUnmatched(const MatchContext<Sampler>& context, int col, int row) {
   if (LeaveIfMasked(context, col, row, SingleThread())) return;
   context.selected_views(col, row) = 0;
-  if (kPass == Pass::kGeometric && (context.clearance.data == nullptr || context.planes(col, row).d > 0)) return;
+  if (kPass == Pass::kGeometric && !context.HasNoPlane(col, row)) return;
   context.planes(col, row) = StartingPlane<kPass>(context, col, row);
   context.cost(col, row) = kWorstCost;
 }

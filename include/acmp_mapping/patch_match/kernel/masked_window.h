@@ -11,7 +11,7 @@ namespace acmp {
 template <class Sampler>
 ACMP_HOST_DEVICE inline bool ReachesMasked(const MatchContext<Sampler>& context, int view, const PlaneWarp& warp) {
   constexpr float kInterpolation = 1.5f;  // px, from the pixel nearest to the middle to one that is interpolated
-  if (context.source_clearances == nullptr) return false;
+  if (!Sampler::kHasMasks || context.source_clearances == nullptr) return false;
   const ImageView<const unsigned char>& clearance = context.source_clearances[view];
   if (clearance.data == nullptr) return false;
   const float min_z = warp.center.z - kPatchRadius * (fabsf(warp.step_col.z) + fabsf(warp.step_row.z));

@@ -42,6 +42,7 @@ struct PriorMap {
 ///   ImageOf(view)         what SourceAt calls the image of a source view
 ///   SourceAt(image, x, y) bilinear, clamped to the border, at any finite or infinite position
 ///   kPixelCenter          where pixel 0 lies in x and y
+///   kHasMasks             whether images may have masks: else what asks for them costs nothing
 template <class Sampler>
 struct MatchContext {
   Sampler sampler;
@@ -69,9 +70,13 @@ struct MatchContext {
   ACMP_HOST_DEVICE bool InRange(float depth) const { return depth >= depth_min && depth <= depth_max; }
   /// Whether the reference's mask ignores the pixel, or one that lies within `reach` px of it along both axes.
   ACMP_HOST_DEVICE bool IsNearMasked(int col, int row, int reach) const {
-    return clearance.data != nullptr && clearance(col, row) <= reach;
+    return Sampler::kHasMasks && clearance.data != nullptr && clearance(col, row) <= reach;
   }
   ACMP_HOST_DEVICE bool IsMasked(int col, int row) const { return IsNearMasked(col, row, 0); }
+  /// Whether the reference's mask may have left the pixel without a plane.
+  ACMP_HOST_DEVICE bool HasNoPlane(int col, int row) const {
+    return Sampler::kHasMasks && clearance.data != nullptr && !(planes(col, row).d > 0);
+  }
 };
 
 constexpr float kUninformedCost = 1.0f;  ///< NCC = 0: the reference window has no texture to compare
