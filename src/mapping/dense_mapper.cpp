@@ -32,6 +32,10 @@ void CheckFrame(const Frame& frame) {
         name, ": image sizes ", frame.gray.width(), " x ", frame.gray.height(), " (grey), ", frame.color.width(), " x ",
         frame.color.height(), " (colour): must be the camera's, ", frame.camera.width, " x ", frame.camera.height));
   }
+  if (!frame.mask.empty() && !fits(frame.mask.width(), frame.mask.height())) {
+    throw InvalidInputError(Concat(name, ": mask size ", frame.mask.width(), " x ", frame.mask.height(),
+                                   ": must be the camera's, ", frame.camera.width, " x ", frame.camera.height));
+  }
   if (IgnoresAll(frame.mask)) throw InvalidInputError(name + ": its mask ignores every pixel");
 }
 

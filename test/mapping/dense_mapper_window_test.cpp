@@ -251,9 +251,17 @@ TEST(DenseMapperFailureTest, BadFramesAreRefusedAndNeverBecomeSources) {
   Frame bad_camera = MakeWallFrame(4, 0.7);
   bad_camera.camera.fx = 0;
   EXPECT_THAT(harness.Add(std::make_shared<Frame>(std::move(bad_camera))), ElementsAre("drop 4 invalid_input"));
-  harness.Add(WallFrame(5, 0.5));
-  EXPECT_THAT(harness.Add(WallFrame(6, 1.0)), testing::Contains("fast 6"));
-  EXPECT_THAT(CallsOf(harness.engine, "photometric", 6)[0].sources, UnorderedElementsAre(0, 5));
+  Frame bad_mask = MakeWallFrame(5, 0.7);
+  bad_mask.mask = Mask(18, 24, 255);
+  EXPECT_THAT(harness.Add(std::make_shared<Frame>(std::move(bad_mask))), ElementsAre("drop 5 invalid_input"));
+  EXPECT_THAT(harness.drops.back().message, AllOf(HasSubstr("mask size 18 x 24"), HasSubstr("24 x 18")));
+  Frame masked = MakeWallFrame(6, 0.7);
+  masked.mask = Mask(24, 18);
+  EXPECT_THAT(harness.Add(std::make_shared<Frame>(std::move(masked))), ElementsAre("drop 6 invalid_input"));
+  EXPECT_THAT(harness.drops.back().message, HasSubstr("its mask ignores every pixel"));
+  harness.Add(WallFrame(7, 0.5));
+  EXPECT_THAT(harness.Add(WallFrame(8, 1.0)), testing::Contains("fast 8"));
+  EXPECT_THAT(CallsOf(harness.engine, "photometric", 8)[0].sources, UnorderedElementsAre(0, 7));
 }
 
 TEST(DenseMapperEvictionTest, KeepsNothingButTheWindow) {
