@@ -12,15 +12,15 @@ namespace {
 
 constexpr int64_t kSameExposureNs = 1000000;  ///< rounding of stamps stays far below, the shortest frame interval above
 constexpr size_t kPoseCapacity = 2000;        ///< 10 s of a 200 Hz source
-constexpr size_t kMoreClouds = 10;            ///< than images: those of images that are still to come
+constexpr size_t kMoreThanImages = 10;        ///< clouds and masks: those of images that are still to come
 
 int64_t ToNs(double seconds) { return std::llround(seconds * 1e9); }
 double ToMs(int64_t ns) { return static_cast<double>(ns) * 1e-6; }
 
-/// Distance of a received pose from a stamp.
-template <class ReceivedPose>
-int64_t Gap(const ReceivedPose& pose, int64_t stamp_ns) {
-  return std::llabs(pose.sample.stamp_ns - stamp_ns);
+/// Distance of a received pose or mask from a stamp.
+template <class Received>
+int64_t Gap(const Received& received, int64_t stamp_ns) {
+  return std::llabs(received.sample.stamp_ns - stamp_ns);
 }
 
 /// Leaves what belongs to the run whose first image has this stamp.
@@ -37,6 +37,7 @@ void Validate(const InputMatcherOptions& options) {
   CheckRange("sync_tolerance", options.sync_tolerance_s, 0.0, 10.0);
   CheckRange("sparse_tolerance", options.sparse_tolerance_s, 0.0, 1000.0);
   CheckRange("sparse_wait", options.sparse_wait_s, 0.0, 10.0);
+  CheckRange("mask_wait", options.mask_wait_s, 0.0, 10.0);
   CheckRange("image_capacity", options.image_capacity, 1, 1000);
 }
 
@@ -86,8 +87,15 @@ void InputMatcher::AddCloud(SparseCloudPtr cloud) {
   if (cloud_runs_.Add(cloud->stamp_ns, arrival)) clouds_.clear();
   clouds_.push_back({std::move(cloud), arrival});
   // An image that waits for its pose must find its own cloud when the pose comes.
-  const size_t capacity = static_cast<size_t>(options_.image_capacity) + kMoreClouds;
+  const size_t capacity = static_cast<size_t>(options_.image_capacity) + kMoreThanImages;
   if (clouds_.size() > capacity) clouds_.pop_front();
+}
+
+void InputMatcher::AddMask(MaskSample mask) {
+  const uint64_t arrival = ++arrivals_;
+  if (mask_runs_.Add(mask.stamp_ns, arrival)) masks_.clear();
+  masks_.push_back({std::move(mask), arrival});
+  if (masks_.size() > static_cast<size_t>(options_.image_capacity) + kMoreThanImages) masks_.pop_front();
 }
 
 std::vector<MatchEvent> InputMatcher::Take(double now_s) {
@@ -110,9 +118,10 @@ void InputMatcher::Clear(const std::string& reason) {
   images_.clear();
   poses_.clear();
   clouds_.clear();
+  masks_.clear();
   newest_image_ns_.reset();
   last_match_ns_.reset();
-  pose_runs_ = cloud_runs_ = TimeJumpTracker();
+  pose_runs_ = cloud_runs_ = mask_runs_ = TimeJumpTracker();
 }
 
 void InputMatcher::HandleTimeJump(int64_t stamp_ns) {
@@ -124,6 +133,7 @@ void InputMatcher::HandleTimeJump(int64_t stamp_ns) {
   // What is left of the old run would be poses and landmarks in what may be another world.
   KeepNewRun(stamp_ns, &pose_runs_, &poses_);
   KeepNewRun(stamp_ns, &cloud_runs_, &clouds_);
+  KeepNewRun(stamp_ns, &mask_runs_, &masks_);
   events_.push_back(TimeJump{*newest_image_ns_, stamp_ns});
   newest_image_ns_.reset();
   last_match_ns_.reset();
@@ -188,7 +198,8 @@ void InputMatcher::EmitReady(double now_s, bool wait) {
   if (obstacle_) return;
   for (;;) {
     const auto ready = std::find_if(images_.begin(), images_.end(), [](const WaitingImage& i) { return i.pose; });
-    if (ready == images_.end() || (wait && !CloudIsSettled(*ready, now_s))) return;
+    if (ready == images_.end()) return;
+    if (wait && !(CloudIsSettled(*ready, now_s) && MaskIsSettled(*ready, now_s))) return;
     std::for_each(images_.begin(), ready, [this](const WaitingImage& overtaken) { DropUnposed(overtaken); });
     WaitingImage image = std::move(*ready);
     images_.erase(images_.begin(), std::next(ready));
@@ -220,9 +231,34 @@ SparseCloudPtr InputMatcher::ChooseCloud(int64_t stamp_ns) const {
   return clouds_.back().cloud;
 }
 
+bool InputMatcher::MaskIsSettled(const WaitingImage& image, double now_s) const {
+  if (!masks_expected_ || now_s - image.ready_since_s >= options_.mask_wait_s) return true;
+  const int64_t earliest_ns = image.sample.stamp_ns - kSameExposureNs;
+  // As of clouds: one of the run before tells nothing.
+  const bool may_be_old = mask_runs_.is_behind() && !last_match_ns_;
+  const int64_t latest_ns = may_be_old ? image.sample.stamp_ns + kSameExposureNs : INT64_MAX;
+  return std::any_of(masks_.begin(), masks_.end(), [&](const ReceivedMask& m) {
+    return m.sample.stamp_ns >= earliest_ns && m.sample.stamp_ns <= latest_ns;
+  });
+}
+
+std::shared_ptr<const EncodedImage> InputMatcher::FindMask(int64_t stamp_ns) const {
+  const ReceivedMask* nearest = nullptr;
+  for (const ReceivedMask& mask : masks_) {
+    if (!nearest || Gap(mask, stamp_ns) < Gap(*nearest, stamp_ns)) nearest = &mask;
+  }
+  return nearest && Gap(*nearest, stamp_ns) <= kSameExposureNs ? nearest->sample.mask : nullptr;
+}
+
 void InputMatcher::Emit(WaitingImage image) {
   last_match_ns_ = image.sample.stamp_ns;
-  MatchedInput match{std::move(image.sample), std::move(*image.pose), nullptr, std::nullopt};
+  MatchedInput match{std::move(image.sample), std::move(*image.pose), nullptr, std::nullopt, nullptr};
+  match.mask = FindMask(match.image.stamp_ns);
+  if (masks_expected_ && !match.mask) {
+    events_.push_back(RejectedInput{"no_mask", Concat("image ", FormatStamp(match.image.stamp_ns),
+                                                      " is used as a whole: no mask with its stamp came (~mask_wait ",
+                                                      options_.mask_wait_s, " s)")});
+  }
   match.cloud = ChooseCloud(match.image.stamp_ns);
   if (match.cloud) {
     if (std::llabs(match.cloud->stamp_ns - match.image.stamp_ns) <= std::max(sync_tolerance_ns_, kSameExposureNs)) {

@@ -17,6 +17,7 @@ struct InputMatcherOptions {
   double sync_tolerance_s = 1e-3;   ///< between the stamps of image and pose, 0..10
   double sparse_tolerance_s = 0.5;  ///< the nearest cloud within is taken, else the last one, 0..1000
   double sparse_wait_s = 0.1;       ///< an image with a pose waits so long (wall time) for its own cloud, 0..10
+  double mask_wait_s = 0.5;         ///< an image with a pose waits so long (wall time) for its mask, 0..10
   int image_capacity = 30;          ///< images that wait for their pose, 1..1000
 };
 void Validate(const InputMatcherOptions& options);
@@ -27,6 +28,7 @@ struct MatchedInput {
   PoseSample pose;
   SparseCloudPtr cloud;                  ///< may be null
   std::optional<PoseSample> cloud_pose;  ///< pose at the cloud's stamp; needed where clouds are in the camera's frame
+  std::shared_ptr<const EncodedImage> mask;  ///< of the image's stamp; null where none came in time
 };
 
 /// The images' stamps went back (a bag that loops, a restarted camera): everything before belongs to another run.
@@ -49,7 +51,8 @@ struct PoseGap {
 /// nor any order between the streams is assumed; only poses among themselves come in order. Not thread-safe.
 ///
 /// An image takes the nearest pose within the tolerance. A pose earlier than the image by more than kSameExposureNs is
-/// taken only once a later one has come, since that could be nearer. Matches come out in the order of the images'
+/// taken only once a later one has come, since that could be nearer. A mask belongs to the image of its stamp, rounding
+/// aside, and is not waited for once one of a later image has come. Matches come out in the order of the images'
 /// stamps; images that were overtaken by a match are dropped, since frontends need not give every image a pose.
 class InputMatcher {
  public:
@@ -58,9 +61,13 @@ class InputMatcher {
   void AddImage(ImageSample image);
   void AddPose(PoseSample pose);
   void AddCloud(SparseCloudPtr cloud);
+  void AddMask(MaskSample mask);
 
   /// Whether anybody publishes clouds; if not, no image waits for one. True at first.
   void set_clouds_expected(bool expected) { clouds_expected_ = expected; }
+  /// The same of masks; false at first. While set, an image without one is used as a whole, with a RejectedInput that
+  /// says so.
+  void set_masks_expected(bool expected) { masks_expected_ = expected; }
   /// While set, images wait; those that wait too long are dropped with this. Set at first: no camera is known.
   void set_obstacle(std::optional<RejectedInput> obstacle) { obstacle_ = std::move(obstacle); }
 
@@ -72,7 +79,7 @@ class InputMatcher {
   /// What has happened since the last call, in order. `now_s` is any clock that never goes back.
   std::vector<MatchEvent> Take(double now_s);
 
-  /// The same without waiting for clouds any longer.
+  /// The same without waiting for clouds and masks any longer.
   std::vector<MatchEvent> TakeAll();
 
   /// Forgets everything received; images that waited are reported as dropped for `reason`.
@@ -98,11 +105,16 @@ class InputMatcher {
   struct ReceivedPose {
     PoseSample sample;
     bool used = false;     ///< a pose belongs to one image
-    uint64_t arrival = 0;  ///< position among all poses and clouds
+    uint64_t arrival = 0;  ///< position among all poses, clouds and masks
   };
 
   struct ReceivedCloud {
     SparseCloudPtr cloud;
+    uint64_t arrival = 0;
+  };
+
+  struct ReceivedMask {
+    MaskSample sample;
     uint64_t arrival = 0;
   };
 
@@ -114,6 +126,8 @@ class InputMatcher {
   void EmitReady(double now_s, bool wait);
   bool CloudIsSettled(const WaitingImage& image, double now_s) const;
   SparseCloudPtr ChooseCloud(int64_t stamp_ns) const;
+  bool MaskIsSettled(const WaitingImage& image, double now_s) const;
+  std::shared_ptr<const EncodedImage> FindMask(int64_t stamp_ns) const;
   void Emit(WaitingImage image);
   void DropUnposed(const WaitingImage& image);
   void DropWaiting(const WaitingImage& image);
@@ -124,17 +138,19 @@ class InputMatcher {
   int64_t sync_tolerance_ns_;
   int64_t sparse_tolerance_ns_;
   bool clouds_expected_ = true;
+  bool masks_expected_ = false;
   std::optional<RejectedInput> obstacle_ = RejectedInput{"no_camera_info", "no usable camera_info has been received"};
 
   std::deque<WaitingImage> images_;   ///< ascending stamps
   std::deque<ReceivedPose> poses_;    ///< ascending stamps
   std::deque<ReceivedCloud> clouds_;  ///< in order of arrival
+  std::deque<ReceivedMask> masks_;    ///< in order of arrival
   std::vector<MatchEvent> events_;
   std::optional<int64_t> newest_image_ns_;
   std::optional<int64_t> last_match_ns_;
   std::optional<PoseGap> last_gap_;
-  TimeJumpTracker pose_runs_, cloud_runs_;
-  uint64_t arrivals_ = 0;  ///< poses and clouds received
+  TimeJumpTracker pose_runs_, cloud_runs_, mask_runs_;
+  uint64_t arrivals_ = 0;  ///< poses, clouds and masks received
 };
 
 }  // namespace acmp

@@ -19,6 +19,12 @@ struct ImageSample {
   double arrival_s = 0;  ///< steady clock
 };
 
+/// A mask as it came; 0 = ignore the image's pixel.
+struct MaskSample {
+  int64_t stamp_ns = 0;  ///< of its image
+  std::shared_ptr<const EncodedImage> mask;
+};
+
 /// A pose as its source gave it; what it means PoseResolver knows.
 struct PoseSample {
   int64_t stamp_ns = 0;
