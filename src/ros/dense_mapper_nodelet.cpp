@@ -1,5 +1,6 @@
 #include "acmp_mapping/ros/dense_mapper_nodelet.h"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -7,6 +8,7 @@
 #include <pluginlib/class_list_macros.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/masks.h"
 #include "acmp_mapping/ros/calibration_file.h"
 #include "acmp_mapping/ros/map_server_options.h"
 #include "acmp_mapping/ros/topic_names.h"
@@ -22,6 +24,26 @@ constexpr double kLongOnTheWayS = 2;      ///< ... or for so long, while a camer
 /// Where the scene is assumed while nothing tells: the middle of the fallback range, as the mapper has it.
 double FallbackDepth(const DenseMapperOptions& options) {
   return std::sqrt(static_cast<double>(options.fallback_depth_range.min) * options.fallback_depth_range.max);
+}
+
+/// Empty for no file.
+Mask ReadMaskFile(const std::string& path) {
+  if (path.empty()) return {};
+  try {
+    Mask mask = ReadMask(path);
+    if (IgnoresAll(mask)) throw InvalidInputError(path + " ignores every pixel (black)");
+    return mask;
+  } catch (const InvalidInputError& error) {
+    throw InvalidInputError(Concat("parameter ~mask_file: ", error.what()));
+  }
+}
+
+/// Whether anybody publishes such messages, or has: those of a player that has ended may still be queued.
+bool Brings(InputStatus::Kind kind, const std::vector<std::unique_ptr<InputSource>>& sources) {
+  return std::any_of(sources.begin(), sources.end(), [kind](const auto& source) {
+    const InputStatus status = source->status();
+    return status.kind == kind && (status.publishers > 0 || status.received > 0);
+  });
 }
 
 void Expect(const std::string& failure) {
@@ -79,7 +101,7 @@ void DenseMapperNodelet::StartWorker() {
   hooks.outputs.on_refined_again = [this](const KeyframeOutput& output) { publisher_->PublishRefinedAgain(output); };
   hooks.outputs.wants_refined_again = [this] { return publisher_->maps() > 0; };
   hooks.outputs.on_drop = [this](const RejectedInput& drop) { Report(drop); };
-  worker_ = std::make_unique<MapperWorker>(options_, runtime_options_.get(), hooks);
+  worker_ = std::make_unique<MapperWorker>(options_, runtime_options_.get(), ReadMaskFile(options_.mask_file), hooks);
 }
 
 void DenseMapperNodelet::MakeIntake(const RuntimeOptions& runtime_options) {
@@ -132,6 +154,7 @@ void DenseMapperNodelet::Subscribe() {
   ros::NodeHandle nh = input_thread_.Attach(getNodeHandle());
   InputHandlers handlers;
   handlers.on_cloud = [this](SparseCloudPtr c) { Receive([&](auto* intake) { intake->AddCloud(std::move(c)); }); };
+  handlers.on_mask = [this](MaskSample m) { Receive([&](auto* intake) { intake->AddMask(std::move(m)); }); };
   handlers.on_pose = [this](PoseSample p) { Receive([&](auto* intake) { intake->AddPose(std::move(p)); }); };
   handlers.on_tf = [this] { Deliver(); };
   handlers.on_extrinsic = [this](const RigidTransform& t) { Receive([&](auto* intake) { intake->SetExtrinsic(t); }); };
@@ -210,16 +233,14 @@ void DenseMapperNodelet::WaitForArriving() {
 }
 
 void DenseMapperNodelet::Deliver(bool all) {
-  // Clouds of a player that has ended may still be queued behind their images.
-  const bool clouds_expected = std::any_of(sources_.begin(), sources_.end(), [](const auto& source) {
-    const InputStatus status = source->status();
-    return status.kind == InputStatus::Kind::kCloud && (status.publishers > 0 || status.received > 0);
-  });
+  const bool clouds_expected = Brings(InputStatus::Kind::kCloud, sources_);
+  const bool masks_expected = Brings(InputStatus::Kind::kMask, sources_);
   std::lock_guard<std::mutex> delivery_lock(delivery_mutex_);
   std::vector<IntakeEvent> events;
   {
     std::lock_guard<std::mutex> lock(intake_mutex_);
     intake_->set_clouds_expected(clouds_expected);
+    intake_->set_masks_expected(masks_expected);
     events = all ? intake_->TakeAll() : intake_->Take(SteadySeconds() - blocked_s_);
   }
   const double start_s = SteadySeconds();

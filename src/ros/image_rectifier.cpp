@@ -1,6 +1,7 @@
 #include "acmp_mapping/ros/image_rectifier.h"
 
-#include <cstring>
+#include <algorithm>
+#include <utility>
 
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
@@ -27,17 +28,23 @@ void ImageRectifier::BuildMaps() {
   } else {
     cv::initUndistortRectifyMap(k, calibration_.distortion.coefficients, cv::noArray(), k, size, CV_32FC1, x, y);
   }
-  valid_ = (x >= 0) & (y >= 0) & (x <= c.width - 1) & (y <= c.height - 1);
-  if (cv::countNonZero(valid_) == c.width * c.height) valid_.release();
+  const cv::Mat seen = (x >= 0) & (y >= 0) & (x <= c.width - 1) & (y <= c.height - 1);
+  if (cv::countNonZero(seen) < c.width * c.height) {
+    rim_ = Mask(c.width, c.height);
+    seen.copyTo(cv::Mat(c.height, c.width, CV_8U, rim_.data()));
+  }
   cv::convertMaps(x, y, map_x_, map_y_, CV_16SC2);
+}
+
+void ImageRectifier::CheckSize(int width, int height) const {
+  const PinholeCamera& c = calibration_.camera;
+  if (width == c.width && height == c.height) return;
+  throw InvalidInputError(Concat("image size ", width, "x", height, ": camera_info says ", c.width, "x", c.height));
 }
 
 ColorImage ImageRectifier::Rectify(const cv::Mat& rgb) {
   const PinholeCamera& c = calibration_.camera;
-  if (rgb.cols != c.width || rgb.rows != c.height) {
-    throw InvalidInputError(
-        Concat("image size ", rgb.cols, "x", rgb.rows, ": camera_info says ", c.width, "x", c.height));
-  }
+  CheckSize(rgb.cols, rgb.rows);
   if (map_x_.empty() && calibration_.distortion.model != LensDistortion::Model::kNone) BuildMaps();
   ColorImage rectified(c.width, c.height);
   cv::Mat target(c.height, c.width, CV_8UC3, rectified.data());
@@ -47,6 +54,21 @@ ColorImage ImageRectifier::Rectify(const cv::Mat& rgb) {
     cv::remap(rgb, target, map_x_, map_y_, cv::INTER_LINEAR, cv::BORDER_CONSTANT);
   }
   return rectified;
+}
+
+Mask ImageRectifier::RectifyMask(const Mask& mask) {
+  const PinholeCamera& c = calibration_.camera;
+  if (mask.empty()) return rim_.Clone();
+  CheckSize(mask.width(), mask.height());
+  if (map_x_.empty()) return IntersectMasks(mask.Clone(), rim_);
+  Mask used(c.width, c.height), rectified(c.width, c.height);
+  std::transform(mask.begin(), mask.end(), used.begin(), [](unsigned char value) { return value != 0 ? 255 : 0; });
+  cv::Mat target(c.height, c.width, CV_8U, rectified.data());
+  cv::remap(cv::Mat(c.height, c.width, CV_8U, used.data()), target, map_x_, map_y_, cv::INTER_LINEAR,
+            cv::BORDER_CONSTANT);
+  // What is interpolated with a pixel that is ignored is less than 255.
+  for (unsigned char& value : rectified) value = value == 255 ? 255 : 0;
+  return IntersectMasks(std::move(rectified), rim_);
 }
 
 }  // namespace acmp

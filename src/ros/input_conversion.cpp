@@ -127,6 +127,35 @@ cv::Mat DecodeRgb(const EncodedImage& image, const PinholeCamera* camera) {
   }
 }
 
+MaskSample ToMaskSample(const sensor_msgs::ImageConstPtr& message) {
+  namespace encodings = sensor_msgs::image_encodings;
+  const sensor_msgs::Image& mask = *message;
+  const std::string name = Concat("mask ", FormatStamp(ToStampNs(mask.header.stamp)));
+  if (mask.encoding != encodings::MONO8 && mask.encoding != encodings::TYPE_8UC1) {
+    throw InvalidInputError(
+        Concat(name, ": encoding \"", mask.encoding, "\": must be mono8, where 0 means to ignore the pixel"));
+  }
+  const uint64_t needed = static_cast<uint64_t>(mask.height) * mask.step;
+  if (mask.step < mask.width || mask.data.size() < needed) {
+    throw InvalidInputError(Concat(name, " of ", mask.width, "x", mask.height, " pixels, step ", mask.step, ", with ",
+                                   mask.data.size(), " bytes: needs ", needed, ", and a step of ", mask.width));
+  }
+  return {ToStampNs(mask.header.stamp), std::make_shared<const EncodedImage>(EncodedImage{message, nullptr})};
+}
+
+Mask DecodeMask(const EncodedImage& encoded, const PinholeCamera& camera) {
+  const sensor_msgs::Image& image = *encoded.raw;
+  if (image.width != static_cast<uint32_t>(camera.width) || image.height != static_cast<uint32_t>(camera.height)) {
+    throw InvalidInputError(Concat("mask ", FormatStamp(ToStampNs(image.header.stamp)), " of ", image.width, "x",
+                                   image.height, ": must have the image's size, ", camera.width, "x", camera.height));
+  }
+  Mask mask(camera.width, camera.height);
+  for (int row = 0; row < mask.height(); ++row) {
+    std::copy_n(image.data.data() + static_cast<size_t>(row) * image.step, mask.width(), &mask(0, row));
+  }
+  return mask;
+}
+
 CameraCalibration ToCalibration(const sensor_msgs::CameraInfo& info, bool rectified) {
   // K and P are row-major; P's left 3x3 block is the K of the rectified image.
   const double fx = rectified ? info.P[0] : info.K[0];

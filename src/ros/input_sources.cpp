@@ -129,6 +129,7 @@ class SourceFactory {
       AddCameraInfo();
       AddImages();
     }
+    AddMasks();
     AddExtrinsic();
     return std::move(sources_);
   }
@@ -175,6 +176,12 @@ class SourceFactory {
   void AddClouds() {
     AddCloud<sensor_msgs::PointCloud2>(names::kSparsePoints);
     AddCloud<sensor_msgs::PointCloud>(names::kSparsePointsV1);
+  }
+
+  void AddMasks() {
+    Add<sensor_msgs::Image>(
+        {Kind::kMask, names::kMask, kImageQueue, "bad_mask", false},
+        [on_mask = handlers_.on_mask](const sensor_msgs::ImageConstPtr& message) { on_mask(ToMaskSample(message)); });
   }
 
   void AddCameraInfo() {

@@ -10,14 +10,14 @@
 namespace acmp {
 namespace {
 
-/// Pixels whose depth is published: known to the lens and confident enough.
-Image<unsigned char> MakeKeepMask(const KeyframeDepth& maps, const cv::Mat& valid, double min_confidence) {
+/// Pixels whose depth is published: not masked, and confident enough.
+Image<unsigned char> MakeKeepMask(const KeyframeDepth& maps, double min_confidence) {
   Image<unsigned char> keep(maps.depth.width(), maps.depth.height(), 1);
   for (int row = 0; row < keep.height(); ++row) {
     for (int col = 0; col < keep.width(); ++col) {
-      const bool known = valid.empty() || valid.at<uchar>(row, col) != 0;
+      const bool used = maps.frame->mask.empty() || maps.frame->mask(col, row) != 0;
       const bool confident = maps.confidence.empty() || maps.confidence(col, row) >= min_confidence;
-      keep(col, row) = known && confident ? 1 : 0;
+      keep(col, row) = used && confident ? 1 : 0;
     }
   }
   return keep;
@@ -100,7 +100,7 @@ KeyframeOutput KeyframeOutputs::MakeOutput(const KeyframeDepthPtr& maps, const R
   output.origin = record.origin;
   output.run = record.run;
   output.maps = maps;
-  output.keep = MakeKeepMask(*maps, record.valid, min_confidence);
+  output.keep = MakeKeepMask(*maps, min_confidence);
   output.points_in_camera = KeptPoints(*maps, output.keep.View(), min_confidence);
   MoveToReceivedPose(*maps, &output.points_in_camera);
   return output;
@@ -125,9 +125,8 @@ void KeyframeOutputs::CountWithoutPoints(const KeyframeDepth& maps, const Keyfra
     status_.run_without_points = points > 0 ? 0 : status_.run_without_points + 1;
     status_.no_points_reason = "";
     if (points == 0) {
-      status_.no_points_reason =
-          maps.no_points_reason.value_or(Concat("all ", maps.points_in_camera.size(), " are below ~min_confidence (",
-                                                min_confidence_, ") or where the lens's image is not known"));
+      status_.no_points_reason = maps.no_points_reason.value_or(
+          Concat("all ", maps.points_in_camera.size(), " are below ~min_confidence (", min_confidence_, ") or masked"));
     }
     now = status_;
   }

@@ -5,7 +5,6 @@
 #include <utility>
 
 #include <ros/time.h>
-#include <opencv2/imgproc.hpp>
 
 #include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/error.h"
@@ -20,11 +19,18 @@ constexpr char kStopped[] = "the mapper is shutting down";
 /// A number that no earlier run of this mapper had, also of one before the program was started again.
 uint64_t NewRun() { return ros::WallTime::now().toNSec(); }
 
+void CheckMaskFile(const Mask& mask, const std::string& file, const PinholeCamera& camera) {
+  if (mask.width() == camera.width && mask.height() == camera.height) return;
+  throw InvalidInputError(Concat("~mask_file ", file, " of ", mask.width(), "x", mask.height(),
+                                 ": must have the image's size, ", camera.width, "x", camera.height));
+}
+
 }  // namespace
 
-MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions* options, Hooks hooks)
+MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions* options, Mask fixed_mask, Hooks hooks)
     : node_options_(node_options),
       options_(options),
+      fixed_mask_(std::move(fixed_mask)),
       on_device_(std::move(hooks.on_device)),
       outputs_(std::move(hooks.outputs)),
       queue_(node_options.overload),
@@ -160,10 +166,9 @@ void MapperWorker::Process(const KeyframeInput& input) {
   mapper_->set_options(options.mapper);
   outputs_.set_min_confidence(options.min_confidence);
 
-  cv::Mat valid;
-  const FramePtr frame = PrepareFrame(input, &valid);
+  const FramePtr frame = PrepareFrame(input);
   const double preparation_ms = timer.Lap();
-  outputs_.Add(frame->id, {input, run_, valid});
+  outputs_.Add(frame->id, {input, run_});
   UpdateStatus([&](WorkerStatus* status) {
     ++status->keyframes;
     status->width = frame->camera.width;
@@ -179,7 +184,7 @@ void MapperWorker::ProcessOvertaken(const KeyframeInput& input) {
   if (mapper_) {
     const RuntimeOptions options = options_->Get();
     mapper_->set_options(options.mapper);
-    mapper_->AddSourceImage(PrepareFrame(input, nullptr));
+    mapper_->AddSourceImage(PrepareFrame(input));
   }
   outputs_.ReportDrop({"overload",
                        Concat("keyframe ", FormatStamp(input.stamp_ns),
@@ -187,21 +192,32 @@ void MapperWorker::ProcessOvertaken(const KeyframeInput& input) {
                        true});
 }
 
-FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input, cv::Mat* valid) {
+Mask MapperWorker::MaskOf(const KeyframeInput& input) {
+  const PinholeCamera& camera = input.calibration->camera;
+  Mask mask;
+  try {
+    if (!fixed_mask_.empty()) {
+      CheckMaskFile(fixed_mask_, node_options_.mask_file, camera);
+      mask = fixed_mask_.Clone();
+    }
+    if (input.mask) mask = IntersectMasks(std::move(mask), DecodeMask(*input.mask, camera));
+  } catch (const InvalidInputError& error) {
+    outputs_.ReportDrop(
+        {"bad_mask", Concat("image ", FormatStamp(input.stamp_ns), " is used without it: ", error.what())});
+  }
+  return mask;
+}
+
+FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input) {
   const FrameOptions frame_options = {node_options_.max_image_size};
   if (!calibration_ || !SameCalibration(*calibration_, *input.calibration)) {
     rectifier_ = std::make_unique<ImageRectifier>(*input.calibration);
     calibration_ = input.calibration;
   }
-  auto frame = std::make_shared<const Frame>(
-      MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9,
-                rectifier_->Rectify(DecodeRgb(*input.image, &calibration_->camera)), calibration_->camera,
-                input.world_from_cam.inverse(), input.landmarks_in_world, frame_options));
-  if (valid && !rectifier_->valid().empty()) {
-    cv::resize(rectifier_->valid(), *valid, cv::Size(frame->camera.width, frame->camera.height), 0, 0,
-               cv::INTER_NEAREST);
-  }
-  return frame;
+  ColorImage image = rectifier_->Rectify(DecodeRgb(*input.image, &calibration_->camera));
+  return std::make_shared<const Frame>(MakeFrame(
+      next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image), calibration_->camera,
+      input.world_from_cam.inverse(), input.landmarks_in_world, frame_options, rectifier_->RectifyMask(MaskOf(input))));
 }
 
 }  // namespace acmp

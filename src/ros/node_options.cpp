@@ -93,6 +93,12 @@ void AddCamera(OptionTable<NodeOptions>* table) {
            "File of camera_calibration (.yaml or .ini) in place of camera_info; empty: camera_info is used"),
       [](auto& o) -> auto& { return o.calibration_file; });
   table->Add(
+      Text(
+          "mask_file",
+          "Picture (.png) of the size of the images as sent: what is black there, such as the robot itself, is ignored "
+          "in all of them; empty: nothing is"),
+      [](auto& o) -> auto& { return o.mask_file; });
+  table->Add(
       Text("camera_frame", "In place of the frame_id of the images; empty: as sent"),
       [](auto& o) -> auto& { return o.camera_frame; });
 }
@@ -141,7 +147,7 @@ void AddPoses(OptionTable<NodeOptions>* table) {
 }
 
 void AddInputs(OptionTable<NodeOptions>* table) {
-  table->Group("sparse points and stamps");
+  table->Group("sparse points, masks and stamps");
   table->Add(
       Choice("sparse_frame", {"auto", "world", "camera"}, "Frame of the sparse points; auto: told by their frame_id"),
       [](auto& o) -> auto& { return o.sparse_frame; });
@@ -151,6 +157,12 @@ void AddInputs(OptionTable<NodeOptions>* table) {
   table->Add(
       Number("sparse_wait", 0, 10, "s", "An image with a pose waits so long for the sparse points of its stamp"),
       [](auto& o) -> auto& { return o.matcher.sparse_wait_s; });
+  table->Add(
+      Number(
+          "mask_wait", 0, 10, "s",
+          "An image with a pose waits so long for its mask, while somebody publishes the topic mask; then it is used "
+          "as a whole"),
+      [](auto& o) -> auto& { return o.matcher.mask_wait_s; });
 
   table->Group("keyframes");
   table->Add(

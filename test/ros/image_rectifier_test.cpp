@@ -69,6 +69,7 @@ TEST_P(RectifierModels, UndoesTheLens) {
   }
   ImageRectifier rectifier(calibration);
   const ColorImage rectified = rectifier.Rectify(distorted);
+  const Mask rim = rectifier.RectifyMask({});
   int compared = 0;
   for (int v = 0; v < camera.height; ++v) {
     for (int u = 0; u < camera.width; ++u) {
@@ -76,7 +77,7 @@ TEST_P(RectifierModels, UndoesTheLens) {
       const Eigen::Vector2d source = Distort(calibration, x, y);
       const bool inside =
           source.x() >= 0 && source.y() >= 0 && source.x() <= camera.width - 1 && source.y() <= camera.height - 1;
-      const bool valid = rectifier.valid().empty() || rectifier.valid().at<uchar>(v, u) != 0;
+      const bool valid = rim.empty() || rim(u, v) != 0;
       // float32 maps: on the border itself either answer is right
       const bool border = std::abs(source.x()) < 1e-3 || std::abs(source.x() - camera.width + 1) < 1e-3 ||
                           std::abs(source.y()) < 1e-3 || std::abs(source.y() - camera.height + 1) < 1e-3;
@@ -106,7 +107,36 @@ TEST(ImageRectifier, LeavesAStraightLensAlone) {
   cv::randu(image, 0, 255);
   const ColorImage same = rectifier.Rectify(image);
   EXPECT_EQ(0, std::memcmp(same.data(), image.data, 120 * 160 * 3));
-  EXPECT_TRUE(rectifier.valid().empty());
+  EXPECT_TRUE(rectifier.RectifyMask({}).empty());
+}
+
+TEST(ImageRectifier, MasksAreRectifiedWithTheirImages) {
+  const CameraCalibration calibration = MakeCalibration(Model::kBrownConrady, {-0.28, 0.07, 2e-4, 2e-5});
+  const PinholeCamera& camera = calibration.camera;
+  Mask mask(camera.width, camera.height, 1);
+  for (int row = 20; row < 30; ++row) {
+    for (int col = 10; col < 25; ++col) mask(col, row) = 0;
+  }
+  ImageRectifier rectifier(calibration);
+  rectifier.Rectify(cv::Mat::zeros(camera.height, camera.width, CV_8UC3));
+  const Mask rectified = rectifier.RectifyMask(mask);
+  int ignored = 0;
+  for (int v = 0; v < camera.height; ++v) {
+    for (int u = 0; u < camera.width; ++u) {
+      const Eigen::Vector2d source = Distort(calibration, (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy);
+      // Interpolation reaches a pixel to each side.
+      const auto is_within = [&](double margin) {
+        return source.x() > 10 - margin && source.x() < 24 + margin && source.y() > 20 - margin &&
+               source.y() < 29 + margin;
+      };
+      const bool is_ignored = rectified(u, v) == 0;
+      ASSERT_TRUE(is_ignored || !is_within(0.9)) << u << ' ' << v;
+      ASSERT_TRUE(!is_ignored || is_within(1.1)) << u << ' ' << v;
+      ignored += is_ignored ? 1 : 0;
+    }
+  }
+  EXPECT_GT(ignored, 100);
+  EXPECT_THROW(rectifier.RectifyMask(Mask(camera.width, camera.height + 1, 255)), InvalidInputError);
 }
 
 TEST(ImageRectifier, RefusesAnotherSize) {
@@ -124,9 +154,9 @@ TEST(ImageRectifier, MakesNoMapsForASizeThatNoImageHas) {
   calibration.camera.width = calibration.camera.height = 2000;
   ImageRectifier rectifier(calibration);
   EXPECT_THROW(rectifier.Rectify(cv::Mat(48, 64, CV_8UC3)), InvalidInputError);
-  EXPECT_TRUE(rectifier.valid().empty());
+  EXPECT_TRUE(rectifier.RectifyMask({}).empty());
   rectifier.Rectify(cv::Mat::zeros(2000, 2000, CV_8UC3));
-  EXPECT_FALSE(rectifier.valid().empty());
+  EXPECT_FALSE(rectifier.RectifyMask({}).empty());
 }
 
 }  // namespace

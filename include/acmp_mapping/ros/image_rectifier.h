@@ -7,7 +7,7 @@
 
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/geometry/pinhole_camera.h"
-#include "acmp_mapping/image/image.h"
+#include "acmp_mapping/image/mask.h"
 
 namespace acmp {
 
@@ -30,16 +30,18 @@ class ImageRectifier {
   /// makes the maps: a camera_info alone, whatever size it claims, takes no memory.
   ColorImage Rectify(const cv::Mat& rgb);
 
-  /// 255 where the rectified image is known, 0 where the lens saw nothing; empty when everything is known
-  /// or no image has been rectified yet.
-  const cv::Mat& valid() const { return valid_; }
+  /// The mask of the rectified image: it ignores what is made of a pixel that `mask` ignores, and what the lens did not
+  /// see. Empty where everything is used. Throws as Rectify does. Once an image has been rectified.
+  /// @param mask of the image as sent; empty: all of its pixels count
+  Mask RectifyMask(const Mask& mask);
 
  private:
+  void CheckSize(int width, int height) const;
   void BuildMaps();
 
   CameraCalibration calibration_;
   cv::Mat map_x_, map_y_;  ///< fixed point; empty without distortion
-  cv::Mat valid_;
+  Mask rim_;               ///< ignores what the lens did not see; empty: it saw everything
 };
 
 }  // namespace acmp

@@ -34,6 +34,11 @@ struct EncodedImage {
 /// @param camera null: any size
 cv::Mat DecodeRgb(const EncodedImage& image, const PinholeCamera* camera = nullptr);
 
+/// The mask of an image. Throws InvalidInputError for an encoding other than mono8, or too few bytes.
+MaskSample ToMaskSample(const sensor_msgs::ImageConstPtr& message);
+/// What it says of the image's pixels. Throws InvalidInputError where it has another size than the camera's images.
+Mask DecodeMask(const EncodedImage& mask, const PinholeCamera& camera);
+
 /// Camera and distortion of the image as sent: binning and region of interest are applied, plumb_bob,
 /// rational_polynomial and equidistant are known. `rectified`: the image is undistorted already, P holds and D does
 /// not.

@@ -61,7 +61,6 @@ class KeyframeOutputs {
   struct Record {
     KeyframeOrigin origin;
     uint64_t run = 0;
-    cv::Mat valid;  ///< where the rectified image is known, matched size; empty = everywhere
   };
 
   explicit KeyframeOutputs(Hooks hooks) : hooks_(std::move(hooks)) {}

@@ -40,7 +40,8 @@ class MapperWorker {
   };
 
   /// @param options outlive the worker
-  MapperWorker(const NodeOptions& node_options, const SharedOptions* options, Hooks hooks);
+  /// @param fixed_mask of all images as sent; empty: none
+  MapperWorker(const NodeOptions& node_options, const SharedOptions* options, Mask fixed_mask, Hooks hooks);
   ~MapperWorker();
   MapperWorker(const MapperWorker&) = delete;
   MapperWorker& operator=(const MapperWorker&) = delete;
@@ -71,8 +72,9 @@ class MapperWorker {
   void Process(const KeyframeInput& input);
   /// A keyframe that the mapper has no time for becomes a source view of others.
   void ProcessOvertaken(const KeyframeInput& input);
-  /// @param valid if not null: where the rectified image is known, matched size; empty = everywhere
-  FramePtr PrepareFrame(const KeyframeInput& input, cv::Mat* valid);
+  FramePtr PrepareFrame(const KeyframeInput& input);
+  /// Of the image as sent: what the mask of all images and its own leave. One that cannot be used is told and left out.
+  Mask MaskOf(const KeyframeInput& input);
   /// Has the worker do `work` and waits for it. Empty when done, else why not.
   std::string RunCommand(bool urgent, const std::function<void()>& work);
   template <class Change>
@@ -83,6 +85,7 @@ class MapperWorker {
 
   const NodeOptions node_options_;
   const SharedOptions* const options_;
+  const Mask fixed_mask_;
   const std::function<void(const WorkerStatus&)> on_device_;
   KeyframeOutputs outputs_;
   WorkQueue<KeyframeInput, Command> queue_;

@@ -32,6 +32,7 @@ struct NodeOptions {
   bool rectified = false;
   int max_image_size = 640;  ///< px, longer side; 0 = as sent
   std::string calibration_file;
+  std::string mask_file;  ///< of the image as sent; empty = none
   PoseSource pose_source = PoseSource::kPose;
   PoseSemantics pose;
   std::optional<PoseSemantics::Child> path_child;  ///< of optimized_path; none = as the poses

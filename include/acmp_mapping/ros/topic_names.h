@@ -15,6 +15,7 @@ constexpr char kExtrinsic[] = "extrinsic";
 constexpr char kSparsePoints[] = "sparse_points";
 constexpr char kSparsePointsV1[] = "sparse_points_v1";
 constexpr char kKeyframe[] = "keyframe";
+constexpr char kMask[] = "mask";
 constexpr char kOptimizedPath[] = "optimized_path";
 
 constexpr char kDepthFast[] = "depth_fast/image_rect";

@@ -1,0 +1,189 @@
+// A mask file and the topic mask: what they ignore gets no depth, and a mask that is late, missing or bad loses no
+// image. mask_64x48.png ignores the last kFileRows rows.
+
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "acmp_mapping/common/error.h"
+#include "ros/mapper_control.h"
+
+namespace acmp::test {
+namespace {
+
+constexpr size_t kViews = 5;
+constexpr int kWidth = 64, kHeight = 48;
+constexpr int kFileRows = 8;
+constexpr int kTopicCols = 16;  ///< from the left, that masks of the topic ignore
+
+class MasksTest : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    mapper_ = new MapperControl();
+    scene_ = new std::vector<ViewMessages>(MakeSmallScene(kViews));
+    ready_ = mapper_->WaitUntilReady(60);
+  }
+  static void TearDownTestSuite() {
+    delete scene_;
+    delete mapper_;
+  }
+  void SetUp() override {
+    ASSERT_TRUE(ready_);
+    start_s_ += 100;
+    ASSERT_TRUE(mapper().Call("reset"));
+    for (size_t i = 0; i < kViews; ++i) {
+      ViewMessages view = (*scene_)[i];
+      view.image.header.stamp = view.camera_info.header.stamp = StampOf(i, start_s_);
+      view.pose.header.stamp = view.sparse_points.header.stamp = view.image.header.stamp;
+      views_.push_back(view);
+    }
+  }
+
+  static MapperControl& mapper() { return *mapper_; }
+
+  sensor_msgs::Image MaskOf(size_t view) const {
+    sensor_msgs::Image mask;
+    mask.header = views_[view].image.header;
+    mask.encoding = "mono8";
+    mask.width = mask.step = kWidth;
+    mask.height = kHeight;
+    mask.data.assign(static_cast<size_t>(kWidth) * kHeight, 255);
+    for (size_t i = 0; i < mask.data.size(); ++i) {
+      if (static_cast<int>(i) % kWidth < kTopicCols) mask.data[i] = 0;
+    }
+    return mask;
+  }
+
+  /// Publishes masks and waits until the mapper has them.
+  void Send(const std::vector<sensor_msgs::Image>& masks) {
+    ASSERT_TRUE(ros::service::waitForService("/dense_mapper/flush", ros::Duration(kTimeoutS)));
+    const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
+    while (publisher_->getNumSubscribers() == 0 && ros::WallTime::now() < end) ros::WallDuration(0.05).sleep();
+    for (const sensor_msgs::Image& mask : masks) publisher_->publish(mask);
+    sent_ += masks.size();
+    while (mapper().DiagnosticValue("/mask") != Concat(sent_, " received") && ros::WallTime::now() < end) {
+      ros::WallDuration(0.05).sleep();
+    }
+    ASSERT_EQ(mapper().DiagnosticValue("/mask"), Concat(sent_, " received"));
+  }
+  static void Advertise() {
+    if (publisher_) return;
+    publisher_ = new ros::Publisher(mapper().nh.advertise<sensor_msgs::Image>("mask", 100));
+  }
+
+  /// Of the image that was published for a view: how many of the pixels that masks ignore have a depth, and how many of
+  /// the others have none.
+  struct Pixels {
+    int ignored_with_depth = 0, used_without_depth = 0;
+  };
+  Pixels Count(size_t view, bool has_topic_mask) const {
+    Pixels pixels;
+    for (const auto& depth : mapper().depth.messages()) {
+      if (depth->header.stamp != views_[view].image.header.stamp) continue;
+      const auto* values = reinterpret_cast<const float*>(depth->data.data());
+      for (int i = 0; i < kWidth * kHeight; ++i) {
+        const bool ignored = i / kWidth >= kHeight - kFileRows || (has_topic_mask && i % kWidth < kTopicCols);
+        const bool has_depth = std::isfinite(values[i]) && values[i] > 0;
+        if (ignored && has_depth) ++pixels.ignored_with_depth;
+        if (!ignored && !has_depth) ++pixels.used_without_depth;
+      }
+      return pixels;
+    }
+    ADD_FAILURE() << "no depth of view " << view;
+    return pixels;
+  }
+
+  std::vector<ViewMessages> views_;
+  static uint32_t start_s_;
+
+ private:
+  static MapperControl* mapper_;
+  static std::vector<ViewMessages>* scene_;
+  static ros::Publisher* publisher_;
+  static size_t sent_;
+  static bool ready_;
+};
+uint32_t MasksTest::start_s_ = 1000;
+MapperControl* MasksTest::mapper_ = nullptr;
+std::vector<ViewMessages>* MasksTest::scene_ = nullptr;
+ros::Publisher* MasksTest::publisher_ = nullptr;
+size_t MasksTest::sent_ = 0;
+bool MasksTest::ready_ = false;
+
+TEST_F(MasksTest, TheFileIsUsedForAllImages) {
+  ASSERT_EQ(mapper().Map(views_), kViews);
+  for (size_t view = 0; view < kViews; ++view) {
+    const Pixels pixels = Count(view, false);
+    EXPECT_EQ(pixels.ignored_with_depth, 0);
+    EXPECT_EQ(pixels.used_without_depth, 0);
+  }
+  EXPECT_EQ(mapper().DiagnosticValue("dropped: no_mask"), "") << "nobody publishes masks";
+}
+
+TEST_F(MasksTest, AMaskIsUsedForTheImageOfItsStampAndAMissingOneIsTold) {
+  Advertise();
+  Send({MaskOf(0), MaskOf(1), MaskOf(3), MaskOf(4)});
+  ASSERT_EQ(mapper().Map(views_), kViews);
+  for (size_t view = 0; view < kViews; ++view) {
+    const Pixels pixels = Count(view, view != 2);
+    EXPECT_EQ(pixels.ignored_with_depth, 0) << view;
+    EXPECT_EQ(pixels.used_without_depth, 0) << view;
+  }
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: no_mask", "1 (", "used as a whole"}, kTimeoutS));
+}
+
+TEST_F(MasksTest, ImagesWaitForLateMasksButNotForever) {
+  Advertise();
+  Send({});
+  mapper().depth.Clear();
+  mapper().keyframe_pose.Clear();
+  for (const ViewMessages& view : views_) mapper().player.Publish(view);
+  ros::WallDuration(1).sleep();
+  EXPECT_TRUE(mapper().keyframe_pose.messages().empty()) << "all wait";
+  Send({MaskOf(0), MaskOf(1), MaskOf(2)});
+  // No other mask comes: the last two are used after mask_wait.
+  ASSERT_TRUE(mapper().keyframe_pose.WaitForCount(kViews, kTimeoutS));
+  ASSERT_TRUE(mapper().Call("flush"));
+  ASSERT_TRUE(mapper().depth.WaitForCount(kViews, kTimeoutS));
+  EXPECT_EQ(Count(0, true).ignored_with_depth, 0);
+  EXPECT_EQ(Count(2, true).ignored_with_depth, 0);
+  EXPECT_EQ(Count(4, false).used_without_depth, 0);
+}
+
+TEST_F(MasksTest, BadMasksAreNamedAndTheirImagesAreMapped) {
+  Advertise();
+  std::vector<sensor_msgs::Image> masks;
+  for (size_t view = 0; view < kViews; ++view) masks.push_back(MaskOf(view));
+  masks[1].encoding = "32FC1";
+  masks[2].height = kHeight / 2;
+  masks[2].data.resize(masks[2].data.size() / 2);
+  Send(masks);
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: bad_mask", "32FC1", "mono8"}, kTimeoutS));
+  ASSERT_EQ(mapper().Map(views_), kViews);
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: bad_mask", "64x24", "64x48"}, kTimeoutS));
+  EXPECT_EQ(Count(0, true).ignored_with_depth, 0);
+  for (const size_t view : {1, 2}) EXPECT_EQ(Count(view, false).used_without_depth, 0) << view;
+}
+
+TEST_F(MasksTest, AnImageOfWhichEverythingIsIgnoredIsNamed) {
+  Advertise();
+  std::vector<sensor_msgs::Image> masks;
+  for (size_t view = 0; view < kViews; ++view) masks.push_back(MaskOf(view));
+  masks[2].data.assign(masks[2].data.size(), 0);
+  Send(masks);
+  mapper().depth.Clear();
+  for (const ViewMessages& view : views_) mapper().player.Publish(view);
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: invalid_input", "its mask ignores every pixel"}, kTimeoutS));
+  ASSERT_TRUE(mapper().Call("flush"));
+  EXPECT_TRUE(mapper().depth.WaitForCount(kViews - 1, kTimeoutS));
+  EXPECT_EQ(mapper().depth.messages().size(), kViews - 1);
+}
+
+}  // namespace
+}  // namespace acmp::test
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  ros::init(argc, argv, "masks_rostest");
+  return RUN_ALL_TESTS();
+}
