@@ -16,17 +16,15 @@
 namespace acmp {
 namespace {
 
-using Context = MatchContext<CpuSampler>;
-
 /// The pixels with (col + row) % 2 == color.
-template <class Function>
+template <class Context, class Function>
 void ForEachPixelOfColor(const Context& context, int color, const Function& function) {
   tbb::parallel_for(0, context.height, [&](int row) {
     for (int col = (row + color) % 2; col < context.width; col += 2) function(col, row);
   });
 }
 
-template <Pass kPass, Method kMethod>
+template <Pass kPass, Method kMethod, class Context>
 void RunPass(const Context& context, int iterations) {
   ForEachPixelOfColor(context, 0, [&](int col, int row) {
     if constexpr (kMethod == Method::kOurs) {
@@ -65,19 +63,34 @@ struct HostSources {
     }
   }
 
-  void SetUp(const PatchMatchProblem& problem, Context* context) const {
-    context->sampler = {{problem.reference.gray, images.data()}, SupportedWindowFunctions().back()};
-    context->sources = views.data();
-    context->full_depths = full_depths.data();
-    context->clearance = problem.reference.clearance;
-    context->source_clearances = has_masks ? clearances.data() : nullptr;
+  /// Calls function(context) with a context for images with or without masks, which lacks maps.
+  template <class Function>
+  void VisitContext(const PatchMatchProblem& problem, const PatchMatchOptions& options, Pass kind, int geometric_pass,
+                    const Function& function) const {
+    if (has_masks || !problem.reference.clearance.empty()) {
+      function(MakeContext<MaskedCpuSampler>(problem, options, kind, geometric_pass));
+    } else {
+      function(MakeContext<CpuSampler>(problem, options, kind, geometric_pass));
+    }
+  }
+
+  template <class Sampler>
+  MatchContext<Sampler> MakeContext(const PatchMatchProblem& problem, const PatchMatchOptions& options, Pass kind,
+                                    int geometric_pass) const {
+    MatchContext<Sampler> context = MakeMatchContext<Sampler>(problem, options, kind, geometric_pass);
+    context.sampler = {{problem.reference.gray, images.data()}, SupportedWindowFunctions().back()};
+    context.sources = views.data();
+    context.full_depths = full_depths.data();
+    context.clearance = problem.reference.clearance;
+    context.source_clearances = has_masks ? clearances.data() : nullptr;
+    return context;
   }
 
   std::vector<HalvedDepthMap> depths;
   std::vector<SourceView> views;
   std::vector<ImageView<const float>> images, full_depths;
   std::vector<ImageView<const unsigned char>> clearances;
-  bool has_masks = false;
+  bool has_masks = false;  ///< of the sources
 };
 
 template <Pass kPass>
@@ -86,13 +99,14 @@ EstimateState Run(const PatchMatchProblem& problem, const PatchMatchOptions& opt
   Validate(options);
   const HostSources sources(problem, options.method);
   Image<uint32_t> selected_views(state.planes.width(), state.planes.height());
-  Context context = MakeMatchContext<CpuSampler>(problem, options, kPass, geometric_pass);
-  sources.SetUp(problem, &context);
-  context.planes = state.planes.View();
-  context.cost = state.cost.View();
-  context.selected_views = selected_views.View();
-  context.prior = {prior, {}};
-  VisitMethod<kPass>(options.method, [&](auto method) { RunPass<kPass, method>(context, iterations); });
+  sources.VisitContext(problem, options, kPass, geometric_pass, [&](auto context) {
+    context.planes = state.planes.View();
+    context.cost = state.cost.View();
+    context.selected_views = selected_views.View();
+    context.prior = {prior, {}};
+    VisitMethod<kPass>(options.method,
+                       [&](auto method) { RunPass<kPass, decltype(method)::value>(context, iterations); });
+  });
   return state;
 }
 
@@ -130,13 +144,13 @@ EstimateState RestoreDetails(const PatchMatchProblem& problem, const PatchMatchO
   CheckSize("cost", start.cost.width(), start.cost.height(), camera);
   CheckSize("coarser planes", coarser.width, coarser.height, halved);
   const HostSources sources(problem, options.method);
-  Context context = MakeMatchContext<CpuSampler>(problem, options, Pass::kPhotometric, 0);
-  sources.SetUp(problem, &context);
-  context.planes = start.planes.View();
-  context.cost = start.cost.View();
   const CoarserEstimate estimate = {coarser, MakeRayGrid(halved)};
-  tbb::parallel_for(0, camera.height, [&](int row) {
-    for (int col = 0; col < camera.width; ++col) RestorePixel(context, estimate, col, row);
+  sources.VisitContext(problem, options, Pass::kPhotometric, 0, [&](auto context) {
+    context.planes = start.planes.View();
+    context.cost = start.cost.View();
+    tbb::parallel_for(0, camera.height, [&](int row) {
+      for (int col = 0; col < camera.width; ++col) RestorePixel(context, estimate, col, row);
+    });
   });
   return start;
 }
@@ -146,13 +160,15 @@ Image<float> MeasureEvidence(const PatchMatchProblem& problem, const PlaneMap& p
   CheckSize("planes", planes.width(), planes.height(), problem.reference.camera);
   if (cell_size < 1) throw InvalidInputError(Concat("cell_size = ", cell_size, ": must be >= 1 px"));
   const HostSources sources(problem, Method::kOurs);
-  Context context = MakeMatchContext<CpuSampler>(problem, {}, Pass::kGeometric, 0);
-  sources.SetUp(problem, &context);
   PlaneMap read = planes.Clone();  // the context could write
-  context.planes = read.View();
   Image<float> evidence(CellsOf(planes.width(), cell_size), CellsOf(planes.height(), cell_size));
-  tbb::parallel_for(0, evidence.height(), [&](int row) {
-    for (int col = 0; col < evidence.width(); ++col) evidence(col, row) = EvidenceOfCell(context, col, row, cell_size);
+  sources.VisitContext(problem, {}, Pass::kGeometric, 0, [&](auto context) {
+    context.planes = read.View();
+    tbb::parallel_for(0, evidence.height(), [&](int row) {
+      for (int col = 0; col < evidence.width(); ++col) {
+        evidence(col, row) = EvidenceOfCell(context, col, row, cell_size);
+      }
+    });
   });
   return evidence;
 }

@@ -144,7 +144,8 @@ TEST(MaskedPatchTest, IgnoredSamplesHaveNoWeightAndTheirValuesNoInfluence) {
           KernelState state(made.problem);
           const auto plain = state.Context();
           const std::vector<ImageView<const float>> sources;
-          const auto fast = state.ContextWith(CpuSampler{{made.problem.reference.gray, sources.data()}, functions});
+          const auto fast =
+              state.ContextWith(MaskedCpuSampler{{made.problem.reference.gray, sources.data()}, functions});
           const float sigma = state.options().sigma_color;
           LoadUnmaskedPatch(plain, col, row, sigma, SingleThread(), &patches[which][0]);
           LoadUnmaskedPatch(fast, col, row, sigma, SingleThread(), &patches[which][1]);
