@@ -52,11 +52,10 @@ Mask ReadMask(const fs::path& path) { return ToMask(ReadColorImage(path)); }
 
 Mask ReadMask(const fs::path& path, const ImageSize& of_image) { return ToMask(ReadColorImage(path, of_image)); }
 
-Mask LoadMask(const SceneImage& image) {
-  const PinholeCamera& camera = image.camera;
-  Mask mask;
-  if (!image.mask.empty()) mask = ReadMask(image.mask, {camera.width, camera.height});
-  return UndistortMask(std::move(mask), camera, image.distortion);
+Mask ReadMaskOf(const SceneImage& image) {
+  return image.mask.empty() ? Mask() : ReadMask(image.mask, {image.camera.width, image.camera.height});
 }
+
+Mask LoadMask(const SceneImage& image) { return Undistortion(image.camera, image.distortion).Of(ReadMaskOf(image)); }
 
 }  // namespace acmp

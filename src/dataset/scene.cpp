@@ -8,7 +8,6 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
-#include "acmp_mapping/dataset/masks.h"
 #include "colmap_model.h"
 #include "scene_private.h"
 
@@ -117,11 +116,9 @@ ColorImage LoadImage(const Scene& scene, int index) {
 Frame LoadFrame(const Scene& scene, int index, const FrameOptions& options) {
   ColorImage color = LoadImage(scene, index);
   const SceneImage& image = scene.images[index];
-  if (image.distortion.model != LensDistortion::Model::kNone) {
-    color = Undistort(color, image.camera, image.distortion);
-  }
-  return MakeFrame(index, 0.0, std::move(color), image.camera, image.cam_from_world, LandmarksOf(scene, image), options,
-                   LoadMask(image));
+  const Undistortion undistortion(image.camera, image.distortion);
+  return MakeFrame(index, 0.0, undistortion.Of(std::move(color)), image.camera, image.cam_from_world,
+                   LandmarksOf(scene, image), options, undistortion.Of(ReadMaskOf(image)));
 }
 
 }  // namespace acmp

@@ -1,6 +1,9 @@
 #pragma once
 
+#include <opencv2/core/mat.hpp>
+
 #include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/image/mask.h"
 
 namespace acmp {
 
@@ -10,12 +13,23 @@ Scene ReadColmapScene(const std::filesystem::path& root, const std::filesystem::
 bool LooksLikeMvsnet(const std::filesystem::path& root);
 Scene ReadMvsnetScene(const std::filesystem::path& root, PixelCenters centers);
 
-/// The image without its lens distortion, seen by the same pinhole camera; black where it shows nothing.
-ColorImage Undistort(const ColorImage& image, const PinholeCamera& camera, const LensDistortion& distortion);
+/// Takes the lens distortion out of images of the camera's size, which are then seen by the same pinhole camera.
+class Undistortion {
+ public:
+  Undistortion(const PinholeCamera& camera, const LensDistortion& distortion);
 
-/// The mask of the undistorted image: it ignores what is made of a pixel that `mask` ignores, and what the lens did not
-/// see. Empty where all is used.
-/// @param mask of the stored image; empty: all of its pixels count
-Mask UndistortMask(Mask mask, const PinholeCamera& camera, const LensDistortion& distortion);
+  /// Black where the image shows nothing.
+  ColorImage Of(ColorImage image) const;
+  /// The mask of the undistorted image: it ignores what is made of a pixel that `mask` ignores, and what the lens did
+  /// not see. Empty where all is used.
+  /// @param mask of the stored image; empty: all of its pixels count
+  Mask Of(Mask mask) const;
+
+ private:
+  cv::Mat map_x_, map_y_;  ///< where a pixel of the undistorted image lies in the stored one; empty without distortion
+};
+
+/// The mask as stored; empty: the image has none. Throws as ReadMask does.
+Mask ReadMaskOf(const SceneImage& image);
 
 }  // namespace acmp

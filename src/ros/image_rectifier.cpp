@@ -1,12 +1,10 @@
 #include "acmp_mapping/ros/image_rectifier.h"
 
-#include <algorithm>
-#include <utility>
-
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/image/image_processing.h"
 
 namespace acmp {
 
@@ -56,19 +54,11 @@ ColorImage ImageRectifier::Rectify(const cv::Mat& rgb) {
   return rectified;
 }
 
-Mask ImageRectifier::RectifyMask(const Mask& mask) {
-  const PinholeCamera& c = calibration_.camera;
+Mask ImageRectifier::RectifyMask(const Mask& mask) const {
   if (mask.empty()) return rim_.Clone();
   CheckSize(mask.width(), mask.height());
   if (map_x_.empty()) return IntersectMasks(mask.Clone(), rim_);
-  Mask used(c.width, c.height), rectified(c.width, c.height);
-  std::transform(mask.begin(), mask.end(), used.begin(), [](unsigned char value) { return value != 0 ? 255 : 0; });
-  cv::Mat target(c.height, c.width, CV_8U, rectified.data());
-  cv::remap(cv::Mat(c.height, c.width, CV_8U, used.data()), target, map_x_, map_y_, cv::INTER_LINEAR,
-            cv::BORDER_CONSTANT);
-  // What is interpolated with a pixel that is ignored is less than 255.
-  for (unsigned char& value : rectified) value = value == 255 ? 255 : 0;
-  return IntersectMasks(std::move(rectified), rim_);
+  return IntersectMasks(RemapMask(mask, map_x_, map_y_), rim_);
 }
 
 }  // namespace acmp

@@ -2,7 +2,7 @@
 
 #include <opencv2/core/mat.hpp>
 
-#include "acmp_mapping/image/image.h"
+#include "acmp_mapping/image/mask.h"
 
 namespace acmp {
 
@@ -17,5 +17,10 @@ GrayImage ToGray(const ColorImage& color);
 /// Area-averaged when shrinking, bilinear when enlarging; pixel u of the result sits at (u + 0.5) / s - 0.5.
 ColorImage Resize(const ColorImage& image, int width, int height);
 GrayImage Resize(const GrayImage& image, int width, int height);
+
+/// The mask of an image that cv::remap makes with these maps, interpolating: it ignores what is made of a pixel that
+/// `mask`, of any value but 0 for what counts, ignores, and what lies outside. Not empty, whatever it ignores.
+/// @param map_x,map_y as cv::remap takes them
+Mask RemapMask(const Mask& mask, const cv::Mat& map_x, const cv::Mat& map_y);
 
 }  // namespace acmp

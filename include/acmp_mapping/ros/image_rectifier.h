@@ -33,7 +33,7 @@ class ImageRectifier {
   /// The mask of the rectified image: it ignores what is made of a pixel that `mask` ignores, and what the lens did not
   /// see. Empty where everything is used. Throws as Rectify does. Once an image has been rectified.
   /// @param mask of the image as sent; empty: all of its pixels count
-  Mask RectifyMask(const Mask& mask);
+  Mask RectifyMask(const Mask& mask) const;
 
  private:
   void CheckSize(int width, int height) const;
