@@ -47,13 +47,16 @@ bundle() {
 }
 
 check_sanitizer() {
-  local tool scene=$1/tiny failed=0
-  acmp_make_scene "$scene" --width 80 --height 60 --keyframes 4 > /dev/null || return 1
+  local tool scene=$1/tiny failed=0 masks
+  acmp_make_scene "$scene" --width 80 --height 60 --keyframes 4 --moving-object > /dev/null || return 1
   for tool in memcheck racecheck initcheck; do
-    echo "-- compute-sanitizer $tool"
-    # One image at a time: with four the tools did not come to an end within minutes.
-    timeout 300 compute-sanitizer --tool "$tool" --error-exitcode 9 "$(command -v acmp_reconstruct)" "$scene" \
-      "$1/tiny_$tool" --device cuda --jobs-per-gpu 1 --quiet 2>&1 | tail -n 3 || failed=1
+    for masks in "" "--masks=$scene/masks"; do  # kernels of their own
+      echo "-- compute-sanitizer $tool $masks"
+      # One image at a time: with four the tools did not come to an end within minutes.
+      timeout 300 compute-sanitizer --tool "$tool" --error-exitcode 9 "$(command -v acmp_reconstruct)" "$scene" \
+        "$1/tiny_$tool${masks:+_masked}" ${masks:+"$masks"} --device cuda --jobs-per-gpu 1 --quiet 2>&1 |
+        tail -n 3 || failed=1
+    done
   done
   return "$failed"
 }

@@ -23,7 +23,7 @@ SCENE is a folder of images with known camera poses, in one of two layouts:
 "auto" takes mvsnet when it is there, with the landmarks of a COLMAP model beside it.
 
 OUTPUT is a folder that is made; afterwards it holds, for image 0, 1, 2, ... of the scene:
-  depth/000000.pfm         depth z in the scene's unit (metres if the poses are), 0 = unknown
+  depth/000000.pfm         depth z in the scene's unit (metres if the poses are), 0 = unknown or masked
   depth/000000.png         the same in thousandths, 16 bit; depth/000000.dmb with --dmb
   normal/000000.pfm        unit normals in the camera's frame
   cost/000000.pfm          matching cost, 0 = perfect to 2 = a guess, which makes no point; two values stand for more:
