@@ -46,8 +46,8 @@ trap 'kill -TERM $launch 2>/dev/null || true; wait $launch 2>/dev/null || true' 
 scripts/save_demo_output.py "$out/room.bag" "$out" --timeout 1200 &
 saver=$!
 code=0
-wait -n -p ended "$launch" "$saver" || code=$?
-if [ "$ended" = "$launch" ] || [ "$code" -ne 0 ]; then  # without roslaunch the saver would wait in vain
+wait -n "$launch" "$saver" || code=$?  # which of them: wait -p is from bash 5.1
+if kill -0 "$saver" 2>/dev/null || [ "$code" -ne 0 ]; then  # without roslaunch the saver would wait in vain
   kill "$saver" 2>/dev/null || true
   echo "the end of $out/roslaunch.log:" >&2
   tail -n 30 "$out/roslaunch.log" >&2

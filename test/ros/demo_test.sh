@@ -17,8 +17,8 @@ launch=$!
 "$1/scripts/save_demo_output.py" "$folder/room.bag" "$folder" --timeout 200 >"$folder/saved" &
 saver=$!
 code=0
-wait -n -p ended "$launch" "$saver" || code=$?
-if [ "$ended" = "$launch" ] || [ "$code" -ne 0 ]; then  # without roslaunch the saver would wait in vain
+wait -n "$launch" "$saver" || code=$?
+if kill -0 "$saver" 2>/dev/null || [ "$code" -ne 0 ]; then  # without roslaunch the saver would wait in vain
   kill "$saver" 2>/dev/null || true
   cat "$folder/saved" "$folder/roslaunch.log"
   exit 1
