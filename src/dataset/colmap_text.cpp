@@ -24,14 +24,15 @@ void ReadCameras(const std::filesystem::path& path, ColmapModelBuilder* builder)
   for (std::string line; reader.NextContentLine(&line); ++count) {
     FieldReader fields(reader, line);
     const int64_t id = fields.Integer("camera id");
+    const std::string where = reader.Where();
     const std::string name = fields.Word("camera model");
-    const ColmapCameraModel& model = FindColmapCameraModel(reader.Where(), name);
+    const ColmapCameraModel& model = FindColmapCameraModel(where, name);
     const uint64_t width = ReadSize(reader, &fields, "image width");
     const uint64_t height = ReadSize(reader, &fields, "image height");
     std::vector<double> parameters(model.parameters);
     for (double& parameter : parameters) parameter = fields.Real("camera parameter");
     fields.ExpectEnd();
-    builder->AddCamera(reader.Where(), id, MakeColmapCamera(reader.Where(), model, width, height, parameters));
+    builder->AddCamera(where, id, MakeColmapCamera(where, model, width, height, parameters));
   }
   CheckCount(reader, count, "cameras");
 }
