@@ -52,9 +52,11 @@ FramePtr MakeExpectedFrame(int64_t id, const ViewMessages& messages) {
   const auto image = boost::make_shared<const sensor_msgs::Image>(messages.image);
   const CameraCalibration calibration = ToCalibration(messages.camera_info, false);
   const RigidTransform world_from_cam = ToTransform(messages.pose.pose);
-  return std::make_shared<const Frame>(MakeFrame(
-      id, messages.image.header.stamp.toSec(), ImageRectifier(calibration).Rectify(DecodeRgb({image, nullptr})),
-      calibration.camera, world_from_cam.inverse(), ToSparseCloud(messages.sparse_points).points, {}));
+  ImageRectifier rectifier(calibration);
+  ColorImage rectified = rectifier.Rectify(DecodeRgb({image, nullptr}));
+  return std::make_shared<const Frame>(
+      MakeFrame(id, messages.image.header.stamp.toSec(), std::move(rectified), calibration.camera,
+                world_from_cam.inverse(), ToSparseCloud(messages.sparse_points).points, {}, rectifier.RectifyMask({})));
 }
 
 ScenePlayer::ScenePlayer(ros::NodeHandle nh, const std::string& image_topic, const std::string& camera_info_topic,
