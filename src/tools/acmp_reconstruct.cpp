@@ -1,7 +1,7 @@
 // acmp_reconstruct: depth, normal and cost maps and a fused point cloud of a posed image set.
 
-#include <tbb/global_control.h>
 #include <signal.h>
+#include <tbb/global_control.h>
 #include <unistd.h>
 
 #include <future>
