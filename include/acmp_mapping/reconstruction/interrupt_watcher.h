@@ -29,7 +29,8 @@ class InterruptWatcher {
     if (requested_) throw Interrupted();
   }
 
-  /// Runs `work` in this thread and throws what it throws. Does nothing once a stop was asked for.
+  /// Runs `work` in this thread and throws what it throws, unless a stop was asked for meanwhile: what cancelled loops
+  /// leave may look like any error. Does nothing once a stop was asked for. Check comes after it.
   template <class Work>
   void RunCancellable(const Work& work) {
     // A loop of one turn, as a task_group of TBB 2020 takes no context. Its context is cancelled by exceptions too: not
@@ -43,7 +44,7 @@ class InterruptWatcher {
       }
     };
     tbb::parallel_for(0, 1, once, tbb::simple_partitioner(), context_);
-    if (thrown) std::rethrow_exception(thrown);
+    if (thrown && !requested_) std::rethrow_exception(thrown);
   }
 
   /// What a signal does; for tests.
