@@ -17,7 +17,8 @@ double MeanShift(const WindowKeyframe& keyframe, const std::vector<MatchedView>&
     const PinholeCamera& source_camera = source->frame->camera;
     const RigidTransform source_from_reference = source->cam_from_world() * keyframe.cam_from_world().inverse();
     for (int i = 0; i < 9; ++i) {
-      const Eigen::Vector2d pixel(0.25 * (1 + i % 3) * camera.width, 0.25 * (1 + i / 3) * camera.height);
+      const int col = i % 3, row = i / 3;
+      const Eigen::Vector2d pixel(0.25 * (1 + col) * camera.width, 0.25 * (1 + row) * camera.height);
       const Eigen::Vector3d point = camera.Unproject(pixel, depth);
       const Eigen::Vector3d then = view.source_from_reference * point, now = source_from_reference * point;
       if (!(then.z() > 0 && now.z() > 0)) continue;
