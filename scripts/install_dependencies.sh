@@ -1,6 +1,6 @@
 #!/bin/bash
-# Installs the packages of scripts/debian_packages.txt that are missing, on Debian 11 to 13 or Ubuntu 20.04. Needs root or
-# sudo only when one is missing.
+# Installs the packages of scripts/debian_packages.txt that are missing, on Debian 11 to 13. Needs root or sudo only when
+# one is missing. What it does for Ubuntu 20.04 (focal) has not been tried.
 # Usage: scripts/install_dependencies.sh [--display]     --display: also what is needed to look at the demo (rviz)
 set -euo pipefail
 cd "$(dirname "$0")/.."
