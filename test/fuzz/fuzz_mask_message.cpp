@@ -1,0 +1,18 @@
+// A mask for a camera of 8 x 6 pixels.
+
+#include <boost/make_shared.hpp>
+
+#include "acmp_mapping/ros/input_conversion.h"
+#include "fuzz/fuzz_messages.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+  using namespace acmp;
+  fuzz::Bytes bytes(data, size);
+  const auto message = boost::make_shared<sensor_msgs::Image>();
+  fuzz::Fill(&bytes, message.get());
+  PinholeCamera camera;
+  camera.width = 8;
+  camera.height = 6;
+  fuzz::MayRefuse([&] { DecodeMask(*ToMaskSample(message).encoded, camera); });
+  return 0;
+}

@@ -1,0 +1,136 @@
+#!/usr/bin/env python3
+"""Writes the valid inputs that the fuzz targets start from into corpus/ (fuzz_messages.h and the targets say what the
+bytes of a message mean). Findings lie beside them and stay. Usage: make_seeds.py"""
+import struct
+import zlib
+from pathlib import Path
+
+CORPUS = Path(__file__).resolve().parent / "corpus"
+
+
+def seed(target, name, *parts):
+    content = b"\n%%\n".join(part.encode() if isinstance(part, str) else part for part in parts)
+    (CORPUS / target).mkdir(parents=True, exist_ok=True)
+    (CORPUS / target / name).write_bytes(content)
+
+
+def text(value):
+    return bytes([len(value)]) + value.encode()
+
+
+def vector(code, values):
+    return struct.pack(f"<H{len(values)}{code}", len(values), *values)
+
+
+def png(depth=8, color_type=2, width=8, height=6):
+    def chunk(kind, body):
+        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+    row = bytes(1 + width * (3 if color_type == 2 else 1) * depth // 8)
+    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, depth, color_type, 0, 0, 0)) +
+            chunk(b"IDAT", zlib.compress(row * height)) + chunk(b"IEND", b""))
+
+
+# Files.
+POSE = "extrinsic\n1 0 0 {}\n0 1 0 0\n0 0 1 0\n0 0 0 1\n\nintrinsic\n9 0 4\n0 9 3\n0 0 1\n\n1 0.1 192 20\n"
+seed("mvsnet", "two", "2\n0\n1 1 2.5\n1\n1 0 2.5\n", POSE.format(0), POSE.format(0.1))
+CAMERAS = "1 {} 8 6 {}\n"
+IMAGES = "1 1 0 0 0 0 0 0 1 00000000.png\n4 3 1 5 2 -1\n2 1 0 0 0 0.1 0 0 1 00000001.png\n4 3 1\n"
+POINTS = "1 0 0 2 255 0 0 0.5 1 0 2 0\n"
+for model, values in (("PINHOLE", "9 9 4 3"), ("OPENCV", "9 9 4 3 0.1 0.01 0 0"), ("SIMPLE_RADIAL", "9 4 3 0.1"),
+                      ("OPENCV_FISHEYE", "9 9 4 3 0.1 0.01 0 0"), ("FULL_OPENCV", "9 9 4 3 0.1 0.01 0 0 0 0 0 0")):
+    seed("colmap_text", model.lower(), CAMERAS.format(model, values), IMAGES, POINTS)
+
+
+def colmap_image(number, tx, features):
+    head = struct.pack("<I7dI", number, 1, 0, 0, 0, tx, 0, 0, 1) + b"%08d.png\0" % (number - 1)
+    return head + struct.pack("<Q", len(features)) + b"".join(struct.pack("<2dq", *f) for f in features)
+
+
+for model, values in ((1, [9, 9, 4, 3]), (4, [9, 9, 4, 3, 0.1, 0.01, 0, 0])):
+    seed("colmap_binary", f"model_{model}", struct.pack(f"<QIiQQ{len(values)}d", 1, 1, model, 8, 6, *values),
+         struct.pack("<Q", 2) + colmap_image(1, 0, [(4, 3, 1), (5, 2, -1)]) + colmap_image(2, 0.1, [(4, 3, 1)]),
+         struct.pack("<QQ3d3BdQ4I", 1, 1, 0, 0, 2, 255, 0, 0, 0.5, 2, 1, 0, 2, 0))
+seed("camera_list", "two", "# index filename fx fy cx cy width height qw qx qy qz tx ty tz\n"
+     "0 a.png 9 9 4 3 8 6 1 0 0 0 0 0 0\n1 b.png 9 9 4 3 8 6 1 0 0 0 0.1 0 0\n")
+for name, depth, color_type in (("rgb", 8, 2), ("grey", 8, 0), ("grey16", 16, 0)):
+    seed("image", f"{name}.png", png(depth, color_type))
+seed("float_map", "depth.pfm", b"Pf\n3 2\n-1.0\n" + struct.pack("<6f", *range(6)))
+seed("float_map", "normals.pfm", b"PF\n2 1\n-1.0\n" + struct.pack("<6f", *range(6)))
+seed("float_map", "depth.dmb", struct.pack("<4i6f", 1, 2, 3, 1, *range(6)))
+PLY = "ply\nformat {} 1.0\nelement vertex 2\n" + "".join(f"property float {n}\n" for n in ("x", "y", "z", "nx", "ny", "nz")) + \
+    "".join(f"property uchar {n}\n" for n in ("red", "green", "blue")) + \
+    "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+seed("ply", "ascii.ply", PLY.format("ascii") + "0 0 1 0 0 -1 9 8 7\n1 0 1 0 0 -1 9 8 7\n3 0 1 1\n")
+seed("ply", "binary.ply", PLY.format("binary_little_endian").encode() +
+     struct.pack("<6f3B", 0, 0, 1, 0, 0, -1, 9, 8, 7) * 2 + struct.pack("<B3i", 3, 0, 1, 1))
+PCD = "VERSION .7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1\nWIDTH 2\nHEIGHT 1\n" \
+    "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA {}\n"
+seed("pcd", "ascii.pcd", PCD.format("ascii") + "0 0 1 0\nnan 0 1 0\n")
+seed("pcd", "binary.pcd", PCD.format("binary").encode() + struct.pack("<8f", *range(8)))
+# LZF: one run of 32 literal bytes, all x before all y.
+seed("pcd", "compressed.pcd", PCD.format("binary_compressed").encode() +
+     struct.pack("<II", 33, 32) + b"\x1f" + struct.pack("<8f", *range(8)))
+seed("work_file", "estimate", struct.pack("<IiiiI30f", 0x34545345, 3, 2, 0, 0, *range(30)))
+seed("work_file", "final_maps", struct.pack("<IiiiI36f18B", 0x3350414d, 3, 2, 1, 0, *range(54)))
+seed("output_folder", "complete", "# settings of the run that made this folder\npreset = acmp\n",
+     "# bytes and name of each file of the finished run\n3 fused.ply\n", '{"failure": "disk full", "points": 0}\n')
+MATRICES = "".join(f"{name}:\n  rows: {rows}\n  cols: {cols}\n  data: {data}\n" for name, rows, cols, data in (
+    ("camera_matrix", 3, 3, [9, 0, 4, 0, 9, 3, 0, 0, 1]), ("distortion_coefficients", 1, 5, [0.1, 0, 0, 0, 0]),
+    ("rectification_matrix", 3, 3, [1, 0, 0, 0, 1, 0, 0, 0, 1]),
+    ("projection_matrix", 3, 4, [9, 0, 4, 0, 0, 9, 3, 0, 0, 0, 1, 0])))
+seed("calibration_file", "yaml", f"yimage_width: 8\nimage_height: 6\ncamera_name: a\n{MATRICES}distortion_model: plumb_bob\n")
+seed("calibration_file", "ini", "i[image]\n\nwidth\n8\n\nheight\n6\n\n[a]\n\ncamera matrix\n9 0 4\n0 9 3\n0 0 1\n\n"
+     "distortion\n0.1 0 0 0 0\n\nrectification\n1 0 0\n0 1 0\n0 0 1\n\nprojection\n9 0 4 0\n0 9 3 0\n0 0 1 0\n")
+
+# Messages.
+HEADER = struct.pack("<II", 5, 0) + text("map")
+POSE_MESSAGE = struct.pack("<7d", 0.1, 0, 0, 0, 0, 0, 1)
+
+
+def camera_info(model, coefficients, binning=1, roi=(0, 0, 0, 0)):
+    return (HEADER + struct.pack("<II", 8, 6) + text(model) + vector("d", coefficients) +
+            struct.pack("<21d", 9, 0, 4, 0, 9, 3, 0, 0, 1, 9, 0, 4, 0, 0, 9, 3, 0, 0, 0, 1, 0) +
+            struct.pack("<6I", binning, binning, *roi))
+
+
+def image(encoding, bytes_per_pixel, width=8, height=6):
+    return (HEADER + struct.pack("<II", width, height) + text(encoding) +
+            struct.pack("<BI", 0, width * bytes_per_pixel) + vector("B", [7] * (width * height * bytes_per_pixel)))
+
+
+def compressed(content):
+    return HEADER + text("png") + vector("B", list(content))
+
+
+def cloud(names, points):
+    fields = b"".join(text(name) + struct.pack("<IBI", 4 * i, 7, 1) for i, name in enumerate(names))
+    step = 4 * len(names)
+    data = b"".join(struct.pack(f"<{len(names)}f", *point) for point in points)
+    return (HEADER + struct.pack("<II", len(points), 1) + bytes([len(names)]) + fields +
+            struct.pack("<BIIB", 0, step, step * len(points), 1) + vector("B", list(data)))
+
+
+XYZ = ["x", "y", "z"]
+PACKED = XYZ + ["rgb", "normal_x", "normal_y", "normal_z", "confidence"]
+seed("camera_info", "plumb_bob", camera_info("plumb_bob", [0.1, 0, 0, 0, 0], 2, (2, 2, 4, 4)))
+seed("camera_info", "rational", camera_info("rational_polynomial", [0.1, 0, 0, 0, 0, 0, 0, 0]))
+seed("camera_info", "equidistant", camera_info("equidistant", [0.1, 0, 0, 0]))
+for name, size in (("rgb8", 3), ("mono16", 2), ("bayer_rggb8", 1), ("yuv422", 2), ("bgra8", 4)):
+    seed("image_message", name, b"\1" + image(name, size))
+seed("image_message", "png", b"\0" + compressed(png()))
+seed("mask_message", "mono8", image("mono8", 1))
+seed("point_cloud", "xyz", cloud(XYZ, [(0, 0, 1), (0, 0, 0), (1, 1, 2)]))
+seed("point_cloud", "packed", cloud(PACKED, [(0, 0, 1, 0, 0, 0, -1, 0.5)] * 2))
+seed("pose", "pose", HEADER + POSE_MESSAGE + text("camera") + vector("f", [1, 2]))
+KEYFRAME = HEADER + POSE_MESSAGE + text("camera") + camera_info("plumb_bob", [0.1, 0, 0, 0, 0]) + cloud(XYZ, [(0, 0, 1)] * 2)
+seed("keyframe", "raw", (KEYFRAME + image("mono8", 1) + compressed(b"")) * 2)
+seed("keyframe", "compressed", KEYFRAME + image("", 1, 0, 0) + compressed(png()))
+RIGID = struct.pack("<12d", 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0)
+
+
+def keyframe_points(number):
+    return (HEADER + text("mapper") + struct.pack("<BBBBd", 1, number, 0, 0, 0.001) + RIGID + RIGID +
+            cloud(PACKED, [(0, 0, 1, 0, 0, 0, -1, 0.5), (1, 0, 2, 0, 0, 0, -1, 0.5)]))
+
+
+seed("keyframe_points", "two", keyframe_points(0) + keyframe_points(1) + b"\2" + (HEADER + POSE_MESSAGE) * 2)
