@@ -327,13 +327,13 @@ class Adjustment {
       const PixelErrors errors = ErrorsAt(view, sighting.pixel, motions[view], y, landmark->inverse_depth);
       auto cost = std::make_unique<SightingCost>(anchor_camera, landmark->pixel, anchor_errors, bundle_.cameras[view],
                                                  sighting.pixel, errors, weights_.pixel_sigma);
-      const std::array<double*, 4> parameters = {poses_[anchor].data(), poses_[view].data(), &landmark->inverse_depth,
-                                                 camera_errors_.data()};
+      const std::vector<double*> parameters = {poses_[anchor].data(), poses_[view].data(), &landmark->inverse_depth,
+                                               camera_errors_.data()};  // Ceres 1.14 takes no plain pointers
       if (std::max(anchor, view) < fixed_views_) {
         AddToDepth(*cost, parameters.data(), &information, &gradient);
         continue;
       }
-      problem_.AddResidualBlock(cost.release(), &loss_, parameters.data(), static_cast<int>(parameters.size()));
+      problem_.AddResidualBlock(cost.release(), &loss_, parameters);
       added = true;
     }
     if (added && information > 0) {
