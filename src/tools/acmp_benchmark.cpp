@@ -23,6 +23,7 @@ struct Arguments {
   std::vector<int> source_views = {10};
   int repetitions = 5;
   int keyframes = 0;
+  bool expect = false;
   DenseMapperOptions stream;
   std::string preset = "balanced";
   std::vector<std::string> set;
@@ -57,19 +58,32 @@ void Run(const Arguments& arguments) {
     report.fetches_per_s = MeasureTextureRate(arguments.cuda_index);
   }
 #endif
+  const auto stream_options = [&](int source_views) {
+    DenseMapperOptions stream = arguments.stream;
+    stream.window_size = std::max(stream.window_size, source_views + 1);
+    stream.source_views.max_source_views = source_views;
+    stream.min_source_views = std::min(2, source_views);
+    return stream;
+  };
+  if (arguments.expect) {
+    const int source_views = arguments.source_views.front();
+    CheckRange("--source-views", source_views, 1, kMaxSourceViews);
+    const bool is_gpu = report.device.find("cuda") != std::string::npos;
+    // Small enough for a short run, and large enough for its pixels to be what takes the time.
+    const ImageSize size = is_gpu ? ImageSize{640, 480} : ImageSize{64, 48};
+    const int keyframes = is_gpu ? 100 : 2 * source_views;
+    report.expected = MeasureExpectedRates(backend.engine.get(), stream_options(source_views), size, keyframes);
+  }
   PipelineOptions options = MakePreset(arguments.preset);
   for (const std::string& assignment : arguments.set) SetOption(PipelineOptionTable(), assignment, &options);
   Validate(options);
-  for (const std::string& text : arguments.sizes) {
+  for (const std::string& text : arguments.expect ? std::vector<std::string>() : arguments.sizes) {
     const ImageSize size = ParseSize(text);
     for (int source_views : arguments.source_views) {
       CheckRange("--source-views", source_views, 1, kMaxSourceViews);
       if (arguments.keyframes > 0) {
-        DenseMapperOptions stream = arguments.stream;
+        DenseMapperOptions stream = stream_options(source_views);
         stream.pipeline = options;
-        stream.window_size = std::max(stream.window_size, source_views + 1);
-        stream.source_views.max_source_views = source_views;
-        stream.min_source_views = std::min(2, source_views);
         report.streams.push_back(MeasureStream(backend.engine.get(), stream, size, arguments.keyframes));
       } else {
         report.stages.push_back(
@@ -90,7 +104,8 @@ int main(int argc, char** argv) {
   CLI::App app(
       "Measures milliseconds per image of each stage on synthetic images, and on a GPU the ratio to the floor: one "
       "texture fetch per sample of the full schedule, at the fetch rate measured on the same GPU. With --keyframes it "
-      "feeds a stream of keyframes to the online mapper instead and reports latency, rate and memory.\n"
+      "feeds a stream of keyframes to the online mapper instead and reports latency, rate and memory. With --expect it "
+      "says how many keyframes per second each preset keeps up with at which size.\n"
       "Example: acmp_benchmark --sizes 640x480,3072x2048 --source-views 6,10",
       "acmp_benchmark");
   app.add_option("--sizes", arguments.sizes, "Image sizes, WIDTHxHEIGHT")->delimiter(',')->capture_default_str();
@@ -121,6 +136,10 @@ int main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--set", arguments.set,
                  "NAME=VALUE: an option of the pipeline over the preset's, see docs/parameters.md");
+  CLI::Option* expect = app.add_flag(
+      "--expect", arguments.expect,
+      "Measure a short stream of each preset and compute the rate at other sizes (with the first of --source-views)");
+  for (const char* other : {"--sizes", "--keyframes", "--repetitions", "--preset", "--set"}) expect->excludes(other);
   app.add_option("--device", arguments.device, "auto, cuda or cpu")->capture_default_str();
   app.add_option("--cuda-index", arguments.cuda_index, "Which GPU")->capture_default_str();
   app.add_option("--json", arguments.json, "Also write the figures to this file");

@@ -70,6 +70,25 @@ void PrintStreams(const BenchmarkReport& report, std::ostream* out) {
   }
 }
 
+void PrintExpected(const BenchmarkReport& report, std::ostream* out) {
+  const StreamFigures& first = report.expected.front().measured;
+  *out << "keyframes per second that the online mapper keeps up with, " << first.source_views
+       << " source views, 4:3 images\n"
+       << "  measured: at " << first.size.width << "x" << first.size.height << ", " << first.keyframes
+       << " keyframes with exact poses; what refine_poses takes is not in it\n"
+       << "  computed: all other sizes, as the time grows with the number of pixels (within a fifth)\n";
+  if (report.fetches_per_s > 0) *out << "texture rate " << report.fetches_per_s * 1e-12 << "e12 fetches/s, measured\n";
+  const auto name = [](const ImageSize& size) { return Concat(size.width, "x", size.height); };
+  *out << std::left << std::setw(18) << "preset" << std::right << std::setw(18) << name(first.size) + " measured";
+  for (const auto& [size, rate] : report.expected.front().computed_rates) *out << std::setw(10) << name(size);
+  *out << "\n" << std::setprecision(3) << std::defaultfloat;
+  for (const ExpectedRates& row : report.expected) {
+    *out << std::left << std::setw(18) << row.preset << std::right << std::setw(18) << row.measured.keyframes_per_s;
+    for (const auto& [size, rate] : row.computed_rates) *out << std::setw(10) << rate;
+    *out << "\n";
+  }
+}
+
 }  // namespace
 
 void PrintReport(const BenchmarkReport& report, std::ostream* out) {
@@ -77,12 +96,13 @@ void PrintReport(const BenchmarkReport& report, std::ostream* out) {
   *out << std::fixed << std::setprecision(2);
   if (!report.stages.empty()) PrintStages(report, out);
   if (!report.streams.empty()) PrintStreams(report, out);
+  if (!report.expected.empty()) PrintExpected(report, out);
   out->flags(flags);
 }
 
 void WriteJson(const BenchmarkReport& report, const std::string& path) {
   using Json = nlohmann::ordered_json;
-  Json stages = Json::array(), streams = Json::array();
+  Json stages = Json::array(), streams = Json::array(), expected = Json::array();
   for (const StageFigures& row : report.stages) {
     stages.push_back({{"width", row.size.width},
                       {"height", row.size.height},
@@ -113,11 +133,21 @@ void WriteJson(const BenchmarkReport& report, const std::string& path) {
                        {"device_bytes", {row.device_bytes_begin, row.device_bytes_end}},
                        {"host_bytes", {row.host_bytes_begin, row.host_bytes_end}}});
   }
-  const Json json = {{"device", report.device},
-                     {"preset", report.preset},
-                     {"texture_fetches_per_s", report.fetches_per_s},
-                     {"stages", stages},
-                     {"streams", streams}};
+  for (const ExpectedRates& row : report.expected) {
+    Json computed = Json::array();
+    for (const auto& [size, rate] : row.computed_rates) {
+      computed.push_back({{"width", size.width}, {"height", size.height}, {"keyframes_per_s", rate}});
+    }
+    expected.push_back({{"preset", row.preset},
+                        {"width", row.measured.size.width},
+                        {"height", row.measured.size.height},
+                        {"source_views", row.measured.source_views},
+                        {"keyframes_per_s", row.measured.keyframes_per_s},
+                        {"computed", computed}});
+  }
+  const Json json = {
+      {"device", report.device}, {"preset", report.preset}, {"texture_fetches_per_s", report.fetches_per_s},
+      {"stages", stages},        {"streams", streams},      {"expected", expected}};
   WriteFileAtomically(path, json.dump(1) + "\n");
 }
 

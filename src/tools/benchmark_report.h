@@ -14,6 +14,7 @@ struct BenchmarkReport {
   double fetches_per_s = 0;  ///< bilinear fetches of the GPU; 0 elsewhere
   std::vector<StageFigures> stages;
   std::vector<StreamFigures> streams;
+  std::vector<ExpectedRates> expected;
 };
 
 void PrintReport(const BenchmarkReport& report, std::ostream* out);

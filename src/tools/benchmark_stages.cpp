@@ -213,4 +213,22 @@ StreamFigures MeasureStream(DepthEngine* engine, const DenseMapperOptions& optio
   return figures;
 }
 
+std::vector<ExpectedRates> MeasureExpectedRates(DepthEngine* engine, const DenseMapperOptions& options, ImageSize size,
+                                                int keyframes) {
+  constexpr ImageSize kSizes[] = {{320, 240}, {480, 360}, {640, 480}, {960, 720}, {1280, 960}};
+  std::vector<ExpectedRates> expected;
+  for (const std::string& preset : PresetNames()) {
+    DenseMapperOptions of_preset = options;
+    of_preset.pipeline = MakePreset(preset);
+    if (of_preset.pipeline.multi_scale) continue;  // offline only
+    ExpectedRates rates = {preset, MeasureStream(engine, of_preset, size, keyframes), {}};
+    for (const ImageSize& other : kSizes) {
+      const double pixels = static_cast<double>(other.width) * other.height / size.width / size.height;
+      rates.computed_rates.emplace_back(other, rates.measured.keyframes_per_s / pixels);
+    }
+    expected.push_back(std::move(rates));
+  }
+  return expected;
+}
+
 }  // namespace acmp

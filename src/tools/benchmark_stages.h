@@ -1,6 +1,8 @@
 #pragma once
 
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "acmp_mapping/mapping/dense_mapper.h"
 
@@ -45,5 +47,16 @@ struct StreamFigures {
 
 /// Feeds a camera that moves along a textured wall to a mapper with these options.
 StreamFigures MeasureStream(DepthEngine* engine, const DenseMapperOptions& options, ImageSize size, int keyframes);
+
+/// What a preset keeps up with.
+struct ExpectedRates {
+  std::string preset;
+  StreamFigures measured;                                    ///< at a small size
+  std::vector<std::pair<ImageSize, double>> computed_rates;  ///< keyframes per second: the time grows with the pixels
+};
+
+/// Measures a short stream for each preset that the online mapper takes. @param options all but the pipeline's
+std::vector<ExpectedRates> MeasureExpectedRates(DepthEngine* engine, const DenseMapperOptions& options, ImageSize size,
+                                                int keyframes);
 
 }  // namespace acmp

@@ -1,0 +1,54 @@
+#!/bin/bash
+# Builds the fuzz targets of test/fuzz with clang's libFuzzer, AddressSanitizer and UndefinedBehaviorSanitizer and runs each.
+# Ends with a table: target, runs, crashes, hangs (above 10 s), out of memory (above 2 GB), leaks. Fails when one of these is
+# not 0. What was found lies in BUILD/findings; copy it to test/fuzz/corpus/NAME, so that the tests go on trying it.
+# Usage: scripts/fuzz.sh [SECONDS [NAME...]]     SECONDS: of each target (60); NAME: of test/fuzz/fuzz_NAME.cpp (all)
+# Environment: ACMP_FUZZ_BUILD_DIR (build_fuzz); CXX (clang++).
+set -euo pipefail
+cd "$(dirname "$0")/.."
+seconds=${1:-60}
+[[ $seconds =~ ^[1-9][0-9]*$ ]] || { echo "usage: $0 [SECONDS [NAME...]]" >&2; exit 2; }
+shift || true
+export build=${ACMP_FUZZ_BUILD_DIR:-$PWD/build_fuzz} seconds
+export PYENV_VERSION=system
+compiler=${CXX:-clang++}
+command -v "$compiler" >/dev/null || { echo "$0 needs clang: apt-get install clang" >&2; exit 1; }
+
+flags="-fsanitize=fuzzer-no-link,address,undefined,float-cast-overflow -fno-sanitize-recover=all -fno-omit-frame-pointer"
+mkdir -p "$build"
+cmake -S . -B "$build" -G Ninja -DCMAKE_CXX_COMPILER="$compiler" -DACMP_FUZZ=ON -DACMP_CUDA=OFF -DACMP_BUILD_TESTS=ON \
+  -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_FLAGS_RELEASE="-O1 -g1" -DCMAKE_CXX_FLAGS="$flags -D_GLIBCXX_ASSERTIONS" \
+  >"$build/configure.log" 2>&1 || { tail -n 30 "$build/configure.log"; exit 1; }
+cmake --build "$build" --parallel "$(nproc)" --target acmp_fuzz_targets
+names=("$@")
+if [ ${#names[@]} -eq 0 ]; then
+  for path in "$build"/devel/lib/acmp_mapping/fuzz_*; do names+=("${path##*/fuzz_}"); done
+fi
+
+export findings=$build/findings
+# run NAME: one target; its log and what it finds are kept.
+run() {
+  mkdir -p "$findings/$1" "$build/corpus/$1"
+  rm -f "$findings/$1"/*
+  TMPDIR=$(mktemp -d -p "$([ -w /dev/shm ] && echo /dev/shm || echo /tmp)")
+  export TMPDIR
+  "$build/devel/lib/acmp_mapping/fuzz_$1" -max_total_time="$seconds" -timeout=10 -rss_limit_mb=2048 -print_final_stats=1 \
+    -artifact_prefix="$findings/$1/" -verbosity=0 "$build/corpus/$1" "test/fuzz/corpus/$1" >"$findings/$1.log" 2>&1 || true
+  rm -rf "$TMPDIR"
+}
+export -f run
+export ASAN_OPTIONS=allocator_may_return_null=1 UBSAN_OPTIONS=print_stacktrace=1
+printf '%s\0' "${names[@]}" | xargs -0 -P "$(nproc)" -I{} bash -c 'run {}'
+
+failed=0
+# count NAME KIND: files of this kind that a target has left.
+count() { find "$findings/$1" -name "$2-*" | wc -l; }
+printf '\n%-18s %10s %8s %6s %8s %6s\n' target runs crashes hangs "memory" leaks
+for name in "${names[@]}"; do
+  runs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$findings/$name.log" | tail -n 1)
+  found="$(count "$name" crash) $(count "$name" timeout) $(count "$name" oom) $(count "$name" leak)"
+  # shellcheck disable=SC2086
+  printf '%-18s %10s %8s %6s %8s %6s\n' "$name" "${runs:-none}" $found
+  if [ "$found" != "0 0 0 0" ] || [ -z "$runs" ]; then failed=1; fi
+done
+exit $failed

@@ -1,0 +1,91 @@
+"""A nodelet manager with mapper and map under a ROS master of its own, for scripts and tests that put it to the test."""
+import json
+import subprocess
+from pathlib import Path
+
+import roslib.packages
+
+import replay_report
+
+TOPICS = {"image": "/camera/image_raw", "camera_info": "/camera/camera_info", "pose": "/slam/pose",
+          "sparse_points": "/slam/sparse_points"}
+
+
+def call(service, *arguments):
+    """The answer as text; empty while the service cannot be found or has failed."""
+    result = subprocess.run(["rosservice", "call", service, *arguments], stdout=subprocess.PIPE,
+                            stderr=subprocess.DEVNULL, text=True, check=False)
+    return result.stdout if result.returncode == 0 else ""
+
+
+def save_map(path):
+    """Points in the saved map; 0 and why when it is not saved."""
+    answer = call("/map_server/save_map", f"{{path: {path}, format: 0, binary: true}}")
+    return int(answer.split("points:")[1].split()[0]) if "success: True" in answer else 0, answer
+
+
+def make_bag(build, path, width=64, height=48):
+    subprocess.run([build / "devel/lib/acmp_mapping/acmp_make_bag", "--synthetic", path, "--width", str(width),
+                    "--height", str(height)], check=True, stdout=subprocess.DEVNULL)
+    return path
+
+
+def play(bag, rate=20):
+    subprocess.run(["rosbag", "play", "--quiet", "--wait-for-subscribers", "-r", str(rate), bag, "--topics",
+                    *TOPICS.values()], check=True, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, timeout=600)
+
+
+class Session:
+    """master, manager and both nodelets; the manager's output is folder/log, maps are saved below the folder."""
+
+    def __init__(self, folder, map_parameters=()):
+        self.folder = Path(folder)
+        self.master = replay_report.start_master()
+        self.manager = None
+        try:
+            mapper = {"device": "cpu", "overload": "block", "preset": "online"}
+            for node, parameters in (("dense_mapper", mapper),
+                                     ("map_server", {"save_folder": str(folder), **dict(map_parameters)})):
+                for name, value in parameters.items():
+                    subprocess.run(["rosparam", "set", f"/{node}/{name}", str(value)], check=True)
+            with open(self.folder / "log", "w") as log:
+                program = roslib.packages.find_node("nodelet", "nodelet")[0]  # under rosrun it would have another id
+                self.manager = subprocess.Popen([program, "manager", "__name:=manager"], stdout=log,
+                                                stderr=subprocess.STDOUT)
+            self.load("/map_server", "MapServerNodelet")
+            self.load("/dense_mapper", "DenseMapperNodelet")
+            replay_report.wait_for(lambda: call("/dense_mapper/flush"), "the mapper")
+        except BaseException:
+            self.stop()
+            raise
+
+    def load(self, name, nodelet):
+        request = {"name": name, "type": f"acmp_mapping/{nodelet}", "remap_source_args": [f"/{n}" for n in TOPICS],
+                   "remap_target_args": list(TOPICS.values())}
+        replay_report.wait_for(lambda: "success: True" in call("/manager/load_nodelet", json.dumps(request)), name)
+
+    def log(self):
+        return (self.folder / "log").read_text()
+
+    def map_bag(self, bag):
+        """Plays the bag and returns the points of the map afterwards."""
+        play(bag)
+        path = self.folder / "map.ply"
+        replay_report.wait_for(lambda: "success: True" in call("/dense_mapper/flush") and save_map(path)[0] > 0, "a map")
+        return save_map(path)[0]
+
+    def alive(self):
+        return self.manager.poll() is None
+
+    def stop(self):
+        if self.manager:
+            self.manager.terminate()
+            self.manager.wait(60)
+        self.master.terminate()
+        self.master.wait()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.stop()
