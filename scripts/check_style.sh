@@ -31,6 +31,10 @@ mapfile -t sources < <(git ls-files '*.h' '*.cpp' '*.cu' '*.cuh')
 failed=0
 clang-format --dry-run -Werror "${sources[@]}" || failed=1
 echo "clang-format: ${#sources[@]} files"
+if grep -n '#include <oneapi/' "${sources[@]}"; then
+  echo "TBB 2020 (Debian 11, Ubuntu 20.04) has no oneapi/ headers: include <tbb/...>"
+  failed=1
+fi
 
 if [ -n "$build" ]; then
   # Only what this build compiles: without CUDA the files in cuda/ have no flags. Without precompiled headers: clang does

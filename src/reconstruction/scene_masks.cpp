@@ -1,6 +1,6 @@
 #include "scene_masks.h"
 
-#include <oneapi/tbb/parallel_for.h>
+#include <tbb/parallel_for.h>
 
 #include <algorithm>
 
