@@ -3,23 +3,18 @@
 # Ends with a table: target, runs, crashes, hangs (above 10 s), out of memory (above 2 GB), leaks. Fails when one of these is
 # not 0. What was found lies in BUILD/findings; copy it to test/fuzz/corpus/NAME, so that the tests go on trying it.
 # Usage: scripts/fuzz.sh [SECONDS [NAME...]]     SECONDS: of each target (60); NAME: of test/fuzz/fuzz_NAME.cpp (all)
-# Environment: ACMP_FUZZ_BUILD_DIR (build_fuzz); CXX (clang++).
+# Environment: ACMP_SANITIZE_BUILD_DIR (build_sanitize, that of sanitizers.sh). Needs what test.sh needs, and clang.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 seconds=${1:-60}
 [[ $seconds =~ ^[1-9][0-9]*$ ]] || { echo "usage: $0 [SECONDS [NAME...]]" >&2; exit 2; }
 shift || true
-export build=${ACMP_FUZZ_BUILD_DIR:-$PWD/build_fuzz} seconds
-export PYENV_VERSION=system
-compiler=${CXX:-clang++}
-command -v "$compiler" >/dev/null || { echo "$0 needs clang: apt-get install clang" >&2; exit 1; }
-
-flags="-fsanitize=fuzzer-no-link,address,undefined,float-cast-overflow -fno-sanitize-recover=all -fno-omit-frame-pointer"
-mkdir -p "$build"
-cmake -S . -B "$build" -G Ninja -DCMAKE_CXX_COMPILER="$compiler" -DACMP_FUZZ=ON -DACMP_CUDA=OFF -DACMP_BUILD_TESTS=ON \
-  -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_FLAGS_RELEASE="-O1 -g1" -DCMAKE_CXX_FLAGS="$flags -D_GLIBCXX_ASSERTIONS" \
-  >"$build/configure.log" 2>&1 || { tail -n 30 "$build/configure.log"; exit 1; }
+export ACMP_BUILD_DIR=${ACMP_SANITIZE_BUILD_DIR:-$PWD/build_sanitize} PYENV_VERSION=system
+# shellcheck source=scripts/build_steps.sh
+source scripts/build_steps.sh
+configure_sanitized address,undefined,float-cast-overflow
 cmake --build "$build" --parallel "$(nproc)" --target acmp_fuzz_targets
+export build seconds
 names=("$@")
 if [ ${#names[@]} -eq 0 ]; then
   for path in "$build"/devel/lib/acmp_mapping/fuzz_*; do names+=("${path##*/fuzz_}"); done

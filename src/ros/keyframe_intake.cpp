@@ -69,6 +69,7 @@ void KeyframeIntake::AddCameraInfo(const sensor_msgs::CameraInfo& info) {
     calibration_ = std::make_shared<const CameraCalibration>(ToCalibration(info, options_.rectified));
   } catch (const InvalidInputError&) {
     calibration_.reset();
+    UpdateObstacle();  // images wait from now on
     throw;
   }
   last_info_ = info;
@@ -211,6 +212,10 @@ std::string KeyframeIntake::DescribeWait(double now_s) const {
 
 void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>* events) {
   matched_ = true;
+  if (!calibration_) {  // it was matched before the camera_info that cannot be used came
+    return events->push_back(RejectedInput{
+        "no_camera_info", Concat("image ", FormatStamp(match.image.stamp_ns), ": no usable camera_info"), true});
+  }
   KeyframeInput input;
   input.stamp_ns = match.image.stamp_ns;
   input.arrival_s = match.image.arrival_s;

@@ -90,7 +90,7 @@ class Folder {
 
   /// Returns the file's path.
   std::filesystem::path Write(const std::string& name, std::string_view content) const {
-    std::filesystem::path path = path() / name;
+    std::filesystem::path path = std::filesystem::path(path_) / name;
     std::filesystem::create_directories(path.parent_path());
     std::ofstream(path, std::ios::binary).write(content.data(), static_cast<std::streamsize>(content.size()));
     return path;

@@ -100,6 +100,25 @@ TEST(KeyframeIntake, WaitsForAUsableCamera) {
   EXPECT_THAT(Feed(&intake, 6, 0, nullptr).keyframes, IsEmpty()) << "the old camera holds no longer";
 }
 
+TEST(KeyframeIntake, RefusesImagesWhoseCameraWasReplacedByAnUnusableOne) {
+  sensor_msgs::CameraInfo bad = MakeInfo();
+  bad.K[0] = -1;
+  for (const bool image_first : {false, true}) {  // the jump lets the waiting image go, with its cloud
+    KeyframeIntake intake = MakeIntake();
+    intake.set_clouds_expected(true);
+    intake.AddCloud(CloudAt(100, "map", {{0, 0, 2}}));
+    intake.AddPose(PoseAt(100, 0));
+    intake.AddImage(ImageAt(100));
+    if (image_first) intake.AddImage(ImageAt(1));
+    EXPECT_THROW(intake.AddCameraInfo(bad), InvalidInputError);
+    if (!image_first) intake.AddImage(ImageAt(1));
+    const Result result = Split(intake.Take(0));
+    EXPECT_TRUE(result.keyframes.empty());
+    ASSERT_EQ(result.drops.size(), 1u);
+    EXPECT_EQ(result.drops[0].reason, "no_camera_info");
+  }
+}
+
 TEST(KeyframeIntake, SharesTheCalibrationUntilItChanges) {
   KeyframeIntake intake = MakeIntake();
   const CalibrationPtr first = Feed(&intake, 5, 0, nullptr).keyframes.at(0).calibration;
