@@ -10,7 +10,6 @@
 #include "acmp_mapping/evaluation/evaluate_cloud.h"
 #include "acmp_mapping/evaluation/evaluate_depth.h"
 #include "acmp_mapping/evaluation/evaluate_report.h"
-#include "cloud_file.h"
 #include "tool_main.h"
 
 namespace acmp {
@@ -124,7 +123,16 @@ int EvaluatePointCloud(const CLI::App& command, const Arguments& a) {
     }
   }
   CloudEvaluationOptions options = a.cloud;
-  options.read_cloud = [](const std::filesystem::path& path) { return ReadCloudFile(path, &std::cerr); };
+  options.read_cloud = [](const std::filesystem::path& path) {
+    if (LowerExtension(path) != ".pcd") return ReadPly(path);
+    size_t not_finite = 0;
+    PointCloud points = ReadPcd(path, &not_finite);
+    if (not_finite > 0) {
+      std::cerr << "note: " << path.string() << ": " << not_finite << " of " << not_finite + points.size()
+                << " points are not finite and left out\n";
+    }
+    return points;
+  };
   const CloudEvaluation evaluation = EvaluateCloudFile(options);
   std::cout << CloudTable(evaluation) << std::flush;
   if (!a.json.empty()) WriteFileAtomically(a.json, CloudJson(evaluation));

@@ -1,14 +1,12 @@
-// A PCD cloud, as acmp_evaluate reads it.
+// A PCD cloud.
 
-#include <sstream>
-
-#include "cloud_file.h"
+#include "acmp_mapping/dataset/map_io.h"
 #include "fuzz/fuzz_input.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   static const acmp::fuzz::Folder folder;
   const auto path = folder.Write("cloud.pcd", acmp::fuzz::Bytes(data, size).Rest());
-  std::ostringstream notes;
-  acmp::fuzz::MayRefuse([&] { acmp::ReadCloudFile(path, &notes); });
+  size_t not_finite = 0;
+  acmp::fuzz::MayRefuse([&] { acmp::ReadPcd(path, &not_finite); });
   return 0;
 }

@@ -55,6 +55,10 @@ class PlyFile {
 /// Reads x y z and, where present, normals, colours and confidence of a binary little-endian or ASCII PLY; other
 /// properties and elements are skipped.
 PointCloud ReadPly(const std::filesystem::path& path);
+/// Positions of a PCD file: ASCII, binary or compressed, with float32 x y z. Throws InvalidInputError that says where
+/// the file cannot be read.
+/// @param not_finite how many points are not: they are left out, an organised cloud has no point there
+PointCloud ReadPcd(const std::filesystem::path& path, size_t* not_finite);
 
 /// Pictures to look at. Depth and cost by a perceptually uniform colour map between the 2 % and 98 % quantiles (of
 /// inverse depth for depth), unknown pixels black; normals as (n + 1) / 2 with the camera-facing direction light.
