@@ -87,7 +87,7 @@ void PlaceFields(const BinaryReader& file, Header* header) {
 Header ReadHeader(BinaryReader* file) {
   Header header;
   const auto missing = [&]() -> const char* {
-    for (const char* keyword : {"FIELDS", "SIZE", "TYPE", "WIDTH", "HEIGHT", "DATA"}) {
+    for (const char* keyword : {"DATA", "FIELDS", "SIZE", "TYPE", "WIDTH", "HEIGHT"}) {
       if (header.lines.count(keyword) == 0) return keyword;
     }
     return nullptr;

@@ -5,6 +5,8 @@
 #include <CLI/CLI.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/evaluation/evaluate_cloud.h"
