@@ -1,7 +1,7 @@
 #!/bin/bash
 # Runs the README's two commands, scripts/demo.sh and scripts/test.sh, on a bare Debian: in a new root made by debootstrap,
 # with what is committed here. Ends with a line that says how each ended. Needs root, debootstrap and 6 GB.
-# Not yet run to its end: on Debian 11 the steps were run one by one, on 13 tests and demo never.
+# Seen so far: on Debian 11 demo.sh to its end, test.sh only in steps; on 13, which has all the packages, the build alone.
 # Usage: scripts/test_on.sh bullseye|bookworm|trixie
 # Environment: ACMP_ROOTS, where roots are made (/var/tmp/acmp_roots); ACMP_KEEP_ROOT=1: goes on in the root of the run
 # before; ACMP_CCACHE_DIR: a folder of ccache, which is then used; DEBIAN_MIRROR, else debootstrap's own; and those of
