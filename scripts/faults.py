@@ -58,7 +58,7 @@ def kill_in_save(build, runs, _seconds):
                 saver = threading.Thread(target=save_map, args=(path,))
                 saver.start()
                 while not temporary_files(folder) and saver.is_alive():
-                    pass
+                    time.sleep(1e-4)
                 time.sleep(CHOICE.uniform(0, 2e-3))
                 session.manager.kill()
                 saver.join()
