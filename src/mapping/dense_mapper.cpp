@@ -13,6 +13,7 @@
 #include "mapper_outputs.h"
 #include "pose_shift.h"
 #include "refinement_policy.h"
+#include "side_by_side.h"
 #include "window_poses.h"
 
 namespace acmp {
@@ -38,28 +39,6 @@ void CheckFrame(const Frame& frame) {
   }
   if (IgnoresAll(frame.mask)) throw InvalidInputError(name + ": its mask ignores every pixel");
 }
-
-/// Keyframes that are refined side by side: each reads what the others have after the step before.
-class SideBySide {
- public:
-  explicit SideBySide(const std::vector<KeyframeRefinement>& members) {
-    for (const KeyframeRefinement& member : members) keyframes_.push_back(member.keyframe);
-    Share(members);
-  }
-  ~SideBySide() {
-    for (const WindowKeyframePtr& keyframe : keyframes_) keyframe->shared.reset();
-  }
-  SideBySide(const SideBySide&) = delete;
-  SideBySide& operator=(const SideBySide&) = delete;
-
-  /// Who is no longer among the members goes on sharing what was last shared.
-  static void Share(const std::vector<KeyframeRefinement>& members) {
-    for (const KeyframeRefinement& member : members) member.keyframe->shared = member.problem.reference.estimate;
-  }
-
- private:
-  std::vector<WindowKeyframePtr> keyframes_;
-};
 
 }  // namespace
 
@@ -127,6 +106,7 @@ struct DenseMapper::Impl {
     const std::optional<DepthRange> range = FindDepthRange(*keyframe->frame);
     if (range) keyframe->range = *range;
     RefinePoses(id, [&] { range ? poses.Add(keyframe, window) : poses.Finish(window); });
+    HeedContradiction();
     if (!is_mapped) {
       keyframe->state = State::kFinished;
     } else if (!range) {
@@ -143,7 +123,7 @@ struct DenseMapper::Impl {
   void ShrinkWindow(int size) {
     while (window.size() > static_cast<size_t>(size)) {
       const WindowKeyframePtr oldest = window.oldest();
-      if (oldest->state == State::kInitialised) Refine(oldest);
+      if (oldest->state == State::kInitialised) contradicted ? DropForContradiction(oldest) : Refine(oldest);
       if (oldest->state == State::kPending) DropForMissingViews(oldest, options.min_source_views);
       window.PopOldest();
     }
@@ -151,6 +131,40 @@ struct DenseMapper::Impl {
 
   void DropForMissingViews(const WindowKeyframePtr& keyframe, int min_source_views) {
     Drop(keyframe, {"no_source_views", window.DescribeMissingViews(*keyframe, min_source_views)});
+  }
+
+  void DropForContradiction(const WindowKeyframePtr& keyframe) {
+    Drop(keyframe, {"poses_contradict", Concat("keyframe ", keyframe->frame->id, ": ", DescribeContradiction())});
+  }
+
+  std::string DescribeContradiction() const {
+    return Concat(
+        "poses contradict the images: motions of the last keyframes put their maps ",
+        100 * poses.contradiction().value_or(0), " % of the depth apart, at most ",
+        100 * options.pipeline.fusion.max_relative_depth,
+        " % can be fused; the frontend has lost track, its scale changes, or calibration or stamps are wrong");
+  }
+
+  /// Where received poses contradict the images, maps would come to lie anywhere: those of the newest keyframes are
+  /// withdrawn. They come back when poses agree again.
+  void HeedContradiction() {
+    const bool was_contradicted =
+        std::exchange(contradicted, poses.contradiction().value_or(0) > options.pipeline.fusion.max_relative_depth);
+    if (contradicted == was_contradicted) return;
+    if (contradicted) {
+      for (size_t later = std::min(kContradictionImages, window.size()); later-- > 0;) {
+        const WindowKeyframePtr& keyframe = window.WithLater(later);
+        if (keyframe->is_withdrawn || !keyframe->refined_score) continue;
+        keyframe->is_withdrawn = true;
+        outputs.SubmitWithdrawal(keyframe, DescribeContradiction());
+      }
+      return;
+    }
+    for (const WindowKeyframePtr& keyframe : window) {
+      if (!std::exchange(keyframe->is_withdrawn, false) || !outputs.WantsRefinedAgain(*keyframe)) continue;
+      const SourceViews sources = window.SelectSources(*keyframe);
+      if (!sources.keyframes.empty()) RefineAgain(keyframe, sources, true);
+    }
   }
 
   void InitialisePending(int min_source_views) {
@@ -208,7 +222,8 @@ struct DenseMapper::Impl {
   }
 
   bool WantsRefinedAgain(const WindowKeyframe& keyframe) {
-    return options.refine_again && keyframe.refined_score && outputs.WantsRefinedAgain(keyframe);
+    return options.refine_again && !contradicted && !keyframe.is_withdrawn && keyframe.refined_score &&
+           outputs.WantsRefinedAgain(keyframe);
   }
 
   /// Does something for a finished keyframe that is refined again. Where it fails that is told, the maps that others
@@ -231,6 +246,15 @@ struct DenseMapper::Impl {
     outputs.SubmitRefinedAgain(std::move(estimate), options.pipeline.fusion);
   }
 
+  void RefineAgain(const WindowKeyframePtr& keyframe, const SourceViews& sources, bool from_initial) {
+    TryAgain(*keyframe, [&] {
+      if (from_initial) InitialiseAgain(keyframe, sources);
+      for (const WindowKeyframePtr& source : sources.keyframes) BringUpToDate(source);
+      SubmitAgain(keyframe, TakeAllSteps(keyframe, sources, from_initial ? keyframe->initial : keyframe->refined),
+                  !from_initial);
+    });
+  }
+
   /// The keyframe that has as many later ones as earlier ones to be matched against, at most.
   void RefineHalfwayAgain() {
     const size_t half = static_cast<size_t>(options.window_size) / 2;
@@ -240,13 +264,7 @@ struct DenseMapper::Impl {
     const SourceViews sources = window.SelectSources(*keyframe);
     const RefinementPolicy::Again again = RefinementPolicy::Decide(*keyframe, sources);
     if (again == RefinementPolicy::Again::kNo) return;
-    const bool from_initial = again == RefinementPolicy::Again::kFromInitial;
-    TryAgain(*keyframe, [&] {
-      if (from_initial) InitialiseAgain(keyframe, sources);
-      for (const WindowKeyframePtr& source : sources.keyframes) BringUpToDate(source);
-      SubmitAgain(keyframe, TakeAllSteps(keyframe, sources, from_initial ? keyframe->initial : keyframe->refined),
-                  !from_initial);
-    });
+    RefineAgain(keyframe, sources, again == RefinementPolicy::Again::kFromInitial);
   }
 
   std::vector<KeyframeRefinement> BeginSideBySide() {
@@ -297,7 +315,7 @@ struct DenseMapper::Impl {
     ShrinkWindow(options.window_size);  // options may have made it smaller
     const bool is_admitted = Admit(std::move(frame), is_mapped);
     InitialisePending(options.min_source_views);
-    RefineWithLater(static_cast<size_t>(options.lookahead));
+    if (!contradicted) RefineWithLater(static_cast<size_t>(options.lookahead));
     if (is_admitted) RefineHalfwayAgain();
   }
 
@@ -307,7 +325,8 @@ struct DenseMapper::Impl {
   WindowPoses poses;
   std::optional<DepthRange> last_range;
   std::optional<int64_t> last_id;
-  MapperOutputs outputs;  ///< last: its thread is gone before what is above
+  bool contradicted = false;  ///< received poses, by the images
+  MapperOutputs outputs;      ///< last: its thread is gone before what is above
 };
 
 DenseMapper::DenseMapper(DepthEngine* engine, const DenseMapperOptions& options, Callbacks callbacks,
@@ -333,9 +352,12 @@ void DenseMapper::AddSourceImage(FramePtr frame) { impl_->Add(std::move(frame), 
 
 void DenseMapper::Flush(bool refine_again) {
   if (impl_->last_id) impl_->RefinePoses(*impl_->last_id, [&] { impl_->poses.Finish(impl_->window); });
+  impl_->HeedContradiction();
   impl_->InitialisePending(1);
   for (const WindowKeyframePtr& keyframe : impl_->window) {
     if (keyframe->state == WindowKeyframe::State::kPending) impl_->DropForMissingViews(keyframe, 1);
+    if (impl_->contradicted && keyframe->state == WindowKeyframe::State::kInitialised)
+      impl_->DropForContradiction(keyframe);
   }
   impl_->RefineWithLater(0);
   if (refine_again) impl_->RefineWindowAgain();
@@ -349,6 +371,7 @@ void DenseMapper::Reset() {
   impl_->poses.Reset();
   impl_->last_range.reset();
   impl_->last_id.reset();
+  impl_->contradicted = false;
   for (const WindowKeyframePtr& keyframe : forgotten) {
     if (keyframe->state == WindowKeyframe::State::kFinished) continue;
     impl_->Drop(keyframe, {"reset", Concat("keyframe ", keyframe->frame->id, ": forgotten by a reset")});
@@ -357,6 +380,8 @@ void DenseMapper::Reset() {
 }
 
 void DenseMapper::WaitForOutputs() { impl_->outputs.WaitForAll(); }
+
+std::optional<double> DenseMapper::pose_contradiction() const { return impl_->poses.contradiction(); }
 
 size_t DenseMapper::unfinished() const {
   return static_cast<size_t>(std::count_if(impl_->window.begin(), impl_->window.end(), [](const auto& keyframe) {

@@ -122,6 +122,16 @@ void MapperOutputs::SubmitRefinedAgain(FinishedEstimate estimate, const FusionOp
   });
 }
 
+void MapperOutputs::SubmitWithdrawal(const WindowKeyframePtr& keyframe, const std::string& message) {
+  queue_.Submit([this, keyframe, message] {
+    if (!keyframe->had_refined || !callbacks_.on_withdrawn) return;
+    auto maps = std::make_shared<KeyframeDepth>();
+    maps->frame = keyframe->frame;
+    maps->cam_from_world = keyframe->frame->cam_from_world;
+    callbacks_.on_withdrawn(maps, message);
+  });
+}
+
 void MapperOutputs::SubmitDrop(KeyframeDrop drop, WindowKeyframePtr keyframe) {
   queue_.Submit([this, drop = std::move(drop), keyframe = std::move(keyframe)]() mutable {
     drop.had_fast = keyframe && keyframe->had_fast;

@@ -21,6 +21,8 @@ class MapperOutputs {
   void SubmitRefined(const WindowKeyframePtr& keyframe, FinishedEstimate estimate, const FusionOptions& consistency);
   void SubmitRefinedAgain(FinishedEstimate estimate, const FusionOptions& consistency);
   /// @param keyframe null: was never in the window
+  /// Tells that the keyframe's maps must not be used any more, if it had any.
+  void SubmitWithdrawal(const WindowKeyframePtr& keyframe, const std::string& message);
   void SubmitDrop(KeyframeDrop drop, WindowKeyframePtr keyframe);
   void ReportFailedPoses(int64_t id, const Failure& failure);
   void ReportFailedAgain(int64_t id, const Failure& failure);

@@ -37,7 +37,8 @@ struct WindowKeyframe {
   FramePtr frame;
   DepthRange range;
   State state = State::kPending;
-  bool is_mapped = true;  ///< false: it is a source view of others alone
+  bool is_mapped = true;      ///< false: it is a source view of others alone
+  bool is_withdrawn = false;  ///< its refined maps must not be used, since received poses contradict the images
 
   std::optional<RigidTransform> refined_pose;  ///< cam_from_world to match with; none: the frame's
   PlacedPose placed;                           ///< where that puts the maps in the frontend's world

@@ -36,6 +36,7 @@ void WindowPoses::Begin(const WindowKeyframePtr& newest, size_t window_size) {
 void WindowPoses::Finish(const KeyframeWindow& window) {
   if (!found_.valid()) return;
   const PoseRefinement refinement = found_.get();
+  if (refinement.contradiction) contradiction_ = refinement.contradiction;
   for (const RefinedPose& pose : refinement.poses) {
     const WindowKeyframePtr keyframe = window.Find(pose.id);
     if (!keyframe) continue;
@@ -49,6 +50,7 @@ void WindowPoses::Finish(const KeyframeWindow& window) {
 void WindowPoses::Reset() {
   if (found_.valid()) found_.wait();
   found_ = {};
+  contradiction_.reset();
   if (refiner_) refiner_->Reset();
 }
 

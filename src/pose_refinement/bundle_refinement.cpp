@@ -12,21 +12,6 @@
 namespace acmp {
 namespace {
 
-/// Reorders the values.
-double Median(std::vector<double>* values) {
-  if (values->empty()) return 0;
-  const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
-  std::nth_element(values->begin(), middle, values->end());
-  return *middle;
-}
-
-double TypicalDepth(const Bundle& bundle) {
-  std::vector<double> inverse_depths;
-  for (const Landmark& landmark : bundle.landmarks) inverse_depths.push_back(landmark.inverse_depth);
-  const double median = Median(&inverse_depths);
-  return median > 0 ? 1 / median : 1;
-}
-
 /// Of the camera's errors about what earlier bundles have found. At first wider than any camera's (a readout takes
 /// less than the time from image to image); the more bundles, the surer; but lenses and clocks may drift.
 CameraErrors CameraSigma(const Bundle& bundle, int bundles) {
@@ -169,6 +154,20 @@ std::string WhyUnchanged(const PoseRefinement& result, const PoseRefinementOptio
 }
 
 }  // namespace
+
+double Median(std::vector<double>* values) {
+  if (values->empty()) return 0;
+  const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
+  std::nth_element(values->begin(), middle, values->end());
+  return *middle;
+}
+
+double TypicalDepth(const Bundle& bundle) {
+  std::vector<double> inverse_depths;
+  for (const Landmark& landmark : bundle.landmarks) inverse_depths.push_back(landmark.inverse_depth);
+  const double median = Median(&inverse_depths);
+  return median > 0 ? 1 / median : 1;
+}
 
 bool IsHeldOut(int64_t anchor_id, const Eigen::Vector2d& pixel) {
   uint64_t hash = static_cast<uint64_t>(anchor_id) * 0x9e3779b97f4a7c15u;

@@ -5,6 +5,12 @@
 
 namespace acmp {
 
+/// 0 of an empty set; reorders the values.
+double Median(std::vector<double>* values);
+
+/// Of the landmarks, at their anchors, in the unit of bundle.poses; 1 without any.
+double TypicalDepth(const Bundle& bundle);
+
 /// What is learnt while bundles are refined and helps with the next one: the camera's errors, and how far received
 /// poses are off.
 struct RefinementState {

@@ -9,10 +9,12 @@
 
 #include "acmp_mapping/common/error.h"
 #include "bundle_refinement.h"
+#include "contradiction.h"
 #include "corner_detection.h"
 #include "landmark_matching.h"
 #include "resection.h"
 #include "rotation_vector.h"
+#include "similarity.h"
 
 namespace acmp {
 namespace {
@@ -38,51 +40,12 @@ struct Tracked {
   double inverse_depth = 0;  ///< there
 };
 
-constexpr size_t kMinFixed = 4;  // keyframes: fewer do not tell scale and place of the window
+constexpr size_t kMinFixed = kMinForSimilarity;
 
 /// Older keyframes stay where they are: maps were made with their poses, and what follows must connect to them.
 size_t NumFixed(size_t keyframes) {
   constexpr size_t kFree = 8;
   return keyframes >= kFree + kMinFixed ? keyframes - kFree : 0;
-}
-
-/// x -> scale rotation x + translation.
-struct Similarity {
-  double scale = 1;
-  Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();
-  Eigen::Vector3d translation = Eigen::Vector3d::Zero();
-
-  ViewPose operator*(const ViewPose& pose) const {
-    return {(pose.rotation * rotation.conjugate()).normalized(), scale * (rotation * pose.centre) + translation};
-  }
-};
-
-/// The similarity that takes the first `count` poses `from` to `to`: mean of the rotations, least squares of the
-/// centres along them. A trajectory may be straight, so that its centres alone do not tell the rotation.
-Similarity FitSimilarity(const std::vector<ViewPose>& from, const std::vector<ViewPose>& to, size_t count) {
-  if (count < kMinFixed) return {};
-  const double share = 1.0 / static_cast<double>(count);
-  Eigen::Vector3d turn = Eigen::Vector3d::Zero(), from_mean = turn, to_mean = turn;
-  for (size_t i = 0; i < count; ++i) {
-    turn += share * RotationVector(to[i].rotation.conjugate() * from[i].rotation);
-    from_mean += share * from[i].centre;
-    to_mean += share * to[i].centre;
-  }
-  Similarity result;
-  result.rotation = RotationAbout(turn);
-  double products = 0, squares = 0;
-  for (size_t i = 0; i < count; ++i) {
-    const Eigen::Vector3d moved = result.rotation * (from[i].centre - from_mean);
-    products += moved.dot(to[i].centre - to_mean), squares += moved.squaredNorm();
-  }
-  if (products > 0 && squares > 0) result.scale = products / squares;
-  result.translation = to_mean - result.scale * (result.rotation * from_mean);
-  return result;
-}
-
-std::vector<ViewPose> Moved(const Similarity& similarity, std::vector<ViewPose> poses) {
-  for (ViewPose& pose : poses) pose = similarity * pose;
-  return poses;
 }
 
 }  // namespace
@@ -315,6 +278,7 @@ PoseRefinement PoseRefiner::Refine() {
   std::copy(free.begin(), free.end(), refined.begin() + static_cast<std::ptrdiff_t>(fixed));
   PoseRefinement result =
       JudgeRefinement(bundle, ids, received, refined, impl_->state.camera, impl_->options, impl_->changed);
+  result.contradiction = MeasureContradiction(bundle);
   impl_->changed = result.changed;
   const Similarity received_from_refined = FitSimilarity(bundle.poses, bundle.received, bundle.size());
   if (result.changed) {

@@ -53,6 +53,9 @@ class OnlineSchedule {
       });
     };
     callbacks.on_refined_again = [this](const KeyframeDepthPtr& keyframe) { Try([&] { Keep(*keyframe); }); };
+    callbacks.on_withdrawn = [this](const KeyframeDepthPtr& keyframe, const std::string& message) {
+      Try([&] { PlanOf(keyframe->frame->id).no_map = message; });
+    };
     callbacks.on_drop = [this](const KeyframeDrop& drop) { Try([&] { Drop(drop); }); };
     // A failed second estimate, with which the run would end in other maps.
     callbacks.on_problem = [this](const std::string&, const std::string& message) {
@@ -83,6 +86,7 @@ class OnlineSchedule {
     run_.times.stages += keyframe.times;
     run_.times.consistency_ms += keyframe.consistency_ms;
     ImagePlan& image = PlanOf(keyframe.frame->id);
+    image.no_map.clear();  // if it had been withdrawn
     run_.scene.images[static_cast<size_t>(image.index)].cam_from_world = keyframe.cam_from_world;
     image.sources.assign(keyframe.source_ids.begin(), keyframe.source_ids.end());
     Timer timer;

@@ -64,6 +64,9 @@ DenseMapper::Callbacks KeyframeOutputs::MakeCallbacks() {
   callbacks.on_fast = [this](const KeyframeDepthPtr& maps) { HandleFast(maps); };
   callbacks.on_refined = [this](const KeyframeDepthPtr& maps) { HandleRefined(maps); };
   callbacks.on_refined_again = [this](const KeyframeDepthPtr& maps) { HandleRefinedAgain(maps); };
+  callbacks.on_withdrawn = [this](const KeyframeDepthPtr& maps, const std::string& message) {
+    HandleWithdrawn(maps, message);
+  };
   callbacks.wants_refined_again = [this] { return !stopping_ && hooks_.wants_refined_again(); };
   callbacks.on_drop = [this](const KeyframeDrop& drop) { HandleDrop(drop); };
   callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
@@ -170,6 +173,18 @@ void KeyframeOutputs::HandleRefinedAgain(const KeyframeDepthPtr& maps) {
   Publish(hooks_.on_refined_again, maps, *record);
   const std::lock_guard<std::mutex> lock(mutex_);
   ++status_.refined_again;
+}
+
+/// Better points for the map: none.
+void KeyframeOutputs::HandleWithdrawn(const KeyframeDepthPtr& maps, const std::string& message) {
+  const RecordPtr record = FindRecord(refined_, maps->frame->id);
+  if (!record) return;
+  Publish(hooks_.on_refined_again, maps, *record);
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    ++status_.withdrawn;
+  }
+  ReportDrop({"withdrawn", Concat("image ", FormatStamp(record->origin.stamp_ns), " leaves the map: ", message)});
 }
 
 void KeyframeOutputs::HandleDrop(const KeyframeDrop& drop) {

@@ -161,6 +161,7 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
   status->add("fast depth maps", worker.outputs.fast);
   status->add("refined depth maps", worker.outputs.refined);
   status->add("refined again for the map", worker.outputs.refined_again);
+  status->add("withdrawn from the map, since poses contradict the images", worker.outputs.withdrawn);
   status->add("maps that get its points", snapshot.maps);
   status->add("messages sent to them", snapshot.points_sent);
   status->add("keyframes queued", snapshot.queued);
@@ -176,6 +177,9 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
   status->add("completion [ms]", worker.outputs.times.fill_ms);
   status->add("of these in kernels [ms]", worker.outputs.times.kernels_ms);
   status->add("consistency check [ms]", worker.outputs.consistency_ms);
+  if (worker.pose_contradiction) {
+    status->add("poses contradict the images by [% of the depth]", 100 * *worker.pose_contradiction);
+  }
   DescribePoseFit(worker.outputs, status);
   DescribeRunWithoutPoints(worker.outputs, status);
   if (!snapshot.points_in_front) return;

@@ -177,7 +177,10 @@ void MapperWorker::Process(const KeyframeInput& input) {
   });
   mapper_->AddKeyframe(frame);
   outputs_.Trim(2 * static_cast<size_t>(options.mapper.window_size));
-  UpdateStatus([&](WorkerStatus* status) { status->keyframe_ms = preparation_ms + timer.Lap(); });
+  UpdateStatus([&](WorkerStatus* status) {
+    status->pose_contradiction = mapper_->pose_contradiction();
+    status->keyframe_ms = preparation_ms + timer.Lap();
+  });
 }
 
 void MapperWorker::ProcessOvertaken(const KeyframeInput& input) {

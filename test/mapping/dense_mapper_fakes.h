@@ -125,7 +125,8 @@ class MapperHarness {
   std::vector<KeyframeDrop> drops;
   std::vector<std::string> problems;
   std::vector<int64_t> refined_again;
-  StageTimes last_times;  ///< of the last of these
+  std::vector<std::pair<int64_t, std::string>> withdrawn;  ///< id, message
+  StageTimes last_times;                                   ///< of the last of these
   bool keep_maps = true;
   bool wants_refined_again = true;
   DenseMapper mapper;
@@ -144,6 +145,11 @@ class MapperHarness {
     callbacks.on_refined_again = [this](const KeyframeDepthPtr& depth) {
       refined_again.push_back(depth->frame->id);
       last_times = depth->times;
+    };
+    callbacks.on_withdrawn = [this](const KeyframeDepthPtr& maps, const std::string& message) {
+      EXPECT_TRUE(maps->depth.empty());
+      events.push_back(Concat("withdrawn ", maps->frame->id));
+      withdrawn.emplace_back(maps->frame->id, message);
     };
     callbacks.on_drop = [this](const KeyframeDrop& drop) {
       events.push_back(Concat("drop ", drop.id, " ", drop.reason));

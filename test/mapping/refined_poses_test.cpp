@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <memory>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -46,6 +47,8 @@ RoomMap Map(const std::vector<RigidTransform>& received, RefinePoses refine) {
   DenseMapperOptions options = FakeOptions(14, 2, 1);
   options.fallback_depth_range = kRoomRange;
   options.poses.refine = refine;
+  // Errors are greater here than a frontend's that has not lost track, so that few images show them.
+  options.pipeline.fusion.max_relative_depth = 0.5f;
   MapperHarness harness(options);
   for (size_t i = 0; i < received.size(); ++i) harness.Add(RoomFrame(i, received[i]));
   harness.Flush();
@@ -117,6 +120,56 @@ TEST_F(RefinedPosesTest, InitialEstimatesAreMadeAnewWhereThePoseHasMoved) {
   for (RigidTransform& pose : received) pose = errors.Perturbed(pose);
   const std::vector<size_t> initial_estimates = Map(received, RefinePoses::kOn).initial_estimates;
   EXPECT_GE(std::count_if(initial_estimates.begin(), initial_estimates.end(), [](size_t n) { return n > 1; }), 3);
+}
+
+/// Maps the room while images are received; the harness keeps what came.
+void Feed(const std::vector<RigidTransform>& received, MapperHarness* harness) {
+  for (size_t i = 0; i < received.size(); ++i) {
+    harness->Add(RoomFrame(i, received[i]));
+  }
+}
+
+DenseMapperOptions RoomOptions() {
+  DenseMapperOptions options = FakeOptions(14, 2, 1);
+  options.fallback_depth_range = kRoomRange;
+  return options;
+}
+
+// All keyframes end as withdrawn or dropped: nothing stays in a map.
+TEST_F(RefinedPosesTest, NothingStaysOfAFrontendThatHasLostTrack) {
+  MapperHarness harness(RoomOptions());
+  Feed(LostFrom(0, TruePoses()), &harness);
+  harness.Flush();
+  EXPECT_GT(harness.mapper.pose_contradiction().value_or(0), 0.02);
+  std::set<int64_t> gone;
+  for (const auto& [id, message] : harness.withdrawn) {
+    gone.insert(id);
+    EXPECT_THAT(message, ::testing::HasSubstr("poses contradict the images"));
+  }
+  EXPECT_EQ(harness.refined.size(), harness.withdrawn.size());
+  EXPECT_THAT(harness.refined_again, IsEmpty());
+  for (const KeyframeDrop& drop : harness.drops) {
+    EXPECT_EQ(drop.reason, "poses_contradict") << drop.message;
+    gone.insert(drop.id);
+  }
+  EXPECT_EQ(gone.size(), 14u);
+}
+
+// A jump of one pose, after which the frontend goes on as before: what was withdrawn and what was held back comes.
+TEST_F(RefinedPosesTest, MapsComeWhenPosesAgreeAgain) {
+  DenseMapperOptions options = RoomOptions();
+  options.pipeline.fusion.max_relative_depth = 0.012f;  // the detour is a contradiction of 0.016 at most
+  std::vector<RigidTransform> received = TruePoses();
+  for (size_t i = 3; i < 6; ++i) received[i] = LostFrom(3, TruePoses())[i];
+  MapperHarness harness(options);
+  Feed(received, &harness);
+  harness.Flush();
+  EXPECT_THAT(harness.drops, IsEmpty());
+  EXPECT_THAT(harness.withdrawn, ::testing::Not(IsEmpty()));
+  EXPECT_EQ(harness.refined.size(), 14u);
+  for (const auto& [id, message] : harness.withdrawn) {
+    EXPECT_THAT(harness.refined_again, ::testing::Contains(id));
+  }
 }
 
 TEST_F(RefinedPosesTest, PosesThatFitStayBitByBit) {

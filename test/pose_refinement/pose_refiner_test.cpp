@@ -1,5 +1,7 @@
 #include "acmp_mapping/pose_refinement/pose_refiner.h"
 
+#include <algorithm>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -72,6 +74,39 @@ TEST_F(PoseRefinerTest, EveryFullWindowComesNearTheTruth) {
     EXPECT_LT(after.rotation_deg, before.rotation_deg / 2) << i;
     EXPECT_LT(after.position, before.position / 2) << i;
   }
+}
+
+/// The greatest of all that were measured.
+double GreatestContradiction(const std::vector<PoseRefinement>& results) {
+  double greatest = 0;
+  int measured = 0;
+  for (const PoseRefinement& result : results) {
+    measured += result.contradiction.has_value();
+    greatest = std::max(greatest, result.contradiction.value_or(0));
+  }
+  EXPECT_GE(measured, 6);
+  return greatest;
+}
+
+TEST_F(PoseRefinerTest, ExactPosesDoNotContradictTheImages) {
+  PoseRefiner refiner(options_);
+  EXPECT_LT(GreatestContradiction(Run(&refiner)), 0.002);
+}
+
+// Each pose is off by 0.1 degrees and 4 mm about and along each axis, but all of them lie where they should.
+TEST_F(PoseRefinerTest, NoiseOfSinglePosesHardlyContradictsTheImages) {
+  Perturb(0.1, 0.004);
+  PoseRefiner refiner(options_);
+  EXPECT_LT(GreatestContradiction(Run(&refiner)), 0.01);
+}
+
+TEST_F(PoseRefinerTest, AFrontendThatHasLostTrackContradictsTheImages) {
+  received_ = LostFrom(0, truth_);
+  PoseRefiner refiner(options_);
+  const std::vector<PoseRefinement> results = Run(&refiner);
+  ASSERT_TRUE(results.back().contradiction);
+  EXPECT_GT(*results.back().contradiction, 0.02);
+  EXPECT_FALSE(results[4].contradiction) << "five images tell nothing";
 }
 
 TEST_F(PoseRefinerTest, ExactPosesStayBitByBit) {

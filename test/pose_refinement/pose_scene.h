@@ -77,6 +77,21 @@ class PoseErrors {
   std::minstd_rand random_{7};
 };
 
+/// What a frontend sends that has lost track without noticing: from image `begin` on every step is of another length
+/// and goes astray.
+inline std::vector<RigidTransform> LostFrom(size_t begin, std::vector<RigidTransform> poses) {
+  const std::vector<RigidTransform> truth = poses;
+  const double lengths[] = {1.5, 0.6, 1.7, 0.7, 1.3, 0.5};
+  for (size_t i = std::max<size_t>(begin, 1); i < poses.size(); ++i) {
+    RigidTransform motion = truth[i] * truth[i - 1].inverse();
+    motion.translation() *= lengths[i % 6];
+    motion.linear() =
+        Eigen::AngleAxisd(i % 2 == 0 ? 0.02 : -0.01, Eigen::Vector3d(1, 2, 0).normalized()) * motion.linear();
+    poses[i] = motion * poses[i - 1];
+  }
+  return poses;
+}
+
 /// Errors of the motion from each image to the next: medians.
 struct MotionErrors {
   double rotation_deg = 0;

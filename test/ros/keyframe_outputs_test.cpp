@@ -38,9 +38,12 @@ class KeyframeOutputsTest : public testing::Test {
     callbacks_.on_refined(RefinedMaps(id, points));
   }
 
-  static KeyframeOutputs::Hooks MakeHooks(std::vector<std::string>* warnings) {
+  KeyframeOutputs::Hooks MakeHooks(std::vector<std::string>* warnings) {
     KeyframeOutputs::Hooks hooks;
     hooks.on_refined = [](const KeyframeOutput&) {};
+    hooks.on_refined_again = [this](const KeyframeOutput& output) {
+      points_again_.push_back(output.points_in_camera.size());
+    };
     hooks.on_drop = [warnings](const RejectedInput& drop) {
       EXPECT_FALSE(drop.ends_image) << "it is refined";
       warnings->push_back(drop.reason + ": " + drop.message);
@@ -49,9 +52,20 @@ class KeyframeOutputsTest : public testing::Test {
   }
 
   std::vector<std::string> warnings_;
+  std::vector<size_t> points_again_;  ///< of each message for the map
   KeyframeOutputs outputs_{MakeHooks(&warnings_)};
   DenseMapper::Callbacks callbacks_ = outputs_.MakeCallbacks();
 };
+
+TEST_F(KeyframeOutputsTest, WithdrawnPointsLeaveTheMapWithAWord) {
+  Refine(1, 5);
+  auto nothing = std::make_shared<KeyframeDepth>();
+  nothing->frame = RefinedMaps(1, 0)->frame;
+  callbacks_.on_withdrawn(nothing, "poses contradict the images");
+  EXPECT_THAT(points_again_, ElementsAre(0));
+  EXPECT_EQ(outputs_.status().withdrawn, 1u);
+  EXPECT_THAT(warnings_, ElementsAre(AllOf(HasSubstr("withdrawn: image 1.0"), HasSubstr("poses contradict"))));
+}
 
 TEST_F(KeyframeOutputsTest, WarnOfARunWithoutPointsAndNameTheCheck) {
   Refine(1, 0);

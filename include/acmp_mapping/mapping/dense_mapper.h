@@ -51,6 +51,9 @@ class DenseMapper {
     std::function<void(const KeyframeDrop&)> on_drop;  ///< every keyframe ends in exactly one on_refined or on_drop
     /// Better maps of a keyframe that had its on_refined; may come several times.
     std::function<void(const KeyframeDepthPtr&)> on_refined_again;
+    /// The refined maps of a keyframe must not be used any more: the received poses contradict the images. `maps` has
+    /// none. Where poses agree again while the keyframe is in the window, on_refined_again brings new ones.
+    std::function<void(const KeyframeDepthPtr& maps, const std::string& message)> on_withdrawn;
     /// Asked before a keyframe is refined again, inside the mapper's methods: whether anybody would use better maps.
     /// Empty: yes.
     std::function<bool()> wants_refined_again;
@@ -93,6 +96,11 @@ class DenseMapper {
 
   /// Returns when all callbacks that earlier calls cause have been called.
   void WaitForOutputs();
+
+  /// How far received poses contradict the images (PoseRefinement::contradiction); none: not measured. While that is
+  /// above the fusion's max_relative_depth, maps of the same surface would not meet: no keyframe is refined, the maps
+  /// of the newest ones are withdrawn, and they come when poses agree again, or never.
+  std::optional<double> pose_contradiction() const;
 
   /// Keyframes that have had neither on_refined nor on_drop yet; those on their way to it count as having had it.
   size_t unfinished() const;

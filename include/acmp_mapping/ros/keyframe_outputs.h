@@ -29,7 +29,8 @@ struct OutputStatus {
   uint64_t fast = 0;
   uint64_t refined = 0;
   uint64_t refined_again = 0;
-  StageTimes times;  ///< of the last refined keyframe
+  uint64_t withdrawn = 0;  ///< refined ones whose points left the map, since poses contradict the images
+  StageTimes times;        ///< of the last refined keyframe
   double consistency_ms = 0;
   PoseFit pose_fit;                             ///< of the last refined keyframe
   bool pose_refined = false;                    ///< and whether it was matched with another pose than received
@@ -97,6 +98,7 @@ class KeyframeOutputs {
   void HandleFast(const KeyframeDepthPtr& maps);
   void HandleRefined(const KeyframeDepthPtr& maps);
   void HandleRefinedAgain(const KeyframeDepthPtr& maps);
+  void HandleWithdrawn(const KeyframeDepthPtr& maps, const std::string& message);
   void HandleDrop(const KeyframeDrop& drop);
 
   const Hooks hooks_;

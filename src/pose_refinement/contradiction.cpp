@@ -1,0 +1,45 @@
+#include "contradiction.h"
+
+#include <algorithm>
+
+#include "bundle_refinement.h"
+#include "rotation_vector.h"
+#include "similarity.h"
+
+namespace acmp {
+namespace {
+
+constexpr size_t kMinViews = 6;
+constexpr int kMinSightings = 250;  // among these views: where there are fewer, refined poses follow the received ones
+
+int NumSightings(const Bundle& bundle, int first) {
+  int sightings = 0;
+  for (const Landmark& landmark : bundle.landmarks) {
+    if (landmark.anchor < first) continue;
+    sightings += static_cast<int>(std::count_if(landmark.sightings.begin(), landmark.sightings.end(),
+                                                [first](const Sighting& sighting) { return sighting.view >= first; }));
+  }
+  return sightings;
+}
+
+}  // namespace
+
+std::optional<double> MeasureContradiction(const Bundle& bundle) {
+  const size_t views = std::min(kContradictionImages, bundle.size());
+  const size_t first = bundle.size() - views;
+  if (views < kMinViews || NumSightings(bundle, static_cast<int>(first)) < kMinSightings) return std::nullopt;
+  const auto last = [first](const std::vector<ViewPose>& poses) {
+    return std::vector<ViewPose>(poses.begin() + static_cast<std::ptrdiff_t>(first), poses.end());
+  };
+  const std::vector<ViewPose> received = last(bundle.received);
+  const Similarity received_from_refined = FitSimilarity(last(bundle.poses), received, views);
+  const std::vector<ViewPose> refined = Moved(received_from_refined, last(bundle.poses));
+  std::vector<double> angles, distances;
+  for (size_t i = 0; i < views; ++i) {
+    angles.push_back(RotationVector(refined[i].rotation * received[i].rotation.conjugate()).norm());
+    distances.push_back((refined[i].centre - received[i].centre).norm());
+  }
+  return Median(&angles) + Median(&distances) / (received_from_refined.scale * TypicalDepth(bundle));
+}
+
+}  // namespace acmp

@@ -1,0 +1,12 @@
+#pragma once
+
+#include <optional>
+
+#include "bundle.h"
+
+namespace acmp {
+
+/// PoseRefinement::contradiction of an adjusted bundle.
+std::optional<double> MeasureContradiction(const Bundle& bundle);
+
+}  // namespace acmp
