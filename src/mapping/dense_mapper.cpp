@@ -140,7 +140,7 @@ struct DenseMapper::Impl {
   std::string DescribeContradiction() const {
     return Concat(
         "poses contradict the images: motions of the last keyframes put their maps ",
-        100 * poses.contradiction().value_or(0), " % of the depth apart, at most ",
+        100 * poses.checks().contradiction.value_or(0), " % of the depth apart, at most ",
         100 * options.pipeline.fusion.max_relative_depth,
         " % can be fused; the frontend has lost track, its scale changes, or calibration or stamps are wrong");
   }
@@ -148,8 +148,8 @@ struct DenseMapper::Impl {
   /// Where received poses contradict the images, maps would come to lie anywhere: those of the newest keyframes are
   /// withdrawn. They come back when poses agree again.
   void HeedContradiction() {
-    const bool was_contradicted =
-        std::exchange(contradicted, poses.contradiction().value_or(0) > options.pipeline.fusion.max_relative_depth);
+    const bool was_contradicted = std::exchange(
+        contradicted, poses.checks().contradiction.value_or(0) > options.pipeline.fusion.max_relative_depth);
     if (contradicted == was_contradicted) return;
     if (contradicted) {
       for (size_t later = std::min(kContradictionImages, window.size()); later-- > 0;) {
@@ -381,7 +381,7 @@ void DenseMapper::Reset() {
 
 void DenseMapper::WaitForOutputs() { impl_->outputs.WaitForAll(); }
 
-std::optional<double> DenseMapper::pose_contradiction() const { return impl_->poses.contradiction(); }
+PoseChecks DenseMapper::pose_checks() const { return impl_->poses.checks(); }
 
 size_t DenseMapper::unfinished() const {
   return static_cast<size_t>(std::count_if(impl_->window.begin(), impl_->window.end(), [](const auto& keyframe) {

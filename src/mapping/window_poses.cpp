@@ -36,7 +36,8 @@ void WindowPoses::Begin(const WindowKeyframePtr& newest, size_t window_size) {
 void WindowPoses::Finish(const KeyframeWindow& window) {
   if (!found_.valid()) return;
   const PoseRefinement refinement = found_.get();
-  if (refinement.contradiction) contradiction_ = refinement.contradiction;
+  if (refinement.checks.contradiction) checks_.contradiction = refinement.checks.contradiction;
+  checks_.stamp_offset_s = refinement.checks.stamp_offset_s;
   for (const RefinedPose& pose : refinement.poses) {
     const WindowKeyframePtr keyframe = window.Find(pose.id);
     if (!keyframe) continue;
@@ -50,7 +51,7 @@ void WindowPoses::Finish(const KeyframeWindow& window) {
 void WindowPoses::Reset() {
   if (found_.valid()) found_.wait();
   found_ = {};
-  contradiction_.reset();
+  checks_ = {};
   if (refiner_) refiner_->Reset();
 }
 

@@ -2,7 +2,6 @@
 
 #include <future>
 #include <memory>
-#include <optional>
 
 #include "acmp_mapping/pose_refinement/pose_refiner.h"
 #include "keyframe_window.h"
@@ -26,13 +25,13 @@ class WindowPoses {
 
   void Reset();
 
-  /// PoseRefinement::contradiction as it was measured last; none: not yet.
-  std::optional<double> contradiction() const { return contradiction_; }
+  /// Each as it was found last.
+  const PoseChecks& checks() const { return checks_; }
 
  private:
   void Begin(const WindowKeyframePtr& newest, size_t window_size);
 
-  std::optional<double> contradiction_;
+  PoseChecks checks_;
   std::unique_ptr<PoseRefiner> refiner_;  ///< null: poses stay as received
   std::future<PoseRefinement> found_;     ///< last: its thread is gone before what is above
 };

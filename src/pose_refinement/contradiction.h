@@ -6,7 +6,7 @@
 
 namespace acmp {
 
-/// PoseRefinement::contradiction of an adjusted bundle.
+/// PoseChecks::contradiction of an adjusted bundle.
 std::optional<double> MeasureContradiction(const Bundle& bundle);
 
 }  // namespace acmp

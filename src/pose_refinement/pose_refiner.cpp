@@ -15,6 +15,7 @@
 #include "resection.h"
 #include "rotation_vector.h"
 #include "similarity.h"
+#include "stamp_offset.h"
 
 namespace acmp {
 namespace {
@@ -175,6 +176,7 @@ struct PoseRefiner::Impl {
   Bundle bundle;                  ///< of the keyframes, in their order
   std::vector<ViewPose> refined;  ///< by resection; of keyframes that are fixed by now, when they were last free
   RefinementState state;
+  bool stamped = false;  ///< the last keyframe
   bool changed = false;  ///< by the last Refine
   double scale = 1;      ///< of the last Refine's result
 };
@@ -198,7 +200,7 @@ void PoseRefiner::Add(const Frame& frame, const DepthRange& range, const std::op
   if (!keyframes.empty() && frame.id <= keyframes.back().id) {
     throw InvalidInputError(Concat(name, ": must come after ", keyframes.back().id));
   }
-  const bool stamped = frame.stamp_s > 0;
+  const bool stamped = impl_->stamped = frame.stamp_s > 0;
   if (!keyframes.empty() && stamped && frame.stamp_s <= keyframes.back().stamp_s) {
     throw InvalidInputError(Concat(name, ": its stamp must be after that of keyframe ", keyframes.back().id));
   }
@@ -278,7 +280,8 @@ PoseRefinement PoseRefiner::Refine() {
   std::copy(free.begin(), free.end(), refined.begin() + static_cast<std::ptrdiff_t>(fixed));
   PoseRefinement result =
       JudgeRefinement(bundle, ids, received, refined, impl_->state.camera, impl_->options, impl_->changed);
-  result.contradiction = MeasureContradiction(bundle);
+  result.checks.contradiction = MeasureContradiction(bundle);
+  if (impl_->stamped) result.checks.stamp_offset_s = FindStampOffset(bundle);
   impl_->changed = result.changed;
   const Similarity received_from_refined = FitSimilarity(bundle.poses, bundle.received, bundle.size());
   if (result.changed) {

@@ -63,6 +63,12 @@ std::string AccountForImages(const MapperSnapshot& snapshot) {
                 ImagesUnderWay(snapshot), " under way");
 }
 
+std::string DescribeStampOffset(double offset_s) {
+  return Concat("the images were taken ", std::lround(std::abs(offset_s) * 1e3), " ms ",
+                offset_s > 0 ? "before" : "after",
+                " the poses of the same stamps: correct the stamps of the camera or of the poses");
+}
+
 void DescribeInputs(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* status) {
   status->summary(DiagnosticStatus::OK, "all inputs arrive");
   for (const InputStatus& input : snapshot.inputs) {
@@ -135,6 +141,15 @@ void DescribePoseFit(const OutputStatus& outputs, DiagnosticStatusWrapper* statu
                               " px only, walls will be missing: check calibration and stamps, or tracking is lost"));
 }
 
+void DescribePoseChecks(const PoseChecks& checks, DiagnosticStatusWrapper* status) {
+  if (checks.contradiction) {
+    status->add("poses contradict the images by [% of the depth]", 100 * *checks.contradiction);
+  }
+  if (!checks.stamp_offset_s) return;
+  status->add("images are older than poses of the same stamps by [ms]", 1e3 * *checks.stamp_offset_s);
+  status->mergeSummary(DiagnosticStatus::WARN, DescribeStampOffset(*checks.stamp_offset_s));
+}
+
 void DescribeRunWithoutPoints(const OutputStatus& outputs, DiagnosticStatusWrapper* status) {
   status->add("newest refined keyframes without points", outputs.run_without_points);
   if (outputs.run_without_points == 0) return;
@@ -177,10 +192,8 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
   status->add("completion [ms]", worker.outputs.times.fill_ms);
   status->add("of these in kernels [ms]", worker.outputs.times.kernels_ms);
   status->add("consistency check [ms]", worker.outputs.consistency_ms);
-  if (worker.pose_contradiction) {
-    status->add("poses contradict the images by [% of the depth]", 100 * *worker.pose_contradiction);
-  }
   DescribePoseFit(worker.outputs, status);
+  DescribePoseChecks(worker.pose_checks, status);
   DescribeRunWithoutPoints(worker.outputs, status);
   if (!snapshot.points_in_front) return;
   status->add("sparse points in front of the first cameras [%]", 100 * *snapshot.points_in_front);

@@ -10,6 +10,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/ros/input_sources.h"
+#include "acmp_mapping/ros/mapper_diagnostics.h"
 
 namespace acmp {
 namespace {
@@ -177,10 +178,14 @@ void MapperWorker::Process(const KeyframeInput& input) {
   });
   mapper_->AddKeyframe(frame);
   outputs_.Trim(2 * static_cast<size_t>(options.mapper.window_size));
+  const PoseChecks checks = mapper_->pose_checks();
+  bool is_new_offset = false;
   UpdateStatus([&](WorkerStatus* status) {
-    status->pose_contradiction = mapper_->pose_contradiction();
+    is_new_offset = checks.stamp_offset_s && !status->pose_checks.stamp_offset_s;
+    status->pose_checks = checks;
     status->keyframe_ms = preparation_ms + timer.Lap();
   });
+  if (is_new_offset) outputs_.ReportDrop({"stamp_offset", DescribeStampOffset(*checks.stamp_offset_s)});
 }
 
 void MapperWorker::ProcessOvertaken(const KeyframeInput& input) {

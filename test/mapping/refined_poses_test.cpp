@@ -140,7 +140,7 @@ TEST_F(RefinedPosesTest, NothingStaysOfAFrontendThatHasLostTrack) {
   MapperHarness harness(RoomOptions());
   Feed(LostFrom(0, TruePoses()), &harness);
   harness.Flush();
-  EXPECT_GT(harness.mapper.pose_contradiction().value_or(0), 0.02);
+  EXPECT_GT(harness.mapper.pose_checks().contradiction.value_or(0), 0.02);
   std::set<int64_t> gone;
   for (const auto& [id, message] : harness.withdrawn) {
     gone.insert(id);

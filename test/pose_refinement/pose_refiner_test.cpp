@@ -81,8 +81,8 @@ double GreatestContradiction(const std::vector<PoseRefinement>& results) {
   double greatest = 0;
   int measured = 0;
   for (const PoseRefinement& result : results) {
-    measured += result.contradiction.has_value();
-    greatest = std::max(greatest, result.contradiction.value_or(0));
+    measured += result.checks.contradiction.has_value();
+    greatest = std::max(greatest, result.checks.contradiction.value_or(0));
   }
   EXPECT_GE(measured, 6);
   return greatest;
@@ -104,9 +104,43 @@ TEST_F(PoseRefinerTest, AFrontendThatHasLostTrackContradictsTheImages) {
   received_ = LostFrom(0, truth_);
   PoseRefiner refiner(options_);
   const std::vector<PoseRefinement> results = Run(&refiner);
-  ASSERT_TRUE(results.back().contradiction);
-  EXPECT_GT(*results.back().contradiction, 0.02);
-  EXPECT_FALSE(results[4].contradiction) << "five images tell nothing";
+  ASSERT_TRUE(results.back().checks.contradiction);
+  EXPECT_GT(*results.back().checks.contradiction, 0.02);
+  EXPECT_FALSE(results[4].checks.contradiction) << "five images tell nothing";
+}
+
+/// Where the camera was between two images.
+RigidTransform Between(const RigidTransform& a, const RigidTransform& b, double share) {
+  const RigidTransform from = a.inverse(), to = b.inverse();
+  RigidTransform pose = RigidTransform::Identity();
+  pose.linear() =
+      Eigen::Quaterniond(from.rotation()).slerp(share, Eigen::Quaterniond(to.rotation())).toRotationMatrix();
+  pose.translation() = from.translation() + share * (to.translation() - from.translation());
+  return pose.inverse();
+}
+
+// Images are 200 ms apart. In windows of 14: an offset shows where the camera turns now faster, now slower.
+TEST_F(PoseRefinerTest, AnOffsetOfTheStampsIsFound) {
+  for (size_t i = 0; i + 1 < truth_.size(); ++i) received_[i] = Between(truth_[i], truth_[i + 1], 0.25);
+  PoseRefiner refiner(options_);
+  const PoseRefinement later = Run(&refiner, 14)[12];
+  ASSERT_TRUE(later.checks.stamp_offset_s);
+  EXPECT_NEAR(*later.checks.stamp_offset_s, 0.05, 0.01);
+
+  received_[0] = Between(truth_[0], truth_[1], -0.25);
+  for (size_t i = 1; i < truth_.size(); ++i) received_[i] = Between(truth_[i], truth_[i - 1], 0.25);
+  refiner.Reset();
+  const PoseRefinement earlier = Run(&refiner, 14)[13];
+  ASSERT_TRUE(earlier.checks.stamp_offset_s);
+  EXPECT_NEAR(*earlier.checks.stamp_offset_s, -0.05, 0.01);
+}
+
+TEST_F(PoseRefinerTest, NoOffsetIsFoundInPosesThatAreRightOrNoisy) {
+  PoseRefiner exact(options_);
+  for (const PoseRefinement& result : Run(&exact, 14)) EXPECT_FALSE(result.checks.stamp_offset_s);
+  Perturb(0.1, 0.004);
+  PoseRefiner noisy(options_);
+  for (const PoseRefinement& result : Run(&noisy, 14)) EXPECT_FALSE(result.checks.stamp_offset_s);
 }
 
 TEST_F(PoseRefinerTest, ExactPosesStayBitByBit) {

@@ -46,6 +46,18 @@ std::string ValueOf(const DiagnosticStatusWrapper& status, const std::string& ke
   return "(no such key)";
 }
 
+TEST(Diagnostics, AnOffsetOfTheStampsIsNamed) {
+  MapperSnapshot snapshot = Healthy();
+  snapshot.worker.pose_checks.stamp_offset_s = 0.0312;
+  snapshot.worker.pose_checks.contradiction = 0.004;
+  const DiagnosticStatusWrapper status = Describe(&DescribeMapping, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
+  EXPECT_THAT(status.message, HasSubstr("images were taken 31 ms before the poses of the same stamps"));
+  EXPECT_EQ(ValueOf(status, "poses contradict the images by [% of the depth]"), "0.4");
+  snapshot.worker.pose_checks.stamp_offset_s = -0.02;
+  EXPECT_THAT(Describe(&DescribeMapping, snapshot).message, HasSubstr("taken 20 ms after"));
+}
+
 TEST(Diagnostics, AllIsWell) {
   for (const Describer describe : {&DescribeInputs, &DescribeMatching, &DescribeMapping}) {
     const auto status = Describe(describe, Healthy());

@@ -97,10 +97,10 @@ class DenseMapper {
   /// Returns when all callbacks that earlier calls cause have been called.
   void WaitForOutputs();
 
-  /// How far received poses contradict the images (PoseRefinement::contradiction); none: not measured. While that is
-  /// above the fusion's max_relative_depth, maps of the same surface would not meet: no keyframe is refined, the maps
-  /// of the newest ones are withdrawn, and they come when poses agree again, or never.
-  std::optional<double> pose_contradiction() const;
+  /// Faults of the received poses. While they contradict the images by more than the fusion's max_relative_depth, maps
+  /// of the same surface would not meet: no keyframe is refined, the maps of the newest ones are withdrawn, and they
+  /// come when poses agree again, or never.
+  PoseChecks pose_checks() const;
 
   /// Keyframes that have had neither on_refined nor on_drop yet; those on their way to it count as having had it.
   size_t unfinished() const;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <vector>
 
 namespace acmp {
@@ -19,6 +20,22 @@ struct PoseFit {
   int matches = 0;
   double median_px = 0;        ///< 0 without matches
   std::vector<GapFit> by_gap;  ///< ascending, only those with matches
+};
+
+/// So many of the newest images tell whether received poses contradict the images.
+constexpr size_t kContradictionImages = 10;
+
+/// Faults of received poses that a sliding window shows.
+struct PoseChecks {
+  /// How far the received poses of the last kContradictionImages contradict the images, rad: what is left between
+  /// received and refined poses after the similarity that fits them best, as the median of the angles plus the median
+  /// of the distances over the landmarks' typical depth. That is by which share of their depth these images' maps come
+  /// to lie apart. Noise of single poses hardly counts, motions of a wrong length or direction do. None: fewer than six
+  /// images or too few matches.
+  std::optional<double> contradiction;
+  /// So many seconds after their stamps the camera was where the received poses say, all of them alike. None: they show
+  /// no such offset of at least 10 ms, the camera hardly turns, or there are no stamps.
+  std::optional<double> stamp_offset_s;
 };
 
 }  // namespace acmp

@@ -39,9 +39,6 @@ struct RefinedPose {
   PoseFit refined_fit;   ///< and with refined ones, whether they are used or not
 };
 
-/// So many of the newest images tell whether received poses contradict the images.
-constexpr size_t kContradictionImages = 10;
-
 struct PoseRefinement {
   bool changed = false;
   std::string reason;    ///< why poses stay as they are; empty when they change
@@ -52,12 +49,7 @@ struct PoseRefinement {
   /// Length in the world of the received poses of what is 1 in that of the refined ones. A sliding window carries its
   /// own scale on, which then does not wander as a monocular frontend's does.
   double scale = 1;
-  /// How far the received poses of the last kContradictionImages contradict the images, rad: what is left between
-  /// received and refined poses after the similarity that fits them best, as the median of the angles plus the median
-  /// of the distances over the landmarks' typical depth. That is by which share of their depth these images' maps come
-  /// to lie apart. Noise of single poses hardly counts, motions of a wrong length or direction do. None: fewer than six
-  /// images or too few matches; of sliding windows only.
-  std::optional<double> contradiction;
+  PoseChecks checks;  ///< of sliding windows only
   CameraErrors camera;
   int landmarks = 0;               ///< that took part
   int sightings = 0;               ///< of these in other images than their own

@@ -40,6 +40,9 @@ uint64_t ImagesUnderWay(const MapperSnapshot& snapshot);
 /// Every image that came is in one of these: "112 received = 90 refined + 12 dropped + 6 passed over + 4 under way".
 std::string AccountForImages(const MapperSnapshot& snapshot);
 
+/// For the log and the status: a sentence about PoseChecks::stamp_offset_s.
+std::string DescribeStampOffset(double offset_s);
+
 /// For the log: the required inputs that never came or fell silent while others go on, and what images wait for in
 /// vain. Empty: nothing, also when all have fallen silent, as after a recording, and while paused.
 std::string DescribeMissing(const MapperSnapshot& snapshot);

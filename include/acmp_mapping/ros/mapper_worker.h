@@ -3,7 +3,6 @@
 #include <functional>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <string>
 #include <thread>
 
@@ -19,13 +18,13 @@ namespace acmp {
 struct WorkerStatus {
   bool ready = false;  ///< the backend exists
   std::string device_name;
-  std::string fallback_reason;               ///< why device: auto took the CPU
-  std::string device_error;                  ///< why there is no backend at all
-  uint64_t keyframes = 0;                    ///< given to the mapper
-  int width = 0, height = 0;                 ///< matched size of the last keyframe, px
-  double preparation_ms = 0;                 ///< decoding and rectifying the last image
-  double keyframe_ms = 0;                    ///< the last keyframe in the matching thread, all in all
-  std::optional<double> pose_contradiction;  ///< share of the depth, see DenseMapper
+  std::string fallback_reason;  ///< why device: auto took the CPU
+  std::string device_error;     ///< why there is no backend at all
+  uint64_t keyframes = 0;       ///< given to the mapper
+  int width = 0, height = 0;    ///< matched size of the last keyframe, px
+  double preparation_ms = 0;    ///< decoding and rectifying the last image
+  double keyframe_ms = 0;       ///< the last keyframe in the matching thread, all in all
+  PoseChecks pose_checks;
   OutputStatus outputs;
 };
 

@@ -1,0 +1,12 @@
+#pragma once
+
+#include <optional>
+
+#include "bundle.h"
+
+namespace acmp {
+
+/// PoseChecks::stamp_offset_s of an adjusted bundle whose times are stamps in seconds.
+std::optional<double> FindStampOffset(const Bundle& bundle);
+
+}  // namespace acmp
