@@ -134,11 +134,15 @@ void DescribePoseFit(const OutputStatus& outputs, DiagnosticStatusWrapper* statu
   const PoseFit& fit = outputs.pose_fit;
   if (fit.matches == 0) return;
   status->add("poses are refined", outputs.pose_refined ? "yes" : "no, received ones fit or there are few matches");
-  status->add("poses fit the images to [px]", Concat(fit.median_px, " (median of ", fit.matches, " matches)"));
+  std::string by_gap;
+  for (const GapFit& gap : fit.by_gap) by_gap += Concat("; ", gap.gap, " to ", gap.last_gap, " apart: ", gap.median_px);
+  status->add("poses fit the images to [px]",
+              Concat(fit.median_px, " (median of ", fit.matches, " matches", by_gap, ")"));
   if (fit.median_px <= kPoorFit_px) return;
-  status->mergeSummary(DiagnosticStatus::WARN,
-                       Concat("poses fit the images to ", fit.median_px,
-                              " px only, walls will be missing: check calibration and stamps, or tracking is lost"));
+  status->mergeSummary(
+      DiagnosticStatus::WARN,
+      Concat("poses fit the images to ", fit.median_px,
+             " px only, walls will be missing: check calibration, rolling shutter and stamps, or tracking is lost"));
 }
 
 void DescribePoseChecks(const PoseChecks& checks, DiagnosticStatusWrapper* status) {

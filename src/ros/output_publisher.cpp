@@ -1,7 +1,9 @@
 #include "acmp_mapping/ros/output_publisher.h"
 
+#include <cmath>
 #include <limits>
 #include <utility>
+#include <vector>
 
 #include <acmp_mapping/KeyframeDepth.h>
 #include <geometry_msgs/PoseStamped.h>
@@ -130,8 +132,13 @@ void OutputPublisher::PublishKeyframeDepth(const KeyframeOutput& output, const s
   message->header = MakeHeader(output.origin.stamp_ns, output.origin.world_frame);
   message->pose = tf2::toMsg(output.origin.world_from_cam);
   message->refined_pose = tf2::toMsg(maps.cam_from_world.inverse());
-  message->epipolar_residual =
-      maps.pose_fit.matches > 0 ? static_cast<float>(maps.pose_fit.median_px) : std::numeric_limits<float>::quiet_NaN();
+  constexpr float kNotMeasured = std::numeric_limits<float>::quiet_NaN();
+  message->epipolar_residual = maps.pose_fit.matches > 0 ? static_cast<float>(maps.pose_fit.median_px) : kNotMeasured;
+  for (const GapFit& fit : maps.pose_fit.by_gap) {
+    std::vector<float>& by_gap = message->epipolar_residual_by_gap;
+    by_gap.resize(static_cast<size_t>(std::ilogb(fit.gap)) + 1, kNotMeasured);
+    by_gap.back() = static_cast<float>(fit.median_px);
+  }
   message->camera_info = *ToCameraInfo(maps.frame->camera, camera);
   message->depth = *ToDepthMessage(maps.depth, output.keep.View(), camera);
   message->confidence = *ToConfidenceMessage(output, camera);

@@ -46,6 +46,13 @@ std::string ValueOf(const DiagnosticStatusWrapper& status, const std::string& ke
   return "(no such key)";
 }
 
+TEST(Diagnostics, ThePosesFitIsToldByGap) {
+  MapperSnapshot snapshot = Healthy();
+  snapshot.worker.outputs.pose_fit = {100, 0.3, {{1, 1, 60, 0.25}, {2, 3, 40, 0.4}}};
+  EXPECT_EQ(ValueOf(Describe(&DescribeMapping, snapshot), "poses fit the images to [px]"),
+            "0.3 (median of 100 matches; 1 to 1 apart: 0.25; 2 to 3 apart: 0.4)");
+}
+
 TEST(Diagnostics, AnOffsetOfTheStampsIsNamed) {
   MapperSnapshot snapshot = Healthy();
   snapshot.worker.pose_checks.stamp_offset_s = 0.0312;
