@@ -15,6 +15,7 @@ namespace {
 
 constexpr size_t kMaxLine = 4096;
 constexpr size_t kRecordBytes = 7 * sizeof(float) + 3;
+constexpr size_t kTriangleBytes = 1 + 3 * sizeof(uint32_t);
 
 /// A number type of the format: its size, and how one is read from a binary body.
 struct Type {
@@ -44,6 +45,7 @@ struct Property {
   std::string name;
   Type type;
   bool is_list = false;
+  Type count_type = {};  ///< of a list
 };
 
 struct Element {
@@ -74,6 +76,7 @@ Property ParseProperty(const BinaryReader& file, std::istringstream* words) {
   if (property.is_list) {
     std::string count_type;
     *words >> count_type >> type;
+    property.count_type = ParseType(file, count_type);
   }
   property.type = ParseType(file, type);
   if (!(*words >> property.name)) file.Fail("PLY property without a name");
@@ -180,6 +183,63 @@ PointCloud ReadVertices(BinaryReader* file, bool ascii, const Element& element) 
   return points;
 }
 
+double ReadValue(BinaryReader* file, bool ascii, const Type& type) {
+  return ascii ? ReadAsciiValue(file) : type.read(file);
+}
+
+/// The vertices of a face, cut into triangles from its first one.
+void ReadFace(BinaryReader* file, bool ascii, const Property& list, TriangleMesh* mesh) {
+  const double corners = ReadValue(file, ascii, list.count_type);
+  if (!(corners >= 3 && corners <= 255)) file->Fail(Concat("PLY face of ", corners, " vertices: must be 3 to 255"));
+  std::array<uint32_t, 3> triangle = {};
+  for (int i = 0; i < corners; ++i) {
+    const double vertex = ReadValue(file, ascii, list.type);
+    if (!(vertex >= 0 && vertex < static_cast<double>(mesh->vertices.size()))) {
+      file->Fail(Concat("PLY face with vertex ", vertex, ": must be 0 to ", mesh->vertices.size(), " - 1"));
+    }
+    triangle[std::min(i, 2)] = static_cast<uint32_t>(vertex);
+    if (i < 2) continue;
+    mesh->triangles.push_back(triangle);
+    triangle[1] = triangle[2];
+  }
+}
+
+void ReadFaces(BinaryReader* file, bool ascii, const Element& element, TriangleMesh* mesh) {
+  for (uint64_t i = 0; i < element.count; ++i) {
+    for (const Property& property : element.properties) {
+      if (property.is_list && property.name.rfind("vertex_ind", 0) == 0) {  // _indices or _index
+        ReadFace(file, ascii, property, mesh);
+        continue;
+      }
+      const double count = property.is_list ? ReadValue(file, ascii, property.count_type) : 1;
+      for (double n = 0; n < count; ++n) ReadValue(file, ascii, property.type);
+    }
+  }
+}
+
+/// @param faces as well: else none
+TriangleMesh ReadElements(const std::filesystem::path& path, bool faces) {
+  BinaryReader file(path);
+  const Header header = ReadHeader(&file);
+  const bool ascii = header.format == "ascii";
+  TriangleMesh mesh;
+  bool has_vertices = false;
+  for (const Element& element : header.elements) {
+    if (element.name == "vertex") {
+      mesh.vertices = ReadVertices(&file, ascii, element);
+      has_vertices = true;
+      if (!faces) break;
+    } else if (has_vertices) {
+      if (element.name == "face") ReadFaces(&file, ascii, element, &mesh);
+      break;
+    } else {
+      Skip(&file, ascii, element);
+    }
+  }
+  if (!has_vertices) file.Fail("PLY file without a vertex element");
+  return mesh;
+}
+
 template <class T>
 char* Append(char* target, const T& value) {
   std::memcpy(target, &value, sizeof(T));
@@ -187,27 +247,35 @@ char* Append(char* target, const T& value) {
 }
 
 /// @param comment a line of the header, or nothing
-std::string MakeHeader(size_t points, const std::string& comment) {
+/// @param elements lines about those after the vertices, or nothing
+std::string MakeHeader(size_t points, const std::string& comment, const std::string& elements = "") {
   return Concat("ply\nformat binary_little_endian 1.0\n", comment, "element vertex ", points,
                 "\nproperty float x\nproperty float y\nproperty float z\nproperty float nx\nproperty float ny\n"
                 "property float nz\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
-                "property float confidence\nend_header\n");
+                "property float confidence\n",
+                elements, "end_header\n");
+}
+
+char* AppendRecord(char* target, const SurfacePoint& point) {
+  char* end = Append(Append(target, point.position), point.normal);
+  end = Append(Append(Append(end, point.color.r), point.color.g), point.color.b);
+  return Append(end, point.confidence);
+}
+
+char* AppendRecord(char* target, const std::array<uint32_t, 3>& triangle) {
+  return Append(Append(target, uint8_t{3}), triangle);
 }
 
 /// Calls write(place of the first record, records) for blocks of records as they are in the file.
-template <class Write>
-void MakeRecords(const PointCloud& points, const Write& write) {
+template <class Item, class Write>
+void MakeRecords(const std::vector<Item>& items, size_t record_bytes, const Write& write) {
   constexpr size_t kBlock = 1 << 18;  // records in memory at a time
   std::vector<char> records;
-  for (size_t begin = 0; begin < points.size(); begin += kBlock) {
-    const size_t count = std::min(kBlock, points.size() - begin);
-    records.resize(count * kRecordBytes);
-    tbb::parallel_for(size_t{0}, count, [&](size_t i) {
-      const SurfacePoint& point = points[begin + i];
-      char* end = Append(Append(records.data() + i * kRecordBytes, point.position), point.normal);
-      end = Append(Append(Append(end, point.color.r), point.color.g), point.color.b);
-      Append(end, point.confidence);
-    });
+  for (size_t begin = 0; begin < items.size(); begin += kBlock) {
+    const size_t count = std::min(kBlock, items.size() - begin);
+    records.resize(count * record_bytes);
+    tbb::parallel_for(size_t{0}, count,
+                      [&](size_t i) { AppendRecord(records.data() + i * record_bytes, items[begin + i]); });
     write(begin, records);
   }
 }
@@ -217,7 +285,19 @@ void MakeRecords(const PointCloud& points, const Write& write) {
 void WritePly(const std::filesystem::path& path, const PointCloud& points) {
   AtomicFile file(path, Durability::kPowerCut);
   file.Write(MakeHeader(points.size(), ""));
-  MakeRecords(points, [&](size_t, const std::vector<char>& records) { file.Write(records.data(), records.size()); });
+  const auto write = [&](size_t, const std::vector<char>& records) { file.Write(records.data(), records.size()); };
+  MakeRecords(points, kRecordBytes, write);
+  file.Commit();
+}
+
+void WritePlyMesh(const std::filesystem::path& path, const TriangleMesh& mesh) {
+  AtomicFile file(path, Durability::kPowerCut);
+  // int and not uint: some readers know no other type here.
+  file.Write(MakeHeader(mesh.vertices.size(), "",
+                        Concat("element face ", mesh.triangles.size(), "\nproperty list uchar int vertex_indices\n")));
+  const auto write = [&](size_t, const std::vector<char>& records) { file.Write(records.data(), records.size()); };
+  MakeRecords(mesh.vertices, kRecordBytes, write);
+  MakeRecords(mesh.triangles, kTriangleBytes, write);
   file.Commit();
 }
 
@@ -238,7 +318,7 @@ size_t PlyFile::Reserve(size_t points) {
 
 void PlyFile::WriteAt(size_t first, const PointCloud& points) {
   const size_t offset = header_bytes_ + first * kRecordBytes;
-  MakeRecords(points, [&](size_t begin, const std::vector<char>& records) {
+  MakeRecords(points, kRecordBytes, [&](size_t begin, const std::vector<char>& records) {
     file_.WriteAt(offset + begin * kRecordBytes, records.data(), records.size());
   });
   if (!points.empty()) file_.StartWriteback(offset, points.size() * kRecordBytes);  // 0 bytes would be all that follow
@@ -249,15 +329,8 @@ void PlyFile::Commit() {
   file_.Commit();
 }
 
-PointCloud ReadPly(const std::filesystem::path& path) {
-  BinaryReader file(path);
-  const Header header = ReadHeader(&file);
-  const bool ascii = header.format == "ascii";
-  for (const Element& element : header.elements) {
-    if (element.name == "vertex") return ReadVertices(&file, ascii, element);
-    Skip(&file, ascii, element);
-  }
-  file.Fail("PLY file without a vertex element");
-}
+PointCloud ReadPly(const std::filesystem::path& path) { return ReadElements(path, false).vertices; }
+
+TriangleMesh ReadPlyMesh(const std::filesystem::path& path) { return ReadElements(path, true); }
 
 }  // namespace acmp

@@ -10,6 +10,7 @@
 #include "colmap_output.h"
 #include "run.h"
 #include "scene_masks.h"
+#include "scene_mesh.h"
 #include "scene_pose_refinement.h"
 #include "summary.h"
 
@@ -175,6 +176,7 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
       *out << options.output.string() << ": already complete (--overwrite starts afresh)" << std::endl;
     const std::string failure = FailureOfSummary(folder.SummaryFile());
     if (!failure.empty()) throw ProcessingError(failure);
+    if (!options.mesh.empty()) WriteSceneMesh(options, folder, *interrupt, &frames, &progress, out);
     return;
   }
   if (!folder.losses().empty()) {
@@ -184,10 +186,13 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
                                    : "going on with an interrupted run");
   }
   if (folder.state() == OutputFolder::State::kStarted && options.online()) folder.StartAfresh();
-  EngineStore store(&frames, options, folder, plan, devices, ScheduleOf(MakePipelineOptions(options)));
-  ReconstructRun run{scene, options, plan, folder, devices, store, *interrupt, progress, {}, {}};
-  const size_t points = RunSchedule(&run);
-  Finish(&run, record, timer, points, out);
+  {
+    EngineStore store(&frames, options, folder, plan, devices, ScheduleOf(MakePipelineOptions(options)));
+    ReconstructRun run{scene, options, plan, folder, devices, store, *interrupt, progress, {}, {}};
+    const size_t points = RunSchedule(&run);
+    Finish(&run, record, timer, points, out);
+  }
+  if (!options.mesh.empty()) WriteSceneMesh(options, folder, *interrupt, &frames, &progress, out);
 }
 
 }  // namespace acmp

@@ -1,15 +1,15 @@
 #include "acmp_mapping/reconstruction/reconstruct_options.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <limits>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/mapping/window_options.h"
+#include "acmp_mapping/mesh/distance_volume.h"
 #include "acmp_mapping/pipeline/parameters.h"
 
 namespace acmp {
@@ -49,6 +49,7 @@ landmarks that the image observes, both widened by half at each end. --depth-min
 Examples:
   acmp_reconstruct ~/scenes/office /tmp/office
   acmp_reconstruct ~/scenes/office /tmp/office_small --max-image-size 640 --device cpu
+  acmp_reconstruct ~/scenes/office /tmp/office --mesh /tmp/office/mesh.ply
   acmp_reconstruct ~/scenes/office /tmp/office_online --schedule online --source-views 7
 
 Exit codes: 0 done, 2 wrong use or input, 1 failed or interrupted.)";
@@ -166,6 +167,13 @@ void AddOutputOptions(CLI::App* app, ReconstructOptions* options) {
       ->check(OneOf({"depth", "normal", "cost", "confidence", "none"}))
       ->default_str("depth,normal,cost,confidence")
       ->group(group);
+  app->add_option("--mesh", options->mesh,
+                  "Also write a mesh of all depth maps to this file, .ply or .obj; of a finished run, too")
+      ->group(group);
+  app->add_option("--mesh-voxel-size", options->mesh_voxel_size,
+                  "Details of the mesh, scene units; 0: 2.5 pixels at the median depth")
+      ->capture_default_str()
+      ->group(group);
   app->add_flag("--dmb", options->dmb, "Also write depth as .dmb (Gipuma, ACMP)")->group(group);
   app->add_flag(
          "--colmap", options->colmap,
@@ -200,18 +208,19 @@ void CheckMaps(const ReconstructOptions& options) {
   }
 }
 
-}  // namespace
-
-double DefaultMemoryLimitGb() {
-  constexpr double kShare = 0.25, kStepsPerGb = 10;
-  double bytes = static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
-  // What a container may take; "max", which is no number, where there is no limit.
-  for (const char* limit_file : {"/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"}) {
-    double limit = 0;
-    if (std::ifstream(limit_file) >> limit && limit > 0) bytes = std::min(bytes, limit);
+void CheckMesh(const ReconstructOptions& options) {
+  CheckRange("--mesh-voxel-size", options.mesh_voxel_size, 0.0, 1e9);
+  if (options.mesh.empty()) return;
+  CheckCanMesh();
+  MeshFormatOf(options.mesh);
+  CheckFolderOf(options.mesh);
+  for (const char* kind : {"depth", "normal", "confidence"}) {
+    if (std::count(options.maps.begin(), options.maps.end(), kind) > 0) continue;
+    throw InvalidInputError(Concat("--mesh: needs ", kind, " among --maps"));
   }
-  return std::floor(kShare * bytes / 1e9 * kStepsPerGb) / kStepsPerGb;
 }
+
+}  // namespace
 
 void AddReconstructOptions(CLI::App* app, ReconstructOptions* options) {
   app->add_option("SCENE", options->scene, "Folder with images and their poses (see below)")->required();
@@ -250,6 +259,7 @@ void Validate(const ReconstructOptions& options) {
     }
   }
   CheckMaps(options);
+  CheckMesh(options);
   CheckRange("--jobs-per-gpu", options.jobs_per_gpu, 1, 64);
   CheckRange("--memory-limit-gb", options.memory_limit_gb, 0.0, 1e6);
   CheckDepthOption("--depth-min", options.depth_min);

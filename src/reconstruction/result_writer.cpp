@@ -1,6 +1,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
@@ -217,8 +218,11 @@ size_t RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_m
   writer.AddTasks(final_maps, graph);
   const bool all = !final_maps.empty();  // of the run's steps
   const int steps = ResultWriter::kStepsPerImage + (all ? run->store.final_step() + 1 : 0);
+  std::optional<double> share;
+  constexpr double kShareBeforeMesh = 0.9;
+  if (!run->options.mesh.empty()) share = kShareBeforeMesh * (1 - run->progress.done_share());
   run->progress.Begin(all ? "depth maps, pictures and cloud" : "maps, pictures and cloud",
-                      static_cast<int>(writer.images()) * steps);
+                      static_cast<int>(writer.images()) * steps, share);
   graph->Run(run->devices.PoolThreads(), run->interrupt);
   return writer.points();
 }

@@ -85,7 +85,10 @@ CLI::App* AddCloudCommand(CLI::App* app, Arguments* a) {
       "its place: it projects on a pixel of known depth z and has itself a depth of at most z + the largest threshold "
       "there. What is in front of or on an observed surface is judged, what is hidden behind all of them or outside of "
       "all maps is not.");
-  command->add_option("RECONSTRUCTION", a->cloud.reconstruction, "PLY or PCD file")->required();
+  command
+      ->add_option("RECONSTRUCTION", a->cloud.reconstruction,
+                   "PLY or PCD file; of a mesh (PLY with faces) points at most half of --voxel apart are taken")
+      ->required();
   command
       ->add_option(
           "GROUND_TRUTH", a->cloud.ground_truth,
@@ -125,8 +128,11 @@ int EvaluatePointCloud(const CLI::App& command, const Arguments& a) {
     }
   }
   CloudEvaluationOptions options = a.cloud;
-  options.read_cloud = [](const std::filesystem::path& path) {
-    if (LowerExtension(path) != ".pcd") return ReadPly(path);
+  options.read_cloud = [&options](const std::filesystem::path& path) {
+    if (LowerExtension(path) != ".pcd") {
+      TriangleMesh mesh = ReadPlyMesh(path);
+      return mesh.triangles.empty() ? std::move(mesh.vertices) : SampleMesh(mesh, options.voxel_size / 2);
+    }
     size_t not_finite = 0;
     PointCloud points = ReadPcd(path, &not_finite);
     if (not_finite > 0) {

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/mesh/distance_volume.h"
 #include "reconstruction/scene_fixture.h"
 
 // The program itself, with the real matcher on the CPU: exit codes, signals, full disks.
@@ -76,6 +77,45 @@ TEST_F(ReconstructCliTest, FindsThePlaneWithEitherSchedule) {
     EXPECT_GT(close, 0.85 * depth.size()) << schedule;
     EXPECT_GT(ReadPly(output(schedule) / "fused.ply").size(), 64u * 48u / 2) << schedule;
   }
+}
+
+TEST_F(ReconstructCliTest, MeshIsThePlaneAlsoOfAFinishedRun) {
+  WriteScene(4, 64, 48);
+  const std::string file = (folder() / "mesh.ply").string();
+  const auto rejects = [&](const std::string& arguments, const std::string& text) {
+    const Outcome outcome = RunTool(Usual() + " " + arguments);
+    EXPECT_EQ(outcome.exit_code, 2) << outcome.text;
+    EXPECT_THAT(outcome.text, HasSubstr(text));
+    EXPECT_FALSE(std::filesystem::exists(output())) << "refused before matching begins";
+  };
+  if (!CanMesh()) return rejects("--mesh " + file, "libopenvdb-dev");
+  rejects("--mesh mesh.stl", "must end with .ply or .obj");
+  rejects("--mesh " + (folder() / "missing/mesh.ply").string(), "there is no folder");
+  rejects("--maps none --mesh " + file, "--mesh: needs depth among --maps");
+  rejects("--mesh-voxel-size -1", "--mesh-voxel-size = -1");
+  const Outcome first = RunTool(Usual() + " --mesh " + file);
+  ASSERT_EQ(first.exit_code, 0) << first.text;
+  EXPECT_THAT(first.text, AllOf(HasSubstr("mesh.ply: "), HasSubstr(" triangles, voxels of ")));
+  const TriangleMesh mesh = ReadPlyMesh(file);
+  ASSERT_GT(mesh.triangles.size(), 500u);
+  size_t close = 0;
+  for (const SurfacePoint& vertex : mesh.vertices) {
+    close += std::abs(vertex.position.z - kPlaneDepth) < 0.02 * kPlaneDepth;
+    EXPECT_LT(vertex.normal.z, 0.5f) << "towards the cameras";
+  }
+  EXPECT_GT(static_cast<double>(close), 0.9 * static_cast<double>(mesh.vertices.size()));
+  const std::string bytes = ReadText(file);
+  std::filesystem::remove(file);
+  const Outcome again = RunTool(Usual() + " --mesh " + file);
+  EXPECT_THAT(again.text, AllOf(HasSubstr("already complete"), HasSubstr("triangles")));
+  EXPECT_TRUE(ReadText(file) == bytes);
+  const Outcome little = RunTool(Usual() + " --memory-limit-gb 0.001 --mesh-voxel-size 0.01 --mesh " + file);
+  EXPECT_EQ(little.exit_code, 2) << little.text;
+  EXPECT_THAT(little.text, AllOf(HasSubstr("more than the"), HasSubstr("mesh_voxel_size must be larger")));
+  const Outcome full = RunShell("ulimit -f 8; " + std::string(ACMP_RECONSTRUCT) + " " + Usual() + " --mesh " + file);
+  EXPECT_EQ(full.exit_code, 1) << full.text;
+  EXPECT_THAT(full.text, HasSubstr("mesh.ply"));
+  EXPECT_TRUE(ReadText(file) == bytes) << "the old file is whole";
 }
 
 TEST_F(ReconstructCliTest, MasksGiveNoDepthsAndNoPoints) {

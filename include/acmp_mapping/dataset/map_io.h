@@ -4,6 +4,7 @@
 
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/fusion/point_cloud.h"
+#include "acmp_mapping/fusion/triangle_mesh.h"
 #include "acmp_mapping/image/image.h"
 
 namespace acmp {
@@ -59,6 +60,20 @@ PointCloud ReadPly(const std::filesystem::path& path);
 /// the file cannot be read.
 /// @param not_finite how many points are not: they are left out, an organised cloud has no point there
 PointCloud ReadPcd(const std::filesystem::path& path, size_t* not_finite);
+
+/// Vertices as the points of the cloud above, then faces as lists of three vertices.
+void WritePlyMesh(const std::filesystem::path& path, const TriangleMesh& mesh);
+/// As ReadPly, with the faces if they are the element after the vertices; those of more corners are cut into triangles.
+TriangleMesh ReadPlyMesh(const std::filesystem::path& path);
+
+/// Wavefront OBJ: vertices (v x y z red green blue, colours 0..1, which many programs read), normals and triangles.
+void WriteObj(const std::filesystem::path& path, const TriangleMesh& mesh);
+
+enum class MeshFormat { kPly, kObj };
+/// By extension, .ply or .obj, of any case; throws InvalidInputError for another one.
+MeshFormat MeshFormatOf(const std::filesystem::path& path);
+/// Throws InvalidInputError for a mesh without triangles.
+void WriteMesh(const std::filesystem::path& path, const TriangleMesh& mesh, MeshFormat format);
 
 /// Pictures to look at. Depth and cost by a perceptually uniform colour map between the 2 % and 98 % quantiles (of
 /// inverse depth for depth), unknown pixels black; normals as (n + 1) / 2 with the camera-facing direction light.

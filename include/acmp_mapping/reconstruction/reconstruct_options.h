@@ -6,13 +6,11 @@
 #include <string>
 #include <vector>
 
+#include "acmp_mapping/common/memory_limit.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/pose_refinement/pose_refinement_options.h"
 
 namespace acmp {
-
-/// A quarter of this machine's memory, or of what its container may take, GB.
-double DefaultMemoryLimitGb();
 
 /// What `acmp_reconstruct` is asked to do. Defaults are shown by --help.
 struct ReconstructOptions {
@@ -44,6 +42,8 @@ struct ReconstructOptions {
   double memory_limit_gb = DefaultMemoryLimitGb();
 
   std::vector<std::string> maps = {"depth", "normal", "cost", "confidence"};  ///< kinds to write; none: only the cloud
+  std::filesystem::path mesh;  ///< file to write, .ply or .obj; empty: no mesh
+  double mesh_voxel_size = 0;  ///< scene units; 0: DefaultVoxelSize
   bool dmb = false;
   bool colmap = false;
   bool no_pictures = false;

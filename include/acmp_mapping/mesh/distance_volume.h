@@ -1,0 +1,75 @@
+#pragma once
+
+#include <cstddef>
+#include <memory>
+
+#include "acmp_mapping/fusion/triangle_mesh.h"
+#include "acmp_mapping/geometry/posed_camera.h"
+#include "acmp_mapping/image/image.h"
+
+namespace acmp {
+
+/// What one image knows of surfaces; the pixels belong to the caller. All maps have the camera's size.
+struct SurfaceView {
+  PosedCamera camera;
+  ImageView<const float> depth;       ///< z, 0 = unknown
+  ImageView<const Vec3f> normal;      ///< camera's frame, facing the camera; 0 = unknown: as if facing it squarely
+  ImageView<const float> confidence;  ///< 0..1; 0 = unknown
+  ImageView<const Rgb> color;         ///< may be empty: black
+};
+
+struct DistanceVolumeOptions {
+  double voxel_size = 0;     ///< unit of the poses, > 0
+  size_t max_bytes = 0;      ///< of all voxels, > 0
+  float min_confidence = 0;  ///< pixels below take no part, 0..1
+};
+
+/// Distances are known so many voxels before and behind a surface.
+constexpr double kTruncationVoxels = 3;
+
+/// Of pixels that should make a mesh.
+constexpr float kMinMeshConfidence = 0.4f;
+
+/// Bytes of a voxel: distance, weight and colour.
+constexpr size_t kVoxelBytes = 12;
+
+/// False in a build without OpenVDB.
+bool CanMesh();
+/// Throws InvalidInputError that says which package is missing, unless CanMesh.
+void CheckCanMesh();
+
+/// The signed distance to the surfaces that images see, positive in front of them, in a narrow band around them
+/// (Curless and Levoy 1996). In the world's frame. Of each voxel that falls on a pixel, the distance to the pixel's
+/// plane is averaged with those of other images, weighted by confidence, by the cosine between ray and normal, and,
+/// where a pixel is larger than a voxel, by the share of it that a voxel is. Voxels that no image sees near a surface
+/// take no memory (OpenVDB, in blocks of 8 x 8 x 8).
+///
+/// The same views in the same order give the same bits, however many threads there are.
+class DistanceVolume {
+ public:
+  /// Throws InvalidInputError for options out of bounds, and unless CanMesh.
+  explicit DistanceVolume(const DistanceVolumeOptions& options);
+  ~DistanceVolume();
+  DistanceVolume(const DistanceVolume&) = delete;
+  DistanceVolume& operator=(const DistanceVolume&) = delete;
+
+  /// Throws InvalidInputError for maps that do not fit the camera, a pose that is not rigid, and when the view's
+  /// surfaces would take more than max_bytes, or lie farther than 2^30 voxels from the origin: then it is as if the
+  /// view had not been given.
+  void Integrate(const SurfaceView& view);
+
+  /// The surface where the distance is 0, within cells whose corners all were seen: without a back, and open where
+  /// nobody looked. A vertex has the colour of the voxels around it, and the confidence w / (1 + w) of their weight w.
+  /// Empty where nothing was integrated. Throws InvalidInputError for a mesh of 2^31 vertices or more.
+  TriangleMesh ExtractMesh() const;
+
+  size_t voxels() const;  ///< that take memory
+  size_t bytes() const { return voxels() * kVoxelBytes; }
+
+ private:
+  struct Grids;
+  const DistanceVolumeOptions options_;
+  std::unique_ptr<Grids> grids_;
+};
+
+}  // namespace acmp

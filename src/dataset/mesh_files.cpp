@@ -1,0 +1,55 @@
+#include <algorithm>
+#include <cctype>
+#include <cstdio>
+#include <string>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/dataset/output_file.h"
+
+namespace acmp {
+namespace {
+
+/// Writes what snprintf makes of one line's values.
+template <class... Values>
+void WriteLine(AtomicFile* file, const char* format, const Values&... values) {
+  constexpr size_t kLineBytes = 200;  // numbers have 9 digits, so that a float32 reads back
+  char line[kLineBytes];
+  file->Write(line, static_cast<size_t>(std::snprintf(line, sizeof(line), format, values...)));
+}
+
+}  // namespace
+
+void WriteObj(const std::filesystem::path& path, const TriangleMesh& mesh) {
+  AtomicFile file(path, Durability::kPowerCut);
+  constexpr double kWhite = 255;
+  for (const SurfacePoint& v : mesh.vertices) {
+    WriteLine(&file, "v %.9g %.9g %.9g %.4f %.4f %.4f\n", v.position.x, v.position.y, v.position.z, v.color.r / kWhite,
+              v.color.g / kWhite, v.color.b / kWhite);
+  }
+  for (const SurfacePoint& v : mesh.vertices) {
+    WriteLine(&file, "vn %.4f %.4f %.4f\n", v.normal.x, v.normal.y, v.normal.z);
+  }
+  for (const auto& triangle : mesh.triangles) {
+    const unsigned a = triangle[0] + 1, b = triangle[1] + 1, c = triangle[2] + 1;  // counted from 1
+    WriteLine(&file, "f %u//%u %u//%u %u//%u\n", a, a, b, b, c, c);
+  }
+  file.Commit();
+}
+
+MeshFormat MeshFormatOf(const std::filesystem::path& path) {
+  std::string extension = path.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  if (extension == ".ply") return MeshFormat::kPly;
+  if (extension == ".obj") return MeshFormat::kObj;
+  throw InvalidInputError(Concat("mesh ", path, ": must end with .ply or .obj"));
+}
+
+void WriteMesh(const std::filesystem::path& path, const TriangleMesh& mesh, MeshFormat format) {
+  if (mesh.triangles.empty()) throw InvalidInputError("the mesh is empty: nothing was written");
+  if (format == MeshFormat::kPly) return WritePlyMesh(path, mesh);
+  WriteObj(path, mesh);
+}
+
+}  // namespace acmp

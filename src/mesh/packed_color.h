@@ -1,0 +1,31 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+
+#include "acmp_mapping/image/image.h"
+
+namespace acmp {
+
+/// A mean colour in 32 bits: quarters of a grey level of red, green and blue, 10 bits each.
+inline uint32_t PackColor(const Eigen::Vector3f& color) {
+  const auto quarters = [](float value) { return static_cast<uint32_t>(value * 4 + 0.5f); };
+  return quarters(color.x()) << 20 | quarters(color.y()) << 10 | quarters(color.z());
+}
+
+inline Eigen::Vector3f UnpackColor(uint32_t packed) {
+  const auto grey = [packed](int shift) { return static_cast<float>(packed >> shift & 1023u) / 4; };
+  return {grey(20), grey(10), grey(0)};
+}
+
+inline Eigen::Vector3f ToVector(const Rgb& color) {
+  return {static_cast<float>(color.r), static_cast<float>(color.g), static_cast<float>(color.b)};
+}
+
+/// @param color 0..255
+inline Rgb ToRgb(const Eigen::Vector3f& color) {
+  const auto byte = [](float value) { return static_cast<unsigned char>(value + 0.5f); };
+  return {byte(color.x()), byte(color.y()), byte(color.z())};
+}
+
+}  // namespace acmp

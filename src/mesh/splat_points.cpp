@@ -1,0 +1,113 @@
+#include "acmp_mapping/mesh/splat_points.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <iterator>
+#include <limits>
+#include <vector>
+
+namespace acmp {
+namespace {
+
+constexpr float kMaxTangent = 3.7f;   ///< of 75 degrees
+constexpr int kMaxSize = 4096;        ///< px
+constexpr double kHalfSquare = 0.75;  ///< spacings: squares overlap, so that there are no gaps between them
+
+bool IsInView(const Vec3f& p) { return p.z > 0 && std::max(std::abs(p.x), std::abs(p.y)) <= kMaxTangent * p.z; }
+
+/// Throws nothing; `points` are in view and at least one.
+PinholeCamera CameraAround(const PointCloud& points, double spacing) {
+  std::vector<float> depths;
+  float low[2] = {kMaxTangent, kMaxTangent}, high[2] = {-kMaxTangent, -kMaxTangent};
+  for (const SurfacePoint& point : points) {
+    const Vec3f& p = point.position;
+    depths.push_back(p.z);
+    const float tangents[2] = {p.x / p.z, p.y / p.z};
+    for (int axis = 0; axis < 2; ++axis) {
+      low[axis] = std::min(low[axis], tangents[axis]);
+      high[axis] = std::max(high[axis], tangents[axis]);
+    }
+  }
+  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
+  std::nth_element(depths.begin(), middle, depths.end());
+  const double width = high[0] - low[0], height = high[1] - low[1];
+  const double focal = std::min(*middle / spacing, (kMaxSize - 2) / std::max({width, height, 1e-9}));
+  return {static_cast<int>(std::ceil(focal * width)) + 1,
+          static_cast<int>(std::ceil(focal * height)) + 1,
+          focal,
+          focal,
+          -focal * low[0],
+          -focal * low[1]};
+}
+
+/// Draws points into maps; of the squares that cover a pixel the one whose middle is nearest stays.
+class Splatter {
+ public:
+  Splatter(double spacing, SurfaceMaps* maps)
+      : spacing_(spacing),
+        maps_(*maps),
+        camera_(maps->camera.camera),
+        distances_(camera_.width, camera_.height, std::numeric_limits<float>::max()) {}
+
+  void Draw(const SurfacePoint& point) {
+    const Eigen::Vector3d position(point.position.x, point.position.y, point.position.z);
+    const Eigen::Vector2d middle = camera_.Project(position);
+    const double reach = std::max(kHalfSquare, kHalfSquare * spacing_ * camera_.fx / position.z());
+    for (int row = First(middle.y(), reach); row <= Last(middle.y(), reach, camera_.height); ++row) {
+      for (int col = First(middle.x(), reach); col <= Last(middle.x(), reach, camera_.width); ++col) {
+        DrawPixel(point, static_cast<float>((Eigen::Vector2d(col, row) - middle).squaredNorm()), col, row);
+      }
+    }
+  }
+
+ private:
+  static int First(double middle, double reach) { return std::max(0, static_cast<int>(std::ceil(middle - reach))); }
+  static int Last(double middle, double reach, int size) {
+    return std::min(size - 1, static_cast<int>(std::floor(middle + reach)));
+  }
+
+  void DrawPixel(const SurfacePoint& point, float distance, int col, int row) {
+    if (distance >= distances_(col, row)) return;
+    const Eigen::Vector3d ray = camera_.Unproject({col, row});
+    const Vec3f direction = {static_cast<float>(ray.x()), static_cast<float>(ray.y()), 1.0f};
+    const float depth = PlaneDepth(
+        PlaneThrough(point.normal, {point.position.x / point.position.z, point.position.y / point.position.z, 1.0f},
+                     point.position.z),
+        direction);
+    // Not where a plane that is seen from its edge leads far away.
+    constexpr double kMaxOffset = 3;  // spacings
+    if (!(depth > 0) || !(std::abs(depth - point.position.z) <= kMaxOffset * spacing_)) return;
+    distances_(col, row) = distance;
+    maps_.depth(col, row) = depth;
+    maps_.normal(col, row) = point.normal;
+    maps_.confidence(col, row) = point.confidence;
+    maps_.color(col, row) = point.color;
+  }
+
+  const double spacing_;
+  SurfaceMaps& maps_;
+  const PinholeCamera& camera_;
+  Image<float> distances_;  ///< px^2, of the middle of the square that a pixel has
+};
+
+}  // namespace
+
+SurfaceMaps SplatPoints(const PointCloud& points_in_camera, const RigidTransform& world_from_cam, double spacing) {
+  PointCloud in_view;
+  std::copy_if(points_in_camera.begin(), points_in_camera.end(), std::back_inserter(in_view),
+               [](const SurfacePoint& point) { return IsInView(point.position); });
+  SurfaceMaps maps;
+  if (in_view.empty()) return maps;
+  maps.camera = {CameraAround(in_view, spacing), world_from_cam.inverse()};
+  const int width = maps.camera.camera.width, height = maps.camera.camera.height;
+  maps.depth = DepthMap(width, height);
+  maps.normal = NormalMap(width, height);
+  maps.confidence = ConfidenceMap(width, height);
+  maps.color = ColorImage(width, height);
+  Splatter splatter(spacing, &maps);
+  for (const SurfacePoint& point : in_view) splatter.Draw(point);
+  return maps;
+}
+
+}  // namespace acmp
