@@ -211,21 +211,26 @@ void MapStore::Clear() {
   ++version_;
 }
 
-PointCloud MapStore::WorldCloud(size_t* keyframes) const {
-  std::vector<std::shared_ptr<const PointCloud>> clouds;  // keeps them alive
-  std::vector<PlacedCloud> placed;
-  double voxel_size = 0;
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    for (const auto& [key, keyframe] : keyframes_) {
-      if (keyframe.points_in_camera->empty()) continue;
-      clouds.push_back(keyframe.points_in_camera);
-      placed.push_back({keyframe.pose.world_from_cam, keyframe.points_in_camera.get(), keyframe.pose.scale});
-    }
-    voxel_size = VoxelSize();
-    if (keyframes) *keyframes = keyframes_.size();
+PlacedKeyframes MapStore::Placed() const {
+  std::lock_guard<std::mutex> lock(mutex_);
+  PlacedKeyframes placed;
+  placed.voxel_size = VoxelSize();
+  placed.keyframes.reserve(keyframes_.size());
+  for (const auto& [key, keyframe] : keyframes_) {
+    placed.keyframes.push_back({keyframe.pose.world_from_cam, keyframe.pose.scale, keyframe.points_in_camera});
   }
-  return placed.empty() ? PointCloud() : MergeClouds(placed, static_cast<float>(voxel_size));
+  return placed;
+}
+
+PointCloud MapStore::WorldCloud(size_t* keyframes) const {
+  const PlacedKeyframes map = Placed();  // keeps the points alive
+  if (keyframes) *keyframes = map.keyframes.size();
+  std::vector<PlacedCloud> clouds;
+  for (const PlacedKeyframe& keyframe : map.keyframes) {
+    if (keyframe.points_in_camera->empty()) continue;
+    clouds.push_back({keyframe.world_from_cam, keyframe.points_in_camera.get(), keyframe.scale});
+  }
+  return clouds.empty() ? PointCloud() : MergeClouds(clouds, static_cast<float>(map.voxel_size));
 }
 
 std::vector<StampedPose> MapStore::Path() const {

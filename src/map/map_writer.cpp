@@ -38,13 +38,6 @@ void CheckName(const fs::path& path) {
   }
 }
 
-void CheckPath(const fs::path& path) {
-  CheckName(path);
-  const fs::path folder = path.has_parent_path() ? path.parent_path() : fs::path(".");
-  if (!fs::is_directory(folder)) RefusePath(path, NoFolder(fs::absolute(folder)));
-  if (fs::is_directory(path)) RefusePath(path, "is a folder");
-}
-
 constexpr size_t kLineBytes = 200;  ///< of a point in a text file; numbers have 9 digits, so that a float32 reads back
 
 std::string PcdHeader(size_t points, const char* types, const char* data) {
@@ -115,11 +108,23 @@ fs::path MapPathBelow(const fs::path& folder, const fs::path& path) {
   return parent / path.filename();
 }
 
+void CheckMapPath(const fs::path& path) {
+  CheckName(path);
+  const fs::path folder = path.has_parent_path() ? path.parent_path() : fs::path(".");
+  if (!fs::is_directory(folder)) RefusePath(path, NoFolder(fs::absolute(folder)));
+  if (fs::is_directory(path)) RefusePath(path, "is a folder");
+}
+
 void WriteMap(const fs::path& path, const PointCloud& map, MapFormat format, bool binary) {
   if (map.empty()) throw InvalidInputError("the map is empty: nothing was written");
-  CheckPath(path);
+  CheckMapPath(path);
   if (format == MapFormat::kPly) return binary ? WritePly(path, map) : WriteAsciiPly(path, map);
   return binary ? WriteBinaryPcd(path, map) : WriteAsciiPcd(path, map);
+}
+
+void WriteMap(const fs::path& path, const TriangleMesh& map, MeshFormat format) {
+  CheckMapPath(path);
+  WriteMesh(path, map, format);
 }
 
 }  // namespace acmp

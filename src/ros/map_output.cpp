@@ -1,13 +1,16 @@
 #include "acmp_mapping/ros/map_output.h"
 
-#include <algorithm>
 #include <filesystem>
 
+#include <nav_msgs/OccupancyGrid.h>
 #include <sensor_msgs/PointCloud2.h>
+#include <boost/make_shared.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/memory_limit.h"
+#include "acmp_mapping/map/map_mesh.h"
 #include "acmp_mapping/map/map_writer.h"
-#include "acmp_mapping/ros/input_sources.h"
+#include "acmp_mapping/map/occupancy_map.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "acmp_mapping/ros/topic_names.h"
 
@@ -16,15 +19,22 @@ namespace {
 
 /// roscpp takes more for a broken connection; 1 kB is left for the other fields.
 constexpr size_t kMaxMessageBytes = 1000000000 - 1000;
-constexpr double kMapLoad = 4;  ///< building maps takes at most one part in 1 + kMapLoad of a core
+
+template <class Message>
+ros::Publisher AdvertiseLatched(ros::NodeHandle* nh, const char* name, PublishPace* pace) {
+  const ros::SubscriberStatusCallback on_connect = [pace](const ros::SingleSubscriberPublisher&) { pace->Request(); };
+  return nh->advertise<Message>(name, 1, on_connect, ros::SubscriberStatusCallback(), ros::VoidConstPtr(), true);
+}
 
 }  // namespace
 
-MapOutput::MapOutput(ros::NodeHandle nh, const MapStore* map, const std::string& save_folder)
-    : map_(map), save_folder_(save_folder) {
-  const ros::SubscriberStatusCallback on_connect = [this](const ros::SingleSubscriberPublisher&) { requested_ = true; };
-  publisher_ = nh.advertise<sensor_msgs::PointCloud2>(names::kMapPoints, 1, on_connect, ros::SubscriberStatusCallback(),
-                                                      ros::VoidConstPtr(), true);
+MapOutput::MapOutput(ros::NodeHandle nh, const MapStore* map, const MapServerOptions& options)
+    : map_(map),
+      options_(options),
+      points_(AdvertiseLatched<sensor_msgs::PointCloud2>(&nh, names::kMapPoints, &points_pace_)) {
+  if (CanMapOccupancy()) {
+    occupancy_ = AdvertiseLatched<nav_msgs::OccupancyGrid>(&nh, names::kOccupancy, &occupancy_pace_);
+  }
 }
 
 void MapOutput::SetHeader(const std::string& world_frame, int64_t stamp_ns) {
@@ -33,44 +43,91 @@ void MapOutput::SetHeader(const std::string& world_frame, int64_t stamp_ns) {
   stamp_ns_ = stamp_ns;
 }
 
-size_t MapOutput::Publish() {
+std_msgs::Header MapOutput::Header() {
+  std::lock_guard<std::mutex> lock(header_mutex_);
   std_msgs::Header header;
-  {
-    std::lock_guard<std::mutex> lock(header_mutex_);
-    header.frame_id = world_frame_;
-    header.stamp.fromNSec(static_cast<uint64_t>(stamp_ns_));
-  }
+  header.frame_id = world_frame_;
+  header.stamp.fromNSec(static_cast<uint64_t>(stamp_ns_));
+  return header;
+}
+
+size_t MapOutput::Publish() {
+  const std_msgs::Header header = Header();
   if (header.frame_id.empty()) return 0;
-  requested_ = false;
-  published_version_ = map_->version();
+  points_pace_.Begin(map_->version());
   const PointCloud map = map_->WorldCloud();
   CheckCloudSize(map.size(), kMaxMessageBytes);
-  publisher_.publish(ToCloudMessage(map, header));
+  points_.publish(ToCloudMessage(map, header));
   return map.size();
 }
 
-void MapOutput::PublishIfDue(double max_rate) {
-  const double now_s = SteadySeconds();
-  if (max_rate <= 0 || now_s < next_publish_s_ || publisher_.getNumSubscribers() == 0) return;
-  if (map_->version() == published_version_ && !requested_) return;
-  Publish();
-  next_publish_s_ = now_s + std::max(1 / max_rate, (1 + kMapLoad) * (SteadySeconds() - now_s));
+void MapOutput::PublishOccupancy() {
+  const std_msgs::Header header = Header();
+  occupancy_pace_.Begin(map_->version());
+  const PlacedKeyframes map = map_->Placed();
+  if (header.frame_id.empty() || map.keyframes.empty() || map.voxel_size == 0) return;
+  const OccupancySlice slice = MakeOccupancyMap(map, options_.occupancy_resolution)
+                                   ->Slice(options_.occupancy_min_height, options_.occupancy_max_height);
+  occupancy_.publish(ToOccupancyGrid(slice, header));
 }
 
-acmp_mapping::SaveMap::Response MapOutput::Save(const acmp_mapping::SaveMap::Request& request) const {
-  using acmp_mapping::SaveMap;
-  if (request.format != SaveMap::Request::PLY && request.format != SaveMap::Request::PCD) {
-    throw InvalidInputError(Concat("format = ", int{request.format}, ": must be 0 (PLY) or 1 (PCD)"));
+void MapOutput::PublishIfDue() {
+  const double rate = options_.map_publish_rate;
+  const uint64_t version = map_->version();
+  if (points_pace_.IsDue(rate, points_.getNumSubscribers(), version)) {
+    Publish();
+    points_pace_.End(rate);
   }
-  const std::filesystem::path path = MapPathBelow(save_folder_, request.path);
-  size_t keyframes = 0;
-  const PointCloud map = map_->WorldCloud(&keyframes);
-  const MapFormat format = request.format == SaveMap::Request::PLY ? MapFormat::kPly : MapFormat::kPcd;
-  WriteMap(path, map, format, request.binary);
+  if (occupancy_ && occupancy_pace_.IsDue(rate, occupancy_.getNumSubscribers(), version)) {
+    PublishOccupancy();
+    occupancy_pace_.End(rate);
+  }
+}
+
+size_t MapOutput::SaveMesh(const std::filesystem::path& path, const SaveMap::Request& request,
+                           size_t* keyframes) const {
+  const MapMeshOptions mesh_options = {options_.mesh_voxel_size, static_cast<size_t>(1e9 * DefaultMemoryLimitGb())};
+  const TriangleMesh mesh = MakeMapMesh(*map_, mesh_options, keyframes);
+  WriteMap(path, mesh, request.format == SaveMap::Request::MESH_PLY ? MeshFormat::kPly : MeshFormat::kObj);
+  return mesh.vertices.size();
+}
+
+MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) const {
+  using Request = SaveMap::Request;
+  const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path);
+  size_t keyframes = 0, points = 0;
+  const char* what = "points";
+  switch (request.format) {
+    case Request::PLY:
+    case Request::PCD: {
+      const PointCloud map = map_->WorldCloud(&keyframes);
+      WriteMap(path, map, request.format == Request::PLY ? MapFormat::kPly : MapFormat::kPcd, request.binary);
+      points = map.size();
+      break;
+    }
+    case Request::MESH_PLY:
+    case Request::MESH_OBJ:
+      points = SaveMesh(path, request, &keyframes);
+      what = "vertices of the mesh";
+      break;
+    case Request::OCTOMAP: {
+      CheckMapPath(path);
+      const PlacedKeyframes map = map_->Placed();
+      const auto occupancy = MakeOccupancyMap(map, options_.occupancy_resolution);
+      occupancy->Write(path);
+      keyframes = map.keyframes.size();
+      points = occupancy->nodes();
+      what = "nodes of the octree";
+      break;
+    }
+    default:
+      throw InvalidInputError(Concat("format = ", int{request.format},
+                                     ": must be 0 (PLY), 1 (PCD), 2 (MESH_PLY), 3 (MESH_OBJ) or 4 (OCTOMAP)"));
+  }
   SaveMap::Response response;
   response.success = true;
-  response.message = Concat("saved ", map.size(), " points of ", keyframes, " keyframes to ", path.string());
-  response.points = map.size();
+  response.message = Concat("saved ", points, " ", what, " of ", keyframes, " keyframes to ", path.string());
+  response.points = points;
   response.keyframes = keyframes;
   return response;
 }

@@ -31,7 +31,7 @@ void MapServerNodelet::Start() {
   options_ = LoadMapServerOptions(&reader);
   WarnOfUnknown(reader);
   map_ = std::make_unique<MapStore>(options_.map);
-  map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get(), options_.save_folder);
+  map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get(), options_);
   path_ = status_thread_.Attach(getNodeHandle()).advertise<nav_msgs::Path>(names::kKeyframePath, 1, true);
   Subscribe();
   StartServices();
@@ -166,7 +166,7 @@ void MapServerNodelet::WaitForArrived() {
 
 void MapServerNodelet::HandlePeriod() {
   try {
-    map_output_->PublishIfDue(options_.map_publish_rate);
+    map_output_->PublishIfDue();
   } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
     Report(Incident{"map_error", Concat("the map was not published: ", error.what())});
   }

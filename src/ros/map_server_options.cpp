@@ -37,6 +37,23 @@ const OptionTable<MapServerOptions>& MapServerOptionTable() {
                "The map is published at most so often; 0: only when the service publish_map is called"),
         [](auto& o) -> auto& { return o.map_publish_rate; });
     made.Add(
+        Number(
+            "occupancy_min_height", -1e6, 1e6, "(unit of the poses)",
+            "The topic occupancy tells what is between two heights (z of the world frame, which must be upwards): this "
+            "is the lower one, above the floor"),
+        [](auto& o) -> auto& { return o.occupancy_min_height; });
+    made.Add(
+        Number("occupancy_max_height", -1e6, 1e6, "(unit of the poses)", "The upper one: the height of the robot"),
+        [](auto& o) -> auto& { return o.occupancy_max_height; });
+    made.Add(
+        Number("occupancy_resolution", 0, 1e6, "(unit of the poses)",
+               "Size of the cells of the topic occupancy and of OctoMap files; 0: four times voxel_size"),
+        [](auto& o) -> auto& { return o.occupancy_resolution; });
+    made.Add(
+        Number("mesh_voxel_size", 0, 1e6, "(unit of the poses)",
+               "Details of the meshes that save_map writes; 0: as voxel_size"),
+        [](auto& o) -> auto& { return o.mesh_voxel_size; });
+    made.Add(
         Text("save_folder",
              "save_map writes only below this folder, where relative paths start; .: where the node was started, with "
              "roslaunch ~/.ros; /: anywhere"),
@@ -50,6 +67,10 @@ MapServerOptions LoadMapServerOptions(ParameterReader* reader) {
   MapServerOptions options;
   ReadOptions(MapServerOptionTable(), reader, &options);
   Validate(options.map);
+  if (!(options.occupancy_min_height < options.occupancy_max_height)) {
+    throw InvalidInputError(Concat("parameter ~occupancy_min_height = ", options.occupancy_min_height,
+                                   ": must be below ~occupancy_max_height = ", options.occupancy_max_height));
+  }
   if (!std::filesystem::is_directory(options.save_folder)) {
     throw InvalidInputError(
         Concat("parameter ~save_folder = \"", options.save_folder, "\": must be a folder (without ~)"));

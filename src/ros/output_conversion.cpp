@@ -100,6 +100,23 @@ sensor_msgs::CameraInfoPtr ToCameraInfo(const PinholeCamera& camera, const std_m
   return info;
 }
 
+nav_msgs::OccupancyGridPtr ToOccupancyGrid(const OccupancySlice& slice, const std_msgs::Header& header) {
+  auto message = boost::make_shared<nav_msgs::OccupancyGrid>();
+  message->header = header;
+  message->info.map_load_time = header.stamp;
+  message->info.resolution = static_cast<float>(slice.resolution);
+  message->info.width = static_cast<uint32_t>(slice.width);
+  message->info.height = static_cast<uint32_t>(slice.height);
+  message->info.origin.position.x = slice.origin_x;
+  message->info.origin.position.y = slice.origin_y;
+  message->info.origin.orientation.w = 1;
+  message->data.reserve(slice.cells.size());
+  for (const Occupancy cell : slice.cells) {
+    message->data.push_back(cell == Occupancy::kOccupied ? 100 : cell == Occupancy::kFree ? 0 : -1);
+  }
+  return message;
+}
+
 void CheckCloudSize(size_t points, size_t limit) {
   if (points <= limit / kPackedPointBytes) return;
   throw InvalidInputError(Concat(points, " points: a message holds at most ", limit / kPackedPointBytes, " (",

@@ -1,5 +1,6 @@
 #include <iostream>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <CLI/CLI.hpp>
@@ -12,6 +13,7 @@
 #include "acmp_mapping/evaluation/evaluate_cloud.h"
 #include "acmp_mapping/evaluation/evaluate_depth.h"
 #include "acmp_mapping/evaluation/evaluate_report.h"
+#include "acmp_mapping/evaluation/sample_mesh.h"
 #include "tool_main.h"
 
 namespace acmp {

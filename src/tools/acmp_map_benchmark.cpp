@@ -12,9 +12,13 @@
 #include <CLI/CLI.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/memory_limit.h"
 #include "acmp_mapping/common/timer.h"
+#include "acmp_mapping/map/map_mesh.h"
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/map/map_writer.h"
+#include "acmp_mapping/map/occupancy_map.h"
+#include "acmp_mapping/mesh/distance_volume.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "tool_main.h"
 
@@ -134,6 +138,18 @@ int RunBenchmark(const Arguments& a) {
   });
   Measure("make the message",
           [&] { return acmp::Concat(acmp::ToCloudMessage(map, std_msgs::Header())->data.size(), " bytes"); });
+  if (acmp::CanMesh()) {
+    Measure("build the mesh", [&] {
+      const double bound_gb = acmp::DefaultMemoryLimitGb();
+      const acmp::TriangleMesh mesh = acmp::MakeMapMesh(store, {0, static_cast<size_t>(1e9 * bound_gb)});
+      return acmp::Concat(mesh.triangles.size(), " triangles");
+    });
+  }
+  if (acmp::CanMapOccupancy()) {
+    Measure("build the occupancy", [&] {
+      return acmp::Concat(acmp::MakeOccupancyMap(store.Placed(), 0)->nodes(), " nodes of the octree");
+    });
+  }
   for (const auto& [name, format] : {std::pair("map.ply", acmp::MapFormat::kPly), {"map.pcd", acmp::MapFormat::kPcd}}) {
     const std::filesystem::path file = a.folder / acmp::Concat("acmp_map_benchmark_", ::getpid(), "_", name);
     Measure(acmp::Concat("write ", name), [&, format = format] {

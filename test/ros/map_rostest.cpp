@@ -5,14 +5,19 @@
 #include <cstring>
 #include <filesystem>
 #include <limits>
+#include <map>
+#include <memory>
 
 #include <gtest/gtest.h>
+#include <nav_msgs/OccupancyGrid.h>
 #include <nav_msgs/Path.h>
 #include <pcl_conversions/pcl_conversions.h>
 #include <tf2_eigen/tf2_eigen.h>
 
 #include "acmp_mapping/map/map_store.h"
+#include "acmp_mapping/map/occupancy_map.h"
 #include "acmp_mapping/ros/map_point.h"
+#include "acmp_mapping/ros/map_server_options.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test {
@@ -103,14 +108,15 @@ struct Session {
   }
 
   /// The map of the keyframes' points, as they were published, at these poses.
-  PointCloud ExpectedMap(const std::vector<RigidTransform>& poses) {
-    MapStore store({1000, kVoxelSize});
+  PointCloud ExpectedMap(const std::vector<RigidTransform>& poses) { return ExpectedStore(poses)->WorldCloud(); }
+  std::unique_ptr<MapStore> ExpectedStore(const std::vector<RigidTransform>& poses) {
+    auto store = std::make_unique<MapStore>(MapStoreOptions{1000, kVoxelSize});
     uint64_t id = 0;
     for (const auto& message : points.messages()) {
-      store.Add({"mapper", 0, id}, {0, poses[id], {}}, ToPointCloud(*message));
+      store->Add({"mapper", 0, id}, {0, poses[id], {}}, ToPointCloud(*message));
       ++id;
     }
-    return store.WorldCloud();
+    return store;
   }
 
   bool WaitForMap(const PointCloud& expected) {
@@ -202,7 +208,37 @@ TEST_F(MapTest, E_APathOfOnePoseMovesOneKeyframe) {
   EXPECT_TRUE(session().WaitForMap(session().ExpectedMap(poses)));
 }
 
-TEST_F(MapTest, F_ResetForgetsCorrections) {
+TEST_F(MapTest, F_OccupancyIsPublishedToWhoListens) {
+  if (!CanMapOccupancy()) GTEST_SKIP() << "built without OctoMap";
+  std::vector<RigidTransform> poses = session().true_poses;
+  poses[0].translation().z() += 2;  // the case before
+  const MapServerOptions options;
+  const OccupancySlice expected = MakeOccupancyMap(session().ExpectedStore(poses)->Placed(), 0)
+                                      ->Slice(options.occupancy_min_height, options.occupancy_max_height);
+  Recorder<nav_msgs::OccupancyGrid> occupancy(session().mapper.nh, "occupancy");
+  ASSERT_TRUE(occupancy.WaitForCount(1, kTimeoutS));
+  const auto message = occupancy.messages().back();
+  EXPECT_EQ(message->header.frame_id, kWorldFrame);
+  EXPECT_NEAR(message->info.resolution, kOccupancyVoxels * kVoxelSize, 1e-6);
+  ASSERT_EQ(message->info.width, static_cast<uint32_t>(expected.width));
+  ASSERT_EQ(message->info.height, static_cast<uint32_t>(expected.height));
+  EXPECT_NEAR(message->info.origin.position.x, expected.origin_x, 1e-6);
+  EXPECT_NEAR(message->info.origin.position.y, expected.origin_y, 1e-6);
+  std::map<int, int> counts;
+  int different = 0;
+  for (size_t i = 0; i < expected.cells.size(); ++i) {
+    const int cell = message->data.at(i);
+    ++counts[cell];
+    const Occupancy read = cell == 0 ? Occupancy::kFree : cell == 100 ? Occupancy::kOccupied : Occupancy::kUnknown;
+    different += read != expected.cells[i];
+  }
+  EXPECT_LE(different, 2) << "of " << expected.cells.size() << ": poses went through quaternions";
+  EXPECT_GT(counts[100], 5);
+  EXPECT_GT(counts[-1], 5);
+  EXPECT_EQ(counts[0] + counts[100] + counts[-1], static_cast<int>(expected.cells.size()));
+}
+
+TEST_F(MapTest, G_ResetForgetsCorrections) {
   ASSERT_TRUE(session().mapper.Call("reset") && session().mapper.CallMap("reset"));
   EXPECT_TRUE(session().mapper.WaitForDiagnostic({"optimized paths = 0 received"}, kTimeoutS));
 }

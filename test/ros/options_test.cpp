@@ -102,6 +102,9 @@ TEST(MapServerOptions, AreReadAndChecked) {
   };
   EXPECT_THAT(refusal({{"max_keyframes", 0}}), HasSubstr("max_keyframes = 0"));
   EXPECT_THAT(refusal({{"map_publish_rate", 31}}), HasSubstr("map_publish_rate = 31"));
+  EXPECT_THAT(refusal({{"occupancy_min_height", 2}, {"occupancy_max_height", 1.5}}),
+              HasSubstr("~occupancy_min_height = 2: must be below ~occupancy_max_height = 1.5"));
+  EXPECT_THAT(refusal({{"mesh_voxel_size", -1}}), HasSubstr("mesh_voxel_size = -1"));
   EXPECT_THAT(refusal({{"save_folder", std::string("~/maps")}}),
               HasSubstr("~save_folder = \"~/maps\": must be a folder"));
   EXPECT_THAT(refusal({{"on_time_jump", std::string("stop")}}), AllOf(HasSubstr("stop"), HasSubstr("keep, reset")));

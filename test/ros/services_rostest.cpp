@@ -14,6 +14,8 @@
 #include <std_srvs/SetBool.h>
 
 #include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/map/occupancy_map.h"
+#include "acmp_mapping/mesh/distance_volume.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test {
@@ -106,6 +108,39 @@ TEST_F(ServicesTest, FlushFinishesEverythingAndSaveMapWritesIt) {
     ASSERT_EQ(pcl::io::loadPCDFile(PathOf("map.pcd"), cloud), 0);
     EXPECT_EQ(cloud.size(), binary.points);
   }
+}
+
+TEST_F(ServicesTest, SaveMapWritesMeshes) {
+  if (!CanMesh()) GTEST_SKIP() << "built without OpenVDB";
+  const SaveMap::Response empty = mapper().SaveMap(PathOf("mesh.ply"), SaveMap::Request::MESH_PLY, true);
+  EXPECT_FALSE(empty.success);
+  EXPECT_THAT(empty.message, HasSubstr("the map is empty"));
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  const SaveMap::Response ply = mapper().SaveMap(PathOf("mesh.ply"), SaveMap::Request::MESH_PLY, true);
+  ASSERT_TRUE(ply.success) << ply.message;
+  EXPECT_THAT(ply.message, HasSubstr("vertices of the mesh of " + std::to_string(kViews) + " keyframes"));
+  EXPECT_EQ(ply.keyframes, kViews);
+  const TriangleMesh mesh = ReadPlyMesh(PathOf("mesh.ply"));
+  EXPECT_EQ(mesh.vertices.size(), ply.points);
+  EXPECT_GT(mesh.triangles.size(), 100u);
+  const SaveMap::Response obj = mapper().SaveMap(PathOf("mesh.obj"), SaveMap::Request::MESH_OBJ, false);
+  ASSERT_TRUE(obj.success) << obj.message;
+  EXPECT_EQ(obj.points, ply.points);
+  EXPECT_GT(fs::file_size(PathOf("mesh.obj")), 1000u);
+  EXPECT_FALSE(mapper().SaveMap("/mesh.ply", SaveMap::Request::MESH_PLY, true).success) << "outside of save_folder";
+}
+
+TEST_F(ServicesTest, SaveMapWritesOctoMap) {
+  if (!CanMapOccupancy()) GTEST_SKIP() << "built without OctoMap";
+  const SaveMap::Response empty = mapper().SaveMap(PathOf("map.bt"), SaveMap::Request::OCTOMAP, true);
+  EXPECT_FALSE(empty.success);
+  EXPECT_THAT(empty.message, HasSubstr("the map is empty"));
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  const SaveMap::Response octomap = mapper().SaveMap(PathOf("map.bt"), SaveMap::Request::OCTOMAP, true);
+  ASSERT_TRUE(octomap.success) << octomap.message;
+  std::string header;
+  std::getline(std::ifstream(PathOf("map.bt")), header);
+  EXPECT_EQ(header, "# Octomap OcTree binary file");
 }
 
 TEST_F(ServicesTest, FlushWaitsForWhatWasPublishedBeforeIt) {

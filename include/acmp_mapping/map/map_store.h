@@ -75,6 +75,19 @@ struct MapStatistics {
   size_t path_too_far = 0;       ///< keyframes that it would have put too far away, and left
 };
 
+/// A keyframe's points and where they lie; the points are shared and never change.
+struct PlacedKeyframe {
+  RigidTransform world_from_cam = RigidTransform::Identity();  ///< in use
+  double scale = 1;                                            ///< of the points' positions, before they are moved
+  std::shared_ptr<const PointCloud> points_in_camera;
+};
+
+/// All of a map at one moment.
+struct PlacedKeyframes {
+  std::vector<PlacedKeyframe> keyframes;  ///< by mapper and run, each in the order of ids
+  double voxel_size = 0;                  ///< the points are one per voxel; 0: not known yet, no points
+};
+
 /// The map of any number of mappers in one world: the fused points of each keyframe in its own camera frame, thinned to
 /// one per voxel, with the keyframe's pose. So a pose can be corrected later without matching or touching a point.
 /// Thread-safe: one mutex guards the list and is held for a moment only, and clouds are immutable and shared, so that
@@ -108,6 +121,9 @@ class MapStore {
   /// The map: all keyframes' points in the world, one per voxel. Takes time in proportion to the points held.
   /// @param keyframes if not null: how many keyframes these are
   PointCloud WorldCloud(size_t* keyframes = nullptr) const;
+
+  /// The keyframes at the poses in use.
+  PlacedKeyframes Placed() const;
 
   /// Poses in use (T_world_cam) of all keyframes, by mapper and run, each in the order of ids.
   std::vector<StampedPose> Path() const;

@@ -2,6 +2,7 @@
 
 #include <filesystem>
 
+#include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/fusion/point_cloud.h"
 
 namespace acmp {
@@ -17,5 +18,9 @@ enum class MapFormat { kPly, kPcd };
 /// on the disk. Throws InvalidInputError for an empty map or a path that cannot be one, ProcessingError with the
 /// system's reason when writing fails.
 void WriteMap(const std::filesystem::path& path, const PointCloud& map, MapFormat format, bool binary);
+/// The same of a mesh: throws for one without triangles.
+void WriteMap(const std::filesystem::path& path, const TriangleMesh& map, MeshFormat format);
+/// The path check of these. Throws InvalidInputError for one that cannot be a file.
+void CheckMapPath(const std::filesystem::path& path);
 
 }  // namespace acmp

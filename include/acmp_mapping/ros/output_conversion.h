@@ -1,5 +1,6 @@
 #pragma once
 
+#include <nav_msgs/OccupancyGrid.h>
 #include <sensor_msgs/CameraInfo.h>
 #include <sensor_msgs/Image.h>
 #include <sensor_msgs/PointCloud2.h>
@@ -7,6 +8,7 @@
 #include "acmp_mapping/fusion/point_cloud.h"
 #include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/image/image.h"
+#include "acmp_mapping/map/occupancy_map.h"
 
 /// From the library's types to ROS messages; no master is needed.
 namespace acmp {
@@ -22,6 +24,9 @@ sensor_msgs::ImagePtr ToNormalMessage(const NormalMap& normal, ImageView<const u
                                       const std_msgs::Header& header);
 sensor_msgs::ImagePtr ToColorMessage(const ColorImage& color, const std_msgs::Header& header);  ///< rgb8
 sensor_msgs::CameraInfoPtr ToCameraInfo(const PinholeCamera& camera, const std_msgs::Header& header);
+
+/// 0 free, 100 occupied, -1 unknown (nav_msgs), in the plane z = 0 of the header's frame.
+nav_msgs::OccupancyGridPtr ToOccupancyGrid(const OccupancySlice& slice, const std_msgs::Header& header);
 
 /// Throws InvalidInputError when a message of so many points would have more bytes than `limit`.
 void CheckCloudSize(size_t points, size_t limit);

@@ -29,6 +29,7 @@ constexpr char kNormal[] = "normal/image";
 constexpr char kNormalPicture[] = "normal/image_vis";
 constexpr char kPoints[] = "points";
 constexpr char kMapPoints[] = "map_points";
+constexpr char kOccupancy[] = "occupancy";
 constexpr char kKeyframePose[] = "keyframe_pose";
 constexpr char kKeyframePath[] = "keyframe_path";
 constexpr char kKeyframeDepth[] = "keyframe_depth";

@@ -1,0 +1,22 @@
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/map/occupancy_map.h"
+
+namespace acmp {
+
+void CheckCanMapOccupancy() {
+  if (!CanMapOccupancy()) {
+    throw InvalidInputError(
+        "this build knows no occupancy, as it has no OctoMap: install liboctomap-dev and build again");
+  }
+}
+
+std::unique_ptr<OccupancyMap> MakeOccupancyMap(const PlacedKeyframes& map, double resolution) {
+  CheckCanMapOccupancy();
+  if (map.keyframes.empty() || !(map.voxel_size > 0))
+    throw InvalidInputError("the map is empty: there is no occupancy");
+  auto occupancy = std::make_unique<OccupancyMap>(resolution > 0 ? resolution : kOccupancyVoxels * map.voxel_size);
+  for (const PlacedKeyframe& keyframe : map.keyframes) occupancy->Insert(keyframe);
+  return occupancy;
+}
+
+}  // namespace acmp

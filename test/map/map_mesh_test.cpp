@@ -1,0 +1,94 @@
+#include "acmp_mapping/map/map_mesh.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/evaluation/cloud_metrics.h"
+#include "acmp_mapping/evaluation/sample_mesh.h"
+#include "acmp_mapping/mesh/distance_volume.h"
+#include "map/room_keyframes.h"
+#include "support/error_text.h"
+
+namespace acmp::test {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+constexpr double kVoxel = 0.02;
+constexpr size_t kEnough = 2000000000;
+
+std::vector<SyntheticView> Room() {
+  SyntheticSceneOptions options;
+  options.width = 160;
+  options.height = 120;
+  options.keyframes = 6;
+  return MakeSyntheticScene(options);
+}
+
+void AddTo(MapStore* store, const PlacedKeyframes& keyframes) {
+  for (size_t i = 0; i < keyframes.keyframes.size(); ++i) {
+    const PlacedKeyframe& keyframe = keyframes.keyframes[i];
+    EXPECT_TRUE(store->Add({"mapper", 0, i}, {static_cast<int64_t>(i) * 1000000000, keyframe.world_from_cam, {}},
+                           *keyframe.points_in_camera));
+  }
+}
+
+class MapMeshTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (!CanMesh()) GTEST_SKIP() << "built without OpenVDB";
+  }
+};
+
+TEST_F(MapMeshTest, IsTheRoomsSurface) {
+  const std::vector<SyntheticView> views = Room();
+  MapStore store({100, kVoxel});
+  AddTo(&store, RoomKeyframes(views, kVoxel));
+  size_t keyframes = 0;
+  const TriangleMesh mesh = MakeMapMesh(store, {0, kEnough}, &keyframes);
+  EXPECT_EQ(keyframes, views.size());
+  const PointCloud truth = SampleSyntheticSurface(views, 0.02f);
+  const auto metrics = EvaluateCloud(SampleMesh(mesh, 0.01), truth, {0.02, 0.05}, 0.02);
+  EXPECT_GT(metrics[0].accuracy, 90);
+  EXPECT_GT(metrics[1].accuracy, 98);
+  EXPECT_GT(metrics[1].completeness, 90);
+}
+
+TEST_F(MapMeshTest, FollowsALoopClosure) {
+  const std::vector<SyntheticView> views = Room();
+  const PlacedKeyframes keyframes = RoomKeyframes(views, kVoxel);
+  MapStore store({100, kVoxel});
+  AddTo(&store, keyframes);
+  const TriangleMesh before = MakeMapMesh(store, {0.04, kEnough});
+  std::vector<StampedPose> path;
+  for (size_t i = 0; i < views.size(); ++i) {
+    path.push_back({static_cast<int64_t>(i) * 1000000000, keyframes.keyframes[i].world_from_cam});
+    path.back().pose.translation().x() += 4;  // whole voxels, so that the grid lies the same way
+  }
+  store.Repose(path);
+  const TriangleMesh after = MakeMapMesh(store, {0.04, kEnough});
+  ASSERT_GT(before.vertices.size(), 1000u);
+  EXPECT_NEAR(static_cast<double>(after.vertices.size()), static_cast<double>(before.vertices.size()),
+              0.01 * static_cast<double>(before.vertices.size()));
+  const auto mean_x = [](const TriangleMesh& mesh) {
+    double sum = 0;
+    for (const SurfacePoint& vertex : mesh.vertices) sum += vertex.position.x;
+    return sum / static_cast<double>(mesh.vertices.size());
+  };
+  EXPECT_NEAR(mean_x(after) - mean_x(before), 4, 0.01);
+}
+
+TEST_F(MapMeshTest, SaysWhatItCannotDo) {
+  MapStore store({100, kVoxel});
+  EXPECT_THAT(ErrorOf([&] { MakeMapMesh(store, {0, kEnough}); }), HasSubstr("the map is empty"));
+  AddTo(&store, RoomKeyframes(Room(), kVoxel));
+  EXPECT_THAT(ErrorOf([&] {
+                MakeMapMesh(store, {0, 1000000});
+              }),
+              AllOf(HasSubstr("more than the 1 MB"), HasSubstr("mesh_voxel_size must be larger")));
+}
+
+}  // namespace
+}  // namespace acmp::test

@@ -1,0 +1,194 @@
+#include "acmp_mapping/map/occupancy_map.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "acmp_mapping/common/error.h"
+#include "map/room_keyframes.h"
+#include "support/error_text.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::HasSubstr;
+
+/// Looks along x from (0, 0, 1), so that y of the image is down.
+PlacedKeyframe Keyframe(const PointCloud& points) {
+  PlacedKeyframe keyframe;
+  keyframe.world_from_cam.linear() << 0, 0, 1, -1, 0, 0, 0, -1, 0;
+  keyframe.world_from_cam.translation() << 0, 0, 1;
+  keyframe.points_in_camera = std::make_shared<const PointCloud>(points);
+  return keyframe;
+}
+
+PointCloud Wall(float depth) {
+  PointCloud points;
+  for (float x = -0.975f; x < 1; x += 0.02f) {
+    for (float y = -0.975f; y < 1; y += 0.02f) points.push_back({{x, y, depth}, {0, 0, -1}, {}, 0.9f});
+  }
+  return points;
+}
+
+class OccupancyMapTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (!CanMapOccupancy()) GTEST_SKIP() << "built without OctoMap";
+  }
+};
+
+TEST(OccupancyMapWithoutOctoMap, SaysWhichPackageIsMissing) {
+  if (CanMapOccupancy()) GTEST_SKIP() << "built with OctoMap";
+  EXPECT_THAT(ErrorOf([] { OccupancyMap map(0.1); }), HasSubstr("liboctomap-dev"));
+}
+
+TEST_F(OccupancyMapTest, RaysAreFreeEndsAreOccupiedTheRestIsUnknown) {
+  OccupancyMap map(0.05);
+  map.Insert(Keyframe(Wall(2.02f)));
+  EXPECT_EQ(map.At({1, 0, 1}), Occupancy::kFree);
+  EXPECT_EQ(map.At({1.9, 0.8, 1.8}), Occupancy::kFree);
+  EXPECT_EQ(map.At({2.02, 0, 1}), Occupancy::kOccupied);
+  EXPECT_EQ(map.At({2.3, 0, 1}), Occupancy::kUnknown) << "behind the wall";
+  EXPECT_EQ(map.At({1, 0.9, 1}), Occupancy::kUnknown) << "out of view";
+  EXPECT_EQ(map.At({1e9, 0, 0}), Occupancy::kUnknown);
+}
+
+TEST_F(OccupancyMapTest, DoubtfulPointsSayNothing) {
+  PointCloud points = Wall(2);
+  for (SurfacePoint& point : points) point.confidence = 0.9f * kMinOccupancyConfidence;
+  OccupancyMap map(0.05);
+  map.Insert(Keyframe(points));
+  EXPECT_EQ(map.nodes(), 0u);
+  EXPECT_TRUE(map.Slice(0, 1).cells.empty());
+}
+
+TEST_F(OccupancyMapTest, ScaledKeyframesLieWhereTheMapHasThem) {
+  PlacedKeyframe keyframe = Keyframe(Wall(1.01f));
+  keyframe.scale = 2;
+  OccupancyMap map(0.05);
+  map.Insert(keyframe);
+  EXPECT_EQ(map.At({2.02, 0, 1}), Occupancy::kOccupied);
+}
+
+TEST_F(OccupancyMapTest, SliceIsSeenFromAbove) {
+  OccupancyMap map(0.05);
+  map.Insert(Keyframe(Wall(2.02f)));
+  const OccupancySlice slice = map.Slice(0.9, 1.1);
+  const auto at = [&](double x, double y) {
+    const int col = static_cast<int>(std::floor((x - slice.origin_x) / slice.resolution));
+    const int row = static_cast<int>(std::floor((y - slice.origin_y) / slice.resolution));
+    return slice.cells.at(static_cast<size_t>(row * slice.width + col));
+  };
+  ASSERT_EQ(slice.cells.size(), static_cast<size_t>(slice.width * slice.height));
+  EXPECT_EQ(slice.resolution, 0.05);
+  EXPECT_EQ(at(1.5, 0), Occupancy::kFree);
+  EXPECT_EQ(at(2.02, 0.5), Occupancy::kOccupied);
+  EXPECT_EQ(at(2.02, -0.5), Occupancy::kOccupied);
+  EXPECT_EQ(at(0.5, 0.9), Occupancy::kUnknown) << "out of view";
+  const OccupancySlice high = map.Slice(0.9, 2.4);  // above 2 nothing was seen
+  const size_t free = static_cast<size_t>(std::count(high.cells.begin(), high.cells.end(), Occupancy::kFree));
+  EXPECT_EQ(free, 0u) << "a column is free if all of it is";
+  EXPECT_TRUE(map.Slice(5, 6).cells.empty());
+  EXPECT_THAT(ErrorOf([&] { map.Slice(1, 1); }), HasSubstr("must be below"));
+}
+
+/// A path planner's question about a straight line.
+class Segment {
+ public:
+  Segment(const Eigen::Vector2d& from, const Eigen::Vector2d& to) : from_(from), to_(to) {}
+
+  /// Occupied where some cell on it is; free where all are.
+  Occupancy Answer(const OccupancySlice& slice) const {
+    Occupancy answer = Occupancy::kFree;
+    const double step = slice.resolution / 4, length = (to_ - from_).norm();
+    for (double along = 0; along <= length; along += step) {
+      const Eigen::Vector2d at = from_ + along / length * (to_ - from_);
+      const int col = static_cast<int>(std::floor((at.x() - slice.origin_x) / slice.resolution));
+      const int row = static_cast<int>(std::floor((at.y() - slice.origin_y) / slice.resolution));
+      if (col < 0 || row < 0 || col >= slice.width || row >= slice.height) {
+        answer = Occupancy::kUnknown;
+        continue;
+      }
+      const Occupancy cell = slice.cells[static_cast<size_t>(row * slice.width + col)];
+      if (cell == Occupancy::kOccupied) return cell;
+      if (cell == Occupancy::kUnknown) answer = cell;
+    }
+    return answer;
+  }
+
+  double DistanceTo(const SurfacePoint& point) const {
+    const Eigen::Vector2d at(point.position.x, point.position.y);
+    const double along = std::clamp((at - from_).dot(to_ - from_) / (to_ - from_).squaredNorm(), 0.0, 1.0);
+    return (from_ + along * (to_ - from_) - at).norm();
+  }
+
+ private:
+  Eigen::Vector2d from_, to_;
+};
+
+TEST_F(OccupancyMapTest, SegmentsOfTheRoomAreAsTheTrueGeometrySays) {
+  constexpr double kResolution = 0.05, kLow = 0.2, kHigh = 0.6;
+  SyntheticSceneOptions options;
+  options.width = 160;
+  options.height = 120;
+  const std::vector<SyntheticView> views = MakeSyntheticScene(options);
+  const auto map = MakeOccupancyMap(test::RoomKeyframes(views, 0.02), kResolution);
+  const OccupancySlice slice = map->Slice(kLow, kHigh);
+  PointCloud obstacles;  // true surfaces between the heights
+  for (const SurfacePoint& point : SampleSyntheticSurface(views, 0.02f)) {
+    if (point.position.z > kLow && point.position.z < kHigh) obstacles.push_back(point);
+  }
+  int free = 0, blocked = 0, unknown = 0;
+  for (double x = -1.9; x < 2; x += 0.3) {
+    for (double y = -2; y < 2.2; y += 0.3) {
+      for (int turn = 0; turn < 6; ++turn) {
+        const Eigen::Vector2d from(x, y), along(std::cos(turn), std::sin(turn));
+        const Segment segment(from, from + 0.5 * along);
+        const Occupancy answer = segment.Answer(slice);
+        double nearest = 1e9;
+        if (answer == Occupancy::kUnknown) {
+          ++unknown;
+          continue;
+        }
+        for (const SurfacePoint& point : obstacles) nearest = std::min(nearest, segment.DistanceTo(point));
+        free += answer == Occupancy::kFree;
+        blocked += answer == Occupancy::kOccupied;
+        if (answer == Occupancy::kFree) {
+          EXPECT_GT(nearest, 0.2 * kResolution) << x << ", " << y << ", " << turn;
+        } else if (answer == Occupancy::kOccupied) {
+          EXPECT_LT(nearest, 1.5 * kResolution) << x << ", " << y << ", " << turn;
+        }
+      }
+    }
+  }
+  RecordProperty("free", free);
+  RecordProperty("blocked", blocked);
+  RecordProperty("unknown", unknown);
+  EXPECT_GT(free, 100);
+  EXPECT_GT(blocked, 100);
+  EXPECT_EQ(Segment({3, 0}, {4, 0}).Answer(slice), Occupancy::kUnknown) << "outside of the room";
+  int walls = 0;
+  for (double x = -1.5; x <= 1.5; x += 0.1) {
+    const Occupancy answer = Segment({x, 1}, {x, 4}).Answer(slice);
+    EXPECT_NE(answer, Occupancy::kFree) << "through the wall at y = 2.3";
+    walls += answer == Occupancy::kOccupied;
+  }
+  EXPECT_GT(walls, 20);
+}
+
+TEST_F(OccupancyMapTest, BadInputIsNamedAndChangesNothing) {
+  EXPECT_THAT(ErrorOf([] { OccupancyMap map(0); }), HasSubstr("occupancy_resolution = 0"));
+  OccupancyMap map(0.05);
+  PlacedKeyframe keyframe = Keyframe({{{0, 0, 1e5f}, {0, 0, -1}, {}, 1}});
+  EXPECT_THAT(ErrorOf([&] { map.Insert(keyframe); }), HasSubstr("must be within 1600"));
+  keyframe.world_from_cam.translation().x() = 1e5;
+  EXPECT_THAT(ErrorOf([&] { map.Insert(keyframe); }), HasSubstr("a camera at"));
+  EXPECT_EQ(map.nodes(), 0u);
+  EXPECT_THAT(ErrorOf([&] { map.Write("/tmp/never.bt"); }), HasSubstr("empty"));
+  EXPECT_THAT(ErrorOf([&] { MakeOccupancyMap({}, 0); }), HasSubstr("empty"));
+}
+
+}  // namespace
+}  // namespace acmp

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "acmp_mapping/evaluation/synthetic_scene.h"
+#include "acmp_mapping/fusion/voxel_map.h"
+#include "acmp_mapping/map/map_store.h"
+
+namespace acmp::test {
+
+/// The synthetic room's views as a map has them: true points, one per voxel.
+inline PlacedKeyframes RoomKeyframes(const std::vector<SyntheticView>& views, double voxel_size) {
+  PlacedKeyframes map;
+  map.voxel_size = voxel_size;
+  for (const SyntheticView& view : views) {
+    PointCloud points;
+    const PinholeCamera& camera = view.frame.camera;
+    for (int row = 0; row < camera.height; ++row) {
+      for (int col = 0; col < camera.width; ++col) {
+        const Eigen::Vector3f p = camera.Unproject({col, row}, view.true_depth(col, row)).cast<float>();
+        points.push_back({{p.x(), p.y(), p.z()}, view.true_normal(col, row), view.frame.color(col, row), 0.9f});
+      }
+    }
+    map.keyframes.push_back({view.frame.cam_from_world.inverse(), 1,
+                             std::make_shared<const PointCloud>(VoxelFilter(points, static_cast<float>(voxel_size)))});
+  }
+  return map;
+}
+
+}  // namespace acmp::test
