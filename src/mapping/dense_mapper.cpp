@@ -146,10 +146,11 @@ struct DenseMapper::Impl {
   }
 
   /// Where received poses contradict the images, maps would come to lie anywhere: those of the newest keyframes are
-  /// withdrawn. They come back when poses agree again.
+  /// withdrawn. They come back when poses agree again, clearly: by chance those of a lost frontend fit a little better
+  /// now and then.
   void HeedContradiction() {
-    const bool was_contradicted = std::exchange(
-        contradicted, poses.checks().contradiction.value_or(0) > options.pipeline.fusion.max_relative_depth);
+    const double limit = (contradicted ? 0.5 : 1.0) * options.pipeline.fusion.max_relative_depth;
+    const bool was_contradicted = std::exchange(contradicted, poses.checks().contradiction.value_or(0) > limit);
     if (contradicted == was_contradicted) return;
     if (contradicted) {
       for (size_t later = std::min(kContradictionImages, window.size()); later-- > 0;) {

@@ -21,9 +21,8 @@ CameraErrors CameraSigma(const Bundle& bundle, int bundles) {
   return {sigma(0.1, 0.003), sigma(0.1, 0.003), sigma(std::min(0.1, interval), 0.006 * interval)};
 }
 
-/// Of sightings that take part, px along an axis: from the median length, which is 1.18 sigma for normal errors in two
-/// dimensions.
-double PixelSigma(const Bundle& bundle) {
+/// Median length of the errors of sightings that take part, px.
+double MedianError(const Bundle& bundle) {
   std::vector<double> lengths;
   for (const Landmark& landmark : bundle.landmarks) {
     if (landmark.held_out) continue;
@@ -35,8 +34,21 @@ double PixelSigma(const Bundle& bundle) {
       if (y.z() > 0) lengths.push_back((bundle.cameras[view].Project(y) - sighting.pixel).norm());
     }
   }
+  return Median(&lengths);
+}
+
+/// Along an axis, px: the median length is 1.18 sigma for normal errors in two dimensions.
+double PixelSigma(double median_error) {
   constexpr double kMin = 0.1, kMax = 1;
-  return std::clamp(Median(&lengths) / 1.18, kMin, kMax);
+  return std::clamp(median_error / 1.18, kMin, kMax);
+}
+
+/// How far received poses may be off as long as nothing is known of them.
+void ForgetExpectedPoses(double typical_depth, BundleWeights* weights) {
+  weights->rotation_sigma = 0.02;
+  weights->position_sigma = 0.02 * typical_depth;
+  weights->turn_sigma = 0.01;
+  weights->move_sigma = 0.01 * typical_depth;
 }
 
 /// Root mean square per axis.
@@ -179,17 +191,16 @@ bool IsHeldOut(int64_t anchor_id, const Eigen::Vector2d& pixel) {
 
 bool RefineBundle(int rounds, int max_iterations, size_t fixed_views, Bundle* bundle, RefinementState* state) {
   const double typical_depth = TypicalDepth(*bundle);
-  if (state->bundles == 0) {
-    state->weights.rotation_sigma = 0.02;
-    state->weights.position_sigma = 0.02 * typical_depth;
-    state->weights.turn_sigma = 0.01;
-    state->weights.move_sigma = 0.01 * typical_depth;
-  }
+  if (state->bundles == 0) ForgetExpectedPoses(typical_depth, &state->weights);
   state->weights.camera_sigma = CameraSigma(*bundle, state->bundles++);
   for (int round = 0; round < rounds; ++round) {
     if (!AdjustBundle(state->weights, max_iterations, fixed_views, bundle, &state->camera)) return false;
-    state->weights.pixel_sigma = PixelSigma(*bundle);
+    const double error = MedianError(*bundle);
+    state->weights.pixel_sigma = PixelSigma(error);
     WeighExpectedPoses(*bundle, typical_depth, &state->weights);
+    // Priors that hold poses make themselves surer, also of wrong poses. Where poses are right a fifth of this is left.
+    constexpr double kHeldByPriors_rad = 0.002;
+    if (error > kHeldByPriors_rad * bundle->cameras.back().fx) ForgetExpectedPoses(typical_depth, &state->weights);
   }
   return true;
 }
