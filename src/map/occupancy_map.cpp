@@ -30,7 +30,7 @@ octomap::Pointcloud RayEnds(const PlacedKeyframe& keyframe, double max_coordinat
     const Eigen::Vector3d end = keyframe.world_from_cam * (keyframe.scale * Eigen::Vector3d(p.x, p.y, p.z));
     if (!(end.cwiseAbs().maxCoeff() < max_coordinate)) {
       throw InvalidInputError(Concat("a point at (", end.x(), ", ", end.y(), ", ", end.z(), "): must be within ",
-                                     max_coordinate, " of the origin; occupancy_resolution must be larger"));
+                                     max_coordinate, " of the origin; the voxel size must be larger"));
     }
     ends.push_back(ToPoint(end));
   }

@@ -95,7 +95,7 @@ std::vector<Coord> BlocksInBand(const SurfaceView& view, const DistanceVolumeOpt
   });
   if (std::count(too_far.begin(), too_far.end(), 1) > 0) {
     throw InvalidInputError(
-        Concat("a surface lies more than 2^30 voxels of ", voxel, " from the origin: mesh_voxel_size must be larger"));
+        Concat("a surface lies more than 2^30 voxels of ", voxel, " from the origin: the voxel size must be larger"));
   }
   std::vector<Coord> blocks;
   for (const std::vector<Coord>& row : rows) blocks.insert(blocks.end(), row.begin(), row.end());
@@ -187,7 +187,7 @@ void DistanceVolume::Integrate(const SurfaceView& view) {
   if (needed > options_.max_bytes) {
     throw InvalidInputError(Concat("the mesh's voxels of ", options_.voxel_size, " take ", Megabytes(needed),
                                    ", more than the ", Megabytes(options_.max_bytes),
-                                   " that they may: mesh_voxel_size must be larger"));
+                                   " that they may: the voxel size must be larger"));
   }
   std::vector<Block> blocks;
   blocks.reserve(origins.size());

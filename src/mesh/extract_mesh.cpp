@@ -134,8 +134,7 @@ TriangleMesh ExtractMeshInVoxels(const FloatTree& distance, const FloatTree& wei
   TriangleMesh mesh;
   const size_t points = mesher.pointListSize();
   if (points > std::numeric_limits<int32_t>::max()) {
-    throw InvalidInputError(
-        Concat("the mesh has ", points, " vertices: must be below 2^31; mesh_voxel_size must be larger"));
+    throw InvalidInputError(Concat("the mesh has ", points, " vertices: must be below 2^31; voxels must be larger"));
   }
   mesh.vertices.resize(points);
   tbb::parallel_for(tbb::blocked_range<size_t>(0, points), [&](const tbb::blocked_range<size_t>& range) {

@@ -52,9 +52,9 @@ std_msgs::Header MapOutput::Header() {
 }
 
 size_t MapOutput::Publish() {
+  points_pace_.Begin(map_->version());
   const std_msgs::Header header = Header();
   if (header.frame_id.empty()) return 0;
-  points_pace_.Begin(map_->version());
   const PointCloud map = map_->WorldCloud();
   CheckCloudSize(map.size(), kMaxMessageBytes);
   points_.publish(ToCloudMessage(map, header));
@@ -66,8 +66,8 @@ void MapOutput::PublishOccupancy() {
   occupancy_pace_.Begin(map_->version());
   const PlacedKeyframes map = map_->Placed();
   if (header.frame_id.empty() || map.keyframes.empty() || map.voxel_size == 0) return;
-  const OccupancySlice slice = MakeOccupancyMap(map, options_.occupancy_resolution)
-                                   ->Slice(options_.occupancy_min_height, options_.occupancy_max_height);
+  const OccupancySlice slice =
+      MakeOccupancyMap(map, 0)->Slice(options_.occupancy_min_height, options_.occupancy_max_height);
   occupancy_.publish(ToOccupancyGrid(slice, header));
 }
 
@@ -86,7 +86,7 @@ void MapOutput::PublishIfDue() {
 
 size_t MapOutput::SaveMesh(const std::filesystem::path& path, const SaveMap::Request& request,
                            size_t* keyframes) const {
-  const MapMeshOptions mesh_options = {options_.mesh_voxel_size, static_cast<size_t>(1e9 * DefaultMemoryLimitGb())};
+  const MapMeshOptions mesh_options = {0, static_cast<size_t>(1e9 * DefaultMemoryLimitGb())};
   const TriangleMesh mesh = MakeMapMesh(*map_, mesh_options, keyframes);
   WriteMap(path, mesh, request.format == SaveMap::Request::MESH_PLY ? MeshFormat::kPly : MeshFormat::kObj);
   return mesh.vertices.size();
@@ -113,7 +113,7 @@ MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) co
     case Request::OCTOMAP: {
       CheckMapPath(path);
       const PlacedKeyframes map = map_->Placed();
-      const auto occupancy = MakeOccupancyMap(map, options_.occupancy_resolution);
+      const auto occupancy = MakeOccupancyMap(map, 0);
       occupancy->Write(path);
       keyframes = map.keyframes.size();
       points = occupancy->nodes();

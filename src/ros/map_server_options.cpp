@@ -46,14 +46,6 @@ const OptionTable<MapServerOptions>& MapServerOptionTable() {
         Number("occupancy_max_height", -1e6, 1e6, "(unit of the poses)", "The upper one: the height of the robot"),
         [](auto& o) -> auto& { return o.occupancy_max_height; });
     made.Add(
-        Number("occupancy_resolution", 0, 1e6, "(unit of the poses)",
-               "Size of the cells of the topic occupancy and of OctoMap files; 0: four times voxel_size"),
-        [](auto& o) -> auto& { return o.occupancy_resolution; });
-    made.Add(
-        Number("mesh_voxel_size", 0, 1e6, "(unit of the poses)",
-               "Details of the meshes that save_map writes; 0: as voxel_size"),
-        [](auto& o) -> auto& { return o.mesh_voxel_size; });
-    made.Add(
         Text("save_folder",
              "save_map writes only below this folder, where relative paths start; .: where the node was started, with "
              "roslaunch ~/.ros; /: anywhere"),

@@ -87,7 +87,7 @@ TEST_F(MapMeshTest, SaysWhatItCannotDo) {
   EXPECT_THAT(ErrorOf([&] {
                 MakeMapMesh(store, {0, 1000000});
               }),
-              AllOf(HasSubstr("more than the 1 MB"), HasSubstr("mesh_voxel_size must be larger")));
+              AllOf(HasSubstr("more than the 1 MB"), HasSubstr("the voxel size must be larger")));
 }
 
 }  // namespace

@@ -113,7 +113,7 @@ TEST_F(DistanceVolumeTest, MoreMemoryThanAllowedIsRefusedAndChangesNothing) {
   const SurfaceMaps other_side = SeeSphere({-1.5, 0, 0});
   EXPECT_THAT(
       ErrorOf([&] { volume.Integrate(other_side.View()); }),
-      AllOf(HasSubstr("voxels of 0.02"), HasSubstr("take 2 MB, more than the 1 MB"), HasSubstr("mesh_voxel_size")));
+      AllOf(HasSubstr("voxels of 0.02"), HasSubstr("take 2 MB, more than the 1 MB"), HasSubstr("voxel size must be larger")));
   EXPECT_EQ(volume.voxels(), before);
 }
 

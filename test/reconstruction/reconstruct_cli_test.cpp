@@ -111,7 +111,7 @@ TEST_F(ReconstructCliTest, MeshIsThePlaneAlsoOfAFinishedRun) {
   EXPECT_TRUE(ReadText(file) == bytes);
   const Outcome little = RunTool(Usual() + " --memory-limit-gb 0.001 --mesh-voxel-size 0.01 --mesh " + file);
   EXPECT_EQ(little.exit_code, 2) << little.text;
-  EXPECT_THAT(little.text, AllOf(HasSubstr("more than the"), HasSubstr("mesh_voxel_size must be larger")));
+  EXPECT_THAT(little.text, AllOf(HasSubstr("more than the"), HasSubstr("the voxel size must be larger")));
   const Outcome full = RunShell("ulimit -f 8; " + std::string(ACMP_RECONSTRUCT) + " " + Usual() + " --mesh " + file);
   EXPECT_EQ(full.exit_code, 1) << full.text;
   EXPECT_THAT(full.text, HasSubstr("mesh.ply"));

@@ -104,7 +104,6 @@ TEST(MapServerOptions, AreReadAndChecked) {
   EXPECT_THAT(refusal({{"map_publish_rate", 31}}), HasSubstr("map_publish_rate = 31"));
   EXPECT_THAT(refusal({{"occupancy_min_height", 2}, {"occupancy_max_height", 1.5}}),
               HasSubstr("~occupancy_min_height = 2: must be below ~occupancy_max_height = 1.5"));
-  EXPECT_THAT(refusal({{"mesh_voxel_size", -1}}), HasSubstr("mesh_voxel_size = -1"));
   EXPECT_THAT(refusal({{"save_folder", std::string("~/maps")}}),
               HasSubstr("~save_folder = \"~/maps\": must be a folder"));
   EXPECT_THAT(refusal({{"on_time_jump", std::string("stop")}}), AllOf(HasSubstr("stop"), HasSubstr("keep, reset")));
@@ -243,7 +242,7 @@ TEST(Parameters, AreFewAndExplained) {
   CheckDescriptions(NodeOptionTable(), &names);
   CheckDescriptions(RuntimeOptionTable(), &names);
   CheckDescriptions(MapServerOptionTable(), &names);
-  EXPECT_LE(names.size(), 45u);
+  EXPECT_LE(names.size(), 46u);
   EXPECT_LE(PipelineOptionTable().size(), 25u);
   EXPECT_LE(Values(DenseMapperConfig::__getDefault__()).size(), 15u);
 }

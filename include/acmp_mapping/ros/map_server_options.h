@@ -15,9 +15,7 @@ struct MapServerOptions {
   double map_publish_rate = 0.5;      ///< Hz
   double occupancy_min_height = 0.1;  ///< of the topic occupancy: z in the world
   double occupancy_max_height = 1;
-  double occupancy_resolution = 0;  ///< of topic and OctoMap; 0: kOccupancyVoxels voxels of the map
-  double mesh_voxel_size = 0;       ///< 0: that of the map
-  std::string save_folder = ".";    ///< save_map writes only below it
+  std::string save_folder = ".";  ///< save_map writes only below it
 };
 
 const OptionTable<MapServerOptions>& MapServerOptionTable();

@@ -21,7 +21,7 @@ class PublishPace {
     return map_version != published_version_ || requested_;
   }
 
-  /// Before the map is read.
+  /// First, before the map is read, also where nothing comes of it.
   void Begin(uint64_t map_version) {
     begun_s_ = SteadySeconds();
     requested_ = false;
