@@ -17,7 +17,6 @@
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/map/occupancy_map.h"
 #include "acmp_mapping/ros/map_point.h"
-#include "acmp_mapping/ros/map_server_options.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test {
@@ -212,9 +211,7 @@ TEST_F(MapTest, F_OccupancyIsPublishedToWhoListens) {
   if (!CanMapOccupancy()) GTEST_SKIP() << "built without OctoMap";
   std::vector<RigidTransform> poses = session().true_poses;
   poses[0].translation().z() += 2;  // the case before
-  const MapServerOptions options;
-  const OccupancySlice expected = MakeOccupancyMap(session().ExpectedStore(poses)->Placed(), 0)
-                                      ->Slice(options.occupancy_min_height, options.occupancy_max_height);
+  const OccupancySlice expected = MakeOccupancyMap(session().ExpectedStore(poses)->Placed(), 0)->Slice(-2, 5);
   Recorder<nav_msgs::OccupancyGrid> occupancy(session().mapper.nh, "occupancy");
   ASSERT_TRUE(occupancy.WaitForCount(1, kTimeoutS));
   const auto message = occupancy.messages().back();
@@ -233,8 +230,8 @@ TEST_F(MapTest, F_OccupancyIsPublishedToWhoListens) {
     different += read != expected.cells[i];
   }
   EXPECT_LE(different, 2) << "of " << expected.cells.size() << ": poses went through quaternions";
-  EXPECT_GT(counts[100], 5);
-  EXPECT_GT(counts[-1], 5);
+  EXPECT_GT(counts[100], 0);
+  EXPECT_GT(counts[-1], 0);
   EXPECT_EQ(counts[0] + counts[100] + counts[-1], static_cast<int>(expected.cells.size()));
 }
 
