@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 #include <cstdint>
 
 #include "acmp_mapping/image/image.h"
@@ -9,7 +10,7 @@ namespace acmp {
 
 /// A mean colour in 32 bits: quarters of a grey level of red, green and blue, 10 bits each.
 inline uint32_t PackColor(const Eigen::Vector3f& color) {
-  const auto quarters = [](float value) { return static_cast<uint32_t>(value * 4 + 0.5f); };
+  const auto quarters = [](float value) { return static_cast<uint32_t>(std::lround(value * 4)); };
   return quarters(color.x()) << 20 | quarters(color.y()) << 10 | quarters(color.z());
 }
 
@@ -24,7 +25,7 @@ inline Eigen::Vector3f ToVector(const Rgb& color) {
 
 /// @param color 0..255
 inline Rgb ToRgb(const Eigen::Vector3f& color) {
-  const auto byte = [](float value) { return static_cast<unsigned char>(value + 0.5f); };
+  const auto byte = [](float value) { return static_cast<unsigned char>(std::lround(value)); };
   return {byte(color.x()), byte(color.y()), byte(color.z())};
 }
 

@@ -146,9 +146,8 @@ int RunBenchmark(const Arguments& a) {
     });
   }
   if (acmp::CanMapOccupancy()) {
-    Measure("build the occupancy", [&] {
-      return acmp::Concat(acmp::MakeOccupancyMap(store.Placed(), 0)->nodes(), " nodes of the octree");
-    });
+    Measure("build the occupancy",
+            [&] { return acmp::Concat(acmp::MakeOccupancyMap(store.Placed(), 0)->nodes(), " nodes of the octree"); });
   }
   for (const auto& [name, format] : {std::pair("map.ply", acmp::MapFormat::kPly), {"map.pcd", acmp::MapFormat::kPcd}}) {
     const std::filesystem::path file = a.folder / acmp::Concat("acmp_map_benchmark_", ::getpid(), "_", name);

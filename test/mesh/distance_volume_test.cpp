@@ -111,9 +111,9 @@ TEST_F(DistanceVolumeTest, MoreMemoryThanAllowedIsRefusedAndChangesNothing) {
   volume.Integrate(view.View());
   const size_t before = volume.voxels();
   const SurfaceMaps other_side = SeeSphere({-1.5, 0, 0});
-  EXPECT_THAT(
-      ErrorOf([&] { volume.Integrate(other_side.View()); }),
-      AllOf(HasSubstr("voxels of 0.02"), HasSubstr("take 2 MB, more than the 1 MB"), HasSubstr("voxel size must be larger")));
+  EXPECT_THAT(ErrorOf([&] { volume.Integrate(other_side.View()); }),
+              AllOf(HasSubstr("voxels of 0.02"), HasSubstr("take 2 MB, more than the 1 MB"),
+                    HasSubstr("voxel size must be larger")));
   EXPECT_EQ(volume.voxels(), before);
 }
 
