@@ -63,7 +63,7 @@ bool CanMapOccupancy() { return true; }
 
 OccupancyMap::OccupancyMap(double resolution) : resolution_(resolution) {
   if (!(resolution > 0 && std::isfinite(resolution))) {
-    throw InvalidInputError(Concat("occupancy_resolution = ", resolution, ": must be > 0 and finite"));
+    throw InvalidInputError(Concat("occupancy: resolution = ", resolution, ": must be > 0 and finite"));
   }
   tree_ = std::make_unique<Tree>(resolution);
 }

@@ -25,7 +25,7 @@ class WindowPoses {
 
   void Reset();
 
-  /// Each as it was found last.
+  /// The contradiction as it was measured last, the offset of the last window.
   const PoseChecks& checks() const { return checks_; }
 
  private:

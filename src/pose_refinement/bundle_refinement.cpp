@@ -198,7 +198,8 @@ bool RefineBundle(int rounds, int max_iterations, size_t fixed_views, Bundle* bu
     const double error = MedianError(*bundle);
     state->weights.pixel_sigma = PixelSigma(error);
     WeighExpectedPoses(*bundle, typical_depth, &state->weights);
-    // Priors that hold poses make themselves surer, also of wrong poses. Where poses are right a fifth of this is left.
+    // Priors that hold poses make themselves surer, also of wrong poses. Where poses are right, at most half of this is
+    // left.
     constexpr double kHeldByPriors_rad = 0.002;
     if (error > kHeldByPriors_rad * bundle->cameras.back().fx) ForgetExpectedPoses(typical_depth, &state->weights);
   }

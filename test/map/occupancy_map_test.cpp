@@ -179,7 +179,7 @@ TEST_F(OccupancyMapTest, SegmentsOfTheRoomAreAsTheTrueGeometrySays) {
 }
 
 TEST_F(OccupancyMapTest, BadInputIsNamedAndChangesNothing) {
-  EXPECT_THAT(ErrorOf([] { OccupancyMap map(0); }), HasSubstr("occupancy_resolution = 0"));
+  EXPECT_THAT(ErrorOf([] { OccupancyMap map(0); }), HasSubstr("occupancy: resolution = 0"));
   OccupancyMap map(0.05);
   PlacedKeyframe keyframe = Keyframe({{{0, 0, 1e5f}, {0, 0, -1}, {}, 1}});
   EXPECT_THAT(ErrorOf([&] { map.Insert(keyframe); }), HasSubstr("must be within 1600"));

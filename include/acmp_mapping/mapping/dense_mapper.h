@@ -99,7 +99,7 @@ class DenseMapper {
 
   /// Faults of the received poses. While they contradict the images by more than the fusion's max_relative_depth, maps
   /// of the same surface would not meet: no keyframe is refined, the maps of the newest ones are withdrawn, and they
-  /// come when poses agree again, or never.
+  /// come when the contradiction is below half of that again, or never.
   PoseChecks pose_checks() const;
 
   /// Keyframes that have had neither on_refined nor on_drop yet; those on their way to it count as having had it.
