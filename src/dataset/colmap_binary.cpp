@@ -10,7 +10,7 @@ std::string Where(const std::filesystem::path& path, const char* what, uint64_t 
   return Concat(path.string(), ": ", what, " ", id);
 }
 
-void ReadCameras(const std::filesystem::path& path, ColmapModelBuilder* builder) {
+void ReadBinaryCameras(const std::filesystem::path& path, ColmapModelBuilder* builder) {
   constexpr uint64_t kMinBytes = 4 + 4 + 8 + 8 + 3 * 8;
   BinaryReader file(path);
   const uint64_t count = file.ReadCount(kMinBytes, "number of cameras");
@@ -28,7 +28,7 @@ void ReadCameras(const std::filesystem::path& path, ColmapModelBuilder* builder)
   file.ExpectEnd();
 }
 
-void ReadPoints(const std::filesystem::path& path, ColmapModelBuilder* builder) {
+void ReadBinaryPoints(const std::filesystem::path& path, ColmapModelBuilder* builder) {
   constexpr uint64_t kMinBytes = 8 + 3 * 8 + 3 + 8 + 8;
   constexpr uint64_t kColorAndErrorBytes = 3 + 8;
   constexpr uint64_t kTrackElementBytes = 4 + 4;
@@ -57,7 +57,7 @@ std::vector<int64_t> ReadFeatures(BinaryReader* file) {
   return point_ids;
 }
 
-void ReadImages(const std::filesystem::path& path, ColmapModelBuilder* builder) {
+void ReadBinaryImages(const std::filesystem::path& path, ColmapModelBuilder* builder) {
   constexpr uint64_t kMinBytes = 4 + 7 * 8 + 4 + 1 + 8;
   BinaryReader file(path);
   const uint64_t count = file.ReadCount(kMinBytes, "number of images");
@@ -81,9 +81,9 @@ void ReadImages(const std::filesystem::path& path, ColmapModelBuilder* builder) 
 }  // namespace
 
 void ReadColmapBinary(const std::filesystem::path& folder, ColmapModelBuilder* builder) {
-  ReadCameras(folder / "cameras.bin", builder);
-  ReadPoints(folder / "points3D.bin", builder);
-  ReadImages(folder / "images.bin", builder);
+  ReadBinaryCameras(folder / "cameras.bin", builder);
+  ReadBinaryPoints(folder / "points3D.bin", builder);
+  ReadBinaryImages(folder / "images.bin", builder);
 }
 
 }  // namespace acmp

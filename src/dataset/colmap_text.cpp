@@ -18,7 +18,7 @@ uint64_t ReadSize(const TextReader& reader, FieldReader* fields, const char* nam
   return static_cast<uint64_t>(size);
 }
 
-void ReadCameras(const std::filesystem::path& path, ColmapModelBuilder* builder) {
+void ReadTextCameras(const std::filesystem::path& path, ColmapModelBuilder* builder) {
   TextReader reader(path);
   int64_t count = 0;
   for (std::string line; reader.NextContentLine(&line); ++count) {
@@ -37,7 +37,7 @@ void ReadCameras(const std::filesystem::path& path, ColmapModelBuilder* builder)
   CheckCount(reader, count, "cameras");
 }
 
-void ReadPoints(const std::filesystem::path& path, ColmapModelBuilder* builder) {
+void ReadTextPoints(const std::filesystem::path& path, ColmapModelBuilder* builder) {
   TextReader reader(path);
   int64_t count = 0;
   for (std::string line; reader.NextContentLine(&line); ++count) {
@@ -76,7 +76,7 @@ std::vector<int64_t> ReadFeatureLine(const TextReader& reader, const std::string
   return point_ids;
 }
 
-void ReadImages(const std::filesystem::path& path, ColmapModelBuilder* builder) {
+void ReadTextImages(const std::filesystem::path& path, ColmapModelBuilder* builder) {
   TextReader reader(path);
   int64_t count = 0;
   for (std::string line; reader.NextContentLine(&line); ++count) {
@@ -93,9 +93,9 @@ void ReadImages(const std::filesystem::path& path, ColmapModelBuilder* builder) 
 }  // namespace
 
 void ReadColmapText(const std::filesystem::path& folder, ColmapModelBuilder* builder) {
-  ReadCameras(folder / "cameras.txt", builder);
-  ReadPoints(folder / "points3D.txt", builder);
-  ReadImages(folder / "images.txt", builder);
+  ReadTextCameras(folder / "cameras.txt", builder);
+  ReadTextPoints(folder / "points3D.txt", builder);
+  ReadTextImages(folder / "images.txt", builder);
 }
 
 }  // namespace acmp

@@ -13,7 +13,7 @@
 namespace acmp {
 namespace {
 
-constexpr size_t kMaxLine = 1 << 16;
+constexpr size_t kMaxPcdLine = 1 << 16;
 constexpr size_t kMaxHeaderLines = 100;
 constexpr uint64_t kMaxFields = 1000, kMaxFieldBytes = 1 << 20;
 constexpr uint64_t kMaxLzfRatio = 88;  ///< three bytes stand for at most 264
@@ -24,7 +24,7 @@ struct Field {
   uint64_t word = 0;    ///< its first word in an ASCII line
 };
 
-struct Header {
+struct PcdHeader {
   std::map<std::string, std::vector<std::string>> lines;  ///< words by keyword
   std::array<Field, 3> coordinates;
   uint64_t point_bytes = 0, point_words = 0, points = 0;
@@ -36,7 +36,7 @@ std::string NextLine(BinaryReader* file) {
   while (file->remaining() > 0) {
     const char c = file->Read<char>("PCD file");
     if (c == '\n') break;
-    if (line.size() == kMaxLine) file->Fail(Concat("a line is longer than ", kMaxLine, " characters"));
+    if (line.size() == kMaxPcdLine) file->Fail(Concat("a line is longer than ", kMaxPcdLine, " characters"));
     line.push_back(c);
   }
   return line;
@@ -50,14 +50,14 @@ uint64_t ToCount(const BinaryReader& file, const std::string& keyword, const std
   return std::stoull(word);
 }
 
-const std::vector<std::string>& Words(const BinaryReader& file, const Header& header, const char* keyword,
+const std::vector<std::string>& Words(const BinaryReader& file, const PcdHeader& header, const char* keyword,
                                       size_t count) {
   const auto& words = header.lines.at(keyword);
   if (words.size() != count) file.Fail(Concat(keyword, " has ", words.size(), " entries: must have ", count));
   return words;
 }
 
-void PlaceFields(const BinaryReader& file, Header* header) {
+void PlaceFields(const BinaryReader& file, PcdHeader* header) {
   const std::vector<std::string>& names = header->lines.at("FIELDS");
   if (names.size() > kMaxFields) file.Fail(Concat("FIELDS has ", names.size(), " entries: at most ", kMaxFields));
   const auto& sizes = Words(file, *header, "SIZE", names.size());
@@ -84,8 +84,8 @@ void PlaceFields(const BinaryReader& file, Header* header) {
   }
 }
 
-Header ReadHeader(BinaryReader* file) {
-  Header header;
+PcdHeader ReadPcdHeader(BinaryReader* file) {
+  PcdHeader header;
   const auto missing = [&]() -> const char* {
     for (const char* keyword : {"DATA", "FIELDS", "SIZE", "TYPE", "WIDTH", "HEIGHT"}) {
       if (header.lines.count(keyword) == 0) return keyword;
@@ -110,7 +110,7 @@ Header ReadHeader(BinaryReader* file) {
 
 using Positions = std::vector<std::array<float, 3>>;
 
-Positions ReadAscii(const Header& header, BinaryReader* file) {
+Positions ReadAscii(const PcdHeader& header, BinaryReader* file) {
   file->ExpectRemaining(header.points, header.point_words, "PCD points");  // a digit each, before memory is asked for
   Positions positions(header.points);
   for (auto& position : positions) {
@@ -166,7 +166,7 @@ std::vector<char> Decompress(const BinaryReader& file, const std::vector<char>& 
   return target;
 }
 
-Positions ReadBinary(const Header& header, BinaryReader* file) {
+Positions ReadBinary(const PcdHeader& header, BinaryReader* file) {
   file->ExpectRemaining(header.points, header.point_bytes, "PCD points");
   std::vector<char> bytes(header.points * header.point_bytes);
   file->ReadBytes(bytes.data(), bytes.size(), "PCD points");
@@ -176,7 +176,7 @@ Positions ReadBinary(const Header& header, BinaryReader* file) {
 }
 
 /// The numbers of one field after those of the other.
-Positions ReadCompressed(const Header& header, BinaryReader* file) {
+Positions ReadCompressed(const PcdHeader& header, BinaryReader* file) {
   const uint64_t compressed = file->Read<uint32_t>("PCD points"), bytes = file->Read<uint32_t>("PCD points");
   file->ExpectRemaining(compressed, 1, "PCD points");
   if (bytes != header.points * header.point_bytes || bytes / kMaxLzfRatio > compressed) {
@@ -195,7 +195,7 @@ Positions ReadCompressed(const Header& header, BinaryReader* file) {
 
 PointCloud ReadPcd(const std::filesystem::path& path, size_t* not_finite) {
   BinaryReader file(path);
-  const Header header = ReadHeader(&file);
+  const PcdHeader header = ReadPcdHeader(&file);
   const std::string kind = Words(file, header, "DATA", 1)[0];
   if (kind != "ascii" && kind != "binary" && kind != "binary_compressed") {
     file.Fail(Concat("DATA ", kind, ": must be ascii, binary or binary_compressed"));

@@ -13,7 +13,7 @@
 namespace acmp {
 namespace {
 
-constexpr size_t kMaxLine = 4096;
+constexpr size_t kMaxPlyLine = 4096;
 constexpr size_t kRecordBytes = 7 * sizeof(float) + 3;
 constexpr size_t kTriangleBytes = 1 + 3 * sizeof(uint32_t);
 
@@ -63,7 +63,7 @@ struct Element {
   }
 };
 
-struct Header {
+struct PlyHeader {
   std::string format;
   std::vector<Element> elements;
 };
@@ -83,7 +83,7 @@ Property ParseProperty(const BinaryReader& file, std::istringstream* words) {
   return property;
 }
 
-void ParseHeaderLine(const BinaryReader& file, const std::string& line, Header* header) {
+void ParseHeaderLine(const BinaryReader& file, const std::string& line, PlyHeader* header) {
   std::istringstream words(line);
   std::string keyword;
   words >> keyword;
@@ -106,10 +106,10 @@ void ParseHeaderLine(const BinaryReader& file, const std::string& line, Header* 
   }
 }
 
-Header ReadHeader(BinaryReader* file) {
-  if (file->ReadLine(kMaxLine, "PLY magic") != "ply") file->Fail("not a PLY file: the first line must be \"ply\"");
-  Header header;
-  for (std::string line; line != "end_header"; line = file->ReadLine(kMaxLine, "PLY header")) {
+PlyHeader ReadPlyHeader(BinaryReader* file) {
+  if (file->ReadLine(kMaxPlyLine, "PLY magic") != "ply") file->Fail("not a PLY file: the first line must be \"ply\"");
+  PlyHeader header;
+  for (std::string line; line != "end_header"; line = file->ReadLine(kMaxPlyLine, "PLY header")) {
     ParseHeaderLine(*file, line, &header);
   }
   if (header.format.empty()) file->Fail("PLY header without a format line");
@@ -136,7 +136,7 @@ double ReadAsciiValue(BinaryReader* file) {
 /// Leaves out an element before the vertices.
 void Skip(BinaryReader* file, bool ascii, const Element& element) {
   if (ascii) {
-    for (uint64_t i = 0; i < element.count; ++i) file->ReadLine(kMaxLine, "PLY body");
+    for (uint64_t i = 0; i < element.count; ++i) file->ReadLine(kMaxPlyLine, "PLY body");
     return;
   }
   if (element.HasList()) file->Fail(Concat("PLY element \"", element.name, "\" has lists: must follow the vertices"));
@@ -220,7 +220,7 @@ void ReadFaces(BinaryReader* file, bool ascii, const Element& element, TriangleM
 /// @param faces as well: else none
 TriangleMesh ReadElements(const std::filesystem::path& path, bool faces) {
   BinaryReader file(path);
-  const Header header = ReadHeader(&file);
+  const PlyHeader header = ReadPlyHeader(&file);
   const bool ascii = header.format == "ascii";
   TriangleMesh mesh;
   bool has_vertices = false;

@@ -52,12 +52,12 @@ bool Guarded(png_structp png, const Work& work) {
 }
 
 /// The first chunk of every PNG file.
-struct Header {
+struct PngHeader {
   ImageSize size;
   int bit_depth, color_type;
 };
 
-Header ReadHeader(const std::filesystem::path& path, std::string_view content) {
+PngHeader ReadPngHeader(const std::filesystem::path& path, std::string_view content) {
   constexpr char kStart[] = "\x89PNG\r\n\x1a\n\0\0\0\rIHDR";  // signature, length and name of the chunk
   constexpr size_t kAt = sizeof(kStart) - 1, kBytes = 10;
   if (content.size() < kAt + kBytes || content.compare(0, kAt, kStart, kAt) != 0) {
@@ -130,12 +130,12 @@ void WritePixels(const std::filesystem::path& path, const Image<T>& image, int c
 }  // namespace
 
 ImageSize DecodePngSize(const std::filesystem::path& path, std::string_view content) {
-  return ReadHeader(path, content).size;
+  return ReadPngHeader(path, content).size;
 }
 
 ColorImage DecodePngColor(const std::filesystem::path& path, const std::string& content) {
   // Everything becomes 8-bit RGB: palettes and low bit depths are expanded, 16 bits scaled, alpha dropped.
-  return Decode<Rgb>(path, content, ReadHeader(path, content).size, [](png_structp png) {
+  return Decode<Rgb>(path, content, ReadPngHeader(path, content).size, [](png_structp png) {
     png_set_expand(png);
     png_set_scale_16(png);
     png_set_strip_alpha(png);
@@ -145,7 +145,7 @@ ColorImage DecodePngColor(const std::filesystem::path& path, const std::string& 
 
 Image<uint16_t> ReadPng16(const std::filesystem::path& path) {
   const std::string content = ReadWholeFile(path);
-  const Header header = ReadHeader(path, content);
+  const PngHeader header = ReadPngHeader(path, content);
   if (header.color_type != PNG_COLOR_TYPE_GRAY || header.bit_depth != 16) {
     throw InvalidInputError(Concat(path.string(), ": PNG with bit depth ", header.bit_depth, " and colour type ",
                                    header.color_type, ": must be 16-bit grey (depth 16, type 0)"));

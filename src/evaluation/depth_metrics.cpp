@@ -5,13 +5,12 @@
 #include <limits>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/fusion/kernel/match_pixel.h"
 
 namespace acmp {
 namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-
-bool IsKnown(float depth) { return std::isfinite(depth) && depth > 0; }
 
 // Nearest pixel of an estimate `size` px long for each of `target_size` pixels: u -> (u + 0.5) s - 0.5, halves to even.
 std::vector<int> NearestPixels(int size, int target_size) {

@@ -5,14 +5,10 @@
 
 #include <tbb/parallel_for.h>
 
+#include "acmp_mapping/fusion/kernel/match_pixel.h"
 #include "voxel_index.h"
 
 namespace acmp {
-namespace {
-
-bool IsKnown(float depth) { return std::isfinite(depth) && depth > 0; }
-
-}  // namespace
 
 struct ObservedSurface::OccupiedVoxels {
   std::unordered_set<Voxel, VoxelHash> voxels;

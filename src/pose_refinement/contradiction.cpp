@@ -10,7 +10,8 @@ namespace acmp {
 namespace {
 
 constexpr size_t kMinViews = 6;
-constexpr int kMinSightings = 250;  // among these views: where there are fewer, refined poses follow the received ones
+// Among these views: where there are fewer, refined poses follow the received ones.
+constexpr int kMinSightingsToJudge = 250;
 
 int NumSightings(const Bundle& bundle, int first) {
   int sightings = 0;
@@ -27,7 +28,7 @@ int NumSightings(const Bundle& bundle, int first) {
 std::optional<double> MeasureContradiction(const Bundle& bundle) {
   const size_t views = std::min(kContradictionImages, bundle.size());
   const size_t first = bundle.size() - views;
-  if (views < kMinViews || NumSightings(bundle, static_cast<int>(first)) < kMinSightings) return std::nullopt;
+  if (views < kMinViews || NumSightings(bundle, static_cast<int>(first)) < kMinSightingsToJudge) return std::nullopt;
   const auto last = [first](const std::vector<ViewPose>& poses) {
     return std::vector<ViewPose>(poses.begin() + static_cast<std::ptrdiff_t>(first), poses.end());
   };

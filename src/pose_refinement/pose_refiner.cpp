@@ -27,14 +27,6 @@ constexpr size_t kMinKeyframes = 3;
 constexpr size_t kMinResected = 10;  // landmarks from which the newest keyframe's pose follows
 constexpr int kLostAfter = 3;        // keyframes in which a landmark was not found: given up
 
-struct Keyframe {
-  int64_t id = 0;
-  double stamp_s = 0;
-  View view;
-  RigidTransform received;
-  std::optional<CameraMotion> motion;
-};
-
 /// A known landmark in the newest keyframe.
 struct Tracked {
   Eigen::Vector2d pixel;
@@ -52,6 +44,14 @@ size_t NumFixed(size_t keyframes) {
 }  // namespace
 
 struct PoseRefiner::Impl {
+  struct Keyframe {
+    int64_t id = 0;
+    double stamp_s = 0;
+    View view;
+    RigidTransform received;
+    std::optional<CameraMotion> motion;
+  };
+
   explicit Impl(const PoseRefinementOptions& o) : options(o) {}
 
   PosedView Posed(size_t i) const { return {static_cast<int>(i), &keyframes[i].view, bundle.poses[i]}; }
@@ -196,7 +196,7 @@ void PoseRefiner::Add(const Frame& frame, const DepthRange& range, const std::op
   if (frame.gray.width() != frame.camera.width || frame.gray.height() != frame.camera.height) {
     throw InvalidInputError(name + ": grey image and camera differ in size");
   }
-  std::deque<Keyframe>& keyframes = impl_->keyframes;
+  std::deque<Impl::Keyframe>& keyframes = impl_->keyframes;
   if (!keyframes.empty() && frame.id <= keyframes.back().id) {
     throw InvalidInputError(Concat(name, ": must come after ", keyframes.back().id));
   }
@@ -255,7 +255,7 @@ PoseRefinement PoseRefiner::Refine() {
   Bundle& bundle = impl_->bundle;
   std::vector<int64_t> ids;
   std::vector<RigidTransform> received;
-  for (const Keyframe& keyframe : impl_->keyframes) {
+  for (const Impl::Keyframe& keyframe : impl_->keyframes) {
     ids.push_back(keyframe.id);
     received.push_back(keyframe.received);
   }

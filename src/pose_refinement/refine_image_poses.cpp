@@ -13,8 +13,8 @@
 namespace acmp {
 namespace {
 
-constexpr size_t kSearchViews = 5;   // a landmark's depth is looked for in so many of the best sources
-constexpr size_t kMinSightings = 2;  // fewer say nothing about depth and poses together
+constexpr size_t kSearchSources = 5;         // a landmark's depth is looked for in so many of the best sources
+constexpr size_t kMinLandmarkSightings = 2;  // fewer say nothing about depth and poses together
 
 void CheckImages(const std::vector<PosedImage>& images) {
   const int count = static_cast<int>(images.size());
@@ -101,7 +101,7 @@ class ImageSet {
     Check();
     auto& landmarks = bundle_.landmarks;
     landmarks.erase(std::remove_if(landmarks.begin(), landmarks.end(),
-                                   [](const Landmark& l) { return l.sightings.size() < kMinSightings; }),
+                                   [](const Landmark& l) { return l.sightings.size() < kMinLandmarkSightings; }),
                     landmarks.end());
   }
 
@@ -129,7 +129,7 @@ class ImageSet {
     const PosedView anchor = Posed(static_cast<int>(i));
     std::vector<PosedView> others;
     for (int source : images_[i].sources) {
-      if (others.size() < kSearchViews) others.push_back(Posed(source));
+      if (others.size() < kSearchSources) others.push_back(Posed(source));
     }
     std::vector<Landmark> landmarks;
     for (const Eigen::Vector2d& corner : PickCorners(views_[i], CornerResponse(views_[i].pyramid.level(0)), {},
@@ -141,7 +141,7 @@ class ImageSet {
       if (!(landmark.inverse_depth > 0)) continue;
       landmark.held_out = IsHeldOut(images_[i].id, corner);
       FindSightings(&landmark);
-      if (landmark.sightings.size() < kMinSightings) continue;
+      if (landmark.sightings.size() < kMinLandmarkSightings) continue;
       Triangulate(bundle_.poses, bundle_.cameras, &landmark);
       if (landmark.inverse_depth > 0) landmarks.push_back(std::move(landmark));
     }

@@ -44,7 +44,7 @@ ImageSize ParseSize(const std::string& text) {
   return size;
 }
 
-void Run(const Arguments& arguments) {
+void RunBenchmark(const Arguments& arguments) {
   DepthEngineBackend backend = MakeDepthEngine(ParseDevice(arguments.device), arguments.cuda_index);
   BenchmarkReport report;
   report.device = backend.engine->device_name();
@@ -144,7 +144,7 @@ int main(int argc, char** argv) {
   app.add_option("--cuda-index", arguments.cuda_index, "Which GPU")->capture_default_str();
   app.add_option("--json", arguments.json, "Also write the figures to this file");
   return acmp::RunTool(app, argc, argv, [&] {
-    acmp::Run(arguments);
+    acmp::RunBenchmark(arguments);
     return acmp::kExitDone;
   });
 }

@@ -17,10 +17,6 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ColmapWorkspaceTest = TestFolder;
 
-std::string Bytes(const std::vector<float>& values) {
-  return std::string(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(float));
-}
-
 /// A reader after COLMAP's documentation of the format, value by value.
 struct ReadMap {
   explicit ReadMap(const std::string& content) {

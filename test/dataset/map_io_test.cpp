@@ -35,10 +35,6 @@ bool SameBytes(const Image<T>& a, const Image<T>& b) {
          std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0;
 }
 
-std::string Bytes(const std::vector<float>& values) {
-  return std::string(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(float));
-}
-
 TEST_F(MapIoTest, PfmHasTheDocumentedBytes) {
   Image<float> map(2, 2);
   map(0, 0) = 1;

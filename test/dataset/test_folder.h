@@ -8,8 +8,13 @@
 #include <fstream>
 #include <iterator>
 #include <string>
+#include <vector>
 
 namespace acmp {
+
+inline std::string Bytes(const std::vector<float>& values) {
+  return std::string(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(float));
+}
 
 /// An empty folder of its own for each test, removed at the end.
 class TestFolder : public ::testing::Test {

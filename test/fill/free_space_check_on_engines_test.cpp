@@ -16,7 +16,7 @@
 namespace acmp {
 namespace {
 
-constexpr int kWidth = 160, kHeight = 120, kViews = 5;  // cells of 1 px
+constexpr int kFineWidth = 160, kFineHeight = 120, kViews = 5;  // cells of 1 px
 
 class FreeSpaceCheckOnEnginesTest : public EngineTest {
  protected:
@@ -30,17 +30,17 @@ class FreeSpaceCheckOnEnginesTest : public EngineTest {
 
   static EngineProblem MakeScene(DepthEngine* engine) {
     const WorldPlane front = WorldPlane::Slanted(0, 0, 6), near = WorldPlane::Slanted(0, 0, 3);
-    std::vector<PlanarView> views = RenderPlanarScene(front, kWidth, kHeight, kViews);
+    std::vector<PlanarView> views = RenderPlanarScene(front, kFineWidth, kFineHeight, kViews);
     TestRandom random(3);
     EngineProblem problem;
     for (PlanarView& view : views) {
       const PlanarView wall = RenderPlane(near, WaveTexture(1, 0.05, 1), view.camera, view.cam_from_world);
       const Eigen::Vector3d normal = view.cam_from_world.linear() * front.normal;
       NormalMap normals(
-          kWidth, kHeight,
+          kFineWidth, kFineHeight,
           Vec3f{static_cast<float>(normal.x()), static_cast<float>(normal.y()), static_cast<float>(normal.z())});
       for (int row = 0; row < kRoof; ++row) {
-        for (int col = 0; col < kWidth; ++col) {
+        for (int col = 0; col < kFineWidth; ++col) {
           view.depth(col, row) = wall.depth(col, row);
           view.gray(col, row) = static_cast<float>(150 + random(-1, 1));
         }
@@ -50,7 +50,7 @@ class FreeSpaceCheckOnEnginesTest : public EngineTest {
       frame->camera = view.camera;
       frame->cam_from_world = view.cam_from_world;
       frame->gray = view.gray.Clone();
-      const CostMap cost(kWidth, kHeight, 0.3f);
+      const CostMap cost(kFineWidth, kFineHeight, 0.3f);
       problem.sources.push_back({frame, engine->Load(frame, 0),
                                  engine->UploadMaps({view.depth.View(), normals.View(), cost.View()}, view.camera)});
     }
@@ -71,18 +71,19 @@ INSTANTIATE_TEST_SUITE_P(Devices, FreeSpaceCheckOnEnginesTest, ::testing::Values
 TEST_P(FreeSpaceCheckOnEnginesTest, RemovesTheWallInTheSkyAndNothingElse) {
   const EstimateState state = engine_->DownloadState(RemoveUnsupported());
   int unsupported = 0, kept = 0;
-  for (int row = 0; row < kHeight; ++row) {
-    for (int col = 0; col < kWidth; ++col) {
+  for (int row = 0; row < kFineHeight; ++row) {
+    for (int col = 0; col < kFineWidth; ++col) {
       const bool is_unsupported = state.cost(col, row) == kUnsupportedCost;
       ASSERT_TRUE(is_unsupported || state.cost(col, row) == 0.3f);
       if (row < kRoof - kRim) unsupported += is_unsupported ? 1 : 0;
       // Where at least two views see all of a window.
-      if (row > kRoof + kRim && row < kHeight - 12 && col > 30 && col < kWidth - 30) kept += is_unsupported ? 0 : 1;
+      if (row > kRoof + kRim && row < kFineHeight - 12 && col > 30 && col < kFineWidth - 30)
+        kept += is_unsupported ? 0 : 1;
     }
   }
   // Of what is blank a hundredth may look textured (depth_evidence_test.cpp).
-  EXPECT_GT(unsupported, 0.98 * kWidth * (kRoof - kRim));
-  EXPECT_EQ(kept, (kHeight - 13 - kRoof - kRim) * (kWidth - 61));
+  EXPECT_GT(unsupported, 0.98 * kFineWidth * (kRoof - kRim));
+  EXPECT_EQ(kept, (kFineHeight - 13 - kRoof - kRim) * (kFineWidth - 61));
 }
 
 TEST_P(FreeSpaceCheckOnEnginesTest, KeepsPlanesAndLeavesTheStartAsItWas) {
@@ -119,7 +120,7 @@ TEST_P(FreeSpaceCheckOnEnginesTest, AgreesWithTheCpu) {
     different += state.cost.data()[i] != expected.cost.data()[i] ? 1 : 0;
   }
   // Evidence that lies at the limit: of windows at the rim.
-  EXPECT_LE(different, kWidth * kHeight / 100);
+  EXPECT_LE(different, kFineWidth * kFineHeight / 100);
 }
 
 TEST_P(FreeSpaceCheckOnEnginesTest, NothingIsUnsupportedWithoutSourcesThatAgree) {

@@ -9,6 +9,8 @@
 
 namespace acmp {
 
+constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+
 /// A parallelogram center + a * side_a + b * side_b, |a|, |b| <= 1, in the world.
 struct Quad {
   Eigen::Vector3d center, side_a, side_b;

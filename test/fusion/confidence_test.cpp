@@ -11,8 +11,6 @@
 namespace acmp {
 namespace {
 
-const double kNan = std::numeric_limits<double>::quiet_NaN();
-
 double ConfidenceFor(float cost, const ViewEvidence& evidence, double unevenness) {
   return ConfidenceOfError(ExpectedRelativeError(cost, evidence, unevenness));
 }

@@ -14,7 +14,6 @@
 namespace acmp {
 namespace {
 
-const float kNan = std::numeric_limits<float>::quiet_NaN();
 const float kInfinity = std::numeric_limits<float>::infinity();
 const PinholeCamera kCamera = {80, 60, 90, 92, 39.2, 30.4};
 const Quad kWall = {{0, 0, 5}, {9, 0, 3}, {0, 9, 1}, {200, 100, 50}};

@@ -8,8 +8,6 @@
 namespace acmp {
 namespace {
 
-const float kNan = std::numeric_limits<float>::quiet_NaN();
-
 // Threshold tests use two cameras and a pixel whose errors are known exactly.
 
 /// Number of consistent views of the middle pixel of a 41 x 1 image.

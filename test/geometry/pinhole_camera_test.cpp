@@ -7,6 +7,7 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
+#include "geometry/vga_camera.h"
 
 namespace acmp {
 namespace {
@@ -14,40 +15,38 @@ namespace {
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-const PinholeCamera kCamera = {640, 480, 525.5, 520.25, 311.75, 244.5};
-
 TEST(PinholeCameraTest, ProjectsAsItsMatrixDoes) {
   for (const Eigen::Vector3d& point : {Eigen::Vector3d(0.3, -0.2, 1.5), {-4, 2, 9}, {0, 0, 0.01}}) {
-    const Eigen::Vector3d homogeneous = kCamera.K() * point;
-    const Eigen::Vector2d pixel = kCamera.Project(point);
+    const Eigen::Vector3d homogeneous = kVgaCamera.K() * point;
+    const Eigen::Vector2d pixel = kVgaCamera.Project(point);
     EXPECT_NEAR(pixel.x(), homogeneous.x() / homogeneous.z(), 1e-9);  // double rounding of hundreds of px
     EXPECT_NEAR(pixel.y(), homogeneous.y() / homogeneous.z(), 1e-9);
-    EXPECT_NEAR((kCamera.Unproject(pixel, point.z()) - point).norm(), 0, 1e-12);
+    EXPECT_NEAR((kVgaCamera.Unproject(pixel, point.z()) - point).norm(), 0, 1e-12);
   }
-  EXPECT_NEAR((kCamera.Unproject({7, 8}) - kCamera.K().inverse() * Eigen::Vector3d(7, 8, 1)).norm(), 0, 1e-12);
+  EXPECT_NEAR((kVgaCamera.Unproject({7, 8}) - kVgaCamera.K().inverse() * Eigen::Vector3d(7, 8, 1)).norm(), 0, 1e-12);
 }
 
 TEST(PinholeCameraTest, ContainsPixelsWhoseRoundedPositionIsInside) {
-  EXPECT_TRUE(kCamera.Contains({0, 0}));
-  EXPECT_TRUE(kCamera.Contains({-0.5, -0.5}));
-  EXPECT_TRUE(kCamera.Contains({639.49, 479.49}));
-  EXPECT_FALSE(kCamera.Contains({-0.51, 0}));
-  EXPECT_FALSE(kCamera.Contains({0, -0.51}));
-  EXPECT_FALSE(kCamera.Contains({639.5, 0}));
-  EXPECT_FALSE(kCamera.Contains({0, 479.5}));
+  EXPECT_TRUE(kVgaCamera.Contains({0, 0}));
+  EXPECT_TRUE(kVgaCamera.Contains({-0.5, -0.5}));
+  EXPECT_TRUE(kVgaCamera.Contains({639.49, 479.49}));
+  EXPECT_FALSE(kVgaCamera.Contains({-0.51, 0}));
+  EXPECT_FALSE(kVgaCamera.Contains({0, -0.51}));
+  EXPECT_FALSE(kVgaCamera.Contains({639.5, 0}));
+  EXPECT_FALSE(kVgaCamera.Contains({0, 479.5}));
   const double nan = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_FALSE(kCamera.Contains({nan, 3}));
-  EXPECT_FALSE(kCamera.Contains({3, nan}));
+  EXPECT_FALSE(kVgaCamera.Contains({nan, 3}));
+  EXPECT_FALSE(kVgaCamera.Contains({3, nan}));
 }
 
 TEST(PinholeCameraTest, ResizedKeepsWhatEachPixelAreaSees) {
   // With centres at integers, pixel u covers [u - 0.5, u + 0.5]: u -> (u + 0.5) s - 0.5, per axis.
   for (const auto& [width, height] : {std::pair(320, 240), {641, 100}, {1, 1}, {2000, 1500}}) {
-    const PinholeCamera resized = kCamera.Resized(width, height);
+    const PinholeCamera resized = kVgaCamera.Resized(width, height);
     EXPECT_EQ(resized.width, width);
     EXPECT_EQ(resized.height, height);
     for (const Eigen::Vector3d& point : {Eigen::Vector3d(0.3, -0.2, 1.5), {-4, 2, 9}, {0, 0, 1}}) {
-      const Eigen::Vector2d before = kCamera.Project(point), after = resized.Project(point);
+      const Eigen::Vector2d before = kVgaCamera.Project(point), after = resized.Project(point);
       EXPECT_NEAR(after.x(), (before.x() + 0.5) * width / 640.0 - 0.5, 1e-9);
       EXPECT_NEAR(after.y(), (before.y() + 0.5) * height / 480.0 - 0.5, 1e-9);
     }
@@ -55,18 +54,18 @@ TEST(PinholeCameraTest, ResizedKeepsWhatEachPixelAreaSees) {
 }
 
 TEST(PinholeCameraTest, ResizedThereAndBackIsTheSame) {
-  const PinholeCamera back = kCamera.Resized(213, 107).Resized(640, 480);
-  EXPECT_NEAR(back.fx, kCamera.fx, 1e-9);
-  EXPECT_NEAR(back.fy, kCamera.fy, 1e-9);
-  EXPECT_NEAR(back.cx, kCamera.cx, 1e-9);
-  EXPECT_NEAR(back.cy, kCamera.cy, 1e-9);
-  EXPECT_TRUE(kCamera.Resized(640, 480) == kCamera);
+  const PinholeCamera back = kVgaCamera.Resized(213, 107).Resized(640, 480);
+  EXPECT_NEAR(back.fx, kVgaCamera.fx, 1e-9);
+  EXPECT_NEAR(back.fy, kVgaCamera.fy, 1e-9);
+  EXPECT_NEAR(back.cx, kVgaCamera.cx, 1e-9);
+  EXPECT_NEAR(back.cy, kVgaCamera.cy, 1e-9);
+  EXPECT_TRUE(kVgaCamera.Resized(640, 480) == kVgaCamera);
 }
 
 TEST(PinholeCameraTest, HalvedSeesTheMeansOfTwoByTwoPixels) {
   // Pixel 0 of the halved image covers pixels 0 and 1, whose middle is 0.5: u -> (u - 0.5) / 2, whatever the size.
   for (const auto& [width, height] : {std::pair(640, 480), {641, 483}, {7, 2}}) {
-    PinholeCamera camera = kCamera;
+    PinholeCamera camera = kVgaCamera;
     camera.width = width;
     camera.height = height;
     const PinholeCamera halved = camera.Halved();
@@ -79,7 +78,7 @@ TEST(PinholeCameraTest, HalvedSeesTheMeansOfTwoByTwoPixels) {
     }
   }
   // Where nothing is left out it is the camera of the resized image.
-  const PinholeCamera halved = kCamera.Halved(), resized = kCamera.Resized(320, 240);
+  const PinholeCamera halved = kVgaCamera.Halved(), resized = kVgaCamera.Resized(320, 240);
   EXPECT_NEAR(halved.cx, resized.cx, 1e-12);
   EXPECT_NEAR(halved.cy, resized.cy, 1e-12);
   EXPECT_EQ(halved.fx, resized.fx);
@@ -87,15 +86,15 @@ TEST(PinholeCameraTest, HalvedSeesTheMeansOfTwoByTwoPixels) {
 }
 
 TEST(PinholeCameraTest, EqualityComparesEveryField) {
-  PinholeCamera other = kCamera;
-  EXPECT_TRUE(other == kCamera);
+  PinholeCamera other = kVgaCamera;
+  EXPECT_TRUE(other == kVgaCamera);
   other.height = 481;
-  EXPECT_FALSE(other == kCamera);
+  EXPECT_FALSE(other == kVgaCamera);
   for (double PinholeCamera::*field :
        {&PinholeCamera::fx, &PinholeCamera::fy, &PinholeCamera::cx, &PinholeCamera::cy}) {
-    other = kCamera;
+    other = kVgaCamera;
     other.*field += 0.25;
-    EXPECT_FALSE(other == kCamera);
+    EXPECT_FALSE(other == kVgaCamera);
   }
 }
 
@@ -142,7 +141,7 @@ std::string CheckMessage(const PinholeCamera& camera) {
 }
 
 TEST(CheckCameraTest, AcceptsGoodCameras) {
-  EXPECT_EQ(CheckMessage(kCamera), "");
+  EXPECT_EQ(CheckMessage(kVgaCamera), "");
   EXPECT_EQ(CheckMessage({1, 1, 1e-3, 1e6, -50, 1e5}), "");  // the principal point may lie outside the image
 }
 

@@ -7,11 +7,10 @@
 #include "acmp_mapping/common/random.h"
 #include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/patch_match/match_setup.h"
+#include "geometry/vga_camera.h"
 
 namespace acmp {
 namespace {
-
-const PinholeCamera kCamera = {640, 480, 525.5, 520.25, 311.75, 244.5};
 
 TEST(PlaneHypothesisTest, DefaultIsNoHypothesis) {
   const PlaneHypothesis none;
@@ -24,9 +23,9 @@ TEST(PlaneHypothesisTest, DefaultIsNoHypothesis) {
 }
 
 TEST(PlaneHypothesisTest, RaysAreTheCamerasOwn) {
-  const RayGrid rays = MakeRayGrid(kCamera);
+  const RayGrid rays = MakeRayGrid(kVgaCamera);
   for (const auto& [col, row] : {std::pair(0, 0), {639, 479}, {312, 244}, {17, 400}}) {
-    const Eigen::Vector3d expected = kCamera.Unproject({static_cast<double>(col), static_cast<double>(row)});
+    const Eigen::Vector3d expected = kVgaCamera.Unproject({static_cast<double>(col), static_cast<double>(row)});
     const Vec3f ray = rays.Ray(static_cast<float>(col), static_cast<float>(row));
     EXPECT_NEAR(ray.x, expected.x(), 2e-7);  // three float roundings of a value below 1
     EXPECT_NEAR(ray.y, expected.y(), 2e-7);

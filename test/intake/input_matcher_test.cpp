@@ -6,20 +6,10 @@
 #include <gtest/gtest.h>
 
 #include "acmp_mapping/common/error.h"
+#include "intake/samples.h"
 
 namespace acmp {
 namespace {
-
-constexpr int64_t kMs = 1000000;
-constexpr int64_t kS = 1000 * kMs;
-constexpr int64_t kT0 = 1403636579763555500;  // a stamp of today's size, which doubles cannot hold
-
-PoseSample PoseAt(int64_t stamp_ns, double x = 0) {
-  PoseSample pose;
-  pose.stamp_ns = stamp_ns;
-  pose.received.translation().x() = x;
-  return pose;
-}
 
 SparseCloudPtr CloudAt(int64_t stamp_ns, double x = 0) {
   auto cloud = std::make_shared<SparseCloud>();

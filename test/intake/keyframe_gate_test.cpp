@@ -5,11 +5,10 @@
 #include <gtest/gtest.h>
 
 #include "acmp_mapping/common/error.h"
+#include "intake/samples.h"
 
 namespace acmp {
 namespace {
-
-constexpr PinholeCamera kCamera = {640, 480, 500, 500, 319.5, 239.5};
 
 RigidTransform At(double x, double angle_deg = 0) {
   RigidTransform pose = RigidTransform::Identity();
@@ -21,23 +20,25 @@ RigidTransform At(double x, double angle_deg = 0) {
 TEST(KeyframeGate, ComparesBaselineWithDepthWhateverTheScale) {
   for (const double scale : {0.01, 1.0, 1000.0}) {
     KeyframeGate gate;  // 0.02
-    EXPECT_TRUE(gate.Accept(At(0), kCamera, 5 * scale));
-    EXPECT_FALSE(gate.Accept(At(0.099 * scale), kCamera, 5 * scale));
-    EXPECT_TRUE(gate.Accept(At(0.101 * scale), kCamera, 5 * scale));
-    EXPECT_FALSE(gate.Accept(At(0.199 * scale), kCamera, 5 * scale)) << "compared with the last keyframe";
+    EXPECT_TRUE(gate.Accept(At(0), kVgaCamera, 5 * scale));
+    EXPECT_FALSE(gate.Accept(At(0.099 * scale), kVgaCamera, 5 * scale));
+    EXPECT_TRUE(gate.Accept(At(0.101 * scale), kVgaCamera, 5 * scale));
+    EXPECT_FALSE(gate.Accept(At(0.199 * scale), kVgaCamera, 5 * scale)) << "compared with the last keyframe";
   }
 }
 
 TEST(KeyframeGate, RotationAloneIsNoKeyframe) {
   KeyframeGate gate;
-  EXPECT_TRUE(gate.Accept(At(0, 0), kCamera, 2));
-  for (int angle = 0; angle < 360; angle += 5) EXPECT_FALSE(gate.Accept(At(0, angle), kCamera, 2));
-  EXPECT_TRUE(gate.Accept(At(0.05, 180), kCamera, 2)) << "moved, after the turn";
+  EXPECT_TRUE(gate.Accept(At(0, 0), kVgaCamera, 2));
+  for (int angle = 0; angle < 360; angle += 5) EXPECT_FALSE(gate.Accept(At(0, angle), kVgaCamera, 2));
+  EXPECT_TRUE(gate.Accept(At(0.05, 180), kVgaCamera, 2)) << "moved, after the turn";
 }
 
 TEST(KeyframeGate, ACameraThatStandsAndSwaysChangesNothing) {
   KeyframeGate gate;
-  const auto sway = [&](int i) { return gate.Accept(At(0.1 * std::sin(0.7 * i), 3 * std::cos(0.9 * i)), kCamera, 2); };
+  const auto sway = [&](int i) {
+    return gate.Accept(At(0.1 * std::sin(0.7 * i), 3 * std::cos(0.9 * i)), kVgaCamera, 2);
+  };
   int accepted = 0;
   for (int i = 0; i < 100; ++i) accepted += sway(i);
   EXPECT_LE(accepted, 6) << "one per 4 cm";
@@ -46,32 +47,32 @@ TEST(KeyframeGate, ACameraThatStandsAndSwaysChangesNothing) {
 
 TEST(KeyframeGate, TheWayBackWithAnotherViewIsNew) {
   KeyframeGate gate;
-  for (int i = 0; i < 10; ++i) EXPECT_TRUE(gate.Accept(At(0.1 * i), kCamera, 2));
-  for (int i = 8; i >= 0; --i) EXPECT_FALSE(gate.Accept(At(0.1 * i), kCamera, 2)) << "the same again";
-  for (int i = 8; i >= 0; --i) EXPECT_TRUE(gate.Accept(At(0.1 * i, 90), kCamera, 2)) << "looking aside";
+  for (int i = 0; i < 10; ++i) EXPECT_TRUE(gate.Accept(At(0.1 * i), kVgaCamera, 2));
+  for (int i = 8; i >= 0; --i) EXPECT_FALSE(gate.Accept(At(0.1 * i), kVgaCamera, 2)) << "the same again";
+  for (int i = 8; i >= 0; --i) EXPECT_TRUE(gate.Accept(At(0.1 * i, 90), kVgaCamera, 2)) << "looking aside";
 }
 
 TEST(KeyframeGate, ForgetsWhatTheWindowForgets) {
   KeyframeGate gate;
   gate.set_options({0.02, 3});
-  for (int i = 0; i < 5; ++i) EXPECT_TRUE(gate.Accept(At(i), kCamera, 2));
-  EXPECT_FALSE(gate.Accept(At(2), kCamera, 2));
-  EXPECT_TRUE(gate.Accept(At(0), kCamera, 2));
+  for (int i = 0; i < 5; ++i) EXPECT_TRUE(gate.Accept(At(i), kVgaCamera, 2));
+  EXPECT_FALSE(gate.Accept(At(2), kVgaCamera, 2));
+  EXPECT_TRUE(gate.Accept(At(0), kVgaCamera, 2));
 }
 
 TEST(KeyframeGate, TakesEveryMovedPoseWhileTheDepthIsUnknown) {
   KeyframeGate gate;
-  EXPECT_TRUE(gate.Accept(At(0), kCamera, 0));
-  EXPECT_TRUE(gate.Accept(At(1e-3), kCamera, 0));
-  EXPECT_FALSE(gate.Accept(At(1e-3), kCamera, 0)) << "standing still";
+  EXPECT_TRUE(gate.Accept(At(0), kVgaCamera, 0));
+  EXPECT_TRUE(gate.Accept(At(1e-3), kVgaCamera, 0));
+  EXPECT_FALSE(gate.Accept(At(1e-3), kVgaCamera, 0)) << "standing still";
 }
 
 TEST(KeyframeGate, StartsAgainAfterReset) {
   KeyframeGate gate;
-  EXPECT_TRUE(gate.Accept(At(0), kCamera, 2));
-  EXPECT_FALSE(gate.Accept(At(0), kCamera, 2));
+  EXPECT_TRUE(gate.Accept(At(0), kVgaCamera, 2));
+  EXPECT_FALSE(gate.Accept(At(0), kVgaCamera, 2));
   gate.Reset();
-  EXPECT_TRUE(gate.Accept(At(0), kCamera, 2));
+  EXPECT_TRUE(gate.Accept(At(0), kVgaCamera, 2));
 }
 
 TEST(KeyframeGate, RefusesBadOptions) {

@@ -5,6 +5,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/intake/input_matcher.h"
+#include "intake/samples.h"
 
 namespace acmp {
 namespace {
@@ -12,19 +13,10 @@ namespace {
 using ::testing::ElementsAre;
 using ::testing::IsEmpty;
 
-constexpr int64_t kMs = 1000000;
-constexpr int64_t kT0 = 1403636579763555500;
-
 /// Something that can be told apart. The matcher does not look into it.
 std::shared_ptr<const EncodedImage> Picture() {
   const auto owner = std::make_shared<int>();
   return {owner, reinterpret_cast<const EncodedImage*>(owner.get())};
-}
-
-PoseSample PoseAt(int64_t stamp_ns) {
-  PoseSample pose;
-  pose.stamp_ns = stamp_ns;
-  return pose;
 }
 
 class MaskMatchingTest : public ::testing::Test {

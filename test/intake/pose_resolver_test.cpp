@@ -9,7 +9,7 @@ namespace {
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-RigidTransform At(double x) {
+RigidTransform Shifted(double x) {
   RigidTransform transform = RigidTransform::Identity();
   transform.translation().x() = x;
   return transform;
@@ -44,9 +44,9 @@ TEST(PoseResolver, PosesOfTheCameraNeedNothing) {
 }
 
 TEST(PoseResolver, TheParameterCountsMost) {
-  FakeTf tf{At(2), {}, {}};
-  PoseResolver resolver(Body(At(1)), false, tf.lookup());
-  resolver.SetExtrinsic(At(3));
+  FakeTf tf{Shifted(2), {}, {}};
+  PoseResolver resolver(Body(Shifted(1)), false, tf.lookup());
+  resolver.SetExtrinsic(Shifted(3));
   resolver.Update("imu", "cam");
   EXPECT_EQ(CameraX(resolver), 1);
   EXPECT_THAT(*resolver.TakeNotice(), HasSubstr("~T_body_cam"));
@@ -54,10 +54,10 @@ TEST(PoseResolver, TheParameterCountsMost) {
 }
 
 TEST(PoseResolver, ThenTfThenTheTopic) {
-  FakeTf tf{At(2), {}, {}};
+  FakeTf tf{Shifted(2), {}, {}};
   PoseResolver resolver(Body(), false, tf.lookup());
   EXPECT_FALSE(resolver.ready());
-  resolver.SetExtrinsic(At(3));
+  resolver.SetExtrinsic(Shifted(3));
   resolver.Update("imu", "cam");
   EXPECT_EQ(tf.target, "imu");
   EXPECT_EQ(tf.source, "cam");
@@ -68,7 +68,7 @@ TEST(PoseResolver, ThenTfThenTheTopic) {
   PoseResolver from_topic(Body(), false, unconnected.lookup());
   from_topic.Update("imu", "cam");
   EXPECT_FALSE(from_topic.ready());
-  from_topic.SetExtrinsic(At(3));
+  from_topic.SetExtrinsic(Shifted(3));
   from_topic.Update("imu", "cam");
   EXPECT_EQ(CameraX(from_topic), 3);
   EXPECT_THAT(*from_topic.TakeNotice(), HasSubstr("topic extrinsic"));
@@ -77,22 +77,22 @@ TEST(PoseResolver, ThenTfThenTheTopic) {
 TEST(PoseResolver, TheSourceStaysAndItsLatestValueCounts) {
   FakeTf tf;
   PoseResolver resolver(Body(), false, tf.lookup());
-  resolver.SetExtrinsic(At(3));
+  resolver.SetExtrinsic(Shifted(3));
   resolver.Update("imu", "cam");
-  tf.transform = At(2);
-  resolver.SetExtrinsic(At(4));
+  tf.transform = Shifted(2);
+  resolver.SetExtrinsic(Shifted(4));
   resolver.Update("imu", "cam");
   EXPECT_EQ(CameraX(resolver), 4);
-  FakeTf moving{At(2), {}, {}};
+  FakeTf moving{Shifted(2), {}, {}};
   PoseResolver from_tf(Body(), false, moving.lookup());
   from_tf.Update("imu", "cam");
-  moving.transform = At(5);
+  moving.transform = Shifted(5);
   from_tf.Update("imu", "cam");
   EXPECT_EQ(CameraX(from_tf), 5);
 }
 
 TEST(PoseResolver, AnInvertedExtrinsicIsTurnedRound) {
-  RigidTransform cam_from_body = At(3);
+  RigidTransform cam_from_body = Shifted(3);
   cam_from_body.linear() = Eigen::AngleAxisd(1, Eigen::Vector3d::UnitZ()).toRotationMatrix();
   PoseResolver resolver(Body(), true, nullptr);
   resolver.SetExtrinsic(cam_from_body);

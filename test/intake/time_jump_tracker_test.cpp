@@ -2,10 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include "intake/samples.h"
+
 namespace acmp {
 namespace {
-
-constexpr int64_t kS = 1000000000;
 
 TEST(TimeJumpTracker, KnowsTheNewRunByItsOwnJump) {
   TimeJumpTracker runs;

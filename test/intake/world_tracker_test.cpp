@@ -7,6 +7,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "intake/samples.h"
+
 namespace acmp {
 namespace {
 
@@ -14,7 +16,6 @@ using ::testing::HasSubstr;
 using Verdict = WorldTracker::Verdict;
 using Points = std::vector<Eigen::Vector3d>;
 
-constexpr PinholeCamera kCamera = {640, 480, 500, 500, 319.5, 239.5};
 constexpr int64_t kFrameNs = 100000000;
 
 /// A wavy wall about 4 in front of the origin, far to all sides, moved by `shift` and then scaled.
@@ -38,7 +39,7 @@ class Frontend {
     WorldTracker::Sample sample;
     sample.stamp_ns = ++frames_ * kFrameNs;
     sample.world_from_cam.translation() = unit_ * position;
-    sample.camera = kCamera;
+    sample.camera = kVgaCamera;
     for (const Eigen::Vector3d& point : landmarks) sample.landmarks_in_world.push_back(unit_ * point);
     sample.has_empty_cloud = has_empty_cloud;
     sample.scene_depth = 4 * unit_;

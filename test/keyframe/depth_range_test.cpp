@@ -6,6 +6,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
+#include "keyframe/small_camera.h"
 #include "support/error_text.h"
 
 namespace acmp {
@@ -13,7 +14,6 @@ namespace {
 
 constexpr double kInf = std::numeric_limits<double>::infinity();
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-const PinholeCamera kCamera = {100, 80, 90, 90, 49.5, 39.5};
 
 /// 101 points on the optical axis at depths 1.00, 1.01, ..., 2.00 of a camera that looks along world x.
 struct AxisScene {
@@ -32,7 +32,7 @@ struct AxisScene {
 
 TEST(DepthRangeTest, TakesQuantilesWithMargin) {
   const AxisScene scene;
-  const auto range = DepthRangeFromLandmarks(scene.points, kCamera, scene.pose, {});
+  const auto range = DepthRangeFromLandmarks(scene.points, kSmallCamera, scene.pose, {});
   ASSERT_TRUE(range);
   // Of 101 sorted depths 2 % lie below 1.02 and above 1.98; the result is a float.
   EXPECT_NEAR(range->min, 1.02 / kDepthMargin, 1e-6);
@@ -41,13 +41,13 @@ TEST(DepthRangeTest, TakesQuantilesWithMargin) {
 
 TEST(DepthRangeTest, ScalesWithTheScene) {
   AxisScene scene;
-  const auto range = DepthRangeFromLandmarks(scene.points, kCamera, scene.pose, {});
+  const auto range = DepthRangeFromLandmarks(scene.points, kSmallCamera, scene.pose, {});
   for (const double scale : {1e-6, 1e6}) {
     std::vector<Eigen::Vector3d> points;
     for (const auto& point : scene.points) points.push_back(scale * point);
     RigidTransform pose = scene.pose;
     pose.translation() *= scale;
-    const auto scaled = DepthRangeFromLandmarks(points, kCamera, pose, {});
+    const auto scaled = DepthRangeFromLandmarks(points, kSmallCamera, pose, {});
     ASSERT_TRUE(scaled);
     EXPECT_NEAR(scaled->min / scale, range->min, 1e-5);
     EXPECT_NEAR(scaled->max / scale, range->max, 1e-5);
@@ -56,7 +56,7 @@ TEST(DepthRangeTest, ScalesWithTheScene) {
 
 TEST(DepthRangeTest, IgnoresWhatIsNotALandmarkInView) {
   AxisScene scene;
-  const auto expected = DepthRangeFromLandmarks(scene.points, kCamera, scene.pose, {});
+  const auto expected = DepthRangeFromLandmarks(scene.points, kSmallCamera, scene.pose, {});
   // (0, 0, 0) is in front of this camera, so only the rule about exact zeros keeps it out.
   scene.pose.translation() += Eigen::Vector3d(0, 0, 100);
   for (auto& point : scene.points) point.x() -= 100;
@@ -69,7 +69,7 @@ TEST(DepthRangeTest, IgnoresWhatIsNotALandmarkInView) {
                                              {scene.points[0].x(), 6 + 0.02 * i + 2, 7},
                                              {scene.points[0].x(), 6, 7 - 0.02 * i - 2}});
   }
-  const auto range = DepthRangeFromLandmarks(scene.points, kCamera, scene.pose, {});
+  const auto range = DepthRangeFromLandmarks(scene.points, kSmallCamera, scene.pose, {});
   ASSERT_TRUE(range);
   EXPECT_FLOAT_EQ(range->min, expected->min);
   EXPECT_FLOAT_EQ(range->max, expected->max);
@@ -80,24 +80,24 @@ TEST(DepthRangeTest, ExactZeroNextToTheCameraIsNoLandmark) {
   options.min_landmarks = 1;
   RigidTransform pose = RigidTransform::Identity();
   pose.translation().z() = 2;
-  EXPECT_FALSE(DepthRangeFromLandmarks({{0, 0, 0}}, kCamera, pose, options));
-  EXPECT_TRUE(DepthRangeFromLandmarks({{0, 0, 1e-9}}, kCamera, pose, options));
+  EXPECT_FALSE(DepthRangeFromLandmarks({{0, 0, 0}}, kSmallCamera, pose, options));
+  EXPECT_TRUE(DepthRangeFromLandmarks({{0, 0, 1e-9}}, kSmallCamera, pose, options));
 }
 
 TEST(DepthRangeTest, NoneWithTooFewLandmarks) {
   const AxisScene scene;
-  EXPECT_FALSE(DepthRangeFromLandmarks({}, kCamera, scene.pose, {}));
+  EXPECT_FALSE(DepthRangeFromLandmarks({}, kSmallCamera, scene.pose, {}));
   const std::vector<Eigen::Vector3d> nine(scene.points.begin(), scene.points.begin() + 9);
-  EXPECT_FALSE(DepthRangeFromLandmarks(nine, kCamera, scene.pose, {}));
+  EXPECT_FALSE(DepthRangeFromLandmarks(nine, kSmallCamera, scene.pose, {}));
   const std::vector<Eigen::Vector3d> ten(scene.points.begin(), scene.points.begin() + 10);
-  EXPECT_TRUE(DepthRangeFromLandmarks(ten, kCamera, scene.pose, {}));
+  EXPECT_TRUE(DepthRangeFromLandmarks(ten, kSmallCamera, scene.pose, {}));
 }
 
 TEST(DepthRangeTest, NoneBeyondWhatAFloatHolds) {
   const AxisScene scene;
   const std::vector<Eigen::Vector3d> same(20, scene.AtDepth(3)), beyond(20, scene.AtDepth(1e39));
-  EXPECT_TRUE(DepthRangeFromLandmarks(same, kCamera, scene.pose, {}));
-  EXPECT_FALSE(DepthRangeFromLandmarks(beyond, kCamera, scene.pose, {}));
+  EXPECT_TRUE(DepthRangeFromLandmarks(same, kSmallCamera, scene.pose, {}));
+  EXPECT_FALSE(DepthRangeFromLandmarks(beyond, kSmallCamera, scene.pose, {}));
 }
 
 TEST(CheckDepthRangeTest, RefusesInvertedAndInfinite) {

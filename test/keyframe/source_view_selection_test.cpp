@@ -7,6 +7,7 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
+#include "keyframe/small_camera.h"
 
 namespace acmp {
 namespace {
@@ -16,11 +17,11 @@ using ::testing::IsEmpty;
 
 constexpr double kPi = 3.14159265358979323846;
 constexpr double kRadius = 4;  // of the arc on which cameras stand, m: the depth of what they look at
-const PinholeCamera kCamera = {100, 80, 90, 90, 49.5, 39.5};
 
 /// A camera on the circle of radius `radius` around a target, off the -z direction by `angle_deg` to the side (about y)
 /// and `up_deg` upwards, and looking at it.
-PosedCamera OnArc(double angle_deg, double radius = kRadius, const PinholeCamera& camera = kCamera, double up_deg = 0) {
+PosedCamera OnArc(double angle_deg, double radius = kRadius, const PinholeCamera& camera = kSmallCamera,
+                  double up_deg = 0) {
   const RigidTransform world_from_cam =
       Eigen::Translation3d(1, 2, 3) * Eigen::AngleAxisd(angle_deg * kPi / 180, Eigen::Vector3d::UnitY()) *
       Eigen::AngleAxisd(up_deg * kPi / 180, Eigen::Vector3d::UnitX()) * Eigen::Translation3d(0, 0, -radius);
@@ -68,7 +69,7 @@ TEST(SelectSourceViewsTest, TakesTheOtherSideBeforeMoreFromTheSame) {
   // Three to the right at better angles than the one to the left: the left one is the second.
   EXPECT_THAT(Indices(Select({OnArc(7), OnArc(8), OnArc(9), OnArc(-4.5)}, 2)), ElementsAre(0, 3));
   // Above is neither right nor left.
-  EXPECT_THAT(Indices(Select({OnArc(7), OnArc(8), OnArc(0, kRadius, kCamera, 4.5)}, 2)), ElementsAre(0, 2));
+  EXPECT_THAT(Indices(Select({OnArc(7), OnArc(8), OnArc(0, kRadius, kSmallCamera, 4.5)}, 2)), ElementsAre(0, 2));
 }
 
 TEST(SelectSourceViewsTest, SecondViewFromTheSameSideCountsHalf) {
@@ -96,7 +97,7 @@ TEST(SelectSourceViewsTest, PenalisesAnotherResolution) {
   const double same = GainOf(OnArc(10));
   EXPECT_NEAR(GainOf(OnArc(10, 1.2 * kRadius)), same, 0.1 * same);
   // Twice the distance and half the focal length are the same loss of resolution; what is in view differs.
-  EXPECT_NEAR(GainOf(OnArc(10, kRadius, kCamera.Resized(50, 40))), same * 0.75 * 0.75, 0.1 * same);
+  EXPECT_NEAR(GainOf(OnArc(10, kRadius, kSmallCamera.Resized(50, 40))), same * 0.75 * 0.75, 0.1 * same);
   EXPECT_NEAR(GainOf(OnArc(10, 2 * kRadius)), same * 0.75 * 0.75, 0.15 * same);
   EXPECT_LT(GainOf(OnArc(10, 4 * kRadius)), 0.2 * same);
 }
@@ -111,7 +112,7 @@ TEST(SelectSourceViewsTest, TakesPreferredViewsFirst) {
 
 TEST(SelectSourceViewsTest, TakesViewsAheadThatSeeOnlyTheBorderAtAnAngle) {
   const auto ahead = [](double z) {
-    PosedCamera view = {kCamera};
+    PosedCamera view = {kSmallCamera};
     view.cam_from_world.translation().z() = -z;
     return view;
   };

@@ -104,7 +104,7 @@ TEST(DenseMapperPropertyTest, EveryKeyframeEndsExactlyOnce) {
   }
 }
 
-bool SameBits(const Image<float>& a, const Image<float>& b) {
+bool SameValues(const Image<float>& a, const Image<float>& b) {
   return a.width() == b.width() && std::equal(a.begin(), a.end(), b.begin(), b.end());
 }
 
@@ -151,9 +151,9 @@ TEST(DenseMapperEndToEndTest, MapsTheSyntheticRoomAndRepeatsBitByBit) {
   const auto again = MapSyntheticScene(frames);
   ASSERT_EQ(again.size(), 8u);
   for (size_t i = 0; i < maps.size(); ++i) {
-    EXPECT_TRUE(SameBits(maps[i]->depth, again[i]->depth)) << i;
-    EXPECT_TRUE(SameBits(maps[i]->cost, again[i]->cost)) << i;
-    EXPECT_TRUE(SameBits(maps[i]->confidence, again[i]->confidence)) << i;
+    EXPECT_TRUE(SameValues(maps[i]->depth, again[i]->depth)) << i;
+    EXPECT_TRUE(SameValues(maps[i]->cost, again[i]->cost)) << i;
+    EXPECT_TRUE(SameValues(maps[i]->confidence, again[i]->confidence)) << i;
     EXPECT_EQ(maps[i]->points_in_camera.size(), again[i]->points_in_camera.size()) << i;
     if (!maps[i]->refined) continue;
     const size_t view = static_cast<size_t>(maps[i]->frame->id - frames[0]->id);

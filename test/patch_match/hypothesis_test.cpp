@@ -7,14 +7,13 @@
 
 #include "gtest/gtest.h"
 
+#include "support/angles.h"
 #include "support/kernel_state.h"
 #include "support/random_views.h"
 #include "support/reference_match.h"
 
 namespace acmp {
 namespace {
-
-constexpr double kRad = 3.14159265358979323846 / 180;
 
 Eigen::Vector3d ToEigen(const Vec3f& v) { return {v.x, v.y, v.z}; }
 

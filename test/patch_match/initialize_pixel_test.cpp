@@ -5,14 +5,13 @@
 
 #include "gtest/gtest.h"
 
+#include "support/angles.h"
 #include "support/kernel_state.h"
 #include "support/random_views.h"
 #include "support/reference_match.h"
 
 namespace acmp {
 namespace {
-
-constexpr double kRad = 3.14159265358979323846 / 180;
 
 struct ViewCost {
   double cost;
@@ -119,10 +118,6 @@ struct PriorStartCase {
   KernelState state;
   PlaneHypothesis start, prior;
 };
-
-bool Same(const PlaneHypothesis& a, const PlaneHypothesis& b) {
-  return a.nx == b.nx && a.ny == b.ny && a.nz == b.nz && a.d == b.d;
-}
 
 TEST(PriorStartTest, CrediblePixelsKeepTheirEstimate) {
   PriorStartCase c;

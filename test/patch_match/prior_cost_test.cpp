@@ -5,14 +5,13 @@
 
 #include "gtest/gtest.h"
 
+#include "support/angles.h"
 #include "support/kernel_state.h"
 #include "support/random_views.h"
 #include "support/reference_match.h"
 
 namespace acmp {
 namespace {
-
-constexpr double kRad = 3.14159265358979323846 / 180;
 
 PixelPrior MakePrior(double depth) {
   PixelPrior prior;

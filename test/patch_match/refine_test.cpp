@@ -6,6 +6,7 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/patch_match/kernel/update_pixel.h"
+#include "support/angles.h"
 #include "support/kernel_state.h"
 #include "support/planar_scene.h"
 #include "support/random_views.h"
@@ -14,8 +15,6 @@
 
 namespace acmp {
 namespace {
-
-constexpr double kRad = 3.14159265358979323846 / 180;
 
 /// Sampler that remembers where the source was sampled. The image is pseudo-random, so that nothing matches.
 struct SpySampler {

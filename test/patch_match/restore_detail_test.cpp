@@ -17,12 +17,12 @@
 namespace acmp {
 namespace {
 
-constexpr int kWidth = 33, kHeight = 26;  // the last column is covered by the last but one's pixel
+constexpr int kFineWidth = 33, kFineHeight = 26;  // the last column is covered by the last but one's pixel
 
 class RestoreDetailTest : public ::testing::Test {
  protected:
   RestoreDetailTest()
-      : views_(RandomViews(6, kWidth, kHeight, 5)),
+      : views_(RandomViews(6, kFineWidth, kFineHeight, 5)),
         halved_(views_[0].camera.Halved()),
         state_(MakeProblem(views_, 0, {1, 10})),
         coarser_(halved_.width, halved_.height) {
@@ -73,8 +73,8 @@ class RestoreDetailTest : public ::testing::Test {
 
 TEST_F(RestoreDetailTest, UpsamplingAveragesDepthsByDistanceAndLikeness) {
   const auto context = state_.Context();
-  for (int row = 0; row < kHeight; ++row) {
-    for (int col = 0; col < kWidth; ++col) {
+  for (int row = 0; row < kFineHeight; ++row) {
+    for (int col = 0; col < kFineWidth; ++col) {
       const PlaneHypothesis plane = UpsampleJointly(context, Coarser(), col, row);
       ASSERT_NEAR(Depth(plane, col, row), UpsampledDepth(col, row), 2e-4) << col << ", " << row;
       const PlaneHypothesis& covering =
@@ -104,8 +104,8 @@ TEST_F(RestoreDetailTest, OnlyWhatMatchesClearlyBetterIsADetail) {
   const auto& problem = state_.problem();
   const auto context = state_.Context();
   int compared = 0;
-  for (int row = 0; row < kHeight; ++row) {
-    for (int col = 0; col < kWidth; ++col) {
+  for (int row = 0; row < kFineHeight; ++row) {
+    for (int col = 0; col < kFineWidth; ++col) {
       const PlaneHypothesis upsampled = UpsampleJointly(context, Coarser(), col, row);
       std::vector<double> costs;
       for (int view = 0; view < 5; ++view) {
@@ -132,16 +132,16 @@ TEST_F(RestoreDetailTest, OnlyWhatMatchesClearlyBetterIsADetail) {
       }
     }
   }
-  EXPECT_GT(compared, kWidth * kHeight);
+  EXPECT_GT(compared, kFineWidth * kFineHeight);
 }
 
 TEST_F(RestoreDetailTest, MapsOfOtherSizesAreRefused) {
   const auto restore = [&](int height, const PlaneMap& coarser) {
-    RestoreDetails(state_.problem(), {}, {PlaneMap(kWidth, height), CostMap(kWidth, height)}, coarser.View());
+    RestoreDetails(state_.problem(), {}, {PlaneMap(kFineWidth, height), CostMap(kFineWidth, height)}, coarser.View());
   };
-  EXPECT_THROW(restore(kHeight, PlaneMap(kWidth, kHeight)), InvalidInputError);
-  EXPECT_THROW(restore(kHeight - 1, coarser_), InvalidInputError);
-  EXPECT_NO_THROW(restore(kHeight, coarser_));
+  EXPECT_THROW(restore(kFineHeight, PlaneMap(kFineWidth, kFineHeight)), InvalidInputError);
+  EXPECT_THROW(restore(kFineHeight - 1, coarser_), InvalidInputError);
+  EXPECT_NO_THROW(restore(kFineHeight, coarser_));
 }
 
 }  // namespace

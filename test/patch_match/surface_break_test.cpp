@@ -12,7 +12,7 @@
 namespace acmp {
 namespace {
 
-constexpr int kWidth = 40, kHeight = 30;
+constexpr int kMapWidth = 40, kMapHeight = 30;
 
 /// Two views, of which the kernels need the first one's camera here.
 class SurfaceBreakTest : public ::testing::Test {
@@ -21,8 +21,8 @@ class SurfaceBreakTest : public ::testing::Test {
   template <class Depth>
   void SetDepths(const Depth& depth) {
     const RayGrid rays = MakeRayGrid(state_.problem().reference.camera);
-    for (int row = 0; row < kHeight; ++row) {
-      for (int col = 0; col < kWidth; ++col) {
+    for (int row = 0; row < kMapHeight; ++row) {
+      for (int col = 0; col < kMapWidth; ++col) {
         state_.planes(col, row) = PlaneThrough({0, 0, -1}, rays.Ray(static_cast<float>(col), static_cast<float>(row)),
                                                static_cast<float>(depth(col, row)));
       }
@@ -33,7 +33,7 @@ class SurfaceBreakTest : public ::testing::Test {
   }
   bool IsBroken(int col, int row) { return IsSurfaceBroken(state_.Context(), col, row, SingleThread()); }
 
-  std::vector<PlanarView> views_ = RandomViews(2, kWidth, kHeight, 5);
+  std::vector<PlanarView> views_ = RandomViews(2, kMapWidth, kMapHeight, 5);
   KernelState state_ = KernelState(MakeProblem(views_, 0, {1, 10}));
 };
 
@@ -43,7 +43,7 @@ TEST_F(SurfaceBreakTest, PlanesAreWholeAtAnySlant) {
     const PlaneHypothesis plane = {static_cast<float>(std::sin(tilt)), 0, static_cast<float>(-std::cos(tilt)), 3};
     SetPlane(plane);
     const RayGrid rays = MakeRayGrid(state_.problem().reference.camera);
-    for (int col = 0; col < kWidth; ++col) {
+    for (int col = 0; col < kMapWidth; ++col) {
       if (PlaneInverseDepth(plane, rays.Ray(static_cast<float>(col), 15)) <= 0) continue;  // beyond the horizon
       EXPECT_FALSE(IsBroken(col, 15)) << tilt_deg << ": " << col;
     }
@@ -53,8 +53,8 @@ TEST_F(SurfaceBreakTest, PlanesAreWholeAtAnySlant) {
 TEST_F(SurfaceBreakTest, StepsBreakTheWindowsThatReachThem) {
   // The pixel on one side, one of a pair on the other: the second difference is the step.
   SetDepths([](int col, int /*row*/) { return col < 20 ? 4.0 : 4.0 * 1.05; });
-  for (int row = 5; row < kHeight - 5; ++row) {
-    for (int col = 5; col < kWidth - 5; ++col) {
+  for (int row = 5; row < kMapHeight - 5; ++row) {
+    for (int col = 5; col < kMapWidth - 5; ++col) {
       const bool reaches = col - 5 < 20 && col + 5 >= 20;
       EXPECT_EQ(IsBroken(col, row), reaches) << col << ", " << row;
     }
@@ -63,7 +63,7 @@ TEST_F(SurfaceBreakTest, StepsBreakTheWindowsThatReachThem) {
 
 TEST_F(SurfaceBreakTest, StepsBelowTheLimitAreNone) {
   SetDepths([](int col, int /*row*/) { return col < 20 ? 4.0 : 4.0 * 1.02; });
-  for (int col = 0; col < kWidth; ++col) EXPECT_FALSE(IsBroken(col, 15)) << col;
+  for (int col = 0; col < kMapWidth; ++col) EXPECT_FALSE(IsBroken(col, 15)) << col;
 }
 
 TEST_F(SurfaceBreakTest, ThinObjectsBreakTheirOwnWindows) {

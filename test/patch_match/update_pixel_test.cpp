@@ -8,18 +8,13 @@
 
 #include "acmp_mapping/patch_match/kernel/initialize_pixel.h"
 #include "acmp_mapping/patch_match/kernel/median_filter.h"
+#include "support/angles.h"
 #include "support/kernel_state.h"
 #include "support/random_views.h"
 #include "support/reference_match.h"
 
 namespace acmp {
 namespace {
-
-constexpr double kRad = 3.14159265358979323846 / 180;
-
-bool Same(const PlaneHypothesis& a, const PlaneHypothesis& b) {
-  return a.nx == b.nx && a.ny == b.ny && a.nz == b.nz && a.d == b.d;
-}
 
 /// Random planes (and priors at two of three pixels) with their true costs, as a pass in progress has them.
 template <Pass kPass>

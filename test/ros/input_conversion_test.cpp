@@ -13,6 +13,7 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
@@ -20,15 +21,6 @@ namespace {
 namespace enc = sensor_msgs::image_encodings;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
-
-std::string Refusal(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const InvalidInputError& error) {
-    return error.what();
-  }
-  return "(accepted)";
-}
 
 EncodedImage MakeImage(const std::string& encoding, uint32_t width, uint32_t height, std::vector<uint8_t> data) {
   auto image = boost::make_shared<sensor_msgs::Image>();
@@ -66,12 +58,12 @@ TEST(DecodeRgb, RespectsPaddedRows) {
 }
 
 TEST(DecodeRgb, RefusesWhatCannotBeConvertedAndNamesIt) {
-  EXPECT_THAT(Refusal([] { DecodeRgb(MakeImage(enc::TYPE_32FC1, 1, 1, {0, 0, 0, 0})); }), HasSubstr("32FC1"));
-  EXPECT_THAT(Refusal([] { DecodeRgb(MakeImage("holograms", 1, 1, {0})); }), HasSubstr("holograms"));
+  EXPECT_THAT(ErrorOf([] { DecodeRgb(MakeImage(enc::TYPE_32FC1, 1, 1, {0, 0, 0, 0})); }), HasSubstr("32FC1"));
+  EXPECT_THAT(ErrorOf([] { DecodeRgb(MakeImage("holograms", 1, 1, {0})); }), HasSubstr("holograms"));
   EncodedImage truncated = MakeImage(enc::RGB8, 1, 1, {1, 2, 3});
   auto image = boost::make_shared<sensor_msgs::Image>(*truncated.raw);
   image->height = 100;
-  EXPECT_THAT(Refusal([&] { DecodeRgb({image, nullptr}); }), AllOf(HasSubstr("1x100"), HasSubstr("3 bytes")));
+  EXPECT_THAT(ErrorOf([&] { DecodeRgb({image, nullptr}); }), AllOf(HasSubstr("1x100"), HasSubstr("3 bytes")));
 }
 
 TEST(DecodeRgb, DecodesCompressedImages) {
@@ -86,9 +78,9 @@ TEST(DecodeRgb, DecodesCompressedImages) {
     auto broken = boost::make_shared<sensor_msgs::CompressedImage>();
     broken->data = {1, 2, 3};
     broken->format = "jpeg";
-    EXPECT_THAT(Refusal([&] { DecodeRgb({nullptr, broken}); }), AllOf(HasSubstr("3 bytes"), HasSubstr("jpeg")));
+    EXPECT_THAT(ErrorOf([&] { DecodeRgb({nullptr, broken}); }), AllOf(HasSubstr("3 bytes"), HasSubstr("jpeg")));
     broken->data.clear();
-    EXPECT_THAT(Refusal([&] { DecodeRgb({nullptr, broken}); }), HasSubstr("0 bytes"));
+    EXPECT_THAT(ErrorOf([&] { DecodeRgb({nullptr, broken}); }), HasSubstr("0 bytes"));
   }
 }
 
@@ -124,18 +116,18 @@ TEST(DecodeRgb, RefusesASizeThatIsNotTheCamerasBeforeMemoryIsTaken) {
     cv::imencode(extension, bgr, image->data);
     EXPECT_EQ(DecodeRgb({nullptr, image}, &camera).size(), bgr.size());
     EXPECT_EQ(DecodeRgb({nullptr, image}, &upright).size(), bgr.size()) << "an image may be turned by its metadata";
-    EXPECT_THAT(Refusal([&] {
+    EXPECT_THAT(ErrorOf([&] {
                   DecodeRgb({nullptr, image}, &other);
                 }),
                 HasSubstr("its header says 64x48, camera_info says 65x48"));
     const auto before = peak_mb();
     image->data = WithSize(extension, image->data, 15000, 10000);
-    EXPECT_THAT(Refusal([&] {
+    EXPECT_THAT(ErrorOf([&] {
                   DecodeRgb({nullptr, image}, &camera);
                 }),
                 HasSubstr("its header says 15000x10000, camera_info says 64x48"));
     image->data = WithSize(extension, image->data, 32000, 20000);
-    EXPECT_THAT(Refusal([&] { DecodeRgb({nullptr, image}); }), HasSubstr("image size 32000 x 20000: must be"));
+    EXPECT_THAT(ErrorOf([&] { DecodeRgb({nullptr, image}); }), HasSubstr("image size 32000 x 20000: must be"));
     EXPECT_LT(peak_mb() - before, 50) << extension;  // decoding the first would take 450
   }
 }
@@ -181,7 +173,7 @@ TEST(ToCalibration, AppliesBinningAndRegionOfInterest) {
   const double full_u = 100.5, full_x = (full_u - 319.5) / 500;
   EXPECT_NEAR(camera.fx * full_x + camera.cx, 0, 1e-9);
   info.roi.width = 600;
-  EXPECT_THAT(Refusal([&] { ToCalibration(info, false); }), AllOf(HasSubstr("600x300"), HasSubstr("640x480")));
+  EXPECT_THAT(ErrorOf([&] { ToCalibration(info, false); }), AllOf(HasSubstr("600x300"), HasSubstr("640x480")));
 }
 
 TEST(ToCalibration, KnowsTheModels) {
@@ -201,7 +193,7 @@ TEST(ToCalibration, RefusesWhatCannotBeUsedAndNamesIt) {
   const auto refusal = [](const std::function<void(sensor_msgs::CameraInfo*)>& change) {
     sensor_msgs::CameraInfo info = MakeInfo();
     change(&info);
-    return Refusal([&] { ToCalibration(info, false); });
+    return ErrorOf([&] { ToCalibration(info, false); });
   };
   EXPECT_THAT(refusal([](auto* info) { info->K[0] = 0; }), HasSubstr("K[0] = 0"));
   EXPECT_THAT(refusal([](auto* info) { info->K[4] = -3; }), HasSubstr("K[4] = -3"));
@@ -292,21 +284,21 @@ TEST(ToSparseCloud, RefusesMalformedClouds) {
   const auto good = MakeCloud<float>({{1, 2, 3}}, sensor_msgs::PointField::FLOAT32);
   auto cloud = good;
   cloud.fields.pop_back();
-  EXPECT_THAT(Refusal([&] { ToSparseCloud(cloud); }), HasSubstr("no field \"z\""));
+  EXPECT_THAT(ErrorOf([&] { ToSparseCloud(cloud); }), HasSubstr("no field \"z\""));
   cloud = good;
   cloud.fields[1].datatype = sensor_msgs::PointField::INT32;
-  EXPECT_THAT(Refusal([&] { ToSparseCloud(cloud); }), AllOf(HasSubstr("\"y\""), HasSubstr("5")));
+  EXPECT_THAT(ErrorOf([&] { ToSparseCloud(cloud); }), AllOf(HasSubstr("\"y\""), HasSubstr("5")));
   cloud = good;
   cloud.width = 2;
-  EXPECT_THAT(Refusal([&] { ToSparseCloud(cloud); }), HasSubstr("16 bytes: needs 32"));
+  EXPECT_THAT(ErrorOf([&] { ToSparseCloud(cloud); }), HasSubstr("16 bytes: needs 32"));
   cloud = good;
   cloud.fields[2].offset = 1000;
-  EXPECT_THAT(Refusal([&] { ToSparseCloud(cloud); }), HasSubstr("point_step"));
+  EXPECT_THAT(ErrorOf([&] { ToSparseCloud(cloud); }), HasSubstr("point_step"));
   cloud.fields[2].offset = 0xfffffffc;  // wraps to 0 in 32 bits
-  EXPECT_THAT(Refusal([&] { ToSparseCloud(cloud); }), AllOf(HasSubstr("4294967292"), HasSubstr("point_step = 16")));
+  EXPECT_THAT(ErrorOf([&] { ToSparseCloud(cloud); }), AllOf(HasSubstr("4294967292"), HasSubstr("point_step = 16")));
   cloud = good;
   cloud.is_bigendian = true;
-  EXPECT_THAT(Refusal([&] { ToSparseCloud(cloud); }), HasSubstr("bigendian"));
+  EXPECT_THAT(ErrorOf([&] { ToSparseCloud(cloud); }), HasSubstr("bigendian"));
 }
 
 TEST(ToSparseCloud, ReadsOldCloudsWithoutTheirChannels) {
@@ -376,7 +368,7 @@ TEST(ToPoseSample, ReadsAllKindsOfMessages) {
 TEST(ToPoseSample, RefusesBadNumbersAndNamesTheStamp) {
   nav_msgs::Odometry odometry;
   SetHeader(&odometry.header);  // the quaternion is 0 0 0 0
-  EXPECT_THAT(Refusal([&] { ToPoseSample(odometry); }), AllOf(HasSubstr("7.000000008"), HasSubstr("norm is 0")));
+  EXPECT_THAT(ErrorOf([&] { ToPoseSample(odometry); }), AllOf(HasSubstr("7.000000008"), HasSubstr("norm is 0")));
 }
 
 }  // namespace

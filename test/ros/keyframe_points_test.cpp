@@ -7,11 +7,11 @@
 
 #include "acmp_mapping/ros/output_conversion.h"
 #include "ros/options_support.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
 
-using test::Refusal;
 using ::testing::HasSubstr;
 
 KeyframeOutput MakeOutput() {
@@ -66,7 +66,7 @@ TEST(KeyframePoints, BadOnesAreRefused) {
   const auto refusal = [&](const std::function<void(acmp_mapping::KeyframePoints*)>& change) {
     acmp_mapping::KeyframePoints bad = *message;
     change(&bad);
-    return Refusal([&] { ReadHead(bad); });
+    return ErrorOf([&] { ReadHead(bad); });
   };
   EXPECT_THAT(refusal([](auto* m) { m->mapper.clear(); }), HasSubstr("mapper is empty"));
   EXPECT_THAT(refusal([](auto* m) { m->T_world_cam.fill(0); }), HasSubstr("T_world_cam"));

@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "ros/diagnostics_support.h"
+
 namespace acmp {
 namespace {
 
@@ -11,23 +13,10 @@ using diagnostic_updater::DiagnosticStatusWrapper;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-using Describer = void (*)(const MapSnapshot&, DiagnosticStatusWrapper*);
-
-DiagnosticStatusWrapper Describe(Describer describe, const MapSnapshot& snapshot) {
-  DiagnosticStatusWrapper status;
-  describe(snapshot, &status);
-  return status;
-}
-
-std::string ValueOf(const DiagnosticStatusWrapper& status, const std::string& key) {
-  for (const auto& value : status.values) {
-    if (value.key == key) return value.value;
-  }
-  return "(no such key)";
-}
+using MapDescriber = void (*)(const MapSnapshot&, DiagnosticStatusWrapper*);
 
 /// A map at work.
-MapSnapshot Healthy() {
+MapSnapshot HealthyMap() {
   MapSnapshot snapshot;
   snapshot.now_s = 100;
   snapshot.keyframe_topic = "/acmp/keyframe_points";
@@ -39,15 +28,15 @@ MapSnapshot Healthy() {
 }
 
 TEST(MapDiagnostics, AllIsWell) {
-  for (const Describer describe : {&DescribeMap, &DescribeMappers}) {
-    const auto status = Describe(describe, Healthy());
+  for (const MapDescriber describe : {&DescribeMap, &DescribeMappers}) {
+    const auto status = Describe(describe, HealthyMap());
     EXPECT_EQ(status.level, DiagnosticStatus::OK) << status.message;
     EXPECT_FALSE(status.message.empty());
   }
 }
 
 TEST(MapDiagnostics, SayWhatIsNotInTheMapYet) {
-  MapSnapshot snapshot = Healthy();
+  MapSnapshot snapshot = HealthyMap();
   EXPECT_EQ(DescribeUnderWay(snapshot.mappers), "");
   snapshot.mappers["/acmp_2/dense_mapper"].images_under_way = 7;
   EXPECT_THAT(DescribeUnderWay(snapshot.mappers),
@@ -56,7 +45,7 @@ TEST(MapDiagnostics, SayWhatIsNotInTheMapYet) {
 }
 
 TEST(MapDiagnostics, TellOfLoopCorrections) {
-  MapSnapshot snapshot = Healthy();
+  MapSnapshot snapshot = HealthyMap();
   snapshot.map.paths = 7;
   snapshot.map.corrections = 3;
   snapshot.map.reposed = 40;
@@ -75,7 +64,7 @@ TEST(MapDiagnostics, TellOfLoopCorrections) {
 }
 
 TEST(MapDiagnostics, WarnOfRecentIncidents) {
-  MapSnapshot snapshot = Healthy();
+  MapSnapshot snapshot = HealthyMap();
   snapshot.incidents["optimized_path_frame"] = {2, "in another frame", 99, 99};
   const auto status = Describe(&DescribeMap, snapshot);
   EXPECT_EQ(status.level, DiagnosticStatus::WARN);
@@ -86,7 +75,7 @@ TEST(MapDiagnostics, WarnOfRecentIncidents) {
 }
 
 TEST(MapDiagnostics, TellWhatComesFromEachMapper) {
-  MapSnapshot snapshot = Healthy();
+  MapSnapshot snapshot = HealthyMap();
   snapshot.mappers["/right/dense_mapper"] = {30, 2, 60};
   auto status = Describe(&DescribeMappers, snapshot);
   EXPECT_EQ(status.level, DiagnosticStatus::OK) << "a camera that stands still has no keyframes";

@@ -5,6 +5,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "ros/diagnostics_support.h"
+
 namespace acmp {
 namespace {
 
@@ -16,7 +18,7 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 
 /// A mapper at work: everything arrives.
-MapperSnapshot Healthy() {
+MapperSnapshot HealthyMapper() {
   MapperSnapshot snapshot;
   snapshot.now_s = 100;
   snapshot.inputs = {{Kind::kImage, "/cam/image", 1, 500, 99.9},
@@ -31,30 +33,17 @@ MapperSnapshot Healthy() {
   return snapshot;
 }
 
-using Describer = void (*)(const MapperSnapshot&, DiagnosticStatusWrapper*);
-
-DiagnosticStatusWrapper Describe(Describer describe, const MapperSnapshot& snapshot) {
-  DiagnosticStatusWrapper status;
-  describe(snapshot, &status);
-  return status;
-}
-
-std::string ValueOf(const DiagnosticStatusWrapper& status, const std::string& key) {
-  for (const auto& value : status.values) {
-    if (value.key == key) return value.value;
-  }
-  return "(no such key)";
-}
+using MapperDescriber = void (*)(const MapperSnapshot&, DiagnosticStatusWrapper*);
 
 TEST(Diagnostics, ThePosesFitIsToldByGap) {
-  MapperSnapshot snapshot = Healthy();
+  MapperSnapshot snapshot = HealthyMapper();
   snapshot.worker.outputs.pose_fit = {100, 0.3, {{1, 1, 60, 0.25}, {2, 3, 40, 0.4}}};
   EXPECT_EQ(ValueOf(Describe(&DescribeMapping, snapshot), "poses fit the images to [px]"),
             "0.3 (median of 100 matches; 1 to 1 apart: 0.25; 2 to 3 apart: 0.4)");
 }
 
 TEST(Diagnostics, AnOffsetOfTheStampsIsNamed) {
-  MapperSnapshot snapshot = Healthy();
+  MapperSnapshot snapshot = HealthyMapper();
   snapshot.worker.pose_checks.stamp_offset_s = 0.0312;
   snapshot.worker.pose_checks.contradiction = 0.004;
   const DiagnosticStatusWrapper status = Describe(&DescribeMapping, snapshot);
@@ -66,26 +55,26 @@ TEST(Diagnostics, AnOffsetOfTheStampsIsNamed) {
 }
 
 TEST(Diagnostics, AllIsWell) {
-  for (const Describer describe : {&DescribeInputs, &DescribeMatching, &DescribeMapping}) {
-    const auto status = Describe(describe, Healthy());
+  for (const MapperDescriber describe : {&DescribeInputs, &DescribeMatching, &DescribeMapping}) {
+    const auto status = Describe(describe, HealthyMapper());
     EXPECT_EQ(status.level, DiagnosticStatus::OK) << status.message;
     EXPECT_FALSE(status.message.empty());
   }
 }
 
 TEST(Diagnostics, NameTheMissingInputItsTopicAndSinceWhen) {
-  MapperSnapshot snapshot = Healthy();
+  MapperSnapshot snapshot = HealthyMapper();
   snapshot.inputs[1] = {Kind::kCameraInfo, "/cam/camera_info", 0, 0, 60};
   auto status = Describe(&DescribeInputs, snapshot);
   EXPECT_EQ(status.level, DiagnosticStatus::WARN);
   EXPECT_THAT(status.message, AllOf(HasSubstr("/cam/camera_info"), HasSubstr("40 s"), HasSubstr("nobody publishes"),
                                     Not(HasSubstr("/cam/image"))));
-  snapshot = Healthy();
+  snapshot = HealthyMapper();
   snapshot.inputs[2].last_received_s = 88;  // was there, fell silent
   status = Describe(&DescribeInputs, snapshot);
   EXPECT_EQ(status.level, DiagnosticStatus::WARN);
   EXPECT_THAT(status.message, AllOf(HasSubstr("nothing on /slam/pose for 12 s"), HasSubstr("1 publisher")));
-  snapshot = Healthy();
+  snapshot = HealthyMapper();
   snapshot.inputs[3] = {Kind::kCloud, "/slam/points", 0, 0, 60, false};
   status = Describe(&DescribeInputs, snapshot);
   EXPECT_EQ(status.level, DiagnosticStatus::OK) << "not needed when the depth range is given";
@@ -95,7 +84,7 @@ TEST(Diagnostics, NameTheMissingInputItsTopicAndSinceWhen) {
 }
 
 TEST(Diagnostics, DoNotBlameTheRemapWhenARecordingHasEnded) {
-  MapperSnapshot snapshot = Healthy();
+  MapperSnapshot snapshot = HealthyMapper();
   snapshot.now_s = 200;
   for (InputStatus& input : snapshot.inputs) input.publishers = 0;
   const auto status = Describe(&DescribeInputs, snapshot);
@@ -106,8 +95,8 @@ TEST(Diagnostics, DoNotBlameTheRemapWhenARecordingHasEnded) {
 }
 
 TEST(Diagnostics, NameMissingInputsInTheLog) {
-  EXPECT_EQ(DescribeMissing(Healthy()), "");
-  MapperSnapshot snapshot = Healthy();
+  EXPECT_EQ(DescribeMissing(HealthyMapper()), "");
+  MapperSnapshot snapshot = HealthyMapper();
   snapshot.inputs[0] = {Kind::kImage, "/cam/image", 0, 0, 97};
   EXPECT_EQ(DescribeMissing(snapshot), "") << "3 s are no long wait";
   snapshot.inputs[0].last_received_s = 88;
@@ -116,14 +105,14 @@ TEST(Diagnostics, NameMissingInputsInTheLog) {
   EXPECT_THAT(DescribeMissing(snapshot), AllOf(HasSubstr("/cam/image"), HasSubstr("; nothing on /slam/pose for 10 s")));
   snapshot.paused = true;
   EXPECT_EQ(DescribeMissing(snapshot), "");
-  snapshot = Healthy();
+  snapshot = HealthyMapper();
   snapshot.waiting_images = 7;
   snapshot.waiting_for = "T_body_cam is not known";
   EXPECT_EQ(DescribeMissing(snapshot), "7 images wait: T_body_cam is not known");
 }
 
 TEST(Diagnostics, TellTheStampGap) {
-  MapperSnapshot snapshot = Healthy();
+  MapperSnapshot snapshot = HealthyMapper();
   snapshot.matched = 0;
   snapshot.last_gap = PoseGap{12345000000, 33400000, {}};
   snapshot.drops["no_pose"] = {3, "no pose within 1 ms of image 12.345000000", 99, 99};
@@ -135,14 +124,14 @@ TEST(Diagnostics, TellTheStampGap) {
 }
 
 TEST(Diagnostics, TellWhatTfLacks) {
-  MapperSnapshot snapshot = Healthy();
+  MapperSnapshot snapshot = HealthyMapper();
   snapshot.last_gap = PoseGap{12345000000, std::nullopt, "tf has no \"cam\" in \"map\" then: not connected"};
   EXPECT_THAT(ValueOf(Describe(&DescribeMatching, snapshot), "last image without a pose"),
               AllOf(HasSubstr("12.345"), HasSubstr("no \"cam\" in \"map\"")));
 }
 
 TEST(Diagnostics, AccountForEveryImage) {
-  MapperSnapshot snapshot = Healthy();
+  MapperSnapshot snapshot = HealthyMapper();
   snapshot.worker.outputs.refined = 300;
   snapshot.images_dropped = 50;
   snapshot.not_chosen = 147;
@@ -151,7 +140,7 @@ TEST(Diagnostics, AccountForEveryImage) {
 }
 
 TEST(Diagnostics, TellLatencies) {
-  MapperSnapshot snapshot = Healthy();
+  MapperSnapshot snapshot = HealthyMapper();
   EXPECT_EQ(ValueOf(Describe(&DescribeMapping, snapshot), "latency of fast depth maps [ms]"), "none yet");
   for (int i = 1; i <= 101; ++i) snapshot.worker.outputs.fast_latency.Add(i);
   EXPECT_EQ(ValueOf(Describe(&DescribeMapping, snapshot), "latency of fast depth maps [ms]"),
@@ -167,7 +156,7 @@ TEST(LatencyWindow, ForgetsWhatIsLongAgo) {
 }
 
 TEST(Diagnostics, CountDropsByReasonAndWarnOfRecentOnes) {
-  MapperSnapshot snapshot = Healthy();
+  MapperSnapshot snapshot = HealthyMapper();
   snapshot.drops["bad_pose"] = {7, "pose 1.000000000: not finite", 98, 98};
   snapshot.drops["overload"] = {9, "keyframe 2.0: the mapper is busy", 99, 99};
   auto status = Describe(&DescribeMatching, snapshot);
@@ -179,13 +168,13 @@ TEST(Diagnostics, CountDropsByReasonAndWarnOfRecentOnes) {
   EXPECT_EQ(status.level, DiagnosticStatus::OK) << "long ago";
   EXPECT_THAT(ValueOf(status, "dropped: bad_pose"), HasSubstr("7"));
   // Frontends that pose keyframes only leave most images without a pose.
-  snapshot = Healthy();
+  snapshot = HealthyMapper();
   snapshot.drops["no_pose"] = {1000, "no pose", 99.9, 99.9};
   EXPECT_EQ(Describe(&DescribeMatching, snapshot).level, DiagnosticStatus::OK);
 }
 
 TEST(Diagnostics, TellTheDevice) {
-  MapperSnapshot snapshot = Healthy();
+  MapperSnapshot snapshot = HealthyMapper();
   snapshot.worker.fallback_reason = "no CUDA driver";
   auto status = Describe(&DescribeMapping, snapshot);
   EXPECT_EQ(status.level, DiagnosticStatus::OK);
@@ -194,7 +183,7 @@ TEST(Diagnostics, TellTheDevice) {
   status = Describe(&DescribeMapping, snapshot);
   EXPECT_EQ(status.level, DiagnosticStatus::ERROR);
   EXPECT_THAT(status.message, HasSubstr("no driver"));
-  snapshot = Healthy();
+  snapshot = HealthyMapper();
   snapshot.convention_warning = "with ~pose_is: T_cam_world more points are in the image";
   status = Describe(&DescribeMapping, snapshot);
   EXPECT_EQ(status.level, DiagnosticStatus::WARN);
@@ -202,7 +191,7 @@ TEST(Diagnostics, TellTheDevice) {
 }
 
 TEST(Diagnostics, WarnOfARunOfKeyframesWithoutPoints) {
-  MapperSnapshot snapshot = Healthy();
+  MapperSnapshot snapshot = HealthyMapper();
   snapshot.worker.outputs.run_without_points = KeyframeOutputs::kRunWithoutPoints - 1;
   snapshot.worker.outputs.no_points_reason = "reprojection (2 px) 90 %; check ~pose_is";
   auto status = Describe(&DescribeMapping, snapshot);

@@ -1,4 +1,3 @@
-#include <functional>
 #include <string>
 
 #include <gmock/gmock.h>
@@ -7,6 +6,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/ros/input_conversion.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
@@ -15,15 +15,6 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 const PinholeCamera kCamera = {3, 2, 3, 3, 1, 0.5};
-
-std::string Refusal(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const InvalidInputError& error) {
-    return error.what();
-  }
-  return "(accepted)";
-}
 
 boost::shared_ptr<sensor_msgs::Image> MakeMask(uint32_t width, uint32_t height, uint32_t step,
                                                std::vector<uint8_t> data) {
@@ -53,21 +44,21 @@ TEST(MaskMessage, IsReadRowByRowWithoutPadding) {
 TEST(MaskMessage, OfAnotherEncodingIsRefused) {
   const auto message = MakeMask(3, 2, 9, std::vector<uint8_t>(18));
   message->encoding = "rgb8";
-  EXPECT_THAT(Refusal([&] { ToMaskSample(message); }),
+  EXPECT_THAT(ErrorOf([&] { ToMaskSample(message); }),
               AllOf(HasSubstr("7.000000008"), HasSubstr("\"rgb8\""), HasSubstr("mono8")));
 }
 
 TEST(MaskMessage, WithTooFewBytesIsRefused) {
-  EXPECT_THAT(Refusal([] { ToMaskSample(MakeMask(3, 2, 3, std::vector<uint8_t>(5))); }),
+  EXPECT_THAT(ErrorOf([] { ToMaskSample(MakeMask(3, 2, 3, std::vector<uint8_t>(5))); }),
               AllOf(HasSubstr("5 bytes"), HasSubstr("needs 6")));
-  EXPECT_THAT(Refusal([] { ToMaskSample(MakeMask(3, 2, 2, std::vector<uint8_t>(6))); }), HasSubstr("step 2"));
-  EXPECT_THAT(Refusal([] { ToMaskSample(MakeMask(3, 4294967295u, 4294967295u, std::vector<uint8_t>(6))); }),
+  EXPECT_THAT(ErrorOf([] { ToMaskSample(MakeMask(3, 2, 2, std::vector<uint8_t>(6))); }), HasSubstr("step 2"));
+  EXPECT_THAT(ErrorOf([] { ToMaskSample(MakeMask(3, 4294967295u, 4294967295u, std::vector<uint8_t>(6))); }),
               HasSubstr("6 bytes"));
 }
 
 TEST(MaskMessage, OfAnotherSizeThanTheImagesIsRefused) {
   const MaskSample sample = ToMaskSample(MakeMask(2, 3, 2, std::vector<uint8_t>(6)));
-  EXPECT_THAT(Refusal([&] { DecodeMask(*sample.mask, kCamera); }), AllOf(HasSubstr("2x3"), HasSubstr("3x2")));
+  EXPECT_THAT(ErrorOf([&] { DecodeMask(*sample.mask, kCamera); }), AllOf(HasSubstr("2x3"), HasSubstr("3x2")));
 }
 
 }  // namespace

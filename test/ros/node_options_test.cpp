@@ -4,11 +4,11 @@
 #include <gtest/gtest.h>
 
 #include "ros/options_support.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
 
-using test::Refusal;
 using test::Struct;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
@@ -20,7 +20,7 @@ NodeOptions Load(const std::map<std::string, XmlRpcValue>& members) {
 }
 
 std::string NodeRefusal(const std::map<std::string, XmlRpcValue>& members) {
-  return Refusal([&] { Load(members); });
+  return ErrorOf([&] { Load(members); });
 }
 
 TEST(NodeOptions, ReadsEnumerations) {

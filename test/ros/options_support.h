@@ -1,12 +1,9 @@
 #pragma once
 
-#include <functional>
 #include <map>
 #include <string>
 
 #include <xmlrpcpp/XmlRpcValue.h>
-
-#include "acmp_mapping/common/error.h"
 
 namespace acmp::test {
 
@@ -15,16 +12,6 @@ inline XmlRpc::XmlRpcValue Struct(const std::map<std::string, XmlRpc::XmlRpcValu
   XmlRpc::XmlRpcValue value;
   for (const auto& [name, member] : members) value[name] = member;
   return value;
-}
-
-/// What InvalidInputError says.
-inline std::string Refusal(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const InvalidInputError& error) {
-    return error.what();
-  }
-  return "(accepted)";
 }
 
 }  // namespace acmp::test

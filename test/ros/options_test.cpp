@@ -15,11 +15,11 @@
 #include "acmp_mapping/ros/map_server_options.h"
 #include "acmp_mapping/ros/node_options.h"
 #include "ros/options_support.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
 
-using test::Refusal;
 using test::Struct;
 using ::testing::AllOf;
 using ::testing::ElementsAre;
@@ -33,11 +33,11 @@ RuntimeOptions LoadRuntime(const std::map<std::string, XmlRpcValue>& members, co
 }
 
 std::string RuntimeRefusal(const std::map<std::string, XmlRpcValue>& members) {
-  return Refusal([&] { LoadRuntime(members); });
+  return ErrorOf([&] { LoadRuntime(members); });
 }
 
 std::string ReadRefusal(const XmlRpcValue& value, const OptionValue& like) {
-  return Refusal([&] { ParameterReader(Struct({{"a", value}})).Read(Text("a", ""), like); });
+  return ErrorOf([&] { ParameterReader(Struct({{"a", value}})).Read(Text("a", ""), like); });
 }
 
 TEST(ParameterReader, ReadsEveryKindOfValue) {
@@ -58,7 +58,7 @@ TEST(ParameterReader, RefusesOtherKindsAndWhatIsOutOfBounds) {
   EXPECT_THAT(ReadRefusal(1, std::string()), HasSubstr("a text"));
   EXPECT_THAT(ReadRefusal(1, std::vector<double>()), HasSubstr("a list of numbers"));
   ParameterReader reader(Struct({{"a", 7}}));
-  EXPECT_THAT(Refusal([&] { reader.Read(Number("a", 0, 5, "s", ""), 0); }),
+  EXPECT_THAT(ErrorOf([&] { reader.Read(Number("a", 0, 5, "s", ""), 0); }),
               AllOf(HasSubstr("parameter ~a = 7"), HasSubstr("[0, 5] s")));
 }
 
@@ -95,7 +95,7 @@ TEST(MapServerOptions, AreReadAndChecked) {
   EXPECT_EQ(options.save_folder, "/");
   EXPECT_FALSE(options.map.keep_earlier_runs);
   const auto refusal = [](const std::map<std::string, XmlRpcValue>& members) {
-    return Refusal([&] {
+    return ErrorOf([&] {
       ParameterReader bad(Struct(members));
       LoadMapServerOptions(&bad);
     });
@@ -215,7 +215,7 @@ TEST(Reconfigure, RefusesWhatIsOutOfBoundsOrDoesNotFit) {
   const auto refusal = [&](const std::function<void(DenseMapperConfig*)>& change) {
     DenseMapperConfig config = ToConfig(current);
     change(&config);
-    return Refusal([&] { FromConfig(config, current); });
+    return ErrorOf([&] { FromConfig(config, current); });
   };
   EXPECT_THAT(refusal([](auto* c) { c->max_source_views = 2000; }),
               AllOf(HasSubstr("max_source_views = 2000"), HasSubstr("[1, 32]")));
