@@ -49,26 +49,36 @@ struct Confident {
 
 class StreetTest : public EngineTest {
  protected:
-  /// All keyframes against all others, each step reading what the one before has left.
-  Confident Map(const PipelineOptions& options) {
+  /// All keyframes against all others, each step reading what the one before has left. The last step fills, once with
+  /// the check of what is unsupported and once without: `unsupported_removed` and `kept`.
+  void Map(PipelineOptions options, Confident* unsupported_removed, Confident* kept) {
     const Street& street = Street::Instance();
     std::vector<EngineView> views;
     for (const FramePtr& frame : street.frames) views.push_back({frame, engine_->Load(frame, 1), nullptr});
     DepthEstimator estimator(engine_.get(), options);
-    for (const KeyframeStep& step : estimator.schedule()) {
-      const std::vector<EngineView> before = views;
-      for (size_t i = 0; i < views.size(); ++i) {
-        EngineProblem problem;
-        problem.reference = before[i];
-        problem.sources = Others(before, i);
-        problem.depth_range = street.ranges[i];
-        views[i].estimate = estimator.Run(step, problem);
-      }
-    }
-    return Count(views, options.fusion);
+    const std::vector<KeyframeStep> schedule = estimator.schedule();
+    ASSERT_EQ(schedule.back().kind, KeyframeStep::Kind::kFillUnverified);
+    for (size_t step = 0; step + 1 < schedule.size(); ++step) views = Run(&estimator, schedule[step], views);
+    *unsupported_removed = Count(Run(&estimator, schedule.back(), views), options.fusion);
+    options.fill.remove_unsupported = false;
+    estimator.set_options(options);
+    *kept = Count(Run(&estimator, schedule.back(), views), options.fusion);
   }
 
  private:
+  static std::vector<EngineView> Run(DepthEstimator* estimator, const KeyframeStep& step,
+                                     const std::vector<EngineView>& before) {
+    std::vector<EngineView> views = before;
+    for (size_t i = 0; i < views.size(); ++i) {
+      EngineProblem problem;
+      problem.reference = before[i];
+      problem.sources = Others(before, i);
+      problem.depth_range = Street::Instance().ranges[i];
+      views[i].estimate = estimator->Run(step, problem);
+    }
+    return views;
+  }
+
   static std::vector<EngineView> Others(std::vector<EngineView> views, size_t i) {
     views.erase(views.begin() + static_cast<ptrdiff_t>(i));
     return views;
@@ -91,10 +101,10 @@ class StreetTest : public EngineTest {
 INSTANTIATE_TEST_SUITE_P(Devices, StreetTest, ::testing::Values(Device::kCpu, Device::kCuda), DeviceName);
 
 TEST_P(StreetTest, MostOfWhatFillingDrawsIntoTheSkyIsUnsupportedAndHardlyAnythingElse) {
-  PipelineOptions options = MakePreset("balanced");
-  const Confident unsupported = Map(options);
-  options.fill.remove_unsupported = false;
-  const Confident before = Map(options);
+  const PipelineOptions options = MakePreset("balanced");
+  ASSERT_TRUE(options.fill.remove_unsupported);
+  Confident unsupported, before;
+  Map(options, &unsupported, &before);
   // In larger images with more views it takes three quarters of what is confident in the sky, and a few percent of the
   // surfaces (docs/experiments.md). What of the sky lies beside a roof has its depth, and stays. What is unsupported
   // counts for the confidence of the surface around, too, up to 16 px away: in images this small that is a tenth of

@@ -234,12 +234,20 @@ std::vector<double> Reference::WeighAsAcmp(const std::vector<std::vector<double>
   return weights;
 }
 
-Reference::Rating Reference::Rate(const Hypothesis& hypothesis, const std::vector<double>& weights, const Maps& maps,
-                                  int col, int row) {
+std::vector<double> Reference::MatchingCosts(const Hypothesis& hypothesis, uint32_t views, int col, int row) {
+  std::vector<double> costs(problem_.sources.size(), kWorst);
+  for (size_t view = 0; view < costs.size(); ++view) {
+    if ((views >> view & 1) != 0) costs[view] = MatchingCost(hypothesis, col, row, static_cast<int>(view));
+  }
+  return costs;
+}
+
+Reference::Rating Reference::Rate(const Hypothesis& hypothesis, const std::vector<double>& costs,
+                                  const std::vector<double>& weights, const Maps& maps, int col, int row) {
   double sum = 0, total = 0;
   for (size_t j = 0; j < weights.size(); ++j) {
     if (!(weights[j] > 0)) continue;
-    double cost = MatchingCost(hypothesis, col, row, static_cast<int>(j));
+    double cost = costs[j];
     if (stage_ == Stage::kGeometric) {
       cost += options_.geometric_weight * ReprojectionError(hypothesis, col, row, static_cast<int>(j));
     }
@@ -344,12 +352,8 @@ Outcome Reference::Update(const Maps& maps, int col, int row, int iteration) {
   // Hypothesis sampling and propagation.
   std::vector<Hypothesis> candidates = Propagate(maps, col, row);
   candidates.push_back(At(reference::ToDouble(maps.planes(col, row)), col, row));  // theta_0
-  std::vector<std::vector<double>> costs(candidates.size());
-  for (size_t i = 0; i < candidates.size(); ++i) {
-    for (size_t view = 0; view < problem_.sources.size(); ++view) {
-      costs[i].push_back(MatchingCost(candidates[i], col, row, static_cast<int>(view)));
-    }
-  }
+  std::vector<std::vector<double>> costs;
+  for (const Hypothesis& candidate : candidates) costs.push_back(MatchingCosts(candidate, ~0u, col, row));
 
   // View weights.
   const std::vector<double> weights = weighs_as_acmh_ ? WeighAsAcmh(costs, maps.views(col, row), iteration)
@@ -357,6 +361,7 @@ Outcome Reference::Update(const Maps& maps, int col, int row, int iteration) {
   Outcome outcome = {candidates.back().plane};
   for (size_t view = 0; view < weights.size(); ++view) outcome.views |= (weights[view] > 0 ? 1u : 0u) << view;
   if (outcome.views == 0) return Done(outcome);
+  const uint32_t weighed = outcome.views;
   if (weighs_as_acmh_) {
     size_t most = 0;
     for (size_t view = 1; view < weights.size(); ++view) {
@@ -367,9 +372,9 @@ Outcome Reference::Update(const Maps& maps, int col, int row, int iteration) {
 
   // Hypothesis updating. The pixel's own plane wins ties.
   Hypothesis best = candidates.back();
-  Rating rating = Rate(best, weights, maps, col, row);
+  Rating rating = Rate(best, costs.back(), weights, maps, col, row);
   for (size_t i = 0; i + 1 < candidates.size(); ++i) {
-    const Rating other = Rate(candidates[i], weights, maps, col, row);
+    const Rating other = Rate(candidates[i], costs[i], weights, maps, col, row);
     if (!Less(other.energy, rating.energy, kCostTolerance)) continue;
     best = candidates[i];
     rating = other;
@@ -386,7 +391,7 @@ Outcome Reference::Update(const Maps& maps, int col, int row, int iteration) {
   for (const auto& [depth, normal] : refined) {
     if (!InRange(depth)) continue;
     const Hypothesis hypothesis = Through(normal, depth, col, row);
-    const Rating other = Rate(hypothesis, weights, maps, col, row);
+    const Rating other = Rate(hypothesis, MatchingCosts(hypothesis, weighed, col, row), weights, maps, col, row);
     if (!Less(other.energy, rating.energy, kCostTolerance)) continue;
     best = hypothesis;
     rating = other;

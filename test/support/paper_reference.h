@@ -66,6 +66,8 @@ class Reference {
   Eigen::Vector3d PerturbNormal(const Eigen::Vector3d& normal, const Eigen::Vector3d& ray, Random* random);
 
   double MatchingCost(const Hypothesis& hypothesis, int col, int row, int view);
+  /// @param views bits of those that are asked for; the others' costs are those of no view seeing it
+  std::vector<double> MatchingCosts(const Hypothesis& hypothesis, uint32_t views, int col, int row);
   double ReprojectionError(const Hypothesis& hypothesis, int col, int row, int view);
   Outcome RateByBestViews(const Hypothesis& hypothesis, int col, int row);
   Hypothesis Upsample(const PlaneMap& coarser, int col, int row);
@@ -73,7 +75,9 @@ class Reference {
   std::vector<double> WeighAsAcmh(const std::vector<std::vector<double>>& costs, uint32_t before, int iteration);
   std::vector<double> WeighAsAcmp(const std::vector<std::vector<double>>& costs, const Maps& maps, int col, int row,
                                   Random* random);
-  Rating Rate(const Hypothesis& hypothesis, const std::vector<double>& weights, const Maps& maps, int col, int row);
+  /// @param costs MatchingCosts of the views with weights
+  Rating Rate(const Hypothesis& hypothesis, const std::vector<double>& costs, const std::vector<double>& weights,
+              const Maps& maps, int col, int row);
 
   const PatchMatchProblem& problem_;
   const PatchMatchOptions& options_;

@@ -18,24 +18,26 @@ struct Sample {
   double weight, reference, source;
 };
 
-double WeightedMean(const std::vector<Sample>& samples, double Sample::*value) {
-  double sum = 0, weights = 0;
-  for (const Sample& s : samples) {
-    sum += s.weight * s.*value;
-    weights += s.weight;
+/// Weighted variances and covariance, centred in a second pass.
+struct Moments {
+  explicit Moments(const std::vector<Sample>& samples) {
+    double weights = 0, mean_reference = 0, mean_source = 0;
+    for (const Sample& s : samples) {
+      weights += s.weight;
+      mean_reference += s.weight * s.reference;
+      mean_source += s.weight * s.source;
+    }
+    mean_reference /= weights;
+    mean_source /= weights;
+    for (const Sample& s : samples) {
+      const double share = s.weight / weights;
+      reference_variance += share * (s.reference - mean_reference) * (s.reference - mean_reference);
+      source_variance += share * (s.source - mean_source) * (s.source - mean_source);
+      covariance += share * (s.reference - mean_reference) * (s.source - mean_source);
+    }
   }
-  return sum / weights;
-}
-
-double WeightedCovariance(const std::vector<Sample>& samples, double Sample::*a, double Sample::*b) {
-  const double mean_a = WeightedMean(samples, a), mean_b = WeightedMean(samples, b);
-  double sum = 0, weights = 0;
-  for (const Sample& s : samples) {
-    sum += s.weight * (s.*a - mean_a) * (s.*b - mean_b);
-    weights += s.weight;
-  }
-  return sum / weights;
-}
+  double reference_variance = 0, source_variance = 0, covariance = 0;
+};
 
 bool InsideImage(const PinholeCamera& camera, const Eigen::Vector2d& pixel) {
   return pixel.x() >= -0.5 && pixel.y() >= -0.5 && pixel.x() < camera.width - 0.5 && pixel.y() < camera.height - 0.5;
@@ -96,26 +98,30 @@ Cost PhotometricCost(const PatchMatchProblem& problem, const PatchMatchOptions& 
   const MatchView& reference = problem.reference;
   const MatchView& source = problem.sources[view];
   Cost cost = {CostKind::kNoCorrespondence, 2.0, 0, 0, std::numeric_limits<double>::infinity()};
-  double z;
-  const Eigen::Vector2d center = Transfer(reference, source, plane, Eigen::Vector2d(col, row), &z);
-  const bool visible = z > 0 && InsideImage(source.camera, center);
+  const RigidTransform source_from_reference = source.cam_from_world * reference.cam_from_world.inverse();
+  const Eigen::Vector3d center = source_from_reference * Intersect(reference.camera, Eigen::Vector2d(col, row), plane);
+  const bool visible = center.z() > 0 && InsideImage(source.camera, source.camera.Project(center));
 
   std::vector<Sample> samples;
+  samples.reserve(36);
   for (int dy = -5; dy <= 5; dy += 2) {
     for (int dx = -5; dx <= 5; dx += 2) {
       const Eigen::Vector2d pixel(col + dx, row + dy);
-      const Eigen::Vector2d target = Transfer(reference, source, plane, pixel, &z);
-      cost.min_z = std::min(cost.min_z, z / Intersect(reference.camera, pixel, plane).z());
+      const Eigen::Vector3d point = Intersect(reference.camera, pixel, plane);
+      const Eigen::Vector3d in_source = source_from_reference * point;
+      cost.min_z = std::min(cost.min_z, in_source.z() / point.z());
       if (!reference.gray.Contains(col + dx, row + dy)) continue;
       const double value = reference.gray(col + dx, row + dy);
       const double weight = BilateralWeight(std::hypot(dx, dy), value - reference.gray(col, row), options);
+      const Eigen::Vector2d target = source.camera.Project(in_source);
       samples.push_back({weight, value, SampleBilinear(source.gray, target.x(), target.y())});
     }
   }
   if (!visible) return cost;
   if (samples.empty()) return {CostKind::kFlatReference, 1.0, 0, 0, cost.min_z};
-  cost.reference_variance = WeightedCovariance(samples, &Sample::reference, &Sample::reference);
-  cost.source_variance = WeightedCovariance(samples, &Sample::source, &Sample::source);
+  const Moments moments(samples);
+  cost.reference_variance = moments.reference_variance;
+  cost.source_variance = moments.source_variance;
   if (cost.reference_variance < options.min_variance) {
     cost.kind = CostKind::kFlatReference;
     cost.value = 1.0;
@@ -123,9 +129,9 @@ Cost PhotometricCost(const PatchMatchProblem& problem, const PatchMatchOptions& 
     cost.kind = CostKind::kFlatSource;
     cost.value = 2.0;
   } else {
-    const double covariance = WeightedCovariance(samples, &Sample::reference, &Sample::source);
     cost.kind = CostKind::kMatched;
-    cost.value = std::clamp(1 - covariance / std::sqrt(cost.reference_variance * cost.source_variance), 0.0, 2.0);
+    cost.value =
+        std::clamp(1 - moments.covariance / std::sqrt(cost.reference_variance * cost.source_variance), 0.0, 2.0);
   }
   return cost;
 }
