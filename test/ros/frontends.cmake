@@ -5,7 +5,8 @@ set(ACMP_FRONTEND_RESULTS ${CMAKE_BINARY_DIR}/frontend_results)
 add_executable(frontends_rostest frontends_rostest.cpp frontend_player.cpp frontend_traits.cpp)
 acmp_test_defaults(frontends_rostest)
 target_compile_definitions(frontends_rostest PRIVATE ACMP_FRONTEND_RESULTS="${ACMP_FRONTEND_RESULTS}")
-target_link_libraries(frontends_rostest PRIVATE acmp_ros_test_support GTest::gtest)
+target_link_libraries(frontends_rostest PRIVATE acmp_ros_test_support GTest::gtest GTest::gmock)
+target_precompile_headers(frontends_rostest REUSE_FROM acmp_ros_test_headers)
 add_dependencies(frontends_rostest dense_mapper_node map_server_node)
 
 # acmp_play_frontend(preset [played_as]): played_as is another way to wire it, of which frontends_rostest.test knows.
