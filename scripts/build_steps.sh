@@ -23,11 +23,13 @@ gpu_architectures() {
   echo "${ACMP_CUDA_ARCHITECTURES:-$found}"
 }
 
-# configure [OPTION...]: the same options for both, as others would compile everything again.
+# configure [OPTION...]: the same options for both, as others would compile everything again. A unity build: several files
+# in one unit, so that the large headers of ROS, Eigen and OpenVDB are read once for them; half the time.
 configure() {
   mkdir -p "$build"
   cmake -S . -B "$build" -G Ninja -DACMP_CUDA="${ACMP_CUDA:-AUTO}" -DACMP_ROS=ON -DACMP_WARNINGS_AS_ERRORS=ON \
-    -DACMP_BUILD_TESTS=ON -DCMAKE_BUILD_TYPE=Release -DACMP_CUDA_ARCHITECTURES="$(gpu_architectures)" "$@" >"$build/configure.log" 2>&1 ||
+    -DACMP_BUILD_TESTS=ON -DCMAKE_BUILD_TYPE=Release -DCMAKE_UNITY_BUILD=ON -DCMAKE_UNITY_BUILD_BATCH_SIZE=12 \
+    -DACMP_CUDA_ARCHITECTURES="$(gpu_architectures)" "$@" >"$build/configure.log" 2>&1 ||
     { tail -n 30 "$build/configure.log"; return 1; }
   grep '^-- acmp_mapping:' "$build/configure.log"
 }
