@@ -20,7 +20,7 @@ elif [ "${1:-}" = --full ]; then
   checks=--checks=clang-analyzer-*,-clang-analyzer-optin.cplusplus.VirtualCall,-clang-analyzer-optin.performance.Padding
   checks+=,performance-unnecessary-value-param,bugprone-reserved-identifier,bugprone-assert-side-effect
   checks+=,bugprone-multiple-statement-macro,bugprone-not-null-terminated-result,bugprone-stringview-nullptr
-  checks+=,bugprone-suspicious-semicolon,bugprone-suspicious-string-compare,bugprone-dangling-handle
+  checks+=,bugprone-suspicious-semicolon,bugprone-suspicious-string-compare,bugprone-dangling-handle,bugprone-forward-declaration-namespace
   checks+=,bugprone-infinite-loop,bugprone-misplaced-widening-cast,bugprone-sizeof-expression
   checks+=,bugprone-undelegated-constructor,bugprone-unused-raii,modernize-use-nullptr
   checks+=,readability-container-size-empty
