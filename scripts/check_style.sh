@@ -4,8 +4,9 @@
 # Usage: scripts/check_style.sh [--tests | --full] [BUILD_FOLDER]
 #   BUILD_FOLDER  a configured build; without it only what needs none is checked
 #   --tests       the tests too, which take as long as all else
-#   --full        that, each file of a unity build alone, and the checks that take four times as long as all others: the analyser, parameters copied in vain,
-#                 reserved names, C strings, assert and macros, and some that have never found anything
+#   --full        that, each file of a unity build alone, and the checks that take four times as long as all others: the
+#                 analyser, parameters copied in vain, reserved names, C strings, assert and macros, and some that have
+#                 never found anything
 set -euo pipefail
 cd "$(dirname "$0")/.."
 checks=--checks=-bugprone-suspicious-include  # unity units include .cpp files
@@ -20,7 +21,8 @@ elif [ "${1:-}" = --full ]; then
   checks=--checks=clang-analyzer-*,-clang-analyzer-optin.cplusplus.VirtualCall,-clang-analyzer-optin.performance.Padding
   checks+=,performance-unnecessary-value-param,bugprone-reserved-identifier,bugprone-assert-side-effect
   checks+=,bugprone-multiple-statement-macro,bugprone-not-null-terminated-result,bugprone-stringview-nullptr
-  checks+=,bugprone-suspicious-semicolon,bugprone-suspicious-string-compare,bugprone-dangling-handle,bugprone-forward-declaration-namespace
+  checks+=,bugprone-suspicious-semicolon,bugprone-suspicious-string-compare,bugprone-dangling-handle
+  checks+=,bugprone-forward-declaration-namespace
   checks+=,bugprone-infinite-loop,bugprone-misplaced-widening-cast,bugprone-sizeof-expression
   checks+=,bugprone-undelegated-constructor,bugprone-unused-raii,modernize-use-nullptr
   checks+=,readability-container-size-empty
@@ -39,9 +41,9 @@ if grep -n '#include <oneapi/' "${sources[@]}"; then
 fi
 
 if [ -n "$build" ]; then
-  # Only what this build compiles: without CUDA the files in cuda/ have no flags. Without precompiled headers: clang does
-  # not read GCC's. The units of a unity build as they are, which takes a third of the time, as headers are read once for
-  # many files; with --full each file alone, where a missing #include shows.
+  # Only what this build compiles: without CUDA the files in cuda/ have no flags. Without precompiled headers: clang
+  # does not read GCC's. The units of a unity build as they are: headers are read once for many files. With --full each
+  # file alone, where a missing #include shows.
   commands=$(mktemp -d)
   trap 'rm -rf "$commands"' EXIT
   mapfile -t units < <(/usr/bin/python3 - "$build/compile_commands.json" "$with_tests" "$one_by_one" "$commands" <<'PYTHON'
