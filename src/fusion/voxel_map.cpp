@@ -112,6 +112,11 @@ class VoxelMean {
   Eigen::Vector3d color_ = Eigen::Vector3d::Zero(), strongest_normal_ = Eigen::Vector3d::Zero();
 };
 
+void CheckVoxelSize(float voxel_size) {
+  if (voxel_size > 0 && std::isfinite(voxel_size)) return;
+  throw InvalidInputError(Concat("voxel size = ", voxel_size, ": must be > 0 and finite"));
+}
+
 SurfacePoint AverageVoxel(const PointCloud& members) {
   double confidence_sum = 0;
   for (const SurfacePoint& point : members) confidence_sum += point.confidence;
@@ -123,9 +128,7 @@ SurfacePoint AverageVoxel(const PointCloud& members) {
 }  // namespace
 
 PointCloud MergeClouds(const std::vector<PlacedCloud>& clouds, float voxel_size) {
-  if (!(voxel_size > 0 && std::isfinite(voxel_size))) {
-    throw InvalidInputError(Concat("voxel size = ", voxel_size, ": must be > 0 and finite"));
-  }
+  CheckVoxelSize(voxel_size);
   const PlacedPoints points(clouds);
   CheckRange("number of points", points.size(), size_t{0}, size_t{std::numeric_limits<uint32_t>::max()});
   std::vector<VoxelEntry> entries(points.size());
@@ -155,6 +158,16 @@ PointCloud MergeClouds(const std::vector<PlacedCloud>& clouds, float voxel_size)
 
 PointCloud VoxelFilter(const PointCloud& points, float voxel_size) {
   return MergeClouds({{RigidTransform::Identity(), &points}}, voxel_size);
+}
+
+void CheckPoints(const PointCloud& points, float voxel_size) {
+  CheckVoxelSize(voxel_size);
+  for (size_t i = 0; i < points.size(); ++i) Locate(points[i], i, voxel_size);
+}
+
+PointCloud Scaled(PointCloud points, double scale) {
+  for (SurfacePoint& point : points) point.position = ToVec3f(scale * ToEigen(point.position));
+  return points;
 }
 
 }  // namespace acmp

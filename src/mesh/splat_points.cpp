@@ -1,5 +1,6 @@
 #include "acmp_mapping/mesh/splat_points.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -54,17 +55,19 @@ class Splatter {
     const Eigen::Vector3d position(point.position.x, point.position.y, point.position.z);
     const Eigen::Vector2d middle = camera_.Project(position);
     const double reach = std::max(kHalfSquare, kHalfSquare * spacing_ * camera_.fx / position.z());
-    for (int row = First(middle.y(), reach); row <= Last(middle.y(), reach, camera_.height); ++row) {
-      for (int col = First(middle.x(), reach); col <= Last(middle.x(), reach, camera_.width); ++col) {
+    for (int row = First(middle.y(), reach, camera_.height); row <= Last(middle.y(), reach, camera_.height); ++row) {
+      for (int col = First(middle.x(), reach, camera_.width); col <= Last(middle.x(), reach, camera_.width); ++col) {
         DrawPixel(point, static_cast<float>((Eigen::Vector2d(col, row) - middle).squaredNorm()), col, row);
       }
     }
   }
 
  private:
-  static int First(double middle, double reach) { return std::max(0, static_cast<int>(std::ceil(middle - reach))); }
+  static int First(double middle, double reach, int size) {
+    return static_cast<int>(std::clamp<double>(std::ceil(middle - reach), 0, size));
+  }
   static int Last(double middle, double reach, int size) {
-    return std::min(size - 1, static_cast<int>(std::floor(middle + reach)));
+    return static_cast<int>(std::clamp<double>(std::floor(middle + reach), -1, size - 1));
   }
 
   void DrawPixel(const SurfacePoint& point, float distance, int col, int row) {
@@ -91,23 +94,52 @@ class Splatter {
   Image<float> distances_;  ///< px^2, of the middle of the square that a pixel has
 };
 
-}  // namespace
-
-SurfaceMaps SplatPoints(const PointCloud& points_in_camera, const RigidTransform& world_from_cam, double spacing) {
+PointCloud PointsInView(const PointCloud& points) {
   PointCloud in_view;
-  std::copy_if(points_in_camera.begin(), points_in_camera.end(), std::back_inserter(in_view),
+  std::copy_if(points.begin(), points.end(), std::back_inserter(in_view),
                [](const SurfacePoint& point) { return IsInView(point.position); });
+  return in_view;
+}
+
+SurfaceMaps DrawInView(const PointCloud& points, const PosedCamera& camera, double spacing) {
+  const int width = camera.camera.width, height = camera.camera.height;
   SurfaceMaps maps;
-  if (in_view.empty()) return maps;
-  maps.camera = {CameraAround(in_view, spacing), world_from_cam.inverse()};
-  const int width = maps.camera.camera.width, height = maps.camera.camera.height;
+  maps.camera = camera;
   maps.depth = DepthMap(width, height);
   maps.normal = NormalMap(width, height);
   maps.confidence = ConfidenceMap(width, height);
   maps.color = ColorImage(width, height);
   Splatter splatter(spacing, &maps);
-  for (const SurfacePoint& point : in_view) splatter.Draw(point);
+  for (const SurfacePoint& point : points) splatter.Draw(point);
   return maps;
+}
+
+}  // namespace
+
+SurfaceMaps SplatPoints(const PointCloud& points_in_camera, const RigidTransform& world_from_cam, double spacing) {
+  const PointCloud in_view = PointsInView(points_in_camera);
+  if (in_view.empty()) return {};
+  return DrawInView(in_view, {CameraAround(in_view, spacing), world_from_cam.inverse()}, spacing);
+}
+
+SurfaceMaps SplatPoints(const PointCloud& points_in_camera, const PosedCamera& camera, double spacing) {
+  return DrawInView(PointsInView(points_in_camera), camera, spacing);
+}
+
+double PointSpacing(const PointCloud& points_in_camera, double voxel_size) {
+  constexpr double kHalfCovered = 0.7;  // of the box around them points cover half or more
+  std::vector<float> depths;
+  Eigen::AlignedBox2f box;
+  for (const SurfacePoint& point : points_in_camera) {
+    const Vec3f& p = point.position;
+    if (!(p.z > 0)) continue;
+    depths.push_back(p.z);
+    box.extend(Eigen::Vector2f(p.x / p.z, p.y / p.z));
+  }
+  if (depths.empty()) return 0;
+  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
+  std::nth_element(depths.begin(), middle, depths.end());
+  return std::max(voxel_size, kHalfCovered * *middle * std::sqrt(box.volume() / static_cast<double>(depths.size())));
 }
 
 }  // namespace acmp

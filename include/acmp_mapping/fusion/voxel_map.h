@@ -13,6 +13,11 @@ namespace acmp {
 /// InvalidInputError unless voxel_size > 0 and finite, positions are finite and within 2^31 voxels of the origin,
 /// confidences are in 0..1 and there are less than 2^32 points. Voxels come in the order of their coordinates.
 PointCloud VoxelFilter(const PointCloud& points, float voxel_size);
+/// What VoxelFilter throws for points that it refuses, without filtering.
+void CheckPoints(const PointCloud& points, float voxel_size);
+
+/// Positions times `scale`, rounded to float32.
+PointCloud Scaled(PointCloud points, double scale);
 
 /// Somebody else's cloud and where it lies.
 struct PlacedCloud {

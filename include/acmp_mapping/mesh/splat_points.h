@@ -22,5 +22,12 @@ struct SurfaceMaps {
 /// @param points_in_camera about `spacing` apart, with unit normals that face the camera
 /// @param spacing unit of the points, > 0
 SurfaceMaps SplatPoints(const PointCloud& points_in_camera, const RigidTransform& world_from_cam, double spacing);
+/// The same in the pixels of a given camera: maps of its size.
+SurfaceMaps SplatPoints(const PointCloud& points_in_camera, const PosedCamera& camera, double spacing);
+
+/// How far apart a camera's points lie at the median depth: where its pixels cover more than the voxels that they were
+/// thinned to, farther than these. 0 without points before the camera.
+/// @param voxel_size unit of the points, > 0
+double PointSpacing(const PointCloud& points_in_camera, double voxel_size);
 
 }  // namespace acmp
