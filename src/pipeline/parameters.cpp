@@ -17,14 +17,11 @@ OptionTable<PipelineOptions> MakePipelineOptionTable() {
       [](auto& o) -> auto& { return o.geometric_passes; });
   table.Add(
       Flag("completion",
-           "Give pixels that hardly any other image confirms the planes of confirmed surfaces around them")
+           "Give pixels that hardly any other image confirms the planes of confirmed surfaces around them, and mark as "
+           "a "
+           "guess what has no texture and would hide what has, above all walls in a sky")
           .WhileRunning(),
       [](auto& o) -> auto& { return o.fill.enabled; });
-  table.Add(
-      Flag("remove_unsupported",
-           "With completion: mark as a guess what has no texture and would hide what has, above all walls in a sky")
-          .WhileRunning(),
-      [](auto& o) -> auto& { return o.fill.remove_unsupported; });
   table.Add(
       Flag("weighted_median", "With completion: let the outlines of surfaces follow the colours of the image")
           .WhileRunning(),
