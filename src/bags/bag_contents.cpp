@@ -9,6 +9,7 @@
 #include <tf2/exceptions.h>
 #include <tf2_msgs/TFMessage.h>
 
+#include "acmp_mapping/ros/bag_reader.h"
 #include "acmp_mapping/ros/input_conversion.h"
 
 namespace acmp {
@@ -189,18 +190,9 @@ const std::vector<std::string>& CloudTypes() {
 }
 
 BagContents ReadBagContents(const std::filesystem::path& path, const TopicChoice& wanted) {
-  if (!std::filesystem::is_regular_file(path)) throw InvalidInputError(Concat(path, ": no such file"));
-  try {
-    rosbag::Bag bag(path.string(), rosbag::bagmode::Read);
-    return ReadOpened(bag, wanted);
-  } catch (const InvalidInputError&) {
-    throw;
-  } catch (const rosbag::BagUnindexedException&) {
-    throw InvalidInputError(
-        Concat(path, ": has no index, so the recording was cut off; repair it with: rosbag reindex"));
-  } catch (const std::exception& error) {  // rosbag's, and out of memory or range from corrupt lengths
-    throw InvalidInputError(Concat(path, ": is truncated, corrupt or not a bag: ", error.what()));
-  }
+  BagContents contents;
+  ReadBag(path, "repair it with: rosbag reindex", [&](const rosbag::Bag& bag) { contents = ReadOpened(bag, wanted); });
+  return contents;
 }
 
 }  // namespace acmp

@@ -8,9 +8,9 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/image/image_processing.h"
+#include "acmp_mapping/ros/bag_writer.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "bag_messages.h"
-#include "bag_writer.h"
 
 namespace acmp {
 namespace {

@@ -11,8 +11,8 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/ros/bag_writer.h"
 #include "bag_messages.h"
-#include "bag_writer.h"
 #include "dataset/test_folder.h"
 
 namespace acmp {

@@ -16,7 +16,8 @@ class BagWriter {
  public:
   /// Throws InvalidInputError when `path` cannot name a file, ProcessingError with the system's reason when the folder
   /// cannot be written to.
-  explicit BagWriter(const std::filesystem::path& path);
+  explicit BagWriter(const std::filesystem::path& path, Durability durability = Durability::kProcess,
+                     rosbag::CompressionType compression = rosbag::compression::Uncompressed);
   /// Without Finish: removes what was written.
   ~BagWriter();
   BagWriter(const BagWriter&) = delete;
@@ -37,6 +38,7 @@ class BagWriter {
   void Finish();
 
  private:
+  /// Gives the disk's space back.
   [[noreturn]] void ThrowWriteError(const std::string& reason);
 
   std::filesystem::path path_;

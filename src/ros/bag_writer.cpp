@@ -1,4 +1,4 @@
-#include "bag_writer.h"
+#include "acmp_mapping/ros/bag_writer.h"
 
 #include <cerrno>
 #include <system_error>
@@ -20,10 +20,12 @@ const std::filesystem::path& CheckedPath(const std::filesystem::path& path) {
 
 }  // namespace
 
-BagWriter::BagWriter(const std::filesystem::path& path)
+BagWriter::BagWriter(const std::filesystem::path& path, Durability durability, rosbag::CompressionType compression)
     : path_(CheckedPath(path)),
-      file_(path),
-      bag_(std::make_unique<rosbag::Bag>(file_.temporary_path().string(), rosbag::bagmode::Write)) {}
+      file_(path, durability),
+      bag_(std::make_unique<rosbag::Bag>(file_.temporary_path().string(), rosbag::bagmode::Write)) {
+  bag_->setCompression(compression);
+}
 
 BagWriter::~BagWriter() {
   if (bag_ == nullptr) return;
@@ -37,8 +39,10 @@ BagWriter::~BagWriter() {
 void BagWriter::ThrowWriteError(const std::string& reason) {
   const int system_error = errno;
   // rosbag::Bag's destructor writes the index and throws when that fails, which would end the program: leave the object
-  // to the end of the process.
+  // to the end of the process. It keeps the file open: what has been written must not fill the disk until then.
   static_cast<void>(bag_.release());
+  std::error_code ignored;
+  std::filesystem::resize_file(file_.temporary_path(), 0, ignored);
   throw ProcessingError(Concat("cannot write ", path_, ": ", reason,
                                system_error != 0 ? " (" + std::generic_category().message(system_error) + ")" : ""));
 }

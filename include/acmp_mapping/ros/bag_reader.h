@@ -1,0 +1,16 @@
+#pragma once
+
+#include <filesystem>
+#include <functional>
+
+#include <rosbag/bag.h>
+
+namespace acmp {
+
+/// Opens a bag for read(bag). What rosbag throws, there too, becomes an InvalidInputError that names the file and says
+/// whether it is missing, cut off, damaged or no bag; InvalidInputErrors of read go through as they are.
+/// @param when_cut_off what to do about a file that was cut off; ends a sentence
+void ReadBag(const std::filesystem::path& path, const char* when_cut_off,
+             const std::function<void(const rosbag::Bag&)>& read);
+
+}  // namespace acmp
