@@ -4,6 +4,7 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -37,6 +38,19 @@ void CheckDistance(const RigidTransform& world_from_cam, double reach, double ma
   if (position.norm() + reach <= max_distance) return;
   throw InvalidInputError(Concat("position (", position.x(), ", ", position.y(), ", ", position.z(), "), points up to ",
                                  reach, " away: must lie within ", max_distance, " of the origin (2^30 voxels)"));
+}
+
+CorrectedPose MakePose(const KeyframePose& pose, double reach) {
+  CorrectedPose made;
+  made.stamp_ns = pose.stamp_ns;
+  made.path = pose.path;
+  made.reach = reach;
+  made.received = made.world_from_cam = pose.world_from_cam;
+  return made;
+}
+
+std::string NameOf(const KeyframeKey& key) {
+  return Concat("keyframe ", key.id, " of \"", key.mapper, "\", run ", key.run);
 }
 
 }  // namespace
@@ -84,10 +98,8 @@ bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const Point
   CheckDistance(pose.world_from_cam, reach, MaxDistance());
   Keyframe keyframe;
   keyframe.arrival = arrivals_++;
-  keyframe.pose.stamp_ns = pose.stamp_ns;
-  keyframe.pose.path = pose.path;
-  keyframe.pose.reach = reach;
-  keyframe.pose.received = keyframe.pose.world_from_cam = pose.world_from_cam;
+  keyframe.pose = MakePose(pose, reach);
+  keyframe.received = pose;
   statistics_.points += thinned->size();
   keyframe.points_in_camera = std::move(thinned);
   keyframes_.insert_or_assign(key, std::move(keyframe));
@@ -103,8 +115,9 @@ void MapStore::StartRun(const std::string& mapper, uint64_t run) {
   last->second = run;
   path_.clear();
   if (options_.keep_earlier_runs) return;
-  statistics_.evicted_by_run +=
-      EraseIf([&](const KeyframeKey& key, const Keyframe&) { return key.mapper == mapper && key.run != run; });
+  statistics_.evicted_by_run += EraseIf([&](const KeyframeKey& key, const Keyframe& keyframe) {
+    return key.mapper == mapper && key.run != run && !keyframe.joined;
+  });
   if (keyframes_.empty()) auto_voxel_size_ = 0;  // another scene may have another scale
 }
 
@@ -151,11 +164,16 @@ ReposeResult MapStore::Repose(std::vector<StampedPose> path) {
   return result;
 }
 
+bool MapStore::IsOfLastRun(const KeyframeKey& key) const {
+  const auto last = runs_.find(key.mapper);
+  return last != runs_.end() && last->second == key.run;
+}
+
 ReposeResult MapStore::ApplyPath() {
   if (path_.empty()) return {};
   std::vector<CorrectedPose*> trajectory;
   for (auto& [key, keyframe] : keyframes_) {
-    if (runs_.at(key.mapper) == key.run) trajectory.push_back(&keyframe.pose);
+    if (IsOfLastRun(key)) trajectory.push_back(&keyframe.pose);
   }
   std::stable_sort(trajectory.begin(), trajectory.end(),
                    [](const CorrectedPose* a, const CorrectedPose* b) { return a->stamp_ns < b->stamp_ns; });
@@ -172,7 +190,7 @@ void MapStore::Evict() {
   if (options_.map_radius > 0) {
     std::map<std::string, Eigen::Vector3d> newest;  // of each mapper
     for (const auto& [key, keyframe] : keyframes_) {
-      if (runs_.at(key.mapper) == key.run) newest[key.mapper] = keyframe.pose.world_from_cam.translation();
+      if (IsOfLastRun(key)) newest[key.mapper] = keyframe.pose.world_from_cam.translation();
     }
     statistics_.evicted_by_radius += EraseIf([&](const KeyframeKey&, const Keyframe& keyframe) {
       const Eigen::Vector3d& position = keyframe.pose.world_from_cam.translation();
@@ -208,6 +226,89 @@ void MapStore::Clear() {
   path_.clear();
   auto_voxel_size_ = 0;
   statistics_ = {};
+  ++version_;
+}
+
+MapSession MapStore::Session() const {
+  MapSession session;
+  std::map<std::pair<bool, uint64_t>, std::pair<SessionKeyframe, double>> ordered;  // with the scale of the points
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    session.voxel_size = VoxelSize();
+    for (const auto& [key, keyframe] : keyframes_) {
+      SessionKeyframe saved = {key, keyframe.received, keyframe.points_in_camera};
+      saved.pose.world_from_cam = keyframe.pose.world_from_cam;
+      const bool is_of_last_run = IsOfLastRun(key);
+      session.earlier += is_of_last_run ? 0 : 1;
+      ordered.try_emplace({is_of_last_run, keyframe.arrival}, std::move(saved), keyframe.pose.scale);
+    }
+  }
+  for (auto& [place, keyframe] : ordered) {
+    auto& [saved, scale] = keyframe;
+    if (scale != 1) saved.points_in_camera = std::make_shared<const PointCloud>(Scaled(*saved.points_in_camera, scale));
+    session.keyframes.push_back(std::move(saved));
+  }
+  return session;
+}
+
+void MapStore::CheckCanJoin(const MapSession& session) const {
+  const size_t keyframes = keyframes_.size() + session.keyframes.size();
+  if (keyframes > static_cast<size_t>(options_.max_keyframes)) {
+    throw InvalidInputError(Concat(session.keyframes.size(), " keyframes, and ", keyframes_.size(),
+                                   " are in the map: together at most max_keyframes = ", options_.max_keyframes,
+                                   "; raise it"));
+  }
+  std::set<KeyframeKey> keys;
+  for (const SessionKeyframe& keyframe : session.keyframes) {
+    if (!keys.insert(keyframe.key).second) throw InvalidInputError(Concat(NameOf(keyframe.key), " comes twice"));
+    if (keyframes_.count(keyframe.key) == 0) continue;
+    throw InvalidInputError(Concat(
+        NameOf(keyframe.key), " is in the map already: to go back to what was saved, empty the map first (reset)"));
+  }
+}
+
+void MapStore::Join(MapSession session, const RigidTransform& world_from_session) {
+  double voxel_size = options_.voxel_size;
+  {
+    std::lock_guard<std::mutex> lock(mutex_);
+    CheckCanJoin(session);
+    if (voxel_size == 0 && !keyframes_.empty()) voxel_size = auto_voxel_size_;
+  }
+  CheckRange("voxel_size", session.voxel_size, 0.0, 1e6);
+  if (voxel_size == 0) voxel_size = session.voxel_size;
+  const double max_distance = voxel_size > 0 ? kMaxVoxels * voxel_size : std::numeric_limits<double>::infinity();
+  std::vector<std::pair<KeyframeKey, Keyframe>> joined;
+  for (SessionKeyframe& keyframe : session.keyframes) {
+    try {
+      keyframe.pose.world_from_cam = world_from_session * keyframe.pose.world_from_cam;
+      const PointCloud& points = *keyframe.points_in_camera;
+      if (!points.empty()) CheckPoints(points, static_cast<float>(voxel_size));
+      if (!points.empty() && voxel_size != session.voxel_size) {
+        auto thinned = std::make_shared<const PointCloud>(VoxelFilter(points, static_cast<float>(voxel_size)));
+        keyframe.points_in_camera = std::move(thinned);
+      }
+      const double reach = ReachOf(*keyframe.points_in_camera);
+      CheckDistance(keyframe.pose.world_from_cam, reach, max_distance);
+      joined.emplace_back(keyframe.key, Keyframe{0, MakePose(keyframe.pose, reach), keyframe.pose, true,
+                                                 std::move(keyframe.points_in_camera)});
+    } catch (const InvalidInputError& error) {
+      throw InvalidInputError(Concat(NameOf(keyframe.key), ": ", error.what()));
+    }
+  }
+  std::lock_guard<std::mutex> lock(mutex_);
+  const bool begins_anew = keyframes_.empty();
+  if (begins_anew) {
+    path_.clear();
+    runs_.clear();
+  }
+  if (options_.voxel_size == 0) auto_voxel_size_ = voxel_size;
+  for (size_t i = 0; i < joined.size(); ++i) {
+    auto& [key, keyframe] = joined[i];
+    if (begins_anew && i >= session.earlier) runs_.insert_or_assign(key.mapper, key.run);
+    keyframe.arrival = arrivals_++;
+    statistics_.points += keyframe.points_in_camera->size();
+    keyframes_.insert_or_assign(key, std::move(keyframe));
+  }
   ++version_;
 }
 

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "acmp_mapping/fusion/point_cloud.h"
+#include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
 #include "acmp_mapping/map/loop_correction.h"
 
@@ -49,11 +50,28 @@ struct KeyframeKey {
   }
 };
 
-/// A keyframe's place in time and space.
+/// A keyframe's place in time and space, and what saw it.
 struct KeyframePose {
   int64_t stamp_ns = 0;
   RigidTransform world_from_cam = RigidTransform::Identity();  ///< as received
   PathConvention path;
+  std::string path_frame = {};    ///< frame of the poses of optimized_path; empty: any
+  std::string camera_frame = {};  ///< name of the optical frame
+  PinholeCamera camera = {};      ///< of the keyframe's maps
+};
+
+/// A keyframe as it goes to a file and comes back.
+struct SessionKeyframe {
+  KeyframeKey key;
+  KeyframePose pose;                                   ///< as corrected by loop closures
+  std::shared_ptr<const PointCloud> points_in_camera;  ///< scaled by them
+};
+
+/// All of a map, for another one.
+struct MapSession {
+  std::vector<SessionKeyframe> keyframes;  ///< in the order in which they came, those of earlier runs first
+  size_t earlier = 0;                      ///< so many are of earlier runs: loop closures leave them alone
+  double voxel_size = 0;                   ///< the points are one per voxel; 0: there are none
 };
 
 struct MapStatistics {
@@ -112,6 +130,18 @@ class MapStore {
   bool Replace(const KeyframeKey& key, const PointCloud& points_in_camera);
   void Clear();
 
+  /// All of the map. What loop closures have changed is as if it had been received so; points that they have scaled
+  /// are rounded to float32 once more.
+  MapSession Session() const;
+  /// Adds all keyframes of another map, or none: throws InvalidInputError that names what cannot be used, above all a
+  /// keyframe that is in the map already, more than max_keyframes, or what Add refuses. In the thread of Add.
+  ///
+  /// An empty map becomes what the other one was: its points are left as they are unless options.voxel_size is another
+  /// one, and loop closures correct what they corrected there. In a map that has keyframes they count as earlier
+  /// runs, and their points are thinned to its voxel size where that is another one.
+  /// @param world_from_session applied to the keyframes' poses
+  void Join(MapSession session, const RigidTransform& world_from_session);
+
   /// Corrects poses after a loop closure, see Repose in loop_correction.h: all mappers' last runs are taken for one
   /// trajectory, since cameras of a rig share the path. It also counts for keyframes that come later, until a mapper
   /// begins a new run. Only poses and scales change: takes microseconds per keyframe. An empty path does nothing.
@@ -137,6 +167,8 @@ class MapStore {
   struct Keyframe {
     uint64_t arrival = 0;
     CorrectedPose pose;
+    KeyframePose received;
+    bool joined = false;  ///< by Join: stays when its mapper begins a new run
     std::shared_ptr<const PointCloud> points_in_camera;
   };
   using Keyframes = std::map<KeyframeKey, Keyframe>;
@@ -145,6 +177,8 @@ class MapStore {
 
   // All of these need the mutex.
   double MaxDistance() const;
+  bool IsOfLastRun(const KeyframeKey& key) const;
+  void CheckCanJoin(const MapSession& session) const;
   double VoxelSize() const { return options_.voxel_size > 0 ? options_.voxel_size : auto_voxel_size_; }
   void StartRun(const std::string& mapper, uint64_t run);
   ReposeResult ApplyPath();
