@@ -231,6 +231,12 @@ RigidTransform ToTransform(const geometry_msgs::Pose& pose) {
                           Eigen::Vector3d(pose.position.x, pose.position.y, pose.position.z));
 }
 
+RigidTransform ToTransform(const geometry_msgs::Transform& transform) {
+  const geometry_msgs::Quaternion& q = transform.rotation;
+  const geometry_msgs::Vector3& t = transform.translation;
+  return CheckedTransform(Eigen::Quaterniond(q.w, q.x, q.y, q.z), Eigen::Vector3d(t.x, t.y, t.z));
+}
+
 PoseSample ToPoseSample(const std_msgs::Header& header, const std::string& child_frame,
                         const geometry_msgs::Pose& pose) {
   try {

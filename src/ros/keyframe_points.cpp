@@ -32,25 +32,37 @@ RigidTransform ToTransform(const char* name, const Numbers& numbers) {
 
 }  // namespace
 
+acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframePointsHead& head, const PointCloud& points_in_camera) {
+  const KeyframePose& pose = head.pose;
+  auto message = boost::make_shared<KeyframePoints>();
+  message->header.stamp.fromNSec(static_cast<uint64_t>(pose.stamp_ns));
+  message->header.frame_id = head.world_frame;
+  message->mapper = head.key.mapper;
+  message->run = head.key.run;
+  message->id = head.key.id;
+  message->T_world_cam = ToNumbers(pose.world_from_cam);
+  std_msgs::Header camera = message->header;
+  camera.frame_id = pose.camera_frame;
+  message->camera_info = *ToCameraInfo(pose.camera, camera);
+  FillCloud(points_in_camera, camera, &message->points);
+  message->path_inverted = pose.path.maps_world_to_child;
+  message->path_T_child_cam.fill(0);
+  if (pose.path.child_from_cam) message->path_T_child_cam = ToNumbers(*pose.path.child_from_cam);
+  message->path_frame = pose.path_frame;
+  message->path_tolerance = static_cast<double>(pose.path.tolerance_ns) * 1e-9;
+  return message;
+}
+
 acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, const std::string& mapper,
                                                  bool replaces) {
   const KeyframeOrigin& origin = output.origin;
-  auto message = boost::make_shared<KeyframePoints>();
-  message->header.stamp.fromNSec(static_cast<uint64_t>(origin.stamp_ns));
-  message->header.frame_id = origin.world_frame;
-  message->mapper = mapper;
-  message->run = output.run;
-  message->id = static_cast<uint64_t>(output.maps->frame->id);
+  KeyframePointsHead head;
+  head.key = {mapper, output.run, static_cast<uint64_t>(output.maps->frame->id)};
+  head.pose = {origin.stamp_ns,   origin.world_from_cam, origin.path,
+               origin.path_frame, origin.camera_frame,   output.maps->frame->camera};
+  head.world_frame = origin.world_frame;
+  const acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, output.points_in_camera);
   message->replaces = replaces;
-  message->T_world_cam = ToNumbers(origin.world_from_cam);
-  std_msgs::Header camera = message->header;
-  camera.frame_id = origin.camera_frame;
-  FillCloud(output.points_in_camera, camera, &message->points);
-  message->path_inverted = origin.path.maps_world_to_child;
-  message->path_T_child_cam.fill(0);
-  if (origin.path.child_from_cam) message->path_T_child_cam = ToNumbers(*origin.path.child_from_cam);
-  message->path_frame = origin.path_frame;
-  message->path_tolerance = static_cast<double>(origin.path.tolerance_ns) * 1e-9;
   return message;
 }
 
@@ -69,7 +81,9 @@ KeyframePointsHead ReadHead(const KeyframePoints& message) {
   CheckRange("path_tolerance", message.path_tolerance, 0.0, 10.0);
   head.pose.path.tolerance_ns = std::llround(message.path_tolerance * 1e9);
   head.world_frame = StripLeadingSlash(message.header.frame_id);
-  head.path_frame = StripLeadingSlash(message.path_frame);
+  head.pose.path_frame = StripLeadingSlash(message.path_frame);
+  head.pose.camera_frame = StripLeadingSlash(message.points.header.frame_id);
+  head.pose.camera = ToCalibration(message.camera_info, true).camera;
   return head;
 }
 

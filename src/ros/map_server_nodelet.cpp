@@ -1,10 +1,12 @@
 #include "acmp_mapping/ros/map_server_nodelet.h"
 
+#include <acmp_mapping/LoadSession.h>
 #include <tf2_eigen/tf2_eigen.h>
 #include <boost/make_shared.hpp>
 #include <pluginlib/class_list_macros.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/map/map_writer.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/optimized_path.h"
@@ -15,12 +17,24 @@ namespace acmp {
 namespace {
 
 using acmp_mapping::KeyframePoints;
+using acmp_mapping::LoadSession;
 using acmp_mapping::SaveMap;
 
 constexpr double kMapPeriodS = 0.1;  ///< how often the map's rate limit is looked at
 constexpr uint32_t kPathQueue = 2;   ///< each path replaces the one before
 constexpr uint32_t kKeyframeQueue =
     0;  ///< no limit: keyframes are thinned faster than they are made, and none may be lost
+
+/// A rotation that is all 0 is none: what a request has where it was left out.
+RigidTransform WorldFromSession(geometry_msgs::Transform transform) {
+  geometry_msgs::Quaternion& q = transform.rotation;
+  if (q.x == 0 && q.y == 0 && q.z == 0 && q.w == 0) q.w = 1;
+  try {
+    return ToTransform(transform);
+  } catch (const InvalidInputError& error) {
+    throw InvalidInputError(Concat("T_world_session: ", error.what()));
+  }
+}
 
 }  // namespace
 
@@ -33,6 +47,11 @@ void MapServerNodelet::Start() {
   map_ = std::make_unique<MapStore>(options_.map);
   map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get(), options_);
   path_ = status_thread_.Attach(getNodeHandle()).advertise<nav_msgs::Path>(names::kKeyframePath, 1, true);
+  if (!options_.load_session.empty()) {
+    const std::filesystem::path path = MapPathBelow(options_.save_folder, options_.load_session);
+    JoinSession(path, ReadSession(path), RigidTransform::Identity());
+    NODELET_INFO("loaded %zu keyframes of %s", map_->statistics().keyframes, options_.load_session.c_str());
+  }
   Subscribe();
   StartServices();
   diagnostics_ = std::make_unique<Diagnostics<MapSnapshot>>(
@@ -64,30 +83,81 @@ void MapServerNodelet::StartServices() {
     WaitForArrived();
     return Concat("published ", map_output_->Publish(), " points");
   });
-  const boost::function<bool(SaveMap::Request&, SaveMap::Response&)> save = [this](SaveMap::Request& request,
-                                                                                   SaveMap::Response& response) {
-    try {
-      WaitForArrived();
-      response = map_output_->Save(request);
-    } catch (const std::exception& error) {
-      response.success = false;
-      response.message = error.what();
-    }
-    const std::string under_way = DescribeUnderWay(TakeSnapshot().mappers);
-    response.message += under_way;
-    if (!under_way.empty()) NODELET_WARN("save_map: %s", response.message.c_str());
-    return true;
-  };
-  services_.push_back(nh.advertiseService(names::kSaveMap, save));
+  AddService<SaveMap>(names::kSaveMap, true, [this](const auto& request, auto* response) {
+    WaitForArrived();
+    *response = map_output_->Save(request);
+  });
+  AddService<acmp_mapping::SaveSession>(names::kSaveSession, true, [this](const auto& request, auto* response) {
+    WaitForArrived();
+    response->message = SaveSession(request.path, response);
+  });
+  AddService<LoadSession>(names::kLoadSession, false, [this](const auto& request, auto* response) {
+    const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path);
+    const RigidTransform world_from_session = WorldFromSession(request.T_world_session);
+    Session session = ReadSession(path);
+    for (const SessionKeyframe& keyframe : session.map.keyframes) response->points += keyframe.points_in_camera->size();
+    response->keyframes = session.map.keyframes.size();
+    CallInInputThread([&] { JoinSession(path, std::move(session), world_from_session); });
+    response->message = Concat("loaded ", response->keyframes, " keyframes of ", path.string());
+  });
   publish_timer_ =
       nh.createWallTimer(ros::WallDuration(kMapPeriodS), [this](const ros::WallTimerEvent&) { HandlePeriod(); });
+}
+
+template <class Service, class Handle>
+void MapServerNodelet::AddService(const char* name, bool saves, Handle handle) {
+  using Request = typename Service::Request;
+  using Response = typename Service::Response;
+  const boost::function<bool(Request&, Response&)> answer = [=](Request& request, Response& response) {
+    try {
+      handle(request, &response);
+      response.success = true;
+    } catch (const std::exception& error) {
+      response = {};
+      response.message = error.what();
+    }
+    const std::string under_way = saves ? DescribeUnderWay(TakeSnapshot().mappers) : "";
+    response.message += under_way;
+    if (!under_way.empty()) NODELET_WARN("%s: %s", name, response.message.c_str());
+    return true;
+  };
+  services_.push_back(service_thread_.Attach(getPrivateNodeHandle()).advertiseService(name, answer));
+}
+
+std::string MapServerNodelet::SaveSession(const std::string& path,
+                                          acmp_mapping::SaveSession::Response* response) const {
+  const std::filesystem::path file = MapPathBelow(options_.save_folder, path);
+  const Session session = {map_->Session(), map_output_->Header().frame_id};
+  WriteSession(file, session);
+  for (const SessionKeyframe& keyframe : session.map.keyframes) response->points += keyframe.points_in_camera->size();
+  response->keyframes = session.map.keyframes.size();
+  return Concat("saved ", response->points, " points of ", response->keyframes, " keyframes to ", file.string());
+}
+
+void MapServerNodelet::JoinSession(const std::filesystem::path& path, Session session,
+                                   const RigidTransform& world_from_session) {
+  const bool begins_anew = map_->statistics().keyframes == 0;
+  const KeyframePose newest = session.map.keyframes.back().pose;
+  try {
+    map_->Join(std::move(session.map), world_from_session);
+  } catch (const InvalidInputError& error) {
+    throw InvalidInputError(Concat(path, ": ", error.what(), "; nothing was loaded"));
+  }
+  if (begins_anew) {
+    world_frame_ = session.world_frame;
+    path_frame_ = newest.path_frame;
+    newest_stamp_ns_ = newest.stamp_ns;
+  }
+  CheckFrame(path.string(), session.world_frame);
+  map_output_->SetHeader(world_frame_, newest_stamp_ns_);
+  PublishPath();
 }
 
 void MapServerNodelet::Receive(const KeyframePoints& message) {
   try {
     const KeyframePointsHead head = ReadHead(message);
     CountMessage(head.key.mapper, message);
-    CheckFrame(head);
+    CheckFrame(head.key.mapper, head.world_frame);
     AddKeyframe(head, message);
   } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
     Report(Incident{"bad_keyframe", Concat("keyframe ", message.id, " of \"", message.mapper, "\": ", error.what())});
@@ -109,12 +179,11 @@ void MapServerNodelet::CountMessage(const std::string& mapper, const KeyframePoi
   traffic.images_under_way = message.images_under_way;
 }
 
-void MapServerNodelet::CheckFrame(const KeyframePointsHead& head) {
-  if (world_frame_.empty()) world_frame_ = head.world_frame;
-  if (head.world_frame == world_frame_) return;
-  Report(Incident{"other_world_frame",
-                  Concat("keyframes of ", head.key.mapper, " are in \"", head.world_frame, "\", the map is in \"",
-                         world_frame_, "\": taken as if they were in the map's")});
+void MapServerNodelet::CheckFrame(const std::string& whose, const std::string& world_frame) {
+  if (world_frame_.empty()) world_frame_ = world_frame;
+  if (world_frame == world_frame_) return;
+  Report(Incident{"other_world_frame", Concat("keyframes of ", whose, " are in \"", world_frame, "\", the map is in \"",
+                                              world_frame_, "\": taken as if they were in the map's")});
 }
 
 void MapServerNodelet::AddKeyframe(const KeyframePointsHead& head, const KeyframePoints& message) {
@@ -127,7 +196,7 @@ void MapServerNodelet::AddKeyframe(const KeyframePointsHead& head, const Keyfram
     return Report(Incident{"keyframe_twice", Concat("keyframe ", head.key.id, " of ", head.key.mapper,
                                                     " has come already: have two mappers the same name?")});
   }
-  path_frame_ = head.path_frame;
+  path_frame_ = head.pose.path_frame;
   newest_stamp_ns_ = head.pose.stamp_ns;
   map_output_->SetHeader(world_frame_, newest_stamp_ns_);
   PublishPath();
@@ -160,8 +229,8 @@ void MapServerNodelet::PublishPath() {
   path_.publish(path);
 }
 
-void MapServerNodelet::WaitForArrived() {
-  if (!input_thread_.Drain()) throw ProcessingError("the map server is shutting down");
+void MapServerNodelet::CallInInputThread(const std::function<void()>& function) {
+  if (!input_thread_.Call(function)) throw ProcessingError("the map server is shutting down");
 }
 
 void MapServerNodelet::HandlePeriod() {

@@ -47,9 +47,12 @@ const OptionTable<MapServerOptions>& MapServerOptionTable() {
         [](auto& o) -> auto& { return o.occupancy_max_height; });
     made.Add(
         Text("save_folder",
-             "save_map writes only below this folder, where relative paths start; .: where the node was started, with "
-             "roslaunch ~/.ros; /: anywhere"),
+             "Maps and sessions are saved and loaded only below this folder, where relative paths start; .: where the "
+             "node was started, with roslaunch ~/.ros; /: anywhere"),
         [](auto& o) -> auto& { return o.save_folder; });
+    made.Add(
+        Text("load_session", "Session (save_session) to begin with, in place of an empty map; empty: none"),
+        [](auto& o) -> auto& { return o.load_session; });
     return made;
   }();
   return table;

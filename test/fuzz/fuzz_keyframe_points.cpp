@@ -20,6 +20,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     message.path_tolerance = bytes.Take<double>();
     for (double& value : message.T_world_cam) value = bytes.Take<double>();
     for (double& value : message.path_T_child_cam) value = bytes.Take<double>();
+    message.camera_info = *ToCameraInfo({64, 48, 50, 50, 31.5, 23.5}, message.header);  // has a target of its own
     fuzz::Fill(&bytes, &message.points);
     fuzz::MayRefuse([&] {
       const KeyframePointsHead head = ReadHead(message);

@@ -17,6 +17,7 @@ using ::testing::HasSubstr;
 KeyframeOutput MakeOutput() {
   auto frame = std::make_shared<Frame>();
   frame->id = 42;
+  frame->camera = {64, 48, 50.1, 50.2, 31.3, 23.4};
   auto maps = std::make_shared<KeyframeDepth>();
   maps->frame = std::move(frame);
   KeyframeOutput output;
@@ -48,7 +49,9 @@ TEST(KeyframePoints, ArriveAsTheyWereSent) {
   EXPECT_EQ(head.pose.path.child_from_cam->matrix(), output.origin.path.child_from_cam->matrix());
   EXPECT_EQ(head.pose.path.tolerance_ns, output.origin.path.tolerance_ns);
   EXPECT_EQ(head.world_frame, "world");
-  EXPECT_EQ(head.path_frame, "global");
+  EXPECT_EQ(head.pose.path_frame, "global");
+  EXPECT_EQ(head.pose.camera_frame, "cam");
+  EXPECT_EQ(head.pose.camera, output.maps->frame->camera) << "bit by bit";
   const PointCloud points = ToPointCloud(message->points);
   ASSERT_EQ(points.size(), 2u);
   EXPECT_EQ(points[1].position.z, 9);
@@ -73,6 +76,7 @@ TEST(KeyframePoints, BadOnesAreRefused) {
   EXPECT_THAT(refusal([](auto* m) { m->path_T_child_cam[0] = 5; }), HasSubstr("path_T_child_cam"));
   EXPECT_THAT(refusal([](auto* m) { m->path_tolerance = std::numeric_limits<double>::quiet_NaN(); }),
               HasSubstr("path_tolerance"));
+  EXPECT_THAT(refusal([](auto* m) { m->camera_info.P.fill(0); }), HasSubstr("camera_info"));
 }
 
 }  // namespace

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <functional>
 #include <future>
+#include <utility>
 
 #include <ros/callback_queue.h>
 #include <ros/node_handle.h>
@@ -9,26 +11,33 @@
 
 namespace acmp {
 
-/// Waits until all callbacks that were queued before have returned; another thread calls them, one at a time. False
-/// when the queue was disabled or cleared first.
-inline bool DrainCallbacks(ros::CallbackQueue* queue) {
-  struct Mark : ros::CallbackInterface {
-    std::promise<void> reached;
+/// Has a function called when all callbacks that were queued before have returned, and waits for it; another thread
+/// calls them, one at a time. What it throws is thrown here. False, and it is not called, when the queue was disabled
+/// or cleared first.
+inline bool CallAmongCallbacks(ros::CallbackQueue* queue, std::function<void()> function) {
+  struct Callback : ros::CallbackInterface {
+    std::packaged_task<void()> task;
     CallResult call() override {
-      reached.set_value();
+      task();
       return Success;
     }
   };
-  auto mark = boost::make_shared<Mark>();
-  std::future<void> reached = mark->reached.get_future();
-  queue->addCallback(mark);
-  mark.reset();  // the queue alone owns it: if it is cleared, the promise breaks and wakes us
+  auto callback = boost::make_shared<Callback>();
+  callback->task = std::packaged_task<void()>(std::move(function));
+  std::future<void> returned = callback->task.get_future();
+  queue->addCallback(callback);
+  callback.reset();  // the queue alone owns it: if it is cleared, the promise breaks and wakes us
   try {
-    reached.get();
+    returned.get();
     return true;
   } catch (const std::future_error&) {
     return false;
   }
+}
+
+/// Waits until all callbacks that were queued before have returned. False when the queue was disabled or cleared first.
+inline bool DrainCallbacks(ros::CallbackQueue* queue) {
+  return CallAmongCallbacks(queue, [] {});
 }
 
 /// A callback queue with one thread of its own. The nodelet uses these instead of its manager's queues: roscpp keeps
@@ -58,6 +67,8 @@ class CallbackThread {
 
   /// Waits in another thread until all callbacks that were queued before have returned. False: Stop was called.
   bool Drain() { return DrainCallbacks(&queue_); }
+  /// Calls a function in this object's thread, see CallAmongCallbacks. False: Stop was called.
+  bool Call(std::function<void()> function) { return CallAmongCallbacks(&queue_, std::move(function)); }
 
  private:
   ros::CallbackQueue queue_;

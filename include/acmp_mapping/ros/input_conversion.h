@@ -51,6 +51,7 @@ SparseCloud ToSparseCloud(const sensor_msgs::PointCloud& cloud);
 
 /// Not finite, or a quaternion off unit length by more than 1e-3, is refused.
 RigidTransform ToTransform(const geometry_msgs::Pose& pose);
+RigidTransform ToTransform(const geometry_msgs::Transform& transform);
 PoseSample ToPoseSample(const geometry_msgs::PoseStamped& message);
 PoseSample ToPoseSample(const geometry_msgs::PoseWithCovarianceStamped& message);
 PoseSample ToPoseSample(const nav_msgs::Odometry& message);

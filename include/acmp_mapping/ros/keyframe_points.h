@@ -16,14 +16,16 @@ struct KeyframePointsHead {
   KeyframeKey key;
   KeyframePose pose;
   std::string world_frame;
-  std::string path_frame;  ///< frame_id of the poses of optimized_path; empty: any
 };
 
+/// All of a message but count, replaces and images_under_way.
+acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframePointsHead& head, const PointCloud& points_in_camera);
 /// All but the count. @param mapper name of the mapper's node
 acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, const std::string& mapper,
                                                  bool replaces);
 
-/// Throws InvalidInputError naming what cannot be used: no name of a mapper, no rigid transform, a bad tolerance.
+/// Throws InvalidInputError naming what cannot be used: no name of a mapper, no rigid transform, a bad tolerance,
+/// no camera.
 KeyframePointsHead ReadHead(const acmp_mapping::KeyframePoints& message);
 
 }  // namespace acmp

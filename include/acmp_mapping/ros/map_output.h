@@ -23,6 +23,7 @@ class MapOutput {
 
   /// Of the newest keyframe in the map. Nothing is published before the first.
   void SetHeader(const std::string& world_frame, int64_t stamp_ns);
+  std_msgs::Header Header();
 
   /// Returns the number of points. Throws InvalidInputError for a map of more than 1 GB: roscpp's subscribers hang up
   /// on such messages.
@@ -37,7 +38,6 @@ class MapOutput {
  private:
   using SaveMap = acmp_mapping::SaveMap;
 
-  std_msgs::Header Header();
   void PublishOccupancy();
   size_t SaveMesh(const std::filesystem::path& path, const SaveMap::Request& request, size_t* keyframes) const;
 

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -8,6 +10,7 @@
 #include <vector>
 
 #include <acmp_mapping/KeyframePoints.h>
+#include <acmp_mapping/SaveSession.h>
 #include <nav_msgs/Path.h>
 
 #include "acmp_mapping/ros/diagnostics.h"
@@ -16,12 +19,13 @@
 #include "acmp_mapping/ros/map_output.h"
 #include "acmp_mapping/ros/map_server_options.h"
 #include "acmp_mapping/ros/nodelet_base.h"
+#include "acmp_mapping/ros/session_bag.h"
 
 namespace acmp {
 
 /// One map of the keyframes of any number of mappers: cameras of a rig, robots, hosts. Corrects it by loop closures,
-/// bounds, publishes and saves it. All poses are in one world, and optimized_path is of the frontend that they all come
-/// from: keyframes that it has no pose for move with those that it has one for.
+/// bounds, publishes, saves and loads it. All poses are in one world, and optimized_path is of the frontend that they
+/// all come from: keyframes that it has no pose for move with those that it has one for.
 ///
 /// Threads: one for keyframes and paths, in the order of their arrival; one for services, which also publishes the map;
 /// one for diagnostics; one that asks the ROS master. Services first wait for all keyframes that have arrived: in one
@@ -36,14 +40,25 @@ class MapServerNodelet : public NodeletBase {
   void Start() override;
   void Subscribe();
   void StartServices();
+  /// A service whose answer has success and message: what the handler throws becomes the message of a failure.
+  /// @param saves the answer also says what of the images is not in the map yet
+  template <class Service, class Handle>
+  void AddService(const char* name, bool saves, Handle handle);
+  std::string SaveSession(const std::string& path, acmp_mapping::SaveSession::Response* response) const;
+  /// Adds all keyframes or throws, see MapStore::Join. In the input thread, or before the threads start.
+  void JoinSession(const std::filesystem::path& path, Session session, const RigidTransform& world_from_session);
   void Receive(const acmp_mapping::KeyframePoints& message);
   void CountMessage(const std::string& mapper, const acmp_mapping::KeyframePoints& message);
-  void CheckFrame(const KeyframePointsHead& head);
+  void CheckFrame(const std::string& whose, const std::string& world_frame);
   void AddKeyframe(const KeyframePointsHead& head, const acmp_mapping::KeyframePoints& message);
   void HandleOptimizedPath(const nav_msgs::Path& message);
   void PublishPath();
-  /// Throws ProcessingError when the nodelet is being unloaded.
-  void WaitForArrived();
+  /// After all that has arrived. Throws ProcessingError when the nodelet is being unloaded, and what the function
+  /// throws.
+  void CallInInputThread(const std::function<void()>& function);
+  void WaitForArrived() {
+    CallInInputThread([] {});
+  }
   void HandlePeriod();
   MapSnapshot TakeSnapshot();
 
@@ -56,7 +71,7 @@ class MapServerNodelet : public NodeletBase {
 
   // Used by the input thread alone.
   std::map<std::string, uint64_t> counts_;  ///< of each mapper's last message
-  std::string world_frame_;                 ///< of the first keyframe
+  std::string world_frame_;                 ///< of the first keyframe, or of the session that an empty map began with
   std::string path_frame_;                  ///< of the last keyframe
   int64_t newest_stamp_ns_ = 0;             ///< of the last keyframe
 

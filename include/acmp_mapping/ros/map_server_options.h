@@ -15,7 +15,8 @@ struct MapServerOptions {
   double map_publish_rate = 0.5;      ///< Hz
   double occupancy_min_height = 0.1;  ///< of the topic occupancy: z in the world
   double occupancy_max_height = 1;
-  std::string save_folder = ".";  ///< save_map writes only below it
+  std::string save_folder = ".";  ///< save_map and sessions: only below it
+  std::string load_session;       ///< loaded at start; empty: none
 };
 
 const OptionTable<MapServerOptions>& MapServerOptionTable();

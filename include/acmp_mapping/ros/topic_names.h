@@ -20,6 +20,7 @@ constexpr char kOptimizedPath[] = "optimized_path";
 
 constexpr char kDepthFast[] = "depth_fast/image_rect";
 constexpr char kDepth[] = "depth/image_rect";
+constexpr char kDepthCameraInfo[] = "depth/camera_info";
 constexpr char kDepthMillimetres[] = "depth/image_raw";
 constexpr char kDepthPicture[] = "depth/image_vis";
 constexpr char kColor[] = "rgb/image_rect_color";
@@ -36,6 +37,8 @@ constexpr char kKeyframeDepth[] = "keyframe_depth";
 constexpr char kKeyframePoints[] = "keyframe_points";
 
 constexpr char kSaveMap[] = "save_map";
+constexpr char kSaveSession[] = "save_session";
+constexpr char kLoadSession[] = "load_session";
 constexpr char kReset[] = "reset";
 constexpr char kFlush[] = "flush";
 constexpr char kPublishMap[] = "publish_map";

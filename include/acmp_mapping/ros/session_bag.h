@@ -1,0 +1,28 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "acmp_mapping/map/map_store.h"
+
+/// A map in a bag, see docs/map.md; no master is needed.
+namespace acmp {
+
+struct Session {
+  MapSession map;
+  std::string world_frame;
+};
+
+/// Of the bags that WriteSession writes, under session_version in each. To be raised with any change of their messages.
+constexpr uint32_t kSessionVersion = 1;
+
+/// Writes the keyframes as keyframe_points, and depth, confidence and colour as images, which are made of the points.
+/// The file appears under its name only when it is whole and on the disk. Throws InvalidInputError for an empty map or
+/// a path that cannot be one, ProcessingError with the system's reason when writing fails.
+void WriteSession(const std::filesystem::path& path, const Session& session);
+
+/// Throws InvalidInputError that names the file and says what to do when it is missing, cut off, damaged, no session or
+/// one of another version.
+Session ReadSession(const std::filesystem::path& path);
+
+}  // namespace acmp

@@ -1,0 +1,327 @@
+// Sessions in bags: what comes back, and what is refused.
+
+#include "acmp_mapping/ros/session_bag.h"
+
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <cstring>
+#include <map>
+#include <random>
+
+#include <acmp_mapping/KeyframePoints.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <rosbag/bag.h>
+#include <rosbag/view.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/Image.h>
+#include <std_msgs/Float64.h>
+#include <std_msgs/UInt32.h>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/map/map_mesh.h"
+#include "acmp_mapping/map/occupancy_map.h"
+#include "acmp_mapping/mesh/distance_volume.h"
+#include "dataset/test_folder.h"
+#include "map/room_keyframes.h"
+
+namespace acmp::test {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::AnyOf;
+using ::testing::HasSubstr;
+
+constexpr double kVoxel = 0.02;
+constexpr size_t kViews = 4;
+
+const std::vector<SyntheticView>& Room() {
+  static const std::vector<SyntheticView> views = [] {
+    SyntheticSceneOptions options;
+    options.width = 320;
+    options.height = 240;
+    options.keyframes = kViews;
+    return MakeSyntheticScene(options);
+  }();
+  return views;
+}
+
+int64_t StampOf(size_t i) { return static_cast<int64_t>(i + 1) * 1000000007; }
+
+std::unique_ptr<MapStore> RoomMap() {
+  auto store = std::make_unique<MapStore>(MapStoreOptions{100, kVoxel});
+  const PlacedKeyframes keyframes = RoomKeyframes(Room(), kVoxel);
+  for (size_t i = 0; i < kViews; ++i) {
+    const PlacedKeyframe& keyframe = keyframes.keyframes[i];
+    PathConvention path = {true, std::nullopt, 2500000};
+    if (i > 0) path.child_from_cam = keyframe.world_from_cam;
+    EXPECT_TRUE(store->Add({"/acmp/dense_mapper", 1700000000123456789, i},
+                           {StampOf(i), keyframe.world_from_cam, path, "path", "camera", Room()[i].frame.camera},
+                           *keyframe.points_in_camera));
+  }
+  return store;
+}
+
+class SessionBagTest : public TestFolder {
+ protected:
+  std::filesystem::path Path() const { return folder() / "session.bag"; }
+  void Write() const { WriteSession(Path(), {RoomMap()->Session(), "map"}); }
+  std::string Refusal(const std::filesystem::path& path) const {
+    return MessageOf<InvalidInputError>([&] { ReadSession(path); });
+  }
+  /// A bag with the messages of the session that `change` leaves.
+  void Rewrite(const std::function<bool(const std::string& topic, acmp_mapping::KeyframePoints*)>& change) const {
+    const std::filesystem::path whole = folder() / "whole.bag";
+    WriteSession(whole, {RoomMap()->Session(), "map"});
+    const rosbag::Bag source(whole.string());
+    rosbag::Bag target(Path().string(), rosbag::bagmode::Write);
+    for (const rosbag::MessageInstance& message : rosbag::View(source)) {
+      auto keyframe = message.instantiate<acmp_mapping::KeyframePoints>();
+      if (!change(message.getTopic(), keyframe.get())) continue;
+      if (keyframe) {
+        target.write(message.getTopic(), message.getTime(), *keyframe);
+      } else {
+        target.write(message.getTopic(), message.getTime(), message);
+      }
+    }
+  }
+};
+
+TEST_F(SessionBagTest, AMapComesBackWithItsBytes) {
+  const auto before = RoomMap();
+  WriteSession(Path(), {before->Session(), "map"});
+  Session session = ReadSession(Path());
+  EXPECT_EQ(session.world_frame, "map");
+  const MapSession expected = before->Session();
+  ASSERT_EQ(session.map.keyframes.size(), kViews);
+  for (size_t i = 0; i < kViews; ++i) {
+    const SessionKeyframe &read = session.map.keyframes[i], &saved = expected.keyframes[i];
+    EXPECT_EQ(read.key, saved.key);
+    EXPECT_EQ(read.pose.stamp_ns, saved.pose.stamp_ns);
+    EXPECT_EQ(read.pose.world_from_cam.matrix(), saved.pose.world_from_cam.matrix());
+    EXPECT_EQ(read.pose.path.maps_world_to_child, true);
+    EXPECT_EQ(read.pose.path.child_from_cam.has_value(), i > 0);
+    EXPECT_EQ(read.pose.path.tolerance_ns, saved.pose.path.tolerance_ns);
+    EXPECT_EQ(read.pose.path_frame, "path");
+    EXPECT_EQ(read.pose.camera_frame, "camera");
+    EXPECT_EQ(read.pose.camera, saved.pose.camera);
+  }
+  MapStore after({100, 0.0});
+  after.Join(std::move(session.map), RigidTransform::Identity());
+  const PointCloud a = before->WorldCloud(), b = after.WorldCloud();
+  ASSERT_GT(a.size(), 1000u);
+  ASSERT_EQ(a.size(), b.size());
+  for (size_t i = 0; i < a.size(); ++i) {
+    ASSERT_EQ(std::memcmp(&a[i].position, &b[i].position, sizeof(Vec3f)), 0);
+    ASSERT_EQ(std::memcmp(&a[i].normal, &b[i].normal, sizeof(Vec3f)), 0);
+    ASSERT_EQ(std::memcmp(&a[i].color, &b[i].color, sizeof(Rgb)), 0);
+    ASSERT_EQ(a[i].confidence, b[i].confidence);
+  }
+  if (CanMesh()) {
+    const TriangleMesh mesh = MakeMapMesh(after, {0, 2000000000});
+    EXPECT_EQ(mesh.triangles.size(), MakeMapMesh(*before, {0, 2000000000}).triangles.size());
+    EXPECT_GT(mesh.triangles.size(), 1000u);
+  }
+  if (CanMapOccupancy()) {
+    EXPECT_EQ(MakeOccupancyMap(after.Placed(), 0)->nodes(), MakeOccupancyMap(before->Placed(), 0)->nodes());
+  }
+  // Saved again it is the same file.
+  WriteSession(folder() / "again.bag", {after.Session(), "map"});
+  EXPECT_EQ(ReadText(folder() / "again.bag"), ReadText(Path()));
+}
+
+TEST_F(SessionBagTest, EarlierRunsComeBack) {
+  Session session = {RoomMap()->Session(), "map"};
+  EXPECT_EQ(session.map.earlier, 0u);
+  session.map.earlier = 3;
+  WriteSession(Path(), session);
+  EXPECT_EQ(ReadSession(Path()).map.earlier, 3u);
+}
+
+TEST_F(SessionBagTest, ImagesAreWhatTheCameraSawOfThePoints) {
+  Write();
+  const rosbag::Bag bag(Path().string());
+  std::map<std::string, size_t> counts;
+  size_t images = 0, known = 0, near = 0, pixels = 0;
+  for (const rosbag::MessageInstance& message : rosbag::View(bag)) ++counts[message.getTopic()];
+  for (const char* topic :
+       {"/depth/image_rect", "/depth/camera_info", "/confidence/image", "/rgb/image_rect_color", "/keyframe_points"}) {
+    EXPECT_EQ(counts[topic], kViews) << topic;
+  }
+  for (const rosbag::MessageInstance& message : rosbag::View(bag, rosbag::TopicQuery("/depth/image_rect"))) {
+    const auto depth = message.instantiate<sensor_msgs::Image>();
+    const SyntheticView& view = Room()[images];
+    EXPECT_EQ(depth->encoding, "32FC1");
+    EXPECT_EQ(depth->header.frame_id, "camera");
+    EXPECT_EQ(depth->header.stamp.toNSec(), static_cast<uint64_t>(StampOf(images)));
+    ASSERT_EQ(depth->width, 320u);
+    ASSERT_EQ(depth->height, 240u);
+    const auto* values = reinterpret_cast<const float*>(depth->data.data());
+    for (size_t i = 0; i < view.true_depth.size(); ++i) {
+      ++pixels;
+      if (std::isnan(values[i])) continue;
+      ++known;
+      near += std::abs(values[i] - view.true_depth.data()[i]) <= 0.01f * view.true_depth.data()[i];
+    }
+    ++images;
+  }
+  std::cout << "depth: " << 100.0 * static_cast<double>(known) / static_cast<double>(pixels) << " % known, of these "
+            << 100.0 * static_cast<double>(near) / static_cast<double>(known) << " % within 1 %\n";
+  EXPECT_GT(static_cast<double>(known), 0.98 * static_cast<double>(pixels));
+  EXPECT_GT(static_cast<double>(near), 0.95 * static_cast<double>(known));
+  for (const rosbag::MessageInstance& message : rosbag::View(bag, rosbag::TopicQuery("/confidence/image"))) {
+    const auto confidence = message.instantiate<sensor_msgs::Image>();
+    EXPECT_EQ(confidence->encoding, "32FC1");
+    float middle = 0;
+    std::memcpy(&middle, &confidence->data[confidence->data.size() / 2], sizeof(middle));
+    EXPECT_NEAR(middle, 0.9f, 1e-6f);
+  }
+  for (const rosbag::MessageInstance& message : rosbag::View(bag, rosbag::TopicQuery("/rgb/image_rect_color"))) {
+    EXPECT_EQ(message.instantiate<sensor_msgs::Image>()->encoding, "rgb8");
+  }
+  for (const rosbag::MessageInstance& message : rosbag::View(bag, rosbag::TopicQuery("/depth/camera_info"))) {
+    EXPECT_EQ(message.instantiate<sensor_msgs::CameraInfo>()->K[0], Room()[0].frame.camera.fx);
+  }
+}
+
+TEST_F(SessionBagTest, AFileThatIsCutOffAnywhereIsRefused) {
+  Write();
+  const std::string content = ReadText(Path());
+  std::vector<size_t> lengths = {0, 1, 12, 13, 14, 100, 4096, 4200, content.size() - 1, content.size() - 100};
+  for (size_t i = 1; i < 40; ++i) lengths.push_back(i * content.size() / 40);
+  for (const size_t length : lengths) {
+    const auto cut = WriteText("cut.bag", content.substr(0, length));
+    EXPECT_THAT(Refusal(cut), AllOf(HasSubstr("cut.bag"), HasSubstr("truncated, corrupt or not a bag"))) << length;
+  }
+  // As an aborted writer leaves it: no index. `rosbag reindex` makes a bag of it that lacks keyframes.
+  Rewrite([](const std::string&, const auto* keyframe) { return !keyframe || keyframe->count <= 2; });
+  EXPECT_THAT(Refusal(Path()), AllOf(HasSubstr("session.bag"), HasSubstr("has 2 of 4 keyframes"),
+                                     HasSubstr("save the session again, or take an earlier file")));
+}
+
+TEST_F(SessionBagTest, DamagedFilesAreRefusedOrReadAndNothingElse) {
+  Write();
+  const std::string content = ReadText(Path());
+  std::mt19937 random(1);
+  size_t refused = 0;
+  for (int i = 0; i < 60; ++i) {
+    std::string damaged = content;
+    for (int j = 0; j < 20; ++j) damaged[random() % damaged.size()] = static_cast<char>(random());
+    try {
+      Session session = ReadSession(WriteText("damaged.bag", damaged));
+      MapStore({100, kVoxel}).Join(std::move(session.map), RigidTransform::Identity());
+    } catch (const InvalidInputError&) {
+      ++refused;
+    }
+  }
+  EXPECT_GT(refused, 0u);
+}
+
+TEST_F(SessionBagTest, ForeignFilesAreRefused) {
+  EXPECT_THAT(Refusal(folder() / "none.bag"), AllOf(HasSubstr("none.bag"), HasSubstr("no such file")));
+  EXPECT_THAT(Refusal(folder()), HasSubstr("no such file"));
+  EXPECT_THAT(Refusal(WriteText("map.ply", std::string(5000, 'x'))), HasSubstr("not a bag"));
+  {
+    rosbag::Bag other(Path().string(), rosbag::bagmode::Write);
+    other.write("/depth/image_rect", ros::Time(1), sensor_msgs::Image());
+  }
+  EXPECT_THAT(Refusal(Path()),
+              AllOf(HasSubstr("session.bag"), HasSubstr("/session_version"), HasSubstr("not written by save_session")));
+  {
+    rosbag::Bag later(Path().string(), rosbag::bagmode::Write);
+    std_msgs::UInt32 version;
+    version.data = 7;
+    later.write("/session_version", ros::Time(1), version);
+  }
+  EXPECT_THAT(Refusal(Path()), AllOf(HasSubstr("session.bag"), HasSubstr("version 7"), HasSubstr("reads version 1"),
+                                     HasSubstr("use the program that saved it")));
+  {
+    rosbag::Bag other(Path().string(), rosbag::bagmode::Write);
+    other.write("/session_version", ros::Time(1), std_msgs::Float64());
+  }
+  EXPECT_THAT(Refusal(Path()),
+              AllOf(HasSubstr("/session_version is a std_msgs/Float64"), HasSubstr("std_msgs/UInt32")));
+}
+
+TEST_F(SessionBagTest, KeyframesThatCannotBeUsedAreNamed) {
+  const auto refusal = [&](const std::function<void(acmp_mapping::KeyframePoints*)>& change) {
+    Rewrite([&](const std::string&, auto* keyframe) {
+      if (keyframe && keyframe->id == 2) change(keyframe);
+      return true;
+    });
+    return Refusal(Path());
+  };
+  const auto is_named = AllOf(HasSubstr("session.bag"), HasSubstr("keyframe 2 of \"/acmp/dense_mapper\""));
+  EXPECT_THAT(refusal([](auto* k) { k->T_world_cam.fill(0); }), AllOf(is_named, HasSubstr("T_world_cam")));
+  EXPECT_THAT(refusal([](auto* k) { k->camera_info.width = 0; }), AllOf(is_named, HasSubstr("camera_info")));
+  EXPECT_THAT(refusal([](auto* k) { k->points.data.pop_back(); }), AllOf(is_named, HasSubstr("cloud")));
+  EXPECT_THAT(refusal([](auto* k) { k->count = 5; }), AllOf(is_named, HasSubstr("count = 5")));
+  EXPECT_THAT(refusal([](auto* k) { k->count = 4; }), AllOf(HasSubstr("count = 4"), HasSubstr("comes twice")));
+  Rewrite([](const std::string& topic, const auto*) { return topic != "/session_voxel_size"; });
+  EXPECT_THAT(Refusal(Path()), HasSubstr("0 messages on /session_voxel_size"));
+}
+
+TEST_F(SessionBagTest, EmptyMapsAndBadPathsAreRefused) {
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { WriteSession(Path(), {{}, "map"}); }), HasSubstr("the map is empty"));
+  const Session session = {RoomMap()->Session(), "map"};
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { WriteSession(folder() / "none/a.bag", session); }),
+              HasSubstr("there is no folder"));
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { WriteSession(folder(), session); }), HasSubstr("is a folder"));
+  EXPECT_FALSE(std::filesystem::exists(Path()));
+}
+
+TEST_F(SessionBagTest, AFullDiskLeavesTheOldFileAndTakesNoSpace) {
+  Write();
+  const std::string content = ReadText(Path());
+  const Session session = {RoomMap()->Session(), "map"};
+  const auto previous_handler = std::signal(SIGXFSZ, SIG_IGN);  // a limit on the size of files stands in for the disk
+  rlimit previous{}, limit{};
+  ::getrlimit(RLIMIT_FSIZE, &previous);
+  limit = previous;
+  limit.rlim_cur = content.size() / 2;
+  ::setrlimit(RLIMIT_FSIZE, &limit);
+  const std::string message = MessageOf<ProcessingError>([&] { WriteSession(Path(), session); });
+  ::setrlimit(RLIMIT_FSIZE, &previous);
+  std::signal(SIGXFSZ, previous_handler);
+  EXPECT_THAT(message, HasSubstr("File too large"));
+  EXPECT_EQ(ReadText(Path()), content);
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder()), {}), 1) << "no temporary file is left";
+  uintmax_t held = 0;  // by files that are open and have no name any more
+  for (const auto& descriptor : std::filesystem::directory_iterator("/proc/self/fd")) {
+    std::error_code ignored;
+    const std::string target = std::filesystem::read_symlink(descriptor, ignored).string();
+    if (target.find("session.bag.partial") == std::string::npos) continue;
+    struct stat file = {};
+    ASSERT_EQ(::stat(descriptor.path().c_str(), &file), 0);
+    held += static_cast<uintmax_t>(file.st_size);
+  }
+  EXPECT_EQ(held, 0u);
+}
+
+TEST_F(SessionBagTest, KilledWhileItIsWrittenTheOldFileIsWhole) {
+  Write();
+  const std::string content = ReadText(Path());
+  size_t caught = 0;
+  const Session session = {RoomMap()->Session(), "map"};  // before the fork, which takes no other thread along
+  for (int run = 0; run < 10; ++run) {
+    const pid_t child = ::fork();
+    if (child == 0) {
+      while (true) WriteSession(Path(), session);
+    }
+    ::usleep(30000 + 17000 * static_cast<useconds_t>(run));
+    ::kill(child, SIGKILL);
+    ::waitpid(child, nullptr, 0);
+    caught += std::filesystem::exists(folder() / "session.bag.partial");
+    ASSERT_EQ(ReadText(Path()), content);
+  }
+  EXPECT_GT(caught, 0u);
+  Write();
+  EXPECT_FALSE(std::filesystem::exists(folder() / "session.bag.partial")) << "used again";
+}
+
+}  // namespace
+}  // namespace acmp::test

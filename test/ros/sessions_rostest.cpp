@@ -1,0 +1,190 @@
+// save_session and load_session of a running map.
+
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+
+#include <acmp_mapping/LoadSession.h>
+#include <acmp_mapping/SaveSession.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <nav_msgs/Path.h>
+#include <nodelet/NodeletLoad.h>
+#include <nodelet/NodeletUnload.h>
+
+#include "ros/mapper_control.h"
+
+namespace acmp::test {
+namespace {
+
+namespace fs = std::filesystem;
+using acmp_mapping::LoadSession;
+using acmp_mapping::SaveMap;
+using acmp_mapping::SaveSession;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+constexpr size_t kViews = 5;
+
+class SessionsTest : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    mapper_ = new MapperControl();
+    ready_ = mapper_->WaitUntilReady(kTimeoutS) && mapper_->WaitForMapServer(kTimeoutS);
+  }
+  static void TearDownTestSuite() { delete mapper_; }
+  void SetUp() override {
+    ASSERT_TRUE(ready_);
+    ASSERT_TRUE(mapper().Call("reset") && mapper().CallMap("reset"));
+    fs::remove_all(folder_);
+    fs::create_directories(folder_);
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  static MapperControl& mapper() { return *mapper_; }
+  static std::vector<ViewMessages> Scene() { return MakeSmallScene(kViews, 1000); }
+  std::string PathOf(const std::string& name) const { return (folder_ / name).string(); }
+  SaveSession::Response Save(const std::string& name) const {
+    SaveSession save;
+    save.request.path = PathOf(name);
+    EXPECT_TRUE(ros::service::call("/map_server/save_session", save));
+    return save.response;
+  }
+  LoadSession::Response Load(const std::string& name, const geometry_msgs::Transform& transform = {}) const {
+    LoadSession load;
+    load.request.path = PathOf(name);
+    load.request.T_world_session = transform;
+    EXPECT_TRUE(ros::service::call("/map_server/load_session", load));
+    return load.response;
+  }
+  /// The map as a file has it; empty when it is not saved.
+  std::string MapBytes(const std::string& server = "map_server") const {
+    acmp_mapping::SaveMap save;
+    save.request.path = PathOf("map.ply");
+    save.request.binary = true;
+    if (!ros::service::call("/" + server + "/save_map", save) || !save.response.success) return "";
+    std::ifstream stream(PathOf("map.ply"), std::ios::binary);
+    return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+  }
+
+  const fs::path folder_ = fs::temp_directory_path() / ("acmp_sessions_rostest_" + std::to_string(::getpid()));
+
+ private:
+  static MapperControl* mapper_;
+  static bool ready_;
+};
+MapperControl* SessionsTest::mapper_ = nullptr;
+bool SessionsTest::ready_ = false;
+
+TEST_F(SessionsTest, AMapIsSavedAndLoadedAgainAndGoesOn) {
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  const std::string before = MapBytes();
+  ASSERT_GT(before.size(), 1000u);
+  const SaveSession::Response saved = Save("session.bag");
+  ASSERT_TRUE(saved.success) << saved.message;
+  EXPECT_EQ(saved.keyframes, kViews);
+  EXPECT_GT(saved.points, 100u);
+  EXPECT_THAT(saved.message, HasSubstr("5 keyframes to "));
+  ASSERT_TRUE(mapper().CallMap("reset"));
+  EXPECT_EQ(MapBytes(), "");
+  const LoadSession::Response loaded = Load("session.bag");
+  ASSERT_TRUE(loaded.success) << loaded.message;
+  EXPECT_EQ(loaded.keyframes, kViews);
+  EXPECT_EQ(loaded.points, saved.points);
+  EXPECT_EQ(MapBytes(), before);
+
+  // A loop closure moves it.
+  Recorder<nav_msgs::Path> paths(mapper().nh, "keyframe_path");
+  ASSERT_TRUE(paths.WaitForCount(1, kTimeoutS));
+  nav_msgs::Path path = *paths.messages().back();
+  ASSERT_EQ(path.poses.size(), kViews);
+  for (geometry_msgs::PoseStamped& pose : path.poses) pose.pose.position.x += 3;
+  ros::Publisher optimized_path = mapper().nh.advertise<nav_msgs::Path>("optimized_path", 1, true);
+  optimized_path.publish(path);
+  EXPECT_TRUE(paths.WaitUntil(
+      [&](const auto& messages) {
+        return std::abs(messages.back()->poses.back().pose.position.x - path.poses.back().pose.position.x) < 1e-6;
+      },
+      kTimeoutS));
+  EXPECT_NE(MapBytes(), before);
+
+  // And it goes on: the same images in another run.
+  ASSERT_TRUE(mapper().Call("reset"));
+  EXPECT_EQ(mapper().Map(Scene()), kViews);
+  EXPECT_EQ(mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true).keyframes, 2 * kViews);
+}
+
+TEST_F(SessionsTest, ASecondOneIsAddedByATransform) {
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  ASSERT_TRUE(Save("session.bag").success);
+  ASSERT_TRUE(mapper().CallMap("reset") && mapper().Call("reset"));
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  Recorder<nav_msgs::Path> paths(mapper().nh, "keyframe_path");
+  geometry_msgs::Transform transform;
+  transform.translation.y = 20;
+  transform.rotation.z = 1;
+  const LoadSession::Response loaded = Load("session.bag", transform);
+  ASSERT_TRUE(loaded.success) << loaded.message;
+  ASSERT_TRUE(paths.WaitUntil(
+      [](const auto& messages) { return !messages.empty() && messages.back()->poses.size() == 2 * kViews; },
+      kTimeoutS));
+  const auto& poses = paths.messages().back()->poses;  // the earlier run first
+  for (size_t i = 0; i < kViews; ++i) {
+    EXPECT_NEAR(poses[i].pose.position.x, -poses[kViews + i].pose.position.x, 1e-9);
+    EXPECT_NEAR(poses[i].pose.position.y, 20 - poses[kViews + i].pose.position.y, 1e-9);
+    EXPECT_NEAR(poses[i].pose.position.z, poses[kViews + i].pose.position.z, 1e-9);
+  }
+  transform.rotation.x = 1;
+  EXPECT_THAT(Load("session.bag", transform).message, HasSubstr("T_world_session"));
+}
+
+TEST_F(SessionsTest, WhatCannotBeUsedIsRefusedAndTheMapStays) {
+  const SaveSession::Response empty = Save("session.bag");
+  EXPECT_FALSE(empty.success);
+  EXPECT_THAT(empty.message, HasSubstr("the map is empty"));
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  ASSERT_TRUE(Save("session.bag").success);
+  const std::string before = MapBytes();
+  const LoadSession::Response again = Load("session.bag");
+  EXPECT_FALSE(again.success);
+  EXPECT_THAT(again.message, AllOf(HasSubstr(PathOf("session.bag")), HasSubstr(" of \"/dense_mapper\", run "),
+                                   HasSubstr("is in the map already"), HasSubstr("nothing was loaded")));
+  fs::resize_file(PathOf("session.bag"), fs::file_size(PathOf("session.bag")) / 2);
+  EXPECT_THAT(Load("session.bag").message, AllOf(HasSubstr(PathOf("session.bag")), HasSubstr("truncated")));
+  EXPECT_THAT(Load("none.bag").message, AllOf(HasSubstr("none.bag"), HasSubstr("no such file")));
+  EXPECT_THAT(Load("../../none.bag").message, HasSubstr("must lie below"));
+  EXPECT_THAT(Save("../../none.bag").message, HasSubstr("must lie below"));
+  EXPECT_EQ(MapBytes(), before);
+}
+
+/// A second map server, in the same manager.
+bool LoadSecondServer(const std::string& session) {
+  ros::param::set("/second/save_folder", fs::temp_directory_path().string());
+  ros::param::set("/second/load_session", session);
+  nodelet::NodeletLoad load;
+  load.request.name = "/second";
+  load.request.type = "acmp_mapping/MapServerNodelet";
+  return ros::service::call("/manager/load_nodelet", load) && load.response.success;
+}
+
+TEST_F(SessionsTest, AMapBeginsWithTheSessionOfItsParameter) {
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  ASSERT_TRUE(Save("session.bag").success);
+  const std::string before = MapBytes();
+  EXPECT_FALSE(LoadSecondServer(PathOf("none.bag")));
+  EXPECT_TRUE(mapper().WaitForLog({"cannot start", "none.bag", "no such file"}, kTimeoutS));
+  ASSERT_TRUE(LoadSecondServer(PathOf("session.bag")));
+  EXPECT_EQ(MapBytes("second"), before);
+  nodelet::NodeletUnload unload;
+  unload.request.name = "/second";
+  EXPECT_TRUE(ros::service::call("/manager/unload_nodelet", unload) && unload.response.success);
+}
+
+}  // namespace
+}  // namespace acmp::test
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  ros::init(argc, argv, "sessions_rostest");
+  return RUN_ALL_TESTS();
+}
