@@ -18,7 +18,7 @@ from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Image
 
 import replay_report
-from nodelet_session import TOPICS, Session, call, make_bag, save_map
+from nodelet_session import TOPICS, Session, call, make_bag, save_map, save_session
 from wild_messages import made_wild
 
 PLY_BYTES_PER_POINT = 6 * 4 + 3 + 4
@@ -46,16 +46,24 @@ def temporary_files(folder):
     return [path for path in Path(folder).iterdir() if ".partial" in path.name]
 
 
-def kill_in_save(build, runs, _seconds):
+def keyframes_of_whole_session(path):
+    with rosbag.Bag(str(path)) as bag:
+        expected = next(bag.read_messages(["/session_keyframes"])).message.data
+        keyframes = sum(1 for _ in bag.read_messages(["/keyframe_points"]))
+        expect(keyframes == expected == bag.get_message_count("/depth/image_rect"), f"{path.name} is broken")
+
+
+def kill_in_save(build, runs, _seconds, name="map.ply", save=save_map, check=points_of_whole_ply):
     """The file is the one of before or the new one, and what is left over is used by the next save."""
     caught = 0
     with tempfile.TemporaryDirectory() as folder:
-        bag, path = make_bag(build, f"{folder}/room.bag"), Path(folder, "map.ply")
+        bag, path = make_bag(build, f"{folder}/room.bag"), Path(folder, name)
         for _ in range(runs):
             with Session(folder) as session:
                 session.map_bag(bag)
+                save(path)
                 expect(not temporary_files(folder), "temporary files are left after a save")
-                saver = threading.Thread(target=save_map, args=(path,))
+                saver = threading.Thread(target=save, args=(path,))
                 saver.start()
                 while not temporary_files(folder) and saver.is_alive():
                     time.sleep(1e-4)
@@ -63,8 +71,12 @@ def kill_in_save(build, runs, _seconds):
                 session.manager.kill()
                 saver.join()
                 caught += bool(temporary_files(folder))
-                points_of_whole_ply(path)
-    return f"map.ply whole after each; {caught} times a temporary file was left, used again by the next save"
+                check(path)
+    return f"{name} whole after each; {caught} times a temporary file was left, used again by the next save"
+
+
+def kill_in_save_session(build, runs, seconds):
+    return kill_in_save(build, runs, seconds, "session.bag", save_session, keyframes_of_whole_session)
 
 
 def kill_in_reconstruction(build, runs, _seconds):
@@ -167,7 +179,7 @@ def wild_messages(build, _runs, seconds):
 def main():
     build, runs, seconds = Path(sys.argv[1]).resolve(), int(sys.argv[2]), float(sys.argv[3])
     rows, failed = [], False
-    for name, run, count in (("kill -9 in save_map", kill_in_save, runs),
+    for name, run, count in (("kill -9 in save_map", kill_in_save, runs), ("kill -9 in save_session", kill_in_save_session, runs),
                              ("kill -9 in acmp_reconstruct", kill_in_reconstruction, runs), ("full disk", full_disk, 1),
                              ("master restart", master_restart, 1), ("wild messages", wild_messages, 1)):
         print(f"== {name}", flush=True)

@@ -24,6 +24,10 @@ def save_map(path):
     return int(answer.split("points:")[1].split()[0]) if "success: True" in answer else 0, answer
 
 
+def save_session(path):
+    return call("/map_server/save_session", f"{{path: {path}}}")
+
+
 def make_bag(build, path, width=64, height=48):
     subprocess.run([build / "devel/lib/acmp_mapping/acmp_make_bag", "--synthetic", path, "--width", str(width),
                     "--height", str(height)], check=True, stdout=subprocess.DEVNULL)

@@ -6,6 +6,7 @@
 #include <future>
 #include <iomanip>
 #include <iostream>
+#include <random>
 #include <string>
 
 #include <unistd.h>
@@ -20,11 +21,14 @@
 #include "acmp_mapping/map/occupancy_map.h"
 #include "acmp_mapping/mesh/distance_volume.h"
 #include "acmp_mapping/ros/output_conversion.h"
+#include "acmp_mapping/ros/session_bag.h"
 #include "tool_main.h"
 
 namespace {
 
 constexpr double kWidthM = 4, kHeightM = 3, kDistanceM = 4;  ///< what a keyframe sees of the wall
+
+const acmp::PinholeCamera kCamera = {640, 480, 640, 640, 0, 0};  ///< sees that of it; with the images of a session
 
 struct Arguments {
   int keyframes = 500;
@@ -55,11 +59,13 @@ acmp::RigidTransform WorldFromCamera(const Arguments& a, int keyframe) {
   return pose;
 }
 
-/// A wavy wall before the camera, sampled at a grid's points.
+/// A wavy wall before the camera, sampled at a grid's points. All but the positions is noisy, for files are compressed.
 acmp::PointCloud MakePoints(const Arguments& a, const acmp::RigidTransform& world_from_cam) {
   const acmp::RigidTransform cam_from_world = world_from_cam.inverse();
   const int columns = static_cast<int>(std::sqrt(a.points * kWidthM / kHeightM));
   const int rows = a.points / columns;
+  std::minstd_rand random;
+  std::uniform_real_distribution<float> noise(-0.2f, 0.2f);
   acmp::PointCloud points;
   points.reserve(static_cast<size_t>(columns) * static_cast<size_t>(rows));
   for (int row = 0; row < rows; ++row) {
@@ -67,11 +73,12 @@ acmp::PointCloud MakePoints(const Arguments& a, const acmp::RigidTransform& worl
       const double x = world_from_cam.translation().x() + (col + 0.5) * kWidthM / columns;
       const double y = (row + 0.5) * kHeightM / rows;
       const Eigen::Vector3d point = cam_from_world * Eigen::Vector3d(x, y, kDistanceM + 0.1 * std::sin(3 * x + 2 * y));
-      const auto grey = static_cast<unsigned char>(col % 256);
+      const auto grey = static_cast<unsigned char>(128 + 100 * noise(random));
+      const Eigen::Vector3f normal = Eigen::Vector3f(noise(random), noise(random), -1).normalized();
       points.push_back({{static_cast<float>(point.x()), static_cast<float>(point.y()), static_cast<float>(point.z())},
-                        {0, 0, -1},
+                        {normal.x(), normal.y(), normal.z()},
                         {grey, grey, grey},
-                        0.75f});
+                        0.75f + noise(random)});
     }
   }
   return points;
@@ -107,7 +114,8 @@ int RunBenchmark(const Arguments& a) {
       path.push_back({i * int64_t{1000000000}, WorldFromCamera(a, i)});
       const acmp::PointCloud points = MakePoints(a, path.back().pose);
       acmp::Timer timer;
-      store.Add({"mapper", 0, static_cast<uint64_t>(i)}, {path.back().stamp_ns, path.back().pose, {}}, points);
+      const acmp::KeyframePose pose = {path.back().stamp_ns, path.back().pose, {}, "", "camera", kCamera};
+      store.Add({"mapper", 0, static_cast<uint64_t>(i)}, pose, points);
       adding_s += timer.Lap() * 1e-3;
     }
     return acmp::Concat(store.statistics().points, " points, of these adding: ", adding_s * 1e3 / a.keyframes,
@@ -157,6 +165,18 @@ int RunBenchmark(const Arguments& a) {
     });
     std::filesystem::remove(file);
   }
+  map = {};
+  const std::filesystem::path file = a.folder / acmp::Concat("acmp_map_benchmark_", ::getpid(), ".bag");
+  Measure("save the session", [&] {
+    acmp::WriteSession(file, {store.Session(), "map"});
+    return acmp::Concat(std::filesystem::file_size(file), " bytes");
+  });
+  Measure("load it into an empty map", [&] {
+    acmp::MapStore loaded({a.keyframes, a.voxel_size_m, 0});
+    loaded.Join(acmp::ReadSession(file).map, acmp::RigidTransform::Identity());
+    return acmp::Concat(loaded.statistics().points, " points");
+  });
+  std::filesystem::remove(file);
   return acmp::kExitDone;
 }
 
