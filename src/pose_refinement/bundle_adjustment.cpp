@@ -6,7 +6,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <deque>
 #include <memory>
+#include <utility>
 
 #include "ceres_manifold.h"
 #include "rotation_vector.h"
@@ -255,19 +257,16 @@ class Adjustment {
         problem_.SetParameterBlockConstant(poses_[i].data());
         continue;
       }
-      problem_.AddResidualBlock(new PosePrior(bundle_.expected[i], weights.rotation_sigma, weights.position_sigma),
-                                nullptr, poses_[i].data());
+      AddPrior<PosePrior>({poses_[i].data()}, bundle_.expected[i], weights.rotation_sigma, weights.position_sigma);
     }
     for (size_t i = fixed_views > 0 ? fixed_views - 1 : 0; i + 1 < poses_.size(); ++i) {
-      problem_.AddResidualBlock(
-          new MotionPrior(bundle_.expected[i], bundle_.expected[i + 1], weights.turn_sigma, weights.move_sigma),
-          nullptr, poses_[i].data(), poses_[i + 1].data());
+      AddPrior<MotionPrior>({poses_[i].data(), poses_[i + 1].data()}, bundle_.expected[i], bundle_.expected[i + 1],
+                            weights.turn_sigma, weights.move_sigma);
     }
     camera_errors_ = ToVector(camera_);
     problem_.AddParameterBlock(camera_errors_.data(), 3);
     ordering_->AddElementToGroup(camera_errors_.data(), 1);
-    problem_.AddResidualBlock(new CameraPrior(camera_errors_, ToVector(weights.camera_sigma)), nullptr,
-                              camera_errors_.data());
+    AddPrior<CameraPrior>({camera_errors_.data()}, camera_errors_, ToVector(weights.camera_sigma));
     const std::vector<CameraMotion> motions = MotionsOf(bundle_);
     for (Landmark& landmark : bundle_.landmarks) {
       if (!landmark.held_out && IsSeenFrom(landmark, fixed_views)) AddSightings(motions, &landmark);
@@ -296,8 +295,16 @@ class Adjustment {
   static ceres::Problem::Options KeepOurs() {
     ceres::Problem::Options options;
     KeepManifolds(&options);
+    options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;  // thousands, one by one
     options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    options.disable_all_safety_checks = true;  // of duplicate parameters, per residual
     return options;
+  }
+
+  template <class Prior, class... Arguments>
+  void AddPrior(const std::vector<double*>& parameters, Arguments&&... arguments) {
+    priors_.push_back(std::make_unique<Prior>(std::forward<Arguments>(arguments)...));
+    problem_.AddResidualBlock(priors_.back().get(), nullptr, parameters);
   }
 
   /// Whether a view from `first` on sees it. What only fixed views see has its depth from them already.
@@ -325,20 +332,22 @@ class Adjustment {
           DirectionInView(ray, landmark->inverse_depth, bundle_.poses[anchor], bundle_.poses[view]);
       if (!(y.z() > 2 * SightingCost::kMinDepthRatio)) continue;
       const PixelErrors errors = ErrorsAt(view, sighting.pixel, motions[view], y, landmark->inverse_depth);
-      auto cost = std::make_unique<SightingCost>(anchor_camera, landmark->pixel, anchor_errors, bundle_.cameras[view],
-                                                 sighting.pixel, errors, weights_.pixel_sigma);
-      const std::vector<double*> parameters = {poses_[anchor].data(), poses_[view].data(), &landmark->inverse_depth,
-                                               camera_errors_.data()};  // Ceres 1.14 takes no plain pointers
+      const SightingCost& cost =
+          sighting_costs_.emplace_back(anchor_camera, landmark->pixel, anchor_errors, bundle_.cameras[view],
+                                       sighting.pixel, errors, weights_.pixel_sigma);
+      double *const from = poses_[anchor].data(), *const to = poses_[view].data();
       if (std::max(anchor, view) < fixed_views_) {
-        AddToDepth(*cost, parameters.data(), &information, &gradient);
+        const double* const parameters[] = {from, to, &landmark->inverse_depth, camera_errors_.data()};
+        AddToDepth(cost, parameters, &information, &gradient);
+        sighting_costs_.pop_back();
         continue;
       }
-      problem_.AddResidualBlock(cost.release(), &loss_, parameters);
+      problem_.AddResidualBlock(&sighting_costs_.back(), &loss_, from, to, &landmark->inverse_depth,
+                                camera_errors_.data());
       added = true;
     }
     if (added && information > 0) {
-      problem_.AddResidualBlock(new DepthPrior(landmark->inverse_depth - gradient / information, information), nullptr,
-                                &landmark->inverse_depth);
+      AddPrior<DepthPrior>({&landmark->inverse_depth}, landmark->inverse_depth - gradient / information, information);
     }
     if (added) ordering_->AddElementToGroup(&landmark->inverse_depth, 0);
   }
@@ -363,6 +372,8 @@ class Adjustment {
   Eigen::Vector3d camera_errors_;
   PoseManifold manifold_;
   ceres::CauchyLoss loss_{1.0};
+  std::deque<SightingCost> sighting_costs_;  // stay where they are while more come
+  std::vector<std::unique_ptr<ceres::CostFunction>> priors_;
   std::shared_ptr<ceres::ParameterBlockOrdering> ordering_ = std::make_shared<ceres::ParameterBlockOrdering>();
   ceres::Problem problem_;
 };

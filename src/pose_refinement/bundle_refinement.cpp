@@ -1,5 +1,7 @@
 #include "bundle_refinement.h"
 
+#include <tbb/parallel_invoke.h>
+
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -212,8 +214,7 @@ PoseRefinement JudgeRefinement(const Bundle& bundle, const std::vector<int64_t>&
   PoseRefinement result = Unrefined(ids, received, "");
   result.camera = camera;
   Fits before(bundle.size()), after(bundle.size());
-  Collect(bundle, bundle.received, &before);
-  Collect(bundle, refined, &after);
+  tbb::parallel_invoke([&] { Collect(bundle, bundle.received, &before); }, [&] { Collect(bundle, refined, &after); });
   result.received_fit = before.all.Fit();
   result.refined_fit = after.all.Fit();
   for (const Landmark& landmark : bundle.landmarks) {

@@ -1,5 +1,8 @@
 #include "corner_detection.h"
 
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
 #include <cmath>
 #include <opencv2/core/mat.hpp>
 #include <opencv2/imgproc.hpp>
@@ -35,8 +38,16 @@ Image<float> CornerResponse(const Image<uint8_t>& image) {
   const cv::Mat pixels(image.height(), image.width(), CV_8UC1, const_cast<uint8_t*>(image.data()));
   Image<float> response(image.width(), image.height());
   cv::Mat result(image.height(), image.width(), CV_32FC1, response.data());
-  constexpr int kBlock = 5;
-  cv::cornerMinEigenVal(pixels, result, kBlock, 3);
+  constexpr int kBlock = 5, kGradient = 3;
+  constexpr int kReach = kBlock / 2 + kGradient / 2;  // of a pixel's response
+  constexpr int kRows = 64;                           // computed together; so high that the reach costs little
+  tbb::parallel_for(0, (image.height() + kRows - 1) / kRows, [&](int strip) {
+    const cv::Range rows(strip * kRows, std::min((strip + 1) * kRows, image.height()));
+    const cv::Range seen(std::max(rows.start - kReach, 0), std::min(rows.end + kReach, image.height()));
+    cv::Mat strip_response;
+    cv::cornerMinEigenVal(pixels.rowRange(seen).clone(), strip_response, kBlock, kGradient);
+    strip_response.rowRange(rows.start - seen.start, rows.end - seen.start).copyTo(result.rowRange(rows));
+  });
   return response;
 }
 

@@ -1,5 +1,7 @@
 #include "gray_pyramid.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cmath>
 
@@ -8,11 +10,11 @@ namespace {
 
 Image<uint8_t> Rounded(const ImageView<const float>& gray) {
   Image<uint8_t> result(gray.width, gray.height);
-  for (int row = 0; row < gray.height; ++row) {
+  tbb::parallel_for(0, gray.height, [&](int row) {
     for (int col = 0; col < gray.width; ++col) {
       result(col, row) = static_cast<uint8_t>(std::lrint(std::clamp(gray(col, row), 0.0f, 255.0f)));
     }
-  }
+  });
   return result;
 }
 
