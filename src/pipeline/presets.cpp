@@ -68,7 +68,7 @@ PipelineOptions MakeOnline() {
   options.geometric_passes = 1;
   options.patch_match.min_neighbours_per_view = 1;
   options.patch_match.view_draws = 8;
-  options.planar_prior.cell_size_px = 8;
+  options.planar_prior.cell_size_px = 10;
   // With one pass agreement with the neighbours' maps counts more than in the paper, and is cut off earlier.
   options.patch_match.geometric_weight = 0.2f;
   options.patch_match.geometric_max_px = 3.0f;

@@ -49,7 +49,8 @@ void CheckDepths(const std::vector<SupportPoint>& points) {
 
 PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> points,
                         const PlanarPriorOptions& options) {
-  std::vector<SupportTriangle> triangles = TriangulateSupportPoints(points);
+  Validate(options);
+  std::vector<SupportTriangle> triangles = TriangulateSupportPoints(points, options.cell_size_px);
   return MakePriorMesh(camera, std::move(points), std::move(triangles), options);
 }
 

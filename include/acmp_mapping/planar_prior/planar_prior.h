@@ -30,7 +30,8 @@ struct SupportTriangle {
 /// Delaunay triangulation of the support points' pixels (CGAL, exact predicates). Fewer than three points or all on a
 /// line: empty. Duplicate pixels and columns or rows more than 32767 apart are an InvalidInputError. The set of
 /// triangles does not depend on the points' order: CGAL decides between cocircular points by their coordinates.
-std::vector<SupportTriangle> TriangulateSupportPoints(const std::vector<SupportPoint>& points);
+/// @param spacing about how far points lie apart, px, at least 1: only the time depends on it
+std::vector<SupportTriangle> TriangulateSupportPoints(const std::vector<SupportPoint>& points, int spacing = 5);
 
 /// Triangle of each pixel, or -1 outside the triangulation. Exact integer rasterisation with a top-left rule: each
 /// pixel belongs to at most one triangle, and to exactly one if its centre lies in the half-open union of them (left
