@@ -18,7 +18,6 @@ void Validate(const PatchMatchOptions& options) {
   CheckRange("patch_match.view_smoothness", options.view_smoothness, 0.5f, 1.0f);
   CheckRange("patch_match.view_draws", options.view_draws, 1, 255);
   CheckRange("patch_match.min_neighbours_per_view", options.min_neighbours_per_view, 0, 5);
-  CheckRange("patch_match.converged_views", options.converged_views, 0, kMaxSourceViews);
   CheckRange("patch_match.perturb_depth", options.perturb_depth, kTiny, 0.999f);
   CheckRange("patch_match.perturb_normal_deg", options.perturb_normal_deg, kTiny, 90.0f);
   CheckRange("patch_match.prior_alpha", options.prior_alpha, kTiny, 1e6f);

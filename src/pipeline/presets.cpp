@@ -25,6 +25,8 @@ namespace {
 PipelineOptions MakePapers(Method method) {
   PipelineOptions options;
   options.patch_match.method = method;
+  options.patch_match.planar_prior_iterations = 3;
+  options.patch_match.geometric_iterations = 2;
   options.fill.enabled = false;
   options.fusion.min_point_confidence = 0;
   options.fusion.max_relative_depth = 0.01f;
@@ -34,19 +36,22 @@ PipelineOptions MakePapers(Method method) {
 PipelineOptions MakeAcmh() {
   PipelineOptions options = MakePapers(Method::kAcmh);
   options.use_planar_prior = false;
-  // That paper's own weight and truncation of the geometric term; eq. 13 of the later one has others.
-  options.patch_match.geometric_weight = 0.2f;
-  options.patch_match.geometric_max_px = 3.0f;
+  return options;
+}
+
+PipelineOptions MakeAcmp() {
+  PipelineOptions options = MakePapers(Method::kAcmp);
+  // Eq. 13 has another weight and truncation of the geometric term than ACMH.
+  options.patch_match.geometric_weight = 0.1f;
+  options.patch_match.geometric_max_px = 5.0f;
   return options;
 }
 
 PipelineOptions MakeAcmpNoGeometric() {
-  PipelineOptions options = MakePapers(Method::kAcmp);
+  PipelineOptions options = MakeAcmp();
   options.geometric_passes = 0;
   return options;
 }
-
-PipelineOptions MakeAcmp() { return MakePapers(Method::kAcmp); }
 
 /// Three scales. Geometric consistency guides each, from the coarsest on, where windows see low-textured surfaces.
 PipelineOptions MakeAcmm() {
@@ -64,14 +69,9 @@ PipelineOptions MakeOnline() {
   options.start_level = 1;
   options.full_size_iterations = 1;
   options.patch_match.planar_prior_iterations = 1;
-  options.patch_match.geometric_iterations = 1;
   options.geometric_passes = 1;
-  options.patch_match.min_neighbours_per_view = 1;
   options.patch_match.view_draws = 8;
   options.planar_prior.cell_size_px = 10;
-  // With one pass agreement with the neighbours' maps counts more than in the paper, and is cut off earlier.
-  options.patch_match.geometric_weight = 0.2f;
-  options.patch_match.geometric_max_px = 3.0f;
   return options;
 }
 

@@ -14,7 +14,7 @@ namespace {
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-constexpr double kVoxel = 0.1;
+constexpr double kSessionVoxel = 0.1;
 constexpr int64_t kSecond = 1000000000;
 
 RigidTransform Shifted(double x, double y = 0) {
@@ -70,7 +70,7 @@ void ExpectSamePath(const std::vector<StampedPose>& a, const std::vector<Stamped
 }
 
 TEST(MapSession, AnEmptyMapBecomesWhatTheOtherWas) {
-  MapStore store({10, kVoxel});
+  MapStore store({10, kSessionVoxel});
   Fill(&store);
   const MapSession session = store.Session();
   ASSERT_EQ(session.keyframes.size(), 4u);
@@ -78,21 +78,21 @@ TEST(MapSession, AnEmptyMapBecomesWhatTheOtherWas) {
   EXPECT_EQ(session.earlier, 1u);
   EXPECT_EQ(session.keyframes[2].pose.camera_frame, "camera");
   EXPECT_EQ(session.keyframes[2].pose.camera.width, 64);
-  for (const double voxel_size : {kVoxel, 0.0}) {
+  for (const double voxel_size : {kSessionVoxel, 0.0}) {
     MapStore loaded({10, voxel_size});
     loaded.Join(session, RigidTransform::Identity());
     ExpectSameBytes(loaded.WorldCloud(), store.WorldCloud());
     ExpectSamePath(loaded.Path(), store.Path());
     EXPECT_EQ(loaded.statistics().points, store.statistics().points);
-    EXPECT_EQ(loaded.statistics().voxel_size, kVoxel);
+    EXPECT_EQ(loaded.statistics().voxel_size, kSessionVoxel);
     EXPECT_GT(loaded.version(), 0u);
   }
 }
 
 TEST(MapSession, MappingGoesOnAndLoopClosuresCorrectTheLastRuns) {
-  MapStore store({10, kVoxel});
+  MapStore store({10, kSessionVoxel});
   Fill(&store);
-  MapStore loaded({10, kVoxel});
+  MapStore loaded({10, kSessionVoxel});
   Add(&loaded, {"old", 1, 0}, 50);
   loaded.Repose({{0, Shifted(60)}});
   loaded.Clear();  // neither its path nor its runs concern what is loaded
@@ -116,7 +116,7 @@ TEST(MapSession, MappingGoesOnAndLoopClosuresCorrectTheLastRuns) {
 }
 
 TEST(MapSession, PointsThatALoopClosureScaledAreTheSameToRounding) {
-  MapStore store({20, kVoxel});
+  MapStore store({20, kSessionVoxel});
   std::vector<StampedPose> path;
   for (int i = 0; i < 8; ++i) {
     Add(&store, {"a", 1, static_cast<uint64_t>(i)}, i);
@@ -125,7 +125,7 @@ TEST(MapSession, PointsThatALoopClosureScaledAreTheSameToRounding) {
   }
   store.Repose(path);
   ASSERT_NEAR(store.statistics().largest_scale, 1.5, 1e-9);
-  MapStore loaded({20, kVoxel});
+  MapStore loaded({20, kSessionVoxel});
   loaded.Join(store.Session(), RigidTransform::Identity());
   EXPECT_EQ(loaded.statistics().largest_scale, 1) << "as if received so";
   const PlacedKeyframes before = store.Placed(), after = loaded.Placed();
@@ -138,7 +138,7 @@ TEST(MapSession, PointsThatALoopClosureScaledAreTheSameToRounding) {
 }
 
 TEST(MapSession, ASecondOneIsPutWhereItIsTold) {
-  MapStore first({10, kVoxel}), second({10, kVoxel});
+  MapStore first({10, kSessionVoxel}), second({10, kSessionVoxel});
   Add(&first, {"a", 1, 0}, 0);
   Add(&second, {"a", 2, 0}, 1);
   Add(&second, {"b", 1, 0}, 2);
@@ -154,10 +154,10 @@ TEST(MapSession, ASecondOneIsPutWhereItIsTold) {
   EXPECT_EQ(first.Path()[1].pose.translation().y(), first.Path()[0].pose.translation().y())
       << "the run of before goes on, and its path holds";
   // It stays so when all is saved and loaded, whichever keyframes came last.
-  MapStore both({10, kVoxel});
+  MapStore both({10, kSessionVoxel});
   first.Join(
       [] {
-        MapStore third({10, kVoxel});
+        MapStore third({10, kSessionVoxel});
         Add(&third, {"a", 3, 0}, 6);
         return third.Session();
       }(),
@@ -170,7 +170,7 @@ TEST(MapSession, ASecondOneIsPutWhereItIsTold) {
 }
 
 TEST(MapSession, StaysWhenAMapperStartsAnew) {
-  MapStore store({10, kVoxel, 0, false}), saved({10, kVoxel});
+  MapStore store({10, kSessionVoxel, 0, false}), saved({10, kSessionVoxel});
   Add(&saved, {"a", 1, 0}, 0);
   store.Join(saved.Session(), RigidTransform::Identity());
   Add(&store, {"a", 2, 0}, 1);
@@ -180,15 +180,15 @@ TEST(MapSession, StaysWhenAMapperStartsAnew) {
 }
 
 TEST(MapSession, PointsAreThinnedToTheMapsVoxels) {
-  MapStore store({10, kVoxel}), coarse({10, 3 * kVoxel});
+  MapStore store({10, kSessionVoxel}), coarse({10, 3 * kSessionVoxel});
   Add(&store, {"a", 1, 0}, 0);
   coarse.Join(store.Session(), RigidTransform::Identity());
   EXPECT_LT(coarse.statistics().points, store.statistics().points / 4);
-  EXPECT_EQ(coarse.statistics().voxel_size, 3 * kVoxel);
+  EXPECT_EQ(coarse.statistics().voxel_size, 3 * kSessionVoxel);
 }
 
 TEST(MapSession, AllOrNothing) {
-  MapStore saved({10, kVoxel}), store({4, kVoxel});
+  MapStore saved({10, kSessionVoxel}), store({4, kSessionVoxel});
   Add(&saved, {"a", 1, 7}, 0);
   Add(&saved, {"a", 1, 8}, 1);
   Add(&store, {"a", 1, 8}, 5);

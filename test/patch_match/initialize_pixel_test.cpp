@@ -184,8 +184,7 @@ void ExpectSamePlaneWithoutComparison() {
       InitializeUnmatched<kPass>(unmatched.Context(static_cast<uint32_t>(kPass)), col, row);
       ASSERT_EQ(unmatched.planes(col, row).nx, matched.planes(col, row).nx);
       ASSERT_EQ(unmatched.planes(col, row).d, matched.planes(col, row).d);
-      // In geometric passes the pixel may be converged: its cost stays.
-      ASSERT_EQ(unmatched.cost(col, row), kPass == Pass::kGeometric ? 0.25f : kWorstCost);
+      ASSERT_EQ(unmatched.cost(col, row), kWorstCost);
       ASSERT_EQ(unmatched.selected_views(col, row), 0u);
     }
   }

@@ -50,7 +50,6 @@ TEST(PatchMatchOptionsTest, EveryIntegersBoundsAreChecked) {
            {"geometric_iterations", &PatchMatchOptions::geometric_iterations, 1, 20},
            {"view_draws", &PatchMatchOptions::view_draws, 1, 255},
            {"min_neighbours_per_view", &PatchMatchOptions::min_neighbours_per_view, 0, 5},
-           {"converged_views", &PatchMatchOptions::converged_views, 0, 32},
        }) {
     PatchMatchOptions options;
     for (const int good : {field.low, field.high}) {

@@ -66,7 +66,7 @@ TEST(PresetsTest, OnlineTakesAllStepsWithLessWork) {
   EXPECT_EQ(online.patch_match.photometric_iterations, 3);
   EXPECT_EQ(online.full_size_iterations, 1);
   EXPECT_TRUE(online.use_planar_prior);
-  EXPECT_EQ(online.planar_prior.cell_size_px, 8);
+  EXPECT_EQ(online.planar_prior.cell_size_px, 10);
   EXPECT_EQ(online.patch_match.planar_prior_iterations, 1);
   EXPECT_EQ(online.geometric_passes, 1);
   EXPECT_EQ(online.patch_match.geometric_iterations, 1);

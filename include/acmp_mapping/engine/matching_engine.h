@@ -72,8 +72,7 @@ class MatchingEngine {
                                            EngineEstimatePtr start, const PriorMesh& prior) = 0;
 
   /// Steps 22-30, once, from an estimate at any level, used up as in RunPlanarPrior, on the images of that level. The
-  /// sources' estimates, of the same level, are read as they are; `pass` (0, 1, ...) selects the random numbers, and
-  /// later ones leave converged pixels alone (PatchMatchOptions).
+  /// sources' estimates, of the same level, are read as they are; `pass` (0, 1, ...) selects the random numbers.
   virtual EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
                                          EngineEstimatePtr start, int pass) = 0;
 

@@ -56,7 +56,6 @@ MatchContext<Sampler> MakeMatchContext(const PatchMatchProblem& problem, const P
   context.depth_max = problem.depth_range.max;
   context.options = options;
   context.pass_number = PassNumber(kind, geometric_pass);
-  context.past_geometric_iterations = geometric_pass * options.geometric_iterations;
   return context;
 }
 

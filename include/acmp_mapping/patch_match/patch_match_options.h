@@ -13,12 +13,12 @@ enum class Method {
   kAcmp,  ///< Xu and Tao, AAAI 2020; its photometric pass is ACMH's, as the paper says
 };
 
-/// Parameters of one PatchMatch pass. Defaults are the paper's where it names a value.
+/// Parameters of one PatchMatch pass. Defaults are the paper's where nothing else is said.
 struct PatchMatchOptions {
   Method method = Method::kOurs;
   int photometric_iterations = 3;   ///< T_photo, 1..20
-  int planar_prior_iterations = 3;  ///< T_p-photo, 1..20
-  int geometric_iterations = 2;     ///< T_geo, 1..20
+  int planar_prior_iterations = 2;  ///< T_p-photo, 1..20; the paper has 3
+  int geometric_iterations = 1;     ///< T_geo, 1..20; the paper has 2
   uint32_t seed = 1;                ///< of the counter-based random numbers
 
   float sigma_spatial_px = 5.0f;  ///< bilateral weight exp(-r / (2 s^2)), > 0
@@ -40,11 +40,7 @@ struct PatchMatchOptions {
 
   /// Passes that start from an estimate compare candidates only in the views that so many of the pixel and its four
   /// neighbours use, 0..5; 0: in all. Ours alone.
-  int min_neighbours_per_view = 2;
-  /// From the third geometric iteration on, pixels keep their hypothesis with which so many views agree to within a
-  /// pixel, unless the surface bends or breaks within the window; 1..32, or 0: none does. Every geometric pass takes
-  /// over the costs of such pixels instead of comparing them anew at its start. Ours alone.
-  int converged_views = 4;
+  int min_neighbours_per_view = 1;
 
   float perturb_depth = 0.02f;      ///< relative, (0, 1)
   float perturb_normal_deg = 1.8f;  ///< per axis, (0, 90)
@@ -55,8 +51,8 @@ struct PatchMatchOptions {
   float prior_depth_divisor = 64.0f;    ///< lambda_d = depth interval / divisor; ours: a standard deviation
   float prior_start_cost = 0.1f;        ///< ours: pixels at or above start at the prior, 0..2
 
-  float geometric_weight = 0.1f;  ///< lambda_geo of eq. 13, >= 0
-  float geometric_max_px = 5.0f;  ///< tau_geo of eq. 13, > 0
+  float geometric_weight = 0.2f;  ///< lambda_geo of eq. 13, >= 0; ACMH's, ACMP has 0.1
+  float geometric_max_px = 3.0f;  ///< tau_geo of eq. 13, > 0; ACMH's, ACMP has 5
 };
 
 /// Throws InvalidInputError naming the first field out of bounds.

@@ -1,6 +1,5 @@
 #pragma once
 
-#include "acmp_mapping/patch_match/kernel/converged.h"
 #include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 #include "acmp_mapping/patch_match/kernel/hypothesis.h"
 #include "acmp_mapping/patch_match/kernel/match_alone.h"
@@ -115,15 +114,11 @@ ACMP_HOST_DEVICE inline PlaneHypothesis StartingPlane(const MatchContext<Sampler
   }
 }
 
-/// First step of a pass for a pixel: its starting plane, cost and selected views. Writes this pixel only. A converged
-/// pixel starts with the cost that it has.
+/// First step of a pass for a pixel: its starting plane, cost and selected views. Writes this pixel only.
 template <Pass kPass, Method kMethod = Method::kOurs, class Sampler, class Group>
 ACMP_HOST_DEVICE inline void InitializePixel(const MatchContext<Sampler>& context, int col, int row, const Group& group,
                                              PixelScratch* scratch) {
   if (LeaveIfMasked(context, col, row, group)) return;
-  if constexpr (kPass == Pass::kGeometric && kMethod == Method::kOurs) {
-    if (KeepIfConverged(context, col, row, group)) return;
-  }
   const PlaneHypothesis plane = StartingPlane<kPass, kMethod>(context, col, row);
   uint32_t selected_views;
   const float cost = InitialCost<kPass, kMethod>(context, col, row, plane, group, scratch, &selected_views);
@@ -140,12 +135,11 @@ inline void InitializePixel(const MatchContext<Sampler>& context, int col, int r
 }
 
 /// In ours, the same for a pixel that is updated first: nobody reads its cost and views before its update has set them,
-/// so they are not worth a comparison. In geometric passes it stays as it is: it may be converged.
+/// so they are not worth a comparison.
 template <Pass kPass, class Sampler>
 ACMP_HOST_DEVICE inline void InitializeUnmatched(const MatchContext<Sampler>& context, int col, int row) {
   if (LeaveIfMasked(context, col, row, SingleThread())) return;
   context.selected_views(col, row) = 0;
-  if (kPass == Pass::kGeometric && !context.HasNoPlane(col, row)) return;
   context.planes(col, row) = StartingPlane<kPass>(context, col, row);
   context.cost(col, row) = kWorstCost;
 }

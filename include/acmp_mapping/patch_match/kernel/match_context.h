@@ -52,8 +52,7 @@ struct MatchContext {
   RayGrid rays;
   float depth_min, depth_max;
   PatchMatchOptions options;
-  uint32_t pass_number;           ///< distinguishes the passes' random numbers
-  int past_geometric_iterations;  ///< of the passes before this one
+  uint32_t pass_number;  ///< distinguishes the passes' random numbers
 
   ImageView<PlaneHypothesis> planes;
   ImageView<float> cost;

@@ -1,6 +1,5 @@
 #pragma once
 
-#include "acmp_mapping/patch_match/kernel/converged.h"
 #include "acmp_mapping/patch_match/kernel/hypothesis.h"
 #include "acmp_mapping/patch_match/kernel/match_alone.h"
 #include "acmp_mapping/patch_match/kernel/pixel_update.h"
@@ -89,16 +88,13 @@ ACMP_HOST_DEVICE inline RatedHypothesis BestCandidate(const PixelUpdate<Sampler,
 }
 
 /// One checkerboard step for one pixel: propagation, view weights, hypothesis update, refinement; nothing for a
-/// converged pixel and one that the mask ignores. Reads planes, costs and masks of the other colour only and writes its
+/// pixel that the mask ignores. Reads planes, costs and masks of the other colour only and writes its
 /// own pixel, so all pixels of one colour may run at once in any order.
 template <Pass kPass, Method kMethod = Method::kOurs, class Sampler, class Group>
 ACMP_HOST_DEVICE inline void UpdatePixel(const MatchContext<Sampler>& context, int col, int row, int iteration,
                                          const Group& group, PixelScratch* scratch) {
   constexpr bool kIsOurs = kMethod == Method::kOurs;
   if (LeaveIfMasked(context, col, row, group)) return;
-  if constexpr (kIsOurs && kPass == Pass::kGeometric) {
-    if (SkipsConvergedPixels(context, iteration) && KeepIfConverged(context, col, row, group)) return;
-  }
   RandomStream random(context.options.seed, static_cast<uint32_t>(row * context.width + col),
                       context.pass_number * 64u + static_cast<uint32_t>(iteration) + 1u);
   if (group.Rank() == 0) scratch->num_sources = context.num_sources;
