@@ -11,6 +11,13 @@
 namespace acmp {
 namespace {
 
+/// As in the paper.
+PatchMatchOptions TruncatedAt5() {
+  PatchMatchOptions options;
+  options.geometric_max_px = 5;
+  return options;
+}
+
 float KernelError(KernelState* state, float depth, int col, int row, int view) {
   return GeometricError(state->Context(), depth, col, row, view);
 }
@@ -41,7 +48,7 @@ TEST(GeometricErrorTest, AgreesWithTheReferenceOnRandomDepths) {
 
 TEST(GeometricErrorTest, IsZeroForTheTrueDepthOfAConsistentScene) {
   const std::vector<PlanarView> views = RenderPlanarScene(WorldPlane::Slanted(30, 20, 4), 80, 60, 4);
-  KernelState state(MakeProblem(views, 0, {1, 10}, true));
+  KernelState state(MakeProblem(views, 0, {1, 10}, true), TruncatedAt5());
   int seen = 0;
   for (int row = 0; row < 60; ++row) {
     for (int col = 0; col < 80; ++col) {
@@ -60,7 +67,7 @@ TEST(GeometricErrorTest, IsZeroForTheTrueDepthOfAConsistentScene) {
 
 TEST(GeometricErrorTest, GrowsWithTheDepthErrorUpToTheTruncation) {
   const std::vector<PlanarView> views = RenderPlanarScene(WorldPlane{}, 80, 60, 2);
-  KernelState state(MakeProblem(views, 0, {1, 100}, true));
+  KernelState state(MakeProblem(views, 0, {1, 100}, true), TruncatedAt5());
   const float truth = views[0].depth(40, 30);
   float last = KernelError(&state, truth, 40, 30, 0);
   for (const float factor : {1.05f, 1.1f, 1.2f, 1.4f}) {
@@ -95,10 +102,10 @@ TEST(GeometricErrorTest, BackwardPointBehindTheReferenceIsTruncated) {
   views[0].camera.cy = 13;
   views[1].cam_from_world = LookAhead({0, 0, 5}, 180, 0, 0);
   for (float& depth : views[1].depth) depth = 8;
-  KernelState behind(MakeProblem(views, 0, {1, 10}, true));
+  KernelState behind(MakeProblem(views, 0, {1, 10}, true), TruncatedAt5());
   EXPECT_EQ(KernelError(&behind, 3, 16, 13, 0), 5.0f);
   for (float& depth : views[1].depth) depth = 2;
-  KernelState before(MakeProblem(views, 0, {1, 10}, true));
+  KernelState before(MakeProblem(views, 0, {1, 10}, true), TruncatedAt5());
   EXPECT_LT(KernelError(&before, 3, 16, 13, 0), 0.01f);
 }
 
@@ -110,7 +117,7 @@ TEST(GeometricErrorTest, ReadsTheFourPixelsThatHoldTheNearestUpToTheBorder) {
   views[1].depth = DepthMap(41, 31);
   for (float& depth : views[1].depth) depth = 0;
   views[1].depth(0, 15) = 4;  // alone of the pixels (0..1, 14..15)
-  KernelState state(MakeProblem(views, 0, {1, 10}, true));
+  KernelState state(MakeProblem(views, 0, {1, 10}, true), TruncatedAt5());
   EXPECT_NEAR(KernelError(&state, 4.0f, 3, 15, 0), 0, 1e-4);            // lands at 0.0
   EXPECT_NEAR(KernelError(&state, 12.0f / 3.4f, 3, 15, 0), 0.4, 1e-3);  // lands at -0.4
   EXPECT_NEAR(KernelError(&state, 12.0f / 2.6f, 3, 15, 0), 0.4, 1e-3);  // lands at +0.4

@@ -28,8 +28,8 @@ std::vector<ViewCost> ReferenceCosts(const KernelState& state, const PlaneHypoth
     const auto cost =
         reference::PhotometricCost(state.problem(), state.options(), reference::ToDouble(plane), col, row, j);
     if (cost.value >= 2 || cost.min_z <= 0) continue;
-    const double error = std::min(5.0, reference::ReprojectionError(state.problem(), depth, col, row, j));
-    costs.push_back({cost.value + (geometric ? 0.1 * error : 0), j});
+    const double error = std::min(3.0, reference::ReprojectionError(state.problem(), depth, col, row, j));
+    costs.push_back({cost.value + (geometric ? 0.2 * error : 0), j});
   }
   std::sort(costs.begin(), costs.end(), [](const ViewCost& a, const ViewCost& b) { return a.cost < b.cost; });
   return costs;
@@ -54,7 +54,7 @@ void ExpectInitialCostsAgree() {
       expected_mask |= 1u << costs[k].view;
     }
     if (used == 0) expected = 2;
-    // Sampling rounding (photometric_cost_test.cpp), and a source pixel read on the other side of a half (0.1 * 5 px).
+    // Sampling rounding (photometric_cost_test.cpp), and a source pixel read on the other side of a half (0.2 * 3 px).
     const bool close = std::abs(cost - expected) < 1e-3;
     compared += close;
     const bool tie = costs.size() > 4 && costs[4].cost - costs[3].cost < 2e-3;

@@ -17,7 +17,7 @@ namespace {
 using ::testing::HasSubstr;
 
 constexpr float kMaxPhotometric = 2.0f;
-constexpr float kMaxGeometric = 2.5f;  // 2 + 0.1 * min(error, 5)
+constexpr float kMaxGeometric = 2.6f;  // 2 + 0.2 * min(error, 3)
 constexpr DepthRange kRange = {1, 10};
 
 /// A prior of large and small triangles at random depths; a third of them has no plane.

@@ -147,7 +147,7 @@ struct SingleViewCase {
     const auto& problem = state.problem();
     double cost = reference::PhotometricCost(problem, options, reference::ToDouble(plane), col, row, 0).value;
     if (kPass == Pass::kGeometric) {
-      cost += 0.1 * std::min(5.0, reference::ReprojectionError(problem, Depth(plane, col, row), col, row, 0));
+      cost += 0.2 * std::min(3.0, reference::ReprojectionError(problem, Depth(plane, col, row), col, row, 0));
     }
     return cost;
   }

@@ -204,7 +204,7 @@ TEST_P(PipelineSyntheticTest, MapsAreValid) {
   for (const System* system : {&systems_->acmh, &systems_->acmp, &systems_->balanced}) {
     for (int i = 0; i < kKeyframes; ++i) {
       ExpectValid(system->initial[i].state, room.frames[i]->camera, room.ranges[i], 2.0f);
-      ExpectValid(system->refined[i].state, room.frames[i]->camera, room.ranges[i], 2.5f);
+      ExpectValid(system->refined[i].state, room.frames[i]->camera, room.ranges[i], 2.6f);
     }
   }
 }

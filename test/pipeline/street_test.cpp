@@ -45,6 +45,12 @@ struct Street {
 /// Shares of pixels that would become points.
 struct Confident {
   double of_sky = 0, of_surfaces = 0;
+
+  Confident& operator+=(const Confident& other) {
+    of_sky += other.of_sky;
+    of_surfaces += other.of_surfaces;
+    return *this;
+  }
 };
 
 class StreetTest : public EngineTest {
@@ -101,15 +107,21 @@ class StreetTest : public EngineTest {
 INSTANTIATE_TEST_SUITE_P(Devices, StreetTest, ::testing::Values(Device::kCpu, Device::kCuda), DeviceName);
 
 TEST_P(StreetTest, MostOfWhatFillingDrawsIntoTheSkyIsUnsupportedAndHardlyAnythingElse) {
-  const PipelineOptions options = MakePreset("balanced");
+  PipelineOptions options = MakePreset("balanced");
   ASSERT_TRUE(options.fill.remove_unsupported);
-  Confident unsupported, before;
-  Map(options, &unsupported, &before);
+  Confident unsupported, before;  // of two runs: by chance half of it stays in one, a third in most
+  for (const uint32_t seed : {1u, 2u}) {
+    options.patch_match.seed = seed;
+    Confident unsupported_of_run, before_of_run;
+    Map(options, &unsupported_of_run, &before_of_run);
+    unsupported += unsupported_of_run;
+    before += before_of_run;
+  }
   // In larger images with more views it takes three quarters of what is confident in the sky, and a few percent of the
   // surfaces (docs/experiments.md). What of the sky lies beside a roof has its depth, and stays. What is unsupported
   // counts for the confidence of the surface around, too, up to 16 px away: in images this small that is a tenth of
   // all.
-  ASSERT_GT(before.of_sky, 0.05) << "nothing to remove";
+  ASSERT_GT(before.of_sky, 2 * 0.05) << "nothing to remove";
   EXPECT_LT(unsupported.of_sky, 0.5 * before.of_sky);
   EXPECT_GT(unsupported.of_surfaces, 0.88 * before.of_surfaces);
 }

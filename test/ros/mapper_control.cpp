@@ -22,10 +22,10 @@ bool CallTrigger(const std::string& service, std::string* message) {
 
 }  // namespace
 
-std::vector<ViewMessages> MakeSmallScene(size_t views, uint32_t start_s) {
+std::vector<ViewMessages> MakeSmallScene(size_t views, uint32_t start_s, int width) {
   SyntheticSceneOptions scene;
-  scene.width = 64;
-  scene.height = 48;
+  scene.width = width;
+  scene.height = 3 * width / 4;
   scene.keyframes = static_cast<int>(views);
   std::vector<ViewMessages> messages;
   for (const SyntheticView& view : MakeSyntheticScene(scene)) {

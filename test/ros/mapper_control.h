@@ -18,7 +18,7 @@ namespace acmp::test {
 
 /// A scene small enough that a keyframe takes a fraction of a second: what it looks like does not matter to these
 /// tests.
-std::vector<ViewMessages> MakeSmallScene(size_t views, uint32_t start_s = 1000);
+std::vector<ViewMessages> MakeSmallScene(size_t views, uint32_t start_s = 1000, int width = 64);
 
 /// A mapper named /dense_mapper and perhaps its map, /map_server, seen from outside: their inputs, services, log and
 /// diagnostics.

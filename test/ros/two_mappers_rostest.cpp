@@ -52,7 +52,7 @@ struct Camera {
 
 /// Two cameras that look at the same room from different places, with stamps of their own.
 std::vector<ViewMessages> ViewsOf(size_t camera) {
-  const std::vector<ViewMessages> all = MakeSmallScene(2 * kViews);
+  const std::vector<ViewMessages> all = MakeSmallScene(2 * kViews, 1000, 96);
   std::vector<ViewMessages> views(all.begin() + static_cast<std::ptrdiff_t>(camera * kViews),
                                   all.begin() + static_cast<std::ptrdiff_t>((camera + 1) * kViews));
   for (size_t i = 0; i < kViews; ++i) {
