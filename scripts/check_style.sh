@@ -57,7 +57,7 @@ for entry in json.load(open(commands)):
     entry["command"] = re.sub(r"-Winvalid-pch|-include \S*cmake_pch\S*", "", entry["command"])
     unit = os.path.realpath(os.path.join(entry["directory"], entry["file"]))
     files = [unit]
-    if re.search(r"/Unity/unity_\d+_cxx\.cxx$", unit):
+    if re.search(r"/Unity/unity_\d+(_cxx)?\.cxx$", unit):
         files = [os.path.realpath(path) for path in re.findall(r'#include "(.*)"', open(unit).read())]
     chosen = [file for file in files if file in tracked and (with_tests or not file.startswith(tests))]
     units = {unit: files} if chosen == files and not one_by_one else {file: [file] for file in chosen}
