@@ -61,7 +61,7 @@ acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, c
   head.pose = {origin.stamp_ns,   origin.world_from_cam, origin.path,
                origin.path_frame, origin.camera_frame,   output.maps->frame->camera};
   head.world_frame = origin.world_frame;
-  const acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, output.points_in_camera);
+  acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, output.points_in_camera);
   message->replaces = replaces;
   return message;
 }
