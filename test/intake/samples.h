@@ -1,5 +1,6 @@
 #pragma once
 
+#include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/intake/sensor_samples.h"
 
 namespace acmp {
