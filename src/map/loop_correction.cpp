@@ -109,12 +109,6 @@ void NameKeyframes(const std::vector<StampedPose>& path, double max_distance,
 
 }  // namespace
 
-RigidTransform Similarity::Moved(const RigidTransform& world_from_cam) const {
-  RigidTransform scaled = world_from_cam;
-  scaled.translation() *= scale;
-  return rigid * scaled;
-}
-
 void SortPath(std::vector<StampedPose>* path) {
   std::stable_sort(path->begin(), path->end(),
                    [](const StampedPose& a, const StampedPose& b) { return a.stamp_ns < b.stamp_ns; });

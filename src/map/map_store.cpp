@@ -45,7 +45,7 @@ CorrectedPose MakePose(const KeyframePose& pose, double reach) {
   made.stamp_ns = pose.stamp_ns;
   made.path = pose.path;
   made.reach = reach;
-  made.received = made.world_from_cam = pose.world_from_cam;
+  made.received = made.world_from_cam = pose.received();
   return made;
 }
 
@@ -99,7 +99,7 @@ bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const Point
   Keyframe keyframe;
   keyframe.arrival = arrivals_++;
   keyframe.pose = MakePose(pose, reach);
-  keyframe.received = pose;
+  keyframe.as_sent = pose;
   statistics_.points += thinned->size();
   keyframe.points_in_camera = std::move(thinned);
   keyframes_.insert_or_assign(key, std::move(keyframe));
@@ -121,7 +121,7 @@ void MapStore::StartRun(const std::string& mapper, uint64_t run) {
   if (keyframes_.empty()) auto_voxel_size_ = 0;  // another scene may have another scale
 }
 
-bool MapStore::Replace(const KeyframeKey& key, const PointCloud& points_in_camera) {
+bool MapStore::Replace(const KeyframeKey& key, const KeyframePose& pose, const PointCloud& points_in_camera) {
   {
     std::lock_guard<std::mutex> lock(mutex_);  // refused points tell nothing about the scene
     if (keyframes_.count(key) == 0) {
@@ -137,9 +137,11 @@ bool MapStore::Replace(const KeyframeKey& key, const PointCloud& points_in_camer
     ++statistics_.not_replaced;
     return false;
   }
-  CorrectedPose& pose = keyframe->second.pose;
-  CheckDistance(pose.world_from_cam, pose.scale * reach, MaxDistance());
-  pose.reach = reach;
+  CorrectedPose& corrected = keyframe->second.pose;
+  CheckDistance(corrected.world_from_cam, corrected.scale * reach, MaxDistance());
+  corrected.reach = reach;
+  keyframe->second.as_sent.world_from_cam = pose.refined ? pose.world_from_cam : corrected.received;
+  keyframe->second.as_sent.refined = pose.refined;
   std::shared_ptr<const PointCloud>& points = keyframe->second.points_in_camera;
   statistics_.points += thinned->size();
   statistics_.points -= points->size();
@@ -229,28 +231,6 @@ void MapStore::Clear() {
   ++version_;
 }
 
-MapSession MapStore::Session() const {
-  MapSession session;
-  std::map<std::pair<bool, uint64_t>, std::pair<SessionKeyframe, double>> ordered;  // with the scale of the points
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    session.voxel_size = VoxelSize();
-    for (const auto& [key, keyframe] : keyframes_) {
-      SessionKeyframe saved = {key, keyframe.received, keyframe.points_in_camera};
-      saved.pose.world_from_cam = keyframe.pose.world_from_cam;
-      const bool is_of_last_run = IsOfLastRun(key);
-      session.earlier += is_of_last_run ? 0 : 1;
-      ordered.try_emplace({is_of_last_run, keyframe.arrival}, std::move(saved), keyframe.pose.scale);
-    }
-  }
-  for (auto& [place, keyframe] : ordered) {
-    auto& [saved, scale] = keyframe;
-    if (scale != 1) saved.points_in_camera = std::make_shared<const PointCloud>(Scaled(*saved.points_in_camera, scale));
-    session.keyframes.push_back(std::move(saved));
-  }
-  return session;
-}
-
 void MapStore::CheckCanJoin(const MapSession& session) const {
   const size_t keyframes = keyframes_.size() + session.keyframes.size();
   if (keyframes > static_cast<size_t>(options_.max_keyframes)) {
@@ -281,6 +261,7 @@ void MapStore::Join(MapSession session, const RigidTransform& world_from_session
   for (SessionKeyframe& keyframe : session.keyframes) {
     try {
       keyframe.pose.world_from_cam = world_from_session * keyframe.pose.world_from_cam;
+      if (keyframe.pose.refined) keyframe.pose.refined->received = world_from_session * keyframe.pose.refined->received;
       const PointCloud& points = *keyframe.points_in_camera;
       if (!points.empty()) CheckPoints(points, static_cast<float>(voxel_size));
       if (!points.empty() && voxel_size != session.voxel_size) {
@@ -310,36 +291,6 @@ void MapStore::Join(MapSession session, const RigidTransform& world_from_session
     keyframes_.insert_or_assign(key, std::move(keyframe));
   }
   ++version_;
-}
-
-PlacedKeyframes MapStore::Placed() const {
-  std::lock_guard<std::mutex> lock(mutex_);
-  PlacedKeyframes placed;
-  placed.voxel_size = VoxelSize();
-  placed.keyframes.reserve(keyframes_.size());
-  for (const auto& [key, keyframe] : keyframes_) {
-    placed.keyframes.push_back({keyframe.pose.world_from_cam, keyframe.pose.scale, keyframe.points_in_camera});
-  }
-  return placed;
-}
-
-PointCloud MapStore::WorldCloud(size_t* keyframes) const {
-  const PlacedKeyframes map = Placed();  // keeps the points alive
-  if (keyframes) *keyframes = map.keyframes.size();
-  std::vector<PlacedCloud> clouds;
-  for (const PlacedKeyframe& keyframe : map.keyframes) {
-    if (keyframe.points_in_camera->empty()) continue;
-    clouds.push_back({keyframe.world_from_cam, keyframe.points_in_camera.get(), keyframe.scale});
-  }
-  return clouds.empty() ? PointCloud() : MergeClouds(clouds, static_cast<float>(map.voxel_size));
-}
-
-std::vector<StampedPose> MapStore::Path() const {
-  std::lock_guard<std::mutex> lock(mutex_);
-  std::vector<StampedPose> path;
-  path.reserve(keyframes_.size());
-  for (const auto& [key, keyframe] : keyframes_) path.push_back({keyframe.pose.stamp_ns, keyframe.pose.world_from_cam});
-  return path;
 }
 
 MapStatistics MapStore::statistics() const {

@@ -20,6 +20,7 @@ std::shared_ptr<KeyframeDepth> MakeWithoutMaps(const FinishedEstimate& estimate)
   maps->frame = estimate.problem.reference.frame;
   const DepthRange& range = estimate.problem.depth_range;
   maps->cam_from_world = estimate.placed.cam_from_world;
+  maps->refined_camera = estimate.placed.refined;
   maps->pose_fit = estimate.placed.fit;
   maps->range = {estimate.placed.scale * range.min, estimate.placed.scale * range.max};
   maps->source_ids = estimate.source_ids;

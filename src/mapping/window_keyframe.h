@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "acmp_mapping/geometry/refined_camera.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/keyframe/frame.h"
 #include "acmp_mapping/pipeline/depth_estimator.h"
@@ -16,6 +17,7 @@ namespace acmp {
 struct PlacedPose {
   RigidTransform cam_from_world = RigidTransform::Identity();
   float scale = 1;  ///< of their depths
+  std::optional<RefinedCamera> refined;
   PoseFit fit;
 };
 

@@ -7,9 +7,10 @@ namespace {
 void PredictPose(const WindowKeyframe& before, WindowKeyframe* newest) {
   if (!before.refined_pose) return;
   RigidTransform motion = newest->frame->cam_from_world * before.frame->cam_from_world.inverse();
-  newest->placed = {motion * before.placed.cam_from_world, before.placed.scale, PoseFit()};
+  newest->placed = {motion * before.placed.cam_from_world, before.placed.scale, before.placed.refined, PoseFit()};
   motion.translation() /= before.placed.scale;
   newest->refined_pose = motion * *before.refined_pose;
+  newest->placed.refined->world_from_cam = newest->refined_pose->inverse();
 }
 
 }  // namespace
@@ -42,9 +43,11 @@ void WindowPoses::Finish(const KeyframeWindow& window) {
     const WindowKeyframePtr keyframe = window.Find(pose.id);
     if (!keyframe) continue;
     keyframe->refined_pose.reset();
-    if (refinement.changed) keyframe->refined_pose = pose.cam_from_world;
-    keyframe->placed = {pose.cam_from_received, static_cast<float>(refinement.scale),
+    keyframe->placed = {pose.cam_from_received, static_cast<float>(refinement.scale), std::nullopt,
                         refinement.changed ? pose.refined_fit : pose.received_fit};
+    if (!refinement.changed) continue;
+    keyframe->refined_pose = pose.cam_from_world;
+    keyframe->placed.refined = RefinedCamera{refinement.world, pose.cam_from_world.inverse(), refinement.scale};
   }
 }
 

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 
+#include "align_views.h"
 #include "bundle_refinement.h"
 #include "rotation_vector.h"
-#include "similarity.h"
 
 namespace acmp {
 namespace {

@@ -8,13 +8,13 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
+#include "align_views.h"
 #include "bundle_refinement.h"
 #include "contradiction.h"
 #include "corner_detection.h"
 #include "landmark_matching.h"
 #include "resection.h"
 #include "rotation_vector.h"
-#include "similarity.h"
 #include "stamp_offset.h"
 
 namespace acmp {
@@ -179,6 +179,7 @@ struct PoseRefiner::Impl {
   bool stamped = false;  ///< the last keyframe
   bool changed = false;  ///< by the last Refine
   double scale = 1;      ///< of the last Refine's result
+  uint64_t world = 1;    ///< PoseRefinement::world
 };
 
 PoseRefiner::PoseRefiner(const PoseRefinementOptions& options) {
@@ -273,6 +274,7 @@ PoseRefinement PoseRefiner::Refine() {
     impl_->state = {};
     impl_->changed = false;
     impl_->scale = 1;
+    ++impl_->world;
     return Unrefined(ids, received, "the bundle adjustment found no solution");
   }
   std::vector<ViewPose>& refined = impl_->refined;
@@ -286,17 +288,20 @@ PoseRefinement PoseRefiner::Refine() {
   const Similarity received_from_refined = FitSimilarity(bundle.poses, bundle.received, bundle.size());
   if (result.changed) {
     result.scale = received_from_refined.scale;
+    const std::vector<ViewPose> all_placed = Moved(received_from_refined, refined);
     for (size_t i = 0; i < bundle.size(); ++i) {
-      const ViewPose placed = received_from_refined * refined[i];
+      const ViewPose& placed = all_placed[i];
       result.poses[i].cam_from_received = ToRigidTransform({placed.rotation, placed.centre + bundle.origin});
     }
   } else {
     // As long as received poses are used the two worlds stay one.
+    ++impl_->world;
     bundle.poses = Moved(received_from_refined, std::move(bundle.poses));
     refined = Moved(received_from_refined, std::move(refined));
     for (Landmark& landmark : bundle.landmarks) landmark.inverse_depth /= received_from_refined.scale;
   }
   impl_->scale = result.scale;
+  result.world = impl_->world;
   impl_->TidyLandmarks();
   return result;
 }

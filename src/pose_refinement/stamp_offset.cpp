@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "align_views.h"
 #include "rotation_vector.h"
-#include "similarity.h"
 
 namespace acmp {
 namespace {

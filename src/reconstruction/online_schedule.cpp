@@ -1,8 +1,11 @@
 #include <algorithm>
 #include <exception>
+#include <map>
+#include <vector>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
+#include "acmp_mapping/geometry/refined_camera.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "run.h"
 #include "work_files.h"
@@ -35,6 +38,7 @@ class OnlineSchedule {
     }
     mapper_.Flush();
     CheckOutcome();
+    PlaceRefined();
   }
 
  private:
@@ -88,10 +92,36 @@ class OnlineSchedule {
     ImagePlan& image = PlanOf(keyframe.frame->id);
     image.no_map.clear();  // if it had been withdrawn
     run_.scene.images[static_cast<size_t>(image.index)].cam_from_world = keyframe.cam_from_world;
+    refined_.erase(image.index);
+    if (keyframe.refined_camera) {
+      refined_[image.index] = {*keyframe.refined_camera, keyframe.frame->cam_from_world.inverse()};
+    }
     image.sources.assign(keyframe.source_ids.begin(), keyframe.source_ids.end());
     Timer timer;
     WriteFinalMaps(run_.store.FileOf({run_.store.final_step(), image.index}), ToFinalMaps(keyframe));
     run_.times.keeping_ms += timer.Lap();
+  }
+
+  /// As the map does with the nodelet's keyframes.
+  void PlaceRefined() {
+    std::vector<RefinedAndReceived> keyframes;
+    std::vector<int> indices;
+    for (const ImagePlan& image : run_.plan.images) {
+      const auto refined = refined_.find(image.index);
+      if (refined == refined_.end() || !image.no_map.empty()) continue;
+      keyframes.push_back(refined->second);
+      indices.push_back(image.index);
+    }
+    const std::vector<std::optional<PlacedCamera>> placed = PlaceAlong(keyframes);
+    for (size_t i = 0; i < indices.size(); ++i) {
+      if (!placed[i]) continue;
+      run_.scene.images[static_cast<size_t>(indices[i])].cam_from_world = placed[i]->world_from_cam.inverse();
+      const std::filesystem::path file = run_.store.FileOf({run_.store.final_step(), indices[i]});
+      FinalMaps maps = ReadFinalMaps(file);
+      for (float& depth : maps.depth) depth *= static_cast<float>(placed[i]->scale);
+      WriteFinalMaps(file, maps);
+      run_.interrupt.Check();
+    }
   }
 
   void Drop(const KeyframeDrop& drop) {
@@ -111,6 +141,7 @@ class OnlineSchedule {
 
   ReconstructRun& run_;
   std::exception_ptr failure_;
+  std::map<int, RefinedAndReceived> refined_;  ///< by image: as its maps were refined last
   DenseMapper mapper_;
 };
 

@@ -39,22 +39,6 @@ PointCloud KeptPoints(const KeyframeDepth& maps, ImageView<const unsigned char> 
   return kept;
 }
 
-/// Receivers put the points where the frontend's pose says that the camera was. So that they come to lie where the pose
-/// does with which they were matched, they are given in the camera's frame of the received pose.
-void MoveToReceivedPose(const KeyframeDepth& maps, PointCloud* points) {
-  if (maps.cam_from_world.matrix() == maps.frame->cam_from_world.matrix()) return;
-  const Eigen::Isometry3f received_from_refined =
-      (maps.frame->cam_from_world * maps.cam_from_world.inverse()).cast<float>();
-  for (SurfacePoint& point : *points) {
-    const Eigen::Vector3f position =
-        received_from_refined * Eigen::Vector3f(point.position.x, point.position.y, point.position.z);
-    const Eigen::Vector3f normal =
-        received_from_refined.linear() * Eigen::Vector3f(point.normal.x, point.normal.y, point.normal.z);
-    point.position = {position.x(), position.y(), position.z()};
-    point.normal = {normal.x(), normal.y(), normal.z()};
-  }
-}
-
 double LatencyMs(const KeyframeOrigin& origin) { return (SteadySeconds() - origin.arrival_s) * 1e3; }
 
 }  // namespace
@@ -105,7 +89,6 @@ KeyframeOutput KeyframeOutputs::MakeOutput(const KeyframeDepthPtr& maps, const R
   output.maps = maps;
   output.keep = MakeKeepMask(*maps, min_confidence);
   output.points_in_camera = KeptPoints(*maps, output.keep.View(), min_confidence);
-  MoveToReceivedPose(*maps, &output.points_in_camera);
   return output;
 }
 

@@ -41,6 +41,14 @@ acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframePointsHead& head,
   message->run = head.key.run;
   message->id = head.key.id;
   message->T_world_cam = ToNumbers(pose.world_from_cam);
+  message->T_refined_cam.fill(0);
+  message->T_received_cam.fill(0);
+  if (pose.refined) {
+    message->refined_world = pose.refined->refined.world;
+    message->T_refined_cam = ToNumbers(pose.refined->refined.world_from_cam);
+    message->refined_scale = pose.refined->refined.scale;
+    message->T_received_cam = ToNumbers(pose.refined->received);
+  }
   std_msgs::Header camera = message->header;
   camera.frame_id = pose.camera_frame;
   message->camera_info = *ToCameraInfo(pose.camera, camera);
@@ -57,9 +65,14 @@ acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, c
                                                  bool replaces) {
   const KeyframeOrigin& origin = output.origin;
   KeyframePointsHead head;
-  head.key = {mapper, output.run, static_cast<uint64_t>(output.maps->frame->id)};
+  const KeyframeDepth& maps = *output.maps;
+  head.key = {mapper, output.run, static_cast<uint64_t>(maps.frame->id)};
   head.pose = {origin.stamp_ns,   origin.world_from_cam, origin.path,
-               origin.path_frame, origin.camera_frame,   output.maps->frame->camera};
+               origin.path_frame, origin.camera_frame,   maps.frame->camera};
+  if (maps.refined_camera) {
+    head.pose.world_from_cam = maps.cam_from_world.inverse();
+    head.pose.refined = RefinedAndReceived{*maps.refined_camera, origin.world_from_cam};
+  }
   head.world_frame = origin.world_frame;
   acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, output.points_in_camera);
   message->replaces = replaces;
@@ -72,6 +85,12 @@ KeyframePointsHead ReadHead(const KeyframePoints& message) {
   head.key = {message.mapper, message.run, message.id};
   head.pose.stamp_ns = ToStampNs(message.header.stamp);
   head.pose.world_from_cam = ToTransform("T_world_cam", message.T_world_cam);
+  if (message.refined_world != 0) {
+    CheckRange("refined_scale", message.refined_scale, 1e-9, 1e9);
+    head.pose.refined = RefinedAndReceived{
+        {message.refined_world, ToTransform("T_refined_cam", message.T_refined_cam), message.refined_scale},
+        ToTransform("T_received_cam", message.T_received_cam)};
+  }
   head.pose.path.maps_world_to_child = message.path_inverted;
   head.pose.path.child_from_cam.reset();
   const Numbers& child_from_cam = message.path_T_child_cam;

@@ -189,7 +189,7 @@ void MapServerNodelet::CheckFrame(const std::string& whose, const std::string& w
 void MapServerNodelet::AddKeyframe(const KeyframePointsHead& head, const KeyframePoints& message) {
   const PointCloud points = ToPointCloud(message.points);
   if (message.replaces) {
-    map_->Replace(head.key, points);  // where it is not in the map any more, that is counted there
+    map_->Replace(head.key, head.pose, points);  // where it is not in the map any more, that is counted there
     return;
   }
   if (!map_->Add(head.key, head.pose, points)) {

@@ -41,6 +41,25 @@ sensor_msgs::ImagePtr ToConfidenceMessage(const KeyframeOutput& output, const st
   return message;
 }
 
+/// Receivers of the topic put the points where the frontend's pose says that the camera was. So that they come to lie
+/// where the pose does with which they were matched, they are given in the camera's frame of the received pose.
+PointCloud PointsAtReceivedPose(const KeyframeOutput& output) {
+  const KeyframeDepth& maps = *output.maps;
+  PointCloud points = output.points_in_camera;
+  if (!maps.refined_camera) return points;
+  const Eigen::Isometry3f received_from_refined =
+      (maps.frame->cam_from_world * maps.cam_from_world.inverse()).cast<float>();
+  for (SurfacePoint& point : points) {
+    const Eigen::Vector3f position =
+        received_from_refined * Eigen::Vector3f(point.position.x, point.position.y, point.position.z);
+    const Eigen::Vector3f normal =
+        received_from_refined.linear() * Eigen::Vector3f(point.normal.x, point.normal.y, point.normal.z);
+    point.position = {position.x(), position.y(), position.z()};
+    point.normal = {normal.x(), normal.y(), normal.z()};
+  }
+  return points;
+}
+
 }  // namespace
 
 OutputPublisher::OutputPublisher(ros::NodeHandle nh, std::string mapper, std::function<uint64_t()> images_under_way)
@@ -83,7 +102,7 @@ void OutputPublisher::PublishRefined(const KeyframeOutput& output) {
   if (confidence_.getNumSubscribers() > 0) confidence_.publish(ToConfidenceMessage(output, camera));
   if (normal_.getNumSubscribers() > 0) normal_.publish(ToNormalMessage(maps.normal, output.keep.View(), camera));
   PublishPictures(output, camera);
-  if (points_.getNumSubscribers() > 0) points_.publish(ToCloudMessage(output.points_in_camera, camera));
+  if (points_.getNumSubscribers() > 0) points_.publish(ToCloudMessage(PointsAtReceivedPose(output), camera));
   PublishKeyframeDepth(output, camera);
   PublishKeyframePoints(output, false);
 }

@@ -20,13 +20,17 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     message.path_tolerance = bytes.Take<double>();
     for (double& value : message.T_world_cam) value = bytes.Take<double>();
     for (double& value : message.path_T_child_cam) value = bytes.Take<double>();
+    message.refined_world = bytes.Take<uint8_t>();
+    message.refined_scale = bytes.Take<double>();
+    for (double& value : message.T_refined_cam) value = bytes.Take<double>();
+    for (double& value : message.T_received_cam) value = bytes.Take<double>();
     message.camera_info = *ToCameraInfo({64, 48, 50, 50, 31.5, 23.5}, message.header);  // has a target of its own
     fuzz::Fill(&bytes, &message.points);
     fuzz::MayRefuse([&] {
       const KeyframePointsHead head = ReadHead(message);
       const PointCloud points = ToPointCloud(message.points);
       if (message.replaces) {
-        map.Replace(head.key, points);
+        map.Replace(head.key, head.pose, points);
       } else {
         map.Add(head.key, head.pose, points);
       }

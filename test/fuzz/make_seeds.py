@@ -130,6 +130,7 @@ RIGID = struct.pack("<12d", 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0)
 
 def keyframe_points(number):
     return (HEADER + text("mapper") + struct.pack("<BBBBd", 1, number, 0, 0, 0.001) + RIGID + RIGID +
+            struct.pack("<Bd", number, 1) + RIGID + RIGID +
             cloud(PACKED, [(0, 0, 1, 0, 0, 0, -1, 0.5), (1, 0, 2, 0, 0, 0, -1, 0.5)]))
 
 

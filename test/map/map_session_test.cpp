@@ -112,7 +112,7 @@ TEST(MapSession, MappingGoesOnAndLoopClosuresCorrectTheLastRuns) {
   }
   EXPECT_EQ(loaded.statistics().keyframes, 6u);
   EXPECT_FALSE(loaded.Add({"b", 5, 1}, PoseAt(1, Shifted(0)), Wall())) << "it was loaded";
-  EXPECT_TRUE(loaded.Replace({"b", 5, 1}, Wall(5)));
+  EXPECT_TRUE(loaded.Replace({"b", 5, 1}, {}, Wall(5)));
 }
 
 TEST(MapSession, PointsThatALoopClosureScaledAreTheSameToRounding) {

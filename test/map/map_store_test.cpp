@@ -75,28 +75,28 @@ TEST(MapStore, PointsOfAKeyframeAreReplacedWhereItStillIs) {
   MapStore store({2, 0.1});
   Add(&store, 3, Shifted(0), PlaneAt(1.05f, 20, 0.05f));
   const uint64_t version = store.version();
-  EXPECT_TRUE(store.Replace(Key(3), PlaneAt(2.05f, 10, 0.05f)));
+  EXPECT_TRUE(store.Replace(Key(3), {}, PlaneAt(2.05f, 10, 0.05f)));
   EXPECT_NE(store.version(), version);
   EXPECT_EQ(store.statistics().points, 25u);
   EXPECT_EQ(store.statistics().keyframes, 1u);
   ASSERT_EQ(store.WorldCloud().size(), 25u);
   EXPECT_NEAR(store.WorldCloud()[0].position.z, 2.05, 1e-5);
-  EXPECT_TRUE(store.Replace(Key(3), {}));
+  EXPECT_TRUE(store.Replace(Key(3), {}, {}));
   EXPECT_TRUE(store.WorldCloud().empty());
-  EXPECT_TRUE(store.Replace(Key(3), PlaneAt(1.05f, 2, 0.1f))) << "no points are points, too";
+  EXPECT_TRUE(store.Replace(Key(3), {}, PlaneAt(1.05f, 2, 0.1f))) << "no points are points, too";
   EXPECT_EQ(store.statistics().replaced, 3u);
 
-  EXPECT_FALSE(store.Replace(Key(4), PlaneAt(1.05f, 2, 0.05f))) << "it has not come";
-  EXPECT_FALSE(store.Replace(Key(3, "other"), PlaneAt(1.05f, 2, 0.05f))) << "another mapper's";
-  EXPECT_FALSE(store.Replace(Key(3, "mapper", 8), PlaneAt(1.05f, 2, 0.05f))) << "another run's";
+  EXPECT_FALSE(store.Replace(Key(4), {}, PlaneAt(1.05f, 2, 0.05f))) << "it has not come";
+  EXPECT_FALSE(store.Replace(Key(3, "other"), {}, PlaneAt(1.05f, 2, 0.05f))) << "another mapper's";
+  EXPECT_FALSE(store.Replace(Key(3, "mapper", 8), {}, PlaneAt(1.05f, 2, 0.05f))) << "another run's";
   Add(&store, 5, Shifted(1), PlaneAt(1.05f, 2, 0.1f));
   Add(&store, 6, Shifted(2), PlaneAt(1.05f, 2, 0.1f));
-  EXPECT_FALSE(store.Replace(Key(3), PlaneAt(1.05f, 20, 0.05f))) << "it has made room";
+  EXPECT_FALSE(store.Replace(Key(3), {}, PlaneAt(1.05f, 20, 0.05f))) << "it has made room";
   EXPECT_EQ(store.statistics().points, 8u);
   EXPECT_EQ(store.statistics().not_replaced, 4u);
 
   MapStore empty({2, 0});
-  EXPECT_FALSE(empty.Replace(Key(0), PlaneAt(1.05f, 20, 0.05f)));
+  EXPECT_FALSE(empty.Replace(Key(0), {}, PlaneAt(1.05f, 20, 0.05f)));
   EXPECT_EQ(empty.statistics().voxel_size, 0) << "refused points tell nothing about the scene";
 }
 
@@ -236,7 +236,7 @@ TEST(MapStore, KeyframesFarAwayAreRefused) {
   }();
   EXPECT_NE(message.find("position (1e+12, 0, 0)"), std::string::npos) << message;
   EXPECT_NE(message.find(Concat("within ", bound, " of the origin")), std::string::npos) << message;
-  EXPECT_THROW(store.Replace(Key(0), PlaneAt(1.5e7f, 1, 1)), InvalidInputError);
+  EXPECT_THROW(store.Replace(Key(0), {}, PlaneAt(1.5e7f, 1, 1)), InvalidInputError);
   EXPECT_EQ(store.statistics().keyframes, 1u);
   EXPECT_EQ(store.WorldCloud().size(), points.size());
 }

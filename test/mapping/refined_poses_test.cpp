@@ -1,6 +1,7 @@
 // Poses that do not fit the images are refined in the window, and what comes out lies in the frontend's world.
 
 #include <algorithm>
+#include <map>
 #include <memory>
 #include <set>
 #include <utility>
@@ -89,8 +90,8 @@ TEST_F(RefinedPosesTest, KeyframesAreMatchedWithPosesNearerToTheTruth) {
   EXPECT_LT(CompareMotions(refined, exact).position, CompareMotions(before, exact).position / 2);
 }
 
-TEST_F(RefinedPosesTest, DepthIsInTheFrontendsScale) {
-  // The frontend's world grows along the way, as that of a monocular one does; here to 1.8 times of what it was.
+/// The frontend's world grows along the way, as that of a monocular one does; here to 1.8 times of what it was.
+std::vector<RigidTransform> GrowingPoses() {
   std::vector<RigidTransform> received = TruePoses();
   Eigen::Vector3d exact_before = received[0].inverse().translation(), centre = exact_before;
   PoseErrors errors(0.3, 0.005);
@@ -102,7 +103,13 @@ TEST_F(RefinedPosesTest, DepthIsInTheFrontendsScale) {
     received[i].translation() = -(received[i].linear() * centre);
     received[i] = errors.Perturbed(received[i]);
   }
-  const KeyframeDepthPtr last = Map(received, RefinePoses::kOn).refined.back();
+  return received;
+}
+
+TEST_F(RefinedPosesTest, DepthIsInTheFrontendsScale) {
+  const std::vector<RigidTransform> received = GrowingPoses();
+  const std::vector<KeyframeDepthPtr> maps = Map(received, RefinePoses::kOn).refined;
+  const KeyframeDepthPtr last = maps.back();
   const auto i = static_cast<size_t>(last->frame->id);
   // The fake matches a wall at kWallDepth in the world that it is given; the window's is smaller than the frontend's.
   const float scale = last->depth(0, 0) / kRefinedDepth;
@@ -111,6 +118,30 @@ TEST_F(RefinedPosesTest, DepthIsInTheFrontendsScale) {
   const Eigen::Vector3d placed = last->cam_from_world.inverse().translation();
   const Eigen::Vector3d end = received[i].inverse().translation(), begin = received[0].inverse().translation();
   EXPECT_LT((placed - end).norm(), (end - begin).norm() / 10) << "one similarity for a window that grows";
+  ASSERT_TRUE(last->refined_camera);
+  EXPECT_FLOAT_EQ(static_cast<float>(last->refined_camera->scale), scale);
+}
+
+// So the map can be placed as a whole.
+TEST_F(RefinedPosesTest, TheWorldOfRefinedPosesKeepsItsScale) {
+  const std::vector<RigidTransform> received = GrowingPoses();
+  const std::vector<RigidTransform> truth = TruePoses();
+  const std::vector<KeyframeDepthPtr> maps = Map(received, RefinePoses::kOn).refined;
+  std::map<int64_t, RefinedCamera> refined;
+  for (const KeyframeDepthPtr& keyframe : maps) {
+    if (keyframe->refined_camera) refined[keyframe->frame->id] = *keyframe->refined_camera;
+  }
+  const auto ratio = [&](int64_t a, int64_t b) {
+    const auto step = [](const RigidTransform& p, const RigidTransform& q) {
+      return (p.translation() - q.translation()).norm();
+    };
+    return step(refined.at(a).world_from_cam, refined.at(b).world_from_cam) /
+           step(truth[static_cast<size_t>(a)].inverse(), truth[static_cast<size_t>(b)].inverse());
+  };
+  ASSERT_EQ(refined.count(6) + refined.count(9) + refined.count(10) + refined.count(13), 4u);
+  EXPECT_EQ(refined[6].world, refined[13].world);
+  // The frontend's world grows by a fifth from the middle of one to that of the other.
+  EXPECT_NEAR(ratio(10, 13) / ratio(6, 9), 1, 0.06);
 }
 
 // They were made with the frontend's motion from the keyframe before, and others read them.
@@ -178,6 +209,7 @@ TEST_F(RefinedPosesTest, PosesThatFitStayBitByBit) {
   for (const KeyframeDepthPtr& keyframe : map.refined) {
     EXPECT_TRUE(SameBits(keyframe->cam_from_world, keyframe->frame->cam_from_world));
     EXPECT_EQ(keyframe->depth(0, 0), kRefinedDepth);
+    EXPECT_FALSE(keyframe->refined_camera);
   }
 }
 

@@ -58,6 +58,23 @@ TEST(KeyframePoints, ArriveAsTheyWereSent) {
   EXPECT_EQ(points[0].color.b, 6);
 }
 
+TEST(KeyframePoints, SayWhereARefinedPoseLies) {
+  KeyframeOutput output = MakeOutput();
+  EXPECT_FALSE(ReadHead(*ToKeyframePoints(output, "m", false)).pose.refined);
+  auto maps = std::make_shared<KeyframeDepth>();
+  maps->frame = output.maps->frame;
+  maps->cam_from_world.translation() << 7, 8, 9;
+  maps->refined_camera = RefinedCamera{3, output.origin.world_from_cam.inverse(), 0.25};
+  output.maps = maps;
+  const KeyframePose pose = ReadHead(*ToKeyframePoints(output, "m", false)).pose;
+  ASSERT_TRUE(pose.refined);
+  EXPECT_EQ(pose.world_from_cam.matrix(), maps->cam_from_world.inverse().matrix()) << "bit by bit";
+  EXPECT_EQ(pose.refined->refined.world, 3u);
+  EXPECT_EQ(pose.refined->refined.world_from_cam.matrix(), output.origin.world_from_cam.inverse().matrix());
+  EXPECT_EQ(pose.refined->refined.scale, 0.25);
+  EXPECT_EQ(pose.refined->received.matrix(), output.origin.world_from_cam.matrix());
+}
+
 TEST(KeyframePoints, SayWhenTheExtrinsicIsNotKnown) {
   KeyframeOutput output = MakeOutput();
   output.origin.path.child_from_cam.reset();
@@ -76,6 +93,8 @@ TEST(KeyframePoints, BadOnesAreRefused) {
   EXPECT_THAT(refusal([](auto* m) { m->path_T_child_cam[0] = 5; }), HasSubstr("path_T_child_cam"));
   EXPECT_THAT(refusal([](auto* m) { m->path_tolerance = std::numeric_limits<double>::quiet_NaN(); }),
               HasSubstr("path_tolerance"));
+  EXPECT_THAT(refusal([](auto* m) { m->refined_world = 1; }), HasSubstr("refined_scale"));
+  EXPECT_THAT(refusal([](auto* m) { m->refined_world = 1, m->refined_scale = 1; }), HasSubstr("T_refined_cam"));
   EXPECT_THAT(refusal([](auto* m) { m->camera_info.P.fill(0); }), HasSubstr("camera_info"));
 }
 

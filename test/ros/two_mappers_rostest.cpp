@@ -72,7 +72,8 @@ PointCloud MapOf(const Messages& messages, const std::set<std::string>& mappers)
     if (mappers.count(message->mapper) == 0) continue;
     const KeyframePointsHead head = ReadHead(*message);
     const PointCloud points = ToPointCloud(message->points);
-    EXPECT_TRUE(message->replaces ? store.Replace(head.key, points) : store.Add(head.key, head.pose, points));
+    EXPECT_TRUE(message->replaces ? store.Replace(head.key, head.pose, points)
+                                  : store.Add(head.key, head.pose, points));
   }
   return store.WorldCloud();
 }

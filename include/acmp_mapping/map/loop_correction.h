@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "acmp_mapping/geometry/rigid_transform.h"
+#include "acmp_mapping/geometry/similarity.h"
 
 namespace acmp {
 
@@ -24,15 +25,6 @@ struct PathConvention {
   int64_t tolerance_ns = 1000000;  ///< greatest distance between the stamps of pose and keyframe
 };
 
-/// x -> rigid * (scale * x): what a loop closure does to the world of a monocular frontend.
-struct Similarity {
-  RigidTransform rigid = RigidTransform::Identity();
-  double scale = 1;
-
-  /// Pose of a camera in the new world, given that in the old one.
-  RigidTransform Moved(const RigidTransform& world_from_cam) const;
-};
-
 /// A keyframe's pose as received and as corrected by loop closures.
 struct CorrectedPose {
   int64_t stamp_ns = 0;
@@ -43,6 +35,12 @@ struct CorrectedPose {
   Similarity correction;                                       ///< corrected world from received world
   bool named = false;                                          ///< a path had a pose of its stamp
   bool seeded = false;                                         ///< named, or took the correction of one that was
+
+  /// Where what the mapper put at `sent` (world_from_cam) lies now.
+  RigidTransform Placed(const RigidTransform& sent) const {
+    return sent.matrix() == received.matrix() ? world_from_cam : correction.Moved(sent);
+  }
+
   double reach = 0;  ///< of its farthest point from the camera, before `scale`, unit of the poses
 };
 

@@ -4,12 +4,14 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <tuple>
 #include <vector>
 
 #include "acmp_mapping/fusion/point_cloud.h"
 #include "acmp_mapping/geometry/pinhole_camera.h"
+#include "acmp_mapping/geometry/refined_camera.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
 #include "acmp_mapping/map/loop_correction.h"
 
@@ -53,18 +55,22 @@ struct KeyframeKey {
 /// A keyframe's place in time and space, and what saw it.
 struct KeyframePose {
   int64_t stamp_ns = 0;
-  RigidTransform world_from_cam = RigidTransform::Identity();  ///< as received
+  RigidTransform world_from_cam = RigidTransform::Identity();  ///< as received, or where the mapper put it
   PathConvention path;
   std::string path_frame = {};    ///< frame of the poses of optimized_path; empty: any
   std::string camera_frame = {};  ///< name of the optical frame
   PinholeCamera camera = {};      ///< of the keyframe's maps
+  /// None: the mapper took the pose as received.
+  std::optional<RefinedAndReceived> refined = {};
+
+  const RigidTransform& received() const { return refined ? refined->received : world_from_cam; }
 };
 
 /// A keyframe as it goes to a file and comes back.
 struct SessionKeyframe {
   KeyframeKey key;
-  KeyframePose pose;                                   ///< as corrected by loop closures
-  std::shared_ptr<const PointCloud> points_in_camera;  ///< scaled by them
+  KeyframePose pose;                                   ///< as in use
+  std::shared_ptr<const PointCloud> points_in_camera;  ///< scaled as in use
 };
 
 /// All of a map, for another one.
@@ -98,6 +104,7 @@ struct PlacedKeyframe {
   RigidTransform world_from_cam = RigidTransform::Identity();  ///< in use
   double scale = 1;                                            ///< of the points' positions, before they are moved
   std::shared_ptr<const PointCloud> points_in_camera;
+  int64_t stamp_ns = 0;
 };
 
 /// All of a map at one moment.
@@ -115,6 +122,9 @@ struct PlacedKeyframes {
 /// world, or the mapper forgets everything. It may be in another world. Loop closures concern the last run of each
 /// mapper, and leave earlier ones alone though stamps may be the same.
 ///
+/// Keyframes with refined poses are placed along the trajectory that the frontend gave, as corrected (PlaceAlong), anew
+/// whenever the map is read: so later keyframes and loop closures also tell where earlier ones lie.
+///
 /// The map does not depend on the order in which keyframes of different mappers come, but for what the limits of the
 /// options evict and the voxel size that the first keyframe chooses.
 class MapStore {
@@ -125,9 +135,9 @@ class MapStore {
   /// nothing is changed, for a keyframe that is in the map already. Throws InvalidInputError for points that
   /// VoxelFilter refuses, that have no positive median depth, or that lie farther than kMaxVoxels from the origin.
   bool Add(const KeyframeKey& key, const KeyframePose& pose, const PointCloud& points_in_camera);
-  /// Better points of a keyframe in the map. False, and nothing is changed, where it is not there (any more). Throws as
-  /// Add.
-  bool Replace(const KeyframeKey& key, const PointCloud& points_in_camera);
+  /// Better points of a keyframe in the map, and the refined pose that they belong to, if there is one: of `pose` only
+  /// that is taken. False, and nothing is changed, where the keyframe is not there (any more). Throws as Add.
+  bool Replace(const KeyframeKey& key, const KeyframePose& pose, const PointCloud& points_in_camera);
   void Clear();
 
   /// All of the map. What loop closures have changed is as if it had been received so; points that they have scaled
@@ -167,11 +177,26 @@ class MapStore {
   struct Keyframe {
     uint64_t arrival = 0;
     CorrectedPose pose;
-    KeyframePose received;
+    KeyframePose as_sent;
     bool joined = false;  ///< by Join: stays when its mapper begins a new run
     std::shared_ptr<const PointCloud> points_in_camera;
   };
   using Keyframes = std::map<KeyframeKey, Keyframe>;
+
+  /// What is read without the mutex.
+  struct Snapshot {
+    struct Member {
+      KeyframeKey key;
+      Keyframe keyframe;
+      bool is_of_last_run = false;
+    };
+    std::vector<Member> keyframes;  ///< by mapper and run, each in the order of ids
+    double voxel_size = 0;
+    double max_distance = 0;
+  };
+  Snapshot TakeSnapshot() const;
+  /// Refined ones along their trajectory; what would lie too far away stays where its mapper put it.
+  static std::vector<PlacedKeyframe> Place(const Snapshot& snapshot);
 
   std::shared_ptr<const PointCloud> Thinned(const PointCloud& points);
 

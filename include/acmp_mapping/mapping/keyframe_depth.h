@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "acmp_mapping/fusion/point_losses.h"
+#include "acmp_mapping/geometry/refined_camera.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/keyframe/frame.h"
 #include "acmp_mapping/pipeline/depth_estimator.h"
@@ -17,10 +18,12 @@ namespace acmp {
 /// Depth of one keyframe with all that belongs to it. Maps have the size of frame->camera. Never modified.
 struct KeyframeDepth {
   FramePtr frame;
-  RigidTransform cam_from_world = RigidTransform::Identity();  ///< where it lies: the frame's, or refined
-  PoseFit pose_fit;                                            ///< how well that fits; no matches: not measured
-  DepthRange range;                                            ///< that was searched, scene units
-  DepthMap depth;                                              ///< z in the camera's frame, scene units
+  /// Where it lies: the frame's, or the refined one where that puts it as the window lay then.
+  RigidTransform cam_from_world = RigidTransform::Identity();
+  std::optional<RefinedCamera> refined_camera;  ///< none: the pose is the frame's
+  PoseFit pose_fit;                             ///< how well that fits; no matches: not measured
+  DepthRange range;                             ///< that was searched, scene units
+  DepthMap depth;                               ///< z in the camera's frame, scene units
   // Of refined maps only; empty for fast ones.
   NormalMap normal;                             ///< unit vectors in the camera's frame, towards the camera
   CostMap cost;                                 ///< 0..kWorstCost or kUnsupportedCost, see CostMap

@@ -49,6 +49,8 @@ struct PoseRefinement {
   /// Length in the world of the received poses of what is 1 in that of the refined ones. A sliding window carries its
   /// own scale on, which then does not wander as a monocular frontend's does.
   double scale = 1;
+  /// Of a sliding window: which world refined poses are in. Another number: they began again from received ones.
+  uint64_t world = 0;
   PoseChecks checks;  ///< of sliding windows only
   CameraErrors camera;
   int landmarks = 0;               ///< that took part

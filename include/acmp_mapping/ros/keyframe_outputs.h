@@ -20,8 +20,8 @@ struct KeyframeOutput {
   KeyframeOrigin origin;
   uint64_t run = 0;  ///< another number since the last jump of time or reset
   KeyframeDepthPtr maps;
-  Image<unsigned char> keep;  ///< 1 where depth is to be published
-  PointCloud points_in_camera;
+  Image<unsigned char> keep;    ///< 1 where depth is to be published
+  PointCloud points_in_camera;  ///< of maps->cam_from_world
 };
 
 /// What has been made of the keyframes.

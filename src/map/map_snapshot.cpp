@@ -1,0 +1,102 @@
+// What is read of a map: a copy of the list, so that mappers go on meanwhile.
+
+#include <utility>
+#include <vector>
+
+#include "acmp_mapping/fusion/voxel_map.h"
+#include "acmp_mapping/map/map_store.h"
+
+namespace acmp {
+
+MapStore::Snapshot MapStore::TakeSnapshot() const {
+  std::lock_guard<std::mutex> lock(mutex_);
+  Snapshot snapshot;
+  snapshot.voxel_size = VoxelSize();
+  snapshot.max_distance = MaxDistance();
+  snapshot.keyframes.reserve(keyframes_.size());
+  for (const auto& [key, keyframe] : keyframes_) snapshot.keyframes.push_back({key, keyframe, IsOfLastRun(key)});
+  return snapshot;
+}
+
+std::vector<PlacedKeyframe> MapStore::Place(const Snapshot& snapshot) {
+  std::vector<PlacedKeyframe> placed;
+  placed.reserve(snapshot.keyframes.size());
+  std::vector<RefinedAndReceived> trajectory;  // of one run
+  std::vector<size_t> members;
+  const auto place_trajectory = [&] {
+    const std::vector<std::optional<PlacedCamera>> cameras = PlaceAlong(trajectory);
+    for (size_t i = 0; i < cameras.size(); ++i) {
+      if (!cameras[i]) continue;
+      const double reach = cameras[i]->scale * snapshot.keyframes[members[i]].keyframe.pose.reach;
+      if (!(cameras[i]->world_from_cam.translation().norm() + reach <= snapshot.max_distance)) continue;
+      placed[members[i]].world_from_cam = cameras[i]->world_from_cam;
+      placed[members[i]].scale = cameras[i]->scale;
+    }
+    trajectory.clear(), members.clear();
+  };
+  const KeyframeKey* last = nullptr;
+  for (const auto& [key, keyframe, is_of_last_run] : snapshot.keyframes) {
+    if (last && (last->mapper != key.mapper || last->run != key.run)) place_trajectory();
+    last = &key;
+    const CorrectedPose& pose = keyframe.pose;
+    if (keyframe.as_sent.refined) {
+      trajectory.push_back({keyframe.as_sent.refined->refined, pose.world_from_cam});
+      members.push_back(placed.size());
+    }
+    placed.push_back(
+        {pose.Placed(keyframe.as_sent.world_from_cam), pose.scale, keyframe.points_in_camera, pose.stamp_ns});
+  }
+  place_trajectory();
+  return placed;
+}
+
+MapSession MapStore::Session() const {
+  const Snapshot snapshot = TakeSnapshot();
+  const std::vector<PlacedKeyframe> placed = Place(snapshot);
+  MapSession session;
+  session.voxel_size = snapshot.voxel_size;
+  std::map<std::pair<bool, uint64_t>, size_t> order;
+  for (size_t i = 0; i < placed.size(); ++i) {
+    const auto& [key, keyframe, is_of_last_run] = snapshot.keyframes[i];
+    order.try_emplace({is_of_last_run, keyframe.arrival}, i);
+    session.earlier += is_of_last_run ? 0 : 1;
+  }
+  for (const auto& [rank, i] : order) {
+    const Keyframe& keyframe = snapshot.keyframes[i].keyframe;
+    SessionKeyframe saved = {snapshot.keyframes[i].key, keyframe.as_sent, keyframe.points_in_camera};
+    const double scale = placed[i].scale;
+    saved.pose.world_from_cam = placed[i].world_from_cam;
+    if (saved.pose.refined) {
+      saved.pose.refined->received = keyframe.pose.world_from_cam;
+      saved.pose.refined->refined.scale *= scale;
+    }
+    if (scale != 1) saved.points_in_camera = std::make_shared<const PointCloud>(Scaled(*saved.points_in_camera, scale));
+    session.keyframes.push_back(std::move(saved));
+  }
+  return session;
+}
+
+PlacedKeyframes MapStore::Placed() const {
+  const Snapshot snapshot = TakeSnapshot();
+  return {Place(snapshot), snapshot.voxel_size};
+}
+
+PointCloud MapStore::WorldCloud(size_t* keyframes) const {
+  const PlacedKeyframes map = Placed();  // keeps the points alive
+  if (keyframes) *keyframes = map.keyframes.size();
+  std::vector<PlacedCloud> clouds;
+  for (const PlacedKeyframe& keyframe : map.keyframes) {
+    if (keyframe.points_in_camera->empty()) continue;
+    clouds.push_back({keyframe.world_from_cam, keyframe.points_in_camera.get(), keyframe.scale});
+  }
+  return clouds.empty() ? PointCloud() : MergeClouds(clouds, static_cast<float>(map.voxel_size));
+}
+
+std::vector<StampedPose> MapStore::Path() const {
+  std::vector<StampedPose> path;
+  for (const PlacedKeyframe& keyframe : Placed().keyframes)
+    path.push_back({keyframe.stamp_ns, keyframe.world_from_cam});
+  return path;
+}
+
+}  // namespace acmp
