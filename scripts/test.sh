@@ -19,16 +19,8 @@ if cmake --build "$build" --target help | grep -q '^tests:'; then  # catkin's ow
   cmake --build "$build" --parallel "$(nproc)" --target tests || exit 1
 fi
 
-step "tests"
-# shellcheck source=scripts/ros_environment.sh
-source scripts/ros_environment.sh "$build"
-rm -rf "$build/Testing"
-# In a form that every ctest from 3.16 on writes; without a limit on what is kept of the output.
-(cd "$build" && ctest -T Test --no-compress-output --test-output-size-passed 100000000 --test-output-size-failed 100000000 \
-                      --no-tests=error --output-on-failure -j2 --timeout 600 </dev/null)
-ctest_code=$?
-
-step "style"
+step "tests and style"
+# Style beside the tests, many of which wait most of the time.
 style_passed=0
 style_failed=0
 style_skipped=0
@@ -37,7 +29,19 @@ if [ "${ACMP_SKIP_STYLE:-0}" != 1 ] && [ "$clang" != 14 ]; then
   echo "skipped: style: clang-format is $clang, not 14"
   style_skipped=1
 elif [ "${ACMP_SKIP_STYLE:-0}" != 1 ]; then
-  if scripts/check_style.sh "$build"; then style_passed=1; else style_failed=1; fi
+  nice scripts/check_style.sh "$build" >"$build/style.log" 2>&1 </dev/null &
+  style=$!
+fi
+# shellcheck source=scripts/ros_environment.sh
+source scripts/ros_environment.sh "$build"
+rm -rf "$build/Testing"
+# In a form that every ctest from 3.16 on writes; without a limit on what is kept of the output.
+(cd "$build" && ctest -T Test --no-compress-output --test-output-size-passed 100000000 --test-output-size-failed 100000000 \
+                      --no-tests=error --output-on-failure -j4 --timeout 600 </dev/null)
+ctest_code=$?
+if [ -n "${style:-}" ]; then
+  if wait "$style"; then style_passed=1; else style_failed=1; fi
+  cat "$build/style.log"
 fi
 step
 /usr/bin/python3 scripts/summarize_tests.py "$build" "$ctest_code" "$style_passed" "$style_failed" "$style_skipped"

@@ -59,7 +59,7 @@ void FailSometimes(WallEngine* engine, std::mt19937* random) {
 }
 
 TEST(DenseMapperPropertyTest, EveryKeyframeEndsExactlyOnce) {
-  for (unsigned seed = 0; seed < 300; ++seed) {
+  for (unsigned seed = 0; seed < 60; ++seed) {
     SCOPED_TRACE(seed);
     std::mt19937 random(seed);
     DenseMapperOptions options = RandomOptions(&random);
