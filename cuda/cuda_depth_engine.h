@@ -65,6 +65,12 @@ class CudaDepthEngine final : public DepthEngine {
                       int rank, FusionStamps* stamps) override {
     return fusion_.FuseView(reference, sources, options, rank, stamps);
   }
+  Image<unsigned char> UsedPixels(const Frame& frame, FusionStamps* stamps) override {
+    return fusion_.UsedPixels(frame, stamps);
+  }
+  void SetUsedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) override {
+    fusion_.SetUsedPixels(frame, used, stamps);
+  }
 
   EstimateMaps Download(const EngineEstimatePtr& estimate) override { return copies_.Download(estimate); }
   DepthMap DownloadDepth(const EngineEstimatePtr& estimate) override { return copies_.DownloadDepth(estimate); }

@@ -54,6 +54,12 @@ class CudaStamps final : public FusionStamps {
   std::map<int64_t, DeviceArray<Stamp>> by_frame_;
 };
 
+CudaStamps& CastStamps(FusionStamps* stamps) {
+  auto* gpu_stamps = dynamic_cast<CudaStamps*>(stamps);
+  if (gpu_stamps == nullptr) throw InvalidInputError("stamps: null or not of a GPU");
+  return *gpu_stamps;
+}
+
 }  // namespace
 
 DeviceFusionContext CudaFusion::Upload(const Setup& setup) {
@@ -121,20 +127,44 @@ std::unique_ptr<FusionStamps> CudaFusion::MakeStamps() { return std::make_unique
 
 PointCloud CudaFusion::FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
                                 const FusionOptions& options, int rank, FusionStamps* stamps) {
-  auto* gpu_stamps = dynamic_cast<CudaStamps*>(stamps);
-  if (gpu_stamps == nullptr) throw InvalidInputError("stamps: null or not of a GPU");
+  CudaStamps& gpu_stamps = CastStamps(stamps);
   const Stamp stamp = StampOfRank(rank);
   return queue_.OnDevice([&] {
     Setup setup(PosedCameraOf(reference), FusionMapsOf(reference, &queue_), MakeFusionLimits(options),
                 reference.cam_from_world().inverse());
-    setup.SetStamps(gpu_stamps->Of(*reference.frame, queue_), stamp);
+    setup.SetStamps(gpu_stamps.Of(*reference.frame, queue_), stamp);
     for (const EngineView& source : sources) {
       if (!source.estimate) continue;
-      setup.AddSource(PosedCameraOf(source), FusionMapsOf(source, &queue_), gpu_stamps->Of(*source.frame, queue_));
+      setup.AddSource(PosedCameraOf(source), FusionMapsOf(source, &queue_), gpu_stamps.Of(*source.frame, queue_));
     }
     const PinholeCamera& camera = reference.frame->camera;
     LaunchFuseView(Upload(setup), ReservePoints(camera.width, camera.height), queue_.stream().get());
     return DownloadPoints();
+  });
+}
+
+Image<unsigned char> CudaFusion::UsedPixels(const Frame& frame, FusionStamps* stamps) {
+  CudaStamps& gpu_stamps = CastStamps(stamps);
+  return queue_.OnDevice([&] {
+    const ImageView<Stamp> on_device = gpu_stamps.Of(frame, queue_);
+    Image<Stamp> on_host(on_device.width, on_device.height);
+    CudaCheck(cudaMemcpyAsync(on_host.data(), on_device.data, on_host.size() * sizeof(Stamp), cudaMemcpyDeviceToHost,
+                              queue_.stream().get()),
+              "download stamps");
+    queue_.stream().Synchronize();
+    return UsedOf({on_host.data(), on_host.width(), on_host.height(), on_host.width()});
+  });
+}
+
+void CudaFusion::SetUsedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) {
+  CudaStamps& gpu_stamps = CastStamps(stamps);
+  const Image<Stamp> on_host = StampsOfUsed(used, frame.camera);
+  queue_.OnDevice([&] {
+    const ImageView<Stamp> on_device = gpu_stamps.Of(frame, queue_);
+    CudaCheck(cudaMemcpyAsync(on_device.data, on_host.data(), on_host.size() * sizeof(Stamp), cudaMemcpyHostToDevice,
+                              queue_.stream().get()),
+              "upload stamps");
+    queue_.stream().Synchronize();
   });
 }
 

@@ -24,6 +24,8 @@ class CudaFusion {
   static std::unique_ptr<FusionStamps> MakeStamps();
   PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources, const FusionOptions& options,
                       int rank, FusionStamps* stamps);
+  Image<unsigned char> UsedPixels(const Frame& frame, FusionStamps* stamps);
+  void SetUsedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps);
 
  private:
   using Setup = FusionSetup<DeviceFusionView>;

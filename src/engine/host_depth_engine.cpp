@@ -58,7 +58,17 @@ struct HostStamps final : FusionStamps {
     }
     return found->second.View();
   }
+  void Set(const Frame& frame, Image<Stamp> stamps) {
+    const std::lock_guard<std::mutex> lock(mutex);
+    by_frame[frame.id] = std::move(stamps);
+  }
 };
+
+HostStamps& CastStamps(FusionStamps* stamps) {
+  auto* host_stamps = dynamic_cast<HostStamps*>(stamps);
+  if (host_stamps == nullptr) throw InvalidInputError("stamps: null or of another device");
+  return *host_stamps;
+}
 
 template <class Handle, class Base>
 const Handle& Cast(const std::shared_ptr<const Base>& handle) {
@@ -258,22 +268,30 @@ std::unique_ptr<FusionStamps> HostDepthEngine::MakeFusionStamps() { return std::
 
 PointCloud HostDepthEngine::FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
                                      const FusionOptions& options, int rank, FusionStamps* stamps) {
-  auto* host_stamps = dynamic_cast<HostStamps*>(stamps);
-  if (host_stamps == nullptr) throw InvalidInputError("stamps: null or of another device");
+  HostStamps& host_stamps = CastStamps(stamps);
   const Stamp stamp = StampOfRank(rank);
   Cast<HostEstimate>(reference.estimate);
   const FusionView view = MakeFusionView(reference);
   FusionSetup<FusionMaps<Vec3f>> setup(CameraOf(view), MapsOf(view), MakeFusionLimits(options),
                                        view.cam_from_world.inverse());
-  setup.SetStamps(host_stamps->Of(*reference.frame), stamp);
+  setup.SetStamps(host_stamps.Of(*reference.frame), stamp);
   for (const EngineView& source : sources) {
     const FusionView source_view = MakeFusionView(source);
     if (source_view.depth.empty()) continue;
-    setup.AddSource(CameraOf(source_view), MapsOf(source_view), host_stamps->Of(*source.frame));
+    setup.AddSource(CameraOf(source_view), MapsOf(source_view), host_stamps.Of(*source.frame));
   }
   PointCloud points;
   acmp::FuseView(setup, &points);
   return points;
+}
+
+Image<unsigned char> HostDepthEngine::UsedPixels(const Frame& frame, FusionStamps* stamps) {
+  const ImageView<Stamp> view = CastStamps(stamps).Of(frame);
+  return UsedOf({view.data, view.width, view.height, view.stride});
+}
+
+void HostDepthEngine::SetUsedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) {
+  CastStamps(stamps).Set(frame, StampsOfUsed(used, frame.camera));
 }
 
 EstimateMaps HostDepthEngine::Download(const EngineEstimatePtr& estimate) {

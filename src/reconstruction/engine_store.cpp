@@ -49,8 +49,11 @@ EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, 
 }
 
 std::filesystem::path EngineStore::FileOf(const Key& key) const {
-  const auto& [step, index] = key;
-  return folder_.WorkFile(step == final_step_ ? "final" : Concat("step_", step), index);
+  return folder_.WorkFile(StepName(key.first, final_step_), key.second);
+}
+
+std::string EngineStore::StepName(int step, int final_step) {
+  return step == final_step ? "final" : Concat("step_", step);
 }
 
 EngineProblem EngineStore::Problem(const ImagePlan& image, const DeviceEngine& engine) {

@@ -4,6 +4,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -34,6 +35,8 @@ class EngineStore {
   int final_step() const { return final_step_; }
   /// Where an estimate is if it is in a file.
   std::filesystem::path FileOf(const Key& key) const;
+  /// Of a step's work files: "step_0", ..., "final".
+  static std::string StepName(int step, int final_step);
 
   /// The reference image and source views with frames and images; decodes several files side by side.
   EngineProblem Problem(const ImagePlan& image, const DeviceEngine& engine);

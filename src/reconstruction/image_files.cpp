@@ -23,6 +23,17 @@ bool ImageFiles::Writes(const std::string& kind) const {
   return std::find(maps.begin(), maps.end(), kind) != maps.end();
 }
 
+std::vector<std::filesystem::path> ImageFiles::FilesOf(int index) const {
+  std::vector<std::filesystem::path> files;
+  for (const std::string& kind : run_.options.maps) {
+    files.push_back(run_.folder.MapFile(kind, index, ".pfm"));
+    if (!run_.options.no_pictures) files.push_back(run_.folder.MapFile("pictures", index, "_" + kind + ".png"));
+  }
+  if (Writes("depth")) files.push_back(run_.folder.MapFile("depth", index, ".png"));
+  if (run_.options.dmb) files.push_back(run_.folder.MapFile("depth", index, ".dmb"));
+  return files;
+}
+
 size_t ImageFiles::Write(int index, const FinalMaps& maps, const ConfidenceMap& confidence) const {
   size_t too_far = 0;
   std::vector<std::function<void()>> files;

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "colmap_output.h"
 #include "run.h"
@@ -22,6 +23,9 @@ class ImageFiles {
   /// @param confidence empty where it is not written
   /// @return pixels that are too deep for depth/*.png
   size_t Write(int index, const FinalMaps& maps, const ConfidenceMap& confidence) const;
+
+  /// The maps and pictures that Write makes; COLMAP's files are not among them.
+  std::vector<std::filesystem::path> FilesOf(int index) const;
 
  private:
   bool Writes(const std::string& kind) const;

@@ -18,6 +18,8 @@ namespace {
 /// another image; a refinement waits for the estimates it reads.
 class OfflineSchedule {
  public:
+  using Key = EngineStore::Key;  ///< step, scene index
+
   explicit OfflineSchedule(ReconstructRun* run) : run_(*run), final_step_(run->store.final_step()) {
     for (const ImagePlan& image : run_.plan.images) {
       if (image.no_map.empty()) images_[image.index] = &image;
@@ -29,6 +31,24 @@ class OfflineSchedule {
         estimators_.back().emplace_back(run_.devices.Engine(device, i).engine, pipeline);
       }
     }
+  }
+
+  /// Returns the tasks of these steps.
+  std::map<Key, int> AddSteps(const std::set<Key>& steps, TaskGraph* graph) {
+    for (const Key& key : steps) {  // a step's comes after all of the step before
+      const auto [step, index] = key;
+      const ImagePlan& image = *images_.at(index);
+      std::vector<int> after;
+      for (int read : step > 0 ? ImagesRead(image) : std::vector<int>()) {
+        if (const auto task = tasks_.find({step - 1, read}); task != tasks_.end()) after.push_back(task->second);
+      }
+      const int device = run_.devices.DeviceOf(index);
+      tasks_[key] = graph->Add(Devices::EnginePool(device), after, [this, step = step, &image, device](int thread) {
+        Run(step, image, device, thread);
+        run_.progress.Step();
+      });
+    }
+    return tasks_;
   }
 
   /// Returns the tasks of the last step, by scene index.
@@ -48,41 +68,18 @@ class OfflineSchedule {
   }
 
  private:
-  using Key = EngineStore::Key;  ///< step, scene index
-
-  /// Images whose estimates of the step before a refinement of the image reads.
-  std::vector<int> ImagesRead(const ImagePlan& image) const {
-    std::vector<int> indices = {image.index};
-    for (int source : image.sources) {
-      if (images_.count(source) > 0) indices.push_back(source);
-    }
-    return indices;
-  }
+  std::vector<int> ImagesRead(const ImagePlan& image) const { return run_.plan.ImagesRead(image); }
 
   /// Those without a whole file whose results are final or read by others that are to do. Damaged files are named.
   void FindWhatIsToDo() {
-    std::set<int> read;  // of the step's results, by scene index
-    for (const auto& [index, image] : images_) read.insert(index);
-    for (int step = final_step_; step >= 0; --step) {
-      const std::vector<int> wanted(read.begin(), read.end());
-      std::vector<WorkFileState> files(wanted.size());
-      tbb::parallel_for(size_t{0}, wanted.size(), [&](size_t i) {
-        run_.interrupt.Check();
-        files[i] = CheckWorkFile(run_.store.FileOf({step, wanted[i]}));
-      });
-      read.clear();
-      for (size_t i = 0; i < wanted.size(); ++i) {
-        if (files[i] == WorkFileState::kWhole) continue;
-        const Key key = {step, wanted[i]};
-        if (files[i] == WorkFileState::kDamaged) {
-          run_.progress.Warn(Concat("the work file ", run_.store.FileOf(key).string(),
-                                    " is damaged: its step of image ",
-                                    run_.scene.images[static_cast<size_t>(wanted[i])].name, " is computed again"));
-        }
-        to_do_.insert(key);
-        for (int other : ImagesRead(*images_.at(wanted[i]))) read.insert(other);
-      }
-    }
+    std::set<int> all;
+    for (const auto& [index, image] : images_) all.insert(index);
+    const auto file_of = [&](const Key& key) { return run_.store.FileOf(key); };
+    to_do_ = StepsToDo(
+        final_step_, all, file_of, [&](int index) { return ImagesRead(*images_.at(index)); }, run_.interrupt,
+        [&](const Key& key) {
+          WarnOfDamage(file_of(key), run_.scene.images[static_cast<size_t>(key.second)].name, &run_.progress);
+        });
   }
 
   /// Adds a step, and then those that waited for it last.
@@ -137,6 +134,44 @@ class OfflineSchedule {
 };
 
 }  // namespace
+
+std::set<EngineStore::Key> StepsToDo(int step, const std::set<int>& wanted,
+                                     const std::function<std::filesystem::path(const EngineStore::Key&)>& file_of,
+                                     const std::function<std::vector<int>(int)>& images_read,
+                                     const InterruptWatcher& interrupt,
+                                     const std::function<void(const EngineStore::Key&)>& on_damaged) {
+  std::set<EngineStore::Key> to_do;
+  std::set<int> read = wanted;  // of the step's results, by scene index
+  for (; step >= 0; --step) {
+    const std::vector<int> images(read.begin(), read.end());
+    std::vector<WorkFileState> files(images.size());
+    tbb::parallel_for(size_t{0}, images.size(), [&](size_t i) {
+      interrupt.Check();
+      files[i] = CheckWorkFile(file_of({step, images[i]}));
+    });
+    read.clear();
+    for (size_t i = 0; i < images.size(); ++i) {
+      if (files[i] == WorkFileState::kWhole) continue;
+      const EngineStore::Key key = {step, images[i]};
+      if (files[i] == WorkFileState::kDamaged) on_damaged(key);
+      to_do.insert(key);
+      for (int other : images_read(images[i])) read.insert(other);
+    }
+  }
+  return to_do;
+}
+
+void WarnOfDamage(const std::filesystem::path& file, const std::string& image, Progress* progress) {
+  progress->Warn(
+      Concat("the work file ", file.string(), " is damaged: its step of image ", image, " is computed again"));
+}
+
+std::map<EngineStore::Key, int> AddOfflineSteps(ReconstructRun* run, const std::set<EngineStore::Key>& steps,
+                                                TaskGraph* graph) {
+  const auto schedule = std::make_shared<OfflineSchedule>(run);
+  graph->KeepAlive(schedule);
+  return schedule->AddSteps(steps, graph);
+}
 
 std::map<int, int> AddOfflineSchedule(ReconstructRun* run, TaskGraph* graph) {
   const auto schedule = std::make_shared<OfflineSchedule>(run);

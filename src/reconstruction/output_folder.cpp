@@ -94,11 +94,12 @@ std::string SixDigits(int number) {
   return text;
 }
 
-OutputFolder::OutputFolder(const std::filesystem::path& path, const RunRecord& record, bool overwrite) : path_(path) {
+OutputFolder::OutputFolder(const std::filesystem::path& path, const RunRecord& record, bool overwrite, Use use)
+    : path_(path) {
   MakeFolder(path_);
-  Lock();
+  Lock(use == Use::kStages && !overwrite);
   try {
-    TakeOver(record, overwrite);
+    TakeOver(record, overwrite, use);
   } catch (...) {
     close(lock_);
     throw;
@@ -107,18 +108,28 @@ OutputFolder::OutputFolder(const std::filesystem::path& path, const RunRecord& r
 
 OutputFolder::~OutputFolder() { close(lock_); }
 
-void OutputFolder::Lock() {
+bool OutputFolder::Exists(const std::filesystem::path& path) { return std::filesystem::exists(path / kRecordName); }
+
+std::string OutputFolder::Setting(const std::string& key) const {
+  return ValueOf(Parse(ReadText(path_ / kRecordName)), key);
+}
+
+void OutputFolder::Rewrite(const RunRecord& record) const {
+  WriteFileAtomically(path_ / kRecordName, Format(record), Durability::kPowerCut);
+}
+
+void OutputFolder::Lock(bool shared) {
   const auto path = path_ / kLockName;
   lock_ = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
   if (lock_ < 0) throw ProcessingError(Concat("cannot create ", path.string(), ": ", std::strerror(errno)));
-  if (flock(lock_, LOCK_EX | LOCK_NB) == 0) return;
+  if (flock(lock_, (shared ? LOCK_SH : LOCK_EX) | LOCK_NB) == 0) return;
   const int reason = errno;
   close(lock_);
   if (reason != EWOULDBLOCK) throw ProcessingError(Concat("cannot lock ", path.string(), ": ", std::strerror(reason)));
   throw InvalidInputError(Concat(path_.string(), ": another run is writing to this folder right now"));
 }
 
-void OutputFolder::TakeOver(const RunRecord& record, bool overwrite) {
+void OutputFolder::TakeOver(const RunRecord& record, bool overwrite, Use use) {
   const auto record_path = path_ / kRecordName;
   const std::string text = Format(record);
   if (!std::filesystem::exists(record_path)) {
@@ -136,9 +147,9 @@ void OutputFolder::TakeOver(const RunRecord& record, bool overwrite) {
     WriteFileAtomically(record_path, text, Durability::kPowerCut);
     return;
   }
-  if (earlier != text) {
-    throw InvalidInputError(Concat(path_.string(), ": holds a run with other settings (",
-                                   DescribeDifferences(Parse(earlier), record),
+  const std::string differences = DescribeDifferences(Parse(earlier), record);
+  if (use == Use::kStages ? !differences.empty() : earlier != text) {
+    throw InvalidInputError(Concat(path_.string(), ": holds a run with other settings (", differences,
                                    "): give --overwrite to start afresh, or another folder"));
   }
   const bool finished = std::filesystem::exists(SummaryFile());

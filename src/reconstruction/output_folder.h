@@ -19,15 +19,28 @@ class OutputFolder {
     kComplete,  ///< a finished run with the same settings, and all its files have the size that they had
   };
 
+  enum class Use {
+    kRun,     ///< by one process, which does everything
+    kStages,  ///< by any number of processes that do stages, on any machines: files are written as AtomicFile does
+  };
+
   /// Makes the folder or takes over the one that is there. Throws InvalidInputError when it belongs to a run with other
   /// settings (unless `overwrite`), to something else, or to a run that is going on right now.
-  OutputFolder(const std::filesystem::path& path, const RunRecord& record, bool overwrite);
+  /// @param record for kStages only these settings are compared
+  OutputFolder(const std::filesystem::path& path, const RunRecord& record, bool overwrite, Use use = Use::kRun);
   ~OutputFolder();
   OutputFolder(const OutputFolder&) = delete;
   OutputFolder& operator=(const OutputFolder&) = delete;
 
   /// Removes what an interrupted run has left.
   void StartAfresh();
+
+  /// Whether a run has made the folder.
+  static bool Exists(const std::filesystem::path& path);
+  /// The value of a setting that the folder's run has; "(none)" without it.
+  std::string Setting(const std::string& key) const;
+  /// Gives the folder's run another record.
+  void Rewrite(const RunRecord& record) const;
 
   State state() const { return state_; }
   /// Which files a finished run lacks now, or that are shorter or longer: then it counts as kStarted. Empty: none.
@@ -45,8 +58,8 @@ class OutputFolder {
   std::filesystem::path SummaryFile() const { return path_ / "summary.json"; }
 
  private:
-  void Lock();
-  void TakeOver(const RunRecord& record, bool overwrite);
+  void Lock(bool shared);
+  void TakeOver(const RunRecord& record, bool overwrite, Use use);
   void RemoveResults() const;
   std::string Losses() const;
 

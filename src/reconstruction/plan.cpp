@@ -3,69 +3,15 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <cstdio>
-#include <fstream>
 #include <set>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/masks.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
+#include "input_hash.h"
 
 namespace acmp {
 namespace {
-
-/// FNV-1a, 64 bit: tells inputs apart, guards against no attacker.
-class Hash {
- public:
-  void AddBytes(const void* data, size_t bytes) {
-    for (const auto* p = static_cast<const unsigned char*>(data); bytes > 0; ++p, --bytes) {
-      value_ = (value_ ^ *p) * 1099511628211u;
-    }
-  }
-  template <class T>
-  void Add(const T& value) {
-    static_assert(std::is_arithmetic_v<T>);
-    AddBytes(&value, sizeof(value));
-  }
-  void Add(const std::string& text) {
-    Add(text.size());
-    AddBytes(text.data(), text.size());
-  }
-  uint64_t value() const { return value_; }
-
- private:
-  uint64_t value_ = 14695981039346656037u;
-};
-
-uint64_t HashOfFile(const std::filesystem::path& path) {
-  std::ifstream stream(path, std::ios::binary);
-  std::vector<char> block(1 << 20);
-  Hash hash;
-  while (stream) {
-    stream.read(block.data(), static_cast<std::streamsize>(block.size()));
-    hash.AddBytes(block.data(), static_cast<size_t>(stream.gcount()));
-  }
-  return hash.value();
-}
-
-void AddGeometry(const Scene& scene, const SceneImage& image, Hash* hash) {
-  hash->Add(image.name);
-  const PinholeCamera& c = image.camera;
-  for (double value : {c.fx, c.fy, c.cx, c.cy}) hash->Add(value);
-  hash->Add(c.width);
-  hash->Add(c.height);
-  hash->Add(static_cast<int>(image.distortion.model));
-  for (double value : image.distortion.coefficients) hash->Add(value);
-  hash->AddBytes(image.cam_from_world.matrix().data(), 16 * sizeof(double));
-  for (int landmark : image.landmark_indices) {
-    hash->AddBytes(scene.landmarks_in_world[landmark].data(), 3 * sizeof(double));
-  }
-  hash->Add(image.landmark_indices.size());
-  hash->Add(image.depth_range ? image.depth_range->min : 0.0f);
-  hash->Add(image.depth_range ? image.depth_range->max : 0.0f);
-  for (int source : image.ranked_sources) hash->Add(source);
-  hash->Add(image.ranked_sources.size());
-}
 
 /// The range that the dataset names, widened: datasets name the range of their sparse points, and up to a fifth of the
 /// surfaces seen lies nearer (measured). The factor 2 that landmarks get brings no more here and costs 0.5 points at 2
@@ -165,6 +111,14 @@ bool ReconstructPlan::HasMap(int index) const {
   return found != images.end() && found->index == index && found->no_map.empty();
 }
 
+std::vector<int> ReconstructPlan::ImagesRead(const ImagePlan& image) const {
+  std::vector<int> indices = {image.index};
+  for (int source : image.sources) {
+    if (HasMap(source)) indices.push_back(source);
+  }
+  return indices;
+}
+
 void CheckSomeImageGetsAMap(const ReconstructPlan& plan, const Scene& scene) {
   for (const ImagePlan& image : plan.images) {
     if (image.no_map.empty()) return;
@@ -222,27 +176,23 @@ DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indi
   return all;
 }
 
-std::string CheckInput(const Scene& scene, const std::vector<int>& indices, int levels, FrameStore* frames,
+void CheckSizes(const Scene& scene, const std::vector<int>& indices, const ReconstructOptions& options) {
+  for (int index : indices) {
+    PinholeCamera matched = scene.images[index].camera;
+    LimitSize(options.max_image_size, &matched.width, &matched.height);
+    CheckSize(scene.images[index], matched, MakePipelineOptions(options).start_level);
+  }
+}
+
+std::string CheckInput(const Scene& scene, const std::vector<int>& indices, FrameStore* frames,
                        const InterruptWatcher& interrupt) {
-  std::vector<uint64_t> hashes(indices.size()), mask_hashes(indices.size());
+  std::vector<ImageHashes> hashes(indices.size());
   tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
-    const FramePtr frame = frames->Get(indices[i]);  // those that fit in stay for the run
-    CheckSize(scene.images[indices[i]], frame->camera, levels);
-    const SceneImage& image = scene.images[indices[i]];
-    hashes[i] = HashOfFile(image.path);
-    if (!image.mask.empty()) mask_hashes[i] = HashOfFile(image.mask);
+    frames->Get(indices[i]);  // those that fit in stay for the run
+    hashes[i] = HashesOf(scene, indices[i]);
   });
   interrupt.Check();
-  Hash hash;
-  for (size_t i = 0; i < indices.size(); ++i) {
-    hash.Add(indices[i]);
-    hash.Add(hashes[i]);
-    if (!scene.images[indices[i]].mask.empty()) hash.Add(mask_hashes[i]);
-    AddGeometry(scene, scene.images[indices[i]], &hash);
-  }
-  char text[17];
-  std::snprintf(text, sizeof(text), "%016llx", static_cast<unsigned long long>(hash.value()));
-  return text;
+  return InputHash(hashes);
 }
 
 }  // namespace acmp

@@ -25,6 +25,8 @@ struct ReconstructPlan {
 
   /// Whether the image takes part and gets a map.
   bool HasMap(int index) const;
+  /// The image and its source views that get a map: whose estimates its refinements and its points are made of.
+  std::vector<int> ImagesRead(const ImagePlan& image) const;
 };
 
 /// Throws InvalidInputError with an example when no image gets a map.
@@ -40,10 +42,12 @@ ReconstructPlan MakeOnlinePlan(const std::vector<int>& indices);
 /// All the depths that the dataset names for the images, with the same margin as offline; 0, 0 when it names none.
 DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indices);
 
+/// Throws InvalidInputError for an image that has no pixel left when it is halved as often as the options say.
+void CheckSizes(const Scene& scene, const std::vector<int>& indices, const ReconstructOptions& options);
+
 /// Reads every image once, so that a damaged one is found now and not hours later, and returns a hash of all input:
-/// files, masks, cameras, poses, landmarks, ranges and source views. Throws InvalidInputError for an image that has no
-/// pixel left when it is halved `levels` times.
-std::string CheckInput(const Scene& scene, const std::vector<int>& indices, int levels, FrameStore* frames,
+/// files, masks, cameras, poses, landmarks, ranges and source views.
+std::string CheckInput(const Scene& scene, const std::vector<int>& indices, FrameStore* frames,
                        const InterruptWatcher& interrupt);
 
 }  // namespace acmp

@@ -14,6 +14,12 @@ enum class ProgressStyle {
   kSilent,  ///< warnings only
 };
 
+/// Of a run's messages. @param log_is_terminal where they go
+inline ProgressStyle ProgressStyleFor(bool quiet, bool log_is_terminal) {
+  if (quiet) return ProgressStyle::kSilent;
+  return log_is_terminal ? ProgressStyle::kBar : ProgressStyle::kLines;
+}
+
 /// Reports how far a run is, with the time left. For any number of threads.
 class Progress {
  public:

@@ -6,12 +6,14 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
-#include "acmp_mapping/dataset/output_file.h"
 #include "colmap_output.h"
 #include "run.h"
+#include "run_end.h"
+#include "run_record.h"
 #include "scene_masks.h"
 #include "scene_mesh.h"
 #include "scene_pose_refinement.h"
+#include "stages.h"
 #include "summary.h"
 
 namespace acmp {
@@ -23,53 +25,6 @@ std::vector<int> ChosenImages(const Scene& scene, const std::string& list) {
   std::vector<int> all(count);
   std::iota(all.begin(), all.end(), 0);
   return all;
-}
-
-/// "NVIDIA H200 (cuda:0)" -> "NVIDIA H200": what decides the bits.
-std::string DeviceModel(const std::string& device_name) { return device_name.substr(0, device_name.find(" (")); }
-
-std::string Joined(const std::vector<std::string>& words) {
-  std::string all;
-  for (const std::string& word : words) all += (all.empty() ? "" : " ") + word;
-  return all.empty() ? "nothing" : all;
-}
-
-std::string RefinePosesName(const ReconstructOptions& options) {
-  return std::get<std::string>(PoseRefinementOptionTable().Find("refine_poses").get(options.pose_refinement));
-}
-
-/// Everything that decides the bits of the results, and which files there are.
-RunRecord MakeRecord(const ReconstructOptions& options, const std::string& device, const std::string& input_hash) {
-  const auto depth = [](const std::optional<double>& value) { return value ? Concat(*value) : std::string("auto"); };
-  const auto flag = [](bool value) { return std::string(value ? "yes" : "no"); };
-  RunRecord record = {{"version", ACMP_VERSION},
-                      {"input (hash of images, masks, cameras, poses, landmarks)", input_hash},
-                      {"device", DeviceModel(device)},
-                      {"preset", options.preset},
-                      {"set", Joined(options.set)},
-                      {"schedule", options.schedule},
-                      {"max-image-size", Concat(options.max_image_size)},
-                      {"source-views", Concat(options.source_views)},
-                      {"min-source-views", Concat(MinSourceViews(options))},
-                      {"depth-min", depth(options.depth_min)},
-                      {"depth-max", depth(options.depth_max)},
-                      {"refine-poses", RefinePosesName(options)},
-                      {"seed", Concat(options.seed)},
-                      {"maps", Joined(options.maps)},
-                      {"dmb", flag(options.dmb)},
-                      {"colmap", flag(options.colmap)},
-                      {"pictures", flag(!options.no_pictures)}};
-  if (options.online()) {
-    record.emplace_back("window-size", Concat(options.window_size));
-    record.emplace_back("lookahead", Concat(options.lookahead));
-    record.emplace_back("refine-again", flag(options.refine_again));
-  }
-  return record;
-}
-
-ProgressStyle StyleFor(const ReconstructOptions& options, bool log_is_terminal) {
-  if (options.quiet) return ProgressStyle::kSilent;
-  return log_is_terminal ? ProgressStyle::kBar : ProgressStyle::kLines;
 }
 
 void ReportImagesWithoutMap(const ReconstructRun& run) {
@@ -95,65 +50,18 @@ size_t RunSchedule(ReconstructRun* run) {
   return points;
 }
 
-/// Warns when hardly any pixel became a point. Returns why the run counts as failed: none did, though enough images
-/// have maps for it. Empty: it does not.
-std::string JudgePoints(const ReconstructRun& run, size_t points) {
-  constexpr double kHardlyAny = 0.01;
-  constexpr char kCauses[] =
-      ": poses, cameras (made for images of this size?) or the range of depths may be wrong, or images too small; "
-      "confidence/ and cost/ show where";
-  int64_t pixels = 0;
-  int images = 0;
-  for (const ImagePlan& image : run.plan.images) {
-    if (!image.no_map.empty()) continue;
-    const PinholeCamera camera = CameraOf(run, image.index);
-    pixels += static_cast<int64_t>(camera.width) * camera.height;
-    ++images;
-  }
-  const int views = MakePipelineOptions(run.options).fusion.min_consistent_views;
-  if (images <= views) {
-    if (points == 0)
-      run.progress.Warn(Concat("no points: for one ", views, " source views must agree, and ", images,
-                               " images have maps (--set min_consistent_views)"));
-    return "";
-  }
-  if (points == 0) {
-    return Concat(run.folder.path().string(), ": none of the ", pixels, " pixels became a point", kCauses);
-  }
-  if (static_cast<double>(points) < kHardlyAny * static_cast<double>(pixels)) {
-    run.progress.Warn(Concat("only ", points, " of ", pixels, " pixels became points", kCauses));
-  }
-  return "";
-}
-
-/// The summary, which makes the run complete.
-void Finish(ReconstructRun* run, const RunRecord& record, const Timer& timer, size_t points, std::ostream* out) {
-  Timer sync;
-  run->folder.WriteFileList();
-  SyncFolder(run->folder.path());
-  run->times.syncing_ms = sync.Lap();
-  run->times.run_ms = timer.Elapsed();
-  const std::string failure = JudgePoints(*run, points);
-  WriteFileAtomically(run->folder.SummaryFile(), FormatSummary(*run, record, run->devices.name(), points, failure),
-                      Durability::kPowerCut);
-  if (!run->options.keep_work) run->folder.RemoveWork();
-  if (!run->options.quiet) {
-    *out << run->folder.path().string() << ": " << points << " points in fused.ply; took "
-         << FormatDuration(run->times.run_ms / 1000) << " on " << run->devices.name() << std::endl;
-  }
-  if (run->options.timings) *out << FormatTimings(run->times) << std::flush;
-  if (!failure.empty()) throw ProcessingError(failure);
-}
-
 }  // namespace
 
 void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devices, InterruptWatcher* interrupt,
                  std::ostream* out, std::ostream* log, bool log_is_terminal) {
   const Timer timer;
   Validate(options);
-  std::future<std::vector<ReconstructDevice>> devices_to_come = std::async(std::launch::async, make_devices);
+  if (!options.stage.empty()) return RunStage(options, make_devices, interrupt, out, log, log_is_terminal);
+  const bool plans = !options.plan.empty();
+  std::future<std::vector<ReconstructDevice>> devices_to_come =
+      std::async(plans ? std::launch::deferred : std::launch::async, make_devices);
   Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format), ParsePixelCenters(options.pixel_centers));
-  Progress progress(log, StyleFor(options, log_is_terminal));
+  Progress progress(log, ProgressStyleFor(options.quiet, log_is_terminal));
   for (const std::string& warning : scene.warnings) progress.Warn(warning);
   const std::vector<int> indices = TakeMasks(options, ChosenImages(scene, options.images), &scene, &progress);
   if (options.colmap) ColmapOutput::CheckNames(scene, indices);
@@ -163,10 +71,11 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
 
   RefineScenePoses(plan, options, *interrupt, &scene, &progress);
   interrupt->Check();
+  CheckSizes(scene, indices, options);
+  if (plans) return PlanStages(scene, plan, options, &progress, out);
   progress.Note(Concat("checking ", indices.size(), " images"));
   FrameStore frames(scene, MakeFrameOptions(options), options.MemoryBytes(options.kImageShare));
-  const std::string input_hash =
-      CheckInput(scene, indices, MakePipelineOptions(options).start_level, &frames, *interrupt);
+  const std::string input_hash = CheckInput(scene, indices, &frames, *interrupt);
   const Devices devices(devices_to_come.get(), indices);
   const RunRecord record = MakeRecord(options, devices.name(), input_hash);
   OutputFolder folder(options.output, record, options.overwrite);
@@ -190,7 +99,8 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
     EngineStore store(&frames, options, folder, plan, devices, ScheduleOf(MakePipelineOptions(options)));
     ReconstructRun run{scene, options, plan, folder, devices, store, *interrupt, progress, {}, {}};
     const size_t points = RunSchedule(&run);
-    Finish(&run, record, timer, points, out);
+    const std::string failure = EndRun(&run, record, devices.name(), timer, points, out);
+    if (!failure.empty()) throw ProcessingError(failure);
   }
   if (!options.mesh.empty()) WriteSceneMesh(options, folder, *interrupt, &frames, &progress, out);
 }

@@ -154,6 +154,20 @@ void AddMachineOptions(CLI::App* app, ReconstructOptions* options) {
       ->group(group);
 }
 
+void AddStageOptions(CLI::App* app, ReconstructOptions* options) {
+  const std::string group = "Stages, for several machines (scripts/acmp_cluster.py; docs/offline.md)";
+  app->add_option("--plan", options->plan,
+                  "Only plan: OUTPUT gets the plan, this file (JSON) the stages of each chunk and what they wait for")
+      ->group(group);
+  app->add_option("--stage", options->stage,
+                  "Only this stage of a plan, of the images that --images names: all options as they were planned. It\n"
+                  "does what is not done yet, and may run beside others on any machine that sees OUTPUT")
+      ->group(group);
+  app->add_option("--chunk-images", options->chunk_images, "Images of the scene that make a chunk, for --plan")
+      ->capture_default_str()
+      ->group(group);
+}
+
 void AddOutputOptions(CLI::App* app, ReconstructOptions* options) {
   const std::string group = "Output";
   // Taken as one text, so that "none" can be told from names.
@@ -220,6 +234,21 @@ void CheckMesh(const ReconstructOptions& options) {
   }
 }
 
+void CheckStages(const ReconstructOptions& options) {
+  CheckRange("--chunk-images", options.chunk_images, 1, 65534);  // a stamp each, and one for earlier chunks
+  if (options.plan.empty() && options.stage.empty()) return;
+  const char* name = options.plan.empty() ? "--stage" : "--plan";
+  const auto refuse = [&](bool given, const char* other) {
+    if (given) throw InvalidInputError(Concat(name, ": not with ", other));
+  };
+  refuse(!options.plan.empty() && !options.stage.empty(), "--stage");
+  refuse(options.online(), "--schedule online");
+  refuse(options.colmap, "--colmap");
+  refuse(!options.mesh.empty(), "--mesh: give it to the finished run");
+  refuse(options.overwrite && !options.stage.empty(), "--overwrite: give it with --plan");
+  if (!options.plan.empty()) CheckFolderOf(options.plan);
+}
+
 }  // namespace
 
 void AddReconstructOptions(CLI::App* app, ReconstructOptions* options) {
@@ -243,6 +272,7 @@ void AddReconstructOptions(CLI::App* app, ReconstructOptions* options) {
   AddScheduleOptions(app, options);
   AddMachineOptions(app, options);
   AddOutputOptions(app, options);
+  AddStageOptions(app, options);
   app->footer(PipelineHelp() + kFooter);
 }
 
@@ -260,6 +290,7 @@ void Validate(const ReconstructOptions& options) {
   }
   CheckMaps(options);
   CheckMesh(options);
+  CheckStages(options);
   CheckRange("--jobs-per-gpu", options.jobs_per_gpu, 1, 64);
   CheckRange("--memory-limit-gb", options.memory_limit_gb, 0.0, 1e6);
   CheckDepthOption("--depth-min", options.depth_min);

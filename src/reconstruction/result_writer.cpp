@@ -8,7 +8,7 @@
 #include "acmp_mapping/dataset/camera_list.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/fusion/fusion_setup.h"
-#include "image_files.h"
+#include "map_writer.h"
 #include "run.h"
 #include "waiting_clouds.h"
 
@@ -21,8 +21,7 @@ class ResultWriter {
   explicit ResultWriter(ReconstructRun* run)
       : run_(*run),
         fusion_(MakePipelineOptions(run->options).fusion),
-        files_(run),
-        measures_confidence_(files_.HasConfidence() && !run->options.online()),  // online maps come with theirs
+        maps_(run),
         waiting_(&run->folder, run->options.MemoryBytes(run->options.kCloudShare)),
         cloud_(run->folder.path() / "fused.ply"),
         stamps_(run->devices.FusionEngine(0).engine->MakeFusionStamps()) {}
@@ -35,8 +34,8 @@ class ResultWriter {
     for (const ImagePlan& image : run_.plan.images) {
       if (!image.no_map.empty()) continue;
       const std::vector<int> maps = MapsRead(final_maps, image);
-      run_.store.AddReaders(image, run_.store.final_step(), measures_confidence_ ? 2 : 1);
-      all_written.push_back(AddFiles(image, maps, graph));
+      run_.store.AddReaders(image, run_.store.final_step(), 1);
+      all_written.push_back(maps_.AddTasks(image, maps, graph));
       const int fused = AddFusion(image, maps, graph);
       const size_t rank = images_.size();
       last_placed.push_back(fused);
@@ -46,7 +45,7 @@ class ResultWriter {
       images_.push_back(image.index);
     }
     places_.resize(images_.size());
-    clouds_.resize(files_.colmap() ? images_.size() : 0);
+    clouds_.resize(maps_.colmap() ? images_.size() : 0);
     graph->Add(Devices::kFilePool, all_written, [this](int) { FinishFiles(); });
     graph->Add(Devices::kFilePool, all_in_cloud, [this](int) { FinishCloud(); });
   }
@@ -56,22 +55,11 @@ class ResultWriter {
   size_t points() const { return cloud_.points(); }
 
  private:
-  /// Adds an image's files, with its confidence before them on the device of the image.
-  int AddFiles(const ImagePlan& image, std::vector<int> after, TaskGraph* graph) {
-    if (measures_confidence_) {
-      const int device = run_.devices.DeviceOf(image.index);
-      after = {graph->Add(
-          Devices::EnginePool(device), after,
-          [this, &image, device](int thread) { MeasureConfidence(image, run_.devices.Engine(device, thread)); }, true)};
-    }
-    return graph->Add(Devices::kFilePool, after, [this, &image](int) { WriteFiles(image.index); });
-  }
-
   /// Adds the fusion of a view, on the device of its image. It reads and writes the stamps of its frames: for each it
   /// waits for the view that did so last, and with that for all before. So it finds the stamps that it would find if
   /// the views were fused one after the other.
   int AddFusion(const ImagePlan& image, std::vector<int> after, TaskGraph* graph) {
-    const std::vector<int> frames = FramesOf(image);
+    const std::vector<int> frames = run_.plan.ImagesRead(image);
     for (int frame : frames) {
       if (const auto last = last_fused_.find(frame); last != last_fused_.end()) after.push_back(last->second);
     }
@@ -84,32 +72,12 @@ class ResultWriter {
     return task;
   }
 
-  /// The image and its source views that have a map.
-  std::vector<int> FramesOf(const ImagePlan& image) const {
-    std::vector<int> frames = {image.index};
-    for (int source : image.sources) {
-      if (run_.plan.HasMap(source)) frames.push_back(source);
-    }
-    return frames;
-  }
-
   /// Tasks after which the image's map and all that it is compared with are there.
   std::vector<int> MapsRead(const std::map<int, int>& final_maps, const ImagePlan& image) const {
     std::vector<int> tasks;
     if (final_maps.empty()) return tasks;
-    for (int frame : FramesOf(image)) tasks.push_back(final_maps.at(frame));
+    for (int frame : run_.plan.ImagesRead(image)) tasks.push_back(final_maps.at(frame));
     return tasks;
-  }
-
-  void MeasureConfidence(const ImagePlan& image, const DeviceEngine& engine) {
-    const EngineProblem problem = run_.store.Problem(image, run_.store.final_step(), engine);
-    Timer timer;
-    ConfidenceMap confidence = engine.engine->MeasureConfidence(problem.reference, problem.sources, fusion_);
-    run_.interrupt.Check();
-    run_.store.HasRead(image, run_.store.final_step());
-    const std::lock_guard<std::mutex> lock(run_.times_mutex);
-    confidences_[image.index] = std::move(confidence);
-    run_.times.consistency_ms += timer.Lap();
   }
 
   void Fuse(const ImagePlan& image, int rank, const DeviceEngine& engine) {
@@ -132,38 +100,14 @@ class ResultWriter {
     Timer timer;
     PointCloud cloud = waiting_.Take(images_[rank]);
     cloud_.WriteAt(places_[rank], cloud);
-    if (files_.colmap()) clouds_[rank] = std::move(cloud);
+    if (maps_.colmap()) clouds_[rank] = std::move(cloud);
     const std::lock_guard<std::mutex> lock(run_.times_mutex);
     run_.times.cloud_ms += timer.Lap();
   }
 
-  void WriteFiles(int index) {
-    if (files_.any()) {
-      const std::shared_ptr<const FinalMaps> maps = run_.store.Final(index);
-      const ConfidenceMap measured = TakeConfidence(index);
-      Timer timer;
-      const size_t too_far = files_.Write(index, *maps, measures_confidence_ ? measured : maps->confidence);
-      const std::lock_guard<std::mutex> lock(run_.times_mutex);
-      too_far_ += too_far;
-      run_.times.writing_ms += timer.Lap();
-    }
-    run_.store.ReleaseFinal(index);
-    run_.progress.Step();
-  }
-
-  /// Empty if none was measured.
-  ConfidenceMap TakeConfidence(int index) {
-    const std::lock_guard<std::mutex> lock(run_.times_mutex);
-    const auto measured = confidences_.extract(index);
-    return measured ? std::move(measured.mapped()) : ConfidenceMap();
-  }
-
   void FinishFiles() {
-    if (too_far_ > 0) {
-      run_.progress.Warn(
-          Concat(too_far_, " pixels deeper than 65.535 units are missing in depth/*.png; the .pfm have them"));
-    }
-    WriteCameraList(run_.folder.path() / "cameras.txt", Cameras());
+    maps_.WarnOfDepthsTooFar();
+    WriteCameraList(run_.folder.path() / "cameras.txt", Cameras(run_, images_));
   }
 
   void FinishCloud() {
@@ -173,23 +117,12 @@ class ResultWriter {
       const std::lock_guard<std::mutex> lock(run_.times_mutex);
       run_.times.cloud_ms += timer.Lap();
     }
-    if (files_.colmap()) files_.colmap()->WriteModel(images_, clouds_);
-  }
-
-  /// Cameras and poses of the maps.
-  std::vector<ListedCamera> Cameras() const {
-    std::vector<ListedCamera> cameras;
-    for (int index : images_) {
-      const SceneImage& image = run_.scene.images[index];
-      cameras.push_back({{index, image.name}, CameraOf(run_, index), image.cam_from_world.inverse()});
-    }
-    return cameras;
+    if (maps_.colmap()) maps_.colmap()->WriteModel(images_, clouds_);
   }
 
   ReconstructRun& run_;
   const FusionOptions fusion_;
-  const ImageFiles files_;
-  const bool measures_confidence_;
+  MapWriter maps_;
   WaitingClouds waiting_;
   PlyFile cloud_;
   const std::unique_ptr<FusionStamps> stamps_;
@@ -197,10 +130,6 @@ class ResultWriter {
   std::vector<size_t> places_;      ///< of the views' first points in the cloud
   std::vector<PointCloud> clouds_;  ///< the views', for COLMAP's model; else none
   std::map<int, int> last_fused_;   ///< the last task that uses the stamps of a frame
-
-  // Under times_mutex while tasks run.
-  size_t too_far_ = 0;  ///< pixels
-  std::map<int, ConfidenceMap> confidences_;
 };
 
 }  // namespace
@@ -211,6 +140,15 @@ PinholeCamera CameraOf(const ReconstructRun& run, int index) {
   int height = camera.height;
   LimitSize(run.options.max_image_size, &width, &height);
   return camera.Resized(width, height);
+}
+
+std::vector<ListedCamera> Cameras(const ReconstructRun& run, const std::vector<int>& images) {
+  std::vector<ListedCamera> cameras;
+  for (int index : images) {
+    const SceneImage& image = run.scene.images[index];
+    cameras.push_back({{index, image.name}, CameraOf(run, index), image.cam_from_world.inverse()});
+  }
+  return cameras;
 }
 
 size_t RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_maps, TaskGraph* graph) {

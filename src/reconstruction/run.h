@@ -1,9 +1,13 @@
 #pragma once
 
+#include <functional>
 #include <map>
 #include <mutex>
+#include <set>
+#include <string>
 #include <vector>
 
+#include "acmp_mapping/dataset/camera_list.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/pipeline/depth_estimator.h"
 #include "acmp_mapping/reconstruction/interrupt_watcher.h"
@@ -45,9 +49,27 @@ struct ReconstructRun {
   std::mutex times_mutex;
 };
 
+/// Steps of images whose work files are missing or damaged though they are wanted or read by others that are to do.
+/// @param wanted images, by scene index, whose estimates after the step are wanted
+/// @param file_of where an estimate is if it is in a file
+/// @param images_read of an image: those whose estimates of the step before its refinement reads
+/// @param on_damaged is told of damaged files, which are to do
+std::set<EngineStore::Key> StepsToDo(int step, const std::set<int>& wanted,
+                                     const std::function<std::filesystem::path(const EngineStore::Key&)>& file_of,
+                                     const std::function<std::vector<int>(int)>& images_read,
+                                     const InterruptWatcher& interrupt,
+                                     const std::function<void(const EngineStore::Key&)>& on_damaged);
+/// Says that a damaged file is made again.
+void WarnOfDamage(const std::filesystem::path& file, const std::string& image, Progress* progress);
+
 /// Adds Algorithm 1 over all images to the graph: initial estimates, then refinements in Jacobi order. Leaves final
 /// estimates in the store. Returns the tasks after which they are there, by scene index.
 std::map<int, int> AddOfflineSchedule(ReconstructRun* run, TaskGraph* graph);
+
+/// Adds only these steps, and leaves their estimates in the store; what they read beside each other is in files.
+/// Returns their tasks.
+std::map<EngineStore::Key, int> AddOfflineSteps(ReconstructRun* run, const std::set<EngineStore::Key>& steps,
+                                                TaskGraph* graph);
 
 /// Feeds the images in the order of their index to a DenseMapper. Leaves final maps in the folder.
 void RunOnlineSchedule(ReconstructRun* run);
@@ -60,5 +82,8 @@ size_t RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_m
 
 /// Camera of an image at the size of the run.
 PinholeCamera CameraOf(const ReconstructRun& run, int index);
+
+/// Cameras of the maps, at their size, with their poses. @param images with maps, by scene index
+std::vector<ListedCamera> Cameras(const ReconstructRun& run, const std::vector<int>& images);
 
 }  // namespace acmp

@@ -43,6 +43,13 @@ class FusionEngine {
   /// @param stamps of MakeFusionStamps of an engine of this kind; of another it is an InvalidInputError
   virtual PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
                               const FusionOptions& options, int rank, FusionStamps* stamps) = 0;
+
+  /// Which pixels of a frame have gone into points, at its size: 1 or 0. For another process that goes on with the
+  /// fusion. `stamps` as for FuseView.
+  virtual Image<unsigned char> UsedPixels(const Frame& frame, FusionStamps* stamps) = 0;
+  /// Before any view is fused: these pixels of a frame count as those of a view of rank 0, so that ranks go on from 1.
+  /// Throws InvalidInputError for pixels of another size than the frame's.
+  virtual void SetUsedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) = 0;
 };
 
 }  // namespace acmp

@@ -24,6 +24,11 @@ SourceGeometry MakeSourceGeometry(const PosedCamera& reference, const PosedCamer
 /// Throws InvalidInputError unless a stamp can hold the view's place in the order of fusion, 0..kMaxFusionViews - 1.
 Stamp StampOfRank(int rank);
 
+/// What FusionEngine::UsedPixels says of a frame's stamps, and stamps that say the same in a fusion that goes on.
+Image<unsigned char> UsedOf(const ImageView<const Stamp>& stamps);
+/// Throws InvalidInputError unless `used` has the size of the camera's image.
+Image<Stamp> StampsOfUsed(const Image<unsigned char>& used, const PinholeCamera& camera);
+
 /// Composes the context of one reference view. `View` is the FusionMaps of the device that is to run it.
 template <class View>
 class FusionSetup {

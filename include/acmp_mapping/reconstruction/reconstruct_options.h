@@ -41,6 +41,10 @@ struct ReconstructOptions {
   int threads = 0;  ///< 0: one per core
   double memory_limit_gb = DefaultMemoryLimitGb();
 
+  std::filesystem::path plan;  ///< file to write: only plan the stages; empty: do everything
+  std::string stage;           ///< do only this one, of the images; empty: do everything
+  int chunk_images = 16;       ///< scene indices that a planned task has
+
   std::vector<std::string> maps = {"depth", "normal", "cost", "confidence"};  ///< kinds to write; none: only the cloud
   std::filesystem::path mesh;  ///< file to write, .ply or .obj; empty: no mesh
   double mesh_voxel_size = 0;  ///< scene units; 0: DefaultVoxelSize

@@ -1,0 +1,62 @@
+#include "run_end.h"
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/output_file.h"
+#include "summary.h"
+
+namespace acmp {
+namespace {
+
+/// Warns when hardly any pixel became a point. Returns why the run counts as failed: none did, though enough images
+/// have maps for it. Empty: it does not.
+std::string JudgePoints(const ReconstructRun& run, size_t points) {
+  constexpr double kHardlyAny = 0.01;
+  constexpr char kCauses[] =
+      ": poses, cameras (made for images of this size?) or the range of depths may be wrong, or images too small; "
+      "confidence/ and cost/ show where";
+  int64_t pixels = 0;
+  int images = 0;
+  for (const ImagePlan& image : run.plan.images) {
+    if (!image.no_map.empty()) continue;
+    const PinholeCamera camera = CameraOf(run, image.index);
+    pixels += static_cast<int64_t>(camera.width) * camera.height;
+    ++images;
+  }
+  const int views = MakePipelineOptions(run.options).fusion.min_consistent_views;
+  if (images <= views) {
+    if (points == 0)
+      run.progress.Warn(Concat("no points: for one ", views, " source views must agree, and ", images,
+                               " images have maps (--set min_consistent_views)"));
+    return "";
+  }
+  if (points == 0) {
+    return Concat(run.folder.path().string(), ": none of the ", pixels, " pixels became a point", kCauses);
+  }
+  if (static_cast<double>(points) < kHardlyAny * static_cast<double>(pixels)) {
+    run.progress.Warn(Concat("only ", points, " of ", pixels, " pixels became points", kCauses));
+  }
+  return "";
+}
+
+}  // namespace
+
+std::string EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer,
+                   size_t points, std::ostream* out) {
+  Timer sync;
+  run->folder.WriteFileList();
+  SyncFolder(run->folder.path());
+  run->times.syncing_ms = sync.Lap();
+  run->times.run_ms = timer.Elapsed();
+  std::string failure = JudgePoints(*run, points);
+  WriteFileAtomically(run->folder.SummaryFile(), FormatSummary(*run, record, device, points, failure),
+                      Durability::kPowerCut);
+  if (!run->options.keep_work) run->folder.RemoveWork();
+  if (!run->options.quiet) {
+    *out << run->folder.path().string() << ": " << points << " points in fused.ply; took "
+         << FormatDuration(run->times.run_ms / 1000) << " on " << device << std::endl;
+  }
+  if (run->options.timings) *out << FormatTimings(run->times) << std::flush;
+  return failure;
+}
+
+}  // namespace acmp

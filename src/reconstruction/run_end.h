@@ -1,0 +1,18 @@
+#pragma once
+
+#include <ostream>
+#include <string>
+
+#include "acmp_mapping/common/timer.h"
+#include "run.h"
+
+namespace acmp {
+
+/// The list of files and the summary, which make the run complete.
+/// @param device name of what computed it
+/// @param timer of the whole run
+/// @return why the run counts as failed though all is written; empty: it does not
+std::string EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer,
+                   size_t points, std::ostream* out);
+
+}  // namespace acmp

@@ -1,0 +1,40 @@
+#pragma once
+
+#include <ostream>
+#include <string>
+#include <vector>
+
+#include "acmp_mapping/reconstruction/reconstruct.h"
+#include "output_folder.h"
+#include "plan.h"
+#include "progress.h"
+
+namespace acmp {
+
+// A run whose parts are done by many processes: PlanStages once, then RunStage for each stage of each chunk, the last
+// one being kFinish. All files are whole or absent and depend on the input alone, so that any of it may be done again,
+// at the same time or after a crash.
+
+constexpr const char* kMapsStage = "maps";      ///< confidence, map files and pictures
+constexpr const char* kFuseStage = "fuse";      ///< points of a chunk's images
+constexpr const char* kFinishStage = "finish";  ///< cloud, cameras and summary
+
+/// The stages of each chunk in their order: the steps of the schedule, and what comes after.
+std::vector<std::string> StagesOfChunk(const ReconstructOptions& options);
+
+/// The key of run.txt by which a folder is one of stages that are not finished.
+constexpr const char* kChunkImagesKey = "chunk-images";
+
+/// Writes a plan for RunStage to the output folder, and its tasks to the file options.plan:
+/// {"complete": a finished run with the same settings and input is there, and nothing is to do,
+///  "tasks": [{"stage": ..., "images": for --images, "after": numbers of the tasks that it waits for, from 0}, ...]},
+/// in an order in which one process would do them. Throws InvalidInputError when the folder belongs to another plan.
+void PlanStages(const Scene& scene, const ReconstructPlan& plan, const ReconstructOptions& options, Progress* progress,
+                std::ostream* out);
+
+/// Does options.stage for options.images, as far as it is not done. What it reads of other chunks and does not find, or
+/// finds damaged, it makes itself. Throws as Reconstruct does.
+void RunStage(const ReconstructOptions& options, const DeviceMaker& make_devices, InterruptWatcher* interrupt,
+              std::ostream* out, std::ostream* log, bool log_is_terminal);
+
+}  // namespace acmp

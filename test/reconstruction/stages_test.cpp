@@ -1,0 +1,258 @@
+// Stages of chunks, one process each, end with the bytes of a run alone.
+
+#include <gmock/gmock.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "reconstruction/run_fixture.h"
+
+namespace acmp {
+namespace {
+
+using nlohmann::json;
+using ::testing::HasSubstr;
+
+class StagesTest : public ReconstructRunFixture {
+ protected:
+  static constexpr int kStreetImages = 9;
+
+  /// Nine images, each matched against its two neighbours on either side; chunks of two.
+  StagesTest() {
+    WriteScene(kStreetImages, kWidth, kHeight);
+    std::string pairs = std::to_string(kStreetImages) + "\n";
+    for (int i = 0; i < kStreetImages; ++i) {
+      std::string sources;
+      int count = 0;
+      for (int j = 0; j < kStreetImages; ++j) {
+        if (j == i || std::abs(j - i) > 2) continue;
+        sources += " " + std::to_string(j) + " 1";
+        ++count;
+      }
+      pairs += std::to_string(i) + "\n" + std::to_string(count) + sources + "\n";
+    }
+    WriteText("scene/pair.txt", pairs);
+    options_.chunk_images = 2;
+  }
+
+  struct Task {
+    std::string stage, images;
+    std::vector<int> after;
+  };
+
+  int RunAlone() {
+    FakeMatcher fake;
+    options_.output = output("alone");
+    Run(&fake);
+    options_.output = output();
+    return static_cast<int>(fake.calls.size());
+  }
+
+  json PlanFile() {
+    options_.plan = folder() / "plan.json";
+    Run(&fake_);
+    options_.plan.clear();
+    std::ifstream stream(folder() / "plan.json");
+    return json::parse(stream);
+  }
+  std::vector<Task> Plan() {
+    std::vector<Task> tasks;
+    const json plan = PlanFile();
+    for (const json& task : plan.at("tasks")) {
+      tasks.push_back({task.at("stage"), task.at("images"), task.at("after").get<std::vector<int>>()});
+    }
+    return tasks;
+  }
+
+  void Stage(const std::string& stage, const std::string& images, FakeMatcher* matcher,
+             InterruptWatcher* watcher = nullptr) {
+    options_.stage = stage;
+    options_.images = images;
+    try {
+      Run(matcher, watcher == nullptr ? &watcher_ : watcher);
+    } catch (...) {
+      options_.stage.clear();
+      options_.images.clear();
+      throw;
+    }
+    options_.stage.clear();
+    options_.images.clear();
+  }
+  void Stage(const Task& task, FakeMatcher* matcher) { Stage(task.stage, task.images, matcher); }
+
+  /// All that is left when `done` are; in the reverse of the plan's order as far as that is allowed.
+  void DoAll(const std::vector<Task>& tasks, std::set<int> done, FakeMatcher* matcher) {
+    while (done.size() < tasks.size()) {
+      for (int i = static_cast<int>(tasks.size()) - 1; i >= 0; --i) {
+        const Task& task = tasks[static_cast<size_t>(i)];
+        bool ready = done.count(i) == 0;
+        for (int other : task.after) ready = ready && done.count(other) > 0;
+        if (!ready) continue;
+        Stage(task, matcher);
+        done.insert(i);
+      }
+    }
+  }
+
+  std::string StageError(const std::string& stage, const std::string& images) {
+    return MessageOf<InvalidInputError>([&] { Stage(stage, images, &fake_); });
+  }
+};
+
+TEST_F(StagesTest, EndWithTheBytesOfARunAloneAndRepeatNothing) {
+  const int passes = RunAlone();
+  const std::vector<Task> tasks = Plan();
+  FakeMatcher matcher;
+  DoAll(tasks, {}, &matcher);
+  EXPECT_EQ(static_cast<int>(matcher.calls.size()), passes);
+  ExpectSameContents(output("alone"), output());
+  EXPECT_EQ(PlanFile(), json({{"complete", true}, {"tasks", json::array()}}));
+  FakeMatcher none;
+  Stage("step_0", "0-1", &none);
+  Run(&none);
+  EXPECT_THAT(out_.str(), HasSubstr("already complete"));
+  EXPECT_TRUE(none.calls.empty());
+}
+
+TEST_F(StagesTest, OfOneImageOrSeveralChunksAtOnceMakeTheSame) {
+  RunAlone();
+  Plan();
+  for (const char* stage : {"step_0", "step_1", "step_2", "step_3", "final"}) {
+    if (!std::filesystem::exists(output() / "work" / stage) && std::string(stage) == "step_3") continue;
+    for (const char* images : {"5-8", "0", "1,3", "2-4"}) Stage(stage, images, &fake_);
+  }
+  Stage("maps", "0-8", &fake_);
+  Stage("fuse", "0-5", &fake_);
+  Stage("fuse", "6-8", &fake_);
+  Stage("finish", "", &fake_);
+  ExpectSameContents(output("alone"), output());
+}
+
+TEST_F(StagesTest, WaitForJustWhatTheyRead) {
+  const std::vector<Task> tasks = Plan();
+  const auto find = [&](const std::string& stage, const std::string& images) {
+    for (size_t i = 0; i < tasks.size(); ++i) {
+      if (tasks[i].stage == stage && tasks[i].images == images) return static_cast<int>(i);
+    }
+    ADD_FAILURE() << stage << " " << images;
+    return 0;
+  };
+  const auto after = [&](const std::string& stage, const std::string& images) {
+    const std::vector<int>& numbers = tasks[static_cast<size_t>(find(stage, images))].after;
+    return std::set<int>(numbers.begin(), numbers.end());
+  };
+  EXPECT_TRUE(after("step_0", "4-5").empty());
+  EXPECT_EQ(after("step_1", "4-5"), (std::set{find("step_0", "2-3"), find("step_0", "4-5"), find("step_0", "6-7")}));
+  EXPECT_EQ(after("maps", "0-1"), (std::set{find("final", "0-1"), find("final", "2-3")}));
+  EXPECT_EQ(after("fuse", "0-1"), after("maps", "0-1"));
+  EXPECT_EQ(after("fuse", "8-8"), (std::set{find("final", "6-7"), find("final", "8-8"), find("fuse", "6-7")}))
+      << "which has taken over what 4-5 has used";
+  EXPECT_EQ(tasks.back().stage, "finish");
+  EXPECT_EQ(tasks.back().after.size(), 10u);
+}
+
+TEST_F(StagesTest, InterruptedOrDoneTwiceAnywhereEndWithTheSameBytes) {
+  RunAlone();
+  const std::vector<Task> tasks = Plan();
+  std::set<int> done;
+  for (size_t i = 0; i < tasks.size(); ++i) {
+    FakeMatcher first, second, third;
+    InterruptWatcher watcher;
+    first.on_call = [&](int call) {
+      if (call == 1) watcher.Request();
+    };
+    try {
+      Stage(tasks[i].stage, tasks[i].images, &first, &watcher);
+      EXPECT_LE(first.calls.size(), 1u);
+    } catch (const Interrupted&) {
+    }
+    Stage(tasks[i], &second);
+    Stage(tasks[i], &third);
+    EXPECT_TRUE(third.calls.empty()) << tasks[i].stage << " " << tasks[i].images;
+  }
+  ExpectSameContents(output("alone"), output());
+}
+
+TEST_F(StagesTest, MakeWhatIsMissingOrDamagedThemselves) {
+  RunAlone();
+  const std::vector<Task> tasks = Plan();
+  FakeMatcher matcher;
+  Stage("maps", "4-5", &matcher);  // none of the stages before
+  EXPECT_FALSE(matcher.calls.empty());
+  for (const Task& task : tasks) {
+    if (task.stage != "maps" && task.stage != "fuse" && task.stage != "finish") Stage(task, &matcher);
+  }
+  std::string damaged = ReadText(output() / "work/final/000003.bin");
+  damaged[damaged.size() / 2] ^= 1;
+  WriteText("out/work/final/000003.bin", damaged);
+  Stage("maps", "2-3", &matcher);
+  EXPECT_THAT(log_.str(), HasSubstr("000003.bin is damaged: its step of image 00000003.png is computed again"));
+  WriteText("out/depth/000003.pfm", "cut");
+  DoAll(tasks, {}, &matcher);
+  ExpectSameContents(output("alone"), output());
+}
+
+TEST_F(StagesTest, RefuseWhatIsNotPlanned) {
+  EXPECT_THAT(StageError("step_0", "0"), HasSubstr("out: has no plan: give --plan first"));
+  EXPECT_FALSE(std::filesystem::exists(output()));
+  Plan();
+  EXPECT_THAT(StageError("step_9", "0"), HasSubstr("--stage step_9: must be one of step_0, "));
+  EXPECT_THAT(StageError("step_0", ""), HasSubstr("--stage: needs --images"));
+  EXPECT_THAT(StageError("step_0", "77"), HasSubstr("image list: \"77\": must be an index in [0, 9]"));
+  EXPECT_THAT(StageError("step_0", "9"), HasSubstr("--images 9: the plan has none of these images"));
+  EXPECT_THAT(StageError("fuse", "1-3"), HasSubstr("must have whole chunks of 2 images, and --images 1-3 lacks 0"));
+  options_.seed = 7;
+  EXPECT_THAT(StageError("step_0", "0"), HasSubstr("seed was 1 and is 7"));
+  options_.seed = 1;
+  options_.chunk_images = 3;
+  EXPECT_THAT(StageError("step_0", "0"), HasSubstr("--chunk-images 3: the plan in " + output().string() + " has 2"));
+  options_.chunk_images = 2;
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { Stage("finish", "", &fake_); }),
+              HasSubstr("stage step_0 of image 00000000.png (index 0) is not done"));
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { Stage("fuse", "4-5", &fake_); }),
+              HasSubstr("the stage of the images from 2 on is not done"));
+  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("holds a run with other settings"));
+}
+
+TEST_F(StagesTest, RefuseAnImageThatHasChanged) {
+  Plan();
+  Stage("step_0", "0-1", &fake_);
+  std::filesystem::copy_file(scene() / "images/00000000.png", scene() / "images/00000001.png",
+                             std::filesystem::copy_options::overwrite_existing);
+  EXPECT_THAT(StageError("step_1", "0-1"), HasSubstr("image 00000001.png: it or its mask has changed"));
+}
+
+TEST_F(StagesTest, AnotherSceneIsRefusedUntilOverwrite) {
+  Plan();
+  options_.images = "0-6";
+  options_.plan = folder() / "plan.json";
+  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("holds a run with other settings (input (hash"));
+  options_.overwrite = true;
+  Run(&fake_);
+  options_.overwrite = false;
+  options_.images.clear();
+  options_.plan.clear();
+  EXPECT_THAT(StageError("step_0", "8"), HasSubstr("image list: \"8\""));
+}
+
+TEST_F(StagesTest, OptionsThatDoNotGoTogether) {
+  const auto error = [&] { return ErrorOf(&fake_); };
+  options_.stage = "maps";
+  options_.plan = folder() / "plan.json";
+  EXPECT_EQ(error(), "--plan: not with --stage");
+  options_.stage.clear();
+  options_.schedule = "online";
+  EXPECT_EQ(error(), "--plan: not with --schedule online");
+  options_.schedule = "offline";
+  options_.colmap = true;
+  EXPECT_EQ(error(), "--plan: not with --colmap");
+  options_.colmap = false;
+  options_.chunk_images = 0;
+  EXPECT_THAT(error(), HasSubstr("--chunk-images = 0"));
+}
+
+}  // namespace
+}  // namespace acmp
