@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/python3
 """Runs acmp_reconstruct on the machines of a Dask cluster: each task is a stage of a chunk of images.
 
 acmp_reconstruct itself plans the tasks and says which wait for which (--plan); Dask decides who does which when. The
@@ -31,10 +31,10 @@ class StageError(RuntimeError):
 
 
 def parse_arguments():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter,
+                                     usage="%(prog)s [options] SCENE OUTPUT [-- OPTIONS OF acmp_reconstruct]")
     parser.add_argument("scene", help="as for acmp_reconstruct")
     parser.add_argument("output", help="as for acmp_reconstruct; on a file system that all workers see")
-    parser.add_argument("options", nargs="*", help="after --: options of acmp_reconstruct")
     parser.add_argument("--scheduler", help="address of a Dask scheduler that is there, tcp://HOST:PORT")
     parser.add_argument("--scheduler-file", help="file in which a Dask scheduler has written its address")
     parser.add_argument("--workers", type=int, default=0, help="processes of the local cluster; 0: one per core")
@@ -44,7 +44,10 @@ def parse_arguments():
     parser.add_argument("--program", default="acmp_reconstruct", help="acmp_reconstruct on the workers")
     parser.add_argument("--dashboard", default=":0", help="address of the local cluster's dashboard; needs bokeh")
     parser.add_argument("--quiet", action="store_true", help="no progress; only warnings and errors")
-    arguments = parser.parse_args()
+    words = sys.argv[1:]
+    end = words.index("--") if "--" in words else len(words)
+    arguments = parser.parse_args(words[:end])
+    arguments.options = words[end + 1:]
     if arguments.scheduler and arguments.scheduler_file:
         parser.error("--scheduler and --scheduler-file: give one of them")
     for name in ("workers", "retries"):

@@ -9,6 +9,7 @@
 #include "acmp_mapping/dataset/masks.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
 #include "input_hash.h"
+#include "source_candidates.h"
 
 namespace acmp {
 namespace {
@@ -72,28 +73,6 @@ std::vector<int> SourcesOfDataset(const Scene& scene, const ImagePlan& plan, con
   return sources;
 }
 
-std::vector<int> SelectSources(const Scene& scene, const ImagePlan& plan, const std::vector<int>& indices,
-                               int max_sources) {
-  const auto camera_of = [&](int index) {
-    return PosedCamera{scene.images[index].camera, scene.images[index].cam_from_world};
-  };
-  std::vector<int> others;
-  std::vector<SourceViewCandidate> candidates;
-  for (int index : indices) {
-    if (index == plan.index) continue;
-    others.push_back(index);
-    candidates.push_back({camera_of(index)});
-  }
-  SourceViewOptions options;
-  options.max_source_views = max_sources;
-  std::vector<int> sources;
-  for (const SelectedSourceView& view :
-       SelectSourceViews(camera_of(plan.index), TypicalDepth(plan.range), candidates, options).views) {
-    sources.push_back(others[view.index]);
-  }
-  return sources;
-}
-
 /// @param levels how often the image will be halved
 void CheckSize(const SceneImage& image, const PinholeCamera& matched, int levels) {
   const int least = 1 << levels;
@@ -139,10 +118,11 @@ ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indi
     image.sources = SourcesOfDataset(scene, image, taking_part, options.source_views, &plan.warnings);
     plan.images.push_back(std::move(image));
   }
+  const SourceCandidates candidates(scene, indices);
   tbb::parallel_for(size_t{0}, plan.images.size(), [&](size_t i) {
     ImagePlan& image = plan.images[i];
     if (scene.images[image.index].ranked_sources.empty()) {
-      image.sources = SelectSources(scene, image, indices, options.source_views);
+      image.sources = candidates.Select(image.index, TypicalDepth(image.range), options.source_views);
     }
   });
   const auto needed = static_cast<size_t>(MinSourceViews(options));

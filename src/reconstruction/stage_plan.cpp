@@ -12,6 +12,7 @@
 #include "input_hash.h"
 #include "run_record.h"
 #include "stages.h"
+#include "summary.h"
 
 namespace acmp {
 namespace {
@@ -175,6 +176,10 @@ void PlanStages(const Scene& scene, const ReconstructPlan& plan, const Reconstru
   const size_t count = tasks.size();
   nlohmann::ordered_json json = {{"complete", complete}, {"tasks", std::move(tasks)}};
   WriteFileAtomically(options.plan, json.dump() + "\n");
+  const std::string failure =
+      complete ? FailureOfSummary(OutputFolder(options.output, {}, false, OutputFolder::Use::kStages).SummaryFile())
+               : std::string();
+  if (!failure.empty()) throw ProcessingError(failure);
   if (options.quiet) return;
   *out << options.plan.string() << ": ";
   if (complete) {

@@ -19,6 +19,7 @@
 #include "run_record.h"
 #include "scene_part.h"
 #include "stages.h"
+#include "summary.h"
 #include "work_blocks.h"
 
 namespace acmp {
@@ -334,6 +335,8 @@ void RunStage(const ReconstructOptions& options, const DeviceMaker& make_devices
   const bool is_staged = chunk_images == Concat(options.chunk_images);
   if (folder.state() == OutputFolder::State::kComplete && !(is_staged && options.stage == kFinishStage)) {
     if (!options.quiet) *out << options.output.string() << ": already complete" << std::endl;
+    const std::string failure = FailureOfSummary(folder.SummaryFile());
+    if (!failure.empty()) throw ProcessingError(failure);
     return;
   }
   if (!is_staged) {
