@@ -72,30 +72,33 @@ std::vector<int> SourceCandidates::Around(int index, double distance) const {
   return around;
 }
 
-double SourceCandidates::MostGain(int index, double typical_depth, double distance) const {
-  const PinholeCamera& camera = scene_.images[static_cast<size_t>(index)].camera;
-  const double depth_there = (distance - typical_depth * LongestRay(camera)) * least_cosine_;  // of what it shares
-  if (depth_there <= 0) return 1;
-  const double resolution = most_focal_length_ / FocalLength(camera) * typical_depth / depth_there;
+double SourceCandidates::DistanceOfGain(int index, double typical_depth, double gain) const {
+  // From far away a surface is seen so small that its weight is (kFreeRatio * ratio of resolutions)^2 at most.
   constexpr double kFreeRatio = 1.5, kMargin = 1.01;  // of SelectSourceViews; for rounding
-  return std::min(1.0, kMargin * (kFreeRatio * resolution) * (kFreeRatio * resolution));
+  const PinholeCamera& camera = scene_.images[static_cast<size_t>(index)].camera;
+  const double ratio = std::sqrt(gain / kMargin) / kFreeRatio;
+  const double depth_there = most_focal_length_ / FocalLength(camera) * typical_depth / ratio;
+  return depth_there / least_cosine_ + typical_depth * LongestRay(camera);
 }
 
 std::vector<int> SourceCandidates::Select(int index, double typical_depth, int max_sources) const {
   SourceViewOptions options;
   options.max_source_views = max_sources;
   constexpr double kFirstDistance = 4;  // depths
-  for (double distance = kFirstDistance * typical_depth;; distance *= 2) {
+  for (double distance = kFirstDistance * typical_depth;;) {
     const std::vector<int> around = Around(index, distance);
     std::vector<SourceViewCandidate> candidates;
     candidates.reserve(around.size());
     for (int other : around) candidates.push_back({CameraOf(scene_.images[static_cast<size_t>(other)])});
     const SourceViewSelection selection =
         SelectSourceViews(CameraOf(scene_.images[static_cast<size_t>(index)]), typical_depth, candidates, options);
-    const bool is_full = static_cast<int>(selection.views.size()) == max_sources;
-    if (around.size() + 1 < indices_.size() &&
-        !(is_full && selection.views.back().gain > MostGain(index, typical_depth, distance))) {
-      continue;
+    if (around.size() + 1 < indices_.size()) {
+      const bool is_full = static_cast<int>(selection.views.size()) == max_sources;
+      const double needed = is_full ? DistanceOfGain(index, typical_depth, selection.views.back().gain) : 2 * distance;
+      if (needed > distance) {
+        distance = needed;
+        continue;
+      }
     }
     std::vector<int> sources;
     for (const SelectedSourceView& view : selection.views) sources.push_back(around[view.index]);

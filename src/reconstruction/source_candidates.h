@@ -26,8 +26,8 @@ class SourceCandidates {
   Cell CellOf(const Eigen::Vector3d& point) const;
   /// Images but for `index` that are within a distance of it, and perhaps some more; ascending.
   std::vector<int> Around(int index, double distance) const;
-  /// No view farther away than this can gain more (SelectedSourceView::gain).
-  double MostGain(int index, double typical_depth, double distance) const;
+  /// No view farther away can gain as much (SelectedSourceView::gain, 0..1).
+  double DistanceOfGain(int index, double typical_depth, double gain) const;
 
   const Scene& scene_;
   const std::vector<int> indices_;
