@@ -7,6 +7,6 @@ foreach(tool acmp_reconstruct acmp_evaluate acmp_make_bag acmp_check_bag acmp_ma
     install(TARGETS ${tool} RUNTIME DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
   endif()
 endforeach()
-install(PROGRAMS scripts/convert_calibration.py DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
+install(PROGRAMS scripts/acmp_cluster.py scripts/acmp_cluster.sbatch scripts/convert_calibration.py DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 install(FILES nodelet_plugins.xml DESTINATION ${CATKIN_PACKAGE_SHARE_DESTINATION})
 install(DIRECTORY launch config DESTINATION ${CATKIN_PACKAGE_SHARE_DESTINATION})
