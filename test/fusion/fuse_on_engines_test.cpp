@@ -70,11 +70,9 @@ TEST_P(FuseOnEnginesTest, GoesOnElsewhereFromTheUsedPixels) {
     }
   }
   const auto stamps = engine_->MakeFusionStamps();
-  EXPECT_THAT(MessageOf<InvalidInputError>(
-                  [&] { engine_->SetUsedPixels(*views_[0].frame, Image<unsigned char>(3, 2), stamps.get()); }),
+  EXPECT_THAT(ErrorOf([&] { engine_->SetUsedPixels(*views_[0].frame, Image<unsigned char>(3, 2), stamps.get()); }),
               HasSubstr("used pixels: 3 x 2 px: must be"));
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { engine_->UsedPixels(*views_[0].frame, nullptr); }),
-              HasSubstr("stamps: null"));
+  EXPECT_THAT(ErrorOf([&] { engine_->UsedPixels(*views_[0].frame, nullptr); }), HasSubstr("stamps: null"));
 }
 
 TEST_P(FuseOnEnginesTest, ViewsWithoutACommonFrameMayComeInAnyOrder) {
