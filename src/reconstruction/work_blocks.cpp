@@ -11,7 +11,7 @@
 namespace acmp {
 namespace {
 
-struct Header {
+struct BlockHeader {
   uint32_t magic = 0x314b4c42;  // "BLK1"
   uint32_t checksum = 0;        ///< of the content
   uint64_t bytes = 0;           ///< of the content
@@ -24,7 +24,7 @@ uint32_t ChecksumOf(const char* data, size_t bytes, uint32_t before = 0) {
 }  // namespace
 
 void WriteBlock(const std::filesystem::path& path, const std::string& content) {
-  Header header;
+  BlockHeader header;
   header.checksum = ChecksumOf(content.data(), content.size());
   header.bytes = content.size();
   MakeFolder(path.parent_path());
@@ -37,9 +37,9 @@ void WriteBlock(const std::filesystem::path& path, const std::string& content) {
 std::optional<std::string> ReadBlock(const std::filesystem::path& path) {
   std::error_code error;
   const auto bytes = std::filesystem::file_size(path, error);
-  Header header;
+  BlockHeader header;
   std::ifstream file(path, std::ios::binary);
-  if (error || !file.read(reinterpret_cast<char*>(&header), sizeof(header)) || header.magic != Header().magic ||
+  if (error || !file.read(reinterpret_cast<char*>(&header), sizeof(header)) || header.magic != BlockHeader().magic ||
       header.bytes + sizeof(header) != bytes) {
     return std::nullopt;
   }
