@@ -10,7 +10,7 @@
 namespace acmp {
 namespace {
 
-Eigen::Vector3d CentreOf(const SceneImage& image) { return image.cam_from_world.inverse().translation(); }
+Eigen::Vector3d CandidateCentre(const SceneImage& image) { return image.cam_from_world.inverse().translation(); }
 
 PosedCamera CameraOf(const SceneImage& image) { return {image.camera, image.cam_from_world}; }
 
@@ -32,7 +32,7 @@ SourceCandidates::SourceCandidates(const Scene& scene, std::vector<int> indices)
   Eigen::AlignedBox3d box;
   for (int index : indices_) {
     const SceneImage& image = scene_.images[static_cast<size_t>(index)];
-    box.extend(CentreOf(image));
+    box.extend(CandidateCentre(image));
     most_focal_length_ = std::max(most_focal_length_, FocalLength(image.camera));
     least_cosine_ = std::min(least_cosine_, 1 / LongestRay(image.camera));
   }
@@ -41,7 +41,8 @@ SourceCandidates::SourceCandidates(const Scene& scene, std::vector<int> indices)
   extent_ = box.isEmpty() ? 0 : box.sizes().sum();
   if (extent_ > 0)
     cell_size_ = box.sizes().maxCoeff() * std::min(1.0, kImagesPerCell / static_cast<double>(indices_.size()));
-  for (int index : indices_) cells_[CellOf(CentreOf(scene_.images[static_cast<size_t>(index)]))].push_back(index);
+  for (int index : indices_)
+    cells_[CellOf(CandidateCentre(scene_.images[static_cast<size_t>(index)]))].push_back(index);
 }
 
 SourceCandidates::Cell SourceCandidates::CellOf(const Eigen::Vector3d& point) const {
@@ -56,7 +57,7 @@ std::vector<int> SourceCandidates::Around(int index, double distance) const {
     std::remove_copy(indices_.begin(), indices_.end(), std::back_inserter(around), index);
     return around;
   }
-  const Eigen::Vector3d centre = CentreOf(scene_.images[static_cast<size_t>(index)]);
+  const Eigen::Vector3d centre = CandidateCentre(scene_.images[static_cast<size_t>(index)]);
   const Cell first = CellOf(centre - Eigen::Vector3d::Constant(distance));
   const Cell last = CellOf(centre + Eigen::Vector3d::Constant(distance));
   const auto add = [&](const std::vector<int>& images) { around.insert(around.end(), images.begin(), images.end()); };
