@@ -7,9 +7,9 @@
 namespace acmp {
 namespace {
 
-constexpr int64_t kSecond = 1000000000;
-constexpr int kCount = 24;
-constexpr double kFloat = 1e-5;  ///< points are float32, values below 10
+constexpr int64_t kStep_ns = 1000000000;
+constexpr int kKeyframes = 24;
+constexpr double kRounding = 1e-5;  ///< points are float32, values below 10
 const Eigen::Vector3d kPoint(1.2, 0.3, 4);
 
 RigidTransform True(int i) {
@@ -28,7 +28,7 @@ RigidTransform Received(int i) {
 /// Refined poses are true but for the scale of their world: all is twice as large there.
 KeyframePose PoseOf(int i, uint64_t world = 1) {
   KeyframePose pose;
-  pose.stamp_ns = i * kSecond;
+  pose.stamp_ns = i * kStep_ns;
   pose.world_from_cam = True(i);
   pose.world_from_cam.translation().x() += 0.01;  // as the window lay then
   RigidTransform refined = True(i);
@@ -43,10 +43,10 @@ PointCloud PointOf(int i) {
   return {{{p.x(), p.y(), p.z()}, {0, 0, -1}, {1, 2, 3}, 0.5f}};
 }
 
-KeyframeKey Key(int i) { return {"mapper", 1, static_cast<uint64_t>(i)}; }
+KeyframeKey KeyOf(int i) { return {"mapper", 1, static_cast<uint64_t>(i)}; }
 
-void Fill(MapStore* store, int count = kCount) {
-  for (int i = 0; i < count; ++i) EXPECT_TRUE(store->Add(Key(i), PoseOf(i), PointOf(i)));
+void FillRefined(MapStore* store, int count = kKeyframes) {
+  for (int i = 0; i < count; ++i) EXPECT_TRUE(store->Add(KeyOf(i), PoseOf(i), PointOf(i)));
 }
 
 /// Of all keyframes, in the world.
@@ -61,7 +61,7 @@ std::vector<Eigen::Vector3d> PointsOf(const MapStore& store) {
 
 TEST(RefinedKeyframes, FitTogetherThoughReceivedPosesDoNot) {
   MapStore store({100, 0.001});
-  Fill(&store);
+  FillRefined(&store);
   for (const Eigen::Vector3d& point : PointsOf(store)) {
     EXPECT_NEAR((point - PointsOf(store).front()).norm(), 0, 0.004) << "received ones: 0.06";
     EXPECT_NEAR((point - kPoint).norm(), 0, 0.02) << "errors of 3 cm in turn, the weights fall along the trajectory";
@@ -70,20 +70,20 @@ TEST(RefinedKeyframes, FitTogetherThoughReceivedPosesDoNot) {
 
 TEST(RefinedKeyframes, AreWhereTheMapperPutThemWhileTheyAreFew) {
   MapStore store({100, 0.001});
-  Fill(&store, 3);
+  FillRefined(&store, 3);
   for (const Eigen::Vector3d& point : PointsOf(store)) {
-    EXPECT_NEAR((point - kPoint - Eigen::Vector3d(0.01, 0, 0)).norm(), 0, kFloat);
+    EXPECT_NEAR((point - kPoint - Eigen::Vector3d(0.01, 0, 0)).norm(), 0, kRounding);
   }
 }
 
 TEST(RefinedKeyframes, FollowALoopClosureWithItsScale) {
   MapStore store({100, 0.001});
-  Fill(&store);
+  FillRefined(&store);
   std::vector<StampedPose> path;
   Similarity closure;
   closure.scale = 1.3;
   closure.rigid.translation() << 5, 6, 7;
-  for (int i = 0; i < kCount; ++i) path.push_back({i * kSecond, closure.Moved(Received(i))});
+  for (int i = 0; i < kKeyframes; ++i) path.push_back({i * kStep_ns, closure.Moved(Received(i))});
   store.Repose(path);
   const Eigen::Vector3d expected = closure.rigid * (1.3 * kPoint);
   for (const Eigen::Vector3d& point : PointsOf(store)) EXPECT_NEAR((point - expected).norm(), 0, 1.3 * 0.02);
@@ -91,42 +91,42 @@ TEST(RefinedKeyframes, FollowALoopClosureWithItsScale) {
 
 TEST(RefinedKeyframes, TakeTheirNewPlaceWithBetterPoints) {
   MapStore store({100, 0.001});
-  Fill(&store);
+  FillRefined(&store);
   KeyframePose better = PoseOf(3);
   better.refined->refined.world_from_cam.translation().z() += 0.2;  // 0.1 in the world of the received poses
-  ASSERT_TRUE(store.Replace(Key(3), better, PointOf(3)));
+  ASSERT_TRUE(store.Replace(KeyOf(3), better, PointOf(3)));
   const std::vector<Eigen::Vector3d> points = PointsOf(store);
   EXPECT_NEAR(points[3].z() - points[2].z(), 0.1, 0.01);
   better.refined.reset();
-  ASSERT_TRUE(store.Replace(Key(3), better, PointOf(3)));
+  ASSERT_TRUE(store.Replace(KeyOf(3), better, PointOf(3)));
   EXPECT_TRUE(store.Path()[3].pose.isApprox(Received(3)));
 }
 
 TEST(RefinedKeyframes, ComeBackFromASessionAsTheyWere) {
   for (const bool is_closed : {false, true}) {
     MapStore store({100, 0.001}), other({100, 0.001});
-    Fill(&store);
-    if (is_closed) store.Repose({{0, Received(0)}, {9 * kSecond, Received(12)}});
+    FillRefined(&store);
+    if (is_closed) store.Repose({{0, Received(0)}, {9 * kStep_ns, Received(12)}});
     other.Join(store.Session(), RigidTransform::Identity());
     const std::vector<Eigen::Vector3d> before = PointsOf(store), after = PointsOf(other);
     ASSERT_EQ(before.size(), after.size());
     // Points are rounded to float32 once more, values below 10.
-    for (size_t i = 0; i < before.size(); ++i) EXPECT_LT((before[i] - after[i]).norm(), kFloat) << i;
+    for (size_t i = 0; i < before.size(); ++i) EXPECT_LT((before[i] - after[i]).norm(), kRounding) << i;
     for (const SessionKeyframe& saved : store.Session().keyframes) {
       const Vec3f& p = saved.points_in_camera->front().position;
       const Eigen::Vector3d point = saved.pose.world_from_cam * Eigen::Vector3d(p.x, p.y, p.z);
-      EXPECT_LT((point - before[saved.key.id]).norm(), kFloat) << "readers of the file need nothing else";
+      EXPECT_LT((point - before[saved.key.id]).norm(), kRounding) << "readers of the file need nothing else";
     }
   }
 }
 
 TEST(RefinedKeyframes, AnUnusableWorldLeavesTheMapUsable) {
   MapStore store({100, 0.001});
-  Fill(&store);
-  for (int i = kCount; i < kCount + 6; ++i) {
+  FillRefined(&store);
+  for (int i = kKeyframes; i < kKeyframes + 6; ++i) {
     KeyframePose pose = PoseOf(i, 2);
     pose.refined->refined.world_from_cam.translation() *= 1e-12;
-    EXPECT_TRUE(store.Add(Key(i), pose, PointOf(i)));
+    EXPECT_TRUE(store.Add(KeyOf(i), pose, PointOf(i)));
   }
   EXPECT_FALSE(store.WorldCloud().empty());
 }
