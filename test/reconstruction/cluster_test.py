@@ -2,7 +2,7 @@
 """scripts/acmp_cluster.py on a local Dask cluster: the bytes of a run alone, also after workers and clients were killed.
 
 Usage: cluster_test.py ACMP_RECONSTRUCT ACMP_MAKE_SCENE ACMP_CLUSTER. Exit code 77, which ctest shows as skipped, where
-there is no Dask distributed.
+there is no Dask distributed. Environment: ACMP_ALL_STAGES=1 to kill in every stage, which takes minutes; else in some.
 """
 
 import os
@@ -24,7 +24,11 @@ except ImportError as error:
 PROGRAM, MAKE_SCENE, CLUSTER = sys.argv[1:4]
 OPTIONS = ["--device", "cpu", "--preset", "online", "--max-image-size", "48", "--chunk-images", "4"]
 IMAGES = 12
-STAGES = ["step_0", "step_1", "step_2", "final", "maps", "fuse", "finish"]
+ALL_STAGES = os.environ.get("ACMP_ALL_STAGES") == "1"
+EVERY_STAGE = ["step_0", "step_1", "step_2", "final", "maps", "fuse", "finish"]
+# Where a process computes long enough to be seen on any machine.
+WORKER_STAGES = EVERY_STAGE if ALL_STAGES else ["step_0", "final"]
+CLIENT_STAGES = EVERY_STAGE if ALL_STAGES else ["step_1"]
 
 
 def contents(folder):
@@ -106,12 +110,12 @@ class ClusterTest(unittest.TestCase):
         self.assertEqual(again.returncode, 0, again.stdout)
         self.assertIn("already complete", again.stdout)
 
-    def test_a_worker_killed_in_every_stage(self):
+    def test_workers_killed(self):
         output = self.folder / "killed"
         with open(self.folder / "killed.log", "w+", encoding="utf-8") as log:
             client = subprocess.Popen(self.command(output), stdout=log, stderr=log)
             killed = []
-            for stage in STAGES:
+            for stage in WORKER_STAGES:
                 found = self.wait_for_stage(client, stage)
                 if not found:
                     continue
@@ -120,14 +124,14 @@ class ClusterTest(unittest.TestCase):
                 killed.append(stage)
                 self.assertTrue(self.is_gone(program), "goes with its worker")
             self.assertEqual(client.wait(timeout=300), 0, (self.folder / "killed.log").read_text()[-3000:])
-        self.assertGreaterEqual(len(killed), 5, killed)  # the shortest may be over before it is seen
+        self.assertGreaterEqual(len(killed), 5 if ALL_STAGES else 1, killed)  # the shortest may be over before it is seen
         print("workers killed in", killed)
         self.expect_same(output)
 
     def test_the_client_killed_and_started_again(self):
         output = self.folder / "client"
         killed = []
-        for stage in STAGES:
+        for stage in CLIENT_STAGES:
             client = subprocess.Popen(self.command(output, "--quiet"), stdout=subprocess.DEVNULL,
                                       stderr=subprocess.DEVNULL, start_new_session=True)
             if self.wait_for_stage(client, stage):
@@ -136,7 +140,7 @@ class ClusterTest(unittest.TestCase):
             client.wait(timeout=300)
         done = self.run_cluster(output)
         self.assertEqual(done.returncode, 0, done.stdout)
-        self.assertGreaterEqual(len(killed), 4, killed)
+        self.assertGreaterEqual(len(killed), 4 if ALL_STAGES else 1, killed)
         print("client killed in", killed)
         self.expect_same(output)
 
