@@ -18,14 +18,9 @@ InterruptWatcher::~InterruptWatcher() {
   pthread_sigmask(SIG_SETMASK, &previous_signals_, nullptr);
 }
 
-void InterruptWatcher::Request() {
-  requested_ = true;  // first: whoever finds its loops cancelled must also find this set
-  context_.cancel_group_execution();
-}
-
 void InterruptWatcher::Watch() {
   for (int signal = 0; sigwait(&signals_, &signal) == 0 && !stopping_;) {
-    if (requested_) {
+    if (requested()) {
       // Files are whole or absent at any time, so stopping dead loses nothing but the step at hand.
       static const char kMessage[] = "\nstopped at once\n";
       [[maybe_unused]] const ssize_t written = write(STDERR_FILENO, kMessage, sizeof(kMessage) - 1);

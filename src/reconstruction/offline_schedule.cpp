@@ -138,7 +138,7 @@ class OfflineSchedule {
 std::set<EngineStore::Key> StepsToDo(int step, const std::set<int>& wanted,
                                      const std::function<std::filesystem::path(const EngineStore::Key&)>& file_of,
                                      const std::function<std::vector<int>(int)>& images_read,
-                                     const InterruptWatcher& interrupt,
+                                     const StopRequest& interrupt,
                                      const std::function<void(const EngineStore::Key&)>& on_damaged) {
   std::set<EngineStore::Key> to_do;
   std::set<int> read = wanted;  // of the step's results, by scene index

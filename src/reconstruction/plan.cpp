@@ -165,7 +165,7 @@ void CheckSizes(const Scene& scene, const std::vector<int>& indices, const Recon
 }
 
 std::string CheckInput(const Scene& scene, const std::vector<int>& indices, FrameStore* frames,
-                       const InterruptWatcher& interrupt) {
+                       const StopRequest& interrupt) {
   std::vector<ImageHashes> hashes(indices.size());
   tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
     frames->Get(indices[i]);  // those that fit in stay for the run

@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "acmp_mapping/dataset/scene.h"
-#include "acmp_mapping/reconstruction/interrupt_watcher.h"
 #include "acmp_mapping/reconstruction/reconstruct_options.h"
+#include "acmp_mapping/reconstruction/stop_request.h"
 #include "frame_store.h"
 
 namespace acmp {
@@ -48,6 +48,6 @@ void CheckSizes(const Scene& scene, const std::vector<int>& indices, const Recon
 /// Reads every image once, so that a damaged one is found now and not hours later, and returns a hash of all input:
 /// files, masks, cameras, poses, landmarks, ranges and source views.
 std::string CheckInput(const Scene& scene, const std::vector<int>& indices, FrameStore* frames,
-                       const InterruptWatcher& interrupt);
+                       const StopRequest& interrupt);
 
 }  // namespace acmp

@@ -52,7 +52,7 @@ size_t RunSchedule(ReconstructRun* run) {
 
 }  // namespace
 
-void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devices, InterruptWatcher* interrupt,
+void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
                  std::ostream* out, std::ostream* log, bool log_is_terminal) {
   const Timer timer;
   Validate(options);

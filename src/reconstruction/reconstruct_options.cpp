@@ -1,5 +1,6 @@
 #include "acmp_mapping/reconstruction/reconstruct_options.h"
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <limits>

@@ -10,8 +10,8 @@
 #include "acmp_mapping/dataset/camera_list.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/pipeline/depth_estimator.h"
-#include "acmp_mapping/reconstruction/interrupt_watcher.h"
 #include "acmp_mapping/reconstruction/reconstruct_options.h"
+#include "acmp_mapping/reconstruction/stop_request.h"
 #include "devices.h"
 #include "engine_store.h"
 #include "output_folder.h"
@@ -43,7 +43,7 @@ struct ReconstructRun {
   const OutputFolder& folder;
   const Devices& devices;
   EngineStore& store;
-  InterruptWatcher& interrupt;
+  StopRequest& interrupt;
   Progress& progress;
   RunTimes times;
   std::mutex times_mutex;
@@ -57,7 +57,7 @@ struct ReconstructRun {
 std::set<EngineStore::Key> StepsToDo(int step, const std::set<int>& wanted,
                                      const std::function<std::filesystem::path(const EngineStore::Key&)>& file_of,
                                      const std::function<std::vector<int>(int)>& images_read,
-                                     const InterruptWatcher& interrupt,
+                                     const StopRequest& interrupt,
                                      const std::function<void(const EngineStore::Key&)>& on_damaged);
 /// Says that a damaged file is made again.
 void WarnOfDamage(const std::filesystem::path& file, const std::string& image, Progress* progress);

@@ -28,7 +28,7 @@ double VoxelSize(const ReconstructOptions& options, const OutputFolder& folder,
 
 }  // namespace
 
-void WriteSceneMesh(const ReconstructOptions& options, const OutputFolder& folder, const InterruptWatcher& interrupt,
+void WriteSceneMesh(const ReconstructOptions& options, const OutputFolder& folder, const StopRequest& interrupt,
                     FrameStore* frames, Progress* progress, std::ostream* out) {
   const Timer timer;
   const std::vector<ListedCamera> cameras = ReadCameraList(folder.path() / "cameras.txt");

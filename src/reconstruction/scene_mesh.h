@@ -2,8 +2,8 @@
 
 #include <ostream>
 
-#include "acmp_mapping/reconstruction/interrupt_watcher.h"
 #include "acmp_mapping/reconstruction/reconstruct_options.h"
+#include "acmp_mapping/reconstruction/stop_request.h"
 #include "frame_store.h"
 #include "output_folder.h"
 #include "progress.h"
@@ -13,7 +13,7 @@ namespace acmp {
 /// Writes the mesh of a finished run to options.mesh: of the maps in its folder, at the poses of its cameras.txt. A
 /// line of what it is goes to `out` unless options.quiet. Throws InvalidInputError, ProcessingError or Interrupted.
 /// @param frames for colours
-void WriteSceneMesh(const ReconstructOptions& options, const OutputFolder& folder, const InterruptWatcher& interrupt,
+void WriteSceneMesh(const ReconstructOptions& options, const OutputFolder& folder, const StopRequest& interrupt,
                     FrameStore* frames, Progress* progress, std::ostream* out);
 
 }  // namespace acmp

@@ -44,7 +44,7 @@ std::string Describe(const PoseRefinement& refinement) {
 
 }  // namespace
 
-void RefineScenePoses(const ReconstructPlan& plan, const ReconstructOptions& options, const InterruptWatcher& interrupt,
+void RefineScenePoses(const ReconstructPlan& plan, const ReconstructOptions& options, const StopRequest& interrupt,
                       Scene* scene, Progress* progress) {
   if (options.pose_refinement.refine == RefinePoses::kOff || options.online() || !CanRefinePoses()) return;
   progress->Note("refining poses");

@@ -37,7 +37,7 @@ ReconstructOptions WithWorkFiles(ReconstructOptions options) {
 class StageRun {
  public:
   StageRun(const ReconstructOptions& options, const OutputFolder& folder, const DeviceMaker& make_devices,
-           InterruptWatcher* interrupt, std::ostream* out, Progress* progress)
+           StopRequest* interrupt, std::ostream* out, Progress* progress)
       : options_(WithWorkFiles(options)),
         folder_(folder),
         make_devices_(make_devices),
@@ -314,7 +314,7 @@ class StageRun {
   const ReconstructOptions options_;
   const OutputFolder& folder_;
   const DeviceMaker& make_devices_;
-  InterruptWatcher& interrupt_;
+  StopRequest& interrupt_;
   std::ostream& out_;
   Progress& progress_;
   const ChunkPlans plans_;
@@ -325,7 +325,7 @@ class StageRun {
 
 }  // namespace
 
-void RunStage(const ReconstructOptions& options, const DeviceMaker& make_devices, InterruptWatcher* interrupt,
+void RunStage(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
               std::ostream* out, std::ostream* log, bool log_is_terminal) {
   if (!OutputFolder::Exists(options.output)) {
     throw InvalidInputError(Concat(options.output.string(), ": has no plan: give --plan first"));

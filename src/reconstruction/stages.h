@@ -34,7 +34,7 @@ void PlanStages(const Scene& scene, const ReconstructPlan& plan, const Reconstru
 
 /// Does options.stage for options.images, as far as it is not done. What it reads of other chunks and does not find, or
 /// finds damaged, it makes itself. Throws as Reconstruct does.
-void RunStage(const ReconstructOptions& options, const DeviceMaker& make_devices, InterruptWatcher* interrupt,
+void RunStage(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
               std::ostream* out, std::ostream* log, bool log_is_terminal);
 
 }  // namespace acmp

@@ -30,7 +30,7 @@ int TaskGraph::Add(int pool, const std::vector<int>& after, std::function<void(i
 /// What the threads share while the graph runs.
 class TaskGraph::Runner {
  public:
-  Runner(std::vector<Task>* tasks, size_t pools, const InterruptWatcher& interrupt)
+  Runner(std::vector<Task>* tasks, size_t pools, const StopRequest& interrupt)
       : tasks_(*tasks), interrupt_(interrupt), ready_(pools), left_(tasks->size()) {
     for (size_t i = 0; i < tasks_.size(); ++i) {
       if (tasks_[i].waits_for == 0) MakeReady(static_cast<int>(i));
@@ -93,7 +93,7 @@ class TaskGraph::Runner {
   }
 
   std::vector<Task>& tasks_;
-  const InterruptWatcher& interrupt_;
+  const StopRequest& interrupt_;
   std::mutex mutex_;
   std::condition_variable changed_;
   std::vector<ReadyTasks> ready_;  ///< per pool
@@ -101,7 +101,7 @@ class TaskGraph::Runner {
   std::exception_ptr failure_;
 };
 
-void TaskGraph::Run(const std::vector<int>& threads, const InterruptWatcher& interrupt) {
+void TaskGraph::Run(const std::vector<int>& threads, const StopRequest& interrupt) {
   int total = 0;
   for (int count : threads) {
     CheckRange("threads of a pool", count, 0, kMaxThreads);

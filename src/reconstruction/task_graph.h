@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "acmp_mapping/reconstruction/interrupt_watcher.h"
+#include "acmp_mapping/reconstruction/stop_request.h"
 
 namespace acmp {
 
@@ -26,7 +26,7 @@ class TaskGraph {
   /// No threads: the caller's own does all, in the same order. Throws what a task threw first, or Interrupted, or
   /// std::system_error where a thread cannot be started, when all threads have stopped. Throws InvalidInputError, with
   /// nothing done, for a task of a pool without threads. Once per graph.
-  void Run(const std::vector<int>& threads, const InterruptWatcher& interrupt);
+  void Run(const std::vector<int>& threads, const StopRequest& interrupt);
 
  private:
   struct Task {

@@ -4,47 +4,15 @@
 #include <tbb/global_control.h>
 #include <unistd.h>
 
-#include <future>
 #include <iostream>
 #include <optional>
 
-#include "acmp_mapping/backend/make_depth_engine.h"
+#include "acmp_mapping/reconstruction/interrupt_watcher.h"
+#include "acmp_mapping/reconstruction/make_devices.h"
 #include "acmp_mapping/reconstruction/reconstruct.h"
 #include "tool_main.h"
 
 namespace {
-
-/// Each GPU's first engine. They start side by side: that takes a quarter of a second each. Only the first GPU may give
-/// way to the CPU: that the others are missing is an error.
-std::vector<std::future<acmp::DepthEngineBackend>> StartDevices(const acmp::ReconstructOptions& options) {
-  acmp::Device device = acmp::ParseDevice(options.device);
-  std::vector<std::future<acmp::DepthEngineBackend>> backends;
-  for (int index : options.cuda_index) {
-    backends.push_back(
-        std::async(std::launch::async, [device, index] { return acmp::MakeDepthEngine(device, index); }));
-    if (device == acmp::Device::kCpu || options.online()) break;
-    device = acmp::Device::kCuda;
-  }
-  return backends;
-}
-
-/// `jobs_per_gpu` engines on each GPU; where the CPU has to do, one, which uses all cores itself. The online schedule
-/// works on one keyframe after the other.
-std::vector<acmp::ReconstructDevice> MakeDevices(const acmp::ReconstructOptions& options) {
-  std::vector<acmp::ReconstructDevice> devices;
-  for (auto& starting : StartDevices(options)) {
-    acmp::DepthEngineBackend backend = starting.get();
-    if (!backend.fallback_reason.empty() && !options.quiet) {
-      std::cerr << "no GPU in use: " + backend.fallback_reason + "\n";
-    }
-    acmp::ReconstructDevice& device = devices.emplace_back();
-    device.on_host = backend.engine->FreeDeviceBytes() == 0;
-    device.engines.push_back(std::move(backend.engine));
-    if (device.on_host || options.online()) break;
-    for (int job = 1; job < options.jobs_per_gpu; ++job) device.engines.push_back(device.engines.front()->Share());
-  }
-  return devices;
-}
 
 int RunReconstruct(const acmp::ReconstructOptions& options, acmp::InterruptWatcher* interrupt) {
   std::optional<tbb::global_control> threads;
@@ -52,7 +20,8 @@ int RunReconstruct(const acmp::ReconstructOptions& options, acmp::InterruptWatch
   try {
     interrupt->RunCancellable([&] {
       acmp::Reconstruct(
-          options, [&] { return MakeDevices(options); }, interrupt, &std::cout, &std::cerr, isatty(STDERR_FILENO));
+          options, [&] { return acmp::MakeDevices(options, &std::cerr); }, interrupt, &std::cout, &std::cerr,
+          isatty(STDERR_FILENO));
     });
     interrupt->Check();
   } catch (const acmp::Interrupted&) {

@@ -245,7 +245,7 @@ TEST_F(ReconstructDevicesTest, InterruptedWhileFusingTheRunCanGoOn) {
   };
   EXPECT_THROW(RunOnFakeGpus("gpu", 2), Interrupted);
   EXPECT_FALSE(Has("fused.ply"));
-  InterruptWatcher watcher;
+  StopRequest watcher;
   options_.output = output("gpu");
   FakeMatcher fake;
   Run(&fake, &watcher);

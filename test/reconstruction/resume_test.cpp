@@ -34,7 +34,7 @@ TEST_F(ResumeTest, InterruptedAnywhereEndsWithTheSameBytes) {
   for (int stop = 0; stop < passes; ++stop) {
     std::filesystem::remove_all(output());
     FakeMatcher first;
-    InterruptWatcher watcher;
+    StopRequest watcher;
     first.on_call = [&](int call) {
       if (call == stop) watcher.Request();
     };
@@ -129,7 +129,7 @@ TEST_F(ResumeTest, LostOutputsAreMadeOfWorkFilesThatWereKept) {
   const auto before = Contents(output());
   std::filesystem::remove_all(output() / "depth");
   FakeMatcher again;
-  InterruptWatcher stopped;
+  StopRequest stopped;
   stopped.Request();
   EXPECT_THROW(Run(&again, &stopped), Interrupted);
   Run(&again);
@@ -222,7 +222,7 @@ TEST_F(ResumeTest, AnInterruptedOnlineRunStartsAnew) {
     for (const bool fails : {false, true}) {
       std::filesystem::remove_all(output());
       FakeMatcher first;
-      InterruptWatcher watcher;
+      StopRequest watcher;
       first.on_call = [&](int call) {
         if (call != stop) return;
         if (fails) throw ProcessingError("device lost");

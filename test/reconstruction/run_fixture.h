@@ -6,6 +6,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/reconstruction/reconstruct.h"
+#include "acmp_mapping/reconstruction/stop_request.h"
 #include "reconstruction/fake_matcher.h"
 #include "reconstruction/scene_fixture.h"
 
@@ -26,7 +27,7 @@ class ReconstructRunFixture : public ReconstructFixture {
   }
 
   void Run(FakeMatcher* matcher) { Run(matcher, &watcher_); }
-  void Run(FakeMatcher* matcher, InterruptWatcher* watcher) {
+  void Run(FakeMatcher* matcher, StopRequest* watcher) {
     log_.str("");
     out_.str("");
     const auto make_devices = [&] {
@@ -43,7 +44,7 @@ class ReconstructRunFixture : public ReconstructFixture {
   bool Has(const std::string& name) const { return std::filesystem::exists(options_.output / name); }
 
   ReconstructOptions options_;
-  InterruptWatcher watcher_;
+  StopRequest watcher_;
   std::ostringstream out_;
   std::ostringstream log_;
   FakeMatcher fake_;

@@ -68,7 +68,7 @@ class StagesTest : public ReconstructRunFixture {
   }
 
   void Stage(const std::string& stage, const std::string& images, FakeMatcher* matcher,
-             InterruptWatcher* watcher = nullptr) {
+             StopRequest* watcher = nullptr) {
     options_.stage = stage;
     options_.images = images;
     try {
@@ -160,7 +160,7 @@ TEST_F(StagesTest, InterruptedOrDoneTwiceAnywhereEndWithTheSameBytes) {
   std::set<int> done;
   for (size_t i = 0; i < tasks.size(); ++i) {
     FakeMatcher first, second, third;
-    InterruptWatcher watcher;
+    StopRequest watcher;
     first.on_call = [&](int call) {
       if (call == 1) watcher.Request();
     };

@@ -20,7 +20,7 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-std::string FailureOf(TaskGraph* graph, const std::vector<int>& threads, const InterruptWatcher& interrupt) {
+std::string FailureOf(TaskGraph* graph, const std::vector<int>& threads, const StopRequest& interrupt) {
   try {
     graph->Run(threads, interrupt);
   } catch (const std::exception& error) {
@@ -53,7 +53,7 @@ class Journal {
 
 class TaskGraphTest : public ::testing::Test {
  protected:
-  InterruptWatcher interrupt_;
+  StopRequest interrupt_;
   Journal journal_;
   TaskGraph graph_;
 };
@@ -208,7 +208,7 @@ TEST_F(TaskGraphTest, AnyTaskOfARandomGraphMayFail) {
 
 TEST_F(TaskGraphTest, InterruptionStopsAllThreads) {
   for (const std::vector<int>& threads : {std::vector<int>{}, {1, 1}, {4, 2}}) {
-    InterruptWatcher interrupt;
+    StopRequest interrupt;
     TaskGraph graph;
     Journal journal;
     graph.Add(0, {}, journal.Writer(0));

@@ -1,63 +1,27 @@
 #pragma once
 
 #include <signal.h>
-#include <tbb/parallel_for.h>
 
 #include <atomic>
-#include <exception>
 #include <thread>
+
+#include "acmp_mapping/reconstruction/stop_request.h"
 
 namespace acmp {
 
-/// Thrown where a run stops because the user asked for it. No std::exception on purpose: nothing on the way up may take
-/// it for a failure of one image and go on.
-struct Interrupted {};
-
-/// Turns SIGINT, SIGTERM and SIGHUP into a quick, orderly stop: parallel loops that run inside RunCancellable are
-/// cancelled, and the next Check throws. What a cancelled loop left behind is unfinished, so Check must come before any
-/// result is kept. A second signal ends the process at once. Make it before any other thread starts: they inherit the
-/// blocked signals.
-class InterruptWatcher {
+/// SIGINT, SIGTERM and SIGHUP request the stop. A second signal ends the process at once. Make it before any other
+/// thread starts: they inherit the blocked signals.
+class InterruptWatcher : public StopRequest {
  public:
   InterruptWatcher();
   ~InterruptWatcher();
-  InterruptWatcher(const InterruptWatcher&) = delete;
-  InterruptWatcher& operator=(const InterruptWatcher&) = delete;
-
-  bool requested() const { return requested_; }
-  void Check() const {
-    if (requested_) throw Interrupted();
-  }
-
-  /// Runs `work` in this thread and throws what it throws, unless a stop was asked for meanwhile: what cancelled loops
-  /// leave may look like any error. Does nothing once a stop was asked for. Check comes after it.
-  template <class Work>
-  void RunCancellable(const Work& work) {
-    // A loop of one turn, as a task_group of TBB 2020 takes no context. Its context is cancelled by exceptions too: not
-    // by those of `work`.
-    std::exception_ptr thrown;
-    const auto once = [&](int) {
-      try {
-        work();
-      } catch (...) {
-        thrown = std::current_exception();
-      }
-    };
-    tbb::parallel_for(0, 1, once, tbb::simple_partitioner(), context_);
-    if (thrown && !requested_) std::rethrow_exception(thrown);
-  }
-
-  /// What a signal does; for tests.
-  void Request();
 
  private:
   void Watch();
 
   sigset_t signals_;
   sigset_t previous_signals_;
-  std::atomic<bool> requested_{false};
   std::atomic<bool> stopping_{false};
-  tbb::task_group_context context_{tbb::task_group_context::isolated};
   std::thread watcher_;
 };
 

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "acmp_mapping/engine/depth_engine.h"
-#include "acmp_mapping/reconstruction/interrupt_watcher.h"
 #include "acmp_mapping/reconstruction/reconstruct_options.h"
+#include "acmp_mapping/reconstruction/stop_request.h"
 
 namespace acmp {
 
@@ -26,7 +26,7 @@ using DeviceMaker = std::function<std::vector<ReconstructDevice>()>;
 /// InvalidInputError, ProcessingError or Interrupted.
 /// @param make_devices is called once, in another thread: a GPU takes as long to start as images to be decoded
 /// @param log_is_terminal draws a progress bar instead of plain lines
-void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devices, InterruptWatcher* interrupt,
+void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
                  std::ostream* out, std::ostream* log, bool log_is_terminal);
 
 }  // namespace acmp

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -9,6 +8,10 @@
 #include "acmp_mapping/common/memory_limit.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/pose_refinement/pose_refinement_options.h"
+
+namespace CLI {
+class App;
+}
 
 namespace acmp {
 

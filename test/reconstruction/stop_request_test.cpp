@@ -1,4 +1,4 @@
-#include "acmp_mapping/reconstruction/interrupt_watcher.h"
+#include "acmp_mapping/reconstruction/stop_request.h"
 
 #include <atomic>
 #include <stdexcept>
@@ -8,8 +8,8 @@
 namespace acmp {
 namespace {
 
-TEST(InterruptWatcherTest, ErrorsOfTheWorkAreThrown) {
-  InterruptWatcher watcher;
+TEST(StopRequestTest, ErrorsOfTheWorkAreThrown) {
+  StopRequest watcher;
   EXPECT_THROW(watcher.RunCancellable([] { throw std::runtime_error("bad image"); }), std::runtime_error);
   watcher.Check();
   bool ran = false;
@@ -17,8 +17,8 @@ TEST(InterruptWatcherTest, ErrorsOfTheWorkAreThrown) {
   EXPECT_TRUE(ran) << "an error of the work before stops nothing";
 }
 
-TEST(InterruptWatcherTest, AfterARequestLoopsEndAndWhatTheyLeftIsNoError) {
-  InterruptWatcher watcher;
+TEST(StopRequestTest, AfterARequestLoopsEndAndWhatTheyLeftIsNoError) {
+  StopRequest watcher;
   watcher.RunCancellable([&] {
     watcher.Request();
     std::atomic<int> turns = {0};
@@ -28,8 +28,8 @@ TEST(InterruptWatcherTest, AfterARequestLoopsEndAndWhatTheyLeftIsNoError) {
   EXPECT_THROW(watcher.Check(), Interrupted);
 }
 
-TEST(InterruptWatcherTest, AfterARequestNothingBegins) {
-  InterruptWatcher watcher;
+TEST(StopRequestTest, AfterARequestNothingBegins) {
+  StopRequest watcher;
   watcher.Request();
   watcher.RunCancellable([] { FAIL(); });
   EXPECT_THROW(watcher.Check(), Interrupted);
