@@ -2,10 +2,14 @@
 
 #include <tbb/parallel_for.h>
 
+#include <limits>
+
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
 namespace {
+
+constexpr size_t kUnlimited = std::numeric_limits<size_t>::max();
 
 // What the caches count. On a GPU: texels of two bytes with their halved images; planes, cost, depth and half a byte of
 // halved depth. On the host: nothing but halved images beside the frame; the same with normals. A mask: a byte, and
@@ -28,7 +32,7 @@ std::shared_ptr<const FinalMaps> FetchFinal(const Frame& frame, const DeviceEngi
 
 }  // namespace
 
-EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, const OutputFolder& folder,
+EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, const OutputFolder* folder,
                          const ReconstructPlan& plan, const Devices& devices, const std::vector<KeyframeStep>& steps)
     : folder_(folder),
       plan_(plan),
@@ -36,20 +40,20 @@ EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, 
       steps_(steps),
       final_step_(static_cast<int>(steps.size()) - 1),
       frames_(*frames),
-      always_writes_(options.keep_work || devices.on_host()),
-      removes_files_(devices.on_host() && !options.keep_work),
-      writes_maps_(!options.maps.empty() || options.colmap),
-      max_unsaved_map_bytes_(options.MemoryBytes(options.kMapShare)) {
+      always_writes_(folder && (options.keep_work || devices.on_host())),
+      removes_files_(folder && devices.on_host() && !options.keep_work),
+      writes_maps_(!folder || !options.maps.empty() || options.colmap),
+      max_unsaved_map_bytes_(folder ? options.MemoryBytes(options.kMapShare) : kUnlimited) {
   for (int device = 0; device < devices.size(); ++device) {
-    const size_t bytes =
-        devices.on_host() ? max_unsaved_map_bytes_ : devices.Engine(device, 0).engine->FreeDeviceBytes() / 2;
+    const size_t bytes = devices.on_host() ? options.MemoryBytes(options.kMapShare)
+                                           : devices.Engine(device, 0).engine->FreeDeviceBytes() / 2;
     const size_t unsaved = devices.on_host() ? 0 : bytes / 2;
-    devices_.emplace_back(bytes / 4, bytes - bytes / 4 - unsaved, unsaved);
+    devices_.emplace_back(bytes / 4, bytes - bytes / 4 - unsaved, devices.on_host() ? kUnlimited : unsaved);
   }
 }
 
 std::filesystem::path EngineStore::FileOf(const Key& key) const {
-  return folder_.WorkFile(StepName(key.first, final_step_), key.second);
+  return folder_ ? folder_->WorkFile(StepName(key.first, final_step_), key.second) : std::filesystem::path();
 }
 
 std::string EngineStore::StepName(int step, int final_step) {
@@ -108,16 +112,19 @@ EngineEstimatePtr EngineStore::Estimate(const Key& key, const Frame& frame, cons
 
 EngineEstimatePtr EngineStore::Read(const Key& key, const Frame& frame, const DeviceEngine& engine) const {
   EngineEstimatePtr elsewhere;
+  std::shared_ptr<const EstimateState> state;
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (const auto found = unsaved_.find(key); found != unsaved_.end()) elsewhere = found->second.estimate;
+    if (const auto found = host_states_.find(key); found != host_states_.end()) state = found->second;
   }
   if (elsewhere) return engine.engine->Import(elsewhere);
   if (key.first == final_step_) {
-    const FinalMaps maps = ReadFinalMaps(FileOf(key));
-    return engine.engine->UploadMaps({maps.depth.View(), maps.normal.View(), maps.cost.View()}, frame.camera);
+    const std::shared_ptr<const FinalMaps> maps = Final(key.second);
+    return engine.engine->UploadMaps({maps->depth.View(), maps->normal.View(), maps->cost.View()}, frame.camera);
   }
   const PinholeCamera camera = CameraAtLevel(frame.camera, steps_[static_cast<size_t>(key.first)].level);
+  if (state) return engine.engine->UploadState(state->Clone(), camera);
   return engine.engine->UploadState(ReadEstimate(FileOf(key), camera.width, camera.height), camera);
 }
 
@@ -128,7 +135,9 @@ void EngineStore::Keep(int step, const Frame& frame, const DeviceEngine& engine,
   std::shared_ptr<const FinalMaps> maps;
   if (is_final && writes_maps_) maps = FetchFinal(frame, engine, estimate);
   if (KeepUnsaved(key, {estimate, engine.device, bytes}, maps)) return;
-  if (is_final) {
+  if (!folder_) {
+    KeepOnHost(key, engine, estimate, std::move(maps));
+  } else if (is_final) {
     WriteFinalMaps(FileOf(key), maps ? *maps : *FetchFinal(frame, engine, estimate));
   } else {
     WriteEstimate(FileOf(key), engine.engine->DownloadState(estimate));
@@ -154,6 +163,21 @@ bool EngineStore::KeepUnsaved(const Key& key, const Unsaved& unsaved, std::share
   unsaved_map_bytes_ = map_bytes;
   if (maps) unsaved_maps_[key.second] = std::move(maps);
   return true;
+}
+
+void EngineStore::KeepOnHost(const Key& key, const DeviceEngine& engine, const EngineEstimatePtr& estimate,
+                             std::shared_ptr<const FinalMaps> maps) {
+  std::shared_ptr<const EstimateState> state;
+  if (key.first != final_step_) {
+    state = std::make_shared<const EstimateState>(engine.engine->DownloadState(estimate));
+  }
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (state) {
+    host_states_[key] = std::move(state);
+  } else {
+    unsaved_map_bytes_ += HostBytes(*maps);
+    unsaved_maps_[key.second] = std::move(maps);
+  }
 }
 
 std::vector<EngineStore::Key> EngineStore::Estimates(const ImagePlan& image, int step) const {
@@ -184,6 +208,7 @@ void EngineStore::Forget(const Key& key) {
   std::error_code ignored;  // what is left goes with the work folder
   if (removes_files_ && key.first != final_step_) std::filesystem::remove(FileOf(key), ignored);
   const std::lock_guard<std::mutex> lock(mutex_);
+  host_states_.erase(key);
   const auto found = unsaved_.find(key);
   if (found == unsaved_.end()) return;
   Device& device = devices_.at(found->second.device);

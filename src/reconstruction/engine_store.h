@@ -20,6 +20,7 @@ namespace acmp {
 
 /// Images and estimates of a run where the engines read them: those used last stay on their devices, others are read
 /// from the images' and the work folder's files. For any number of threads; an engine by one at a time.
+/// Without a folder everything stays in memory: on its device as far as there is room, beyond on the host.
 /// What GPUs make is kept in their memory, as far as it goes, and not written to the work folder: that takes longer
 /// than making it again after an interruption.
 class EngineStore {
@@ -27,13 +28,13 @@ class EngineStore {
   /// An image's estimate after a step of its schedule: step, scene index.
   using Key = std::pair<int, int>;
 
-  /// All outlive the store.
+  /// All outlive the store. @param folder null: no files
   /// @param steps of an image's schedule; the last one's estimates are final
-  EngineStore(FrameStore* frames, const ReconstructOptions& options, const OutputFolder& folder,
+  EngineStore(FrameStore* frames, const ReconstructOptions& options, const OutputFolder* folder,
               const ReconstructPlan& plan, const Devices& devices, const std::vector<KeyframeStep>& steps);
 
   int final_step() const { return final_step_; }
-  /// Where an estimate is if it is in a file.
+  /// Where an estimate is if it is in a file. Empty without a folder.
   std::filesystem::path FileOf(const Key& key) const;
   /// Of a step's work files: "step_0", ..., "final".
   static std::string StepName(int step, int final_step);
@@ -44,6 +45,7 @@ class EngineStore {
   EngineProblem Problem(const ImagePlan& image, int step, const DeviceEngine& engine);
 
   /// Keeps an estimate: on its device, and in a file of the work folder if there is no room or the device is the host.
+  /// Without a folder: on its device, or in host memory if there is no room.
   void Keep(int step, const Frame& frame, const DeviceEngine& engine, const EngineEstimatePtr& estimate);
 
   /// Announces that so many will read each of the estimates that Problem(image, step) gives.
@@ -78,11 +80,14 @@ class EngineStore {
   EngineEstimatePtr Read(const Key& key, const Frame& frame, const DeviceEngine& engine) const;
   /// @param maps of a final estimate; null: they are not written
   bool KeepUnsaved(const Key& key, const Unsaved& unsaved, std::shared_ptr<const FinalMaps> maps);
+  /// Without a folder, what has no room on its device.
+  void KeepOnHost(const Key& key, const DeviceEngine& engine, const EngineEstimatePtr& estimate,
+                  std::shared_ptr<const FinalMaps> maps);
   /// Keys of the estimates that Problem(image, step) gives.
   std::vector<Key> Estimates(const ImagePlan& image, int step) const;
   void Forget(const Key& key);
 
-  const OutputFolder& folder_;
+  const OutputFolder* const folder_;  ///< or null
   const ReconstructPlan& plan_;
   const int levels_;
   const std::vector<KeyframeStep> steps_;
@@ -98,6 +103,7 @@ class EngineStore {
   std::map<Key, Unsaved> unsaved_;  ///< in no file
   std::map<int, std::shared_ptr<const FinalMaps>> unsaved_maps_;
   size_t unsaved_map_bytes_ = 0;
+  std::map<Key, std::shared_ptr<const EstimateState>> host_states_;  ///< see KeepOnHost; none of them final
   std::map<Key, int> readers_left_;
 };
 

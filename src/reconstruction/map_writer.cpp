@@ -6,35 +6,23 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
+#include "view_outputs.h"
 
 namespace acmp {
 
 MapWriter::MapWriter(ReconstructRun* run)
     : run_(*run),
-      fusion_(MakePipelineOptions(run->options).fusion),
       files_(run),
       measures_confidence_(files_.HasConfidence() && !run->options.online()) {}  // online maps come with theirs
 
 int MapWriter::AddTasks(const ImagePlan& image, std::vector<int> after, TaskGraph* graph) {
   if (measures_confidence_) {
-    run_.store.AddReaders(image, run_.store.final_step(), 1);
-    const int device = run_.devices.DeviceOf(image.index);
-    after = {graph->Add(
-        Devices::EnginePool(device), after,
-        [this, &image, device](int thread) { MeasureConfidence(image, run_.devices.Engine(device, thread)); }, true)};
+    after = {AddConfidence(&run_, image, after, graph, [this, index = image.index](ConfidenceMap confidence) {
+      const std::lock_guard<std::mutex> lock(run_.times_mutex);
+      confidences_[index] = std::move(confidence);
+    })};
   }
   return graph->Add(Devices::kFilePool, after, [this, &image](int) { WriteFiles(image.index); });
-}
-
-void MapWriter::MeasureConfidence(const ImagePlan& image, const DeviceEngine& engine) {
-  const EngineProblem problem = run_.store.Problem(image, run_.store.final_step(), engine);
-  Timer timer;
-  ConfidenceMap confidence = engine.engine->MeasureConfidence(problem.reference, problem.sources, fusion_);
-  run_.interrupt.Check();
-  run_.store.HasRead(image, run_.store.final_step());
-  const std::lock_guard<std::mutex> lock(run_.times_mutex);
-  confidences_[image.index] = std::move(confidence);
-  run_.times.consistency_ms += timer.Lap();
 }
 
 void MapWriter::WriteFiles(int index) {

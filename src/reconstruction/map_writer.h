@@ -28,12 +28,10 @@ class MapWriter {
   const std::optional<ColmapOutput>& colmap() const { return files_.colmap(); }  ///< where it is asked for
 
  private:
-  void MeasureConfidence(const ImagePlan& image, const DeviceEngine& engine);
   void WriteFiles(int index);
   ConfidenceMap TakeConfidence(int index);
 
   ReconstructRun& run_;
-  const FusionOptions fusion_;
   const ImageFiles files_;
   const bool measures_confidence_;
 

@@ -20,7 +20,7 @@ class OfflineSchedule {
  public:
   using Key = EngineStore::Key;  ///< step, scene index
 
-  explicit OfflineSchedule(ReconstructRun* run) : run_(*run), final_step_(run->store.final_step()) {
+  explicit OfflineSchedule(ScheduleRun* run) : run_(*run), final_step_(run->store.final_step()) {
     for (const ImagePlan& image : run_.plan.images) {
       if (image.no_map.empty()) images_[image.index] = &image;
     }
@@ -123,7 +123,7 @@ class OfflineSchedule {
     run_.times.keeping_ms += timer.Lap();
   }
 
-  ReconstructRun& run_;
+  ScheduleRun& run_;
   const int final_step_;
   std::map<int, const ImagePlan*> images_;               ///< that get a map, by scene index
   std::vector<std::vector<DepthEstimator>> estimators_;  ///< per device and engine
@@ -166,14 +166,14 @@ void WarnOfDamage(const std::filesystem::path& file, const std::string& image, P
       Concat("the work file ", file.string(), " is damaged: its step of image ", image, " is computed again"));
 }
 
-std::map<EngineStore::Key, int> AddOfflineSteps(ReconstructRun* run, const std::set<EngineStore::Key>& steps,
+std::map<EngineStore::Key, int> AddOfflineSteps(ScheduleRun* run, const std::set<EngineStore::Key>& steps,
                                                 TaskGraph* graph) {
   const auto schedule = std::make_shared<OfflineSchedule>(run);
   graph->KeepAlive(schedule);
   return schedule->AddSteps(steps, graph);
 }
 
-std::map<int, int> AddOfflineSchedule(ReconstructRun* run, TaskGraph* graph) {
+std::map<int, int> AddOfflineSchedule(ScheduleRun* run, TaskGraph* graph) {
   const auto schedule = std::make_shared<OfflineSchedule>(run);
   std::map<int, int> tasks = schedule->AddTasks(graph);
   graph->KeepAlive(schedule);

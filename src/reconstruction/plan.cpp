@@ -14,38 +14,6 @@
 namespace acmp {
 namespace {
 
-/// The range that the dataset names, widened: datasets name the range of their sparse points, and up to a fifth of the
-/// surfaces seen lies nearer (measured). The factor 2 that landmarks get brings no more here and costs 0.5 points at 2
-/// cm, since the prior's bandwidth goes with the range.
-std::optional<DepthRange> DatasetRange(const SceneImage& image) {
-  constexpr float kMargin = 1.5f;
-  if (!image.depth_range) return std::nullopt;
-  return DepthRange{image.depth_range->min / kMargin, image.depth_range->max * kMargin};
-}
-
-DepthRange FindDepthRange(const Scene& scene, int index, const ReconstructOptions& options) {
-  const SceneImage& image = scene.images[index];
-  const bool given = options.depth_min && options.depth_max;
-  std::optional<DepthRange> range = DatasetRange(image);
-  if (!range && !given) {
-    std::vector<Eigen::Vector3d> landmarks = LandmarksOf(scene, image);
-    if (!image.mask.empty()) {
-      landmarks = WithoutMasked(std::move(landmarks), image.camera, image.cam_from_world, LoadMask(image));
-    }
-    range = DepthRangeFromLandmarks(landmarks, image.camera, image.cam_from_world, DepthRangeOptions());
-  }
-  if (!range && !given) {
-    throw InvalidInputError(Concat(
-        "image ", image.name, ": no depth range: the dataset names none, and of its ", image.landmark_indices.size(),
-        " landmarks fewer than ", DepthRangeOptions().min_landmarks, " are in view; give --depth-min and --depth-max"));
-  }
-  DepthRange result = range.value_or(DepthRange());
-  if (options.depth_min) result.min = static_cast<float>(*options.depth_min);
-  if (options.depth_max) result.max = static_cast<float>(*options.depth_max);
-  CheckDepthRange(Concat("image ", image.name, ": depth range").c_str(), result);
-  return result;
-}
-
 /// Source views of the dataset's ranking that do not take part.
 size_t CountLeftOut(const SceneImage& image, const std::set<int>& taking_part) {
   return static_cast<size_t>(std::count_if(image.ranked_sources.begin(), image.ranked_sources.end(),
@@ -84,6 +52,39 @@ void CheckSize(const SceneImage& image, const PinholeCamera& matched, int levels
 
 }  // namespace
 
+std::optional<DepthRange> DatasetRange(const SceneImage& image) {
+  // Datasets name the range of their sparse points, and up to a fifth of the surfaces seen lies nearer (measured). The
+  // factor 2 that landmarks get brings no more here and costs 0.5 points at 2 cm, since the prior's bandwidth goes with
+  // the range.
+  constexpr float kMargin = 1.5f;
+  if (!image.depth_range) return std::nullopt;
+  return DepthRange{image.depth_range->min / kMargin, image.depth_range->max * kMargin};
+}
+
+DepthRange FindDepthRange(const Scene& scene, int index, const ReconstructOptions& options) {
+  const SceneImage& image = scene.images[index];
+  const bool given = options.depth_min && options.depth_max;
+  std::optional<DepthRange> range = DatasetRange(image);
+  if (!range && !given) {
+    std::vector<Eigen::Vector3d> landmarks = LandmarksOf(scene, image);
+    if (!image.mask.empty()) {
+      landmarks = WithoutMasked(std::move(landmarks), image.camera, image.cam_from_world, LoadMask(image));
+    }
+    range = DepthRangeFromLandmarks(landmarks, image.camera, image.cam_from_world, DepthRangeOptions());
+  }
+  if (!range && !given) {
+    throw InvalidInputError(Concat("image ", image.name, ": no depth range: the dataset names none, and of its ",
+                                   image.landmark_indices.size(), " landmarks fewer than ",
+                                   DepthRangeOptions().min_landmarks,
+                                   " are in view; give a depth range (--depth-min and --depth-max)"));
+  }
+  DepthRange result = range.value_or(DepthRange());
+  if (options.depth_min) result.min = static_cast<float>(*options.depth_min);
+  if (options.depth_max) result.max = static_cast<float>(*options.depth_max);
+  CheckDepthRange(Concat("image ", image.name, ": depth range").c_str(), result);
+  return result;
+}
+
 bool ReconstructPlan::HasMap(int index) const {
   const auto found = std::lower_bound(images.begin(), images.end(), index,
                                       [](const ImagePlan& image, int wanted) { return image.index < wanted; });
@@ -108,13 +109,13 @@ void CheckSomeImageGetsAMap(const ReconstructPlan& plan, const Scene& scene) {
 }
 
 ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indices,
-                                const ReconstructOptions& options) {
+                                const std::vector<DepthRange>& ranges, const ReconstructOptions& options) {
   ReconstructPlan plan;
   const std::set<int> taking_part(indices.begin(), indices.end());
-  for (int index : indices) {
+  for (size_t i = 0; i < indices.size(); ++i) {
     ImagePlan image;
-    image.index = index;
-    image.range = FindDepthRange(scene, index, options);
+    image.index = indices[i];
+    image.range = ranges.at(i);
     image.sources = SourcesOfDataset(scene, image, taking_part, options.source_views, &plan.warnings);
     plan.images.push_back(std::move(image));
   }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -32,9 +33,18 @@ struct ReconstructPlan {
 /// Throws InvalidInputError with an example when no image gets a map.
 void CheckSomeImageGetsAMap(const ReconstructPlan& plan, const Scene& scene);
 
-/// Decides depth range and source views of every image for the offline schedule. Throws InvalidInputError when an image
-/// has no depth range, or when no image has enough source views.
-ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indices, const ReconstructOptions& options);
+/// The range that the dataset names for an image, with the margin that is searched beside it.
+std::optional<DepthRange> DatasetRange(const SceneImage& image);
+
+/// The range to search for an image: that of the options, else the dataset's, else the landmarks'. Throws
+/// InvalidInputError when there is none.
+DepthRange FindDepthRange(const Scene& scene, int index, const ReconstructOptions& options);
+
+/// Decides source views of every image for the offline schedule. Throws InvalidInputError when no image has enough of
+/// them.
+/// @param ranges to search, of the image at the same place of `indices`
+ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indices,
+                                const std::vector<DepthRange>& ranges, const ReconstructOptions& options);
 
 /// For the online schedule, where the mapper decides.
 ReconstructPlan MakeOnlinePlan(const std::vector<int>& indices);

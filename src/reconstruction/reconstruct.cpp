@@ -27,6 +27,14 @@ std::vector<int> ChosenImages(const Scene& scene, const std::string& list) {
   return all;
 }
 
+ReconstructPlan MakePlan(const Scene& scene, const std::vector<int>& indices, const ReconstructOptions& options) {
+  if (options.online()) return MakeOnlinePlan(indices);
+  std::vector<DepthRange> ranges;
+  ranges.reserve(indices.size());
+  for (int index : indices) ranges.push_back(FindDepthRange(scene, index, options));
+  return MakeOfflinePlan(scene, indices, ranges, options);
+}
+
 void ReportImagesWithoutMap(const ReconstructRun& run) {
   for (const ImagePlan& image : run.plan.images) {
     if (!image.no_map.empty()) {
@@ -65,7 +73,7 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   for (const std::string& warning : scene.warnings) progress.Warn(warning);
   const std::vector<int> indices = TakeMasks(options, ChosenImages(scene, options.images), &scene, &progress);
   if (options.colmap) ColmapOutput::CheckNames(scene, indices);
-  ReconstructPlan plan = options.online() ? MakeOnlinePlan(indices) : MakeOfflinePlan(scene, indices, options);
+  ReconstructPlan plan = MakePlan(scene, indices, options);
   interrupt->Check();
   for (const std::string& warning : plan.warnings) progress.Warn(warning);
 
@@ -96,8 +104,8 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   }
   if (folder.state() == OutputFolder::State::kStarted && options.online()) folder.StartAfresh();
   {
-    EngineStore store(&frames, options, folder, plan, devices, ScheduleOf(MakePipelineOptions(options)));
-    ReconstructRun run{scene, options, plan, folder, devices, store, *interrupt, progress, {}, {}};
+    EngineStore store(&frames, options, &folder, plan, devices, ScheduleOf(MakePipelineOptions(options)));
+    ReconstructRun run{{scene, options, plan, devices, store, *interrupt, progress, {}, {}}, folder};
     const size_t points = RunSchedule(&run);
     const std::string failure = EndRun(&run, record, devices.name(), timer, points, out);
     if (!failure.empty()) throw ProcessingError(failure);

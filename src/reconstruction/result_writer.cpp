@@ -1,15 +1,15 @@
 #include <map>
-#include <memory>
 #include <mutex>
 #include <optional>
+#include <utility>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/dataset/camera_list.h"
 #include "acmp_mapping/dataset/map_io.h"
-#include "acmp_mapping/fusion/fusion_setup.h"
 #include "map_writer.h"
 #include "run.h"
+#include "view_outputs.h"
 #include "waiting_clouds.h"
 
 namespace acmp {
@@ -20,23 +20,20 @@ class ResultWriter {
  public:
   explicit ResultWriter(ReconstructRun* run)
       : run_(*run),
-        fusion_(MakePipelineOptions(run->options).fusion),
         maps_(run),
         waiting_(&run->folder, run->options.MemoryBytes(run->options.kCloudShare)),
         cloud_(run->folder.path() / "fused.ply"),
-        stamps_(run->devices.FusionEngine(0).engine->MakeFusionStamps()) {}
+        fusion_(run) {}
 
-  /// Throws InvalidInputError when there are more images than a fusion can tell apart.
   void AddTasks(const std::map<int, int>& final_maps, TaskGraph* graph) {
-    CheckRange("number of images to fuse", static_cast<int>(run_.plan.images.size()), 0, kMaxFusionViews);
     std::vector<int> all_written, all_in_cloud;
     std::vector<int> last_placed;  // or none
     for (const ImagePlan& image : run_.plan.images) {
       if (!image.no_map.empty()) continue;
-      const std::vector<int> maps = MapsRead(final_maps, image);
-      run_.store.AddReaders(image, run_.store.final_step(), 1);
+      const std::vector<int> maps = TasksOfMapsRead(run_.plan, image, final_maps);
       all_written.push_back(maps_.AddTasks(image, maps, graph));
-      const int fused = AddFusion(image, maps, graph);
+      const int fused = fusion_.AddTask(
+          image, maps, graph, [this, index = image.index](PointCloud cloud) { waiting_.Put(index, std::move(cloud)); });
       const size_t rank = images_.size();
       last_placed.push_back(fused);
       last_placed = {graph->Add(
@@ -55,43 +52,6 @@ class ResultWriter {
   size_t points() const { return cloud_.points(); }
 
  private:
-  /// Adds the fusion of a view, on the device of its image. It reads and writes the stamps of its frames: for each it
-  /// waits for the view that did so last, and with that for all before. So it finds the stamps that it would find if
-  /// the views were fused one after the other.
-  int AddFusion(const ImagePlan& image, std::vector<int> after, TaskGraph* graph) {
-    const std::vector<int> frames = run_.plan.ImagesRead(image);
-    for (int frame : frames) {
-      if (const auto last = last_fused_.find(frame); last != last_fused_.end()) after.push_back(last->second);
-    }
-    const int rank = static_cast<int>(images_.size());
-    const int device = run_.devices.DeviceOf(image.index);
-    const int task = graph->Add(run_.devices.FusionPool(device), after, [this, &image, rank, device](int) {
-      Fuse(image, rank, run_.devices.FusionEngine(device));
-    });
-    for (int frame : frames) last_fused_[frame] = task;
-    return task;
-  }
-
-  /// Tasks after which the image's map and all that it is compared with are there.
-  std::vector<int> MapsRead(const std::map<int, int>& final_maps, const ImagePlan& image) const {
-    std::vector<int> tasks;
-    if (final_maps.empty()) return tasks;
-    for (int frame : run_.plan.ImagesRead(image)) tasks.push_back(final_maps.at(frame));
-    return tasks;
-  }
-
-  void Fuse(const ImagePlan& image, int rank, const DeviceEngine& engine) {
-    const EngineProblem problem = run_.store.Problem(image, run_.store.final_step(), engine);
-    Timer timer;
-    PointCloud cloud = engine.engine->FuseView(problem.reference, problem.sources, fusion_, rank, stamps_.get());
-    run_.interrupt.Check();
-    run_.store.HasRead(image, run_.store.final_step());
-    waiting_.Put(image.index, std::move(cloud));
-    run_.progress.Step();
-    const std::lock_guard<std::mutex> lock(run_.times_mutex);
-    run_.times.fusion_ms += timer.Lap();
-  }
-
   /// A view's points follow those of all before it; how many those are is known when they are fused.
   void Place(size_t rank) { places_[rank] = cloud_.Reserve(waiting_.NumPoints(images_[rank])); }
 
@@ -121,20 +81,18 @@ class ResultWriter {
   }
 
   ReconstructRun& run_;
-  const FusionOptions fusion_;
   MapWriter maps_;
   WaitingClouds waiting_;
   PlyFile cloud_;
-  const std::unique_ptr<FusionStamps> stamps_;
+  ViewFusion fusion_;
   std::vector<int> images_;         ///< with maps, by scene index: in the order of the cloud
   std::vector<size_t> places_;      ///< of the views' first points in the cloud
   std::vector<PointCloud> clouds_;  ///< the views', for COLMAP's model; else none
-  std::map<int, int> last_fused_;   ///< the last task that uses the stamps of a frame
 };
 
 }  // namespace
 
-PinholeCamera CameraOf(const ReconstructRun& run, int index) {
+PinholeCamera CameraOf(const ScheduleRun& run, int index) {
   const PinholeCamera& camera = run.scene.images[index].camera;
   int width = camera.width;
   int height = camera.height;

@@ -36,17 +36,21 @@ struct RunTimes {
 };
 
 /// What all steps of one run share. Everything outlives the steps.
-struct ReconstructRun {
+struct ScheduleRun {
   Scene& scene;  ///< the online schedule puts refined poses into it
   const ReconstructOptions& options;
   ReconstructPlan& plan;
-  const OutputFolder& folder;
   const Devices& devices;
   EngineStore& store;
   StopRequest& interrupt;
   Progress& progress;
   RunTimes times;
   std::mutex times_mutex;
+};
+
+/// A run whose results are files.
+struct ReconstructRun : ScheduleRun {
+  const OutputFolder& folder;
 };
 
 /// Steps of images whose work files are missing or damaged though they are wanted or read by others that are to do.
@@ -64,11 +68,11 @@ void WarnOfDamage(const std::filesystem::path& file, const std::string& image, P
 
 /// Adds Algorithm 1 over all images to the graph: initial estimates, then refinements in Jacobi order. Leaves final
 /// estimates in the store. Returns the tasks after which they are there, by scene index.
-std::map<int, int> AddOfflineSchedule(ReconstructRun* run, TaskGraph* graph);
+std::map<int, int> AddOfflineSchedule(ScheduleRun* run, TaskGraph* graph);
 
 /// Adds only these steps, and leaves their estimates in the store; what they read beside each other is in files.
 /// Returns their tasks.
-std::map<EngineStore::Key, int> AddOfflineSteps(ReconstructRun* run, const std::set<EngineStore::Key>& steps,
+std::map<EngineStore::Key, int> AddOfflineSteps(ScheduleRun* run, const std::set<EngineStore::Key>& steps,
                                                 TaskGraph* graph);
 
 /// Feeds the images in the order of their index to a DenseMapper. Leaves final maps in the folder.
@@ -81,7 +85,7 @@ void RunOnlineSchedule(ReconstructRun* run);
 size_t RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_maps, TaskGraph* graph);
 
 /// Camera of an image at the size of the run.
-PinholeCamera CameraOf(const ReconstructRun& run, int index);
+PinholeCamera CameraOf(const ScheduleRun& run, int index);
 
 /// Cameras of the maps, at their size, with their poses. @param images with maps, by scene index
 std::vector<ListedCamera> Cameras(const ReconstructRun& run, const std::vector<int>& images);

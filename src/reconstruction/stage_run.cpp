@@ -143,8 +143,8 @@ class StageRun {
     const Devices devices(make_devices_(), {worked_on.begin(), worked_on.end()});
     CheckDevice(devices.name());
     FrameStore frames(part_.scene(), MakeFrameOptions(options_), options_.MemoryBytes(options_.kImageShare));
-    EngineStore store(&frames, options_, folder_, part_.plan(), devices, ScheduleOf(MakePipelineOptions(options_)));
-    ReconstructRun run{part_.scene(), options_, part_.plan(), folder_, devices, store, interrupt_, progress_, {}, {}};
+    EngineStore store(&frames, options_, &folder_, part_.plan(), devices, ScheduleOf(MakePipelineOptions(options_)));
+    ReconstructRun run{{part_.scene(), options_, part_.plan(), devices, store, interrupt_, progress_, {}, {}}, folder_};
     work(&run, &frames);
     interrupt_.Check();
   }

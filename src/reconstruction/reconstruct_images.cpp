@@ -1,0 +1,186 @@
+#include "acmp_mapping/reconstruction/reconstruct_images.h"
+
+#include <tbb/parallel_for.h>
+
+#include <map>
+#include <memory>
+#include <numeric>
+#include <set>
+#include <utility>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/masks.h"
+#include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/keyframe/landmark_visibility.h"
+#include "run.h"
+#include "view_outputs.h"
+
+namespace acmp {
+namespace {
+
+void CheckMask(const std::string& name, const InputImage& image) {
+  const Mask& mask = image.mask;
+  if (mask.empty() || (mask.width() == image.camera.width && mask.height() == image.camera.height)) return;
+  throw InvalidInputError(Concat(name, ": mask size ", mask.width(), " x ", mask.height(), ": must be the image's, ",
+                                 image.camera.width, " x ", image.camera.height));
+}
+
+void CheckSources(const std::string& name, int index, const std::vector<int>& sources, int images) {
+  std::set<int> seen;
+  for (int source : sources) {
+    CheckRange((name + ": source view").c_str(), source, 0, images - 1);
+    if (source == index) throw InvalidInputError(Concat(name, ": is among its own source views"));
+    if (!seen.insert(source).second) {
+      throw InvalidInputError(Concat(name, ": source view ", source, " is given more than once"));
+    }
+  }
+}
+
+void CheckImages(const std::vector<InputImage>& images) {
+  if (images.empty()) throw InvalidInputError("number of images = 0: must be at least 1");
+  const int count = static_cast<int>(images.size());
+  for (int index = 0; index < count; ++index) {
+    const InputImage& image = images[static_cast<size_t>(index)];
+    const std::string name = "image " + image.name;
+    CheckCamera(name.c_str(), image.camera);
+    if (image.color.width() != image.camera.width || image.color.height() != image.camera.height) {
+      throw InvalidInputError(Concat(name, ": image size ", image.color.width(), " x ", image.color.height(),
+                                     ": must be the camera's, ", image.camera.width, " x ", image.camera.height));
+    }
+    CheckPose(name.c_str(), image.cam_from_world);
+    CheckMask(name, image);
+    CheckSources(name, index, image.ranked_sources, count);
+    if (image.depth_range) CheckDepthRange((name + ": depth range").c_str(), *image.depth_range);
+  }
+}
+
+/// The images as a scene that has no files.
+Scene MakeScene(const std::vector<InputImage>& images) {
+  Scene scene;
+  for (const InputImage& image : images) {
+    SceneImage& planned = scene.images.emplace_back();
+    planned.name = image.name;
+    planned.path = image.name;
+    planned.camera = image.camera;
+    planned.cam_from_world = image.cam_from_world;
+    planned.ranked_sources = image.ranked_sources;
+    const auto landmarks = WithoutMasked(image.landmarks_in_world, image.camera, image.cam_from_world, image.mask);
+    planned.landmark_indices.resize(landmarks.size());
+    std::iota(planned.landmark_indices.begin(), planned.landmark_indices.end(),
+              static_cast<int>(scene.landmarks_in_world.size()));
+    scene.landmarks_in_world.insert(scene.landmarks_in_world.end(), landmarks.begin(), landmarks.end());
+  }
+  return scene;
+}
+
+ReconstructPlan MakePlan(const Scene& scene, const std::vector<InputImage>& images, const std::vector<int>& indices,
+                         const ReconstructOptions& options) {
+  std::vector<DepthRange> ranges;
+  for (int index : indices) {
+    const std::optional<DepthRange>& given = images[static_cast<size_t>(index)].depth_range;
+    ranges.push_back(given ? *given : FindDepthRange(scene, index, options));
+  }
+  return MakeOfflinePlan(scene, indices, ranges, options);
+}
+
+std::vector<FramePtr> MakeFrames(std::vector<InputImage> images, const FrameOptions& options,
+                                 const StopRequest& interrupt) {
+  std::vector<FramePtr> frames(images.size());
+  tbb::parallel_for(size_t{0}, images.size(), [&](size_t i) {
+    InputImage& image = images[i];
+    frames[i] = std::make_shared<const Frame>(MakeFrame(static_cast<int64_t>(i), 0.0, std::move(image.color),
+                                                        image.camera, image.cam_from_world,
+                                                        std::move(image.landmarks_in_world), options, image.mask));
+  });
+  interrupt.Check();
+  return frames;
+}
+
+/// What the run's tasks leave, by scene index.
+struct Outputs {
+  std::vector<ConfidenceMap> confidences;
+  std::vector<PointCloud> clouds;
+};
+
+void RunTasks(ScheduleRun* run, Outputs* outputs) {
+  TaskGraph graph;
+  const std::map<int, int> final_maps = AddOfflineSchedule(run, &graph);
+  ViewFusion fusion(run);
+  for (const ImagePlan& image : run->plan.images) {
+    if (!image.no_map.empty()) continue;
+    const std::vector<int> maps = TasksOfMapsRead(run->plan, image, final_maps);
+    const auto place = static_cast<size_t>(image.index);
+    AddConfidence(run, image, maps, &graph,
+                  [=](ConfidenceMap confidence) { outputs->confidences[place] = std::move(confidence); });
+    fusion.AddTask(image, maps, &graph, [=](PointCloud cloud) { outputs->clouds[place] = std::move(cloud); });
+  }
+  graph.Run(run->devices.PoolThreads(), run->interrupt);
+  run->interrupt.Check();
+}
+
+/// Takes the final maps out of the store.
+ImageReconstruction Collect(ScheduleRun* run, Outputs outputs) {
+  ImageReconstruction result;
+  for (const ImagePlan& image : run->plan.images) {
+    ImageResult& maps = result.images.emplace_back();
+    maps.camera = CameraOf(*run, image.index);
+    maps.sources = image.sources;
+    maps.no_map = image.no_map;
+    if (!image.no_map.empty()) continue;
+    const std::shared_ptr<const FinalMaps> final_maps = run->store.Final(image.index);
+    maps.depth = final_maps->depth.Clone();
+    maps.normal = final_maps->normal.Clone();
+    maps.cost = final_maps->cost.Clone();
+    run->store.ReleaseFinal(image.index);
+    const auto place = static_cast<size_t>(image.index);
+    maps.confidence = std::move(outputs.confidences[place]);
+    const PointCloud points = std::move(outputs.clouds[place]);
+    result.cloud.insert(result.cloud.end(), points.begin(), points.end());
+  }
+  result.warnings = run->plan.warnings;
+  result.device = run->devices.name();
+  return result;
+}
+
+}  // namespace
+
+ImageReconstruction ReconstructImages(std::vector<InputImage> images, const ReconstructOptions& options,
+                                      const DeviceMaker& make_devices, StopRequest* interrupt) {
+  Validate(options);
+  CheckImages(images);
+  Scene scene = MakeScene(images);
+  std::vector<int> indices(images.size());
+  std::iota(indices.begin(), indices.end(), 0);
+  ReconstructPlan plan = MakePlan(scene, images, indices, options);
+  interrupt->Check();
+  CheckSizes(scene, indices, options);
+  scene.landmarks_in_world.clear();
+  FrameStore frames(MakeFrames(std::move(images), MakeFrameOptions(options), *interrupt));
+  const Devices devices(make_devices(), indices);
+  EngineStore store(&frames, options, nullptr, plan, devices, ScheduleOf(MakePipelineOptions(options)));
+  std::ostream nowhere(nullptr);
+  Progress progress(&nowhere, ProgressStyle::kSilent);
+  ScheduleRun run{scene, options, plan, devices, store, *interrupt, progress, {}, {}};
+  Outputs outputs = {std::vector<ConfidenceMap>(indices.size()), std::vector<PointCloud>(indices.size())};
+  RunTasks(&run, &outputs);
+  return Collect(&run, std::move(outputs));
+}
+
+std::vector<InputImage> ReadInputImages(const ReconstructOptions& options, const StopRequest& interrupt,
+                                        std::vector<std::string>* warnings) {
+  Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format), ParsePixelCenters(options.pixel_centers));
+  *warnings = scene.warnings;
+  if (!options.masks.empty()) AddMasks(options.masks, &scene);
+  std::vector<InputImage> images(scene.images.size());
+  tbb::parallel_for(size_t{0}, images.size(), [&](size_t i) {
+    Frame frame = LoadFrame(scene, static_cast<int>(i));
+    const SceneImage& image = scene.images[i];
+    images[i] = {image.name,           std::move(frame.color), frame.camera,
+                 frame.cam_from_world, std::move(frame.mask),  std::move(frame.landmarks_in_world),
+                 DatasetRange(image),  image.ranked_sources};
+  });
+  interrupt.Check();
+  return images;
+}
+
+}  // namespace acmp
