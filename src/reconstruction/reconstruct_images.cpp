@@ -13,6 +13,7 @@
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
 #include "run.h"
+#include "run_end.h"
 #include "view_outputs.h"
 
 namespace acmp {
@@ -138,6 +139,10 @@ ImageReconstruction Collect(ScheduleRun* run, Outputs outputs) {
     result.cloud.insert(result.cloud.end(), points.begin(), points.end());
   }
   result.warnings = run->plan.warnings;
+  const PointsJudgement judgement = JudgePoints(*run, result.cloud.size());
+  for (const std::string& warning : {judgement.warning, judgement.failure}) {
+    if (!warning.empty()) result.warnings.push_back(warning);
+  }
   result.device = run->devices.name();
   return result;
 }

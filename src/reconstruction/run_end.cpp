@@ -5,15 +5,12 @@
 #include "summary.h"
 
 namespace acmp {
-namespace {
 
-/// Warns when hardly any pixel became a point. Returns why the run counts as failed: none did, though enough images
-/// have maps for it. Empty: it does not.
-std::string JudgePoints(const ReconstructRun& run, size_t points) {
+PointsJudgement JudgePoints(const ScheduleRun& run, size_t points) {
   constexpr double kHardlyAny = 0.01;
   constexpr char kCauses[] =
       ": poses, cameras (made for images of this size?) or the range of depths may be wrong, or images too small; "
-      "confidence/ and cost/ show where";
+      "confidence and cost show where";
   int64_t pixels = 0;
   int images = 0;
   for (const ImagePlan& image : run.plan.images) {
@@ -24,21 +21,15 @@ std::string JudgePoints(const ReconstructRun& run, size_t points) {
   }
   const int views = MakePipelineOptions(run.options).fusion.min_consistent_views;
   if (images <= views) {
-    if (points == 0)
-      run.progress.Warn(Concat("no points: for one ", views, " source views must agree, and ", images,
-                               " images have maps (--set min_consistent_views)"));
-    return "";
+    if (points > 0) return {};
+    return {Concat("no points: for one ", views, " source views must agree, and ", images,
+                   " images have maps (--set min_consistent_views)"),
+            ""};
   }
-  if (points == 0) {
-    return Concat(run.folder.path().string(), ": none of the ", pixels, " pixels became a point", kCauses);
-  }
-  if (static_cast<double>(points) < kHardlyAny * static_cast<double>(pixels)) {
-    run.progress.Warn(Concat("only ", points, " of ", pixels, " pixels became points", kCauses));
-  }
-  return "";
+  if (points == 0) return {"", Concat("none of the ", pixels, " pixels became a point", kCauses)};
+  if (static_cast<double>(points) >= kHardlyAny * static_cast<double>(pixels)) return {};
+  return {Concat("only ", points, " of ", pixels, " pixels became points", kCauses), ""};
 }
-
-}  // namespace
 
 std::string EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer,
                    size_t points, std::ostream* out) {
@@ -47,7 +38,10 @@ std::string EndRun(ReconstructRun* run, const RunRecord& record, const std::stri
   SyncFolder(run->folder.path());
   run->times.syncing_ms = sync.Lap();
   run->times.run_ms = timer.Elapsed();
-  std::string failure = JudgePoints(*run, points);
+  const PointsJudgement judgement = JudgePoints(*run, points);
+  if (!judgement.warning.empty()) run->progress.Warn(judgement.warning);
+  const std::string failure =
+      judgement.failure.empty() ? "" : Concat(run->folder.path().string(), ": ", judgement.failure);
   WriteFileAtomically(run->folder.SummaryFile(), FormatSummary(*run, record, device, points, failure),
                       Durability::kPowerCut);
   if (!run->options.keep_work) run->folder.RemoveWork();

@@ -8,6 +8,13 @@
 
 namespace acmp {
 
+/// What the number of points says of a run. Empty: nothing.
+struct PointsJudgement {
+  std::string warning;  ///< hardly any pixel became a point, or too few images have maps for any
+  std::string failure;  ///< none did, though enough images have maps: the run counts as failed
+};
+PointsJudgement JudgePoints(const ScheduleRun& run, size_t points);
+
 /// The list of files and the summary, which make the run complete.
 /// @param device name of what computed it
 /// @param timer of the whole run

@@ -41,10 +41,10 @@ struct ImageResult {
 };
 
 struct ImageReconstruction {
-  std::vector<ImageResult> images;  ///< in the order of the input
-  PointCloud cloud;                 ///< of all images, world frame
-  std::vector<std::string> warnings;
-  std::string device;  ///< that did it
+  std::vector<ImageResult> images;    ///< in the order of the input
+  PointCloud cloud;                   ///< of all images, world frame
+  std::vector<std::string> warnings;  ///< what was left aside, and that no or hardly any pixel became a point
+  std::string device;                 ///< that did it
 };
 
 /// What the tool does with a scene's files, in memory and without files: depth, normal, cost and confidence of each
