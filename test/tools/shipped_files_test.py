@@ -283,7 +283,8 @@ class PackageXml(unittest.TestCase):
                 "JPEG": "libjpeg", "octomap": "octomap", "OpenCV": "libopencv-dev", "PCL": "libpcl-all-dev", "PNG": "libpng-dev", "TBB": "tbb",
                 "ZLIB": "zlib", "depth_image_proc": "depth_image_proc", "yaml-cpp": "yaml-cpp",
                 "nanoflann": "libnanoflann-dev", "nlohmann_json": "nlohmann-json-dev",
-                "pcl_conversions": "pcl_conversions", "rosbag_storage": "rosbag", "rostest": "rostest"}
+                "pcl_conversions": "pcl_conversions", "Python3": "python3-dev", "pybind11": "pybind11-dev",
+                "rosbag_storage": "rosbag", "rostest": "rostest"}
         others = {"CUDAToolkit", "Threads", "catkin"}
         found = set()
         paths = glob.glob(os.path.join(SOURCE, "**/CMakeLists.txt"), recursive=True)

@@ -1,0 +1,266 @@
+#!/usr/bin/python3
+"""The Python module acmp_mapping.offline: bits of acmp_reconstruct, inputs as documented, errors, threads and Ctrl-C.
+
+Usage: offline_test.py ACMP_RECONSTRUCT ACMP_MAKE_SCENE, with the module on PYTHONPATH"""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import unittest
+from pathlib import Path
+
+import numpy as np
+from acmp_mapping import offline
+
+PROGRAM, MAKE_SCENE = sys.argv[1:3]
+IMAGES, WIDTH, HEIGHT = 4, 64, 48
+QUICK = {"device": "cpu", "preset": "online"}
+PHOTOMETRIC = {"device": "cpu", "preset": "acmh", "source_views": 2,  # quicker
+               "options": {"geometric_passes": 0, "min_consistent_views": 1}}
+MAPS = ("depth", "normal", "cost", "confidence")
+
+
+def read_pfm(path):
+    with open(path, "rb") as file:
+        channels = {b"Pf": 1, b"PF": 3}[file.readline().strip()]
+        width, height = map(int, file.readline().split())
+        file.readline()
+        return np.frombuffer(file.read(), "<f4").reshape(height, width, channels)[::-1].squeeze()
+
+
+def read_ply(path):
+    header, _, body = Path(path).read_bytes().partition(b"end_header\n")
+    types = {"float": "<f4", "uchar": "u1"}
+    fields = [(name, types[kind]) for kind, name in re.findall(r"property (\w+) (\w+)", header.decode())]
+    return np.frombuffer(body, fields)
+
+
+def columns(cloud, *names):
+    return np.stack([cloud[name] for name in names], axis=1)
+
+
+class OfflineTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.temporary = tempfile.TemporaryDirectory()
+        cls.folder = Path(cls.temporary.name)
+        cls.scene = str(cls.folder / "scene")
+        subprocess.run([MAKE_SCENE, cls.scene, "--width", str(WIDTH), "--height", str(HEIGHT), "--keyframes",
+                        str(IMAGES), "--spacing", "0.5"], check=True, stdout=subprocess.DEVNULL)
+        cls.input = offline.read_scene(cls.scene)
+        cls.result = offline.reconstruct(**cls.input, **QUICK)
+        cls.photometric = offline.reconstruct(**cls.input, **PHOTOMETRIC)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.temporary.cleanup()
+
+    def arguments(self, **changes):
+        return {**self.input, **QUICK, **changes}
+
+    def photometric_of(self, **changes):
+        return offline.reconstruct(**{**self.input, **PHOTOMETRIC, **changes})
+
+    def assert_same_maps(self, result, expected):
+        for image, wanted in zip(result.images, expected.images):
+            for kind in MAPS:
+                np.testing.assert_array_equal(getattr(image, kind), getattr(wanted, kind), kind)
+        np.testing.assert_array_equal(result.cloud.points, expected.cloud.points)
+
+    def assert_is_of_tool(self, result, *options):
+        output = self.folder / "tool"
+        subprocess.run([PROGRAM, self.scene, str(output), "--device", "cpu", "--preset", "online", "--no-pictures",
+                        "--quiet", "--overwrite", *options], check=True)
+        self.assertEqual(len(result.images), IMAGES)
+        for index, image in enumerate(result.images):
+            for kind in MAPS:
+                array = getattr(image, kind)
+                self.assertEqual(array.dtype, np.float32)
+                np.testing.assert_array_equal(array, read_pfm(output / kind / f"{index:06d}.pfm"), kind)
+        cloud = read_ply(output / "fused.ply")
+        self.assertGreater(len(cloud), 100)
+        np.testing.assert_array_equal(result.cloud.points, columns(cloud, "x", "y", "z"))
+        np.testing.assert_array_equal(result.cloud.normals, columns(cloud, "nx", "ny", "nz"))
+        np.testing.assert_array_equal(result.cloud.colors, columns(cloud, "red", "green", "blue"))
+        np.testing.assert_array_equal(result.cloud.confidence, cloud["confidence"])
+
+    def test_bits_of_the_tool_on_both_layouts(self):
+        self.assert_is_of_tool(self.result)
+        colmap = offline.read_scene(self.scene, format="colmap")
+        self.assertEqual(colmap["depth_range"], [None] * IMAGES)  # from the points
+        changes = {"max_image_size": 60, "source_views": 2, "seed": 7, "options": {"geometric_passes": 1}}
+        self.assert_is_of_tool(offline.reconstruct(**{**colmap, **QUICK, **changes}), "--format", "colmap",
+                               "--max-image-size", "60", "--source-views", "2", "--seed", "7", "--set",
+                               "geometric_passes=1")
+
+    def test_what_comes_out(self):
+        image = self.result.images[0]
+        self.assertEqual((image.name, image.no_map), ("000000.png", ""))
+        self.assertEqual(image.depth.shape, (HEIGHT, WIDTH))
+        self.assertEqual(image.normal.shape, (HEIGHT, WIDTH, 3))
+        self.assertTrue(np.isfinite(image.depth).all())
+        np.testing.assert_array_equal(image.K, self.input["K"][0])
+        np.testing.assert_array_equal(image.cam_from_world, self.input["cam_from_world"][0])
+        self.assertEqual(sorted(image.source_views), [1, 2, 3])
+        self.assertIn("cpu", self.result.device)
+
+    def test_images_of_any_order_strides_and_channels(self):
+        images = self.input["images"]
+        bgr = [image[..., ::-1] for image in images]
+        self.assert_same_maps(self.photometric_of(images=bgr, color_order="bgr"), self.photometric)
+        padded = np.zeros((IMAGES, HEIGHT + 3, 2 * WIDTH, 3), np.uint8)
+        padded[:, 1:HEIGHT + 1, ::2] = images
+        views = padded[:, 1:HEIGHT + 1, ::2]
+        self.assertFalse(views[0].flags.c_contiguous)
+        self.assert_same_maps(self.photometric_of(images=views), self.photometric)
+        fortran = [np.asfortranarray(image) for image in images]
+        self.assert_same_maps(self.photometric_of(images=fortran), self.photometric)
+        gray = [image[..., 1] for image in images]
+        of_gray = self.photometric_of(images=gray)
+        same = [np.repeat(image[..., None], 3, axis=2) for image in gray]
+        self.assert_same_maps(self.photometric_of(images=same), of_gray)
+        self.assertTrue((of_gray.cloud.colors == of_gray.cloud.colors[:, :1]).all())
+
+    def test_inverse_poses_one_camera_one_range_and_all_points(self):
+        shared = self.arguments(K=self.input["K"][0], cam_from_world=None, depth_range=None, ranked_sources=None,
+                                world_from_cam=np.linalg.inv(self.input["cam_from_world"]),
+                                points=np.concatenate(self.input["points"]))
+        for result in (offline.reconstruct(**shared), offline.reconstruct(**{**shared, "depth_range": (0.5, 20)})):
+            truth = self.truth(0)
+            self.assertGreater(offline.evaluate_depth(result.images[0].depth, truth)["below_relative"][0.05], 50)
+        with self.assertWarnsRegex(UserWarning, "became"):  # hardly any pixel
+            narrow = offline.reconstruct(**{**shared, **PHOTOMETRIC, "depth_range": (9, 10)})
+        self.assertLess(offline.evaluate_depth(narrow.images[0].depth, truth)["below_relative"][0.05], 20)
+
+    def truth(self, index):
+        from PIL import Image
+        return np.asarray(Image.open(Path(self.scene) / "depth" / f"{index:06d}.png")).astype(float) / 1000
+
+    def test_masks_and_images_without_source_views(self):
+        masks = [np.ones((HEIGHT, WIDTH), bool), None, np.full((HEIGHT, WIDTH), 255, np.uint8), None]
+        masks[0][5:15, 10:30] = False
+        poses = self.input["cam_from_world"].copy()
+        poses[3] = np.diag([-1, 1, -1, 1]) @ poses[3]  # looks the other way
+        result = self.photometric_of(masks=masks, cam_from_world=poses, ranked_sources=None)
+        self.assertTrue((result.images[0].depth[5:15, 10:30] == 0).all())
+        self.assertGreater((result.images[0].depth > 0).mean(), 0.5)
+        self.assertIsNone(result.images[3].depth)
+        self.assertIn("0 useful source views", result.images[3].no_map)
+
+    def test_bad_input_is_named(self):
+        images, k, poses = self.input["images"], self.input["K"], self.input["cam_from_world"]
+
+        def changed(array, index, value):
+            array = array.copy()
+            array[index] = value
+            return array
+
+        for words, changes in (
+                ("images: there are none", {"images": []}),
+                ("images[1]: dtype float64: must be uint8", {"images": [images[0], images[1] / 255.0, *images[2:]]}),
+                ("images[0]: shape (48, 64, 4): must be (height, width) or (height, width, 3)",
+                 {"images": [np.zeros((48, 64, 4), np.uint8), *images[1:]]}),
+                ("K: shape (4, 4): must be (3, 3), or (4, 3, 3) for 4 images", {"K": np.eye(4)}),
+                ("K[2]: focal length fx = nan", {"K": changed(k, (2, 0, 0), np.nan)}),
+                ("K[0] = [", {"K": changed(k, (0, 0, 1), 0.1)}),
+                ("K: dtype <U1: must be real numbers", {"K": [["a"] * 3] * 3}),
+                ("cam_from_world: shape (3, 4, 4): must be (4, 4, 4) for 4 images", {"cam_from_world": poses[:3]}),
+                ("cam_from_world[1]: the rotation is off orthonormal by", {"cam_from_world": changed(poses, 1, 2 * poses[1] - np.diag([0, 0, 0, 1]))}),
+                ("cam_from_world[1]: the pose has a value that is not finite", {"cam_from_world": changed(poses, (1, 0, 3), np.inf)}),
+                ("cam_from_world[3]: last row 0 0 0 2: must be 0 0 0 1", {"cam_from_world": changed(poses, (3, 3, 3), 2)}),
+                ("give either cam_from_world or world_from_cam", {"cam_from_world": None}),
+                ("give either cam_from_world or world_from_cam", {"world_from_cam": poses}),
+                ("depth_range", {"depth_range": (5, 4)}),
+                ("depth_range[1]", {"depth_range": [None, (0, 4), None, None]}),
+                ("depth_range: has 3 elements: must be one for each of 4 images", {"depth_range": [None] * 3}),
+                ("no depth range", {"depth_range": None, "points": None}),
+                ("points[0]: shape (5, 2): must be (M, 3)", {"points": [np.zeros((5, 2))] * 4}),
+                ("image 000000.png: mask size 5 x 6: must be the image's, 64 x 48",
+                 {"masks": [np.ones((6, 5), bool), None, None, None]}),
+                ("masks[0]: dtype float64: must be bool or uint8", {"masks": [np.ones((48, 64))] * 4}),
+                ("image 000001.png: source view = 4: must be in [0, 3]", {"ranked_sources": [[1], [4], [], []]}),
+                ("names: has 1 elements", {"names": ["a"]}),
+                ("color_order = gbr", {"color_order": "gbr"}),
+                ("source_views = 33: must be in [1, 32]", {"source_views": 33}),
+                ("max_image_size = -1: must be in [0, 65536]", {"max_image_size": -1}),
+                ("balanced", {"preset": "balance"}),
+                ("geometric_passes", {"options": {"geometric_pass": 1}}),
+                ("geometric_passes = 11", {"options": {"geometric_passes": 11}}),
+                ("tpu", {"device": "tpu"})):
+            with self.subTest(words=words):
+                with self.assertRaises(ValueError) as raised:
+                    offline.reconstruct(**self.arguments(**changes))
+                self.assertIn(words, str(raised.exception))
+        with self.assertRaisesRegex(ValueError, "no_such_folder"):
+            offline.read_scene("/no_such_folder")
+
+    def slow(self):
+        """Arguments of a run that takes many seconds."""
+        factor = 8
+        images = [image.repeat(factor, 0).repeat(factor, 1) for image in self.input["images"]]
+        k = self.input["K"] * factor
+        k[:, 2, 2] = 1
+        return self.arguments(images=images, K=k, preset="balanced")
+
+    def test_other_threads_run_and_control_c_ends_it(self):
+        turns, sent = [], []
+
+        def interrupt():
+            while len(turns) < 100:
+                turns.append(time.monotonic())
+                time.sleep(0.005)
+            sent.append(time.monotonic())
+            os.kill(os.getpid(), signal.SIGINT)
+
+        thread = threading.Thread(target=interrupt)
+        begun = time.monotonic()
+        thread.start()
+        with self.assertRaises(KeyboardInterrupt):
+            offline.reconstruct(**self.slow())
+        thread.join()
+        print(f"stopped {time.monotonic() - sent[0]:.2f} s after the signal, {sent[0] - begun:.2f} s after the start")
+        self.assertLess(max(np.diff(turns)), 1, "the other thread went on")
+        self.assertLess(time.monotonic() - sent[0], 3)
+        self.assert_same_maps(self.photometric_of(), self.photometric)
+
+    def test_two_threads_compute_the_same_side_by_side(self):
+        results = [None, None]
+
+        def run(place):
+            results[place] = self.photometric_of()
+
+        threads = [threading.Thread(target=run, args=(place,)) for place in range(2)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        for result in results:
+            self.assert_same_maps(result, self.photometric)
+
+    def test_evaluation(self):
+        truth = np.array([[2.0, 2.0, 0.0], [4.0, np.nan, 4.0]])
+        depth = np.array([[2.01, np.nan, 1.0], [4.15, 1.0, 0.0]], np.float32)
+        found = offline.evaluate_depth(depth, truth)
+        self.assertEqual((found["pixels"], found["density"]), (4, 50))
+        self.assertEqual(found["below_absolute"], {0.02: 25, 0.05: 25, 0.1: 25})
+        self.assertEqual(found["below_relative"], {0.01: 25, 0.02: 25, 0.05: 50})
+        self.assertEqual(offline.evaluate_depth(depth, truth, mask=truth == 2)["pixels"], 2)
+        with self.assertRaisesRegex(ValueError, r"depth: shape \(6,\)"):
+            offline.evaluate_depth(depth.ravel(), truth)
+        points = np.random.default_rng(1).uniform(0, 1, (200, 3))
+        near, far = offline.evaluate_cloud(points + [0.03, 0, 0], points, thresholds=[0.01, 0.04])
+        self.assertEqual(far, {"threshold": 0.04, "accuracy": 100, "completeness": 100, "f1": 100})
+        self.assertLess(near["f1"], 20)
+        with self.assertRaisesRegex(ValueError, "voxel"):
+            offline.evaluate_cloud(points, points, voxel_size=0)
+        with self.assertRaisesRegex(ValueError, r"truth: shape \(200, 2\)"):
+            offline.evaluate_cloud(points, points[:, :2])
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1], verbosity=2)
