@@ -1,11 +1,13 @@
 #!/usr/bin/python3
 """Depth of all images of a folder from Python, without files in between: an example of acmp_mapping.offline.
 
-FOLDER has a COLMAP model with its images, or the layout of MVSNet and ACMP, as the scenes of acmp_make_scene and the demo's
-demo_output/ground_truth. Where it has true depth (depth/000000.png, millimetres) the maps are compared with it. With
---output, maps and cloud are saved in one file for numpy.load.
+FOLDER has a COLMAP model with its images, or the layout of MVSNet and ACMP, as the scenes of acmp_make_scene. Where it has
+true depth (depth/000000.png, millimetres) the maps are compared with it. With --output, maps and cloud are saved in one
+file for numpy.load.
 
-Example: source build/devel/setup.bash; scripts/python_example.py demo_output/ground_truth --max-image-size 320"""
+Example, after source build/devel/setup.bash:
+  build/devel/lib/acmp_mapping/acmp_make_scene room
+  scripts/python_example.py room --output room.npz"""
 
 import argparse
 import os

@@ -40,8 +40,7 @@ std::string EndRun(ReconstructRun* run, const RunRecord& record, const std::stri
   run->times.run_ms = timer.Elapsed();
   const PointsJudgement judgement = JudgePoints(*run, points);
   if (!judgement.warning.empty()) run->progress.Warn(judgement.warning);
-  const std::string failure =
-      judgement.failure.empty() ? "" : Concat(run->folder.path().string(), ": ", judgement.failure);
+  std::string failure = judgement.failure.empty() ? "" : Concat(run->folder.path().string(), ": ", judgement.failure);
   WriteFileAtomically(run->folder.SummaryFile(), FormatSummary(*run, record, device, points, failure),
                       Durability::kPowerCut);
   if (!run->options.keep_work) run->folder.RemoveWork();

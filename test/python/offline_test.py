@@ -15,6 +15,7 @@ import unittest
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 from acmp_mapping import offline
 
 PROGRAM, MAKE_SCENE = sys.argv[1:3]
@@ -138,7 +139,6 @@ class OfflineTest(unittest.TestCase):
         self.assertLess(offline.evaluate_depth(narrow.images[0].depth, truth)["below_relative"][0.05], 20)
 
     def truth(self, index):
-        from PIL import Image
         return np.asarray(Image.open(Path(self.scene) / "depth" / f"{index:06d}.png")).astype(float) / 1000
 
     def test_masks_and_images_without_source_views(self):
@@ -151,6 +151,15 @@ class OfflineTest(unittest.TestCase):
         self.assertGreater((result.images[0].depth > 0).mean(), 0.5)
         self.assertIsNone(result.images[3].depth)
         self.assertIn("0 useful source views", result.images[3].no_map)
+
+    def test_masks_of_a_folder(self):
+        (self.folder / "masks").mkdir()
+        mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
+        mask[:20] = 0
+        Image.fromarray(mask).save(self.folder / "masks" / "000002.png.png")
+        masks = offline.read_scene(self.scene, masks=str(self.folder / "masks"))["masks"]
+        np.testing.assert_array_equal(masks[2] > 0, mask > 0)
+        self.assertEqual([mask is None for mask in masks], [True, True, False, True])
 
     def test_bad_input_is_named(self):
         images, k, poses = self.input["images"], self.input["K"], self.input["cam_from_world"]
@@ -170,9 +179,12 @@ class OfflineTest(unittest.TestCase):
                 ("K[0] = [", {"K": changed(k, (0, 0, 1), 0.1)}),
                 ("K: dtype <U1: must be real numbers", {"K": [["a"] * 3] * 3}),
                 ("cam_from_world: shape (3, 4, 4): must be (4, 4, 4) for 4 images", {"cam_from_world": poses[:3]}),
-                ("cam_from_world[1]: the rotation is off orthonormal by", {"cam_from_world": changed(poses, 1, 2 * poses[1] - np.diag([0, 0, 0, 1]))}),
-                ("cam_from_world[1]: the pose has a value that is not finite", {"cam_from_world": changed(poses, (1, 0, 3), np.inf)}),
-                ("cam_from_world[3]: last row 0 0 0 2: must be 0 0 0 1", {"cam_from_world": changed(poses, (3, 3, 3), 2)}),
+                ("cam_from_world[1]: the rotation is off orthonormal by",
+                 {"cam_from_world": changed(poses, 1, 2 * poses[1] - np.diag([0, 0, 0, 1]))}),
+                ("cam_from_world[1]: the pose has a value that is not finite",
+                 {"cam_from_world": changed(poses, (1, 0, 3), np.inf)}),
+                ("cam_from_world[3]: last row 0 0 0 2: must be 0 0 0 1",
+                 {"cam_from_world": changed(poses, (3, 3, 3), 2)}),
                 ("give either cam_from_world or world_from_cam", {"cam_from_world": None}),
                 ("give either cam_from_world or world_from_cam", {"world_from_cam": poses}),
                 ("depth_range", {"depth_range": (5, 4)}),
