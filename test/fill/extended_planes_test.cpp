@@ -69,7 +69,6 @@ TEST_F(FillKernelTest, WhatEnoughViewsConfirmCloselyIsTheSeedOfItsCell) {
   for (PlaneHypothesis& plane : planes_) plane = {0, 0, -1, 5};
   support_(8, 4) = PackViewSupport(9, 2, true, 0);
   support_(9, 4) = PackViewSupport(3, 3, true, 0);
-  support_(10, 4) = PackViewSupport(3, 3, true, 2);  // two sources look through it
   support_(16, 4) = PackViewSupport(4, 2, true, 0);
   context_.strong_views = 3;
   FindAll();

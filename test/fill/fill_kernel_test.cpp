@@ -64,19 +64,6 @@ TEST(ViewSupportTest, AreCountedUpToWhatTheirBitsHold) {
   }
 }
 
-TEST_F(FillKernelTest, WhatTwoSourcesLookThroughIsNoSeed) {
-  for (PlaneHypothesis& plane : planes_) plane = {0, 0, -1, 5};
-  support_(9, 5) = PackViewSupport(9, 0, false, 2);
-  support_(10, 5) = 2;
-  support_(14, 6) = PackViewSupport(3, 0, false, 3);
-  support_(17, 6) = PackViewSupport(3, 0, false, 1);
-  FindAll();
-  EXPECT_EQ(seeds_(2, 1).views, 2);
-  EXPECT_EQ(seeds_(2, 1).col, 10);
-  EXPECT_EQ(seeds_(3, 1).views, 0);
-  EXPECT_EQ(seeds_(4, 1).views, 3);
-}
-
 TEST_F(FillKernelTest, FitFindsThePlaneOfTheSurroundingsDespiteABadNormalAndOutliers) {
   const PlaneHypothesis wall = PlaneThrough(Normalized(Vec3f{0.5f, 0.1f, -1}), Ray(20, 15), 4);
   const PlaneHypothesis front = {0, 0, -1, 2.5f};

@@ -82,11 +82,6 @@ ACMP_HOST_DEVICE inline int StrictlyConsistentViews(ViewSupport support) { retur
 ACMP_HOST_DEVICE inline bool IsLooselyConsistent(ViewSupport support) { return (support >> 5 & 1) != 0; }
 ACMP_HOST_DEVICE inline int FreeSpaceViolations(ViewSupport support) { return support >> 6 & kMaxFreeSpaceViolations; }
 
-/// Whether a pixel may be extended: enough views confirm it and at most one violates.
-ACMP_HOST_DEVICE inline bool CanBeSeed(ViewSupport support, int seed_views) {
-  return ConsistentViews(support) >= seed_views && FreeSpaceViolations(support) <= 1;
-}
-
 /// A pixel that may become the seed of its cell.
 struct SeedChoice {
   bool is_strong = false;
@@ -103,7 +98,7 @@ struct SeedChoice {
   }
 };
 
-/// Fills one cell of `seeds`: the best of the pixels that can be one.
+/// Fills one cell of `seeds`: the best of the pixels that enough views confirm.
 template <class Group>
 ACMP_HOST_DEVICE inline void FindSeed(const FillContext& context, int cell_col, int cell_row, const Group& group) {
   const int size = context.cell_size, width = context.planes.width;
@@ -114,7 +109,7 @@ ACMP_HOST_DEVICE inline void FindSeed(const FillContext& context, int cell_col, 
     for (int col = cell_col * size + group.Rank(); col < col_end; col += Group::kSize) {
       const ViewSupport support = context.support(col, row);
       const int views = ConsistentViews(support);
-      if (!CanBeSeed(support, context.seed_views)) continue;
+      if (views < context.seed_views) continue;
       const bool is_strong = context.strong_views > 0 && StrictlyConsistentViews(support) >= context.strong_views;
       const SeedChoice choice = {is_strong, views, context.cost(col, row), row * width + col};
       if (choice.IsBetterThan(best)) best = choice;
