@@ -14,7 +14,7 @@
 namespace acmp {
 namespace {
 
-constexpr int kWidth = 300, kHeight = 200, kKeyframes = 6;
+constexpr int kWidth = 240, kHeight = 160, kKeyframes = 6;
 
 /// The street, rendered once.
 struct Street {
