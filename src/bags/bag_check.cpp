@@ -123,7 +123,7 @@ void CheckOtherTopics(const BagContents& contents, const std::vector<std::string
   std::string others;
   for (const BagTopic& topic : contents.topics) {
     const bool fits = std::find(types.begin(), types.end(), topic.type) != types.end();
-    if (fits && topic.name != chosen) others += " " + topic.name;
+    if (fits && topic.name != chosen && topic.name != contents.chosen.mask) others += " " + topic.name;
   }
   if (!others.empty()) findings->Warn("checked ", chosen, "; there is also", others, "; choose with ", option);
 }
@@ -143,6 +143,29 @@ void CheckImages(const BagContents& contents, Findings* findings) {
   const BagImage& first = images.front();
   findings->Ok(name, ": ", images.size(), ", ", first.encoding, ", ", first.width, "x", first.height, " px, frame \"",
                first.frame, "\"");
+}
+
+void CheckMasks(const BagContents& contents, Findings* findings) {
+  if (contents.masks.size() == 0) return;
+  const std::string name = "masks " + contents.chosen.mask;
+  CheckRefused(name, contents.masks, 1, findings);
+  const std::vector<BagMask>& masks = contents.masks.samples;
+  const std::vector<BagImage>& images = contents.images.samples;
+  if (masks.empty() || images.empty()) return;
+  size_t of_another_size = 0, ignoring_all = 0;
+  for (const BagMask& mask : masks) {
+    of_another_size += mask.width != images.front().width || mask.height != images.front().height;
+    ignoring_all += mask.ignores_all;
+  }
+  if (of_another_size > 0) {
+    findings->Error(name, ": ", of_another_size, " of ", masks.size(), " have not the images' size, ",
+                    images.front().width, "x", images.front().height, " px, and would be refused");
+  }
+  if (ignoring_all > 0) findings->Warn(name, ": ", ignoring_all, " of ", masks.size(), " ignore the whole image");
+  constexpr double kSameStamp_s = 1e-3;  // as the mapper pairs them
+  const size_t masked = CountWithin(NearestGaps(Stamps(images), Stamps(masks)), kSameStamp_s);
+  findings->Add(masked > 0 ? Severity::kOk : Severity::kError, name, ": ", masks.size(), "; ", masked, " of ",
+                images.size(), " images have one with their stamp; mask:=", contents.chosen.mask);
 }
 
 void CheckCameraInfo(const BagContents& contents, Findings* findings) {
@@ -317,6 +340,7 @@ BagReport CheckBag(const std::filesystem::path& path, const BagCheckOptions& opt
   CheckOtherTopics(contents, PoseTypes(), chosen.pose, wanted.pose, "--pose", &findings);
   CheckOtherTopics(contents, CloudTypes(), chosen.sparse_points, wanted.sparse_points, "--sparse-points", &findings);
   CheckImages(contents, &findings);
+  CheckMasks(contents, &findings);
   CheckCameraInfo(contents, &findings);
   CheckPoses(contents, options.sync_tolerance_s, &findings);
   CheckClouds(contents, options, &findings);

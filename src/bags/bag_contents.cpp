@@ -1,6 +1,7 @@
 #include "bag_contents.h"
 
 #include <algorithm>
+#include <iterator>
 #include <map>
 
 #include <rosbag/bag.h>
@@ -56,6 +57,19 @@ std::string ChooseTopic(const std::vector<BagTopic>& topics, const std::vector<s
   return best->name;
 }
 
+/// The wanted topic, or the first that is named as a mask.
+std::string ChooseMaskTopic(const std::vector<BagTopic>& topics, const TopicChoice& wanted) {
+  const std::vector<std::string> types = {ros::message_traits::DataType<sensor_msgs::Image>::value()};
+  if (!wanted.mask.empty()) return ChooseTopic(topics, types, wanted.mask, "--mask");
+  const std::string ending = "mask";
+  for (const BagTopic& topic : topics) {
+    const size_t size = topic.name.size();
+    const bool is_named = size >= ending.size() && topic.name.compare(size - ending.size(), size, ending) == 0;
+    if (is_named && topic.type == types.front() && topic.name != wanted.image) return topic.name;
+  }
+  return "";
+}
+
 /// Adds what convert(message) makes of a record of this type; nothing of another type.
 template <class Message, class Stream, class Convert>
 void AddIf(const rosbag::MessageInstance& record, Stream* stream, const Convert& convert) {
@@ -72,6 +86,12 @@ BagImage ToBagImage(const EncodedImage& image) {
   const cv::Mat rgb = DecodeRgb(image);
   return {ToStampNs(image.header().stamp), StripLeadingSlash(image.header().frame_id),
           image.raw ? image.raw->encoding : image.compressed->format, rgb.cols, rgb.rows};
+}
+
+BagMask ToBagMask(const sensor_msgs::ImageConstPtr& message) {
+  const MaskSample sample = ToMaskSample(message);
+  const PinholeCamera size = {static_cast<int>(message->width), static_cast<int>(message->height)};
+  return {sample.stamp_ns, size.width, size.height, IgnoresAll(DecodeMask(*sample.mask, size))};
 }
 
 template <class Message>
@@ -93,6 +113,8 @@ void ReadMessage(const rosbag::MessageInstance& record, BagContents* contents) {
   if (topic == chosen.image) {
     AddIf<sensor_msgs::Image>(record, &contents->images, [](const auto& raw) { return ToBagImage({raw, {}}); });
     AddIf<sensor_msgs::CompressedImage>(record, &contents->images, [](const auto& m) { return ToBagImage({{}, m}); });
+  } else if (topic == chosen.mask) {
+    AddIf<sensor_msgs::Image>(record, &contents->masks, [](const auto& mask) { return ToBagMask(mask); });
   } else if (topic == chosen.camera_info) {
     AddIf<sensor_msgs::CameraInfo>(record, &contents->calibrations, [](const auto& info) {
       return BagCalibration{ToCalibration(*info, false), !info->distortion_model.empty() || !info->D.empty()};
@@ -146,12 +168,17 @@ BagContents ReadOpened(const rosbag::Bag& bag, const TopicChoice& wanted) {
   BagContents contents;
   contents.topics = ReadTopics(bag);
   TopicChoice& chosen = contents.chosen;
-  chosen.image = ChooseTopic(contents.topics, ImageTypes(), wanted.image, "--image");
+  chosen.mask = ChooseMaskTopic(contents.topics, wanted);
+  std::vector<BagTopic> but_masks;
+  std::copy_if(contents.topics.begin(), contents.topics.end(), std::back_inserter(but_masks),
+               [&](const BagTopic& topic) { return topic.name != chosen.mask; });
+  chosen.image = ChooseTopic(but_masks, ImageTypes(), wanted.image, "--image");
   chosen.camera_info = ChooseTopic(contents.topics, CameraInfoTypes(), wanted.camera_info, "--camera-info");
   chosen.pose = ChooseTopic(contents.topics, PoseTypes(), wanted.pose, "--pose");
   chosen.sparse_points = ChooseTopic(contents.topics, CloudTypes(), wanted.sparse_points, "--sparse-points");
   if (const BagTopic* pose = contents.Find(chosen.pose); pose && pose->type == kTfType) chosen.pose.clear();
-  const std::vector<std::string> topics = {chosen.image, chosen.camera_info, chosen.pose, chosen.sparse_points};
+  const std::vector<std::string> topics = {chosen.image, chosen.camera_info, chosen.pose, chosen.sparse_points,
+                                           chosen.mask};
   for (const rosbag::MessageInstance& record : rosbag::View(bag, rosbag::TopicQuery(topics))) {
     ReadMessage(record, &contents);
   }

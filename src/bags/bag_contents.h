@@ -21,6 +21,14 @@ struct BagImage {
   int height = 0;        ///< px
 };
 
+/// A mask without its pixels.
+struct BagMask {
+  int64_t stamp_ns = 0;
+  int width = 0;   ///< px
+  int height = 0;  ///< px
+  bool ignores_all = false;
+};
+
 struct BagCalibration {
   CameraCalibration calibration;
   bool names_a_model = true;  ///< of distortion
@@ -51,6 +59,7 @@ struct BagContents {
   BagStream<BagImage> images;
   BagStream<BagCalibration> calibrations;
   BagStream<PoseSample> poses;
+  BagStream<BagMask> masks;
   BagStream<SparseCloud> clouds;  ///< of each at most some 1000 of its points, evenly spread
 
   const BagTopic* Find(const std::string& name) const;

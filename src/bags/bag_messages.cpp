@@ -1,6 +1,7 @@
 #include "bag_messages.h"
 
 #include <sensor_msgs/distortion_models.h>
+#include <sensor_msgs/image_encodings.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
 
 #include "acmp_mapping/common/error.h"
@@ -34,6 +35,17 @@ sensor_msgs::CompressedImage ToCompressedMessage(const std::string& file_bytes, 
   message.header = header;
   message.format = file_bytes.compare(0, 4, "\x89PNG") == 0 ? "png" : "jpeg";
   message.data.assign(file_bytes.begin(), file_bytes.end());
+  return message;
+}
+
+sensor_msgs::Image ToMaskMessage(const Mask& mask, const std_msgs::Header& header) {
+  sensor_msgs::Image message;
+  message.header = header;
+  message.width = static_cast<uint32_t>(mask.width());
+  message.height = static_cast<uint32_t>(mask.height());
+  message.encoding = sensor_msgs::image_encodings::MONO8;
+  message.step = message.width;
+  message.data.assign(mask.data(), mask.data() + mask.size());
   return message;
 }
 

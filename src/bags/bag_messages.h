@@ -14,11 +14,15 @@
 
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/image/image.h"
+#include "acmp_mapping/image/mask.h"
 
 namespace acmp {
 
 /// Messages of a recorded bag from the core's types. Headers are the caller's.
 sensor_msgs::CompressedImage ToCompressedMessage(const std::string& file_bytes, const std_msgs::Header& header);
+
+/// mono8, 0 = ignore.
+sensor_msgs::Image ToMaskMessage(const Mask& mask, const std_msgs::Header& header);
 
 /// K, P = [K 0], R = identity and the distortion under ROS's names: plumb_bob (5 coefficients; zero when there is
 /// none), rational_polynomial (8) and equidistant (4).

@@ -7,6 +7,7 @@
 #include <nav_msgs/Path.h>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/masks.h"
 #include "acmp_mapping/image/image_processing.h"
 #include "acmp_mapping/ros/bag_writer.h"
 #include "acmp_mapping/ros/output_conversion.h"
@@ -56,6 +57,15 @@ std::string ReadFileBytes(const std::filesystem::path& path) {
   return bytes;
 }
 
+/// Writes the mask of an image, if it has one, at the size at which the image is in the bag.
+void WriteMask(BagWriter& writer, const SceneImage& image, int index, const PinholeCamera& recorded,
+               const RecordingOptions& options) {
+  if (image.mask.empty()) return;
+  const Mask stored = ReadMask(image.mask, {image.camera.width, image.camera.height});
+  const std_msgs::Header header = MakeHeader(index, options.camera_frame, options);
+  writer.Write(kMaskTopic, header.stamp, ToMaskMessage(ResizeMask(stored, recorded.width, recorded.height), header));
+}
+
 /// Writes the pixels and returns the camera that belongs to them.
 PinholeCamera WriteSceneImage(BagWriter& writer, const Scene& scene, int index, const RecordingOptions& options) {
   const SceneImage& image = scene.images[index];
@@ -103,6 +113,8 @@ RecordingSummary RecordScene(const Scene& scene, const std::vector<int>& indices
     const SceneImage& image = scene.images.at(index);
     const std::vector<Eigen::Vector3d> landmarks = LandmarksOf(scene, image);
     const PinholeCamera camera = WriteSceneImage(writer, scene, index, options);
+    WriteMask(writer, image, index, camera, options);
+    summary.masks += image.mask.empty() ? 0 : 1;
     WriteGeometry(writer, index, camera, image.distortion, image.cam_from_world,
                   scene.landmarks_in_world.empty() ? nullptr : &landmarks, options);
     ++summary.images;

@@ -15,6 +15,7 @@ const char* RoleOf(const acmp::BagTopic& topic, const acmp::TopicChoice& chosen)
   if (topic.name == chosen.camera_info) return "camera_info";
   if (topic.name == chosen.pose) return "pose";
   if (topic.name == chosen.sparse_points) return "sparse_points";
+  if (topic.name == chosen.mask) return "mask";
   return "";
 }
 
@@ -74,6 +75,8 @@ int main(int argc, char** argv) {
   app.add_option("--camera-info", options.topics.camera_info, "CameraInfo topic")->type_name("TOPIC");
   app.add_option("--pose", options.topics.pose, "Pose, odometry or transform topic")->type_name("TOPIC");
   app.add_option("--sparse-points", options.topics.sparse_points, "Sparse points")->type_name("TOPIC");
+  app.add_option("--mask", options.topics.mask, "Masks, mono8; by default the Image topic named ...mask")
+      ->type_name("TOPIC");
   app.add_option("--sync-tolerance", options.sync_tolerance_s, "Seconds between a pose and its image")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();

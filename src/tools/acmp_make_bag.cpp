@@ -8,6 +8,8 @@
 #include <vector>
 
 #include "acmp_mapping/bags/bag_recording.h"
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/masks.h"
 #include "acmp_mapping/evaluation/scene_files.h"
 #include "tool_main.h"
 
@@ -21,7 +23,7 @@ struct Arguments {
   std::string scene_name;
   std::string poses = "true";
   std::string ground_truth;
-  std::string images;
+  std::string images, masks;
   std::string format = "auto", pixel_centers = "integer";
   acmp::SyntheticSceneOptions scene;
   acmp::RecordingOptions recording;
@@ -57,6 +59,10 @@ void AddOptions(CLI::App& app, Arguments& arguments) {
       ->capture_default_str()
       ->group(scene_group);
   app.add_option("--images", arguments.images, "Only these images, by index from 0: 0-9,12")->group(scene_group);
+  app.add_option("--masks", arguments.masks,
+                 "Folder of masks, IMAGE_NAME.png as in COLMAP, black = ignore: recorded as /slam/mask")
+      ->type_name("DIR")
+      ->group(scene_group);
   app.add_option("--max-image-size", recording.max_image_size, "Shrink so that the longer side has at most so many px")
       ->group(scene_group);
   app.add_flag("--compressed", recording.compressed, "Store the JPEG and PNG files as they are (CompressedImage)")
@@ -93,6 +99,7 @@ void AddOptions(CLI::App& app, Arguments& arguments) {
 acmp::RecordingSummary MakeSyntheticBag(const Arguments& arguments) {
   if (arguments.paths.size() != 1) throw acmp::InvalidInputError("--synthetic takes no SCENE: give only OUT.bag");
   if (!arguments.images.empty()) throw acmp::InvalidInputError("--images does not go with --synthetic");
+  if (!arguments.masks.empty()) throw acmp::InvalidInputError("--masks does not go with --synthetic");
   acmp::SyntheticSceneOptions options = arguments.scene;
   if (!arguments.scene_name.empty()) acmp::SelectSyntheticScene(arguments.scene_name, &options);
   const std::vector<acmp::SyntheticView> views = acmp::MakeSyntheticScene(options);
@@ -107,8 +114,9 @@ acmp::RecordingSummary MakeSceneBag(const Arguments& arguments) {
   if (!arguments.ground_truth.empty()) throw acmp::InvalidInputError("--ground-truth needs --synthetic");
   if (!arguments.scene_name.empty()) throw acmp::InvalidInputError("--scene needs --synthetic");
   if (arguments.poses != "true") throw acmp::InvalidInputError("--poses slam needs --synthetic");
-  const acmp::Scene scene = acmp::ReadScene(arguments.paths[0], acmp::ParseSceneFormat(arguments.format),
-                                            acmp::ParsePixelCenters(arguments.pixel_centers));
+  acmp::Scene scene = acmp::ReadScene(arguments.paths[0], acmp::ParseSceneFormat(arguments.format),
+                                      acmp::ParsePixelCenters(arguments.pixel_centers));
+  if (!arguments.masks.empty()) acmp::AddMasks(arguments.masks, &scene);
   for (const std::string& warning : scene.warnings) std::cerr << "warning: " << warning << '\n';
   const int count = static_cast<int>(scene.images.size());
   std::vector<int> indices(scene.images.size());
@@ -132,7 +140,8 @@ int main(int argc, char** argv) {
   return acmp::RunTool(app, argc, argv, [&arguments] {
     const acmp::RecordingSummary summary = arguments.synthetic ? MakeSyntheticBag(arguments) : MakeSceneBag(arguments);
     std::cout << "wrote " << arguments.paths.back() << ": " << summary.images << " images over " << summary.duration_s
-              << " s, " << summary.landmarks << " landmark observations\n";
+              << " s, " << (arguments.masks.empty() ? "" : acmp::Concat(summary.masks, " masks, ")) << summary.landmarks
+              << " landmark observations\n";
     return acmp::kExitDone;
   });
 }

@@ -338,6 +338,37 @@ TEST_F(CheckBagTest, SeveralTopicsOfAKind) {
   EXPECT_THAT(Warnings(report), Contains(HasSubstr("checked /image; there is also /right/image")));
 }
 
+TEST_F(CheckBagTest, Masks) {
+  const auto check_with = [&](const std::function<void(int index, sensor_msgs::Image&)>& change) {
+    Check([](int, Keyframe&) {});
+    rosbag::Bag bag(Path(), rosbag::bagmode::Append);
+    for (int i = 0; i < kKeyframes - 1; ++i) {
+      const Keyframe keyframe = MakeKeyframe(i);
+      sensor_msgs::Image mask = ToMaskMessage(Mask(32, 24, 255), keyframe.image.header);
+      change(i, mask);
+      bag.write("/detector/mask", keyframe.image.header.stamp, mask);
+    }
+    bag.close();
+    return CheckBag(Path(), {});
+  };
+  const BagReport good = check_with([](int, sensor_msgs::Image&) {});
+  EXPECT_EQ(good.chosen.image, "/image");
+  EXPECT_EQ(good.chosen.mask, "/detector/mask");
+  EXPECT_TRUE(Warnings(good).empty()) << testing::PrintToString(Warnings(good));
+  EXPECT_THAT(Messages(good, Severity::kOk), Contains(HasSubstr("5 of 6 images have one")));
+
+  const BagReport wrong = check_with([](int i, sensor_msgs::Image& mask) {
+    if (i == 0) mask.encoding = "rgb8";
+    if (i == 1) mask.data.assign(mask.data.size(), 0);
+    if (i == 2) mask = ToMaskMessage(Mask(16, 12, 255), mask.header);
+  });
+  EXPECT_THAT(Warnings(wrong), AllOf(Contains(HasSubstr("encoding \"rgb8\"")), Contains(HasSubstr("1 of 4 ignore"))));
+  EXPECT_THAT(Errors(wrong), ElementsAre(HasSubstr("1 of 4 have not the images' size, 32x24")));
+
+  const BagReport late = check_with([](int, sensor_msgs::Image& mask) { mask.header.stamp += ros::Duration(0.1); });
+  EXPECT_THAT(Errors(late), ElementsAre(HasSubstr("0 of 6 images have one with their stamp")));
+}
+
 TEST_F(CheckBagTest, DamagedFilesAreRefused) {
   Check([](int, Keyframe&) {});
   const std::string bytes = ReadText(Path());

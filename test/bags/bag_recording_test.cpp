@@ -11,6 +11,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/dataset/masks.h"
 #include "acmp_mapping/ros/bag_writer.h"
 #include "bag_messages.h"
 #include "dataset/test_folder.h"
@@ -205,6 +206,25 @@ TEST_F(RecordSceneTest, ShrinksImageAndCameraTogether) {
   EXPECT_EQ(infos[0]->width, 4u);
   EXPECT_DOUBLE_EQ(infos[0]->K[0], 3.5);
   EXPECT_DOUBLE_EQ(infos[0]->K[2], (3.5 + 0.5) / 2 - 0.5);  // pixel centres at integers
+}
+
+TEST_F(RecordSceneTest, RecordsMasksAtTheSizeOfTheirImages) {
+  ColorImage picture(8, 6, {255, 255, 255});
+  picture(1, 3) = {0, 0, 0};
+  WritePng(folder() / "1.png.png", picture);
+  AddMasks(folder(), &scene_);
+  RecordingOptions options;
+  options.max_image_size = 4;
+  EXPECT_EQ(RecordScene(scene_, {0, 1}, options, folder() / "out.bag").masks, 1u);
+  const auto masks = ReadAll<sensor_msgs::Image>(folder() / "out.bag", kMaskTopic);
+  ASSERT_EQ(masks.size(), 1u);
+  EXPECT_EQ(masks[0]->header.stamp, StampOf(1, options));
+  const std::vector<int> shape = {static_cast<int>(masks[0]->width), static_cast<int>(masks[0]->height)};
+  EXPECT_THAT(shape, ElementsAre(4, 3));
+  for (size_t i = 0; i < masks[0]->data.size(); ++i) EXPECT_EQ(masks[0]->data[i] == 0, i == 4) << i;
+
+  WritePng(folder() / "1.png.png", ColorImage(4, 3));
+  EXPECT_THROW(RecordScene(scene_, {1}, options, folder() / "out.bag"), InvalidInputError);
 }
 
 TEST_F(RecordSceneTest, PassesCompressedFilesThrough) {

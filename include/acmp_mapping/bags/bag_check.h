@@ -22,6 +22,7 @@ struct TopicChoice {
   std::string camera_info;
   std::string pose;  ///< empty in a report when the poses come from tf
   std::string sparse_points;
+  std::string mask;  ///< filled in by name: an Image topic that ends in "mask"
 };
 
 struct BagTopic {

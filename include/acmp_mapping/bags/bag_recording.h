@@ -26,6 +26,7 @@ void Validate(const RecordingOptions& options);
 
 /// Topics of a recorded bag; compressed images go to kImageTopic + "/compressed".
 constexpr char kImageTopic[] = "/camera/image_raw";
+constexpr char kMaskTopic[] = "/slam/mask";  ///< of images that have one (AddMasks): mono8, of the image's size
 constexpr char kCameraInfoTopic[] = "/camera/camera_info";
 constexpr char kPoseTopic[] = "/slam/pose";
 constexpr char kSparsePointsTopic[] = "/slam/sparse_points";
@@ -34,6 +35,7 @@ constexpr char kOptimizedPathTopic[] = "/slam/optimized_path";  ///< of a simula
 
 struct RecordingSummary {
   size_t images = 0;
+  size_t masks = 0;
   size_t landmarks = 0;  ///< observations in all
   double duration_s = 0;
 };
