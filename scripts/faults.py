@@ -154,6 +154,8 @@ def wild_messages(build, _runs, seconds):
         image = next(message for topic, message in good if topic == TOPICS["image"])
         poses = [message for topic, message in good if topic == TOPICS["pose"]]
         mask = Image(image.header, image.height, image.width, "mono8", 0, image.width, bytes(image.height * image.width))
+        depth = Image(image.header, image.height, image.width, "16UC1", 0, 2 * image.width, bytes(2 * image.height * image.width))
+        good += [("/prior_depth", depth)]
         good += [("/keyframe_points", points[0]), ("/mask", mask), ("/optimized_path", RosPath(PoseStamped().header, poses))]
         publishers = {}
         for topic, message in good:

@@ -18,15 +18,14 @@ Mask ToMask(const ColorImage& picture) {
   return mask;
 }
 
-/// Some file of the folder, for a message that says what is there.
+}  // namespace
+
 std::string ExampleIn(const fs::path& folder) {
   for (const fs::directory_entry& entry : fs::recursive_directory_iterator(folder)) {
     if (entry.is_regular_file()) return Concat("there is ", fs::relative(entry.path(), folder).string());
   }
   return "it is empty";
 }
-
-}  // namespace
 
 size_t AddMasks(const fs::path& folder, Scene* scene) {
   if (!fs::is_directory(folder)) {

@@ -8,6 +8,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/dataset/prior_depths.h"
 #include "colmap_model.h"
 #include "scene_private.h"
 
@@ -118,7 +119,8 @@ Frame LoadFrame(const Scene& scene, int index, const FrameOptions& options) {
   const SceneImage& image = scene.images[index];
   const Undistortion undistortion(image.camera, image.distortion);
   return MakeFrame(index, 0.0, undistortion.Of(std::move(color)), image.camera, image.cam_from_world,
-                   LandmarksOf(scene, image), options, undistortion.Of(ReadMaskOf(image)));
+                   LandmarksOf(scene, image), options, undistortion.Of(ReadMaskOf(image)),
+                   undistortion.Of(ReadPriorDepthOf(image)));
 }
 
 }  // namespace acmp

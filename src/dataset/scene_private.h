@@ -24,10 +24,16 @@ class Undistortion {
   /// not see. Empty where all is used.
   /// @param mask of the stored image; empty: all of its pixels count
   Mask Of(Mask mask) const;
+  /// Depth z of the undistorted image, at the camera's size: the nearest pixel's; 0 where the stored one shows nothing.
+  /// @param depth of the stored image at any size; empty: gives an empty one
+  DepthMap Of(DepthMap depth) const;
 
  private:
   cv::Mat map_x_, map_y_;  ///< where a pixel of the undistorted image lies in the stored one; empty without distortion
 };
+
+/// Some file of the folder, for a message that says what is there.
+std::string ExampleIn(const std::filesystem::path& folder);
 
 /// The mask as stored; empty: the image has none. Throws as ReadMask does.
 Mask ReadMaskOf(const SceneImage& image);

@@ -6,6 +6,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
+#include <cmath>
+#include <cstdint>
 
 namespace acmp {
 namespace {
@@ -52,6 +54,19 @@ GrayImage ToGray(const ColorImage& color) {
     }
   });
   return gray;
+}
+
+DepthMap ResizeDepth(const DepthMap& depth, int width, int height) {
+  DepthMap resized(width, height);
+  for (int row = 0; row < height; ++row) {
+    const auto from_row = static_cast<int>((2 * int64_t{row} + 1) * depth.height() / (2 * int64_t{height}));
+    for (int col = 0; col < width; ++col) {
+      const auto from_col = static_cast<int>((2 * int64_t{col} + 1) * depth.width() / (2 * int64_t{width}));
+      const float z = depth(from_col, from_row);
+      if (z > 0 && std::isfinite(z)) resized(col, row) = z;
+    }
+  }
+  return resized;
 }
 
 Mask RemapMask(const Mask& mask, const cv::Mat& map_x, const cv::Mat& map_y) {

@@ -6,30 +6,15 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
+#include "run_buffer.h"
 
 namespace acmp {
 namespace {
 
-constexpr int64_t kSameExposureNs = 1000000;  ///< rounding of stamps stays far below, the shortest frame interval above
-constexpr size_t kPoseCapacity = 2000;        ///< 10 s of a 200 Hz source
-constexpr size_t kMoreThanImages = 10;        ///< clouds and masks: those of images that are still to come
+constexpr size_t kPoseCapacity = 2000;  ///< 10 s of a 200 Hz source
 
 int64_t ToNs(double seconds) { return std::llround(seconds * 1e9); }
 double ToMs(int64_t ns) { return static_cast<double>(ns) * 1e-6; }
-
-/// Distance of a received pose or mask from a stamp.
-template <class Received>
-int64_t Gap(const Received& received, int64_t stamp_ns) {
-  return std::llabs(received.sample.stamp_ns - stamp_ns);
-}
-
-/// Leaves what belongs to the run whose first image has this stamp.
-template <class Received>
-void KeepNewRun(int64_t first_image_ns, TimeJumpTracker* runs, std::deque<Received>* buffer) {
-  const std::optional<uint64_t> first = runs->StartRun(first_image_ns);
-  const auto is_old = [&first](const Received& received) { return !first || received.arrival < *first; };
-  buffer->erase(std::remove_if(buffer->begin(), buffer->end(), is_old), buffer->end());
-}
 
 }  // namespace
 
@@ -86,16 +71,17 @@ void InputMatcher::AddCloud(SparseCloudPtr cloud) {
   const uint64_t arrival = ++arrivals_;
   if (cloud_runs_.Add(cloud->stamp_ns, arrival)) clouds_.clear();
   clouds_.push_back({std::move(cloud), arrival});
-  // An image that waits for its pose must find its own cloud when the pose comes.
-  const size_t capacity = static_cast<size_t>(options_.image_capacity) + kMoreThanImages;
-  if (clouds_.size() > capacity) clouds_.pop_front();
+  if (clouds_.size() > CompanionCapacity()) clouds_.pop_front();
 }
 
-void InputMatcher::AddMask(MaskSample mask) {
-  const uint64_t arrival = ++arrivals_;
-  if (mask_runs_.Add(mask.stamp_ns, arrival)) masks_.clear();
-  masks_.push_back({std::move(mask), arrival});
-  if (masks_.size() > static_cast<size_t>(options_.image_capacity) + kMoreThanImages) masks_.pop_front();
+size_t InputMatcher::CompanionCapacity() const {
+  return static_cast<size_t>(options_.image_capacity) + kMoreThanImages;
+}
+
+void InputMatcher::AddMask(CompanionSample mask) { masks_.Add(std::move(mask), ++arrivals_, CompanionCapacity()); }
+
+void InputMatcher::AddPriorDepth(CompanionSample depth) {
+  prior_depths_.Add(std::move(depth), ++arrivals_, CompanionCapacity());
 }
 
 std::vector<MatchEvent> InputMatcher::Take(double now_s) {
@@ -118,10 +104,11 @@ void InputMatcher::Clear(const std::string& reason) {
   images_.clear();
   poses_.clear();
   clouds_.clear();
-  masks_.clear();
+  masks_.Clear();
+  prior_depths_.Clear();
   newest_image_ns_.reset();
   last_match_ns_.reset();
-  pose_runs_ = cloud_runs_ = mask_runs_ = TimeJumpTracker();
+  pose_runs_ = cloud_runs_ = TimeJumpTracker();
 }
 
 void InputMatcher::HandleTimeJump(int64_t stamp_ns) {
@@ -133,7 +120,8 @@ void InputMatcher::HandleTimeJump(int64_t stamp_ns) {
   // What is left of the old run would be poses and landmarks in what may be another world.
   KeepNewRun(stamp_ns, &pose_runs_, &poses_);
   KeepNewRun(stamp_ns, &cloud_runs_, &clouds_);
-  KeepNewRun(stamp_ns, &mask_runs_, &masks_);
+  masks_.StartRun(stamp_ns);
+  prior_depths_.StartRun(stamp_ns);
   events_.push_back(TimeJump{*newest_image_ns_, stamp_ns});
   newest_image_ns_.reset();
   last_match_ns_.reset();
@@ -199,7 +187,7 @@ void InputMatcher::EmitReady(double now_s, bool wait) {
   for (;;) {
     const auto ready = std::find_if(images_.begin(), images_.end(), [](const WaitingImage& i) { return i.pose; });
     if (ready == images_.end()) return;
-    if (wait && !(CloudIsSettled(*ready, now_s) && MaskIsSettled(*ready, now_s))) return;
+    if (wait && !(CloudIsSettled(*ready, now_s) && CompanionsAreSettled(*ready, now_s))) return;
     std::for_each(images_.begin(), ready, [this](const WaitingImage& overtaken) { DropUnposed(overtaken); });
     WaitingImage image = std::move(*ready);
     images_.erase(images_.begin(), std::next(ready));
@@ -231,33 +219,27 @@ SparseCloudPtr InputMatcher::ChooseCloud(int64_t stamp_ns) const {
   return clouds_.back().cloud;
 }
 
-bool InputMatcher::MaskIsSettled(const WaitingImage& image, double now_s) const {
-  if (!masks_expected_ || now_s - image.ready_since_s >= options_.mask_wait_s) return true;
-  const int64_t earliest_ns = image.sample.stamp_ns - kSameExposureNs;
-  // As of clouds: one of the run before tells nothing.
-  const bool may_be_old = mask_runs_.is_behind() && !last_match_ns_;
-  const int64_t latest_ns = may_be_old ? image.sample.stamp_ns + kSameExposureNs : INT64_MAX;
-  return std::any_of(masks_.begin(), masks_.end(), [&](const ReceivedMask& m) {
-    return m.sample.stamp_ns >= earliest_ns && m.sample.stamp_ns <= latest_ns;
-  });
-}
-
-std::shared_ptr<const EncodedImage> InputMatcher::FindMask(int64_t stamp_ns) const {
-  const ReceivedMask* nearest = nullptr;
-  for (const ReceivedMask& mask : masks_) {
-    if (!nearest || Gap(mask, stamp_ns) < Gap(*nearest, stamp_ns)) nearest = &mask;
-  }
-  return nearest && Gap(*nearest, stamp_ns) <= kSameExposureNs ? nearest->sample.mask : nullptr;
+bool InputMatcher::CompanionsAreSettled(const WaitingImage& image, double now_s) const {
+  if (now_s - image.ready_since_s >= options_.mask_wait_s) return true;
+  const bool is_first = !last_match_ns_;
+  return masks_.IsSettled(image.sample.stamp_ns, is_first) && prior_depths_.IsSettled(image.sample.stamp_ns, is_first);
 }
 
 void InputMatcher::Emit(WaitingImage image) {
   last_match_ns_ = image.sample.stamp_ns;
-  MatchedInput match{std::move(image.sample), std::move(*image.pose), nullptr, std::nullopt, nullptr};
-  match.mask = FindMask(match.image.stamp_ns);
-  if (masks_expected_ && !match.mask) {
+  MatchedInput match{std::move(image.sample), std::move(*image.pose), nullptr, std::nullopt, nullptr, nullptr};
+  match.mask = masks_.Find(match.image.stamp_ns);
+  match.prior_depth = prior_depths_.Find(match.image.stamp_ns);
+  if (masks_.expected() && !match.mask) {
     events_.push_back(RejectedInput{"no_mask", Concat("image ", FormatStamp(match.image.stamp_ns),
                                                       " is used as a whole: no mask with its stamp came (~mask_wait ",
                                                       options_.mask_wait_s, " s)")});
+  }
+  if (prior_depths_.expected() && !match.prior_depth) {
+    events_.push_back(RejectedInput{"no_prior_depth", Concat("image ", FormatStamp(match.image.stamp_ns),
+                                                             " goes without: no prior depth with its "
+                                                             "stamp came (~mask_wait ",
+                                                             options_.mask_wait_s, " s)")});
   }
   match.cloud = ChooseCloud(match.image.stamp_ns);
   if (match.cloud) {

@@ -29,7 +29,7 @@ void CheckPose(const char* name, const RigidTransform& pose) {
 
 Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamera& camera,
                 const RigidTransform& cam_from_world, std::vector<Eigen::Vector3d> landmarks_in_world,
-                const FrameOptions& options, const Mask& mask) {
+                const FrameOptions& options, const Mask& mask, const DepthMap& prior_depth) {
   const std::string name = Concat("frame ", id);
   CheckCamera(name.c_str(), camera);
   CheckPose(name.c_str(), cam_from_world);
@@ -62,6 +62,7 @@ Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamer
   }
   frame.color = std::move(color);
   if (IgnoresSome(mask)) frame.mask = ResizeMask(mask, width, height);
+  if (!prior_depth.empty()) frame.prior_depth = ResizeDepth(prior_depth, width, height);
   frame.landmarks_in_world =
       WithoutMasked(std::move(landmarks_in_world), frame.camera, frame.cam_from_world, frame.mask);
   return frame;

@@ -76,6 +76,7 @@ void KeyframeEstimator::Step(size_t step, KeyframeRefinement* refinement) {
   refinement->problem.reference.estimate.reset();  // a pass continues in memory that nobody else holds
   refinement->problem.reference.estimate = estimator_.Run(kind, std::move(problem));
   refinement->times += estimator_.last_times();
+  refinement->prior_depth_rejection = estimator_.prior_depth_rejection();
 }
 
 FinishedEstimate KeyframeEstimator::Finish(KeyframeRefinement refinement) {
@@ -91,7 +92,8 @@ FinishedEstimate KeyframeEstimator::Finish(KeyframeRefinement refinement) {
   keyframe.refined_at = ++refinements_;
   keyframe.times = StageTimes();
   if (!refinement.lacks_future_views) keyframe.initial.reset();
-  return {std::move(problem), refinement.sources.Ids(), keyframe.placed, refinement.times};
+  return {std::move(problem), refinement.sources.Ids(), keyframe.placed, refinement.times,
+          std::move(refinement.prior_depth_rejection)};
 }
 
 }  // namespace acmp

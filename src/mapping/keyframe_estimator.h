@@ -1,5 +1,6 @@
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "acmp_mapping/pipeline/depth_estimator.h"
@@ -13,6 +14,7 @@ struct FinishedEstimate {
   std::vector<int64_t> source_ids;  ///< best first
   PlacedPose placed;
   StageTimes times;
+  std::string prior_depth_rejection = {};  ///< why the frame's prior depth is used nowhere; else empty
 };
 
 /// A keyframe on its way through the steps of a refinement.
@@ -23,6 +25,7 @@ struct KeyframeRefinement {
   bool lacks_future_views;         ///< what the keyframe's becomes
   EngineEstimatePtr after_passes;  ///< if it lacks future views: before what is unverified was filled
   StageTimes times;
+  std::string prior_depth_rejection;  ///< of the last step that filled
 };
 
 /// Takes keyframes of the window through the steps of the schedule: step 0 is the initial estimate, all others together
@@ -30,7 +33,7 @@ struct KeyframeRefinement {
 class KeyframeEstimator {
  public:
   /// @param engine not null, outlives this
-  KeyframeEstimator(MatchingEngine* engine, const PipelineOptions& options)
+  KeyframeEstimator(DepthEngine* engine, const PipelineOptions& options)
       : engine_(engine), estimator_(engine, options) {}
 
   void set_options(const PipelineOptions& options) { estimator_.set_options(options); }
@@ -53,7 +56,7 @@ class KeyframeEstimator {
   EngineView MakeView(WindowKeyframe* keyframe);
   EngineProblem MakeProblem(WindowKeyframe* keyframe, const SourceViews& sources);
 
-  MatchingEngine* engine_;
+  DepthEngine* engine_;
   DepthEstimator estimator_;
   int64_t refinements_ = 0;  ///< made so far
 };

@@ -25,6 +25,7 @@ std::shared_ptr<KeyframeDepth> MakeWithoutMaps(const FinishedEstimate& estimate)
   maps->range = {estimate.placed.scale * range.min, estimate.placed.scale * range.max};
   maps->source_ids = estimate.source_ids;
   maps->times = estimate.times;
+  maps->prior_depth_rejection = estimate.prior_depth_rejection;
   return maps;
 }
 

@@ -5,6 +5,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/random.h"
 #include "acmp_mapping/common/timer.h"
+#include "acmp_mapping/fill/prior_depth.h"
 
 namespace acmp {
 
@@ -19,7 +20,7 @@ StageTimes& StageTimes::operator+=(const StageTimes& other) {
   return *this;
 }
 
-DepthEstimator::DepthEstimator(MatchingEngine* engine, const PipelineOptions& options) : engine_(engine) {
+DepthEstimator::DepthEstimator(DepthEngine* engine, const PipelineOptions& options) : engine_(engine) {
   if (engine == nullptr) throw InvalidInputError("engine: must not be null");
   set_options(options);
 }
@@ -33,6 +34,7 @@ void DepthEstimator::set_options(const PipelineOptions& options) {
 EngineEstimatePtr DepthEstimator::Run(const KeyframeStep& step, EngineProblem problem) {
   using Kind = KeyframeStep::Kind;
   times_ = {};
+  prior_depth_rejection_.clear();
   engine_->PopDeviceTime();
   Timer timer;
   EngineEstimatePtr& estimate = problem.reference.estimate;
@@ -48,9 +50,7 @@ EngineEstimatePtr DepthEstimator::Run(const KeyframeStep& step, EngineProblem pr
       break;
     }
     case Kind::kFillForPasses: {
-      FillOptions fill = options_.fill;
-      fill.for_passes = true;
-      estimate = engine_->FillUnverified(problem, fill);
+      estimate = Fill(problem, true);
       times_.fill_ms = timer.Lap();
       break;
     }
@@ -61,10 +61,8 @@ EngineEstimatePtr DepthEstimator::Run(const KeyframeStep& step, EngineProblem pr
       break;
     }
     case Kind::kFillUnverified: {
-      FillOptions fill = options_.fill;
-      fill.for_passes = false;
-      estimate = engine_->FillUnverified(problem, fill);
-      if (fill.remove_unsupported) {
+      estimate = Fill(problem, false);
+      if (options_.fill.remove_unsupported) {
         EngineEstimatePtr start = std::move(estimate);
         estimate = engine_->RemoveUnsupported(problem, std::move(start));
       }
@@ -74,6 +72,20 @@ EngineEstimatePtr DepthEstimator::Run(const KeyframeStep& step, EngineProblem pr
   }
   times_.kernels_ms = times_.photometric_kernels_ms + engine_->PopDeviceTime();
   return std::move(estimate);
+}
+
+EngineEstimatePtr DepthEstimator::Fill(const EngineProblem& problem, bool for_passes) {
+  FillOptions fill = options_.fill;
+  fill.for_passes = for_passes;
+  EngineEstimatePtr filled = engine_->FillUnverified(problem, fill);
+  const Frame& frame = *problem.reference.frame;
+  if (frame.prior_depth.empty()) return filled;
+  EstimateState state = engine_->DownloadState(filled);
+  prior_depth_rejection_ =
+      UsePriorDepth(frame, problem.depth_range, options_.prior_depth, state.cost.View(), state.planes.View());
+  if (!prior_depth_rejection_.empty()) return filled;
+  filled.reset();
+  return engine_->UploadState(std::move(state), frame.camera);
 }
 
 EngineEstimatePtr DepthEstimator::EstimateInitial(const EngineProblem& problem) {

@@ -27,6 +27,11 @@ OptionTable<PipelineOptions> MakePipelineOptionTable() {
           .WhileRunning(),
       [](auto& o) -> auto& { return o.fill.weighted_median; });
   table.Add(
+      Flag("prior_depth_metric",
+           "Depth from outside is in the unit of the poses and trusted as it is; else scale and shift are fitted")
+          .WhileRunning(),
+      [](auto& o) -> auto& { return o.prior_depth.metric; });
+  table.Add(
       Number("min_consistent_views", 1, 32, "",
              "Source views that must agree with a pixel before it becomes a point; more: fewer and better points")
           .WhileRunning(),

@@ -26,6 +26,7 @@ Json ToJson(const ChunkPlan::View& view, const std::filesystem::path& root) {
   return {{"name", image.name},
           {"path", RelativePath(image.path, root)},
           {"mask", image.mask.string()},
+          {"prior_depth", image.prior_depth.string()},
           {"camera", {c.fx, c.fy, c.cx, c.cy}},
           {"size", {c.width, c.height}},
           {"distortion", static_cast<int>(image.distortion.model)},
@@ -41,6 +42,7 @@ ChunkPlan::View ViewOf(const Json& json, const std::filesystem::path& root) {
   image.name = json.at("name").get<std::string>();
   image.path = root / json.at("path").get<std::string>();
   image.mask = json.at("mask").get<std::string>();
+  image.prior_depth = json.at("prior_depth").get<std::string>();
   const Json& camera = json.at("camera");
   const Json& size = json.at("size");
   image.camera = {size.at(0), size.at(1), camera.at(0), camera.at(1), camera.at(2), camera.at(3)};

@@ -26,7 +26,8 @@ class FrameStore {
     return cache_.Get(
         index, [&] { return load_(index); },
         [](const Frame& frame) {
-          return frame.gray.size() * sizeof(float) + frame.color.size() * sizeof(Rgb) + frame.mask.size();
+          return frame.gray.size() * sizeof(float) + frame.color.size() * sizeof(Rgb) + frame.mask.size() +
+                 frame.prior_depth.size() * sizeof(float);
         });
   }
 

@@ -42,8 +42,9 @@ uint64_t HashOfGeometry(const Scene& scene, const SceneImage& image) {
 
 ImageHashes HashesOf(const Scene& scene, int index) {
   const SceneImage& image = scene.images[static_cast<size_t>(index)];
-  ImageHashes hashes = {index, HashOfFile(image.path), std::nullopt, HashOfGeometry(scene, image)};
+  ImageHashes hashes = {index, HashOfFile(image.path), std::nullopt, std::nullopt, HashOfGeometry(scene, image)};
   if (!image.mask.empty()) hashes.mask = HashOfFile(image.mask);
+  if (!image.prior_depth.empty()) hashes.prior_depth = HashOfFile(image.prior_depth);
   return hashes;
 }
 
@@ -59,6 +60,7 @@ std::string InputHash(const std::vector<ImageHashes>& images) {
     hash.Add(image.index);
     hash.Add(image.file);
     if (image.mask) hash.Add(*image.mask);
+    if (image.prior_depth) hash.Add(*image.prior_depth);
     hash.Add(image.geometry);
   }
   return HexDigits(hash.value());

@@ -35,10 +35,11 @@ class Hash {
 
 /// Of what a run reads of one image.
 struct ImageHashes {
-  int index = 0;                 ///< in the scene
-  uint64_t file = 0;             ///< its content
-  std::optional<uint64_t> mask;  ///< of its mask's file, where it has one
-  uint64_t geometry = 0;         ///< camera, pose, landmarks, range and source views that the dataset names
+  int index = 0;                        ///< in the scene
+  uint64_t file = 0;                    ///< its content
+  std::optional<uint64_t> mask;         ///< of its mask's file, where it has one
+  std::optional<uint64_t> prior_depth;  ///< of its file, where it has one
+  uint64_t geometry = 0;                ///< camera, pose, landmarks, range and source views that the dataset names
 };
 
 /// Reads the files once, without decoding them.

@@ -118,6 +118,9 @@ class OfflineSchedule {
     run_.store.Keep(step, *problem.reference.frame, engine, estimate);
     const std::lock_guard<std::mutex> lock(run_.times_mutex);
     run_.times.stages += estimator.last_times();
+    if (step == final_step_ && !estimator.prior_depth_rejection().empty()) {
+      run_.prior_depth_rejections[image.index] = estimator.prior_depth_rejection();
+    }
     run_.times.images += step == 0 ? 1 : 0;
     run_.times.reading_ms += reading_ms;
     run_.times.keeping_ms += timer.Lap();

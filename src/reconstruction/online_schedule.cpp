@@ -90,6 +90,10 @@ class OnlineSchedule {
     run_.times.stages += keyframe.times;
     run_.times.consistency_ms += keyframe.consistency_ms;
     ImagePlan& image = PlanOf(keyframe.frame->id);
+    run_.prior_depth_rejections.erase(image.index);
+    if (!keyframe.prior_depth_rejection.empty()) {
+      run_.prior_depth_rejections[image.index] = keyframe.prior_depth_rejection;
+    }
     image.no_map.clear();  // if it had been withdrawn
     run_.scene.images[static_cast<size_t>(image.index)].cam_from_world = keyframe.cam_from_world;
     refined_.erase(image.index);

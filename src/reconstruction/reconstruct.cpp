@@ -43,6 +43,14 @@ void ReportImagesWithoutMap(const ReconstructRun& run) {
   }
 }
 
+void ReportUnusedPriorDepth(const ReconstructRun& run) {
+  const std::map<int, std::string>& rejections = run.prior_depth_rejections;
+  if (rejections.empty()) return;
+  const auto& [index, reason] = *rejections.begin();
+  run.progress.Warn(Concat("the prior depth of ", rejections.size(), " images is not used, for example of ",
+                           run.scene.images[static_cast<size_t>(index)].name, ": ", reason));
+}
+
 /// Runs the schedule and writes the results. Returns the number of points.
 size_t RunSchedule(ReconstructRun* run) {
   TaskGraph graph;
@@ -55,6 +63,7 @@ size_t RunSchedule(ReconstructRun* run) {
   ReportImagesWithoutMap(*run);
   const size_t points = RunAndWriteResults(run, final_maps, &graph);
   run->interrupt.Check();
+  ReportUnusedPriorDepth(*run);
   return points;
 }
 
@@ -72,6 +81,7 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   Progress progress(log, ProgressStyleFor(options.quiet, log_is_terminal));
   for (const std::string& warning : scene.warnings) progress.Warn(warning);
   const std::vector<int> indices = TakeMasks(options, ChosenImages(scene, options.images), &scene, &progress);
+  TakePriorDepths(options, indices, &scene, &progress);
   if (options.colmap) ColmapOutput::CheckNames(scene, indices);
   ReconstructPlan plan = MakePlan(scene, indices, options);
   interrupt->Check();
@@ -105,7 +115,7 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   if (folder.state() == OutputFolder::State::kStarted && options.online()) folder.StartAfresh();
   {
     EngineStore store(&frames, options, &folder, plan, devices, ScheduleOf(MakePipelineOptions(options)));
-    ReconstructRun run{{scene, options, plan, devices, store, *interrupt, progress, {}, {}}, folder};
+    ReconstructRun run{{scene, options, plan, devices, store, *interrupt, progress, {}, {}, {}}, folder};
     const size_t points = RunSchedule(&run);
     const std::string failure = EndRun(&run, record, devices.name(), timer, points, out);
     if (!failure.empty()) throw ProcessingError(failure);

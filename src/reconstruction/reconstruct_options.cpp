@@ -269,6 +269,11 @@ void AddReconstructOptions(CLI::App* app, ReconstructOptions* options) {
       "--masks", options->masks,
       "Folder of masks, IMAGE_NAME.png as in COLMAP: what is black (moving things, the robot, a sky) is not\n"
       "matched and gets no depth. Images without one count as a whole");
+  app->add_option(
+      "--prior-depth", options->prior_depth,
+      "Folder of depth maps from outside (a network, another sensor), named as the images with .pfm, .dmb or .png\n"
+      "(16 bit, thousandths), of any size; 0 = unknown. For what no other image confirms; scale and shift are\n"
+      "fitted, or see prior_depth_metric. Images without one go without");
   AddMatchingOptions(app, options);
   AddScheduleOptions(app, options);
   AddMachineOptions(app, options);
@@ -303,7 +308,11 @@ void Validate(const ReconstructOptions& options) {
   if (options.online() && options.depth_min.has_value() != options.depth_max.has_value()) {
     throw InvalidInputError("--schedule online takes --depth-min and --depth-max together or not at all");
   }
-  Validate(MakePipelineOptions(options));
+  const PipelineOptions pipeline = MakePipelineOptions(options);
+  Validate(pipeline);
+  if (!options.prior_depth.empty() && !pipeline.fill.enabled) {
+    throw InvalidInputError("--prior-depth: needs completion, which the preset does not have (--set completion=true)");
+  }
   Validate(options.pose_refinement);
   if (options.online()) Validate(MakeMapperOptions(options, {}));
 }

@@ -45,7 +45,8 @@ struct ScheduleRun {
   StopRequest& interrupt;
   Progress& progress;
   RunTimes times;
-  std::mutex times_mutex;
+  std::map<int, std::string> prior_depth_rejections;  ///< why the prior depth of images is not used, by scene index
+  std::mutex times_mutex;                             ///< of times and rejections
 };
 
 /// A run whose results are files.

@@ -7,7 +7,7 @@
 
 namespace acmp {
 
-constexpr const char* kInputKey = "input (hash of images, masks, cameras, poses, landmarks)";
+constexpr const char* kInputKey = "input (hash of images, masks, prior depth, cameras, poses, landmarks)";
 constexpr const char* kDeviceKey = "device";
 
 /// The options that decide the bits of the results, and which files there are.

@@ -14,4 +14,9 @@ namespace acmp {
 std::vector<int> TakeMasks(const ReconstructOptions& options, const std::vector<int>& indices, Scene* scene,
                            Progress* progress);
 
+/// Gives the scene's images the depth maps of --prior-depth and says how many of `indices` have one; a warning names
+/// those without any depth. Throws InvalidInputError as AddPriorDepths and ReadPriorDepthOf do.
+void TakePriorDepths(const ReconstructOptions& options, const std::vector<int>& indices, Scene* scene,
+                     Progress* progress);
+
 }  // namespace acmp

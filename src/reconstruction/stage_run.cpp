@@ -112,14 +112,15 @@ class StageRun {
     tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
       interrupt_.Check();
       const ImageHashes hashes = HashesOf(part_.scene(), indices[i]);
-      const std::string now = json({hashes.file, hashes.mask.value_or(0)}).dump();
+      const std::string now = json({hashes.file, hashes.mask.value_or(0), hashes.prior_depth.value_or(0)}).dump();
       const std::filesystem::path file = folder_.WorkFile("input", indices[i]);
       const std::optional<std::string> before = ReadBlock(file);
       if (!before) {
         WriteBlock(file, now);
       } else if (*before != now) {
-        throw InvalidInputError(Concat("image ", NameOf(indices[i]),
-                                       ": it or its mask has changed since its first stage: plan with --overwrite"));
+        throw InvalidInputError(
+            Concat("image ", NameOf(indices[i]),
+                   ": it, its mask or its prior depth has changed since its first stage: plan with --overwrite"));
       }
     });
     interrupt_.Check();
@@ -144,7 +145,8 @@ class StageRun {
     CheckDevice(devices.name());
     FrameStore frames(part_.scene(), MakeFrameOptions(options_), options_.MemoryBytes(options_.kImageShare));
     EngineStore store(&frames, options_, &folder_, part_.plan(), devices, ScheduleOf(MakePipelineOptions(options_)));
-    ReconstructRun run{{part_.scene(), options_, part_.plan(), devices, store, interrupt_, progress_, {}, {}}, folder_};
+    ReconstructRun run{{part_.scene(), options_, part_.plan(), devices, store, interrupt_, progress_, {}, {}, {}},
+                       folder_};
     work(&run, &frames);
     interrupt_.Check();
   }
@@ -269,9 +271,11 @@ class StageRun {
       const std::optional<std::string> input = ReadBlock(folder_.WorkFile("input", image.index));
       if (!input) FailUnfinished(EngineStore::StepName(0, final_step_), image.index);
       const json content = json::parse(*input);
-      hashes.push_back({image.index, content.at(0).get<uint64_t>(), std::nullopt, part_.GeometryOf(image.index)});
+      hashes.push_back(
+          {image.index, content.at(0).get<uint64_t>(), std::nullopt, std::nullopt, part_.GeometryOf(image.index)});
       const SceneImage& scene_image = part_.scene().images[static_cast<size_t>(image.index)];
       if (!scene_image.mask.empty()) hashes.back().mask = content.at(1).get<uint64_t>();
+      if (!scene_image.prior_depth.empty()) hashes.back().prior_depth = content.at(2).get<uint64_t>();
     }
     const std::string device = ReadBlock(folder_.WorkFile("device", 0)).value_or("");
     const RunRecord record = MakeRecord(options_, device, InputHash(hashes));

@@ -154,7 +154,10 @@ void DenseMapperNodelet::Subscribe() {
   ros::NodeHandle nh = input_thread_.Attach(getNodeHandle());
   InputHandlers handlers;
   handlers.on_cloud = [this](SparseCloudPtr c) { Receive([&](auto* intake) { intake->AddCloud(std::move(c)); }); };
-  handlers.on_mask = [this](MaskSample m) { Receive([&](auto* intake) { intake->AddMask(std::move(m)); }); };
+  handlers.on_mask = [this](CompanionSample m) { Receive([&](auto* intake) { intake->AddMask(std::move(m)); }); };
+  handlers.on_prior_depth = [this](CompanionSample d) {
+    Receive([&](auto* intake) { intake->AddPriorDepth(std::move(d)); });
+  };
   handlers.on_pose = [this](PoseSample p) { Receive([&](auto* intake) { intake->AddPose(std::move(p)); }); };
   handlers.on_tf = [this] { Deliver(); };
   handlers.on_extrinsic = [this](const RigidTransform& t) { Receive([&](auto* intake) { intake->SetExtrinsic(t); }); };
@@ -235,12 +238,14 @@ void DenseMapperNodelet::WaitForArriving() {
 void DenseMapperNodelet::Deliver(bool all) {
   const bool clouds_expected = Brings(InputStatus::Kind::kCloud, sources_);
   const bool masks_expected = Brings(InputStatus::Kind::kMask, sources_);
+  const bool prior_depth_expected = Brings(InputStatus::Kind::kPriorDepth, sources_);
   std::lock_guard<std::mutex> delivery_lock(delivery_mutex_);
   std::vector<IntakeEvent> events;
   {
     std::lock_guard<std::mutex> lock(intake_mutex_);
     intake_->set_clouds_expected(clouds_expected);
     intake_->set_masks_expected(masks_expected);
+    intake_->set_prior_depth_expected(prior_depth_expected);
     events = all ? intake_->TakeAll() : intake_->Take(SteadySeconds() - blocked_s_);
   }
   const double start_s = SteadySeconds();

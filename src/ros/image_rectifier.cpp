@@ -61,4 +61,15 @@ Mask ImageRectifier::RectifyMask(const Mask& mask) const {
   return IntersectMasks(RemapMask(mask, map_x_, map_y_), rim_);
 }
 
+DepthMap ImageRectifier::RectifyDepth(const DepthMap& depth) const {
+  if (depth.empty()) return {};
+  const PinholeCamera& c = calibration_.camera;
+  DepthMap sent = ResizeDepth(depth, c.width, c.height);
+  if (map_x_.empty()) return sent;
+  DepthMap rectified(c.width, c.height);
+  cv::Mat target = AsMat(rectified);
+  cv::remap(AsMat(sent), target, map_x_, map_y_, cv::INTER_NEAREST, cv::BORDER_CONSTANT);
+  return rectified;
+}
+
 }  // namespace acmp

@@ -114,6 +114,24 @@ cv::Mat DecodeCompressed(const sensor_msgs::CompressedImage& image, const Pinhol
   return rgb;
 }
 
+bool IsBigEndianHost() {
+  const uint16_t one = 1;
+  uint8_t first;
+  std::memcpy(&first, &one, 1);
+  return first == 0;
+}
+
+/// A number of the message, with its bytes the other way round if `swap`.
+template <class T>
+T ReadAs(const uint8_t* from, bool swap) {
+  uint8_t bytes[sizeof(T)];
+  std::copy_n(from, sizeof(T), bytes);
+  if (swap) std::reverse(bytes, bytes + sizeof(T));
+  T value;
+  std::memcpy(&value, bytes, sizeof(T));
+  return value;
+}
+
 }  // namespace
 
 cv::Mat DecodeRgb(const EncodedImage& image, const PinholeCamera* camera) {
@@ -127,7 +145,7 @@ cv::Mat DecodeRgb(const EncodedImage& image, const PinholeCamera* camera) {
   }
 }
 
-MaskSample ToMaskSample(const sensor_msgs::ImageConstPtr& message) {
+CompanionSample ToMaskSample(const sensor_msgs::ImageConstPtr& message) {
   namespace encodings = sensor_msgs::image_encodings;
   const sensor_msgs::Image& mask = *message;
   const std::string name = Concat("mask ", FormatStamp(ToStampNs(mask.header.stamp)));
@@ -154,6 +172,51 @@ Mask DecodeMask(const EncodedImage& encoded, const PinholeCamera& camera) {
     std::copy_n(image.data.data() + static_cast<size_t>(row) * image.step, mask.width(), &mask(0, row));
   }
   return mask;
+}
+
+CompanionSample ToPriorDepthSample(const sensor_msgs::ImageConstPtr& message) {
+  namespace encodings = sensor_msgs::image_encodings;
+  const sensor_msgs::Image& depth = *message;
+  const std::string name = Concat("prior depth ", FormatStamp(ToStampNs(depth.header.stamp)));
+  const bool is_float = depth.encoding == encodings::TYPE_32FC1;
+  if (!is_float && depth.encoding != encodings::TYPE_16UC1 && depth.encoding != encodings::MONO16) {
+    throw InvalidInputError(Concat(name, ": encoding \"", depth.encoding,
+                                   "\": must be 32FC1 (in the world's unit) or 16UC1 (thousandths of it)"));
+  }
+  for (const uint32_t side : {depth.width, depth.height}) {
+    CheckRange((name + ": width or height in px").c_str(), int64_t{side}, int64_t{1}, kMaxImageSide);
+  }
+  const uint64_t row_bytes = uint64_t{depth.width} * (is_float ? sizeof(float) : sizeof(uint16_t));
+  const uint64_t needed = uint64_t{depth.height} * depth.step;
+  if (depth.step < row_bytes || depth.data.size() < needed) {
+    throw InvalidInputError(Concat(name, " of ", depth.width, "x", depth.height, " pixels, step ", depth.step,
+                                   ", with ", depth.data.size(), " bytes: needs ", needed, ", and a step of ",
+                                   row_bytes));
+  }
+  return {ToStampNs(depth.header.stamp), std::make_shared<const EncodedImage>(EncodedImage{message, nullptr})};
+}
+
+DepthMap DecodePriorDepth(const EncodedImage& encoded) {
+  const sensor_msgs::Image& image = *encoded.raw;
+  const bool is_float = image.encoding == sensor_msgs::image_encodings::TYPE_32FC1;
+  const bool swap = (image.is_bigendian != 0) != IsBigEndianHost();
+  DepthMap depth(static_cast<int>(image.width), static_cast<int>(image.height));
+  bool has_depth = false;
+  for (int row = 0; row < depth.height(); ++row) {
+    const uint8_t* from = image.data.data() + static_cast<size_t>(row) * image.step;
+    for (int col = 0; col < depth.width(); ++col) {
+      const float z = is_float ? ReadAs<float>(from + col * sizeof(float), swap)
+                               : static_cast<float>(ReadAs<uint16_t>(from + col * sizeof(uint16_t), swap)) / 1000.0f;
+      if (!(z > 0 && std::isfinite(z))) continue;
+      depth(col, row) = z;
+      has_depth = true;
+    }
+  }
+  if (!has_depth) {
+    throw InvalidInputError(
+        Concat("prior depth ", FormatStamp(ToStampNs(image.header.stamp)), ": no pixel has a positive, finite depth"));
+  }
+  return depth;
 }
 
 CameraCalibration ToCalibration(const sensor_msgs::CameraInfo& info, bool rectified) {

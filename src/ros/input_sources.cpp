@@ -130,6 +130,7 @@ class SourceFactory {
       AddImages();
     }
     AddMasks();
+    AddPriorDepth();
     AddExtrinsic();
     return std::move(sources_);
   }
@@ -182,6 +183,13 @@ class SourceFactory {
     Add<sensor_msgs::Image>(
         {Kind::kMask, names::kMask, kImageQueue, "bad_mask", false},
         [on_mask = handlers_.on_mask](const sensor_msgs::ImageConstPtr& message) { on_mask(ToMaskSample(message)); });
+  }
+
+  void AddPriorDepth() {
+    Add<sensor_msgs::Image>({Kind::kPriorDepth, names::kPriorDepth, kImageQueue, "bad_prior_depth", false},
+                            [on_depth = handlers_.on_prior_depth](const sensor_msgs::ImageConstPtr& message) {
+                              on_depth(ToPriorDepthSample(message));
+                            });
   }
 
   void AddCameraInfo() {

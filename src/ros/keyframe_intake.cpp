@@ -221,6 +221,7 @@ void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>
   input.arrival_s = match.image.arrival_s;
   input.image = match.image.image;
   input.mask = match.mask;
+  input.prior_depth = match.prior_depth;
   input.calibration = calibration_;
   input.camera_frame = options_.camera_frame;
   if (input.camera_frame.empty()) input.camera_frame = StripLeadingSlash(match.image.image->header().frame_id);

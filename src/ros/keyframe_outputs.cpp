@@ -145,6 +145,10 @@ void KeyframeOutputs::HandleRefined(const KeyframeDepthPtr& maps) {
   }
   const std::optional<size_t> points = Publish(hooks_.on_refined, maps, *record);
   if (points) CountWithoutPoints(*maps, record->origin, *points);
+  if (!maps->prior_depth_rejection.empty()) {
+    ReportDrop({"unused_prior_depth", Concat("image ", FormatStamp(record->origin.stamp_ns),
+                                             ": its prior depth is not used: ", maps->prior_depth_rejection)});
+  }
   const std::lock_guard<std::mutex> lock(mutex_);
   status_.refined_latency.Add(LatencyMs(record->origin));
 }

@@ -216,6 +216,20 @@ Mask MapperWorker::MaskOf(const KeyframeInput& input) {
   return mask;
 }
 
+DepthMap MapperWorker::PriorDepthOf(const KeyframeInput& input) {
+  if (!input.prior_depth) return {};
+  try {
+    if (!options_->Get().mapper.pipeline.fill.enabled) {
+      throw InvalidInputError("prior depth needs completion, which is off (~completion, ~preset)");
+    }
+    return DecodePriorDepth(*input.prior_depth);
+  } catch (const InvalidInputError& error) {
+    outputs_.ReportDrop(
+        {"bad_prior_depth", Concat("image ", FormatStamp(input.stamp_ns), " goes without: ", error.what())});
+    return {};
+  }
+}
+
 FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input) {
   const FrameOptions frame_options = {node_options_.max_image_size};
   if (!calibration_ || !SameCalibration(*calibration_, *input.calibration)) {
@@ -223,9 +237,10 @@ FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input) {
     calibration_ = input.calibration;
   }
   ColorImage image = rectifier_->Rectify(DecodeRgb(*input.image, &calibration_->camera));
-  return std::make_shared<const Frame>(MakeFrame(
-      next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image), calibration_->camera,
-      input.world_from_cam.inverse(), input.landmarks_in_world, frame_options, rectifier_->RectifyMask(MaskOf(input))));
+  return std::make_shared<const Frame>(
+      MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image), calibration_->camera,
+                input.world_from_cam.inverse(), input.landmarks_in_world, frame_options,
+                rectifier_->RectifyMask(MaskOf(input)), rectifier_->RectifyDepth(PriorDepthOf(input))));
 }
 
 }  // namespace acmp

@@ -158,10 +158,10 @@ void AddInputs(OptionTable<NodeOptions>* table) {
       Number("sparse_wait", 0, 10, "s", "An image with a pose waits so long for the sparse points of its stamp"),
       [](auto& o) -> auto& { return o.matcher.sparse_wait_s; });
   table->Add(
-      Number(
-          "mask_wait", 0, 10, "s",
-          "An image with a pose waits so long for its mask, while somebody publishes the topic mask; then it is used "
-          "as a whole"),
+      Number("mask_wait", 0, 10, "s",
+             "An image with a pose waits so long for its mask and its prior depth, while somebody publishes the topics "
+             "mask "
+             "or prior_depth; then it is used as a whole, or goes without"),
       [](auto& o) -> auto& { return o.matcher.mask_wait_s; });
 
   table->Group("keyframes");

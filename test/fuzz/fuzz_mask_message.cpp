@@ -13,6 +13,6 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   PinholeCamera camera;
   camera.width = 8;
   camera.height = 6;
-  fuzz::MayRefuse([&] { DecodeMask(*ToMaskSample(message).mask, camera); });
+  fuzz::MayRefuse([&] { DecodeMask(*ToMaskSample(message).image, camera); });
   return 0;
 }

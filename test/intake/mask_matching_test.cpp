@@ -39,7 +39,7 @@ class MaskMatchingTest : public ::testing::Test {
 
   struct Taken {
     std::vector<int64_t> stamps;
-    std::vector<std::shared_ptr<const EncodedImage>> masks;
+    std::vector<std::shared_ptr<const EncodedImage>> masks, prior_depths;
     std::vector<std::string> reasons;  ///< of what was rejected
   };
   static Taken Sort(const std::vector<MatchEvent>& events) {
@@ -48,6 +48,7 @@ class MaskMatchingTest : public ::testing::Test {
       if (const auto* match = std::get_if<MatchedInput>(&event)) {
         taken.stamps.push_back(match->image.stamp_ns);
         taken.masks.push_back(match->mask);
+        taken.prior_depths.push_back(match->prior_depth);
       } else if (const auto* rejected = std::get_if<RejectedInput>(&event)) {
         EXPECT_FALSE(rejected->ends_image);
         taken.reasons.push_back(rejected->reason);
@@ -109,6 +110,26 @@ TEST_F(MaskMatchingTest, WithoutPublisherNobodyWaitsAndNothingIsSaid) {
 TEST_F(MaskMatchingTest, TakeAllWaitsForNothing) {
   AddImage(kT0);
   EXPECT_THAT(Sort(matcher_.TakeAll()).stamps, ElementsAre(kT0));
+}
+
+TEST_F(MaskMatchingTest, PriorDepthIsMatchedBesideMasksAndWaitedForNoLonger) {
+  matcher_.set_prior_depth_expected(true);
+  AddImage(kT0);
+  AddImage(kT0 + 100 * kMs);
+  const auto mask = AddMask(kT0), later_mask = AddMask(kT0 + 100 * kMs);
+  EXPECT_THAT(Take(10).stamps, IsEmpty());
+  const auto depth = Picture();
+  matcher_.AddPriorDepth({kT0, depth});
+  const Taken first = Take(10.1);
+  EXPECT_THAT(first.masks, ElementsAre(mask));
+  EXPECT_THAT(first.prior_depths, ElementsAre(depth));
+  EXPECT_THAT(first.reasons, IsEmpty());
+  matcher_.AddPriorDepth({kT0 + 50 * kMs, Picture()});  // of no image
+  EXPECT_THAT(Take(10.4).stamps, IsEmpty());
+  const Taken second = Take(10.5);
+  EXPECT_THAT(second.masks, ElementsAre(later_mask));
+  EXPECT_THAT(second.prior_depths, ElementsAre(nullptr));
+  EXPECT_THAT(second.reasons, ElementsAre("no_prior_depth"));
 }
 
 TEST_F(MaskMatchingTest, MasksOfTheRunBeforeAreForgotten) {

@@ -86,6 +86,27 @@ TEST(MakeFrameTest, LimitsTheLongerSideOfOddSizes) {
   EXPECT_EQ(frame.color.height(), 4);
 }
 
+TEST(MakeFrameTest, PriorDepthOfAnySizeTakesTheFramesSizeWithoutInterpolation) {
+  DepthMap depth(3, 2);
+  const float values[] = {1, 2, -1, 4, NAN, INFINITY};
+  std::copy(std::begin(values), std::end(values), depth.begin());
+  const auto make = [&](int max_size, const DepthMap& of_image) {
+    return MakeFrame(0, 0, MakeColor(6, 4), kCamera, RigidTransform::Identity(), {}, {max_size}, {}, of_image);
+  };
+  const Frame enlarged = make(0, depth);
+  ASSERT_EQ(enlarged.prior_depth.width(), 6);
+  ASSERT_EQ(enlarged.prior_depth.height(), 4);
+  const std::vector<float> rows[] = {{1, 1, 2, 2, 0, 0}, {4, 4, 0, 0, 0, 0}};
+  for (int row = 0; row < 4; ++row) {
+    for (int col = 0; col < 6; ++col)
+      EXPECT_EQ(enlarged.prior_depth(col, row), rows[row / 2][col]) << col << " " << row;
+  }
+  const Frame same = make(3, depth);
+  EXPECT_EQ(same.prior_depth(1, 0), 2);
+  EXPECT_EQ(same.prior_depth(1, 1), 0) << "not a number: unknown";
+  EXPECT_TRUE(make(3, {}).prior_depth.empty());
+}
+
 TEST(MakeFrameTest, MaskIsResizedWithTheImageAndLandmarksOnItAreLeftOut) {
   Mask mask(6, 4, 200);
   mask(2, 1) = 0;

@@ -139,6 +139,29 @@ TEST(ImageRectifier, MasksAreRectifiedWithTheirImages) {
   EXPECT_THROW(rectifier.RectifyMask(Mask(camera.width, camera.height + 1, 255)), InvalidInputError);
 }
 
+TEST(ImageRectifier, DepthOfAnySizeIsRectifiedWithoutInterpolation) {
+  const CameraCalibration calibration = MakeCalibration(Model::kBrownConrady, {-0.28, 0.07, 2e-4, 2e-5});
+  const PinholeCamera& camera = calibration.camera;
+  DepthMap depth(camera.width / 2, camera.height / 2, 4);
+  for (int row = 0; row < depth.height(); ++row) {
+    for (int col = 0; col < 15; ++col) depth(col, row) = 2;
+  }
+  ImageRectifier rectifier(calibration);
+  rectifier.Rectify(cv::Mat::zeros(camera.height, camera.width, CV_8UC3));
+  const DepthMap rectified = rectifier.RectifyDepth(depth);
+  int near = 0;
+  for (int v = 5; v < camera.height - 5; ++v) {
+    for (int u = 5; u < camera.width - 5; ++u) {
+      const Eigen::Vector2d source = Distort(calibration, (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy);
+      if (std::abs(source.x() - 29.5) < 0.6) continue;
+      ASSERT_EQ(rectified(u, v), source.x() < 29.5 ? 2 : 4) << u << ' ' << v;
+      near += rectified(u, v) == 2 ? 1 : 0;
+    }
+  }
+  EXPECT_GT(near, 1000);
+  EXPECT_TRUE(rectifier.RectifyDepth({}).empty());
+}
+
 TEST(ImageRectifier, RefusesAnotherSize) {
   ImageRectifier rectifier(MakeCalibration(Model::kNone, {}));
   try {

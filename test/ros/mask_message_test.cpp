@@ -32,9 +32,9 @@ TEST(MaskMessage, IsReadRowByRowWithoutPadding) {
   const auto message = MakeMask(3, 2, 4, {0, 1, 255, 99, 7, 0, 0, 99});
   for (const char* encoding : {"mono8", "8UC1"}) {
     message->encoding = encoding;
-    const MaskSample sample = ToMaskSample(message);
+    const CompanionSample sample = ToMaskSample(message);
     EXPECT_EQ(sample.stamp_ns, 7000000008);
-    const Mask mask = DecodeMask(*sample.mask, kCamera);
+    const Mask mask = DecodeMask(*sample.image, kCamera);
     ASSERT_EQ(mask.width(), 3);
     ASSERT_EQ(mask.height(), 2);
     EXPECT_THAT(std::vector<unsigned char>(mask.begin(), mask.end()), ::testing::ElementsAre(0, 1, 255, 7, 0, 0));
@@ -57,8 +57,8 @@ TEST(MaskMessage, WithTooFewBytesIsRefused) {
 }
 
 TEST(MaskMessage, OfAnotherSizeThanTheImagesIsRefused) {
-  const MaskSample sample = ToMaskSample(MakeMask(2, 3, 2, std::vector<uint8_t>(6)));
-  EXPECT_THAT(ErrorOf([&] { DecodeMask(*sample.mask, kCamera); }), AllOf(HasSubstr("2x3"), HasSubstr("3x2")));
+  const CompanionSample sample = ToMaskSample(MakeMask(2, 3, 2, std::vector<uint8_t>(6)));
+  EXPECT_THAT(ErrorOf([&] { DecodeMask(*sample.image, kCamera); }), AllOf(HasSubstr("2x3"), HasSubstr("3x2")));
 }
 
 }  // namespace

@@ -21,10 +21,11 @@ struct LensDistortion {
 
 /// One image of a scene on disk.
 struct SceneImage {
-  std::string name;            ///< file name relative to the image folder
-  std::filesystem::path path;  ///< of the file
-  std::filesystem::path mask;  ///< of its mask (AddMasks); empty: it has none
-  PinholeCamera camera;        ///< of the file as stored, pixel centres at integers
+  std::string name;                   ///< file name relative to the image folder
+  std::filesystem::path path;         ///< of the file
+  std::filesystem::path mask;         ///< of its mask (AddMasks); empty: it has none
+  std::filesystem::path prior_depth;  ///< of its depth map from outside (AddPriorDepths); empty: it has none
+  PinholeCamera camera;               ///< of the file as stored, pixel centres at integers
   LensDistortion distortion;
   RigidTransform cam_from_world = RigidTransform::Identity();
   std::vector<int> landmark_indices;      ///< into Scene::landmarks_in_world: points this image observes

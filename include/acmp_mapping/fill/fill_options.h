@@ -16,4 +16,9 @@ struct FillOptions {
   bool remove_unsupported = true;
 };
 
+/// What depth from outside is.
+struct PriorDepthOptions {
+  bool metric = false;  ///< in the unit of the poses, as it is; else scale and shift of the inverse depths are fitted
+};
+
 }  // namespace acmp

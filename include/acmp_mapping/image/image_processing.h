@@ -18,6 +18,10 @@ GrayImage ToGray(const ColorImage& color);
 ColorImage Resize(const ColorImage& image, int width, int height);
 GrayImage Resize(const GrayImage& image, int width, int height);
 
+/// Depth of an image at another size: the nearest pixel's, since between two surfaces there is none. What is not
+/// positive and finite becomes 0, unknown.
+DepthMap ResizeDepth(const DepthMap& depth, int width, int height);
+
 /// The mask of an image that cv::remap makes with these maps, interpolating: it ignores what is made of a pixel that
 /// `mask`, of any value but 0 for what counts, ignores, and what lies outside. Not empty, whatever it ignores.
 /// @param map_x,map_y as cv::remap takes them

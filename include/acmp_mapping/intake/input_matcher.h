@@ -7,6 +7,7 @@
 #include <variant>
 #include <vector>
 
+#include "acmp_mapping/intake/companion_images.h"
 #include "acmp_mapping/intake/rejected_input.h"
 #include "acmp_mapping/intake/sensor_samples.h"
 #include "acmp_mapping/intake/time_jump_tracker.h"
@@ -17,7 +18,7 @@ struct InputMatcherOptions {
   double sync_tolerance_s = 1e-3;   ///< between the stamps of image and pose, 0..10
   double sparse_tolerance_s = 0.5;  ///< the nearest cloud within is taken, else the last one, 0..1000
   double sparse_wait_s = 0.1;       ///< an image with a pose waits so long (wall time) for its own cloud, 0..10
-  double mask_wait_s = 0.5;         ///< an image with a pose waits so long (wall time) for its mask, 0..10
+  double mask_wait_s = 0.5;         ///< and so long for its mask and its prior depth, 0..10
   int image_capacity = 30;          ///< images that wait for their pose, 1..1000
 };
 void Validate(const InputMatcherOptions& options);
@@ -28,7 +29,8 @@ struct MatchedInput {
   PoseSample pose;
   SparseCloudPtr cloud;                  ///< may be null
   std::optional<PoseSample> cloud_pose;  ///< pose at the cloud's stamp; needed where clouds are in the camera's frame
-  std::shared_ptr<const EncodedImage> mask;  ///< of the image's stamp; null where none came in time
+  std::shared_ptr<const EncodedImage> mask;         ///< of the image's stamp; null where none came in time
+  std::shared_ptr<const EncodedImage> prior_depth;  ///< the same
 };
 
 /// The images' stamps went back (a bag that loops, a restarted camera): everything before belongs to another run.
@@ -51,9 +53,10 @@ struct PoseGap {
 /// nor any order between the streams is assumed; only poses among themselves come in order. Not thread-safe.
 ///
 /// An image takes the nearest pose within the tolerance. A pose earlier than the image by more than kSameExposureNs is
-/// taken only once a later one has come, since that could be nearer. A mask belongs to the image of its stamp, rounding
-/// aside, and is not waited for once one of a later image has come. Matches come out in the order of the images'
-/// stamps; images that were overtaken by a match are dropped, since frontends need not give every image a pose.
+/// taken only once a later one has come, since that could be nearer. A mask or prior depth belongs to the image of its
+/// stamp, rounding aside, and is not waited for once one of a later image has come. Matches come out in the order of
+/// the images' stamps; images that were overtaken by a match are dropped, since frontends need not give every image a
+/// pose.
 class InputMatcher {
  public:
   explicit InputMatcher(const InputMatcherOptions& options);
@@ -61,13 +64,16 @@ class InputMatcher {
   void AddImage(ImageSample image);
   void AddPose(PoseSample pose);
   void AddCloud(SparseCloudPtr cloud);
-  void AddMask(MaskSample mask);
+  void AddMask(CompanionSample mask);
+  void AddPriorDepth(CompanionSample depth);
 
   /// Whether anybody publishes clouds; if not, no image waits for one. True at first.
   void set_clouds_expected(bool expected) { clouds_expected_ = expected; }
   /// The same of masks; false at first. While set, an image without one is used as a whole, with a RejectedInput that
   /// says so.
-  void set_masks_expected(bool expected) { masks_expected_ = expected; }
+  void set_masks_expected(bool expected) { masks_.set_expected(expected); }
+  /// The same of prior depth.
+  void set_prior_depth_expected(bool expected) { prior_depths_.set_expected(expected); }
   /// While set, images wait; those that wait too long are dropped with this. Set at first: no camera is known.
   void set_obstacle(std::optional<RejectedInput> obstacle) { obstacle_ = std::move(obstacle); }
 
@@ -79,7 +85,7 @@ class InputMatcher {
   /// What has happened since the last call, in order. `now_s` is any clock that never goes back.
   std::vector<MatchEvent> Take(double now_s);
 
-  /// The same without waiting for clouds and masks any longer.
+  /// The same without waiting for clouds, masks and prior depth any longer.
   std::vector<MatchEvent> TakeAll();
 
   /// Forgets everything received; images that waited are reported as dropped for `reason`.
@@ -105,16 +111,11 @@ class InputMatcher {
   struct ReceivedPose {
     PoseSample sample;
     bool used = false;     ///< a pose belongs to one image
-    uint64_t arrival = 0;  ///< position among all poses, clouds and masks
+    uint64_t arrival = 0;  ///< position among all poses, clouds, masks and depth maps
   };
 
   struct ReceivedCloud {
     SparseCloudPtr cloud;
-    uint64_t arrival = 0;
-  };
-
-  struct ReceivedMask {
-    MaskSample sample;
     uint64_t arrival = 0;
   };
 
@@ -126,8 +127,9 @@ class InputMatcher {
   void EmitReady(double now_s, bool wait);
   bool CloudIsSettled(const WaitingImage& image, double now_s) const;
   SparseCloudPtr ChooseCloud(int64_t stamp_ns) const;
-  bool MaskIsSettled(const WaitingImage& image, double now_s) const;
-  std::shared_ptr<const EncodedImage> FindMask(int64_t stamp_ns) const;
+  bool CompanionsAreSettled(const WaitingImage& image, double now_s) const;
+  /// Clouds, masks and depth maps that are kept: an image that waits for its pose must find its own when that comes.
+  size_t CompanionCapacity() const;
   void Emit(WaitingImage image);
   void DropUnposed(const WaitingImage& image);
   void DropWaiting(const WaitingImage& image);
@@ -138,19 +140,18 @@ class InputMatcher {
   int64_t sync_tolerance_ns_;
   int64_t sparse_tolerance_ns_;
   bool clouds_expected_ = true;
-  bool masks_expected_ = false;
   std::optional<RejectedInput> obstacle_ = RejectedInput{"no_camera_info", "no usable camera_info has been received"};
 
   std::deque<WaitingImage> images_;   ///< ascending stamps
   std::deque<ReceivedPose> poses_;    ///< ascending stamps
   std::deque<ReceivedCloud> clouds_;  ///< in order of arrival
-  std::deque<ReceivedMask> masks_;    ///< in order of arrival
+  CompanionImages masks_, prior_depths_;
   std::vector<MatchEvent> events_;
   std::optional<int64_t> newest_image_ns_;
   std::optional<int64_t> last_match_ns_;
   std::optional<PoseGap> last_gap_;
-  TimeJumpTracker pose_runs_, cloud_runs_, mask_runs_;
-  uint64_t arrivals_ = 0;  ///< poses, clouds and masks received
+  TimeJumpTracker pose_runs_, cloud_runs_;
+  uint64_t arrivals_ = 0;  ///< poses, clouds, masks and depth maps received
 };
 
 }  // namespace acmp

@@ -19,10 +19,10 @@ struct ImageSample {
   double arrival_s = 0;  ///< steady clock
 };
 
-/// A mask as it came; 0 = ignore the image's pixel.
-struct MaskSample {
-  int64_t stamp_ns = 0;  ///< of its image
-  std::shared_ptr<const EncodedImage> mask;
+/// What belongs to an image and is one itself, as it came: a mask (0 = ignore the image's pixel) or depth from outside.
+struct CompanionSample {
+  int64_t stamp_ns = 0;  ///< of the image that it belongs to
+  std::shared_ptr<const EncodedImage> image;
 };
 
 /// A pose as its source gave it; what it means PoseResolver knows.

@@ -25,6 +25,9 @@ struct Frame {
   /// Sparse map points that this image is said to see (observed, or a whole map: what is not in view is ignored by all
   /// who read them), without those that fall on pixels which the mask ignores: they may be of something that moves.
   std::vector<Eigen::Vector3d> landmarks_in_world;
+  /// Depth z from outside (a network, another sensor), of the same size, up to what PriorDepthOptions says; 0: unknown.
+  /// Empty: none.
+  DepthMap prior_depth = {};
 };
 
 using FramePtr = std::shared_ptr<const Frame>;
@@ -38,9 +41,11 @@ struct FrameOptions {
 /// Throws InvalidInputError for a camera, image or mask size that does not fit, a pose that is not finite and
 /// orthonormal, or options out of bounds.
 /// @param mask of the image; empty: all pixels count
+/// @param prior_depth of the whole image at any size: pixels of the frame take the nearest of its pixels, since between
+///   two surfaces there is none; what is not positive and finite is unknown. Empty: none
 Frame MakeFrame(int64_t id, double stamp_s, ColorImage color, const PinholeCamera& camera,
                 const RigidTransform& cam_from_world, std::vector<Eigen::Vector3d> landmarks_in_world,
-                const FrameOptions& options = {}, const Mask& mask = {});
+                const FrameOptions& options = {}, const Mask& mask = {}, const DepthMap& prior_depth = {});
 
 /// The points as a PointCloud2 carries them: every coordinate rounded to float, returned in double.
 std::vector<Eigen::Vector3d> RoundedToFloat(const std::vector<Eigen::Vector3d>& points);

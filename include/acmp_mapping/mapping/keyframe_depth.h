@@ -30,6 +30,7 @@ struct KeyframeDepth {
   ConfidenceMap confidence;                     ///< 0..1
   PointCloud points_in_camera;                  ///< pixels that enough source views confirm
   std::optional<std::string> no_points_reason;  ///< Describe(PointLosses), where no pixel is confirmed
+  std::string prior_depth_rejection;            ///< why the frame's prior depth is used nowhere; else empty
   std::vector<int64_t> source_ids;              ///< keyframes it was matched against, best first
   StageTimes times;                             ///< summed over all steps since it was last refined
   double consistency_ms = 0;                    ///< wall time of the consistency check

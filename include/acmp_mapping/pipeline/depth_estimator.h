@@ -1,8 +1,9 @@
 #pragma once
 
+#include <string>
 #include <vector>
 
-#include "acmp_mapping/engine/matching_engine.h"
+#include "acmp_mapping/engine/depth_engine.h"
 #include "acmp_mapping/pipeline/schedule.h"
 
 namespace acmp {
@@ -24,7 +25,7 @@ struct StageTimes {
 class DepthEstimator {
  public:
   /// @param engine not null, outlives the estimator
-  DepthEstimator(MatchingEngine* engine, const PipelineOptions& options);
+  DepthEstimator(DepthEngine* engine, const PipelineOptions& options);
 
   /// Replaces the options; takes effect with the next step. Throws InvalidInputError for bad ones.
   void set_options(const PipelineOptions& options);
@@ -40,16 +41,22 @@ class DepthEstimator {
 
   /// Of the last step.
   const StageTimes& last_times() const { return times_; }
+  /// Why the last step, which fills, used the frame's prior depth nowhere; else empty.
+  const std::string& prior_depth_rejection() const { return prior_depth_rejection_; }
 
  private:
   EngineEstimatePtr EstimateInitial(const EngineProblem& problem);
   /// The photometric estimate at full size; with several scales at the coarsest.
   EngineEstimatePtr EstimatePhotometric(const EngineProblem& problem);
 
-  MatchingEngine* engine_;
+  /// The estimate of the reference with planes for what no view confirms.
+  EngineEstimatePtr Fill(const EngineProblem& problem, bool for_passes);
+
+  DepthEngine* engine_;
   PipelineOptions options_;
   std::vector<KeyframeStep> schedule_;
   StageTimes times_;
+  std::string prior_depth_rejection_;
 };
 
 }  // namespace acmp

@@ -15,6 +15,7 @@ struct PipelineOptions {
   PatchMatchOptions patch_match;
   PlanarPriorOptions planar_prior;
   FillOptions fill;
+  PriorDepthOptions prior_depth;
   FusionOptions fusion;
   int start_level = 0;           ///< how often the images of the photometric pass are halved, 0..2
   bool multi_scale = false;      ///< ACMM: all steps at each level from start_level on, without prior and completion

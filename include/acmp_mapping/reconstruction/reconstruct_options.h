@@ -21,8 +21,9 @@ struct ReconstructOptions {
   std::filesystem::path output;
   std::string format = "auto";
   std::string pixel_centers = "integer";
-  std::string images;           ///< "0,3,7-12"; empty: all
-  std::filesystem::path masks;  ///< folder (AddMasks); empty: none
+  std::string images;                 ///< "0,3,7-12"; empty: all
+  std::filesystem::path masks;        ///< folder (AddMasks); empty: none
+  std::filesystem::path prior_depth;  ///< folder (AddPriorDepths); empty: none
 
   std::string preset = "balanced";
   std::string schedule = "offline";

@@ -35,6 +35,11 @@ class ImageRectifier {
   /// @param mask of the image as sent; empty: all of its pixels count
   Mask RectifyMask(const Mask& mask) const;
 
+  /// Depth z of the rectified image, at its size: the nearest pixel's; 0 where there is none. Once an image has been
+  /// rectified.
+  /// @param depth of the image as sent, at any size; empty: gives an empty one
+  DepthMap RectifyDepth(const DepthMap& depth) const;
+
  private:
   void CheckSize(int width, int height) const;
   void BuildMaps();

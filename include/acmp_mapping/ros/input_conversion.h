@@ -35,9 +35,15 @@ struct EncodedImage {
 cv::Mat DecodeRgb(const EncodedImage& image, const PinholeCamera* camera = nullptr);
 
 /// The mask of an image. Throws InvalidInputError for an encoding other than mono8, or too few bytes.
-MaskSample ToMaskSample(const sensor_msgs::ImageConstPtr& message);
+CompanionSample ToMaskSample(const sensor_msgs::ImageConstPtr& message);
 /// What it says of the image's pixels. Throws InvalidInputError where it has another size than the camera's images.
 Mask DecodeMask(const EncodedImage& mask, const PinholeCamera& camera);
+
+/// Depth from outside of an image, at any size. Throws InvalidInputError for an encoding other than 32FC1 (z in the
+/// world's unit) and 16UC1 or mono16 (thousandths), for a side of 0 or more than 32767 px, and for too few bytes.
+CompanionSample ToPriorDepthSample(const sensor_msgs::ImageConstPtr& message);
+/// z at its own size; 0 where it is not positive and finite. Throws InvalidInputError where no pixel has a depth.
+DepthMap DecodePriorDepth(const EncodedImage& depth);
 
 /// Camera and distortion of the image as sent: binning and region of interest are applied, plumb_bob,
 /// rational_polynomial and equidistant are known. `rectified`: the image is undistorted already, P holds and D does

@@ -18,7 +18,7 @@ namespace acmp {
 
 /// What diagnostics tell about one input stream.
 struct InputStatus {
-  enum class Kind { kImage, kCameraInfo, kPose, kCloud, kKeyframe, kExtrinsic, kMask };
+  enum class Kind { kImage, kCameraInfo, kPose, kCloud, kKeyframe, kExtrinsic, kMask, kPriorDepth };
   Kind kind = Kind::kImage;
   std::string topic;  ///< resolved name
   uint32_t publishers = 0;
@@ -43,7 +43,8 @@ struct InputHandlers {
   std::function<void(PoseSample)> on_pose;
   std::function<void()> on_tf;  ///< new transforms have come
   std::function<void(SparseCloudPtr)> on_cloud;
-  std::function<void(MaskSample)> on_mask;
+  std::function<void(CompanionSample)> on_mask;
+  std::function<void(CompanionSample)> on_prior_depth;
   std::function<void(const RigidTransform&)> on_extrinsic;
   std::function<void(const acmp_mapping::KeyframeConstPtr&)> on_keyframe;
   std::function<void(const RejectedInput&)> on_drop;

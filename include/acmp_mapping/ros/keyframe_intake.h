@@ -33,7 +33,8 @@ struct KeyframeOrigin {
 /// All that one keyframe is made of. The image is decoded and rectified later, by the worker.
 struct KeyframeInput : KeyframeOrigin {
   std::shared_ptr<const EncodedImage> image;
-  std::shared_ptr<const EncodedImage> mask;  ///< of the image as sent; null: it has none
+  std::shared_ptr<const EncodedImage> mask;         ///< of the image as sent; null: it has none
+  std::shared_ptr<const EncodedImage> prior_depth;  ///< the same
   CalibrationPtr calibration;
   std::vector<Eigen::Vector3d> landmarks_in_world;
   double scene_depth = 0;  ///< median of the landmarks in front of the last cameras, or the fallback; 0 = unknown
@@ -78,9 +79,11 @@ class KeyframeIntake {
   /// All of a keyframe at once; see AddCameraInfo. Throws InvalidInputError if any part cannot be used.
   void AddKeyframe(const acmp_mapping::KeyframeConstPtr& keyframe, double arrival_s = 0);
   void AddCloud(SparseCloudPtr cloud) { matcher_.AddCloud(std::move(cloud)); }
-  void AddMask(MaskSample mask) { matcher_.AddMask(std::move(mask)); }
+  void AddMask(CompanionSample mask) { matcher_.AddMask(std::move(mask)); }
+  void AddPriorDepth(CompanionSample depth) { matcher_.AddPriorDepth(std::move(depth)); }
   void set_clouds_expected(bool expected) { matcher_.set_clouds_expected(expected); }
   void set_masks_expected(bool expected) { matcher_.set_masks_expected(expected); }
+  void set_prior_depth_expected(bool expected) { matcher_.set_prior_depth_expected(expected); }
   void set_gate(const KeyframeGateOptions& gate, double fallback_depth);
 
   /// What has happened since the last call, in order; see InputMatcher.

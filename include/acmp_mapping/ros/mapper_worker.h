@@ -76,6 +76,8 @@ class MapperWorker {
   FramePtr PrepareFrame(const KeyframeInput& input);
   /// Of the image as sent: what the mask of all images and its own leave. One that cannot be used is told and left out.
   Mask MaskOf(const KeyframeInput& input);
+  /// Of the image as sent; empty: it has none. One that cannot be used is told and left out.
+  DepthMap PriorDepthOf(const KeyframeInput& input);
   /// Has the worker do `work` and waits for it. Empty when done, else why not.
   std::string RunCommand(bool urgent, const std::function<void()>& work);
   template <class Change>

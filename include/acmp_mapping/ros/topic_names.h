@@ -16,6 +16,7 @@ constexpr char kSparsePoints[] = "sparse_points";
 constexpr char kSparsePointsV1[] = "sparse_points_v1";
 constexpr char kKeyframe[] = "keyframe";
 constexpr char kMask[] = "mask";
+constexpr char kPriorDepth[] = "prior_depth";
 constexpr char kOptimizedPath[] = "optimized_path";
 
 constexpr char kDepthFast[] = "depth_fast/image_rect";

@@ -1,0 +1,41 @@
+#pragma once
+
+#include <string>
+
+#include "acmp_mapping/fill/fill_options.h"
+#include "acmp_mapping/geometry/plane_hypothesis.h"
+#include "acmp_mapping/image/image.h"
+#include "acmp_mapping/keyframe/depth_range.h"
+#include "acmp_mapping/keyframe/frame.h"
+
+namespace acmp {
+
+/// A depth map from outside (a network, another sensor), in the scale of the images, where they do not speak against
+/// it.
+struct FittedPriorDepth {
+  DepthMap depth;         ///< z; 0: none, or not to be trusted there. Empty: nowhere
+  std::string rejection;  ///< why it is used nowhere; else empty
+};
+
+/// Fits 1 / z = shift + scale / prior to known depths, robustly, and looks where they agree. Used nowhere unless it
+/// explains half of those that no plane explains, so that constant maps, ramps and noise are refused. Not used where
+/// most known depths around disagree. Where they agree their mean deviation is taken from the map (unless it is
+/// metric): the scale of a network's map drifts over the image.
+/// @param prior of the image, up to scale and shift of 1 / z; 0: unknown
+/// @param known z of the pixels whose depth is credible, of the same size; 0: the others
+FittedPriorDepth FitPriorDepth(ImageView<const float> prior, ImageView<const float> known, const DepthRange& range,
+                               const PriorDepthOptions& options);
+
+/// The plane of a pixel of a depth map, through its own depth and along what of its surroundings is of the same
+/// surface; zero where it has no depth.
+PlaneHypothesis PlaneOfPixel(ImageView<const float> depth, const RayGrid& rays, int col, int row);
+
+/// After FillUnverified: a pixel that no view confirms (kWorstCost) takes the plane of the frame's prior depth, fitted
+/// to what views confirm and to landmarks, in place of one extended from its surroundings. It remains a guess: passes
+/// choose by the images, and it makes no point. Without prior depth nothing changes.
+/// @param cost of the frame's size, as planes
+/// @return why the prior depth is used nowhere; else empty
+std::string UsePriorDepth(const Frame& frame, const DepthRange& range, const PriorDepthOptions& options,
+                          ImageView<const float> cost, ImageView<PlaneHypothesis> planes);
+
+}  // namespace acmp
