@@ -19,10 +19,11 @@
 namespace acmp {
 namespace {
 
-/// Depths within this ratio are of the same surface, after the fit of the whole image: what a network's map deviates
-/// within one surface stays below, what lies between two surfaces is above as a rule.
+/// Depths within this ratio may be of the same surface, after the fit of scale and shift: so much a network's scale
+/// drifts over the image.
 constexpr double kSameSurface = 0.1;
-/// The same after the fit of the surroundings.
+/// The same after the fit of the drift: what a network's map deviates within one surface stays below, what lies between
+/// two surfaces is above as a rule.
 constexpr double kAgrees = 0.05;
 constexpr size_t kMinKnown = 20;  ///< depths that a fit takes: of fewer half would agree by chance
 
@@ -73,47 +74,82 @@ std::optional<Eigen::Vector3d> SolveFor(int count, const std::vector<Pair>& pair
   return factors;
 }
 
-/// The best of fits through as many pairs, drawn at random, as there are terms (the first `count`); then refined a few
-/// times by least squares over the pairs that agree with it.
+/// Takes `factors` if they are better.
 template <class TermsOf>
-RobustFit FitRobustly(int count, const std::vector<Pair>& pairs, const TermsOf& terms_of) {
-  constexpr int kDraws = 300, kRounds = 5;
-  constexpr uint32_t kSeed = 1;
-  RandomStream random(kSeed, 0, static_cast<uint32_t>(count));
-  const auto loss_of = [&](const Eigen::Vector3d& factors) {
-    double sum = 0;
-    for (const Pair& pair : pairs) {
-      const double deviation = DeviationOf(factors, terms_of(pair), pair) / kSameSurface;
-      sum += std::min(deviation * deviation, 1.0);
-    }
-    return sum / static_cast<double>(pairs.size());
-  };
-  RobustFit best;
-  const auto consider = [&](const std::optional<Eigen::Vector3d>& factors) {
-    if (!factors) return;
-    const double loss = loss_of(*factors);
-    if (loss < best.loss) best = {*factors, loss};
-  };
-  for (int i = 0; i < kDraws; ++i) {
-    std::vector<Pair> drawn;
-    for (int k = 0; k < count; ++k) drawn.push_back(pairs[random.NextWord() % pairs.size()]);
-    consider(SolveFor(count, drawn, terms_of, [](const Terms&, const Pair&) { return true; }));
+void Consider(const std::optional<Eigen::Vector3d>& factors, const std::vector<Pair>& pairs, const TermsOf& terms_of,
+              RobustFit* best) {
+  if (!factors) return;
+  double sum = 0;
+  for (const Pair& pair : pairs) {
+    const double deviation = DeviationOf(*factors, terms_of(pair), pair) / kSameSurface;
+    sum += std::min(deviation * deviation, 1.0);
   }
+  const double loss = sum / static_cast<double>(pairs.size());
+  if (loss < best->loss) *best = {*factors, loss};
+}
+
+/// A fit, refined a few times by least squares over the pairs that agree with it.
+template <class TermsOf>
+RobustFit Refined(RobustFit best, int count, const std::vector<Pair>& pairs, const TermsOf& terms_of) {
+  constexpr int kRounds = 5;
   for (int i = 0; i < kRounds; ++i) {
-    consider(SolveFor(count, pairs, terms_of, [&](const Terms& terms, const Pair& pair) {
+    const auto agrees = [&](const Terms& terms, const Pair& pair) {
       return std::abs(DeviationOf(best.factors, terms, pair)) < kSameSurface;
-    }));
+    };
+    Consider(SolveFor(count, pairs, terms_of, agrees), pairs, terms_of, &best);
   }
   return best;
 }
 
-/// The prior's fit: 1 / z = shift + scale / prior.
-struct AffineFit {
-  double shift = 0, scale = 1;
+/// The best of fits through as many pairs, drawn at random, as there are terms (the first `count`), refined.
+template <class TermsOf>
+RobustFit FitRobustly(int count, const std::vector<Pair>& pairs, const TermsOf& terms_of) {
+  constexpr int kDraws = 300;
+  constexpr uint32_t kSeed = 1;
+  RandomStream random(kSeed, 0, static_cast<uint32_t>(count));
+  RobustFit best;
+  for (int i = 0; i < kDraws; ++i) {
+    std::vector<Pair> drawn;
+    for (int k = 0; k < count; ++k) drawn.push_back(pairs[random.NextWord() % pairs.size()]);
+    const auto all = [](const Terms&, const Pair&) { return true; };
+    Consider(SolveFor(count, drawn, terms_of, all), pairs, terms_of, &best);
+  }
+  return Refined(best, count, pairs, terms_of);
+}
 
-  double Of(double inverse_prior) const { return shift + scale * inverse_prior; }
-  double Deviation(const Pair& pair) const { return DeviationOf({shift, scale, 0}, PriorTerms(pair.prior), pair); }
+/// The prior's fit: 1 / z = (shift + scale / prior) * Dot(drift, (1, column, row)).
+struct PriorFit {
+  double shift = 0, scale = 1;
+  Eigen::Vector3d drift = {1, 0, 0};
+
+  Terms DriftTerms(double inverse_prior, int col, int row) const {
+    return (shift + scale * inverse_prior) * Terms(1, col, row);
+  }
+  /// 1 / z; not positive: none.
+  double Of(double inverse_prior, int col, int row) const { return drift.dot(DriftTerms(inverse_prior, col, row)); }
+  double Deviation(const Pair& pair) const {
+    return DeviationOf(drift, DriftTerms(pair.prior, pair.col, pair.row), pair);
+  }
 };
+
+/// Scale and shift.
+PriorFit FitScale(const std::vector<Pair>& pairs) {
+  const RobustFit fit = FitRobustly(2, pairs, [](const Pair& pair) { return PriorTerms(pair.prior); });
+  return {fit.factors[0], fit.factors[1]};
+}
+
+/// How the scale drifts over the image, of `width` x `height`; not at all, where known depths do not tell, or tell that
+/// it does so by more than kSameSurface.
+Eigen::Vector3d FitDrift(const PriorFit& fit, const std::vector<Pair>& pairs, int width, int height) {
+  const auto terms_of = [&](const Pair& pair) { return fit.DriftTerms(pair.prior, pair.col, pair.row); };
+  const Eigen::Vector3d drift = Refined({fit.drift, 1}, 3, pairs, terms_of).factors;
+  for (const int col : {0, width - 1}) {
+    for (const int row : {0, height - 1}) {
+      if (!(std::abs(drift.dot(Eigen::Vector3d(1, col, row)) - 1) < kSameSurface)) return fit.drift;
+    }
+  }
+  return drift;
+}
 
 std::vector<Pair> PairsOf(const ImageView<const float>& prior, const ImageView<const float>& known) {
   std::vector<Pair> pairs;
@@ -140,7 +176,7 @@ std::vector<Pair> Thinned(const std::vector<Pair>& pairs) {
 /// known depths that no plane explains: of true maps with all kinds of faults it is 0.42 and more, of maps of other
 /// images 0.39 at most, 0.25 as a rule, of constant ones, ramps and noise next to nothing. Where a plane explains all,
 /// it must explain nearly all, too.
-std::string WhyUseless(const AffineFit& fit, const std::vector<Pair>& pairs) {
+std::string WhyUseless(const PriorFit& fit, const std::vector<Pair>& pairs) {
   constexpr double kEnough = 0.5, kNearlyAll = 0.9, kHardlyAny = 0.01;
   const RobustFit plane = FitRobustly(3, pairs, PlaneTerms);
   size_t explained = 0, off_plane = 0, explained_off_plane = 0;
@@ -187,35 +223,27 @@ class CellSums {
 };
 
 /// By which the fitted depths are to be multiplied, per cell; 0: not to be used.
-Image<float> FitSurroundings(const AffineFit& fit, const std::vector<Pair>& pairs, int width, int height, int cell_size,
+Image<float> FitSurroundings(const PriorFit& fit, const std::vector<Pair>& pairs, int width, int height, int cell_size,
                              bool metric) {
-  constexpr int kRadius = 6;  // cells around that count
+  constexpr int kRadius = 12;  // cells around that count
   const int cols = CellsOf(width, cell_size), rows = CellsOf(height, cell_size);
   const double few = cell_size * cell_size;  // so many count as one that agrees with the fit of the whole image
-  CellSums count(cols, rows), same(cols, rows), deviation(cols, rows);
+  CellSums count(cols, rows), agreeing(cols, rows), deviation(cols, rows);
   for (const Pair& pair : pairs) {
     const int col = pair.col / cell_size, row = pair.row / cell_size;
     const double d = fit.Deviation(pair);
     count.Add(col, row, 1);
-    if (!(std::abs(d) < kSameSurface)) continue;
-    same.Add(col, row, 1);
+    if (!(std::abs(d) < kAgrees)) continue;
+    agreeing.Add(col, row, 1);
     deviation.Add(col, row, d);
   }
-  for (CellSums* sums : {&count, &same, &deviation}) sums->Integrate();
-  const auto mean = [&](int col, int row) {
-    return metric ? 0.0 : deviation.Around(col, row, kRadius) / (same.Around(col, row, kRadius) + few);
-  };
-  CellSums agreeing(cols, rows);
-  for (const Pair& pair : pairs) {
-    const int col = pair.col / cell_size, row = pair.row / cell_size;
-    if (std::abs(fit.Deviation(pair) - mean(col, row)) < kAgrees) agreeing.Add(col, row, 1);
-  }
-  agreeing.Integrate();
+  for (CellSums* sums : {&count, &agreeing, &deviation}) sums->Integrate();
   Image<float> factors(cols, rows);
   for (int row = 0; row < rows; ++row) {
     for (int col = 0; col < cols; ++col) {
-      const bool agrees = 2 * agreeing.Around(col, row, kRadius) >= count.Around(col, row, kRadius);
-      factors(col, row) = agrees ? static_cast<float>(std::exp(-mean(col, row))) : 0;
+      const double agree = agreeing.Around(col, row, kRadius);
+      const double mean = metric ? 0 : deviation.Around(col, row, kRadius) / (agree + few);
+      factors(col, row) = 2 * agree >= count.Around(col, row, kRadius) ? static_cast<float>(std::exp(-mean)) : 0;
     }
   }
   return factors;
@@ -253,17 +281,17 @@ FittedPriorDepth FitPriorDepth(ImageView<const float> prior, ImageView<const flo
                                    known.width, " x ", known.height, ": sizes must be equal"));
   }
   const std::vector<Pair> pairs = PairsOf(prior, known);
-  AffineFit fit;
-  if (!options.metric) {
-    if (pairs.size() < kMinKnown) {
-      return {{},
-              Concat("only ", pairs.size(), " of its pixels have a known depth to fit it to: must be at least ",
-                     kMinKnown)};
-    }
+  PriorFit fit;
+  if (!options.metric && pairs.size() < kMinKnown) {
+    return {
+        {},
+        Concat("only ", pairs.size(), " of its pixels have a known depth to fit it to: must be at least ", kMinKnown)};
+  }
+  if (pairs.size() >= kMinKnown) {
     const std::vector<Pair> some = Thinned(pairs);
-    const RobustFit prior_fit = FitRobustly(2, some, [](const Pair& pair) { return PriorTerms(pair.prior); });
-    fit = {prior_fit.factors[0], prior_fit.factors[1]};
+    if (!options.metric) fit = FitScale(some);
     if (std::string reason = WhyUseless(fit, some); !reason.empty()) return {{}, std::move(reason)};
+    if (!options.metric) fit.drift = FitDrift(fit, some, prior.width, prior.height);
   }
   const int cell_size = SizeOfCells(prior.width, prior.height, kCellsAcross);
   const Image<float> factors = FitSurroundings(fit, pairs, prior.width, prior.height, cell_size, options.metric);
@@ -271,7 +299,7 @@ FittedPriorDepth FitPriorDepth(ImageView<const float> prior, ImageView<const flo
   tbb::parallel_for(0, prior.height, [&](int row) {
     for (int col = 0; col < prior.width; ++col) {
       if (!(prior(col, row) > 0)) continue;
-      const double inverse = fit.Of(1.0 / prior(col, row));
+      const double inverse = fit.Of(1.0 / prior(col, row), col, row);
       const float z = static_cast<float>(factors(col / cell_size, row / cell_size) / inverse);
       if (inverse > 0 && z >= range.min && z <= range.max) fitted.depth(col, row) = z;
     }

@@ -72,16 +72,48 @@ TEST(FitPriorDepthTest, FindsScaleAndShiftAmongOutliers) {
   EXPECT_GT(ShareRight(fitted.depth, IsUnknown), 0.99);
 }
 
-TEST(FitPriorDepthTest, FollowsAScaleThatDrifts) {
-  const auto drifting = [](int col, int row) {
-    return TrueDepth(col, row) * (0.95f + 0.1f * static_cast<float>(col) / kPriorWidth);
-  };
-  const FittedPriorDepth fitted = FitPriorDepth(MakeDepth(drifting), Known(), kPriorRange, kFitted);
+DepthMap Drifting(const std::function<float(float)>& scale) {
+  return MakeDepth(
+      [&](int col, int row) { return TrueDepth(col, row) * scale(static_cast<float>(col) / kPriorWidth); });
+}
+
+TEST(FitPriorDepthTest, FollowsAScaleThatDriftsAlsoFarFromWhatIsKnown) {
+  const auto is_hole = [](int col, int /*row*/) { return col >= 60 && col < 100; };
+  const DepthMap known = MakeDepth([&](int col, int row) { return is_hole(col, row) ? 0 : TrueDepth(col, row); });
+  const DepthMap prior = Drifting([](float x) { return 3 * (0.95f + 0.1f * x); });
+  const FittedPriorDepth fitted = FitPriorDepth(prior, known, kPriorRange, kFitted);
   ASSERT_FALSE(fitted.depth.empty());
-  EXPECT_GT(ShareRight(fitted.depth, [](int col, int) { return col > 10 && col < 70; }), 0.9);
-  const FittedPriorDepth metric = FitPriorDepth(MakeDepth(drifting), Known(), kPriorRange, kMetric);
+  EXPECT_GT(ShareRight(fitted.depth, is_hole), 0.95);
+}
+
+TEST(FitPriorDepthTest, FollowsAScaleThatWavers) {
+  const DepthMap prior = Drifting([](float x) { return 1 + 0.04f * std::sin(6 * x); });
+  const FittedPriorDepth fitted = FitPriorDepth(prior, Known(), kPriorRange, kFitted);
+  ASSERT_FALSE(fitted.depth.empty());
+  const auto is_known = [](int col, int) { return col < 70; };
+  EXPECT_GT(ShareRight(fitted.depth, is_known), ShareRight(prior, is_known) + 0.3);
+}
+
+TEST(FitPriorDepthTest, WhatIsMetricIsTrustedAsItIsOrNotAtAll) {
+  const DepthMap prior = Drifting([](float x) { return 0.98f + 0.05f * x; });
+  const FittedPriorDepth metric = FitPriorDepth(prior, Known(), kPriorRange, kMetric);
   ASSERT_FALSE(metric.depth.empty());
-  EXPECT_FLOAT_EQ(metric.depth(70, 5), drifting(70, 5)) << "trusted as it is";
+  EXPECT_FLOAT_EQ(metric.depth(70, 5), prior(70, 5));
+  EXPECT_FLOAT_EQ(metric.depth(110, 5), prior(110, 5));
+  const DepthMap nothing(kPriorWidth, kPriorHeight);
+  EXPECT_FLOAT_EQ(FitPriorDepth(prior, nothing, kPriorRange, kMetric).depth(70, 5), prior(70, 5));
+  const DepthMap twice = Drifting([](float) { return 2.0f; });
+  EXPECT_THAT(FitPriorDepth(twice, Known(), kPriorRange, kMetric).rejection, HasSubstr("it explains"));
+}
+
+TEST(FitPriorDepthTest, ADriftThatKnownDepthsDoNotTellIsNone) {
+  DepthMap known(kPriorWidth, kPriorHeight);  // one column
+  for (int row = 0; row < kPriorHeight; ++row) known(50, row) = TrueDepth(50, row);
+  for (int row = 0; row < kPriorHeight; row += 2) known(30, row) = TrueDepth(30, row);
+  const FittedPriorDepth fitted =
+      FitPriorDepth(MakeDepth([](int col, int row) { return 2 * TrueDepth(col, row); }), known, kPriorRange, kFitted);
+  EXPECT_EQ(fitted.rejection, "");
+  EXPECT_GT(ShareRight(fitted.depth, IsUnknown), 0.99);
 }
 
 TEST(FitPriorDepthTest, RefusesWhatExplainsNoMoreThanAPlane) {

@@ -17,10 +17,11 @@ struct FittedPriorDepth {
   std::string rejection;  ///< why it is used nowhere; else empty
 };
 
-/// Fits 1 / z = shift + scale / prior to known depths, robustly, and looks where they agree. Used nowhere unless it
-/// explains half of those that no plane explains, so that constant maps, ramps and noise are refused. Not used where
-/// most known depths around disagree. Where they agree their mean deviation is taken from the map (unless it is
-/// metric): the scale of a network's map drifts over the image.
+/// Fits 1 / z = (shift + scale / prior) * (1 + drift) to known depths, robustly: first shift and scale, then a drift
+/// that is linear over the image, then what the known depths around still differ by on average, since the scale of a
+/// network's map wavers. Only the drift reaches to where nothing is known. Not used where most known depths around
+/// disagree, and used nowhere unless shift and scale explain half of those that no plane explains, so that constant
+/// maps, ramps and noise are refused. Of metric depth nothing is fitted; the same refuses it.
 /// @param prior of the image, up to scale and shift of 1 / z; 0: unknown
 /// @param known z of the pixels whose depth is credible, of the same size; 0: the others
 FittedPriorDepth FitPriorDepth(ImageView<const float> prior, ImageView<const float> known, const DepthRange& range,
