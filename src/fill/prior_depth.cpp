@@ -225,7 +225,8 @@ class CellSums {
 /// By which the fitted depths are to be multiplied, per cell; 0: not to be used.
 Image<float> FitSurroundings(const PriorFit& fit, const std::vector<Pair>& pairs, int width, int height, int cell_size,
                              bool metric) {
-  constexpr int kRadius = 12;  // cells around that count
+  // Cells around that count. The scale changes slowly; what is wrong may be small.
+  constexpr int kScaleRadius = 20, kWrongRadius = 12;
   const int cols = CellsOf(width, cell_size), rows = CellsOf(height, cell_size);
   const double few = cell_size * cell_size;  // so many count as one that agrees with the fit of the whole image
   CellSums count(cols, rows), agreeing(cols, rows), deviation(cols, rows);
@@ -241,9 +242,9 @@ Image<float> FitSurroundings(const PriorFit& fit, const std::vector<Pair>& pairs
   Image<float> factors(cols, rows);
   for (int row = 0; row < rows; ++row) {
     for (int col = 0; col < cols; ++col) {
-      const double agree = agreeing.Around(col, row, kRadius);
-      const double mean = metric ? 0 : deviation.Around(col, row, kRadius) / (agree + few);
-      factors(col, row) = 2 * agree >= count.Around(col, row, kRadius) ? static_cast<float>(std::exp(-mean)) : 0;
+      if (2 * agreeing.Around(col, row, kWrongRadius) < count.Around(col, row, kWrongRadius)) continue;
+      const double mean = deviation.Around(col, row, kScaleRadius) / (agreeing.Around(col, row, kScaleRadius) + few);
+      factors(col, row) = metric ? 1 : static_cast<float>(std::exp(-mean));
     }
   }
   return factors;
