@@ -43,14 +43,6 @@ void ReportImagesWithoutMap(const ReconstructRun& run) {
   }
 }
 
-void ReportUnusedPriorDepth(const ReconstructRun& run) {
-  const std::map<int, std::string>& rejections = run.prior_depth_rejections;
-  if (rejections.empty()) return;
-  const auto& [index, reason] = *rejections.begin();
-  run.progress.Warn(Concat("the prior depth of ", rejections.size(), " images is not used, for example of ",
-                           run.scene.images[static_cast<size_t>(index)].name, ": ", reason));
-}
-
 /// Runs the schedule and writes the results. Returns the number of points.
 size_t RunSchedule(ReconstructRun* run) {
   TaskGraph graph;

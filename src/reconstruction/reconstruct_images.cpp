@@ -165,7 +165,7 @@ ImageReconstruction ReconstructImages(std::vector<InputImage> images, const Reco
   EngineStore store(&frames, options, nullptr, plan, devices, ScheduleOf(MakePipelineOptions(options)));
   std::ostream nowhere(nullptr);
   Progress progress(&nowhere, ProgressStyle::kSilent);
-  ScheduleRun run{scene, options, plan, devices, store, *interrupt, progress, {}, {}};
+  ScheduleRun run{scene, options, plan, devices, store, *interrupt, progress, {}, {}, {}};
   Outputs outputs = {std::vector<ConfidenceMap>(indices.size()), std::vector<PointCloud>(indices.size())};
   RunTasks(&run, &outputs);
   return Collect(&run, std::move(outputs));

@@ -31,6 +31,14 @@ PointsJudgement JudgePoints(const ScheduleRun& run, size_t points) {
   return {Concat("only ", points, " of ", pixels, " pixels became points", kCauses), ""};
 }
 
+void ReportUnusedPriorDepth(const ReconstructRun& run) {
+  const std::map<int, std::string>& rejections = run.prior_depth_rejections;
+  if (rejections.empty()) return;
+  const auto& [index, reason] = *rejections.begin();
+  run.progress.Warn(Concat("the prior depth of ", rejections.size(), " images is not used, for example of ",
+                           run.scene.images[static_cast<size_t>(index)].name, ": ", reason));
+}
+
 std::string EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer,
                    size_t points, std::ostream* out) {
   Timer sync;

@@ -15,6 +15,9 @@ struct PointsJudgement {
 };
 PointsJudgement JudgePoints(const ScheduleRun& run, size_t points);
 
+/// A warning that says of how many images the prior depth is not used, and why of one.
+void ReportUnusedPriorDepth(const ReconstructRun& run);
+
 /// The list of files and the summary, which make the run complete.
 /// @param device name of what computed it
 /// @param timer of the whole run

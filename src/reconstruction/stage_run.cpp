@@ -149,6 +149,7 @@ class StageRun {
                        folder_};
     work(&run, &frames);
     interrupt_.Check();
+    ReportUnusedPriorDepth(run);
   }
 
   /// All stages must be done by devices of one model: others make other bits.

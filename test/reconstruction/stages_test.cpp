@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "acmp_mapping/dataset/map_io.h"
 #include "reconstruction/run_fixture.h"
 
 namespace acmp {
@@ -222,7 +223,27 @@ TEST_F(StagesTest, RefuseAnImageThatHasChanged) {
   Stage("step_0", "0-1", &fake_);
   std::filesystem::copy_file(scene() / "images/00000000.png", scene() / "images/00000001.png",
                              std::filesystem::copy_options::overwrite_existing);
-  EXPECT_THAT(StageError("step_1", "0-1"), HasSubstr("image 00000001.png: it or its mask has changed"));
+  EXPECT_THAT(StageError("step_1", "0-1"),
+              HasSubstr("image 00000001.png: it, its mask or its prior depth has changed"));
+}
+
+TEST_F(StagesTest, ReadPriorDepth) {
+  const std::filesystem::path depths = folder() / "depths";
+  std::filesystem::create_directories(depths);
+  for (int i = 0; i < kStreetImages; ++i)
+    WritePfm(depths / ("0000000" + std::to_string(i) + ".pfm"), DepthMap(5, 4, 2));
+  options_.prior_depth = depths;
+  RunAlone();
+  std::string logs;
+  for (const Task& task : Plan()) {
+    Stage(task, &fake_);
+    logs += log_.str();
+  }
+  EXPECT_THAT(logs, HasSubstr("the prior depth of 2 images is not used, for example of 00000000.png: "));
+  ExpectSameContents(output("alone"), output());
+  options_.plan = folder() / "plan.json";
+  WritePfm(depths / "00000001.pfm", DepthMap(5, 4, 3));
+  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("prior depth"));
 }
 
 TEST_F(StagesTest, AnotherSceneIsRefusedUntilOverwrite) {
