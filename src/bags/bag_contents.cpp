@@ -89,9 +89,9 @@ BagImage ToBagImage(const EncodedImage& image) {
 }
 
 BagMask ToBagMask(const sensor_msgs::ImageConstPtr& message) {
-  const MaskSample sample = ToMaskSample(message);
+  const CompanionSample sample = ToMaskSample(message);
   const PinholeCamera size = {static_cast<int>(message->width), static_cast<int>(message->height)};
-  return {sample.stamp_ns, size.width, size.height, IgnoresAll(DecodeMask(*sample.mask, size))};
+  return {sample.stamp_ns, size.width, size.height, IgnoresAll(DecodeMask(*sample.image, size))};
 }
 
 template <class Message>

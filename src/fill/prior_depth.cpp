@@ -251,10 +251,12 @@ Image<float> FitSurroundings(const PriorFit& fit, const std::vector<Pair>& pairs
 }
 
 /// Depths that views confirm, after FillUnverified, and of landmarks; 0 elsewhere.
-DepthMap KnownDepths(const Frame& frame, const ImageView<const float>& cost, const ImageView<PlaneHypothesis>& planes) {
+DepthMap KnownDepths(const Frame& frame, bool with_landmarks, const ImageView<const float>& cost,
+                     const ImageView<PlaneHypothesis>& planes) {
   const RayGrid rays = MakeRayGrid(frame.camera);
   DepthMap known(planes.width, planes.height);
   for (const Eigen::Vector3d& landmark : frame.landmarks_in_world) {
+    if (!with_landmarks) break;
     const double z = DepthInView(landmark, frame.camera, frame.cam_from_world);
     if (!(z > 0)) continue;
     const Eigen::Vector2d pixel = frame.camera.Project(frame.cam_from_world * landmark);
@@ -338,10 +340,11 @@ PlaneHypothesis PlaneOfPixel(ImageView<const float> depth, const RayGrid& rays, 
                       z);
 }
 
-std::string UsePriorDepth(const Frame& frame, const DepthRange& range, const PriorDepthOptions& options,
-                          ImageView<const float> cost, ImageView<PlaneHypothesis> planes) {
+std::string UsePriorDepth(const Frame& frame, bool in_scale_of_frame, const DepthRange& range,
+                          PriorDepthOptions options, ImageView<const float> cost, ImageView<PlaneHypothesis> planes) {
   if (frame.prior_depth.empty()) return {};
-  const DepthMap known = KnownDepths(frame, cost, planes);
+  options.metric = options.metric && in_scale_of_frame;
+  const DepthMap known = KnownDepths(frame, in_scale_of_frame, cost, planes);
   FittedPriorDepth fitted = FitPriorDepth(frame.prior_depth, known, range, options);
   if (fitted.depth.empty()) return std::move(fitted.rejection);
   const RayGrid rays = MakeRayGrid(frame.camera);

@@ -81,8 +81,8 @@ EngineEstimatePtr DepthEstimator::Fill(const EngineProblem& problem, bool for_pa
   const Frame& frame = *problem.reference.frame;
   if (frame.prior_depth.empty()) return filled;
   EstimateState state = engine_->DownloadState(filled);
-  prior_depth_rejection_ =
-      UsePriorDepth(frame, problem.depth_range, options_.prior_depth, state.cost.View(), state.planes.View());
+  prior_depth_rejection_ = UsePriorDepth(frame, !problem.reference.refined_pose, problem.depth_range,
+                                         options_.prior_depth, state.cost.View(), state.planes.View());
   if (!prior_depth_rejection_.empty()) return filled;
   filled.reset();
   return engine_->UploadState(std::move(state), frame.camera);

@@ -190,7 +190,9 @@ class UsePriorDepthTest : public ::testing::Test {
     frame_.prior_depth = MakeDepth([](int col, int row) { return col == 110 ? 0.0f : 2 * TrueDepth(col, row); });
   }
 
-  std::string Use() { return UsePriorDepth(frame_, kPriorRange, kFitted, cost_, planes_.View()); }
+  std::string Use(bool in_scale_of_frame = true, const PriorDepthOptions& options = kFitted) {
+    return UsePriorDepth(frame_, in_scale_of_frame, kPriorRange, options, cost_, planes_.View());
+  }
   float DepthAt(int col, int row) const {
     return PlaneDepth(planes_(col, row),
                       MakeRayGrid(frame_.camera).Ray(static_cast<float>(col), static_cast<float>(row)));
@@ -218,7 +220,13 @@ TEST_F(UsePriorDepthTest, LandmarksCountWhereNoViewConfirmsAnything) {
           frame_.camera.Unproject({static_cast<double>(col), static_cast<double>(row)}, TrueDepth(col, row)));
     }
   }
+  EXPECT_THAT(Use(false), HasSubstr("only 0 of its pixels")) << "landmarks have another scale";
   EXPECT_EQ(Use(), "");
+  EXPECT_NEAR(DepthAt(105, 30), TrueDepth(105, 30), 0.01f * TrueDepth(105, 30));
+}
+
+TEST_F(UsePriorDepthTest, MetricDepthIsFittedToPlanesOfAnotherScale) {
+  EXPECT_EQ(Use(false, kMetric), "");  // it is twice as far
   EXPECT_NEAR(DepthAt(105, 30), TrueDepth(105, 30), 0.01f * TrueDepth(105, 30));
 }
 

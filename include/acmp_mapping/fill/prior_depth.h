@@ -34,9 +34,11 @@ PlaneHypothesis PlaneOfPixel(ImageView<const float> depth, const RayGrid& rays, 
 /// After FillUnverified: a pixel that no view confirms (kWorstCost) takes the plane of the frame's prior depth, fitted
 /// to what views confirm and to landmarks, in place of one extended from its surroundings. It remains a guess: passes
 /// choose by the images, and it makes no point. Without prior depth nothing changes.
+/// @param in_scale_of_frame whether planes have the scale of the frame's pose and landmarks, as without refined poses;
+///   else landmarks tell nothing, and metric depth is fitted as other depth is
 /// @param cost of the frame's size, as planes
 /// @return why the prior depth is used nowhere; else empty
-std::string UsePriorDepth(const Frame& frame, const DepthRange& range, const PriorDepthOptions& options,
-                          ImageView<const float> cost, ImageView<PlaneHypothesis> planes);
+std::string UsePriorDepth(const Frame& frame, bool in_scale_of_frame, const DepthRange& range,
+                          PriorDepthOptions options, ImageView<const float> cost, ImageView<PlaneHypothesis> planes);
 
 }  // namespace acmp
