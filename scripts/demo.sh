@@ -1,7 +1,7 @@
 #!/bin/bash
 # The main job, on Debian 11 or 12 with nothing installed: installs packages, builds, renders the synthetic room into a bag,
-# plays it through the nodelet by roslaunch, and leaves the map (PLY), depth maps and pictures in demo_output/. Prints how
-# the depth compares with the ground truth. Shows rviz if there is a display.
+# plays it through the nodelet by roslaunch, and leaves the map and its mesh (PLY), a picture of the mesh, depth maps and
+# pictures of them in demo_output/. Prints how the depth compares with the ground truth. Shows rviz if there is a display.
 # Environment: ACMP_BUILD_DIR (build; test.sh goes on in it), ACMP_CUDA (AUTO, ON or OFF), DEVICE (auto, cuda or cpu).
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -61,6 +61,10 @@ echo "-- refined maps"
 "$bin/acmp_evaluate" depth "$out/ground_truth" "$out/depth" --mask low_texture --lowtex 0 --quiet
 echo "-- fused map"
 "$bin/acmp_evaluate" cloud "$out/map.ply" "$out/ground_truth/surface.ply"
+if [ -f "$out/mesh.ply" ]; then
+  step "a picture of the mesh"
+  scripts/draw_mesh.py "$out/mesh.ply" "$out/mesh.png"
+fi
 step
 if $show && [ -t 0 ]; then
   read -r -p "rviz shows the map; press Enter to end "

@@ -1,10 +1,11 @@
 #!/usr/bin/python3
-"""Saves what the mapper publishes while a bag is played to it: depth maps (PFM), pictures (PNG) and the map (PLY).
+"""Saves what the mapper publishes while a bag is played to it: depth maps (PFM), pictures (PNG), the map and its mesh (PLY).
 
 usage: save_demo_output.py BAG OUT_FOLDER [--image TOPIC] [--namespace NS] [--timeout SECONDS]
 
 Files are numbered by the position of their image in the bag. Waits for the bag's player to end, has the mapper finish
-(~flush) and save its map (~save_map). Needs nothing but rospy and rosbag. Exits with 1 when the mapper gave no map."""
+(~flush) and save its map (~save_map), which says why where there is no mesh (a build without OpenVDB). Needs nothing but
+rospy and rosbag. Exits with 1 when the mapper gave no map."""
 import argparse
 import os
 import struct
@@ -16,7 +17,7 @@ import zlib
 import rosbag
 import rosgraph
 import rospy
-from acmp_mapping.srv import SaveMap
+from acmp_mapping.srv import SaveMap, SaveMapRequest
 from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
@@ -145,8 +146,9 @@ def run(arguments):
     mapper = arguments.namespace + "/dense_mapper"
     call(mapper + "/flush", Trigger, deadline)
     wait_for("last messages", lambda: saver.idle(1.5), deadline)  # and diagnostics come at 1 Hz
-    map_path = os.path.join(os.path.abspath(arguments.folder), "map.ply")
-    saved = call(arguments.namespace + "/map_server/save_map", SaveMap, deadline, map_path, 0, True)
+    save_map = arguments.namespace + "/map_server/save_map"
+    map_path, mesh_path = (os.path.join(os.path.abspath(arguments.folder), name) for name in ("map.ply", "mesh.ply"))
+    saved = call(save_map, SaveMap, deadline, map_path, SaveMapRequest.PLY, True)
     print("matched on %s at %s px; the last keyframe:" % (saver.status.get("device"), saver.status.get("matched size [px]")))
     for key, value in sorted(saver.status.items()):
         if key.endswith("[ms]"):
@@ -154,6 +156,10 @@ def run(arguments):
     print("%d images played; received: %s" % (len(stamps), ", ".join(
         "%d %s" % (count, kind) for kind, count in sorted(saver.counts.items()))))
     print("map: %d points of %d keyframes in %s" % (saved.points, saved.keyframes, map_path))
+    try:
+        call(save_map, SaveMap, deadline, mesh_path, SaveMapRequest.MESH_PLY, True)
+    except RuntimeError as error:
+        print("no mesh: %s" % error)
 
 
 def main():

@@ -29,3 +29,7 @@ grep -q "latency of refined depth maps \[ms\] median" "$folder/saved"
 test -s "$folder/map.ply"
 test "$(find "$folder/depth" -name '*.pfm' | wc -l)" -eq 14
 grep -q "^map: .* points of 14 keyframes in " "$folder/saved"
+if ! grep -q "^no mesh: .*install libopenvdb-dev" "$folder/saved"; then
+  "$1/scripts/draw_mesh.py" "$folder/mesh.ply" "$folder/mesh.png" --size 64 | grep "^mesh: [1-9][0-9]* triangles"
+  test -s "$folder/mesh.png"
+fi

@@ -325,9 +325,17 @@ class RvizConfig(unittest.TestCase):
             self.assertIn(topic[len(NAMESPACE):], interface_names(), name)
 
     def test_shows_all_there_is_to_see(self):
-        wanted = {"map_points", "points", "keyframe_path", "rgb/image_rect_color", "depth/image_vis",
+        wanted = {"map_points", "points", "occupancy", "keyframe_path", "rgb/image_rect_color", "depth/image_vis",
                   "confidence/image_vis", "normal/image_vis"}
         self.assertEqual(set(self.topics().values()), {NAMESPACE + topic for topic in wanted})
+
+    def test_colours_of_clouds_are_channels_that_they_have(self):
+        clouds = [display for display in self.manager["Displays"] if display["Class"] == "rviz/PointCloud2"]
+        with open(os.path.join(SOURCE, "src/ros/output_conversion.cpp")) as file:
+            fields = re.findall(r'"(\w+)", 1, kFloat', file.read())
+        channels = {display.get("Channel Name") for display in clouds if display["Color Transformer"] == "Intensity"}
+        self.assertEqual(channels, {"confidence"})
+        self.assertLessEqual(channels, set(fields))
 
     def test_fixed_frame_is_that_of_recorded_bags(self):
         with open(os.path.join(SOURCE, "include/acmp_mapping/bags/bag_recording.h")) as file:
