@@ -27,11 +27,6 @@ OptionTable<PipelineOptions> MakePipelineOptionTable() {
           .WhileRunning(),
       [](auto& o) -> auto& { return o.fill.weighted_median; });
   table.Add(
-      Flag("prior_depth_metric",
-           "Depth from outside is in the unit of the poses and trusted as it is; else scale and shift are fitted")
-          .WhileRunning(),
-      [](auto& o) -> auto& { return o.prior_depth.metric; });
-  table.Add(
       Number("min_consistent_views", 1, 32, "",
              "Source views that must agree with a pixel before it becomes a point; more: fewer and better points")
           .WhileRunning(),
@@ -65,6 +60,10 @@ OptionTable<PipelineOptions> MakePipelineOptionTable() {
       Number("max_normal_angle_deg", 0.1, 180, "deg",
              "A source view agrees with a pixel when their normals differ by less than this angle"),
       [](auto& o) -> auto& { return o.fusion.max_normal_angle_deg; });
+  table.Add(
+      Flag("prior_depth_metric",
+           "Depth from outside is in the unit of the poses and trusted as it is; else scale and shift are fitted"),
+      [](auto& o) -> auto& { return o.prior_depth.metric; });
   return table;
 }
 
