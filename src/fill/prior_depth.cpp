@@ -110,6 +110,7 @@ RobustFit FitRobustly(int count, const std::vector<Pair>& pairs, const TermsOf& 
   RobustFit best;
   for (int i = 0; i < kDraws; ++i) {
     std::vector<Pair> drawn;
+    drawn.reserve(static_cast<size_t>(count));
     for (int k = 0; k < count; ++k) drawn.push_back(pairs[random.NextWord() % pairs.size()]);
     const auto all = [](const Terms&, const Pair&) { return true; };
     Consider(SolveFor(count, drawn, terms_of, all), pairs, terms_of, &best);
@@ -142,7 +143,7 @@ PriorFit FitScale(const std::vector<Pair>& pairs) {
 /// it does so by more than kSameSurface.
 Eigen::Vector3d FitDrift(const PriorFit& fit, const std::vector<Pair>& pairs, int width, int height) {
   const auto terms_of = [&](const Pair& pair) { return fit.DriftTerms(pair.prior, pair.col, pair.row); };
-  const Eigen::Vector3d drift = Refined({fit.drift, 1}, 3, pairs, terms_of).factors;
+  Eigen::Vector3d drift = Refined({fit.drift, 1}, 3, pairs, terms_of).factors;
   for (const int col : {0, width - 1}) {
     for (const int row : {0, height - 1}) {
       if (!(std::abs(drift.dot(Eigen::Vector3d(1, col, row)) - 1) < kSameSurface)) return fit.drift;
