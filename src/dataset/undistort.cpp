@@ -37,11 +37,7 @@ Mask Undistortion::Of(Mask mask) const {
 
 DepthMap Undistortion::Of(DepthMap depth) const {
   if (map_x_.empty() || depth.empty()) return depth;
-  DepthMap stored = ResizeDepth(depth, map_x_.cols, map_x_.rows);
-  DepthMap result(map_x_.cols, map_x_.rows);
-  cv::Mat target = AsMat(result);
-  cv::remap(AsMat(stored), target, map_x_, map_y_, cv::INTER_NEAREST, cv::BORDER_CONSTANT);
-  return result;
+  return RemapDepth(ResizeDepth(depth, map_x_.cols, map_x_.rows), map_x_, map_y_);
 }
 
 }  // namespace acmp

@@ -80,6 +80,13 @@ Mask RemapMask(const Mask& mask, const cv::Mat& map_x, const cv::Mat& map_y) {
   return result;
 }
 
+DepthMap RemapDepth(DepthMap depth, const cv::Mat& map_x, const cv::Mat& map_y) {
+  DepthMap result(map_x.cols, map_x.rows);
+  cv::Mat target = AsMat(result);
+  cv::remap(AsMat(depth), target, map_x, map_y, cv::INTER_NEAREST, cv::BORDER_CONSTANT);
+  return result;
+}
+
 ColorImage Resize(const ColorImage& image, int width, int height) { return ResizeAny(image, width, height); }
 GrayImage Resize(const GrayImage& image, int width, int height) { return ResizeAny(image, width, height); }
 

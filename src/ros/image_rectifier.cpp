@@ -2,6 +2,7 @@
 
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
+#include <utility>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/image/image_processing.h"
@@ -65,11 +66,7 @@ DepthMap ImageRectifier::RectifyDepth(const DepthMap& depth) const {
   if (depth.empty()) return {};
   const PinholeCamera& c = calibration_.camera;
   DepthMap sent = ResizeDepth(depth, c.width, c.height);
-  if (map_x_.empty()) return sent;
-  DepthMap rectified(c.width, c.height);
-  cv::Mat target = AsMat(rectified);
-  cv::remap(AsMat(sent), target, map_x_, map_y_, cv::INTER_NEAREST, cv::BORDER_CONSTANT);
-  return rectified;
+  return map_x_.empty() ? std::move(sent) : RemapDepth(std::move(sent), map_x_, map_y_);
 }
 
 }  // namespace acmp

@@ -27,4 +27,8 @@ DepthMap ResizeDepth(const DepthMap& depth, int width, int height);
 /// @param map_x,map_y as cv::remap takes them
 Mask RemapMask(const Mask& mask, const cv::Mat& map_x, const cv::Mat& map_y);
 
+/// Depths z of an image that cv::remap makes with these maps: the nearest pixel's, as interpolation would invent some
+/// at edges; 0 outside.
+DepthMap RemapDepth(DepthMap depth, const cv::Mat& map_x, const cv::Mat& map_y);
+
 }  // namespace acmp
