@@ -22,7 +22,7 @@ topics="/camera/image_raw /camera/camera_info /slam/pose /slam/sparse_points"
 roslaunch --port "$port" acmp_mapping demo.launch bag:="$folder/room.bag" save_folder:="$folder" rviz:=false device:=cpu \
   play_args:="--wait-for-subscribers --quiet --topics $topics" >"$folder/roslaunch.log" 2>&1 </dev/null &
 launch=$!
-"$1/scripts/save_demo_output.py" "$folder/room.bag" "$folder" --timeout 200 >"$folder/saved" &
+"$1/scripts/save_demo_output.py" "$folder/room.bag" "$folder" --timeout 500 --patience 500 >"$folder/saved" &
 saver=$!
 code=0
 wait -n "$launch" "$saver" || code=$?
