@@ -21,7 +21,8 @@ NAMESPACE = "/acmp/"
 FRONTENDS = ["kimera_vio.launch", "okvis.launch", "openvins.launch", "orb_slam3_ros.launch",
              "orb_slam3_ros_wrapper.launch", "orb_slam_2_ros.launch", "ov2slam.launch", "rtabmap.launch",
              "stella_vslam_ros.launch", "vins_fusion.launch", "vins_mono.launch"]
-CONSUMERS = ["depth_image_proc.launch", "nvblox.launch", "rtabmap_keyframes.launch", "voxblox.launch"]
+CONSUMERS = ["costmap_2d.launch", "depth_image_proc.launch", "nvblox.launch", "rtabmap_keyframes.launch",
+             "voxblox.launch"]
 
 
 def interface_names():
@@ -247,10 +248,12 @@ class Consumers(unittest.TestCase):
         made_here = {"keyframe_transform"}  # by a node of the launch file
         for launch in CONSUMERS:
             with self.subTest(launch):
-                nodes = load("consumers/" + launch, *arguments.get(launch, [])).nodes
-                remaps = [remap for node in nodes for remap in node.remap_args]
-                self.assertTrue(remaps)
-                for source, target in remaps:
+                config = load("consumers/" + launch, *arguments.get(launch, []))
+                nodes = config.nodes
+                topics = [remap for node in nodes for remap in node.remap_args]
+                topics += [(name, param.value) for name, param in config.params.items() if name.endswith("/topic")]
+                self.assertTrue(topics)
+                for source, target in topics:
                     relative = target[len(NAMESPACE):] if target.startswith(NAMESPACE) else target
                     if source.endswith("depth_registered/points"):
                         continue  # what it publishes
