@@ -1,9 +1,10 @@
 #include "texture_rate.h"
 
-#include <algorithm>
-#include <array>
+#include <utility>
+#include <vector>
 
 #include "acmp_mapping/backend/texture_rate.h"
+#include "acmp_mapping/common/median.h"
 #include "cuda_device.h"
 
 namespace acmp {
@@ -21,7 +22,7 @@ double MeasureTextureRate(int cuda_index) {
   images.Upload(std::as_const(image).View(), layer, &staging, stream);
   const DeviceArray<float> sums(device, image.size());
 
-  std::array<double, kRepetitions> milliseconds;
+  std::vector<double> milliseconds(kRepetitions);
   LaunchFetches(images.texture(), layer, kSize, kSize, kFetches, sums.data(), stream.get());  // warm-up
   for (double& ms : milliseconds) {
     begin.Record(stream);
@@ -30,8 +31,7 @@ double MeasureTextureRate(int cuda_index) {
     stream.Synchronize();
     ms = CudaEvent::ElapsedMs(begin, end);
   }
-  std::nth_element(milliseconds.begin(), milliseconds.begin() + kRepetitions / 2, milliseconds.end());
-  return static_cast<double>(kSize) * kSize * kFetches / (milliseconds[kRepetitions / 2] * 1e-3);
+  return static_cast<double>(kSize) * kSize * kFetches / (Median(std::move(milliseconds)) * 1e-3);
 }
 
 }  // namespace acmp

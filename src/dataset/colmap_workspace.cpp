@@ -2,7 +2,6 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <iomanip>
 #include <sstream>
 
 #include "acmp_mapping/common/error.h"
@@ -11,15 +10,9 @@
 namespace acmp {
 namespace {
 
-constexpr int kDigits = 15;               // of a double in text files
+constexpr int kTextDigits = 15;           // of a double
 constexpr double kColmapOffset_px = 0.5;  // COLMAP's pixel centres against ours
 constexpr double kUnknownError_px = -1;   // a point's reprojection error
-
-std::ostringstream TextFile() {
-  std::ostringstream text;
-  text << std::setprecision(kDigits);
-  return text;
-}
 
 std::string MapHeader(int width, int height, int channels) { return Concat(width, "&", height, "&", channels, "&"); }
 
@@ -36,7 +29,7 @@ std::vector<size_t> FindCameras(const std::vector<ColmapModelImage>& images, std
 }
 
 void WriteCameras(const std::filesystem::path& path, const std::vector<PinholeCamera>& cameras) {
-  std::ostringstream text = TextFile();
+  std::ostringstream text = MakeTextFile(kTextDigits);
   text << "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n# Number of cameras: " << cameras.size() << '\n';
   for (size_t i = 0; i < cameras.size(); ++i) {
     const PinholeCamera& c = cameras[i];
@@ -56,7 +49,7 @@ std::vector<std::vector<Feature>> WritePoints(const std::filesystem::path& path,
                                               const std::vector<ColmapModelImage>& images,
                                               const std::vector<ColmapModelPoint>& points) {
   std::vector<std::vector<Feature>> features(images.size());
-  std::ostringstream lines = TextFile();
+  std::ostringstream lines = MakeTextFile(kTextDigits);
   size_t count = 0;
   for (const ColmapModelPoint& point : points) {
     std::ostringstream track;
@@ -78,7 +71,7 @@ std::vector<std::vector<Feature>> WritePoints(const std::filesystem::path& path,
 }
 
 std::string FeatureLine(const std::vector<Feature>& features) {
-  std::ostringstream line = TextFile();
+  std::ostringstream line = MakeTextFile(kTextDigits);
   for (size_t i = 0; i < features.size(); ++i) {
     line << (i == 0 ? "" : " ") << features[i].pixel.x() + kColmapOffset_px << ' '
          << features[i].pixel.y() + kColmapOffset_px << ' ' << features[i].point_id;
@@ -88,7 +81,7 @@ std::string FeatureLine(const std::vector<Feature>& features) {
 
 void WriteImages(const std::filesystem::path& path, const std::vector<ColmapModelImage>& images,
                  const std::vector<size_t>& camera_of, const std::vector<std::vector<Feature>>& features) {
-  std::ostringstream text = TextFile();
+  std::ostringstream text = MakeTextFile(kTextDigits);
   text << "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n# POINTS2D[] as (X, Y, POINT3D_ID)\n"
        << "# Number of images: " << images.size() << '\n';
   for (size_t i = 0; i < images.size(); ++i) {

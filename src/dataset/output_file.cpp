@@ -7,6 +7,7 @@
 
 #include <cerrno>
 #include <cstring>
+#include <iomanip>
 #include <system_error>
 
 #include "acmp_mapping/common/error.h"
@@ -101,6 +102,12 @@ void WriteFileAtomically(const std::filesystem::path& path, const std::string& c
   AtomicFile file(path, durability);
   file.Write(content);
   file.Commit();
+}
+
+std::ostringstream MakeTextFile(int digits) {
+  std::ostringstream text;
+  text << std::setprecision(digits);
+  return text;
 }
 
 void StartWriteback(const std::filesystem::path& path) {

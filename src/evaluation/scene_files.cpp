@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <iomanip>
 #include <limits>
 #include <map>
 #include <memory>
@@ -34,12 +33,6 @@ std::string Numbered(const char* format, size_t index) {
 }
 
 std::string ImageName(size_t index) { return Numbered("%06zu.png", index); }
-
-std::ostringstream TextFile() {
-  std::ostringstream text;
-  text << std::setprecision(kDigits);
-  return text;
-}
 
 // One landmark and where it is seen.
 struct Track {
@@ -116,7 +109,7 @@ void WriteMvsnetCameras(const fs::path& folder, const std::vector<SyntheticView>
   MakeFolder(folder / "cams");
   for (size_t i = 0; i < views.size(); ++i) {
     const DepthRange range = RangeOf(views[i]);
-    std::ostringstream text = TextFile();
+    std::ostringstream text = MakeTextFile(kDigits);
     const Eigen::IOFormat rows(kDigits, Eigen::DontAlignCols, " ", "\n");
     text << "extrinsic\n"
          << views[i].frame.cam_from_world.matrix().format(rows) << "\n\nintrinsic\n"
@@ -130,7 +123,7 @@ void WriteMvsnetCameras(const fs::path& folder, const std::vector<SyntheticView>
 void WritePairs(const fs::path& folder, const std::vector<SyntheticView>& views) {
   SourceViewOptions options;
   options.max_source_views = 10;
-  std::ostringstream text = TextFile();
+  std::ostringstream text = MakeTextFile(kDigits);
   text << views.size() << '\n';
   std::vector<SourceViewCandidate> all;
   all.reserve(views.size());

@@ -1,13 +1,12 @@
 #include "acmp_mapping/evaluation/slam_simulation.h"
 
+#include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/random.h"
 #include "synthetic_texture.h"
 
 namespace acmp {
 namespace {
-
-constexpr double kDegToRad = 0.017453292519943295769;
 
 /// About a vector whose length is the angle, rad; for small angles, without libm.
 Eigen::Quaterniond SmallRotation(const Eigen::Vector3d& turn) {
@@ -39,7 +38,7 @@ struct LocalWorld {
 
 RigidTransform WithJitter(const RigidTransform& pose, const SlamErrors& errors, double scale, RandomStream* random) {
   RigidTransform jitter = RigidTransform::Identity();
-  jitter.linear() = SmallRotation(BellVector(random, kDegToRad * errors.jitter_deg)).toRotationMatrix();
+  jitter.linear() = SmallRotation(BellVector(random, kRadPerDeg<double> * errors.jitter_deg)).toRotationMatrix();
   jitter.translation() = BellVector(random, scale * errors.jitter_m);
   return pose * jitter;
 }
@@ -66,7 +65,7 @@ SlamRun SimulateSlam(const std::vector<SyntheticView>& views, const SlamErrors& 
   after.scale = errors.units_per_m;
   after.rotation = Eigen::Quaterniond(run.start_from_true.linear()).normalized();
   LocalWorld drifting = after;
-  const Eigen::Quaterniond turn = SmallRotation({0, 0, kDegToRad * errors.turn_deg});
+  const Eigen::Quaterniond turn = SmallRotation({0, 0, kRadPerDeg<double> * errors.turn_deg});
   for (size_t i = start; i < views.size(); ++i) {
     const RigidTransform true_pose = views[i].frame.cam_from_world.inverse(Eigen::Isometry);
     const Eigen::Vector3d step = true_pose.translation() - (i > start ? drifting.centre : true_pose.translation());

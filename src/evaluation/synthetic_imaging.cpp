@@ -6,6 +6,7 @@
 
 #include <tbb/parallel_for.h>
 
+#include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
@@ -13,8 +14,6 @@ namespace {
 
 // Numbers of the streams of draws that belong to an image; noise uses the image's index, 0..999.
 constexpr uint32_t kExposureStream = 0xe590, kShakeStream = 0x5ba4e;
-
-constexpr double kRadPerDeg = 0.017453292519943295;
 
 unsigned char Quantize(double value) {
   return static_cast<unsigned char>(std::floor(std::clamp(value, 0.0, 255.0) + 0.5));
@@ -73,7 +72,7 @@ std::vector<CameraPose> PosesDuringExposure(const ImagingModel& model, const Cam
   std::vector<CameraPose> poses(count, pose);
   if (model.shake_deg == 0) return poses;
   RandomStream random(seed, static_cast<uint32_t>(index), kShakeStream);
-  const double sigma = kRadPerDeg * model.shake_deg;
+  const double sigma = kRadPerDeg<double> * model.shake_deg;
   const Vec3d turn = {BellNoise(&random, sigma), BellNoise(&random, sigma), BellNoise(&random, sigma)};
   const Vec3d in_world = turn.x * pose.right + turn.y * pose.down + turn.z * pose.forward;
   for (int i = 0; i < count; ++i) poses[i] = Turned(pose, ((i + 0.5) / count - 0.5) * in_world);
@@ -82,7 +81,7 @@ std::vector<CameraPose> PosesDuringExposure(const ImagingModel& model, const Cam
 
 double LargestTurn(const ImagingModel& model) {
   constexpr double kLargestDraw = 3.47, kAxes = 1.74;  // BellNoise ends at 2 sqrt(3) sigma; sqrt(3)
-  return 0.5 * kLargestDraw * kAxes * kRadPerDeg * model.shake_deg;
+  return 0.5 * kLargestDraw * kAxes * kRadPerDeg<double> * model.shake_deg;
 }
 
 int PsfBorder(const ImagingModel& model) { return PsfPasses(model.psf_sigma_px); }

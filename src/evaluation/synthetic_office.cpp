@@ -8,8 +8,6 @@ constexpr Vec3d kCenter = {0.0, 0.15, 1.3};
 constexpr Vec3d kHalf = {2.3, 2.35, 1.3};
 constexpr double kBackWall_y = kCenter.y + kHalf.y;
 
-Material Plain(const ColorD& color) { return {Pattern::kBlank, color, {}, 0}; }
-
 const Material kDarkMetal = Plain({44, 44, 48});
 const Material kWhiteMetal = Plain({226, 226, 222});
 
@@ -59,7 +57,7 @@ void AddChair(std::vector<WorldObject>* objects) {
   objects->push_back(Box({kX, kY - 0.18, 0.96}, {kHalfSeat, 0.008, 0.012}, kDarkMetal));
 }
 
-void AddFurniture(std::vector<WorldObject>* objects) {
+void AddFurnishings(std::vector<WorldObject>* objects) {
   const Material carpet = {Pattern::kNoise, {138, 120, 112}, {164, 146, 134}, 0};  // hardly above the noise
   const Material books = {Pattern::kBooks, {92, 60, 34}, {236, 226, 206}, 0.05};
   const Material shade = Plain({244, 232, 200});
@@ -100,7 +98,7 @@ SyntheticWorld BuildOffice() {
   AddDesk(objects);
   AddDeskware(objects);
   AddChair(objects);
-  AddFurniture(objects);
+  AddFurnishings(objects);
   AddCables(objects);
   AddWallDecoration(objects);
   world.wall_paint = {{158, 154, 148}, {226, 226, 222}, {196, 202, 200}, {210, 206, 198}};

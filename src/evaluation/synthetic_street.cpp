@@ -7,11 +7,9 @@ namespace {
 // Fronts of the houses on both sides and at the end of the street.
 constexpr double kLeft_x = -6.0, kRight_x = 6.5, kEnd_y = 52.0;
 
-Material Plain(const ColorD& color) { return {Pattern::kBlank, color, {}, 0}; }
-
 const Material kGlass = {Pattern::kBlank, {58, 66, 74}, {}, 0, 0.4};
 const Material kFrame = Plain({220, 216, 206});
-const Material kDarkMetal = Plain({52, 54, 56});
+const Material kIron = Plain({52, 54, 56});
 const Material kBark = {Pattern::kWood, {70, 56, 42}, {140, 118, 92}, 0};
 const Material kLeaves = {Pattern::kNoise, {30, 52, 22}, {128, 150, 70}, 0};
 
@@ -80,17 +78,17 @@ void AddCar(double x, double y, const ColorD& paint, std::vector<WorldObject>* o
   objects->push_back(Box({x, y + 0.2, 1.44}, {0.76, 1.05, 0.02}, body));
   objects->push_back(
       Box({x, y - 2.1, 0.50}, {0.26, 0.01, 0.06}, {Pattern::kMosaic, {240, 240, 240}, {30, 30, 30}, 0.05}));
-  for (const double end : {-1.3, 1.3}) objects->push_back(Box({x, y + end, 0.30}, {0.86, 0.30, 0.30}, kDarkMetal));
+  for (const double end : {-1.3, 1.3}) objects->push_back(Box({x, y + end, 0.30}, {0.86, 0.30, 0.30}, kIron));
 }
 
 void AddStreetFurniture(std::vector<WorldObject>* objects) {
-  for (int i = 0; i < 5; ++i) objects->push_back(Post(-3.6, 4.0 + 11.0 * i, 5.5, 0.06, kDarkMetal));
-  for (int i = 0; i < 6; ++i) objects->push_back(Post(3.5, 9.0 + 1.8 * i, 0.9, 0.05, kDarkMetal));  // bollards
+  for (int i = 0; i < 5; ++i) objects->push_back(Post(-3.6, 4.0 + 11.0 * i, 5.5, 0.06, kIron));
+  for (int i = 0; i < 6; ++i) objects->push_back(Post(3.5, 9.0 + 1.8 * i, 0.9, 0.05, kIron));  // bollards
   objects->push_back(
       Box({3.6, 6.0, 2.2}, {0.30, 0.01, 0.30}, {Pattern::kMosaic, {230, 60, 50}, {240, 240, 240}, 0.15}));
-  objects->push_back(Post(3.6, 6.03, 2.5, 0.03, kDarkMetal));          // traffic sign
+  objects->push_back(Post(3.6, 6.03, 2.5, 0.03, kIron));               // traffic sign
   objects->push_back(Box({8.5, 9.5, 0.8}, {2.0, 0.4, 0.8}, kLeaves));  // hedge in the gap
-  for (const double z : {6.2, 6.5}) objects->push_back(Box({0, 16.0, z}, {6.5, 0.012, 0.012}, kDarkMetal));  // wires
+  for (const double z : {6.2, 6.5}) objects->push_back(Box({0, 16.0, z}, {6.5, 0.012, 0.012}, kIron));  // wires
 }
 
 SyntheticWorld BuildStreet() {

@@ -29,6 +29,8 @@ struct Material {
   double gloss = 0;                ///< 0..1: brightness of the lamp's highlight; not part of TextureColor()
 };
 
+inline Material Plain(const ColorD& color) { return {Pattern::kBlank, color, {}, 0}; }
+
 /// Colour without light at a point of a solid, given in the solid's own frame. `key` tells equal materials apart.
 ColorD TextureColor(const Material& material, uint32_t key, const Vec3d& local, const Vec3d& local_normal);
 

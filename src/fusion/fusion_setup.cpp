@@ -5,7 +5,7 @@
 #include <string>
 
 #include "acmp_mapping/common/error.h"
-#include "vector_conversion.h"
+#include "acmp_mapping/geometry/vector_conversion.h"
 
 namespace acmp {
 namespace {

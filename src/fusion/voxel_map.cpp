@@ -12,7 +12,7 @@
 #include <limits>
 
 #include "acmp_mapping/common/error.h"
-#include "vector_conversion.h"
+#include "acmp_mapping/geometry/vector_conversion.h"
 
 namespace acmp {
 namespace {

@@ -4,7 +4,9 @@
 #include <cmath>
 #include <optional>
 
+#include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/median.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
 
 namespace acmp {
@@ -12,7 +14,6 @@ namespace {
 
 constexpr int kGridCells = 8;  // per axis; 16 x 12 choose no better
 constexpr size_t kGridPoints = kGridCells * kGridCells;
-constexpr double kRadToDeg = 57.295779513082320877;
 
 using PointWeights = Eigen::Array<double, kGridPoints, 1>;
 
@@ -41,13 +42,7 @@ double ScaleWeight(double px_per_unit_ratio) {
 
 double AngleDeg(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
   // atan2 keeps its precision at the small angles that decide whether there is a baseline; acos does not.
-  return kRadToDeg * std::atan2(a.cross(b).norm(), a.dot(b));
-}
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+  return std::atan2(a.cross(b).norm(), a.dot(b)) / kRadPerDeg<double>;
 }
 
 /// What the reference sees, were everything at one depth.

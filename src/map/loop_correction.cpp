@@ -1,4 +1,5 @@
 #include "acmp_mapping/map/loop_correction.h"
+#include "acmp_mapping/common/median.h"
 
 #include <algorithm>
 #include <cmath>
@@ -33,11 +34,9 @@ RigidTransform WorldFromCam(const PathConvention& convention, const RigidTransfo
 }
 
 /// What the ratios of distances after and before say about the scale; 1 if they tell nothing.
-double ScaleOf(std::vector<double> ratios) {
+double ScaleOf(const std::vector<double>& ratios) {
   if (ratios.size() < kNeighbours) return 1;
-  const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
-  std::nth_element(ratios.begin(), middle, ratios.end());
-  const double median = *middle;
+  const double median = Median(ratios);
   const auto agreeing = static_cast<size_t>(std::count_if(
       ratios.begin(), ratios.end(), [&](double ratio) { return std::abs(ratio - median) <= kAgreeing * median; }));
   return 4 * agreeing >= 3 * ratios.size() && std::abs(median - 1) > kLeastChange ? median : 1;

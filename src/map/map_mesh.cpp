@@ -5,20 +5,12 @@
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/median.h"
 #include "acmp_mapping/fusion/voxel_map.h"
 #include "acmp_mapping/mesh/distance_volume.h"
 #include "acmp_mapping/mesh/splat_points.h"
 
 namespace acmp {
-namespace {
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
-}  // namespace
 
 TriangleMesh MakeMapMesh(const MapStore& map, const MapMeshOptions& options, size_t* keyframes) {
   CheckCanMesh();
@@ -32,7 +24,8 @@ TriangleMesh MakeMapMesh(const MapStore& map, const MapMeshOptions& options, siz
     spacings.push_back(keyframe.scale * PointSpacing(*keyframe.points_in_camera, placed.voxel_size));
   }
   const double voxel_size = std::max(Median(spacings), placed.voxel_size);
-  DistanceVolume volume({options.voxel_size > 0 ? options.voxel_size : voxel_size, options.max_bytes, 0});
+  DistanceVolume volume(
+      {options.voxel_size > 0 ? options.voxel_size : voxel_size, options.max_bytes, kMinMeshConfidence});
   for (size_t i = 0; i < spacings.size(); ++i) {
     const PlacedKeyframe& keyframe = placed.keyframes[i];
     if (spacings[i] == 0) continue;

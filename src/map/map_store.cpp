@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/median.h"
 #include "acmp_mapping/fusion/voxel_map.h"
 
 namespace acmp {
@@ -18,9 +19,7 @@ namespace {
 double MedianDepth(const PointCloud& points) {
   std::vector<float> depths(points.size());
   std::transform(points.begin(), points.end(), depths.begin(), [](const SurfacePoint& p) { return p.position.z; });
-  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-  std::nth_element(depths.begin(), middle, depths.end());
-  return *middle;
+  return Median(std::move(depths));
 }
 
 double ReachOf(const PointCloud& points) {

@@ -1,4 +1,5 @@
 #include "acmp_mapping/mesh/splat_points.h"
+#include "acmp_mapping/common/median.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -30,10 +31,8 @@ PinholeCamera CameraAround(const PointCloud& points, double spacing) {
       high[axis] = std::max(high[axis], tangents[axis]);
     }
   }
-  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-  std::nth_element(depths.begin(), middle, depths.end());
   const double width = high[0] - low[0], height = high[1] - low[1];
-  const double focal = std::min(*middle / spacing, (kMaxSize - 2) / std::max({width, height, 1e-9}));
+  const double focal = std::min(Median(depths) / spacing, (kMaxSize - 2) / std::max({width, height, 1e-9}));
   return {static_cast<int>(std::ceil(focal * width)) + 1,
           static_cast<int>(std::ceil(focal * height)) + 1,
           focal,
@@ -137,9 +136,8 @@ double PointSpacing(const PointCloud& points_in_camera, double voxel_size) {
     box.extend(Eigen::Vector2f(p.x / p.z, p.y / p.z));
   }
   if (depths.empty()) return 0;
-  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-  std::nth_element(depths.begin(), middle, depths.end());
-  return std::max(voxel_size, kHalfCovered * *middle * std::sqrt(box.volume() / static_cast<double>(depths.size())));
+  return std::max(voxel_size,
+                  kHalfCovered * Median(depths) * std::sqrt(box.volume() / static_cast<double>(depths.size())));
 }
 
 }  // namespace acmp

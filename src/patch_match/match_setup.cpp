@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/geometry/vector_conversion.h"
 
 namespace acmp {
 namespace {
@@ -14,10 +15,6 @@ Mat3f ToMat3f(const Eigen::Matrix3d& matrix) {
   Mat3f result;
   for (int i = 0; i < 9; ++i) result.m[i] = static_cast<float>(matrix(i / 3, i % 3));
   return result;
-}
-
-Vec3f ToVec3f(const Eigen::Vector3d& v) {
-  return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
 }
 
 }  // namespace

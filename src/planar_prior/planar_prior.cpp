@@ -6,13 +6,12 @@
 #include <cmath>
 #include <utility>
 
+#include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
 #include "check_triangles.h"
 
 namespace acmp {
 namespace {
-
-constexpr double kRadPerDeg = 0.017453292519943295;
 
 Eigen::Vector3d BackProject(const PinholeCamera& camera, const SupportPoint& point) {
   return camera.Unproject({point.col, point.row}, point.depth);
@@ -60,7 +59,7 @@ PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> p
   CheckCamera("camera of the planar prior", camera);
   CheckDepths(points);
   CheckTriangles(points, triangles);
-  const double min_cos = std::cos(options.max_grazing_angle_deg * kRadPerDeg);
+  const double min_cos = std::cos(options.max_grazing_angle_deg * kRadPerDeg<double>);
   PriorMesh mesh;
   mesh.planes.resize(triangles.size());
   tbb::parallel_for(size_t{0}, triangles.size(),

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/median.h"
 #include "landmark_matching.h"
 #include "rotation_vector.h"
 
@@ -36,7 +37,7 @@ double MedianError(const Bundle& bundle) {
       if (y.z() > 0) lengths.push_back((bundle.cameras[view].Project(y) - sighting.pixel).norm());
     }
   }
-  return Median(&lengths);
+  return lengths.empty() ? 0 : Median(std::move(lengths));
 }
 
 /// Along an axis, px: the median length is 1.18 sigma for normal errors in two dimensions.
@@ -103,10 +104,9 @@ struct FitSamples {
   PoseFit Fit() {
     PoseFit fit;
     fit.matches = static_cast<int>(all.size());
-    fit.median_px = Median(&all);
+    fit.median_px = all.empty() ? 0 : Median(all);
     for (auto& [exponent, residuals] : by_gap) {
-      fit.by_gap.push_back(
-          {1 << exponent, (2 << exponent) - 1, static_cast<int>(residuals.size()), Median(&residuals)});
+      fit.by_gap.push_back({1 << exponent, (2 << exponent) - 1, static_cast<int>(residuals.size()), Median(residuals)});
     }
     return fit;
   }
@@ -169,17 +169,10 @@ std::string WhyUnchanged(const PoseRefinement& result, const PoseRefinementOptio
 
 }  // namespace
 
-double Median(std::vector<double>* values) {
-  if (values->empty()) return 0;
-  const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
-  std::nth_element(values->begin(), middle, values->end());
-  return *middle;
-}
-
 double TypicalDepth(const Bundle& bundle) {
   std::vector<double> inverse_depths;
   for (const Landmark& landmark : bundle.landmarks) inverse_depths.push_back(landmark.inverse_depth);
-  const double median = Median(&inverse_depths);
+  const double median = inverse_depths.empty() ? 0 : Median(std::move(inverse_depths));
   return median > 0 ? 1 / median : 1;
 }
 

@@ -5,9 +5,6 @@
 
 namespace acmp {
 
-/// 0 of an empty set; reorders the values.
-double Median(std::vector<double>* values);
-
 /// Of the landmarks, at their anchors, in the unit of bundle.poses; 1 without any.
 double TypicalDepth(const Bundle& bundle);
 

@@ -9,7 +9,7 @@
 namespace acmp {
 namespace {
 
-constexpr size_t kMinViews = 6;
+constexpr size_t kMinViewsToJudge = 6;
 // Among these views: where there are fewer, refined poses follow the received ones.
 constexpr int kMinSightingsToJudge = 250;
 
@@ -28,7 +28,8 @@ int NumSightings(const Bundle& bundle, int first) {
 std::optional<double> MeasureContradiction(const Bundle& bundle) {
   const size_t views = std::min(kContradictionImages, bundle.size());
   const size_t first = bundle.size() - views;
-  if (views < kMinViews || NumSightings(bundle, static_cast<int>(first)) < kMinSightingsToJudge) return std::nullopt;
+  if (views < kMinViewsToJudge || NumSightings(bundle, static_cast<int>(first)) < kMinSightingsToJudge)
+    return std::nullopt;
   const auto last = [first](const std::vector<ViewPose>& poses) {
     return std::vector<ViewPose>(poses.begin() + static_cast<std::ptrdiff_t>(first), poses.end());
   };
@@ -40,7 +41,8 @@ std::optional<double> MeasureContradiction(const Bundle& bundle) {
     angles.push_back(RotationVector(refined[i].rotation * received[i].rotation.conjugate()).norm());
     distances.push_back((refined[i].centre - received[i].centre).norm());
   }
-  return Median(&angles) + Median(&distances) / (received_from_refined.scale * TypicalDepth(bundle));
+  return Median(std::move(angles)) +
+         Median(std::move(distances)) / (received_from_refined.scale * TypicalDepth(bundle));
 }
 
 }  // namespace acmp

@@ -11,7 +11,7 @@
 namespace acmp {
 namespace {
 
-using Json = nlohmann::json;
+using Json = nlohmann::ordered_json;
 
 /// Below the root relative to it, so that machines may have it at different places.
 std::string RelativePath(const std::filesystem::path& path, const std::filesystem::path& root) {

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/median.h"
 
 namespace acmp {
 namespace {
@@ -25,10 +26,7 @@ double MedianDepth(const std::vector<Eigen::Vector3d>& points_in_world, const Ri
     const double depth = (cam_from_world * points_in_world[i]).z();
     if (depth > 0) depths.push_back(depth);
   }
-  if (depths.empty()) return 0;
-  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-  std::nth_element(depths.begin(), middle, depths.end());
-  return *middle;
+  return depths.empty() ? 0 : Median(std::move(depths));
 }
 
 std::vector<Eigen::Vector3d> Moved(const RigidTransform& world_from_cloud, const std::vector<Eigen::Vector3d>& points) {

@@ -23,7 +23,7 @@ Numbers ToNumbers(const RigidTransform& transform) {
   return numbers;
 }
 
-RigidTransform ToTransform(const char* name, const Numbers& numbers) {
+RigidTransform TransformFromNumbers(const char* name, const Numbers& numbers) {
   RigidTransform transform = RigidTransform::Identity();
   transform.matrix().topRows<3>() = Eigen::Map<const Matrix3x4>(numbers.data());
   CheckPose(name, transform);
@@ -84,18 +84,18 @@ KeyframePointsHead ReadHead(const KeyframePoints& message) {
   KeyframePointsHead head;
   head.key = {message.mapper, message.run, message.id};
   head.pose.stamp_ns = ToStampNs(message.header.stamp);
-  head.pose.world_from_cam = ToTransform("T_world_cam", message.T_world_cam);
+  head.pose.world_from_cam = TransformFromNumbers("T_world_cam", message.T_world_cam);
   if (message.refined_world != 0) {
     CheckRange("refined_scale", message.refined_scale, 1e-9, 1e9);
     head.pose.refined = RefinedAndReceived{
-        {message.refined_world, ToTransform("T_refined_cam", message.T_refined_cam), message.refined_scale},
-        ToTransform("T_received_cam", message.T_received_cam)};
+        {message.refined_world, TransformFromNumbers("T_refined_cam", message.T_refined_cam), message.refined_scale},
+        TransformFromNumbers("T_received_cam", message.T_received_cam)};
   }
   head.pose.path.maps_world_to_child = message.path_inverted;
   head.pose.path.child_from_cam.reset();
   const Numbers& child_from_cam = message.path_T_child_cam;
   if (std::any_of(child_from_cam.begin(), child_from_cam.end(), [](double number) { return number != 0; })) {
-    head.pose.path.child_from_cam = ToTransform("path_T_child_cam", child_from_cam);
+    head.pose.path.child_from_cam = TransformFromNumbers("path_T_child_cam", child_from_cam);
   }
   CheckRange("path_tolerance", message.path_tolerance, 0.0, 10.0);
   head.pose.path.tolerance_ns = std::llround(message.path_tolerance * 1e9);

@@ -11,7 +11,7 @@ namespace {
 using diagnostic_msgs::DiagnosticStatus;
 using diagnostic_updater::DiagnosticStatusWrapper;
 
-constexpr double kRecentS = 5;  ///< incidents that young are worth a word
+constexpr double kRecentIncidentS = 5;  ///< incidents that young are worth a word
 
 }  // namespace
 
@@ -52,7 +52,7 @@ void DescribeMap(const MapSnapshot& snapshot, DiagnosticStatusWrapper* status) {
   for (const auto& [reason, entry] : snapshot.incidents) {
     const std::string text = Concat(entry.count, " (", entry.last_message, ")");
     status->add("incident: " + reason, text);
-    if (snapshot.now_s - entry.last_time_s <= kRecentS) status->mergeSummary(DiagnosticStatus::WARN, text);
+    if (snapshot.now_s - entry.last_time_s <= kRecentIncidentS) status->mergeSummary(DiagnosticStatus::WARN, text);
   }
 }
 

@@ -11,8 +11,8 @@ namespace {
 using diagnostic_msgs::DiagnosticStatus;
 using diagnostic_updater::DiagnosticStatusWrapper;
 
-constexpr double kSilentS = 5;  ///< a stream that was silent so long is worth a word
-constexpr double kRecentS = 5;  ///< drops that young are worth a word
+constexpr double kSilentS = 5;      ///< a stream that was silent so long is worth a word
+constexpr double kRecentDropS = 5;  ///< drops that young are worth a word
 
 long WholeSeconds(double seconds) { return std::lround(std::max(0.0, seconds)); }
 
@@ -102,7 +102,7 @@ void DescribeMatching(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* s
     status->add("dropped: " + reason, Concat(entry.count, " (", entry.last_message, ")"));
     // Frontends that give poses to keyframes only leave most images without one.
     const bool usual = reason == "no_pose" && snapshot.matched > 0;
-    if (usual || snapshot.now_s - entry.last_time_s > kRecentS) continue;
+    if (usual || snapshot.now_s - entry.last_time_s > kRecentDropS) continue;
     if (latest && latest->last_time_s >= entry.last_time_s) continue;
     latest = &entry;
     latest_reason = reason;

@@ -18,7 +18,7 @@
 namespace acmp {
 namespace {
 
-struct Arguments {
+struct BenchmarkArguments {
   std::vector<std::string> sizes = {"640x480", "3072x2048"};
   std::vector<int> source_views = {10};
   int repetitions = 5;
@@ -44,7 +44,7 @@ ImageSize ParseSize(const std::string& text) {
   return size;
 }
 
-void RunBenchmark(const Arguments& arguments) {
+void RunBenchmark(const BenchmarkArguments& arguments) {
   DepthEngineBackend backend = MakeDepthEngine(ParseDevice(arguments.device), arguments.cuda_index);
   BenchmarkReport report;
   report.device = backend.engine->device_name();
@@ -100,7 +100,7 @@ void RunBenchmark(const Arguments& arguments) {
 
 // NOLINTNEXTLINE(bugprone-exception-escape): only a wrong table of options or no memory throw outside RunTool
 int main(int argc, char** argv) {
-  acmp::Arguments arguments;
+  acmp::BenchmarkArguments arguments;
   CLI::App app(
       "Measures milliseconds per image of each stage on synthetic images, and on a GPU the ratio to the floor: one "
       "texture fetch per sample of the full schedule, at the fetch rate measured on the same GPU. With --keyframes it "

@@ -19,7 +19,7 @@
 namespace acmp {
 namespace {
 
-struct Arguments {
+struct EvaluateArguments {
   DepthEvaluationOptions depth;
   CloudEvaluationOptions cloud;
   std::string subset, json;
@@ -40,7 +40,7 @@ void AddGroundTruthOptions(CLI::App* command, GroundTruthOptions* truth) {
       ->group(kGroundTruthGroup);
 }
 
-CLI::App* AddDepthCommand(CLI::App* app, Arguments* a) {
+CLI::App* AddDepthCommand(CLI::App* app, EvaluateArguments* a) {
   CLI::App* command = app->add_subcommand(
       "depth",
       "Depth maps against a scene's ground truth: percentage of ground-truth pixels with an absolute error below 2, 5 "
@@ -75,7 +75,7 @@ CLI::App* AddDepthCommand(CLI::App* app, Arguments* a) {
   return command;
 }
 
-CLI::App* AddCloudCommand(CLI::App* app, Arguments* a) {
+CLI::App* AddCloudCommand(CLI::App* app, EvaluateArguments* a) {
   CLI::App* command = app->add_subcommand(
       "cloud",
       "A point cloud against ground truth, as in the ETH3D multi-view benchmark: accuracy is the percentage of "
@@ -105,7 +105,7 @@ CLI::App* AddCloudCommand(CLI::App* app, Arguments* a) {
   return command;
 }
 
-int EvaluateDepthMaps(Arguments* a) {
+int EvaluateDepthMaps(EvaluateArguments* a) {
   constexpr int kMaxImages = 1000000;  // file names have six digits
   if (!a->subset.empty()) {
     const std::vector<int> subset = ParseImageIndices(a->subset, kMaxImages);
@@ -118,7 +118,7 @@ int EvaluateDepthMaps(Arguments* a) {
   return kExitDone;
 }
 
-int EvaluatePointCloud(const CLI::App& command, const Arguments& a) {
+int EvaluatePointCloud(const CLI::App& command, const EvaluateArguments& a) {
   if (!std::filesystem::is_directory(a.cloud.ground_truth)) {
     const auto is_of_maps = [](const CLI::Option* option) { return option->get_group() == kGroundTruthGroup; };
     for (const CLI::Option* option : command.get_options(is_of_maps)) {
@@ -157,7 +157,7 @@ int main(int argc, char** argv) {
   CLI::App app("Measures depth maps and point clouds against ground truth.", "acmp_evaluate");
   app.require_subcommand(1);
   app.footer("Exit code: 0 done, 2 wrong use or input, 1 failed. Details: acmp_evaluate depth --help");
-  acmp::Arguments arguments;
+  acmp::EvaluateArguments arguments;
   const CLI::App* depth = acmp::AddDepthCommand(&app, &arguments);
   const CLI::App* cloud = acmp::AddCloudCommand(&app, &arguments);
   return acmp::RunTool(app, argc, argv, [&] {

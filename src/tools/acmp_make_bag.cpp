@@ -17,7 +17,7 @@ namespace {
 
 constexpr float kSurfaceSpacing_m = 0.01f;  // of the true surface's points
 
-struct Arguments {
+struct MakeBagArguments {
   std::vector<std::string> paths;
   bool synthetic = false;
   std::string scene_name;
@@ -37,7 +37,7 @@ class UsageOfBothForms : public CLI::Formatter {
   }
 };
 
-void AddOptions(CLI::App& app, Arguments& arguments) {
+void AddOptions(CLI::App& app, MakeBagArguments& arguments) {
   acmp::RecordingOptions& recording = arguments.recording;
   app.add_option("paths", arguments.paths, "SCENE OUT.bag, or only OUT.bag with --synthetic")
       ->required()
@@ -96,7 +96,7 @@ void AddOptions(CLI::App& app, Arguments& arguments) {
       ->group(synthetic_group);
 }
 
-acmp::RecordingSummary MakeSyntheticBag(const Arguments& arguments) {
+acmp::RecordingSummary MakeSyntheticBag(const MakeBagArguments& arguments) {
   if (arguments.paths.size() != 1) throw acmp::InvalidInputError("--synthetic takes no SCENE: give only OUT.bag");
   if (!arguments.images.empty()) throw acmp::InvalidInputError("--images does not go with --synthetic");
   if (!arguments.masks.empty()) throw acmp::InvalidInputError("--masks does not go with --synthetic");
@@ -109,7 +109,7 @@ acmp::RecordingSummary MakeSyntheticBag(const Arguments& arguments) {
   return acmp::RecordSynthetic(views, arguments.recording, arguments.paths[0], &slam);
 }
 
-acmp::RecordingSummary MakeSceneBag(const Arguments& arguments) {
+acmp::RecordingSummary MakeSceneBag(const MakeBagArguments& arguments) {
   if (arguments.paths.size() != 2) throw acmp::InvalidInputError("give SCENE and OUT.bag");
   if (!arguments.ground_truth.empty()) throw acmp::InvalidInputError("--ground-truth needs --synthetic");
   if (!arguments.scene_name.empty()) throw acmp::InvalidInputError("--scene needs --synthetic");
@@ -134,7 +134,7 @@ int main(int argc, char** argv) {
       "images, camera_info, poses (T_world_cam, optical axes), sparse points and tf. The same input gives\n"
       "the same bytes. Exit codes: 0 done, 2 wrong use or input, 1 failed.",
       "acmp_make_bag");
-  Arguments arguments;
+  MakeBagArguments arguments;
   app.formatter(std::make_shared<UsageOfBothForms>());
   AddOptions(app, arguments);
   return acmp::RunTool(app, argc, argv, [&arguments] {

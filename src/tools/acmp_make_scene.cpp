@@ -11,7 +11,7 @@
 
 namespace {
 
-struct Arguments {
+struct MakeSceneArguments {
   std::filesystem::path folder;
   std::string name = "room";
   std::optional<double> noise_grey;
@@ -20,7 +20,7 @@ struct Arguments {
   bool overwrite = false;
 };
 
-void AddOptions(CLI::App* app, Arguments* a) {
+void AddOptions(CLI::App* app, MakeSceneArguments* a) {
   app->add_option("FOLDER", a->folder, "Made if need be")->required();
   app->add_option(
          "--scene", a->name,
@@ -43,7 +43,7 @@ void AddOptions(CLI::App* app, Arguments* a) {
   app->add_flag("--overwrite", a->overwrite, "Write into a folder that is not empty");
 }
 
-int MakeScene(const Arguments& a) {
+int MakeScene(const MakeSceneArguments& a) {
   namespace fs = std::filesystem;
   if (!a.overwrite && fs::exists(a.folder) && !(fs::is_directory(a.folder) && fs::is_empty(a.folder))) {
     throw acmp::InvalidInputError(acmp::Concat(a.folder.string(), ": exists and is not an empty folder (--overwrite)"));
@@ -70,7 +70,7 @@ int main(int argc, char** argv) {
       "acmp_make_scene");
   app.footer(
       "Example: acmp_make_scene room --width 640 --height 480\nExit code: 0 done, 2 wrong use or input, 1 failed.");
-  Arguments arguments;
+  MakeSceneArguments arguments;
   AddOptions(&app, &arguments);
   return acmp::RunTool(app, argc, argv, [&] { return MakeScene(arguments); });
 }

@@ -30,7 +30,7 @@ constexpr double kWidthM = 4, kHeightM = 3, kDistanceM = 4;  ///< what a keyfram
 
 const acmp::PinholeCamera kCamera = {640, 480, 640, 640, 0, 0};  ///< sees that of it; with the images of a session
 
-struct Arguments {
+struct MapBenchmarkArguments {
   int keyframes = 500;
   int points = 100000;
   double overlap = 0.5;
@@ -38,7 +38,7 @@ struct Arguments {
   std::filesystem::path folder = std::filesystem::temp_directory_path();
 };
 
-void AddOptions(CLI::App* app, Arguments* a) {
+void AddOptions(CLI::App* app, MapBenchmarkArguments* a) {
   app->add_option("--keyframes", a->keyframes, "Keyframes of the map")
       ->check(CLI::Range(2, 100000))
       ->capture_default_str();
@@ -52,7 +52,7 @@ void AddOptions(CLI::App* app, Arguments* a) {
   app->add_option("--folder", a->folder, "Where map files are written, and removed again")->capture_default_str();
 }
 
-acmp::RigidTransform WorldFromCamera(const Arguments& a, int keyframe) {
+acmp::RigidTransform WorldFromCamera(const MapBenchmarkArguments& a, int keyframe) {
   acmp::RigidTransform pose = acmp::RigidTransform::Identity();
   pose.translation().x() = keyframe * (1 - a.overlap) * kWidthM;
   pose.rotate(Eigen::AngleAxisd(0.1 * std::sin(keyframe), Eigen::Vector3d::UnitY()));
@@ -60,7 +60,7 @@ acmp::RigidTransform WorldFromCamera(const Arguments& a, int keyframe) {
 }
 
 /// A wavy wall before the camera, sampled at a grid's points. All but the positions is noisy, for files are compressed.
-acmp::PointCloud MakePoints(const Arguments& a, const acmp::RigidTransform& world_from_cam) {
+acmp::PointCloud MakePoints(const MapBenchmarkArguments& a, const acmp::RigidTransform& world_from_cam) {
   const acmp::RigidTransform cam_from_world = world_from_cam.inverse();
   const int columns = static_cast<int>(std::sqrt(a.points * kWidthM / kHeightM));
   const int rows = a.points / columns;
@@ -104,7 +104,7 @@ void Measure(const std::string& name, const Step& step) {
             << MemoryGb("VmRSS") << "  " << result << std::endl;
 }
 
-int RunBenchmark(const Arguments& a) {
+int RunBenchmark(const MapBenchmarkArguments& a) {
   std::cout << "step                                 s   peak GB    now GB\n";
   acmp::MapStore store({a.keyframes, a.voxel_size_m, 0});
   std::vector<acmp::StampedPose> path;
@@ -188,7 +188,7 @@ int main(int argc, char** argv) {
       "Measures time and memory of a large map: adding keyframes, re-posing them, building, publishing, saving.",
       "acmp_map_benchmark");
   app.footer("Exit code: 0 done, 2 wrong use or input, 1 failed.");
-  Arguments arguments;
+  MapBenchmarkArguments arguments;
   AddOptions(&app, &arguments);
   return acmp::RunTool(app, argc, argv, [&] { return RunBenchmark(arguments); });
 }

@@ -4,13 +4,10 @@
 #include <utility>
 #include <vector>
 
+#include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 
 namespace acmp {
-
-struct ImageSize {
-  int width = 0, height = 0;  ///< px
-};
 
 /// Medians over the runs, milliseconds per image.
 struct StageFigures {

@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
+#include <sstream>
 #include <string>
 
 namespace acmp {
@@ -66,6 +67,9 @@ class AtomicFile {
 /// Writes a whole file through AtomicFile.
 void WriteFileAtomically(const std::filesystem::path& path, const std::string& content,
                          Durability durability = Durability::kProcess);
+
+/// An empty text whose numbers get so many significant digits.
+std::ostringstream MakeTextFile(int digits);
 
 /// Waits until everything written so far to the file system that holds the folder is on the disk.
 void SyncFolder(const std::filesystem::path& folder);

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 #include "acmp_mapping/patch_match/kernel/hypothesis.h"
 #include "acmp_mapping/patch_match/kernel/match_alone.h"
@@ -92,7 +93,7 @@ ACMP_HOST_DEVICE inline PlaneHypothesis PriorStart(const MatchContext<Sampler>& 
   const PixelPrior prior = LoadPrior(context, col, row, ray);
   if (!prior.valid || context.cost(col, row) < context.options.prior_start_cost) return current;
   constexpr float kDepthSpread = 0.06f;
-  constexpr float kNormalSpread = 5.4f * kRadPerDeg;
+  constexpr float kNormalSpread = 5.4f * kRadPerDeg<float>;
   const float depth = Clamp(prior.depth * (1.0f + kDepthSpread * random->NextUniform(-1.0f, 1.0f)), context.depth_min,
                             context.depth_max);
   const PlaneHypothesis plane = PlaneThrough(PerturbNormal(prior.normal, ray, kNormalSpread, random), ray, depth);

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
 
 namespace acmp {
@@ -13,8 +14,6 @@ struct PixelPrior {
   float lambda_normal = 0;  ///< of eq. 6, rad
 };
 
-constexpr float kRadPerDeg = 0.017453292519943295f;
-
 template <class Sampler>
 ACMP_HOST_DEVICE inline PixelPrior LoadPrior(const MatchContext<Sampler>& context, int col, int row, const Vec3f& ray) {
   PixelPrior prior;
@@ -24,7 +23,7 @@ ACMP_HOST_DEVICE inline PixelPrior LoadPrior(const MatchContext<Sampler>& contex
   prior.normal = plane.normal();
   prior.depth = PlaneDepth(plane, ray);
   prior.lambda_depth = (context.depth_max - context.depth_min) / context.options.prior_depth_divisor;
-  prior.lambda_normal = context.options.prior_sigma_normal_deg * kRadPerDeg;
+  prior.lambda_normal = context.options.prior_sigma_normal_deg * kRadPerDeg<float>;
   return prior;
 }
 

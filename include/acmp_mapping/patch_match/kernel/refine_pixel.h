@@ -1,5 +1,6 @@
 #pragma once
 
+#include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/patch_match/kernel/hypothesis.h"
 #include "acmp_mapping/patch_match/kernel/match_alone.h"
 #include "acmp_mapping/patch_match/kernel/pixel_update.h"
@@ -33,7 +34,7 @@ ACMP_HOST_DEVICE inline DepthAndNormal DrawPerturbed(const PixelUpdate<Sampler, 
   const PatchMatchOptions& options = pixel.context.options;
   DepthAndNormal drawn;
   drawn.depth = current.depth * (1.0f + options.perturb_depth * random->NextUniform(-1.0f, 1.0f));
-  drawn.normal = PerturbNormal(current.normal, pixel.ray, options.perturb_normal_deg * kRadPerDeg, random);
+  drawn.normal = PerturbNormal(current.normal, pixel.ray, options.perturb_normal_deg * kRadPerDeg<float>, random);
   return drawn;
 }
 
