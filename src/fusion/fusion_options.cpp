@@ -19,7 +19,6 @@ void Validate(const FusionOptions& options) {
         Concat("fusion.max_normal_angle_deg = ", options.max_normal_angle_deg, ": must be in (0, 180]"));
   }
   CheckRange("fusion.min_consistent_views", options.min_consistent_views, 1, 32);
-  CheckRange("fusion.min_point_confidence", options.min_point_confidence, 0.0f, 1.0f);
 }
 
 }  // namespace acmp

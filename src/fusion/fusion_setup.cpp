@@ -41,7 +41,7 @@ FusionLimits MakeFusionLimits(const FusionOptions& options) {
   Validate(options);
   const double max_px = options.max_reprojection_px;
   return {max_px * max_px, options.max_relative_depth, std::cos(options.max_normal_angle_deg * kPi / 180),
-          options.min_consistent_views, options.min_point_confidence};
+          options.min_consistent_views};
 }
 
 Stamp StampOfRank(int rank) {

@@ -44,8 +44,7 @@ void CountPixel(const FusionContext<HostMaps>& context, int col, int row, PointL
   std::array<int, kNumOutcomes> outcomes = {};
   for (int i = 0; i < context.num_sources; ++i) ++outcomes[CheckSource(context, context.sources[i], pixel)];
   if (outcomes[kAgrees] >= context.limits.min_consistent_views) {
-    const bool confident = ConfidenceOf(context, col, row) >= context.limits.min_confidence;
-    ++(confident ? losses->points : losses->confidence);
+    ++losses->points;
     return;
   }
   size_t* const counts[] = {&losses->outside, &losses->source_depth, &losses->reprojection, &losses->relative_depth,
@@ -66,9 +65,7 @@ PointLosses CountPointLosses(const FusionView& reference, const std::vector<Fusi
   for (const FusionView& source : sources) {
     if (!source.depth.empty()) setup.AddSource(CameraOf(source), MapsOf(source));
   }
-  FusionContext<HostMaps> context = setup.Context(setup.sources().data());
-  const Image<float> log_error = MeasureErrors(context);
-  context.log_error = log_error.View();
+  const FusionContext<HostMaps> context = setup.Context(setup.sources().data());
   for (int row = 0; row < reference.depth.height; row += step) {
     for (int col = 0; col < reference.depth.width; col += step) CountPixel(context, col, row, &losses);
   }
@@ -96,10 +93,7 @@ std::string Describe(const PointLosses& losses, const FusionOptions& options) {
       {losses.reprojection, Concat("reprojection (", options.max_reprojection_px, " px)"), kPoses},
       {losses.relative_depth, Concat("depth (", 100 * options.max_relative_depth, " %)"), kPoses},
       {losses.angle, Concat("angle of normals (", options.max_normal_angle_deg, " degrees)"),
-       "surfaces are uneven or poorly matched: blurred, noisy or very small images"},
-      {losses.confidence, Concat("confidence (", options.min_point_confidence, ")"),
-       "views agree by little: the camera hardly moves sideways, poses are wrong (~pose_is, stamps, calibration), or "
-       "~min_point_confidence is too high"}};
+       "surfaces are uneven or poorly matched: blurred, noisy or very small images"}};
   std::stable_sort(all.begin(), all.end(), [](const Loss& a, const Loss& b) { return a.count > b.count; });
   std::string text;
   for (const Loss& loss : all) {

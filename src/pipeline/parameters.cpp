@@ -31,11 +31,6 @@ OptionTable<PipelineOptions> MakePipelineOptionTable() {
              "Source views that must agree with a pixel before it becomes a point; more: fewer and better points")
           .WhileRunning(),
       [](auto& o) -> auto& { return o.fusion.min_consistent_views; });
-  table.Add(
-      Number("min_point_confidence", 0, 1, "",
-             "Least confidence of a pixel that becomes a point; lower: a denser cloud with more errors")
-          .WhileRunning(),
-      [](auto& o) -> auto& { return o.fusion.min_point_confidence; });
 
   table.Group("pipeline, offline only");
   table.Add(

@@ -28,7 +28,6 @@ PipelineOptions MakePapers(Method method) {
   options.patch_match.planar_prior_iterations = 3;
   options.patch_match.geometric_iterations = 2;
   options.fill.enabled = false;
-  options.fusion.min_point_confidence = 0;
   options.fusion.max_relative_depth = 0.01f;
   return options;
 }

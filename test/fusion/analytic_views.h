@@ -80,13 +80,6 @@ inline TestView Render(const PinholeCamera& camera, const RigidTransform& cam_fr
   return view;
 }
 
-/// For maps too small to show a surface: pixels without others 4 px away have little confidence.
-inline FusionOptions AnyConfidence() {
-  FusionOptions options;
-  options.min_point_confidence = 0;
-  return options;
-}
-
 /// width x height pixels of one fronto-parallel plane seen from the identity pose; f = 100 px.
 inline TestView FlatView(int width, int height, float depth) {
   TestView view{{width, height, 100, 100, 0.5 * (width - 1), 0.5 * (height - 1)},

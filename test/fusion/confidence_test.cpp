@@ -211,35 +211,11 @@ TEST(FilterByConsistency, UnsupportedPixelsAreGuessesOfFourTimesTheError) {
               0.02 * (1 - unsupported) / unsupported);  // exp(1.4) = 4.06
   for (float& cost : wall.cost) cost = 0.1f;
   wall.cost(kCol, kRow) = kUnsupportedCost;
-  FusionOptions options;
-  options.min_point_confidence = 0;
   const std::vector<TestView> sources = SideViews({4, 4});
-  const auto count = [&] {
-    return FilterByConsistency(wall.View(), ViewsOf(sources), options).points_in_camera.size();
-  };
+  const auto count = [&] { return FilterByConsistency(wall.View(), ViewsOf(sources), {}).points_in_camera.size(); };
   const size_t without_it = count();
   wall.cost(kCol, kRow) = 0.1f;
   EXPECT_EQ(count(), without_it + 1);
-}
-
-TEST(FilterByConsistency, KeepsPixelsOfEnoughConfidence) {
-  const TestView wall = FlatView(61, 41, 4);
-  const double seen = ConfidenceOf(wall, {4, 4});
-  const std::vector<TestView> sources = SideViews({4, 4});
-  FusionOptions options;
-  options.min_point_confidence = static_cast<float>(seen - 1e-4);
-  const auto count = [&] {
-    return FilterByConsistency(wall.View(), ViewsOf(sources), options).points_in_camera.size();
-  };
-  const auto fused = [&] {
-    return FuseViews({wall.View(), sources[0].View(), sources[1].View()}, {{1, 2}, {}, {}}, options).size();
-  };
-  // The sources do not see the 20 columns at the left, and from 16 more there is one of these around.
-  EXPECT_EQ(count(), 25u * 41);
-  EXPECT_EQ(fused(), 25u * 41);
-  options.min_point_confidence = static_cast<float>(seen + 1e-4);
-  EXPECT_EQ(count(), 0u);
-  EXPECT_EQ(fused(), 0u);
 }
 
 }  // namespace

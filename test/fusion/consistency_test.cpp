@@ -65,11 +65,6 @@ TEST(FusionOptions, AreValidatedAtTheirBounds) {
   EXPECT_THAT(error(2, 0.1f, 180.1f, 2), testing::HasSubstr("max_normal_angle_deg = 180.1"));
   EXPECT_THAT(error(2, 0.1f, 10, 0), testing::HasSubstr("min_consistent_views = 0"));
   EXPECT_THAT(error(2, 0.1f, 10, 33), testing::HasSubstr("min_consistent_views = 33"));
-  for (const float confidence : {-0.1f, 1.1f, kNan}) {
-    FusionOptions options;
-    options.min_point_confidence = confidence;
-    EXPECT_THAT(ErrorOf([&] { Validate(options); }), testing::HasSubstr("min_point_confidence = "));
-  }
 }
 
 TEST(FilterByConsistency, KeepsATruePlaneWhereverTheSourcesSeeIt) {
@@ -127,7 +122,7 @@ TEST(FilterByConsistency, AgreesWithPlainReferenceOnNoisyMaps) {
       ++counts[matches.size()];
       const reference::Point expected = reference::Average(all[0], sources, col, row, matches);
       ASSERT_NEAR(result.confidence(col, row), expected.confidence, 1e-6);  // float: 6e-8; noise does not amplify it
-      if (!reference::Accepts(matches, options) || expected.confidence < options.min_point_confidence) continue;
+      if (!reference::Accepts(matches, options)) continue;
       ASSERT_LT(next, result.points_in_camera.size());
       const SurfacePoint& point = result.points_in_camera[next++];
       // Positions near 5, held in float: 2.4e-7 each.
@@ -218,7 +213,7 @@ TEST(FilterByConsistency, AveragesTheColorsThereAre) {
   TestView view = FlatView(3, 3, 4), other = FlatView(3, 3, 4);
   view.color = ColorImage(3, 3, {10, 20, 30});
   other.color = ColorImage(3, 3, {13, 22, 255});
-  FusionOptions options = AnyConfidence();
+  FusionOptions options;
   options.min_consistent_views = 1;
   const auto color = [&] {
     return FilterByConsistency(view.View(), {other.View()}, options).points_in_camera.at(4).color;
@@ -269,7 +264,7 @@ TEST(MatchSum, KeepsTheReferenceNormalWhenNormalsCancel) {
 TEST(MatchSum, HoldsAsManySourcesAsTheLimit) {
   const TestView view = FlatView(2, 2, 4);
   const std::vector<FusionView> sources(kMaxFusionSources, view.View());
-  const ConsistencyResult result = FilterByConsistency(view.View(), sources, AnyConfidence());
+  const ConsistencyResult result = FilterByConsistency(view.View(), sources, {});
   EXPECT_EQ(result.consistent_views(1, 1), 255);
   EXPECT_EQ(result.points_in_camera.size(), 4u);
   // And fusion finds the bits of all of them.
@@ -278,7 +273,7 @@ TEST(MatchSum, HoldsAsManySourcesAsTheLimit) {
   std::vector<FusionView> views(256, view.View());
   std::vector<std::vector<int>> all(256);
   all[0] = neighbors;
-  FusionContexts contexts(views, all, AnyConfidence());
+  FusionContexts contexts(views, all, {});
   SurfacePoint point;
   ASSERT_TRUE(FusePixel<kMaxFusionSources>(contexts[0], 1, 1, &point));
   for (int i = 0; i < 256; ++i) ASSERT_EQ(contexts.stamp(i, 1, 1), 0) << i;

@@ -108,7 +108,7 @@ TEST(FilterByConsistency, UnknownNormalsAgreeWithNothing) {
 TEST(FilterByConsistency, NeedsMinConsistentViews) {
   const TestView view = FlatView(5, 4, 3), other = FlatView(5, 4, 9);
   for (int required = 1; required <= 4; ++required) {
-    FusionOptions options = AnyConfidence();
+    FusionOptions options;
     options.min_consistent_views = required;
     const auto result =
         FilterByConsistency(view.View(), {view.View(), other.View(), view.View(), view.View()}, options);

@@ -144,7 +144,7 @@ TEST(FuseViews, HandlesEmptyInput) {
   EXPECT_TRUE(FuseViews({view.View()}, {{}}, {}).empty());
   EXPECT_TRUE(FuseViews({FusionView(), FusionView()}, {{1}, {0}}, {}).empty());
   const std::vector<FusionView> views = {view.View(), FusionView(), view.View(), view.View()};
-  EXPECT_EQ(FuseViews(views, {{1, 2, 3}, {0, 2}, {}, {}}, AnyConfidence()).size(), 35u);
+  EXPECT_EQ(FuseViews(views, {{1, 2, 3}, {0, 2}, {}, {}}, {}).size(), 35u);
 }
 
 TEST(FuseViews, DoesNotDependOnTheNumberOfThreads) {

@@ -28,7 +28,7 @@ std::vector<TestView> Views() {
   return views;
 }
 
-PointLosses Count(const std::vector<TestView>& views, const FusionOptions& options = AnyConfidence(), int step = 1) {
+PointLosses Count(const std::vector<TestView>& views, const FusionOptions& options = {}, int step = 1) {
   std::vector<FusionView> sources = ViewsOf(views);
   sources.erase(sources.begin());
   return CountPointLosses(views[0].View(), sources, options, step);
@@ -38,13 +38,13 @@ TEST(PointLosses, CountsPointsAsTheConsistencyCheckDoes) {
   const std::vector<TestView> views = Views();
   std::vector<FusionView> sources = ViewsOf(views);
   sources.erase(sources.begin());
-  const ConsistencyResult result = FilterByConsistency(views[0].View(), sources, AnyConfidence());
+  const ConsistencyResult result = FilterByConsistency(views[0].View(), sources, {});
   const PointLosses losses = Count(views);
   EXPECT_EQ(losses.pixels, kPixels);
   EXPECT_EQ(losses.points, result.points_in_camera.size());
   EXPECT_GT(losses.points, kPixels / 2);
   EXPECT_EQ(losses.points + losses.outside, kPixels) << "the last columns are outside the second source";
-  EXPECT_EQ(Count(views, AnyConfidence(), 4).pixels, 5u * 4);
+  EXPECT_EQ(Count(views, {}, 4).pixels, 5u * 4);
 }
 
 TEST(PointLosses, NamesTheCheckThatFails) {
@@ -72,12 +72,6 @@ TEST(PointLosses, NamesTheCheckThatFails) {
   losses = Count(views);
   EXPECT_GT(losses.angle, kPixels / 2);
   EXPECT_THAT(Describe(losses, {}), StartsWith("angle of normals (10 degrees)"));
-
-  FusionOptions sure;
-  sure.min_point_confidence = 1;
-  losses = Count(Views(), sure);
-  EXPECT_GT(losses.confidence, kPixels / 2);
-  EXPECT_THAT(Describe(losses, sure), AllOf(StartsWith("confidence (1)"), HasSubstr("~min_point_confidence")));
 
   views = Views();
   for (int i = 1; i < 3; ++i) views[i].depth = DepthMap(20, 16, 0.0f);

@@ -191,7 +191,6 @@ inline std::vector<Point> Fuse(const std::vector<FusionView>& views, const std::
         matches.erase(std::remove_if(matches.begin(), matches.end(), is_used), matches.end());
         if (!Accepts(matches, options)) continue;
         const Point point = Average(views[i], sources, col, row, matches);
-        if (point.confidence < options.min_point_confidence) continue;
         used_now.push_back({static_cast<int>(i), col, row});
         for (const Match& match : matches) used_now.push_back({neighbors[i][match.source], match.col, match.row});
         points.push_back(point);

@@ -56,7 +56,6 @@ TEST(PresetsTest, ThePapersRunTheStepsOfTheirPapersAndNothingElse) {
     EXPECT_EQ(paper.fusion.max_relative_depth, 0.01f);
     EXPECT_EQ(paper.fusion.max_normal_angle_deg, 10.0f);
     EXPECT_EQ(paper.fusion.min_consistent_views, 2);
-    EXPECT_EQ(paper.fusion.min_point_confidence, 0.0f);
   }
 }
 

@@ -10,10 +10,6 @@ struct FusionOptions {
   float max_relative_depth = 0.02f;    ///< (0, 1)
   float max_normal_angle_deg = 10.0f;  ///< (0, 180]
   int min_consistent_views = 2;        ///< source views that must agree, 1..32
-  /// Least confidence of a kept pixel (see ConfidenceOf), [0, 1]; 0: all that agree. At 0.4 an error of 1.5 % of
-  /// depth is expected; docs/experiments.md has the curve that this was chosen from, for completed maps. Presets
-  /// without completion take less (MakePreset).
-  float min_point_confidence = 0.4f;
 };
 /// Throws InvalidInputError naming the first field out of bounds.
 void Validate(const FusionOptions& options);

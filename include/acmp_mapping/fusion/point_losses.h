@@ -18,8 +18,7 @@ struct PointLosses {
   size_t source_depth = 0;   ///< the sources know no depth there
   size_t reprojection = 0;   ///< sent back too far away, px
   size_t relative_depth = 0;
-  size_t angle = 0;       ///< between normals
-  size_t confidence = 0;  ///< enough sources agree, but it is not confident enough
+  size_t angle = 0;  ///< between normals
   size_t points = 0;
 };
 

@@ -21,8 +21,7 @@ ACMP_HOST_DEVICE inline PixelConsistency CheckPixel(const FusionContext<View>& c
   if (!LoadReferencePixel(context, col, row, &pixel)) return {0, static_cast<float>(confidence), false};
   MatchSum<kMaxSources> sum;
   SumMatches(context, pixel, &sum);
-  const bool accepted = !context.reference.IsGuess(col, row) && HasEnoughMatches(context.limits, sum) &&
-                        confidence >= context.limits.min_confidence;
+  const bool accepted = !context.reference.IsGuess(col, row) && HasEnoughMatches(context.limits, sum);
   if (accepted) *point = Average(context.geometry, pixel, sum, confidence);
   return {sum.count, static_cast<float>(confidence), accepted};
 }
@@ -53,10 +52,8 @@ ACMP_HOST_DEVICE inline bool FusePixel(const FusionContext<View>& context, int c
   MatchSum<kMaxSources> sum;
   SumMatches(context, pixel, &sum);
   if (!HasEnoughMatches(context.limits, sum)) return false;
-  const double confidence = ConfidenceOf(context, col, row);
-  if (!(confidence >= context.limits.min_confidence)) return false;
   StampUsed(context, pixel, sum);
-  *point = Average(context.geometry, pixel, sum, confidence);
+  *point = Average(context.geometry, pixel, sum, ConfidenceOf(context, col, row));
   return true;
 }
 

@@ -34,7 +34,6 @@ struct FusionLimits {
   double max_relative_depth;
   double min_normal_cosine;
   int min_consistent_views;
-  double min_confidence;  ///< of a point
 };
 
 /// From the reference's pixels to the frame in which points are wanted ("target"): its own or the world.
