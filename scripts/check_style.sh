@@ -41,35 +41,13 @@ if grep -n '#include <oneapi/' "${sources[@]}"; then
 fi
 
 if [ -n "$build" ]; then
-  # Only what this build compiles: without CUDA the files in cuda/ have no flags. Without precompiled headers: clang
-  # does not read GCC's. The units of a unity build as they are: headers are read once for many files. With --full each
-  # file alone, where a missing #include shows.
+  # Only what this build compiles: without CUDA the files in cuda/ have no flags. The sources of all modules in four
+  # units, as to read the headers takes longer than to check what includes them: a name without linkage means one thing
+  # in all of src/. The tests in the units of a unity build. With --full each file alone, where a missing #include shows.
   commands=$(mktemp -d)
   trap 'rm -rf "$commands"' EXIT
-  mapfile -t units < <(/usr/bin/python3 - "$build/compile_commands.json" "$with_tests" "$one_by_one" "$commands" <<'PYTHON'
-import json, os, re, subprocess, sys
-commands, with_tests, one_by_one, folder = sys.argv[1:]
-tracked = {os.path.realpath(path) for path in subprocess.check_output(["git", "ls-files", "*.cpp"], text=True).split()}
-tests = os.path.realpath("test") + os.sep
-files_of = {}  # by unit
-entries = []
-for entry in json.load(open(commands)):
-    entry["command"] = re.sub(r"-Winvalid-pch|-include \S*cmake_pch\S*", "", entry["command"])
-    unit = os.path.realpath(os.path.join(entry["directory"], entry["file"]))
-    files = [unit]
-    if re.search(r"/Unity/unity_\d+(_cxx)?\.cxx$", unit):
-        files = [os.path.realpath(path) for path in re.findall(r'#include "(.*)"', open(unit).read())]
-    chosen = [file for file in files if file in tracked and (with_tests or not file.startswith(tests))]
-    units = {unit: files} if chosen == files and not one_by_one else {file: [file] for file in chosen}
-    files_of.update(units)
-    entries += [dict(entry, file=name, command=entry["command"].replace(entry["file"], name)) for name in units]
-json.dump(entries, open(os.path.join(folder, "compile_commands.json"), "w"))
-# Large ones first, so that no processor is left with one at the end.
-sizes = {unit: sum(map(os.path.getsize, files)) for unit, files in files_of.items()}
-print(f"clang-tidy: {sum(map(len, files_of.values()))} files in {len(sizes)} units", file=sys.stderr)
-print("\n".join(sorted(sizes, key=sizes.get, reverse=True)))
-PYTHON
-)
+  mapfile -t units < <(/usr/bin/python3 scripts/style_units.py "$build/compile_commands.json" "$commands" \
+                         ${with_tests:+--tests} ${one_by_one:+--one-by-one})
   printf '%s\0' "${units[@]}" | xargs -0 -P "$(nproc)" -n 1 clang-tidy --quiet -p "$commands" $checks 2>/dev/null ||
     failed=1
 fi
