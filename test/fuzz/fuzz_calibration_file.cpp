@@ -4,7 +4,7 @@
 #include "acmp_mapping/ros/input_conversion.h"
 #include "fuzz/fuzz_input.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+ACMP_FUZZ_TARGET(calibration_file) {
   using namespace acmp;
   static const fuzz::Folder folder;
   fuzz::Bytes bytes(data, size);

@@ -4,7 +4,7 @@
 #include "acmp_mapping/ros/input_conversion.h"
 #include "fuzz/fuzz_messages.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+ACMP_FUZZ_TARGET(camera_info) {
   using namespace acmp;
   constexpr int kLargeSide = 64;  // larger ones take memory and time
   fuzz::Bytes bytes(data, size);

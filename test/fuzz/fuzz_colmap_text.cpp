@@ -2,7 +2,7 @@
 
 #include "fuzz/fuzz_scene.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+ACMP_FUZZ_TARGET(colmap_text) {
   static const acmp::fuzz::SceneFolder folder;
   const auto parts = acmp::fuzz::Parts(data, size, 3);
   folder.Write("sparse/cameras.txt", parts[0]);

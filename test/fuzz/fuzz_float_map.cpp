@@ -3,7 +3,7 @@
 #include "acmp_mapping/dataset/map_io.h"
 #include "fuzz/fuzz_input.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+ACMP_FUZZ_TARGET(float_map) {
   using namespace acmp;
   static const fuzz::Folder folder;
   const std::string_view content = fuzz::Bytes(data, size).Rest();

@@ -5,7 +5,7 @@
 #include "acmp_mapping/dataset/masks.h"
 #include "fuzz/fuzz_input.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+ACMP_FUZZ_TARGET(image) {
   using namespace acmp;
   constexpr int kLargeSide = 1024;  // what announces more takes memory and time, as it may
   static const fuzz::Folder folder;

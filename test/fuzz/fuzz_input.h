@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
+#include "fuzz/fuzz_target.h"
 
 /// What the fuzz targets share. A target gets any bytes, reads them as a file or a message, and must end, without a
 /// crash, in a result or in one of our two errors: any other exception is a finding.

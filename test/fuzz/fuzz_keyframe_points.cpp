@@ -5,7 +5,7 @@
 #include "acmp_mapping/ros/output_conversion.h"
 #include "fuzz/fuzz_messages.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+ACMP_FUZZ_TARGET(keyframe_points) {
   using namespace acmp;
   fuzz::Bytes bytes(data, size);
   MapStore map({});

@@ -5,7 +5,7 @@
 #include "acmp_mapping/ros/input_conversion.h"
 #include "fuzz/fuzz_messages.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+ACMP_FUZZ_TARGET(mask_message) {
   using namespace acmp;
   fuzz::Bytes bytes(data, size);
   const auto message = boost::make_shared<sensor_msgs::Image>();

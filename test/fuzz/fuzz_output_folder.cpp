@@ -4,7 +4,7 @@
 #include "output_folder.h"
 #include "summary.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+ACMP_FUZZ_TARGET(output_folder) {
   using namespace acmp;
   static const fuzz::Folder folder;
   const auto parts = fuzz::Parts(data, size, 3);

@@ -3,7 +3,7 @@
 #include "acmp_mapping/dataset/map_io.h"
 #include "fuzz/fuzz_input.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+ACMP_FUZZ_TARGET(pcd) {
   static const acmp::fuzz::Folder folder;
   const auto path = folder.Write("cloud.pcd", acmp::fuzz::Bytes(data, size).Rest());
   size_t not_finite = 0;

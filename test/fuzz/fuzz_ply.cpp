@@ -3,7 +3,7 @@
 #include "acmp_mapping/dataset/map_io.h"
 #include "fuzz/fuzz_input.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+ACMP_FUZZ_TARGET(ply) {
   static const acmp::fuzz::Folder folder;
   const auto path = folder.Write("cloud.ply", acmp::fuzz::Bytes(data, size).Rest());
   acmp::fuzz::MayRefuse([&] { acmp::ReadPly(path); });

@@ -4,7 +4,7 @@
 #include "acmp_mapping/ros/output_conversion.h"
 #include "fuzz/fuzz_messages.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+ACMP_FUZZ_TARGET(point_cloud) {
   using namespace acmp;
   fuzz::Bytes bytes(data, size);
   sensor_msgs::PointCloud2 cloud;

@@ -5,7 +5,7 @@
 #include "fuzz/fuzz_input.h"
 #include "work_files.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+ACMP_FUZZ_TARGET(work_file) {
   using namespace acmp;
   constexpr size_t kChecksumAt = 16, kContentAt = 20;  // width: bytes 4 to 7, height: 8 to 11
   static const fuzz::Folder folder;

@@ -1,24 +1,29 @@
 // In place of libFuzzer: runs a fuzz target over the files of folders, each of which was a seed or a finding once.
-// Usage: fuzz_NAME FOLDER...
+// Usage: fuzz_corpus TARGET FOLDER...
 
-#include <cstdint>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <string>
 
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size);
+#include "fuzz/fuzz_target.h"
 
 int main(int argc, char** argv) {
+  const auto target = acmp::fuzz::Targets().find(argc > 1 ? argv[1] : "");
+  if (target == acmp::fuzz::Targets().end()) {
+    std::printf("targets:\n");
+    for (const auto& [name, function] : acmp::fuzz::Targets()) std::printf("%s\n", name.c_str());
+    return 2;
+  }
   int files = 0;
-  for (int i = 1; i < argc; ++i) {
+  for (int i = 2; i < argc; ++i) {
     for (const auto& entry : std::filesystem::directory_iterator(argv[i])) {
       std::printf("%s\n", entry.path().c_str());
       std::fflush(stdout);  // the last line names the file that ended the program
       std::ifstream stream(entry.path(), std::ios::binary);
       const std::string content{std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
-      LLVMFuzzerTestOneInput(reinterpret_cast<const uint8_t*>(content.data()), content.size());
+      target->second(reinterpret_cast<const uint8_t*>(content.data()), content.size());
       ++files;
     }
   }
