@@ -9,8 +9,7 @@
 #include "acmp_mapping/ros/input_conversion.h"
 #include "ros/mapper_control.h"
 
-namespace acmp::test {
-namespace {
+namespace acmp::test::bad_input_rostest {
 
 constexpr size_t kViews = 5;
 
@@ -217,11 +216,4 @@ TEST_F(BadInputTest, PosesFarFromTheImages) {
   EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: no_pose", "no pose within 1 ms", "33.4 ms away"}, kTimeoutS));
 }
 
-}  // namespace
-}  // namespace acmp::test
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "bad_input_rostest");
-  return RUN_ALL_TESTS();
-}
+}  // namespace acmp::test::bad_input_rostest

@@ -15,8 +15,7 @@
 #include "ros/recorder.h"
 #include "ros/scene_player.h"
 
-namespace acmp::test {
-namespace {
+namespace acmp::test::conventions_rostest {
 
 constexpr size_t kViews = 6;
 const std::vector<double> kDistortion = {-0.2, 0.05, 1e-3, -1e-3, 0};
@@ -130,11 +129,4 @@ TEST(Conventions, GiveTheTrueDepth) {
   EXPECT_NEAR(keyframes.messages()[0]->pose.position.y, center.y(), 1e-9);
 }
 
-}  // namespace
-}  // namespace acmp::test
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "conventions_rostest");
-  return RUN_ALL_TESTS();
-}
+}  // namespace acmp::test::conventions_rostest

@@ -14,8 +14,7 @@
 #include "ros/mapper_control.h"
 #include "ros/recorder.h"
 
-namespace acmp::test {
-namespace {
+namespace acmp::test::depth_image_proc_rostest {
 
 constexpr size_t kViews = 4;
 constexpr char kNodelet[] = "depth_image_proc/point_cloud_xyzrgb";
@@ -106,11 +105,4 @@ TEST(DepthImageProcTest, CloudIsTheBackProjectedDepth) {
   EXPECT_GT(known, clouds.messages().size() * 64 * 48 / 2) << "there must be something to compare";
 }
 
-}  // namespace
-}  // namespace acmp::test
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "depth_image_proc_rostest");
-  return RUN_ALL_TESTS();
-}
+}  // namespace acmp::test::depth_image_proc_rostest

@@ -1,18 +1,11 @@
 # One test per preset, each with a master of its own since frontends share names of topics; then the table of all.
 set(ACMP_FRONTENDS vins_mono vins_fusion orb_slam3_ros orb_slam3_ros_wrapper orb_slam_2_ros stella_vslam_ros ov2slam
                    kimera_vio okvis openvins rtabmap)
-set(ACMP_FRONTEND_RESULTS ${CMAKE_BINARY_DIR}/frontend_results)
-add_executable(frontends_rostest frontends_rostest.cpp frontend_player.cpp frontend_traits.cpp)
-acmp_test_defaults(frontends_rostest)
-target_compile_definitions(frontends_rostest PRIVATE ACMP_FRONTEND_RESULTS="${ACMP_FRONTEND_RESULTS}")
-target_link_libraries(frontends_rostest PRIVATE acmp_ros_test_support GTest::gtest GTest::gmock)
-target_precompile_headers(frontends_rostest REUSE_FROM acmp_ros_test_headers)
-add_dependencies(frontends_rostest dense_mapper_node map_server_node)
 
-# acmp_play_frontend(preset [played_as]): played_as is another way to wire it, of which frontends_rostest.test knows.
+# acmp_play_frontend(preset [played_as]): played_as is another way to wire it, which frontends_rostest.test knows.
 function(acmp_play_frontend preset)
   set(arguments frontend:=${preset} ${ARGN})
-  add_rostest(frontends_rostest.test ARGS ${arguments} DEPENDENCIES frontends_rostest)
+  add_rostest(frontends_rostest.test ARGS ${arguments} DEPENDENCIES acmp_rostests)
   string(REPLACE ":=" "_" name "${arguments}")
   string(REPLACE ";" "__" name "${name}")
   set_property(TEST frontends_table APPEND PROPERTY
@@ -20,7 +13,7 @@ function(acmp_play_frontend preset)
 endfunction()
 
 add_test(NAME frontends_table
-         COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/frontends_table.sh ${ACMP_FRONTEND_RESULTS}
+         COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/frontends_table.sh ${CMAKE_BINARY_DIR}/frontend_results
                  ${ACMP_FRONTENDS} vins_fusion_camera_pose ov2slam_cloud_stamped_now)
 foreach(frontend ${ACMP_FRONTENDS})
   acmp_play_frontend(${frontend})

@@ -22,8 +22,7 @@
 #include "ros/frontend_player.h"
 #include "ros/recorder.h"
 
-namespace acmp::test {
-namespace {
+namespace acmp::test::frontends_rostest {
 
 constexpr int kWidth = 64, kHeight = 48;
 constexpr size_t kKeyframes = 5;
@@ -173,11 +172,4 @@ TEST_F(FrontendTest, MapsAreThoseOfThePlainMessages) {
   if (!traits_.path_topic.empty()) ExpectPathToMoveTheKeyframes();
 }
 
-}  // namespace
-}  // namespace acmp::test
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "frontends_rostest");
-  return RUN_ALL_TESTS();
-}
+}  // namespace acmp::test::frontends_rostest

@@ -14,8 +14,7 @@
 
 #include "ros/mapper_control.h"
 
-namespace acmp::test {
-namespace {
+namespace acmp::test::inputs_rostest {
 
 constexpr size_t kViews = 5;
 
@@ -162,11 +161,4 @@ TEST_F(InputsTest, ImagesWaitForTheExtrinsicAndAreMappedWhenItComes) {
   EXPECT_TRUE(log.WaitUntil(told, kTimeoutS)) << "the choice must be logged";
 }
 
-}  // namespace
-}  // namespace acmp::test
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "inputs_rostest");
-  return RUN_ALL_TESTS();
-}
+}  // namespace acmp::test::inputs_rostest

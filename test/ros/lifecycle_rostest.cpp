@@ -18,8 +18,7 @@
 #include "ros/endless_player.h"
 #include "ros/mapper_control.h"
 
-namespace acmp::test {
-namespace {
+namespace acmp::test::lifecycle_rostest {
 
 constexpr char kName[] = "/dense_mapper";
 constexpr char kMapName[] = "/map_server";
@@ -191,11 +190,4 @@ TEST_F(LifecycleTest, ReportsThatThereIsNoGpu) {
   EXPECT_TRUE(Unload());
 }
 
-}  // namespace
-}  // namespace acmp::test
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "lifecycle_rostest");
-  return RUN_ALL_TESTS();
-}
+}  // namespace acmp::test::lifecycle_rostest

@@ -19,8 +19,7 @@
 #include "acmp_mapping/ros/map_point.h"
 #include "ros/mapper_control.h"
 
-namespace acmp::test {
-namespace {
+namespace acmp::test::map_rostest {
 
 constexpr size_t kViews = 6;
 constexpr double kVoxelSize = 0.05;  // as in the .test file
@@ -240,11 +239,4 @@ TEST_F(MapTest, G_ResetForgetsCorrections) {
   EXPECT_TRUE(session().mapper.WaitForDiagnostic({"optimized paths = 0 received"}, kTimeoutS));
 }
 
-}  // namespace
-}  // namespace acmp::test
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "map_rostest");
-  return RUN_ALL_TESTS();
-}
+}  // namespace acmp::test::map_rostest

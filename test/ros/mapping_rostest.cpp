@@ -19,8 +19,7 @@
 #include "ros/recorder.h"
 #include "ros/scene_player.h"
 
-namespace acmp::test {
-namespace {
+namespace acmp::test::mapping_rostest {
 
 constexpr int kWidth = 120, kHeight = 90;
 constexpr size_t kViews = 8;
@@ -362,11 +361,4 @@ TEST_F(MappingTest, DiagnosticsAreWell) {
   EXPECT_EQ(session().points.messages().size(), kViews) << "what is refined again is not published again";
 }
 
-}  // namespace
-}  // namespace acmp::test
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "mapping_rostest");
-  return RUN_ALL_TESTS();
-}
+}  // namespace acmp::test::mapping_rostest

@@ -8,8 +8,7 @@
 #include "acmp_mapping/common/error.h"
 #include "ros/mapper_control.h"
 
-namespace acmp::test {
-namespace {
+namespace acmp::test::masks_rostest {
 
 constexpr size_t kViews = 5;
 constexpr int kWidth = 64, kHeight = 48;
@@ -179,11 +178,4 @@ TEST_F(MasksTest, AnImageOfWhichEverythingIsIgnoredIsNamed) {
   EXPECT_EQ(mapper().depth.messages().size(), kViews - 1);
 }
 
-}  // namespace
-}  // namespace acmp::test
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "masks_rostest");
-  return RUN_ALL_TESTS();
-}
+}  // namespace acmp::test::masks_rostest

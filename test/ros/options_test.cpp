@@ -120,8 +120,8 @@ TEST(RuntimeOptions, AreReadAndChecked) {
   EXPECT_THAT(RuntimeRefusal({{"min_confidence", 2.0}}), HasSubstr("min_confidence"));
   EXPECT_THAT(RuntimeRefusal({{"lookahead", 30}}), HasSubstr("lookahead"));
   EXPECT_THAT(RuntimeRefusal({{"depth_min", 5}, {"depth_max", 2}}), HasSubstr("depth_range"));
-  EXPECT_THAT(RuntimeRefusal({{"min_point_confidence", std::numeric_limits<double>::quiet_NaN()}}),
-              HasSubstr("min_point_confidence"));
+  EXPECT_THAT(RuntimeRefusal({{"min_confidence", std::numeric_limits<double>::quiet_NaN()}}),
+              HasSubstr("min_confidence"));
 }
 
 TEST(RuntimeOptions, AKeyframeNeedsNoMoreViewsThanItMayHave) {
@@ -221,8 +221,8 @@ TEST(Reconfigure, RefusesWhatIsOutOfBoundsOrDoesNotFit) {
               AllOf(HasSubstr("max_source_views = 2000"), HasSubstr("[1, 32]")));
   EXPECT_THAT(refusal([](auto* c) { c->lookahead = 4; }), AllOf(HasSubstr("lookahead = 4"), HasSubstr("[0, 3]")));
   EXPECT_THAT(refusal([](auto* c) { c->depth_min = 5, c->depth_max = 2; }), HasSubstr("depth_range"));
-  EXPECT_THAT(refusal([](auto* c) { c->min_point_confidence = std::numeric_limits<double>::quiet_NaN(); }),
-              HasSubstr("min_point_confidence"));
+  EXPECT_THAT(refusal([](auto* c) { c->min_confidence = std::numeric_limits<double>::quiet_NaN(); }),
+              HasSubstr("min_confidence"));
 }
 
 template <class Options>
@@ -242,7 +242,7 @@ TEST(Parameters, AreFewAndExplained) {
   CheckDescriptions(NodeOptionTable(), &names);
   CheckDescriptions(RuntimeOptionTable(), &names);
   CheckDescriptions(MapServerOptionTable(), &names);
-  EXPECT_LE(names.size(), 46u);
+  EXPECT_LE(names.size(), 45u);
   EXPECT_LE(PipelineOptionTable().size(), 25u);
   EXPECT_LE(Values(DenseMapperConfig::__getDefault__()).size(), 15u);
 }

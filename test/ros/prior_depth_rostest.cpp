@@ -11,8 +11,7 @@
 #include "ros/mapper_control.h"
 #include "ros/scene_player.h"
 
-namespace acmp::test {
-namespace {
+namespace acmp::test::prior_depth_rostest {
 
 constexpr double kTimeoutS = 60;
 constexpr size_t kViews = 5;
@@ -59,11 +58,4 @@ TEST(PriorDepthTest, WhatIsOfNoUseIsNamedAndItsImagesAreMapped) {
   EXPECT_TRUE(mapper.WaitForDiagnostic({"dropped: unused_prior_depth", "it explains"}, kTimeoutS));
 }
 
-}  // namespace
-}  // namespace acmp::test
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "prior_depth_rostest");
-  return RUN_ALL_TESTS();
-}
+}  // namespace acmp::test::prior_depth_rostest

@@ -6,8 +6,7 @@
 #include "acmp_mapping/ros/runtime_options.h"
 #include "ros/mapper_control.h"
 
-namespace acmp::test {
-namespace {
+namespace acmp::test::reconfigure_rostest {
 
 /// @param set_parameters stays connected, as rqt_reconfigure does
 DenseMapperConfig Reconfigure(ros::ServiceClient* set_parameters, const DenseMapperConfig& wanted) {
@@ -88,11 +87,4 @@ TEST(ReconfigureWhileImagesCome, EveryParameterTakesEffectAndNoImageIsLost) {
   EXPECT_EQ(mapper.Map(MakeSmallScene(5, 5000000)), 5u) << "and it still maps";
 }
 
-}  // namespace
-}  // namespace acmp::test
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "reconfigure_rostest");
-  return RUN_ALL_TESTS();
-}
+}  // namespace acmp::test::reconfigure_rostest

@@ -18,8 +18,7 @@
 #include "acmp_mapping/mesh/distance_volume.h"
 #include "ros/mapper_control.h"
 
-namespace acmp::test {
-namespace {
+namespace acmp::test::services_rostest {
 
 namespace fs = std::filesystem;
 using acmp_mapping::SaveMap;
@@ -278,11 +277,4 @@ TEST_F(ServicesTest, ReconfigureRefusesWhatIsOutOfBoundsOrDoesNotFit) {
   EXPECT_EQ(mapper().Map(Scene()), kViews);
 }
 
-}  // namespace
-}  // namespace acmp::test
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "services_rostest");
-  return RUN_ALL_TESTS();
-}
+}  // namespace acmp::test::services_rostest

@@ -14,8 +14,7 @@
 
 #include "ros/mapper_control.h"
 
-namespace acmp::test {
-namespace {
+namespace acmp::test::sessions_rostest {
 
 namespace fs = std::filesystem;
 using acmp_mapping::LoadSession;
@@ -180,11 +179,4 @@ TEST_F(SessionsTest, AMapBeginsWithTheSessionOfItsParameter) {
   EXPECT_TRUE(ros::service::call("/manager/unload_nodelet", unload) && unload.response.success);
 }
 
-}  // namespace
-}  // namespace acmp::test
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "sessions_rostest");
-  return RUN_ALL_TESTS();
-}
+}  // namespace acmp::test::sessions_rostest

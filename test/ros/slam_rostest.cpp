@@ -12,8 +12,7 @@
 #include "acmp_mapping/ros/map_point.h"
 #include "ros/mapper_control.h"
 
-namespace acmp::test {
-namespace {
+namespace acmp::test::slam_rostest {
 
 constexpr int kViews = 33;  // 3 before the start, 20 that drift, 10 after the loop closure
 constexpr double kNear_m = 0.1;
@@ -142,11 +141,4 @@ TEST_F(SlamTest, D_WhatComesAfterwardsFitsToIt) {
   EXPECT_TRUE(session().WaitForAccuracy(75)) << session().AccuracyOf(*session().map.messages().back());
 }
 
-}  // namespace
-}  // namespace acmp::test
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "slam_rostest");
-  return RUN_ALL_TESTS();
-}
+}  // namespace acmp::test::slam_rostest

@@ -19,8 +19,7 @@
 #include "acmp_mapping/ros/output_conversion.h"
 #include "ros/mapper_control.h"
 
-namespace acmp::test {
-namespace {
+namespace acmp::test::two_mappers_rostest {
 
 constexpr size_t kViews = 6;         ///< of each camera
 constexpr double kVoxelSize = 0.05;  // as in the .test file
@@ -306,11 +305,4 @@ TEST_F(TwoMappersTest, D_TheMapServerRefusesWhatCannotBeAndSaysSo) {
   EXPECT_TRUE(session().WaitForDiagnostic("map_server: map", "keyframes", "0"));
 }
 
-}  // namespace
-}  // namespace acmp::test
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  ros::init(argc, argv, "two_mappers_rostest");
-  return RUN_ALL_TESTS();
-}
+}  // namespace acmp::test::two_mappers_rostest
