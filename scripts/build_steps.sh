@@ -31,7 +31,7 @@ configure() {
   local linker=
   if command -v ld.gold >/dev/null; then linker=-fuse-ld=gold; fi
   cmake -S . -B "$build" -G Ninja -DACMP_CUDA="${ACMP_CUDA:-AUTO}" -DACMP_ROS=ON -DACMP_WARNINGS_AS_ERRORS=ON \
-    -DACMP_BUILD_TESTS=ON -DCMAKE_BUILD_TYPE=Release -DCMAKE_UNITY_BUILD=ON -DCMAKE_UNITY_BUILD_BATCH_SIZE=12 \
+    -DACMP_BUILD_TESTS=ON -DCMAKE_BUILD_TYPE=Release -DCMAKE_UNITY_BUILD=ON -DCMAKE_UNITY_BUILD_BATCH_SIZE=0 \
     -DCMAKE_EXE_LINKER_FLAGS="$linker" -DCMAKE_SHARED_LINKER_FLAGS="$linker" \
     -DACMP_CUDA_ARCHITECTURES="$(gpu_architectures)" "$@" >"$build/configure.log" 2>&1 ||
     { tail -n 30 "$build/configure.log"; return 1; }
