@@ -24,7 +24,7 @@ namespace {
 constexpr double kSameSurface = 0.1;
 /// The same after the fit of the drift: what a network's map deviates within one surface stays below, what lies between
 /// two surfaces is above as a rule.
-constexpr double kAgrees = 0.05;
+constexpr double kExplained = 0.05;
 constexpr size_t kMinKnown = 20;  ///< depths that a fit takes: of fewer half would agree by chance
 
 /// A known depth, and the prior's at its pixel.
@@ -74,6 +74,15 @@ std::optional<Eigen::Vector3d> SolveFor(int count, const std::vector<Pair>& pair
   return factors;
 }
 
+/// Some of the pairs, evenly.
+std::vector<Pair> Thinned(const std::vector<Pair>& pairs, size_t enough) {
+  const size_t step = (pairs.size() + enough - 1) / enough;
+  std::vector<Pair> some;
+  some.reserve(enough);
+  for (size_t i = 0; i < pairs.size(); i += step) some.push_back(pairs[i]);
+  return some;
+}
+
 /// Takes `factors` if they are better.
 template <class TermsOf>
 void Consider(const std::optional<Eigen::Vector3d>& factors, const std::vector<Pair>& pairs, const TermsOf& terms_of,
@@ -101,11 +110,14 @@ RobustFit Refined(RobustFit best, int count, const std::vector<Pair>& pairs, con
   return best;
 }
 
-/// The best of fits through as many pairs, drawn at random, as there are terms (the first `count`), refined.
+/// The best of fits through as many pairs, drawn at random, as there are terms (the first `count`), refined. Some pairs
+/// tell which is best.
 template <class TermsOf>
 RobustFit FitRobustly(int count, const std::vector<Pair>& pairs, const TermsOf& terms_of) {
   constexpr int kDraws = 300;
+  constexpr size_t kEnough = 300;
   constexpr uint32_t kSeed = 1;
+  const std::vector<Pair> judges = Thinned(pairs, kEnough);
   RandomStream random(kSeed, 0, static_cast<uint32_t>(count));
   RobustFit best;
   for (int i = 0; i < kDraws; ++i) {
@@ -113,9 +125,11 @@ RobustFit FitRobustly(int count, const std::vector<Pair>& pairs, const TermsOf& 
     drawn.reserve(static_cast<size_t>(count));
     for (int k = 0; k < count; ++k) drawn.push_back(pairs[random.NextWord() % pairs.size()]);
     const auto all = [](const Terms&, const Pair&) { return true; };
-    Consider(SolveFor(count, drawn, terms_of, all), pairs, terms_of, &best);
+    Consider(SolveFor(count, drawn, terms_of, all), judges, terms_of, &best);
   }
-  return Refined(best, count, pairs, terms_of);
+  RobustFit of_all;
+  Consider(best.factors, pairs, terms_of, &of_all);
+  return Refined(of_all, count, pairs, terms_of);
 }
 
 /// The prior's fit: 1 / z = (shift + scale / prior) * Dot(drift, (1, column, row)).
@@ -164,15 +178,6 @@ std::vector<Pair> PairsOf(const ImageView<const float>& prior, const ImageView<c
   return pairs;
 }
 
-/// Some of the pairs, evenly: a fit needs no more.
-std::vector<Pair> Thinned(const std::vector<Pair>& pairs) {
-  constexpr size_t kEnough = 2000;
-  const size_t step = (pairs.size() + kEnough - 1) / kEnough;
-  std::vector<Pair> some;
-  for (size_t i = 0; i < pairs.size(); i += step) some.push_back(pairs[i]);
-  return some;
-}
-
 /// Why the fitted prior says nothing that images could not say without it; empty: it does. It must explain half of the
 /// known depths that no plane explains: of true maps with all kinds of faults it is 0.42 and more, of maps of other
 /// images 0.39 at most, 0.25 as a rule, of constant ones, ramps and noise next to nothing. Where a plane explains all,
@@ -182,8 +187,8 @@ std::string WhyUseless(const PriorFit& fit, const std::vector<Pair>& pairs) {
   const RobustFit plane = FitRobustly(3, pairs, PlaneTerms);
   size_t explained = 0, off_plane = 0, explained_off_plane = 0;
   for (const Pair& pair : pairs) {
-    const bool is_explained = fit.scale > 0 && std::abs(fit.Deviation(pair)) < kAgrees;
-    const bool is_off_plane = !(std::abs(DeviationOf(plane.factors, PlaneTerms(pair), pair)) < kAgrees);
+    const bool is_explained = fit.scale > 0 && std::abs(fit.Deviation(pair)) < kExplained;
+    const bool is_off_plane = !(std::abs(DeviationOf(plane.factors, PlaneTerms(pair), pair)) < kExplained);
     explained += is_explained ? 1 : 0;
     off_plane += is_off_plane ? 1 : 0;
     explained_off_plane += is_explained && is_off_plane ? 1 : 0;
@@ -235,7 +240,7 @@ Image<float> FitSurroundings(const PriorFit& fit, const std::vector<Pair>& pairs
     const int col = pair.col / cell_size, row = pair.row / cell_size;
     const double d = fit.Deviation(pair);
     count.Add(col, row, 1);
-    if (!(std::abs(d) < kAgrees)) continue;
+    if (!(std::abs(d) < kExplained)) continue;
     agreeing.Add(col, row, 1);
     deviation.Add(col, row, d);
   }
@@ -292,7 +297,8 @@ FittedPriorDepth FitPriorDepth(ImageView<const float> prior, ImageView<const flo
         Concat("only ", pairs.size(), " of its pixels have a known depth to fit it to: must be at least ", kMinKnown)};
   }
   if (pairs.size() >= kMinKnown) {
-    const std::vector<Pair> some = Thinned(pairs);
+    constexpr size_t kEnough = 2000;  // a fit needs no more
+    const std::vector<Pair> some = Thinned(pairs, kEnough);
     if (!options.metric) fit = FitScale(some);
     if (std::string reason = WhyUseless(fit, some); !reason.empty()) return {{}, std::move(reason)};
     if (!options.metric) fit.drift = FitDrift(fit, some, prior.width, prior.height);
