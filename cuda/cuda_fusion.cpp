@@ -54,7 +54,7 @@ class CudaStamps final : public FusionStamps {
   std::map<int64_t, DeviceArray<Stamp>> by_frame_;
 };
 
-CudaStamps& CastStamps(FusionStamps* stamps) {
+CudaStamps& CastCudaStamps(FusionStamps* stamps) {
   auto* gpu_stamps = dynamic_cast<CudaStamps*>(stamps);
   if (gpu_stamps == nullptr) throw InvalidInputError("stamps: null or not of a GPU");
   return *gpu_stamps;
@@ -127,7 +127,7 @@ std::unique_ptr<FusionStamps> CudaFusion::MakeStamps() { return std::make_unique
 
 PointCloud CudaFusion::FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
                                 const FusionOptions& options, int rank, FusionStamps* stamps) {
-  CudaStamps& gpu_stamps = CastStamps(stamps);
+  CudaStamps& gpu_stamps = CastCudaStamps(stamps);
   const Stamp stamp = StampOfRank(rank);
   return queue_.OnDevice([&] {
     Setup setup(PosedCameraOf(reference), FusionMapsOf(reference, &queue_), MakeFusionLimits(options),
@@ -144,7 +144,7 @@ PointCloud CudaFusion::FuseView(const EngineView& reference, const std::vector<E
 }
 
 Image<unsigned char> CudaFusion::UsedPixels(const Frame& frame, FusionStamps* stamps) {
-  CudaStamps& gpu_stamps = CastStamps(stamps);
+  CudaStamps& gpu_stamps = CastCudaStamps(stamps);
   return queue_.OnDevice([&] {
     const ImageView<Stamp> on_device = gpu_stamps.Of(frame, queue_);
     Image<Stamp> on_host(on_device.width, on_device.height);
@@ -157,7 +157,7 @@ Image<unsigned char> CudaFusion::UsedPixels(const Frame& frame, FusionStamps* st
 }
 
 void CudaFusion::SetUsedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) {
-  CudaStamps& gpu_stamps = CastStamps(stamps);
+  CudaStamps& gpu_stamps = CastCudaStamps(stamps);
   const Image<Stamp> on_host = StampsOfUsed(used, frame.camera);
   queue_.OnDevice([&] {
     const ImageView<Stamp> on_device = gpu_stamps.Of(frame, queue_);

@@ -64,7 +64,7 @@ struct HostStamps final : FusionStamps {
   }
 };
 
-HostStamps& CastStamps(FusionStamps* stamps) {
+HostStamps& CastHostStamps(FusionStamps* stamps) {
   auto* host_stamps = dynamic_cast<HostStamps*>(stamps);
   if (host_stamps == nullptr) throw InvalidInputError("stamps: null or of another device");
   return *host_stamps;
@@ -268,7 +268,7 @@ std::unique_ptr<FusionStamps> HostDepthEngine::MakeFusionStamps() { return std::
 
 PointCloud HostDepthEngine::FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
                                      const FusionOptions& options, int rank, FusionStamps* stamps) {
-  HostStamps& host_stamps = CastStamps(stamps);
+  HostStamps& host_stamps = CastHostStamps(stamps);
   const Stamp stamp = StampOfRank(rank);
   Cast<HostEstimate>(reference.estimate);
   const FusionView view = MakeFusionView(reference);
@@ -286,12 +286,12 @@ PointCloud HostDepthEngine::FuseView(const EngineView& reference, const std::vec
 }
 
 Image<unsigned char> HostDepthEngine::UsedPixels(const Frame& frame, FusionStamps* stamps) {
-  const ImageView<Stamp> view = CastStamps(stamps).Of(frame);
+  const ImageView<Stamp> view = CastHostStamps(stamps).Of(frame);
   return UsedOf({view.data, view.width, view.height, view.stride});
 }
 
 void HostDepthEngine::SetUsedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) {
-  CastStamps(stamps).Set(frame, StampsOfUsed(used, frame.camera));
+  CastHostStamps(stamps).Set(frame, StampsOfUsed(used, frame.camera));
 }
 
 EstimateMaps HostDepthEngine::Download(const EngineEstimatePtr& estimate) {

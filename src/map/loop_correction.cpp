@@ -64,7 +64,7 @@ void CorrectNamed(const std::vector<NamedKeyframe>& named) {
     }
     const RigidTransform& received = named[i].keyframe->received;
     Similarity& correction = named[i].keyframe->correction;
-    correction.scale = ScaleOf(std::move(nearby));
+    correction.scale = ScaleOf(nearby);
     RigidTransform scaled = received;
     scaled.translation() *= correction.scale;
     correction.rigid = named[i].world_from_cam * scaled.inverse();

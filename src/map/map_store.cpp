@@ -82,7 +82,7 @@ std::shared_ptr<const PointCloud> MapStore::Thinned(const PointCloud& points) {
 }
 
 double MapStore::MaxDistance() const {
-  return VoxelSize() > 0 ? kMaxVoxels * VoxelSize() : std::numeric_limits<double>::infinity();
+  return VoxelSize() > 0 ? kMaxMapVoxels * VoxelSize() : std::numeric_limits<double>::infinity();
 }
 
 bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const PointCloud& points_in_camera) {
@@ -255,7 +255,7 @@ void MapStore::Join(MapSession session, const RigidTransform& world_from_session
   }
   CheckRange("voxel_size", session.voxel_size, 0.0, 1e6);
   if (voxel_size == 0) voxel_size = session.voxel_size;
-  const double max_distance = voxel_size > 0 ? kMaxVoxels * voxel_size : std::numeric_limits<double>::infinity();
+  const double max_distance = voxel_size > 0 ? kMaxMapVoxels * voxel_size : std::numeric_limits<double>::infinity();
   std::vector<std::pair<KeyframeKey, Keyframe>> joined;
   for (SessionKeyframe& keyframe : session.keyframes) {
     try {

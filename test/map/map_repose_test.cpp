@@ -308,7 +308,7 @@ TEST(MapRepose, TouchesNoPoint) {
 TEST(MapRepose, APoseFarAwayIsRefusedAndTheOthersAreUsed) {
   MapStore store({10, 0.1});
   AddKeyframes(&store, 3);
-  const double bound = kMaxVoxels * 0.1;
+  const double bound = kMaxMapVoxels * 0.1;
   for (const double far : {1e12, 1e308, 1.001 * bound, -1e12}) {
     const ReposeResult result = store.Repose({{0, Pose(0, 1)}, {kSecond, Pose(far, 0)}, {2 * kSecond, Pose(2, 3)}});
     EXPECT_EQ(result.named, 2u);
@@ -330,7 +330,7 @@ TEST(MapRepose, APoseFarAwayIsRefusedAndTheOthersAreUsed) {
 
 TEST(MapRepose, KeyframesThatOthersWouldMoveTooFarStay) {
   MapStore store({10, 0.1});
-  const double bound = kMaxVoxels * 0.1;
+  const double bound = kMaxMapVoxels * 0.1;
   Add(&store, 0, 0, Pose(0, 0));
   Add(&store, 1, kSecond, Pose(0.9 * bound, 0));
   const ReposeResult result = store.Repose({{0, Pose(0.9 * bound, 0)}});  // the other one would go to 1.8

@@ -225,7 +225,7 @@ TEST(MapStore, KeyframesFarAwayAreRefused) {
   MapStore store({10, 0});
   const PointCloud points = PlaneAt(2, 3, 1);
   Add(&store, 0, Shifted(0), points);
-  const double bound = kMaxVoxels * kAutoVoxelRatio * 2;
+  const double bound = kMaxMapVoxels * kAutoVoxelRatio * 2;
   const std::string message = [&] {
     try {
       store.Add(Key(1), {1, Shifted(1e12), {}}, points);

@@ -30,7 +30,7 @@ constexpr double kAutoVoxelRatio = 0.005;  ///< about 2.5 px of a 500 px focal l
 
 /// Greatest distance of a keyframe's points from the origin, in voxels: half of what VoxelFilter takes, since float32
 /// rounds.
-constexpr double kMaxVoxels = 1 << 30;
+constexpr double kMaxMapVoxels = 1 << 30;
 
 /// A correction that moves points by less than about a thousandth of a voxel is none: nobody sees it, and a map of many
 /// points takes seconds to build. The angle is what moves points by that at 200 voxels, the median depth with
@@ -133,7 +133,7 @@ class MapStore {
 
   /// Add and Replace belong to one thread. Another run than that of the mapper's last keyframe is a new one. False, and
   /// nothing is changed, for a keyframe that is in the map already. Throws InvalidInputError for points that
-  /// VoxelFilter refuses, that have no positive median depth, or that lie farther than kMaxVoxels from the origin.
+  /// VoxelFilter refuses, that have no positive median depth, or that lie farther than kMaxMapVoxels from the origin.
   bool Add(const KeyframeKey& key, const KeyframePose& pose, const PointCloud& points_in_camera);
   /// Better points of a keyframe in the map, and the refined pose that they belong to, if there is one: of `pose` only
   /// that is taken. False, and nothing is changed, where the keyframe is not there (any more). Throws as Add.
@@ -155,7 +155,7 @@ class MapStore {
   /// Corrects poses after a loop closure, see Repose in loop_correction.h: all mappers' last runs are taken for one
   /// trajectory, since cameras of a rig share the path. It also counts for keyframes that come later, until a mapper
   /// begins a new run. Only poses and scales change: takes microseconds per keyframe. An empty path does nothing.
-  /// Keyframes never go farther than kMaxVoxels from the origin: one such pose would make the whole map unusable.
+  /// Keyframes never go farther than kMaxMapVoxels from the origin: one such pose would make the whole map unusable.
   ReposeResult Repose(std::vector<StampedPose> path);
 
   /// The map: all keyframes' points in the world, one per voxel. Takes time in proportion to the points held.

@@ -71,7 +71,7 @@ ACMP_HOST_DEVICE inline void SumMatches(const FusionContext<View>& context, cons
   }
 }
 
-/// True when the matches suffice to keep the pixel, if it is confident enough.
+/// True when the matches suffice to keep the pixel.
 template <int kMaxSources>
 ACMP_HOST_DEVICE inline bool HasEnoughMatches(const FusionLimits& limits, const MatchSum<kMaxSources>& sum) {
   return sum.count >= limits.min_consistent_views;
