@@ -307,8 +307,8 @@ std::string PlyFile::Header() const {
   return MakeHeader(points_, Concat("comment ", padding, "\n"));
 }
 
-PlyFile::PlyFile(const std::filesystem::path& path)
-    : file_(path, Durability::kPowerCut), header_bytes_(Header().size()) {}
+PlyFile::PlyFile(const std::filesystem::path& path, Durability durability)
+    : file_(path, durability), header_bytes_(Header().size()) {}
 
 size_t PlyFile::Reserve(size_t points) {
   const size_t first = points_;

@@ -24,8 +24,8 @@ constexpr const char* kLockName = ".lock";
 constexpr const char* kListName = "files.txt";
 constexpr const char* kTemporarySuffix = ".partial";  // of AtomicFile
 constexpr const char* kWorkName = "work";
-constexpr std::array<const char*, 8> kResults = {"depth",    "normal", "cost",      "confidence",
-                                                 "pictures", "colmap", "fused.ply", "cameras.txt"};
+constexpr std::array<const char*, 9> kResults = {"depth",  "normal",    "cost",  "confidence", "pictures",
+                                                 "colmap", "fused.ply", "tiles", "cameras.txt"};
 
 std::string Format(const RunRecord& record) {
   std::string text = "# settings of the run that made this folder\n";

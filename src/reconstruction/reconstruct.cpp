@@ -43,8 +43,8 @@ void ReportImagesWithoutMap(const ReconstructRun& run) {
   }
 }
 
-/// Runs the schedule and writes the results. Returns the number of points.
-size_t RunSchedule(ReconstructRun* run) {
+/// Runs the schedule and writes the results.
+CloudSize RunSchedule(ReconstructRun* run) {
   TaskGraph graph;
   std::map<int, int> final_maps;
   if (run->options.online()) {
@@ -53,10 +53,10 @@ size_t RunSchedule(ReconstructRun* run) {
     final_maps = AddOfflineSchedule(run, &graph);
   }
   ReportImagesWithoutMap(*run);
-  const size_t points = RunAndWriteResults(run, final_maps, &graph);
+  const CloudSize cloud = RunAndWriteResults(run, final_maps, &graph);
   run->interrupt.Check();
   ReportUnusedPriorDepth(*run);
-  return points;
+  return cloud;
 }
 
 }  // namespace
@@ -108,8 +108,8 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   {
     EngineStore store(&frames, options, &folder, plan, devices, ScheduleOf(MakePipelineOptions(options)));
     ReconstructRun run{{scene, options, plan, devices, store, *interrupt, progress, {}, {}, {}}, folder};
-    const size_t points = RunSchedule(&run);
-    const std::string failure = EndRun(&run, record, devices.name(), timer, points, out);
+    const CloudSize cloud = RunSchedule(&run);
+    const std::string failure = EndRun(&run, record, devices.name(), timer, cloud, out);
     if (!failure.empty()) throw ProcessingError(failure);
   }
   if (!options.mesh.empty()) WriteSceneMesh(options, folder, *interrupt, &frames, &progress, out);

@@ -33,6 +33,9 @@ OUTPUT is a folder that is made; afterwards it holds, for image 0, 1, 2, ... of 
   confidence/000000.pfm    0..1
   pictures/000000_*.png    the four maps as colour pictures to look at
   fused.ply                one point cloud of all images: position, normal, colour, confidence
+  tiles/X_Y_Z.ply          with --tile-size, in place of fused.ply: the points whose coordinates divided by the tile size,
+                           rounded down, are X, Y, Z
+  tiles/index.json         the files of the tiles, their numbers of points, lowest and highest coordinates
   cameras.txt              cameras of the maps (at the maps' size) with their poses
   colmap/                  with --colmap: the undistorted images, sparse/, depth and normal maps in stereo/
   summary.json, run.txt    what was done, with which settings, and how long it took
@@ -182,6 +185,9 @@ void AddOutputOptions(CLI::App* app, ReconstructOptions* options) {
       ->check(OneOf({"depth", "normal", "cost", "confidence", "none"}))
       ->default_str("depth,normal,cost,confidence")
       ->group(group);
+  app->add_option("--tile-size", options->tile_size,
+                  "Write the cloud as cubes of this size, scene units, one file each, in place of fused.ply")
+      ->group(group);
   app->add_option("--mesh", options->mesh,
                   "Also write a mesh of all depth maps to this file, .ply or .obj; of a finished run, too")
       ->group(group);
@@ -208,6 +214,10 @@ void CheckDepthOption(const char* name, const std::optional<double>& value) {
   if (value && !(static_cast<float>(*value) > 0 && std::isfinite(static_cast<float>(*value)))) {
     throw InvalidInputError(Concat(name, " = ", *value, ": must be positive and finite"));
   }
+}
+
+void CheckTileSize(const std::optional<double>& value) {
+  if (value) CheckRange("--tile-size", *value, 1e-6, 1e9);
 }
 
 void CheckMaps(const ReconstructOptions& options) {
@@ -295,6 +305,7 @@ void Validate(const ReconstructOptions& options) {
     }
   }
   CheckMaps(options);
+  CheckTileSize(options.tile_size);
   CheckMesh(options);
   CheckStages(options);
   CheckRange("--jobs-per-gpu", options.jobs_per_gpu, 1, 64);

@@ -6,7 +6,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/dataset/camera_list.h"
-#include "acmp_mapping/dataset/map_io.h"
+#include "cloud_output.h"
 #include "map_writer.h"
 #include "run.h"
 #include "view_outputs.h"
@@ -21,8 +21,8 @@ class ResultWriter {
   explicit ResultWriter(ReconstructRun* run)
       : run_(*run),
         maps_(run),
-        waiting_(&run->folder, run->options.MemoryBytes(run->options.kCloudShare)),
-        cloud_(run->folder.path() / "fused.ply"),
+        waiting_(&run->folder, run->options.CloudBytes()),
+        cloud_(run->options, &run->folder),
         fusion_(run) {}
 
   void AddTasks(const std::map<int, int>& final_maps, TaskGraph* graph) {
@@ -38,7 +38,9 @@ class ResultWriter {
       last_placed.push_back(fused);
       last_placed = {graph->Add(
           Devices::kFilePool, last_placed, [this, rank](int) { Place(rank); }, true)};
-      all_in_cloud.push_back(graph->Add(Devices::kFilePool, last_placed, [this, rank](int) { WritePoints(rank); }));
+      all_in_cloud.push_back(
+          cloud_.in_order() ? last_placed.back()
+                            : graph->Add(Devices::kFilePool, last_placed, [this, rank](int) { WritePoints(rank); }));
       images_.push_back(image.index);
     }
     places_.resize(images_.size());
@@ -49,11 +51,14 @@ class ResultWriter {
 
   static constexpr int kStepsPerImage = 2;
   size_t images() const { return images_.size(); }
-  size_t points() const { return cloud_.points(); }
+  CloudSize cloud_size() const { return cloud_.size(); }
 
  private:
   /// A view's points follow those of all before it; how many those are is known when they are fused.
-  void Place(size_t rank) { places_[rank] = cloud_.Reserve(waiting_.NumPoints(images_[rank])); }
+  void Place(size_t rank) {
+    places_[rank] = cloud_.Reserve(waiting_.NumPoints(images_[rank]));
+    if (cloud_.in_order()) WritePoints(rank);
+  }
 
   /// Writes a view's points, and forgets them unless COLMAP's model is made of them.
   void WritePoints(size_t rank) {
@@ -72,7 +77,7 @@ class ResultWriter {
 
   void FinishCloud() {
     Timer timer;
-    cloud_.Commit();
+    cloud_.Commit(run_.interrupt);
     {
       const std::lock_guard<std::mutex> lock(run_.times_mutex);
       run_.times.cloud_ms += timer.Lap();
@@ -83,7 +88,7 @@ class ResultWriter {
   ReconstructRun& run_;
   MapWriter maps_;
   WaitingClouds waiting_;
-  PlyFile cloud_;
+  CloudOutput cloud_;
   ViewFusion fusion_;
   std::vector<int> images_;         ///< with maps, by scene index: in the order of the cloud
   std::vector<size_t> places_;      ///< of the views' first points in the cloud
@@ -109,7 +114,7 @@ std::vector<ListedCamera> Cameras(const ReconstructRun& run, const std::vector<i
   return cameras;
 }
 
-size_t RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_maps, TaskGraph* graph) {
+CloudSize RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_maps, TaskGraph* graph) {
   ResultWriter writer(run);
   writer.AddTasks(final_maps, graph);
   const bool all = !final_maps.empty();  // of the run's steps
@@ -120,7 +125,7 @@ size_t RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_m
   run->progress.Begin(all ? "depth maps, pictures and cloud" : "maps, pictures and cloud",
                       static_cast<int>(writer.images()) * steps, share);
   graph->Run(run->devices.PoolThreads(), run->interrupt);
-  return writer.points();
+  return writer.cloud_size();
 }
 
 }  // namespace acmp

@@ -12,6 +12,7 @@
 #include "acmp_mapping/pipeline/depth_estimator.h"
 #include "acmp_mapping/reconstruction/reconstruct_options.h"
 #include "acmp_mapping/reconstruction/stop_request.h"
+#include "cloud_output.h"
 #include "devices.h"
 #include "engine_store.h"
 #include "output_folder.h"
@@ -82,8 +83,7 @@ void RunOnlineSchedule(ReconstructRun* run);
 /// Runs what is in the graph and then, or meanwhile, the output: confidence, map files and pictures of every image with
 /// final maps; the fused cloud and the cameras.
 /// @param final_maps tasks that an image's final maps wait for, by scene index; none: they are there
-/// @return number of points
-size_t RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_maps, TaskGraph* graph);
+CloudSize RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_maps, TaskGraph* graph);
 
 /// Camera of an image at the size of the run.
 PinholeCamera CameraOf(const ScheduleRun& run, int index);

@@ -5,6 +5,14 @@
 #include "summary.h"
 
 namespace acmp {
+namespace {
+
+std::string DescribeFiles(const CloudSize& cloud) {
+  if (!cloud.tiles) return "fused.ply";
+  return Concat(*cloud.tiles, *cloud.tiles == 1 ? " tile" : " tiles");
+}
+
+}  // namespace
 
 PointsJudgement JudgePoints(const ScheduleRun& run, size_t points) {
   constexpr double kHardlyAny = 0.01;
@@ -40,20 +48,20 @@ void ReportUnusedPriorDepth(const ReconstructRun& run) {
 }
 
 std::string EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer,
-                   size_t points, std::ostream* out) {
+                   const CloudSize& cloud, std::ostream* out) {
   Timer sync;
   run->folder.WriteFileList();
   SyncFolder(run->folder.path());
   run->times.syncing_ms = sync.Lap();
   run->times.run_ms = timer.Elapsed();
-  const PointsJudgement judgement = JudgePoints(*run, points);
+  const PointsJudgement judgement = JudgePoints(*run, cloud.points);
   if (!judgement.warning.empty()) run->progress.Warn(judgement.warning);
   std::string failure = judgement.failure.empty() ? "" : Concat(run->folder.path().string(), ": ", judgement.failure);
-  WriteFileAtomically(run->folder.SummaryFile(), FormatSummary(*run, record, device, points, failure),
+  WriteFileAtomically(run->folder.SummaryFile(), FormatSummary(*run, record, device, cloud, failure),
                       Durability::kPowerCut);
   if (!run->options.keep_work) run->folder.RemoveWork();
   if (!run->options.quiet) {
-    *out << run->folder.path().string() << ": " << points << " points in fused.ply; took "
+    *out << run->folder.path().string() << ": " << cloud.points << " points in " << DescribeFiles(cloud) << "; took "
          << FormatDuration(run->times.run_ms / 1000) << " on " << device << std::endl;
   }
   if (run->options.timings) *out << FormatTimings(run->times) << std::flush;

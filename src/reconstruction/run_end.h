@@ -23,6 +23,6 @@ void ReportUnusedPriorDepth(const ReconstructRun& run);
 /// @param timer of the whole run
 /// @return why the run counts as failed though all is written; empty: it does not
 std::string EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer,
-                   size_t points, std::ostream* out);
+                   const CloudSize& cloud, std::ostream* out);
 
 }  // namespace acmp

@@ -1,5 +1,6 @@
 #include "run_record.h"
 
+#include <nlohmann/json.hpp>
 #include <optional>
 
 #include "acmp_mapping/common/error.h"
@@ -16,6 +17,9 @@ std::string Joined(const std::vector<std::string>& words) {
 std::string RefinePosesName(const ReconstructOptions& options) {
   return std::get<std::string>(PoseRefinementOptionTable().Find("refine_poses").get(options.pose_refinement));
 }
+
+/// As few digits as tell it from all other numbers.
+std::string AllDigits(double value) { return nlohmann::json(value).dump(); }
 
 }  // namespace
 
@@ -36,7 +40,8 @@ RunRecord SettingsRecord(const ReconstructOptions& options) {
                       {"maps", Joined(options.maps)},
                       {"dmb", flag(options.dmb)},
                       {"colmap", flag(options.colmap)},
-                      {"pictures", flag(!options.no_pictures)}};
+                      {"pictures", flag(!options.no_pictures)},
+                      {"tile-size", options.tile_size ? AllDigits(*options.tile_size) : "none"}};
   if (options.online()) {
     record.emplace_back("window-size", Concat(options.window_size));
     record.emplace_back("lookahead", Concat(options.lookahead));

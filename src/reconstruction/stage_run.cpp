@@ -10,9 +10,9 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
-#include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/pipeline/schedule.h"
 #include "chunk_fusion.h"
+#include "cloud_output.h"
 #include "input_hash.h"
 #include "map_writer.h"
 #include "run_end.h"
@@ -282,17 +282,17 @@ class StageRun {
     const RunRecord record = MakeRecord(options_, device, InputHash(hashes));
     std::string failure;
     OnDevices({}, [&](ReconstructRun* run, FrameStore*) {
-      const size_t points = WriteCloudAndCameras(*run);
-      failure = EndRun(run, record, device, timer, points, &out_);
+      const CloudSize cloud = WriteCloudAndCameras(*run);
+      failure = EndRun(run, record, device, timer, cloud, &out_);
     });
     folder_.Rewrite(record);
     folder_.RemoveWork();
     if (!failure.empty()) throw ProcessingError(failure);
   }
 
-  size_t WriteCloudAndCameras(const ReconstructRun& run) {
+  CloudSize WriteCloudAndCameras(const ReconstructRun& run) {
     std::vector<int> images;
-    PlyFile cloud(folder_.path() / "fused.ply");
+    CloudOutput cloud(options_, &folder_);
     progress_.Begin(options_.stage, static_cast<int>(run.plan.images.size()));
     for (const ImagePlan& image : run.plan.images) {
       interrupt_.Check();
@@ -306,9 +306,9 @@ class StageRun {
       if (!points) FailUnfinished(kFuseStage, image.index);
       cloud.WriteAt(cloud.Reserve(points->size()), *points);
     }
-    cloud.Commit();
+    cloud.Commit(interrupt_);
     WriteCameraList(folder_.path() / "cameras.txt", Cameras(run, images));
-    return cloud.points();
+    return cloud.size();
   }
 
   [[noreturn]] void FailUnfinished(const std::string& stage, int index) {

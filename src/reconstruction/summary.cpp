@@ -33,8 +33,8 @@ std::vector<std::pair<const char*, double>> Rows(const RunTimes& times) {
 
 }  // namespace
 
-std::string FormatSummary(const ReconstructRun& run, const RunRecord& record, const std::string& device, size_t points,
-                          const std::string& failure) {
+std::string FormatSummary(const ReconstructRun& run, const RunRecord& record, const std::string& device,
+                          const CloudSize& cloud, const std::string& failure) {
   Json settings = Json::object(), times = Json::object(), without_map = Json::array();
   for (const auto& [name, value] : record) settings[name] = value;
   for (const auto& [name, ms] : Rows(run.times)) times[name] = ms;
@@ -47,9 +47,10 @@ std::string FormatSummary(const ReconstructRun& run, const RunRecord& record, co
                   {"settings", settings},
                   {"images_with_map", run.plan.images.size() - without_map.size()},
                   {"images_without_map", without_map},
-                  {"points", points},
+                  {"points", cloud.points},
                   {"images_matched_in_last_run", run.times.images},
                   {"milliseconds_in_last_run", times}};
+  if (cloud.tiles) summary["tiles"] = *cloud.tiles;
   if (!failure.empty()) summary["failure"] = failure;
   return summary.dump(2) + "\n";
 }

@@ -43,7 +43,9 @@ class ReconstructCliTest : public ReconstructFixture {
   }
 
   /// Starts the tool, waits for a file to appear, sends a signal, and returns the exit status.
-  int SignalWhen(const std::filesystem::path& file, int signal) const {
+  /// @param option another one, with its value
+  int SignalWhen(const std::filesystem::path& file, int signal, const std::string& option = "--seed",
+                 const std::string& value = "1") const {
     const pid_t child = fork();
     if (child == 0) {
       const auto log = (folder() / "log.txt").string();
@@ -51,7 +53,7 @@ class ReconstructCliTest : public ReconstructFixture {
       const std::string scene_name = scene().string();
       const std::string output_name = output().string();
       execl(ACMP_RECONSTRUCT, ACMP_RECONSTRUCT, scene_name.c_str(), output_name.c_str(), "--device", "cpu",
-            "--source-views", "3", "--threads", "2", nullptr);
+            "--source-views", "3", "--threads", "2", option.c_str(), value.c_str(), nullptr);
       _exit(98);
     }
     while (!std::filesystem::exists(file) && waitpid(child, nullptr, WNOHANG) == 0) {
@@ -183,7 +185,8 @@ TEST_F(ReconstructCliTest, ExitCodesOfWrongUse) {
   WriteScene(3, 24, 18);
   for (const char* bad : {"--preset best", "--device tpu", "--schedule later", "--format obj", "--source-views 0",
                           "--source-views many", "--max-image-size -5", "--maps color", "--maps none,depth",
-                          "--depth-min 5 --depth-max 1", "--depth-max inf", "--images 9", "--no-such-option"}) {
+                          "--depth-min 5 --depth-max 1", "--depth-max inf", "--tile-size 0", "--tile-size -1",
+                          "--tile-size nan", "--tile-size inf", "--tile-size big", "--images 9", "--no-such-option"}) {
     const Outcome outcome = RunTool(Usual() + " " + bad);
     EXPECT_EQ(outcome.exit_code, 2) << bad << ": " << outcome.text;
     EXPECT_NE(outcome.text, "") << bad;
@@ -300,11 +303,29 @@ TEST_F(ReconstructCliTest, KilledRunGoesOn) {
   }
 }
 
+TEST_F(ReconstructCliTest, ARunKilledWhileItWritesTilesGoesOn) {
+  WriteScene(5, 64, 48);
+  const std::string size = " --tile-size 0.02";
+  const Outcome whole = RunTool(Usual("whole") + size);
+  ASSERT_EQ(whole.exit_code, 0) << whole.text;
+  const auto tiles = std::distance(std::filesystem::directory_iterator(output("whole") / "tiles"), {}) - 1;
+  ASSERT_GT(tiles, 1000);
+  EXPECT_THAT(whole.text, HasSubstr(" points in " + std::to_string(tiles) + " tiles; took "));
+  SignalWhen(output() / "tiles", SIGKILL, "--tile-size", "0.02");
+  EXPECT_FALSE(std::filesystem::exists(output() / "summary.json")) << "it was over too soon: the test shows nothing";
+  const Outcome second = RunTool(Usual() + size + " --memory-limit-gb 0.001");
+  EXPECT_EQ(second.exit_code, 0) << second.text;
+  ExpectSameContents(output("whole"), output());
+}
+
 TEST_F(ReconstructCliTest, ThreadsDoNotChangeTheResult) {
   WriteScene(3, 32, 24);
   ASSERT_EQ(RunTool(Usual("one") + " --threads 1").exit_code, 0);
   ASSERT_EQ(RunTool(Usual("three") + " --threads 3").exit_code, 0);
   ExpectSameContents(output("one"), output("three"));
+  ASSERT_EQ(RunTool(Usual("tiles_one") + " --tile-size 0.5 --threads 1").exit_code, 0);
+  ASSERT_EQ(RunTool(Usual("tiles_three") + " --tile-size 0.5 --threads 3").exit_code, 0);
+  ExpectSameContents(output("tiles_one"), output("tiles_three"));
 }
 
 }  // namespace

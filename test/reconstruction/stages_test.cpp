@@ -132,6 +132,34 @@ TEST_F(StagesTest, OfOneImageOrSeveralChunksAtOnceMakeTheSame) {
   ExpectSameContents(output("alone"), output());
 }
 
+TEST_F(StagesTest, WriteTheTilesOfARunAlone) {
+  options_.tile_size = 0.5;
+  RunAlone();
+  ASSERT_TRUE(std::filesystem::exists(output("alone") / "tiles/index.json"));
+  const std::vector<Task> tasks = Plan();
+  options_.memory_limit_gb = 0;  // all points go through the work file
+  FakeMatcher matcher;
+  for (const Task& task : tasks) {
+    if (task.stage == "finish") {  // a process that is killed there leaves this
+      WriteText("out/tiles/0_0_8.ply.partial", "cut");
+      WriteText("out/work/tiles/000000.bin.partial", "cut");
+    }
+    Stage(task, &matcher);
+  }
+  EXPECT_THAT(out_.str(), HasSubstr(" tiles; took "));
+  std::filesystem::remove(output() / "tiles/0_0_8.ply.partial");
+  ExpectSameContents(output("alone"), output());
+}
+
+TEST_F(StagesTest, OfAnotherTileSizeAreRefused) {
+  options_.tile_size = 0.5;
+  Plan();
+  options_.tile_size = 0.25;
+  EXPECT_THAT(StageError("step_0", "0"), HasSubstr("tile-size was 0.5 and is 0.25"));
+  options_.tile_size.reset();
+  EXPECT_THAT(StageError("step_0", "0"), HasSubstr("tile-size was 0.5 and is none"));
+}
+
 TEST_F(StagesTest, WaitForJustWhatTheyRead) {
   const std::vector<Task> tasks = Plan();
   const auto find = [&](const std::string& stage, const std::string& images) {

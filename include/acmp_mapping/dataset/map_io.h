@@ -35,7 +35,8 @@ void WritePly(const std::filesystem::path& path, const PointCloud& points);
 /// not depend on their number: a comment fills it up.
 class PlyFile {
  public:
-  explicit PlyFile(const std::filesystem::path& path);
+  /// @param durability of the finished file
+  explicit PlyFile(const std::filesystem::path& path, Durability durability = Durability::kPowerCut);
   /// Sets aside the places of so many points, after those of earlier calls. Returns the number of the first point. By
   /// one thread at a time.
   size_t Reserve(size_t points);

@@ -50,8 +50,9 @@ struct ReconstructOptions {
   int chunk_images = 16;       ///< scene indices that a planned task has
 
   std::vector<std::string> maps = {"depth", "normal", "cost", "confidence"};  ///< kinds to write; none: only the cloud
-  std::filesystem::path mesh;  ///< file to write, .ply or .obj; empty: no mesh
-  double mesh_voxel_size = 0;  ///< scene units; 0: DefaultVoxelSize
+  std::optional<double> tile_size;  ///< scene units: cut the cloud into cubes of this size; nothing: one file
+  std::filesystem::path mesh;       ///< file to write, .ply or .obj; empty: no mesh
+  double mesh_voxel_size = 0;       ///< scene units; 0: DefaultVoxelSize
   bool dmb = false;
   bool colmap = false;
   bool no_pictures = false;
@@ -66,6 +67,8 @@ struct ReconstructOptions {
   static constexpr double kImageShare = 0.4, kMapShare = 0.4, kCloudShare = 0.2;
   /// @param share 0..1
   size_t MemoryBytes(double share) const { return static_cast<size_t>(share * 1e9 * memory_limit_gb); }
+  /// For points of views that wait for their place in the cloud; with tiles half of the share, and as much for those.
+  size_t CloudBytes() const { return MemoryBytes(tile_size ? kCloudShare / 2 : kCloudShare); }
 };
 
 /// Declares the command line on `app`; parsing fills `options`.

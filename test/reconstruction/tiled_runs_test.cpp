@@ -1,0 +1,159 @@
+// Runs whose cloud is cut into tiles.
+
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <filesystem>
+#include <limits>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "acmp_mapping/dataset/map_io.h"
+#include "fusion/engine_views.h"
+#include "reconstruction/run_fixture.h"
+
+namespace acmp {
+namespace {
+
+using nlohmann::json;
+using ::testing::HasSubstr;
+
+class TiledRunsTest : public ReconstructRunFixture {
+ protected:
+  static constexpr double kTileSize = 0.4;
+
+  /// Returns the number of the matcher's passes.
+  int RunTo(const std::string& name) {
+    FakeMatcher matcher;
+    options_.output = output(name);
+    Run(&matcher);
+    return static_cast<int>(matcher.calls.size());
+  }
+  json Index() const { return json::parse(ReadText(options_.output / "tiles/index.json")); }
+
+  static std::map<std::string, PointCloud> Cut(const PointCloud& cloud) {
+    std::map<std::string, PointCloud> tiles;
+    for (const SurfacePoint& point : cloud) {
+      const auto number = [](float x) { return std::to_string(static_cast<int>(std::floor(x / kTileSize))); };
+      const Vec3f& p = point.position;
+      tiles[number(p.x) + "_" + number(p.y) + "_" + number(p.z) + ".ply"].push_back(point);
+    }
+    return tiles;
+  }
+};
+
+TEST_F(TiledRunsTest, TilesAreTheCloudCut) {
+  for (const char* schedule : {"offline", "online"}) {
+    options_.schedule = schedule;
+    options_.window_size = 4;
+    options_.lookahead = 1;
+    options_.tile_size.reset();
+    RunTo(std::string("one_") + schedule);
+    const PointCloud cloud = ReadPly(options_.output / "fused.ply");
+    const auto expected = Cut(cloud);
+    ASSERT_GT(expected.size(), 4u);
+    ASSERT_EQ(expected.begin()->first.front(), '-') << "no negative number: the test shows less";
+
+    options_.tile_size = kTileSize;
+    RunTo(std::string("tiles_") + schedule);
+    EXPECT_FALSE(Has("fused.ply"));
+    EXPECT_THAT(out_.str(), HasSubstr(std::to_string(cloud.size()) + " points in " + std::to_string(expected.size()) +
+                                      " tiles; took "));
+    const json index = Index();
+    EXPECT_EQ(index.at("tile_size"), kTileSize);
+    EXPECT_EQ(index.at("points"), cloud.size());
+    ASSERT_EQ(index.at("tiles").size(), expected.size());
+    for (const json& tile : index.at("tiles")) {
+      const std::string name = tile.at("file");
+      ASSERT_EQ(expected.count(name), 1u) << name;
+      const PointCloud points = ReadPly(options_.output / "tiles" / name);
+      EXPECT_EQ(FirstDifference(points, expected.at(name)), "") << name;
+      EXPECT_EQ(tile.at("points"), points.size());
+      float least = std::numeric_limits<float>::infinity(), most = -least;
+      for (const SurfacePoint& point : points) {
+        least = std::min(least, point.position.y);
+        most = std::max(most, point.position.y);
+      }
+      EXPECT_EQ(tile.at("min").at(1).get<float>(), least);
+      EXPECT_EQ(tile.at("max").at(1).get<float>(), most);
+    }
+    const json summary = json::parse(ReadText(options_.output / "summary.json"));
+    EXPECT_EQ(summary.at("points"), cloud.size());
+    EXPECT_EQ(summary.at("tiles"), expected.size());
+    EXPECT_THAT(ReadText(options_.output / "files.txt"), HasSubstr(" tiles/index.json\n"));
+  }
+}
+
+TEST_F(TiledRunsTest, LittleMemoryAndOtherOutputsMakeTheSameTiles) {
+  options_.tile_size = kTileSize;
+  RunTo("much");
+  const auto expected = Contents(output("much") / "tiles");
+  options_.memory_limit_gb = 0;
+  RunTo("little");
+  EXPECT_TRUE(Contents(output("little") / "tiles") == expected);
+  options_.colmap = true;
+  RunTo("colmap");
+  EXPECT_TRUE(Contents(output("colmap") / "tiles") == expected);
+  const std::string landmarks = ReadText(output("colmap") / "colmap/sparse/points3D.txt");
+  options_.tile_size.reset();
+  RunTo("colmap_one");
+  EXPECT_EQ(ReadText(output("colmap_one") / "colmap/sparse/points3D.txt"), landmarks);
+}
+
+TEST_F(TiledRunsTest, InterruptedRunsEndWithTheSameBytes) {
+  options_.tile_size = kTileSize;
+  const int passes = RunTo("whole");
+  options_.output = output();
+  for (int stop : {0, passes / 2, passes - 1}) {
+    std::filesystem::remove_all(output());
+    FakeMatcher first, second;
+    StopRequest watcher;
+    first.on_call = [&](int call) {
+      if (call == stop) watcher.Request();
+    };
+    EXPECT_THROW(Run(&first, &watcher), Interrupted);
+    EXPECT_FALSE(Has("tiles/index.json"));
+    Run(&second);
+    ExpectSameContents(output("whole"), output());
+  }
+}
+
+TEST_F(TiledRunsTest, LostTilesAreMadeAgain) {
+  options_.tile_size = kTileSize;
+  RunTo("whole");
+  RunTo("out");
+  const std::string name = Index().at("tiles").at(0).at("file");
+  std::filesystem::remove(output() / "tiles" / name);
+  RunTo("out");
+  EXPECT_THAT(log_.str(), HasSubstr("tiles/" + name + " is missing; all is written again"));
+  ExpectSameContents(output("whole"), output());
+}
+
+TEST_F(TiledRunsTest, AFolderOfOtherTilesIsRefusedUntilOverwrite) {
+  RunTo("out");
+  options_.tile_size = kTileSize;
+  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("tile-size was none and is 0.4)"));
+  options_.overwrite = true;
+  RunTo("out");
+  EXPECT_FALSE(Has("fused.ply"));
+  options_.tile_size = 0.40000001;
+  options_.overwrite = false;
+  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("tile-size was 0.4 and is 0.40000001)"));
+  options_.tile_size.reset();
+  options_.overwrite = true;
+  RunTo("out");
+  EXPECT_FALSE(Has("tiles"));
+  EXPECT_TRUE(Has("fused.ply"));
+}
+
+TEST_F(TiledRunsTest, SizesOutOfBoundsAreRefused) {
+  for (const double size : {0.0, -1.0, 1e-7, 2e9, std::nan("")}) {
+    options_.tile_size = size;
+    EXPECT_EQ(ErrorOf(&fake_), Concat("--tile-size = ", size, ": must be in [1e-06, 1e+09]"));
+  }
+  EXPECT_FALSE(std::filesystem::exists(output()));
+}
+
+}  // namespace
+}  // namespace acmp
