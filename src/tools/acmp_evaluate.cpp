@@ -10,6 +10,7 @@
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/evaluation/cloud_tiles.h"
 #include "acmp_mapping/evaluation/evaluate_cloud.h"
 #include "acmp_mapping/evaluation/evaluate_depth.h"
 #include "acmp_mapping/evaluation/evaluate_report.h"
@@ -89,7 +90,8 @@ CLI::App* AddCloudCommand(CLI::App* app, EvaluateArguments* a) {
       "all maps is not.");
   command
       ->add_option("RECONSTRUCTION", a->cloud.reconstruction,
-                   "PLY or PCD file; of a mesh (PLY with faces) points at most half of --voxel apart are taken")
+                   "PLY or PCD file, or a folder of tiles (acmp_reconstruct --tile-size); of a mesh (PLY with faces) "
+                   "points at most half of --voxel apart are taken")
       ->required();
   command
       ->add_option(
@@ -131,6 +133,7 @@ int EvaluatePointCloud(const CLI::App& command, const EvaluateArguments& a) {
   }
   CloudEvaluationOptions options = a.cloud;
   options.read_cloud = [&options](const std::filesystem::path& path) {
+    if (IsTiledCloud(path)) return ReadTiledCloud(path);
     if (LowerExtension(path) != ".pcd") {
       TriangleMesh mesh = ReadPlyMesh(path);
       return mesh.triangles.empty() ? std::move(mesh.vertices) : SampleMesh(mesh, options.voxel_size / 2);

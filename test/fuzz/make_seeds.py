@@ -63,6 +63,8 @@ PLY = "ply\nformat {} 1.0\nelement vertex 2\n" + "".join(f"property float {n}\n"
 seed("ply", "ascii.ply", PLY.format("ascii") + "0 0 1 0 0 -1 9 8 7\n1 0 1 0 0 -1 9 8 7\n3 0 1 1\n")
 seed("ply", "binary.ply", PLY.format("binary_little_endian").encode() +
      struct.pack("<6f3B", 0, 0, 1, 0, 0, -1, 9, 8, 7) * 2 + struct.pack("<B3i", 3, 0, 1, 1))
+seed("cloud_tiles", "index.json", '{"tile_size": 1.0, "points": 2, "tiles": [\n'
+     '{"file":"0_0_0.ply","points":2,"min":[0.0,0.0,0.0],"max":[0.0,0.0,0.0]}\n]}\n')
 PCD = "VERSION .7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1\nWIDTH 2\nHEIGHT 1\n" \
     "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA {}\n"
 seed("pcd", "ascii.pcd", PCD.format("ascii") + "0 0 1 0\nnan 0 1 0\n")

@@ -65,6 +65,28 @@ expect 0 "1 of 3 points are not finite and left out" "$bin/acmp_evaluate" cloud 
 diff <("$bin/acmp_evaluate" cloud two.pcd two.ply 2>/dev/null) <("$bin/acmp_evaluate" cloud two.ply two.ply) ||
   { echo "FAILED: PCD and PLY differ"; failures=$((failures + 1)); }
 expect 2 "missing.pcd" "$bin/acmp_evaluate" cloud missing.pcd two.ply
+
+# A cloud in tiles is the same cloud.
+mkdir tiles
+for x in 0 1; do
+  printf 'ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n%d 0 1\n' $x >tiles/${x}_0_0.ply
+done
+echo '{"tile_size": 1, "points": 2, "tiles": [{"file": "0_0_0.ply", "points": 1}, {"file": "1_0_0.ply", "points": 1}]}' >tiles/index.json
+for cloud in tiles tiles/index.json; do
+  diff <("$bin/acmp_evaluate" cloud $cloud two.ply) <("$bin/acmp_evaluate" cloud two.ply two.ply) ||
+    { echo "FAILED: tiles and PLY differ"; failures=$((failures + 1)); }
+done
+expect 0 "100.00" "$bin/acmp_evaluate" cloud two.ply tiles/index.json
+expect_tiles_refused() {  # text index
+  echo "$2" >tiles/index.json
+  expect 2 "$1" "$bin/acmp_evaluate" cloud tiles two.ply
+}
+expect_tiles_refused "1_0_0.ply: has 1 points: must be 2" '{"tiles": [{"file": "1_0_0.ply", "points": 2}]}'
+expect_tiles_refused "2_0_0.ply" '{"tiles": [{"file": "2_0_0.ply", "points": 1}]}'
+expect_tiles_refused "must be in the same folder" '{"tiles": [{"file": "../two.ply", "points": 2}]}'
+expect_tiles_refused 'a tile must have "file"' '{"tiles": [{"file": 7, "points": 2}]}'
+expect_tiles_refused 'must be JSON with a list' '{"tiles": {}}'
+expect_tiles_refused 'must be JSON with a list' '{"tiles": ['
 sed 's/FIELDS x y z/FIELDS a b c/' two.pcd >abc.pcd
 expect 2 "there is no field x" "$bin/acmp_evaluate" cloud abc.pcd two.ply
 echo "no PCD" >text.pcd
