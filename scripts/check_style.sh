@@ -18,7 +18,7 @@ if [ "${1:-}" = --tests ]; then
 elif [ "${1:-}" = --full ]; then
   with_tests=1
   one_by_one=1
-  checks=--checks=clang-analyzer-*,-clang-analyzer-optin.cplusplus.VirtualCall,-clang-analyzer-optin.performance.Padding
+  checks="--checks=clang-analyzer-*,-clang-analyzer-optin.cplusplus.VirtualCall,-clang-analyzer-optin.performance.Padding"
   checks+=,performance-unnecessary-value-param,bugprone-reserved-identifier,bugprone-assert-side-effect
   checks+=,bugprone-multiple-statement-macro,bugprone-not-null-terminated-result,bugprone-stringview-nullptr
   checks+=,bugprone-suspicious-semicolon,bugprone-suspicious-string-compare,bugprone-dangling-handle
@@ -48,7 +48,19 @@ if [ -n "$build" ]; then
   trap 'rm -rf "$commands"' EXIT
   mapfile -t units < <(/usr/bin/python3 scripts/style_units.py "$build/compile_commands.json" "$commands" \
                          ${with_tests:+--tests} ${one_by_one:+--one-by-one})
-  printf '%s\0' "${units[@]}" | xargs -0 -P "$(nproc)" -n 1 clang-tidy --quiet -p "$commands" $checks 2>/dev/null ||
-    failed=1
+  # tidy UNIT: what it says on stderr only where it fails, as that is mostly how many findings it does not show.
+  tidy() {
+    local log code=0
+    log=$(mktemp -p "$commands")
+    clang-tidy --quiet -p "$commands" "$checks" "$1" 2>"$log" || code=$?
+    if [ "$code" -ne 0 ]; then
+      echo "clang-tidy: $1: exit code $code"
+      cat "$log"
+    fi
+    return "$code"
+  }
+  export -f tidy
+  export commands checks
+  printf '%s\0' "${units[@]}" | xargs -0 -P "$(nproc)" -I{} bash -c 'tidy {}' || failed=1
 fi
 exit $failed
