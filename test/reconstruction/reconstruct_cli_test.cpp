@@ -197,7 +197,8 @@ TEST_F(ReconstructCliTest, ExitCodesOfWrongUse) {
 TEST_F(ReconstructCliTest, NoPointsAreAFailure) {
   WriteScene(4, 64, 48);
   for (int attempt = 0; attempt < 2; ++attempt) {  // the second finds a finished run
-    const Outcome outcome = RunTool(Usual() + " --max-image-size 8 --set max_relative_depth=0.0001 --set max_normal_angle_deg=0.1");
+    const Outcome outcome =
+        RunTool(Usual() + " --max-image-size 8 --set max_relative_depth=0.0001 --set max_normal_angle_deg=0.1");
     EXPECT_EQ(outcome.exit_code, 1) << outcome.text;
     EXPECT_THAT(outcome.text, HasSubstr("none of the 192 pixels became a point: poses, cameras"));
   }
