@@ -12,6 +12,12 @@ function(acmp_target_defaults target)
   target_include_directories(${target} PUBLIC ${PROJECT_SOURCE_DIR}/include)
 endfunction()
 
+# acmp_little_optimised(target): where what takes time is in the libraries that it calls: to optimise the templates of ROS,
+# CLI11 and nlohmann_json takes as long as all else that is compiled for it.
+function(acmp_little_optimised target)
+  target_compile_options(${target} PRIVATE $<$<AND:$<CONFIG:Release>,$<COMPILE_LANGUAGE:CXX>>:-O1>)
+endfunction()
+
 # acmp_add_module(name SOURCES files... [DEPENDS modules...] [PUBLIC libraries...] [PRIVATE libraries...]): the static
 # library acmp_NAME of the sources in src/NAME and the headers in include/acmp_mapping/NAME. It finds its own headers and
 # those of the modules it depends on, directly or through others, and no more: an #include that this table of
