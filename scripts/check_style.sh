@@ -41,9 +41,9 @@ if grep -n '#include <oneapi/' "${sources[@]}"; then
 fi
 
 if [ -n "$build" ]; then
-  # Only what this build compiles: without CUDA the files in cuda/ have no flags. The sources of all modules in a
-  # unit for each processor, as to read the headers takes longer than to check what includes them: a name without linkage
-  # means one thing in all of src/. The tests in the units of a unity build. With --full each file alone, where a missing #include shows.
+  # Only what this build compiles: without CUDA the files in cuda/ have no flags. The sources of all modules in
+  # three units, as to read the headers takes longer than to check what includes them: a name without linkage means one
+  # thing in all of src/. The tests in the units of a unity build. With --full each file alone, where a missing #include shows.
   commands=$(mktemp -d)
   trap 'rm -rf "$commands"' EXIT
   mapfile -t units < <(/usr/bin/python3 scripts/style_units.py "$build/compile_commands.json" "$commands" \

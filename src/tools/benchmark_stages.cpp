@@ -77,13 +77,13 @@ size_t HostBytes() {
 }
 
 /// What one run of all stages took, ms.
-struct Run {
+struct BenchmarkRun {
   double load, photometric, triangulation, planar_prior, fast, geometric, consistency, download, whole;
 };
 
-Run RunStages(DepthEngine* engine, DepthEstimator* estimator, const PipelineOptions& options, EngineProblem problem,
-              const FramePtr& frame) {
-  Run run = {};
+BenchmarkRun RunStages(DepthEngine* engine, DepthEstimator* estimator, const PipelineOptions& options,
+                       EngineProblem problem, const FramePtr& frame) {
+  BenchmarkRun run = {};
   Timer whole, stage;
   problem.reference.image = engine->Load(frame, options.start_level);
   run.load = stage.Lap();
@@ -126,29 +126,29 @@ StageFigures MeasureStages(DepthEngine* engine, const PipelineOptions& options, 
     problem.sources.push_back({frame, engine->Load(frame, options.start_level), nullptr});
   }
   DepthEstimator estimator(engine, options);
-  std::vector<Run> runs;
+  std::vector<BenchmarkRun> runs;
   for (int i = 0; i <= repetitions; ++i) {
-    const Run run = RunStages(engine, &estimator, options, problem, frames[0]);
+    const BenchmarkRun run = RunStages(engine, &estimator, options, problem, frames[0]);
     if (i > 0) runs.push_back(run);  // the first one warms up
   }
-  const auto median = [&](double Run::*stage) {
+  const auto median = [&](double BenchmarkRun::*stage) {
     std::vector<double> values;
     values.reserve(runs.size());
-    for (const Run& run : runs) values.push_back(run.*stage);
+    for (const BenchmarkRun& run : runs) values.push_back(run.*stage);
     return Quantile(std::move(values), 0.5);
   };
   StageFigures figures;
   figures.size = size;
   figures.source_views = source_views;
-  figures.load = median(&Run::load);
-  figures.photometric = median(&Run::photometric);
-  figures.triangulation = median(&Run::triangulation);
-  figures.planar_prior = median(&Run::planar_prior);
-  figures.geometric = median(&Run::geometric);
-  figures.consistency = median(&Run::consistency);
-  figures.download = median(&Run::download);
-  figures.fast = median(&Run::fast);
-  figures.whole = median(&Run::whole);
+  figures.load = median(&BenchmarkRun::load);
+  figures.photometric = median(&BenchmarkRun::photometric);
+  figures.triangulation = median(&BenchmarkRun::triangulation);
+  figures.planar_prior = median(&BenchmarkRun::planar_prior);
+  figures.geometric = median(&BenchmarkRun::geometric);
+  figures.consistency = median(&BenchmarkRun::consistency);
+  figures.download = median(&BenchmarkRun::download);
+  figures.fast = median(&BenchmarkRun::fast);
+  figures.whole = median(&BenchmarkRun::whole);
   figures.device_bytes = engine->DeviceBytes();
   return figures;
 }
