@@ -25,7 +25,7 @@ gpu_architectures() {
 
 # configure [OPTION...]: the same options for both, as others would compile everything again. A unity build: several files
 # in one unit, so that the large headers of ROS, Eigen and OpenVDB are read once for them; half the time. The linker gold,
-# where it is, takes 0.4 instead of 5 s for each of 100 programs.
+# where it is, takes 0.4 instead of 5 s for each program.
 configure() {
   mkdir -p "$build"
   local linker=

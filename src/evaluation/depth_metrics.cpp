@@ -23,7 +23,7 @@ std::vector<int> NearestPixels(int size, int target_size) {
 }
 
 // As numpy.median: NaN of none, of an even number the mean of the two in the middle. Reorders its argument.
-double MeanOfMiddle(std::vector<float>* values) {
+double MedianOrNan(std::vector<float>* values) {
   if (values->empty()) return kNan;
   const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
   std::nth_element(values->begin(), middle, values->end());
@@ -59,7 +59,7 @@ double MedianScale(const DepthMap& estimate, const DepthMap& ground_truth) {
       if (IsKnown(truth) && IsKnown(depth)) ratios.push_back(truth / depth);
     }
   }
-  return ratios.empty() ? 1 : MeanOfMiddle(&ratios);
+  return ratios.empty() ? 1 : MedianOrNan(&ratios);
 }
 
 void DepthErrors::Add(const DepthMap& estimate, const DepthMap& ground_truth, ImageView<const unsigned char> mask) {
@@ -99,7 +99,7 @@ DepthMetrics DepthErrors::Metrics() const {
   }
   metrics.density = percent(errors_.size());
   std::vector<float> errors = errors_;
-  metrics.median_error = MeanOfMiddle(&errors);
+  metrics.median_error = MedianOrNan(&errors);
   return metrics;
 }
 

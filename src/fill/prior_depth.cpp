@@ -115,9 +115,9 @@ RobustFit Refined(RobustFit best, int count, const std::vector<Pair>& pairs, con
 template <class TermsOf>
 RobustFit FitRobustly(int count, const std::vector<Pair>& pairs, const TermsOf& terms_of) {
   constexpr int kDraws = 300;
-  constexpr size_t kEnough = 300;
+  constexpr size_t kJudges = 300;
   constexpr uint32_t kSeed = 1;
-  const std::vector<Pair> judges = Thinned(pairs, kEnough);
+  const std::vector<Pair> judges = Thinned(pairs, kJudges);
   RandomStream random(kSeed, 0, static_cast<uint32_t>(count));
   RobustFit best;
   for (int i = 0; i < kDraws; ++i) {
