@@ -17,11 +17,16 @@ size_t CudaDepthEngine::FreeDeviceBytes() const {
 }
 
 std::string CudaDepthEngine::device_name() const {
-  return Concat(queue_.device()->properties().name, " (cuda:", queue_.device()->index(), ")");
+  const CudaDevice& device = *queue_.device();
+  const std::string share =
+      device.share() == nullptr
+          ? ""
+          : Concat(", ", device.multiprocessors(), " of ", device.properties().multiProcessorCount, " multiprocessors");
+  return Concat(device.properties().name, " (cuda:", device.index(), share, ")");
 }
 
-std::unique_ptr<DepthEngine> MakeDepthEngineCuda(int cuda_index) {
-  return std::make_unique<CudaDepthEngine>(std::make_shared<CudaDevice>(cuda_index));
+std::unique_ptr<DepthEngine> MakeDepthEngineCuda(int cuda_index, int multiprocessors) {
+  return std::make_unique<CudaDepthEngine>(std::make_shared<CudaDevice>(cuda_index, multiprocessors));
 }
 
 }  // namespace acmp

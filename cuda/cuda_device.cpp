@@ -9,7 +9,7 @@
 
 namespace acmp {
 
-CudaDevice::CudaDevice(int index) : index_(index) {
+CudaDevice::CudaDevice(int index, int multiprocessors) : index_(index) {
   int count = 0;
   const cudaError_t status = cudaGetDeviceCount(&count);
   if (status != cudaSuccess) {
@@ -33,6 +33,7 @@ CudaDevice::CudaDevice(int index) : index_(index) {
                                    "); configure with -DACMP_CUDA_ARCHITECTURES=", properties_.major,
                                    properties_.minor));
   }
+  if (multiprocessors != 0) share_ = std::make_unique<MultiprocessorShare>(index, multiprocessors);
   memory_stream_ = std::make_unique<CudaStream>();
   cudaMemPoolProps pool = {};
   pool.allocType = cudaMemAllocationTypePinned;
@@ -53,7 +54,7 @@ void CudaDevice::MakeCurrent() const { CudaCheck(cudaSetDevice(index_), "select 
 std::unique_lock<std::mutex> CudaDevice::PassTurn(size_t pixels) {
   // 8 threads per pixel of one colour: some 40 times what a multiprocessor holds at once.
   constexpr size_t kManyPixels = 8192;  // per multiprocessor
-  if (pixels < kManyPixels * static_cast<size_t>(properties_.multiProcessorCount)) return {};
+  if (pixels < kManyPixels * static_cast<size_t>(multiprocessors())) return {};
   return std::unique_lock<std::mutex>(pass_turn_);
 }
 

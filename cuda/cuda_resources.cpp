@@ -9,7 +9,13 @@ void CudaCheck(cudaError_t status, const char* what) {
   throw ProcessingError(Concat(what, ": ", cudaGetErrorString(status), " (", cudaGetErrorName(status), ")"));
 }
 
-CudaStream::CudaStream() { CudaCheck(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking), "create stream"); }
+CudaStream::CudaStream(const MultiprocessorShare* share) {
+  if (share != nullptr) {
+    stream_ = share->MakeStream();
+  } else {
+    CudaCheck(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking), "create stream");
+  }
+}
 // Destructors cannot report; after a device failure there is nothing left to release.
 CudaStream::~CudaStream() { cudaStreamDestroy(stream_); }
 void CudaStream::Synchronize() const { CudaCheck(cudaStreamSynchronize(stream_), "run kernels"); }

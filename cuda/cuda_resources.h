@@ -5,13 +5,15 @@
 #include <cstddef>
 
 #include "cuda_check.h"
+#include "multiprocessor_share.h"
 
 namespace acmp {
 
 /// Owns a non-blocking stream. Nothing of ours runs on the default stream.
 class CudaStream {
  public:
-  CudaStream();
+  /// @param share whose multiprocessors do what is queued; null: all of the selected device
+  explicit CudaStream(const MultiprocessorShare* share = nullptr);
   ~CudaStream();
   CudaStream(const CudaStream&) = delete;
   CudaStream& operator=(const CudaStream&) = delete;

@@ -12,7 +12,7 @@ namespace acmp {
 /// memory.
 class DeviceQueue {
  public:
-  explicit DeviceQueue(CudaDevicePtr device) : device_(std::move(device)) {}
+  explicit DeviceQueue(CudaDevicePtr device) : device_(std::move(device)), stream_(device_->share()) {}
 
   const CudaDevicePtr& device() const { return device_; }
   const CudaStream& stream() const { return stream_; }

@@ -9,10 +9,10 @@
 
 namespace acmp {
 
-double MeasureTextureRate(int cuda_index) {
+double MeasureTextureRate(int cuda_index, int multiprocessors) {
   constexpr int kSize = 2048, kFetches = 512, kRepetitions = 7;
-  const auto device = std::make_shared<CudaDevice>(cuda_index);
-  const CudaStream stream;
+  const auto device = std::make_shared<CudaDevice>(cuda_index, multiprocessors);
+  const CudaStream stream(device->share());
   const CudaEvent begin, end;
   GrayImage image(kSize, kSize);
   for (size_t i = 0; i < image.size(); ++i) image.data()[i] = static_cast<float>(i * 2654435761u >> 24 & 255u);

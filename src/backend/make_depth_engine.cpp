@@ -10,7 +10,7 @@ namespace acmp {
 #ifndef ACMP_HAVE_CUDA
 namespace {
 
-std::unique_ptr<DepthEngine> MakeDepthEngineCuda(int /*cuda_index*/) {
+std::unique_ptr<DepthEngine> MakeDepthEngineCuda(int /*cuda_index*/, int /*multiprocessors*/) {
   throw InvalidInputError("this build has no CUDA backend (configure with -DACMP_CUDA=ON)");
 }
 
@@ -24,11 +24,11 @@ Device ParseDevice(const std::string& name) {
   throw InvalidInputError(Concat("device = \"", name, "\": must be auto, cuda or cpu"));
 }
 
-DepthEngineBackend MakeDepthEngine(Device device, int cuda_index) {
+DepthEngineBackend MakeDepthEngine(Device device, int cuda_index, int multiprocessors) {
   DepthEngineBackend backend;
   if (device != Device::kCpu) {
     try {
-      backend.engine = MakeDepthEngineCuda(cuda_index);
+      backend.engine = MakeDepthEngineCuda(cuda_index, multiprocessors);
       return backend;
     } catch (const std::runtime_error& error) {
       if (device == Device::kCuda) throw InvalidInputError(Concat("device = cuda: ", error.what()));

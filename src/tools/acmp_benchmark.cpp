@@ -29,6 +29,7 @@ struct BenchmarkArguments {
   std::vector<std::string> set;
   std::string device = "auto";
   int cuda_index = 0;
+  int multiprocessors = 0;
   std::string json;
 };
 
@@ -45,7 +46,13 @@ ImageSize ParseSize(const std::string& text) {
 }
 
 void RunBenchmark(const BenchmarkArguments& arguments) {
-  DepthEngineBackend backend = MakeDepthEngine(ParseDevice(arguments.device), arguments.cuda_index);
+  DepthEngineBackend backend =
+      MakeDepthEngine(ParseDevice(arguments.device), arguments.cuda_index, arguments.multiprocessors);
+  const bool is_gpu = backend.engine->device_name().find("cuda") != std::string::npos;
+  if (arguments.multiprocessors > 0 && !is_gpu) {
+    throw InvalidInputError(Concat("--sms ", arguments.multiprocessors, ": the CPU has no multiprocessors",
+                                   backend.fallback_reason.empty() ? "" : "; ", backend.fallback_reason));
+  }
   BenchmarkReport report;
   report.device = backend.engine->device_name();
   report.preset = arguments.preset;
@@ -54,13 +61,13 @@ void RunBenchmark(const BenchmarkArguments& arguments) {
   if (!backend.fallback_reason.empty()) std::cout << ", since " << backend.fallback_reason;
   std::cout << std::endl;
 #ifdef ACMP_HAVE_CUDA
-  if (report.device.find("cuda") != std::string::npos) {
-    report.fetches_per_s = MeasureTextureRate(arguments.cuda_index);
+  if (is_gpu) {
+    report.fetches_per_s = MeasureTextureRate(arguments.cuda_index, arguments.multiprocessors);
   }
 #endif
   const auto stream_options = [&](int source_views) {
     DenseMapperOptions stream = arguments.stream;
-    stream.window_size = std::max(stream.window_size, source_views + 1);
+    CheckRange("--window-size", stream.window_size, source_views + 1, kMaxWindowSize);
     stream.source_views.max_source_views = source_views;
     stream.min_source_views = std::min(2, source_views);
     return stream;
@@ -68,7 +75,6 @@ void RunBenchmark(const BenchmarkArguments& arguments) {
   if (arguments.expect) {
     const int source_views = arguments.source_views.front();
     CheckRange("--source-views", source_views, 1, kMaxSourceViews);
-    const bool is_gpu = report.device.find("cuda") != std::string::npos;
     // Small enough for a short run, and large enough for its pixels to be what takes the time.
     const ImageSize size = is_gpu ? ImageSize{640, 480} : ImageSize{64, 48};
     const int keyframes = is_gpu ? 100 : 2 * source_views;
@@ -118,6 +124,10 @@ int main(int argc, char** argv) {
   app.add_option("--keyframes", arguments.keyframes, "Length of the stream; 0: stages")
       ->check(CLI::Range(0, 1000000))
       ->capture_default_str();
+  app.add_option("--window-size", arguments.stream.window_size,
+                 "Of the stream: " + acmp::WindowOptionTable().Find("window_size").description.sentence)
+      ->check(CLI::Range(2, acmp::kMaxWindowSize))
+      ->capture_default_str();
   app.add_option("--refine-again", arguments.stream.refine_again,
                  "Of the stream: " + acmp::WindowOptionTable().Find("refine_again").description.sentence)
       ->capture_default_str();
@@ -142,6 +152,10 @@ int main(int argc, char** argv) {
   for (const char* other : {"--sizes", "--keyframes", "--repetitions", "--preset", "--set"}) expect->excludes(other);
   app.add_option("--device", arguments.device, "auto, cuda or cpu")->capture_default_str();
   app.add_option("--cuda-index", arguments.cuda_index, "Which GPU")->capture_default_str();
+  app.add_option("--sms", arguments.multiprocessors,
+                 "Use so many multiprocessors of the GPU (CUDA 12.5), to see how long a smaller GPU takes; 0: all")
+      ->check(CLI::Range(0, 1000))
+      ->capture_default_str();
   app.add_option("--json", arguments.json, "Also write the figures to this file");
   return acmp::RunTool(app, argc, argv, [&] {
     acmp::RunBenchmark(arguments);
