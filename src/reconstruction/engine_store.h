@@ -67,7 +67,9 @@ class EngineStore {
   };
   struct Device {
     Device(size_t image_bytes, size_t estimate_bytes, size_t unsaved_bytes)
-        : images(image_bytes), estimates(estimate_bytes), max_unsaved_bytes(unsaved_bytes) {}
+        : images(image_bytes, kMaxCachedImages), estimates(estimate_bytes), max_unsaved_bytes(unsaved_bytes) {}
+    /// A GPU holds at most 2048 images, the layers of a texture: half of them are left for what tasks hold.
+    static constexpr size_t kMaxCachedImages = 1024;
     LruCache<int, EngineImage> images;
     LruCache<Key, EngineEstimate> estimates;  ///< copies of what is elsewhere or in a file
     const size_t max_unsaved_bytes;

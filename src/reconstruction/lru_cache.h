@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <functional>
+#include <limits>
 #include <list>
 #include <map>
 #include <memory>
@@ -11,14 +12,16 @@
 
 namespace acmp {
 
-/// Keeps the values used last, up to a number of bytes. A value that is larger than all of it is handed out but not
-/// kept. Any number of threads may ask; a value that several want is made once, and different ones at the same time.
+/// Keeps the values used last, up to a number of bytes and of values. A value that is larger than all of it is handed
+/// out but not kept. Any number of threads may ask; a value that several want is made once, and different ones at the
+/// same time.
 template <class Key, class Value>
 class LruCache {
  public:
   using Pointer = std::shared_ptr<const Value>;
 
-  explicit LruCache(size_t max_bytes) : max_bytes_(max_bytes) {}
+  explicit LruCache(size_t max_bytes, size_t max_values = std::numeric_limits<size_t>::max())
+      : max_bytes_(max_bytes), max_values_(max_values) {}
 
   /// The value of a key; made by `make` when it is not there. `bytes_of` says how large it is. Where `make` throws,
   /// each of those who wait for the value tries for himself.
@@ -76,7 +79,9 @@ class LruCache {
     if (entry == entries_.end() || entry->second.slot != slot) return;  // dropped meanwhile
     entry->second.bytes = bytes;
     bytes_ += bytes;
-    for (auto oldest = order_.end(); bytes_ > max_bytes_ && oldest != order_.begin();) {
+    ++values_;
+    const auto is_full = [&] { return bytes_ > max_bytes_ || values_ > max_values_; };
+    for (auto oldest = order_.end(); is_full() && oldest != order_.begin();) {
       const auto found = entries_.find(*--oldest);
       if (found->second.bytes == 0) continue;
       ++oldest;  // before it goes
@@ -86,15 +91,17 @@ class LruCache {
 
   void Erase(typename Entries::iterator entry) {
     bytes_ -= entry->second.bytes;
+    if (entry->second.bytes > 0) --values_;
     order_.erase(entry->second.place);
     entries_.erase(entry);
   }
 
-  const size_t max_bytes_;
+  const size_t max_bytes_, max_values_;
   mutable std::mutex mutex_;
   Entries entries_;
   std::list<Key> order_;  ///< used last first
   size_t bytes_ = 0;      ///< of all that are made
+  size_t values_ = 0;     ///< that are made
 };
 
 }  // namespace acmp

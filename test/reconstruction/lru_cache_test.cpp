@@ -40,6 +40,17 @@ TEST(LruCache, KeepsWhatWasUsedLast) {
   EXPECT_EQ(Peek(&cache, 2), -1) << "was used before the others";
 }
 
+TEST(LruCache, KeepsNoMoreValuesThanItMay) {
+  Cache cache(100 * kBytes, 2);
+  for (const int key : {1, 2, 1, 3}) {
+    Get(&cache, key, [key] { return Make(key); });
+  }
+  EXPECT_EQ(cache.bytes(), 2 * kBytes);
+  EXPECT_EQ(Peek(&cache, 1), 1);
+  EXPECT_EQ(Peek(&cache, 3), 3);
+  EXPECT_EQ(Peek(&cache, 2), -1) << "used before the others";
+}
+
 TEST(LruCache, TooLargeValuesAreHandedOutButNotKept) {
   Cache tiny(kBytes - 1);
   EXPECT_EQ(*Get(&tiny, 1, [] { return Make(5); }), 5);
