@@ -291,8 +291,10 @@ std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& optio
   return views;
 }
 
+void CheckSurfaceSpacing(float spacing_m) { CheckRange("spacing_m", spacing_m, 0.001f, 1.0f); }
+
 PointCloud SampleSyntheticSurface(const std::vector<SyntheticView>& views, float spacing_m) {
-  CheckRange("spacing_m", spacing_m, 0.001f, 1.0f);
+  CheckSurfaceSpacing(spacing_m);
   PointCloud cloud;
   std::unordered_set<Voxel, VoxelHash> taken;
   for (const SyntheticView& view : views) SampleView(view, spacing_m, &taken, &cloud);

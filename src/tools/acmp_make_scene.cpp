@@ -35,7 +35,7 @@ void AddOptions(CLI::App* app, MakeSceneArguments* a) {
   app->add_option("--seed", a->scene.seed, "Textures, noise and sway of the hand")->capture_default_str();
   app->add_option("--noise", a->noise_grey,
                   "Sensor noise in the dark per colour channel, grey levels (as the scene's camera has it)");
-  app->add_option("--spacing", a->spacing_m, "Distance between the points of surface.ply, metres")
+  app->add_option("--spacing", a->spacing_m, "Distance between the points of surface.ply, metres, 0.001 to 1")
       ->capture_default_str();
   app->add_flag("--moving-object", a->scene.moving_object,
                 "Something textured moves along with the camera, which depth/ and surface.ply leave out; masks/ has a "
@@ -48,6 +48,7 @@ int MakeScene(const MakeSceneArguments& a) {
   if (!a.overwrite && fs::exists(a.folder) && !(fs::is_directory(a.folder) && fs::is_empty(a.folder))) {
     throw acmp::InvalidInputError(acmp::Concat(a.folder.string(), ": exists and is not an empty folder (--overwrite)"));
   }
+  acmp::CheckSurfaceSpacing(a.spacing_m);  // before minutes of rendering
   acmp::SyntheticSceneOptions scene = a.scene;
   acmp::SelectSyntheticScene(a.name, &scene);
   if (a.noise_grey) scene.imaging.read_noise_grey = *a.noise_grey;

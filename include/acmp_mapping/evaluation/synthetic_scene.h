@@ -67,6 +67,9 @@ struct SyntheticView {
 /// function of libm that may differ).
 std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& options);
 
+/// Throws InvalidInputError unless SampleSyntheticSurface takes it.
+void CheckSurfaceSpacing(float spacing_m);
+
 /// Points on the true surfaces seen by at least one of the views, about `spacing_m` apart, for cloud metrics.
 PointCloud SampleSyntheticSurface(const std::vector<SyntheticView>& views, float spacing_m);
 
