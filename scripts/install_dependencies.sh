@@ -1,7 +1,10 @@
 #!/bin/bash
 # Installs the packages of scripts/debian_packages.txt that are missing, on Debian 11 to 13. Needs root or sudo only when
 # one is missing. What it does for Ubuntu 20.04 (focal) has not been tried.
-# Usage: scripts/install_dependencies.sh [--display]     --display: also what is needed to look at the demo (rviz)
+# Usage: scripts/install_dependencies.sh [--display] [--cuda]
+#   --display   also what is needed to look at the demo (rviz)
+#   --cuda      also Debian's CUDA toolkit, which is in its section non-free: where apt does not know that section, it is
+#               added. Not on Debian 11, whose CUDA 11.2 is too old. The driver is yours to install.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -11,15 +14,24 @@ packages() {
                       !/^(\[|#|$)/ && section == wanted' scripts/debian_packages.txt
 }
 
+release=$(. /etc/os-release && echo "$VERSION_CODENAME")
 wanted=$(packages ""; packages headers)
-case "${1:-}" in
-  "") ;;
-  --display) wanted+=" $(packages display)" ;;
-  *)
-    echo "usage: $0 [--display]" >&2
-    exit 2
-    ;;
-esac
+for argument in "$@"; do
+  case $argument in
+    --display) wanted+=" $(packages display)" ;;
+    --cuda)
+      if [ "$release" = bullseye ] || [ "$release" = focal ]; then
+        echo "--cuda: the CUDA toolkit of this release ($release) is older than 11.4: install NVIDIA's" >&2
+        exit 2
+      fi
+      wanted+=" $(packages cuda)"
+      ;;
+    *)
+      echo "usage: $0 [--display] [--cuda]" >&2
+      exit 2
+      ;;
+  esac
+done
 
 missing=()
 for package in $wanted; do
@@ -42,8 +54,7 @@ apt_get() { "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get "$@"; }
 # install_from_next_release PACKAGE...: packages without dependencies, from the release after this one. The list of its
 # packages is kept apart, so that apt takes nothing else from it.
 install_from_next_release() {
-  local release next folder apart
-  release=$(. /etc/os-release && echo "$VERSION_CODENAME")
+  local next folder apart
   case $release in
     bullseye) next=bookworm ;;
     focal) next=jammy ;;
@@ -62,11 +73,21 @@ install_from_next_release() {
     "${as_root[@]}" dpkg -i "$folder"/*.deb && "${as_root[@]}" rm -rf "$folder"
 }
 
+# add_non_free: the section non-free from where the release comes from.
+add_non_free() {
+  apt-get indextargets --format "deb \$(REPO_URI) $release non-free" "Created-By: Packages" "Component: main" \
+    "Codename: $release" | sort -u | "${as_root[@]}" tee /etc/apt/sources.list.d/acmp_mapping_non_free.list
+  apt_get update
+}
+
 # install_missing: headers alone, for any processor, may come from the next release; what else this one lacks ends it.
 install_missing() {
   local package here=() next=()
   apt_get update || return 1
   for package in "${missing[@]}"; do
+    if packages cuda | grep -qx "$package" && ! apt-cache show "$package" >/dev/null 2>&1; then
+      add_non_free || return 1
+    fi
     if packages headers | grep -qx "$package" && ! apt-cache show "$package" >/dev/null 2>&1; then
       next+=("$package")
     else

@@ -1,18 +1,23 @@
 #!/bin/bash
 # Runs the README's two commands, scripts/demo.sh and scripts/test.sh, on a bare Debian: in a new root made by debootstrap,
 # with what is committed here. Ends with a line that says how each ended. Needs root, debootstrap and 6 GB.
-# Seen so far: on Debian 11 demo.sh to its end, test.sh only in steps; on 13, which has all the packages, the build alone.
-# Usage: scripts/test_on.sh bullseye|bookworm|trixie
+# Usage: scripts/test_on.sh [--cuda] bullseye|bookworm|trixie
+#   --cuda   before that Debian's CUDA toolkit (scripts/install_dependencies.sh --cuda), which takes 5 GB more
 # Environment: ACMP_ROOTS, where roots are made (/var/tmp/acmp_roots); ACMP_KEEP_ROOT=1: goes on in the root of the run
 # before; ACMP_CCACHE_DIR: a folder of ccache, which is then used; DEBIAN_MIRROR, else debootstrap's own; and those of
 # the two scripts.
 set -euo pipefail
 cd "$(dirname "$0")/.."
+commands=(scripts/demo.sh scripts/test.sh)
+if [ "${1:-}" = --cuda ]; then
+  commands=("scripts/install_dependencies.sh --cuda" "${commands[@]}")
+  shift
+fi
 release=${1:-}
 case $release in
   bullseye | bookworm | trixie) ;;
   *)
-    echo "usage: $0 bullseye|bookworm|trixie" >&2
+    echo "usage: $0 [--cuda] bullseye|bookworm|trixie" >&2
     exit 2
     ;;
 esac
@@ -64,12 +69,14 @@ if [ -n "${ACMP_CCACHE_DIR:-}" ]; then
   environment+=(CCACHE_DIR=/ccache "CCACHE_SLOPPINESS=pch_defines,time_macros" CMAKE_CXX_COMPILER_LAUNCHER=ccache)
 fi
 
-codes=()
-for script in scripts/demo.sh scripts/test.sh; do
-  echo "==== $release: $script"
+failed=0
+ends=""
+for command in "${commands[@]}"; do
+  echo "==== $release: $command"
   code=0
-  inside "$script" || code=$?
-  codes+=("$code")
+  inside "$command" || code=$?
+  ends+="${ends:+, }$command with $code"
+  [ "$code" -eq 0 ] || failed=1
 done
-echo "$release: scripts/demo.sh ended with ${codes[0]}, scripts/test.sh with ${codes[1]}"
-[ "${codes[*]}" = "0 0" ]
+echo "$release ended $ends"
+exit $failed
