@@ -8,7 +8,7 @@ OptionTable<DenseMapperOptions> MakeWindowOptionTable() {
   table.Group("window of keyframes");
   table.Add(
       Number("window_size", 2, kMaxWindowSize, "",
-             "Keyframes kept to match against; each takes 75 bytes of GPU memory per pixel"),
+             "Keyframes kept to match against; each takes 55 bytes of GPU memory per pixel"),
       [](auto& o) -> auto& { return o.window_size; });
   table.Add(
       Number("lookahead", 0, kMaxWindowSize - 1, "",

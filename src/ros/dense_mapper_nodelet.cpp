@@ -86,9 +86,16 @@ void DenseMapperNodelet::LoadOptions() {
   ParameterReader reader = ReadParameters();
   for (const auto& option : MapServerOptionTable()) reader.SetElsewhere(option.name(), "map_server");
   options_ = LoadNodeOptions(&reader);
-  RuntimeOptions start;
-  start.mapper.pipeline = MakePreset(options_.preset);
-  runtime_options_ = std::make_unique<SharedOptions>(LoadRuntimeOptions(&reader, start));
+  if (options_.preset == kAutoPreset) {
+    for (const AutoPreset::Setting& setting : AutoPreset::Settings()) {
+      auto_options_.push_back(LoadRuntimeOptions(&reader, setting));
+    }
+    runtime_options_ = std::make_unique<SharedOptions>(auto_options_[AutoPreset().index()]);
+  } else {
+    RuntimeOptions start;
+    start.mapper.pipeline = MakePreset(options_.preset);
+    runtime_options_ = std::make_unique<SharedOptions>(LoadRuntimeOptions(&reader, start));
+  }
   WarnOfUnknown(reader);
 }
 
@@ -96,6 +103,7 @@ void DenseMapperNodelet::StartWorker() {
   MakeIntake(runtime_options_->Get());
   MapperWorker::Hooks hooks;
   hooks.on_device = [this](const WorkerStatus& status) { LogDevice(status); };
+  hooks.on_setting = [this](const AutoPreset& chosen, const std::string& text) { UseSetting(chosen, text); };
   hooks.outputs.on_fast = [this](const KeyframeOutput& output) { publisher_->PublishFast(output); };
   hooks.outputs.on_refined = [this](const KeyframeOutput& output) { publisher_->PublishRefined(output); };
   hooks.outputs.on_refined_again = [this](const KeyframeOutput& output) { publisher_->PublishRefinedAgain(output); };
@@ -208,6 +216,17 @@ void DenseMapperNodelet::HandleConfig(DenseMapperConfig& config) {
   } catch (const InvalidInputError& error) {
     NODELET_WARN("the change of parameters was refused: %s", error.what());
     config = ToConfig(current);
+  }
+}
+
+void DenseMapperNodelet::UseSetting(const AutoPreset& chosen, const std::string& text) {
+  const RuntimeOptions& wanted = auto_options_[chosen.index()];
+  runtime_options_->Set(wanted);
+  reconfigure_->updateConfig(ToConfig(wanted));
+  if (chosen.keeps_up()) {
+    NODELET_INFO("preset auto: %s", text.c_str());
+  } else {
+    NODELET_WARN("preset auto: %s", text.c_str());
   }
 }
 

@@ -187,6 +187,7 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
   status->add("matched size [px]", Concat(worker.width, "x", worker.height));
   status->add("last keyframe: decode and rectify [ms]", worker.preparation_ms);
   status->add("last keyframe: all in all [ms]", worker.keyframe_ms);
+  if (!worker.auto_preset.empty()) status->add("preset auto", worker.auto_preset);
   status->add("latency of fast depth maps [ms]", DescribeLatency(worker.outputs.fast_latency));
   status->add("latency of refined depth maps [ms]", DescribeLatency(worker.outputs.refined_latency));
   status->add("photometric pass [ms]", worker.outputs.times.photometric_ms);

@@ -1,5 +1,7 @@
 #include "acmp_mapping/ros/mapper_worker.h"
 
+#include <algorithm>
+#include <cmath>
 #include <exception>
 #include <future>
 #include <utility>
@@ -26,6 +28,16 @@ void CheckMaskFile(const Mask& mask, const std::string& file, const PinholeCamer
                                  ": must have the image's size, ", camera.width, "x", camera.height));
 }
 
+/// Keyframes over which the time between two is measured.
+constexpr size_t kPaceKeyframes = 11;
+
+/// Mean time between stamps; none where there are too few to tell.
+std::optional<double> MeanInterval(const std::deque<int64_t>& stamps_ns) {
+  constexpr size_t kFewest = 3;
+  if (stamps_ns.size() < kFewest) return std::nullopt;
+  return 1e-9 * static_cast<double>(stamps_ns.back() - stamps_ns.front()) / static_cast<double>(stamps_ns.size() - 1);
+}
+
 }  // namespace
 
 MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions* options, Mask fixed_mask, Hooks hooks)
@@ -33,8 +45,10 @@ MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions*
       options_(options),
       fixed_mask_(std::move(fixed_mask)),
       on_device_(std::move(hooks.on_device)),
+      on_setting_(std::move(hooks.on_setting)),
       outputs_(std::move(hooks.outputs)),
       queue_(node_options.overload),
+      auto_preset_(node_options.preset == kAutoPreset ? std::make_optional<AutoPreset>() : std::nullopt),
       run_(NewRun()),
       thread_([this] { Run(); }) {}
 
@@ -49,6 +63,12 @@ void MapperWorker::Stop() {
 }
 
 void MapperWorker::Push(KeyframeInput input, bool wait_for_room) {
+  {
+    const std::lock_guard<std::mutex> lock(status_mutex_);
+    if (!newest_stamps_ns_.empty() && input.stamp_ns <= newest_stamps_ns_.back()) newest_stamps_ns_.clear();
+    newest_stamps_ns_.push_back(input.stamp_ns);
+    if (newest_stamps_ns_.size() > kPaceKeyframes) newest_stamps_ns_.pop_front();
+  }
   const std::optional<KeyframeInput> dropped = queue_.Push(std::move(input), wait_for_room);
   if (!dropped) return;
   outputs_.ReportDrop(
@@ -179,13 +199,32 @@ void MapperWorker::Process(const KeyframeInput& input) {
   mapper_->AddKeyframe(frame);
   outputs_.Trim(2 * static_cast<size_t>(options.mapper.window_size));
   const PoseChecks checks = mapper_->pose_checks();
+  const double keyframe_ms = preparation_ms + timer.Lap();
   bool is_new_offset = false;
   UpdateStatus([&](WorkerStatus* status) {
     is_new_offset = checks.stamp_offset_s && !status->pose_checks.stamp_offset_s;
     status->pose_checks = checks;
-    status->keyframe_ms = preparation_ms + timer.Lap();
+    status->keyframe_ms = keyframe_ms;
   });
   if (is_new_offset) outputs_.ReportDrop({"stamp_offset", DescribeStampOffset(*checks.stamp_offset_s)});
+  if (auto_preset_) ChooseSetting(keyframe_ms);
+}
+
+void MapperWorker::ChooseSetting(double keyframe_ms) {
+  std::optional<double> interval_s;
+  {
+    const std::lock_guard<std::mutex> lock(status_mutex_);
+    interval_s = MeanInterval(newest_stamps_ns_);
+  }
+  const double size = auto_preset_->setting().size;
+  const std::optional<std::string> chosen = auto_preset_->Add(keyframe_ms, interval_s);
+  if (!chosen) return;
+  if (auto_preset_->setting().size != size) {  // images of different sizes do not match well
+    mapper_->Flush();
+    mapper_->Reset();
+  }
+  UpdateStatus([&](WorkerStatus* status) { status->auto_preset = *chosen; });
+  on_setting_(*auto_preset_, *chosen);
 }
 
 void MapperWorker::ProcessOvertaken(const KeyframeInput& input) {
@@ -231,7 +270,13 @@ DepthMap MapperWorker::PriorDepthOf(const KeyframeInput& input) {
 }
 
 FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input) {
-  const FrameOptions frame_options = {node_options_.max_image_size};
+  FrameOptions frame_options = {node_options_.max_image_size};
+  if (auto_preset_) {
+    const PinholeCamera& camera = input.calibration->camera;
+    const int longer_side = std::max(camera.width, camera.height);
+    const int limit = frame_options.max_size > 0 ? std::min(frame_options.max_size, longer_side) : longer_side;
+    frame_options.max_size = static_cast<int>(std::ceil(auto_preset_->setting().size * limit));
+  }
   if (!calibration_ || !SameCalibration(*calibration_, *input.calibration)) {
     rectifier_ = std::make_unique<ImageRectifier>(*input.calibration);
     calibration_ = input.calibration;

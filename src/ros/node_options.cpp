@@ -55,12 +55,13 @@ std::vector<double> ToNumbers(const std::optional<RigidTransform>& transform) {
   return {rows.data(), rows.data() + rows.size()};
 }
 
-/// A preset of several scales needs the maps of all images at each of them.
+/// Those of the pipeline and auto. A preset of several scales needs the maps of all images at each of them.
 std::vector<std::string> OnlinePresets() {
   std::vector<std::string> names;
   for (const std::string& name : PresetNames()) {
     if (!MakePreset(name).multi_scale) names.push_back(name);
   }
+  names.emplace_back(kAutoPreset);
   return names;
 }
 
@@ -71,7 +72,10 @@ void AddDeviceAndPreset(OptionTable<NodeOptions>* table) {
       [](const NodeOptions& o) { return OptionValue(DeviceName(o)); },
       [](const OptionValue& value, NodeOptions* o) { SetDevice(std::get<std::string>(value), o); });
   table->Add(
-      Choice("preset", OnlinePresets(), "How depth is computed: start values of the options of the pipeline"),
+      Choice(
+          "preset", OnlinePresets(),
+          "How depth is computed: start values of the options of the pipeline; auto: the best of balanced, online and "
+          "online with smaller images that the machine keeps up with, up to max_image_size and max_source_views"),
       [](auto& o) -> auto& { return o.preset; });
   table->Add(
       Number("max_image_size", 0, 100000, "px",

@@ -95,6 +95,16 @@ RuntimeOptions LoadRuntimeOptions(ParameterReader* reader, const RuntimeOptions&
   return options;
 }
 
+RuntimeOptions LoadRuntimeOptions(ParameterReader* reader, const AutoPreset::Setting& setting) {
+  RuntimeOptions start;
+  start.mapper.pipeline = MakePreset(setting.preset);
+  RuntimeOptions options = LoadRuntimeOptions(reader, start);
+  int* max_source_views = &options.mapper.source_views.max_source_views;
+  *max_source_views = std::min(*max_source_views, setting.max_source_views);
+  SetDependentOptions(&options);
+  return options;
+}
+
 DenseMapperConfig ToConfig(const RuntimeOptions& options) {
   return MakeConfig([&](const Option<RuntimeOptions>& option) { return option.get(options); });
 }

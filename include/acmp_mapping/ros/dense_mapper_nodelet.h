@@ -47,6 +47,8 @@ class DenseMapperNodelet : public NodeletBase {
   template <class Add>
   void Receive(const Add& add);
   void HandleConfig(DenseMapperConfig& config);
+  /// Of preset: auto. `text`: what it says of it.
+  void UseSetting(const AutoPreset& chosen, const std::string& text);
 
   /// Takes what the intake has ready and hands it on. `all`: without waiting for clouds.
   void Deliver(bool all = false);
@@ -61,6 +63,7 @@ class DenseMapperNodelet : public NodeletBase {
 
   NodeOptions options_;
   std::unique_ptr<SharedOptions> runtime_options_;
+  std::vector<RuntimeOptions> auto_options_;  ///< of preset: auto, one for each of its settings; else empty
   std::unique_ptr<OutputPublisher> publisher_;
   std::atomic<bool> paused_{false};
   std::atomic<uint64_t> matched_{0};

@@ -1,11 +1,13 @@
 #pragma once
 
+#include <deque>
 #include <functional>
 #include <memory>
 #include <mutex>
 #include <string>
 #include <thread>
 
+#include "acmp_mapping/mapping/auto_preset.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
 #include "acmp_mapping/ros/keyframe_outputs.h"
@@ -24,6 +26,7 @@ struct WorkerStatus {
   int width = 0, height = 0;    ///< matched size of the last keyframe, px
   double preparation_ms = 0;    ///< decoding and rectifying the last image
   double keyframe_ms = 0;       ///< the last keyframe in the matching thread, all in all
+  std::string auto_preset;      ///< what preset: auto has chosen last and why; empty: nothing
   PoseChecks pose_checks;
   OutputStatus outputs;
 };
@@ -37,6 +40,7 @@ class MapperWorker {
  public:
   struct Hooks {
     std::function<void(const WorkerStatus&)> on_device;  ///< once, when the backend exists or cannot be made
+    std::function<void(const AutoPreset&, const std::string&)> on_setting;  ///< of preset: auto, with what it says
     KeyframeOutputs::Hooks outputs;
   };
 
@@ -73,6 +77,8 @@ class MapperWorker {
   void Process(const KeyframeInput& input);
   /// A keyframe that the mapper has no time for becomes a source view of others.
   void ProcessOvertaken(const KeyframeInput& input);
+  /// Of preset: auto, after a keyframe that took so long.
+  void ChooseSetting(double keyframe_ms);
   FramePtr PrepareFrame(const KeyframeInput& input);
   /// Of the image as sent: what the mask of all images and its own leave. One that cannot be used is told and left out.
   Mask MaskOf(const KeyframeInput& input);
@@ -90,11 +96,13 @@ class MapperWorker {
   const SharedOptions* const options_;
   const Mask fixed_mask_;
   const std::function<void(const WorkerStatus&)> on_device_;
+  const std::function<void(const AutoPreset&, const std::string&)> on_setting_;
   KeyframeOutputs outputs_;
   WorkQueue<KeyframeInput, Command> queue_;
 
   mutable std::mutex status_mutex_;
   WorkerStatus status_;
+  std::deque<int64_t> newest_stamps_ns_;  ///< of keyframes that were queued, also of those that get no maps
 
   // Used by the worker thread alone.
   std::unique_ptr<DepthEngine> engine_;
@@ -103,6 +111,7 @@ class MapperWorker {
   std::string device_error_;
   CalibrationPtr calibration_;
   std::unique_ptr<ImageRectifier> rectifier_;
+  std::optional<AutoPreset> auto_preset_;
   int64_t next_id_ = 0;  ///< never goes back, whatever stamps do
   uint64_t run_ = 0;
 

@@ -14,6 +14,8 @@
 
 namespace acmp {
 
+constexpr char kAutoPreset[] = "auto";  ///< value of `preset`: AutoPreset
+
 enum class ImageTransport { kRaw, kCompressed };
 enum class SparseFrame { kAuto, kWorld, kCamera };
 enum class PoseSource { kPose, kPoseWithCovariance, kOdometry, kTransform, kTf };

@@ -6,6 +6,7 @@
 
 #include "acmp_mapping/common/option.h"
 #include "acmp_mapping/intake/keyframe_gate.h"
+#include "acmp_mapping/mapping/auto_preset.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/parameter_reader.h"
 
@@ -26,6 +27,9 @@ const OptionTable<RuntimeOptions>& RuntimeOptionTable();
 /// Parameters of the namespace over the defaults in `start`. Throws InvalidInputError for a value that is out of bounds
 /// or does not fit another one.
 RuntimeOptions LoadRuntimeOptions(ParameterReader* reader, const RuntimeOptions& start);
+
+/// The same over the preset of a setting, whose source views limit those of the namespace.
+RuntimeOptions LoadRuntimeOptions(ParameterReader* reader, const AutoPreset::Setting& setting);
 
 using acmp_mapping::DenseMapperConfig;
 
