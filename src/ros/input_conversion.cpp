@@ -114,6 +114,12 @@ cv::Mat DecodeCompressed(const sensor_msgs::CompressedImage& image, const Pinhol
   return rgb;
 }
 
+void CheckImageSides(const std::string& name, const sensor_msgs::Image& image) {
+  for (const uint32_t side : {image.width, image.height}) {
+    CheckRange((name + ": width or height in px").c_str(), int64_t{side}, int64_t{1}, kMaxImageSide);
+  }
+}
+
 bool IsBigEndianHost() {
   const uint16_t one = 1;
   uint8_t first;
@@ -137,11 +143,16 @@ T ReadAs(const uint8_t* from, bool swap) {
 cv::Mat DecodeRgb(const EncodedImage& image, const PinholeCamera* camera) {
   if (image.compressed) return DecodeCompressed(*image.compressed, camera);
   const sensor_msgs::Image& raw = *image.raw;
+  const std::string name = Concat("image encoding \"", raw.encoding, "\" (", raw.width, "x", raw.height, ", step ",
+                                  raw.step, ", ", raw.data.size(), " bytes)");
+  // cv_bridge multiplies in 32 bits and would read far beyond the data.
+  CheckImageSides(name, raw);
+  const uint64_t needed = uint64_t{raw.height} * raw.step;
+  if (raw.data.size() != needed) throw InvalidInputError(Concat(name, ": must have ", needed, " bytes"));
   try {
     return cv_bridge::toCvCopy(raw, sensor_msgs::image_encodings::RGB8)->image;
   } catch (const std::exception& error) {  // cv_bridge's and, for images that contradict themselves, OpenCV's
-    throw InvalidInputError(Concat("image encoding \"", raw.encoding, "\" (", raw.width, "x", raw.height, ", step ",
-                                   raw.step, ", ", raw.data.size(), " bytes): ", error.what()));
+    throw InvalidInputError(Concat(name, ": ", error.what()));
   }
 }
 
@@ -183,9 +194,7 @@ CompanionSample ToPriorDepthSample(const sensor_msgs::ImageConstPtr& message) {
     throw InvalidInputError(Concat(name, ": encoding \"", depth.encoding,
                                    "\": must be 32FC1 (in the world's unit) or 16UC1 (thousandths of it)"));
   }
-  for (const uint32_t side : {depth.width, depth.height}) {
-    CheckRange((name + ": width or height in px").c_str(), int64_t{side}, int64_t{1}, kMaxImageSide);
-  }
+  CheckImageSides(name, depth);
   const uint64_t row_bytes = uint64_t{depth.width} * (is_float ? sizeof(float) : sizeof(uint16_t));
   const uint64_t needed = uint64_t{depth.height} * depth.step;
   if (depth.step < row_bytes || depth.data.size() < needed) {

@@ -66,6 +66,24 @@ TEST(DecodeRgb, RefusesWhatCannotBeConvertedAndNamesIt) {
   EXPECT_THAT(ErrorOf([&] { DecodeRgb({image, nullptr}); }), AllOf(HasSubstr("1x100"), HasSubstr("3 bytes")));
 }
 
+TEST(DecodeRgb, RefusesSizesThatWrapIn32Bits) {
+  // 16384 rows of 2^18 + 24 bytes are 2^32 + 393216: in 32 bits as many as there are.
+  constexpr uint32_t kRows = 16384, kBytes = 393216;
+  auto image = boost::make_shared<sensor_msgs::Image>();
+  image->encoding = enc::MONO8;
+  image->width = 8;
+  image->height = kRows;
+  image->step = (1u << 18) + 24;
+  image->data.resize(kBytes);
+  ASSERT_EQ(image->height * image->step, kBytes);
+  EXPECT_THAT(ErrorOf([&] {
+                DecodeRgb({image, nullptr});
+              }),
+              AllOf(HasSubstr("393216 bytes"), HasSubstr("must have 4295360512 bytes")));
+  image->height = (1u << 30) + 6;
+  EXPECT_THAT(ErrorOf([&] { DecodeRgb({image, nullptr}); }), AllOf(HasSubstr("1073741830"), HasSubstr("32767")));
+}
+
 TEST(DecodeRgb, DecodesCompressedImages) {
   const cv::Mat bgr(8, 8, CV_8UC3, cv::Scalar(10, 100, 200));
   for (const char* extension : {".png", ".jpg"}) {
