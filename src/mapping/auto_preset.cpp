@@ -20,9 +20,11 @@ constexpr double kMaxLoad = 0.5;
 
 const std::vector<AutoPreset::Setting>& AutoPreset::Settings() {
   // Costs: kernels at 640 x 480 on an H100, all of it and 8 of its multiprocessors; pixels in proportion.
-  static const std::vector<Setting> settings = {{"balanced", 1, 10, 1},     {"online", 1, 7, 0.45},
-                                                {"online", 0.75, 7, 0.25},  {"online", 0.5, 5, 0.09},
-                                                {"online", 0.375, 5, 0.05}, {"online", 0.25, 5, 0.023}};
+  static const std::vector<Setting> settings = {{"balanced", 1, 10, 1},
+                                                {"online", 1, 7, 0.45},
+                                                {"online", 0.75, 7, 0.25},
+                                                {"online", 0.5, 5, 0.09},
+                                                {"online", 0.375, 5, 0.05}};
   return settings;
 }
 

@@ -78,5 +78,23 @@ TEST(MakeDepthEngineTest, IndexOutOfRangeIsAnErrorThatNamesIt) {
   }
 }
 
+TEST(MakeDepthEngineTest, SomeMultiprocessorsOfAGpuOrWhyNot) {
+  if (!ReasonAgainstCuda(0).empty()) GTEST_SKIP() << ReasonAgainstCuda(0);
+  try {
+    EXPECT_THAT(MakeDepthEngine(Device::kCuda, 0, 1).engine->device_name(),
+                AllOf(HasSubstr("(cuda:0, "), HasSubstr(" multiprocessors)")));
+  } catch (const InvalidInputError& error) {
+    GTEST_SKIP() << error.what();  // toolkit or driver are too old
+  }
+  for (const int count : {-1, 100000}) {
+    try {
+      MakeDepthEngine(Device::kCuda, 0, count);
+      ADD_FAILURE() << "accepted " << count;
+    } catch (const InvalidInputError& error) {
+      EXPECT_THAT(error.what(), HasSubstr(Concat("multiprocessors = ", count)));
+    }
+  }
+}
+
 }  // namespace
 }  // namespace acmp
