@@ -7,11 +7,11 @@ else()
 endif()
 if(NOT ACMP_PYTHON STREQUAL "OFF" AND ACMP_HAVE_TOOLS)
   if(EXISTS /usr/bin/python3)  # Debian's, which has numpy, whatever python3 is first on PATH
-    set(Python3_EXECUTABLE /usr/bin/python3 CACHE FILEPATH "Python of the module")
+    set(Python_EXECUTABLE /usr/bin/python3 CACHE FILEPATH "Python of the module")
   endif()
-  find_package(Python3 QUIET COMPONENTS Interpreter Development)  # first: pybind11 takes what is found already
+  find_package(Python QUIET COMPONENTS Interpreter Development)  # first: pybind11 takes what is found already
   find_package(pybind11 2.6 QUIET)
-  if(pybind11_FOUND AND Python3_Development_FOUND)
+  if(pybind11_FOUND AND Python_Development_FOUND)
     set(ACMP_HAVE_PYTHON TRUE)
   elseif(ACMP_PYTHON STREQUAL "ON")
     message(FATAL_ERROR "ACMP_PYTHON=ON, but not found: pybind11 2.6 or later (pybind11-dev, python3-dev)")
