@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "acmp_mapping/common/median.h"
 #include "align_views.h"
 #include "bundle_refinement.h"
 #include "rotation_vector.h"
