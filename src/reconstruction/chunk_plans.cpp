@@ -116,7 +116,7 @@ std::map<int, std::string> ChunkPlans::Format(const Scene& scene, const std::fil
 ChunkPlan ChunkPlans::Read(int chunk) const {
   const std::optional<std::string> content = ReadBlock(FileOf(chunk));
   if (!content) {
-    throw InvalidInputError(Concat(folder_.path().string(), ": no plan of the images ", chunk * chunk_images_, "-",
+    throw InvalidInputError(Concat(output_.string(), ": no plan of the images ", chunk * chunk_images_, "-",
                                    (chunk + 1) * chunk_images_ - 1, ": give --plan first"));
   }
   const Json json = Json::parse(*content);
@@ -137,7 +137,7 @@ std::filesystem::path ChunkPlans::IndexFile() const { return FileOf(0).parent_pa
 
 std::vector<int> ChunkPlans::Chunks() const {
   const std::optional<std::string> content = ReadBlock(IndexFile());
-  if (!content) throw InvalidInputError(Concat(folder_.path().string(), ": has no plan: give --plan first"));
+  if (!content) throw InvalidInputError(Concat(output_.string(), ": has no plan: give --plan first"));
   return Json::parse(*content).get<std::vector<int>>();
 }
 

@@ -28,11 +28,11 @@ struct ChunkPlan {
 /// file, so that a stage reads the same little of a scene of any size.
 class ChunkPlans {
  public:
-  /// @param folder outlives this
+  /// @param output folder with the plan
   /// @param scene_root images below it are found wherever it lies
   /// @param chunk_images n, at least 1
-  ChunkPlans(const OutputFolder& folder, const std::filesystem::path& scene_root, int chunk_images)
-      : folder_(folder), scene_root_(scene_root), chunk_images_(chunk_images) {}
+  ChunkPlans(const std::filesystem::path& output, const std::filesystem::path& scene_root, int chunk_images)
+      : output_(output), scene_root_(scene_root), chunk_images_(chunk_images) {}
 
   int ChunkOf(int index) const { return index / chunk_images_; }
   /// Throws InvalidInputError if there is no whole plan of that chunk.
@@ -47,10 +47,10 @@ class ChunkPlans {
   void Write(const std::map<int, std::string>& files) const;
 
  private:
-  std::filesystem::path FileOf(int chunk) const { return folder_.WorkFile("plan", chunk); }
+  std::filesystem::path FileOf(int chunk) const { return OutputFolder::WorkFile(output_, "plan", chunk); }
   std::filesystem::path IndexFile() const;
 
-  const OutputFolder& folder_;
+  const std::filesystem::path output_;
   const std::filesystem::path scene_root_;
   const int chunk_images_;
 };

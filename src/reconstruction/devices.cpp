@@ -9,11 +9,17 @@ namespace acmp {
 
 Devices::Devices(std::vector<ReconstructDevice> devices, const std::vector<int>& images)
     : devices_(std::move(devices)) {
+  ShareOut(images);
+  for (const ReconstructDevice& device : devices_) free_bytes_.push_back(device.engines.front()->FreeDeviceBytes());
+  if (on_host()) return;
+  for (const ReconstructDevice& device : devices_) fusion_engines_.push_back(device.engines.front()->Share());
+}
+
+void Devices::ShareOut(const std::vector<int>& images) {
+  device_of_.clear();
   for (size_t place = 0; place < images.size(); ++place) {
     device_of_[images[place]] = DeviceOfPlace(place, images.size(), devices_.size());
   }
-  if (on_host()) return;
-  for (const ReconstructDevice& device : devices_) fusion_engines_.push_back(device.engines.front()->Share());
 }
 
 DeviceEngine Devices::Engine(int device, int number) const {

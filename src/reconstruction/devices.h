@@ -21,10 +21,15 @@ class Devices {
  public:
   /// @param images that take part, by scene index in the order of the scene
   Devices(std::vector<ReconstructDevice> devices, const std::vector<int>& images);
+  /// Other images take part from now on. Nothing may be under way.
+  void ShareOut(const std::vector<int>& images);
 
   int size() const { return static_cast<int>(devices_.size()); }
   bool on_host() const { return devices_.front().on_host; }
   std::string name() const { return devices_.front().engines.front()->device_name(); }  ///< of the first one
+
+  /// Memory of a GPU that was free when it was taken over; 0 on the CPU. It keeps what it has been given since.
+  size_t FreeBytes(int device) const { return free_bytes_.at(device); }
 
   /// The device that works on an image that takes part.
   int DeviceOf(int index) const { return device_of_.at(index); }
@@ -45,6 +50,7 @@ class Devices {
  private:
   std::vector<ReconstructDevice> devices_;
   std::vector<std::unique_ptr<DepthEngine>> fusion_engines_;  ///< per device; none on the CPU
+  std::vector<size_t> free_bytes_;                            ///< per device
   std::map<int, int> device_of_;                              ///< by scene index
 };
 

@@ -45,8 +45,7 @@ EngineStore::EngineStore(FrameStore* frames, const ReconstructOptions& options, 
       writes_maps_(!folder || !options.maps.empty() || options.colmap),
       max_unsaved_map_bytes_(folder ? options.MemoryBytes(options.kMapShare) : kUnlimited) {
   for (int device = 0; device < devices.size(); ++device) {
-    const size_t bytes = devices.on_host() ? options.MemoryBytes(options.kMapShare)
-                                           : devices.Engine(device, 0).engine->FreeDeviceBytes() / 2;
+    const size_t bytes = devices.on_host() ? options.MemoryBytes(options.kMapShare) : devices.FreeBytes(device) / 2;
     const size_t unsaved = devices.on_host() ? 0 : bytes / 2;
     devices_.emplace_back(bytes / 4, bytes - bytes / 4 - unsaved, devices.on_host() ? kUnlimited : unsaved);
   }

@@ -1,5 +1,7 @@
 #include "input_hash.h"
 
+#include <sys/stat.h>
+
 #include <cstdio>
 #include <fstream>
 
@@ -46,6 +48,21 @@ ImageHashes HashesOf(const Scene& scene, int index) {
   if (!image.mask.empty()) hashes.mask = HashOfFile(image.mask);
   if (!image.prior_depth.empty()) hashes.prior_depth = HashOfFile(image.prior_depth);
   return hashes;
+}
+
+uint64_t StampOfFiles(const SceneImage& image) {
+  Hash hash;
+  for (const std::filesystem::path& path : {image.path, image.mask, image.prior_depth}) {
+    struct stat file = {};
+    if (path.empty() || stat(path.c_str(), &file) != 0) file = {};
+    for (const timespec& time : {file.st_mtim, file.st_ctim}) {
+      hash.Add(time.tv_sec);
+      hash.Add(time.tv_nsec);
+    }
+    hash.Add(file.st_ino);
+    hash.Add(file.st_size);
+  }
+  return hash.value();
 }
 
 std::string HexDigits(uint64_t value) {

@@ -47,6 +47,9 @@ ImageHashes HashesOf(const Scene& scene, int index);
 /// Only ImageHashes::geometry.
 uint64_t HashOfGeometry(const Scene& scene, const SceneImage& image);
 
+/// Another number once one of the image's files has been written or replaced. Does not read them.
+uint64_t StampOfFiles(const SceneImage& image);
+
 /// 16 digits; images in the order of their index.
 std::string InputHash(const std::vector<ImageHashes>& images);
 std::string HexDigits(uint64_t value);

@@ -215,8 +215,8 @@ void OutputFolder::StartAfresh() {
   state_ = State::kFresh;
 }
 
-std::filesystem::path OutputFolder::WorkFile(const std::string& kind, int number) const {
-  return path_ / kWorkName / kind / (SixDigits(number) + ".bin");
+std::filesystem::path OutputFolder::WorkFile(const std::filesystem::path& output, const std::string& kind, int number) {
+  return output / kWorkName / kind / (SixDigits(number) + ".bin");
 }
 
 void OutputFolder::RemoveWork() const { Remove(path_ / kWorkName); }

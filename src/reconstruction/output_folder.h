@@ -50,7 +50,8 @@ class OutputFolder {
   const std::filesystem::path& path() const { return path_; }
 
   /// OUTPUT/work/KIND/000012.bin
-  std::filesystem::path WorkFile(const std::string& kind, int number) const;
+  static std::filesystem::path WorkFile(const std::filesystem::path& output, const std::string& kind, int number);
+  std::filesystem::path WorkFile(const std::string& kind, int number) const { return WorkFile(path_, kind, number); }
   void RemoveWork() const;
 
   /// OUTPUT/KIND/000012SUFFIX

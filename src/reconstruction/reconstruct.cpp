@@ -65,7 +65,9 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
                  std::ostream* out, std::ostream* log, bool log_is_terminal) {
   const Timer timer;
   Validate(options);
-  if (!options.stage.empty()) return RunStage(options, make_devices, interrupt, out, log, log_is_terminal);
+  if (!options.stage.empty()) {
+    return StageRunner(options, make_devices, interrupt, out, log, log_is_terminal).Run(options.stage, options.images);
+  }
   const bool plans = !options.plan.empty();
   std::future<std::vector<ReconstructDevice>> devices_to_come =
       std::async(plans ? std::launch::deferred : std::launch::async, make_devices);

@@ -167,6 +167,12 @@ void AddStageOptions(CLI::App* app, ReconstructOptions* options) {
                   "Only this stage of a plan, of the images that --images names: all options as they were planned. It\n"
                   "does what is not done yet, and may run beside others on any machine that sees OUTPUT")
       ->group(group);
+  app->add_flag(
+         "--stages", options->stages,
+         "Stages that standard input names, each in a line: STAGE IMAGES, as step_0 0-15, or finish. Answers in\n"
+         "a line on standard output: STAGE IMAGES: done, or STAGE IMAGES: exit code N: message. A stage that\n"
+         "fails does not end it. Quicker than a process for each: GPUs start once, images stay at hand")
+      ->group(group);
   app->add_option("--chunk-images", options->chunk_images, "Images of the scene that make a chunk, for --plan")
       ->capture_default_str()
       ->group(group);
@@ -247,16 +253,19 @@ void CheckMesh(const ReconstructOptions& options) {
 
 void CheckStages(const ReconstructOptions& options) {
   CheckRange("--chunk-images", options.chunk_images, 1, 65534);  // a stamp each, and one for earlier chunks
-  if (options.plan.empty() && options.stage.empty()) return;
-  const char* name = options.plan.empty() ? "--stage" : "--plan";
+  const bool does_stages = options.stages || !options.stage.empty();
+  if (options.plan.empty() && !does_stages) return;
+  const char* name = !options.plan.empty() ? "--plan" : options.stages ? "--stages" : "--stage";
   const auto refuse = [&](bool given, const char* other) {
     if (given) throw InvalidInputError(Concat(name, ": not with ", other));
   };
-  refuse(!options.plan.empty() && !options.stage.empty(), "--stage");
+  refuse(!options.plan.empty() && options.stages, "--stages");
+  refuse(options.stages && !options.images.empty(), "--images: its lines name them");
+  refuse((!options.plan.empty() || options.stages) && !options.stage.empty(), "--stage");
   refuse(options.online(), "--schedule online");
   refuse(options.colmap, "--colmap");
   refuse(!options.mesh.empty(), "--mesh: give it to the finished run");
-  refuse(options.overwrite && !options.stage.empty(), "--overwrite: give it with --plan");
+  refuse(options.overwrite && does_stages, "--overwrite: give it with --plan");
   if (!options.plan.empty()) CheckFolderOf(options.plan);
 }
 

@@ -170,7 +170,7 @@ void PlanStages(const Scene& scene, const ReconstructPlan& plan, const Reconstru
     RunRecord record = MakeRecord(options, "that of the first stage", Concat("that of plan ", HashOf(files)));
     record.emplace_back(kChunkImagesKey, Concat(options.chunk_images));
     const OutputFolder folder(options.output, record, options.overwrite, OutputFolder::Use::kStages);
-    ChunkPlans(folder, options.scene, options.chunk_images).Write(files);
+    ChunkPlans(options.output, options.scene, options.chunk_images).Write(files);
     tasks = TaskList(plan, options).ToJson();
   }
   const size_t count = tasks.size();

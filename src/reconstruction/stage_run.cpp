@@ -17,7 +17,7 @@
 #include "map_writer.h"
 #include "run_end.h"
 #include "run_record.h"
-#include "scene_part.h"
+#include "stage_run.h"
 #include "stages.h"
 #include "summary.h"
 #include "work_blocks.h"
@@ -28,24 +28,19 @@ namespace {
 using Key = EngineStore::Key;
 using nlohmann::json;
 
-/// Everything in files: no process can count on the memory of another.
-ReconstructOptions WithWorkFiles(ReconstructOptions options) {
-  options.keep_work = true;
-  return options;
-}
-
 class StageRun {
  public:
-  StageRun(const ReconstructOptions& options, const OutputFolder& folder, const DeviceMaker& make_devices,
-           StopRequest* interrupt, std::ostream* out, Progress* progress)
-      : options_(WithWorkFiles(options)),
+  StageRun(const ReconstructOptions& options, const OutputFolder& folder, PlannedScene* planned,
+           const std::function<Devices*()>& devices, StopRequest* interrupt, std::ostream* out, Progress* progress)
+      : options_(options),
         folder_(folder),
-        make_devices_(make_devices),
+        devices_(devices),
         interrupt_(*interrupt),
         out_(*out),
         progress_(*progress),
-        plans_(folder, options.scene, options.chunk_images),
-        part_(&plans_),
+        plans_(planned->plans),
+        part_(planned->part),
+        frames_(planned->frames),
         final_step_(static_cast<int>(ScheduleOf(MakePipelineOptions(options)).size()) - 1) {}
 
   void Run() {
@@ -141,13 +136,13 @@ class StageRun {
   void OnDevices(const std::set<Key>& to_do, const Work& work) {
     std::set<int> worked_on = chosen_;
     for (const auto& [step, index] : to_do) worked_on.insert(index);
-    const Devices devices(make_devices_(), {worked_on.begin(), worked_on.end()});
+    Devices& devices = *devices_();
+    devices.ShareOut({worked_on.begin(), worked_on.end()});
     CheckDevice(devices.name());
-    FrameStore frames(part_.scene(), MakeFrameOptions(options_), options_.MemoryBytes(options_.kImageShare));
-    EngineStore store(&frames, options_, &folder_, part_.plan(), devices, ScheduleOf(MakePipelineOptions(options_)));
+    EngineStore store(&frames_, options_, &folder_, part_.plan(), devices, ScheduleOf(MakePipelineOptions(options_)));
     ReconstructRun run{{part_.scene(), options_, part_.plan(), devices, store, interrupt_, progress_, {}, {}, {}},
                        folder_};
-    work(&run, &frames);
+    work(&run);
     interrupt_.Check();
     ReportUnusedPriorDepth(run);
   }
@@ -171,8 +166,8 @@ class StageRun {
       if (step == 0 && !part_.plan().HasMap(index)) only_checked.insert(index);
     }
     if (to_do.empty() && only_checked.empty()) return;
-    OnDevices(to_do, [&](ReconstructRun* run, FrameStore* frames) {
-      for (int index : only_checked) frames->Get(index);
+    OnDevices(to_do, [&](ReconstructRun* run) {
+      for (int index : only_checked) frames_.Get(index);
       TaskGraph graph;
       AddOfflineSteps(run, to_do, &graph);
       progress_.Begin(options_.stage, static_cast<int>(to_do.size()));
@@ -227,7 +222,7 @@ class StageRun {
     if (targets.empty()) return;
     CheckContent();
     const std::set<Key> to_do = ToDo(final_step_, AllRead(targets));
-    OnDevices(to_do, [&](ReconstructRun* run, FrameStore*) {
+    OnDevices(to_do, [&](ReconstructRun* run) {
       TaskGraph graph;
       const std::map<Key, int> steps = AddOfflineSteps(run, to_do, &graph);
       MapWriter writer(run);
@@ -253,13 +248,13 @@ class StageRun {
     std::set<int> read;
     for (const auto& [number, images] : chunks) read.merge(AllRead({images.begin(), images.end()}));
     const std::set<Key> to_do = ToDo(final_step_, read);
-    OnDevices(to_do, [&](ReconstructRun* run, FrameStore* frames) {
+    OnDevices(to_do, [&](ReconstructRun* run) {
       TaskGraph graph;
       AddOfflineSteps(run, to_do, &graph);
       progress_.Begin(options_.stage, static_cast<int>(to_do.size() + chosen_.size()));
       graph.Run(run->devices.PoolThreads(), interrupt_);
       for (const auto& [number, images] : chunks) {
-        FuseChunk(run, frames, number, images, part_.FusedBefore(number));
+        FuseChunk(run, &frames_, number, images, part_.FusedBefore(number));
       }
     });
   }
@@ -281,7 +276,7 @@ class StageRun {
     const std::string device = ReadBlock(folder_.WorkFile("device", 0)).value_or("");
     const RunRecord record = MakeRecord(options_, device, InputHash(hashes));
     std::string failure;
-    OnDevices({}, [&](ReconstructRun* run, FrameStore*) {
+    OnDevices({}, [&](ReconstructRun* run) {
       const CloudSize cloud = WriteCloudAndCameras(*run);
       failure = EndRun(run, record, device, timer, cloud, &out_);
     });
@@ -316,40 +311,24 @@ class StageRun {
                                  index, ") is not done, or its files are damaged"));
   }
 
-  const ReconstructOptions options_;
+  const ReconstructOptions& options_;
   const OutputFolder& folder_;
-  const DeviceMaker& make_devices_;
+  const std::function<Devices*()>& devices_;
   StopRequest& interrupt_;
   std::ostream& out_;
   Progress& progress_;
-  const ChunkPlans plans_;
-  ScenePart part_;
+  const ChunkPlans& plans_;
+  ScenePart& part_;
+  FrameStore& frames_;
   const int final_step_;
   std::set<int> chosen_;  ///< images that the stage is for, by scene index
 };
 
 }  // namespace
 
-void RunStage(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
-              std::ostream* out, std::ostream* log, bool log_is_terminal) {
-  if (!OutputFolder::Exists(options.output)) {
-    throw InvalidInputError(Concat(options.output.string(), ": has no plan: give --plan first"));
-  }
-  const OutputFolder folder(options.output, SettingsRecord(options), false, OutputFolder::Use::kStages);
-  const std::string chunk_images = folder.Setting(kChunkImagesKey);
-  const bool is_staged = chunk_images == Concat(options.chunk_images);
-  if (folder.state() == OutputFolder::State::kComplete && !(is_staged && options.stage == kFinishStage)) {
-    if (!options.quiet) *out << options.output.string() << ": already complete" << std::endl;
-    const std::string failure = FailureOfSummary(folder.SummaryFile());
-    if (!failure.empty()) throw ProcessingError(failure);
-    return;
-  }
-  if (!is_staged) {
-    throw InvalidInputError(Concat("--chunk-images ", options.chunk_images, ": the plan in ", options.output.string(),
-                                   " has ", chunk_images));
-  }
-  Progress progress(log, ProgressStyleFor(options.quiet, log_is_terminal));
-  StageRun(options, folder, make_devices, interrupt, out, &progress).Run();
+void DoStage(const ReconstructOptions& options, const OutputFolder& folder, PlannedScene* planned,
+             const std::function<Devices*()>& devices, StopRequest* interrupt, std::ostream* out, Progress* progress) {
+  StageRun(options, folder, planned, devices, interrupt, out, progress).Run();
 }
 
 }  // namespace acmp

@@ -10,6 +10,7 @@
 #include "acmp_mapping/reconstruction/interrupt_watcher.h"
 #include "acmp_mapping/reconstruction/make_devices.h"
 #include "acmp_mapping/reconstruction/reconstruct.h"
+#include "input_lines.h"
 #include "tool_main.h"
 
 namespace {
@@ -17,11 +18,18 @@ namespace {
 int RunReconstruct(const acmp::ReconstructOptions& options, acmp::InterruptWatcher* interrupt) {
   std::optional<tbb::global_control> threads;
   if (options.threads > 0) threads.emplace(tbb::global_control::max_allowed_parallelism, options.threads);
+  const acmp::DeviceMaker make_devices = [&] { return acmp::MakeDevices(options, &std::cerr); };
+  const bool is_terminal = isatty(STDERR_FILENO);
+  bool all_done = true;
   try {
     interrupt->RunCancellable([&] {
-      acmp::Reconstruct(
-          options, [&] { return acmp::MakeDevices(options, &std::cerr); }, interrupt, &std::cout, &std::cerr,
-          isatty(STDERR_FILENO));
+      if (options.stages) {
+        acmp::InputLines lines(interrupt);
+        all_done = acmp::ReconstructStages(
+            options, make_devices, interrupt, [&] { return lines.Next(); }, &std::cout, &std::cerr, is_terminal);
+      } else {
+        acmp::Reconstruct(options, make_devices, interrupt, &std::cout, &std::cerr, is_terminal);
+      }
     });
     interrupt->Check();
   } catch (const acmp::Interrupted&) {
@@ -29,7 +37,7 @@ int RunReconstruct(const acmp::ReconstructOptions& options, acmp::InterruptWatch
               << (options.online() ? "starts anew" : "goes on from here") << "\n";
     return acmp::kExitFailed;
   }
-  return acmp::kExitDone;
+  return all_done ? acmp::kExitDone : acmp::kExitFailed;
 }
 
 int Run(int argc, char** argv) {

@@ -168,6 +168,22 @@ TEST(DeviceOfPlaceTest, StretchesOfNeighboursGoToOneDeviceAfterTheOther) {
   }
 }
 
+TEST(DevicesTest, TakeOtherImagesAndTheSameMemory) {
+  FakeGpuBehaviour behaviour;
+  std::vector<ReconstructDevice> gpus(2);
+  for (int device = 0; device < 2; ++device) {
+    gpus[static_cast<size_t>(device)].engines.push_back(std::make_unique<FakeGpu>(device, &behaviour));
+  }
+  Devices devices(std::move(gpus), {0, 1});
+  EXPECT_EQ(devices.DeviceOf(1), 1);
+  behaviour.free_bytes = 0;  // it keeps what it was given
+  devices.ShareOut({1, 5});
+  EXPECT_EQ(devices.DeviceOf(1), 0);
+  EXPECT_EQ(devices.DeviceOf(5), 1);
+  EXPECT_THROW(devices.DeviceOf(0), std::out_of_range);
+  EXPECT_EQ(devices.FreeBytes(1), size_t{1} << 30);
+}
+
 TEST_F(ReconstructDevicesTest, EachImageIsFusedWhereItsMapsAre) {
   WriteTwelve(Sequence(kTwelve));
   std::mutex mutex;

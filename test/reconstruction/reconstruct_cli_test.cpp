@@ -22,6 +22,7 @@ namespace {
 using ::testing::AllOf;
 using ::testing::AnyOf;
 using ::testing::HasSubstr;
+using ::testing::MatchesRegex;
 
 class ReconstructCliTest : public ReconstructFixture {
  protected:
@@ -327,6 +328,26 @@ TEST_F(ReconstructCliTest, ThreadsDoNotChangeTheResult) {
   ASSERT_EQ(RunTool(Usual("tiles_one") + " --tile-size 0.5 --threads 1").exit_code, 0);
   ASSERT_EQ(RunTool(Usual("tiles_three") + " --tile-size 0.5 --threads 3").exit_code, 0);
   ExpectSameContents(output("tiles_one"), output("tiles_three"));
+}
+
+TEST_F(ReconstructCliTest, DoesStagesThatStandardInputNames) {
+  WriteScene(4, 64, 48);
+  ASSERT_EQ(RunTool(Usual() + " --plan " + (folder() / "plan.json").string()).exit_code, 0);
+  const std::string stages = std::string(ACMP_RECONSTRUCT) + " " + Usual() + " --quiet --stages";
+  const Outcome outcome = RunShell("printf 'step_0 0-1\\nstep_9 0\\nstep_0 2-3' | " + stages);
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_THAT(outcome.text, MatchesRegex("step_0 0-1: done\nstep_9 0: exit code 2: --stage step_9: must be one of "
+                                         "[^\n]*\nstep_0 2-3: done\n"));
+  const Outcome again = RunShell("echo step_0 0-3 | " + stages);
+  EXPECT_EQ(again.exit_code, 0);
+  EXPECT_EQ(again.text, "step_0 0-3: done\n");
+  EXPECT_EQ(RunTool(Usual() + " --stages --images 0 < /dev/null").exit_code, 2);
+  const Outcome stopped = RunShell("cd " + folder().string() + "; mkfifo lines; " + stages +
+                                   " <> lines > answers & echo step_0 0-3 > lines; "
+                                   "for i in $(seq 600); do grep -q done answers && break; sleep 0.05; done; "
+                                   "kill -TERM $!; wait $!");
+  EXPECT_EQ(stopped.exit_code, 1) << "while it waits for a line";
+  EXPECT_THAT(stopped.text, HasSubstr("interrupted; the same command goes on from here"));
 }
 
 }  // namespace

@@ -30,13 +30,14 @@ class ReconstructRunFixture : public ReconstructFixture {
   void Run(FakeMatcher* matcher, StopRequest* watcher) {
     log_.str("");
     out_.str("");
-    const auto make_devices = [&] {
-      std::vector<ReconstructDevice> devices(1);
-      devices[0].engines.push_back(std::make_unique<FakeMatcherEngine>(matcher));
-      devices[0].on_host = true;
-      return devices;
-    };
-    Reconstruct(options_, make_devices, watcher, &out_, &log_, false);
+    Reconstruct(
+        options_, [&] { return DevicesOf(matcher); }, watcher, &out_, &log_, false);
+  }
+  static std::vector<ReconstructDevice> DevicesOf(FakeMatcher* matcher) {
+    std::vector<ReconstructDevice> devices(1);
+    devices[0].engines.push_back(std::make_unique<FakeMatcherEngine>(matcher));
+    devices[0].on_host = true;
+    return devices;
   }
   std::string ErrorOf(FakeMatcher* matcher) {
     return MessageOf<InvalidInputError>([&] { Run(matcher); });

@@ -2,7 +2,9 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <ostream>
+#include <string>
 #include <vector>
 
 #include "acmp_mapping/engine/depth_engine.h"
@@ -28,5 +30,16 @@ using DeviceMaker = std::function<std::vector<ReconstructDevice>()>;
 /// @param log_is_terminal draws a progress bar instead of plain lines
 void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
                  std::ostream* out, std::ostream* log, bool log_is_terminal);
+
+/// The next line without its end; nothing after the last one. May throw Interrupted.
+using LineReader = std::function<std::optional<std::string>()>;
+
+/// Does stages of a plan, one after the other, as Reconstruct with options.stage does each. What they have in common is
+/// kept at hand: devices, the plan, images.
+/// @param next names them: "STAGE IMAGES", or "finish"
+/// @param out is told of each, in one line: "LINE: done" or "LINE: exit code N: message", with the program's exit codes
+/// @return whether all were done. Throws InvalidInputError for options and Interrupted; a stage that fails ends nothing
+bool ReconstructStages(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
+                       const LineReader& next, std::ostream* out, std::ostream* log, bool log_is_terminal);
 
 }  // namespace acmp

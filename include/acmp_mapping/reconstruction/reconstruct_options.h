@@ -47,6 +47,7 @@ struct ReconstructOptions {
 
   std::filesystem::path plan;  ///< file to write: only plan the stages; empty: do everything
   std::string stage;           ///< do only this one, of the images; empty: do everything
+  bool stages = false;         ///< do those that ReconstructStages is told
   int chunk_images = 16;       ///< scene indices that a planned task has
 
   std::vector<std::string> maps = {"depth", "normal", "cost", "confidence"};  ///< kinds to write; none: only the cloud
