@@ -5,7 +5,7 @@ acmp_reconstruct itself plans the tasks and says which wait for which (--plan); 
 folder OUTPUT holds all that the tasks share: every worker must see it, and SCENE, under the same name. Given again, the
 same command goes on where it was stopped; the results have the same bytes as those of acmp_reconstruct alone.
 
-  acmp_cluster.py SCENE OUTPUT                                       # on this machine, a worker process for each core
+  acmp_cluster.py SCENE OUTPUT                                       # on this machine, a worker for each core
   acmp_cluster.py SCENE OUTPUT --workers 2 -- --preset online        # after --: options of acmp_reconstruct
   acmp_cluster.py SCENE OUTPUT --scheduler tcp://HOST:8786 --resources GPU=1 -- --device cuda
 
@@ -21,9 +21,11 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 
-EXIT_DONE, EXIT_FAILED, EXIT_USE = 0, 1, 2
+EXIT_DONE, EXIT_FAILED = 0, 1
+IDLE_S = 30  # after which an acmp_reconstruct ends that has nothing to do
 
 
 class StageError(RuntimeError):
@@ -37,9 +39,10 @@ def parse_arguments():
     parser.add_argument("output", help="as for acmp_reconstruct; on a file system that all workers see")
     parser.add_argument("--scheduler", help="address of a Dask scheduler that is there, tcp://HOST:PORT")
     parser.add_argument("--scheduler-file", help="file in which a Dask scheduler has written its address")
-    parser.add_argument("--workers", type=int, default=0, help="processes of the local cluster; 0: one per core")
+    parser.add_argument("--workers", type=int, default=0, help="of the local cluster, an acmp_reconstruct each; 0: one "
+                        "per core")
     parser.add_argument("--resources", default="", help="what a task takes of its worker: GPU=1; workers must be "
-                        "started with --resources GPU=N, those of the local cluster have it N=1 times")
+                        "started with --resources GPU=N, those of the local cluster have it once")
     parser.add_argument("--retries", type=int, default=3, help="of a task that fails (%(default)s)")
     parser.add_argument("--program", default="acmp_reconstruct", help="acmp_reconstruct on the workers")
     parser.add_argument("--dashboard", default=":0", help="address of the local cluster's dashboard; needs bokeh")
@@ -75,15 +78,84 @@ def die_with_parent():
     ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL)
 
 
-def run_stage(command, *_after):
-    """On a worker. `_after`: results of what it waits for. Returns seconds."""
+class StageProcess:
+    """An acmp_reconstruct on a worker, which does one stage after the other."""
+
+    def __init__(self, command):
+        self.command = command
+        self.timer = None
+        # Dask sets this for its workers. It makes an allocation of an image a call of the kernel: 10 % of the time.
+        environment = {name: value for name, value in os.environ.items() if name != "MALLOC_TRIM_THRESHOLD_"}
+        self.program = subprocess.Popen([*command, "--stages"], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                                        stderr=subprocess.STDOUT, text=True, errors="replace", env=environment,
+                                        preexec_fn=die_with_parent)
+
+    def run(self, stage):
+        """`stage`: a line for --stages. Returns what it said. After a StageError it has ended."""
+        try:
+            self.program.stdin.write(stage + "\n")
+            self.program.stdin.flush()
+        except BrokenPipeError:
+            pass  # then it answers nothing
+        said, answer = [], None
+        for line in self.program.stdout:
+            if line.startswith(stage + ": "):
+                answer = line[len(stage) + 2:].strip()
+                break
+            said.append(line)
+        if answer == "done":
+            return "".join(said).strip()
+        code = self.end()
+        name, _, images = stage.partition(" ")
+        alone = [*self.command, "--stage", name] + (["--images", images] if images else [])
+        raise StageError(f"{answer or f'exit code {code}'}\n{''.join(said)}{' '.join(alone)}")
+
+    def end(self):
+        """Returns the exit code."""
+        try:
+            self.program.stdin.close()
+        except BrokenPipeError:
+            pass
+        self.program.stdout.close()
+        return self.program.wait()
+
+    @classmethod
+    def take(cls, idle, command):
+        """One of the idle ones, or a new one. Those of other commands end, so that they hold no memory of a GPU."""
+        while True:
+            try:
+                process = idle.pop()
+            except IndexError:
+                return cls(command)
+            process.timer.cancel()
+            if process.command == command:
+                return process
+            process.end()
+
+    def give_back(self, idle):
+        self.timer = threading.Timer(IDLE_S, self.end_if_in, [idle])
+        self.timer.daemon = True
+        idle.append(self)
+        self.timer.start()
+
+    def end_if_in(self, idle):
+        try:
+            idle.remove(self)
+        except ValueError:
+            return  # it was taken just now
+        self.end()
+
+
+def run_stage(command, stage, *_after):
+    """On a worker. `stage`: a line for --stages; `_after`: results of what it waits for. Returns seconds."""
+    from distributed import get_worker
     begin = time.monotonic()
-    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace",
-                          stdin=subprocess.DEVNULL, preexec_fn=die_with_parent, check=False)
-    if done.returncode != EXIT_DONE:
-        raise StageError(f"exit code {done.returncode}: {' '.join(command)}\n{done.stdout.strip()}")
-    if done.stdout.strip():
-        print(done.stdout.strip(), flush=True)
+    idle = get_worker().__dict__.setdefault("acmp_stage_processes", [])
+    process = StageProcess.take(idle, command)
+    said = process.run(stage)
+    process.give_back(idle)
+    if said:
+        print(said, flush=True)
     return time.monotonic() - begin
 
 
@@ -104,33 +176,45 @@ def make_plan(program, arguments):
 
 def connect(arguments, resources):
     """A client, and the cluster that must be closed after it or None."""
+    import dask
     from distributed import Client, LocalCluster  # not before the arguments are checked: takes a second
     if arguments.scheduler or arguments.scheduler_file:
         return Client(address=arguments.scheduler, scheduler_file=arguments.scheduler_file), None
-    cores = len(os.sched_getaffinity(0))
-    cluster = LocalCluster(n_workers=arguments.workers or cores, threads_per_worker=1, memory_limit=0,
-                           resources=resources or None, dashboard_address=arguments.dashboard)
+    # One process whose threads each wait for an acmp_reconstruct: each further process takes 0.7 s of a core to start.
+    # To look at its threads a hundred times a second, and at the event loop fifty times, takes 5 % of a core.
+    dask.config.set({"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "1s"})
+    workers = local_workers(arguments)
+    cluster = LocalCluster(n_workers=1, threads_per_worker=workers, memory_limit=0,
+                           resources={name: count * workers for name, count in resources.items()} or None,
+                           dashboard_address=arguments.dashboard)
     return Client(cluster), cluster
 
 
-def local_threads(arguments):
-    """Options that share this machine's cores out among the workers of a local cluster."""
-    if arguments.scheduler or arguments.scheduler_file or "--threads" in arguments.options:
+def local_workers(arguments):
+    return arguments.workers or len(os.sched_getaffinity(0))
+
+
+def local_shares(arguments):
+    """Options that share this machine's cores and memory out among those who work in a local cluster."""
+    if arguments.scheduler or arguments.scheduler_file:
         return []
-    cores = len(os.sched_getaffinity(0))
-    return ["--threads", str(max(1, cores // (arguments.workers or cores)))]
+    from distributed.system import MEMORY_LIMIT
+    workers = local_workers(arguments)
+    shares = {"--threads": max(1, len(os.sched_getaffinity(0)) // workers),
+              "--memory-limit-gb": round(MEMORY_LIMIT / 4e9 / workers, 3)}
+    given = {option.partition("=")[0] for option in arguments.options}
+    return [word for name, share in shares.items() if name not in given for word in (name, str(share))]
 
 
 def submit(client, tasks, arguments, resources, program):
     """Futures of all tasks."""
-    options = [option for option in arguments.options if option != "--overwrite"] + local_threads(arguments)
+    options = [option for option in arguments.options if option != "--overwrite"] + local_shares(arguments)
+    command = [program, arguments.scene, arguments.output, *options, "--quiet"]
     futures = []
     for number, task in enumerate(tasks):
-        command = [program, arguments.scene, arguments.output, *options, "--quiet", "--stage", task["stage"]]
-        if task["images"]:
-            command += ["--images", task["images"]]
         futures.append(client.submit(
-            run_stage, command, *[futures[other] for other in task["after"]], pure=False,
+            run_stage, command, f"{task['stage']} {task['images']}".strip(),
+            *[futures[other] for other in task["after"]], pure=False,
             key=f"{task['stage']}-{task['images']}-{os.getpid()}", retries=arguments.retries, priority=-number,
             resources=resources or None))
     return futures

@@ -1,10 +1,11 @@
 #!/usr/bin/python3
-"""scripts/acmp_cluster.py on a local Dask cluster: the bytes of a run alone, also after workers and clients were killed.
+"""scripts/acmp_cluster.py on Dask clusters: the bytes of a run alone, also after workers and clients were killed.
 
 Usage: cluster_test.py ACMP_RECONSTRUCT ACMP_MAKE_SCENE ACMP_CLUSTER. Exit code 77, which ctest shows as skipped, where
 there is no Dask distributed. Environment: ACMP_ALL_STAGES=1 to kill in every stage, which takes minutes; else in some.
 """
 
+import importlib.util
 import os
 import signal
 import subprocess
@@ -12,6 +13,7 @@ import sys
 import tempfile
 import time
 import unittest
+import unittest.mock
 from pathlib import Path
 
 try:
@@ -66,19 +68,19 @@ class ClusterTest(unittest.TestCase):
             self.assertEqual(content, self.alone[name], name)
 
     @staticmethod
-    def stage_process(client, stage):
-        """The acmp_reconstruct that does this stage below a client, and its worker; or None."""
+    def programs(root):
+        """Each acmp_reconstruct that does stages below a process."""
+        found = []
         try:
-            for process in psutil.Process(client.pid).children(recursive=True):
+            for process in psutil.Process(root.pid).children(recursive=True):
                 try:
-                    line = process.cmdline()
-                    if "--stage" in line and line[line.index("--stage") + 1] == stage:
-                        return process, process.parent()
-                except (psutil.NoSuchProcess, psutil.AccessDenied, psutil.ZombieProcess, IndexError):
+                    if "--stages" in process.cmdline():
+                        found.append(process)
+                except (psutil.NoSuchProcess, psutil.AccessDenied, psutil.ZombieProcess):
                     continue
         except psutil.NoSuchProcess:
             pass
-        return None
+        return found
 
     @staticmethod
     def is_gone(process):
@@ -92,13 +94,20 @@ class ClusterTest(unittest.TestCase):
             time.sleep(0.01)
         return False
 
-    def wait_for_stage(self, client, stage):
+    @staticmethod
+    def files_of(output, stage):
+        if stage == "finish":
+            return len(list(output.glob("fused.ply*")))
+        return len(list((output / "work" / {"fuse": "points"}.get(stage, stage)).glob("*")))
+
+    def wait_for_stage(self, client, root, output, stage):
+        """Until a stage writes a file. Each acmp_reconstruct below `root` then; none when the client ended before."""
+        before = self.files_of(output, stage)
         while client.poll() is None:
-            found = self.stage_process(client, stage)
-            if found and found[1] and found[1].pid != client.pid:
-                return found
+            if self.files_of(output, stage) > before:
+                return self.programs(root)
             time.sleep(0.002)
-        return None
+        return []
 
     def test_same_bytes_as_alone_and_complete_afterwards(self):
         output = self.folder / "same"
@@ -110,22 +119,37 @@ class ClusterTest(unittest.TestCase):
         self.assertEqual(again.returncode, 0, again.stdout)
         self.assertIn("already complete", again.stdout)
 
-    def test_workers_killed(self):
+    def test_workers_of_a_scheduler_killed(self):
         output = self.folder / "killed"
-        with open(self.folder / "killed.log", "w+", encoding="utf-8") as log:
-            client = subprocess.Popen(self.command(output), stdout=log, stderr=log)
-            killed = []
-            for stage in WORKER_STAGES:
-                found = self.wait_for_stage(client, stage)
-                if not found:
-                    continue
-                program, worker = found
-                worker.send_signal(signal.SIGKILL)
-                killed.append(stage)
-                self.assertTrue(self.is_gone(program), "goes with its worker")
-            self.assertEqual(client.wait(timeout=300), 0, (self.folder / "killed.log").read_text()[-3000:])
-        self.assertGreaterEqual(len(killed), 5 if ALL_STAGES else 1, killed)  # the shortest may be over before it is seen
-        print("workers killed in", killed)
+        address = self.folder / "scheduler.json"
+        start = [sys.executable, "-m"]
+        scheduler = subprocess.Popen([*start, "distributed.cli.dask_scheduler", "--scheduler-file", str(address),
+                                      "--host", "127.0.0.1", "--port", "0", "--no-dashboard"],
+                                     stderr=subprocess.DEVNULL)
+        workers = [subprocess.Popen([*start, "distributed.cli.dask_worker", "--scheduler-file", str(address),
+                                     "--nthreads", "1", "--no-dashboard", "--local-directory", str(self.folder)],
+                                    stderr=subprocess.DEVNULL) for _ in range(2)]
+        try:
+            with open(self.folder / "killed.log", "w+", encoding="utf-8") as log:
+                client = subprocess.Popen(self.command(output, "--scheduler-file", str(address)), stdout=log,
+                                          stderr=log)
+                killed = []
+                for stage in WORKER_STAGES:
+                    victim = len(killed) % 2
+                    programs = self.wait_for_stage(client, workers[victim], output, stage)
+                    for program in programs:
+                        # A worker, or only its acmp_reconstruct: the task is tried again.
+                        (program.parent() if victim == 0 else program).send_signal(signal.SIGKILL)
+                        killed.append(stage)
+                        self.assertTrue(self.is_gone(program), "goes with its worker")
+                self.assertEqual(client.wait(timeout=300), 0, (self.folder / "killed.log").read_text()[-3000:])
+        finally:
+            for process in [*workers, scheduler]:
+                process.terminate()
+            for process in [*workers, scheduler]:
+                process.wait(timeout=60)
+        self.assertGreaterEqual(len(killed), 5 if ALL_STAGES else 1, killed)  # the shortest may not be seen
+        print("killed in", killed)
         self.expect_same(output)
 
     def test_the_client_killed_and_started_again(self):
@@ -134,7 +158,7 @@ class ClusterTest(unittest.TestCase):
         for stage in CLIENT_STAGES:
             client = subprocess.Popen(self.command(output, "--quiet"), stdout=subprocess.DEVNULL,
                                       stderr=subprocess.DEVNULL, start_new_session=True)
-            if self.wait_for_stage(client, stage):
+            if self.wait_for_stage(client, client, output, stage):
                 killed.append(stage)
                 os.killpg(client.pid, signal.SIGKILL)
             client.wait(timeout=300)
@@ -143,6 +167,37 @@ class ClusterTest(unittest.TestCase):
         self.assertGreaterEqual(len(killed), 4 if ALL_STAGES else 1, killed)
         print("client killed in", killed)
         self.expect_same(output)
+
+    def test_a_process_ends_when_it_fails_is_idle_or_another_is_wanted(self):
+        spec = importlib.util.spec_from_file_location("acmp_cluster", CLUSTER)
+        cluster = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(cluster)
+        command = [PROGRAM, self.scene, str(self.folder / "alone"), *OPTIONS]
+        idle = []
+        with unittest.mock.patch.dict(os.environ, {"MALLOC_TRIM_THRESHOLD_": "65536", "OTHER": "kept"}):
+            process = cluster.StageProcess.take(idle, command)
+        environment = psutil.Process(process.program.pid).environ()
+        self.assertEqual((environment.get("MALLOC_TRIM_THRESHOLD_"), environment.get("OTHER")), (None, "kept"))
+        self.assertIn("already complete", process.run("step_0 0-3"))
+        process.give_back(idle)
+        self.assertIs(cluster.StageProcess.take(idle, command), process)
+        with self.assertRaisesRegex(cluster.StageError, "(?s)^exit code 2: --stages: line .* --stage step_0 --images"):
+            process.run("step_0 0 1")
+        self.assertEqual(process.program.returncode, 1)
+        process = cluster.StageProcess.take(idle, command)
+        process.program.kill()
+        with self.assertRaisesRegex(cluster.StageError, "^exit code -9\n"):
+            process.run("step_0 0-3")
+        with self.assertRaisesRegex(cluster.StageError, "^exit code 2\n.*--seed"):
+            cluster.StageProcess.take(idle, [*command, "--seed", "nonsense"]).run("step_0 0-3")
+        first = cluster.StageProcess.take(idle, command)
+        first.give_back(idle)
+        cluster.IDLE_S = 0.1
+        second = cluster.StageProcess.take(idle, [*command, "--seed", "2"])
+        self.assertEqual(first.program.returncode, 0)
+        second.give_back(idle)
+        second.timer.join()
+        self.assertEqual((second.program.returncode, idle), (0, []))
 
     def test_a_task_that_fails_says_why(self):
         bad = self.run_cluster(self.folder / "bad", "--retries", "0", "--program", "/bin/false")
