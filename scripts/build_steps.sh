@@ -44,6 +44,7 @@ configure_sanitized() {
   local clang
   clang=$(command -v clang++) || { echo "clang++ is missing: apt-get install clang" >&2; return 1; }
   ACMP_CUDA=OFF configure -DACMP_WARNINGS_AS_ERRORS=OFF -DACMP_FUZZ=ON -DACMP_PYTHON=OFF -DCMAKE_CXX_COMPILER="$clang" \
-    -DCMAKE_CXX_FLAGS="-fsanitize=$1 -fno-sanitize-recover=all -fno-omit-frame-pointer -D_GLIBCXX_ASSERTIONS" \
+    -DCMAKE_CXX_FLAGS="-fsanitize=$1 -fno-sanitize-recover=all -fno-omit-frame-pointer -D_GLIBCXX_ASSERTIONS \
+-fsanitize-ignorelist=$PWD/scripts/sanitizer_suppressions/headers.txt" \
     -DCMAKE_CXX_FLAGS_RELEASE="-O1 -g1"
 }

@@ -100,6 +100,7 @@ sensor_msgs::PointCloud2 ToPointCloud2(const std::vector<Eigen::Vector3d>& point
   modifier.setPointCloud2Fields(3, "x", 1, sensor_msgs::PointField::FLOAT32, "y", 1, sensor_msgs::PointField::FLOAT32,
                                 "z", 1, sensor_msgs::PointField::FLOAT32);
   modifier.resize(points.size());
+  if (points.empty()) return message;  // the iterator would take the address of the first byte
   sensor_msgs::PointCloud2Iterator<float> value(message, "x");
   for (const Eigen::Vector3d& point : points) {
     for (int axis = 0; axis < 3; ++axis) value[axis] = static_cast<float>(point[axis]);

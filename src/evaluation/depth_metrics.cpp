@@ -13,7 +13,9 @@ namespace {
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 // Nearest pixel of an estimate `size` px long for each of `target_size` pixels: u -> (u + 0.5) s - 0.5, halves to even.
+// Empty where the estimate is.
 std::vector<int> NearestPixels(int size, int target_size) {
+  if (size == 0) return {};
   std::vector<int> nearest(target_size);
   for (int i = 0; i < target_size; ++i) {
     const double position = (i + 0.5) * size / target_size - 0.5;

@@ -34,6 +34,7 @@ sensor_msgs::PointCloud2 MakeCloud(const std::vector<Eigen::Vector3f>& points, c
   sensor_msgs::PointCloud2Modifier modifier(cloud);
   modifier.setPointCloud2FieldsByString(1, "xyz");
   modifier.resize(points.size());
+  if (points.empty()) return cloud;  // the iterator would take the address of the first byte
   sensor_msgs::PointCloud2Iterator<float> x(cloud, "x");
   for (const Eigen::Vector3f& point : points) {
     x[0] = point.x();
