@@ -18,9 +18,12 @@ size_t EditDistance(const std::string& a, const std::string& b) {
   return previous[b.size()];
 }
 
-std::string MostSimilar(const std::string& word, const std::vector<std::string>& words) {
-  return *std::min_element(words.begin(), words.end(),
-                           [&](const auto& a, const auto& b) { return EditDistance(a, word) < EditDistance(b, word); });
+std::optional<std::string> MostSimilar(const std::string& word, const std::vector<std::string>& words) {
+  const auto nearest = std::min_element(words.begin(), words.end(), [&](const auto& a, const auto& b) {
+    return EditDistance(a, word) < EditDistance(b, word);
+  });
+  if (nearest == words.end() || EditDistance(*nearest, word) > word.size() / 2) return std::nullopt;
+  return *nearest;
 }
 
 }  // namespace acmp

@@ -131,7 +131,9 @@ std::string DescribeValues(const OptionDescription& option, const OptionValue& l
 }
 
 void RefuseUnknownOption(const std::string& name, const std::vector<std::string>& names) {
-  throw InvalidInputError(Concat("unknown parameter ", name, ": did you mean ", MostSimilar(name, names), "?"));
+  const std::optional<std::string> similar = MostSimilar(name, names);
+  throw InvalidInputError(Concat("unknown parameter ", name, ": ",
+                                 similar ? "did you mean " + *similar + "?" : "none has a name like that"));
 }
 
 std::pair<std::string, std::string> SplitAssignment(const std::string& assignment) {

@@ -85,8 +85,9 @@ std::vector<std::string> ParameterReader::DescribeUnknown() const {
       sentences.push_back(Concat("parameter ~", name, " has no effect here: it is one of ", elsewhere->second));
       continue;
     }
-    sentences.push_back(Concat("unknown parameter ~", name, " has no effect: did you mean ~",
-                               MostSimilar(name, {known_.begin(), known_.end()}), "?"));
+    const std::optional<std::string> similar = MostSimilar(name, {known_.begin(), known_.end()});
+    sentences.push_back(Concat("unknown parameter ~", name, " has no effect: ",
+                               similar ? "did you mean ~" + *similar + "?" : "none has a name like that"));
   }
   return sentences;
 }

@@ -110,6 +110,7 @@ TEST(OptionTest, ARefusalNamesOptionValueAndBound) {
   EXPECT_THAT(Refusal("on=1"), HasSubstr("true or false"));
   EXPECT_THAT(Refusal("doors"), HasSubstr("NAME=VALUE"));
   EXPECT_THAT(Refusal("door=3"), AllOf(HasSubstr("unknown parameter door"), HasSubstr("mean doors?")));
+  EXPECT_THAT(Refusal("weight=3"), HasSubstr("unknown parameter weight: none has a name like that"));
 }
 
 TEST(OptionTest, CheckFindsWhatIsOutOfBounds) {

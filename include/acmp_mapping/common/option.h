@@ -49,7 +49,7 @@ std::string ToYaml(const OptionValue& value);
 /// "true or false", "2 to 64 px", "auto, cuda, cpu"; empty for any text.
 std::string DescribeValues(const OptionDescription& option, const OptionValue& like);
 
-/// Throws InvalidInputError that names the most similar one of `names`.
+/// Throws InvalidInputError that names the most similar one of `names`, if one is similar.
 [[noreturn]] void RefuseUnknownOption(const std::string& name, const std::vector<std::string>& names);
 
 namespace internal {
