@@ -86,8 +86,8 @@ std::optional<std::string> ConventionCheck::Judge(const PoseSemantics& configure
   const bool fits = best_image > kConvincingImage && best_image > kClearlyBetter * now_image;
   const bool plausible = Share(now.in_front) >= kPlausibleFront;
   if (plausible && !fits) return std::nullopt;
-  const std::string found = Concat("of the sparse points of the first ", keyframes_, " keyframes only ",
-                                   Percent(Share(now.in_front)), " % lie in front of the camera and ",
+  const std::string found = Concat("of the sparse points of the first ", keyframes_, " keyframes ",
+                                   Percent(Share(now.in_front)), " % lie in front of the camera and only ",
                                    Percent(now_image), " % in the image (poses read as ", Describe(configured), ")");
   const std::string other = Concat(best->name, ": ", Percent(best_image), " % in the image");
   if (fits) return Concat(found, "; with ", other, ": set this");
