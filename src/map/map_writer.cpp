@@ -24,17 +24,16 @@ namespace fs = std::filesystem;
 
 std::string NoFolder(const fs::path& folder) { return Concat("there is no folder \"", folder.string(), "\""); }
 
-void CheckName(const fs::path& path) {
+/// home: where a file may lie, for the example in place of ~
+void CheckName(const fs::path& path, const fs::path& home) {
   if (path.empty() || !path.has_filename()) RefusePath(path, "names no file");
   if (path.native().find('\0') != std::string::npos) {  // what() would end there
     throw InvalidInputError("path: must not contain a zero character");
   }
   const fs::path first = *path.begin();
   if (path == "~" || (first.native()[0] == '~' && path.has_parent_path())) {
-    const char* home = std::getenv("HOME");
     const fs::path rest = path == first ? fs::path("map.ply") : path.lexically_relative(first);
-    RefusePath(path, Concat("~ stands for no folder here: write it out, for example ",
-                            (fs::path(home ? home : "/home/you") / rest).string()));
+    RefusePath(path, Concat("~ stands for no folder here: write it out, for example ", (home / rest).string()));
   }
 }
 
@@ -96,10 +95,10 @@ void WriteAsciiPly(const fs::path& path, const PointCloud& map) {
 }  // namespace
 
 fs::path MapPathBelow(const fs::path& folder, const fs::path& path) {
-  CheckName(path);
   std::error_code error;
   const fs::path top = fs::canonical(folder, error);
   if (error) throw InvalidInputError(Concat("save_folder = \"", folder.string(), "\": ", error.message()));
+  CheckName(path, top);
   const fs::path parent = fs::canonical((top / path).parent_path(), error);
   if (error) RefusePath(path, NoFolder((top / path).parent_path()));
   if (std::mismatch(top.begin(), top.end(), parent.begin(), parent.end()).first != top.end()) {
@@ -109,7 +108,8 @@ fs::path MapPathBelow(const fs::path& folder, const fs::path& path) {
 }
 
 void CheckMapPath(const fs::path& path) {
-  CheckName(path);
+  const char* home = std::getenv("HOME");
+  CheckName(path, home ? home : "/home/you");
   const fs::path folder = path.has_parent_path() ? path.parent_path() : fs::path(".");
   if (!fs::is_directory(folder)) RefusePath(path, NoFolder(fs::absolute(folder)));
   if (fs::is_directory(path)) RefusePath(path, "is a folder");

@@ -96,7 +96,9 @@ TEST_F(MapWriterTest, TildeIsNotTakenForAName) {
     EXPECT_EQ(message.rfind("path = \"" + path + "\": ~ stands for no folder here: write it out, for example ", 0), 0u)
         << message;
     EXPECT_NE(message.find(example), std::string::npos) << message;
-    EXPECT_EQ(RefusalOf([&] { MapPathBelow(folder_, path); }), message);
+    const fs::path allowed = fs::canonical(folder_) / "map.ply";
+    EXPECT_NE(RefusalOf([&] { MapPathBelow(folder_, path); }).find("for example " + allowed.string()),
+              std::string::npos);
   }
   WriteMap("~map.ply", MakeMap(3), MapFormat::kPly, true);  // as a shell does
   EXPECT_EQ(FilesInFolder(), 2u);
