@@ -13,13 +13,15 @@
 namespace acmp {
 namespace {
 
+constexpr char kOtherFormats[] =
+    "; of the files of VINS, ORB-SLAM, Kalibr and others, rosrun acmp_mapping convert_calibration.py makes one";
 constexpr int kMaxCoefficients = 14;  // the most of any model of CameraInfo
 
 /// One matrix of the file, of some name; `found` is what the name has.
 class MatrixNode {
  public:
   MatrixNode(const YAML::Node& file, const char* name) : name_(name), node_(file[name]) {
-    if (!node_) throw InvalidInputError(Concat(name_, " is missing"));
+    if (!node_) throw InvalidInputError(Concat(name_, " is missing", kOtherFormats));
     if (!node_.IsMap()) throw InvalidInputError(Concat(name_, ": must have rows, cols and data"));
     rows = Number("rows");
     cols = Number("cols");
@@ -53,7 +55,7 @@ void CheckYaml(const std::string& path) {
   const YAML::Node file = YAML::LoadFile(path);
   if (!file.IsMap()) throw InvalidInputError("must be a map of names and values");
   for (const char* name : {"image_width", "image_height"}) {
-    if (!file[name]) throw InvalidInputError(Concat(name, " is missing"));
+    if (!file[name]) throw InvalidInputError(Concat(name, " is missing", kOtherFormats));
     CheckRange(name, file[name].as<int>(), 1, 1000000);
   }
   const std::tuple<const char*, int, int> sizes[] = {

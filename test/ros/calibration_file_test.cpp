@@ -11,6 +11,8 @@ namespace {
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
+constexpr char kConverter[] = "rosrun acmp_mapping convert_calibration.py";  // for files of other systems
+
 class CalibrationFileTest : public TestFolder {
  protected:
   CalibrationFileTest() : good_(ReadText(ACMP_SOURCE_DIR "/test/ros/small_camera.yaml")) {}
@@ -53,8 +55,9 @@ TEST_F(CalibrationFileTest, MatricesOfAnotherSizeAreRefusedWithBothSizes) {
 }
 
 TEST_F(CalibrationFileTest, WhatIsMissingOrNoNumberIsNamed) {
-  EXPECT_THAT(RefusalOf("camera_matrix", "K"), HasSubstr("camera_matrix is missing"));
-  EXPECT_THAT(RefusalOf("image_width: 64", "width: 64"), HasSubstr("image_width is missing"));
+  EXPECT_THAT(RefusalOf("camera_matrix", "K"), AllOf(HasSubstr("camera_matrix is missing"), HasSubstr(kConverter)));
+  EXPECT_THAT(RefusalOf("image_width: 64", "width: 64"),
+              AllOf(HasSubstr("image_width is missing"), HasSubstr(kConverter)));
   EXPECT_THAT(RefusalOf("image_width: 64", "image_width: -64"), HasSubstr("image_width = -64"));
   EXPECT_THAT(RefusalOf("camera_matrix: {rows: 3", "camera_matrix: {columns: 3"),
               HasSubstr("camera_matrix.rows is missing"));
