@@ -255,6 +255,10 @@ CameraCalibration ToCalibration(const sensor_msgs::CameraInfo& info, bool rectif
     throw InvalidInputError(
         Concat("camera_info of ", width, "x", height, " pixels: must be at most ", kMaxImageSide, " a side"));
   }
+  if (width < 1 || height < 1) {
+    throw InvalidInputError(Concat("camera_info of ", full_width, "x", full_height, " pixels with binning ", binning_x,
+                                   " and ", binning_y, ": a pixel must be left"));
+  }
   CameraCalibration calibration;
   // A binned pixel u covers the full pixels b u .. b u + b - 1, hence the half pixels.
   calibration.camera.width = static_cast<int>(width);
