@@ -20,7 +20,7 @@ std::string DescribeUnderWay(const std::map<std::string, MapperTraffic>& mappers
   for (const auto& [name, mapper] : mappers) {
     if (mapper.images_under_way == 0) continue;
     text += Concat("; ", mapper.images_under_way, " images were still under way in ", name,
-                   " when its last points came: its service flush finishes them");
+                   " when its last points came: its service flush finishes them, if it has not since");
   }
   return text;
 }

@@ -39,8 +39,8 @@ TEST(MapDiagnostics, SayWhatIsNotInTheMapYet) {
   MapSnapshot snapshot = HealthyMap();
   EXPECT_EQ(DescribeUnderWay(snapshot.mappers), "");
   snapshot.mappers["/acmp_2/dense_mapper"].images_under_way = 7;
-  EXPECT_THAT(DescribeUnderWay(snapshot.mappers),
-              AllOf(HasSubstr("7 images"), HasSubstr("/acmp_2/dense_mapper"), HasSubstr("flush")));
+  EXPECT_THAT(DescribeUnderWay(snapshot.mappers), AllOf(HasSubstr("7 images"), HasSubstr("/acmp_2/dense_mapper"),
+                                                        HasSubstr("flush finishes them, if it has not since")));
   EXPECT_THAT(ValueOf(Describe(&DescribeMappers, snapshot), "/acmp_2/dense_mapper"), HasSubstr("under way then: 7"));
 }
 
