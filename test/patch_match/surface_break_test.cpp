@@ -102,8 +102,8 @@ TEST_F(SurfaceBreakTest, UpdatesUseNarrowerColourWeightsThere) {
   for (const int col : {12, 18, 22}) {
     const float expected = col == 12 ? 3.0f : 1.5f;
     for (const auto& [sigma_of_update, sigma] :
-         {std::pair(&SigmaOfUpdate<Pass::kPlanarPrior>, expected), std::pair(&SigmaOfUpdate<Pass::kGeometric>, expected),
-          std::pair(&SigmaOfUpdate<Pass::kPhotometric>, 3.0f)}) {
+         {std::pair(&SigmaOfUpdate<Pass::kPlanarPrior>, expected),
+          std::pair(&SigmaOfUpdate<Pass::kGeometric>, expected), std::pair(&SigmaOfUpdate<Pass::kPhotometric>, 3.0f)}) {
       SetDepths([](int i, int /*row*/) { return i < 20 ? 4.0 : 5.0; });
       EXPECT_NEAR(sigma_of_update(&state_, col, 15), sigma, kTolerance) << col;
     }
