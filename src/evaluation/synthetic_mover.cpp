@@ -35,7 +35,7 @@ SyntheticWorld WithMovingObject(const SyntheticWorld& world, int index, const Sy
   const Vec3d from_camera = place.ahead * Normalized(Level(middle.forward)) +
                             place.right * Normalized(Level(middle.right)) - Vec3d{0, 0, place.down};
   const Vec3d moved = kShareOfSpeed * Level(pose(index).center - middle.center);
-  const Material material = {Pattern::kMosaic, {70, 40, 90}, {236, 200, 120}, 0};
+  const Material material = {Pattern::kMosaic, {70, 40, 90}, {236, 200, 120}};
   SyntheticWorld with = world;
   with.objects.push_back(Box(middle.center + from_camera + moved, place.half, material, kYaw23));
   return with;
