@@ -286,7 +286,7 @@ class PackageXml(unittest.TestCase):
                 "JPEG": "libjpeg", "octomap": "octomap", "OpenCV": "libopencv-dev", "PCL": "libpcl-all-dev", "PNG": "libpng-dev", "TBB": "tbb",
                 "ZLIB": "zlib", "depth_image_proc": "depth_image_proc", "yaml-cpp": "yaml-cpp",
                 "nanoflann": "libnanoflann-dev", "nlohmann_json": "nlohmann-json-dev",
-                "pcl_conversions": "pcl_conversions", "Python3": "python3-dev", "pybind11": "pybind11-dev",
+                "pcl_conversions": "pcl_conversions", "Python": "python3-dev", "pybind11": "pybind11-dev",
                 "rosbag_storage": "rosbag", "rostest": "rostest"}
         others = {"CUDAToolkit", "Threads", "catkin"}
         found = set()
