@@ -60,7 +60,9 @@ class BundleRefinementTest : public ::testing::Test {
     for (int anchor = 0; anchor < kViews; ++anchor) {
       for (int k = 0; k < 60; ++k) {
         const ViewPose& pose = truth_[static_cast<size_t>(anchor)];
-        const Eigen::Vector2d where(Uniform(10, camera_.width - 10), Uniform(10, camera_.height - 10));
+        // One draw after the other: compilers take arguments in an order of their own.
+        const double row = Uniform(10, camera_.height - 10);
+        const Eigen::Vector2d where(Uniform(10, camera_.width - 10), row);
         const double depth = Uniform(1.2, 5);
         const Eigen::Vector3d point = pose.rotation.conjugate() * camera_.Unproject(where, depth) + pose.centre;
         Landmark landmark;
@@ -71,7 +73,8 @@ class BundleRefinementTest : public ::testing::Test {
           if (view == anchor) continue;
           const Eigen::Vector2d pixel = See(point, kInterval * view, errors);
           if (!camera_.Contains(pixel)) continue;
-          landmark.sightings.push_back({view, pixel + Eigen::Vector2d(Uniform(-0.2, 0.2), Uniform(-0.2, 0.2))});
+          const double row_error = Uniform(-0.2, 0.2);
+          landmark.sightings.push_back({view, pixel + Eigen::Vector2d(Uniform(-0.2, 0.2), row_error)});
         }
         if (landmark.sightings.size() < 2) continue;
         landmark.inverse_depth = 1 / 2.5;
