@@ -220,7 +220,12 @@ void DenseMapperNodelet::HandleConfig(DenseMapperConfig& config) {
 }
 
 void DenseMapperNodelet::UseSetting(const AutoPreset& chosen, const std::string& text) {
-  const RuntimeOptions& wanted = auto_options_[chosen.index()];
+  const boost::recursive_mutex::scoped_lock lock(config_mutex_);
+  const DenseMapperOptions& setting = auto_options_[chosen.index()].mapper;
+  RuntimeOptions wanted = runtime_options_->Get();  // the rest may have been changed since the start
+  wanted.mapper.pipeline = setting.pipeline;
+  wanted.mapper.source_views.max_source_views = setting.source_views.max_source_views;
+  wanted.mapper.min_source_views = setting.min_source_views;
   runtime_options_->Set(wanted);
   reconfigure_->updateConfig(ToConfig(wanted));
   if (chosen.keeps_up()) {
