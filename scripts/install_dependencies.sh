@@ -80,15 +80,18 @@ add_non_free() {
   apt_get update
 }
 
+# is_known PACKAGE: apt-cache show also succeeds for packages that others only name.
+is_known() { [ -n "$(apt-cache madison "$1")" ]; }
+
 # install_missing: headers alone, for any processor, may come from the next release; what else this one lacks ends it.
 install_missing() {
   local package here=() next=()
   apt_get update || return 1
   for package in "${missing[@]}"; do
-    if packages cuda | grep -qx "$package" && ! apt-cache show "$package" >/dev/null 2>&1; then
+    if packages cuda | grep -qx "$package" && ! is_known "$package"; then
       add_non_free || return 1
     fi
-    if packages headers | grep -qx "$package" && ! apt-cache show "$package" >/dev/null 2>&1; then
+    if packages headers | grep -qx "$package" && ! is_known "$package"; then
       next+=("$package")
     else
       here+=("$package")
