@@ -4,7 +4,7 @@
 # Usage: scripts/install_dependencies.sh [--display] [--cuda]
 #   --display   also what is needed to look at the demo (rviz)
 #   --cuda      also Debian's CUDA toolkit, which is in its section non-free: where apt does not know that section, it is
-#               added. Not on Debian 11, whose CUDA 11.2 is too old. The driver is yours to install.
+#               added, with contrib and non-free-firmware. Not on Debian 11, whose CUDA 11.2 is too old. The driver is yours to install.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -73,9 +73,9 @@ install_from_next_release() {
     "${as_root[@]}" dpkg -i "$folder"/*.deb && "${as_root[@]}" rm -rf "$folder"
 }
 
-# add_non_free: the section non-free from where the release comes from.
+# add_non_free: the section non-free from where the release comes from, and what the driver's library there needs.
 add_non_free() {
-  apt-get indextargets --format "deb \$(REPO_URI) $release non-free" "Created-By: Packages" "Component: main" \
+  apt-get indextargets --format "deb \$(REPO_URI) $release contrib non-free non-free-firmware" "Created-By: Packages" "Component: main" \
     "Codename: $release" | sort -u | "${as_root[@]}" tee /etc/apt/sources.list.d/acmp_mapping_non_free.list
   apt_get update
 }
