@@ -4,7 +4,8 @@
 # Usage: scripts/install_dependencies.sh [--display] [--cuda]
 #   --display   also what is needed to look at the demo (rviz)
 #   --cuda      also Debian's CUDA toolkit, which is in its section non-free: where apt does not know that section, it is
-#               added, with contrib and non-free-firmware. Not on Debian 11, whose CUDA 11.2 is too old. The driver is yours to install.
+#               added, with contrib and non-free-firmware. Not on Debian 11, whose CUDA 11.2 is too old. The driver is
+#               yours to install.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
