@@ -34,7 +34,7 @@ template <int kSize>
 py::array ToNumpy(const Eigen::Matrix<double, kSize, kSize>& matrix) {
   py::array_t<double> array({kSize, kSize});
   Eigen::Map<Eigen::Matrix<double, kSize, kSize, Eigen::RowMajor>>(array.mutable_data()) = matrix;
-  return std::move(array);
+  return array;
 }
 
 /// Of the points in a cloud: (M, 3) arrays and one of (M,).

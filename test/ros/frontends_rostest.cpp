@@ -142,7 +142,7 @@ class FrontendTest : public ::testing::Test {
 
   ros::NodeHandle nh_;
   ros::AsyncSpinner spinner_{1};
-  const FrontendTraits& traits_ = FindFrontend(Name());
+  const FrontendTraits traits_ = FindFrontend(Name());
   FrontendPlayer player_{nh_, traits_, MakeViews(traits_)};
   Recorder<sensor_msgs::Image> depth_{nh_, "/acmp/depth/image_rect"};
   Recorder<geometry_msgs::PoseStamped> pose_{nh_, "/acmp/keyframe_pose"};

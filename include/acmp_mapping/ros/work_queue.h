@@ -85,15 +85,16 @@ class WorkQueue {
 
   /// Waits for work; none once the queue is stopped. The worker counts as working from here to its next call.
   std::optional<Item> Pop() {
+    std::optional<Item> item;
     std::unique_lock<std::mutex> lock(mutex_);
     working_ = false;
     work_.wait(lock, [&] { return stopped_ || !urgent_.empty() || !items_.empty(); });
-    if (stopped_) return std::nullopt;
+    if (stopped_) return item;
     std::deque<Item>& lane = urgent_.empty() ? items_ : urgent_;
-    Item item = std::move(lane.front());
+    item = std::move(lane.front());
     lane.pop_front();
-    if (item.index() == 0) --inputs_;
-    if (item.index() == 2) --overtaken_;
+    if (item->index() == 0) --inputs_;
+    if (item->index() == 2) --overtaken_;
     working_ = true;
     lock.unlock();
     room_.notify_all();
