@@ -2,35 +2,28 @@
 
 #include <algorithm>
 #include <cmath>
+#include <deque>
 #include <optional>
+#include <queue>
+#include <utility>
+#include <vector>
 
 #include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/median.h"
-#include "acmp_mapping/keyframe/landmark_visibility.h"
 
 namespace acmp {
 namespace {
 
 constexpr int kGridCells = 8;  // per axis; 16 x 12 choose no better
-constexpr size_t kGridPoints = kGridCells * kGridCells;
+constexpr int kGridPoints = kGridCells * kGridCells;
 
-using PointWeights = Eigen::Array<double, kGridPoints, 1>;
+using PerPoint = Eigen::Array<double, kGridPoints, 1>;
+using GridPoints = Eigen::Array<double, kGridPoints, 3>;  ///< x, y, z
 
 Eigen::Vector3d CentreInWorld(const PosedCamera& view) { return view.cam_from_world.inverse().translation(); }
 
 double MeanFocalLength(const PinholeCamera& camera) { return 0.5 * (camera.fx + camera.fy); }
-
-/// 0 at the least angle, rising to 1 over the best angles, then falling like a Gaussian: wide baselines still match,
-/// but foreshortening and occlusion grow. Best angles of 3 to 8 or 8 to 14 degrees choose about as well.
-double AngleWeight(double angle_deg) {
-  constexpr double kBestMinDeg = 5.0, kBestMaxDeg = 10.0;
-  if (angle_deg < kBestMinDeg) {
-    return std::max(0.0, (angle_deg - kMinSourceAngleDeg) / (kBestMinDeg - kMinSourceAngleDeg));
-  }
-  const double excess = std::max(0.0, angle_deg - kBestMaxDeg) / kBestMaxDeg;
-  return std::exp(-0.5 * excess * excess);
-}
 
 /// 1 while the two images show a surface at about the same resolution; windows of very different scale do not
 /// correlate.
@@ -40,9 +33,8 @@ double ScaleWeight(double px_per_unit_ratio) {
   return ratio <= kFreeRatio ? 1.0 : (kFreeRatio / ratio) * (kFreeRatio / ratio);
 }
 
-double AngleDeg(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
-  // atan2 keeps its precision at the small angles that decide whether there is a baseline; acos does not.
-  return std::atan2(a.cross(b).norm(), a.dot(b)) / kRadPerDeg<double>;
+GridPoints TowardsCentre(const GridPoints& points, const Eigen::Vector3d& centre) {
+  return centre.transpose().array().replicate<kGridPoints, 1>() - points;
 }
 
 /// What the reference sees, were everything at one depth.
@@ -50,34 +42,85 @@ struct Reference {
   Reference(const PosedCamera& view, double depth) : centre(CentreInWorld(view)), depth(depth) {
     const RigidTransform world_from_cam = view.cam_from_world.inverse();
     focal_length = MeanFocalLength(view.camera);
-    points.reserve(kGridPoints);
     for (int row = 0; row < kGridCells; ++row) {
       for (int col = 0; col < kGridCells; ++col) {
         const Eigen::Vector2d pixel((col + 0.5) / kGridCells * view.camera.width - 0.5,
                                     (row + 0.5) / kGridCells * view.camera.height - 0.5);
-        points.push_back(world_from_cam * view.camera.Unproject(pixel, depth));
+        points.row(row * kGridCells + col) = (world_from_cam * view.camera.Unproject(pixel, depth)).array();
       }
     }
+    to_centre = TowardsCentre(points, centre);
   }
 
-  std::vector<Eigen::Vector3d> points;  ///< in the world
-  Eigen::Vector3d centre;               ///< of the camera, in the world
-  double depth;                         ///< of the points
-  double focal_length;                  ///< px
+  GridPoints points;       ///< in the world
+  GridPoints to_centre;    ///< from them
+  Eigen::Vector3d centre;  ///< of the camera, in the world
+  double depth;            ///< of the points
+  double focal_length;     ///< px
 };
+
+/// Depths of the points in a view; 0 where it does not see them (DepthInView).
+PerPoint DepthsInView(const GridPoints& points, const PosedCamera& view) {
+  const Eigen::Matrix3d rotation = view.cam_from_world.linear();
+  const Eigen::Vector3d translation = view.cam_from_world.translation();
+  const auto in_cam = [&](int axis) -> PerPoint {
+    return points.col(0) * rotation(axis, 0) + points.col(1) * rotation(axis, 1) + points.col(2) * rotation(axis, 2) +
+           translation[axis];
+  };
+  const PinholeCamera& camera = view.camera;
+  const PerPoint z = in_cam(2);
+  const PerPoint u = camera.fx * in_cam(0) / z + camera.cx, v = camera.fy * in_cam(1) / z + camera.cy;
+  return (z > 0 && u >= -0.5 && v >= -0.5 && u < camera.width - 0.5 && v < camera.height - 0.5).select(z, 0.0);
+}
+
+/// Triangulation angles at the points, by their tangents: most weights need no more.
+struct Angles {
+  Angles(const GridPoints& to_reference, const GridPoints& points, const Eigen::Vector3d& centre) {
+    const GridPoints to_view = TowardsCentre(points, centre);
+    const auto product = [&](int i, int j) -> PerPoint {
+      return to_reference.col(i) * to_view.col(j) - to_reference.col(j) * to_view.col(i);
+    };
+    // From the cross product they keep their precision where small ones decide whether there is a baseline.
+    sine = (product(1, 2).square() + product(2, 0).square() + product(0, 1).square()).sqrt();
+    cosine = (to_reference * to_view).rowwise().sum();
+  }
+
+  double Deg(int i) const { return std::atan2(sine[i], cosine[i]) / kRadPerDeg<double>; }
+  bool IsAtLeast(int i, double tangent) const { return cosine[i] <= 0 || sine[i] >= tangent * cosine[i]; }
+
+  PerPoint sine, cosine;  ///< times the same positive number
+};
+
+/// 0 at the least angle, rising to 1 over the best angles, then falling like a Gaussian: wide baselines still match,
+/// but foreshortening and occlusion grow. Best angles of 3 to 8 or 8 to 14 degrees choose about as well.
+double AngleWeight(const Angles& angles, int i) {
+  constexpr double kBestMinDeg = 5.0, kBestMaxDeg = 10.0;
+  static const double best_min_tangent = std::tan(kBestMinDeg * kRadPerDeg<double>);
+  static const double best_max_tangent = std::tan(kBestMaxDeg * kRadPerDeg<double>);
+  if (angles.IsAtLeast(i, best_min_tangent) && !angles.IsAtLeast(i, best_max_tangent)) return 1;
+  const double angle_deg = angles.Deg(i);
+  if (angle_deg < kBestMinDeg) {
+    return std::max(0.0, (angle_deg - kMinSourceAngleDeg) / (kBestMinDeg - kMinSourceAngleDeg));
+  }
+  const double excess = std::max(0.0, angle_deg - kBestMaxDeg) / kBestMaxDeg;
+  return std::exp(-0.5 * excess * excess);
+}
 
 /// A candidate that is useful and not chosen yet.
 struct UsefulView {
   size_t index = 0;
   bool is_preferred = true;
-  Eigen::Vector3d direction;                    ///< of its baseline
-  PointWeights weights = PointWeights::Zero();  ///< at the reference's points
+  Eigen::Vector3d direction;            ///< of its baseline
+  PerPoint weights = PerPoint::Zero();  ///< at the reference's points
   /// Sums of the chosen views' weights there, each times the cosine between the two baselines' directions.
-  PointWeights seen = PointWeights::Zero();
-  double gain = 0;
+  PerPoint seen = PerPoint::Zero();
+  double gain = 0;     ///< after the first `counted` chosen views; with more it can only be less
+  size_t counted = 0;  ///< of the chosen views
 
-  void UpdateAfter(const UsefulView& chosen) {
-    seen += std::max(0.0, direction.dot(chosen.direction)) * chosen.weights;
+  void Count(const std::vector<const UsefulView*>& chosen) {
+    for (; counted < chosen.size(); ++counted) {
+      seen += std::max(0.0, direction.dot(chosen[counted]->direction)) * chosen[counted]->weights;
+    }
     gain = (weights / (1 + seen)).mean();
   }
 };
@@ -98,28 +141,31 @@ std::optional<UsefulView> Assess(const Reference& reference, const SourceViewCan
     ++selection->num_without_baseline;
     return std::nullopt;
   }
-  UsefulView useful = {index, candidate.is_preferred, (centre - reference.centre).normalized()};
-  const double focal_ratio = MeanFocalLength(view.camera) / reference.focal_length;
-  std::vector<double> angles_deg;
-  int num_wide = 0;
-  for (size_t i = 0; i < kGridPoints; ++i) {
-    const Eigen::Vector3d& point = reference.points[i];
-    const double depth = DepthInView(point, view.camera, view.cam_from_world);
-    if (depth <= 0) continue;
-    angles_deg.push_back(AngleDeg(reference.centre - point, centre - point));
-    num_wide += angles_deg.back() >= kMinSourceAngleDeg;
-    useful.weights[static_cast<Eigen::Index>(i)] =
-        AngleWeight(angles_deg.back()) * ScaleWeight(focal_ratio * reference.depth / depth);
-  }
+  const PerPoint depths = DepthsInView(reference.points, view);
+  const auto num_seen = (depths > 0).count();
   constexpr double kLeastPoints = kMinSourceOverlap * kGridPoints;
-  if (static_cast<double>(angles_deg.size()) < kLeastPoints) {
+  if (static_cast<double>(num_seen) < kLeastPoints) {
     ++selection->num_without_overlap;
     return std::nullopt;
   }
-  selection->largest_angle_deg = std::max(selection->largest_angle_deg, Median(std::move(angles_deg)));
+  UsefulView useful = {index, candidate.is_preferred, (centre - reference.centre).normalized()};
+  const double focal_ratio = MeanFocalLength(view.camera) / reference.focal_length;
+  const Angles angles(reference.to_centre, reference.points, centre);
+  const double least_tangent = std::tan(kMinSourceAngleDeg * kRadPerDeg<double>);
+  int num_wide = 0;
+  for (int i = 0; i < kGridPoints; ++i) {
+    if (depths[i] <= 0 || !angles.IsAtLeast(i, least_tangent)) continue;
+    ++num_wide;
+    useful.weights[i] = AngleWeight(angles, i) * ScaleWeight(focal_ratio * reference.depth / depths[i]);
+  }
   // Not the median: a camera that moves ahead sees near things under wide angles and most of the scene under none.
   if (num_wide < kLeastPoints || useful.weights.maxCoeff() <= 0) {
     ++selection->num_with_small_angle;
+    std::vector<double> angles_deg;
+    for (int i = 0; i < kGridPoints; ++i) {
+      if (depths[i] > 0) angles_deg.push_back(angles.Deg(i));
+    }
+    selection->largest_small_angle_deg = std::max(selection->largest_small_angle_deg, Median(std::move(angles_deg)));
     return std::nullopt;
   }
   ++selection->num_useful;
@@ -127,9 +173,18 @@ std::optional<UsefulView> Assess(const Reference& reference, const SourceViewCan
   return useful;
 }
 
-bool IsLessUseful(const UsefulView& a, const UsefulView& b) {
-  return a.is_preferred != b.is_preferred ? b.is_preferred : a.gain < b.gain;
-}
+/// A useful view's place in the order of choice: the last goes first.
+struct Rank {
+  Rank(const UsefulView& view, size_t place) : is_preferred(view.is_preferred), gain(view.gain), place(place) {}
+  bool operator<(const Rank& other) const {
+    if (is_preferred != other.is_preferred) return other.is_preferred;
+    return gain != other.gain ? gain < other.gain : place > other.place;
+  }
+
+  bool is_preferred;
+  double gain;
+  size_t place;  ///< among the useful views: equal ones keep their order
+};
 
 }  // namespace
 
@@ -149,19 +204,28 @@ SourceViewSelection SelectSourceViews(const PosedCamera& reference, double typic
   }
   const Reference scene(reference, typical_depth);
   SourceViewSelection selection;
-  std::vector<UsefulView> useful;
+  std::deque<UsefulView> useful;  // they are large: not in one piece
+  std::priority_queue<Rank> ranks;
   for (size_t i = 0; i < candidates.size(); ++i) {
-    if (auto view = Assess(scene, candidates[i], i, &selection)) useful.push_back(*view);
+    const auto view = Assess(scene, candidates[i], i, &selection);
+    if (!view) continue;
+    ranks.emplace(*view, useful.size());
+    useful.push_back(*view);
   }
   const size_t wanted = std::min(useful.size(), static_cast<size_t>(options.max_source_views));
-  while (selection.views.size() < wanted) {
-    // The first of equals: all candidates keep their order.
-    const auto best = std::max_element(useful.begin(), useful.end(), IsLessUseful);
-    const UsefulView chosen = *best;
-    useful.erase(best);
-    selection.views.push_back({chosen.index, chosen.gain});
-    selection.gain += chosen.gain;
-    for (UsefulView& view : useful) view.UpdateAfter(chosen);
+  std::vector<const UsefulView*> chosen;
+  while (chosen.size() < wanted) {
+    const size_t place = ranks.top().place;
+    ranks.pop();
+    UsefulView& best = useful[place];
+    if (best.counted < chosen.size()) {  // those behind it can only be worse than they seem
+      best.Count(chosen);
+      ranks.emplace(best, place);
+      continue;
+    }
+    chosen.push_back(&best);
+    selection.views.push_back({best.index, best.gain});
+    selection.gain += best.gain;
   }
   return selection;
 }

@@ -71,7 +71,7 @@ std::string KeyframeWindow::DescribeMissingViews(const WindowKeyframe& keyframe,
   }
   if (selection.num_with_small_angle > 0) {
     text += Concat("; ", selection.num_with_small_angle, " below the least triangulation angle of ", kMinSourceAngleDeg,
-                   " degrees (largest found: ", selection.largest_angle_deg, ")");
+                   " degrees (largest found: ", selection.largest_small_angle_deg, ")");
   }
   return text;
 }

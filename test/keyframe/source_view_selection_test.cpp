@@ -141,8 +141,8 @@ TEST(SelectSourceViewsTest, TellsWhyCandidatesAreNotUseful) {
   EXPECT_EQ(selection.num_without_overlap, 1);
   EXPECT_EQ(selection.num_useful, 2);  // one more than asked for
   EXPECT_EQ(selection.views.size(), 1u);
-  // 8 degrees at the image's centre and less towards the corners, which are farther.
-  EXPECT_NEAR(selection.largest_angle_deg, 8, 1);
+  // 0.8 degrees at the image's centre and less towards the corners, which are farther.
+  EXPECT_NEAR(selection.largest_small_angle_deg, 0.8, 0.1);
 }
 
 TEST(SelectSourceViewsTest, KeepsTheBestAndBreaksTiesByIndex) {
@@ -170,7 +170,7 @@ TEST(SelectSourceViewsTest, DependsOnAnglesAndNotOnTheScenesUnit) {
     for (size_t i = 0; i < 4; ++i) EXPECT_NEAR(selection.views[i].gain, expected.views[i].gain, 1e-9);
   }
   // The scene twice as far: the angles halve.
-  EXPECT_NEAR(Select(views, 10, OnArc(0), 2 * kRadius).largest_angle_deg, 0.5 * expected.largest_angle_deg, 2);
+  EXPECT_NEAR(Select({OnArc(1.6)}, 10, OnArc(0), 2 * kRadius).largest_small_angle_deg, 0.8, 0.1);
 }
 
 TEST(SelectSourceViewsTest, RefusesBadOptionsAndDepths) {

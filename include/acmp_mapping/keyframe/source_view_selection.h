@@ -40,9 +40,9 @@ struct SourceViewSelection {
   // These add up to the number of candidates.
   int num_useful = 0;  ///< selected or not
   int num_without_baseline = 0;
-  int num_without_overlap = 0;   ///< see less than kMinSourceOverlap of the reference
-  int num_with_small_angle = 0;  ///< see less than that at kMinSourceAngleDeg or more
-  double largest_angle_deg = 0;  ///< largest median triangulation angle among those with overlap
+  int num_without_overlap = 0;         ///< see less than kMinSourceOverlap of the reference
+  int num_with_small_angle = 0;        ///< see less than that at kMinSourceAngleDeg or more
+  double largest_small_angle_deg = 0;  ///< largest median triangulation angle among the latter
 };
 
 /// Middle of the range in the logarithm: a depth that is as many times the nearest as the farthest is of it.
