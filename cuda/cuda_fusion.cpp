@@ -1,5 +1,6 @@
 #include "cuda_fusion.h"
 
+#include <algorithm>
 #include <map>
 #include <mutex>
 #include <utility>
@@ -54,6 +55,10 @@ class CudaStamps final : public FusionStamps {
   std::map<int64_t, DeviceArray<Stamp>> by_frame_;
 };
 
+size_t PixelsOf(const FusionSetup<DeviceFusionView>& setup) {
+  return static_cast<size_t>(setup.reference().depth.width) * setup.reference().depth.height;
+}
+
 CudaStamps& CastCudaStamps(FusionStamps* stamps) {
   auto* gpu_stamps = dynamic_cast<CudaStamps*>(stamps);
   if (gpu_stamps == nullptr) throw InvalidInputError("stamps: null or not of a GPU");
@@ -66,48 +71,70 @@ DeviceFusionContext CudaFusion::Upload(const Setup& setup) {
   const size_t count = setup.sources().size();
   sources_.Reserve(queue_.device(), count);
   if (count > 0) sources_.Upload(setup.sources().data(), count, queue_.stream());
-  return setup.Context(sources_.data());
+  log_error_.Reserve(queue_.device(), PixelsOf(setup));
+  return LaunchExpectedErrors(setup.Context(sources_.data()), log_error_.data(), queue_.stream().get());
 }
 
-PointOutput CudaFusion::ReservePoints(int width, int height) {
-  const CudaDevicePtr& device = queue_.device();
-  points_.Reserve(device, static_cast<size_t>(width) * height);
-  count_.Reserve(device, 1);
-  scratch_.Reserve(device, PointScratchBytes(width, height));
-  log_error_.Reserve(device, static_cast<size_t>(width) * height);
-  return {points_.data(), count_.data(), scratch_.data(), log_error_.data()};
+void CudaFusion::ReserveMaps(const Setup& setup) {
+  consistent_views_.Reserve(queue_.device(), PixelsOf(setup));
+  confidence_.Reserve(queue_.device(), PixelsOf(setup));
 }
 
-PointCloud CudaFusion::DownloadPoints() {
-  auto* count = count_on_host_.Reserve<unsigned>(1);
-  count_.Download(count, 1, queue_.stream());
-  queue_.stream().Synchronize();
-  PointCloud points(*count);
-  download_.Run(points_, points.size(), queue_.stream(), points.data());
+ImageView<unsigned char> CudaFusion::ConsistentViews(const Setup& setup) const {
+  const int width = setup.reference().depth.width, height = setup.reference().depth.height;
+  return {consistent_views_.data(), width, height, width};
+}
+
+ImageView<float> CudaFusion::Confidence(const Setup& setup) const {
+  const int width = setup.reference().depth.width, height = setup.reference().depth.height;
+  return {confidence_.data(), width, height, width};
+}
+
+template <class Launch>
+PointCloud CudaFusion::Collect(size_t pixels, const Launch& launch) {
+  constexpr size_t kLeastPart = 1 << 15, kMostParts = 16;
+  const size_t part = std::max(kLeastPart, (pixels + kMostParts - 1) / kMostParts);
+  const size_t parts = (pixels + part - 1) / part;
+  points_.Reserve(queue_.device(), part);
+  count_.Reserve(queue_.device(), 1);
+  scratch_.Reserve(queue_.device(), PointScratchBytes({0, part}));
+  auto* staged = points_on_host_.Reserve<SurfacePoint>(2 * part);
+  auto* counts = counts_on_host_.Reserve<unsigned>(2);
+  PointCloud points;
+  points.reserve(pixels);
+  for (size_t k = 0; k <= parts; ++k) {
+    if (k < parts) {
+      const PixelRange range = {k * part, std::min(part, pixels - k * part)};
+      launch(range, PointOutput{points_.data(), count_.data(), scratch_.data()});
+      count_.Download(counts + k % 2, 1, queue_.stream());
+      points_.Download(staged + k % 2 * part, range.count, queue_.stream());
+      filled_[k % 2].Record(queue_.stream());
+    }
+    if (k > 0) {
+      const size_t before = (k - 1) % 2;
+      filled_[before].Wait();
+      points.insert(points.end(), staged + before * part, staged + before * part + counts[before]);
+    }
+  }
   return points;
-}
-
-void CudaFusion::QueueFilter(const Setup& setup) {
-  const DeviceFusionContext context = Upload(setup);
-  const int width = context.reference.depth.width, height = context.reference.depth.height;
-  const size_t pixels = static_cast<size_t>(width) * height;
-  consistent_views_.Reserve(queue_.device(), pixels);
-  confidence_.Reserve(queue_.device(), pixels);
-  LaunchFilterByConsistency(context, {consistent_views_.data(), width, height, width},
-                            {confidence_.data(), width, height, width}, ReservePoints(width, height),
-                            queue_.stream().get());
 }
 
 ConsistencyResult CudaFusion::FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                                   const FusionOptions& options) {
   return queue_.OnDevice([&] {
     const Setup setup = SetUpViews(reference, sources, MakeFusionLimits(options), FusionMapsOf, &queue_);
-    QueueFilter(setup);
+    const DeviceFusionContext context = Upload(setup);
+    ReserveMaps(setup);
+    ConsistencyResult result;
+    result.points_in_camera = Collect(PixelsOf(setup), [&](const PixelRange& range, const PointOutput& output) {
+      LaunchFilterByConsistency(context, range, ConsistentViews(setup), Confidence(setup), output,
+                                queue_.stream().get());
+    });
     const int width = setup.reference().depth.width, height = setup.reference().depth.height;
-    ConsistencyResult result = {Image<unsigned char>(width, height), ConfidenceMap(width, height), {}};
+    result.consistent_views = Image<unsigned char>(width, height);
+    result.confidence = ConfidenceMap(width, height);
     download_.Run(confidence_, result.confidence.size(), queue_.stream(), result.confidence.data());
     download_.Run(consistent_views_, result.consistent_views.size(), queue_.stream(), result.consistent_views.data());
-    result.points_in_camera = DownloadPoints();
     return result;
   });
 }
@@ -116,7 +143,10 @@ ConfidenceMap CudaFusion::MeasureConfidence(const EngineView& reference, const s
                                             const FusionOptions& options) {
   return queue_.OnDevice([&] {
     const Setup setup = SetUpViews(reference, sources, MakeFusionLimits(options), FusionMapsOf, &queue_);
-    QueueFilter(setup);
+    const DeviceFusionContext context = Upload(setup);
+    ReserveMaps(setup);
+    LaunchFilterByConsistency(context, {0, PixelsOf(setup)}, ConsistentViews(setup), Confidence(setup), {},
+                              queue_.stream().get());
     ConfidenceMap confidence(setup.reference().depth.width, setup.reference().depth.height);
     download_.Run(confidence_, confidence.size(), queue_.stream(), confidence.data());
     return confidence;
@@ -137,9 +167,10 @@ PointCloud CudaFusion::FuseView(const EngineView& reference, const std::vector<E
       if (!source.estimate) continue;
       setup.AddSource(PosedCameraOf(source), FusionMapsOf(source, &queue_), gpu_stamps.Of(*source.frame, queue_));
     }
-    const PinholeCamera& camera = reference.frame->camera;
-    LaunchFuseView(Upload(setup), ReservePoints(camera.width, camera.height), queue_.stream().get());
-    return DownloadPoints();
+    const DeviceFusionContext context = Upload(setup);
+    return Collect(PixelsOf(setup), [&](const PixelRange& range, const PointOutput& output) {
+      LaunchFuseView(context, range, output, queue_.stream().get());
+    });
   });
 }
 

@@ -30,14 +30,20 @@ class CudaFusion {
  private:
   using Setup = FusionSetup<DeviceFusionView>;
 
-  void QueueFilter(const Setup& setup);
+  /// The setup on the device, with the expected errors queued.
   DeviceFusionContext Upload(const Setup& setup);
-  PointOutput ReservePoints(int width, int height);
-  /// Waits for the points.
-  PointCloud DownloadPoints();
+  /// The maps of FilterByConsistency, of the reference's size.
+  void ReserveMaps(const Setup& setup);
+  ImageView<unsigned char> ConsistentViews(const Setup& setup) const;
+  ImageView<float> Confidence(const Setup& setup) const;
+  /// launch(range, output) for all pixels, a part after the other, so that the device needs room for the points of one
+  /// part. The host takes those of the part before meanwhile.
+  template <class Launch>
+  PointCloud Collect(size_t pixels, const Launch& launch);
 
   DeviceQueue& queue_;
-  PinnedBuffer count_on_host_;
+  PinnedBuffer points_on_host_, counts_on_host_;
+  CudaEvent filled_[2];
   StagedDownload download_;
   DeviceArray<DeviceFusionSource> sources_;
   DeviceArray<SurfacePoint> points_;

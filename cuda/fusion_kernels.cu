@@ -10,12 +10,12 @@
 namespace acmp {
 namespace {
 
-// Points are put in order in three steps: a block of threads packs those of its pixels, which follow each other in
-// row-major order, at the start of its own part of the scratch memory; one block adds up how many there are before each
-// block; all blocks copy. Only accepted points are moved, 96 bytes each.
+// Points keep the order of their pixels: a block of threads counts those of its pixels, which follow each other in
+// row-major order, learns from the blocks before it how many there are before (Merrill and Garland 2016, "Single-pass
+// parallel prefix scan with decoupled look-back"), and writes its own there.
 
 constexpr int kPointThreads = 256;  ///< pixels per block
-constexpr int kScanThreads = 1024;
+constexpr int kWarpThreads = 32;
 
 /// A point as it is stored, in two instructions. With the padding byte, which thereby has a value.
 struct alignas(16) PackedPoint {
@@ -29,138 +29,157 @@ __device__ PackedPoint Pack(const SurfacePoint& point) {
   return packed;
 }
 
-/// The scratch memory of a launch.
-struct PointStage {
-  PackedPoint* points;  ///< kPointThreads per block
-  unsigned* first;      ///< per block: number of its points, then of all points before it; one more for the end
+int NumBlocks(size_t pixels) { return static_cast<int>((pixels + kPointThreads - 1) / kPointThreads); }
+
+/// A number of points and what is known of it, in one word that is written at once.
+using PointSum = unsigned long long;
+constexpr PointSum kUnknown = 0, kOwn = PointSum{1} << 32, kWithAllBefore = PointSum{2} << 32;
+
+__device__ PointSum StateOf(PointSum sum) { return sum >> 32 << 32; }
+
+/// The scratch memory of a launch, zero at its start.
+struct PointOrder {
+  PointSum* sums;   ///< of each block
+  unsigned* begun;  ///< number of blocks that have begun
+  int num_blocks;
 };
 
-int NumBlocks(int width, int height) {
-  return static_cast<int>((static_cast<size_t>(width) * height + kPointThreads - 1) / kPointThreads);
+size_t ScratchBytes(int num_blocks) { return static_cast<size_t>(num_blocks) * sizeof(PointSum) + sizeof(unsigned); }
+
+/// Nothing where no points are wanted.
+PointOrder QueueOrder(const PointOutput& output, int num_blocks, cudaStream_t stream) {
+  if (output.points == nullptr) return {};
+  CudaCheck(cudaMemsetAsync(output.scratch, 0, ScratchBytes(num_blocks), stream), "reset numbers of points");
+  auto* sums = static_cast<PointSum*>(output.scratch);
+  return {sums, reinterpret_cast<unsigned*>(sums + num_blocks), num_blocks};
 }
 
-PointStage StageIn(void* scratch, int num_blocks) {
-  PackedPoint* points = static_cast<PackedPoint*>(scratch);
-  return {points, reinterpret_cast<unsigned*>(points + static_cast<size_t>(num_blocks) * kPointThreads)};
+/// Number of the calling block, in the order in which blocks begin: those before it do not wait for it. Called by all
+/// its threads.
+__device__ unsigned BeginBlock(const PointOrder& order) {
+  if (order.sums == nullptr) return blockIdx.x;
+  __shared__ unsigned block;
+  if (threadIdx.x == 0) block = atomicAdd(order.begun, 1u);
+  __syncthreads();
+  return block;
 }
 
-/// The calling thread's pixel in row-major order; rows beyond the last are outside.
 struct PixelPlace {
   int col, row;
+  bool is_inside;  ///< of the range
 };
 
-__device__ PixelPlace PlaceOfThread(int width) {
-  const unsigned index = blockIdx.x * kPointThreads + threadIdx.x;
-  return {static_cast<int>(index % width), static_cast<int>(index / width)};
+__device__ PixelPlace PlaceOfThread(unsigned block, const PixelRange& range, int width) {
+  const size_t in_range = static_cast<size_t>(block) * kPointThreads + threadIdx.x;
+  const unsigned index = static_cast<unsigned>(range.first + in_range);
+  return {static_cast<int>(index % width), static_cast<int>(index / width), in_range < range.count};
 }
 
-/// Called by all threads of a block: packs the points of those that have one.
-__device__ void StagePoint(bool accepted, const SurfacePoint& point, const PointStage& stage) {
+/// Points of all blocks before this one, which has `count`. Called by the first warp.
+__device__ unsigned PointsBefore(const PointOrder& order, unsigned block, unsigned count) {
+  constexpr unsigned kAll = 0xffffffffu;
+  const int lane = static_cast<int>(threadIdx.x);
+  volatile PointSum* sums = order.sums;
+  if (lane == 0) sums[block] = (block == 0 ? kWithAllBefore : kOwn) | count;
+  unsigned before = 0;
+  for (int nearest = static_cast<int>(block) - 1; nearest >= 0; nearest -= kWarpThreads) {
+    PointSum sum = kWithAllBefore;
+    do {
+      if (nearest >= lane) sum = sums[nearest - lane];
+    } while (__any_sync(kAll, StateOf(sum) == kUnknown));
+    const unsigned complete = __ballot_sync(kAll, StateOf(sum) == kWithAllBefore);
+    const int last = complete != 0 ? __ffs(static_cast<int>(complete)) - 1 : kWarpThreads - 1;
+    unsigned part = lane <= last ? static_cast<unsigned>(sum) : 0;
+    for (int step = kWarpThreads / 2; step > 0; step /= 2) part += __shfl_xor_sync(kAll, part, step);
+    before += part;
+    if (complete != 0) break;
+  }
+  if (lane == 0 && block != 0) sums[block] = kWithAllBefore | (before + count);
+  return before;
+}
+
+/// Called by all threads of a block: writes the points of those that have one.
+__device__ void WritePoint(bool accepted, const SurfacePoint& point, unsigned block, const PointOrder& order,
+                           const PointOutput& output) {
+  if (order.sums == nullptr) return;
   using Scan = cub::BlockScan<unsigned, kPointThreads>;
   __shared__ typename Scan::TempStorage storage;
+  __shared__ unsigned first;
   unsigned place, count;
   Scan(storage).ExclusiveSum(accepted ? 1u : 0u, place, count);
-  const size_t begin = static_cast<size_t>(blockIdx.x) * kPointThreads;
-  if (accepted) stage.points[begin + place] = Pack(point);
-  if (threadIdx.x == 0) stage.first[blockIdx.x] = count;
+  if (threadIdx.x < kWarpThreads) {
+    const unsigned before = PointsBefore(order, block, count);
+    if (threadIdx.x == 0) {
+      first = before;
+      if (block + 1 == static_cast<unsigned>(order.num_blocks)) *output.count = before + count;
+    }
+  }
+  __syncthreads();
+  if (accepted) reinterpret_cast<PackedPoint*>(output.points)[first + place] = Pack(point);
+}
+
+__global__ void __launch_bounds__(kPointThreads) ErrorKernel(const __grid_constant__ DeviceFusionContext context,
+                                                             const PixelRange range, const ImageView<float> log_error) {
+  const PixelPlace place = PlaceOfThread(blockIdx.x, range, log_error.width);
+  if (place.is_inside) log_error(place.col, place.row) = LogExpectedError(context, place.col, place.row);
 }
 
 __global__ void __launch_bounds__(kPointThreads)
-    ErrorKernel(const __grid_constant__ DeviceFusionContext context, const ImageView<float> log_error) {
-  const PixelPlace place = PlaceOfThread(log_error.width);
-  if (place.row < log_error.height) log_error(place.col, place.row) = LogExpectedError(context, place.col, place.row);
-}
-
-__global__ void __launch_bounds__(kPointThreads)
-    FilterKernel(const __grid_constant__ DeviceFusionContext context, const ImageView<unsigned char> consistent_views,
-                 const ImageView<float> confidence, const PointStage stage) {
-  const PixelPlace place = PlaceOfThread(confidence.width);
+    FilterKernel(const __grid_constant__ DeviceFusionContext context, const PixelRange range,
+                 const ImageView<unsigned char> consistent_views, const ImageView<float> confidence,
+                 const PointOrder order, const PointOutput output) {
+  const unsigned block = BeginBlock(order);
+  const PixelPlace place = PlaceOfThread(block, range, confidence.width);
   SurfacePoint point;
   bool accepted = false;
-  if (place.row < confidence.height) {
+  if (place.is_inside) {
     const PixelConsistency pixel = CheckPixel<kMaxCudaFusionSources>(context, place.col, place.row, &point);
     consistent_views(place.col, place.row) = static_cast<unsigned char>(pixel.consistent_views);
     confidence(place.col, place.row) = pixel.confidence;
     accepted = pixel.accepted;
   }
-  StagePoint(accepted, point, stage);
+  WritePoint(accepted, point, block, order, output);
 }
 
 __global__ void __launch_bounds__(kPointThreads)
-    FuseKernel(const __grid_constant__ DeviceFusionContext context, const PointStage stage) {
-  const PixelPlace place = PlaceOfThread(context.stamps.width);
+    FuseKernel(const __grid_constant__ DeviceFusionContext context, const PixelRange range, const PointOrder order,
+               const PointOutput output) {
+  const unsigned block = BeginBlock(order);
+  const PixelPlace place = PlaceOfThread(block, range, context.stamps.width);
   SurfacePoint point;
-  const bool accepted =
-      place.row < context.stamps.height && FusePixel<kMaxCudaFusionSources>(context, place.col, place.row, &point);
-  StagePoint(accepted, point, stage);
+  const bool accepted = place.is_inside && FusePixel<kMaxCudaFusionSources>(context, place.col, place.row, &point);
+  WritePoint(accepted, point, block, order, output);
 }
 
-/// One block: turns the blocks' numbers of points into the numbers before them.
-__global__ void __launch_bounds__(kScanThreads) ScanKernel(unsigned* first, int num_blocks, unsigned* total) {
-  using Scan = cub::BlockScan<unsigned, kScanThreads>;
-  __shared__ typename Scan::TempStorage storage;
-  unsigned before = 0;
-  for (int begin = 0; begin < num_blocks; begin += kScanThreads) {
-    const int i = begin + static_cast<int>(threadIdx.x);
-    unsigned place, count;
-    Scan(storage).ExclusiveSum(i < num_blocks ? first[i] : 0u, place, count);
-    if (i < num_blocks) first[i] = before + place;
-    before += count;
-    __syncthreads();  // the storage is used again
-  }
-  if (threadIdx.x == 0) *total = first[num_blocks] = before;
-}
+}  // namespace
 
-__global__ void __launch_bounds__(kPointThreads) CopyKernel(const PointStage stage, PackedPoint* points) {
-  const unsigned first = stage.first[blockIdx.x], count = stage.first[blockIdx.x + 1] - first;
-  const uint4* from = stage.points[static_cast<size_t>(blockIdx.x) * kPointThreads].words;
-  uint4* to = points[first].words;
-  for (unsigned i = threadIdx.x; i < 2 * count; i += kPointThreads) to[i] = from[i];
-}
+size_t PointScratchBytes(const PixelRange& range) { return ScratchBytes(NumBlocks(range.count)); }
 
-/// Puts the staged points in order.
-void LaunchCollect(const PointStage& stage, int num_blocks, const PointOutput& output, cudaStream_t stream) {
-  ScanKernel<<<1, kScanThreads, 0, stream>>>(stage.first, num_blocks, output.count);
-  CudaCheck(cudaGetLastError(), "launch point count");
-  CopyKernel<<<num_blocks, kPointThreads, 0, stream>>>(stage, reinterpret_cast<PackedPoint*>(output.points));
-  CudaCheck(cudaGetLastError(), "launch point copy");
-}
-
-/// Queues LogExpectedError of all pixels of the reference.
-/// @return the context with them
-DeviceFusionContext LaunchErrors(DeviceFusionContext context, float* log_error, cudaStream_t stream) {
+DeviceFusionContext LaunchExpectedErrors(DeviceFusionContext context, float* log_error, cudaStream_t stream) {
   CheckRange("number of source views on a GPU", context.num_sources, 0, kMaxCudaFusionSources);
   const int width = context.reference.depth.width, height = context.reference.depth.height;
-  ErrorKernel<<<NumBlocks(width, height), kPointThreads, 0, stream>>>(context, {log_error, width, height, width});
+  const PixelRange all = {0, static_cast<size_t>(width) * height};
+  ErrorKernel<<<NumBlocks(all.count), kPointThreads, 0, stream>>>(context, all, {log_error, width, height, width});
   CudaCheck(cudaGetLastError(), "launch expected errors");
   context.log_error = {log_error, width, height, width};
   return context;
 }
 
-}  // namespace
-
-size_t PointScratchBytes(int width, int height) {
-  const size_t num_blocks = static_cast<size_t>(NumBlocks(width, height));
-  return num_blocks * kPointThreads * sizeof(PackedPoint) + (num_blocks + 1) * sizeof(unsigned);
-}
-
-void LaunchFilterByConsistency(const DeviceFusionContext& context, const ImageView<unsigned char>& consistent_views,
-                               const ImageView<float>& confidence, const PointOutput& output, cudaStream_t stream) {
-  const int num_blocks = NumBlocks(confidence.width, confidence.height);
-  const PointStage stage = StageIn(output.scratch, num_blocks);
-  const DeviceFusionContext with_errors = LaunchErrors(context, output.log_error, stream);
-  FilterKernel<<<num_blocks, kPointThreads, 0, stream>>>(with_errors, consistent_views, confidence, stage);
+void LaunchFilterByConsistency(const DeviceFusionContext& context, const PixelRange& range,
+                               const ImageView<unsigned char>& consistent_views, const ImageView<float>& confidence,
+                               const PointOutput& output, cudaStream_t stream) {
+  const int num_blocks = NumBlocks(range.count);
+  const PointOrder order = QueueOrder(output, num_blocks, stream);
+  FilterKernel<<<num_blocks, kPointThreads, 0, stream>>>(context, range, consistent_views, confidence, order, output);
   CudaCheck(cudaGetLastError(), "launch consistency check");
-  LaunchCollect(stage, num_blocks, output, stream);
 }
 
-void LaunchFuseView(const DeviceFusionContext& context, const PointOutput& output, cudaStream_t stream) {
-  const int num_blocks = NumBlocks(context.stamps.width, context.stamps.height);
-  const PointStage stage = StageIn(output.scratch, num_blocks);
-  const DeviceFusionContext with_errors = LaunchErrors(context, output.log_error, stream);
-  FuseKernel<<<num_blocks, kPointThreads, 0, stream>>>(with_errors, stage);
+void LaunchFuseView(const DeviceFusionContext& context, const PixelRange& range, const PointOutput& output,
+                    cudaStream_t stream) {
+  const int num_blocks = NumBlocks(range.count);
+  const PointOrder order = QueueOrder(output, num_blocks, stream);
+  FuseKernel<<<num_blocks, kPointThreads, 0, stream>>>(context, range, order, output);
   CudaCheck(cudaGetLastError(), "launch fusion");
-  LaunchCollect(stage, num_blocks, output, stream);
 }
 
 }  // namespace acmp

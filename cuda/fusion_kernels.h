@@ -15,25 +15,34 @@ using DeviceFusionContext = FusionContext<DeviceFusionView>;
 /// A thread's versines lie in local memory, 4 bytes per source. As many as the matcher takes.
 constexpr int kMaxCudaFusionSources = 32;
 
-/// Where the points of accepted pixels go, in row-major order; all device memory as cudaMalloc gives it.
-struct PointOutput {
-  SurfacePoint* points;  ///< room for one per pixel
-  unsigned* count;       ///< set to the number of points
-  void* scratch;         ///< PointScratchBytes
-  float* log_error;      ///< room for one per pixel, scratch memory too
+/// Pixels of the reference, in row-major order, whose points one launch makes.
+struct PixelRange {
+  size_t first, count;
 };
 
-/// Bytes of scratch memory for one reference view. Its contents matter during a launch only.
-size_t PointScratchBytes(int width, int height);
+/// Where the points of a range's accepted pixels go, in the order of the pixels; all device memory as cudaMalloc gives
+/// it.
+struct PointOutput {
+  SurfacePoint* points;  ///< room for one per pixel; null: points are not wanted
+  unsigned* count;       ///< set to the number of points
+  void* scratch;         ///< PointScratchBytes; its contents matter during a launch only
+};
 
-/// Queue FilterByConsistency of one reference view: fills both maps, of the reference's size, and the points. All
-/// pointers in the context are device memory; its stamps are null. Throws InvalidInputError for more than
-/// kMaxCudaFusionSources sources.
-void LaunchFilterByConsistency(const DeviceFusionContext& context, const ImageView<unsigned char>& consistent_views,
-                               const ImageView<float>& confidence, const PointOutput& output, cudaStream_t stream);
+size_t PointScratchBytes(const PixelRange& range);
 
-/// Queue FusionEngine::FuseView of one reference view. Stamps of all views start at kUnusedStamp and go on from view to
-/// view. Throws as LaunchFilterByConsistency.
-void LaunchFuseView(const DeviceFusionContext& context, const PointOutput& output, cudaStream_t stream);
+/// Queues LogExpectedError of all pixels of the reference into `log_error`, device memory. Throws InvalidInputError for
+/// more than kMaxCudaFusionSources sources.
+/// @return the context with them, for the launches below
+DeviceFusionContext LaunchExpectedErrors(DeviceFusionContext context, float* log_error, cudaStream_t stream);
+
+/// Queues FilterByConsistency of a range: fills it in both maps, of the reference's size. All pointers in the context
+/// are device memory; its stamps are null.
+void LaunchFilterByConsistency(const DeviceFusionContext& context, const PixelRange& range,
+                               const ImageView<unsigned char>& consistent_views, const ImageView<float>& confidence,
+                               const PointOutput& output, cudaStream_t stream);
+
+/// Queues FusionEngine::FuseView of a range. Stamps of all views start at kUnusedStamp and go on from view to view.
+void LaunchFuseView(const DeviceFusionContext& context, const PixelRange& range, const PointOutput& output,
+                    cudaStream_t stream);
 
 }  // namespace acmp
