@@ -44,8 +44,9 @@ class CudaDepthEngine final : public DepthEngine {
                                               const PlanarPriorOptions& options) override {
     return prior_.FindSupportPoints(estimate, range, options);
   }
-  EngineEstimatePtr FillUnverified(const EngineProblem& problem, const FillOptions& options) override {
-    return fill_.FillUnverified(problem, options);
+  EngineEstimatePtr FillUnverified(const EngineProblem& problem, EngineEstimatePtr start,
+                                   const FillOptions& options) override {
+    return fill_.FillUnverified(problem, start, options);
   }
   EngineEstimatePtr RemoveUnsupported(const EngineProblem& problem, EngineEstimatePtr start) override {
     return fill_.RemoveUnsupported(problem, start);

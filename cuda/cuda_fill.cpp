@@ -10,24 +10,27 @@
 
 namespace acmp {
 
-EngineEstimatePtr CudaFill::FillUnverified(const EngineProblem& problem, const FillOptions& options) {
+EngineEstimatePtr CudaFill::FillUnverified(const EngineProblem& problem, const EngineEstimatePtr& start,
+                                           const FillOptions& options) {
   CheckDepthRange("depth range of the completion", problem.depth_range);
-  const CudaEstimate& start = queue_.Cast<CudaEstimate>(problem.reference.estimate);
+  const size_t pixels = queue_.Cast<CudaEstimate>(start).Pixels();
   return queue_.OnDevice([&] {
-    const Setup setup = SetUpViews(problem.reference, problem.sources, ConsistencyLimits(), GeometryMapsOf, &queue_);
-    if (setup.sources().empty()) return problem.reference.estimate;
+    EngineView reference = problem.reference;
+    reference.estimate = start;
+    const Setup setup = SetUpViews(reference, problem.sources, ConsistencyLimits(), GeometryMapsOf, &queue_);
+    if (setup.sources().empty()) return start;
+    reference.estimate.reset();  // what nobody else holds is filled in place, after its last use by the setup
     const PinholeCamera& camera = problem.reference.frame->camera;
     DeviceArray<PlaneHypothesis> planes;  // of the filter; afterwards those of before
     ImageView<const Rgb> color;
     if (options.weighted_median) {
-      planes = DeviceArray<PlaneHypothesis>(queue_.device(), start.Pixels());
+      planes = DeviceArray<PlaneHypothesis>(queue_.device(), pixels);
       color = ColorOf(problem.reference, &queue_);
     }
     const FillContext context =
         MakeFillContext(camera, problem.depth_range, options, static_cast<int>(setup.sources().size()));
-    const auto estimate = std::make_shared<CudaEstimate>(queue_.device(), camera);
+    const std::shared_ptr<CudaEstimate> estimate = Continue(start, queue_);
     queue_.StartClock();
-    QueueCopy(start, estimate.get(), queue_.stream());
     QueueFill(setup, context, estimate.get());
     if (options.weighted_median) QueueMedian(setup, context, color, estimate.get(), &planes);
     halved_.Finish(camera, estimate.get());

@@ -13,7 +13,8 @@ class CudaFill {
   /// Both outlive this.
   CudaFill(DeviceQueue* queue, HalvedDepths* halved) : queue_(*queue), halved_(*halved), context_(queue, halved) {}
 
-  EngineEstimatePtr FillUnverified(const EngineProblem& problem, const FillOptions& options);
+  EngineEstimatePtr FillUnverified(const EngineProblem& problem, const EngineEstimatePtr& start,
+                                   const FillOptions& options);
   EngineEstimatePtr RemoveUnsupported(const EngineProblem& problem, const EngineEstimatePtr& start);
 
  private:

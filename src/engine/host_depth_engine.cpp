@@ -229,15 +229,18 @@ EngineEstimatePtr HostDepthEngine::RestoreDetails(const EngineProblem& problem, 
               [&] { return acmp::RestoreDetails(match, options, MakeStart(start), halved.View()); });
 }
 
-EngineEstimatePtr HostDepthEngine::FillUnverified(const EngineProblem& problem, const FillOptions& options) {
-  const HostEstimate& start = Cast<HostEstimate>(problem.reference.estimate);
-  const FusionView reference = MakeFusionView(problem.reference);
+EngineEstimatePtr HostDepthEngine::FillUnverified(const EngineProblem& problem, EngineEstimatePtr start,
+                                                  const FillOptions& options) {
+  const HostEstimate& from = Cast<HostEstimate>(start);
+  EngineView view = problem.reference;
+  view.estimate = start;
+  const FusionView reference = MakeFusionView(view);
   std::vector<FusionView> sources;
   sources.reserve(problem.sources.size());
   for (const EngineView& source : problem.sources) sources.push_back(MakeFusionView(source));
   const PinholeCamera& camera = problem.reference.frame->camera;
   return Keep(camera, [&] {
-    EstimateState state = {start.planes.Clone(), start.cost.Clone()};
+    EstimateState state = {from.planes.Clone(), from.cost.Clone()};
     acmp::FillUnverified(reference, sources, problem.depth_range, options, state.planes.View(), state.cost.View());
     return state;
   });

@@ -50,7 +50,8 @@ EngineEstimatePtr DepthEstimator::Run(const KeyframeStep& step, EngineProblem pr
       break;
     }
     case Kind::kFillForPasses: {
-      estimate = Fill(problem, true);
+      EngineEstimatePtr start = std::move(estimate);
+      estimate = Fill(problem, std::move(start), true);
       times_.fill_ms = timer.Lap();
       break;
     }
@@ -61,9 +62,10 @@ EngineEstimatePtr DepthEstimator::Run(const KeyframeStep& step, EngineProblem pr
       break;
     }
     case Kind::kFillUnverified: {
-      estimate = Fill(problem, false);
+      EngineEstimatePtr start = std::move(estimate);
+      estimate = Fill(problem, std::move(start), false);
       if (options_.fill.remove_unsupported) {
-        EngineEstimatePtr start = std::move(estimate);
+        start = std::move(estimate);
         estimate = engine_->RemoveUnsupported(problem, std::move(start));
       }
       times_.fill_ms = timer.Lap();
@@ -74,10 +76,10 @@ EngineEstimatePtr DepthEstimator::Run(const KeyframeStep& step, EngineProblem pr
   return std::move(estimate);
 }
 
-EngineEstimatePtr DepthEstimator::Fill(const EngineProblem& problem, bool for_passes) {
+EngineEstimatePtr DepthEstimator::Fill(const EngineProblem& problem, EngineEstimatePtr start, bool for_passes) {
   FillOptions fill = options_.fill;
   fill.for_passes = for_passes;
-  EngineEstimatePtr filled = engine_->FillUnverified(problem, fill);
+  EngineEstimatePtr filled = engine_->FillUnverified(problem, std::move(start), fill);
   const Frame& frame = *problem.reference.frame;
   if (frame.prior_depth.empty()) return filled;
   EstimateState state = engine_->DownloadState(filled);

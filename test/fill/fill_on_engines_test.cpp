@@ -27,7 +27,7 @@ struct OnEngine {
   }
 
   EstimateState Fill(const FillOptions& options = {}) {
-    return engine->DownloadState(engine->FillUnverified(problem, options));
+    return engine->DownloadState(engine->FillUnverified(problem, problem.reference.estimate, options));
   }
 
   DepthEngine* engine;
@@ -104,6 +104,17 @@ TEST_P(FillOnEnginesTest, GivesTheSameBitsAgainAndLeavesTheStartAsItWas) {
     ASSERT_EQ(first.planes.data()[i].d, second.planes.data()[i].d);
     ASSERT_EQ(before.planes.data()[i].d, after.planes.data()[i].d);
     ASSERT_EQ(before.cost.data()[i], after.cost.data()[i]);
+  }
+}
+
+TEST_P(FillOnEnginesTest, AStartThatNobodyElseHoldsGivesTheSameBits) {
+  OnEngine scene(engine_.get());
+  const EstimateState kept = scene.Fill();
+  EngineEstimatePtr start = std::move(scene.problem.reference.estimate);
+  const EstimateState used_up = engine_->DownloadState(engine_->FillUnverified(scene.problem, std::move(start), {}));
+  for (size_t i = 0; i < kept.planes.size(); ++i) {
+    ASSERT_EQ(kept.planes.data()[i].d, used_up.planes.data()[i].d);
+    ASSERT_EQ(kept.cost.data()[i], used_up.cost.data()[i]);
   }
 }
 

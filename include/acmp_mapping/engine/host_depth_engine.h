@@ -24,7 +24,8 @@ class HostDepthEngine : public DepthEngine {
                                  EngineEstimatePtr start, int pass) override;
   EngineEstimatePtr RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
                                    EngineEstimatePtr start, const EngineEstimatePtr& coarser) override;
-  EngineEstimatePtr FillUnverified(const EngineProblem& problem, const FillOptions& options) override;
+  EngineEstimatePtr FillUnverified(const EngineProblem& problem, EngineEstimatePtr start,
+                                   const FillOptions& options) override;
   EngineEstimatePtr RemoveUnsupported(const EngineProblem& problem, EngineEstimatePtr start) override;
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
                                         const FusionOptions& options) override;

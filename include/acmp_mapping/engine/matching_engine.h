@@ -81,9 +81,11 @@ class MatchingEngine {
   virtual EngineEstimatePtr RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
                                            EngineEstimatePtr start, const EngineEstimatePtr& coarser) = 0;
 
-  /// FillUnverified of the reference's estimate (not null) against the sources'; those without one do not count.
-  /// Pixels that get another surface's plane have a cost of kWorstCost or kUnverifiedCost then.
-  virtual EngineEstimatePtr FillUnverified(const EngineProblem& problem, const FillOptions& options) = 0;
+  /// FillUnverified of the reference's estimate `start`, which is used up as in RunPlanarPrior, against the sources';
+  /// those without one do not count. Pixels that get another surface's plane have a cost of kWorstCost or
+  /// kUnverifiedCost then.
+  virtual EngineEstimatePtr FillUnverified(const EngineProblem& problem, EngineEstimatePtr start,
+                                           const FillOptions& options) = 0;
 
   /// RemoveUnsupported of the reference's estimate `start`, which is used up as in RunPlanarPrior, with the images,
   /// against the sources' estimates; those without one do not count.

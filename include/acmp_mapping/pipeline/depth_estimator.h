@@ -50,7 +50,7 @@ class DepthEstimator {
   EngineEstimatePtr EstimatePhotometric(const EngineProblem& problem);
 
   /// The estimate of the reference with planes for what no view confirms.
-  EngineEstimatePtr Fill(const EngineProblem& problem, bool for_passes);
+  EngineEstimatePtr Fill(const EngineProblem& problem, EngineEstimatePtr start, bool for_passes);
 
   DepthEngine* engine_;
   PipelineOptions options_;
