@@ -24,6 +24,7 @@ struct BenchmarkArguments {
   int repetitions = 5;
   int keyframes = 0;
   bool expect = false;
+  double auto_interval_s = 0;
   DenseMapperOptions stream;
   std::string preset = "balanced";
   std::vector<std::string> set;
@@ -80,10 +81,17 @@ void RunBenchmark(const BenchmarkArguments& arguments) {
     const int keyframes = is_gpu ? 100 : 2 * source_views;
     report.expected = MeasureExpectedRates(backend.engine.get(), stream_options(source_views), size, keyframes);
   }
+  if (arguments.auto_interval_s > 0) {
+    const int source_views = arguments.source_views.front();
+    CheckRange("--source-views", source_views, 1, kMaxSourceViews);
+    report.auto_choices = MeasureAutoPreset(backend.engine.get(), stream_options(source_views),
+                                            ParseSize(arguments.sizes.front()), arguments.auto_interval_s);
+  }
   PipelineOptions options = MakePreset(arguments.preset);
   for (const std::string& assignment : arguments.set) SetOption(PipelineOptionTable(), assignment, &options);
   Validate(options);
-  for (const std::string& text : arguments.expect ? std::vector<std::string>() : arguments.sizes) {
+  for (const std::string& text :
+       arguments.expect || arguments.auto_interval_s > 0 ? std::vector<std::string>() : arguments.sizes) {
     const ImageSize size = ParseSize(text);
     for (int source_views : arguments.source_views) {
       CheckRange("--source-views", source_views, 1, kMaxSourceViews);
@@ -150,6 +158,14 @@ int main(int argc, char** argv) {
       "--expect", arguments.expect,
       "Measure a short stream of each preset and compute the rate at other sizes (with the first of --source-views)");
   for (const char* other : {"--sizes", "--keyframes", "--repetitions", "--preset", "--set"}) expect->excludes(other);
+  CLI::Option* auto_preset =
+      app.add_option(
+             "--auto", arguments.auto_interval_s,
+             "What preset: auto chooses for keyframes that come every so many seconds, with the first of --sizes as "
+             "max_image_size and the first of --source-views at most")
+          ->check(CLI::PositiveNumber);
+  for (const char* other : {"--expect", "--keyframes", "--repetitions", "--preset", "--set"})
+    auto_preset->excludes(other);
   app.add_option("--device", arguments.device, "auto, cuda or cpu")->capture_default_str();
   app.add_option("--cuda-index", arguments.cuda_index, "Which GPU")->capture_default_str();
   app.add_option("--sms", arguments.multiprocessors,

@@ -97,6 +97,7 @@ void PrintReport(const BenchmarkReport& report, std::ostream* out) {
   if (!report.stages.empty()) PrintStages(report, out);
   if (!report.streams.empty()) PrintStreams(report, out);
   if (!report.expected.empty()) PrintExpected(report, out);
+  for (const std::string& choice : report.auto_choices) *out << choice << "\n";
   out->flags(flags);
 }
 
@@ -146,8 +147,9 @@ void WriteJson(const BenchmarkReport& report, const std::string& path) {
                         {"computed", computed}});
   }
   const Json json = {
-      {"device", report.device}, {"preset", report.preset}, {"texture_fetches_per_s", report.fetches_per_s},
-      {"stages", stages},        {"streams", streams},      {"expected", expected}};
+      {"device", report.device},    {"preset", report.preset}, {"texture_fetches_per_s", report.fetches_per_s},
+      {"stages", stages},           {"streams", streams},      {"expected", expected},
+      {"auto", report.auto_choices}};
   WriteFileAtomically(path, json.dump(1) + "\n");
 }
 

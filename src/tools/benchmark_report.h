@@ -15,6 +15,7 @@ struct BenchmarkReport {
   std::vector<StageFigures> stages;
   std::vector<StreamFigures> streams;
   std::vector<ExpectedRates> expected;
+  std::vector<std::string> auto_choices;  ///< MeasureAutoPreset
 };
 
 void PrintReport(const BenchmarkReport& report, std::ostream* out);

@@ -3,11 +3,13 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cmath>
 #include <fstream>
 #include <opencv2/imgproc.hpp>
 
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/image/image_processing.h"
+#include "acmp_mapping/mapping/auto_preset.h"
 
 namespace acmp {
 namespace {
@@ -61,6 +63,46 @@ std::vector<FramePtr> MakeFrames(ImageSize size, const FrameOptions& options, in
   }
   return frames;
 }
+
+/// A keyframe before its grey values and sharpness are made, which takes time of the mapper's thread.
+struct FrameWithoutGray {
+  FramePtr Make() {
+    return std::make_shared<const Frame>(
+        MakeFrame(id, 0.0, std::move(color), like->camera, cam_from_world, like->landmarks_in_world, {}));
+  }
+
+  int64_t id;
+  FramePtr like;
+  ColorImage color;
+  RigidTransform cam_from_world;
+};
+
+/// What a camera sees that goes to and fro along the wall.
+class WallStream {
+ public:
+  /// @param keyframes how many there may be
+  WallStream(ImageSize size, int keyframes) {
+    const cv::Mat texture = MakeTexture(size);
+    constexpr int kDistinct = 64;  // made beforehand
+    constexpr double kStep = 0.4;  // 2.3 degrees at the wall
+    for (int i = 0; i < std::min(kDistinct, keyframes); ++i) {
+      frames_.push_back(MakeWallFrame(texture, {}, i, kStep * i, i % 2 == 0 ? 0.0 : 0.2));
+    }
+  }
+
+  FrameWithoutGray Next() {
+    const int64_t count = static_cast<int64_t>(frames_.size()), lap = next_ / count, place = next_ % count;
+    const FramePtr& made = frames_[static_cast<size_t>(lap % 2 == 0 ? place : count - 1 - place)];
+    FrameWithoutGray frame = {next_++, made, made->color.Clone(), made->cam_from_world};
+    // A place that is visited twice in a row would have no baseline.
+    frame.cam_from_world.translation().z() = -1e-3 * static_cast<double>(lap % 2);
+    return frame;
+  }
+
+ private:
+  std::vector<FramePtr> frames_;
+  int64_t next_ = 0;
+};
 
 double Quantile(std::vector<double> values, double share) {
   if (values.empty()) return 0;
@@ -176,25 +218,12 @@ StreamFigures MeasureStream(DepthEngine* engine, const DenseMapperOptions& optio
   const std::unique_ptr<DepthEngine> output_engine = engine->Share();
   DenseMapper mapper(engine, options, callbacks, output_engine.get());
 
-  const cv::Mat texture = MakeTexture(size);
-  constexpr int kDistinct = 64;  // frames made beforehand; the stream goes to and fro over them
-  constexpr double kStep = 0.4;  // 2.3 degrees at the wall
-  std::vector<FramePtr> frames;
-  frames.reserve(kDistinct);
-  for (int i = 0; i < std::min(kDistinct, keyframes); ++i) {
-    frames.push_back(MakeWallFrame(texture, {}, i, kStep * i, i % 2 == 0 ? 0.0 : 0.2));
-  }
+  WallStream stream(size, keyframes);
   Timer work;
   for (int i = 0; i < keyframes; ++i) {
-    const int lap = i / kDistinct, place = i % kDistinct;
-    const Frame& made = *frames[static_cast<size_t>(lap % 2 == 0 ? place : kDistinct - 1 - place)];
-    // A place that is visited twice in a row would have no baseline.
-    RigidTransform cam_from_world = made.cam_from_world;
-    cam_from_world.translation().z() = -1e-3 * (lap % 2);
-    ColorImage color = made.color.Clone();
+    FrameWithoutGray frame = stream.Next();
     since_added[static_cast<size_t>(i)] = Timer();
-    mapper.AddKeyframe(std::make_shared<const Frame>(
-        MakeFrame(i, 0.0, std::move(color), made.camera, cam_from_world, made.landmarks_in_world, {})));
+    mapper.AddKeyframe(frame.Make());
     if (i == keyframes / 10) {
       figures.device_bytes_begin = engine->DeviceBytes();
       figures.host_bytes_begin = HostBytes();
@@ -229,6 +258,34 @@ std::vector<ExpectedRates> MeasureExpectedRates(DepthEngine* engine, const Dense
     expected.push_back(std::move(rates));
   }
   return expected;
+}
+
+std::vector<std::string> MeasureAutoPreset(DepthEngine* engine, const DenseMapperOptions& options, ImageSize size,
+                                           double interval_s) {
+  constexpr int kDistinct = 64;
+  const std::unique_ptr<DepthEngine> output_engine = engine->Share();
+  std::vector<std::string> choices;
+  AutoPreset choice;
+  while (!choice.is_settled()) {
+    const AutoPreset::Setting& setting = choice.setting();
+    DenseMapperOptions of_setting = options;
+    of_setting.pipeline = MakePreset(setting.preset);
+    of_setting.source_views.max_source_views =
+        std::min(options.source_views.max_source_views, setting.max_source_views);
+    DenseMapper mapper(engine, of_setting, {}, output_engine.get());
+    const auto scaled = [&](int pixels) { return std::max(1, static_cast<int>(std::lround(setting.size * pixels))); };
+    WallStream stream({scaled(size.width), scaled(size.height)}, kDistinct);
+    std::optional<std::string> said;
+    while (!said) {
+      FrameWithoutGray frame = stream.Next();
+      Timer timer;
+      mapper.AddKeyframe(frame.Make());
+      said = choice.Add(timer.Elapsed(), interval_s);
+    }
+    mapper.WaitForOutputs();
+    choices.push_back(std::move(*said));
+  }
+  return choices;
 }
 
 }  // namespace acmp

@@ -56,4 +56,9 @@ struct ExpectedRates {
 std::vector<ExpectedRates> MeasureExpectedRates(DepthEngine* engine, const DenseMapperOptions& options, ImageSize size,
                                                 int keyframes);
 
+/// What `preset: auto` chooses for keyframes that come every `interval_s` seconds: what it says each time it changes,
+/// and where it stays. @param options all but the pipeline's. @param size the largest allowed
+std::vector<std::string> MeasureAutoPreset(DepthEngine* engine, const DenseMapperOptions& options, ImageSize size,
+                                           double interval_s);
+
 }  // namespace acmp

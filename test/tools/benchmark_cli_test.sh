@@ -21,3 +21,14 @@ for row in rows:
 PYTHON
 if "$1/acmp_benchmark" --expect --preset online 2>wrong; then echo "--expect measures all presets"; exit 1; fi
 grep -q -- "excludes" wrong
+
+# --auto: what preset: auto chooses with all the time in the world, and with none.
+"$1/acmp_benchmark" --auto 1000 --device cpu --source-views 2 --sizes 64x48 --json auto.json >best
+cat best
+tail -n 1 best | grep -q "^balanced, 100 % of max_image_size, at most 10 source views: keyframes come every 1000 s"
+/usr/bin/python3 -c 'import json; assert len(json.load(open("auto.json"))["auto"]) >= 2'
+"$1/acmp_benchmark" --auto 1e-6 --device cpu --source-views 2 --sizes 64x48 >cheapest
+cat cheapest
+tail -n 1 cheapest | grep -q "^online, 37.5 % .*too long for all of them"
+if "$1/acmp_benchmark" --auto 1 --keyframes 5 2>wrong; then echo "--auto has its own keyframes"; exit 1; fi
+grep -q -- "excludes" wrong
