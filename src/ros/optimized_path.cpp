@@ -53,7 +53,7 @@ Incident DescribeTooFar(const ReposeResult& result) {
   if (!result.first_too_far) return {};
   const ReposeResult::TooFar& first = *result.first_too_far;
   return {"optimized_path_too_far",
-          Concat(result.too_far, " keyframes are not moved by optimized_path; the first would go by pose ",
+          Concat("keyframes not moved by optimized_path: ", result.too_far, "; the first would go by pose ",
                  FormatStamp(first.stamp_ns), " to (", first.position.x(), ", ", first.position.y(), ", ",
                  first.position.z(), "): must lie within ", first.max_distance,
                  " of the origin with its points (2^30 voxels)")};
