@@ -220,24 +220,26 @@ class OfflineTest(unittest.TestCase):
         return self.arguments(images=images, K=k, preset="balanced")
 
     def test_other_threads_run_and_control_c_ends_it(self):
-        turns, sent = [], []
+        begun = time.process_time()
+        self.photometric_of()
+        small = time.process_time() - begun
+        sent = []
 
         def interrupt():
-            while len(turns) < 100:
-                turns.append(time.monotonic())
+            for _ in range(100):  # comes to its end before the run's only where other threads run beside it
                 time.sleep(0.005)
-            sent.append(time.monotonic())
+            sent.append(time.process_time())
             os.kill(os.getpid(), signal.SIGINT)
 
         thread = threading.Thread(target=interrupt)
-        begun = time.monotonic()
         thread.start()
         with self.assertRaises(KeyboardInterrupt):
             offline.reconstruct(**self.slow())
         thread.join()
-        print(f"stopped {time.monotonic() - sent[0]:.2f} s after the signal, {sent[0] - begun:.2f} s after the start")
-        self.assertLess(max(np.diff(turns)), 1, "the other thread went on")
-        self.assertLess(time.monotonic() - sent[0], 3)
+        after = time.process_time() - sent[0]
+        print(f"stopped {after:.2f} s of processor time after the signal; the small run takes {small:.2f} s")
+        # The whole run has 64 times the pixels of the small one and more steps.
+        self.assertLess(after, 16 * small)
         self.assert_same_maps(self.photometric_of(), self.photometric)
 
     def test_two_threads_compute_the_same_side_by_side(self):
