@@ -1,5 +1,5 @@
 #!/bin/bash
-# The main job, on Debian 11 or 12 with nothing installed: installs packages, builds, renders the synthetic room into a bag,
+# The main job, on Debian 11 to 13 with nothing installed: installs packages, builds, renders the synthetic room into a bag,
 # plays it through the nodelet by roslaunch, and leaves the map and its mesh (PLY), a picture of the mesh, depth maps and
 # pictures of them in demo_output/. Prints how the depth compares with the ground truth. Shows rviz if there is a display.
 # Environment: ACMP_BUILD_DIR (build; test.sh goes on in it), ACMP_CUDA (AUTO, ON or OFF), DEVICE (auto, cuda or cpu).

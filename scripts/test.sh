@@ -1,5 +1,5 @@
 #!/bin/bash
-# Builds everything with warnings as errors and runs all tests and style checks, on Debian 11 or 12 with nothing
+# Builds everything with warnings as errors and runs all tests and style checks, on Debian 11 to 13 with nothing
 # installed. Ends with one line "N passed, N failed, N skipped" (a test is one ctest entry or one style check). The style is
 # that of clang 14, Debian 12's: other versions see other things, and the style checks are skipped where they are.
 # Environment: ACMP_BUILD_DIR (build, that of demo.sh), ACMP_CUDA (AUTO, ON or OFF), ACMP_SKIP_STYLE=1 to leave the style
