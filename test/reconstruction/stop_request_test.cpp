@@ -28,6 +28,17 @@ TEST(StopRequestTest, AfterARequestLoopsEndAndWhatTheyLeftIsNoError) {
   EXPECT_THROW(watcher.Check(), Interrupted);
 }
 
+TEST(StopRequestTest, ARequestEndsALoopUnderWay) {
+  StopRequest watcher;
+  std::atomic<int> turns = {0};
+  watcher.RunCancellable([&] {
+    tbb::parallel_for(0, 1000, [&](int) {
+      if (++turns == 1) watcher.Request();
+    });
+  });
+  EXPECT_LT(turns, 1000);
+}
+
 TEST(StopRequestTest, AfterARequestNothingBegins) {
   StopRequest watcher;
   watcher.Request();
