@@ -19,7 +19,7 @@ EngineEstimatePtr CudaFill::FillUnverified(const EngineProblem& problem, const E
     reference.estimate = start;
     const Setup setup = SetUpViews(reference, problem.sources, ConsistencyLimits(), GeometryMapsOf, &queue_);
     if (setup.sources().empty()) return start;
-    reference.estimate.reset();  // what nobody else holds is filled in place, after its last use by the setup
+    reference.estimate.reset();  // for Continue; the setup's look at its maps is queued before they are filled
     const PinholeCamera& camera = problem.reference.frame->camera;
     DeviceArray<PlaneHypothesis> planes;  // of the filter; afterwards those of before
     ImageView<const Rgb> color;

@@ -64,6 +64,7 @@ __device__ unsigned BeginBlock(const PointOrder& order) {
   return block;
 }
 
+/// The calling thread's pixel.
 struct PixelPlace {
   int col, row;
   bool is_inside;  ///< of the range

@@ -49,7 +49,7 @@ class DepthEstimator {
   /// The photometric estimate at full size; with several scales at the coarsest.
   EngineEstimatePtr EstimatePhotometric(const EngineProblem& problem);
 
-  /// The estimate of the reference with planes for what no view confirms.
+  /// The reference's estimate `start`, used up if nobody else holds it, with planes for what no view confirms.
   EngineEstimatePtr Fill(const EngineProblem& problem, EngineEstimatePtr start, bool for_passes);
 
   DepthEngine* engine_;

@@ -44,7 +44,7 @@ class StopRequest {
         thrown = std::current_exception();
       }
     };
-    // Inside another loop: TBB 2020 takes loops in one of a thread's outermost level for independent of it.
+    // Inside another loop: TBB 2020 does not cancel what runs in a loop that a thread begins outside of any other.
     const auto cancellable = [&](int) { tbb::parallel_for(0, 1, once, tbb::simple_partitioner(), context_); };
     tbb::parallel_for(0, 1, cancellable, tbb::simple_partitioner());
     if (thrown && !requested_) std::rethrow_exception(thrown);
