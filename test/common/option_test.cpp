@@ -121,7 +121,7 @@ TEST(OptionTest, CheckFindsWhatIsOutOfBounds) {
 }
 
 TEST(OptionTest, EmbeddedOptionsKeepTheirDescriptions) {
-  const OptionDescription& power = Table().Find("power").description;
+  const OptionDescription power = Table().Find("power").description;
   EXPECT_EQ(power.group, "engine");
   EXPECT_TRUE(power.while_running);
   OptionTable<Car> some;
