@@ -43,6 +43,9 @@ if(NOT ACMP_CUDA STREQUAL "OFF")
           CACHE STRING "GPU architectures of the CUDA backend (see CMAKE_CUDA_ARCHITECTURES)")
       set(CMAKE_CUDA_ARCHITECTURES ${ACMP_CUDA_ARCHITECTURES})
       enable_language(CUDA)
+      # The C++ compiler links, with its own C++ library. nvcc may need an older one, whose folder CMake would look in
+      # first: what only the newer library has would be missing (Debian 13: g++ 14, and g++ 13 for CUDA 12.4).
+      list(FILTER CMAKE_CUDA_IMPLICIT_LINK_DIRECTORIES EXCLUDE REGEX "/lib/gcc/")
       set(CMAKE_CUDA_STANDARD 17)
       set(CMAKE_CUDA_STANDARD_REQUIRED ON)
       find_package(CUDAToolkit REQUIRED)
