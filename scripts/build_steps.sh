@@ -39,11 +39,13 @@ configure() {
 }
 
 # configure_sanitized SANITIZERS: for the CPU, with clang's sanitizers, and its libFuzzer in the fuzz targets. One build for
-# sanitizers.sh and fuzz.sh. At the first report the program ends. Without the Python module: the interpreter would have to be built so, too.
+# sanitizers.sh and fuzz.sh. At the first report the program ends. Without the Python module: the interpreter would have to
+# be built so, too. With "thread" without libFuzzer, whose counters of branches all threads write.
 configure_sanitized() {
-  local clang
+  local clang fuzz=ON
+  if [ "$1" = thread ]; then fuzz=OFF; fi
   clang=$(command -v clang++) || { echo "clang++ is missing: apt-get install clang" >&2; return 1; }
-  ACMP_CUDA=OFF configure -DACMP_WARNINGS_AS_ERRORS=OFF -DACMP_FUZZ=ON -DACMP_PYTHON=OFF -DCMAKE_CXX_COMPILER="$clang" \
+  ACMP_CUDA=OFF configure -DACMP_WARNINGS_AS_ERRORS=OFF -DACMP_FUZZ=$fuzz -DACMP_PYTHON=OFF -DCMAKE_CXX_COMPILER="$clang" \
     -DCMAKE_CXX_FLAGS="-fsanitize=$1 -fno-sanitize-recover=all -fno-omit-frame-pointer -D_GLIBCXX_ASSERTIONS \
 -fsanitize-ignorelist=$PWD/scripts/sanitizer_suppressions/headers.txt" \
     -DCMAKE_CXX_FLAGS_RELEASE="-O1 -g1"

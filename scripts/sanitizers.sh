@@ -4,15 +4,17 @@
 # their stored inputs. Prints one summary; fails when a test fails or a sanitizer reports, be it in a process whose exit
 # nobody looks at. Third-party leaks that are left out are in scripts/sanitizer_suppressions/, each with its reason.
 # Usage: scripts/sanitizers.sh [--thread] [CTEST_ARGUMENT...]         for example -R 'test_map|rostest'
-#   --thread   ThreadSanitizer instead. It cannot see how an uninstrumented TBB, which is what Debian has, hands work from
-#              thread to thread, and would report all of it: TBB works in its serial mode, without workers, as all runs on
-#              one processor. Races between our own threads are found, races within parallel loops are not.
-# Environment: ACMP_SANITIZE_BUILD_DIR (build_sanitize, build_thread). Needs what test.sh needs, and clang.
+#   --thread   ThreadSanitizer instead. Debian's TBB is not instrumented: ThreadSanitizer cannot see how it hands work from
+#              thread to thread and would report all of it. With TBB's source in ACMP_TBB_SOURCE (apt-get source onetbb)
+#              that is built with the sanitizer and used. Else TBB works in its serial mode, without workers, as all runs
+#              on one processor: races between our own threads are found, races within parallel loops are not.
+# Environment: ACMP_SANITIZE_BUILD_DIR (build_sanitize, build_thread), ACMP_TBB_SOURCE. Needs what test.sh needs, and clang.
 set -uo pipefail
 cd "$(dirname "$0")/.." || exit 1
 kind=asan sanitizers=address,undefined,float-cast-overflow folder=build_sanitize serial=()
 if [ "${1:-}" = --thread ]; then
-  kind=tsan sanitizers=thread folder=build_thread serial=(taskset -c 0)
+  kind=tsan sanitizers=thread folder=build_thread
+  if [ -z "${ACMP_TBB_SOURCE:-}" ]; then serial=(taskset -c 0); fi
   shift
 fi
 export ACMP_BUILD_DIR=${ACMP_SANITIZE_BUILD_DIR:-$PWD/$folder} PYENV_VERSION=system
@@ -22,26 +24,45 @@ step "build in $build"
 configure_sanitized "$sanitizers" || exit 1
 cmake --build "$build" --parallel "$(nproc)" --target all || exit 1
 if cmake --build "$build" --target help | grep -q '^tests:'; then cmake --build "$build" --target tests || exit 1; fi
+if [ "$kind" = tsan ] && [ -n "${ACMP_TBB_SOURCE:-}" ]; then
+  cmake -S "$ACMP_TBB_SOURCE" -B "$build/tbb" -G Ninja -DTBB_TEST=OFF -DTBB_STRICT=OFF -DTBBMALLOC_BUILD=OFF \
+    -DTBB_SANITIZE=thread -DCMAKE_BUILD_TYPE=RelWithDebInfo -DTBB_OUTPUT_DIR_BASE=lib \
+    -DCMAKE_CXX_COMPILER=clang++ -DCMAKE_C_COMPILER=clang >"$build/tbb.log" || exit 1
+  cmake --build "$build/tbb" --parallel "$(nproc)" --target tbb >>"$build/tbb.log" || exit 1
+  ln -sf "$build"/tbb/lib_relwithdebinfo/libtbb.so.* "$build/devel/lib/"  # where roslaunch looks, too
+fi
 
-# roslaunch and rosrun find this manager before the system's, which no sanitizer is linked into.
-runtime=$(clang++ -print-runtime-dir)/libclang_rt.$kind-$(uname -m).so
+# roslaunch and rosrun find this nodelet manager before the system's, which has no sanitizer in it.
 mkdir -p "$build/devel/lib/nodelet"
+cat >"$build/manager.cpp" <<END
+#include <nodelet/loader.h>
+#include <ros/ros.h>
+int main(int argc, char** argv) {
+  ros::init(argc, argv, "manager");
+  nodelet::Loader loader;
+  ros::spin();
+}
+END
+clang++ -std=c++17 "-fsanitize=$sanitizers" "$build/manager.cpp" -o "$build/manager" -lnodeletlib -lroscpp -lrostime || exit 1
 cat >"$build/devel/lib/nodelet/nodelet" <<END
 #!/bin/sh
-LD_PRELOAD=$runtime exec /usr/lib/nodelet/nodelet "\$@"
+if [ "\$1" = manager ]; then exec "$build/manager" "\$@"; fi
+exec /usr/lib/nodelet/nodelet "\$@"
 END
 chmod +x "$build/devel/lib/nodelet/nodelet"
 
 step "tests"
 # shellcheck source=scripts/ros_environment.sh
 source scripts/ros_environment.sh "$build"
+export LD_LIBRARY_PATH=$build/devel/lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
 reports=$build/sanitizer_reports
 rm -rf "$reports" "$build/Testing"
 mkdir "$reports"
 suppressions=$PWD/scripts/sanitizer_suppressions
 common=log_path=$reports/report:external_symbolizer_path=$(clang++ -print-prog-name=llvm-symbolizer)
 export ASAN_OPTIONS=$common:detect_stack_use_after_return=1:check_initialization_order=1:strict_string_checks=1
-export UBSAN_OPTIONS=$common:print_stacktrace=1 TSAN_OPTIONS=$common:suppressions=$suppressions/races.txt
+export UBSAN_OPTIONS=$common:print_stacktrace=1
+export TSAN_OPTIONS=$common:suppressions=$suppressions/races.txt:ignore_noninstrumented_modules=1
 export LSAN_OPTIONS=suppressions=$suppressions/leaks.txt:print_suppressions=0
 (cd "$build" && "${serial[@]}" ctest -T Test --no-compress-output --test-output-size-passed 100000000 \
   --test-output-size-failed 100000000 --no-tests=error --output-on-failure -j"$(nproc)" --timeout 3000 "$@" </dev/null)
