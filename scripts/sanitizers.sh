@@ -1,6 +1,6 @@
 #!/bin/bash
 # Builds everything with clang's AddressSanitizer (with leaks) and UndefinedBehaviorSanitizer and runs all tests of a CPU
-# with it: libraries, tools, nodes, the nodelets in a manager that the sanitizer is loaded into, and the fuzz targets over
+# with it: libraries, tools, nodes, the nodelets in a manager linked with the sanitizer, and the fuzz targets over
 # their stored inputs. Prints one summary; fails when a test fails or a sanitizer reports, be it in a process whose exit
 # nobody looks at. Third-party leaks that are left out are in scripts/sanitizer_suppressions/, each with its reason.
 # Usage: scripts/sanitizers.sh [--thread] [CTEST_ARGUMENT...]         for example -R 'test_map|rostest'
@@ -43,7 +43,8 @@ int main(int argc, char** argv) {
   ros::spin();
 }
 END
-clang++ -std=c++17 "-fsanitize=$sanitizers" "$build/manager.cpp" -o "$build/manager" -lnodeletlib -lroscpp -lrostime || exit 1
+clang++ -std=c++17 "-fsanitize=$sanitizers" "$build/manager.cpp" -o "$build/manager" -lnodeletlib -lroscpp -lrostime ||
+  exit 1
 cat >"$build/devel/lib/nodelet/nodelet" <<END
 #!/bin/sh
 if [ "\$1" = manager ]; then exec "$build/manager" "\$@"; fi
