@@ -4,22 +4,38 @@
 
 namespace acmp {
 
-/// Inverse depth of a source's pixel: of the nearest to a position inside the image, as interpolation would invent
-/// depths at edges. 0: unknown. Ours reads the halved map.
+/// Inverse depth that a halved map has at a position of the image: interpolated where the four around it are of one
+/// surface, since on a floor that is seen at a slant the nearest alone is off by percents; else the nearest, as
+/// interpolation would invent depths at edges. 0: unknown.
+ACMP_HOST_DEVICE inline float InverseAt(const HalvedDepth& depth, float x, float y) {
+  constexpr float kSameSurface = 1.05f;
+  const auto clamped = [](int value, int last) { return value < 0 ? 0 : value > last ? last : value; };
+  const int last_col = depth.inverse.width - 1, last_row = depth.inverse.height - 1;
+  // The halved map's pixels are 2 px wide. One more and one less, as truncation rounds up below 0.
+  const float col = 0.5f * x - 0.25f, row = 0.5f * y - 0.25f;
+  const int left = static_cast<int>(col + 1) - 1, top = static_cast<int>(row + 1) - 1;
+  const float right_share = col - static_cast<float>(left), bottom_share = row - static_cast<float>(top);
+  const int c0 = clamped(left, last_col), c1 = clamped(left + 1, last_col);
+  const int r0 = clamped(top, last_row), r1 = clamped(top + 1, last_row);
+  const float a = depth.inverse(c0, r0), b = depth.inverse(c1, r0);
+  const float c = depth.inverse(c0, r1), d = depth.inverse(c1, r1);
+  const float least = fminf(fminf(a, b), fminf(c, d)), greatest = fmaxf(fmaxf(a, b), fmaxf(c, d));
+  const float upper = a + right_share * (b - a), lower = c + right_share * (d - c);
+  const float nearest = bottom_share < 0.5f ? (right_share < 0.5f ? a : b) : (right_share < 0.5f ? c : d);
+  return depth.step * (greatest <= kSameSurface * least ? upper + bottom_share * (lower - upper) : nearest);
+}
+
+/// Inverse depth of a source at a position inside its image. 0: unknown. Ours reads the halved map, the papers' the
+/// nearest pixel.
 template <Method kMethod, class Sampler>
 ACMP_HOST_DEVICE inline float InverseSourceDepth(const MatchContext<Sampler>& context, int view, float x, float y) {
-  // Truncation is rounding here, as neither is below -0.5; a sum that rounds up to the width or height belongs to the
-  // last pixel.
-  int col = static_cast<int>(x + 0.5f);  // NOLINT(bugprone-incorrect-roundings)
-  int row = static_cast<int>(y + 0.5f);  // NOLINT(bugprone-incorrect-roundings)
   if constexpr (kMethod == Method::kOurs) {
-    const HalvedDepth& depth = context.sources[view].depth;
-    col /= 2;
-    row /= 2;
-    if (col >= depth.inverse.width) col = depth.inverse.width - 1;
-    if (row >= depth.inverse.height) row = depth.inverse.height - 1;
-    return depth.step * static_cast<float>(depth.inverse(col, row));
+    return InverseAt(context.sources[view].depth, x, y);
   } else {
+    // Truncation is rounding here, as neither is below -0.5; a sum that rounds up to the width or height belongs to the
+    // last pixel.
+    int col = static_cast<int>(x + 0.5f);  // NOLINT(bugprone-incorrect-roundings)
+    int row = static_cast<int>(y + 0.5f);  // NOLINT(bugprone-incorrect-roundings)
     const ImageView<const float>& depth = context.full_depths[view];
     if (col >= depth.width) col = depth.width - 1;
     if (row >= depth.height) row = depth.height - 1;
