@@ -71,22 +71,13 @@ DeviceFusionContext CudaFusion::Upload(const Setup& setup) {
   const size_t count = setup.sources().size();
   sources_.Reserve(queue_.device(), count);
   if (count > 0) sources_.Upload(setup.sources().data(), count, queue_.stream());
-  log_error_.Reserve(queue_.device(), PixelsOf(setup));
-  return LaunchExpectedErrors(setup.Context(sources_.data()), log_error_.data(), queue_.stream().get());
+  log_odds_.Reserve(queue_.device(), PixelsOf(setup));
+  return LaunchOdds(setup.Context(sources_.data()), log_odds_.data(), queue_.stream().get());
 }
 
-void CudaFusion::ReserveMaps(const Setup& setup) {
-  consistent_views_.Reserve(queue_.device(), PixelsOf(setup));
+ImageView<float> CudaFusion::ReserveConfidence(const Setup& setup) {
+  const int width = setup.reference().depth.width, height = setup.reference().depth.height;
   confidence_.Reserve(queue_.device(), PixelsOf(setup));
-}
-
-ImageView<unsigned char> CudaFusion::ConsistentViews(const Setup& setup) const {
-  const int width = setup.reference().depth.width, height = setup.reference().depth.height;
-  return {consistent_views_.data(), width, height, width};
-}
-
-ImageView<float> CudaFusion::Confidence(const Setup& setup) const {
-  const int width = setup.reference().depth.width, height = setup.reference().depth.height;
   return {confidence_.data(), width, height, width};
 }
 
@@ -124,17 +115,14 @@ ConsistencyResult CudaFusion::FilterByConsistency(const EngineView& reference, c
   return queue_.OnDevice([&] {
     const Setup setup = SetUpViews(reference, sources, MakeFusionLimits(options), FusionMapsOf, &queue_);
     const DeviceFusionContext context = Upload(setup);
-    ReserveMaps(setup);
+    const ImageView<float> confidences = ReserveConfidence(setup);
     ConsistencyResult result;
     result.points_in_camera = Collect(PixelsOf(setup), [&](const PixelRange& range, const PointOutput& output) {
-      LaunchFilterByConsistency(context, range, ConsistentViews(setup), Confidence(setup), output,
-                                queue_.stream().get());
+      LaunchFilterByConsistency(context, range, confidences, output, queue_.stream().get());
     });
     const int width = setup.reference().depth.width, height = setup.reference().depth.height;
-    result.consistent_views = Image<unsigned char>(width, height);
     result.confidence = ConfidenceMap(width, height);
     download_.Run(confidence_, result.confidence.size(), queue_.stream(), result.confidence.data());
-    download_.Run(consistent_views_, result.consistent_views.size(), queue_.stream(), result.consistent_views.data());
     return result;
   });
 }
@@ -144,9 +132,8 @@ ConfidenceMap CudaFusion::MeasureConfidence(const EngineView& reference, const s
   return queue_.OnDevice([&] {
     const Setup setup = SetUpViews(reference, sources, MakeFusionLimits(options), FusionMapsOf, &queue_);
     const DeviceFusionContext context = Upload(setup);
-    ReserveMaps(setup);
-    LaunchFilterByConsistency(context, {0, PixelsOf(setup)}, ConsistentViews(setup), Confidence(setup), {},
-                              queue_.stream().get());
+    const ImageView<float> confidences = ReserveConfidence(setup);
+    LaunchFilterByConsistency(context, {0, PixelsOf(setup)}, confidences, {}, queue_.stream().get());
     ConfidenceMap confidence(setup.reference().depth.width, setup.reference().depth.height);
     download_.Run(confidence_, confidence.size(), queue_.stream(), confidence.data());
     return confidence;

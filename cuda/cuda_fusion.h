@@ -30,12 +30,10 @@ class CudaFusion {
  private:
   using Setup = FusionSetup<DeviceFusionView>;
 
-  /// The setup on the device, with the expected errors queued.
+  /// The setup on the device, with the odds of its depths queued.
   DeviceFusionContext Upload(const Setup& setup);
-  /// The maps of FilterByConsistency, of the reference's size.
-  void ReserveMaps(const Setup& setup);
-  ImageView<unsigned char> ConsistentViews(const Setup& setup) const;
-  ImageView<float> Confidence(const Setup& setup) const;
+  /// The map of confidences, of the reference's size.
+  ImageView<float> ReserveConfidence(const Setup& setup);
   /// launch(range, output) for all pixels, a part after the other, so that the device needs room for the points of one
   /// part. The host takes those of the part before meanwhile.
   template <class Launch>
@@ -48,8 +46,8 @@ class CudaFusion {
   DeviceArray<DeviceFusionSource> sources_;
   DeviceArray<SurfacePoint> points_;
   DeviceArray<unsigned> count_;
-  DeviceArray<unsigned char> scratch_, consistent_views_;
-  DeviceArray<float> confidence_, log_error_;
+  DeviceArray<unsigned char> scratch_;
+  DeviceArray<float> confidence_, log_odds_;
 };
 
 }  // namespace acmp

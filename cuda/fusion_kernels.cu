@@ -119,26 +119,20 @@ __device__ void WritePoint(bool accepted, const SurfacePoint& point, unsigned bl
   if (accepted) reinterpret_cast<PackedPoint*>(output.points)[first + place] = Pack(point);
 }
 
-__global__ void __launch_bounds__(kPointThreads) ErrorKernel(const __grid_constant__ DeviceFusionContext context,
-                                                             const PixelRange range, const ImageView<float> log_error) {
-  const PixelPlace place = PlaceOfThread(blockIdx.x, range, log_error.width);
-  if (place.is_inside) log_error(place.col, place.row) = LogExpectedError(context, place.col, place.row);
+__global__ void __launch_bounds__(kPointThreads) OddsKernel(const __grid_constant__ DeviceFusionContext context,
+                                                            const PixelRange range, const ImageView<float> log_odds) {
+  const PixelPlace place = PlaceOfThread(blockIdx.x, range, log_odds.width);
+  if (place.is_inside) log_odds(place.col, place.row) = LogOdds(context, place.col, place.row);
 }
 
 __global__ void __launch_bounds__(kPointThreads)
     FilterKernel(const __grid_constant__ DeviceFusionContext context, const PixelRange range,
-                 const ImageView<unsigned char> consistent_views, const ImageView<float> confidence,
-                 const PointOrder order, const PointOutput output) {
+                 const ImageView<float> confidence, const PointOrder order, const PointOutput output) {
   const unsigned block = BeginBlock(order);
   const PixelPlace place = PlaceOfThread(block, range, confidence.width);
   SurfacePoint point;
-  bool accepted = false;
-  if (place.is_inside) {
-    const PixelConsistency pixel = CheckPixel<kMaxCudaFusionSources>(context, place.col, place.row, &point);
-    consistent_views(place.col, place.row) = static_cast<unsigned char>(pixel.consistent_views);
-    confidence(place.col, place.row) = pixel.confidence;
-    accepted = pixel.accepted;
-  }
+  const bool accepted = place.is_inside && CheckPixel<kMaxCudaFusionSources>(context, place.col, place.row,
+                                                                             &confidence(place.col, place.row), &point);
   WritePoint(accepted, point, block, order, output);
 }
 
@@ -156,22 +150,21 @@ __global__ void __launch_bounds__(kPointThreads)
 
 size_t PointScratchBytes(const PixelRange& range) { return ScratchBytes(NumBlocks(range.count)); }
 
-DeviceFusionContext LaunchExpectedErrors(DeviceFusionContext context, float* log_error, cudaStream_t stream) {
+DeviceFusionContext LaunchOdds(DeviceFusionContext context, float* log_odds, cudaStream_t stream) {
   CheckRange("number of source views on a GPU", context.num_sources, 0, kMaxCudaFusionSources);
   const int width = context.reference.depth.width, height = context.reference.depth.height;
   const PixelRange all = {0, static_cast<size_t>(width) * height};
-  ErrorKernel<<<NumBlocks(all.count), kPointThreads, 0, stream>>>(context, all, {log_error, width, height, width});
-  CudaCheck(cudaGetLastError(), "launch expected errors");
-  context.log_error = {log_error, width, height, width};
+  OddsKernel<<<NumBlocks(all.count), kPointThreads, 0, stream>>>(context, all, {log_odds, width, height, width});
+  CudaCheck(cudaGetLastError(), "launch odds of depths");
+  context.log_odds = {log_odds, width, height, width};
   return context;
 }
 
 void LaunchFilterByConsistency(const DeviceFusionContext& context, const PixelRange& range,
-                               const ImageView<unsigned char>& consistent_views, const ImageView<float>& confidence,
-                               const PointOutput& output, cudaStream_t stream) {
+                               const ImageView<float>& confidence, const PointOutput& output, cudaStream_t stream) {
   const int num_blocks = NumBlocks(range.count);
   const PointOrder order = QueueOrder(output, num_blocks, stream);
-  FilterKernel<<<num_blocks, kPointThreads, 0, stream>>>(context, range, consistent_views, confidence, order, output);
+  FilterKernel<<<num_blocks, kPointThreads, 0, stream>>>(context, range, confidence, order, output);
   CudaCheck(cudaGetLastError(), "launch consistency check");
 }
 

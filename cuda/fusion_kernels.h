@@ -12,7 +12,7 @@ using DeviceFusionView = FusionMaps<PlaneHypothesis>;
 using DeviceFusionSource = FusionSource<DeviceFusionView>;
 using DeviceFusionContext = FusionContext<DeviceFusionView>;
 
-/// A thread's versines lie in local memory, 4 bytes per source. As many as the matcher takes.
+/// As many as the matcher takes.
 constexpr int kMaxCudaFusionSources = 32;
 
 /// Pixels of the reference, in row-major order, whose points one launch makes.
@@ -30,16 +30,15 @@ struct PointOutput {
 
 size_t PointScratchBytes(const PixelRange& range);
 
-/// Queues LogExpectedError of all pixels of the reference into `log_error`, device memory. Throws InvalidInputError for
+/// Queues LogOdds of all pixels of the reference into `log_odds`, device memory. Throws InvalidInputError for
 /// more than kMaxCudaFusionSources sources.
 /// @return the context with them, for the launches below
-DeviceFusionContext LaunchExpectedErrors(DeviceFusionContext context, float* log_error, cudaStream_t stream);
+DeviceFusionContext LaunchOdds(DeviceFusionContext context, float* log_odds, cudaStream_t stream);
 
-/// Queues FilterByConsistency of a range: fills it in both maps, of the reference's size. All pointers in the context
-/// are device memory; its stamps are null.
+/// Queues FilterByConsistency of a range: fills it in the map of confidences, of the reference's size. All pointers in
+/// the context are device memory; its stamps are null.
 void LaunchFilterByConsistency(const DeviceFusionContext& context, const PixelRange& range,
-                               const ImageView<unsigned char>& consistent_views, const ImageView<float>& confidence,
-                               const PointOutput& output, cudaStream_t stream);
+                               const ImageView<float>& confidence, const PointOutput& output, cudaStream_t stream);
 
 /// Queues FusionEngine::FuseView of a range. Stamps of all views start at kUnusedStamp and go on from view to view.
 void LaunchFuseView(const DeviceFusionContext& context, const PixelRange& range, const PointOutput& output,

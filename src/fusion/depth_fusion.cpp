@@ -20,18 +20,18 @@ void CollectRows(int height, const AddPoints& add_points, PointCloud* points) {
 
 }  // namespace
 
-Image<float> MeasureErrors(const FusionContext<HostMaps>& context) {
-  Image<float> log_error(context.reference.depth.width, context.reference.depth.height);
-  tbb::parallel_for(0, log_error.height(), [&](int row) {
-    for (int col = 0; col < log_error.width(); ++col) log_error(col, row) = LogExpectedError(context, col, row);
+Image<float> MeasureOdds(const FusionContext<HostMaps>& context) {
+  Image<float> log_odds(context.reference.depth.width, context.reference.depth.height);
+  tbb::parallel_for(0, log_odds.height(), [&](int row) {
+    for (int col = 0; col < log_odds.width(); ++col) log_odds(col, row) = LogOdds(context, col, row);
   });
-  return log_error;
+  return log_odds;
 }
 
 void FuseView(const FusionSetup<HostMaps>& setup, PointCloud* points) {
   FusionContext<HostMaps> context = setup.Context(setup.sources().data());
-  const Image<float> log_error = MeasureErrors(context);
-  context.log_error = log_error.View();
+  const Image<float> log_odds = MeasureOdds(context);
+  context.log_odds = log_odds.View();
   const auto fuse_row = [&](int row, PointCloud* points_of_row) {
     SurfacePoint point;
     for (int col = 0; col < context.reference.depth.width; ++col) {
@@ -52,19 +52,17 @@ ConsistencyResult FilterByConsistency(const FusionView& reference, const std::ve
     if (!source.depth.empty()) setup.AddSource(CameraOf(source), MapsOf(source));
   }
   FusionContext<HostMaps> context = setup.Context(setup.sources().data());
-  const Image<float> log_error = MeasureErrors(context);
-  context.log_error = log_error.View();
+  const Image<float> log_odds = MeasureOdds(context);
+  context.log_odds = log_odds.View();
 
   const int width = reference.depth.width, height = reference.depth.height;
-  result.consistent_views = Image<unsigned char>(width, height);
   result.confidence = ConfidenceMap(width, height);
   const auto check_row = [&](int row, PointCloud* points) {
     SurfacePoint point;
     for (int col = 0; col < width; ++col) {
-      const PixelConsistency pixel = CheckPixel<kMaxFusionSources>(context, col, row, &point);
-      result.consistent_views(col, row) = static_cast<unsigned char>(pixel.consistent_views);
-      result.confidence(col, row) = pixel.confidence;
-      if (pixel.accepted) points->push_back(point);
+      if (CheckPixel<kMaxFusionSources>(context, col, row, &result.confidence(col, row), &point)) {
+        points->push_back(point);
+      }
     }
   };
   CollectRows(height, check_row, &result.points_in_camera);

@@ -18,7 +18,8 @@ void Validate(const FusionOptions& options) {
     throw InvalidInputError(
         Concat("fusion.max_normal_angle_deg = ", options.max_normal_angle_deg, ": must be in (0, 180]"));
   }
-  CheckRange("fusion.min_consistent_views", options.min_consistent_views, 1, 32);
+  CheckRange("fusion.min_consistent_views", options.min_consistent_views, 0, 32);
+  CheckRange("fusion.min_confidence", options.min_confidence, 0.0f, 1.0f);
 }
 
 }  // namespace acmp

@@ -41,7 +41,7 @@ FusionLimits MakeFusionLimits(const FusionOptions& options) {
   Validate(options);
   const double max_px = options.max_reprojection_px;
   return {max_px * max_px, options.max_relative_depth, std::cos(options.max_normal_angle_deg * kPi / 180),
-          options.min_consistent_views};
+          options.min_consistent_views, options.min_confidence};
 }
 
 Stamp StampOfRank(int rank) {
@@ -86,6 +86,7 @@ SourceGeometry MakeSourceGeometry(const PosedCamera& reference, const PosedCamer
   geometry.to_reference_offset = ToVec3d(reference_k * reference_from_source.translation());
   geometry.target_from_camera = ToMat3d(target_from_source.linear());
   geometry.center = ToVec3d(target_from_source.translation());
+  geometry.rays = MakeRayGrid(source.camera);
   return geometry;
 }
 

@@ -6,7 +6,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/fusion/fusion_setup.h"
-#include "acmp_mapping/fusion/kernel/expected_error.h"
+#include "acmp_mapping/fusion/kernel/fuse_pixel.h"
 
 namespace acmp {
 namespace {
@@ -23,7 +23,9 @@ Outcome CheckSource(const FusionContext<HostMaps>& context, const FusionSource<H
   SourcePlace place;
   if (!LocateInSource(source, pixel.homogeneous, &place)) return kOutside;
   ViewAgreement agreement;
-  if (!ProjectBack(source, pixel, place, &agreement)) return kSourceDepth;
+  if (source.view.IsGuess(place.col, place.row) || !ProjectBack(source, context.limits, pixel, place, &agreement)) {
+    return kSourceDepth;
+  }
   PixelMatch match;
   if (MatchAgreement(source, context.limits, context.current, pixel, agreement, &match)) return kAgrees;
   if (!(agreement.squared_px < context.limits.max_squared_px)) return kReprojection;
@@ -32,24 +34,26 @@ Outcome CheckSource(const FusionContext<HostMaps>& context, const FusionSource<H
 
 void CountPixel(const FusionContext<HostMaps>& context, int col, int row, PointLosses* losses) {
   ++losses->pixels;
+  float confidence = 0;
+  SurfacePoint point;
+  if (CheckPixel<kMaxFusionSources>(context, col, row, &confidence, &point)) {
+    ++losses->points;
+    return;
+  }
   ReferencePixel pixel;
   if (!LoadReferencePixel(context, col, row, &pixel)) {
     ++losses->without_depth;
     return;
   }
-  if (context.reference.IsGuess(col, row)) {
+  if (!MayBePoint(context, col, row)) {
     ++losses->guesses;
     return;
   }
   std::array<int, kNumOutcomes> outcomes = {};
   for (int i = 0; i < context.num_sources; ++i) ++outcomes[CheckSource(context, context.sources[i], pixel)];
-  if (outcomes[kAgrees] >= context.limits.min_consistent_views) {
-    ++losses->points;
-    return;
-  }
-  size_t* const counts[] = {&losses->outside, &losses->source_depth, &losses->reprojection, &losses->relative_depth,
-                            &losses->angle};
-  ++*counts[std::max_element(outcomes.begin(), outcomes.begin() + kAgrees) - outcomes.begin()];
+  size_t* const counts[kNumOutcomes] = {&losses->outside,        &losses->source_depth, &losses->reprojection,
+                                        &losses->relative_depth, &losses->angle,        &losses->uneven};
+  ++*counts[std::max_element(outcomes.begin(), outcomes.end()) - outcomes.begin()];
 }
 
 }  // namespace
@@ -65,7 +69,9 @@ PointLosses CountPointLosses(const FusionView& reference, const std::vector<Fusi
   for (const FusionView& source : sources) {
     if (!source.depth.empty()) setup.AddSource(CameraOf(source), MapsOf(source));
   }
-  const FusionContext<HostMaps> context = setup.Context(setup.sources().data());
+  FusionContext<HostMaps> context = setup.Context(setup.sources().data());
+  const Image<float> log_odds = MeasureOdds(context);
+  context.log_odds = log_odds.View();
   for (int row = 0; row < reference.depth.height; row += step) {
     for (int col = 0; col < reference.depth.width; col += step) CountPixel(context, col, row, &losses);
   }
@@ -80,11 +86,12 @@ std::string Describe(const PointLosses& losses, const FusionOptions& options) {
   };
   constexpr char kPoses[] =
       "the views' depths contradict each other: check ~pose_is, ~pose_child, ~sync_tolerance and the calibration";
+  constexpr char kUneven[] = "surfaces are uneven or poorly matched: blurred, noisy or very small images";
   std::vector<Loss> all = {
       {losses.without_depth, "no depth",
        "nothing matches within the range of depth: check the sparse points or "
        "~depth_min and ~depth_max"},
-      {losses.guesses, "completed without any view that confirms it",
+      {losses.guesses, "a guess that speaks against what the images show",
        "the images do not match each other: check ~pose_is, ~pose_child, the stamps and the calibration"},
       {losses.outside, "outside the other images",
        "the views do not see the same: check ~pose_is and ~pose_child, or keyframes are too far apart"},
@@ -92,8 +99,8 @@ std::string Describe(const PointLosses& losses, const FusionOptions& options) {
        "the images do not match each other: check ~pose_is, ~pose_child, the stamps and the calibration"},
       {losses.reprojection, Concat("reprojection (", options.max_reprojection_px, " px)"), kPoses},
       {losses.relative_depth, Concat("depth (", 100 * options.max_relative_depth, " %)"), kPoses},
-      {losses.angle, Concat("angle of normals (", options.max_normal_angle_deg, " degrees)"),
-       "surfaces are uneven or poorly matched: blurred, noisy or very small images"}};
+      {losses.angle, Concat("angle of normals (", options.max_normal_angle_deg, " degrees)"), kUneven},
+      {losses.uneven, Concat("confidence (", options.min_confidence, ") though views agree"), kUneven}};
   std::stable_sort(all.begin(), all.end(), [](const Loss& a, const Loss& b) { return a.count > b.count; });
   std::string text;
   for (const Loss& loss : all) {

@@ -27,10 +27,10 @@ OptionTable<PipelineOptions> MakePipelineOptionTable() {
           .WhileRunning(),
       [](auto& o) -> auto& { return o.fill.weighted_median; });
   table.Add(
-      Number("min_consistent_views", 1, 32, "",
-             "Source views that must agree with a pixel before it becomes a point; more: fewer and better points")
+      Number("min_confidence", 0, 1, "",
+             "A pixel becomes a point when it is right with this probability; more: fewer and better points")
           .WhileRunning(),
-      [](auto& o) -> auto& { return o.fusion.min_consistent_views; });
+      [](auto& o) -> auto& { return o.fusion.min_confidence; });
 
   table.Group("pipeline, offline only");
   table.Add(
@@ -43,18 +43,6 @@ OptionTable<PipelineOptions> MakePipelineOptionTable() {
   table.Add(
       Number("geometric_iterations", 1, 20, "", "Iterations of each geometric pass"),
       [](auto& o) -> auto& { return o.patch_match.geometric_iterations; });
-  table.Add(
-      Number("max_reprojection_px", 0.01, 100, "px",
-             "A source view agrees with a pixel that it sends back to within this distance"),
-      [](auto& o) -> auto& { return o.fusion.max_reprojection_px; });
-  table.Add(
-      Number("max_relative_depth", 0.0001, 0.99, "",
-             "A source view agrees with a pixel when their depths differ by less than this share"),
-      [](auto& o) -> auto& { return o.fusion.max_relative_depth; });
-  table.Add(
-      Number("max_normal_angle_deg", 0.1, 180, "deg",
-             "A source view agrees with a pixel when their normals differ by less than this angle"),
-      [](auto& o) -> auto& { return o.fusion.max_normal_angle_deg; });
   table.Add(
       Flag("prior_depth_metric",
            "Depth from outside is in the unit of the poses and trusted as it is; else scale and shift are fitted"),

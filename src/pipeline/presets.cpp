@@ -28,7 +28,10 @@ PipelineOptions MakePapers(Method method) {
   options.patch_match.planar_prior_iterations = 3;
   options.patch_match.geometric_iterations = 2;
   options.fill.enabled = false;
+  options.fusion.min_confidence = 0;
+  options.fusion.min_consistent_views = 2;
   options.fusion.max_relative_depth = 0.01f;
+  options.fusion.max_normal_angle_deg = 10;
   return options;
 }
 

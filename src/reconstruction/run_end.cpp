@@ -30,8 +30,8 @@ PointsJudgement JudgePoints(const ScheduleRun& run, size_t points) {
   const int views = MakePipelineOptions(run.options).fusion.min_consistent_views;
   if (images <= views) {
     if (points > 0) return {};
-    return {Concat("no points: for one ", views, " source views must agree, and ", images,
-                   " images have maps (--set min_consistent_views)"),
+    return {Concat("no points: for one ", views, " source views must agree in this preset, and ", images,
+                   " images have maps"),
             ""};
   }
   if (points == 0) return {"", Concat("none of the ", pixels, " pixels became a point", kCauses)};

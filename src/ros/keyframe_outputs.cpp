@@ -23,17 +23,19 @@ Image<unsigned char> MakeKeepMask(const KeyframeDepth& maps, double min_confiden
   return keep;
 }
 
-PointCloud KeptPoints(const KeyframeDepth& maps, ImageView<const unsigned char> keep, double min_confidence) {
+/// Points that are not masked.
+PointCloud KeptPoints(const KeyframeDepth& maps) {
+  const ImageView<const unsigned char> mask = maps.frame->mask;
+  if (mask.empty()) return maps.points_in_camera;
   const PinholeCamera& camera = maps.frame->camera;
   PointCloud kept;
   kept.reserve(maps.points_in_camera.size());
   for (const SurfacePoint& point : maps.points_in_camera) {
-    if (point.confidence < min_confidence) continue;
     const Eigen::Vector2d pixel = camera.Project({point.position.x, point.position.y, point.position.z});
     // Rounded as Contains does: -0.5 belongs to pixel 0.
     const int col = static_cast<int>(std::floor(pixel.x() + 0.5));
     const int row = static_cast<int>(std::floor(pixel.y() + 0.5));
-    if (camera.Contains(pixel) && !keep(col, row)) continue;
+    if (camera.Contains(pixel) && mask(col, row) == 0) continue;
     kept.push_back(point);
   }
   return kept;
@@ -82,13 +84,12 @@ KeyframeOutputs::RecordPtr KeyframeOutputs::FindRecord(const Records& records, i
 }
 
 KeyframeOutput KeyframeOutputs::MakeOutput(const KeyframeDepthPtr& maps, const Record& record) const {
-  const double min_confidence = min_confidence_;
   KeyframeOutput output;
   output.origin = record.origin;
   output.run = record.run;
   output.maps = maps;
-  output.keep = MakeKeepMask(*maps, min_confidence);
-  output.points_in_camera = KeptPoints(*maps, output.keep.View(), min_confidence);
+  output.keep = MakeKeepMask(*maps, min_depth_confidence_);
+  output.points_in_camera = KeptPoints(*maps);
   return output;
 }
 
@@ -111,8 +112,8 @@ void KeyframeOutputs::CountWithoutPoints(const KeyframeDepth& maps, const Keyfra
     status_.run_without_points = points > 0 ? 0 : status_.run_without_points + 1;
     status_.no_points_reason = "";
     if (points == 0) {
-      status_.no_points_reason = maps.no_points_reason.value_or(
-          Concat("all ", maps.points_in_camera.size(), " are below ~min_confidence (", min_confidence_, ") or masked"));
+      status_.no_points_reason =
+          maps.no_points_reason.value_or(Concat("all ", maps.points_in_camera.size(), " are masked"));
     }
     now = status_;
   }

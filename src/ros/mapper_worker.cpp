@@ -185,7 +185,7 @@ void MapperWorker::Process(const KeyframeInput& input) {
   Timer timer;
   const RuntimeOptions options = options_->Get();
   mapper_->set_options(options.mapper);
-  outputs_.set_min_confidence(options.min_confidence);
+  outputs_.set_min_depth_confidence(options.min_depth_confidence);
 
   const FramePtr frame = PrepareFrame(input);
   const double preparation_ms = timer.Lap();

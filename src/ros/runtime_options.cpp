@@ -27,9 +27,9 @@ OptionTable<RuntimeOptions> MakeTable() {
       WindowOptionTable(), [](auto& o) -> auto& { return o.mapper; });
   table.Group("output");
   table.Add(
-      Number("min_confidence", 0, 1, "", "Refined depth and points of less confidence are left out; 0: none are")
+      Number("min_depth_confidence", 0, 1, "", "Refined depth of less confidence is not published; 0: all is")
           .WhileRunning(),
-      [](auto& o) -> auto& { return o.min_confidence; });
+      [](auto& o) -> auto& { return o.min_depth_confidence; });
   table.Embed(
       PipelineOptionTable(), [](auto& o) -> auto& { return o.mapper.pipeline; },
       [](const Description& option) { return option.while_running; });

@@ -18,19 +18,18 @@ struct FusionView {
   RigidTransform cam_from_world = RigidTransform::Identity();
   ImageView<const float> depth;   ///< z, 0 = unknown
   ImageView<const Vec3f> normal;  ///< camera frame
-  ImageView<const float> cost;    ///< see CostMap; from kWorstCost on a guess, which makes no point and confirms none
+  ImageView<const float> cost;    ///< see CostMap; from kWorstCost on a guess, which confirms no other pixel
   ImageView<const Rgb> color;     ///< may be empty: points are black
 };
 
-/// Pixels of a reference view that its source views confirm.
+/// What source views say of a reference view.
 struct ConsistencyResult {
-  Image<unsigned char> consistent_views;  ///< number of source views that agree with the pixel
-  ConfidenceMap confidence;               ///< see ConfidenceOf; 0 without depth
-  PointCloud points_in_camera;            ///< pixels with enough consistent views, averaged with them; reference frame
+  ConfidenceMap confidence;     ///< probability that the depth is right (ConfidenceOf); 0 without depth
+  PointCloud points_in_camera;  ///< of pixels that FusionOptions keeps, averaged with agreeing views; reference frame
 };
 
-/// Checks one reference view against source views: 2 px forward-backward reprojection, 1 % depth, 10 degrees by default
-/// (paper, "Fusion"). Source depths are looked up at the nearest pixel; a pixel without a normal agrees with nothing.
+/// Checks one reference view against source views (FusionOptions; paper, "Fusion"). Source depths are looked up at the
+/// nearest pixel; a pixel without a normal agrees with nothing.
 /// Points come in row-major order. Throws InvalidInputError for maps that do not fit their camera, poses that are not
 /// rigid and more than 255 sources. Does not modify or mark the sources.
 ConsistencyResult FilterByConsistency(const FusionView& reference, const std::vector<FusionView>& sources,

@@ -74,8 +74,8 @@ class FusionSetup {
 /// FusionEngine::FuseView on the host: appends its points and stamps the pixels that they used.
 void FuseView(const FusionSetup<FusionMaps<Vec3f>>& setup, PointCloud* points);
 
-/// LogExpectedError of all pixels of the reference.
-Image<float> MeasureErrors(const FusionContext<FusionMaps<Vec3f>>& context);
+/// LogOdds of all pixels of the reference.
+Image<float> MeasureOdds(const FusionContext<FusionMaps<Vec3f>>& context);
 
 /// The host's maps as the kernel functions read them.
 inline FusionMaps<Vec3f> MapsOf(const FusionView& view) { return {view.depth, view.normal, view.cost, view.color}; }

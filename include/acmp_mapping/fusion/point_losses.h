@@ -8,17 +8,18 @@
 
 namespace acmp {
 
-/// What becomes of the pixels of a reference view in FilterByConsistency: each is counted once. A pixel with too few
-/// agreeing sources counts for the check that most of its sources fail first; of equals for the earlier one.
+/// What becomes of the pixels of a reference view in FilterByConsistency: each is counted once. One that becomes no
+/// point counts for what most of its sources say, the check that they fail first; of equals for the earlier one.
 struct PointLosses {
   size_t pixels = 0;         ///< looked at
   size_t without_depth = 0;  ///< depth or normal unknown
-  size_t guesses = 0;        ///< completed where no view confirms anything
+  size_t guesses = 0;        ///< may be no points, whatever their confidence
   size_t outside = 0;        ///< behind or outside the sources' images
   size_t source_depth = 0;   ///< the sources know no depth there
   size_t reprojection = 0;   ///< sent back too far away, px
   size_t relative_depth = 0;
-  size_t angle = 0;  ///< between normals
+  size_t angle = 0;   ///< between normals
+  size_t uneven = 0;  ///< they agree, and the surface around does not
   size_t points = 0;
 };
 

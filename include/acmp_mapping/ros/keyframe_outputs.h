@@ -74,7 +74,7 @@ class KeyframeOutputs {
   /// Forgets finished keyframes but for the newest ones, so many.
   void Trim(size_t kept);
   /// Depth and points below are left out, 0..1.
-  void set_min_confidence(double min_confidence) { min_confidence_ = min_confidence; }
+  void set_min_depth_confidence(double confidence) { min_depth_confidence_ = confidence; }
 
   /// Tells the hook of an input that was not used.
   void ReportDrop(const RejectedInput& drop) const;
@@ -103,7 +103,7 @@ class KeyframeOutputs {
 
   const Hooks hooks_;
   std::atomic<bool> stopping_{false};
-  std::atomic<double> min_confidence_{0};
+  std::atomic<double> min_depth_confidence_{0};
   mutable std::mutex mutex_;  ///< guards all below
   Records pending_;           ///< from Add to the keyframe's end
   Records refined_;           ///< that may be refined again: the mapper's window, and what has left it on its way out

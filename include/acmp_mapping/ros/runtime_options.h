@@ -17,7 +17,7 @@ namespace acmp {
 struct RuntimeOptions {
   DenseMapperOptions mapper;
   KeyframeGateOptions gate;
-  double min_confidence = 0;
+  double min_depth_confidence = 0;
 };
 void Validate(const RuntimeOptions& options);
 

@@ -1,17 +1,21 @@
 #pragma once
 
+#include <cfloat>
 #include <cmath>
 
-#include "acmp_mapping/common/vector_math.h"
-#include "acmp_mapping/image/image.h"
+#include "acmp_mapping/fusion/kernel/surface_unevenness.h"
 
 namespace acmp {
 
-/// What the source views say about a reference pixel's point, whatever thresholds fusion uses.
+/// LogOdds without a depth.
+constexpr float kUnknownOdds = -FLT_MAX;
+
+/// What the source views say about a reference pixel's point, whatever thresholds fusion uses and whether or not
+/// earlier views have used what they see.
 struct ViewEvidence {
-  int views = 0;          ///< whose image the point falls into
-  double agreement = 0;   ///< sum of GradedAgreement over those with a depth of their own there
-  int contradicting = 0;  ///< of these, views that see something clearly farther away: they look through the point
+  int views = 0;              ///< whose image the point falls into
+  int silent = 0;             ///< of these, views with no depth of their own there: unknown, or a guess
+  double best_agreement = 0;  ///< the greatest GradedAgreement of the others
 };
 
 /// How well a source's depth fits the pixel's: exp(-(px + 200 rel)) min(sin(angle / 2) / sin 5 deg, 1), 0..1: between
@@ -27,26 +31,64 @@ ACMP_HOST_DEVICE inline double GradedAgreement(double reprojection_px, double re
   return angle_versine < kFullVersine ? fit * std::sqrt(angle_versine > 0 ? angle_versine / kFullVersine : 0) : fit;
 }
 
-/// The relative depth error to expect of a pixel from its matching cost (see CostMap), the views, and its unevenness:
-/// how far the surface around it deviates from its plane (see SurfaceUnevenness, 0..0.1). Fitted to the logarithm of
-/// true errors of holo_table and holo_cabinet before unevenness weighed colours; docs/experiments.md says what each
-/// term is worth. It never falls when cost, unevenness or the share of contradicting views grows or the mean agreement
-/// falls. A NaN cost is no photometric evidence, kUnsupportedCost evidence against the depth; without views only cost
-/// and unevenness count. Completed pixels (kUnverifiedCost, kWorstCost) have no photometric evidence.
-ACMP_HOST_DEVICE inline double ExpectedRelativeError(float cost, const ViewEvidence& evidence, double unevenness) {
-  constexpr double kUnsupportedExponent = 1.4;  // four times the error
-  const double used_cost = cost > 0 ? cost : 0;
-  // The paper's photometric likelihood (eq. 5).
-  const double photometric = cost != cost ? 0.0 : std::exp(-used_cost * used_cost / 0.18);
-  const double share = evidence.views > 0 ? 1.0 / evidence.views : 0.0;
-  const double unsupported = cost >= kUnsupportedCost ? kUnsupportedExponent : 0.0;
-  const double exponent =
-      2.0 * share * evidence.contradicting - 0.9 * share * evidence.agreement - 0.3 * photometric + unsupported;
-  return 0.5 * std::pow(unevenness + 0.01, 0.9) * std::exp(exponent);
+template <class View>
+ACMP_HOST_DEVICE inline ViewEvidence GatherEvidence(const FusionContext<View>& context, const ReferencePixel& pixel) {
+  ViewEvidence evidence;
+  for (int i = 0; i < context.num_sources; ++i) {
+    const FusionSource<View>& source = context.sources[i];
+    SourcePlace place;
+    if (!LocateInSource(source, pixel.homogeneous, &place)) continue;
+    ++evidence.views;
+    ViewAgreement agreement;
+    if (source.view.IsGuess(place.col, place.row) || !ProjectBack(source, context.limits, pixel, place, &agreement)) {
+      ++evidence.silent;
+      continue;
+    }
+    const double graded = GradedAgreement(std::sqrt(agreement.squared_px), agreement.relative_depth,
+                                          TriangulationVersine(pixel, source.geometry.center));
+    evidence.best_agreement = graded > evidence.best_agreement ? graded : evidence.best_agreement;
+  }
+  return evidence;
 }
 
-/// Confidence 0..1: 1 / (1 + expected error / 1 %), so one half where an error of 1 % of depth is expected.
-/// @param error relative
-ACMP_HOST_DEVICE inline double ConfidenceOfError(double error) { return 1 / (1 + 100 * error); }
+/// Logarithm of the odds that a depth is right, which is within 2 % of the true one: a logistic regression, fitted to
+/// five recorded and two synthetic scenes (docs/benchmarks.md, "Confidence"). Three numbers say all that was found to
+/// be known: matching cost, texture, the number of agreeing views and of those that look through add nothing to them.
+/// @param unevenness how far the surface around deviates from the pixel's plane (SurfaceUnevenness)
+ACMP_HOST_DEVICE inline double LogOddsOf(const ViewEvidence& evidence, double unevenness) {
+  const double silent_share = evidence.views > 0 ? static_cast<double>(evidence.silent) / evidence.views : 0.0;
+  return -7.0 - 1.74 * std::log(unevenness + 0.01) + 2.22 * evidence.best_agreement - 1.59 * silent_share;
+}
+
+/// LogOddsOf a pixel of the reference by itself. Without a normal nothing speaks for it.
+template <class View>
+ACMP_HOST_DEVICE inline float LogOdds(const FusionContext<View>& context, int col, int row) {
+  if (!IsKnown(context.reference.Depth(col, row))) return kUnknownOdds;
+  ReferencePixel pixel;
+  return static_cast<float>(LoadReferencePixel(context, col, row, &pixel)
+                                ? LogOddsOf(GatherEvidence(context, pixel), SurfaceUnevenness(context, pixel))
+                                : LogOddsOf({}, kMaxUnevenness));
+}
+
+/// Confidence of a pixel of the reference: the probability that its depth is right, from the mean of the log odds of it
+/// and of the surface around it (ForEachAround, depths within 10 %). Where a surface is wrong it is so in patches: what
+/// is known of one pixel says much about the next. 0 without depth.
+/// @param context with `log_odds` of all pixels
+template <class View>
+ACMP_HOST_DEVICE inline double ConfidenceOf(const FusionContext<View>& context, int col, int row) {
+  constexpr float kSameSurface = 0.1f;
+  const float own = context.log_odds(col, row);
+  if (own == kUnknownOdds) return 0;
+  const float depth = context.reference.Depth(col, row);
+  double sum = own, weights = 1;
+  ForEachAround(context.reference, col, row, [&](int c, int r, double weight) {
+    const float odds = context.log_odds(c, r);
+    if (odds == kUnknownOdds) return;
+    if (!(std::fabs(context.reference.Depth(c, r) - depth) < kSameSurface * depth)) return;
+    sum += weight * odds;
+    weights += weight;
+  });
+  return 1 / (1 + std::exp(-sum / weights));
+}
 
 }  // namespace acmp

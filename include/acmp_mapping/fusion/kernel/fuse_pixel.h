@@ -1,29 +1,32 @@
 #pragma once
 
-#include "acmp_mapping/fusion/kernel/expected_error.h"
+#include "acmp_mapping/fusion/kernel/confidence.h"
 #include "acmp_mapping/fusion/kernel/match_sum.h"
 
 namespace acmp {
 
-struct PixelConsistency {
-  int consistent_views;
-  float confidence;  ///< 0 without depth
-  bool accepted;     ///< the pixel becomes a point
-};
+/// True when a pixel may be a point, whatever its confidence: it has a depth, and nothing speaks against it.
+template <class View>
+ACMP_HOST_DEVICE inline bool MayBePoint(const FusionContext<View>& context, int col, int row) {
+  return context.limits.ByProbability() ? !context.reference.IsUnsupported(col, row)
+                                        : !context.reference.IsGuess(col, row);
+}
 
-/// One pixel of FilterByConsistency. Sets `point` when the pixel is accepted.
-/// @param context with `log_error` of all pixels
+/// One pixel of FilterByConsistency: true when it becomes a point, which it then sets.
+/// @param context with `log_odds` of all pixels
 template <int kMaxSources, class View>
-ACMP_HOST_DEVICE inline PixelConsistency CheckPixel(const FusionContext<View>& context, int col, int row,
-                                                    SurfacePoint* point) {
-  const double confidence = ConfidenceOf(context, col, row);
+ACMP_HOST_DEVICE inline bool CheckPixel(const FusionContext<View>& context, int col, int row, float* confidence,
+                                        SurfacePoint* point) {
+  const double probability = ConfidenceOf(context, col, row);
+  *confidence = static_cast<float>(probability);
   ReferencePixel pixel;
-  if (!LoadReferencePixel(context, col, row, &pixel)) return {0, static_cast<float>(confidence), false};
+  if (!(probability >= context.limits.min_confidence) || !MayBePoint(context, col, row)) return false;
+  if (!LoadReferencePixel(context, col, row, &pixel)) return false;
   MatchSum<kMaxSources> sum;
   SumMatches(context, pixel, &sum);
-  const bool accepted = !context.reference.IsGuess(col, row) && HasEnoughMatches(context.limits, sum);
-  if (accepted) *point = Average(context.geometry, pixel, sum, confidence);
-  return {sum.count, static_cast<float>(confidence), accepted};
+  if (sum.count < context.limits.min_consistent_views) return false;
+  *point = Average(context.geometry, pixel, sum, probability);
+  return true;
 }
 
 /// Stamps the pixel and its matches. Other pixels of the reference may do so at the same time and to the same matches:
@@ -43,17 +46,18 @@ ACMP_HOST_DEVICE inline void StampUsed(const FusionContext<View>& context, const
 
 /// One pixel of FusionEngine::FuseView: true when it becomes a point, which it then sets. Pixels of the
 /// view may be run at the same time and in any order; views one after the other.
-/// @param context with `log_error` of all pixels
+/// @param context with `log_odds` of all pixels
 template <int kMaxSources, class View>
 ACMP_HOST_DEVICE inline bool FusePixel(const FusionContext<View>& context, int col, int row, SurfacePoint* point) {
+  if (IsUsed(context.stamps, context.current, col, row) || !MayBePoint(context, col, row)) return false;
+  const double confidence = ConfidenceOf(context, col, row);
   ReferencePixel pixel;
-  if (IsUsed(context.stamps, context.current, col, row) || context.reference.IsGuess(col, row)) return false;
-  if (!LoadReferencePixel(context, col, row, &pixel)) return false;
+  if (!(confidence >= context.limits.min_confidence) || !LoadReferencePixel(context, col, row, &pixel)) return false;
   MatchSum<kMaxSources> sum;
   SumMatches(context, pixel, &sum);
-  if (!HasEnoughMatches(context.limits, sum)) return false;
+  if (sum.count < context.limits.min_consistent_views) return false;
   StampUsed(context, pixel, sum);
-  *point = Average(context.geometry, pixel, sum, ConfidenceOf(context, col, row));
+  *point = Average(context.geometry, pixel, sum, confidence);
   return true;
 }
 

@@ -18,9 +18,10 @@ struct FusionMaps {
   ACMP_HOST_DEVICE float Depth(int col, int row) const { return depth(col, row); }
   ACMP_HOST_DEVICE Vec3f Normal(int col, int row) const { return NormalOf(normal(col, row)); }
   ACMP_HOST_DEVICE float Cost(int col, int row) const { return cost(col, row); }
-  /// Whether the pixel was completed where no view had confirmed it (see FillUnverified). Such a pixel neither
-  /// becomes a point nor confirms one.
+  /// Whether the pixel was completed where no view had confirmed it (see FillUnverified). It confirms no other.
   ACMP_HOST_DEVICE bool IsGuess(int col, int row) const { return cost(col, row) >= kWorstCost; }
+  /// Whether what other images show speaks against the pixel: it never is a point, nor part of one.
+  ACMP_HOST_DEVICE bool IsUnsupported(int col, int row) const { return cost(col, row) > kWorstCost; }
   ACMP_HOST_DEVICE const Rgb& Color(int col, int row) const { return color(col, row); }
 
  private:
@@ -34,6 +35,10 @@ struct FusionLimits {
   double max_relative_depth;
   double min_normal_cosine;
   int min_consistent_views;
+  double min_confidence;
+
+  /// Else as the papers: agreeing views count alike, and guesses are no points.
+  ACMP_HOST_DEVICE bool ByProbability() const { return min_consistent_views == 0; }
 };
 
 /// From the reference's pixels to the frame in which points are wanted ("target"): its own or the world.
@@ -50,6 +55,7 @@ struct SourceGeometry {
   Vec3d to_source_offset, to_reference_offset;
   Mat3d target_from_camera;  ///< rotation
   Vec3d center;              ///< of the camera, target frame
+  RayGrid rays;              ///< of the source's pixels
 };
 
 /// Per pixel of a view, which view's points used it first, by its place in the order of fusion.
@@ -73,7 +79,7 @@ struct FusionContext {
   int num_sources;
   Stamp current;  ///< the reference's place in the order of fusion
   FusionLimits limits;
-  ImageView<const float> log_error;  ///< LogExpectedError of the reference's pixels
+  ImageView<const float> log_odds;  ///< LogOdds of the reference's pixels
 };
 
 }  // namespace acmp

@@ -3,7 +3,6 @@
 #include <cfloat>
 #include <cmath>
 
-#include "acmp_mapping/fusion/kernel/confidence.h"
 #include "acmp_mapping/fusion/kernel/fusion_context.h"
 
 namespace acmp {
@@ -54,6 +53,7 @@ ACMP_HOST_DEVICE inline bool LoadReferencePixel(const FusionContext<View>& conte
 
 /// Where a reference pixel's point falls in a source.
 struct SourcePlace {
+  double x, y;   ///< px
   int col, row;  ///< the nearest pixel
   double depth;  ///< of the point in the source
 };
@@ -74,6 +74,8 @@ ACMP_HOST_DEVICE inline bool LocateInSource(const FusionSource<View>& source, co
   place->col = nearest_col < width ? nearest_col : width - 1;
   place->row = nearest_row < height ? nearest_row : height - 1;
   place->depth = projected.z;
+  place->x = x;
+  place->y = y;
   return true;
 }
 
@@ -86,13 +88,30 @@ struct ViewAgreement {
   double relative_depth;  ///< absolute difference over the reference pixel's depth
 };
 
-/// False where the source has no depth of its own.
+/// Depth of the plane of a source's nearest pixel where the point falls. On a floor that is seen at a slant depths of
+/// neighbouring pixels differ by percents. The nearest pixel's own where the plane, seen from its edge, leaves that.
 template <class View>
-ACMP_HOST_DEVICE inline bool ProjectBack(const FusionSource<View>& source, const ReferencePixel& pixel,
-                                         const SourcePlace& place, ViewAgreement* agreement) {
+ACMP_HOST_DEVICE inline double DepthAtPlace(const FusionSource<View>& source, const SourcePlace& place, float nearest) {
+  constexpr double kMaxChange = 0.05;
+  const RayGrid& rays = source.geometry.rays;
+  const Vec3f normal = source.view.Normal(place.col, place.row);
+  const double facing = Dot(normal, rays.Ray(static_cast<float>(place.col), static_cast<float>(place.row)));
+  const double there =
+      facing + normal.x * rays.inv_fx * (place.x - place.col) + normal.y * rays.inv_fy * (place.y - place.row);
+  const double ratio = facing / there;  // NaN without a normal
+  return facing < 0 && std::fabs(ratio - 1) < kMaxChange ? nearest * ratio : nearest;
+}
+
+/// False where the source knows no depth. The papers take the nearest pixel for the place.
+template <class View>
+ACMP_HOST_DEVICE inline bool ProjectBack(const FusionSource<View>& source, const FusionLimits& limits,
+                                         const ReferencePixel& pixel, const SourcePlace& place,
+                                         ViewAgreement* agreement) {
   const float depth = source.view.Depth(place.col, place.row);
-  if (!IsKnown(depth) || source.view.IsGuess(place.col, place.row)) return false;
-  const Vec3d homogeneous = depth * Vec3d{static_cast<double>(place.col), static_cast<double>(place.row), 1};
+  if (!IsKnown(depth)) return false;
+  const Vec3d homogeneous = limits.ByProbability()
+                                ? DepthAtPlace(source, place, depth) * Vec3d{place.x, place.y, 1}
+                                : depth * Vec3d{static_cast<double>(place.col), static_cast<double>(place.row), 1};
   const Vec3d back = source.geometry.to_reference * homogeneous + source.geometry.to_reference_offset;
   const double dx = back.x / back.z - pixel.col, dy = back.y / back.z - pixel.row;
   *agreement = {place, depth, back, dx * dx + dy * dy, std::fabs(back.z - pixel.depth) / pixel.depth};
@@ -102,7 +121,7 @@ ACMP_HOST_DEVICE inline bool ProjectBack(const FusionSource<View>& source, const
 /// True when the source sees something clearly farther away than the reference pixel's point: it violates it (a
 /// free-space violation in Merrell et al., Real-Time Visibility-Based Fusion of Depth Maps, ICCV 2007).
 ACMP_HOST_DEVICE inline bool ViolatesFreeSpace(const ViewAgreement& agreement) {
-  constexpr double kClearly = 1.03;  // three times what fusion lets agree by default
+  constexpr double kClearly = 1.03;  // three times what the papers let agree
   return agreement.depth > kClearly * agreement.place.depth;
 }
 
@@ -112,20 +131,12 @@ ACMP_HOST_DEVICE inline double TriangulationVersine(const ReferencePixel& pixel,
   return 1 - Dot(pixel.ray, ray) / std::sqrt(Dot(pixel.ray, pixel.ray) * Dot(ray, ray));
 }
 
-/// Adds what a source sees to the evidence for the pixel.
-template <class View>
-ACMP_HOST_DEVICE inline void AddEvidence(const FusionSource<View>& source, const ReferencePixel& pixel,
-                                         const ViewAgreement& agreement, ViewEvidence* evidence) {
-  evidence->contradicting += ViolatesFreeSpace(agreement) ? 1 : 0;
-  evidence->agreement += GradedAgreement(std::sqrt(agreement.squared_px), agreement.relative_depth,
-                                         TriangulationVersine(pixel, source.geometry.center));
-}
-
 /// A source pixel that agrees with a reference pixel.
 struct PixelMatch {
   int col, row;
   Vec3d homogeneous;  ///< the source pixel's point as the reference sees it, z (u, v, 1)
   Vec3d normal;       ///< unit, target frame
+  double weight;      ///< of the reference pixel's 1
 };
 
 /// True when what the source sees agrees with the pixel and no earlier view has used it.
@@ -134,6 +145,7 @@ ACMP_HOST_DEVICE inline bool MatchAgreement(const FusionSource<View>& source, co
                                             const ReferencePixel& pixel, const ViewAgreement& agreement,
                                             PixelMatch* match) {
   const int col = agreement.place.col, row = agreement.place.row;
+  if (limits.ByProbability() ? source.view.IsUnsupported(col, row) : source.view.IsGuess(col, row)) return false;
   if (!(agreement.squared_px < limits.max_squared_px)) return false;
   // A point behind the reference needs no test of its own: it misses the limit on depths, which is below 1.
   if (!(agreement.relative_depth < limits.max_relative_depth)) return false;
@@ -143,7 +155,10 @@ ACMP_HOST_DEVICE inline bool MatchAgreement(const FusionSource<View>& source, co
   const double cosine = Dot(normal, pixel.normal);
   if (!(cosine > limits.min_normal_cosine)) return false;
 
-  *match = {col, row, agreement.homogeneous, normal};
+  // Half of the error that GradedAgreement takes for one.
+  const double weight =
+      limits.ByProbability() ? std::exp(-0.5 * std::sqrt(agreement.squared_px) - 100 * agreement.relative_depth) : 1.0;
+  *match = {col, row, agreement.homogeneous, normal, weight};
   return true;
 }
 

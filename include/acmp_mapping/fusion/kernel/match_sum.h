@@ -9,8 +9,9 @@ namespace acmp {
 template <int kMaxSources>
 struct MatchSum {
   int count;                                  ///< of matches
-  Vec3d homogeneous;                          ///< z (u, v, 1) in the reference; as all below with the reference pixel
-  Vec3d normal;                               ///< target frame
+  double weight;                              ///< as all below with the reference pixel
+  Vec3d homogeneous;                          ///< z (u, v, 1) in the reference, times weight
+  Vec3d normal;                               ///< target frame, times weight
   unsigned red, green, blue, num_colors;      ///< of the pixels whose view has colours
   uint32_t matched[(kMaxSources + 31) / 32];  ///< a bit per source
 };
@@ -36,6 +37,7 @@ ACMP_HOST_DEVICE inline void AddColor(const View& view, int col, int row, MatchS
 template <class View, int kMaxSources>
 ACMP_HOST_DEVICE inline void StartSum(const View& reference, const ReferencePixel& pixel, MatchSum<kMaxSources>* sum) {
   sum->count = 0;
+  sum->weight = 1;
   sum->homogeneous = pixel.homogeneous;
   sum->normal = pixel.normal;
   sum->red = sum->green = sum->blue = sum->num_colors = 0;
@@ -47,8 +49,9 @@ template <class View, int kMaxSources>
 ACMP_HOST_DEVICE inline void AddMatch(const View& view, int source, const PixelMatch& match,
                                       MatchSum<kMaxSources>* sum) {
   ++sum->count;
-  sum->homogeneous = sum->homogeneous + match.homogeneous;
-  sum->normal = sum->normal + match.normal;
+  sum->weight += match.weight;
+  sum->homogeneous = sum->homogeneous + match.weight * match.homogeneous;
+  sum->normal = sum->normal + match.weight * match.normal;
   sum->matched[WordOf<kMaxSources>(source)] |= 1u << (source % 32);
   AddColor(view, match.col, match.row, sum);
 }
@@ -63,18 +66,12 @@ ACMP_HOST_DEVICE inline void SumMatches(const FusionContext<View>& context, cons
     SourcePlace place;
     if (!LocateInSource(source, pixel.homogeneous, &place)) continue;
     ViewAgreement agreement;
-    if (!ProjectBack(source, pixel, place, &agreement)) continue;
+    if (!ProjectBack(source, context.limits, pixel, place, &agreement)) continue;
     PixelMatch match;
     if (MatchAgreement(source, context.limits, context.current, pixel, agreement, &match)) {
       AddMatch(source.view, i, match, sum);
     }
   }
-}
-
-/// True when the matches suffice to keep the pixel.
-template <int kMaxSources>
-ACMP_HOST_DEVICE inline bool HasEnoughMatches(const FusionLimits& limits, const MatchSum<kMaxSources>& sum) {
-  return sum.count >= limits.min_consistent_views;
 }
 
 /// Sum over count, rounded to nearest; 0 of none.
@@ -86,7 +83,7 @@ ACMP_HOST_DEVICE inline unsigned char RoundedMean(unsigned sum, unsigned count) 
 template <int kMaxSources>
 ACMP_HOST_DEVICE inline SurfacePoint Average(const ReferenceGeometry& geometry, const ReferencePixel& pixel,
                                              const MatchSum<kMaxSources>& sum, double confidence) {
-  const Vec3d mean = (1.0 / (1 + sum.count)) * sum.homogeneous;
+  const Vec3d mean = (1.0 / sum.weight) * sum.homogeneous;
   // With limits near 180 degrees normals may cancel; the reference's own is then as good as any.
   const bool cancels = !(Norm(sum.normal) > 1e-6);
   SurfacePoint point;
