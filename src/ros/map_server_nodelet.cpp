@@ -55,7 +55,7 @@ void MapServerNodelet::Start() {
   Subscribe();
   StartServices();
   diagnostics_ = std::make_unique<Diagnostics<MapSnapshot>>(
-      status_thread_.Attach(getNodeHandle()), getPrivateNodeHandle(), getName(), [this] { return TakeSnapshot(); },
+      &status_thread_, getNodeHandle(), getName(), [this] { return TakeSnapshot(); },
       Diagnostics<MapSnapshot>::Statuses{{"map", &DescribeMap}, {"mappers", &DescribeMappers}});
   NODELET_INFO("maps the keyframes of %s", keyframes_.getTopic().c_str());
 }
@@ -73,7 +73,6 @@ void MapServerNodelet::Subscribe() {
 }
 
 void MapServerNodelet::StartServices() {
-  ros::NodeHandle nh = service_thread_.Attach(getPrivateNodeHandle());
   AddTrigger(names::kReset, [this] {
     WaitForArrived();
     map_->Clear();
@@ -100,8 +99,7 @@ void MapServerNodelet::StartServices() {
     CallInInputThread([&] { JoinSession(path, std::move(session), world_from_session); });
     response->message = Concat("loaded ", response->keyframes, " keyframes of ", path.string());
   });
-  publish_timer_ =
-      nh.createWallTimer(ros::WallDuration(kMapPeriodS), [this](const ros::WallTimerEvent&) { HandlePeriod(); });
+  publish_timer_ = service_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { map_output_->PublishIfDue(); });
 }
 
 template <class Service, class Handle>
@@ -231,14 +229,6 @@ void MapServerNodelet::PublishPath() {
 
 void MapServerNodelet::CallInInputThread(const std::function<void()>& function) {
   if (!input_thread_.Call(function)) throw ProcessingError("the map server is shutting down");
-}
-
-void MapServerNodelet::HandlePeriod() {
-  try {
-    map_output_->PublishIfDue();
-  } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
-    Report(Incident{"map_error", Concat("the map was not published: ", error.what())});
-  }
 }
 
 MapSnapshot MapServerNodelet::TakeSnapshot() {

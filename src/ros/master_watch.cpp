@@ -9,7 +9,6 @@
 #include <ros/this_node.h>
 #include <ros/xmlrpc_manager.h>
 #include <xmlrpcpp/XmlRpcClient.h>
-#include <xmlrpcpp/XmlRpcException.h>
 
 #include "acmp_mapping/common/error.h"
 
@@ -58,16 +57,9 @@ void UpdatePublishers(const std::string& topic, const XmlRpcValue& publishers) {
 }  // namespace
 
 MasterWatch::MasterWatch(const ros::NodeHandle& nh, std::function<void(const std::string&)> report)
-    : report_(std::move(report)) {
-  const auto check = [this](const ros::WallTimerEvent&) {
-    try {
-      Check();
-    } catch (const XmlRpc::XmlRpcException& error) {  // one that leaves a callback would end the whole manager
-      report_("the ROS master's answer cannot be read: " + error.getMessage());
-    }
-  };
-  timer_ = thread_.Attach(nh).createWallTimer(ros::WallDuration(1.0), check);
-}
+    : thread_([report](const std::string& text) { report("the ROS master's answer cannot be read: " + text); }),
+      report_(std::move(report)),
+      timer_(thread_.MakeTimer(nh, 1.0, [this] { Check(); })) {}
 
 void MasterWatch::Check() {
   XmlRpcValue payload;

@@ -24,7 +24,6 @@ ParameterReader NodeletBase::ReadParameters() {
   XmlRpc::XmlRpcValue values;
   getPrivateNodeHandle().getParam(getPrivateNodeHandle().getNamespace(), values);
   ParameterReader reader(values);
-  reader.Allow("diagnostic_period");   // diagnostic_updater
   reader.Allow("num_worker_threads");  // a nodelet manager of the same name
   return reader;
 }

@@ -59,7 +59,6 @@ class MapServerNodelet : public NodeletBase {
   void WaitForArrived() {
     CallInInputThread([] {});
   }
-  void HandlePeriod();
   MapSnapshot TakeSnapshot();
 
   MapServerOptions options_;

@@ -35,12 +35,14 @@ class NodeletBase : public nodelet::Nodelet {
   /// To be called by the destructor: afterwards no callback runs, and nobody waits for one.
   void StopThreads();
 
-  // First: what is attached to them goes before they do.
-  CallbackThread input_thread_;
-  CallbackThread service_thread_;  ///< handlers may take as long as a map takes to write
-  CallbackThread status_thread_;
-
   IncidentLog incidents_;
+  const FailureReport report_failure_ = [this](const std::string& text) { Report(Incident{"callback_failed", text}); };
+
+  // Before all others: what is attached to them goes before they do.
+  CallbackThread input_thread_{report_failure_};
+  CallbackThread service_thread_{report_failure_};  ///< handlers may take as long as a map takes to write
+  CallbackThread status_thread_{report_failure_};
+
   std::vector<ros::ServiceServer> services_;
 
  private:
