@@ -70,6 +70,7 @@ void MasterWatch::Check() {
   }
   const int pid = payload;
   const bool restarted = master_pid_ != 0 && pid != master_pid_;
+  if (restarted && IsReplaced()) return;
   if (restarted && !Register()) return;  // it went again meanwhile: another time
   if (restarted) {
     report_(Concat("the ROS master was restarted: ", publications_.size() + subscriptions_.size(), " topics and ",
@@ -80,6 +81,17 @@ void MasterWatch::Check() {
   reachable_ = true;
   master_pid_ = pid;
   if (!restarted && checks_++ % kChecksPerReading == 0) ReadRegistrations();
+}
+
+bool MasterWatch::IsReplaced() {
+  XmlRpcValue uri;
+  const bool replaced = Ask("lookupNode", {ros::this_node::getName()}, &uri) &&
+                        std::string(uri) != ros::XMLRPCManager::instance()->getServerURI();
+  if (replaced && !replaced_) {
+    report_(Concat("the ROS master was restarted, and another ", ros::this_node::getName(), " has registered with it (",
+                   std::string(uri), "): this one stays unregistered until that one has ended"));
+  }
+  return replaced_ = replaced;
 }
 
 void MasterWatch::ReadRegistrations() {
