@@ -37,7 +37,9 @@ AtomicFile::AtomicFile(const std::filesystem::path& path, Durability durability)
     temporary_path_ = path;
     if (others > 0) temporary_path_ += "." + std::to_string(others);
     temporary_path_ += ".partial";
-    const int descriptor = open(temporary_path_.c_str(), O_WRONLY | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666);
+    // Not blocking: a pipe in its place would be waited for, until somebody reads it.
+    const int descriptor =
+        open(temporary_path_.c_str(), O_WRONLY | O_CREAT | O_NOFOLLOW | O_CLOEXEC | O_NONBLOCK, 0666);
     if (descriptor < 0) Fail("cannot create");
     file_.reset(fdopen(descriptor, "wb"));
     if (!file_) {
