@@ -38,7 +38,8 @@ class BagWriter {
   void Finish();
 
  private:
-  /// Gives the disk's space back.
+  /// Closes the bag without its index, which may not fit on the disk.
+  void CloseUnfinished();
   [[noreturn]] void ThrowWriteError(const std::string& reason);
 
   std::filesystem::path path_;
