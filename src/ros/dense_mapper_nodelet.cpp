@@ -74,7 +74,7 @@ void DenseMapperNodelet::Start() {
           {"inputs", &DescribeInputs}, {"matching", &DescribeMatching}, {"mapping", &DescribeMapping}});
   missing_timer_ = status_thread_.MakeTimer(getNodeHandle(), kMissingPeriodS, [this] {
     const std::string missing = DescribeMissing(TakeSnapshot());
-    if (!missing.empty()) NODELET_WARN("missing_input: %s", missing.c_str());
+    if (!missing.empty()) NODELET_WARN("missing_input: %s", Printable(missing).c_str());
   });
   std::string topics;
   for (const auto& source : sources_) topics += source->status().topic + " ";
@@ -187,8 +187,8 @@ void DenseMapperNodelet::Subscribe() {
 }
 
 void DenseMapperNodelet::StartServices() {
-  AddTrigger(names::kFlush, [this] { return Flush(); });
-  AddTrigger(names::kReset, [this] { return Reset(); });
+  AddTrigger(&service_thread_, names::kFlush, [this] { return Flush(); });
+  AddTrigger(&urgent_thread_, names::kReset, [this] { return Reset(); });
   using std_srvs::SetBool;
   const boost::function<bool(SetBool::Request&, SetBool::Response&)> pause = [this](SetBool::Request& request,
                                                                                     SetBool::Response& response) {
@@ -197,7 +197,7 @@ void DenseMapperNodelet::StartServices() {
     response.success = true;
     return true;
   };
-  services_.push_back(service_thread_.Attach(getPrivateNodeHandle()).advertiseService(names::kPause, pause));
+  services_.push_back(urgent_thread_.Attach(getPrivateNodeHandle()).advertiseService(names::kPause, pause));
 }
 
 bool DenseMapperNodelet::DropWhilePaused(const std_msgs::Header& header) {

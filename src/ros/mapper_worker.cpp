@@ -99,10 +99,13 @@ std::string MapperWorker::Reset() {
   for (const KeyframeInput& input : queue_.ClearInputs()) {
     outputs_.ReportDrop({"reset", Concat("keyframe ", FormatStamp(input.stamp_ns), " was queued (reset)"), true});
   }
-  return RunCommand(true, [this] {
+  outputs_.set_abandoned(true);
+  std::string failure = RunCommand(true, [this] {
     if (mapper_) mapper_->Reset();
     run_ = NewRun();
   });
+  outputs_.set_abandoned(false);
+  return failure;
 }
 
 std::string MapperWorker::RunCommand(bool urgent, const std::function<void()>& work) {
