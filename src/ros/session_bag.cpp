@@ -74,7 +74,7 @@ auto ReadValue(const rosbag::Bag& bag, const char* topic) {
       Concat("has ", values.size(), " messages on ", topic, " instead of one: not written by save_session"));
 }
 
-Session ReadOpened(const rosbag::Bag& bag) {
+Session ReadOpened(const rosbag::Bag& bag, size_t max_bytes) {
   const uint32_t version = ReadValue<std_msgs::UInt32>(bag, kVersionTopic);
   if (version != kSessionVersion) {
     throw InvalidInputError(Concat("is a session of version ", version, ", this program reads version ",
@@ -95,7 +95,7 @@ Session ReadOpened(const rosbag::Bag& bag) {
       CheckRange<uint64_t>("count", message.count, 1, expected);
       SessionKeyframe& keyframe = session.map.keyframes[message.count - 1];
       if (keyframe.points_in_camera) throw InvalidInputError(Concat("count = ", message.count, " comes twice"));
-      KeyframePointsHead head = ReadHead(message);
+      KeyframePointsHead head = ReadHead(message, max_bytes);
       keyframe = {std::move(head.key), std::move(head.pose),
                   std::make_shared<const PointCloud>(ToPointCloud(message.points))};
       session.world_frame = head.world_frame;
@@ -108,13 +108,14 @@ Session ReadOpened(const rosbag::Bag& bag) {
 
 }  // namespace
 
-void WriteSession(const std::filesystem::path& path, const Session& session) {
+void WriteSession(const std::filesystem::path& path, const Session& session, const std::function<void()>& check) {
   const std::vector<SessionKeyframe>& keyframes = session.map.keyframes;
   if (keyframes.empty()) throw InvalidInputError("the map is empty: nothing was written");
   CheckMapPath(path);
   BagWriter bag(path, Durability::kPowerCut, rosbag::compression::LZ4);
   uint64_t count = 0;
   for (const SessionKeyframe& keyframe : keyframes) {
+    check();
     const KeyframePointsHead head = {keyframe.key, keyframe.pose, session.world_frame};
     const acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, *keyframe.points_in_camera);
     const ros::Time time = std::max(message->header.stamp, ros::TIME_MIN);
@@ -131,15 +132,16 @@ void WriteSession(const std::filesystem::path& path, const Session& session) {
   bag.Finish();
 }
 
-Session ReadSession(const std::filesystem::path& path) {
+Session ReadSession(const std::filesystem::path& path, size_t max_bytes) {
   Session session;
-  ReadBag(path, kWhenCutOff, [&](const rosbag::Bag& bag) {
+  const auto read = [&](const rosbag::Bag& bag) {
     try {
-      session = ReadOpened(bag);
+      session = ReadOpened(bag, max_bytes);
     } catch (const InvalidInputError& error) {
       throw InvalidInputError(Concat(path, ": ", error.what()));
     }
-  });
+  };
+  ReadBag(path, kWhenCutOff, read, max_bytes);
   return session;
 }
 

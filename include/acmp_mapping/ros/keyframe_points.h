@@ -5,6 +5,7 @@
 
 #include <acmp_mapping/KeyframePoints.h>
 
+#include "acmp_mapping/common/memory_limit.h"
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/ros/keyframe_outputs.h"
 
@@ -25,7 +26,7 @@ acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, c
                                                  bool replaces);
 
 /// Throws InvalidInputError naming what cannot be used: no name of a mapper, no rigid transform, a bad tolerance,
-/// no camera.
-KeyframePointsHead ReadHead(const acmp_mapping::KeyframePoints& message);
+/// no camera, or one whose images in a session would take more than max_bytes.
+KeyframePointsHead ReadHead(const acmp_mapping::KeyframePoints& message, size_t max_bytes = kMemoryLimitBytes);
 
 }  // namespace acmp
