@@ -55,6 +55,14 @@ BagWriter::~BagWriter() {
   if (bag_ != nullptr) CloseUnfinished();
 }
 
+void BagWriter::Reserve(size_t message_bytes) {
+  constexpr uint64_t kStep = 1 << 20, kIndexBytes = 256;  // of a message's index
+  const uint64_t needed = bag_->getSize() + 2 * bag_->getChunkThreshold() + 2 * message_bytes + kIndexBytes * messages_;
+  if (needed <= reserved_) return;
+  reserved_ = needed + kStep;
+  file_.Reserve(reserved_);
+}
+
 void BagWriter::CloseUnfinished() {
   DiscardWrites(file_.temporary_path());
   try {
