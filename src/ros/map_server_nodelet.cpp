@@ -7,6 +7,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/map/map_writer.h"
+#include "acmp_mapping/ros/checked_messages.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/optimized_path.h"
@@ -71,12 +72,12 @@ void MapServerNodelet::Subscribe() {
   ros::NodeHandle nh = input_thread_.Attach(getNodeHandle());
   const boost::function<void(const acmp_mapping::KeyframePointsConstPtr&)> receive =
       [this](const acmp_mapping::KeyframePointsConstPtr& message) { Receive(*message); };
-  keyframes_ = nh.subscribe<KeyframePoints>(names::kKeyframePoints, kKeyframeQueue, receive, ros::VoidConstPtr(),
-                                            ros::TransportHints().tcpNoDelay());
+  keyframes_ = SubscribeChecked<KeyframePoints>(nh, names::kKeyframePoints, kKeyframeQueue, receive,
+                                                ros::TransportHints().tcpNoDelay());
   const boost::function<void(const nav_msgs::PathConstPtr&)> correct = [this](const nav_msgs::PathConstPtr& message) {
     HandleOptimizedPath(*message);
   };
-  optimized_path_ = nh.subscribe(names::kOptimizedPath, kPathQueue, correct);
+  optimized_path_ = SubscribeChecked<nav_msgs::Path>(nh, names::kOptimizedPath, kPathQueue, correct);
 }
 
 void MapServerNodelet::StartServices() {

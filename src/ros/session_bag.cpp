@@ -12,6 +12,7 @@
 #include "acmp_mapping/mesh/splat_points.h"
 #include "acmp_mapping/ros/bag_reader.h"
 #include "acmp_mapping/ros/bag_writer.h"
+#include "acmp_mapping/ros/checked_messages.h"
 #include "acmp_mapping/ros/keyframe_points.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "acmp_mapping/ros/topic_names.h"
@@ -54,7 +55,7 @@ void WriteImages(const SessionKeyframe& keyframe, double voxel_size, const ros::
 template <class Message, class Handle>
 void ForEach(const rosbag::Bag& bag, const std::string& topic, const Handle& handle) {
   for (const rosbag::MessageInstance& record : rosbag::View(bag, rosbag::TopicQuery(topic))) {
-    const boost::shared_ptr<Message> message = record.instantiate<Message>();
+    const boost::shared_ptr<Message> message = InstantiateChecked<Message>(record);
     if (!message) {
       throw InvalidInputError(
           Concat(topic, " is a ", record.getDataType(), " of another definition than this program's ",

@@ -7,6 +7,7 @@
 #include <tf2_eigen/tf2_eigen.h>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/ros/checked_messages.h"
 #include "acmp_mapping/ros/topic_names.h"
 
 namespace acmp {
@@ -28,7 +29,7 @@ TfLookup::TfLookup(ros::NodeHandle nh, std::function<void(const std::string&)> r
   const auto subscribe = [&](const char* topic, bool is_static) {
     const boost::function<void(const tf2_msgs::TFMessageConstPtr&)> receive =
         [this, is_static](const tf2_msgs::TFMessageConstPtr& message) { Receive(*message, is_static); };
-    return nh.subscribe(topic, kQueue, receive);
+    return SubscribeChecked<tf2_msgs::TFMessage>(nh, topic, kQueue, receive);
   };
   transforms_ = subscribe(names::kTf, false);
   static_transforms_ = subscribe(names::kTfStatic, true);
