@@ -15,6 +15,7 @@ namespace {
 
 using acmp_mapping::KeyframePoints;
 
+constexpr size_t kMaxNameLength = 255;
 constexpr char kNameCharacters[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_/";
 
 using Matrix3x4 = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
@@ -82,9 +83,12 @@ acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, c
   return message;
 }
 
+std::string NameOf(const KeyframePoints& message) {
+  return Concat("keyframe ", message.id, " of \"", message.mapper.substr(0, kMaxNameLength), "\"");
+}
+
 KeyframePointsHead ReadHead(const KeyframePoints& message, size_t max_bytes) {
   if (message.mapper.empty()) throw InvalidInputError("mapper is empty: must be the name of the mapper's node");
-  constexpr size_t kMaxNameLength = 255;
   if (message.mapper.find_first_not_of(kNameCharacters) != std::string::npos) {
     throw InvalidInputError("mapper: must be the name of a node, of letters, digits, _ and /");
   }

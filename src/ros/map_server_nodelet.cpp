@@ -173,7 +173,7 @@ void MapServerNodelet::Receive(const KeyframePoints& message) {
     CheckFrame(head.key.mapper, head.world_frame);
     AddKeyframe(head, message);
   } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
-    Report(Incident{"bad_keyframe", Concat("keyframe ", message.id, " of \"", message.mapper, "\": ", error.what())});
+    Report(Incident{"bad_keyframe", Concat(NameOf(message), ": ", error.what())});
   }
 }
 

@@ -101,7 +101,7 @@ Session ReadOpened(const rosbag::Bag& bag, size_t max_bytes) {
                   std::make_shared<const PointCloud>(ToPointCloud(message.points))};
       session.world_frame = head.world_frame;
     } catch (const InvalidInputError& error) {
-      throw InvalidInputError(Concat("keyframe ", message.id, " of \"", message.mapper, "\": ", error.what()));
+      throw InvalidInputError(Concat(NameOf(message), ": ", error.what()));
     }
   });
   return session;

@@ -25,6 +25,9 @@ acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframePointsHead& head,
 acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, const std::string& mapper,
                                                  bool replaces);
 
+/// For messages to people: its number and mapper, of whose name, which may be of any length, the beginning.
+std::string NameOf(const acmp_mapping::KeyframePoints& message);
+
 /// Throws InvalidInputError naming what cannot be used: no name of a mapper, no rigid transform, a bad tolerance,
 /// no camera, or one whose images in a session would take more than max_bytes.
 KeyframePointsHead ReadHead(const acmp_mapping::KeyframePoints& message, size_t max_bytes = kMemoryLimitBytes);
