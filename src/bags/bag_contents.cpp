@@ -11,6 +11,7 @@
 #include <tf2_msgs/TFMessage.h>
 
 #include "acmp_mapping/ros/bag_reader.h"
+#include "acmp_mapping/ros/checked_messages.h"
 #include "acmp_mapping/ros/input_conversion.h"
 
 namespace acmp {
@@ -75,7 +76,7 @@ template <class Message, class Stream, class Convert>
 void AddIf(const rosbag::MessageInstance& record, Stream* stream, const Convert& convert) {
   if (record.getDataType() != ros::message_traits::DataType<Message>::value()) return;
   stream->Add([&] {
-    const boost::shared_ptr<Message> message = record.instantiate<Message>();
+    const boost::shared_ptr<Message> message = InstantiateChecked<Message>(record);
     if (message) return convert(message);
     throw InvalidInputError(
         Concat("recorded with another definition of ", record.getDataType(), "; convert it with: rosbag fix"));
@@ -144,7 +145,7 @@ void ReadPosesFromTf(const rosbag::Bag& bag, BagContents* contents) {
   constexpr double kWholeBag_s = 1e9;
   tf2::BufferCore buffer{ros::Duration(kWholeBag_s)};
   for (const rosbag::MessageInstance& message : rosbag::View(bag, rosbag::TypeQuery(kTfType))) {
-    const auto transforms = message.instantiate<tf2_msgs::TFMessage>();
+    const auto transforms = InstantiateChecked<tf2_msgs::TFMessage>(message);
     if (transforms == nullptr) continue;
     const bool is_static = message.getTopic().find("tf_static") != std::string::npos;
     for (const auto& transform : transforms->transforms) buffer.setTransform(transform, "bag", is_static);

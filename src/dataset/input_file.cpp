@@ -49,6 +49,11 @@ std::ifstream OpenInput(const std::filesystem::path& path) {
   if (std::filesystem::is_directory(status)) {
     throw InvalidInputError(Concat("cannot read ", path.string(), ": is a folder"));
   }
+  // A pipe would be waited for, and a device may have no end.
+  if (std::filesystem::is_other(status)) {
+    throw InvalidInputError(
+        Concat("cannot read ", path.string(), ": is a device, pipe or socket; give the name of a file"));
+  }
   errno = 0;
   std::ifstream stream(path, std::ios::binary);
   if (!stream) throw InvalidInputError(Concat("cannot read ", path.string(), ": ", std::strerror(errno)));

@@ -37,7 +37,9 @@ AtomicFile::AtomicFile(const std::filesystem::path& path, Durability durability)
     temporary_path_ = path;
     if (others > 0) temporary_path_ += "." + std::to_string(others);
     temporary_path_ += ".partial";
-    const int descriptor = open(temporary_path_.c_str(), O_WRONLY | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666);
+    // Not blocking: a pipe in its place would be waited for, until somebody reads it.
+    const int descriptor =
+        open(temporary_path_.c_str(), O_WRONLY | O_CREAT | O_NOFOLLOW | O_CLOEXEC | O_NONBLOCK, 0666);
     if (descriptor < 0) Fail("cannot create");
     file_.reset(fdopen(descriptor, "wb"));
     if (!file_) {
@@ -77,6 +79,13 @@ void AtomicFile::WriteAt(size_t offset, const void* data, size_t bytes) {
   }
 }
 
+void AtomicFile::Reserve(uint64_t bytes) {
+  const int descriptor = fileno(file_.get());
+  if (fallocate(descriptor, FALLOC_FL_KEEP_SIZE, 0, static_cast<off_t>(bytes)) != 0 && errno != EOPNOTSUPP) {
+    Fail("cannot write");
+  }
+}
+
 void AtomicFile::StartWriteback(size_t offset, size_t bytes) {
   sync_file_range(fileno(file_.get()), static_cast<off64_t>(offset), static_cast<off64_t>(bytes),
                   SYNC_FILE_RANGE_WRITE);
@@ -84,6 +93,10 @@ void AtomicFile::StartWriteback(size_t offset, size_t bytes) {
 
 void AtomicFile::Commit() {
   if (std::fflush(file_.get()) != 0) Fail("cannot write");
+  struct stat written = {};
+  const bool has_size = fstat(fileno(file_.get()), &written) == 0;
+  // Gives back what was reserved and not used.
+  if (!has_size || ftruncate(fileno(file_.get()), written.st_size) != 0) Fail("cannot write");
   if (durability_ == Durability::kPowerCut && fsync(fileno(file_.get())) != 0) Fail("cannot write");
   // Some file systems report errors only when a file is closed: close a second descriptor, as the first has the lock.
   if (close(dup(fileno(file_.get()))) != 0) Fail("cannot write");

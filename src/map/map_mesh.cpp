@@ -28,6 +28,7 @@ TriangleMesh MakeMapMesh(const MapStore& map, const MapMeshOptions& options, siz
       {options.voxel_size > 0 ? options.voxel_size : voxel_size, options.max_bytes, kMinMeshConfidence});
   for (size_t i = 0; i < spacings.size(); ++i) {
     const PlacedKeyframe& keyframe = placed.keyframes[i];
+    options.check();
     if (spacings[i] == 0) continue;
     const PointCloud& points = *keyframe.points_in_camera;
     const SurfaceMaps maps = keyframe.scale == 1

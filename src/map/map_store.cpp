@@ -224,6 +224,7 @@ MapStore::Keyframes::iterator MapStore::Erase(Keyframes::iterator keyframe) {
 void MapStore::Clear() {
   std::lock_guard<std::mutex> lock(mutex_);
   keyframes_.clear();
+  runs_.clear();
   path_.clear();
   auto_voxel_size_ = 0;
   statistics_ = {};

@@ -27,8 +27,9 @@ std::string NoFolder(const fs::path& folder) { return Concat("there is no folder
 /// home: where a file may lie, for the example in place of ~
 void CheckName(const fs::path& path, const fs::path& home) {
   if (path.empty() || !path.has_filename()) RefusePath(path, "names no file");
-  if (path.native().find('\0') != std::string::npos) {  // what() would end there
-    throw InvalidInputError("path: must not contain a zero character");
+  const auto is_control = [](char c) { return static_cast<unsigned char>(c) < ' ' || c == 127; };
+  if (std::any_of(path.native().begin(), path.native().end(), is_control)) {  // which a log must not repeat
+    throw InvalidInputError("path: must not contain control characters");
   }
   const fs::path first = *path.begin();
   if (path == "~" || (first.native()[0] == '~' && path.has_parent_path())) {
@@ -94,17 +95,22 @@ void WriteAsciiPly(const fs::path& path, const PointCloud& map) {
 
 }  // namespace
 
-fs::path MapPathBelow(const fs::path& folder, const fs::path& path) {
+fs::path MapPathBelow(const fs::path& folder, const fs::path& path, const std::string& ending) {
   std::error_code error;
   const fs::path top = fs::canonical(folder, error);
   if (error) throw InvalidInputError(Concat("save_folder = \"", folder.string(), "\": ", error.message()));
   CheckName(path, top);
-  const fs::path parent = fs::canonical((top / path).parent_path(), error);
-  if (error) RefusePath(path, NoFolder((top / path).parent_path()));
-  if (std::mismatch(top.begin(), top.end(), parent.begin(), parent.end()).first != top.end()) {
+  const fs::path whole = fs::weakly_canonical((top / path).parent_path(), error) / path.filename();
+  const auto [end_of_top, below] = std::mismatch(top.begin(), top.end(), whole.begin(), whole.end());
+  if (error || end_of_top != top.end()) {
     RefusePath(path, Concat("must lie below ", top.string(), ", the parameter save_folder of the map server"));
   }
-  return parent / path.filename();
+  if (std::any_of(below, whole.end(), [](const fs::path& name) { return name.native()[0] == '.'; })) {
+    RefusePath(path, "no name may begin with a dot");
+  }
+  if (path.extension() != ending) RefusePath(path, Concat("must end in ", ending));
+  if (!fs::is_directory(whole.parent_path(), error)) RefusePath(path, NoFolder(whole.parent_path()));
+  return whole;
 }
 
 void CheckMapPath(const fs::path& path) {

@@ -57,7 +57,7 @@ DenseMapperNodelet::~DenseMapperNodelet() {
   // that.
   if (worker_) worker_->Stop();
   StopThreads();
-  worker_.reset();
+  if (worker_) worker_->Join();  // not reset: its hooks still ask the worker
 }
 
 void DenseMapperNodelet::Start() {
@@ -69,14 +69,13 @@ void DenseMapperNodelet::Start() {
   Subscribe();
   StartServices();
   diagnostics_ = std::make_unique<Diagnostics<MapperSnapshot>>(
-      status_thread_.Attach(getNodeHandle()), getPrivateNodeHandle(), getName(), [this] { return TakeSnapshot(); },
+      &status_thread_, getNodeHandle(), getName(), [this] { return TakeSnapshot(); },
       Diagnostics<MapperSnapshot>::Statuses{
           {"inputs", &DescribeInputs}, {"matching", &DescribeMatching}, {"mapping", &DescribeMapping}});
-  missing_timer_ = status_thread_.Attach(getNodeHandle())
-                       .createWallTimer(ros::WallDuration(kMissingPeriodS), [this](const ros::WallTimerEvent&) {
-                         const std::string missing = DescribeMissing(TakeSnapshot());
-                         if (!missing.empty()) NODELET_WARN("missing_input: %s", missing.c_str());
-                       });
+  missing_timer_ = status_thread_.MakeTimer(getNodeHandle(), kMissingPeriodS, [this] {
+    const std::string missing = DescribeMissing(TakeSnapshot());
+    if (!missing.empty()) NODELET_WARN("missing_input: %s", Printable(missing).c_str());
+  });
   std::string topics;
   for (const auto& source : sources_) topics += source->status().topic + " ";
   NODELET_INFO("subscribed to %s; poses are %s", topics.c_str(), Describe(options_.pose).c_str());
@@ -115,7 +114,9 @@ void DenseMapperNodelet::StartWorker() {
 void DenseMapperNodelet::MakeIntake(const RuntimeOptions& runtime_options) {
   TransformSource transforms;
   if (options_.pose_source == PoseSource::kTf || NeedsExtrinsic(options_)) {
-    tf_ = std::make_unique<TfLookup>(input_thread_.Attach(getNodeHandle()));
+    tf_ = std::make_unique<TfLookup>(input_thread_.Attach(getNodeHandle()), [this](const std::string& text) {
+      Report(RejectedInput{"bad_tf", text});
+    });
     transforms.find_pose = [this](const std::string& world, const std::string& child, int64_t stamp_ns) {
       return tf_->FindPose(world, child, stamp_ns);
     };
@@ -182,13 +183,12 @@ void DenseMapperNodelet::Subscribe() {
   };
   handlers.on_drop = [this](const RejectedInput& drop) { Report(drop); };
   sources_ = MakeInputSources(nh, options_, handlers);
-  deliver_timer_ =
-      nh.createWallTimer(ros::WallDuration(kDeliverPeriodS), [this](const ros::WallTimerEvent&) { Deliver(); });
+  deliver_timer_ = input_thread_.MakeTimer(getNodeHandle(), kDeliverPeriodS, [this] { Deliver(); });
 }
 
 void DenseMapperNodelet::StartServices() {
-  AddTrigger(names::kFlush, [this] { return Flush(); });
-  AddTrigger(names::kReset, [this] { return Reset(); });
+  AddTrigger(&service_thread_, names::kFlush, [this] { return Flush(); });
+  AddTrigger(&urgent_thread_, names::kReset, [this] { return Reset(); });
   using std_srvs::SetBool;
   const boost::function<bool(SetBool::Request&, SetBool::Response&)> pause = [this](SetBool::Request& request,
                                                                                     SetBool::Response& response) {
@@ -197,7 +197,7 @@ void DenseMapperNodelet::StartServices() {
     response.success = true;
     return true;
   };
-  services_.push_back(service_thread_.Attach(getPrivateNodeHandle()).advertiseService(names::kPause, pause));
+  services_.push_back(urgent_thread_.Attach(getPrivateNodeHandle()).advertiseService(names::kPause, pause));
 }
 
 bool DenseMapperNodelet::DropWhilePaused(const std_msgs::Header& header) {

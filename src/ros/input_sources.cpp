@@ -4,10 +4,10 @@
 #include <chrono>
 #include <utility>
 
-#include <image_transport/image_transport.h>
 #include <tf2_msgs/TFMessage.h>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/ros/checked_messages.h"
 #include "acmp_mapping/ros/topic_names.h"
 
 namespace acmp {
@@ -57,7 +57,7 @@ class TopicSource : public InputSource {
               std::function<void(const RejectedInput&)> on_drop)
       : stream_(stream), handle_(std::move(handle)), on_drop_(std::move(on_drop)) {
     const boost::function<void(const ConstPtr&)> callback = [this](const ConstPtr& message) { Receive(message); };
-    subscriber_ = nh.subscribe<Message>(stream.topic, stream.queue, callback);
+    subscriber_ = SubscribeChecked<Message>(nh, stream.topic, stream.queue, callback);
   }
 
   InputStatus status() const override {
@@ -79,31 +79,6 @@ class TopicSource : public InputSource {
   std::function<void(const RejectedInput&)> on_drop_;
   Arrivals arrivals_;
   ros::Subscriber subscriber_;
-};
-
-class RawImageSource : public InputSource {
- public:
-  RawImageSource(const ros::NodeHandle& nh, uint32_t queue,
-                 std::function<void(const sensor_msgs::ImageConstPtr&)> handle)
-      : transport_(nh), handle_(std::move(handle)) {
-    const boost::function<void(const sensor_msgs::ImageConstPtr&)> callback =
-        [this](const sensor_msgs::ImageConstPtr& message) {
-          arrivals_.Count();
-          handle_(message);
-        };
-    subscriber_ = transport_.subscribe(names::kImage, queue, callback, ros::VoidPtr(),
-                                       image_transport::TransportHints("raw", ros::TransportHints(), nh));
-  }
-
-  InputStatus status() const override {
-    return arrivals_.ToStatus(Kind::kImage, subscriber_.getTopic(), subscriber_.getNumPublishers(), true);
-  }
-
- private:
-  image_transport::ImageTransport transport_;
-  std::function<void(const sensor_msgs::ImageConstPtr&)> handle_;
-  Arrivals arrivals_;
-  image_transport::Subscriber subscriber_;
 };
 
 /// "image/compressed" if that name is remapped, else beside the image as image_transport's publishers put it.
@@ -200,11 +175,10 @@ class SourceFactory {
 
   void AddImages() {
     if (options_.image_transport == ImageTransport::kRaw) {
-      const uint32_t queue = options_.overload == OverloadPolicy::kBlock ? 0 : kImageQueue;
-      const auto handle = [on_image = handlers_.on_image](const sensor_msgs::ImageConstPtr& message) {
-        on_image(std::make_shared<const EncodedImage>(EncodedImage{message, nullptr}));
-      };
-      sources_.push_back(std::make_unique<RawImageSource>(nh_, queue, handle));
+      Add<sensor_msgs::Image>({Kind::kImage, names::kImage, kImageQueue, "bad_image", true},
+                              [on_image = handlers_.on_image](const auto& message) {
+                                on_image(std::make_shared<const EncodedImage>(EncodedImage{message, nullptr}));
+                              });
       return;
     }
     Add<sensor_msgs::CompressedImage>({Kind::kImage, CompressedTopic(nh_), kImageQueue, "bad_image", true},

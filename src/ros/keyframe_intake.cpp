@@ -14,6 +14,9 @@ namespace {
 constexpr char kNamelessCamera[] = "camera_optical";
 constexpr char kNamelessWorld[] = "world";
 
+/// Decoded twice, undistorted, and where each pixel comes from in two forms.
+constexpr uint64_t kImagePixelBytes = 24;
+
 constexpr double kLongPoseWaitS = 3;  ///< late poses come within a second
 
 /// Median depth of the points in front of the camera; 0 when there are none. A sample of a whole map is enough.
@@ -65,6 +68,10 @@ void KeyframeIntake::AddCameraInfo(const sensor_msgs::CameraInfo& info) {
   }
   try {
     calibration_ = std::make_shared<const CameraCalibration>(ToCalibration(info, options_.rectified));
+    const PinholeCamera& camera = calibration_->camera;
+    CheckMemory(Concat("an image of ", camera.width, "x", camera.height, " pixels, as camera_info has it,"),
+                static_cast<uint64_t>(camera.width) * static_cast<uint64_t>(camera.height), kImagePixelBytes,
+                static_cast<size_t>(1e9 * options_.memory_limit_gb));
   } catch (const InvalidInputError&) {
     calibration_.reset();
     UpdateObstacle();  // images wait from now on

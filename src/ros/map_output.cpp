@@ -1,13 +1,15 @@
 #include "acmp_mapping/ros/map_output.h"
 
+#include <exception>
 #include <filesystem>
+#include <iterator>
+#include <utility>
 
 #include <nav_msgs/OccupancyGrid.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <boost/make_shared.hpp>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/common/memory_limit.h"
 #include "acmp_mapping/map/map_mesh.h"
 #include "acmp_mapping/map/map_writer.h"
 #include "acmp_mapping/map/occupancy_map.h"
@@ -28,9 +30,11 @@ ros::Publisher AdvertiseLatched(ros::NodeHandle* nh, const char* name, PublishPa
 
 }  // namespace
 
-MapOutput::MapOutput(ros::NodeHandle nh, const MapStore* map, const MapServerOptions& options)
+MapOutput::MapOutput(ros::NodeHandle nh, const MapStore* map, const MapServerOptions& options,
+                     std::function<void(const Incident&)> report)
     : map_(map),
       options_(options),
+      report_(std::move(report)),
       points_(AdvertiseLatched<sensor_msgs::PointCloud2>(&nh, names::kMapPoints, &points_pace_)) {
   if (CanMapOccupancy()) {
     occupancy_ = AdvertiseLatched<nav_msgs::OccupancyGrid>(&nh, names::kOccupancy, &occupancy_pace_);
@@ -66,37 +70,72 @@ void MapOutput::PublishOccupancy() {
   occupancy_pace_.Begin(map_->version());
   const PlacedKeyframes map = map_->Placed();
   if (header.frame_id.empty() || map.keyframes.empty() || map.voxel_size == 0) return;
+  std::string coarse;
   const OccupancySlice slice =
-      MakeOccupancyMap(map, 0)->Slice(options_.occupancy_min_height, options_.occupancy_max_height);
+      MakeOccupancy(map, &coarse)->Slice(options_.occupancy_min_height, options_.occupancy_max_height);
+  CheckStopped();
+  if (!coarse.empty()) report_({"occupancy_coarse", "occupancy: " + coarse});
   occupancy_.publish(ToOccupancyGrid(slice, header));
 }
 
-void MapOutput::PublishIfDue() {
+std::unique_ptr<OccupancyMap> MapOutput::MakeOccupancy(const PlacedKeyframes& map, std::string* coarse) const {
+  OccupancyLimits limits;
+  limits.max_bytes = options_.memory_limit_bytes();
+  limits.check = [this] { CheckStopped(); };
+  auto occupancy = MakeOccupancyMap(map, 0, limits);
+  const double wanted = kOccupancyVoxels * map.voxel_size;
+  if (occupancy->resolution() > wanted) {
+    *coarse =
+        Concat("cells are ", occupancy->resolution(), " wide in place of ", wanted,
+               ": the scene is too wide or its depths too large for them (~memory_limit = ", options_.memory_limit_gb,
+               ", ", limits.max_ray_voxels / 1000000,
+               " million cells on all rays, 32000 from the origin); raise ~voxel_size, or lower ~map_radius");
+  }
+  return occupancy;
+}
+
+void MapOutput::CheckStopped() const {
+  if (stopping_) throw ProcessingError("the map server is shutting down");
+}
+
+void MapOutput::PublishPaced(const ros::Publisher& publisher, PublishPace* pace, const std::function<void()>& publish) {
   const double rate = options_.map_publish_rate;
-  const uint64_t version = map_->version();
-  if (points_pace_.IsDue(rate, points_.getNumSubscribers(), version)) {
-    Publish();
-    points_pace_.End(rate);
+  if (stopping_ || !pace->IsDue(rate, publisher.getNumSubscribers(), map_->version())) return;
+  try {
+    publish();
+  } catch (const std::exception& error) {
+    if (!stopping_) report_({"map_error", Concat(publisher.getTopic(), " was not published: ", error.what())});
   }
-  if (occupancy_ && occupancy_pace_.IsDue(rate, occupancy_.getNumSubscribers(), version)) {
-    PublishOccupancy();
-    occupancy_pace_.End(rate);
-  }
+  pace->End(rate);
+}
+
+void MapOutput::PublishIfDue() {
+  PublishPaced(points_, &points_pace_, [this] { Publish(); });
+}
+
+void MapOutput::PublishOccupancyIfDue() {
+  if (occupancy_) PublishPaced(occupancy_, &occupancy_pace_, [this] { PublishOccupancy(); });
 }
 
 size_t MapOutput::SaveMesh(const std::filesystem::path& path, const SaveMap::Request& request,
                            size_t* keyframes) const {
-  const MapMeshOptions mesh_options = {0, static_cast<size_t>(1e9 * DefaultMemoryLimitGb())};
-  const TriangleMesh mesh = MakeMapMesh(*map_, mesh_options, keyframes);
+  const TriangleMesh mesh =
+      MakeMapMesh(*map_, {0, options_.memory_limit_bytes(), [this] { CheckStopped(); }}, keyframes);
   WriteMap(path, mesh, request.format == SaveMap::Request::MESH_PLY ? MeshFormat::kPly : MeshFormat::kObj);
   return mesh.vertices.size();
 }
 
 MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) const {
   using Request = SaveMap::Request;
-  const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path);
+  constexpr const char* kEndings[] = {".ply", ".pcd", ".ply", ".obj", ".bt"};  // of the formats
+  if (request.format >= std::size(kEndings)) {
+    throw InvalidInputError(Concat("format = ", int{request.format},
+                                   ": must be 0 (PLY), 1 (PCD), 2 (MESH_PLY), 3 (MESH_OBJ) or 4 (OCTOMAP)"));
+  }
+  const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path, kEndings[request.format]);
   size_t keyframes = 0, points = 0;
   const char* what = "points";
+  std::string remark;
   switch (request.format) {
     case Request::PLY:
     case Request::PCD: {
@@ -110,23 +149,21 @@ MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) co
       points = SaveMesh(path, request, &keyframes);
       what = "vertices of the mesh";
       break;
-    case Request::OCTOMAP: {
+    default: {  // OCTOMAP
       CheckMapPath(path);
       const PlacedKeyframes map = map_->Placed();
-      const auto occupancy = MakeOccupancyMap(map, 0);
+      const auto occupancy = MakeOccupancy(map, &remark);
       occupancy->Write(path);
       keyframes = map.keyframes.size();
       points = occupancy->nodes();
       what = "nodes of the octree";
       break;
     }
-    default:
-      throw InvalidInputError(Concat("format = ", int{request.format},
-                                     ": must be 0 (PLY), 1 (PCD), 2 (MESH_PLY), 3 (MESH_OBJ) or 4 (OCTOMAP)"));
   }
   SaveMap::Response response;
   response.success = true;
-  response.message = Concat("saved ", points, " ", what, " of ", keyframes, " keyframes to ", path.string());
+  response.message = Concat("saved ", points, " ", what, " of ", keyframes, " keyframes to ", path.string(),
+                            remark.empty() ? "" : "; ", remark);
   response.points = points;
   response.keyframes = keyframes;
   return response;

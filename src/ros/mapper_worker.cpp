@@ -11,6 +11,7 @@
 #include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
+#include "acmp_mapping/ros/call_guarded.h"
 #include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/mapper_diagnostics.h"
 
@@ -54,12 +55,16 @@ MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions*
 
 MapperWorker::~MapperWorker() {
   Stop();
-  thread_.join();
+  Join();
 }
 
 void MapperWorker::Stop() {
   outputs_.Stop();
   queue_.Stop();
+}
+
+void MapperWorker::Join() {
+  if (thread_.joinable()) thread_.join();
 }
 
 void MapperWorker::Push(KeyframeInput input, bool wait_for_room) {
@@ -94,10 +99,13 @@ std::string MapperWorker::Reset() {
   for (const KeyframeInput& input : queue_.ClearInputs()) {
     outputs_.ReportDrop({"reset", Concat("keyframe ", FormatStamp(input.stamp_ns), " was queued (reset)"), true});
   }
-  return RunCommand(true, [this] {
+  outputs_.set_abandoned(true);
+  std::string failure = RunCommand(true, [this] {
     if (mapper_) mapper_->Reset();
     run_ = NewRun();
   });
+  outputs_.set_abandoned(false);
+  return failure;
 }
 
 std::string MapperWorker::RunCommand(bool urgent, const std::function<void()>& work) {
@@ -131,32 +139,41 @@ WorkerStatus MapperWorker::status() const {
 }
 
 void MapperWorker::Run() {
+  const auto report = [this](const std::string& text) { outputs_.ReportDrop({"processing_error", text}); };
   MakeMapper();
-  if (!outputs_.is_stopping()) on_device_(status());
+  CallGuarded(
+      [this] {
+        if (!outputs_.is_stopping()) on_device_(status());
+      },
+      report);
   while (auto item = queue_.Pop()) {
-    if (auto* command = std::get_if<Command>(&*item)) {
-      (*command)();
-      continue;
-    }
-    auto* overtaken = std::get_if<Overtaken<KeyframeInput>>(&*item);
-    const KeyframeInput& input = overtaken ? overtaken->input : std::get<KeyframeInput>(*item);
-    const std::string name = Concat("keyframe ", FormatStamp(input.stamp_ns), ": ");
-    try {
-      if (overtaken) {
-        ProcessOvertaken(input);
-      } else {
-        Process(input);
-      }
-    } catch (const InvalidInputError& error) {
-      outputs_.ReportDrop({"bad_image", name + error.what(), true});
-    } catch (const std::exception& error) {
-      outputs_.ReportDrop({"processing_error", name + error.what(), true});
+    if (const auto* command = std::get_if<Command>(&*item)) {
+      CallGuarded(*command, report);
+    } else if (const auto* overtaken = std::get_if<Overtaken<KeyframeInput>>(&*item)) {
+      ProcessOrDrop(overtaken->input, &MapperWorker::ProcessOvertaken);
+    } else {
+      ProcessOrDrop(std::get<KeyframeInput>(*item), &MapperWorker::Process);
     }
   }
   // The device's memory goes in a thread that has used it.
   mapper_.reset();
   output_engine_.reset();
   engine_.reset();
+}
+
+void MapperWorker::ProcessOrDrop(const KeyframeInput& input, void (MapperWorker::*process)(const KeyframeInput&)) {
+  const char* reason = "processing_error";
+  const auto work = [&] {
+    try {
+      (this->*process)(input);
+    } catch (const InvalidInputError&) {
+      reason = "bad_image";
+      throw;
+    }
+  };
+  CallGuarded(work, [&](const std::string& text) {
+    outputs_.ReportDrop({reason, Concat("keyframe ", FormatStamp(input.stamp_ns), ": ", text), true});
+  });
 }
 
 void MapperWorker::MakeMapper() {

@@ -97,7 +97,7 @@ TEST_F(MapWriterTest, TildeIsNotTakenForAName) {
         << message;
     EXPECT_NE(message.find(example), std::string::npos) << message;
     const fs::path allowed = fs::canonical(folder_) / "map.ply";
-    EXPECT_NE(RefusalOf([&] { MapPathBelow(folder_, path); }).find("for example " + allowed.string()),
+    EXPECT_NE(RefusalOf([&] { MapPathBelow(folder_, path, ".ply"); }).find("for example " + allowed.string()),
               std::string::npos);
   }
   WriteMap("~map.ply", MakeMap(3), MapFormat::kPly, true);  // as a shell does
@@ -112,20 +112,33 @@ TEST_F(MapWriterTest, PathsMustLieBelowTheFolder) {
   fs::create_directory_symlink(folder_ / "mapsibling", folder_ / "maps" / "out");
   fs::create_directory_symlink(folder_ / "maps" / "inner", folder_ / "mapsibling" / "in");
   const fs::path maps = folder_ / "maps";
-  EXPECT_EQ(MapPathBelow(maps, "a.ply"), top / "maps/a.ply");
-  EXPECT_EQ(MapPathBelow(maps, "inner/../inner/a.ply"), top / "maps/inner/a.ply");
-  EXPECT_EQ(MapPathBelow(maps, folder_ / "mapsibling/in/a.ply"), top / "maps/inner/a.ply");
-  EXPECT_EQ(MapPathBelow("/", folder_ / "a.ply"), top / "a.ply");
+  EXPECT_EQ(MapPathBelow(maps, "a.ply", ".ply"), top / "maps/a.ply");
+  EXPECT_EQ(MapPathBelow(maps, "inner/../inner/a.ply", ".ply"), top / "maps/inner/a.ply");
+  EXPECT_EQ(MapPathBelow(maps, folder_ / "mapsibling/in/a.ply", ".ply"), top / "maps/inner/a.ply");
+  EXPECT_EQ(MapPathBelow("/", folder_ / "a.ply", ".ply"), top / "a.ply");
   for (const fs::path& path : {fs::path("../a.ply"), folder_ / "a.ply", folder_ / "mapsibling/a.ply",
-                               fs::path("/a.ply"), fs::path("out/a.ply"), fs::path("inner/../../a.ply")}) {
-    EXPECT_EQ(RefusalOf([&] { MapPathBelow(maps, path); }), "path = \"" + path.string() + "\": must lie below " +
-                                                                (top / "maps").string() +
-                                                                ", the parameter save_folder of the map server");
+                               fs::path("/a.ply"), fs::path("out/a.ply"), fs::path("inner/../../a.ply"),
+                               fs::path("../none/a.ply"), fs::path("/none/none/a.ply")}) {
+    EXPECT_EQ(RefusalOf([&] { MapPathBelow(maps, path, ".ply"); }),
+              "path = \"" + path.string() + "\": must lie below " + (top / "maps").string() +
+                  ", the parameter save_folder of the map server");
   }
-  EXPECT_NE(RefusalOf([&] { MapPathBelow(maps, "none/a.ply"); }).find("there is no folder"), std::string::npos);
-  EXPECT_NE(RefusalOf([&] { MapPathBelow(maps, ""); }).find("names no file"), std::string::npos);
-  EXPECT_NE(RefusalOf([&] { MapPathBelow(maps, std::string("a\0b", 3)); }).find("zero"), std::string::npos);
-  EXPECT_NE(RefusalOf([&] { MapPathBelow(folder_ / "none", "a.ply"); }).find("save_folder = "), std::string::npos);
+  fs::create_directory(maps / ".ssh");
+  for (const char* path : {".a.ply", ".ssh/a.ply", "inner/.a.ply", "none/.a.ply"}) {
+    EXPECT_NE(RefusalOf([&] { MapPathBelow(maps, path, ".ply"); }).find("no name may begin with a dot"),
+              std::string::npos);
+  }
+  for (const char* path : {"authorized_keys", "a.pcd", "a.ply.sh"}) {
+    EXPECT_NE(RefusalOf([&] { MapPathBelow(maps, path, ".ply"); }).find("must end in .ply"), std::string::npos);
+  }
+  EXPECT_NE(RefusalOf([&] { MapPathBelow(maps, "a\n[ERROR]: b.ply", ".ply"); }).find("control characters"),
+            std::string::npos);
+  EXPECT_NE(RefusalOf([&] { MapPathBelow(maps, "none/a.ply", ".ply"); }).find("there is no folder"), std::string::npos);
+  EXPECT_NE(RefusalOf([&] { MapPathBelow(maps, "", ".ply"); }).find("names no file"), std::string::npos);
+  EXPECT_NE(RefusalOf([&] { MapPathBelow(maps, std::string("a\0b", 3), ".ply"); }).find("control characters"),
+            std::string::npos);
+  EXPECT_NE(RefusalOf([&] { MapPathBelow(folder_ / "none", "a.ply", ".ply"); }).find("save_folder = "),
+            std::string::npos);
 }
 
 /// A limit on the size of files stands in for a full disk: writes fail in the middle.

@@ -13,6 +13,7 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/ros/checked_messages.h"
 #include "support/error_text.h"
 
 namespace acmp {
@@ -388,6 +389,26 @@ TEST(ToPoseSample, RefusesBadNumbersAndNamesTheStamp) {
   nav_msgs::Odometry odometry;
   SetHeader(&odometry.header);  // the quaternion is 0 0 0 0
   EXPECT_THAT(ErrorOf([&] { ToPoseSample(odometry); }), AllOf(HasSubstr("7.000000008"), HasSubstr("norm is 0")));
+}
+
+TEST(CheckLengths, RefusesWhatIsNotThere) {
+  sensor_msgs::PointCloud cloud;
+  cloud.header.frame_id = "camera";
+  cloud.points.resize(3);
+  cloud.channels.resize(2);
+  cloud.channels[1].values.resize(5);
+  std::vector<uint8_t> bytes(ros::serialization::serializationLength(cloud));
+  ros::serialization::OStream stream(bytes.data(), static_cast<uint32_t>(bytes.size()));
+  ros::serialization::serialize(stream, cloud);
+  const auto check = [&] { CheckLengths<sensor_msgs::PointCloud>(bytes.data(), bytes.size()); };
+  EXPECT_EQ(ErrorOf(check), "no error");
+  const size_t points = 4 + 8 + 4 + cloud.header.frame_id.size();  // after seq, stamp and frame_id
+  ASSERT_EQ(bytes[points], 3);
+  bytes[points + 3] = 0x20;  // 2^29 points, 6 GB
+  EXPECT_THAT(ErrorOf(check), HasSubstr("a message claims 1 elements of 4 bytes, where"));
+  bytes[points + 3] = 0;
+  bytes[bytes.size() - 5 * 4 - 1] = 0xff;
+  EXPECT_THAT(ErrorOf(check), HasSubstr("a message claims 4278190085 elements of 4 bytes, where 20 bytes are left"));
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "ros/intake_support.h"
+#include "support/error_text.h"
 
 namespace acmp::test {
 namespace {
@@ -117,6 +118,15 @@ TEST(KeyframeIntake, RefusesImagesWhoseCameraWasReplacedByAnUnusableOne) {
     ASSERT_EQ(result.drops.size(), 1u);
     EXPECT_EQ(result.drops[0].reason, "no_camera_info");
   }
+}
+
+TEST(KeyframeIntake, RefusesACameraWhoseImagesWouldTakeTooMuchMemory) {
+  KeyframeIntake intake = MakeIntake();
+  sensor_msgs::CameraInfo info = MakeInfo();
+  info.width = info.height = 16384;
+  EXPECT_THAT(ErrorOf([&] { intake.AddCameraInfo(info); }),
+              HasSubstr("an image of 16384x16384 pixels, as camera_info has it, would take 6.44245 GB of memory: "
+                        "must be at most 1 (memory_limit)"));
 }
 
 TEST(KeyframeIntake, SharesTheCalibrationUntilItChanges) {

@@ -217,6 +217,12 @@ TEST(IncidentLog, TellsNewReasonsAtOnceAndRepeatsSeldom) {
   EXPECT_EQ(entries.at("b").count, 1u);
 }
 
+TEST(Printable, HasNoNewLinesAndNoEscapeCodes) {
+  EXPECT_EQ(Printable("keyframe 3 of \"m\u00fc\""), "keyframe 3 of \"m\u00fc\"");
+  EXPECT_EQ(Printable("x\n[FATAL]: forged\x1b[2J"), "x\\x0a[FATAL]: forged\\x1b[2J");
+  EXPECT_EQ(Printable("\u009b2J"), "\xc2\\x9b2J");
+}
+
 TEST(IncidentLog, CountsTheImagesThatEnded) {
   IncidentLog log;
   log.Record(RejectedInput{"no_pose", "image 1", true}, 0);

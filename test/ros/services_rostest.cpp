@@ -16,6 +16,7 @@
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/map/occupancy_map.h"
 #include "acmp_mapping/mesh/distance_volume.h"
+#include "acmp_mapping/ros/keyframe_points.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test::services_rostest {
@@ -210,6 +211,25 @@ TEST_F(ServicesTest, ResetOfTheMapEmptiesIt) {
   ASSERT_EQ(mapper().Map(Scene()), kViews);
   ASSERT_TRUE(mapper().CallMap("reset"));
   EXPECT_FALSE(mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true).success);
+}
+
+TEST_F(ServicesTest, TheMapTakesKeyframesOfAHundredMappersAndResetForgetsThem) {
+  ros::Publisher publisher = mapper().nh.advertise<acmp_mapping::KeyframePoints>("keyframe_points", 1000);
+  const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
+  while (publisher.getNumSubscribers() == 0 && ros::WallTime::now() < end) ros::WallDuration(0.01).sleep();
+  KeyframePointsHead head;
+  head.pose.camera = {64, 48, 50, 50, 31.5, 23.5};
+  head.world_frame = kWorldFrame;
+  for (int i = 0; i <= 100; ++i) {
+    head.key = {"/mapper_" + std::to_string(i), 1, 1};
+    acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, {{{0, 0, 1}, {0, 0, -1}, {}, 1}});
+    message->count = 1;
+    publisher.publish(message);
+  }
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"incident: bad_keyframe", "from 100 other mappers already"}, kTimeoutS));
+  ASSERT_TRUE(mapper().CallMap("reset"));
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  EXPECT_EQ(mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true).keyframes, kViews);
 }
 
 TEST_F(ServicesTest, PublishMapPublishesOnRequest) {

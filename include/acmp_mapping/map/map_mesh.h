@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <functional>
 
 #include "acmp_mapping/fusion/triangle_mesh.h"
 #include "acmp_mapping/map/map_store.h"
@@ -10,6 +11,7 @@ namespace acmp {
 struct MapMeshOptions {
   double voxel_size = 0;  ///< unit of the poses, >= 0; 0: that of the map, or the points' distance where it is larger
   size_t max_bytes = 0;   ///< see DistanceVolumeOptions
+  std::function<void()> check = [] {};  ///< called before each keyframe; what it throws ends the work
 };
 
 /// The surface of the map's keyframes at their poses, in the world. Of their points, which is what the map keeps, so

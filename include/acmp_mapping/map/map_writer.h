@@ -1,16 +1,21 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/fusion/point_cloud.h"
 
 namespace acmp {
 
-/// The whole path of a file for the map that must lie below a folder. A relative path starts at the folder; links and
-/// .. are followed before the comparison. Throws InvalidInputError when the path names no file, begins with ~ (which a
-/// shell expands, and nobody here), lies elsewhere or in a folder that does not exist.
-std::filesystem::path MapPathBelow(const std::filesystem::path& folder, const std::filesystem::path& path);
+/// The whole path of a file that whoever reaches the ROS master may name, which must lie below a folder. A relative
+/// path starts at the folder; links and .. are followed before the comparison. Throws InvalidInputError when the path
+/// names no file, begins with ~ (which a shell expands, and nobody here), lies elsewhere, where it does not say whether
+/// anything is there, or in a folder that does not exist; when a name begins with a dot, as those of settings and keys
+/// do, has control characters, or another ending than that of the file's format.
+/// @param ending with its dot
+std::filesystem::path MapPathBelow(const std::filesystem::path& folder, const std::filesystem::path& path,
+                                   const std::string& ending);
 
 enum class MapFormat { kPly, kPcd };
 

@@ -23,7 +23,8 @@ namespace acmp {
 /// Wires topics, services and parameters to the mapper; see docs/ for all of them.
 ///
 /// Threads: one for input callbacks, which only buffer; the worker, which matches, and the one of its outputs, which
-/// publishes; one for services; one for diagnostics and dynamic_reconfigure; one that asks the ROS master.
+/// publishes; one for flush and one for the other services; one for diagnostics and dynamic_reconfigure; one that asks
+/// the ROS master.
 ///
 /// Locks: delivery_mutex_ keeps "take from the intake, hand to the worker" in order and may be held while the worker's
 /// queue blocks; intake_mutex_ guards the intake for a moment. Where both are needed delivery_mutex_ comes first. All

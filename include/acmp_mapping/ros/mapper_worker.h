@@ -66,6 +66,8 @@ class MapperWorker {
 
   /// Wakes all who wait and ends the thread after the keyframe it is at.
   void Stop();
+  /// After Stop: waits until the thread has ended.
+  void Join();
 
   WorkerStatus status() const;
   size_t queued() const { return queue_.waiting_inputs(); }
@@ -75,6 +77,8 @@ class MapperWorker {
   void Run();
   void MakeMapper();
   void Process(const KeyframeInput& input);
+  /// What `process` throws becomes a drop of this keyframe.
+  void ProcessOrDrop(const KeyframeInput& input, void (MapperWorker::*process)(const KeyframeInput&));
   /// A keyframe that the mapper has no time for becomes a source view of others.
   void ProcessOvertaken(const KeyframeInput& input);
   /// Of preset: auto, after a keyframe that took so long.
