@@ -1,7 +1,9 @@
 #include "acmp_mapping/ros/map_output.h"
 
 #include <filesystem>
+#include <iomanip>
 
+#include <geometry_msgs/TransformStamped.h>
 #include <nav_msgs/OccupancyGrid.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <boost/make_shared.hpp>
@@ -53,12 +55,26 @@ std_msgs::Header MapOutput::Header() {
 
 size_t MapOutput::Publish() {
   points_pace_.Begin(map_->version());
-  const std_msgs::Header header = Header();
+  std_msgs::Header header = Header();
   if (header.frame_id.empty()) return 0;
-  const PointCloud map = map_->WorldCloud();
-  CheckCloudSize(map.size(), kMaxMessageBytes);
-  points_.publish(ToCloudMessage(map, header));
-  return map.size();
+  const MapCloud map = map_->WorldCloud();
+  CheckCloudSize(map.points.size(), kMaxMessageBytes);
+  EnterLocalFrame(map.origin, &header);
+  points_.publish(ToCloudMessage(map.points, header));
+  return map.points.size();
+}
+
+void MapOutput::EnterLocalFrame(const Eigen::Vector3d& origin, std_msgs::Header* header) {
+  if (origin.isZero(0)) return;
+  geometry_msgs::TransformStamped transform;
+  transform.header = *header;
+  transform.child_frame_id = header->frame_id += kLocalFrameSuffix;
+  transform.transform.translation.x = origin.x();
+  transform.transform.translation.y = origin.y();
+  transform.transform.translation.z = origin.z();
+  transform.transform.rotation.w = 1;
+  if (!local_frame_) local_frame_ = std::make_unique<tf2_ros::StaticTransformBroadcaster>();
+  local_frame_->sendTransform(transform);
 }
 
 void MapOutput::PublishOccupancy() {
@@ -66,8 +82,10 @@ void MapOutput::PublishOccupancy() {
   occupancy_pace_.Begin(map_->version());
   const PlacedKeyframes map = map_->Placed();
   if (header.frame_id.empty() || map.keyframes.empty() || map.voxel_size == 0) return;
-  const OccupancySlice slice =
-      MakeOccupancyMap(map, 0)->Slice(options_.occupancy_min_height, options_.occupancy_max_height);
+  OccupancySlice slice = MakeOccupancyMap(map, 0)->Slice(options_.occupancy_min_height - map.origin.z(),
+                                                         options_.occupancy_max_height - map.origin.z());
+  slice.origin_x += map.origin.x();
+  slice.origin_y += map.origin.y();
   occupancy_.publish(ToOccupancyGrid(slice, header));
 }
 
@@ -87,9 +105,10 @@ void MapOutput::PublishIfDue() {
 size_t MapOutput::SaveMesh(const std::filesystem::path& path, const SaveMap::Request& request,
                            size_t* keyframes) const {
   const MapMeshOptions mesh_options = {0, static_cast<size_t>(1e9 * DefaultMemoryLimitGb())};
-  const TriangleMesh mesh = MakeMapMesh(*map_, mesh_options, keyframes);
-  WriteMap(path, mesh, request.format == SaveMap::Request::MESH_PLY ? MeshFormat::kPly : MeshFormat::kObj);
-  return mesh.vertices.size();
+  const MapMesh map = MakeMapMesh(*map_, mesh_options);
+  WriteMap(path, map, request.format == SaveMap::Request::MESH_PLY ? MeshFormat::kPly : MeshFormat::kObj);
+  *keyframes = map.keyframes;
+  return map.mesh.vertices.size();
 }
 
 MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) const {
@@ -97,12 +116,14 @@ MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) co
   const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path);
   size_t keyframes = 0, points = 0;
   const char* what = "points";
+  std::string note;
   switch (request.format) {
     case Request::PLY:
     case Request::PCD: {
-      const PointCloud map = map_->WorldCloud(&keyframes);
+      const MapCloud map = map_->WorldCloud();
       WriteMap(path, map, request.format == Request::PLY ? MapFormat::kPly : MapFormat::kPcd, request.binary);
-      points = map.size();
+      points = map.points.size();
+      keyframes = map.keyframes;
       break;
     }
     case Request::MESH_PLY:
@@ -118,6 +139,10 @@ MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) co
       keyframes = map.keyframes.size();
       points = occupancy->nodes();
       what = "nodes of the octree";
+      if (!map.origin.isZero(0)) {  // its keys have 16 bits
+        note = Concat("; its coordinates are those of the world less (", std::setprecision(15), map.origin.x(), ", ",
+                      map.origin.y(), ", ", map.origin.z(), "), as OctoMap holds none that large");
+      }
       break;
     }
     default:
@@ -126,7 +151,7 @@ MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) co
   }
   SaveMap::Response response;
   response.success = true;
-  response.message = Concat("saved ", points, " ", what, " of ", keyframes, " keyframes to ", path.string());
+  response.message = Concat("saved ", points, " ", what, " of ", keyframes, " keyframes to ", path.string(), note);
   response.points = points;
   response.keyframes = keyframes;
   return response;

@@ -2,6 +2,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/intake/sensor_samples.h"
+#include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/ros/input_conversion.h"
 
 namespace acmp {
@@ -55,8 +56,9 @@ Incident DescribeTooFar(const ReposeResult& result) {
   return {"optimized_path_too_far",
           Concat("keyframes not moved by optimized_path: ", result.too_far, "; the first would go by pose ",
                  FormatStamp(first.stamp_ns), " to (", first.position.x(), ", ", first.position.y(), ", ",
-                 first.position.z(), "): must lie within ", first.max_distance,
-                 " of the origin with its points (2^30 voxels)")};
+                 first.position.z(), "): must lie within ", first.allowed.max_distance, " of (",
+                 first.allowed.origin.x(), ", ", first.allowed.origin.y(), ", ", first.allowed.origin.z(),
+                 ") with its points (", kMaxMapVoxels, " voxels)")};
 }
 
 }  // namespace acmp

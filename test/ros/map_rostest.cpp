@@ -106,7 +106,7 @@ struct Session {
   }
 
   /// The map of the keyframes' points, as they were published, at these poses.
-  PointCloud ExpectedMap(const std::vector<RigidTransform>& poses) { return ExpectedStore(poses)->WorldCloud(); }
+  PointCloud ExpectedMap(const std::vector<RigidTransform>& poses) { return ExpectedStore(poses)->WorldCloud().points; }
   std::unique_ptr<MapStore> ExpectedStore(const std::vector<RigidTransform>& poses) {
     auto store = std::make_unique<MapStore>(MapStoreOptions{1000, kVoxelSize});
     uint64_t id = 0;

@@ -2,11 +2,13 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <mutex>
 #include <string>
 
 #include <acmp_mapping/SaveMap.h>
 #include <ros/node_handle.h>
+#include <tf2_ros/static_transform_broadcaster.h>
 
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/ros/map_server_options.h"
@@ -25,8 +27,9 @@ class MapOutput {
   void SetHeader(const std::string& world_frame, int64_t stamp_ns);
   std_msgs::Header Header();
 
-  /// Returns the number of points. Throws InvalidInputError for a map of more than 1 GB: roscpp's subscribers hang up
-  /// on such messages.
+  /// Far from the world's origin (kNearVoxels), where float32 does not hold them, the points are in a frame of their
+  /// own with the world's axes, WORLD_FRAME + kLocalFrameSuffix, which tf has then. Returns the number of points.
+  /// Throws InvalidInputError for a map of more than 1 GB: roscpp's subscribers hang up on such messages.
   size_t Publish();
   /// Publishes what PublishPace says, at options.map_publish_rate.
   void PublishIfDue();
@@ -38,6 +41,10 @@ class MapOutput {
  private:
   using SaveMap = acmp_mapping::SaveMap;
 
+  static constexpr const char* kLocalFrameSuffix = "_map_origin";
+
+  /// Unless the origin is zero, makes the header that of local coordinates.
+  void EnterLocalFrame(const Eigen::Vector3d& origin, std_msgs::Header* header);
   void PublishOccupancy();
   size_t SaveMesh(const std::filesystem::path& path, const SaveMap::Request& request, size_t* keyframes) const;
 
@@ -48,6 +55,7 @@ class MapOutput {
   int64_t stamp_ns_ = 0;
   PublishPace points_pace_, occupancy_pace_;
   ros::Publisher points_, occupancy_;
+  std::unique_ptr<tf2_ros::StaticTransformBroadcaster> local_frame_;  ///< none before it is needed
 };
 
 }  // namespace acmp
