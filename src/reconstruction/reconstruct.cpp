@@ -28,7 +28,7 @@ std::vector<int> ChosenImages(const Scene& scene, const std::string& list) {
 }
 
 ReconstructPlan MakePlan(const Scene& scene, const std::vector<int>& indices, const ReconstructOptions& options) {
-  if (options.online()) return MakeOnlinePlan(indices);
+  if (options.online()) return MakeOnlinePlan(scene, indices);
   std::vector<DepthRange> ranges;
   ranges.reserve(indices.size());
   for (int index : indices) ranges.push_back(FindDepthRange(scene, index, options));
@@ -97,7 +97,7 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
       *out << options.output.string() << ": already complete (--overwrite starts afresh)" << std::endl;
     const std::string failure = FailureOfSummary(folder.SummaryFile());
     if (!failure.empty()) throw ProcessingError(failure);
-    if (!options.mesh.empty()) WriteSceneMesh(options, folder, *interrupt, &frames, &progress, out);
+    if (!options.mesh.empty()) WriteSceneMesh(options, plan.origin, folder, *interrupt, &frames, &progress, out);
     return;
   }
   if (!folder.losses().empty()) {
@@ -114,7 +114,7 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
     const std::string failure = EndRun(&run, record, devices.name(), timer, cloud, out);
     if (!failure.empty()) throw ProcessingError(failure);
   }
-  if (!options.mesh.empty()) WriteSceneMesh(options, folder, *interrupt, &frames, &progress, out);
+  if (!options.mesh.empty()) WriteSceneMesh(options, plan.origin, folder, *interrupt, &frames, &progress, out);
 }
 
 }  // namespace acmp
