@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <string>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
@@ -21,6 +22,7 @@ void WriteLine(AtomicFile* file, const char* format, const Values&... values) {
 }  // namespace
 
 void WriteObj(const std::filesystem::path& path, const TriangleMesh& mesh, const Eigen::Vector3d& origin) {
+  const ClassicLocale point;
   AtomicFile file(path, Durability::kPowerCut);
   constexpr double kWhite = 255;
   const int digits = TextDigits(origin);

@@ -106,6 +106,7 @@ void WriteFileAtomically(const std::filesystem::path& path, const std::string& c
 
 std::ostringstream MakeTextFile(int digits) {
   std::ostringstream text;
+  text.imbue(std::locale::classic());
   text << std::setprecision(digits);
   return text;
 }

@@ -7,6 +7,7 @@
 #include <map>
 #include <sstream>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "input_file.h"
 
@@ -112,6 +113,7 @@ using Positions = std::vector<std::array<float, 3>>;
 
 Positions ReadAscii(const PcdHeader& header, BinaryReader* file) {
   file->ExpectRemaining(header.points, header.point_words, "PCD points");  // a digit each, before memory is asked for
+  const ClassicLocale point;
   Positions positions(header.points);
   for (auto& position : positions) {
     std::istringstream line(NextLine(file));

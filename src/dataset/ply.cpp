@@ -5,6 +5,7 @@
 #include <cstring>
 #include <map>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
@@ -86,6 +87,7 @@ Property ParseProperty(const BinaryReader& file, std::istringstream* words) {
 
 void ParseHeaderLine(const BinaryReader& file, const std::string& line, PlyHeader* header) {
   std::istringstream words(line);
+  words.imbue(std::locale::classic());
   std::string keyword;
   words >> keyword;
   if (keyword == "format") {
@@ -220,6 +222,7 @@ void ReadFaces(BinaryReader* file, bool ascii, const Element& element, TriangleM
 
 /// @param faces as well: else none
 TriangleMesh ReadElements(const std::filesystem::path& path, bool faces) {
+  const ClassicLocale point;
   BinaryReader file(path);
   const PlyHeader header = ReadPlyHeader(&file);
   const bool ascii = header.format == "ascii";

@@ -9,6 +9,7 @@
 #include <system_error>
 #include <vector>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
@@ -53,6 +54,7 @@ std::string PcdHeader(const MapCloud& map, const char* types, const char* data) 
 
 /// Colours are whole numbers here, as PCL writes them.
 void WriteAsciiPcd(const fs::path& path, const MapCloud& map) {
+  const ClassicLocale point;
   AtomicFile file(path, Durability::kPowerCut);
   file.Write(PcdHeader(map, "F F F U F F F F", "ascii"));
   const int digits = TextDigits(map.origin);
@@ -91,6 +93,7 @@ void WriteBinaryPcd(const fs::path& path, const MapCloud& map) {
 
 /// The properties of WritePly.
 void WriteAsciiPly(const fs::path& path, const MapCloud& map) {
+  const ClassicLocale point;
   AtomicFile file(path, Durability::kPowerCut);
   const char* type = IsWide(map) ? "double" : "float";
   file.Write(Concat("ply\nformat ascii 1.0\nelement vertex ", map.points.size(), "\nproperty ", type, " x\nproperty ",

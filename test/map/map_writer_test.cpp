@@ -11,6 +11,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
+#include "support/decimal_comma.h"
 
 namespace acmp {
 namespace {
@@ -56,6 +57,25 @@ TEST_F(MapWriterTest, OurReaderReadsBothPlyKinds) {
     EXPECT_EQ(read[4].confidence, map[4].confidence) << "binary " << binary;
   }
   EXPECT_EQ(FilesInFolder(), 1u) << "no temporary file is left";
+}
+
+TEST_F(MapWriterTest, NumbersHaveAPointInAnyLocale) {
+  const DecimalComma comma(folder_ / "locale");
+  const MapCloud map = {MakeMap(5)};
+  WriteMap(folder_ / "map.ply", map, MapFormat::kPly, false);
+  EXPECT_EQ(ReadPly(folder_ / "map.ply")[4].position.x, map.points[4].position.x);
+  WriteMap(folder_ / "map.pcd", map, MapFormat::kPcd, false);
+  size_t not_finite = 0;
+  EXPECT_EQ(ReadPcd(folder_ / "map.pcd", &not_finite)[4].position.x, map.points[4].position.x);
+  MapMesh mesh = {{map.points, {{0, 1, 2}}}};
+  WriteMap(folder_ / "mesh.obj", mesh, MeshFormat::kObj);
+  for (const char* name : {"map.ply", "map.pcd", "mesh.obj"}) {
+    std::ifstream file(folder_ / name);
+    const std::string text(std::istreambuf_iterator<char>(file), {});
+    EXPECT_EQ(text.find(','), std::string::npos) << name;
+    EXPECT_NE(text.find("-0.333333343"), std::string::npos) << name;
+  }
+  if (!comma.has_c_locale()) GTEST_SKIP() << "there is no locale de_DE, and none can be made: streams alone were tried";
 }
 
 /// float32 knows half metres only there.
