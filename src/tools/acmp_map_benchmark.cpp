@@ -177,7 +177,7 @@ int RunBenchmark(const MapBenchmarkArguments& a) {
     return acmp::Concat(loaded.statistics().points, " points");
   });
   std::filesystem::remove(file);
-  return acmp::kExitDone;
+  return acmp::Printed();
 }
 
 }  // namespace
