@@ -12,11 +12,10 @@ OptimizedPath ToOptimizedPath(const nav_msgs::Path& message, const std::string& 
   OptimizedPath path;
   path.poses.reserve(message.poses.size());
   for (const geometry_msgs::PoseStamped& pose : message.poses) {
-    const int64_t stamp_ns = ToStampNs(pose.header.stamp);
     try {
-      path.poses.push_back({stamp_ns, ToTransform(pose.pose)});
+      path.poses.push_back({ToStampNs(pose.header.stamp), ToTransform(pose.pose)});
     } catch (const InvalidInputError& error) {
-      on_bad_pose({"bad_optimized_pose", Concat("optimized_path, pose ", FormatStamp(stamp_ns), ": ", error.what())});
+      on_bad_pose({"bad_optimized_pose", Concat("optimized_path, pose ", pose.header.stamp, ": ", error.what())});
       continue;
     }
     const std::string& named = pose.header.frame_id.empty() ? message.header.frame_id : pose.header.frame_id;
