@@ -64,6 +64,14 @@ size_t MapOutput::Publish() {
   return map.points.size();
 }
 
+void MapOutput::PublishNothing() {
+  const std_msgs::Header header = Header();
+  SetHeader("", 0);
+  if (header.frame_id.empty()) return;
+  points_.publish(ToCloudMessage({}, header));
+  if (occupancy_) occupancy_.publish(ToOccupancyGrid({}, header));
+}
+
 void MapOutput::EnterLocalFrame(const Eigen::Vector3d& origin, std_msgs::Header* header) {
   if (origin.isZero(0)) return;
   geometry_msgs::TransformStamped transform;

@@ -75,8 +75,8 @@ void MapServerNodelet::Subscribe() {
 void MapServerNodelet::StartServices() {
   ros::NodeHandle nh = service_thread_.Attach(getPrivateNodeHandle());
   AddTrigger(names::kReset, [this] {
-    WaitForArrived();
-    map_->Clear();
+    CallInInputThread([this] { Forget(); });
+    map_output_->PublishNothing();
     return "the map is empty";
   });
   AddTrigger(names::kPublishMap, [this] {
@@ -116,9 +116,9 @@ void MapServerNodelet::AddService(const char* name, bool saves, Handle handle) {
       response = {};
       response.message = error.what();
     }
-    const std::string under_way = saves ? DescribeUnderWay(TakeSnapshot().mappers) : "";
-    response.message += under_way;
-    if (!under_way.empty()) NODELET_WARN("%s: %s", name, response.message.c_str());
+    const std::string missing = saves ? DescribeMissing(TakeSnapshot().mappers) : "";
+    response.message += missing;
+    if (!missing.empty()) NODELET_WARN("%s: %s", name, response.message.c_str());
     return true;
   };
   services_.push_back(service_thread_.Attach(getPrivateNodeHandle()).advertiseService(name, answer));
@@ -153,6 +153,16 @@ void MapServerNodelet::JoinSession(const std::filesystem::path& path, Session se
   PublishPath();
 }
 
+void MapServerNodelet::Forget() {
+  map_->Clear();
+  PublishPath();  // none, in the old frame: what is latched is no more
+  world_frame_.clear();
+  path_frame_.clear();
+  newest_stamp_ns_ = 0;
+  std::lock_guard<std::mutex> lock(mutex_);
+  for (auto& [name, traffic] : mappers_) traffic.lost_of_map = 0;
+}
+
 void MapServerNodelet::Receive(const KeyframePoints& message) {
   try {
     const KeyframePointsHead head = ReadHead(message);
@@ -175,6 +185,7 @@ void MapServerNodelet::CountMessage(const std::string& mapper, const KeyframePoi
   MapperTraffic& traffic = mappers_[mapper];
   ++traffic.received;
   traffic.lost += lost;
+  traffic.lost_of_map += lost;
   traffic.last_received_s = SteadySeconds();
   traffic.images_under_way = message.images_under_way;
 }

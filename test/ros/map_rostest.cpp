@@ -239,4 +239,15 @@ TEST_F(MapTest, G_ResetForgetsCorrections) {
   EXPECT_TRUE(session().mapper.WaitForDiagnostic({"optimized paths = 0 received"}, kTimeoutS));
 }
 
+/// Planners would go on seeing obstacles that are gone.
+TEST_F(MapTest, H_ResetEmptiesWhatIsLatched) {
+  Recorder<nav_msgs::Path> path(session().mapper.nh, "keyframe_path");
+  ASSERT_TRUE(path.WaitForCount(1, kTimeoutS));
+  EXPECT_TRUE(path.messages().back()->poses.empty());
+  if (!CanMapOccupancy()) return;
+  Recorder<nav_msgs::OccupancyGrid> occupancy(session().mapper.nh, "occupancy");
+  ASSERT_TRUE(occupancy.WaitForCount(1, kTimeoutS));
+  EXPECT_TRUE(occupancy.messages().back()->data.empty());
+}
+
 }  // namespace acmp::test::map_rostest

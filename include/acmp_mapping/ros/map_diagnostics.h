@@ -17,6 +17,7 @@ struct MapperTraffic {
   uint64_t lost = 0;      ///< messages on the way
   double last_received_s = 0;
   uint64_t images_under_way = 0;  ///< not finished when it sent its last message
+  uint64_t lost_of_map = 0;       ///< of the lost messages: since the map was emptied
 };
 
 /// Everything the map server's diagnostics are made of, taken at one moment.
@@ -31,9 +32,9 @@ struct MapSnapshot {
   std::map<std::string, IncidentLog::Entry> incidents;
 };
 
-/// What of the images is not in the map: one sentence per mapper that had images under way when its last message was
-/// sent; empty when there is none.
-std::string DescribeUnderWay(const std::map<std::string, MapperTraffic>& mappers);
+/// What of the images is not in the map: for each mapper how many messages of points were lost on the way, and how many
+/// images were under way when its last one was sent; empty when there is nothing.
+std::string DescribeMissing(const std::map<std::string, MapperTraffic>& mappers);
 
 /// One status each, without a master: "map" and "mappers".
 void DescribeMap(const MapSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);

@@ -31,6 +31,8 @@ class MapOutput {
   /// own with the world's axes, WORLD_FRAME + kLocalFrameSuffix, which tf has then. Returns the number of points.
   /// Throws InvalidInputError for a map of more than 1 GB: roscpp's subscribers hang up on such messages.
   size_t Publish();
+  /// When the map has been emptied: an empty cloud and grid in place of what is latched, and no header.
+  void PublishNothing();
   /// Publishes what PublishPace says, at options.map_publish_rate.
   void PublishIfDue();
 

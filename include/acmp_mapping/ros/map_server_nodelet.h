@@ -59,6 +59,8 @@ class MapServerNodelet : public NodeletBase {
   void WaitForArrived() {
     CallInInputThread([] {});
   }
+  /// Empties the map, and what is known of it. In the input thread.
+  void Forget();
   void HandlePeriod();
   MapSnapshot TakeSnapshot();
 
