@@ -3,9 +3,7 @@
 #include <fcntl.h>
 #include <unistd.h>
 
-#include <cerrno>
 #include <cstdio>
-#include <cstring>
 #include <exception>
 #include <iostream>
 
@@ -31,9 +29,8 @@ inline void KeepStandardStreams() {
 /// The exit code of a program whose result is what it printed: throws ProcessingError where that did not get out, as on
 /// a full disk.
 inline int Printed() {
-  errno = 0;
   if (std::cout.flush() && std::fflush(stdout) == 0) return kExitDone;
-  throw ProcessingError(Concat("cannot write to the standard output: ", std::strerror(errno != 0 ? errno : EIO)));
+  throw ProcessingError("cannot write to the standard output: what was printed is lost");
 }
 
 /// Parses the command line and runs `body()`, which returns an exit code; errors become one line on stderr and the code
