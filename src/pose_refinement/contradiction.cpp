@@ -50,6 +50,7 @@ std::optional<double> MeasureContradiction(const Bundle& bundle) {
   };
   const std::vector<ViewPose> received = last(bundle.received);
   const double depth = TypicalDepth(bundle);
+  if (Stands(bundle.received, depth)) return std::nullopt;  // without a baseline landmarks have no depth
   Similarity received_from_refined = FitSimilarity(last(bundle.poses), received, views);
   if (Stands(received, depth)) {
     received_from_refined.scale = 1;

@@ -289,6 +289,7 @@ TEST(MapStore, ALoopClosureMayMoveItFarAway) {
 TEST(MapStore, AKeyframeThatIsRefusedDoesNotChooseTheVoxelSize) {
   MapStore store({10, 0});
   EXPECT_THROW(store.Add(Key(0), {0, Shifted(1), {}}, PlaneAt(1e-30f, 3, 1e-31f)), InvalidInputError);
+  EXPECT_THROW(store.Add(Key(0), {0, Shifted(10.1), {}}, PlaneAt(1e-6f, 3, 1e-7f)), InvalidInputError);
   EXPECT_EQ(store.statistics().voxel_size, 0);
   Add(&store, 1, Shifted(1), PlaneAt(2, 3, 1));
   EXPECT_EQ(store.statistics().voxel_size, kAutoVoxelRatio * 2);

@@ -202,7 +202,7 @@ TEST_F(BundleRefinementTest, ACameraThatStandsContradictsNothing) {
   Bundle bundle = MakeBundle({}, 0, 0);
   const ViewPose still = bundle.received.back();
   for (const double noise : {0.0, 1e-4}) {  // of received poses
-    for (size_t i = 0; i < bundle.size(); ++i) {
+    for (size_t i = bundle.size() - kContradictionImages; i < bundle.size(); ++i) {
       bundle.received[i] = bundle.poses[i] = still;
       bundle.received[i].centre += noise * Eigen::Vector3d(Uniform(-1, 1), Uniform(-1, 1), Uniform(-1, 1));
       bundle.poses[i].centre += 1e-3 * Eigen::Vector3d(Uniform(-1, 1), Uniform(-1, 1), Uniform(-1, 1));
@@ -210,6 +210,12 @@ TEST_F(BundleRefinementTest, ACameraThatStandsContradictsNothing) {
     ASSERT_TRUE(MeasureContradiction(bundle));
     EXPECT_LT(*MeasureContradiction(bundle), 0.002) << noise;
   }
+  const Bundle stands = [&] {
+    Bundle all = bundle;
+    std::fill(all.received.begin(), all.received.end(), still);
+    return all;
+  }();
+  EXPECT_FALSE(MeasureContradiction(stands)) << "without a baseline landmarks have no depth";
   bundle.poses = truth_;  // and where the images say that it moved, the frontend has lost track
   EXPECT_GT(*MeasureContradiction(bundle), 0.03);
 }

@@ -31,8 +31,9 @@ constexpr double kAutoVoxelRatio = 0.005;  ///< about 2.5 px of a 500 px focal l
 /// Greatest distance of a keyframe's points from the map's local origin, in voxels: a little less than VoxelFilter
 /// takes.
 constexpr double kMaxMapVoxels = 2e9;
-/// Greatest distance of the local origin from the world's, in voxels: double knows a hundredth of one there.
-constexpr double kMaxOriginVoxels = 1e13;
+/// The same of the world's origin: a first keyframe whose points are closer to the camera than that allows, as of a
+/// frontend that starts with a tiny scale, must not choose the voxel size of all that follow.
+constexpr double kMaxOriginVoxels = kMaxMapVoxels;
 /// A map whose first keyframe is within so many voxels of the world's origin needs no other one: float32 knows 1/256
 /// voxel there. Beyond, its local origin is where that keyframe stands, in whole steps, so that it seldom changes.
 constexpr double kNearVoxels = 1 << 16;
