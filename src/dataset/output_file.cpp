@@ -14,6 +14,22 @@
 
 namespace acmp {
 
+namespace {
+
+/// Waits until the folder of a file has its name on the disk. A file system that cannot do that has done what it can.
+void SyncEntries(const std::filesystem::path& path) {
+  const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : std::filesystem::path(".");
+  const int descriptor = open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  const bool synced = descriptor >= 0 && fsync(descriptor) == 0;
+  const int reason = errno;
+  if (descriptor >= 0) close(descriptor);
+  // A folder that one may write to but not read cannot be opened; EINVAL: this file system has no fsync of folders.
+  if (synced || reason == EACCES || reason == EINVAL) return;
+  throw ProcessingError(Concat("cannot write to ", folder.string(), ": ", std::strerror(reason)));
+}
+
+}  // namespace
+
 void CheckFolderOf(const std::filesystem::path& path) {
   const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : std::filesystem::path(".");
   std::error_code ignored;  // where it cannot be told, open says why
@@ -105,6 +121,7 @@ void AtomicFile::Commit() {
   if (error) throw ProcessingError(Concat("cannot write ", path_.string(), ": ", error.message()));
   committed_ = true;
   file_.reset();
+  if (durability_ == Durability::kPowerCut) SyncEntries(path_);  // else the new name may be gone after a power cut
 }
 
 void AtomicFile::Fail(const char* what) const {
@@ -119,6 +136,7 @@ void WriteFileAtomically(const std::filesystem::path& path, const std::string& c
 
 std::ostringstream MakeTextFile(int digits) {
   std::ostringstream text;
+  text.imbue(std::locale::classic());
   text << std::setprecision(digits);
   return text;
 }

@@ -147,7 +147,8 @@ void OccupancyMap::Write(const std::filesystem::path& path) const {
   if (tree_->size() == 0) throw InvalidInputError("the map is empty: nothing was written");
   octomap::OcTree whole(*tree_);  // the format has one bit pair per node: as many nodes as possible become one
   whole.updateInnerOccupancy();
-  std::ostringstream bytes;
+  constexpr int kDigits = 6;
+  std::ostringstream bytes = MakeTextFile(kDigits);
   if (!whole.writeBinary(bytes)) throw ProcessingError("cannot make OctoMap's format");
   WriteFileAtomically(path, bytes.str(), Durability::kPowerCut);
 }

@@ -151,20 +151,24 @@ struct DenseMapper::Impl {
   void HeedContradiction() {
     const double limit = (contradicted ? 0.5 : 1.0) * options.pipeline.fusion.max_relative_depth;
     const bool was_contradicted = std::exchange(contradicted, poses.checks().contradiction.value_or(0) > limit);
-    if (contradicted == was_contradicted) return;
-    if (contradicted) {
-      for (size_t later = std::min(kContradictionImages, window.size()); later-- > 0;) {
-        const WindowKeyframePtr& keyframe = window.WithLater(later);
-        if (keyframe->is_withdrawn || !keyframe->refined_score) continue;
-        keyframe->is_withdrawn = true;
-        outputs.SubmitWithdrawal(keyframe, DescribeContradiction());
-      }
-      return;
+    if (!contradicted) return BringBack();
+    if (was_contradicted) return;
+    for (size_t later = std::min(kContradictionImages, window.size()); later-- > 0;) {
+      const WindowKeyframePtr& keyframe = window.WithLater(later);
+      if (keyframe->is_withdrawn || !keyframe->refined_score) continue;
+      keyframe->is_withdrawn = true;
+      outputs.SubmitWithdrawal(keyframe, DescribeContradiction());
     }
+  }
+
+  /// Maps of keyframes that have been withdrawn. Where that fails they stay so, and it is tried again with the next
+  /// keyframe.
+  void BringBack() {
     for (const WindowKeyframePtr& keyframe : window) {
-      if (!std::exchange(keyframe->is_withdrawn, false) || !outputs.WantsRefinedAgain(*keyframe)) continue;
+      if (!keyframe->is_withdrawn) continue;
       const SourceViews sources = window.SelectSources(*keyframe);
-      if (!sources.keyframes.empty()) RefineAgain(keyframe, sources, true);
+      const bool wanted = outputs.WantsRefinedAgain(*keyframe) && !sources.keyframes.empty();
+      keyframe->is_withdrawn = wanted && !RefineAgain(keyframe, sources, true);
     }
   }
 
@@ -198,6 +202,14 @@ struct DenseMapper::Impl {
     if (!sources.keyframes.empty()) estimator.Initialise(keyframe.get(), sources);
   }
 
+  /// The same of source views. Where it fails for one, that is told, and its old estimate is read: it is not the fault
+  /// of the keyframe that reads it.
+  void BringUpToDate(const SourceViews& sources) {
+    for (const WindowKeyframePtr& source : sources.keyframes) {
+      TryAgain(*source, [&] { BringUpToDate(source); });
+    }
+  }
+
   /// All steps of a refinement of one keyframe. What it throws leaves the keyframe as it was.
   FinishedEstimate TakeAllSteps(const WindowKeyframePtr& keyframe, const SourceViews& sources,
                                 const EngineEstimatePtr& start) {
@@ -214,7 +226,7 @@ struct DenseMapper::Impl {
     FinishedEstimate estimate;
     const auto failure = CatchFailure([&] {
       BringUpToDate(keyframe);
-      for (const WindowKeyframePtr& source : sources.keyframes) BringUpToDate(source);
+      BringUpToDate(sources);
       estimate = TakeAllSteps(keyframe, sources, keyframe->initial);
     });
     if (failure) return Drop(keyframe, *failure);
@@ -247,10 +259,10 @@ struct DenseMapper::Impl {
     outputs.SubmitRefinedAgain(std::move(estimate), options.pipeline.fusion);
   }
 
-  void RefineAgain(const WindowKeyframePtr& keyframe, const SourceViews& sources, bool from_initial) {
-    TryAgain(*keyframe, [&] {
+  bool RefineAgain(const WindowKeyframePtr& keyframe, const SourceViews& sources, bool from_initial) {
+    return TryAgain(*keyframe, [&] {
       if (from_initial) InitialiseAgain(keyframe, sources);
-      for (const WindowKeyframePtr& source : sources.keyframes) BringUpToDate(source);
+      BringUpToDate(sources);
       SubmitAgain(keyframe, TakeAllSteps(keyframe, sources, from_initial ? keyframe->initial : keyframe->refined),
                   !from_initial);
     });

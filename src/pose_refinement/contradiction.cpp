@@ -24,6 +24,20 @@ int NumSightings(const Bundle& bundle, int first) {
   return sightings;
 }
 
+Eigen::Vector3d MeanCentre(const std::vector<ViewPose>& poses) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const ViewPose& pose : poses) sum += pose.centre;
+  return sum / static_cast<double>(poses.size());
+}
+
+/// Whether a camera hardly moves. Then its positions tell nothing of the scale: that would be one noise over another.
+bool Stands(const std::vector<ViewPose>& received, double depth) {
+  constexpr double kStill = 0.01;  // of the depth: half of what maps may lie apart
+  const Eigen::Vector3d mean = MeanCentre(received);
+  return std::all_of(received.begin(), received.end(),
+                     [&](const ViewPose& pose) { return (pose.centre - mean).norm() < kStill * depth; });
+}
+
 }  // namespace
 
 std::optional<double> MeasureContradiction(const Bundle& bundle) {
@@ -35,15 +49,21 @@ std::optional<double> MeasureContradiction(const Bundle& bundle) {
     return std::vector<ViewPose>(poses.begin() + static_cast<std::ptrdiff_t>(first), poses.end());
   };
   const std::vector<ViewPose> received = last(bundle.received);
-  const Similarity received_from_refined = FitSimilarity(last(bundle.poses), received, views);
+  const double depth = TypicalDepth(bundle);
+  if (Stands(bundle.received, depth)) return std::nullopt;  // without a baseline landmarks have no depth
+  Similarity received_from_refined = FitSimilarity(last(bundle.poses), received, views);
+  if (Stands(received, depth)) {
+    received_from_refined.scale = 1;
+    received_from_refined.rigid.translation() =
+        MeanCentre(received) - received_from_refined.rigid.linear() * MeanCentre(last(bundle.poses));
+  }
   const std::vector<ViewPose> refined = Moved(received_from_refined, last(bundle.poses));
   std::vector<double> angles, distances;
   for (size_t i = 0; i < views; ++i) {
     angles.push_back(RotationVector(refined[i].rotation * received[i].rotation.conjugate()).norm());
     distances.push_back((refined[i].centre - received[i].centre).norm());
   }
-  return Median(std::move(angles)) +
-         Median(std::move(distances)) / (received_from_refined.scale * TypicalDepth(bundle));
+  return Median(std::move(angles)) + Median(std::move(distances)) / (received_from_refined.scale * depth);
 }
 
 }  // namespace acmp

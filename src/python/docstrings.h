@@ -74,7 +74,7 @@ Attributes:
 constexpr const char* kCloudDoc = R"(M points of surfaces that several images agree on.
 
 Attributes:
-  points: (M, 3) float32, in the world.
+  points: (M, 3) float32, in the world; float64 where the world's coordinates are too large for float32 (UTM, geocentric).
   normals: (M, 3) float32, unit normals in the world.
   colors: (M, 3) uint8, RGB.
   confidence: (M,) float32, 0 to 1.)";

@@ -5,9 +5,11 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <sstream>
 #include <utility>
 
+#include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/evaluation/cloud_metrics.h"
 #include "acmp_mapping/evaluation/depth_metrics.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
@@ -39,21 +41,32 @@ py::array ToNumpy(const Eigen::Matrix<double, kSize, kSize>& matrix) {
 
 /// Of the points in a cloud: (M, 3) arrays and one of (M,).
 struct Cloud {
-  explicit Cloud(const PointCloud& cloud)
-      : points({cloud.size(), size_t{3}}),
+  Cloud(const PointCloud& cloud, const Eigen::Vector3d& origin)
+      : points(origin.isZero(0) ? py::array(Positions<float>(cloud, origin)) : Positions<double>(cloud, origin)),
         normals({cloud.size(), size_t{3}}),
         colors({cloud.size(), size_t{3}}),
         confidence(static_cast<py::ssize_t>(cloud.size())) {
     for (size_t i = 0; i < cloud.size(); ++i) {
       const SurfacePoint& point = cloud[i];
-      std::copy_n(&point.position.x, 3, points.mutable_data() + 3 * i);
       std::copy_n(&point.normal.x, 3, normals.mutable_data() + 3 * i);
       std::copy_n(&point.color.r, 3, colors.mutable_data() + 3 * i);
       confidence.mutable_data()[i] = point.confidence;
     }
   }
 
-  py::array_t<float> points, normals;
+  template <class T>
+  static py::array_t<T> Positions(const PointCloud& cloud, const Eigen::Vector3d& origin) {
+    py::array_t<T> positions({cloud.size(), size_t{3}});
+    T* target = positions.mutable_data();
+    for (const SurfacePoint& point : cloud) {
+      const Eigen::Vector3d position = InWorld(origin, point.position);
+      target = std::transform(position.data(), position.data() + 3, target, [](double v) { return static_cast<T>(v); });
+    }
+    return positions;
+  }
+
+  py::array points;  ///< float64 where float32 would not hold them
+  py::array_t<float> normals;
   py::array_t<uint8_t> colors;
   py::array_t<float> confidence;
 };
@@ -197,7 +210,7 @@ PythonReconstruction Run(std::vector<InputImage> images, const ReconstructOption
     result = ReconstructImages(
         std::move(images), options, [&] { return MakeDevices(options, &log); }, stop);
   });
-  PythonReconstruction reconstruction = {{}, Cloud(result.cloud), std::move(result.device)};
+  PythonReconstruction reconstruction = {{}, Cloud(result.cloud, result.origin), std::move(result.device)};
   WarnOf(result.warnings);
   for (size_t i = 0; i < names.size(); ++i) {
     reconstruction.images.push_back(ToPython(std::move(names[i]), poses[i], std::move(result.images[i])));

@@ -2,11 +2,14 @@
 
 #include <tbb/parallel_for.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <set>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/masks.h"
+#include "acmp_mapping/geometry/local_origin.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
 #include "input_hash.h"
 #include "source_candidates.h"
@@ -21,6 +24,16 @@ size_t CountLeftOut(const SceneImage& image, const std::set<int>& taking_part) {
 }
 
 Eigen::Vector3d CentreOf(const SceneImage& image) { return image.cam_from_world.inverse().translation(); }
+
+/// The middle of the cameras, where that is farther from the world's origin than some of their extents.
+Eigen::Vector3d OriginOf(const Scene& scene, const std::vector<int>& indices) {
+  constexpr double kNear = 16;  // extents: float32 loses 4 bits of 24 there
+  Eigen::AlignedBox3d box;
+  for (int index : indices) box.extend(CentreOf(scene.images[static_cast<size_t>(index)]));
+  const double extent = box.isEmpty() ? 0 : box.diagonal().norm();
+  if (!(extent > 0)) return Eigen::Vector3d::Zero();
+  return LocalOrigin(box.center(), kNear * extent, std::exp2(std::ceil(std::log2(extent))));
+}
 
 /// The dataset's own ranking without images that do not take part or stand at the same place.
 std::vector<int> SourcesOfDataset(const Scene& scene, const ImagePlan& plan, const std::set<int>& taking_part,
@@ -111,6 +124,7 @@ void CheckSomeImageGetsAMap(const ReconstructPlan& plan, const Scene& scene) {
 ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indices,
                                 const std::vector<DepthRange>& ranges, const ReconstructOptions& options) {
   ReconstructPlan plan;
+  plan.origin = OriginOf(scene, indices);
   const std::set<int> taking_part(indices.begin(), indices.end());
   for (size_t i = 0; i < indices.size(); ++i) {
     ImagePlan image;
@@ -137,8 +151,9 @@ ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indi
   return plan;
 }
 
-ReconstructPlan MakeOnlinePlan(const std::vector<int>& indices) {
+ReconstructPlan MakeOnlinePlan(const Scene& scene, const std::vector<int>& indices) {
   ReconstructPlan plan;
+  plan.origin = OriginOf(scene, indices);
   for (int index : indices) {
     plan.images.emplace_back();
     plan.images.back().index = index;

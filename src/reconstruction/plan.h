@@ -23,6 +23,8 @@ struct ImagePlan {
 struct ReconstructPlan {
   std::vector<ImagePlan> images;
   std::vector<std::string> warnings;
+  /// Of the coordinates that points are kept in (LocalOrigin): zero where the cameras are near the world's.
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();
 
   /// Whether the image takes part and gets a map.
   bool HasMap(int index) const;
@@ -47,7 +49,7 @@ ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indi
                                 const std::vector<DepthRange>& ranges, const ReconstructOptions& options);
 
 /// For the online schedule, where the mapper decides.
-ReconstructPlan MakeOnlinePlan(const std::vector<int>& indices);
+ReconstructPlan MakeOnlinePlan(const Scene& scene, const std::vector<int>& indices);
 
 /// All the depths that the dataset names for the images, with the same margin as offline; 0, 0 when it names none.
 DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indices);

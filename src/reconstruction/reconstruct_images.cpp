@@ -138,6 +138,7 @@ ImageReconstruction Collect(ScheduleRun* run, Outputs outputs) {
     const PointCloud points = std::move(outputs.clouds[place]);
     result.cloud.insert(result.cloud.end(), points.begin(), points.end());
   }
+  result.origin = run->plan.origin;
   result.warnings = run->plan.warnings;
   const PointsJudgement judgement = JudgePoints(*run, result.cloud.size());
   for (const std::string& warning : {judgement.warning, judgement.failure}) {

@@ -348,6 +348,14 @@ std::string StripLeadingSlash(const std::string& frame_id) {
   return !frame_id.empty() && frame_id.front() == '/' ? frame_id.substr(1) : frame_id;
 }
 
-int64_t ToStampNs(const ros::Time& stamp) { return static_cast<int64_t>(stamp.toNSec()); }
+int64_t ToStampNs(const ros::Time& stamp) {
+  constexpr uint32_t kNsPerSecond = 1000000000;
+  if (stamp.nsec >=
+      kNsPerSecond) {  // no sum of both would be the same stamp again, and the largest seconds none at all
+    throw InvalidInputError(
+        Concat("stamp of ", stamp.sec, " s and ", stamp.nsec, " ns: the nanoseconds must be below ", kNsPerSecond));
+  }
+  return static_cast<int64_t>(stamp.toNSec());
+}
 
 }  // namespace acmp

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
@@ -16,6 +17,9 @@ constexpr char kNamelessWorld[] = "world";
 
 /// Decoded twice, undistorted, and where each pixel comes from in two forms.
 constexpr uint64_t kImagePixelBytes = 24;
+
+/// That are kept: a focus that changes with each image, for half a minute.
+constexpr size_t kCalibrations = 1000;
 
 constexpr double kLongPoseWaitS = 3;  ///< late poses come within a second
 
@@ -78,7 +82,16 @@ void KeyframeIntake::AddCameraInfo(const sensor_msgs::CameraInfo& info) {
     throw;
   }
   last_info_ = info;
+  const int64_t stamp_ns = ToStampNs(info.header.stamp);
+  calibrations_.erase(calibrations_.upper_bound(stamp_ns), calibrations_.end());  // time has gone back
+  calibrations_.insert_or_assign(stamp_ns, calibration_);
+  if (calibrations_.size() > kCalibrations) calibrations_.erase(calibrations_.begin());
   UpdateObstacle();
+}
+
+const CalibrationPtr& KeyframeIntake::CalibrationAt(int64_t stamp_ns) const {
+  const auto later = calibrations_.upper_bound(stamp_ns);
+  return later == calibrations_.begin() ? calibration_ : std::prev(later)->second;
 }
 
 void KeyframeIntake::AddPose(PoseSample pose) {
@@ -227,10 +240,10 @@ void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>
   input.image = match.image.image;
   input.mask = match.mask;
   input.prior_depth = match.prior_depth;
-  input.calibration = calibration_;
+  input.calibration = CalibrationAt(input.stamp_ns);
   input.camera_frame = options_.camera_frame;
   if (input.camera_frame.empty()) input.camera_frame = StripLeadingSlash(match.image.image->header().frame_id);
-  if (input.camera_frame.empty()) input.camera_frame = calibration_->frame_id;
+  if (input.camera_frame.empty()) input.camera_frame = input.calibration->frame_id;
   if (input.camera_frame.empty()) input.camera_frame = kNamelessCamera;
   input.world_frame = options_.world_frame.empty() ? match.pose.world_frame : options_.world_frame;
   if (input.world_frame.empty()) input.world_frame = kNamelessWorld;
@@ -322,8 +335,8 @@ std::vector<Eigen::Vector3d> KeyframeIntake::PlaceCloud(const MatchedInput& matc
     return {};
   }
   const PoseSample& cloud_pose = match.cloud_pose ? *match.cloud_pose : match.pose;
-  if (auto warning =
-          convention_check_.Add(resolver_.semantics(), cloud_pose.received, cloud, *in_camera, calibration_->camera)) {
+  if (auto warning = convention_check_.Add(resolver_.semantics(), cloud_pose.received, cloud, *in_camera,
+                                           input.calibration->camera)) {
     events->emplace_back(Notice{true, std::move(*warning)});
   }
   return *in_camera ? Moved(resolver_.WorldFromCamera(cloud_pose.received), cloud.points) : cloud.points;
@@ -336,7 +349,7 @@ std::optional<bool> KeyframeIntake::IsInCamera(const MatchedInput& match, const 
   if (cloud.frame_id.empty() || cloud.frame_id == match.pose.world_frame || cloud.frame_id == input.world_frame) {
     return false;
   }
-  if (cloud.frame_id == input.camera_frame || cloud.frame_id == calibration_->frame_id) return true;
+  if (cloud.frame_id == input.camera_frame || cloud.frame_id == input.calibration->frame_id) return true;
   events->emplace_back(RejectedInput{
       "sparse_frame_unknown", Concat("sparse cloud ", FormatStamp(cloud.stamp_ns), ": its frame \"", cloud.frame_id,
                                      "\" is neither the world \"", input.world_frame, "\" nor the camera \"",

@@ -101,7 +101,8 @@ KeyframePointsHead ReadHead(const KeyframePoints& message, size_t max_bytes) {
   head.pose.stamp_ns = ToStampNs(message.header.stamp);
   head.pose.world_from_cam = TransformFromNumbers("T_world_cam", message.T_world_cam);
   if (message.refined_world != 0) {
-    CheckRange("refined_scale", message.refined_scale, 1e-9, 1e9);
+    // More than any frontend has: what loop closures and sessions make of a scale must be readable again.
+    CheckRange("refined_scale", message.refined_scale, 1e-100, 1e100);
     head.pose.refined = RefinedAndReceived{
         {message.refined_world, TransformFromNumbers("T_refined_cam", message.T_refined_cam), message.refined_scale},
         TransformFromNumbers("T_received_cam", message.T_received_cam)};

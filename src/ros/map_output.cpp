@@ -2,9 +2,11 @@
 
 #include <exception>
 #include <filesystem>
+#include <iomanip>
 #include <iterator>
 #include <utility>
 
+#include <geometry_msgs/TransformStamped.h>
 #include <nav_msgs/OccupancyGrid.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <boost/make_shared.hpp>
@@ -55,27 +57,62 @@ std_msgs::Header MapOutput::Header() {
   return header;
 }
 
+template <class Message>
+void MapOutput::PublishOf(uint64_t emptied, const ros::Publisher& publisher, const Message& message) {
+  std::lock_guard<std::mutex> lock(publish_mutex_);
+  if (emptied_ == emptied) publisher.publish(message);
+}
+
 size_t MapOutput::Publish() {
+  const uint64_t emptied = emptied_;
   points_pace_.Begin(map_->version());
-  const std_msgs::Header header = Header();
+  std_msgs::Header header = Header();
   if (header.frame_id.empty()) return 0;
-  const PointCloud map = map_->WorldCloud();
-  CheckCloudSize(map.size(), kMaxMessageBytes);
-  points_.publish(ToCloudMessage(map, header));
-  return map.size();
+  const MapCloud map = map_->WorldCloud();
+  CheckCloudSize(map.points.size(), kMaxMessageBytes);
+  EnterLocalFrame(map.origin, &header);
+  PublishOf(emptied, points_, ToCloudMessage(map.points, header));
+  return map.points.size();
+}
+
+void MapOutput::PublishNothing() {
+  std::lock_guard<std::mutex> lock(publish_mutex_);
+  ++emptied_;
+  const std_msgs::Header header = Header();
+  SetHeader("", 0);
+  if (header.frame_id.empty()) return;
+  points_.publish(ToCloudMessage({}, header));
+  if (occupancy_) occupancy_.publish(ToOccupancyGrid({}, header));
+}
+
+void MapOutput::EnterLocalFrame(const Eigen::Vector3d& origin, std_msgs::Header* header) {
+  if (origin.isZero(0)) return;
+  geometry_msgs::TransformStamped transform;
+  transform.header = *header;
+  transform.child_frame_id = header->frame_id += kLocalFrameSuffix;
+  transform.transform.translation.x = origin.x();
+  transform.transform.translation.y = origin.y();
+  transform.transform.translation.z = origin.z();
+  transform.transform.rotation.w = 1;
+  if (!local_frame_) local_frame_ = std::make_unique<tf2_ros::StaticTransformBroadcaster>();
+  local_frame_->sendTransform(transform);
 }
 
 void MapOutput::PublishOccupancy() {
+  const uint64_t emptied = emptied_;
   const std_msgs::Header header = Header();
   occupancy_pace_.Begin(map_->version());
   const PlacedKeyframes map = map_->Placed();
   if (header.frame_id.empty() || map.keyframes.empty() || map.voxel_size == 0) return;
   std::string coarse;
-  const OccupancySlice slice =
-      MakeOccupancy(map, &coarse)->Slice(options_.occupancy_min_height, options_.occupancy_max_height);
+  OccupancySlice slice =
+      MakeOccupancy(map, &coarse)
+          ->Slice(options_.occupancy_min_height - map.origin.z(), options_.occupancy_max_height - map.origin.z());
+  slice.origin_x += map.origin.x();
+  slice.origin_y += map.origin.y();
   CheckStopped();
   if (!coarse.empty()) report_({"occupancy_coarse", "occupancy: " + coarse});
-  occupancy_.publish(ToOccupancyGrid(slice, header));
+  PublishOf(emptied, occupancy_, ToOccupancyGrid(slice, header));
 }
 
 std::unique_ptr<OccupancyMap> MapOutput::MakeOccupancy(const PlacedKeyframes& map, std::string* coarse) const {
@@ -119,10 +156,10 @@ void MapOutput::PublishOccupancyIfDue() {
 
 size_t MapOutput::SaveMesh(const std::filesystem::path& path, const SaveMap::Request& request,
                            size_t* keyframes) const {
-  const TriangleMesh mesh =
-      MakeMapMesh(*map_, {0, options_.memory_limit_bytes(), [this] { CheckStopped(); }}, keyframes);
-  WriteMap(path, mesh, request.format == SaveMap::Request::MESH_PLY ? MeshFormat::kPly : MeshFormat::kObj);
-  return mesh.vertices.size();
+  const MapMesh map = MakeMapMesh(*map_, {0, options_.memory_limit_bytes(), [this] { CheckStopped(); }});
+  WriteMap(path, map, request.format == SaveMap::Request::MESH_PLY ? MeshFormat::kPly : MeshFormat::kObj);
+  *keyframes = map.keyframes;
+  return map.mesh.vertices.size();
 }
 
 MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) const {
@@ -135,13 +172,14 @@ MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) co
   const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path, kEndings[request.format]);
   size_t keyframes = 0, points = 0;
   const char* what = "points";
-  std::string remark;
+  std::string coarse, note;
   switch (request.format) {
     case Request::PLY:
     case Request::PCD: {
-      const PointCloud map = map_->WorldCloud(&keyframes);
+      const MapCloud map = map_->WorldCloud();
       WriteMap(path, map, request.format == Request::PLY ? MapFormat::kPly : MapFormat::kPcd, request.binary);
-      points = map.size();
+      points = map.points.size();
+      keyframes = map.keyframes;
       break;
     }
     case Request::MESH_PLY:
@@ -152,18 +190,22 @@ MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) co
     default: {  // OCTOMAP
       CheckMapPath(path);
       const PlacedKeyframes map = map_->Placed();
-      const auto occupancy = MakeOccupancy(map, &remark);
+      const auto occupancy = MakeOccupancy(map, &coarse);
       occupancy->Write(path);
       keyframes = map.keyframes.size();
       points = occupancy->nodes();
       what = "nodes of the octree";
+      if (!coarse.empty()) note = "; " + coarse;
+      if (!map.origin.isZero(0)) {  // its keys have 16 bits
+        note += Concat("; its coordinates are those of the world less (", std::setprecision(15), map.origin.x(), ", ",
+                       map.origin.y(), ", ", map.origin.z(), "), as OctoMap holds none that large");
+      }
       break;
     }
   }
   SaveMap::Response response;
   response.success = true;
-  response.message = Concat("saved ", points, " ", what, " of ", keyframes, " keyframes to ", path.string(),
-                            remark.empty() ? "" : "; ", remark);
+  response.message = Concat("saved ", points, " ", what, " of ", keyframes, " keyframes to ", path.string(), note);
   response.points = points;
   response.keyframes = keyframes;
   return response;

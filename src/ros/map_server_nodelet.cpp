@@ -82,12 +82,7 @@ void MapServerNodelet::Subscribe() {
 
 void MapServerNodelet::StartServices() {
   AddTrigger(&urgent_thread_, names::kReset, [this] {
-    CallInInputThread([this] {
-      counts_.clear();
-      map_->Clear();
-      std::lock_guard<std::mutex> lock(mutex_);
-      mappers_.clear();
-    });
+    CallInInputThread([this] { Forget(); });
     return "the map is empty";
   });
   AddTrigger(&service_thread_, names::kPublishMap, [this] {
@@ -129,9 +124,9 @@ void MapServerNodelet::AddService(const char* name, bool saves, Handle handle) {
       response = {};
       response.message = error.what();
     }
-    const std::string under_way = saves ? DescribeUnderWay(TakeSnapshot().mappers) : "";
-    response.message += under_way;
-    if (!under_way.empty()) NODELET_WARN("%s: %s", name, response.message.c_str());
+    const std::string missing = saves ? DescribeMissing(TakeSnapshot().mappers) : "";
+    response.message += missing;
+    if (!missing.empty()) NODELET_WARN("%s: %s", name, response.message.c_str());
     return true;
   };
   services_.push_back(service_thread_.Attach(getPrivateNodeHandle()).advertiseService(name, answer));
@@ -164,6 +159,18 @@ void MapServerNodelet::JoinSession(const std::filesystem::path& path, Session se
   CheckFrame(path.string(), session.world_frame);
   map_output_->SetHeader(world_frame_, newest_stamp_ns_);
   PublishPath();
+}
+
+void MapServerNodelet::Forget() {
+  map_->Clear();
+  PublishPath();  // none, in the old frame: what is latched is no more
+  map_output_->PublishNothing();
+  world_frame_.clear();
+  path_frame_.clear();
+  newest_stamp_ns_ = 0;
+  counts_.clear();
+  std::lock_guard<std::mutex> lock(mutex_);
+  mappers_.clear();
 }
 
 void MapServerNodelet::Receive(const KeyframePoints& message) {

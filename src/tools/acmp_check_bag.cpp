@@ -55,7 +55,7 @@ int PrintReport(const acmp::BagReport& report) {
   const size_t warnings = report.Count(acmp::Severity::kWarning);
   std::cout << (report.usable() ? "usable" : "not usable") << ": " << errors << " errors, " << warnings
             << " warnings\n";
-  return report.usable() ? acmp::kExitDone : acmp::kExitBadInput;
+  return report.usable() ? acmp::Printed() : acmp::kExitBadInput;
 }
 
 }  // namespace

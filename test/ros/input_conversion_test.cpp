@@ -35,6 +35,14 @@ EncodedImage MakeImage(const std::string& encoding, uint32_t width, uint32_t hei
 
 cv::Vec3b FirstPixel(const EncodedImage& image) { return DecodeRgb(image).at<cv::Vec3b>(0, 0); }
 
+TEST(ToStampNs, RefusesMoreNanosecondsThanASecondHas) {
+  ros::Time stamp;
+  stamp.sec = 4294967295, stamp.nsec = 999999999;
+  EXPECT_EQ(ToStampNs(stamp), 4294967295999999999);
+  stamp.nsec = 4294967295;  // as a message can have it
+  EXPECT_THAT(ErrorOf([&] { ToStampNs(stamp); }), HasSubstr("4294967295 ns: the nanoseconds must be below 1000000000"));
+}
+
 TEST(DecodeRgb, KnowsTheUsualEncodings) {
   EXPECT_EQ(FirstPixel(MakeImage(enc::RGB8, 1, 1, {1, 2, 3})), cv::Vec3b(1, 2, 3));
   EXPECT_EQ(FirstPixel(MakeImage(enc::BGR8, 1, 1, {1, 2, 3})), cv::Vec3b(3, 2, 1));

@@ -112,7 +112,7 @@ TEST_F(SessionBagTest, AMapComesBackWithItsBytes) {
   }
   MapStore after({100, 0.0});
   after.Join(std::move(session.map), RigidTransform::Identity());
-  const PointCloud a = before->WorldCloud(), b = after.WorldCloud();
+  const PointCloud a = before->WorldCloud().points, b = after.WorldCloud().points;
   ASSERT_GT(a.size(), 1000u);
   ASSERT_EQ(a.size(), b.size());
   for (size_t i = 0; i < a.size(); ++i) {
@@ -122,8 +122,8 @@ TEST_F(SessionBagTest, AMapComesBackWithItsBytes) {
     ASSERT_EQ(a[i].confidence, b[i].confidence);
   }
   if (CanMesh()) {
-    const TriangleMesh mesh = MakeMapMesh(after, {0, 2000000000});
-    EXPECT_EQ(mesh.triangles.size(), MakeMapMesh(*before, {0, 2000000000}).triangles.size());
+    const TriangleMesh mesh = MakeMapMesh(after, {0, 2000000000}).mesh;
+    EXPECT_EQ(mesh.triangles.size(), MakeMapMesh(*before, {0, 2000000000}).mesh.triangles.size());
     EXPECT_GT(mesh.triangles.size(), 1000u);
   }
   if (CanMapOccupancy()) {

@@ -4,7 +4,8 @@
 #include <string>
 
 #include "acmp_mapping/dataset/map_io.h"
-#include "acmp_mapping/fusion/point_cloud.h"
+#include "acmp_mapping/map/map_mesh.h"
+#include "acmp_mapping/map/map_store.h"
 
 namespace acmp {
 
@@ -20,11 +21,12 @@ std::filesystem::path MapPathBelow(const std::filesystem::path& folder, const st
 enum class MapFormat { kPly, kPcd };
 
 /// Writes x y z, normal, colour and confidence of each point. The file appears under its name only when it is whole and
-/// on the disk. Throws InvalidInputError for an empty map or a path that cannot be one, ProcessingError with the
-/// system's reason when writing fails.
-void WriteMap(const std::filesystem::path& path, const PointCloud& map, MapFormat format, bool binary);
+/// on the disk. Unless the origin of the coordinates is zero, it is added and positions are in double. Throws
+/// InvalidInputError for an empty map or a path that cannot be one, ProcessingError with the system's reason when
+/// writing fails.
+void WriteMap(const std::filesystem::path& path, const MapCloud& map, MapFormat format, bool binary);
 /// The same of a mesh: throws for one without triangles.
-void WriteMap(const std::filesystem::path& path, const TriangleMesh& map, MeshFormat format);
+void WriteMap(const std::filesystem::path& path, const MapMesh& map, MeshFormat format);
 /// The path check of these. Throws InvalidInputError for one that cannot be a file.
 void CheckMapPath(const std::filesystem::path& path);
 

@@ -10,6 +10,7 @@
 
 #include <acmp_mapping/SaveMap.h>
 #include <ros/node_handle.h>
+#include <tf2_ros/static_transform_broadcaster.h>
 
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/map/occupancy_map.h"
@@ -19,8 +20,9 @@
 
 namespace acmp {
 
-/// The topics map_points and occupancy (latched) and the file of save_map. SetHeader may be called in any thread,
-/// PublishOccupancyIfDue, which may take minutes, belongs to one of its own, the rest to another one.
+/// The topics map_points and occupancy (latched) and the file of save_map. SetHeader and PublishNothing may be
+/// called in any thread, PublishOccupancyIfDue, which may take minutes, belongs to one of its own, the rest to another
+/// one.
 class MapOutput {
  public:
   /// @param map outlives this
@@ -37,9 +39,13 @@ class MapOutput {
   void SetHeader(const std::string& world_frame, int64_t stamp_ns);
   std_msgs::Header Header();
 
-  /// Returns the number of points. Throws InvalidInputError for a map of more than 1 GB: roscpp's subscribers hang up
-  /// on such messages.
+  /// Far from the world's origin (kNearVoxels), where float32 does not hold them, the points are in a frame of their
+  /// own with the world's axes, WORLD_FRAME + kLocalFrameSuffix, which tf has then. Returns the number of points.
+  /// Throws InvalidInputError for a map of more than 1 GB: roscpp's subscribers hang up on such messages.
   size_t Publish();
+  /// When the map has been emptied: an empty cloud and grid in place of what is latched, and no header. Any thread;
+  /// what another one is about to publish of the map that was is not published any more.
+  void PublishNothing();
   /// Publish when PublishPace says so, at options.map_publish_rate.
   void PublishIfDue();
   void PublishOccupancyIfDue();
@@ -51,7 +57,14 @@ class MapOutput {
  private:
   using SaveMap = acmp_mapping::SaveMap;
 
+  static constexpr const char* kLocalFrameSuffix = "_map_origin";
+
+  /// Unless the origin is zero, makes the header that of local coordinates.
+  void EnterLocalFrame(const Eigen::Vector3d& origin, std_msgs::Header* header);
   void PublishOccupancy();
+  /// Unless PublishNothing was called since emptied_ was as given.
+  template <class Message>
+  void PublishOf(uint64_t emptied, const ros::Publisher& publisher, const Message& message);
   void PublishPaced(const ros::Publisher& publisher, PublishPace* pace, const std::function<void()>& publish);
   /// Says how much coarser than it should be it is, if so.
   std::unique_ptr<OccupancyMap> MakeOccupancy(const PlacedKeyframes& map, std::string* coarse) const;
@@ -64,8 +77,11 @@ class MapOutput {
   std::mutex header_mutex_;  ///< guards the next two
   std::string world_frame_;
   int64_t stamp_ns_ = 0;
+  std::mutex publish_mutex_;          ///< held while a message is handed to roscpp
+  std::atomic<uint64_t> emptied_{0};  ///< how often; changes with publish_mutex_ held
   PublishPace points_pace_, occupancy_pace_;
   ros::Publisher points_, occupancy_;
+  std::unique_ptr<tf2_ros::StaticTransformBroadcaster> local_frame_;  ///< none before it is needed
 };
 
 }  // namespace acmp

@@ -59,6 +59,8 @@ class MapServerNodelet : public NodeletBase {
   void WaitForArrived() {
     CallInInputThread([] {});
   }
+  /// Empties the map, what is known of it and of its mappers, and what is latched. In the input thread.
+  void Forget();
   MapSnapshot TakeSnapshot();
 
   MapServerOptions options_;
