@@ -94,10 +94,13 @@ BagMask ToBagMask(const sensor_msgs::ImageConstPtr& message) {
   return {sample.stamp_ns, size.width, size.height, IgnoresAll(DecodeMask(*sample.image, size))};
 }
 
+/// Whole clouds at first, as the convention check compares them, then a sample: a cloud may be a whole map.
 template <class Message>
-SparseCloud ToSample(const Message& message) {
-  constexpr size_t kSample = 1000;  // a cloud may be a whole map
+SparseCloud ToSample(const Message& message, size_t* whole_points) {
+  constexpr size_t kSample = 1000, kMostWhole = 5000000;
   SparseCloud cloud = ToSparseCloud(message);
+  *whole_points += cloud.points.size();
+  if (*whole_points <= kMostWhole) return cloud;
   const size_t step = cloud.points.size() / kSample + 1;
   std::vector<Eigen::Vector3d> sample;
   for (size_t i = 0; i < cloud.points.size(); i += step) sample.push_back(cloud.points[i]);
@@ -109,7 +112,7 @@ void ReadMessage(const rosbag::MessageInstance& record, BagContents* contents) {
   const TopicChoice& chosen = contents->chosen;
   const std::string& topic = record.getTopic();
   const auto to_pose = [](const auto& message) { return ToPoseSample(*message); };
-  const auto to_cloud = [](const auto& message) { return ToSample(*message); };
+  const auto to_cloud = [contents](const auto& message) { return ToSample(*message, &contents->whole_points); };
   if (topic == chosen.image) {
     AddIf<sensor_msgs::Image>(record, &contents->images, [](const auto& raw) { return ToBagImage({raw, {}}); });
     AddIf<sensor_msgs::CompressedImage>(record, &contents->images, [](const auto& m) { return ToBagImage({{}, m}); });

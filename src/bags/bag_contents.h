@@ -60,7 +60,8 @@ struct BagContents {
   BagStream<BagCalibration> calibrations;
   BagStream<PoseSample> poses;
   BagStream<BagMask> masks;
-  BagStream<SparseCloud> clouds;  ///< of each at most some 1000 of its points, evenly spread
+  BagStream<SparseCloud> clouds;  ///< after the first millions of points some 1000 of each, evenly spread
+  size_t whole_points = 0;        ///< of all clouds so far
 
   const BagTopic* Find(const std::string& name) const;
 };

@@ -218,7 +218,8 @@ TEST_F(CheckBagTest, InvertedPosesAreRecognised) {
     }
   };
   const BagReport report = Check(invert);
-  EXPECT_THAT(Warnings(report), Contains(AllOf(HasSubstr("~pose_is: T_cam_world"), HasSubstr("set this"))));
+  EXPECT_THAT(Warnings(report),
+              Contains(AllOf(HasSubstr("lie in front of the camera"), HasSubstr("~pose_is: T_cam_world"))));
   BagCheckOptions declared;
   declared.semantics.direction = PoseSemantics::Direction::kCamFromWorld;
   EXPECT_TRUE(Warnings(Check(invert, declared)).empty());
@@ -250,12 +251,12 @@ TEST_F(CheckBagTest, CloudsWithoutAnImageNearby) {
 }
 
 TEST_F(CheckBagTest, PointsInTheCamerasFrameNeedNoPose) {
-  const BagReport report = Check([](int, Keyframe& keyframe) {
-    std::vector<Eigen::Vector3d> points(10, Eigen::Vector3d(0.1, 0.2, -3));
-    points.resize(14, Eigen::Vector3d(0.1, 0.2, 3));
+  const BagReport report = Check([](int i, Keyframe& keyframe) {
+    std::vector<Eigen::Vector3d> points;
+    for (int k = 0; k < 24; ++k) points.emplace_back(0.01 * i, 0.02 * i - 0.01 * k, k < 17 ? -3 - i : 3 + i);
     keyframe.cloud = ToPointCloud2(points, keyframe.image.header);
   });
-  EXPECT_THAT(Warnings(report), Contains(HasSubstr("29 % lie in front of the camera and only")));
+  EXPECT_THAT(Warnings(report), Contains(HasSubstr("lie in front of the camera and only")));
 }
 
 TEST_F(CheckBagTest, MissingTopics) {
