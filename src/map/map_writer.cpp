@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/map/packed_points.h"
@@ -105,6 +106,11 @@ fs::path MapPathBelow(const fs::path& folder, const fs::path& path) {
     RefusePath(path, Concat("must lie below ", top.string(), ", the parameter save_folder of the map server"));
   }
   return parent / path.filename();
+}
+
+void CheckEnding(const fs::path& path, const std::string& ending, const std::string& format, const std::string& other) {
+  if (!path.has_extension() || LowerExtension(path) == ending) return;
+  RefusePath(path, Concat("must end in ", ending, " for ", format, other));
 }
 
 void CheckMapPath(const fs::path& path) {

@@ -1,5 +1,6 @@
 #include "acmp_mapping/ros/map_output.h"
 
+#include <array>
 #include <filesystem>
 
 #include <nav_msgs/OccupancyGrid.h>
@@ -8,6 +9,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/memory_limit.h"
+#include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/map/map_mesh.h"
 #include "acmp_mapping/map/map_writer.h"
 #include "acmp_mapping/map/occupancy_map.h"
@@ -24,6 +26,28 @@ template <class Message>
 ros::Publisher AdvertiseLatched(ros::NodeHandle* nh, const char* name, PublishPace* pace) {
   const ros::SubscriberStatusCallback on_connect = [pace](const ros::SingleSubscriberPublisher&) { pace->Request(); };
   return nh->advertise<Message>(name, 1, on_connect, ros::SubscriberStatusCallback(), ros::VoidConstPtr(), true);
+}
+
+struct SavedFormat {
+  const char* name;
+  const char* ending;
+};
+
+/// By number of the request's format.
+constexpr std::array<SavedFormat, 5> kSavedFormats = {
+    {{"PLY", ".ply"}, {"PCD", ".pcd"}, {"MESH_PLY", ".ply"}, {"MESH_OBJ", ".obj"}, {"OCTOMAP", ".bt"}}};
+
+void CheckFormat(const std::filesystem::path& path, size_t format) {
+  if (format >= kSavedFormats.size()) {
+    throw InvalidInputError(
+        Concat("format = ", format, ": must be 0 (PLY), 1 (PCD), 2 (MESH_PLY), 3 (MESH_OBJ) or 4 (OCTOMAP)"));
+  }
+  const SavedFormat& saved = kSavedFormats.at(format);
+  std::string other;  // the format that the name is meant for
+  for (size_t i = 0; i < kSavedFormats.size() && other.empty(); ++i) {
+    if (LowerExtension(path) == kSavedFormats.at(i).ending) other = Concat("; or set format: ", i);
+  }
+  CheckEnding(path, saved.ending, Concat("format ", format, " (", saved.name, ")"), other);
 }
 
 }  // namespace
@@ -95,6 +119,8 @@ size_t MapOutput::SaveMesh(const std::filesystem::path& path, const SaveMap::Req
 MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) const {
   using Request = SaveMap::Request;
   const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path);
+  CheckFormat(path, request.format);
+  const bool replaces = std::filesystem::exists(path);
   size_t keyframes = 0, points = 0;
   const char* what = "points";
   switch (request.format) {
@@ -110,7 +136,7 @@ MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) co
       points = SaveMesh(path, request, &keyframes);
       what = "vertices of the mesh";
       break;
-    case Request::OCTOMAP: {
+    default: {  // OCTOMAP
       CheckMapPath(path);
       const PlacedKeyframes map = map_->Placed();
       const auto occupancy = MakeOccupancyMap(map, 0);
@@ -118,15 +144,12 @@ MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) co
       keyframes = map.keyframes.size();
       points = occupancy->nodes();
       what = "nodes of the octree";
-      break;
     }
-    default:
-      throw InvalidInputError(Concat("format = ", int{request.format},
-                                     ": must be 0 (PLY), 1 (PCD), 2 (MESH_PLY), 3 (MESH_OBJ) or 4 (OCTOMAP)"));
   }
   SaveMap::Response response;
   response.success = true;
-  response.message = Concat("saved ", points, " ", what, " of ", keyframes, " keyframes to ", path.string());
+  response.message = Concat("saved ", points, " ", what, " of ", keyframes, " keyframes to ", path.string(),
+                            replaces ? kReplaced : "");
   response.points = points;
   response.keyframes = keyframes;
   return response;

@@ -171,6 +171,12 @@ TEST_F(ServicesTest, SaveMapRefusesBadPathsAndFormats) {
     EXPECT_FALSE(response.success) << path;
     EXPECT_THAT(response.message, HasSubstr(path));
   }
+  const SaveMap::Response misnamed = mapper().SaveMap(PathOf("map.pcd"), SaveMap::Request::PLY, true);
+  EXPECT_FALSE(misnamed.success);
+  EXPECT_THAT(misnamed.message, HasSubstr("must end in .ply for format 0 (PLY); or set format: 1"));
+  EXPECT_THAT(mapper().SaveMap(PathOf("map.ot"), SaveMap::Request::OCTOMAP, true).message,
+              HasSubstr("must end in .bt for format 4 (OCTOMAP)"));
+  EXPECT_FALSE(fs::exists(PathOf("map.pcd")) || fs::exists(PathOf("map.ot")));
   const SaveMap::Response response = mapper().SaveMap(PathOf("map.xyz"), 7, true);
   EXPECT_FALSE(response.success);
   EXPECT_THAT(response.message, HasSubstr("7"));

@@ -12,6 +12,15 @@ namespace acmp {
 /// shell expands, and nobody here), lies elsewhere or in a folder that does not exist.
 std::filesystem::path MapPathBelow(const std::filesystem::path& folder, const std::filesystem::path& path);
 
+/// Throws InvalidInputError for a name with another ending than `ending` (".ply"); one without an ending may be given.
+/// @param format for the message: what is written
+/// @param other for the message: another way out
+void CheckEnding(const std::filesystem::path& path, const std::string& ending, const std::string& format,
+                 const std::string& other = "");
+
+/// For messages about a file that was there before.
+constexpr char kReplaced[] = ", in place of the file of that name";
+
 enum class MapFormat { kPly, kPcd };
 
 /// Writes x y z, normal, colour and confidence of each point. The file appears under its name only when it is whole and
