@@ -283,6 +283,7 @@ void AddReconstructOptions(CLI::App* app, ReconstructOptions* options) {
          "that was copied (colmap2mvsnet.py)")
       ->check(OneOf({"integer", "half"}))
       ->capture_default_str();
+  app->add_option("--image-path", options->image_path, "Folder of the images; by default SCENE/images");
   app->add_option("--images", options->images, "Use only these images, by index from 0: 0,3,7-12");
   app->add_option(
       "--masks", options->masks,
