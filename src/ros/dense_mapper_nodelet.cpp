@@ -125,7 +125,9 @@ void DenseMapperNodelet::MakeIntake(const RuntimeOptions& runtime_options) {
   }
   intake_ = std::make_unique<KeyframeIntake>(options_, runtime_options.gate, FallbackDepth(runtime_options.mapper),
                                              transforms);
-  if (!options_.calibration_file.empty()) intake_->AddCameraInfo(ReadCalibrationFile(options_.calibration_file));
+  if (!options_.calibration_file.empty()) {
+    intake_->AddCameraInfo(ReadCalibrationFile(options_.calibration_file, options_.rectified));
+  }
 }
 
 void DenseMapperNodelet::LogDevice(const WorkerStatus& status) {

@@ -201,16 +201,18 @@ class SourceFactory {
   void AddImages() {
     if (options_.image_transport == ImageTransport::kRaw) {
       const uint32_t queue = options_.overload == OverloadPolicy::kBlock ? 0 : kImageQueue;
-      const auto handle = [on_image = handlers_.on_image](const sensor_msgs::ImageConstPtr& message) {
-        on_image(std::make_shared<const EncodedImage>(EncodedImage{message, nullptr}));
+      const auto handle = [on_image = handlers_.on_image,
+                           topic = nh_.resolveName(names::kImage)](const sensor_msgs::ImageConstPtr& message) {
+        on_image(std::make_shared<const EncodedImage>(EncodedImage{message, nullptr, topic}));
       };
       sources_.push_back(std::make_unique<RawImageSource>(nh_, queue, handle));
       return;
     }
-    Add<sensor_msgs::CompressedImage>({Kind::kImage, CompressedTopic(nh_), kImageQueue, "bad_image", true},
-                                      [on_image = handlers_.on_image](const auto& message) {
-                                        on_image(std::make_shared<const EncodedImage>(EncodedImage{nullptr, message}));
-                                      });
+    Add<sensor_msgs::CompressedImage>(
+        {Kind::kImage, CompressedTopic(nh_), kImageQueue, "bad_image", true},
+        [on_image = handlers_.on_image, topic = CompressedTopic(nh_)](const auto& message) {
+          on_image(std::make_shared<const EncodedImage>(EncodedImage{nullptr, message, topic}));
+        });
   }
 
   void AddExtrinsic() {

@@ -140,7 +140,8 @@ void MapperWorker::Run() {
     }
     auto* overtaken = std::get_if<Overtaken<KeyframeInput>>(&*item);
     const KeyframeInput& input = overtaken ? overtaken->input : std::get<KeyframeInput>(*item);
-    const std::string name = Concat("keyframe ", FormatStamp(input.stamp_ns), ": ");
+    const std::string topic = input.image->topic.empty() ? "" : Concat(" of ", input.image->topic);
+    const std::string name = Concat("keyframe ", FormatStamp(input.stamp_ns), topic, ": ");
     try {
       if (overtaken) {
         ProcessOvertaken(input);
@@ -279,9 +280,14 @@ FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input) {
   }
   if (!calibration_ || !SameCalibration(*calibration_, *input.calibration)) {
     rectifier_ = std::make_unique<ImageRectifier>(*input.calibration);
+    decoder_ = ImageDecoder();
     calibration_ = input.calibration;
   }
-  ColorImage image = rectifier_->Rectify(DecodeRgb(*input.image, &calibration_->camera));
+  const std::string note = decoder_.note();
+  ColorImage image = rectifier_->Rectify(decoder_.Decode(*input.image, &calibration_->camera));
+  if (!decoder_.note().empty() && decoder_.note() != note) {
+    outputs_.ReportDrop({"assumed_encoding", Concat(input.image->topic, ": ", decoder_.note())});
+  }
   return std::make_shared<const Frame>(
       MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image), calibration_->camera,
                 input.world_from_cam.inverse(), input.landmarks_in_world, frame_options,

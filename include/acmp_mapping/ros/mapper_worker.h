@@ -110,6 +110,7 @@ class MapperWorker {
   std::unique_ptr<DenseMapper> mapper_;
   std::string device_error_;
   CalibrationPtr calibration_;
+  ImageDecoder decoder_;
   std::unique_ptr<ImageRectifier> rectifier_;
   std::optional<AutoPreset> auto_preset_;
   int64_t next_id_ = 0;  ///< never goes back, whatever stamps do
