@@ -165,7 +165,7 @@ TEST_F(BadInputTest, CloudBehindTheCamera) {
       MakeCloud(std::vector<Eigen::Vector3f>(50, behind.cast<float>()), kWorldFrame, view.image.header.stamp);
   mapper().player.Publish(view);
   // An empty cloud has the same reason.
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: no_depth_range", "50 landmarks"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: no_depth_range", "50 sparse points", "set depth_min and depth_max"}, kTimeoutS));
   ExpectWorks();
 }
 
