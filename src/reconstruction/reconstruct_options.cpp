@@ -244,7 +244,8 @@ void CheckMesh(const ReconstructOptions& options) {
   if (options.mesh.empty()) return;
   CheckCanMesh();
   MeshFormatOf(options.mesh);
-  CheckFolderOf(options.mesh);
+  const auto whole = [](const std::filesystem::path& path) { return std::filesystem::weakly_canonical(path); };
+  if (whole(options.mesh).parent_path() != whole(options.output)) CheckFolderOf(options.mesh);  // OUTPUT will be made
   for (const char* kind : {"depth", "normal", "confidence"}) {
     if (std::count(options.maps.begin(), options.maps.end(), kind) > 0) continue;
     throw InvalidInputError(Concat("--mesh: needs ", kind, " among --maps"));

@@ -18,6 +18,7 @@ constexpr int kExitBadInput = 2;  ///< wrong use or input
 template <class Body>
 int RunTool(CLI::App& app, int argc, char** argv, const Body& body) {
   try {
+    app.set_version_flag("--version", ACMP_VERSION);
     app.parse(argc, argv);
     return body();
   } catch (const CLI::ParseError& error) {
