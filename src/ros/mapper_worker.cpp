@@ -17,6 +17,8 @@
 namespace acmp {
 namespace {
 
+constexpr char kWhenBusy[] =
+    "; try ~preset: auto or online, a smaller ~max_image_size, or ~overload: block for recordings";
 constexpr char kStopped[] = "the mapper is shutting down";
 
 /// A number that no earlier run of this mapper had, also of one before the program was started again.
@@ -72,7 +74,8 @@ void MapperWorker::Push(KeyframeInput input, bool wait_for_room) {
   const std::optional<KeyframeInput> dropped = queue_.Push(std::move(input), wait_for_room);
   if (!dropped) return;
   outputs_.ReportDrop(
-      {"overload", Concat("keyframe ", FormatStamp(dropped->stamp_ns), ": the mapper is busy (~overload)"), true});
+      {"overload", Concat("keyframe ", FormatStamp(dropped->stamp_ns), ": the mapper is busy (~overload)", kWhenBusy),
+       true});
 }
 
 std::string MapperWorker::Flush() {
@@ -201,13 +204,18 @@ void MapperWorker::Process(const KeyframeInput& input) {
   outputs_.Trim(2 * static_cast<size_t>(options.mapper.window_size));
   const PoseChecks checks = mapper_->pose_checks();
   const double keyframe_ms = preparation_ms + timer.Lap();
-  bool is_new_offset = false;
+  const std::string distortion =
+      DescribeDistortion(checks.distortion_px.value_or(0), frame->camera.width, input.calibration->distortion);
+  bool is_new_offset = false, is_new_distortion = false;
   UpdateStatus([&](WorkerStatus* status) {
+    is_new_distortion = !distortion.empty() && status->distortion.empty();
+    status->distortion = distortion;
     is_new_offset = checks.stamp_offset_s && !status->pose_checks.stamp_offset_s;
     status->pose_checks = checks;
     status->keyframe_ms = keyframe_ms;
   });
   if (is_new_offset) outputs_.ReportDrop({"stamp_offset", DescribeStampOffset(*checks.stamp_offset_s)});
+  if (is_new_distortion) outputs_.ReportDrop({"distortion", distortion});
   if (auto_preset_) ChooseSetting(keyframe_ms);
 }
 
@@ -234,10 +242,11 @@ void MapperWorker::ProcessOvertaken(const KeyframeInput& input) {
     mapper_->set_options(options.mapper);
     mapper_->AddSourceImage(PrepareFrame(input));
   }
-  outputs_.ReportDrop({"overload",
-                       Concat("keyframe ", FormatStamp(input.stamp_ns),
-                              " gets no maps, since the mapper is busy (~overload); others are matched against it"),
-                       true});
+  outputs_.ReportDrop(
+      {"overload",
+       Concat("keyframe ", FormatStamp(input.stamp_ns),
+              " gets no maps, since the mapper is busy (~overload); others are matched against it", kWhenBusy),
+       true});
 }
 
 Mask MapperWorker::MaskOf(const KeyframeInput& input) {
