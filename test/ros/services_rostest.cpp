@@ -279,7 +279,7 @@ TEST_F(ServicesTest, ReconfigureRefusesWhatIsOutOfBoundsOrDoesNotFit) {
     Append("depth_max", 2.0, &c->doubles);
   });
   EXPECT_EQ(inverted.depth_min, 0);
-  EXPECT_TRUE(mapper().WaitForLog({"refused", "depth_range"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForLog({"refused", "depth_min and depth_max"}, kTimeoutS));
   EXPECT_EQ(mapper().Map(Scene()), kViews);
 }
 
