@@ -52,7 +52,7 @@ void Validate(const DenseMapperOptions& options) {
   Validate(options.depth_range);
   Validate(options.poses);
   const DepthRange& fallback = options.fallback_depth_range;
-  if (!(fallback.min == 0 && fallback.max == 0)) CheckDepthRange("fallback_depth_range", fallback);
+  if (HasDepthRange(fallback)) CheckDepthRange("depth_min and depth_max", fallback);
   CheckRange("window_size", options.window_size, 2, kMaxWindowSize);
   CheckRange("lookahead", options.lookahead, 0, options.window_size - 1);
   CheckRange("min_source_views", options.min_source_views, 1,
@@ -75,11 +75,17 @@ struct DenseMapper::Impl {
     outputs.SubmitDrop({keyframe->frame->id, failure.reason, failure.message}, keyframe);
   }
 
+  std::string DescribeLandmarks(size_t count) const {
+    if (count == 0) return "no sparse points tell its depth range";
+    return Concat("of its ", count, " sparse points fewer than ", options.depth_range.min_landmarks,
+                  " are usable and in view");
+  }
+
   std::optional<DepthRange> FindDepthRange(const Frame& frame) {
     if (const auto range = DepthRangeFromLandmarks(frame.landmarks_in_world, frame.camera, frame.cam_from_world,
                                                    options.depth_range)) {
       last_range = range;
-    } else if (!last_range && options.fallback_depth_range.max > 0) {
+    } else if (!last_range && HasDepthRange(options.fallback_depth_range)) {
       return options.fallback_depth_range;
     }
     return last_range;
@@ -111,10 +117,8 @@ struct DenseMapper::Impl {
       keyframe->state = State::kFinished;
     } else if (!range) {
       Drop(keyframe, {"no_depth_range",
-                      Concat("keyframe ", id, ": of its ", keyframe->frame->landmarks_in_world.size(),
-                             " landmarks fewer than ", options.depth_range.min_landmarks,
-                             " are usable and in view, no earlier keyframe had a depth range, and no fallback range is "
-                             "set")});
+                      Concat("keyframe ", id, ": ", DescribeLandmarks(keyframe->frame->landmarks_in_world.size()),
+                             ", and no earlier keyframe had a depth range: set depth_min and depth_max")});
     }
     return true;
   }

@@ -45,7 +45,7 @@ std::vector<int> ChosenImages(const Scene& scene, const std::string& list) {
 
 ReconstructPlan MakePlan(const Scene& scene, const std::vector<int>& indices, const ReconstructOptions& options) {
   if (options.online()) return MakeOnlinePlan(scene, indices);
-  std::vector<DepthRange> ranges;
+  std::vector<std::optional<DepthRange>> ranges;
   ranges.reserve(indices.size());
   for (int index : indices) ranges.push_back(FindDepthRange(scene, index, options));
   return MakeOfflinePlan(scene, indices, ranges, options);
@@ -108,7 +108,8 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   const bool plans = !options.plan.empty();
   std::future<std::vector<ReconstructDevice>> devices_to_come =
       std::async(plans ? std::launch::deferred : std::launch::async, make_devices);
-  Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format), ParsePixelCenters(options.pixel_centers));
+  Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format), ParsePixelCenters(options.pixel_centers),
+                          options.image_path);
   Progress progress(log, ProgressStyleFor(options.quiet, log_is_terminal));
   for (const std::string& warning : scene.warnings) progress.Warn(warning);
   const std::vector<int> indices = TakeMasks(options, ChosenImages(scene, options.images), &scene, &progress);

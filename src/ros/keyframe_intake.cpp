@@ -220,6 +220,17 @@ std::vector<IntakeEvent> KeyframeIntake::Convert(std::vector<MatchEvent> matched
   return events;
 }
 
+std::string KeyframeIntake::DescribeDoubt() const {
+  if (options_.pose.child == PoseSemantics::Child::kBody) {
+    return "; or T_body_cam is wrong, or its inverse (~extrinsic_inverted)";
+  }
+  const std::string camera = CameraFrame();
+  if (child_frame_.empty() || camera.empty() || child_frame_ == camera) return "";
+  return Concat("; the poses are those of \"", child_frame_, "\" (child_frame_id), the images of \"", camera,
+                "\", and poses are read as those of the camera: if the first is another frame, set ~pose_child: body, "
+                "which takes T_body_cam from tf or the parameter");
+}
+
 std::string KeyframeIntake::DescribeWait(double now_s) const {
   if (!starting_.empty()) return "the frontend starts, and its points have not settled";
   if (matcher_.waiting_images() == 0) return "";

@@ -170,6 +170,7 @@ MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) co
                                    ": must be 0 (PLY), 1 (PCD), 2 (MESH_PLY), 3 (MESH_OBJ) or 4 (OCTOMAP)"));
   }
   const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path, kEndings[request.format]);
+  const bool replaces = std::filesystem::exists(path);
   size_t keyframes = 0, points = 0;
   const char* what = "points";
   std::string coarse, note;
@@ -205,7 +206,8 @@ MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) co
   }
   SaveMap::Response response;
   response.success = true;
-  response.message = Concat("saved ", points, " ", what, " of ", keyframes, " keyframes to ", path.string(), note);
+  response.message = Concat("saved ", points, " ", what, " of ", keyframes, " keyframes to ", path.string(),
+                            replaces ? kReplaced : "", note);
   response.points = points;
   response.keyframes = keyframes;
   return response;

@@ -135,11 +135,13 @@ void MapServerNodelet::AddService(const char* name, bool saves, Handle handle) {
 std::string MapServerNodelet::SaveSession(const std::string& path,
                                           acmp_mapping::SaveSession::Response* response) const {
   const std::filesystem::path file = MapPathBelow(options_.save_folder, path, kSessionEnding);
+  const bool replaces = std::filesystem::exists(file);
   const Session session = {map_->Session(), map_output_->Header().frame_id};
   WriteSession(file, session, [this] { map_output_->CheckStopped(); });
   for (const SessionKeyframe& keyframe : session.map.keyframes) response->points += keyframe.points_in_camera->size();
   response->keyframes = session.map.keyframes.size();
-  return Concat("saved ", response->points, " points of ", response->keyframes, " keyframes to ", file.string());
+  return Concat("saved ", response->points, " points of ", response->keyframes, " keyframes to ", file.string(),
+                replaces ? kReplaced : "");
 }
 
 void MapServerNodelet::JoinSession(const std::filesystem::path& path, Session session,

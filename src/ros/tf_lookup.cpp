@@ -13,7 +13,7 @@
 namespace acmp {
 namespace {
 
-constexpr uint32_t kQueue = 100;
+constexpr uint32_t kTfQueue = 100;
 constexpr double kCacheS = 30;  ///< images wait for their pose, so the newest transform may be far ahead of them
 
 RigidTransform ToRigidTransform(const geometry_msgs::TransformStamped& message) {
@@ -29,7 +29,7 @@ TfLookup::TfLookup(ros::NodeHandle nh, std::function<void(const std::string&)> r
   const auto subscribe = [&](const char* topic, bool is_static) {
     const boost::function<void(const tf2_msgs::TFMessageConstPtr&)> receive =
         [this, is_static](const tf2_msgs::TFMessageConstPtr& message) { Receive(*message, is_static); };
-    return SubscribeChecked<tf2_msgs::TFMessage>(nh, topic, kQueue, receive);
+    return SubscribeChecked<tf2_msgs::TFMessage>(nh, topic, kTfQueue, receive);
   };
   transforms_ = subscribe(names::kTf, false);
   static_transforms_ = subscribe(names::kTfStatic, true);

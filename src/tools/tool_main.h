@@ -39,6 +39,7 @@ template <class Body>
 int RunTool(CLI::App& app, int argc, char** argv, const Body& body) {
   KeepStandardStreams();
   try {
+    app.set_version_flag("--version", ACMP_VERSION);
     app.parse(argc, argv);
     return body();
   } catch (const CLI::ParseError& error) {

@@ -248,6 +248,16 @@ TEST_F(ReconstructTest, SubsetKeepsTheScenesIndices) {
   EXPECT_THAT(ErrorOf(&fake_), HasSubstr("\"1-4\""));
 }
 
+TEST_F(ReconstructTest, AnImageWithoutADepthRangeGetsNoMap) {
+  const std::string name = "scene/cams/00000001_cam.txt";
+  std::string camera = ReadText(folder() / name);
+  WriteText(name, camera.replace(camera.find("3 0.05 41 5"), 11, "3 0.05"));
+  Run(&fake_);
+  EXPECT_FALSE(Has("depth/000001.pfm"));
+  EXPECT_TRUE(Has("depth/000000.pfm"));
+  EXPECT_THAT(log_.str(), HasSubstr("no map for image 00000001.png: no depth range"));
+}
+
 TEST_F(ReconstructTest, DepthRangeMustComeFromSomewhere) {
   for (int i = 0; i < kImages; ++i) {
     const std::string name = "scene/cams/0000000" + std::to_string(i) + "_cam.txt";

@@ -126,7 +126,8 @@ TEST(RuntimeOptions, AreReadAndChecked) {
   EXPECT_THAT(RuntimeRefusal({{"window_size", 1000}}), AllOf(HasSubstr("~window_size = 1000"), HasSubstr("[2, 64]")));
   EXPECT_THAT(RuntimeRefusal({{"min_confidence", 2.0}}), HasSubstr("min_confidence"));
   EXPECT_THAT(RuntimeRefusal({{"lookahead", 30}}), HasSubstr("lookahead"));
-  EXPECT_THAT(RuntimeRefusal({{"depth_min", 5}, {"depth_max", 2}}), HasSubstr("depth_range"));
+  EXPECT_THAT(RuntimeRefusal({{"depth_min", 5}, {"depth_max", 2}}), HasSubstr("depth_min and depth_max"));
+  EXPECT_THAT(RuntimeRefusal({{"depth_max", 2}}), HasSubstr("~depth_min = 0 and ~depth_max = 2: set both or none"));
   EXPECT_THAT(RuntimeRefusal({{"min_confidence", std::numeric_limits<double>::quiet_NaN()}}),
               HasSubstr("min_confidence"));
 }
@@ -228,7 +229,7 @@ TEST(Reconfigure, RefusesWhatIsOutOfBoundsOrDoesNotFit) {
   EXPECT_THAT(refusal([](auto* c) { c->max_source_views = 2000; }),
               AllOf(HasSubstr("max_source_views = 2000"), HasSubstr("[1, 32]")));
   EXPECT_THAT(refusal([](auto* c) { c->lookahead = 4; }), AllOf(HasSubstr("lookahead = 4"), HasSubstr("[0, 3]")));
-  EXPECT_THAT(refusal([](auto* c) { c->depth_min = 5, c->depth_max = 2; }), HasSubstr("depth_range"));
+  EXPECT_THAT(refusal([](auto* c) { c->depth_min = 5, c->depth_max = 2; }), HasSubstr("depth_min and depth_max"));
   EXPECT_THAT(refusal([](auto* c) { c->min_confidence = std::numeric_limits<double>::quiet_NaN(); }),
               HasSubstr("min_confidence"));
 }

@@ -172,6 +172,12 @@ TEST_F(ServicesTest, SaveMapRefusesBadPathsAndFormats) {
     EXPECT_FALSE(response.success) << path;
     EXPECT_THAT(response.message, HasSubstr(path));
   }
+  const SaveMap::Response misnamed = mapper().SaveMap(PathOf("map.pcd"), SaveMap::Request::PLY, true);
+  EXPECT_FALSE(misnamed.success);
+  EXPECT_THAT(misnamed.message, HasSubstr("must end in .ply"));
+  EXPECT_THAT(mapper().SaveMap(PathOf("map.ot"), SaveMap::Request::OCTOMAP, true).message,
+              HasSubstr("must end in .bt"));
+  EXPECT_FALSE(fs::exists(PathOf("map.pcd")) || fs::exists(PathOf("map.ot")));
   const SaveMap::Response response = mapper().SaveMap(PathOf("map.xyz"), 7, true);
   EXPECT_FALSE(response.success);
   EXPECT_THAT(response.message, HasSubstr("7"));
@@ -293,7 +299,7 @@ TEST_F(ServicesTest, ReconfigureRefusesWhatIsOutOfBoundsOrDoesNotFit) {
     Append("depth_max", 2.0, &c->doubles);
   });
   EXPECT_EQ(inverted.depth_min, 0);
-  EXPECT_TRUE(mapper().WaitForLog({"refused", "depth_range"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForLog({"refused", "depth_min and depth_max"}, kTimeoutS));
   EXPECT_EQ(mapper().Map(Scene()), kViews);
 }
 

@@ -18,6 +18,9 @@ namespace acmp {
 std::filesystem::path MapPathBelow(const std::filesystem::path& folder, const std::filesystem::path& path,
                                    const std::string& ending);
 
+/// For messages about a file that was there before.
+constexpr char kReplaced[] = ", in place of the file of that name";
+
 enum class MapFormat { kPly, kPcd };
 
 /// Writes x y z, normal, colour and confidence of each point. The file appears under its name only when it is whole and

@@ -60,13 +60,18 @@ class DenseMapperNodelet : public NodeletBase {
   void WaitForArriving();
   std::string Reset();
   std::vector<InputStatus> InputStatuses() const;
+  /// Adds what of the poses' meaning may be wrong where they do not fit the images.
+  RejectedInput WithDoubt(RejectedInput drop);
   MapperSnapshot TakeSnapshot();
+  /// The same. Where an input is silent the master is asked what is published under its name.
+  MapperSnapshot TakeSnapshotWithAdvice();
 
   NodeOptions options_;
   std::unique_ptr<SharedOptions> runtime_options_;
   std::vector<RuntimeOptions> auto_options_;  ///< of preset: auto, one for each of its settings; else empty
   std::unique_ptr<OutputPublisher> publisher_;
   std::atomic<bool> paused_{false};
+  std::atomic<bool> flushing_{false};  ///< its progress is told in the log
   std::atomic<uint64_t> matched_{0};
 
   std::mutex delivery_mutex_;

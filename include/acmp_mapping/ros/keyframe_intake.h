@@ -96,6 +96,9 @@ class KeyframeIntake {
 
   /// For a pose, or for the frontend's world to settle.
   size_t waiting_images() const { return matcher_.waiting_images() + starting_.size(); }
+  /// What of the poses' meaning may be wrong, after messages about poses that do not fit the images; may be empty.
+  std::string DescribeDoubt() const;
+
   /// What images wait for longer than they should: "T_body_cam is not known: ..."; empty while all is well. Poses count
   /// only until the first image has got one: many frontends pose some images alone.
   std::string DescribeWait(double now_s) const;

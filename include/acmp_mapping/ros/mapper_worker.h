@@ -28,6 +28,7 @@ struct WorkerStatus {
   double keyframe_ms = 0;       ///< the last keyframe in the matching thread, all in all
   std::string auto_preset;      ///< what preset: auto has chosen last and why; empty: nothing
   PoseChecks pose_checks;
+  std::string distortion;  ///< what the images say of the calibration's distortion; empty: nothing
   OutputStatus outputs;
 };
 
@@ -114,6 +115,7 @@ class MapperWorker {
   std::unique_ptr<DenseMapper> mapper_;
   std::string device_error_;
   CalibrationPtr calibration_;
+  ImageDecoder decoder_;
   std::unique_ptr<ImageRectifier> rectifier_;
   std::optional<AutoPreset> auto_preset_;
   int64_t next_id_ = 0;  ///< never goes back, whatever stamps do
