@@ -30,9 +30,9 @@ T NumberAt(std::string_view bytes, size_t position) {
 }
 
 /// The fields of a record's header: each has its length, its name, = and its value.
-class Header {
+class RecordHeader {
  public:
-  explicit Header(std::string_view bytes) {
+  explicit RecordHeader(std::string_view bytes) {
     while (!bytes.empty()) {
       if (bytes.size() < sizeof(uint32_t)) throw InvalidInputError("a record's header ends within a field");
       const auto length = NumberAt<uint32_t>(bytes, 0);
@@ -80,7 +80,7 @@ std::map<uint32_t, uint32_t> FindMessages(std::string_view chunk) {
   };
   while (position < chunk.size()) {
     const auto begin = static_cast<uint32_t>(position);
-    const Header header(take());
+    const RecordHeader header(take());
     take();
     if (header.Number<uint8_t>("op") == kMessage) connections[begin] = header.Number<uint32_t>("conn");
   }
@@ -99,7 +99,7 @@ class RecordReader {
       records_.insert(position_);
       const uint64_t begin = position_;
       const std::string header_bytes = TakeBlock();
-      const Header header(header_bytes);
+      const RecordHeader header(header_bytes);
       const auto op = header.Number<uint8_t>("op");
       if (is_first && op != kFileHeader) throw InvalidInputError("its first record is not that of a bag");
       if (is_first) index_position_ = header.Number<uint64_t>("index_pos");
@@ -117,7 +117,7 @@ class RecordReader {
   }
 
  private:
-  void CheckRecord(uint64_t begin, uint8_t op, const Header& header) {
+  void CheckRecord(uint64_t begin, uint8_t op, const RecordHeader& header) {
     if (op == kChunk) {
       chunks_.insert(begin);
       messages_ = FindMessages(Unpack(header, TakeBlock()));
@@ -131,7 +131,7 @@ class RecordReader {
     }
   }
 
-  void CheckIndex(const Header& header) {
+  void CheckIndex(const RecordHeader& header) {
     constexpr size_t kEntryBytes = 12, kOffsetAt = 8;
     const std::string entries = TakeBlock();
     CheckCount(header, entries, kEntryBytes);
@@ -145,13 +145,13 @@ class RecordReader {
     }
   }
 
-  static void CheckCount(const Header& header, const std::string& data, size_t bytes_each) {
+  static void CheckCount(const RecordHeader& header, const std::string& data, size_t bytes_each) {
     const auto count = header.Number<uint32_t>("count");
     if (data.size() == count * bytes_each) return;
     throw InvalidInputError(Concat("a part of its index has ", data.size(), " bytes for ", count, " entries"));
   }
 
-  std::string_view Unpack(const Header& header, const std::string& packed) {
+  std::string_view Unpack(const RecordHeader& header, const std::string& packed) {
     const auto size = header.Number<uint32_t>("size");
     if (size > max_chunk_bytes_) {
       throw InvalidInputError(Concat("a chunk of ", packed.size(), " bytes would have ", size,
