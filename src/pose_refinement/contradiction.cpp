@@ -30,12 +30,18 @@ Eigen::Vector3d MeanCentre(const std::vector<ViewPose>& poses) {
   return sum / static_cast<double>(poses.size());
 }
 
+/// Distance of the farthest centre from their mean.
+double Extent(const std::vector<ViewPose>& poses) {
+  const Eigen::Vector3d mean = MeanCentre(poses);
+  double extent = 0;
+  for (const ViewPose& pose : poses) extent = std::max(extent, (pose.centre - mean).norm());
+  return extent;
+}
+
 /// Whether a camera hardly moves. Then its positions tell nothing of the scale: that would be one noise over another.
 bool Stands(const std::vector<ViewPose>& received, double depth) {
   constexpr double kStill = 0.01;  // of the depth: half of what maps may lie apart
-  const Eigen::Vector3d mean = MeanCentre(received);
-  return std::all_of(received.begin(), received.end(),
-                     [&](const ViewPose& pose) { return (pose.centre - mean).norm() < kStill * depth; });
+  return Extent(received) < kStill * depth;
 }
 
 }  // namespace
@@ -51,6 +57,9 @@ std::optional<double> MeasureContradiction(const Bundle& bundle) {
   const std::vector<ViewPose> received = last(bundle.received);
   const double depth = TypicalDepth(bundle);
   if (Stands(bundle.received, depth)) return std::nullopt;  // without a baseline landmarks have no depth
+  // Both stand: seen from one place landmarks have hardly a depth that distances could be compared with.
+  constexpr double kNoMove = 0.1;  // of the window's extent
+  if (Stands(received, depth) && Extent(last(bundle.poses)) < kNoMove * Extent(bundle.received)) return 0;
   Similarity received_from_refined = FitSimilarity(last(bundle.poses), received, views);
   if (Stands(received, depth)) {
     received_from_refined.scale = 1;
