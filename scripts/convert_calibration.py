@@ -5,19 +5,27 @@
     rosrun acmp_mapping convert_calibration.py camchain.yaml --camera 1 > camera.yaml # Kalibr, OpenVINS; the second camera
     rosrun acmp_mapping convert_calibration.py TUM1.yaml --size 640x480 > camera.yaml # ORB-SLAM2 and 3
 
-The kind of file is told by its keys: VINS (model_type), ORB-SLAM2 and 3 (Camera.fx, Camera1.fx), Kalibr (cam0), OKVIS
-(cameras) and EuRoC or Kimera-VIO (intrinsics). Lens models become plumb_bob, rational_polynomial or equidistant; others
-(MEI, omni, double sphere, FOV) are refused: rectify those images. Exit code 2: what the file lacks.
+The kind of file is told by its keys: VINS (model_type), ORB-SLAM2 and 3 and stella_vslam (Camera.fx, Camera1.fx, Camera),
+OV2SLAM (Camera.fxl), Kalibr (cam0), SVO (cam_model), OKVIS, SVO and maplab (cameras, sensors), EuRoC or Kimera-VIO
+(intrinsics), and OpenCV, ROVIO or camera_calibration (camera_matrix; as XML, too). Lens models become plumb_bob,
+rational_polynomial or equidistant; others (MEI, omni, double sphere, FOV) are refused: rectify those images. Exit code 2:
+what the file lacks.
 """
 import argparse
 import re
 import sys
+import xml.etree.ElementTree
 
 import yaml
 
 PLUMB_BOB, RATIONAL, EQUIDISTANT = "plumb_bob", "rational_polynomial", "equidistant"
-MODELS = {"radtan": PLUMB_BOB, "radial-tangential": PLUMB_BOB, "radialtangential": PLUMB_BOB, "plumb_bob": PLUMB_BOB,
-          "radialtangential8": RATIONAL, "equidistant": EQUIDISTANT, "equi": EQUIDISTANT, "none": None}
+# By name, in small letters and digits alone.
+MODELS = {"radtan": PLUMB_BOB, "radialtangential": PLUMB_BOB, "plumbbob": PLUMB_BOB, "brownconrady": PLUMB_BOB,
+          "radialtangential8": RATIONAL, "rationalpolynomial": RATIONAL, "equidistant": EQUIDISTANT, "equi": EQUIDISTANT,
+          "fisheye": EQUIDISTANT, "kannalabrandt": EQUIDISTANT, "kannalabrandt4": EQUIDISTANT,
+          "kannalabrandt8": EQUIDISTANT, "none": None}
+COUNTS = {PLUMB_BOB: (4, 5), RATIONAL: (8, 8), EQUIDISTANT: (4, 4)}  # least and most coefficients
+PINHOLES = ("pinhole", "perspective")
 
 
 class Refused(Exception):
@@ -36,12 +44,41 @@ def untagged(loader, _suffix, node):
 Loader.add_multi_constructor("", untagged)
 
 
-def read_yaml(text):
-    text = re.sub(r"\A\ufeff?%YAML[: ]?1\.\d[^\n]*\n", "", text)  # OpenCV's "%YAML:1.0" is no directive of YAML
+def read_text(data):
+    """Comments may be in any encoding: what is no UTF-8 is replaced, names and numbers are ASCII."""
+    return data.decode("utf-8", errors="replace").lstrip("\ufeff")
+
+
+def read_xml(text):
+    """A file of OpenCV's FileStorage; names and numbers as YAML would have them."""
+    def value(element):
+        content = {child.tag: value(child) for child in element}
+        if not content:
+            words = (element.text or "").split()
+            return words[0].strip('"') if len(words) == 1 else words
+        if element.get("type_id") == "opencv-matrix" and isinstance(content.get("data"), str):
+            content["data"] = [content["data"]]
+        return content
     try:
-        content = yaml.load(text, Loader)  # a SafeLoader
-    except yaml.YAMLError as error:
-        raise Refused("is no YAML: %s" % str(error).replace("\n", " "))
+        return value(xml.etree.ElementTree.fromstring(text))
+    except xml.etree.ElementTree.ParseError as error:
+        raise Refused("is no XML: %s" % error)
+
+
+def read_content(text):
+    """YAML, also as OpenCV reads it: text before "%YAML:1.0" (which is no directive of YAML), tabs, and no space after a
+    colon."""
+    if re.match(r"\s*<", text):
+        content = read_xml(text)
+    else:
+        text = re.sub(r"\A(?:[^\n]*\n){0,20}?%YAML[^\n]*\n", "", text.replace("\r\n", "\n").replace("\r", "\n"))
+        text = text.replace("\t", " ")
+        text = re.sub(r"^([ -]*[A-Za-z_][\w.]*):(?=[^\s:])", r"\1: ", text, flags=re.MULTILINE)
+        text = re.sub(r"([{,]\s*[A-Za-z_][\w.]*):(?=[^\s:])", r"\1: ", text)
+        try:
+            content = yaml.load(text, Loader)  # a SafeLoader
+        except yaml.YAMLError as error:
+            raise Refused("is no YAML: %s" % str(error).replace("\n", " "))
     if not isinstance(content, dict):
         raise Refused("has no \"name: value\" lines")
     return content
@@ -63,35 +100,55 @@ def number(mapping, name, where="", default=None):
         raise Refused("%s%s = %r: must be a number" % (where, name, value))
 
 
-def numbers(mapping, name, counts, where=""):
-    """A list of as many numbers as one of `counts` says."""
+def flattened(values):
+    """Of lists in lists, or of a matrix with rows, cols and data."""
+    if isinstance(values, dict):
+        values = values.get("data")
+    if not isinstance(values, list):
+        return [values]
+    return [number for value in values for number in flattened(value)]
+
+
+def numbers(mapping, name, count=None, where=""):
+    """A list of `count` numbers, or of any number of them."""
     values = value_of(mapping, name, where)
-    if not isinstance(values, list) or len(values) not in counts:
-        raise Refused("%s%s = %r: must be a list of %s numbers" % (where, name, values, " or ".join(map(str, counts))))
-    return [number({name: value}, name, where) for value in values]
+    found = flattened(values) if isinstance(values, (dict, list)) else []
+    if not isinstance(values, (dict, list)) or (count is not None and len(found) != count):
+        raise Refused("%s%s = %r: must be a list of %snumbers" % (where, name, values, "%d " % count if count else ""))
+    return [number({name: value}, name, where) for value in found]
 
 
 def camera(name, size, intrinsics, model, coefficients):
     return {"name": name, "size": size, "intrinsics": intrinsics, "model": model, "coefficients": coefficients}
 
 
-def padded(coefficients, count):
-    return coefficients + [0.0] * (count - len(coefficients))
+def plain(name):
+    """In small letters and digits alone."""
+    return re.sub(r"[^a-z0-9]", "", str(name).lower())
+
+
+def is_pinhole(name):
+    return str(name).lower() in PINHOLES
 
 
 def from_lens_model(name, size, intrinsics, model, coefficients, where):
-    """For files with a name of the model and a list of coefficients."""
-    if str(model).lower() not in MODELS:
+    """For files with a name of the model and a list of coefficients: those that are missing or too many must be 0."""
+    key = plain(model)
+    if key not in MODELS:
         raise Refused("%sdistortion model %r: must be one of %s; rectify the images of others" %
                       (where, model, ", ".join(sorted(MODELS))))
-    model = MODELS[str(model).lower()]
-    if model is None:
+    known = MODELS[key]
+    if known is None:
+        if any(coefficients):
+            raise Refused("%sdistortion model %r has coefficients that are not 0: %r" % (where, model, coefficients))
         return camera(name, size, intrinsics, PLUMB_BOB, [0.0] * 5)
-    counts = {PLUMB_BOB: (4, 5), RATIONAL: (8,), EQUIDISTANT: (4,)}[model]
-    if len(coefficients) not in counts:
-        raise Refused("%s%d distortion coefficients: %s has %s" %
-                      (where, len(coefficients), model, " or ".join(map(str, counts))))
-    return camera(name, size, intrinsics, model, padded(coefficients, 5) if model == PLUMB_BOB else coefficients)
+    least, most = COUNTS[known]
+    if len(coefficients) < least and any(coefficients) and not (known == RATIONAL and len(coefficients) in (4, 5)):
+        raise Refused("%s%d distortion coefficients: %s has %d" % (where, len(coefficients), known, most))
+    if any(coefficients[most:]):
+        raise Refused("%s%d distortion coefficients: %s has %d, and those after them are not 0 (k4 to k6, thin prism or "
+                      "tilt); rectify the images" % (where, len(coefficients), known, most))
+    return camera(name, size, intrinsics, known, (coefficients + [0.0] * most)[:most])
 
 
 def from_vins(content, index):
@@ -109,55 +166,122 @@ def from_vins(content, index):
     keys = ["k1", "k2", "p1", "p2"] + (["k3", "k4", "k5", "k6"] if kind == "PINHOLE_FULL" else [])
     distortion = value_of(content, "distortion_parameters")
     coefficients = [number(distortion, key, "distortion_parameters: ") for key in keys]
-    return camera(name, size, intrinsics, RATIONAL if kind == "PINHOLE_FULL" else PLUMB_BOB,
-                  coefficients if kind == "PINHOLE_FULL" else padded(coefficients, 5))
+    return from_lens_model(name, size, intrinsics, RATIONAL if kind == "PINHOLE_FULL" else PLUMB_BOB, coefficients, "")
 
 
 def from_orb_slam(content, index):
+    """ORB-SLAM and stella_vslam: `content` has names such as Camera.fx."""
     prefix = "Camera%d." % (index + 1) if "Camera%d.fx" % (index + 1) in content else "Camera."
     if index > 0 and prefix == "Camera.":
         raise Refused("Camera%d.fx is missing" % (index + 1))
-    kind = str(content.get("Camera.type", "PinHole"))
-    size = [number(content, "Camera." + side, default=0.0) for side in ("width", "height")]
-    intrinsics = [number(content, prefix + key) for key in ("fx", "fy", "cx", "cy")]
-    if kind.lower() == "rectified":
+    key = "Camera.type" if "Camera.type" in content else "Camera.model"
+    kind = str(content.get(key, "PinHole"))
+    rectified, fisheye = kind.lower() == "rectified", kind.lower() in ("fisheye", "kannalabrandt8")
+    if not (rectified or fisheye or is_pinhole(kind)):
+        raise Refused("%s %r: must be PinHole, perspective, Rectified, fisheye or KannalaBrandt8; rectify the images of "
+                      "others" % (key, kind))
+    size = [number(content, "Camera." + side, default=number(content, "Camera." + other, default=0.0))
+            for side, other in (("width", "cols"), ("height", "rows"))]
+    intrinsics = [number(content, prefix + name) for name in ("fx", "fy", "cx", "cy")]
+    if rectified:
         return camera("camera", size, intrinsics, PLUMB_BOB, [0.0] * 5)
-    if kind == "KannalaBrandt8":
+    if fisheye:
         return camera("camera", size, intrinsics, EQUIDISTANT, [number(content, prefix + k) for k in ("k1", "k2", "k3", "k4")])
-    if kind.lower() != "pinhole":
-        raise Refused("Camera.type %r: must be PinHole, Rectified or KannalaBrandt8" % kind)
     # ORB-SLAM takes those that are missing for 0.
-    coefficients = [number(content, prefix + key, default=0.0) for key in ("k1", "k2", "p1", "p2", "k3")]
-    return camera("camera", size, intrinsics, PLUMB_BOB, coefficients)
+    coefficients = [number(content, prefix + k, default=0.0) for k in ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")]
+    return from_lens_model("camera", size, intrinsics, RATIONAL if any(coefficients[5:]) else PLUMB_BOB, coefficients, "")
+
+
+def from_ov2slam(content, index):
+    if index > 1:
+        raise Refused("is of two cameras: there is no camera %d" % index)
+    side = ("left", "right")[index]
+    value = lambda name: number(content, "Camera." + name + side[0])
+    model = str(value_of(content, "Camera.model_" + side))
+    if not is_pinhole(model) and model.lower() != "fisheye":
+        raise Refused("Camera.model_%s %r: must be pinhole or fisheye" % (side, model))
+    return from_lens_model("camera", [number(content, "Camera.%s_n%s" % (side, name)) for name in ("width", "height")],
+                           [value(name) for name in ("fx", "fy", "cx", "cy")],
+                           PLUMB_BOB if is_pinhole(model) else EQUIDISTANT,
+                           [value(name) for name in ("k1", "k2", "p1", "p2")], "")
 
 
 def from_kalibr(content, index):
     name = "cam%d" % index
     chain, where = value_of(content, name), name + ": "
-    if value_of(chain, "camera_model", where) != "pinhole":
+    if isinstance(chain, dict) and "cam_model" in chain:
+        return from_svo(chain, name, where)
+    if not is_pinhole(value_of(chain, "camera_model", where)):
         raise Refused("%scamera_model %r: must be pinhole; rectify the images of others" % (where, chain["camera_model"]))
     model = value_of(chain, "distortion_model", where)
-    coefficients = [] if str(model).lower() == "none" else numbers(chain, "distortion_coeffs", (4, 5, 8), where)
-    return from_lens_model(name, numbers(chain, "resolution", (2,), where), numbers(chain, "intrinsics", (4,), where), model,
+    coefficients = [] if str(model).lower() == "none" else numbers(chain, "distortion_coeffs", where=where)
+    return from_lens_model(name, numbers(chain, "resolution", 2, where), numbers(chain, "intrinsics", 4, where), model,
                            coefficients, where)
 
 
-def from_okvis(content, index):
-    cameras = content["cameras"]
+def from_svo(content, name, where):
+    kind = str(content["cam_model"])
+    lens = {"pinhole": PLUMB_BOB, "pinholeradialtangential": PLUMB_BOB, "pinholeequidistant": EQUIDISTANT,
+            "pinholenodistortion": "none"}
+    if kind.lower() not in lens:
+        raise Refused("%scam_model %r: must be one of %s; rectify the images of others" % (where, kind, ", ".join(lens)))
+    value = lambda key, default=None: number(content, "cam_" + key, where, default)
+    return from_lens_model(name, [value("width"), value("height")], [value(key) for key in ("fx", "fy", "cx", "cy")],
+                           lens[kind.lower()], [value("d%d" % i, 0.0) for i in range(4)], where)
+
+
+def from_list(cameras, index):
+    """OKVIS, and the rigs of SVO and maplab."""
     if not isinstance(cameras, list) or index >= len(cameras):
         raise Refused("cameras: there is no camera %d" % index)
-    entry, where = cameras[index], "cameras[%d]: " % index
-    intrinsics = numbers(entry, "focal_length", (2,), where) + numbers(entry, "principal_point", (2,), where)
-    return from_lens_model("cam%d" % index, numbers(entry, "image_dimension", (2,), where), intrinsics,
+    entry, where, name = cameras[index], "cameras[%d]: " % index, "cam%d" % index
+    if isinstance(entry, dict) and "camera" in entry:
+        entry = entry["camera"]
+    if isinstance(entry, dict) and "intrinsics" in entry:
+        kind = value_of(entry, "type", where)
+        if not is_pinhole(kind):
+            raise Refused("%stype %r: must be pinhole; rectify the images of others" % (where, kind))
+        distortion = value_of(entry, "distortion", where)
+        model = value_of(distortion, "type", where + "distortion.")
+        coefficients = [] if str(model).lower() == "none" else numbers(distortion, "parameters", where=where + "distortion.")
+        return from_lens_model(name, [number(entry, "image_" + side, where) for side in ("width", "height")],
+                               numbers(entry, "intrinsics", 4, where), model, coefficients, where)
+    intrinsics = numbers(entry, "focal_length", 2, where) + numbers(entry, "principal_point", 2, where)
+    return from_lens_model(name, numbers(entry, "image_dimension", 2, where), intrinsics,
                            value_of(entry, "distortion_type", where),
-                           numbers(entry, "distortion_coefficients", (4, 5, 8), where), where)
+                           numbers(entry, "distortion_coefficients", where=where), where)
 
 
 def from_euroc(content, index):
     only_camera(index)
-    return from_lens_model(str(content.get("camera_id", "camera")), numbers(content, "resolution", (2,)),
-                           numbers(content, "intrinsics", (4,)), value_of(content, "distortion_model"),
-                           numbers(content, "distortion_coefficients", (4, 5, 8)), "")
+    kind = content.get("camera_model", "pinhole")
+    if not is_pinhole(kind):
+        raise Refused("camera_model %r: must be pinhole; rectify the images of others" % kind)
+    return from_lens_model(str(content.get("camera_id", "camera")), numbers(content, "resolution", 2),
+                           numbers(content, "intrinsics", 4), value_of(content, "distortion_model"),
+                           numbers(content, "distortion_coefficients"), "")
+
+
+def from_matrix(content, index, named):
+    """OpenCV, ROVIO and camera_calibration. `named`: the file's name of what is called so in small letters and digits."""
+    def first(*names):
+        return next((named[plain(name)] for name in names if plain(name) in named), names[0])
+    numbered = first("m%d" % (index + 1), "k%d" % (index + 1))
+    if numbered not in content:
+        only_camera(index)
+    k = numbers(content, numbered if numbered in content else first("camera_matrix", "k"), 9)
+    if k[1] != 0 or k[3] != 0 or k[6:] != [0, 0, 1]:
+        raise Refused("camera matrix %r: must be fx 0 cx, 0 fy cy, 0 0 1" % k)
+    coefficients = numbers(content, first("distortion_coefficients", "distcoeffs", "d%d" % (index + 1), "d"))
+    fisheye = number(content, first("fisheyemodel"), default=0.0) != 0
+    by_count = EQUIDISTANT if fisheye else PLUMB_BOB if len(coefficients) <= 5 else RATIONAL
+    result = from_lens_model(str(content.get(first("cameraname"), "camera")),
+                             [number(content, first("image_" + side), default=0.0) for side in ("width", "height")],
+                             [k[0], k[4], k[2], k[5]], content.get(first("distortionmodel")) or by_count, coefficients, "")
+    for name, count in (("rectification_matrix", 9), ("projection_matrix", 12)):
+        if plain(name) in named:
+            result[name] = numbers(content, first(name), count)
+    return result
 
 
 def only_camera(index):
@@ -167,24 +291,35 @@ def only_camera(index):
 
 def convert(text, index=0, size=None):
     """The camera `index` (from 0) of a file; `size` [width, height] in px takes the place of the file's. Raises Refused."""
-    content = read_yaml(text)
+    content = read_content(text)
+    if isinstance(content.get("Camera"), dict):  # stella_vslam
+        content = {"Camera.%s" % key: value for key, value in content["Camera"].items()}
+    named = {plain(key): key for key in content}
+    rigs = [sensor["cameras"] for sensor in content.get("sensors") or [] if isinstance(sensor, dict) and "cameras" in sensor]
     if "model_type" in content:
         result = from_vins(content, index)
-    elif "Camera.fx" in content or "Camera1.fx" in content:
+    elif "Camera.fxl" in content:
+        result = from_ov2slam(content, index)
+    elif any(key in content for key in ("Camera.fx", "Camera1.fx", "Camera.type", "Camera.model")):
         result = from_orb_slam(content, index)
     elif any(re.fullmatch(r"cam\d+", str(key)) for key in content):
         result = from_kalibr(content, index)
-    elif "cameras" in content:
-        result = from_okvis(content, index)
+    elif "cam_model" in content:
+        only_camera(index)
+        result = from_svo(content, "camera", "")
+    elif "cameras" in content or rigs:
+        result = from_list(content["cameras"] if "cameras" in content else sum(rigs, []), index)
     elif "intrinsics" in content:
         result = from_euroc(content, index)
-    elif "camera_matrix" in content:
-        raise Refused("is in the format of camera_calibration already: give it as it is")
-    elif "cam%d_calib" % index in content:
-        raise Refused("names the camera's own file: convert %s" % content["cam%d_calib" % index])
+    elif any(name in named for name in ("cameramatrix", "k", "m1", "k1")):
+        result = from_matrix(content, index, named)
     else:
-        raise Refused("is of no known kind: there is no model_type (VINS), Camera.fx or Camera1.fx (ORB-SLAM), cam0 "
-                      "(Kalibr), cameras (OKVIS) or intrinsics (EuRoC)")
+        for key in ("cam%d_calib" % index, "relative_config_imucam"):  # VINS, OpenVINS
+            if key in content:
+                raise Refused("names the cameras' own file: convert %s" % content[key])
+        raise Refused("is of no known kind: there is no model_type (VINS), Camera.fx, Camera1.fx or Camera (ORB-SLAM, "
+                      "stella_vslam), Camera.fxl (OV2SLAM), cam0 (Kalibr), cam_model (SVO), cameras or sensors (OKVIS, SVO, "
+                      "maplab), intrinsics (EuRoC) or camera_matrix (OpenCV, ROVIO)")
     if size:
         result["size"] = size
     check(result)
@@ -220,8 +355,9 @@ def format_calibration(result):
             matrix("camera_matrix", 3, [fx, 0, cx, 0, fy, cy, 0, 0, 1]) +
             "distortion_model: %s\n" % result["model"] +
             matrix("distortion_coefficients", 1, result["coefficients"]) +
-            matrix("rectification_matrix", 3, [1, 0, 0, 0, 1, 0, 0, 0, 1]) +
-            matrix("projection_matrix", 3, [fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1, 0]))
+            matrix("rectification_matrix", 3, result.get("rectification_matrix", [1, 0, 0, 0, 1, 0, 0, 0, 1])) +
+            matrix("projection_matrix", 3,
+                   result.get("projection_matrix", [fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1, 0])))
 
 
 def parse_size(text):
@@ -240,9 +376,9 @@ def main():
     if options.camera < 0:
         parser.error("--camera %d: must be 0 or more" % options.camera)
     try:
-        with open(options.file, encoding="utf-8") as file:
-            print(format_calibration(convert(file.read(), options.camera, options.size)), end="")
-    except (Refused, OSError, UnicodeDecodeError) as error:
+        with open(options.file, "rb") as file:
+            print(format_calibration(convert(read_text(file.read()), options.camera, options.size)), end="")
+    except (Refused, OSError) as error:
         print("%s: %s" % (options.file, error), file=sys.stderr)
         return 2
     return 0

@@ -7,4 +7,5 @@ export ROSCONSOLE_STDOUT_LINE_BUFFERED=1 # else the last lines of a killed node 
 export ROS_HOME="$1/ros_home"
 export ROS_PACKAGE_PATH="$PWD${ROS_PACKAGE_PATH:+:$ROS_PACKAGE_PATH}"
 export CMAKE_PREFIX_PATH="$1/devel${CMAKE_PREFIX_PATH:+:$CMAKE_PREFIX_PATH}"
+export PATH="$1/devel/lib/acmp_mapping:$PATH" # rosrun finds no programs in a build folder of the package
 export PYTHONPATH="$1/devel/lib/python3/dist-packages${PYTHONPATH:+:$PYTHONPATH}"

@@ -7,6 +7,8 @@
 #include <set>
 
 #include "acmp_mapping/intake/convention_check.h"
+#include "acmp_mapping/ros/calibration_file.h"
+#include "acmp_mapping/ros/input_conversion.h"
 #include "bag_contents.h"
 
 namespace acmp {
@@ -38,6 +40,60 @@ class Findings {
 
  private:
   std::vector<Finding> list_;
+};
+
+constexpr std::array<const char*, 4> kPoseSources = {"pose", "pose_cov", "odom", "transform"};  // in the order of types
+
+const char* PoseSourceOf(const BagContents& contents) {
+  const std::string& type = contents.Find(contents.chosen.pose)->type;
+  const auto place = std::find(PoseTypes().begin(), PoseTypes().end(), type) - PoseTypes().begin();
+  return kPoseSources.at(static_cast<size_t>(place));
+}
+
+/// The command that starts the mapper for the topics of a bag.
+class LaunchLine {
+ public:
+  LaunchLine(const BagContents& contents, const BagCheckOptions& options) {
+    const TopicChoice& chosen = contents.chosen;
+    Set("image", WithoutCompressed(chosen.image));
+    const BagTopic* image = contents.Find(chosen.image);
+    if (image && image->type == ImageTypes().back()) Set("image_transport", "compressed");
+    if (!options.calibration_file.empty()) {
+      Set("calibration_file", std::filesystem::absolute(options.calibration_file).string());
+    } else if (chosen.camera_info.empty()) {
+      Set("calibration_file", "CAMERA.yaml");
+    } else {
+      Set("camera_info", chosen.camera_info);
+    }
+    SetPoses(contents, options.semantics);
+    const BagTopic* points = contents.Find(chosen.sparse_points);
+    if (!points) {
+      Set("depth_min", "NEAREST");
+      Set("depth_max", "FARTHEST");
+    } else {
+      Set(points->type == CloudTypes().front() ? "sparse_points" : "sparse_points_v1", chosen.sparse_points);
+    }
+    if (!chosen.mask.empty()) Set("mask", chosen.mask);
+  }
+
+  void Set(const std::string& argument, const std::string& value) { text_ += Concat(" ", argument, ":=", value); }
+  const std::string& text() const { return text_; }
+
+ private:
+  void SetPoses(const BagContents& contents, const PoseSemantics& semantics) {
+    if (contents.chosen.pose.empty()) {
+      Set("pose_source", "tf");
+      Set("world_frame", contents.pose_from_tf.substr(0, contents.pose_from_tf.find(' ')));
+      return;
+    }
+    const std::string source = PoseSourceOf(contents);
+    if (source != kPoseSources.front()) Set("pose_source", source);
+    Set(source, contents.chosen.pose);
+    if (semantics.direction != PoseSemantics().direction) Set("pose_is", Name(semantics.direction));
+    if (semantics.child != PoseSemantics().child) Set("pose_child", Name(semantics.child));
+  }
+
+  std::string text_ = "roslaunch acmp_mapping dense_mapper.launch";
 };
 
 std::string Percent(size_t part, size_t whole) {
@@ -168,10 +224,13 @@ void CheckMasks(const BagContents& contents, Findings* findings) {
                 images.size(), " images have one with their stamp; mask:=", contents.chosen.mask);
 }
 
-void CheckCameraInfo(const BagContents& contents, Findings* findings) {
-  const std::string name = "camera_info " + contents.chosen.camera_info;
+void CheckCameraInfo(const BagContents& contents, const BagCheckOptions& options, Findings* findings) {
+  const std::string name = options.calibration_file.empty() ? "camera_info " + contents.chosen.camera_info
+                                                            : "calibration " + options.calibration_file.string();
   if (contents.calibrations.size() == 0) {
-    return findings->Error("no camera_info: the mapper needs sensor_msgs/CameraInfo with the images");
+    return findings->Warn(
+        "no camera_info: set ~calibration_file to a file of camera_calibration (convert_calibration.py makes one of "
+        "the frontend's own), here --calibration-file");
   }
   CheckRefused(name, contents.calibrations, 1, findings);
   if (contents.calibrations.samples.empty()) return;
@@ -204,14 +263,13 @@ void AdviseOnPoses(const BagContents& contents, const std::string& name, Finding
                         " are transforms: set ~pose_source: tf, ~world_frame and, if the images have no frame_id, ",
                         "~camera_frame");
   }
-  constexpr std::array<const char*, 4> kSources = {"pose", "pose_cov", "odom", "transform"};  // in the order of types
   const std::string& type = contents.Find(contents.chosen.pose)->type;
-  const auto place = std::find(PoseTypes().begin(), PoseTypes().end(), type) - PoseTypes().begin();
-  const char* source = kSources.at(static_cast<size_t>(place));
+  const char* source = PoseSourceOf(contents);
   findings->Ok(name, " are ", type, ": ~pose_source: ", source, ", and ", source, ":=", contents.chosen.pose);
 }
 
-void CheckPoseStamps(const BagContents& contents, double tolerance_s, Findings* findings) {
+/// Adds what the launch line needs: the tolerance, and whether every image has a pose.
+void CheckPoseStamps(const BagContents& contents, double tolerance_s, LaunchLine* line, Findings* findings) {
   const std::vector<int64_t> images = Stamps(contents.images.samples), poses = Stamps(contents.poses.samples);
   const std::vector<double> image_gaps = NearestGaps(images, poses), pose_gaps = NearestGaps(poses, images);
   const size_t matched = CountWithin(image_gaps, tolerance_s), used = CountWithin(pose_gaps, tolerance_s);
@@ -219,7 +277,9 @@ void CheckPoseStamps(const BagContents& contents, double tolerance_s, Findings* 
   std::vector<double> gaps = image_gaps.size() <= pose_gaps.size() ? image_gaps : pose_gaps;
   findings->Ok("stamp gaps between poses and images: ", GapHistogram(gaps));
   constexpr double kMostMatched = 0.9;
+  constexpr size_t kVideo = 30;
   const auto most = [](size_t part, size_t whole) { return part >= kMostMatched * static_cast<double>(whole); };
+  if (images.size() >= kVideo && most(matched, images.size())) line->Set("keyframe_mode", "gate");
   if (matched >= kFewest && (most(matched, images.size()) || most(used, poses.size()))) {
     return findings->Ok(matched, " images have a pose within ", tolerance_s, " s (", Percent(matched, images.size()),
                         " of the images, ", Percent(used, poses.size()), " of the poses)");
@@ -228,13 +288,28 @@ void CheckPoseStamps(const BagContents& contents, double tolerance_s, Findings* 
   const double needed_s = gaps[static_cast<size_t>(0.95 * static_cast<double>(gaps.size() - 1))];
   constexpr double kLargestSensible_s = 0.05;  // a hand-held camera moves visibly in that time
   const bool sensible = needed_s <= kLargestSensible_s;
+  if (sensible) line->Set("sync_tolerance", Concat(1.1 * needed_s));
   findings->Add(matched >= kFewest || sensible ? Severity::kWarning : Severity::kError, "only ", matched,
                 " images have a pose within ", tolerance_s, " s",
                 sensible ? Concat("; set ~sync_tolerance to ", 1.1 * needed_s)
                          : "; poses and images do not have the same clock, or most poses are missing");
 }
 
-void CheckPoses(const BagContents& contents, double tolerance_s, Findings* findings) {
+/// Whether the poses are those of the images' frame.
+void CheckChildFrame(const BagContents& contents, const PoseSemantics& semantics, Findings* findings) {
+  if (contents.chosen.pose.empty() || contents.images.samples.empty()) return;
+  const std::string& child = contents.poses.samples.front().child_frame;
+  const std::string& camera = contents.images.samples.front().frame;
+  if (child.empty() || camera.empty() || child == camera) return;
+  const std::string frames = Concat("poses are those of \"", child, "\" (child_frame_id), images of \"", camera, "\"");
+  if (semantics.child == PoseSemantics::Child::kBody) {
+    findings->Warn(frames, ", and tf_static has the transform between them: set ~pose_child: body");
+  } else if (!contents.body_from_cam) {
+    findings->Ok(frames, ": if these are two frames, set ~pose_child: body and T_body_cam");
+  }
+}
+
+void CheckPoses(const BagContents& contents, const BagCheckOptions& options, LaunchLine* line, Findings* findings) {
   const std::vector<PoseSample>& poses = contents.poses.samples;
   const std::string name =
       "poses " + (contents.chosen.pose.empty() ? "tf " + contents.pose_from_tf : contents.chosen.pose);
@@ -261,7 +336,8 @@ void CheckPoses(const BagContents& contents, double tolerance_s, Findings* findi
   }
   findings->Ok(name, ": ", poses.size(), ", path length ", path, " (units of the poses), frame \"",
                poses.front().world_frame, "\"");
-  if (!contents.images.samples.empty()) CheckPoseStamps(contents, tolerance_s, findings);
+  CheckChildFrame(contents, options.semantics, findings);
+  if (!contents.images.samples.empty()) CheckPoseStamps(contents, options.sync_tolerance_s, line, findings);
 }
 
 const PoseSample* NearestPose(const std::vector<PoseSample>& poses, int64_t stamp_ns, double tolerance_s) {
@@ -278,7 +354,17 @@ void CheckConventions(const BagContents& contents, const BagCheckOptions& option
   if (contents.calibrations.samples.empty() || clouds.empty()) return;
   const PinholeCamera& camera = contents.calibrations.samples.front().calibration.camera;
   const std::vector<BagImage>& images = contents.images.samples;
-  const bool in_camera = !images.empty() && clouds.front().frame_id == images.front().frame;
+  // As the mapper's sparse_frame: auto.
+  const std::string& frame = clouds.front().frame_id;
+  const bool in_world =
+      frame.empty() || (!contents.poses.samples.empty() && frame == contents.poses.samples.front().world_frame);
+  const bool in_camera = !in_world && ((!images.empty() && frame == images.front().frame) ||
+                                       frame == contents.calibrations.samples.front().calibration.frame_id);
+  if (!in_world && !in_camera) {
+    return findings->Warn("sparse points are in \"", frame,
+                          "\", which is neither the poses' nor the images' frame, and are not used: set ~sparse_frame "
+                          "to world or camera");
+  }
   ConventionCheck check;
   for (const SparseCloud& cloud : clouds) {
     const PoseSample* pose = NearestPose(contents.poses.samples, cloud.stamp_ns, options.sparse_tolerance_s);
@@ -330,8 +416,21 @@ size_t BagReport::Count(Severity severity) const {
       findings.begin(), findings.end(), [severity](const Finding& finding) { return finding.severity == severity; }));
 }
 
-BagReport CheckBag(const std::filesystem::path& path, const BagCheckOptions& options) {
-  const BagContents contents = ReadBagContents(path, options.topics);
+BagReport CheckBag(const std::filesystem::path& path, const BagCheckOptions& declared) {
+  BagContents contents = ReadBagContents(path, declared.topics);
+  BagCheckOptions options = declared;
+  options.semantics.body_from_cam = contents.body_from_cam;
+  if (!options.child_declared && contents.body_from_cam) options.semantics.child = PoseSemantics::Child::kBody;
+  if (options.semantics.child == PoseSemantics::Child::kBody && !contents.body_from_cam) {
+    throw InvalidInputError(
+        "pose_child body: tf_static of the bag has no transform from the poses' child frame to the "
+        "images'");
+  }
+  if (!options.calibration_file.empty()) {
+    contents.calibrations = {};
+    contents.calibrations.samples.push_back(
+        {ToCalibration(ReadCalibrationFile(options.calibration_file.string()), false), true});
+  }
   const TopicChoice& chosen = contents.chosen;
   const TopicChoice& wanted = options.topics;
   Findings findings;
@@ -341,10 +440,11 @@ BagReport CheckBag(const std::filesystem::path& path, const BagCheckOptions& opt
   CheckOtherTopics(contents, CloudTypes(), chosen.sparse_points, wanted.sparse_points, "--sparse-points", &findings);
   CheckImages(contents, &findings);
   CheckMasks(contents, &findings);
-  CheckCameraInfo(contents, &findings);
-  CheckPoses(contents, options.sync_tolerance_s, &findings);
+  CheckCameraInfo(contents, options, &findings);
+  LaunchLine line(contents, options);
+  CheckPoses(contents, options, &line, &findings);
   CheckClouds(contents, options, &findings);
-  return {contents.topics, chosen, findings.Take()};
+  return {contents.topics, chosen, findings.Take(), line.text()};
 }
 
 }  // namespace acmp

@@ -3,14 +3,17 @@
 #include <algorithm>
 #include <iterator>
 #include <map>
+#include <set>
 
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
+#include <sensor_msgs/image_encodings.h>
 #include <tf2/buffer_core.h>
 #include <tf2/exceptions.h>
 #include <tf2_msgs/TFMessage.h>
 
 #include "acmp_mapping/ros/bag_reader.h"
+#include "acmp_mapping/ros/checked_messages.h"
 #include "acmp_mapping/ros/input_conversion.h"
 
 namespace acmp {
@@ -57,6 +60,31 @@ std::string ChooseTopic(const std::vector<BagTopic>& topics, const std::vector<s
   return best->name;
 }
 
+/// Image topics whose first message is a depth map, as RGB-D cameras have.
+std::set<std::string> DepthTopics(const rosbag::Bag& bag) {
+  std::set<std::string> seen, depth;
+  for (const rosbag::MessageInstance& record :
+       rosbag::View(bag, rosbag::TypeQuery(ros::message_traits::DataType<sensor_msgs::Image>::value()))) {
+    if (!seen.insert(record.getTopic()).second) continue;
+    const auto image = record.instantiate<sensor_msgs::Image>();
+    if (!image) continue;
+    const std::string& encoding = image->encoding;
+    if (encoding == sensor_msgs::image_encodings::TYPE_16UC1 || encoding == sensor_msgs::image_encodings::TYPE_32FC1) {
+      depth.insert(record.getTopic());
+    }
+  }
+  return depth;
+}
+
+/// The camera_info beside an image's topic, if there is one.
+std::string CameraInfoBeside(const std::vector<BagTopic>& topics, const std::string& image) {
+  const std::string base = WithoutCompressed(image);
+  const std::string beside = base.substr(0, base.rfind('/') + 1) + "camera_info";
+  const bool found =
+      std::any_of(topics.begin(), topics.end(), [&](const BagTopic& topic) { return topic.name == beside; });
+  return found ? beside : "";
+}
+
 /// The wanted topic, or the first that is named as a mask.
 std::string ChooseMaskTopic(const std::vector<BagTopic>& topics, const TopicChoice& wanted) {
   const std::vector<std::string> types = {ros::message_traits::DataType<sensor_msgs::Image>::value()};
@@ -75,7 +103,7 @@ template <class Message, class Stream, class Convert>
 void AddIf(const rosbag::MessageInstance& record, Stream* stream, const Convert& convert) {
   if (record.getDataType() != ros::message_traits::DataType<Message>::value()) return;
   stream->Add([&] {
-    const boost::shared_ptr<Message> message = record.instantiate<Message>();
+    const boost::shared_ptr<Message> message = InstantiateChecked<Message>(record);
     if (message) return convert(message);
     throw InvalidInputError(
         Concat("recorded with another definition of ", record.getDataType(), "; convert it with: rosbag fix"));
@@ -94,10 +122,13 @@ BagMask ToBagMask(const sensor_msgs::ImageConstPtr& message) {
   return {sample.stamp_ns, size.width, size.height, IgnoresAll(DecodeMask(*sample.image, size))};
 }
 
+/// Whole clouds at first, as the convention check compares them, then a sample: a cloud may be a whole map.
 template <class Message>
-SparseCloud ToSample(const Message& message) {
-  constexpr size_t kSample = 1000;  // a cloud may be a whole map
+SparseCloud ToSample(const Message& message, size_t* whole_points) {
+  constexpr size_t kSample = 1000, kMostWhole = 5000000;
   SparseCloud cloud = ToSparseCloud(message);
+  *whole_points += cloud.points.size();
+  if (*whole_points <= kMostWhole) return cloud;
   const size_t step = cloud.points.size() / kSample + 1;
   std::vector<Eigen::Vector3d> sample;
   for (size_t i = 0; i < cloud.points.size(); i += step) sample.push_back(cloud.points[i]);
@@ -109,7 +140,7 @@ void ReadMessage(const rosbag::MessageInstance& record, BagContents* contents) {
   const TopicChoice& chosen = contents->chosen;
   const std::string& topic = record.getTopic();
   const auto to_pose = [](const auto& message) { return ToPoseSample(*message); };
-  const auto to_cloud = [](const auto& message) { return ToSample(*message); };
+  const auto to_cloud = [contents](const auto& message) { return ToSample(*message, &contents->whole_points); };
   if (topic == chosen.image) {
     AddIf<sensor_msgs::Image>(record, &contents->images, [](const auto& raw) { return ToBagImage({raw, {}}); });
     AddIf<sensor_msgs::CompressedImage>(record, &contents->images, [](const auto& m) { return ToBagImage({{}, m}); });
@@ -144,7 +175,7 @@ void ReadPosesFromTf(const rosbag::Bag& bag, BagContents* contents) {
   constexpr double kWholeBag_s = 1e9;
   tf2::BufferCore buffer{ros::Duration(kWholeBag_s)};
   for (const rosbag::MessageInstance& message : rosbag::View(bag, rosbag::TypeQuery(kTfType))) {
-    const auto transforms = message.instantiate<tf2_msgs::TFMessage>();
+    const auto transforms = InstantiateChecked<tf2_msgs::TFMessage>(message);
     if (transforms == nullptr) continue;
     const bool is_static = message.getTopic().find("tf_static") != std::string::npos;
     for (const auto& transform : transforms->transforms) buffer.setTransform(transform, "bag", is_static);
@@ -164,16 +195,40 @@ void ReadPosesFromTf(const rosbag::Bag& bag, BagContents* contents) {
   }
 }
 
+/// T_body_cam, if tf_static has it.
+std::optional<RigidTransform> ReadExtrinsic(const rosbag::Bag& bag, const std::string& body,
+                                            const std::string& camera) {
+  if (body.empty() || camera.empty() || body == camera) return std::nullopt;
+  tf2::BufferCore buffer;
+  for (const rosbag::MessageInstance& message : rosbag::View(bag, rosbag::TypeQuery(kTfType))) {
+    if (message.getTopic().find("tf_static") == std::string::npos) continue;
+    const auto transforms = message.instantiate<tf2_msgs::TFMessage>();
+    if (transforms == nullptr) continue;
+    for (const auto& transform : transforms->transforms) buffer.setTransform(transform, "bag", true);
+  }
+  try {
+    return ToTransform(buffer.lookupTransform(body, camera, ros::Time()).transform);
+  } catch (const tf2::TransformException&) {
+    return std::nullopt;
+  }
+}
+
 BagContents ReadOpened(const rosbag::Bag& bag, const TopicChoice& wanted) {
   BagContents contents;
   contents.topics = ReadTopics(bag);
   TopicChoice& chosen = contents.chosen;
   chosen.mask = ChooseMaskTopic(contents.topics, wanted);
-  std::vector<BagTopic> but_masks;
+  const std::set<std::string> depth = DepthTopics(bag);
+  std::vector<BagTopic> but_masks, pictures;
   std::copy_if(contents.topics.begin(), contents.topics.end(), std::back_inserter(but_masks),
                [&](const BagTopic& topic) { return topic.name != chosen.mask; });
-  chosen.image = ChooseTopic(but_masks, ImageTypes(), wanted.image, "--image");
-  chosen.camera_info = ChooseTopic(contents.topics, CameraInfoTypes(), wanted.camera_info, "--camera-info");
+  std::copy_if(but_masks.begin(), but_masks.end(), std::back_inserter(pictures),
+               [&](const BagTopic& topic) { return depth.count(topic.name) == 0; });
+  chosen.image = ChooseTopic(wanted.image.empty() ? pictures : but_masks, ImageTypes(), wanted.image, "--image");
+  if (chosen.image.empty()) chosen.image = ChooseTopic(but_masks, ImageTypes(), "", "--image");
+  const std::string beside = CameraInfoBeside(contents.topics, chosen.image);
+  chosen.camera_info = ChooseTopic(contents.topics, CameraInfoTypes(),
+                                   wanted.camera_info.empty() ? beside : wanted.camera_info, "--camera-info");
   chosen.pose = ChooseTopic(contents.topics, PoseTypes(), wanted.pose, "--pose");
   chosen.sparse_points = ChooseTopic(contents.topics, CloudTypes(), wanted.sparse_points, "--sparse-points");
   if (const BagTopic* pose = contents.Find(chosen.pose); pose && pose->type == kTfType) chosen.pose.clear();
@@ -183,6 +238,10 @@ BagContents ReadOpened(const rosbag::Bag& bag, const TopicChoice& wanted) {
     ReadMessage(record, &contents);
   }
   if (chosen.pose.empty()) ReadPosesFromTf(bag, &contents);
+  if (!contents.poses.samples.empty() && !contents.images.samples.empty() && !chosen.pose.empty()) {
+    contents.body_from_cam =
+        ReadExtrinsic(bag, contents.poses.samples.front().child_frame, contents.images.samples.front().frame);
+  }
   return contents;
 }
 
@@ -196,6 +255,13 @@ std::vector<std::string> TypesOf() {
 const BagTopic* BagContents::Find(const std::string& name) const {
   const auto found = std::find_if(topics.begin(), topics.end(), [&](const BagTopic& t) { return t.name == name; });
   return found == topics.end() ? nullptr : &*found;
+}
+
+std::string WithoutCompressed(const std::string& topic) {
+  const std::string suffix = "/compressed";
+  const bool ends =
+      topic.size() > suffix.size() && topic.compare(topic.size() - suffix.size(), suffix.size(), suffix) == 0;
+  return ends ? topic.substr(0, topic.size() - suffix.size()) : topic;
 }
 
 const std::vector<std::string>& ImageTypes() {

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -55,15 +56,20 @@ struct BagStream {
 struct BagContents {
   std::vector<BagTopic> topics;
   TopicChoice chosen;
-  std::string pose_from_tf;  ///< "world -> camera" when the poses come from tf, empty otherwise
+  std::optional<RigidTransform> body_from_cam;  ///< of tf_static, where the poses are another frame's than the images
+  std::string pose_from_tf;                     ///< "world -> camera" when the poses come from tf, empty otherwise
   BagStream<BagImage> images;
   BagStream<BagCalibration> calibrations;
   BagStream<PoseSample> poses;
   BagStream<BagMask> masks;
-  BagStream<SparseCloud> clouds;  ///< of each at most some 1000 of its points, evenly spread
+  BagStream<SparseCloud> clouds;  ///< after the first millions of points some 1000 of each, evenly spread
+  size_t whole_points = 0;        ///< of all clouds so far
 
   const BagTopic* Find(const std::string& name) const;
 };
+
+/// "/camera/image" of "/camera/image/compressed".
+std::string WithoutCompressed(const std::string& topic);
 
 /// Types that the mapper takes, in order of preference.
 const std::vector<std::string>& ImageTypes();

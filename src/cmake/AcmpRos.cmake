@@ -11,7 +11,7 @@ if(NOT ACMP_ROS STREQUAL "OFF")
   endif()
   # catkin on Debian 11 would build GoogleTest by the CMake files of another package, and define targets without files.
   set(CMAKE_DISABLE_FIND_PACKAGE_GMock TRUE)
-  set(ACMP_CATKIN_COMPONENTS camera_calibration_parsers cv_bridge diagnostic_updater dynamic_reconfigure geometry_msgs image_geometry
+  set(ACMP_CATKIN_COMPONENTS camera_calibration_parsers diagnostic_updater dynamic_reconfigure geometry_msgs image_geometry
       image_transport message_generation nodelet pluginlib rosbag roscpp sensor_msgs std_msgs std_srvs
       nav_msgs tf2_eigen tf2_geometry_msgs tf2_msgs tf2_ros)
   if(ACMP_ROS STREQUAL "ON")

@@ -6,7 +6,17 @@
 #include <cmath>
 #include <fstream>
 
+#include "acmp_mapping/common/error.h"
+
 namespace acmp {
+
+void CheckMemory(const std::string& what, uint64_t count, uint64_t bytes_each, size_t max_bytes) {
+  const double gb = static_cast<double>(count) * static_cast<double>(bytes_each) * 1e-9;
+  const double max_gb = static_cast<double>(max_bytes) * 1e-9;
+  if (gb <= max_gb) return;
+  throw InvalidInputError(
+      Concat(what, " would take ", gb, " GB of memory: must be at most ", max_gb, " (memory_limit)"));
+}
 
 double DefaultMemoryLimitGb() {
   constexpr double kShare = 0.25, kStepsPerGb = 10;

@@ -3,8 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <iomanip>
+#include <locale>
 #include <sstream>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/edit_distance.h"
 #include "acmp_mapping/common/error.h"
 
@@ -20,6 +23,7 @@ std::string Join(const std::vector<std::string>& words) {
 template <class T>
 T ParseNumber(const std::string& name, const std::string& text, const char* kind) {
   std::istringstream stream(text);
+  stream.imbue(std::locale::classic());
   stream >> std::boolalpha;
   T number = {};
   if (!(stream >> number) || stream.peek() != std::istringstream::traits_type::eof()) {
@@ -32,12 +36,10 @@ T ParseNumber(const std::string& name, const std::string& text, const char* kind
 std::string ShortestText(double number) {
   constexpr double kWhole = 1e15;
   if (std::abs(number) < kWhole && number == std::floor(number)) return Concat(static_cast<int64_t>(number));
+  const ClassicLocale point;
   std::string text;
   for (int digits = 6; digits <= 15; ++digits) {
-    std::ostringstream stream;
-    stream.precision(digits);
-    stream << number;
-    text = stream.str();
+    text = Concat(std::setprecision(digits), number);
     if (std::stod(text) == number) break;
   }
   return text;
@@ -144,7 +146,10 @@ std::pair<std::string, std::string> SplitAssignment(const std::string& assignmen
   return {assignment.substr(0, equals), assignment.substr(equals + 1)};
 }
 
-double internal::ToDecimal(float value) { return std::stod(Concat(value)); }
+double internal::ToDecimal(float value) {
+  const ClassicLocale point;
+  return std::stod(Concat(value));
+}
 
 size_t internal::IndexOfChoice(const OptionDescription& option, const std::string& choice) {
   CheckOption(option, choice);

@@ -2,7 +2,6 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <iomanip>
 #include <limits>
 #include <sstream>
 
@@ -34,12 +33,12 @@ RigidTransform ReadPose(FieldReader* fields, const TextReader& reader) {
 }  // namespace
 
 void WriteCameraList(const std::filesystem::path& path, const std::vector<ListedCamera>& cameras) {
-  std::ostringstream text;
+  constexpr int kDigits = 15;
+  std::ostringstream text = MakeTextFile(kDigits);
   text << "# cameras of the images (x right, y down, pixel centres at integer coordinates, no distortion)\n"
           "# columns: index filename fx fy cx cy width height qw qx qy qz tx ty tz\n"
           "# qw..tz is T_world_cam (camera -> world): X_world = R(q) * X_cam + t; camera axes x right, y down, z "
-          "forward\n"
-       << std::setprecision(15);
+          "forward\n";
   for (const ListedCamera& listed : cameras) {
     const PinholeCamera& c = listed.camera;
     const Eigen::Quaterniond q(listed.world_from_cam.linear());

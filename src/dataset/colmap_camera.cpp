@@ -11,7 +11,7 @@ namespace {
 
 // Ids and parameter counts of COLMAP's camera models (its documentation, "Camera Models"); 0 parameters: known by name,
 // but OpenCV has no such distortion.
-constexpr std::array<ColmapCameraModel, 12> kModels = {{{"SIMPLE_PINHOLE", 0, 1, 3},
+constexpr std::array<ColmapCameraModel, 18> kModels = {{{"SIMPLE_PINHOLE", 0, 1, 3},
                                                         {"PINHOLE", 1, 2, 4},
                                                         {"SIMPLE_RADIAL", 2, 1, 4},
                                                         {"RADIAL", 3, 1, 5},
@@ -22,7 +22,13 @@ constexpr std::array<ColmapCameraModel, 12> kModels = {{{"SIMPLE_PINHOLE", 0, 1,
                                                         {"SIMPLE_RADIAL_FISHEYE", 8, 1, 4},
                                                         {"RADIAL_FISHEYE", 9, 1, 5},
                                                         {"THIN_PRISM_FISHEYE", 10, 0, 0},
-                                                        {"RAD_TAN_THIN_PRISM_FISHEYE", 11, 0, 0}}};
+                                                        {"RAD_TAN_THIN_PRISM_FISHEYE", 11, 0, 0},
+                                                        {"SIMPLE_DIVISION", 12, 0, 0},
+                                                        {"DIVISION", 13, 0, 0},
+                                                        {"SIMPLE_FISHEYE", 14, 1, 3},
+                                                        {"FISHEYE", 15, 2, 4},
+                                                        {"EUCM", 16, 0, 0},
+                                                        {"EQUIRECTANGULAR", 17, 0, 0}}};
 
 std::string SupportedNames() {
   std::string names;

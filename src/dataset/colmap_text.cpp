@@ -69,8 +69,8 @@ std::vector<int64_t> ReadFeatureLine(const TextReader& reader, const std::string
   FieldReader fields(reader, line);
   std::vector<int64_t> point_ids;
   while (!fields.AtEnd()) {
-    fields.Real("feature x");
-    fields.Real("feature y");
+    fields.Word("feature x");  // not needed, and nan where COLMAP undistorted a feature to nowhere
+    fields.Word("feature y");
     point_ids.push_back(fields.Integer("feature's point id"));
   }
   return point_ids;

@@ -52,7 +52,7 @@ std::vector<std::vector<Feature>> WritePoints(const std::filesystem::path& path,
   std::ostringstream lines = MakeTextFile(kTextDigits);
   size_t count = 0;
   for (const ColmapModelPoint& point : points) {
-    std::ostringstream track;
+    std::ostringstream track = MakeTextFile(kTextDigits);
     for (size_t i : point.images) {
       const Eigen::Vector3d in_cam = images[i].cam_from_world * point.position_in_world;
       if (!(in_cam.z() > 0)) continue;

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
@@ -35,6 +36,7 @@ struct PfmHeader {
 };
 
 double ParsePfmScale(const std::string& text, const BinaryReader& file) {
+  const ClassicLocale point;
   double scale = 0;
   char extra = 0;
   if (std::sscanf(text.c_str(), "%lf %c", &scale, &extra) != 1 || !std::isfinite(scale) || scale == 0) {

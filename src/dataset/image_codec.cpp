@@ -22,7 +22,7 @@ FileKind DetectKind(const std::filesystem::path& path, std::string_view content)
   throw InvalidInputError(Concat(path.string(), ": neither a PNG nor a JPEG file (", content.size(), " bytes)"));
 }
 
-ColorImage DecodeColor(const std::filesystem::path& path, const std::string& content) {
+ColorImage DecodeColor(const std::filesystem::path& path, std::string_view content) {
   return DetectKind(path, content) == FileKind::kPng ? DecodePngColor(path, content) : DecodeJpeg(path, content);
 }
 
@@ -62,6 +62,8 @@ ColorImage ReadColorImage(const std::filesystem::path& path, const ImageSize& of
 }
 
 ImageSize EncodedImageSize(const std::string& name, std::string_view content) { return DecodeSize(name, content); }
+
+ColorImage DecodeColorImage(const std::string& name, std::string_view content) { return DecodeColor(name, content); }
 
 void WriteColorImage(const std::filesystem::path& path, const ColorImage& image) {
   const std::string extension = LowerExtension(path);

@@ -17,9 +17,9 @@ void CheckImageSize(const std::filesystem::path& path, uint64_t width, uint64_t 
 ImageSize ReadImageSize(const std::filesystem::path& path);
 
 /// Decoders of a whole file's content; `path` is for messages.
-ColorImage DecodePngColor(const std::filesystem::path& path, const std::string& content);
+ColorImage DecodePngColor(const std::filesystem::path& path, std::string_view content);
 ImageSize DecodePngSize(const std::filesystem::path& path, std::string_view content);
-ColorImage DecodeJpeg(const std::filesystem::path& path, const std::string& content);
+ColorImage DecodeJpeg(const std::filesystem::path& path, std::string_view content);
 ImageSize DecodeJpegSize(const std::filesystem::path& path, std::string_view content);
 
 /// Content of a JPEG file; ProcessingError when libjpeg cannot make one. `path` is for messages.

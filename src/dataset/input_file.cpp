@@ -1,5 +1,7 @@
 #include "input_file.h"
 
+#include "acmp_mapping/common/classic_locale.h"
+
 #include <cerrno>
 #include <charconv>
 #include <clocale>
@@ -17,7 +19,7 @@ using std::from_chars;
 #ifndef __cpp_lib_to_chars
 /// That of floating-point numbers, which libstdc++ has from GCC 11 on.
 std::from_chars_result from_chars(const char* first, const char* last, double& value) {
-  static const locale_t c_locale = newlocale(LC_ALL_MASK, "C", nullptr);
+  const ClassicLocale point;
   const std::string word(first, last);
   // What strtod takes and from_chars does not: space, a plus, hexadecimal digits.
   if (word.find_first_of(" \t\n\v\f\r+") == 0 || word.find_first_of("xX") != std::string::npos) {
@@ -25,7 +27,7 @@ std::from_chars_result from_chars(const char* first, const char* last, double& v
   }
   char* end = nullptr;
   errno = 0;
-  const double parsed = strtod_l(word.c_str(), &end, c_locale);
+  const double parsed = std::strtod(word.c_str(), &end);
   const char* const parsed_end = first + (end - word.c_str());
   if (parsed_end == first) return {first, std::errc::invalid_argument};
   if (errno == ERANGE && (std::isinf(parsed) || parsed == 0)) return {parsed_end, std::errc::result_out_of_range};
@@ -48,6 +50,11 @@ std::ifstream OpenInput(const std::filesystem::path& path) {
   const auto status = std::filesystem::status(path, error);
   if (std::filesystem::is_directory(status)) {
     throw InvalidInputError(Concat("cannot read ", path.string(), ": is a folder"));
+  }
+  // A pipe would be waited for, and a device may have no end.
+  if (std::filesystem::is_other(status)) {
+    throw InvalidInputError(
+        Concat("cannot read ", path.string(), ": is a device, pipe or socket; give the name of a file"));
   }
   errno = 0;
   std::ifstream stream(path, std::ios::binary);

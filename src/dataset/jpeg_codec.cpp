@@ -79,6 +79,10 @@ ImageSize ReadHeader(const std::filesystem::path& path, std::string_view content
     info.out_color_space = JCS_RGB;
   });
   if (!whole) Fail(path, *decoder);
+  if (info.num_components > 3) {
+    throw InvalidInputError(Concat(path.string(), ": a JPEG file of ", info.num_components,
+                                   " colours (CMYK): must be grey or of 3 colours (RGB, YCbCr)"));
+  }
   CheckImageSize(path, info.image_width, info.image_height);
   return {static_cast<int>(info.image_width), static_cast<int>(info.image_height)};
 }
@@ -90,7 +94,7 @@ ImageSize DecodeJpegSize(const std::filesystem::path& path, std::string_view con
   return ReadHeader(path, content, &decoder);
 }
 
-ColorImage DecodeJpeg(const std::filesystem::path& path, const std::string& content) {
+ColorImage DecodeJpeg(const std::filesystem::path& path, std::string_view content) {
   Decompressor decoder;
   const ImageSize size = ReadHeader(path, content, &decoder);
   ColorImage image(size.width, size.height);

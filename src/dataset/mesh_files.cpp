@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <string>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
@@ -13,19 +14,22 @@ namespace {
 /// Writes what snprintf makes of one line's values.
 template <class... Values>
 void WriteLine(AtomicFile* file, const char* format, const Values&... values) {
-  constexpr size_t kLineBytes = 200;  // numbers have 9 digits, so that a float32 reads back
+  constexpr size_t kLineBytes = 200;
   char line[kLineBytes];
   file->Write(line, static_cast<size_t>(std::snprintf(line, sizeof(line), format, values...)));
 }
 
 }  // namespace
 
-void WriteObj(const std::filesystem::path& path, const TriangleMesh& mesh) {
+void WriteObj(const std::filesystem::path& path, const TriangleMesh& mesh, const Eigen::Vector3d& origin) {
+  const ClassicLocale point;
   AtomicFile file(path, Durability::kPowerCut);
   constexpr double kWhite = 255;
+  const int digits = TextDigits(origin);
   for (const SurfacePoint& v : mesh.vertices) {
-    WriteLine(&file, "v %.9g %.9g %.9g %.4f %.4f %.4f\n", v.position.x, v.position.y, v.position.z, v.color.r / kWhite,
-              v.color.g / kWhite, v.color.b / kWhite);
+    const Eigen::Vector3d p = InWorld(origin, v.position);
+    WriteLine(&file, "v %.*g %.*g %.*g %.4f %.4f %.4f\n", digits, p.x(), digits, p.y(), digits, p.z(),
+              v.color.r / kWhite, v.color.g / kWhite, v.color.b / kWhite);
   }
   for (const SurfacePoint& v : mesh.vertices) {
     WriteLine(&file, "vn %.4f %.4f %.4f\n", v.normal.x, v.normal.y, v.normal.z);
@@ -46,10 +50,11 @@ MeshFormat MeshFormatOf(const std::filesystem::path& path) {
   throw InvalidInputError(Concat("mesh ", path, ": must end with .ply or .obj"));
 }
 
-void WriteMesh(const std::filesystem::path& path, const TriangleMesh& mesh, MeshFormat format) {
+void WriteMesh(const std::filesystem::path& path, const TriangleMesh& mesh, MeshFormat format,
+               const Eigen::Vector3d& origin) {
   if (mesh.triangles.empty()) throw InvalidInputError("the mesh is empty: nothing was written");
-  if (format == MeshFormat::kPly) return WritePlyMesh(path, mesh);
-  WriteObj(path, mesh);
+  if (format == MeshFormat::kPly) return WritePlyMesh(path, mesh, origin);
+  WriteObj(path, mesh, origin);
 }
 
 }  // namespace acmp

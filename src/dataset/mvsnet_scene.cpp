@@ -2,6 +2,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
+#include <sstream>
 #include <unordered_map>
 
 #include "acmp_mapping/common/error.h"
@@ -14,11 +16,19 @@ namespace acmp {
 namespace {
 
 constexpr double kHalfPixel = 0.5;
+constexpr double kRounding = 1e-9;  ///< in numbers that must be 0 or 1: matrices may have been multiplied
 
 std::string Numbered(const char* format, int index) {
   char text[64];
   std::snprintf(text, sizeof(text), format, index);
   return text;
+}
+
+std::string WithAllDigits(const Eigen::RowVectorXd& numbers) {
+  std::ostringstream text;
+  text.precision(std::numeric_limits<double>::max_digits10);
+  for (const double number : numbers) text << (text.tellp() > 0 ? " " : "") << number;
+  return text.str();
 }
 
 std::filesystem::path FindImage(const std::filesystem::path& folder, int index) {
@@ -60,8 +70,9 @@ Eigen::Matrix<double, kRows, kCols> ReadMatrix(TextReader* reader, const char* n
 RigidTransform ReadExtrinsic(TextReader* reader) {
   ExpectKeyword(reader, "extrinsic");
   const Eigen::Matrix4d matrix = ReadMatrix<4, 4>(reader, "extrinsic");
-  if (matrix.row(3) != Eigen::RowVector4d(0, 0, 0, 1)) {
-    reader->Fail(Concat("last row of the extrinsic is ", matrix.row(3), ": must be 0 0 0 1"));
+  const Eigen::RowVector4d last = matrix.row(3);
+  if ((last - Eigen::RowVector4d(0, 0, 0, 1)).cwiseAbs().maxCoeff() > kRounding) {
+    reader->Fail(Concat("last row of the extrinsic is ", WithAllDigits(last), ": must be 0 0 0 1"));
   }
   RigidTransform pose(matrix);
   CheckPose(Concat(reader->Where(), ": extrinsic").c_str(), pose);
@@ -74,8 +85,10 @@ RigidTransform ReadExtrinsic(TextReader* reader) {
 PinholeCamera ReadIntrinsic(TextReader* reader, const ImageSize& size, PixelCenters centers) {
   ExpectKeyword(reader, "intrinsic");
   const Eigen::Matrix3d k = ReadMatrix<3, 3>(reader, "intrinsic");
-  if (k(0, 1) != 0 || k(1, 0) != 0 || k.row(2) != Eigen::RowVector3d(0, 0, 1)) {
-    reader->Fail("intrinsic is not of the form fx 0 cx / 0 fy cy / 0 0 1 (skew is not supported)");
+  const bool skew = std::max(std::abs(k(0, 1)), std::abs(k(1, 0))) > kRounding * std::abs(k(0, 0));
+  if (skew || (k.row(2) - Eigen::RowVector3d(0, 0, 1)).cwiseAbs().maxCoeff() > kRounding) {
+    reader->Fail(Concat("intrinsic ", WithAllDigits(k.row(0)), " / ", WithAllDigits(k.row(1)), " / ",
+                        WithAllDigits(k.row(2)), ": must be fx 0 cx / 0 fy cy / 0 0 1 (skew is not supported)"));
   }
   const double first = centers == PixelCenters::kHalf ? kHalfPixel : 0;
   const PinholeCamera camera{size.width, size.height, k(0, 0), k(1, 1), k(0, 2) - first, k(1, 2) - first};
@@ -99,9 +112,10 @@ std::optional<DepthRange> ReadDepthLine(TextReader* reader) {
   return range;
 }
 
-SceneImage ReadImage(const std::filesystem::path& root, int index, PixelCenters centers) {
+SceneImage ReadImage(const std::filesystem::path& root, const std::filesystem::path& image_folder, int index,
+                     PixelCenters centers) {
   SceneImage image;
-  image.path = FindImage(root / "images", index);
+  image.path = FindImage(image_folder, index);
   image.name = image.path.filename().string();
   TextReader reader(root / "cams" / (Numbered("%08d", index) + "_cam.txt"));
   image.cam_from_world = ReadExtrinsic(&reader);
@@ -200,12 +214,13 @@ bool LooksLikeMvsnet(const std::filesystem::path& root) {
   return std::filesystem::is_directory(root / "cams") && std::filesystem::is_regular_file(root / "pair.txt");
 }
 
-Scene ReadMvsnetScene(const std::filesystem::path& root, PixelCenters centers) {
+Scene ReadMvsnetScene(const std::filesystem::path& root, const std::filesystem::path& image_folder,
+                      PixelCenters centers) {
   Scene scene;
   scene.root = root;
   std::vector<std::vector<int>> pairs = ReadPairs(root / "pair.txt");
   for (size_t i = 0; i < pairs.size(); ++i) {
-    scene.images.push_back(ReadImage(root, static_cast<int>(i), centers));
+    scene.images.push_back(ReadImage(root, image_folder, static_cast<int>(i), centers));
     scene.images.back().ranked_sources = std::move(pairs[i]);
   }
   const auto model_folder = FindColmapModel(root);

@@ -14,6 +14,22 @@
 
 namespace acmp {
 
+namespace {
+
+/// Waits until the folder of a file has its name on the disk. A file system that cannot do that has done what it can.
+void SyncEntries(const std::filesystem::path& path) {
+  const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : std::filesystem::path(".");
+  const int descriptor = open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  const bool synced = descriptor >= 0 && fsync(descriptor) == 0;
+  const int reason = errno;
+  if (descriptor >= 0) close(descriptor);
+  // A folder that one may write to but not read cannot be opened; EINVAL: this file system has no fsync of folders.
+  if (synced || reason == EACCES || reason == EINVAL) return;
+  throw ProcessingError(Concat("cannot write to ", folder.string(), ": ", std::strerror(reason)));
+}
+
+}  // namespace
+
 void CheckFolderOf(const std::filesystem::path& path) {
   const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : std::filesystem::path(".");
   std::error_code ignored;  // where it cannot be told, open says why
@@ -37,7 +53,9 @@ AtomicFile::AtomicFile(const std::filesystem::path& path, Durability durability)
     temporary_path_ = path;
     if (others > 0) temporary_path_ += "." + std::to_string(others);
     temporary_path_ += ".partial";
-    const int descriptor = open(temporary_path_.c_str(), O_WRONLY | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666);
+    // Not blocking: a pipe in its place would be waited for, until somebody reads it.
+    const int descriptor =
+        open(temporary_path_.c_str(), O_WRONLY | O_CREAT | O_NOFOLLOW | O_CLOEXEC | O_NONBLOCK, 0666);
     if (descriptor < 0) Fail("cannot create");
     file_.reset(fdopen(descriptor, "wb"));
     if (!file_) {
@@ -77,6 +95,13 @@ void AtomicFile::WriteAt(size_t offset, const void* data, size_t bytes) {
   }
 }
 
+void AtomicFile::Reserve(uint64_t bytes) {
+  const int descriptor = fileno(file_.get());
+  if (fallocate(descriptor, FALLOC_FL_KEEP_SIZE, 0, static_cast<off_t>(bytes)) != 0 && errno != EOPNOTSUPP) {
+    Fail("cannot write");
+  }
+}
+
 void AtomicFile::StartWriteback(size_t offset, size_t bytes) {
   sync_file_range(fileno(file_.get()), static_cast<off64_t>(offset), static_cast<off64_t>(bytes),
                   SYNC_FILE_RANGE_WRITE);
@@ -84,6 +109,10 @@ void AtomicFile::StartWriteback(size_t offset, size_t bytes) {
 
 void AtomicFile::Commit() {
   if (std::fflush(file_.get()) != 0) Fail("cannot write");
+  struct stat written = {};
+  const bool has_size = fstat(fileno(file_.get()), &written) == 0;
+  // Gives back what was reserved and not used.
+  if (!has_size || ftruncate(fileno(file_.get()), written.st_size) != 0) Fail("cannot write");
   if (durability_ == Durability::kPowerCut && fsync(fileno(file_.get())) != 0) Fail("cannot write");
   // Some file systems report errors only when a file is closed: close a second descriptor, as the first has the lock.
   if (close(dup(fileno(file_.get()))) != 0) Fail("cannot write");
@@ -92,6 +121,7 @@ void AtomicFile::Commit() {
   if (error) throw ProcessingError(Concat("cannot write ", path_.string(), ": ", error.message()));
   committed_ = true;
   file_.reset();
+  if (durability_ == Durability::kPowerCut) SyncEntries(path_);  // else the new name may be gone after a power cut
 }
 
 void AtomicFile::Fail(const char* what) const {
@@ -106,6 +136,7 @@ void WriteFileAtomically(const std::filesystem::path& path, const std::string& c
 
 std::ostringstream MakeTextFile(int digits) {
   std::ostringstream text;
+  text.imbue(std::locale::classic());
   text << std::setprecision(digits);
   return text;
 }

@@ -7,6 +7,7 @@
 #include <map>
 #include <sstream>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "input_file.h"
 
@@ -72,8 +73,8 @@ void PlaceFields(const BinaryReader& file, PcdHeader* header) {
     header->point_bytes += field.bytes;
     header->point_words += count;
     if (names[i].size() != 1 || names[i] < "x" || names[i] > "z") continue;
-    if (size != sizeof(float) || count != 1 || types[i] != "F") {
-      file.Fail(Concat("field ", names[i], " must be one 32-bit float (SIZE 4, TYPE F)"));
+    if ((size != sizeof(float) && size != sizeof(double)) || count != 1 || types[i] != "F") {
+      file.Fail(Concat("field ", names[i], " must be one float of 32 or 64 bits (SIZE 4 or 8, TYPE F)"));
     }
     const auto axis = static_cast<size_t>(names[i][0] - 'x');
     header->coordinates[axis] = field;
@@ -112,6 +113,7 @@ using Positions = std::vector<std::array<float, 3>>;
 
 Positions ReadAscii(const PcdHeader& header, BinaryReader* file) {
   file->ExpectRemaining(header.points, header.point_words, "PCD points");  // a digit each, before memory is asked for
+  const ClassicLocale point;
   Positions positions(header.points);
   for (auto& position : positions) {
     std::istringstream line(NextLine(file));
@@ -129,13 +131,21 @@ Positions ReadAscii(const PcdHeader& header, BinaryReader* file) {
   return positions;
 }
 
+template <class T>
+float ReadNumber(const char* source) {
+  T number;
+  std::memcpy(&number, source, sizeof(T));
+  return static_cast<float>(number);
+}
+
 /// @param stride bytes from one point to the next of the same coordinate. @param begin of each coordinate
-Positions Unpack(const std::vector<char>& bytes, uint64_t points, const std::array<uint64_t, 3>& begin,
+Positions Unpack(const std::vector<char>& bytes, const PcdHeader& header, const std::array<uint64_t, 3>& begin,
                  const std::array<uint64_t, 3>& stride) {
-  Positions positions(points);
+  Positions positions(header.points);
   for (size_t axis = 0; axis < begin.size(); ++axis) {
-    for (uint64_t i = 0; i < points; ++i) {
-      std::memcpy(&positions[i][axis], bytes.data() + begin[axis] + i * stride[axis], sizeof(float));
+    const auto read = header.coordinates[axis].bytes == sizeof(float) ? ReadNumber<float> : ReadNumber<double>;
+    for (uint64_t i = 0; i < header.points; ++i) {
+      positions[i][axis] = read(bytes.data() + begin[axis] + i * stride[axis]);
     }
   }
   return positions;
@@ -172,7 +182,7 @@ Positions ReadBinary(const PcdHeader& header, BinaryReader* file) {
   file->ReadBytes(bytes.data(), bytes.size(), "PCD points");
   const auto& xyz = header.coordinates;
   const uint64_t step = header.point_bytes;
-  return Unpack(bytes, header.points, {xyz[0].offset, xyz[1].offset, xyz[2].offset}, {step, step, step});
+  return Unpack(bytes, header, {xyz[0].offset, xyz[1].offset, xyz[2].offset}, {step, step, step});
 }
 
 /// The numbers of one field after those of the other.
@@ -186,9 +196,10 @@ Positions ReadCompressed(const PcdHeader& header, BinaryReader* file) {
   }
   std::vector<char> source(compressed);
   file->ReadBytes(source.data(), source.size(), "PCD points");
+  const auto& xyz = header.coordinates;
   std::array<uint64_t, 3> begin{};
-  for (size_t axis = 0; axis < begin.size(); ++axis) begin[axis] = header.points * header.coordinates[axis].offset;
-  return Unpack(Decompress(*file, source, bytes), header.points, begin, {sizeof(float), sizeof(float), sizeof(float)});
+  for (size_t axis = 0; axis < begin.size(); ++axis) begin[axis] = header.points * xyz[axis].offset;
+  return Unpack(Decompress(*file, source, bytes), header, begin, {xyz[0].bytes, xyz[1].bytes, xyz[2].bytes});
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <cstring>
 #include <map>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
@@ -15,6 +16,7 @@ namespace {
 
 constexpr size_t kMaxPlyLine = 4096;
 constexpr size_t kRecordBytes = 7 * sizeof(float) + 3;
+constexpr size_t kWideRecordBytes = 3 * sizeof(double) + 4 * sizeof(float) + 3;  ///< with coordinates in double
 constexpr size_t kTriangleBytes = 1 + 3 * sizeof(uint32_t);
 
 /// A number type of the format: its size, and how one is read from a binary body.
@@ -85,6 +87,7 @@ Property ParseProperty(const BinaryReader& file, std::istringstream* words) {
 
 void ParseHeaderLine(const BinaryReader& file, const std::string& line, PlyHeader* header) {
   std::istringstream words(line);
+  words.imbue(std::locale::classic());
   std::string keyword;
   words >> keyword;
   if (keyword == "format") {
@@ -219,6 +222,7 @@ void ReadFaces(BinaryReader* file, bool ascii, const Element& element, TriangleM
 
 /// @param faces as well: else none
 TriangleMesh ReadElements(const std::filesystem::path& path, bool faces) {
+  const ClassicLocale point;
   BinaryReader file(path);
   const PlyHeader header = ReadPlyHeader(&file);
   const bool ascii = header.format == "ascii";
@@ -248,67 +252,79 @@ char* Append(char* target, const T& value) {
 
 /// @param comment a line of the header, or nothing
 /// @param elements lines about those after the vertices, or nothing
-std::string MakeHeader(size_t points, const std::string& comment, const std::string& elements = "") {
-  return Concat("ply\nformat binary_little_endian 1.0\n", comment, "element vertex ", points,
-                "\nproperty float x\nproperty float y\nproperty float z\nproperty float nx\nproperty float ny\n"
-                "property float nz\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
-                "property float confidence\n",
+std::string MakeHeader(size_t points, const Eigen::Vector3d& origin, const std::string& comment,
+                       const std::string& elements = "") {
+  const char* type = origin.isZero(0) ? "float" : "double";
+  return Concat("ply\nformat binary_little_endian 1.0\n", comment, "element vertex ", points, "\nproperty ", type,
+                " x\nproperty ", type, " y\nproperty ", type,
+                " z\nproperty float nx\nproperty float ny\nproperty float nz\nproperty uchar red\n"
+                "property uchar green\nproperty uchar blue\nproperty float confidence\n",
                 elements, "end_header\n");
 }
 
-char* AppendRecord(char* target, const SurfacePoint& point) {
-  char* end = Append(Append(target, point.position), point.normal);
+size_t RecordBytes(const Eigen::Vector3d& origin) { return origin.isZero(0) ? kRecordBytes : kWideRecordBytes; }
+
+char* AppendRecord(char* target, const SurfacePoint& point, const Eigen::Vector3d& origin) {
+  char* end = target;
+  if (origin.isZero(0)) {
+    end = Append(end, point.position);
+  } else {
+    const Eigen::Vector3d position = InWorld(origin, point.position);
+    for (int axis = 0; axis < 3; ++axis) end = Append(end, position[axis]);
+  }
+  end = Append(end, point.normal);
   end = Append(Append(Append(end, point.color.r), point.color.g), point.color.b);
   return Append(end, point.confidence);
 }
 
-char* AppendRecord(char* target, const std::array<uint32_t, 3>& triangle) {
+char* AppendRecord(char* target, const std::array<uint32_t, 3>& triangle, const Eigen::Vector3d&) {
   return Append(Append(target, uint8_t{3}), triangle);
 }
 
 /// Calls write(place of the first record, records) for blocks of records as they are in the file.
 template <class Item, class Write>
-void MakeRecords(const std::vector<Item>& items, size_t record_bytes, const Write& write) {
+void MakeRecords(const std::vector<Item>& items, const Eigen::Vector3d& origin, size_t record_bytes,
+                 const Write& write) {
   constexpr size_t kBlock = 1 << 18;  // records in memory at a time
   std::vector<char> records;
   for (size_t begin = 0; begin < items.size(); begin += kBlock) {
     const size_t count = std::min(kBlock, items.size() - begin);
     records.resize(count * record_bytes);
     tbb::parallel_for(size_t{0}, count,
-                      [&](size_t i) { AppendRecord(records.data() + i * record_bytes, items[begin + i]); });
+                      [&](size_t i) { AppendRecord(records.data() + i * record_bytes, items[begin + i], origin); });
     write(begin, records);
   }
 }
 
 }  // namespace
 
-void WritePly(const std::filesystem::path& path, const PointCloud& points) {
+void WritePly(const std::filesystem::path& path, const PointCloud& points, const Eigen::Vector3d& origin) {
   AtomicFile file(path, Durability::kPowerCut);
-  file.Write(MakeHeader(points.size(), ""));
+  file.Write(MakeHeader(points.size(), origin, ""));
   const auto write = [&](size_t, const std::vector<char>& records) { file.Write(records.data(), records.size()); };
-  MakeRecords(points, kRecordBytes, write);
+  MakeRecords(points, origin, RecordBytes(origin), write);
   file.Commit();
 }
 
-void WritePlyMesh(const std::filesystem::path& path, const TriangleMesh& mesh) {
+void WritePlyMesh(const std::filesystem::path& path, const TriangleMesh& mesh, const Eigen::Vector3d& origin) {
   AtomicFile file(path, Durability::kPowerCut);
   // int and not uint: some readers know no other type here.
-  file.Write(MakeHeader(mesh.vertices.size(), "",
+  file.Write(MakeHeader(mesh.vertices.size(), origin, "",
                         Concat("element face ", mesh.triangles.size(), "\nproperty list uchar int vertex_indices\n")));
   const auto write = [&](size_t, const std::vector<char>& records) { file.Write(records.data(), records.size()); };
-  MakeRecords(mesh.vertices, kRecordBytes, write);
-  MakeRecords(mesh.triangles, kTriangleBytes, write);
+  MakeRecords(mesh.vertices, origin, RecordBytes(origin), write);
+  MakeRecords(mesh.triangles, origin, kTriangleBytes, write);
   file.Commit();
 }
 
 std::string PlyFile::Header() const {
   constexpr size_t kMaxDigits = 20;  // of a 64-bit number
   const std::string padding(kMaxDigits - std::to_string(points_).size(), '-');
-  return MakeHeader(points_, Concat("comment ", padding, "\n"));
+  return MakeHeader(points_, origin_, Concat("comment ", padding, "\n"));
 }
 
-PlyFile::PlyFile(const std::filesystem::path& path, Durability durability)
-    : file_(path, durability), header_bytes_(Header().size()) {}
+PlyFile::PlyFile(const std::filesystem::path& path, Durability durability, const Eigen::Vector3d& origin)
+    : file_(path, durability), origin_(origin), header_bytes_(Header().size()) {}
 
 size_t PlyFile::Reserve(size_t points) {
   const size_t first = points_;
@@ -317,11 +333,12 @@ size_t PlyFile::Reserve(size_t points) {
 }
 
 void PlyFile::WriteAt(size_t first, const PointCloud& points) {
-  const size_t offset = header_bytes_ + first * kRecordBytes;
-  MakeRecords(points, kRecordBytes, [&](size_t begin, const std::vector<char>& records) {
-    file_.WriteAt(offset + begin * kRecordBytes, records.data(), records.size());
+  const size_t bytes = RecordBytes(origin_);
+  const size_t offset = header_bytes_ + first * bytes;
+  MakeRecords(points, origin_, bytes, [&](size_t begin, const std::vector<char>& records) {
+    file_.WriteAt(offset + begin * bytes, records.data(), records.size());
   });
-  if (!points.empty()) file_.StartWriteback(offset, points.size() * kRecordBytes);  // 0 bytes would be all that follow
+  if (!points.empty()) file_.StartWriteback(offset, points.size() * bytes);  // 0 bytes would be all that follow
 }
 
 void PlyFile::Commit() {

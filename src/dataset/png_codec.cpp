@@ -16,7 +16,7 @@ namespace {
 constexpr int kCompressionLevel = 1;  // zlib; 6 takes several times as long for a tenth of the bytes
 
 struct PngContext {
-  const std::string* input = nullptr;
+  std::string_view input;
   size_t position = 0;
   std::string output;
   char message[256] = "out of memory";
@@ -32,8 +32,8 @@ void OnWarning(png_structp /*png*/, png_const_charp /*message*/) {}  // e.g. a p
 
 void OnRead(png_structp png, png_bytep target, size_t bytes) {
   auto* context = static_cast<PngContext*>(png_get_io_ptr(png));
-  if (bytes > context->input->size() - context->position) png_error(png, "unexpected end of file");
-  std::memcpy(target, context->input->data() + context->position, bytes);
+  if (bytes > context->input.size() - context->position) png_error(png, "unexpected end of file");
+  std::memcpy(target, context->input.data() + context->position, bytes);
   context->position += bytes;
 }
 
@@ -81,12 +81,12 @@ std::vector<png_bytep> RowPointers(ImageView<T> image) {
 
 /// @param set_transforms tells libpng how to make pixels of type T
 template <class T>
-Image<T> Decode(const std::filesystem::path& path, const std::string& content, const ImageSize& size,
+Image<T> Decode(const std::filesystem::path& path, std::string_view content, const ImageSize& size,
                 void (*set_transforms)(png_structp)) {
   Image<T> image(size.width, size.height);
   std::vector<png_bytep> rows = RowPointers(image.View());
   PngContext context;
-  context.input = &content;
+  context.input = content;
   png_structp png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &context, OnError, OnWarning);
   png_infop info = png ? png_create_info_struct(png) : nullptr;
   const bool whole = info && Guarded(png, [&] {
@@ -133,7 +133,7 @@ ImageSize DecodePngSize(const std::filesystem::path& path, std::string_view cont
   return ReadPngHeader(path, content).size;
 }
 
-ColorImage DecodePngColor(const std::filesystem::path& path, const std::string& content) {
+ColorImage DecodePngColor(const std::filesystem::path& path, std::string_view content) {
   // Everything becomes 8-bit RGB: palettes and low bit depths are expanded, 16 bits scaled, alpha dropped.
   return Decode<Rgb>(path, content, ReadPngHeader(path, content).size, [](png_structp png) {
     png_set_expand(png);
@@ -143,15 +143,23 @@ ColorImage DecodePngColor(const std::filesystem::path& path, const std::string& 
   });
 }
 
-Image<uint16_t> ReadPng16(const std::filesystem::path& path) {
-  const std::string content = ReadWholeFile(path);
-  const PngHeader header = ReadPngHeader(path, content);
+bool IsPng16(std::string_view content) {
+  constexpr size_t kSignature = 8;
+  if (content.compare(0, kSignature, "\x89PNG\r\n\x1a\n") != 0) return false;
+  const PngHeader header = ReadPngHeader("", content);
+  return header.color_type == PNG_COLOR_TYPE_GRAY && header.bit_depth == 16;
+}
+
+Image<uint16_t> DecodePng16(const std::string& name, std::string_view content) {
+  const PngHeader header = ReadPngHeader(name, content);
   if (header.color_type != PNG_COLOR_TYPE_GRAY || header.bit_depth != 16) {
-    throw InvalidInputError(Concat(path.string(), ": PNG with bit depth ", header.bit_depth, " and colour type ",
+    throw InvalidInputError(Concat(name, ": PNG with bit depth ", header.bit_depth, " and colour type ",
                                    header.color_type, ": must be 16-bit grey (depth 16, type 0)"));
   }
-  return Decode<uint16_t>(path, content, header.size, [](png_structp png) { png_set_swap(png); });  // big endian
+  return Decode<uint16_t>(name, content, header.size, [](png_structp png) { png_set_swap(png); });  // big endian
 }
+
+Image<uint16_t> ReadPng16(const std::filesystem::path& path) { return DecodePng16(path.string(), ReadWholeFile(path)); }
 
 void WritePng(const std::filesystem::path& path, const ColorImage& image) {
   WritePixels(path, image, PNG_COLOR_TYPE_RGB, 8);

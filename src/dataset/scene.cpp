@@ -43,12 +43,13 @@ void WarnOfPrincipalPoints(Scene* scene) {
                                    std::lround(2 * c.cx + 1), " x ", std::lround(2 * c.cy + 1), " px?"));
 }
 
-Scene ReadSceneFiles(const std::filesystem::path& root, SceneFormat format, PixelCenters centers) {
+Scene ReadSceneFiles(const std::filesystem::path& root, SceneFormat format, PixelCenters centers,
+                     const std::filesystem::path& image_folder) {
   const bool mvsnet = LooksLikeMvsnet(root);
   if (format == SceneFormat::kMvsnet && !mvsnet) {
     throw InvalidInputError(Concat(root.string(), ": no MVSNet scene: cams/ or pair.txt is missing"));
   }
-  if (mvsnet && format != SceneFormat::kColmap) return ReadMvsnetScene(root, centers);
+  if (mvsnet && format != SceneFormat::kColmap) return ReadMvsnetScene(root, image_folder, centers);
   const auto model_folder = FindColmapModel(root);
   if (!model_folder) {
     throw InvalidInputError(Concat(
@@ -60,7 +61,7 @@ Scene ReadSceneFiles(const std::filesystem::path& root, SceneFormat format, Pixe
                                    ": pixel centres can be chosen for MVSNet scenes only; this is a COLMAP "
                                    "model, which has them at +0.5"));
   }
-  return ReadColmapScene(root, *model_folder);
+  return ReadColmapScene(root, *model_folder, image_folder);
 }
 
 }  // namespace
@@ -92,11 +93,12 @@ std::vector<int> ParseImageIndices(const std::string& text, int count) {
   return std::vector<int>(indices.begin(), indices.end());
 }
 
-Scene ReadScene(const std::filesystem::path& root, SceneFormat format, PixelCenters centers) {
+Scene ReadScene(const std::filesystem::path& root, SceneFormat format, PixelCenters centers,
+                const std::filesystem::path& image_folder) {
   if (!std::filesystem::is_directory(root)) {
     throw InvalidInputError(Concat("scene folder ", root.string(), " does not exist or is not a folder"));
   }
-  Scene scene = ReadSceneFiles(root, format, centers);
+  Scene scene = ReadSceneFiles(root, format, centers, image_folder.empty() ? root / "images" : image_folder);
   WarnOfPrincipalPoints(&scene);
   return scene;
 }

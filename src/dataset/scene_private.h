@@ -7,11 +7,13 @@
 
 namespace acmp {
 
-Scene ReadColmapScene(const std::filesystem::path& root, const std::filesystem::path& model_folder);
+Scene ReadColmapScene(const std::filesystem::path& root, const std::filesystem::path& model_folder,
+                      const std::filesystem::path& image_folder);
 
 /// True when `root` has the parts that make it an MVSNet scene: cams/ and pair.txt.
 bool LooksLikeMvsnet(const std::filesystem::path& root);
-Scene ReadMvsnetScene(const std::filesystem::path& root, PixelCenters centers);
+Scene ReadMvsnetScene(const std::filesystem::path& root, const std::filesystem::path& image_folder,
+                      PixelCenters centers);
 
 /// Takes the lens distortion out of images of the camera's size, which are then seen by the same pinhole camera.
 class Undistortion {

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <unordered_map>
 
 #include <tbb/parallel_for.h>
@@ -30,6 +31,26 @@ struct PointSet {
 using Distance = nanoflann::L2_Simple_Adaptor<float, PointSet, double>;
 using KdTree = nanoflann::KDTreeSingleIndexAdaptor<Distance, PointSet, 3, size_t>;
 
+// What nanoflann's search asks of a result: the distance to the nearest point. Others that are just as near are not
+// looked at: a cloud may have very many equal points.
+class NearestDistance {
+ public:
+  bool addPoint(double squared, size_t /*index*/) {
+    if (squared < squared_) squared_ = squared;
+    return true;
+  }
+  double worstDist() const { return std::nextafter(squared_, -1.0); }
+  size_t size() const { return full() ? 1 : 0; }
+  bool full() const { return squared_ < std::numeric_limits<double>::max(); }
+  bool empty() const { return !full(); }
+  void sort() {}
+
+  double squared() const { return squared_; }
+
+ private:
+  double squared_ = std::numeric_limits<double>::max();
+};
+
 // Squared distance of each of `points` to the nearest of `targets`, which must not be empty.
 std::vector<double> SquaredDistances(const PointCloud& points, const PointCloud& targets) {
   const PointSet set{targets};
@@ -40,8 +61,9 @@ std::vector<double> SquaredDistances(const PointCloud& points, const PointCloud&
   tbb::parallel_for(size_t{0}, points.size(), [&](size_t i) {
     const Vec3f& p = points[i].position;
     const float query[3] = {p.x, p.y, p.z};
-    size_t nearest;
-    tree.knnSearch(query, 1, &nearest, &squared[i]);
+    NearestDistance nearest;
+    tree.findNeighbors(nearest, query, {});
+    squared[i] = nearest.squared();
   });
   return squared;
 }

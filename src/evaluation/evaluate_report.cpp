@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
@@ -15,6 +16,7 @@ constexpr std::array<const char*, 8> kColumns = {"<2cm", "<5cm", "<10cm", "<1%",
 
 template <class... Args>
 std::string Format(const char* format, Args... args) {
+  const ClassicLocale point;
   const int length = std::snprintf(nullptr, 0, format, args...);
   std::string text(static_cast<size_t>(length), '\0');
   std::snprintf(text.data(), text.size() + 1, format, args...);

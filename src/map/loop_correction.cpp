@@ -71,17 +71,18 @@ void CorrectNamed(const std::vector<NamedKeyframe>& named) {
   }
 }
 
-/// Whether a keyframe's points would be within the distance from the origin; counts it where not. False for NaN, too.
-bool IsWithin(double max_distance, const CorrectedPose& keyframe, const RigidTransform& world_from_cam, double scale,
-              const StampedPose& cause, ReposeResult* result) {
-  if (world_from_cam.translation().norm() + scale * keyframe.reach <= max_distance) return true;
+/// Whether a keyframe's points would be near enough; counts it where not. False for NaN, too.
+bool IsWithin(const Surroundings& allowed, const CorrectedPose& keyframe, const RigidTransform& world_from_cam,
+              double scale, const StampedPose& cause, ReposeResult* result) {
+  const double distance = (world_from_cam.translation() - allowed.origin).norm();
+  if (distance + scale * keyframe.reach <= allowed.max_distance) return true;
   ++result->too_far;
-  if (!result->first_too_far) result->first_too_far = {cause.stamp_ns, cause.pose.translation(), max_distance};
+  if (!result->first_too_far) result->first_too_far = {cause.stamp_ns, cause.pose.translation(), allowed};
   return false;
 }
 
 /// What the path says of the keyframes it names.
-void NameKeyframes(const std::vector<StampedPose>& path, double max_distance,
+void NameKeyframes(const std::vector<StampedPose>& path, const Surroundings& allowed,
                    const std::vector<CorrectedPose*>& keyframes, ReposeResult* result) {
   std::vector<bool> used(path.size());
   std::vector<NamedKeyframe> named;
@@ -97,7 +98,7 @@ void NameKeyframes(const std::vector<StampedPose>& path, double max_distance,
     if (gap_ns > tolerance_ns) continue;
     used[nearest] = true;
     const RigidTransform world_from_cam = WorldFromCam(keyframe->path, path[nearest].pose);
-    if (!IsWithin(max_distance, *keyframe, world_from_cam, 1, path[nearest], result)) continue;
+    if (!IsWithin(allowed, *keyframe, world_from_cam, 1, path[nearest], result)) continue;
     ++result->named;
     keyframe->named = keyframe->seeded = true;
     named.push_back({keyframe, world_from_cam});
@@ -113,12 +114,12 @@ void SortPath(std::vector<StampedPose>* path) {
                    [](const StampedPose& a, const StampedPose& b) { return a.stamp_ns < b.stamp_ns; });
 }
 
-ReposeResult Repose(const std::vector<StampedPose>& path, const PoseTolerance& same, double max_distance,
+ReposeResult Repose(const std::vector<StampedPose>& path, const PoseTolerance& same, const Surroundings& allowed,
                     const std::vector<CorrectedPose*>& keyframes) {
   ReposeResult result;
   result.unmatched = path.size();
   if (path.empty() || keyframes.empty()) return result;
-  NameKeyframes(path, max_distance, keyframes, &result);
+  NameKeyframes(path, allowed, keyframes, &result);
 
   const auto first = std::find_if(keyframes.begin(), keyframes.end(), [](const auto* k) { return k->seeded; });
   if (first == keyframes.end()) return result;
@@ -135,7 +136,7 @@ ReposeResult Repose(const std::vector<StampedPose>& path, const PoseTolerance& s
     const bool same_scale = std::abs(keyframe->correction.scale - keyframe->scale) <= same.scale * keyframe->scale;
     if (same_scale && SamePose(corrected, keyframe->world_from_cam, same)) continue;
     const StampedPose moved = {keyframe->stamp_ns, corrected};
-    if (!IsWithin(max_distance, *keyframe, corrected, keyframe->correction.scale, moved, &result)) continue;
+    if (!IsWithin(allowed, *keyframe, corrected, keyframe->correction.scale, moved, &result)) continue;
     keyframe->world_from_cam = corrected;
     keyframe->scale = keyframe->correction.scale;
     result.moved.push_back(i);

@@ -10,13 +10,15 @@ void CheckCanMapOccupancy() {
   }
 }
 
-std::unique_ptr<OccupancyMap> MakeOccupancyMap(const PlacedKeyframes& map, double resolution) {
+std::unique_ptr<OccupancyMap> MakeOccupancyMap(const PlacedKeyframes& map, double resolution,
+                                               const OccupancyLimits& limits) {
   CheckCanMapOccupancy();
   if (map.keyframes.empty() || !(map.voxel_size > 0))
     throw InvalidInputError("the map is empty: there is no occupancy");
-  auto occupancy = std::make_unique<OccupancyMap>(resolution > 0 ? resolution : kOccupancyVoxels * map.voxel_size);
-  for (const PlacedKeyframe& keyframe : map.keyframes) occupancy->Insert(keyframe);
-  return occupancy;
+  for (double size = resolution > 0 ? resolution : kOccupancyVoxels * map.voxel_size;; size *= 2) {
+    auto occupancy = std::make_unique<OccupancyMap>(size, limits);
+    if (occupancy->Insert(map.keyframes)) return occupancy;
+  }
 }
 
 }  // namespace acmp

@@ -12,10 +12,9 @@
 
 namespace acmp {
 
-TriangleMesh MakeMapMesh(const MapStore& map, const MapMeshOptions& options, size_t* keyframes) {
+MapMesh MakeMapMesh(const MapStore& map, const MapMeshOptions& options) {
   CheckCanMesh();
   const PlacedKeyframes placed = map.Placed();
-  if (keyframes) *keyframes = placed.keyframes.size();
   if (placed.keyframes.empty() || !(placed.voxel_size > 0)) {
     throw InvalidInputError("the map is empty: there is no mesh");
   }
@@ -28,6 +27,7 @@ TriangleMesh MakeMapMesh(const MapStore& map, const MapMeshOptions& options, siz
       {options.voxel_size > 0 ? options.voxel_size : voxel_size, options.max_bytes, kMinMeshConfidence});
   for (size_t i = 0; i < spacings.size(); ++i) {
     const PlacedKeyframe& keyframe = placed.keyframes[i];
+    options.check();
     if (spacings[i] == 0) continue;
     const PointCloud& points = *keyframe.points_in_camera;
     const SurfaceMaps maps = keyframe.scale == 1
@@ -35,7 +35,7 @@ TriangleMesh MakeMapMesh(const MapStore& map, const MapMeshOptions& options, siz
                                  : SplatPoints(Scaled(points, keyframe.scale), keyframe.world_from_cam, spacings[i]);
     if (!maps.depth.empty()) volume.Integrate(maps.View());
   }
-  return volume.ExtractMesh();
+  return {volume.ExtractMesh(), placed.origin, placed.keyframes.size()};
 }
 
 }  // namespace acmp

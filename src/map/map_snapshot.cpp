@@ -13,6 +13,7 @@ MapStore::Snapshot MapStore::TakeSnapshot() const {
   Snapshot snapshot;
   snapshot.voxel_size = VoxelSize();
   snapshot.max_distance = MaxDistance();
+  snapshot.origin = Origin(snapshot.voxel_size);
   snapshot.keyframes.reserve(keyframes_.size());
   for (const auto& [key, keyframe] : keyframes_) snapshot.keyframes.push_back({key, keyframe, IsOfLastRun(key)});
   return snapshot;
@@ -28,7 +29,8 @@ std::vector<PlacedKeyframe> MapStore::Place(const Snapshot& snapshot) {
     for (size_t i = 0; i < cameras.size(); ++i) {
       if (!cameras[i]) continue;
       const double reach = cameras[i]->scale * snapshot.keyframes[members[i]].keyframe.pose.reach;
-      if (!(cameras[i]->world_from_cam.translation().norm() + reach <= snapshot.max_distance)) continue;
+      const Eigen::Vector3d offset = cameras[i]->world_from_cam.translation() - snapshot.origin;
+      if (!(offset.norm() + reach <= snapshot.max_distance)) continue;
       placed[members[i]].world_from_cam = cameras[i]->world_from_cam;
       placed[members[i]].scale = cameras[i]->scale;
     }
@@ -78,23 +80,26 @@ MapSession MapStore::Session() const {
 
 PlacedKeyframes MapStore::Placed() const {
   const Snapshot snapshot = TakeSnapshot();
-  return {Place(snapshot), snapshot.voxel_size};
+  PlacedKeyframes placed = {Place(snapshot), snapshot.voxel_size, snapshot.origin};
+  for (PlacedKeyframe& keyframe : placed.keyframes) keyframe.world_from_cam.translation() -= snapshot.origin;
+  return placed;
 }
 
-PointCloud MapStore::WorldCloud(size_t* keyframes) const {
+MapCloud MapStore::WorldCloud() const {
   const PlacedKeyframes map = Placed();  // keeps the points alive
-  if (keyframes) *keyframes = map.keyframes.size();
   std::vector<PlacedCloud> clouds;
   for (const PlacedKeyframe& keyframe : map.keyframes) {
     if (keyframe.points_in_camera->empty()) continue;
     clouds.push_back({keyframe.world_from_cam, keyframe.points_in_camera.get(), keyframe.scale});
   }
-  return clouds.empty() ? PointCloud() : MergeClouds(clouds, static_cast<float>(map.voxel_size));
+  MapCloud cloud = {{}, map.origin, map.keyframes.size()};
+  if (!clouds.empty()) cloud.points = MergeClouds(clouds, static_cast<float>(map.voxel_size));
+  return cloud;
 }
 
 std::vector<StampedPose> MapStore::Path() const {
   std::vector<StampedPose> path;
-  for (const PlacedKeyframe& keyframe : Placed().keyframes)
+  for (const PlacedKeyframe& keyframe : Place(TakeSnapshot()))
     path.push_back({keyframe.stamp_ns, keyframe.world_from_cam});
   return path;
 }

@@ -11,6 +11,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/median.h"
 #include "acmp_mapping/fusion/voxel_map.h"
+#include "acmp_mapping/geometry/local_origin.h"
 
 namespace acmp {
 namespace {
@@ -31,12 +32,20 @@ double ReachOf(const PointCloud& points) {
   return reach;
 }
 
-/// Throws unless a keyframe's points are within the distance from the origin.
-void CheckDistance(const RigidTransform& world_from_cam, double reach, double max_distance) {
+/// Throws unless a keyframe's points are within kMaxMapVoxels of the map's origin, and near enough to the world's.
+/// @param voxel_size 0: not known, any distance is right
+void CheckDistance(const RigidTransform& world_from_cam, double reach, const Eigen::Vector3d& origin,
+                   double voxel_size) {
+  if (voxel_size == 0) return;
   const Eigen::Vector3d& position = world_from_cam.translation();
-  if (position.norm() + reach <= max_distance) return;
-  throw InvalidInputError(Concat("position (", position.x(), ", ", position.y(), ", ", position.z(), "), points up to ",
-                                 reach, " away: must lie within ", max_distance, " of the origin (2^30 voxels)"));
+  const auto check = [&](double distance, const char* from, double max_voxels) {
+    if (distance <= max_voxels * voxel_size) return;
+    throw InvalidInputError(Concat("position (", position.x(), ", ", position.y(), ", ", position.z(),
+                                   "), points up to ", reach, " away: must lie within ", max_voxels * voxel_size,
+                                   " of ", from, " (", max_voxels, " voxels of ", voxel_size, ")"));
+  };
+  check(position.norm() + reach, "the world's origin", kMaxOriginVoxels);
+  check((position - origin).norm() + reach, "the map's first keyframe", kMaxMapVoxels);
 }
 
 CorrectedPose MakePose(const KeyframePose& pose, double reach) {
@@ -62,27 +71,40 @@ void Validate(const MapStoreOptions& options) {
 
 MapStore::MapStore(const MapStoreOptions& options) : options_(options) { Validate(options); }
 
-std::shared_ptr<const PointCloud> MapStore::Thinned(const PointCloud& points) {
-  if (points.empty()) return std::make_shared<const PointCloud>();
-  double voxel_size = 0;
+MapStore::ThinnedPoints MapStore::Thinned(const PointCloud& points) const {
+  ThinnedPoints thinned;
   {
     std::lock_guard<std::mutex> lock(mutex_);
-    voxel_size = VoxelSize();
+    thinned.voxel_size = VoxelSize();
   }
-  const bool chooses = voxel_size == 0;
-  if (chooses) {
+  if (points.empty()) {
+    thinned.points = std::make_shared<const PointCloud>();
+    return thinned;
+  }
+  if (thinned.voxel_size == 0) {
     const double depth = MedianDepth(points);
     if (!(depth > 0)) throw InvalidInputError(Concat("median depth of the points = ", depth, ": must be > 0"));
-    voxel_size = kAutoVoxelRatio * depth;
+    thinned.voxel_size = kAutoVoxelRatio * depth;
   }
-  auto thinned = std::make_shared<const PointCloud>(VoxelFilter(points, static_cast<float>(voxel_size)));
-  std::lock_guard<std::mutex> lock(mutex_);
-  if (chooses) auto_voxel_size_ = voxel_size;  // not before: points that are refused tell nothing about the scene
+  thinned.points = std::make_shared<const PointCloud>(VoxelFilter(points, static_cast<float>(thinned.voxel_size)));
+  thinned.reach = ReachOf(*thinned.points);
   return thinned;
 }
 
 double MapStore::MaxDistance() const {
   return VoxelSize() > 0 ? kMaxMapVoxels * VoxelSize() : std::numeric_limits<double>::infinity();
+}
+
+Eigen::Vector3d MapStore::Origin(double voxel_size, const RigidTransform& world_from_cam) const {
+  const auto first = Oldest();
+  const RigidTransform& place = first == keyframes_.end() ? world_from_cam : first->second.pose.world_from_cam;
+  return voxel_size == 0 ? Eigen::Vector3d::Zero()
+                         : LocalOrigin(place.translation(), kNearVoxels * voxel_size, kOriginStepVoxels * voxel_size);
+}
+
+MapStore::Keyframes::const_iterator MapStore::Oldest() const {
+  return std::min_element(keyframes_.begin(), keyframes_.end(),
+                          [](const auto& a, const auto& b) { return a.second.arrival < b.second.arrival; });
 }
 
 bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const PointCloud& points_in_camera) {
@@ -91,16 +113,17 @@ bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const Point
     if (keyframes_.count(key) > 0) return false;
     StartRun(key.mapper, key.run);  // first: what it evicts may have chosen the voxel size
   }
-  std::shared_ptr<const PointCloud> thinned = Thinned(points_in_camera);
-  const double reach = ReachOf(*thinned);
+  ThinnedPoints thinned = Thinned(points_in_camera);
   std::lock_guard<std::mutex> lock(mutex_);
-  CheckDistance(pose.world_from_cam, reach, MaxDistance());
+  CheckDistance(pose.world_from_cam, thinned.reach, Origin(thinned.voxel_size, pose.world_from_cam),
+                thinned.voxel_size);
+  auto_voxel_size_ = thinned.voxel_size;  // not before: what is refused tells nothing about the scene
   Keyframe keyframe;
   keyframe.arrival = arrivals_++;
-  keyframe.pose = MakePose(pose, reach);
+  keyframe.pose = MakePose(pose, thinned.reach);
   keyframe.as_sent = pose;
-  statistics_.points += thinned->size();
-  keyframe.points_in_camera = std::move(thinned);
+  statistics_.points += thinned.points->size();
+  keyframe.points_in_camera = std::move(thinned.points);
   keyframes_.insert_or_assign(key, std::move(keyframe));
   ApplyPath();
   Evict();
@@ -128,8 +151,7 @@ bool MapStore::Replace(const KeyframeKey& key, const KeyframePose& pose, const P
       return false;
     }
   }
-  std::shared_ptr<const PointCloud> thinned = Thinned(points_in_camera);
-  const double reach = ReachOf(*thinned);
+  ThinnedPoints thinned = Thinned(points_in_camera);
   std::lock_guard<std::mutex> lock(mutex_);
   const auto keyframe = keyframes_.find(key);
   if (keyframe == keyframes_.end()) {
@@ -137,14 +159,16 @@ bool MapStore::Replace(const KeyframeKey& key, const KeyframePose& pose, const P
     return false;
   }
   CorrectedPose& corrected = keyframe->second.pose;
-  CheckDistance(corrected.world_from_cam, corrected.scale * reach, MaxDistance());
-  corrected.reach = reach;
+  CheckDistance(corrected.world_from_cam, corrected.scale * thinned.reach,
+                Origin(thinned.voxel_size, corrected.world_from_cam), thinned.voxel_size);
+  auto_voxel_size_ = thinned.voxel_size;
+  corrected.reach = thinned.reach;
   keyframe->second.as_sent.world_from_cam = pose.refined ? pose.world_from_cam : corrected.received;
   keyframe->second.as_sent.refined = pose.refined;
   std::shared_ptr<const PointCloud>& points = keyframe->second.points_in_camera;
-  statistics_.points += thinned->size();
+  statistics_.points += thinned.points->size();
   statistics_.points -= points->size();
-  points = std::move(thinned);
+  points = std::move(thinned.points);
   ++statistics_.replaced;
   ++version_;
   return true;
@@ -179,7 +203,7 @@ ReposeResult MapStore::ApplyPath() {
   std::stable_sort(trajectory.begin(), trajectory.end(),
                    [](const CorrectedPose* a, const CorrectedPose* b) { return a->stamp_ns < b->stamp_ns; });
   const PoseTolerance same = {kSamePoseVoxels * VoxelSize(), kSamePoseRad, kSamePoseRad};
-  ReposeResult result = acmp::Repose(path_, same, MaxDistance(), trajectory);
+  ReposeResult result = acmp::Repose(path_, same, {Origin(VoxelSize()), MaxDistance()}, trajectory);
   statistics_.path_poses = path_.size();
   statistics_.path_unmatched = result.unmatched;
   statistics_.path_too_far = result.too_far;
@@ -200,8 +224,7 @@ void MapStore::Evict() {
     });
   }
   while (keyframes_.size() > static_cast<size_t>(options_.max_keyframes)) {
-    Erase(std::min_element(keyframes_.begin(), keyframes_.end(),
-                           [](const auto& a, const auto& b) { return a.second.arrival < b.second.arrival; }));
+    Erase(Oldest());
     ++statistics_.evicted;
   }
 }
@@ -215,7 +238,7 @@ size_t MapStore::EraseIf(const Predicate& is_to_go) {
   return before - keyframes_.size();
 }
 
-MapStore::Keyframes::iterator MapStore::Erase(Keyframes::iterator keyframe) {
+MapStore::Keyframes::iterator MapStore::Erase(Keyframes::const_iterator keyframe) {
   statistics_.points -= keyframe->second.points_in_camera->size();
   ++version_;
   return keyframes_.erase(keyframe);
@@ -224,6 +247,7 @@ MapStore::Keyframes::iterator MapStore::Erase(Keyframes::iterator keyframe) {
 void MapStore::Clear() {
   std::lock_guard<std::mutex> lock(mutex_);
   keyframes_.clear();
+  runs_.clear();
   path_.clear();
   auto_voxel_size_ = 0;
   statistics_ = {};
@@ -248,14 +272,17 @@ void MapStore::CheckCanJoin(const MapSession& session) const {
 
 void MapStore::Join(MapSession session, const RigidTransform& world_from_session) {
   double voxel_size = options_.voxel_size;
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();
+  CheckRange("voxel_size", session.voxel_size, 0.0, 1e6);
   {
     std::lock_guard<std::mutex> lock(mutex_);
     CheckCanJoin(session);
     if (voxel_size == 0 && !keyframes_.empty()) voxel_size = auto_voxel_size_;
+    if (voxel_size == 0) voxel_size = session.voxel_size;
+    if (!session.keyframes.empty()) {
+      origin = Origin(voxel_size, world_from_session * session.keyframes.front().pose.world_from_cam);
+    }
   }
-  CheckRange("voxel_size", session.voxel_size, 0.0, 1e6);
-  if (voxel_size == 0) voxel_size = session.voxel_size;
-  const double max_distance = voxel_size > 0 ? kMaxMapVoxels * voxel_size : std::numeric_limits<double>::infinity();
   std::vector<std::pair<KeyframeKey, Keyframe>> joined;
   for (SessionKeyframe& keyframe : session.keyframes) {
     try {
@@ -268,7 +295,7 @@ void MapStore::Join(MapSession session, const RigidTransform& world_from_session
         keyframe.points_in_camera = std::move(thinned);
       }
       const double reach = ReachOf(*keyframe.points_in_camera);
-      CheckDistance(keyframe.pose.world_from_cam, reach, max_distance);
+      CheckDistance(keyframe.pose.world_from_cam, reach, origin, voxel_size);
       joined.emplace_back(keyframe.key, Keyframe{0, MakePose(keyframe.pose, reach), keyframe.pose, true,
                                                  std::move(keyframe.points_in_camera)});
     } catch (const InvalidInputError& error) {

@@ -4,10 +4,12 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <string>
 #include <system_error>
 #include <vector>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
@@ -27,8 +29,9 @@ std::string NoFolder(const fs::path& folder) { return Concat("there is no folder
 /// home: where a file may lie, for the example in place of ~
 void CheckName(const fs::path& path, const fs::path& home) {
   if (path.empty() || !path.has_filename()) RefusePath(path, "names no file");
-  if (path.native().find('\0') != std::string::npos) {  // what() would end there
-    throw InvalidInputError("path: must not contain a zero character");
+  const auto is_control = [](char c) { return static_cast<unsigned char>(c) < ' ' || c == 127; };
+  if (std::any_of(path.native().begin(), path.native().end(), is_control)) {  // which a log must not repeat
+    throw InvalidInputError("path: must not contain control characters");
   }
   const fs::path first = *path.begin();
   if (path == "~" || (first.native()[0] == '~' && path.has_parent_path())) {
@@ -37,56 +40,74 @@ void CheckName(const fs::path& path, const fs::path& home) {
   }
 }
 
-constexpr size_t kLineBytes = 200;  ///< of a point in a text file; numbers have 9 digits, so that a float32 reads back
+constexpr size_t kLineBytes = 200;  ///< of a point in a text file
 
-std::string PcdHeader(size_t points, const char* types, const char* data) {
+bool IsWide(const MapCloud& map) { return !map.origin.isZero(0); }
+
+std::string PcdHeader(const MapCloud& map, const char* types, const char* data) {
   std::string fields;
   for (const char* field : kPackedFields) fields += Concat(" ", field);
-  return Concat("# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS", fields,
-                "\nSIZE 4 4 4 4 4 4 4 4\nTYPE ", types, "\nCOUNT 1 1 1 1 1 1 1 1\nWIDTH ", points,
-                "\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS ", points, "\nDATA ", data, "\n");
+  return Concat("# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS", fields, "\nSIZE ",
+                IsWide(map) ? "8 8 8" : "4 4 4", " 4 4 4 4 4\nTYPE ", types, "\nCOUNT 1 1 1 1 1 1 1 1\nWIDTH ",
+                map.points.size(), "\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS ", map.points.size(), "\nDATA ", data,
+                "\n");
 }
 
 /// Colours are whole numbers here, as PCL writes them.
-void WriteAsciiPcd(const fs::path& path, const PointCloud& map) {
+void WriteAsciiPcd(const fs::path& path, const MapCloud& map) {
+  const ClassicLocale point;
   AtomicFile file(path, Durability::kPowerCut);
-  file.Write(PcdHeader(map.size(), "F F F U F F F F", "ascii"));
-  for (const SurfacePoint& p : map) {
+  file.Write(PcdHeader(map, "F F F U F F F F", "ascii"));
+  const int digits = TextDigits(map.origin);
+  for (const SurfacePoint& p : map.points) {
     const unsigned rgb = (unsigned{p.color.r} << 16) | (unsigned{p.color.g} << 8) | p.color.b;
+    const Eigen::Vector3d position = InWorld(map.origin, p.position);
     char line[kLineBytes];
-    const int length = std::snprintf(line, sizeof(line), "%.9g %.9g %.9g %u %.9g %.9g %.9g %.9g\n", p.position.x,
-                                     p.position.y, p.position.z, rgb, p.normal.x, p.normal.y, p.normal.z, p.confidence);
+    const int length =
+        std::snprintf(line, sizeof(line), "%.*g %.*g %.*g %u %.9g %.9g %.9g %.9g\n", digits, position.x(), digits,
+                      position.y(), digits, position.z(), rgb, p.normal.x, p.normal.y, p.normal.z, p.confidence);
     file.Write(line, static_cast<size_t>(length));
   }
   file.Commit();
 }
 
 /// Piece by piece: PCL's writer would need the whole map twice more in memory, and takes 4 GB at most.
-void WriteBinaryPcd(const fs::path& path, const PointCloud& map) {
+void WriteBinaryPcd(const fs::path& path, const MapCloud& map) {
   AtomicFile file(path, Durability::kPowerCut);
-  file.Write(PcdHeader(map.size(), "F F F F F F F F", "binary"));
-  constexpr size_t kPiece = 4096;
-  std::vector<uint8_t> bytes(kPiece * kPackedPointBytes);
-  for (size_t i = 0; i < map.size(); i += kPiece) {
-    const size_t count = std::min(kPiece, map.size() - i);
-    PackPoints(map.data() + i, count, bytes.data());
-    file.Write(bytes.data(), count * kPackedPointBytes);
+  file.Write(PcdHeader(map, "F F F F F F F F", "binary"));
+  constexpr size_t kPiece = 4096, kFloatPosition = 3 * sizeof(float), kDoublePosition = 3 * sizeof(double);
+  constexpr size_t kRest = kPackedPointBytes - kFloatPosition;
+  std::vector<uint8_t> bytes(kPiece * kPackedPointBytes), wide(IsWide(map) ? kDoublePosition + kRest : 0);
+  for (size_t i = 0; i < map.points.size(); i += kPiece) {
+    const size_t count = std::min(kPiece, map.points.size() - i);
+    PackPoints(map.points.data() + i, count, bytes.data());
+    if (!IsWide(map)) file.Write(bytes.data(), count * kPackedPointBytes);
+    for (size_t k = 0; IsWide(map) && k < count; ++k) {
+      const Eigen::Vector3d position = InWorld(map.origin, map.points[i + k].position);
+      std::memcpy(wide.data(), position.data(), kDoublePosition);
+      std::memcpy(wide.data() + kDoublePosition, bytes.data() + k * kPackedPointBytes + kFloatPosition, kRest);
+      file.Write(wide.data(), wide.size());
+    }
   }
   file.Commit();
 }
 
 /// The properties of WritePly.
-void WriteAsciiPly(const fs::path& path, const PointCloud& map) {
+void WriteAsciiPly(const fs::path& path, const MapCloud& map) {
+  const ClassicLocale point;
   AtomicFile file(path, Durability::kPowerCut);
-  file.Write(Concat("ply\nformat ascii 1.0\nelement vertex ", map.size(),
-                    "\nproperty float x\nproperty float y\nproperty float z\nproperty float nx\nproperty float ny\n"
-                    "property float nz\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
-                    "property float confidence\nend_header\n"));
-  for (const SurfacePoint& p : map) {
+  const char* type = IsWide(map) ? "double" : "float";
+  file.Write(Concat("ply\nformat ascii 1.0\nelement vertex ", map.points.size(), "\nproperty ", type, " x\nproperty ",
+                    type, " y\nproperty ", type,
+                    " z\nproperty float nx\nproperty float ny\nproperty float nz\nproperty uchar red\n"
+                    "property uchar green\nproperty uchar blue\nproperty float confidence\nend_header\n"));
+  const int digits = TextDigits(map.origin);
+  for (const SurfacePoint& p : map.points) {
+    const Eigen::Vector3d position = InWorld(map.origin, p.position);
     char line[kLineBytes];
-    const int length =
-        std::snprintf(line, sizeof(line), "%.9g %.9g %.9g %.9g %.9g %.9g %d %d %d %.9g\n", p.position.x, p.position.y,
-                      p.position.z, p.normal.x, p.normal.y, p.normal.z, p.color.r, p.color.g, p.color.b, p.confidence);
+    const int length = std::snprintf(line, sizeof(line), "%.*g %.*g %.*g %.9g %.9g %.9g %d %d %d %.9g\n", digits,
+                                     position.x(), digits, position.y(), digits, position.z(), p.normal.x, p.normal.y,
+                                     p.normal.z, p.color.r, p.color.g, p.color.b, p.confidence);
     file.Write(line, static_cast<size_t>(length));
   }
   file.Commit();
@@ -94,17 +115,22 @@ void WriteAsciiPly(const fs::path& path, const PointCloud& map) {
 
 }  // namespace
 
-fs::path MapPathBelow(const fs::path& folder, const fs::path& path) {
+fs::path MapPathBelow(const fs::path& folder, const fs::path& path, const std::string& ending) {
   std::error_code error;
   const fs::path top = fs::canonical(folder, error);
   if (error) throw InvalidInputError(Concat("save_folder = \"", folder.string(), "\": ", error.message()));
   CheckName(path, top);
-  const fs::path parent = fs::canonical((top / path).parent_path(), error);
-  if (error) RefusePath(path, NoFolder((top / path).parent_path()));
-  if (std::mismatch(top.begin(), top.end(), parent.begin(), parent.end()).first != top.end()) {
+  const fs::path whole = fs::weakly_canonical((top / path).parent_path(), error) / path.filename();
+  const auto [end_of_top, below] = std::mismatch(top.begin(), top.end(), whole.begin(), whole.end());
+  if (error || end_of_top != top.end()) {
     RefusePath(path, Concat("must lie below ", top.string(), ", the parameter save_folder of the map server"));
   }
-  return parent / path.filename();
+  if (std::any_of(below, whole.end(), [](const fs::path& name) { return name.native()[0] == '.'; })) {
+    RefusePath(path, "no name may begin with a dot");
+  }
+  if (path.extension() != ending) RefusePath(path, Concat("must end in ", ending));
+  if (!fs::is_directory(whole.parent_path(), error)) RefusePath(path, NoFolder(whole.parent_path()));
+  return whole;
 }
 
 void CheckMapPath(const fs::path& path) {
@@ -115,16 +141,16 @@ void CheckMapPath(const fs::path& path) {
   if (fs::is_directory(path)) RefusePath(path, "is a folder");
 }
 
-void WriteMap(const fs::path& path, const PointCloud& map, MapFormat format, bool binary) {
-  if (map.empty()) throw InvalidInputError("the map is empty: nothing was written");
+void WriteMap(const fs::path& path, const MapCloud& map, MapFormat format, bool binary) {
+  if (map.points.empty()) throw InvalidInputError("the map is empty: nothing was written");
   CheckMapPath(path);
-  if (format == MapFormat::kPly) return binary ? WritePly(path, map) : WriteAsciiPly(path, map);
+  if (format == MapFormat::kPly) return binary ? WritePly(path, map.points, map.origin) : WriteAsciiPly(path, map);
   return binary ? WriteBinaryPcd(path, map) : WriteAsciiPcd(path, map);
 }
 
-void WriteMap(const fs::path& path, const TriangleMesh& map, MeshFormat format) {
+void WriteMap(const fs::path& path, const MapMesh& map, MeshFormat format) {
   CheckMapPath(path);
-  WriteMesh(path, map, format);
+  WriteMesh(path, map.mesh, format, map.origin);
 }
 
 }  // namespace acmp

@@ -5,8 +5,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <sstream>
+#include <utility>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/output_file.h"
@@ -15,26 +15,13 @@ namespace acmp {
 namespace {
 
 constexpr double kMaxVoxelsFromOrigin = 32000;  ///< OctoMap's keys have 16 bits
+// What things take in memory, with what malloc adds.
+constexpr size_t kNodeBytes = 64;      ///< of the tree; 32 for a leaf, 112 for others
+constexpr size_t kRayVoxelBytes = 48;  ///< of a keyframe, while it is inserted
+constexpr size_t kCellBytes = 16;      ///< of a slice, with the message that it becomes
 
 octomap::point3d ToPoint(const Eigen::Vector3d& p) {
   return {static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z())};
-}
-
-/// Ends of the keyframe's rays in the world.
-octomap::Pointcloud RayEnds(const PlacedKeyframe& keyframe, double max_coordinate) {
-  octomap::Pointcloud ends;
-  ends.reserve(keyframe.points_in_camera->size());
-  for (const SurfacePoint& point : *keyframe.points_in_camera) {
-    if (point.confidence < kMinOccupancyConfidence) continue;
-    const Vec3f& p = point.position;
-    const Eigen::Vector3d end = keyframe.world_from_cam * (keyframe.scale * Eigen::Vector3d(p.x, p.y, p.z));
-    if (!(end.cwiseAbs().maxCoeff() < max_coordinate)) {
-      throw InvalidInputError(Concat("a point at (", end.x(), ", ", end.y(), ", ", end.z(), "): must be within ",
-                                     max_coordinate, " of the origin; the voxel size must be larger"));
-    }
-    ends.push_back(ToPoint(end));
-  }
-  return ends;
 }
 
 Occupancy OccupancyOf(const octomap::OcTree& tree, const octomap::OcTreeNode* node) {
@@ -46,22 +33,17 @@ Occupancy OccupancyOf(const octomap::OcTree& tree, const octomap::OcTreeNode* no
 
 struct OccupancyMap::Tree : octomap::OcTree {
   using OcTree::OcTree;
+};
 
-  Occupancy ColumnAt(octomap::OcTreeKey key, octomap::key_type last) const {
-    bool all_free = true;
-    for (int z = key[2]; z <= last; ++z) {
-      key[2] = static_cast<octomap::key_type>(z);
-      const Occupancy voxel = OccupancyOf(*this, search(key));
-      if (voxel == Occupancy::kOccupied) return voxel;
-      all_free = all_free && voxel == Occupancy::kFree;
-    }
-    return all_free ? Occupancy::kFree : Occupancy::kUnknown;
-  }
+struct OccupancyMap::Rays {
+  octomap::Pointcloud ends;  ///< in the world
+  size_t voxels = 0;         ///< that they go through, all together
 };
 
 bool CanMapOccupancy() { return true; }
 
-OccupancyMap::OccupancyMap(double resolution) : resolution_(resolution) {
+OccupancyMap::OccupancyMap(double resolution, OccupancyLimits limits)
+    : resolution_(resolution), limits_(std::move(limits)) {
   if (!(resolution > 0 && std::isfinite(resolution))) {
     throw InvalidInputError(Concat("occupancy: resolution = ", resolution, ": must be > 0 and finite"));
   }
@@ -70,17 +52,53 @@ OccupancyMap::OccupancyMap(double resolution) : resolution_(resolution) {
 
 OccupancyMap::~OccupancyMap() = default;
 
-void OccupancyMap::Insert(const PlacedKeyframe& keyframe) {
+std::optional<OccupancyMap::Rays> OccupancyMap::FindRays(const PlacedKeyframe& keyframe) const {
   const double max_coordinate = kMaxVoxelsFromOrigin * resolution_;
   const Eigen::Vector3d& camera = keyframe.world_from_cam.translation();
-  if (!(camera.cwiseAbs().maxCoeff() < max_coordinate)) {
-    throw InvalidInputError(Concat("a camera at (", camera.x(), ", ", camera.y(), ", ", camera.z(),
-                                   "): must be within ", max_coordinate, " of the origin"));
+  if (!(camera.cwiseAbs().maxCoeff() < max_coordinate)) return std::nullopt;
+  const octomap::OcTreeKey from = tree_->coordToKey(ToPoint(camera));
+  Rays rays;
+  octomap::KeySet ends;
+  for (const SurfacePoint& point : *keyframe.points_in_camera) {
+    if (point.confidence < kMinOccupancyConfidence) continue;
+    const Vec3f& p = point.position;
+    const Eigen::Vector3d end = keyframe.world_from_cam * (keyframe.scale * Eigen::Vector3d(p.x, p.y, p.z));
+    if (!(end.cwiseAbs().maxCoeff() < max_coordinate)) return std::nullopt;
+    const octomap::OcTreeKey key = tree_->coordToKey(ToPoint(end));
+    if (!ends.insert(key).second) continue;
+    rays.ends.push_back(tree_->keyToCoord(key));
+    for (unsigned i = 0; i < 3; ++i) rays.voxels += static_cast<size_t>(std::abs(int{key[i]} - int{from[i]}));
   }
-  const octomap::Pointcloud ends = RayEnds(keyframe, max_coordinate);
+  return rays;
+}
+
+bool OccupancyMap::CanInsert(const std::vector<PlacedKeyframe>& keyframes) const {
+  const size_t max_of_one = limits_.max_bytes / 4 / kRayVoxelBytes;
+  size_t voxels = 0;
+  for (const PlacedKeyframe& keyframe : keyframes) {
+    limits_.check();
+    const std::optional<Rays> rays = FindRays(keyframe);
+    if (!rays || rays->voxels > max_of_one) return false;
+    voxels += rays->voxels;
+    if (voxels > limits_.max_ray_voxels) return false;
+  }
+  return true;
+}
+
+bool OccupancyMap::Insert(const std::vector<PlacedKeyframe>& keyframes) {
+  if (!CanInsert(keyframes)) return false;
   constexpr double kNoLimit = -1;
-  const bool inner_nodes_later = true, one_ray_per_voxel = true;
-  tree_->insertPointCloud(ends, ToPoint(camera), kNoLimit, inner_nodes_later, one_ray_per_voxel);
+  const bool inner_nodes_later = true, one_ray_per_voxel = false;  // there is but one already
+  for (const PlacedKeyframe& keyframe : keyframes) {
+    limits_.check();
+    tree_->insertPointCloud(FindRays(keyframe)->ends, ToPoint(keyframe.world_from_cam.translation()), kNoLimit,
+                            inner_nodes_later, one_ray_per_voxel);
+    if (tree_->size() > limits_.max_bytes / 4 * 3 / kNodeBytes) return false;
+  }
+  if (tree_->size() == 0) return true;
+  double size[3];
+  tree_->getMetricSize(size[0], size[1], size[2]);
+  return size[0] / resolution_ * (size[1] / resolution_) <= static_cast<double>(limits_.max_bytes / kCellBytes);
 }
 
 Occupancy OccupancyMap::At(const Eigen::Vector3d& point_in_world) const {
@@ -110,14 +128,17 @@ OccupancySlice OccupancyMap::Slice(double min_height, double max_height) const {
   slice.origin_y = first.y() - half;
   slice.width = last[0] - key[0] + 1;
   slice.height = last[1] - key[1] + 1;
-  slice.cells.reserve(static_cast<size_t>(slice.width) * static_cast<size_t>(slice.height));
-  const octomap::key_type left = key[0];
-  for (int y = key[1]; y <= last[1]; ++y) {
-    key[1] = static_cast<octomap::key_type>(y);
-    for (int x = left; x <= last[0]; ++x) {
-      key[0] = static_cast<octomap::key_type>(x);
-      slice.cells.push_back(tree_->ColumnAt(key, std::max(last[2], key[2])));
-    }
+  const octomap::OcTreeKey top_key(last[0], last[1], std::max(last[2], key[2]));
+  const int column = top_key[2] - key[2] + 1;
+  slice.cells.assign(static_cast<size_t>(slice.width) * static_cast<size_t>(slice.height), Occupancy::kUnknown);
+  std::vector<uint16_t> free(slice.cells.size(), 0);  // of each column
+  // All leaves are single voxels: nothing has been pruned.
+  for (auto leaf = tree_->begin_leafs_bbx(key, top_key), end = tree_->end_leafs_bbx(); leaf != end; ++leaf) {
+    const octomap::OcTreeKey at = leaf.getKey();
+    const size_t cell = static_cast<size_t>(at[1] - key[1]) * static_cast<size_t>(slice.width) + at[0] - key[0];
+    const Occupancy voxel = OccupancyOf(*tree_, &*leaf);
+    if (voxel == Occupancy::kOccupied) slice.cells[cell] = voxel;
+    if (voxel == Occupancy::kFree && ++free[cell] == column) slice.cells[cell] = voxel;
   }
   return slice;
 }
@@ -126,7 +147,8 @@ void OccupancyMap::Write(const std::filesystem::path& path) const {
   if (tree_->size() == 0) throw InvalidInputError("the map is empty: nothing was written");
   octomap::OcTree whole(*tree_);  // the format has one bit pair per node: as many nodes as possible become one
   whole.updateInnerOccupancy();
-  std::ostringstream bytes;
+  constexpr int kDigits = 6;
+  std::ostringstream bytes = MakeTextFile(kDigits);
   if (!whole.writeBinary(bytes)) throw ProcessingError("cannot make OctoMap's format");
   WriteFileAtomically(path, bytes.str(), Durability::kPowerCut);
 }

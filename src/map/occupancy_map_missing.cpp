@@ -2,15 +2,21 @@
 
 #include "acmp_mapping/map/occupancy_map.h"
 
+#include <utility>
+
 namespace acmp {
 
 struct OccupancyMap::Tree {};
+struct OccupancyMap::Rays {};
 
 bool CanMapOccupancy() { return false; }
 
-OccupancyMap::OccupancyMap(double resolution) : resolution_(resolution) { CheckCanMapOccupancy(); }
+OccupancyMap::OccupancyMap(double resolution, OccupancyLimits limits)
+    : resolution_(resolution), limits_(std::move(limits)) {
+  CheckCanMapOccupancy();
+}
 OccupancyMap::~OccupancyMap() = default;
-void OccupancyMap::Insert(const PlacedKeyframe& /*keyframe*/) {}
+bool OccupancyMap::Insert(const std::vector<PlacedKeyframe>& /*keyframes*/) { return false; }
 Occupancy OccupancyMap::At(const Eigen::Vector3d& /*point_in_world*/) const { return Occupancy::kUnknown; }
 OccupancySlice OccupancyMap::Slice(double /*min_height*/, double /*max_height*/) const { return {}; }
 void OccupancyMap::Write(const std::filesystem::path& /*path*/) const {}

@@ -52,7 +52,7 @@ void Validate(const DenseMapperOptions& options) {
   Validate(options.depth_range);
   Validate(options.poses);
   const DepthRange& fallback = options.fallback_depth_range;
-  if (!(fallback.min == 0 && fallback.max == 0)) CheckDepthRange("fallback_depth_range", fallback);
+  if (HasDepthRange(fallback)) CheckDepthRange("depth_min and depth_max", fallback);
   CheckRange("window_size", options.window_size, 2, kMaxWindowSize);
   CheckRange("lookahead", options.lookahead, 0, options.window_size - 1);
   CheckRange("min_source_views", options.min_source_views, 1,
@@ -75,11 +75,17 @@ struct DenseMapper::Impl {
     outputs.SubmitDrop({keyframe->frame->id, failure.reason, failure.message}, keyframe);
   }
 
+  std::string DescribeLandmarks(size_t count) const {
+    if (count == 0) return "no sparse points tell its depth range";
+    return Concat("of its ", count, " sparse points fewer than ", options.depth_range.min_landmarks,
+                  " are usable and in view");
+  }
+
   std::optional<DepthRange> FindDepthRange(const Frame& frame) {
     if (const auto range = DepthRangeFromLandmarks(frame.landmarks_in_world, frame.camera, frame.cam_from_world,
                                                    options.depth_range)) {
       last_range = range;
-    } else if (!last_range && options.fallback_depth_range.max > 0) {
+    } else if (!last_range && HasDepthRange(options.fallback_depth_range)) {
       return options.fallback_depth_range;
     }
     return last_range;
@@ -111,10 +117,8 @@ struct DenseMapper::Impl {
       keyframe->state = State::kFinished;
     } else if (!range) {
       Drop(keyframe, {"no_depth_range",
-                      Concat("keyframe ", id, ": of its ", keyframe->frame->landmarks_in_world.size(),
-                             " landmarks fewer than ", options.depth_range.min_landmarks,
-                             " are usable and in view, no earlier keyframe had a depth range, and no fallback range is "
-                             "set")});
+                      Concat("keyframe ", id, ": ", DescribeLandmarks(keyframe->frame->landmarks_in_world.size()),
+                             ", and no earlier keyframe had a depth range: set depth_min and depth_max")});
     }
     return true;
   }
@@ -151,20 +155,24 @@ struct DenseMapper::Impl {
   void HeedContradiction() {
     const double limit = (contradicted ? 0.5 : 1.0) * options.pipeline.fusion.max_relative_depth;
     const bool was_contradicted = std::exchange(contradicted, poses.checks().contradiction.value_or(0) > limit);
-    if (contradicted == was_contradicted) return;
-    if (contradicted) {
-      for (size_t later = std::min(kContradictionImages, window.size()); later-- > 0;) {
-        const WindowKeyframePtr& keyframe = window.WithLater(later);
-        if (keyframe->is_withdrawn || !keyframe->refined_score) continue;
-        keyframe->is_withdrawn = true;
-        outputs.SubmitWithdrawal(keyframe, DescribeContradiction());
-      }
-      return;
+    if (!contradicted) return BringBack();
+    if (was_contradicted) return;
+    for (size_t later = std::min(kContradictionImages, window.size()); later-- > 0;) {
+      const WindowKeyframePtr& keyframe = window.WithLater(later);
+      if (keyframe->is_withdrawn || !keyframe->refined_score) continue;
+      keyframe->is_withdrawn = true;
+      outputs.SubmitWithdrawal(keyframe, DescribeContradiction());
     }
+  }
+
+  /// Maps of keyframes that have been withdrawn. Where that fails they stay so, and it is tried again with the next
+  /// keyframe.
+  void BringBack() {
     for (const WindowKeyframePtr& keyframe : window) {
-      if (!std::exchange(keyframe->is_withdrawn, false) || !outputs.WantsRefinedAgain(*keyframe)) continue;
+      if (!keyframe->is_withdrawn) continue;
       const SourceViews sources = window.SelectSources(*keyframe);
-      if (!sources.keyframes.empty()) RefineAgain(keyframe, sources, true);
+      const bool wanted = outputs.WantsRefinedAgain(*keyframe) && !sources.keyframes.empty();
+      keyframe->is_withdrawn = wanted && !RefineAgain(keyframe, sources, true);
     }
   }
 
@@ -198,6 +206,14 @@ struct DenseMapper::Impl {
     if (!sources.keyframes.empty()) estimator.Initialise(keyframe.get(), sources);
   }
 
+  /// The same of source views. Where it fails for one, that is told, and its old estimate is read: it is not the fault
+  /// of the keyframe that reads it.
+  void BringUpToDate(const SourceViews& sources) {
+    for (const WindowKeyframePtr& source : sources.keyframes) {
+      TryAgain(*source, [&] { BringUpToDate(source); });
+    }
+  }
+
   /// All steps of a refinement of one keyframe. What it throws leaves the keyframe as it was.
   FinishedEstimate TakeAllSteps(const WindowKeyframePtr& keyframe, const SourceViews& sources,
                                 const EngineEstimatePtr& start) {
@@ -214,7 +230,7 @@ struct DenseMapper::Impl {
     FinishedEstimate estimate;
     const auto failure = CatchFailure([&] {
       BringUpToDate(keyframe);
-      for (const WindowKeyframePtr& source : sources.keyframes) BringUpToDate(source);
+      BringUpToDate(sources);
       estimate = TakeAllSteps(keyframe, sources, keyframe->initial);
     });
     if (failure) return Drop(keyframe, *failure);
@@ -247,10 +263,10 @@ struct DenseMapper::Impl {
     outputs.SubmitRefinedAgain(std::move(estimate), options.pipeline.fusion);
   }
 
-  void RefineAgain(const WindowKeyframePtr& keyframe, const SourceViews& sources, bool from_initial) {
-    TryAgain(*keyframe, [&] {
+  bool RefineAgain(const WindowKeyframePtr& keyframe, const SourceViews& sources, bool from_initial) {
+    return TryAgain(*keyframe, [&] {
       if (from_initial) InitialiseAgain(keyframe, sources);
-      for (const WindowKeyframePtr& source : sources.keyframes) BringUpToDate(source);
+      BringUpToDate(sources);
       SubmitAgain(keyframe, TakeAllSteps(keyframe, sources, from_initial ? keyframe->initial : keyframe->refined),
                   !from_initial);
     });

@@ -5,6 +5,10 @@
 namespace acmp {
 namespace {
 
+bool IsInImage(const Eigen::Vector2d& pixel, const PinholeCamera& camera) {
+  return pixel.x() > -0.5 && pixel.y() > -0.5 && pixel.x() < camera.width - 0.5 && pixel.y() < camera.height - 0.5;
+}
+
 /// px, mean of nine points of the keyframe's image over the views that are still there.
 double MeanShift(const WindowKeyframe& keyframe, const std::vector<MatchedView>& views) {
   const PinholeCamera& camera = keyframe.frame->camera;
@@ -22,7 +26,10 @@ double MeanShift(const WindowKeyframe& keyframe, const std::vector<MatchedView>&
       const Eigen::Vector3d point = camera.Unproject(pixel, depth);
       const Eigen::Vector3d then = view.source_from_reference * point, now = source_from_reference * point;
       if (!(then.z() > 0 && now.z() > 0)) continue;
-      sum += (source_camera.Project(now) - source_camera.Project(then)).norm();
+      const Eigen::Vector2d pixel_then = source_camera.Project(then);
+      // Outside of the view nothing is matched, and perspective makes pixels large.
+      if (!IsInImage(pixel_then, source_camera)) continue;
+      sum += (source_camera.Project(now) - pixel_then).norm();
       ++count;
     }
   }

@@ -29,7 +29,7 @@ OptionTable<DenseMapperOptions> MakeWindowOptionTable() {
       PoseRefinementOptionTable().Find("refine_poses").description, [](auto& o) -> auto& { return o.poses.refine; });
   table.Add(
       Number("depth_min", 0, 1e9, "(unit of the poses)",
-             "Nearest depth to search where no sparse points tell; 0, with depth_max: none")
+             "Nearest depth to search where no sparse points tell, with depth_max; 0: none")
           .WhileRunning(),
       [](auto& o) -> auto& { return o.fallback_depth_range.min; });
   table.Add(

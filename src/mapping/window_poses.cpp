@@ -39,6 +39,7 @@ void WindowPoses::Finish(const KeyframeWindow& window) {
   const PoseRefinement refinement = found_.get();
   if (refinement.checks.contradiction) checks_.contradiction = refinement.checks.contradiction;
   checks_.stamp_offset_s = refinement.checks.stamp_offset_s;
+  checks_.distortion_px = refinement.checks.distortion_px;
   for (const RefinedPose& pose : refinement.poses) {
     const WindowKeyframePtr keyframe = window.Find(pose.id);
     if (!keyframe) continue;

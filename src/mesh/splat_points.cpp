@@ -1,5 +1,6 @@
 #include "acmp_mapping/mesh/splat_points.h"
 #include "acmp_mapping/common/median.h"
+#include "acmp_mapping/fusion/voxel_map.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -15,6 +16,7 @@ namespace {
 constexpr float kMaxTangent = 3.7f;   ///< of 75 degrees
 constexpr int kMaxSize = 4096;        ///< px
 constexpr double kHalfSquare = 0.75;  ///< spacings: squares overlap, so that there are no gaps between them
+constexpr double kMaxDrawn = 200;     ///< times that a pixel is drawn, on average; 2 to 20 of what cameras see
 
 bool IsInView(const Vec3f& p) { return p.z > 0 && std::max(std::abs(p.x), std::abs(p.y)) <= kMaxTangent * p.z; }
 
@@ -51,17 +53,33 @@ class Splatter {
         distances_(camera_.width, camera_.height, std::numeric_limits<float>::max()) {}
 
   void Draw(const SurfacePoint& point) {
-    const Eigen::Vector3d position(point.position.x, point.position.y, point.position.z);
-    const Eigen::Vector2d middle = camera_.Project(position);
-    const double reach = std::max(kHalfSquare, kHalfSquare * spacing_ * camera_.fx / position.z());
-    for (int row = First(middle.y(), reach, camera_.height); row <= Last(middle.y(), reach, camera_.height); ++row) {
-      for (int col = First(middle.x(), reach, camera_.width); col <= Last(middle.x(), reach, camera_.width); ++col) {
-        DrawPixel(point, static_cast<float>((Eigen::Vector2d(col, row) - middle).squaredNorm()), col, row);
+    const Square square = SquareOf(point);
+    for (int row = square.rows[0]; row <= square.rows[1]; ++row) {
+      for (int col = square.cols[0]; col <= square.cols[1]; ++col) {
+        DrawPixel(point, static_cast<float>((Eigen::Vector2d(col, row) - square.middle).squaredNorm()), col, row);
       }
     }
   }
 
+  /// Pixels that it is drawn over.
+  double Count(const SurfacePoint& point) const {
+    const Square square = SquareOf(point);
+    return std::max(0.0, 1.0 + square.rows[1] - square.rows[0]) * std::max(0.0, 1.0 + square.cols[1] - square.cols[0]);
+  }
+
  private:
+  struct Square {
+    Eigen::Vector2d middle;
+    int cols[2], rows[2];  ///< the first and the last
+  };
+  Square SquareOf(const SurfacePoint& point) const {
+    const Eigen::Vector3d position(point.position.x, point.position.y, point.position.z);
+    const Eigen::Vector2d middle = camera_.Project(position);
+    const double reach = std::max(kHalfSquare, kHalfSquare * spacing_ * camera_.fx / position.z());
+    return {middle,
+            {First(middle.x(), reach, camera_.width), Last(middle.x(), reach, camera_.width)},
+            {First(middle.y(), reach, camera_.height), Last(middle.y(), reach, camera_.height)}};
+  }
   static int First(double middle, double reach, int size) {
     return static_cast<int>(std::clamp<double>(std::ceil(middle - reach), 0, size));
   }
@@ -109,7 +127,13 @@ SurfaceMaps DrawInView(const PointCloud& points, const PosedCamera& camera, doub
   maps.confidence = ConfidenceMap(width, height);
   maps.color = ColorImage(width, height);
   Splatter splatter(spacing, &maps);
-  for (const SurfacePoint& point : points) splatter.Draw(point);
+  // Points that are not `spacing` apart, near the camera, would all be drawn over the whole image.
+  double pixels = 0;
+  for (const SurfacePoint& point : points) pixels += splatter.Count(point);
+  const bool is_dense = pixels > kMaxDrawn * static_cast<double>(maps.depth.size());
+  for (const SurfacePoint& point : is_dense ? VoxelFilter(points, static_cast<float>(spacing)) : points) {
+    splatter.Draw(point);
+  }
   return maps;
 }
 

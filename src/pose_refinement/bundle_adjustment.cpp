@@ -2,6 +2,7 @@
 
 #include <ceres/ceres.h>
 #include <glog/logging.h>
+#include <mutex>
 
 #include <algorithm>
 #include <array>
@@ -232,16 +233,27 @@ ViewPose FromParameters(const std::array<double, kPoseSize>& p) {
 
 Eigen::Vector3d ToVector(const CameraErrors& errors) { return {errors.k1, errors.k2, errors.readout}; }
 
-/// Ceres reports single steps that fail, which it then repeats shorter, through glog to stderr.
+/// Ceres reports single steps that fail, which it then repeats shorter, through glog to stderr. The level is the whole
+/// process's: the first of several mappers that adjust at once lowers it, the last one puts it back.
 class QuietLog {
  public:
-  QuietLog() : level_(FLAGS_minloglevel) { FLAGS_minloglevel = google::GLOG_ERROR; }
-  ~QuietLog() { FLAGS_minloglevel = level_; }
+  QuietLog() {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (users_++ > 0) return;
+    level_ = FLAGS_minloglevel;
+    FLAGS_minloglevel = google::GLOG_ERROR;
+  }
+  ~QuietLog() {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (--users_ == 0) FLAGS_minloglevel = level_;
+  }
   QuietLog(const QuietLog&) = delete;
   QuietLog& operator=(const QuietLog&) = delete;
 
  private:
-  int level_;
+  static inline std::mutex mutex_;  ///< of the next two
+  static inline int users_ = 0;
+  static inline int level_ = 0;
 };
 
 /// The problem in Ceres' terms; keeps what it points to.

@@ -24,6 +24,26 @@ int NumSightings(const Bundle& bundle, int first) {
   return sightings;
 }
 
+Eigen::Vector3d MeanCentre(const std::vector<ViewPose>& poses) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const ViewPose& pose : poses) sum += pose.centre;
+  return sum / static_cast<double>(poses.size());
+}
+
+/// Distance of the farthest centre from their mean.
+double Extent(const std::vector<ViewPose>& poses) {
+  const Eigen::Vector3d mean = MeanCentre(poses);
+  double extent = 0;
+  for (const ViewPose& pose : poses) extent = std::max(extent, (pose.centre - mean).norm());
+  return extent;
+}
+
+/// Whether a camera hardly moves. Then its positions tell nothing of the scale: that would be one noise over another.
+bool Stands(const std::vector<ViewPose>& received, double depth) {
+  constexpr double kStill = 0.01;  // of the depth: half of what maps may lie apart
+  return Extent(received) < kStill * depth;
+}
+
 }  // namespace
 
 std::optional<double> MeasureContradiction(const Bundle& bundle) {
@@ -35,15 +55,24 @@ std::optional<double> MeasureContradiction(const Bundle& bundle) {
     return std::vector<ViewPose>(poses.begin() + static_cast<std::ptrdiff_t>(first), poses.end());
   };
   const std::vector<ViewPose> received = last(bundle.received);
-  const Similarity received_from_refined = FitSimilarity(last(bundle.poses), received, views);
+  const double depth = TypicalDepth(bundle);
+  if (Stands(bundle.received, depth)) return std::nullopt;  // without a baseline landmarks have no depth
+  // Both stand: seen from one place landmarks have hardly a depth that distances could be compared with.
+  constexpr double kNoMove = 0.1;  // of the window's extent
+  if (Stands(received, depth) && Extent(last(bundle.poses)) < kNoMove * Extent(bundle.received)) return 0;
+  Similarity received_from_refined = FitSimilarity(last(bundle.poses), received, views);
+  if (Stands(received, depth)) {
+    received_from_refined.scale = 1;
+    received_from_refined.rigid.translation() =
+        MeanCentre(received) - received_from_refined.rigid.linear() * MeanCentre(last(bundle.poses));
+  }
   const std::vector<ViewPose> refined = Moved(received_from_refined, last(bundle.poses));
   std::vector<double> angles, distances;
   for (size_t i = 0; i < views; ++i) {
     angles.push_back(RotationVector(refined[i].rotation * received[i].rotation.conjugate()).norm());
     distances.push_back((refined[i].centre - received[i].centre).norm());
   }
-  return Median(std::move(angles)) +
-         Median(std::move(distances)) / (received_from_refined.scale * TypicalDepth(bundle));
+  return Median(std::move(angles)) + Median(std::move(distances)) / (received_from_refined.scale * depth);
 }
 
 }  // namespace acmp

@@ -22,8 +22,8 @@ Args:
   images: N arrays of uint8, each (height, width, 3) or, for grey, (height, width); of any sizes and strides.
       Undistorted.
   K: (3, 3) for all images or (N, 3, 3), [fx 0 cx; 0 fy cy; 0 0 1] in pixels of the images as they are given.
-  cam_from_world: (N, 4, 4) poses; or give
-  world_from_cam: (N, 4, 4), their inverses.
+  cam_from_world: (N, 4, 4) or (N, 3, 4) poses; or give
+  world_from_cam: their inverses, in the same form.
   depth_range: (near, far) to search, 0 < near < far, for all images; or for each of them such a pair or None. Where
       there is none it comes from `points`: [q02 / 2, 2 q98] of the depths in view, which must be 10 or more.
   points: sparse points in the world, (M, 3) for all images, or for each image an (M, 3) array of those that it
@@ -74,7 +74,7 @@ Attributes:
 constexpr const char* kCloudDoc = R"(M points of surfaces that several images agree on.
 
 Attributes:
-  points: (M, 3) float32, in the world.
+  points: (M, 3) float32, in the world; float64 where the world's coordinates are too large for float32 (UTM, geocentric).
   normals: (M, 3) float32, unit normals in the world.
   colors: (M, 3) uint8, RGB.
   confidence: (M,) float32, 0 to 1.)";

@@ -142,9 +142,10 @@ inline PinholeCamera ToCamera(const double* k, const ColorImage& image, const st
   return camera;
 }
 
-/// A 4 x 4 matrix, row by row.
-inline RigidTransform ToPose(const double* values, const std::string& name) {
-  const Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>> matrix(values);
+/// A 4 x 4 matrix, or its upper three rows, row by row.
+inline RigidTransform ToPose(const double* values, py::ssize_t rows, const std::string& name) {
+  Eigen::Matrix<double, 4, 4, Eigen::RowMajor> matrix = Eigen::Matrix4d::Identity();
+  std::copy_n(values, 4 * rows, matrix.data());
   if (matrix.row(3) != Eigen::RowVector4d(0, 0, 0, 1)) {
     throw InvalidInputError(Concat(name, ": last row ", matrix.row(3), ": must be 0 0 0 1"));
   }

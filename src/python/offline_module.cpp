@@ -5,9 +5,11 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <sstream>
 #include <utility>
 
+#include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/evaluation/cloud_metrics.h"
 #include "acmp_mapping/evaluation/depth_metrics.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
@@ -39,21 +41,32 @@ py::array ToNumpy(const Eigen::Matrix<double, kSize, kSize>& matrix) {
 
 /// Of the points in a cloud: (M, 3) arrays and one of (M,).
 struct Cloud {
-  explicit Cloud(const PointCloud& cloud)
-      : points({cloud.size(), size_t{3}}),
+  Cloud(const PointCloud& cloud, const Eigen::Vector3d& origin)
+      : points(origin.isZero(0) ? py::array(Positions<float>(cloud, origin)) : Positions<double>(cloud, origin)),
         normals({cloud.size(), size_t{3}}),
         colors({cloud.size(), size_t{3}}),
         confidence(static_cast<py::ssize_t>(cloud.size())) {
     for (size_t i = 0; i < cloud.size(); ++i) {
       const SurfacePoint& point = cloud[i];
-      std::copy_n(&point.position.x, 3, points.mutable_data() + 3 * i);
       std::copy_n(&point.normal.x, 3, normals.mutable_data() + 3 * i);
       std::copy_n(&point.color.r, 3, colors.mutable_data() + 3 * i);
       confidence.mutable_data()[i] = point.confidence;
     }
   }
 
-  py::array_t<float> points, normals;
+  template <class T>
+  static py::array_t<T> Positions(const PointCloud& cloud, const Eigen::Vector3d& origin) {
+    py::array_t<T> positions({cloud.size(), size_t{3}});
+    T* target = positions.mutable_data();
+    for (const SurfacePoint& point : cloud) {
+      const Eigen::Vector3d position = InWorld(origin, point.position);
+      target = std::transform(position.data(), position.data() + 3, target, [](double v) { return static_cast<T>(v); });
+    }
+    return positions;
+  }
+
+  py::array points;  ///< float64 where float32 would not hold them
+  py::array_t<float> normals;
   py::array_t<uint8_t> colors;
   py::array_t<float> confidence;
 };
@@ -109,9 +122,11 @@ void ReadPoses(const py::object& cam_from_world, const py::object& world_from_ca
   const char* name = inverse ? "world_from_cam" : "cam_from_world";
   const Doubles numbers = Numbers(inverse ? world_from_cam : cam_from_world, name);
   const auto count = static_cast<py::ssize_t>(images->size());
-  CheckShape(numbers, name, {count, 4, 4}, Concat("(", count, ", 4, 4) for ", count, " images"));
+  const py::ssize_t rows = numbers.ndim() == 3 && numbers.shape(1) == 3 ? 3 : 4;
+  CheckShape(numbers, name, {count, rows, 4},
+             Concat("(", count, ", 4, 4) or (", count, ", 3, 4) for ", count, " images"));
   for (size_t i = 0; i < images->size(); ++i) {
-    const RigidTransform pose = ToPose(numbers.data() + 16 * i, ElementName(name, i));
+    const RigidTransform pose = ToPose(numbers.data() + 4 * rows * i, rows, ElementName(name, i));
     (*images)[i].cam_from_world = inverse ? pose.inverse() : pose;
   }
 }
@@ -197,7 +212,7 @@ PythonReconstruction Run(std::vector<InputImage> images, const ReconstructOption
     result = ReconstructImages(
         std::move(images), options, [&] { return MakeDevices(options, &log); }, stop);
   });
-  PythonReconstruction reconstruction = {{}, Cloud(result.cloud), std::move(result.device)};
+  PythonReconstruction reconstruction = {{}, Cloud(result.cloud, result.origin), std::move(result.device)};
   WarnOf(result.warnings);
   for (size_t i = 0; i < names.size(); ++i) {
     reconstruction.images.push_back(ToPython(std::move(names[i]), poses[i], std::move(result.images[i])));
@@ -318,13 +333,24 @@ void DefineResults(py::module_* module) {
       .def_readonly("device", &PythonReconstruction::device);
 }
 
+/// The tool's words for arguments as Python's.
+std::string InPythonsWords(std::string message) {
+  const std::string option = "--depth-min and --depth-max";
+  const size_t at = message.find(option);
+  if (at != std::string::npos) message.replace(at, option.size(), "depth_range=, or points=");
+  return message;
+}
+
+/// A docstring from which inspect.signature and editors know the arguments.
+std::string WithSignature(const std::string& signature, const char* doc) { return signature + "\n--\n\n" + doc; }
+
 void Define(py::module_* module) {
   module->doc() = kModuleDoc;
   py::register_exception_translator([](std::exception_ptr thrown) {
     try {
       if (thrown) std::rethrow_exception(thrown);
     } catch (const InvalidInputError& error) {
-      PyErr_SetString(PyExc_ValueError, error.what());
+      PyErr_SetString(PyExc_ValueError, InPythonsWords(error.what()).c_str());
     } catch (const ProcessingError& error) {
       PyErr_SetString(PyExc_RuntimeError, error.what());
     }
@@ -332,17 +358,33 @@ void Define(py::module_* module) {
   DefineResults(module);
   using py::literals::operator""_a;
   const ReconstructOptions defaults;
-  module->def("reconstruct", &ReconstructArrays, kReconstructDoc, "images"_a, "K"_a, py::kw_only(),
+  py::options docstrings;
+  docstrings.disable_function_signatures();  // ours are those that Python can parse
+  const std::string reconstruct_doc = WithSignature(
+      Concat("reconstruct(images, K, *, cam_from_world=None, world_from_cam=None, depth_range=None, points=None, "
+             "masks=None, ranked_sources=None, names=None, color_order='rgb', preset='",
+             defaults.preset, "', options={}, source_views=", defaults.source_views, ", max_image_size=",
+             defaults.max_image_size, ", seed=", defaults.seed, ", device='", defaults.device, "')"),
+      kReconstructDoc);
+  module->def("reconstruct", &ReconstructArrays, reconstruct_doc.c_str(), "images"_a, "K"_a, py::kw_only(),
               "cam_from_world"_a = py::none(), "world_from_cam"_a = py::none(), "depth_range"_a = py::none(),
               "points"_a = py::none(), "masks"_a = py::none(), "ranked_sources"_a = py::none(), "names"_a = py::none(),
               "color_order"_a = "rgb", "preset"_a = defaults.preset, "options"_a = py::dict(),
               "source_views"_a = defaults.source_views, "max_image_size"_a = defaults.max_image_size,
               "seed"_a = defaults.seed, "device"_a = defaults.device);
-  module->def("read_scene", &ReadScene, kReadSceneDoc, "folder"_a, py::kw_only(), "format"_a = defaults.format,
+  const std::string read_scene_doc = WithSignature(Concat("read_scene(folder, *, format='", defaults.format,
+                                                          "', pixel_centers='", defaults.pixel_centers, "', masks='')"),
+                                                   kReadSceneDoc);
+  module->def("read_scene", &ReadScene, read_scene_doc.c_str(), "folder"_a, py::kw_only(), "format"_a = defaults.format,
               "pixel_centers"_a = defaults.pixel_centers, "masks"_a = "");
-  module->def("evaluate_depth", &EvaluateDepthMap, kEvaluateDepthDoc, "depth"_a, "truth"_a, "mask"_a = py::none());
-  module->def("evaluate_cloud", &EvaluatePoints, kEvaluateCloudDoc, "points"_a, "truth"_a,
-              "thresholds"_a = std::vector<double>{0.02, 0.05}, "voxel_size"_a = 0.01);
+  module->def("evaluate_depth", &EvaluateDepthMap,
+              WithSignature("evaluate_depth(depth, truth, mask=None)", kEvaluateDepthDoc).c_str(), "depth"_a, "truth"_a,
+              "mask"_a = py::none());
+  module->def(
+      "evaluate_cloud", &EvaluatePoints,
+      WithSignature("evaluate_cloud(points, truth, thresholds=[0.02, 0.05], voxel_size=0.01)", kEvaluateCloudDoc)
+          .c_str(),
+      "points"_a, "truth"_a, "thresholds"_a = std::vector<double>{0.02, 0.05}, "voxel_size"_a = 0.01);
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include <type_traits>
 
 #include "acmp_mapping/common/error.h"
+#include "view_outputs.h"
 #include "work_blocks.h"
 
 namespace acmp {
@@ -88,7 +89,8 @@ void FuseChunk(ReconstructRun* run, FrameStore* frames, int chunk, const std::ve
   int rank = 0;  // that of all earlier chunks
   for (const ImagePlan& image : run->plan.images) {
     if (!std::binary_search(images.begin(), images.end(), image.index)) continue;
-    const EngineProblem problem = run->store.Problem(image, run->store.final_step(), engine);
+    const EngineProblem problem =
+        InLocalCoordinates(run->store.Problem(image, run->store.final_step(), engine), run->plan.origin);
     run->interrupt.Check();
     WritePoints(run->folder, image.index,
                 engine.engine->FuseView(problem.reference, problem.sources, options, ++rank, stamps.get()));

@@ -65,10 +65,13 @@ Json ToJson(const std::map<int, int>& map) {
   return json;
 }
 
-std::string FormatChunk(const Scene& scene, const std::filesystem::path& root,
+std::string FormatChunk(const Scene& scene, const std::filesystem::path& root, const Eigen::Vector3d& origin,
                         const std::map<int, ChunkPlan::View>& views, const std::vector<const ImagePlan*>& images,
                         const std::map<int, int>& fused_before) {
-  Json chunk = {{"images", Json::array()}, {"views", Json::object()}, {"fused_before", ToJson(fused_before)}};
+  Json chunk = {{"images", Json::array()},
+                {"views", Json::object()},
+                {"origin", {origin.x(), origin.y(), origin.z()}},
+                {"fused_before", ToJson(fused_before)}};
   std::set<int> seen;
   for (const ImagePlan* image : images) {
     chunk["images"].push_back(ToJson(*image));
@@ -108,7 +111,7 @@ std::map<int, std::string> ChunkPlans::Format(const Scene& scene, const std::fil
       if (const auto last = last_chunk.find(index); last != last_chunk.end()) fused_before.insert(*last);
       last_chunk[index] = number;
     }
-    files[number] = FormatChunk(scene, scene_root, views, images, fused_before);
+    files[number] = FormatChunk(scene, scene_root, plan.origin, views, images, fused_before);
   }
   return files;
 }
@@ -129,6 +132,8 @@ ChunkPlan ChunkPlans::Read(int chunk) const {
                            image.at("sources").get<std::vector<int>>(),
                            plan.views.at(index).no_map});
   }
+  for (int axis = 0; axis < 3; ++axis)
+    plan.origin[axis] = json.at("origin").at(static_cast<size_t>(axis)).get<double>();
   for (const Json& pair : json.at("fused_before")) plan.fused_before[pair.at(0)] = pair.at(1);
   return plan;
 }

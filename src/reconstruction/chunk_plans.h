@@ -19,8 +19,9 @@ struct ChunkPlan {
     uint64_t geometry = 0;  ///< HashOfGeometry
   };
 
-  std::vector<ImagePlan> images;    ///< that take part
-  std::map<int, View> views;        ///< these images and all their source views, by scene index
+  std::vector<ImagePlan> images;                     ///< that take part
+  std::map<int, View> views;                         ///< these images and all their source views, by scene index
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();  ///< ReconstructPlan::origin
   std::map<int, int> fused_before;  ///< the last earlier chunk whose points use pixels of a view, by scene index
 };
 

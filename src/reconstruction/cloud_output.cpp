@@ -2,11 +2,11 @@
 
 namespace acmp {
 
-CloudOutput::CloudOutput(const ReconstructOptions& options, const OutputFolder* folder) {
+CloudOutput::CloudOutput(const ReconstructOptions& options, const OutputFolder* folder, const Eigen::Vector3d& origin) {
   if (options.tile_size) {
-    tiles_ = std::make_unique<TiledCloud>(folder, *options.tile_size, options.CloudBytes());
+    tiles_ = std::make_unique<TiledCloud>(folder, *options.tile_size, options.CloudBytes(), origin);
   } else {
-    file_ = std::make_unique<PlyFile>(folder->path() / "fused.ply");
+    file_ = std::make_unique<PlyFile>(folder->path() / "fused.ply", Durability::kPowerCut, origin);
   }
 }
 

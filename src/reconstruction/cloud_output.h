@@ -22,7 +22,8 @@ struct CloudSize {
 class CloudOutput {
  public:
   /// @param folder outlives this
-  CloudOutput(const ReconstructOptions& options, const OutputFolder* folder);
+  /// @param origin of the points' coordinates, which is added (WritePly)
+  CloudOutput(const ReconstructOptions& options, const OutputFolder* folder, const Eigen::Vector3d& origin);
 
   /// Whether places must be filled in their order, by one thread at a time; else by any threads at once.
   bool in_order() const { return tiles_ != nullptr; }

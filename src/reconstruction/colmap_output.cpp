@@ -4,6 +4,7 @@
 #include <map>
 
 #include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
@@ -39,14 +40,13 @@ bool SomeAreShared(const std::vector<ColmapModelPoint>& points) {
 
 /// Stand-ins for landmarks: some fused points of each image, seen by it and by those of its source views that they lie
 /// in. Hidden or not does not matter for the one use they have, to tell which images overlap.
-std::vector<ColmapModelPoint> PointsOf(const std::vector<PointCloud>& clouds,
+std::vector<ColmapModelPoint> PointsOf(const std::vector<PointCloud>& clouds, const Eigen::Vector3d& origin,
                                        const std::vector<ColmapModelImage>& images, const Places& sources) {
   std::vector<ColmapModelPoint> points;
   for (size_t i = 0; i < clouds.size(); ++i) {
     const size_t step = std::max<size_t>(1, clouds[i].size() / kPointsPerCloud);
     for (size_t k = 0; k < clouds[i].size(); k += step) {
-      const auto& p = clouds[i][k].position;
-      ColmapModelPoint point{{p.x, p.y, p.z}, clouds[i][k].color, {i}};
+      ColmapModelPoint point{InWorld(origin, clouds[i][k].position), clouds[i][k].color, {i}};
       for (size_t source : sources[i]) {
         if (DepthInView(point.position_in_world, images[source].camera, images[source].cam_from_world) > 0) {
           point.images.push_back(source);
@@ -113,7 +113,7 @@ void ColmapOutput::WriteModel(const std::vector<int>& images, const std::vector<
   const Places sources = SourcesWithin(images);
   std::vector<ColmapModelPoint> points = LandmarksOf(run_.scene, images);
   // COLMAP fuses only images that share points.
-  if (!SomeAreShared(points)) points = PointsOf(clouds, model, sources);
+  if (!SomeAreShared(points)) points = PointsOf(clouds, run_.plan.origin, model, sources);
   WriteColmapModel(folder_ / "sparse", model, points);
   std::vector<std::vector<std::string>> source_names(images.size());
   for (size_t i = 0; i < images.size(); ++i) {

@@ -26,7 +26,7 @@ class ColmapOutput {
 
   /// Cameras, poses, landmarks and the lists of images: last, since the online schedule decides late what gets a map.
   /// @param images with maps, by scene index
-  /// @param clouds of each of the images, world frame
+  /// @param clouds of each of the images, from the plan's origin
   void WriteModel(const std::vector<int>& images, const std::vector<PointCloud>& clouds) const;
 
  private:

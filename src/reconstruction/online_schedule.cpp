@@ -30,7 +30,9 @@ class OnlineSchedule {
       Timer timer;
       auto frame = std::make_shared<Frame>(LoadFrame(run_.scene, image.index, frame_options));
       // What a PointCloud2 carries is in float: with the same bits the nodelet's maps are the same.
+      for (Eigen::Vector3d& p : frame->landmarks_in_world) p -= run_.plan.origin;
       frame->landmarks_in_world = RoundedToFloat(frame->landmarks_in_world);
+      for (Eigen::Vector3d& p : frame->landmarks_in_world) p += run_.plan.origin;
       run_.times.reading_ms += timer.Lap();
       mapper_.AddKeyframe(std::move(frame));
       CheckOutcome();

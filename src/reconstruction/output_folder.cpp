@@ -11,6 +11,7 @@
 #include <cstring>
 #include <fstream>
 #include <map>
+#include <regex>
 #include <sstream>
 
 #include "acmp_mapping/common/error.h"
@@ -20,6 +21,7 @@ namespace acmp {
 namespace {
 
 constexpr const char* kRecordName = "run.txt";
+constexpr const char* kRecordTitle = "# settings of the run that made this folder\n";
 constexpr const char* kLockName = ".lock";
 constexpr const char* kListName = "files.txt";
 constexpr const char* kTemporarySuffix = ".partial";  // of AtomicFile
@@ -28,7 +30,7 @@ constexpr std::array<const char*, 9> kResults = {"depth",  "normal",    "cost", 
                                                  "colmap", "fused.ply", "tiles", "cameras.txt"};
 
 std::string Format(const RunRecord& record) {
-  std::string text = "# settings of the run that made this folder\n";
+  std::string text = kRecordTitle;
   for (const auto& [key, value] : record) text += Concat(key, " = ", value, "\n");
   return text;
 }
@@ -71,6 +73,18 @@ bool IsOurTrace(const std::string& name) {
   return name == kLockName || name == std::string(kRecordName) + kTemporarySuffix;
 }
 
+/// Whether a run writes files of that name into a folder of its results: 000012.pfm, 000012_depth.png, 3_-4_0.ply.
+bool IsOurResult(const std::filesystem::path& folder, std::string name) {
+  if (name == "index.json") return folder.filename() == "tiles";
+  const std::string suffix = kTemporarySuffix;
+  if (name.size() > suffix.size() && name.compare(name.size() - suffix.size(), suffix.size(), suffix) == 0) {
+    name.resize(name.size() - suffix.size());
+    if (name == "index.json") return folder.filename() == "tiles";
+  }
+  static const std::regex image("[0-9]{6}(_[a-z]+)?\\.(pfm|png|dmb)"), tile("-?[0-9]+_-?[0-9]+_-?[0-9]+\\.ply");
+  return std::regex_match(name, folder.filename() == "tiles" ? tile : image);
+}
+
 /// Name of an entry that a run did not make itself before it wrote its record; empty when there is none.
 std::string ForeignEntry(const std::filesystem::path& folder) {
   for (const auto& entry : std::filesystem::directory_iterator(folder)) {
@@ -84,6 +98,18 @@ void Remove(const std::filesystem::path& path) {
   std::error_code error;
   std::filesystem::remove_all(path, error);
   if (error) throw ProcessingError(Concat("cannot remove ", path.string(), ": ", error.message()));
+}
+
+/// A file, or of a folder what a run writes there: what others have put beside it stays.
+void RemoveResult(const std::filesystem::path& path) {
+  if (!std::filesystem::is_directory(std::filesystem::symlink_status(path)) || path.filename() == "colmap") {
+    return Remove(path);
+  }
+  for (const auto& entry : std::filesystem::directory_iterator(path)) {
+    if (IsOurResult(path, entry.path().filename().string())) Remove(entry.path());
+  }
+  std::error_code not_empty;
+  std::filesystem::remove(path, not_empty);
 }
 
 }  // namespace
@@ -108,7 +134,9 @@ OutputFolder::OutputFolder(const std::filesystem::path& path, const RunRecord& r
 
 OutputFolder::~OutputFolder() { close(lock_); }
 
-bool OutputFolder::Exists(const std::filesystem::path& path) { return std::filesystem::exists(path / kRecordName); }
+bool OutputFolder::Exists(const std::filesystem::path& path) {
+  return ReadText(path / kRecordName).rfind(kRecordTitle, 0) == 0;
+}
 
 std::string OutputFolder::Setting(const std::string& key) const {
   return ValueOf(Parse(ReadText(path_ / kRecordName)), key);
@@ -132,7 +160,8 @@ void OutputFolder::Lock(bool shared) {
 void OutputFolder::TakeOver(const RunRecord& record, bool overwrite, Use use) {
   const auto record_path = path_ / kRecordName;
   const std::string text = Format(record);
-  if (!std::filesystem::exists(record_path)) {
+  const bool is_ours = Exists(path_);
+  if (!is_ours) {
     const std::string foreign = ForeignEntry(path_);
     if (!foreign.empty()) {
       throw InvalidInputError(Concat(path_.string(), ": holds ", foreign,
@@ -185,6 +214,7 @@ std::string OutputFolder::Losses() const {
   std::getline(list, line);  // the comment
   while (std::getline(list, line)) {
     std::istringstream words(line);
+    words.imbue(std::locale::classic());
     uintmax_t listed = 0;
     std::string name;
     if (!(words >> listed) || words.get() != ' ' || !std::getline(words, name)) {
@@ -206,7 +236,7 @@ std::string OutputFolder::Losses() const {
 void OutputFolder::RemoveResults() const {
   // The summary first: a folder without it never counts as complete.
   Remove(SummaryFile());
-  for (const char* name : kResults) Remove(path_ / name);
+  for (const char* name : kResults) RemoveResult(path_ / name);
   for (const char* name : {kListName, kWorkName}) Remove(path_ / name);
 }
 

@@ -2,11 +2,14 @@
 
 #include <tbb/parallel_for.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <set>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/masks.h"
+#include "acmp_mapping/geometry/local_origin.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
 #include "input_hash.h"
 #include "source_candidates.h"
@@ -21,6 +24,16 @@ size_t CountLeftOut(const SceneImage& image, const std::set<int>& taking_part) {
 }
 
 Eigen::Vector3d CentreOf(const SceneImage& image) { return image.cam_from_world.inverse().translation(); }
+
+/// The middle of the cameras, where that is farther from the world's origin than some of their extents.
+Eigen::Vector3d OriginOf(const Scene& scene, const std::vector<int>& indices) {
+  constexpr double kNear = 16;  // extents: float32 loses 4 bits of 24 there
+  Eigen::AlignedBox3d box;
+  for (int index : indices) box.extend(CentreOf(scene.images[static_cast<size_t>(index)]));
+  const double extent = box.isEmpty() ? 0 : box.diagonal().norm();
+  if (!(extent > 0)) return Eigen::Vector3d::Zero();
+  return LocalOrigin(box.center(), kNear * extent, std::exp2(std::ceil(std::log2(extent))));
+}
 
 /// The dataset's own ranking without images that do not take part or stand at the same place.
 std::vector<int> SourcesOfDataset(const Scene& scene, const ImagePlan& plan, const std::set<int>& taking_part,
@@ -50,6 +63,12 @@ void CheckSize(const SceneImage& image, const PinholeCamera& matched, int levels
                                  "): must be at least ", least, " x ", least, " for start_level = ", levels));
 }
 
+std::string NoRange(const SceneImage& image) {
+  return Concat("no depth range: the dataset names none, and of its ", image.landmark_indices.size(),
+                " landmarks fewer than ", DepthRangeOptions().min_landmarks,
+                " are in view; give a depth range (--depth-min and --depth-max)");
+}
+
 }  // namespace
 
 std::optional<DepthRange> DatasetRange(const SceneImage& image) {
@@ -61,7 +80,7 @@ std::optional<DepthRange> DatasetRange(const SceneImage& image) {
   return DepthRange{image.depth_range->min / kMargin, image.depth_range->max * kMargin};
 }
 
-DepthRange FindDepthRange(const Scene& scene, int index, const ReconstructOptions& options) {
+std::optional<DepthRange> FindDepthRange(const Scene& scene, int index, const ReconstructOptions& options) {
   const SceneImage& image = scene.images[index];
   const bool given = options.depth_min && options.depth_max;
   std::optional<DepthRange> range = DatasetRange(image);
@@ -72,12 +91,7 @@ DepthRange FindDepthRange(const Scene& scene, int index, const ReconstructOption
     }
     range = DepthRangeFromLandmarks(landmarks, image.camera, image.cam_from_world, DepthRangeOptions());
   }
-  if (!range && !given) {
-    throw InvalidInputError(Concat("image ", image.name, ": no depth range: the dataset names none, and of its ",
-                                   image.landmark_indices.size(), " landmarks fewer than ",
-                                   DepthRangeOptions().min_landmarks,
-                                   " are in view; give a depth range (--depth-min and --depth-max)"));
-  }
+  if (!range && !given) return std::nullopt;
   DepthRange result = range.value_or(DepthRange());
   if (options.depth_min) result.min = static_cast<float>(*options.depth_min);
   if (options.depth_max) result.max = static_cast<float>(*options.depth_max);
@@ -109,13 +123,22 @@ void CheckSomeImageGetsAMap(const ReconstructPlan& plan, const Scene& scene) {
 }
 
 ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indices,
-                                const std::vector<DepthRange>& ranges, const ReconstructOptions& options) {
+                                const std::vector<std::optional<DepthRange>>& ranges,
+                                const ReconstructOptions& options) {
+  DepthRange any;  // for what is done with an image that gets no map
+  for (const auto& range : ranges) {
+    if (!range) continue;
+    any.min = any.max == 0 ? range->min : std::min(any.min, range->min);
+    any.max = std::max(any.max, range->max);
+  }
   ReconstructPlan plan;
+  plan.origin = OriginOf(scene, indices);
   const std::set<int> taking_part(indices.begin(), indices.end());
   for (size_t i = 0; i < indices.size(); ++i) {
     ImagePlan image;
     image.index = indices[i];
-    image.range = ranges.at(i);
+    image.range = ranges.at(i).value_or(any);
+    if (!ranges[i]) image.no_map = NoRange(scene.images[image.index]);
     image.sources = SourcesOfDataset(scene, image, taking_part, options.source_views, &plan.warnings);
     plan.images.push_back(std::move(image));
   }
@@ -128,7 +151,7 @@ ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indi
   });
   const auto needed = static_cast<size_t>(MinSourceViews(options));
   for (ImagePlan& image : plan.images) {
-    if (image.sources.size() >= needed) continue;
+    if (image.sources.size() >= needed || !image.no_map.empty()) continue;
     image.no_map = Concat(image.sources.size(), " useful source views: must be at least ", needed);
     const size_t left_out = CountLeftOut(scene.images[image.index], taking_part);
     if (left_out > 0) image.no_map += Concat("; ", left_out, " of the scene's for it are not among --images");
@@ -137,8 +160,9 @@ ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indi
   return plan;
 }
 
-ReconstructPlan MakeOnlinePlan(const std::vector<int>& indices) {
+ReconstructPlan MakeOnlinePlan(const Scene& scene, const std::vector<int>& indices) {
   ReconstructPlan plan;
+  plan.origin = OriginOf(scene, indices);
   for (int index : indices) {
     plan.images.emplace_back();
     plan.images.back().index = index;

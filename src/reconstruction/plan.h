@@ -23,6 +23,8 @@ struct ImagePlan {
 struct ReconstructPlan {
   std::vector<ImagePlan> images;
   std::vector<std::string> warnings;
+  /// Of the coordinates that points are kept in (LocalOrigin): zero where the cameras are near the world's.
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();
 
   /// Whether the image takes part and gets a map.
   bool HasMap(int index) const;
@@ -36,18 +38,19 @@ void CheckSomeImageGetsAMap(const ReconstructPlan& plan, const Scene& scene);
 /// The range that the dataset names for an image, with the margin that is searched beside it.
 std::optional<DepthRange> DatasetRange(const SceneImage& image);
 
-/// The range to search for an image: that of the options, else the dataset's, else the landmarks'. Throws
-/// InvalidInputError when there is none.
-DepthRange FindDepthRange(const Scene& scene, int index, const ReconstructOptions& options);
+/// The range to search for an image: that of the options, else the dataset's, else the landmarks'; none where there are
+/// too few of these.
+std::optional<DepthRange> FindDepthRange(const Scene& scene, int index, const ReconstructOptions& options);
 
-/// Decides source views of every image for the offline schedule. Throws InvalidInputError when no image has enough of
-/// them.
+/// Decides source views of every image for the offline schedule. An image without a range or with too few source views
+/// gets no map; throws InvalidInputError when none gets one.
 /// @param ranges to search, of the image at the same place of `indices`
 ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indices,
-                                const std::vector<DepthRange>& ranges, const ReconstructOptions& options);
+                                const std::vector<std::optional<DepthRange>>& ranges,
+                                const ReconstructOptions& options);
 
 /// For the online schedule, where the mapper decides.
-ReconstructPlan MakeOnlinePlan(const std::vector<int>& indices);
+ReconstructPlan MakeOnlinePlan(const Scene& scene, const std::vector<int>& indices);
 
 /// All the depths that the dataset names for the images, with the same margin as offline; 0, 0 when it names none.
 DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indices);

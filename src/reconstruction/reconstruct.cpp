@@ -1,5 +1,6 @@
 #include "acmp_mapping/reconstruction/reconstruct.h"
 
+#include <algorithm>
 #include <future>
 #include <map>
 #include <numeric>
@@ -7,6 +8,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "colmap_output.h"
+#include "input_hash.h"
 #include "run.h"
 #include "run_end.h"
 #include "run_record.h"
@@ -19,6 +21,20 @@
 namespace acmp {
 namespace {
 
+/// A run removes what an earlier one has left in its folder: none of what it reads may be there.
+void CheckOutputIsNoInput(const ReconstructOptions& options) {
+  const std::filesystem::path output = std::filesystem::weakly_canonical(options.output);
+  for (const auto& [name, folder] : {std::pair<const char*, std::filesystem::path>{"SCENE", options.scene},
+                                     {"--masks", options.masks},
+                                     {"--prior-depth", options.prior_depth}}) {
+    if (folder.empty()) continue;
+    const std::filesystem::path input = std::filesystem::weakly_canonical(folder);
+    if (std::mismatch(output.begin(), output.end(), input.begin(), input.end()).first != output.end()) continue;
+    throw InvalidInputError(Concat("OUTPUT = ", options.output.string(), ": holds ", name, " = ", folder.string(),
+                                   ": must be another folder than one with input in it"));
+  }
+}
+
 std::vector<int> ChosenImages(const Scene& scene, const std::string& list) {
   const int count = static_cast<int>(scene.images.size());
   if (!list.empty()) return ParseImageIndices(list, count);
@@ -28,8 +44,8 @@ std::vector<int> ChosenImages(const Scene& scene, const std::string& list) {
 }
 
 ReconstructPlan MakePlan(const Scene& scene, const std::vector<int>& indices, const ReconstructOptions& options) {
-  if (options.online()) return MakeOnlinePlan(indices);
-  std::vector<DepthRange> ranges;
+  if (options.online()) return MakeOnlinePlan(scene, indices);
+  std::vector<std::optional<DepthRange>> ranges;
   ranges.reserve(indices.size());
   for (int index : indices) ranges.push_back(FindDepthRange(scene, index, options));
   return MakeOfflinePlan(scene, indices, ranges, options);
@@ -41,6 +57,26 @@ void ReportImagesWithoutMap(const ReconstructRun& run) {
       run.progress.Warn(Concat("no map for image ", run.scene.images[image.index].name, ": ", image.no_map));
     }
   }
+}
+
+/// Of the files of all images: what StampOfFiles says.
+std::vector<uint64_t> StampsOf(const Scene& scene, const std::vector<int>& indices) {
+  std::vector<uint64_t> stamps;
+  for (int index : indices) stamps.push_back(StampOfFiles(scene.images[static_cast<size_t>(index)]));
+  return stamps;
+}
+
+/// Images that do not fit into memory are read more than once: where one has been written meanwhile, nobody knows what
+/// the maps are of, and they are removed.
+void CheckUnchanged(const Scene& scene, const std::vector<int>& indices, const std::vector<uint64_t>& stamps,
+                    OutputFolder* folder) {
+  const std::vector<uint64_t> now = StampsOf(scene, indices);
+  const auto changed = static_cast<size_t>(std::mismatch(now.begin(), now.end(), stamps.begin()).first - now.begin());
+  if (changed == now.size()) return;
+  folder->StartAfresh();
+  throw ProcessingError(Concat(scene.images[static_cast<size_t>(indices[changed])].path.string(),
+                               ", its mask or its prior depth was written during the run: what had been computed is "
+                               "removed; run again with --overwrite when the images stay as they are"));
 }
 
 /// Runs the schedule and writes the results.
@@ -68,10 +104,12 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   if (!options.stage.empty()) {
     return StageRunner(options, make_devices, interrupt, out, log, log_is_terminal).Run(options.stage, options.images);
   }
+  CheckOutputIsNoInput(options);
   const bool plans = !options.plan.empty();
   std::future<std::vector<ReconstructDevice>> devices_to_come =
       std::async(plans ? std::launch::deferred : std::launch::async, make_devices);
-  Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format), ParsePixelCenters(options.pixel_centers));
+  Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format), ParsePixelCenters(options.pixel_centers),
+                          options.image_path);
   Progress progress(log, ProgressStyleFor(options.quiet, log_is_terminal));
   for (const std::string& warning : scene.warnings) progress.Warn(warning);
   const std::vector<int> indices = TakeMasks(options, ChosenImages(scene, options.images), &scene, &progress);
@@ -87,6 +125,7 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   if (plans) return PlanStages(scene, plan, options, &progress, out);
   progress.Note(Concat("checking ", indices.size(), " images"));
   FrameStore frames(scene, MakeFrameOptions(options), options.MemoryBytes(options.kImageShare));
+  const std::vector<uint64_t> stamps = StampsOf(scene, indices);
   const std::string input_hash = CheckInput(scene, indices, &frames, *interrupt);
   const Devices devices(devices_to_come.get(), indices);
   const RunRecord record = MakeRecord(options, devices.name(), input_hash);
@@ -97,7 +136,7 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
       *out << options.output.string() << ": already complete (--overwrite starts afresh)" << std::endl;
     const std::string failure = FailureOfSummary(folder.SummaryFile());
     if (!failure.empty()) throw ProcessingError(failure);
-    if (!options.mesh.empty()) WriteSceneMesh(options, folder, *interrupt, &frames, &progress, out);
+    if (!options.mesh.empty()) WriteSceneMesh(options, plan.origin, folder, *interrupt, &frames, &progress, out);
     return;
   }
   if (!folder.losses().empty()) {
@@ -111,10 +150,11 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
     EngineStore store(&frames, options, &folder, plan, devices, ScheduleOf(MakePipelineOptions(options)));
     ReconstructRun run{{scene, options, plan, devices, store, *interrupt, progress, {}, {}, {}}, folder};
     const CloudSize cloud = RunSchedule(&run);
+    CheckUnchanged(scene, indices, stamps, &folder);
     const std::string failure = EndRun(&run, record, devices.name(), timer, cloud, out);
     if (!failure.empty()) throw ProcessingError(failure);
   }
-  if (!options.mesh.empty()) WriteSceneMesh(options, folder, *interrupt, &frames, &progress, out);
+  if (!options.mesh.empty()) WriteSceneMesh(options, plan.origin, folder, *interrupt, &frames, &progress, out);
 }
 
 }  // namespace acmp

@@ -76,10 +76,10 @@ Scene MakeScene(const std::vector<InputImage>& images) {
 
 ReconstructPlan MakePlan(const Scene& scene, const std::vector<InputImage>& images, const std::vector<int>& indices,
                          const ReconstructOptions& options) {
-  std::vector<DepthRange> ranges;
+  std::vector<std::optional<DepthRange>> ranges;
   for (int index : indices) {
     const std::optional<DepthRange>& given = images[static_cast<size_t>(index)].depth_range;
-    ranges.push_back(given ? *given : FindDepthRange(scene, index, options));
+    ranges.push_back(given ? given : FindDepthRange(scene, index, options));
   }
   return MakeOfflinePlan(scene, indices, ranges, options);
 }
@@ -138,6 +138,7 @@ ImageReconstruction Collect(ScheduleRun* run, Outputs outputs) {
     const PointCloud points = std::move(outputs.clouds[place]);
     result.cloud.insert(result.cloud.end(), points.begin(), points.end());
   }
+  result.origin = run->plan.origin;
   result.warnings = run->plan.warnings;
   const PointsJudgement judgement = JudgePoints(*run, result.cloud.size());
   for (const std::string& warning : {judgement.warning, judgement.failure}) {
@@ -173,7 +174,8 @@ ImageReconstruction ReconstructImages(std::vector<InputImage> images, const Reco
 
 std::vector<InputImage> ReadInputImages(const ReconstructOptions& options, const StopRequest& interrupt,
                                         std::vector<std::string>* warnings) {
-  Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format), ParsePixelCenters(options.pixel_centers));
+  Scene scene = ReadScene(options.scene, ParseSceneFormat(options.format), ParsePixelCenters(options.pixel_centers),
+                          options.image_path);
   *warnings = scene.warnings;
   if (!options.masks.empty()) AddMasks(options.masks, &scene);
   std::vector<InputImage> images(scene.images.size());

@@ -244,7 +244,8 @@ void CheckMesh(const ReconstructOptions& options) {
   if (options.mesh.empty()) return;
   CheckCanMesh();
   MeshFormatOf(options.mesh);
-  CheckFolderOf(options.mesh);
+  const auto whole = [](const std::filesystem::path& path) { return std::filesystem::weakly_canonical(path); };
+  if (whole(options.mesh).parent_path() != whole(options.output)) CheckFolderOf(options.mesh);  // OUTPUT will be made
   for (const char* kind : {"depth", "normal", "confidence"}) {
     if (std::count(options.maps.begin(), options.maps.end(), kind) > 0) continue;
     throw InvalidInputError(Concat("--mesh: needs ", kind, " among --maps"));
@@ -283,6 +284,7 @@ void AddReconstructOptions(CLI::App* app, ReconstructOptions* options) {
          "that was copied (colmap2mvsnet.py)")
       ->check(OneOf({"integer", "half"}))
       ->capture_default_str();
+  app->add_option("--image-path", options->image_path, "Folder of the images; by default SCENE/images");
   app->add_option("--images", options->images, "Use only these images, by index from 0: 0,3,7-12");
   app->add_option(
       "--masks", options->masks,

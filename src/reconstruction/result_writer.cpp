@@ -22,7 +22,7 @@ class ResultWriter {
       : run_(*run),
         maps_(run),
         waiting_(&run->folder, run->options.CloudBytes()),
-        cloud_(run->options, &run->folder),
+        cloud_(run->options, &run->folder, run->plan.origin),
         fusion_(run) {}
 
   void AddTasks(const std::map<int, int>& final_maps, TaskGraph* graph) {

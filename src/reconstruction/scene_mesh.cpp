@@ -28,8 +28,8 @@ double VoxelSize(const ReconstructOptions& options, const OutputFolder& folder,
 
 }  // namespace
 
-void WriteSceneMesh(const ReconstructOptions& options, const OutputFolder& folder, const StopRequest& interrupt,
-                    FrameStore* frames, Progress* progress, std::ostream* out) {
+void WriteSceneMesh(const ReconstructOptions& options, const Eigen::Vector3d& origin, const OutputFolder& folder,
+                    const StopRequest& interrupt, FrameStore* frames, Progress* progress, std::ostream* out) {
   const Timer timer;
   const std::vector<ListedCamera> cameras = ReadCameraList(folder.path() / "cameras.txt");
   DistanceVolumeOptions volume_options;
@@ -43,13 +43,15 @@ void WriteSceneMesh(const ReconstructOptions& options, const OutputFolder& folde
     const NormalMap normal = ReadPfmNormals(folder.MapFile("normal", image.image.index, ".pfm"));
     const ConfidenceMap confidence = ReadPfm(folder.MapFile("confidence", image.image.index, ".pfm"));
     const FramePtr frame = frames->Get(image.image.index);
-    volume.Integrate({{image.camera, image.world_from_cam.inverse()}, depth, normal, confidence, frame->color});
+    RigidTransform pose = image.world_from_cam;
+    pose.translation() -= origin;
+    volume.Integrate({{image.camera, pose.inverse()}, depth, normal, confidence, frame->color});
     interrupt.Check();
     progress->Step();
   }
   const TriangleMesh mesh = volume.ExtractMesh();
   interrupt.Check();
-  WriteMesh(options.mesh, mesh, MeshFormatOf(options.mesh));
+  WriteMesh(options.mesh, mesh, MeshFormatOf(options.mesh), origin);
   progress->Step();
   if (options.quiet) return;
   *out << options.mesh.string() << ": " << mesh.vertices.size() << " vertices, " << mesh.triangles.size()

@@ -12,8 +12,9 @@ namespace acmp {
 
 /// Writes the mesh of a finished run to options.mesh: of the maps in its folder, at the poses of its cameras.txt. A
 /// line of what it is goes to `out` unless options.quiet. Throws InvalidInputError, ProcessingError or Interrupted.
+/// @param origin of the coordinates that it is made in
 /// @param frames for colours
-void WriteSceneMesh(const ReconstructOptions& options, const OutputFolder& folder, const StopRequest& interrupt,
-                    FrameStore* frames, Progress* progress, std::ostream* out);
+void WriteSceneMesh(const ReconstructOptions& options, const Eigen::Vector3d& origin, const OutputFolder& folder,
+                    const StopRequest& interrupt, FrameStore* frames, Progress* progress, std::ostream* out);
 
 }  // namespace acmp

@@ -17,6 +17,7 @@ void ScenePart::Load(int chunk) {
     images.try_emplace(index, ImagePlan{index, {}, {}, view.no_map});
   }
   for (ImagePlan& image : loaded.images) images[image.index] = std::move(image);
+  plan_.origin = loaded.origin;
   plan_.images.clear();
   for (auto& [index, image] : images) plan_.images.push_back(std::move(image));
   chunks_[chunk] = std::move(loaded.fused_before);

@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <map>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/pose_refinement/pose_refinement.h"
 
 namespace acmp {
@@ -28,6 +29,7 @@ std::vector<PosedImage> PosedImages(const ReconstructPlan& plan, const Scene& sc
 }
 
 std::string Describe(const PoseRefinement& refinement) {
+  const ClassicLocale point;
   char text[256];
   std::snprintf(text, sizeof(text),
                 "poses: matches that took no part lie %.2f px (median of %d) from their epipolar lines as received, "

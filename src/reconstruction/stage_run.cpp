@@ -287,7 +287,7 @@ class StageRun {
 
   CloudSize WriteCloudAndCameras(const ReconstructRun& run) {
     std::vector<int> images;
-    CloudOutput cloud(options_, &folder_);
+    CloudOutput cloud(options_, &folder_, run.plan.origin);
     progress_.Begin(options_.stage, static_cast<int>(run.plan.images.size()));
     for (const ImagePlan& image : run.plan.images) {
       interrupt_.Check();

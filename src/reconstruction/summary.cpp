@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
@@ -63,6 +64,7 @@ std::string FailureOfSummary(const std::filesystem::path& path) {
 }
 
 std::string FormatTimings(const RunTimes& times) {
+  const ClassicLocale point;
   char line[128];
   std::snprintf(line, sizeof(line), "%-48s %12s %12s\n", Concat("stage (", times.images, " images)").c_str(), "ms",
                 "ms per image");

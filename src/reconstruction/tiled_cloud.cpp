@@ -27,17 +27,23 @@ std::string FileNameOf(const std::array<int64_t, 3>& number) {
   return Concat(number[0], "_", number[1], "_", number[2], ".ply");
 }
 
-nlohmann::json ToJson(const Vec3f& v) { return {v.x, v.y, v.z}; }
+/// As they are in the tile's file.
+nlohmann::json ToJson(const Eigen::Vector3d& origin, const Vec3f& v) {
+  if (origin.isZero(0)) return {v.x, v.y, v.z};
+  const Eigen::Vector3d place = InWorld(origin, v);
+  return {place.x(), place.y(), place.z()};
+}
 
 }  // namespace
 
-TiledCloud::TiledCloud(const OutputFolder* folder, double tile_size, size_t max_bytes)
+TiledCloud::TiledCloud(const OutputFolder* folder, double tile_size, size_t max_bytes, const Eigen::Vector3d& origin)
     : folder_(*folder),
       tile_size_(tile_size),
-      max_nodes_(std::clamp<size_t>(max_bytes / sizeof(Node), 1, size_t{kNoNode} - 1)) {}
+      max_nodes_(std::clamp<size_t>(max_bytes / sizeof(Node), 1, size_t{kNoNode} - 1)),
+      origin_(origin) {}
 
 TiledCloud::TileNumber TiledCloud::NumberOf(const Vec3f& position) const {
-  const auto number = [this](float coordinate) {
+  const auto number = [this](double coordinate) {
     const double rounded = std::floor(coordinate / tile_size_);
     if (!(std::abs(rounded) <= static_cast<double>(kMaxTileNumber))) {
       throw InvalidInputError(Concat("--tile-size = ", tile_size_, ": a point at ", coordinate, " would be in tile ",
@@ -45,7 +51,8 @@ TiledCloud::TileNumber TiledCloud::NumberOf(const Vec3f& position) const {
     }
     return static_cast<int64_t>(rounded);
   };
-  return {number(position.x), number(position.y), number(position.z)};
+  const Eigen::Vector3d place = InWorld(origin_, position);
+  return {number(place.x()), number(place.y()), number(place.z())};
 }
 
 TiledCloud::Tile* TiledCloud::TileOf(const Vec3f& position) {
@@ -133,7 +140,7 @@ PointCloud TiledCloud::ReadBlock(uint64_t* place) {
 }
 
 void TiledCloud::WriteTile(const std::filesystem::path& path, Tile* tile) {
-  PlyFile file(path, Durability::kProcess);
+  PlyFile file(path, Durability::kProcess, origin_);
   size_t place = file.Reserve(tile->points) + tile->points - tile->in_memory;
   size_t end = place;  // of what is in the work file
   for (PointCloud points = TakeFromMemory(tile); !points.empty(); points = TakeFromMemory(tile)) {
@@ -163,8 +170,10 @@ void TiledCloud::WriteIndex() const {
       Concat("{\"tile_size\": ", nlohmann::json(tile_size_).dump(), ", \"points\": ", points_, ", \"tiles\": ["));
   const char* separator = "\n";
   for (const auto& [number, tile] : tiles_) {
-    const nlohmann::ordered_json line = {
-        {"file", FileNameOf(number)}, {"points", tile.points}, {"min", ToJson(tile.min)}, {"max", ToJson(tile.max)}};
+    const nlohmann::ordered_json line = {{"file", FileNameOf(number)},
+                                         {"points", tile.points},
+                                         {"min", ToJson(origin_, tile.min)},
+                                         {"max", ToJson(origin_, tile.max)}};
     file.Write(separator + line.dump());
     separator = ",\n";
   }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <array>
 #include <cstdint>
 #include <deque>
@@ -32,7 +33,9 @@ class TiledCloud {
   /// @param folder outlives this
   /// @param tile_size scene units, positive and finite
   /// @param max_bytes of points in memory; at least one point is held. Each tile takes some 150 bytes besides
-  TiledCloud(const OutputFolder* folder, double tile_size, size_t max_bytes);
+  /// @param origin of the points' coordinates, which is added (WritePly)
+  TiledCloud(const OutputFolder* folder, double tile_size, size_t max_bytes,
+             const Eigen::Vector3d& origin = Eigen::Vector3d::Zero());
 
   /// Adds points after all that came before. Throws InvalidInputError for a tile size so small that a tile's number is
   /// not within +-kMaxTileNumber, or that there are more than kMaxTiles tiles; ProcessingError when the work file
@@ -60,7 +63,7 @@ class TiledCloud {
   /// All points of a tile: those in the work file, a chain of blocks, come before those in memory.
   struct Tile {
     size_t points = 0;
-    Vec3f min, max;                  ///< of the positions
+    Vec3f min, max;                  ///< of the positions, before the origin is added
     uint32_t first = kNoNode;        ///< in nodes_
     uint32_t last = kNoNode;         ///< in nodes_
     size_t in_memory = 0;            ///< points
@@ -83,6 +86,7 @@ class TiledCloud {
   const OutputFolder& folder_;
   const double tile_size_;
   const size_t max_nodes_;
+  const Eigen::Vector3d origin_;
 
   std::map<TileNumber, Tile> tiles_;
   TileNumber last_number_ = {};

@@ -32,6 +32,18 @@ std::vector<int> TasksOfMapsRead(const ReconstructPlan& plan, const ImagePlan& i
   return tasks;
 }
 
+EngineProblem InLocalCoordinates(EngineProblem problem, const Eigen::Vector3d& origin) {
+  if (origin.isZero(0)) return problem;
+  const auto move = [&](EngineView* view) {
+    RigidTransform pose = view->cam_from_world();
+    pose.translation() += pose.linear() * origin;
+    view->refined_pose = pose;
+  };
+  move(&problem.reference);
+  for (EngineView& source : problem.sources) move(&source);
+  return problem;
+}
+
 int AddConfidence(ScheduleRun* run, const ImagePlan& image, const std::vector<int>& after, TaskGraph* graph,
                   std::function<void(ConfidenceMap)> take) {
   run->store.AddReaders(image, run->store.final_step(), 1);
@@ -68,7 +80,8 @@ int ViewFusion::AddTask(const ImagePlan& image, std::vector<int> after, TaskGrap
 }
 
 PointCloud ViewFusion::Fuse(const ImagePlan& image, int rank, const DeviceEngine& engine) {
-  const EngineProblem problem = run_.store.Problem(image, run_.store.final_step(), engine);
+  const EngineProblem problem =
+      InLocalCoordinates(run_.store.Problem(image, run_.store.final_step(), engine), run_.plan.origin);
   Timer timer;
   PointCloud cloud = engine.engine->FuseView(problem.reference, problem.sources, options_, rank, stamps_.get());
   run_.interrupt.Check();

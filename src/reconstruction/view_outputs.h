@@ -15,6 +15,9 @@ namespace acmp {
 std::vector<int> TasksOfMapsRead(const ReconstructPlan& plan, const ImagePlan& image,
                                  const std::map<int, int>& final_maps);
 
+/// The problem with the poses of coordinates that begin at the origin.
+EngineProblem InLocalCoordinates(EngineProblem problem, const Eigen::Vector3d& origin);
+
 /// Adds the task that measures the confidence of an image's final estimate, on the image's device, and returns its
 /// number. Announces to the store that it reads estimates.
 /// @param image of the run's plan
@@ -22,7 +25,7 @@ std::vector<int> TasksOfMapsRead(const ReconstructPlan& plan, const ImagePlan& i
 int AddConfidence(ScheduleRun* run, const ImagePlan& image, const std::vector<int>& after, TaskGraph* graph,
                   std::function<void(ConfidenceMap)> take);
 
-/// The fusion of a run's views in their order.
+/// The fusion of a run's views in their order. Points are in coordinates that begin at the plan's origin.
 class ViewFusion {
  public:
   /// Throws InvalidInputError when there are more images than a fusion can tell apart.

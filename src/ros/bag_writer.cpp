@@ -1,6 +1,11 @@
 #include "acmp_mapping/ros/bag_writer.h"
 
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
 #include <cerrno>
+#include <cstdlib>
 #include <system_error>
 
 #include <rosbag/view.h>
@@ -18,6 +23,25 @@ const std::filesystem::path& CheckedPath(const std::filesystem::path& path) {
   return path;
 }
 
+/// rosbag::Bag's destructor writes the index and throws when that fails, which would end the program. It does not say
+/// which descriptor is its own: what this process has opened for reading and writing under the name goes to /dev/null
+/// from now on.
+void DiscardWrites(const std::filesystem::path& path) {
+  struct stat wanted = {}, opened = {};
+  const int null = open("/dev/null", O_RDWR | O_CLOEXEC);
+  if (null < 0) return;
+  std::error_code error;
+  for (std::filesystem::directory_iterator entry("/proc/self/fd", error), end; !error && entry != end;
+       entry.increment(error)) {
+    const int descriptor = std::atoi(entry->path().filename().c_str());
+    if (stat(path.c_str(), &wanted) == 0 && fstat(descriptor, &opened) == 0 && opened.st_ino == wanted.st_ino &&
+        opened.st_dev == wanted.st_dev && (fcntl(descriptor, F_GETFL) & O_ACCMODE) == O_RDWR) {
+      dup3(null, descriptor, O_CLOEXEC);
+    }
+  }
+  close(null);
+}
+
 }  // namespace
 
 BagWriter::BagWriter(const std::filesystem::path& path, Durability durability, rosbag::CompressionType compression)
@@ -28,21 +52,30 @@ BagWriter::BagWriter(const std::filesystem::path& path, Durability durability, r
 }
 
 BagWriter::~BagWriter() {
-  if (bag_ == nullptr) return;
+  if (bag_ != nullptr) CloseUnfinished();
+}
+
+void BagWriter::Reserve(size_t message_bytes) {
+  constexpr uint64_t kStep = 1 << 20, kIndexBytes = 256;  // of a message's index
+  const uint64_t needed = bag_->getSize() + 2 * bag_->getChunkThreshold() + 2 * message_bytes + kIndexBytes * messages_;
+  if (needed <= reserved_) return;
+  reserved_ = needed + kStep;
+  file_.Reserve(reserved_);
+}
+
+void BagWriter::CloseUnfinished() {
+  DiscardWrites(file_.temporary_path());
   try {
     bag_->close();
+    bag_.reset();
   } catch (const rosbag::BagException&) {
-    static_cast<void>(bag_.release());  // see ThrowWriteError
+    static_cast<void>(bag_.release());  // its destructor would throw, which ends the program
   }
 }
 
 void BagWriter::ThrowWriteError(const std::string& reason) {
   const int system_error = errno;
-  // rosbag::Bag's destructor writes the index and throws when that fails, which would end the program: leave the object
-  // to the end of the process. It keeps the file open: what has been written must not fill the disk until then.
-  static_cast<void>(bag_.release());
-  std::error_code ignored;
-  std::filesystem::resize_file(file_.temporary_path(), 0, ignored);
+  CloseUnfinished();
   throw ProcessingError(Concat("cannot write ", path_, ": ", reason,
                                system_error != 0 ? " (" + std::generic_category().message(system_error) + ")" : ""));
 }

@@ -9,6 +9,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/ros/input_conversion.h"
 
 namespace acmp {
 namespace {
@@ -77,7 +78,7 @@ void CheckYaml(const std::string& path) {
 
 }  // namespace
 
-sensor_msgs::CameraInfo ReadCalibrationFile(const std::string& path) {
+sensor_msgs::CameraInfo ReadCalibrationFile(const std::string& path, bool rectified) {
   const std::string what = Concat("calibration_file = \"", path, "\": ");
   if (!std::filesystem::is_regular_file(path)) throw InvalidInputError(what + "there is no such file");
   std::string camera_name;
@@ -92,6 +93,11 @@ sensor_msgs::CameraInfo ReadCalibrationFile(const std::string& path) {
   }
   if (!read) {
     throw InvalidInputError(what + "must be a .yaml, .yml or .ini file as camera_calibration writes them");
+  }
+  try {
+    ToCalibration(info, rectified);
+  } catch (const InvalidInputError& error) {
+    throw InvalidInputError(what + error.what());
   }
   return info;
 }

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include <ros/master.h>
 #include <std_srvs/SetBool.h>
 #include <pluginlib/class_list_macros.hpp>
 
@@ -57,7 +58,7 @@ DenseMapperNodelet::~DenseMapperNodelet() {
   // that.
   if (worker_) worker_->Stop();
   StopThreads();
-  worker_.reset();
+  if (worker_) worker_->Join();  // not reset: its hooks still ask the worker
 }
 
 void DenseMapperNodelet::Start() {
@@ -69,14 +70,14 @@ void DenseMapperNodelet::Start() {
   Subscribe();
   StartServices();
   diagnostics_ = std::make_unique<Diagnostics<MapperSnapshot>>(
-      status_thread_.Attach(getNodeHandle()), getPrivateNodeHandle(), getName(), [this] { return TakeSnapshot(); },
+      &status_thread_, getNodeHandle(), getName(), [this] { return TakeSnapshotWithAdvice(); },
       Diagnostics<MapperSnapshot>::Statuses{
           {"inputs", &DescribeInputs}, {"matching", &DescribeMatching}, {"mapping", &DescribeMapping}});
-  missing_timer_ = status_thread_.Attach(getNodeHandle())
-                       .createWallTimer(ros::WallDuration(kMissingPeriodS), [this](const ros::WallTimerEvent&) {
-                         const std::string missing = DescribeMissing(TakeSnapshot());
-                         if (!missing.empty()) NODELET_WARN("missing_input: %s", missing.c_str());
-                       });
+  missing_timer_ = status_thread_.MakeTimer(getNodeHandle(), kMissingPeriodS, [this] {
+    const std::string missing = DescribeMissing(TakeSnapshotWithAdvice());
+    if (!missing.empty()) NODELET_WARN("missing_input: %s", Printable(missing).c_str());
+    if (flushing_) NODELET_INFO("flush: %s", Printable(AccountForImages(TakeSnapshot())).c_str());
+  });
   std::string topics;
   for (const auto& source : sources_) topics += source->status().topic + " ";
   NODELET_INFO("subscribed to %s; poses are %s", topics.c_str(), Describe(options_.pose).c_str());
@@ -108,14 +109,23 @@ void DenseMapperNodelet::StartWorker() {
   hooks.outputs.on_refined = [this](const KeyframeOutput& output) { publisher_->PublishRefined(output); };
   hooks.outputs.on_refined_again = [this](const KeyframeOutput& output) { publisher_->PublishRefinedAgain(output); };
   hooks.outputs.wants_refined_again = [this] { return publisher_->maps() > 0; };
-  hooks.outputs.on_drop = [this](const RejectedInput& drop) { Report(drop); };
+  hooks.outputs.on_drop = [this](const RejectedInput& drop) { Report(WithDoubt(drop)); };
   worker_ = std::make_unique<MapperWorker>(options_, runtime_options_.get(), ReadMaskFile(options_.mask_file), hooks);
+}
+
+RejectedInput DenseMapperNodelet::WithDoubt(RejectedInput drop) {
+  if (drop.reason != "no_points" && drop.reason != "poses_contradict") return drop;
+  const std::lock_guard<std::mutex> lock(intake_mutex_);
+  drop.message += intake_->DescribeDoubt();
+  return drop;
 }
 
 void DenseMapperNodelet::MakeIntake(const RuntimeOptions& runtime_options) {
   TransformSource transforms;
   if (options_.pose_source == PoseSource::kTf || NeedsExtrinsic(options_)) {
-    tf_ = std::make_unique<TfLookup>(input_thread_.Attach(getNodeHandle()));
+    tf_ = std::make_unique<TfLookup>(input_thread_.Attach(getNodeHandle()), [this](const std::string& text) {
+      Report(RejectedInput{"bad_tf", text});
+    });
     transforms.find_pose = [this](const std::string& world, const std::string& child, int64_t stamp_ns) {
       return tf_->FindPose(world, child, stamp_ns);
     };
@@ -125,7 +135,9 @@ void DenseMapperNodelet::MakeIntake(const RuntimeOptions& runtime_options) {
   }
   intake_ = std::make_unique<KeyframeIntake>(options_, runtime_options.gate, FallbackDepth(runtime_options.mapper),
                                              transforms);
-  if (!options_.calibration_file.empty()) intake_->AddCameraInfo(ReadCalibrationFile(options_.calibration_file));
+  if (!options_.calibration_file.empty()) {
+    intake_->AddCameraInfo(ReadCalibrationFile(options_.calibration_file, options_.rectified));
+  }
 }
 
 void DenseMapperNodelet::LogDevice(const WorkerStatus& status) {
@@ -182,13 +194,12 @@ void DenseMapperNodelet::Subscribe() {
   };
   handlers.on_drop = [this](const RejectedInput& drop) { Report(drop); };
   sources_ = MakeInputSources(nh, options_, handlers);
-  deliver_timer_ =
-      nh.createWallTimer(ros::WallDuration(kDeliverPeriodS), [this](const ros::WallTimerEvent&) { Deliver(); });
+  deliver_timer_ = input_thread_.MakeTimer(getNodeHandle(), kDeliverPeriodS, [this] { Deliver(); });
 }
 
 void DenseMapperNodelet::StartServices() {
-  AddTrigger(names::kFlush, [this] { return Flush(); });
-  AddTrigger(names::kReset, [this] { return Reset(); });
+  AddTrigger(&service_thread_, names::kFlush, [this] { return Flush(); });
+  AddTrigger(&urgent_thread_, names::kReset, [this] { return Reset(); });
   using std_srvs::SetBool;
   const boost::function<bool(SetBool::Request&, SetBool::Response&)> pause = [this](SetBool::Request& request,
                                                                                     SetBool::Response& response) {
@@ -197,7 +208,7 @@ void DenseMapperNodelet::StartServices() {
     response.success = true;
     return true;
   };
-  services_.push_back(service_thread_.Attach(getPrivateNodeHandle()).advertiseService(names::kPause, pause));
+  services_.push_back(urgent_thread_.Attach(getPrivateNodeHandle()).advertiseService(names::kPause, pause));
 }
 
 bool DenseMapperNodelet::DropWhilePaused(const std_msgs::Header& header) {
@@ -211,6 +222,10 @@ void DenseMapperNodelet::HandleConfig(DenseMapperConfig& config) {
   try {
     const RuntimeOptions wanted = FromConfig(config, current);
     runtime_options_->Set(wanted);
+    const DepthRange& range = wanted.mapper.fallback_depth_range;
+    if (!HasDepthRange(range) && (range.min > 0 || range.max > 0)) {
+      NODELET_WARN("depth_min = %g, depth_max = %g: used when both are set", range.min, range.max);
+    }
     std::lock_guard<std::mutex> lock(intake_mutex_);
     intake_->set_gate(wanted.gate, FallbackDepth(wanted.mapper));
   } catch (const InvalidInputError& error) {
@@ -239,13 +254,19 @@ std::string DenseMapperNodelet::Flush() {
   const MapperSnapshot before = TakeSnapshot();
   WaitForArriving();
   Deliver(true);
-  Expect(worker_->Flush());
+  flushing_ = true;
+  const std::string failure = worker_->Flush();
+  flushing_ = false;
+  Expect(failure);
   const MapperSnapshot after = TakeSnapshot();
   const uint64_t arrived = ImagesReceived(after.inputs) - ImagesReceived(before.inputs);
   std::string text = Concat("finished all that had come; waited for ", arrived, " image(s) on their way and ",
                             ImagesUnderWay(before), " under way; images: ", AccountForImages(after),
                             "; points were sent ", after.points_sent, " times to ", after.maps, " map(s)");
-  if (after.waiting_images > 0) text += Concat("; ", after.waiting_images, " image(s) have no pose and still wait");
+  if (after.waiting_images > 0) {
+    text += Concat("; ", after.waiting_images,
+                   " image(s) still wait: ", after.waiting_for.empty() ? "they have no pose" : after.waiting_for);
+  }
   return text;
 }
 
@@ -338,6 +359,23 @@ MapperSnapshot DenseMapperNodelet::TakeSnapshot() {
   snapshot.last_gap = intake_->last_gap();
   snapshot.points_in_front = intake_->share_in_front();
   snapshot.convention_warning = intake_->convention_warning();
+  return snapshot;
+}
+
+MapperSnapshot DenseMapperNodelet::TakeSnapshotWithAdvice() {
+  MapperSnapshot snapshot = TakeSnapshot();
+  const auto nothing = [](const InputStatus& input) {
+    return input.received == 0 && (input.required || input.kind == InputStatus::Kind::kCloud);
+  };
+  if (std::none_of(snapshot.inputs.begin(), snapshot.inputs.end(), nothing)) return snapshot;
+  XmlRpc::XmlRpcValue request, answer, topics;
+  request[0] = ros::this_node::getName();
+  request[1] = "";
+  constexpr bool kWaitForMaster = false;  // as ros::master::getTopics would, and an unload with it
+  if (!ros::master::execute("getPublishedTopics", request, answer, topics, kWaitForMaster)) return snapshot;
+  std::map<std::string, std::string> published;
+  for (int i = 0; i < topics.size(); ++i) published[topics[i][0]] = static_cast<std::string&>(topics[i][1]);
+  AddAdvice(published, &snapshot.inputs);
   return snapshot;
 }
 

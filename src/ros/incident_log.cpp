@@ -2,6 +2,22 @@
 
 namespace acmp {
 
+std::string Printable(const std::string& text) {
+  constexpr char kDigits[] = "0123456789abcdef";
+  std::string printable;
+  for (size_t i = 0; i < text.size(); ++i) {
+    const auto c = static_cast<unsigned char>(text[i]);
+    // In UTF-8 those of 0x80 to 0x9f have 0xc2 before them.
+    const bool after_c2 = i > 0 && static_cast<unsigned char>(text[i - 1]) == 0xc2 && c < 0xa0;
+    if (c >= ' ' && c != 127 && !after_c2) {
+      printable += text[i];
+    } else {
+      printable += {'\\', 'x', kDigits[c / 16], kDigits[c % 16]};
+    }
+  }
+  return printable;
+}
+
 bool IncidentLog::Record(const RejectedInput& rejected, double now_s) {
   {
     std::lock_guard<std::mutex> lock(mutex_);

@@ -1,16 +1,13 @@
 #include "acmp_mapping/ros/input_conversion.h"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <cstring>
 
-#include <cv_bridge/cv_bridge.h>
 #include <sensor_msgs/image_encodings.h>
-#include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/intake/pose_semantics.h"
 
 namespace acmp {
@@ -18,32 +15,57 @@ namespace {
 
 constexpr int64_t kMaxImageSide = 32767;  // cv::remap, which rectifies images, has 16-bit coordinates
 
+/// A distortion model of CameraInfo, with the names that others give it, in small letters and digits alone.
+struct DistortionModel {
+  LensDistortion::Model model;
+  size_t least, most;  ///< coefficients
+  std::vector<const char*> names;
+};
+
+const DistortionModel& FindModel(const std::string& name) {
+  using Model = LensDistortion::Model;
+  static const std::vector<DistortionModel> models = {
+      {Model::kBrownConrady, 4, 5, {"plumbbob", "radtan", "radialtangential", "brownconrady"}},
+      {Model::kRational, 4, 8, {"rationalpolynomial", "radialtangential8"}},
+      {Model::kEquidistant,
+       4,
+       4,
+       {"equidistant", "equi", "fisheye", "kannalabrandt", "kannalabrandt4", "kannalabrandt8"}}};
+  std::string plain;
+  for (const unsigned char c : name) {
+    if (std::isalnum(c)) plain += static_cast<char>(std::tolower(c));
+  }
+  for (const DistortionModel& model : models) {
+    for (const char* known : model.names) {
+      if (plain == known) return model;
+    }
+  }
+  throw InvalidInputError(Concat("camera_info distortion_model = \"", name,
+                                 "\": must be plumb_bob, rational_polynomial or equidistant; of other lenses give the "
+                                 "rectified images (rectified: true)"));
+}
+
 LensDistortion ToDistortion(const sensor_msgs::CameraInfo& info) {
-  const bool straight = std::all_of(info.D.begin(), info.D.end(), [](double d) { return d == 0; });
-  if (straight) return {};
+  const auto is_zero = [](double d) { return d == 0; };
+  if (std::all_of(info.D.begin(), info.D.end(), is_zero)) return {};
   for (const double d : info.D) {
     if (!std::isfinite(d)) throw InvalidInputError(Concat("camera_info D holds ", d, ": must be finite"));
   }
-  const std::string& model = info.distortion_model;
+  const DistortionModel& model = FindModel(info.distortion_model);
+  if (info.D.size() < model.least) {
+    throw InvalidInputError(
+        Concat("camera_info D has ", info.D.size(), " coefficients: ", info.distortion_model, " has ", model.most));
+  }
+  const auto used = info.D.begin() + static_cast<std::ptrdiff_t>(std::min(info.D.size(), model.most));
+  if (!std::all_of(used, info.D.end(), is_zero)) {
+    throw InvalidInputError(Concat("camera_info D has ", info.D.size(), " coefficients, and those after the first ",
+                                   model.most, " are not all 0: ", info.distortion_model, " has ", model.most,
+                                   "; a lens with others (thin prism, tilt) needs rectified images (rectified: true)"));
+  }
   LensDistortion distortion;
-  distortion.coefficients = info.D;
-  size_t least = 0, most = 0;
-  if (model == "plumb_bob") {
-    distortion.model = LensDistortion::Model::kBrownConrady;
-    least = 4, most = 5;
-  } else if (model == "rational_polynomial") {
-    distortion.model = LensDistortion::Model::kRational;
-    least = most = 8;
-  } else if (model == "equidistant" || model == "fisheye") {
-    distortion.model = LensDistortion::Model::kEquidistant;
-    least = most = 4;
-  } else {
-    throw InvalidInputError(Concat("camera_info distortion_model = \"", model,
-                                   "\": must be plumb_bob, rational_polynomial or equidistant"));
-  }
-  if (info.D.size() < least || info.D.size() > most) {
-    throw InvalidInputError(Concat("camera_info D has ", info.D.size(), " coefficients: ", model, " has ", most));
-  }
+  distortion.model = model.model;
+  distortion.coefficients.assign(info.D.begin(), used);
+  distortion.coefficients.resize(model.most);
   return distortion;
 }
 
@@ -99,34 +121,6 @@ void AddPoint(const Eigen::Vector3d& point, SparseCloud* sparse) {
   }
 }
 
-cv::Mat DecodeCompressed(const sensor_msgs::CompressedImage& image, const PinholeCamera* camera) {
-  const std::string name = Concat("compressed image of ", image.data.size(), " bytes, format \"", image.format, "\"");
-  const ImageSize size = EncodedImageSize(name, {reinterpret_cast<const char*>(image.data.data()), image.data.size()});
-  const auto fits = [&](int width, int height) { return width == camera->width && height == camera->height; };
-  if (camera && !fits(size.width, size.height) && !fits(size.height, size.width)) {  // OpenCV turns some upright
-    throw InvalidInputError(Concat(name, ": its header says ", size.width, "x", size.height, ", camera_info says ",
-                                   camera->width, "x", camera->height));
-  }
-  const cv::Mat bgr = cv::imdecode(image.data, cv::IMREAD_COLOR);
-  if (bgr.empty()) throw InvalidInputError(Concat(name, ": cannot be decoded"));
-  cv::Mat rgb;
-  cv::cvtColor(bgr, rgb, cv::COLOR_BGR2RGB);
-  return rgb;
-}
-
-void CheckImageSides(const std::string& name, const sensor_msgs::Image& image) {
-  for (const uint32_t side : {image.width, image.height}) {
-    CheckRange((name + ": width or height in px").c_str(), int64_t{side}, int64_t{1}, kMaxImageSide);
-  }
-}
-
-bool IsBigEndianHost() {
-  const uint16_t one = 1;
-  uint8_t first;
-  std::memcpy(&first, &one, 1);
-  return first == 0;
-}
-
 /// A number of the message, with its bytes the other way round if `swap`.
 template <class T>
 T ReadAs(const uint8_t* from, bool swap) {
@@ -139,22 +133,6 @@ T ReadAs(const uint8_t* from, bool swap) {
 }
 
 }  // namespace
-
-cv::Mat DecodeRgb(const EncodedImage& image, const PinholeCamera* camera) {
-  if (image.compressed) return DecodeCompressed(*image.compressed, camera);
-  const sensor_msgs::Image& raw = *image.raw;
-  const std::string name = Concat("image encoding \"", raw.encoding, "\" (", raw.width, "x", raw.height, ", step ",
-                                  raw.step, ", ", raw.data.size(), " bytes)");
-  // cv_bridge multiplies in 32 bits and would read far beyond the data.
-  CheckImageSides(name, raw);
-  const uint64_t needed = uint64_t{raw.height} * raw.step;
-  if (raw.data.size() != needed) throw InvalidInputError(Concat(name, ": must have ", needed, " bytes"));
-  try {
-    return cv_bridge::toCvCopy(raw, sensor_msgs::image_encodings::RGB8)->image;
-  } catch (const std::exception& error) {  // cv_bridge's and, for images that contradict themselves, OpenCV's
-    throw InvalidInputError(Concat(name, ": ", error.what()));
-  }
-}
 
 CompanionSample ToMaskSample(const sensor_msgs::ImageConstPtr& message) {
   namespace encodings = sensor_msgs::image_encodings;
@@ -348,6 +326,14 @@ std::string StripLeadingSlash(const std::string& frame_id) {
   return !frame_id.empty() && frame_id.front() == '/' ? frame_id.substr(1) : frame_id;
 }
 
-int64_t ToStampNs(const ros::Time& stamp) { return static_cast<int64_t>(stamp.toNSec()); }
+int64_t ToStampNs(const ros::Time& stamp) {
+  constexpr uint32_t kNsPerSecond = 1000000000;
+  if (stamp.nsec >=
+      kNsPerSecond) {  // no sum of both would be the same stamp again, and the largest seconds none at all
+    throw InvalidInputError(
+        Concat("stamp of ", stamp.sec, " s and ", stamp.nsec, " ns: the nanoseconds must be below ", kNsPerSecond));
+  }
+  return static_cast<int64_t>(stamp.toNSec());
+}
 
 }  // namespace acmp

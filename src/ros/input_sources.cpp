@@ -4,10 +4,10 @@
 #include <chrono>
 #include <utility>
 
-#include <image_transport/image_transport.h>
 #include <tf2_msgs/TFMessage.h>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/ros/checked_messages.h"
 #include "acmp_mapping/ros/topic_names.h"
 
 namespace acmp {
@@ -20,6 +20,11 @@ constexpr uint32_t kCameraInfoQueue = 5;
 constexpr uint32_t kPoseQueue = 100;
 constexpr uint32_t kCloudQueue = 10;
 
+template <class Message>
+std::string TypeOf() {
+  return ros::message_traits::DataType<Message>::value();
+}
+
 /// Counts arrivals; read by diagnostics from another thread.
 class Arrivals {
  public:
@@ -27,8 +32,9 @@ class Arrivals {
     ++received_;
     last_s_ = SteadySeconds();
   }
+  template <class Message>
   InputStatus ToStatus(Kind kind, std::string topic, uint32_t publishers, bool required) const {
-    return {kind, std::move(topic), publishers, received_, last_s_, required};
+    return {kind, std::move(topic), publishers, received_, last_s_, required, TypeOf<Message>()};
   }
 
  private:
@@ -57,11 +63,12 @@ class TopicSource : public InputSource {
               std::function<void(const RejectedInput&)> on_drop)
       : stream_(stream), handle_(std::move(handle)), on_drop_(std::move(on_drop)) {
     const boost::function<void(const ConstPtr&)> callback = [this](const ConstPtr& message) { Receive(message); };
-    subscriber_ = nh.subscribe<Message>(stream.topic, stream.queue, callback);
+    subscriber_ = SubscribeChecked<Message>(nh, stream.topic, stream.queue, callback);
   }
 
   InputStatus status() const override {
-    return arrivals_.ToStatus(stream_.kind, subscriber_.getTopic(), subscriber_.getNumPublishers(), stream_.required);
+    return arrivals_.ToStatus<Message>(stream_.kind, subscriber_.getTopic(), subscriber_.getNumPublishers(),
+                                       stream_.required);
   }
 
  private:
@@ -81,36 +88,57 @@ class TopicSource : public InputSource {
   ros::Subscriber subscriber_;
 };
 
-class RawImageSource : public InputSource {
- public:
-  RawImageSource(const ros::NodeHandle& nh, uint32_t queue,
-                 std::function<void(const sensor_msgs::ImageConstPtr&)> handle)
-      : transport_(nh), handle_(std::move(handle)) {
-    const boost::function<void(const sensor_msgs::ImageConstPtr&)> callback =
-        [this](const sensor_msgs::ImageConstPtr& message) {
-          arrivals_.Count();
-          handle_(message);
-        };
-    subscriber_ = transport_.subscribe(names::kImage, queue, callback, ros::VoidPtr(),
-                                       image_transport::TransportHints("raw", ros::TransportHints(), nh));
-  }
-
-  InputStatus status() const override {
-    return arrivals_.ToStatus(Kind::kImage, subscriber_.getTopic(), subscriber_.getNumPublishers(), true);
-  }
-
- private:
-  image_transport::ImageTransport transport_;
-  std::function<void(const sensor_msgs::ImageConstPtr&)> handle_;
-  Arrivals arrivals_;
-  image_transport::Subscriber subscriber_;
-};
-
 /// "image/compressed" if that name is remapped, else beside the image as image_transport's publishers put it.
 std::string CompressedTopic(const ros::NodeHandle& nh) {
   const std::string name = std::string(names::kImage) + "/" + names::kCompressedSuffix;
   if (nh.resolveName(name, true) != nh.resolveName(name, false)) return nh.resolveName(name);
   return nh.resolveName(names::kImage) + "/" + names::kCompressedSuffix;
+}
+
+/// What makes the mapper take a topic of this type; empty: nothing does. The names of arguments and parameters are
+/// those of our launch files.
+std::string HowToTake(Kind kind, const std::string& type, const std::string& topic) {
+  const std::map<std::string, const char*> poses = {
+      {TypeOf<geometry_msgs::PoseStamped>(), names::kPose},
+      {TypeOf<geometry_msgs::PoseWithCovarianceStamped>(), names::kPoseWithCovariance},
+      {TypeOf<nav_msgs::Odometry>(), names::kOdometry},
+      {TypeOf<geometry_msgs::TransformStamped>(), names::kTransform}};
+  const auto pose = poses.find(type);
+  if (kind == Kind::kPose && pose != poses.end()) {
+    return Concat("set pose_source:=", pose->second, " ", pose->second, ":=", topic);
+  }
+  if (kind == Kind::kCloud && type == TypeOf<sensor_msgs::PointCloud2>()) return Concat("set sparse_points:=", topic);
+  if (kind == Kind::kCloud && type == TypeOf<sensor_msgs::PointCloud>()) return Concat("set sparse_points_v1:=", topic);
+  if (kind == Kind::kImage && type == TypeOf<sensor_msgs::Image>())
+    return Concat("set image_transport:=raw image:=", topic);
+  const std::string suffix = std::string("/") + names::kCompressedSuffix;
+  const bool ends =
+      topic.size() > suffix.size() && topic.compare(topic.size() - suffix.size(), suffix.size(), suffix) == 0;
+  if (kind == Kind::kImage && type == TypeOf<sensor_msgs::CompressedImage>()) {
+    return ends ? Concat("set image_transport:=compressed image:=", topic.substr(0, topic.size() - suffix.size()))
+                : Concat("set image_transport:=compressed and remap image/compressed to ", topic);
+  }
+  return "";
+}
+
+std::string AdviceOn(const InputStatus& input, const std::map<std::string, std::string>& published) {
+  const auto found = published.find(input.topic);
+  if (found != published.end() && found->second != input.type) {
+    const std::string how = HowToTake(input.kind, found->second, input.topic);
+    return Concat("it is published as ", found->second, ", and must be ", input.type, how.empty() ? "" : ": " + how);
+  }
+  if (found != published.end() || input.kind != Kind::kImage) return "";
+  // Beside the name that was given: image_transport's other topic, or a name that has its suffix already.
+  const std::string suffix = std::string("/") + names::kCompressedSuffix;
+  std::string shorter = input.topic;
+  if (shorter.size() > suffix.size()) shorter.resize(shorter.size() - suffix.size());
+  for (const std::string& other : {input.topic + suffix, shorter}) {
+    const auto beside = published.find(other);
+    if (beside == published.end() || (other == shorter && other + suffix != input.topic)) continue;
+    const std::string how = HowToTake(input.kind, beside->second, other);
+    if (!how.empty()) return Concat("nobody publishes it, but ", other, ": ", how);
+  }
+  return "";
 }
 
 /// Makes the sources of one node.
@@ -200,17 +228,18 @@ class SourceFactory {
 
   void AddImages() {
     if (options_.image_transport == ImageTransport::kRaw) {
-      const uint32_t queue = options_.overload == OverloadPolicy::kBlock ? 0 : kImageQueue;
-      const auto handle = [on_image = handlers_.on_image](const sensor_msgs::ImageConstPtr& message) {
-        on_image(std::make_shared<const EncodedImage>(EncodedImage{message, nullptr}));
-      };
-      sources_.push_back(std::make_unique<RawImageSource>(nh_, queue, handle));
+      Add<sensor_msgs::Image>({Kind::kImage, names::kImage, kImageQueue, "bad_image", true},
+                              [on_image = handlers_.on_image,
+                               topic = nh_.resolveName(names::kImage)](const sensor_msgs::ImageConstPtr& message) {
+                                on_image(std::make_shared<const EncodedImage>(EncodedImage{message, nullptr, topic}));
+                              });
       return;
     }
-    Add<sensor_msgs::CompressedImage>({Kind::kImage, CompressedTopic(nh_), kImageQueue, "bad_image", true},
-                                      [on_image = handlers_.on_image](const auto& message) {
-                                        on_image(std::make_shared<const EncodedImage>(EncodedImage{nullptr, message}));
-                                      });
+    Add<sensor_msgs::CompressedImage>(
+        {Kind::kImage, CompressedTopic(nh_), kImageQueue, "bad_image", true},
+        [on_image = handlers_.on_image, topic = CompressedTopic(nh_)](const auto& message) {
+          on_image(std::make_shared<const EncodedImage>(EncodedImage{nullptr, message, topic}));
+        });
   }
 
   void AddExtrinsic() {
@@ -232,6 +261,12 @@ class SourceFactory {
 std::vector<std::unique_ptr<InputSource>> MakeInputSources(const ros::NodeHandle& nh, const NodeOptions& options,
                                                            const InputHandlers& handlers) {
   return SourceFactory(nh, options, handlers).Make();
+}
+
+void AddAdvice(const std::map<std::string, std::string>& published, std::vector<InputStatus>* inputs) {
+  for (InputStatus& input : *inputs) {
+    if (input.received == 0) input.advice = AdviceOn(input, published);
+  }
 }
 
 uint64_t ImagesReceived(const std::vector<InputStatus>& inputs) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
@@ -13,6 +14,12 @@ namespace {
 // tf and rviz refuse empty names.
 constexpr char kNamelessCamera[] = "camera_optical";
 constexpr char kNamelessWorld[] = "world";
+
+/// Decoded twice, undistorted, and where each pixel comes from in two forms.
+constexpr uint64_t kImagePixelBytes = 24;
+
+/// That are kept: a focus that changes with each image, for half a minute.
+constexpr size_t kCalibrations = 1000;
 
 constexpr double kLongPoseWaitS = 3;  ///< late poses come within a second
 
@@ -65,13 +72,26 @@ void KeyframeIntake::AddCameraInfo(const sensor_msgs::CameraInfo& info) {
   }
   try {
     calibration_ = std::make_shared<const CameraCalibration>(ToCalibration(info, options_.rectified));
+    const PinholeCamera& camera = calibration_->camera;
+    CheckMemory(Concat("an image of ", camera.width, "x", camera.height, " pixels, as camera_info has it,"),
+                static_cast<uint64_t>(camera.width) * static_cast<uint64_t>(camera.height), kImagePixelBytes,
+                static_cast<size_t>(1e9 * options_.memory_limit_gb));
   } catch (const InvalidInputError&) {
     calibration_.reset();
     UpdateObstacle();  // images wait from now on
     throw;
   }
   last_info_ = info;
+  const int64_t stamp_ns = ToStampNs(info.header.stamp);
+  calibrations_.erase(calibrations_.upper_bound(stamp_ns), calibrations_.end());  // time has gone back
+  calibrations_.insert_or_assign(stamp_ns, calibration_);
+  if (calibrations_.size() > kCalibrations) calibrations_.erase(calibrations_.begin());
   UpdateObstacle();
+}
+
+const CalibrationPtr& KeyframeIntake::CalibrationAt(int64_t stamp_ns) const {
+  const auto later = calibrations_.upper_bound(stamp_ns);
+  return later == calibrations_.begin() ? calibration_ : std::prev(later)->second;
 }
 
 void KeyframeIntake::AddPose(PoseSample pose) {
@@ -200,6 +220,17 @@ std::vector<IntakeEvent> KeyframeIntake::Convert(std::vector<MatchEvent> matched
   return events;
 }
 
+std::string KeyframeIntake::DescribeDoubt() const {
+  if (options_.pose.child == PoseSemantics::Child::kBody) {
+    return "; or T_body_cam is wrong, or its inverse (~extrinsic_inverted)";
+  }
+  const std::string camera = CameraFrame();
+  if (child_frame_.empty() || camera.empty() || child_frame_ == camera) return "";
+  return Concat("; the poses are those of \"", child_frame_, "\" (child_frame_id), the images of \"", camera,
+                "\", and poses are read as those of the camera: if the first is another frame, set ~pose_child: body, "
+                "which takes T_body_cam from tf or the parameter");
+}
+
 std::string KeyframeIntake::DescribeWait(double now_s) const {
   if (!starting_.empty()) return "the frontend starts, and its points have not settled";
   if (matcher_.waiting_images() == 0) return "";
@@ -220,10 +251,10 @@ void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>
   input.image = match.image.image;
   input.mask = match.mask;
   input.prior_depth = match.prior_depth;
-  input.calibration = calibration_;
+  input.calibration = CalibrationAt(input.stamp_ns);
   input.camera_frame = options_.camera_frame;
   if (input.camera_frame.empty()) input.camera_frame = StripLeadingSlash(match.image.image->header().frame_id);
-  if (input.camera_frame.empty()) input.camera_frame = calibration_->frame_id;
+  if (input.camera_frame.empty()) input.camera_frame = input.calibration->frame_id;
   if (input.camera_frame.empty()) input.camera_frame = kNamelessCamera;
   input.world_frame = options_.world_frame.empty() ? match.pose.world_frame : options_.world_frame;
   if (input.world_frame.empty()) input.world_frame = kNamelessWorld;
@@ -315,8 +346,8 @@ std::vector<Eigen::Vector3d> KeyframeIntake::PlaceCloud(const MatchedInput& matc
     return {};
   }
   const PoseSample& cloud_pose = match.cloud_pose ? *match.cloud_pose : match.pose;
-  if (auto warning =
-          convention_check_.Add(resolver_.semantics(), cloud_pose.received, cloud, *in_camera, calibration_->camera)) {
+  if (auto warning = convention_check_.Add(resolver_.semantics(), cloud_pose.received, cloud, *in_camera,
+                                           input.calibration->camera)) {
     events->emplace_back(Notice{true, std::move(*warning)});
   }
   return *in_camera ? Moved(resolver_.WorldFromCamera(cloud_pose.received), cloud.points) : cloud.points;
@@ -329,7 +360,7 @@ std::optional<bool> KeyframeIntake::IsInCamera(const MatchedInput& match, const 
   if (cloud.frame_id.empty() || cloud.frame_id == match.pose.world_frame || cloud.frame_id == input.world_frame) {
     return false;
   }
-  if (cloud.frame_id == input.camera_frame || cloud.frame_id == calibration_->frame_id) return true;
+  if (cloud.frame_id == input.camera_frame || cloud.frame_id == input.calibration->frame_id) return true;
   events->emplace_back(RejectedInput{
       "sparse_frame_unknown", Concat("sparse cloud ", FormatStamp(cloud.stamp_ns), ": its frame \"", cloud.frame_id,
                                      "\" is neither the world \"", input.world_frame, "\" nor the camera \"",

@@ -53,7 +53,7 @@ DenseMapper::Callbacks KeyframeOutputs::MakeCallbacks() {
   callbacks.on_withdrawn = [this](const KeyframeDepthPtr& maps, const std::string& message) {
     HandleWithdrawn(maps, message);
   };
-  callbacks.wants_refined_again = [this] { return !stopping_ && hooks_.wants_refined_again(); };
+  callbacks.wants_refined_again = [this] { return !stopping_ && !abandoned_ && hooks_.wants_refined_again(); };
   callbacks.on_drop = [this](const KeyframeDrop& drop) { HandleDrop(drop); };
   callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
     ReportDrop({reason, message});

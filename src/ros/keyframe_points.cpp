@@ -14,6 +14,10 @@ namespace acmp {
 namespace {
 
 using acmp_mapping::KeyframePoints;
+
+constexpr size_t kMaxNameLength = 255;
+constexpr char kNameCharacters[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_/";
+
 using Matrix3x4 = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 using Numbers = KeyframePoints::_T_world_cam_type;
 
@@ -79,14 +83,26 @@ acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, c
   return message;
 }
 
-KeyframePointsHead ReadHead(const KeyframePoints& message) {
+std::string NameOf(const KeyframePoints& message) {
+  return Concat("keyframe ", message.id, " of \"", message.mapper.substr(0, kMaxNameLength), "\"");
+}
+
+KeyframePointsHead ReadHead(const KeyframePoints& message, size_t max_bytes) {
   if (message.mapper.empty()) throw InvalidInputError("mapper is empty: must be the name of the mapper's node");
+  if (message.mapper.find_first_not_of(kNameCharacters) != std::string::npos) {
+    throw InvalidInputError("mapper: must be the name of a node, of letters, digits, _ and /");
+  }
+  if (message.mapper.size() > kMaxNameLength) {
+    throw InvalidInputError(
+        Concat("mapper has a name of ", message.mapper.size(), " characters: must have at most ", kMaxNameLength));
+  }
   KeyframePointsHead head;
   head.key = {message.mapper, message.run, message.id};
   head.pose.stamp_ns = ToStampNs(message.header.stamp);
   head.pose.world_from_cam = TransformFromNumbers("T_world_cam", message.T_world_cam);
   if (message.refined_world != 0) {
-    CheckRange("refined_scale", message.refined_scale, 1e-9, 1e9);
+    // More than any frontend has: what loop closures and sessions make of a scale must be readable again.
+    CheckRange("refined_scale", message.refined_scale, 1e-100, 1e100);
     head.pose.refined = RefinedAndReceived{
         {message.refined_world, TransformFromNumbers("T_refined_cam", message.T_refined_cam), message.refined_scale},
         TransformFromNumbers("T_received_cam", message.T_received_cam)};
@@ -103,6 +119,10 @@ KeyframePointsHead ReadHead(const KeyframePoints& message) {
   head.pose.path_frame = StripLeadingSlash(message.path_frame);
   head.pose.camera_frame = StripLeadingSlash(message.points.header.frame_id);
   head.pose.camera = ToCalibration(message.camera_info, true).camera;
+  const PinholeCamera& camera = head.pose.camera;
+  constexpr uint64_t kPixelBytes = 50;  // maps and messages of all of a session's images
+  CheckMemory(Concat("camera_info of ", camera.width, "x", camera.height, " pixels"),
+              static_cast<uint64_t>(camera.width) * static_cast<uint64_t>(camera.height), kPixelBytes, max_bytes);
   return head;
 }
 

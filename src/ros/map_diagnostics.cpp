@@ -15,9 +15,13 @@ constexpr double kRecentIncidentS = 5;  ///< incidents that young are worth a wo
 
 }  // namespace
 
-std::string DescribeUnderWay(const std::map<std::string, MapperTraffic>& mappers) {
+std::string DescribeMissing(const std::map<std::string, MapperTraffic>& mappers) {
   std::string text;
   for (const auto& [name, mapper] : mappers) {
+    if (mapper.lost > 0) {
+      text += Concat("; ", mapper.lost, " messages with points of ", name,
+                     " were lost on the way, as the map server did not read them in time or the connection was cut");
+    }
     if (mapper.images_under_way == 0) continue;
     text += Concat("; ", mapper.images_under_way, " images were still under way in ", name,
                    " when its last points came: its service flush finishes them, if it has not since");

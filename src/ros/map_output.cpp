@@ -1,13 +1,17 @@
 #include "acmp_mapping/ros/map_output.h"
 
+#include <exception>
 #include <filesystem>
+#include <iomanip>
+#include <iterator>
+#include <utility>
 
+#include <geometry_msgs/TransformStamped.h>
 #include <nav_msgs/OccupancyGrid.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <boost/make_shared.hpp>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/common/memory_limit.h"
 #include "acmp_mapping/map/map_mesh.h"
 #include "acmp_mapping/map/map_writer.h"
 #include "acmp_mapping/map/occupancy_map.h"
@@ -28,9 +32,11 @@ ros::Publisher AdvertiseLatched(ros::NodeHandle* nh, const char* name, PublishPa
 
 }  // namespace
 
-MapOutput::MapOutput(ros::NodeHandle nh, const MapStore* map, const MapServerOptions& options)
+MapOutput::MapOutput(ros::NodeHandle nh, const MapStore* map, const MapServerOptions& options,
+                     std::function<void(const Incident&)> report)
     : map_(map),
       options_(options),
+      report_(std::move(report)),
       points_(AdvertiseLatched<sensor_msgs::PointCloud2>(&nh, names::kMapPoints, &points_pace_)) {
   if (CanMapOccupancy()) {
     occupancy_ = AdvertiseLatched<nav_msgs::OccupancyGrid>(&nh, names::kOccupancy, &occupancy_pace_);
@@ -51,58 +57,130 @@ std_msgs::Header MapOutput::Header() {
   return header;
 }
 
+template <class Message>
+void MapOutput::PublishOf(uint64_t emptied, const ros::Publisher& publisher, const Message& message) {
+  std::lock_guard<std::mutex> lock(publish_mutex_);
+  if (emptied_ == emptied) publisher.publish(message);
+}
+
 size_t MapOutput::Publish() {
+  const uint64_t emptied = emptied_;
   points_pace_.Begin(map_->version());
-  const std_msgs::Header header = Header();
+  std_msgs::Header header = Header();
   if (header.frame_id.empty()) return 0;
-  const PointCloud map = map_->WorldCloud();
-  CheckCloudSize(map.size(), kMaxMessageBytes);
-  points_.publish(ToCloudMessage(map, header));
-  return map.size();
+  const MapCloud map = map_->WorldCloud();
+  CheckCloudSize(map.points.size(), kMaxMessageBytes);
+  EnterLocalFrame(map.origin, &header);
+  PublishOf(emptied, points_, ToCloudMessage(map.points, header));
+  return map.points.size();
+}
+
+void MapOutput::PublishNothing() {
+  std::lock_guard<std::mutex> lock(publish_mutex_);
+  ++emptied_;
+  const std_msgs::Header header = Header();
+  SetHeader("", 0);
+  if (header.frame_id.empty()) return;
+  points_.publish(ToCloudMessage({}, header));
+  if (occupancy_) occupancy_.publish(ToOccupancyGrid({}, header));
+}
+
+void MapOutput::EnterLocalFrame(const Eigen::Vector3d& origin, std_msgs::Header* header) {
+  if (origin.isZero(0)) return;
+  geometry_msgs::TransformStamped transform;
+  transform.header = *header;
+  transform.child_frame_id = header->frame_id += kLocalFrameSuffix;
+  transform.transform.translation.x = origin.x();
+  transform.transform.translation.y = origin.y();
+  transform.transform.translation.z = origin.z();
+  transform.transform.rotation.w = 1;
+  if (!local_frame_) local_frame_ = std::make_unique<tf2_ros::StaticTransformBroadcaster>();
+  local_frame_->sendTransform(transform);
 }
 
 void MapOutput::PublishOccupancy() {
+  const uint64_t emptied = emptied_;
   const std_msgs::Header header = Header();
   occupancy_pace_.Begin(map_->version());
   const PlacedKeyframes map = map_->Placed();
   if (header.frame_id.empty() || map.keyframes.empty() || map.voxel_size == 0) return;
-  const OccupancySlice slice =
-      MakeOccupancyMap(map, 0)->Slice(options_.occupancy_min_height, options_.occupancy_max_height);
-  occupancy_.publish(ToOccupancyGrid(slice, header));
+  std::string coarse;
+  OccupancySlice slice =
+      MakeOccupancy(map, &coarse)
+          ->Slice(options_.occupancy_min_height - map.origin.z(), options_.occupancy_max_height - map.origin.z());
+  slice.origin_x += map.origin.x();
+  slice.origin_y += map.origin.y();
+  CheckStopped();
+  if (!coarse.empty()) report_({"occupancy_coarse", "occupancy: " + coarse});
+  PublishOf(emptied, occupancy_, ToOccupancyGrid(slice, header));
+}
+
+std::unique_ptr<OccupancyMap> MapOutput::MakeOccupancy(const PlacedKeyframes& map, std::string* coarse) const {
+  OccupancyLimits limits;
+  limits.max_bytes = options_.memory_limit_bytes();
+  limits.check = [this] { CheckStopped(); };
+  auto occupancy = MakeOccupancyMap(map, 0, limits);
+  const double wanted = kOccupancyVoxels * map.voxel_size;
+  if (occupancy->resolution() > wanted) {
+    *coarse =
+        Concat("cells are ", occupancy->resolution(), " wide in place of ", wanted,
+               ": the scene is too wide or its depths too large for them (~memory_limit = ", options_.memory_limit_gb,
+               ", ", limits.max_ray_voxels / 1000000,
+               " million cells on all rays, 32000 from the origin); raise ~voxel_size, or lower ~map_radius");
+  }
+  return occupancy;
+}
+
+void MapOutput::CheckStopped() const {
+  if (stopping_) throw ProcessingError("the map server is shutting down");
+}
+
+void MapOutput::PublishPaced(const ros::Publisher& publisher, PublishPace* pace, const std::function<void()>& publish) {
+  const double rate = options_.map_publish_rate;
+  if (stopping_ || !pace->IsDue(rate, publisher.getNumSubscribers(), map_->version())) return;
+  try {
+    publish();
+  } catch (const std::exception& error) {
+    if (!stopping_) report_({"map_error", Concat(publisher.getTopic(), " was not published: ", error.what())});
+  }
+  pace->End(rate);
 }
 
 void MapOutput::PublishIfDue() {
-  const double rate = options_.map_publish_rate;
-  const uint64_t version = map_->version();
-  if (points_pace_.IsDue(rate, points_.getNumSubscribers(), version)) {
-    Publish();
-    points_pace_.End(rate);
-  }
-  if (occupancy_ && occupancy_pace_.IsDue(rate, occupancy_.getNumSubscribers(), version)) {
-    PublishOccupancy();
-    occupancy_pace_.End(rate);
-  }
+  PublishPaced(points_, &points_pace_, [this] { Publish(); });
+}
+
+void MapOutput::PublishOccupancyIfDue() {
+  if (occupancy_) PublishPaced(occupancy_, &occupancy_pace_, [this] { PublishOccupancy(); });
 }
 
 size_t MapOutput::SaveMesh(const std::filesystem::path& path, const SaveMap::Request& request,
                            size_t* keyframes) const {
-  const MapMeshOptions mesh_options = {0, static_cast<size_t>(1e9 * DefaultMemoryLimitGb())};
-  const TriangleMesh mesh = MakeMapMesh(*map_, mesh_options, keyframes);
-  WriteMap(path, mesh, request.format == SaveMap::Request::MESH_PLY ? MeshFormat::kPly : MeshFormat::kObj);
-  return mesh.vertices.size();
+  const MapMesh map = MakeMapMesh(*map_, {0, options_.memory_limit_bytes(), [this] { CheckStopped(); }});
+  WriteMap(path, map, request.format == SaveMap::Request::MESH_PLY ? MeshFormat::kPly : MeshFormat::kObj);
+  *keyframes = map.keyframes;
+  return map.mesh.vertices.size();
 }
 
 MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) const {
   using Request = SaveMap::Request;
-  const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path);
+  constexpr const char* kEndings[] = {".ply", ".pcd", ".ply", ".obj", ".bt"};  // of the formats
+  if (request.format >= std::size(kEndings)) {
+    throw InvalidInputError(Concat("format = ", int{request.format},
+                                   ": must be 0 (PLY), 1 (PCD), 2 (MESH_PLY), 3 (MESH_OBJ) or 4 (OCTOMAP)"));
+  }
+  const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path, kEndings[request.format]);
+  const bool replaces = std::filesystem::exists(path);
   size_t keyframes = 0, points = 0;
   const char* what = "points";
+  std::string coarse, note;
   switch (request.format) {
     case Request::PLY:
     case Request::PCD: {
-      const PointCloud map = map_->WorldCloud(&keyframes);
+      const MapCloud map = map_->WorldCloud();
       WriteMap(path, map, request.format == Request::PLY ? MapFormat::kPly : MapFormat::kPcd, request.binary);
-      points = map.size();
+      points = map.points.size();
+      keyframes = map.keyframes;
       break;
     }
     case Request::MESH_PLY:
@@ -110,23 +188,26 @@ MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) co
       points = SaveMesh(path, request, &keyframes);
       what = "vertices of the mesh";
       break;
-    case Request::OCTOMAP: {
+    default: {  // OCTOMAP
       CheckMapPath(path);
       const PlacedKeyframes map = map_->Placed();
-      const auto occupancy = MakeOccupancyMap(map, 0);
+      const auto occupancy = MakeOccupancy(map, &coarse);
       occupancy->Write(path);
       keyframes = map.keyframes.size();
       points = occupancy->nodes();
       what = "nodes of the octree";
+      if (!coarse.empty()) note = "; " + coarse;
+      if (!map.origin.isZero(0)) {  // its keys have 16 bits
+        note += Concat("; its coordinates are those of the world less (", std::setprecision(15), map.origin.x(), ", ",
+                       map.origin.y(), ", ", map.origin.z(), "), as OctoMap holds none that large");
+      }
       break;
     }
-    default:
-      throw InvalidInputError(Concat("format = ", int{request.format},
-                                     ": must be 0 (PLY), 1 (PCD), 2 (MESH_PLY), 3 (MESH_OBJ) or 4 (OCTOMAP)"));
   }
   SaveMap::Response response;
   response.success = true;
-  response.message = Concat("saved ", points, " ", what, " of ", keyframes, " keyframes to ", path.string());
+  response.message = Concat("saved ", points, " ", what, " of ", keyframes, " keyframes to ", path.string(),
+                            replaces ? kReplaced : "", note);
   response.points = points;
   response.keyframes = keyframes;
   return response;

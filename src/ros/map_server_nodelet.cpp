@@ -7,6 +7,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/map/map_writer.h"
+#include "acmp_mapping/ros/checked_messages.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/optimized_path.h"
@@ -20,6 +21,8 @@ using acmp_mapping::KeyframePoints;
 using acmp_mapping::LoadSession;
 using acmp_mapping::SaveMap;
 
+constexpr char kSessionEnding[] = ".bag";
+constexpr size_t kMaxMappers = 100;  ///< all are in diagnostics and answers, and remembered
 constexpr double kMapPeriodS = 0.1;  ///< how often the map's rate limit is looked at
 constexpr uint32_t kPathQueue = 2;   ///< each path replaces the one before
 constexpr uint32_t kKeyframeQueue =
@@ -38,24 +41,29 @@ RigidTransform WorldFromSession(geometry_msgs::Transform transform) {
 
 }  // namespace
 
-MapServerNodelet::~MapServerNodelet() { StopThreads(); }
+MapServerNodelet::~MapServerNodelet() {
+  if (map_output_) map_output_->Stop();
+  StopThreads();
+  occupancy_thread_.Stop();
+}
 
 void MapServerNodelet::Start() {
   ParameterReader reader = ReadParameters();
   options_ = LoadMapServerOptions(&reader);
   WarnOfUnknown(reader);
   map_ = std::make_unique<MapStore>(options_.map);
-  map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get(), options_);
+  map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get(), options_,
+                                            [this](const Incident& incident) { Report(incident); });
   path_ = status_thread_.Attach(getNodeHandle()).advertise<nav_msgs::Path>(names::kKeyframePath, 1, true);
   if (!options_.load_session.empty()) {
-    const std::filesystem::path path = MapPathBelow(options_.save_folder, options_.load_session);
-    JoinSession(path, ReadSession(path), RigidTransform::Identity());
+    const std::filesystem::path path = MapPathBelow(options_.save_folder, options_.load_session, kSessionEnding);
+    JoinSession(path, ReadSession(path, options_.memory_limit_bytes()), RigidTransform::Identity());
     NODELET_INFO("loaded %zu keyframes of %s", map_->statistics().keyframes, options_.load_session.c_str());
   }
   Subscribe();
   StartServices();
   diagnostics_ = std::make_unique<Diagnostics<MapSnapshot>>(
-      status_thread_.Attach(getNodeHandle()), getPrivateNodeHandle(), getName(), [this] { return TakeSnapshot(); },
+      &status_thread_, getNodeHandle(), getName(), [this] { return TakeSnapshot(); },
       Diagnostics<MapSnapshot>::Statuses{{"map", &DescribeMap}, {"mappers", &DescribeMappers}});
   NODELET_INFO("maps the keyframes of %s", keyframes_.getTopic().c_str());
 }
@@ -64,22 +72,20 @@ void MapServerNodelet::Subscribe() {
   ros::NodeHandle nh = input_thread_.Attach(getNodeHandle());
   const boost::function<void(const acmp_mapping::KeyframePointsConstPtr&)> receive =
       [this](const acmp_mapping::KeyframePointsConstPtr& message) { Receive(*message); };
-  keyframes_ = nh.subscribe<KeyframePoints>(names::kKeyframePoints, kKeyframeQueue, receive, ros::VoidConstPtr(),
-                                            ros::TransportHints().tcpNoDelay());
+  keyframes_ = SubscribeChecked<KeyframePoints>(nh, names::kKeyframePoints, kKeyframeQueue, receive,
+                                                ros::TransportHints().tcpNoDelay());
   const boost::function<void(const nav_msgs::PathConstPtr&)> correct = [this](const nav_msgs::PathConstPtr& message) {
     HandleOptimizedPath(*message);
   };
-  optimized_path_ = nh.subscribe(names::kOptimizedPath, kPathQueue, correct);
+  optimized_path_ = SubscribeChecked<nav_msgs::Path>(nh, names::kOptimizedPath, kPathQueue, correct);
 }
 
 void MapServerNodelet::StartServices() {
-  ros::NodeHandle nh = service_thread_.Attach(getPrivateNodeHandle());
-  AddTrigger(names::kReset, [this] {
-    WaitForArrived();
-    map_->Clear();
+  AddTrigger(&urgent_thread_, names::kReset, [this] {
+    CallInInputThread([this] { Forget(); });
     return "the map is empty";
   });
-  AddTrigger(names::kPublishMap, [this] {
+  AddTrigger(&service_thread_, names::kPublishMap, [this] {
     WaitForArrived();
     return Concat("published ", map_output_->Publish(), " points");
   });
@@ -92,16 +98,18 @@ void MapServerNodelet::StartServices() {
     response->message = SaveSession(request.path, response);
   });
   AddService<LoadSession>(names::kLoadSession, false, [this](const auto& request, auto* response) {
-    const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path);
+    const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path, kSessionEnding);
     const RigidTransform world_from_session = WorldFromSession(request.T_world_session);
-    Session session = ReadSession(path);
+    Session session = ReadSession(path, options_.memory_limit_bytes());
     for (const SessionKeyframe& keyframe : session.map.keyframes) response->points += keyframe.points_in_camera->size();
     response->keyframes = session.map.keyframes.size();
     CallInInputThread([&] { JoinSession(path, std::move(session), world_from_session); });
     response->message = Concat("loaded ", response->keyframes, " keyframes of ", path.string());
   });
-  publish_timer_ =
-      nh.createWallTimer(ros::WallDuration(kMapPeriodS), [this](const ros::WallTimerEvent&) { HandlePeriod(); });
+  publish_timer_ = service_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { map_output_->PublishIfDue(); });
+  occupancy_timer_ =
+      occupancy_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { map_output_->PublishOccupancyIfDue(); });
+  occupancy_thread_.Start();
 }
 
 template <class Service, class Handle>
@@ -116,9 +124,9 @@ void MapServerNodelet::AddService(const char* name, bool saves, Handle handle) {
       response = {};
       response.message = error.what();
     }
-    const std::string under_way = saves ? DescribeUnderWay(TakeSnapshot().mappers) : "";
-    response.message += under_way;
-    if (!under_way.empty()) NODELET_WARN("%s: %s", name, response.message.c_str());
+    const std::string missing = saves ? DescribeMissing(TakeSnapshot().mappers) : "";
+    response.message += missing;
+    if (!missing.empty()) NODELET_WARN("%s: %s", name, response.message.c_str());
     return true;
   };
   services_.push_back(service_thread_.Attach(getPrivateNodeHandle()).advertiseService(name, answer));
@@ -126,12 +134,14 @@ void MapServerNodelet::AddService(const char* name, bool saves, Handle handle) {
 
 std::string MapServerNodelet::SaveSession(const std::string& path,
                                           acmp_mapping::SaveSession::Response* response) const {
-  const std::filesystem::path file = MapPathBelow(options_.save_folder, path);
+  const std::filesystem::path file = MapPathBelow(options_.save_folder, path, kSessionEnding);
+  const bool replaces = std::filesystem::exists(file);
   const Session session = {map_->Session(), map_output_->Header().frame_id};
-  WriteSession(file, session);
+  WriteSession(file, session, [this] { map_output_->CheckStopped(); });
   for (const SessionKeyframe& keyframe : session.map.keyframes) response->points += keyframe.points_in_camera->size();
   response->keyframes = session.map.keyframes.size();
-  return Concat("saved ", response->points, " points of ", response->keyframes, " keyframes to ", file.string());
+  return Concat("saved ", response->points, " points of ", response->keyframes, " keyframes to ", file.string(),
+                replaces ? kReplaced : "");
 }
 
 void MapServerNodelet::JoinSession(const std::filesystem::path& path, Session session,
@@ -153,19 +163,35 @@ void MapServerNodelet::JoinSession(const std::filesystem::path& path, Session se
   PublishPath();
 }
 
+void MapServerNodelet::Forget() {
+  map_->Clear();
+  PublishPath();  // none, in the old frame: what is latched is no more
+  map_output_->PublishNothing();
+  world_frame_.clear();
+  path_frame_.clear();
+  newest_stamp_ns_ = 0;
+  counts_.clear();
+  std::lock_guard<std::mutex> lock(mutex_);
+  mappers_.clear();
+}
+
 void MapServerNodelet::Receive(const KeyframePoints& message) {
   try {
-    const KeyframePointsHead head = ReadHead(message);
+    const KeyframePointsHead head = ReadHead(message, options_.memory_limit_bytes());
     CountMessage(head.key.mapper, message);
     CheckFrame(head.key.mapper, head.world_frame);
     AddKeyframe(head, message);
   } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
-    Report(Incident{"bad_keyframe", Concat("keyframe ", message.id, " of \"", message.mapper, "\": ", error.what())});
+    Report(Incident{"bad_keyframe", Concat(NameOf(message), ": ", error.what())});
   }
 }
 
 void MapServerNodelet::CountMessage(const std::string& mapper, const KeyframePoints& message) {
   const uint64_t count = message.count;
+  if (counts_.size() >= kMaxMappers && counts_.count(mapper) == 0) {
+    throw InvalidInputError(
+        Concat("has come from ", kMaxMappers, " other mappers already, which is the limit; reset forgets them"));
+  }
   const auto [last, is_new] = counts_.try_emplace(mapper, count);
   // A mapper that was started again counts from the beginning.
   const uint64_t lost = !is_new && count > last->second ? count - last->second - 1 : 0;
@@ -231,14 +257,6 @@ void MapServerNodelet::PublishPath() {
 
 void MapServerNodelet::CallInInputThread(const std::function<void()>& function) {
   if (!input_thread_.Call(function)) throw ProcessingError("the map server is shutting down");
-}
-
-void MapServerNodelet::HandlePeriod() {
-  try {
-    map_output_->PublishIfDue();
-  } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
-    Report(Incident{"map_error", Concat("the map was not published: ", error.what())});
-  }
 }
 
 MapSnapshot MapServerNodelet::TakeSnapshot() {

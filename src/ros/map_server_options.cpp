@@ -1,9 +1,11 @@
 #include "acmp_mapping/ros/map_server_options.h"
 
+#include <cstdlib>
 #include <filesystem>
 #include <string>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/output_file.h"
 
 namespace acmp {
 
@@ -46,9 +48,15 @@ const OptionTable<MapServerOptions>& MapServerOptionTable() {
         Number("occupancy_max_height", -1e6, 1e6, "(unit of the poses)", "The upper one: the height of the robot"),
         [](auto& o) -> auto& { return o.occupancy_max_height; });
     made.Add(
+        Number("memory_limit", 0.01, 1000, "GB",
+               "What one keyframe or session may take while it is saved, loaded or published: more is refused before "
+               "memory "
+               "is asked for, and occupancy gets larger cells"),
+        [](auto& o) -> auto& { return o.memory_limit_gb; });
+    made.Add(
         Text("save_folder",
-             "Maps and sessions are saved and loaded only below this folder, where relative paths start; .: where the "
-             "node was started, with roslaunch ~/.ros; /: anywhere"),
+             "Maps and sessions are saved and loaded only below this folder, where relative paths start; empty: "
+             "~/.ros/acmp_mapping (in ROS_HOME where that is set), which is made; /: anywhere"),
         [](auto& o) -> auto& { return o.save_folder; });
     made.Add(
         Text("load_session", "Session (save_session) to begin with, in place of an empty map; empty: none"),
@@ -58,6 +66,23 @@ const OptionTable<MapServerOptions>& MapServerOptionTable() {
   return table;
 }
 
+namespace {
+
+/// Not the folder that the node was started in, which may be the home: whoever reaches the ROS master may save there.
+std::string MakeDefaultFolder() {
+  const char* ros_home = std::getenv("ROS_HOME");
+  const char* home = std::getenv("HOME");
+  if (!ros_home && !home) {
+    throw InvalidInputError("parameter ~save_folder is empty, and neither HOME nor ROS_HOME is set: must be a folder");
+  }
+  const auto folder =
+      (ros_home ? std::filesystem::path(ros_home) : std::filesystem::path(home) / ".ros") / "acmp_mapping";
+  MakeFolder(folder);
+  return folder.string();
+}
+
+}  // namespace
+
 MapServerOptions LoadMapServerOptions(ParameterReader* reader) {
   MapServerOptions options;
   ReadOptions(MapServerOptionTable(), reader, &options);
@@ -66,6 +91,7 @@ MapServerOptions LoadMapServerOptions(ParameterReader* reader) {
     throw InvalidInputError(Concat("parameter ~occupancy_min_height = ", options.occupancy_min_height,
                                    ": must be below ~occupancy_max_height = ", options.occupancy_max_height));
   }
+  if (options.save_folder.empty()) options.save_folder = MakeDefaultFolder();
   if (!std::filesystem::is_directory(options.save_folder)) {
     throw InvalidInputError(
         Concat("parameter ~save_folder = \"", options.save_folder, "\": must be a folder (without ~)"));

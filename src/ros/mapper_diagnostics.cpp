@@ -26,6 +26,7 @@ std::string DescribeSilence(const InputStatus& input, double now_s) {
   const double silent_s = now_s - input.last_received_s;
   std::string publishers = Concat(input.publishers, " publisher(s)");
   if (input.publishers == 0 && input.received == 0) publishers = "nobody publishes it: check the remap";
+  if (!input.advice.empty()) publishers = input.advice;
   if (input.publishers == 0 && input.received > 0) {
     publishers = Concat("after ", input.received,
                         " messages nobody publishes it any more: a recording has ended, or the "
@@ -40,6 +41,18 @@ std::string DescribeLatency(const LatencyWindow& latency) {
   if (quantiles.count == 0) return "none yet";
   return Concat("median ", quantiles.median_ms, ", 99 % ", quantiles.p99_ms, ", greatest ", quantiles.max_ms,
                 " of the last ", std::min(quantiles.count, LatencyWindow::kCapacity));
+}
+
+/// Where no image has become a map and none is to come; empty: some have, or may.
+std::string DescribeAllDropped(const MapperSnapshot& snapshot) {
+  if (snapshot.images_dropped == 0 || snapshot.worker.outputs.refined > 0 || ImagesUnderWay(snapshot) > 0) return "";
+  const auto most = std::max_element(snapshot.drops.begin(), snapshot.drops.end(),
+                                     [](const auto& a, const auto& b) { return a.second.count < b.second.count; });
+  std::string text = Concat("all ", snapshot.images_dropped, " images were dropped");
+  if (most != snapshot.drops.end()) {
+    text += Concat(", most of them: ", most->first, " (", most->second.last_message, ")");
+  }
+  return text;
 }
 
 std::string PoseTopic(const MapperSnapshot& snapshot) {
@@ -63,6 +76,17 @@ std::string AccountForImages(const MapperSnapshot& snapshot) {
                 ImagesUnderWay(snapshot), " under way");
 }
 
+std::string DescribeDistortion(double shift_px, int width, const LensDistortion& told) {
+  constexpr double kClear = 0.01;  // of the width; a good calibration leaves a tenth of that
+  if (std::abs(shift_px) < kClear * width) return "";
+  return Concat(
+      "the images show radial distortion that their calibration does not tell: near their corners pixels are ",
+      std::round(std::abs(shift_px) * 10) / 10, " px of ", width, " too far ", shift_px < 0 ? "in" : "out", "; ",
+      told.model == LensDistortion::Model::kNone
+          ? "it has no distortion coefficients (D of camera_info): give those of the lens"
+          : "calibrate again, or are the images rectified already (~rectified)?");
+}
+
 std::string DescribeStampOffset(double offset_s) {
   return Concat("the images were taken ", std::lround(std::abs(offset_s) * 1e3), " ms ",
                 offset_s > 0 ? "before" : "after",
@@ -74,7 +98,8 @@ void DescribeInputs(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* sta
   for (const InputStatus& input : snapshot.inputs) {
     const std::string silence = DescribeSilence(input, snapshot.now_s);
     status->add(input.topic, silence.empty() ? Concat(input.received, " received") : silence);
-    if (!silence.empty() && input.required) status->mergeSummary(DiagnosticStatus::WARN, silence);
+    if (!silence.empty() && (input.required || !input.advice.empty()))
+      status->mergeSummary(DiagnosticStatus::WARN, silence);
   }
   if (snapshot.paused) status->mergeSummary(DiagnosticStatus::WARN, "paused (~pause)");
 }
@@ -86,7 +111,7 @@ std::string DescribeMissing(const MapperSnapshot& snapshot) {
   std::string text;
   const auto add = [&](const std::string& sentence) { text += (text.empty() ? "" : "; ") + sentence; };
   for (const InputStatus& input : snapshot.inputs) {
-    if (!input.required || !IsSilent(input, snapshot.now_s)) continue;
+    if (!(input.required || !input.advice.empty()) || !IsSilent(input, snapshot.now_s)) continue;
     if (snapshot.now_s - input.last_received_s < kSilentS) continue;  // it has just begun to wait
     if (input.received == 0 || some_send) add(DescribeSilence(input, snapshot.now_s));
   }
@@ -111,6 +136,9 @@ void DescribeMatching(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* s
 
   if (!snapshot.waiting_for.empty()) {
     status->summary(DiagnosticStatus::WARN, Concat(snapshot.waiting_images, " images wait: ", snapshot.waiting_for));
+  }
+  if (const std::string lost = DescribeAllDropped(snapshot); !latest && !lost.empty()) {
+    status->summary(DiagnosticStatus::WARN, lost);
   }
 
   status->add("images", AccountForImages(snapshot));
@@ -199,6 +227,7 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
   status->add("consistency check [ms]", worker.outputs.consistency_ms);
   DescribePoseFit(worker.outputs, status);
   DescribePoseChecks(worker.pose_checks, status);
+  if (!worker.distortion.empty()) status->mergeSummary(DiagnosticStatus::WARN, worker.distortion);
   DescribeRunWithoutPoints(worker.outputs, status);
   if (!snapshot.points_in_front) return;
   status->add("sparse points in front of the first cameras [%]", 100 * *snapshot.points_in_front);

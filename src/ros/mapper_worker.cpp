@@ -11,12 +11,15 @@
 #include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
+#include "acmp_mapping/ros/call_guarded.h"
 #include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/mapper_diagnostics.h"
 
 namespace acmp {
 namespace {
 
+constexpr char kWhenBusy[] =
+    "; try ~preset: auto or online, a smaller ~max_image_size, or ~overload: block for recordings";
 constexpr char kStopped[] = "the mapper is shutting down";
 
 /// A number that no earlier run of this mapper had, also of one before the program was started again.
@@ -54,12 +57,16 @@ MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions*
 
 MapperWorker::~MapperWorker() {
   Stop();
-  thread_.join();
+  Join();
 }
 
 void MapperWorker::Stop() {
   outputs_.Stop();
   queue_.Stop();
+}
+
+void MapperWorker::Join() {
+  if (thread_.joinable()) thread_.join();
 }
 
 void MapperWorker::Push(KeyframeInput input, bool wait_for_room) {
@@ -72,7 +79,8 @@ void MapperWorker::Push(KeyframeInput input, bool wait_for_room) {
   const std::optional<KeyframeInput> dropped = queue_.Push(std::move(input), wait_for_room);
   if (!dropped) return;
   outputs_.ReportDrop(
-      {"overload", Concat("keyframe ", FormatStamp(dropped->stamp_ns), ": the mapper is busy (~overload)"), true});
+      {"overload", Concat("keyframe ", FormatStamp(dropped->stamp_ns), ": the mapper is busy (~overload)", kWhenBusy),
+       true});
 }
 
 std::string MapperWorker::Flush() {
@@ -94,10 +102,13 @@ std::string MapperWorker::Reset() {
   for (const KeyframeInput& input : queue_.ClearInputs()) {
     outputs_.ReportDrop({"reset", Concat("keyframe ", FormatStamp(input.stamp_ns), " was queued (reset)"), true});
   }
-  return RunCommand(true, [this] {
+  outputs_.set_abandoned(true);
+  std::string failure = RunCommand(true, [this] {
     if (mapper_) mapper_->Reset();
     run_ = NewRun();
   });
+  outputs_.set_abandoned(false);
+  return failure;
 }
 
 std::string MapperWorker::RunCommand(bool urgent, const std::function<void()>& work) {
@@ -131,32 +142,42 @@ WorkerStatus MapperWorker::status() const {
 }
 
 void MapperWorker::Run() {
+  const auto report = [this](const std::string& text) { outputs_.ReportDrop({"processing_error", text}); };
   MakeMapper();
-  if (!outputs_.is_stopping()) on_device_(status());
+  CallGuarded(
+      [this] {
+        if (!outputs_.is_stopping()) on_device_(status());
+      },
+      report);
   while (auto item = queue_.Pop()) {
-    if (auto* command = std::get_if<Command>(&*item)) {
-      (*command)();
-      continue;
-    }
-    auto* overtaken = std::get_if<Overtaken<KeyframeInput>>(&*item);
-    const KeyframeInput& input = overtaken ? overtaken->input : std::get<KeyframeInput>(*item);
-    const std::string name = Concat("keyframe ", FormatStamp(input.stamp_ns), ": ");
-    try {
-      if (overtaken) {
-        ProcessOvertaken(input);
-      } else {
-        Process(input);
-      }
-    } catch (const InvalidInputError& error) {
-      outputs_.ReportDrop({"bad_image", name + error.what(), true});
-    } catch (const std::exception& error) {
-      outputs_.ReportDrop({"processing_error", name + error.what(), true});
+    if (const auto* command = std::get_if<Command>(&*item)) {
+      CallGuarded(*command, report);
+    } else if (const auto* overtaken = std::get_if<Overtaken<KeyframeInput>>(&*item)) {
+      ProcessOrDrop(overtaken->input, &MapperWorker::ProcessOvertaken);
+    } else {
+      ProcessOrDrop(std::get<KeyframeInput>(*item), &MapperWorker::Process);
     }
   }
   // The device's memory goes in a thread that has used it.
   mapper_.reset();
   output_engine_.reset();
   engine_.reset();
+}
+
+void MapperWorker::ProcessOrDrop(const KeyframeInput& input, void (MapperWorker::*process)(const KeyframeInput&)) {
+  const char* reason = "processing_error";
+  const auto work = [&] {
+    try {
+      (this->*process)(input);
+    } catch (const InvalidInputError&) {
+      reason = "bad_image";
+      throw;
+    }
+  };
+  CallGuarded(work, [&](const std::string& text) {
+    const std::string topic = input.image->topic.empty() ? "" : Concat(" of ", input.image->topic);
+    outputs_.ReportDrop({reason, Concat("keyframe ", FormatStamp(input.stamp_ns), topic, ": ", text), true});
+  });
 }
 
 void MapperWorker::MakeMapper() {
@@ -200,13 +221,18 @@ void MapperWorker::Process(const KeyframeInput& input) {
   outputs_.Trim(2 * static_cast<size_t>(options.mapper.window_size));
   const PoseChecks checks = mapper_->pose_checks();
   const double keyframe_ms = preparation_ms + timer.Lap();
-  bool is_new_offset = false;
+  const std::string distortion =
+      DescribeDistortion(checks.distortion_px.value_or(0), frame->camera.width, input.calibration->distortion);
+  bool is_new_offset = false, is_new_distortion = false;
   UpdateStatus([&](WorkerStatus* status) {
+    is_new_distortion = !distortion.empty() && status->distortion.empty();
+    status->distortion = distortion;
     is_new_offset = checks.stamp_offset_s && !status->pose_checks.stamp_offset_s;
     status->pose_checks = checks;
     status->keyframe_ms = keyframe_ms;
   });
   if (is_new_offset) outputs_.ReportDrop({"stamp_offset", DescribeStampOffset(*checks.stamp_offset_s)});
+  if (is_new_distortion) outputs_.ReportDrop({"distortion", distortion});
   if (auto_preset_) ChooseSetting(keyframe_ms);
 }
 
@@ -233,10 +259,11 @@ void MapperWorker::ProcessOvertaken(const KeyframeInput& input) {
     mapper_->set_options(options.mapper);
     mapper_->AddSourceImage(PrepareFrame(input));
   }
-  outputs_.ReportDrop({"overload",
-                       Concat("keyframe ", FormatStamp(input.stamp_ns),
-                              " gets no maps, since the mapper is busy (~overload); others are matched against it"),
-                       true});
+  outputs_.ReportDrop(
+      {"overload",
+       Concat("keyframe ", FormatStamp(input.stamp_ns),
+              " gets no maps, since the mapper is busy (~overload); others are matched against it", kWhenBusy),
+       true});
 }
 
 Mask MapperWorker::MaskOf(const KeyframeInput& input) {
@@ -279,9 +306,14 @@ FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input) {
   }
   if (!calibration_ || !SameCalibration(*calibration_, *input.calibration)) {
     rectifier_ = std::make_unique<ImageRectifier>(*input.calibration);
+    decoder_ = ImageDecoder();
     calibration_ = input.calibration;
   }
-  ColorImage image = rectifier_->Rectify(DecodeRgb(*input.image, &calibration_->camera));
+  const std::string note = decoder_.note();
+  ColorImage image = rectifier_->Rectify(decoder_.Decode(*input.image, &calibration_->camera));
+  if (!decoder_.note().empty() && decoder_.note() != note) {
+    outputs_.ReportDrop({"assumed_encoding", Concat(input.image->topic, ": ", decoder_.note())});
+  }
   return std::make_shared<const Frame>(
       MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image), calibration_->camera,
                 input.world_from_cam.inverse(), input.landmarks_in_world, frame_options,

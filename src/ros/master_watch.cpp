@@ -9,7 +9,6 @@
 #include <ros/this_node.h>
 #include <ros/xmlrpc_manager.h>
 #include <xmlrpcpp/XmlRpcClient.h>
-#include <xmlrpcpp/XmlRpcException.h>
 
 #include "acmp_mapping/common/error.h"
 
@@ -58,16 +57,9 @@ void UpdatePublishers(const std::string& topic, const XmlRpcValue& publishers) {
 }  // namespace
 
 MasterWatch::MasterWatch(const ros::NodeHandle& nh, std::function<void(const std::string&)> report)
-    : report_(std::move(report)) {
-  const auto check = [this](const ros::WallTimerEvent&) {
-    try {
-      Check();
-    } catch (const XmlRpc::XmlRpcException& error) {  // one that leaves a callback would end the whole manager
-      report_("the ROS master's answer cannot be read: " + error.getMessage());
-    }
-  };
-  timer_ = thread_.Attach(nh).createWallTimer(ros::WallDuration(1.0), check);
-}
+    : thread_([report](const std::string& text) { report("the ROS master's answer cannot be read: " + text); }),
+      report_(std::move(report)),
+      timer_(thread_.MakeTimer(nh, 1.0, [this] { Check(); })) {}
 
 void MasterWatch::Check() {
   XmlRpcValue payload;
@@ -78,6 +70,7 @@ void MasterWatch::Check() {
   }
   const int pid = payload;
   const bool restarted = master_pid_ != 0 && pid != master_pid_;
+  if (restarted && IsReplaced()) return;
   if (restarted && !Register()) return;  // it went again meanwhile: another time
   if (restarted) {
     report_(Concat("the ROS master was restarted: ", publications_.size() + subscriptions_.size(), " topics and ",
@@ -88,6 +81,17 @@ void MasterWatch::Check() {
   reachable_ = true;
   master_pid_ = pid;
   if (!restarted && checks_++ % kChecksPerReading == 0) ReadRegistrations();
+}
+
+bool MasterWatch::IsReplaced() {
+  XmlRpcValue uri;
+  const bool replaced = Ask("lookupNode", {ros::this_node::getName()}, &uri) &&
+                        std::string(uri) != ros::XMLRPCManager::instance()->getServerURI();
+  if (replaced && !replaced_) {
+    report_(Concat("the ROS master was restarted, and another ", ros::this_node::getName(), " has registered with it (",
+                   std::string(uri), "): this one stays unregistered until that one has ended"));
+  }
+  return replaced_ = replaced;
 }
 
 void MasterWatch::ReadRegistrations() {

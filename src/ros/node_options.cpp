@@ -181,6 +181,12 @@ void AddInputs(OptionTable<NodeOptions>* table) {
           "the mapper is idle, and others are matched against the rest; or the input waits, so that nothing of a "
           "recording is lost"),
       [](auto& o) -> auto& { return o.overload; });
+  table->Add(
+      Number("memory_limit", 0.01, 1000, "GB",
+             "What an image may take while it is decoded and undistorted: a camera_info of more pixels is refused "
+             "before memory "
+             "is asked for"),
+      [](auto& o) -> auto& { return o.memory_limit_gb; });
 }
 
 void Check(const NodeOptions& options) {

@@ -12,7 +12,7 @@ void NodeletBase::onInit() {
     Start();
     master_watch_ = std::make_unique<MasterWatch>(
         getNodeHandle(), [this](const std::string& news) { NODELET_WARN("%s", news.c_str()); });
-    for (CallbackThread* thread : {&input_thread_, &service_thread_, &status_thread_}) thread->Start();
+    for (CallbackThread* thread : {&input_thread_, &service_thread_, &urgent_thread_, &status_thread_}) thread->Start();
     master_watch_->Start();
   } catch (const std::exception& error) {
     NODELET_FATAL("cannot start: %s", error.what());
@@ -24,7 +24,6 @@ ParameterReader NodeletBase::ReadParameters() {
   XmlRpc::XmlRpcValue values;
   getPrivateNodeHandle().getParam(getPrivateNodeHandle().getNamespace(), values);
   ParameterReader reader(values);
-  reader.Allow("diagnostic_period");   // diagnostic_updater
   reader.Allow("num_worker_threads");  // a nodelet manager of the same name
   return reader;
 }
@@ -33,7 +32,7 @@ void NodeletBase::WarnOfUnknown(const ParameterReader& reader) {
   for (const std::string& warning : reader.DescribeUnknown()) NODELET_WARN("%s", warning.c_str());
 }
 
-void NodeletBase::AddTrigger(const char* name, std::function<std::string()> handler) {
+void NodeletBase::AddTrigger(CallbackThread* thread, const char* name, std::function<std::string()> handler) {
   using std_srvs::Trigger;
   const boost::function<bool(Trigger::Request&, Trigger::Response&)> callback =
       [handler = std::move(handler)](Trigger::Request&, Trigger::Response& response) {
@@ -46,12 +45,13 @@ void NodeletBase::AddTrigger(const char* name, std::function<std::string()> hand
         }
         return true;
       };
-  services_.push_back(service_thread_.Attach(getPrivateNodeHandle()).advertiseService(name, callback));
+  services_.push_back(thread->Attach(getPrivateNodeHandle()).advertiseService(name, callback));
 }
 
 void NodeletBase::StopThreads() {
   input_thread_.Stop();
   service_thread_.Stop();
+  urgent_thread_.Stop();
   status_thread_.Stop();
   if (master_watch_) master_watch_->Stop();
 }

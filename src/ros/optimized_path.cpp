@@ -2,6 +2,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/intake/sensor_samples.h"
+#include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/ros/input_conversion.h"
 
 namespace acmp {
@@ -11,11 +12,10 @@ OptimizedPath ToOptimizedPath(const nav_msgs::Path& message, const std::string& 
   OptimizedPath path;
   path.poses.reserve(message.poses.size());
   for (const geometry_msgs::PoseStamped& pose : message.poses) {
-    const int64_t stamp_ns = ToStampNs(pose.header.stamp);
     try {
-      path.poses.push_back({stamp_ns, ToTransform(pose.pose)});
+      path.poses.push_back({ToStampNs(pose.header.stamp), ToTransform(pose.pose)});
     } catch (const InvalidInputError& error) {
-      on_bad_pose({"bad_optimized_pose", Concat("optimized_path, pose ", FormatStamp(stamp_ns), ": ", error.what())});
+      on_bad_pose({"bad_optimized_pose", Concat("optimized_path, pose ", pose.header.stamp, ": ", error.what())});
       continue;
     }
     const std::string& named = pose.header.frame_id.empty() ? message.header.frame_id : pose.header.frame_id;
@@ -55,8 +55,9 @@ Incident DescribeTooFar(const ReposeResult& result) {
   return {"optimized_path_too_far",
           Concat("keyframes not moved by optimized_path: ", result.too_far, "; the first would go by pose ",
                  FormatStamp(first.stamp_ns), " to (", first.position.x(), ", ", first.position.y(), ", ",
-                 first.position.z(), "): must lie within ", first.max_distance,
-                 " of the origin with its points (2^30 voxels)")};
+                 first.position.z(), "): must lie within ", first.allowed.max_distance, " of (",
+                 first.allowed.origin.x(), ", ", first.allowed.origin.y(), ", ", first.allowed.origin.z(),
+                 ") with its points (", kMaxMapVoxels, " voxels)")};
 }
 
 }  // namespace acmp

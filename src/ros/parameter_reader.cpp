@@ -12,6 +12,7 @@ using XmlRpc::XmlRpcValue;
 
 [[noreturn]] void Refuse(const std::string& name, const XmlRpcValue& value, const char* expected) {
   std::ostringstream text;
+  text.imbue(std::locale::classic());
   value.write(text);
   throw InvalidInputError(Concat("parameter ~", name, " = ", text.str(), ": must be ", expected));
 }

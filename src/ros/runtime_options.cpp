@@ -92,6 +92,10 @@ RuntimeOptions LoadRuntimeOptions(ParameterReader* reader, const RuntimeOptions&
   ReadOptions(RuntimeOptionTable(), reader, &options);
   SetDependentOptions(&options);
   Validate(options);
+  const DepthRange& range = options.mapper.fallback_depth_range;
+  if (HasDepthRange(range) != (range.min > 0 || range.max > 0)) {
+    throw InvalidInputError(Concat("~depth_min = ", range.min, " and ~depth_max = ", range.max, ": set both or none"));
+  }
   return options;
 }
 

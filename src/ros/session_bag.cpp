@@ -12,6 +12,7 @@
 #include "acmp_mapping/mesh/splat_points.h"
 #include "acmp_mapping/ros/bag_reader.h"
 #include "acmp_mapping/ros/bag_writer.h"
+#include "acmp_mapping/ros/checked_messages.h"
 #include "acmp_mapping/ros/keyframe_points.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "acmp_mapping/ros/topic_names.h"
@@ -54,7 +55,7 @@ void WriteImages(const SessionKeyframe& keyframe, double voxel_size, const ros::
 template <class Message, class Handle>
 void ForEach(const rosbag::Bag& bag, const std::string& topic, const Handle& handle) {
   for (const rosbag::MessageInstance& record : rosbag::View(bag, rosbag::TopicQuery(topic))) {
-    const boost::shared_ptr<Message> message = record.instantiate<Message>();
+    const boost::shared_ptr<Message> message = InstantiateChecked<Message>(record);
     if (!message) {
       throw InvalidInputError(
           Concat(topic, " is a ", record.getDataType(), " of another definition than this program's ",
@@ -74,7 +75,7 @@ auto ReadValue(const rosbag::Bag& bag, const char* topic) {
       Concat("has ", values.size(), " messages on ", topic, " instead of one: not written by save_session"));
 }
 
-Session ReadOpened(const rosbag::Bag& bag) {
+Session ReadOpened(const rosbag::Bag& bag, size_t max_bytes) {
   const uint32_t version = ReadValue<std_msgs::UInt32>(bag, kVersionTopic);
   if (version != kSessionVersion) {
     throw InvalidInputError(Concat("is a session of version ", version, ", this program reads version ",
@@ -95,12 +96,12 @@ Session ReadOpened(const rosbag::Bag& bag) {
       CheckRange<uint64_t>("count", message.count, 1, expected);
       SessionKeyframe& keyframe = session.map.keyframes[message.count - 1];
       if (keyframe.points_in_camera) throw InvalidInputError(Concat("count = ", message.count, " comes twice"));
-      KeyframePointsHead head = ReadHead(message);
+      KeyframePointsHead head = ReadHead(message, max_bytes);
       keyframe = {std::move(head.key), std::move(head.pose),
                   std::make_shared<const PointCloud>(ToPointCloud(message.points))};
       session.world_frame = head.world_frame;
     } catch (const InvalidInputError& error) {
-      throw InvalidInputError(Concat("keyframe ", message.id, " of \"", message.mapper, "\": ", error.what()));
+      throw InvalidInputError(Concat(NameOf(message), ": ", error.what()));
     }
   });
   return session;
@@ -108,13 +109,14 @@ Session ReadOpened(const rosbag::Bag& bag) {
 
 }  // namespace
 
-void WriteSession(const std::filesystem::path& path, const Session& session) {
+void WriteSession(const std::filesystem::path& path, const Session& session, const std::function<void()>& check) {
   const std::vector<SessionKeyframe>& keyframes = session.map.keyframes;
   if (keyframes.empty()) throw InvalidInputError("the map is empty: nothing was written");
   CheckMapPath(path);
   BagWriter bag(path, Durability::kPowerCut, rosbag::compression::LZ4);
   uint64_t count = 0;
   for (const SessionKeyframe& keyframe : keyframes) {
+    check();
     const KeyframePointsHead head = {keyframe.key, keyframe.pose, session.world_frame};
     const acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, *keyframe.points_in_camera);
     const ros::Time time = std::max(message->header.stamp, ros::TIME_MIN);
@@ -131,15 +133,16 @@ void WriteSession(const std::filesystem::path& path, const Session& session) {
   bag.Finish();
 }
 
-Session ReadSession(const std::filesystem::path& path) {
+Session ReadSession(const std::filesystem::path& path, size_t max_bytes) {
   Session session;
-  ReadBag(path, kWhenCutOff, [&](const rosbag::Bag& bag) {
+  const auto read = [&](const rosbag::Bag& bag) {
     try {
-      session = ReadOpened(bag);
+      session = ReadOpened(bag, max_bytes);
     } catch (const InvalidInputError& error) {
       throw InvalidInputError(Concat(path, ": ", error.what()));
     }
-  });
+  };
+  ReadBag(path, kWhenCutOff, read, max_bytes);
   return session;
 }
 

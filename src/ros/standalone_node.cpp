@@ -2,6 +2,9 @@
 
 #include <atomic>
 #include <csignal>
+#include <iostream>
+#include <string_view>
+#include <utility>
 
 #include <nodelet/loader.h>
 #include <ros/callback_queue.h>
@@ -14,13 +17,42 @@ std::atomic<bool> g_stop{false};
 
 void HandleSignal(int /*signal*/) { g_stop = true; }
 
+/// roscpp waits for a master without heeding signals. False: a signal came first.
+bool WaitForMaster() {
+  bool told = false;
+  while (!ros::master::check()) {
+    if (g_stop) return false;
+    if (!std::exchange(told, true)) {
+      std::cerr << "waiting for the ROS master at " << ros::master::getURI() << " (ROS_MASTER_URI)" << std::endl;
+    }
+    ros::WallDuration(0.1).sleep();
+  }
+  return true;
+}
+
 }  // namespace
 
 int RunStandalone(int argc, char** argv, const char* default_name, const char* nodelet_type) {
+  for (int i = 1; i < argc; ++i) {
+    const std::string_view argument = argv[i];
+    if (argument == "--version") {
+      std::cout << default_name << "_node " << ACMP_VERSION << std::endl;
+      return 0;
+    }
+    if (argument != "--help" && argument != "-h") continue;
+    std::cout
+        << "The nodelet " << nodelet_type << " as a node of its own: " << default_name
+        << "_node [TOPIC:=TOPIC ...] [_PARAMETER:=VALUE ...]\n"
+           "It needs a ROS master and all parameters of its configuration, as launch/dense_mapper.launch loads them\n"
+           "with standalone:=true. Topics and services: README.md; parameters: docs/parameters.md."
+        << std::endl;
+    return 0;
+  }
   ros::init(argc, argv, default_name, ros::init_options::NoSigintHandler);
   // roscpp handles SIGINT only; roslaunch and systemd end programs with SIGTERM.
   std::signal(SIGINT, HandleSignal);
   std::signal(SIGTERM, HandleSignal);
+  if (!WaitForMaster()) return 0;
   ros::NodeHandle keep_ros_alive;
   {
     // The loader's destructor ends the nodelet and joins its threads while ROS is still up.

@@ -1,12 +1,19 @@
 #include "acmp_mapping/ros/tf_lookup.h"
 
+#include <exception>
+#include <limits>
+#include <utility>
+
 #include <tf2_eigen/tf2_eigen.h>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/ros/checked_messages.h"
+#include "acmp_mapping/ros/topic_names.h"
 
 namespace acmp {
 namespace {
 
+constexpr uint32_t kTfQueue = 100;
 constexpr double kCacheS = 30;  ///< images wait for their pose, so the newest transform may be far ahead of them
 
 RigidTransform ToRigidTransform(const geometry_msgs::TransformStamped& message) {
@@ -17,19 +24,42 @@ RigidTransform ToRigidTransform(const geometry_msgs::TransformStamped& message) 
 
 }  // namespace
 
-TfLookup::TfLookup(const ros::NodeHandle& nh)
-    : buffer_(ros::Duration(kCacheS)), listener_(buffer_, nh, false) {  // false: no thread of its own
+TfLookup::TfLookup(ros::NodeHandle nh, std::function<void(const std::string&)> report)
+    : report_(std::move(report)), buffer_(ros::Duration(kCacheS)) {
+  const auto subscribe = [&](const char* topic, bool is_static) {
+    const boost::function<void(const tf2_msgs::TFMessageConstPtr&)> receive =
+        [this, is_static](const tf2_msgs::TFMessageConstPtr& message) { Receive(*message, is_static); };
+    return SubscribeChecked<tf2_msgs::TFMessage>(nh, topic, kTfQueue, receive);
+  };
+  transforms_ = subscribe(names::kTf, false);
+  static_transforms_ = subscribe(names::kTfStatic, true);
   // Lookups do not wait, so it does not matter that nobody else fills the buffer meanwhile.
   buffer_.setUsingDedicatedThread(true);
 }
 
+void TfLookup::Receive(const tf2_msgs::TFMessage& message, bool is_static) {
+  const ros::Time now = ros::Time::now();
+  if (now < last_received_) Clear();  // a simulated clock went back
+  last_received_ = now;
+  // The buffer adds its length to stamps, which throws for the last ones that a message can hold.
+  const uint32_t last_sec = std::numeric_limits<uint32_t>::max() - static_cast<uint32_t>(kCacheS) - 1;
+  for (const geometry_msgs::TransformStamped& transform : message.transforms) {
+    try {
+      CheckRange("stamp [s]", transform.header.stamp.sec, 0u, last_sec);
+      buffer_.setTransform(transform, "", is_static);
+    } catch (const std::exception& error) {
+      report_(Concat("tf, \"", transform.child_frame_id, "\" in \"", transform.header.frame_id, "\": ", error.what()));
+    }
+  }
+}
+
 std::variant<PoseSample, std::string> TfLookup::FindPose(const std::string& world, const std::string& child,
                                                          int64_t stamp_ns) {
-  ros::Time stamp;
-  stamp.fromNSec(static_cast<uint64_t>(stamp_ns));
   try {
+    ros::Time stamp;
+    stamp.fromNSec(static_cast<uint64_t>(stamp_ns));
     return PoseSample{stamp_ns, world, ToRigidTransform(buffer_.lookupTransform(world, child, stamp)), child};
-  } catch (const tf2::TransformException& error) {
+  } catch (const std::exception& error) {  // of tf2, or of ros::Time for stamps at the end of its range
     return Concat("tf has no \"", child, "\" in \"", world, "\" then: ", error.what());
   }
 }
@@ -37,7 +67,7 @@ std::variant<PoseSample, std::string> TfLookup::FindPose(const std::string& worl
 std::optional<RigidTransform> TfLookup::FindLatest(const std::string& target, const std::string& source) {
   try {
     return ToRigidTransform(buffer_.lookupTransform(target, source, ros::Time(0)));
-  } catch (const tf2::TransformException&) {
+  } catch (const std::exception&) {
     return std::nullopt;
   }
 }

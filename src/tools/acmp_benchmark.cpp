@@ -175,6 +175,6 @@ int main(int argc, char** argv) {
   app.add_option("--json", arguments.json, "Also write the figures to this file");
   return acmp::RunTool(app, argc, argv, [&] {
     acmp::RunBenchmark(arguments);
-    return acmp::kExitDone;
+    return acmp::Printed();
   });
 }

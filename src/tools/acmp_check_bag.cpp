@@ -51,11 +51,12 @@ int PrintReport(const acmp::BagReport& report) {
   for (const acmp::Finding& finding : report.findings) {
     std::cout << "  " << std::setw(8) << NameOf(finding.severity) << finding.message << '\n';
   }
+  if (report.usable()) std::cout << "start the mapper with:\n  " << report.launch << '\n';
   const size_t errors = report.Count(acmp::Severity::kError);
   const size_t warnings = report.Count(acmp::Severity::kWarning);
   std::cout << (report.usable() ? "usable" : "not usable") << ": " << errors << " errors, " << warnings
             << " warnings\n";
-  return report.usable() ? acmp::kExitDone : acmp::kExitBadInput;
+  return report.usable() ? acmp::Printed() : acmp::kExitBadInput;
 }
 
 }  // namespace
@@ -87,10 +88,14 @@ int main(int argc, char** argv) {
       ->check(CLI::IsMember({"T_world_cam", "T_cam_world"}))
       ->capture_default_str();
   app.add_option("--pose-child", pose_child, "As the mapper's ~pose_child")
-      ->check(CLI::IsMember({"camera_optical", "camera_flu"}))
-      ->capture_default_str();
+      ->check(CLI::IsMember({"camera_optical", "camera_flu", "body"}))
+      ->default_str("camera_optical; body where tf_static has T_body_cam");
+  app.add_option("--calibration-file", options.calibration_file, "As the mapper's ~calibration_file")
+      ->check(CLI::ExistingFile);
   return acmp::RunTool(app, argc, argv, [&] {
     if (pose_is == "T_cam_world") options.semantics.direction = acmp::PoseSemantics::Direction::kCamFromWorld;
+    options.child_declared = app.count("--pose-child") > 0;
+    if (pose_child == "body") options.semantics.child = acmp::PoseSemantics::Child::kBody;
     if (pose_child == "camera_flu") options.semantics.child = acmp::PoseSemantics::Child::kCameraFlu;
     return PrintReport(acmp::CheckBag(bag, options));
   });

@@ -117,7 +117,7 @@ int EvaluateDepthMaps(EvaluateArguments* a) {
   for (const std::string& note : evaluation.notes) std::cerr << "note: " << note << '\n';
   std::cout << DepthTable(evaluation, a->quiet) << std::flush;
   if (!a->json.empty()) WriteFileAtomically(a->json, DepthJson(evaluation));
-  return kExitDone;
+  return Printed();
 }
 
 int EvaluatePointCloud(const CLI::App& command, const EvaluateArguments& a) {
@@ -149,7 +149,7 @@ int EvaluatePointCloud(const CLI::App& command, const EvaluateArguments& a) {
   const CloudEvaluation evaluation = EvaluateCloudFile(options);
   std::cout << CloudTable(evaluation) << std::flush;
   if (!a.json.empty()) WriteFileAtomically(a.json, CloudJson(evaluation));
-  return kExitDone;
+  return Printed();
 }
 
 }  // namespace

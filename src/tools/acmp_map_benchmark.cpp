@@ -124,14 +124,14 @@ int RunBenchmark(const MapBenchmarkArguments& a) {
   for (acmp::StampedPose& pose : path) pose.pose.translation().y() += 1e-3 * pose.pose(0, 3);
   Measure("re-pose all keyframes", [&] { return acmp::Concat(store.Repose(path).moved.size(), " keyframes moved"); });
   Measure("the same path again", [&] { return acmp::Concat(store.Repose(path).moved.size(), " keyframes moved"); });
-  acmp::PointCloud map;
+  acmp::MapCloud map;
   Measure("build the map", [&] {
     map = store.WorldCloud();
-    return acmp::Concat(map.size(), " points");
+    return acmp::Concat(map.points.size(), " points");
   });
   map = {};
   Measure("build it, re-pose meanwhile", [&] {
-    std::future<acmp::PointCloud> building = std::async(std::launch::async, [&store] { return store.WorldCloud(); });
+    std::future<acmp::MapCloud> building = std::async(std::launch::async, [&store] { return store.WorldCloud(); });
     int corrections = 0;
     double longest_ms = 0;
     while (building.wait_for(std::chrono::milliseconds(100)) != std::future_status::ready) {
@@ -145,11 +145,11 @@ int RunBenchmark(const MapBenchmarkArguments& a) {
     return acmp::Concat(corrections, " corrections, the longest took ", longest_ms, " ms");
   });
   Measure("make the message",
-          [&] { return acmp::Concat(acmp::ToCloudMessage(map, std_msgs::Header())->data.size(), " bytes"); });
+          [&] { return acmp::Concat(acmp::ToCloudMessage(map.points, std_msgs::Header())->data.size(), " bytes"); });
   if (acmp::CanMesh()) {
     Measure("build the mesh", [&] {
       const double bound_gb = acmp::DefaultMemoryLimitGb();
-      const acmp::TriangleMesh mesh = acmp::MakeMapMesh(store, {0, static_cast<size_t>(1e9 * bound_gb)});
+      const acmp::TriangleMesh mesh = acmp::MakeMapMesh(store, {0, static_cast<size_t>(1e9 * bound_gb)}).mesh;
       return acmp::Concat(mesh.triangles.size(), " triangles");
     });
   }
@@ -177,7 +177,7 @@ int RunBenchmark(const MapBenchmarkArguments& a) {
     return acmp::Concat(loaded.statistics().points, " points");
   });
   std::filesystem::remove(file);
-  return acmp::kExitDone;
+  return acmp::Printed();
 }
 
 }  // namespace

@@ -239,6 +239,6 @@ int main(int argc, char** argv) {
   app.add_flag("--check", check, "Write nothing; fail when a file is not what would be written");
   return acmp::RunTool(app, argc, argv, [&] {
     acmp::Run(source, check);
-    return acmp::kExitDone;
+    return acmp::Printed();
   });
 }

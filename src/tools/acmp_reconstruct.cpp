@@ -48,7 +48,6 @@ int Run(int argc, char** argv) {
       "Computes depth, normal, cost and confidence maps of images with known poses by planar prior assisted\n"
       "PatchMatch multi-view stereo (ACMP), and fuses them into one point cloud.",
       "acmp_reconstruct");
-  app.set_version_flag("--version", ACMP_VERSION);
   acmp::AddReconstructOptions(&app, &options);
   return acmp::RunTool(app, argc, argv, [&] { return RunReconstruct(options, &interrupt); });
 }

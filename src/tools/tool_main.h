@@ -1,5 +1,9 @@
 #pragma once
 
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <cstdio>
 #include <exception>
 #include <iostream>
 
@@ -13,11 +17,29 @@ constexpr int kExitDone = 0;
 constexpr int kExitFailed = 1;    ///< correct input that could not be processed
 constexpr int kExitBadInput = 2;  ///< wrong use or input
 
+/// A standard stream that is closed would leave its number to the next file, and what is printed would go into that.
+/// In its place a device that takes nothing, so that Printed fails.
+inline void KeepStandardStreams() {
+  for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
+    if (fcntl(stream, F_GETFD) >= 0) continue;
+    if (open(stream == STDIN_FILENO ? "/dev/null" : "/dev/full", O_RDWR) < 0) break;  // what is left stays closed
+  }
+}
+
+/// The exit code of a program whose result is what it printed: throws ProcessingError where that did not get out, as on
+/// a full disk.
+inline int Printed() {
+  if (std::cout.flush() && std::fflush(stdout) == 0) return kExitDone;
+  throw ProcessingError("cannot write to the standard output: what was printed is lost");
+}
+
 /// Parses the command line and runs `body()`, which returns an exit code; errors become one line on stderr and the code
 /// that belongs to them.
 template <class Body>
 int RunTool(CLI::App& app, int argc, char** argv, const Body& body) {
+  KeepStandardStreams();
   try {
+    app.set_version_flag("--version", ACMP_VERSION);
     app.parse(argc, argv);
     return body();
   } catch (const CLI::ParseError& error) {

@@ -6,6 +6,7 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
+#include "support/decimal_comma.h"
 
 namespace acmp {
 namespace {
@@ -140,6 +141,14 @@ TEST(OptionTest, ValuesAreWrittenAsYaml) {
   EXPECT_EQ(ToYaml(std::string()), "\"\"");
   EXPECT_EQ(ToYaml(std::vector<double>{1, 0.5}), "[1.0, 0.5]");
   EXPECT_EQ(ToYaml(std::vector<double>()), "[]");
+}
+
+TEST(OptionTest, NumbersHaveAPointInAnyLocale) {
+  const DecimalComma comma(std::filesystem::path(testing::TempDir()) / "option_locale");
+  EXPECT_EQ(ToYaml(1234567.5), "1234567.5");
+  EXPECT_EQ(ToYaml(Table().Find("power").default_value()), "0.18");
+  EXPECT_EQ(Concat(1234.5), "1234.5");
+  if (!comma.has_c_locale()) GTEST_SKIP() << "there is no locale de_DE, and none can be made: streams alone were tried";
 }
 
 TEST(OptionTest, ValuesAreDescribed) {

@@ -143,6 +143,8 @@ TEST_F(ColmapTest, EveryCameraModelMapsToOpenCv) {
       {"OPENCV_FISHEYE", 5, {30, 31, 16, 12, 0.1, 0.2, 0.3, 0.4}, 31, Model::kEquidistant, {0.1, 0.2, 0.3, 0.4}},
       {"FULL_OPENCV", 6, {30, 31, 16, 12, 1, 2, 3, 4, 5, 6, 7, 8}, 31, Model::kRational, {1, 2, 3, 4, 5, 6, 7, 8}},
       {"SIMPLE_RADIAL_FISHEYE", 8, {30, 16, 12, 0}, 30, Model::kEquidistant, {0, 0, 0, 0}},
+      {"SIMPLE_FISHEYE", 14, {30, 16, 12}, 30, Model::kEquidistant, {0, 0, 0, 0}},
+      {"FISHEYE", 15, {30, 31, 16, 12}, 31, Model::kEquidistant, {0, 0, 0, 0}},
       {"RADIAL_FISHEYE", 9, {30, 16, 12, 0.1, 0.2}, 30, Model::kEquidistant, {0.1, 0.2, 0, 0}}};
   const std::string text_cameras = cameras;
   for (const CameraCase& c : cases) {
@@ -164,7 +166,7 @@ TEST_F(ColmapTest, EveryCameraModelMapsToOpenCv) {
 }
 
 TEST_F(ColmapTest, OtherCameraModelsAreRefusedByName) {
-  for (const char* name : {"FOV", "THIN_PRISM_FISHEYE", "MY_OWN"}) {
+  for (const char* name : {"FOV", "THIN_PRISM_FISHEYE", "EUCM", "MY_OWN"}) {
     cameras = std::string("1 ") + name + " 32 24 30 31 16 12 0.1\n";
     EXPECT_THAT(TextError(), AllOf(HasSubstr("cameras.txt:1"), HasSubstr(name), HasSubstr("OPENCV_FISHEYE")));
   }
@@ -231,7 +233,24 @@ TEST_F(ColmapTest, BadReferences) {
 
 TEST_F(ColmapTest, MissingImageFileIsNamed) {
   std::filesystem::remove(folder() / "images/000001.png");
-  EXPECT_THAT(TextError(), AllOf(HasSubstr("images/000001.png"), HasSubstr("missing")));
+  const Scene scene = ReadText();
+  ASSERT_EQ(scene.images.size(), 1u) << "the others are used";
+  EXPECT_EQ(scene.images[0].name, "000000.png");
+  EXPECT_THAT(scene.warnings, ElementsAre(AllOf(HasSubstr("1 of 2 images"), HasSubstr("images/000001.png"))));
+  std::filesystem::remove(folder() / "images/000000.png");
+  EXPECT_THAT(TextError(), AllOf(HasSubstr("none of the 2 images"), HasSubstr("--image-path")));
+}
+
+TEST_F(ColmapTest, ImagesOfAnotherFolder) {
+  std::filesystem::rename(folder() / "images", folder() / "pictures");
+  EXPECT_THAT(TextError(), AllOf(HasSubstr("none of the 2 images"), HasSubstr("--image-path")));
+  const Scene scene = ReadScene(folder(), SceneFormat::kAuto, PixelCenters::kInteger, folder() / "pictures");
+  EXPECT_EQ(scene.images[0].path, folder() / "pictures/000000.png");
+}
+
+TEST_F(ColmapTest, FeaturesNeedNoPlaceInTheImage) {
+  images = Replaced(images, "1 2 12 3.5", "nan nan -1 1 2 12 3.5");
+  EXPECT_EQ(ReadText().images.size(), 2u);
 }
 
 TEST_F(ColmapTest, TruncatedTextFilesAreRefused) {

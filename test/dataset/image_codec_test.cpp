@@ -74,7 +74,7 @@ void WriteRawPng(const std::filesystem::path& path, int width, int bit_depth, in
   std::fclose(file);
 }
 
-void WriteJpeg(const std::filesystem::path& path, const ColorImage& image, bool gray = false) {
+void WriteJpeg(const std::filesystem::path& path, const ColorImage& image, int components = 3) {
   std::FILE* file = std::fopen(path.c_str(), "wb");
   jpeg_compress_struct info = {};
   jpeg_error_mgr errors;
@@ -83,8 +83,8 @@ void WriteJpeg(const std::filesystem::path& path, const ColorImage& image, bool 
   jpeg_stdio_dest(&info, file);
   info.image_width = image.width();
   info.image_height = image.height();
-  info.input_components = gray ? 1 : 3;
-  info.in_color_space = gray ? JCS_GRAYSCALE : JCS_RGB;
+  info.input_components = components;
+  info.in_color_space = components == 1 ? JCS_GRAYSCALE : components == 3 ? JCS_RGB : JCS_CMYK;
   jpeg_set_defaults(&info);
   jpeg_set_quality(&info, 100, TRUE);
   jpeg_start_compress(&info, TRUE);
@@ -93,7 +93,8 @@ void WriteJpeg(const std::filesystem::path& path, const ColorImage& image, bool 
     for (int col = 0; col < image.width(); ++col) {
       const Rgb& p = image(col, row);
       samples.push_back(p.r);
-      if (!gray) samples.insert(samples.end(), {p.g, p.b});
+      if (components > 1) samples.insert(samples.end(), {p.g, p.b});
+      if (components > 3) samples.push_back(0);
     }
     JSAMPROW pointer = samples.data();
     jpeg_write_scanlines(&info, &pointer, 1);
@@ -180,7 +181,7 @@ TEST_F(ImageCodecTest, JpegIsReadByContentNotByName) {
 }
 
 TEST_F(ImageCodecTest, GrayJpegBecomesRgb) {
-  WriteJpeg(folder() / "a.jpg", SmoothColors(16, 16), true);
+  WriteJpeg(folder() / "a.jpg", SmoothColors(16, 16), 1);
   const Rgb pixel = ReadColorImage(folder() / "a.jpg")(8, 8);
   EXPECT_NEAR(pixel.r, 76, 2);  // red channel of SmoothColors at column 8, quality 100
   EXPECT_EQ(pixel.r, pixel.g);
@@ -198,6 +199,11 @@ TEST_F(ImageCodecTest, EveryTruncationIsRefused) {
           << name << " cut to " << length;
     }
   }
+}
+
+TEST_F(ImageCodecTest, JpegOfFourColoursIsRefused) {
+  WriteJpeg(folder() / "a.jpg", SmoothColors(8, 8), 4);
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadColorImage(folder() / "a.jpg"); }), HasSubstr("4 colours (CMYK)"));
 }
 
 TEST_F(ImageCodecTest, DamagedChecksumIsRefused) {

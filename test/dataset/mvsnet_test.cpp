@@ -123,6 +123,7 @@ TEST_F(MvsnetTest, BadCameras) {
   EXPECT_THAT(error("1 0 0 0.2", "1.1 0 0 0.2"), AllOf(HasSubstr("extrinsic"), HasSubstr("orthonormal")));
   EXPECT_THAT(error("0 1 0 0.3", "0 -1 0 0.3"), HasSubstr("reflection"));
   EXPECT_THAT(error("0 0 0 1", "0 0 0 2"), HasSubstr("must be 0 0 0 1"));
+  EXPECT_THAT(error("0 0 0 1", "0 0 0 1.00001"), HasSubstr("is 0 0 0 1.00001"));
   EXPECT_THAT(error("30 0 15.75", "30 1 15.75"), HasSubstr("skew"));
   EXPECT_THAT(error("30 0 15.75", "-30 0 15.75"), HasSubstr("fx = -30"));
   EXPECT_THAT(error("30 0 15.75", "30 0"), HasSubstr("missing"));

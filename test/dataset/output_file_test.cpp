@@ -10,7 +10,9 @@
 #include <gmock/gmock.h>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/masks.h"
 #include "dataset/test_folder.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
@@ -108,6 +110,26 @@ TEST_F(OutputFileTest, LinksInPlaceOfTheTemporaryFileAreNotFollowed) {
   EXPECT_THAT(MessageOf<ProcessingError>([&] { WriteFileAtomically(folder() / "map", "x"); }),
               HasSubstr("map.partial: Too many levels of symbolic links"));
   EXPECT_EQ(ReadText(other), "precious");
+}
+
+TEST_F(OutputFileTest, PipesAreNotWaitedFor) {
+  ASSERT_EQ(::mkfifo((folder() / "map.partial").c_str(), 0600), 0);
+  EXPECT_THROW(WriteFileAtomically(folder() / "map", "new"), ProcessingError);
+  ASSERT_EQ(::mkfifo((folder() / "mask.png").c_str(), 0600), 0);
+  for (const std::filesystem::path& path : {folder() / "mask.png", std::filesystem::path("/dev/zero")}) {
+    EXPECT_THAT(ErrorOf([&] { ReadMask(path); }), HasSubstr("is a device, pipe or socket")) << path;
+  }
+}
+
+TEST_F(OutputFileTest, ReservedSpaceIsNotPartOfTheFile) {
+  AtomicFile file(folder() / "map");
+  file.Reserve(1 << 20);
+  file.Write("new");
+  file.Commit();
+  EXPECT_EQ(ReadText(folder() / "map"), "new");
+  struct stat status = {};
+  ASSERT_EQ(::stat((folder() / "map").c_str(), &status), 0);
+  EXPECT_LT(status.st_blocks * 512, 1 << 20) << "nor does it stay reserved";
 }
 
 TEST_F(OutputFileTest, OnlyRegularFilesAreReplaced) {

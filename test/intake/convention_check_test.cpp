@@ -5,11 +5,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "acmp_mapping/common/error.h"
+
 namespace acmp {
 namespace {
 
 using ::testing::AllOf;
 using ::testing::HasSubstr;
+using ::testing::Not;
 using Direction = PoseSemantics::Direction;
 using Child = PoseSemantics::Child;
 
@@ -32,10 +35,12 @@ RigidTransform TrueWorldFromCam(int i) {
   return world_from_cam;
 }
 
-/// Points of a wall 4 before the camera, seen in the image, in the world.
+/// Points of a wall some 4 before the camera, others each time, seen in the image, in the world.
 SparseCloud TrueCloud(int i) {
   SparseCloud cloud;
-  for (int k = -10; k <= 10; ++k) cloud.points.push_back(TrueWorldFromCam(i) * Eigen::Vector3d(0.1 * k, 0.05 * k, 4));
+  for (int k = -10; k <= 10; ++k) {
+    cloud.points.push_back(TrueWorldFromCam(i) * Eigen::Vector3d(0.1 * k, 0.05 * k, 4 + 0.17 * (i % 5)));
+  }
   return cloud;
 }
 
@@ -57,7 +62,7 @@ std::vector<std::string> Warnings(const PoseSemantics& sent, const PoseSemantics
   ConventionCheck check;
   EXPECT_FALSE(check.share_in_front());
   std::vector<std::string> warnings;
-  for (int i = 0; i < 3 * ConventionCheck::kKeyframes; ++i) {
+  for (int i = 0; i < 3 * ConventionCheck::kLooks; ++i) {
     SparseCloud cloud = TrueCloud(i);
     if (points_in_camera) {
       for (Eigen::Vector3d& point : cloud.points) point = TrueWorldFromCam(i).inverse() * point;
@@ -96,36 +101,58 @@ TEST(ConventionCheck, NamesTheConventionThatFits) {
   EXPECT_THAT(warnings[0], HasSubstr("~pose_child: camera_optical"));
 }
 
-/// A level camera that moves sideways past a wall, as recordings begin: near the world's origin and hardly turned, so
-/// that many points lie in the image with the inverse pose, too.
-std::vector<std::string> WarningsNearTheOrigin(Direction sent, Direction configured, double step) {
+/// What a frontend sends that begins at the world's origin and sends its whole map: keyframe i adds points that it
+/// sees, and moves all of them a little. `first`: what comes before is not recorded.
+std::vector<std::string> WarningsOfAGrowingMap(const PoseSemantics& sent, const PoseSemantics& configured, int first) {
   ConventionCheck check;
   std::vector<std::string> warnings;
-  for (int i = 0; i < ConventionCheck::kLastKeyframes + 5; ++i) {
-    RigidTransform world_from_cam = RigidTransform::Identity();
-    world_from_cam.translation() = Eigen::Vector3d(step * i, 0, 0);
-    SparseCloud cloud;
-    for (int k = -20; k <= 20; ++k) cloud.points.push_back(world_from_cam * Eigen::Vector3d(0.1 * k, 0.02 * k, 4));
-    const RigidTransform received = Sent({sent, Child::kCameraOptical, std::nullopt}, world_from_cam);
-    const PoseSemantics read{configured, Child::kCameraOptical, std::nullopt};
-    if (auto warning = check.Add(read, received, cloud, false, TestCamera())) warnings.push_back(*warning);
+  SparseCloud map;
+  for (int i = 0; i < 60; ++i) {
+    RigidTransform world_from_cam(Eigen::AngleAxisd(0.03 * i, Eigen::Vector3d::UnitY()));
+    world_from_cam.translation() = Eigen::Vector3d(0.2 * i, -0.05 * i, 0.3 * i);
+    for (int k = -10; k < 10; ++k) {
+      map.points.push_back(world_from_cam *
+                           Eigen::Vector3d(0.13 * k, 0.06 * ((k * 7 + i) % 20 - 10), 4 + 0.1 * (k % 3)));
+    }
+    for (Eigen::Vector3d& point : map.points) point *= 1.0003;
+    if (i < first) continue;
+    if (auto warning = check.Add(configured, Sent(sent, world_from_cam), map, false, TestCamera())) {
+      warnings.push_back(*warning);
+    }
   }
-  EXPECT_EQ(warnings.empty() ? "" : warnings[0], check.warning());
+  EXPECT_EQ(warnings.empty() ? "" : warnings.back(), check.warning());
   return warnings;
 }
 
-TEST(ConventionCheck, ComparesReadingsWithEachOther) {
-  // The wrong reading has half of the points in the image at first: 5 keyframes are shifted by 0 to 2.8 times 2.
-  auto warnings = WarningsNearTheOrigin(Direction::kCamFromWorld, Direction::kWorldFromCam, 0.45);
-  ASSERT_EQ(warnings.size(), 1u);
-  EXPECT_THAT(warnings[0],
-              AllOf(HasSubstr("first 5 keyframes"), HasSubstr("100 % lie in front of the camera and only "),
-                    HasSubstr("~pose_is: T_cam_world"), HasSubstr("set this")));
-  // Slower: it shows only later.
-  warnings = WarningsNearTheOrigin(Direction::kWorldFromCam, Direction::kCamFromWorld, 0.05);
-  ASSERT_EQ(warnings.size(), 1u);
-  EXPECT_THAT(warnings[0], AllOf(HasSubstr("first 40 keyframes"), HasSubstr("~pose_is: T_world_cam")));
-  EXPECT_TRUE(WarningsNearTheOrigin(Direction::kWorldFromCam, Direction::kWorldFromCam, 0.45).empty());
+TEST(ConventionCheck, NeverOrdersAWrongReadingOfAMapThatGrows) {
+  for (const Direction direction : {Direction::kWorldFromCam, Direction::kCamFromWorld}) {
+    for (const Child child : {Child::kCameraOptical, Child::kCameraFlu}) {
+      const PoseSemantics sent{direction, child, std::nullopt};
+      for (const Direction read_direction : {Direction::kWorldFromCam, Direction::kCamFromWorld}) {
+        for (const Child read_child : {Child::kCameraOptical, Child::kCameraFlu}) {
+          const PoseSemantics configured{read_direction, read_child, std::nullopt};
+          const std::string what = Describe(sent) + " read as " + Describe(configured);
+          for (const int first : {0, 20}) {
+            const auto warnings = WarningsOfAGrowingMap(sent, configured, first);
+            if (direction == read_direction && child == read_child) {
+              EXPECT_TRUE(warnings.empty()) << what << ": " << warnings.front();
+              continue;
+            }
+            ASSERT_FALSE(warnings.empty()) << what;
+            EXPECT_THAT(warnings.back(), AllOf(HasSubstr("set this"), HasSubstr(Concat("~pose_is: ", Name(direction))),
+                                               HasSubstr(Concat("~pose_child: ", Name(child)))))
+                << what;
+            if (warnings.size() > 1) {
+              EXPECT_EQ(warnings.size(), 2u);
+              EXPECT_THAT(warnings.front(), AllOf(HasSubstr("several other readings fit"), Not(HasSubstr("set this"))));
+            }
+          }
+        }
+      }
+    }
+  }
+  // At the start the inverse pose and the camera's own frame fit nearly as well.
+  EXPECT_EQ(WarningsOfAGrowingMap({}, {Direction::kWorldFromCam, Child::kCameraFlu, std::nullopt}, 0).size(), 2u);
 }
 
 TEST(ConventionCheck, NamesAnInvertedExtrinsic) {

@@ -4,8 +4,10 @@
 #include <gtest/gtest.h>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/evaluation/cloud_metrics.h"
 #include "acmp_mapping/evaluation/sample_mesh.h"
+#include "acmp_mapping/map/occupancy_map.h"
 #include "acmp_mapping/mesh/distance_volume.h"
 #include "map/room_keyframes.h"
 #include "support/error_text.h"
@@ -46,9 +48,9 @@ TEST_F(MapMeshTest, IsTheRoomsSurface) {
   const std::vector<SyntheticView> views = Room();
   MapStore store({100, kVoxel});
   AddTo(&store, RoomKeyframes(views, kVoxel));
-  size_t keyframes = 0;
-  const TriangleMesh mesh = MakeMapMesh(store, {0, kEnough}, &keyframes);
-  EXPECT_EQ(keyframes, views.size());
+  const MapMesh map = MakeMapMesh(store, {0, kEnough});
+  EXPECT_EQ(map.keyframes, views.size());
+  const TriangleMesh& mesh = map.mesh;
   const PointCloud truth = SampleSyntheticSurface(views, 0.02f);
   const auto metrics = EvaluateCloud(SampleMesh(mesh, 0.01), truth, {0.02, 0.05}, 0.02);
   EXPECT_GT(metrics[0].accuracy, 90);
@@ -61,14 +63,14 @@ TEST_F(MapMeshTest, FollowsALoopClosure) {
   const PlacedKeyframes keyframes = RoomKeyframes(views, kVoxel);
   MapStore store({100, kVoxel});
   AddTo(&store, keyframes);
-  const TriangleMesh before = MakeMapMesh(store, {0.04, kEnough});
+  const TriangleMesh before = MakeMapMesh(store, {0.04, kEnough}).mesh;
   std::vector<StampedPose> path;
   for (size_t i = 0; i < views.size(); ++i) {
     path.push_back({static_cast<int64_t>(i) * 1000000000, keyframes.keyframes[i].world_from_cam});
     path.back().pose.translation().x() += 4;  // whole voxels, so that the grid lies the same way
   }
   store.Repose(path);
-  const TriangleMesh after = MakeMapMesh(store, {0.04, kEnough});
+  const TriangleMesh after = MakeMapMesh(store, {0.04, kEnough}).mesh;
   ASSERT_GT(before.vertices.size(), 1000u);
   EXPECT_NEAR(static_cast<double>(after.vertices.size()), static_cast<double>(before.vertices.size()),
               0.01 * static_cast<double>(before.vertices.size()));
@@ -78,6 +80,30 @@ TEST_F(MapMeshTest, FollowsALoopClosure) {
     return sum / static_cast<double>(mesh.vertices.size());
   };
   EXPECT_NEAR(mean_x(after) - mean_x(before), 4, 0.01);
+}
+
+/// Mesh and occupancy in UTM coordinates, where float32 knows half metres only.
+TEST_F(MapMeshTest, FarFromTheOriginItIsTheSame) {
+  PlacedKeyframes keyframes = RoomKeyframes(Room(), kVoxel);
+  const Eigen::Vector3d offset(500000, 5500000, 200);
+  MapStore near({100, kVoxel}), far({100, kVoxel});
+  AddTo(&near, keyframes);
+  for (PlacedKeyframe& keyframe : keyframes.keyframes) keyframe.world_from_cam.translation() += offset;
+  AddTo(&far, keyframes);
+  const MapMesh expected = MakeMapMesh(near, {0.04, kEnough}), map = MakeMapMesh(far, {0.04, kEnough});
+  EXPECT_NEAR(static_cast<double>(map.mesh.triangles.size()), static_cast<double>(expected.mesh.triangles.size()),
+              0.01 * static_cast<double>(expected.mesh.triangles.size()));
+  const auto middle = [](const MapMesh& m) {
+    Eigen::AlignedBox3d box;
+    for (const SurfacePoint& v : m.mesh.vertices) box.extend(InWorld(m.origin, v.position));
+    return Eigen::Vector3d(box.center());
+  };
+  EXPECT_LT((middle(map) - offset - middle(expected)).norm(), 0.04);
+  if (!CanMapOccupancy()) return;
+  const auto cells = [](const MapStore& store) {
+    return static_cast<double>(MakeOccupancyMap(store.Placed(), 0.1)->nodes());
+  };
+  EXPECT_NEAR(cells(far), cells(near), 0.05 * cells(near)) << "the grid lies in another way";
 }
 
 TEST_F(MapMeshTest, SaysWhatItCannotDo) {

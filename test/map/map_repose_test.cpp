@@ -55,7 +55,7 @@ TEST(MapRepose, NamedKeyframesGetThePosesOfThePath) {
   EXPECT_EQ(result.unmatched, 0u);
   EXPECT_NE(store.version(), version);
   ExpectPath(store, poses);
-  const PointCloud map = store.WorldCloud();  // in the order of x
+  const PointCloud map = store.WorldCloud().points;  // in the order of x
   ASSERT_EQ(map.size(), 3u);
   for (size_t i = 0; i < 3; ++i) {
     const Eigen::Vector3d point = poses[i] * Eigen::Vector3d(0, 0, 2);
@@ -174,7 +174,7 @@ TEST(MapRepose, APathOfAnotherScaleScalesThePoints) {
     std::vector<RigidTransform> expected;
     for (const StampedPose& pose : path) expected.push_back(pose.pose);
     ExpectPath(store, expected);
-    const PointCloud map = store.WorldCloud();
+    const PointCloud map = store.WorldCloud().points;
     ASSERT_EQ(map.size(), 40u);
     for (const SurfacePoint& point : map) {
       if (point.position.x > 14 && point.position.x < 20 + 6 * scale) continue;  // around the change
@@ -293,10 +293,10 @@ TEST(MapRepose, TouchesNoPoint) {
   // The clouds are shared and immutable, so this can only fail if re-posing began to copy or to thin again.
   MapStore store({10, 0.1});
   AddKeyframes(&store, 2);
-  const PointCloud before = store.WorldCloud();
+  const PointCloud before = store.WorldCloud().points;
   store.Repose({{0, Pose(0, 5)}, {kSecond, Pose(1, 5)}});
   store.Repose({{0, Pose(0, 0)}, {kSecond, Pose(1, 0)}});
-  const PointCloud after = store.WorldCloud();
+  const PointCloud after = store.WorldCloud().points;
   ASSERT_EQ(after.size(), before.size());
   for (size_t i = 0; i < after.size(); ++i) {
     EXPECT_EQ(after[i].position.x, before[i].position.x) << "there and back: not a bit differs";
@@ -317,15 +317,15 @@ TEST(MapRepose, APoseFarAwayIsRefusedAndTheOthersAreUsed) {
     ASSERT_TRUE(result.first_too_far);
     EXPECT_EQ(result.first_too_far->stamp_ns, kSecond);
     EXPECT_EQ(result.first_too_far->position.x(), far);
-    EXPECT_EQ(result.first_too_far->max_distance, bound);
+    EXPECT_EQ(result.first_too_far->allowed.max_distance, bound);
     EXPECT_EQ(store.statistics().path_too_far, 1u);
     ExpectPath(store, {Pose(0, 1), Pose(1, 1), Pose(2, 3)});
-    EXPECT_EQ(store.WorldCloud().size(), 3u);
+    EXPECT_EQ(store.WorldCloud().points.size(), 3u);
   }
   const ReposeResult near = store.Repose({{kSecond, Pose(0.999 * bound, 0)}});
   EXPECT_EQ(near.too_far, 0u);
   EXPECT_EQ(store.statistics().path_too_far, 0u);
-  EXPECT_EQ(store.WorldCloud().size(), 3u);
+  EXPECT_EQ(store.WorldCloud().points.size(), 3u);
 }
 
 TEST(MapRepose, KeyframesThatOthersWouldMoveTooFarStay) {
@@ -337,7 +337,7 @@ TEST(MapRepose, KeyframesThatOthersWouldMoveTooFarStay) {
   EXPECT_EQ(result.too_far, 1u);
   EXPECT_EQ(result.first_too_far->stamp_ns, kSecond);
   ExpectPath(store, {Pose(0.9 * bound, 0), Pose(0.9 * bound, 0)});
-  EXPECT_EQ(store.WorldCloud().size(), 1u) << "both see the same now";
+  EXPECT_EQ(store.WorldCloud().points.size(), 1u) << "both see the same now";
 }
 
 TEST(MapRepose, APoseFarAwayIsRefusedForALaterKeyframe) {
@@ -346,7 +346,7 @@ TEST(MapRepose, APoseFarAwayIsRefusedForALaterKeyframe) {
   Add(&store, 0, 0, Pose(0, 0));
   EXPECT_EQ(store.statistics().path_too_far, 1u);
   ExpectPath(store, {Pose(0, 0)});
-  EXPECT_EQ(store.WorldCloud().size(), 1u);
+  EXPECT_EQ(store.WorldCloud().points.size(), 1u);
 }
 
 }  // namespace

@@ -81,7 +81,7 @@ TEST(MapSession, AnEmptyMapBecomesWhatTheOtherWas) {
   for (const double voxel_size : {kSessionVoxel, 0.0}) {
     MapStore loaded({10, voxel_size});
     loaded.Join(session, RigidTransform::Identity());
-    ExpectSameBytes(loaded.WorldCloud(), store.WorldCloud());
+    ExpectSameBytes(loaded.WorldCloud().points, store.WorldCloud().points);
     ExpectSamePath(loaded.Path(), store.Path());
     EXPECT_EQ(loaded.statistics().points, store.statistics().points);
     EXPECT_EQ(loaded.statistics().voxel_size, kSessionVoxel);
@@ -192,7 +192,7 @@ TEST(MapSession, AllOrNothing) {
   Add(&saved, {"a", 1, 7}, 0);
   Add(&saved, {"a", 1, 8}, 1);
   Add(&store, {"a", 1, 8}, 5);
-  const PointCloud before = store.WorldCloud();
+  const PointCloud before = store.WorldCloud().points;
   const uint64_t version = store.version();
   const MapSession session = saved.Session();
   const auto refusal = [&](const std::function<void(MapSession*)>& change) {
@@ -234,7 +234,7 @@ TEST(MapSession, AllOrNothing) {
               }),
               HasSubstr("voxel size = 0"));
   EXPECT_EQ(store.version(), version);
-  ExpectSameBytes(store.WorldCloud(), before);
+  ExpectSameBytes(store.WorldCloud().points, before);
   EXPECT_EQ(refusal([](auto*) {}), "no error");
 }
 

@@ -47,12 +47,12 @@ bool Same(const PointCloud& a, const PointCloud& b) {
 
 TEST(MapStore, PutsKeyframesIntoTheWorld) {
   MapStore store({10, 0.1});
-  EXPECT_TRUE(store.WorldCloud().empty());
+  EXPECT_TRUE(store.WorldCloud().points.empty());
   RigidTransform turned = RigidTransform::Identity();  // world x = camera z
   turned.linear() << 0, 0, 1, 0, 1, 0, -1, 0, 0;
   turned.translation() << 5, 0, 0;
   Add(&store, 0, turned, {{{0.05f, 0.05f, 2.05f}, {0, 0, -1}, {1, 2, 3}, 0.25f}});
-  const PointCloud map = store.WorldCloud();
+  const PointCloud map = store.WorldCloud().points;
   ASSERT_EQ(map.size(), 1u);
   // float32 of values below 10
   EXPECT_NEAR(map[0].position.x, 7.05, 1e-5);
@@ -68,7 +68,7 @@ TEST(MapStore, ThinsToOnePointPerVoxelAcrossKeyframes) {
   EXPECT_EQ(store.statistics().points, 100u);
   Add(&store, 1, Shifted(0.5), PlaneAt(1.05f, 20, 0.05f));
   EXPECT_EQ(store.statistics().points, 200u);
-  EXPECT_EQ(store.WorldCloud().size(), 150u) << "the overlap counts once";
+  EXPECT_EQ(store.WorldCloud().points.size(), 150u) << "the overlap counts once";
 }
 
 TEST(MapStore, PointsOfAKeyframeAreReplacedWhereItStillIs) {
@@ -79,10 +79,10 @@ TEST(MapStore, PointsOfAKeyframeAreReplacedWhereItStillIs) {
   EXPECT_NE(store.version(), version);
   EXPECT_EQ(store.statistics().points, 25u);
   EXPECT_EQ(store.statistics().keyframes, 1u);
-  ASSERT_EQ(store.WorldCloud().size(), 25u);
-  EXPECT_NEAR(store.WorldCloud()[0].position.z, 2.05, 1e-5);
+  ASSERT_EQ(store.WorldCloud().points.size(), 25u);
+  EXPECT_NEAR(store.WorldCloud().points[0].position.z, 2.05, 1e-5);
   EXPECT_TRUE(store.Replace(Key(3), {}, {}));
-  EXPECT_TRUE(store.WorldCloud().empty());
+  EXPECT_TRUE(store.WorldCloud().points.empty());
   EXPECT_TRUE(store.Replace(Key(3), {}, PlaneAt(1.05f, 2, 0.1f))) << "no points are points, too";
   EXPECT_EQ(store.statistics().replaced, 3u);
 
@@ -129,18 +129,18 @@ TEST(MapStore, MapsOfTwoMappersAreOneAndTheirOrderDoesNotCount) {
     Add(&other, Key(id, "left"), Shifted(0.013 * static_cast<double>(id)), points(id));
   }
   EXPECT_EQ(one.statistics().keyframes, 10u);
-  EXPECT_TRUE(Same(one.WorldCloud(), other.WorldCloud()));
+  EXPECT_TRUE(Same(one.WorldCloud().points, other.WorldCloud().points));
   // A voxel is occupied in the map of both where it is in one of the two.
   const auto voxels = [](const PointCloud& cloud) {
     std::set<std::pair<long, long>> found;
     for (const SurfacePoint& p : cloud) found.emplace(std::floor(p.position.x / 0.1), std::floor(p.position.y / 0.1));
     return found;
   };
-  auto both = voxels(left.WorldCloud());
-  const auto of_right = voxels(right.WorldCloud());
-  EXPECT_LT(both.size(), voxels(one.WorldCloud()).size());
+  auto both = voxels(left.WorldCloud().points);
+  const auto of_right = voxels(right.WorldCloud().points);
+  EXPECT_LT(both.size(), voxels(one.WorldCloud().points).size());
   both.insert(of_right.begin(), of_right.end());
-  EXPECT_EQ(voxels(one.WorldCloud()), both);
+  EXPECT_EQ(voxels(one.WorldCloud().points), both);
 }
 
 TEST(MapStore, ChoosesAVoxelSizeInProportionToTheScene) {
@@ -162,7 +162,7 @@ TEST(MapStore, EvictsTheOldestKeyframes) {
   EXPECT_EQ(statistics.keyframes, 2u);
   EXPECT_EQ(statistics.evicted, 3u);
   EXPECT_EQ(statistics.points, 2u);
-  for (const SurfacePoint& point : store.WorldCloud()) EXPECT_GT(point.position.x, 29);
+  for (const SurfacePoint& point : store.WorldCloud().points) EXPECT_GT(point.position.x, 29);
 }
 
 TEST(MapStore, EvictsWhatIsFartherThanTheRadiusFromTheNewest) {
@@ -211,7 +211,7 @@ TEST(MapStore, ClearForgetsAllAndChangesTheVersion) {
   EXPECT_NE(one, empty);
   store.Clear();
   EXPECT_NE(store.version(), one);
-  EXPECT_TRUE(store.WorldCloud().empty());
+  EXPECT_TRUE(store.WorldCloud().points.empty());
   EXPECT_EQ(store.statistics().voxel_size, 0) << "another scene may have another scale";
 }
 
@@ -224,21 +224,75 @@ TEST(MapStore, RefusesBadOptions) {
 TEST(MapStore, KeyframesFarAwayAreRefused) {
   MapStore store({10, 0});
   const PointCloud points = PlaneAt(2, 3, 1);
-  Add(&store, 0, Shifted(0), points);
+  Add(&store, 0, Shifted(-1e7), points);
   const double bound = kMaxMapVoxels * kAutoVoxelRatio * 2;
   const std::string message = [&] {
     try {
-      store.Add(Key(1), {1, Shifted(1e12), {}}, points);
+      store.Add(Key(1), {1, Shifted(1.5e7), {}}, points);
     } catch (const InvalidInputError& error) {
       return std::string(error.what());
     }
     return std::string();
   }();
-  EXPECT_NE(message.find("position (1e+12, 0, 0)"), std::string::npos) << message;
-  EXPECT_NE(message.find(Concat("within ", bound, " of the origin")), std::string::npos) << message;
-  EXPECT_THROW(store.Replace(Key(0), {}, PlaneAt(1.5e7f, 1, 1)), InvalidInputError);
+  EXPECT_NE(message.find("position (1.5e+07, 0, 0)"), std::string::npos) << message;
+  EXPECT_NE(message.find(Concat("within ", bound, " of the map's first keyframe")), std::string::npos) << message;
+  EXPECT_THROW(store.Replace(Key(0), {}, PlaneAt(2.1e7f, 1, 1)), InvalidInputError);
+  EXPECT_THROW(MapStore({10, 0}).Add(Key(0), {0, Shifted(1e13), {}}, points), InvalidInputError)
+      << "of the world's origin";
   EXPECT_EQ(store.statistics().keyframes, 1u);
-  EXPECT_EQ(store.WorldCloud().size(), points.size());
+  EXPECT_EQ(store.WorldCloud().points.size(), points.size());
+}
+
+/// In UTM and geocentric coordinates float32 knows half metres only.
+TEST(MapStore, IsTheSameFarFromTheOrigin) {
+  const PointCloud points = PlaneAt(2, 30, 0.07f);
+  MapStore near({10, 0});
+  for (uint64_t i = 0; i < 3; ++i) Add(&near, i, Shifted(0.3 * static_cast<double>(i)), points);
+  const MapCloud expected = near.WorldCloud();
+  EXPECT_TRUE(expected.origin.isZero(0));
+  for (const Eigen::Vector3d& offset : {Eigen::Vector3d(5e5, 5.5e6, 200), Eigen::Vector3d(-4.2e6, 6e5, 4.7e6)}) {
+    MapStore store({10, 0});
+    for (uint64_t i = 0; i < 3; ++i) {
+      RigidTransform pose = Shifted(0.3 * static_cast<double>(i));
+      pose.translation() += offset;
+      Add(&store, i, pose, points);
+    }
+    const MapCloud cloud = store.WorldCloud();
+    ASSERT_NEAR(static_cast<double>(cloud.points.size()), static_cast<double>(expected.points.size()),
+                0.01 * static_cast<double>(expected.points.size()));
+    const auto mean = [](const MapCloud& map) {
+      Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+      for (const auto& p : map.points) sum += Eigen::Vector3d(p.position.x, p.position.y, p.position.z);
+      return Eigen::Vector3d(map.origin + sum / static_cast<double>(map.points.size()));
+    };
+    EXPECT_LT((mean(cloud) - offset - mean(expected)).norm(), 1e-3);
+    for (const auto& p : cloud.points) ASSERT_NEAR(cloud.origin.z() + p.position.z - offset.z(), 2, 1e-3);
+    EXPECT_EQ(store.Path()[1].pose.translation(), Shifted(0.3).translation() + offset) << "the path stays in the world";
+  }
+}
+
+/// A path that puts a map into geocentric coordinates, and keyframes that still come in the odometry's.
+TEST(MapStore, ALoopClosureMayMoveItFarAway) {
+  MapStore store({10, 0});
+  const PointCloud points = PlaneAt(2, 3, 1);
+  Add(&store, 0, Shifted(0), points);
+  const Eigen::Vector3d offset(-4.2e6, 6e5, 4.7e6);
+  RigidTransform moved = Shifted(0);
+  moved.translation() += offset;
+  EXPECT_EQ(store.Repose({{0, moved}}).named, 1u);
+  Add(&store, 1, Shifted(1), points);
+  const MapCloud cloud = store.WorldCloud();
+  EXPECT_EQ(cloud.points.size(), 12u) << "two rows of three are the same";
+  EXPECT_LT((store.Path()[1].pose.translation() - offset - Eigen::Vector3d(1, 0, 0)).norm(), 1e-6);
+}
+
+TEST(MapStore, AKeyframeThatIsRefusedDoesNotChooseTheVoxelSize) {
+  MapStore store({10, 0});
+  EXPECT_THROW(store.Add(Key(0), {0, Shifted(1), {}}, PlaneAt(1e-30f, 3, 1e-31f)), InvalidInputError);
+  EXPECT_THROW(store.Add(Key(0), {0, Shifted(10.1), {}}, PlaneAt(1e-6f, 3, 1e-7f)), InvalidInputError);
+  EXPECT_EQ(store.statistics().voxel_size, 0);
+  Add(&store, 1, Shifted(1), PlaneAt(2, 3, 1));
+  EXPECT_EQ(store.statistics().voxel_size, kAutoVoxelRatio * 2);
 }
 
 TEST(MapStore, PointsThatAreRefusedDoNotChooseTheVoxelSize) {

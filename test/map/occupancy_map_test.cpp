@@ -46,7 +46,7 @@ TEST(OccupancyMapWithoutOctoMap, SaysWhichPackageIsMissing) {
 
 TEST_F(OccupancyMapTest, RaysAreFreeEndsAreOccupiedTheRestIsUnknown) {
   OccupancyMap map(0.05);
-  map.Insert(Keyframe(Wall(2.02f)));
+  map.Insert({Keyframe(Wall(2.02f))});
   EXPECT_EQ(map.At({1, 0, 1}), Occupancy::kFree);
   EXPECT_EQ(map.At({1.9, 0.8, 1.8}), Occupancy::kFree);
   EXPECT_EQ(map.At({2.02, 0, 1}), Occupancy::kOccupied);
@@ -59,7 +59,7 @@ TEST_F(OccupancyMapTest, DoubtfulPointsSayNothing) {
   PointCloud points = Wall(2);
   for (SurfacePoint& point : points) point.confidence = 0.9f * kMinOccupancyConfidence;
   OccupancyMap map(0.05);
-  map.Insert(Keyframe(points));
+  map.Insert({Keyframe(points)});
   EXPECT_EQ(map.nodes(), 0u);
   EXPECT_TRUE(map.Slice(0, 1).cells.empty());
 }
@@ -68,13 +68,13 @@ TEST_F(OccupancyMapTest, ScaledKeyframesLieWhereTheMapHasThem) {
   PlacedKeyframe keyframe = Keyframe(Wall(1.01f));
   keyframe.scale = 2;
   OccupancyMap map(0.05);
-  map.Insert(keyframe);
+  map.Insert({keyframe});
   EXPECT_EQ(map.At({2.02, 0, 1}), Occupancy::kOccupied);
 }
 
 TEST_F(OccupancyMapTest, SliceIsSeenFromAbove) {
   OccupancyMap map(0.05);
-  map.Insert(Keyframe(Wall(2.02f)));
+  map.Insert({Keyframe(Wall(2.02f))});
   const OccupancySlice slice = map.Slice(0.9, 1.1);
   const auto at = [&](double x, double y) {
     const int col = static_cast<int>(std::floor((x - slice.origin_x) / slice.resolution));
@@ -178,16 +178,54 @@ TEST_F(OccupancyMapTest, SegmentsOfTheRoomAreAsTheTrueGeometrySays) {
   EXPECT_GT(walls, 20);
 }
 
-TEST_F(OccupancyMapTest, BadInputIsNamedAndChangesNothing) {
+TEST_F(OccupancyMapTest, BadInputIsNamed) {
   EXPECT_THAT(ErrorOf([] { OccupancyMap map(0); }), HasSubstr("occupancy: resolution = 0"));
-  OccupancyMap map(0.05);
-  PlacedKeyframe keyframe = Keyframe({{{0, 0, 1e5f}, {0, 0, -1}, {}, 1}});
-  EXPECT_THAT(ErrorOf([&] { map.Insert(keyframe); }), HasSubstr("must be within 1600"));
-  keyframe.world_from_cam.translation().x() = 1e5;
-  EXPECT_THAT(ErrorOf([&] { map.Insert(keyframe); }), HasSubstr("a camera at"));
-  EXPECT_EQ(map.nodes(), 0u);
-  EXPECT_THAT(ErrorOf([&] { map.Write("/tmp/never.bt"); }), HasSubstr("empty"));
-  EXPECT_THAT(ErrorOf([&] { MakeOccupancyMap({}, 0); }), HasSubstr("empty"));
+  EXPECT_THAT(ErrorOf([] { OccupancyMap(0.05).Write("/tmp/never.bt"); }), HasSubstr("empty"));
+  EXPECT_THAT(ErrorOf([] { MakeOccupancyMap({}, 0); }), HasSubstr("empty"));
+}
+
+TEST_F(OccupancyMapTest, WhatIsBeyondOctoMapsReachGetsLargerVoxels) {
+  const PlacedKeyframe near = Keyframe(Wall(2.02f));
+  PlacedKeyframe far = near;
+  far.world_from_cam.translation().x() = 5000;
+  EXPECT_FALSE(OccupancyMap(0.05).Insert({near, far})) << "1600 at most";
+  EXPECT_FALSE(OccupancyMap(0.05).Insert({Keyframe({{{0, 0, 5000}, {0, 0, -1}, {}, 1}})}));
+  const auto map = MakeOccupancyMap({{near, far}, 0.0125}, 0);
+  EXPECT_EQ(map->resolution(), 0.2);
+  EXPECT_EQ(map->At({1, 0, 1}), Occupancy::kFree);
+  EXPECT_EQ(map->At({2.02, 0, 1}), Occupancy::kOccupied);
+  EXPECT_EQ(map->At({5002.02, 0, 1}), Occupancy::kOccupied);
+}
+
+TEST_F(OccupancyMapTest, CostIsBoundedByLargerVoxels) {
+  const PlacedKeyframes map = {{Keyframe(Wall(2.02f))}, 0.0125};
+  const auto resolution_with = [&](const OccupancyLimits& limits) {
+    return MakeOccupancyMap(map, 0.05, limits)->resolution();
+  };
+  EXPECT_EQ(resolution_with({}), 0.05);
+  OccupancyLimits time;  // 40 x 40 rays through 40 voxels along x and 10 + 10 aside
+  time.max_ray_voxels = 60000;
+  EXPECT_EQ(resolution_with(time), 0.1);
+  OccupancyLimits memory;
+  memory.max_bytes = 60000 * 4 * 48;
+  EXPECT_EQ(resolution_with(memory), 0.1) << "of a keyframe's rays";
+  const size_t nodes = MakeOccupancyMap(map, 0.05)->nodes();
+  PlacedKeyframes again = map;  // as many rays more often: the same tree
+  again.keyframes.insert(again.keyframes.end(), 3, map.keyframes[0]);
+  EXPECT_EQ(MakeOccupancyMap(again, 0.05)->nodes(), nodes);
+  OccupancyLimits stopped;
+  stopped.check = [] { throw InvalidInputError("stopped"); };
+  EXPECT_EQ(ErrorOf([&] { resolution_with(stopped); }), "stopped");
+}
+
+TEST_F(OccupancyMapTest, AWideSceneGetsAsManyCellsAsThereMayBe) {
+  PlacedKeyframes map = {{Keyframe(Wall(2.02f)), Keyframe(Wall(2.02f))}, 0.0125};
+  map.keyframes[1].world_from_cam.translation() += Eigen::Vector3d(300, 300, 0);  // 6000 x 6000 cells of 5 cm
+  OccupancyLimits limits;
+  limits.max_bytes = 10000000 * 16;
+  const auto occupancy = MakeOccupancyMap(map, 0, limits);
+  EXPECT_EQ(occupancy->resolution(), 0.1);
+  EXPECT_LT(occupancy->Slice(0.9, 1.1).cells.size(), 10000000u);
 }
 
 }  // namespace

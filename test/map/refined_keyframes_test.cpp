@@ -128,7 +128,7 @@ TEST(RefinedKeyframes, AnUnusableWorldLeavesTheMapUsable) {
     pose.refined->refined.world_from_cam.translation() *= 1e-12;
     EXPECT_TRUE(store.Add(KeyOf(i), pose, PointOf(i)));
   }
-  EXPECT_FALSE(store.WorldCloud().empty());
+  EXPECT_FALSE(store.WorldCloud().points.empty());
 }
 
 }  // namespace

@@ -207,8 +207,8 @@ TEST(DenseMapperOptionsTest, AreCheckedAndKeptWhenBad) {
   EXPECT_THAT(error_with([](auto& o) { o.min_source_views = 0; }), HasSubstr("min_source_views = 0"));
   EXPECT_THAT(error_with([](auto& o) { o.min_source_views = 11; }), HasSubstr("min_source_views = 11"));
   EXPECT_THAT(error_with([](auto& o) { o.window_size = 2, o.lookahead = 1; }), HasSubstr("min_source_views = 2"));
-  EXPECT_THAT(error_with([](auto& o) { o.fallback_depth_range = {2, 1}; }), HasSubstr("fallback_depth_range"));
-  EXPECT_THAT(error_with([](auto& o) { o.fallback_depth_range = {0, 1}; }), HasSubstr("fallback_depth_range"));
+  EXPECT_THAT(error_with([](auto& o) { o.fallback_depth_range = {2, 1}; }), HasSubstr("depth_min and depth_max"));
+  EXPECT_EQ(error_with([](auto& o) { o.fallback_depth_range = {0, 1}; }), "") << "the other end is to come";
   EXPECT_THAT(error_with([](auto& o) { o.source_views.max_source_views = 0; }), HasSubstr("max_source_views"));
   EXPECT_THAT(error_with([](auto& o) { o.depth_range.min_landmarks = 0; }), HasSubstr("min_landmarks"));
   EXPECT_THAT(error_with([](auto& o) { o.pipeline.geometric_passes = 11; }), HasSubstr("geometric_passes"));

@@ -49,6 +49,14 @@ TEST_F(PoseShiftTest, MoreThanAPixelOnAverage) {
   EXPECT_TRUE(HaveMoved(*reference_, views_));
 }
 
+TEST_F(PoseShiftTest, PointsOutsideOfTheViewDoNotCount) {
+  // Turned by 60 degrees it sees nothing of the wall's middle, where a pixel is small: 0.1 degrees would be many.
+  right_->refined_pose = Eigen::AngleAxisd(1.05, Eigen::Vector3d::UnitY()) * MovedBy(0, *right_);
+  views_ = {Matched(left_, *reference_), Matched(right_, *reference_)};
+  right_->refined_pose = Eigen::AngleAxisd(0.002, Eigen::Vector3d::UnitY()) * *right_->refined_pose;
+  EXPECT_FALSE(HaveMoved(*reference_, views_));
+}
+
 TEST_F(PoseShiftTest, TheReferencesOwnPoseCounts) {
   reference_->refined_pose = MovedBy(1.1, *reference_);
   EXPECT_TRUE(HaveMoved(*reference_, views_));

@@ -52,6 +52,16 @@ TEST(SplatPoints, GivesTheSurfaceBackWithoutGaps) {
   EXPECT_GT(known, middle);
 }
 
+TEST(SplatPoints, DrawsPointsThatAreNotApartOnce) {
+  const SurfacePoint near = {{0, 0, 1e-4f}, {0, 0, -1}, {9, 8, 7}, 0.5f};  // over the whole image
+  const PosedCamera camera = {{200, 150, 200, 200, 100, 75}, RigidTransform::Identity()};
+  const SurfaceMaps one = SplatPoints({near}, camera, kSpacing);
+  const SurfaceMaps many = SplatPoints(PointCloud(1000000, near), camera, kSpacing);  // minutes, if all are drawn
+  ASSERT_EQ(many.depth.size(), one.depth.size());
+  EXPECT_TRUE(std::equal(many.depth.begin(), many.depth.end(), one.depth.begin()));
+  EXPECT_GT(many.depth(100, 75), 0);
+}
+
 TEST(SplatPoints, LeavesOutWhatNoCameraSees) {
   const PointCloud points = {{{0, 0, -1}, {0, 0, -1}, {}, 1}, {{10, 0, 1}, {0, 0, -1}, {}, 1}};
   EXPECT_TRUE(SplatPoints(points, RigidTransform::Identity(), kSpacing).depth.empty());

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "contradiction.h"
 #include "landmark_matching.h"
 #include "pose_scene.h"
 #include "resection.h"
@@ -194,6 +195,29 @@ TEST_F(BundleRefinementTest, ResectedPosesGiveBetterDepthsThanAPlainBundleAdjust
   const double error = DepthError(bundle, ResectViews(bundle, state.camera));
   EXPECT_LT(error, DepthError(bundle, bundle.received) / 3);
   EXPECT_LT(error, 0.8 * DepthError(bundle, plain_bundle.poses));
+}
+
+/// One exact pose, and refined ones that differ by noise: the scale between them is one noise over another.
+TEST_F(BundleRefinementTest, ACameraThatStandsContradictsNothing) {
+  Bundle bundle = MakeBundle({}, 0, 0);
+  const ViewPose still = bundle.received.back();
+  for (const double noise : {0.0, 1e-4}) {  // of received poses
+    for (size_t i = bundle.size() - kContradictionImages; i < bundle.size(); ++i) {
+      bundle.received[i] = bundle.poses[i] = still;
+      bundle.received[i].centre += noise * Eigen::Vector3d(Uniform(-1, 1), Uniform(-1, 1), Uniform(-1, 1));
+      bundle.poses[i].centre += 1e-3 * Eigen::Vector3d(Uniform(-1, 1), Uniform(-1, 1), Uniform(-1, 1));
+    }
+    ASSERT_TRUE(MeasureContradiction(bundle));
+    EXPECT_LT(*MeasureContradiction(bundle), 0.002) << noise;
+  }
+  const Bundle stands = [&] {
+    Bundle all = bundle;
+    std::fill(all.received.begin(), all.received.end(), still);
+    return all;
+  }();
+  EXPECT_FALSE(MeasureContradiction(stands)) << "without a baseline landmarks have no depth";
+  bundle.poses = truth_;  // and where the images say that it moved, the frontend has lost track
+  EXPECT_GT(*MeasureContradiction(bundle), 0.03);
 }
 
 }  // namespace

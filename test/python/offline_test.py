@@ -3,6 +3,7 @@
 
 Usage: offline_test.py ACMP_RECONSTRUCT ACMP_MAKE_SCENE, with the module on PYTHONPATH"""
 
+import inspect
 import os
 import re
 import signal
@@ -178,7 +179,7 @@ class OfflineTest(unittest.TestCase):
                 ("K[2]: focal length fx = nan", {"K": changed(k, (2, 0, 0), np.nan)}),
                 ("K[0] = [", {"K": changed(k, (0, 0, 1), 0.1)}),
                 ("K: dtype <U1: must be real numbers", {"K": [["a"] * 3] * 3}),
-                ("cam_from_world: shape (3, 4, 4): must be (4, 4, 4) for 4 images", {"cam_from_world": poses[:3]}),
+                ("cam_from_world: shape (3, 4, 4): must be (4, 4, 4) or (4, 3, 4) for 4 images", {"cam_from_world": poses[:3]}),
                 ("cam_from_world[1]: the rotation is off orthonormal by",
                  {"cam_from_world": changed(poses, 1, 2 * poses[1] - np.diag([0, 0, 0, 1]))}),
                 ("cam_from_world[1]: the pose has a value that is not finite",
@@ -190,7 +191,7 @@ class OfflineTest(unittest.TestCase):
                 ("depth_range", {"depth_range": (5, 4)}),
                 ("depth_range[1]", {"depth_range": [None, (0, 4), None, None]}),
                 ("depth_range: has 3 elements: must be one for each of 4 images", {"depth_range": [None] * 3}),
-                ("no depth range", {"depth_range": None, "points": None}),
+                ("give a depth range (depth_range=, or points=)", {"depth_range": None, "points": None}),
                 ("points[0]: shape (5, 2): must be (M, 3)", {"points": [np.zeros((5, 2))] * 4}),
                 ("image 000000.png: mask size 5 x 6: must be the image's, 64 x 48",
                  {"masks": [np.ones((6, 5), bool), None, None, None]}),
@@ -210,6 +211,18 @@ class OfflineTest(unittest.TestCase):
                 self.assertIn(words, str(raised.exception))
         with self.assertRaisesRegex(ValueError, "no_such_folder"):
             offline.read_scene("/no_such_folder")
+
+    def test_signatures_are_known(self):
+        for function in offline.reconstruct, offline.read_scene, offline.evaluate_depth, offline.evaluate_cloud:
+            self.assertIn("Args:", inspect.getdoc(function))
+            self.assertGreaterEqual(len(inspect.signature(function).parameters), 3)
+        parameters = inspect.signature(offline.reconstruct).parameters
+        self.assertEqual(parameters["preset"].default, "balanced")
+        self.assertEqual(parameters["cam_from_world"].kind, inspect.Parameter.KEYWORD_ONLY)
+
+    def test_poses_of_three_rows(self):
+        result = self.photometric_of(cam_from_world=self.input["cam_from_world"][:, :3])
+        np.testing.assert_array_equal(result.images[0].depth, self.photometric_of().images[0].depth)
 
     def slow(self):
         """Arguments of a run that takes many seconds."""

@@ -84,7 +84,7 @@ TEST_F(ReconstructCliTest, FindsThePlaneWithEitherSchedule) {
 
 TEST_F(ReconstructCliTest, MeshIsThePlaneAlsoOfAFinishedRun) {
   WriteScene(4, 64, 48);
-  const std::string file = (folder() / "mesh.ply").string();
+  const std::string file = (output() / "mesh.ply").string();  // of a folder that is made by the run
   const auto rejects = [&](const std::string& arguments, const std::string& text) {
     const Outcome outcome = RunTool(Usual() + " " + arguments);
     EXPECT_EQ(outcome.exit_code, 2) << outcome.text;

@@ -119,7 +119,10 @@ TEST_F(ReconstructImagesTest, RefusesBadInput) {
                 (*images)[0].depth_range = DepthRange{5, 4};
               }),
               HasSubstr("depth range"));
-  EXPECT_THAT(ErrorAfter([](Images* images) { (*images)[0].depth_range.reset(); }), HasSubstr("no depth range"));
+  EXPECT_THAT(ErrorAfter([](Images* images) {
+                for (InputImage& image : *images) image.depth_range.reset();
+              }),
+              HasSubstr("no depth range"));
 }
 
 TEST_F(ReconstructImagesTest, StopsWhenAsked) {

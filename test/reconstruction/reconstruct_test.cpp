@@ -11,6 +11,7 @@
 namespace acmp {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
@@ -155,11 +156,38 @@ TEST_F(ReconstructTest, MemoryLimitDoesNotChangeTheResult) {
 }
 
 TEST_F(ReconstructTest, FoldersOfOthersAreNeverTouched) {
-  options_.output = scene();
   options_.overwrite = true;
-  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("not made by this tool"));
+  WriteText("out/depth/000000.png", "precious");
+  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("holds depth and was not made by this tool"));
+  WriteText("out/run.txt", "my notes of the run of Tuesday");
+  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("not made by this tool")) << "a file of that name makes it no folder of ours";
+  EXPECT_EQ(ReadText(output() / "depth/000000.png"), "precious");
+  for (const auto& folder : {scene(), scene().parent_path(), scene() / "../scene"}) {
+    options_.output = folder;
+    EXPECT_THAT(ErrorOf(&fake_), HasSubstr("holds SCENE = "));
+  }
   EXPECT_TRUE(std::filesystem::exists(scene() / "pair.txt"));
   EXPECT_TRUE(fake_.calls.empty());
+}
+
+TEST_F(ReconstructTest, OverwritingLeavesWhatOthersPutBesideTheResults) {
+  Run(&fake_);
+  WriteText("out/depth/notes.txt", "precious");
+  WriteText("out/pictures/holiday/me.jpg", "precious");
+  WriteText("out/depth/000099.pfm", "of a larger scene");
+  options_.overwrite = true;
+  Run(&fake_);
+  EXPECT_TRUE(Has("depth/notes.txt") && Has("pictures/holiday/me.jpg"));
+  EXPECT_FALSE(Has("depth/000099.pfm"));
+}
+
+TEST_F(ReconstructTest, AnImageThatIsWrittenDuringTheRunFailsIt) {
+  fake_.on_call = [&](int call) {
+    if (call == 2) WriteText("scene/images/00000003.png", ReadText(scene() / "images/00000003.png"));
+  };
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { Run(&fake_); }),
+              AllOf(HasSubstr("00000003.png"), HasSubstr("was written during the run")));
+  EXPECT_FALSE(Has("summary.json") || Has("fused.ply") || Has("work"));
 }
 
 TEST_F(ReconstructTest, TwoRunsAtOnceAreRefused) {
@@ -218,6 +246,16 @@ TEST_F(ReconstructTest, SubsetKeepsTheScenesIndices) {
   for (const auto& call : fake_.calls) EXPECT_EQ(call.source_hashes.size(), 1u);
   options_.images = "1-4";
   EXPECT_THAT(ErrorOf(&fake_), HasSubstr("\"1-4\""));
+}
+
+TEST_F(ReconstructTest, AnImageWithoutADepthRangeGetsNoMap) {
+  const std::string name = "scene/cams/00000001_cam.txt";
+  std::string camera = ReadText(folder() / name);
+  WriteText(name, camera.replace(camera.find("3 0.05 41 5"), 11, "3 0.05"));
+  Run(&fake_);
+  EXPECT_FALSE(Has("depth/000001.pfm"));
+  EXPECT_TRUE(Has("depth/000000.pfm"));
+  EXPECT_THAT(log_.str(), HasSubstr("no map for image 00000001.png: no depth range"));
 }
 
 TEST_F(ReconstructTest, DepthRangeMustComeFromSomewhere) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <cmath>
 #include <cstdio>
 #include <map>
@@ -15,6 +16,8 @@ class ReconstructFixture : public TestFolder {
  protected:
   static constexpr double kPlaneDepth = 4.0;
   static constexpr double kSpacing = 0.25;
+
+  Eigen::Vector3d offset_ = Eigen::Vector3d::Zero();  ///< of the next scene in its world
 
   std::filesystem::path scene() const { return folder() / "scene"; }
   std::filesystem::path output(const std::string& name = "out") const { return folder() / name; }
@@ -62,12 +65,15 @@ class ReconstructFixture : public TestFolder {
     return text;
   }
 
+  static std::string Shift(double offset) { return offset == 0 ? "0" : std::to_string(-offset); }
+
   void WriteCamera(int index, int width, int height) const {
     const std::string focal = std::to_string(width);
     WriteText("scene/cams/" + Number("%08d", index) + "_cam.txt",
-              "extrinsic\n1 0 0 " + std::to_string(-kSpacing * index) + "\n0 1 0 0\n0 0 1 0\n0 0 0 1\n\nintrinsic\n" +
-                  focal + " 0 " + std::to_string((width - 1) / 2.0) + "\n0 " + focal + " " +
-                  std::to_string((height - 1) / 2.0) + "\n0 0 1\n\n3 0.05 41 5\n");
+              "extrinsic\n1 0 0 " + std::to_string(-kSpacing * index - offset_.x()) + "\n0 1 0 " + Shift(offset_.y()) +
+                  "\n0 0 1 " + Shift(offset_.z()) + "\n0 0 0 1\n\nintrinsic\n" + focal + " 0 " +
+                  std::to_string((width - 1) / 2.0) + "\n0 " + focal + " " + std::to_string((height - 1) / 2.0) +
+                  "\n0 0 1\n\n3 0.05 41 5\n");
   }
 
   void WriteImage(int index, int width, int height) const {

@@ -60,6 +60,15 @@ TEST_F(StagesTest, WriteTheTilesOfARunAlone) {
   ExpectSameContents(output("alone"), output());
 }
 
+TEST_F(StagesTest, FarFromTheOriginTheyMakeTheSame) {
+  offset_ = {500000, 5500000, 200};
+  WriteScene(kImages, kWidth, kHeight);
+  RunAlone();
+  FakeMatcher matcher;
+  DoAll(Plan(), {}, &matcher);
+  ExpectSameContents(output("alone"), output());
+}
+
 TEST_F(StagesTest, OfAnotherTileSizeAreRefused) {
   options_.tile_size = 0.5;
   Plan();

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 
 #include <cmath>
+#include <cstring>
 #include <filesystem>
 #include <limits>
 #include <map>
@@ -42,6 +43,38 @@ class TiledRunsTest : public ReconstructRunFixture {
     return tiles;
   }
 };
+
+/// In UTM coordinates float32 knows half metres only.
+TEST_F(TiledRunsTest, FarFromTheOriginTheyAreTheSame) {
+  RunTo("near");
+  const PointCloud expected = ReadPly(options_.output / "fused.ply");
+  offset_ = {500000, 5500000, 200};
+  WriteScene(kImages, kWidth, kHeight);
+  for (const bool tiles : {false, true}) {
+    if (tiles) options_.tile_size = kTileSize;
+    RunTo(tiles ? "far_tiles" : "far");
+    double sum_x = 0, expected_x = 0;
+    size_t points = 0;
+    for (const auto& entry : std::filesystem::directory_iterator(options_.output / (tiles ? "tiles" : ""))) {
+      if (entry.path().extension() != ".ply") continue;
+      const std::string ply = ReadText(entry.path());
+      ASSERT_THAT(ply, HasSubstr("property double x"));
+      constexpr size_t kRecord = 3 * sizeof(double) + 4 * sizeof(float) + 3;
+      for (size_t at = ply.find("end_header\n") + 11; at < ply.size(); at += kRecord) {
+        double place[3];
+        std::memcpy(place, &ply[at], sizeof(place));
+        ASSERT_NEAR(place[2] - offset_.z(), kPlaneDepth, 2);
+        sum_x += place[0] - offset_.x();
+        ++points;
+      }
+    }
+    ASSERT_EQ(points, expected.size());
+    for (const SurfacePoint& point : expected) expected_x += point.position.x;
+    EXPECT_NEAR(sum_x / static_cast<double>(points), expected_x / static_cast<double>(points), 1e-5);
+  }
+  EXPECT_NEAR(Index()["tiles"][0]["min"][1].get<double>() - offset_.y(), 0, 2);
+  EXPECT_EQ(Index()["tiles"][0]["file"].get<std::string>().substr(0, 5), "12499");
+}
 
 TEST_F(TiledRunsTest, TilesAreTheCloudCut) {
   for (const char* schedule : {"offline", "online"}) {

@@ -165,7 +165,8 @@ TEST_F(BadInputTest, CloudBehindTheCamera) {
       MakeCloud(std::vector<Eigen::Vector3f>(50, behind.cast<float>()), kWorldFrame, view.image.header.stamp);
   mapper().player.Publish(view);
   // An empty cloud has the same reason.
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: no_depth_range", "50 landmarks"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: no_depth_range", "50 sparse points", "set depth_min and depth_max"},
+                                         kTimeoutS));
   ExpectWorks();
 }
 
@@ -186,9 +187,21 @@ TEST_F(BadInputTest, CloudWithoutCoordinates) {
 }
 
 TEST_F(BadInputTest, PosesOfAnotherConvention) {
-  std::vector<ViewMessages> inverted = Scene();
-  for (ViewMessages& view : inverted) view.pose.pose = tf2::toMsg(ToTransform(view.pose.pose).inverse());
-  for (const ViewMessages& view : inverted) mapper().player.Publish(view);
+  const std::vector<ViewMessages> scene = Scene();
+  for (size_t i = 0; i < 12; ++i) {
+    ViewMessages view = scene[i % kViews];
+    const ros::Time stamp = StampOf(i, start_s_);
+    const RigidTransform world_from_cam = ToTransform(view.pose.pose);
+    std::vector<Eigen::Vector3f> points;  // in the image, others each time
+    for (int k = -12; k < 12; ++k) {
+      points.push_back(
+          (world_from_cam * Eigen::Vector3d(0.1 * k, 0.05 * k, 4 + 0.2 * static_cast<double>(i))).cast<float>());
+    }
+    view.sparse_points = MakeCloud(points, view.sparse_points.header.frame_id, stamp);
+    view.pose.pose = tf2::toMsg(world_from_cam.inverse());
+    SetStamp(stamp, &view);
+    mapper().player.Publish(view);
+  }
   EXPECT_TRUE(mapper().WaitForLog({"lie in front of the camera", "~pose_is: T_cam_world", "set this"}, kTimeoutS));
   EXPECT_TRUE(mapper().WaitForDiagnostic({"lie in front of the camera", "~pose_is: T_cam_world"}, kTimeoutS));
   ASSERT_TRUE(mapper().Call("reset")) << "the check begins anew";

@@ -67,6 +67,10 @@ TEST_F(CalibrationFileTest, WhatIsMissingOrNoNumberIsNamed) {
   EXPECT_THAT(RefusalOf(good_, ""), HasSubstr("must be a map"));
 }
 
+TEST_F(CalibrationFileTest, ACameraThatCannotBeUsedIsToldWithItsFile) {
+  EXPECT_THAT(RefusalOf("55.42562584220407", "-1"), HasSubstr("K[0] = -1"));
+}
+
 TEST_F(CalibrationFileTest, OtherFilesAreRefused) {
   const auto refusal = [](const std::string& path) {
     return MessageOf<InvalidInputError>([&] { ReadCalibrationFile(path); });

@@ -13,6 +13,7 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/ros/checked_messages.h"
 #include "support/error_text.h"
 
 namespace acmp {
@@ -34,6 +35,14 @@ EncodedImage MakeImage(const std::string& encoding, uint32_t width, uint32_t hei
 
 cv::Vec3b FirstPixel(const EncodedImage& image) { return DecodeRgb(image).at<cv::Vec3b>(0, 0); }
 
+TEST(ToStampNs, RefusesMoreNanosecondsThanASecondHas) {
+  ros::Time stamp;
+  stamp.sec = 4294967295, stamp.nsec = 999999999;
+  EXPECT_EQ(ToStampNs(stamp), 4294967295999999999);
+  stamp.nsec = 4294967295;  // as a message can have it
+  EXPECT_THAT(ErrorOf([&] { ToStampNs(stamp); }), HasSubstr("4294967295 ns: the nanoseconds must be below 1000000000"));
+}
+
 TEST(DecodeRgb, KnowsTheUsualEncodings) {
   EXPECT_EQ(FirstPixel(MakeImage(enc::RGB8, 1, 1, {1, 2, 3})), cv::Vec3b(1, 2, 3));
   EXPECT_EQ(FirstPixel(MakeImage(enc::BGR8, 1, 1, {1, 2, 3})), cv::Vec3b(3, 2, 1));
@@ -51,6 +60,59 @@ TEST(DecodeRgb, KnowsTheUsualEncodings) {
   EXPECT_EQ(center, cv::Vec3b(200, 0, 0));
 }
 
+TEST(DecodeRgb, TakesWhatOpenCvAndCamerasCallTheirImages) {
+  EXPECT_EQ(FirstPixel(MakeImage(enc::TYPE_8UC1, 1, 1, {77})), cv::Vec3b(77, 77, 77));
+  EXPECT_EQ(FirstPixel(MakeImage(enc::TYPE_8UC3, 1, 1, {1, 2, 3})), cv::Vec3b(3, 2, 1)) << "OpenCV has blue first";
+  EXPECT_EQ(FirstPixel(MakeImage(enc::TYPE_8UC4, 1, 1, {1, 2, 3, 9})), cv::Vec3b(3, 2, 1));
+  // Y = 128, 16 and no colour, in both orders.
+  for (const char* encoding : {"yuv422_yuy2", "yuyv"}) {
+    EXPECT_NEAR(FirstPixel(MakeImage(encoding, 2, 1, {128, 128, 16, 128}))[0], 130, 1) << encoding;
+  }
+  EXPECT_NEAR(FirstPixel(MakeImage(enc::YUV422, 2, 1, {128, 128, 128, 16}))[0], 130, 1);
+  ImageDecoder decoder;
+  decoder.Decode(MakeImage(enc::TYPE_8UC3, 1, 1, {1, 2, 3}));
+  EXPECT_THAT(decoder.note(), AllOf(HasSubstr("8UC3"), HasSubstr("bgr8")));
+  decoder = ImageDecoder();
+  decoder.Decode(MakeImage(enc::BGR8, 1, 1, {1, 2, 3}));
+  EXPECT_EQ(decoder.note(), "");
+}
+
+TEST(DecodeRgb, TakesTheBitsThatImagesUse) {
+  ImageDecoder decoder;
+  // 12 bits: 0x0800 of 0x0fff; then 0x0400, which is not stretched again.
+  EXPECT_EQ(decoder.Decode(MakeImage(enc::MONO16, 1, 1, {0x00, 0x08})).at<cv::Vec3b>(0, 0)[0], 0x80);
+  EXPECT_THAT(decoder.note(), AllOf(HasSubstr("mono16"), HasSubstr("12 of their 16 bits")));
+  EXPECT_EQ(decoder.Decode(MakeImage(enc::MONO16, 1, 1, {0x00, 0x04})).at<cv::Vec3b>(0, 0)[0], 0x40);
+  EXPECT_EQ(decoder.Decode(MakeImage(enc::MONO16, 1, 1, {0x00, 0xf0})).at<cv::Vec3b>(0, 0)[0], 0xf0);
+  EXPECT_EQ(decoder.note(), "");
+  auto image = boost::make_shared<sensor_msgs::Image>(*MakeImage(enc::MONO16, 2, 1, {0x80, 0x01, 0xff, 0xff}).raw);
+  image->is_bigendian = 1;
+  EXPECT_EQ(FirstPixel({image, nullptr}), cv::Vec3b(0x80, 0x80, 0x80));
+}
+
+/// A Bayer mosaic whose red sites alone are lit.
+cv::Mat RedMosaic(int depth, double value) {
+  cv::Mat mosaic(8, 8, depth, cv::Scalar(0));
+  for (int row = 0; row < 8; row += 2) {
+    for (int col = 0; col < 8; col += 2) mosaic(cv::Rect(col, row, 1, 1)) = cv::Scalar(value);
+  }
+  return mosaic;
+}
+
+TEST(DecodeRgb, CompressedBayerIsAMosaic) {
+  const auto center = [](const char* format, const cv::Mat& picture) {
+    auto image = boost::make_shared<sensor_msgs::CompressedImage>();
+    cv::imencode(".png", picture, image->data);
+    image->format = format;
+    return DecodeRgb({nullptr, image}).at<cv::Vec3b>(4, 4);
+  };
+  EXPECT_EQ(center("bayer_rggb8; png compressed ", RedMosaic(CV_8U, 200)), cv::Vec3b(200, 0, 0));
+  EXPECT_EQ(center("bayer_bggr8; png compressed ", RedMosaic(CV_8U, 200)), cv::Vec3b(0, 0, 200));
+  EXPECT_EQ(center("bayer_rggb16; png compressed ", RedMosaic(CV_16U, 200 << 8)), cv::Vec3b(200, 0, 0));
+  EXPECT_EQ(center("mono16; png compressed ", cv::Mat(8, 8, CV_16U, cv::Scalar(200 << 8))), cv::Vec3b(200, 200, 200));
+  EXPECT_EQ(center("mono8; png compressed ", RedMosaic(CV_8U, 200)), cv::Vec3b(200, 200, 200));
+}
+
 TEST(DecodeRgb, RespectsPaddedRows) {
   EncodedImage image = MakeImage(enc::MONO8, 2, 2, {1, 2, 99, 99, 3, 4, 99, 99});
   const cv::Mat rgb = DecodeRgb(image);
@@ -59,7 +121,13 @@ TEST(DecodeRgb, RespectsPaddedRows) {
 
 TEST(DecodeRgb, RefusesWhatCannotBeConvertedAndNamesIt) {
   EXPECT_THAT(ErrorOf([] { DecodeRgb(MakeImage(enc::TYPE_32FC1, 1, 1, {0, 0, 0, 0})); }), HasSubstr("32FC1"));
+  EXPECT_THAT(ErrorOf([] {
+                DecodeRgb(MakeImage(enc::TYPE_16UC1, 1, 1, {0, 0}));
+              }),
+              AllOf(HasSubstr("16UC1"), HasSubstr("depth map?"), HasSubstr("mono16")));
   EXPECT_THAT(ErrorOf([] { DecodeRgb(MakeImage("holograms", 1, 1, {0})); }), HasSubstr("holograms"));
+  EXPECT_THAT(ErrorOf([] { DecodeRgb(MakeImage(enc::RGB8, 2, 1, {0, 0, 0})); }), HasSubstr("step of at least 6"));
+  EXPECT_THAT(ErrorOf([] { DecodeRgb(MakeImage("yuv422_yuy2", 1, 1, {0, 0})); }), HasSubstr("yuv422_yuy2"));
   EncodedImage truncated = MakeImage(enc::RGB8, 1, 1, {1, 2, 3});
   auto image = boost::make_shared<sensor_msgs::Image>(*truncated.raw);
   image->height = 100;
@@ -133,7 +201,10 @@ TEST(DecodeRgb, RefusesASizeThatIsNotTheCamerasBeforeMemoryIsTaken) {
     auto image = boost::make_shared<sensor_msgs::CompressedImage>();
     cv::imencode(extension, bgr, image->data);
     EXPECT_EQ(DecodeRgb({nullptr, image}, &camera).size(), bgr.size());
-    EXPECT_EQ(DecodeRgb({nullptr, image}, &upright).size(), bgr.size()) << "an image may be turned by its metadata";
+    EXPECT_THAT(ErrorOf([&] {
+                  DecodeRgb({nullptr, image}, &upright);
+                }),
+                HasSubstr("its header says 64x48, camera_info says 48x64"));
     EXPECT_THAT(ErrorOf([&] {
                   DecodeRgb({nullptr, image}, &other);
                 }),
@@ -205,6 +276,34 @@ TEST(ToCalibration, KnowsTheModels) {
   info.distortion_model = "";
   info.D = {};
   EXPECT_EQ(ToCalibration(info, false).distortion.model, LensDistortion::Model::kNone);
+}
+
+TEST(ToCalibration, TakesCoefficientsThatAreZeroAndOtherNames) {
+  const auto of = [](const char* model, std::vector<double> coefficients) {
+    sensor_msgs::CameraInfo info = MakeInfo();
+    info.distortion_model = model;
+    info.D = std::move(coefficients);
+    return ToCalibration(info, false).distortion;
+  };
+  using Model = LensDistortion::Model;
+  const std::vector<double> rational = {1, 2, 3, 4, 5, 0, 0, 0};
+  for (const size_t count : {5, 8, 12, 14}) {
+    std::vector<double> coefficients = rational;
+    coefficients.resize(count);
+    EXPECT_EQ(of("rational_polynomial", coefficients).coefficients, rational) << count;
+    EXPECT_EQ(of("rational_polynomial", coefficients).model, Model::kRational);
+  }
+  EXPECT_EQ(of("plumb_bob", {1, 2, 3, 4, 5, 0, 0, 0}).coefficients, (std::vector<double>{1, 2, 3, 4, 5}));
+  EXPECT_EQ(of("plumb_bob", {1, 2, 3, 4}).coefficients, (std::vector<double>{1, 2, 3, 4, 0}));
+  for (const char* name : {"fisheye", "kannala_brandt4", "KannalaBrandt8"}) {
+    EXPECT_EQ(of(name, {1, 2, 3, 4, 0}).model, Model::kEquidistant) << name;
+    EXPECT_EQ(of(name, {1, 2, 3, 4, 0}).coefficients.size(), 4u);
+  }
+  EXPECT_THAT(ErrorOf([&] {
+                of("rational_polynomial", {1, 2, 3, 4, 5, 6, 7, 8, 0.1, 0, 0, 0});
+              }),
+              AllOf(HasSubstr("12 coefficients"), HasSubstr("thin prism"), HasSubstr("rectified")));
+  EXPECT_THAT(ErrorOf([&] { of("plumb_bob", {1, 2, 3, 4, 5, 6}); }), HasSubstr("6 coefficients"));
 }
 
 TEST(ToCalibration, RefusesWhatCannotBeUsedAndNamesIt) {
@@ -388,6 +487,26 @@ TEST(ToPoseSample, RefusesBadNumbersAndNamesTheStamp) {
   nav_msgs::Odometry odometry;
   SetHeader(&odometry.header);  // the quaternion is 0 0 0 0
   EXPECT_THAT(ErrorOf([&] { ToPoseSample(odometry); }), AllOf(HasSubstr("7.000000008"), HasSubstr("norm is 0")));
+}
+
+TEST(CheckLengths, RefusesWhatIsNotThere) {
+  sensor_msgs::PointCloud cloud;
+  cloud.header.frame_id = "camera";
+  cloud.points.resize(3);
+  cloud.channels.resize(2);
+  cloud.channels[1].values.resize(5);
+  std::vector<uint8_t> bytes(ros::serialization::serializationLength(cloud));
+  ros::serialization::OStream stream(bytes.data(), static_cast<uint32_t>(bytes.size()));
+  ros::serialization::serialize(stream, cloud);
+  const auto check = [&] { CheckLengths<sensor_msgs::PointCloud>(bytes.data(), bytes.size()); };
+  EXPECT_EQ(ErrorOf(check), "no error");
+  const size_t points = 4 + 8 + 4 + cloud.header.frame_id.size();  // after seq, stamp and frame_id
+  ASSERT_EQ(bytes[points], 3);
+  bytes[points + 3] = 0x20;  // 2^29 points, 6 GB
+  EXPECT_THAT(ErrorOf(check), HasSubstr("a message claims 1 elements of 4 bytes, where"));
+  bytes[points + 3] = 0;
+  bytes[bytes.size() - 5 * 4 - 1] = 0xff;
+  EXPECT_THAT(ErrorOf(check), HasSubstr("a message claims 4278190085 elements of 4 bytes, where 20 bytes are left"));
 }
 
 }  // namespace

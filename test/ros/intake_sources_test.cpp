@@ -95,6 +95,24 @@ TEST(IntakeFromTf, ImagesWithoutAFrameNeedOneToBeSet) {
   EXPECT_THAT(Split(intake.Take(0)).drops.at(0).message, HasSubstr("~camera_frame"));
 }
 
+TEST(IntakeFromOdometry, ADoubtAboutPosesNamesTheirFrame) {
+  KeyframeIntake intake({}, {}, 0, {});
+  intake.AddImage(ImageAt(5, "cam0_optical"));
+  PoseSample pose = PoseAt(5, 0);
+  intake.AddPose(pose);
+  EXPECT_EQ(intake.DescribeDoubt(), "") << "PoseStamped names no frame";
+  pose.child_frame = "imu";
+  intake.AddPose(pose);
+  EXPECT_THAT(intake.DescribeDoubt(),
+              AllOf(HasSubstr("\"imu\""), HasSubstr("\"cam0_optical\""), HasSubstr("set ~pose_child: body")));
+  pose.child_frame = "cam0_optical";
+  intake.AddPose(pose);
+  EXPECT_EQ(intake.DescribeDoubt(), "");
+  NodeOptions body;
+  body.pose.child = PoseSemantics::Child::kBody;
+  EXPECT_THAT(KeyframeIntake(body, {}, 0, {}).DescribeDoubt(), HasSubstr("~extrinsic_inverted"));
+}
+
 NodeOptions BodyOptions() {
   NodeOptions options;
   options.pose.child = PoseSemantics::Child::kBody;
@@ -286,7 +304,9 @@ TEST(IntakeWarns, OfAWrongConvention) {
     // Behind the camera for whoever reads the pose as the camera's in the world; before it for its inverse.
     PoseSample pose = PoseAt(i, 0);
     pose.received.translation().z() = 5;
-    intake.AddCloud(CloudAt(i, "map", {{0, 0, -4}, {0.1, 0, -4}}));
+    std::vector<Eigen::Vector3d> points;  // new ones each time
+    for (int k = 0; k < 24; ++k) points.emplace_back(0.01 * k, 0, -4 + 0.1 * i);
+    intake.AddCloud(CloudAt(i, "map", points));
     intake.AddPose(pose);
     intake.AddImage(ImageAt(i));
     for (const IntakeEvent& event : intake.TakeAll()) {

@@ -5,6 +5,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "ros/intake_support.h"
+#include "support/error_text.h"
 
 namespace acmp::test {
 namespace {
@@ -88,6 +89,24 @@ TEST(KeyframeIntake, NamesFramesThatHaveNone) {
   EXPECT_EQ(Feed(&overridden, 5, 0, nullptr).keyframes.at(0).world_frame, "earth");
 }
 
+/// A lens that is focused: poses come later than the next image's camera_info.
+TEST(KeyframeIntake, AnImageGetsTheCameraOfItsStamp) {
+  KeyframeIntake intake(NodeOptions(), KeyframeGateOptions(), 0);
+  for (uint32_t stamp_s = 5; stamp_s < 8; ++stamp_s) {
+    sensor_msgs::CameraInfo info = MakeInfo();
+    info.header.stamp = ros::Time(stamp_s, 0);
+    info.K[0] = 10 * stamp_s;
+    intake.AddCameraInfo(info);
+    intake.AddImage(ImageAt(stamp_s));
+  }
+  for (uint32_t stamp_s = 5; stamp_s < 8; ++stamp_s) intake.AddPose(PoseAt(stamp_s, stamp_s));
+  const Result result = Split(intake.TakeAll());
+  ASSERT_EQ(result.keyframes.size(), 3u);
+  for (size_t i = 0; i < 3; ++i) {
+    EXPECT_EQ(result.keyframes[i].calibration->camera.fx, 10 * (5 + static_cast<double>(i)));
+  }
+}
+
 TEST(KeyframeIntake, WaitsForAUsableCamera) {
   KeyframeIntake intake(NodeOptions(), KeyframeGateOptions(), 0);
   sensor_msgs::CameraInfo bad = MakeInfo();
@@ -117,6 +136,15 @@ TEST(KeyframeIntake, RefusesImagesWhoseCameraWasReplacedByAnUnusableOne) {
     ASSERT_EQ(result.drops.size(), 1u);
     EXPECT_EQ(result.drops[0].reason, "no_camera_info");
   }
+}
+
+TEST(KeyframeIntake, RefusesACameraWhoseImagesWouldTakeTooMuchMemory) {
+  KeyframeIntake intake = MakeIntake();
+  sensor_msgs::CameraInfo info = MakeInfo();
+  info.width = info.height = 16384;
+  EXPECT_THAT(ErrorOf([&] { intake.AddCameraInfo(info); }),
+              HasSubstr("an image of 16384x16384 pixels, as camera_info has it, would take 6.44245 GB of memory: "
+                        "must be at most 1 (memory_limit)"));
 }
 
 TEST(KeyframeIntake, SharesTheCalibrationUntilItChanges) {

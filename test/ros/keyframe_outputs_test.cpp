@@ -41,6 +41,7 @@ class KeyframeOutputsTest : public testing::Test {
   KeyframeOutputs::Hooks MakeHooks(std::vector<std::string>* warnings) {
     KeyframeOutputs::Hooks hooks;
     hooks.on_refined = [](const KeyframeOutput&) {};
+    hooks.wants_refined_again = [] { return true; };
     hooks.on_refined_again = [this](const KeyframeOutput& output) {
       points_again_.push_back(output.points_in_camera.size());
     };
@@ -56,6 +57,14 @@ class KeyframeOutputsTest : public testing::Test {
   KeyframeOutputs outputs_{MakeHooks(&warnings_)};
   DenseMapper::Callbacks callbacks_ = outputs_.MakeCallbacks();
 };
+
+TEST_F(KeyframeOutputsTest, WhileAbandonedNobodyWantsBetterMaps) {
+  EXPECT_TRUE(callbacks_.wants_refined_again());
+  outputs_.set_abandoned(true);
+  EXPECT_FALSE(callbacks_.wants_refined_again()) << "a reset does not wait for a flush";
+  outputs_.set_abandoned(false);
+  EXPECT_TRUE(callbacks_.wants_refined_again());
+}
 
 TEST_F(KeyframeOutputsTest, WithdrawnPointsLeaveTheMapWithAWord) {
   Refine(1, 5);

@@ -89,6 +89,13 @@ TEST(KeyframePoints, BadOnesAreRefused) {
     return ErrorOf([&] { ReadHead(bad); });
   };
   EXPECT_THAT(refusal([](auto* m) { m->mapper.clear(); }), HasSubstr("mapper is empty"));
+  acmp_mapping::KeyframePoints long_name;
+  long_name.mapper = std::string(1000, 'm');
+  EXPECT_LT(NameOf(long_name).size(), 300u);
+  EXPECT_THAT(refusal([](auto* m) { m->mapper = std::string(300, 'm'); }), HasSubstr("a name of 300 characters"));
+  EXPECT_THAT(refusal([](auto* m) { m->mapper = "m\n[FATAL]: forged"; }), HasSubstr("must be the name of a node"));
+  EXPECT_THAT(refusal([](auto* m) { m->camera_info.width = m->camera_info.height = 32767; }),
+              HasSubstr("camera_info of 32767x32767 pixels would take 53.6838 GB of memory: must be at most 1"));
   EXPECT_THAT(refusal([](auto* m) { m->T_world_cam.fill(0); }), HasSubstr("T_world_cam"));
   EXPECT_THAT(refusal([](auto* m) { m->path_T_child_cam[0] = 5; }), HasSubstr("path_T_child_cam"));
   EXPECT_THAT(refusal([](auto* m) { m->path_tolerance = std::numeric_limits<double>::quiet_NaN(); }),

@@ -11,6 +11,7 @@
 #include <nodelet/NodeletUnload.h>
 #include <std_srvs/Trigger.h>
 #include <sys/wait.h>
+#include <tf2_msgs/TFMessage.h>
 #include <unistd.h>
 
 #include "acmp_mapping/backend/make_depth_engine.h"
@@ -161,6 +162,23 @@ TEST_F(LifecycleTest, RefusesAValueOutOfBounds) {
   EXPECT_TRUE(mapper().WaitForLog({"~window_size = 1", "[2, 64]"}, kTimeoutS));
   ros::param::del(std::string(kName) + "/window_size");
   EXPECT_TRUE(Load()) << "the manager must survive";
+  EXPECT_TRUE(Unload());
+}
+
+TEST_F(LifecycleTest, OutlivesTransformsAndParametersThatRosComputesWithAndThrows) {
+  ros::param::set(std::string(kName) + "/pose_child", "body");
+  ros::param::set(std::string(kName) + "/diagnostic_period", 1e12);
+  ASSERT_TRUE(Load());
+  tf2_msgs::TFMessage message;
+  message.transforms.resize(1);
+  message.transforms[0].header.stamp.sec = std::numeric_limits<uint32_t>::max();
+  message.transforms[0].header.frame_id = "body";
+  message.transforms[0].child_frame_id = "camera_optical";
+  message.transforms[0].transform.rotation.w = 1;
+  const ros::Publisher tf = mapper().nh.advertise<tf2_msgs::TFMessage>("/tf", 1, true);
+  tf.publish(message);
+  EXPECT_TRUE(
+      mapper().WaitForDiagnostic({"dropped: bad_tf", "stamp [s] = 4294967295: must be in [0, 4294967264]"}, kTimeoutS));
   EXPECT_TRUE(Unload());
 }
 

@@ -37,10 +37,12 @@ TEST(MapDiagnostics, AllIsWell) {
 
 TEST(MapDiagnostics, SayWhatIsNotInTheMapYet) {
   MapSnapshot snapshot = HealthyMap();
-  EXPECT_EQ(DescribeUnderWay(snapshot.mappers), "");
+  EXPECT_EQ(DescribeMissing(snapshot.mappers), "");
+  snapshot.mappers["/acmp/dense_mapper"].lost = 234;
+  EXPECT_THAT(DescribeMissing(snapshot.mappers), HasSubstr("234 messages with points of /acmp/dense_mapper were lost"));
   snapshot.mappers["/acmp_2/dense_mapper"].images_under_way = 7;
-  EXPECT_THAT(DescribeUnderWay(snapshot.mappers), AllOf(HasSubstr("7 images"), HasSubstr("/acmp_2/dense_mapper"),
-                                                        HasSubstr("flush finishes them, if it has not since")));
+  EXPECT_THAT(DescribeMissing(snapshot.mappers), AllOf(HasSubstr("7 images"), HasSubstr("/acmp_2/dense_mapper"),
+                                                       HasSubstr("flush finishes them, if it has not since")));
   EXPECT_THAT(ValueOf(Describe(&DescribeMappers, snapshot), "/acmp_2/dense_mapper"), HasSubstr("under way then: 7"));
 }
 

@@ -51,11 +51,11 @@ TEST(MapFiles, PclReadsThem) {
   for (const bool binary : {true, false}) {
     pcl::PointCloud<pcl::PointXYZRGBNormal> cloud;
     const std::string ply = (folder / "map.ply").string();
-    WriteMap(ply, map, MapFormat::kPly, binary);
+    WriteMap(ply, {map}, MapFormat::kPly, binary);
     ASSERT_EQ(pcl::io::loadPLYFile(ply, cloud), 0);
     ExpectSame(cloud, map);
     const std::string pcd = (folder / "map.pcd").string();
-    WriteMap(pcd, map, MapFormat::kPcd, binary);
+    WriteMap(pcd, {map}, MapFormat::kPcd, binary);
     ASSERT_EQ(pcl::io::loadPCDFile(pcd, cloud), 0);
     ExpectSame(cloud, map);
     pcl::PointCloud<MapPoint> all;

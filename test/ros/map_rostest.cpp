@@ -106,7 +106,7 @@ struct Session {
   }
 
   /// The map of the keyframes' points, as they were published, at these poses.
-  PointCloud ExpectedMap(const std::vector<RigidTransform>& poses) { return ExpectedStore(poses)->WorldCloud(); }
+  PointCloud ExpectedMap(const std::vector<RigidTransform>& poses) { return ExpectedStore(poses)->WorldCloud().points; }
   std::unique_ptr<MapStore> ExpectedStore(const std::vector<RigidTransform>& poses) {
     auto store = std::make_unique<MapStore>(MapStoreOptions{1000, kVoxelSize});
     uint64_t id = 0;
@@ -237,6 +237,17 @@ TEST_F(MapTest, F_OccupancyIsPublishedToWhoListens) {
 TEST_F(MapTest, G_ResetForgetsCorrections) {
   ASSERT_TRUE(session().mapper.Call("reset") && session().mapper.CallMap("reset"));
   EXPECT_TRUE(session().mapper.WaitForDiagnostic({"optimized paths = 0 received"}, kTimeoutS));
+}
+
+/// Planners would go on seeing obstacles that are gone.
+TEST_F(MapTest, H_ResetEmptiesWhatIsLatched) {
+  Recorder<nav_msgs::Path> path(session().mapper.nh, "keyframe_path");
+  ASSERT_TRUE(path.WaitForCount(1, kTimeoutS));
+  EXPECT_TRUE(path.messages().back()->poses.empty());
+  if (!CanMapOccupancy()) return;
+  Recorder<nav_msgs::OccupancyGrid> occupancy(session().mapper.nh, "occupancy");
+  ASSERT_TRUE(occupancy.WaitForCount(1, kTimeoutS));
+  EXPECT_TRUE(occupancy.messages().back()->data.empty());
 }
 
 }  // namespace acmp::test::map_rostest

@@ -54,6 +54,17 @@ TEST(Diagnostics, AnOffsetOfTheStampsIsNamed) {
   EXPECT_THAT(Describe(&DescribeMapping, snapshot).message, HasSubstr("taken 20 ms after"));
 }
 
+TEST(Diagnostics, DistortionThatNobodyToldIsNamed) {
+  LensDistortion none, some;
+  some.model = LensDistortion::Model::kBrownConrady;
+  EXPECT_EQ(DescribeDistortion(5, 640, none), "");
+  EXPECT_THAT(DescribeDistortion(-15.24, 640, none), AllOf(HasSubstr("15.2 px of 640 too far in"), HasSubstr("D of")));
+  EXPECT_THAT(DescribeDistortion(15, 640, some), AllOf(HasSubstr("too far out"), HasSubstr("~rectified")));
+  MapperSnapshot snapshot = HealthyMapper();
+  snapshot.worker.distortion = DescribeDistortion(-15, 640, none);
+  EXPECT_THAT(Describe(&DescribeMapping, snapshot).message, HasSubstr("radial distortion"));
+}
+
 TEST(Diagnostics, AllIsWell) {
   for (const MapperDescriber describe : {&DescribeInputs, &DescribeMatching, &DescribeMapping}) {
     const auto status = Describe(describe, HealthyMapper());
@@ -109,6 +120,47 @@ TEST(Diagnostics, NameMissingInputsInTheLog) {
   snapshot.waiting_images = 7;
   snapshot.waiting_for = "T_body_cam is not known";
   EXPECT_EQ(DescribeMissing(snapshot), "7 images wait: T_body_cam is not known");
+}
+
+TEST(Diagnostics, ATopicOfAnotherTypeIsNamedWithWhatToSet) {
+  const std::map<std::string, std::string> published = {{"/vio/odometry", "nav_msgs/Odometry"},
+                                                        {"/cam/image/compressed", "sensor_msgs/CompressedImage"},
+                                                        {"/slam/old_points", "sensor_msgs/PointCloud"}};
+  const auto word = [&](Kind kind, const std::string& topic, const std::string& type, bool required = true) {
+    MapperSnapshot snapshot = HealthyMapper();
+    snapshot.inputs = {{kind, topic, 0, 0, 60, required, type}};
+    AddAdvice(published, &snapshot.inputs);
+    EXPECT_EQ(DescribeMissing(snapshot), Describe(&DescribeInputs, snapshot).message);
+    return DescribeMissing(snapshot);
+  };
+  EXPECT_EQ(word(Kind::kPose, "/vio/odometry", "geometry_msgs/PoseStamped"),
+            "nothing yet on /vio/odometry for 40 s (it is published as nav_msgs/Odometry, and must be "
+            "geometry_msgs/PoseStamped: set pose_source:=odom odom:=/vio/odometry)");
+  const std::string compressed = "set image_transport:=compressed image:=/cam/image)";
+  EXPECT_THAT(word(Kind::kImage, "/cam/image", "sensor_msgs/Image"), HasSubstr(compressed)) << "transport forgotten";
+  EXPECT_THAT(word(Kind::kImage, "/cam/image/compressed", "sensor_msgs/Image"), HasSubstr(compressed));
+  EXPECT_THAT(word(Kind::kImage, "/cam/image/compressed/compressed", "sensor_msgs/CompressedImage"),
+              HasSubstr(compressed))
+      << "the suffix twice";
+  EXPECT_THAT(word(Kind::kCloud, "/slam/old_points", "sensor_msgs/PointCloud2", false),
+              HasSubstr("set sparse_points_v1:=/slam/old_points"));
+  EXPECT_THAT(word(Kind::kCameraInfo, "/vio/odometry", "sensor_msgs/CameraInfo"),
+              HasSubstr("must be sensor_msgs/CameraInfo)"));
+  EXPECT_THAT(word(Kind::kPose, "/pose", "geometry_msgs/PoseStamped"),
+              HasSubstr("nobody publishes it: check the remap"));
+}
+
+TEST(Diagnostics, DoNotFallSilentWhenAllImagesWereDropped) {
+  MapperSnapshot snapshot = HealthyMapper();
+  snapshot.images_dropped = 500;
+  snapshot.drops["no_depth_range"] = {498, "keyframe 4: set depth_min and depth_max", 60, 60};
+  snapshot.drops["no_pose"] = {2, "no pose", 61, 61};
+  const auto status = Describe(&DescribeMatching, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
+  EXPECT_EQ(status.message,
+            "all 500 images were dropped, most of them: no_depth_range (keyframe 4: set depth_min and depth_max)");
+  snapshot.worker.outputs.refined = 1;
+  EXPECT_EQ(Describe(&DescribeMatching, snapshot).level, DiagnosticStatus::OK);
 }
 
 TEST(Diagnostics, TellTheStampGap) {
@@ -215,6 +267,12 @@ TEST(IncidentLog, TellsNewReasonsAtOnceAndRepeatsSeldom) {
   EXPECT_EQ(entries.at("a").last_message, "fourth");
   EXPECT_EQ(entries.at("a").last_time_s, 9.9);
   EXPECT_EQ(entries.at("b").count, 1u);
+}
+
+TEST(Printable, HasNoNewLinesAndNoEscapeCodes) {
+  EXPECT_EQ(Printable("keyframe 3 of \"m\u00fc\""), "keyframe 3 of \"m\u00fc\"");
+  EXPECT_EQ(Printable("x\n[FATAL]: forged\x1b[2J"), "x\\x0a[FATAL]: forged\\x1b[2J");
+  EXPECT_EQ(Printable("\u009b2J"), "\xc2\\x9b2J");
 }
 
 TEST(IncidentLog, CountsTheImagesThatEnded) {

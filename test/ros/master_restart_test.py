@@ -2,9 +2,11 @@
 """The ROS master is killed while mapper and map are loaded, and another one started: the map must be kept, found and
 extended. Usage: master_restart_test.py SOURCE_FOLDER BUILD_FOLDER"""
 import os
+import signal
 import subprocess
 import sys
 import tempfile
+import xmlrpc.client
 from pathlib import Path
 
 SOURCE, BUILD = (Path(argument) for argument in sys.argv[1:3])
@@ -23,7 +25,15 @@ def main():
         session.master.kill()
         session.master.wait()
         replay_report.wait_for(lambda: "cannot be reached" in session.log(), "the warning")
+        # While it waits, another manager of the same name registers first.
+        session.manager.send_signal(signal.SIGSTOP)
         session.master = replay_report.start_master(int(os.environ["ROS_MASTER_URI"].rsplit(":", 1)[1]))
+        master = xmlrpc.client.ServerProxy(os.environ["ROS_MASTER_URI"])
+        other = ("/manager", "/other_service", "rosrpc://localhost:1")
+        master.registerService(*other, "http://localhost:1")
+        session.manager.send_signal(signal.SIGCONT)
+        replay_report.wait_for(lambda: "another /manager has registered" in session.log(), "word of the other manager")
+        master.unregisterService(*other)
         replay_report.wait_for(lambda: "registered again" in session.log(), "registration")
         kept = save_map(f"{folder}/map.ply")[0]
         again = session.map_bag(bag)

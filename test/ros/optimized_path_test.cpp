@@ -94,12 +94,12 @@ TEST(OptimizedPath, NamesWhatIsTooFarAway) {
   EXPECT_TRUE(DescribeTooFar(result).message.empty());
   result.nearest = ReposeResult::Gap{0, 1000000};
   result.too_far = 2;
-  result.first_too_far = ReposeResult::TooFar{1500000000, {1e12, 0, -3}, 1e8};
+  result.first_too_far = ReposeResult::TooFar{1500000000, {1e12, 0, -3}, {{0, 5, 0}, 1e8}};
   const Incident too_far = DescribeTooFar(result);
   EXPECT_EQ(too_far.reason, "optimized_path_too_far");
   EXPECT_THAT(too_far.message,
               AllOf(HasSubstr("keyframes not moved by optimized_path: 2;"),
-                    HasSubstr("pose 1.500000000 to (1e+12, 0, -3)"), HasSubstr("within 1e+08 of the origin")));
+                    HasSubstr("pose 1.500000000 to (1e+12, 0, -3)"), HasSubstr("within 1e+08 of (0, 5, 0)")));
   EXPECT_TRUE(DescribeDoubt(OptimizedPath(), result, "world").message.empty()) << "the stamps fit";
 }
 

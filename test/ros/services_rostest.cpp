@@ -16,6 +16,7 @@
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/map/occupancy_map.h"
 #include "acmp_mapping/mesh/distance_volume.h"
+#include "acmp_mapping/ros/keyframe_points.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test::services_rostest {
@@ -171,6 +172,12 @@ TEST_F(ServicesTest, SaveMapRefusesBadPathsAndFormats) {
     EXPECT_FALSE(response.success) << path;
     EXPECT_THAT(response.message, HasSubstr(path));
   }
+  const SaveMap::Response misnamed = mapper().SaveMap(PathOf("map.pcd"), SaveMap::Request::PLY, true);
+  EXPECT_FALSE(misnamed.success);
+  EXPECT_THAT(misnamed.message, HasSubstr("must end in .ply"));
+  EXPECT_THAT(mapper().SaveMap(PathOf("map.ot"), SaveMap::Request::OCTOMAP, true).message,
+              HasSubstr("must end in .bt"));
+  EXPECT_FALSE(fs::exists(PathOf("map.pcd")) || fs::exists(PathOf("map.ot")));
   const SaveMap::Response response = mapper().SaveMap(PathOf("map.xyz"), 7, true);
   EXPECT_FALSE(response.success);
   EXPECT_THAT(response.message, HasSubstr("7"));
@@ -210,6 +217,25 @@ TEST_F(ServicesTest, ResetOfTheMapEmptiesIt) {
   ASSERT_EQ(mapper().Map(Scene()), kViews);
   ASSERT_TRUE(mapper().CallMap("reset"));
   EXPECT_FALSE(mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true).success);
+}
+
+TEST_F(ServicesTest, TheMapTakesKeyframesOfAHundredMappersAndResetForgetsThem) {
+  ros::Publisher publisher = mapper().nh.advertise<acmp_mapping::KeyframePoints>("keyframe_points", 1000);
+  const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
+  while (publisher.getNumSubscribers() == 0 && ros::WallTime::now() < end) ros::WallDuration(0.01).sleep();
+  KeyframePointsHead head;
+  head.pose.camera = {64, 48, 50, 50, 31.5, 23.5};
+  head.world_frame = kWorldFrame;
+  for (int i = 0; i <= 100; ++i) {
+    head.key = {"/mapper_" + std::to_string(i), 1, 1};
+    acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, {{{0, 0, 1}, {0, 0, -1}, {}, 1}});
+    message->count = 1;
+    publisher.publish(message);
+  }
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"incident: bad_keyframe", "from 100 other mappers already"}, kTimeoutS));
+  ASSERT_TRUE(mapper().CallMap("reset"));
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  EXPECT_EQ(mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true).keyframes, kViews);
 }
 
 TEST_F(ServicesTest, PublishMapPublishesOnRequest) {
@@ -273,7 +299,7 @@ TEST_F(ServicesTest, ReconfigureRefusesWhatIsOutOfBoundsOrDoesNotFit) {
     Append("depth_max", 2.0, &c->doubles);
   });
   EXPECT_EQ(inverted.depth_min, 0);
-  EXPECT_TRUE(mapper().WaitForLog({"refused", "depth_range"}, kTimeoutS));
+  EXPECT_TRUE(mapper().WaitForLog({"refused", "depth_min and depth_max"}, kTimeoutS));
   EXPECT_EQ(mapper().Map(Scene()), kViews);
 }
 

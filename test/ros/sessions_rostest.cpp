@@ -115,7 +115,9 @@ TEST_F(SessionsTest, AMapIsSavedAndLoadedAgainAndGoesOn) {
 
 TEST_F(SessionsTest, ASecondOneIsAddedByATransform) {
   ASSERT_EQ(mapper().Map(Scene()), kViews);
-  ASSERT_TRUE(Save("session.bag").success);
+  EXPECT_THAT(Save("session.ply").message, HasSubstr("must end in .bag"));
+  EXPECT_THAT(Save("session.bag").message, Not(HasSubstr("in place of")));
+  EXPECT_THAT(Save("session.bag").message, HasSubstr("session.bag, in place of the file of that name"));
   ASSERT_TRUE(mapper().CallMap("reset") && mapper().Call("reset"));
   ASSERT_EQ(mapper().Map(Scene()), kViews);
   Recorder<nav_msgs::Path> paths(mapper().nh, "keyframe_path");

@@ -74,7 +74,7 @@ PointCloud MapOf(const Messages& messages, const std::set<std::string>& mappers)
     EXPECT_TRUE(message->replaces ? store.Replace(head.key, head.pose, points)
                                   : store.Add(head.key, head.pose, points));
   }
-  return store.WorldCloud();
+  return store.WorldCloud().points;
 }
 
 using Voxel = std::tuple<long, long, long>;

@@ -54,6 +54,7 @@ expect 1 "cannot write" limited "$bin/acmp_make_bag" "${small[@]}" out.bag
 [ ! -e out.bag ] && [ ! -e out.bag.partial ] || { echo "FAILED: a failed run left files"; failures=$((failures + 1)); }
 
 head -c 5000 a.bag >cut.bag
+expect 1 "cannot write to the standard output" eval '"$bin/acmp_check_bag" a.bag 2>&1 >/dev/full'
 expect 2 "truncated" "$bin/acmp_check_bag" cut.bag
 expect 2 "no such file" "$bin/acmp_check_bag" missing.bag
 expect 2 "not in the bag" "$bin/acmp_check_bag" a.bag --image /nowhere

@@ -155,6 +155,134 @@ distortion_model: radial-tangential
 distortion_coefficients: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]
 """
 
+STELLA = """# stella_vslam
+Camera:
+  name: "EuRoC monocular"
+  setup: "monocular"
+  model: "perspective"
+  fx: 458.654
+  fy: 457.296
+  cx: 367.215
+  cy: 248.375
+  k1: -0.28340811
+  k2: 0.07395907
+  p1: 0.00019359
+  p2: 1.76187114e-05
+  k3: 0.0
+  cols: 752
+  rows: 480
+Feature:
+  max_num_keypoints: 1000
+"""
+
+OV2SLAM = """%YAML 1.0
+---
+Camera.topic_left: /cam0/image_raw
+Camera.model_left: pinhole
+Camera.model_right: fisheye
+Camera.left_nwidth: 752
+Camera.left_nheight: 480
+Camera.right_nwidth: 512
+Camera.right_nheight: 512
+Camera.fxl: 458.654
+Camera.fyl: 457.296
+Camera.cxl: 367.215
+Camera.cyl: 248.375
+Camera.k1l: -0.28340811
+Camera.k2l: 0.07395907
+Camera.p1l: 0.00019359
+Camera.p2l: 1.76187114e-05
+Camera.fxr: 190.5
+Camera.fyr: 191.5
+Camera.cxr: 254.5
+Camera.cyr: 256.5
+Camera.k1r: 0.01
+Camera.k2r: 0.02
+Camera.p1r: 0.03
+Camera.p2r: 0.04
+dop3p : 0
+"""
+
+SVO = """cam_model: Pinhole
+cam_width: 752
+cam_height: 480
+cam_fx: 458.654
+cam_fy: 457.296
+cam_cx: 367.215
+cam_cy: 248.375
+cam_d0: -0.28340811
+cam_d1: 0.07395907
+cam_d2: 0.00019359
+cam_d3: 1.76187114e-05
+"""
+
+RIG = """label: "rig"
+cameras:
+- camera:
+    label: cam0
+    image_height: 480
+    image_width: 752
+    type: pinhole
+    intrinsics:
+      cols: 1
+      rows: 4
+      data: [458.654, 457.296, 367.215, 248.375]
+    distortion:
+      type: radial-tangential
+      parameters: {cols: 1, rows: 4, data: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]}
+"""
+
+MAPLAB = "sensors:\n - sensor_type: IMU\n - sensor_type: NCAMERA\n   " + RIG.split("\n", 1)[1].replace("\n", "\n   ")
+
+OPENCV = """%YAML:1.0
+---
+calibration_time: "Tue 01 Jan 2019 12:00:00"
+image_width: 752
+image_height: 480
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 458.654, 0., 367.215, 0., 457.296,
+       248.375, 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 5
+   cols: 1
+   dt: d
+   data: [ -0.28340811, 0.07395907, 0.00019359, 1.76187114e-05, 0. ]
+flags: 0
+"""
+
+OPENCV_XML = """<?xml version="1.0"?>
+<opencv_storage>
+<calibration_time>"Tue 01 Jan 2019"</calibration_time>
+<image_Width>752</image_Width>
+<image_Height>480</image_Height>
+<Camera_Matrix type_id="opencv-matrix">
+  <rows>3</rows> <cols>3</cols> <dt>d</dt>
+  <data>458.654 0. 367.215 0. 457.296
+    248.375 0. 0. 1.</data></Camera_Matrix>
+<Distortion_Coefficients type_id="opencv-matrix">
+  <rows>5</rows> <cols>1</cols> <dt>d</dt>
+  <data>-0.28340811 0.07395907 0.00019359 1.76187114e-05 0.</data></Distortion_Coefficients>
+</opencv_storage>
+"""
+
+ROVIO = """###### Camera Calibration File For Cam 0 ######
+image_width: 752
+image_height: 480
+camera_name: cam0
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [458.654, 0.0, 367.215, 0.0, 457.296, 248.375, 0.0, 0.0, 1.0]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05, 0.0]
+"""
+
 
 def converted(text, *arguments):
     return yaml.safe_load(convert_calibration.format_calibration(convert_calibration.convert(text, *arguments)))
@@ -179,7 +307,8 @@ class ConvertCalibration(unittest.TestCase):
         self.assertEqual(result["distortion_coefficients"], {"rows": 1, "cols": len(coefficients), "data": coefficients})
 
     def test_pinhole_cameras_of_every_kind(self):
-        for text in VINS, ORB_SLAM3, KALIBR, OKVIS, EUROC:
+        for text in (VINS, ORB_SLAM3, KALIBR, OKVIS, EUROC, STELLA, OV2SLAM, SVO, "cam0:\n  " + SVO.replace("\n", "\n  "), RIG,
+                     MAPLAB, OPENCV, OPENCV_XML, ROVIO):
             with self.subTest(text[:80]):
                 self.expect(converted(text), [752, 480], K, "plumb_bob", RADTAN + [0])
 
@@ -190,6 +319,37 @@ class ConvertCalibration(unittest.TestCase):
         self.expect(converted(ORB_SLAM3_FISHEYE), [512, 512], [190.978477, 190.973307, 254.931706, 256.897442],
                     "equidistant", [0.003482389402, 0.000715034845, -0.002053236141, 0.000202936736])
         self.expect(converted(KALIBR, 1), [512, 512], [190.5, 191.5, 254.5, 256.5], "equidistant", [0.01, 0.02, 0.03, 0.04])
+        self.expect(converted(OV2SLAM, 1), [512, 512], [190.5, 191.5, 254.5, 256.5], "equidistant", [0.01, 0.02, 0.03, 0.04])
+        fisheye = STELLA.replace("perspective", "fisheye").replace("p1:", "k4:")
+        self.expect(converted(fisheye), [752, 480], K, "equidistant", [RADTAN[0], RADTAN[1], 0, RADTAN[2]])
+        flat = "".join("Camera." + line.strip() + "\n" for line in fisheye.split("\n")[2:-3])
+        self.expect(converted(flat), [752, 480], K, "equidistant", [RADTAN[0], RADTAN[1], 0, RADTAN[2]])
+        for text in OPENCV + "fisheye_model: 1\n", ROVIO.replace("plumb_bob", "KannalaBrandt8"):
+            self.expect(converted(text), [752, 480], K, "equidistant", RADTAN)
+
+    def test_yaml_as_opencv_reads_it(self):
+        text = ORB_SLAM3.replace("Camera.width: 752", "Camera.width:\t752\t# px")
+        text = "# my camera\n" + text.replace("Camera.height: 480", "Camera.height:480") + "Viewer.PointSize:2\nmap: { x:1, y:2 }\n"
+        for data in text.encode(), b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode(), \
+                text.replace("my camera", "\u76f8\u673a\u53c2\u6570").encode("gbk"), \
+                text.replace("my camera", "\u00e4\u0085 caf\u00e9").encode("latin-1"):
+            self.expect(converted(convert_calibration.read_text(data)), [752, 480], K, "plumb_bob", RADTAN + [0])
+
+    def test_rectification_that_the_file_has_stays(self):
+        with open(os.path.join(SOURCE, "config", "camera.yaml")) as file:
+            text = file.read()
+        text = text.replace("1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]", "0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]")
+        self.assertEqual(converted(text), yaml.safe_load(text))
+
+    def test_coefficients_that_are_zero(self):
+        for zeros in "0, 0", "0, 0, 0, 0":
+            self.expect(converted(EUROC.replace("e-05]", "e-05, %s]" % zeros)), [752, 480], K, "plumb_bob", RADTAN + [0])
+        full = ROVIO.replace("plumb_bob", "rational_polynomial")
+        self.expect(converted(full), [752, 480], K, "rational_polynomial", RADTAN + [0] * 4)
+        for zeros in "0, 0, 0, 0, 0, 0, 0", "0, 0, 0, 0, 0, 0, 0, 0, 0":
+            self.expect(converted(full.replace("05, 0.0]", "05, 0.0, %s]" % zeros)), [752, 480], K, "rational_polynomial",
+                        RADTAN + [0] * 4)
+        self.assertIn("thin prism", refusal(full.replace("05, 0.0]", "05, 0, 0, 0, 0, 0.1, 0, 0, 0]")))
 
     def test_other_models(self):
         self.expect(converted(VINS_FULL), [752, 480], K, "rational_polynomial", RADTAN + [3, 4, 5, 6])
@@ -216,7 +376,19 @@ class ConvertCalibration(unittest.TestCase):
                  "8 distortion coefficients"),
                 (KALIBR.replace("[752, 480]", "[752]"), "must be a list of 2 numbers"),
                 ("cam0_calib: \"cam0_pinhole.yaml\"\n", "convert cam0_pinhole.yaml"),
-                ("image_width: 3\ncamera_matrix: 1\n", "already"),
+                ("relative_config_imucam: \"chain.yaml\"\n", "convert chain.yaml"),
+                ("image_width: 3\ncamera_matrix: 1\n", "camera_matrix = 1: must be a list of 9 numbers"),
+                (ROVIO.replace("367.215, 0.0", "367.215, 0.5"), "must be fx 0 cx"),
+                (ROVIO.replace("distortion_c", "c"), "distortion_coefficients is missing"),
+                (ROVIO.replace("plumb_bob", "omni"), "distortion model 'omni'"),
+                (EUROC.replace("pinhole", "omni"), "camera_model 'omni'"),
+                (STELLA.replace("perspective", "equirectangular"), "Camera.model 'equirectangular'"),
+                ("Camera.model: \"equirectangular\"\n", "Camera.model 'equirectangular'"),
+                (OV2SLAM.replace("pinhole", "omni"), "Camera.model_left 'omni'"),
+                (SVO.replace("Pinhole", "ATAN"), "cam_model 'ATAN'"),
+                (RIG.replace("type: pinhole", "type: unified-projection"), "type 'unified-projection'"),
+                (RIG.replace("radial-tangential", "fisheye-fov"), "distortion model 'fisheye-fov'"),
+                (OPENCV_XML.replace("</data>", ""), "is no XML"),
                 ("a: 1\n", "no known kind"), ("", "name: value"), ("a: [1\n", "no YAML")):
             with self.subTest(words):
                 self.assertIn(words, refusal(text))

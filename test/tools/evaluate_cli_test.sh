@@ -97,4 +97,14 @@ sed '/^HEIGHT/d' two.pcd >flat.pcd
 expect 2 "header has no line HEIGHT" "$bin/acmp_evaluate" cloud flat.pcd two.ply
 (sed 's/^DATA ascii/DATA binary/;/^DATA/q' two.pcd; head -c 20 /dev/zero) >short.pcd
 expect 2 "the file is truncated or corrupt" "$bin/acmp_evaluate" cloud short.pcd two.ply
+# What it prints is its result: where that does not get out, it has failed.
+for tool in "$bin/acmp_evaluate cloud two.ply two.ply" "$bin/acmp_evaluate depth a a/depth"; do
+  $tool >/dev/null 2>&1 || { echo "FAILED: $tool"; failures=$((failures + 1)); }
+  for output in '>/dev/full' '>&-'; do
+    message=$(eval "$tool 2>&1 $output") && { echo "FAILED: $tool $output: exit code 0"; failures=$((failures + 1)); }
+    message=$(eval "($tool $output) 2>&1")
+    grep -q "cannot write to the standard output" <<<"$message" ||
+      { echo "FAILED: $tool $output says $message"; failures=$((failures + 1)); }
+  done
+done
 exit $((failures > 0))

@@ -181,6 +181,19 @@ class LaunchFiles(unittest.TestCase):
         rviz = [node for node in load("demo.launch", "bag:=/some.bag").nodes if node.name == "rviz"][0]
         self.assertTrue(os.path.exists(rviz.args.split()[-1]), rviz.args)
 
+    def test_rviz_has_the_frame_of_the_frontends_poses(self):
+        for launch, frame, arguments in (("frontends/stella_vslam_ros.launch", "map", ()), ("frontends/ov2slam.launch", "world", ()),
+                                         ("frontends/openvins.launch", "global", ()), ("frontends/rtabmap.launch", "odom", ()),
+                                         ("dense_mapper.launch", "earth", ("world_frame:=earth",))):
+            self.assertNotIn("rviz", [node.name for node in load(launch, *arguments).nodes])
+            rviz = [node for node in load(launch, "rviz:=true", *arguments).nodes if node.name == "rviz"][0]
+            self.assertIn("-f %s " % frame, rviz.args)
+
+    def test_a_launch_whose_nodelet_cannot_start_ends(self):
+        for standalone in "true", "false":
+            nodes = {node.name: node.required for node in load("dense_mapper.launch", "standalone:=" + standalone).nodes}
+            self.assertTrue(nodes["dense_mapper"] and nodes["map_server"], nodes)
+
     def test_demo_needs_a_bag(self):
         with self.assertRaises(Exception):
             load("demo.launch")

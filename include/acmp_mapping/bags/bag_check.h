@@ -37,12 +37,16 @@ struct BagCheckOptions {
   double sync_tolerance_s = 1e-3;   ///< the mapper's ~sync_tolerance
   double sparse_tolerance_s = 0.5;  ///< between points and their image, as in the mapper, s
   PoseSemantics semantics;          ///< the mapper's ~pose_is and ~pose_child
+  bool child_declared = false;      ///< false: semantics.child is body where tf_static says that the poses are another
+                                    ///< frame's than the images
+  std::filesystem::path calibration_file;  ///< the mapper's ~calibration_file; empty: camera_info
 };
 
 struct BagReport {
   std::vector<BagTopic> topics;
   TopicChoice chosen;
   std::vector<Finding> findings;
+  std::string launch;  ///< what starts the mapper for these topics
 
   size_t Count(Severity severity) const;
   /// No errors: the mapper can work with it, given the settings that warnings name.

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <locale>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -23,6 +24,7 @@ class ProcessingError : public std::runtime_error {
 template <class... Args>
 std::string Concat(const Args&... args) {
   std::ostringstream stream;
+  stream.imbue(std::locale::classic());
   (stream << ... << args);
   return stream.str();
 }

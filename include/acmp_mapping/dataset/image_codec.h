@@ -30,6 +30,12 @@ ColorImage ReadColorImage(const std::filesystem::path& path, const ImageSize& of
 /// @param name for messages
 ImageSize EncodedImageSize(const std::string& name, std::string_view content);
 
+/// Decode a PNG's or JPEG's content, as ReadColorImage and ReadPng16 do. `name` is for messages.
+ColorImage DecodeColorImage(const std::string& name, std::string_view content);
+Image<uint16_t> DecodePng16(const std::string& name, std::string_view content);
+/// Whether DecodePng16 takes it.
+bool IsPng16(std::string_view content);
+
 /// Reads a 16-bit grey PNG. Throws InvalidInputError.
 Image<uint16_t> ReadPng16(const std::filesystem::path& path);
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <filesystem>
 
 #include "acmp_mapping/dataset/output_file.h"
@@ -30,13 +31,17 @@ size_t WriteDepthPng(const std::filesystem::path& path, const ImageView<const fl
 DepthMap ReadDepth(const std::filesystem::path& path, double png_unit = 1000);
 
 /// Binary little-endian PLY: x y z nx ny nz (float), red green blue (uchar), confidence (float).
-void WritePly(const std::filesystem::path& path, const PointCloud& points);
+/// @param origin of the points' coordinates (LocalOrigin), which is added: unless it is zero, x y z are double
+void WritePly(const std::filesystem::path& path, const PointCloud& points,
+              const Eigen::Vector3d& origin = Eigen::Vector3d::Zero());
 /// The same of points that come in several clouds, so that never all of them have to be held. The header's length does
 /// not depend on their number: a comment fills it up.
 class PlyFile {
  public:
   /// @param durability of the finished file
-  explicit PlyFile(const std::filesystem::path& path, Durability durability = Durability::kPowerCut);
+  /// @param origin as for WritePly
+  explicit PlyFile(const std::filesystem::path& path, Durability durability = Durability::kPowerCut,
+                   const Eigen::Vector3d& origin = Eigen::Vector3d::Zero());
   /// Sets aside the places of so many points, after those of earlier calls. Returns the number of the first point. By
   /// one thread at a time.
   size_t Reserve(size_t points);
@@ -51,30 +56,42 @@ class PlyFile {
   std::string Header() const;
 
   AtomicFile file_;
+  const Eigen::Vector3d origin_;
   size_t points_ = 0;
   size_t header_bytes_;
 };
 /// Reads x y z and, where present, normals, colours and confidence of a binary little-endian or ASCII PLY; other
 /// properties and elements are skipped.
 PointCloud ReadPly(const std::filesystem::path& path);
-/// Positions of a PCD file: ASCII, binary or compressed, with float32 x y z. Throws InvalidInputError that says where
-/// the file cannot be read.
+/// Positions of a PCD file: ASCII, binary or compressed, with float x y z of 32 or 64 bits. Throws InvalidInputError
+/// that says where the file cannot be read.
 /// @param not_finite how many points are not: they are left out, an organised cloud has no point there
 PointCloud ReadPcd(const std::filesystem::path& path, size_t* not_finite);
 
 /// Vertices as the points of the cloud above, then faces as lists of three vertices.
-void WritePlyMesh(const std::filesystem::path& path, const TriangleMesh& mesh);
+void WritePlyMesh(const std::filesystem::path& path, const TriangleMesh& mesh,
+                  const Eigen::Vector3d& origin = Eigen::Vector3d::Zero());
 /// As ReadPly, with the faces if they are the element after the vertices; those of more corners are cut into triangles.
 TriangleMesh ReadPlyMesh(const std::filesystem::path& path);
 
 /// Wavefront OBJ: vertices (v x y z red green blue, colours 0..1, which many programs read), normals and triangles.
-void WriteObj(const std::filesystem::path& path, const TriangleMesh& mesh);
+void WriteObj(const std::filesystem::path& path, const TriangleMesh& mesh,
+              const Eigen::Vector3d& origin = Eigen::Vector3d::Zero());
 
 enum class MeshFormat { kPly, kObj };
 /// By extension, .ply or .obj, of any case; throws InvalidInputError for another one.
 MeshFormat MeshFormatOf(const std::filesystem::path& path);
 /// Throws InvalidInputError for a mesh without triangles.
-void WriteMesh(const std::filesystem::path& path, const TriangleMesh& mesh, MeshFormat format);
+/// @param origin as for WritePly
+void WriteMesh(const std::filesystem::path& path, const TriangleMesh& mesh, MeshFormat format,
+               const Eigen::Vector3d& origin = Eigen::Vector3d::Zero());
+
+/// Of the coordinates in a text file: a float32 reads back, with an origin a billionth of it.
+inline int TextDigits(const Eigen::Vector3d& origin) { return origin.isZero(0) ? 9 : 15; }
+/// Sum of both in double.
+inline Eigen::Vector3d InWorld(const Eigen::Vector3d& origin, const Vec3f& local) {
+  return origin + Eigen::Vector3d(local.x, local.y, local.z);
+}
 
 /// Pictures to look at. Depth and cost by a perceptually uniform colour map between the 2 % and 98 % quantiles (of
 /// inverse depth for depth), unknown pixels black; normals as (n + 1) / 2 with the camera-facing direction light.

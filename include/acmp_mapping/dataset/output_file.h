@@ -41,6 +41,8 @@ class AtomicFile {
   /// Writes at a place, counted from the file's beginning, where Write does not write. Several threads may do so at
   /// once.
   void WriteAt(size_t offset, const void* data, size_t bytes);
+  /// Makes sure of the disk's space for a file of so many bytes, where the file system can do that. Throws as Write.
+  void Reserve(uint64_t bytes);
   /// Asks the system to begin writing so many bytes to the disk without waiting for it: Commit then waits less. No
   /// effect where that fails.
   void StartWriteback(size_t offset, size_t bytes);

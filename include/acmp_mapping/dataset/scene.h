@@ -59,12 +59,13 @@ std::vector<int> ParseImageIndices(const std::string& text, int count);
 /// Reads a COLMAP model (text or binary; in `root`, `root/sparse` or `root/sparse/0`, images in `root/images`) or the
 /// MVSNet / ACMP layout (`cams/%08d_cam.txt`, `pair.txt`, `images/%08d.*` or `%06d.*`). kAuto prefers MVSNet's, since
 /// its pair.txt names the source views; landmarks are read from a COLMAP model beside it when there is one with the
-/// same images. Throws InvalidInputError naming file, line and value for whatever is missing, truncated or out of
-/// bounds.
+/// same images. Images of a COLMAP model that are missing are left out, with a warning. Throws InvalidInputError naming
+/// file, line and value for whatever is missing, truncated or out of bounds.
 /// @param centers of MVSNet's K; where a COLMAP model beside it speaks for the other, there is a warning. kHalf for a
 ///                COLMAP model, whose centres are known, is an InvalidInputError
+/// @param image_folder empty: `root/images`
 Scene ReadScene(const std::filesystem::path& root, SceneFormat format = SceneFormat::kAuto,
-                PixelCenters centers = PixelCenters::kInteger);
+                PixelCenters centers = PixelCenters::kInteger, const std::filesystem::path& image_folder = {});
 
 /// The points that an image observes, world frame.
 std::vector<Eigen::Vector3d> LandmarksOf(const Scene& scene, const SceneImage& image);

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <optional>
 #include <string>
+#include <unordered_set>
 #include <vector>
 
 #include "acmp_mapping/geometry/pinhole_camera.h"
@@ -10,42 +12,55 @@
 
 namespace acmp {
 
-/// Start-up check for the commonest wiring mistake, wrong pose conventions: with right ones most sparse points lie in
-/// front of the camera. Tries the other readings of the same numbers and tells which one fits.
+/// Start-up check for the commonest wiring mistake, wrong pose conventions: with right ones the points that a frontend
+/// has just added to its cloud lie in the image. (Of the others nothing is known: a cloud may be the whole map.) Tries
+/// the other readings of the same numbers and tells which one fits, when it is the only one: frontends start at the
+/// identity, where several do.
 class ConventionCheck {
  public:
-  /// After so many it judges first, and again each time that they have doubled, up to kLastKeyframes: near the world's
-  /// origin a pose and its inverse are nearly the same. Those without sparse points do not count.
-  static constexpr int kKeyframes = 5;
-  static constexpr int kLastKeyframes = 40;
+  /// So many new points, of one cloud or of several, are one look. After so many looks it judges first, by the later
+  /// half of them, and again each time that they have doubled, up to kLastLooks.
+  static constexpr size_t kNewPoints = 20;
+  static constexpr int kLooks = 5;
+  static constexpr int kLastLooks = 40;
 
   /// One keyframe: its pose as received and its cloud, which is taken to be in the camera's frame or the world's.
-  /// `cloud_received` is the pose at the cloud's stamp. Returns a warning, once, if the configured reading is
-  /// implausible or another one puts clearly more points into the image.
+  /// `cloud_received` is the pose at the cloud's stamp. Returns a warning if the configured reading is implausible or
+  /// another one puts clearly more points into the image: once, and once before where several others fit as well.
   std::optional<std::string> Add(const PoseSemantics& configured, const RigidTransform& cloud_received,
                                  const SparseCloud& cloud, bool cloud_in_camera, const PinholeCamera& camera);
 
-  /// The warning that was returned; empty: none.
+  /// The last warning that was returned; empty: none.
   const std::string& warning() const { return warning_; }
 
   /// Share of the points in front of the camera, as configured, 0..1; none before the first point.
   std::optional<double> share_in_front() const;
 
  private:
-  /// One way to read the numbers, and what it makes of the points.
+  /// One way to read the numbers, and how many of the new points of each look it has before the camera and in the
+  /// image.
   struct Reading {
     std::string name;  ///< the parameters to set
-    size_t in_front = 0;
-    size_t in_image = 0;
+    std::vector<size_t> in_front, in_image;
   };
-  void Count(const std::string& name, const RigidTransform& cam_from_cloud, const SparseCloud& cloud,
-             const PinholeCamera& camera);
-  double Share(size_t count) const { return static_cast<double>(count) / static_cast<double>(points_); }
-  std::optional<std::string> Judge(const PoseSemantics& configured) const;
+  /// Where a cloud has points, in cells of a size.
+  using Cells = std::unordered_set<uint64_t>;
 
-  int keyframes_ = 0;
+  /// Points of the cloud near which the one before had none, at most some thousand. None of the first cloud.
+  std::vector<Eigen::Vector3d> TakeNew(const SparseCloud& cloud);
+  void Count(const std::string& name, const RigidTransform& cam_from_cloud, const std::vector<Eigen::Vector3d>& points,
+             const PinholeCamera& camera);
+  /// Mean share of the new points over the later half of the looks.
+  double Recent(const std::vector<size_t>& counts) const;
+  std::optional<std::string> Judge(const PoseSemantics& configured);
+
+  int clouds_ = 0;             ///< seen
+  std::vector<size_t> looks_;  ///< how many new points each had; the last one may have too few yet
+  bool decided_ = false;
   std::string warning_;
-  size_t points_ = 0;
+  size_t points_ = 0, in_front_ = 0;  ///< of all clouds, as configured
+  double cell_ = 0;
+  Cells before_;                   ///< of the cloud before
   std::vector<Reading> readings_;  ///< the configured one first
 };
 

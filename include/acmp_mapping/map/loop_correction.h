@@ -51,6 +51,12 @@ struct PoseTolerance {
   double scale = 0;  ///< relative
 };
 
+/// Where keyframes and their points may lie.
+struct Surroundings {
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();
+  double max_distance = 0;  ///< from it, unit of the poses, > 0
+};
+
 /// What a path did.
 struct ReposeResult {
   /// Smallest distance in time of a keyframe to a pose, and that keyframe's tolerance.
@@ -62,14 +68,14 @@ struct ReposeResult {
   struct TooFar {
     int64_t stamp_ns = 0;
     Eigen::Vector3d position = Eigen::Vector3d::Zero();  ///< of the path's pose, or of the keyframe moved with others
-    double max_distance = 0;                             ///< from the origin
+    Surroundings allowed;
   };
   std::vector<size_t> moved;   ///< keyframes that have another pose now: their places in the list
   size_t named = 0;            ///< keyframes that the path has a pose for
   size_t unresolved = 0;       ///< keyframes whose T_child_cam is not known
   size_t unmatched = 0;        ///< poses of the path that belong to no keyframe
   std::optional<Gap> nearest;  ///< none without keyframes or poses
-  size_t too_far = 0;          ///< keyframes that stay where they are, since they would go beyond max_distance
+  size_t too_far = 0;          ///< keyframes that stay where they are, since they would go too far away
   std::optional<TooFar> first_too_far;
 };
 
@@ -89,10 +95,9 @@ void SortPath(std::vector<StampedPose>* path);
 /// is off 1 by more than 2 %, it is the keyframe's scale, also of its points. Else that is 1, since a correction of
 /// poses alone changes distances as well.
 ///
-/// A pose of the path that would put a keyframe's points farther than max_distance from the origin is taken as if it
-/// were not there; a keyframe that others would move so far stays where it is. Both are counted (too_far).
-/// @param max_distance unit of the poses, > 0
-ReposeResult Repose(const std::vector<StampedPose>& path, const PoseTolerance& same, double max_distance,
+/// A pose of the path that would put a keyframe's points too far away is taken as if it were not there; a keyframe that
+/// others would move so far stays where it is. Both are counted (too_far).
+ReposeResult Repose(const std::vector<StampedPose>& path, const PoseTolerance& same, const Surroundings& allowed,
                     const std::vector<CorrectedPose*>& keyframes);
 
 }  // namespace acmp

@@ -28,9 +28,16 @@ void Validate(const MapStoreOptions& options);
 
 constexpr double kAutoVoxelRatio = 0.005;  ///< about 2.5 px of a 500 px focal length
 
-/// Greatest distance of a keyframe's points from the origin, in voxels: half of what VoxelFilter takes, since float32
-/// rounds.
-constexpr double kMaxMapVoxels = 1 << 30;
+/// Greatest distance of a keyframe's points from the map's local origin, in voxels: a little less than VoxelFilter
+/// takes.
+constexpr double kMaxMapVoxels = 2e9;
+/// The same of the world's origin: a first keyframe whose points are closer to the camera than that allows, as of a
+/// frontend that starts with a tiny scale, must not choose the voxel size of all that follow.
+constexpr double kMaxOriginVoxels = kMaxMapVoxels;
+/// A map whose first keyframe is within so many voxels of the world's origin needs no other one: float32 knows 1/256
+/// voxel there. Beyond, its local origin is where that keyframe stands, in whole steps, so that it seldom changes.
+constexpr double kNearVoxels = 1 << 16;
+constexpr double kOriginStepVoxels = 1 << 14;
 
 /// A correction that moves points by less than about a thousandth of a voxel is none: nobody sees it, and a map of many
 /// points takes seconds to build. The angle is what moves points by that at 200 voxels, the median depth with
@@ -107,10 +114,18 @@ struct PlacedKeyframe {
   int64_t stamp_ns = 0;
 };
 
-/// All of a map at one moment.
+/// All of a map at one moment, in coordinates that float32 holds: those of the world less `origin` (LocalOrigin).
 struct PlacedKeyframes {
-  std::vector<PlacedKeyframe> keyframes;  ///< by mapper and run, each in the order of ids
+  std::vector<PlacedKeyframe> keyframes;  ///< by mapper and run, each in the order of ids; poses in local coordinates
   double voxel_size = 0;                  ///< the points are one per voxel; 0: not known yet, no points
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();  ///< of the local coordinates, in the world
+};
+
+/// The points of a map.
+struct MapCloud {
+  PointCloud points;                                 ///< local coordinates, axes of the world
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();  ///< of the local coordinates, in the world
+  size_t keyframes = 0;                              ///< that they are of
 };
 
 /// The map of any number of mappers in one world: the fused points of each keyframe in its own camera frame, thinned to
@@ -133,7 +148,8 @@ class MapStore {
 
   /// Add and Replace belong to one thread. Another run than that of the mapper's last keyframe is a new one. False, and
   /// nothing is changed, for a keyframe that is in the map already. Throws InvalidInputError for points that
-  /// VoxelFilter refuses, that have no positive median depth, or that lie farther than kMaxMapVoxels from the origin.
+  /// VoxelFilter refuses, that have no positive median depth, or that lie too far from the map's local origin
+  /// (kMaxMapVoxels) or with it from the world's (kMaxOriginVoxels).
   bool Add(const KeyframeKey& key, const KeyframePose& pose, const PointCloud& points_in_camera);
   /// Better points of a keyframe in the map, and the refined pose that they belong to, if there is one: of `pose` only
   /// that is taken. False, and nothing is changed, where the keyframe is not there (any more). Throws as Add.
@@ -155,12 +171,12 @@ class MapStore {
   /// Corrects poses after a loop closure, see Repose in loop_correction.h: all mappers' last runs are taken for one
   /// trajectory, since cameras of a rig share the path. It also counts for keyframes that come later, until a mapper
   /// begins a new run. Only poses and scales change: takes microseconds per keyframe. An empty path does nothing.
-  /// Keyframes never go farther than kMaxMapVoxels from the origin: one such pose would make the whole map unusable.
+  /// Keyframes never go farther than kMaxMapVoxels from the map's local origin: one such pose would make the whole map
+  /// unusable.
   ReposeResult Repose(std::vector<StampedPose> path);
 
-  /// The map: all keyframes' points in the world, one per voxel. Takes time in proportion to the points held.
-  /// @param keyframes if not null: how many keyframes these are
-  PointCloud WorldCloud(size_t* keyframes = nullptr) const;
+  /// The map: all keyframes' points, one per voxel. Takes time in proportion to the points held.
+  MapCloud WorldCloud() const;
 
   /// The keyframes at the poses in use.
   PlacedKeyframes Placed() const;
@@ -193,15 +209,25 @@ class MapStore {
     std::vector<Member> keyframes;  ///< by mapper and run, each in the order of ids
     double voxel_size = 0;
     double max_distance = 0;
+    Eigen::Vector3d origin = Eigen::Vector3d::Zero();
   };
   Snapshot TakeSnapshot() const;
   /// Refined ones along their trajectory; what would lie too far away stays where its mapper put it.
   static std::vector<PlacedKeyframe> Place(const Snapshot& snapshot);
 
-  std::shared_ptr<const PointCloud> Thinned(const PointCloud& points);
+  /// A keyframe's points, one per voxel.
+  struct ThinnedPoints {
+    std::shared_ptr<const PointCloud> points;
+    double reach = 0;       ///< distance of the farthest from the camera
+    double voxel_size = 0;  ///< the map's, or that of the points where it has none; 0: there are no points either
+  };
+  ThinnedPoints Thinned(const PointCloud& points) const;
 
   // All of these need the mutex.
-  double MaxDistance() const;
+  double MaxDistance() const;  ///< from Origin
+  /// Of the local coordinates: about where the first keyframe stands. @param world_from_cam of the first one to come
+  Eigen::Vector3d Origin(double voxel_size, const RigidTransform& world_from_cam = RigidTransform::Identity()) const;
+  Keyframes::const_iterator Oldest() const;
   bool IsOfLastRun(const KeyframeKey& key) const;
   void CheckCanJoin(const MapSession& session) const;
   double VoxelSize() const { return options_.voxel_size > 0 ? options_.voxel_size : auto_voxel_size_; }
@@ -210,7 +236,7 @@ class MapStore {
   void Evict();
   template <class Predicate>
   size_t EraseIf(const Predicate& is_to_go);
-  Keyframes::iterator Erase(Keyframes::iterator keyframe);
+  Keyframes::iterator Erase(Keyframes::const_iterator keyframe);
 
   const MapStoreOptions options_;
   mutable std::mutex mutex_;

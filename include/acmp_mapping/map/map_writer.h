@@ -1,25 +1,35 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 
 #include "acmp_mapping/dataset/map_io.h"
-#include "acmp_mapping/fusion/point_cloud.h"
+#include "acmp_mapping/map/map_mesh.h"
+#include "acmp_mapping/map/map_store.h"
 
 namespace acmp {
 
-/// The whole path of a file for the map that must lie below a folder. A relative path starts at the folder; links and
-/// .. are followed before the comparison. Throws InvalidInputError when the path names no file, begins with ~ (which a
-/// shell expands, and nobody here), lies elsewhere or in a folder that does not exist.
-std::filesystem::path MapPathBelow(const std::filesystem::path& folder, const std::filesystem::path& path);
+/// The whole path of a file that whoever reaches the ROS master may name, which must lie below a folder. A relative
+/// path starts at the folder; links and .. are followed before the comparison. Throws InvalidInputError when the path
+/// names no file, begins with ~ (which a shell expands, and nobody here), lies elsewhere, where it does not say whether
+/// anything is there, or in a folder that does not exist; when a name begins with a dot, as those of settings and keys
+/// do, has control characters, or another ending than that of the file's format.
+/// @param ending with its dot
+std::filesystem::path MapPathBelow(const std::filesystem::path& folder, const std::filesystem::path& path,
+                                   const std::string& ending);
+
+/// For messages about a file that was there before.
+constexpr char kReplaced[] = ", in place of the file of that name";
 
 enum class MapFormat { kPly, kPcd };
 
 /// Writes x y z, normal, colour and confidence of each point. The file appears under its name only when it is whole and
-/// on the disk. Throws InvalidInputError for an empty map or a path that cannot be one, ProcessingError with the
-/// system's reason when writing fails.
-void WriteMap(const std::filesystem::path& path, const PointCloud& map, MapFormat format, bool binary);
+/// on the disk. Unless the origin of the coordinates is zero, it is added and positions are in double. Throws
+/// InvalidInputError for an empty map or a path that cannot be one, ProcessingError with the system's reason when
+/// writing fails.
+void WriteMap(const std::filesystem::path& path, const MapCloud& map, MapFormat format, bool binary);
 /// The same of a mesh: throws for one without triangles.
-void WriteMap(const std::filesystem::path& path, const TriangleMesh& map, MeshFormat format);
+void WriteMap(const std::filesystem::path& path, const MapMesh& map, MeshFormat format);
 /// The path check of these. Throws InvalidInputError for one that cannot be a file.
 void CheckMapPath(const std::filesystem::path& path);
 

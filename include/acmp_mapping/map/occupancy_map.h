@@ -3,14 +3,16 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "acmp_mapping/map/map_store.h"
 
 namespace acmp {
 
-enum class Occupancy { kUnknown, kFree, kOccupied };
+enum class Occupancy : signed char { kUnknown, kFree, kOccupied };
 
 /// Voxels of an OccupancyMap between two heights, seen from above.
 struct OccupancySlice {
@@ -33,20 +35,29 @@ constexpr float kMinOccupancyConfidence = 0.5f;
 /// The default resolution, in voxels of the map.
 constexpr double kOccupancyVoxels = 4;
 
+/// What an OccupancyMap may cost. What is farther away or seen in more detail costs more without bound: the map of a
+/// scene is made of larger voxels instead.
+struct OccupancyLimits {
+  size_t max_bytes = 1000000000;        ///< of its tree, its slice and one keyframe's rays
+  size_t max_ray_voxels = 100000000;    ///< that all rays go through, which is what takes the time
+  std::function<void()> check = [] {};  ///< called before each keyframe; what it throws ends the work
+};
+
 /// Which space is occupied, free or unknown (OctoMap, with its sensor model): rays from a camera to its points pass
 /// through free space and end at obstacles. In the world's frame.
 class OccupancyMap {
  public:
   /// Throws InvalidInputError unless the resolution is positive and finite and CanMapOccupancy.
   /// @param resolution edge of a voxel, unit of the poses
-  explicit OccupancyMap(double resolution);
+  explicit OccupancyMap(double resolution, OccupancyLimits limits = {});
   ~OccupancyMap();
   OccupancyMap(const OccupancyMap&) = delete;
   OccupancyMap& operator=(const OccupancyMap&) = delete;
 
-  /// Those of its points that have kMinOccupancyConfidence. Throws InvalidInputError when one lies more than 32000
-  /// voxels from the origin, which is as far as OctoMap goes: then it is as if the keyframe had not been given.
-  void Insert(const PlacedKeyframe& keyframe);
+  /// Adds those of their points that have kMinOccupancyConfidence. False when this would cost more than the limits, or
+  /// something lies more than 32000 voxels from the origin, which is as far as OctoMap goes: then only larger voxels
+  /// help, and this map is of no use.
+  bool Insert(const std::vector<PlacedKeyframe>& keyframes);
 
   Occupancy At(const Eigen::Vector3d& point_in_world) const;
   /// Throws InvalidInputError unless min_height < max_height. Empty where nothing is known between them.
@@ -60,12 +71,21 @@ class OccupancyMap {
 
  private:
   struct Tree;
+  struct Rays;
+  /// Of a keyframe, one for each voxel in which points lie; none if something lies too far away.
+  std::optional<Rays> FindRays(const PlacedKeyframe& keyframe) const;
+  /// Whether the rays of all keyframes are within the limits.
+  bool CanInsert(const std::vector<PlacedKeyframe>& keyframes) const;
+
   const double resolution_;
+  const OccupancyLimits limits_;
   std::unique_ptr<Tree> tree_;
 };
 
 /// Of a whole map. Throws InvalidInputError for an empty one.
-/// @param resolution 0: kOccupancyVoxels voxels of the map
-std::unique_ptr<OccupancyMap> MakeOccupancyMap(const PlacedKeyframes& map, double resolution);
+/// @param resolution 0: kOccupancyVoxels voxels of the map. The result has the double of it, as often as the limits
+/// need
+std::unique_ptr<OccupancyMap> MakeOccupancyMap(const PlacedKeyframes& map, double resolution,
+                                               const OccupancyLimits& limits = {});
 
 }  // namespace acmp

@@ -15,12 +15,15 @@ namespace acmp {
 
 constexpr int kMaxWindowSize = 64;
 
+/// Whether both ends are set: they may be set one after the other.
+inline bool HasDepthRange(const DepthRange& range) { return range.min > 0 && range.max > 0; }
+
 struct DenseMapperOptions {
   PipelineOptions pipeline;
   SourceViewOptions source_views;
   DepthRangeOptions depth_range;
   PoseRefinementOptions poses;
-  DepthRange fallback_depth_range;  ///< used when there are neither landmarks nor a previous range; 0, 0 = none
+  DepthRange fallback_depth_range;  ///< used when there are neither landmarks nor a previous range; an end of 0: none
   int window_size = 30;             ///< keyframes kept to match against, 2..kMaxWindowSize
   int lookahead = 2;                ///< later keyframes a keyframe waits for before it is refined, 0..window_size-1
   bool refine_again = true;  ///< refine a keyframe once more halfway through the window, and at a flush, if by then its

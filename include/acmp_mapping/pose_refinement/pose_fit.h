@@ -36,6 +36,9 @@ struct PoseChecks {
   /// So many seconds after their stamps the camera was where the received poses say, all of them alike. None: they show
   /// no such offset of at least 10 ms, the camera hardly turns, or there are no stamps.
   std::optional<double> stamp_offset_s;
+  /// How far radial distortion that is left in the images moves a pixel 0.7 of the way from the middle to the corner,
+  /// px outwards. None: not yet known well.
+  std::optional<double> distortion_px;
 };
 
 }  // namespace acmp

@@ -41,8 +41,10 @@ struct ImageResult {
 };
 
 struct ImageReconstruction {
-  std::vector<ImageResult> images;    ///< in the order of the input
-  PointCloud cloud;                   ///< of all images, world frame
+  std::vector<ImageResult> images;  ///< in the order of the input
+  PointCloud cloud;                 ///< of all images, world's axes
+  /// Of the cloud's coordinates in the world: zero unless float32 could not hold them there.
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();
   std::vector<std::string> warnings;  ///< what was left aside, and that no or hardly any pixel became a point
   std::string device;                 ///< that did it
 };

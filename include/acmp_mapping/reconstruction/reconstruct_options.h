@@ -21,6 +21,7 @@ struct ReconstructOptions {
   std::filesystem::path output;
   std::string format = "auto";
   std::string pixel_centers = "integer";
+  std::filesystem::path image_path;   ///< folder of the images; empty: images/ of the scene
   std::string images;                 ///< "0,3,7-12"; empty: all
   std::filesystem::path masks;        ///< folder (AddMasks); empty: none
   std::filesystem::path prior_depth;  ///< folder (AddPriorDepths); empty: none

@@ -26,6 +26,7 @@ class BagWriter {
   /// Throws ProcessingError when the disk is full.
   template <class Message>
   void Write(const std::string& topic, const ros::Time& stamp, const Message& message) {
+    Reserve(ros::serialization::serializationLength(message));
     try {
       bag_->write(topic, stamp, message);
     } catch (const rosbag::BagException& error) {
@@ -38,13 +39,18 @@ class BagWriter {
   void Finish();
 
  private:
-  /// Gives the disk's space back.
+  /// Of the disk, for a message of so many bytes and the index. Throws ProcessingError: rosbag's compression cannot be
+  /// ended any more once it could not write.
+  void Reserve(size_t message_bytes);
+  /// Closes the bag without its index, which may not fit on the disk.
+  void CloseUnfinished();
   [[noreturn]] void ThrowWriteError(const std::string& reason);
 
   std::filesystem::path path_;
   AtomicFile file_;  ///< whose temporary file rosbag writes
   std::unique_ptr<rosbag::Bag> bag_;
   size_t messages_ = 0;
+  uint64_t reserved_ = 0;
 };
 
 }  // namespace acmp

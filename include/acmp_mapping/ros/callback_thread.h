@@ -9,6 +9,8 @@
 #include <ros/spinner.h>
 #include <boost/make_shared.hpp>
 
+#include "acmp_mapping/ros/call_guarded.h"
+
 namespace acmp {
 
 /// Has a function called when all callbacks that were queued before have returned, and waits for it; another thread
@@ -40,12 +42,40 @@ inline bool DrainCallbacks(ros::CallbackQueue* queue) {
   return CallAmongCallbacks(queue, [] {});
 }
 
-/// A callback queue with one thread of its own. The nodelet uses these instead of its manager's queues: roscpp keeps
-/// plain pointers to queues in timers and subscriptions, and on unload the manager may destroy its queues while a
+/// A callback queue whose callbacks are guarded, see CallGuarded.
+class GuardedQueue : public ros::CallbackQueue {
+ public:
+  /// @param report told what callbacks throw; runs in the thread that calls them
+  explicit GuardedQueue(FailureReport report) : report_(std::move(report)) {}
+
+  void addCallback(const ros::CallbackInterfacePtr& callback, uint64_t owner) override {
+    CallbackQueue::addCallback(boost::make_shared<Guarded>(callback, &report_), owner);
+  }
+
+ private:
+  struct Guarded : ros::CallbackInterface {
+    Guarded(ros::CallbackInterfacePtr guarded, const FailureReport* told)
+        : callback(std::move(guarded)), report(told) {}
+    CallResult call() override {
+      CallResult result = Invalid;
+      CallGuarded([&] { result = callback->call(); }, *report);
+      return result;
+    }
+    bool ready() override { return callback->ready(); }
+    const ros::CallbackInterfacePtr callback;
+    const FailureReport* const report;
+  };
+
+  const FailureReport report_;
+};
+
+/// A guarded callback queue with one thread of its own. The nodelet uses these instead of its manager's queues: roscpp
+/// keeps plain pointers to queues in timers and subscriptions, and on unload the manager may destroy its queues while a
 /// callback still keeps the nodelet, and with it timers and subscriptions, alive.
 class CallbackThread {
  public:
-  CallbackThread() : spinner_(1, &queue_) {}
+  /// @param report told what callbacks throw; runs in the thread
+  explicit CallbackThread(const FailureReport& report) : report_(report), queue_(report), spinner_(1, &queue_) {}
   CallbackThread(const CallbackThread&) = delete;
   CallbackThread& operator=(const CallbackThread&) = delete;
 
@@ -53,6 +83,14 @@ class CallbackThread {
   ros::NodeHandle Attach(ros::NodeHandle nh) {
     nh.setCallbackQueue(&queue_);
     return nh;
+  }
+
+  /// Calls a function again and again, also after it has thrown: roscpp ends a timer whose callback throws.
+  ros::WallTimer MakeTimer(const ros::NodeHandle& nh, double period_s, std::function<void()> function) {
+    return Attach(nh).createWallTimer(ros::WallDuration(period_s),
+                                      [report = report_, function = std::move(function)](const ros::WallTimerEvent&) {
+                                        CallGuarded(function, report);
+                                      });
   }
 
   void Start() { spinner_.start(); }
@@ -71,7 +109,8 @@ class CallbackThread {
   bool Call(std::function<void()> function) { return CallAmongCallbacks(&queue_, std::move(function)); }
 
  private:
-  ros::CallbackQueue queue_;
+  const FailureReport report_;
+  GuardedQueue queue_;
   ros::AsyncSpinner spinner_;
 };
 

@@ -23,7 +23,8 @@ namespace acmp {
 /// Wires topics, services and parameters to the mapper; see docs/ for all of them.
 ///
 /// Threads: one for input callbacks, which only buffer; the worker, which matches, and the one of its outputs, which
-/// publishes; one for services; one for diagnostics and dynamic_reconfigure; one that asks the ROS master.
+/// publishes; one for flush and one for the other services; one for diagnostics and dynamic_reconfigure; one that asks
+/// the ROS master.
 ///
 /// Locks: delivery_mutex_ keeps "take from the intake, hand to the worker" in order and may be held while the worker's
 /// queue blocks; intake_mutex_ guards the intake for a moment. Where both are needed delivery_mutex_ comes first. All
@@ -59,13 +60,18 @@ class DenseMapperNodelet : public NodeletBase {
   void WaitForArriving();
   std::string Reset();
   std::vector<InputStatus> InputStatuses() const;
+  /// Adds what of the poses' meaning may be wrong where they do not fit the images.
+  RejectedInput WithDoubt(RejectedInput drop);
   MapperSnapshot TakeSnapshot();
+  /// The same. Where an input is silent the master is asked what is published under its name.
+  MapperSnapshot TakeSnapshotWithAdvice();
 
   NodeOptions options_;
   std::unique_ptr<SharedOptions> runtime_options_;
   std::vector<RuntimeOptions> auto_options_;  ///< of preset: auto, one for each of its settings; else empty
   std::unique_ptr<OutputPublisher> publisher_;
   std::atomic<bool> paused_{false};
+  std::atomic<bool> flushing_{false};  ///< its progress is told in the log
   std::atomic<uint64_t> matched_{0};
 
   std::mutex delivery_mutex_;

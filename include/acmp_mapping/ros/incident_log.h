@@ -9,6 +9,10 @@
 
 namespace acmp {
 
+/// The text with control characters as \xNN: newlines and escape codes that come from the network could forge lines of
+/// a log, and command the terminal that shows it.
+std::string Printable(const std::string& text);
+
 /// Something that a user should know. `reason` is a short fixed key for counting, `message` a sentence with the values.
 struct Incident {
   std::string reason;

@@ -1,38 +1,21 @@
 #pragma once
 
-#include <opencv2/core/mat.hpp>
-
 #include <geometry_msgs/PoseStamped.h>
 #include <geometry_msgs/PoseWithCovarianceStamped.h>
 #include <geometry_msgs/TransformStamped.h>
 #include <nav_msgs/Odometry.h>
 #include <ros/time.h>
 #include <sensor_msgs/CameraInfo.h>
-#include <sensor_msgs/CompressedImage.h>
-#include <sensor_msgs/Image.h>
 #include <sensor_msgs/PointCloud.h>
 #include <sensor_msgs/PointCloud2.h>
 
 #include "acmp_mapping/intake/sensor_samples.h"
+#include "acmp_mapping/ros/image_decoder.h"
 #include "acmp_mapping/ros/image_rectifier.h"
 
 /// From ROS messages to the library's types; no master is needed. Throws InvalidInputError naming the value that cannot
 /// be used.
 namespace acmp {
-
-/// One of the two is set. Shared with whoever published it: never written to.
-struct EncodedImage {
-  sensor_msgs::ImageConstPtr raw;
-  sensor_msgs::CompressedImageConstPtr compressed;
-
-  const std_msgs::Header& header() const { return raw ? raw->header : compressed->header; }
-};
-
-/// 8-bit RGB of whatever cv_bridge can convert (mono8, mono16, rgb8, bgr8, rgba8, bgra8, bayer, yuv422), of JPEG and
-/// PNG. The size that the header of a compressed image announces is read before memory is asked for: it must be at most
-/// kMaxImagePixels, and that of the camera, in either orientation, if there is one.
-/// @param camera null: any size
-cv::Mat DecodeRgb(const EncodedImage& image, const PinholeCamera* camera = nullptr);
 
 /// The mask of an image. Throws InvalidInputError for an encoding other than mono8, or too few bytes.
 CompanionSample ToMaskSample(const sensor_msgs::ImageConstPtr& message);
@@ -46,8 +29,8 @@ CompanionSample ToPriorDepthSample(const sensor_msgs::ImageConstPtr& message);
 DepthMap DecodePriorDepth(const EncodedImage& depth);
 
 /// Camera and distortion of the image as sent: binning and region of interest are applied, plumb_bob,
-/// rational_polynomial and equidistant are known. `rectified`: the image is undistorted already, P holds and D does
-/// not.
+/// rational_polynomial and equidistant are known, also by other names; more coefficients than these have must be 0.
+/// `rectified`: the image is undistorted already, P holds and D does not.
 CameraCalibration ToCalibration(const sensor_msgs::CameraInfo& info, bool rectified);
 
 /// x, y, z as float32 or float64; not-finite and exactly zero points are counted and left out.

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <functional>
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -25,7 +26,13 @@ struct InputStatus {
   uint64_t received = 0;
   double last_received_s = 0;  ///< steady clock; of the start while nothing was received
   bool required = true;        ///< nothing is mapped without it
+  std::string type = {};       ///< of messages that are subscribed to
+  std::string advice = {};     ///< what to set, where the topic is published with another type; else empty
 };
+
+/// Adds advice to the inputs on which nothing has come.
+/// @param published types by name, of all topics that somebody publishes
+void AddAdvice(const std::map<std::string, std::string>& published, std::vector<InputStatus>* inputs);
 
 /// A subscription that converts messages to samples. Each kind of message is one implementation; all else knows samples
 /// only.

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <functional>
+#include <map>
 #include <optional>
 #include <string>
 #include <variant>
@@ -95,6 +96,9 @@ class KeyframeIntake {
 
   /// For a pose, or for the frontend's world to settle.
   size_t waiting_images() const { return matcher_.waiting_images() + starting_.size(); }
+  /// What of the poses' meaning may be wrong, after messages about poses that do not fit the images; may be empty.
+  std::string DescribeDoubt() const;
+
   /// What images wait for longer than they should: "T_body_cam is not known: ..."; empty while all is well. Poses count
   /// only until the first image has got one: many frontends pose some images alone.
   std::string DescribeWait(double now_s) const;
@@ -110,6 +114,8 @@ class KeyframeIntake {
   std::string CameraFrame() const;
   void LookUpPoses();
   std::vector<IntakeEvent> Convert(std::vector<MatchEvent> events);
+  /// That of the image's stamp; the last one where none is as old.
+  const CalibrationPtr& CalibrationAt(int64_t stamp_ns) const;
   void Convert(const MatchedInput& match, std::vector<IntakeEvent>* events);
   /// Asks the WorldTracker whether the image can be used.
   void CheckWorld(KeyframeInput input, bool has_empty_cloud, std::vector<IntakeEvent>* events);
@@ -138,7 +144,10 @@ class KeyframeIntake {
   double scene_depth_ =
       0;  ///< of the last posed image: median of the landmarks that were last in front of the camera; 0 = none yet
   sensor_msgs::CameraInfo last_info_;
-  CalibrationPtr calibration_;
+  CalibrationPtr calibration_;  ///< of the last camera_info; null: none, or it cannot be used
+  /// By the stamp from which they hold, the last ones: a lens may be focused while poses of earlier images are on their
+  /// way.
+  std::map<int64_t, CalibrationPtr> calibrations_;
   std::string image_frame_;  ///< of the last image
   std::string child_frame_;  ///< of the last pose
   uint64_t not_chosen_ = 0;

@@ -79,6 +79,8 @@ class KeyframeOutputs {
   /// Tells the hook of an input that was not used.
   void ReportDrop(const RejectedInput& drop) const;
   void Stop() { stopping_ = true; }
+  /// While set nobody wants better maps: a flush ends soon.
+  void set_abandoned(bool abandoned) { abandoned_ = abandoned; }
   bool is_stopping() const { return stopping_; }
 
   OutputStatus status() const;
@@ -102,7 +104,7 @@ class KeyframeOutputs {
   void HandleDrop(const KeyframeDrop& drop);
 
   const Hooks hooks_;
-  std::atomic<bool> stopping_{false};
+  std::atomic<bool> stopping_{false}, abandoned_{false};
   std::atomic<double> min_depth_confidence_{0};
   mutable std::mutex mutex_;  ///< guards all below
   Records pending_;           ///< from Add to the keyframe's end

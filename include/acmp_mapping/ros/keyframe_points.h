@@ -5,6 +5,7 @@
 
 #include <acmp_mapping/KeyframePoints.h>
 
+#include "acmp_mapping/common/memory_limit.h"
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/ros/keyframe_outputs.h"
 
@@ -24,8 +25,11 @@ acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframePointsHead& head,
 acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, const std::string& mapper,
                                                  bool replaces);
 
+/// For messages to people: its number and mapper, of whose name, which may be of any length, the beginning.
+std::string NameOf(const acmp_mapping::KeyframePoints& message);
+
 /// Throws InvalidInputError naming what cannot be used: no name of a mapper, no rigid transform, a bad tolerance,
-/// no camera.
-KeyframePointsHead ReadHead(const acmp_mapping::KeyframePoints& message);
+/// no camera, or one whose images in a session would take more than max_bytes.
+KeyframePointsHead ReadHead(const acmp_mapping::KeyframePoints& message, size_t max_bytes = kMemoryLimitBytes);
 
 }  // namespace acmp

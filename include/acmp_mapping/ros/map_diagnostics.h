@@ -11,7 +11,7 @@
 
 namespace acmp {
 
-/// What has come from one mapper.
+/// What has come from one mapper since the map was last emptied.
 struct MapperTraffic {
   uint64_t received = 0;  ///< messages
   uint64_t lost = 0;      ///< messages on the way
@@ -31,9 +31,9 @@ struct MapSnapshot {
   std::map<std::string, IncidentLog::Entry> incidents;
 };
 
-/// What of the images is not in the map: one sentence per mapper that had images under way when its last message was
-/// sent; empty when there is none.
-std::string DescribeUnderWay(const std::map<std::string, MapperTraffic>& mappers);
+/// What of the images is not in the map: for each mapper how many messages of points were lost on the way, and how many
+/// images were under way when its last one was sent; empty when there is nothing.
+std::string DescribeMissing(const std::map<std::string, MapperTraffic>& mappers);
 
 /// One status each, without a master: "map" and "mappers".
 void DescribeMap(const MapSnapshot& snapshot, diagnostic_updater::DiagnosticStatusWrapper* status);

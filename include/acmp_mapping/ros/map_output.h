@@ -1,35 +1,54 @@
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
+#include <memory>
 #include <mutex>
 #include <string>
 
 #include <acmp_mapping/SaveMap.h>
 #include <ros/node_handle.h>
+#include <tf2_ros/static_transform_broadcaster.h>
 
 #include "acmp_mapping/map/map_store.h"
+#include "acmp_mapping/map/occupancy_map.h"
+#include "acmp_mapping/ros/incident_log.h"
 #include "acmp_mapping/ros/map_server_options.h"
 #include "acmp_mapping/ros/publish_pace.h"
 
 namespace acmp {
 
-/// The topics map_points and occupancy (latched) and the file of save_map. SetHeader may be called in any thread, the
-/// rest belongs to one.
+/// The topics map_points and occupancy (latched) and the file of save_map. SetHeader and PublishNothing may be
+/// called in any thread, PublishOccupancyIfDue, which may take minutes, belongs to one of its own, the rest to another
+/// one.
 class MapOutput {
  public:
   /// @param map outlives this
-  MapOutput(ros::NodeHandle nh, const MapStore* map, const MapServerOptions& options);
+  /// @param report told why a topic is not published, and what is less than it should be; any thread
+  MapOutput(ros::NodeHandle nh, const MapStore* map, const MapServerOptions& options,
+            std::function<void(const Incident&)> report);
+
+  /// Any thread: soon ends what takes long. Nothing is published or saved afterwards.
+  void Stop() { stopping_ = true; }
+  /// Throws ProcessingError after Stop.
+  void CheckStopped() const;
 
   /// Of the newest keyframe in the map. Nothing is published before the first.
   void SetHeader(const std::string& world_frame, int64_t stamp_ns);
   std_msgs::Header Header();
 
-  /// Returns the number of points. Throws InvalidInputError for a map of more than 1 GB: roscpp's subscribers hang up
-  /// on such messages.
+  /// Far from the world's origin (kNearVoxels), where float32 does not hold them, the points are in a frame of their
+  /// own with the world's axes, WORLD_FRAME + kLocalFrameSuffix, which tf has then. Returns the number of points.
+  /// Throws InvalidInputError for a map of more than 1 GB: roscpp's subscribers hang up on such messages.
   size_t Publish();
-  /// Publishes what PublishPace says, at options.map_publish_rate.
+  /// When the map has been emptied: an empty cloud and grid in place of what is latched, and no header. Any thread;
+  /// what another one is about to publish of the map that was is not published any more.
+  void PublishNothing();
+  /// Publish when PublishPace says so, at options.map_publish_rate.
   void PublishIfDue();
+  void PublishOccupancyIfDue();
 
   /// Writes the map to a file below save_folder. Throws InvalidInputError, ProcessingError (see MapPathBelow, WriteMap,
   /// MakeMapMesh, OccupancyMap).
@@ -38,16 +57,31 @@ class MapOutput {
  private:
   using SaveMap = acmp_mapping::SaveMap;
 
+  static constexpr const char* kLocalFrameSuffix = "_map_origin";
+
+  /// Unless the origin is zero, makes the header that of local coordinates.
+  void EnterLocalFrame(const Eigen::Vector3d& origin, std_msgs::Header* header);
   void PublishOccupancy();
+  /// Unless PublishNothing was called since emptied_ was as given.
+  template <class Message>
+  void PublishOf(uint64_t emptied, const ros::Publisher& publisher, const Message& message);
+  void PublishPaced(const ros::Publisher& publisher, PublishPace* pace, const std::function<void()>& publish);
+  /// Says how much coarser than it should be it is, if so.
+  std::unique_ptr<OccupancyMap> MakeOccupancy(const PlacedKeyframes& map, std::string* coarse) const;
   size_t SaveMesh(const std::filesystem::path& path, const SaveMap::Request& request, size_t* keyframes) const;
 
   const MapStore* const map_;
   const MapServerOptions options_;
+  const std::function<void(const Incident&)> report_;
+  std::atomic<bool> stopping_{false};
   std::mutex header_mutex_;  ///< guards the next two
   std::string world_frame_;
   int64_t stamp_ns_ = 0;
+  std::mutex publish_mutex_;          ///< held while a message is handed to roscpp
+  std::atomic<uint64_t> emptied_{0};  ///< how often; changes with publish_mutex_ held
   PublishPace points_pace_, occupancy_pace_;
   ros::Publisher points_, occupancy_;
+  std::unique_ptr<tf2_ros::StaticTransformBroadcaster> local_frame_;  ///< none before it is needed
 };
 
 }  // namespace acmp

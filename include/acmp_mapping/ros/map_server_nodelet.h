@@ -27,9 +27,9 @@ namespace acmp {
 /// bounds, publishes, saves and loads it. All poses are in one world, and optimized_path is of the frontend that they
 /// all come from: keyframes that it has no pose for move with those that it has one for.
 ///
-/// Threads: one for keyframes and paths, in the order of their arrival; one for services, which also publishes the map;
-/// one for diagnostics; one that asks the ROS master. Services first wait for all keyframes that have arrived: in one
-/// process with a mapper, these are all that the mapper has published.
+/// Threads: one for keyframes and paths, in the order of their arrival; one for services, which also publishes the map,
+/// and one for reset; one for occupancy; one for diagnostics; one that asks the ROS master. Services first wait for all
+/// keyframes that have arrived: in one process with a mapper, these are all that the mapper has published.
 ///
 /// mutex_ guards what diagnostics read, for a moment; none is held while another one is taken.
 class MapServerNodelet : public NodeletBase {
@@ -59,10 +59,12 @@ class MapServerNodelet : public NodeletBase {
   void WaitForArrived() {
     CallInInputThread([] {});
   }
-  void HandlePeriod();
+  /// Empties the map, what is known of it and of its mappers, and what is latched. In the input thread.
+  void Forget();
   MapSnapshot TakeSnapshot();
 
   MapServerOptions options_;
+  CallbackThread occupancy_thread_{report_failure_};
   std::unique_ptr<MapStore> map_;
   std::unique_ptr<MapOutput> map_output_;
 
@@ -78,7 +80,7 @@ class MapServerNodelet : public NodeletBase {
   ros::Subscriber keyframes_;
   ros::Subscriber optimized_path_;
   ros::Publisher path_;
-  ros::WallTimer publish_timer_;
+  ros::WallTimer publish_timer_, occupancy_timer_;
   std::unique_ptr<Diagnostics<MapSnapshot>> diagnostics_;
 };
 

@@ -2,6 +2,7 @@
 
 #include <string>
 
+#include "acmp_mapping/common/memory_limit.h"
 #include "acmp_mapping/common/option.h"
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/ros/parameter_reader.h"
@@ -15,8 +16,11 @@ struct MapServerOptions {
   double map_publish_rate = 0.5;      ///< Hz
   double occupancy_min_height = 0.1;  ///< of the topic occupancy: z in the world
   double occupancy_max_height = 1;
-  std::string save_folder = ".";  ///< save_map and sessions: only below it
-  std::string load_session;       ///< loaded at start; empty: none
+  double memory_limit_gb = kMemoryLimitGb;  ///< of a message or a file while it is worked on
+  std::string save_folder;                  ///< save_map and sessions: only below it; never empty once loaded
+  std::string load_session;                 ///< loaded at start; empty: none
+
+  size_t memory_limit_bytes() const { return static_cast<size_t>(memory_limit_gb * 1e9); }
 };
 
 const OptionTable<MapServerOptions>& MapServerOptionTable();

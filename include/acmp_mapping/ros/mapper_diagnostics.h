@@ -41,6 +41,11 @@ uint64_t ImagesUnderWay(const MapperSnapshot& snapshot);
 std::string AccountForImages(const MapperSnapshot& snapshot);
 
 /// For the log and the status: a sentence about PoseChecks::stamp_offset_s.
+/// Where images show clearly more radial distortion than their calibration tells; empty: they do not.
+/// @param shift_px PoseChecks::distortion_px
+/// @param width of the images, px
+std::string DescribeDistortion(double shift_px, int width, const LensDistortion& told);
+
 std::string DescribeStampOffset(double offset_s);
 
 /// For the log: the required inputs that never came or fell silent while others go on, and what images wait for in

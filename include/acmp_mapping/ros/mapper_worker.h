@@ -28,6 +28,7 @@ struct WorkerStatus {
   double keyframe_ms = 0;       ///< the last keyframe in the matching thread, all in all
   std::string auto_preset;      ///< what preset: auto has chosen last and why; empty: nothing
   PoseChecks pose_checks;
+  std::string distortion;  ///< what the images say of the calibration's distortion; empty: nothing
   OutputStatus outputs;
 };
 
@@ -66,6 +67,8 @@ class MapperWorker {
 
   /// Wakes all who wait and ends the thread after the keyframe it is at.
   void Stop();
+  /// After Stop: waits until the thread has ended.
+  void Join();
 
   WorkerStatus status() const;
   size_t queued() const { return queue_.waiting_inputs(); }
@@ -75,6 +78,8 @@ class MapperWorker {
   void Run();
   void MakeMapper();
   void Process(const KeyframeInput& input);
+  /// What `process` throws becomes a drop of this keyframe.
+  void ProcessOrDrop(const KeyframeInput& input, void (MapperWorker::*process)(const KeyframeInput&));
   /// A keyframe that the mapper has no time for becomes a source view of others.
   void ProcessOvertaken(const KeyframeInput& input);
   /// Of preset: auto, after a keyframe that took so long.
@@ -110,6 +115,7 @@ class MapperWorker {
   std::unique_ptr<DenseMapper> mapper_;
   std::string device_error_;
   CalibrationPtr calibration_;
+  ImageDecoder decoder_;
   std::unique_ptr<ImageRectifier> rectifier_;
   std::optional<AutoPreset> auto_preset_;
   int64_t next_id_ = 0;  ///< never goes back, whatever stamps do

@@ -25,6 +25,9 @@ class MasterWatch {
 
  private:
   void Check();
+  /// Whether another process has this one's name at the new master, which would end one of the two: another one that
+  /// was started while this one was left over. Told once.
+  bool IsReplaced();
   void ReadRegistrations();
   bool Register() const;
 
@@ -32,6 +35,7 @@ class MasterWatch {
   std::function<void(const std::string&)> report_;
   int master_pid_ = 0;  ///< 0 = never seen
   bool reachable_ = true;
+  bool replaced_ = false;
   int checks_ = 0;
   std::map<std::string, std::string> publications_;  ///< topic to type
   std::vector<std::string> subscriptions_;

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "acmp_mapping/backend/make_depth_engine.h"
+#include "acmp_mapping/common/memory_limit.h"
 #include "acmp_mapping/common/option.h"
 #include "acmp_mapping/intake/input_matcher.h"
 #include "acmp_mapping/intake/pose_semantics.h"
@@ -46,6 +47,7 @@ struct NodeOptions {
   InputMatcherOptions matcher;
   KeyframeMode keyframe_mode = KeyframeMode::kEveryPose;
   OverloadPolicy overload = OverloadPolicy::kDrop;
+  double memory_limit_gb = kMemoryLimitGb;  ///< of a message while it is worked on
 };
 
 const OptionTable<NodeOptions>& NodeOptionTable();

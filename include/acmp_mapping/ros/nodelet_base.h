@@ -24,10 +24,11 @@ class NodeletBase : public nodelet::Nodelet {
   ParameterReader ReadParameters();
   void WarnOfUnknown(const ParameterReader& reader);
   /// A Trigger service. The handler returns what it did; an exception's text becomes the message of a failure.
-  void AddTrigger(const char* name, std::function<std::string()> handler);
+  void AddTrigger(CallbackThread* thread, const char* name, std::function<std::string()> handler);
   /// Counts an Incident or RejectedInput, and warns when it is time to.
   template <class Happening>
-  void Report(const Happening& happening) {
+  void Report(Happening happening) {
+    happening.message = Printable(happening.message);
     if (incidents_.Record(happening, SteadySeconds())) {
       NODELET_WARN("%s: %s", happening.reason.c_str(), happening.message.c_str());
     }
@@ -35,12 +36,15 @@ class NodeletBase : public nodelet::Nodelet {
   /// To be called by the destructor: afterwards no callback runs, and nobody waits for one.
   void StopThreads();
 
-  // First: what is attached to them goes before they do.
-  CallbackThread input_thread_;
-  CallbackThread service_thread_;  ///< handlers may take as long as a map takes to write
-  CallbackThread status_thread_;
-
   IncidentLog incidents_;
+  const FailureReport report_failure_ = [this](const std::string& text) { Report(Incident{"callback_failed", text}); };
+
+  // Before all others: what is attached to them goes before they do.
+  CallbackThread input_thread_{report_failure_};
+  CallbackThread service_thread_{report_failure_};  ///< handlers may take as long as a map takes to write
+  CallbackThread urgent_thread_{report_failure_};   ///< for services that those shall not hold up
+  CallbackThread status_thread_{report_failure_};
+
   std::vector<ros::ServiceServer> services_;
 
  private:

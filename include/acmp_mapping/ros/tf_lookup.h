@@ -1,11 +1,13 @@
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <string>
 #include <variant>
 
+#include <ros/subscriber.h>
+#include <tf2_msgs/TFMessage.h>
 #include <tf2_ros/buffer.h>
-#include <tf2_ros/transform_listener.h>
 
 #include "acmp_mapping/intake/sensor_samples.h"
 
@@ -15,7 +17,8 @@ namespace acmp {
 class TfLookup {
  public:
   /// Listens in the node handle's callback queue.
-  explicit TfLookup(const ros::NodeHandle& nh);
+  /// @param report told of transforms that cannot be used
+  TfLookup(ros::NodeHandle nh, std::function<void(const std::string&)> report);
 
   /// Pose of `child` in `world` at a stamp, between the two transforms around it; or why there is none (yet).
   std::variant<PoseSample, std::string> FindPose(const std::string& world, const std::string& child, int64_t stamp_ns);
@@ -27,8 +30,13 @@ class TfLookup {
   void Clear() { buffer_.clear(); }
 
  private:
+  /// tf2's own listener throws in the middle of a message.
+  void Receive(const tf2_msgs::TFMessage& message, bool is_static);
+
+  const std::function<void(const std::string&)> report_;
   tf2_ros::Buffer buffer_;
-  tf2_ros::TransformListener listener_;
+  ros::Time last_received_;
+  ros::Subscriber transforms_, static_transforms_;
 };
 
 }  // namespace acmp

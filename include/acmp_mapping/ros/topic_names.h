@@ -11,6 +11,7 @@ constexpr char kPoseWithCovariance[] = "pose_cov";
 constexpr char kOdometry[] = "odom";
 constexpr char kTransform[] = "transform";
 constexpr char kTf[] = "/tf";
+constexpr char kTfStatic[] = "/tf_static";
 constexpr char kExtrinsic[] = "extrinsic";
 constexpr char kSparsePoints[] = "sparse_points";
 constexpr char kSparsePointsV1[] = "sparse_points_v1";

@@ -1,0 +1,190 @@
+#include "acmp_mapping/ros/image_decoder.h"
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <string_view>
+
+#include <sensor_msgs/image_encodings.h>
+#include <opencv2/imgproc.hpp>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/image_codec.h"
+
+namespace acmp {
+namespace {
+
+namespace encodings = sensor_msgs::image_encodings;
+
+/// An encoding of 8 bits and what makes RGB of it.
+struct PixelFormat {
+  const char* name;
+  int channels;
+  int conversion;  ///< of cv::cvtColor
+};
+
+constexpr int kNone = -1;
+// OpenCV names a Bayer pattern after its second row and column.
+constexpr std::array<PixelFormat, 12> kFormats = {{{"mono8", 1, cv::COLOR_GRAY2RGB},
+                                                   {"rgb8", 3, kNone},
+                                                   {"bgr8", 3, cv::COLOR_BGR2RGB},
+                                                   {"rgba8", 4, cv::COLOR_RGBA2RGB},
+                                                   {"bgra8", 4, cv::COLOR_BGRA2RGB},
+                                                   {"bayer_rggb8", 1, cv::COLOR_BayerBG2RGB},
+                                                   {"bayer_bggr8", 1, cv::COLOR_BayerRG2RGB},
+                                                   {"bayer_gbrg8", 1, cv::COLOR_BayerGR2RGB},
+                                                   {"bayer_grbg8", 1, cv::COLOR_BayerGB2RGB},
+                                                   {"yuv422", 2, cv::COLOR_YUV2RGB_UYVY},
+                                                   {"yuv422_yuy2", 2, cv::COLOR_YUV2RGB_YUY2},
+                                                   {"yuyv", 2, cv::COLOR_YUV2RGB_YUY2}}};
+
+struct Alias {
+  const char* name;
+  const char* meaning;
+};
+
+// As cv_bridge names OpenCV's images when it is not told more; OpenCV has blue first.
+constexpr std::array<Alias, 4> kAliases = {
+    {{"8UC1", "mono8"}, {"8UC3", "bgr8"}, {"8UC4", "bgra8"}, {"uyvy", "yuv422"}}};
+
+bool EndsWith(const std::string& text, std::string_view ending) {
+  return text.size() >= ending.size() && text.compare(text.size() - ending.size(), ending.size(), ending) == 0;
+}
+
+/// The same encoding with 8 bits: "mono8" of "mono16". Empty: it has not 16 bits.
+std::string WithEightBits(const std::string& encoding) {
+  if (!EndsWith(encoding, "16")) return "";
+  return encoding.substr(0, encoding.size() - 2) + "8";
+}
+
+const PixelFormat& FindFormat(const std::string& name, const std::string& encoding) {
+  const auto* const found = std::find_if(kFormats.begin(), kFormats.end(),
+                                         [&](const PixelFormat& format) { return encoding == format.name; });
+  if (found != kFormats.end()) return *found;
+  const bool depth = encoding == encodings::TYPE_16UC1 || encoding == encodings::TYPE_32FC1;
+  throw InvalidInputError(
+      Concat(name, depth ? ": is it a depth map? It must be" : ": must be",
+             " mono, rgb, bgr, rgba, bgra or bayer of 8 or 16 bits, yuv422, yuv422_yuy2, 8UC1, 8UC3 "
+             "or 8UC4; a grey image of 16 bits is mono16"));
+}
+
+bool IsGrey(const ColorImage& image) {
+  return std::all_of(image.begin(), image.end(), [](const Rgb& p) { return p.r == p.g && p.g == p.b; });
+}
+
+std::string MeaningOf(const std::string& encoding, std::string* note) {
+  for (const Alias& alias : kAliases) {
+    if (encoding != alias.name) continue;
+    if (encoding.front() == '8') *note = Concat("images of encoding \"", encoding, "\" are taken for ", alias.meaning);
+    return alias.meaning;
+  }
+  return encoding;
+}
+
+}  // namespace
+
+cv::Mat ImageDecoder::Decode(const EncodedImage& image, const PinholeCamera* camera) {
+  if (image.compressed) return DecodeCompressed(*image.compressed, camera);
+  const sensor_msgs::Image& raw = *image.raw;
+  const std::string name = Concat("image encoding \"", raw.encoding, "\" (", raw.width, "x", raw.height, ", step ",
+                                  raw.step, ", ", raw.data.size(), " bytes)");
+  CheckImageSides(name, raw);
+  const uint64_t needed = uint64_t{raw.height} * raw.step;
+  if (raw.data.size() != needed) throw InvalidInputError(Concat(name, ": must have ", needed, " bytes"));
+  const std::string encoding = MeaningOf(raw.encoding, &note_);
+  const std::string eight_bits = WithEightBits(encoding);
+  const PixelFormat& format = FindFormat(name, eight_bits.empty() ? encoding : eight_bits);
+  const uint64_t row_bytes = uint64_t{raw.width} * format.channels * (eight_bits.empty() ? 1 : 2);
+  if (raw.step < row_bytes) throw InvalidInputError(Concat(name, ": must have a step of at least ", row_bytes));
+  const int depth = eight_bits.empty() ? CV_8U : CV_16U;
+  cv::Mat pixels(static_cast<int>(raw.height), static_cast<int>(raw.width), CV_MAKETYPE(depth, format.channels),
+                 const_cast<uint8_t*>(raw.data.data()), raw.step);  // never written to
+  if (!eight_bits.empty() && (raw.is_bigendian != 0) != IsBigEndianHost()) {
+    pixels = pixels.clone();
+    for (auto* number = pixels.ptr<uint16_t>(); number != pixels.ptr<uint16_t>() + pixels.total() * format.channels;
+         ++number) {
+      *number = static_cast<uint16_t>(*number << 8 | *number >> 8);
+    }
+  }
+  return Convert(name, encoding, pixels);
+}
+
+cv::Mat ImageDecoder::DecodeCompressed(const sensor_msgs::CompressedImage& image, const PinholeCamera* camera) {
+  const std::string name = Concat("compressed image of ", image.data.size(), " bytes, format \"", image.format, "\"");
+  const std::string_view content(reinterpret_cast<const char*>(image.data.data()), image.data.size());
+  const ImageSize size = EncodedImageSize(name, content);
+  if (camera && (size.width != camera->width || size.height != camera->height)) {
+    throw InvalidInputError(Concat(name, ": its header says ", size.width, "x", size.height, ", camera_info says ",
+                                   camera->width, "x", camera->height));
+  }
+  // image_transport: "bayer_rggb8; jpeg compressed ", where the picture is the mosaic.
+  const std::string encoding = image.format.substr(0, std::min(image.format.find(';'), image.format.size()));
+  const bool mosaic = encodings::isBayer(encoding);
+  if (IsPng16(content)) {
+    Image<uint16_t> grey = DecodePng16(name, content);
+    return Convert(name, mosaic && EndsWith(encoding, "16") ? encoding : encodings::MONO16,
+                   cv::Mat(grey.height(), grey.width(), CV_16U, grey.data()));
+  }
+  ColorImage rgb = DecodeColorImage(name, content);
+  const cv::Mat pixels(rgb.height(), rgb.width(), CV_8UC3, rgb.data());
+  if (!mosaic || !IsGrey(rgb)) return pixels.clone();
+  cv::Mat grey;
+  cv::extractChannel(pixels, grey, 0);
+  return Convert(name, EndsWith(encoding, "16") ? WithEightBits(encoding) : encoding, grey);
+}
+
+cv::Mat ImageDecoder::Convert(const std::string& name, const std::string& encoding, const cv::Mat& pixels) {
+  const bool wide = pixels.depth() == CV_16U;
+  const PixelFormat& format = FindFormat(name, wide ? WithEightBits(encoding) : encoding);
+  if (format.channels == 2 && pixels.cols % 2 != 0) {
+    throw InvalidInputError(Concat(name, ": a width of ", pixels.cols, " px: must be even"));
+  }
+  const cv::Mat narrow = wide ? ToEightBits(encoding, pixels) : pixels;
+  if (format.conversion == kNone) return narrow.clone();
+  cv::Mat rgb;
+  try {
+    cv::cvtColor(narrow, rgb, format.conversion);
+  } catch (const cv::Exception& error) {  // such as a mosaic of one pixel
+    throw InvalidInputError(Concat(name, ": ", error.what()));
+  }
+  return rgb;
+}
+
+cv::Mat ImageDecoder::ToEightBits(const std::string& encoding, const cv::Mat& pixels) {
+  double most = 0;
+  cv::minMaxIdx(pixels.reshape(1), nullptr, &most);
+  while (used_bits_ < 16 && most >= 1 << used_bits_) ++used_bits_;
+  note_.clear();
+  if (used_bits_ < 16) {
+    note_ = Concat("images of encoding \"", encoding, "\" use ", used_bits_,
+                   " of their 16 bits, and the upper 8 of these are taken");
+  }
+  cv::Mat narrow(pixels.size(), CV_8UC(pixels.channels()));
+  const int shift = used_bits_ - 8;
+  for (int row = 0; row < pixels.rows; ++row) {
+    const auto* from = pixels.ptr<uint16_t>(row);
+    std::transform(from, from + pixels.cols * pixels.channels(), narrow.ptr<uint8_t>(row),
+                   [shift](uint16_t value) { return static_cast<uint8_t>(value >> shift); });
+  }
+  return narrow;
+}
+
+cv::Mat DecodeRgb(const EncodedImage& image, const PinholeCamera* camera) {
+  return ImageDecoder().Decode(image, camera);
+}
+
+void CheckImageSides(const std::string& name, const sensor_msgs::Image& image) {
+  constexpr int64_t kMaxImageSide = 32767;  // cv::remap, which rectifies images, has 16-bit coordinates
+  for (const uint32_t side : {image.width, image.height}) {
+    CheckRange((name + ": width or height in px").c_str(), int64_t{side}, int64_t{1}, kMaxImageSide);
+  }
+}
+
+bool IsBigEndianHost() {
+  const uint16_t one = 1;
+  uint8_t first;
+  std::memcpy(&first, &one, 1);
+  return first == 0;
+}
+
+}  // namespace acmp
