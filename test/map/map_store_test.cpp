@@ -305,5 +305,60 @@ TEST(MapStore, PointsThatAreRefusedDoNotChooseTheVoxelSize) {
   EXPECT_EQ(store.statistics().voxel_size, kAutoVoxelRatio * 2);
 }
 
+/// A wall 4 in front of cameras side by side, and before it what is in the way at 2, of all or some of them.
+PointCloud WallWith(bool with_post) {
+  PointCloud points;
+  for (int i = -60; i < 60; ++i) {
+    for (int j = -40; j < 40; ++j) {
+      const bool post = with_post && std::abs(i) < 6;
+      const float z = post ? 2 : 4, scale = post ? 0.5f : 1;
+      points.push_back({{0.02f * i * scale, 0.02f * j * scale, z}, {0, 0, -1}, {10, 20, 30}, 0.5f});
+    }
+  }
+  return points;
+}
+
+size_t PointsNear(const PointCloud& points) {
+  return static_cast<size_t>(
+      std::count_if(points.begin(), points.end(), [](const auto& p) { return p.position.z < 3; }));
+}
+
+TEST(MapStore, WhatLaterKeyframesLookThroughLeavesTheMap) {
+  MapStore store({50, 0.02});
+  Add(&store, 0, Shifted(0), WallWith(true));
+  ASSERT_GT(PointsNear(store.WorldCloud().points), 100u);
+  for (uint64_t id = 1; id <= 2; ++id) Add(&store, id, Shifted(0.05 * id), WallWith(false));
+  EXPECT_GT(PointsNear(store.WorldCloud().points), 100u) << "two may be wrong";
+  Add(&store, 3, Shifted(0.15), WallWith(false));
+  EXPECT_EQ(PointsNear(store.WorldCloud().points), 0u);
+  EXPECT_GT(store.statistics().looked_through, 100u);
+  // What comes to stand there later stays: earlier keyframes have no say.
+  Add(&store, 4, Shifted(0), WallWith(true));
+  EXPECT_GT(PointsNear(store.WorldCloud().points), 100u);
+}
+
+TEST(MapStore, WhatSomeConfirmStaysAndGainsConfidence) {
+  MapStore store({50, 0.02});
+  for (uint64_t id = 0; id < 8; ++id) Add(&store, id, Shifted(0), WallWith(id % 3 != 2));
+  EXPECT_GT(PointsNear(store.WorldCloud().points), 100u) << "five of eight see it";
+  MapStore wall({50, 0.02});
+  for (uint64_t id = 0; id < 3; ++id) Add(&wall, id, Shifted(0), WallWith(false));
+  const MapSession session = wall.Session();
+  // Odds of 1 rise by a fifth with each of the two that come after the first.
+  EXPECT_NEAR(session.keyframes[0].points_in_camera->at(2400).confidence, 1.44 / 2.44, 1e-6);
+  EXPECT_EQ(session.keyframes[2].points_in_camera->at(2400).confidence, 0.5f);
+}
+
+TEST(MapStore, KeyframesWhosePosesDoNotFitRemoveNothing) {
+  MapStore store({50, 0.02});
+  Add(&store, 0, Shifted(0), WallWith(false));
+  const size_t before = store.WorldCloud().points.size();
+  RigidTransform back = RigidTransform::Identity();
+  back.translation().z() = 0.6;  // 15 % of the depth: they look through all of the wall
+  for (uint64_t id = 1; id <= 5; ++id) Add(&store, id, back, WallWith(false));
+  EXPECT_EQ(store.Session().keyframes[0].points_in_camera->size(), before);
+  EXPECT_EQ(store.statistics().looked_through, 0u);
+}
+
 }  // namespace
 }  // namespace acmp

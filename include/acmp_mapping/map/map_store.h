@@ -13,6 +13,7 @@
 #include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/geometry/refined_camera.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
+#include "acmp_mapping/map/later_views.h"
 #include "acmp_mapping/map/loop_correction.h"
 
 namespace acmp {
@@ -44,6 +45,8 @@ constexpr double kOriginStepVoxels = 1 << 14;
 /// kAutoVoxelRatio.
 constexpr double kSamePoseVoxels = 1e-3;
 constexpr double kSamePoseRad = 5e-6;
+
+constexpr size_t kMaxLookedAt = 16;  ///< keyframes, by one that is added: bounds its time
 
 /// Which keyframe of which mapper.
 struct KeyframeKey {
@@ -103,6 +106,7 @@ struct MapStatistics {
   size_t reposed = 0;            ///< keyframes moved, summed over the corrections
   size_t path_poses = 0;         ///< of the last path
   size_t path_unmatched = 0;     ///< of these, poses that belong to no keyframe
+  size_t looked_through = 0;     ///< points that later keyframes looked through, and that have gone
   size_t path_too_far = 0;       ///< keyframes that it would have put too far away, and left
 };
 
@@ -139,6 +143,9 @@ struct MapCloud {
 ///
 /// Keyframes with refined poses are placed along the trajectory that the frontend gave, as corrected (PlaceAlong), anew
 /// whenever the map is read: so later keyframes and loop closures also tell where earlier ones lie.
+///
+/// Points learn from the keyframes that are added after them, or were before with a later stamp: what later ones look
+/// through leaves the map (TakeLaterView). Each keyframe looks once, at as many as kMaxLookedAt around it.
 ///
 /// The map does not depend on the order in which keyframes of different mappers come, but for what the limits of the
 /// options evict and the voxel size that the first keyframe chooses.
@@ -196,6 +203,7 @@ class MapStore {
     KeyframePose as_sent;
     bool joined = false;  ///< by Join: stays when its mapper begins a new run
     std::shared_ptr<const PointCloud> points_in_camera;
+    std::vector<LaterViews> later_views;  ///< one per point
   };
   using Keyframes = std::map<KeyframeKey, Keyframe>;
 
@@ -222,6 +230,10 @@ class MapStore {
     double voxel_size = 0;  ///< the map's, or that of the points where it has none; 0: there are no points either
   };
   ThinnedPoints Thinned(const PointCloud& points) const;
+
+  /// Lets a keyframe that has been added look at the points of those around it that are earlier, and later ones at its
+  /// own (TakeLaterView).
+  void LookAround(const KeyframeKey& key);
 
   // All of these need the mutex.
   double MaxDistance() const;  ///< from Origin
