@@ -129,7 +129,7 @@ TEST_F(FusionParityTest, OddValues) {
     }
   }
   ExpectParity(ViewsOf(views), NoisyNeighbors());
-  for (const int min_views : {0, 1}) ExpectParity(ViewsOf(views), NoisyNeighbors(), {0, min_views, 2, 0.99f, 170});
+  for (const int min_views : {0, 1}) ExpectParity(ViewsOf(views), NoisyNeighbors(), {0.05f, min_views, 2, 0.99f, 170});
 }
 
 TEST_F(FusionParityTest, AsManySourcesAsTheMatcherTakes) {
