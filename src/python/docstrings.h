@@ -63,15 +63,15 @@ Attributes:
   name: str
   depth: (height, width), z in the unit of the poses; 0 where it is unknown. Never NaN.
   normal: (height, width, 3), unit normals in the camera's frame that face the camera; 0 where depth is unknown.
-  cost: (height, width), matching cost: 0 (perfect) to 2 (a guess, which makes no point); 1.9999999: completed from
-      around; inf: other images speak against the depth.
-  confidence: (height, width), 0 to 1, how well the depth agrees with that of the source views; 0 where unknown.
+  cost: (height, width), matching cost: 0 (perfect) to 2 (a guess); 1.9999999: completed from
+      around; inf: other images speak against the depth, which makes no point.
+  confidence: (height, width), 0 to 1, probability that the depth is right; 0 where unknown.
   K: (3, 3) of the maps, in their pixels.
   cam_from_world: (4, 4)
   source_views: list of int, the images that it was matched against, best first.
   no_map: str, why there are no maps; empty where there are.)";
 
-constexpr const char* kCloudDoc = R"(M points of surfaces that several images agree on.
+constexpr const char* kCloudDoc = R"(M points of surfaces: pixels that are probably right (min_confidence), averaged with those that agree.
 
 Attributes:
   points: (M, 3) float32, in the world; float64 where the world's coordinates are too large for float32 (UTM, geocentric).

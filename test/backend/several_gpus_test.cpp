@@ -92,8 +92,7 @@ TEST_P(SeveralGpusTest, OnlyImportTakesEstimatesOfAnother) {
 
 TEST_P(SeveralGpusTest, StampsGoToWhereAViewIsFused) {
   const std::vector<EngineView> views = UploadViews(NoisyViews(), first_.get()), others = Imported(views);
-  FusionOptions options;
-  options.max_relative_depth = 0.01f;  // the default takes nearly all of the last view into the points of others
+  const FusionOptions options = PaperFusion();  // the default takes more of the last view into the points of others
   const std::vector<PointCloud> expected = FuseAll(first_.get(), views, NoisyNeighbors(), options);
   ASSERT_GT(expected[3].size(), 10u) << "the last view has nothing left: the test shows nothing";
   for (unsigned on_second = 0; on_second < 16; ++on_second) {  // a bit per view

@@ -15,7 +15,7 @@ TEST(EditDistanceTest, CountsSingleLetterEdits) {
 TEST(EditDistanceTest, FindsTheMostSimilarWord) {
   EXPECT_EQ(MostSimilar("iteration", {"seed", "iterations", "orations"}), "iterations");
   EXPECT_EQ(MostSimilar("xyz", {"ayz", "xbz"}), "ayz") << "the first of equals";
-  EXPECT_EQ(MostSimilar("max_source_views", {"min_consistent_views"}), std::nullopt) << "another thing";
+  EXPECT_EQ(MostSimilar("max_source_views", {"min_depth_confidence"}), std::nullopt) << "another thing";
   EXPECT_EQ(MostSimilar("x", {}), std::nullopt);
 }
 

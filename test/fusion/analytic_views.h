@@ -11,6 +11,9 @@ namespace acmp {
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
+/// As the papers fuse, with so many views: whatever agrees with them is a point.
+inline FusionOptions PaperFusion(int min_consistent_views = 2) { return {0, min_consistent_views, 2, 0.01f, 10}; }
+
 /// A parallelogram center + a * side_a + b * side_b, |a|, |b| <= 1, in the world.
 struct Quad {
   Eigen::Vector3d center, side_a, side_b;

@@ -1,7 +1,6 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <limits>
 
 #include "fusion/analytic_views.h"
 #include "fusion/engine_views.h"
@@ -11,50 +10,15 @@
 namespace acmp {
 namespace {
 
-double ConfidenceFor(float cost, const ViewEvidence& evidence, double unevenness) {
-  return ConfidenceOfError(ExpectedRelativeError(cost, evidence, unevenness));
-}
+double ProbabilityOf(double log_odds) { return 1 / (1 + std::exp(-log_odds)); }
 
-TEST(ConfidenceOfError, HasTheDocumentedValues) {
-  // 1 / (1 + 50 (u + 0.01)^0.9 exp(2 k / n - 0.9 a / n - 0.3 P)), worked out by hand to five digits.
-  EXPECT_NEAR(ConfidenceFor(2, {}, 0), 0.55790, 1e-5);  // P = exp(-4 / 0.18) = 2e-10
-  EXPECT_NEAR(ConfidenceFor(0, {}, 0), 0.63010, 1e-5);
-  EXPECT_NEAR(ConfidenceFor(0, {4, 2, 0}, 0), 0.72763, 1e-5);
-  EXPECT_NEAR(ConfidenceFor(0, {4, 2, 1}, 0), 0.61837, 1e-5);
-  EXPECT_NEAR(ConfidenceFor(0.3f, {4, 2, 0}, 0.09), 0.23010, 1e-5);  // P = exp(-0.5)
-}
-
-TEST(ConfidenceOfError, StaysInBoundsAndNeverGoesTheWrongWay) {
-  for (int views = 1; views <= 32; views += 3) {
-    for (int k = 0; k <= 8; ++k) {
-      for (int cost = 0; cost <= 20; ++cost) {
-        const double agreement = views * k / 8.0, unevenness = 0.1 * k / 8;
-        const int contradicting = views * k / 8;
-        const auto confidence = [&](double more_cost, double more_agreement, int more_contradicting,
-                                    double more_uneven) {
-          return ConfidenceFor(static_cast<float>(0.1 * cost + more_cost),
-                               {views, agreement + more_agreement, contradicting + more_contradicting},
-                               unevenness + more_uneven);
-        };
-        const double here = confidence(0, 0, 0, 0);
-        ASSERT_GT(here, 0);
-        ASSERT_LT(here, 1);
-        ASSERT_LE(confidence(0.1, 0, 0, 0), here);
-        ASSERT_GT(confidence(0, 0.1, 0, 0), here);
-        ASSERT_LT(confidence(0, 0, 1, 0), here);
-        ASSERT_LT(confidence(0, 0, 0, 0.01), here);
-      }
-    }
-  }
-  EXPECT_GT(ConfidenceFor(0.1f, {}, 0), ConfidenceFor(0.2f, {}, 0));
-}
-
-TEST(ConfidenceOfError, IsFiniteForOddInput) {
-  const float nan = std::numeric_limits<float>::quiet_NaN(), infinity = std::numeric_limits<float>::infinity();
-  // The worst cost has a photometric likelihood of exp(-22).
-  EXPECT_NEAR(ConfidenceFor(nan, {}, 0.1), ConfidenceFor(kWorstCost, {}, 0.1), 1e-9);
-  EXPECT_GT(ConfidenceFor(infinity, {}, 0.1), 0) << "unsupported";
-  EXPECT_EQ(ConfidenceFor(-0.5f, {}, 0.1), ConfidenceFor(0, {}, 0.1));
+TEST(LogOddsOf, HasTheDocumentedValues) {
+  // -7 - 1.74 ln(u + 0.01) + 2.22 a - 1.59 s / v, worked out by hand to six digits.
+  EXPECT_NEAR(LogOddsOf({}, 0), 1.012996, 1e-6);
+  EXPECT_NEAR(LogOddsOf({2, 0, 1}, 0), 3.232996, 1e-6);
+  EXPECT_NEAR(LogOddsOf({3, 3, 0}, 0), -0.577004, 1e-6);
+  EXPECT_NEAR(LogOddsOf({4, 1, 0.5}, 0.02), -0.186089, 1e-6);
+  EXPECT_NEAR(LogOddsOf({}, kMaxUnevenness), -3.159342, 1e-6);
 }
 
 TEST(GradedAgreement, FallsWithErrorsAndNarrowAngles) {
@@ -139,41 +103,36 @@ std::vector<TestView> SideViews(const std::vector<float>& depths) {
 /// A pixel that SideViews see with all that is around it, 20 px further to the left.
 constexpr int kCol = 44, kRow = 20;
 
-double ConfidenceOf(const TestView& reference, const std::vector<float>& source_depths) {
-  const std::vector<TestView> sources = SideViews(source_depths);
+double ConfidenceOf(const TestView& reference, const std::vector<TestView>& sources) {
   return FilterByConsistency(reference.View(), ViewsOf(sources), {}).confidence(kCol, kRow);
 }
 
 TEST(FilterByConsistency, ConfidenceCountsWhoSeesThePixel) {
   const TestView wall = FlatView(61, 41, 4);
-  // Two of two views agree, two of three (one sees an occluder), and one of them violates the point.
-  const double all = ConfidenceOf(wall, {4, 4}), occluded = ConfidenceOf(wall, {4, 4, 3});
-  const double contradicted = ConfidenceOf(wall, {4, 4, 5});
-  EXPECT_NEAR(all, ConfidenceFor(0, {2, 2, 0}, 0), 1e-7);  // float
-  EXPECT_NEAR(occluded, ConfidenceFor(0, {3, 2, 0}, 0), 1e-7);
-  EXPECT_NEAR(contradicted, ConfidenceFor(0, {3, 2, 1}, 0), 1e-7);
-  // Which views take part in the average does not matter, nor do views without an estimate of their own.
-  EXPECT_NEAR(ConfidenceOf(wall, {4, 4, 0}), occluded, 1e-7);
-}
-
-TEST(FilterByConsistency, GuessesHaveConfidence) {
-  TestView wall = FlatView(61, 41, 4);
-  for (float& cost : wall.cost) cost = kWorstCost;
-  EXPECT_NEAR(ConfidenceOf(wall, {}), ConfidenceFor(kWorstCost, {}, 0), 1e-7);
-  EXPECT_GT(ConfidenceOf(wall, {4}), ConfidenceOf(wall, {}));
-  EXPECT_LT(ConfidenceOf(wall, {5}), ConfidenceOf(wall, {}));
+  const double all = ProbabilityOf(LogOddsOf({2, 0, 1}, 0));
+  EXPECT_NEAR(ConfidenceOf(wall, SideViews({4, 4})), all, 1e-7);  // float
+  // The best view counts, whether the others see an occluder or look through.
+  EXPECT_NEAR(ConfidenceOf(wall, SideViews({4, 4, 3})), all, 1e-7);
+  EXPECT_NEAR(ConfidenceOf(wall, SideViews({5, 4})), all, 1e-7);
+  EXPECT_NEAR(ConfidenceOf(wall, SideViews({5, 3})), ProbabilityOf(LogOddsOf({2, 0, 0}, 0)), 1e-7);
+  // Neither an unknown depth nor a guess confirms.
+  std::vector<TestView> sources = SideViews({4, 0, 4});
+  sources[2].cost = CostMap(61, 41, kWorstCost);
+  EXPECT_NEAR(ConfidenceOf(wall, sources), ProbabilityOf(LogOddsOf({3, 2, 1}, 0)), 1e-7);
 }
 
 TEST(FilterByConsistency, ConfidenceIsThatOfTheSurfaceAround) {
-  // Without views and unevenness only the cost tells: exp(0.3) between 0 and the worst.
+  // Without a normal a pixel has the odds of the worst unevenness, and its depth speaks for what is around all the
+  // same.
   const auto expected = [](double share_of_worst) {
-    return ConfidenceOfError(ExpectedRelativeError(0, {}, 0) * std::exp(0.3 * share_of_worst));
+    return ProbabilityOf(LogOddsOf({}, 0) + share_of_worst * (LogOddsOf({}, kMaxUnevenness) - LogOddsOf({}, 0)));
   };
+  constexpr Vec3f kUnknown = {0, 0, 0};
   TestView wall = FlatView(61, 41, 4);
-  wall.cost(kCol, kRow) = kWorstCost;
+  wall.normal(kCol, kRow) = kUnknown;
   EXPECT_NEAR(ConfidenceOf(wall, {}), expected(1 / 25.0), 1e-7);
-  wall.cost(kCol + 16, kRow) = wall.cost(kCol - 3, kRow + 3) = wall.cost(kCol, kRow - 8) = kWorstCost;
-  wall.cost(kCol + 1, kRow) = kWorstCost;  // not looked at
+  wall.normal(kCol + 16, kRow) = wall.normal(kCol - 3, kRow + 3) = wall.normal(kCol, kRow - 8) = kUnknown;
+  wall.normal(kCol + 1, kRow) = kUnknown;  // not looked at
   EXPECT_NEAR(ConfidenceOf(wall, {}), expected(4 / 25.0), 1e-7);
   wall.depth(kCol + 6, kRow + 6) = 0;  // unknown
   EXPECT_NEAR(ConfidenceOf(wall, {}), expected(4 / 24.0), 1e-7);
@@ -186,36 +145,58 @@ TEST(FilterByConsistency, ConfidenceIsThatOfTheSurfaceAround) {
 }
 
 TEST(FilterByConsistency, AnotherSurfaceDoesNotCountForConfidence) {
-  // Half of what is around lies 20 % nearer, all of it guesses: it makes the pixel uneven, but its costs do not matter.
-  const auto confidence = [](float cost_of_nearer) {
+  // Half of what is around lies 20 % nearer: it makes the pixel uneven, but its own odds do not matter.
+  const auto confidence = [](const Vec3f& normal_of_nearer) {
     TestView view = FlatView(61, 41, 4);
     for (int row = 0; row < 41; ++row) {
       for (int col = kCol + 1; col < 61; ++col) {
         view.depth(col, row) = 3.2f;
-        view.cost(col, row) = cost_of_nearer;
+        view.normal(col, row) = normal_of_nearer;
       }
     }
     return ConfidenceOf(view, {});
   };
-  EXPECT_EQ(confidence(0), confidence(kWorstCost));
-  EXPECT_LT(confidence(0), ConfidenceOf(FlatView(61, 41, 4), {}));
+  EXPECT_EQ(confidence({0, 0, -1}), confidence({0, 0, 0}));
+  EXPECT_LT(confidence({0, 0, -1}), ConfidenceOf(FlatView(61, 41, 4), {}));
 }
 
-TEST(FilterByConsistency, UnsupportedPixelsAreGuessesOfFourTimesTheError) {
-  TestView wall = FlatView(61, 41, 4);
-  for (float& cost : wall.cost) cost = kWorstCost;
-  const double guess = ConfidenceOf(wall, {4, 4});
-  for (float& cost : wall.cost) cost = kUnsupportedCost;
-  const double unsupported = ConfidenceOf(wall, {4, 4});
-  EXPECT_NEAR((1 - unsupported) / unsupported, 4 * (1 - guess) / guess,
-              0.02 * (1 - unsupported) / unsupported);  // exp(1.4) = 4.06
-  for (float& cost : wall.cost) cost = 0.1f;
-  wall.cost(kCol, kRow) = kUnsupportedCost;
-  const std::vector<TestView> sources = SideViews({4, 4});
-  const auto count = [&] { return FilterByConsistency(wall.View(), ViewsOf(sources), {}).points_in_camera.size(); };
-  const size_t without_it = count();
-  wall.cost(kCol, kRow) = 0.1f;
-  EXPECT_EQ(count(), without_it + 1);
+TEST(DepthAtPlace, IsExactOnAFloorSeenAtASlant) {
+  // 1.5 below two cameras that look ahead, with rows that are 0.4 px apart: depths of neighbouring pixels differ by
+  // percents.
+  const Quad floor = {{0, 1.5, 0}, {50, 0, 0}, {0, 0, 50}, {}};
+  std::vector<TestView> views;
+  views.push_back(Render({40, 60, 100, 100, 19.5, 10.2}, LookAt({0, 0, 0}, {0, 0, 1}), {floor}));
+  views.push_back(Render({40, 60, 100, 100, 19.5, 10.6}, LookAt({0.3, 0, 0}, {0.3, 0, 1}), {floor}));
+  const FusionContexts contexts(ViewsOf(views), {{1}, {}}, {});
+  const FusionSource<HostMaps>& source = contexts[0].sources[0];
+  int exact = 0, nearest = 0;
+  contexts.ForEachPixel(0, [&](int col, int row) {
+    ReferencePixel pixel;
+    SourcePlace place;
+    if (!LoadReferencePixel(contexts[0], col, row, &pixel)) return;
+    if (!LocateInSource(source, pixel.homogeneous, &place)) return;
+    const float of_nearest = source.view.Depth(place.col, place.row);
+    const double depth = DepthAtPlace(source, place, of_nearest), ratio = place.depth / of_nearest;
+    if (std::abs(ratio - 1) > 0.0501) {  // too far from the pixel's own
+      ASSERT_EQ(depth, of_nearest);
+      ++nearest;
+    } else if (std::abs(ratio - 1) < 0.0499) {
+      ASSERT_NEAR(depth, place.depth, 1e-5 * place.depth);  // normals in float, whose errors the slant enlarges
+      exact += std::abs(ratio - 1) > 0.01;
+    }
+  });
+  EXPECT_GT(exact, 200);
+  EXPECT_GT(nearest, 20);
+}
+
+TEST(DepthAtPlace, IsTheNearestPixelsWithoutAPlaneThatFacesTheCamera) {
+  TestView view = FlatView(9, 7, 4);
+  const SourcePlace place = {4.3, 2.6, 4, 3, 4};
+  for (const Vec3f& normal : {Vec3f{0, 0, 0}, Vec3f{0, 0, 1}, Vec3f{kNan, 0, -1}}) {
+    view.normal = NormalMap(9, 7, normal);
+    const FusionContexts contexts({view.View(), view.View()}, {{1}, {}}, {});
+    EXPECT_EQ(DepthAtPlace(contexts[0].sources[0], place, 4), 4);
+  }
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
+#include <algorithm>
 #include <numeric>
 #include <random>
 
@@ -32,8 +33,12 @@ std::vector<FusionView> SourcesOf(const std::vector<TestView>& views) {
   return all;
 }
 
-ConsistencyResult Filter(const std::vector<TestView>& views, const FusionOptions& options = {}) {
+ConsistencyResult Filter(const std::vector<TestView>& views, const FusionOptions& options = PaperFusion()) {
   return FilterByConsistency(views[0].View(), SourcesOf(views), options);
+}
+
+Image<unsigned char> CountMatches(const std::vector<TestView>& views, const FusionOptions& options = PaperFusion()) {
+  return CountMatches(views[0].View(), SourcesOf(views), options);
 }
 
 void ExpectFinite(const PointCloud& points) {
@@ -46,16 +51,17 @@ void ExpectFinite(const PointCloud& points) {
 
 TEST(FusionOptions, AreValidatedAtTheirBounds) {
   EXPECT_NO_THROW(Validate(FusionOptions()));
-  const auto error = [](float px, float depth, float angle, int views) {
+  const auto error = [](float px, float depth, float angle, int views, float confidence = 0) {
     FusionOptions options;
+    options.min_confidence = confidence;
     options.max_reprojection_px = px;
     options.max_relative_depth = depth;
     options.max_normal_angle_deg = angle;
     options.min_consistent_views = views;
     return ErrorOf([&] { Validate(options); });
   };
-  EXPECT_EQ(error(0.01f, 0.99f, 180, 1), "no error");
-  EXPECT_EQ(error(100, 0.001f, 0.1f, 32), "no error");
+  EXPECT_EQ(error(0.01f, 0.99f, 180, 0), "no error");
+  EXPECT_EQ(error(100, 0.001f, 0.1f, 32, 1), "no error");
   EXPECT_THAT(error(0, 0.1f, 10, 2), testing::HasSubstr("max_reprojection_px = 0"));
   EXPECT_THAT(error(kInfinity, 0.1f, 10, 2), testing::HasSubstr("max_reprojection_px"));
   EXPECT_THAT(error(2, 0, 10, 2), testing::HasSubstr("max_relative_depth = 0"));
@@ -63,13 +69,17 @@ TEST(FusionOptions, AreValidatedAtTheirBounds) {
   EXPECT_THAT(error(2, kNan, 10, 2), testing::HasSubstr("max_relative_depth"));
   EXPECT_THAT(error(2, 0.1f, 0, 2), testing::HasSubstr("max_normal_angle_deg = 0"));
   EXPECT_THAT(error(2, 0.1f, 180.1f, 2), testing::HasSubstr("max_normal_angle_deg = 180.1"));
-  EXPECT_THAT(error(2, 0.1f, 10, 0), testing::HasSubstr("min_consistent_views = 0"));
+  EXPECT_THAT(error(2, 0.1f, 10, -1), testing::HasSubstr("min_consistent_views = -1"));
   EXPECT_THAT(error(2, 0.1f, 10, 33), testing::HasSubstr("min_consistent_views = 33"));
+  EXPECT_THAT(error(2, 0.1f, 10, 2, -0.01f), testing::HasSubstr("min_confidence = -0.01"));
+  EXPECT_THAT(error(2, 0.1f, 10, 2, 1.01f), testing::HasSubstr("min_confidence = 1.01"));
+  EXPECT_THAT(error(2, 0.1f, 10, 2, kNan), testing::HasSubstr("min_confidence"));
 }
 
 TEST(FilterByConsistency, KeepsATruePlaneWhereverTheSourcesSeeIt) {
   const std::vector<TestView> views = WallViews();
   const ConsistencyResult result = Filter(views);
+  const Image<unsigned char> counts = CountMatches(views);
   size_t expected_points = 0;
   for (int row = 0; row < kCamera.height; ++row) {
     for (int col = 0; col < kCamera.width; ++col) {
@@ -78,7 +88,7 @@ TEST(FilterByConsistency, KeepsATruePlaneWhereverTheSourcesSeeIt) {
       for (size_t i = 1; i < views.size(); ++i) {
         in_view += views[i].camera.Contains(views[i].camera.Project(views[i].cam_from_world * point));
       }
-      ASSERT_EQ(result.consistent_views(col, row), in_view) << col << ", " << row;
+      ASSERT_EQ(counts(col, row), in_view) << col << ", " << row;
       expected_points += in_view >= 2;
     }
   }
@@ -106,47 +116,48 @@ TEST(FilterByConsistency, AgreesWithPlainReferenceOnNoisyMaps) {
     for (Vec3f& n : view.normal) {
       n = Normalized(n + Vec3f{normal_noise(generator), normal_noise(generator), normal_noise(generator)});
     }
-    for (float& c : view.cost) c = any_cost(generator);
+    for (float& c : view.cost) {
+      const float any = any_cost(generator);
+      c = any < 0.9f ? any : any < 0.95f ? kWorstCost : kUnsupportedCost;
+    }
     for (Rgb& rgb : view.color) rgb.g = static_cast<unsigned char>(any_color(generator));
   }
-  FusionOptions options;
-  const ConsistencyResult result = Filter(views, options);
-  const std::vector<FusionView> all = ViewsOf(views);
-  const std::vector<const FusionView*> sources = {&all[1], &all[2]};
-  size_t next = 0;
-  int counts[3] = {0, 0, 0};
-  for (int row = 0; row < kCamera.height; ++row) {
-    for (int col = 0; col < kCamera.width; ++col) {
-      const auto matches = reference::FindMatches(all[0], sources, col, row, options);
-      ASSERT_EQ(result.consistent_views(col, row), matches.size()) << col << ", " << row;
-      ++counts[matches.size()];
-      const reference::Point expected = reference::Average(all[0], sources, col, row, matches);
-      ASSERT_NEAR(result.confidence(col, row), expected.confidence, 1e-6);  // float: 6e-8; noise does not amplify it
-      if (!reference::Accepts(matches, options)) continue;
-      ASSERT_LT(next, result.points_in_camera.size());
-      const SurfacePoint& point = result.points_in_camera[next++];
-      // Positions near 5, held in float: 2.4e-7 each.
-      ASSERT_NEAR(point.position.x, expected.position.x(), 2e-6);
-      ASSERT_NEAR(point.position.y, expected.position.y(), 2e-6);
-      ASSERT_NEAR(point.position.z, expected.position.z(), 2e-6);
-      ASSERT_NEAR(point.normal.x, expected.normal.x(), 1e-6);
-      ASSERT_NEAR(point.normal.y, expected.normal.y(), 1e-6);
-      ASSERT_NEAR(point.normal.z, expected.normal.z(), 1e-6);
-      ASSERT_NEAR(point.color.g, expected.color.y(), 0.5);
-      ASSERT_NEAR(point.confidence, expected.confidence, 1e-6);
+  FusionOptions ours;
+  ours.min_confidence = 0.6f;  // decides on many of these pixels
+  for (const FusionOptions& options : {PaperFusion(), ours}) {
+    const ConsistencyResult result = Filter(views, options);
+    const Image<unsigned char> counts = CountMatches(views, options);
+    const std::vector<FusionView> all = ViewsOf(views);
+    const std::vector<const FusionView*> sources = {&all[1], &all[2]};
+    size_t next = 0;
+    int pixels_of_count[3] = {0, 0, 0};
+    for (int row = 0; row < kCamera.height; ++row) {
+      for (int col = 0; col < kCamera.width; ++col) {
+        const auto matches = reference::FindMatches(all[0], sources, col, row, options);
+        ASSERT_EQ(counts(col, row), matches.size()) << col << ", " << row;
+        ++pixels_of_count[matches.size()];
+        const double confidence = reference::Confidence(all[0], sources, col, row, options);
+        ASSERT_NEAR(result.confidence(col, row), confidence, 1e-6);  // float: 6e-8; noise does not amplify it
+        if (!reference::Accepts(all[0], col, row, confidence, matches, options)) continue;
+        ASSERT_LT(next, result.points_in_camera.size());
+        reference::ExpectNear(result.points_in_camera[next++],
+                              reference::Average(all[0], sources, col, row, matches, confidence));
+      }
     }
+    EXPECT_EQ(next, result.points_in_camera.size());
+    EXPECT_GT(next, 500u);
+    EXPECT_LT(next, result.confidence.size() - 500);
+    for (const int pixels : pixels_of_count) EXPECT_GT(pixels, 100);  // the noise makes all cases occur
   }
-  EXPECT_EQ(next, result.points_in_camera.size());
-  for (const int count : counts) EXPECT_GT(count, 100);  // the noise makes all cases occur
 }
 
 TEST(FilterByConsistency, RemovesAnOutlier) {
   std::vector<TestView> views = WallViews();
   const size_t all_points = Filter(views).points_in_camera.size();
-  ASSERT_EQ(Filter(views).consistent_views(40, 30), 2);
+  ASSERT_EQ(CountMatches(views)(40, 30), 2);
   views[0].depth(40, 30) *= 1.05f;
   const ConsistencyResult result = Filter(views);
-  EXPECT_EQ(result.consistent_views(40, 30), 0);
+  EXPECT_EQ(CountMatches(views)(40, 30), 0);
   EXPECT_EQ(result.points_in_camera.size(), all_points - 1);
   EXPECT_GT(result.confidence(40, 30), 0);
   EXPECT_LT(result.confidence(40, 30), result.confidence(41, 30));
@@ -157,6 +168,7 @@ TEST(FilterByConsistency, DoesNotCountViewsThatSeeAnOccluder) {
   const Quad occluder = {{0.9, 0, 2.5}, {0.3, 0, 0}, {0, 0.3, 0}, {0, 0, 255}};
   const std::vector<TestView> views = WallViews({kWall, occluder});
   const ConsistencyResult result = Filter(views);
+  const Image<unsigned char> counts = CountMatches(views);
   int hidden = 0;
   for (int row = 0; row < kCamera.height; ++row) {
     for (int col = 0; col < kCamera.width; ++col) {
@@ -168,7 +180,7 @@ TEST(FilterByConsistency, DoesNotCountViewsThatSeeAnOccluder) {
           views[1].depth(static_cast<int>(std::round(pixel.x())), static_cast<int>(std::round(pixel.y())));
       if (seen > 0.8 * in_source.z()) continue;
       ++hidden;
-      ASSERT_LE(result.consistent_views(col, row), 1) << col << ", " << row;
+      ASSERT_LE(counts(col, row), 1) << col << ", " << row;
     }
   }
   EXPECT_GT(hidden, 50);
@@ -184,7 +196,7 @@ TEST(FilterByConsistency, TakesViewsOfDifferentSizes) {
   views[1] = Render(kCamera.Resized(131, 99), views[1].cam_from_world, {kWall});
   views[2] = Render(kCamera.Resized(53, 41), views[2].cam_from_world, {kWall});
   const ConsistencyResult result = Filter(views);
-  EXPECT_EQ(result.consistent_views.width(), 80);
+  EXPECT_EQ(result.confidence.width(), 80);
   EXPECT_GT(result.points_in_camera.size(), 3000u);
   const Eigen::Vector3d normal = kWall.side_a.cross(kWall.side_b).normalized();
   for (const SurfacePoint& point : result.points_in_camera) {
@@ -199,24 +211,24 @@ TEST(FilterByConsistency, WorksWithoutSources) {
   for (const bool with_empty_source : {false, true}) {
     std::vector<FusionView> sources;
     if (with_empty_source) sources.emplace_back();
-    const ConsistencyResult result = FilterByConsistency(view.View(), sources, {});
+    const ConsistencyResult result = FilterByConsistency(view.View(), sources, PaperFusion());
     EXPECT_TRUE(result.points_in_camera.empty());
-    EXPECT_EQ(result.consistent_views(1, 1), 0);
-    EXPECT_FLOAT_EQ(result.confidence(1, 1), static_cast<float>(ConfidenceOfError(ExpectedRelativeError(0, {}, 0))));
+    EXPECT_FLOAT_EQ(result.confidence(1, 1), static_cast<float>(1 / (1 + std::exp(-LogOddsOf({}, 0)))));
     EXPECT_EQ(result.confidence(2, 2), 0);
+    FusionOptions all;
+    all.min_confidence = 0;
+    EXPECT_EQ(FilterByConsistency(view.View(), sources, all).points_in_camera.size(), 29u);
   }
   const ConsistencyResult empty = FilterByConsistency(FusionView(), {view.View()}, {});
-  EXPECT_TRUE(empty.consistent_views.empty() && empty.confidence.empty() && empty.points_in_camera.empty());
+  EXPECT_TRUE(empty.confidence.empty() && empty.points_in_camera.empty());
 }
 
 TEST(FilterByConsistency, AveragesTheColorsThereAre) {
   TestView view = FlatView(3, 3, 4), other = FlatView(3, 3, 4);
   view.color = ColorImage(3, 3, {10, 20, 30});
   other.color = ColorImage(3, 3, {13, 22, 255});
-  FusionOptions options;
-  options.min_consistent_views = 1;
   const auto color = [&] {
-    return FilterByConsistency(view.View(), {other.View()}, options).points_in_camera.at(4).color;
+    return FilterByConsistency(view.View(), {other.View()}, PaperFusion(1)).points_in_camera.at(4).color;
   };
   EXPECT_TRUE(color().r == 12 && color().g == 21 && color().b == 143);  // 11.5 and 142.5 round up
   other.color = ColorImage();
@@ -242,12 +254,11 @@ TEST(FilterByConsistency, NeverPutsOutNan) {
   EXPECT_GT(result.points_in_camera.size(), 1000u);
   for (const float c : result.confidence) ASSERT_TRUE(c >= 0 && c <= 1);
   EXPECT_EQ(result.confidence(0, 0), 0);  // NaN depth
-  FusionOptions loose;
-  loose.max_normal_angle_deg = 180;
-  loose.max_relative_depth = 0.99f;
-  loose.min_consistent_views = 1;
-  ExpectFinite(Filter(views, loose).points_in_camera);
-  ExpectFinite(FuseViews(ViewsOf(views), {{1, 2}, {0, 2}, {0, 1}}, loose));
+  for (const int min_consistent_views : {0, 1}) {
+    const FusionOptions loose = {0.05f, min_consistent_views, 2, 0.99f, 180};
+    ExpectFinite(Filter(views, loose).points_in_camera);
+    ExpectFinite(FuseViews(ViewsOf(views), {{1, 2}, {0, 2}, {0, 1}}, loose));
+  }
 }
 
 TEST(MatchSum, KeepsTheReferenceNormalWhenNormalsCancel) {
@@ -257,23 +268,22 @@ TEST(MatchSum, KeepsTheReferenceNormalWhenNormalsCancel) {
   ASSERT_TRUE(LoadReferencePixel(contexts[0], 0, 0, &pixel));
   MatchSum<1> sum;
   StartSum(contexts[0].reference, pixel, &sum);
-  AddMatch(contexts[0].reference, 0, {0, 0, pixel.homogeneous, {0, 0, 1}}, &sum);
+  AddMatch(contexts[0].reference, 0, {0, 0, pixel.homogeneous, {0, 0, 1}, 1}, &sum);
   EXPECT_EQ(Average(contexts[0].geometry, pixel, sum, 1).normal.z, -1);
 }
 
 TEST(MatchSum, HoldsAsManySourcesAsTheLimit) {
   const TestView view = FlatView(2, 2, 4);
   const std::vector<FusionView> sources(kMaxFusionSources, view.View());
-  const ConsistencyResult result = FilterByConsistency(view.View(), sources, {});
-  EXPECT_EQ(result.consistent_views(1, 1), 255);
-  EXPECT_EQ(result.points_in_camera.size(), 4u);
+  EXPECT_EQ(CountMatches(view.View(), sources, PaperFusion())(1, 1), 255);
+  EXPECT_EQ(FilterByConsistency(view.View(), sources, PaperFusion()).points_in_camera.size(), 4u);
   // And fusion finds the bits of all of them.
   std::vector<int> neighbors(kMaxFusionSources);
   std::iota(neighbors.begin(), neighbors.end(), 1);
   std::vector<FusionView> views(256, view.View());
   std::vector<std::vector<int>> all(256);
   all[0] = neighbors;
-  FusionContexts contexts(views, all, {});
+  FusionContexts contexts(views, all, PaperFusion());
   SurfacePoint point;
   ASSERT_TRUE(FusePixel<kMaxFusionSources>(contexts[0], 1, 1, &point));
   for (int i = 0; i < 256; ++i) ASSERT_EQ(contexts.stamp(i, 1, 1), 0) << i;
@@ -301,7 +311,7 @@ TEST(FilterByConsistency, RefusesBadInput) {
   const std::vector<FusionView> many(256, good.View());
   EXPECT_THAT(ErrorOf([&] { FilterByConsistency(good.View(), many, {}); }), testing::HasSubstr("256"));
   FusionOptions options;
-  options.min_consistent_views = 0;
+  options.min_consistent_views = -1;
   EXPECT_THROW(FilterByConsistency(FusionView(), {}, options), InvalidInputError);
 }
 
@@ -320,25 +330,54 @@ TEST(FilterByConsistency, DoesNotDependOnTheNumberOfThreads) {
   }
 }
 
-TEST(ConsistencyTest, GuessesAreNeitherPointsNorEvidence) {
+TEST(FilterByConsistency, GuessesAreNeitherPointsNorMatchesOfThePapers) {
   TestView reference = FlatView(20, 15, 4), source = FlatView(20, 15, 4);
-  FusionOptions options;
-  options.min_consistent_views = 1;
-  ASSERT_EQ(FilterByConsistency(reference.View(), {source.View()}, options).points_in_camera.size(), 300u);
+  ASSERT_EQ(FilterByConsistency(reference.View(), {source.View()}, PaperFusion(1)).points_in_camera.size(), 300u);
   reference.cost(3, 2) = kWorstCost;
   source.cost(7, 5) = kWorstCost;
   source.cost(8, 5) = std::nextafter(kWorstCost, 0.0f);
-  const ConsistencyResult result = FilterByConsistency(reference.View(), {source.View()}, options);
-  EXPECT_EQ(result.points_in_camera.size(), 298u);
-  EXPECT_EQ(result.consistent_views(3, 2), 1) << "a source may confirm the guess";
-  EXPECT_EQ(result.consistent_views(7, 5), 0);
-  EXPECT_EQ(result.consistent_views(8, 5), 1);
-  const PointCloud fused = FuseViews({reference.View(), source.View()}, {{1}, {0}}, options);
+  EXPECT_EQ(FilterByConsistency(reference.View(), {source.View()}, PaperFusion(1)).points_in_camera.size(), 298u);
+  const Image<unsigned char> counts = CountMatches(reference.View(), {source.View()}, PaperFusion(1));
+  EXPECT_EQ(counts(3, 2), 1) << "a source may confirm the guess";
+  EXPECT_EQ(counts(7, 5), 0);
+  EXPECT_EQ(counts(8, 5), 1);
+  const PointCloud fused = FuseViews({reference.View(), source.View()}, {{1}, {0}}, PaperFusion(1));
   for (const SurfacePoint& point : fused) {
     const bool guessed = point.position.x == reference.camera.Unproject({3, 2}, 4).cast<float>().x() &&
                          point.position.y == reference.camera.Unproject({3, 2}, 4).cast<float>().y();
     EXPECT_FALSE(guessed);
   }
+}
+
+TEST(FilterByConsistency, GuessesMayBePointsAndUnsupportedPixelsNever) {
+  TestView reference = FlatView(20, 15, 4), source = FlatView(20, 15, 4.01f);
+  reference.cost(3, 2) = source.cost(7, 5) = kWorstCost;
+  reference.cost(4, 2) = source.cost(8, 5) = kUnsupportedCost;
+  const PointCloud points = FilterByConsistency(reference.View(), {source.View()}, {}).points_in_camera;
+  ASSERT_EQ(points.size(), 299u);
+  const Image<unsigned char> counts = CountMatches(reference.View(), {source.View()}, {});
+  EXPECT_EQ(counts(7, 5), 1);
+  EXPECT_EQ(counts(8, 5), 0);
+  // Of a depth 0.25 % farther the weight is exp(-0.25).
+  const size_t guess = 20 * 5 + 7 - 1, alone = guess + 1;  // the unsupported pixel before them is none
+  EXPECT_NEAR(points[guess].position.z, 4 + 0.01 * std::exp(-0.25) / (1 + std::exp(-0.25)), 1e-6);
+  EXPECT_EQ(points[alone].position.z, 4);
+}
+
+TEST(FilterByConsistency, LeavesOutWhatIsLessProbable) {
+  std::vector<TestView> views;
+  for (int i = 0; i < 2; ++i) views.push_back(FlatView(20, 15, 4));
+  const ConfidenceMap confidence = Filter(views).confidence;
+  const auto count = [&](float min_confidence) {
+    FusionOptions options;
+    options.min_confidence = min_confidence;
+    return Filter(views, options).points_in_camera.size();
+  };
+  EXPECT_EQ(count(0), 300u);
+  EXPECT_EQ(count(1), 0u);
+  const float greatest = *std::max_element(confidence.begin(), confidence.end());
+  EXPECT_GT(count(std::nextafter(greatest, 0.0f)), 0u);
+  EXPECT_EQ(count(std::nextafter(greatest, 1.0f)), 0u);
 }
 
 }  // namespace

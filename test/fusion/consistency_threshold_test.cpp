@@ -11,14 +11,14 @@ namespace {
 // Threshold tests use two cameras and a pixel whose errors are known exactly.
 
 /// Number of consistent views of the middle pixel of a 41 x 1 image.
-int ConsistentViews(const TestView& reference, const TestView& source, const FusionOptions& options = {}) {
-  return FilterByConsistency(reference.View(), {source.View()}, options).consistent_views(20, 0);
+int ConsistentViews(const TestView& reference, const TestView& source, const FusionOptions& options = PaperFusion()) {
+  return CountMatches(reference.View(), {source.View()}, options)(20, 0);
 }
 
 TEST(FilterByConsistency, ComparesDepthsRelativeToTheReference) {
   // Without a baseline the source depth is compared as it is, and the reprojection error is 0.
   const auto count = [](float relative, float limit) {
-    FusionOptions options;
+    FusionOptions options = PaperFusion();
     options.max_relative_depth = limit;
     return ConsistentViews(FlatView(41, 1, 4), FlatView(41, 1, 4 * (1 + relative)), options);
   };
@@ -42,7 +42,7 @@ TEST(FilterByConsistency, ComparesNormalsInACommonFrame) {
     };
     reference.normal = NormalMap(41, 1, tilted(30, 0));
     source.normal = NormalMap(41, 1, tilted(30 + angle_deg, camera_turn_deg));
-    FusionOptions options;
+    FusionOptions options = PaperFusion();
     options.max_normal_angle_deg = limit_deg;
     return ConsistentViews(reference, source, options);
   };
@@ -61,7 +61,7 @@ TEST(FilterByConsistency, BoundsTheForwardBackwardError) {
   const auto count = [](double error_px, float limit_px) {
     TestView source = FlatView(41, 1, static_cast<float>(4 / (1 + error_px / 10)));
     source.cam_from_world.translation().x() = -0.4;
-    FusionOptions options;
+    FusionOptions options = PaperFusion();
     options.max_reprojection_px = limit_px;
     options.max_relative_depth = 0.5f;
     return ConsistentViews(FlatView(41, 1, 4), source, options);
@@ -87,7 +87,7 @@ TEST(FilterByConsistency, DoesNotMatchPointsBehindTheReference) {
   TestView source = FlatView(41, 1, 300);
   source.cam_from_world = Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitY()) * Eigen::Translation3d(0, 0, -200);
   source.normal = NormalMap(41, 1, {0, 0, 1});  // as the reference's, to leave the decision to the depths
-  FusionOptions options;
+  FusionOptions options = PaperFusion();
   options.max_relative_depth = 0.999f;
   EXPECT_EQ(ConsistentViews(FlatView(41, 1, 100), source, options), 0);
   source.depth = DepthMap(41, 1, 100);
@@ -98,7 +98,7 @@ TEST(FilterByConsistency, UnknownNormalsAgreeWithNothing) {
   for (const Vec3f& unknown : {Vec3f{0, 0, 0}, Vec3f{kNan, 0, 1}}) {
     TestView without = FlatView(41, 1, 4);
     without.normal = NormalMap(41, 1, unknown);
-    FusionOptions options;
+    FusionOptions options = PaperFusion();
     options.max_normal_angle_deg = 180;
     EXPECT_EQ(ConsistentViews(FlatView(41, 1, 4), without, options), 0);
     EXPECT_EQ(ConsistentViews(without, FlatView(41, 1, 4), options), 0);
@@ -108,11 +108,8 @@ TEST(FilterByConsistency, UnknownNormalsAgreeWithNothing) {
 TEST(FilterByConsistency, NeedsMinConsistentViews) {
   const TestView view = FlatView(5, 4, 3), other = FlatView(5, 4, 9);
   for (int required = 1; required <= 4; ++required) {
-    FusionOptions options;
-    options.min_consistent_views = required;
     const auto result =
-        FilterByConsistency(view.View(), {view.View(), other.View(), view.View(), view.View()}, options);
-    EXPECT_EQ(result.consistent_views(2, 2), 3);
+        FilterByConsistency(view.View(), {view.View(), other.View(), view.View(), view.View()}, PaperFusion(required));
     EXPECT_EQ(result.points_in_camera.size(), required <= 3 ? 20u : 0u);
   }
 }

@@ -49,7 +49,7 @@ class FuseOnEnginesTest : public EngineTest {
   }
 
   const std::vector<std::vector<int>> neighbors_ = GroupNeighbors();
-  const FusionOptions options_ = {2.0f, 0.01f};  // so close that of these views each has points of its own
+  const FusionOptions options_ = PaperFusion();  // so strict that of these views each has points of its own
   std::vector<EngineView> views_;
 };
 INSTANTIATE_TEST_SUITE_P(Devices, FuseOnEnginesTest, ::testing::Values(Device::kCpu, Device::kCuda), DeviceName);

@@ -18,21 +18,12 @@ namespace {
 
 TEST(FuseViews, AgreesWithThePlainReference) {
   const std::vector<TestView> views = NoisyViews();
-  FusionOptions options;
-  const PointCloud points = FuseViews(ViewsOf(views), NoisyNeighbors(), options);
-  const std::vector<reference::Point> expected = reference::Fuse(ViewsOf(views), NoisyNeighbors(), options);
-  ASSERT_EQ(points.size(), expected.size());
-  ASSERT_GT(points.size(), 500u);
-  for (size_t i = 0; i < points.size(); ++i) {
-    // Coordinates up to 5, held in float: 2.4e-7 each.
-    ASSERT_NEAR(points[i].position.x, expected[i].position.x(), 3e-6) << i;
-    ASSERT_NEAR(points[i].position.y, expected[i].position.y(), 3e-6) << i;
-    ASSERT_NEAR(points[i].position.z, expected[i].position.z(), 3e-6) << i;
-    ASSERT_NEAR(points[i].normal.x, expected[i].normal.x(), 1e-6);
-    ASSERT_NEAR(points[i].normal.y, expected[i].normal.y(), 1e-6);
-    ASSERT_NEAR(points[i].normal.z, expected[i].normal.z(), 1e-6);
-    ASSERT_NEAR(points[i].color.b, expected[i].color.z(), 0.5);
-    ASSERT_NEAR(points[i].confidence, expected[i].confidence, 1e-6);  // held in float
+  for (const FusionOptions& options : {PaperFusion(), FusionOptions()}) {
+    const PointCloud points = FuseViews(ViewsOf(views), NoisyNeighbors(), options);
+    const std::vector<reference::Point> expected = reference::Fuse(ViewsOf(views), NoisyNeighbors(), options);
+    ASSERT_EQ(points.size(), expected.size());
+    ASSERT_GT(points.size(), 500u);
+    for (size_t i = 0; i < points.size(); ++i) reference::ExpectNear(points[i], expected[i]);
   }
 }
 
@@ -40,18 +31,21 @@ TEST(FuseViews, UsesNoPixelOfAnEarlierViewsPoints) {
   // Views from one place see the same surface pixel by pixel: one point per pixel, not one per pixel and view.
   const TestView view = FlatView(40, 33, 4);
   const std::vector<FusionView> views(4, view.View());
-  FusionOptions options;
-  EXPECT_EQ(FuseViews(views, {{1, 2, 3}, {0, 2, 3}, {0, 1, 3}, {0, 1, 2}}, options).size(), 40u * 33);
+  for (const int min_views : {0, 2}) {
+    const FusionOptions options = PaperFusion(min_views);
+    EXPECT_EQ(FuseViews(views, {{1, 2, 3}, {0, 2, 3}, {0, 1, 3}, {0, 1, 2}}, options).size(), 40u * 33);
+  }
   // The first view uses up its only neighbour; the other two then confirm each other.
-  options.min_consistent_views = 1;
-  EXPECT_EQ(FuseViews(views, {{1}, {0}, {3}, {2}}, options).size(), 2u * 40 * 33);
-  // A used pixel does not confirm others either: view 2 finds only used ones.
-  EXPECT_EQ(FuseViews({views[0], views[1], views[2]}, {{1}, {0}, {0, 1}}, options).size(), 40u * 33);
+  EXPECT_EQ(FuseViews(views, {{1}, {0}, {3}, {2}}, PaperFusion(1)).size(), 2u * 40 * 33);
+  // A used pixel does not confirm others either: view 2 finds only used ones. By probability it needs none.
+  const std::vector<std::vector<int>> used_up = {{1}, {0}, {0, 1}};
+  EXPECT_EQ(FuseViews({views[0], views[1], views[2]}, used_up, PaperFusion(1)).size(), 40u * 33);
+  EXPECT_EQ(FuseViews({views[0], views[1], views[2]}, used_up, {}).size(), 2u * 40 * 33);
 }
 
 TEST(FuseViews, StampsEachPixelWithTheViewThatUsedItFirst) {
   const std::vector<TestView> views = NoisyViews();
-  FusionOptions options;
+  const FusionOptions options = PaperFusion();
   FusionContexts contexts(ViewsOf(views), NoisyNeighbors(), options);
   std::vector<std::vector<reference::Place>> used;
   reference::Fuse(ViewsOf(views), NoisyNeighbors(), options, &used);
@@ -103,7 +97,7 @@ TEST(FuseViews, DoesNotMarkPixelsOfRejectedPoints) {
   // View 0 has one confirming view of two required, so its pixels and those of view 1 stay free for view 3.
   const TestView near = FlatView(10, 10, 4), far = FlatView(10, 10, 8);
   const std::vector<FusionView> views = {near.View(), near.View(), far.View(), near.View()};
-  EXPECT_EQ(FuseViews(views, {{1, 2}, {}, {}, {0, 1}}, {}).size(), 100u);
+  EXPECT_EQ(FuseViews(views, {{1, 2}, {}, {}, {0, 1}}, PaperFusion()).size(), 100u);
 }
 
 TEST(FuseViews, SharesSourcePixelsWithinOneView) {
@@ -112,11 +106,9 @@ TEST(FuseViews, SharesSourcePixelsWithinOneView) {
   TestView fine = FlatView(40, 1, 4), coarse = FlatView(20, 1, 4);
   coarse.camera.fx = 50;
   coarse.camera.cx = 9.5;
-  FusionOptions options;
-  options.min_consistent_views = 1;
-  EXPECT_EQ(FuseViews({fine.View(), coarse.View()}, {{1}, {0}}, options).size(), 40u);
+  EXPECT_EQ(FuseViews({fine.View(), coarse.View()}, {{1}, {0}}, PaperFusion(1)).size(), 40u);
   // The other way about, each coarse pixel uses one fine one; the others have nobody left to confirm them.
-  EXPECT_EQ(FuseViews({coarse.View(), fine.View()}, {{1}, {0}}, options).size(), 20u);
+  EXPECT_EQ(FuseViews({coarse.View(), fine.View()}, {{1}, {0}}, PaperFusion(1)).size(), 20u);
 }
 
 TEST(FuseViews, GivesPointsInTheWorldFrame) {
@@ -141,10 +133,10 @@ TEST(FuseViews, GivesPointsInTheWorldFrame) {
 TEST(FuseViews, HandlesEmptyInput) {
   EXPECT_TRUE(FuseViews({}, {}, {}).empty());
   const TestView view = FlatView(7, 5, 4);
-  EXPECT_TRUE(FuseViews({view.View()}, {{}}, {}).empty());
+  EXPECT_TRUE(FuseViews({view.View()}, {{}}, PaperFusion()).empty());
   EXPECT_TRUE(FuseViews({FusionView(), FusionView()}, {{1}, {0}}, {}).empty());
   const std::vector<FusionView> views = {view.View(), FusionView(), view.View(), view.View()};
-  EXPECT_EQ(FuseViews(views, {{1, 2, 3}, {0, 2}, {}, {}}, {}).size(), 35u);
+  EXPECT_EQ(FuseViews(views, {{1, 2, 3}, {0, 2}, {}, {}}, PaperFusion()).size(), 35u);
 }
 
 TEST(FuseViews, DoesNotDependOnTheNumberOfThreads) {

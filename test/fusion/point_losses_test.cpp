@@ -28,7 +28,7 @@ std::vector<TestView> Views() {
   return views;
 }
 
-PointLosses Count(const std::vector<TestView>& views, const FusionOptions& options = {}, int step = 1) {
+PointLosses Count(const std::vector<TestView>& views, const FusionOptions& options = PaperFusion(), int step = 1) {
   std::vector<FusionView> sources = ViewsOf(views);
   sources.erase(sources.begin());
   return CountPointLosses(views[0].View(), sources, options, step);
@@ -38,13 +38,13 @@ TEST(PointLosses, CountsPointsAsTheConsistencyCheckDoes) {
   const std::vector<TestView> views = Views();
   std::vector<FusionView> sources = ViewsOf(views);
   sources.erase(sources.begin());
-  const ConsistencyResult result = FilterByConsistency(views[0].View(), sources, {});
+  const ConsistencyResult result = FilterByConsistency(views[0].View(), sources, PaperFusion());
   const PointLosses losses = Count(views);
   EXPECT_EQ(losses.pixels, kPixels);
   EXPECT_EQ(losses.points, result.points_in_camera.size());
   EXPECT_GT(losses.points, kPixels / 2);
   EXPECT_EQ(losses.points + losses.outside, kPixels) << "the last columns are outside the second source";
-  EXPECT_EQ(Count(views, {}, 4).pixels, 5u * 4);
+  EXPECT_EQ(Count(views, PaperFusion(), 4).pixels, 5u * 4);
 }
 
 TEST(PointLosses, NamesTheCheckThatFails) {
@@ -53,7 +53,7 @@ TEST(PointLosses, NamesTheCheckThatFails) {
   PointLosses losses = Count(views);
   EXPECT_EQ(losses.points, 0u);
   EXPECT_GT(losses.relative_depth, kPixels / 2);
-  EXPECT_THAT(Describe(losses, {}), AllOf(StartsWith("depth (2 %) "), HasSubstr("~pose_is")));
+  EXPECT_THAT(Describe(losses, PaperFusion()), AllOf(StartsWith("depth (1 %) "), HasSubstr("~pose_is")));
 
   views = Views();
   for (int i = 1; i < 3; ++i) {
@@ -63,15 +63,13 @@ TEST(PointLosses, NamesTheCheckThatFails) {
   losses = Count(views);
   EXPECT_GT(losses.reprojection, kPixels / 4);
   EXPECT_EQ(losses.relative_depth, 0u);
-  FusionOptions strict;
-  strict.max_reprojection_px = 1.5f;
-  EXPECT_THAT(Describe(losses, strict), HasSubstr("reprojection (1.5 px)"));
+  EXPECT_THAT(Describe(losses, PaperFusion()), HasSubstr("reprojection (2 px)"));
 
   views = Views();
   for (int i = 1; i < 3; ++i) views[i].normal = NormalMap(20, 16, {0.6f, 0, -0.8f});
   losses = Count(views);
   EXPECT_GT(losses.angle, kPixels / 2);
-  EXPECT_THAT(Describe(losses, {}), StartsWith("angle of normals (10 degrees)"));
+  EXPECT_THAT(Describe(losses, PaperFusion()), StartsWith("angle of normals (10 degrees)"));
 
   views = Views();
   for (int i = 1; i < 3; ++i) views[i].depth = DepthMap(20, 16, 0.0f);
@@ -85,6 +83,25 @@ TEST(PointLosses, NamesTheCheckThatFails) {
   views = Views();
   views.resize(1);
   EXPECT_EQ(Count(views).outside, kPixels) << "no source";
+}
+
+TEST(PointLosses, TellsWhatLacksConfidence) {
+  // Every other three rows are 6 % farther: all is uneven, though the views agree.
+  std::vector<TestView> views;
+  for (int i = 0; i < 2; ++i) views.push_back(FlatView(20, 16, 4));
+  for (TestView& view : views) {
+    for (int row = 0; row < 16; ++row) {
+      for (int col = 0; col < 20; ++col) view.depth(col, row) *= 1 + 0.06f * static_cast<float>(row / 3 % 2);
+    }
+  }
+  const PointLosses losses = Count(views, {});
+  EXPECT_EQ(losses.points + losses.uneven, kPixels);
+  EXPECT_GT(losses.uneven, kPixels / 4);
+  EXPECT_THAT(Describe(losses, {}), AllOf(StartsWith("confidence (0.35) though views agree "), HasSubstr("uneven")));
+  views[0].cost = CostMap(20, 16, kWorstCost);
+  EXPECT_EQ(Count(views, {}).guesses, 0u);
+  views[0].cost = CostMap(20, 16, kUnsupportedCost);
+  EXPECT_EQ(Count(views, {}).guesses, kPixels);
 }
 
 TEST(PointLosses, RefusesBadSteps) {

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -10,13 +12,9 @@
 
 namespace acmp {
 
-/// Plain double-precision rewrite of section "Fusion" of the paper, point by point through world coordinates.
+/// Plain double-precision rewrite of section "Fusion" of the paper and of what we do otherwise, point by point through
+/// world coordinates.
 namespace reference {
-
-struct Match {
-  int source, col, row;
-  Eigen::Vector3d point_in_world, normal_in_world;
-};
 
 inline Eigen::Vector3d PointInWorld(const FusionView& view, int col, int row) {
   return view.cam_from_world.inverse() * view.camera.Unproject({col, row}, view.depth(col, row));
@@ -31,36 +29,81 @@ inline double AngleRad(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
   return std::acos(std::min(1.0, std::max(-1.0, a.normalized().dot(b.normalized()))));
 }
 
+/// What a source shows where a point of the world falls in its image.
+struct Sight {
+  bool in_image = false, has_depth = false;
+  int col = 0, row = 0;   ///< the nearest pixel
+  Eigen::Vector3d point;  ///< world
+};
+
+/// The papers take the nearest pixel's point, we that of its plane on the ray through the exact place, as long as it is
+/// within 5 % of the depth.
+inline Sight LookUp(const FusionView& source, const Eigen::Vector3d& point, bool exact_place) {
+  Sight sight;
+  const Eigen::Vector3d in_source = source.cam_from_world * point;
+  if (in_source.z() <= 0) return sight;
+  const Eigen::Vector2d place = source.camera.Project(in_source);
+  sight.col = static_cast<int>(std::round(place.x()));
+  sight.row = static_cast<int>(std::round(place.y()));
+  sight.in_image = source.depth.Contains(sight.col, sight.row);
+  sight.has_depth = sight.in_image && source.depth(sight.col, sight.row) > 0;
+  if (!sight.has_depth) return sight;
+  sight.point = PointInWorld(source, sight.col, sight.row);
+  if (!exact_place) return sight;
+  const Eigen::Vector3d center = source.cam_from_world.inverse().translation();
+  const Eigen::Vector3d normal = NormalInWorld(source, sight.col, sight.row);
+  const Eigen::Vector3d ray = source.cam_from_world.linear().transpose() * source.camera.Unproject(place);  // z = 1
+  const double facing = normal.dot(sight.point - center), depth = source.depth(sight.col, sight.row);
+  const double depth_there = facing / normal.dot(ray);
+  if (!(facing < 0 && std::abs(depth_there / depth - 1) < 0.05)) return sight;
+  sight.point = center + depth_there * ray;
+  return sight;
+}
+
+struct Error {
+  double px, relative;
+};
+
+inline Error ErrorOfSight(const FusionView& view, int col, int row, const Eigen::Vector3d& seen) {
+  const Eigen::Vector3d back = view.cam_from_world * seen;
+  return {(view.camera.Project(back) - Eigen::Vector2d(col, row)).norm(),
+          std::abs(back.z() / view.depth(col, row) - 1)};
+}
+
+struct Match {
+  int source;
+  Sight sight;
+  double weight;
+};
+
 inline std::vector<Match> FindMatches(const FusionView& view, const std::vector<const FusionView*>& sources, int col,
                                       int row, const FusionOptions& options) {
+  const bool papers = options.min_consistent_views > 0;
   std::vector<Match> matches;
   if (!(view.depth(col, row) > 0)) return matches;
-  const Eigen::Vector3d point = PointInWorld(view, col, row);
   for (size_t i = 0; i < sources.size(); ++i) {
     const FusionView& source = *sources[i];
-    const Eigen::Vector3d in_source = source.cam_from_world * point;
-    if (in_source.z() <= 0) continue;
-    const Eigen::Vector2d pixel = source.camera.Project(in_source);
-    const int source_col = static_cast<int>(std::round(pixel.x())),
-              source_row = static_cast<int>(std::round(pixel.y()));
-    if (!source.depth.Contains(source_col, source_row) || !(source.depth(source_col, source_row) > 0)) continue;
-    const Eigen::Vector3d source_point = PointInWorld(source, source_col, source_row);
-    const Eigen::Vector3d back = view.cam_from_world * source_point;
-    if (back.z() <= 0) continue;
-    const double px = (view.camera.Project(back) - Eigen::Vector2d(col, row)).norm();
-    const double relative = std::abs(back.z() - view.depth(col, row)) / view.depth(col, row);
-    const Eigen::Vector3d source_normal = NormalInWorld(source, source_col, source_row);
-    const double angle = AngleRad(NormalInWorld(view, col, row), source_normal);
-    if (px >= options.max_reprojection_px || relative >= options.max_relative_depth) continue;
+    const Sight sight = LookUp(source, PointInWorld(view, col, row), !papers);
+    if (!sight.has_depth || (view.cam_from_world * sight.point).z() <= 0) continue;
+    const float cost = source.cost(sight.col, sight.row);
+    if (papers ? cost >= kWorstCost : cost > kWorstCost) continue;
+    const Error error = ErrorOfSight(view, col, row, sight.point);
+    const double angle = AngleRad(NormalInWorld(view, col, row), NormalInWorld(source, sight.col, sight.row));
+    if (error.px >= options.max_reprojection_px || error.relative >= options.max_relative_depth) continue;
     if (angle * 180 / M_PI >= options.max_normal_angle_deg) continue;
-    matches.push_back({static_cast<int>(i), source_col, source_row, source_point, source_normal});
+    const double weight = papers ? 1 : std::sqrt(std::exp(-(error.px + 200 * error.relative)));
+    matches.push_back({static_cast<int>(i), sight, weight});
   }
   return matches;
 }
 
-/// Whether enough agrees; the confidence is another matter.
-inline bool Accepts(const std::vector<Match>& matches, const FusionOptions& options) {
-  return static_cast<int>(matches.size()) >= options.min_consistent_views;
+/// Whether the pixel becomes a point.
+inline bool Accepts(const FusionView& view, int col, int row, double confidence, const std::vector<Match>& matches,
+                    const FusionOptions& options) {
+  const bool papers = options.min_consistent_views > 0;
+  const float cost = view.cost(col, row);
+  return confidence >= options.min_confidence && !(papers ? cost >= kWorstCost : cost > kWorstCost) &&
+         static_cast<int>(matches.size()) >= options.min_consistent_views;
 }
 
 /// Colours that differ by 20, summed over the channels, count half.
@@ -96,36 +139,31 @@ inline double Unevenness(const FusionView& view, int col, int row) {
   return offset < 0 && weights > 0 ? sum / weights : 0.1;
 }
 
-/// See ExpectedRelativeError; sources without a depth of their own where the point falls count as views.
-inline double ExpectedError(const FusionView& view, const std::vector<const FusionView*>& sources, int col, int row) {
+/// See LogOddsOf; sources without a depth of their own where the point falls are silent.
+inline double LogOdds(const FusionView& view, const std::vector<const FusionView*>& sources, int col, int row,
+                      bool exact_place) {
   const Eigen::Vector3d point = PointInWorld(view, col, row);
   const Eigen::Vector3d center = view.cam_from_world.inverse().translation();
-  double views = 0, agreement = 0, contradicting = 0;
+  double views = 0, silent = 0, best = 0;
   for (const FusionView* source : sources) {
-    const Eigen::Vector3d in_source = source->cam_from_world * point;
-    if (in_source.z() <= 0) continue;
-    const Eigen::Vector2d pixel = source->camera.Project(in_source);
-    const int source_col = static_cast<int>(std::round(pixel.x())),
-              source_row = static_cast<int>(std::round(pixel.y()));
-    if (!source->depth.Contains(source_col, source_row)) continue;
-    ++views;
-    if (!(source->depth(source_col, source_row) > 0) || source->cost(source_col, source_row) >= 2) continue;
-    contradicting += source->depth(source_col, source_row) > 1.03 * in_source.z();
-    const Eigen::Vector3d back = view.cam_from_world * PointInWorld(*source, source_col, source_row);
-    const double px = (view.camera.Project(back) - Eigen::Vector2d(col, row)).norm();
-    const double relative = std::abs(back.z() / view.depth(col, row) - 1);
+    const Sight sight = LookUp(*source, point, exact_place);
+    views += sight.in_image;
+    const bool has_own_depth = sight.has_depth && source->cost(sight.col, sight.row) < kWorstCost;
+    silent += sight.in_image && !has_own_depth;
+    if (!has_own_depth) continue;
+    const Error error = ErrorOfSight(view, col, row, sight.point);
     const double angle = AngleRad(point - center, point - source->cam_from_world.inverse().translation());
-    agreement += std::exp(-(px + 200 * relative)) * std::min(1.0, std::sin(angle / 2) / std::sin(5 * M_PI / 180));
+    best = std::max(best, std::exp(-(error.px + 200 * error.relative)) *
+                              std::min(1.0, std::sin(angle / 2) / std::sin(5 * M_PI / 180)));
   }
-  const double share = views > 0 ? 1 / views : 0;
-  const double likelihood = std::exp(-std::pow(view.cost(col, row), 2) / 0.18);
-  return 0.5 * std::pow(Unevenness(view, col, row) + 0.01, 0.9) *
-         std::exp(2 * contradicting * share - 0.9 * agreement * share - 0.3 * likelihood);
+  return -7 - 1.74 * std::log(Unevenness(view, col, row) + 0.01) + 2.22 * best -
+         (views > 0 ? 1.59 * silent / views : 0);
 }
 
-/// Of the geometric mean of the pixel's expected error and those of the 24 around that lie within 10 % of its depth,
-/// colours that differ by 20 counting half.
-inline double Confidence(const FusionView& view, const std::vector<const FusionView*>& sources, int col, int row) {
+/// From the mean of the log odds of the pixel and those of the 24 around that lie within 10 % of its depth, colours
+/// that differ by 20 counting half.
+inline double Confidence(const FusionView& view, const std::vector<const FusionView*>& sources, int col, int row,
+                         const FusionOptions& options) {
   double sum = 0, weights = 0;
   for (int step : {0, 4, 8, 16}) {
     for (int dr = -1; dr <= 1; ++dr) {
@@ -136,12 +174,12 @@ inline double Confidence(const FusionView& view, const std::vector<const FusionV
         if (!view.depth.Contains(c, r) || !(view.depth(c, r) > 0)) continue;
         if (std::abs(view.depth(c, r) / view.depth(col, row) - 1) >= 0.1) continue;
         const double weight = view.color.empty() ? 1 : ColorWeightOf(view.color(col, row), view.color(c, r));
-        sum += weight * std::log(ExpectedError(view, sources, c, r));
+        sum += weight * LogOdds(view, sources, c, r, options.min_consistent_views == 0);
         weights += weight;
       }
     }
   }
-  return 1 / (1 + std::exp(sum / weights) / 0.01);
+  return 1 / (1 + std::exp(-sum / weights));
 }
 
 struct Point {
@@ -149,19 +187,36 @@ struct Point {
   double confidence;
 };
 
+/// Colours count alike.
 inline Point Average(const FusionView& view, const std::vector<const FusionView*>& sources, int col, int row,
-                     const std::vector<Match>& matches) {
+                     const std::vector<Match>& matches, double confidence) {
   const auto color_of = [](const FusionView& v, int c, int r) {
     return Eigen::Vector3d(v.color(c, r).r, v.color(c, r).g, v.color(c, r).b);
   };
-  Point sum{PointInWorld(view, col, row), NormalInWorld(view, col, row), color_of(view, col, row), 0};
-  for (const Match& match : matches) {
-    sum.position += match.point_in_world;
-    sum.normal += match.normal_in_world;
-    sum.color += color_of(*sources[match.source], match.col, match.row);
+  Point sum{PointInWorld(view, col, row), NormalInWorld(view, col, row), color_of(view, col, row), confidence};
+  double weights = 1;
+  for (const auto& [source, sight, weight] : matches) {
+    sum.position += weight * sight.point;
+    sum.normal += weight * NormalInWorld(*sources[source], sight.col, sight.row);
+    sum.color += color_of(*sources[source], sight.col, sight.row);
+    weights += weight;
   }
-  const double count = 1 + static_cast<double>(matches.size());
-  return {sum.position / count, sum.normal.normalized(), sum.color / count, Confidence(view, sources, col, row)};
+  return {sum.position / weights, sum.normal.normalized(), sum.color / (1 + static_cast<double>(matches.size())),
+          confidence};
+}
+
+/// Coordinates up to 5, held in float: 2.4e-7 each.
+inline void ExpectNear(const SurfacePoint& point, const Point& expected) {
+  ASSERT_NEAR(point.position.x, expected.position.x(), 3e-6);
+  ASSERT_NEAR(point.position.y, expected.position.y(), 3e-6);
+  ASSERT_NEAR(point.position.z, expected.position.z(), 3e-6);
+  ASSERT_NEAR(point.normal.x, expected.normal.x(), 1e-6);
+  ASSERT_NEAR(point.normal.y, expected.normal.y(), 1e-6);
+  ASSERT_NEAR(point.normal.z, expected.normal.z(), 1e-6);
+  ASSERT_NEAR(point.color.r, expected.color.x(), 0.5);
+  ASSERT_NEAR(point.color.g, expected.color.y(), 0.5);
+  ASSERT_NEAR(point.color.b, expected.color.z(), 0.5);
+  ASSERT_NEAR(point.confidence, expected.confidence, 1e-6);
 }
 
 /// A view's pixel.
@@ -186,14 +241,16 @@ inline std::vector<Point> Fuse(const std::vector<FusionView>& views, const std::
         if (used[i](col, row)) continue;
         std::vector<Match> matches = FindMatches(views[i], sources, col, row, options);
         const auto is_used = [&](const Match& match) {
-          return used[neighbors[i][match.source]](match.col, match.row) != 0;
+          return used[neighbors[i][match.source]](match.sight.col, match.sight.row) != 0;
         };
         matches.erase(std::remove_if(matches.begin(), matches.end(), is_used), matches.end());
-        if (!Accepts(matches, options)) continue;
-        const Point point = Average(views[i], sources, col, row, matches);
+        const double confidence = Confidence(views[i], sources, col, row, options);
+        if (!Accepts(views[i], col, row, confidence, matches, options)) continue;
         used_now.push_back({static_cast<int>(i), col, row});
-        for (const Match& match : matches) used_now.push_back({neighbors[i][match.source], match.col, match.row});
-        points.push_back(point);
+        for (const auto& [source, sight, weight] : matches) {
+          used_now.push_back({neighbors[i][source], sight.col, sight.row});
+        }
+        points.push_back(Average(views[i], sources, col, row, matches, confidence));
       }
     }
     for (const Place& place : used_now) used[place.view](place.col, place.row) = 1;

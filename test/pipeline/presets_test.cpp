@@ -56,6 +56,7 @@ TEST(PresetsTest, ThePapersRunTheStepsOfTheirPapersAndNothingElse) {
     EXPECT_EQ(paper.fusion.max_relative_depth, 0.01f);
     EXPECT_EQ(paper.fusion.max_normal_angle_deg, 10.0f);
     EXPECT_EQ(paper.fusion.min_consistent_views, 2);
+    EXPECT_EQ(paper.fusion.min_confidence, 0);
   }
 }
 
@@ -71,6 +72,8 @@ TEST(PresetsTest, OnlineTakesAllStepsWithLessWork) {
   EXPECT_EQ(online.patch_match.geometric_iterations, 1);
   EXPECT_EQ(online.patch_match.min_neighbours_per_view, 1);
   EXPECT_EQ(online.patch_match.view_draws, 8);
+  EXPECT_EQ(online.fusion.min_confidence, 0.35f);
+  EXPECT_EQ(online.fusion.min_consistent_views, 0);
   EXPECT_EQ(online.fusion.max_relative_depth, 0.02f);
 
   EXPECT_EQ(online.patch_match.method, Method::kOurs);

@@ -23,7 +23,7 @@ PROGRAM, MAKE_SCENE = sys.argv[1:3]
 IMAGES, WIDTH, HEIGHT = 4, 64, 48
 QUICK = {"device": "cpu", "preset": "online"}
 PHOTOMETRIC = {"device": "cpu", "preset": "acmh", "source_views": 2,  # quicker
-               "options": {"geometric_passes": 0, "min_consistent_views": 1}}
+               "options": {"geometric_passes": 0}}
 MAPS = ("depth", "normal", "cost", "confidence")
 
 

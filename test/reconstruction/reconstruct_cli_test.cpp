@@ -198,19 +198,19 @@ TEST_F(ReconstructCliTest, ExitCodesOfWrongUse) {
 TEST_F(ReconstructCliTest, NoPointsAreAFailure) {
   WriteScene(4, 64, 48);
   for (int attempt = 0; attempt < 2; ++attempt) {  // the second finds a finished run
-    const Outcome outcome =
-        RunTool(Usual() + " --max-image-size 8 --set max_relative_depth=0.0001 --set max_normal_angle_deg=0.1");
+    const Outcome outcome = RunTool(Usual() + " --max-image-size 8 --set min_confidence=1");
     EXPECT_EQ(outcome.exit_code, 1) << outcome.text;
     EXPECT_THAT(outcome.text, HasSubstr("none of the 192 pixels became a point: poses, cameras"));
   }
   EXPECT_TRUE(std::filesystem::exists(output() / "depth/000001.pfm")) << "to see what went wrong";
 }
 
-TEST_F(ReconstructCliTest, TwoImagesMakeMapsWithoutPoints) {
+TEST_F(ReconstructCliTest, TwoImagesMakePointsButNotOfThePapers) {
   WriteScene(2, 64, 48);
-  const Outcome outcome = RunTool(Usual());
+  EXPECT_THAT(RunTool(Usual()).text, AllOf(HasSubstr("points in fused.ply"), ::testing::Not(HasSubstr(" 0 points"))));
+  const Outcome outcome = RunTool(Usual() + " --overwrite --preset acmp");
   EXPECT_EQ(outcome.exit_code, 0) << outcome.text;
-  EXPECT_THAT(outcome.text, HasSubstr("2 source views must agree, and 2 images have maps"));
+  EXPECT_THAT(outcome.text, HasSubstr("2 source views must agree in this preset, and 2 images have maps"));
 }
 
 TEST_F(ReconstructCliTest, CamerasOfAnotherImageSizeAreWarnedOf) {

@@ -12,10 +12,11 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 
 /// Refined maps of a 4x3 image with so many points, all of them in its middle.
-KeyframeDepthPtr RefinedMaps(int64_t id, size_t points) {
+KeyframeDepthPtr RefinedMaps(int64_t id, size_t points, Mask mask = {}) {
   auto frame = std::make_shared<Frame>();
   frame->id = id;
   frame->camera = {4, 3, 10, 10, 1.5, 1};
+  frame->mask = std::move(mask);
   auto maps = std::make_shared<KeyframeDepth>();
   maps->frame = frame;
   maps->depth = DepthMap(4, 3, 2.0f);
@@ -31,16 +32,19 @@ KeyframeDepthPtr RefinedMaps(int64_t id, size_t points) {
 
 class KeyframeOutputsTest : public testing::Test {
  protected:
-  void Refine(int64_t id, size_t points) {
+  void Refine(int64_t id, size_t points, Mask mask = {}) {
     KeyframeOutputs::Record record;
     record.origin.stamp_ns = 1000000000 * id;
     outputs_.Add(id, record);
-    callbacks_.on_refined(RefinedMaps(id, points));
+    callbacks_.on_refined(RefinedMaps(id, points, std::move(mask)));
   }
 
   KeyframeOutputs::Hooks MakeHooks(std::vector<std::string>* warnings) {
     KeyframeOutputs::Hooks hooks;
-    hooks.on_refined = [](const KeyframeOutput&) {};
+    hooks.on_refined = [this](const KeyframeOutput& output) {
+      keeps_middle_ = output.keep(2, 1);
+      num_points_ = output.points_in_camera.size();
+    };
     hooks.wants_refined_again = [] { return true; };
     hooks.on_refined_again = [this](const KeyframeOutput& output) {
       points_again_.push_back(output.points_in_camera.size());
@@ -53,6 +57,8 @@ class KeyframeOutputsTest : public testing::Test {
   }
 
   std::vector<std::string> warnings_;
+  int keeps_middle_ = 0;  ///< of the last refined keyframe, as the next
+  size_t num_points_ = 0;
   std::vector<size_t> points_again_;  ///< of each message for the map
   KeyframeOutputs outputs_{MakeHooks(&warnings_)};
   DenseMapper::Callbacks callbacks_ = outputs_.MakeCallbacks();
@@ -92,10 +98,19 @@ TEST_F(KeyframeOutputsTest, WarnOfARunWithoutPointsAndNameTheCheck) {
   EXPECT_EQ(outputs_.status().no_points_reason, "");
 }
 
-TEST_F(KeyframeOutputsTest, NameTheLeastConfidenceOfWhatIsPublished) {
-  outputs_.set_min_confidence(0.75);
-  for (int64_t id = 1; id <= 3; ++id) Refine(id, 5);
-  EXPECT_THAT(warnings_, ElementsAre(HasSubstr("all 5 are below ~min_confidence (0.75)")));
+TEST_F(KeyframeOutputsTest, SayThatAllPointsAreMasked) {
+  for (int64_t id = 1; id <= 3; ++id) Refine(id, 5, Mask(4, 3, 0));
+  EXPECT_THAT(warnings_, ElementsAre(HasSubstr("all 5 are masked")));
+}
+
+TEST_F(KeyframeOutputsTest, LeaveOutDepthOfLittleConfidenceAndNoPoints) {
+  outputs_.set_min_depth_confidence(0.5);
+  Refine(1, 5);
+  EXPECT_EQ(keeps_middle_, 1);
+  outputs_.set_min_depth_confidence(0.51);
+  Refine(2, 5);
+  EXPECT_EQ(keeps_middle_, 0);
+  EXPECT_EQ(num_points_, 5u);
 }
 
 }  // namespace

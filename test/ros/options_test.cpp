@@ -117,14 +117,19 @@ TEST(MapServerOptions, AreReadAndChecked) {
 }
 
 TEST(RuntimeOptions, AreReadAndChecked) {
-  const RuntimeOptions options =
-      LoadRuntime({{"window_size", 25}, {"min_confidence", 0.5}, {"depth_min", 1}, {"depth_max", 9.5}});
+  const RuntimeOptions options = LoadRuntime({{"window_size", 25},
+                                              {"min_depth_confidence", 0.5},
+                                              {"min_confidence", 0.25},
+                                              {"depth_min", 1},
+                                              {"depth_max", 9.5}});
   EXPECT_EQ(options.mapper.window_size, 25);
-  EXPECT_EQ(options.min_confidence, 0.5);
+  EXPECT_EQ(options.min_depth_confidence, 0.5);
+  EXPECT_EQ(options.mapper.pipeline.fusion.min_confidence, 0.25f);
   EXPECT_EQ(options.mapper.fallback_depth_range.min, 1);
   EXPECT_EQ(options.mapper.fallback_depth_range.max, 9.5f);
   EXPECT_THAT(RuntimeRefusal({{"window_size", 1000}}), AllOf(HasSubstr("~window_size = 1000"), HasSubstr("[2, 64]")));
   EXPECT_THAT(RuntimeRefusal({{"min_confidence", 2.0}}), HasSubstr("min_confidence"));
+  EXPECT_THAT(RuntimeRefusal({{"min_depth_confidence", 2.0}}), HasSubstr("min_depth_confidence"));
   EXPECT_THAT(RuntimeRefusal({{"lookahead", 30}}), HasSubstr("lookahead"));
   EXPECT_THAT(RuntimeRefusal({{"depth_min", 5}, {"depth_max", 2}}), HasSubstr("depth_min and depth_max"));
   EXPECT_THAT(RuntimeRefusal({{"depth_max", 2}}), HasSubstr("~depth_min = 0 and ~depth_max = 2: set both or none"));

@@ -269,13 +269,14 @@ TEST_F(ServicesTest, ReconfigureChangesTheNextKeyframes) {
   ASSERT_EQ(mapper().Map(Scene()), kViews);
   const SaveMap::Response all = mapper().SaveMap(PathOf("all.ply"), SaveMap::Request::PLY, true);
   ASSERT_TRUE(all.success);
+  const double usual = Reconfigure([](dynamic_reconfigure::Config*) {}).min_confidence;
   const auto config = Reconfigure([](dynamic_reconfigure::Config* c) { Append("min_confidence", 0.9, &c->doubles); });
   EXPECT_EQ(config.min_confidence, 0.9);
   Reset();
   ASSERT_EQ(mapper().Map(Scene()), kViews);
   const SaveMap::Response sure = mapper().SaveMap(PathOf("sure.ply"), SaveMap::Request::PLY, true);
   EXPECT_LT(sure.points, all.points);
-  Reconfigure([](dynamic_reconfigure::Config* c) { Append("min_confidence", 0.0, &c->doubles); });
+  Reconfigure([&](dynamic_reconfigure::Config* c) { Append("min_confidence", usual, &c->doubles); });
   Reset();
   ASSERT_EQ(mapper().Map(Scene()), kViews);
   EXPECT_EQ(mapper().SaveMap(PathOf("again.ply"), SaveMap::Request::PLY, true).points, all.points)

@@ -158,6 +158,22 @@ double HalvedDepthAt(const ImageView<const float>& depth, int col, int row) {
   return 2 / sum;
 }
 
+double InverseDepthAt(const ImageView<const float>& depth, const Eigen::Vector2d& position) {
+  const auto block = [&](double col, double row) {  // pixels of the halved map; outside are those at the border
+    const double z = HalvedDepthAt(depth, static_cast<int>(std::min(std::max(2 * col, 0.0), depth.width - 1.0)),
+                                   static_cast<int>(std::min(std::max(2 * row, 0.0), depth.height - 1.0)));
+    return z > 0 ? 1 / z : 0;
+  };
+  const Eigen::Vector2d halved = 0.5 * (position.array() - 0.5);
+  const double left = std::floor(halved.x()), top = std::floor(halved.y());
+  const double right_share = halved.x() - left, bottom_share = halved.y() - top;
+  const double corners[] = {block(left, top), block(left + 1, top), block(left, top + 1), block(left + 1, top + 1)};
+  const auto [least, greatest] = std::minmax_element(std::begin(corners), std::end(corners));
+  if (*greatest > 1.05 * *least) return block(std::floor(halved.x() + 0.5), std::floor(halved.y() + 0.5));
+  return (1 - bottom_share) * ((1 - right_share) * corners[0] + right_share * corners[1]) +
+         bottom_share * ((1 - right_share) * corners[2] + right_share * corners[3]);
+}
+
 double ReprojectionError(const PatchMatchProblem& problem, double depth, int col, int row, int view) {
   constexpr double kNone = std::numeric_limits<double>::infinity();
   const MatchView& reference = problem.reference;
@@ -169,11 +185,10 @@ double ReprojectionError(const PatchMatchProblem& problem, double depth, int col
   if (!(in_source.z() > 0)) return kNone;
   const Eigen::Vector2d forward = source.camera.Project(in_source);
   if (!InsideImage(source.camera, forward)) return kNone;
-  const double source_depth = HalvedDepthAt(source.depth, static_cast<int>(std::floor(forward.x() + 0.5)),
-                                            static_cast<int>(std::floor(forward.y() + 0.5)));
-  if (!(source_depth > 0)) return kNone;
+  const double inverse = InverseDepthAt(source.depth, forward);
+  if (!(inverse > 0)) return kNone;
   const Eigen::Vector3d back =
-      reference.cam_from_world * ToWorld(source, source.camera.Unproject(forward, source_depth));
+      reference.cam_from_world * ToWorld(source, source.camera.Unproject(forward, 1 / inverse));
   if (!(back.z() > 0)) return kNone;
   return (reference.camera.Project(back) - pixel).norm();
 }

@@ -59,6 +59,10 @@ bool IsSurfaceBroken(const PinholeCamera& camera, const PlaneMap& planes, const 
 /// two whose inverses are closest; of only two the nearer. 0: none is known.
 double HalvedDepthAt(const ImageView<const float>& depth, int col, int row);
 
+/// Inverse depth of the halved map at a position of the full image: bilinear if the four around it agree within 5 %,
+/// else the nearest. 0: unknown.
+double InverseDepthAt(const ImageView<const float>& depth, const Eigen::Vector2d& position);
+
 /// delta e_j of eq. 13 before truncation, with halved depths; infinite where it does not exist.
 double ReprojectionError(const PatchMatchProblem& problem, double depth, int col, int row, int view);
 
