@@ -38,6 +38,7 @@ void DescribeMap(const MapSnapshot& snapshot, DiagnosticStatusWrapper* status) {
   status->add("better points of keyframes that were not in the map", map.not_replaced);
   status->add("keyframes evicted (~max_keyframes)", map.evicted);
   status->add("keyframes evicted (~map_radius)", map.evicted_by_radius);
+  status->add("points that later keyframes looked through", map.looked_through);
   status->add("keyframes evicted (~on_time_jump)", map.evicted_by_run);
   status->add("voxel size [unit of the poses]", map.voxel_size);
   status->add("optimized paths", Concat(map.paths, " received on ", snapshot.optimized_path_topic, " (",
