@@ -7,6 +7,7 @@
 #include <cerrno>
 #include <cstdlib>
 #include <system_error>
+#include <vector>
 
 #include <rosbag/view.h>
 
@@ -25,11 +26,12 @@ const std::filesystem::path& CheckedPath(const std::filesystem::path& path) {
 
 /// rosbag::Bag's destructor writes the index and throws when that fails, which would end the program. It does not say
 /// which descriptor is its own: what this process has opened for reading and writing under the name goes to /dev/null
-/// from now on.
-void DiscardWrites(const std::filesystem::path& path) {
+/// from now on. Returns these descriptors.
+std::vector<int> DiscardWrites(const std::filesystem::path& path) {
   struct stat wanted = {}, opened = {};
   const int null = open("/dev/null", O_RDWR | O_CLOEXEC);
-  if (null < 0) return;
+  if (null < 0) return {};
+  std::vector<int> discarded;
   std::error_code error;
   for (std::filesystem::directory_iterator entry("/proc/self/fd", error), end; !error && entry != end;
        entry.increment(error)) {
@@ -37,9 +39,11 @@ void DiscardWrites(const std::filesystem::path& path) {
     if (stat(path.c_str(), &wanted) == 0 && fstat(descriptor, &opened) == 0 && opened.st_ino == wanted.st_ino &&
         opened.st_dev == wanted.st_dev && (fcntl(descriptor, F_GETFL) & O_ACCMODE) == O_RDWR) {
       dup3(null, descriptor, O_CLOEXEC);
+      discarded.push_back(descriptor);
     }
   }
   close(null);
+  return discarded;
 }
 
 }  // namespace
@@ -64,12 +68,13 @@ void BagWriter::Reserve(size_t message_bytes) {
 }
 
 void BagWriter::CloseUnfinished() {
-  DiscardWrites(file_.temporary_path());
+  const std::vector<int> descriptors = DiscardWrites(file_.temporary_path());
   try {
     bag_->close();
     bag_.reset();
   } catch (const rosbag::BagException&) {
     static_cast<void>(bag_.release());  // its destructor would throw, which ends the program
+    for (const int descriptor : descriptors) close(descriptor);
   }
 }
 

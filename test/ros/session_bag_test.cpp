@@ -178,7 +178,7 @@ TEST_F(SessionBagTest, ImagesAreWhatTheCameraSawOfThePoints) {
     EXPECT_EQ(confidence->encoding, "32FC1");
     float middle = 0;
     std::memcpy(&middle, &confidence->data[confidence->data.size() / 2], sizeof(middle));
-    EXPECT_NEAR(middle, 0.9f, 1e-6f);
+    EXPECT_GE(middle, 0.9f - 1e-6f) << "later keyframes confirm it";
   }
   for (const rosbag::MessageInstance& message : rosbag::View(bag, rosbag::TopicQuery("/rgb/image_rect_color"))) {
     EXPECT_EQ(message.instantiate<sensor_msgs::Image>()->encoding, "rgb8");
@@ -246,7 +246,7 @@ TEST_F(SessionBagTest, AnIndexThatLiesIsRefused) {
   }
   EXPECT_THAT(refusal("chunk_pos=", 10, {13}), is("where none begins"));
   EXPECT_THAT(refusal("chunk_pos=", 10, {0, 0, 0, 0, 0, 0, 0, 128}), is("where none begins"));
-  EXPECT_THAT(refusal("index_pos=", 10, {14}), is("where no record begins"));
+  EXPECT_THAT(refusal("index_pos=", 10, {14, 0, 0, 0, 0, 0, 0, 0}), is("where no record begins"));
   EXPECT_THAT(refusal("size=", 5, {255, 255, 255, 255}), is("must be at most 1000000000"));
   EXPECT_THAT(refusal("count=", 6, {255, 255, 255, 255}), is("for 4294967295 entries"));
 }
