@@ -71,7 +71,7 @@ Attributes:
   source_views: list of int, the images that it was matched against, best first.
   no_map: str, why there are no maps; empty where there are.)";
 
-constexpr const char* kCloudDoc = R"(M points of surfaces: pixels that are probably right (min_confidence), averaged with those that agree.
+constexpr const char* kCloudDoc = R"(M points of surfaces: pixels that are probably right, averaged with what agrees.
 
 Attributes:
   points: (M, 3) float32, in the world; float64 where the world's coordinates are too large for float32 (UTM, geocentric).

@@ -289,7 +289,7 @@ TEST_F(MappingTest, PointsLieOnTheSurfacesOfTheirView) {
       EXPECT_LT(point.getNormalVector3fMap().dot(point.getVector3fMap()), 0) << "normals face the camera";
     }
   }
-  // Confirmed by two other views, hence far better than all pixels are; see the message for the figures.
+  // Probably right (min_confidence), hence far better than all pixels are; see the message for the figures.
   EXPECT_GT(points, kViews * kWidth * kHeight / 10);
   EXPECT_GT(static_cast<double>(good), 0.8 * static_cast<double>(points)) << good << " of " << points;
   RecordProperty("points", std::to_string(points));
