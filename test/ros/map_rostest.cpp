@@ -105,15 +105,21 @@ struct Session {
     return messages;
   }
 
-  /// The map of the keyframes' points, as they were published, at these poses.
+  /// The map of the keyframes' points, as they were published, corrected to these poses.
   PointCloud ExpectedMap(const std::vector<RigidTransform>& poses) { return ExpectedStore(poses)->WorldCloud().points; }
   std::unique_ptr<MapStore> ExpectedStore(const std::vector<RigidTransform>& poses) {
     auto store = std::make_unique<MapStore>(MapStoreOptions{1000, kVoxelSize});
     uint64_t id = 0;
     for (const auto& message : points.messages()) {
-      store->Add({"mapper", 0, id}, {0, poses[id], {}}, ToPointCloud(*message));
+      store->Add({"mapper", 0, id}, {static_cast<int64_t>(StampOf(id).toNSec()), drifted_poses[id], {}},
+                 ToPointCloud(*message));
       ++id;
     }
+    std::vector<StampedPose> path;
+    for (const RigidTransform& pose : poses) {
+      path.push_back({static_cast<int64_t>(StampOf(path.size()).toNSec()), pose});
+    }
+    store->Repose(path);
     return store;
   }
 
