@@ -11,7 +11,7 @@
 namespace acmp {
 namespace {
 
-constexpr float kSameDepth = 0.02f;  ///< relative: as fusion lets views agree
+constexpr float kConfirmingDepth = 0.02f;  ///< relative: as fusion lets views agree
 constexpr float kClearlyFarther = 1.05f;
 
 enum class Look : uint8_t { kNothing, kConfirms, kThrough };
@@ -28,7 +28,7 @@ Look LookAtPoint(const SeenDepth& seen, const Eigen::Vector3d& point) {
   for (int r = row - 1; r <= row + 1; ++r) {
     for (int c = col - 1; c <= col + 1; ++c) {
       const float depth = seen.depth.View().Contains(c, r) ? seen.depth(c, r) : 0;
-      if (std::abs(depth - z) < kSameDepth * z) return Look::kConfirms;
+      if (std::abs(depth - z) < kConfirmingDepth * z) return Look::kConfirms;
       if (!(depth > kClearlyFarther * z)) look = Look::kNothing;
     }
   }
