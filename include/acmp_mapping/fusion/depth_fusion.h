@@ -28,10 +28,10 @@ struct ConsistencyResult {
   PointCloud points_in_camera;  ///< of pixels that FusionOptions keeps, averaged with agreeing views; reference frame
 };
 
-/// Checks one reference view against source views (FusionOptions; paper, "Fusion"). Source depths are looked up at the
-/// nearest pixel; a pixel without a normal agrees with nothing.
-/// Points come in row-major order. Throws InvalidInputError for maps that do not fit their camera, poses that are not
-/// rigid and more than 255 sources. Does not modify or mark the sources.
+/// Checks one reference view against source views (FusionOptions; paper, "Fusion"). A source's depth is that of its
+/// nearest pixel's plane at the place (DepthAtPlace), with min_consistent_views > 0 that of the pixel; a pixel without
+/// a normal agrees with nothing. Points come in row-major order. Throws InvalidInputError for maps that do not fit
+/// their camera, poses that are not rigid and more than 255 sources. Does not modify or mark the sources.
 ConsistencyResult FilterByConsistency(const FusionView& reference, const std::vector<FusionView>& sources,
                                       const FusionOptions& options);
 

@@ -9,7 +9,7 @@ namespace acmp {
 /// The depths of a source view as geometric passes read them: an inverse depth per 2 x 2 px in 16 bits, half a byte per
 /// pixel. Evenly spaced inverse depths are evenly spaced disparities, so the rounding moves a point by the same part of
 /// a pixel at all depths: 1 / 131070 of the largest disparity. Depth maps at full size would be no better: a mean of
-/// four has less noise, which makes up for being up to a pixel off (docs/experiments.md).
+/// four has less noise, and within a surface it is interpolated (InverseAt).
 struct HalvedDepth {
   ImageView<const uint16_t> inverse;  ///< in steps, 0 = unknown; empty: no map
   float step = 0;                     ///< 1 / scene unit: the greatest inverse depth of the map over kInverseSteps
