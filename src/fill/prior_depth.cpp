@@ -178,10 +178,10 @@ std::vector<Pair> PairsOf(const ImageView<const float>& prior, const ImageView<c
   return pairs;
 }
 
-/// Why the fitted prior says nothing that images could not say without it; empty: it does. It must explain half of the
-/// known depths that no plane explains: of true maps with all kinds of faults it is 0.42 and more, of maps of other
-/// images 0.39 at most, 0.25 as a rule, of constant ones, ramps and noise next to nothing. Where a plane explains all,
-/// it must explain nearly all, too.
+/// Why the fitted external depth is useless; empty: it is not. It must explain half of the known depths that the best
+/// plane does not explain. True maps, with all kinds of faults, explain 0.42 of them and more, maps of other images
+/// 0.39 at most (0.25 as a rule), constant maps, ramps and noise next to nothing. Where the plane explains nearly
+/// everything, so must the external depth.
 std::string WhyUseless(const PriorFit& fit, const std::vector<Pair>& pairs) {
   constexpr double kEnough = 0.5, kNearlyAll = 0.9, kHardlyAny = 0.01;
   const RobustFit plane = FitRobustly(3, pairs, PlaneTerms);

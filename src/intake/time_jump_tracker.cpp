@@ -15,8 +15,9 @@ bool TimeJumpTracker::Add(int64_t stamp_ns, uint64_t arrival) {
     return follows_images;
   }
   newest_ns_ = std::max(newest_ns_, stamp_ns);
-  // Beyond where it was without the images having gone back: a message that came late, or poses that were sent again. A
-  // short bag that loops may bring all of a stream before the first image, up to the very stamp.
+  // The stream is where it was before its jump, and the images have not gone back: it was no jump, but a late message
+  // or poses that were sent again. Reaching the same stamp is not enough: of a short bag that loops, all of a stream
+  // may come before the first image.
   if (jump_ && newest_ns_ > jump_->from_ns) jump_.reset();
   return false;
 }

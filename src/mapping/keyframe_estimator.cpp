@@ -83,8 +83,8 @@ FinishedEstimate KeyframeEstimator::Finish(KeyframeRefinement refinement) {
   WindowKeyframe& keyframe = *refinement.keyframe;
   EngineProblem& problem = refinement.problem;
   ReadEstimates(refinement.sources, &WindowKeyframe::EstimateAfterPasses, &problem);
-  // A filled pixel confirms nothing, and what nothing confirms is filled: where few views see a place, as the last
-  // keyframes do, filled pixels would spread from one to the next.
+  // Without its future views others read the maps from before the last filling. Filled pixels confirm nothing, so
+  // theirs would be filled there, too, and so on from keyframe to keyframe.
   keyframe.refined = refinement.after_passes ? refinement.after_passes : problem.reference.estimate;
   keyframe.lacks_future_views = refinement.lacks_future_views;
   keyframe.refined_score = refinement.sources.score;

@@ -20,17 +20,18 @@ class RefinementPolicy {
   /// Whether, and from where, the keyframe is to be refined again with these source views, which are its best now.
   static Again Decide(const WindowKeyframe& keyframe, const SourceViews& sources);
 
-  /// Those of `keyframes` that are to be refined side by side, each with its best source views now: if any have better
-  /// views or poses that have moved, all whose views have not become worse, for they read each other.
+  /// The keyframes to refine together at a flush, each with its best source views now. None unless the views of one
+  /// have become better or its poses have moved; then all but those whose views have become worse, as they read each
+  /// other.
   static std::vector<std::pair<WindowKeyframePtr, SourceViews>> ChooseForSideBySide(
       const KeyframeWindow& window, const std::vector<WindowKeyframePtr>& keyframes);
 
   /// Whether its initial estimate must be made anew for that: there is none, its views were worse, or poses have moved.
   static bool NeedsNewInitial(const WindowKeyframe& keyframe, const SourceViews& sources);
 
-  /// Whether too few later keyframes have come to see what the keyframe saw last. Refined without them it errs there as
-  /// its neighbours do, from which it took that; passes that read it would hand the error on from keyframe to keyframe,
-  /// where initial estimates err each in its own way.
+  /// Whether too few later keyframes have come that see what came into view last. Refined without them, a keyframe
+  /// takes over its neighbours' errors there, and passes that read it would hand these on. Initial estimates have
+  /// errors of their own, which differ.
   static bool LacksFutureViews(const KeyframeWindow& window, const WindowKeyframe& keyframe);
 };
 

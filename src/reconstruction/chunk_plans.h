@@ -41,7 +41,7 @@ class ChunkPlans {
   /// Numbers of all chunks that the plan has.
   std::vector<int> Chunks() const;
 
-  /// The files of all chunks, by number, for WriteChunkFiles.
+  /// The files of all chunks, by number, for Write.
   static std::map<int, std::string> Format(const Scene& scene, const std::filesystem::path& scene_root,
                                            const ReconstructPlan& plan, int chunk_images);
   /// Those that are not there yet. An index of them last: without it there is no plan.

@@ -12,8 +12,8 @@
 
 namespace acmp {
 
-// A run whose parts are done by many processes: PlanStages once, then StageRunner for each stage of each chunk, the
-// last one being kFinish. All files are whole or absent and depend on the input alone, so that any of it may be done
+// A run whose parts are done by many processes: PlanStages once, then StageRunner for each stage of each chunk, and at
+// last kFinishStage for all. Files are whole or absent and depend on the input alone, so that any stage may be done
 // again, at the same time or after a crash.
 
 constexpr const char* kMapsStage = "maps";      ///< confidence, map files and pictures

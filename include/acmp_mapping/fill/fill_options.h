@@ -7,16 +7,16 @@ namespace acmp {
 struct FillOptions {
   bool enabled = true;
   /// A geometric pass follows, which checks what it is offered. So pixels stay only where views confirm them closely,
-  /// the planes of strong seeds go before those of nearer ones, and where the surroundings disagree blocks of 2 x 2 px
-  /// take a nearer and a farther plane in turn. The schedule sets it.
+  /// the planes of seeds that more views confirm closely go before those of nearer ones, and where the surroundings
+  /// disagree blocks of 2 x 2 px take a nearer and a farther plane in turn. The schedule sets it.
   bool for_passes = true;
   bool weighted_median = true;  ///< then filter the map where surfaces meet (WeightedMedianPixel)
-  /// After the passes: what has no texture and would hide what has (RemoveUnsupportedPixel) becomes a guess of little
-  /// confidence: a sky, above all.
+  /// After the passes: what has no texture and would hide what has (RemoveUnsupportedPixel) makes no points: a sky,
+  /// above all.
   bool remove_unsupported = true;
 };
 
-/// What depth from outside is.
+/// What the external depth is.
 struct PriorDepthOptions {
   bool metric = false;  ///< in the unit of the poses, as it is; else scale and shift of the inverse depths are fitted
 };

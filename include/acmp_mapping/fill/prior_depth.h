@@ -10,8 +10,7 @@
 
 namespace acmp {
 
-/// A depth map from outside (a network, another sensor), in the scale of the images, where they do not speak against
-/// it.
+/// External depth (of a network, another sensor) in the scale of the images, where they do not contradict it.
 struct FittedPriorDepth {
   DepthMap depth;         ///< z; 0: none, or not to be trusted there. Empty: nowhere
   std::string rejection;  ///< why it is used nowhere; else empty
@@ -32,8 +31,8 @@ FittedPriorDepth FitPriorDepth(ImageView<const float> prior, ImageView<const flo
 PlaneHypothesis PlaneOfPixel(ImageView<const float> depth, const RayGrid& rays, int col, int row);
 
 /// After FillUnverified: a pixel that no view confirms (kWorstCost) takes the plane of the frame's prior depth, fitted
-/// to what views confirm and to landmarks, in place of one extended from its surroundings. It remains a guess: passes
-/// choose by the images, and it makes no point. Without prior depth nothing changes.
+/// to what views confirm and to landmarks, in place of one extended from its surroundings. It remains
+/// unconfirmed: passes choose by the images. Without prior depth nothing changes.
 /// @param in_scale_of_frame whether planes have the scale of the frame's pose and landmarks, as without refined poses;
 ///   else landmarks tell nothing, and metric depth is fitted as other depth is
 /// @param cost of the frame's size, as planes

@@ -18,7 +18,7 @@ struct FusionView {
   RigidTransform cam_from_world = RigidTransform::Identity();
   ImageView<const float> depth;   ///< z, 0 = unknown
   ImageView<const Vec3f> normal;  ///< camera frame
-  ImageView<const float> cost;    ///< see CostMap; from kWorstCost on a guess, which confirms no other pixel
+  ImageView<const float> cost;    ///< see CostMap; from kWorstCost on unconfirmed: confirms no other pixel
   ImageView<const Rgb> color;     ///< may be empty: points are black
 };
 

@@ -106,11 +106,10 @@ using DepthMap = Image<float>;   ///< z in scene units; 0 = unknown; never NaN
 using NormalMap = Image<Vec3f>;  ///< unit normals in the camera frame, facing the camera; 0 = unknown
 using CostMap = Image<float>;    ///< matching cost, 0 (perfect) to kWorstCost (plus the geometric term), or one below
 constexpr float kWorstCost = 2.0f;  ///< in a CostMap: NCC = -1, or no correspondence at all
-/// In a CostMap: a depth from the surroundings in place of one that a single view had confirmed, or that a weighted
-/// median replaced; never measured, but others may confirm it.
+/// In a CostMap: a filled depth in place of one that a single view had confirmed, or one from the weighted median. It
+/// was never matched, but other views may confirm it.
 constexpr float kUnverifiedCost = 1.9999999f;
-/// In a CostMap: what the other images show speaks against the depth (RefutePixel). A guess like kWorstCost, and a
-/// worse one.
+/// In a CostMap: an unsupported depth, which would hide what other images show (RemoveUnsupported). It makes no point.
 constexpr float kUnsupportedCost = std::numeric_limits<float>::infinity();
 using ConfidenceMap = Image<float>;       ///< 0..1; 0 = unknown
 using PlaneMap = Image<PlaneHypothesis>;  ///< planes in the camera frame; all zero = none

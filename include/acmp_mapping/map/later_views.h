@@ -10,7 +10,8 @@
 
 namespace acmp {
 
-/// How many later keyframes saw a surface where a point is, and how many looked through it; 255 at most.
+/// How many later keyframes saw a surface where a point is, and how many saw through it (a free-space violation in
+/// Merrell et al., Real-Time Visibility-Based Fusion of Depth Maps, ICCV 2007); 255 at most.
 struct LaterViews {
   uint8_t confirming = 0;
   uint8_t through = 0;
@@ -26,11 +27,9 @@ struct SeenDepth {
 SeenDepth SeenDepthOf(const PointCloud& points_in_camera, double spacing);
 
 /// Takes what a later keyframe saw to what is known of an earlier one's points. A point goes that three later keyframes
-/// or more looked through (a free-space violation in Merrell et al., Real-Time Visibility-Based Fusion of Depth Maps,
-/// ICCV 2007), more than twice as many as confirmed it: it was never there, or has moved since. The odds of others rise
-/// by a fifth with each keyframe that confirms them, and fall by half with each that looks through them. Nothing is
-/// changed where the keyframe looks through more points than it confirms: then the poses do not fit together, and
-/// nobody knows who is right.
+/// or more see through, and more than twice as many as confirm it: it was never there, or has moved since. The odds of
+/// others rise by a fifth with each keyframe that confirms them, and fall by half with each that sees through them.
+/// Nothing changes where the keyframe sees through more points than it confirms: then the poses do not fit together.
 /// @param later_from_points from the points' frame, in which they are multiplied by `scale` first, to the later
 /// camera's
 /// @param views one per point

@@ -106,7 +106,7 @@ struct MapStatistics {
   size_t reposed = 0;            ///< keyframes moved, summed over the corrections
   size_t path_poses = 0;         ///< of the last path
   size_t path_unmatched = 0;     ///< of these, poses that belong to no keyframe
-  size_t looked_through = 0;     ///< points that later keyframes looked through, and that have gone
+  size_t looked_through = 0;     ///< points that later keyframes saw through, and that have gone
   size_t path_too_far = 0;       ///< keyframes that it would have put too far away, and left
 };
 

@@ -35,8 +35,9 @@ class DepthEstimator {
   const std::vector<KeyframeStep>& schedule() const { return schedule_; }
 
   /// Does one step and returns the estimate it makes of the reference.
-  /// @param problem the reference's estimate is that of the step before, not read by the first one; it is used up if
-  ///   nobody else holds it. The sources' estimates are read as they are; those without one take no part
+  /// @param problem the reference's estimate is that of the step before, not read by the first one; if nobody else
+  /// holds
+  ///   it, its memory is reused. The sources' estimates are read as they are; those without one take no part
   EngineEstimatePtr Run(const KeyframeStep& step, EngineProblem problem);
 
   /// Of the last step.
@@ -49,7 +50,8 @@ class DepthEstimator {
   /// The photometric estimate at full size; with several scales at the coarsest.
   EngineEstimatePtr EstimatePhotometric(const EngineProblem& problem);
 
-  /// The reference's estimate `start`, used up if nobody else holds it, with planes for what no view confirms.
+  /// The reference's estimate `start`, whose memory is reused if nobody else holds it, with planes for what no view
+  /// confirms.
   EngineEstimatePtr Fill(const EngineProblem& problem, EngineEstimatePtr start, bool for_passes);
 
   DepthEngine* engine_;

@@ -18,7 +18,7 @@ struct PipelineOptions {
   PriorDepthOptions prior_depth;
   FusionOptions fusion;
   int start_level = 0;           ///< how often the images of the photometric pass are halved, 0..2
-  bool multi_scale = false;      ///< ACMM: all steps at each level from start_level on, without prior and completion
+  bool multi_scale = false;      ///< ACMM: all steps at each level from start_level on, without prior and filling
   int full_size_iterations = 0;  ///< after such a start: photometric iterations at full size, 0..20
   bool use_planar_prior = true;  ///< steps 10-20 of Algorithm 1
   int geometric_passes = 2;      ///< how often steps 21-30 run, 0..10
@@ -30,9 +30,9 @@ const std::vector<std::string>& PresetNames();
 
 /// Option sets of one pipeline. The papers', which compute what these describe and nothing else:
 ///   acmh               photometric and geometric passes of ACMH
+///   acmm               ACMM: those of acmh at three scales, from coarse to fine
 ///   acmp_no_geometric  ACMP\G: steps 1-20 of Algorithm 1
 ///   acmp               all of Algorithm 1
-///   acmm               ours without the prior after a start on halved images: not yet the paper's
 /// Ours:
 ///   balanced           the default options
 ///   online             all steps with fewer iterations, half of the time or less

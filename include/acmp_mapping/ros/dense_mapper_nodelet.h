@@ -20,15 +20,15 @@
 
 namespace acmp {
 
-/// Wires topics, services and parameters to the mapper; see docs/ for all of them.
+/// Wires topics, services and parameters to the mapper; README.md and docs/parameters.md list them.
 ///
-/// Threads: one for input callbacks, which only buffer; the worker, which matches, and the one of its outputs, which
-/// publishes; one for flush and one for the other services; one for diagnostics and dynamic_reconfigure; one that asks
-/// the ROS master.
+/// Threads: one for input callbacks, which only buffer; the worker, which matches, and those of its mapper for outputs,
+/// which publishes, and for poses; one for flush and one for the other services; one for diagnostics and
+/// dynamic_reconfigure; one that asks the ROS master.
 ///
 /// Locks: delivery_mutex_ keeps "take from the intake, hand to the worker" in order and may be held while the worker's
-/// queue blocks; intake_mutex_ guards the intake for a moment. Where both are needed delivery_mutex_ comes first. All
-/// other locks are inside their classes, and none of those is held while another one is taken.
+/// queue blocks; config_mutex_ is held while parameters change; intake_mutex_ guards the intake for a moment and comes
+/// after either. All other locks are inside their classes, and none of those is held while another one is taken.
 class DenseMapperNodelet : public NodeletBase {
  public:
   ~DenseMapperNodelet() override;

@@ -29,7 +29,7 @@ struct OutputStatus {
   uint64_t fast = 0;
   uint64_t refined = 0;
   uint64_t refined_again = 0;
-  uint64_t withdrawn = 0;  ///< refined ones whose points left the map, since poses contradict the images
+  uint64_t withdrawn = 0;  ///< refined ones whose points left the map, as poses contradict the images
   StageTimes times;        ///< of the last refined keyframe
   double consistency_ms = 0;
   PoseFit pose_fit;                             ///< of the last refined keyframe
@@ -40,8 +40,8 @@ struct OutputStatus {
 };
 
 /// Makes what a DenseMapper's callbacks bring ready to be published: remembers where each keyframe came from, leaves
-/// out what is not to be published, and counts. Hooks run in the mapper's thread for outputs; none begins once Stop has
-/// been called.
+/// out what is not to be published, and counts. Maps come in the mapper's thread for outputs, drops in any; no hook
+/// begins once Stop has been called.
 ///
 /// One mutex guards the records and the status, and is held for a moment only, never while a hook runs.
 class KeyframeOutputs {
@@ -53,7 +53,7 @@ class KeyframeOutputs {
     std::function<void(const KeyframeOutput&)> on_fast;
     std::function<void(const KeyframeOutput&)> on_refined;
     std::function<void(const KeyframeOutput&)> on_refined_again;  ///< better maps of a keyframe that had its on_refined
-    // These two from both threads at the same time.
+    // These two from several threads at the same time: the mapper's, that for outputs, that of MapperWorker::Push.
     std::function<bool()> wants_refined_again;  ///< whether anybody would use them
     std::function<void(const RejectedInput&)> on_drop;
   };

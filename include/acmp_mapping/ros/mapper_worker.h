@@ -32,8 +32,9 @@ struct WorkerStatus {
   OutputStatus outputs;
 };
 
-/// The one thread that matches: it makes the backend, prepares frames and drives the DenseMapper, which has a thread of
-/// its own for outputs. Hooks run in these two, and none begins once Stop has been called.
+/// The one thread that matches: it makes the backend, prepares frames and drives the DenseMapper, which has threads of
+/// its own for outputs and for poses. Hooks run in the worker's and in that for outputs, on_drop also in that of Push;
+/// none begins once Stop has been called.
 ///
 /// Locks: the queue's, that of the outputs and status_mutex_, each held for a moment and never together; mapper,
 /// rectifier and window belong to the worker thread alone.

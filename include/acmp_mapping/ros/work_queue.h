@@ -12,17 +12,17 @@ namespace acmp {
 
 /// Which inputs are worked on when they come faster than they can be.
 enum class OverloadPolicy {
-  kDrop,        ///< groups of kInputGroup that came one after the other: what comes while one waits is overtaken
-  kSkipIfBusy,  ///< only what comes while none waits and none is being worked on; all else is overtaken
+  kDrop,        ///< groups of kInputGroup inputs in a row; what comes until they have been taken up is Overtaken
+  kSkipIfBusy,  ///< an input that comes while nothing waits and nothing is worked on; the others are Overtaken
   kBlock,       ///< all: the caller waits, for recordings
 };
 
 constexpr size_t kBlockedInputs = 2;  ///< that wait with kBlock; more would only take memory
-/// Neighbours confirm each other's depth, two others each at least; single keyframes far apart would leave no points.
+/// Neighbours confirm each other's depth, which takes three of them; single keyframes far apart would have no points.
 constexpr size_t kInputGroup = 4;
-constexpr size_t kOvertakenInputs = 15;  ///< that are kept: half of the default window, which they shall not fill
+constexpr size_t kOvertakenInputs = 15;  ///< that wait at most: half of the default window, which they must not fill
 
-/// An input that is not worked on in full, since there were too many.
+/// An input for which there is no time: the keyframe serves as a source view only.
 template <class Input>
 struct Overtaken {
   Input input;

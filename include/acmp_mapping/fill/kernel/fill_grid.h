@@ -40,16 +40,16 @@ struct NearestSeeds {
   int cell[kNumDirections];
 };
 
-/// What the steps of completion read and write.
+/// What the kernels of the filling read and write.
 struct FillContext {
   RayGrid rays;
   float depth_min, depth_max;
-  int seed_views;                        ///< pixels that so many source views confirm are extended
-  int min_views;                         ///< to those that fewer than this confirm
-  int strong_views;                      ///< > 0: the strong ones first. A seed that so many source views confirm
-                                         ///< closely is sure, and pixels need min_views that do so
-  int cell_size;                         ///< px
-  bool near_and_far;                     ///< whether neighbouring pixels take different planes
+  int seed_views;     ///< a pixel that so many source views confirm is a seed
+  int min_views;      ///< one that fewer confirm is filled
+  int strong_views;   ///< > 0, before passes: seeds that so many views confirm closely (is_strong) go
+                      ///< first, and min_views, too, counts only views that confirm closely
+  int cell_size;      ///< px
+  bool near_and_far;  ///< whether neighbouring pixels take different planes
   ImageView<const ViewSupport> support;  ///< what the sources see of a pixel (CountSupportingViews)
   ImageView<PlaneHypothesis> planes;
   ImageView<float> cost;

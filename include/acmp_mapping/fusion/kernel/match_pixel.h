@@ -102,7 +102,8 @@ ACMP_HOST_DEVICE inline double DepthAtPlace(const FusionSource<View>& source, co
   return facing < 0 && std::fabs(ratio - 1) < kMaxChange ? nearest * ratio : nearest;
 }
 
-/// False where the source knows no depth. The papers take the nearest pixel for the place.
+/// What the source's depth at the place means for the reference; false where it knows none. The papers (without
+/// ByProbability) take the nearest pixel's depth and centre.
 template <class View>
 ACMP_HOST_DEVICE inline bool ProjectBack(const FusionSource<View>& source, const FusionLimits& limits,
                                          const ReferencePixel& pixel, const SourcePlace& place,
