@@ -1,7 +1,6 @@
 #pragma once
 
 #include "acmp_mapping/fill/fill.h"
-#include "acmp_mapping/fill/free_space_check.h"
 #include "fill_kernels.h"
 #include "pass_context.h"
 

@@ -1,7 +1,7 @@
 #include "map_kernels.h"
 
-#include "acmp_mapping/patch_match/kernel/halved_depth.h"
-#include "acmp_mapping/patch_match/kernel/upsample.h"
+#include "acmp_mapping/patch_match/kernel/geometric_cost.h"
+#include "acmp_mapping/patch_match/kernel/restore_detail.h"
 #include "cuda_check.h"
 #include "warp_group.h"
 

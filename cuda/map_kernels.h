@@ -3,8 +3,7 @@
 #include <cuda_runtime_api.h>
 
 #include "acmp_mapping/image/image.h"
-#include "acmp_mapping/planar_prior/kernel/raster_triangle.h"
-#include "acmp_mapping/planar_prior/kernel/support_cell.h"
+#include "acmp_mapping/planar_prior/kernel/planar_prior.h"
 
 namespace acmp {
 

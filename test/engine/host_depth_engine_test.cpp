@@ -8,7 +8,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/patch_match/host_passes.h"
-#include "acmp_mapping/patch_match/kernel/upsample.h"
+#include "acmp_mapping/patch_match/kernel/restore_detail.h"
 #include "support/engine_scene.h"
 #include "support/pass_result.h"
 

@@ -1,4 +1,4 @@
-#include "acmp_mapping/fill/free_space_check.h"
+#include "acmp_mapping/fill/fill.h"
 
 #include "gtest/gtest.h"
 

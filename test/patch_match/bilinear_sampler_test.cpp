@@ -1,4 +1,4 @@
-#include "acmp_mapping/patch_match/kernel/bilinear_sampler.h"
+#include "acmp_mapping/patch_match/kernel/window.h"
 
 #include <limits>
 

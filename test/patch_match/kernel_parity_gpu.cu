@@ -1,6 +1,6 @@
 #include <memory>
 
-#include "acmp_mapping/patch_match/kernel/bilinear_sampler.h"
+#include "acmp_mapping/patch_match/kernel/window.h"
 #include "acmp_mapping/patch_match/match_setup.h"
 #include "cuda_device.h"
 #include "kernel_parity_answer.h"

@@ -1,4 +1,4 @@
-#include "acmp_mapping/patch_match/kernel/masked_window.h"
+#include "acmp_mapping/patch_match/kernel/photometric_cost.h"
 
 #include <cmath>
 
@@ -6,7 +6,6 @@
 
 #include "acmp_mapping/patch_match/kernel/depth_evidence.h"
 #include "acmp_mapping/patch_match/kernel/median_filter.h"
-#include "acmp_mapping/patch_match/kernel/photometric_cost.h"
 #include "acmp_mapping/patch_match/window_sums.h"
 #include "support/kernel_state.h"
 #include "support/random_views.h"

@@ -1,4 +1,4 @@
-#include "acmp_mapping/patch_match/kernel/surface_break.h"
+#include "acmp_mapping/patch_match/kernel/photometric_cost.h"
 
 #include <cmath>
 #include <utility>

@@ -1,11 +1,35 @@
 #pragma once
 
 #include "acmp_mapping/common/thread_group.h"
-#include "acmp_mapping/patch_match/kernel/masked_window.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
 #include "acmp_mapping/patch_match/kernel/window.h"
 
 namespace acmp {
+
+/// Whether a window, warped into a source, reaches a pixel that the source's mask ignores. The clearance at its middle
+/// is compared with how far it reaches: one look for a whole window. At the same scale windows whose middle is within
+/// 6 px of such a pixel do. The middle lies inside the source.
+template <class Sampler>
+ACMP_HOST_DEVICE inline bool ReachesMasked(const MatchContext<Sampler>& context, int view, const PlaneWarp& warp) {
+  constexpr float kInterpolation = 1.5f;  // px, from the pixel nearest to the middle to one that is interpolated
+  if (!Sampler::kHasMasks || context.source_clearances == nullptr) return false;
+  const ImageView<const unsigned char>& clearance = context.source_clearances[view];
+  if (clearance.data == nullptr) return false;
+  const float min_z = warp.center.z - kPatchRadius * (fabsf(warp.step_col.z) + fabsf(warp.step_row.z));
+  if (!(min_z > 0)) return true;
+  const float inv_z = Reciprocal(warp.center.z);
+  const float x = warp.center.x * inv_z, y = warp.center.y * inv_z;
+  // A sample at offset (i, j) is off the middle by (i dx_i + j dx_j) / z in x, with dx_i = step_col.x - x step_col.z.
+  const float across = fabsf(warp.step_col.x - x * warp.step_col.z) + fabsf(warp.step_row.x - x * warp.step_row.z);
+  const float along = fabsf(warp.step_col.y - y * warp.step_col.z) + fabsf(warp.step_row.y - y * warp.step_row.z);
+  const float reach = kPatchRadius * Reciprocal(min_z) * (across > along ? across : along);
+  const auto nearest = [](float position, int size) {
+    const float clamped = Clamp(position, 0.0f, static_cast<float>(size - 1));
+    return static_cast<int>(clamped + 0.5f);  // NOLINT(bugprone-incorrect-roundings): nothing is negative
+  };
+  return static_cast<float>(clearance(nearest(x, clearance.width), nearest(y, clearance.height))) <
+         reach + kInterpolation;
+}
 
 struct PatchSample {
   float value;   ///< grey value minus the patch's center
@@ -183,6 +207,31 @@ ACMP_HOST_DEVICE inline float PhotometricCost(const MatchContext<Sampler>& conte
   float cost;
   if (!PrepareWindow(context, patch, dual, col, row, view, &warp, &cost)) return cost;
   return NccCost(context, patch, SumWindow(context.sampler, view, warp, patch));
+}
+
+/// Whether the surface of the present estimates bends or breaks (a crease or a depth discontinuity) within the pixel's
+/// window: inverse depth is affine on a plane, so that a pixel of one has the mean of any two opposite ones. Compared
+/// with four pairs on the window's rim, those that lie in the image and have planes (without one the difference is NaN,
+/// which no comparison finds greater). They are of the other colour, which no one writes
+/// meanwhile.
+template <class Sampler, class Group>
+ACMP_HOST_DEVICE inline bool IsSurfaceBroken(const MatchContext<Sampler>& context, int col, int row,
+                                             const Group& group) {
+  const auto inverse_depth = [&](int x, int y) {
+    return PlaneInverseDepth(context.planes(x, y), context.rays.Ray(static_cast<float>(x), static_cast<float>(y)));
+  };
+  constexpr int kPairs = 4;  // (5, 0), (0, 5), (4, 3), (4, -3): at the same distance, and dx + dy is odd
+  static_assert(kPatchRadius == 5, "the pairs lie on the rim");
+  const float own = inverse_depth(col, row);
+  bool broken = false;
+  ForEach(group, kPairs, [&](int i) {
+    const int dx = i == 0 ? 5 : i == 1 ? 0 : 4;
+    const int dy = i == 0 ? 0 : i == 1 ? 5 : i == 2 ? 3 : -3;
+    if (!context.Contains(col + dx, row + dy) || !context.Contains(col - dx, row - dy)) return;
+    const float bend = inverse_depth(col + dx, row + dy) + inverse_depth(col - dx, row - dy) - 2.0f * own;
+    broken = broken || fabsf(bend) > context.options.edge_bend * own;
+  });
+  return group.Any(broken);
 }
 
 }  // namespace acmp
