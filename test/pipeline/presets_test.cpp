@@ -21,9 +21,11 @@ TEST(PresetsTest, ThePapersRunTheStepsOfTheirPapersAndNothingElse) {
   const PipelineOptions acmh = MakePreset("acmh");
   EXPECT_EQ(acmh.patch_match.method, Method::kAcmh);
   EXPECT_FALSE(acmh.use_planar_prior);
-  EXPECT_EQ(acmh.geometric_passes, 2);
-  EXPECT_EQ(acmh.patch_match.geometric_weight, 0.2f);
-  EXPECT_EQ(acmh.patch_match.geometric_max_px, 3.0f);
+  EXPECT_EQ(acmh.geometric_passes, 0);
+  const PipelineOptions acmm = MakePreset("acmm");
+  EXPECT_EQ(acmm.geometric_passes, 2);
+  EXPECT_EQ(acmm.patch_match.geometric_weight, 0.2f);
+  EXPECT_EQ(acmm.patch_match.geometric_max_px, 3.0f);
   const PipelineOptions no_geometric = MakePreset("acmp_no_geometric");
   EXPECT_TRUE(no_geometric.use_planar_prior);
   EXPECT_EQ(no_geometric.geometric_passes, 0);

@@ -29,10 +29,10 @@ void Validate(const PipelineOptions& options);
 const std::vector<std::string>& PresetNames();
 
 /// Option sets of one pipeline. The papers', which compute what these describe and nothing else:
-///   acmh               photometric and geometric passes of ACMH
+///   acmh               photometric pass of ACMH; with geometric_passes = 1 what the authors' program runs
+///   acmm               ACMM: photometric and geometric passes of ACMH at three scales
 ///   acmp_no_geometric  ACMP\G: steps 1-20 of Algorithm 1
 ///   acmp               all of Algorithm 1
-///   acmm               ours without the prior after a start on halved images: not yet the paper's
 /// Ours:
 ///   balanced           the default options
 ///   online             all steps with fewer iterations, half of the time or less
