@@ -5,7 +5,7 @@
 #include "acmp_mapping/fill/kernel/fill_pixel.h"
 #include "acmp_mapping/fill/kernel/fit_seed.h"
 #include "acmp_mapping/fill/kernel/free_space.h"
-#include "cuda_check.h"
+#include "cuda_resources.h"
 #include "warp_group.h"
 
 namespace acmp {
