@@ -112,7 +112,7 @@ ACMP_HOST_DEVICE inline WindowSums SumWindows(const ComparedPixel<Sampler, Group
     if (task.image < 0) continue;
     WindowSums sums;
     ForEachSampleOfPart(match.context.sampler, task.image, task.warp, part, [&](int block, float gray) {
-      AddSample(match.part.samples[block], match.part.center, gray, &sums);
+      Sampler::Cost::Add(match.part.samples[block], match.part.center, gray, &sums);
     });
     sums = {group.SumOverWindow(sums.ws), group.SumOverWindow(sums.wss), group.SumOverWindow(sums.wrs)};
     if (part == turn) own = sums;
@@ -149,7 +149,7 @@ ACMP_HOST_DEVICE inline void MatchPairs(const ComparedPixel<Sampler, Group>& mat
     }
     const int batch = total - first < Group::kSize ? total - first : Group::kSize;
     const WindowSums sums = SumWindows(match, warp, compare ? context.sampler.ImageOf(view) : -1, batch);
-    if (compare) cost = NccCost(context, patch, sums);
+    if (compare) cost = Sampler::Cost::Of(sums, patch, context.options);
     if (mine) store(plane, view, cost);
   }
   match.group.Sync();
@@ -176,7 +176,8 @@ ACMP_HOST_DEVICE inline void MatchPairs(const ComparedPixel<Sampler, SingleThrea
     for (int i = 0; i < count; ++i) {
       if (compare[i]) sums[i] = SumWindow(context.sampler, view, warps[i], patch);
     }
-    for (int i = 0; i < count; ++i) store(plane_of(i), view, compare[i] ? NccCost(context, patch, sums[i]) : cost[i]);
+    for (int i = 0; i < count; ++i)
+      store(plane_of(i), view, compare[i] ? Sampler::Cost::Of(sums[i], patch, context.options) : cost[i]);
   }
 }
 

@@ -147,13 +147,31 @@ struct WindowSums {
   float ws = 0, wss = 0, wrs = 0;
 };
 
-ACMP_HOST_DEVICE inline void AddSample(const PatchSample& reference, float center, float gray, WindowSums* sums) {
-  const float value = gray - center;
-  const float weighted = reference.weight * value;
-  sums->ws += weighted;
-  sums->wss += weighted * value;
-  sums->wrs += weighted * reference.value;
-}
+/// The matching cost m_ij: 1 - NCC, bilaterally weighted. A cost is what it adds up over a window's samples and what it
+/// makes of the sums; a sampler names its own (Sampler::Cost), so that another one is another such struct and a
+/// sampler.
+struct Ncc {
+  /// False where the reference's window has no texture to compare.
+  ACMP_HOST_DEVICE static bool IsInformed(const ReferencePatch& patch, const PatchMatchOptions& options) {
+    return patch.variance >= options.min_variance;
+  }
+  ACMP_HOST_DEVICE static void Add(const PatchSample& reference, float center, float gray, WindowSums* sums) {
+    const float value = gray - center;
+    const float weighted = reference.weight * value;
+    sums->ws += weighted;
+    sums->wss += weighted * value;
+    sums->wrs += weighted * reference.value;
+  }
+  /// 0..2; worst where the source window is flat although the reference's is not.
+  ACMP_HOST_DEVICE static float Of(const WindowSums& sums, const ReferencePatch& patch,
+                                   const PatchMatchOptions& options) {
+    const float mean = sums.ws * patch.inv_sum_weight;
+    const float variance = sums.wss * patch.inv_sum_weight - mean * mean;
+    if (!(variance >= options.min_variance)) return kWorstCost;
+    const float covariance = sums.wrs * patch.inv_sum_weight - patch.mean * mean;
+    return Clamp(1.0f - covariance * ReciprocalSqrt(patch.variance * variance), 0.0f, kWorstCost);
+  }
+};
 
 /// The sums of a whole window by one thread alone. Samplers may overload it, and LoadReferencePatch, with something
 /// faster that differs in rounding only.
@@ -162,7 +180,7 @@ ACMP_HOST_DEVICE inline WindowSums SumWindow(const Sampler& sampler, int view, c
                                              const ReferencePatch& patch) {
   WindowSums sums;
   ForEachWindowSample(sampler, sampler.ImageOf(view), warp,
-                      [&](int i, float gray) { AddSample(patch.samples[i], patch.center, gray, &sums); });
+                      [&](int i, float gray) { Sampler::Cost::Add(patch.samples[i], patch.center, gray, &sums); });
   return sums;
 }
 
@@ -185,28 +203,17 @@ ACMP_HOST_DEVICE inline bool PrepareWindow(const MatchContext<Sampler>& context,
   if (!(x >= -0.5f && y >= -0.5f && x < source.width - 0.5f && y < source.height - 0.5f)) return false;
   if (ReachesMasked(context, view, *warp)) return false;
   *cost = kUninformedCost;
-  return patch.variance >= context.options.min_variance;
+  return Sampler::Cost::IsInformed(patch, context.options);
 }
 
-/// 1 - NCC from the sums; worst where the source window is flat although the reference's is not.
-template <class Sampler>
-ACMP_HOST_DEVICE inline float NccCost(const MatchContext<Sampler>& context, const ReferencePatch& patch,
-                                      const WindowSums& sums) {
-  const float mean = sums.ws * patch.inv_sum_weight;
-  const float variance = sums.wss * patch.inv_sum_weight - mean * mean;
-  if (!(variance >= context.options.min_variance)) return kWorstCost;
-  const float covariance = sums.wrs * patch.inv_sum_weight - patch.mean * mean;
-  return Clamp(1.0f - covariance * ReciprocalSqrt(patch.variance * variance), 0.0f, kWorstCost);
-}
-
-/// m_ij: 1 - bilateral weighted NCC, in 0..2, by one thread alone.
+/// m_ij, in 0..2, by one thread alone.
 template <class Sampler>
 ACMP_HOST_DEVICE inline float PhotometricCost(const MatchContext<Sampler>& context, const ReferencePatch& patch,
                                               const Vec3f& dual, int col, int row, int view) {
   PlaneWarp warp;
   float cost;
   if (!PrepareWindow(context, patch, dual, col, row, view, &warp, &cost)) return cost;
-  return NccCost(context, patch, SumWindow(context.sampler, view, warp, patch));
+  return Sampler::Cost::Of(SumWindow(context.sampler, view, warp, patch), patch, context.options);
 }
 
 /// Whether the surface of the present estimates bends or breaks (a crease or a depth discontinuity) within the pixel's
