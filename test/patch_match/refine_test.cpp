@@ -181,6 +181,20 @@ TEST(RefineTest, LaterIterationsOfThePriorPassPerturbOnly) {
   }
 }
 
+TEST(RefineTest, NormalsAreNeverTurnedAwayFromTheCamera) {
+  // A nearly edge-on normal: half of the turns would leave the half sphere.
+  const Vec3f ray = {0, 0, 1}, normal = {0.9999f, 0, -std::sqrt(1 - 0.9999f * 0.9999f)};
+  int kept = 0;
+  for (uint32_t pixel = 0; pixel < 2000; ++pixel) {
+    RandomStream random(5, pixel, 0);
+    const Vec3f turned = PerturbNormal(normal, ray, 0.1f, &random);
+    ASSERT_LT(Dot(turned, ray), 0);
+    kept += turned.x == normal.x && turned.y == normal.y && turned.z == normal.z ? 1 : 0;
+  }
+  EXPECT_GT(kept, 200);
+  EXPECT_LT(kept, 1800);
+}
+
 /// Refine against the comparison of every hypothesis in every drawn view to the end.
 template <Pass kPass>
 void ExpectOnlyHopelessHypothesesAreLeftOut() {

@@ -253,14 +253,6 @@ TEST_P(PipelineSyntheticTest, BalancedIsAboveThePapersSystemsOverall) {
   EXPECT_GT(balanced.below_relative[k5Percent], 79);
 }
 
-TEST_P(PipelineSyntheticTest, TextureIsMatchedWithAndWithoutPrior) {
-  for (const System* system : {&systems_->acmh, &systems_->acmp, &systems_->balanced}) {
-    const DepthMetrics textured = Evaluate(system->refined).textured;
-    EXPECT_GT(textured.below_absolute[k5Centimetres], 76);
-    EXPECT_GT(textured.below_relative[k5Percent], 88);
-  }
-}
-
 TEST_P(PipelineSyntheticTest, GeometricPassesHelpAllSystems) {
   for (const System* system : {&systems_->acmh, &systems_->acmp, &systems_->balanced}) {
     const Quality before = Evaluate(system->initial), after = Evaluate(system->refined);
