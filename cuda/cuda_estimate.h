@@ -4,7 +4,7 @@
 #include <mutex>
 
 #include "acmp_mapping/engine/matching_engine.h"
-#include "acmp_mapping/patch_match/kernel/halved_depth.h"
+#include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 #include "device_queue.h"
 
 namespace acmp {

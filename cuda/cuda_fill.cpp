@@ -5,12 +5,11 @@
 #include <utility>
 
 #include "cuda_image.h"
-#include "fusion_views.h"
 #include "map_kernels.h"
 
 namespace acmp {
 
-EngineEstimatePtr CudaFill::FillUnverified(const EngineProblem& problem, const EngineEstimatePtr& start,
+EngineEstimatePtr CudaFill::FillUnverified(const EngineProblem& problem, EngineEstimatePtr start,
                                            const FillOptions& options) {
   CheckDepthRange("depth range of the completion", problem.depth_range);
   const size_t pixels = queue_.Cast<CudaEstimate>(start).Pixels();
@@ -80,7 +79,7 @@ void CudaFill::QueueMedian(const Setup& sources, const FillContext& context, con
   std::swap(*planes, estimate->planes);
 }
 
-EngineEstimatePtr CudaFill::RemoveUnsupported(const EngineProblem& problem, const EngineEstimatePtr& start) {
+EngineEstimatePtr CudaFill::RemoveUnsupported(const EngineProblem& problem, EngineEstimatePtr start) {
   const PatchMatchProblem match = MakePatchMatchProblem(problem, 0);
   const PinholeCamera& camera = match.reference.camera;
   const CudaEstimate& from = queue_.Cast<CudaEstimate>(start);

@@ -1,21 +1,21 @@
 #pragma once
 
 #include "acmp_mapping/fill/fill.h"
-#include "acmp_mapping/fill/free_space_check.h"
+#include "cuda_fusion.h"
+#include "cuda_passes.h"
 #include "fill_kernels.h"
-#include "pass_context.h"
 
 namespace acmp {
 
-/// The filling of what the passes leave unverified and the free-space check on the GPU; see MatchingEngine.
-class CudaFill {
+/// The filling of what the passes leave unverified and the free-space check on the GPU.
+class CudaFill : public virtual MatchingEngine {
  public:
   /// Both outlive this.
   CudaFill(DeviceQueue* queue, HalvedDepths* halved) : queue_(*queue), halved_(*halved), context_(queue, halved) {}
 
-  EngineEstimatePtr FillUnverified(const EngineProblem& problem, const EngineEstimatePtr& start,
-                                   const FillOptions& options);
-  EngineEstimatePtr RemoveUnsupported(const EngineProblem& problem, const EngineEstimatePtr& start);
+  EngineEstimatePtr FillUnverified(const EngineProblem& problem, EngineEstimatePtr start,
+                                   const FillOptions& options) override;
+  EngineEstimatePtr RemoveUnsupported(const EngineProblem& problem, EngineEstimatePtr start) override;
 
  private:
   using Setup = FusionSetup<DeviceFusionView>;

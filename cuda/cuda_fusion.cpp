@@ -5,7 +5,9 @@
 #include <mutex>
 #include <utility>
 
-#include "fusion_views.h"
+#include "acmp_mapping/patch_match/match_setup.h"
+#include "cuda_estimate.h"
+#include "cuda_image.h"
 
 namespace acmp {
 namespace {
@@ -67,6 +69,36 @@ CudaStamps& CastCudaStamps(FusionStamps* stamps) {
 
 }  // namespace
 
+PosedCamera PosedCameraOf(const EngineView& view) {
+  if (!view.frame) throw InvalidInputError("frame: must not be null");
+  return {view.frame->camera, view.cam_from_world()};
+}
+
+DeviceFusionView GeometryMapsOf(const EngineView& view, DeviceQueue* queue) {
+  const PosedCamera camera = PosedCameraOf(view);
+  const CudaEstimate& estimate = queue->Cast<CudaEstimate>(view.estimate);
+  CheckSize("estimate", estimate.width, estimate.height, camera.camera);
+  return {estimate.DepthView(), estimate.PlaneView(), estimate.CostView(), {}};
+}
+
+DeviceFusionView FusionMapsOf(const EngineView& view, DeviceQueue* queue) {
+  DeviceFusionView maps = GeometryMapsOf(view, queue);
+  maps.color = ColorOf(view, queue);
+  return maps;
+}
+
+FusionSetup<DeviceFusionView> SetUpViews(const EngineView& reference, const std::vector<EngineView>& sources,
+                                         const FusionLimits& limits,
+                                         DeviceFusionView (*maps_of)(const EngineView&, DeviceQueue*),
+                                         DeviceQueue* queue) {
+  FusionSetup<DeviceFusionView> setup(PosedCameraOf(reference), maps_of(reference, queue), limits,
+                                      RigidTransform::Identity());
+  for (const EngineView& source : sources) {
+    if (source.estimate) setup.AddSource(PosedCameraOf(source), maps_of(source, queue));
+  }
+  return setup;
+}
+
 DeviceFusionContext CudaFusion::Upload(const Setup& setup) {
   const size_t count = setup.sources().size();
   sources_.Reserve(queue_.device(), count);
@@ -86,9 +118,13 @@ PointCloud CudaFusion::Collect(size_t pixels, const Launch& launch) {
   constexpr size_t kLeastPart = 1 << 15, kMostParts = 16;
   const size_t part = std::max(kLeastPart, (pixels + kMostParts - 1) / kMostParts);
   const size_t parts = (pixels + part - 1) / part;
+  of_pixels_.Reserve(queue_.device(), part);
+  accepted_.Reserve(queue_.device(), part);
   points_.Reserve(queue_.device(), part);
   count_.Reserve(queue_.device(), 1);
-  scratch_.Reserve(queue_.device(), PointScratchBytes({0, part}));
+  scratch_.Reserve(queue_.device(), PointScratchBytes(part));
+  const PointOutput output = {of_pixels_.data(), accepted_.data(), points_.data(),
+                              count_.data(),     scratch_.data(),  scratch_.size()};
   auto* staged = points_on_host_.Reserve<SurfacePoint>(2 * part);
   auto* counts = counts_on_host_.Reserve<unsigned>(2);
   PointCloud points;
@@ -96,7 +132,7 @@ PointCloud CudaFusion::Collect(size_t pixels, const Launch& launch) {
   for (size_t k = 0; k <= parts; ++k) {
     if (k < parts) {
       const PixelRange range = {k * part, std::min(part, pixels - k * part)};
-      launch(range, PointOutput{points_.data(), count_.data(), scratch_.data()});
+      launch(range, output);
       count_.Download(counts + k % 2, 1, queue_.stream());
       points_.Download(staged + k % 2 * part, range.count, queue_.stream());
       filled_[k % 2].Record(queue_.stream());
@@ -140,7 +176,7 @@ ConfidenceMap CudaFusion::MeasureConfidence(const EngineView& reference, const s
   });
 }
 
-std::unique_ptr<FusionStamps> CudaFusion::MakeStamps() { return std::make_unique<CudaStamps>(); }
+std::unique_ptr<FusionStamps> CudaFusion::MakeFusionStamps() { return std::make_unique<CudaStamps>(); }
 
 PointCloud CudaFusion::FuseView(const EngineView& reference, const std::vector<EngineView>& sources,
                                 const FusionOptions& options, int rank, FusionStamps* stamps) {

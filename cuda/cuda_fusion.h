@@ -11,21 +11,38 @@
 
 namespace acmp {
 
-/// What is made of finished estimates on the GPU, with the memory of one reference view at a time; see FusionEngine.
-class CudaFusion {
+// An engine's views as the fusion's kernels read them. Views without a frame, reference views without an estimate and
+// estimates of another size or device are an InvalidInputError.
+
+PosedCamera PosedCameraOf(const EngineView& view);
+
+/// Without colours.
+DeviceFusionView GeometryMapsOf(const EngineView& view, DeviceQueue* queue);
+/// With colours, where the frame has some.
+DeviceFusionView FusionMapsOf(const EngineView& view, DeviceQueue* queue);
+
+/// The reference's estimate against the sources' in the reference's camera frame.
+/// @param maps_of GeometryMapsOf or FusionMapsOf
+FusionSetup<DeviceFusionView> SetUpViews(const EngineView& reference, const std::vector<EngineView>& sources,
+                                         const FusionLimits& limits,
+                                         DeviceFusionView (*maps_of)(const EngineView&, DeviceQueue*),
+                                         DeviceQueue* queue);
+
+/// What is made of finished estimates on the GPU, with the memory of one reference view at a time.
+class CudaFusion : public virtual FusionEngine {
  public:
   /// @param queue outlives this
   explicit CudaFusion(DeviceQueue* queue) : queue_(*queue) {}
 
   ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
-                                        const FusionOptions& options);
+                                        const FusionOptions& options) override;
   ConfidenceMap MeasureConfidence(const EngineView& reference, const std::vector<EngineView>& sources,
-                                  const FusionOptions& options);
-  static std::unique_ptr<FusionStamps> MakeStamps();
+                                  const FusionOptions& options) override;
+  std::unique_ptr<FusionStamps> MakeFusionStamps() override;
   PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources, const FusionOptions& options,
-                      int rank, FusionStamps* stamps);
-  Image<unsigned char> UsedPixels(const Frame& frame, FusionStamps* stamps);
-  void SetUsedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps);
+                      int rank, FusionStamps* stamps) override;
+  Image<unsigned char> UsedPixels(const Frame& frame, FusionStamps* stamps) override;
+  void SetUsedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) override;
 
  private:
   using Setup = FusionSetup<DeviceFusionView>;
@@ -44,9 +61,9 @@ class CudaFusion {
   CudaEvent filled_[2];
   StagedDownload download_;
   DeviceArray<DeviceFusionSource> sources_;
-  DeviceArray<SurfacePoint> points_;
+  DeviceArray<SurfacePoint> of_pixels_, points_;
+  DeviceArray<unsigned char> accepted_, scratch_;
   DeviceArray<unsigned> count_;
-  DeviceArray<unsigned char> scratch_;
   DeviceArray<float> confidence_, log_odds_;
 };
 

@@ -3,7 +3,7 @@
 #include <shared_mutex>
 #include <utility>
 
-#include "parallel_copy.h"
+#include "staged_copy.h"
 
 namespace acmp {
 

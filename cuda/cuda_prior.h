@@ -10,14 +10,13 @@
 namespace acmp {
 
 /// Steps 10 to 13 on the GPU but for the triangulation: support points, and the prior as a pass reads it.
-class CudaPrior {
+class CudaPrior : public virtual MatchingEngine {
  public:
   /// @param queue outlives this
   explicit CudaPrior(DeviceQueue* queue) : queue_(*queue) {}
 
-  /// See MatchingEngine.
   std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
-                                              const PlanarPriorOptions& options);
+                                              const PlanarPriorOptions& options) override;
 
   /// Queues the upload of the triangles.
   void Upload(const PriorMesh& mesh);

@@ -4,10 +4,12 @@
 
 #include <cstddef>
 
-#include "cuda_check.h"
 #include "multiprocessor_share.h"
 
 namespace acmp {
+
+/// Throws ProcessingError "what: CUDA's own text" unless `status` is cudaSuccess.
+void CudaCheck(cudaError_t status, const char* what);
 
 /// Owns a non-blocking stream. Nothing of ours runs on the default stream.
 class CudaStream {

@@ -44,7 +44,7 @@ EstimateState EstimateCopies::DownloadState(const EngineEstimatePtr& estimate) {
   });
 }
 
-EngineEstimatePtr EstimateCopies::UploadState(const EstimateState& state, const PinholeCamera& camera) {
+EngineEstimatePtr EstimateCopies::UploadState(EstimateState state, const PinholeCamera& camera) {
   CheckUpload(state, camera);
   return queue_.OnDevice([&] {
     auto estimate = std::make_shared<CudaEstimate>(queue_.device(), camera);

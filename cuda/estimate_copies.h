@@ -6,18 +6,18 @@
 
 namespace acmp {
 
-/// The way of estimates to the host, back, and from one GPU to another; see EstimateTransfer.
-class EstimateCopies {
+/// The way of estimates to the host, back, and from one GPU to another.
+class EstimateCopies : public virtual EstimateTransfer {
  public:
   /// @param queue outlives this
   explicit EstimateCopies(DeviceQueue* queue) : queue_(*queue) {}
 
-  EstimateMaps Download(const EngineEstimatePtr& estimate);
-  DepthMap DownloadDepth(const EngineEstimatePtr& estimate);
-  EstimateState DownloadState(const EngineEstimatePtr& estimate);
-  EngineEstimatePtr UploadState(const EstimateState& state, const PinholeCamera& camera);
-  EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera);
-  EngineEstimatePtr Import(const EngineEstimatePtr& estimate);
+  EstimateMaps Download(const EngineEstimatePtr& estimate) override;
+  DepthMap DownloadDepth(const EngineEstimatePtr& estimate) override;
+  EstimateState DownloadState(const EngineEstimatePtr& estimate) override;
+  EngineEstimatePtr UploadState(EstimateState state, const PinholeCamera& camera) override;
+  EngineEstimatePtr UploadMaps(const EstimateMapViews& maps, const PinholeCamera& camera) override;
+  EngineEstimatePtr Import(const EngineEstimatePtr& estimate) override;
 
  private:
   DeviceQueue& queue_;

@@ -1,12 +1,11 @@
 #include "fill_kernels.h"
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/fill/kernel/fill_grid.h"
 #include "acmp_mapping/fill/kernel/fill_pixel.h"
 #include "acmp_mapping/fill/kernel/fit_seed.h"
 #include "acmp_mapping/fill/kernel/free_space.h"
-#include "acmp_mapping/fill/kernel/nearest_seed.h"
-#include "acmp_mapping/fill/kernel/view_support.h"
-#include "cuda_check.h"
+#include "cuda_resources.h"
 #include "warp_group.h"
 
 namespace acmp {

@@ -21,14 +21,18 @@ struct PixelRange {
 };
 
 /// Where the points of a range's accepted pixels go, in the order of the pixels; all device memory as cudaMalloc gives
-/// it.
+/// it, with room for one element per pixel where nothing else is said.
 struct PointOutput {
-  SurfacePoint* points;  ///< room for one per pixel; null: points are not wanted
-  unsigned* count;       ///< set to the number of points
-  void* scratch;         ///< PointScratchBytes; its contents matter during a launch only
+  SurfacePoint* of_pixels;  ///< what each pixel would be, for the launch alone; null: points are not wanted
+  unsigned char* accepted;  ///< 1 where it is a point, else 0; for the launch alone
+  SurfacePoint* points;
+  unsigned* count;  ///< a single one, set to the number of points
+  void* scratch;    ///< PointScratchBytes
+  size_t scratch_bytes;
 };
 
-size_t PointScratchBytes(const PixelRange& range);
+/// Bytes of scratch memory to gather the points of so many pixels.
+size_t PointScratchBytes(size_t pixels);
 
 /// Queues LogOdds of all pixels of the reference into `log_odds`, device memory. Throws InvalidInputError for
 /// more than kMaxCudaFusionSources sources.

@@ -5,7 +5,7 @@
 
 #include "acmp_mapping/patch_match/kernel/initialize_pixel.h"
 #include "acmp_mapping/patch_match/kernel/update_pixel.h"
-#include "cuda_check.h"
+#include "cuda_resources.h"
 #include "patch_match_kernels.h"
 #include "warp_group.h"
 

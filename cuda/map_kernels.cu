@@ -1,8 +1,8 @@
 #include "map_kernels.h"
 
-#include "acmp_mapping/patch_match/kernel/halved_depth.h"
-#include "acmp_mapping/patch_match/kernel/upsample.h"
-#include "cuda_check.h"
+#include "acmp_mapping/patch_match/kernel/geometric_cost.h"
+#include "acmp_mapping/patch_match/kernel/restore_detail.h"
+#include "cuda_resources.h"
 #include "warp_group.h"
 
 namespace acmp {
@@ -93,6 +93,19 @@ __global__ void RasterizePriorKernel(PriorTriangles triangles, RayGrid rays, flo
   }
 }
 
+/// With scale 2 the position is the corner that four pixels share: the filter gives their mean.
+__global__ void FillLayerKernel(cudaTextureObject_t source, int source_layer, float scale,
+                                cudaSurfaceObject_t destination, LayerImage image, int layer_width, int layer_height) {
+  const int col = static_cast<int>(blockIdx.x * kBlockWidth + threadIdx.x);
+  const int row = static_cast<int>(blockIdx.y * kBlockHeight + threadIdx.y);
+  if (col >= layer_width || row >= layer_height) return;
+  const float x = scale * (static_cast<float>(min(col, image.width - 1)) + 0.5f);
+  const float y = scale * (static_cast<float>(min(row, image.height - 1)) + 0.5f);
+  const float value = tex2DLayered<float>(source, x, y, source_layer);
+  const auto texel = static_cast<unsigned short>(__float2uint_rn(65535.0f * __saturatef(value)));
+  surf2DLayeredwrite(texel, destination, col * static_cast<int>(sizeof(texel)), row, image.layer);
+}
+
 }  // namespace
 
 void LaunchToDepth(const ImageView<const PlaneHypothesis>& planes, const RayGrid& rays, float* depth,
@@ -136,6 +149,15 @@ void LaunchRasterizePrior(const PriorTriangles& triangles, const RayGrid& rays, 
   const int blocks = (triangles.count + kWarpsPerBlock - 1) / kWarpsPerBlock;
   RasterizePriorKernel<<<blocks, kWarpsPerBlock * kWarp, 0, stream>>>(triangles, rays, depth_min, depth_max, numbers);
   CudaCheck(cudaGetLastError(), "launch planar prior");
+}
+
+void LaunchFillLayer(cudaTextureObject_t source, int source_layer, float scale, cudaSurfaceObject_t destination,
+                     const LayerImage& image, int layer_width, int layer_height, cudaStream_t stream) {
+  const dim3 block(kBlockWidth, kBlockHeight);
+  const dim3 grid((layer_width + kBlockWidth - 1) / kBlockWidth, (layer_height + kBlockHeight - 1) / kBlockHeight);
+  FillLayerKernel<<<grid, block, 0, stream>>>(source, source_layer, scale, destination, image, layer_width,
+                                              layer_height);
+  CudaCheck(cudaGetLastError(), "launch texture fill");
 }
 
 }  // namespace acmp

@@ -3,8 +3,7 @@
 #include <cuda_runtime_api.h>
 
 #include "acmp_mapping/image/image.h"
-#include "acmp_mapping/planar_prior/kernel/raster_triangle.h"
-#include "acmp_mapping/planar_prior/kernel/support_cell.h"
+#include "acmp_mapping/planar_prior/kernel/planar_prior.h"
 
 namespace acmp {
 
@@ -49,5 +48,15 @@ struct PriorTriangles {
 /// zero.
 void LaunchRasterizePrior(const PriorTriangles& triangles, const RayGrid& rays, float depth_min, float depth_max,
                           const ImageView<uint32_t>& numbers, cudaStream_t stream);
+
+/// A layer of a texture or surface with the size of the image in it, px.
+struct LayerImage {
+  int layer, width, height;
+};
+
+/// Queues the filling of a whole layer, `layer_width` x `layer_height` px of 16 bits, from a layer of a texture:
+/// `scale` = 1 copies, 2 takes the means of 2 x 2 pixels. Beyond the image its last column and row go on.
+void LaunchFillLayer(cudaTextureObject_t source, int source_layer, float scale, cudaSurfaceObject_t destination,
+                     const LayerImage& image, int layer_width, int layer_height, cudaStream_t stream);
 
 }  // namespace acmp

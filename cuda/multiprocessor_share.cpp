@@ -1,7 +1,7 @@
 #include "multiprocessor_share.h"
 
 #include "acmp_mapping/common/error.h"
-#include "cuda_check.h"
+#include "cuda_resources.h"
 #if CUDART_VERSION >= 12050
 #include <cudaTypedefs.h>
 #endif

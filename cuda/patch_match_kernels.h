@@ -3,6 +3,7 @@
 #include <cuda_runtime_api.h>
 
 #include "acmp_mapping/patch_match/kernel/match_context.h"
+#include "acmp_mapping/patch_match/kernel/photometric_cost.h"
 #include "acmp_mapping/patch_match/kernel/restore_detail.h"
 #include "texture_pool.h"
 
@@ -12,6 +13,7 @@ namespace acmp {
 /// interpolation by up to 1/512 of the step between neighbouring pixels, and texels are rounded to 1/257 of a grey
 /// level.
 struct TextureSampler {
+  using Cost = Ncc;
   cudaTextureObject_t images;
   int reference;                ///< layer of the reference
   int layers[kMaxSourceViews];  ///< of each source view

@@ -6,7 +6,7 @@
 #include <cstdint>
 
 #include "acmp_mapping/common/error.h"
-#include "texture_fill.h"
+#include "map_kernels.h"
 
 namespace acmp {
 namespace {

@@ -11,11 +11,10 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/fill/fill.h"
-#include "acmp_mapping/fill/free_space_check.h"
 #include "acmp_mapping/fusion/fusion_setup.h"
 #include "acmp_mapping/image/cells.h"
 #include "acmp_mapping/patch_match/host_passes.h"
-#include "acmp_mapping/patch_match/kernel/upsample.h"
+#include "acmp_mapping/patch_match/kernel/restore_detail.h"
 
 namespace acmp {
 namespace {

@@ -1,18 +1,34 @@
 #include "acmp_mapping/fill/fill.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/fill/kernel/fill_grid.h"
 #include "acmp_mapping/fill/kernel/fill_pixel.h"
 #include "acmp_mapping/fill/kernel/fit_seed.h"
-#include "acmp_mapping/fill/kernel/view_support.h"
 #include "acmp_mapping/fill/kernel/weighted_median.h"
-#include "for_each_cell.h"
 
 namespace acmp {
 namespace {
 
 using HostMaps = FusionMaps<Vec3f>;
+
+/// Calls function(col, row) for all pixels or cells, rows in parallel.
+template <class Function>
+void ForEach(int width, int height, const Function& function) {
+  tbb::parallel_for(0, height, [&](int row) {
+    for (int col = 0; col < width; ++col) function(col, row);
+  });
+}
+
+/// FindNearestSeed for all cells and directions.
+void FindAllNearestSeeds(const FillContext& context) {
+  ForEach(context.nearest.width, context.nearest.height, [&](int col, int row) {
+    for (int direction = 0; direction < kNumDirections; ++direction) FindNearestSeed(context, col, row, direction);
+  });
+}
 
 Image<ViewSupport> CountAllSupportingViews(const FusionSetup<HostMaps>& setup) {
   const FusionContext<HostMaps> context = setup.Context(setup.sources().data());
@@ -44,6 +60,12 @@ void FilterByMedian(const FusionSetup<HostMaps>& setup, const FillContext& fille
   });
   ForEach(width, height, [&](int col, int row) { WeightedMedianPixel(median, col, row); });
   ForEach(width, height, [&](int col, int row) { planes(col, row) = filtered(col, row); });
+}
+
+void CheckSizeIs(const char* name, int width, int height, int expected_width, int expected_height) {
+  if (width == expected_width && height == expected_height) return;
+  throw InvalidInputError(
+      Concat(name, " is ", width, " x ", height, ": must be ", expected_width, " x ", expected_height));
 }
 
 }  // namespace
@@ -108,6 +130,32 @@ void FillUnverified(const FusionView& reference, const std::vector<FusionView>& 
   FindAllNearestSeeds(context);
   ForEach(planes.width, planes.height, [&](int col, int row) { FillPixel(context, col, row); });
   if (options.weighted_median) FilterByMedian(setup, context, &support);
+}
+
+FillContext MakeTexturedContext(const PinholeCamera& camera, const ImageView<PlaneHypothesis>& planes,
+                                const ImageView<float>& cost) {
+  FillContext context = {};
+  context.rays = MakeRayGrid(camera);
+  context.cell_size = EvidenceCellSize(camera.width, camera.height);
+  context.planes = planes;
+  context.cost = cost;
+  return context;
+}
+
+void RemoveUnsupported(const PinholeCamera& camera, const ImageView<const float>& evidence,
+                       const ImageView<PlaneHypothesis>& planes, const ImageView<float>& cost) {
+  FillContext context = MakeTexturedContext(camera, planes, cost);
+  const int cell_cols = CellsOf(camera.width, context.cell_size), cell_rows = CellsOf(camera.height, context.cell_size);
+  CheckSizeIs("planes", planes.width, planes.height, camera.width, camera.height);
+  CheckSizeIs("cost", cost.width, cost.height, camera.width, camera.height);
+  CheckSizeIs("evidence", evidence.width, evidence.height, cell_cols, cell_rows);
+  Image<SeedCell> textured(cell_cols, cell_rows);
+  Image<NearestSeeds> nearest(cell_cols, cell_rows);
+  context.fitted = textured.View();
+  context.nearest = nearest.View();
+  ForEach(cell_cols, cell_rows, [&](int col, int row) { FindTexturedSeed(context, evidence, col, row); });
+  FindAllNearestSeeds(context);
+  ForEach(camera.width, camera.height, [&](int col, int row) { RemoveUnsupportedPixel(context, col, row); });
 }
 
 }  // namespace acmp

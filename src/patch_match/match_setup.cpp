@@ -7,6 +7,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/geometry/vector_conversion.h"
+#include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 
 namespace acmp {
 namespace {

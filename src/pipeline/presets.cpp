@@ -35,9 +35,11 @@ PipelineOptions MakePapers(Method method) {
   return options;
 }
 
+/// The paper's, which has no geometric consistency; the authors' program adds one geometric pass.
 PipelineOptions MakeAcmh() {
   PipelineOptions options = MakePapers(Method::kAcmh);
   options.use_planar_prior = false;
+  options.geometric_passes = 0;
   return options;
 }
 
@@ -58,6 +60,7 @@ PipelineOptions MakeAcmpNoGeometric() {
 /// Three scales. Geometric consistency guides each, from the coarsest on, where windows see low-textured surfaces.
 PipelineOptions MakeAcmm() {
   PipelineOptions options = MakeAcmh();
+  options.geometric_passes = 2;
   options.multi_scale = true;
   options.start_level = 2;
   return options;

@@ -3,12 +3,13 @@
 #include <tbb/parallel_for.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
 #include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
-#include "check_triangles.h"
+#include "acmp_mapping/planar_prior/kernel/planar_prior.h"
 
 namespace acmp {
 namespace {
@@ -44,7 +45,72 @@ void CheckDepths(const std::vector<SupportPoint>& points) {
   }
 }
 
+/// Keeps every edge function below 2^63: differences < 2^29, products with pixels < 2^60, three of them summed.
+constexpr int kMaxCoordinate = 1 << 28;
+constexpr int kBandRows = 32;  ///< that one task fills
+
+TriangleCorners CornersOf(const std::vector<SupportPoint>& points, const SupportTriangle& triangle) {
+  TriangleCorners corners;
+  for (int i = 0; i < 3; ++i) {
+    corners.col[i] = points[triangle.vertex[i]].col;
+    corners.row[i] = points[triangle.vertex[i]].row;
+  }
+  return corners;
+}
+
+/// Throws InvalidInputError for vertices that are no support points, or lie more than 2^28 px away.
+void CheckTriangles(const std::vector<SupportPoint>& points, const std::vector<SupportTriangle>& triangles) {
+  const int count = static_cast<int>(points.size());
+  for (size_t i = 0; i < triangles.size(); ++i) {
+    for (int vertex : triangles[i].vertex) {
+      if (vertex < 0 || vertex >= count) {
+        throw InvalidInputError(
+            Concat("triangle ", i, " has vertex ", vertex, ": must be in [0, ", count - 1, "], the support points"));
+      }
+      CheckRange("column of a support point", points[vertex].col, -kMaxCoordinate, kMaxCoordinate);
+      CheckRange("row of a support point", points[vertex].row, -kMaxCoordinate, kMaxCoordinate);
+    }
+  }
+}
+
 }  // namespace
+
+void Validate(const PlanarPriorOptions& options) {
+  CheckRange("planar_prior.cell_size_px", options.cell_size_px, 1, 64);
+  if (!(options.max_support_cost > 0 && options.max_support_cost <= 2)) {
+    throw InvalidInputError(
+        Concat("planar_prior.max_support_cost = ", options.max_support_cost, ": must be in (0, 2]"));
+  }
+  if (!(options.max_grazing_angle_deg > 0 && options.max_grazing_angle_deg < 90)) {
+    throw InvalidInputError(
+        Concat("planar_prior.max_grazing_angle_deg = ", options.max_grazing_angle_deg, ": must be in (0, 90)"));
+  }
+}
+
+std::vector<SupportPoint> FindSupportPoints(ImageView<const float> depth, ImageView<const float> cost,
+                                            const DepthRange& range, const PlanarPriorOptions& options) {
+  Validate(options);
+  CheckDepthRange("depth range of the support points", range);
+  if (depth.width != cost.width || depth.height != cost.height) {
+    throw InvalidInputError(Concat("cost map is ", cost.width, " x ", cost.height, " but depth map is ", depth.width,
+                                   " x ", depth.height, ": sizes must be equal"));
+  }
+  const int size = options.cell_size_px;
+  const int cell_rows = (depth.height + size - 1) / size;
+  const int cell_cols = (depth.width + size - 1) / size;
+  std::vector<std::vector<SupportPoint>> points_of_row(cell_rows);
+  tbb::parallel_for(0, cell_rows, [&](int cell_row) {
+    for (int cell_col = 0; cell_col < cell_cols; ++cell_col) {
+      const SupportPoint best =
+          FindSupportPointOfCell(depth, cost, range.min, range.max, options.max_support_cost, size, cell_col, cell_row);
+      if (best.depth > 0) points_of_row[cell_row].push_back(best);
+    }
+  });
+
+  std::vector<SupportPoint> points;
+  for (const auto& row : points_of_row) points.insert(points.end(), row.begin(), row.end());
+  return points;
+}
 
 PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> points,
                         const PlanarPriorOptions& options) {
@@ -67,6 +133,30 @@ PriorMesh MakePriorMesh(const PinholeCamera& camera, std::vector<SupportPoint> p
   mesh.points = std::move(points);
   mesh.triangles = std::move(triangles);
   return mesh;
+}
+
+Image<int> RasterizeTriangles(int width, int height, const std::vector<SupportPoint>& points,
+                              const std::vector<SupportTriangle>& triangles) {
+  CheckRange("width of the raster", width, 0, kMaxCoordinate);
+  CheckRange("height of the raster", height, 0, kMaxCoordinate);
+  CheckTriangles(points, triangles);
+  Image<int> ids(width, height, -1);
+  if (ids.empty()) return ids;
+  // Each task owns its rows and fills them in triangle order: the result is the same for any number of threads.
+  tbb::parallel_for(0, (height + kBandRows - 1) / kBandRows, [&](int band) {
+    const int band_begin = band * kBandRows, band_end = std::min(band_begin + kBandRows, height);
+    for (size_t i = 0; i < triangles.size(); ++i) {
+      const TriangleCorners corners = CornersOf(points, triangles[i]);
+      const auto [low, high] = std::minmax({corners.row[0], corners.row[1], corners.row[2]});
+      if (high < band_begin || low >= band_end) continue;
+      const RasterTriangle triangle = MakeRasterTriangle(corners);
+      for (int row = std::max(band_begin, low); row < std::min(band_end, high + 1); ++row) {
+        const ColumnSpan span = SpanOfRow(triangle, row, width);
+        for (int col = span.first; col <= span.last; ++col) ids(col, row) = static_cast<int>(i);
+      }
+    }
+  });
+  return ids;
 }
 
 PlaneMap RasterizePrior(const PinholeCamera& camera, const PriorMesh& mesh, const DepthRange& range) {

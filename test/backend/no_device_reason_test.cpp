@@ -1,4 +1,4 @@
-#include "no_device_reason.h"
+#include "cuda_device.h"
 
 #include <sys/stat.h>
 #include <unistd.h>

@@ -8,7 +8,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/patch_match/host_passes.h"
-#include "acmp_mapping/patch_match/kernel/upsample.h"
+#include "acmp_mapping/patch_match/kernel/restore_detail.h"
 #include "support/engine_scene.h"
 #include "support/pass_result.h"
 
@@ -108,27 +108,6 @@ TEST_F(HostDepthEngineTest, LevelsAreMeansOfTwoByTwoPixels) {
   }
 }
 
-TEST_F(HostDepthEngineTest, LevelsThatAreNotThereAreRefused) {
-  for (const int bad : {-1, kMaxLevels + 1}) {
-    const std::string level = Concat(" = ", bad);
-    EXPECT_THAT(ErrorOf([&] { engine_.Load(reference_, bad); }), HasSubstr("levels" + level));
-    EXPECT_THAT(ErrorOf([&] { engine_.RunPhotometric(Problem(2), {}, bad); }), HasSubstr("level" + level));
-    EXPECT_THAT(ErrorOf([&] { engine_.Upsample(EstimateOf(reference_, {}, 0), reference_, bad); }),
-                HasSubstr("level" + level));
-  }
-  EXPECT_THAT(ErrorOf([&] { engine_.RunPhotometric(Problem(1), {}, 2); }), HasSubstr("loaded with 1"));
-  EngineProblem shallow_source = Problem(2);
-  shallow_source.sources[0].image = engine_.Load(source_, 0);
-  EXPECT_THAT(ErrorOf([&] { engine_.RunPhotometric(shallow_source, {}, 1); }), HasSubstr("loaded with 0"));
-}
-
-TEST_F(HostDepthEngineTest, ImagesThatAreTooSmallToBeHalvedAreRefused) {
-  const FramePtr flat = RandomFrame(2, 12, 3);  // 12 x 3, 6 x 1, 3 x 0
-  const EngineProblem problem = {View(flat, 1), {View(source_, 1)}, kRange};
-  EXPECT_NO_THROW(engine_.RunPhotometric(problem, {}, 1));
-  EXPECT_THAT(ErrorOf([&] { engine_.Load(flat, 2); }), HasSubstr("3 x 0"));
-}
-
 TEST_F(HostDepthEngineTest, UpsampledPixelsAreThoseThatCoverThem) {
   for (const int level : {0, 1, 2}) {
     const EngineEstimatePtr halved = Varying(level);
@@ -171,38 +150,6 @@ TEST_F(HostDepthEngineTest, UpsampledPlanesStayInFrontOfTheCamera) {
   // One that keeps its depth within a factor of two is taken as it is.
   const PlaneHypothesis slanted = PlaneThrough(Normalized(Vec3f{0.6f, 0, -0.8f}), covering_ray, 3);
   EXPECT_EQ(UpsamplePlane(slanted, covering_ray, ray).nx, slanted.nx);
-}
-
-TEST_F(HostDepthEngineTest, UpsamplingAnotherSizeIsRefused) {
-  const EngineEstimatePtr halved = Varying(1);
-  EXPECT_THAT(ErrorOf([&] { engine_.Upsample(halved, reference_, 2); }), HasSubstr("7 x 5"));
-  EXPECT_THAT(ErrorOf([&] { engine_.Upsample(halved, source_, 1); }), HasSubstr("7 x 5"));
-  EXPECT_THROW(engine_.Upsample(halved, nullptr, 1), InvalidInputError);
-}
-
-TEST_F(HostDepthEngineTest, StateGoesThereAndBack) {
-  const EngineEstimatePtr estimate = Varying();
-  const EngineEstimatePtr again = engine_.UploadState(engine_.DownloadState(estimate), reference_->camera);
-  EXPECT_TRUE(SameBits(engine_.DownloadState(estimate), engine_.DownloadState(again)));
-  const EstimateMaps before = engine_.Download(estimate), after = engine_.Download(again);
-  EXPECT_TRUE(SamePixels(before.depth, after.depth));
-  EXPECT_TRUE(SamePixels(before.normal, after.normal));
-  EXPECT_TRUE(SamePixels(before.cost, after.cost));
-  EXPECT_FLOAT_EQ(before.depth(3, 4), PlaneAt(3, 4).d);
-  EXPECT_EQ(before.normal(3, 4).z, -1);
-  EXPECT_EQ(before.cost(3, 4), CostAt(3, 4));
-}
-
-TEST_F(HostDepthEngineTest, StateOfAnotherSizeIsRefused) {
-  const PinholeCamera& camera = reference_->camera;
-  EXPECT_THAT(ErrorOf([&] {
-                engine_.UploadState({PlaneMap(15, 10), CostMap(15, 11)}, camera);
-              }),
-              HasSubstr("plane map: 15 x 10"));
-  EXPECT_THAT(ErrorOf([&] {
-                engine_.UploadState({PlaneMap(15, 11), CostMap(14, 11)}, camera);
-              }),
-              HasSubstr("cost map: 14 x 11"));
 }
 
 TEST_F(HostDepthEngineTest, PassesReadTheStartThePriorAndTheSourcesDepths) {
@@ -305,19 +252,6 @@ TEST_F(HostDepthEngineTest, NullAndForeignEstimatesAreRefused) {
   EXPECT_THROW(engine_.FilterByConsistency(reference, foreign_source.sources, {}), InvalidInputError);
   EXPECT_THROW(engine_.FilterByConsistency({nullptr, nullptr, start}, {}, {}), InvalidInputError);
   EXPECT_NO_THROW(engine_.RunGeometric(Problem(), {}, start, 0)) << "the engine can be used again";
-}
-
-TEST_F(HostDepthEngineTest, SharedEnginesReadEachOthersHandles) {
-  const std::vector<PlanarView> rendered = RenderPlanarScene(WorldPlane::Slanted(10, 15, 4), 40, 30, 3);
-  HostDepthEngine engine;
-  const std::unique_ptr<DepthEngine> shared = engine.Share();
-  const std::vector<EngineView> views = LoadViews(rendered, &engine, 1), others = LoadViews(rendered, shared.get(), 1);
-  const EngineProblem problem = {views[0], {others[1], views[2]}, {2, 8}};
-  const EngineEstimatePtr start = engine.Upsample(engine.RunPhotometric(problem, {}, 1), views[0].frame, 1);
-  const EngineEstimatePtr one = engine.RunGeometric(problem, {}, start, 0);
-  const EngineEstimatePtr other = shared->RunGeometric(problem, {}, start, 0);
-  EXPECT_TRUE(SameBits(engine.DownloadState(other), shared->DownloadState(one)));
-  ExpectValid(engine.DownloadState(other), rendered[0].camera, problem.depth_range, 2.6f);
 }
 
 }  // namespace

@@ -1,29 +1,61 @@
-#include <algorithm>
+#include <utility>
 
-#include "fill/fill_kernel_fixture.h"
+#include "gtest/gtest.h"
+
+#include "acmp_mapping/fill/kernel/fill_pixel.h"
+#include "acmp_mapping/fill/kernel/fit_seed.h"
 
 namespace acmp {
 namespace {
 
-TEST_F(FillKernelTest, InversePlaneIsInverseDepthAlongRays) {
-  const PlaneHypothesis plane = PlaneThrough(Normalized(Vec3f{0.3f, -0.2f, -1}), Ray(7, 9), 4);
-  EXPECT_NEAR(Dot(InversePlane(plane), Ray(30, 2)), 1 / DepthAt(plane, 30, 2), 1e-6);
-  const PlaneHypothesis back = PlaneOfInverse(InversePlane(plane));
-  EXPECT_NEAR(back.nx, plane.nx, 1e-6);
-  EXPECT_NEAR(back.ny, plane.ny, 1e-6);
-  EXPECT_NEAR(back.nz, plane.nz, 1e-6);
-  EXPECT_NEAR(back.d, plane.d, 1e-5);
-  EXPECT_EQ(PlaneOfInverse({0, 0, 0}).d, 0) << "a plane at infinity is none";
-}
+/// Maps and seeds of an image in cells of 4 px.
+class FillKernelTest : public ::testing::Test {
+ protected:
+  static constexpr int kWidth = 40, kHeight = 30, kCell = 4;
 
-TEST_F(FillKernelTest, CellsCoverTheImageAndGrowWithIt) {
-  EXPECT_EQ(FillCellSize(640, 480), 6);
-  EXPECT_EQ(FillCellSize(480, 640), 6);
-  EXPECT_EQ(FillCellSize(3072, 2048), 28);
-  EXPECT_EQ(FillCellSize(20, 15), 1);
-  EXPECT_EQ(CellsOf(640, 4), 160);
-  EXPECT_EQ(CellsOf(641, 4), 161);
-}
+  FillKernelTest() {
+    context_.rays = {1 / 50.0f, 1 / 52.0f, 19.5f, 14.5f};
+    context_.depth_min = 1;
+    context_.depth_max = 20;
+    context_.seed_views = 2;
+    context_.min_views = 2;
+    context_.cell_size = kCell;
+    context_.support = support_.View();
+    context_.planes = planes_.View();
+    context_.cost = cost_.View();
+    context_.seeds = seeds_.View();
+    context_.fitted = fitted_.View();
+    context_.nearest = nearest_.View();
+  }
+
+  Vec3f Ray(int col, int row) const { return context_.rays.Ray(static_cast<float>(col), static_cast<float>(row)); }
+  float DepthAt(const PlaneHypothesis& plane, int col, int row) const { return PlaneDepth(plane, Ray(col, row)); }
+
+  void FindAll() {
+    for (int row = 0; row < seeds_.height(); ++row) {
+      for (int col = 0; col < seeds_.width(); ++col) FindSeed(context_, col, row, SingleThread());
+    }
+  }
+  void FitAll() {
+    for (int row = 0; row < seeds_.height(); ++row) {
+      for (int col = 0; col < seeds_.width(); ++col) FitSeed(context_, col, row, SingleThread());
+    }
+  }
+  void FindAllNearest() {
+    for (int row = 0; row < nearest_.height(); ++row) {
+      for (int col = 0; col < nearest_.width(); ++col) {
+        for (int i = 0; i < kNumDirections; ++i) FindNearestSeed(context_, col, row, i);
+      }
+    }
+  }
+
+  Image<ViewSupport> support_{kWidth, kHeight};
+  PlaneMap planes_{kWidth, kHeight};
+  CostMap cost_{kWidth, kHeight};
+  Image<SeedCell> seeds_{CellsOf(kWidth, kCell), CellsOf(kHeight, kCell)}, fitted_{seeds_.width(), seeds_.height()};
+  Image<NearestSeeds> nearest_{seeds_.width(), seeds_.height()};
+  FillContext context_ = {};
+};
 
 TEST_F(FillKernelTest, SeedIsTheMostConfirmedPixelOfTheCell) {
   for (PlaneHypothesis& plane : planes_) plane = {0, 0, -1, 5};
@@ -47,23 +79,6 @@ TEST_F(FillKernelTest, SeedIsTheMostConfirmedPixelOfTheCell) {
   EXPECT_EQ(seeds_(9, 7).row, 29);
 }
 
-TEST(ViewSupportTest, AreCountedUpToWhatTheirBitsHold) {
-  for (const bool is_loosely_consistent : {false, true}) {
-    for (const int confirming : {0, 1, 30, 31, 32, 500}) {
-      for (const int closely : {0, 1, 31, 32, 500}) {
-        for (const int free_space_violations : {0, 1, 3, 4, 500}) {
-          const ViewSupport support =
-              PackViewSupport(confirming, closely, is_loosely_consistent, free_space_violations);
-          EXPECT_EQ(ConsistentViews(support), std::min(confirming, 31));
-          EXPECT_EQ(StrictlyConsistentViews(support), std::min(closely, 31));
-          EXPECT_EQ(IsLooselyConsistent(support), is_loosely_consistent);
-          EXPECT_EQ(FreeSpaceViolations(support), std::min(free_space_violations, 3));
-        }
-      }
-    }
-  }
-}
-
 TEST_F(FillKernelTest, FitFindsThePlaneOfTheSurroundingsDespiteABadNormalAndOutliers) {
   const PlaneHypothesis wall = PlaneThrough(Normalized(Vec3f{0.5f, 0.1f, -1}), Ray(20, 15), 4);
   const PlaneHypothesis front = {0, 0, -1, 2.5f};
@@ -85,13 +100,184 @@ TEST_F(FillKernelTest, FitFindsThePlaneOfTheSurroundingsDespiteABadNormalAndOutl
   EXPECT_EQ(fitted_(3, 3).col, seeds_(3, 3).col);
 }
 
-TEST_F(FillKernelTest, AnSeedAloneKeepsThePlaneOfItsPixel) {
-  planes_(18, 14) = PlaneThrough(Normalized(Vec3f{0.2f, 0, -1}), Ray(18, 14), 3);
-  support_(18, 14) = 2;
+TEST_F(FillKernelTest, AStrongSeedGoesBeforeANearerOneUpToEightTimesAsFarAndTwoCells) {
+  const auto cell = [&](int col, int row) { return row * fitted_.width() + col; };
+  const auto set = [&](int col, int row, bool is_strong) {
+    fitted_(col, row).views = 3;
+    fitted_(col, row).is_strong = is_strong;
+  };
+  // To the right of (0, row): a seed and a strong one.
+  set(0, 0, false), set(2, 0, true);
+  set(0, 1, false), set(3, 1, true);
+  set(1, 2, false), set(2, 2, false), set(9, 2, true);
+  set(1, 3, true), set(2, 3, true);
+  set(4, 4, false);
+  context_.strong_views = 4;
+  FindAllNearest();
+  EXPECT_EQ(nearest_(0, 0).cell[0], cell(2, 0));
+  EXPECT_EQ(nearest_(0, 1).cell[0], cell(0, 1)) << "three steps instead of none";
+  EXPECT_EQ(nearest_(0, 2).cell[0], cell(9, 2)) << "nine steps instead of one";
+  EXPECT_EQ(nearest_(0, 3).cell[0], cell(1, 3)) << "the first of the sure ones";
+  EXPECT_EQ(nearest_(0, 4).cell[0], cell(4, 4)) << "there is no other";
+  EXPECT_EQ(nearest_(0, 5).cell[0], -1);
+  context_.strong_views = 0;
+  FindAllNearest();
+  for (const auto& [row, col] : {std::pair(0, 0), {1, 0}, {2, 1}, {3, 1}, {4, 4}}) {
+    EXPECT_EQ(nearest_(0, row).cell[0], cell(col, row)) << "the first one";
+  }
+}
+
+TEST_F(FillKernelTest, WhatEnoughViewsConfirmCloselyIsTheSeedOfItsCell) {
+  for (PlaneHypothesis& plane : planes_) plane = {0, 0, -1, 5};
+  support_(8, 4) = PackViewSupport(9, 2, true, 0);
+  support_(9, 4) = PackViewSupport(3, 3, true, 0);
+  support_(16, 4) = PackViewSupport(4, 2, true, 0);
+  context_.strong_views = 3;
+  FindAll();
+  EXPECT_TRUE(seeds_(2, 1).is_strong);
+  EXPECT_EQ(seeds_(2, 1).col, 9) << "before one with nine views";
+  EXPECT_EQ(seeds_(2, 1).views, 3);
+  EXPECT_FALSE(seeds_(4, 1).is_strong);
+  EXPECT_EQ(seeds_(4, 1).views, 4);
+  FitAll();
+  EXPECT_TRUE(fitted_(2, 1).is_strong);
+  EXPECT_FALSE(fitted_(4, 1).is_strong);
+  context_.strong_views = 0;
+  FindAll();
+  EXPECT_FALSE(seeds_(2, 1).is_strong);
+  EXPECT_EQ(seeds_(2, 1).views, 9);
+}
+
+/// Fronto-parallel seeds at some distance from the pixel (0, 0), in the directions that a test names.
+class ExtendedPlanesTest : public FillKernelTest {
+ protected:
+  ExtendedPlanesTest() {
+    for (int& cell : nearest_(0, 0).cell) cell = -1;
+  }
+  void SetSeed(int direction, int cell, int distance_cells, float inverse_depth) {
+    nearest_(0, 0).cell[direction] = cell;
+    // Of a right triangle with sides 3, 4 and 5.
+    const int px = distance_cells * kCell;
+    fitted_.data()[cell] = {2, 3 * px / 5, 4 * px / 5, inverse_depth, {0, 0, inverse_depth}};
+  }
+  ExtendedPlanes Find() {
+    ExtendedPlanes planes;
+    FindExtendedPlanes(context_, nearest_(0, 0), 0, 0, &planes);
+    return planes;
+  }
+};
+
+TEST_F(ExtendedPlanesTest, AlternativesTakeTurnsByBlocks) {
+  SetSeed(0, 11, 5, 0.3f), SetSeed(4, 12, 5, 0.1f), SetSeed(8, 13, 5, 0.2f);
+  context_.near_and_far = false;
+  EXPECT_EQ(DepthQuantile(context_, 0, 0), 0.5f);
+  EXPECT_EQ(DepthQuantile(context_, 2, 0), 0.5f);
+  context_.near_and_far = true;
+  for (int row = 0; row < 6; ++row) {
+    for (int col = 0; col < 6; ++col) {
+      const int direction = WeightedQuantile(Find(), DepthQuantile(context_, col, row));
+      EXPECT_EQ(direction, (col / 2 + row / 2) % 2 == 0 ? 8 : 4) << "the middle one or the farthest";
+    }
+  }
+}
+
+TEST_F(FillKernelTest, WhatTooFewViewsConfirmTakesThePlaneAroundAndACostThatSaysHowLittleIsKnown) {
+  const PlaneHypothesis wall = PlaneThrough({0, 0, -1}, Ray(20, 15), 5),
+                        wrong = PlaneThrough({0, 0, -1}, Ray(20, 15), 2);
+  for (int row = 0; row < kHeight; ++row) {
+    for (int col = 0; col < kWidth; ++col) {
+      planes_(col, row) = wall;
+      cost_(col, row) = 0.1f;
+      support_(col, row) = 4;
+    }
+  }
+  for (int views = 0; views <= 2; ++views) {
+    planes_(20 + views, 15) = wrong;
+    support_(20 + views, 15) = static_cast<ViewSupport>(views);
+  }
   FindAll();
   FitAll();
-  EXPECT_NEAR(DepthAt(PlaneOfInverse(fitted_(4, 3).inverse_plane), 30, 20), DepthAt(planes_(18, 14), 30, 20), 1e-5);
+  FindAllNearest();
+  for (int row = 0; row < kHeight; ++row) {
+    for (int col = 0; col < kWidth; ++col) FillPixel(context_, col, row);
+  }
+  // The fit is pulled to zero slope by a ten-thousandth.
+  for (const int views : {0, 1}) EXPECT_NEAR(DepthAt(planes_(20 + views, 15), 20 + views, 15), 5, 5e-3);
+  EXPECT_EQ(cost_(20, 15), kWorstCost);
+  EXPECT_EQ(cost_(21, 15), kUnverifiedCost);
+  EXPECT_EQ(planes_(22, 15).d, wrong.d);
+  EXPECT_EQ(cost_(22, 15), 0.1f);
+  EXPECT_EQ(planes_(10, 10).d, wall.d);
 }
+
+TEST_F(FillKernelTest, WhatAViewNearlyConfirmsTakesAPlaneNearItsOwnDepth) {
+  // A wall, a strip that nothing confirms, and a board before the wall, farther from the strip's left half.
+  const PlaneHypothesis wall = PlaneThrough({0, 0, -1}, Ray(20, 15), 5),
+                        board = PlaneThrough({0, 0, -1}, Ray(20, 15), 4);
+  for (int row = 0; row < kHeight; ++row) {
+    for (int col = 0; col < kWidth; ++col) {
+      planes_(col, row) = col < 28 ? wall : board;
+      cost_(col, row) = 0.1f;
+      support_(col, row) = col >= 16 && col < 28 ? 0 : 4;
+    }
+  }
+  const auto set = [&](int row, float depth, ViewSupport support) {
+    planes_(18, row) = PlaneThrough({0, 0, -1}, Ray(18, row), depth);
+    support_(18, row) = support;
+  };
+  set(10, 4.1f, 0);
+  set(12, 4.1f, PackViewSupport(0, 0, true, 0));
+  set(14, 4.1f, PackViewSupport(1, 0, true, 0));
+  set(16, 4.5f, PackViewSupport(0, 0, true, 0));  // near neither
+  FindAll();
+  FitAll();
+  FindAllNearest();
+  for (int row = 0; row < kHeight; ++row) {
+    for (int col = 0; col < kWidth; ++col) FillPixel(context_, col, row);
+  }
+  // The fit is pulled to zero slope by a ten-thousandth.
+  EXPECT_NEAR(DepthAt(planes_(18, 10), 18, 10), 5, 5e-3);
+  EXPECT_NEAR(DepthAt(planes_(18, 12), 18, 12), 4, 5e-3);
+  EXPECT_EQ(cost_(18, 12), kWorstCost);
+  EXPECT_NEAR(DepthAt(planes_(18, 14), 18, 14), 4, 5e-3);
+  EXPECT_EQ(cost_(18, 14), kUnverifiedCost);
+  EXPECT_FLOAT_EQ(DepthAt(planes_(18, 16), 18, 16), 4.5f);
+  EXPECT_EQ(cost_(18, 16), 0.1f);
+}
+
+TEST_F(FillKernelTest, WithTheStrongSeedsFirstAPixelNeedsViewsThatConfirmItClosely) {
+  const PlaneHypothesis wall = PlaneThrough({0, 0, -1}, Ray(20, 15), 5),
+                        own = PlaneThrough({0, 0, -1}, Ray(20, 15), 4.9f);
+  const auto complete = [&](int strong_views) {
+    for (int row = 0; row < kHeight; ++row) {
+      for (int col = 0; col < kWidth; ++col) {
+        planes_(col, row) = wall;
+        cost_(col, row) = 0.1f;
+        support_(col, row) = PackViewSupport(4, 4, true, 0);
+      }
+    }
+    for (int close = 0; close <= 2; ++close) {
+      planes_(20 + close, 15) = own;
+      support_(20 + close, 15) = PackViewSupport(3, close, true, 0);
+    }
+    context_.strong_views = strong_views;
+    FindAll();
+    FitAll();
+    FindAllNearest();
+    for (int col = 20; col <= 22; ++col) FillPixel(context_, col, 15);
+  };
+  complete(0);
+  for (int col = 20; col <= 22; ++col) EXPECT_EQ(cost_(col, 15), 0.1f) << "three views confirm it";
+  complete(3);
+  EXPECT_EQ(cost_(20, 15), kWorstCost);
+  EXPECT_EQ(cost_(21, 15), kUnverifiedCost);
+  EXPECT_EQ(cost_(22, 15), 0.1f);
+  // The fit is pulled to zero slope by a ten-thousandth.
+  EXPECT_NEAR(DepthAt(planes_(20, 15), 20, 15), 5, 5e-3);
+  EXPECT_EQ(planes_(22, 15).d, own.d);
+}
+
+constexpr int kThreads = 32;
 
 }  // namespace
 }  // namespace acmp

@@ -2,7 +2,6 @@
 // wall.
 
 #include <algorithm>
-#include <cmath>
 #include <memory>
 #include <utility>
 #include <vector>
@@ -121,12 +120,6 @@ TEST_P(FreeSpaceCheckOnEnginesTest, AgreesWithTheCpu) {
   }
   // Evidence that lies at the limit: of windows at the rim.
   EXPECT_LE(different, kFineWidth * kFineHeight / 100);
-}
-
-TEST_P(FreeSpaceCheckOnEnginesTest, NothingIsUnsupportedWithoutSourcesThatAgree) {
-  for (EngineView& source : scene_.sources) source.estimate = nullptr;
-  const EstimateState state = engine_->DownloadState(RemoveUnsupported());
-  for (const float cost : state.cost) ASSERT_EQ(cost, 0.3f);
 }
 
 TEST_P(FreeSpaceCheckOnEnginesTest, BadInputIsRefused) {

@@ -1,8 +1,6 @@
-#include "acmp_mapping/fill/free_space_check.h"
+#include "acmp_mapping/fill/fill.h"
 
 #include "gtest/gtest.h"
-
-#include "acmp_mapping/common/error.h"
 
 namespace acmp {
 namespace {
@@ -54,26 +52,6 @@ TEST_F(FreeSpaceCheckTest, WhatWouldHideSomethingTexturedIsUnsupported) {
   EXPECT_EQ(cost_(100, kRoof), 0.3f);
 }
 
-TEST_F(FreeSpaceCheckTest, WhatLiesBehindOrHardlyInFrontStays) {
-  for (const float depth : {30.0f, 20.0f, 18.5f}) {
-    SetSky(At(depth));
-    Check();
-    EXPECT_EQ(CountUnsupported(0, kHeight), 0) << depth;
-  }
-}
-
-TEST_F(FreeSpaceCheckTest, WhatGoesOnAsThePlaneOfTheTexturedStays) {
-  // A blank floor that gets farther away towards the horizon and begins at the house's foot.
-  const Vec3f normal = Normalized(Vec3f{0, -1, -0.2f});
-  const Vec3f ray = MakeRayGrid(camera_).Ray(160, kRoof);
-  SetSky(PlaneThrough(normal, ray, 20));
-  for (int row = kRoof; row < kHeight; ++row) {
-    for (int col = 0; col < kWidth; ++col) planes_(col, row) = planes_(0, 0);
-  }
-  Check();
-  EXPECT_EQ(CountUnsupported(0, kHeight), 0);
-}
-
 TEST_F(FreeSpaceCheckTest, OnlyTheNearestTexturedPixelOfADirectionCounts) {
   // A blank wall whose rim has texture, in front of the house: the rim is where it ends. It is two cells wide, as some
   // directions step over every other one.
@@ -91,27 +69,6 @@ TEST_F(FreeSpaceCheckTest, ThinThingsInACellOfSomethingElseStay) {
   ASSERT_NE(MiddleOfCell(100 / kCell, kCell, kWidth), 100);
   for (int row = 0; row < kRoof; ++row) EXPECT_EQ(cost_(100, row), 0.3f) << row;
   EXPECT_EQ(CountUnsupported(0, kRoof), kRoof * (kWidth - 1));
-}
-
-TEST_F(FreeSpaceCheckTest, NothingIsUnsupportedWhereNothingIsTextured) {
-  for (float& value : evidence_) value = 9;
-  Check();
-  EXPECT_EQ(CountUnsupported(0, kHeight), 0);
-}
-
-TEST_F(FreeSpaceCheckTest, PixelsWithoutAPlaneKeepTheirCost) {
-  SetSky({});
-  Check();
-  EXPECT_EQ(CountUnsupported(0, kHeight), 0);
-}
-
-TEST_F(FreeSpaceCheckTest, MapsOfAnotherSizeAreRefused) {
-  Image<float> evidence(evidence_.width() - 1, evidence_.height());
-  EXPECT_THROW(RemoveUnsupported(camera_, evidence.View(), planes_.View(), cost_.View()), InvalidInputError);
-  PlaneMap planes(kWidth, kHeight - 1);
-  EXPECT_THROW(RemoveUnsupported(camera_, evidence_.View(), planes.View(), cost_.View()), InvalidInputError);
-  CostMap cost(kWidth - 1, kHeight);
-  EXPECT_THROW(RemoveUnsupported(camera_, evidence_.View(), planes_.View(), cost.View()), InvalidInputError);
 }
 
 }  // namespace

@@ -5,7 +5,6 @@
 #include <cmath>
 #include <functional>
 
-#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/random.h"
 #include "support/planar_scene.h"
 
@@ -106,16 +105,6 @@ TEST(FitPriorDepthTest, WhatIsMetricIsTrustedAsItIsOrNotAtAll) {
   EXPECT_THAT(FitPriorDepth(twice, Known(), kPriorRange, kMetric).rejection, HasSubstr("it explains"));
 }
 
-TEST(FitPriorDepthTest, ADriftThatKnownDepthsDoNotTellIsNone) {
-  DepthMap known(kPriorWidth, kPriorHeight);  // one column
-  for (int row = 0; row < kPriorHeight; ++row) known(50, row) = TrueDepth(50, row);
-  for (int row = 0; row < kPriorHeight; row += 2) known(30, row) = TrueDepth(30, row);
-  const FittedPriorDepth fitted =
-      FitPriorDepth(MakeDepth([](int col, int row) { return 2 * TrueDepth(col, row); }), known, kPriorRange, kFitted);
-  EXPECT_EQ(fitted.rejection, "");
-  EXPECT_GT(ShareRight(fitted.depth, IsUnknown), 0.99);
-}
-
 TEST(FitPriorDepthTest, RefusesWhatExplainsNoMoreThanAPlane) {
   const auto refusal = [](const PixelDepth& depth) {
     const FittedPriorDepth fitted = FitPriorDepth(MakeDepth(depth), Known(), kPriorRange, kFitted);
@@ -141,18 +130,6 @@ TEST(FitPriorDepthTest, IsNotUsedWhereTheImagesSpeakAgainstIt) {
     for (int row = 0; row < kPriorHeight; ++row) EXPECT_EQ(fitted.depth(11, row), 0);
     EXPECT_GT(ShareRight(fitted.depth, [](int col, int) { return col > 26 && col < 74; }), 0.98);
   }
-}
-
-TEST(FitPriorDepthTest, LeavesOutWhatIsUnknownOrOutOfRange) {
-  const auto prior = [](int col, int row) { return row < 5 ? 0.0f : col > 110 ? 20.0f : TrueDepth(col, row); };
-  const FittedPriorDepth fitted = FitPriorDepth(MakeDepth(prior), Known(), kPriorRange, kFitted);
-  ASSERT_FALSE(fitted.depth.empty());
-  EXPECT_EQ(fitted.depth(30, 4), 0);
-  EXPECT_EQ(fitted.depth(115, 50), 0);
-  EXPECT_GT(fitted.depth(100, 50), 0);
-  EXPECT_THROW(FitPriorDepth(DepthMap(kPriorWidth, kPriorHeight + 1), Known(), kPriorRange, kFitted),
-               InvalidInputError);
-  EXPECT_THROW(FitPriorDepth(MakeDepth(prior), Known(), {2, 1}, kFitted), InvalidInputError);
 }
 
 TEST(PlaneOfPixelTest, IsThePlaneOfItsSurfaceAndMeetsItsDepth) {
@@ -222,11 +199,6 @@ TEST_F(UsePriorDepthTest, LandmarksCountWhereNoViewConfirmsAnything) {
   }
   EXPECT_THAT(Use(false), HasSubstr("only 0 of its pixels")) << "landmarks have another scale";
   EXPECT_EQ(Use(), "");
-  EXPECT_NEAR(DepthAt(105, 30), TrueDepth(105, 30), 0.01f * TrueDepth(105, 30));
-}
-
-TEST_F(UsePriorDepthTest, MetricDepthIsFittedToPlanesOfAnotherScale) {
-  EXPECT_EQ(Use(false, kMetric), "");  // it is twice as far
   EXPECT_NEAR(DepthAt(105, 30), TrueDepth(105, 30), 0.01f * TrueDepth(105, 30));
 }
 

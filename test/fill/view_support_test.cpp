@@ -1,4 +1,4 @@
-#include "acmp_mapping/fill/kernel/view_support.h"
+#include "acmp_mapping/fill/kernel/fill_grid.h"
 
 #include <tuple>
 #include <vector>

@@ -1,44 +1,11 @@
 #include "acmp_mapping/fill/kernel/weighted_median.h"
 
-#include <algorithm>
-#include <cmath>
-#include <functional>
-#include <numeric>
-#include <random>
-
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/fill/kernel/fill_pixel.h"
-#include "support/group_threads.h"
 
 namespace acmp {
 namespace {
-
-TEST(WeightedMedianTest, OfManySamplesHalfOfTheWeightLiesUpToIt) {
-  std::mt19937 random(5);
-  std::uniform_real_distribution<float> uniform(0, 1);
-  for (int round = 0; round < 200; ++round) {
-    MedianSamples<1> samples;
-    for (int n = 0; n < kMedianSamples; ++n) {
-      // Some count for nothing, and some have the same depth.
-      samples.depth[n] = 2 + std::round(20 * uniform(random)) / 10;
-      samples.weight[n] = uniform(random) < 0.3f ? 0 : uniform(random);
-    }
-    const int median = WeightedMedianOf(samples, SingleThread());
-    ASSERT_GE(median, 0);
-    EXPECT_GT(samples.weight[median], 0);
-    double nearer = 0, up_to = 0, all = 0;
-    for (int n = 0; n < kMedianSamples; ++n) {
-      all += samples.weight[n];
-      nearer += samples.depth[n] < samples.depth[median] ? samples.weight[n] : 0;
-      up_to += samples.depth[n] <= samples.depth[median] ? samples.weight[n] : 0;
-    }
-    // Depths differ by a twentieth of their range, so that bisection tells them apart; sums in float.
-    EXPECT_LE(nearer, 0.5 * all + 1e-5);
-    EXPECT_GE(up_to, 0.5 * all - 1e-5);
-  }
-  EXPECT_EQ(WeightedMedianOf(MedianSamples<1>{}, SingleThread()), -1);
-}
 
 /// Two walls side by side at depths of 4 and 2, white and black.
 class FilterPixelTest : public ::testing::Test {
@@ -116,15 +83,6 @@ TEST_F(FilterPixelTest, WhatSourcesLookThroughHasLessSay) {
   EXPECT_NEAR(Filtered(24, 30), 2, 1e-5f) << "the same of all changes nothing";
 }
 
-TEST_F(FilterPixelTest, ASurfaceByItselfAndAGuessStayWhatTheyAre) {
-  SetDepth(5, 30, 4.1f);  // within 5 %
-  EXPECT_EQ(Filtered(5, 30), 4.1f);
-  cost_(kEdge - 1, 30) = kWorstCost;
-  SetDepth(kEdge - 1, 30, 2);
-  EXPECT_NEAR(Filtered(kEdge - 1, 30), 4, 1e-5f);
-  EXPECT_EQ(cost_(kEdge - 1, 30), kWorstCost) << "no view has confirmed it either";
-}
-
 TEST_F(FilterPixelTest, PlanesThatFaceAwayOrLeaveTheRangeAreNotExtended) {
   // Slanted by so much that twelve pixels on it would be beyond 20.
   for (int row = 0; row < kSize; ++row) {
@@ -141,75 +99,6 @@ TEST_F(FilterPixelTest, PlanesThatFaceAwayOrLeaveTheRangeAreNotExtended) {
     EXPECT_LE(depth, 4.0001f);
     EXPECT_GE(depth, 1.9999f);
   }
-}
-
-/// One of several group that share a pixel.
-class MedianGroupThread {
- public:
-  static constexpr int kSize = 4;
-  using Floats = MeetingPoint<float, kSize>;
-  using Ints = MeetingPoint<int, kSize>;
-  MedianGroupThread(int rank, Floats* floats, Ints* ints) : rank_(rank), floats_(floats), ints_(ints) {}
-
-  int Rank() const { return rank_; }
-  float Sum(float x) const {
-    const std::array<float, kSize> all = floats_->Meet(rank_, x);
-    return std::accumulate(all.begin(), all.end(), 0.0f);
-  }
-  float Least(float x) const { return Extreme(floats_->Meet(rank_, x), std::less<float>()); }
-  int Least(int x) const { return Extreme(ints_->Meet(rank_, x), std::less<int>()); }
-  float Greatest(float x) const { return Extreme(floats_->Meet(rank_, x), std::greater<float>()); }
-
- private:
-  template <class T, class Before>
-  static T Extreme(const std::array<T, kSize>& all, const Before& before) {
-    return *std::min_element(all.begin(), all.end(), before);
-  }
-
-  int rank_;
-  Floats* floats_;
-  Ints* ints_;
-};
-
-TEST_F(FilterPixelTest, FourThreadsFindWhatOneFinds) {
-  std::mt19937 random(11);
-  std::uniform_real_distribution<float> uniform(0, 1);
-  for (int row = 0; row < kSize; ++row) {
-    for (int col = 0; col < kSize; ++col) {
-      SetDepth(col, row, (col / 9 + row / 7) % 2 == 0 ? 2 + uniform(random) : 4 + uniform(random));
-      color_(col, row) = {static_cast<uint8_t>(60 * uniform(random)), 90, static_cast<uint8_t>(col)};
-      support_(col, row) = PackViewSupport(4, 4, false, static_cast<int>(random() % 3));
-    }
-  }
-  PlaneMap expected(kSize, kSize);
-  for (int row = 0; row < kSize; ++row) {
-    for (int col = 0; col < kSize; ++col) {
-      WeightedMedianPixel(context_, col, row);
-      expected(col, row) = filtered_(col, row);
-    }
-  }
-  const CostMap expected_cost = cost_.Clone();
-  for (PlaneHypothesis& plane : filtered_) plane = {};
-  for (float& cost : cost_) cost = 0.1f;
-  MedianGroupThread::Floats floats;
-  MedianGroupThread::Ints ints;
-  OnThreads(MedianGroupThread::kSize, [&](int rank) {
-    const MedianGroupThread thread(rank, &floats, &ints);
-    for (int row = 0; row < kSize; ++row) {
-      for (int col = 0; col < kSize; ++col) WeightedMedianPixel(context_, col, row, thread);
-    }
-  });
-  int changed = 0, different = 0;
-  for (int row = 0; row < kSize; ++row) {
-    for (int col = 0; col < kSize; ++col) {
-      changed += expected(col, row).d != planes_(col, row).d ? 1 : 0;
-      different += filtered_(col, row).d != expected(col, row).d || cost_(col, row) != expected_cost(col, row) ? 1 : 0;
-    }
-  }
-  EXPECT_GT(changed, kSize * kSize / 2);
-  // Weights summed in another order differ by some 1e-7 of half of them: that decides between two samples where a
-  // sample's share ends so close to the half, in one of some 1e5 pixels.
-  EXPECT_LE(different, 1);
 }
 
 }  // namespace

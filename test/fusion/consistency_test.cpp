@@ -49,62 +49,6 @@ void ExpectFinite(const PointCloud& points) {
   }
 }
 
-TEST(FusionOptions, AreValidatedAtTheirBounds) {
-  EXPECT_NO_THROW(Validate(FusionOptions()));
-  const auto error = [](float px, float depth, float angle, int views, float confidence = 0) {
-    FusionOptions options;
-    options.min_confidence = confidence;
-    options.max_reprojection_px = px;
-    options.max_relative_depth = depth;
-    options.max_normal_angle_deg = angle;
-    options.min_consistent_views = views;
-    return ErrorOf([&] { Validate(options); });
-  };
-  EXPECT_EQ(error(0.01f, 0.99f, 180, 0), "no error");
-  EXPECT_EQ(error(100, 0.001f, 0.1f, 32, 1), "no error");
-  EXPECT_THAT(error(0, 0.1f, 10, 2), testing::HasSubstr("max_reprojection_px = 0"));
-  EXPECT_THAT(error(kInfinity, 0.1f, 10, 2), testing::HasSubstr("max_reprojection_px"));
-  EXPECT_THAT(error(2, 0, 10, 2), testing::HasSubstr("max_relative_depth = 0"));
-  EXPECT_THAT(error(2, 1, 10, 2), testing::HasSubstr("max_relative_depth = 1"));
-  EXPECT_THAT(error(2, kNan, 10, 2), testing::HasSubstr("max_relative_depth"));
-  EXPECT_THAT(error(2, 0.1f, 0, 2), testing::HasSubstr("max_normal_angle_deg = 0"));
-  EXPECT_THAT(error(2, 0.1f, 180.1f, 2), testing::HasSubstr("max_normal_angle_deg = 180.1"));
-  EXPECT_THAT(error(2, 0.1f, 10, -1), testing::HasSubstr("min_consistent_views = -1"));
-  EXPECT_THAT(error(2, 0.1f, 10, 33), testing::HasSubstr("min_consistent_views = 33"));
-  EXPECT_THAT(error(2, 0.1f, 10, 2, -0.01f), testing::HasSubstr("min_confidence = -0.01"));
-  EXPECT_THAT(error(2, 0.1f, 10, 2, 1.01f), testing::HasSubstr("min_confidence = 1.01"));
-  EXPECT_THAT(error(2, 0.1f, 10, 2, kNan), testing::HasSubstr("min_confidence"));
-}
-
-TEST(FilterByConsistency, KeepsATruePlaneWhereverTheSourcesSeeIt) {
-  const std::vector<TestView> views = WallViews();
-  const ConsistencyResult result = Filter(views);
-  const Image<unsigned char> counts = CountMatches(views);
-  size_t expected_points = 0;
-  for (int row = 0; row < kCamera.height; ++row) {
-    for (int col = 0; col < kCamera.width; ++col) {
-      const Eigen::Vector3d point = reference::PointInWorld(views[0].View(), col, row);
-      int in_view = 0;
-      for (size_t i = 1; i < views.size(); ++i) {
-        in_view += views[i].camera.Contains(views[i].camera.Project(views[i].cam_from_world * point));
-      }
-      ASSERT_EQ(counts(col, row), in_view) << col << ", " << row;
-      expected_points += in_view >= 2;
-    }
-  }
-  EXPECT_EQ(result.points_in_camera.size(), expected_points);
-  EXPECT_GT(expected_points, 3000u);
-  const Eigen::Vector3d normal = kWall.side_a.cross(kWall.side_b).normalized();
-  for (const SurfacePoint& point : result.points_in_camera) {
-    // The reference camera is the world; averages of points on a plane lie on it. Depths near 5 round to 2.4e-7.
-    const Eigen::Vector3d position(point.position.x, point.position.y, point.position.z);
-    ASSERT_NEAR(normal.dot(position - kWall.center), 0, 2e-6);
-    ASSERT_NEAR(std::abs(normal.dot(Eigen::Vector3d(point.normal.x, point.normal.y, point.normal.z))), 1, 1e-6);
-    ASSERT_LT(point.normal.z, 0);
-    ASSERT_TRUE(point.color.r == 200 && point.color.g == 100 && point.color.b == 50);
-  }
-}
-
 TEST(FilterByConsistency, AgreesWithPlainReferenceOnNoisyMaps) {
   std::vector<TestView> views = WallViews({kWall, {{0.3, 0, 3}, {0.4, 0, 0.1}, {0, 0.5, 0}, {10, 20, 30}}});
   std::mt19937 generator(1);
@@ -151,92 +95,6 @@ TEST(FilterByConsistency, AgreesWithPlainReferenceOnNoisyMaps) {
   }
 }
 
-TEST(FilterByConsistency, RemovesAnOutlier) {
-  std::vector<TestView> views = WallViews();
-  const size_t all_points = Filter(views).points_in_camera.size();
-  ASSERT_EQ(CountMatches(views)(40, 30), 2);
-  views[0].depth(40, 30) *= 1.05f;
-  const ConsistencyResult result = Filter(views);
-  EXPECT_EQ(CountMatches(views)(40, 30), 0);
-  EXPECT_EQ(result.points_in_camera.size(), all_points - 1);
-  EXPECT_GT(result.confidence(40, 30), 0);
-  EXPECT_LT(result.confidence(40, 30), result.confidence(41, 30));
-}
-
-TEST(FilterByConsistency, DoesNotCountViewsThatSeeAnOccluder) {
-  // A box front hides part of the wall from the right camera only.
-  const Quad occluder = {{0.9, 0, 2.5}, {0.3, 0, 0}, {0, 0.3, 0}, {0, 0, 255}};
-  const std::vector<TestView> views = WallViews({kWall, occluder});
-  const ConsistencyResult result = Filter(views);
-  const Image<unsigned char> counts = CountMatches(views);
-  int hidden = 0;
-  for (int row = 0; row < kCamera.height; ++row) {
-    for (int col = 0; col < kCamera.width; ++col) {
-      const Eigen::Vector3d point = reference::PointInWorld(views[0].View(), col, row);
-      const Eigen::Vector3d in_source = views[1].cam_from_world * point;
-      const Eigen::Vector2d pixel = kCamera.Project(in_source);
-      if (!kCamera.Contains(pixel)) continue;
-      const float seen =
-          views[1].depth(static_cast<int>(std::round(pixel.x())), static_cast<int>(std::round(pixel.y())));
-      if (seen > 0.8 * in_source.z()) continue;
-      ++hidden;
-      ASSERT_LE(counts(col, row), 1) << col << ", " << row;
-    }
-  }
-  EXPECT_GT(hidden, 50);
-  for (const SurfacePoint& point : result.points_in_camera) {
-    const bool is_blue = point.color.b == 255;  // no point mixes both surfaces
-    ASSERT_TRUE(is_blue || point.color.b == 50);
-    ASSERT_EQ(is_blue, point.position.z < 3);
-  }
-}
-
-TEST(FilterByConsistency, TakesViewsOfDifferentSizes) {
-  std::vector<TestView> views = WallViews();
-  views[1] = Render(kCamera.Resized(131, 99), views[1].cam_from_world, {kWall});
-  views[2] = Render(kCamera.Resized(53, 41), views[2].cam_from_world, {kWall});
-  const ConsistencyResult result = Filter(views);
-  EXPECT_EQ(result.confidence.width(), 80);
-  EXPECT_GT(result.points_in_camera.size(), 3000u);
-  const Eigen::Vector3d normal = kWall.side_a.cross(kWall.side_b).normalized();
-  for (const SurfacePoint& point : result.points_in_camera) {
-    const Eigen::Vector3d position(point.position.x, point.position.y, point.position.z);
-    ASSERT_NEAR(normal.dot(position - kWall.center), 0, 2e-6);  // rounding of depths near 5
-  }
-}
-
-TEST(FilterByConsistency, WorksWithoutSources) {
-  TestView view = FlatView(6, 5, 4);
-  view.depth(2, 2) = 0;
-  for (const bool with_empty_source : {false, true}) {
-    std::vector<FusionView> sources;
-    if (with_empty_source) sources.emplace_back();
-    const ConsistencyResult result = FilterByConsistency(view.View(), sources, PaperFusion());
-    EXPECT_TRUE(result.points_in_camera.empty());
-    EXPECT_FLOAT_EQ(result.confidence(1, 1), static_cast<float>(1 / (1 + std::exp(-LogOddsOf({}, 0)))));
-    EXPECT_EQ(result.confidence(2, 2), 0);
-    FusionOptions all;
-    all.min_confidence = 0;
-    EXPECT_EQ(FilterByConsistency(view.View(), sources, all).points_in_camera.size(), 29u);
-  }
-  const ConsistencyResult empty = FilterByConsistency(FusionView(), {view.View()}, {});
-  EXPECT_TRUE(empty.confidence.empty() && empty.points_in_camera.empty());
-}
-
-TEST(FilterByConsistency, AveragesTheColorsThereAre) {
-  TestView view = FlatView(3, 3, 4), other = FlatView(3, 3, 4);
-  view.color = ColorImage(3, 3, {10, 20, 30});
-  other.color = ColorImage(3, 3, {13, 22, 255});
-  const auto color = [&] {
-    return FilterByConsistency(view.View(), {other.View()}, PaperFusion(1)).points_in_camera.at(4).color;
-  };
-  EXPECT_TRUE(color().r == 12 && color().g == 21 && color().b == 143);  // 11.5 and 142.5 round up
-  other.color = ColorImage();
-  EXPECT_TRUE(color().r == 10 && color().g == 20 && color().b == 30);
-  view.color = ColorImage();
-  EXPECT_TRUE(color().r == 0 && color().g == 0 && color().b == 0);
-}
-
 TEST(FilterByConsistency, NeverPutsOutNan) {
   std::vector<TestView> views = WallViews();
   const float odd[] = {kNan, kInfinity, -kInfinity, -1.0f, 0.0f, 1e-38f, 1e38f};
@@ -259,17 +117,6 @@ TEST(FilterByConsistency, NeverPutsOutNan) {
     ExpectFinite(Filter(views, loose).points_in_camera);
     ExpectFinite(FuseViews(ViewsOf(views), {{1, 2}, {0, 2}, {0, 1}}, loose));
   }
-}
-
-TEST(MatchSum, KeepsTheReferenceNormalWhenNormalsCancel) {
-  const TestView view = FlatView(1, 1, 4);
-  const FusionContexts contexts({view.View()}, {{}}, {});
-  ReferencePixel pixel;
-  ASSERT_TRUE(LoadReferencePixel(contexts[0], 0, 0, &pixel));
-  MatchSum<1> sum;
-  StartSum(contexts[0].reference, pixel, &sum);
-  AddMatch(contexts[0].reference, 0, {0, 0, pixel.homogeneous, {0, 0, 1}, 1}, &sum);
-  EXPECT_EQ(Average(contexts[0].geometry, pixel, sum, 1).normal.z, -1);
 }
 
 TEST(MatchSum, HoldsAsManySourcesAsTheLimit) {
@@ -330,54 +177,33 @@ TEST(FilterByConsistency, DoesNotDependOnTheNumberOfThreads) {
   }
 }
 
-TEST(FilterByConsistency, GuessesAreNeitherPointsNorMatchesOfThePapers) {
-  TestView reference = FlatView(20, 15, 4), source = FlatView(20, 15, 4);
-  ASSERT_EQ(FilterByConsistency(reference.View(), {source.View()}, PaperFusion(1)).points_in_camera.size(), 300u);
-  reference.cost(3, 2) = kWorstCost;
-  source.cost(7, 5) = kWorstCost;
-  source.cost(8, 5) = std::nextafter(kWorstCost, 0.0f);
-  EXPECT_EQ(FilterByConsistency(reference.View(), {source.View()}, PaperFusion(1)).points_in_camera.size(), 298u);
-  const Image<unsigned char> counts = CountMatches(reference.View(), {source.View()}, PaperFusion(1));
-  EXPECT_EQ(counts(3, 2), 1) << "a source may confirm the guess";
-  EXPECT_EQ(counts(7, 5), 0);
-  EXPECT_EQ(counts(8, 5), 1);
-  const PointCloud fused = FuseViews({reference.View(), source.View()}, {{1}, {0}}, PaperFusion(1));
-  for (const SurfacePoint& point : fused) {
-    const bool guessed = point.position.x == reference.camera.Unproject({3, 2}, 4).cast<float>().x() &&
-                         point.position.y == reference.camera.Unproject({3, 2}, 4).cast<float>().y();
-    EXPECT_FALSE(guessed);
+TEST(MatchSum, KeepsTheReferenceNormalWhenNormalsCancel) {
+  const TestView view = FlatView(1, 1, 4);
+  const FusionContexts contexts({view.View()}, {{}}, {});
+  ReferencePixel pixel;
+  ASSERT_TRUE(LoadReferencePixel(contexts[0], 0, 0, &pixel));
+  MatchSum<1> sum;
+  StartSum(contexts[0].reference, pixel, &sum);
+  AddMatch(contexts[0].reference, 0, {0, 0, pixel.homogeneous, {0, 0, 1}, 1}, &sum);
+  EXPECT_EQ(Average(contexts[0].geometry, pixel, sum, 1).normal.z, -1);
+}
+
+TEST(FilterByConsistency, WorksWithoutSources) {
+  TestView view = FlatView(6, 5, 4);
+  view.depth(2, 2) = 0;
+  for (const bool with_empty_source : {false, true}) {
+    std::vector<FusionView> sources;
+    if (with_empty_source) sources.emplace_back();
+    const ConsistencyResult result = FilterByConsistency(view.View(), sources, PaperFusion());
+    EXPECT_TRUE(result.points_in_camera.empty());
+    EXPECT_FLOAT_EQ(result.confidence(1, 1), static_cast<float>(1 / (1 + std::exp(-LogOddsOf({}, 0)))));
+    EXPECT_EQ(result.confidence(2, 2), 0);
+    FusionOptions all;
+    all.min_confidence = 0;
+    EXPECT_EQ(FilterByConsistency(view.View(), sources, all).points_in_camera.size(), 29u);
   }
-}
-
-TEST(FilterByConsistency, GuessesMayBePointsAndUnsupportedPixelsNever) {
-  TestView reference = FlatView(20, 15, 4), source = FlatView(20, 15, 4.01f);
-  reference.cost(3, 2) = source.cost(7, 5) = kWorstCost;
-  reference.cost(4, 2) = source.cost(8, 5) = kUnsupportedCost;
-  const PointCloud points = FilterByConsistency(reference.View(), {source.View()}, {}).points_in_camera;
-  ASSERT_EQ(points.size(), 299u);
-  const Image<unsigned char> counts = CountMatches(reference.View(), {source.View()}, {});
-  EXPECT_EQ(counts(7, 5), 1);
-  EXPECT_EQ(counts(8, 5), 0);
-  // Of a depth 0.25 % farther the weight is exp(-0.25).
-  const size_t guess = 20 * 5 + 7 - 1, alone = guess + 1;  // the unsupported pixel before them is none
-  EXPECT_NEAR(points[guess].position.z, 4 + 0.01 * std::exp(-0.25) / (1 + std::exp(-0.25)), 1e-6);
-  EXPECT_EQ(points[alone].position.z, 4);
-}
-
-TEST(FilterByConsistency, LeavesOutWhatIsLessProbable) {
-  std::vector<TestView> views;
-  for (int i = 0; i < 2; ++i) views.push_back(FlatView(20, 15, 4));
-  const ConfidenceMap confidence = Filter(views).confidence;
-  const auto count = [&](float min_confidence) {
-    FusionOptions options;
-    options.min_confidence = min_confidence;
-    return Filter(views, options).points_in_camera.size();
-  };
-  EXPECT_EQ(count(0), 300u);
-  EXPECT_EQ(count(1), 0u);
-  const float greatest = *std::max_element(confidence.begin(), confidence.end());
-  EXPECT_GT(count(std::nextafter(greatest, 0.0f)), 0u);
-  EXPECT_EQ(count(std::nextafter(greatest, 1.0f)), 0u);
+  const ConsistencyResult empty = FilterByConsistency(FusionView(), {view.View()}, {});
+  EXPECT_TRUE(empty.confidence.empty() && empty.points_in_camera.empty());
 }
 
 }  // namespace

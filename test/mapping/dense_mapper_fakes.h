@@ -167,6 +167,7 @@ class MapperHarness {
 inline DenseMapperOptions FakeOptions(int window_size, int lookahead, int min_source_views = 2) {
   DenseMapperOptions options;
   options.pipeline = MakePreset("acmh");
+  options.pipeline.geometric_passes = 2;
   options.window_size = window_size;
   options.lookahead = lookahead;
   options.min_source_views = min_source_views;

@@ -54,42 +54,6 @@ TEST(GeometricErrorTest, AgreesWithTheReferenceOnRandomDepths) {
   EXPECT_GT(truncated, 500);
 }
 
-TEST(GeometricErrorTest, IsZeroForTheTrueDepthOfAConsistentScene) {
-  const std::vector<PlanarView> views = RenderPlanarScene(WorldPlane::Slanted(30, 20, 4), 80, 60, 4);
-  KernelState state(MakeProblem(views, 0, {1, 10}, true), TruncatedAt5());
-  int seen = 0, exact = 0;
-  for (int row = 0; row < 60; ++row) {
-    for (int col = 0; col < 80; ++col) {
-      for (int view = 0; view < 3; ++view) {
-        const float error = KernelError(&state, views[0].depth(col, row), col, row, view);
-        if (error == 5.0f) continue;  // outside the source
-        // Inverse depths of a plane are linear, so that interpolation is exact but for the map's 16 bits; the outermost
-        // half pixel has the border's depth, with up to 1 % per px (30 degrees of tilt, f = 69 px) of a disparity of 5.
-        ASSERT_LT(error, 0.12);
-        ++seen;
-        exact += error < 1e-3f;
-      }
-    }
-  }
-  EXPECT_GT(seen, 10000);
-  EXPECT_GT(exact, 12000);
-}
-
-TEST(GeometricErrorTest, GrowsWithTheDepthErrorUpToTheTruncation) {
-  const std::vector<PlanarView> views = RenderPlanarScene(WorldPlane{}, 80, 60, 2);
-  KernelState state(MakeProblem(views, 0, {1, 100}, true), TruncatedAt5());
-  const float truth = views[0].depth(40, 30);
-  float last = KernelError(&state, truth, 40, 30, 0);
-  for (const float factor : {1.05f, 1.1f, 1.2f, 1.4f}) {
-    const float error = KernelError(&state, factor * truth, 40, 30, 0);
-    EXPECT_GT(error, last);
-    last = error;
-  }
-  // f b / z = 69 * 0.3 / 4 = 5.2 px of disparity; at twice the depth half of it is missing.
-  EXPECT_NEAR(KernelError(&state, 2 * truth, 40, 30, 0), 2.6, 0.3);
-  EXPECT_EQ(KernelError(&state, 0.4f * truth, 40, 30, 0), 5.0f);  // 7.8 px
-}
-
 TEST(GeometricErrorTest, IsTheTruncationWhereThereIsNothingToCompare) {
   std::vector<PlanarView> views = RandomViews(6, 33, 27, 3);
   views[1].cam_from_world = LookAhead({0, 0, 0.1}, 180, 0, 0);  // the point is behind the source
@@ -117,23 +81,6 @@ TEST(GeometricErrorTest, BackwardPointBehindTheReferenceIsTruncated) {
   for (float& depth : views[1].depth) depth = 2;
   KernelState before(MakeProblem(views, 0, {1, 10}, true), TruncatedAt5());
   EXPECT_LT(KernelError(&before, 3, 16, 13, 0), 0.01f);
-}
-
-TEST(GeometricErrorTest, ReadsTheFourPixelsThatHoldTheNearestUpToTheBorder) {
-  // Shifts to where another pixel is the nearest: depth is read there, including the last half pixel.
-  std::vector<PlanarView> views = RandomViews(2, 41, 31, 5);
-  for (PlanarView& view : views) view.camera = {41, 31, 40, 40, 20, 15};
-  views[1].cam_from_world = LookAhead({0.3, 0, 0}, 0, 0, 0);  // disparity 12 / z
-  views[1].depth = DepthMap(41, 31);
-  for (float& depth : views[1].depth) depth = 0;
-  views[1].depth(0, 15) = 4;  // alone of the pixels (0..1, 14..15)
-  KernelState state(MakeProblem(views, 0, {1, 10}, true), TruncatedAt5());
-  EXPECT_NEAR(KernelError(&state, 4.0f, 3, 15, 0), 0, 1e-4);            // lands at 0.0
-  EXPECT_NEAR(KernelError(&state, 12.0f / 3.4f, 3, 15, 0), 0.4, 1e-3);  // lands at -0.4
-  EXPECT_NEAR(KernelError(&state, 12.0f / 2.6f, 3, 15, 0), 0.4, 1e-3);  // lands at +0.4
-  EXPECT_EQ(KernelError(&state, 12.0f / 3.6f, 3, 15, 0), 5.0f);         // at -0.6: outside
-  EXPECT_NEAR(KernelError(&state, 12.0f / 1.6f, 3, 15, 0), 1.4, 1e-3);  // lands at +1.4
-  EXPECT_EQ(KernelError(&state, 12.0f / 1.4f, 3, 15, 0), 5.0f);         // at +1.6: the next four, without depth
 }
 
 }  // namespace

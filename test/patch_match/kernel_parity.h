@@ -13,22 +13,17 @@ struct ParityQuery {
 };
 
 struct ParityAnswer {
-  float bilinear_cost;    ///< photometric cost with explicit interpolation in float32
-  float texture_cost;     ///< photometric cost with texture filtering; not set on the CPU
-  float geometric_error;  ///< px
-  float prior_probability;
-  PlaneHypothesis random_plane;
-  uint32_t random_words[4];
+  float bilinear_cost;        ///< photometric cost with explicit interpolation in float32
+  float texture_cost;         ///< photometric cost with texture filtering; not set on the CPU
+  float other_cost;           ///< AbsoluteDifference with explicit interpolation
+  float geometric_error;      ///< px
   uint32_t drawn_views;       ///< mask of a draw among 8 views, half of them of probability zero
   uint32_t impossible_views;  ///< of these, those of probability zero
   int draws;                  ///< sum over all views
 };
 
-/// The kernel functions on the CPU and on the GPU. `prior` has the reference's size. The latter throws ProcessingError
-/// when the device fails.
-std::vector<ParityAnswer> AnswerOnCpu(const PatchMatchProblem& problem, const PlaneMap& prior,
-                                      const std::vector<ParityQuery>& queries);
-std::vector<ParityAnswer> AnswerOnGpu(const PatchMatchProblem& problem, const PlaneMap& prior,
-                                      const std::vector<ParityQuery>& queries);
+/// The kernel functions on the CPU and on the GPU. The latter throws ProcessingError when the device fails.
+std::vector<ParityAnswer> AnswerOnCpu(const PatchMatchProblem& problem, const std::vector<ParityQuery>& queries);
+std::vector<ParityAnswer> AnswerOnGpu(const PatchMatchProblem& problem, const std::vector<ParityQuery>& queries);
 
 }  // namespace acmp

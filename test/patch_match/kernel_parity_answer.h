@@ -1,11 +1,10 @@
 #pragma once
 
 #include "acmp_mapping/patch_match/kernel/geometric_cost.h"
-#include "acmp_mapping/patch_match/kernel/initialize_pixel.h"
 #include "acmp_mapping/patch_match/kernel/photometric_cost.h"
-#include "acmp_mapping/patch_match/kernel/prior_cost.h"
 #include "acmp_mapping/patch_match/kernel/view_weights.h"
 #include "kernel_parity.h"
+#include "support/absolute_difference.h"
 
 namespace acmp {
 
@@ -29,22 +28,21 @@ ACMP_HOST_DEVICE inline void AnswerDraws(RandomStream* random, ParityAnswer* ans
 }
 
 /// All of an answer but texture_cost, compiled for both devices.
-template <class Sampler>
-ACMP_HOST_DEVICE inline ParityAnswer Answer(const MatchContext<Sampler>& context, const ParityQuery& query) {
+/// @param other the same as the context, but for the cost
+ACMP_HOST_DEVICE inline ParityAnswer Answer(const MatchContext<BilinearSampler>& context,
+                                            const MatchContext<AbsoluteDifferenceSampler>& other,
+                                            const ParityQuery& query) {
   ParityAnswer answer = {};
   const Vec3f ray = context.rays.Ray(static_cast<float>(query.col), static_cast<float>(query.row));
   ReferencePatch patch;
   LoadReferencePatch(context, query.col, query.row, context.options.sigma_color, SingleThread(), &patch);
   answer.bilinear_cost =
       PhotometricCost(context, patch, PlaneDual(context, query.plane), query.col, query.row, query.view);
+  answer.other_cost = PhotometricCost(other, patch, PlaneDual(other, query.plane), query.col, query.row, query.view);
   const float depth = PlaneDepth(query.plane, ray);
   answer.geometric_error = GeometricError(context, depth, query.col, query.row, query.view);
-  answer.prior_probability = PriorProbability<Method::kOurs>(LoadPrior(context, query.col, query.row, ray),
-                                                             context.options.prior_gamma, depth, query.plane.normal());
   const auto pixel = static_cast<uint32_t>(query.row * context.width + query.col);
   RandomStream random(context.options.seed, pixel, static_cast<uint32_t>(query.view));
-  answer.random_plane = RandomPlane(context, ray, &random);
-  for (uint32_t& word : answer.random_words) word = random.NextWord();
   AnswerDraws(&random, &answer);
   return answer;
 }

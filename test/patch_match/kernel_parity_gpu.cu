@@ -1,6 +1,6 @@
 #include <memory>
 
-#include "acmp_mapping/patch_match/kernel/bilinear_sampler.h"
+#include "acmp_mapping/patch_match/kernel/window.h"
 #include "acmp_mapping/patch_match/match_setup.h"
 #include "cuda_device.h"
 #include "kernel_parity_answer.h"
@@ -9,12 +9,13 @@
 namespace acmp {
 namespace {
 
-__global__ void AnswerKernel(const MatchContext<BilinearSampler> bilinear, const CudaMatchContext texture,
+__global__ void AnswerKernel(const MatchContext<BilinearSampler> bilinear,
+                             const MatchContext<AbsoluteDifferenceSampler> other, const CudaMatchContext texture,
                              const ParityQuery* queries, int count, ParityAnswer* answers) {
   const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
   if (i >= count) return;
   const ParityQuery query = queries[i];
-  answers[i] = Answer(bilinear, query);
+  answers[i] = Answer(bilinear, other, query);
   ReferencePatch patch;
   LoadReferencePatch(texture, query.col, query.row, texture.options.sigma_color, SingleThread(), &patch);
   answers[i].texture_cost =
@@ -47,8 +48,7 @@ ImageView<const float> Upload(const ImageView<const float>& image, const CudaDev
 
 }  // namespace
 
-std::vector<ParityAnswer> AnswerOnGpu(const PatchMatchProblem& problem, const PlaneMap& prior,
-                                      const std::vector<ParityQuery>& queries) {
+std::vector<ParityAnswer> AnswerOnGpu(const PatchMatchProblem& problem, const std::vector<ParityQuery>& queries) {
   const auto device = std::make_shared<CudaDevice>(0);
   const CudaStream stream;
   PinnedBuffer staging;
@@ -74,26 +74,25 @@ std::vector<ParityAnswer> AnswerOnGpu(const PatchMatchProblem& problem, const Pl
   const ImageView<const float> reference = Upload(problem.reference.gray, device, stream, &owners);
   const OnDevice<SourceView> device_views(views.data(), views.size(), device, stream);
   const OnDevice<ImageView<const float>> device_images(images.data(), images.size(), device, stream);
-  const OnDevice<PlaneHypothesis> device_prior(prior.data(), prior.size(), device, stream);
   const OnDevice<ParityQuery> device_queries(queries.data(), queries.size(), device, stream);
   const DeviceArray<ParityAnswer> device_answers(device, queries.size());
 
-  const PriorMap prior_map = {{device_prior.data(), prior.width(), prior.height(), prior.width()}, {}};
   auto bilinear = MakeMatchContext<BilinearSampler>(problem, {}, Pass::kPhotometric, 0);
   bilinear.sampler = {reference, device_images.data()};
   bilinear.sources = device_views.data();
-  bilinear.prior = prior_map;
+  auto other = MakeMatchContext<AbsoluteDifferenceSampler>(problem, {}, Pass::kPhotometric, 0);
+  other.sampler = {bilinear.sampler};
+  other.sources = device_views.data();
   texture.sampler.reference = device->images(0).Acquire(problem.reference.gray.width, problem.reference.gray.height,
                                                         stream, &device->images_mutex());
   device->images(0).Upload(problem.reference.gray, texture.sampler.reference, &staging, stream);
   texture.sampler.images = device->images(0).texture();
   texture.sources = device_views.data();
-  texture.prior = prior_map;
 
   constexpr int kBlock = 128;
   const int count = static_cast<int>(queries.size());
-  AnswerKernel<<<(count + kBlock - 1) / kBlock, kBlock, 0, stream.get()>>>(bilinear, texture, device_queries.data(),
-                                                                           count, device_answers.data());
+  AnswerKernel<<<(count + kBlock - 1) / kBlock, kBlock, 0, stream.get()>>>(
+      bilinear, other, texture, device_queries.data(), count, device_answers.data());
   CudaCheck(cudaGetLastError(), "launch parity kernel");
   std::vector<ParityAnswer> answers(queries.size());
   device_answers.Download(answers.data(), answers.size(), stream);

@@ -6,6 +6,7 @@
 
 #include "gtest/gtest.h"
 
+#include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 #include "acmp_mapping/patch_match/match_setup.h"
 #include "acmp_mapping/planar_prior/planar_prior.h"
 #include "cuda_device.h"

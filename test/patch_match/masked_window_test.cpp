@@ -1,13 +1,9 @@
-#include "acmp_mapping/patch_match/kernel/masked_window.h"
+#include "acmp_mapping/patch_match/kernel/photometric_cost.h"
 
 #include <cmath>
 
 #include "gtest/gtest.h"
 
-#include "acmp_mapping/patch_match/kernel/depth_evidence.h"
-#include "acmp_mapping/patch_match/kernel/median_filter.h"
-#include "acmp_mapping/patch_match/kernel/photometric_cost.h"
-#include "acmp_mapping/patch_match/window_sums.h"
 #include "support/kernel_state.h"
 #include "support/random_views.h"
 #include "support/reference_match.h"
@@ -107,134 +103,6 @@ TEST(MaskedWindowTest, NoWindowWithASampleOfAnIgnoredPixelIsComparedAndFewOthers
   EXPECT_GT(clear, 1500);
   // What is foreshortened reaches less far on one side than is assumed for both.
   EXPECT_LT(needlessly, clear / 20);
-}
-
-TEST(MaskedWindowTest, AWindowAtTheSameScaleIsClearFromSevenPixelsOn) {
-  MaskedViews made(3);
-  Mask mask(made.views[1].camera.width, made.views[1].camera.height, 255);
-  mask(20, 15) = 0;
-  const ClearanceMap clearance = MakeClearance(mask);
-  made.problem.sources[0].clearance = clearance.View();
-  KernelState state(made.problem);
-  const auto context = state.Context();
-  for (int distance = 0; distance < 12; ++distance) {
-    const PlaneWarp warp = {{20.0f + static_cast<float>(distance), 15, 1}, {1, 0, 0}, {0, 1, 0}};
-    EXPECT_EQ(ReachesMasked(context, 0, warp), distance < 7) << distance;
-  }
-}
-
-TEST(MaskedPatchTest, IgnoredSamplesHaveNoWeightAndTheirValuesNoInfluence) {
-  MaskedViews made(7);
-  const Mask& mask = made.masks[0];
-  std::vector<GrayImage> grays;
-  for (const float ignored : {0.0f, 250.0f}) {
-    grays.push_back(made.views[0].gray.Clone());
-    for (size_t i = 0; i < mask.size(); ++i) {
-      if (mask.data()[i] == 0) grays.back().data()[i] = ignored;
-    }
-  }
-  int near = 0;
-  for (const WindowFunctions& functions : SupportedWindowFunctions()) {
-    for (int row = 0; row < mask.height(); ++row) {
-      for (int col = 0; col < mask.width(); ++col) {
-        if (mask(col, row) == 0) continue;
-        ReferencePatch patches[2][2];
-        for (int which = 0; which < 2; ++which) {
-          made.problem.reference.gray = grays[static_cast<size_t>(which)].View();
-          KernelState state(made.problem);
-          const auto plain = state.Context();
-          const std::vector<ImageView<const float>> sources;
-          const auto fast =
-              state.ContextWith(MaskedCpuSampler{{made.problem.reference.gray, sources.data()}, functions});
-          const float sigma = state.options().sigma_color;
-          LoadUnmaskedPatch(plain, col, row, sigma, SingleThread(), &patches[which][0]);
-          LoadUnmaskedPatch(fast, col, row, sigma, SingleThread(), &patches[which][1]);
-        }
-        double weights = 0, sum = 0;
-        for (int i = 0; i < kPatchSamples; ++i) {
-          const int x = col + WindowCol(i), y = row + WindowRow(i);
-          const bool counts = mask.View().Contains(x, y) && mask(x, y) != 0;
-          near += mask.View().Contains(x, y) && !counts ? 1 : 0;
-          for (int kind = 0; kind < 2; ++kind) {
-            const PatchSample& sample = patches[0][kind].samples[i];
-            EXPECT_EQ(sample.weight > 0, counts);
-            EXPECT_EQ(sample.weight, patches[1][kind].samples[i].weight);
-            EXPECT_EQ(sample.value, patches[1][kind].samples[i].value);
-          }
-          weights += patches[0][0].samples[i].weight;
-          sum += patches[0][0].samples[i].weight * patches[0][0].samples[i].value;
-        }
-        EXPECT_NEAR(patches[0][0].mean, sum / weights, 1e-3);
-        for (int kind = 0; kind < 2; ++kind) {
-          EXPECT_EQ(patches[0][kind].mean, patches[1][kind].mean);
-          EXPECT_EQ(patches[0][kind].variance, patches[1][kind].variance);
-        }
-      }
-    }
-  }
-  EXPECT_GT(near, 500);
-}
-
-TEST(MaskedMedianTest, PixelsThatTheMaskIgnoresKeepNoPlaneAndDoNotCount) {
-  MaskedViews made(9);
-  KernelState state(made.problem);
-  const auto context = state.Context();
-  const Mask& mask = made.masks[0];
-  constexpr float kDepth = 3, kTilted = 0.2f;
-  int beside = 0;
-  for (int row = 0; row < mask.height(); ++row) {
-    for (int col = 0; col < mask.width(); ++col) {
-      if (mask(col, row) != 0) state.planes(col, row) = {0, 0, -1, kDepth + kTilted * static_cast<float>(col % 2)};
-    }
-  }
-  for (int row = 0; row < mask.height(); ++row) {
-    for (int col = 0; col < mask.width(); ++col) {
-      MedianFilterPixel(context, col, row);
-      const PlaneHypothesis& plane = state.planes(col, row);
-      if (mask(col, row) == 0) {
-        EXPECT_EQ(plane.d, 0);
-        continue;
-      }
-      beside += context.IsNearMasked(col, row, kMedianReach) ? 1 : 0;
-      EXPECT_GE(plane.d, kDepth) << col << ' ' << row;
-      EXPECT_LE(plane.d, kDepth + kTilted) << col << ' ' << row;
-    }
-  }
-  EXPECT_GT(beside, 100);
-}
-
-TEST(MaskedEvidenceTest, GreyValuesThatMasksIgnoreHaveNoInfluence) {
-  MaskedViews made(11);
-  std::vector<GrayImage> changed;
-  PatchMatchProblem other = made.problem;
-  for (size_t i = 0; i < made.views.size(); ++i) {
-    changed.push_back(made.views[i].gray.Clone());
-    for (size_t k = 0; k < changed[i].size(); ++k) {
-      if (made.masks[i].data()[k] == 0) changed[i].data()[k] = 255 - changed[i].data()[k];
-    }
-  }
-  other.reference.gray = changed[0].View();
-  for (size_t i = 0; i < other.sources.size(); ++i) other.sources[i].gray = changed[i + 1].View();
-  KernelState state(made.problem), state_of_other(other);
-  const auto context = state.Context(), context_of_other = state_of_other.Context();
-  TestRandom random(5);
-  int near = 0, evident = 0;
-  for (int row = 0; row < state.height(); ++row) {
-    for (int col = 0; col < state.width(); ++col) {
-      const PlaneHypothesis plane = RandomHypothesis(made.views[0].camera, col, row, 3.5, 4.5, 20, &random);
-      if (context.IsMasked(col, row)) {
-        EXPECT_EQ(DepthEvidence(context, col, row), 0);
-        continue;
-      }
-      state.planes(col, row) = state_of_other.planes(col, row) = plane;
-      const float evidence = DepthEvidence(context, col, row);
-      EXPECT_EQ(evidence, DepthEvidence(context_of_other, col, row)) << col << ' ' << row;
-      near += context.IsNearMasked(col, row, kPatchRadius) ? 1 : 0;
-      evident += evidence != 0 ? 1 : 0;
-    }
-  }
-  EXPECT_GT(near, 100);
-  EXPECT_GT(evident, 10);
 }
 
 }  // namespace

@@ -88,57 +88,5 @@ TEST(MedianFilterTest, MovesThePlaneToTheMedianDepthAndKeepsItsNormal) {
   }
 }
 
-TEST(MedianFilterTest, RemovesAnOutlierAndKeepsAPlane) {
-  const std::vector<PlanarView> views = RandomViews(2, 15, 15, 3);
-  KernelState state(MakeProblem(views, 0, {1, 10}));
-  for (PlaneHypothesis& plane : state.planes) plane = {0, 0, -1, 4};
-  state.planes(7, 7) = {0, 0, -1, 9};
-  MedianFilterPixel(state.Context(), 7, 7);
-  EXPECT_NEAR(Depth(state, state.planes, 7, 7), 4, 1e-6);
-  MedianFilterPixel(state.Context(), 8, 8);
-  EXPECT_NEAR(Depth(state, state.planes, 8, 8), 4, 1e-6);
-}
-
-TEST(MedianFilterTest, KeepsASlopeWhereNormalsAreGoodAndEvensOutDepthsWhereTheyAreNot) {
-  const std::vector<PlanarView> views = RandomViews(2, 21, 21, 5);
-  KernelState state(MakeProblem(views, 0, {1, 10}));
-  const PinholeCamera& camera = state.problem().reference.camera;
-  const auto ray = [&](int col) { return Vec3f{static_cast<float>((col - camera.cx) / camera.fx), 0, 1}; };
-  // A crest: two slopes that meet at column 10. Every neighbour's own depth lies behind the crest's.
-  const Vec3f left = Normalized(Vec3f{-1, 0, -1}), right = Normalized(Vec3f{1, 0, -1});
-  for (int row = 0; row < 21; ++row) {
-    for (int col = 0; col < 21; ++col) state.planes(col, row) = PlaneThrough(col < 10 ? left : right, ray(10), 4);
-  }
-  MedianFilterPixel(state.Context(), 10, 10);
-  EXPECT_NEAR(Depth(state, state.planes, 10, 10), 4, 1e-5);
-  // The same depths with normals at random: planes extended from the neighbours are worth less than their depths.
-  TestRandom random(6);
-  for (int row = 0; row < 21; ++row) {
-    for (int col = 0; col < 21; ++col) {
-      const Vec3f normal = Normalized(Vec3f{static_cast<float>(random(-1, 1)), static_cast<float>(random(-1, 1)), -1});
-      const Vec3f own = {ray(col).x, static_cast<float>((row - camera.cy) / camera.fy), 1};
-      state.planes(col, row) = PlaneThrough(normal, own, 4);
-    }
-  }
-  MedianFilterPixel(state.Context(), 10, 10);
-  EXPECT_NEAR(Depth(state, state.planes, 10, 10), 4, 1e-5);
-}
-
-TEST(MedianFilterTest, KeepsADepthEdge) {
-  const std::vector<PlanarView> views = RandomViews(2, 20, 15, 4);
-  KernelState state(MakeProblem(views, 0, {1, 10}));
-  for (int row = 0; row < 15; ++row) {
-    for (int col = 0; col < 20; ++col) state.planes(col, row) = {0, 0, -1, col < 10 ? 3.0f : 6.0f};
-  }
-  for (int color = 0; color < 2; ++color) {
-    for (int row = 4; row < 11; ++row) {
-      for (int col = 4; col < 16; ++col) {
-        if ((col + row) % 2 == color) MedianFilterPixel(state.Context(), col, row);
-      }
-    }
-  }
-  for (int col = 4; col < 16; ++col) EXPECT_NEAR(Depth(state, state.planes, col, 7), col < 10 ? 3 : 6, 1e-5) << col;
-}
-
 }  // namespace
 }  // namespace acmp

@@ -220,6 +220,22 @@ TEST(UpdatePixelTest, PhotometricTakesTheBestHypothesis) { ExpectUpdateTakesTheB
 TEST(UpdatePixelTest, PlanarPriorTakesTheBestHypothesisByEquation7) { ExpectUpdateTakesTheBest<Pass::kPlanarPrior>(); }
 TEST(UpdatePixelTest, GeometricTakesTheBestHypothesisByEquation13) { ExpectUpdateTakesTheBest<Pass::kGeometric>(); }
 
+TEST(UpdatePixelTest, NearAndFarRegionsTakeTurns) {
+  for (uint32_t turn = 0; turn < 4; ++turn) {
+    for (int row = 0; row < 9; ++row) {
+      for (int col = 0; col < 9; ++col) {
+        const RegionRange regions = AlternatingRegions(col, row, turn);
+        EXPECT_EQ(regions.count, 4);
+        EXPECT_TRUE(regions.first == 0 || regions.first == 4);
+        EXPECT_EQ(regions.first, AlternatingRegions(col / 2 * 2, row / 2 * 2, turn).first) << "a block has one turn";
+        EXPECT_NE(regions.first, AlternatingRegions(col + 2, row, turn).first);
+        EXPECT_NE(regions.first, AlternatingRegions(col, row + 2, turn).first);
+        EXPECT_NE(regions.first, AlternatingRegions(col, row, turn + 1).first);
+      }
+    }
+  }
+}
+
 PatchMatchOptions WithUsers(int users) {
   PatchMatchOptions options;
   options.min_neighbours_per_view = users;
@@ -244,12 +260,6 @@ bool SameBits(const Maps& a, const Maps& b) {
          std::equal(a.selected_views.begin(), a.selected_views.end(), b.selected_views.begin());
 }
 
-TEST(CandidateViewVotesTest, DoNotTouchThePhotometricPass) {
-  const std::vector<PlanarView> views = RandomViews(6, 33, 27, 11);
-  const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10}, true);
-  EXPECT_TRUE(SameBits(UpdateColour<Pass::kPhotometric>(problem, 3), UpdateColour<Pass::kPhotometric>(problem, 0)));
-}
-
 /// Where everybody uses all views, or nobody any, the number changes nothing.
 template <Pass kPass>
 void ExpectUsersMatterOnlyWhereTheyDiffer() {
@@ -266,24 +276,6 @@ void ExpectUsersMatterOnlyWhereTheyDiffer() {
 
 TEST(CandidateViewVotesTest, PlanarPriorPassHeedsThem) { ExpectUsersMatterOnlyWhereTheyDiffer<Pass::kPlanarPrior>(); }
 TEST(CandidateViewVotesTest, GeometricPassHeedsThem) { ExpectUsersMatterOnlyWhereTheyDiffer<Pass::kGeometric>(); }
-
-TEST(CandidateViewVotesTest, OnlyCredibleViewsAreDrawn) {
-  const std::vector<PlanarView> views = RandomViews(6, 53, 55, 13);
-  for (const int users : {1, 2, 3}) {
-    KernelState state(MakeProblem(views, 0, {1, 10}, true), WithUsers(users));
-    FillState<Pass::kGeometric>(&state, 14);
-    int fewer = 0;
-    for (int row = 0; row < state.height(); ++row) {
-      for (int col = row % 2; col < state.width(); col += 2) {
-        const uint32_t credible = ViewsOfNeighbours(state.Context(), col, row);
-        UpdatePixel<Pass::kGeometric>(state.Context(), col, row, 0);
-        ASSERT_EQ(state.selected_views(col, row) & ~credible, 0u) << col << ", " << row << ", " << users << " users";
-        fewer += credible != AllViews(5) ? 1 : 0;
-      }
-    }
-    EXPECT_GT(fewer, 100) << users << " users";
-  }
-}
 
 TEST(UpdatePixelTest, WithoutAnyDrawnViewThePixelKeepsItsHypothesis) {
   std::vector<PlanarView> views = RandomViews(4, 53, 55, 7);

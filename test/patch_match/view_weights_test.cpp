@@ -1,6 +1,5 @@
 #include "acmp_mapping/patch_match/kernel/view_weights.h"
 
-#include <algorithm>
 #include <cmath>
 #include <numeric>
 
@@ -81,29 +80,6 @@ TEST(IsViewRejectedTest, EnoughBadCostsRejectAsTheConfidenceDoes) {
   EXPECT_LT(rejected, 3500);
 }
 
-TEST(ViewSmoothnessTest, AddsEtaPerNeighbourThatUsesTheView) {
-  const std::vector<PlanarView> views = RandomViews(2, 5, 4, 2);
-  PatchMatchOptions options;
-  options.view_smoothness = 0.8f;
-  KernelState state(MakeProblem(views, 0, {1, 10}), options);
-  TestRandom random(3);
-  for (uint32_t& mask : state.selected_views) {
-    mask = static_cast<uint32_t>(random.Below(65536)) << 16 | static_cast<uint32_t>(random.Below(65536));
-  }
-  for (int row = 0; row < 4; ++row) {
-    for (int col = 0; col < 5; ++col) {
-      for (const int view : {0, 1, 15, 31}) {
-        double expected = 0;
-        for (const auto& [c, r] : {std::pair(col - 1, row), {col + 1, row}, {col, row - 1}, {col, row + 1}}) {
-          if (c < 0 || r < 0 || c >= 5 || r >= 4) continue;
-          expected += (state.selected_views(c, r) & (uint32_t{1} << view)) != 0 ? 0.8 : 0.2;
-        }
-        EXPECT_NEAR(ViewSmoothness(state.Context(), col, row, view), expected, 1e-6);
-      }
-    }
-  }
-}
-
 uint32_t RandomMask(TestRandom* random) {
   return static_cast<uint32_t>(random->Below(65536)) << 16 | static_cast<uint32_t>(random->Below(65536));
 }
@@ -164,140 +140,26 @@ TEST(CredibleViewsTest, AgreesWithTheReferenceAlsoAtTheBorder) {
   }
 }
 
-TEST(ListViewsTest, ListsTheBitsFromTheLowest) {
-  TestRandom random(6);
-  for (int views = 1; views <= kMaxSourceViews; ++views) {
-    for (int round = 0; round < 200; ++round) {
-      uint32_t mask = RandomMask(&random);
-      if (round % 3 == 1) mask &= RandomMask(&random) & RandomMask(&random);
-      mask &= AllViews(views);
-      if (round == 0) mask = 0;
-      if (round == 1) mask = AllViews(views);
-      if (round == 2) mask = uint32_t{1} << (views - 1);
-      std::vector<int> expected;
-      for (int j = 0; j < views; ++j) {
-        if ((mask & (uint32_t{1} << j)) != 0) expected.push_back(j);
-      }
-      std::vector<int> list(kMaxSourceViews + 1, -1);
-      const int count = ListViews(mask, views, SingleThread(), list.data());
-      ASSERT_EQ(count, static_cast<int>(expected.size())) << "mask " << mask;
-      expected.resize(list.size(), -1);  // the rest is not written
-      ASSERT_EQ(list, expected) << "mask " << mask;
-    }
-  }
-}
-
-struct DrawnViews {
-  int draws[kMaxSourceViews] = {};
-  int sum = 0;
-  uint32_t mask = 0;
-};
-
-/// Draws alone, with the list of drawn views checked against the counts.
-DrawnViews Draw(const float* probability, int views, int draws, RandomStream* random) {
-  DrawnViews drawn;
-  const bool any = DrawViews(probability, views, draws, SingleThread(), random, drawn.draws);
-  drawn.sum = std::accumulate(drawn.draws, drawn.draws + kMaxSourceViews, 0);
-  EXPECT_EQ(any, drawn.sum > 0);
-  int list[kMaxSourceViews];
-  drawn.mask = ListWeighedViews(drawn.draws, views, SingleThread(), list);
-  std::vector<int> expected;
-  for (int j = 0; j < views; ++j) {
-    if (drawn.draws[j] > 0) expected.push_back(j);
-  }
-  std::stable_sort(expected.begin(), expected.end(), [&](int a, int b) { return drawn.draws[a] > drawn.draws[b]; });
-  EXPECT_EQ(std::vector<int>(list, list + CountBits(drawn.mask)), expected);
-  return drawn;
-}
-
-/// Draws for many pixels: totals per view, with the bookkeeping checked on the way.
-std::vector<double> DrawMany(const std::vector<float>& probability, int draws, int pixels) {
-  const int views = static_cast<int>(probability.size());
-  std::vector<double> totals(probability.size());
-  for (int pixel = 0; pixel < pixels; ++pixel) {
-    RandomStream random(1, static_cast<uint32_t>(pixel), 1);
-    const DrawnViews weights = Draw(probability.data(), views, draws, &random);
-    int sum = 0;
-    for (int j = 0; j < views; ++j) {
-      sum += weights.draws[j];
-      totals[j] += weights.draws[j];
-      EXPECT_EQ((weights.mask & (uint32_t{1} << j)) != 0, weights.draws[j] > 0);
-    }
-    EXPECT_EQ(weights.sum, sum);
-    EXPECT_EQ(uint64_t{weights.mask} >> views, 0u);
-  }
-  return totals;
-}
-
-TEST(DrawViewsTest, FrequenciesFollowTheProbabilities) {
-  for (const std::vector<float>& probability : {std::vector<float>{1, 1},
-                                                {0.1f, 0.2f, 0.3f, 0.4f},
-                                                {5, 0, 1, 0, 2},
-                                                {0, 0, 3, 1, 0},
-                                                {1e-3f, 1.0f, 1e-3f},
-                                                {1e-20f, 3e-20f},
-                                                {2e4f, 1e4f, 1e4f}}) {
-    constexpr int kPixels = 20000, kDraws = 15;
-    const std::vector<double> totals = DrawMany(probability, kDraws, kPixels);
-    const double norm = std::accumulate(probability.begin(), probability.end(), 0.0);
-    for (size_t j = 0; j < probability.size(); ++j) {
-      const double p = probability[j] / norm;
-      const double mean = p * kPixels * kDraws;
-      const double sigma = std::sqrt(mean * (1 - p));
-      EXPECT_NEAR(totals[j], mean, 5 * sigma) << "view " << j;  // binomial: by chance less than once in a million
-    }
-  }
-}
-
 TEST(DrawViewsTest, NeverDrawsAViewOfProbabilityZero) {
   TestRandom random(4);
   for (int i = 0; i < 300; ++i) {
-    std::vector<float> probability(1 + random.Below(32));
+    std::vector<float> probability(static_cast<size_t>(1 + random.Below(32)));
     double total = 0;
     for (float& p : probability) {
       // Magnitudes far apart provoke rounding at the ends of the intervals.
       p = random(0, 1) < 0.5 ? 0.0f : static_cast<float>(std::pow(10.0, random(-12, 3)));
       total += p;
     }
-    const std::vector<double> totals = DrawMany(probability, 255, 20);
-    for (size_t j = 0; j < probability.size(); ++j) {
-      EXPECT_TRUE(probability[j] > 0 || totals[j] == 0) << "view " << j << " of " << probability.size();
+    for (uint32_t pixel = 0; pixel < 20; ++pixel) {
+      RandomStream stream(1, pixel, 1);
+      std::vector<int> draws(probability.size());
+      const bool any =
+          DrawViews(probability.data(), static_cast<int>(draws.size()), 255, SingleThread(), &stream, draws.data());
+      EXPECT_EQ(any, total > 0);
+      EXPECT_EQ(std::accumulate(draws.begin(), draws.end(), 0), any ? 255 : 0);
+      for (size_t j = 0; j < draws.size(); ++j) EXPECT_TRUE(probability[j] > 0 || draws[j] == 0) << "view " << j;
     }
-    EXPECT_EQ(std::accumulate(totals.begin(), totals.end(), 0.0), total > 0 ? 255 * 20 : 0);
   }
-}
-
-// Members of a group draw every kSize-th number: the stream goes on behind all of them, whoever drew which.
-TEST(DrawViewsTest, TakesAsManyNumbersAsDraws) {
-  RandomStream random(1, 2, 3), other(1, 2, 3);
-  const float probability[2] = {0.5f, 0.5f};
-  Draw(probability, 2, 15, &random);
-  for (int i = 0; i < 15; ++i) other.NextWord();
-  EXPECT_EQ(random.NextWord(), other.NextWord());
-}
-
-TEST(DrawViewsTest, AllZeroDrawsNothing) {
-  for (const int views : {1, 2, 31, 32}) {
-    const std::vector<float> probability(views, 0.0f);
-    RandomStream random(1, 2, 3);
-    const DrawnViews weights = Draw(probability.data(), views, 15, &random);
-    EXPECT_EQ(weights.sum, 0);
-    EXPECT_EQ(weights.mask, 0u);
-    for (int j = 0; j < views; ++j) EXPECT_EQ(weights.draws[j], 0);
-  }
-}
-
-TEST(DrawViewsTest, ThirtyTwoViewsUseTheWholeMask) {
-  const std::vector<float> equal(32, 0.25f);
-  const std::vector<double> totals = DrawMany(equal, 15, 5000);
-  const double mean = 15 * 5000 / 32.0;
-  for (int j = 0; j < 32; ++j) EXPECT_NEAR(totals[j], mean, 5 * std::sqrt(mean)) << "view " << j;
-  std::vector<float> last(32, 0.0f);
-  last[31] = 1e-30f;
-  RandomStream random(1, 2, 3);
-  const DrawnViews weights = Draw(last.data(), 32, 15, &random);
-  EXPECT_EQ(weights.draws[31], 15);
-  EXPECT_EQ(weights.mask, 0x80000000u);
 }
 
 }  // namespace

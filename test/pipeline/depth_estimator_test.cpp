@@ -1,7 +1,5 @@
 #include "acmp_mapping/pipeline/depth_estimator.h"
 
-#include <cmath>
-
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -90,30 +88,6 @@ class DepthEstimatorTest : public ::testing::Test {
   std::vector<FramePtr> frames_;
 };
 
-TEST_F(DepthEstimatorTest, WithoutPriorRunsThePhotometricPassOnly) {
-  DepthEstimator estimator(&engine_, MakePreset("acmh"));
-  const EngineEstimatePtr estimate = estimator.Run(estimator.schedule().front(), Problem());
-  EXPECT_THAT(engine_.calls, ElementsAre("photometric"));
-  EXPECT_EQ(FirstPlane(estimate).d, 3.2f);
-  EXPECT_EQ(estimator.last_times().kernels_ms, 10);
-  EXPECT_EQ(estimator.last_times().planar_prior_ms, 0);
-}
-
-TEST_F(DepthEstimatorTest, HandsOverViewsInOrder) {
-  PipelineOptions options = MakePreset("acmh");
-  options.patch_match.seed = 17;
-  DepthEstimator estimator(&engine_, options);
-  const EngineProblem problem = Problem();
-  estimator.Run(estimator.schedule().front(), problem);
-  EXPECT_EQ(engine_.last_options.seed, 17u);
-  const EngineProblem& seen = engine_.problems.at(0);
-  EXPECT_EQ(seen.depth_range.min, 1);
-  EXPECT_EQ(seen.depth_range.max, 10);
-  EXPECT_EQ(seen.reference.frame, frames_[0]);
-  ASSERT_EQ(seen.sources.size(), 3u);
-  for (size_t i = 0; i < 3; ++i) EXPECT_EQ(seen.sources[i].frame, problem.sources[i].frame);
-}
-
 /// Number of pixels with a prior, each with the plane of the fake's photometric pass.
 int CountPriorsOnThePlane(const PlaneMap& prior) {
   int with_prior = 0;
@@ -141,61 +115,6 @@ TEST_F(DepthEstimatorTest, PriorComesFromTheCrediblePixelsOfThePhotometricPass) 
   ASSERT_EQ(engine_.last_prior.width(), 40);
   ASSERT_EQ(engine_.last_prior.height(), 30);
   EXPECT_GT(CountPriorsOnThePlane(engine_.last_prior), 0.6 * 40 * 30);
-}
-
-TEST_F(DepthEstimatorTest, WithoutSupportThePriorIsEmptyAndThePassStillRuns) {
-  PipelineOptions options = MakePreset("balanced");
-  options.planar_prior.max_support_cost = 0.01f;  // no pixel is that good
-  DepthEstimator estimator(&engine_, options);
-  estimator.Run(estimator.schedule().front(), Problem());
-  EXPECT_THAT(engine_.calls, ElementsAre("photometric", "planar prior"));
-  for (const PlaneHypothesis& plane : engine_.last_prior) ASSERT_EQ(plane.d, 0);
-}
-
-TEST_F(DepthEstimatorTest, PhotometricPassOfAStartLevelSeesHalvedImages) {
-  PipelineOptions options = MakePreset("balanced");
-  options.start_level = 1;
-  DepthEstimator estimator(&engine_, options);
-  estimator.Run(estimator.schedule().front(), Problem(1));
-  ASSERT_THAT(engine_.calls, ElementsAre("photometric", "planar prior"));
-  EXPECT_EQ(estimator.last_times().kernels_ms, 20);
-  EXPECT_TRUE(engine_.cameras[0] == frames_[0]->camera.Halved());
-  EXPECT_TRUE(engine_.cameras[1] == frames_[0]->camera);
-}
-
-TEST_F(DepthEstimatorTest, PlanarPriorPassOfAStartLevelBeginsWithUpsampledPlanes) {
-  PipelineOptions options = MakePreset("balanced");
-  options.start_level = 1;
-  DepthEstimator estimator(&engine_, options);
-  const EngineEstimatePtr estimate = estimator.Run(estimator.schedule().front(), Problem(1));
-  EXPECT_EQ(engine_.DownloadState(estimate).planes.width(), 40);
-  const EstimateState& start = engine_.last_start;
-  ASSERT_EQ(start.planes.width(), 40);
-  ASSERT_EQ(start.planes.height(), 30);
-  for (int row = 0; row < 30; ++row) {
-    for (int col = 0; col < 40; ++col) {
-      ASSERT_EQ(start.planes(col, row).d, 3.2f);
-      const bool credible = (col / 2) % 3 == (row / 2) % 3;  // as the fake answered for the halved image
-      ASSERT_EQ(start.cost(col, row), credible ? 0.05f : 0.5f) << col << ", " << row;
-    }
-  }
-}
-
-TEST_F(DepthEstimatorTest, PriorOfAStartLevelComesFromTheUpsampledEstimate) {
-  PipelineOptions options = MakePreset("balanced");
-  options.start_level = 1;
-  DepthEstimator estimator(&engine_, options);
-  estimator.Run(estimator.schedule().front(), Problem(1));
-  const PlaneMap& prior = engine_.last_prior;
-  ASSERT_EQ(prior.width(), 40);
-  ASSERT_EQ(prior.height(), 30);
-  // The plane is the one that the halved camera saw, back-projected through the full camera: as dense as without a
-  // start level.
-  EXPECT_GT(CountPriorsOnThePlane(prior), 0.6 * 40 * 30);
-  // Support points of the halved image would end at column 34 and row 20.
-  const auto has_prior = [&](int col, int row) { return prior(col, row).d > 0; };
-  EXPECT_TRUE(has_prior(36, 12));
-  EXPECT_TRUE(has_prior(20, 24));
 }
 
 TEST_F(DepthEstimatorTest, FullSizeIterationsFollowAStartLevelWithoutPrior) {
@@ -228,26 +147,6 @@ TEST_F(DepthEstimatorTest, PlanarPriorPassFollowsTheFullSizeIterationsWithOption
   EXPECT_EQ(engine_.last_start.planes(0, 0).d, 5);  // of the full-size iterations
   EXPECT_EQ(estimator.last_times().photometric_kernels_ms, 20);
   EXPECT_EQ(estimator.last_times().kernels_ms, 30);
-}
-
-TEST_F(DepthEstimatorTest, WithoutAStartLevelThereAreNoFullSizeIterations) {
-  PipelineOptions options = MakePreset("acmh");
-  options.full_size_iterations = 4;
-  DepthEstimator estimator(&engine_, options);
-  estimator.Run(estimator.schedule().front(), Problem());
-  EXPECT_THAT(engine_.calls, ElementsAre("photometric"));
-}
-
-TEST_F(DepthEstimatorTest, WithoutPriorAStartLevelStillGivesTheFullSize) {
-  PipelineOptions options = MakePreset("acmh");
-  options.start_level = 2;
-  DepthEstimator estimator(&engine_, options);
-  const EngineEstimatePtr estimate = estimator.Run(estimator.schedule().front(), Problem(2));
-  EXPECT_THAT(engine_.calls, ElementsAre("photometric"));
-  EXPECT_EQ(engine_.cameras[0].width, 10);
-  const EstimateMaps maps = engine_.Download(estimate);
-  EXPECT_EQ(maps.depth.width(), 40);
-  EXPECT_EQ(maps.cost.height(), 30);
 }
 
 TEST_F(DepthEstimatorTest, RefinementReadsTheGivenEstimatesAndStart) {
@@ -287,16 +186,6 @@ TEST_F(DepthEstimatorTest, StepsRunThePassesThatTheOptionsName) {
   EXPECT_THAT(engine_.calls, IsEmpty());
 }
 
-TEST_F(DepthEstimatorTest, RefinementIsAtFullSizeWhateverTheStartLevel) {
-  PipelineOptions options = MakePreset("balanced");
-  options.start_level = 1;
-  DepthEstimator estimator(&engine_, options);
-  EngineProblem problem = Problem(1);
-  problem.reference.estimate = EstimateAt(4.5f, 40, 30);
-  estimator.Run(estimator.schedule().at(2), problem);
-  EXPECT_TRUE(engine_.cameras.at(0) == frames_[0]->camera);
-}
-
 TEST_F(DepthEstimatorTest, BadOptionsAreRefusedAndTheOldOnesKept) {
   PipelineOptions bad = MakePreset("balanced");
   bad.patch_match.view_draws = 0;
@@ -308,18 +197,6 @@ TEST_F(DepthEstimatorTest, BadOptionsAreRefusedAndTheOldOnesKept) {
   EXPECT_EQ(estimator.options().patch_match.view_draws, 15);
   estimator.set_options(MakePreset("acmp_no_geometric"));
   EXPECT_TRUE(estimator.options().use_planar_prior);
-}
-
-TEST(StageTimesTest, AddUp) {
-  StageTimes times = {1, 2, 3, 4, 5, 6, 7};
-  times += {10, 20, 30, 40, 50, 60, 70};
-  EXPECT_EQ(times.photometric_ms, 11);
-  EXPECT_EQ(times.prior_construction_ms, 22);
-  EXPECT_EQ(times.planar_prior_ms, 33);
-  EXPECT_EQ(times.geometric_ms, 44);
-  EXPECT_EQ(times.fill_ms, 55);
-  EXPECT_EQ(times.kernels_ms, 66);
-  EXPECT_EQ(times.photometric_kernels_ms, 77);
 }
 
 }  // namespace

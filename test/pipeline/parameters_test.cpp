@@ -3,10 +3,7 @@
 
 #include <set>
 
-#include "gmock/gmock.h"
 #include "gtest/gtest.h"
-
-#include "acmp_mapping/common/error.h"
 
 namespace acmp {
 namespace {
@@ -32,36 +29,6 @@ OptionValue Extreme(const OptionDescription& option, const OptionValue& like, bo
   if (std::holds_alternative<bool>(like)) return upper;
   if (std::holds_alternative<int>(like)) return static_cast<int>(bound);
   return bound;
-}
-
-TEST(ParametersTest, EachBoundOfThePipelineIsLegal) {
-  for (const std::string& preset : PresetNames()) {
-    for (const auto& option : PipelineOptionTable()) {
-      for (const bool upper : {false, true}) {
-        PipelineOptions options = MakePreset(preset);
-        option.set(Extreme(option.description, option.get(options), upper), &options);
-        if (options.multi_scale && (options.use_planar_prior || options.fill.enabled)) continue;  // refused
-        EXPECT_NO_THROW(Validate(options)) << preset << ", " << option.name();
-      }
-    }
-  }
-}
-
-TEST(ParametersTest, EachBoundOfTheWindowIsLegalWithWhatBelongsToIt) {
-  for (const auto& option : WindowOptionTable()) {
-    for (const bool upper : {false, true}) {
-      DenseMapperOptions options;
-      options.window_size = upper ? kMaxWindowSize : 3;
-      options.lookahead = 0;
-      options.min_source_views = 1;
-      if (option.name() == "depth_min" && upper) continue;  // nothing is farther
-      if (!option.description.choices.empty()) continue;    // no bounds
-      if (option.name() == "depth_min") options.fallback_depth_range.max = 0;
-      if (option.name() == "depth_max" && upper) options.fallback_depth_range.min = 1;
-      option.set(Extreme(option.description, option.get(options), upper), &options);
-      EXPECT_NO_THROW(Validate(options)) << option.name();
-    }
-  }
 }
 
 TEST(ParametersTest, SettingOneChangesThatOneAlone) {

@@ -2,7 +2,6 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <tbb/global_control.h>
 
 #include <Eigen/Geometry>
 #include <cmath>
@@ -22,27 +21,6 @@ PlaneMap MakePlanarPrior(const PinholeCamera& camera, const std::vector<SupportP
                          const std::vector<SupportTriangle>& triangles, const DepthRange& range,
                          const PlanarPriorOptions& options) {
   return RasterizePrior(camera, MakePriorMesh(camera, points, triangles, options), range);
-}
-
-TEST(PlanarPriorOptions, AreValidatedAtTheirBounds) {
-  EXPECT_NO_THROW(Validate(PlanarPriorOptions()));
-  const auto error = [](int cell, float cost, float angle) {
-    PlanarPriorOptions options;
-    options.cell_size_px = cell;
-    options.max_support_cost = cost;
-    options.max_grazing_angle_deg = angle;
-    return ErrorOf([&] { Validate(options); });
-  };
-  EXPECT_EQ(error(1, 2.0f, 89.9f), "no error");
-  EXPECT_EQ(error(64, 0.01f, 0.1f), "no error");
-  EXPECT_THAT(error(0, 0.1f, 85), testing::HasSubstr("cell_size_px = 0"));
-  EXPECT_THAT(error(65, 0.1f, 85), testing::HasSubstr("cell_size_px = 65"));
-  EXPECT_THAT(error(5, 0, 85), testing::HasSubstr("max_support_cost = 0"));
-  EXPECT_THAT(error(5, 2.1f, 85), testing::HasSubstr("max_support_cost = 2.1"));
-  EXPECT_THAT(error(5, kNan, 85), testing::HasSubstr("max_support_cost"));
-  EXPECT_THAT(error(5, 0.1f, 0), testing::HasSubstr("max_grazing_angle_deg = 0"));
-  EXPECT_THAT(error(5, 0.1f, 90), testing::HasSubstr("max_grazing_angle_deg = 90"));
-  EXPECT_THAT(error(5, 0.1f, kNan), testing::HasSubstr("max_grazing_angle_deg"));
 }
 
 std::vector<SupportPoint> Find(const DepthMap& depth, const CostMap& cost, const PlanarPriorOptions& options = {},
@@ -96,21 +74,6 @@ TEST(FindSupportPoints, AgreesWithExhaustiveSearch) {
   }
 }
 
-TEST(FindSupportPoints, NeedsACostBelowTheThresholdAndADepthInRange) {
-  const auto count = [](float z, float c) {
-    DepthMap depth(1, 1, z);
-    CostMap cost(1, 1, c);
-    return Find(depth, cost).size();
-  };
-  EXPECT_EQ(count(2.0f, 0.0999f), 1u);
-  EXPECT_EQ(count(2.0f, 0.1f), 0u);  // the paper: "lower than 0.1"
-  EXPECT_EQ(count(1.0f, 0.0f), 1u);
-  EXPECT_EQ(count(10.0f, 0.0f), 1u);
-  EXPECT_EQ(count(0.999f, 0.0f), 0u);
-  EXPECT_EQ(count(10.01f, 0.0f), 0u);
-  EXPECT_EQ(count(0.0f, 0.0f), 0u);
-}
-
 TEST(FindSupportPoints, RefusesUnequalSizesAndBadRanges) {
   DepthMap depth(4, 3, 2.0f);
   CostMap cost(3, 4, 0.0f);
@@ -134,26 +97,6 @@ int CountPlanes(const PlaneMap& planes) {
   int count = 0;
   for (const PlaneHypothesis& plane : planes) count += plane.d != 0;
   return count;
-}
-
-TEST(PlanarPrior, RecoversAPlaneThatFacesTheCamera) {
-  Eigen::Vector4d plane;
-  plane << Eigen::Vector3d(0.3, -0.2, -0.9).normalized(), 4.0;
-  const std::vector<SupportPoint> points = {{0, 0, 0}, {119, 0, 0}, {0, 89, 0}, {119, 89, 0}, {60, 40, 0}};
-  std::vector<SupportPoint> on_plane = points;
-  for (SupportPoint& point : on_plane) point.depth = static_cast<float>(TrueDepth(plane, point.col, point.row));
-  const PlaneMap planes = MakePlanarPrior(kCamera, on_plane, TriangulateSupportPoints(on_plane), kRange, {});
-  EXPECT_EQ(CountPlanes(planes), 119 * 89);  // the half-open hull of the corners
-  for (int row = 0; row < 89; ++row) {
-    for (int col = 0; col < 119; ++col) {
-      const PlaneHypothesis& p = planes(col, row);
-      // Depths are rounded to float (relative 6e-8) over triangles at least 50 px wide at 4 units: 1e-6 is ample.
-      EXPECT_NEAR(p.nx, plane[0], 1e-6);
-      EXPECT_NEAR(p.ny, plane[1], 1e-6);
-      EXPECT_NEAR(p.nz, plane[2], 1e-6);
-      EXPECT_NEAR(p.d, plane[3], 4e-6);
-    }
-  }
 }
 
 TEST(PlanarPrior, PassesThroughTheVerticesOfEachTriangle) {
@@ -186,20 +129,6 @@ TEST(PlanarPrior, PassesThroughTheVerticesOfEachTriangle) {
     }
   }
   EXPECT_GT(checked, 3000);
-}
-
-TEST(PlanarPrior, IsZeroOutsideTheTriangulation) {
-  const std::vector<SupportPoint> points = {{20, 20, 4}, {60, 20, 4}, {20, 60, 4}};
-  const PlaneMap planes = MakePlanarPrior(kCamera, points, {{{0, 1, 2}}}, kRange, {});
-  for (int row = 0; row < kCamera.height; ++row) {
-    for (int col = 0; col < kCamera.width; ++col) {
-      const bool inside = col >= 20 && row >= 20 && (col - 20) + (row - 20) < 40;
-      const PlaneHypothesis& p = planes(col, row);
-      ASSERT_EQ(p.d != 0, inside) << col << ", " << row;
-      ASSERT_EQ(p.nx != 0 || p.ny != 0 || p.nz != 0, inside) << col << ", " << row;
-    }
-  }
-  EXPECT_EQ(CountPlanes(MakePlanarPrior(kCamera, {}, {}, kRange, {})), 0);
 }
 
 TEST(PlanarPrior, RejectsGrazingTriangles) {
@@ -272,23 +201,6 @@ TEST(PlanarPrior, RefusesBadInput) {
   PriorMesh mesh = MakePriorMesh(kCamera, {{20, 20, 4}, {60, 20, 4}, {20, 60, 4}}, triangle, {});
   mesh.planes.clear();
   EXPECT_THAT(ErrorOf([&] { RasterizePrior(kCamera, mesh, kRange); }), testing::HasSubstr("planes of the prior = 0"));
-}
-
-TEST(PlanarPrior, DoesNotDependOnTheNumberOfThreads) {
-  std::vector<SupportPoint> points = RandomPoints(kCamera.width, kCamera.height, 800, 6);
-  std::mt19937 generator(6);
-  std::uniform_real_distribution<float> any_depth(0.9f, 10.5f);
-  for (SupportPoint& point : points) point.depth = any_depth(generator);
-  const auto triangles = TriangulateSupportPoints(points);
-  std::vector<PlaneMap> maps;
-  for (const size_t threads : {1, 4}) {
-    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-    maps.push_back(MakePlanarPrior(kCamera, points, triangles, kRange, {}));
-  }
-  for (size_t i = 0; i < maps[0].size(); ++i) {
-    const PlaneHypothesis &a = maps[0].data()[i], &b = maps[1].data()[i];
-    ASSERT_TRUE(a.nx == b.nx && a.ny == b.ny && a.nz == b.nz && a.d == b.d);
-  }
 }
 
 }  // namespace

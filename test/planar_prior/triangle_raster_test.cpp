@@ -70,33 +70,6 @@ TEST(RasterizeTriangles, LeavesNoHoleInsideTheHull) {
   }
 }
 
-TEST(RasterizeTriangles, IsExactForSlivers) {
-  ExpectExactRaster(200, 40, {{0, 0, 1}, {199, 39, 1}, {100, 20, 1}});  // half a pixel of area, crosses several bands
-  ExpectExactRaster(200, 40, {{0, 0, 1}, {199, 1, 1}, {100, 0, 1}});    // nearly horizontal
-  ExpectExactRaster(40, 200, {{0, 0, 1}, {1, 199, 1}, {0, 100, 1}});    // nearly vertical
-  ExpectExactRaster(61, 61, {{0, 60, 1}, {60, 0, 1}, {30, 31, 1}, {31, 30, 1}});
-}
-
-TEST(RasterizeTriangles, AcceptsBothWindings) {
-  std::vector<SupportPoint> points = RandomPoints(50, 50, 40, 2);
-  std::vector<SupportTriangle> triangles = TriangulateSupportPoints(points);
-  for (size_t i = 0; i < triangles.size(); i += 2) std::swap(triangles[i].vertex[0], triangles[i].vertex[1]);
-  ExpectExactRaster(50, 50, points, triangles);
-}
-
-TEST(RasterizeTriangles, GivesDegenerateTrianglesNoPixel) {
-  const std::vector<SupportPoint> points = {{2, 2, 1}, {8, 8, 1}, {5, 5, 1}, {2, 2, 1}, {9, 2, 1}};
-  const Image<int> ids =
-      RasterizeTriangles(12, 12, points, {{{0, 1, 2}}, {{0, 2, 1}}, {{0, 0, 0}}, {{0, 3, 4}}, {{0, 1, 0}}});
-  EXPECT_TRUE(std::all_of(ids.begin(), ids.end(), [](int id) { return id == -1; }));
-}
-
-TEST(RasterizeTriangles, ClipsToTheImage) {
-  std::vector<SupportPoint> points = RandomPoints(160, 120, 60, 9);
-  for (SupportPoint& point : points) point = {point.col - 50, point.row - 40, 1};
-  ExpectExactRaster(61, 43, points);
-}
-
 TEST(RasterizeTriangles, IsExactAtTheLargestCoordinates) {
   // The diagonal of a square from corner to corner of the legal range passes through the pixels (i, i): with the
   // top-left rule they belong to the triangle on the right of the diagonal.
@@ -113,14 +86,6 @@ TEST(RasterizeTriangles, TakesTheLastOfOverlappingTriangles) {
   const std::vector<SupportPoint> points = {{0, 0, 1}, {90, 0, 1}, {0, 90, 1}};
   const Image<int> ids = RasterizeTriangles(40, 40, points, {{{0, 1, 2}}, {{2, 1, 0}}});
   EXPECT_TRUE(std::all_of(ids.begin(), ids.end(), [](int id) { return id == 1; }));
-}
-
-TEST(RasterizeTriangles, HandlesEmptyInput) {
-  EXPECT_TRUE(RasterizeTriangles(0, 0, {}, {}).empty());
-  EXPECT_TRUE(RasterizeTriangles(0, 5, {{0, 0, 1}, {9, 0, 1}, {0, 9, 1}}, {{{0, 1, 2}}}).empty());
-  const Image<int> ids = RasterizeTriangles(3, 2, {}, {});
-  EXPECT_EQ(ids.size(), 6u);
-  EXPECT_TRUE(std::all_of(ids.begin(), ids.end(), [](int id) { return id == -1; }));
 }
 
 TEST(RasterizeTriangles, RefusesBadIndicesAndCoordinates) {

@@ -129,6 +129,7 @@ TEST_F(ReconstructTest, PosesAreRefinedWhereThatHelps) {
 
 TEST_F(ReconstructTest, EachStepReadsTheMapsAfterTheStepBefore) {
   options_.preset = "acmh";
+  options_.set = {"geometric_passes=2"};
   Run(&fake_);
   std::map<std::string, std::set<uint32_t>> results;  // by pass
   for (const auto& call : fake_.calls) results[call.pass].insert(call.result_hash);

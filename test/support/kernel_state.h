@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "acmp_mapping/patch_match/kernel/bilinear_sampler.h"
+#include "acmp_mapping/patch_match/kernel/window.h"
 #include "acmp_mapping/patch_match/match_setup.h"
 
 namespace acmp {

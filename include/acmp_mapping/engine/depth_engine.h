@@ -12,8 +12,9 @@ namespace acmp {
 /// All that a device does. Same input, options and device: same bits. An engine is used by one thread at a time; images
 /// and estimates may be shared among the engines that Share() made. Handles of another device are an InvalidInputError.
 /// Every method throws InvalidInputError for bad input and ProcessingError when the device fails; after either the
-/// engine can be used again.
-class DepthEngine : public MatchingEngine, public FusionEngine, public EstimateTransfer {
+/// engine can be used again. The interfaces are virtual bases, so that an engine can inherit the parts that implement
+/// them.
+class DepthEngine : public virtual MatchingEngine, public virtual FusionEngine, public virtual EstimateTransfer {
  public:
   /// Another engine on the same device, for another thread: the two work at the same time and share handles.
   virtual std::unique_ptr<DepthEngine> Share() = 0;

@@ -2,8 +2,8 @@
 
 #include <vector>
 
-#include "acmp_mapping/patch_match/kernel/bilinear_sampler.h"
 #include "acmp_mapping/patch_match/kernel/photometric_cost.h"
+#include "acmp_mapping/patch_match/kernel/window.h"
 
 namespace acmp {
 

@@ -18,7 +18,7 @@ struct PipelineOptions {
   PriorDepthOptions prior_depth;
   FusionOptions fusion;
   int start_level = 0;           ///< how often the images of the photometric pass are halved, 0..2
-  bool multi_scale = false;      ///< ACMM: all steps at each level from start_level on, without prior and filling
+  bool multi_scale = false;      ///< ACMM: all steps at each level from start_level on, without prior and completion
   int full_size_iterations = 0;  ///< after such a start: photometric iterations at full size, 0..20
   bool use_planar_prior = true;  ///< steps 10-20 of Algorithm 1
   int geometric_passes = 2;      ///< how often steps 21-30 run, 0..10
@@ -29,8 +29,8 @@ void Validate(const PipelineOptions& options);
 const std::vector<std::string>& PresetNames();
 
 /// Option sets of one pipeline. The papers', which compute what these describe and nothing else:
-///   acmh               photometric and geometric passes of ACMH
-///   acmm               ACMM: those of acmh at three scales, from coarse to fine
+///   acmh               photometric pass of ACMH; with geometric_passes = 1 what the authors' program runs
+///   acmm               ACMM: photometric and geometric passes of ACMH at three scales
 ///   acmp_no_geometric  ACMP\G: steps 1-20 of Algorithm 1
 ///   acmp               all of Algorithm 1
 /// Ours:

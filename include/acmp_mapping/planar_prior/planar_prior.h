@@ -5,7 +5,7 @@
 #include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/image/image.h"
 #include "acmp_mapping/keyframe/depth_range.h"
-#include "acmp_mapping/planar_prior/kernel/support_cell.h"
+#include "acmp_mapping/planar_prior/kernel/planar_prior.h"
 
 namespace acmp {
 

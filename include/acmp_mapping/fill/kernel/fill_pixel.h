@@ -1,7 +1,6 @@
 #pragma once
 
 #include "acmp_mapping/fill/kernel/fill_grid.h"
-#include "acmp_mapping/fill/kernel/nearest_seed.h"
 
 namespace acmp {
 

@@ -3,9 +3,66 @@
 #include <cfloat>
 #include <cmath>
 
-#include "acmp_mapping/fusion/kernel/surface_unevenness.h"
+#include "acmp_mapping/fusion/kernel/fusion_context.h"
+#include "acmp_mapping/fusion/kernel/match_pixel.h"
 
 namespace acmp {
+
+/// What a pixel of another colour counts for: less, as it is more likely of another surface. A pixel on a small thing
+/// in front of a wall is compared with the rest of the thing then, and one of the wall that was given the thing's depth
+/// with the wall.
+/// @param distance of the colours, ColorDistance; half of the weight is left at 20
+ACMP_HOST_DEVICE inline double ColorWeight(int distance) {
+  constexpr double kSquaredHalf = 400;
+  return kSquaredHalf / (kSquaredHalf + static_cast<double>(distance) * distance);
+}
+
+/// Calls function(col, row, weight) for the pixels around one of the reference that are inside the image: 24, in 8
+/// directions at 4, 8 and 16 px. Their weight is ColorWeight, or 1 without colours.
+template <class View, class Function>
+ACMP_HOST_DEVICE inline void ForEachAround(const View& reference, int col, int row, const Function& function) {
+  const bool has_color = !reference.color.empty();
+  for (int step = 4; step <= 16; step *= 2) {
+    const int diagonal = step * 3 / 4;  // nearly as far: 0.75 sqrt(2) = 1.06
+    for (int place = 0; place < 9; ++place) {
+      if (place == 4) continue;  // the pixel itself
+      const int right = place % 3 - 1, down = place / 3 - 1;
+      const int length = right == 0 || down == 0 ? step : diagonal;
+      const int c = col + right * length, r = row + down * length;
+      if (!reference.depth.Contains(c, r)) continue;
+      function(c, r, has_color ? ColorWeight(ColorDistance(reference.Color(col, row), reference.Color(c, r))) : 1.0);
+    }
+  }
+}
+
+/// Deviations count up to this: beyond, it is another surface.
+constexpr double kMaxUnevenness = 0.1;
+
+/// Mean relative deviation of depths around a pixel (ForEachAround) from its plane, each at most kMaxUnevenness.
+/// Unknown depths do not count; with none, or a plane that does not face the camera, it is kMaxUnevenness. A wrong
+/// estimate rarely fits its surroundings: without any view this alone sorts errors better than the number of consistent
+/// views does.
+template <class View>
+ACMP_HOST_DEVICE inline double SurfaceUnevenness(const FusionContext<View>& context, const ReferencePixel& pixel) {
+  // The plane's depth is inverse to m . (u, v, 1), which is negative where the plane faces the camera.
+  const double* from_pixel = context.geometry.target_from_pixel.m;
+  const Vec3d& n = pixel.normal;
+  const Vec3d m = {from_pixel[0] * n.x + from_pixel[3] * n.y + from_pixel[6] * n.z,
+                   from_pixel[1] * n.x + from_pixel[4] * n.y + from_pixel[7] * n.z,
+                   from_pixel[2] * n.x + from_pixel[5] * n.y + from_pixel[8] * n.z};
+  const double here = Dot(m, pixel.homogeneous);  // times the depth
+  if (!(here < 0)) return kMaxUnevenness;
+  double sum = 0, weights = 0;
+  ForEachAround(context.reference, pixel.col, pixel.row, [&](int col, int row, double weight) {
+    const float depth = context.reference.Depth(col, row);
+    if (!IsKnown(depth)) return;
+    const double there = Dot(m, Vec3d{static_cast<double>(col), static_cast<double>(row), 1});
+    const double deviation = std::fabs(there * depth / here - 1);
+    sum += weight * (deviation < kMaxUnevenness ? deviation : kMaxUnevenness);
+    weights += weight;
+  });
+  return weights > 0 ? sum / weights : kMaxUnevenness;
+}
 
 /// LogOdds without a depth.
 constexpr float kUnknownOdds = -FLT_MAX;

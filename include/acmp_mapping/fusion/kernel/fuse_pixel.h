@@ -1,15 +1,119 @@
 #pragma once
 
 #include "acmp_mapping/fusion/kernel/confidence.h"
-#include "acmp_mapping/fusion/kernel/match_sum.h"
+#include "acmp_mapping/fusion/kernel/match_pixel.h"
+#include "acmp_mapping/fusion/point_cloud.h"
 
 namespace acmp {
+
+/// A reference pixel and its matches added up, so that no list of matches is kept; at most kMaxSources sources.
+template <int kMaxSources>
+struct MatchSum {
+  int count;                                  ///< of matches
+  double weight;                              ///< as all below with the reference pixel
+  Vec3d homogeneous;                          ///< z (u, v, 1) in the reference, times weight
+  Vec3d normal;                               ///< target frame, times weight
+  unsigned red, green, blue, num_colors;      ///< of the pixels whose view has colours
+  uint32_t matched[(kMaxSources + 31) / 32];  ///< a bit per source
+};
+
+/// Which word of MatchSum::matched has a source's bit. Constant where there is one word, which stays in a register
+/// then.
+template <int kMaxSources>
+ACMP_HOST_DEVICE inline int WordOf(int source) {
+  return kMaxSources <= 32 ? 0 : source / 32;
+}
+
+template <class View, int kMaxSources>
+ACMP_HOST_DEVICE inline void AddColor(const View& view, int col, int row, MatchSum<kMaxSources>* sum) {
+  if (view.color.empty()) return;
+  const Rgb color = view.Color(col, row);
+  sum->red += color.r;
+  sum->green += color.g;
+  sum->blue += color.b;
+  ++sum->num_colors;
+}
+
+/// The sum of the reference pixel alone.
+template <class View, int kMaxSources>
+ACMP_HOST_DEVICE inline void StartSum(const View& reference, const ReferencePixel& pixel, MatchSum<kMaxSources>* sum) {
+  sum->count = 0;
+  sum->weight = 1;
+  sum->homogeneous = pixel.homogeneous;
+  sum->normal = pixel.normal;
+  sum->red = sum->green = sum->blue = sum->num_colors = 0;
+  for (uint32_t& word : sum->matched) word = 0;
+  AddColor(reference, pixel.col, pixel.row, sum);
+}
+
+template <class View, int kMaxSources>
+ACMP_HOST_DEVICE inline void AddMatch(const View& view, int source, const PixelMatch& match,
+                                      MatchSum<kMaxSources>* sum) {
+  ++sum->count;
+  sum->weight += match.weight;
+  sum->homogeneous = sum->homogeneous + match.weight * match.homogeneous;
+  sum->normal = sum->normal + match.weight * match.normal;
+  sum->matched[WordOf<kMaxSources>(source)] |= 1u << (source % 32);
+  AddColor(view, match.col, match.row, sum);
+}
+
+/// The reference pixel and what agrees with it.
+template <class View, int kMaxSources>
+ACMP_HOST_DEVICE inline void SumMatches(const FusionContext<View>& context, const ReferencePixel& pixel,
+                                        MatchSum<kMaxSources>* sum) {
+  StartSum(context.reference, pixel, sum);
+  for (int i = 0; i < context.num_sources; ++i) {
+    const FusionSource<View>& source = context.sources[i];
+    SourcePlace place;
+    if (!LocateInSource(source, pixel.homogeneous, &place)) continue;
+    ViewAgreement agreement;
+    if (!ProjectBack(source, context.limits, pixel, place, &agreement)) continue;
+    PixelMatch match;
+    if (MatchAgreement(source, context.limits, context.current, pixel, agreement, &match)) {
+      AddMatch(source.view, i, match, sum);
+    }
+  }
+}
+
+/// Sum over count, rounded to nearest; 0 of none.
+ACMP_HOST_DEVICE inline unsigned char RoundedMean(unsigned sum, unsigned count) {
+  return count == 0 ? 0 : static_cast<unsigned char>((2 * sum + count) / (2 * count));
+}
+
+/// Mean of the pixel and its matches, target frame.
+template <int kMaxSources>
+ACMP_HOST_DEVICE inline SurfacePoint Average(const ReferenceGeometry& geometry, const ReferencePixel& pixel,
+                                             const MatchSum<kMaxSources>& sum, double confidence) {
+  const Vec3d mean = (1.0 / sum.weight) * sum.homogeneous;
+  // With limits near 180 degrees normals may cancel; the reference's own is then as good as any.
+  const bool cancels = !(Norm(sum.normal) > 1e-6);
+  SurfacePoint point;
+  point.position = AsFloat(geometry.target_from_pixel * mean + geometry.center);
+  point.normal = AsFloat(cancels ? pixel.normal : Normalized(sum.normal));
+  point.color = {RoundedMean(sum.red, sum.num_colors), RoundedMean(sum.green, sum.num_colors),
+                 RoundedMean(sum.blue, sum.num_colors)};
+  point.confidence = static_cast<float>(confidence);
+  return point;
+}
 
 /// True when a pixel may be a point, whatever its confidence: it has a depth, and nothing speaks against it.
 template <class View>
 ACMP_HOST_DEVICE inline bool MayBePoint(const FusionContext<View>& context, int col, int row) {
   return context.limits.ByProbability() ? !context.reference.IsUnsupported(col, row)
                                         : !context.reference.IsGuess(col, row);
+}
+
+/// The mean of a pixel and of what agrees with it; false where it becomes no point.
+/// @param sum set to both where it does
+template <int kMaxSources, class View>
+ACMP_HOST_DEVICE inline bool MakePoint(const FusionContext<View>& context, int col, int row, double confidence,
+                                       ReferencePixel* pixel, MatchSum<kMaxSources>* sum, SurfacePoint* point) {
+  if (!(confidence >= context.limits.min_confidence) || !MayBePoint(context, col, row)) return false;
+  if (!LoadReferencePixel(context, col, row, pixel)) return false;
+  SumMatches(context, *pixel, sum);
+  if (sum->count < context.limits.min_consistent_views) return false;
+  *point = Average(context.geometry, *pixel, *sum, confidence);
+  return true;
 }
 
 /// One pixel of FilterByConsistency: true when it becomes a point, which it then sets.
@@ -20,13 +124,8 @@ ACMP_HOST_DEVICE inline bool CheckPixel(const FusionContext<View>& context, int 
   const double probability = ConfidenceOf(context, col, row);
   *confidence = static_cast<float>(probability);
   ReferencePixel pixel;
-  if (!(probability >= context.limits.min_confidence) || !MayBePoint(context, col, row)) return false;
-  if (!LoadReferencePixel(context, col, row, &pixel)) return false;
   MatchSum<kMaxSources> sum;
-  SumMatches(context, pixel, &sum);
-  if (sum.count < context.limits.min_consistent_views) return false;
-  *point = Average(context.geometry, pixel, sum, probability);
-  return true;
+  return MakePoint(context, col, row, probability, &pixel, &sum, point);
 }
 
 /// Stamps the pixel and its matches. Other pixels of the reference may do so at the same time and to the same matches:
@@ -50,14 +149,10 @@ ACMP_HOST_DEVICE inline void StampUsed(const FusionContext<View>& context, const
 template <int kMaxSources, class View>
 ACMP_HOST_DEVICE inline bool FusePixel(const FusionContext<View>& context, int col, int row, SurfacePoint* point) {
   if (IsUsed(context.stamps, context.current, col, row) || !MayBePoint(context, col, row)) return false;
-  const double confidence = ConfidenceOf(context, col, row);
   ReferencePixel pixel;
-  if (!(confidence >= context.limits.min_confidence) || !LoadReferencePixel(context, col, row, &pixel)) return false;
   MatchSum<kMaxSources> sum;
-  SumMatches(context, pixel, &sum);
-  if (sum.count < context.limits.min_consistent_views) return false;
+  if (!MakePoint(context, col, row, ConfidenceOf(context, col, row), &pixel, &sum, point)) return false;
   StampUsed(context, pixel, sum);
-  *point = Average(context.geometry, pixel, sum, confidence);
   return true;
 }
 

@@ -3,10 +3,8 @@
 #include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 #include "acmp_mapping/patch_match/kernel/hypothesis.h"
-#include "acmp_mapping/patch_match/kernel/match_alone.h"
 #include "acmp_mapping/patch_match/kernel/match_pairs.h"
 #include "acmp_mapping/patch_match/kernel/photometric_cost.h"
-#include "acmp_mapping/patch_match/kernel/pixel_scratch.h"
 
 namespace acmp {
 

@@ -4,13 +4,23 @@
 
 #include "acmp_mapping/geometry/plane_hypothesis.h"
 #include "acmp_mapping/image/image.h"
-#include "acmp_mapping/patch_match/kernel/halved_depth.h"
 #include "acmp_mapping/patch_match/patch_match_options.h"
 
 namespace acmp {
 
 /// Which cost decides: eq. 1, eq. 7 or eq. 13 of the paper.
 enum class Pass { kPhotometric, kPlanarPrior, kGeometric };
+
+/// The depths of a source view as geometric passes read them: an inverse depth per 2 x 2 px in 16 bits, half a byte per
+/// pixel. Evenly spaced inverse depths are evenly spaced disparities, so the rounding moves a point by the same part of
+/// a pixel at all depths: 1 / 131070 of the largest disparity. Depth maps at full size would be no better: a mean of
+/// four has less noise, and within a surface it is interpolated (InverseAt).
+struct HalvedDepth {
+  ImageView<const uint16_t> inverse;  ///< in steps, 0 = unknown; empty: no map
+  float step = 0;                     ///< 1 / scene unit: the greatest inverse depth of the map over kInverseSteps
+
+  ACMP_HOST_DEVICE bool empty() const { return inverse.empty(); }
+};
 
 /// What the kernels need of one source view, precomputed once per problem in double. Aligned, so that its first part is
 /// read four words at a time.
@@ -43,6 +53,7 @@ struct PriorMap {
 ///   SourceAt(image, x, y) bilinear, clamped to the border, at any finite or infinite position
 ///   kPixelCenter          where pixel 0 lies in x and y
 ///   kHasMasks             whether images may have masks: else what asks for them costs nothing
+///   Cost                  the matching cost (Ncc)
 template <class Sampler>
 struct MatchContext {
   Sampler sampler;
@@ -77,6 +88,18 @@ struct MatchContext {
     return Sampler::kHasMasks && clearance.data != nullptr && !(planes(col, row).d > 0);
   }
 };
+
+/// True for a pixel of the reference that its mask ignores: it has no hypothesis.
+template <class Sampler, class Group>
+ACMP_HOST_DEVICE inline bool LeaveIfMasked(const MatchContext<Sampler>& context, int col, int row, const Group& group) {
+  if (!context.IsMasked(col, row)) return false;
+  if (group.Rank() == 0) {
+    context.planes(col, row) = {};
+    context.cost(col, row) = kWorstCost;
+    context.selected_views(col, row) = 0;
+  }
+  return true;
+}
 
 constexpr float kUninformedCost = 1.0f;  ///< NCC = 0: the reference window has no texture to compare
 

@@ -1,9 +1,53 @@
 #pragma once
 
+#include <cstddef>
+
 #include "acmp_mapping/patch_match/kernel/photometric_cost.h"
-#include "acmp_mapping/patch_match/kernel/pixel_scratch.h"
+#include "acmp_mapping/patch_match/kernel/propagation.h"
 
 namespace acmp {
+
+constexpr int kMaxHypotheses = kNumRegions + 1;  ///< of one step: the candidates and the pixel's own
+
+/// A window that waits for comparison; image < 0: none.
+struct alignas(16) WindowTask {
+  PlaneWarp warp;
+  int image;  ///< as the sampler calls it
+};
+
+/// The largest group; the CPU's has one member.
+constexpr int kMaxGroupSize = 8;
+
+/// What the group of one pixel shares. The arrays per source view lie behind it, so that few views need little memory.
+struct PixelScratch {
+  ReferencePatch patch;
+  WindowTask tasks[kMaxGroupSize];
+  PlaneHypothesis planes[kMaxHypotheses];
+  float cost[kMaxHypotheses];    ///< what is stored of each plane: photometric, or eq. 13
+  float energy[kMaxHypotheses];  ///< what is compared: eq. 1, 7 or 13
+  float limit[kMaxHypotheses];   ///< weighted sum of view costs from which on a plane cannot win
+  int alive[kMaxHypotheses];     ///< planes whose sum is still below their limit
+  int count;                     ///< of the planes, or of those alive
+  int num_sources;
+
+  ACMP_HOST_DEVICE float* Arrays() { return reinterpret_cast<float*>(this + 1); }
+  /// Cost of each plane in each view: [kMaxHypotheses][num_sources].
+  ACMP_HOST_DEVICE float* ViewCost(int hypothesis) { return Arrays() + hypothesis * num_sources; }
+  ACMP_HOST_DEVICE float* ViewProbability() { return ViewCost(kMaxHypotheses); }
+  /// How often each view was drawn.
+  ACMP_HOST_DEVICE int* Draws() { return reinterpret_cast<int*>(ViewProbability() + num_sources); }
+  /// The views that were drawn at least once, the most often drawn first.
+  ACMP_HOST_DEVICE int* DrawnViews() { return Draws() + num_sources; }
+
+  static constexpr int kWordsPerView = kMaxHypotheses + 3;
+};
+
+/// Scratch of one pixel on the stack: for groups of one.
+struct StackScratch {
+  PixelScratch shared;
+  float arrays[PixelScratch::kWordsPerView * kMaxSourceViews];
+};
+static_assert(offsetof(StackScratch, arrays) == sizeof(PixelScratch), "the arrays follow without a gap");
 
 /// The samples of the patch that one thread of a group compares: all, or those of its part of each block, kept in
 /// registers.
@@ -68,7 +112,7 @@ ACMP_HOST_DEVICE inline WindowSums SumWindows(const ComparedPixel<Sampler, Group
     if (task.image < 0) continue;
     WindowSums sums;
     ForEachSampleOfPart(match.context.sampler, task.image, task.warp, part, [&](int block, float gray) {
-      AddSample(match.part.samples[block], match.part.center, gray, &sums);
+      Sampler::Cost::Add(match.part.samples[block], match.part.center, gray, &sums);
     });
     sums = {group.SumOverWindow(sums.ws), group.SumOverWindow(sums.wss), group.SumOverWindow(sums.wrs)};
     if (part == turn) own = sums;
@@ -78,7 +122,7 @@ ACMP_HOST_DEVICE inline WindowSums SumWindows(const ComparedPixel<Sampler, Group
 }
 
 /// Photometric costs of `count` planes of the scratch in `num_views` views: store(plane, view, cost), each pair by one
-/// thread. Neighbours mostly have the same view. match_alone.h has another way to the same for groups of one.
+/// thread. Neighbours mostly have the same view. Groups of one go another way to the same, below.
 /// @param plane_of (i): index in the scratch of the i-th of the planes
 /// @param view_of (k): the k-th of the views
 template <class Sampler, class Group, class PlaneOf, class ViewOf, class Store>
@@ -105,10 +149,36 @@ ACMP_HOST_DEVICE inline void MatchPairs(const ComparedPixel<Sampler, Group>& mat
     }
     const int batch = total - first < Group::kSize ? total - first : Group::kSize;
     const WindowSums sums = SumWindows(match, warp, compare ? context.sampler.ImageOf(view) : -1, batch);
-    if (compare) cost = NccCost(context, patch, sums);
+    if (compare) cost = Sampler::Cost::Of(sums, patch, context.options);
     if (mine) store(plane, view, cost);
   }
   match.group.Sync();
+}
+
+/// MatchPairs by one thread alone: each step for all planes of a view before the next, since a step's divisions and
+/// roots depend on each other but not on those of the other planes, and a processor works on several at once.
+template <class Sampler, class PlaneOf, class ViewOf, class Store>
+ACMP_HOST_DEVICE inline void MatchPairs(const ComparedPixel<Sampler, SingleThread>& match, int count, int num_views,
+                                        const PlaneOf& plane_of, const ViewOf& view_of, const Store& store) {
+  const MatchContext<Sampler>& context = match.context;
+  const ReferencePatch& patch = match.scratch->patch;
+  Vec3f duals[kMaxHypotheses];
+  PlaneWarp warps[kMaxHypotheses];
+  bool compare[kMaxHypotheses];
+  float cost[kMaxHypotheses];
+  WindowSums sums[kMaxHypotheses];
+  for (int i = 0; i < count; ++i) duals[i] = PlaneDual(context, match.scratch->planes[plane_of(i)]);
+  for (int k = 0; k < num_views; ++k) {
+    const int view = view_of(k);
+    for (int i = 0; i < count; ++i) {
+      compare[i] = PrepareWindow(context, patch, duals[i], match.col, match.row, view, &warps[i], &cost[i]);
+    }
+    for (int i = 0; i < count; ++i) {
+      if (compare[i]) sums[i] = SumWindow(context.sampler, view, warps[i], patch);
+    }
+    for (int i = 0; i < count; ++i)
+      store(plane_of(i), view, compare[i] ? Sampler::Cost::Of(sums[i], patch, context.options) : cost[i]);
+  }
 }
 
 }  // namespace acmp

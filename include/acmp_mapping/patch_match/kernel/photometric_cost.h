@@ -1,11 +1,35 @@
 #pragma once
 
 #include "acmp_mapping/common/thread_group.h"
-#include "acmp_mapping/patch_match/kernel/masked_window.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
 #include "acmp_mapping/patch_match/kernel/window.h"
 
 namespace acmp {
+
+/// Whether a window, warped into a source, reaches a pixel that the source's mask ignores. The clearance at its middle
+/// is compared with how far it reaches: one look for a whole window. At the same scale windows whose middle is within
+/// 6 px of such a pixel do. The middle lies inside the source.
+template <class Sampler>
+ACMP_HOST_DEVICE inline bool ReachesMasked(const MatchContext<Sampler>& context, int view, const PlaneWarp& warp) {
+  constexpr float kInterpolation = 1.5f;  // px, from the pixel nearest to the middle to one that is interpolated
+  if (!Sampler::kHasMasks || context.source_clearances == nullptr) return false;
+  const ImageView<const unsigned char>& clearance = context.source_clearances[view];
+  if (clearance.data == nullptr) return false;
+  const float min_z = warp.center.z - kPatchRadius * (fabsf(warp.step_col.z) + fabsf(warp.step_row.z));
+  if (!(min_z > 0)) return true;
+  const float inv_z = Reciprocal(warp.center.z);
+  const float x = warp.center.x * inv_z, y = warp.center.y * inv_z;
+  // A sample at offset (i, j) is off the middle by (i dx_i + j dx_j) / z in x, with dx_i = step_col.x - x step_col.z.
+  const float across = fabsf(warp.step_col.x - x * warp.step_col.z) + fabsf(warp.step_row.x - x * warp.step_row.z);
+  const float along = fabsf(warp.step_col.y - y * warp.step_col.z) + fabsf(warp.step_row.y - y * warp.step_row.z);
+  const float reach = kPatchRadius * Reciprocal(min_z) * (across > along ? across : along);
+  const auto nearest = [](float position, int size) {
+    const float clamped = Clamp(position, 0.0f, static_cast<float>(size - 1));
+    return static_cast<int>(clamped + 0.5f);  // NOLINT(bugprone-incorrect-roundings): nothing is negative
+  };
+  return static_cast<float>(clearance(nearest(x, clearance.width), nearest(y, clearance.height))) <
+         reach + kInterpolation;
+}
 
 struct PatchSample {
   float value;   ///< grey value minus the patch's center
@@ -123,13 +147,31 @@ struct WindowSums {
   float ws = 0, wss = 0, wrs = 0;
 };
 
-ACMP_HOST_DEVICE inline void AddSample(const PatchSample& reference, float center, float gray, WindowSums* sums) {
-  const float value = gray - center;
-  const float weighted = reference.weight * value;
-  sums->ws += weighted;
-  sums->wss += weighted * value;
-  sums->wrs += weighted * reference.value;
-}
+/// The matching cost m_ij: 1 - NCC, bilaterally weighted. A cost is what it adds up over a window's samples and what it
+/// makes of the sums; a sampler names its own (Sampler::Cost), so that another one is another such struct and a
+/// sampler.
+struct Ncc {
+  /// False where the reference's window has no texture to compare.
+  ACMP_HOST_DEVICE static bool IsInformed(const ReferencePatch& patch, const PatchMatchOptions& options) {
+    return patch.variance >= options.min_variance;
+  }
+  ACMP_HOST_DEVICE static void Add(const PatchSample& reference, float center, float gray, WindowSums* sums) {
+    const float value = gray - center;
+    const float weighted = reference.weight * value;
+    sums->ws += weighted;
+    sums->wss += weighted * value;
+    sums->wrs += weighted * reference.value;
+  }
+  /// 0..2; worst where the source window is flat although the reference's is not.
+  ACMP_HOST_DEVICE static float Of(const WindowSums& sums, const ReferencePatch& patch,
+                                   const PatchMatchOptions& options) {
+    const float mean = sums.ws * patch.inv_sum_weight;
+    const float variance = sums.wss * patch.inv_sum_weight - mean * mean;
+    if (!(variance >= options.min_variance)) return kWorstCost;
+    const float covariance = sums.wrs * patch.inv_sum_weight - patch.mean * mean;
+    return Clamp(1.0f - covariance * ReciprocalSqrt(patch.variance * variance), 0.0f, kWorstCost);
+  }
+};
 
 /// The sums of a whole window by one thread alone. Samplers may overload it, and LoadReferencePatch, with something
 /// faster that differs in rounding only.
@@ -138,7 +180,7 @@ ACMP_HOST_DEVICE inline WindowSums SumWindow(const Sampler& sampler, int view, c
                                              const ReferencePatch& patch) {
   WindowSums sums;
   ForEachWindowSample(sampler, sampler.ImageOf(view), warp,
-                      [&](int i, float gray) { AddSample(patch.samples[i], patch.center, gray, &sums); });
+                      [&](int i, float gray) { Sampler::Cost::Add(patch.samples[i], patch.center, gray, &sums); });
   return sums;
 }
 
@@ -161,28 +203,42 @@ ACMP_HOST_DEVICE inline bool PrepareWindow(const MatchContext<Sampler>& context,
   if (!(x >= -0.5f && y >= -0.5f && x < source.width - 0.5f && y < source.height - 0.5f)) return false;
   if (ReachesMasked(context, view, *warp)) return false;
   *cost = kUninformedCost;
-  return patch.variance >= context.options.min_variance;
+  return Sampler::Cost::IsInformed(patch, context.options);
 }
 
-/// 1 - NCC from the sums; worst where the source window is flat although the reference's is not.
-template <class Sampler>
-ACMP_HOST_DEVICE inline float NccCost(const MatchContext<Sampler>& context, const ReferencePatch& patch,
-                                      const WindowSums& sums) {
-  const float mean = sums.ws * patch.inv_sum_weight;
-  const float variance = sums.wss * patch.inv_sum_weight - mean * mean;
-  if (!(variance >= context.options.min_variance)) return kWorstCost;
-  const float covariance = sums.wrs * patch.inv_sum_weight - patch.mean * mean;
-  return Clamp(1.0f - covariance * ReciprocalSqrt(patch.variance * variance), 0.0f, kWorstCost);
-}
-
-/// m_ij: 1 - bilateral weighted NCC, in 0..2, by one thread alone.
+/// m_ij, in 0..2, by one thread alone.
 template <class Sampler>
 ACMP_HOST_DEVICE inline float PhotometricCost(const MatchContext<Sampler>& context, const ReferencePatch& patch,
                                               const Vec3f& dual, int col, int row, int view) {
   PlaneWarp warp;
   float cost;
   if (!PrepareWindow(context, patch, dual, col, row, view, &warp, &cost)) return cost;
-  return NccCost(context, patch, SumWindow(context.sampler, view, warp, patch));
+  return Sampler::Cost::Of(SumWindow(context.sampler, view, warp, patch), patch, context.options);
+}
+
+/// Whether the surface of the present estimates bends or breaks (a crease or a depth discontinuity) within the pixel's
+/// window: inverse depth is affine on a plane, so that a pixel of one has the mean of any two opposite ones. Compared
+/// with four pairs on the window's rim, those that lie in the image and have planes (without one the difference is NaN,
+/// which no comparison finds greater). They are of the other colour, which no one writes
+/// meanwhile.
+template <class Sampler, class Group>
+ACMP_HOST_DEVICE inline bool IsSurfaceBroken(const MatchContext<Sampler>& context, int col, int row,
+                                             const Group& group) {
+  const auto inverse_depth = [&](int x, int y) {
+    return PlaneInverseDepth(context.planes(x, y), context.rays.Ray(static_cast<float>(x), static_cast<float>(y)));
+  };
+  constexpr int kPairs = 4;  // (5, 0), (0, 5), (4, 3), (4, -3): at the same distance, and dx + dy is odd
+  static_assert(kPatchRadius == 5, "the pairs lie on the rim");
+  const float own = inverse_depth(col, row);
+  bool broken = false;
+  ForEach(group, kPairs, [&](int i) {
+    const int dx = i == 0 ? 5 : i == 1 ? 0 : 4;
+    const int dy = i == 0 ? 0 : i == 1 ? 5 : i == 2 ? 3 : -3;
+    if (!context.Contains(col + dx, row + dy) || !context.Contains(col - dx, row - dy)) return;
+    const float bend = inverse_depth(col + dx, row + dy) + inverse_depth(col - dx, row - dy) - 2.0f * own;
+    broken = broken || fabsf(bend) > context.options.edge_bend * own;
+  });
+  return group.Any(broken);
 }
 
 }  // namespace acmp

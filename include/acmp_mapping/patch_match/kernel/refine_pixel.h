@@ -2,8 +2,8 @@
 
 #include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/patch_match/kernel/hypothesis.h"
-#include "acmp_mapping/patch_match/kernel/match_alone.h"
-#include "acmp_mapping/patch_match/kernel/pixel_update.h"
+#include "acmp_mapping/patch_match/kernel/match_pairs.h"
+#include "acmp_mapping/patch_match/kernel/rate_plane.h"
 
 namespace acmp {
 

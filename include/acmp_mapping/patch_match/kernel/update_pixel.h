@@ -1,12 +1,12 @@
 #pragma once
 
 #include "acmp_mapping/patch_match/kernel/hypothesis.h"
-#include "acmp_mapping/patch_match/kernel/match_alone.h"
-#include "acmp_mapping/patch_match/kernel/pixel_update.h"
+#include "acmp_mapping/patch_match/kernel/match_pairs.h"
+#include "acmp_mapping/patch_match/kernel/photometric_cost.h"
 #include "acmp_mapping/patch_match/kernel/propagation.h"
+#include "acmp_mapping/patch_match/kernel/rate_plane.h"
 #include "acmp_mapping/patch_match/kernel/refine_pixel.h"
-#include "acmp_mapping/patch_match/kernel/surface_break.h"
-#include "acmp_mapping/patch_match/kernel/weigh_views.h"
+#include "acmp_mapping/patch_match/kernel/view_weights.h"
 
 namespace acmp {
 

@@ -2,7 +2,6 @@
 
 #include "acmp_mapping/patch_match/kernel/geometric_cost.h"
 #include "acmp_mapping/patch_match/kernel/match_pairs.h"
-#include "acmp_mapping/patch_match/kernel/pixel_scratch.h"
 #include "acmp_mapping/patch_match/kernel/prior_cost.h"
 #include "acmp_mapping/patch_match/kernel/propagation.h"
 
