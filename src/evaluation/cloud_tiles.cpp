@@ -1,4 +1,4 @@
-#include "acmp_mapping/evaluation/cloud_tiles.h"
+#include "acmp_mapping/evaluation/cloud_metrics.h"
 
 #include <fstream>
 #include <nlohmann/json.hpp>

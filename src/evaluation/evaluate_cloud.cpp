@@ -1,11 +1,11 @@
-#include "acmp_mapping/evaluation/evaluate_cloud.h"
+#include "acmp_mapping/evaluation/evaluate.h"
 
 #include <algorithm>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/evaluation/observed_surface.h"
+#include "acmp_mapping/evaluation/cloud_metrics.h"
+#include "acmp_mapping/geometry/voxel.h"
 #include "evaluate_inputs.h"
-#include "voxel_index.h"
 
 namespace acmp {
 namespace {

@@ -10,11 +10,8 @@
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/dataset/scene.h"
-#include "acmp_mapping/evaluation/cloud_tiles.h"
-#include "acmp_mapping/evaluation/evaluate_cloud.h"
-#include "acmp_mapping/evaluation/evaluate_depth.h"
-#include "acmp_mapping/evaluation/evaluate_report.h"
-#include "acmp_mapping/evaluation/sample_mesh.h"
+#include "acmp_mapping/evaluation/cloud_metrics.h"
+#include "acmp_mapping/evaluation/evaluate.h"
 #include "tool_main.h"
 
 namespace acmp {

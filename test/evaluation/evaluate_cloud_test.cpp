@@ -1,4 +1,4 @@
-#include "acmp_mapping/evaluation/evaluate_cloud.h"
+#include "acmp_mapping/evaluation/evaluate.h"
 
 #include <cmath>
 #include <filesystem>
@@ -14,8 +14,7 @@
 #include "acmp_mapping/common/random.h"
 #include "acmp_mapping/dataset/camera_list.h"
 #include "acmp_mapping/dataset/map_io.h"
-#include "acmp_mapping/evaluation/evaluate_report.h"
-#include "acmp_mapping/evaluation/scene_files.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "dataset/test_folder.h"
 
 namespace acmp {

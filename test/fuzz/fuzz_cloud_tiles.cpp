@@ -1,7 +1,7 @@
 // The index of a cloud in tiles, beside one tile.
 
 #include "acmp_mapping/dataset/map_io.h"
-#include "acmp_mapping/evaluation/cloud_tiles.h"
+#include "acmp_mapping/evaluation/cloud_metrics.h"
 #include "fuzz/fuzz_input.h"
 
 ACMP_FUZZ_TARGET(cloud_tiles) {

@@ -6,7 +6,6 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/evaluation/cloud_metrics.h"
-#include "acmp_mapping/evaluation/sample_mesh.h"
 #include "acmp_mapping/map/occupancy_map.h"
 #include "acmp_mapping/mesh/distance_volume.h"
 #include "map/room_keyframes.h"

@@ -1,9 +1,9 @@
-#include "acmp_mapping/evaluation/slam_simulation.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 
 #include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/random.h"
-#include "synthetic_texture.h"
+#include "texture.h"
 
 namespace acmp {
 namespace {

@@ -1,4 +1,4 @@
-#include "synthetic_landmarks.h"
+#include "world.h"
 
 #include <algorithm>
 #include <cmath>

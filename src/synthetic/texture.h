@@ -3,7 +3,7 @@
 #include <cstdint>
 
 #include "acmp_mapping/common/random.h"
-#include "synthetic_geometry.h"
+#include "geometry.h"
 
 namespace acmp {
 

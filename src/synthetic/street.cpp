@@ -1,5 +1,4 @@
-#include "synthetic_solids.h"
-#include "synthetic_world.h"
+#include "world.h"
 
 namespace acmp {
 namespace {

@@ -1,4 +1,4 @@
-#include "synthetic_geometry.h"
+#include "geometry.h"
 
 #include <limits>
 #include <utility>

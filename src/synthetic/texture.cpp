@@ -1,4 +1,4 @@
-#include "synthetic_texture.h"
+#include "texture.h"
 
 #include <algorithm>
 #include <cmath>

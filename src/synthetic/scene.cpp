@@ -1,4 +1,4 @@
-#include "acmp_mapping/evaluation/synthetic_scene.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,11 +9,9 @@
 #include <tbb/parallel_for.h>
 
 #include "acmp_mapping/common/error.h"
-#include "synthetic_imaging.h"
-#include "synthetic_landmarks.h"
-#include "synthetic_mover.h"
-#include "synthetic_world.h"
-#include "voxel_index.h"
+#include "acmp_mapping/geometry/voxel.h"
+#include "camera.h"
+#include "world.h"
 
 namespace acmp {
 namespace {

@@ -4,7 +4,7 @@
 #include <cstdint>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/fusion/point_cloud.h"
+#include "acmp_mapping/common/vector_math.h"
 
 namespace acmp {
 

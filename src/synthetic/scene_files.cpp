@@ -1,4 +1,4 @@
-#include "acmp_mapping/evaluation/scene_files.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,12 +1,11 @@
-#include "synthetic_mover.h"
+#include "world.h"
 
 #include <algorithm>
 #include <cmath>
 
 #include <tbb/parallel_for.h>
 
-#include "synthetic_imaging.h"
-#include "synthetic_solids.h"
+#include "camera.h"
 
 namespace acmp {
 namespace {

@@ -1,4 +1,4 @@
-#include "synthetic_world.h"
+#include "world.h"
 
 #include <algorithm>
 #include <cmath>
