@@ -27,7 +27,8 @@ def measure(scene, preset, result, options):
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out"
         subprocess.run(["acmp_reconstruct", scene, out, "--preset", preset, "--device", options.device, "--no-pictures",
-                        "--timings", "--quiet", *options.reconstruct_options.split()], check=True)
+                        "--timings", "--quiet", *options.reconstruct_options.split()],
+                       check=True, stdout=subprocess.DEVNULL)
         subprocess.run(["acmp_evaluate", "depth", scene, out / "depth", "--gt", truth, "--quiet", "--json",
                         result / "depth.json"], check=True, stdout=subprocess.DEVNULL)
         if truth == "depth":
