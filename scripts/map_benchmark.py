@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import rospy
 from acmp_mapping.msg import KeyframePoints
+from acmp_mapping.srv import LoadSession, SaveMap, SaveSession
 from sensor_msgs.msg import PointField
 
 from nodelet_session import Session, call
@@ -60,8 +61,8 @@ def measure(session, name, step):
     start = time.monotonic()
     answer = step()
     seconds = time.monotonic() - start
-    if answer is not None and "success: True" not in answer:
-        sys.exit(f"{name}: {answer or 'no answer'}")
+    if answer and not answer.success:
+        sys.exit(f"{name}: {answer.message}")
     pid = session.manager.pid
     print(f"| {name} | {seconds:.2f} | {gigabytes(pid, 'VmHWM'):.2f} | {gigabytes(pid, 'VmRSS'):.2f} |", flush=True)
 
@@ -78,21 +79,23 @@ def main():
         points = rospy.Publisher("/keyframe_points", KeyframePoints, queue_size=options.keyframes)
         wait_for(lambda: points.get_num_connections() > 0, "the map server")
 
+        def save(file, map_format):
+            return rospy.ServiceProxy("/map_server/save_map", SaveMap)(f"{folder}/{file}", map_format, True)
+
         def add():
             for number in range(options.keyframes):
                 keyframe(number, options.points, points)
-            wait_for(lambda: f"keyframes: {options.keyframes}\n" in save("first.ply", 0), "all keyframes in the map", 3600)
+            wait_for(lambda: save("first.ply", 0).keyframes == options.keyframes, "all keyframes in the map", 3600)
 
-        def save(file, map_format):
-            return call("/map_server/save_map", f"{{path: {folder}/{file}, format: {map_format}, binary: true}}")
-
+        bag = f"{folder}/map.bag"
         print("| step | s | peak GB | GB afterwards |\n|---|---|---|---|")
         measure(session, "make, send and add keyframes; save", add)
         for file, map_format in ("map.ply", 0), ("map.pcd", 1), ("mesh.ply", 2), ("map.bt", 4):
             measure(session, "save " + file, lambda f=file, k=map_format: save(f, k))
-        measure(session, "save the session", lambda: call("/map_server/save_session", f"{{path: {folder}/map.bag}}"))
+        measure(session, "save the session", lambda: rospy.ServiceProxy("/map_server/save_session", SaveSession)(bag))
         call("/map_server/reset")
-        measure(session, "load it into an empty map", lambda: call("/map_server/load_session", f"{{path: {folder}/map.bag}}"))
+        measure(session, "load it into an empty map",
+                lambda: rospy.ServiceProxy("/map_server/load_session", LoadSession)(path=bag))
 
 
 if __name__ == "__main__":
