@@ -114,13 +114,6 @@ TEST(OptionTest, ARefusalNamesOptionValueAndBound) {
   EXPECT_THAT(Refusal("weight=3"), HasSubstr("unknown parameter weight: none has a name like that"));
 }
 
-TEST(OptionTest, CheckFindsWhatIsOutOfBounds) {
-  Car car;
-  EXPECT_NO_THROW(Table().Check(car));
-  car.engine.power = std::numeric_limits<float>::quiet_NaN();
-  EXPECT_THROW(Table().Check(car), InvalidInputError);
-}
-
 TEST(OptionTest, EmbeddedOptionsKeepTheirDescriptions) {
   const OptionDescription power = Table().Find("power").description;
   EXPECT_EQ(power.group, "engine");
