@@ -129,14 +129,14 @@ int EvaluatePointCloud(const CLI::App& command, const EvaluateArguments& a) {
     }
   }
   CloudEvaluationOptions options = a.cloud;
-  options.read_cloud = [&options](const std::filesystem::path& path) {
-    if (IsTiledCloud(path)) return ReadTiledCloud(path);
+  options.read_cloud = [&options](const std::filesystem::path& path, ReadOrigin* origin) {
+    if (IsTiledCloud(path)) return ReadTiledCloud(path, origin);
     if (LowerExtension(path) != ".pcd") {
-      TriangleMesh mesh = ReadPlyMesh(path);
+      TriangleMesh mesh = ReadPlyMesh(path, origin);
       return mesh.triangles.empty() ? std::move(mesh.vertices) : SampleMesh(mesh, options.voxel_size / 2);
     }
     size_t not_finite = 0;
-    PointCloud points = ReadPcd(path, &not_finite);
+    PointCloud points = ReadPcd(path, &not_finite, origin);
     if (not_finite > 0) {
       std::cerr << "note: " << path.string() << ": " << not_finite << " of " << not_finite + points.size()
                 << " points are not finite and left out\n";

@@ -167,6 +167,21 @@ TEST_F(EvaluateCloudTest, AgainstACloudEveryPointCounts) {
   EXPECT_EQ(evaluation.metrics[0].f1, 100.0);
 }
 
+TEST_F(EvaluateCloudTest, FarFromTheOriginItIsTheSame) {
+  const Eigen::Vector3d utm(500000, 5400000, 400);
+  PointCloud moved = cloud_;
+  for (SurfacePoint& point : moved) point.position.x += 0.03f;
+  CloudEvaluationOptions options = Options();
+  const auto f1 = [&](const Eigen::Vector3d& origin) {
+    options.reconstruction = folder() / "moved.ply";
+    options.ground_truth = folder() / "there.ply";
+    WritePly(options.reconstruction, moved, origin);
+    WritePly(options.ground_truth, cloud_, origin);
+    return EvaluateCloudFile(options).metrics[0].f1;
+  };
+  EXPECT_NEAR(f1(utm), f1(Eigen::Vector3d::Zero()), 0.5) << "voxels have other borders";
+}
+
 TEST_F(EvaluateCloudTest, ReportsTheSameFiguresInEveryForm) {
   const CloudEvaluation evaluation = EvaluateCloudFile(Options());
   const std::string table = CloudTable(evaluation);

@@ -15,7 +15,6 @@ namespace acmp {
 namespace {
 
 using testing::ElementsAre;
-using testing::HasSubstr;
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 

@@ -5,6 +5,7 @@
 #include <memory>
 #include <vector>
 
+#include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/fusion/point_cloud.h"
 #include "acmp_mapping/fusion/triangle_mesh.h"
 #include "acmp_mapping/geometry/pinhole_camera.h"
@@ -80,6 +81,7 @@ bool IsTiledCloud(const std::filesystem::path& path);
 /// All points of a cloud in tiles, tile by tile in the order of index.json, which acmp_reconstruct --tile-size writes.
 /// Throws InvalidInputError for an index that cannot be read, and a tile that is missing, damaged or has another number
 /// of points.
-PointCloud ReadTiledCloud(const std::filesystem::path& path);
+/// @param origin see FromOrigin
+PointCloud ReadTiledCloud(const std::filesystem::path& path, ReadOrigin* origin = nullptr);
 
 }  // namespace acmp

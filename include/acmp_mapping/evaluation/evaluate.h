@@ -74,7 +74,8 @@ struct CloudEvaluationOptions {
   GroundTruthOptions truth;              ///< of a scene
   std::vector<double> thresholds = {0.02, 0.05};
   double voxel_size = 0.01;
-  std::function<PointCloud(const std::filesystem::path&)> read_cloud = ReadPly;  ///< throws InvalidInputError
+  std::function<PointCloud(const std::filesystem::path&, ReadOrigin*)> read_cloud =
+      ReadPly;  ///< throws InvalidInputError
 };
 
 struct CloudEvaluation {
