@@ -2,7 +2,7 @@
 # Builds the fuzz targets of test/fuzz with clang's libFuzzer, AddressSanitizer and UndefinedBehaviorSanitizer and runs each.
 # Ends with a table: target, runs, crashes, hangs (above 10 s), out of memory (above 2 GB), leaks. Fails when one of these is
 # not 0. What was found lies in BUILD/findings; copy it to test/fuzz/corpus/NAME, so that the tests go on trying it.
-# Usage: scripts/fuzz.sh [SECONDS [NAME...]]     SECONDS: of each target (60); NAME: of test/fuzz/fuzz_NAME.cpp (all)
+# Usage: scripts/fuzz.sh [SECONDS [NAME...]]     SECONDS: of each target (60); NAME: of ACMP_FUZZ_TARGET(NAME) in test/fuzz (all)
 # Environment: ACMP_SANITIZE_BUILD_DIR (build_sanitize, that of sanitizers.sh). Needs what test.sh needs, and clang.
 set -euo pipefail
 cd "$(dirname "$0")/.."

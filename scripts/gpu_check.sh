@@ -23,7 +23,7 @@ bundle() {
   # shellcheck disable=SC2086
   ninja -C "$build" $(basename -a $programs)
   mkdir -p "$folder/bin" "$folder/lib" "$folder/scenes"
-  cp "$0" "$folder/gpu_check.sh"
+  cp "$0" "$source/scripts/quality_report.py" "$folder/"
   for program in $programs; do
     cp "$build/$program" "$folder/bin/"
     # Everything but glibc's own libraries and the driver's, which must be the GPU machine's.
@@ -61,23 +61,6 @@ check_sanitizer() {
   return "$failed"
 }
 
-check_quality() {
-  local scene preset truth out failed=0
-  for scene in "$root"/scenes/*/; do
-    truth=depth
-    [ -d "$scene/depth" ] || truth=gt_sparse
-    for preset in acmh acmm acmp_no_geometric acmp balanced online; do
-      out=$1/$(basename "$scene")_$preset
-      echo "-- $(basename "$scene") $preset"
-      acmp_reconstruct "$scene" "$out" --preset "$preset" --device cuda --jobs-per-gpu 1 --no-pictures --timings --quiet ||
-        failed=1
-      rm -f "$out"/depth/*.png  # the maps as floats, not rounded to thousandths
-      acmp_evaluate depth "$scene" "$out/depth" --gt "$truth" --quiet || failed=1
-    done
-  done
-  return "$failed"
-}
-
 run() {
   local results=${1:-$(mktemp -d)} status=0
   root=$(cd "$(dirname "$0")" && pwd)
@@ -93,14 +76,13 @@ run() {
           case $program in test/*) echo "-- $(basename "$program")"; "$(basename "$program")" --gtest_brief=1 || status=1 ;; esac
         done ;;
       sanitizer) check_sanitizer "$results" || status=1 ;;
-      quality) check_quality "$results" || status=1 ;;
+      quality) python3 "$root/quality_report.py" "$root/scenes" "$results/quality" || status=1 ;;
       times)
         for preset in balanced online; do
-          acmp_benchmark --device cuda --preset $preset --sizes 320x240,640x480,3072x2048 --source-views 2,6,10,20 \
-            --json "$results/times_$preset.json" || status=1
+          acmp_benchmark --device cuda --preset $preset --sizes 320x240,640x480,3072x2048 --source-views 2,6,10,20 ||
+            status=1
         done
-        acmp_benchmark --device cuda --preset online --sizes 640x480 --source-views 7 --keyframes 1000 \
-          --json "$results/stream.json" || status=1 ;;
+        acmp_benchmark --device cuda --preset online --sizes 640x480 --source-views 7 --keyframes 1000 || status=1 ;;
       *) echo "unknown step $step" >&2; status=2 ;;
     esac
   done

@@ -4,7 +4,7 @@
 usage: save_demo_output.py BAG OUT_FOLDER [--image TOPIC] [--namespace NS] [--timeout SECONDS]
 
 Files are numbered by the position of their image in the bag. Waits for the bag's player to end, has the mapper finish
-(~flush) and save its map (~save_map), which says why where there is no mesh (a build without OpenVDB). Needs nothing but
+(~flush) and save its map (~save_map), which says why where there is no mesh. Needs nothing but
 rospy and rosbag. Exits with 1 when the mapper gave no map."""
 import argparse
 import os

@@ -4,141 +4,231 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <map>
+#include <optional>
 #include <set>
 
-#include "acmp_mapping/intake/convention_check.h"
+#include <rosbag/view.h>
+#include <tf2/buffer_core.h>
+#include <tf2/exceptions.h>
+#include <tf2_msgs/TFMessage.h>
+
+#include "acmp_mapping/keyframe/depth_range.h"
+#include "acmp_mapping/ros/bag_reader.h"
 #include "acmp_mapping/ros/calibration_file.h"
-#include "acmp_mapping/ros/input_conversion.h"
-#include "bag_contents.h"
+#include "acmp_mapping/ros/checked_messages.h"
+#include "acmp_mapping/ros/keyframe_intake.h"
+#include "bag_topics.h"
 
 namespace acmp {
 namespace {
 
-constexpr size_t kFewest = 3;  // images and poses: a keyframe waits for two source views
-constexpr double kSecondsPerNs = 1e-9;
-
-/// Collects findings; the arguments are joined to one sentence.
-class Findings {
- public:
-  template <class... Args>
-  void Add(Severity severity, const Args&... args) {
-    list_.push_back({severity, Concat(args...)});
-  }
-  template <class... Args>
-  void Ok(const Args&... args) {
-    Add(Severity::kOk, args...);
-  }
-  template <class... Args>
-  void Warn(const Args&... args) {
-    Add(Severity::kWarning, args...);
-  }
-  template <class... Args>
-  void Error(const Args&... args) {
-    Add(Severity::kError, args...);
-  }
-  std::vector<Finding> Take() { return std::move(list_); }
-
- private:
-  std::vector<Finding> list_;
-};
-
+constexpr size_t kFewest = 3;  // keyframes: one waits for two source views
+constexpr double kNsPerSecond = 1e9;
 constexpr std::array<const char*, 4> kPoseSources = {"pose", "pose_cov", "odom", "transform"};  // in the order of types
 
-const char* PoseSourceOf(const BagContents& contents) {
-  const std::string& type = contents.Find(contents.chosen.pose)->type;
-  const auto place = std::find(PoseTypes().begin(), PoseTypes().end(), type) - PoseTypes().begin();
-  return kPoseSources.at(static_cast<size_t>(place));
-}
+bool IsMost(size_t part, size_t whole) { return static_cast<double>(part) >= 0.9 * static_cast<double>(whole); }
 
-/// The command that starts the mapper for the topics of a bag.
-class LaunchLine {
- public:
-  LaunchLine(const BagContents& contents, const BagCheckOptions& options) {
-    const TopicChoice& chosen = contents.chosen;
-    Set("image", WithoutCompressed(chosen.image));
-    const BagTopic* image = contents.Find(chosen.image);
-    if (image && image->type == ImageTypes().back()) Set("image_transport", "compressed");
-    if (!options.calibration_file.empty()) {
-      Set("calibration_file", std::filesystem::absolute(options.calibration_file).string());
-    } else if (chosen.camera_info.empty()) {
-      Set("calibration_file", "CAMERA.yaml");
-    } else {
-      Set("camera_info", chosen.camera_info);
-    }
-    SetPoses(contents, options.semantics);
-    const BagTopic* points = contents.Find(chosen.sparse_points);
-    if (!points) {
-      Set("depth_min", "NEAREST");
-      Set("depth_max", "FARTHEST");
-    } else {
-      Set(points->type == CloudTypes().front() ? "sparse_points" : "sparse_points_v1", chosen.sparse_points);
-    }
-    if (!chosen.mask.empty()) Set("mask", chosen.mask);
-  }
+/// What the mapper makes of the messages of one topic.
+struct Stream {
+  std::vector<int64_t> stamps_ns;  ///< of those that can be used
+  size_t refused = 0;
+  std::string refusal;  ///< why, of the first one
+  std::string frame;    ///< of the last one
 
-  void Set(const std::string& argument, const std::string& value) { text_ += Concat(" ", argument, ":=", value); }
-  const std::string& text() const { return text_; }
-
- private:
-  void SetPoses(const BagContents& contents, const PoseSemantics& semantics) {
-    if (contents.chosen.pose.empty()) {
-      Set("pose_source", "tf");
-      Set("world_frame", contents.pose_from_tf.substr(0, contents.pose_from_tf.find(' ')));
-      return;
-    }
-    const std::string source = PoseSourceOf(contents);
-    if (source != kPoseSources.front()) Set("pose_source", source);
-    Set(source, contents.chosen.pose);
-    if (semantics.direction != PoseSemantics().direction) Set("pose_is", Name(semantics.direction));
-    if (semantics.child != PoseSemantics().child) Set("pose_child", Name(semantics.child));
-  }
-
-  std::string text_ = "roslaunch acmp_mapping dense_mapper.launch";
+  size_t used() const { return stamps_ns.size(); }
+  size_t size() const { return used() + refused; }
 };
 
-std::string Percent(size_t part, size_t whole) {
-  return Concat(std::round(1000.0 * static_cast<double>(part) / static_cast<double>(whole)) / 10, " %");
+/// All that one run through the mapper's intake tells.
+struct IntakeRun {
+  Stream images, infos, poses, clouds, masks;
+  std::string encoding;  ///< of the last image
+  std::set<std::pair<int, int>> sizes;
+  std::optional<CameraCalibration> calibration;  ///< the last one
+  bool names_a_model = true;                     ///< the calibration, of distortion
+  size_t keyframes = 0, masked = 0, time_jumps = 0;
+  size_t posed = 0;                 ///< images that have got a pose, whatever became of them
+  double path = 0;                  ///< length, unit of the poses
+  std::string child_frame;          ///< of the last pose
+  std::optional<DepthRange> range;  ///< of the landmarks of all keyframes
+  std::vector<std::string> warnings;
+  struct Rejection {
+    size_t count = 0;
+    std::string first;
+  };
+  std::map<std::string, Rejection> rejections;  ///< by reason
+  std::optional<double> share_in_front;
+};
+
+/// Transforms of a bag: those that never change, or all.
+void LoadTransforms(const rosbag::Bag& bag, bool only_static, tf2::BufferCore* buffer) {
+  for (const rosbag::MessageInstance& record : rosbag::View(bag, rosbag::TypeQuery(kTfType))) {
+    const bool is_static = record.getTopic().find("tf_static") != std::string::npos;
+    if (only_static && !is_static) continue;
+    const auto message = InstantiateChecked<tf2_msgs::TFMessage>(record);
+    if (!message) continue;
+    for (const auto& transform : message->transforms) {
+      try {
+        buffer->setTransform(transform, "bag", is_static);
+      } catch (const std::exception&) {  // a stamp that tf cannot hold: what is missing shows where it is looked up
+      }
+    }
+  }
 }
 
-/// Messages that the mapper would refuse.
-template <class T>
-void CheckRefused(const std::string& what, const BagStream<T>& stream, size_t fewest, Findings* findings) {
-  const bool enough = stream.samples.size() >= fewest;
-  if (stream.refused > 0) {
-    findings->Add(enough ? Severity::kWarning : Severity::kError, what, ": ", stream.refused, " of ", stream.size(),
-                  " cannot be used; the first one: ", stream.refusal);
-  }
-  if (!enough) {
-    findings->Error(what, ": only ", stream.samples.size(), " are usable, at least ", fewest, " needed");
-  }
+std::string RootOf(const tf2::BufferCore& buffer, const std::string& frame) {
+  constexpr int kMaxChain = 1000;  // a corrupt tree may be a loop
+  std::string root = frame, parent;
+  for (int i = 0; i < kMaxChain && buffer._getParent(root, ros::Time(), parent); ++i) root = parent;
+  return root;
 }
 
-template <class T>
-void CheckHeaders(const std::string& what, const std::vector<T>& samples, std::string T::*frame, Findings* findings) {
-  size_t unset = 0, nameless = 0, backward = 0;
-  for (size_t i = 0; i < samples.size(); ++i) {
-    unset += samples[i].stamp_ns == 0;
-    nameless += (samples[i].*frame).empty();
-    backward += i > 0 && samples[i].stamp_ns < samples[i - 1].stamp_ns;
+/// Feeds a bag to the mapper's intake, in the order in which it was recorded.
+class BagFeed {
+ public:
+  BagFeed(const BagTopics& topics, const NodeOptions& options, const TransformSource& transforms)
+      : topics_(topics), options_(options), intake_(options, KeyframeGateOptions(), 0, transforms) {
+    intake_.set_clouds_expected(!topics.chosen.sparse_points.empty());
+    intake_.set_masks_expected(!topics.chosen.mask.empty());
+    if (!options.calibration_file.empty()) TakeInfo(ReadCalibrationFile(options.calibration_file));
   }
-  if (unset > 0) findings->Error(what, ": ", unset, " of ", samples.size(), " stamps are zero");
-  if (nameless > 0) findings->Warn(what, ": ", nameless, " of ", samples.size(), " have no frame_id");
-  if (backward > 0) {
-    findings->Warn(what, ": time runs backward ", backward, " times; the mapper starts over at each (~on_time_jump)");
+
+  IntakeRun Run(const rosbag::Bag& bag) {
+    const TopicChoice& chosen = topics_.chosen;
+    std::vector<std::string> topics = {chosen.image, chosen.pose, chosen.sparse_points, chosen.mask};
+    if (options_.calibration_file.empty()) topics.push_back(chosen.camera_info);
+    for (const rosbag::MessageInstance& record : rosbag::View(bag, rosbag::TopicQuery(topics))) {
+      ReadMessage(record);
+      Take(intake_.Take(record.getTime().toSec()));
+    }
+    Take(intake_.TakeAll());
+    const std::string wait = intake_.DescribeWait(std::numeric_limits<double>::infinity());
+    if (!wait.empty() && run_.infos.size() > 0) run_.warnings.push_back("images wait: " + wait);
+    run_.share_in_front = intake_.share_in_front();
+    return std::move(run_);
   }
-}
 
-template <class T>
-std::vector<int64_t> Stamps(const std::vector<T>& samples) {
-  std::vector<int64_t> stamps;
-  stamps.reserve(samples.size());
-  for (const T& sample : samples) stamps.push_back(sample.stamp_ns);
-  return stamps;
-}
+ private:
+  /// use(message) for a record of this type; nothing of another type.
+  template <class Message, class Use>
+  void With(const rosbag::MessageInstance& record, Stream* stream, const Use& use) {
+    if (record.getDataType() != ros::message_traits::DataType<Message>::value()) return;
+    try {
+      const boost::shared_ptr<Message> message = InstantiateChecked<Message>(record);
+      if (!message) {
+        throw InvalidInputError(
+            Concat("recorded with another definition of ", record.getDataType(), "; convert it with: rosbag fix"));
+      }
+      use(message);
+    } catch (const InvalidInputError& error) {
+      if (stream->refused++ == 0) stream->refusal = error.what();
+    }
+  }
 
-/// Seconds from each of `stamps` to the nearest of `others`, which are not empty. In order of time.
-std::vector<double> NearestGaps(std::vector<int64_t> stamps, std::vector<int64_t> others) {
-  std::sort(stamps.begin(), stamps.end());
+  void ReadMessage(const rosbag::MessageInstance& record) {
+    const TopicChoice& chosen = topics_.chosen;
+    const std::string& topic = record.getTopic();
+    const auto take_pose = [this](const auto& message) { TakePose(ToPoseSample(*message)); };
+    const auto take_cloud = [this](const auto& message) { TakeCloud(ToSparseCloud(*message)); };
+    if (topic == chosen.image) {
+      With<sensor_msgs::Image>(record, &run_.images, [&](const auto& raw) { TakeImage({raw, nullptr}); });
+      With<sensor_msgs::CompressedImage>(record, &run_.images, [&](const auto& file) { TakeImage({nullptr, file}); });
+    } else if (topic == chosen.mask) {
+      With<sensor_msgs::Image>(record, &run_.masks, [&](const auto& mask) { TakeMask(mask); });
+    } else if (topic == chosen.camera_info) {
+      With<sensor_msgs::CameraInfo>(record, &run_.infos, [&](const auto& info) { TakeInfo(*info); });
+    } else if (topic == chosen.pose) {
+      With<geometry_msgs::PoseStamped>(record, &run_.poses, take_pose);
+      With<geometry_msgs::PoseWithCovarianceStamped>(record, &run_.poses, take_pose);
+      With<nav_msgs::Odometry>(record, &run_.poses, take_pose);
+      With<geometry_msgs::TransformStamped>(record, &run_.poses, take_pose);
+    } else if (topic == chosen.sparse_points) {
+      With<sensor_msgs::PointCloud2>(record, &run_.clouds, take_cloud);
+      With<sensor_msgs::PointCloud>(record, &run_.clouds, take_cloud);
+    }
+  }
+
+  void Count(int64_t stamp_ns, const std::string& frame, Stream* stream) {
+    stream->stamps_ns.push_back(stamp_ns);
+    stream->frame = StripLeadingSlash(frame);
+  }
+
+  void TakeImage(const EncodedImage& image) {
+    const cv::Mat rgb = DecodeRgb(image);  // as the mapper does it later
+    run_.encoding = image.raw ? image.raw->encoding : image.compressed->format;
+    run_.sizes.insert({rgb.cols, rgb.rows});
+    Count(ToStampNs(image.header().stamp), image.header().frame_id, &run_.images);
+    const auto without_pixels = boost::make_shared<sensor_msgs::Image>();  // many may wait for their poses
+    without_pixels->header = image.header();
+    intake_.AddImage(std::make_shared<const EncodedImage>(EncodedImage{without_pixels, nullptr}));
+  }
+
+  void TakeInfo(const sensor_msgs::CameraInfo& info) {
+    intake_.AddCameraInfo(info);
+    run_.calibration = ToCalibration(info, options_.rectified);
+    run_.names_a_model = !info.distortion_model.empty() || !info.D.empty();
+    Count(ToStampNs(info.header.stamp), info.header.frame_id, &run_.infos);
+  }
+
+  void TakePose(PoseSample pose) {
+    const Eigen::Vector3d position = pose.received.translation();
+    if (run_.poses.used() > 0) run_.path += (position - last_position_).norm();
+    last_position_ = position;
+    run_.child_frame = pose.child_frame;
+    Count(pose.stamp_ns, pose.world_frame, &run_.poses);
+    intake_.AddPose(std::move(pose));
+  }
+
+  void TakeCloud(SparseCloud cloud) {
+    Count(cloud.stamp_ns, cloud.frame_id, &run_.clouds);
+    intake_.AddCloud(std::make_shared<const SparseCloud>(std::move(cloud)));
+  }
+
+  void TakeMask(const sensor_msgs::ImageConstPtr& message) {
+    CompanionSample mask = ToMaskSample(message);
+    if (run_.calibration) DecodeMask(*mask.image, run_.calibration->camera);  // as the mapper does it later
+    Count(mask.stamp_ns, message->header.frame_id, &run_.masks);
+    intake_.AddMask(std::move(mask));
+  }
+
+  void Take(std::vector<IntakeEvent> events) {
+    for (IntakeEvent& event : events) {
+      if (const auto* keyframe = std::get_if<KeyframeInput>(&event)) TakeKeyframe(*keyframe);
+      if (const auto* world = std::get_if<NewWorld>(&event)) run_.warnings.push_back(world->text);
+      if (const auto* notice = std::get_if<Notice>(&event); notice && notice->warning) {
+        run_.warnings.push_back(notice->text);
+      }
+      run_.time_jumps += std::holds_alternative<TimeJump>(event);
+      if (const auto* rejected = std::get_if<RejectedInput>(&event)) {
+        IntakeRun::Rejection& rejection = run_.rejections[rejected->reason];
+        if (rejection.count++ == 0) rejection.first = rejected->message;
+        run_.posed += rejected->ends_image && rejected->reason != "no_pose";
+      }
+    }
+  }
+
+  void TakeKeyframe(const KeyframeInput& keyframe) {
+    ++run_.keyframes;
+    ++run_.posed;
+    run_.masked += keyframe.mask != nullptr;
+    const auto range = DepthRangeFromLandmarks(keyframe.landmarks_in_world, keyframe.calibration->camera,
+                                               keyframe.world_from_cam.inverse(), {});
+    if (!range) return;
+    if (!run_.range) run_.range = range;
+    run_.range->min = std::min(run_.range->min, range->min);
+    run_.range->max = std::max(run_.range->max, range->max);
+  }
+
+  const BagTopics& topics_;
+  const NodeOptions& options_;
+  KeyframeIntake intake_;
+  IntakeRun run_;
+  Eigen::Vector3d last_position_ = Eigen::Vector3d::Zero();
+};
+
+/// Seconds from each of `stamps` to the nearest of `others`, which are not empty; ascending.
+std::vector<double> NearestGaps(const std::vector<int64_t>& stamps, std::vector<int64_t> others) {
   std::sort(others.begin(), others.end());
   std::vector<double> gaps;
   for (const int64_t stamp : stamps) {
@@ -146,267 +236,274 @@ std::vector<double> NearestGaps(std::vector<int64_t> stamps, std::vector<int64_t
     int64_t gap = std::numeric_limits<int64_t>::max();
     if (after != others.end()) gap = *after - stamp;
     if (after != others.begin()) gap = std::min(gap, stamp - *std::prev(after));
-    gaps.push_back(static_cast<double>(gap) * kSecondsPerNs);
+    gaps.push_back(static_cast<double>(gap) / kNsPerSecond);
   }
+  std::sort(gaps.begin(), gaps.end());
   return gaps;
 }
 
-size_t CountWithin(const std::vector<double>& gaps, double tolerance_s) {
-  return static_cast<size_t>(std::count_if(gaps.begin(), gaps.end(), [=](double gap) { return gap <= tolerance_s; }));
-}
-
-std::string GapHistogram(const std::vector<double>& gaps) {
-  struct Bin {
-    const char* name;
-    double upper_s;
-  };
-  constexpr std::array<Bin, 6> kBins = {Bin{"equal", 0},    {"to 1 us", 1e-6},
-                                        {"to 1 ms", 1e-3},  {"to 10 ms", 1e-2},
-                                        {"to 100 ms", 0.1}, {"more", std::numeric_limits<double>::infinity()}};
-  std::string text;
-  size_t below = 0;
-  for (const Bin& bin : kBins) {
-    const size_t within = CountWithin(gaps, bin.upper_s);
-    if (within > below) text += Concat(text.empty() ? "" : ", ", bin.name, ": ", within - below);
-    below = within;
-  }
-  return text;
-}
-
-void CheckOtherTopics(const BagContents& contents, const std::vector<std::string>& types, const std::string& chosen,
-                      const std::string& wanted, const char* option, Findings* findings) {
-  if (!wanted.empty()) return;
-  std::string others;
-  for (const BagTopic& topic : contents.topics) {
-    const bool fits = std::find(types.begin(), types.end(), topic.type) != types.end();
-    if (fits && topic.name != chosen && topic.name != contents.chosen.mask) others += " " + topic.name;
-  }
-  if (!others.empty()) findings->Warn("checked ", chosen, "; there is also", others, "; choose with ", option);
-}
-
-void CheckImages(const BagContents& contents, Findings* findings) {
-  const std::string name = "images " + contents.chosen.image;
-  if (contents.images.size() == 0) {
-    return findings->Error("no images: the bag has no sensor_msgs/Image or CompressedImage messages");
-  }
-  CheckRefused(name, contents.images, kFewest, findings);
-  const std::vector<BagImage>& images = contents.images.samples;
-  if (images.empty()) return;
-  std::set<std::pair<int, int>> sizes;
-  for (const BagImage& image : images) sizes.insert({image.width, image.height});
-  if (sizes.size() > 1) findings->Warn(name, ": ", sizes.size(), " different sizes");
-  CheckHeaders(name, images, &BagImage::frame, findings);
-  const BagImage& first = images.front();
-  findings->Ok(name, ": ", images.size(), ", ", first.encoding, ", ", first.width, "x", first.height, " px, frame \"",
-               first.frame, "\"");
-}
-
-void CheckMasks(const BagContents& contents, Findings* findings) {
-  if (contents.masks.size() == 0) return;
-  const std::string name = "masks " + contents.chosen.mask;
-  CheckRefused(name, contents.masks, 1, findings);
-  const std::vector<BagMask>& masks = contents.masks.samples;
-  const std::vector<BagImage>& images = contents.images.samples;
-  if (masks.empty() || images.empty()) return;
-  size_t of_another_size = 0, ignoring_all = 0;
-  for (const BagMask& mask : masks) {
-    of_another_size += mask.width != images.front().width || mask.height != images.front().height;
-    ignoring_all += mask.ignores_all;
-  }
-  if (of_another_size > 0) {
-    findings->Error(name, ": ", of_another_size, " of ", masks.size(), " have not the images' size, ",
-                    images.front().width, "x", images.front().height, " px, and would be refused");
-  }
-  if (ignoring_all > 0) findings->Warn(name, ": ", ignoring_all, " of ", masks.size(), " ignore the whole image");
-  constexpr double kSameStamp_s = 1e-3;  // as the mapper pairs them
-  const size_t masked = CountWithin(NearestGaps(Stamps(images), Stamps(masks)), kSameStamp_s);
-  findings->Add(masked > 0 ? Severity::kOk : Severity::kError, name, ": ", masks.size(), "; ", masked, " of ",
-                images.size(), " images have one with their stamp; mask:=", contents.chosen.mask);
-}
-
-void CheckCameraInfo(const BagContents& contents, const BagCheckOptions& options, Findings* findings) {
-  const std::string name = options.calibration_file.empty() ? "camera_info " + contents.chosen.camera_info
-                                                            : "calibration " + options.calibration_file.string();
-  if (contents.calibrations.size() == 0) {
-    return findings->Warn(
-        "no camera_info: set ~calibration_file to a file of camera_calibration (convert_calibration.py makes one of "
-        "the frontend's own), here --calibration-file");
-  }
-  CheckRefused(name, contents.calibrations, 1, findings);
-  if (contents.calibrations.samples.empty()) return;
-  const BagCalibration& first = contents.calibrations.samples.front();
-  const PinholeCamera& camera = first.calibration.camera;
-  for (const BagCalibration& other : contents.calibrations.samples) {
-    if (SameCalibration(first.calibration, other.calibration)) continue;
-    findings->Warn(name, ": changes");
-    break;
-  }
-  for (const BagImage& image : contents.images.samples) {
-    if (image.width == camera.width && image.height == camera.height) continue;
-    findings->Error(name, ": is for ", camera.width, "x", camera.height, " px, an image has ", image.width, "x",
-                    image.height);
-    break;
-  }
-  if (!camera.Contains({camera.cx, camera.cy})) {
-    findings->Warn(name, ": principal point ", camera.cx, ", ", camera.cy, " lies outside the image");
-  }
-  if (!first.names_a_model) {
-    findings->Warn(name, ": names no distortion model; the images are taken as undistorted");
-  }
-  findings->Ok(name, ": fx ", camera.fx, ", fy ", camera.fy);
-}
-
-/// Which parameters make the mapper take these poses.
-void AdviseOnPoses(const BagContents& contents, const std::string& name, Findings* findings) {
-  if (contents.chosen.pose.empty()) {
-    return findings->Ok(name,
-                        " are transforms: set ~pose_source: tf, ~world_frame and, if the images have no frame_id, ",
-                        "~camera_frame");
-  }
-  const std::string& type = contents.Find(contents.chosen.pose)->type;
-  const char* source = PoseSourceOf(contents);
-  findings->Ok(name, " are ", type, ": ~pose_source: ", source, ", and ", source, ":=", contents.chosen.pose);
-}
-
-/// Adds what the launch line needs: the tolerance, and whether every image has a pose.
-void CheckPoseStamps(const BagContents& contents, double tolerance_s, LaunchLine* line, Findings* findings) {
-  const std::vector<int64_t> images = Stamps(contents.images.samples), poses = Stamps(contents.poses.samples);
-  const std::vector<double> image_gaps = NearestGaps(images, poses), pose_gaps = NearestGaps(poses, images);
-  const size_t matched = CountWithin(image_gaps, tolerance_s), used = CountWithin(pose_gaps, tolerance_s);
-  // Poses of keyframes only, or of every IMU sample: what counts is the sparser of the two.
-  std::vector<double> gaps = image_gaps.size() <= pose_gaps.size() ? image_gaps : pose_gaps;
-  findings->Ok("stamp gaps between poses and images: ", GapHistogram(gaps));
-  constexpr double kMostMatched = 0.9;
-  constexpr size_t kVideo = 30;
-  const auto most = [](size_t part, size_t whole) { return part >= kMostMatched * static_cast<double>(whole); };
-  if (images.size() >= kVideo && most(matched, images.size())) line->Set("keyframe_mode", "gate");
-  if (matched >= kFewest && (most(matched, images.size()) || most(used, poses.size()))) {
-    return findings->Ok(matched, " images have a pose within ", tolerance_s, " s (", Percent(matched, images.size()),
-                        " of the images, ", Percent(used, poses.size()), " of the poses)");
-  }
-  std::sort(gaps.begin(), gaps.end());
-  const double needed_s = gaps[static_cast<size_t>(0.95 * static_cast<double>(gaps.size() - 1))];
+/// The tolerance that nearly all of the rarer of images and poses need; none where that is sensible for no camera.
+std::optional<double> NeededTolerance(const Stream& images, const Stream& poses) {
   constexpr double kLargestSensible_s = 0.05;  // a hand-held camera moves visibly in that time
-  const bool sensible = needed_s <= kLargestSensible_s;
-  if (sensible) line->Set("sync_tolerance", Concat(1.1 * needed_s));
-  findings->Add(matched >= kFewest || sensible ? Severity::kWarning : Severity::kError, "only ", matched,
-                " images have a pose within ", tolerance_s, " s",
-                sensible ? Concat("; set ~sync_tolerance to ", 1.1 * needed_s)
-                         : "; poses and images do not have the same clock, or most poses are missing");
+  if (images.stamps_ns.empty() || poses.stamps_ns.empty()) return std::nullopt;
+  // Poses of keyframes only, or of every IMU sample.
+  const std::vector<double> gaps = images.stamps_ns.size() <= poses.stamps_ns.size()
+                                       ? NearestGaps(images.stamps_ns, poses.stamps_ns)
+                                       : NearestGaps(poses.stamps_ns, images.stamps_ns);
+  const double needed_s = gaps[static_cast<size_t>(0.95 * static_cast<double>(gaps.size() - 1))];
+  return needed_s <= kLargestSensible_s ? std::make_optional(needed_s) : std::nullopt;
 }
 
-/// Whether the poses are those of the images' frame.
-void CheckChildFrame(const BagContents& contents, const PoseSemantics& semantics, Findings* findings) {
-  if (contents.chosen.pose.empty() || contents.images.samples.empty()) return;
-  const std::string& child = contents.poses.samples.front().child_frame;
-  const std::string& camera = contents.images.samples.front().frame;
-  if (child.empty() || camera.empty() || child == camera) return;
-  const std::string frames = Concat("poses are those of \"", child, "\" (child_frame_id), images of \"", camera, "\"");
-  if (semantics.child == PoseSemantics::Child::kBody) {
-    findings->Warn(frames, ", and tf_static has the transform between them: set ~pose_child: body");
-  } else if (!contents.body_from_cam) {
-    findings->Ok(frames, ": if these are two frames, set ~pose_child: body and T_body_cam");
+/// Collects findings.
+class Findings {
+ public:
+  /// @param sentence what is joined to it
+  template <class... Args>
+  void Add(Severity severity, const Args&... sentence) {
+    list_.push_back({severity, Concat(sentence...)});
+  }
+  std::vector<Finding> Take() { return std::move(list_); }
+
+ private:
+  std::vector<Finding> list_;
+};
+
+void ReportOthers(const BagTopics& topics, const std::vector<std::string>& types, const std::string& chosen,
+                  const std::string& wanted, const char* option, Findings* findings) {
+  if (!wanted.empty() || chosen.empty()) return;
+  std::string others;
+  for (const BagTopic& topic : topics.all) {
+    const bool fits = std::find(types.begin(), types.end(), topic.type) != types.end();
+    if (fits && topic.name != chosen && topic.name != topics.chosen.mask) others += " " + topic.name;
+  }
+  if (others.empty()) return;
+  findings->Add(Severity::kWarning, "checked ", chosen, "; there is also", others, "; choose with ", option);
+}
+
+/// What the messages themselves have wrong, or what they are.
+void ReportStream(const std::string& name, const Stream& stream, size_t fewest, const std::string& content,
+                  Findings* findings) {
+  if (stream.refused > 0) {
+    findings->Add(stream.used() >= fewest ? Severity::kWarning : Severity::kError, name, ": ", stream.refused, " of ",
+                  stream.size(), " cannot be used; the first one: ", stream.refusal);
+  }
+  if (stream.used() < fewest) {
+    findings->Add(Severity::kError, name, ": only ", stream.used(), " are usable, at least ", fewest, " needed");
+  } else {
+    findings->Add(Severity::kOk, name, ": ", stream.used(), content, ", frame \"", stream.frame, "\"");
   }
 }
 
-void CheckPoses(const BagContents& contents, const BagCheckOptions& options, LaunchLine* line, Findings* findings) {
-  const std::vector<PoseSample>& poses = contents.poses.samples;
+void ReportImages(const BagTopics& topics, const IntakeRun& run, Findings* findings) {
+  if (run.images.size() == 0) {
+    return findings->Add(Severity::kError, "no images: the bag has no sensor_msgs/Image or CompressedImage messages");
+  }
+  std::string sizes;
+  for (const auto& [width, height] : run.sizes) sizes += Concat(", ", width, "x", height, " px");
+  ReportStream("images " + topics.chosen.image, run.images, kFewest, ", " + run.encoding + sizes, findings);
+}
+
+void ReportCamera(const BagTopics& topics, const std::string& calibration_file, const IntakeRun& run,
+                  Findings* findings) {
+  if (run.infos.size() == 0) {
+    return findings->Add(Severity::kWarning,
+                         "no camera_info: set ~calibration_file to a file of camera_calibration "
+                         "(convert_calibration.py makes one of the frontend's own), here --calibration-file");
+  }
   const std::string name =
-      "poses " + (contents.chosen.pose.empty() ? "tf " + contents.pose_from_tf : contents.chosen.pose);
-  if (contents.poses.size() == 0) {
-    return findings->Error(
-        "no poses: neither a PoseStamped, PoseWithCovarianceStamped, Odometry or TransformStamped topic nor a "
-        "transform tree that reaches the images' frame");
+      calibration_file.empty() ? "camera_info " + topics.chosen.camera_info : "calibration " + calibration_file;
+  const PinholeCamera camera = run.calibration ? run.calibration->camera : PinholeCamera();
+  ReportStream(name, run.infos, 1, Concat(", fx ", camera.fx, ", fy ", camera.fy), findings);
+  if (!run.calibration) return;
+  for (const auto& [width, height] : run.sizes) {
+    if (width == camera.width && height == camera.height) continue;
+    findings->Add(Severity::kError, name, ": is for ", camera.width, "x", camera.height, " px, an image has ", width,
+                  "x", height);
   }
-  AdviseOnPoses(contents, name, findings);
-  CheckRefused(name, contents.poses, kFewest, findings);
-  if (poses.empty()) return;
-  CheckHeaders(name, poses, &PoseSample::world_frame, findings);
-  size_t repeated = 0;
-  double path = 0;
-  for (size_t i = 1; i < poses.size(); ++i) {
-    const double step = (poses[i].received.translation() - poses[i - 1].received.translation()).norm();
-    path += step;
-    repeated += step == 0;
-  }
-  if (poses.size() > 1 && path == 0) {
-    findings->Error(name, ": all at the same position; without a baseline there is no depth");
-  } else if (repeated > 0) {
-    findings->Warn(name, ": ", repeated, " of ", poses.size(), " repeat the position of the pose before");
-  }
-  findings->Ok(name, ": ", poses.size(), ", path length ", path, " (units of the poses), frame \"",
-               poses.front().world_frame, "\"");
-  CheckChildFrame(contents, options.semantics, findings);
-  if (!contents.images.samples.empty()) CheckPoseStamps(contents, options.sync_tolerance_s, line, findings);
-}
-
-const PoseSample* NearestPose(const std::vector<PoseSample>& poses, int64_t stamp_ns, double tolerance_s) {
-  const auto gap = [stamp_ns](const PoseSample& pose) { return std::abs(pose.stamp_ns - stamp_ns); };
-  const auto nearest = std::min_element(poses.begin(), poses.end(),
-                                        [&](const PoseSample& a, const PoseSample& b) { return gap(a) < gap(b); });
-  const bool near = nearest != poses.end() && static_cast<double>(gap(*nearest)) * kSecondsPerNs <= tolerance_s;
-  return near ? &*nearest : nullptr;
-}
-
-/// Whether the points lie before the camera, as the mapper checks it.
-void CheckConventions(const BagContents& contents, const BagCheckOptions& options, Findings* findings) {
-  const std::vector<SparseCloud>& clouds = contents.clouds.samples;
-  if (contents.calibrations.samples.empty() || clouds.empty()) return;
-  const PinholeCamera& camera = contents.calibrations.samples.front().calibration.camera;
-  const std::vector<BagImage>& images = contents.images.samples;
-  // As the mapper's sparse_frame: auto.
-  const std::string& frame = clouds.front().frame_id;
-  const bool in_world =
-      frame.empty() || (!contents.poses.samples.empty() && frame == contents.poses.samples.front().world_frame);
-  const bool in_camera = !in_world && ((!images.empty() && frame == images.front().frame) ||
-                                       frame == contents.calibrations.samples.front().calibration.frame_id);
-  if (!in_world && !in_camera) {
-    return findings->Warn("sparse points are in \"", frame,
-                          "\", which is neither the poses' nor the images' frame, and are not used: set ~sparse_frame "
-                          "to world or camera");
-  }
-  ConventionCheck check;
-  for (const SparseCloud& cloud : clouds) {
-    const PoseSample* pose = NearestPose(contents.poses.samples, cloud.stamp_ns, options.sparse_tolerance_s);
-    if (pose == nullptr) continue;
-    const auto warning = check.Add(options.semantics, pose->received, cloud, in_camera, camera);
-    if (warning) findings->Warn(*warning);
-  }
-  if (const auto share = check.share_in_front()) {
-    findings->Ok("points are in the ", in_camera ? "camera's frame" : "world",
-                 " (sparse_frame: auto takes them so): ", std::lround(100 * *share), " % lie in front of the camera");
+  if (!run.names_a_model) {
+    findings->Add(Severity::kWarning, name, ": names no distortion model; the images are taken as undistorted");
   }
 }
 
-void CheckClouds(const BagContents& contents, const BagCheckOptions& options, Findings* findings) {
-  const std::vector<SparseCloud>& clouds = contents.clouds.samples;
-  const std::string& topic = contents.chosen.sparse_points;
-  const std::string name = "sparse points " + topic;
-  if (contents.clouds.size() == 0) {
-    return findings->Warn("no sparse points: set the depth range by ~depth_min and ~depth_max");
+void ReportPoses(const BagTopics& topics, const NodeOptions& options, const IntakeRun& run, Findings* findings) {
+  if (options.pose_source == PoseSource::kTf) {
+    return findings->Add(Severity::kOk, "poses are those of tf, \"", run.images.frame, "\" in \"", options.world_frame,
+                         "\": ~pose_source: tf");
   }
-  if (contents.Find(topic)->type != CloudTypes().front()) {
-    findings->Ok(name, " are sensor_msgs/PointCloud: sparse_points_v1:=", topic);
+  if (run.poses.size() == 0) {
+    return findings->Add(Severity::kError,
+                         "no poses: neither a PoseStamped, PoseWithCovarianceStamped, Odometry or TransformStamped "
+                         "topic nor a transform tree that reaches the images' frame");
   }
-  CheckRefused(name, contents.clouds, 1, findings);
-  size_t empty = 0, not_finite = 0, zero = 0;
-  for (const SparseCloud& cloud : clouds) {
-    empty += cloud.points.empty();
-    not_finite += cloud.not_finite;
-    zero += cloud.zero;
+  const std::string name = "poses " + topics.chosen.pose;
+  ReportStream(name, run.poses, kFewest, Concat(", path length ", run.path, " (units of the poses)"), findings);
+  if (run.poses.used() > 1 && run.path == 0) {
+    findings->Add(Severity::kError, name, ": all at the same position; without a baseline there is no depth");
   }
-  if (empty > 0) findings->Warn(name, ": ", empty, " of ", clouds.size(), " have no point that is usable");
-  if (not_finite > 0) findings->Warn(name, ": ", not_finite, " points are not finite; the mapper leaves them out");
-  if (zero > 0) findings->Warn(name, ": ", zero, " points are (0, 0, 0); the mapper leaves them out");
-  if (empty == clouds.size()) findings->Warn(name, ": none is usable; set ~depth_min and ~depth_max");
-  if (clouds.empty() || contents.images.samples.empty()) return;
-  const std::vector<double> gaps = NearestGaps(Stamps(clouds), Stamps(contents.images.samples));
-  if (const size_t near = CountWithin(gaps, options.sparse_tolerance_s); near < gaps.size()) {
-    findings->Warn(name, ": ", gaps.size() - near, " of ", gaps.size(), " are more than ", options.sparse_tolerance_s,
-                   " s from any image (largest gap ", *std::max_element(gaps.begin(), gaps.end()),
-                   " s); the mapper then takes the last ones before: have them carry their image's stamp");
+  const std::string& camera = run.images.frame;
+  if (run.child_frame.empty() || camera.empty() || run.child_frame == camera) return;
+  const bool body = options.pose.child == PoseSemantics::Child::kBody;
+  findings->Add(body ? Severity::kWarning : Severity::kOk, "poses are those of \"", run.child_frame,
+                "\" (child_frame_id), images of \"", camera, "\": ",
+                body ? "set ~pose_child: body" : "if these are two frames, set ~pose_child: body and T_body_cam");
+}
+
+void ReportCompanions(const BagTopics& topics, const IntakeRun& run, Findings* findings) {
+  if (run.clouds.size() == 0) {
+    findings->Add(Severity::kWarning,
+                  "no sparse points: add depth_min:= and depth_max:=, the distances of the nearest and the farthest "
+                  "surface in the unit of the poses");
+  } else {
+    std::string content;
+    if (run.share_in_front)
+      content += Concat(", ", std::lround(100 * *run.share_in_front), " % in front of the camera");
+    if (run.range) content += Concat(", depth range ", run.range->min, " to ", run.range->max);
+    ReportStream("sparse points " + topics.chosen.sparse_points, run.clouds, 1, content, findings);
   }
-  CheckConventions(contents, options, findings);
+  if (run.masks.size() == 0) return;
+  const std::string name = "masks " + topics.chosen.mask;
+  ReportStream(name, run.masks, 1, "", findings);
+  findings->Add(run.masked > 0 ? Severity::kOk : Severity::kError, name, ": ", run.masked, " of ", run.keyframes,
+                " images have one with their stamp");
+}
+
+/// What became of the images, in the intake's own sentences.
+void ReportIntake(const IntakeRun& run, double tolerance_s, Findings* findings) {
+  for (const std::string& text : run.warnings) findings->Add(Severity::kWarning, text);
+  if (run.time_jumps > 0) {
+    findings->Add(Severity::kWarning, "time runs backward ", run.time_jumps,
+                  " times; the mapper starts over at each (~on_time_jump)");
+  }
+  if (run.infos.size() == 0 || run.images.used() == 0) return;  // said above
+  for (const auto& [reason, rejection] : run.rejections) {
+    // Many frontends pose some images alone.
+    const bool usual = reason == "no_pose" && IsMost(run.posed, run.poses.used());
+    findings->Add(usual ? Severity::kOk : Severity::kWarning, reason, ", ", rejection.count,
+                  " times; the first: ", rejection.first);
+  }
+  findings->Add(run.keyframes >= kFewest ? Severity::kOk : Severity::kError, "the mapper takes ", run.keyframes, " of ",
+                run.images.used(), " images, with poses within ", tolerance_s, " s of them");
+}
+
+/// The command that starts the mapper for a bag's topics.
+std::string LaunchLine(const BagTopics& topics, const NodeOptions& options, const IntakeRun& run) {
+  const TopicChoice& chosen = topics.chosen;
+  std::string line = "roslaunch acmp_mapping dense_mapper.launch";
+  const auto set = [&line](const std::string& argument, const std::string& value) {
+    line += Concat(" ", argument, ":=", value);
+  };
+  // A recording of the mapper's own outputs must not be mixed with them.
+  const auto is_output = [](const BagTopic& topic) { return topic.name.rfind("/acmp/", 0) == 0; };
+  set("namespace", std::any_of(topics.all.begin(), topics.all.end(), is_output) ? "acmp_again" : "acmp");
+  set("image", WithoutCompressed(chosen.image));
+  if (topics.TypeOf(chosen.image) == ImageTypes().back()) set("image_transport", "compressed");
+  if (!options.calibration_file.empty()) {
+    set("calibration_file", std::filesystem::absolute(options.calibration_file).string());
+  } else if (chosen.camera_info.empty()) {
+    set("calibration_file", "CAMERA.yaml");
+  } else {
+    set("camera_info", chosen.camera_info);
+  }
+  if (options.pose_source == PoseSource::kTf) {
+    set("pose_source", "tf");
+    set("world_frame", options.world_frame);
+  } else {
+    const auto type = std::find(PoseTypes().begin(), PoseTypes().end(), topics.TypeOf(chosen.pose));
+    const std::string source = kPoseSources.at(static_cast<size_t>(type - PoseTypes().begin()));
+    if (source != kPoseSources.front()) set("pose_source", source);
+    set(source, chosen.pose);
+    if (options.pose.direction != PoseSemantics().direction) set("pose_is", Name(options.pose.direction));
+    if (options.pose.child != PoseSemantics().child) set("pose_child", Name(options.pose.child));
+  }
+  if (!chosen.sparse_points.empty()) {
+    const bool is_new = topics.TypeOf(chosen.sparse_points) == CloudTypes().front();
+    set(is_new ? "sparse_points" : "sparse_points_v1", chosen.sparse_points);
+  }
+  if (!chosen.mask.empty()) set("mask", chosen.mask);
+  constexpr size_t kVideo = 30;
+  if (run.images.used() >= kVideo && IsMost(run.posed, run.images.used())) set("keyframe_mode", "gate");
+  if (options.matcher.sync_tolerance_s != InputMatcherOptions().sync_tolerance_s) {
+    set("sync_tolerance", Concat(options.matcher.sync_tolerance_s));
+  }
+  return line;
+}
+
+TransformSource SourceOf(const tf2::BufferCore& transforms) {
+  TransformSource source;
+  source.find_pose = [&transforms](const std::string& world, const std::string& child,
+                                   int64_t stamp_ns) -> std::variant<PoseSample, std::string> {
+    try {
+      return ToPoseSample(
+          transforms.lookupTransform(world, child, ros::Time().fromNSec(static_cast<uint64_t>(stamp_ns))));
+    } catch (const tf2::TransformException& error) {
+      return std::string(error.what());
+    }
+  };
+  source.find_latest = [&transforms](const std::string& target,
+                                     const std::string& frame) -> std::optional<RigidTransform> {
+    try {
+      return ToTransform(transforms.lookupTransform(target, frame, ros::Time()).transform);
+    } catch (const tf2::TransformException&) {
+      return std::nullopt;
+    }
+  };
+  return source;
+}
+
+/// What the frames in the bag say of its poses. Returns whether that changes the options.
+bool DeclareFrames(const IntakeRun& run, const BagCheckOptions& asked, const tf2::BufferCore& transforms,
+                   bool has_pose_topic, NodeOptions* options) {
+  const std::string& camera = run.images.frame;
+  if (has_pose_topic) {
+    const std::string& child = run.child_frame;
+    if (asked.child_declared || child.empty() || camera.empty() || child == camera) return false;
+    if (!transforms.canTransform(child, camera, ros::Time())) return false;
+    options->pose.child = PoseSemantics::Child::kBody;
+    return true;
+  }
+  const std::string root = RootOf(transforms, camera);
+  if (root.empty() || root == camera) return false;
+  options->pose_source = PoseSource::kTf;
+  options->world_frame = root;
+  return true;
+}
+
+BagReport CheckOpened(const rosbag::Bag& bag, const BagCheckOptions& asked) {
+  const BagTopics topics = ChooseTopics(bag, asked.topics);
+  const TopicChoice& chosen = topics.chosen;
+  NodeOptions options;
+  options.calibration_file = asked.calibration_file.string();
+  options.matcher.sync_tolerance_s = asked.sync_tolerance_s;
+  options.matcher.sparse_tolerance_s = asked.sparse_tolerance_s;
+  options.pose = asked.semantics;
+  tf2::BufferCore buffer(ros::Duration(1e9));  // as long as any bag
+  LoadTransforms(bag, !chosen.pose.empty(), &buffer);
+  const TransformSource transforms = SourceOf(buffer);
+  Findings findings;
+  // What a run tells may be what the next one needs.
+  const auto feed = [&] { return BagFeed(topics, options, transforms).Run(bag); };
+  IntakeRun run = feed();
+  if (DeclareFrames(run, asked, buffer, !chosen.pose.empty(), &options)) run = feed();
+  const auto needed_s = NeededTolerance(run.images, run.poses);
+  if (needed_s && *needed_s > asked.sync_tolerance_s) {
+    const size_t before = run.keyframes;
+    options.matcher.sync_tolerance_s = 1.1 * *needed_s;
+    run = feed();
+    findings.Add(Severity::kWarning, "only ", before, " images have a pose within ", asked.sync_tolerance_s,
+                 " s; set ~sync_tolerance to ", options.matcher.sync_tolerance_s);
+  }
+  const TopicChoice& wanted = asked.topics;
+  ReportOthers(topics, ImageTypes(), chosen.image, wanted.image, "--image", &findings);
+  ReportOthers(topics, CameraInfoTypes(), chosen.camera_info, wanted.camera_info, "--camera-info", &findings);
+  ReportOthers(topics, PoseTypes(), chosen.pose, wanted.pose, "--pose", &findings);
+  ReportOthers(topics, CloudTypes(), chosen.sparse_points, wanted.sparse_points, "--sparse-points", &findings);
+  ReportImages(topics, run, &findings);
+  ReportCamera(topics, options.calibration_file, run, &findings);
+  ReportPoses(topics, options, run, &findings);
+  ReportCompanions(topics, run, &findings);
+  ReportIntake(run, options.matcher.sync_tolerance_s, &findings);
+  const bool can_start = !chosen.image.empty() && (!chosen.pose.empty() || options.pose_source == PoseSource::kTf);
+  return {topics.all, chosen, findings.Take(), can_start ? LaunchLine(topics, options, run) : ""};
 }
 
 }  // namespace
@@ -416,35 +513,10 @@ size_t BagReport::Count(Severity severity) const {
       findings.begin(), findings.end(), [severity](const Finding& finding) { return finding.severity == severity; }));
 }
 
-BagReport CheckBag(const std::filesystem::path& path, const BagCheckOptions& declared) {
-  BagContents contents = ReadBagContents(path, declared.topics);
-  BagCheckOptions options = declared;
-  options.semantics.body_from_cam = contents.body_from_cam;
-  if (!options.child_declared && contents.body_from_cam) options.semantics.child = PoseSemantics::Child::kBody;
-  if (options.semantics.child == PoseSemantics::Child::kBody && !contents.body_from_cam) {
-    throw InvalidInputError(
-        "pose_child body: tf_static of the bag has no transform from the poses' child frame to the "
-        "images'");
-  }
-  if (!options.calibration_file.empty()) {
-    contents.calibrations = {};
-    contents.calibrations.samples.push_back(
-        {ToCalibration(ReadCalibrationFile(options.calibration_file.string()), false), true});
-  }
-  const TopicChoice& chosen = contents.chosen;
-  const TopicChoice& wanted = options.topics;
-  Findings findings;
-  CheckOtherTopics(contents, ImageTypes(), chosen.image, wanted.image, "--image", &findings);
-  CheckOtherTopics(contents, CameraInfoTypes(), chosen.camera_info, wanted.camera_info, "--camera-info", &findings);
-  CheckOtherTopics(contents, PoseTypes(), chosen.pose, wanted.pose, "--pose", &findings);
-  CheckOtherTopics(contents, CloudTypes(), chosen.sparse_points, wanted.sparse_points, "--sparse-points", &findings);
-  CheckImages(contents, &findings);
-  CheckMasks(contents, &findings);
-  CheckCameraInfo(contents, options, &findings);
-  LaunchLine line(contents, options);
-  CheckPoses(contents, options, &line, &findings);
-  CheckClouds(contents, options, &findings);
-  return {contents.topics, chosen, findings.Take(), line.text()};
+BagReport CheckBag(const std::filesystem::path& path, const BagCheckOptions& options) {
+  BagReport report;
+  ReadBag(path, "repair it with: rosbag reindex", [&](const rosbag::Bag& bag) { report = CheckOpened(bag, options); });
+  return report;
 }
 
 }  // namespace acmp

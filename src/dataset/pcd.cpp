@@ -109,7 +109,7 @@ PcdHeader ReadPcdHeader(BinaryReader* file) {
   return header;
 }
 
-using Positions = std::vector<std::array<float, 3>>;
+using Positions = std::vector<std::array<double, 3>>;
 
 Positions ReadAscii(const PcdHeader& header, BinaryReader* file) {
   file->ExpectRemaining(header.points, header.point_words, "PCD points");  // a digit each, before memory is asked for
@@ -123,7 +123,7 @@ Positions ReadAscii(const PcdHeader& header, BinaryReader* file) {
       for (size_t axis = 0; axis < position.size(); ++axis) {
         if (header.coordinates[axis].word != i) continue;
         char* end = nullptr;
-        position[axis] = std::strtof(word.c_str(), &end);
+        position[axis] = std::strtod(word.c_str(), &end);
         if (end == word.c_str() || *end != '\0') file->Fail(Concat("\"", word, "\": must be a number"));
       }
     }
@@ -132,10 +132,10 @@ Positions ReadAscii(const PcdHeader& header, BinaryReader* file) {
 }
 
 template <class T>
-float ReadNumber(const char* source) {
+double ReadNumber(const char* source) {
   T number;
   std::memcpy(&number, source, sizeof(T));
-  return static_cast<float>(number);
+  return static_cast<double>(number);
 }
 
 /// @param stride bytes from one point to the next of the same coordinate. @param begin of each coordinate
@@ -204,7 +204,7 @@ Positions ReadCompressed(const PcdHeader& header, BinaryReader* file) {
 
 }  // namespace
 
-PointCloud ReadPcd(const std::filesystem::path& path, size_t* not_finite) {
+PointCloud ReadPcd(const std::filesystem::path& path, size_t* not_finite, ReadOrigin* origin) {
   BinaryReader file(path);
   const PcdHeader header = ReadPcdHeader(&file);
   const std::string kind = Words(file, header, "DATA", 1)[0];
@@ -219,7 +219,7 @@ PointCloud ReadPcd(const std::filesystem::path& path, size_t* not_finite) {
   for (const auto& [x, y, z] : positions) {
     if (!std::isfinite(x) || !std::isfinite(y) || !std::isfinite(z)) continue;
     points.emplace_back();
-    points.back().position = {x, y, z};
+    points.back().position = FromOrigin({x, y, z}, origin);
   }
   *not_finite = positions.size() - points.size();
   return points;

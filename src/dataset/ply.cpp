@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cstdio>
 #include <cstring>
 #include <map>
 
@@ -9,6 +10,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
+#include "acmp_mapping/geometry/local_origin.h"
 #include "input_file.h"
 
 namespace acmp {
@@ -153,14 +155,17 @@ unsigned char ToByte(double value) {
   return static_cast<unsigned char>(value < 0 ? 0 : value > 255 ? 255 : value + 0.5);
 }
 
-SurfacePoint ToPoint(const std::array<double, kFields.size()>& v) {
+SurfacePoint ToPoint(const std::array<double, kFields.size()>& v, ReadOrigin* origin) {
   const auto vector = [&v](size_t i) {
     return Vec3f{static_cast<float>(v[i]), static_cast<float>(v[i + 1]), static_cast<float>(v[i + 2])};
   };
-  return {vector(0), vector(3), {ToByte(v[6]), ToByte(v[7]), ToByte(v[8])}, static_cast<float>(v[9])};
+  return {FromOrigin({v[0], v[1], v[2]}, origin),
+          vector(3),
+          {ToByte(v[6]), ToByte(v[7]), ToByte(v[8])},
+          static_cast<float>(v[9])};
 }
 
-PointCloud ReadVertices(BinaryReader* file, bool ascii, const Element& element) {
+PointCloud ReadVertices(BinaryReader* file, bool ascii, const Element& element, ReadOrigin* origin) {
   if (element.HasList()) file->Fail("PLY vertex has a list: must be single numbers");
   std::vector<size_t> fields;  // of each property: its place in kFields, or the end
   for (const Property& property : element.properties) {
@@ -181,7 +186,7 @@ PointCloud ReadVertices(BinaryReader* file, bool ascii, const Element& element) 
       const double value = ascii ? ReadAsciiValue(file) : element.properties[p].type.read(file);
       if (fields[p] < values.size()) values[fields[p]] = value;
     }
-    points.push_back(ToPoint(values));
+    points.push_back(ToPoint(values, origin));
   }
   return points;
 }
@@ -221,7 +226,7 @@ void ReadFaces(BinaryReader* file, bool ascii, const Element& element, TriangleM
 }
 
 /// @param faces as well: else none
-TriangleMesh ReadElements(const std::filesystem::path& path, bool faces) {
+TriangleMesh ReadElements(const std::filesystem::path& path, bool faces, ReadOrigin* origin) {
   const ClassicLocale point;
   BinaryReader file(path);
   const PlyHeader header = ReadPlyHeader(&file);
@@ -230,7 +235,7 @@ TriangleMesh ReadElements(const std::filesystem::path& path, bool faces) {
   bool has_vertices = false;
   for (const Element& element : header.elements) {
     if (element.name == "vertex") {
-      mesh.vertices = ReadVertices(&file, ascii, element);
+      mesh.vertices = ReadVertices(&file, ascii, element, origin);
       has_vertices = true;
       if (!faces) break;
     } else if (has_vertices) {
@@ -253,9 +258,9 @@ char* Append(char* target, const T& value) {
 /// @param comment a line of the header, or nothing
 /// @param elements lines about those after the vertices, or nothing
 std::string MakeHeader(size_t points, const Eigen::Vector3d& origin, const std::string& comment,
-                       const std::string& elements = "") {
+                       const std::string& elements = "", const char* format = "binary_little_endian") {
   const char* type = origin.isZero(0) ? "float" : "double";
-  return Concat("ply\nformat binary_little_endian 1.0\n", comment, "element vertex ", points, "\nproperty ", type,
+  return Concat("ply\nformat ", format, " 1.0\n", comment, "element vertex ", points, "\nproperty ", type,
                 " x\nproperty ", type, " y\nproperty ", type,
                 " z\nproperty float nx\nproperty float ny\nproperty float nz\nproperty uchar red\n"
                 "property uchar green\nproperty uchar blue\nproperty float confidence\n",
@@ -296,10 +301,29 @@ void MakeRecords(const std::vector<Item>& items, const Eigen::Vector3d& origin, 
   }
 }
 
+void WriteTextPly(const PointCloud& points, const Eigen::Vector3d& origin, AtomicFile* file) {
+  const ClassicLocale point;
+  file->Write(MakeHeader(points.size(), origin, "", "", "ascii"));
+  const int digits = TextDigits(origin);
+  for (const SurfacePoint& p : points) {
+    const Eigen::Vector3d position = InWorld(origin, p.position);
+    constexpr size_t kLineBytes = 200;
+    char line[kLineBytes];
+    const int length = std::snprintf(line, sizeof(line), "%.*g %.*g %.*g %.9g %.9g %.9g %d %d %d %.9g\n", digits,
+                                     position.x(), digits, position.y(), digits, position.z(), p.normal.x, p.normal.y,
+                                     p.normal.z, p.color.r, p.color.g, p.color.b, p.confidence);
+    file->Write(line, static_cast<size_t>(length));
+  }
+}
+
 }  // namespace
 
-void WritePly(const std::filesystem::path& path, const PointCloud& points, const Eigen::Vector3d& origin) {
+void WritePly(const std::filesystem::path& path, const PointCloud& points, const Eigen::Vector3d& origin, bool binary) {
   AtomicFile file(path, Durability::kPowerCut);
+  if (!binary) {
+    WriteTextPly(points, origin, &file);
+    return file.Commit();
+  }
   file.Write(MakeHeader(points.size(), origin, ""));
   const auto write = [&](size_t, const std::vector<char>& records) { file.Write(records.data(), records.size()); };
   MakeRecords(points, origin, RecordBytes(origin), write);
@@ -346,8 +370,19 @@ void PlyFile::Commit() {
   file_.Commit();
 }
 
-PointCloud ReadPly(const std::filesystem::path& path) { return ReadElements(path, false).vertices; }
+Vec3f FromOrigin(const Eigen::Vector3d& position, ReadOrigin* origin) {
+  constexpr double kReach = 10000, kStep = 1024;  // float32 knows a thousandth there
+  if (origin && !*origin && position.allFinite()) *origin = LocalOrigin(position, kReach, kStep);
+  const Eigen::Vector3f local = (origin && *origin ? Eigen::Vector3d(position - **origin) : position).cast<float>();
+  return {local.x(), local.y(), local.z()};
+}
 
-TriangleMesh ReadPlyMesh(const std::filesystem::path& path) { return ReadElements(path, true); }
+PointCloud ReadPly(const std::filesystem::path& path, ReadOrigin* origin) {
+  return ReadElements(path, false, origin).vertices;
+}
+
+TriangleMesh ReadPlyMesh(const std::filesystem::path& path, ReadOrigin* origin) {
+  return ReadElements(path, true, origin);
+}
 
 }  // namespace acmp

@@ -9,7 +9,7 @@
 #include <nanoflann.hpp>
 
 #include "acmp_mapping/common/error.h"
-#include "voxel_index.h"
+#include "acmp_mapping/geometry/voxel.h"
 
 namespace acmp {
 namespace {

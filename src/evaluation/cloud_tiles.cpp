@@ -1,4 +1,4 @@
-#include "acmp_mapping/evaluation/cloud_tiles.h"
+#include "acmp_mapping/evaluation/cloud_metrics.h"
 
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -22,7 +22,8 @@ nlohmann::json ReadIndex(const std::filesystem::path& path) {
   return index;
 }
 
-void AppendTile(const std::filesystem::path& index, const nlohmann::json& tile, PointCloud* points) {
+void AppendTile(const std::filesystem::path& index, const nlohmann::json& tile, PointCloud* points,
+                ReadOrigin* origin) {
   const auto has = [&tile](const char* key) { return tile.is_object() && tile.contains(key); };
   if (!has("file") || !tile["file"].is_string() || !has("points") || !tile["points"].is_number_unsigned()) {
     throw InvalidInputError(Concat(index.string(),
@@ -34,7 +35,7 @@ void AppendTile(const std::filesystem::path& index, const nlohmann::json& tile, 
     throw InvalidInputError(Concat(index.string(), ": file ", name, ": must be in the same folder"));
   }
   const std::filesystem::path path = index.parent_path() / name;
-  const PointCloud read = ReadPly(path);
+  const PointCloud read = ReadPly(path, origin);
   const auto listed = tile["points"].get<uint64_t>();
   if (read.size() != listed) {
     throw InvalidInputError(
@@ -49,11 +50,11 @@ bool IsTiledCloud(const std::filesystem::path& path) {
   return path.filename() == kIndexName || std::filesystem::exists(path / kIndexName);
 }
 
-PointCloud ReadTiledCloud(const std::filesystem::path& path) {
+PointCloud ReadTiledCloud(const std::filesystem::path& path, ReadOrigin* origin) {
   const std::filesystem::path index_path = path.filename() == kIndexName ? path : path / kIndexName;
   const nlohmann::json index = ReadIndex(index_path);
   PointCloud points;
-  for (const nlohmann::json& tile : index["tiles"]) AppendTile(index_path, tile, &points);
+  for (const nlohmann::json& tile : index["tiles"]) AppendTile(index_path, tile, &points, origin);
   return points;
 }
 

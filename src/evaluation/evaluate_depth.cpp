@@ -1,4 +1,4 @@
-#include "acmp_mapping/evaluation/evaluate_depth.h"
+#include "acmp_mapping/evaluation/evaluate.h"
 
 #include <algorithm>
 #include <cmath>
@@ -10,8 +10,8 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/geometry/voxel.h"
 #include "evaluate_inputs.h"
-#include "voxel_index.h"
 
 namespace acmp {
 namespace {

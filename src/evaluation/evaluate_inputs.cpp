@@ -9,7 +9,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
-#include "voxel_index.h"
+#include "acmp_mapping/geometry/voxel.h"
 
 namespace acmp {
 namespace {

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "acmp_mapping/dataset/camera_list.h"
-#include "acmp_mapping/evaluation/ground_truth.h"
+#include "acmp_mapping/evaluation/evaluate.h"
 #include "acmp_mapping/image/image.h"
 
 namespace acmp {

@@ -1,4 +1,4 @@
-#include "acmp_mapping/evaluation/evaluate_report.h"
+#include "acmp_mapping/evaluation/evaluate.h"
 
 #include <array>
 #include <cstdio>

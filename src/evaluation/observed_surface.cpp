@@ -1,4 +1,4 @@
-#include "acmp_mapping/evaluation/observed_surface.h"
+#include "acmp_mapping/evaluation/cloud_metrics.h"
 
 #include <cmath>
 #include <unordered_set>
@@ -6,7 +6,7 @@
 #include <tbb/parallel_for.h>
 
 #include "acmp_mapping/fusion/kernel/match_pixel.h"
-#include "voxel_index.h"
+#include "acmp_mapping/geometry/voxel.h"
 
 namespace acmp {
 

@@ -1,4 +1,4 @@
-#include "acmp_mapping/evaluation/sample_mesh.h"
+#include "acmp_mapping/evaluation/cloud_metrics.h"
 
 #include <algorithm>
 #include <cmath>

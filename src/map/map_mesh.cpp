@@ -13,7 +13,6 @@
 namespace acmp {
 
 MapMesh MakeMapMesh(const MapStore& map, const MapMeshOptions& options) {
-  CheckCanMesh();
   const PlacedKeyframes placed = map.Placed();
   if (placed.keyframes.empty() || !(placed.voxel_size > 0)) {
     throw InvalidInputError("the map is empty: there is no mesh");

@@ -92,27 +92,6 @@ void WriteBinaryPcd(const fs::path& path, const MapCloud& map) {
   file.Commit();
 }
 
-/// The properties of WritePly.
-void WriteAsciiPly(const fs::path& path, const MapCloud& map) {
-  const ClassicLocale point;
-  AtomicFile file(path, Durability::kPowerCut);
-  const char* type = IsWide(map) ? "double" : "float";
-  file.Write(Concat("ply\nformat ascii 1.0\nelement vertex ", map.points.size(), "\nproperty ", type, " x\nproperty ",
-                    type, " y\nproperty ", type,
-                    " z\nproperty float nx\nproperty float ny\nproperty float nz\nproperty uchar red\n"
-                    "property uchar green\nproperty uchar blue\nproperty float confidence\nend_header\n"));
-  const int digits = TextDigits(map.origin);
-  for (const SurfacePoint& p : map.points) {
-    const Eigen::Vector3d position = InWorld(map.origin, p.position);
-    char line[kLineBytes];
-    const int length = std::snprintf(line, sizeof(line), "%.*g %.*g %.*g %.9g %.9g %.9g %d %d %d %.9g\n", digits,
-                                     position.x(), digits, position.y(), digits, position.z(), p.normal.x, p.normal.y,
-                                     p.normal.z, p.color.r, p.color.g, p.color.b, p.confidence);
-    file.Write(line, static_cast<size_t>(length));
-  }
-  file.Commit();
-}
-
 }  // namespace
 
 fs::path MapPathBelow(const fs::path& folder, const fs::path& path, const std::string& ending) {
@@ -144,7 +123,7 @@ void CheckMapPath(const fs::path& path) {
 void WriteMap(const fs::path& path, const MapCloud& map, MapFormat format, bool binary) {
   if (map.points.empty()) throw InvalidInputError("the map is empty: nothing was written");
   CheckMapPath(path);
-  if (format == MapFormat::kPly) return binary ? WritePly(path, map.points, map.origin) : WriteAsciiPly(path, map);
+  if (format == MapFormat::kPly) return WritePly(path, map.points, map.origin, binary);
   return binary ? WriteBinaryPcd(path, map) : WriteAsciiPcd(path, map);
 }
 

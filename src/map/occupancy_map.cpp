@@ -40,8 +40,6 @@ struct OccupancyMap::Rays {
   size_t voxels = 0;         ///< that they go through, all together
 };
 
-bool CanMapOccupancy() { return true; }
-
 OccupancyMap::OccupancyMap(double resolution, OccupancyLimits limits)
     : resolution_(resolution), limits_(std::move(limits)) {
   if (!(resolution > 0 && std::isfinite(resolution))) {
@@ -154,5 +152,15 @@ void OccupancyMap::Write(const std::filesystem::path& path) const {
 }
 
 size_t OccupancyMap::nodes() const { return tree_->size(); }
+
+std::unique_ptr<OccupancyMap> MakeOccupancyMap(const PlacedKeyframes& map, double resolution,
+                                               const OccupancyLimits& limits) {
+  if (map.keyframes.empty() || !(map.voxel_size > 0))
+    throw InvalidInputError("the map is empty: there is no occupancy");
+  for (double size = resolution > 0 ? resolution : kOccupancyVoxels * map.voxel_size;; size *= 2) {
+    auto occupancy = std::make_unique<OccupancyMap>(size, limits);
+    if (occupancy->Insert(map.keyframes)) return occupancy;
+  }
+}
 
 }  // namespace acmp

@@ -16,7 +16,7 @@ void PredictPose(const WindowKeyframe& before, WindowKeyframe* newest) {
 }  // namespace
 
 WindowPoses::WindowPoses(const PoseRefinementOptions& options) {
-  if (options.refine != RefinePoses::kOff && CanRefinePoses()) refiner_ = std::make_unique<PoseRefiner>(options);
+  if (options.refine != RefinePoses::kOff) refiner_ = std::make_unique<PoseRefiner>(options);
 }
 
 void WindowPoses::Add(const WindowKeyframePtr& newest, const KeyframeWindow& window) {

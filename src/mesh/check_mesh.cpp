@@ -17,14 +17,7 @@ void CheckSize(const char* name, const ImageView<T>& map, const PinholeCamera& c
 
 }  // namespace
 
-void CheckCanMesh() {
-  if (!CanMesh()) {
-    throw InvalidInputError("this build makes no meshes, as it has no OpenVDB: install libopenvdb-dev and build again");
-  }
-}
-
 void CheckVolumeOptions(const DistanceVolumeOptions& options) {
-  CheckCanMesh();
   CheckRange("mesh_voxel_size", options.voxel_size, std::numeric_limits<float>::min() + 0.0, 1e9);
   if (options.max_bytes == 0) throw InvalidInputError("memory for the mesh's voxels = 0: must be > 0");
   CheckRange("min_confidence", options.min_confidence, 0.0f, 1.0f);

@@ -167,8 +167,6 @@ std::string Megabytes(size_t bytes) { return Concat(std::ceil(static_cast<double
 
 }  // namespace
 
-bool CanMesh() { return true; }
-
 DistanceVolume::DistanceVolume(const DistanceVolumeOptions& options)
     : options_(options), grids_(std::make_unique<Grids>()) {
   CheckVolumeOptions(options);

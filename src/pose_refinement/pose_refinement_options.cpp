@@ -4,14 +4,6 @@
 
 namespace acmp {
 
-bool CanRefinePoses() {
-#ifdef ACMP_HAVE_CERES
-  return true;
-#else
-  return false;
-#endif
-}
-
 const OptionTable<PoseRefinementOptions>& PoseRefinementOptionTable() {
   static const OptionTable<PoseRefinementOptions> table = [] {
     OptionTable<PoseRefinementOptions> t;
@@ -29,9 +21,6 @@ const OptionTable<PoseRefinementOptions>& PoseRefinementOptionTable() {
 void Validate(const PoseRefinementOptions& options) {
   PoseRefinementOptionTable().Check(options);
   CheckRange("corners", options.corners, 50, 5000);
-  if (options.refine == RefinePoses::kOn && !CanRefinePoses()) {
-    throw InvalidInputError("refine_poses: this build has no Ceres, without which it cannot be on");
-  }
 }
 
 }  // namespace acmp

@@ -242,7 +242,6 @@ void CheckMaps(const ReconstructOptions& options) {
 void CheckMesh(const ReconstructOptions& options) {
   CheckRange("--mesh-voxel-size", options.mesh_voxel_size, 0.0, 1e9);
   if (options.mesh.empty()) return;
-  CheckCanMesh();
   MeshFormatOf(options.mesh);
   const auto whole = [](const std::filesystem::path& path) { return std::filesystem::weakly_canonical(path); };
   if (whole(options.mesh).parent_path() != whole(options.output)) CheckFolderOf(options.mesh);  // OUTPUT will be made

@@ -48,7 +48,7 @@ std::string Describe(const PoseRefinement& refinement) {
 
 void RefineScenePoses(const ReconstructPlan& plan, const ReconstructOptions& options, const StopRequest& interrupt,
                       Scene* scene, Progress* progress) {
-  if (options.pose_refinement.refine == RefinePoses::kOff || options.online() || !CanRefinePoses()) return;
+  if (options.pose_refinement.refine == RefinePoses::kOff || options.online()) return;
   progress->Note("refining poses");
   const FrameOptions frame_options = {options.max_image_size};
   const auto load = [&](size_t i) {

@@ -37,11 +37,8 @@ MapOutput::MapOutput(ros::NodeHandle nh, const MapStore* map, const MapServerOpt
     : map_(map),
       options_(options),
       report_(std::move(report)),
-      points_(AdvertiseLatched<sensor_msgs::PointCloud2>(&nh, names::kMapPoints, &points_pace_)) {
-  if (CanMapOccupancy()) {
-    occupancy_ = AdvertiseLatched<nav_msgs::OccupancyGrid>(&nh, names::kOccupancy, &occupancy_pace_);
-  }
-}
+      points_(AdvertiseLatched<sensor_msgs::PointCloud2>(&nh, names::kMapPoints, &points_pace_)),
+      occupancy_(AdvertiseLatched<nav_msgs::OccupancyGrid>(&nh, names::kOccupancy, &occupancy_pace_)) {}
 
 void MapOutput::SetHeader(const std::string& world_frame, int64_t stamp_ns) {
   std::lock_guard<std::mutex> lock(header_mutex_);

@@ -8,7 +8,6 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/mapping/window_options.h"
 #include "acmp_mapping/pipeline/parameters.h"
-#include "benchmark_report.h"
 #include "benchmark_stages.h"
 #include "tool_main.h"
 #ifdef ACMP_HAVE_CUDA
@@ -31,7 +30,6 @@ struct BenchmarkArguments {
   std::string device = "auto";
   int cuda_index = 0;
   int multiprocessors = 0;
-  std::string json;
 };
 
 ImageSize ParseSize(const std::string& text) {
@@ -106,7 +104,6 @@ void RunBenchmark(const BenchmarkArguments& arguments) {
     }
   }
   PrintReport(report, &std::cout);
-  if (!arguments.json.empty()) WriteJson(report, arguments.json);
 }
 
 }  // namespace
@@ -172,7 +169,6 @@ int main(int argc, char** argv) {
                  "Use so many multiprocessors of the GPU (CUDA 12.5), to see how long a smaller GPU takes; 0: all")
       ->check(CLI::Range(0, 1000))
       ->capture_default_str();
-  app.add_option("--json", arguments.json, "Also write the figures to this file");
   return acmp::RunTool(app, argc, argv, [&] {
     acmp::RunBenchmark(arguments);
     return acmp::Printed();

@@ -10,11 +10,8 @@
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/dataset/scene.h"
-#include "acmp_mapping/evaluation/cloud_tiles.h"
-#include "acmp_mapping/evaluation/evaluate_cloud.h"
-#include "acmp_mapping/evaluation/evaluate_depth.h"
-#include "acmp_mapping/evaluation/evaluate_report.h"
-#include "acmp_mapping/evaluation/sample_mesh.h"
+#include "acmp_mapping/evaluation/cloud_metrics.h"
+#include "acmp_mapping/evaluation/evaluate.h"
 #include "tool_main.h"
 
 namespace acmp {
@@ -132,14 +129,14 @@ int EvaluatePointCloud(const CLI::App& command, const EvaluateArguments& a) {
     }
   }
   CloudEvaluationOptions options = a.cloud;
-  options.read_cloud = [&options](const std::filesystem::path& path) {
-    if (IsTiledCloud(path)) return ReadTiledCloud(path);
+  options.read_cloud = [&options](const std::filesystem::path& path, ReadOrigin* origin) {
+    if (IsTiledCloud(path)) return ReadTiledCloud(path, origin);
     if (LowerExtension(path) != ".pcd") {
-      TriangleMesh mesh = ReadPlyMesh(path);
+      TriangleMesh mesh = ReadPlyMesh(path, origin);
       return mesh.triangles.empty() ? std::move(mesh.vertices) : SampleMesh(mesh, options.voxel_size / 2);
     }
     size_t not_finite = 0;
-    PointCloud points = ReadPcd(path, &not_finite);
+    PointCloud points = ReadPcd(path, &not_finite, origin);
     if (not_finite > 0) {
       std::cerr << "note: " << path.string() << ": " << not_finite << " of " << not_finite + points.size()
                 << " points are not finite and left out\n";

@@ -6,7 +6,7 @@
 #include <CLI/CLI.hpp>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/evaluation/scene_files.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "tool_main.h"
 
 namespace {

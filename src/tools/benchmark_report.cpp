@@ -1,10 +1,7 @@
-#include "benchmark_report.h"
-
 #include <iomanip>
-#include <nlohmann/json.hpp>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/output_file.h"
+#include "benchmark_stages.h"
 
 namespace acmp {
 namespace {
@@ -99,58 +96,6 @@ void PrintReport(const BenchmarkReport& report, std::ostream* out) {
   if (!report.expected.empty()) PrintExpected(report, out);
   for (const std::string& choice : report.auto_choices) *out << choice << "\n";
   out->flags(flags);
-}
-
-void WriteJson(const BenchmarkReport& report, const std::string& path) {
-  using Json = nlohmann::ordered_json;
-  Json stages = Json::array(), streams = Json::array(), expected = Json::array();
-  for (const StageFigures& row : report.stages) {
-    stages.push_back({{"width", row.size.width},
-                      {"height", row.size.height},
-                      {"source_views", row.source_views},
-                      {"photometric_ms", row.photometric},
-                      {"planar_prior_ms", row.planar_prior},
-                      {"geometric_ms", row.geometric},
-                      {"floor_ms", FloorMs(report, row, kPhotometricSamples + kPriorSamples + kGeometricSamples)},
-                      {"triangulation_ms", row.triangulation},
-                      {"load_ms", row.load},
-                      {"download_ms", row.download},
-                      {"consistency_ms", row.consistency},
-                      {"fast_ms", row.fast},
-                      {"whole_ms", row.whole},
-                      {"device_bytes", row.device_bytes}});
-  }
-  for (const StreamFigures& row : report.streams) {
-    streams.push_back({{"width", row.size.width},
-                       {"height", row.size.height},
-                       {"source_views", row.source_views},
-                       {"keyframes", row.keyframes},
-                       {"fast_median_ms", row.fast_median},
-                       {"fast_99_ms", row.fast_99},
-                       {"refined_median_ms", row.refined_median},
-                       {"refined_99_ms", row.refined_99},
-                       {"device_median_ms", row.device_median},
-                       {"keyframes_per_s", row.keyframes_per_s},
-                       {"device_bytes", {row.device_bytes_begin, row.device_bytes_end}},
-                       {"host_bytes", {row.host_bytes_begin, row.host_bytes_end}}});
-  }
-  for (const ExpectedRates& row : report.expected) {
-    Json computed = Json::array();
-    for (const auto& [size, rate] : row.computed_rates) {
-      computed.push_back({{"width", size.width}, {"height", size.height}, {"keyframes_per_s", rate}});
-    }
-    expected.push_back({{"preset", row.preset},
-                        {"width", row.measured.size.width},
-                        {"height", row.measured.size.height},
-                        {"source_views", row.measured.source_views},
-                        {"keyframes_per_s", row.measured.keyframes_per_s},
-                        {"computed", computed}});
-  }
-  const Json json = {
-      {"device", report.device},    {"preset", report.preset}, {"texture_fetches_per_s", report.fetches_per_s},
-      {"stages", stages},           {"streams", streams},      {"expected", expected},
-      {"auto", report.auto_choices}};
-  WriteFileAtomically(path, json.dump(1) + "\n");
 }
 
 }  // namespace acmp

@@ -101,7 +101,7 @@ TEST_F(CheckBagTest, AHealthyBagHasNothingToReport) {
   EXPECT_EQ(report.chosen.image, "/image");
   EXPECT_EQ(report.chosen.pose, "/pose");
   EXPECT_EQ(report.topics.size(), 4u);
-  EXPECT_THAT(Messages(report, Severity::kOk), Contains(HasSubstr("equal: 6")));
+  EXPECT_THAT(Messages(report, Severity::kOk), Contains(HasSubstr("the mapper takes 6 of 6 images")));
 }
 
 TEST_F(CheckBagTest, UncalibratedCamera) {
@@ -174,17 +174,9 @@ TEST_F(CheckBagTest, IdenticalPoses) {
   EXPECT_THAT(Errors(report), Contains(HasSubstr("all at the same position")));
 }
 
-TEST_F(CheckBagTest, SomeIdenticalPoses) {
-  const BagReport report = Check([](int i, Keyframe& keyframe) {
-    if (i == 1) keyframe.pose.pose = MakeKeyframe(0).pose.pose;
-  });
-  EXPECT_THAT(Warnings(report), Contains(HasSubstr("1 of 6 repeat the position")));
-}
-
 TEST_F(CheckBagTest, StampsPushedThroughMicrosecondsMatch) {
   const BagReport report = Check([](int, Keyframe& keyframe) { keyframe.pose.header.stamp += ros::Duration(0, 900); });
   EXPECT_TRUE(Warnings(report).empty()) << testing::PrintToString(Warnings(report));
-  EXPECT_THAT(Messages(report, Severity::kOk), Contains(HasSubstr("to 1 us: 6")));
 }
 
 TEST_F(CheckBagTest, StampsOffByMillisecondsNameTheTolerance) {
@@ -199,14 +191,14 @@ TEST_F(CheckBagTest, StampsOffByMillisecondsNameTheTolerance) {
 
 TEST_F(CheckBagTest, StampsOfAnotherClock) {
   const BagReport report = Check([](int, Keyframe& keyframe) { keyframe.pose.header.stamp += ros::Duration(1e6); });
-  EXPECT_THAT(Errors(report), Contains(HasSubstr("do not have the same clock")));
+  EXPECT_THAT(Errors(report), Contains(HasSubstr("the mapper takes 0 of 6 images")));
+  EXPECT_THAT(Warnings(report), Contains(HasSubstr("nearest is 1e+09 ms away")));
 }
 
-TEST_F(CheckBagTest, ZeroStampsAndTimeRunningBackward) {
+TEST_F(CheckBagTest, TimeRunningBackward) {
   const BagReport zero = Check([](int i, Keyframe& keyframe) {
     if (i == 3) keyframe.image.header.stamp = ros::Time();
   });
-  EXPECT_THAT(Errors(zero), Contains(HasSubstr("1 of 6 stamps are zero")));
   EXPECT_THAT(Warnings(zero), Contains(HasSubstr("time runs backward 1 times")));
 }
 
@@ -225,29 +217,16 @@ TEST_F(CheckBagTest, InvertedPosesAreRecognised) {
   EXPECT_TRUE(Warnings(Check(invert, declared)).empty());
 }
 
-TEST_F(CheckBagTest, UnusablePointsAreCounted) {
+TEST_F(CheckBagTest, CloudsWithoutPoints) {
   const BagReport report = Check([](int i, Keyframe& keyframe) {
-    sensor_msgs::PointCloud2Iterator<float> point(keyframe.cloud, "x");
-    if (i == 0) {
-      *point = std::numeric_limits<float>::quiet_NaN();
-      ++point;
-      for (int axis = 0; axis < 3; ++axis) point[axis] = 0;
-    }
     if (i == 1) keyframe.cloud = ToPointCloud2({}, keyframe.cloud.header);
   });
-  EXPECT_THAT(Warnings(report), Contains(HasSubstr("1 points are not finite")));
-  EXPECT_THAT(Warnings(report), Contains(HasSubstr("1 points are (0, 0, 0)")));
-  EXPECT_THAT(Warnings(report), Contains(HasSubstr("1 of 6 have no point")));
+  EXPECT_THAT(Warnings(report), Contains(HasSubstr("sparse_empty, 1 times")));
 }
 
 TEST_F(CheckBagTest, CloudWithoutCoordinates) {
   const BagReport report = Check([](int, Keyframe& keyframe) { keyframe.cloud.fields[1].name = "height"; });
   EXPECT_THAT(Errors(report), Contains(HasSubstr("no field \"y\"")));
-}
-
-TEST_F(CheckBagTest, CloudsWithoutAnImageNearby) {
-  const BagReport report = Check([](int, Keyframe& keyframe) { keyframe.cloud.header.stamp += ros::Duration(100); });
-  EXPECT_THAT(Warnings(report), Contains(HasSubstr("takes the last ones before")));
 }
 
 TEST_F(CheckBagTest, PointsInTheCamerasFrameNeedNoPose) {
@@ -308,13 +287,12 @@ TEST_F(CheckBagTest, PosesFromTfOdometryCompressedImagesAndOldClouds) {
   };
   const BagReport from_tf = write(false);
   EXPECT_TRUE(Errors(from_tf).empty()) << testing::PrintToString(Errors(from_tf));
-  EXPECT_THAT(Messages(from_tf, Severity::kOk),
-              Contains(AllOf(HasSubstr("tf map -> cam"), HasSubstr("~pose_source: tf"))));
-  EXPECT_THAT(Messages(from_tf, Severity::kOk), Contains(HasSubstr("poses tf map -> cam: 6")));
+  EXPECT_THAT(from_tf.launch, HasSubstr("image:=/image image_transport:=compressed"));
+  EXPECT_THAT(from_tf.launch, HasSubstr("pose_source:=tf world_frame:=map"));
+  EXPECT_THAT(Messages(from_tf, Severity::kOk), Contains(HasSubstr("the mapper takes 6 of 6 images")));
   const BagReport from_odometry = write(true);
   EXPECT_EQ(from_odometry.chosen.pose, "/odom");
-  EXPECT_THAT(Messages(from_odometry, Severity::kOk), AllOf(Contains(HasSubstr("~pose_source: odom, and odom:=/odom")),
-                                                            Contains(HasSubstr("sparse_points_v1:=/cloud"))));
+  EXPECT_THAT(from_odometry.launch, HasSubstr("pose_source:=odom odom:=/odom sparse_points_v1:=/cloud"));
   EXPECT_TRUE(from_odometry.usable()) << testing::PrintToString(Errors(from_odometry));
 }
 
@@ -347,9 +325,9 @@ TEST_F(CheckBagTest, ARecordingOfAnImuAndAnRgbdCamera) {
   EXPECT_TRUE(report.usable()) << testing::PrintToString(Errors(report));
   EXPECT_THAT(Warnings(report), Contains(AllOf(HasSubstr("\"imu\""), HasSubstr("set ~pose_child: body"))));
   EXPECT_EQ(report.launch,
-            "roslaunch acmp_mapping dense_mapper.launch image:=/camera/color/image_raw "
-            "camera_info:=/camera/color/camera_info pose_source:=odom odom:=/vio/odometry pose_child:=body "
-            "depth_min:=NEAREST depth_max:=FARTHEST");
+            "roslaunch acmp_mapping dense_mapper.launch namespace:=acmp image:=/camera/color/image_raw "
+            "camera_info:=/camera/color/camera_info pose_source:=odom odom:=/vio/odometry pose_child:=body");
+  EXPECT_THAT(Warnings(report), Contains(AllOf(HasSubstr("no sparse points"), HasSubstr("depth_min"))));
 }
 
 TEST_F(CheckBagTest, PointsOfAnotherFrameAreNotUsed) {
@@ -414,16 +392,14 @@ TEST_F(CheckBagTest, Masks) {
   const BagReport good = check_with([](int, sensor_msgs::Image&) {});
   EXPECT_EQ(good.chosen.image, "/image");
   EXPECT_EQ(good.chosen.mask, "/detector/mask");
-  EXPECT_TRUE(Warnings(good).empty()) << testing::PrintToString(Warnings(good));
+  EXPECT_THAT(Warnings(good), ElementsAre(HasSubstr("mask"))) << "of the image that has none";
   EXPECT_THAT(Messages(good, Severity::kOk), Contains(HasSubstr("5 of 6 images have one")));
 
   const BagReport wrong = check_with([](int i, sensor_msgs::Image& mask) {
     if (i == 0) mask.encoding = "rgb8";
-    if (i == 1) mask.data.assign(mask.data.size(), 0);
     if (i == 2) mask = ToMaskMessage(Mask(16, 12, 255), mask.header);
   });
-  EXPECT_THAT(Warnings(wrong), AllOf(Contains(HasSubstr("encoding \"rgb8\"")), Contains(HasSubstr("1 of 4 ignore"))));
-  EXPECT_THAT(Errors(wrong), ElementsAre(HasSubstr("1 of 4 have not the images' size, 32x24")));
+  EXPECT_THAT(Warnings(wrong), Contains(AllOf(HasSubstr("2 of 5 cannot be used"), HasSubstr("encoding \"rgb8\""))));
 
   const BagReport late = check_with([](int, sensor_msgs::Image& mask) { mask.header.stamp += ros::Duration(0.1); });
   EXPECT_THAT(Errors(late), ElementsAre(HasSubstr("0 of 6 images have one with their stamp")));

@@ -38,12 +38,6 @@ TEST_F(CameraListTest, IsReadBack) {
   EXPECT_TRUE(read[1].world_from_cam.isApprox(camera.world_from_cam, 1e-13));
 }
 
-TEST_F(CameraListTest, QuaternionsOfAnyLengthAreTaken) {
-  const auto cameras = ReadCameraList(Write("3 a.png 100 100 20 15 40 30 2 0 0 0 1 2 3\n"));
-  EXPECT_EQ(cameras[0].world_from_cam.linear(), Eigen::Matrix3d::Identity());
-  EXPECT_EQ(cameras[0].world_from_cam.translation(), Eigen::Vector3d(1, 2, 3));
-}
-
 TEST_F(CameraListTest, BadLinesAreNamed) {
   EXPECT_THAT(ErrorOf(""), HasSubstr("names 0 images"));
   EXPECT_THAT(ErrorOf("0 a.png 100 100\n"), AllOf(HasSubstr("cameras.txt:2"), HasSubstr("cx is missing")));

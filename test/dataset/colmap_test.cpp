@@ -103,13 +103,6 @@ TEST_F(ColmapTest, TextModel) {
   EXPECT_THAT(scene.images[1].landmark_indices, ElementsAre(0, 1));  // 12 twice and -1 do not count
 }
 
-TEST_F(ColmapTest, TextModelWithWindowsLineEnds) {
-  for (std::string* text : {&cameras, &images, &points}) {
-    for (size_t at = text->find('\n'); at != std::string::npos; at = text->find('\n', at + 2)) text->insert(at, "\r");
-  }
-  ExpectTheScene(ReadText());
-}
-
 TEST_F(ColmapTest, BinaryModel) {
   ExpectTheScene(ReadBinary(CameraBytes().bytes(), ImageBytes().bytes(), PointBytes().bytes()));
 }
@@ -183,17 +176,9 @@ TEST_F(ColmapTest, BadCameraValues) {
     return TextError();
   };
   EXPECT_THAT(error("1 PINHOLE 32 24 30 31 16.25"), AllOf(HasSubstr("cameras.txt:3"), HasSubstr("missing")));
-  EXPECT_THAT(error("1 PINHOLE 32 24 30 31 16 12 9"), HasSubstr("unexpected \"9\""));
-  EXPECT_THAT(error("1 PINHOLE 32 -24 30 31 16 12"), HasSubstr("-24"));
   EXPECT_THAT(error("1 PINHOLE 32 24 0 31 16 12"), HasSubstr("fx = 0"));
   EXPECT_THAT(error("1 PINHOLE 32 24 nan 31 16 12"), HasSubstr("nan"));
-  EXPECT_THAT(error("1 PINHOLE 32 24 30 31 16 inf"), HasSubstr("inf"));
   EXPECT_THAT(error("1 PINHOLE 32 24 30 31 16 12x"), HasSubstr("\"12x\""));
-  EXPECT_THAT(error("1 PINHOLE 32 24 30 31 16 0x12"), HasSubstr("\"0x12\""));
-  EXPECT_THAT(error("1 PINHOLE 32 24 30 31 16 ++12"), HasSubstr("\"++12\""));
-  EXPECT_THAT(error("1 PINHOLE 32 24 30 31 16 1e999"), HasSubstr("\"1e999\""));
-  EXPECT_THAT(error("one PINHOLE 32 24 30 31 16 12"), HasSubstr("\"one\""));
-  EXPECT_THAT(error("1 PINHOLE 99999999999 24 30 31 16 12"), HasSubstr("99999999999"));
   EXPECT_THAT(error("1 PINHOLE 32 24 30 31 16 12\n1 PINHOLE 32 24 30 31 16 12"), HasSubstr("camera id 1 occurs twice"));
 }
 
@@ -204,9 +189,7 @@ TEST_F(ColmapTest, BadPoses) {
     return TextError();
   };
   EXPECT_THAT(error("nan 0.5 0.5 0.5 0.1 0.2 0.3"), AllOf(HasSubstr("images.txt:3"), HasSubstr("nan")));
-  EXPECT_THAT(error("0.5 0.5 0.5 0.5 0.1 inf 0.3"), HasSubstr("inf"));
   EXPECT_THAT(error("0.6 0.5 0.5 0.5 0.1 0.2 0.3"), AllOf(HasSubstr("images.txt:3"), HasSubstr("length 1.05")));
-  EXPECT_THAT(error("0 0 0 0 0.1 0.2 0.3"), HasSubstr("length 0"));
   images = Replaced(good, "0.5 0.5 0.5 0.5 0.1", "0.5003 0.5 0.5 0.5 0.1");  // length 1.00015: rounding, accepted
   const Eigen::Matrix3d rotation = ReadText().images[1].cam_from_world.linear();
   EXPECT_LT((rotation * rotation.transpose() - Eigen::Matrix3d::Identity()).norm(), 1e-12);
@@ -246,11 +229,6 @@ TEST_F(ColmapTest, ImagesOfAnotherFolder) {
   EXPECT_THAT(TextError(), AllOf(HasSubstr("none of the 2 images"), HasSubstr("--image-path")));
   const Scene scene = ReadScene(folder(), SceneFormat::kAuto, PixelCenters::kInteger, folder() / "pictures");
   EXPECT_EQ(scene.images[0].path, folder() / "pictures/000000.png");
-}
-
-TEST_F(ColmapTest, FeaturesNeedNoPlaceInTheImage) {
-  images = Replaced(images, "1 2 12 3.5", "nan nan -1 1 2 12 3.5");
-  EXPECT_EQ(ReadText().images.size(), 2u);
 }
 
 TEST_F(ColmapTest, TruncatedTextFilesAreRefused) {

@@ -39,18 +39,6 @@ struct ReadMap {
   std::string body;
 };
 
-TEST_F(ColmapWorkspaceTest, MapsHaveTheDocumentedBytes) {
-  Image<float> depth(2, 2);
-  for (int i = 0; i < 4; ++i) depth.data()[i] = static_cast<float>(i + 1);
-  WriteColmapMap(folder() / "d.bin", depth);
-  EXPECT_EQ(ReadText(folder() / "d.bin"), "2&2&1&" + Bytes({1, 2, 3, 4}));
-  NormalMap normal(2, 1);
-  normal(0, 0) = {1, 2, 3};
-  normal(1, 0) = {4, 5, 6};
-  WriteColmapMap(folder() / "n.bin", normal);
-  EXPECT_EQ(ReadText(folder() / "n.bin"), "2&1&3&" + Bytes({1, 4, 2, 5, 3, 6}));
-}
-
 TEST_F(ColmapWorkspaceTest, MapsAreReadBackBitForBit) {
   Image<float> depth(7, 5);
   NormalMap normal(7, 5);
@@ -73,15 +61,6 @@ TEST_F(ColmapWorkspaceTest, MapsAreReadBackBitForBit) {
       ASSERT_EQ(n.At(col, row, 2), normal(col, row).z);
     }
   }
-}
-
-TEST_F(ColmapWorkspaceTest, WritersReportUnwritablePaths) {
-  const auto path = Unwritable("a");
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { WriteColmapMap(path, Image<float>(2, 2)); }),
-              HasSubstr("there is no folder"));
-  EXPECT_THROW(WriteColmapMap(path, NormalMap(2, 2)), InvalidInputError);
-  EXPECT_THROW(WriteColmapModel(path, {}, {}), InvalidInputError);
-  EXPECT_THROW(WriteColmapLists(path, {}, {}), InvalidInputError);
 }
 
 std::vector<ColmapModelImage> SomeImages() {
@@ -133,17 +112,6 @@ TEST_F(ColmapWorkspaceTest, ModelIsReadBack) {
   EXPECT_LT((scene.landmarks_in_world[1] - points[1].position_in_world).norm(), 1e-13);
   EXPECT_THAT(scene.images[0].landmark_indices, ElementsAre(0));
   EXPECT_THAT(scene.images[1].landmark_indices, ElementsAre(0, 1));
-}
-
-TEST_F(ColmapWorkspaceTest, PointsThatNoImageSeesAreLeftOut) {
-  WriteColmapModel(folder(), SomeImages(), {{{0, 0, -5}, {}, {0, 2}}, {{0, 0, 5}, {}, {}}, {{0, 0, 3}, {}, {0}}});
-  EXPECT_THAT(ReadText(folder() / "points3D.txt"), HasSubstr("points: 1\n1 0 0 3 0 0 0 -1 1 0\n"));
-}
-
-TEST_F(ColmapWorkspaceTest, EmptyModelIsWritten) {
-  WriteColmapModel(folder(), SomeImages(), {});
-  EXPECT_THAT(ReadText(folder() / "points3D.txt"), HasSubstr("# Number of points: 0\n"));
-  EXPECT_THAT(ReadText(folder() / "images.txt"), HasSubstr("right/0.jpg\n\n"));  // the line of features is there
 }
 
 TEST_F(ColmapWorkspaceTest, ListsNameImagesAndTheirSources) {

@@ -113,22 +113,9 @@ TEST_F(LoadFrameTest, UndistortsEveryModel) {
   }
 }
 
-TEST_F(LoadFrameTest, UnknownPixelsAreBlack) {
-  cameras = Replaced(cameras, "PINHOLE 32 24 30 31 16.25 12.75", "SIMPLE_RADIAL 32 24 30 16 12 0.8");
-  const Rgb corner = LoadFrame(Read(), 0).color(0, 0);
-  EXPECT_EQ(corner.r + corner.g + corner.b, 0);
-}
-
 TEST(ParseImageIndices, TakesIndicesAndRanges) {
   EXPECT_EQ(ParseImageIndices("3,0-1,3", 4), (std::vector<int>{0, 1, 3}));
   EXPECT_EQ(ParseImageIndices("2", 3), std::vector<int>{2});
-}
-
-TEST(ParseImageIndices, NamesThePartThatIsWrong) {
-  for (const char* text : {"4", "0-4", "2-1", "-1", "a", "1-", "1-2-3", "1;2", "", ",", "99999999999"}) {
-    EXPECT_THROW(ParseImageIndices(text, 4), InvalidInputError) << text;
-  }
-  EXPECT_THAT(MessageOf<InvalidInputError>([] { ParseImageIndices("0,7-9", 4); }), HasSubstr("\"7-9\""));
 }
 
 }  // namespace

@@ -45,14 +45,6 @@ TEST_F(MasksTest, AreFoundByTheImagesNameAndIgnoreWhatIsBlack) {
   EXPECT_EQ(CountIgnored(halved.mask), 1);
 }
 
-TEST_F(MasksTest, ImagesInFoldersHaveMasksInFolders) {
-  WriteImage("images/left/a.jpg.png", kWidth, kHeight);
-  images = Replaced(images, "000001.png", "left/a.jpg.png");
-  Scene scene = Read();
-  WriteMask("masks/left/a.jpg.png.png", 5, 3);
-  EXPECT_EQ(AddMasks(folder() / "masks", &scene), 1u);
-}
-
 TEST_F(MasksTest, AFolderWithoutMasksIsRefusedWithTheNameThatAMaskWouldHave) {
   Scene scene = Read();
   EXPECT_THAT(MessageOf<InvalidInputError>([&] { AddMasks(folder() / "nowhere", &scene); }),
@@ -85,11 +77,6 @@ TEST_F(MasksTest, WhatTheLensDidNotSeeIsIgnored) {
     if (frame.mask.data()[i] == 0) continue;
     EXPECT_GE(frame.color.data()[i].g, 59) << "black is mixed in at " << i;
   }
-}
-
-TEST_F(MasksTest, ABarrelLensHasNoRim) {
-  cameras = Replaced(cameras, "PINHOLE 32 24 30 31 16.25 12.75", "SIMPLE_RADIAL 32 24 30 16 12 -0.2");
-  EXPECT_TRUE(LoadFrame(Read(), 0).mask.empty());
 }
 
 TEST_F(MasksTest, MasksAreUndistortedWithTheirImages) {

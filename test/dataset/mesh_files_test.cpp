@@ -77,14 +77,5 @@ TEST_F(MeshFilesTest, NamesSayTheFormat) {
   EXPECT_THAT(MessageOf<InvalidInputError>([] { MeshFormatOf("mesh.stl"); }), HasSubstr("must end with .ply or .obj"));
 }
 
-TEST_F(MeshFilesTest, AnEmptyMeshOrAMissingFolderIsRefused) {
-  for (const MeshFormat format : {MeshFormat::kPly, MeshFormat::kObj}) {
-    EXPECT_THAT(MessageOf<InvalidInputError>([&] { WriteMesh(folder() / "a", {}, format); }), HasSubstr("empty"));
-    EXPECT_FALSE(std::filesystem::exists(folder() / "a"));
-    EXPECT_THAT(MessageOf<InvalidInputError>([&] { WriteMesh(Unwritable("a"), SomeMesh(), format); }),
-                HasSubstr("there is no folder"));
-  }
-}
-
 }  // namespace
 }  // namespace acmp

@@ -40,12 +40,6 @@ TEST_F(MvsnetTest, TwoDepthNumbersNameNoRange) {
   EXPECT_FALSE(Read().images[0].depth_range.has_value());
 }
 
-TEST_F(MvsnetTest, EightDigitImageNames) {
-  WriteImage("images/00000000.png", kWidth, kHeight);
-  WriteImage("images/00000001.png", kWidth, kHeight);
-  EXPECT_EQ(Read().images[1].name, "00000001.png");
-}
-
 TEST_F(MvsnetTest, LandmarksComeFromTheModelBesideIt) {
   WriteColmapText();
   const Scene scene = Read();
@@ -143,14 +137,6 @@ TEST_F(MvsnetTest, BadDepthRanges) {
   EXPECT_THAT(error("1 -0.1 10\n"), HasSubstr("depth range"));
   EXPECT_THAT(error("1\n"), HasSubstr("missing"));
   EXPECT_THAT(error(""), HasSubstr("truncated"));
-}
-
-TEST_F(MvsnetTest, TruncatedCameraFile) {
-  const std::string good = cam1;
-  for (size_t length = 0; length < good.find("1 0.5 11"); ++length) {
-    cam1 = good.substr(0, length);
-    EXPECT_THAT(Error(), HasSubstr("00000001_cam.txt")) << "cut to " << length;
-  }
 }
 
 TEST_F(MvsnetTest, MissingFilesAreNamed) {

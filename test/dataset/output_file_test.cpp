@@ -71,18 +71,6 @@ TEST_F(OutputFileTest, WhatTheSystemDoesNotTakeIsReported) {
   EXPECT_EQ(CountFiles(folder()), 0u);
 }
 
-TEST_F(OutputFileTest, SeveralWritersOfOneFileDoNotDisturbEachOther) {
-  const auto path = folder() / "map";
-  AtomicFile first(path), second(path);
-  first.Write("first");
-  second.Write("second");
-  first.Commit();
-  EXPECT_EQ(ReadText(path), "first");
-  second.Commit();
-  EXPECT_EQ(ReadText(path), "second");
-  EXPECT_EQ(CountFiles(folder()), 1u);
-}
-
 TEST_F(OutputFileTest, ManyWritersAtOnceLeaveWholeFiles) {
   const auto path = folder() / "map";
   std::vector<std::thread> writers;
@@ -138,15 +126,6 @@ TEST_F(OutputFileTest, OnlyRegularFilesAreReplaced) {
   EXPECT_TRUE(std::filesystem::is_fifo(folder() / "pipe"));
   EXPECT_THAT(MessageOf<InvalidInputError>([&] { WriteFileAtomically(folder() / std::string("nul\0.ply", 8), "x"); }),
               HasSubstr("zero character"));
-}
-
-TEST_F(OutputFileTest, DurableFilesHaveTheSameContent) {
-  AtomicFile file(folder() / "map", Durability::kPowerCut);
-  file.Write("whole");
-  file.Commit();
-  EXPECT_EQ(ReadText(folder() / "map"), "whole");
-  SyncFolder(folder());
-  EXPECT_THAT(MessageOf<ProcessingError>([&] { SyncFolder(folder() / "none"); }), HasSubstr("No such file"));
 }
 
 TEST_F(OutputFileTest, UnwritableFolderIsReported) {

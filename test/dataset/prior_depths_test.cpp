@@ -47,14 +47,6 @@ TEST_F(PriorDepthsTest, AreFoundByTheImagesNameInAllFormats) {
   EXPECT_EQ(second.prior_depth(kWidth / 2 - 1, 0), 4);
 }
 
-TEST_F(PriorDepthsTest, ImagesWithoutOneGoWithout) {
-  Scene scene = Read();
-  WriteDmb(Path("000001.dmb"), Depth(2, 2));
-  EXPECT_EQ(AddPriorDepths(folder() / "depths", &scene), 1u);
-  EXPECT_TRUE(LoadFrame(scene, 0).prior_depth.empty());
-  EXPECT_FALSE(LoadFrame(scene, 1).prior_depth.empty());
-}
-
 TEST_F(PriorDepthsTest, AreUndistortedWithTheirImages) {
   cameras = Replaced(cameras, "PINHOLE 32 24 30 31 16.25 12.75", "SIMPLE_RADIAL 32 24 30 16 12 0.8");
   Scene scene = Read();

@@ -93,15 +93,6 @@ TEST(EvaluateCloud, CountsADistanceOfExactlyTheThreshold) {
   EXPECT_EQ(metrics[1].f1, 0.0);
 }
 
-TEST(EvaluateCloud, IdenticalCloudsScoreFullAndAnEmptyOneNothing) {
-  const PointCloud cloud = RandomCloud(100, 1.0f, 3);
-  EXPECT_EQ(EvaluateCloud(cloud, cloud, {1e-6}, 0.01)[0].f1, 100.0);
-  const auto nothing = EvaluateCloud({}, cloud, {0.1}, 0.01);
-  EXPECT_EQ(nothing[0].accuracy, 0.0);
-  EXPECT_EQ(nothing[0].completeness, 0.0);
-  EXPECT_EQ(nothing[0].f1, 0.0);
-}
-
 TEST(EvaluateCloud, EqualPointsTakeNoLongerThanOthers) {
   PointCloud cloud = RandomCloud(20000, 1.0f, 3);
   const PointCloud truth = cloud;

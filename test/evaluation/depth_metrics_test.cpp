@@ -90,25 +90,6 @@ TEST(MedianScale, IsThatOfWhatIsKnownOnBothSides) {
   EXPECT_EQ(MedianScale(DepthMap(), Row({1, 1})), 1);
 }
 
-TEST(EvaluateDepth, CountsMissingEstimatesAsWrong) {
-  const DepthMetrics metrics = EvaluateDepth(Row({1.0f, 0.0f, kNan, -2.0f, kInf}), Row({1.0f, 1.0f, 1.0f, 1.0f, 1.0f}));
-  EXPECT_EQ(metrics.ground_truth_pixels, 5u);
-  for (int k = 0; k < 3; ++k) {
-    EXPECT_DOUBLE_EQ(metrics.below_absolute[k], 20.0);
-    EXPECT_DOUBLE_EQ(metrics.below_relative[k], 20.0);
-  }
-  EXPECT_DOUBLE_EQ(metrics.density, 20.0);
-  EXPECT_DOUBLE_EQ(metrics.median_error, 0.0);
-}
-
-TEST(EvaluateDepth, AnEmptyEstimateIsMissingEverywhere) {
-  const DepthMetrics metrics = EvaluateDepth(DepthMap(), Row({1.0f, 2.0f}));
-  EXPECT_EQ(metrics.ground_truth_pixels, 2u);
-  EXPECT_EQ(metrics.below_absolute[2], 0.0);
-  EXPECT_EQ(metrics.density, 0.0);
-  EXPECT_TRUE(std::isnan(metrics.median_error));
-}
-
 TEST(EvaluateDepth, IsUndefinedWithoutGroundTruth) {
   const DepthMetrics metrics = EvaluateDepth(Row({1.0f, 1.0f}), Row({0.0f, kNan}));
   EXPECT_EQ(metrics.ground_truth_pixels, 0u);
@@ -120,11 +101,6 @@ TEST(EvaluateDepth, AnErrorOfExactlyTheThresholdIsNotBelowIt) {
   // 0.2f is twice 0.1f: their difference is the threshold to the last bit.
   EXPECT_EQ(EvaluateDepth(Row({0.2f}), Row({0.1f})).below_absolute[2], 0.0);
   EXPECT_EQ(EvaluateDepth(Row({std::nextafter(0.2f, 0.0f)}), Row({0.1f})).below_absolute[2], 100.0);
-}
-
-TEST(EvaluateDepth, MedianOfAnEvenCountIsTheMeanOfTheMiddleTwo) {
-  const DepthMetrics metrics = EvaluateDepth(Row({1.0f, 1.25f, 1.5f, 9.0f}), Row({1.0f, 1.0f, 1.0f, 1.0f}));
-  EXPECT_DOUBLE_EQ(metrics.median_error, 0.375);
 }
 
 TEST(EvaluateDepth, LooksUpAnEstimateOfAnotherSizeAtTheNearestPixelCentre) {
@@ -164,21 +140,6 @@ TEST(MeanOfDepthMetrics, WeighsImagesEquallyAndLeavesOutThoseWithoutGroundTruth)
   EXPECT_DOUBLE_EQ(mean.median_error, 0.0);  // of the only image that has one
   EXPECT_TRUE(std::isnan(Mean({no_truth}).density));
   EXPECT_TRUE(std::isnan(Mean({}).density));
-}
-
-TEST(DepthErrors, PoolsPixelsOfSeveralImages) {
-  const Pair a = RandomPair(40, 30, 1), b = RandomPair(20, 10, 2);
-  DepthErrors pool;
-  pool.Add(a.estimate, a.truth);
-  pool.Add(b.estimate, b.truth);
-  Pair both{DepthMap(1400, 1), DepthMap(1400, 1)};
-  std::copy(b.estimate.begin(), b.estimate.end(),
-            std::copy(a.estimate.begin(), a.estimate.end(), both.estimate.begin()));
-  std::copy(b.truth.begin(), b.truth.end(), std::copy(a.truth.begin(), a.truth.end(), both.truth.begin()));
-  const DepthMetrics expected = EvaluateDepth(both.estimate, both.truth);
-  EXPECT_EQ(pool.Metrics().ground_truth_pixels, expected.ground_truth_pixels);
-  EXPECT_EQ(pool.Metrics().below_relative, expected.below_relative);
-  EXPECT_EQ(pool.Metrics().median_error, expected.median_error);
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "acmp_mapping/evaluation/evaluate_cloud.h"
+#include "acmp_mapping/evaluation/evaluate.h"
 
 #include <cmath>
 #include <filesystem>
@@ -14,8 +14,7 @@
 #include "acmp_mapping/common/random.h"
 #include "acmp_mapping/dataset/camera_list.h"
 #include "acmp_mapping/dataset/map_io.h"
-#include "acmp_mapping/evaluation/evaluate_report.h"
-#include "acmp_mapping/evaluation/scene_files.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "dataset/test_folder.h"
 
 namespace acmp {
@@ -166,6 +165,21 @@ TEST_F(EvaluateCloudTest, AgainstACloudEveryPointCounts) {
   EXPECT_EQ(evaluation.observed_points, cloud_.size());
   EXPECT_EQ(evaluation.true_maps, 0u);
   EXPECT_EQ(evaluation.metrics[0].f1, 100.0);
+}
+
+TEST_F(EvaluateCloudTest, FarFromTheOriginItIsTheSame) {
+  const Eigen::Vector3d utm(500000, 5400000, 400);
+  PointCloud moved = cloud_;
+  for (SurfacePoint& point : moved) point.position.x += 0.03f;
+  CloudEvaluationOptions options = Options();
+  const auto f1 = [&](const Eigen::Vector3d& origin) {
+    options.reconstruction = folder() / "moved.ply";
+    options.ground_truth = folder() / "there.ply";
+    WritePly(options.reconstruction, moved, origin);
+    WritePly(options.ground_truth, cloud_, origin);
+    return EvaluateCloudFile(options).metrics[0].f1;
+  };
+  EXPECT_NEAR(f1(utm), f1(Eigen::Vector3d::Zero()), 0.5) << "voxels have other borders";
 }
 
 TEST_F(EvaluateCloudTest, ReportsTheSameFiguresInEveryForm) {

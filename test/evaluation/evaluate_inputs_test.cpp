@@ -82,21 +82,5 @@ TEST_F(EvaluateInputsTest, RefusesFoldersWithoutAnyMapOfTheScene) {
   EXPECT_THROW(Find("("), InvalidInputError);
 }
 
-TEST_F(EvaluateInputsTest, ReadsPngDepthInItsUnit) {
-  Image<uint16_t> counts(2, 1);
-  counts(0, 0) = 1234;
-  WritePng16(folder() / "depth.png", counts);
-  EXPECT_EQ(ReadDepth(folder() / "depth.png", 1000.0)(0, 0), 1.234f);
-  EXPECT_EQ(ReadDepth(folder() / "depth.png", 5000.0)(0, 0), 1234 / 5000.0f);
-  EXPECT_EQ(ReadDepth(folder() / "depth.png", 1000.0)(1, 0), 0.0f);
-}
-
-TEST_F(EvaluateInputsTest, FindsFoldersInTheSceneFirst) {
-  fs::create_directories(folder() / "depth");
-  EXPECT_EQ(FindFolder(folder(), "depth"), folder() / "depth");
-  EXPECT_EQ(FindFolder(folder() / "depth", folder().string()), folder());
-  EXPECT_THROW(FindFolder(folder(), "no_such_folder"), InvalidInputError);
-}
-
 }  // namespace
 }  // namespace acmp

@@ -7,7 +7,7 @@
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/scene.h"
-#include "acmp_mapping/evaluation/scene_files.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "dataset/test_folder.h"
 
 namespace acmp {

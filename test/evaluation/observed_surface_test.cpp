@@ -1,4 +1,4 @@
-#include "acmp_mapping/evaluation/observed_surface.h"
+#include "acmp_mapping/evaluation/cloud_metrics.h"
 
 #include <cmath>
 #include <limits>
@@ -9,13 +9,12 @@
 #include <gtest/gtest.h>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/evaluation/synthetic_scene.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 
 namespace acmp {
 namespace {
 
 using testing::ElementsAre;
-using testing::HasSubstr;
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
@@ -98,24 +97,6 @@ TEST(ObservedSurface, KeepsTheFirstPointOfEachVoxel) {
     ASSERT_NE(found, first.end());
     EXPECT_EQ(found->second, Eigen::Vector3f(p.x, p.y, p.z));
   }
-}
-
-TEST(ObservedSurface, RefusesBadInput) {
-  const PointCloud points = {At(0, 0, 1)};
-  EXPECT_THROW(ObservedSurface(points, 0, 0.1), InvalidInputError);
-  EXPECT_THROW(ObservedSurface(points, 0.1, std::nan("")), InvalidInputError);
-  EXPECT_THROW(ObservedSurface({At(kNan, 0, 0)}, 0.1, 0.1), InvalidInputError);
-  ObservedSurface surface(points, 0.1, 0.1);
-  const auto message_of = [&surface](const DepthMap& depth) -> std::string {
-    try {
-      surface.Add(depth, WideCamera(), RigidTransform::Identity());
-    } catch (const InvalidInputError& error) {
-      return error.what();
-    }
-    return "accepted";
-  };
-  EXPECT_THAT(message_of(DepthMap(3, 4, 1.0f)), HasSubstr("3 x 4: must be the camera's 4 x 3"));
-  EXPECT_THAT(message_of(DepthMap(4, 3, 1e9f)), HasSubstr("at most 1e+09 spacings of 0.1"));
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "acmp_mapping/evaluation/sample_mesh.h"
+#include "acmp_mapping/evaluation/cloud_metrics.h"
 
 #include <gtest/gtest.h>
 
@@ -33,13 +33,6 @@ TEST(SampleMesh, CoversTheSurface) {
       EXPECT_LT(nearest, kSpacing) << x << ", " << y;
     }
   }
-}
-
-TEST(SampleMesh, SmallTrianglesHaveOnePoint) {
-  const PointCloud points = SampleMesh(Square(0.01f), 1);
-  ASSERT_EQ(points.size(), 2u);
-  EXPECT_NEAR(points[0].position.x, 0.02 / 3, 1e-6) << "its middle";
-  EXPECT_NEAR(points[0].position.y, 0.01 / 3, 1e-6);
 }
 
 TEST(SampleMesh, RefusesWhatItCannotDo) {

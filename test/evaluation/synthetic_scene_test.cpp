@@ -1,4 +1,4 @@
-#include "acmp_mapping/evaluation/synthetic_scene.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 
 #include <cmath>
 #include <cstdint>
@@ -10,10 +10,18 @@
 #include <Eigen/LU>
 
 #include "acmp_mapping/common/error.h"
-#include "evaluation/named_scene.h"
 
 namespace acmp {
 namespace {
+
+SyntheticSceneOptions NamedScene(const std::string& name, int width, int height, int keyframes) {
+  SyntheticSceneOptions options;
+  options.width = width;
+  options.height = height;
+  options.keyframes = keyframes;
+  SelectSyntheticScene(name, &options);
+  return options;
+}
 
 using Eigen::Vector2d;
 using Eigen::Vector3d;
@@ -80,26 +88,6 @@ TEST(SyntheticScene, BlankPixelsLieOnTheRoomsWallsAndNothingLiesBehindThem) {
       }
     }
   }
-}
-
-TEST(SyntheticScene, NormalsAreUnitFaceTheCameraAndAgreeWithTheDepthGradient) {
-  const SyntheticView& view = DefaultScene()[3];
-  const PinholeCamera& camera = view.frame.camera;
-  int checked = 0;
-  for (int row = 1; row < camera.height - 1; ++row) {
-    for (int col = 1; col < camera.width - 1; ++col) {
-      const Vector3d normal = ToEigen(view.true_normal(col, row));
-      ASSERT_NEAR(normal.norm(), 1.0, 1e-6);
-      ASSERT_LT(normal.dot(camera.Unproject(Vector2d(col, row))), 0.0);
-      const auto point = [&](int u, int v) { return camera.Unproject(Vector2d(u, v), view.true_depth(u, v)); };
-      if (!OnOnePlane(view, col, row)) continue;
-      const Vector3d right = point(col + 1, row) - point(col - 1, row);
-      const Vector3d down = point(col, row + 1) - point(col, row - 1);
-      ASSERT_GT(std::abs(right.cross(down).normalized().dot(normal)), 0.9999);
-      ++checked;
-    }
-  }
-  EXPECT_GT(checked, camera.width * camera.height / 2);  // most of the room is planes
 }
 
 TEST(SyntheticScene, SurfacesAgreeBetweenViews) {
@@ -266,11 +254,20 @@ TEST(SyntheticSurface, CoversWhatTheViewsSeeWithPointsOnTheSurfaces) {
   }
 }
 
-TEST(SyntheticSurface, RefusesASpacingOutOfBounds) {
-  const std::vector<SyntheticView> views = MakeSyntheticScene(NamedScene("room", 97, 64, 4));
-  EXPECT_THROW(SampleSyntheticSurface(views, 0.0f), InvalidInputError);
-  EXPECT_THROW(SampleSyntheticSurface(views, std::nanf("")), InvalidInputError);
-  EXPECT_TRUE(SampleSyntheticSurface({}, 0.1f).empty());
+TEST(SelectSyntheticScene, SetsPlaceAndCameraOnly) {
+  SyntheticSceneOptions options;
+  options.width = 77;
+  options.seed = 5;
+  SelectSyntheticScene("hard", &options);
+  EXPECT_EQ(options.place, SyntheticPlace::kOffice);
+  EXPECT_GT(options.imaging.grey_per_electron, 0);
+  EXPECT_EQ(options.width, 77);
+  EXPECT_EQ(options.seed, 5u);
+  SelectSyntheticScene("room", &options);
+  EXPECT_EQ(options.place, SyntheticPlace::kRoom);
+  EXPECT_EQ(options.imaging.grey_per_electron, 0);
+  for (const std::string& name : SyntheticSceneNames()) EXPECT_NO_THROW(SelectSyntheticScene(name, &options));
+  EXPECT_THROW(SelectSyntheticScene("kitchen", &options), InvalidInputError);
 }
 
 }  // namespace

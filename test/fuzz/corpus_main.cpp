@@ -7,8 +7,14 @@
 #include <iterator>
 #include <string>
 
-#include "fuzz/fuzz_target.h"
+#include "fuzz/fuzz_input.h"
 
+#ifdef ACMP_FUZZ  // libFuzzer has a program for each target, which this names
+extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+  static const acmp::fuzz::Target target = acmp::fuzz::Targets().at(ACMP_FUZZ);
+  return target(data, size);
+}
+#else
 int main(int argc, char** argv) {
   const auto target = acmp::fuzz::Targets().find(argc > 1 ? argv[1] : "");
   if (target == acmp::fuzz::Targets().end()) {
@@ -30,3 +36,4 @@ int main(int argc, char** argv) {
   std::printf("%d inputs\n", files);
   return files > 0 ? 0 : 1;
 }
+#endif

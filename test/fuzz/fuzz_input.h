@@ -8,16 +8,28 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
-#include "fuzz/fuzz_target.h"
 
 /// What the fuzz targets share. A target gets any bytes, reads them as a file or a message, and must end, without a
 /// crash, in a result or in one of our two errors: any other exception is a finding.
 namespace acmp::fuzz {
+
+using Target = int (*)(const uint8_t* data, size_t size);
+
+/// Of this program, by name.
+inline std::map<std::string, Target>& Targets() {
+  static std::map<std::string, Target> targets;
+  return targets;
+}
+
+struct Registration {
+  Registration(const char* name, Target target) { Targets()[name] = target; }
+};
 
 /// Runs what may refuse its input.
 template <class Read>
@@ -103,3 +115,9 @@ class Folder {
 };
 
 }  // namespace acmp::fuzz
+
+/// The head of a target's function of `data` and `size`, within a source file alone.
+#define ACMP_FUZZ_TARGET(name)                                                         \
+  static int FuzzTarget_##name(const uint8_t* data, size_t size);                      \
+  static const acmp::fuzz::Registration registration_##name(#name, FuzzTarget_##name); \
+  static int FuzzTarget_##name(const uint8_t* data, size_t size)

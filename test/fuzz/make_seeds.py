@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Writes the valid inputs that the fuzz targets start from into corpus/ (fuzz_messages.h and the targets say what the
+"""Writes the valid inputs that the fuzz targets start from into corpus/ (fuzz_messages.cpp and the targets say what the
 bytes of a message mean). Findings lie beside them and stay. Usage: make_seeds.py"""
 import struct
 import zlib

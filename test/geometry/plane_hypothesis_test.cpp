@@ -12,16 +12,6 @@
 namespace acmp {
 namespace {
 
-TEST(PlaneHypothesisTest, DefaultIsNoHypothesis) {
-  const PlaneHypothesis none;
-  EXPECT_EQ(none.nx, 0);
-  EXPECT_EQ(none.ny, 0);
-  EXPECT_EQ(none.nz, 0);
-  EXPECT_EQ(none.d, 0);
-  EXPECT_EQ(sizeof(PlaneHypothesis), 16u);  // one 128-bit load on the GPU
-  EXPECT_EQ(alignof(PlaneHypothesis), 16u);
-}
-
 TEST(PlaneHypothesisTest, RaysAreTheCamerasOwn) {
   const RayGrid rays = MakeRayGrid(kVgaCamera);
   for (const auto& [col, row] : {std::pair(0, 0), {639, 479}, {312, 244}, {17, 400}}) {

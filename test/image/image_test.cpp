@@ -19,23 +19,6 @@ Image<int> Counting(int width, int height) {
   return image;
 }
 
-TEST(ImageTest, StartsWithTheGivenValueOrZero) {
-  const Image<float> zero(3, 2), seven(3, 2, 7.0f);
-  EXPECT_EQ(zero.size(), 6u);
-  for (const float value : zero) EXPECT_EQ(value, 0);
-  for (const float value : seven) EXPECT_EQ(value, 7);
-  const PlaneMap planes(2, 2);
-  for (const PlaneHypothesis& plane : planes) EXPECT_EQ(plane.d, 0);
-}
-
-TEST(ImageTest, EmptyImages) {
-  const Image<float> none, no_rows(5, 0), no_cols(0, 5);
-  EXPECT_TRUE(none.empty() && no_rows.empty() && no_cols.empty());
-  EXPECT_TRUE(none.View().empty() && no_rows.View().empty() && no_cols.View().empty());
-  EXPECT_FALSE(Image<float>(1, 1).empty());
-  EXPECT_FALSE(Image<float>(1, 1).View().empty());
-}
-
 TEST(ImageTest, IsRowMajorWithoutPadding) {
   Image<int> image = Counting(5, 3);
   EXPECT_EQ(image.width(), 5);
@@ -73,16 +56,6 @@ TEST(ImageTest, MovedFromIsEmptyAndKeepsNoSize) {
   other = std::move(target);
   EXPECT_EQ(other.width(), 4);
   EXPECT_TRUE(target.empty());  // NOLINT(bugprone-use-after-move)
-}
-
-TEST(ImageTest, CloneHasPixelsOfItsOwn) {
-  Image<int> image = Counting(4, 3);
-  Image<int> clone = image.Clone();
-  clone(0, 0) = 99;
-  EXPECT_EQ(image(0, 0), 0);
-  EXPECT_EQ(clone(3, 2), 11);
-  EXPECT_EQ(clone.width(), 4);
-  EXPECT_EQ(clone.height(), 3);
 }
 
 }  // namespace

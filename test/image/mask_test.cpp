@@ -22,18 +22,6 @@ Mask RandomMask(int width, int height, int rarity) {
 
 Mask Full(int width, int height) { return Mask(width, height, 255); }
 
-TEST(MaskTest, SaysWhetherItIgnoresSomeOrAll) {
-  Mask mask = Full(5, 4);
-  EXPECT_FALSE(IgnoresSome(mask));
-  EXPECT_FALSE(IgnoresAll(mask));
-  mask(4, 3) = 0;
-  EXPECT_TRUE(IgnoresSome(mask));
-  EXPECT_FALSE(IgnoresAll(mask));
-  EXPECT_TRUE(IgnoresAll(Mask(5, 4)));
-  EXPECT_FALSE(IgnoresSome({}));
-  EXPECT_FALSE(IgnoresAll({}));
-}
-
 /// A picture that is 0 where the mask ignores and 1000 elsewhere, resized as images are: what is mixed with an ignored
 /// pixel is less than 1000.
 void ExpectResizedAsImages(const Mask& mask, int width, int height) {
@@ -111,17 +99,6 @@ TEST(ClearanceTest, IsTheChessboardDistance) {
       ASSERT_EQ(clearance(col, row), nearest) << col << ' ' << row;
     }
   }
-}
-
-TEST(ClearanceTest, EndsAtItsGreatestValue) {
-  Mask mask = Full(400, 3);
-  mask(0, 1) = 0;
-  const ClearanceMap clearance = MakeClearance(mask);
-  EXPECT_EQ(clearance(254, 1), 254);
-  EXPECT_EQ(clearance(399, 1), kMaxClearance);
-  const ClearanceMap of_all = MakeClearance(Full(4, 3));
-  EXPECT_EQ(*std::min_element(of_all.begin(), of_all.end()), kMaxClearance);
-  EXPECT_TRUE(MakeClearance({}).empty());
 }
 
 }  // namespace

@@ -6,7 +6,6 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/evaluation/cloud_metrics.h"
-#include "acmp_mapping/evaluation/sample_mesh.h"
 #include "acmp_mapping/map/occupancy_map.h"
 #include "acmp_mapping/mesh/distance_volume.h"
 #include "map/room_keyframes.h"
@@ -37,14 +36,7 @@ void AddTo(MapStore* store, const PlacedKeyframes& keyframes) {
   }
 }
 
-class MapMeshTest : public ::testing::Test {
- protected:
-  void SetUp() override {
-    if (!CanMesh()) GTEST_SKIP() << "built without OpenVDB";
-  }
-};
-
-TEST_F(MapMeshTest, IsTheRoomsSurface) {
+TEST(MapMeshTest, IsTheRoomsSurface) {
   const std::vector<SyntheticView> views = Room();
   MapStore store({100, kVoxel});
   AddTo(&store, RoomKeyframes(views, kVoxel));
@@ -58,7 +50,7 @@ TEST_F(MapMeshTest, IsTheRoomsSurface) {
   EXPECT_GT(metrics[1].completeness, 90);
 }
 
-TEST_F(MapMeshTest, FollowsALoopClosure) {
+TEST(MapMeshTest, FollowsALoopClosure) {
   const std::vector<SyntheticView> views = Room();
   const PlacedKeyframes keyframes = RoomKeyframes(views, kVoxel);
   MapStore store({100, kVoxel});
@@ -83,7 +75,7 @@ TEST_F(MapMeshTest, FollowsALoopClosure) {
 }
 
 /// Mesh and occupancy in UTM coordinates, where float32 knows half metres only.
-TEST_F(MapMeshTest, FarFromTheOriginItIsTheSame) {
+TEST(MapMeshTest, FarFromTheOriginItIsTheSame) {
   PlacedKeyframes keyframes = RoomKeyframes(Room(), kVoxel);
   const Eigen::Vector3d offset(500000, 5500000, 200);
   MapStore near({100, kVoxel}), far({100, kVoxel});
@@ -99,14 +91,13 @@ TEST_F(MapMeshTest, FarFromTheOriginItIsTheSame) {
     return Eigen::Vector3d(box.center());
   };
   EXPECT_LT((middle(map) - offset - middle(expected)).norm(), 0.04);
-  if (!CanMapOccupancy()) return;
   const auto cells = [](const MapStore& store) {
     return static_cast<double>(MakeOccupancyMap(store.Placed(), 0.1)->nodes());
   };
   EXPECT_NEAR(cells(far), cells(near), 0.05 * cells(near)) << "the grid lies in another way";
 }
 
-TEST_F(MapMeshTest, SaysWhatItCannotDo) {
+TEST(MapMeshTest, SaysWhatItCannotDo) {
   MapStore store({100, kVoxel});
   EXPECT_THAT(ErrorOf([&] { MakeMapMesh(store, {0, kEnough}); }), HasSubstr("the map is empty"));
   AddTo(&store, RoomKeyframes(Room(), kVoxel));

@@ -3,9 +3,9 @@
 #include <memory>
 #include <vector>
 
-#include "acmp_mapping/evaluation/synthetic_scene.h"
 #include "acmp_mapping/fusion/voxel_map.h"
 #include "acmp_mapping/map/map_store.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 
 namespace acmp::test {
 

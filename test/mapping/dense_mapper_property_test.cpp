@@ -7,8 +7,8 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "acmp_mapping/evaluation/synthetic_scene.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "dense_mapper_fakes.h"
 
 namespace acmp {

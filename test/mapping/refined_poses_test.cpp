@@ -62,14 +62,7 @@ RoomMap Map(const std::vector<RigidTransform>& received, RefinePoses refine) {
   return map;
 }
 
-class RefinedPosesTest : public ::testing::Test {
- protected:
-  void SetUp() override {
-    if (!CanRefinePoses()) GTEST_SKIP() << "built without Ceres";
-  }
-};
-
-TEST_F(RefinedPosesTest, KeyframesAreMatchedWithPosesNearerToTheTruth) {
+TEST(RefinedPosesTest, KeyframesAreMatchedWithPosesNearerToTheTruth) {
   const std::vector<RigidTransform> truth = TruePoses();
   std::vector<RigidTransform> received = truth;
   PoseErrors errors(0.3, 0.01);
@@ -106,7 +99,7 @@ std::vector<RigidTransform> GrowingPoses() {
   return received;
 }
 
-TEST_F(RefinedPosesTest, DepthIsInTheFrontendsScale) {
+TEST(RefinedPosesTest, DepthIsInTheFrontendsScale) {
   const std::vector<RigidTransform> received = GrowingPoses();
   const std::vector<KeyframeDepthPtr> maps = Map(received, RefinePoses::kOn).refined;
   const KeyframeDepthPtr last = maps.back();
@@ -123,7 +116,7 @@ TEST_F(RefinedPosesTest, DepthIsInTheFrontendsScale) {
 }
 
 // So the map can be placed as a whole.
-TEST_F(RefinedPosesTest, TheWorldOfRefinedPosesKeepsItsScale) {
+TEST(RefinedPosesTest, TheWorldOfRefinedPosesKeepsItsScale) {
   const std::vector<RigidTransform> received = GrowingPoses();
   const std::vector<RigidTransform> truth = TruePoses();
   const std::vector<KeyframeDepthPtr> maps = Map(received, RefinePoses::kOn).refined;
@@ -145,7 +138,7 @@ TEST_F(RefinedPosesTest, TheWorldOfRefinedPosesKeepsItsScale) {
 }
 
 // They were made with the frontend's motion from the keyframe before, and others read them.
-TEST_F(RefinedPosesTest, InitialEstimatesAreMadeAnewWhereThePoseHasMoved) {
+TEST(RefinedPosesTest, InitialEstimatesAreMadeAnewWhereThePoseHasMoved) {
   std::vector<RigidTransform> received = TruePoses();
   PoseErrors errors(0.6, 0.02);
   for (RigidTransform& pose : received) pose = errors.Perturbed(pose);
@@ -167,7 +160,7 @@ DenseMapperOptions RoomOptions() {
 }
 
 // All keyframes end as withdrawn or dropped: nothing stays in a map.
-TEST_F(RefinedPosesTest, NothingStaysOfAFrontendThatHasLostTrack) {
+TEST(RefinedPosesTest, NothingStaysOfAFrontendThatHasLostTrack) {
   MapperHarness harness(RoomOptions());
   Feed(LostFrom(0, TruePoses()), &harness);
   harness.Flush();
@@ -187,7 +180,7 @@ TEST_F(RefinedPosesTest, NothingStaysOfAFrontendThatHasLostTrack) {
 }
 
 // A jump of one pose, after which the frontend goes on as before: what was withdrawn and what was held back comes.
-TEST_F(RefinedPosesTest, MapsComeWhenPosesAgreeAgain) {
+TEST(RefinedPosesTest, MapsComeWhenPosesAgreeAgain) {
   DenseMapperOptions options = RoomOptions();
   options.pipeline.fusion.max_relative_depth = 0.012f;  // the detour is a contradiction of 0.016 at most
   std::vector<RigidTransform> received = TruePoses();
@@ -203,7 +196,7 @@ TEST_F(RefinedPosesTest, MapsComeWhenPosesAgreeAgain) {
   }
 }
 
-TEST_F(RefinedPosesTest, PosesThatFitStayBitByBit) {
+TEST(RefinedPosesTest, PosesThatFitStayBitByBit) {
   const RoomMap map = Map(TruePoses(), RefinePoses::kAuto);
   EXPECT_THAT(map.initial_estimates, Each(1));
   for (const KeyframeDepthPtr& keyframe : map.refined) {

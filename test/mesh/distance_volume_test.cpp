@@ -20,17 +20,8 @@ using ::testing::HasSubstr;
 constexpr double kVoxel = 0.02;
 constexpr size_t kEnough = 1000000000;
 
-TEST(DistanceVolumeWithoutOpenVdb, SaysWhichPackageIsMissing) {
-  if (CanMesh()) GTEST_SKIP() << "built with OpenVDB";
-  EXPECT_THAT(ErrorOf([] { DistanceVolume({kVoxel, kEnough, 0}); }), HasSubstr("libopenvdb-dev"));
-}
-
 class DistanceVolumeTest : public ::testing::Test {
  protected:
-  void SetUp() override {
-    if (!CanMesh()) GTEST_SKIP() << "built without OpenVDB";
-  }
-
   static TriangleMesh MeshOf(const std::vector<SurfaceMaps>& views, const DistanceVolumeOptions& options) {
     DistanceVolume volume(options);
     for (const SurfaceMaps& view : views) volume.Integrate(view.View());

@@ -73,7 +73,6 @@ TEST(SplatPoints, LeavesOutWhatNoCameraSees) {
 }
 
 TEST(SplatPoints, MakeAMesh) {
-  if (!CanMesh()) GTEST_SKIP() << "built without OpenVDB";
   DistanceVolume volume({kSpacing, 1000000000, 0});
   for (const SurfaceMaps& view : SeeSphereFromAround()) {
     volume.Integrate(SplatPoints(PointsOf(view), view.camera.cam_from_world.inverse(), kSpacing).View());

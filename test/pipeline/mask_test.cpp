@@ -5,8 +5,8 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/evaluation/cloud_metrics.h"
-#include "acmp_mapping/evaluation/synthetic_scene.h"
 #include "acmp_mapping/pipeline/depth_estimator.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "support/devices.h"
 
 // Masks end to end: what they ignore leaves no trace, and with them a map is as accurate as without the thing that

@@ -6,10 +6,10 @@
 
 #include "acmp_mapping/evaluation/cloud_metrics.h"
 #include "acmp_mapping/evaluation/depth_metrics.h"
-#include "acmp_mapping/evaluation/synthetic_scene.h"
 #include "acmp_mapping/fusion/depth_fusion.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/pipeline/depth_estimator.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "fusion/engine_views.h"
 #include "support/devices.h"
 #include "support/pass_result.h"

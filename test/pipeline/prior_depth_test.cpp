@@ -8,9 +8,9 @@
 
 #include "acmp_mapping/common/random.h"
 #include "acmp_mapping/evaluation/depth_metrics.h"
-#include "acmp_mapping/evaluation/synthetic_scene.h"
 #include "acmp_mapping/image/image_processing.h"
 #include "acmp_mapping/pipeline/depth_estimator.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "support/devices.h"
 
 // Depth from outside end to end: what is right, for all its faults, helps blank walls; what says nothing, or is wrong,

@@ -4,9 +4,9 @@
 
 #include "gtest/gtest.h"
 
-#include "acmp_mapping/evaluation/synthetic_scene.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/pipeline/depth_estimator.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "support/devices.h"
 
 // The street end to end: what becomes of the sky over it.

@@ -16,10 +16,6 @@ constexpr double kInterval = 0.1;  // s from view to view
 /// A bundle without images: a hand-held camera sees random points through a rolling shutter and a lens.
 class BundleRefinementTest : public ::testing::Test {
  protected:
-  void SetUp() override {
-    if (!CanRefinePoses()) GTEST_SKIP() << "built without Ceres";
-  }
-
   double Uniform(double low, double high) {
     return low + (high - low) * static_cast<double>(random_() - random_.min()) / (random_.max() - random_.min());
   }

@@ -14,17 +14,6 @@ TEST(PoseRefinementOptionsTest, ValuesOutOfBoundsAreRefused) {
   EXPECT_THROW(Validate(options), InvalidInputError);
 }
 
-TEST(PoseRefinementOptionsTest, WithoutCeresOnIsRefused) {
-  PoseRefinementOptions options;
-  EXPECT_NO_THROW(Validate(options)) << "auto: where it can be done";
-  options.refine = RefinePoses::kOn;
-  if (CanRefinePoses()) {
-    EXPECT_NO_THROW(Validate(options));
-  } else {
-    EXPECT_THROW(Validate(options), InvalidInputError);
-  }
-}
-
 TEST(PoseRefinementOptionsTest, TheTableSetsTheMode) {
   PoseRefinementOptions options;
   SetOption(PoseRefinementOptionTable(), "refine_poses=off", &options);

@@ -16,7 +16,6 @@ using ::testing::HasSubstr;
 class PoseRefinerTest : public ::testing::Test {
  protected:
   void SetUp() override {
-    if (!CanRefinePoses()) GTEST_SKIP() << "built without Ceres";
     for (const SyntheticView& view : Room()) truth_.push_back(view.frame.cam_from_world);
     received_ = truth_;
     options_.corners = 250;

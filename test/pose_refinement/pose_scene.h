@@ -6,8 +6,8 @@
 #include <random>
 #include <vector>
 
-#include "acmp_mapping/evaluation/synthetic_scene.h"
 #include "acmp_mapping/pose_refinement/pose_refinement.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 
 namespace acmp {
 

@@ -12,10 +12,6 @@ using ::testing::HasSubstr;
 
 class RefineImagePosesTest : public ::testing::Test {
  protected:
-  void SetUp() override {
-    if (!CanRefinePoses()) GTEST_SKIP() << "built without Ceres";
-  }
-
   void Perturb(double rotation_deg, double position) {
     PoseErrors errors(rotation_deg, position);
     for (PosedImage& image : images_) image.cam_from_world = errors.Perturbed(image.cam_from_world);

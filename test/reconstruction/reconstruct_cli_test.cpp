@@ -91,7 +91,6 @@ TEST_F(ReconstructCliTest, MeshIsThePlaneAlsoOfAFinishedRun) {
     EXPECT_THAT(outcome.text, HasSubstr(text));
     EXPECT_FALSE(std::filesystem::exists(output())) << "refused before matching begins";
   };
-  if (!CanMesh()) return rejects("--mesh " + file, "libopenvdb-dev");
   rejects("--mesh mesh.stl", "must end with .ply or .obj");
   rejects("--mesh " + (folder() / "missing/mesh.ply").string(), "there is no folder");
   rejects("--maps none --mesh " + file, "--mesh: needs depth among --maps");

@@ -92,7 +92,6 @@ TEST_F(ReconstructTest, CamerasFileHasTheMapsSizeAndPoses) {
 }
 
 TEST_F(ReconstructTest, PosesAreRefinedWhereThatHelps) {
-  if (!CanRefinePoses()) GTEST_SKIP() << "built without Ceres";
   WriteScene(10, 160, 120);
   options_.maps = {};
   Run(&fake_);

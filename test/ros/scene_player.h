@@ -9,7 +9,7 @@
 #include <sensor_msgs/Image.h>
 #include <sensor_msgs/PointCloud2.h>
 
-#include "acmp_mapping/evaluation/synthetic_scene.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 
 namespace acmp::test {
 

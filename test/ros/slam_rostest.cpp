@@ -8,8 +8,8 @@
 #include <tf2_eigen/tf2_eigen.h>
 
 #include "acmp_mapping/evaluation/cloud_metrics.h"
-#include "acmp_mapping/evaluation/slam_simulation.h"
 #include "acmp_mapping/ros/map_point.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test::slam_rostest {

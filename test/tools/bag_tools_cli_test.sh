@@ -29,7 +29,7 @@ expect 0 "4 images" "$bin/acmp_make_bag" "${small[@]}" b.bag --ground-truth trut
 cmp a.bag b.bag || failures=$((failures + 1))
 [ -s truth/depth/000003.png ] || { echo "FAILED: no ground truth"; failures=$((failures + 1)); }
 expect 0 "usable: 0 errors" "$bin/acmp_check_bag" a.bag
-expect 0 "~pose_source: tf" "$bin/acmp_check_bag" a.bag --pose /tf
+expect 0 "pose_source:=tf world_frame:=world" "$bin/acmp_check_bag" a.bag --pose /tf
 
 expect 2 "give SCENE and OUT.bag" "$bin/acmp_make_bag" out.bag
 expect 2 "--synthetic takes no SCENE" "$bin/acmp_make_bag" --synthetic scene out.bag

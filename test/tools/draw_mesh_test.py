@@ -81,13 +81,6 @@ class DrawMesh(unittest.TestCase):
         self.assertEqual(self.count(colored, BLUE), 0)
         self.assertGreater(self.count(colored, GREEN), 200)
 
-    def test_small_batches_give_the_same_picture(self):
-        parts = [square(0.1 * k, 0.2 + 0.1 * k, (25 * k, 200, 0)) for k in range(9)]
-        whole = np.hstack(self.draw(*parts))
-        self.addCleanup(setattr, draw_mesh, "BATCH_PIXELS", draw_mesh.BATCH_PIXELS)
-        draw_mesh.BATCH_PIXELS = 100
-        np.testing.assert_array_equal(np.hstack(self.draw(*parts)), whole)
-
     def test_bad_files_are_told(self):
         write(self.mesh, square(0, 1, RED))
         with open(self.mesh, "rb") as file:

@@ -46,14 +46,14 @@ struct BagReport {
   std::vector<BagTopic> topics;
   TopicChoice chosen;
   std::vector<Finding> findings;
-  std::string launch;  ///< what starts the mapper for these topics
+  std::string launch;  ///< what starts the mapper for these topics; empty where there are no images or no poses
 
   size_t Count(Severity severity) const;
   /// No errors: the mapper can work with it, given the settings that warnings name.
   bool usable() const { return Count(Severity::kError) == 0; }
 };
 
-/// Converts the messages as the mapper does, and reports what it would refuse, and what does not fit together. Throws
+/// Feeds the bag to the mapper's own intake, decodes its images, and reports what became of them. Throws
 /// InvalidInputError when the bag cannot be read at all or a topic in the options is not in it.
 BagReport CheckBag(const std::filesystem::path& path, const BagCheckOptions& options);
 

@@ -8,8 +8,7 @@
 #include <ros/time.h>
 
 #include "acmp_mapping/dataset/scene.h"
-#include "acmp_mapping/evaluation/slam_simulation.h"
-#include "acmp_mapping/evaluation/synthetic_scene.h"
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 
 namespace acmp {
 

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <filesystem>
+#include <optional>
 
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/fusion/point_cloud.h"
@@ -30,10 +31,11 @@ size_t WriteDepthPng(const std::filesystem::path& path, const ImageView<const fl
 /// becomes 0.
 DepthMap ReadDepth(const std::filesystem::path& path, double png_unit = 1000);
 
-/// Binary little-endian PLY: x y z nx ny nz (float), red green blue (uchar), confidence (float).
+/// PLY: x y z nx ny nz (float), red green blue (uchar), confidence (float).
 /// @param origin of the points' coordinates (LocalOrigin), which is added: unless it is zero, x y z are double
+/// @param binary little-endian; else text
 void WritePly(const std::filesystem::path& path, const PointCloud& points,
-              const Eigen::Vector3d& origin = Eigen::Vector3d::Zero());
+              const Eigen::Vector3d& origin = Eigen::Vector3d::Zero(), bool binary = true);
 /// The same of points that come in several clouds, so that never all of them have to be held. The header's length does
 /// not depend on their number: a comment fills it up.
 class PlyFile {
@@ -60,19 +62,27 @@ class PlyFile {
   size_t points_ = 0;
   size_t header_bytes_;
 };
+/// Where the coordinates of clouds begin that are read to be compared: chosen by the first point that is read
+/// (LocalOrigin), so that those of UTM or geocentric coordinates keep their millimetres.
+using ReadOrigin = std::optional<Eigen::Vector3d>;
+/// Of a point that is read, in double. @param origin null: the world's
+Vec3f FromOrigin(const Eigen::Vector3d& position, ReadOrigin* origin);
+
 /// Reads x y z and, where present, normals, colours and confidence of a binary little-endian or ASCII PLY; other
 /// properties and elements are skipped.
-PointCloud ReadPly(const std::filesystem::path& path);
+/// @param origin see FromOrigin
+PointCloud ReadPly(const std::filesystem::path& path, ReadOrigin* origin = nullptr);
 /// Positions of a PCD file: ASCII, binary or compressed, with float x y z of 32 or 64 bits. Throws InvalidInputError
 /// that says where the file cannot be read.
 /// @param not_finite how many points are not: they are left out, an organised cloud has no point there
-PointCloud ReadPcd(const std::filesystem::path& path, size_t* not_finite);
+/// @param origin see FromOrigin
+PointCloud ReadPcd(const std::filesystem::path& path, size_t* not_finite, ReadOrigin* origin = nullptr);
 
 /// Vertices as the points of the cloud above, then faces as lists of three vertices.
 void WritePlyMesh(const std::filesystem::path& path, const TriangleMesh& mesh,
                   const Eigen::Vector3d& origin = Eigen::Vector3d::Zero());
 /// As ReadPly, with the faces if they are the element after the vertices; those of more corners are cut into triangles.
-TriangleMesh ReadPlyMesh(const std::filesystem::path& path);
+TriangleMesh ReadPlyMesh(const std::filesystem::path& path, ReadOrigin* origin = nullptr);
 
 /// Wavefront OBJ: vertices (v x y z red green blue, colours 0..1, which many programs read), normals and triangles.
 void WriteObj(const std::filesystem::path& path, const TriangleMesh& mesh,

@@ -22,7 +22,7 @@ struct MapMesh {
 
 /// The surface of the map's keyframes at their poses. Of their points, which is what the map keeps, so
 /// that mapping and messages are as without it. Takes time in proportion to the points; the map is not held up. Throws
-/// InvalidInputError for an empty map, for more than max_bytes, and in a build without OpenVDB.
+/// InvalidInputError for an empty map and for more than max_bytes.
 MapMesh MakeMapMesh(const MapStore& map, const MapMeshOptions& options);
 
 }  // namespace acmp

@@ -25,11 +25,6 @@ struct OccupancySlice {
   std::vector<Occupancy> cells;
 };
 
-/// False in a build without OctoMap.
-bool CanMapOccupancy();
-/// Throws InvalidInputError that says which package is missing, unless CanMapOccupancy.
-void CheckCanMapOccupancy();
-
 /// Of points that are obstacles and end rays: an error of 1 % of their depth is expected.
 constexpr float kMinOccupancyConfidence = 0.5f;
 /// The default resolution, in voxels of the map.
@@ -47,7 +42,7 @@ struct OccupancyLimits {
 /// through free space and end at obstacles. In the world's frame.
 class OccupancyMap {
  public:
-  /// Throws InvalidInputError unless the resolution is positive and finite and CanMapOccupancy.
+  /// Throws InvalidInputError unless the resolution is positive and finite.
   /// @param resolution edge of a voxel, unit of the poses
   explicit OccupancyMap(double resolution, OccupancyLimits limits = {});
   ~OccupancyMap();

@@ -33,11 +33,6 @@ constexpr float kMinMeshConfidence = 0.4f;
 /// Bytes of a voxel: distance, weight and colour.
 constexpr size_t kVoxelBytes = 12;
 
-/// False in a build without OpenVDB.
-bool CanMesh();
-/// Throws InvalidInputError that says which package is missing, unless CanMesh.
-void CheckCanMesh();
-
 /// The signed distance to the surfaces that images see, positive in front of them, in a narrow band around them
 /// (Curless and Levoy 1996). In the world's frame. Of each voxel that falls on a pixel, the distance to the pixel's
 /// plane is averaged with those of other images, weighted by confidence, by the cosine between ray and normal, and,
@@ -47,7 +42,7 @@ void CheckCanMesh();
 /// The same views in the same order give the same bits, however many threads there are.
 class DistanceVolume {
  public:
-  /// Throws InvalidInputError for options out of bounds, and unless CanMesh.
+  /// Throws InvalidInputError for options out of bounds.
   explicit DistanceVolume(const DistanceVolumeOptions& options);
   ~DistanceVolume();
   DistanceVolume(const DistanceVolume&) = delete;

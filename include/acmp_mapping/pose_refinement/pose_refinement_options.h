@@ -15,12 +15,8 @@ struct PoseRefinementOptions {
   RefinePoses refine = RefinePoses::kAuto;
   int corners = 250;  ///< landmarks looked for in an image, at most; 50..5000
 };
-/// Throws InvalidInputError naming the first field out of bounds, and where poses are to be refined by a build without
-/// Ceres.
+/// Throws InvalidInputError naming the first field out of bounds.
 void Validate(const PoseRefinementOptions& options);
-
-/// False in a build without Ceres.
-bool CanRefinePoses();
 
 const OptionTable<PoseRefinementOptions>& PoseRefinementOptionTable();
 

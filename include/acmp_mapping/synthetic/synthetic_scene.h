@@ -1,0 +1,121 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "acmp_mapping/fusion/point_cloud.h"
+#include "acmp_mapping/keyframe/frame.h"
+
+namespace acmp {
+
+/// Where the images are taken. Analytic geometry; unit metres, world z up.
+enum class SyntheticPlace {
+  /// A room with blank walls and floor (a faint gradient), trims along their edges, a textured table, boxes, a sphere
+  /// and pictures on a wall; about 5 degrees between keyframes.
+  kRoom,
+  /// Blank walls and floor without trims; rods, cables and lamp posts 8 to 25 mm thick, a wall of equal tiles, a faint
+  /// carpet and faint veneer, a glossy picture; about 4 degrees between keyframes.
+  kOffice,
+  /// A street with houses on both sides under a sky, seen from a vehicle that drives along it looking ahead: blank
+  /// plaster, bricks, trees, posts and wires; what is seen is 2 to 60 m away, 45 cm between keyframes.
+  kStreet,
+};
+
+/// From light to grey levels: a lens, a shutter and a linear sensor with the noise of the EMVA 1288 standard (variance
+/// linear in the signal), clipped and rounded to 8 bits. The default is a camera that only has noise.
+struct ImagingModel {
+  double read_noise_grey = 1.5;  ///< standard deviation per colour channel in the dark, 0..50; in grey two thirds
+  double grey_per_electron = 0;  ///< gain K: shot noise has the variance K * signal (grey^2). 0..1; 0: none
+  double psf_sigma_px = 0;       ///< standard deviation of the point spread of lens and demosaicing, 0..5
+  double shake_deg = 0;          ///< how far the camera turns about each axis while the shutter is open (bell-shaped
+                                 ///< with this standard deviation, per image): motion blur. 0..2
+  double exposure_spread = 0;    ///< s: exposures from (1 - s) / (1 + s) to (1 + s) / (1 - s), per image. 0..0.5
+  bool vignetting = false;       ///< natural vignetting: cos^4 of the angle from the optical axis
+};
+
+struct SyntheticSceneOptions {
+  int width = 240;     ///< px
+  int height = 180;    ///< px
+  int keyframes = 14;  ///< 2..1000
+  uint32_t seed = 1;
+  SyntheticPlace place = SyntheticPlace::kRoom;
+  ImagingModel imaging;
+  /// Something moves through the place, ahead of the camera. Frames have masks of it; true depths, normals and surfaces
+  /// are those of the place without it.
+  bool moving_object = false;
+};
+
+/// "room": the room with the default camera. "hard": the office with a hand-held video camera indoors. "street": the
+/// street with a video camera by day.
+const std::vector<std::string>& SyntheticSceneNames();
+
+/// Sets place and imaging to those of a named scene. Throws InvalidInputError for a name that is not known.
+void SelectSyntheticScene(const std::string& name, SyntheticSceneOptions* options);
+
+/// What the renderer knows exactly about one image.
+struct SyntheticView {
+  Frame frame;  ///< colour as the camera gives it, landmarks as a SLAM frontend would have them; see moving_object
+  /// z of the first surface at each pixel centre, at the middle of the exposure as the pose; 0: sky.
+  DepthMap true_depth;
+  NormalMap true_normal;             ///< camera frame; 0: sky
+  Image<unsigned char> low_texture;  ///< 1 on surfaces of one colour, 0 elsewhere
+  SyntheticPlace place = SyntheticPlace::kRoom;
+  double exposure = 1;  ///< factor on the light
+};
+
+/// Renders a place along its path. The same options give the same bytes on every machine (integer noise, no
+/// function of libm that may differ).
+std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& options);
+
+/// Throws InvalidInputError unless SampleSyntheticSurface takes it.
+void CheckSurfaceSpacing(float spacing_m);
+
+/// Points on the true surfaces seen by at least one of the views, about `spacing_m` apart, for cloud metrics.
+PointCloud SampleSyntheticSurface(const std::vector<SyntheticView>& views, float spacing_m);
+
+/// Writes a synthetic scene as a dataset folder: images/, cameras.txt, sparse/ (COLMAP text model) and sparse.ply,
+/// cams/ and pair.txt (MVSNet / ACMP layout), depth/ (ground truth, 16-bit millimetres), low_texture/ (white: blank
+/// walls and floor), masks/ (of what moves, where something does; named as COLMAP names them), surface.ply
+/// (ground-truth cloud, points `surface_spacing_m` apart). Throws ProcessingError with the system's reason when
+/// something cannot be written.
+void WriteSceneFiles(const std::filesystem::path& folder, const std::vector<SyntheticView>& views,
+                     float surface_spacing_m);
+
+/// How a simulated monocular SLAM frontend errs. The defaults are like those of recorded ones at their best.
+struct SlamErrors {
+  int start = 3;               ///< images before it has initialised: poses are the identity, there are no landmarks
+  double units_per_m = 0.5;    ///< of its world after the loop closure
+  double scale_growth = 0.06;  ///< by this share its scale has grown when it closes the loop
+  double turn_deg = 0.1;       ///< by which each step turns the world about the vertical
+  double step_m = 0.002;       ///< that each step is too long, along x
+  double jitter_deg = 0.06;    ///< of each pose about each axis, standard deviation
+  double jitter_m = 0.002;     ///< of each pose along each axis, standard deviation
+};
+
+/// What the frontend publishes with one image, in its own world.
+struct SlamOutput {
+  RigidTransform cam_from_world = RigidTransform::Identity();
+  std::vector<Eigen::Vector3d> landmarks_in_world;
+};
+
+/// A run of the frontend. Its world is the camera's at image `start`, as its units and the drift have it.
+struct SlamRun {
+  SlamErrors errors;
+  std::vector<SlamOutput> outputs;  ///< one per image
+  size_t loop_closure = 0;          ///< before this image it closes a loop: from here on nothing drifts any more
+  /// world_from_cam of the images before, as the loop closure corrects them; identity of those before the start.
+  std::vector<RigidTransform> corrected;
+  RigidTransform start_from_true = RigidTransform::Identity();  ///< the camera's true cam_from_world at image `start`
+
+  /// Where a point of the frontend's world, as that is after the loop closure, lies in the true one, m.
+  Eigen::Vector3d ToTrueWorld(const Eigen::Vector3d& point) const;
+};
+
+/// Runs the frontend on views in their order. The loop is closed after two thirds of the images. The same input gives
+/// the same bytes on every machine. Throws InvalidInputError unless there are at least four images more than `start`,
+/// or for units that are not positive.
+SlamRun SimulateSlam(const std::vector<SyntheticView>& views, const SlamErrors& errors, uint32_t seed);
+
+}  // namespace acmp

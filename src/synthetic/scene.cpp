@@ -1,0 +1,302 @@
+#include "acmp_mapping/synthetic/synthetic_scene.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <unordered_set>
+#include <utility>
+
+#include <tbb/parallel_for.h>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/geometry/voxel.h"
+#include "camera.h"
+#include "world.h"
+
+namespace acmp {
+namespace {
+
+constexpr int kRaysPerSide = 4;           // per pixel and axis: textures are averaged over the pixel's area
+constexpr double kFirstStamp_s = 1000.0;  // not 0, which means "no stamp"
+constexpr double kKeyframeInterval_s = 0.5;
+
+// A view before it becomes a Frame.
+struct Rendering {
+  CameraPose pose;
+  ColorImage color;
+  DepthMap depth;
+  NormalMap normal;
+  Image<unsigned char> low_texture;
+  Mask mask;
+  double exposure;
+};
+
+const SyntheticWorld& WorldOf(SyntheticPlace place) {
+  switch (place) {
+    case SyntheticPlace::kRoom:
+      return RoomWorld();
+    case SyntheticPlace::kOffice:
+      return OfficeWorld();
+    case SyntheticPlace::kStreet:
+      break;
+  }
+  return StreetWorld();
+}
+
+// A global-shutter CMOS camera in lamp light, held by hand.
+ImagingModel IndoorVideoCamera() {
+  ImagingModel model;
+  // Pixels of 3.45 um hold about 10 500 electrons and read with 2.5 electrons of noise (EMVA 1288 data of common
+  // sensors). Lamp light at 1/60 s fills a quarter: 12 dB of gain, white (255) at 2600 electrons.
+  model.grey_per_electron = 255.0 / 2600.0;
+  model.read_noise_grey = 2.5 * model.grey_per_electron;
+  // Interpolating the Bayer pattern (taps 1/4, 1/2, 1/4) alone has 0.71.
+  model.psf_sigma_px = 0.7;
+  // 15 degrees per second, a camera moved by hand without haste, at 1/60 s.
+  model.shake_deg = 0.25;
+  // An automatic exposure that follows what is in view, 0.6 steps up or down: 0.67 to 1.5.
+  model.exposure_spread = 0.2;
+  model.vignetting = true;
+  return model;
+}
+
+// The same kind of camera on a vehicle by day.
+ImagingModel DaylightCamera() {
+  ImagingModel model = IndoorVideoCamera();
+  model.grey_per_electron = 255.0 / 10500.0;  // the wells are full at white
+  model.read_noise_grey = 2.5 * model.grey_per_electron;
+  model.shake_deg = 0.02;  // 20 degrees per second at 1/1000 s
+  model.exposure_spread = 0.1;
+  return model;
+}
+
+// The renderer's input for one image.
+struct Shot {
+  const SyntheticWorld& world;
+  const ImagingModel& imaging;
+  PinholeCamera camera;
+  uint32_t seed;
+  std::vector<CameraPose> poses;  ///< one per ray of a pixel
+  double margin_m;                ///< no ray of a pixel is farther from the one through its centre
+};
+
+// Half a pixel's diagonal at the far end of the room.
+double PixelMargin(const PinholeCamera& camera, double diameter_m) {
+  return 0.71 * diameter_m / std::min(camera.fx, camera.fy);
+}
+
+// Moment of the exposure at which each ray of a pixel is cast, of kRaysPerSide^2 (Bayer's matrix for ordered
+// dithering): every part of the pixel is sampled early and late.
+constexpr int kMoments[kRaysPerSide][kRaysPerSide] = {{0, 8, 2, 10}, {12, 4, 14, 6}, {3, 11, 1, 9}, {15, 7, 13, 5}};
+
+ColorD PixelLight(const Shot& shot, const CameraPose& pose, int col, int row) {
+  const std::vector<size_t> objects = ObjectsNear(shot.world, PixelRay(shot.camera, pose, col, row), shot.margin_m);
+  ColorD sum = {0, 0, 0};
+  for (int j = 0; j < kRaysPerSide; ++j) {
+    for (int i = 0; i < kRaysPerSide; ++i) {
+      const double u = col + (i + 0.5) / kRaysPerSide - 0.5;
+      const double v = row + (j + 0.5) / kRaysPerSide - 0.5;
+      const Ray ray = PixelRay(shot.camera, shot.poses[kMoments[j][i]], u, v);
+      const ColorD color = LitColor(shot.world, Trace(shot.world, ray, objects), ray, shot.seed);
+      sum = {sum.r + color.r, sum.g + color.g, sum.b + color.b};
+    }
+  }
+  constexpr double kShare = 1.0 / (kRaysPerSide * kRaysPerSide);
+  return {kShare * sum.r, kShare * sum.g, kShare * sum.b};
+}
+
+// The light on the sensor, 0..255 at exposure 1.
+Image<ColorD> RenderLight(const Shot& shot, const CameraPose& pose) {
+  const int border = PsfBorder(shot.imaging);
+  Image<ColorD> light(shot.camera.width + 2 * border, shot.camera.height + 2 * border);
+  tbb::parallel_for(0, light.height(), [&](int row) {
+    for (int col = 0; col < light.width(); ++col) light(col, row) = PixelLight(shot, pose, col - border, row - border);
+  });
+  return BlurByPsf(shot.imaging, std::move(light));
+}
+
+Vec3f DirectionInCamera(const CameraPose& pose, const Vec3d& v) {
+  return {static_cast<float>(Dot(pose.right, v)), static_cast<float>(Dot(pose.down, v)),
+          static_cast<float>(Dot(pose.forward, v))};
+}
+
+void RenderGeometry(const Shot& shot, Rendering* out) {
+  tbb::parallel_for(0, shot.camera.height, [&](int row) {
+    for (int col = 0; col < shot.camera.width; ++col) {
+      const WorldHit hit = Trace(shot.world, PixelRay(shot.camera, out->pose, col, row));
+      out->low_texture(col, row) = hit.low_texture ? 1 : 0;
+      out->depth(col, row) = hit.sky ? 0.0f : static_cast<float>(hit.where.t);
+      out->normal(col, row) = hit.sky ? Vec3f{0, 0, 0} : DirectionInCamera(out->pose, hit.where.normal);
+    }
+  });
+}
+
+void TakePicture(const Shot& shot, int index, Rendering* out) {
+  const Image<ColorD> light = RenderLight(shot, out->pose);
+  tbb::parallel_for(0, shot.camera.height, [&](int row) {
+    for (int col = 0; col < shot.camera.width; ++col) {
+      const double factor = out->exposure * VignettingAt(shot.imaging, shot.camera, col, row);
+      const ColorD& c = light(col, row);
+      RandomStream random(shot.seed, static_cast<uint32_t>(row * shot.camera.width + col),
+                          static_cast<uint32_t>(index));
+      out->color(col, row) = Digitize(shot.imaging, {factor * c.r, factor * c.g, factor * c.b}, &random);
+    }
+  });
+}
+
+Rendering Render(const SyntheticWorld& world, const PinholeCamera& camera, int index,
+                 const SyntheticSceneOptions& options) {
+  Rendering out;
+  out.pose = PoseOnPath(world.path, index, options.keyframes, options.seed);
+  out.exposure = ExposureOf(options.imaging, options.seed, index);
+  out.color = ColorImage(camera.width, camera.height);
+  out.depth = DepthMap(camera.width, camera.height);
+  out.normal = NormalMap(camera.width, camera.height);
+  out.low_texture = Image<unsigned char>(camera.width, camera.height);
+  const Shot shot = {world,
+                     options.imaging,
+                     camera,
+                     options.seed,
+                     PosesDuringExposure(options.imaging, out.pose, options.seed, index, kRaysPerSide * kRaysPerSide),
+                     PixelMargin(camera, world.diameter_m) + world.diameter_m * LargestTurn(options.imaging)};
+  RenderGeometry(shot, &out);
+  if (!options.moving_object) {
+    TakePicture(shot, index, &out);
+    return out;
+  }
+  const SyntheticWorld with_object = WithMovingObject(world, index, options);
+  TakePicture({with_object, shot.imaging, shot.camera, shot.seed, shot.poses, shot.margin_m}, index, &out);
+  out.mask = MaskOfLastObject(with_object, camera, out.pose, options.imaging);
+  return out;
+}
+
+RigidTransform CamFromWorld(const CameraPose& pose) {
+  RigidTransform transform = RigidTransform::Identity();
+  const Vec3d axes[3] = {pose.right, pose.down, pose.forward};
+  for (int i = 0; i < 3; ++i) {
+    transform.matrix().row(i) << axes[i].x, axes[i].y, axes[i].z, -Dot(axes[i], pose.center);
+  }
+  return transform;
+}
+
+CameraPose PoseOf(const RigidTransform& cam_from_world) {
+  const RigidTransform world_from_cam = cam_from_world.inverse();
+  const auto column = [&](int i) {
+    return Vec3d{world_from_cam.matrix()(0, i), world_from_cam.matrix()(1, i), world_from_cam.matrix()(2, i)};
+  };
+  return {column(3), column(0), column(1), column(2)};
+}
+
+SurfacePoint SurfacePointAt(const Ray& ray, const WorldHit& hit, const Rgb& color) {
+  const Vec3d p = ray.origin + hit.where.t * ray.direction;
+  const Vec3d& n = hit.where.normal;
+  return {{static_cast<float>(p.x), static_cast<float>(p.y), static_cast<float>(p.z)},
+          {static_cast<float>(n.x), static_cast<float>(n.y), static_cast<float>(n.z)},
+          color,
+          1.0f};
+}
+
+// Points seen in one row of pixels, `rays` x `rays` per pixel.
+PointCloud SampleRow(const SyntheticView& view, const CameraPose& pose, int row, int rays) {
+  const SyntheticWorld& world = WorldOf(view.place);
+  const PinholeCamera& camera = view.frame.camera;
+  const double margin_m = PixelMargin(camera, world.diameter_m);
+  PointCloud points;
+  points.reserve(static_cast<size_t>(camera.width) * rays * rays);
+  for (int col = 0; col < camera.width; ++col) {
+    const std::vector<size_t> objects = ObjectsNear(world, PixelRay(camera, pose, col, row), margin_m);
+    for (int j = 0; j < rays; ++j) {
+      for (int i = 0; i < rays; ++i) {
+        const Ray ray = PixelRay(camera, pose, col + (i + 0.5) / rays - 0.5, row + (j + 0.5) / rays - 0.5);
+        const WorldHit hit = Trace(world, ray, objects);
+        if (!hit.sky) points.push_back(SurfacePointAt(ray, hit, view.frame.color(col, row)));
+      }
+    }
+  }
+  return points;
+}
+
+// Casts rays densely enough that neighbours on a surface facing the camera lie within half the spacing, and keeps the
+// first point in each cell.
+void SampleView(const SyntheticView& view, double spacing_m, std::unordered_set<Voxel, VoxelHash>* taken,
+                PointCloud* cloud) {
+  const PinholeCamera& camera = view.frame.camera;
+  const CameraPose pose = PoseOf(view.frame.cam_from_world);
+  const double max_depth = *std::max_element(view.true_depth.begin(), view.true_depth.end());
+  const int rays = std::max(1, static_cast<int>(std::ceil(2.0 * max_depth / (camera.fx * spacing_m))));
+  std::vector<PointCloud> rows(camera.height);
+  tbb::parallel_for(0, camera.height, [&](int row) { rows[row] = SampleRow(view, pose, row, rays); });
+  for (const PointCloud& row : rows) {
+    for (const SurfacePoint& point : row) {
+      if (taken->insert(VoxelOf(point.position, spacing_m, 0.0)).second) cloud->push_back(point);
+    }
+  }
+}
+
+}  // namespace
+
+const std::vector<std::string>& SyntheticSceneNames() {
+  static const std::vector<std::string> kNames = {"room", "hard", "street"};
+  return kNames;
+}
+
+void SelectSyntheticScene(const std::string& name, SyntheticSceneOptions* options) {
+  if (name == "room") {
+    options->place = SyntheticPlace::kRoom;
+    options->imaging = {};
+  } else if (name == "hard") {
+    options->place = SyntheticPlace::kOffice;
+    options->imaging = IndoorVideoCamera();
+  } else if (name == "street") {
+    options->place = SyntheticPlace::kStreet;
+    options->imaging = DaylightCamera();
+  } else {
+    std::string known;
+    for (const std::string& scene : SyntheticSceneNames()) known += (known.empty() ? "" : ", ") + scene;
+    throw InvalidInputError(Concat("scene = \"", name, "\": must be one of ", known));
+  }
+}
+
+std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& options) {
+  constexpr int kMinSize = 32, kMaxSize = 8192;
+  CheckRange("width", options.width, kMinSize, kMaxSize);
+  CheckRange("height", options.height, kMinSize, kMaxSize);
+  CheckRange("keyframes", options.keyframes, 2, 1000);
+  Validate(options.imaging);
+
+  const SyntheticWorld& world = WorldOf(options.place);
+  const PinholeCamera camera = SyntheticCamera(options.width, options.height);
+  std::vector<Rendering> renderings(options.keyframes);
+  for (int i = 0; i < options.keyframes; ++i) renderings[i] = Render(world, camera, i, options);
+
+  std::vector<LandmarkView> landmark_views;
+  landmark_views.reserve(renderings.size());
+  for (const Rendering& r : renderings)
+    landmark_views.push_back({&world, camera, r.pose, &r.color, &r.depth, &r.low_texture});
+  std::vector<std::vector<Eigen::Vector3d>> landmarks = MakeLandmarks(landmark_views, options.seed);
+
+  std::vector<SyntheticView> views(options.keyframes);
+  for (int i = 0; i < options.keyframes; ++i) {
+    Rendering& r = renderings[i];
+    views[i].frame = MakeFrame(i, kFirstStamp_s + kKeyframeInterval_s * i, std::move(r.color), camera,
+                               CamFromWorld(r.pose), std::move(landmarks[i]), {}, r.mask);
+    views[i].true_depth = std::move(r.depth);
+    views[i].true_normal = std::move(r.normal);
+    views[i].low_texture = std::move(r.low_texture);
+    views[i].place = options.place;
+    views[i].exposure = r.exposure;
+  }
+  return views;
+}
+
+void CheckSurfaceSpacing(float spacing_m) { CheckRange("spacing_m", spacing_m, 0.001f, 1.0f); }
+
+PointCloud SampleSyntheticSurface(const std::vector<SyntheticView>& views, float spacing_m) {
+  CheckSurfaceSpacing(spacing_m);
+  PointCloud cloud;
+  std::unordered_set<Voxel, VoxelHash> taken;
+  for (const SyntheticView& view : views) SampleView(view, spacing_m, &taken, &cloud);
+  return cloud;
+}
+
+}  // namespace acmp

@@ -1,0 +1,130 @@
+// Readers of files.
+
+#include "acmp_mapping/dataset/camera_list.h"
+#include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/dataset/masks.h"
+#include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/evaluation/cloud_metrics.h"
+#include "fuzz/fuzz_input.h"
+
+namespace acmp {
+namespace {
+
+/// A scene's folder with two images of 8 x 6 pixels, images/00000000.png and 00000001.png.
+class SceneFolder : public fuzz::Folder {
+ public:
+  SceneFolder() {
+    std::filesystem::create_directory(path() / "images");
+    for (const char* name : {"00000000.png", "00000001.png"}) WritePng(path() / "images" / name, ColorImage(8, 6));
+  }
+
+  /// Reads what was written as a scene and loads its images.
+  void Read(SceneFormat format) const {
+    fuzz::MayRefuse([&] {
+      const Scene scene = ReadScene(path(), format);
+      for (size_t i = 0; i < scene.images.size(); ++i) {
+        LandmarksOf(scene, scene.images[i]);
+        fuzz::MayRefuse([&] { LoadFrame(scene, static_cast<int>(i)); });
+      }
+    });
+  }
+};
+
+/// A scene's cameras.txt.
+ACMP_FUZZ_TARGET(camera_list) {
+  static const fuzz::Folder folder;
+  const auto path = folder.Write("cameras.txt", fuzz::Bytes(data, size).Rest());
+  fuzz::MayRefuse([&] { ReadCameraList(path); });
+  return 0;
+}
+
+/// The index of a cloud in tiles, beside one tile.
+ACMP_FUZZ_TARGET(cloud_tiles) {
+  static const fuzz::Folder folder;
+  WritePly(folder.path() / "0_0_0.ply", PointCloud(2));
+  folder.Write("index.json", fuzz::Bytes(data, size).Rest());
+  fuzz::MayRefuse([&] { ReadTiledCloud(folder.path()); });
+  return 0;
+}
+
+/// A COLMAP model, binary: cameras.bin, images.bin, points3D.bin.
+ACMP_FUZZ_TARGET(colmap_binary) {
+  static const SceneFolder folder;
+  const auto parts = fuzz::Parts(data, size, 3);
+  folder.Write("sparse/cameras.bin", parts[0]);
+  folder.Write("sparse/images.bin", parts[1]);
+  folder.Write("sparse/points3D.bin", parts[2]);
+  folder.Read(SceneFormat::kColmap);
+  return 0;
+}
+
+/// A COLMAP model, text: cameras.txt, images.txt, points3D.txt.
+ACMP_FUZZ_TARGET(colmap_text) {
+  static const SceneFolder folder;
+  const auto parts = fuzz::Parts(data, size, 3);
+  folder.Write("sparse/cameras.txt", parts[0]);
+  folder.Write("sparse/images.txt", parts[1]);
+  folder.Write("sparse/points3D.txt", parts[2]);
+  folder.Read(SceneFormat::kColmap);
+  return 0;
+}
+
+/// PFM and DMB files.
+ACMP_FUZZ_TARGET(float_map) {
+  static const fuzz::Folder folder;
+  const std::string_view content = fuzz::Bytes(data, size).Rest();
+  const auto pfm = folder.Write("map.pfm", content);
+  const auto dmb = folder.Write("map.dmb", content);
+  fuzz::MayRefuse([&] { ReadDepth(pfm); });
+  fuzz::MayRefuse([&] { ReadPfmNormals(pfm); });
+  fuzz::MayRefuse([&] { ReadDepth(dmb); });
+  return 0;
+}
+
+/// A PNG or JPEG file as picture, as mask and as 16-bit depth.
+ACMP_FUZZ_TARGET(image) {
+  constexpr int kLargeSide = 1024;  // what announces more takes memory and time, as it may
+  static const fuzz::Folder folder;
+  const std::string_view content = fuzz::Bytes(data, size).Rest();
+  fuzz::MayRefuse([&] {
+    const ImageSize image = EncodedImageSize("image", content);
+    const auto path = folder.Write("image.png", content);
+    fuzz::MayRefuse([&] { ReadColorImage(path, {8, 6}); });
+    if (image.width > kLargeSide || image.height > kLargeSide) return;
+    fuzz::MayRefuse([&] { ReadMask(path); });
+    ReadDepth(path);
+  });
+  return 0;
+}
+
+/// The MVSNet layout: pair.txt, cams/00000000_cam.txt, cams/00000001_cam.txt.
+ACMP_FUZZ_TARGET(mvsnet) {
+  static const SceneFolder folder;
+  const auto parts = fuzz::Parts(data, size, 3);
+  folder.Write("pair.txt", parts[0]);
+  folder.Write("cams/00000000_cam.txt", parts[1]);
+  folder.Write("cams/00000001_cam.txt", parts[2]);
+  folder.Read(SceneFormat::kMvsnet);
+  return 0;
+}
+
+/// A PCD cloud.
+ACMP_FUZZ_TARGET(pcd) {
+  static const fuzz::Folder folder;
+  const auto path = folder.Write("cloud.pcd", fuzz::Bytes(data, size).Rest());
+  size_t not_finite = 0;
+  fuzz::MayRefuse([&] { ReadPcd(path, &not_finite); });
+  return 0;
+}
+
+/// A PLY cloud.
+ACMP_FUZZ_TARGET(ply) {
+  static const fuzz::Folder folder;
+  const auto path = folder.Write("cloud.ply", fuzz::Bytes(data, size).Rest());
+  fuzz::MayRefuse([&] { ReadPly(path); });
+  return 0;
+}
+
+}  // namespace
+}  // namespace acmp
