@@ -7,7 +7,6 @@
 #include <set>
 
 #include "acmp_mapping/intake/convention_check.h"
-#include "acmp_mapping/ros/calibration_file.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "bag_contents.h"
 

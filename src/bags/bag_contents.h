@@ -9,7 +9,7 @@
 #include "acmp_mapping/bags/bag_check.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/intake/sensor_samples.h"
-#include "acmp_mapping/ros/image_rectifier.h"
+#include "acmp_mapping/ros/input_conversion.h"
 
 namespace acmp {
 

@@ -1,6 +1,5 @@
 // A calibration file; the first byte says whether it is .yaml or .ini.
 
-#include "acmp_mapping/ros/calibration_file.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "fuzz/fuzz_input.h"
 

@@ -1,6 +1,5 @@
 // A CameraInfo, and the undistortion of an image and a mask by it.
 
-#include "acmp_mapping/ros/image_rectifier.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "fuzz/fuzz_messages.h"
 

@@ -6,7 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/ros/runtime_options.h"
+#include "acmp_mapping/ros/options.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test::auto_preset_rostest {

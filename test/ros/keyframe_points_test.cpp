@@ -6,7 +6,6 @@
 #include <gtest/gtest.h>
 
 #include "acmp_mapping/ros/output_conversion.h"
-#include "ros/options_support.h"
 #include "support/error_text.h"
 
 namespace acmp {

@@ -16,7 +16,7 @@
 
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/map/occupancy_map.h"
-#include "acmp_mapping/ros/map_point.h"
+#include "ros/map_point.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test::map_rostest {

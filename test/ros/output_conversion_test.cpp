@@ -13,7 +13,7 @@
 #include <sensor_msgs/image_encodings.h>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/map/packed_points.h"
+#include "acmp_mapping/map/map_writer.h"
 
 namespace acmp {
 namespace {

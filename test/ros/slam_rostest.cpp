@@ -9,7 +9,7 @@
 
 #include "acmp_mapping/evaluation/cloud_metrics.h"
 #include "acmp_mapping/evaluation/slam_simulation.h"
-#include "acmp_mapping/ros/map_point.h"
+#include "ros/map_point.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test::slam_rostest {

@@ -22,6 +22,6 @@ void Validate(const PoseRefinementOptions& options);
 /// False in a build without Ceres.
 bool CanRefinePoses();
 
-const OptionTable<PoseRefinementOptions>& PoseRefinementOptionTable();
+OptionList OptionsOf(PoseRefinementOptions* options);
 
 }  // namespace acmp
