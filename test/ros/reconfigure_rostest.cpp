@@ -55,7 +55,7 @@ std::string ToText(const DenseMapperConfig& config) {
 }
 
 TEST(ReconfigureWhileImagesCome, EveryParameterTakesEffectAndNoImageIsLost) {
-  MapperControl mapper;
+  MapperControl mapper(Parameters{});
   ASSERT_TRUE(mapper.WaitUntilReady(kTimeoutS));
   RuntimeOptions options;
   options.mapper.pipeline = MakePreset("online");  // the test is about changes, not about maps
