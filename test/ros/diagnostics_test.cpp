@@ -178,34 +178,6 @@ TEST(Diagnostics, DoNotFallSilentWhenAllImagesWereDropped) {
   EXPECT_EQ(Describe(&DescribeMatching, snapshot).level, DiagnosticStatus::OK);
 }
 
-TEST(Diagnostics, TellTheStampGap) {
-  MapperSnapshot snapshot = HealthyMapper();
-  snapshot.matched = 0;
-  snapshot.last_gap = PoseGap{12345000000, 33400000, {}};
-  snapshot.drops["no_pose"] = {3, "no pose within 1 ms of image 12.345000000", 99, 99};
-  const auto status = Describe(&DescribeMatching, snapshot);
-  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
-  EXPECT_THAT(
-      ValueOf(status, "last image without a pose"),
-      AllOf(HasSubstr("12.345"), HasSubstr("33.4 ms away on /slam/pose"), HasSubstr("~sync_tolerance is 1 ms")));
-}
-
-TEST(Diagnostics, TellWhatTfLacks) {
-  MapperSnapshot snapshot = HealthyMapper();
-  snapshot.last_gap = PoseGap{12345000000, std::nullopt, "tf has no \"cam\" in \"map\" then: not connected"};
-  EXPECT_THAT(ValueOf(Describe(&DescribeMatching, snapshot), "last image without a pose"),
-              AllOf(HasSubstr("12.345"), HasSubstr("no \"cam\" in \"map\"")));
-}
-
-TEST(Diagnostics, AccountForEveryImage) {
-  MapperSnapshot snapshot = HealthyMapper();
-  snapshot.worker.outputs.refined = 300;
-  snapshot.images_dropped = 50;
-  snapshot.not_chosen = 147;
-  EXPECT_EQ(ValueOf(Describe(&DescribeMatching, snapshot), "images"),
-            "500 received = 300 refined + 50 dropped + 147 passed over + 3 under way");
-}
-
 TEST(Diagnostics, TellLatencies) {
   MapperSnapshot snapshot = HealthyMapper();
   EXPECT_EQ(ValueOf(Describe(&DescribeMapping, snapshot), "latency of fast depth maps [ms]"), "none yet");
@@ -329,25 +301,6 @@ TEST(MapDiagnostics, SayWhatIsNotInTheMapYet) {
   EXPECT_THAT(DescribeMissing(snapshot.mappers), AllOf(HasSubstr("7 images"), HasSubstr("/acmp_2/dense_mapper"),
                                                        HasSubstr("flush finishes them, if it has not since")));
   EXPECT_THAT(ValueOf(Describe(&DescribeMappers, snapshot), "/acmp_2/dense_mapper"), HasSubstr("under way then: 7"));
-}
-
-TEST(MapDiagnostics, TellOfLoopCorrections) {
-  MapSnapshot snapshot = HealthyMap();
-  snapshot.map.paths = 7;
-  snapshot.map.corrections = 3;
-  snapshot.map.reposed = 40;
-  snapshot.map.path_poses = 30;
-  snapshot.map.path_unmatched = 12;
-  snapshot.map.evicted_by_radius = 5;
-  snapshot.map.smallest_scale = 0.75;
-  const auto status = Describe(&DescribeMap, snapshot);
-  EXPECT_EQ(status.level, DiagnosticStatus::OK);
-  EXPECT_THAT(ValueOf(status, "optimized paths"), AllOf(HasSubstr("7 received on /slam/path"), HasSubstr("1 publ")));
-  EXPECT_EQ(ValueOf(status, "scales of keyframes by optimized paths"), "0.75 to 1");
-  EXPECT_EQ(ValueOf(status, "loop corrections (paths that moved keyframes)"), "3");
-  EXPECT_EQ(ValueOf(status, "keyframes re-posed, all corrections together"), "40");
-  EXPECT_EQ(ValueOf(status, "poses of the last optimized path without a keyframe"), "12 of 30");
-  EXPECT_EQ(ValueOf(status, "keyframes evicted (~map_radius)"), "5");
 }
 
 TEST(MapDiagnostics, WarnOfRecentIncidents) {

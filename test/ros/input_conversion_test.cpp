@@ -400,25 +400,6 @@ TEST(ToSparseCloud, RefusesMalformedClouds) {
   EXPECT_THAT(refusal([](Cloud* c) { c->is_bigendian = true; }), HasSubstr("bigendian"));
 }
 
-TEST(ToSparseCloud, ReadsOldCloudsWithoutTheirChannels) {
-  const float nan = std::numeric_limits<float>::quiet_NaN();
-  sensor_msgs::PointCloud cloud;
-  cloud.header.stamp = ros::Time(3, 4);
-  cloud.header.frame_id = "/world";
-  cloud.points.resize(4);
-  cloud.points[0].x = 1;
-  cloud.points[0].z = -2;
-  cloud.points[1].y = nan;
-  cloud.points[3].z = 5;
-  cloud.channels.resize(7);  // VINS: one channel for each point instead of one value for each point
-  const SparseCloud sparse = ToSparseCloud(cloud);
-  EXPECT_EQ(sparse.stamp_ns, 3000000004);
-  EXPECT_EQ(sparse.frame_id, "world");
-  EXPECT_EQ(sparse.points, (std::vector<Eigen::Vector3d>{{1, 0, -2}, {0, 0, 5}}));
-  EXPECT_EQ(sparse.not_finite, 1u);
-  EXPECT_EQ(sparse.zero, 1u);
-}
-
 /// Half a turn about z at (1, 2, 3), in every kind of pose message.
 template <class Header>
 void SetHeader(Header* header) {

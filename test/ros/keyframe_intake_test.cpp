@@ -96,16 +96,6 @@ TEST(KeyframeIntake, MovesPointsOfTheCameraFrameIntoTheWorld) {
   EXPECT_THAT(later.keyframes.at(0).landmarks_in_world, ElementsAre(Eigen::Vector3d(2.5, 2, 3)));
 }
 
-TEST(KeyframeIntake, SparseFrameOverridesTheName) {
-  NodeOptions options;
-  options.sparse_frame = SparseFrame::kCamera;
-  KeyframeIntake camera = MakeIntake(options);
-  EXPECT_EQ(Feed(&camera, 5, 1, CloudAt(5, "map", {{1, 2, 3}})).keyframes.at(0).landmarks_in_world.at(0).x(), 2);
-  options.sparse_frame = SparseFrame::kWorld;
-  KeyframeIntake world = MakeIntake(options);
-  EXPECT_EQ(Feed(&world, 5, 1, CloudAt(5, "odd", {{1, 2, 3}})).keyframes.at(0).landmarks_in_world.at(0).x(), 1);
-}
-
 TEST(KeyframeIntake, KeepsAKeyframeWhosePointsAreNotUsed) {
   KeyframeIntake intake = MakeIntake();
   EXPECT_EQ(Feed(&intake, 5, 0, CloudAt(5, "odd", {{1, 2, 3}})).keyframes.size(), 1u);
@@ -191,18 +181,6 @@ TEST(KeyframeIntake, RefusesACameraWhoseImagesWouldTakeTooMuchMemory) {
                         "must be at most 1 (memory_limit)"));
 }
 
-TEST(KeyframeIntake, SharesTheCalibrationUntilItChanges) {
-  KeyframeIntake intake = MakeIntake();
-  const CalibrationPtr first = Feed(&intake, 5, 0, nullptr).keyframes.at(0).calibration;
-  sensor_msgs::CameraInfo info = MakeInfo();
-  info.header.stamp = ros::Time(6, 0);
-  intake.AddCameraInfo(info);
-  EXPECT_EQ(Feed(&intake, 6, 0, nullptr).keyframes.at(0).calibration, first);
-  info.K[0] = 60;
-  intake.AddCameraInfo(info);
-  EXPECT_EQ(Feed(&intake, 7, 0, nullptr).keyframes.at(0).calibration->camera.fx, 60);
-}
-
 TEST(KeyframeIntake, GateMeasuresBaselinesByTheLandmarks) {
   NodeOptions options;
   options.keyframe_mode = KeyframeMode::kGate;
@@ -271,25 +249,6 @@ TEST(KeyframeIntake, ResetAccountsForWhatWaitedForTheFrontend) {
   EXPECT_EQ(intake.waiting_images(), 0u);
 }
 
-TEST(KeyframeIntake, PassesANewWorldOn) {
-  KeyframeIntake intake = MakeIntake();
-  EXPECT_EQ(Feed(&intake, 1, 0, CloudAt(1, "map", WallAt(4))).keyframes.size(), 1u);
-  const Result result = Feed(&intake, 2, 0, CloudAt(2, "map", WallAt(2)));
-  ASSERT_EQ(result.new_worlds.size(), 1u);
-  EXPECT_THAT(result.new_worlds[0], AllOf(HasSubstr("2.000000000"), HasSubstr("new part of the map")));
-  EXPECT_EQ(result.keyframes.size(), 1u) << "after it";
-}
-
-TEST(KeyframeIntake, PassesTimeJumpsOn) {
-  NodeOptions options;
-  options.keyframe_mode = KeyframeMode::kGate;
-  KeyframeIntake intake = MakeIntake(options, 4);
-  EXPECT_EQ(Feed(&intake, 10, 0, nullptr).keyframes.size(), 1u);
-  const Result result = Feed(&intake, 1, 0, nullptr);
-  EXPECT_EQ(result.jumps, 1);
-  EXPECT_EQ(result.keyframes.size(), 1u) << "the gate starts anew";
-}
-
 constexpr int64_t kSecond = 1000000000;
 
 /// tf as far as it has come: poses by stamp.
@@ -319,22 +278,6 @@ NodeOptions TfOptions() {
   options.pose_source = PoseSource::kTf;
   options.world_frame = "map";
   return options;
-}
-
-TEST(IntakeFromTf, ImagesWaitUntilTheirTransformHasCome) {
-  FakeTf tf;
-  KeyframeIntake intake(TfOptions(), {}, 0, tf.source());
-  intake.set_clouds_expected(false);
-  intake.AddCameraInfo(MakeInfo());
-  intake.AddImage(ImageAt(5, "/left"));
-  EXPECT_THAT(Split(intake.Take(0)).keyframes, IsEmpty());
-  EXPECT_EQ(tf.world, "map");
-  EXPECT_EQ(tf.child, "left");
-  tf.x[5 * kSecond] = 1.5;
-  const Result result = Split(intake.Take(0));
-  ASSERT_EQ(result.keyframes.size(), 1u);
-  EXPECT_EQ(result.keyframes[0].world_from_cam.translation().x(), 1.5);
-  EXPECT_EQ(result.keyframes[0].world_frame, "map");
 }
 
 TEST(IntakeFromTf, DroppedImagesSayWhatTfLacks) {
@@ -420,19 +363,6 @@ TEST(IntakeFromTf, AShortBagThatLoopsTellsWhatIsMissing) {
   ASSERT_EQ(result.drops.size(), 1u);
   EXPECT_EQ(result.drops[0].reason, "no_pose");
   EXPECT_THAT(result.drops[0].message, HasSubstr("tf has no"));
-}
-
-TEST(IntakeExtrinsic, IsLookedUpBetweenTheFramesOfPoseAndImage) {
-  FakeTf tf;
-  tf.body_from_cam = RigidTransform::Identity();
-  tf.body_from_cam->translation().x() = 20;
-  KeyframeIntake intake(BodyOptions(), {}, 0, tf.source());
-  intake.AddCameraInfo(MakeInfo());
-  PoseSample pose = PoseAt(5, 1);
-  pose.child_frame = "imu";
-  intake.AddPose(pose);
-  intake.AddImage(ImageAt(5));
-  EXPECT_EQ(Split(intake.TakeAll()).keyframes.at(0).world_from_cam.translation().x(), 21);
 }
 
 TEST(IntakeExtrinsic, DroppedImagesSayThatItIsMissing) {

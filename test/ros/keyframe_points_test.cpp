@@ -74,12 +74,6 @@ TEST(KeyframePoints, SayWhereARefinedPoseLies) {
   EXPECT_EQ(pose.refined->received.matrix(), output.origin.world_from_cam.matrix());
 }
 
-TEST(KeyframePoints, SayWhenTheExtrinsicIsNotKnown) {
-  KeyframeOutput output = MakeOutput();
-  output.origin.path.child_from_cam.reset();
-  EXPECT_FALSE(ReadHead(*ToKeyframePoints(output, "m", false)).pose.path.child_from_cam);
-}
-
 TEST(KeyframePoints, BadOnesAreRefused) {
   const auto message = ToKeyframePoints(MakeOutput(), "m", false);
   const auto refusal = [&](const std::function<void(acmp_mapping::KeyframePoints*)>& change) {
