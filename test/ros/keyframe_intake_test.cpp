@@ -365,6 +365,19 @@ TEST(IntakeFromTf, AShortBagThatLoopsTellsWhatIsMissing) {
   EXPECT_THAT(result.drops[0].message, HasSubstr("tf has no"));
 }
 
+TEST(IntakeExtrinsic, IsLookedUpBetweenTheFramesOfPoseAndImage) {
+  FakeTf tf;
+  tf.body_from_cam = RigidTransform::Identity();
+  tf.body_from_cam->translation().x() = 20;
+  KeyframeIntake intake(BodyOptions(), {}, 0, tf.source());
+  intake.AddCameraInfo(MakeInfo());
+  PoseSample pose = PoseAt(5, 1);
+  pose.child_frame = "imu";
+  intake.AddPose(pose);
+  intake.AddImage(ImageAt(5));
+  EXPECT_EQ(Split(intake.TakeAll()).keyframes.at(0).world_from_cam.translation().x(), 21);
+}
+
 TEST(IntakeExtrinsic, DroppedImagesSayThatItIsMissing) {
   NodeOptions options = BodyOptions();
   options.matcher.image_capacity = 1;
