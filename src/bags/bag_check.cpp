@@ -15,7 +15,6 @@
 
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/ros/bag_reader.h"
-#include "acmp_mapping/ros/calibration_file.h"
 #include "acmp_mapping/ros/checked_messages.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
 #include "bag_topics.h"

@@ -6,6 +6,7 @@
 #include <iomanip>
 #include <locale>
 #include <sstream>
+#include <utility>
 
 #include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/edit_distance.h"
@@ -30,6 +31,11 @@ T ParseNumber(const std::string& name, const std::string& text, const char* kind
     throw InvalidInputError(Concat(name, " = \"", text, "\": must be ", kind));
   }
   return number;
+}
+
+[[noreturn]] void RefuseChoice(const std::string& name, const std::string& text,
+                               const std::vector<std::string>& choices) {
+  throw InvalidInputError(Concat(name, " = \"", text, "\": must be one of ", Join(choices)));
 }
 
 /// The fewest digits, up to 15, that read back as the number: 0.001, 1000000.
@@ -61,38 +67,7 @@ std::string YamlOf(const std::vector<double>& numbers) {
 
 }  // namespace
 
-OptionDescription OptionDescription::WhileRunning() const {
-  OptionDescription description = *this;
-  description.while_running = true;
-  return description;
-}
-
-OptionDescription Flag(std::string name, std::string sentence) {
-  return Text(std::move(name), std::move(sentence));  // nothing but these two
-}
-
-OptionDescription Number(std::string name, double min, double max, std::string unit, std::string sentence) {
-  OptionDescription description = Text(std::move(name), std::move(sentence));
-  description.unit = std::move(unit);
-  description.min = min;
-  description.max = max;
-  return description;
-}
-
-OptionDescription Text(std::string name, std::string sentence) {
-  OptionDescription description;
-  description.name = std::move(name);
-  description.sentence = std::move(sentence);
-  return description;
-}
-
-OptionDescription Choice(std::string name, std::vector<std::string> choices, std::string sentence) {
-  OptionDescription description = Text(std::move(name), std::move(sentence));
-  description.choices = std::move(choices);
-  return description;
-}
-
-void CheckOption(const OptionDescription& option, const OptionValue& value, const std::string& prefix) {
+void CheckOption(const Option& option, const OptionValue& value, const std::string& prefix) {
   const auto check_range = [&](double number) {
     if (number >= option.min && number <= option.max) return;
     throw InvalidInputError(Concat(prefix, option.name, " = ", ShortestText(number), ": must be in [",
@@ -104,11 +79,12 @@ void CheckOption(const OptionDescription& option, const OptionValue& value, cons
   if (const std::string* text = std::get_if<std::string>(&value)) {
     const auto& choices = option.choices;
     if (choices.empty() || std::find(choices.begin(), choices.end(), *text) != choices.end()) return;
-    throw InvalidInputError(Concat(prefix, option.name, " = \"", *text, "\": must be one of ", Join(choices)));
+    RefuseChoice(prefix + option.name, *text, choices);
   }
 }
 
-OptionValue ParseOption(const OptionDescription& option, const OptionValue& like, const std::string& text) {
+OptionValue ParseOption(const Option& option, const std::string& text) {
+  const OptionValue like = option.get();
   OptionValue value = text;
   if (std::holds_alternative<bool>(like)) value = ParseNumber<bool>(option.name, text, "true or false");
   if (std::holds_alternative<int>(like)) value = ParseNumber<int>(option.name, text, "an integer");
@@ -124,7 +100,8 @@ std::string ToYaml(const OptionValue& value) {
   return std::visit([](const auto& held) { return YamlOf(held); }, value);
 }
 
-std::string DescribeValues(const OptionDescription& option, const OptionValue& like) {
+std::string DescribeValues(const Option& option) {
+  const OptionValue like = option.get();
   if (std::holds_alternative<bool>(like)) return "true or false";
   if (!option.choices.empty()) return Join(option.choices);
   if (!std::holds_alternative<int>(like) && !std::holds_alternative<double>(like)) return "";
@@ -132,28 +109,76 @@ std::string DescribeValues(const OptionDescription& option, const OptionValue& l
                 option.unit.empty() ? "" : " " + option.unit);
 }
 
-void RefuseUnknownOption(const std::string& name, const std::vector<std::string>& names) {
+double ToDecimal(float value) {
+  const ClassicLocale point;
+  return std::stod(Concat(value));
+}
+
+Option& OptionList::Add(std::string name, std::string sentence, std::function<OptionValue()> get,
+                        std::function<void(const OptionValue&)> set) {
+  Option& option = options_.emplace_back();
+  option.name = std::move(name);
+  option.sentence = std::move(sentence);
+  option.group = group_;
+  option.get = std::move(get);
+  option.set = std::move(set);
+  return option;
+}
+
+Option& OptionList::Flag(std::string name, bool* field, std::string sentence) {
+  return Add(
+      std::move(name), std::move(sentence), [field] { return OptionValue(*field); },
+      [field](const OptionValue& value) { *field = std::get<bool>(value); });
+}
+
+Option& OptionList::Text(std::string name, std::string* field, std::string sentence) {
+  return Add(
+      std::move(name), std::move(sentence), [field] { return OptionValue(*field); },
+      [field](const OptionValue& value) { *field = std::get<std::string>(value); });
+}
+
+Option& OptionList::AddChoice(std::string name, std::vector<std::string> choices, std::string sentence,
+                              std::function<size_t()> get, std::function<void(size_t)> set) {
+  Option& option = Add(
+      name, std::move(sentence), [choices, get = std::move(get)] { return OptionValue(choices.at(get())); },
+      [name, choices, set = std::move(set)](const OptionValue& value) {
+        const auto& text = std::get<std::string>(value);
+        const auto choice = std::find(choices.begin(), choices.end(), text);
+        if (choice == choices.end()) RefuseChoice(name, text, choices);
+        set(static_cast<size_t>(choice - choices.begin()));
+      });
+  option.choices = std::move(choices);
+  return option;
+}
+
+void OptionList::Append(const OptionList& part, bool only_while_running) {
+  for (const Option& option : part) {
+    if (option.while_running || !only_while_running) Append(option);
+  }
+}
+
+const Option& OptionList::Find(const std::string& name) const {
+  std::vector<std::string> names;
+  for (const Option& option : options_) {
+    if (option.name == name) return option;
+    names.push_back(option.name);
+  }
   const std::optional<std::string> similar = MostSimilar(name, names);
   throw InvalidInputError(Concat("unknown parameter ", name, ": ",
                                  similar ? "did you mean " + *similar + "?" : "none has a name like that"));
 }
 
-std::pair<std::string, std::string> SplitAssignment(const std::string& assignment) {
+void OptionList::Check() const {
+  for (const Option& option : options_) CheckOption(option, option.get());
+}
+
+void OptionList::Set(const std::string& assignment) const {
   const size_t equals = assignment.find('=');
   if (equals == std::string::npos) {
     throw InvalidInputError(Concat("\"", assignment, "\": must be a parameter and its value, NAME=VALUE"));
   }
-  return {assignment.substr(0, equals), assignment.substr(equals + 1)};
-}
-
-double internal::ToDecimal(float value) {
-  const ClassicLocale point;
-  return std::stod(Concat(value));
-}
-
-size_t internal::IndexOfChoice(const OptionDescription& option, const std::string& choice) {
-  CheckOption(option, choice);
-  return static_cast<size_t>(std::find(option.choices.begin(), option.choices.end(), choice) - option.choices.begin());
+  const Option& option = Find(assignment.substr(0, equals));
+  option.set(ParseOption(option, assignment.substr(equals + 1)));
 }
 
 }  // namespace acmp

@@ -63,13 +63,7 @@ std::string NameOf(const KeyframeKey& key) {
 
 }  // namespace
 
-void Validate(const MapStoreOptions& options) {
-  CheckRange("max_keyframes", options.max_keyframes, 1, 1000000);
-  CheckRange("map_radius", options.map_radius, 0.0, 1e9);
-  CheckRange("voxel_size", options.voxel_size, 0.0, 1e6);
-}
-
-MapStore::MapStore(const MapStoreOptions& options) : options_(options) { Validate(options); }
+MapStore::MapStore(const MapStoreOptions& options) : options_(options) {}
 
 MapStore::ThinnedPoints MapStore::Thinned(const PointCloud& points) const {
   ThinnedPoints thinned;
@@ -140,7 +134,7 @@ void MapStore::StartRun(const std::string& mapper, uint64_t run) {
   if (is_new_mapper || last->second == run) return;
   last->second = run;
   path_.clear();
-  if (options_.keep_earlier_runs) return;
+  if (!options_.forget_earlier_runs) return;
   statistics_.evicted_by_run += EraseIf([&](const KeyframeKey& key, const Keyframe& keyframe) {
     return key.mapper == mapper && key.run != run && !keyframe.joined;
   });

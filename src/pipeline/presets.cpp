@@ -1,7 +1,6 @@
 #include "acmp_mapping/pipeline/presets.h"
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/pipeline/parameters.h"
 
 namespace acmp {
 
@@ -9,12 +8,45 @@ void Validate(const PipelineOptions& options) {
   Validate(options.patch_match);
   Validate(options.planar_prior);
   Validate(options.fusion);
-  PipelineOptionTable().Check(options);
+  PipelineOptions checked = options;
+  OptionsOf(&checked).Check();
   CheckRange("pipeline.start_level", options.start_level, 0, 2);
   if (options.multi_scale && (options.use_planar_prior || options.fill.enabled)) {
     throw InvalidInputError("pipeline.multi_scale = true: must go without use_planar_prior and completion");
   }
   CheckRange("pipeline.full_size_iterations", options.full_size_iterations, 0, 20);
+}
+
+OptionList OptionsOf(PipelineOptions* o) {
+  OptionList list;
+  list.Group("pipeline");
+  list.Flag("use_planar_prior", &o->use_planar_prior,
+            "Help surfaces without texture by planes through the pixels that match well")
+      .WhileRunning();
+  list.Number("geometric_passes", &o->geometric_passes, 0, 10, "",
+              "Passes that make the maps of neighbouring images agree; 0: fastest and least accurate")
+      .WhileRunning();
+  list.Flag("completion", &o->fill.enabled,
+            "Give pixels that hardly any other image confirms the planes of confirmed surfaces around them, and mark "
+            "as a guess what has no texture and would hide what has, above all walls in a sky")
+      .WhileRunning();
+  list.Flag("weighted_median", &o->fill.weighted_median,
+            "With completion: let the outlines of surfaces follow the colours of the image")
+      .WhileRunning();
+  list.Number("min_confidence", &o->fusion.min_confidence, 0, 1, "",
+              "A pixel becomes a point when it is right with this probability; more: fewer and better points")
+      .WhileRunning();
+
+  list.Group("pipeline, offline only");
+  list.Number("photometric_iterations", &o->patch_match.photometric_iterations, 1, 20, "",
+              "Iterations of the first pass, which compares images alone; more: better and slower");
+  list.Number("planar_prior_iterations", &o->patch_match.planar_prior_iterations, 1, 20, "",
+              "Iterations of the pass that the planar prior assists");
+  list.Number("geometric_iterations", &o->patch_match.geometric_iterations, 1, 20, "",
+              "Iterations of each geometric pass");
+  list.Flag("prior_depth_metric", &o->prior_depth.metric,
+            "Depth from outside is in the unit of the poses and trusted as it is; else scale and shift are fitted");
+  return list;
 }
 
 namespace {

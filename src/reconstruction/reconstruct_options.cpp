@@ -11,7 +11,6 @@
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/mapping/window_options.h"
 #include "acmp_mapping/mesh/distance_volume.h"
-#include "acmp_mapping/pipeline/parameters.h"
 
 namespace acmp {
 namespace {
@@ -87,13 +86,8 @@ void AddMatchingOptions(CLI::App* app, ReconstructOptions* options) {
                   "Nearest depth to search, scene units; instead of the dataset's and the landmarks'")
       ->group(group);
   app->add_option("--depth-max", options->depth_max, "Farthest depth to search")->group(group);
-  const OptionDescription& refine_poses = PoseRefinementOptionTable().Find("refine_poses").description;
-  app->add_option_function<std::string>(
-         "--refine-poses",
-         [options](const std::string& value) {
-           SetOption(PoseRefinementOptionTable(), "refine_poses=" + value, &options->pose_refinement);
-         },
-         refine_poses.sentence)
+  const Option refine_poses = OptionsOf(&options->pose_refinement).Find("refine_poses");
+  app->add_option_function<std::string>("--refine-poses", refine_poses.set, refine_poses.sentence)
       ->check(OneOf(refine_poses.choices))
       ->default_str("off")
       ->group(group);
@@ -103,17 +97,17 @@ void AddMatchingOptions(CLI::App* app, ReconstructOptions* options) {
 }
 
 std::string OnlineHelp(const char* option) {
-  return "Online: " + WindowOptionTable().Find(option).description.sentence;
+  DenseMapperOptions window;
+  return "Online: " + OptionsOf(&window).Find(option).sentence;
 }
 
 /// The options that --set takes.
 std::string PipelineHelp() {
   std::string text = "\nOptions of the pipeline, for --set, with the values of the default preset:\n";
-  const PipelineOptions defaults = MakePreset(ReconstructOptions().preset);
-  for (const Option<PipelineOptions>& option : PipelineOptionTable()) {
-    const OptionValue value = option.get(defaults);
-    text += Concat("  ", option.name(), "=", ToYaml(value), "  (", DescribeValues(option.description, value),
-                   ")\n      ", option.description.sentence, "\n");
+  PipelineOptions defaults = MakePreset(ReconstructOptions().preset);
+  for (const Option& option : OptionsOf(&defaults)) {
+    text += Concat("  ", option.name, "=", ToYaml(option.get()), "  (", DescribeValues(option), ")\n      ",
+                   option.sentence, "\n");
   }
   return text;
 }
@@ -341,7 +335,7 @@ void Validate(const ReconstructOptions& options) {
 PipelineOptions MakePipelineOptions(const ReconstructOptions& options) {
   PipelineOptions pipeline = MakePreset(options.preset);
   pipeline.patch_match.seed = options.seed;
-  for (const std::string& assignment : options.set) SetOption(PipelineOptionTable(), assignment, &pipeline);
+  for (const std::string& assignment : options.set) OptionsOf(&pipeline).Set(assignment);
   return pipeline;
 }
 

@@ -15,7 +15,8 @@ std::string Joined(const std::vector<std::string>& words) {
 }
 
 std::string RefinePosesName(const ReconstructOptions& options) {
-  return std::get<std::string>(PoseRefinementOptionTable().Find("refine_poses").get(options.pose_refinement));
+  PoseRefinementOptions poses = options.pose_refinement;
+  return std::get<std::string>(OptionsOf(&poses).Find("refine_poses").get());
 }
 
 /// As few digits as tell it from all other numbers.

@@ -1,4 +1,4 @@
-#include "acmp_mapping/ros/calibration_file.h"
+#include "acmp_mapping/ros/input_conversion.h"
 
 #include <exception>
 #include <filesystem>
@@ -9,7 +9,6 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
-#include "acmp_mapping/ros/input_conversion.h"
 
 namespace acmp {
 namespace {

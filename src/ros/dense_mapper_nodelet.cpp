@@ -10,8 +10,8 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/masks.h"
-#include "acmp_mapping/ros/calibration_file.h"
-#include "acmp_mapping/ros/map_server_options.h"
+#include "acmp_mapping/ros/input_conversion.h"
+#include "acmp_mapping/ros/options.h"
 #include "acmp_mapping/ros/topic_names.h"
 
 namespace acmp {
@@ -85,7 +85,8 @@ void DenseMapperNodelet::Start() {
 
 void DenseMapperNodelet::LoadOptions() {
   ParameterReader reader = ReadParameters();
-  for (const auto& option : MapServerOptionTable()) reader.SetElsewhere(option.name(), "map_server");
+  MapServerOptions of_map_server;
+  for (const Option& option : OptionsOf(&of_map_server)) reader.SetElsewhere(option.name, "map_server");
   options_ = LoadNodeOptions(&reader);
   if (options_.preset == kAutoPreset) {
     for (const AutoPreset::Setting& setting : AutoPreset::Settings()) {

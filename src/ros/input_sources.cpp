@@ -25,23 +25,6 @@ std::string TypeOf() {
   return ros::message_traits::DataType<Message>::value();
 }
 
-/// Counts arrivals; read by diagnostics from another thread.
-class Arrivals {
- public:
-  void Count() {
-    ++received_;
-    last_s_ = SteadySeconds();
-  }
-  template <class Message>
-  InputStatus ToStatus(Kind kind, std::string topic, uint32_t publishers, bool required) const {
-    return {kind, std::move(topic), publishers, received_, last_s_, required, TypeOf<Message>()};
-  }
-
- private:
-  std::atomic<uint64_t> received_{0};
-  std::atomic<double> last_s_{SteadySeconds()};
-};
-
 bool BringsImages(Kind kind) { return kind == Kind::kImage || kind == Kind::kKeyframe; }
 
 /// What to subscribe to.
@@ -53,7 +36,8 @@ struct InputStream {
   bool required;
 };
 
-/// A plain subscription. `handle` may throw InvalidInputError; it becomes a drop with the stream's reason.
+/// A subscription, whose status diagnostics read from another thread. `handle` may throw InvalidInputError; it becomes
+/// a drop with the stream's reason.
 template <class Message>
 class TopicSource : public InputSource {
  public:
@@ -67,13 +51,14 @@ class TopicSource : public InputSource {
   }
 
   InputStatus status() const override {
-    return arrivals_.ToStatus<Message>(stream_.kind, subscriber_.getTopic(), subscriber_.getNumPublishers(),
-                                       stream_.required);
+    return {stream_.kind,     subscriber_.getTopic(), subscriber_.getNumPublishers(), received_, last_received_s_,
+            stream_.required, TypeOf<Message>()};
   }
 
  private:
   void Receive(const ConstPtr& message) {
-    arrivals_.Count();
+    ++received_;
+    last_received_s_ = SteadySeconds();
     try {
       handle_(message);
     } catch (const std::exception& error) {  // one that leaves a callback would end the whole manager
@@ -84,7 +69,8 @@ class TopicSource : public InputSource {
   InputStream stream_;
   std::function<void(const ConstPtr&)> handle_;
   std::function<void(const RejectedInput&)> on_drop_;
-  Arrivals arrivals_;
+  std::atomic<uint64_t> received_{0};
+  std::atomic<double> last_received_s_{SteadySeconds()};
   ros::Subscriber subscriber_;
 };
 
@@ -152,14 +138,26 @@ class SourceFactory {
       Add<acmp_mapping::Keyframe>({Kind::kKeyframe, names::kKeyframe, kCloudQueue, "bad_keyframe", true},
                                   handlers_.on_keyframe);
     } else {
-      AddClouds();
+      AddCloud<sensor_msgs::PointCloud2>(names::kSparsePoints);
+      AddCloud<sensor_msgs::PointCloud>(names::kSparsePointsV1);
       AddPoses();
-      AddCameraInfo();
+      if (options_.calibration_file.empty()) {
+        Add<sensor_msgs::CameraInfo>({Kind::kCameraInfo, names::kCameraInfo, kCameraInfoQueue, "bad_camera_info", true},
+                                     [on_info = handlers_.on_camera_info](const auto& message) { on_info(*message); });
+      }
       AddImages();
     }
-    AddMasks();
-    AddPriorDepth();
-    AddExtrinsic();
+    Add<sensor_msgs::Image>({Kind::kMask, names::kMask, kImageQueue, "bad_mask", false},
+                            [on_mask = handlers_.on_mask](const auto& message) { on_mask(ToMaskSample(message)); });
+    Add<sensor_msgs::Image>(
+        {Kind::kPriorDepth, names::kPriorDepth, kImageQueue, "bad_prior_depth", false},
+        [on_depth = handlers_.on_prior_depth](const auto& message) { on_depth(ToPriorDepthSample(message)); });
+    if (NeedsExtrinsic(options_)) {
+      Add<nav_msgs::Odometry>({Kind::kExtrinsic, names::kExtrinsic, 1, "bad_extrinsic", false},
+                              [on_extrinsic = handlers_.on_extrinsic](const auto& message) {
+                                on_extrinsic(ToTransform(message->pose.pose));
+                              });
+    }
     return std::move(sources_);
   }
 
@@ -202,30 +200,6 @@ class SourceFactory {
                  });
   }
 
-  void AddClouds() {
-    AddCloud<sensor_msgs::PointCloud2>(names::kSparsePoints);
-    AddCloud<sensor_msgs::PointCloud>(names::kSparsePointsV1);
-  }
-
-  void AddMasks() {
-    Add<sensor_msgs::Image>(
-        {Kind::kMask, names::kMask, kImageQueue, "bad_mask", false},
-        [on_mask = handlers_.on_mask](const sensor_msgs::ImageConstPtr& message) { on_mask(ToMaskSample(message)); });
-  }
-
-  void AddPriorDepth() {
-    Add<sensor_msgs::Image>({Kind::kPriorDepth, names::kPriorDepth, kImageQueue, "bad_prior_depth", false},
-                            [on_depth = handlers_.on_prior_depth](const sensor_msgs::ImageConstPtr& message) {
-                              on_depth(ToPriorDepthSample(message));
-                            });
-  }
-
-  void AddCameraInfo() {
-    if (!options_.calibration_file.empty()) return;
-    Add<sensor_msgs::CameraInfo>({Kind::kCameraInfo, names::kCameraInfo, kCameraInfoQueue, "bad_camera_info", true},
-                                 [on_info = handlers_.on_camera_info](const auto& message) { on_info(*message); });
-  }
-
   void AddImages() {
     if (options_.image_transport == ImageTransport::kRaw) {
       Add<sensor_msgs::Image>({Kind::kImage, names::kImage, kImageQueue, "bad_image", true},
@@ -240,14 +214,6 @@ class SourceFactory {
         [on_image = handlers_.on_image, topic = CompressedTopic(nh_)](const auto& message) {
           on_image(std::make_shared<const EncodedImage>(EncodedImage{nullptr, message, topic}));
         });
-  }
-
-  void AddExtrinsic() {
-    if (!NeedsExtrinsic(options_)) return;
-    Add<nav_msgs::Odometry>({Kind::kExtrinsic, names::kExtrinsic, 1, "bad_extrinsic", false},
-                            [on_extrinsic = handlers_.on_extrinsic](const auto& message) {
-                              on_extrinsic(ToTransform(message->pose.pose));
-                            });
   }
 
   ros::NodeHandle nh_;

@@ -11,7 +11,7 @@
 #include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
-#include "acmp_mapping/ros/call_guarded.h"
+#include "acmp_mapping/ros/callback_thread.h"
 #include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/mapper_diagnostics.h"
 

@@ -10,7 +10,7 @@
 #include <boost/make_shared.hpp>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/map/packed_points.h"
+#include "acmp_mapping/map/map_writer.h"
 
 namespace acmp {
 namespace {

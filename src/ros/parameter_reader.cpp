@@ -1,5 +1,6 @@
 #include "acmp_mapping/ros/parameter_reader.h"
 
+#include <optional>
 #include <utility>
 
 #include "acmp_mapping/common/edit_distance.h"
@@ -66,12 +67,14 @@ OptionValue Convert(const std::string& name, XmlRpcValue& value, const OptionVal
 
 }  // namespace
 
-std::optional<OptionValue> ParameterReader::Read(const OptionDescription& option, const OptionValue& like) {
-  known_.insert(option.name);
-  if (values_.getType() != XmlRpcValue::TypeStruct || !values_.hasMember(option.name)) return std::nullopt;
-  const OptionValue value = Convert(option.name, values_[option.name], like);
-  CheckOption(option, value, "parameter ~");
-  return value;
+void ParameterReader::Read(const OptionList& options) {
+  for (const Option& option : options) {
+    known_.insert(option.name);
+    if (values_.getType() != XmlRpcValue::TypeStruct || !values_.hasMember(option.name)) continue;
+    const OptionValue value = Convert(option.name, values_[option.name], option.get());
+    CheckOption(option, value, "parameter ~");
+    option.set(value);
+  }
 }
 
 std::vector<std::string> ParameterReader::DescribeUnknown() const {

@@ -1,4 +1,5 @@
-#include "standalone_node.h"
+// A nodelet in a process of its own: the mains of dense_mapper_node and map_server_node. ACMP_NODE is the name,
+// ACMP_NODELET the nodelet.
 
 #include <atomic>
 #include <csignal>
@@ -30,8 +31,7 @@ bool WaitForMaster() {
   return true;
 }
 
-}  // namespace
-
+/// Runs until SIGINT or SIGTERM. Returns the exit code.
 int RunStandalone(int argc, char** argv, const char* default_name, const char* nodelet_type) {
   for (int i = 1; i < argc; ++i) {
     const std::string_view argument = argv[i];
@@ -67,4 +67,7 @@ int RunStandalone(int argc, char** argv, const char* default_name, const char* n
   return 0;
 }
 
+}  // namespace
 }  // namespace acmp
+
+int main(int argc, char** argv) { return acmp::RunStandalone(argc, argv, ACMP_NODE, "acmp_mapping/" ACMP_NODELET); }

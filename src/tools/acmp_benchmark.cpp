@@ -7,7 +7,6 @@
 #include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/mapping/window_options.h"
-#include "acmp_mapping/pipeline/parameters.h"
 #include "benchmark_stages.h"
 #include "tool_main.h"
 #ifdef ACMP_HAVE_CUDA
@@ -86,7 +85,7 @@ void RunBenchmark(const BenchmarkArguments& arguments) {
                                             ParseSize(arguments.sizes.front()), arguments.auto_interval_s);
   }
   PipelineOptions options = MakePreset(arguments.preset);
-  for (const std::string& assignment : arguments.set) SetOption(PipelineOptionTable(), assignment, &options);
+  for (const std::string& assignment : arguments.set) OptionsOf(&options).Set(assignment);
   Validate(options);
   for (const std::string& text :
        arguments.expect || arguments.auto_interval_s > 0 ? std::vector<std::string>() : arguments.sizes) {
@@ -129,21 +128,17 @@ int main(int argc, char** argv) {
   app.add_option("--keyframes", arguments.keyframes, "Length of the stream; 0: stages")
       ->check(CLI::Range(0, 1000000))
       ->capture_default_str();
+  const acmp::OptionList stream_options = acmp::OptionsOf(&arguments.stream);
   app.add_option("--window-size", arguments.stream.window_size,
-                 "Of the stream: " + acmp::WindowOptionTable().Find("window_size").description.sentence)
+                 "Of the stream: " + stream_options.Find("window_size").sentence)
       ->check(CLI::Range(2, acmp::kMaxWindowSize))
       ->capture_default_str();
   app.add_option("--refine-again", arguments.stream.refine_again,
-                 "Of the stream: " + acmp::WindowOptionTable().Find("refine_again").description.sentence)
+                 "Of the stream: " + stream_options.Find("refine_again").sentence)
       ->capture_default_str();
-  const acmp::OptionDescription& refine_poses = acmp::WindowOptionTable().Find("refine_poses").description;
+  const acmp::Option& refine_poses = stream_options.Find("refine_poses");
   arguments.stream.poses.refine = acmp::RefinePoses::kOff;  // the stream's are exact
-  app.add_option_function<std::string>(
-         "--refine-poses",
-         [&](const std::string& value) {
-           SetOption(acmp::WindowOptionTable(), "refine_poses=" + value, &arguments.stream);
-         },
-         "Of the stream: " + refine_poses.sentence)
+  app.add_option_function<std::string>("--refine-poses", refine_poses.set, "Of the stream: " + refine_poses.sentence)
       ->check(CLI::IsMember(refine_poses.choices))
       ->default_str("off");
   app.add_option("--preset", arguments.preset, "Option set, see the README")

@@ -10,62 +10,40 @@
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/pipeline/parameters.h"
-#include "acmp_mapping/ros/map_server_options.h"
-#include "acmp_mapping/ros/node_options.h"
-#include "acmp_mapping/ros/runtime_options.h"
+#include "acmp_mapping/ros/options.h"
 #include "tool_main.h"
 
 namespace acmp {
 namespace {
 
-struct Line {
-  OptionDescription description;
-  OptionValue default_value;
-  bool from_preset = false;
-};
-using Lines = std::vector<Line>;
+constexpr char kSetByPreset[] = "pipeline";  ///< group of options
 
-template <class Options>
-void Append(const OptionTable<Options>& table, const Options& defaults, Lines* lines) {
-  for (const Option<Options>& option : table) lines->push_back({option.description, option.get(defaults)});
-}
-
-Lines MapperLines() {
-  Lines lines;
-  const NodeOptions node;
-  Append(NodeOptionTable(), node, &lines);
-  RuntimeOptions runtime;
+/// All options of the mapper, or of the map server, with their defaults. They refer to objects that stay.
+OptionList MapperOptions() {
+  static NodeOptions node;
+  static RuntimeOptions runtime;
   runtime.mapper.pipeline = MakePreset(node.preset);
-  Append(RuntimeOptionTable(), runtime, &lines);
-  for (Line& line : lines) {
-    for (const auto& option : PipelineOptionTable()) line.from_preset |= option.name() == line.description.name;
-  }
-  return lines;
+  OptionList options = OptionsOf(&node);
+  options.Append(OptionsOf(&runtime));
+  return options;
 }
 
-Lines MapServerLines() {
-  Lines lines;
-  Append(MapServerOptionTable(), MapServerOptions(), &lines);
-  return lines;
+OptionList MapServerList() {
+  static MapServerOptions options;
+  return OptionsOf(&options);
 }
 
-std::vector<std::string> Groups(const Lines& lines) {
+/// Runs write(option) for the options of each group, after write_heading(group).
+template <class WriteHeading, class WriteOption>
+void ForEachGroup(const OptionList& options, const WriteHeading& write_heading, const WriteOption& write) {
   std::vector<std::string> groups;
-  for (const Line& line : lines) {
-    const std::string& group = line.description.group;
-    if (std::find(groups.begin(), groups.end(), group) == groups.end()) groups.push_back(group);
+  for (const Option& option : options) {
+    if (std::find(groups.begin(), groups.end(), option.group) == groups.end()) groups.push_back(option.group);
   }
-  return groups;
-}
-
-/// Runs write(line) for the lines of each group, after write_heading(group).
-template <class WriteHeading, class WriteLine>
-void ForEachGroup(const Lines& lines, const WriteHeading& write_heading, const WriteLine& write_line) {
-  for (const std::string& group : Groups(lines)) {
+  for (const std::string& group : groups) {
     write_heading(group);
-    for (const Line& line : lines) {
-      if (line.description.group == group) write_line(line);
+    for (const Option& option : options) {
+      if (option.group == group) write(option);
     }
   }
 }
@@ -76,19 +54,27 @@ std::string Capitalized(std::string text) {
 }
 
 /// "0 to 10 s; live", for yaml.
-std::string Remark(const Line& line) {
-  const bool flag = std::holds_alternative<bool>(line.default_value);
-  std::string remark = flag ? "" : DescribeValues(line.description, line.default_value);
-  if (line.description.while_running) remark += remark.empty() ? "live" : "; live";
+std::string Remark(const Option& option) {
+  std::string remark = std::holds_alternative<bool>(option.get()) ? "" : DescribeValues(option);
+  if (option.while_running) remark += remark.empty() ? "live" : "; live";
   return remark.empty() ? "" : " [" + remark + "]";
 }
 
-void WriteYamlLines(const Lines& lines, std::ostream* out) {
+void WriteYaml(const OptionList& options, std::ostream* out) {
+  bool by_preset = false;
   ForEachGroup(
-      lines, [out](const std::string& group) { *out << "\n# --- " << group << " ---\n"; },
-      [out](const Line& line) {
-        *out << "# " << line.description.sentence << Remark(line) << "\n"
-             << (line.from_preset ? "#" : "") << line.description.name << ": " << ToYaml(line.default_value) << "\n";
+      options,
+      [&](const std::string& group) {
+        by_preset = group == kSetByPreset;
+        if (by_preset) {
+          *out << "\n# The following are set by the preset, here with the values of the default one. Without the # "
+                  "before its name a\n# line counts more than the preset.\n";
+        }
+        *out << "\n# --- " << group << " ---\n";
+      },
+      [&](const Option& option) {
+        *out << "# " << option.sentence << Remark(option) << "\n"
+             << (by_preset ? "#" : "") << option.name << ": " << ToYaml(option.get()) << "\n";
       });
 }
 
@@ -98,21 +84,14 @@ std::string MapperYaml() {
 # change into your own file or launch file: leaving a line out means the default. Lengths are in the unit of the poses
 # (metres for most frontends). [live]: may change while it runs, by dynamic_reconfigure.
 )";
-  const Lines lines = MapperLines();
-  Lines fixed, from_preset;
-  for (const Line& line : lines) (line.from_preset ? from_preset : fixed).push_back(line);
-  WriteYamlLines(fixed, &out);
-  out << "\n# The following are set by the preset, here with the values of the default one. Without the # before its "
-         "name a\n"
-         "# line counts more than the preset.\n";
-  WriteYamlLines(from_preset, &out);
+  WriteYaml(MapperOptions(), &out);
   return out.str();
 }
 
 std::string MapServerYaml() {
   std::ostringstream out;
   out << "# All parameters of the map server with their defaults; written by acmp_options, as docs/parameters.md.\n";
-  WriteYamlLines(MapServerLines(), &out);
+  WriteYaml(MapServerList(), &out);
   return out.str();
 }
 
@@ -126,34 +105,30 @@ from dynamic_reconfigure.parameter_generator_catkin import ParameterGenerator, b
 
 gen = ParameterGenerator()
 )";
-  Lines lines = MapperLines();
-  lines.erase(std::remove_if(lines.begin(), lines.end(), [](const Line& l) { return !l.description.while_running; }),
-              lines.end());
+  OptionList live;
+  live.Append(MapperOptions(), true);
   ForEachGroup(
-      lines, [&out](const std::string& group) { out << "\ngroup = gen.add_group(\"" << group << "\")\n"; },
-      [&out](const Line& line) {
-        const OptionValue& value = line.default_value;
+      live, [&out](const std::string& group) { out << "\ngroup = gen.add_group(\"" << group << "\")\n"; },
+      [&out](const Option& option) {
+        const OptionValue value = option.get();
         const bool flag = std::holds_alternative<bool>(value);
-        std::string text = ToYaml(value);
-        if (flag) text = Capitalized(text);
-        out << "group.add(\"" << line.description.name << "\", "
+        out << "group.add(\"" << option.name << "\", "
             << (flag ? "bool_t" : (std::holds_alternative<int>(value) ? "int_t" : "double_t")) << ", 0,\n          \""
-            << line.description.sentence << "\", " << text << ")\n";
+            << option.sentence << "\", " << (flag ? Capitalized(ToYaml(value)) : ToYaml(value)) << ")\n";
       });
   out << "\nexit(gen.generate(\"acmp_mapping\", \"dense_mapper\", \"DenseMapper\"))\n";
   return out.str();
 }
 
-void WriteTables(const Lines& lines, std::ostream* out) {
+void WriteTables(const OptionList& options, std::ostream* out) {
   ForEachGroup(
-      lines,
+      options,
       [out](const std::string& group) {
         *out << "\n### " << Capitalized(group) << "\n\n| parameter | default | values | |\n|---|---|---|---|\n";
       },
-      [out](const Line& line) {
-        *out << "| `" << line.description.name << "`" << (line.description.while_running ? " *" : "") << " | `"
-             << ToYaml(line.default_value) << "` | " << DescribeValues(line.description, line.default_value) << " | "
-             << line.description.sentence << " |\n";
+      [out](const Option& option) {
+        *out << "| `" << option.name << "`" << (option.while_running ? " *" : "") << " | `" << ToYaml(option.get())
+             << "` | " << DescribeValues(option) << " | " << option.sentence << " |\n";
       });
 }
 
@@ -163,9 +138,13 @@ void WritePresetTable(std::ostream* out) {
   *out << "\n|---|";
   for (size_t i = 0; i < PresetNames().size(); ++i) *out << "---|";
   *out << "\n";
-  for (const auto& option : PipelineOptionTable()) {
-    *out << "| `" << option.name() << "` |";
-    for (const std::string& name : PresetNames()) *out << " " << ToYaml(option.get(MakePreset(name))) << " |";
+  PipelineOptions pipeline;
+  for (const Option& option : OptionsOf(&pipeline)) {
+    *out << "| `" << option.name << "` |";
+    for (const std::string& name : PresetNames()) {
+      pipeline = MakePreset(name);
+      *out << " " << ToYaml(option.get()) << " |";
+    }
     *out << "\n";
   }
 }
@@ -184,18 +163,18 @@ does not know is named in a warning.
 Private parameters, in [config/acmp_mapping.yaml](../config/acmp_mapping.yaml). Those of the last group are set by `preset`;
 one that is given counts more.
 )";
-  WriteTables(MapperLines(), &out);
+  WriteTables(MapperOptions(), &out);
   out << "\n## map_server\n\nPrivate parameters, in [config/map_server.yaml](../config/map_server.yaml).\n";
-  WriteTables(MapServerLines(), &out);
+  WriteTables(MapServerList(), &out);
   out << R"(
 ## acmp_reconstruct and acmp_benchmark
 
 `--set NAME=VALUE` sets an option of the pipeline over the preset's: all of the group "pipeline" above, and:
 )";
-  Lines offline;
-  for (const auto& option : PipelineOptionTable()) {
-    if (!option.description.while_running)
-      offline.push_back({option.description, option.get(MakePreset(NodeOptions().preset))});
+  PipelineOptions pipeline = MakePreset(NodeOptions().preset);
+  OptionList offline;
+  for (const Option& option : OptionsOf(&pipeline)) {
+    if (!option.while_running) offline.Append(option);
   }
   WriteTables(offline, &out);
   WritePresetTable(&out);

@@ -7,6 +7,7 @@
 
 #include "acmp_mapping/common/error.h"
 #include "support/decimal_comma.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
@@ -27,57 +28,40 @@ struct Car {
   std::string owner;
   Color color = Color::kRed;
   std::optional<Color> roof;
-  std::vector<double> wheels;
   Engine engine;
 };
 
-OptionTable<Engine> EngineTable() {
-  OptionTable<Engine> table;
-  table.Group("engine");
-  table.Add(
-      Number("power", 0.1, 1, "", "Share of the largest power").WhileRunning(),
-      [](auto& e) -> auto& { return e.power; });
-  table.Add(
-      Flag("on", "Whether it runs"), [](auto& e) -> auto& { return e.on; });
-  return table;
+OptionList OptionsOf(Engine* e) {
+  OptionList list;
+  list.Group("engine");
+  list.Number("power", &e->power, 0.1, 1, "", "Share of the largest power").WhileRunning();
+  list.Flag("on", &e->on, "Whether it runs");
+  return list;
 }
 
-OptionTable<Car> Table() {
-  OptionTable<Car> table;
-  table.Group("body");
-  table.Add(
-      Number("doors", 2, 5, "", "How many doors it has"), [](auto& c) -> auto& { return c.doors; });
-  table.Add(
-      Number("length", 0.5, 20, "m", "How long it is"), [](auto& c) -> auto& { return c.length_m; });
-  table.Add(
-      Text("owner", "Whose it is"), [](auto& c) -> auto& { return c.owner; });
-  table.Add(
-      Choice("color", {"red", "green"}, "What it looks like"), [](auto& c) -> auto& { return c.color; });
-  table.Add(
-      Choice("roof", {"red", "green", ""}, "The same of its roof; empty: none"),
-      [](auto& c) -> auto& { return c.roof; });
-  table.Add(
-      Text("wheels", "Their diameters"), [](auto& c) -> auto& { return c.wheels; });
-  table.Embed(
-      EngineTable(), [](auto& c) -> auto& { return c.engine; });
-  return table;
+OptionList OptionsOf(Car* c) {
+  OptionList list;
+  list.Group("body");
+  list.Number("doors", &c->doors, 2, 5, "", "How many doors it has");
+  list.Number("length", &c->length_m, 0.5, 20, "m", "How long it is");
+  list.Text("owner", &c->owner, "Whose it is");
+  list.Choice("color", &c->color, {"red", "green"}, "What it looks like");
+  list.Choice("roof", &c->roof, {"red", "green"}, "The same of its roof; empty: none");
+  list.Append(OptionsOf(&c->engine));
+  return list;
 }
 
 std::string Refusal(const std::string& assignment) {
   Car car;
-  try {
-    SetOption(Table(), assignment, &car);
-  } catch (const InvalidInputError& error) {
-    return error.what();
-  }
-  return "(accepted)";
+  return ErrorOf([&] { OptionsOf(&car).Set(assignment); });
 }
 
-TEST(OptionTest, EveryKindIsSetByName) {
+TEST(OptionTest, EveryKindIsSetByNameAndReadAgain) {
   Car car;
+  const OptionList options = OptionsOf(&car);
   for (const char* assignment :
        {"doors=2", "length=6", "owner=a=b c", "color=green", "roof=red", "power=0.25", "on=true"}) {
-    SetOption(Table(), assignment, &car);
+    options.Set(assignment);
   }
   EXPECT_EQ(car.doors, 2);
   EXPECT_EQ(car.length_m, 6);
@@ -86,17 +70,15 @@ TEST(OptionTest, EveryKindIsSetByName) {
   EXPECT_EQ(car.roof, Color::kRed);
   EXPECT_EQ(car.engine.power, 0.25f);
   EXPECT_TRUE(car.engine.on);
-  SetOption(Table(), "roof=", &car);
-  EXPECT_EQ(car.roof, std::nullopt);
-}
-
-TEST(OptionTest, WhatIsSetCanBeReadAgain) {
-  const Car car = {3, 2.5, "me", Color::kGreen, Color::kGreen, {1, 2}, {0.7f, true}};
   Car copy;
-  for (const Option<Car>& option : Table()) option.set(option.get(car), &copy);
-  for (const Option<Car>& option : Table()) EXPECT_EQ(option.get(copy), option.get(car)) << option.name();
+  for (const Option& option : OptionsOf(&copy)) {
+    option.set(options.Find(option.name).get());
+    EXPECT_EQ(option.get(), options.Find(option.name).get()) << option.name;
+  }
   EXPECT_EQ(copy.engine.power, car.engine.power);
-  EXPECT_EQ(copy.wheels, car.wheels);
+  options.Set("roof=");
+  EXPECT_EQ(car.roof, std::nullopt);
+  EXPECT_EQ(options.Find("roof").get(), OptionValue(std::string()));
 }
 
 TEST(OptionTest, ARefusalNamesOptionValueAndBound) {
@@ -115,22 +97,22 @@ TEST(OptionTest, ARefusalNamesOptionValueAndBound) {
   EXPECT_THAT(Refusal("weight=3"), HasSubstr("unknown parameter weight: none has a name like that"));
 }
 
-TEST(OptionTest, EmbeddedOptionsKeepTheirDescriptions) {
-  const OptionDescription power = Table().Find("power").description;
+TEST(OptionTest, OptionsOfAPartKeepTheirDescriptions) {
+  Car car;
+  const Option power = OptionsOf(&car).Find("power");
   EXPECT_EQ(power.group, "engine");
   EXPECT_TRUE(power.while_running);
-  OptionTable<Car> some;
-  some.Embed(
-      EngineTable(), [](auto& c) -> auto& { return c.engine; },
-      [](const OptionDescription& option) { return option.while_running; });
+  OptionList some;
+  some.Append(OptionsOf(&car), true);
   EXPECT_EQ(some.size(), 1u);
 }
 
 TEST(OptionTest, ValuesAreWrittenAsYaml) {
+  Car car;
   EXPECT_EQ(ToYaml(true), "true");
   EXPECT_EQ(ToYaml(3), "3");
   EXPECT_EQ(ToYaml(5.0), "5.0") << "not an integer";
-  EXPECT_EQ(ToYaml(Table().Find("power").default_value()), "0.18") << "the float's own digits";
+  EXPECT_EQ(ToYaml(OptionsOf(&car).Find("power").get()), "0.18") << "the float's own digits";
   EXPECT_EQ(ToYaml(1e-5), "1e-05");
   EXPECT_EQ(ToYaml(std::string()), "\"\"");
   EXPECT_EQ(ToYaml(std::vector<double>{1, 0.5}), "[1.0, 0.5]");
@@ -138,18 +120,17 @@ TEST(OptionTest, ValuesAreWrittenAsYaml) {
 }
 
 TEST(OptionTest, NumbersHaveAPointInAnyLocale) {
+  Car car;
   const DecimalComma comma(std::filesystem::path(testing::TempDir()) / "option_locale");
   EXPECT_EQ(ToYaml(1234567.5), "1234567.5");
-  EXPECT_EQ(ToYaml(Table().Find("power").default_value()), "0.18");
+  EXPECT_EQ(ToYaml(OptionsOf(&car).Find("power").get()), "0.18");
   EXPECT_EQ(Concat(1234.5), "1234.5");
   if (!comma.has_c_locale()) GTEST_SKIP() << "there is no locale de_DE, and none can be made: streams alone were tried";
 }
 
 TEST(OptionTest, ValuesAreDescribed) {
-  const auto describe = [](const char* name) {
-    const Option<Car> option = Table().Find(name);
-    return DescribeValues(option.description, option.default_value());
-  };
+  Car car;
+  const auto describe = [&](const char* name) { return DescribeValues(OptionsOf(&car).Find(name)); };
   EXPECT_EQ(describe("length"), "0.5 to 20 m");
   EXPECT_EQ(describe("color"), "red, green");
   EXPECT_EQ(describe("on"), "true or false");

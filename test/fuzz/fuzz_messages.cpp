@@ -10,8 +10,6 @@
 #include <boost/make_shared.hpp>
 
 #include "acmp_mapping/dataset/image_codec.h"
-#include "acmp_mapping/ros/calibration_file.h"
-#include "acmp_mapping/ros/image_rectifier.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
 #include "acmp_mapping/ros/keyframe_points.h"

@@ -289,22 +289,6 @@ TEST(MapRepose, ClearForgetsThePath) {
   ExpectPath(store, {Pose(0, 0)});
 }
 
-TEST(MapRepose, TouchesNoPoint) {
-  // The clouds are shared and immutable, so this can only fail if re-posing began to copy or to thin again.
-  MapStore store({10, 0.1});
-  AddKeyframes(&store, 2);
-  const PointCloud before = store.WorldCloud().points;
-  store.Repose({{0, Pose(0, 5)}, {kSecond, Pose(1, 5)}});
-  store.Repose({{0, Pose(0, 0)}, {kSecond, Pose(1, 0)}});
-  const PointCloud after = store.WorldCloud().points;
-  ASSERT_EQ(after.size(), before.size());
-  for (size_t i = 0; i < after.size(); ++i) {
-    EXPECT_EQ(after[i].position.x, before[i].position.x) << "there and back: not a bit differs";
-    EXPECT_EQ(after[i].position.y, before[i].position.y);
-    EXPECT_EQ(after[i].confidence, before[i].confidence);
-  }
-}
-
 TEST(MapRepose, APoseFarAwayIsRefusedAndTheOthersAreUsed) {
   MapStore store({10, 0.1});
   AddKeyframes(&store, 3);

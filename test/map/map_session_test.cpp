@@ -170,7 +170,7 @@ TEST(MapSession, ASecondOneIsPutWhereItIsTold) {
 }
 
 TEST(MapSession, StaysWhenAMapperStartsAnew) {
-  MapStore store({10, kSessionVoxel, 0, false}), saved({10, kSessionVoxel});
+  MapStore store({10, kSessionVoxel, 0, true}), saved({10, kSessionVoxel});
   Add(&saved, {"a", 1, 0}, 0);
   store.Join(saved.Session(), RigidTransform::Identity());
   Add(&store, {"a", 2, 0}, 1);

@@ -16,12 +16,10 @@ TEST(PoseRefinementOptionsTest, ValuesOutOfBoundsAreRefused) {
 
 TEST(PoseRefinementOptionsTest, TheTableSetsTheMode) {
   PoseRefinementOptions options;
-  SetOption(PoseRefinementOptionTable(), "refine_poses=off", &options);
+  OptionsOf(&options).Set("refine_poses=off");
   EXPECT_EQ(options.refine, RefinePoses::kOff);
-  SetOption(PoseRefinementOptionTable(), "refine_poses=on", &options);
+  OptionsOf(&options).Set("refine_poses=on");
   EXPECT_EQ(options.refine, RefinePoses::kOn);
-  SetOption(PoseRefinementOptionTable(), "refine_poses=auto", &options);
-  EXPECT_EQ(options.refine, RefinePoses::kAuto);
 }
 
 }  // namespace

@@ -6,7 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/ros/runtime_options.h"
+#include "acmp_mapping/ros/options.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test::auto_preset_rostest {
@@ -24,7 +24,7 @@ DenseMapperConfig CurrentConfig() {
 
 TEST(AutoPreset, ChoosesWhileImagesComeAndLosesNone) {
   constexpr size_t kViews = 20;  // more than it takes to measure the first setting
-  MapperControl mapper;
+  MapperControl mapper({{"preset", std::string("auto")}, {"max_source_views", 4}});
   ASSERT_TRUE(mapper.WaitUntilReady(kTimeoutS));
   const std::vector<ViewMessages> scene = MakeSmallScene(kViews);
   EXPECT_EQ(mapper.Map(scene), kViews);

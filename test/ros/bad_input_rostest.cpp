@@ -1,6 +1,7 @@
 // Each kind of bad input must be named to the user, in the log and with a count in the diagnostics, and must not keep
 // the mapper from working on what follows.
 
+#include <functional>
 #include <limits>
 
 #include <gtest/gtest.h>
@@ -13,29 +14,27 @@ namespace acmp::test::bad_input_rostest {
 
 constexpr size_t kViews = 5;
 
-class BadInputTest : public ::testing::Test {
+class BadInputSession : public MapperControl {
+ public:
+  BadInputSession() : MapperControl(Parameters{}) {}
+  const std::vector<ViewMessages> scene = MakeSmallScene(kViews);
+  const bool ready = WaitUntilReady(kTimeoutS);
+};
+
+class BadInputTest : public SessionTest<BadInputSession> {
  protected:
-  static void SetUpTestSuite() {
-    mapper_ = new MapperControl();
-    scene_ = new std::vector<ViewMessages>(MakeSmallScene(kViews));
-    ready_ = mapper_->WaitUntilReady(60);
-  }
-  static void TearDownTestSuite() {
-    delete scene_;
-    delete mapper_;
-  }
   void SetUp() override {
-    ASSERT_TRUE(ready_);
+    ASSERT_TRUE(session().ready);
     // A run of its own for each case: later stamps, nothing left of the case before.
     start_s_ += 100;
     ASSERT_TRUE(mapper().Call("reset"));
   }
 
-  static MapperControl& mapper() { return *mapper_; }
+  static MapperControl& mapper() { return session(); }
 
   /// The scene at new stamps.
   static std::vector<ViewMessages> Scene() {
-    std::vector<ViewMessages> messages = *scene_;
+    std::vector<ViewMessages> messages = session().scene;
     for (size_t i = 0; i < messages.size(); ++i) SetStamp(StampOf(i, start_s_), &messages[i]);
     return messages;
   }
@@ -47,79 +46,64 @@ class BadInputTest : public ::testing::Test {
 
   /// One view before the good ones.
   static ViewMessages View(size_t index = 0) {
-    ViewMessages view = (*scene_)[index];
+    ViewMessages view = session().scene[index];
     SetStamp(ros::Time(start_s_ - 10, 0), &view);
     return view;
   }
 
   static void ExpectWorks() { EXPECT_EQ(mapper().Map(Scene()), kViews) << "the mapper must go on after bad input"; }
 
-  static void ExpectNamed(const std::string& reason, const std::vector<std::string>& parts) {
-    EXPECT_TRUE(mapper().WaitForLog(parts, kTimeoutS)) << parts[0] << " is not in the log";
-    EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: " + reason}, kTimeoutS)) << reason << " is not counted";
-  }
-
-  static uint32_t start_s_;
-
- private:
-  static MapperControl* mapper_;
-  static std::vector<ViewMessages>* scene_;
-  static bool ready_;
+  inline static uint32_t start_s_ = 1000;
 };
-MapperControl* BadInputTest::mapper_ = nullptr;
-std::vector<ViewMessages>* BadInputTest::scene_ = nullptr;
-bool BadInputTest::ready_ = false;
-uint32_t BadInputTest::start_s_ = 1000;
 
-TEST_F(BadInputTest, Encoding) {
-  ViewMessages view = View();
-  view.image.encoding = "holograms";
-  mapper().player.Publish(view);
-  ExpectNamed("bad_image", {"holograms"});
-  ExpectWorks();
-}
-
-TEST_F(BadInputTest, FocalLengthZero) {
-  ViewMessages view = View();
-  view.camera_info.K[0] = 0;
-  mapper().player.Publish(view);
-  ExpectNamed("bad_camera_info", {"/camera_info", "K[0] = 0"});
-  ExpectWorks();
-}
-
-TEST_F(BadInputTest, UnknownDistortion) {
-  ViewMessages view = View();
-  view.camera_info.distortion_model = "fov";
-  view.camera_info.D = {0.9};
-  mapper().player.Publish(view);
-  // The same reason as the case before: the log repeats a reason after a while only, the diagnostics at once.
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: bad_camera_info", "\"fov\""}, kTimeoutS));
-  ExpectWorks();
-}
-
-TEST_F(BadInputTest, ImageOfAnotherSizeThanCameraInfo) {
-  ViewMessages view = View();
-  view.camera_info.width = 65;
-  mapper().player.Publish(view);
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: bad_image", "64x48", "65x48"}, kTimeoutS));
-  ExpectWorks();
-}
-
-TEST_F(BadInputTest, NanPose) {
-  ViewMessages view = View();
-  view.pose.pose.position.y = std::numeric_limits<double>::quiet_NaN();
-  mapper().player.Publish(view);
-  ExpectNamed("bad_pose", {"/pose", "nan", "not finite"});
-  ExpectWorks();
-}
-
-TEST_F(BadInputTest, QuaternionNotOfUnitLength) {
-  ViewMessages view = View();
-  view.pose.pose.orientation.w = view.pose.pose.orientation.x = 0;
-  view.pose.pose.orientation.y = 0;
-  view.pose.pose.orientation.z = 2;
-  mapper().player.Publish(view);
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: bad_pose", "norm is 2"}, kTimeoutS));
+TEST_F(BadInputTest, IsNamedWithItsReasonAndTheMapperGoesOn) {
+  constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+  const auto with_cloud = [](ViewMessages* view, const std::vector<Eigen::Vector3f>& points) {
+    view->sparse_points = MakeCloud(points, kWorldFrame, view->image.header.stamp);
+  };
+  const struct {
+    std::string reason;
+    std::vector<std::string> parts;
+    std::function<void(ViewMessages*)> change;
+  } cases[] = {
+      {"bad_image", {"holograms"}, [](auto* v) { v->image.encoding = "holograms"; }},
+      {"bad_camera_info", {"/camera_info", "K[0] = 0"}, [](auto* v) { v->camera_info.K[0] = 0; }},
+      {"bad_camera_info",
+       {"\"fov\""},
+       [](auto* v) { v->camera_info.distortion_model = "fov", v->camera_info.D = {0.9}; }},
+      {"bad_image", {"64x48", "65x48"}, [](auto* v) { v->camera_info.width = 65; }},
+      {"bad_pose", {"/pose", "not finite"}, [](auto* v) { v->pose.pose.position.y = double{kNan}; }},
+      {"bad_pose",
+       {"norm is 2"},
+       [](auto* v) { v->pose.pose.orientation = geometry_msgs::Quaternion(), v->pose.pose.orientation.z = 2; }},
+      {"sparse_empty", {"0 usable points", "0 not finite"}, [&](auto* v) { with_cloud(v, {}); }},
+      {"sparse_empty",
+       {"1 not finite", "2 exactly zero"},
+       [&](auto* v) {
+         with_cloud(v, {{kNan, 0, 1}, {0, 0, 0}, {0, 0, 0}});
+       }},
+      {"no_depth_range",
+       {"50 sparse points", "set depth_min and depth_max"},
+       [&](auto* v) {
+         const Eigen::Vector3d behind = ToTransform(v->pose.pose) * Eigen::Vector3d(0, 0, -2);
+         with_cloud(v, std::vector<Eigen::Vector3f>(50, behind.cast<float>()));
+       }},
+      {"sparse_frame_unknown",
+       {"odd_frame", "~sparse_frame"},
+       [](auto* v) { v->sparse_points.header.frame_id = "odd_frame"; }},
+      {"bad_sparse_points", {"/sparse_points", "no field \"x\""}, [](auto* v) { v->sparse_points.fields.clear(); }}};
+  for (const auto& bad : cases) {
+    ASSERT_TRUE(mapper().Call("reset"));
+    start_s_ += 100;
+    ViewMessages view = View();
+    bad.change(&view);
+    mapper().player.Publish(view);
+    std::vector<std::string> parts = bad.parts;
+    parts.push_back("dropped: " + bad.reason);
+    EXPECT_TRUE(mapper().WaitForDiagnostic(parts, kTimeoutS)) << bad.reason << ": " << bad.parts[0];
+  }
+  EXPECT_TRUE(mapper().WaitForLog({"bad_image", "holograms"}, kTimeoutS));
+  ASSERT_TRUE(mapper().Call("reset"));
   ExpectWorks();
 }
 
@@ -134,55 +118,7 @@ TEST_F(BadInputTest, IdenticalPoses) {
   while (!mapper().WaitForDiagnostic({"dropped: no_source_views", "3 ("}, 1) && ros::WallTime::now() < end) {
     ASSERT_TRUE(mapper().Call("flush"));
   }
-  ExpectNamed("no_source_views", {"baseline"});
-  ExpectWorks();
-}
-
-TEST_F(BadInputTest, EmptyCloud) {
-  ViewMessages view = View();
-  view.sparse_points = MakeCloud({}, kWorldFrame, view.image.header.stamp);
-  mapper().player.Publish(view);
-  ExpectNamed("sparse_empty", {"0 usable points", "0 not finite"});
-  ExpectWorks();
-}
-
-TEST_F(BadInputTest, CloudOfNanAndZeros) {
-  const float nan = std::numeric_limits<float>::quiet_NaN();
-  ViewMessages view = View();
-  view.sparse_points = MakeCloud({{nan, 0, 1}, {0, 0, 0}, {0, 0, 0}}, kWorldFrame, view.image.header.stamp);
-  mapper().player.Publish(view);
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: sparse_empty", "1 not finite", "2 exactly zero"}, kTimeoutS));
-  ExpectWorks();
-}
-
-TEST_F(BadInputTest, CloudBehindTheCamera) {
-  ViewMessages view = View();
-  const Eigen::Vector3d center(view.pose.pose.position.x, view.pose.pose.position.y, view.pose.pose.position.z);
-  const Eigen::Quaterniond rotation(view.pose.pose.orientation.w, view.pose.pose.orientation.x,
-                                    view.pose.pose.orientation.y, view.pose.pose.orientation.z);
-  const Eigen::Vector3d behind = center - rotation * Eigen::Vector3d(0, 0, 2);
-  view.sparse_points =
-      MakeCloud(std::vector<Eigen::Vector3f>(50, behind.cast<float>()), kWorldFrame, view.image.header.stamp);
-  mapper().player.Publish(view);
-  // An empty cloud has the same reason.
-  EXPECT_TRUE(mapper().WaitForDiagnostic({"dropped: no_depth_range", "50 sparse points", "set depth_min and depth_max"},
-                                         kTimeoutS));
-  ExpectWorks();
-}
-
-TEST_F(BadInputTest, CloudInAnUnknownFrame) {
-  ViewMessages view = View();
-  view.sparse_points.header.frame_id = "odd_frame";
-  mapper().player.Publish(view);
-  ExpectNamed("sparse_frame_unknown", {"odd_frame", "~sparse_frame"});
-  ExpectWorks();
-}
-
-TEST_F(BadInputTest, CloudWithoutCoordinates) {
-  ViewMessages view = View();
-  view.sparse_points.fields.clear();
-  mapper().player.Publish(view);
-  ExpectNamed("bad_sparse_points", {"/sparse_points", "no field \"x\""});
+  EXPECT_TRUE(mapper().WaitForLog({"no_source_views", "baseline"}, kTimeoutS));
   ExpectWorks();
 }
 

@@ -1,4 +1,4 @@
-#include "acmp_mapping/ros/calibration_file.h"
+#include "acmp_mapping/ros/input_conversion.h"
 
 #include <gmock/gmock.h>
 
@@ -39,6 +39,13 @@ TEST_F(CalibrationFileTest, ReadsWhatCameraCalibrationWrites) {
     EXPECT_EQ(info.P[6], 23.212);
     EXPECT_EQ(info.D.size(), 5u);
   }
+}
+
+TEST_F(CalibrationFileTest, ReadsOurTemplate) {
+  const sensor_msgs::CameraInfo info = ReadCalibrationFile(ACMP_SOURCE_DIR "/config/camera.yaml");
+  EXPECT_EQ(info.height, 480u);
+  EXPECT_EQ(info.P[6], 248.375);
+  EXPECT_EQ(info.D, (std::vector<double>{-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05, 0}));
 }
 
 TEST_F(CalibrationFileTest, MatricesOfAnotherSizeAreRefusedWithBothSizes) {

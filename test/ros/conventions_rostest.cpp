@@ -12,8 +12,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "ros/recorder.h"
-#include "ros/scene_player.h"
+#include "ros/mapper_control.h"
 
 namespace acmp::test::conventions_rostest {
 
@@ -73,13 +72,25 @@ TEST(Conventions, GiveTheTrueDepth) {
   ScenePlayer player(nh, "/odd/unused_image", "/odd/info", "/odd/slam/pose", "/odd/slam/points");
   Recorder<sensor_msgs::Image> depth(nh, "/mapping/depth/image_rect");
   Recorder<geometry_msgs::PoseStamped> keyframes(nh, "/mapping/keyframe_pose");
-  const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(60);
-  while (ros::WallTime::now() < end &&
-         !(image.getNumSubscribers() > 0 && player.camera_info.getNumSubscribers() > 0 &&
-           player.pose.getNumSubscribers() > 0 && player.sparse_points.getNumSubscribers() > 0)) {
-    ros::WallDuration(0.05).sleep();
+  LoadedNodelets nodelets;
+  nodelets.LoadMapper("/mapping/mapper",
+                      {{"preset", std::string("balanced")},
+                       {"sparse_wait", 5.0},
+                       {"image_transport", std::string("compressed")},
+                       {"pose_is", std::string("T_cam_world")},
+                       {"pose_child", std::string("camera_flu")},
+                       {"world_frame", std::string("earth")},
+                       {"sparse_frame", std::string("camera")},
+                       {"keyframe_mode", std::string("gate")},
+                       {"max_image_size", 120}},
+                      {{"/mapping/image", "/odd/camera"},
+                       {"/mapping/camera_info", "/odd/info"},
+                       {"/mapping/pose", "/odd/slam/pose"},
+                       {"/mapping/sparse_points", "/odd/slam/points"}});
+  for (const ros::Publisher& publisher : {image, player.camera_info, player.pose, player.sparse_points}) {
+    ASSERT_TRUE(WaitForSubscriber(publisher)) << publisher.getTopic();
   }
-  ASSERT_TRUE(depth.WaitForPublisher(60) && keyframes.WaitForPublisher(60));
+  ASSERT_TRUE(depth.WaitForPublisher(kTimeoutS) && keyframes.WaitForPublisher(kTimeoutS));
 
   SyntheticSceneOptions options;
   options.width = 120;

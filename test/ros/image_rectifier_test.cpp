@@ -1,4 +1,4 @@
-#include "acmp_mapping/ros/image_rectifier.h"
+#include "acmp_mapping/ros/input_conversion.h"
 
 #include <cmath>
 #include <cstring>

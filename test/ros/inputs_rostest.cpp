@@ -23,16 +23,13 @@ ros::Publisher Advertise(ros::NodeHandle* nh, const std::string& topic) {
   return nh->advertise<Message>(topic, 100);
 }
 
-bool WaitForSubscriber(const ros::Publisher& publisher) {
-  const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
-  while (publisher.getNumSubscribers() == 0 && ros::WallTime::now() < end) ros::WallDuration(0.05).sleep();
-  return publisher.getNumSubscribers() > 0;
-}
-
 /// One mapper, seen from outside.
 struct Mapper {
-  explicit Mapper(const std::string& mapper_ns)
-      : ns(mapper_ns), depth({}, ns + "/depth/image_rect"), keyframes({}, ns + "/keyframe_pose") {}
+  explicit Mapper(const std::string& mapper_ns, Parameters parameters = {})
+      : ns(mapper_ns), depth({}, ns + "/depth/image_rect"), keyframes({}, ns + "/keyframe_pose") {
+    parameters.insert({"sparse_wait", 5.0});
+    nodelets.LoadMapper(ns + "/mapper", parameters);
+  }
 
   bool WaitUntilReady() const {
     return depth.WaitForPublisher(kTimeoutS) && keyframes.WaitForPublisher(kTimeoutS) &&
@@ -47,52 +44,45 @@ struct Mapper {
     return depth.messages();
   }
 
+  LoadedNodelets nodelets;
   std::string ns;
   Recorder<sensor_msgs::Image> depth;
   Recorder<geometry_msgs::PoseStamped> keyframes;
 };
 
-class InputsTest : public ::testing::Test {
- protected:
-  static void SetUpTestSuite() {
-    spinner_ = new ros::AsyncSpinner(1);
-    spinner_->start();
-    scene_ = new std::vector<ViewMessages>(MakeSmallScene(kViews));
+/// The scene, and what is made of it by plain messages.
+struct PlainInputs {
+  ros::AsyncSpinner spinner{1};
+  const std::vector<ViewMessages> scene = MakeSmallScene(kViews);
+  std::vector<sensor_msgs::ImageConstPtr> expected;
+
+  PlainInputs() {
+    spinner.start();
     Mapper mapper("/plain");
-    ros::NodeHandle nh("/plain");
-    ScenePlayer player(nh);
-    ASSERT_TRUE(player.WaitForMapper(kTimeoutS) && mapper.WaitUntilReady());
-    for (const ViewMessages& view : *scene_) player.Publish(view);
-    expected_ = new std::vector<sensor_msgs::ImageConstPtr>(mapper.Finish());
+    ScenePlayer player(ros::NodeHandle("/plain"));
+    EXPECT_TRUE(player.WaitForMapper(kTimeoutS) && mapper.WaitUntilReady());
+    for (const ViewMessages& view : scene) player.Publish(view);
+    expected = mapper.Finish();
   }
-  static void TearDownTestSuite() {
-    delete expected_;
-    delete scene_;
-    delete spinner_;
-  }
-  static const std::vector<ViewMessages>& Scene() { return *scene_; }
+};
+
+class InputsTest : public SessionTest<PlainInputs> {
+ protected:
+  static const std::vector<ViewMessages>& Scene() { return session().scene; }
 
   static void ExpectTheSameDepth(Mapper* mapper) {
     const std::vector<sensor_msgs::ImageConstPtr> depth = mapper->Finish();
-    ASSERT_EQ(expected_->size(), kViews);
+    ASSERT_EQ(session().expected.size(), kViews);
     ASSERT_EQ(depth.size(), kViews);
     for (size_t i = 0; i < kViews; ++i) {
-      EXPECT_EQ(depth[i]->header.stamp, (*expected_)[i]->header.stamp);
-      EXPECT_TRUE(depth[i]->data == (*expected_)[i]->data) << "view " << i;
+      EXPECT_EQ(depth[i]->header.stamp, session().expected[i]->header.stamp);
+      EXPECT_TRUE(depth[i]->data == session().expected[i]->data) << "view " << i;
     }
   }
-
- private:
-  static ros::AsyncSpinner* spinner_;
-  static std::vector<ViewMessages>* scene_;
-  static std::vector<sensor_msgs::ImageConstPtr>* expected_;
 };
-ros::AsyncSpinner* InputsTest::spinner_ = nullptr;
-std::vector<ViewMessages>* InputsTest::scene_ = nullptr;
-std::vector<sensor_msgs::ImageConstPtr>* InputsTest::expected_ = nullptr;
 
 TEST_F(InputsTest, KeyframesInOneMessage) {
-  Mapper mapper("/keyframes");
+  Mapper mapper("/keyframes", {{"keyframe_mode", std::string("external")}});
   ros::NodeHandle nh("/keyframes");
   ros::Publisher publisher = Advertise<acmp_mapping::Keyframe>(&nh, "keyframe");
   ASSERT_TRUE(WaitForSubscriber(publisher) && mapper.WaitUntilReady());
@@ -109,7 +99,8 @@ TEST_F(InputsTest, KeyframesInOneMessage) {
 }
 
 TEST_F(InputsTest, PoseWithCovarianceOldCloudsAndACalibrationFile) {
-  Mapper mapper("/others");
+  Mapper mapper("/others", {{"pose_source", std::string("pose_cov")},
+                            {"calibration_file", ACMP_SOURCE_DIR "/test/ros/small_camera.yaml"}});
   ros::NodeHandle nh("/others");
   ros::Publisher image = Advertise<sensor_msgs::Image>(&nh, "image");
   ros::Publisher pose = Advertise<geometry_msgs::PoseWithCovarianceStamped>(&nh, "pose_cov");
@@ -130,7 +121,7 @@ TEST_F(InputsTest, PoseWithCovarianceOldCloudsAndACalibrationFile) {
 }
 
 TEST_F(InputsTest, ImagesWaitForTheExtrinsicAndAreMappedWhenItComes) {
-  Mapper mapper("/body");
+  Mapper mapper("/body", {{"pose_child", std::string("body")}});
   ros::NodeHandle nh("/body");
   ScenePlayer player(nh);
   Recorder<diagnostic_msgs::DiagnosticArray> diagnostics(nh, "/diagnostics");

@@ -1,10 +1,17 @@
+// What the intake makes of images, poses and clouds; of transforms that are looked up, an extrinsic that comes late,
+// and keyframes in one message. Inputs are named by whole seconds.
+
 #include "acmp_mapping/ros/keyframe_intake.h"
+
+#include <map>
+#include <memory>
+#include <utility>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <boost/make_shared.hpp>
 
 #include "acmp_mapping/common/error.h"
-#include "ros/intake_support.h"
 #include "support/error_text.h"
 
 namespace acmp::test {
@@ -15,18 +22,69 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-TEST(KeyframeIntake, PutsAKeyframeTogether) {
-  KeyframeIntake intake = MakeIntake();
-  const Result result = Feed(&intake, 5, 1.5, CloudAt(5, "map", {{1, 2, 3}}), "/cam", "map");
-  ASSERT_EQ(result.keyframes.size(), 1u);
-  const KeyframeInput& keyframe = result.keyframes[0];
-  EXPECT_EQ(keyframe.stamp_ns, 5000000000);
-  EXPECT_EQ(keyframe.camera_frame, "cam");
-  EXPECT_EQ(keyframe.world_frame, "map");
-  EXPECT_EQ(keyframe.world_from_cam.translation().x(), 1.5);
-  EXPECT_THAT(keyframe.landmarks_in_world, ElementsAre(Eigen::Vector3d(1, 2, 3)));
-  EXPECT_EQ(keyframe.calibration->camera.width, 64);
-  EXPECT_THAT(result.drops, IsEmpty());
+sensor_msgs::CameraInfo MakeInfo(const std::string& frame_id = "cam") {
+  sensor_msgs::CameraInfo info;
+  info.header.frame_id = frame_id;
+  info.width = 64;
+  info.height = 48;
+  info.K = {50, 0, 32, 0, 50, 24, 0, 0, 1};
+  return info;
+}
+
+std::shared_ptr<const EncodedImage> ImageAt(uint32_t stamp_s, const std::string& frame_id = "cam") {
+  auto image = boost::make_shared<sensor_msgs::Image>();
+  image->header.stamp = ros::Time(stamp_s, 0);
+  image->header.frame_id = frame_id;
+  return std::make_shared<const EncodedImage>(EncodedImage{image, nullptr});
+}
+
+PoseSample PoseAt(uint32_t stamp_s, double x, const std::string& world_frame = "map") {
+  PoseSample pose;
+  pose.stamp_ns = ToStampNs(ros::Time(stamp_s, 0));
+  pose.world_frame = world_frame;
+  pose.received.translation().x() = x;
+  return pose;
+}
+
+SparseCloudPtr CloudAt(uint32_t stamp_s, const std::string& frame_id, std::vector<Eigen::Vector3d> points) {
+  auto cloud = std::make_shared<SparseCloud>();
+  cloud->stamp_ns = ToStampNs(ros::Time(stamp_s, 0));
+  cloud->frame_id = frame_id;
+  cloud->points = std::move(points);
+  return cloud;
+}
+
+struct Result {
+  std::vector<KeyframeInput> keyframes;
+  std::vector<RejectedInput> drops;
+  std::vector<std::string> new_worlds;
+  int jumps = 0;
+};
+
+Result Split(std::vector<IntakeEvent> events) {
+  Result result;
+  for (IntakeEvent& event : events) {
+    if (auto* keyframe = std::get_if<KeyframeInput>(&event)) result.keyframes.push_back(std::move(*keyframe));
+    if (auto* drop = std::get_if<RejectedInput>(&event)) result.drops.push_back(*drop);
+    if (auto* world = std::get_if<NewWorld>(&event)) result.new_worlds.push_back(world->text);
+    result.jumps += std::holds_alternative<TimeJump>(event);
+  }
+  return result;
+}
+
+/// Feeds one image with pose and cloud and returns what comes out.
+Result Feed(KeyframeIntake* intake, uint32_t stamp_s, double x, const SparseCloudPtr& cloud,
+            const std::string& image_frame = "cam", const std::string& world_frame = "map") {
+  if (cloud) intake->AddCloud(cloud);
+  intake->AddPose(PoseAt(stamp_s, x, world_frame));
+  intake->AddImage(ImageAt(stamp_s, image_frame));
+  return Split(intake->TakeAll());
+}
+
+KeyframeIntake MakeIntake(const NodeOptions& options = {}, double fallback_depth = 0) {
+  KeyframeIntake intake(options, KeyframeGateOptions(), fallback_depth);
+  intake.AddCameraInfo(MakeInfo());
+  return intake;
 }
 
 TEST(KeyframeIntake, MovesPointsOfTheCameraFrameIntoTheWorld) {
@@ -38,37 +96,13 @@ TEST(KeyframeIntake, MovesPointsOfTheCameraFrameIntoTheWorld) {
   EXPECT_THAT(later.keyframes.at(0).landmarks_in_world, ElementsAre(Eigen::Vector3d(2.5, 2, 3)));
 }
 
-TEST(KeyframeIntake, SparseFrameOverridesTheName) {
-  NodeOptions options;
-  options.sparse_frame = SparseFrame::kCamera;
-  KeyframeIntake camera = MakeIntake(options);
-  EXPECT_EQ(Feed(&camera, 5, 1, CloudAt(5, "map", {{1, 2, 3}})).keyframes.at(0).landmarks_in_world.at(0).x(), 2);
-  options.sparse_frame = SparseFrame::kWorld;
-  KeyframeIntake world = MakeIntake(options);
-  EXPECT_EQ(Feed(&world, 5, 1, CloudAt(5, "odd", {{1, 2, 3}})).keyframes.at(0).landmarks_in_world.at(0).x(), 1);
-}
-
-TEST(KeyframeIntake, SaysWhyPointsAreNotUsedAndKeepsTheKeyframe) {
+TEST(KeyframeIntake, KeepsAKeyframeWhosePointsAreNotUsed) {
   KeyframeIntake intake = MakeIntake();
-  Result result = Feed(&intake, 5, 0, CloudAt(5, "odd", {{1, 2, 3}}));
-  EXPECT_EQ(result.keyframes.size(), 1u);
-  ASSERT_EQ(result.drops.size(), 1u);
-  EXPECT_EQ(result.drops[0].reason, "sparse_frame_unknown");
-  EXPECT_THAT(result.drops[0].message,
-              AllOf(HasSubstr("\"odd\""), HasSubstr("\"map\""), HasSubstr("\"cam\""), HasSubstr("~sparse_frame")));
-
+  EXPECT_EQ(Feed(&intake, 5, 0, CloudAt(5, "odd", {{1, 2, 3}})).keyframes.size(), 1u);
   Feed(&intake, 6, 0, CloudAt(6, "map", {{1, 2, 3}}));
-  auto empty = std::make_shared<SparseCloud>();
-  empty->stamp_ns = ToStampNs(ros::Time(7, 0));
-  empty->not_finite = 7;
-  empty->zero = 9;
-  result = Feed(&intake, 7, 0, empty);
-  EXPECT_EQ(result.keyframes.size(), 1u) << "the frontend had points before";
-  ASSERT_EQ(result.drops.size(), 1u);
-  EXPECT_THAT(result.drops[0].message, AllOf(HasSubstr("7 not finite"), HasSubstr("9 exactly zero")));
-
+  EXPECT_EQ(Feed(&intake, 7, 0, CloudAt(7, "map", {})).keyframes.size(), 1u) << "the frontend had points before";
   KeyframeIntake unposed = MakeIntake();
-  result = Feed(&unposed, 5, 0, CloudAt(3, "cam", {{1, 2, 3}}));
+  const Result result = Feed(&unposed, 5, 0, CloudAt(3, "cam", {{1, 2, 3}}));
   EXPECT_EQ(result.keyframes.size(), 1u);
   EXPECT_EQ(result.drops.at(0).reason, "sparse_without_pose");
 }
@@ -147,18 +181,6 @@ TEST(KeyframeIntake, RefusesACameraWhoseImagesWouldTakeTooMuchMemory) {
                         "must be at most 1 (memory_limit)"));
 }
 
-TEST(KeyframeIntake, SharesTheCalibrationUntilItChanges) {
-  KeyframeIntake intake = MakeIntake();
-  const CalibrationPtr first = Feed(&intake, 5, 0, nullptr).keyframes.at(0).calibration;
-  sensor_msgs::CameraInfo info = MakeInfo();
-  info.header.stamp = ros::Time(6, 0);
-  intake.AddCameraInfo(info);
-  EXPECT_EQ(Feed(&intake, 6, 0, nullptr).keyframes.at(0).calibration, first);
-  info.K[0] = 60;
-  intake.AddCameraInfo(info);
-  EXPECT_EQ(Feed(&intake, 7, 0, nullptr).keyframes.at(0).calibration->camera.fx, 60);
-}
-
 TEST(KeyframeIntake, GateMeasuresBaselinesByTheLandmarks) {
   NodeOptions options;
   options.keyframe_mode = KeyframeMode::kGate;
@@ -227,23 +249,239 @@ TEST(KeyframeIntake, ResetAccountsForWhatWaitedForTheFrontend) {
   EXPECT_EQ(intake.waiting_images(), 0u);
 }
 
-TEST(KeyframeIntake, PassesANewWorldOn) {
-  KeyframeIntake intake = MakeIntake();
-  EXPECT_EQ(Feed(&intake, 1, 0, CloudAt(1, "map", WallAt(4))).keyframes.size(), 1u);
-  const Result result = Feed(&intake, 2, 0, CloudAt(2, "map", WallAt(2)));
-  ASSERT_EQ(result.new_worlds.size(), 1u);
-  EXPECT_THAT(result.new_worlds[0], AllOf(HasSubstr("2.000000000"), HasSubstr("new part of the map")));
-  EXPECT_EQ(result.keyframes.size(), 1u) << "after it";
+constexpr int64_t kSecond = 1000000000;
+
+/// tf as far as it has come: poses by stamp.
+struct FakeTf {
+  std::map<int64_t, double> x;
+  std::optional<RigidTransform> body_from_cam;
+  std::string world, child;
+
+  TransformSource source() {
+    TransformSource source;
+    source.find_pose = [this](const std::string& w, const std::string& c,
+                              int64_t stamp_ns) -> std::variant<PoseSample, std::string> {
+      world = w;
+      child = c;
+      if (x.count(stamp_ns) == 0) return "tf has no \"" + c + "\" in \"" + w + "\" then";
+      PoseSample pose = PoseAt(static_cast<uint32_t>(stamp_ns / kSecond), x.at(stamp_ns), w);
+      pose.child_frame = c;
+      return pose;
+    };
+    source.find_latest = [this](const std::string&, const std::string&) { return body_from_cam; };
+    return source;
+  }
+};
+
+NodeOptions TfOptions() {
+  NodeOptions options;
+  options.pose_source = PoseSource::kTf;
+  options.world_frame = "map";
+  return options;
 }
 
-TEST(KeyframeIntake, PassesTimeJumpsOn) {
+TEST(IntakeFromTf, DroppedImagesSayWhatTfLacks) {
+  NodeOptions options = TfOptions();
+  options.camera_frame = "optical";
+  options.matcher.image_capacity = 1;
+  FakeTf tf;
+  KeyframeIntake intake(options, {}, 0, tf.source());
+  intake.AddCameraInfo(MakeInfo());
+  intake.AddImage(ImageAt(5));
+  intake.Take(0);
+  intake.AddImage(ImageAt(6));
+  const Result result = Split(intake.Take(0));
+  ASSERT_EQ(result.drops.size(), 1u);
+  EXPECT_EQ(result.drops[0].reason, "no_pose");
+  EXPECT_THAT(result.drops[0].message, HasSubstr("tf has no \"optical\" in \"map\""));
+  EXPECT_THAT(intake.last_gap()->problem, HasSubstr("optical"));
+}
+
+TEST(IntakeFromTf, ImagesWithoutAFrameNeedOneToBeSet) {
+  FakeTf tf;
+  NodeOptions options = TfOptions();
+  options.matcher.image_capacity = 1;
+  KeyframeIntake intake(options, {}, 0, tf.source());
+  intake.AddCameraInfo(MakeInfo(""));
+  intake.AddImage(ImageAt(5, ""));
+  intake.Take(0);
+  intake.AddImage(ImageAt(6, ""));
+  EXPECT_THAT(Split(intake.Take(0)).drops.at(0).message, HasSubstr("~camera_frame"));
+}
+
+TEST(IntakeFromOdometry, ADoubtAboutPosesNamesTheirFrame) {
+  KeyframeIntake intake({}, {}, 0, {});
+  intake.AddImage(ImageAt(5, "cam0_optical"));
+  PoseSample pose = PoseAt(5, 0);
+  intake.AddPose(pose);
+  EXPECT_EQ(intake.DescribeDoubt(), "") << "PoseStamped names no frame";
+  pose.child_frame = "imu";
+  intake.AddPose(pose);
+  EXPECT_THAT(intake.DescribeDoubt(),
+              AllOf(HasSubstr("\"imu\""), HasSubstr("\"cam0_optical\""), HasSubstr("set ~pose_child: body")));
+  pose.child_frame = "cam0_optical";
+  intake.AddPose(pose);
+  EXPECT_EQ(intake.DescribeDoubt(), "");
+  NodeOptions body;
+  body.pose.child = PoseSemantics::Child::kBody;
+  EXPECT_THAT(KeyframeIntake(body, {}, 0, {}).DescribeDoubt(), HasSubstr("~extrinsic_inverted"));
+}
+
+NodeOptions BodyOptions() {
   NodeOptions options;
-  options.keyframe_mode = KeyframeMode::kGate;
-  KeyframeIntake intake = MakeIntake(options, 4);
-  EXPECT_EQ(Feed(&intake, 10, 0, nullptr).keyframes.size(), 1u);
-  const Result result = Feed(&intake, 1, 0, nullptr);
+  options.pose.child = PoseSemantics::Child::kBody;
+  return options;
+}
+
+TEST(IntakeFromTf, SaysWhatImagesWaitForBeforeAnyIsDropped) {
+  FakeTf tf;
+  KeyframeIntake intake(TfOptions(), {}, 0, tf.source());
+  intake.set_clouds_expected(false);
+  EXPECT_EQ(intake.DescribeWait(100), "") << "no image, no wait";
+  intake.AddImage(ImageAt(5), 100);
+  intake.Take(100);
+  EXPECT_THAT(intake.DescribeWait(100), HasSubstr("camera_info"));
+  intake.AddCameraInfo(MakeInfo());
+  intake.Take(101);
+  EXPECT_EQ(intake.DescribeWait(101), "") << "poses may be late";
+  EXPECT_THAT(intake.DescribeWait(104), AllOf(HasSubstr("5.000000000"), HasSubstr("tf has no \"cam\" in \"map\"")));
+  tf.x[5 * kSecond] = 0;
+  intake.AddImage(ImageAt(6), 104);
+  intake.Take(104);
+  EXPECT_EQ(intake.DescribeWait(200), "") << "some images never get a pose: that is usual";
+}
+
+TEST(IntakeFromTf, AShortBagThatLoopsTellsWhatIsMissing) {
+  FakeTf tf;
+  KeyframeIntake intake(TfOptions(), {}, 0, tf.source());
+  intake.AddCameraInfo(MakeInfo());
+  intake.AddImage(ImageAt(5));
+  intake.Take(0);
+  intake.AddImage(ImageAt(1));
+  const Result result = Split(intake.Take(0));
   EXPECT_EQ(result.jumps, 1);
-  EXPECT_EQ(result.keyframes.size(), 1u) << "the gate starts anew";
+  ASSERT_EQ(result.drops.size(), 1u);
+  EXPECT_EQ(result.drops[0].reason, "no_pose");
+  EXPECT_THAT(result.drops[0].message, HasSubstr("tf has no"));
+}
+
+TEST(IntakeExtrinsic, IsLookedUpBetweenTheFramesOfPoseAndImage) {
+  FakeTf tf;
+  tf.body_from_cam = RigidTransform::Identity();
+  tf.body_from_cam->translation().x() = 20;
+  KeyframeIntake intake(BodyOptions(), {}, 0, tf.source());
+  intake.AddCameraInfo(MakeInfo());
+  PoseSample pose = PoseAt(5, 1);
+  pose.child_frame = "imu";
+  intake.AddPose(pose);
+  intake.AddImage(ImageAt(5));
+  EXPECT_EQ(Split(intake.TakeAll()).keyframes.at(0).world_from_cam.translation().x(), 21);
+}
+
+TEST(IntakeExtrinsic, DroppedImagesSayThatItIsMissing) {
+  NodeOptions options = BodyOptions();
+  options.matcher.image_capacity = 1;
+  KeyframeIntake intake = MakeIntake(options);
+  Feed(&intake, 5, 0, nullptr);
+  const Result result = Feed(&intake, 6, 0, nullptr);
+  ASSERT_EQ(result.drops.size(), 1u);
+  EXPECT_EQ(result.drops[0].reason, "no_extrinsic");
+  EXPECT_THAT(result.drops[0].message, AllOf(HasSubstr("5.000000000"), HasSubstr("~T_body_cam")));
+}
+
+TEST(IntakeExtrinsic, ThePathMayHoldPosesOfTheBodyWhenTheOthersAreTheCameras) {
+  NodeOptions options;
+  options.path_child = PoseSemantics::Child::kBody;
+  KeyframeIntake intake = MakeIntake(options);
+  const auto without = Feed(&intake, 5, 1, nullptr).keyframes.at(0);
+  EXPECT_EQ(without.world_from_cam.translation().x(), 1) << "needs no extrinsic";
+  EXPECT_FALSE(without.path.child_from_cam) << "that of the path is not known";
+  RigidTransform body_from_cam = RigidTransform::Identity();
+  body_from_cam.translation().x() = 10;
+  intake.SetExtrinsic(body_from_cam);
+  const auto with = Feed(&intake, 6, 2, nullptr).keyframes.at(0);
+  EXPECT_EQ(with.world_from_cam.translation().x(), 2);
+  ASSERT_TRUE(with.path.child_from_cam);
+  EXPECT_EQ(with.path.child_from_cam->translation().x(), 10);
+  EXPECT_FALSE(with.path.maps_world_to_child);
+}
+
+TEST(IntakeFromTf, KeyframesSayWhatPosesOfAPathMeanForThem) {
+  NodeOptions options;
+  options.pose = {PoseSemantics::Direction::kCamFromWorld, PoseSemantics::Child::kCameraFlu, std::nullopt};
+  options.matcher.sync_tolerance_s = 0.003;
+  KeyframeIntake intake = MakeIntake(options);
+  const auto keyframe = Feed(&intake, 5, 1, nullptr).keyframes.at(0);
+  EXPECT_TRUE(keyframe.path.maps_world_to_child);
+  EXPECT_EQ(keyframe.path.tolerance_ns, 3000000);
+  EXPECT_EQ(keyframe.path_frame, "map");
+  // The same pose in a path is the same pose of the camera.
+  const RigidTransform received = PoseAt(5, 1).received;
+  EXPECT_TRUE((received.inverse() * *keyframe.path.child_from_cam).isApprox(keyframe.world_from_cam, 1e-12));
+
+  options.world_frame = "earth";
+  options.matcher.sync_tolerance_s = 0;
+  KeyframeIntake renamed = MakeIntake(options);
+  const auto other = Feed(&renamed, 5, 1, nullptr).keyframes.at(0);
+  EXPECT_EQ(other.path_frame, "") << "the frames of all inputs are replaced";
+  EXPECT_EQ(other.path.tolerance_ns, 1000) << "a double is up to 119 ns off";
+}
+
+acmp_mapping::KeyframePtr MakeKeyframe(uint32_t stamp_s) {
+  auto keyframe = boost::make_shared<acmp_mapping::Keyframe>();
+  keyframe->header.stamp = ros::Time(stamp_s, 0);
+  keyframe->header.frame_id = "map";
+  keyframe->image = *ImageAt(stamp_s)->raw;
+  keyframe->image.data.resize(1);
+  keyframe->camera_info = MakeInfo();
+  keyframe->pose.position.x = 1.5;
+  keyframe->pose.orientation.w = 1;
+  return keyframe;
+}
+
+NodeOptions External() {
+  NodeOptions options;
+  options.keyframe_mode = KeyframeMode::kExternal;
+  return options;
+}
+
+TEST(IntakeOfKeyframes, TakesCompressedImagesToo) {
+  KeyframeIntake intake(External(), {}, 0);
+  const auto keyframe = MakeKeyframe(5);
+  keyframe->image = sensor_msgs::Image();
+  keyframe->compressed_image.header.frame_id = "jpeg_cam";
+  keyframe->compressed_image.data.resize(1);
+  intake.AddKeyframe(keyframe);
+  const Result result = Split(intake.TakeAll());
+  EXPECT_TRUE(result.keyframes.at(0).image->compressed);
+  EXPECT_EQ(result.keyframes.at(0).camera_frame, "jpeg_cam");
+}
+
+TEST(IntakeOfKeyframes, TakesAllOrNothing) {
+  KeyframeIntake intake(External(), {}, 0);
+  const auto bad_pose = MakeKeyframe(5);
+  bad_pose->pose.orientation.w = 2;
+  EXPECT_THROW(intake.AddKeyframe(bad_pose), InvalidInputError);
+  const auto bad_cloud = MakeKeyframe(6);
+  bad_cloud->points.width = bad_cloud->points.height = 1;  // and no field
+  EXPECT_THROW(intake.AddKeyframe(bad_cloud), InvalidInputError);
+  const auto bad_camera = MakeKeyframe(7);
+  bad_camera->camera_info.K[0] = 0;
+  EXPECT_THROW(intake.AddKeyframe(bad_camera), InvalidInputError);
+  intake.AddKeyframe(MakeKeyframe(8));
+  const Result result = Split(intake.TakeAll());
+  EXPECT_THAT(result.drops, IsEmpty());
+  ASSERT_EQ(result.keyframes.size(), 1u);
+  EXPECT_EQ(result.keyframes[0].stamp_ns, 8 * kSecond);
+}
+
+TEST(IntakeOfKeyframes, NoticesAJumpBackInTime) {
+  KeyframeIntake intake(External(), {}, 0);
+  intake.AddKeyframe(MakeKeyframe(50));
+  intake.AddKeyframe(MakeKeyframe(5));
+  const Result result = Split(intake.TakeAll());
+  EXPECT_EQ(result.keyframes.size(), 2u);
+  EXPECT_EQ(result.jumps, 1);
 }
 
 }  // namespace

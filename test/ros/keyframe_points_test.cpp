@@ -6,7 +6,6 @@
 #include <gtest/gtest.h>
 
 #include "acmp_mapping/ros/output_conversion.h"
-#include "ros/options_support.h"
 #include "support/error_text.h"
 
 namespace acmp {
@@ -73,12 +72,6 @@ TEST(KeyframePoints, SayWhereARefinedPoseLies) {
   EXPECT_EQ(pose.refined->refined.world_from_cam.matrix(), output.origin.world_from_cam.inverse().matrix());
   EXPECT_EQ(pose.refined->refined.scale, 0.25);
   EXPECT_EQ(pose.refined->received.matrix(), output.origin.world_from_cam.matrix());
-}
-
-TEST(KeyframePoints, SayWhenTheExtrinsicIsNotKnown) {
-  KeyframeOutput output = MakeOutput();
-  output.origin.path.child_from_cam.reset();
-  EXPECT_FALSE(ReadHead(*ToKeyframePoints(output, "m", false)).pose.path.child_from_cam);
 }
 
 TEST(KeyframePoints, BadOnesAreRefused) {

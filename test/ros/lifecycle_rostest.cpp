@@ -7,8 +7,6 @@
 #include <gtest/gtest.h>
 #include <nav_msgs/Path.h>
 #include <nodelet/NodeletList.h>
-#include <nodelet/NodeletLoad.h>
-#include <nodelet/NodeletUnload.h>
 #include <std_srvs/Trigger.h>
 #include <sys/wait.h>
 #include <tf2_msgs/TFMessage.h>
@@ -24,32 +22,18 @@ namespace acmp::test::lifecycle_rostest {
 constexpr char kName[] = "/dense_mapper";
 constexpr char kMapName[] = "/map_server";
 
-bool LoadNodelet(const char* name, const char* type) {
-  nodelet::NodeletLoad load;
-  load.request.name = name;
-  load.request.type = type;
-  return ros::service::call("/manager/load_nodelet", load) && load.response.success;
-}
+bool Load() { return LoadNodelet(kName, "DenseMapperNodelet"); }
+bool LoadMap() { return LoadNodelet(kMapName, "MapServerNodelet"); }
+bool Unload(const char* name = kName) { return UnloadNodelet(name); }
 
-bool Load() { return LoadNodelet(kName, "acmp_mapping/DenseMapperNodelet"); }
-bool LoadMap() { return LoadNodelet(kMapName, "acmp_mapping/MapServerNodelet"); }
-
-bool Unload(const char* name = kName) {
-  nodelet::NodeletUnload unload;
-  unload.request.name = name;
-  return ros::service::call("/manager/unload_nodelet", unload) && unload.response.success;
-}
-
-std::vector<std::string> LoadedNodelets() {
+std::vector<std::string> LoadedNames() {
   nodelet::NodeletList list;
   EXPECT_TRUE(ros::service::call("/manager/list", list)) << "the manager is dead";
   return list.response.nodelets;
 }
 
-class LifecycleTest : public ::testing::Test {
+class LifecycleTest : public SessionTest<MapperControl> {
  protected:
-  static void SetUpTestSuite() { mapper_ = new MapperControl(); }
-  static void TearDownTestSuite() { delete mapper_; }
   void SetUp() override {
     ASSERT_TRUE(ros::service::waitForService("/manager/load_nodelet", ros::Duration(kTimeoutS)));
     ros::param::del(kName);
@@ -58,25 +42,25 @@ class LifecycleTest : public ::testing::Test {
     mapper().log.Clear();
     mapper().diagnostics.Clear();
   }
-  static MapperControl& mapper() { return *mapper_; }
-
- private:
-  static MapperControl* mapper_;
+  static void TearDownTestSuite() {
+    ros::param::del(kName);
+    SessionTest::TearDownTestSuite();
+  }
+  static MapperControl& mapper() { return session(); }
 };
-MapperControl* LifecycleTest::mapper_ = nullptr;
 
 TEST_F(LifecycleTest, LoadsUnloadsAndReloadsWhileDataFlows) {
   const EndlessPlayer player(mapper().player);
   for (int cycle = 0; cycle < 6; ++cycle) {
     ASSERT_TRUE(Load()) << cycle;
-    EXPECT_THAT(LoadedNodelets(), ::testing::Contains(kName));
+    EXPECT_THAT(LoadedNames(), ::testing::Contains(kName));
     mapper().depth.Clear();
     // Every second time it is unloaded before it has made anything.
     if (cycle % 2 == 0) {
       EXPECT_TRUE(mapper().depth.WaitForCount(2, kTimeoutS)) << "no depth in cycle " << cycle;
     }
     ASSERT_TRUE(Unload()) << cycle;
-    EXPECT_THAT(LoadedNodelets(), ::testing::IsEmpty());
+    EXPECT_THAT(LoadedNames(), ::testing::IsEmpty());
   }
 }
 
@@ -94,7 +78,7 @@ TEST_F(LifecycleTest, TheMapComesAndGoesWhileKeyframesAreMapped) {
     });
     EXPECT_TRUE(Unload(kMapName)) << cycle;
     asking.join();
-    EXPECT_THAT(LoadedNodelets(), ::testing::ElementsAre(kName));
+    EXPECT_THAT(LoadedNames(), ::testing::ElementsAre(kName));
   }
   mapper().depth.Clear();
   EXPECT_TRUE(mapper().depth.WaitForCount(1, kTimeoutS)) << "the mapper needs no map";
@@ -126,7 +110,7 @@ TEST_F(LifecycleTest, UnloadEndsAFlushThatWaits) {
   ros::WallDuration(0.5).sleep();
   EXPECT_TRUE(Unload());
   flusher.join();
-  EXPECT_THAT(LoadedNodelets(), ::testing::IsEmpty());
+  EXPECT_THAT(LoadedNames(), ::testing::IsEmpty());
 }
 
 TEST_F(LifecycleTest, StandaloneNodeEndsCleanlyOnSignals) {
@@ -148,20 +132,14 @@ TEST_F(LifecycleTest, StandaloneNodeEndsCleanlyOnSignals) {
   }
 }
 
-TEST_F(LifecycleTest, WarnsOfAnUnknownParameterAndNamesTheNearest) {
+TEST_F(LifecycleTest, WarnsOfAnUnknownParameterAndRefusesAValueOutOfBounds) {
   ros::param::set(std::string(kName) + "/max_imagesize", 320);
-  EXPECT_TRUE(Load());
-  EXPECT_TRUE(mapper().WaitForLog({"~max_imagesize", "~max_image_size"}, kTimeoutS));
-  EXPECT_TRUE(Unload());
-  ros::param::del(std::string(kName) + "/max_imagesize");
-}
-
-TEST_F(LifecycleTest, RefusesAValueOutOfBounds) {
   ros::param::set(std::string(kName) + "/window_size", 1);
   EXPECT_FALSE(Load());
   EXPECT_TRUE(mapper().WaitForLog({"~window_size = 1", "[2, 64]"}, kTimeoutS));
   ros::param::del(std::string(kName) + "/window_size");
   EXPECT_TRUE(Load()) << "the manager must survive";
+  EXPECT_TRUE(mapper().WaitForLog({"~max_imagesize", "~max_image_size"}, kTimeoutS));
   EXPECT_TRUE(Unload());
 }
 

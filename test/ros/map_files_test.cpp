@@ -12,7 +12,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/map/map_writer.h"
-#include "acmp_mapping/ros/map_point.h"
+#include "ros/map_point.h"
 
 namespace acmp {
 namespace {

@@ -16,13 +16,13 @@
 
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/map/occupancy_map.h"
-#include "acmp_mapping/ros/map_point.h"
+#include "ros/map_point.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test::map_rostest {
 
 constexpr size_t kViews = 6;
-constexpr double kVoxelSize = 0.05;  // as in the .test file
+constexpr double kVoxelSize = 0.05;
 
 /// Another world that slides on by a millimetre per view: little enough for neighbours to be matched.
 RigidTransform DriftAt(size_t view) {
@@ -69,7 +69,13 @@ bool SamePoses(const nav_msgs::Path& path, const std::vector<RigidTransform>& po
 
 /// One run of the mapper up to the loop closure, for all cases.
 struct Session {
-  MapperControl mapper;
+  // The map is compared with the points that were published: no keyframe is refined again. All of the scene is between
+  // the heights: it lies in the frame of its first camera, whose z points forward.
+  MapperControl mapper{{{"refine_again", false}},
+                       Parameters{{"voxel_size", kVoxelSize},
+                                  {"map_publish_rate", 30.0},
+                                  {"occupancy_min_height", -2.0},
+                                  {"occupancy_max_height", 5.0}}};
   std::vector<RigidTransform> true_poses, drifted_poses;
   Recorder<sensor_msgs::PointCloud2> points{mapper.nh, "points"};
   Recorder<sensor_msgs::PointCloud2> map{mapper.nh, "map_points"};
@@ -91,12 +97,10 @@ struct Session {
       for (Eigen::Vector3d& landmark : view.frame.landmarks_in_world) landmark = drift * landmark;
       views.push_back(std::move(view));
     }
-    const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
-    while (optimized_path.getNumSubscribers() == 0 && ros::WallTime::now() < end) ros::WallDuration(0.05).sleep();
-    mapped = mapper.WaitUntilReady(kTimeoutS) && mapper.WaitForMapServer(kTimeoutS) &&
-             points.WaitForPublisher(kTimeoutS) && map.WaitForPublisher(kTimeoutS) &&
-             path.WaitForPublisher(kTimeoutS) && mapper.Map(Messages(1000)) == kViews &&
-             points.WaitForCount(kViews, kTimeoutS);
+    mapped = WaitForSubscriber(optimized_path) && mapper.WaitUntilReady(kTimeoutS) &&
+             mapper.WaitForMapServer(kTimeoutS) && points.WaitForPublisher(kTimeoutS) &&
+             map.WaitForPublisher(kTimeoutS) && path.WaitForPublisher(kTimeoutS) &&
+             mapper.Map(Messages(1000)) == kViews && points.WaitForCount(kViews, kTimeoutS);
   }
 
   std::vector<ViewMessages> Messages(uint32_t start_s) const {
@@ -149,17 +153,10 @@ struct Session {
   }
 };
 
-class MapTest : public ::testing::Test {
+class MapTest : public SessionTest<Session> {
  protected:
-  static void SetUpTestSuite() { session_ = new Session(); }
-  static void TearDownTestSuite() { delete session_; }
-  void SetUp() override { ASSERT_TRUE(session_->mapped) << "the mapper did not answer in time"; }
-  static Session& session() { return *session_; }
-
- private:
-  static Session* session_;
+  void SetUp() override { ASSERT_TRUE(session().mapped) << "the mapper did not answer in time"; }
 };
-Session* MapTest::session_ = nullptr;
 
 constexpr char kCorrections[] = "loop corrections (paths that moved keyframes) = ";
 

@@ -1,12 +1,20 @@
 #include "ros/mapper_control.h"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <set>
 
+#include <nodelet/NodeletLoad.h>
+#include <nodelet/NodeletUnload.h>
 #include <std_srvs/Trigger.h>
+
+#include "acmp_mapping/common/error.h"
 
 namespace acmp::test {
 namespace {
+
+namespace fs = std::filesystem;
 
 bool ContainsAll(const std::string& text, const std::vector<std::string>& parts) {
   return std::all_of(parts.begin(), parts.end(),
@@ -34,7 +42,78 @@ std::vector<ViewMessages> MakeSmallScene(size_t views, uint32_t start_s, int wid
   return messages;
 }
 
+bool LoadNodelet(const std::string& name, const std::string& type, const std::map<std::string, std::string>& remap) {
+  nodelet::NodeletLoad load;
+  load.request.name = name;
+  load.request.type = "acmp_mapping/" + type;
+  for (const auto& [from, to] : remap) {
+    load.request.remap_source_args.push_back(from);
+    load.request.remap_target_args.push_back(to);
+  }
+  return ros::service::waitForService("/manager/load_nodelet", ros::Duration(kTimeoutS)) &&
+         ros::service::call("/manager/load_nodelet", load) && load.response.success;
+}
+
+bool UnloadNodelet(const std::string& name) {
+  nodelet::NodeletUnload unload;
+  unload.request.name = name;
+  return ros::service::call("/manager/unload_nodelet", unload) && unload.response.success;
+}
+
+LoadedNodelets::LoadedNodelets(const Parameters& mapper, const std::optional<Parameters>& map_server) {
+  if (map_server) Load("/map_server", "MapServerNodelet", *map_server, {});
+  LoadMapper("/dense_mapper", mapper);
+}
+
+void LoadedNodelets::LoadMapper(const std::string& name, Parameters parameters,
+                                const std::map<std::string, std::string>& remap) {
+  parameters.insert(
+      {{"device", std::string("cpu")}, {"overload", std::string("block")}, {"preset", std::string("online")}});
+  Load(name, "DenseMapperNodelet", parameters, remap);
+}
+
+void LoadedNodelets::Load(const std::string& name, const std::string& type, const Parameters& parameters,
+                          const std::map<std::string, std::string>& remap) {
+  for (const auto& [parameter, value] : parameters) ros::param::set(name + "/" + parameter, value);
+  EXPECT_TRUE(LoadNodelet(name, type, remap)) << name;
+  names_.push_back(name);
+}
+
+LoadedNodelets::~LoadedNodelets() {
+  for (const std::string& name : names_) {
+    EXPECT_TRUE(UnloadNodelet(name)) << name;
+    ros::param::del(name);
+  }
+}
+
+bool WaitForSubscriber(const ros::Publisher& publisher) {
+  const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
+  while (publisher.getNumSubscribers() == 0 && ros::WallTime::now() < end) ros::WallDuration(0.02).sleep();
+  return publisher.getNumSubscribers() > 0;
+}
+
+bool WaitForValue(Recorder<diagnostic_msgs::DiagnosticArray>* diagnostics, const std::string& status,
+                  const std::string& key, const std::string& start) {
+  return diagnostics->WaitUntil(
+      [&](const auto& arrays) {
+        for (const auto& array : arrays) {
+          for (const auto& found : array->status) {
+            if (found.name != status) continue;
+            for (const auto& value : found.values) {
+              if (value.key == key && value.value.rfind(start, 0) == 0) return true;
+            }
+          }
+        }
+        return false;
+      },
+      kTimeoutS);
+}
+
 MapperControl::MapperControl() { spinner.start(); }
+
+MapperControl::MapperControl(const Parameters& mapper, const std::optional<Parameters>& map_server) : MapperControl() {
+  nodelets_.emplace(mapper, map_server);
+}
 
 bool MapperControl::WaitUntilReady(double timeout_s) {
   return player.WaitForMapper(timeout_s) && depth.WaitForPublisher(timeout_s) &&
@@ -125,5 +204,20 @@ std::string MapperControl::DiagnosticValue(const std::string& key) {
   }
   return found;
 }
+
+SavingSession::SavingSession()
+    : MapperControl(Parameters{},
+                    Parameters{{"map_publish_rate", 0.0}, {"save_folder", fs::temp_directory_path().string()}}) {}
+
+SavingTest::SavingTest() : folder_(fs::temp_directory_path() / Concat("acmp_saving_test_", ::getpid())) {}
+
+void SavingTest::SetUp() {
+  ASSERT_TRUE(session().ready);
+  Reset();
+  fs::remove_all(folder_);
+  fs::create_directories(folder_);
+}
+
+void SavingTest::Reset() { ASSERT_TRUE(mapper().Call("reset") && mapper().CallMap("reset")); }
 
 }  // namespace acmp::test

@@ -1,15 +1,19 @@
 #pragma once
 
-#include <functional>
+#include <filesystem>
 #include <map>
+#include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include <acmp_mapping/SaveMap.h>
 #include <diagnostic_msgs/DiagnosticArray.h>
+#include <gtest/gtest.h>
 #include <ros/ros.h>
 #include <rosgraph_msgs/Log.h>
 #include <sensor_msgs/Image.h>
+#include <xmlrpcpp/XmlRpcValue.h>
 
 #include "ros/recorder.h"
 #include "ros/scene_player.h"
@@ -20,11 +24,60 @@ namespace acmp::test {
 /// tests.
 std::vector<ViewMessages> MakeSmallScene(size_t views, uint32_t start_s = 1000, int width = 64);
 
+/// Of a private namespace.
+using Parameters = std::map<std::string, XmlRpc::XmlRpcValue>;
+
+/// Calls a service of the nodelet manager of nodelets_rostest.test.
+/// @param remap topics by the names that they would have
+bool LoadNodelet(const std::string& name, const std::string& type,
+                 const std::map<std::string, std::string>& remap = {});
+bool UnloadNodelet(const std::string& name);
+
+/// Nodelets in the manager, as long as this lives.
+class LoadedNodelets {
+ public:
+  LoadedNodelets() = default;
+  /// /dense_mapper and perhaps /map_server.
+  explicit LoadedNodelets(const Parameters& mapper, const std::optional<Parameters>& map_server = std::nullopt);
+  ~LoadedNodelets();
+  LoadedNodelets(const LoadedNodelets&) = delete;
+  LoadedNodelets& operator=(const LoadedNodelets&) = delete;
+
+  /// @param parameters over what suits tests: on the CPU, quick, and nothing is dropped
+  void LoadMapper(const std::string& name, Parameters parameters, const std::map<std::string, std::string>& remap = {});
+
+ private:
+  void Load(const std::string& name, const std::string& type, const Parameters& parameters,
+            const std::map<std::string, std::string>& remap);
+  std::vector<std::string> names_;
+};
+
+/// Waits until somebody subscribes to a topic; false after kTimeoutS.
+bool WaitForSubscriber(const ros::Publisher& publisher);
+
+/// Waits until a status ("a/node: task") has a value that begins so; false after kTimeoutS.
+bool WaitForValue(Recorder<diagnostic_msgs::DiagnosticArray>* diagnostics, const std::string& status,
+                  const std::string& key, const std::string& start);
+
+/// Cases that share one session, which is made before the first of them and gone after the last.
+template <class Session>
+class SessionTest : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() { session_ = std::make_unique<Session>(); }
+  static void TearDownTestSuite() { session_.reset(); }
+  static Session& session() { return *session_; }
+
+ private:
+  inline static std::unique_ptr<Session> session_;
+};
+
 /// A mapper named /dense_mapper and perhaps its map, /map_server, seen from outside: their inputs, services, log and
 /// diagnostics.
 class MapperControl {
  public:
   MapperControl();
+  /// With the nodelets.
+  explicit MapperControl(const Parameters& mapper, const std::optional<Parameters>& map_server = std::nullopt);
 
   /// Everything connected; false after `timeout_s`.
   bool WaitUntilReady(double timeout_s);
@@ -57,6 +110,32 @@ class MapperControl {
   Recorder<geometry_msgs::PoseStamped> keyframe_pose{nh, "keyframe_pose"};
   Recorder<rosgraph_msgs::Log> log{nh, "/rosout"};
   Recorder<diagnostic_msgs::DiagnosticArray> diagnostics{nh, "/diagnostics"};
+
+ private:
+  std::optional<LoadedNodelets> nodelets_;
+};
+
+/// Mapper and map, which saves below the folder for temporary files and is not published by itself.
+struct SavingSession : MapperControl {
+  SavingSession();
+  const bool ready = WaitUntilReady(kTimeoutS) && WaitForMapServer(kTimeoutS);
+};
+
+/// Each case begins with nothing in mapper and map, and an empty folder.
+class SavingTest : public SessionTest<SavingSession> {
+ protected:
+  void SetUp() override;
+  void TearDown() override { std::filesystem::remove_all(folder_); }
+
+  static MapperControl& mapper() { return session(); }
+  /// Mapper and map.
+  static void Reset();
+  std::string PathOf(const std::string& name) const { return (folder_ / name).string(); }
+
+  const std::filesystem::path folder_;
+
+ public:
+  SavingTest();
 };
 
 }  // namespace acmp::test

@@ -16,8 +16,7 @@
 #include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/output_conversion.h"
-#include "ros/recorder.h"
-#include "ros/scene_player.h"
+#include "ros/mapper_control.h"
 
 namespace acmp::test::mapping_rostest {
 
@@ -61,6 +60,7 @@ std::vector<ViewMessages> MakeAllMessages(const std::vector<SyntheticView>& view
 struct Session {
   ros::NodeHandle nh;
   ros::AsyncSpinner spinner{1};
+  const LoadedNodelets nodelets{{{"preset", std::string("balanced")}, {"sparse_wait", 5.0}}, Parameters{}};
   const std::vector<SyntheticView> views = MakeViews();
   const std::vector<ViewMessages> messages = MakeAllMessages(views);
   const Expected expected{messages};
@@ -84,66 +84,35 @@ struct Session {
 
   Session() {
     spinner.start();
-    complete = player.WaitForMapper(kTimeoutS) && ConnectOutputs(kTimeoutS) && WaitForMapServer(kTimeoutS);
+    complete = player.WaitForMapper(kTimeoutS) &&
+               All([](auto* output) { return output->WaitForPublisher(kTimeoutS); }) && WaitForMapServer();
     for (const ViewMessages& view : messages) player.Publish(view);
     complete = complete && depth_fast.WaitForCount(expected.fast_before_flush, kTimeoutS);
     std_srvs::Trigger flush;
     complete = complete && ros::service::call("/dense_mapper/flush", flush) && flush.response.success;
-    complete = complete && keyframe_depth.WaitForCount(kViews, kTimeoutS);
-    complete = complete && WaitForEach(kViews, kTimeoutS);
+    complete = complete && All([](auto* output) { return output->WaitForCount(kViews, kTimeoutS); });
   }
 
-  bool ConnectOutputs(double timeout_s) const {
-    return depth_fast.WaitForPublisher(timeout_s) && depth.WaitForPublisher(timeout_s) &&
-           depth_info.WaitForPublisher(timeout_s) && depth_fast_info.WaitForPublisher(timeout_s) &&
-           color.WaitForPublisher(timeout_s) && color_info.WaitForPublisher(timeout_s) &&
-           confidence.WaitForPublisher(timeout_s) && normal.WaitForPublisher(timeout_s) &&
-           depth_picture.WaitForPublisher(timeout_s) && normal_picture.WaitForPublisher(timeout_s) &&
-           points.WaitForPublisher(timeout_s) && pose.WaitForPublisher(timeout_s) && path.WaitForPublisher(timeout_s) &&
-           keyframe_depth.WaitForPublisher(timeout_s);
+  /// Calls function(recorder) for all outputs of a keyframe until it says false.
+  template <class Function>
+  bool All(const Function& function) {
+    return function(&depth_fast) && function(&depth_fast_info) && function(&depth) && function(&depth_info) &&
+           function(&color) && function(&color_info) && function(&confidence) && function(&normal) &&
+           function(&depth_picture) && function(&normal_picture) && function(&points) && function(&pose) &&
+           function(&path) && function(&keyframe_depth);
   }
 
   /// Until the map gets what is finished from now on: both ends of the connection say so.
-  bool WaitForMapServer(double timeout_s) {
-    const auto says = [&](const std::string& key) {
-      return diagnostics.WaitUntil(
-          [&](const auto& arrays) {
-            for (const auto& array : arrays) {
-              for (const auto& status : array->status) {
-                for (const auto& value : status.values) {
-                  if (value.key == key && value.value == "1") return true;
-                }
-              }
-            }
-            return false;
-          },
-          timeout_s);
-    };
-    return says("maps that get its points") && says("publishers of /keyframe_points");
-  }
-
-  bool WaitForEach(size_t count, double timeout_s) {
-    return depth_fast.WaitForCount(count, timeout_s) && depth_fast_info.WaitForCount(count, timeout_s) &&
-           depth.WaitForCount(count, timeout_s) && depth_info.WaitForCount(count, timeout_s) &&
-           color.WaitForCount(count, timeout_s) && color_info.WaitForCount(count, timeout_s) &&
-           confidence.WaitForCount(count, timeout_s) && normal.WaitForCount(count, timeout_s) &&
-           depth_picture.WaitForCount(count, timeout_s) && normal_picture.WaitForCount(count, timeout_s) &&
-           points.WaitForCount(count, timeout_s) && pose.WaitForCount(count, timeout_s) &&
-           path.WaitForCount(count, timeout_s);
+  bool WaitForMapServer() {
+    return WaitForValue(&diagnostics, "dense_mapper: mapping", "maps that get its points", "1") &&
+           WaitForValue(&diagnostics, "map_server: mappers", "publishers of /keyframe_points", "1");
   }
 };
 
-class MappingTest : public ::testing::Test {
+class MappingTest : public SessionTest<Session> {
  protected:
-  static void SetUpTestSuite() { session_ = new Session(); }
-  static void TearDownTestSuite() { delete session_; }
-  void SetUp() override { ASSERT_TRUE(session_->complete) << "the mapper did not answer in time"; }
-  static Session& session() { return *session_; }
-
- private:
-  static Session* session_;
+  void SetUp() override { ASSERT_TRUE(session().complete) << "the mapper did not answer in time"; }
 };
-Session* MappingTest::session_ = nullptr;
 
 /// Index of the view with this stamp.
 size_t ViewOf(const ros::Time& stamp) {

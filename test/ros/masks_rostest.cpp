@@ -15,30 +15,30 @@ constexpr int kWidth = 64, kHeight = 48;
 constexpr int kFileRows = 8;
 constexpr int kTopicCols = 16;  ///< from the left, that masks of the topic ignore
 
-class MasksTest : public ::testing::Test {
+class MasksSession : public MapperControl {
+ public:
+  MasksSession() : MapperControl({{"mask_wait", 5.0}, {"mask_file", ACMP_SOURCE_DIR "/test/ros/mask_64x48.png"}}) {}
+  const std::vector<ViewMessages> scene = MakeSmallScene(kViews);
+  const bool ready = WaitUntilReady(kTimeoutS);
+  ros::Publisher masks;  ///< none at first
+  size_t sent = 0;       ///< of masks
+};
+
+class MasksTest : public SessionTest<MasksSession> {
  protected:
-  static void SetUpTestSuite() {
-    mapper_ = new MapperControl();
-    scene_ = new std::vector<ViewMessages>(MakeSmallScene(kViews));
-    ready_ = mapper_->WaitUntilReady(60);
-  }
-  static void TearDownTestSuite() {
-    delete scene_;
-    delete mapper_;
-  }
   void SetUp() override {
-    ASSERT_TRUE(ready_);
+    ASSERT_TRUE(session().ready);
     start_s_ += 100;
     ASSERT_TRUE(mapper().Call("reset"));
     for (size_t i = 0; i < kViews; ++i) {
-      ViewMessages view = (*scene_)[i];
+      ViewMessages view = session().scene[i];
       view.image.header.stamp = view.camera_info.header.stamp = StampOf(i, start_s_);
       view.pose.header.stamp = view.sparse_points.header.stamp = view.image.header.stamp;
       views_.push_back(view);
     }
   }
 
-  static MapperControl& mapper() { return *mapper_; }
+  static MapperControl& mapper() { return session(); }
 
   sensor_msgs::Image MaskOf(size_t view) const {
     sensor_msgs::Image mask;
@@ -55,19 +55,11 @@ class MasksTest : public ::testing::Test {
 
   /// Publishes masks and waits until the mapper has them.
   void Send(const std::vector<sensor_msgs::Image>& masks) {
-    ASSERT_TRUE(ros::service::waitForService("/dense_mapper/flush", ros::Duration(kTimeoutS)));
-    const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
-    while (publisher_->getNumSubscribers() == 0 && ros::WallTime::now() < end) ros::WallDuration(0.05).sleep();
-    for (const sensor_msgs::Image& mask : masks) publisher_->publish(mask);
-    sent_ += masks.size();
-    while (mapper().DiagnosticValue("/mask") != Concat(sent_, " received") && ros::WallTime::now() < end) {
-      ros::WallDuration(0.05).sleep();
-    }
-    ASSERT_EQ(mapper().DiagnosticValue("/mask"), Concat(sent_, " received"));
-  }
-  static void Advertise() {
-    if (publisher_) return;
-    publisher_ = new ros::Publisher(mapper().nh.advertise<sensor_msgs::Image>("mask", 100));
+    if (!session().masks) session().masks = mapper().nh.advertise<sensor_msgs::Image>("mask", 100);
+    ASSERT_TRUE(WaitForSubscriber(session().masks));
+    for (const sensor_msgs::Image& mask : masks) session().masks.publish(mask);
+    session().sent += masks.size();
+    ASSERT_TRUE(mapper().WaitForDiagnostic({Concat("/mask = ", session().sent, " received")}, kTimeoutS));
   }
 
   /// Of the image that was published for a view: how many of the pixels that masks ignore have a depth, and how many of
@@ -93,21 +85,8 @@ class MasksTest : public ::testing::Test {
   }
 
   std::vector<ViewMessages> views_;
-  static uint32_t start_s_;
-
- private:
-  static MapperControl* mapper_;
-  static std::vector<ViewMessages>* scene_;
-  static ros::Publisher* publisher_;
-  static size_t sent_;
-  static bool ready_;
+  inline static uint32_t start_s_ = 1000;
 };
-uint32_t MasksTest::start_s_ = 1000;
-MapperControl* MasksTest::mapper_ = nullptr;
-std::vector<ViewMessages>* MasksTest::scene_ = nullptr;
-ros::Publisher* MasksTest::publisher_ = nullptr;
-size_t MasksTest::sent_ = 0;
-bool MasksTest::ready_ = false;
 
 TEST_F(MasksTest, TheFileIsUsedForAllImages) {
   ASSERT_EQ(mapper().Map(views_), kViews);
@@ -120,7 +99,6 @@ TEST_F(MasksTest, TheFileIsUsedForAllImages) {
 }
 
 TEST_F(MasksTest, AMaskIsUsedForTheImageOfItsStampAndAMissingOneIsTold) {
-  Advertise();
   Send({MaskOf(0), MaskOf(1), MaskOf(3), MaskOf(4)});
   ASSERT_EQ(mapper().Map(views_), kViews);
   for (size_t view = 0; view < kViews; ++view) {
@@ -132,7 +110,6 @@ TEST_F(MasksTest, AMaskIsUsedForTheImageOfItsStampAndAMissingOneIsTold) {
 }
 
 TEST_F(MasksTest, ImagesWaitForLateMasksButNotForever) {
-  Advertise();
   Send({});
   mapper().depth.Clear();
   mapper().keyframe_pose.Clear();
@@ -150,7 +127,6 @@ TEST_F(MasksTest, ImagesWaitForLateMasksButNotForever) {
 }
 
 TEST_F(MasksTest, BadMasksAreNamedAndTheirImagesAreMapped) {
-  Advertise();
   std::vector<sensor_msgs::Image> masks;
   for (size_t view = 0; view < kViews; ++view) masks.push_back(MaskOf(view));
   masks[1].encoding = "32FC1";
@@ -165,7 +141,6 @@ TEST_F(MasksTest, BadMasksAreNamedAndTheirImagesAreMapped) {
 }
 
 TEST_F(MasksTest, AnImageOfWhichEverythingIsIgnoredIsNamed) {
-  Advertise();
   std::vector<sensor_msgs::Image> masks;
   for (size_t view = 0; view < kViews; ++view) masks.push_back(MaskOf(view));
   masks[2].data.assign(masks[2].data.size(), 0);

@@ -1,6 +1,5 @@
 #include "acmp_mapping/ros/optimized_path.h"
 
-#include <limits>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -26,31 +25,6 @@ struct Conversion {
   Conversion(const nav_msgs::Path& message, const std::string& world_frame)
       : path(ToOptimizedPath(message, world_frame, [this](const Incident& bad) { drops.push_back(bad); })) {}
 };
-
-TEST(OptimizedPath, TakesEachPosesOwnStamp) {
-  nav_msgs::Path message;
-  message.header.stamp = ros::Time(99);
-  message.poses = {MakePose(1.5, 1), MakePose(2.5, 2)};
-  const Conversion conversion(message, "world");
-  EXPECT_TRUE(conversion.drops.empty());
-  ASSERT_EQ(conversion.path.poses.size(), 2u);
-  EXPECT_EQ(conversion.path.poses[1].stamp_ns, 2500000000);
-  EXPECT_EQ(conversion.path.poses[1].pose.translation(), Eigen::Vector3d(2, 0, 0));
-  EXPECT_EQ(conversion.path.in_other_frame, 0u);
-}
-
-TEST(OptimizedPath, RefusesBadPosesAndSaysWhich) {
-  nav_msgs::Path message;
-  message.poses = {MakePose(1, 1), MakePose(2, std::numeric_limits<double>::quiet_NaN()), MakePose(3, 3)};
-  message.poses.push_back(MakePose(4, 4));
-  message.poses.back().pose.orientation.w = 0.9;
-  const Conversion conversion(message, "world");
-  EXPECT_EQ(conversion.path.poses.size(), 2u) << "the others are used";
-  ASSERT_EQ(conversion.drops.size(), 2u);
-  EXPECT_EQ(conversion.drops[0].reason, "bad_optimized_pose");
-  EXPECT_THAT(conversion.drops[0].message, AllOf(HasSubstr("pose 2.000000000"), HasSubstr("not finite")));
-  EXPECT_THAT(conversion.drops[1].message, AllOf(HasSubstr("pose 4.000000000"), HasSubstr("norm is 0.9")));
-}
 
 TEST(OptimizedPath, WarnsOfAnotherFrame) {
   nav_msgs::Path message;

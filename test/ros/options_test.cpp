@@ -1,9 +1,9 @@
-// Parameters of the nodelets: reading, refusing, dynamic_reconfigure, and the shipped files.
+// Parameters of the nodelets: reading, refusing, dynamic_reconfigure.
 
-#include "acmp_mapping/ros/runtime_options.h"
+#include "acmp_mapping/ros/options.h"
 
 #include <cstdlib>
-#include <fstream>
+#include <functional>
 #include <limits>
 #include <map>
 #include <set>
@@ -11,60 +11,67 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "acmp_mapping/common/error.h"
-#include "acmp_mapping/pipeline/parameters.h"
-#include "acmp_mapping/ros/map_server_options.h"
-#include "acmp_mapping/ros/node_options.h"
-#include "ros/options_support.h"
+#include "acmp_mapping/mapping/window_options.h"
 #include "support/error_text.h"
 
 namespace acmp {
 namespace {
 
-using test::Struct;
 using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using XmlRpc::XmlRpcValue;
+using Members = std::map<std::string, XmlRpcValue>;
 
-RuntimeOptions LoadRuntime(const std::map<std::string, XmlRpcValue>& members, const RuntimeOptions& start = {}) {
+/// A parameter namespace.
+XmlRpcValue Struct(const Members& members) {
+  XmlRpcValue value;
+  for (const auto& [name, member] : members) value[name] = member;
+  return value;
+}
+
+XmlRpcValue Word(const char* text) { return std::string(text); }
+
+NodeOptions LoadNode(const Members& members) {
+  ParameterReader reader(Struct(members));
+  return LoadNodeOptions(&reader);
+}
+
+RuntimeOptions LoadRuntime(const Members& members, const RuntimeOptions& start = {}) {
   ParameterReader reader(Struct(members));
   return LoadRuntimeOptions(&reader, start);
 }
 
-std::string RuntimeRefusal(const std::map<std::string, XmlRpcValue>& members) {
+MapServerOptions LoadMapServer(const Members& members) {
+  ParameterReader reader(Struct(members));
+  return LoadMapServerOptions(&reader);
+}
+
+std::string NodeRefusal(const Members& members) {
+  return ErrorOf([&] { LoadNode(members); });
+}
+std::string RuntimeRefusal(const Members& members) {
   return ErrorOf([&] { LoadRuntime(members); });
 }
-
-std::string ReadRefusal(const XmlRpcValue& value, const OptionValue& like) {
-  return ErrorOf([&] { ParameterReader(Struct({{"a", value}})).Read(Text("a", ""), like); });
+std::string MapServerRefusal(const Members& members) {
+  return ErrorOf([&] { LoadMapServer(members); });
 }
 
-TEST(ParameterReader, ReadsEveryKindOfValue) {
-  ParameterReader reader(Struct({{"a", 3}, {"b", 2.5}, {"c", true}, {"d", std::string("text")}, {"f", 4}}));
-  EXPECT_EQ(*reader.Read(Text("a", ""), 0), OptionValue(3));
-  EXPECT_EQ(*reader.Read(Text("b", ""), 0.0), OptionValue(2.5));
-  EXPECT_EQ(*reader.Read(Text("c", ""), false), OptionValue(true));
-  EXPECT_EQ(*reader.Read(Text("d", ""), std::string()), OptionValue(std::string("text")));
-  EXPECT_EQ(*reader.Read(Text("f", ""), 0.0), OptionValue(4.0)) << "an integer for a number";
-  EXPECT_FALSE(reader.Read(Text("missing", ""), 0));
-  EXPECT_THAT(reader.DescribeUnknown(), IsEmpty());
-}
-
-TEST(ParameterReader, RefusesOtherKindsAndWhatIsOutOfBounds) {
-  EXPECT_THAT(ReadRefusal(std::string("fast"), 0.0), AllOf(HasSubstr("~a"), HasSubstr("fast"), HasSubstr("number")));
-  EXPECT_THAT(ReadRefusal(2.5, 0), AllOf(HasSubstr("~a"), HasSubstr("2.5"), HasSubstr("integer")));
-  EXPECT_THAT(ReadRefusal(1, false), HasSubstr("true or false"));
-  EXPECT_THAT(ReadRefusal(1, std::string()), HasSubstr("a text"));
-  EXPECT_THAT(ReadRefusal(1, std::vector<double>()), HasSubstr("a list of numbers"));
-  ParameterReader reader(Struct({{"a", 7}}));
-  EXPECT_THAT(ErrorOf([&] { reader.Read(Number("a", 0, 5, "s", ""), 0); }),
-              AllOf(HasSubstr("parameter ~a = 7"), HasSubstr("[0, 5] s")));
+TEST(ParameterReader, TakesIntegersForNumbersAndNothingElseForAnotherKind) {
+  EXPECT_EQ(LoadNode({{"sync_tolerance", 4}}).matcher.sync_tolerance_s, 4);
+  EXPECT_THAT(NodeRefusal({{"sync_tolerance", Word("fast")}}),
+              AllOf(HasSubstr("~sync_tolerance"), HasSubstr("fast"), HasSubstr("number")));
+  EXPECT_THAT(NodeRefusal({{"max_image_size", 2.5}}),
+              AllOf(HasSubstr("~max_image_size"), HasSubstr("2.5"), HasSubstr("integer")));
+  EXPECT_THAT(NodeRefusal({{"rectified", 1}}), HasSubstr("true or false"));
+  EXPECT_THAT(NodeRefusal({{"world_frame", 1}}), HasSubstr("a text"));
+  EXPECT_THAT(NodeRefusal({{"T_body_cam", 1}}), HasSubstr("a list of numbers"));
+  EXPECT_THAT(NodeRefusal({{"mask_wait", 11}}), AllOf(HasSubstr("~mask_wait = 11"), HasSubstr("[0, 10] s")));
 }
 
 TEST(ParameterReader, NamesTheNearestOfAnUnknownName) {
-  ParameterReader reader(Struct({{"max_imagesize", 3}, {"preset", std::string("online")}}));
+  ParameterReader reader(Struct({{"max_imagesize", 3}, {"preset", Word("online")}}));
   LoadNodeOptions(&reader);
   EXPECT_THAT(reader.DescribeUnknown(), ElementsAre(AllOf(HasSubstr("~max_imagesize"), HasSubstr("~max_image_size"))));
   reader.Allow("max_imagesize");
@@ -80,56 +87,102 @@ TEST(ParameterReader, NamesTheNearestOfAnUnknownName) {
   EXPECT_THAT(ParameterReader(XmlRpcValue()).DescribeUnknown(), IsEmpty());
 }
 
-TEST(MapServerOptions, AreReadAndChecked) {
-  ParameterReader reader(Struct({{"max_keyframes", 7},
-                                 {"voxel_size", 0.25},
-                                 {"map_radius", 20},
-                                 {"map_publish_rate", 2},
-                                 {"save_folder", std::string("/")},
-                                 {"on_time_jump", std::string("reset")}}));
-  const MapServerOptions options = LoadMapServerOptions(&reader);
-  EXPECT_THAT(reader.DescribeUnknown(), IsEmpty());
-  EXPECT_EQ(options.map.max_keyframes, 7);
-  EXPECT_EQ(options.map.voxel_size, 0.25);
-  EXPECT_EQ(options.map.map_radius, 20);
-  EXPECT_EQ(options.map_publish_rate, 2);
-  EXPECT_EQ(options.save_folder, "/");
-  EXPECT_FALSE(options.map.keep_earlier_runs);
-  const auto refusal = [](const std::map<std::string, XmlRpcValue>& members) {
-    return ErrorOf([&] {
-      ParameterReader bad(Struct(members));
-      LoadMapServerOptions(&bad);
-    });
+TEST(NodeOptions, AreReadAndChecked) {
+  const NodeOptions options = LoadNode({{"device", Word("cuda:1")},
+                                        {"overload", Word("block")},
+                                        {"pose_source", Word("odom")},
+                                        {"pose_is", Word("T_cam_world")},
+                                        {"sparse_frame", Word("camera")},
+                                        {"keyframe_mode", Word("gate")}});
+  EXPECT_EQ(options.device, Device::kCuda);
+  EXPECT_EQ(options.cuda_device, 1);
+  EXPECT_EQ(options.overload, OverloadPolicy::kBlock);
+  EXPECT_EQ(options.pose_source, PoseSource::kOdometry);
+  EXPECT_EQ(options.pose.direction, PoseSemantics::Direction::kCamFromWorld);
+  EXPECT_EQ(options.sparse_frame, SparseFrame::kCamera);
+  EXPECT_EQ(options.keyframe_mode, KeyframeMode::kGate);
+  NodeOptions copy = options;
+  EXPECT_EQ(OptionsOf(&copy).Find("device").get(), OptionValue(std::string("cuda:1")));
+  for (const char* bad : {"gpu", "cuda:", "cuda:-1", "cuda:01", "cuda:64", "cuda:1 ", "CPU", ""}) {
+    EXPECT_THAT(NodeRefusal({{"device", Word(bad)}}), HasSubstr("must be auto, cuda")) << bad;
+  }
+  EXPECT_THAT(NodeRefusal({{"overload", Word("never")}}), AllOf(HasSubstr("never"), HasSubstr("drop, skip_if_busy")));
+  EXPECT_THAT(NodeRefusal({{"preset", Word("acmm")}}), AllOf(HasSubstr("acmm"), HasSubstr("online")))
+      << "it needs all images";
+}
+
+XmlRpcValue Matrix(const std::vector<double>& numbers, bool nested = false) {
+  XmlRpcValue value;
+  for (int i = 0; i < static_cast<int>(numbers.size()); ++i) {
+    (nested ? value[i / 4][i % 4] : value[i]) = numbers[static_cast<size_t>(i)];
+  }
+  return value;
+}
+
+TEST(NodeOptions, TheExtrinsicIsAMatrixOfTheBody) {
+  for (const bool nested : {false, true}) {
+    const XmlRpcValue matrix = Matrix({0, 0, 1, 0.1, -1, 0, 0, 0.2, 0, -1, 0, 0.3, 0, 0, 0, 1}, nested);
+    const NodeOptions options = LoadNode({{"pose_child", Word("body")}, {"T_body_cam", matrix}});
+    EXPECT_EQ(options.pose.body_from_cam->translation(), Eigen::Vector3d(0.1, 0.2, 0.3));
+    EXPECT_EQ(options.pose.body_from_cam->linear()(0, 2), 1);
+    EXPECT_FALSE(NeedsExtrinsic(options));
+  }
+  EXPECT_TRUE(NeedsExtrinsic(LoadNode({{"pose_child", Word("body")}}))) << "it may come later";
+  const auto refusal = [](const std::vector<double>& numbers) {
+    return NodeRefusal({{"pose_child", Word("body")}, {"T_body_cam", Matrix(numbers)}});
   };
-  EXPECT_THAT(refusal({{"max_keyframes", 0}}), HasSubstr("max_keyframes = 0"));
-  EXPECT_THAT(refusal({{"map_publish_rate", 31}}), HasSubstr("map_publish_rate = 31"));
-  EXPECT_THAT(refusal({{"occupancy_min_height", 2}, {"occupancy_max_height", 1.5}}),
+  EXPECT_THAT(refusal({1, 0, 0}), HasSubstr("3 numbers"));
+  EXPECT_THAT(refusal({1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.1, 0.2, 0.3, 1}), HasSubstr("last row")) << "transposed";
+  EXPECT_THAT(refusal({2, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}), HasSubstr("T_body_cam"));
+  EXPECT_THAT(NodeRefusal({{"T_body_cam", Matrix({1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1})}}),
+              HasSubstr("pose_child"));
+}
+
+TEST(NodeOptions, ThePathMayBeOfAnotherChild) {
+  EXPECT_EQ(PathSemantics(LoadNode({{"pose_child", Word("camera_flu")}})).child, PoseSemantics::Child::kCameraFlu);
+  EXPECT_EQ(PathSemantics(LoadNode({{"path_child", Word("body")}})).child, PoseSemantics::Child::kBody);
+  EXPECT_EQ(LoadNode({{"path_child", Word("")}}).path_child, std::nullopt);
+}
+
+TEST(NodeOptions, TfNeedsTheFramesThatNoMessageNames) {
+  const XmlRpcValue tf = Word("tf"), frame = Word("/map");
+  EXPECT_THAT(NodeRefusal({{"pose_source", tf}}), HasSubstr("~world_frame"));
+  EXPECT_EQ(LoadNode({{"pose_source", tf}, {"world_frame", frame}}).world_frame, "map") << "without the slash";
+  EXPECT_THAT(NodeRefusal({{"pose_source", tf}, {"world_frame", frame}, {"pose_child", Word("body")}}),
+              HasSubstr("~body_frame"));
+  EXPECT_THAT(NodeRefusal({{"pose_source", tf}, {"world_frame", frame}, {"keyframe_mode", Word("external")}}),
+              HasSubstr("external"));
+}
+
+TEST(MapServerOptions, AreReadAndChecked) {
+  const MapServerOptions options = LoadMapServer({{"max_keyframes", 7},
+                                                  {"map_radius", 20},
+                                                  {"voxel_size", 0.25},
+                                                  {"save_folder", Word("/")},
+                                                  {"on_time_jump", Word("reset")}});
+  EXPECT_EQ(options.map.max_keyframes, 7);
+  EXPECT_EQ(options.map.map_radius, 20);
+  EXPECT_EQ(options.map.voxel_size, 0.25);
+  EXPECT_EQ(options.save_folder, "/");
+  EXPECT_TRUE(options.map.forget_earlier_runs);
+  EXPECT_THAT(MapServerRefusal({{"max_keyframes", 0}}), HasSubstr("max_keyframes = 0"));
+  EXPECT_THAT(MapServerRefusal({{"occupancy_min_height", 2}, {"occupancy_max_height", 1.5}}),
               HasSubstr("~occupancy_min_height = 2: must be below ~occupancy_max_height = 1.5"));
-  EXPECT_THAT(refusal({{"save_folder", std::string("~/maps")}}),
-              HasSubstr("~save_folder = \"~/maps\": must be a folder"));
+  EXPECT_THAT(MapServerRefusal({{"save_folder", Word("~/maps")}}), HasSubstr("~save_folder = \"~/maps\""));
+  EXPECT_THAT(MapServerRefusal({{"on_time_jump", Word("stop")}}), AllOf(HasSubstr("stop"), HasSubstr("keep, reset")));
   const std::string ros_home = testing::TempDir() + "ros_home";
   ::setenv("ROS_HOME", ros_home.c_str(), 1);
-  ParameterReader none(Struct({{"max_keyframes", 7}}));
-  EXPECT_EQ(LoadMapServerOptions(&none).save_folder, ros_home + "/acmp_mapping") << "not where the node was started";
+  EXPECT_EQ(LoadMapServer({}).save_folder, ros_home + "/acmp_mapping") << "not where the node was started";
   ::unsetenv("ROS_HOME");
-  EXPECT_THAT(refusal({{"memory_limit", 0.0}}), HasSubstr("memory_limit = 0"));
-  EXPECT_THAT(refusal({{"on_time_jump", std::string("stop")}}), AllOf(HasSubstr("stop"), HasSubstr("keep, reset")));
 }
 
 TEST(RuntimeOptions, AreReadAndChecked) {
-  const RuntimeOptions options = LoadRuntime({{"window_size", 25},
-                                              {"min_depth_confidence", 0.5},
-                                              {"min_confidence", 0.25},
-                                              {"depth_min", 1},
-                                              {"depth_max", 9.5}});
+  const RuntimeOptions options =
+      LoadRuntime({{"window_size", 25}, {"min_confidence", 0.25}, {"depth_min", 1}, {"depth_max", 9.5}});
   EXPECT_EQ(options.mapper.window_size, 25);
-  EXPECT_EQ(options.min_depth_confidence, 0.5);
   EXPECT_EQ(options.mapper.pipeline.fusion.min_confidence, 0.25f);
-  EXPECT_EQ(options.mapper.fallback_depth_range.min, 1);
   EXPECT_EQ(options.mapper.fallback_depth_range.max, 9.5f);
   EXPECT_THAT(RuntimeRefusal({{"window_size", 1000}}), AllOf(HasSubstr("~window_size = 1000"), HasSubstr("[2, 64]")));
-  EXPECT_THAT(RuntimeRefusal({{"min_confidence", 2.0}}), HasSubstr("min_confidence"));
-  EXPECT_THAT(RuntimeRefusal({{"min_depth_confidence", 2.0}}), HasSubstr("min_depth_confidence"));
   EXPECT_THAT(RuntimeRefusal({{"lookahead", 30}}), HasSubstr("lookahead"));
   EXPECT_THAT(RuntimeRefusal({{"depth_min", 5}, {"depth_max", 2}}), HasSubstr("depth_min and depth_max"));
   EXPECT_THAT(RuntimeRefusal({{"depth_max", 2}}), HasSubstr("~depth_min = 0 and ~depth_max = 2: set both or none"));
@@ -143,33 +196,25 @@ TEST(RuntimeOptions, AKeyframeNeedsNoMoreViewsThanItMayHave) {
   EXPECT_EQ(LoadRuntime({}).mapper.min_source_views, DenseMapperOptions().min_source_views);
 }
 
-std::map<std::string, OptionValue> PipelineValues(const PipelineOptions& options) {
+std::map<std::string, OptionValue> PipelineValues(PipelineOptions options) {
   std::map<std::string, OptionValue> values;
-  for (const auto& option : PipelineOptionTable()) values[option.name()] = option.get(options);
+  for (const Option& option : OptionsOf(&options)) values[option.name] = option.get();
   return values;
 }
 
-TEST(RuntimeOptions, APresetReachesTheMapperWholeAndSurvivesReconfigure) {
-  const std::vector<std::string>& presets = NodeOptionTable().Find("preset").description.choices;
-  EXPECT_GE(presets.size(), 3u);
-  for (const std::string& name : presets) {
-    if (name == kAutoPreset) continue;
-    RuntimeOptions start;
+TEST(RuntimeOptions, APresetReachesTheMapperWholeAndAParameterCountsMore) {
+  RuntimeOptions start;
+  for (const std::string name : {"acmh", "acmp", "balanced", "online"}) {
     start.mapper.pipeline = MakePreset(name);
     const RuntimeOptions loaded = LoadRuntime({}, start);
     EXPECT_EQ(PipelineValues(loaded.mapper.pipeline), PipelineValues(MakePreset(name))) << name;
     const RuntimeOptions reconfigured = FromConfig(ToConfig(loaded), loaded);
     EXPECT_EQ(PipelineValues(reconfigured.mapper.pipeline), PipelineValues(MakePreset(name))) << name;
   }
-}
-
-TEST(RuntimeOptions, AParameterCountsMoreThanThePreset) {
-  RuntimeOptions start;
   start.mapper.pipeline = MakePreset("acmh");
-  ASSERT_FALSE(start.mapper.pipeline.use_planar_prior);
-  const PipelineOptions pipeline = LoadRuntime({{"use_planar_prior", true}}, start).mapper.pipeline;
-  EXPECT_TRUE(pipeline.use_planar_prior);
-  EXPECT_EQ(pipeline.fill.enabled, MakePreset("acmh").fill.enabled);
+  auto expected = PipelineValues(start.mapper.pipeline);
+  expected["use_planar_prior"] = true;
+  EXPECT_EQ(PipelineValues(LoadRuntime({{"use_planar_prior", true}}, start).mapper.pipeline), expected);
 }
 
 /// What dynamic_reconfigure knows by name.
@@ -183,38 +228,36 @@ std::map<std::string, double> Values(const DenseMapperConfig& config) {
   return values;
 }
 
-TEST(Reconfigure, OffersWhatMayChange) {
-  std::set<std::string> in_table, in_cfg;
-  for (const auto& option : RuntimeOptionTable()) {
-    if (option.description.while_running) in_table.insert(option.name());
-  }
-  for (const auto& value : Values(DenseMapperConfig::__getDefault__())) in_cfg.insert(value.first);
-  EXPECT_EQ(in_cfg, in_table);
-}
-
-TEST(Reconfigure, EveryValueTakesItsWay) {
+TEST(Reconfigure, EveryValueThatMayChangeTakesItsWay) {
   // One changed option after the other: it arrives, and nothing else changes.
   const RuntimeOptions current = LoadRuntime({});
   const auto [least, largest] = ConfigBounds();
-  for (const auto& changed : RuntimeOptionTable()) {
-    if (!changed.description.while_running) continue;
-    RuntimeOptions wanted = current;
-    OptionValue value = changed.get(current);
+  RuntimeOptions wanted, arrived;
+  const OptionList of_arrived = OptionsOf(&arrived);
+  std::set<std::string> names;
+  for (const Option& changed : OptionsOf(&wanted)) {
+    if (!changed.while_running) continue;
+    names.insert(changed.name);
+    wanted = current;
+    OptionValue value = changed.get();
     if (auto* flag = std::get_if<bool>(&value)) *flag = !*flag;
     if (auto* integer = std::get_if<int>(&value)) ++*integer;
     if (auto* number = std::get_if<double>(&value)) *number += 0.25;
-    changed.set(value, &wanted);
-    if (changed.name() == "depth_min") wanted.mapper.fallback_depth_range.max = 9;
-    if (changed.name() == "depth_max") wanted.mapper.fallback_depth_range.min = 0.125f;
+    changed.set(value);
+    if (changed.name == "depth_min") wanted.mapper.fallback_depth_range.max = 9;
+    if (changed.name == "depth_max") wanted.mapper.fallback_depth_range.min = 0.125f;
     const DenseMapperConfig config = ToConfig(wanted);
-    const RuntimeOptions arrived = FromConfig(config, current);
-    for (const auto& option : RuntimeOptionTable()) {
-      EXPECT_EQ(option.get(arrived), option.get(wanted)) << changed.name() << ", " << option.name();
+    arrived = FromConfig(config, current);
+    for (const Option& option : OptionsOf(&wanted)) {
+      EXPECT_EQ(of_arrived.Find(option.name).get(), option.get()) << changed.name << ", " << option.name;
     }
-    EXPECT_LT(Values(least).at(changed.name()), Values(largest).at(changed.name()));
-    EXPECT_LE(Values(least).at(changed.name()), Values(config).at(changed.name())) << changed.name();
-    EXPECT_GE(Values(largest).at(changed.name()), Values(config).at(changed.name())) << changed.name();
+    EXPECT_LT(Values(least).at(changed.name), Values(largest).at(changed.name));
+    EXPECT_LE(Values(least).at(changed.name), Values(config).at(changed.name)) << changed.name;
+    EXPECT_GE(Values(largest).at(changed.name), Values(config).at(changed.name)) << changed.name;
   }
+  for (const auto& [name, value] : Values(DenseMapperConfig::__getDefault__()))
+    EXPECT_EQ(names.erase(name), 1u) << name;
+  EXPECT_THAT(names, IsEmpty()) << "in the .cfg file";
 }
 
 TEST(Reconfigure, LeavesAloneWhatIsReadOnce) {
@@ -235,31 +278,24 @@ TEST(Reconfigure, RefusesWhatIsOutOfBoundsOrDoesNotFit) {
               AllOf(HasSubstr("max_source_views = 2000"), HasSubstr("[1, 32]")));
   EXPECT_THAT(refusal([](auto* c) { c->lookahead = 4; }), AllOf(HasSubstr("lookahead = 4"), HasSubstr("[0, 3]")));
   EXPECT_THAT(refusal([](auto* c) { c->depth_min = 5, c->depth_max = 2; }), HasSubstr("depth_min and depth_max"));
-  EXPECT_THAT(refusal([](auto* c) { c->min_confidence = std::numeric_limits<double>::quiet_NaN(); }),
-              HasSubstr("min_confidence"));
-}
-
-template <class Options>
-void CheckDescriptions(const OptionTable<Options>& table, std::set<std::string>* names) {
-  for (const auto& option : table) {
-    const OptionDescription& description = option.description;
-    const bool is_of_both_nodes = option.name() == std::string("memory_limit");
-    EXPECT_TRUE(names->insert(option.name()).second || is_of_both_nodes) << option.name() << " twice";
-    EXPECT_GE(description.sentence.size(), 20u) << option.name();
-    EXPECT_EQ(description.sentence.find('"'), std::string::npos) << option.name() << ": it is quoted in the .cfg file";
-    EXPECT_FALSE(description.group.empty()) << option.name();
-    EXPECT_NO_THROW(CheckOption(description, option.default_value())) << option.name();
-  }
 }
 
 TEST(Parameters, AreFewAndExplained) {
+  NodeOptions node;
+  RuntimeOptions runtime;
+  MapServerOptions map_server;
+  OptionList all = OptionsOf(&node);
+  all.Append(OptionsOf(&runtime));
+  all.Append(OptionsOf(&map_server));
   std::set<std::string> names;
-  CheckDescriptions(NodeOptionTable(), &names);
-  CheckDescriptions(RuntimeOptionTable(), &names);
-  CheckDescriptions(MapServerOptionTable(), &names);
+  for (const Option& option : all) {
+    EXPECT_TRUE(names.insert(option.name).second || option.name == "memory_limit") << option.name << " twice";
+    EXPECT_GE(option.sentence.size(), 20u) << option.name;
+    EXPECT_EQ(option.sentence.find('"'), std::string::npos) << option.name << ": it is quoted in the .cfg file";
+    EXPECT_FALSE(option.group.empty()) << option.name;
+  }
+  EXPECT_NO_THROW(all.Check());
   EXPECT_LE(names.size(), 46u);
-  EXPECT_LE(PipelineOptionTable().size(), 25u);
-  EXPECT_LE(Values(DenseMapperConfig::__getDefault__()).size(), 15u);
 }
 
 }  // namespace

@@ -13,7 +13,6 @@
 
 namespace acmp::test::prior_depth_rostest {
 
-constexpr double kTimeoutS = 60;
 constexpr size_t kViews = 5;
 
 /// One depth everywhere, at half of the images' size.
@@ -32,14 +31,9 @@ sensor_msgs::Image DepthOf(const ViewMessages& view, float depth) {
 }
 
 TEST(PriorDepthTest, WhatIsOfNoUseIsNamedAndItsImagesAreMapped) {
-  MapperControl mapper;
+  MapperControl mapper(Parameters{});
   ASSERT_TRUE(mapper.WaitUntilReady(kTimeoutS));
-  std::vector<ViewMessages> views = MakeSmallScene(kViews);
-  for (size_t i = 0; i < kViews; ++i) {
-    ViewMessages& view = views[i];
-    view.image.header.stamp = view.camera_info.header.stamp = StampOf(i, 1000);
-    view.pose.header.stamp = view.sparse_points.header.stamp = view.image.header.stamp;
-  }
+  const std::vector<ViewMessages> views = MakeSmallScene(kViews);
   std::vector<sensor_msgs::Image> depths;
   for (const ViewMessages& view : views) depths.push_back(DepthOf(view, 2));
   depths[1].encoding = "mono8";
@@ -47,8 +41,7 @@ TEST(PriorDepthTest, WhatIsOfNoUseIsNamedAndItsImagesAreMapped) {
   depths[3].header.stamp += ros::Duration(0.01);
 
   ros::Publisher publisher = mapper.nh.advertise<sensor_msgs::Image>("prior_depth", 100);
-  const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
-  while (publisher.getNumSubscribers() == 0 && ros::WallTime::now() < end) ros::WallDuration(0.05).sleep();
+  ASSERT_TRUE(WaitForSubscriber(publisher));
   for (const sensor_msgs::Image& depth : depths) publisher.publish(depth);
   ASSERT_TRUE(mapper.WaitForDiagnostic({"/prior_depth", Concat(kViews, " received")}, kTimeoutS));
 

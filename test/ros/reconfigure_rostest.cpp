@@ -3,7 +3,7 @@
 #include <dynamic_reconfigure/Reconfigure.h>
 #include <gtest/gtest.h>
 
-#include "acmp_mapping/ros/runtime_options.h"
+#include "acmp_mapping/ros/options.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test::reconfigure_rostest {
@@ -19,7 +19,8 @@ DenseMapperConfig Reconfigure(ros::ServiceClient* set_parameters, const DenseMap
 }
 
 /// Another value, within the bounds.
-OptionValue Change(OptionValue value, const OptionDescription& option) {
+OptionValue Change(const Option& option) {
+  OptionValue value = option.get();
   if (auto* flag = std::get_if<bool>(&value)) *flag = !*flag;
   if (auto* integer = std::get_if<int>(&value)) *integer += *integer < option.max ? 1 : -1;
   if (auto* number = std::get_if<double>(&value)) {
@@ -31,14 +32,15 @@ OptionValue Change(OptionValue value, const OptionDescription& option) {
 /// One changed configuration for each parameter. Some parameters belong together.
 std::vector<std::pair<std::string, DenseMapperConfig>> Changes(const RuntimeOptions& start) {
   std::vector<std::pair<std::string, DenseMapperConfig>> changes;
-  for (const auto& option : RuntimeOptionTable()) {
-    if (!option.description.while_running) continue;
-    RuntimeOptions changed = start;
-    option.set(Change(option.get(start), option.description), &changed);
+  RuntimeOptions changed;
+  for (const Option& option : OptionsOf(&changed)) {
+    if (!option.while_running) continue;
+    changed = start;
+    option.set(Change(option));
     DepthRange& range = changed.mapper.fallback_depth_range;
-    if (option.name() == "depth_min") range.max = 2 * range.min;
-    if (option.name() == "depth_max") range.min = 0.5f * range.max;
-    changes.emplace_back(option.name(), ToConfig(changed));
+    if (option.name == "depth_min") range.max = 2 * range.min;
+    if (option.name == "depth_max") range.min = 0.5f * range.max;
+    changes.emplace_back(option.name, ToConfig(changed));
   }
   return changes;
 }
@@ -53,7 +55,7 @@ std::string ToText(const DenseMapperConfig& config) {
 }
 
 TEST(ReconfigureWhileImagesCome, EveryParameterTakesEffectAndNoImageIsLost) {
-  MapperControl mapper;
+  MapperControl mapper(Parameters{});
   ASSERT_TRUE(mapper.WaitUntilReady(kTimeoutS));
   RuntimeOptions options;
   options.mapper.pipeline = MakePreset("online");  // the test is about changes, not about maps

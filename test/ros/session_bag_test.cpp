@@ -2,7 +2,6 @@
 
 #include "acmp_mapping/ros/session_bag.h"
 
-#include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -28,6 +27,7 @@
 #include "acmp_mapping/mesh/distance_volume.h"
 #include "dataset/test_folder.h"
 #include "map/room_keyframes.h"
+#include "support/file_size_limit.h"
 
 namespace acmp::test {
 namespace {
@@ -307,15 +307,10 @@ TEST_F(SessionBagTest, AFullDiskLeavesTheOldFileAndTakesNoSpace) {
   const std::string content = ReadText(Path());
   const Session session = {RoomMap()->Session(), "map"};
   const auto descriptors = std::distance(std::filesystem::directory_iterator("/proc/self/fd"), {});
-  const auto previous_handler = std::signal(SIGXFSZ, SIG_IGN);  // a limit on the size of files stands in for the disk
-  rlimit previous{}, limit{};
-  ::getrlimit(RLIMIT_FSIZE, &previous);
-  limit = previous;
-  limit.rlim_cur = content.size() / 2;
-  ::setrlimit(RLIMIT_FSIZE, &limit);
-  const std::string message = MessageOf<ProcessingError>([&] { WriteSession(Path(), session); });
-  ::setrlimit(RLIMIT_FSIZE, &previous);
-  std::signal(SIGXFSZ, previous_handler);
+  const std::string message = [&] {
+    const FileSizeLimit limit(content.size() / 2);
+    return MessageOf<ProcessingError>([&] { WriteSession(Path(), session); });
+  }();
   EXPECT_THAT(message, HasSubstr("File too large"));
   EXPECT_EQ(ReadText(Path()), content);
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder()), {}), 1) << "no temporary file is left";

@@ -9,8 +9,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <nav_msgs/Path.h>
-#include <nodelet/NodeletLoad.h>
-#include <nodelet/NodeletUnload.h>
 
 #include "ros/mapper_control.h"
 
@@ -25,24 +23,9 @@ using ::testing::HasSubstr;
 
 constexpr size_t kViews = 5;
 
-class SessionsTest : public ::testing::Test {
+class SessionsTest : public SavingTest {
  protected:
-  static void SetUpTestSuite() {
-    mapper_ = new MapperControl();
-    ready_ = mapper_->WaitUntilReady(kTimeoutS) && mapper_->WaitForMapServer(kTimeoutS);
-  }
-  static void TearDownTestSuite() { delete mapper_; }
-  void SetUp() override {
-    ASSERT_TRUE(ready_);
-    ASSERT_TRUE(mapper().Call("reset") && mapper().CallMap("reset"));
-    fs::remove_all(folder_);
-    fs::create_directories(folder_);
-  }
-  void TearDown() override { fs::remove_all(folder_); }
-
-  static MapperControl& mapper() { return *mapper_; }
   static std::vector<ViewMessages> Scene() { return MakeSmallScene(kViews, 1000); }
-  std::string PathOf(const std::string& name) const { return (folder_ / name).string(); }
   SaveSession::Response Save(const std::string& name) const {
     SaveSession save;
     save.request.path = PathOf(name);
@@ -65,15 +48,7 @@ class SessionsTest : public ::testing::Test {
     std::ifstream stream(PathOf("map.ply"), std::ios::binary);
     return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
   }
-
-  const fs::path folder_ = fs::temp_directory_path() / ("acmp_sessions_rostest_" + std::to_string(::getpid()));
-
- private:
-  static MapperControl* mapper_;
-  static bool ready_;
 };
-MapperControl* SessionsTest::mapper_ = nullptr;
-bool SessionsTest::ready_ = false;
 
 TEST_F(SessionsTest, AMapIsSavedAndLoadedAgainAndGoesOn) {
   ASSERT_EQ(mapper().Map(Scene()), kViews);
@@ -162,10 +137,7 @@ TEST_F(SessionsTest, WhatCannotBeUsedIsRefusedAndTheMapStays) {
 bool LoadSecondServer(const std::string& session) {
   ros::param::set("/second/save_folder", fs::temp_directory_path().string());
   ros::param::set("/second/load_session", session);
-  nodelet::NodeletLoad load;
-  load.request.name = "/second";
-  load.request.type = "acmp_mapping/MapServerNodelet";
-  return ros::service::call("/manager/load_nodelet", load) && load.response.success;
+  return LoadNodelet("/second", "MapServerNodelet");
 }
 
 TEST_F(SessionsTest, AMapBeginsWithTheSessionOfItsParameter) {
@@ -176,9 +148,7 @@ TEST_F(SessionsTest, AMapBeginsWithTheSessionOfItsParameter) {
   EXPECT_TRUE(mapper().WaitForLog({"cannot start", "none.bag", "no such file"}, kTimeoutS));
   ASSERT_TRUE(LoadSecondServer(PathOf("session.bag")));
   EXPECT_EQ(MapBytes("second"), before);
-  nodelet::NodeletUnload unload;
-  unload.request.name = "/second";
-  EXPECT_TRUE(ros::service::call("/manager/unload_nodelet", unload) && unload.response.success);
+  EXPECT_TRUE(UnloadNodelet("/second"));
 }
 
 }  // namespace acmp::test::sessions_rostest

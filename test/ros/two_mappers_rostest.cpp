@@ -106,21 +106,8 @@ struct Session {
     failure = Run();
   }
 
-  /// Waits until a status ("a/node: task") has a value that begins so.
-  bool WaitForDiagnostic(const std::string& name, const std::string& key, const std::string& start) {
-    return diagnostics.WaitUntil(
-        [&](const auto& arrays) {
-          for (const auto& array : arrays) {
-            for (const auto& status : array->status) {
-              if (status.name != name) continue;
-              for (const auto& value : status.values) {
-                if (value.key == key && value.value.rfind(start, 0) == 0) return true;
-              }
-            }
-          }
-          return false;
-        },
-        kTimeoutS);
+  bool WaitForDiagnostic(const std::string& status, const std::string& key, const std::string& start) {
+    return WaitForValue(&diagnostics, status, key, start);
   }
 
   std::string Run() {
@@ -175,17 +162,10 @@ struct Session {
   }
 };
 
-class TwoMappersTest : public ::testing::Test {
+class TwoMappersTest : public SessionTest<Session> {
  protected:
-  static void SetUpTestSuite() { session_ = new Session(); }
-  static void TearDownTestSuite() { delete session_; }
-  void SetUp() override { ASSERT_EQ(session_->failure, ""); }
-  static Session& session() { return *session_; }
-
- private:
-  static Session* session_;
+  void SetUp() override { ASSERT_EQ(session().failure, ""); }
 };
-Session* TwoMappersTest::session_ = nullptr;
 
 TEST_F(TwoMappersTest, A_TheMapIsTheUnionOfTheirOwnMaps) {
   const Messages messages = session().points.messages();
@@ -235,8 +215,7 @@ TEST_F(TwoMappersTest, C_OnePathMovesTheKeyframesOfBoth) {
   }
   const PointCloud before = ToPointCloud(*session().map.messages().back());
   ros::Publisher publisher = session().nh.advertise<nav_msgs::Path>("/optimized_path", 1);
-  const ros::WallTime end = ros::WallTime::now() + ros::WallDuration(kTimeoutS);
-  while (publisher.getNumSubscribers() == 0 && ros::WallTime::now() < end) ros::WallDuration(0.05).sleep();
+  ASSERT_TRUE(WaitForSubscriber(publisher));
   publisher.publish(optimized);
   ASSERT_TRUE(session().WaitForDiagnostic("map_server: map", "keyframes re-posed, all corrections together",
                                           std::to_string(2 * kViews)));

@@ -5,7 +5,6 @@
 #include <optional>
 #include <string>
 #include <type_traits>
-#include <utility>
 #include <variant>
 #include <vector>
 
@@ -14,8 +13,9 @@ namespace acmp {
 /// What an option may hold. An enumeration is the name of its value, a matrix its numbers row by row.
 using OptionValue = std::variant<bool, int, double, std::string, std::vector<double>>;
 
-/// All that there is to say about an option. Whatever reads, checks, lists or explains options takes it from here.
-struct OptionDescription {
+/// An option of some object: all that there is to say about it, and its value there. Whatever reads, checks, lists or
+/// explains options takes it from here.
+struct Option {
   std::string name;
   std::string sentence;  ///< what it does, for a person who does not know the source; without a full stop
   std::string unit;      ///< of a number; empty: none
@@ -24,169 +24,97 @@ struct OptionDescription {
   std::vector<std::string> choices;  ///< of a text; empty: any text
   bool while_running = false;        ///< may change while a mapper runs
   std::string group;                 ///< heading that it stands under
+  std::function<OptionValue()> get;
+  std::function<void(const OptionValue&)> set;  ///< without a check of bounds, but may throw InvalidInputError
 
-  OptionDescription WhileRunning() const;
+  void WhileRunning() { while_running = true; }
 };
-
-OptionDescription Flag(std::string name, std::string sentence);
-/// An integer or floating-point number in [min, max].
-OptionDescription Number(std::string name, double min, double max, std::string unit, std::string sentence);
-/// Any text, or a list of numbers.
-OptionDescription Text(std::string name, std::string sentence);
-/// One of several texts; for an enumeration, the names of its values 0, 1, ...; for an optional one, "" after them.
-OptionDescription Choice(std::string name, std::vector<std::string> choices, std::string sentence);
 
 /// Throws InvalidInputError naming option, value and bound. NaN is out of all bounds.
 /// @param prefix stands before the name: "parameter ~"
-void CheckOption(const OptionDescription& option, const OptionValue& value, const std::string& prefix = "");
+void CheckOption(const Option& option, const OptionValue& value, const std::string& prefix = "");
 
-/// A value of the same kind as `like` from its text, checked. Throws InvalidInputError naming option and text.
-OptionValue ParseOption(const OptionDescription& option, const OptionValue& like, const std::string& text);
+/// A value of the option's kind from its text, checked. Throws InvalidInputError naming option and text.
+OptionValue ParseOption(const Option& option, const std::string& text);
 
 /// As it is written in YAML: true, 2.5, auto, "", [1, 2].
 std::string ToYaml(const OptionValue& value);
 
 /// "true or false", "2 to 64 px", "auto, cuda, cpu"; empty for any text.
-std::string DescribeValues(const OptionDescription& option, const OptionValue& like);
-
-/// Throws InvalidInputError that names the most similar one of `names`, if one is similar.
-[[noreturn]] void RefuseUnknownOption(const std::string& name, const std::vector<std::string>& names);
-
-namespace internal {
+std::string DescribeValues(const Option& option);
 
 /// The shortest decimal that reads back as the float: 0.18 rather than 0.180000007.
 double ToDecimal(float value);
-size_t IndexOfChoice(const OptionDescription& option, const std::string& choice);
 
-template <class T>
-OptionValue ToValue(const OptionDescription& option, const T& field);
-/// None is the empty text.
-template <class T>
-OptionValue ToValue(const OptionDescription& option, const std::optional<T>& field) {
-  return field ? ToValue(option, *field) : OptionValue(std::string());
-}
-
-template <class T>
-OptionValue ToValue(const OptionDescription& option, const T& field) {
-  if constexpr (std::is_enum_v<T>) {
-    return option.choices.at(static_cast<size_t>(field));
-  } else if constexpr (std::is_same_v<T, float>) {
-    return ToDecimal(field);
-  } else {
-    return field;
-  }
-}
-
-template <class T>
-void FromValue(const OptionDescription& option, const OptionValue& value, T* field);
-template <class T>
-void FromValue(const OptionDescription& option, const OptionValue& value, std::optional<T>* field) {
-  field->reset();
-  if (std::get<std::string>(value).empty()) return;
-  FromValue(option, value, &field->emplace());
-}
-
-template <class T>
-void FromValue(const OptionDescription& option, const OptionValue& value, T* field) {
-  if constexpr (std::is_enum_v<T>) {
-    *field = static_cast<T>(IndexOfChoice(option, std::get<std::string>(value)));
-  } else if constexpr (std::is_same_v<T, float>) {
-    *field = static_cast<float>(std::get<double>(value));
-  } else {
-    *field = std::get<T>(value);
-  }
-}
-
-}  // namespace internal
-
-/// A described option and where it is kept in `Options`.
-template <class Options>
-struct Option {
-  OptionDescription description;
-  std::function<OptionValue(const Options&)> get;
-  /// Without a check of bounds, but may throw InvalidInputError.
-  std::function<void(const OptionValue&, Options*)> set;
-
-  const std::string& name() const { return description.name; }
-  OptionValue default_value() const { return get(Options()); }
-};
-
-/// All options of one struct that a user can set, in the order in which they are listed.
-template <class Options>
-class OptionTable {
+/// All options of an object that a user can set, in the order in which they are listed. They refer to the object.
+class OptionList {
  public:
   /// What is added from now on stands under this heading.
   void Group(std::string heading) { group_ = std::move(heading); }
 
-  /// @param field from options (const or not) to a bool, int, float, double, string, enumeration or optional
-  /// enumeration
-  template <class Field>
-  void Add(const OptionDescription& description, const Field& field) {
-    using T = std::decay_t<decltype(field(std::declval<Options&>()))>;
-    Add(
-        description,
-        [description, field](const Options& options) {
-          const T& value = field(options);
-          return internal::ToValue(description, value);
+  Option& Flag(std::string name, bool* field, std::string sentence);
+  Option& Text(std::string name, std::string* field, std::string sentence);
+  /// An integer or floating-point number in [min, max].
+  template <class T>
+  Option& Number(std::string name, T* field, double min, double max, std::string unit, std::string sentence) {
+    using Held = std::conditional_t<std::is_same_v<T, int>, int, double>;
+    Option& option = Add(
+        std::move(name), std::move(sentence),
+        [field]() -> OptionValue {
+          if constexpr (std::is_same_v<T, float>) return ToDecimal(*field);
+          return Held{*field};
         },
-        [description, field](const OptionValue& value, Options* options) {
-          T& target = field(*options);
-          internal::FromValue(description, value, &target);
+        [field](const OptionValue& value) { *field = static_cast<T>(std::get<Held>(value)); });
+    option.unit = std::move(unit);
+    option.min = min;
+    option.max = max;
+    return option;
+  }
+  /// One of several texts: the names of the enumeration's values 0, 1, ...
+  template <class Enum>
+  Option& Choice(std::string name, Enum* field, std::vector<std::string> choices, std::string sentence) {
+    return AddChoice(
+        std::move(name), std::move(choices), std::move(sentence), [field] { return static_cast<size_t>(*field); },
+        [field](size_t index) { *field = static_cast<Enum>(index); });
+  }
+  /// The same with "" for none after them.
+  template <class Enum>
+  Option& Choice(std::string name, std::optional<Enum>* field, std::vector<std::string> choices, std::string sentence) {
+    const size_t none = choices.size();
+    choices.emplace_back();
+    return AddChoice(
+        std::move(name), std::move(choices), std::move(sentence),
+        [field, none] { return *field ? static_cast<size_t>(**field) : none; },
+        [field, none](size_t index) {
+          *field = index == none ? std::nullopt : std::optional(static_cast<Enum>(index));
         });
   }
+  Option& Add(std::string name, std::string sentence, std::function<OptionValue()> get,
+              std::function<void(const OptionValue&)> set);
 
-  void Add(OptionDescription description, std::function<OptionValue(const Options&)> get,
-           std::function<void(const OptionValue&, Options*)> set) {
-    if (!group_.empty()) description.group = group_;
-    options_.push_back({std::move(description), std::move(get), std::move(set)});
-  }
-
-  /// Adds the options of a struct that is part of this one, under their own headings.
-  /// @param part from options (const or not) to it
-  /// @param wanted only these; null: all
-  template <class Part, class GetPart>
-  void Embed(const OptionTable<Part>& table, const GetPart& part, bool (*wanted)(const OptionDescription&) = nullptr) {
-    for (const Option<Part>& option : table) {
-      if (wanted && !wanted(option.description)) continue;
-      options_.push_back({option.description, [option, part](const Options& o) { return option.get(part(o)); },
-                          [option, part](const OptionValue& v, Options* o) { option.set(v, &part(*o)); }});
-    }
-  }
+  /// An option of a part of the object, under its own heading.
+  void Append(const Option& option) { options_.push_back(option); }
+  /// All of them, or only those that may change while a mapper runs.
+  void Append(const OptionList& part, bool only_while_running = false);
 
   auto begin() const { return options_.begin(); }
   auto end() const { return options_.end(); }
   size_t size() const { return options_.size(); }
 
   /// Throws InvalidInputError that names the most similar option.
-  const Option<Options>& Find(const std::string& name) const {
-    std::vector<std::string> names;
-    for (const Option<Options>& option : options_) {
-      if (option.name() == name) return option;
-      names.push_back(option.name());
-    }
-    RefuseUnknownOption(name, names);
-  }
-
+  const Option& Find(const std::string& name) const;
   /// Throws InvalidInputError for the first option that is out of its bounds.
-  void Check(const Options& options) const {
-    for (const Option<Options>& option : options_) CheckOption(option.description, option.get(options));
-  }
+  void Check() const;
+  /// "NAME=VALUE": sets that option. Throws InvalidInputError for an unknown name, with the most similar one, for a
+  /// value of another kind and for one out of bounds.
+  void Set(const std::string& assignment) const;
 
  private:
+  Option& AddChoice(std::string name, std::vector<std::string> choices, std::string sentence,
+                    std::function<size_t()> get, std::function<void(size_t)> set);
+
   std::string group_;
-  std::vector<Option<Options>> options_;
+  std::vector<Option> options_;
 };
-
-/// Name and value of "NAME=VALUE"; throws InvalidInputError for anything else.
-std::pair<std::string, std::string> SplitAssignment(const std::string& assignment);
-
-/// "NAME=VALUE": sets that option. Throws InvalidInputError for an unknown name, with the most similar one, for a value
-/// of another kind and for one out of bounds.
-template <class Options>
-void SetOption(const OptionTable<Options>& table, const std::string& assignment, Options* options) {
-  const auto [name, text] = SplitAssignment(assignment);
-  const Option<Options>& option = table.Find(name);
-  option.set(ParseOption(option.description, option.get(*options), text), options);
-}
 
 }  // namespace acmp

@@ -23,9 +23,8 @@ struct MapStoreOptions {
   double voxel_size = 0;    ///< unit of the poses, >= 0; 0 = kAutoVoxelRatio of the first keyframe's median depth
   /// Unit of the poses, >= 0; keyframes farther than this from the newest one of every mapper go; 0 = no limit.
   double map_radius = 0;
-  bool keep_earlier_runs = true;  ///< else a mapper's keyframes go when it begins a new run
+  bool forget_earlier_runs = false;  ///< a mapper's keyframes go when it begins a new run
 };
-void Validate(const MapStoreOptions& options);
 
 constexpr double kAutoVoxelRatio = 0.005;  ///< about 2.5 px of a 500 px focal length
 

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <string>
 
@@ -32,5 +34,17 @@ void WriteMap(const std::filesystem::path& path, const MapCloud& map, MapFormat 
 void WriteMap(const std::filesystem::path& path, const MapMesh& map, MeshFormat format);
 /// The path check of these. Throws InvalidInputError for one that cannot be a file.
 void CheckMapPath(const std::filesystem::path& path);
+
+/// Points as PCD files and ROS messages have them: x y z rgb normal_x normal_y normal_z confidence, each a
+/// little-endian float32; the bits of rgb are 0x00rrggbb, as PCL reads it.
+constexpr const char* kPackedFields[] = {"x", "y", "z", "rgb", "normal_x", "normal_y", "normal_z", "confidence"};
+constexpr size_t kPackedPointBytes = 32;
+
+/// @param target kPackedPointBytes per point
+void PackPoints(const SurfacePoint* points, size_t count, uint8_t* target);
+
+/// Back again, without a change.
+/// @param source kPackedPointBytes per point
+PointCloud UnpackPoints(const uint8_t* source, size_t count);
 
 }  // namespace acmp

@@ -5,7 +5,7 @@
 
 namespace acmp {
 
-/// Options of the sliding window that a user can set; those of its pipeline are PipelineOptionTable's.
-const OptionTable<DenseMapperOptions>& WindowOptionTable();
+/// Options of the sliding window that a user can set, without those of its pipeline.
+OptionList OptionsOf(DenseMapperOptions* options);
 
 }  // namespace acmp

@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "acmp_mapping/common/option.h"
 #include "acmp_mapping/fill/fill_options.h"
 #include "acmp_mapping/fusion/fusion_options.h"
 #include "acmp_mapping/patch_match/patch_match_options.h"
@@ -24,6 +25,10 @@ struct PipelineOptions {
   int geometric_passes = 2;      ///< how often steps 21-30 run, 0..10
 };
 void Validate(const PipelineOptions& options);
+
+/// Options of the pipeline that a user can set, over those of the preset. A mapper has those that may change while it
+/// runs as parameters; the offline tools take all of them.
+OptionList OptionsOf(PipelineOptions* options);
 
 /// "acmh", "acmm", "acmp_no_geometric", "acmp", "balanced", "online".
 const std::vector<std::string>& PresetNames();

@@ -18,6 +18,6 @@ struct PoseRefinementOptions {
 /// Throws InvalidInputError naming the first field out of bounds.
 void Validate(const PoseRefinementOptions& options);
 
-const OptionTable<PoseRefinementOptions>& PoseRefinementOptionTable();
+OptionList OptionsOf(PoseRefinementOptions* options);
 
 }  // namespace acmp

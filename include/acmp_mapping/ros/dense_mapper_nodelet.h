@@ -14,8 +14,8 @@
 #include "acmp_mapping/ros/mapper_diagnostics.h"
 #include "acmp_mapping/ros/mapper_worker.h"
 #include "acmp_mapping/ros/nodelet_base.h"
+#include "acmp_mapping/ros/options.h"
 #include "acmp_mapping/ros/output_publisher.h"
-#include "acmp_mapping/ros/shared_options.h"
 #include "acmp_mapping/ros/tf_lookup.h"
 
 namespace acmp {

@@ -1,21 +1,113 @@
 #pragma once
 
+#include <memory>
+#include <string>
+
 #include <geometry_msgs/PoseStamped.h>
 #include <geometry_msgs/PoseWithCovarianceStamped.h>
 #include <geometry_msgs/TransformStamped.h>
 #include <nav_msgs/Odometry.h>
 #include <ros/time.h>
 #include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/CompressedImage.h>
+#include <sensor_msgs/Image.h>
 #include <sensor_msgs/PointCloud.h>
 #include <sensor_msgs/PointCloud2.h>
+#include <opencv2/core/mat.hpp>
 
+#include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/geometry/pinhole_camera.h"
+#include "acmp_mapping/image/mask.h"
 #include "acmp_mapping/intake/sensor_samples.h"
-#include "acmp_mapping/ros/image_decoder.h"
-#include "acmp_mapping/ros/image_rectifier.h"
 
 /// From ROS messages to the library's types; no master is needed. Throws InvalidInputError naming the value that cannot
 /// be used.
 namespace acmp {
+
+/// One of the two messages is set. Shared with whoever published it: never written to.
+struct EncodedImage {
+  sensor_msgs::ImageConstPtr raw;
+  sensor_msgs::CompressedImageConstPtr compressed;
+  std::string topic = {};  ///< for messages; empty: unknown
+
+  const std_msgs::Header& header() const { return raw ? raw->header : compressed->header; }
+};
+
+/// Makes 8-bit RGB of one camera's images: mono, RGB, BGR (also with alpha) and Bayer of 8 and 16 bits, YUV 4:2:2, and
+/// PNG and JPEG of these. What an encoding leaves open is taken as most cameras mean it and told in `note`.
+class ImageDecoder {
+ public:
+  /// Throws InvalidInputError that names the encoding when it is none of these, and what contradicts itself. The size
+  /// in the header of a compressed image is read before memory is asked for: it must be at most kMaxImagePixels, and
+  /// that of the camera, if there is one. An orientation in a JPEG's metadata is ignored, as frontends do.
+  /// @param camera null: any size
+  cv::Mat Decode(const EncodedImage& image, const PinholeCamera* camera = nullptr);
+
+  /// What was assumed of the images so far; empty: nothing.
+  const std::string& note() const { return note_; }
+
+ private:
+  cv::Mat DecodeCompressed(const sensor_msgs::CompressedImage& image, const PinholeCamera* camera);
+  /// Pixels in memory, with the bytes of each number as they are on this machine if it has 16 bits.
+  cv::Mat Convert(const std::string& name, const std::string& encoding, const cv::Mat& pixels);
+  /// The upper 8 of the bits that images use so far.
+  cv::Mat ToEightBits(const std::string& encoding, const cv::Mat& pixels);
+
+  int used_bits_ = 8;  ///< of 16, of the brightest pixel so far
+  std::string note_;
+};
+
+/// The same of a single image.
+cv::Mat DecodeRgb(const EncodedImage& image, const PinholeCamera* camera = nullptr);
+
+/// What CheckImageSides does not refuse: 1 to 32767 px a side.
+void CheckImageSides(const std::string& name, const sensor_msgs::Image& image);
+
+bool IsBigEndianHost();
+
+/// What a camera_info says about the image as it is sent.
+struct CameraCalibration {
+  PinholeCamera camera;  ///< of the image as sent: binning and region of interest already applied
+  LensDistortion distortion;
+  std::string frame_id;
+};
+using CalibrationPtr = std::shared_ptr<const CameraCalibration>;
+
+bool SameCalibration(const CameraCalibration& a, const CameraCalibration& b);
+
+/// Removes a camera's lens distortion; the result has the same size and the same K.
+class ImageRectifier {
+ public:
+  explicit ImageRectifier(const CameraCalibration& calibration);
+
+  /// Throws InvalidInputError when the image (8-bit RGB) has not the calibration's size. The first image of this size
+  /// makes the maps: a camera_info alone, whatever size it claims, takes no memory.
+  ColorImage Rectify(const cv::Mat& rgb);
+
+  /// The mask of the rectified image: it ignores what is made of a pixel that `mask` ignores, and what the lens did not
+  /// see. Empty where everything is used. Throws as Rectify does. Once an image has been rectified.
+  /// @param mask of the image as sent; empty: all of its pixels count
+  Mask RectifyMask(const Mask& mask) const;
+
+  /// Depth z of the rectified image, at its size: the nearest pixel's; 0 where there is none. Once an image has been
+  /// rectified.
+  /// @param depth of the image as sent, at any size; empty: gives an empty one
+  DepthMap RectifyDepth(const DepthMap& depth) const;
+
+ private:
+  void CheckSize(int width, int height) const;
+  void BuildMaps();
+
+  CameraCalibration calibration_;
+  cv::Mat map_x_, map_y_;  ///< fixed point; empty without distortion
+  Mask rim_;               ///< ignores what the lens did not see; empty: it saw everything
+};
+
+/// Reads what camera_calibration writes: YAML (.yaml, .yml) or INI (.ini). Throws InvalidInputError if the file cannot
+/// be read, naming what a YAML file lacks, or the size that a matrix has and must have, and where ToCalibration refuses
+/// its camera. All messages name the file.
+/// @param rectified of ToCalibration
+sensor_msgs::CameraInfo ReadCalibrationFile(const std::string& path, bool rectified = false);
 
 /// The mask of an image. Throws InvalidInputError for an encoding other than mono8, or too few bytes.
 CompanionSample ToMaskSample(const sensor_msgs::ImageConstPtr& message);

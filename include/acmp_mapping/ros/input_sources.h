@@ -13,7 +13,7 @@
 #include "acmp_mapping/intake/rejected_input.h"
 #include "acmp_mapping/intake/sensor_samples.h"
 #include "acmp_mapping/ros/input_conversion.h"
-#include "acmp_mapping/ros/node_options.h"
+#include "acmp_mapping/ros/options.h"
 
 namespace acmp {
 

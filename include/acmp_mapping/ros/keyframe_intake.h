@@ -16,7 +16,7 @@
 #include "acmp_mapping/intake/world_tracker.h"
 #include "acmp_mapping/map/loop_correction.h"
 #include "acmp_mapping/ros/input_conversion.h"
-#include "acmp_mapping/ros/node_options.h"
+#include "acmp_mapping/ros/options.h"
 
 namespace acmp {
 

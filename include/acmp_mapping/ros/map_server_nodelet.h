@@ -17,8 +17,8 @@
 #include "acmp_mapping/ros/keyframe_points.h"
 #include "acmp_mapping/ros/map_diagnostics.h"
 #include "acmp_mapping/ros/map_output.h"
-#include "acmp_mapping/ros/map_server_options.h"
 #include "acmp_mapping/ros/nodelet_base.h"
+#include "acmp_mapping/ros/options.h"
 #include "acmp_mapping/ros/session_bag.h"
 
 namespace acmp {

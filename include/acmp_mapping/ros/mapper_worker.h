@@ -11,7 +11,7 @@
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
 #include "acmp_mapping/ros/keyframe_outputs.h"
-#include "acmp_mapping/ros/shared_options.h"
+#include "acmp_mapping/ros/options.h"
 #include "acmp_mapping/ros/work_queue.h"
 
 namespace acmp {

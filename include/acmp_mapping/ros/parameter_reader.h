@@ -1,7 +1,6 @@
 #pragma once
 
 #include <map>
-#include <optional>
 #include <set>
 #include <string>
 #include <vector>
@@ -18,10 +17,10 @@ class ParameterReader {
   /// @param values the namespace as a struct (NodeHandle::getParam("", ...)); anything else counts as empty
   explicit ParameterReader(const XmlRpc::XmlRpcValue& values) : values_(values) {}
 
-  /// None when the parameter is not set. Integers are accepted for floating-point numbers, not the other way round;
-  /// lists of lists of numbers are strung together row by row. Throws InvalidInputError naming parameter and value for
-  /// one of another kind than `like`, and for one out of bounds.
-  std::optional<OptionValue> Read(const OptionDescription& option, const OptionValue& like);
+  /// Sets those of the options whose parameters are set. Integers are accepted for floating-point numbers, not the
+  /// other way round; lists of lists of numbers are strung together row by row. Throws InvalidInputError naming
+  /// parameter and value for one of another kind, and for one out of bounds.
+  void Read(const OptionList& options);
 
   /// Names that somebody else reads.
   void Allow(const std::string& name) { known_.insert(name); }
@@ -38,13 +37,5 @@ class ParameterReader {
   std::set<std::string> known_;
   std::map<std::string, std::string> elsewhere_;  ///< node of each name
 };
-
-/// Reads all options of the table that are set, over what `options` has.
-template <class Options>
-void ReadOptions(const OptionTable<Options>& table, ParameterReader* reader, Options* options) {
-  for (const Option<Options>& option : table) {
-    if (const auto value = reader->Read(option.description, option.get(*options))) option.set(*value, options);
-  }
-}
 
 }  // namespace acmp

@@ -1,3 +1,5 @@
+// Masks and depth from outside.
+
 #include <cmath>
 #include <cstring>
 #include <string>
@@ -39,6 +41,31 @@ std::vector<float> Decode(const sensor_msgs::ImageConstPtr& message) {
   const DepthMap depth = DecodePriorDepth(*sample.image);
   EXPECT_EQ(depth.width(), static_cast<int>(message->width));
   return {depth.begin(), depth.end()};
+}
+
+TEST(MaskMessage, IsReadRowByRowWithoutPadding) {
+  const PinholeCamera camera = {3, 2, 3, 3, 1, 0.5};
+  for (const char* encoding : {"mono8", "8UC1"}) {
+    const CompanionSample sample = ToMaskSample(MakeMessage<uint8_t>(encoding, 3, 2, 1, {0, 1, 255, 7, 0, 0}));
+    EXPECT_EQ(sample.stamp_ns, 7000000008);
+    const Mask mask = DecodeMask(*sample.image, camera);
+    EXPECT_THAT(std::vector<unsigned char>(mask.begin(), mask.end()), ElementsAre(0, 1, 255, 7, 0, 0));
+  }
+  const CompanionSample turned = ToMaskSample(MakeMessage<uint8_t>("mono8", 2, 3, 0, {0, 1, 255, 7, 0, 0}));
+  EXPECT_THAT(ErrorOf([&] { DecodeMask(*turned.image, camera); }), AllOf(HasSubstr("2x3"), HasSubstr("3x2")));
+}
+
+TEST(MaskMessage, OfAnotherEncodingOrLengthIsRefused) {
+  const auto refusal = [](uint32_t height, uint32_t step, const char* encoding) {
+    const auto message = MakeMessage<uint8_t>(encoding, 3, 2, 0, {0, 1, 255, 7, 0, 0});
+    message->height = height;
+    message->step = step;
+    return ErrorOf([&] { ToMaskSample(message); });
+  };
+  EXPECT_THAT(refusal(2, 3, "rgb8"), AllOf(HasSubstr("7.000000008"), HasSubstr("\"rgb8\""), HasSubstr("mono8")));
+  EXPECT_THAT(refusal(3, 3, "mono8"), AllOf(HasSubstr("6 bytes"), HasSubstr("needs 9")));
+  EXPECT_THAT(refusal(2, 2, "mono8"), HasSubstr("step 2"));
+  EXPECT_THAT(refusal(4294967295u, 4294967295u, "mono8"), HasSubstr("6 bytes"));
 }
 
 TEST(PriorDepthMessage, FloatIsReadAsItIsAndWhatIsNoDepthIsUnknown) {

@@ -1,11 +1,10 @@
+#include "acmp_mapping/ros/map_diagnostics.h"
 #include "acmp_mapping/ros/mapper_diagnostics.h"
 
 #include <functional>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-
-#include "ros/diagnostics_support.h"
 
 namespace acmp {
 namespace {
@@ -16,6 +15,22 @@ using diagnostic_updater::DiagnosticStatusWrapper;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
+
+template <class Snapshot>
+diagnostic_updater::DiagnosticStatusWrapper Describe(void (*describer)(const Snapshot&,
+                                                                       diagnostic_updater::DiagnosticStatusWrapper*),
+                                                     const Snapshot& snapshot) {
+  diagnostic_updater::DiagnosticStatusWrapper status;
+  describer(snapshot, &status);
+  return status;
+}
+
+std::string ValueOf(const diagnostic_updater::DiagnosticStatusWrapper& status, const std::string& key) {
+  for (const auto& value : status.values) {
+    if (value.key == key) return value.value;
+  }
+  return "(no such key)";
+}
 
 /// A mapper at work: everything arrives.
 MapperSnapshot HealthyMapper() {
@@ -163,34 +178,6 @@ TEST(Diagnostics, DoNotFallSilentWhenAllImagesWereDropped) {
   EXPECT_EQ(Describe(&DescribeMatching, snapshot).level, DiagnosticStatus::OK);
 }
 
-TEST(Diagnostics, TellTheStampGap) {
-  MapperSnapshot snapshot = HealthyMapper();
-  snapshot.matched = 0;
-  snapshot.last_gap = PoseGap{12345000000, 33400000, {}};
-  snapshot.drops["no_pose"] = {3, "no pose within 1 ms of image 12.345000000", 99, 99};
-  const auto status = Describe(&DescribeMatching, snapshot);
-  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
-  EXPECT_THAT(
-      ValueOf(status, "last image without a pose"),
-      AllOf(HasSubstr("12.345"), HasSubstr("33.4 ms away on /slam/pose"), HasSubstr("~sync_tolerance is 1 ms")));
-}
-
-TEST(Diagnostics, TellWhatTfLacks) {
-  MapperSnapshot snapshot = HealthyMapper();
-  snapshot.last_gap = PoseGap{12345000000, std::nullopt, "tf has no \"cam\" in \"map\" then: not connected"};
-  EXPECT_THAT(ValueOf(Describe(&DescribeMatching, snapshot), "last image without a pose"),
-              AllOf(HasSubstr("12.345"), HasSubstr("no \"cam\" in \"map\"")));
-}
-
-TEST(Diagnostics, AccountForEveryImage) {
-  MapperSnapshot snapshot = HealthyMapper();
-  snapshot.worker.outputs.refined = 300;
-  snapshot.images_dropped = 50;
-  snapshot.not_chosen = 147;
-  EXPECT_EQ(ValueOf(Describe(&DescribeMatching, snapshot), "images"),
-            "500 received = 300 refined + 50 dropped + 147 passed over + 3 under way");
-}
-
 TEST(Diagnostics, TellLatencies) {
   MapperSnapshot snapshot = HealthyMapper();
   EXPECT_EQ(ValueOf(Describe(&DescribeMapping, snapshot), "latency of fast depth maps [ms]"), "none yet");
@@ -281,6 +268,63 @@ TEST(IncidentLog, CountsTheImagesThatEnded) {
   log.Record(RejectedInput{"sparse_empty", "cloud 1"}, 0);
   log.Record(RejectedInput{"overload", "image 2", true}, 0);
   EXPECT_EQ(log.images(), 2u);
+}
+
+using MapDescriber = void (*)(const MapSnapshot&, DiagnosticStatusWrapper*);
+
+/// A map at work.
+MapSnapshot HealthyMap() {
+  MapSnapshot snapshot;
+  snapshot.now_s = 100;
+  snapshot.keyframe_topic = "/acmp/keyframe_points";
+  snapshot.keyframe_publishers = 2;
+  snapshot.optimized_path_topic = "/slam/path";
+  snapshot.optimized_path_publishers = 1;
+  snapshot.mappers["/acmp/dense_mapper"] = {40, 0, 99};
+  return snapshot;
+}
+
+TEST(MapDiagnostics, AllIsWell) {
+  for (const MapDescriber describe : {&DescribeMap, &DescribeMappers}) {
+    const auto status = Describe(describe, HealthyMap());
+    EXPECT_EQ(status.level, DiagnosticStatus::OK) << status.message;
+    EXPECT_FALSE(status.message.empty());
+  }
+}
+
+TEST(MapDiagnostics, SayWhatIsNotInTheMapYet) {
+  MapSnapshot snapshot = HealthyMap();
+  EXPECT_EQ(DescribeMissing(snapshot.mappers), "");
+  snapshot.mappers["/acmp/dense_mapper"].lost = 234;
+  EXPECT_THAT(DescribeMissing(snapshot.mappers), HasSubstr("234 messages with points of /acmp/dense_mapper were lost"));
+  snapshot.mappers["/acmp_2/dense_mapper"].images_under_way = 7;
+  EXPECT_THAT(DescribeMissing(snapshot.mappers), AllOf(HasSubstr("7 images"), HasSubstr("/acmp_2/dense_mapper"),
+                                                       HasSubstr("flush finishes them, if it has not since")));
+  EXPECT_THAT(ValueOf(Describe(&DescribeMappers, snapshot), "/acmp_2/dense_mapper"), HasSubstr("under way then: 7"));
+}
+
+TEST(MapDiagnostics, WarnOfRecentIncidents) {
+  MapSnapshot snapshot = HealthyMap();
+  snapshot.incidents["optimized_path_frame"] = {2, "in another frame", 99, 99};
+  const auto status = Describe(&DescribeMap, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
+  EXPECT_THAT(status.message, HasSubstr("in another frame"));
+  EXPECT_THAT(ValueOf(status, "incident: optimized_path_frame"), HasSubstr("2 ("));
+  snapshot.now_s = 200;
+  EXPECT_EQ(Describe(&DescribeMap, snapshot).level, DiagnosticStatus::OK) << "long ago";
+}
+
+TEST(MapDiagnostics, TellWhatComesFromEachMapper) {
+  MapSnapshot snapshot = HealthyMap();
+  snapshot.mappers["/right/dense_mapper"] = {30, 2, 60};
+  auto status = Describe(&DescribeMappers, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::OK) << "a camera that stands still has no keyframes";
+  EXPECT_THAT(ValueOf(status, "/right/dense_mapper"),
+              AllOf(HasSubstr("30 messages"), HasSubstr("40 s ago"), HasSubstr("2 lost")));
+  snapshot.keyframe_publishers = 0;
+  status = Describe(&DescribeMappers, snapshot);
+  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
+  EXPECT_THAT(status.message, HasSubstr("nobody publishes /acmp/keyframe_points"));
 }
 
 }  // namespace

@@ -1,0 +1,134 @@
+#pragma once
+
+#include <mutex>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include <acmp_mapping/DenseMapperConfig.h>
+
+#include "acmp_mapping/backend/make_depth_engine.h"
+#include "acmp_mapping/common/memory_limit.h"
+#include "acmp_mapping/common/option.h"
+#include "acmp_mapping/intake/input_matcher.h"
+#include "acmp_mapping/intake/keyframe_gate.h"
+#include "acmp_mapping/intake/pose_semantics.h"
+#include "acmp_mapping/map/map_store.h"
+#include "acmp_mapping/mapping/auto_preset.h"
+#include "acmp_mapping/mapping/dense_mapper.h"
+#include "acmp_mapping/ros/parameter_reader.h"
+#include "acmp_mapping/ros/work_queue.h"
+
+namespace acmp {
+
+using acmp_mapping::DenseMapperConfig;
+
+constexpr char kAutoPreset[] = "auto";  ///< value of `preset`: AutoPreset
+
+enum class ImageTransport { kRaw, kCompressed };
+enum class SparseFrame { kAuto, kWorld, kCamera };
+enum class PoseSource { kPose, kPoseWithCovariance, kOdometry, kTransform, kTf };
+enum class KeyframeMode {
+  kEveryPose,
+  kGate,
+  kExternal,  ///< the frontend's own keyframes, on the topic `keyframe` alone
+};
+
+/// What the mapper reads once when it is loaded; OptionsOf says what each means and what it may be, here and below.
+struct NodeOptions {
+  Device device = Device::kAuto;
+  int cuda_device = 0;  ///< 0-based
+  std::string preset = "balanced";
+  ImageTransport image_transport = ImageTransport::kRaw;
+  bool rectified = false;
+  int max_image_size = 640;  ///< px, longer side; 0 = as sent
+  std::string calibration_file;
+  std::string mask_file;  ///< of the image as sent; empty = none
+  PoseSource pose_source = PoseSource::kPose;
+  PoseSemantics pose;
+  std::optional<PoseSemantics::Child> path_child;  ///< of optimized_path; none = as the poses
+  bool extrinsic_inverted = false;                 ///< the topic `extrinsic` has T_cam_body
+  std::string world_frame;                         ///< empty = as sent, as the next two
+  std::string camera_frame;
+  std::string body_frame;
+  SparseFrame sparse_frame = SparseFrame::kAuto;
+  InputMatcherOptions matcher;
+  KeyframeMode keyframe_mode = KeyframeMode::kEveryPose;
+  OverloadPolicy overload = OverloadPolicy::kDrop;
+  double memory_limit_gb = kMemoryLimitGb;  ///< of a message while it is worked on
+};
+OptionList OptionsOf(NodeOptions* options);
+
+/// Throws InvalidInputError naming the parameter and what it may be.
+NodeOptions LoadNodeOptions(ParameterReader* reader);
+
+/// Whether T_body_cam is needed and not a parameter: then it is looked up in tf and awaited on the topic extrinsic.
+bool NeedsExtrinsic(const NodeOptions& options);
+
+/// What the poses of optimized_path mean.
+PoseSemantics PathSemantics(const NodeOptions& options);
+
+/// What decides the maps. Some of it may change while the nodelet runs (dynamic_reconfigure): the worker takes one copy
+/// per keyframe.
+struct RuntimeOptions {
+  DenseMapperOptions mapper;
+  KeyframeGateOptions gate;
+  double min_depth_confidence = 0;
+};
+/// Gate, window, output, and of the pipeline what may change while it runs.
+OptionList OptionsOf(RuntimeOptions* options);
+
+/// Parameters of the namespace over the defaults in `start`. Throws InvalidInputError for a value that is out of bounds
+/// or does not fit another one.
+RuntimeOptions LoadRuntimeOptions(ParameterReader* reader, const RuntimeOptions& start);
+
+/// The same over the preset of a setting, whose source views limit those of the namespace.
+RuntimeOptions LoadRuntimeOptions(ParameterReader* reader, const AutoPreset::Setting& setting);
+
+DenseMapperConfig ToConfig(const RuntimeOptions& options);
+
+/// `current` with what may change taken from the configuration. Throws InvalidInputError as LoadRuntimeOptions does.
+RuntimeOptions FromConfig(const DenseMapperConfig& config, const RuntimeOptions& current);
+
+/// Least and largest values. They are not in the .cfg file, since the server of dynamic_reconfigure would silently
+/// limit values to them before FromConfig sees these.
+std::pair<DenseMapperConfig, DenseMapperConfig> ConfigBounds();
+
+/// The runtime options, set by dynamic_reconfigure and copied by the threads that use them. Thread-safe.
+class SharedOptions {
+ public:
+  explicit SharedOptions(const RuntimeOptions& options) : options_(options) {}
+
+  void Set(const RuntimeOptions& options) {
+    std::lock_guard<std::mutex> lock(mutex_);
+    options_ = options;
+  }
+
+  RuntimeOptions Get() const {
+    std::lock_guard<std::mutex> lock(mutex_);
+    return options_;
+  }
+
+ private:
+  mutable std::mutex mutex_;
+  RuntimeOptions options_;
+};
+
+/// What the map server reads once when it is loaded. What poses mean comes with the keyframes.
+struct MapServerOptions {
+  MapStoreOptions map;
+  double map_publish_rate = 0.5;      ///< Hz
+  double occupancy_min_height = 0.1;  ///< of the topic occupancy: z in the world
+  double occupancy_max_height = 1;
+  double memory_limit_gb = kMemoryLimitGb;  ///< of a message or a file while it is worked on
+  std::string save_folder;                  ///< save_map and sessions: only below it; never empty once loaded
+  std::string load_session;                 ///< loaded at start; empty: none
+
+  size_t memory_limit_bytes() const { return static_cast<size_t>(memory_limit_gb * 1e9); }
+};
+OptionList OptionsOf(MapServerOptions* options);
+
+/// Throws InvalidInputError naming the parameter and what it may be.
+MapServerOptions LoadMapServerOptions(ParameterReader* reader);
+
+}  // namespace acmp

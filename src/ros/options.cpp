@@ -1,0 +1,361 @@
+#include "acmp_mapping/ros/options.h"
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <vector>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/output_file.h"
+#include "acmp_mapping/keyframe/frame.h"
+#include "acmp_mapping/mapping/window_options.h"
+#include "acmp_mapping/ros/input_conversion.h"
+
+namespace acmp {
+namespace {
+
+using Child = PoseSemantics::Child;
+
+constexpr int kMaxCudaDevice = 63;
+constexpr char kPoseUnit[] = "(unit of the poses)";
+
+std::string DeviceName(const NodeOptions& options) {
+  if (options.device == Device::kCuda) return options.cuda_device == 0 ? "cuda" : Concat("cuda:", options.cuda_device);
+  return options.device == Device::kCpu ? "cpu" : "auto";
+}
+
+void SetDevice(const std::string& name, NodeOptions* options) {
+  options->cuda_device = 0;
+  for (const auto& [known, device] :
+       {std::pair("auto", Device::kAuto), {"cuda", Device::kCuda}, {"cpu", Device::kCpu}}) {
+    if (name != known) continue;
+    options->device = device;
+    return;
+  }
+  for (int index = 0; index <= kMaxCudaDevice; ++index) {
+    if (name != Concat("cuda:", index)) continue;
+    options->device = Device::kCuda;
+    options->cuda_device = index;
+    return;
+  }
+  throw InvalidInputError(Concat("parameter ~device = \"", name, "\": must be auto, cuda, cuda:N with N in [0, ",
+                                 kMaxCudaDevice, "], or cpu"));
+}
+
+/// Row by row; empty: none.
+std::optional<RigidTransform> ParseTransform(const std::vector<double>& m) {
+  if (m.empty()) return std::nullopt;
+  constexpr char kName[] = "parameter ~T_body_cam";
+  if (m.size() != 16) {
+    throw InvalidInputError(Concat(kName, " has ", m.size(), " numbers: must have 16, a 4x4 matrix row by row"));
+  }
+  if (m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1) {
+    throw InvalidInputError(
+        Concat(kName, ": the last row is ", m[12], " ", m[13], " ", m[14], " ", m[15], ", must be 0 0 0 1"));
+  }
+  RigidTransform transform = RigidTransform::Identity();
+  transform.matrix() = Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(m.data());
+  CheckPose(kName, transform);
+  return transform;
+}
+
+std::vector<double> ToNumbers(const std::optional<RigidTransform>& transform) {
+  if (!transform) return {};
+  const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> rows = transform->matrix();
+  return {rows.data(), rows.data() + rows.size()};
+}
+
+/// Those of the pipeline and auto. A preset of several scales needs the maps of all images at each of them.
+std::vector<std::string> OnlinePresets() {
+  std::vector<std::string> names;
+  for (const std::string& name : PresetNames()) {
+    if (!MakePreset(name).multi_scale) names.push_back(name);
+  }
+  names.emplace_back(kAutoPreset);
+  return names;
+}
+
+}  // namespace
+
+// The tables. yaml, .cfg and docs/parameters.md are written from them (acmp_options).
+
+OptionList OptionsOf(NodeOptions* o) {
+  using Direction = PoseSemantics::Direction;
+  OptionList list;
+  list.Group("device and preset");
+  list.Add(
+      "device", "auto (a GPU if there is a usable one), cuda, cuda:1 (the second GPU) or cpu",
+      [o] { return OptionValue(DeviceName(*o)); },
+      [o](const OptionValue& value) { SetDevice(std::get<std::string>(value), o); });
+  list.Text("preset", &o->preset,
+            "How depth is computed: start values of the options of the pipeline; auto: the best of balanced, online "
+            "and online with smaller images that the machine keeps up with, up to max_image_size and max_source_views")
+      .choices = OnlinePresets();
+  list.Number("max_image_size", &o->max_image_size, 0, 100000, "px",
+              "Images are shrunk until their longer side has so many pixels; time grows with its square; 0: as sent");
+
+  list.Group("camera");
+  list.Choice("image_transport", &o->image_transport, {"raw", "compressed"},
+              "Images come on the topic image, or as JPEG or PNG on image/compressed");
+  list.Flag("rectified", &o->rectified, "Images are undistorted already, and P of camera_info describes them");
+  list.Text("calibration_file", &o->calibration_file,
+            "File of camera_calibration (.yaml or .ini) in place of camera_info; empty: camera_info is used");
+  list.Text("mask_file", &o->mask_file,
+            "Picture (.png) of the size of the images as sent: what is black there, such as the robot itself, is "
+            "ignored in all of them; empty: nothing is");
+  list.Text("camera_frame", &o->camera_frame, "In place of the frame_id of the images; empty: as sent");
+
+  list.Group("poses");
+  const std::vector<std::string> children = {Name(Child::kCameraOptical), Name(Child::kCameraFlu), Name(Child::kBody)};
+  list.Choice("pose_source", &o->pose_source, {"pose", "pose_cov", "odom", "transform", "tf"},
+              "Topic of the poses, which tells their type; tf: looked up there, in world_frame");
+  list.Choice("pose_is", &o->pose.direction, {Name(Direction::kWorldFromCam), Name(Direction::kCamFromWorld)},
+              "T_world_cam: the position is the camera's in the world; T_cam_world: the inverse");
+  list.Choice("pose_child", &o->pose.child, children,
+              "Whose pose it is: the camera's with x right, y down, z forward, or with x forward, y left, z up, or "
+              "that of another body, see T_body_cam");
+  list.Choice("path_child", &o->path_child, children, "As pose_child, of the topic optimized_path; empty: the same");
+  list.Add(
+      "T_body_cam",
+      "For pose_child body: 4x4 matrix, row by row, from the camera's optical frame to the body; empty: taken from tf, "
+      "else from the topic extrinsic",
+      [o] { return OptionValue(ToNumbers(o->pose.body_from_cam)); },
+      [o](const OptionValue& value) { o->pose.body_from_cam = ParseTransform(std::get<std::vector<double>>(value)); });
+  list.Flag("extrinsic_inverted", &o->extrinsic_inverted,
+            "The topic extrinsic has T_cam_body, the inverse of T_body_cam");
+  list.Text("world_frame", &o->world_frame, "In place of the frame_id of the poses; empty: as sent");
+  list.Text("body_frame", &o->body_frame,
+            "In place of the child frame of the poses, where tf is asked; empty: as sent");
+
+  list.Group("sparse points, masks and stamps");
+  list.Choice("sparse_frame", &o->sparse_frame, {"auto", "world", "camera"},
+              "Frame of the sparse points; auto: told by their frame_id");
+  list.Number("sync_tolerance", &o->matcher.sync_tolerance_s, 0, 10, "s",
+              "An image and its pose differ by no more than this in their stamps");
+  list.Number("sparse_wait", &o->matcher.sparse_wait_s, 0, 10, "s",
+              "An image with a pose waits so long for the sparse points of its stamp");
+  list.Number("mask_wait", &o->matcher.mask_wait_s, 0, 10, "s",
+              "An image with a pose waits so long for its mask and its prior depth, while somebody publishes the "
+              "topics mask or prior_depth; then it is used as a whole, or goes without");
+
+  list.Group("keyframes");
+  list.Choice("keyframe_mode", &o->keyframe_mode, {"every_pose", "gate", "external"},
+              "Keyframes are all images with a pose, those of them that show something new, or what the topic keyframe "
+              "brings");
+  list.Choice("overload", &o->overload, {"drop", "skip_if_busy", "block"},
+              "When keyframes come faster than they are mapped: groups of neighbours are mapped, or only what comes "
+              "while the mapper is idle, and others are matched against the rest; or the input waits, so that nothing "
+              "of a recording is lost");
+  list.Number("memory_limit", &o->memory_limit_gb, 0.01, 1000, "GB",
+              "What an image may take while it is decoded and undistorted: a camera_info of more pixels is refused "
+              "before memory is asked for");
+  return list;
+}
+
+OptionList OptionsOf(RuntimeOptions* o) {
+  OptionList list;
+  list.Group("keyframes");
+  list.Number("gate_baseline_ratio", &o->gate.min_baseline_ratio, 0, 10, "",
+              "keyframe_mode gate: a keyframe is so far from the last, and from others of the window with the same "
+              "view, as a share of the scene's median depth")
+      .WhileRunning();
+  list.Append(OptionsOf(&o->mapper));
+  list.Group("output");
+  list.Number("min_depth_confidence", &o->min_depth_confidence, 0, 1, "",
+              "Refined depth of less confidence is not published; 0: all is")
+      .WhileRunning();
+  list.Append(OptionsOf(&o->mapper.pipeline), true);
+  return list;
+}
+
+OptionList OptionsOf(MapServerOptions* o) {
+  OptionList list;
+  list.Group("map");
+  list.Number("max_keyframes", &o->map.max_keyframes, 1, 1000000, "",
+              "Keyframes kept in the map, of all mappers together; the oldest go first");
+  list.Number("map_radius", &o->map.map_radius, 0, 1e9, kPoseUnit,
+              "Keyframes farther than this from the newest one of every mapper leave the map; 0: no limit");
+  list.Number("voxel_size", &o->map.voxel_size, 0, 1e6, kPoseUnit,
+              "The map has one point per cube of this size; 0: 0.5 % of the first keyframe's median depth");
+  list.Choice("on_time_jump", &o->map.forget_earlier_runs, {"keep", "reset"},
+              "When a mapper's images go back in time, as in a bag that is played again, it was restarted, or its "
+              "frontend went on in another world: keep its earlier keyframes, or forget them");
+  list.Number("map_publish_rate", &o->map_publish_rate, 0, 30, "Hz",
+              "The map is published at most so often; 0: only when the service publish_map is called");
+  list.Number("occupancy_min_height", &o->occupancy_min_height, -1e6, 1e6, kPoseUnit,
+              "The topic occupancy tells what is between two heights (z of the world frame, which must be upwards): "
+              "this is the lower one, above the floor");
+  list.Number("occupancy_max_height", &o->occupancy_max_height, -1e6, 1e6, kPoseUnit,
+              "The upper one: the height of the robot");
+  list.Number("memory_limit", &o->memory_limit_gb, 0.01, 1000, "GB",
+              "What one keyframe or session may take while it is saved, loaded or published: more is refused before "
+              "memory is asked for, and occupancy gets larger cells");
+  list.Text("save_folder", &o->save_folder,
+            "Maps and sessions are saved and loaded only below this folder, where relative paths start; empty: "
+            "~/.ros/acmp_mapping (in ROS_HOME where that is set), which is made; /: anywhere");
+  list.Text("load_session", &o->load_session,
+            "Session (save_session) to begin with, in place of an empty map; empty: none");
+  return list;
+}
+
+namespace {
+
+void Check(const NodeOptions& options) {
+  const bool body = options.pose.child == Child::kBody;
+  const bool path_of_body = PathSemantics(options).child == Child::kBody;
+  if (options.pose.body_from_cam && !body && !path_of_body) {
+    throw InvalidInputError("parameter ~T_body_cam is set: needs ~pose_child = body");
+  }
+  if (options.pose_source != PoseSource::kTf) return;
+  if (options.world_frame.empty()) {
+    throw InvalidInputError("parameter ~pose_source = tf needs ~world_frame, the frame that the map is made in");
+  }
+  if (body && options.body_frame.empty()) {
+    throw InvalidInputError("parameter ~pose_source = tf with ~pose_child = body needs ~body_frame");
+  }
+  if (options.keyframe_mode == KeyframeMode::kExternal) {
+    throw InvalidInputError("parameter ~pose_source = tf: keyframe_mode external brings its own poses");
+  }
+}
+
+/// What follows from the options that a user sets.
+void SetDependentOptions(RuntimeOptions* options) {
+  DenseMapperOptions* mapper = &options->mapper;
+  options->gate.remembered = static_cast<size_t>(std::max(mapper->window_size, 1));
+  // A keyframe needs two useful views, or as many as it can have.
+  mapper->min_source_views = std::min({DenseMapperOptions().min_source_views, mapper->source_views.max_source_views,
+                                       std::max(mapper->window_size - 1, 1)});
+}
+
+/// A configuration of value(option) for each option that may change.
+DenseMapperConfig MakeConfig(RuntimeOptions options, const std::function<OptionValue(const Option&)>& value) {
+  dynamic_reconfigure::Config message;
+  const auto append = [](const std::string& name, auto number, auto* list) {
+    list->emplace_back();
+    list->back().name = name;
+    list->back().value = number;
+  };
+  for (const Option& option : OptionsOf(&options)) {
+    if (!option.while_running) continue;
+    const OptionValue of_option = value(option);
+    if (const bool* flag = std::get_if<bool>(&of_option)) append(option.name, *flag, &message.bools);
+    if (const int* integer = std::get_if<int>(&of_option)) append(option.name, *integer, &message.ints);
+    if (const double* number = std::get_if<double>(&of_option)) append(option.name, *number, &message.doubles);
+  }
+  DenseMapperConfig config = DenseMapperConfig::__getDefault__();
+  config.__fromMessage__(message);
+  return config;
+}
+
+/// One end of the bounds, as the kind of value that the option has.
+OptionValue BoundOf(const Option& option, bool upper) {
+  const double bound = upper ? option.max : option.min;
+  const OptionValue like = option.get();
+  if (std::holds_alternative<bool>(like)) return upper;
+  if (std::holds_alternative<int>(like)) return static_cast<int>(bound);
+  return bound;
+}
+
+/// Not the folder that the node was started in, which may be the home: whoever reaches the ROS master may save there.
+std::string MakeDefaultFolder() {
+  const char* ros_home = std::getenv("ROS_HOME");
+  const char* home = std::getenv("HOME");
+  if (!ros_home && !home) {
+    throw InvalidInputError("parameter ~save_folder is empty, and neither HOME nor ROS_HOME is set: must be a folder");
+  }
+  const auto folder =
+      (ros_home ? std::filesystem::path(ros_home) : std::filesystem::path(home) / ".ros") / "acmp_mapping";
+  MakeFolder(folder);
+  return folder.string();
+}
+
+}  // namespace
+
+bool NeedsExtrinsic(const NodeOptions& options) {
+  const bool body = options.pose.child == Child::kBody || PathSemantics(options).child == Child::kBody;
+  return body && !options.pose.body_from_cam;
+}
+
+PoseSemantics PathSemantics(const NodeOptions& options) {
+  PoseSemantics path = options.pose;
+  path.child = options.path_child.value_or(path.child);
+  return path;
+}
+
+NodeOptions LoadNodeOptions(ParameterReader* reader) {
+  NodeOptions options;
+  reader->Read(OptionsOf(&options));
+  for (std::string* frame : {&options.world_frame, &options.camera_frame, &options.body_frame}) {
+    *frame = StripLeadingSlash(*frame);
+  }
+  Check(options);
+  return options;
+}
+
+RuntimeOptions LoadRuntimeOptions(ParameterReader* reader, const RuntimeOptions& start) {
+  RuntimeOptions options = start;
+  reader->Read(OptionsOf(&options));
+  SetDependentOptions(&options);
+  Validate(options.mapper);
+  const DepthRange& range = options.mapper.fallback_depth_range;
+  if (HasDepthRange(range) != (range.min > 0 || range.max > 0)) {
+    throw InvalidInputError(Concat("~depth_min = ", range.min, " and ~depth_max = ", range.max, ": set both or none"));
+  }
+  return options;
+}
+
+RuntimeOptions LoadRuntimeOptions(ParameterReader* reader, const AutoPreset::Setting& setting) {
+  RuntimeOptions start;
+  start.mapper.pipeline = MakePreset(setting.preset);
+  RuntimeOptions options = LoadRuntimeOptions(reader, start);
+  int* max_source_views = &options.mapper.source_views.max_source_views;
+  *max_source_views = std::min(*max_source_views, setting.max_source_views);
+  SetDependentOptions(&options);
+  return options;
+}
+
+DenseMapperConfig ToConfig(const RuntimeOptions& options) {
+  return MakeConfig(options, [](const Option& option) { return option.get(); });
+}
+
+RuntimeOptions FromConfig(const DenseMapperConfig& config, const RuntimeOptions& current) {
+  dynamic_reconfigure::Config message;
+  config.__toMessage__(message);
+  std::map<std::string, OptionValue> values;
+  for (const auto& flag : message.bools) values[flag.name] = static_cast<bool>(flag.value);
+  for (const auto& integer : message.ints) values[integer.name] = static_cast<int>(integer.value);
+  for (const auto& number : message.doubles) values[number.name] = static_cast<double>(number.value);
+  RuntimeOptions options = current;
+  for (const Option& option : OptionsOf(&options)) {
+    if (!option.while_running) continue;
+    CheckOption(option, values.at(option.name));
+    option.set(values.at(option.name));
+  }
+  SetDependentOptions(&options);
+  Validate(options.mapper);
+  return options;
+}
+
+std::pair<DenseMapperConfig, DenseMapperConfig> ConfigBounds() {
+  return {MakeConfig({}, [](const Option& option) { return BoundOf(option, false); }),
+          MakeConfig({}, [](const Option& option) { return BoundOf(option, true); })};
+}
+
+MapServerOptions LoadMapServerOptions(ParameterReader* reader) {
+  MapServerOptions options;
+  reader->Read(OptionsOf(&options));
+  if (!(options.occupancy_min_height < options.occupancy_max_height)) {
+    throw InvalidInputError(Concat("parameter ~occupancy_min_height = ", options.occupancy_min_height,
+                                   ": must be below ~occupancy_max_height = ", options.occupancy_max_height));
+  }
+  if (options.save_folder.empty()) options.save_folder = MakeDefaultFolder();
+  if (!std::filesystem::is_directory(options.save_folder)) {
+    throw InvalidInputError(
+        Concat("parameter ~save_folder = \"", options.save_folder, "\": must be a folder (without ~)"));
+  }
+  return options;
+}
+
+}  // namespace acmp
