@@ -60,7 +60,7 @@ std::vector<ColmapModelPoint> PointsOf(const std::vector<PointCloud>& clouds, co
 
 }  // namespace
 
-ColmapOutput::ColmapOutput(const ReconstructRun* run) : run_(*run), folder_(run->folder.path() / "colmap") {
+ColmapOutput::ColmapOutput(const ReconstructRun* run) : run_(*run), folder_(run->folder->path() / "colmap") {
   for (const char* name : {"sparse", "stereo"}) MakeFolder(folder_ / name);
 }
 

@@ -11,7 +11,6 @@
 #include "acmp_mapping/dataset/masks.h"
 #include "acmp_mapping/geometry/local_origin.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
-#include "input_hash.h"
 #include "source_candidates.h"
 
 namespace acmp {
@@ -187,17 +186,6 @@ void CheckSizes(const Scene& scene, const std::vector<int>& indices, const Recon
     LimitSize(options.max_image_size, &matched.width, &matched.height);
     CheckSize(scene.images[index], matched, MakePipelineOptions(options).start_level);
   }
-}
-
-std::string CheckInput(const Scene& scene, const std::vector<int>& indices, FrameStore* frames,
-                       const StopRequest& interrupt) {
-  std::vector<ImageHashes> hashes(indices.size());
-  tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
-    frames->Get(indices[i]);  // those that fit in stay for the run
-    hashes[i] = HashesOf(scene, indices[i]);
-  });
-  interrupt.Check();
-  return InputHash(hashes);
 }
 
 }  // namespace acmp

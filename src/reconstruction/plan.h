@@ -6,8 +6,6 @@
 
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/reconstruction/reconstruct_options.h"
-#include "acmp_mapping/reconstruction/stop_request.h"
-#include "frame_store.h"
 
 namespace acmp {
 
@@ -57,10 +55,5 @@ DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indi
 
 /// Throws InvalidInputError for an image that has no pixel left when it is halved as often as the options say.
 void CheckSizes(const Scene& scene, const std::vector<int>& indices, const ReconstructOptions& options);
-
-/// Reads every image once, so that a damaged one is found now and not hours later, and returns a hash of all input:
-/// files, masks, cameras, poses, landmarks, ranges and source views.
-std::string CheckInput(const Scene& scene, const std::vector<int>& indices, FrameStore* frames,
-                       const StopRequest& interrupt);
 
 }  // namespace acmp

@@ -14,7 +14,7 @@ namespace {
 
 static_assert(std::is_trivially_copyable_v<SurfacePoint>, "files have points as they are in memory");
 
-constexpr size_t kBlockPoints = size_t{1} << 16;  // at most, of a tile that are in memory a second time
+constexpr size_t kBlockPoints = size_t{1} << 16;  // at most: they are in memory at once when they are read
 constexpr size_t kWriteBytes = size_t{1} << 20;   // to the work file at once
 
 /// Of a block in the work file; the points follow.
@@ -39,7 +39,7 @@ nlohmann::json ToJson(const Eigen::Vector3d& origin, const Vec3f& v) {
 TiledCloud::TiledCloud(const OutputFolder* folder, double tile_size, size_t max_bytes, const Eigen::Vector3d& origin)
     : folder_(*folder),
       tile_size_(tile_size),
-      max_nodes_(std::clamp<size_t>(max_bytes / sizeof(Node), 1, size_t{kNoNode} - 1)),
+      max_points_(std::max<size_t>(max_bytes / sizeof(SurfacePoint) / 2, 1)),  // vectors grow by doubling
       origin_(origin) {}
 
 TiledCloud::TileNumber TiledCloud::NumberOf(const Vec3f& position) const {
@@ -72,33 +72,18 @@ TiledCloud::Tile* TiledCloud::TileOf(const Vec3f& position) {
 
 void TiledCloud::Add(const PointCloud& points) {
   for (const SurfacePoint& point : points) {
-    if (nodes_.size() == max_nodes_) MoveToFile();
+    if (in_memory_ == max_points_) MoveToFile();
     const Vec3f& position = point.position;
     Tile* tile = TileOf(position);
     tile->min = {std::min(tile->min.x, position.x), std::min(tile->min.y, position.y),
                  std::min(tile->min.z, position.z)};
     tile->max = {std::max(tile->max.x, position.x), std::max(tile->max.y, position.y),
                  std::max(tile->max.z, position.z)};
-    const auto node = static_cast<uint32_t>(nodes_.size());
-    nodes_.push_back({point, kNoNode});
-    (tile->first == kNoNode ? tile->first : nodes_[tile->last].next) = node;
-    tile->last = node;
-    ++tile->in_memory;
+    tile->in_memory.push_back(point);
+    ++in_memory_;
     ++tile->points;
     ++points_;
   }
-}
-
-PointCloud TiledCloud::TakeFromMemory(Tile* tile) {
-  PointCloud points;
-  points.reserve(std::min(tile->in_memory, kBlockPoints));
-  while (tile->first != kNoNode && points.size() < kBlockPoints) {
-    const Node& node = nodes_[tile->first];
-    points.push_back(node.point);
-    tile->first = node.next;
-  }
-  tile->in_memory -= points.size();
-  return points;
 }
 
 void TiledCloud::MoveToFile() {
@@ -115,16 +100,17 @@ void TiledCloud::MoveToFile() {
     bytes.clear();
   };
   for (auto& [number, tile] : tiles_) {
-    for (PointCloud points = TakeFromMemory(&tile); !points.empty(); points = TakeFromMemory(&tile)) {
-      const TileBlock header = {tile.last_block, points.size()};
+    for (size_t first = 0; first < tile.in_memory.size(); first += kBlockPoints) {
+      const TileBlock header = {tile.last_block, std::min(kBlockPoints, tile.in_memory.size() - first)};
       tile.last_block = file_bytes_ + bytes.size();
       bytes.append(reinterpret_cast<const char*>(&header), sizeof(header));
-      bytes.append(reinterpret_cast<const char*>(points.data()), points.size() * sizeof(SurfacePoint));
+      bytes.append(reinterpret_cast<const char*>(&tile.in_memory[first]), header.points * sizeof(SurfacePoint));
       if (bytes.size() >= kWriteBytes) write();
     }
+    tile.in_memory = PointCloud();
   }
   write();
-  nodes_.clear();
+  in_memory_ = 0;
 }
 
 PointCloud TiledCloud::ReadBlock(uint64_t* place) {
@@ -139,15 +125,11 @@ PointCloud TiledCloud::ReadBlock(uint64_t* place) {
   return points;
 }
 
-void TiledCloud::WriteTile(const std::filesystem::path& path, Tile* tile) {
+void TiledCloud::WriteTile(const std::filesystem::path& path, const Tile& tile) {
   PlyFile file(path, Durability::kProcess, origin_);
-  size_t place = file.Reserve(tile->points) + tile->points - tile->in_memory;
-  size_t end = place;  // of what is in the work file
-  for (PointCloud points = TakeFromMemory(tile); !points.empty(); points = TakeFromMemory(tile)) {
-    file.WriteAt(place, points);
-    place += points.size();
-  }
-  for (uint64_t block = tile->last_block; block != kNoBlock;) {
+  size_t end = file.Reserve(tile.points) + tile.points - tile.in_memory.size();  // of what is in the work file
+  file.WriteAt(end, tile.in_memory);
+  for (uint64_t block = tile.last_block; block != kNoBlock;) {
     const PointCloud points = ReadBlock(&block);
     end -= points.size();
     file.WriteAt(end, points);
@@ -157,9 +139,9 @@ void TiledCloud::WriteTile(const std::filesystem::path& path, Tile* tile) {
 
 void TiledCloud::Commit(const StopRequest& interrupt) {
   MakeFolder(FolderOfTiles());
-  for (auto& [number, tile] : tiles_) {
+  for (const auto& [number, tile] : tiles_) {
     interrupt.Check();
-    WriteTile(FolderOfTiles() / FileNameOf(number), &tile);
+    WriteTile(FolderOfTiles() / FileNameOf(number), tile);
   }
   WriteIndex();
 }

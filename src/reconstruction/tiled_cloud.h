@@ -3,7 +3,6 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
-#include <deque>
 #include <filesystem>
 #include <fstream>
 #include <limits>
@@ -51,32 +50,21 @@ class TiledCloud {
 
  private:
   using TileNumber = std::array<int64_t, 3>;
-  static constexpr uint32_t kNoNode = std::numeric_limits<uint32_t>::max();
   static constexpr uint64_t kNoBlock = std::numeric_limits<uint64_t>::max();
-
-  /// A point in memory, in the list of its tile.
-  struct Node {
-    SurfacePoint point;
-    uint32_t next = kNoNode;  ///< in nodes_
-  };
 
   /// All points of a tile: those in the work file, a chain of blocks, come before those in memory.
   struct Tile {
     size_t points = 0;
-    Vec3f min, max;                  ///< of the positions, before the origin is added
-    uint32_t first = kNoNode;        ///< in nodes_
-    uint32_t last = kNoNode;         ///< in nodes_
-    size_t in_memory = 0;            ///< points
+    Vec3f min, max;  ///< of the positions, before the origin is added
+    PointCloud in_memory;
     uint64_t last_block = kNoBlock;  ///< place in the work file
   };
 
   TileNumber NumberOf(const Vec3f& position) const;
   Tile* TileOf(const Vec3f& position);
-  /// Takes the next points in memory of a tile, at most kBlockPoints; none: there are no more.
-  PointCloud TakeFromMemory(Tile* tile);
   /// Moves all points in memory to the work file.
   void MoveToFile();
-  void WriteTile(const std::filesystem::path& path, Tile* tile);
+  void WriteTile(const std::filesystem::path& path, const Tile& tile);
   /// Reads a block of a tile, and where the one before it is.
   PointCloud ReadBlock(uint64_t* place);
   void WriteIndex() const;
@@ -85,14 +73,13 @@ class TiledCloud {
 
   const OutputFolder& folder_;
   const double tile_size_;
-  const size_t max_nodes_;
+  const size_t max_points_;
   const Eigen::Vector3d origin_;
 
   std::map<TileNumber, Tile> tiles_;
   TileNumber last_number_ = {};
   Tile* last_tile_ = nullptr;  ///< that of last_number_, most often the next one, too
-  std::deque<Node> nodes_;
-  size_t points_ = 0;
+  size_t points_ = 0, in_memory_ = 0;
 
   std::optional<AtomicFile>
       file_;  ///< never committed: it goes with this, and what a killed process left is used again

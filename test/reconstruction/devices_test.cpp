@@ -14,7 +14,6 @@
 
 #include "acmp_mapping/dataset/map_io.h"
 #include "devices.h"
-#include "reconstruction/fake_gpu.h"
 #include "reconstruction/run_fixture.h"
 
 namespace acmp {
@@ -93,34 +92,14 @@ class ReconstructDevicesTest : public ReconstructRunFixture {
 
   void WriteTwelve(const Sources& sources) {
     WriteScene(kTwelve, kWidth, kHeight);
-    std::string pairs = std::to_string(sources.size()) + "\n";
-    for (size_t i = 0; i < sources.size(); ++i) {
-      pairs += std::to_string(i) + "\n" + std::to_string(sources[i].size());
-      for (int source : sources[i]) pairs += " " + std::to_string(source) + " 1";
-      pairs += "\n";
-    }
-    WriteText("scene/pair.txt", pairs);
+    WritePairs(sources);
     options_.quiet = true;
-  }
-
-  void RunOnCpu(const std::string& name) {
-    FakeMatcher fake;
-    options_.output = output(name);
-    Run(&fake);
   }
 
   void RunOnFakeGpus(const std::string& name, int devices, int jobs = 2) {
     options_.output = output(name);
-    const auto make = [&] {
-      std::vector<ReconstructDevice> made(static_cast<size_t>(devices));
-      for (int device = 0; device < devices; ++device) {
-        for (int job = 0; job < jobs; ++job) {
-          made[static_cast<size_t>(device)].engines.push_back(std::make_unique<FakeGpu>(device, &gpus_));
-        }
-      }
-      return made;
-    };
-    Reconstruct(options_, make, &watcher_, &out_, &log_, false);
+    Reconstruct(
+        options_, [&] { return FakeGpus(devices, jobs, &gpus_); }, &watcher_, &out_, &log_, false);
   }
 
   FakeGpuBehaviour gpus_;
@@ -130,7 +109,7 @@ TEST_F(ReconstructDevicesTest, AnyNumberOfDevicesGivesTheSameFiles) {
   for (const Sources& sources : {Sequence(kTwelve), Groups(kTwelve)}) {
     WriteTwelve(sources);
     options_.overwrite = true;
-    RunOnCpu("cpu");
+    RunTo("cpu");
     ASSERT_GT(ReadPly(output("cpu") / "fused.ply").size(), 500u);
     for (int devices : {1, 2, 3}) {
       for (const double memory_limit_gb : {4.0, 0.0}) {
@@ -171,9 +150,7 @@ TEST(DeviceOfPlaceTest, StretchesOfNeighboursGoToOneDeviceAfterTheOther) {
 TEST(DevicesTest, TakeOtherImagesAndTheSameMemory) {
   FakeGpuBehaviour behaviour;
   std::vector<ReconstructDevice> gpus(2);
-  for (int device = 0; device < 2; ++device) {
-    gpus[static_cast<size_t>(device)].engines.push_back(std::make_unique<FakeGpu>(device, &behaviour));
-  }
+  for (ReconstructDevice& gpu : gpus) gpu.engines.push_back(std::make_unique<FakeGpu>(0, &behaviour));
   Devices devices(std::move(gpus), {0, 1});
   EXPECT_EQ(devices.DeviceOf(1), 1);
   behaviour.free_bytes = 0;  // it keeps what it was given
@@ -199,7 +176,7 @@ TEST_F(ReconstructDevicesTest, EachImageIsFusedWhereItsMapsAre) {
 
 TEST_F(ReconstructDevicesTest, ViewsWithoutACommonFrameDoNotWaitForEachOther) {
   WriteTwelve(Groups(kTwelve));
-  RunOnCpu("cpu");
+  RunTo("cpu");
   for (const double memory_limit_gb : {4.0, 0.0}) {
     options_.memory_limit_gb = memory_limit_gb;
     Fusions fusions;
@@ -238,8 +215,8 @@ TEST_F(ReconstructDevicesTest, ViewsWithACommonFrameAreFusedInOrder) {
 
 TEST_F(ReconstructDevicesTest, AFusionThatFailsEndsTheRunWhichCanGoOn) {
   WriteTwelve(Sequence(kTwelve));
-  RunOnCpu("cpu");
-  for (const int failing : {0, 5, 6, 11}) {
+  RunTo("cpu");
+  for (const int failing : {0, 6, 11}) {
     gpus_.before = [&](int, int image, int) {
       if (image == failing) throw ProcessingError("device lost");
     };
@@ -254,7 +231,7 @@ TEST_F(ReconstructDevicesTest, AFusionThatFailsEndsTheRunWhichCanGoOn) {
 
 TEST_F(ReconstructDevicesTest, InterruptedWhileFusingTheRunCanGoOn) {
   WriteTwelve(Groups(kTwelve));
-  RunOnCpu("cpu");
+  RunTo("cpu");
   options_.memory_limit_gb = 0;  // points of the second device are in files when the run ends
   gpus_.before = [&](int device, int image, int) {
     if (device == 0 && image == 3) watcher_.Request();
@@ -287,7 +264,7 @@ class DeviceMemoryTest : public ReconstructDevicesTest {
 
 TEST_F(DeviceMemoryTest, WhatDoesNotFitIntoMemoryIsInFiles) {
   WriteTwelve(Sequence(kTwelve));
-  RunOnCpu("cpu");
+  RunTo("cpu");
   EXPECT_EQ(EstimatesInFiles("enough", size_t{1} << 30), 0u);
   const size_t all = EstimatesInFiles("none", 0);
   const size_t some = EstimatesInFiles("little", 250 * kWidth * kHeight * sizeof(float));
@@ -311,7 +288,7 @@ TEST_F(DeviceMemoryTest, EstimatesGoWithTheirLastReader) {
 
 TEST_F(DeviceMemoryTest, ARunThatFailsAnywhereCanGoOn) {
   WriteTwelve(Sequence(kTwelve));
-  RunOnCpu("cpu");
+  RunTo("cpu");
   std::atomic<int> passes{0};
   gpus_.before_pass = [&] { ++passes; };
   RunOnFakeGpus("gpu", 1);
@@ -342,7 +319,7 @@ TEST_F(DeviceMemoryTest, ARunThatFailsAnywhereCanGoOn) {
 TEST_F(ReconstructDevicesTest, OnlineRunsAreFusedWithTheMappersSources) {
   WriteTwelve(Sequence(kTwelve));
   options_.schedule = "online";
-  RunOnCpu("cpu");
+  RunTo("cpu");
   // Refined again, all have ten sources instead of two to ten, and a point takes the pixels of each: 405 points.
   ASSERT_GT(ReadPly(output("cpu") / "fused.ply").size(), 300u);
   for (const int devices : {1, 2}) {

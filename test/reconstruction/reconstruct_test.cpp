@@ -158,13 +158,13 @@ TEST_F(ReconstructTest, MemoryLimitDoesNotChangeTheResult) {
 TEST_F(ReconstructTest, FoldersOfOthersAreNeverTouched) {
   options_.overwrite = true;
   WriteText("out/depth/000000.png", "precious");
-  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("holds depth and was not made by this tool"));
+  EXPECT_THAT(Error(), HasSubstr("holds depth and was not made by this tool"));
   WriteText("out/run.txt", "my notes of the run of Tuesday");
-  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("not made by this tool")) << "a file of that name makes it no folder of ours";
+  EXPECT_THAT(Error(), HasSubstr("not made by this tool")) << "a file of that name makes it no folder of ours";
   EXPECT_EQ(ReadText(output() / "depth/000000.png"), "precious");
   for (const auto& folder : {scene(), scene().parent_path(), scene() / "../scene"}) {
     options_.output = folder;
-    EXPECT_THAT(ErrorOf(&fake_), HasSubstr("holds SCENE = "));
+    EXPECT_THAT(Error(), HasSubstr("holds SCENE = "));
   }
   EXPECT_TRUE(std::filesystem::exists(scene() / "pair.txt"));
   EXPECT_TRUE(fake_.calls.empty());
@@ -203,7 +203,7 @@ TEST_F(ReconstructTest, TwoRunsAtOnceAreRefused) {
 TEST_F(ReconstructTest, DamagedImageIsFoundBeforeTheFirstPass) {
   const auto image = scene() / "images/00000003.png";
   std::filesystem::resize_file(image, std::filesystem::file_size(image) / 2);
-  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("00000003.png"));
+  EXPECT_THAT(Error(), HasSubstr("00000003.png"));
   EXPECT_TRUE(fake_.calls.empty());
   EXPECT_FALSE(std::filesystem::exists(output()));
 }
@@ -222,7 +222,7 @@ TEST_F(ReconstructTest, ImagesWithoutSourceViewsAreNamedAndLeftOut) {
   EXPECT_THAT(ReadText(output() / "summary.json"), HasSubstr("\"name\": \"00000003.png\""));
   options_.output = output("strict");
   options_.min_source_views = 3;
-  EXPECT_THAT(ErrorOf(&fake_), AllOf(HasSubstr("none of the 4 images"), HasSubstr("must be at least 3")));
+  EXPECT_THAT(Error(), AllOf(HasSubstr("none of the 4 images"), HasSubstr("must be at least 3")));
 }
 
 TEST_F(ReconstructTest, SourceWithoutBaselineIsLeftOutWithAWarning) {
@@ -245,7 +245,7 @@ TEST_F(ReconstructTest, SubsetKeepsTheScenesIndices) {
   EXPECT_FALSE(Has("depth/000000.pfm"));
   for (const auto& call : fake_.calls) EXPECT_EQ(call.source_hashes.size(), 1u);
   options_.images = "1-4";
-  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("\"1-4\""));
+  EXPECT_THAT(Error(), HasSubstr("\"1-4\""));
 }
 
 TEST_F(ReconstructTest, AnImageWithoutADepthRangeGetsNoMap) {
@@ -264,7 +264,7 @@ TEST_F(ReconstructTest, DepthRangeMustComeFromSomewhere) {
     std::string camera = ReadText(folder() / name);
     WriteText(name, camera.replace(camera.find("3 0.05 41 5"), 11, "3 0.05"));
   }
-  EXPECT_THAT(ErrorOf(&fake_), AllOf(HasSubstr("no depth range"), HasSubstr("--depth-min")));
+  EXPECT_THAT(Error(), AllOf(HasSubstr("no depth range"), HasSubstr("--depth-min")));
   options_.depth_min = 3;
   options_.depth_max = 5;
   Run(&fake_);
@@ -274,17 +274,17 @@ TEST_F(ReconstructTest, DepthRangeMustComeFromSomewhere) {
   Run(&fake_);
   EXPECT_NEAR(ReadPfm(output("online") / "depth/000000.pfm")(4, 4), 4.0, 0.01);
   options_.depth_min.reset();
-  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("together"));
+  EXPECT_THAT(Error(), HasSubstr("together"));
   options_.depth_max.reset();
   options_.output = output("none");
-  EXPECT_THAT(ErrorOf(&fake_), AllOf(HasSubstr("none of the 4 images gets a map"), HasSubstr("--depth-min")));
+  EXPECT_THAT(Error(), AllOf(HasSubstr("none of the 4 images gets a map"), HasSubstr("--depth-min")));
 }
 
 TEST_F(ReconstructTest, BadOptionsAreNamed) {
   const auto error = [&](const std::function<void(ReconstructOptions*)>& change) {
     const ReconstructOptions good = options_;
     change(&options_);
-    std::string message = ErrorOf(&fake_);
+    std::string message = Error();
     options_ = good;
     return message;
   };

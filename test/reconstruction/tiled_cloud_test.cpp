@@ -88,12 +88,6 @@ TEST_F(TiledCloudTest, IndexListsTheTilesInTheOrderOfTheirNumbers) {
   EXPECT_EQ(nlohmann::json::parse(files.at("index.json")).at("tiles").size(), 3u);
 }
 
-TEST_F(TiledCloudTest, NoPointsMakeAnIndexWithoutTiles) {
-  const auto files = Write({}, 0.1, 0);
-  EXPECT_EQ(files.size(), 1u);
-  EXPECT_EQ(files.at("index.json"), "{\"tile_size\": 0.1, \"points\": 0, \"tiles\": [\n]}\n");
-}
-
 TEST_F(TiledCloudTest, AnyMemoryMakesTheSameBytes) {
   const PointCloud cloud = RandomCloud(3000, 5);
   const auto expected = Write(cloud, 4, kAllInMemory);
@@ -149,20 +143,6 @@ TEST_F(TiledCloudTest, TilesThatAreTooSmallAreRefused) {
   for (const float x : {std::numeric_limits<float>::infinity(), std::nanf("")}) {
     EXPECT_THAT(MessageOf<InvalidInputError>([&] { tiles.Add({PointAt(x, 0, 0)}); }), HasSubstr("must be within"));
   }
-}
-
-TEST_F(TiledCloudTest, TooManyTilesAreRefused) {
-  PointCloud cloud;
-  cloud.reserve(TiledCloud::kMaxTiles);
-  for (size_t i = 0; i < TiledCloud::kMaxTiles; ++i) {
-    const size_t row = i / 1000, col = i % 1000;
-    cloud.push_back(PointAt(static_cast<float>(row), static_cast<float>(col), 0));
-  }
-  TiledCloud most(&out_, 1, kAllInMemory);
-  most.Add(cloud);
-  most.Add(RandomCloud(10, 0));
-  EXPECT_EQ(MessageOf<InvalidInputError>([&] { most.Add({PointAt(0, 0, 1)}); }),
-            "--tile-size = 1: makes more than 1000000 tiles: they must be larger");
 }
 
 TEST_F(TiledCloudTest, FilesThatCannotBeWrittenOrReadAreErrors) {

@@ -4,6 +4,8 @@
 
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/reconstruction/reconstruct_options.h"
+#include "acmp_mapping/reconstruction/stop_request.h"
+#include "plan.h"
 #include "progress.h"
 
 namespace acmp {
@@ -18,5 +20,10 @@ std::vector<int> TakeMasks(const ReconstructOptions& options, const std::vector<
 /// those without any depth. Throws InvalidInputError as AddPriorDepths and ReadPriorDepthOf do.
 void TakePriorDepths(const ReconstructOptions& options, const std::vector<int>& indices, Scene* scene,
                      Progress* progress);
+
+/// --refine-poses: replaces the poses of the images that take part by refined ones, or leaves them as they are, and
+/// says which and why. Images are matched against the plan's source views. Reads every image once.
+void RefineScenePoses(const ReconstructPlan& plan, const ReconstructOptions& options, const StopRequest& interrupt,
+                      Scene* scene, Progress* progress);
 
 }  // namespace acmp
