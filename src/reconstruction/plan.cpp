@@ -62,6 +62,13 @@ void CheckSize(const SceneImage& image, const PinholeCamera& matched, int levels
                                  "): must be at least ", least, " x ", least, " for start_level = ", levels));
 }
 
+/// @param all 0, 0: none yet
+void Extend(const std::optional<DepthRange>& range, DepthRange* all) {
+  if (!range) return;
+  all->min = all->max == 0 ? range->min : std::min(all->min, range->min);
+  all->max = std::max(all->max, range->max);
+}
+
 std::string NoRange(const SceneImage& image) {
   return Concat("no depth range: the dataset names none, and of its ", image.landmark_indices.size(),
                 " landmarks fewer than ", DepthRangeOptions().min_landmarks,
@@ -125,11 +132,7 @@ ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indi
                                 const std::vector<std::optional<DepthRange>>& ranges,
                                 const ReconstructOptions& options) {
   DepthRange any;  // for what is done with an image that gets no map
-  for (const auto& range : ranges) {
-    if (!range) continue;
-    any.min = any.max == 0 ? range->min : std::min(any.min, range->min);
-    any.max = std::max(any.max, range->max);
-  }
+  for (const auto& range : ranges) Extend(range, &any);
   ReconstructPlan plan;
   plan.origin = OriginOf(scene, indices);
   const std::set<int> taking_part(indices.begin(), indices.end());
@@ -171,12 +174,7 @@ ReconstructPlan MakeOnlinePlan(const Scene& scene, const std::vector<int>& indic
 
 DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indices) {
   DepthRange all;
-  for (int index : indices) {
-    const auto range = DatasetRange(scene.images[index]);
-    if (!range) continue;
-    all.min = all.max == 0 ? range->min : std::min(all.min, range->min);
-    all.max = std::max(all.max, range->max);
-  }
+  for (int index : indices) Extend(DatasetRange(scene.images[static_cast<size_t>(index)]), &all);
   return all;
 }
 

@@ -8,10 +8,9 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
-#include "colmap_output.h"
+#include "image_files.h"
 #include "input_hash.h"
 #include "run_record.h"
-#include "scene_input.h"
 #include "stages.h"
 
 namespace acmp {

@@ -1,5 +1,3 @@
-#include "scene_input.h"
-
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -11,6 +9,7 @@
 #include "acmp_mapping/dataset/masks.h"
 #include "acmp_mapping/dataset/prior_depths.h"
 #include "acmp_mapping/pose_refinement/pose_refinement.h"
+#include "plan.h"
 
 namespace acmp {
 namespace {

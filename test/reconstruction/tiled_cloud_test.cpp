@@ -117,24 +117,6 @@ TEST_F(TiledCloudTest, ATileOfManyBlocksKeepsItsOrder) {
   }
 }
 
-TEST_F(TiledCloudTest, AnInterruptedCommitIsMadeWholeByTheNext) {
-  const PointCloud cloud = RandomCloud(500, 5);
-  const auto expected = Write(cloud, 2, kAllInMemory);
-  std::filesystem::remove_all(Tiles());
-  std::filesystem::create_directories(WorkFile().parent_path());
-  WriteText("out/work/tiles/000000.bin.partial", std::string(100000, 'x'));  // what a killed process has left
-  WriteText("out/tiles/0_0_0.ply.partial", "cut");
-  {
-    StopRequest stopped;
-    stopped.Request();
-    TiledCloud tiles(&out_, 2, 1000);
-    tiles.Add(cloud);
-    EXPECT_THROW(tiles.Commit(stopped), Interrupted);
-  }
-  EXPECT_FALSE(std::filesystem::exists(Tiles() / "index.json"));
-  EXPECT_TRUE(Write(cloud, 2, 1000) == expected);
-}
-
 TEST_F(TiledCloudTest, TilesThatAreTooSmallAreRefused) {
   TiledCloud tiles(&out_, 1e-6, kAllInMemory);
   EXPECT_EQ(MessageOf<InvalidInputError>([&] { tiles.Add({PointAt(0, 1e10f, 0)}); }),
