@@ -77,7 +77,7 @@ class WorkFileReader {
 
 /// A file's content as a string or vector of what can be copied bit by bit.
 template <class Elements>
-std::optional<Elements> ReadElements(const std::filesystem::path& path) {
+std::optional<Elements> ReadContent(const std::filesystem::path& path) {
   constexpr size_t kElement = sizeof(typename Elements::value_type);
   WorkFileReader reader(path);
   Elements elements(reader.left() / kElement, typename Elements::value_type());
@@ -146,7 +146,7 @@ void WriteWorkFile(const std::filesystem::path& path, const std::string& content
   WritePieces(path, {{content.data(), content.size()}});
 }
 
-std::optional<std::string> ReadWorkFile(const std::filesystem::path& path) { return ReadElements<std::string>(path); }
+std::optional<std::string> ReadWorkFile(const std::filesystem::path& path) { return ReadContent<std::string>(path); }
 
 void WriteEstimate(const std::filesystem::path& path, const EstimateState& estimate) {
   WriteMaps(path, {estimate.planes.width(), estimate.planes.height(), 0}, estimate.planes, estimate.cost);
@@ -183,7 +183,7 @@ void WritePoints(const std::filesystem::path& path, const PointCloud& cloud) {
   WritePieces(path, {{cloud.data(), cloud.size() * sizeof(SurfacePoint)}});
 }
 
-std::optional<PointCloud> ReadPoints(const std::filesystem::path& path) { return ReadElements<PointCloud>(path); }
+std::optional<PointCloud> ReadPoints(const std::filesystem::path& path) { return ReadContent<PointCloud>(path); }
 
 std::optional<uint32_t> ChecksumOfFile(const std::filesystem::path& path) {
   std::ifstream file(path, std::ios::binary);
