@@ -202,36 +202,34 @@ TEST_F(ReconstructDevicesTest, ViewsWithACommonFrameAreFusedInOrder) {
   }
 }
 
-TEST_F(ReconstructDevicesTest, AFusionThatFailsEndsTheRunWhichCanGoOn) {
+TEST_F(ReconstructDevicesTest, ARunThatEndsWhileFusingCanGoOn) {
   WriteTwelve(Sequence(kTwelve));
   RunTo("cpu");
-  for (const int failing : {0, 6, 11}) {
-    gpus_.before = [&](int, int image, int) {
-      if (image == failing) throw ProcessingError("device lost");
-    };
-    const std::string name = Concat("failing_", failing);
-    EXPECT_EQ(MessageOf<ProcessingError>([&] { RunOnFakeGpus(name, 2); }), "device lost");
-    EXPECT_FALSE(Has("fused.ply"));
-    gpus_.before = [](int, int, int) {};
-    RunOnFakeGpus(name, 2);
-    ExpectSameContents(output("cpu"), options_.output);
-  }
-}
-
-TEST_F(ReconstructDevicesTest, InterruptedWhileFusingTheRunCanGoOn) {
-  WriteTwelve(Groups(kTwelve));
-  RunTo("cpu");
   options_.memory_limit_gb = 0;  // points of the second device are in files when the run ends
-  gpus_.before = [&](int device, int image, int) {
-    if (device == 0 && image == 3) watcher_.Request();
-  };
-  EXPECT_THROW(RunOnFakeGpus("gpu", 2), Interrupted);
-  EXPECT_FALSE(Has("fused.ply"));
-  StopRequest watcher;
-  options_.output = output("gpu");
-  FakeMatcher fake;
-  Run(&fake, &watcher);
-  ExpectSameContents(output("cpu"), output("gpu"));
+  for (const int last : {0, 6, 11}) {
+    for (const bool fails : {true, false}) {
+      const std::string name = Concat("last_", last, fails);
+      StopRequest stop;
+      gpus_.before = [&](int, int image, int) {
+        if (image == last && fails) throw ProcessingError("device lost");
+        if (image == last) stop.Request();
+      };
+      options_.output = output(name);
+      const auto run = [&](StopRequest* watcher) {
+        Reconstruct(
+            options_, [&] { return FakeGpus(2, 2, &gpus_); }, watcher, &out_, &log_, false);
+      };
+      if (fails) {
+        EXPECT_EQ(MessageOf<ProcessingError>([&] { run(&stop); }), "device lost");
+      } else {
+        EXPECT_THROW(run(&stop), Interrupted);
+      }
+      EXPECT_FALSE(Has("fused.ply"));
+      gpus_.before = [](int, int, int) {};
+      run(&watcher_);
+      ExpectSameContents(output("cpu"), options_.output);
+    }
+  }
 }
 
 class DeviceMemoryTest : public ReconstructDevicesTest {

@@ -38,21 +38,6 @@ TEST_F(ResumeTest, InterruptedAnywhereEndsWithTheSameBytes) {
   }
 }
 
-TEST_F(ResumeTest, FailureOfTheDeviceStopsTheRunAndCanBeResumed) {
-  const int passes = PassesOfWholeRun();
-  for (int stop : {0, 3, passes - 1}) {
-    std::filesystem::remove_all(output());
-    FakeMatcher first;
-    first.on_call = [&](int call) {
-      if (call == stop) throw ProcessingError("device lost");
-    };
-    EXPECT_EQ(MessageOf<ProcessingError>([&] { Run(&first); }), "device lost");
-    FakeMatcher second;
-    Run(&second);
-    ExpectSameContents(output("whole"), output());
-  }
-}
-
 TEST_F(ResumeTest, FilesThatAreMissingAreMadeAgain) {
   PassesOfWholeRun();
   options_.keep_work = true;
@@ -115,10 +100,6 @@ TEST_F(ResumeTest, OtherSettingsAreRefusedUntilOverwrite) {
   options_.output = output("fresh");
   Run(&fake_);
   ExpectSameContents(output(), output("fresh"));
-}
-
-TEST_F(ResumeTest, ChangedImageIsRefused) {
-  Run(&fake_);
   std::filesystem::copy_file(scene() / "images/00000000.png", scene() / "images/00000001.png",
                              std::filesystem::copy_options::overwrite_existing);
   EXPECT_THAT(Error(), HasSubstr("input (hash of images"));

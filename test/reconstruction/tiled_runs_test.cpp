@@ -132,19 +132,6 @@ TEST_F(TiledRunsTest, LittleMemoryAndOtherOutputsMakeTheSameTiles) {
   EXPECT_EQ(ReadText(output("colmap_one") / "colmap/sparse/points3D.txt"), landmarks);
 }
 
-TEST_F(TiledRunsTest, InterruptedRunsEndWithTheSameBytes) {
-  options_.tile_size = kTileSize;
-  const int passes = RunTo("whole");
-  options_.output = output();
-  for (int stop : {0, passes / 2, passes - 1}) {
-    std::filesystem::remove_all(output());
-    RunInterrupted(stop);
-    EXPECT_FALSE(Has("tiles/index.json"));
-    Run(&fake_);
-    ExpectSameContents(output("whole"), output());
-  }
-}
-
 TEST_F(TiledRunsTest, AFolderOfOtherTilesIsRefusedUntilOverwrite) {
   RunTo("out");
   options_.tile_size = kTileSize;
