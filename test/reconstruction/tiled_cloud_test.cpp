@@ -1,4 +1,4 @@
-#include "tiled_cloud.h"
+#include "cloud_output.h"
 
 #include <gmock/gmock.h>
 
