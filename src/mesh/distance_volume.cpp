@@ -12,7 +12,6 @@
 #include "acmp_mapping/common/error.h"
 #include "check_mesh.h"
 #include "distance_grids.h"
-#include "packed_color.h"
 
 namespace acmp {
 namespace {

@@ -10,7 +10,6 @@
 
 #include "acmp_mapping/common/error.h"
 #include "distance_grids.h"
-#include "packed_color.h"
 
 namespace acmp {
 namespace {

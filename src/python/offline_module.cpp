@@ -6,6 +6,8 @@
 #include <pybind11/stl.h>
 
 #include <algorithm>
+#include <chrono>
+#include <future>
 #include <sstream>
 #include <utility>
 
@@ -13,14 +15,39 @@
 #include "acmp_mapping/evaluation/cloud_metrics.h"
 #include "acmp_mapping/evaluation/depth_metrics.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
-#include "acmp_mapping/reconstruction/make_devices.h"
 #include "acmp_mapping/reconstruction/reconstruct_images.h"
 #include "docstrings.h"
 #include "numpy_input.h"
-#include "run_interruptibly.h"
 
 namespace acmp::python {
 namespace {
+
+/// Runs `work` in a thread of its own without Python's lock, so that other Python threads go on, and throws what it
+/// throws. Meanwhile Python's signal handlers run: where one raises (Ctrl-C: KeyboardInterrupt, in the main thread) the
+/// work is stopped and that is thrown.
+/// @param work takes a StopRequest*; must not touch Python
+template <class Work>
+void RunInterruptibly(const Work& work) {
+  const py::gil_scoped_release release;
+  StopRequest stop;
+  std::future<void> done = std::async(std::launch::async, [&] {
+    stop.RunCancellable([&] { work(&stop); });
+    stop.Check();
+  });
+  constexpr std::chrono::milliseconds kTimeToReact(50);
+  while (done.wait_for(kTimeToReact) != std::future_status::ready) {
+    const py::gil_scoped_acquire acquire;
+    if (PyErr_CheckSignals() == 0) continue;
+    stop.Request();
+    const py::error_already_set raised;
+    {
+      const py::gil_scoped_release while_waiting;
+      done.wait();
+    }
+    throw raised;
+  }
+  done.get();
+}
 
 /// The pixels without a copy: the array owns them.
 template <class T, class Pixel>

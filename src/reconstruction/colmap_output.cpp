@@ -1,5 +1,3 @@
-#include "colmap_output.h"
-
 #include <algorithm>
 #include <map>
 
@@ -8,6 +6,7 @@
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
+#include "image_files.h"
 
 namespace acmp {
 namespace {
@@ -60,7 +59,7 @@ std::vector<ColmapModelPoint> PointsOf(const std::vector<PointCloud>& clouds, co
 
 }  // namespace
 
-ColmapOutput::ColmapOutput(const ReconstructRun* run) : run_(*run), folder_(run->folder.path() / "colmap") {
+ColmapOutput::ColmapOutput(const ReconstructRun* run) : run_(*run), folder_(run->folder->path() / "colmap") {
   for (const char* name : {"sparse", "stereo"}) MakeFolder(folder_ / name);
 }
 

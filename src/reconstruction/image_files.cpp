@@ -4,17 +4,23 @@
 
 #include <algorithm>
 #include <functional>
-#include <vector>
+#include <memory>
+#include <mutex>
+#include <utility>
 
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
 
 namespace acmp {
 
-ImageFiles::ImageFiles(const ReconstructRun* run) : run_(*run) {
-  for (const std::string& kind : run_.options.maps) MakeFolder(run_.folder.path() / kind);
-  if (!run_.options.no_pictures && !run_.options.maps.empty()) MakeFolder(run_.folder.path() / "pictures");
+ImageFiles::ImageFiles(ReconstructRun* run)
+    : run_(*run),
+      measures_confidence_(Writes("confidence") && !run->options.online()) {  // online maps come with theirs
+  for (const std::string& kind : run_.options.maps) MakeFolder(run_.folder->path() / kind);
+  if (!run_.options.no_pictures && !run_.options.maps.empty()) MakeFolder(run_.folder->path() / "pictures");
   if (run_.options.colmap) colmap_.emplace(run);
 }
 
@@ -23,14 +29,42 @@ bool ImageFiles::Writes(const std::string& kind) const {
   return std::find(maps.begin(), maps.end(), kind) != maps.end();
 }
 
+int ImageFiles::AddTasks(const ImagePlan& image, RunTasks* tasks) {
+  const auto confidence = std::make_shared<ConfidenceMap>();
+  std::vector<int> after = tasks->FinalStepsRead(image);
+  if (measures_confidence_) {
+    after = {tasks->AddConfidence(image, [confidence](ConfidenceMap measured) { *confidence = std::move(measured); })};
+  }
+  return tasks->AddFileTask(after, [this, index = image.index, confidence] { WriteFiles(index, *confidence); });
+}
+
+void ImageFiles::WriteFiles(int index, const ConfidenceMap& measured) {
+  if (colmap_ || !run_.options.maps.empty()) {
+    const std::shared_ptr<const FinalMaps> maps = run_.store.Final(index);
+    Timer timer;
+    const size_t too_far = Write(index, *maps, measures_confidence_ ? measured : maps->confidence);
+    run_.Count(&RunTimes::writing_ms, timer.Lap());
+    const std::lock_guard<std::mutex> lock(run_.mutex);
+    too_far_ += too_far;
+  }
+  run_.store.ReleaseFinal(index);
+  run_.progress.Step();
+}
+
+void ImageFiles::WarnOfDepthsTooFar() const {
+  if (too_far_ == 0) return;
+  run_.progress.Warn(
+      Concat(too_far_, " pixels deeper than 65.535 units are missing in depth/*.png; the .pfm have them"));
+}
+
 std::vector<std::filesystem::path> ImageFiles::FilesOf(int index) const {
   std::vector<std::filesystem::path> files;
   for (const std::string& kind : run_.options.maps) {
-    files.push_back(run_.folder.MapFile(kind, index, ".pfm"));
-    if (!run_.options.no_pictures) files.push_back(run_.folder.MapFile("pictures", index, "_" + kind + ".png"));
+    files.push_back(run_.folder->MapFile(kind, index, ".pfm"));
+    if (!run_.options.no_pictures) files.push_back(run_.folder->MapFile("pictures", index, "_" + kind + ".png"));
   }
-  if (Writes("depth")) files.push_back(run_.folder.MapFile("depth", index, ".png"));
-  if (run_.options.dmb) files.push_back(run_.folder.MapFile("depth", index, ".dmb"));
+  if (Writes("depth")) files.push_back(run_.folder->MapFile("depth", index, ".png"));
+  if (run_.options.dmb) files.push_back(run_.folder->MapFile("depth", index, ".dmb"));
   return files;
 }
 
@@ -38,7 +72,7 @@ size_t ImageFiles::Write(int index, const FinalMaps& maps, const ConfidenceMap& 
   size_t too_far = 0;
   std::vector<std::function<void()>> files;
   const auto add = [&](const std::string& kind, const std::string& suffix, const auto& write) {
-    files.emplace_back([path = run_.folder.MapFile(kind, index, suffix), write] {
+    files.emplace_back([path = run_.folder->MapFile(kind, index, suffix), write] {
       write(path);
       StartWriteback(path);
     });

@@ -11,7 +11,6 @@
 #include "acmp_mapping/dataset/masks.h"
 #include "acmp_mapping/geometry/local_origin.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
-#include "input_hash.h"
 #include "source_candidates.h"
 
 namespace acmp {
@@ -61,6 +60,13 @@ void CheckSize(const SceneImage& image, const PinholeCamera& matched, int levels
   throw InvalidInputError(Concat("image ", image.path.string(), ": is matched at ", matched.width, " x ",
                                  matched.height, " px (stored: ", image.camera.width, " x ", image.camera.height,
                                  "): must be at least ", least, " x ", least, " for start_level = ", levels));
+}
+
+/// @param all 0, 0: none yet
+void Extend(const std::optional<DepthRange>& range, DepthRange* all) {
+  if (!range) return;
+  all->min = all->max == 0 ? range->min : std::min(all->min, range->min);
+  all->max = std::max(all->max, range->max);
 }
 
 std::string NoRange(const SceneImage& image) {
@@ -126,11 +132,7 @@ ReconstructPlan MakeOfflinePlan(const Scene& scene, const std::vector<int>& indi
                                 const std::vector<std::optional<DepthRange>>& ranges,
                                 const ReconstructOptions& options) {
   DepthRange any;  // for what is done with an image that gets no map
-  for (const auto& range : ranges) {
-    if (!range) continue;
-    any.min = any.max == 0 ? range->min : std::min(any.min, range->min);
-    any.max = std::max(any.max, range->max);
-  }
+  for (const auto& range : ranges) Extend(range, &any);
   ReconstructPlan plan;
   plan.origin = OriginOf(scene, indices);
   const std::set<int> taking_part(indices.begin(), indices.end());
@@ -172,12 +174,7 @@ ReconstructPlan MakeOnlinePlan(const Scene& scene, const std::vector<int>& indic
 
 DepthRange UnionOfDatasetRanges(const Scene& scene, const std::vector<int>& indices) {
   DepthRange all;
-  for (int index : indices) {
-    const auto range = DatasetRange(scene.images[index]);
-    if (!range) continue;
-    all.min = all.max == 0 ? range->min : std::min(all.min, range->min);
-    all.max = std::max(all.max, range->max);
-  }
+  for (int index : indices) Extend(DatasetRange(scene.images[static_cast<size_t>(index)]), &all);
   return all;
 }
 
@@ -187,17 +184,6 @@ void CheckSizes(const Scene& scene, const std::vector<int>& indices, const Recon
     LimitSize(options.max_image_size, &matched.width, &matched.height);
     CheckSize(scene.images[index], matched, MakePipelineOptions(options).start_level);
   }
-}
-
-std::string CheckInput(const Scene& scene, const std::vector<int>& indices, FrameStore* frames,
-                       const StopRequest& interrupt) {
-  std::vector<ImageHashes> hashes(indices.size());
-  tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
-    frames->Get(indices[i]);  // those that fit in stay for the run
-    hashes[i] = HashesOf(scene, indices[i]);
-  });
-  interrupt.Check();
-  return InputHash(hashes);
 }
 
 }  // namespace acmp

@@ -1,22 +1,17 @@
 #include "acmp_mapping/reconstruction/reconstruct.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <future>
-#include <map>
 #include <numeric>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
-#include "colmap_output.h"
+#include "image_files.h"
 #include "input_hash.h"
-#include "run.h"
-#include "run_end.h"
 #include "run_record.h"
-#include "scene_masks.h"
-#include "scene_mesh.h"
-#include "scene_pose_refinement.h"
 #include "stages.h"
-#include "summary.h"
 
 namespace acmp {
 namespace {
@@ -51,12 +46,17 @@ ReconstructPlan MakePlan(const Scene& scene, const std::vector<int>& indices, co
   return MakeOfflinePlan(scene, indices, ranges, options);
 }
 
-void ReportImagesWithoutMap(const ReconstructRun& run) {
-  for (const ImagePlan& image : run.plan.images) {
-    if (!image.no_map.empty()) {
-      run.progress.Warn(Concat("no map for image ", run.scene.images[image.index].name, ": ", image.no_map));
-    }
-  }
+/// Reads every image once, so that a damaged one is found now and not hours later, and returns a hash of all input:
+/// files, masks, cameras, poses, landmarks, ranges and source views.
+std::string CheckInput(const Scene& scene, const std::vector<int>& indices, FrameStore* frames,
+                       const StopRequest& interrupt) {
+  std::vector<ImageHashes> hashes(indices.size());
+  tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
+    frames->Get(indices[i]);  // those that fit in stay for the run
+    hashes[i] = HashesOf(scene, indices[i]);
+  });
+  interrupt.Check();
+  return InputHash(hashes);
 }
 
 /// Of the files of all images: what StampOfFiles says.
@@ -81,15 +81,9 @@ void CheckUnchanged(const Scene& scene, const std::vector<int>& indices, const s
 
 /// Runs the schedule and writes the results.
 CloudSize RunSchedule(ReconstructRun* run) {
-  TaskGraph graph;
-  std::map<int, int> final_maps;
-  if (run->options.online()) {
-    RunOnlineSchedule(run);
-  } else {
-    final_maps = AddOfflineSchedule(run, &graph);
-  }
-  ReportImagesWithoutMap(*run);
-  const CloudSize cloud = RunAndWriteResults(run, final_maps, &graph);
+  if (run->options.online()) RunOnlineSchedule(run);
+  ReportImagesWithoutMap(run->plan, run->scene, &run->progress);
+  const CloudSize cloud = RunAndWriteResults(run);
   run->interrupt.Check();
   ReportUnusedPriorDepth(*run);
   return cloud;
@@ -102,7 +96,7 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   const Timer timer;
   Validate(options);
   if (!options.stage.empty()) {
-    return StageRunner(options, make_devices, interrupt, out, log, log_is_terminal).Run(options.stage, options.images);
+    return DoStage(options, make_devices, interrupt, out, log, log_is_terminal);
   }
   CheckOutputIsNoInput(options);
   const bool plans = !options.plan.empty();
@@ -132,10 +126,8 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   OutputFolder folder(options.output, record, options.overwrite);
   if (folder.state() == OutputFolder::State::kComplete) {
     if (!options.keep_work) folder.RemoveWork();
-    if (!options.quiet)
-      *out << options.output.string() << ": already complete (--overwrite starts afresh)" << std::endl;
-    const std::string failure = FailureOfSummary(folder.SummaryFile());
-    if (!failure.empty()) throw ProcessingError(failure);
+    ReportComplete(folder, options.output.string() + ": already complete (--overwrite starts afresh)", options.quiet,
+                   out);
     if (!options.mesh.empty()) WriteSceneMesh(options, plan.origin, folder, *interrupt, &frames, &progress, out);
     return;
   }
@@ -148,7 +140,7 @@ void Reconstruct(const ReconstructOptions& options, const DeviceMaker& make_devi
   if (folder.state() == OutputFolder::State::kStarted && options.online()) folder.StartAfresh();
   {
     EngineStore store(&frames, options, &folder, plan, devices, ScheduleOf(MakePipelineOptions(options)));
-    ReconstructRun run{{scene, options, plan, devices, store, *interrupt, progress, {}, {}, {}}, folder};
+    ReconstructRun run{scene, options, plan, devices, store, *interrupt, progress, &folder};
     const CloudSize cloud = RunSchedule(&run);
     CheckUnchanged(scene, indices, stamps, &folder);
     const std::string failure = EndRun(&run, record, devices.name(), timer, cloud, out);

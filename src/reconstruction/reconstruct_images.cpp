@@ -2,7 +2,6 @@
 
 #include <tbb/parallel_for.h>
 
-#include <map>
 #include <memory>
 #include <numeric>
 #include <set>
@@ -12,9 +11,8 @@
 #include "acmp_mapping/dataset/masks.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
-#include "run.h"
-#include "run_end.h"
-#include "view_outputs.h"
+#include "run_record.h"
+#include "run_tasks.h"
 
 namespace acmp {
 namespace {
@@ -103,24 +101,25 @@ struct Outputs {
   std::vector<PointCloud> clouds;
 };
 
-void RunTasks(ScheduleRun* run, Outputs* outputs) {
-  TaskGraph graph;
-  const std::map<int, int> final_maps = AddOfflineSchedule(run, &graph);
-  ViewFusion fusion(run);
+Outputs DoTasks(ReconstructRun* run) {
+  Outputs outputs = {std::vector<ConfidenceMap>(run->plan.images.size()),
+                     std::vector<PointCloud>(run->plan.images.size())};
+  RunTasks tasks(run);
+  tasks.AddMissingSteps();
   for (const ImagePlan& image : run->plan.images) {
     if (!image.no_map.empty()) continue;
-    const std::vector<int> maps = TasksOfMapsRead(run->plan, image, final_maps);
     const auto place = static_cast<size_t>(image.index);
-    AddConfidence(run, image, maps, &graph,
-                  [=](ConfidenceMap confidence) { outputs->confidences[place] = std::move(confidence); });
-    fusion.AddTask(image, maps, &graph, [=](PointCloud cloud) { outputs->clouds[place] = std::move(cloud); });
+    tasks.AddConfidence(
+        image, [&outputs, place](ConfidenceMap confidence) { outputs.confidences[place] = std::move(confidence); });
+    tasks.AddFusion(image, [&outputs, place](PointCloud cloud) { outputs.clouds[place] = std::move(cloud); });
   }
-  graph.Run(run->devices.PoolThreads(), run->interrupt);
+  tasks.Run();
   run->interrupt.Check();
+  return outputs;
 }
 
 /// Takes the final maps out of the store.
-ImageReconstruction Collect(ScheduleRun* run, Outputs outputs) {
+ImageReconstruction Collect(ReconstructRun* run, Outputs outputs) {
   ImageReconstruction result;
   for (const ImagePlan& image : run->plan.images) {
     ImageResult& maps = result.images.emplace_back();
@@ -166,10 +165,8 @@ ImageReconstruction ReconstructImages(std::vector<InputImage> images, const Reco
   EngineStore store(&frames, options, nullptr, plan, devices, ScheduleOf(MakePipelineOptions(options)));
   std::ostream nowhere(nullptr);
   Progress progress(&nowhere, ProgressStyle::kSilent);
-  ScheduleRun run{scene, options, plan, devices, store, *interrupt, progress, {}, {}, {}};
-  Outputs outputs = {std::vector<ConfidenceMap>(indices.size()), std::vector<PointCloud>(indices.size())};
-  RunTasks(&run, &outputs);
-  return Collect(&run, std::move(outputs));
+  ReconstructRun run{scene, options, plan, devices, store, *interrupt, progress, nullptr};
+  return Collect(&run, DoTasks(&run));
 }
 
 std::vector<InputImage> ReadInputImages(const ReconstructOptions& options, const StopRequest& interrupt,

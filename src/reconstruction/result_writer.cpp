@@ -1,52 +1,41 @@
 #include <map>
-#include <mutex>
 #include <optional>
+#include <set>
 #include <utility>
 
-#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/dataset/camera_list.h"
 #include "cloud_output.h"
-#include "map_writer.h"
-#include "run.h"
-#include "view_outputs.h"
-#include "waiting_clouds.h"
+#include "image_files.h"
 
 namespace acmp {
 namespace {
 
-/// The output steps of a run. Confidences and points are made on the engines, files by other threads.
+/// The output of a run. Confidences and points are made on the engines, files by other threads.
 class ResultWriter {
  public:
   explicit ResultWriter(ReconstructRun* run)
-      : run_(*run),
-        maps_(run),
-        waiting_(&run->folder, run->options.CloudBytes()),
-        cloud_(run->options, &run->folder, run->plan.origin),
-        fusion_(run) {}
+      : run_(*run), files_(run), waiting_(run->folder, run->options.CloudBytes()), cloud_(*run) {}
 
-  void AddTasks(const std::map<int, int>& final_maps, TaskGraph* graph) {
+  void AddTasks(RunTasks* tasks) {
     std::vector<int> all_written, all_in_cloud;
     std::vector<int> last_placed;  // or none
     for (const ImagePlan& image : run_.plan.images) {
       if (!image.no_map.empty()) continue;
-      const std::vector<int> maps = TasksOfMapsRead(run_.plan, image, final_maps);
-      all_written.push_back(maps_.AddTasks(image, maps, graph));
-      const int fused = fusion_.AddTask(
-          image, maps, graph, [this, index = image.index](PointCloud cloud) { waiting_.Put(index, std::move(cloud)); });
+      all_written.push_back(files_.AddTasks(image, tasks));
+      last_placed.push_back(tasks->AddFusion(
+          image, [this, index = image.index](PointCloud cloud) { waiting_.Put(index, std::move(cloud)); }));
       const size_t rank = images_.size();
-      last_placed.push_back(fused);
-      last_placed = {graph->Add(
-          Devices::kFilePool, last_placed, [this, rank](int) { Place(rank); }, true)};
-      all_in_cloud.push_back(
-          cloud_.in_order() ? last_placed.back()
-                            : graph->Add(Devices::kFilePool, last_placed, [this, rank](int) { WritePoints(rank); }));
+      last_placed = {tasks->AddFileTask(
+          last_placed, [this, rank] { Place(rank); }, true)};
+      all_in_cloud.push_back(cloud_.in_order() ? last_placed.back()
+                                               : tasks->AddFileTask(last_placed, [this, rank] { WritePoints(rank); }));
       images_.push_back(image.index);
     }
     places_.resize(images_.size());
-    clouds_.resize(maps_.colmap() ? images_.size() : 0);
-    graph->Add(Devices::kFilePool, all_written, [this](int) { FinishFiles(); });
-    graph->Add(Devices::kFilePool, all_in_cloud, [this](int) { FinishCloud(); });
+    clouds_.resize(files_.colmap() ? images_.size() : 0);
+    tasks->AddFileTask(all_written, [this] { FinishFiles(); });
+    tasks->AddFileTask(all_in_cloud, [this] { FinishCloud(); });
   }
 
   static constexpr int kStepsPerImage = 2;
@@ -65,31 +54,26 @@ class ResultWriter {
     Timer timer;
     PointCloud cloud = waiting_.Take(images_[rank]);
     cloud_.WriteAt(places_[rank], cloud);
-    if (maps_.colmap()) clouds_[rank] = std::move(cloud);
-    const std::lock_guard<std::mutex> lock(run_.times_mutex);
-    run_.times.cloud_ms += timer.Lap();
+    if (files_.colmap()) clouds_[rank] = std::move(cloud);
+    run_.Count(&RunTimes::cloud_ms, timer.Lap());
   }
 
   void FinishFiles() {
-    maps_.WarnOfDepthsTooFar();
-    WriteCameraList(run_.folder.path() / "cameras.txt", Cameras(run_, images_));
+    files_.WarnOfDepthsTooFar();
+    WriteCameras(run_, images_);
   }
 
   void FinishCloud() {
     Timer timer;
-    cloud_.Commit(run_.interrupt);
-    {
-      const std::lock_guard<std::mutex> lock(run_.times_mutex);
-      run_.times.cloud_ms += timer.Lap();
-    }
-    if (maps_.colmap()) maps_.colmap()->WriteModel(images_, clouds_);
+    cloud_.Commit();
+    run_.Count(&RunTimes::cloud_ms, timer.Lap());
+    if (files_.colmap()) files_.colmap()->WriteModel(images_, clouds_);
   }
 
   ReconstructRun& run_;
-  MapWriter maps_;
+  ImageFiles files_;
   WaitingClouds waiting_;
   CloudOutput cloud_;
-  ViewFusion fusion_;
   std::vector<int> images_;         ///< with maps, by scene index: in the order of the cloud
   std::vector<size_t> places_;      ///< of the views' first points in the cloud
   std::vector<PointCloud> clouds_;  ///< the views', for COLMAP's model; else none
@@ -97,34 +81,37 @@ class ResultWriter {
 
 }  // namespace
 
-PinholeCamera CameraOf(const ScheduleRun& run, int index) {
-  const PinholeCamera& camera = run.scene.images[index].camera;
+PinholeCamera CameraOf(const ReconstructRun& run, int index) {
+  const PinholeCamera& camera = run.scene.images[static_cast<size_t>(index)].camera;
   int width = camera.width;
   int height = camera.height;
   LimitSize(run.options.max_image_size, &width, &height);
   return camera.Resized(width, height);
 }
 
-std::vector<ListedCamera> Cameras(const ReconstructRun& run, const std::vector<int>& images) {
+void WriteCameras(const ReconstructRun& run, const std::vector<int>& images) {
   std::vector<ListedCamera> cameras;
   for (int index : images) {
-    const SceneImage& image = run.scene.images[index];
+    const SceneImage& image = run.scene.images[static_cast<size_t>(index)];
     cameras.push_back({{index, image.name}, CameraOf(run, index), image.cam_from_world.inverse()});
   }
-  return cameras;
+  WriteCameraList(run.folder->path() / "cameras.txt", cameras);
 }
 
-CloudSize RunAndWriteResults(ReconstructRun* run, const std::map<int, int>& final_maps, TaskGraph* graph) {
+CloudSize RunAndWriteResults(ReconstructRun* run) {
+  RunTasks tasks(run);
+  const bool offline = !run->options.online();
+  const std::set<StepOfImage> to_do = offline ? tasks.AddMissingSteps() : std::set<StepOfImage>();
   ResultWriter writer(run);
-  writer.AddTasks(final_maps, graph);
-  const bool all = !final_maps.empty();  // of the run's steps
-  const int steps = ResultWriter::kStepsPerImage + (all ? run->store.final_step() + 1 : 0);
+  writer.AddTasks(&tasks);
+  const size_t steps = offline ? writer.images() * static_cast<size_t>(run->store.final_step() + 1) : 0;
   std::optional<double> share;
   constexpr double kShareBeforeMesh = 0.9;
   if (!run->options.mesh.empty()) share = kShareBeforeMesh * (1 - run->progress.done_share());
-  run->progress.Begin(all ? "depth maps, pictures and cloud" : "maps, pictures and cloud",
-                      static_cast<int>(writer.images()) * steps, share);
-  graph->Run(run->devices.PoolThreads(), run->interrupt);
+  run->progress.Begin(offline ? "depth maps, pictures and cloud" : "maps, pictures and cloud",
+                      static_cast<int>(steps + writer.images() * ResultWriter::kStepsPerImage), share);
+  for (size_t reused = to_do.size(); reused < steps; ++reused) run->progress.Step(true);
+  tasks.Run();
   return writer.cloud_size();
 }
 

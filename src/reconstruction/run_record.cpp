@@ -1,12 +1,38 @@
 #include "run_record.h"
 
+#include <algorithm>
+#include <cstdio>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <utility>
+#include <vector>
 
+#include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/output_file.h"
 
 namespace acmp {
 namespace {
+
+using Json = nlohmann::ordered_json;
+
+std::vector<std::pair<const char*, double>> Rows(const RunTimes& times) {
+  return {{"photometric", times.stages.photometric_ms},
+          {"prior construction", times.stages.prior_construction_ms},
+          {"planar prior", times.stages.planar_prior_ms},
+          {"geometric", times.stages.geometric_ms},
+          {"completion", times.stages.fill_ms},
+          {"kernels (device time, part of the passes above)", times.stages.kernels_ms},
+          {"consistency", times.consistency_ms},
+          {"fusion", times.fusion_ms},
+          {"reading", times.reading_ms},
+          {"keeping estimates", times.keeping_ms},
+          {"writing maps and pictures", times.writing_ms},
+          {"writing the cloud", times.cloud_ms},
+          {"waiting for the disk", times.syncing_ms},
+          {"whole run (steps overlap)", times.run_ms}};
+}
 
 std::string Joined(const std::vector<std::string>& words) {
   std::string all;
@@ -21,6 +47,50 @@ std::string RefinePosesName(const ReconstructOptions& options) {
 
 /// As few digits as tell it from all other numbers.
 std::string AllDigits(double value) { return nlohmann::json(value).dump(); }
+
+std::string DescribeFiles(const CloudSize& cloud) {
+  if (!cloud.tiles) return "fused.ply";
+  return Concat(*cloud.tiles, *cloud.tiles == 1 ? " tile" : " tiles");
+}
+
+/// summary.json: version, settings, images with and without a map, points, tiles, times of this run.
+/// @param failure why it counts as failed; empty: it does not
+std::string FormatSummary(const ReconstructRun& run, const RunRecord& record, const std::string& device,
+                          const CloudSize& cloud, const std::string& failure) {
+  Json settings = Json::object(), times = Json::object(), without_map = Json::array();
+  for (const auto& [name, value] : record) settings[name] = value;
+  for (const auto& [name, ms] : Rows(run.times)) times[name] = ms;
+  for (const ImagePlan& image : run.plan.images) {
+    if (image.no_map.empty()) continue;
+    without_map.push_back(
+        {{"index", image.index}, {"name", run.scene.images[image.index].name}, {"reason", image.no_map}});
+  }
+  Json summary = {{"device", device},
+                  {"settings", settings},
+                  {"images_with_map", run.plan.images.size() - without_map.size()},
+                  {"images_without_map", without_map},
+                  {"points", cloud.points},
+                  {"images_matched_in_last_run", run.times.images},
+                  {"milliseconds_in_last_run", times}};
+  if (cloud.tiles) summary["tiles"] = *cloud.tiles;
+  if (!failure.empty()) summary["failure"] = failure;
+  return summary.dump(2) + "\n";
+}
+
+/// Table of milliseconds per stage, in all and per image.
+std::string FormatTimings(const RunTimes& times) {
+  const ClassicLocale point;
+  char line[128];
+  std::snprintf(line, sizeof(line), "%-48s %12s %12s\n", Concat("stage (", times.images, " images)").c_str(), "ms",
+                "ms per image");
+  std::string text = line;
+  const int images = std::max(1, times.images);
+  for (const auto& [name, ms] : Rows(times)) {
+    std::snprintf(line, sizeof(line), "%-48s %12.1f %12.2f\n", name, ms, ms / images);
+    text += line;
+  }
+  return text;
+}
 
 }  // namespace
 
@@ -58,5 +128,75 @@ RunRecord MakeRecord(const ReconstructOptions& options, const std::string& devic
 }
 
 std::string DeviceModel(const std::string& device_name) { return device_name.substr(0, device_name.find(" (")); }
+
+void ReportComplete(const OutputFolder& folder, const std::string& text, bool quiet, std::ostream* out) {
+  if (!quiet) *out << text << std::endl;
+  std::ifstream stream(folder.SummaryFile());
+  const Json summary = Json::parse(stream, nullptr, false);
+  if (!summary.is_object() || !summary.contains("failure") || !summary["failure"].is_string()) return;
+  throw ProcessingError(summary["failure"].get<std::string>());
+}
+
+void ReportImagesWithoutMap(const ReconstructPlan& plan, const Scene& scene, Progress* progress) {
+  for (const ImagePlan& image : plan.images) {
+    if (image.no_map.empty()) continue;
+    progress->Warn(
+        Concat("no map for image ", scene.images[static_cast<size_t>(image.index)].name, ": ", image.no_map));
+  }
+}
+
+PointsJudgement JudgePoints(const ReconstructRun& run, size_t points) {
+  constexpr double kHardlyAny = 0.01;
+  constexpr char kCauses[] =
+      ": poses, cameras (made for images of this size?) or the range of depths may be wrong, or images too small; "
+      "confidence and cost show where";
+  int64_t pixels = 0;
+  int images = 0;
+  for (const ImagePlan& image : run.plan.images) {
+    if (!image.no_map.empty()) continue;
+    const PinholeCamera camera = CameraOf(run, image.index);
+    pixels += static_cast<int64_t>(camera.width) * camera.height;
+    ++images;
+  }
+  const int views = run.pipeline.fusion.min_consistent_views;
+  if (images <= views) {
+    if (points > 0) return {};
+    return {Concat("no points: for one ", views, " source views must agree in this preset, and ", images,
+                   " images have maps"),
+            ""};
+  }
+  if (points == 0) return {"", Concat("none of the ", pixels, " pixels became a point", kCauses)};
+  if (static_cast<double>(points) >= kHardlyAny * static_cast<double>(pixels)) return {};
+  return {Concat("only ", points, " of ", pixels, " pixels became points", kCauses), ""};
+}
+
+void ReportUnusedPriorDepth(const ReconstructRun& run) {
+  const std::map<int, std::string>& rejections = run.prior_depth_rejections;
+  if (rejections.empty()) return;
+  const auto& [index, reason] = *rejections.begin();
+  run.progress.Warn(Concat("the prior depth of ", rejections.size(), " images is not used, for example of ",
+                           run.scene.images[static_cast<size_t>(index)].name, ": ", reason));
+}
+
+std::string EndRun(ReconstructRun* run, const RunRecord& record, const std::string& device, const Timer& timer,
+                   const CloudSize& cloud, std::ostream* out) {
+  Timer sync;
+  run->folder->WriteFileList();
+  SyncFolder(run->folder->path());
+  run->times.syncing_ms = sync.Lap();
+  run->times.run_ms = timer.Elapsed();
+  const PointsJudgement judgement = JudgePoints(*run, cloud.points);
+  if (!judgement.warning.empty()) run->progress.Warn(judgement.warning);
+  std::string failure = judgement.failure.empty() ? "" : Concat(run->folder->path().string(), ": ", judgement.failure);
+  WriteFileAtomically(run->folder->SummaryFile(), FormatSummary(*run, record, device, cloud, failure),
+                      Durability::kPowerCut);
+  if (!run->options.keep_work) run->folder->RemoveWork();
+  if (!run->options.quiet) {
+    *out << run->folder->path().string() << ": " << cloud.points << " points in " << DescribeFiles(cloud) << "; took "
+         << FormatDuration(run->times.run_ms / 1000) << " on " << device << std::endl;
+  }
+  if (run->options.timings) *out << FormatTimings(run->times) << std::flush;
+  return failure;
+}
 
 }  // namespace acmp

@@ -1,4 +1,4 @@
-#include "scene_mesh.h"
+#include "run.h"
 
 #include <algorithm>
 #include <vector>

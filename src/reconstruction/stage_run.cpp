@@ -1,47 +1,86 @@
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
+#include <cstring>
 #include <functional>
-#include <future>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
+#include <sstream>
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
 #include "acmp_mapping/pipeline/schedule.h"
-#include "chunk_fusion.h"
 #include "cloud_output.h"
+#include "image_files.h"
 #include "input_hash.h"
-#include "map_writer.h"
-#include "run_end.h"
 #include "run_record.h"
-#include "stage_run.h"
 #include "stages.h"
-#include "summary.h"
-#include "work_blocks.h"
+#include "work_files.h"
 
 namespace acmp {
 namespace {
 
-using Key = EngineStore::Key;
 using nlohmann::json;
 
+constexpr int kExitFailed = 1, kExitBadInput = 2;  // as the program's
+
+/// A frame in the file of used pixels: this, and then a bit per pixel, row by row.
+struct UsedHeader {
+  int32_t index = 0;   ///< in the scene
+  int32_t width = 0;   ///< px
+  int32_t height = 0;  ///< px
+  size_t bytes() const { return (static_cast<size_t>(width) * height + 7) / 8; }
+};
+
+void AppendUsed(int index, const Image<unsigned char>& used, std::string* content) {
+  const UsedHeader header = {index, used.width(), used.height()};
+  content->append(reinterpret_cast<const char*>(&header), sizeof(header));
+  std::string bits(header.bytes(), '\0');
+  for (size_t i = 0; i < used.size(); ++i) {
+    if (used.data()[i] != 0) bits[i / 8] = static_cast<char>(bits[i / 8] | (1 << i % 8));
+  }
+  *content += bits;
+}
+
+/// The used pixels of a frame in a file's content; empty if it is not in there.
+Image<unsigned char> FindUsed(int index, const std::string& content) {
+  for (size_t at = 0; at + sizeof(UsedHeader) <= content.size();) {
+    UsedHeader header;
+    std::memcpy(&header, &content[at], sizeof(header));
+    at += sizeof(header);
+    if (header.index == index) {
+      Image<unsigned char> used(header.width, header.height);
+      for (size_t i = 0; i < used.size(); ++i) {
+        used.data()[i] = static_cast<unsigned char>(content[at + i / 8] >> i % 8 & 1);
+      }
+      return used;
+    }
+    at += header.bytes();
+  }
+  return {};
+}
+
+/// A stage of some images.
 class StageRun {
  public:
+  /// @param folder with its plan; not finished
+  /// @param planned of that plan
+  /// @param devices is called if the stage needs them: not null
   StageRun(const ReconstructOptions& options, const OutputFolder& folder, PlannedScene* planned,
            const std::function<Devices*()>& devices, StopRequest* interrupt, std::ostream* out, Progress* progress)
       : options_(options),
         folder_(folder),
+        planned_(*planned),
         devices_(devices),
         interrupt_(*interrupt),
         out_(*out),
         progress_(*progress),
-        plans_(planned->plans),
-        part_(planned->part),
-        frames_(planned->frames),
-        final_step_(static_cast<int>(ScheduleOf(MakePipelineOptions(options)).size()) - 1) {}
+        steps_(ScheduleOf(MakePipelineOptions(options))),
+        final_step_(static_cast<int>(steps_.size()) - 1) {}
 
   void Run() {
     if (options_.stage == kFinishStage) return Finish();
@@ -57,36 +96,32 @@ class StageRun {
   }
 
  private:
-  /// Images of the range that take part.
+  /// Loads the chunks of the range, and takes its images that take part.
   void LoadChosen() {
-    const std::vector<int> chunks = plans_.Chunks();
-    const int count = (chunks.back() + 1) * options_.chunk_images;
+    const std::vector<int> chunks = planned_.Chunks();
+    const int length = options_.chunk_images;
     if (options_.images.empty()) throw InvalidInputError("--stage: needs --images");
-    std::set<int> chosen_chunks;
-    for (int index : ParseImageIndices(options_.images, count)) {
-      const int chunk = plans_.ChunkOf(index);
-      if (!std::binary_search(chunks.begin(), chunks.end(), chunk)) continue;
-      part_.Load(chunk);
-      chosen_chunks.insert(chunk);
-      chosen_.insert(index);
-    }
-    std::set<int> planned;
-    for (int chunk : chosen_chunks) {
-      for (int index : part_.ImagesOf(chunk)) planned.insert(index);
-    }
-    for (auto index = chosen_.begin(); index != chosen_.end();) {
-      index = planned.count(*index) > 0 ? std::next(index) : chosen_.erase(index);
+    const std::vector<int> list = ParseImageIndices(options_.images, (chunks.back() + 1) * length);
+    const std::set<int> listed(list.begin(), list.end());
+    std::optional<int> lacks;
+    for (int chunk : chunks) {
+      const auto first = listed.lower_bound(chunk * length);
+      if (first == listed.end() || planned_.ChunkOf(*first) != chunk) continue;
+      planned_.Load(chunk);
+      for (int index : planned_.ImagesOf(chunk)) {
+        if (listed.count(index) > 0) {
+          chosen_.insert(index);
+        } else if (!lacks) {
+          lacks = index;
+        }
+      }
     }
     if (chosen_.empty()) {
       throw InvalidInputError(Concat("--images ", options_.images, ": the plan has none of these images"));
     }
-    if (options_.stage != kFuseStage) return;
-    for (int chunk : chosen_chunks) {
-      for (int index : part_.ImagesOf(chunk)) {
-        if (chosen_.count(index) > 0) continue;
-        throw InvalidInputError(Concat("--stage ", kFuseStage, ": must have whole chunks of ", options_.chunk_images,
-                                       " images, and --images ", options_.images, " lacks ", index));
-      }
+    if (options_.stage == kFuseStage && lacks) {
+      throw InvalidInputError(Concat("--stage ", kFuseStage, ": must have whole chunks of ", length,
+                                     " images, and --images ", options_.images, " lacks ", *lacks));
     }
   }
 
@@ -94,24 +129,24 @@ class StageRun {
   std::set<int> Targets() {
     std::set<int> targets;
     for (int index : chosen_) {
-      if (part_.plan().HasMap(index)) targets.insert(index);
+      if (planned_.plan().HasMap(index)) targets.insert(index);
     }
     return targets;
   }
 
-  std::string NameOf(int index) { return part_.scene().images[static_cast<size_t>(index)].name; }
+  std::string NameOf(int index) { return planned_.scene().images[static_cast<size_t>(index)].name; }
 
   /// That the chosen images are what they were when their first stage was done; writes that down for the first one.
   void CheckContent() {
     const std::vector<int> indices(chosen_.begin(), chosen_.end());
     tbb::parallel_for(size_t{0}, indices.size(), [&](size_t i) {
       interrupt_.Check();
-      const ImageHashes hashes = HashesOf(part_.scene(), indices[i]);
+      const ImageHashes hashes = HashesOf(planned_.scene(), indices[i]);
       const std::string now = json({hashes.file, hashes.mask.value_or(0), hashes.prior_depth.value_or(0)}).dump();
       const std::filesystem::path file = folder_.WorkFile("input", indices[i]);
-      const std::optional<std::string> before = ReadBlock(file);
+      const std::optional<std::string> before = ReadWorkFile(file);
       if (!before) {
-        WriteBlock(file, now);
+        WriteWorkFile(file, now);
       } else if (*before != now) {
         throw InvalidInputError(
             Concat("image ", NameOf(indices[i]),
@@ -122,26 +157,25 @@ class StageRun {
   }
 
   /// Steps that are to do before these images have estimates of a step.
-  std::set<Key> ToDo(int step, const std::set<int>& targets) {
-    const auto file_of = [&](const Key& key) {
+  std::set<StepOfImage> ToDo(int step, const std::set<int>& targets) {
+    const auto file_of = [&](const StepOfImage& key) {
       return folder_.WorkFile(EngineStore::StepName(key.first, final_step_), key.second);
     };
     return StepsToDo(
-        step, targets, file_of, [&](int index) { return part_.ImagesRead(index); }, interrupt_,
-        [&](const Key& key) { WarnOfDamage(file_of(key), NameOf(key.second), &progress_); });
+        step, targets, file_of, [&](int index) { return planned_.ImagesRead(index); }, planned_.scene(), interrupt_,
+        &progress_);
   }
 
   /// A run of what is loaded so far.
   template <class Work>
-  void OnDevices(const std::set<Key>& to_do, const Work& work) {
+  void OnDevices(const std::set<StepOfImage>& to_do, const Work& work) {
     std::set<int> worked_on = chosen_;
     for (const auto& [step, index] : to_do) worked_on.insert(index);
     Devices& devices = *devices_();
     devices.ShareOut({worked_on.begin(), worked_on.end()});
     CheckDevice(devices.name());
-    EngineStore store(&frames_, options_, &folder_, part_.plan(), devices, ScheduleOf(MakePipelineOptions(options_)));
-    ReconstructRun run{{part_.scene(), options_, part_.plan(), devices, store, interrupt_, progress_, {}, {}, {}},
-                       folder_};
+    EngineStore store(&planned_.frames(), options_, &folder_, planned_.plan(), devices, steps_);
+    ReconstructRun run{planned_.scene(), options_, planned_.plan(), devices, store, interrupt_, progress_, &folder_};
     work(&run);
     interrupt_.Check();
     ReportUnusedPriorDepth(run);
@@ -150,8 +184,8 @@ class StageRun {
   /// All stages must be done by devices of one model: others make other bits.
   void CheckDevice(const std::string& name) const {
     const std::filesystem::path file = folder_.WorkFile("device", 0);
-    if (!ReadBlock(file)) WriteBlock(file, name);
-    const std::string first = ReadBlock(file).value_or(name);
+    if (!ReadWorkFile(file)) WriteWorkFile(file, name);
+    const std::string first = ReadWorkFile(file).value_or(name);
     if (DeviceModel(first) != DeviceModel(name)) {
       throw InvalidInputError(Concat("--device: the first stage was done by ", DeviceModel(first), ", and this is ",
                                      DeviceModel(name), ", which makes other bits"));
@@ -160,34 +194,25 @@ class StageRun {
 
   void DoStep(int step) {
     CheckContent();
-    const std::set<Key> to_do = ToDo(step, Targets());
+    const std::set<StepOfImage> to_do = ToDo(step, Targets());
     std::set<int> only_checked;  // images without a map are read once, so that a damaged one is found
     for (int index : chosen_) {
-      if (step == 0 && !part_.plan().HasMap(index)) only_checked.insert(index);
+      if (step == 0 && !planned_.plan().HasMap(index)) only_checked.insert(index);
     }
     if (to_do.empty() && only_checked.empty()) return;
     OnDevices(to_do, [&](ReconstructRun* run) {
-      for (int index : only_checked) frames_.Get(index);
-      TaskGraph graph;
-      AddOfflineSteps(run, to_do, &graph);
+      for (int index : only_checked) planned_.frames().Get(index);
+      RunTasks tasks(run);
+      tasks.AddSteps(to_do);
       progress_.Begin(options_.stage, static_cast<int>(to_do.size()));
-      graph.Run(run->devices.PoolThreads(), interrupt_);
+      tasks.Run();
     });
-  }
-
-  /// The tasks after which the final estimates that the image's maps and points are made of are there.
-  std::vector<int> Finals(const ImagePlan& image, const std::map<Key, int>& steps) {
-    std::vector<int> after;
-    for (int read : part_.plan().ImagesRead(image)) {
-      if (const auto task = steps.find({final_step_, read}); task != steps.end()) after.push_back(task->second);
-    }
-    return after;
   }
 
   std::set<int> AllRead(const std::set<int>& targets) {
     std::set<int> all;
     for (int index : targets) {
-      for (int read : part_.ImagesRead(index)) all.insert(read);
+      for (int read : planned_.ImagesRead(index)) all.insert(read);
     }
     return all;
   }
@@ -196,7 +221,7 @@ class StageRun {
 
   /// Whether an image's files are as they were written.
   bool HasMaps(int index) const {
-    const std::optional<std::string> record = ReadBlock(MapsRecord(index));
+    const std::optional<std::string> record = ReadWorkFile(MapsRecord(index));
     if (!record) return false;
     const json files = json::parse(*record);
     for (const auto& [name, checksum] : files.items()) {
@@ -211,7 +236,7 @@ class StageRun {
     for (const std::filesystem::path& file : files.FilesOf(index)) {
       record[std::filesystem::relative(file, folder_.path()).string()] = ChecksumOfFile(file).value_or(0);
     }
-    WriteBlock(MapsRecord(index), record.dump());
+    WriteWorkFile(MapsRecord(index), record.dump());
   }
 
   void WriteMaps() {
@@ -221,59 +246,103 @@ class StageRun {
     }
     if (targets.empty()) return;
     CheckContent();
-    const std::set<Key> to_do = ToDo(final_step_, AllRead(targets));
+    const std::set<StepOfImage> to_do = ToDo(final_step_, AllRead(targets));
     OnDevices(to_do, [&](ReconstructRun* run) {
-      TaskGraph graph;
-      const std::map<Key, int> steps = AddOfflineSteps(run, to_do, &graph);
-      MapWriter writer(run);
+      RunTasks tasks(run);
+      tasks.AddSteps(to_do);
+      ImageFiles files(run);
       for (const ImagePlan& image : run->plan.images) {
         if (targets.count(image.index) == 0) continue;
-        const int written = writer.AddTasks(image, Finals(image, steps), &graph);
-        graph.Add(Devices::kFilePool, {written}, [&, index = image.index](int) { RecordMaps(index, writer.files()); });
+        const int written = files.AddTasks(image, &tasks);
+        tasks.AddFileTask({written}, [&, index = image.index] { RecordMaps(index, files); });
       }
       progress_.Begin(options_.stage, static_cast<int>(to_do.size() + targets.size()));
-      graph.Run(run->devices.PoolThreads(), interrupt_);
-      writer.WarnOfDepthsTooFar();
+      tasks.Run();
+      files.WarnOfDepthsTooFar();
     });
+  }
+
+  std::filesystem::path PointsFile(int index) const { return folder_.WorkFile("points", index); }
+  std::filesystem::path UsedFile(int chunk) const { return folder_.WorkFile("used", chunk); }
+
+  /// Whether all files of FuseChunk are there and whole.
+  bool HasChunkPoints(int chunk, const std::vector<int>& images) const {
+    return CheckWorkFile(UsedFile(chunk)) == WorkFileState::kWhole &&
+           std::all_of(images.begin(), images.end(),
+                       [&](int index) { return CheckWorkFile(PointsFile(index)) == WorkFileState::kWhole; });
   }
 
   void Fuse() {
     std::map<int, std::vector<int>> chunks;  // images with maps
-    for (int index : Targets()) chunks[plans_.ChunkOf(index)].push_back(index);
+    for (int index : Targets()) chunks[planned_.ChunkOf(index)].push_back(index);
     for (auto chunk = chunks.begin(); chunk != chunks.end();) {
-      chunk = HasChunkPoints(folder_, chunk->first, chunk->second) ? chunks.erase(chunk) : std::next(chunk);
+      chunk = HasChunkPoints(chunk->first, chunk->second) ? chunks.erase(chunk) : std::next(chunk);
     }
     if (chunks.empty()) return;
     CheckContent();
     std::set<int> read;
     for (const auto& [number, images] : chunks) read.merge(AllRead({images.begin(), images.end()}));
-    const std::set<Key> to_do = ToDo(final_step_, read);
+    const std::set<StepOfImage> to_do = ToDo(final_step_, read);
     OnDevices(to_do, [&](ReconstructRun* run) {
-      TaskGraph graph;
-      AddOfflineSteps(run, to_do, &graph);
+      RunTasks tasks(run);
+      tasks.AddSteps(to_do);
       progress_.Begin(options_.stage, static_cast<int>(to_do.size() + chosen_.size()));
-      graph.Run(run->devices.PoolThreads(), interrupt_);
-      for (const auto& [number, images] : chunks) {
-        FuseChunk(run, &frames_, number, images, part_.FusedBefore(number));
-      }
+      tasks.Run();
+      for (const auto& [number, images] : chunks) FuseChunk(run, number, images);
     });
+  }
+
+  /// Fuses images of a chunk as if all images of the scene were fused one after the other: which pixels earlier chunks
+  /// have used comes from their files. Writes the points of each view, and last which pixels are used now.
+  /// @param images with maps, whose final estimates and those of their source views are in files
+  void FuseChunk(ReconstructRun* run, int chunk, const std::vector<int>& images) {
+    RunTasks tasks(run);
+    TakeOverUsedPixels(planned_.FusedBefore(chunk), &tasks);
+    std::set<int> read;
+    for (const ImagePlan& image : run->plan.images) {
+      if (!std::binary_search(images.begin(), images.end(), image.index)) continue;
+      tasks.AddFusion(image,
+                      [this, index = image.index](const PointCloud& cloud) { WritePoints(PointsFile(index), cloud); });
+      for (int index : run->plan.ImagesRead(image)) read.insert(index);
+    }
+    tasks.Run();
+    std::string used;
+    for (int index : read) AppendUsed(index, tasks.UsedPixels(*planned_.frames().Get(index)), &used);
+    interrupt_.Check();
+    WriteWorkFile(UsedFile(chunk), used);
+  }
+
+  /// Throws ProcessingError if one of the earlier chunks is not fused.
+  /// @param fused_before see PlannedScene
+  void TakeOverUsedPixels(const std::map<int, int>& fused_before, RunTasks* tasks) {
+    std::map<int, std::optional<std::string>> contents;  // of the chunks' files
+    for (const auto& [index, chunk] : fused_before) {
+      const auto [content, is_new] = contents.try_emplace(chunk);
+      if (is_new) content->second = ReadWorkFile(UsedFile(chunk));
+      const Image<unsigned char> used = content->second ? FindUsed(index, *content->second) : Image<unsigned char>();
+      if (used.empty()) {
+        throw ProcessingError(Concat("--stage fuse: the stage of the images from ", chunk * options_.chunk_images,
+                                     " on is not done, or ", UsedFile(chunk).string(), " is damaged"));
+      }
+      tasks->SetUsedPixels(*planned_.frames().Get(index), used);
+    }
   }
 
   void Finish() {
     const Timer timer;
-    for (int chunk : plans_.Chunks()) part_.Load(chunk);
+    for (int chunk : planned_.Chunks()) planned_.Load(chunk);
     std::vector<ImageHashes> hashes;
-    for (const ImagePlan& image : part_.plan().images) {
-      const std::optional<std::string> input = ReadBlock(folder_.WorkFile("input", image.index));
+    for (const ImagePlan& image : planned_.plan().images) {
+      const std::optional<std::string> input = ReadWorkFile(folder_.WorkFile("input", image.index));
       if (!input) FailUnfinished(EngineStore::StepName(0, final_step_), image.index);
       const json content = json::parse(*input);
       hashes.push_back(
-          {image.index, content.at(0).get<uint64_t>(), std::nullopt, std::nullopt, part_.GeometryOf(image.index)});
-      const SceneImage& scene_image = part_.scene().images[static_cast<size_t>(image.index)];
+          {image.index, content.at(0).get<uint64_t>(), std::nullopt, std::nullopt, planned_.GeometryOf(image.index)});
+      const SceneImage& scene_image = planned_.scene().images[static_cast<size_t>(image.index)];
       if (!scene_image.mask.empty()) hashes.back().mask = content.at(1).get<uint64_t>();
       if (!scene_image.prior_depth.empty()) hashes.back().prior_depth = content.at(2).get<uint64_t>();
     }
-    const std::string device = ReadBlock(folder_.WorkFile("device", 0)).value_or("");
+    const std::string device = ReadWorkFile(folder_.WorkFile("device", 0)).value_or("");
     const RunRecord record = MakeRecord(options_, device, InputHash(hashes));
     std::string failure;
     OnDevices({}, [&](ReconstructRun* run) {
@@ -287,7 +356,7 @@ class StageRun {
 
   CloudSize WriteCloudAndCameras(const ReconstructRun& run) {
     std::vector<int> images;
-    CloudOutput cloud(options_, &folder_, run.plan.origin);
+    CloudOutput cloud(run);
     progress_.Begin(options_.stage, static_cast<int>(run.plan.images.size()));
     for (const ImagePlan& image : run.plan.images) {
       interrupt_.Check();
@@ -297,12 +366,12 @@ class StageRun {
       if (!options_.maps.empty() && !std::filesystem::exists(MapsRecord(image.index))) {
         FailUnfinished(kMapsStage, image.index);
       }
-      const std::optional<PointCloud> points = ReadPointsOfView(folder_, image.index);
+      const std::optional<PointCloud> points = ReadPoints(PointsFile(image.index));
       if (!points) FailUnfinished(kFuseStage, image.index);
       cloud.WriteAt(cloud.Reserve(points->size()), *points);
     }
-    cloud.Commit(interrupt_);
-    WriteCameraList(folder_.path() / "cameras.txt", Cameras(run, images));
+    cloud.Commit();
+    WriteCameras(run, images);
     return cloud.size();
   }
 
@@ -313,22 +382,123 @@ class StageRun {
 
   const ReconstructOptions& options_;
   const OutputFolder& folder_;
+  PlannedScene& planned_;
   const std::function<Devices*()>& devices_;
   StopRequest& interrupt_;
   std::ostream& out_;
   Progress& progress_;
-  const ChunkPlans& plans_;
-  ScenePart& part_;
-  FrameStore& frames_;
+  const std::vector<KeyframeStep> steps_;
   const int final_step_;
   std::set<int> chosen_;  ///< images that the stage is for, by scene index
 };
 
+/// Does stages, one after the other. Devices, the plan as far as it has been read and images are kept from one to the
+/// next: images within their share of the memory limit, and as long as their files are not written.
+class StageRunner {
+ public:
+  /// @param make_devices is called when a stage needs them and there are none
+  StageRunner(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
+              std::ostream* out, std::ostream* log, bool log_is_terminal)
+      : options_(options),
+        make_devices_(make_devices),
+        interrupt_(*interrupt),
+        out_(*out),
+        log_(*log),
+        log_is_terminal_(log_is_terminal) {
+    options_.keep_work = true;  // everything in files: no process can count on the memory of another
+  }
+
+  /// After a failure nothing is kept.
+  void Run(const std::string& stage, const std::string& images) {
+    options_.stage = stage;
+    options_.images = images;
+    try {
+      RunStage();
+    } catch (...) {
+      planned_.reset();  // an image or an engine that is not as it should be
+      devices_.reset();
+      throw;
+    }
+  }
+
+  /// "STAGE IMAGES", or "STAGE" alone.
+  void RunLine(const std::string& line) {
+    std::istringstream words(line);
+    std::string stage, images, more;
+    words >> stage >> images >> more;
+    if (stage.empty() || !more.empty()) {
+      throw InvalidInputError(Concat("--stages: line \"", line, "\": must be STAGE IMAGES, as step_0 0-15, or finish"));
+    }
+    Run(stage, images);
+  }
+
+ private:
+  void RunStage() {
+    const std::string name = options_.output.string();
+    if (!OutputFolder::Exists(options_.output)) throw InvalidInputError(name + ": has no plan: give --plan first");
+    const OutputFolder folder(options_.output, SettingsRecord(options_), false, OutputFolder::Use::kStages);
+    const std::string chunk_images = folder.Setting(kChunkImagesKey);
+    const bool is_staged = chunk_images == Concat(options_.chunk_images);
+    if (folder.state() == OutputFolder::State::kComplete && !(is_staged && options_.stage == kFinishStage)) {
+      return ReportComplete(folder, name + ": already complete", options_.quiet, &out_);
+    }
+    if (!is_staged) {
+      throw InvalidInputError(
+          Concat("--chunk-images ", options_.chunk_images, ": the plan in ", name, " has ", chunk_images));
+    }
+    const std::string input = folder.Setting(kInputKey);
+    if (!planned_ || input_ != input) planned_ = std::make_unique<PlannedScene>(options_);
+    input_ = input;
+    Progress progress(&log_, ProgressStyleFor(options_.quiet, log_is_terminal_));
+    const auto devices = [&] {
+      if (!devices_) devices_.emplace(make_devices_(), std::vector<int>());
+      return &*devices_;
+    };
+    StageRun(options_, folder, planned_.get(), devices, &interrupt_, &out_, &progress).Run();
+  }
+
+  ReconstructOptions options_;
+  const DeviceMaker& make_devices_;
+  StopRequest& interrupt_;
+  std::ostream& out_;
+  std::ostream& log_;
+  const bool log_is_terminal_;
+  std::optional<Devices> devices_;
+  std::unique_ptr<PlannedScene> planned_;
+  std::string input_;  ///< of the folder's run whose plan that is: another plan has another one
+};
+
+std::string Failure(int exit_code, std::string message) {
+  std::replace(message.begin(), message.end(), '\n', ' ');
+  return Concat("exit code ", exit_code, ": ", message);
+}
+
 }  // namespace
 
-void DoStage(const ReconstructOptions& options, const OutputFolder& folder, PlannedScene* planned,
-             const std::function<Devices*()>& devices, StopRequest* interrupt, std::ostream* out, Progress* progress) {
-  StageRun(options, folder, planned, devices, interrupt, out, progress).Run();
+void DoStage(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
+             std::ostream* out, std::ostream* log, bool log_is_terminal) {
+  StageRunner(options, make_devices, interrupt, out, log, log_is_terminal).Run(options.stage, options.images);
+}
+
+bool ReconstructStages(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
+                       const LineReader& next, std::ostream* out, std::ostream* log, bool log_is_terminal) {
+  Validate(options);
+  StageRunner runner(options, make_devices, interrupt, out, log, log_is_terminal);
+  bool all_done = true;
+  while (const std::optional<std::string> line = next()) {
+    std::string answer = "done";
+    try {
+      runner.RunLine(*line);
+    } catch (const InvalidInputError& error) {
+      answer = Failure(kExitBadInput, error.what());
+    } catch (const std::exception& error) {
+      answer = Failure(kExitFailed, error.what());
+    }
+    interrupt->Check();  // what a stop leaves may look like any error
+    all_done = all_done && answer == "done";
+    *out << *line << ": " << answer << std::endl;
+  }
+  return all_done;
 }
 
 }  // namespace acmp

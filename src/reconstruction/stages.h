@@ -1,20 +1,22 @@
 #pragma once
 
-#include <memory>
+#include <map>
 #include <ostream>
 #include <string>
 #include <vector>
 
 #include "acmp_mapping/reconstruction/reconstruct.h"
+#include "engine_store.h"
 #include "output_folder.h"
 #include "plan.h"
 #include "progress.h"
 
 namespace acmp {
 
-// A run whose parts are done by many processes: PlanStages once, then StageRunner for each stage of each chunk, and at
-// last kFinishStage for all. Files are whole or absent and depend on the input alone, so that any stage may be done
-// again, at the same time or after a crash.
+// A run whose parts are done by many processes: PlanStages once, then each stage of each chunk, the last one being
+// kFinishStage. A chunk is images of successive scene indices: chunk k has those of [k n, (k + 1) n) that take part.
+// All files are whole or absent and depend on the input alone, so that any of it may be done again, at the same time or
+// after a crash.
 
 constexpr const char* kMapsStage = "maps";      ///< confidence, map files and pictures
 constexpr const char* kFuseStage = "fuse";      ///< points of a chunk's images
@@ -26,38 +28,54 @@ std::vector<std::string> StagesOfChunk(const ReconstructOptions& options);
 /// The key of run.txt by which a folder is one of stages that are not finished.
 constexpr const char* kChunkImagesKey = "chunk-images";
 
-/// Writes a plan for StageRunner to the output folder, and its tasks to the file options.plan:
+/// Writes a plan to the output folder, and its tasks to the file options.plan:
 /// {"complete": a finished run with the same settings and input is there, and nothing is to do,
 ///  "tasks": [{"stage": ..., "images": for --images, "after": numbers of the tasks that it waits for, from 0}, ...]},
 /// in an order in which one process would do them. Throws InvalidInputError when the folder belongs to another plan.
 void PlanStages(const Scene& scene, const ReconstructPlan& plan, const ReconstructOptions& options, Progress* progress,
                 std::ostream* out);
 
-/// Does stages, one after the other. Devices, the plan as far as it has been read and images are kept from one to the
-/// next: images within their share of the memory limit, and as long as their files are not written.
-class StageRunner {
- public:
-  /// @param make_devices is called when a stage needs them and there are none. The pointers are not null; they and
-  ///     make_devices outlive this
-  StageRunner(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
-              std::ostream* out, std::ostream* log, bool log_is_terminal);
-  ~StageRunner();
+/// Does options.stage for options.images, as far as it is not done. What it reads of other chunks and does not find, or
+/// finds damaged, it makes itself. Throws as Reconstruct does.
+void DoStage(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
+             std::ostream* out, std::ostream* log, bool log_is_terminal);
 
-  /// Does a stage of images (as --images has them), as far as it is not done. What it reads of other chunks and does
-  /// not find, or finds damaged, it makes itself. Throws as Reconstruct does; then nothing is kept.
-  void Run(const std::string& stage, const std::string& images);
+/// The plan in an output folder as far as somebody has asked for it, and its images, which keep their indices. Each
+/// chunk is a file, so that a stage reads the same little of a scene of any size.
+class PlannedScene {
+ public:
+  /// @param options name the folder, the scene, which may lie elsewhere than it did, and the length of the chunks
+  explicit PlannedScene(const ReconstructOptions& options);
+
+  int ChunkOf(int index) const { return index / chunk_images_; }
+  /// Numbers of all chunks that the plan has. Throws InvalidInputError without a plan.
+  std::vector<int> Chunks() const;
+  /// Takes in the plan of a chunk. Moves the images of the plan and the scene. Throws InvalidInputError if there is no
+  /// whole plan of that chunk.
+  void Load(int chunk);
+  /// Images whose estimates a refinement of the image reads; loads its chunk.
+  std::vector<int> ImagesRead(int index);
+
+  /// Without landmarks and ranking, which only the plan is made of.
+  Scene& scene() { return scene_; }
+  /// Of images of chunks that are not loaded it knows only whether they get a map.
+  ReconstructPlan& plan() { return plan_; }
+  FrameStore& frames() { return frames_; }
+  /// Images of a loaded chunk that take part.
+  std::vector<int> ImagesOf(int chunk) const;
+  uint64_t GeometryOf(int index) const { return geometry_.at(index); }  ///< HashOfGeometry
+  /// The last earlier chunk whose points use pixels of a view, by the view's scene index; of a loaded chunk.
+  const std::map<int, int>& FusedBefore(int chunk) const { return chunks_.at(chunk); }
 
  private:
-  struct Kept;
-  void RunStage();
-
-  ReconstructOptions options_;
-  const DeviceMaker& make_devices_;
-  StopRequest& interrupt_;
-  std::ostream& out_;
-  std::ostream& log_;
-  const bool log_is_terminal_;
-  std::unique_ptr<Kept> kept_;
+  const std::filesystem::path output_;
+  const std::filesystem::path scene_root_;
+  const int chunk_images_;
+  Scene scene_;
+  ReconstructPlan plan_;
+  std::map<int, std::map<int, int>> chunks_;  ///< loaded, with FusedBefore
+  std::map<int, uint64_t> geometry_;          ///< by scene index
+  FrameStore frames_;
 };
 
 }  // namespace acmp

@@ -1,8 +1,6 @@
 #pragma once
 
 #include <functional>
-#include <memory>
-#include <utility>
 #include <vector>
 
 #include "acmp_mapping/reconstruction/stop_request.h"
@@ -17,9 +15,6 @@ class TaskGraph {
   /// @param work is told the number of its thread in the pool
   /// @param urgent goes before all that are not
   int Add(int pool, const std::vector<int>& after, std::function<void(int)> work, bool urgent = false);
-
-  /// Keeps what tasks refer to until the graph goes.
-  void KeepAlive(std::shared_ptr<void> object) { kept_.push_back(std::move(object)); }
 
   /// Does all tasks with threads[p] threads for pool p; of those that are ready a pool takes the urgent ones first, and
   /// then the smallest number.
@@ -39,7 +34,6 @@ class TaskGraph {
   class Runner;
 
   std::vector<Task> tasks_;
-  std::vector<std::shared_ptr<void>> kept_;
 };
 
 }  // namespace acmp

@@ -1,23 +1,32 @@
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
+#include <optional>
+#include <string>
 
 #include "acmp_mapping/engine/depth_engine.h"
 #include "acmp_mapping/fusion/depth_fusion.h"
+#include "acmp_mapping/fusion/point_cloud.h"
 
 namespace acmp {
+
+// Files of the work folder: intermediate results as they are in memory, whole or absent, each with its checksum
+// (CRC-32, some GB/s). After a power cut a file that was not on the disk yet can be there without its content.
 
 enum class WorkFileState {
   kMissing,
   kWhole,
   kDamaged,  ///< of another length or content than was written, or not a work file of this version
 };
-
-/// Reads the whole file and compares its checksum (CRC-32, some GB/s). After a power cut a file that was not on the
-/// disk yet can be there without its content.
+/// Reads the whole file.
 WorkFileState CheckWorkFile(const std::filesystem::path& path);
 
-/// Intermediate result of one image, as it is in memory: for this machine and this run only.
+void WriteWorkFile(const std::filesystem::path& path, const std::string& content);
+/// Nothing where the file is missing or damaged.
+std::optional<std::string> ReadWorkFile(const std::filesystem::path& path);
+
+/// Intermediate result of one image.
 void WriteEstimate(const std::filesystem::path& path, const EstimateState& estimate);
 /// Throws ProcessingError when the file is damaged or has another size.
 EstimateState ReadEstimate(const std::filesystem::path& path, int width, int height);
@@ -33,5 +42,12 @@ struct FinalMaps {
 void WriteFinalMaps(const std::filesystem::path& path, const FinalMaps& maps);
 /// Throws ProcessingError when the file is damaged.
 FinalMaps ReadFinalMaps(const std::filesystem::path& path);
+
+void WritePoints(const std::filesystem::path& path, const PointCloud& cloud);
+/// Nothing where the file is missing or damaged.
+std::optional<PointCloud> ReadPoints(const std::filesystem::path& path);
+
+/// CRC-32 of any file's content; nothing where it cannot be read.
+std::optional<uint32_t> ChecksumOfFile(const std::filesystem::path& path);
 
 }  // namespace acmp

@@ -1,19 +1,56 @@
 // acmp_reconstruct: depth, normal and cost maps and a fused point cloud of a posed image set.
 
+#include <poll.h>
 #include <signal.h>
 #include <tbb/global_control.h>
 #include <unistd.h>
 
+#include <array>
 #include <iostream>
 #include <optional>
+#include <string>
+#include <utility>
 
-#include "acmp_mapping/reconstruction/interrupt_watcher.h"
-#include "acmp_mapping/reconstruction/make_devices.h"
 #include "acmp_mapping/reconstruction/reconstruct.h"
-#include "input_lines.h"
+#include "acmp_mapping/reconstruction/stop_request.h"
 #include "tool_main.h"
 
 namespace {
+
+/// Lines of standard input as they come.
+class InputLines {
+ public:
+  explicit InputLines(const acmp::StopRequest* interrupt) : interrupt_(*interrupt) {}
+
+  /// The next line without its end; one at the end of the input need not have one. Nothing at the end, or when it
+  /// cannot be read. Throws Interrupted while it waits.
+  std::optional<std::string> Next() {
+    constexpr int kCheckMs = 200;
+    for (;;) {
+      if (const size_t end = read_.find('\n'); end != std::string::npos) {
+        std::string line = read_.substr(0, end);
+        read_.erase(0, end + 1);
+        return line;
+      }
+      if (ended_) {
+        if (read_.empty()) return std::nullopt;
+        return std::exchange(read_, {});
+      }
+      interrupt_.Check();
+      pollfd input = {STDIN_FILENO, POLLIN, 0};
+      if (poll(&input, 1, kCheckMs) <= 0) continue;
+      std::array<char, 4096> block;
+      const ssize_t bytes = read(STDIN_FILENO, block.data(), block.size());
+      if (bytes > 0) read_.append(block.data(), static_cast<size_t>(bytes));
+      ended_ = bytes <= 0;
+    }
+  }
+
+ private:
+  const acmp::StopRequest& interrupt_;
+  std::string read_;  ///< and not handed out
+  bool ended_ = false;
+};
 
 int RunReconstruct(const acmp::ReconstructOptions& options, acmp::InterruptWatcher* interrupt) {
   std::optional<tbb::global_control> threads;
@@ -24,7 +61,7 @@ int RunReconstruct(const acmp::ReconstructOptions& options, acmp::InterruptWatch
   try {
     interrupt->RunCancellable([&] {
       if (options.stages) {
-        acmp::InputLines lines(interrupt);
+        InputLines lines(interrupt);
         all_done = acmp::ReconstructStages(
             options, make_devices, interrupt, [&] { return lines.Next(); }, &std::cout, &std::cerr, is_terminal);
       } else {

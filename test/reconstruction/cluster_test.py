@@ -199,15 +199,13 @@ class ClusterTest(unittest.TestCase):
         second.timer.join()
         self.assertEqual((second.program.returncode, idle), (0, []))
 
-    def test_a_task_that_fails_says_why(self):
+    def test_a_task_that_fails_and_wrong_use_say_why(self):
         bad = self.run_cluster(self.folder / "bad", "--retries", "0", "--program", "/bin/false")
         self.assertEqual(bad.returncode, 1, bad.stdout)
         done = subprocess.run([*self.command(self.folder / "bad2"), "--seed", "nonsense"], stdout=subprocess.PIPE,
                               stderr=subprocess.STDOUT, text=True, check=False, timeout=300)
         self.assertEqual(done.returncode, 2, done.stdout)
         self.assertIn("--seed", done.stdout)
-
-    def test_wrong_use(self):
         for arguments, words in ((["--resources", "GPU"], "NAME=NUMBER"), (["--workers", "-1"], "at least 0"),
                                  (["--program", "no_such_program"], "not found")):
             done = self.run_cluster(self.folder / "wrong", *arguments)

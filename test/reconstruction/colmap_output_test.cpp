@@ -1,8 +1,8 @@
-#include "colmap_output.h"
-
 #include <gmock/gmock.h>
 
+#include "acmp_mapping/dataset/colmap_workspace.h"
 #include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/dataset/scene.h"
 #include "reconstruction/run_fixture.h"
 
 namespace acmp {

@@ -14,7 +14,6 @@
 
 #include "acmp_mapping/dataset/map_io.h"
 #include "devices.h"
-#include "reconstruction/fake_gpu.h"
 #include "reconstruction/run_fixture.h"
 
 namespace acmp {
@@ -93,34 +92,14 @@ class ReconstructDevicesTest : public ReconstructRunFixture {
 
   void WriteTwelve(const Sources& sources) {
     WriteScene(kTwelve, kWidth, kHeight);
-    std::string pairs = std::to_string(sources.size()) + "\n";
-    for (size_t i = 0; i < sources.size(); ++i) {
-      pairs += std::to_string(i) + "\n" + std::to_string(sources[i].size());
-      for (int source : sources[i]) pairs += " " + std::to_string(source) + " 1";
-      pairs += "\n";
-    }
-    WriteText("scene/pair.txt", pairs);
+    WritePairs(sources);
     options_.quiet = true;
-  }
-
-  void RunOnCpu(const std::string& name) {
-    FakeMatcher fake;
-    options_.output = output(name);
-    Run(&fake);
   }
 
   void RunOnFakeGpus(const std::string& name, int devices, int jobs = 2) {
     options_.output = output(name);
-    const auto make = [&] {
-      std::vector<ReconstructDevice> made(static_cast<size_t>(devices));
-      for (int device = 0; device < devices; ++device) {
-        for (int job = 0; job < jobs; ++job) {
-          made[static_cast<size_t>(device)].engines.push_back(std::make_unique<FakeGpu>(device, &gpus_));
-        }
-      }
-      return made;
-    };
-    Reconstruct(options_, make, &watcher_, &out_, &log_, false);
+    Reconstruct(
+        options_, [&] { return FakeGpus(devices, jobs, &gpus_); }, &watcher_, &out_, &log_, false);
   }
 
   FakeGpuBehaviour gpus_;
@@ -130,7 +109,7 @@ TEST_F(ReconstructDevicesTest, AnyNumberOfDevicesGivesTheSameFiles) {
   for (const Sources& sources : {Sequence(kTwelve), Groups(kTwelve)}) {
     WriteTwelve(sources);
     options_.overwrite = true;
-    RunOnCpu("cpu");
+    RunTo("cpu");
     ASSERT_GT(ReadPly(output("cpu") / "fused.ply").size(), 500u);
     for (int devices : {1, 2, 3}) {
       for (const double memory_limit_gb : {4.0, 0.0}) {
@@ -171,9 +150,7 @@ TEST(DeviceOfPlaceTest, StretchesOfNeighboursGoToOneDeviceAfterTheOther) {
 TEST(DevicesTest, TakeOtherImagesAndTheSameMemory) {
   FakeGpuBehaviour behaviour;
   std::vector<ReconstructDevice> gpus(2);
-  for (int device = 0; device < 2; ++device) {
-    gpus[static_cast<size_t>(device)].engines.push_back(std::make_unique<FakeGpu>(device, &behaviour));
-  }
+  for (ReconstructDevice& gpu : gpus) gpu.engines.push_back(std::make_unique<FakeGpu>(0, &behaviour));
   Devices devices(std::move(gpus), {0, 1});
   EXPECT_EQ(devices.DeviceOf(1), 1);
   behaviour.free_bytes = 0;  // it keeps what it was given
@@ -184,27 +161,16 @@ TEST(DevicesTest, TakeOtherImagesAndTheSameMemory) {
   EXPECT_EQ(devices.FreeBytes(1), size_t{1} << 30);
 }
 
-TEST_F(ReconstructDevicesTest, EachImageIsFusedWhereItsMapsAre) {
-  WriteTwelve(Sequence(kTwelve));
-  std::mutex mutex;
-  std::map<int, std::pair<int, int>> seen;  // by image: device, rank
-  gpus_.before = [&](int device, int image, int rank) {
-    const std::lock_guard<std::mutex> lock(mutex);
-    seen[image] = {device, rank};
-  };
-  RunOnFakeGpus("gpu", 2);
-  ASSERT_EQ(seen.size(), size_t{kTwelve});
-  for (const auto& [image, place] : seen) EXPECT_EQ(place, std::pair(image / 6, image));
-}
-
 TEST_F(ReconstructDevicesTest, ViewsWithoutACommonFrameDoNotWaitForEachOther) {
   WriteTwelve(Groups(kTwelve));
-  RunOnCpu("cpu");
+  RunTo("cpu");
   for (const double memory_limit_gb : {4.0, 0.0}) {
     options_.memory_limit_gb = memory_limit_gb;
     Fusions fusions;
     bool waited_in_vain = false;
-    gpus_.before = [&](int, int image, int) {
+    gpus_.before = [&](int device, int image, int rank) {
+      EXPECT_EQ(device, image / 6) << "fused where its maps are";
+      EXPECT_EQ(rank, image);
       if (image == 0) waited_in_vain = !fusions.WaitFor(kTwelve - 1);
       fusions.Begin(image);
     };
@@ -236,36 +202,34 @@ TEST_F(ReconstructDevicesTest, ViewsWithACommonFrameAreFusedInOrder) {
   }
 }
 
-TEST_F(ReconstructDevicesTest, AFusionThatFailsEndsTheRunWhichCanGoOn) {
+TEST_F(ReconstructDevicesTest, ARunThatEndsWhileFusingCanGoOn) {
   WriteTwelve(Sequence(kTwelve));
-  RunOnCpu("cpu");
-  for (const int failing : {0, 5, 6, 11}) {
-    gpus_.before = [&](int, int image, int) {
-      if (image == failing) throw ProcessingError("device lost");
-    };
-    const std::string name = Concat("failing_", failing);
-    EXPECT_EQ(MessageOf<ProcessingError>([&] { RunOnFakeGpus(name, 2); }), "device lost");
-    EXPECT_FALSE(Has("fused.ply"));
-    gpus_.before = [](int, int, int) {};
-    RunOnFakeGpus(name, 2);
-    ExpectSameContents(output("cpu"), options_.output);
-  }
-}
-
-TEST_F(ReconstructDevicesTest, InterruptedWhileFusingTheRunCanGoOn) {
-  WriteTwelve(Groups(kTwelve));
-  RunOnCpu("cpu");
+  RunTo("cpu");
   options_.memory_limit_gb = 0;  // points of the second device are in files when the run ends
-  gpus_.before = [&](int device, int image, int) {
-    if (device == 0 && image == 3) watcher_.Request();
-  };
-  EXPECT_THROW(RunOnFakeGpus("gpu", 2), Interrupted);
-  EXPECT_FALSE(Has("fused.ply"));
-  StopRequest watcher;
-  options_.output = output("gpu");
-  FakeMatcher fake;
-  Run(&fake, &watcher);
-  ExpectSameContents(output("cpu"), output("gpu"));
+  for (const int last : {0, 6, 11}) {
+    for (const bool fails : {true, false}) {
+      const std::string name = Concat("last_", last, fails);
+      StopRequest stop;
+      gpus_.before = [&](int, int image, int) {
+        if (image == last && fails) throw ProcessingError("device lost");
+        if (image == last) stop.Request();
+      };
+      options_.output = output(name);
+      const auto run = [&](StopRequest* watcher) {
+        Reconstruct(
+            options_, [&] { return FakeGpus(2, 2, &gpus_); }, watcher, &out_, &log_, false);
+      };
+      if (fails) {
+        EXPECT_EQ(MessageOf<ProcessingError>([&] { run(&stop); }), "device lost");
+      } else {
+        EXPECT_THROW(run(&stop), Interrupted);
+      }
+      EXPECT_FALSE(Has("fused.ply"));
+      gpus_.before = [](int, int, int) {};
+      run(&watcher_);
+      ExpectSameContents(output("cpu"), options_.output);
+    }
+  }
 }
 
 class DeviceMemoryTest : public ReconstructDevicesTest {
@@ -287,7 +251,7 @@ class DeviceMemoryTest : public ReconstructDevicesTest {
 
 TEST_F(DeviceMemoryTest, WhatDoesNotFitIntoMemoryIsInFiles) {
   WriteTwelve(Sequence(kTwelve));
-  RunOnCpu("cpu");
+  RunTo("cpu");
   EXPECT_EQ(EstimatesInFiles("enough", size_t{1} << 30), 0u);
   const size_t all = EstimatesInFiles("none", 0);
   const size_t some = EstimatesInFiles("little", 250 * kWidth * kHeight * sizeof(float));
@@ -311,7 +275,7 @@ TEST_F(DeviceMemoryTest, EstimatesGoWithTheirLastReader) {
 
 TEST_F(DeviceMemoryTest, ARunThatFailsAnywhereCanGoOn) {
   WriteTwelve(Sequence(kTwelve));
-  RunOnCpu("cpu");
+  RunTo("cpu");
   std::atomic<int> passes{0};
   gpus_.before_pass = [&] { ++passes; };
   RunOnFakeGpus("gpu", 1);
@@ -342,7 +306,7 @@ TEST_F(DeviceMemoryTest, ARunThatFailsAnywhereCanGoOn) {
 TEST_F(ReconstructDevicesTest, OnlineRunsAreFusedWithTheMappersSources) {
   WriteTwelve(Sequence(kTwelve));
   options_.schedule = "online";
-  RunOnCpu("cpu");
+  RunTo("cpu");
   // Refined again, all have ten sources instead of two to ten, and a point takes the pixels of each: 405 points.
   ASSERT_GT(ReadPly(output("cpu") / "fused.ply").size(), 300u);
   for (const int devices : {1, 2}) {

@@ -51,21 +51,6 @@ TEST(LruCache, KeepsNoMoreValuesThanItMay) {
   EXPECT_EQ(Peek(&cache, 2), -1) << "used before the others";
 }
 
-TEST(LruCache, TooLargeValuesAreHandedOutButNotKept) {
-  Cache tiny(kBytes - 1);
-  EXPECT_EQ(*Get(&tiny, 1, [] { return Make(5); }), 5);
-  EXPECT_EQ(tiny.bytes(), 0u);
-  EXPECT_EQ(Peek(&tiny, 1), -1);
-}
-
-TEST(LruCache, AfterAFailureTheNextTriesAgain) {
-  Cache cache(100);
-  EXPECT_THROW(Get(&cache, 1, []() -> Cache::Pointer { throw ProcessingError("unreadable"); }), ProcessingError);
-  EXPECT_EQ(cache.bytes(), 0u);
-  EXPECT_EQ(*Get(&cache, 1, [] { return Make(7); }), 7);
-  EXPECT_EQ(cache.bytes(), kBytes);
-}
-
 /// A value that takes until Finish to be made, by a thread of its own.
 class SlowValue {
  public:
@@ -97,25 +82,6 @@ class SlowValue {
   Cache::Pointer value_;
   std::thread thread_;
 };
-
-TEST(LruCache, AValueThatManyWantIsMadeOnce) {
-  Cache cache(100);
-  SlowValue slow(&cache, 1, 7);
-  std::vector<std::future<int>> others;
-  for (int i = 0; i < 6; ++i) others.push_back(std::async(std::launch::async, [&] { return Peek(&cache, 1); }));
-  slow.Finish();
-  for (std::future<int>& other : others) EXPECT_EQ(other.get(), 7);
-  EXPECT_EQ(cache.bytes(), kBytes);
-}
-
-TEST(LruCache, DifferentValuesAreMadeAtTheSameTime) {
-  Cache cache(100);
-  SlowValue first(&cache, 1, 7), second(&cache, 2, 8);  // both are being made
-  EXPECT_EQ(Peek(&cache, 3), -1) << "a third meanwhile";
-  EXPECT_EQ(*second.Finish(), 8);
-  EXPECT_EQ(*first.Finish(), 7);
-  EXPECT_EQ(cache.bytes(), 3 * kBytes);
-}
 
 TEST(LruCache, EvictionNeverDropsAValueThatIsBeingMade) {
   Cache cache(2 * kBytes);

@@ -11,7 +11,6 @@
 #include <vector>
 
 #include "acmp_mapping/dataset/map_io.h"
-#include "reconstruction/fake_gpu.h"
 #include "reconstruction/run_fixture.h"
 
 namespace acmp {
@@ -28,28 +27,15 @@ class ReconstructImagesTest : public ReconstructRunFixture {
   }
 
   ImageReconstruction RunOnCpu(std::vector<InputImage> images) {
-    const auto make = [&] {
-      std::vector<ReconstructDevice> devices(1);
-      devices[0].engines.push_back(std::make_unique<FakeMatcherEngine>(&fake_));
-      devices[0].on_host = true;
-      return devices;
-    };
-    return ReconstructImages(std::move(images), options_, make, &watcher_);
+    return ReconstructImages(
+        std::move(images), options_, [&] { return DevicesOf(&fake_); }, &watcher_);
   }
 
   /// @param free_bytes of each device's memory
   ImageReconstruction RunOnTwoFakeGpus(size_t free_bytes) {
     gpus_.free_bytes = free_bytes;
-    const auto make = [&] {
-      std::vector<ReconstructDevice> devices(2);
-      for (int device = 0; device < 2; ++device) {
-        for (int job = 0; job < 2; ++job) {
-          devices[static_cast<size_t>(device)].engines.push_back(std::make_unique<FakeGpu>(device, &gpus_));
-        }
-      }
-      return devices;
-    };
-    return ReconstructImages(Images(), options_, make, &watcher_);
+    return ReconstructImages(
+        Images(), options_, [&] { return FakeGpus(2, 2, &gpus_); }, &watcher_);
   }
 
   std::string ErrorAfter(const std::function<void(std::vector<InputImage>*)>& change) {

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <map>
 #include <string>
+#include <vector>
 
 #include "acmp_mapping/dataset/image_codec.h"
 #include "dataset/test_folder.h"
@@ -24,14 +25,22 @@ class ReconstructFixture : public TestFolder {
 
   /// Every image names all others as source views.
   void WriteScene(int images, int width, int height) const {
-    std::string pairs = std::to_string(images) + "\n";
+    std::vector<std::vector<int>> sources(static_cast<size_t>(images));
     for (int i = 0; i < images; ++i) {
       WriteCamera(i, width, height);
       WriteImage(i, width, height);
-      pairs += std::to_string(i) + "\n" + std::to_string(images - 1);
       for (int j = 0; j < images; ++j) {
-        if (j != i) pairs += " " + std::to_string(j) + " 1";
+        if (j != i) sources[static_cast<size_t>(i)].push_back(j);
       }
+    }
+    WritePairs(sources);
+  }
+  /// @param sources of each image
+  void WritePairs(const std::vector<std::vector<int>>& sources) const {
+    std::string pairs = std::to_string(sources.size()) + "\n";
+    for (size_t i = 0; i < sources.size(); ++i) {
+      pairs += std::to_string(i) + "\n" + std::to_string(sources[i].size());
+      for (int source : sources[i]) pairs += " " + std::to_string(source) + " 1";
       pairs += "\n";
     }
     WriteText("scene/pair.txt", pairs);

@@ -1,22 +1,151 @@
-// Stages of chunks, one process each, end with the bytes of a run alone.
+// Stages of chunks, by a process each (--stage) or by one (--stages), end with the bytes of a run alone.
 
 #include <gmock/gmock.h>
 
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <set>
+
 #include "acmp_mapping/dataset/map_io.h"
-#include "reconstruction/stages_fixture.h"
+#include "reconstruction/run_fixture.h"
 
 namespace acmp {
 namespace {
 
 using nlohmann::json;
 using ::testing::HasSubstr;
-using StagesTest = StagesFixture;
+using ::testing::StartsWith;
+
+class StagesTest : public ReconstructRunFixture {
+ protected:
+  static constexpr int kStreetImages = 9;
+
+  /// Nine images, each matched against its two neighbours on either side; chunks of two.
+  StagesTest() {
+    WriteScene(kStreetImages, kWidth, kHeight);
+    std::vector<std::vector<int>> sources(kStreetImages);
+    for (int i = 0; i < kStreetImages; ++i) {
+      for (int j = std::max(0, i - 2); j <= std::min(kStreetImages - 1, i + 2); ++j) {
+        if (j != i) sources[static_cast<size_t>(i)].push_back(j);
+      }
+    }
+    WritePairs(sources);
+    options_.chunk_images = 2;
+  }
+
+  struct Task {
+    std::string stage, images;
+    std::vector<int> after;
+  };
+
+  json PlanFile() {
+    options_.plan = folder() / "plan.json";
+    Run(&fake_);
+    options_.plan.clear();
+    std::ifstream stream(folder() / "plan.json");
+    return json::parse(stream);
+  }
+  std::vector<Task> Plan() {
+    std::vector<Task> tasks;
+    const json plan = PlanFile();
+    for (const json& task : plan.at("tasks")) {
+      tasks.push_back({task.at("stage"), task.at("images"), task.at("after").get<std::vector<int>>()});
+    }
+    return tasks;
+  }
+
+  void Stage(const std::string& stage, const std::string& images, FakeMatcher* matcher, StopRequest* watcher) {
+    const ReconstructOptions before = options_;
+    options_.stage = stage;
+    options_.images = images;
+    try {
+      Run(matcher, watcher);
+    } catch (...) {
+      options_ = before;
+      throw;
+    }
+    options_ = before;
+  }
+  void Stage(const std::string& stage, const std::string& images, FakeMatcher* matcher) {
+    Stage(stage, images, matcher, &watcher_);
+  }
+  void Stage(const Task& task, FakeMatcher* matcher) { Stage(task.stage, task.images, matcher); }
+
+  /// In the reverse of the plan's order as far as that is allowed.
+  void DoAll(const std::vector<Task>& tasks, FakeMatcher* matcher) {
+    for (std::set<int> done; done.size() < tasks.size();) {
+      for (int i = static_cast<int>(tasks.size()) - 1; i >= 0; --i) {
+        const Task& task = tasks[static_cast<size_t>(i)];
+        bool ready = done.count(i) == 0;
+        for (int other : task.after) ready = ready && done.count(other) > 0;
+        if (!ready) continue;
+        Stage(task, matcher);
+        done.insert(i);
+      }
+    }
+  }
+
+  void ChangeImage1() {
+    std::filesystem::copy_file(scene() / "images/00000000.png", scene() / "images/00000001.png",
+                               std::filesystem::copy_options::overwrite_existing);
+  }
+
+  std::string StageError(const std::string& stage, const std::string& images) {
+    return MessageOf<InvalidInputError>([&] { Stage(stage, images, &fake_); });
+  }
+
+  struct Line {
+    std::string text;
+    std::function<void()> before = [] {};  ///< is done when it is asked for
+  };
+
+  /// One process that is told these lines. Returns its answers.
+  std::string DoLines(const std::vector<Line>& lines, const DeviceMaker& make_devices, bool all_done = true) {
+    std::ostringstream answers;
+    size_t number = 0;
+    const auto next = [&]() -> std::optional<std::string> {
+      if (number == lines.size()) return std::nullopt;
+      lines[number].before();
+      return lines[number++].text;
+    };
+    ReconstructOptions options = options_;
+    options.stages = true;
+    EXPECT_EQ(ReconstructStages(options, make_devices, &watcher_, next, &answers, &log_, false), all_done);
+    return answers.str();
+  }
+  std::string DoLines(const std::vector<Line>& lines, FakeMatcher* matcher, bool all_done = true) {
+    devices_made_ = 0;
+    const auto make_devices = [&] {
+      ++devices_made_;
+      return DevicesOf(matcher);
+    };
+    return DoLines(lines, make_devices, all_done);
+  }
+
+  /// Of all tasks of a plan.
+  std::vector<Line> PlannedLines() {
+    std::vector<Line> lines;
+    for (const Task& task : Plan()) {
+      lines.push_back({task.stage == "finish" ? task.stage : task.stage + " " + task.images});
+    }
+    return lines;
+  }
+
+  static std::vector<uint32_t> Results(const FakeMatcher& matcher) {
+    std::vector<uint32_t> hashes;
+    for (const FakeMatcher::Call& call : matcher.calls) hashes.push_back(call.result_hash);
+    return hashes;
+  }
+
+  int devices_made_ = 0;
+};
 
 TEST_F(StagesTest, EndWithTheBytesOfARunAloneAndRepeatNothing) {
-  const int passes = RunAlone();
+  const int passes = RunTo("alone");
   const std::vector<Task> tasks = Plan();
   FakeMatcher matcher;
-  DoAll(tasks, {}, &matcher);
+  DoAll(tasks, &matcher);
   EXPECT_EQ(static_cast<int>(matcher.calls.size()), passes);
   ExpectSameContents(output("alone"), output());
   EXPECT_EQ(PlanFile(), json({{"complete", true}, {"tasks", json::array()}}));
@@ -28,10 +157,11 @@ TEST_F(StagesTest, EndWithTheBytesOfARunAloneAndRepeatNothing) {
 }
 
 TEST_F(StagesTest, OfOneImageOrSeveralChunksAtOnceMakeTheSame) {
-  RunAlone();
-  Plan();
+  RunTo("alone");
+  std::set<std::string> steps;
+  for (const Task& task : Plan()) steps.insert(task.stage);
   for (const char* stage : {"step_0", "step_1", "step_2", "step_3", "final"}) {
-    if (!std::filesystem::exists(output() / "work" / stage) && std::string(stage) == "step_3") continue;
+    if (steps.count(stage) == 0) continue;
     for (const char* images : {"5-8", "0", "1,3", "2-4"}) Stage(stage, images, &fake_);
   }
   Stage("maps", "0-8", &fake_);
@@ -41,11 +171,16 @@ TEST_F(StagesTest, OfOneImageOrSeveralChunksAtOnceMakeTheSame) {
   ExpectSameContents(output("alone"), output());
 }
 
-TEST_F(StagesTest, WriteTheTilesOfARunAlone) {
+TEST_F(StagesTest, WriteTheTilesOfARunAloneAlsoFarFromTheOrigin) {
+  offset_ = {500000, 5500000, 200};
+  WriteScene(kImages, kWidth, kHeight);
   options_.tile_size = 0.5;
-  RunAlone();
+  RunTo("alone");
   ASSERT_TRUE(std::filesystem::exists(output("alone") / "tiles/index.json"));
   const std::vector<Task> tasks = Plan();
+  options_.tile_size = 0.25;
+  EXPECT_THAT(StageError("step_0", "0"), HasSubstr("tile-size was 0.5 and is 0.25"));
+  options_.tile_size = 0.5;
   options_.memory_limit_gb = 0;  // all points go through the work file
   FakeMatcher matcher;
   for (const Task& task : tasks) {
@@ -60,35 +195,16 @@ TEST_F(StagesTest, WriteTheTilesOfARunAlone) {
   ExpectSameContents(output("alone"), output());
 }
 
-TEST_F(StagesTest, FarFromTheOriginTheyMakeTheSame) {
-  offset_ = {500000, 5500000, 200};
-  WriteScene(kImages, kWidth, kHeight);
-  RunAlone();
-  FakeMatcher matcher;
-  DoAll(Plan(), {}, &matcher);
-  ExpectSameContents(output("alone"), output());
-}
-
-TEST_F(StagesTest, OfAnotherTileSizeAreRefused) {
-  options_.tile_size = 0.5;
-  Plan();
-  options_.tile_size = 0.25;
-  EXPECT_THAT(StageError("step_0", "0"), HasSubstr("tile-size was 0.5 and is 0.25"));
-  options_.tile_size.reset();
-  EXPECT_THAT(StageError("step_0", "0"), HasSubstr("tile-size was 0.5 and is none"));
-}
-
 TEST_F(StagesTest, WaitForJustWhatTheyRead) {
   const std::vector<Task> tasks = Plan();
   const auto find = [&](const std::string& stage, const std::string& images) {
-    for (size_t i = 0; i < tasks.size(); ++i) {
-      if (tasks[i].stage == stage && tasks[i].images == images) return static_cast<int>(i);
-    }
-    ADD_FAILURE() << stage << " " << images;
-    return 0;
+    const auto found = std::find_if(tasks.begin(), tasks.end(),
+                                    [&](const Task& task) { return task.stage == stage && task.images == images; });
+    EXPECT_TRUE(found != tasks.end()) << stage << " " << images;
+    return static_cast<int>(found - tasks.begin());
   };
   const auto after = [&](const std::string& stage, const std::string& images) {
-    const std::vector<int>& numbers = tasks[static_cast<size_t>(find(stage, images))].after;
+    const std::vector<int>& numbers = tasks.at(static_cast<size_t>(find(stage, images))).after;
     return std::set<int>(numbers.begin(), numbers.end());
   };
   EXPECT_TRUE(after("step_0", "4-5").empty());
@@ -102,29 +218,27 @@ TEST_F(StagesTest, WaitForJustWhatTheyRead) {
 }
 
 TEST_F(StagesTest, InterruptedOrDoneTwiceAnywhereEndWithTheSameBytes) {
-  RunAlone();
-  const std::vector<Task> tasks = Plan();
-  std::set<int> done;
-  for (size_t i = 0; i < tasks.size(); ++i) {
+  RunTo("alone");
+  for (const Task& task : Plan()) {
     FakeMatcher first, second, third;
     StopRequest watcher;
     first.on_call = [&](int call) {
       if (call == 1) watcher.Request();
     };
     try {
-      Stage(tasks[i].stage, tasks[i].images, &first, &watcher);
+      Stage(task.stage, task.images, &first, &watcher);
       EXPECT_LE(first.calls.size(), 1u);
     } catch (const Interrupted&) {
     }
-    Stage(tasks[i], &second);
-    Stage(tasks[i], &third);
-    EXPECT_TRUE(third.calls.empty()) << tasks[i].stage << " " << tasks[i].images;
+    Stage(task, &second);
+    Stage(task, &third);
+    EXPECT_TRUE(third.calls.empty()) << task.stage << " " << task.images;
   }
   ExpectSameContents(output("alone"), output());
 }
 
 TEST_F(StagesTest, MakeWhatIsMissingOrDamagedThemselves) {
-  RunAlone();
+  RunTo("alone");
   const std::vector<Task> tasks = Plan();
   FakeMatcher matcher;
   Stage("maps", "4-5", &matcher);  // none of the stages before
@@ -138,19 +252,19 @@ TEST_F(StagesTest, MakeWhatIsMissingOrDamagedThemselves) {
   Stage("maps", "2-3", &matcher);
   EXPECT_THAT(log_.str(), HasSubstr("000003.bin is damaged: its step of image 00000003.png is computed again"));
   WriteText("out/depth/000003.pfm", "cut");
-  DoAll(tasks, {}, &matcher);
+  DoAll(tasks, &matcher);
   ExpectSameContents(output("alone"), output());
 }
 
-TEST_F(StagesTest, RefuseWhatIsNotPlanned) {
+TEST_F(StagesTest, RefuseWhatIsNotPlannedOrHasChanged) {
   EXPECT_THAT(StageError("step_0", "0"), HasSubstr("out: has no plan: give --plan first"));
   EXPECT_FALSE(std::filesystem::exists(output()));
   Plan();
   EXPECT_THAT(StageError("step_9", "0"), HasSubstr("--stage step_9: must be one of step_0, "));
-  EXPECT_THAT(StageError("step_0", ""), HasSubstr("--stage: needs --images"));
-  EXPECT_THAT(StageError("step_0", "77"), HasSubstr("image list: \"77\": must be an index in [0, 9]"));
-  EXPECT_THAT(StageError("step_0", "9"), HasSubstr("--images 9: the plan has none of these images"));
-  EXPECT_THAT(StageError("fuse", "1-3"), HasSubstr("must have whole chunks of 2 images, and --images 1-3 lacks 0"));
+  EXPECT_THAT(StageError("step_0", ""), HasSubstr("--images"));
+  EXPECT_THAT(StageError("step_0", "77"), HasSubstr("[0, 9]"));
+  EXPECT_THAT(StageError("step_0", "9"), HasSubstr("--images 9: the plan has none"));
+  EXPECT_THAT(StageError("fuse", "1-3"), HasSubstr("whole chunks of 2 images, and --images 1-3 lacks 0"));
   options_.seed = 7;
   EXPECT_THAT(StageError("step_0", "0"), HasSubstr("seed was 1 and is 7"));
   options_.seed = 1;
@@ -161,24 +275,20 @@ TEST_F(StagesTest, RefuseWhatIsNotPlanned) {
               HasSubstr("stage step_0 of image 00000000.png (index 0) is not done"));
   EXPECT_THAT(MessageOf<ProcessingError>([&] { Stage("fuse", "4-5", &fake_); }),
               HasSubstr("the stage of the images from 2 on is not done"));
-  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("holds a run with other settings"));
-}
-
-TEST_F(StagesTest, RefuseAnImageThatHasChanged) {
-  Plan();
+  EXPECT_THAT(Error(), HasSubstr("holds a run with other settings"));
   Stage("step_0", "0-1", &fake_);
   ChangeImage1();
-  EXPECT_THAT(StageError("step_1", "0-1"),
-              HasSubstr("image 00000001.png: it, its mask or its prior depth has changed"));
+  EXPECT_THAT(StageError("step_1", "0-1"), HasSubstr("00000001.png: it, its mask or its prior depth has changed"));
 }
 
 TEST_F(StagesTest, ReadPriorDepth) {
   const std::filesystem::path depths = folder() / "depths";
   std::filesystem::create_directories(depths);
-  for (int i = 0; i < kStreetImages; ++i)
+  for (int i = 0; i < kStreetImages; ++i) {
     WritePfm(depths / ("0000000" + std::to_string(i) + ".pfm"), DepthMap(5, 4, 2));
+  }
   options_.prior_depth = depths;
-  RunAlone();
+  RunTo("alone");
   std::string logs;
   for (const Task& task : Plan()) {
     Stage(task, &fake_);
@@ -188,45 +298,126 @@ TEST_F(StagesTest, ReadPriorDepth) {
   ExpectSameContents(output("alone"), output());
   options_.plan = folder() / "plan.json";
   WritePfm(depths / "00000001.pfm", DepthMap(5, 4, 3));
-  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("prior depth"));
+  EXPECT_THAT(Error(), HasSubstr("prior depth"));
 }
 
 TEST_F(StagesTest, AnotherSceneIsRefusedUntilOverwrite) {
   Plan();
   options_.images = "0-6";
   options_.plan = folder() / "plan.json";
-  EXPECT_THAT(ErrorOf(&fake_), HasSubstr("holds a run with other settings (input (hash"));
+  EXPECT_THAT(Error(), HasSubstr("holds a run with other settings (input (hash"));
   options_.overwrite = true;
   Run(&fake_);
   options_.overwrite = false;
   options_.images.clear();
   options_.plan.clear();
-  EXPECT_THAT(StageError("step_0", "8"), HasSubstr("image list: \"8\""));
+  EXPECT_THAT(StageError("step_0", "8"), HasSubstr("\"8\""));
 }
 
 TEST_F(StagesTest, OptionsThatDoNotGoTogether) {
-  const auto error = [&] { return ErrorOf(&fake_); };
-  options_.stage = "maps";
-  options_.plan = folder() / "plan.json";
-  EXPECT_EQ(error(), "--plan: not with --stage");
-  options_.stages = true;
-  EXPECT_EQ(error(), "--plan: not with --stages");
-  options_.plan.clear();
-  EXPECT_EQ(error(), "--stages: not with --stage");
-  options_.stage.clear();
-  options_.images = "0";
-  EXPECT_EQ(error(), "--stages: not with --images: its lines name them");
-  options_.images.clear();
-  options_.stages = false;
-  options_.plan = folder() / "plan.json";
-  options_.schedule = "online";
-  EXPECT_EQ(error(), "--plan: not with --schedule online");
-  options_.schedule = "offline";
-  options_.colmap = true;
-  EXPECT_EQ(error(), "--plan: not with --colmap");
-  options_.colmap = false;
-  options_.chunk_images = 0;
-  EXPECT_THAT(error(), HasSubstr("--chunk-images = 0"));
+  const auto error = [&](const std::function<void(ReconstructOptions*)>& change) {
+    const ReconstructOptions good = options_;
+    change(&options_);
+    std::string message = Error();
+    options_ = good;
+    return message;
+  };
+  EXPECT_EQ(error([](auto* o) { o->plan = "p", o->stage = "maps"; }), "--plan: not with --stage");
+  EXPECT_EQ(error([](auto* o) { o->plan = "p", o->stages = true; }), "--plan: not with --stages");
+  EXPECT_EQ(error([](auto* o) { o->stages = true, o->stage = "maps"; }), "--stages: not with --stage");
+  EXPECT_THAT(error([](auto* o) { o->stages = true, o->images = "0"; }), HasSubstr("--stages: not with --images"));
+  EXPECT_EQ(error([](auto* o) { o->plan = "p", o->schedule = "online"; }), "--plan: not with --schedule online");
+  EXPECT_EQ(error([](auto* o) { o->plan = "p", o->colmap = true; }), "--plan: not with --colmap");
+  EXPECT_THAT(error([](auto* o) { o->chunk_images = 0; }), HasSubstr("--chunk-images = 0"));
+}
+
+TEST_F(StagesTest, OfOneProcessEndWithTheBytesOfARunAlone) {
+  const int passes = RunTo("alone");
+  const std::vector<Line> lines = PlannedLines();
+  std::string answers;
+  for (const Line& line : lines) answers += line.text + ": done\n";
+  options_.quiet = true;
+  FakeMatcher matcher;
+  EXPECT_EQ(DoLines(lines, &matcher), answers);
+  EXPECT_EQ(devices_made_, 1);
+  EXPECT_EQ(static_cast<int>(matcher.calls.size()), passes);
+  ExpectSameContents(output("alone"), output());
+}
+
+TEST_F(StagesTest, OnGpusAreTheSameAndLeaveNoEstimatesThere) {
+  RunTo("alone");
+  for (const int devices : {1, 2}) {
+    options_.output = output("gpus_" + std::to_string(devices));
+    FakeGpuBehaviour gpu;
+    std::vector<Line> lines = PlannedLines();
+    for (Line& line : lines) {
+      line.before = [&] { EXPECT_EQ(gpu.NumEstimatesAlive(), 0u); };
+    }
+    DoLines(lines, [&] { return FakeGpus(devices, 2, &gpu); });
+    EXPECT_FALSE(gpu.estimates.empty());
+    ExpectSameContents(output("alone"), options_.output);
+  }
+}
+
+TEST_F(StagesTest, OfOneProcessGoOnAfterAFailure) {
+  Plan();
+  FakeMatcher matcher;
+  matcher.on_call = [fails = true](int) mutable {
+    if (std::exchange(fails, false)) throw ProcessingError("the device\nis lost");
+  };
+  const std::string answers = DoLines(
+      {{"step_9 0-1"}, {""}, {"step_0 0 1"}, {"step_0"}, {"step_0 77"}, {"step_0 0-1"}, {"step_0 0-1"}, {"finish"}},
+      &matcher, false);
+  std::istringstream stream(answers);
+  for (const char* expected :
+       {"step_9 0-1: exit code 2: --stage step_9: ", ": exit code 2: --stages: line \"\": must be STAGE IMAGES",
+        "step_0 0 1: exit code 2: --stages: line \"step_0 0 1\": ", "step_0: exit code 2: --stage: needs --images",
+        "step_0 77: exit code 2: image list: \"77\": ", "step_0 0-1: exit code 1: the device is lost",
+        "step_0 0-1: done", "finish: exit code 1: --stage finish: stage step_0 of image 00000002.png (index 2) "}) {
+    std::string line;
+    EXPECT_TRUE(std::getline(stream, line));
+    EXPECT_THAT(line, StartsWith(expected));
+  }
+  EXPECT_EQ(devices_made_, 2) << "a device that has failed is not used again";
+}
+
+TEST_F(StagesTest, OfOneProcessFollowImagesAndPlansThatChange) {
+  Plan();
+  FakeMatcher matcher, other;
+  DoLines({{"step_0 2-3"},  // which reads image 1
+           {"step_0 0-1",
+            [&] {
+              ChangeImage1();
+              matcher.calls.clear();
+            }}},
+          &matcher);
+  options_.overwrite = true;
+  Plan();
+  options_.overwrite = false;
+  Stage("step_0", "0-1", &other);
+  EXPECT_EQ(Results(matcher), Results(other));
+
+  const auto plan_less = [&] {
+    const ReconstructOptions before = options_;
+    options_.images = "0-6";
+    options_.overwrite = true;
+    PlanFile();
+    options_ = before;
+  };
+  options_.overwrite = true;
+  Plan();
+  options_.overwrite = false;
+  other.calls.clear();
+  DoLines({{"step_0 6-7"},  // both match image 8
+           {"step_0 6",
+            [&] {
+              plan_less();
+              matcher.calls.clear();
+            }}},
+          &matcher);
+  plan_less();
+  Stage("step_0", "6", &other);
+  EXPECT_EQ(Results(matcher), Results(other));
 }
 
 }  // namespace

@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
-#include <future>
 #include <mutex>
 #include <numeric>
 #include <string>
@@ -133,21 +132,6 @@ TEST_F(TaskGraphTest, RandomGraphsKeepTheirOrderWithAnyThreads) {
   }
 }
 
-TEST_F(TaskGraphTest, APoolTakesTheSmallestNumberThatIsReady) {
-  // Task 0 ends after task 4, so that task 1, which waits for it, comes last.
-  std::promise<void> last_begun;
-  graph_.Add(1, {}, [&](int) { last_begun.get_future().wait(); });
-  graph_.Add(0, {0}, journal_.Writer(1));
-  graph_.Add(0, {}, journal_.Writer(2));
-  graph_.Add(0, {2}, journal_.Writer(3));
-  graph_.Add(0, {}, [&](int) {
-    journal_.Note(4);
-    last_begun.set_value();
-  });
-  graph_.Run({1, 1}, interrupt_);
-  EXPECT_THAT(journal_.numbers(), ElementsAre(2, 3, 4, 1));
-}
-
 TEST_F(TaskGraphTest, UrgentTasksGoFirst) {
   for (const std::vector<int>& threads : {std::vector<int>{}, {1}}) {
     TaskGraph graph;
@@ -163,25 +147,6 @@ TEST_F(TaskGraphTest, UrgentTasksGoFirst) {
   }
 }
 
-TEST_F(TaskGraphTest, ATaskGoesWithWhatItHoldsBeforeOthersThatWaitForIt) {
-  auto object = std::make_shared<int>(5);
-  const std::weak_ptr<int> watched = object;
-  bool alive_within = false, alive_after = true;
-  const int task = graph_.Add(0, {}, [&, object](int) { alive_within = *object == 5; });
-  object.reset();
-  graph_.Add(1, {task}, [&](int) { alive_after = !watched.expired(); });
-  graph_.Run({1, 1}, interrupt_);
-  EXPECT_TRUE(alive_within);
-  EXPECT_FALSE(alive_after);
-}
-
-TEST_F(TaskGraphTest, TasksWaitForEarlierOnesOnly) {
-  graph_.Add(0, {}, journal_.Writer(0));
-  for (const int other : {-1, 1, 2}) {
-    EXPECT_THROW(graph_.Add(0, {0, other}, journal_.Writer(1)), InvalidInputError) << other;
-  }
-}
-
 TEST_F(TaskGraphTest, ATaskOfAPoolWithoutThreadsIsRefused) {
   // It would wait for ever.
   graph_.Add(0, {}, journal_.Writer(0));
@@ -190,6 +155,7 @@ TEST_F(TaskGraphTest, ATaskOfAPoolWithoutThreadsIsRefused) {
   EXPECT_THAT(FailureOf(&graph_, {1}, interrupt_), HasSubstr("pool of a task = 1"));
   EXPECT_THAT(FailureOf(&graph_, {1, -1}, interrupt_), HasSubstr("threads of a pool = -1"));
   EXPECT_THAT(journal_.numbers(), IsEmpty());
+  EXPECT_THROW(graph_.Add(0, {2}, journal_.Writer(2)), InvalidInputError) << "waits for itself";
 }
 
 TEST_F(TaskGraphTest, AnyTaskOfARandomGraphMayFail) {

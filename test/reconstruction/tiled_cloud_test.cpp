@@ -1,4 +1,4 @@
-#include "tiled_cloud.h"
+#include "cloud_output.h"
 
 #include <gmock/gmock.h>
 
@@ -88,12 +88,6 @@ TEST_F(TiledCloudTest, IndexListsTheTilesInTheOrderOfTheirNumbers) {
   EXPECT_EQ(nlohmann::json::parse(files.at("index.json")).at("tiles").size(), 3u);
 }
 
-TEST_F(TiledCloudTest, NoPointsMakeAnIndexWithoutTiles) {
-  const auto files = Write({}, 0.1, 0);
-  EXPECT_EQ(files.size(), 1u);
-  EXPECT_EQ(files.at("index.json"), "{\"tile_size\": 0.1, \"points\": 0, \"tiles\": [\n]}\n");
-}
-
 TEST_F(TiledCloudTest, AnyMemoryMakesTheSameBytes) {
   const PointCloud cloud = RandomCloud(3000, 5);
   const auto expected = Write(cloud, 4, kAllInMemory);
@@ -123,24 +117,6 @@ TEST_F(TiledCloudTest, ATileOfManyBlocksKeepsItsOrder) {
   }
 }
 
-TEST_F(TiledCloudTest, AnInterruptedCommitIsMadeWholeByTheNext) {
-  const PointCloud cloud = RandomCloud(500, 5);
-  const auto expected = Write(cloud, 2, kAllInMemory);
-  std::filesystem::remove_all(Tiles());
-  std::filesystem::create_directories(WorkFile().parent_path());
-  WriteText("out/work/tiles/000000.bin.partial", std::string(100000, 'x'));  // what a killed process has left
-  WriteText("out/tiles/0_0_0.ply.partial", "cut");
-  {
-    StopRequest stopped;
-    stopped.Request();
-    TiledCloud tiles(&out_, 2, 1000);
-    tiles.Add(cloud);
-    EXPECT_THROW(tiles.Commit(stopped), Interrupted);
-  }
-  EXPECT_FALSE(std::filesystem::exists(Tiles() / "index.json"));
-  EXPECT_TRUE(Write(cloud, 2, 1000) == expected);
-}
-
 TEST_F(TiledCloudTest, TilesThatAreTooSmallAreRefused) {
   TiledCloud tiles(&out_, 1e-6, kAllInMemory);
   EXPECT_EQ(MessageOf<InvalidInputError>([&] { tiles.Add({PointAt(0, 1e10f, 0)}); }),
@@ -149,20 +125,6 @@ TEST_F(TiledCloudTest, TilesThatAreTooSmallAreRefused) {
   for (const float x : {std::numeric_limits<float>::infinity(), std::nanf("")}) {
     EXPECT_THAT(MessageOf<InvalidInputError>([&] { tiles.Add({PointAt(x, 0, 0)}); }), HasSubstr("must be within"));
   }
-}
-
-TEST_F(TiledCloudTest, TooManyTilesAreRefused) {
-  PointCloud cloud;
-  cloud.reserve(TiledCloud::kMaxTiles);
-  for (size_t i = 0; i < TiledCloud::kMaxTiles; ++i) {
-    const size_t row = i / 1000, col = i % 1000;
-    cloud.push_back(PointAt(static_cast<float>(row), static_cast<float>(col), 0));
-  }
-  TiledCloud most(&out_, 1, kAllInMemory);
-  most.Add(cloud);
-  most.Add(RandomCloud(10, 0));
-  EXPECT_EQ(MessageOf<InvalidInputError>([&] { most.Add({PointAt(0, 0, 1)}); }),
-            "--tile-size = 1: makes more than 1000000 tiles: they must be larger");
 }
 
 TEST_F(TiledCloudTest, FilesThatCannotBeWrittenOrReadAreErrors) {

@@ -23,6 +23,11 @@ struct ReconstructDevice {
 /// Makes the devices, at least one. The online schedule uses the first engine of the first one.
 using DeviceMaker = std::function<std::vector<ReconstructDevice>()>;
 
+/// The devices that the options name: `jobs_per_gpu` engines on each GPU; where the CPU has to do, one, which uses all
+/// cores itself. Throws InvalidInputError for an unknown device, and for one that is asked for and cannot be used.
+/// @param log is told why "auto" settled for the CPU, unless the options are `quiet`; not null
+std::vector<ReconstructDevice> MakeDevices(const ReconstructOptions& options, std::ostream* log);
+
 /// One run of the tool: reads the scene, makes the output folder or goes on with an interrupted run in it (the online
 /// schedule starts anew), writes all results. Messages go to `out` (results) and `log` (progress, warnings). Throws
 /// InvalidInputError, ProcessingError or Interrupted.

@@ -1,9 +1,11 @@
 #pragma once
 
+#include <signal.h>
 #include <tbb/parallel_for.h>
 
 #include <atomic>
 #include <exception>
+#include <thread>
 
 namespace acmp {
 
@@ -53,6 +55,22 @@ class StopRequest {
  private:
   std::atomic<bool> requested_{false};
   tbb::task_group_context context_{tbb::task_group_context::isolated};
+};
+
+/// SIGINT, SIGTERM and SIGHUP request the stop. A second signal ends the process at once. Make it before any other
+/// thread starts: they inherit the blocked signals.
+class InterruptWatcher : public StopRequest {
+ public:
+  InterruptWatcher();
+  ~InterruptWatcher();
+
+ private:
+  void Watch();
+
+  sigset_t signals_;
+  sigset_t previous_signals_;
+  std::atomic<bool> stopping_{false};
+  std::thread watcher_;
 };
 
 }  // namespace acmp

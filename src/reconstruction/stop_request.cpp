@@ -1,4 +1,4 @@
-#include "acmp_mapping/reconstruction/interrupt_watcher.h"
+#include "acmp_mapping/reconstruction/stop_request.h"
 
 #include <unistd.h>
 

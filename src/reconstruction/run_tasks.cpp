@@ -1,0 +1,219 @@
+#include "run_tasks.h"
+
+#include <tbb/parallel_for.h>
+
+#include <mutex>
+#include <utility>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/timer.h"
+#include "acmp_mapping/fusion/fusion_setup.h"
+
+namespace acmp {
+namespace {
+
+/// The problem with the poses of coordinates that begin at the origin.
+EngineProblem InLocalCoordinates(EngineProblem problem, const Eigen::Vector3d& origin) {
+  if (origin.isZero(0)) return problem;
+  const auto move = [&](EngineView* view) {
+    RigidTransform pose = view->cam_from_world();
+    pose.translation() += pose.linear() * origin;
+    view->refined_pose = pose;
+  };
+  move(&problem.reference);
+  for (EngineView& source : problem.sources) move(&source);
+  return problem;
+}
+
+}  // namespace
+
+std::set<StepOfImage> StepsToDo(int step, const std::set<int>& wanted,
+                                const std::function<std::filesystem::path(const StepOfImage&)>& file_of,
+                                const std::function<std::vector<int>(int)>& images_read, const Scene& scene,
+                                const StopRequest& interrupt, Progress* progress) {
+  std::set<StepOfImage> to_do;
+  std::set<int> read = wanted;  // of the step's results, by scene index
+  for (; step >= 0; --step) {
+    const std::vector<int> images(read.begin(), read.end());
+    std::vector<WorkFileState> files(images.size());
+    tbb::parallel_for(size_t{0}, images.size(), [&](size_t i) {
+      interrupt.Check();
+      files[i] = CheckWorkFile(file_of({step, images[i]}));
+    });
+    read.clear();
+    for (size_t i = 0; i < images.size(); ++i) {
+      if (files[i] == WorkFileState::kWhole) continue;
+      if (files[i] == WorkFileState::kDamaged) {
+        progress->Warn(Concat("the work file ", file_of({step, images[i]}).string(), " is damaged: its step of image ",
+                              scene.images[static_cast<size_t>(images[i])].name, " is computed again"));
+      }
+      to_do.insert({step, images[i]});
+      for (int other : images_read(images[i])) read.insert(other);
+    }
+  }
+  return to_do;
+}
+
+RunTasks::RunTasks(ReconstructRun* run) : run_(*run), final_step_(run->store.final_step()) {
+  for (const ImagePlan& image : run_.plan.images) {
+    if (image.no_map.empty()) images_[image.index] = &image;
+  }
+}
+
+void RunTasks::AddSteps(const std::set<StepOfImage>& steps) {
+  for (int device = 0; device < run_.devices.size(); ++device) {
+    std::vector<DepthEstimator>& estimators = estimators_.emplace_back();
+    for (int i = 0; i < run_.devices.NumEngines(device); ++i) {
+      estimators.emplace_back(run_.devices.Engine(device, i).engine, run_.pipeline);
+    }
+  }
+  std::map<StepOfImage, std::vector<StepOfImage>> readers;
+  std::map<StepOfImage, int> waits_for;     // steps that are not added yet
+  std::set<std::pair<int, int>> can_begin;  // scene index, step
+  for (const StepOfImage& key : steps) {
+    const auto [step, index] = key;
+    int& count = waits_for[key];
+    if (step > 0) {
+      const ImagePlan& image = *images_.at(index);
+      run_.store.AddReaders(image, step - 1, 1);
+      for (int read : run_.plan.ImagesRead(image)) {
+        if (steps.count({step - 1, read}) == 0) continue;
+        readers[{step - 1, read}].push_back(key);
+        ++count;
+      }
+    }
+    if (count == 0) can_begin.insert({index, step});
+  }
+  const std::function<void(const StepOfImage&)> add = [&](const StepOfImage& key) {
+    AddStep(key);
+    for (const StepOfImage& reader : readers[key]) {
+      if (--waits_for[reader] == 0) add(reader);
+    }
+  };
+  for (const auto& [index, step] : can_begin) add({step, index});
+}
+
+std::set<StepOfImage> RunTasks::AddMissingSteps() {
+  std::set<int> all;
+  for (const auto& [index, image] : images_) all.insert(index);
+  const std::set<StepOfImage> steps = StepsToDo(
+      final_step_, all, [&](const StepOfImage& key) { return run_.store.FileOf(key); },
+      [&](int index) { return run_.plan.ImagesRead(*images_.at(index)); }, run_.scene, run_.interrupt, &run_.progress);
+  AddSteps(steps);
+  return steps;
+}
+
+void RunTasks::AddStep(const StepOfImage& key) {
+  const auto [step, index] = key;
+  const ImagePlan& image = *images_.at(index);
+  const int device = run_.devices.DeviceOf(index);
+  const auto work = [this, step = step, &image, device](int thread) {
+    DoStep(step, image, run_.devices.Engine(device, thread),
+           &estimators_.at(static_cast<size_t>(device)).at(static_cast<size_t>(thread)));
+  };
+  steps_[key] = graph_.Add(Devices::EnginePool(device), StepsRead(step - 1, image), work);
+}
+
+std::vector<int> RunTasks::StepsRead(int step, const ImagePlan& image) const {
+  std::vector<int> tasks;
+  for (int read : run_.plan.ImagesRead(image)) {
+    if (const auto task = steps_.find({step, read}); task != steps_.end()) tasks.push_back(task->second);
+  }
+  return tasks;
+}
+
+std::vector<int> RunTasks::FinalStepsRead(const ImagePlan& image) const { return StepsRead(final_step_, image); }
+
+void RunTasks::DoStep(int step, const ImagePlan& image, const DeviceEngine& engine, DepthEstimator* estimator) {
+  Timer timer;
+  const EngineProblem problem =
+      step == 0 ? run_.store.Problem(image, engine) : run_.store.Problem(image, step - 1, engine);
+  const double reading_ms = timer.Lap();
+  run_.interrupt.Check();
+  const EngineEstimatePtr estimate = estimator->Run(estimator->schedule()[static_cast<size_t>(step)], problem);
+  run_.interrupt.Check();
+  timer.Lap();
+  run_.store.Keep(step, *problem.reference.frame, engine, estimate);
+  {
+    const std::lock_guard<std::mutex> lock(run_.mutex);
+    run_.times.stages += estimator->last_times();
+    if (step == final_step_ && !estimator->prior_depth_rejection().empty()) {
+      run_.prior_depth_rejections[image.index] = estimator->prior_depth_rejection();
+    }
+    run_.times.images += step == 0 ? 1 : 0;
+    run_.times.reading_ms += reading_ms;
+    run_.times.keeping_ms += timer.Lap();
+  }
+  if (step > 0) run_.store.HasRead(image, step - 1);
+  run_.progress.Step();
+}
+
+int RunTasks::AddConfidence(const ImagePlan& image, std::function<void(ConfidenceMap)> take) {
+  run_.store.AddReaders(image, final_step_, 1);
+  const int device = run_.devices.DeviceOf(image.index);
+  const auto measure = [this, &image, device, take = std::move(take)](int thread) {
+    take(MeasureConfidence(image, run_.devices.Engine(device, thread)));
+  };
+  return graph_.Add(Devices::EnginePool(device), FinalStepsRead(image), measure, true);
+}
+
+ConfidenceMap RunTasks::MeasureConfidence(const ImagePlan& image, const DeviceEngine& engine) {
+  const EngineProblem problem = run_.store.Problem(image, final_step_, engine);
+  Timer timer;
+  ConfidenceMap confidence = engine.engine->MeasureConfidence(problem.reference, problem.sources, run_.pipeline.fusion);
+  run_.interrupt.Check();
+  run_.store.HasRead(image, final_step_);
+  run_.Count(&RunTimes::consistency_ms, timer.Lap());
+  return confidence;
+}
+
+FusionStamps* RunTasks::stamps() {
+  if (!stamps_) stamps_ = run_.devices.FusionEngine(0).engine->MakeFusionStamps();
+  return stamps_.get();
+}
+
+int RunTasks::AddFusion(const ImagePlan& image, std::function<void(PointCloud)> take) {
+  CheckRange("number of images to fuse", static_cast<int>(run_.plan.images.size()), 0, kMaxFusionViews);
+  run_.store.AddReaders(image, final_step_, 1);
+  std::vector<int> after = FinalStepsRead(image);
+  const std::vector<int> frames = run_.plan.ImagesRead(image);
+  for (int frame : frames) {
+    if (const auto last = last_fused_.find(frame); last != last_fused_.end()) after.push_back(last->second);
+  }
+  const int device = run_.devices.DeviceOf(image.index);
+  stamps();
+  const auto fuse = [this, &image, device, rank = views_++, take = std::move(take)](int) {
+    take(Fuse(image, rank, run_.devices.FusionEngine(device)));
+  };
+  const int task = graph_.Add(run_.devices.FusionPool(device), after, fuse);
+  for (int frame : frames) last_fused_[frame] = task;
+  return task;
+}
+
+PointCloud RunTasks::Fuse(const ImagePlan& image, int rank, const DeviceEngine& engine) {
+  const EngineProblem problem = InLocalCoordinates(run_.store.Problem(image, final_step_, engine), run_.plan.origin);
+  Timer timer;
+  PointCloud cloud =
+      engine.engine->FuseView(problem.reference, problem.sources, run_.pipeline.fusion, rank, stamps_.get());
+  run_.interrupt.Check();
+  run_.store.HasRead(image, final_step_);
+  run_.progress.Step();
+  run_.Count(&RunTimes::fusion_ms, timer.Lap());
+  return cloud;
+}
+
+void RunTasks::SetUsedPixels(const Frame& frame, const Image<unsigned char>& used) {
+  run_.devices.FusionEngine(0).engine->SetUsedPixels(frame, used, stamps());
+  views_ = 1;
+}
+
+Image<unsigned char> RunTasks::UsedPixels(const Frame& frame) {
+  return run_.devices.FusionEngine(0).engine->UsedPixels(frame, stamps());
+}
+
+int RunTasks::AddFileTask(const std::vector<int>& after, std::function<void()> work, bool urgent) {
+  return graph_.Add(
+      Devices::kFilePool, after, [work = std::move(work)](int) { work(); }, urgent);
+}
+
+}  // namespace acmp
