@@ -72,7 +72,7 @@ struct DenseMapper::Impl {
 
   void Drop(const WindowKeyframePtr& keyframe, const Failure& failure) {
     keyframe->state = State::kFinished;
-    outputs.SubmitDrop({keyframe->frame->id, failure.reason, failure.message}, keyframe);
+    outputs.SubmitDrop(keyframe->frame, failure, keyframe);
   }
 
   std::string DescribeLandmarks(size_t count) const {
@@ -94,7 +94,10 @@ struct DenseMapper::Impl {
   /// Where refinement fails poses stay as they are, and that is told.
   template <class Work>
   void RefinePoses(int64_t id, const Work& work) {
-    if (const auto failure = CatchFailure(work)) outputs.ReportFailedPoses(id, *failure);
+    const auto failure = CatchFailure(work);
+    if (!failure) return;
+    outputs.SubmitProblem("pose_refinement_failed",
+                          Concat("poses could not be refined with keyframe ", id, ": ", failure->message));
   }
 
   /// Whether the frame is in the window now.
@@ -103,7 +106,7 @@ struct DenseMapper::Impl {
     if (const auto failure = CatchFailure([&] { CheckFrame(*frame); })) {
       // Not kept: as a source view it would make the others fail as well.
       if (!is_mapped) throw InvalidInputError(failure->message);
-      outputs.SubmitDrop({id, failure->reason, failure->message}, nullptr);
+      outputs.SubmitDrop(frame, *failure, nullptr);
       return false;
     }
     ShrinkWindow(options.window_size - 1);
@@ -171,8 +174,7 @@ struct DenseMapper::Impl {
     for (const WindowKeyframePtr& keyframe : window) {
       if (!keyframe->is_withdrawn) continue;
       const SourceViews sources = window.SelectSources(*keyframe);
-      const bool wanted = outputs.WantsRefinedAgain(*keyframe) && !sources.keyframes.empty();
-      keyframe->is_withdrawn = wanted && !RefineAgain(keyframe, sources, true);
+      keyframe->is_withdrawn = !sources.keyframes.empty() && !RefineAgain(keyframe, sources, true);
     }
   }
 
@@ -235,12 +237,11 @@ struct DenseMapper::Impl {
     });
     if (failure) return Drop(keyframe, *failure);
     keyframe->state = State::kFinished;
-    outputs.SubmitRefined(keyframe, std::move(estimate), options.pipeline.fusion);
+    outputs.SubmitRefined(keyframe, std::move(estimate), options.pipeline.fusion, false);
   }
 
   bool WantsRefinedAgain(const WindowKeyframe& keyframe) {
-    return options.refine_again && !contradicted && !keyframe.is_withdrawn && keyframe.refined_score &&
-           outputs.WantsRefinedAgain(keyframe);
+    return options.refine_again && !contradicted && !keyframe.is_withdrawn && keyframe.refined_score;
   }
 
   /// Does something for a finished keyframe that is refined again. Where it fails that is told, the maps that others
@@ -248,7 +249,9 @@ struct DenseMapper::Impl {
   template <class Work>
   bool TryAgain(const WindowKeyframe& keyframe, const Work& work) {
     const auto failure = CatchFailure(work);
-    if (failure) outputs.ReportFailedAgain(keyframe.frame->id, *failure);
+    if (failure) {
+      outputs.SubmitProblem("refine_again_failed", DescribeFailedAgain(keyframe.frame->id, *failure));
+    }
     return !failure;
   }
 
@@ -260,7 +263,7 @@ struct DenseMapper::Impl {
   void SubmitAgain(const WindowKeyframePtr& keyframe, FinishedEstimate estimate, bool has_read_better_maps) {
     keyframe->refined_again_at = keyframe->refined_at;
     keyframe->has_read_better_maps = has_read_better_maps;
-    outputs.SubmitRefinedAgain(std::move(estimate), options.pipeline.fusion);
+    outputs.SubmitRefined(keyframe, std::move(estimate), options.pipeline.fusion, true);
   }
 
   bool RefineAgain(const WindowKeyframePtr& keyframe, const SourceViews& sources, bool from_initial) {
@@ -301,13 +304,14 @@ struct DenseMapper::Impl {
 
   /// All that is to come has come. Keyframes take their steps side by side, as offline: each reads what the step before
   /// has made of the others.
-  void RefineWindowAgain() {
+  void RefineWindowAgain(const std::atomic<bool>* stop) {
+    if (stop != nullptr && *stop) return;
     std::vector<KeyframeRefinement> members = BeginSideBySide();
     const SideBySide side_by_side(members);
     const auto for_each_member = [&](const auto& work) {
       std::vector<KeyframeRefinement> going_on;
       for (KeyframeRefinement& member : members) {
-        if (!WantsRefinedAgain(*member.keyframe)) continue;
+        if (stop != nullptr && *stop) break;
         if (TryAgain(*member.keyframe, [&] { work(&member); })) going_on.push_back(std::move(member));
       }
       members = std::move(going_on);
@@ -367,7 +371,7 @@ void DenseMapper::AddKeyframe(FramePtr frame) { impl_->Add(std::move(frame), tru
 
 void DenseMapper::AddSourceImage(FramePtr frame) { impl_->Add(std::move(frame), false); }
 
-void DenseMapper::Flush(bool refine_again) {
+void DenseMapper::Flush(const std::atomic<bool>* stop) {
   if (impl_->last_id) impl_->RefinePoses(*impl_->last_id, [&] { impl_->poses.Finish(impl_->window); });
   impl_->HeedContradiction();
   impl_->InitialisePending(1);
@@ -377,7 +381,7 @@ void DenseMapper::Flush(bool refine_again) {
       impl_->DropForContradiction(keyframe);
   }
   impl_->RefineWithLater(0);
-  if (refine_again) impl_->RefineWindowAgain();
+  impl_->RefineWindowAgain(stop);
   impl_->outputs.WaitForAll();
 }
 

@@ -20,29 +20,22 @@ OutputQueue::~OutputQueue() {
   if (thread_.joinable()) thread_.join();
 }
 
-uint64_t OutputQueue::Submit(Job job) {
-  const uint64_t number = ++submitted_;
-  if (!thread_.joinable()) {
-    job();
-    return number;
-  }
+void OutputQueue::Submit(Job job) {
+  if (!thread_.joinable()) return job();
   {
-    std::unique_lock<std::mutex> lock(mutex_);
+    const std::lock_guard<std::mutex> lock(mutex_);
     jobs_.push_back(std::move(job));
-    given_.notify_one();
-    if (number >= kMaxJobs) WaitUntilDone(&lock, number - kMaxJobs + 1);
+    ++unfinished_;
   }
-  return number;
+  given_.notify_one();
+  WaitForFewerThan(kMaxJobs);
 }
 
-void OutputQueue::WaitFor(uint64_t number) {
-  if (!thread_.joinable()) return;
+void OutputQueue::WaitForAll() { WaitForFewerThan(1); }
+
+void OutputQueue::WaitForFewerThan(size_t jobs) {
   std::unique_lock<std::mutex> lock(mutex_);
-  WaitUntilDone(&lock, number);
-}
-
-void OutputQueue::WaitUntilDone(std::unique_lock<std::mutex>* lock, uint64_t number) {
-  done_.wait(*lock, [&] { return finished_ >= number; });
+  done_.wait(lock, [&] { return unfinished_ < jobs; });
   if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
 }
 
@@ -63,7 +56,7 @@ void OutputQueue::Run() {
     job = nullptr;  // what it holds goes before its giver hears that it is done
     lock.lock();
     if (!failure_) failure_ = failure;
-    ++finished_;
+    --unfinished_;
     done_.notify_one();
   }
 }

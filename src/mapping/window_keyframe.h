@@ -66,8 +66,7 @@ struct WindowKeyframe {
   int64_t refined_again_at = 0;         ///< the same, if it was not the keyframe's first; 0: none
   bool has_read_better_maps = false;    ///< its last refinement was for better maps of its source views
 
-  // Outputs: written by their thread, read by others once the job `output` is done.
-  uint64_t output = 0;       ///< number of the job that ends with its on_refined; 0: none yet
+  // Of the thread of outputs.
   bool had_fast = false;     ///< its on_fast was called
   bool had_refined = false;  ///< its on_refined was called
 

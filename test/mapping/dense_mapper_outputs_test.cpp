@@ -1,6 +1,7 @@
 // The mapper with an engine and a thread for outputs.
 
 #include <algorithm>
+#include <atomic>
 #include <future>
 #include <random>
 #include <thread>
@@ -33,7 +34,7 @@ class Listener {
     callbacks.on_refined = [this](const KeyframeDepthPtr& maps) { Note("refined", *maps); };
     callbacks.on_refined_again = [this](const KeyframeDepthPtr& maps) { Note("again", *maps); };
     callbacks.on_drop = [this](const KeyframeDrop& drop) {
-      Note(Concat("drop ", drop.id, " ", drop.reason, drop.had_fast ? " had fast: " : ": ", drop.message));
+      Note(Concat("drop ", drop.frame->id, " ", drop.reason, drop.had_fast ? " had fast: " : ": ", drop.message));
     };
     callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
       Note(Concat("problem ", reason, ": ", message));
@@ -70,10 +71,12 @@ std::vector<std::string> RunStream(unsigned seed, bool has_thread) {
   for (int64_t id = 0; id < 40; ++id) {
     mapper.AddKeyframe(RandomFrame(id, &x, &random));
     switch (random() % 16) {
-      case 0:
-        mapper.Flush(random() % 2 == 0);
+      case 0: {
+        const std::atomic<bool> stop = random() % 2 != 0;
+        mapper.Flush(&stop);
         listener.said.emplace_back("flushed");
         break;
+      }
       case 1:
         mapper.Reset();
         listener.said.emplace_back("reset");

@@ -227,7 +227,7 @@ TEST(DenseMapperFailureTest, OfARefinementKeepsTheFastMapForOthers) {
   };
   for (int id = 0; id <= 6; ++id) harness.Add(WallFrame(id));
   ASSERT_THAT(harness.drops, SizeIs(1));
-  EXPECT_EQ(harness.drops[0].id, 2);
+  EXPECT_EQ(harness.drops[0].frame->id, 2);
   EXPECT_TRUE(harness.drops[0].had_fast);
   const auto call = CallsOf(harness.engine, "geometric", 3)[0];
   for (size_t j = 0; j < call.sources.size(); ++j) {
