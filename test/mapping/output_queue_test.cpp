@@ -1,4 +1,4 @@
-#include "../../src/mapping/output_queue.h"
+#include "mapper_outputs.h"
 
 #include <atomic>
 #include <chrono>

@@ -1,6 +1,6 @@
 // Whether maps still fit poses that have been refined since.
 
-#include "pose_shift.h"
+#include "estimate_gain.h"
 
 #include <memory>
 
