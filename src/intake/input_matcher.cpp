@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
-#include "run_buffer.h"
 
 namespace acmp {
 namespace {

@@ -1,19 +1,17 @@
 #include "acmp_mapping/mapping/dense_mapper.h"
 
 #include <algorithm>
-#include <iterator>
+#include <atomic>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <utility>
 #include <vector>
 
-#include "failure.h"
+#include "estimate_gain.h"
 #include "keyframe_estimator.h"
 #include "keyframe_window.h"
 #include "mapper_outputs.h"
-#include "pose_shift.h"
-#include "refinement_policy.h"
-#include "side_by_side.h"
 #include "window_poses.h"
 
 namespace acmp {
@@ -40,6 +38,38 @@ void CheckFrame(const Frame& frame) {
   if (IgnoresAll(frame.mask)) throw InvalidInputError(name + ": its mask ignores every pixel");
 }
 
+/// The online schedule: after how many later keyframes one takes which steps of ScheduleOf. Who takes steps at the same
+/// time reads what the others have after the step before (Jacobi), as offline; all else is read as the window has it.
+///
+/// | turn    | steps      | which keyframes                                                              |
+/// |---------|------------|------------------------------------------------------------------------------|
+/// | initial | the first  | each, once it has enough source views                                        |
+/// | refined | all others | those with an initial estimate                                               |
+/// | again   | all others | refined ones whose views have not become worse, if any of them would gain    |
+/// | back    | all others | those whose maps were withdrawn, once received poses agree with the images   |
+struct Turns {
+  int min_source_views;             ///< of `initial`
+  size_t refined;                   ///< later keyframes, at least
+  size_t again_fewest, again_most;  ///< later keyframes
+  bool for_better_maps;             ///< whether `again` is also for those whose source views have better maps alone
+};
+
+/// As soon as a keyframe comes: `again` is for the one that has as many later ones as earlier ones to be matched
+/// against.
+Turns TurnsOfStream(const DenseMapperOptions& options) {
+  const size_t half = static_cast<size_t>(options.window_size) / 2;
+  return {options.min_source_views, static_cast<size_t>(options.lookahead), half, half, true};
+}
+
+/// Nothing more comes.
+constexpr Turns kTurnsOfFlush = {1, 0, 0, kMaxWindowSize, false};
+
+/// With fewer later keyframes a refined one is not read by passes of others, which go on reading its initial estimate.
+/// What it saw last no other has confirmed: there it errs as its neighbours do, from which it took that, and would hand
+/// the error on from keyframe to keyframe, where initial estimates err each in its own way. With two later keyframes
+/// initial estimates serve others better, with five refined ones.
+constexpr size_t kEnoughLaterKeyframes = 3;
+
 }  // namespace
 
 void Validate(const DenseMapperOptions& options) {
@@ -59,7 +89,7 @@ void Validate(const DenseMapperOptions& options) {
              std::min(options.source_views.max_source_views, options.window_size - 1));
 }
 
-/// The online schedule: which keyframe is initialised, refined and refined again when.
+/// The keyframes of the window take their turns.
 struct DenseMapper::Impl {
   using State = WindowKeyframe::State;
 
@@ -70,15 +100,194 @@ struct DenseMapper::Impl {
         poses(options.poses),
         outputs(output_engine != nullptr ? output_engine : engine, output_engine != nullptr, std::move(callbacks)) {}
 
-  void Drop(const WindowKeyframePtr& keyframe, const Failure& failure) {
-    keyframe->state = State::kFinished;
-    outputs.SubmitDrop({keyframe->frame->id, failure.reason, failure.message}, keyframe);
+  void Add(FramePtr frame, bool is_mapped) {
+    if (!frame) throw InvalidInputError("frame: must not be null");
+    if (last_id && frame->id <= *last_id) {
+      throw InvalidInputError(
+          Concat("frame id = ", frame->id, ": must be above ", *last_id, ", the previous keyframe's"));
+    }
+    last_id = frame->id;
+    ShrinkWindow(options.window_size);  // options may have made it smaller
+    Admit(std::move(frame), is_mapped);
+    TakeTurns(TurnsOfStream(options), nullptr);
   }
 
-  std::string DescribeLandmarks(size_t count) const {
-    if (count == 0) return "no sparse points tell its depth range";
-    return Concat("of its ", count, " sparse points fewer than ", options.depth_range.min_landmarks,
-                  " are usable and in view");
+  void Flush(const std::atomic<bool>* stop) {
+    if (last_id) RefinePoses(*last_id, [&] { poses.Finish(window); });
+    TakeTurns(kTurnsOfFlush, stop);
+    for (const WindowKeyframePtr& keyframe : window) EndIfUnfinished(keyframe, 1);
+    outputs.WaitForAll();
+  }
+
+  /// While received poses contradict the images nothing is refined.
+  /// @param stop as Flush's
+  void TakeTurns(const Turns& turns, const std::atomic<bool>* stop) {
+    for (const WindowKeyframePtr& keyframe : window) {
+      if (keyframe->state == State::kPending) Initialise(keyframe, turns.min_source_views);
+    }
+    if (contradicted) return;
+    for (const WindowKeyframePtr& keyframe : window) {
+      if (keyframe->state != State::kInitialised || window.NumLaterThan(*keyframe) < turns.refined) continue;
+      Refine(keyframe);
+    }
+    TakeSteps(DueAgain(turns), stop);
+  }
+
+  /// What leaves is finished first, with the views there are.
+  void ShrinkWindow(int size) {
+    while (window.size() > static_cast<size_t>(size)) {
+      EndIfUnfinished(window.oldest(), options.min_source_views);
+      window.PopOldest();
+    }
+  }
+
+  void EndIfUnfinished(const WindowKeyframePtr& keyframe, int min_source_views) {
+    if (keyframe->state == State::kPending) DropForMissingViews(keyframe, min_source_views);
+    if (keyframe->state != State::kInitialised) return;
+    if (!contradicted) return Refine(keyframe);
+    Drop(keyframe, {"poses_contradict", Concat("keyframe ", keyframe->frame->id, ": ", DescribeContradiction())});
+  }
+
+  void Initialise(const WindowKeyframePtr& keyframe, int min_source_views) {
+    const SourceViews sources = window.SelectSources(*keyframe);
+    if (sources.keyframes.size() < static_cast<size_t>(min_source_views)) return;
+    FinishedEstimate estimate;
+    if (!Try(keyframe, [&] { estimate = estimator.Initialise(keyframe.get(), sources); })) return;
+    keyframe->state = State::kInitialised;
+    outputs.SubmitFast(keyframe, std::move(estimate));
+  }
+
+  void Refine(const WindowKeyframePtr& keyframe) {
+    KeyframeAndSources due = {keyframe, window.SelectSources(*keyframe)};
+    // Its first views may have left the window meanwhile.
+    if (due.sources.keyframes.empty()) return DropForMissingViews(keyframe, 1);
+    TakeSteps({std::move(due)}, nullptr);
+  }
+
+  struct KeyframeAndSources {
+    WindowKeyframePtr keyframe;
+    SourceViews sources;
+    bool from_refined = false;  ///< begins from its own refined estimate
+  };
+
+  /// If any would gain, those whose views have not become worse as well, for they read each other.
+  std::vector<KeyframeAndSources> DueAgain(const Turns& turns) const {
+    std::vector<KeyframeAndSources> due;
+    bool any_gains = false;
+    for (const WindowKeyframePtr& keyframe : window) {
+      const size_t later = window.NumLaterThan(*keyframe);
+      const bool has_turn = options.refine_again && later >= turns.again_fewest && later <= turns.again_most;
+      if (!keyframe->refined_score || !(has_turn || keyframe->is_withdrawn)) continue;
+      SourceViews sources = window.SelectSources(*keyframe);
+      const bool gains = keyframe->is_withdrawn || WouldGain(*keyframe, sources);
+      any_gains = any_gains || gains;
+      if (sources.keyframes.empty() || !(gains || sources.score >= *keyframe->refined_score)) continue;
+      due.push_back({keyframe, std::move(sources)});
+    }
+    if (any_gains) return due;
+    const auto has_better_maps = [&](const KeyframeAndSources& next) {
+      return turns.for_better_maps && next.keyframe->refined && HasBetterMaps(*next.keyframe, next.sources);
+    };
+    due.erase(std::remove_if(due.begin(), due.end(), std::not_fn(has_better_maps)), due.end());
+    for (KeyframeAndSources& next : due) next.from_refined = true;
+    return due;
+  }
+
+  /// All steps after the first, side by side.
+  void TakeSteps(const std::vector<KeyframeAndSources>& due, const std::atomic<bool>* stop) {
+    std::vector<KeyframeRefinement> members;
+    for (const KeyframeAndSources& next : due) members.push_back({next.keyframe, next.sources});
+    const auto for_each = [&](const auto& work) {
+      std::vector<KeyframeRefinement> going_on;
+      for (KeyframeRefinement& member : members) {
+        if (stop != nullptr && *stop) break;
+        if (Try(member.keyframe, [&] { work(&member); })) going_on.push_back(std::move(member));
+      }
+      members = std::move(going_on);
+      if (due.size() == 1) return;  // an estimate that nobody else holds gives the next one its memory
+      for (const KeyframeRefinement& member : members) member.keyframe->shared = member.problem.reference.estimate;
+    };
+    const bool from_refined = !due.empty() && due.front().from_refined;
+    for_each([&](KeyframeRefinement* member) {
+      const WindowKeyframePtr& keyframe = member->keyframe;
+      if (!from_refined && NeedsNewInitial(*keyframe, member->sources)) {
+        estimator.Initialise(keyframe.get(), member->sources);
+      }
+      BringUpToDate(member->sources);
+      *member = estimator.Begin(keyframe, member->sources, from_refined ? keyframe->refined : keyframe->initial,
+                                window.NumLaterThan(*keyframe) < kEnoughLaterKeyframes);
+    });
+    for (size_t step = 1; step < estimator.num_steps(); ++step) {
+      for_each([&](KeyframeRefinement* member) { estimator.Step(step, member); });
+    }
+    for_each([&](KeyframeRefinement* member) { Submit(member->keyframe, estimator.Finish(*member), from_refined); });
+    for (const KeyframeAndSources& done : due) done.keyframe->shared.reset();
+  }
+
+  /// Makes initial estimates anew that passes read, if poses have moved since. Where it fails, that is told, and the
+  /// old estimate is read: it is not the fault of the keyframe that reads it.
+  void BringUpToDate(const SourceViews& sources) {
+    for (const WindowKeyframePtr& source : sources.keyframes) {
+      if (!source->initial || source->EstimateForPasses() != source->initial) continue;
+      if (!HaveMoved(*source, source->initial_views)) continue;
+      const SourceViews its_sources = window.SelectSources(*source);
+      if (its_sources.keyframes.empty()) continue;
+      const auto failure = CatchFailure([&] { estimator.Initialise(source.get(), its_sources); });
+      if (failure) ReportFailedAgain(*source, *failure);
+    }
+  }
+
+  void Submit(const WindowKeyframePtr& keyframe, FinishedEstimate estimate, bool has_read_better_maps) {
+    const bool again = std::exchange(keyframe->state, State::kFinished) == State::kFinished;
+    if (again) keyframe->refined_again_at = keyframe->refined_at;
+    keyframe->has_read_better_maps = has_read_better_maps;
+    keyframe->is_withdrawn = false;
+    outputs.SubmitRefined(keyframe, std::move(estimate), options.pipeline.fusion, again);
+  }
+
+  /// Does something for a keyframe. Where it fails nobody else is concerned: a keyframe that has had its refined maps
+  /// keeps them, and that is told; another one is dropped.
+  template <class Work>
+  bool Try(const WindowKeyframePtr& keyframe, const Work& work) {
+    const auto failure = CatchFailure(work);
+    if (!failure) return true;
+    keyframe->state == State::kFinished ? ReportFailedAgain(*keyframe, *failure) : Drop(keyframe, *failure);
+    return false;
+  }
+
+  void ReportFailedAgain(const WindowKeyframe& keyframe, const Failure& failure) {
+    outputs.SubmitProblem("refine_again_failed", DescribeFailedAgain(keyframe.frame->id, failure));
+  }
+
+  void Drop(const WindowKeyframePtr& keyframe, const Failure& failure) {
+    keyframe->state = State::kFinished;
+    outputs.SubmitDrop(keyframe->frame, failure, keyframe);
+  }
+
+  void DropForMissingViews(const WindowKeyframePtr& keyframe, int min_source_views) {
+    Drop(keyframe, {"no_source_views", window.DescribeMissingViews(*keyframe, min_source_views)});
+  }
+
+  void Admit(FramePtr frame, bool is_mapped) {
+    const int64_t id = frame->id;
+    if (const auto failure = CatchFailure([&] { CheckFrame(*frame); })) {
+      // Not kept: as a source view it would make the others fail as well.
+      if (!is_mapped) throw InvalidInputError(failure->message);
+      return outputs.SubmitDrop(frame, *failure, nullptr);
+    }
+    ShrinkWindow(options.window_size - 1);
+    const WindowKeyframePtr keyframe = window.Add(std::move(frame));
+    keyframe->is_mapped = is_mapped;
+    const std::optional<DepthRange> range = FindDepthRange(*keyframe->frame);
+    if (range) keyframe->range = *range;
+    RefinePoses(id, [&] { range ? poses.Add(keyframe, window) : poses.Finish(window); });
+    if (!is_mapped) {
+      keyframe->state = State::kFinished;
+    } else if (!range) {
+      Drop(keyframe, {"no_depth_range",
+                      Concat("keyframe ", id, ": ", DescribeLandmarks(keyframe->frame->landmarks_in_world.size()),
+                             ", and no earlier keyframe had a depth range: set depth_min and depth_max")});
+    }
   }
 
   std::optional<DepthRange> FindDepthRange(const Frame& frame) {
@@ -91,62 +300,20 @@ struct DenseMapper::Impl {
     return last_range;
   }
 
+  std::string DescribeLandmarks(size_t count) const {
+    if (count == 0) return "no sparse points tell its depth range";
+    return Concat("of its ", count, " sparse points fewer than ", options.depth_range.min_landmarks,
+                  " are usable and in view");
+  }
+
   /// Where refinement fails poses stay as they are, and that is told.
   template <class Work>
   void RefinePoses(int64_t id, const Work& work) {
-    if (const auto failure = CatchFailure(work)) outputs.ReportFailedPoses(id, *failure);
-  }
-
-  /// Whether the frame is in the window now.
-  bool Admit(FramePtr frame, bool is_mapped) {
-    const int64_t id = frame->id;
-    if (const auto failure = CatchFailure([&] { CheckFrame(*frame); })) {
-      // Not kept: as a source view it would make the others fail as well.
-      if (!is_mapped) throw InvalidInputError(failure->message);
-      outputs.SubmitDrop({id, failure->reason, failure->message}, nullptr);
-      return false;
+    if (const auto failure = CatchFailure(work)) {
+      outputs.SubmitProblem("pose_refinement_failed",
+                            Concat("poses could not be refined with keyframe ", id, ": ", failure->message));
     }
-    ShrinkWindow(options.window_size - 1);
-    const WindowKeyframePtr keyframe = window.Add(std::move(frame));
-    keyframe->is_mapped = is_mapped;
-    const std::optional<DepthRange> range = FindDepthRange(*keyframe->frame);
-    if (range) keyframe->range = *range;
-    RefinePoses(id, [&] { range ? poses.Add(keyframe, window) : poses.Finish(window); });
     HeedContradiction();
-    if (!is_mapped) {
-      keyframe->state = State::kFinished;
-    } else if (!range) {
-      Drop(keyframe, {"no_depth_range",
-                      Concat("keyframe ", id, ": ", DescribeLandmarks(keyframe->frame->landmarks_in_world.size()),
-                             ", and no earlier keyframe had a depth range: set depth_min and depth_max")});
-    }
-    return true;
-  }
-
-  /// What leaves is finished first, with the views there are.
-  void ShrinkWindow(int size) {
-    while (window.size() > static_cast<size_t>(size)) {
-      const WindowKeyframePtr oldest = window.oldest();
-      if (oldest->state == State::kInitialised) contradicted ? DropForContradiction(oldest) : Refine(oldest);
-      if (oldest->state == State::kPending) DropForMissingViews(oldest, options.min_source_views);
-      window.PopOldest();
-    }
-  }
-
-  void DropForMissingViews(const WindowKeyframePtr& keyframe, int min_source_views) {
-    Drop(keyframe, {"no_source_views", window.DescribeMissingViews(*keyframe, min_source_views)});
-  }
-
-  void DropForContradiction(const WindowKeyframePtr& keyframe) {
-    Drop(keyframe, {"poses_contradict", Concat("keyframe ", keyframe->frame->id, ": ", DescribeContradiction())});
-  }
-
-  std::string DescribeContradiction() const {
-    return Concat(
-        "poses contradict the images: motions of the last keyframes put their maps ",
-        100 * poses.checks().contradiction.value_or(0), " % of the depth apart, at most ",
-        100 * options.pipeline.fusion.max_relative_depth,
-        " % can be fused; the frontend has lost track, its scale changes, or calibration or stamps are wrong");
   }
 
   /// Where received poses contradict the images, maps would come to lie anywhere: those of the newest keyframes are
@@ -155,8 +322,7 @@ struct DenseMapper::Impl {
   void HeedContradiction() {
     const double limit = (contradicted ? 0.5 : 1.0) * options.pipeline.fusion.max_relative_depth;
     const bool was_contradicted = std::exchange(contradicted, poses.checks().contradiction.value_or(0) > limit);
-    if (!contradicted) return BringBack();
-    if (was_contradicted) return;
+    if (!contradicted || was_contradicted) return;
     for (size_t later = std::min(kContradictionImages, window.size()); later-- > 0;) {
       const WindowKeyframePtr& keyframe = window.WithLater(later);
       if (keyframe->is_withdrawn || !keyframe->refined_score) continue;
@@ -165,175 +331,12 @@ struct DenseMapper::Impl {
     }
   }
 
-  /// Maps of keyframes that have been withdrawn. Where that fails they stay so, and it is tried again with the next
-  /// keyframe.
-  void BringBack() {
-    for (const WindowKeyframePtr& keyframe : window) {
-      if (!keyframe->is_withdrawn) continue;
-      const SourceViews sources = window.SelectSources(*keyframe);
-      const bool wanted = outputs.WantsRefinedAgain(*keyframe) && !sources.keyframes.empty();
-      keyframe->is_withdrawn = wanted && !RefineAgain(keyframe, sources, true);
-    }
-  }
-
-  void InitialisePending(int min_source_views) {
-    for (const WindowKeyframePtr& keyframe : window) {
-      if (keyframe->state != State::kPending) continue;
-      const SourceViews sources = window.SelectSources(*keyframe);
-      if (sources.keyframes.size() < static_cast<size_t>(min_source_views)) continue;
-      FinishedEstimate estimate;
-      if (const auto failure = CatchFailure([&] { estimate = estimator.Initialise(keyframe.get(), sources); })) {
-        Drop(keyframe, *failure);
-        continue;
-      }
-      keyframe->state = State::kInitialised;
-      outputs.SubmitFast(keyframe, std::move(estimate));
-    }
-  }
-
-  void RefineWithLater(size_t later_keyframes) {
-    for (size_t later = window.size(); later-- > later_keyframes;) {
-      const WindowKeyframePtr& keyframe = window.WithLater(later);
-      if (keyframe->state == State::kInitialised) Refine(keyframe);
-    }
-  }
-
-  /// Makes the initial estimate of the keyframe anew if passes read it and poses have moved since.
-  void BringUpToDate(const WindowKeyframePtr& keyframe) {
-    if (!keyframe->initial || keyframe->EstimateForPasses() != keyframe->initial) return;
-    if (!HaveMoved(*keyframe, keyframe->initial_views)) return;
-    const SourceViews sources = window.SelectSources(*keyframe);
-    if (!sources.keyframes.empty()) estimator.Initialise(keyframe.get(), sources);
-  }
-
-  /// The same of source views. Where it fails for one, that is told, and its old estimate is read: it is not the fault
-  /// of the keyframe that reads it.
-  void BringUpToDate(const SourceViews& sources) {
-    for (const WindowKeyframePtr& source : sources.keyframes) {
-      TryAgain(*source, [&] { BringUpToDate(source); });
-    }
-  }
-
-  /// All steps of a refinement of one keyframe. What it throws leaves the keyframe as it was.
-  FinishedEstimate TakeAllSteps(const WindowKeyframePtr& keyframe, const SourceViews& sources,
-                                const EngineEstimatePtr& start) {
-    KeyframeRefinement refinement =
-        estimator.Begin(keyframe, sources, start, RefinementPolicy::LacksFutureViews(window, *keyframe));
-    for (size_t step = 1; step < estimator.num_steps(); ++step) estimator.Step(step, &refinement);
-    return estimator.Finish(std::move(refinement));
-  }
-
-  void Refine(const WindowKeyframePtr& keyframe) {
-    const SourceViews sources = window.SelectSources(*keyframe);
-    // Its first views may have left the window meanwhile.
-    if (sources.keyframes.empty()) return DropForMissingViews(keyframe, 1);
-    FinishedEstimate estimate;
-    const auto failure = CatchFailure([&] {
-      BringUpToDate(keyframe);
-      BringUpToDate(sources);
-      estimate = TakeAllSteps(keyframe, sources, keyframe->initial);
-    });
-    if (failure) return Drop(keyframe, *failure);
-    keyframe->state = State::kFinished;
-    outputs.SubmitRefined(keyframe, std::move(estimate), options.pipeline.fusion);
-  }
-
-  bool WantsRefinedAgain(const WindowKeyframe& keyframe) {
-    return options.refine_again && !contradicted && !keyframe.is_withdrawn && keyframe.refined_score &&
-           outputs.WantsRefinedAgain(keyframe);
-  }
-
-  /// Does something for a finished keyframe that is refined again. Where it fails that is told, the maps that others
-  /// have of it stay as they are, and nobody else is concerned.
-  template <class Work>
-  bool TryAgain(const WindowKeyframe& keyframe, const Work& work) {
-    const auto failure = CatchFailure(work);
-    if (failure) outputs.ReportFailedAgain(keyframe.frame->id, *failure);
-    return !failure;
-  }
-
-  /// A new initial estimate if the keyframe's is worse than it could be.
-  void InitialiseAgain(const WindowKeyframePtr& keyframe, const SourceViews& sources) {
-    if (RefinementPolicy::NeedsNewInitial(*keyframe, sources)) estimator.Initialise(keyframe.get(), sources);
-  }
-
-  void SubmitAgain(const WindowKeyframePtr& keyframe, FinishedEstimate estimate, bool has_read_better_maps) {
-    keyframe->refined_again_at = keyframe->refined_at;
-    keyframe->has_read_better_maps = has_read_better_maps;
-    outputs.SubmitRefinedAgain(std::move(estimate), options.pipeline.fusion);
-  }
-
-  bool RefineAgain(const WindowKeyframePtr& keyframe, const SourceViews& sources, bool from_initial) {
-    return TryAgain(*keyframe, [&] {
-      if (from_initial) InitialiseAgain(keyframe, sources);
-      BringUpToDate(sources);
-      SubmitAgain(keyframe, TakeAllSteps(keyframe, sources, from_initial ? keyframe->initial : keyframe->refined),
-                  !from_initial);
-    });
-  }
-
-  /// The keyframe that has as many later ones as earlier ones to be matched against, at most.
-  void RefineHalfwayAgain() {
-    const size_t half = static_cast<size_t>(options.window_size) / 2;
-    if (window.size() <= half) return;
-    const WindowKeyframePtr& keyframe = window.WithLater(half);
-    if (!WantsRefinedAgain(*keyframe)) return;
-    const SourceViews sources = window.SelectSources(*keyframe);
-    const RefinementPolicy::Again again = RefinementPolicy::Decide(*keyframe, sources);
-    if (again == RefinementPolicy::Again::kNo) return;
-    RefineAgain(keyframe, sources, again == RefinementPolicy::Again::kFromInitial);
-  }
-
-  std::vector<KeyframeRefinement> BeginSideBySide() {
-    std::vector<WindowKeyframePtr> wanted;
-    std::copy_if(window.begin(), window.end(), std::back_inserter(wanted),
-                 [&](const WindowKeyframePtr& keyframe) { return WantsRefinedAgain(*keyframe); });
-    std::vector<KeyframeRefinement> members;
-    for (const auto& [keyframe, sources] : RefinementPolicy::ChooseForSideBySide(window, wanted)) {
-      TryAgain(*keyframe, [&, &keyframe = keyframe, &sources = sources] {
-        InitialiseAgain(keyframe, sources);
-        members.push_back(estimator.Begin(keyframe, sources, keyframe->initial,
-                                          RefinementPolicy::LacksFutureViews(window, *keyframe)));
-      });
-    }
-    return members;
-  }
-
-  /// All that is to come has come. Keyframes take their steps side by side, as offline: each reads what the step before
-  /// has made of the others.
-  void RefineWindowAgain() {
-    std::vector<KeyframeRefinement> members = BeginSideBySide();
-    const SideBySide side_by_side(members);
-    const auto for_each_member = [&](const auto& work) {
-      std::vector<KeyframeRefinement> going_on;
-      for (KeyframeRefinement& member : members) {
-        if (!WantsRefinedAgain(*member.keyframe)) continue;
-        if (TryAgain(*member.keyframe, [&] { work(&member); })) going_on.push_back(std::move(member));
-      }
-      members = std::move(going_on);
-    };
-    for (size_t step = 1; step < estimator.num_steps(); ++step) {
-      for_each_member([&](KeyframeRefinement* member) { estimator.Step(step, member); });
-      SideBySide::Share(members);
-    }
-    for_each_member([&](KeyframeRefinement* member) {
-      const WindowKeyframePtr keyframe = member->keyframe;
-      SubmitAgain(keyframe, estimator.Finish(*member), false);
-    });
-  }
-
-  void Add(FramePtr frame, bool is_mapped) {
-    if (!frame) throw InvalidInputError("frame: must not be null");
-    if (last_id && frame->id <= *last_id) {
-      throw InvalidInputError(
-          Concat("frame id = ", frame->id, ": must be above ", *last_id, ", the previous keyframe's"));
-    }
-    last_id = frame->id;
-    ShrinkWindow(options.window_size);  // options may have made it smaller
-    const bool is_admitted = Admit(std::move(frame), is_mapped);
-    InitialisePending(options.min_source_views);
-    if (!contradicted) RefineWithLater(static_cast<size_t>(options.lookahead));
-    if (is_admitted) RefineHalfwayAgain();
+  std::string DescribeContradiction() const {
+    return Concat(
+        "poses contradict the images: motions of the last keyframes put their maps ",
+        100 * poses.checks().contradiction.value_or(0), " % of the depth apart, at most ",
+        100 * options.pipeline.fusion.max_relative_depth,
+        " % can be fused; the frontend has lost track, its scale changes, or calibration or stamps are wrong");
   }
 
   DenseMapperOptions options;
@@ -367,19 +370,7 @@ void DenseMapper::AddKeyframe(FramePtr frame) { impl_->Add(std::move(frame), tru
 
 void DenseMapper::AddSourceImage(FramePtr frame) { impl_->Add(std::move(frame), false); }
 
-void DenseMapper::Flush(bool refine_again) {
-  if (impl_->last_id) impl_->RefinePoses(*impl_->last_id, [&] { impl_->poses.Finish(impl_->window); });
-  impl_->HeedContradiction();
-  impl_->InitialisePending(1);
-  for (const WindowKeyframePtr& keyframe : impl_->window) {
-    if (keyframe->state == WindowKeyframe::State::kPending) impl_->DropForMissingViews(keyframe, 1);
-    if (impl_->contradicted && keyframe->state == WindowKeyframe::State::kInitialised)
-      impl_->DropForContradiction(keyframe);
-  }
-  impl_->RefineWithLater(0);
-  if (refine_again) impl_->RefineWindowAgain();
-  impl_->outputs.WaitForAll();
-}
+void DenseMapper::Flush(const std::atomic<bool>* stop) { impl_->Flush(stop); }
 
 void DenseMapper::Reset() {
   impl_->outputs.WaitForAll();

@@ -21,11 +21,11 @@ struct FinishedEstimate {
 struct KeyframeRefinement {
   WindowKeyframePtr keyframe;
   SourceViews sources;
-  EngineProblem problem;           ///< the reference's estimate is that of the last step taken
-  bool lacks_future_views;         ///< what the keyframe's becomes
-  EngineEstimatePtr after_passes;  ///< if it lacks future views: before what is unverified was filled
-  StageTimes times;
-  std::string prior_depth_rejection;  ///< of the last step that filled
+  EngineProblem problem = {};           ///< the reference's estimate is that of the last step taken
+  bool lacks_future_views = false;      ///< what the keyframe's becomes
+  EngineEstimatePtr after_passes = {};  ///< if it lacks future views: before what is unverified was filled
+  StageTimes times = {};
+  std::string prior_depth_rejection = {};  ///< of the last step that filled
 };
 
 /// Takes keyframes of the window through the steps of the schedule: step 0 is the initial estimate, all others together

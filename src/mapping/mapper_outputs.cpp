@@ -7,10 +7,6 @@
 namespace acmp {
 namespace {
 
-std::string DescribeFailedAgain(int64_t id, const Failure& failure) {
-  return Concat("keyframe ", id, " could not be refined again: ", failure.message);
-}
-
 void Scale(float scale, DepthMap* depths) {
   for (float& depth : *depths) depth *= scale;
 }
@@ -58,6 +54,67 @@ PointLosses FindPointLosses(const EngineProblem& problem, const FusionOptions& c
 
 }  // namespace
 
+OutputQueue::OutputQueue(bool has_thread) {
+  if (has_thread) thread_ = std::thread([this] { Run(); });
+}
+
+OutputQueue::~OutputQueue() {
+  std::deque<Job> discarded;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stopped_ = true;
+    discarded.swap(jobs_);
+  }
+  discarded.clear();  // without the lock: jobs may own anything
+  given_.notify_one();
+  if (thread_.joinable()) thread_.join();
+}
+
+void OutputQueue::Submit(Job job) {
+  if (!thread_.joinable()) return job();
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    jobs_.push_back(std::move(job));
+    ++unfinished_;
+  }
+  given_.notify_one();
+  WaitForFewerThan(kMaxJobs);
+}
+
+void OutputQueue::WaitForAll() { WaitForFewerThan(1); }
+
+void OutputQueue::WaitForFewerThan(size_t jobs) {
+  std::unique_lock<std::mutex> lock(mutex_);
+  done_.wait(lock, [&] { return unfinished_ < jobs; });
+  if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
+}
+
+void OutputQueue::Run() {
+  std::unique_lock<std::mutex> lock(mutex_);
+  for (;;) {
+    given_.wait(lock, [this] { return stopped_ || !jobs_.empty(); });
+    if (stopped_) return;
+    Job job = std::move(jobs_.front());
+    jobs_.pop_front();
+    lock.unlock();
+    std::exception_ptr failure;
+    try {
+      job();
+    } catch (...) {
+      failure = std::current_exception();
+    }
+    job = nullptr;  // what it holds goes before its giver hears that it is done
+    lock.lock();
+    if (!failure_) failure_ = failure;
+    --unfinished_;
+    done_.notify_one();
+  }
+}
+
+std::string DescribeFailedAgain(int64_t id, const Failure& failure) {
+  return Concat("keyframe ", id, " could not be refined again: ", failure.message);
+}
+
 KeyframeDepthPtr MapperOutputs::MakeFast(const FinishedEstimate& estimate) const {
   auto maps = MakeWithoutMaps(estimate);
   maps->depth = engine_->DownloadDepth(estimate.problem.reference.estimate);
@@ -102,25 +159,17 @@ void MapperOutputs::SubmitFast(const WindowKeyframePtr& keyframe, FinishedEstima
 }
 
 void MapperOutputs::SubmitRefined(const WindowKeyframePtr& keyframe, FinishedEstimate estimate,
-                                  const FusionOptions& consistency) {
-  keyframe->output = queue_.Submit([this, keyframe, consistency, estimate = std::move(estimate)] {
+                                  const FusionOptions& consistency, bool again) {
+  queue_.Submit([this, keyframe, consistency, again, estimate = std::move(estimate)] {
+    if (again && !keyframe->had_refined) return;  // it was dropped
     KeyframeDepthPtr maps;
     if (const auto failure = CatchFailure([&] { maps = MakeRefined(estimate, consistency); })) {
-      if (!callbacks_.on_drop) return;
-      return callbacks_.on_drop({keyframe->frame->id, failure->reason, failure->message, keyframe->had_fast});
+      if (again) return CallProblem("refine_again_failed", DescribeFailedAgain(keyframe->frame->id, *failure));
+      return CallDrop({keyframe->frame, failure->reason, failure->message, keyframe->had_fast});
     }
     keyframe->had_refined = true;
-    if (callbacks_.on_refined) callbacks_.on_refined(maps);
-  });
-}
-
-void MapperOutputs::SubmitRefinedAgain(FinishedEstimate estimate, const FusionOptions& consistency) {
-  queue_.Submit([this, consistency, estimate = std::move(estimate)] {
-    KeyframeDepthPtr maps;
-    if (const auto failure = CatchFailure([&] { maps = MakeRefined(estimate, consistency); })) {
-      return CallProblem("refine_again_failed", DescribeFailedAgain(estimate.problem.reference.frame->id, *failure));
-    }
-    if (callbacks_.on_refined_again) callbacks_.on_refined_again(maps);
+    const auto& callback = again ? callbacks_.on_refined_again : callbacks_.on_refined;
+    if (callback) callback(maps);
   });
 }
 
@@ -134,26 +183,18 @@ void MapperOutputs::SubmitWithdrawal(const WindowKeyframePtr& keyframe, const st
   });
 }
 
-void MapperOutputs::SubmitDrop(KeyframeDrop drop, WindowKeyframePtr keyframe) {
-  queue_.Submit([this, drop = std::move(drop), keyframe = std::move(keyframe)]() mutable {
-    drop.had_fast = keyframe && keyframe->had_fast;
-    if (callbacks_.on_drop) callbacks_.on_drop(drop);
+void MapperOutputs::SubmitDrop(const FramePtr& frame, const Failure& failure, const WindowKeyframePtr& keyframe) {
+  queue_.Submit([this, frame, failure, keyframe] {
+    CallDrop({frame, failure.reason, failure.message, keyframe && keyframe->had_fast});
   });
 }
 
-void MapperOutputs::ReportFailedAgain(int64_t id, const Failure& failure) {
-  queue_.Submit([this, message = DescribeFailedAgain(id, failure)] { CallProblem("refine_again_failed", message); });
+void MapperOutputs::SubmitProblem(const char* reason, const std::string& message) {
+  queue_.Submit([this, reason, message] { CallProblem(reason, message); });
 }
 
-void MapperOutputs::ReportFailedPoses(int64_t id, const Failure& failure) {
-  queue_.Submit([this, message = Concat("poses could not be refined with keyframe ", id, ": ", failure.message)] {
-    CallProblem("pose_refinement_failed", message);
-  });
-}
-
-bool MapperOutputs::WantsRefinedAgain(const WindowKeyframe& keyframe) {
-  queue_.WaitFor(keyframe.output);
-  return keyframe.had_refined && (!callbacks_.wants_refined_again || callbacks_.wants_refined_again());
+void MapperOutputs::CallDrop(const KeyframeDrop& drop) const {
+  if (callbacks_.on_drop) callbacks_.on_drop(drop);
 }
 
 void MapperOutputs::CallProblem(const char* reason, const std::string& message) const {

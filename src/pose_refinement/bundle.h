@@ -1,8 +1,10 @@
 #pragma once
 
+#include <cstddef>
 #include <optional>
 #include <vector>
 
+#include "acmp_mapping/geometry/similarity.h"
 #include "acmp_mapping/pose_refinement/pose_refinement.h"
 #include "view.h"
 
@@ -34,5 +36,10 @@ struct PixelErrors {
 /// @param inverse_length (length of `direction`) / (distance), with sign: 1 / z where direction.z = 1
 PixelErrors PixelErrorsAt(const PinholeCamera& camera, const Eigen::Vector2d& pixel, const ViewPose& pose,
                           const CameraMotion& motion, const Eigen::Vector3d& direction, double inverse_length);
+
+/// FitSimilarity of the first `count` poses.
+Similarity FitSimilarity(const std::vector<ViewPose>& from, const std::vector<ViewPose>& to, size_t count);
+
+std::vector<ViewPose> Moved(const Similarity& similarity, std::vector<ViewPose> poses);
 
 }  // namespace acmp

@@ -10,7 +10,6 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/median.h"
 #include "landmark_matching.h"
-#include "rotation_vector.h"
 
 namespace acmp {
 namespace {

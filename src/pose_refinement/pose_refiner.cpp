@@ -8,14 +8,11 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
-#include "align_views.h"
 #include "bundle_refinement.h"
-#include "contradiction.h"
 #include "corner_detection.h"
 #include "landmark_matching.h"
+#include "pose_checks.h"
 #include "resection.h"
-#include "rotation_vector.h"
-#include "stamp_offset.h"
 
 namespace acmp {
 namespace {

@@ -4,8 +4,6 @@
 
 #include <Eigen/Cholesky>
 
-#include "rotation_vector.h"
-
 namespace acmp {
 namespace {
 

@@ -132,7 +132,7 @@ class OnlineSchedule {
 
   void Drop(const KeyframeDrop& drop) {
     if (drop.reason == "processing_error") throw ProcessingError(drop.message);
-    ImagePlan& image = PlanOf(drop.id);
+    ImagePlan& image = PlanOf(drop.frame->id);
     image.no_map = drop.message;
     if (drop.reason == "no_depth_range") image.no_map += " (give --depth-min and --depth-max)";
   }

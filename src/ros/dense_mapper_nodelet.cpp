@@ -58,13 +58,14 @@ DenseMapperNodelet::~DenseMapperNodelet() {
   // that.
   if (worker_) worker_->Stop();
   StopThreads();
-  if (worker_) worker_->Join();  // not reset: its hooks still ask the worker
+  worker_.reset();
 }
 
 void DenseMapperNodelet::Start() {
   LoadOptions();
-  publisher_ = std::make_unique<OutputPublisher>(status_thread_.Attach(getNodeHandle()), getName(),
-                                                 [this] { return ImagesUnderWay(TakeSnapshot()); });
+  publisher_ =
+      std::make_unique<OutputPublisher>(status_thread_.Attach(getNodeHandle()), getName(), &incidents_,
+                                        [this](const RejectedInput& rejected) { Report(WithDoubt(rejected)); });
   StartWorker();
   StartReconfigure();
   Subscribe();
@@ -106,12 +107,8 @@ void DenseMapperNodelet::StartWorker() {
   MapperWorker::Hooks hooks;
   hooks.on_device = [this](const WorkerStatus& status) { LogDevice(status); };
   hooks.on_setting = [this](const AutoPreset& chosen, const std::string& text) { UseSetting(chosen, text); };
-  hooks.outputs.on_fast = [this](const KeyframeOutput& output) { publisher_->PublishFast(output); };
-  hooks.outputs.on_refined = [this](const KeyframeOutput& output) { publisher_->PublishRefined(output); };
-  hooks.outputs.on_refined_again = [this](const KeyframeOutput& output) { publisher_->PublishRefinedAgain(output); };
-  hooks.outputs.wants_refined_again = [this] { return publisher_->maps() > 0; };
-  hooks.outputs.on_drop = [this](const RejectedInput& drop) { Report(WithDoubt(drop)); };
-  worker_ = std::make_unique<MapperWorker>(options_, runtime_options_.get(), ReadMaskFile(options_.mask_file), hooks);
+  worker_ = std::make_unique<MapperWorker>(options_, runtime_options_.get(), ReadMaskFile(options_.mask_file),
+                                           publisher_.get(), hooks);
 }
 
 RejectedInput DenseMapperNodelet::WithDoubt(RejectedInput drop) {
@@ -293,6 +290,7 @@ void DenseMapperNodelet::Deliver(bool all) {
     intake_->set_masks_expected(masks_expected);
     intake_->set_prior_depth_expected(prior_depth_expected);
     events = all ? intake_->TakeAll() : intake_->Take(SteadySeconds() - blocked_s_);
+    publisher_->set_images(ImagesReceived(InputStatuses()) - intake_->not_chosen());
   }
   const double start_s = SteadySeconds();
   for (IntakeEvent& event : events) Dispatch(std::move(event), all);

@@ -43,13 +43,13 @@ std::optional<double> MeanInterval(const std::deque<int64_t>& stamps_ns) {
 
 }  // namespace
 
-MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions* options, Mask fixed_mask, Hooks hooks)
+MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions* options, Mask fixed_mask,
+                           OutputPublisher* outputs, Hooks hooks)
     : node_options_(node_options),
       options_(options),
       fixed_mask_(std::move(fixed_mask)),
-      on_device_(std::move(hooks.on_device)),
-      on_setting_(std::move(hooks.on_setting)),
-      outputs_(std::move(hooks.outputs)),
+      outputs_(outputs),
+      hooks_(std::move(hooks)),
       queue_(node_options.overload),
       auto_preset_(node_options.preset == kAutoPreset ? std::make_optional<AutoPreset>() : std::nullopt),
       run_(NewRun()),
@@ -57,16 +57,13 @@ MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions*
 
 MapperWorker::~MapperWorker() {
   Stop();
-  Join();
+  if (thread_.joinable()) thread_.join();
 }
 
 void MapperWorker::Stop() {
-  outputs_.Stop();
+  outputs_->Stop();
+  abandoned_ = true;
   queue_.Stop();
-}
-
-void MapperWorker::Join() {
-  if (thread_.joinable()) thread_.join();
 }
 
 void MapperWorker::Push(KeyframeInput input, bool wait_for_room) {
@@ -78,21 +75,21 @@ void MapperWorker::Push(KeyframeInput input, bool wait_for_room) {
   }
   const std::optional<KeyframeInput> dropped = queue_.Push(std::move(input), wait_for_room);
   if (!dropped) return;
-  outputs_.ReportDrop(
-      {"overload", Concat("keyframe ", FormatStamp(dropped->stamp_ns), ": the mapper is busy (~overload)", kWhenBusy),
-       true});
+  outputs_->Report({"overload",
+                    Concat("keyframe ", FormatStamp(dropped->stamp_ns), ": the mapper is busy (~overload)", kWhenBusy),
+                    true});
 }
 
 std::string MapperWorker::Flush() {
   return RunCommand(false, [this] {
     if (!mapper_) throw ProcessingError(device_error_);
-    mapper_->Flush();
+    FlushMapper();
   });
 }
 
 void MapperWorker::StartOver() {
   queue_.PushCommand([this] {
-    if (mapper_) mapper_->Flush();
+    if (mapper_) FlushMapper();
     if (mapper_) mapper_->Reset();
     run_ = NewRun();
   });
@@ -100,14 +97,15 @@ void MapperWorker::StartOver() {
 
 std::string MapperWorker::Reset() {
   for (const KeyframeInput& input : queue_.ClearInputs()) {
-    outputs_.ReportDrop({"reset", Concat("keyframe ", FormatStamp(input.stamp_ns), " was queued (reset)"), true});
+    outputs_->Report({"reset", Concat("keyframe ", FormatStamp(input.stamp_ns), " was queued (reset)"), true});
   }
-  outputs_.set_abandoned(true);
+  abandoned_ = true;
   std::string failure = RunCommand(true, [this] {
     if (mapper_) mapper_->Reset();
     run_ = NewRun();
   });
-  outputs_.set_abandoned(false);
+  abandoned_ = false;
+  if (outputs_->is_stopping()) abandoned_ = true;
   return failure;
 }
 
@@ -137,16 +135,16 @@ WorkerStatus MapperWorker::status() const {
     std::lock_guard<std::mutex> lock(status_mutex_);
     status = status_;
   }
-  status.outputs = outputs_.status();
+  status.outputs = outputs_->status();
   return status;
 }
 
 void MapperWorker::Run() {
-  const auto report = [this](const std::string& text) { outputs_.ReportDrop({"processing_error", text}); };
+  const auto report = [this](const std::string& text) { outputs_->Report({"processing_error", text}); };
   MakeMapper();
   CallGuarded(
       [this] {
-        if (!outputs_.is_stopping()) on_device_(status());
+        if (!outputs_->is_stopping()) hooks_.on_device(status());
       },
       report);
   while (auto item = queue_.Pop()) {
@@ -176,7 +174,7 @@ void MapperWorker::ProcessOrDrop(const KeyframeInput& input, void (MapperWorker:
   };
   CallGuarded(work, [&](const std::string& text) {
     const std::string topic = input.image->topic.empty() ? "" : Concat(" of ", input.image->topic);
-    outputs_.ReportDrop({reason, Concat("keyframe ", FormatStamp(input.stamp_ns), topic, ": ", text), true});
+    outputs_->Report({reason, Concat("keyframe ", FormatStamp(input.stamp_ns), topic, ": ", text), true});
   });
 }
 
@@ -185,7 +183,7 @@ void MapperWorker::MakeMapper() {
     DepthEngineBackend backend = MakeDepthEngine(node_options_.device, node_options_.cuda_device);
     engine_ = std::move(backend.engine);
     output_engine_ = engine_->Share();
-    mapper_ = std::make_unique<DenseMapper>(engine_.get(), options_->Get().mapper, outputs_.MakeCallbacks(),
+    mapper_ = std::make_unique<DenseMapper>(engine_.get(), options_->Get().mapper, outputs_->MakeCallbacks(),
                                             output_engine_.get());
     UpdateStatus([&](WorkerStatus* status) {
       status->ready = true;
@@ -198,19 +196,27 @@ void MapperWorker::MakeMapper() {
   }
 }
 
+void MapperWorker::UseOptions() {
+  RuntimeOptions options = options_->Get();
+  options.mapper.refine_again = options.mapper.refine_again && outputs_->maps() > 0;
+  mapper_->set_options(options.mapper);
+  outputs_->set_min_depth_confidence(options.min_depth_confidence);
+}
+
+void MapperWorker::FlushMapper() {
+  UseOptions();
+  mapper_->Flush(&abandoned_);
+}
+
 void MapperWorker::Process(const KeyframeInput& input) {
   if (!mapper_) {
-    return outputs_.ReportDrop(
-        {"no_device", Concat("keyframe ", FormatStamp(input.stamp_ns), ": ", device_error_), true});
+    return outputs_->Report({"no_device", Concat("keyframe ", FormatStamp(input.stamp_ns), ": ", device_error_), true});
   }
   Timer timer;
-  const RuntimeOptions options = options_->Get();
-  mapper_->set_options(options.mapper);
-  outputs_.set_min_depth_confidence(options.min_depth_confidence);
+  UseOptions();
 
   const FramePtr frame = PrepareFrame(input);
   const double preparation_ms = timer.Lap();
-  outputs_.Add(frame->id, {input, run_});
   UpdateStatus([&](WorkerStatus* status) {
     ++status->keyframes;
     status->width = frame->camera.width;
@@ -218,7 +224,6 @@ void MapperWorker::Process(const KeyframeInput& input) {
     status->preparation_ms = preparation_ms;
   });
   mapper_->AddKeyframe(frame);
-  outputs_.Trim(2 * static_cast<size_t>(options.mapper.window_size));
   const PoseChecks checks = mapper_->pose_checks();
   const double keyframe_ms = preparation_ms + timer.Lap();
   const std::string distortion =
@@ -231,8 +236,8 @@ void MapperWorker::Process(const KeyframeInput& input) {
     status->pose_checks = checks;
     status->keyframe_ms = keyframe_ms;
   });
-  if (is_new_offset) outputs_.ReportDrop({"stamp_offset", DescribeStampOffset(*checks.stamp_offset_s)});
-  if (is_new_distortion) outputs_.ReportDrop({"distortion", distortion});
+  if (is_new_offset) outputs_->Report({"stamp_offset", DescribeStampOffset(*checks.stamp_offset_s)});
+  if (is_new_distortion) outputs_->Report({"distortion", distortion});
   if (auto_preset_) ChooseSetting(keyframe_ms);
 }
 
@@ -246,20 +251,19 @@ void MapperWorker::ChooseSetting(double keyframe_ms) {
   const std::optional<std::string> chosen = auto_preset_->Add(keyframe_ms, interval_s);
   if (!chosen) return;
   if (auto_preset_->setting().size != size) {  // images of different sizes do not match well
-    mapper_->Flush();
+    FlushMapper();
     mapper_->Reset();
   }
   UpdateStatus([&](WorkerStatus* status) { status->auto_preset = *chosen; });
-  on_setting_(*auto_preset_, *chosen);
+  hooks_.on_setting(*auto_preset_, *chosen);
 }
 
 void MapperWorker::ProcessOvertaken(const KeyframeInput& input) {
   if (mapper_) {
-    const RuntimeOptions options = options_->Get();
-    mapper_->set_options(options.mapper);
+    UseOptions();
     mapper_->AddSourceImage(PrepareFrame(input));
   }
-  outputs_.ReportDrop(
+  outputs_->Report(
       {"overload",
        Concat("keyframe ", FormatStamp(input.stamp_ns),
               " gets no maps, since the mapper is busy (~overload); others are matched against it", kWhenBusy),
@@ -276,7 +280,7 @@ Mask MapperWorker::MaskOf(const KeyframeInput& input) {
     }
     if (input.mask) mask = IntersectMasks(std::move(mask), DecodeMask(*input.mask, camera));
   } catch (const InvalidInputError& error) {
-    outputs_.ReportDrop(
+    outputs_->Report(
         {"bad_mask", Concat("image ", FormatStamp(input.stamp_ns), " is used without it: ", error.what())});
   }
   return mask;
@@ -290,7 +294,7 @@ DepthMap MapperWorker::PriorDepthOf(const KeyframeInput& input) {
     }
     return DecodePriorDepth(*input.prior_depth);
   } catch (const InvalidInputError& error) {
-    outputs_.ReportDrop(
+    outputs_->Report(
         {"bad_prior_depth", Concat("image ", FormatStamp(input.stamp_ns), " goes without: ", error.what())});
     return {};
   }
@@ -312,12 +316,12 @@ FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input) {
   const std::string note = decoder_.note();
   ColorImage image = rectifier_->Rectify(decoder_.Decode(*input.image, &calibration_->camera));
   if (!decoder_.note().empty() && decoder_.note() != note) {
-    outputs_.ReportDrop({"assumed_encoding", Concat(input.image->topic, ": ", decoder_.note())});
+    outputs_->Report({"assumed_encoding", Concat(input.image->topic, ": ", decoder_.note())});
   }
-  return std::make_shared<const Frame>(
-      MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image), calibration_->camera,
-                input.world_from_cam.inverse(), input.landmarks_in_world, frame_options,
-                rectifier_->RectifyMask(MaskOf(input)), rectifier_->RectifyDepth(PriorDepthOf(input))));
+  Frame frame = MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image),
+                          calibration_->camera, input.world_from_cam.inverse(), input.landmarks_in_world, frame_options,
+                          rectifier_->RectifyMask(MaskOf(input)), rectifier_->RectifyDepth(PriorDepthOf(input)));
+  return std::make_shared<const ReceivedFrame>(ReceivedFrame{std::move(frame), input, run_});
 }
 
 }  // namespace acmp

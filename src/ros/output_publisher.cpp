@@ -1,6 +1,7 @@
 #include "acmp_mapping/ros/output_publisher.h"
 
 #include <cmath>
+#include <exception>
 #include <limits>
 #include <utility>
 #include <vector>
@@ -11,7 +12,9 @@
 #include <tf2_eigen/tf2_eigen.h>
 #include <boost/make_shared.hpp>
 
+#include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/keyframe_points.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "acmp_mapping/ros/topic_names.h"
@@ -29,6 +32,10 @@ std_msgs::Header MakeHeader(int64_t stamp_ns, const std::string& frame_id) {
   header.frame_id = frame_id;
   return header;
 }
+
+const KeyframeOrigin& OriginOf(const Frame& frame) { return static_cast<const ReceivedFrame&>(frame).origin; }
+
+double LatencyMs(const KeyframeOrigin& origin) { return (SteadySeconds() - origin.arrival_s) * 1e3; }
 
 /// Confidence as published: 0 where the lens saw nothing.
 sensor_msgs::ImagePtr ToConfidenceMessage(const KeyframeOutput& output, const std_msgs::Header& header) {
@@ -62,8 +69,9 @@ PointCloud PointsAtReceivedPose(const KeyframeOutput& output) {
 
 }  // namespace
 
-OutputPublisher::OutputPublisher(ros::NodeHandle nh, std::string mapper, std::function<uint64_t()> images_under_way)
-    : mapper_(std::move(mapper)), images_under_way_(std::move(images_under_way)), transport_(nh) {
+OutputPublisher::OutputPublisher(ros::NodeHandle nh, std::string mapper, const IncidentLog* incidents,
+                                 std::function<void(const RejectedInput&)> report)
+    : mapper_(std::move(mapper)), incidents_(incidents), report_(std::move(report)), transport_(nh) {
   depth_fast_ = transport_.advertiseCamera(names::kDepthFast, kQueue);
   depth_ = transport_.advertiseCamera(names::kDepth, kQueue);
   color_ = transport_.advertiseCamera(names::kColor, kQueue);
@@ -79,13 +87,84 @@ OutputPublisher::OutputPublisher(ros::NodeHandle nh, std::string mapper, std::fu
   keyframe_depth_ = nh.advertise<acmp_mapping::KeyframeDepth>(names::kKeyframeDepth, kQueue);
 }
 
-void OutputPublisher::PublishFast(const KeyframeOutput& output) {
-  const std_msgs::Header camera = MakeHeader(output.origin.stamp_ns, output.origin.camera_frame);
-  PublishPose(output);
-  if (depth_fast_.getNumSubscribers() > 0) {
+DenseMapper::Callbacks OutputPublisher::MakeCallbacks() {
+  DenseMapper::Callbacks callbacks;
+  callbacks.on_fast = [this](const KeyframeDepthPtr& maps) { HandleFast(maps); };
+  callbacks.on_refined = [this](const KeyframeDepthPtr& maps) { HandleRefined(maps); };
+  // For the map: each keyframe's depth and points are published once.
+  callbacks.on_refined_again = [this](const KeyframeDepthPtr& maps) {
+    Publish(maps, [this](const KeyframeOutput& output) { PublishKeyframePoints(output, true); });
+    UpdateStatus([](OutputStatus* status) { ++status->refined_again; });
+  };
+  // Better points for the map: none.
+  callbacks.on_withdrawn = [this](const KeyframeDepthPtr& maps, const std::string& message) {
+    Publish(maps, [this](const KeyframeOutput& output) { PublishKeyframePoints(output, true); });
+    UpdateStatus([](OutputStatus* status) { ++status->withdrawn; });
+    Report({"withdrawn", Concat("image ", FormatStamp(OriginOf(*maps->frame).stamp_ns), " leaves the map: ", message)});
+  };
+  callbacks.on_drop = [this](const KeyframeDrop& drop) { HandleDrop(drop); };
+  callbacks.on_problem = [this](const std::string& reason, const std::string& message) { Report({reason, message}); };
+  return callbacks;
+}
+
+void OutputPublisher::Report(const RejectedInput& rejected) const {
+  if (!stopping_) report_(rejected);
+}
+
+OutputStatus OutputPublisher::status() const {
+  const std::lock_guard<std::mutex> lock(status_mutex_);
+  return status_;
+}
+
+template <class PublishOutput>
+void OutputPublisher::Publish(const KeyframeDepthPtr& maps, const PublishOutput& publish) {
+  if (stopping_) return;
+  try {
+    publish(MakeKeyframeOutput(maps, min_depth_confidence_));
+  } catch (const std::exception& error) {
+    Report({"publish_error", Concat("image ", FormatStamp(OriginOf(*maps->frame).stamp_ns), ": ", error.what())});
+  }
+}
+
+void OutputPublisher::HandleFast(const KeyframeDepthPtr& maps) {
+  Publish(maps, [this](const KeyframeOutput& output) {
+    const std_msgs::Header camera = MakeHeader(output.origin.stamp_ns, output.origin.camera_frame);
+    PublishPose(output);
+    if (depth_fast_.getNumSubscribers() == 0) return;
     depth_fast_.publish(ToDepthMessage(output.maps->depth, output.keep.View(), camera),
                         ToCameraInfo(output.maps->frame->camera, camera));
+  });
+  UpdateStatus([&](OutputStatus* status) {
+    ++status->fast;
+    status->fast_latency.Add(LatencyMs(OriginOf(*maps->frame)));
+  });
+}
+
+void OutputPublisher::HandleRefined(const KeyframeDepthPtr& maps) {
+  const KeyframeOrigin& origin = OriginOf(*maps->frame);
+  // First: what is published says how many images are still under way.
+  UpdateStatus([&](OutputStatus* status) { status->CountRefined(*maps); });
+  Publish(maps, [&](const KeyframeOutput& output) {
+    PublishRefined(output);
+    std::string without_points;
+    UpdateStatus([&](OutputStatus* status) {
+      status->CountPoints(output);
+      without_points = status->DescribeRunWithoutPoints(origin.stamp_ns);
+    });
+    if (!without_points.empty()) Report({"no_points", without_points});
+  });
+  if (!maps->prior_depth_rejection.empty()) {
+    Report({"unused_prior_depth", Concat("image ", FormatStamp(origin.stamp_ns),
+                                         ": its prior depth is not used: ", maps->prior_depth_rejection)});
   }
+  UpdateStatus([&](OutputStatus* status) { status->refined_latency.Add(LatencyMs(origin)); });
+}
+
+void OutputPublisher::HandleDrop(const KeyframeDrop& drop) {
+  Report({drop.reason,
+          Concat("image ", FormatStamp(OriginOf(*drop.frame).stamp_ns), drop.had_fast ? " (refinement only): " : ": ",
+                 drop.message),
+          true});
 }
 
 void OutputPublisher::PublishRefined(const KeyframeOutput& output) {
@@ -111,7 +190,8 @@ void OutputPublisher::PublishKeyframePoints(const KeyframeOutput& output, bool r
   const bool is_first_map_to_come = points_sent_ == 0;
   if (maps() == 0 && (!is_first_map_to_come || waiting_.size() >= kWaiting)) return;
   waiting_.push_back(ToKeyframePoints(output, mapper_, replaces));
-  waiting_.back()->images_under_way = images_under_way_();
+  const uint64_t images = images_, finished = status().refined + incidents_->images();
+  waiting_.back()->images_under_way = images > finished ? images - finished : 0;  // the numbers are not of one moment
   if (maps() == 0) return;
   for (acmp_mapping::KeyframePointsPtr& message : std::exchange(waiting_, {})) {
     message->count = ++points_sent_;

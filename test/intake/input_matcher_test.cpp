@@ -199,15 +199,6 @@ TEST(InputMatcher, TakesTheNearestCloudElseTheLast) {
   EXPECT_FALSE(matches.at(0).cloud_pose) << "no pose was ever given for that stamp";
 }
 
-TEST(InputMatcher, TakeAllWaitsForNothing) {
-  InputMatcher matcher = MakeMatcher();
-  matcher.set_clouds_expected(true);
-  matcher.AddImage({kT0, nullptr});
-  matcher.AddPose(PoseAt(kT0));
-  EXPECT_THAT(matcher.Take(0), IsEmpty());
-  EXPECT_THAT(Stamps(matcher.TakeAll()), ElementsAre(kT0));
-}
-
 /// Two runs of the same 2 s recording; the parameter says in which order image, pose and cloud of a stamp come.
 class LoopingBag : public ::testing::TestWithParam<std::string> {};
 
@@ -359,18 +350,6 @@ TEST(InputMatcher, ClearReportsWhatWaited) {
   EXPECT_EQ(matcher.waiting_images(), 0u);
   matcher.AddImage({kT0 - 100 * kS, nullptr});
   EXPECT_THAT(matcher.Take(0), IsEmpty()) << "no jump: nothing is remembered";
-}
-
-TEST(InputMatcher, RefusesBadOptions) {
-  InputMatcherOptions options;
-  options.sync_tolerance_s = -1;
-  EXPECT_THROW(InputMatcher{options}, InvalidInputError);
-  options = {};
-  options.sparse_wait_s = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THROW(InputMatcher{options}, InvalidInputError);
-  options = {};
-  options.image_capacity = 0;
-  EXPECT_THROW(InputMatcher{options}, InvalidInputError);
 }
 
 }  // namespace

@@ -73,12 +73,6 @@ TEST_F(MaskMatchingTest, AnImageWaitsForTheMaskOfItsStamp) {
   EXPECT_THAT(taken.reasons, IsEmpty());
 }
 
-TEST_F(MaskMatchingTest, AMaskMayComeFirst) {
-  const auto mask = AddMask(kT0);
-  AddImage(kT0);
-  EXPECT_THAT(Take(0).masks, ElementsAre(mask));
-}
-
 TEST_F(MaskMatchingTest, NoImageWaitsLongerThanMaskWait) {
   AddImage(kT0);
   AddImage(kT0 + 100 * kMs);
@@ -142,14 +136,6 @@ TEST_F(MaskMatchingTest, MasksOfTheRunBeforeAreForgotten) {
   EXPECT_THAT(Take(1).stamps, IsEmpty()) << "the old mask of this stamp is not its own";
   const auto mask = AddMask(kT0);
   EXPECT_THAT(Take(1.1).masks, ElementsAre(mask));
-}
-
-TEST(InputMatcherOptionsTest, MaskWaitHasBounds) {
-  InputMatcherOptions options;
-  for (const double wait_s : {-0.1, 10.1}) {
-    options.mask_wait_s = wait_s;
-    EXPECT_THROW(InputMatcher{options}, InvalidInputError);
-  }
 }
 
 }  // namespace

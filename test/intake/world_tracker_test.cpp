@@ -161,12 +161,5 @@ TEST(WorldTracker, FewLandmarksTellNothing) {
   }
 }
 
-TEST(WorldTracker, ForgetsAllAtAReset) {
-  Frontend frontend;
-  for (int i = 0; i < 10; ++i) frontend.Send(Wall(), 0.05 * i);
-  frontend.tracker.Reset();
-  EXPECT_EQ(frontend.Send(Wall(3), 0), Verdict::kUse);
-}
-
 }  // namespace
 }  // namespace acmp

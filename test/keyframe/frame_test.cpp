@@ -7,6 +7,7 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
@@ -27,18 +28,6 @@ ColorImage MakeColor(int width, int height) {
 }
 
 double Gray(const Rgb& c) { return 0.299 * c.r + 0.587 * c.g + 0.114 * c.b; }
-
-/// Message of the InvalidInputError that `call` throws; fails the test when there is none.
-template <class Call>
-std::string ErrorOf(const Call& call) {
-  try {
-    call();
-  } catch (const InvalidInputError& error) {
-    return error.what();
-  }
-  ADD_FAILURE() << "no InvalidInputError";
-  return "";
-}
 
 TEST(MakeFrameTest, KeepsSizeAndValuesWithoutLimit) {
   const ColorImage color = MakeColor(6, 4);
@@ -75,15 +64,6 @@ TEST(MakeFrameTest, AveragesGrayInFloatWhenShrinking) {
   }
   EXPECT_DOUBLE_EQ(frame.camera.fx, 2.5);
   EXPECT_DOUBLE_EQ(frame.camera.cx, (2.5 + 0.5) * 0.5 - 0.5);
-}
-
-TEST(MakeFrameTest, LimitsTheLongerSideOfOddSizes) {
-  const PinholeCamera tall = {5, 7, 5, 5, 2, 3};
-  const Frame frame = MakeFrame(0, 0, MakeColor(5, 7), tall, RigidTransform::Identity(), {}, {4});
-  EXPECT_EQ(frame.camera.height, 4);
-  EXPECT_EQ(frame.camera.width, 3);  // 5 * 4 / 7 = 2.86
-  EXPECT_EQ(frame.gray.width(), 3);
-  EXPECT_EQ(frame.color.height(), 4);
 }
 
 TEST(MakeFrameTest, PriorDepthOfAnySizeTakesTheFramesSizeWithoutInterpolation) {

@@ -89,10 +89,6 @@ TEST(SelectSourceViewsTest, FillsThePartOfTheReferenceThatNoViewSeesYet) {
   EXPECT_THAT(Indices(Select({left, left, right})), ElementsAre(0, 2, 1));
 }
 
-TEST(SelectSourceViewsTest, MoreOfTheReferenceInViewGainsMore) {
-  EXPECT_LT(GainOf(Turned(OnArc(10), 30)), 0.75 * GainOf(OnArc(10)));
-}
-
 TEST(SelectSourceViewsTest, PenalisesAnotherResolution) {
   const double same = GainOf(OnArc(10));
   EXPECT_NEAR(GainOf(OnArc(10, 1.2 * kRadius)), same, 0.1 * same);
@@ -172,15 +168,6 @@ TEST(SelectSourceViewsTest, DependsOnAnglesAndNotOnTheScenesUnit) {
   // The scene twice as far: the angles halve.
   EXPECT_NEAR(Select({OnArc(1.6)}, 10, OnArc(0), 2 * kRadius).largest_small_angle_deg, 0.8, 0.1);
 }
-
-TEST(SelectSourceViewsTest, RefusesBadOptionsAndDepths) {
-  for (const int bad : {0, 33}) EXPECT_THROW(Select({}, bad), InvalidInputError) << bad;
-  for (const double bad : {0.0, -1.0, std::numeric_limits<double>::infinity(), std::nan("")}) {
-    EXPECT_THROW(Select({}, 10, OnArc(0), bad), InvalidInputError) << bad;
-  }
-}
-
-TEST(TypicalDepthTest, IsTheGeometricMeanOfTheRange) { EXPECT_NEAR(TypicalDepth({0.5f, 8.0f}), 2, 1e-6); }
 
 }  // namespace
 }  // namespace acmp

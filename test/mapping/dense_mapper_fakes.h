@@ -128,7 +128,6 @@ class MapperHarness {
   std::vector<std::pair<int64_t, std::string>> withdrawn;  ///< id, message
   StageTimes last_times;                                   ///< of the last of these
   bool keep_maps = true;
-  bool wants_refined_again = true;
   DenseMapper mapper;
 
  private:
@@ -152,10 +151,10 @@ class MapperHarness {
       withdrawn.emplace_back(maps->frame->id, message);
     };
     callbacks.on_drop = [this](const KeyframeDrop& drop) {
-      events.push_back(Concat("drop ", drop.id, " ", drop.reason));
+      events.push_back(Concat("drop ", drop.frame->id, " ", drop.reason));
       drops.push_back(drop);
+      if (!keep_maps) drops.back().frame.reset();
     };
-    callbacks.wants_refined_again = [this] { return wants_refined_again; };
     callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
       problems.push_back(reason + ": " + message);
     };

@@ -1,6 +1,8 @@
 // The mapper with an engine and a thread for outputs.
 
 #include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <future>
 #include <random>
 #include <thread>
@@ -11,6 +13,7 @@
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "dense_mapper_fakes.h"
 #include "hash_engine.h"
+#include "mapper_outputs.h"
 
 namespace acmp {
 namespace {
@@ -33,7 +36,7 @@ class Listener {
     callbacks.on_refined = [this](const KeyframeDepthPtr& maps) { Note("refined", *maps); };
     callbacks.on_refined_again = [this](const KeyframeDepthPtr& maps) { Note("again", *maps); };
     callbacks.on_drop = [this](const KeyframeDrop& drop) {
-      Note(Concat("drop ", drop.id, " ", drop.reason, drop.had_fast ? " had fast: " : ": ", drop.message));
+      Note(Concat("drop ", drop.frame->id, " ", drop.reason, drop.had_fast ? " had fast: " : ": ", drop.message));
     };
     callbacks.on_problem = [this](const std::string& reason, const std::string& message) {
       Note(Concat("problem ", reason, ": ", message));
@@ -70,10 +73,12 @@ std::vector<std::string> RunStream(unsigned seed, bool has_thread) {
   for (int64_t id = 0; id < 40; ++id) {
     mapper.AddKeyframe(RandomFrame(id, &x, &random));
     switch (random() % 16) {
-      case 0:
-        mapper.Flush(random() % 2 == 0);
+      case 0: {
+        const std::atomic<bool> stop = random() % 2 != 0;
+        mapper.Flush(&stop);
         listener.said.emplace_back("flushed");
         break;
+      }
       case 1:
         mapper.Reset();
         listener.said.emplace_back("reset");
@@ -185,6 +190,15 @@ TEST(DenseMapperOutputsTest, AFailedConsistencyCheckDropsThatKeyframeOnly) {
   }
 }
 
+TEST(DenseMapperOutputsTest, ADroppedKeyframeGetsNoBetterMaps) {
+  FailingMapper failing(RefiningAgain(10));
+  failing.output_engine.fails_consistency_of = 1;
+  for (int id = 0; id < 5; ++id) failing.mapper.AddKeyframe(WallFrame(id, id < 3 ? 0.08 * id : 0.35 * (id - 2)));
+  failing.mapper.Flush();
+  EXPECT_THAT(failing.listener.said, Contains(HasSubstr("again 0 "))) << "or the test shows nothing";
+  EXPECT_THAT(failing.listener.said, Not(Contains(HasSubstr("refine_again_failed"))));
+}
+
 TEST(DenseMapperOutputsTest, MissingFastMapsAreAProblemAndTheRefinedOnesCome) {
   FailingMapper failing(FakeOptions(8, 3));
   failing.output_engine.fails_download = 1;
@@ -203,6 +217,25 @@ TEST(DenseMapperOutputsTest, HadFastTellsWhetherThereWasACall) {
   for (int id = 0; id < 3; ++id) failing.mapper.AddKeyframe(WallFrame(id));
   failing.mapper.Flush();
   EXPECT_THAT(failing.listener.said, Contains("drop 0 processing_error: no memory for points"));
+}
+
+TEST(OutputQueueTest, SubmitWaitsWhileTooManyAreNotDone) {
+  std::promise<void> open;
+  const std::shared_future<void> opened = open.get_future().share();
+  OutputQueue queue(true);
+  for (size_t i = 1; i < OutputQueue::kMaxJobs; ++i) queue.Submit([opened] { opened.wait(); });
+  std::atomic<bool> has_returned{false};
+  bool had_returned_when_opened = true;
+  std::thread opener([&] {
+    // Long enough for a Submit that does not wait; one that does passes however slow the machine is.
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    had_returned_when_opened = has_returned;
+    open.set_value();
+  });
+  queue.Submit([opened] { opened.wait(); });
+  has_returned = true;
+  opener.join();
+  EXPECT_FALSE(had_returned_when_opened);
 }
 
 TEST(DenseMapperOutputsTest, NeedAnEngineOfTheirOwn) {

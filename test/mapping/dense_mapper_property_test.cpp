@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <atomic>
 #include <map>
 #include <random>
 #include <set>
@@ -79,12 +80,14 @@ TEST(DenseMapperPropertyTest, EveryKeyframeEndsExactlyOnce) {
       EXPECT_LE(kept, options.window_size);
       EXPECT_EQ(harness.mapper.unfinished(), account.added.size() - account.ended.size());
       switch (random() % 20) {
-        case 0:
-          harness.mapper.Flush(random() % 2 == 0);
+        case 0: {
+          const std::atomic<bool> stop = random() % 2 != 0;
+          harness.mapper.Flush(&stop);
           account.Book(harness.TakeEvents());
           account.BookAgain(std::exchange(harness.refined_again, {}));
           EXPECT_EQ(account.ended, account.added);
           break;
+        }
         case 1:
           account.Book(harness.Reset());
           EXPECT_EQ(account.ended, account.added);

@@ -1,6 +1,7 @@
 // Keyframes that are refined again because better source views, or better maps of them, have come.
 
 #include <algorithm>
+#include <atomic>
 #include <string>
 #include <utility>
 #include <vector>
@@ -68,14 +69,15 @@ TEST(RefineAgainTest, AnotherNumberOfViewsIsNoGain) {
 }
 
 TEST(RefineAgainTest, AFlushTakesAllKeyframesWithBetterViewsAndThoseWithBetterMaps) {
-  for (const bool refine_again : {true, false}) {
+  for (const bool stopped : {false, true}) {
     MapperHarness harness(RefiningAgain(10));
     AddPoorStartAndGoodViews(&harness);
     harness.TakeEvents();
     harness.refined_again.clear();
-    harness.mapper.Flush(refine_again);
+    const std::atomic<bool> stop = stopped;
+    harness.mapper.Flush(&stop);
     EXPECT_THAT(harness.TakeEvents(), ElementsAre("refined 4")) << "what is pending is finished";
-    if (!refine_again) {
+    if (stopped) {
       EXPECT_THAT(harness.refined_again, IsEmpty());
       continue;
     }
@@ -90,7 +92,8 @@ TEST(RefineAgainTest, AtAFlushKeyframesTakeTheirStepsSideBySide) {
   MapperHarness harness(RefiningAgain(10));
   AddPoorStartAndGoodViews(&harness);
   harness.Add(WallFrame(5, 1.05));
-  harness.mapper.Flush(false);
+  const std::atomic<bool> stop = true;
+  harness.mapper.Flush(&stop);
   harness.engine.calls.clear();
   harness.Flush();
   std::vector<int> passes;
@@ -102,14 +105,6 @@ TEST(RefineAgainTest, AtAFlushKeyframesTakeTheirStepsSideBySide) {
   }
   EXPECT_THAT(passes, SizeIs(testing::Gt(2)));
   EXPECT_TRUE(std::is_sorted(passes.begin(), passes.end())) << "no keyframe takes a step before all have the last one";
-}
-
-TEST(RefineAgainTest, NotWhereNobodyWantsIt) {
-  MapperHarness harness(RefiningAgain(10));
-  harness.wants_refined_again = false;
-  AddPoorStartAndGoodViews(&harness);
-  EXPECT_THAT(harness.Flush(), ElementsAre("refined 4")) << "what is pending is finished";
-  EXPECT_THAT(harness.refined_again, IsEmpty());
 }
 
 TEST(RefineAgainTest, WhereItFailsTheMapsStayAndItIsTold) {

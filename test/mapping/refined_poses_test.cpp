@@ -174,7 +174,7 @@ TEST(RefinedPosesTest, NothingStaysOfAFrontendThatHasLostTrack) {
   EXPECT_THAT(harness.refined_again, IsEmpty());
   for (const KeyframeDrop& drop : harness.drops) {
     EXPECT_EQ(drop.reason, "poses_contradict") << drop.message;
-    gone.insert(drop.id);
+    gone.insert(drop.frame->id);
   }
   EXPECT_EQ(gone.size(), 14u);
 }

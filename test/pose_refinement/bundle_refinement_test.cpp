@@ -2,11 +2,10 @@
 
 #include <gtest/gtest.h>
 
-#include "contradiction.h"
 #include "landmark_matching.h"
+#include "pose_checks.h"
 #include "pose_scene.h"
 #include "resection.h"
-#include "rotation_vector.h"
 
 namespace acmp {
 namespace {

@@ -243,12 +243,5 @@ TEST_F(PoseRefinerTest, BadKeyframesAreRefusedAndChangeNothing) {
   EXPECT_EQ(refiner.size(), 1u);
 }
 
-TEST_F(PoseRefinerTest, OffReturnsReceivedPoses) {
-  options_.refine = RefinePoses::kOff;
-  Perturb(0.3, 0.01);
-  PoseRefiner refiner(options_);
-  for (const PoseRefinement& result : Run(&refiner)) EXPECT_FALSE(result.changed);
-}
-
 }  // namespace
 }  // namespace acmp

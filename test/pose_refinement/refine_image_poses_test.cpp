@@ -70,14 +70,6 @@ TEST_F(RefineImagePosesTest, OnRefinesEvenGoodPosesWithLittleHarm) {
   EXPECT_LT(after.position, 0.003);
 }
 
-TEST_F(RefineImagePosesTest, OffLooksAtNothing) {
-  options_.refine = RefinePoses::kOff;
-  Perturb(0.3, 0.01);
-  const PoseRefinement result = RefineImagePoses(
-      images_, [](size_t) -> ImagePixels { throw ProcessingError("was read"); }, options_);
-  ExpectUnchanged(result);
-}
-
 TEST_F(RefineImagePosesTest, BlankImagesLeavePosesAndSaySo) {
   options_.refine = RefinePoses::kOn;
   const PoseRefinement result = RefineImagePoses(
@@ -142,13 +134,6 @@ TEST_F(RefineImagePosesTest, AnImageOfAnotherSizeIsRefused) {
                    },
                    options_),
                InvalidInputError);
-}
-
-TEST_F(RefineImagePosesTest, TwoImagesAreTooFew) {
-  images_.resize(2);
-  images_[0].sources = {1};
-  images_[1].sources = {0};
-  ExpectUnchanged(Refine());
 }
 
 }  // namespace

@@ -231,7 +231,7 @@ TEST(Diagnostics, TellTheDevice) {
 
 TEST(Diagnostics, WarnOfARunOfKeyframesWithoutPoints) {
   MapperSnapshot snapshot = HealthyMapper();
-  snapshot.worker.outputs.run_without_points = KeyframeOutputs::kRunWithoutPoints - 1;
+  snapshot.worker.outputs.run_without_points = OutputStatus::kRunWithoutPoints - 1;
   snapshot.worker.outputs.no_points_reason = "reprojection (2 px) 90 %; check ~pose_is";
   auto status = Describe(&DescribeMapping, snapshot);
   EXPECT_EQ(status.level, DiagnosticStatus::OK);

@@ -7,10 +7,8 @@
 #include <variant>
 #include <vector>
 
-#include "acmp_mapping/intake/companion_images.h"
-#include "acmp_mapping/intake/rejected_input.h"
 #include "acmp_mapping/intake/sensor_samples.h"
-#include "acmp_mapping/intake/time_jump_tracker.h"
+#include "acmp_mapping/intake/stream_buffers.h"
 
 namespace acmp {
 

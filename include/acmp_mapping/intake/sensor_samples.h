@@ -46,4 +46,12 @@ using SparseCloudPtr = std::shared_ptr<const SparseCloud>;
 /// "1403636579.763555500", exact.
 std::string FormatStamp(int64_t stamp_ns);
 
+/// Something that was received and not used. `reason` is a short fixed key for counting, `message` a sentence with the
+/// values for people.
+struct RejectedInput {
+  std::string reason;
+  std::string message;
+  bool ends_image = false;  ///< an image that was received, and gets no refined map
+};
+
 }  // namespace acmp

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <functional>
 #include <memory>
 #include <string>
@@ -57,9 +58,6 @@ class DenseMapper {
     /// The refined maps of a keyframe must not be used any more: the received poses contradict the images. `maps` has
     /// none. Where poses agree again while the keyframe is in the window, on_refined_again brings new ones.
     std::function<void(const KeyframeDepthPtr& maps, const std::string& message)> on_withdrawn;
-    /// Asked before a keyframe is refined again, inside the mapper's methods: whether anybody would use better maps.
-    /// Empty: yes.
-    std::function<bool()> wants_refined_again;
     /// Something failed that costs quality, but no keyframe: it could not be refined again ("refine_again_failed"), or
     /// its fast maps did not come from the device ("fast_maps_failed"), or poses could not be refined
     /// ("pose_refinement_failed").
@@ -90,9 +88,10 @@ class DenseMapper {
   /// InvalidInputError for a frame that cannot be used.
   void AddSourceImage(FramePtr frame);
 
-  /// Finishes everything that waits for later keyframes, with the views there are: one useful view is enough.
-  /// @param refine_again then also refines again what has better views now
-  void Flush(bool refine_again = true);
+  /// Finishes everything that waits for later keyframes, with the views there are: one useful view is enough. Then
+  /// refines again what has better views now.
+  /// @param stop others may set it meanwhile, so that nothing more is refined again; null: never
+  void Flush(const std::atomic<bool>* stop = nullptr);
 
   /// Forgets window, pending keyframes (each is reported as dropped with reason "reset"), depth range and ids.
   void Reset();

@@ -47,7 +47,7 @@ using KeyframeDepthPtr = std::shared_ptr<const KeyframeDepth>;
 /// - "processing_error": device failure or no memory
 /// - "reset": forgotten by Reset
 struct KeyframeDrop {
-  int64_t id = 0;
+  FramePtr frame;
   std::string reason;
   std::string message;
   bool had_fast = false;  ///< on_fast was called for it: only the refined maps are missing

@@ -5,7 +5,7 @@
 #include <mutex>
 #include <string>
 
-#include "acmp_mapping/intake/rejected_input.h"
+#include "acmp_mapping/intake/sensor_samples.h"
 
 namespace acmp {
 

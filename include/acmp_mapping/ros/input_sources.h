@@ -10,7 +10,6 @@
 #include <ros/node_handle.h>
 #include <sensor_msgs/CameraInfo.h>
 
-#include "acmp_mapping/intake/rejected_input.h"
 #include "acmp_mapping/intake/sensor_samples.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/options.h"

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <deque>
 #include <functional>
 #include <memory>
@@ -10,8 +11,8 @@
 #include "acmp_mapping/mapping/auto_preset.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
-#include "acmp_mapping/ros/keyframe_outputs.h"
 #include "acmp_mapping/ros/options.h"
+#include "acmp_mapping/ros/output_publisher.h"
 #include "acmp_mapping/ros/work_queue.h"
 
 namespace acmp {
@@ -33,8 +34,7 @@ struct WorkerStatus {
 };
 
 /// The one thread that matches: it makes the backend, prepares frames and drives the DenseMapper, which has threads of
-/// its own for outputs and for poses. Hooks run in the worker's and in that for outputs, on_drop also in that of Push;
-/// none begins once Stop has been called.
+/// its own for outputs and for poses. Hooks run in the worker's thread.
 ///
 /// Locks: the queue's, that of the outputs and status_mutex_, each held for a moment and never together; mapper,
 /// rectifier and window belong to the worker thread alone.
@@ -43,12 +43,14 @@ class MapperWorker {
   struct Hooks {
     std::function<void(const WorkerStatus&)> on_device;  ///< once, when the backend exists or cannot be made
     std::function<void(const AutoPreset&, const std::string&)> on_setting;  ///< of preset: auto, with what it says
-    KeyframeOutputs::Hooks outputs;
   };
 
-  /// @param options outlive the worker
+  /// @param options outlive the worker, as `outputs` do
   /// @param fixed_mask of all images as sent; empty: none
-  MapperWorker(const NodeOptions& node_options, const SharedOptions* options, Mask fixed_mask, Hooks hooks);
+  /// @param outputs publishes what the mapper makes, and tells of what is not used
+  MapperWorker(const NodeOptions& node_options, const SharedOptions* options, Mask fixed_mask, OutputPublisher* outputs,
+               Hooks hooks);
+  /// Stops. Waits until the thread has ended.
   ~MapperWorker();
   MapperWorker(const MapperWorker&) = delete;
   MapperWorker& operator=(const MapperWorker&) = delete;
@@ -57,7 +59,7 @@ class MapperWorker {
   /// @param wait_for_room wait for it whatever overload says: nothing is lost
   void Push(KeyframeInput input, bool wait_for_room = false);
 
-  /// Finishes all keyframes queued and pending: their hooks have returned. Empty when done, else why not.
+  /// Finishes all keyframes queued and pending: they have been published. Empty when done, else why not.
   std::string Flush();
 
   /// After all that is queued: finishes what is pending, then forgets the window. What comes later is another run.
@@ -68,8 +70,6 @@ class MapperWorker {
 
   /// Wakes all who wait and ends the thread after the keyframe it is at.
   void Stop();
-  /// After Stop: waits until the thread has ended.
-  void Join();
 
   WorkerStatus status() const;
   size_t queued() const { return queue_.waiting_inputs(); }
@@ -78,6 +78,9 @@ class MapperWorker {
   using Command = std::function<void()>;
   void Run();
   void MakeMapper();
+  /// Gives the mapper the options of now. Better maps are for the map alone: without one it makes none.
+  void UseOptions();
+  void FlushMapper();
   void Process(const KeyframeInput& input);
   /// What `process` throws becomes a drop of this keyframe.
   void ProcessOrDrop(const KeyframeInput& input, void (MapperWorker::*process)(const KeyframeInput&));
@@ -101,9 +104,9 @@ class MapperWorker {
   const NodeOptions node_options_;
   const SharedOptions* const options_;
   const Mask fixed_mask_;
-  const std::function<void(const WorkerStatus&)> on_device_;
-  const std::function<void(const AutoPreset&, const std::string&)> on_setting_;
-  KeyframeOutputs outputs_;
+  OutputPublisher* const outputs_;
+  const Hooks hooks_;
+  std::atomic<bool> abandoned_{false};  ///< a flush shall end soon: a reset or the end waits for it
   WorkQueue<KeyframeInput, Command> queue_;
 
   mutable std::mutex status_mutex_;

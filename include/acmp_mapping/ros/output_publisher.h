@@ -3,6 +3,7 @@
 #include <atomic>
 #include <cstdint>
 #include <functional>
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -10,36 +11,69 @@
 #include <image_transport/image_transport.h>
 #include <ros/node_handle.h>
 
+#include "acmp_mapping/ros/incident_log.h"
 #include "acmp_mapping/ros/keyframe_outputs.h"
 
 namespace acmp {
 
-/// The output topics of a mapper. A message is only made when somebody listens. Methods belong to one thread, but for
-/// those that say otherwise.
+/// Publishes what a DenseMapper's callbacks bring, and counts it. A message is only made when somebody listens.
+/// Callbacks come one at a time, in the mapper's thread for outputs; all else may be called by any thread.
 class OutputPublisher {
  public:
   /// @param mapper name of the mapper's node, for the map
-  /// @param images_under_way how many images the mapper has received and not finished
-  OutputPublisher(ros::NodeHandle nh, std::string mapper, std::function<uint64_t()> images_under_way);
+  /// @param incidents where `report` counts; outlives this
+  /// @param report of any thread: tells of what is not published or not used
+  OutputPublisher(ros::NodeHandle nh, std::string mapper, const IncidentLog* incidents,
+                  std::function<void(const RejectedInput&)> report);
 
-  void PublishFast(const KeyframeOutput& output);
-  void PublishRefined(const KeyframeOutput& output);
-  /// Better points of a keyframe, for the map alone.
-  void PublishRefinedAgain(const KeyframeOutput& output) { PublishKeyframePoints(output, true); }
+  /// For a mapper of ReceivedFrame's, which this must outlive.
+  DenseMapper::Callbacks MakeCallbacks();
 
-  /// Nodes that listen to keyframe_points. Any thread.
+  /// Depth below is left out, 0..1.
+  void set_min_depth_confidence(double confidence) { min_depth_confidence_ = confidence; }
+  /// Images that have come so far and were not passed over. With each message goes how many of them had no end yet.
+  void set_images(uint64_t images) { images_ = images; }
+
+  /// Tells of it, unless stopped.
+  void Report(const RejectedInput& rejected) const;
+  /// From now on nothing is published or told, but for what is under way.
+  void Stop() { stopping_ = true; }
+  bool is_stopping() const { return stopping_; }
+
+  OutputStatus status() const;
+  /// Nodes that listen to keyframe_points.
   uint32_t maps() const { return keyframe_points_.getNumSubscribers(); }
-  /// Messages sent on keyframe_points. Any thread.
+  /// Messages sent on keyframe_points.
   uint64_t points_sent() const { return points_sent_; }
 
  private:
+  void HandleFast(const KeyframeDepthPtr& maps);
+  void HandleRefined(const KeyframeDepthPtr& maps);
+  void HandleDrop(const KeyframeDrop& drop);
+  /// Runs `publish` with what is ready to be published; what it throws is told, since callbacks must not throw.
+  template <class PublishOutput>
+  void Publish(const KeyframeDepthPtr& maps, const PublishOutput& publish);
+  template <class Change>
+  void UpdateStatus(const Change& change) {
+    const std::lock_guard<std::mutex> lock(status_mutex_);
+    change(&status_);
+  }
+
+  void PublishRefined(const KeyframeOutput& output);
+  /// @param replaces points that were sent before
   void PublishKeyframePoints(const KeyframeOutput& output, bool replaces);
   void PublishPose(const KeyframeOutput& output);
   void PublishPictures(const KeyframeOutput& output, const std_msgs::Header& camera);
   void PublishKeyframeDepth(const KeyframeOutput& output, const std_msgs::Header& camera);
 
   const std::string mapper_;
-  const std::function<uint64_t()> images_under_way_;
+  const IncidentLog* const incidents_;
+  const std::function<void(const RejectedInput&)> report_;
+  std::atomic<bool> stopping_{false};
+  std::atomic<double> min_depth_confidence_{0};
+  std::atomic<uint64_t> images_{0};
+  mutable std::mutex status_mutex_;  ///< held for a moment only
+  OutputStatus status_;
   std::vector<acmp_mapping::KeyframePointsPtr> waiting_;  ///< for the first map that listens
   std::atomic<uint64_t> points_sent_{0};
   image_transport::ImageTransport transport_;

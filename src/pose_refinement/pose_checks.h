@@ -9,4 +9,7 @@ namespace acmp {
 /// PoseChecks::contradiction of an adjusted bundle.
 std::optional<double> MeasureContradiction(const Bundle& bundle);
 
+/// PoseChecks::stamp_offset_s of an adjusted bundle whose times are stamps in seconds.
+std::optional<double> FindStampOffset(const Bundle& bundle);
+
 }  // namespace acmp
