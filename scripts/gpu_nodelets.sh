@@ -19,34 +19,19 @@ packages="python3.11-minimal libpython3.11-minimal libpython3.11-stdlib python3-
   libnodeletlib-tools rosout rospack-tools rosbash catkin netbase bash dash coreutils findutils sed grep mawk libc-bin
   iproute2 hostname"
 
-# copy FILE...: at the same place below $root; /bin, /lib and /sbin are links to those below /usr there.
+unneeded='^/usr/(include|share/(doc|man|locale|lintian|bash-completion|common-lisp))/|\.a$'
+unneeded+='|/(test|tests|idlelib|lib2to3|tkinter|ensurepip|SelfTest|pydoc_data|__pycache__|writers|f2py|cmake)/'
+
+# copy: the files that are named on stdin, to the same place below $root, where /bin and others are links to those of /usr.
 copy() {
-  local file
-  for file in "$@"; do
-    if [ -L "$file" ] && [ -d "$file" ]; then continue; fi
-    case $file in /bin/* | /lib/* | /lib64/* | /sbin/*) to=$root/usr$file ;; *) to=$root$file ;; esac
-    mkdir -p "$(dirname "$to")"
-    cp -L --preserve=mode "$file" "$to"
-  done
+  while read -r file; do [ ! -f "$file" ] || echo "${file#/}"; done | sort -u |
+    tar -C / -ch --transform 's,^\(bin\|sbin\|lib\|lib64\)/,usr/&,' -T - | tar -C "$root" -x
 }
 
 elf_files() { find "$root" -type f \( -perm -u+x -o -name '*.so*' \) -exec sh -c 'head -c4 "$0" | grep -q ELF' {} \; -print; }
 
-# The shared libraries of all that is there, and the names that glibc had before and the driver asks for.
-copy_libraries() {
-  local library missing=1
-  while [ "$missing" = 1 ]; do
-    missing=0
-    for library in $(elf_files | xargs ldd 2>/dev/null | awk '$3 ~ /^\// {print $3} $1 ~ /^\// && !/:$/ {print $1}' | sort -u); do
-      case $library in "$root"*) continue ;; /lib*) to=$root/usr$library ;; *) to=$root$library ;; esac
-      [ -e "$to" ] || { copy "$library"; missing=1; }
-    done
-  done
-  copy /lib/x86_64-linux-gnu/lib{pthread,dl,rt,util,resolv,nss_files}.so.[012]
-}
-
 bundle() {
-  local source folder build root part to recording
+  local source folder build root part
   source=$(cd "$(dirname "$0")/.." && pwd)
   folder=$1
   build=${ACMP_BUILD_DIR:-$source/build_gpu_nodelets}
@@ -55,33 +40,25 @@ bundle() {
   cmake -S "$source" -B "$build" -G Ninja -DCMAKE_BUILD_TYPE=Release -DACMP_ROS=ON -DACMP_CUDA=ON \
     -DACMP_CUDA_ARCHITECTURES="${ACMP_CUDA_ARCHITECTURES:-90}" >/dev/null
   ninja -C "$build" acmp_mapping_nodelets acmp_mapping_generate_messages_py acmp_mapping_gencfg
-  mkdir -p "$root"/{etc,proc,sys,dev,run,tmp,usr/{bin,sbin,lib,lib64},usr/local/nvidia,recordings}
+  mkdir -p "$root"/{etc,proc,sys,dev,run,tmp,usr/{bin,sbin,lib,lib64},usr/local/nvidia,recordings,"$source","$build/devel/lib"}
   for part in bin sbin lib lib64; do ln -sfn usr/$part "$root/$part"; done
   # shellcheck disable=SC2086
-  dpkg -L $packages | grep -vE '^/usr/(include|share/(doc|man|locale|lintian|bash-completion|common-lisp))/|/(test|tests|idlelib|lib2to3|tkinter|ensurepip|SelfTest|pydoc_data|__pycache__|docutils/writers|f2py|cmake)/|\.a$' |
-    sort -u | while read -r part; do [ ! -f "$part" ] || copy "$part"; done
-  # The descriptions, plug-ins and messages of all packages; for python3 and sh see their packages' scripts.
-  find /usr/share/*/package.xml -printf '%h\n' | while read -r part; do
-    find "$part" -type f -not -path '*/cmake/*' -size -200k | while read -r to; do copy "$to"; done
-  done
-  ln -sf python3.11 "$root/usr/bin/python3"
-  ln -sf dash "$root/usr/bin/sh"
-  ln -sf mawk "$root/usr/bin/awk"
-  echo 'root:x:0:0:root:/root:/bin/bash' >"$root/etc/passwd"
+  dpkg -L $packages | grep -vE "$unneeded" | copy
+  # Descriptions, plug-ins and messages of all packages.
+  find /usr/share/*/package.xml -printf '%h\n' | xargs -I{} find {} -type f -not -path '*/cmake/*' -size -200k | copy
+  for part in python3:python3.11 sh:dash awk:mawk; do ln -sf "${part#*:}" "$root/usr/bin/${part%:*}"; done
   echo '127.0.0.1 localhost' >"$root/etc/hosts"
-  for part in launch config msg srv scripts package.xml nodelet_plugins.xml; do
-    mkdir -p "$root$source"
-    cp -r "$source/$part" "$root$source/"
-  done
-  mkdir -p "$root$build/devel/lib"
+  (cd "$source" && cp -r launch config msg srv scripts package.xml nodelet_plugins.xml "$root$source/")
   cp -r "$build"/devel/{.catkin,share} "$root$build/devel/"
   cp -r "$build/devel/lib/"{libacmp_mapping_nodelets.so,python3} "$root$build/devel/lib/"
-  for recording in "$@"; do cp "${recording#*=}" "$root/recordings/${recording%%=*}.bag"; done
-  copy_libraries
+  for part in "$@"; do cp "${part#*=}" "$root/recordings/${part%%=*}.bag"; done
+  # Shared libraries, and the names that glibc's had before, for which drivers ask.
+  { elf_files | xargs ldd 2>/dev/null || true; } | awk '$3 ~ /^\// {print $3} $1 ~ /^\/.*[^:]$/ {print $1}' | copy
+  ls /lib/x86_64-linux-gnu/lib{pthread,dl,rt,util,resolv,nss_files}.so.[012] | copy
   elf_files | xargs strip --strip-unneeded
   printf 'cd %q\nsource scripts/ros_environment.sh %q\n' "$source" "$build" >"$root/environment"
   cp "$0" "$folder/"
-  tar -C "$folder" --owner=0 --group=0 -c root | xz --x86 --lzma2=preset=9e,dict=256MiB | split -d -b 24M - "$folder/root.tar.xz."
+  tar -C "$folder" --owner=0 --group=0 -c root | xz --x86 --lzma2=preset=6,dict=128MiB | split -d -b 24M - "$folder/root.tar.xz."
   rm -r "$root"
   du -sh "$folder"
 }
