@@ -4,6 +4,8 @@
     source scripts/ros_environment.sh build; scripts/gpu_nodelets.py ov2slam.bag --device cpu    # launches ov2slam.launch
 """
 import argparse
+import itertools
+import math
 import shutil
 import signal
 import subprocess
@@ -21,7 +23,8 @@ from sensor_msgs.msg import CameraInfo
 import replay_report
 import soak
 
-COLUMNS = ("recording", "preset", "rate", "cameras", "images", "keyframes", "first maps", "refined maps", "withdrawn",
+COUNTS = ("keyframes", "fast depth maps", "refined depth maps", "withdrawn from the map, since poses contradict the images")
+COLUMNS = ("recording", "preset", "cameras", "rate", "images", "keyframes", "first maps", "refined maps", "withdrawn",
            "image to first map: median, 95 %, most [ms]", "image to refined map, which waits for later keyframes [ms]",
            "over time: GPU memory [MiB]", "memory of the nodelets [MiB]", "their threads")
 
@@ -88,53 +91,40 @@ class Mapper:
         self.launch.wait(60)
 
 
-def play(bag, rate, mappers, seconds, before_mib):
-    """Once a second, and when no more maps come: memory of the GPU and of the managers [MiB], the managers' threads."""
-    samples = []
+def measure(arguments, log, bag, preset, cameras, rate):
+    """A row of the table. Samples once a second: memory of the GPU and of the managers [MiB], the managers' threads."""
+    before_mib, mappers, samples = gpu_mib(), [], []
 
     def sample():
         of_managers = [soak.sample(mapper.pid) for mapper in mappers]
         samples.append((gpu_mib() - before_mib, sum(row[0] for row in of_managers), sum(row[2] for row in of_managers)))
-    player = subprocess.Popen(["rosbag", "play", "--quiet", "--wait-for-subscribers", "-r", str(rate), *["--loop"] * bool(seconds),
-                               str(bag)], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-    end = time.monotonic() + (seconds or 3600)
-    while player.poll() is None and time.monotonic() < end:
-        sample()
-        time.sleep(1)
-    if player.poll() is None:
-        player.send_signal(signal.SIGINT)
-        player.wait(20)
-    count = -1
-    while count != (count := sum(len(mapper.fast) + len(mapper.refined) for mapper in mappers)):
-        time.sleep(3)  # also a round of diagnostics
-    sample()
-    return list(zip(*samples))
 
-
-def measure(arguments, bag, preset, rate, cameras, log):
-    """A row of the table."""
-    before_mib, mappers = gpu_mib(), []
+    def some(values, shares):
+        return ", ".join(f"{values[round(share * (len(values) - 1))]:.0f}" for share in shares) if values else "-"
     try:
         for number in range(1, cameras + 1):
             mappers.append(Mapper(bag, number, arguments, preset, log))
-        for mapper in mappers:
-            mapper.wait_until_ready()
-        samples = play(bag, rate, mappers, arguments.seconds, before_mib)
+            mappers[-1].wait_until_ready()  # roslaunch does not start twice at the same time
+        player = subprocess.Popen(["rosbag", "play", "--quiet", "--wait-for-subscribers", "-r", str(rate), str(bag),
+                                   *["--loop"] * bool(arguments.seconds)], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        end = time.monotonic() + (arguments.seconds or math.inf)
+        while player.poll() is None and time.monotonic() < end:
+            sample()
+            time.sleep(1)
+        player.send_signal(signal.SIGINT)
+        player.wait(20)
+        count = -1
+        while count != (count := sum(len(mapper.fast) + len(mapper.refined) for mapper in mappers)):
+            time.sleep(3)  # also a round of diagnostics
+        sample()
     finally:
         for mapper in mappers:
             mapper.stop()
-    counts = [sum(int(mapper.values.get(key, 0)) for mapper in mappers) for key in (
-        "keyframes", "fast depth maps", "refined depth maps", "withdrawn from the map, since poses contradict the images")]
-
-    def shares(values):
-        values = sorted(values) or [float("nan")]
-        return ", ".join(f"{values[round(share * (len(values) - 1))]:.0f}" for share in (0.5, 0.95, 1))
-
-    def some(values):
-        return ", ".join(f"{values[at]:.0f}" for at in sorted({round(i * (len(values) - 1) / 5) for i in range(6)}))
-    return [bag.stem, preset, f"{rate:g}", cameras, sum(len(mapper.images) for mapper in mappers), *counts,
-            shares(sum((mapper.fast for mapper in mappers), [])), shares(sum((mapper.refined for mapper in mappers), [])),
-            *map(some, samples)]
+    counts = [sum(int(mapper.values.get(key, 0)) for mapper in mappers) for key in COUNTS]
+    latencies = [sorted(sum(lists, [])) for lists in zip(*((mapper.fast, mapper.refined) for mapper in mappers))]
+    return [bag.stem, preset, cameras, f"{rate:g}", sum(len(mapper.images) for mapper in mappers), *counts,
+            *(some(values, (0.5, 0.95, 1)) for values in latencies),
+            *(some(values, (0, 0.2, 0.4, 0.6, 0.8, 1)) for values in zip(*samples))]
 
 
 def main():
@@ -144,10 +134,8 @@ def main():
         rospy.init_node("gpu_nodelets", disable_signals=True)
         rows = [COLUMNS, ["---"] * len(COLUMNS)]
         with tempfile.TemporaryFile("w+") as log:
-            for bag in arguments.bags:
-                for preset in arguments.presets:
-                    for cameras in arguments.cameras:
-                        rows += [measure(arguments, bag, preset, rate, cameras, log) for rate in arguments.rates]
+            for what in itertools.product(arguments.bags, arguments.presets, arguments.cameras, arguments.rates):
+                rows.append(measure(arguments, log, *what))
             log.seek(0)
             print(*sorted({line.strip()[:300] for line in log if "ERROR" in line or "WARN" in line or "died" in line}), sep="\n")
     finally:

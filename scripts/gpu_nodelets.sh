@@ -54,7 +54,7 @@ bundle() {
   for part in "$@"; do cp "${part#*=}" "$root/recordings/${part%%=*}.bag"; done
   # Shared libraries, and the names that glibc's had before, for which drivers ask.
   { elf_files | xargs ldd 2>/dev/null || true; } | awk '$3 ~ /^\// {print $3} $1 ~ /^\/.*[^:]$/ {print $1}' | copy
-  ls /lib/x86_64-linux-gnu/lib{pthread,dl,rt,util,resolv,nss_files}.so.[012] | copy
+  printf '%s\n' /lib/x86_64-linux-gnu/lib{pthread,dl,rt,util,resolv,nss_files}.so.[012] | copy
   elf_files | xargs strip --strip-unneeded
   printf 'cd %q\nsource scripts/ros_environment.sh %q\n' "$source" "$build" >"$root/environment"
   cp "$0" "$folder/"
