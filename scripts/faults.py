@@ -288,6 +288,7 @@ def sessions(build, runs, _seconds):
         whole, answers = path.read_bytes(), collections.Counter()
         fields = [at.end() for name in (rb"count=", b"conn=", b"size=", b"chunk_pos=", b"index_pos=", b"conn_count=")
                   for at in re.finditer(name, whole)]
+        fields += 20 * [at.end() + 24 for at in re.finditer(rb"op=\x04", whole)]  # where an index says that its first message is
         for run in range(20 * runs):
             at, kind = CHOICE.choice(fields), run % 3
             number = CHOICE.choice([0, 1, 13, 1 << 20, 1 << 30, (1 << 32) - 1, len(whole)]).to_bytes(4, "little")

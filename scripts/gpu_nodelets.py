@@ -76,7 +76,7 @@ class Mapper:
 
     def on_diagnostics(self, message):
         for status in message.status:
-            if self.name[1:] in status.name:
+            if status.name.strip("/").startswith(f"{self.name[1:]}/dense_mapper"):
                 self.values.update((value.key, value.value) for value in status.values)
 
     def wait_until_ready(self):
