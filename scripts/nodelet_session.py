@@ -42,16 +42,16 @@ def play(bag, rate=20):
 class Session:
     """master, manager and both nodelets; the manager's output is folder/log, maps are saved below the folder."""
 
-    def __init__(self, folder, map_parameters=()):
+    def __init__(self, folder, map_parameters=(), mapper_parameters=(), global_parameters=()):
         self.folder = Path(folder)
         self.master = replay_report.start_master()
         self.manager = None
         try:
-            mapper = {"device": "cpu", "overload": "block", "preset": "online"}
-            for node, parameters in (("dense_mapper", mapper),
-                                     ("map_server", {"save_folder": str(folder), **dict(map_parameters)})):
+            mapper = {"device": "cpu", "overload": "block", "preset": "online", **dict(mapper_parameters)}
+            for node, parameters in (("/dense_mapper", mapper), ("", dict(global_parameters)),
+                                     ("/map_server", {"save_folder": str(folder), **dict(map_parameters)})):
                 for name, value in parameters.items():
-                    subprocess.run(["rosparam", "set", f"/{node}/{name}", str(value)], check=True)
+                    subprocess.run(["rosparam", "set", f"{node}/{name}", str(value)], check=True)
             with open(self.folder / "log", "w") as log:
                 program = roslib.packages.find_node("nodelet", "nodelet")[0]  # under rosrun it would have another id
                 self.manager = subprocess.Popen([program, "manager", "__name:=manager"], stdout=log,

@@ -79,7 +79,8 @@ void CheckYaml(const std::string& path) {
 
 sensor_msgs::CameraInfo ReadCalibrationFile(const std::string& path, bool rectified) {
   const std::string what = Concat("calibration_file = \"", path, "\": ");
-  if (!std::filesystem::is_regular_file(path)) throw InvalidInputError(what + "there is no such file");
+  if (!std::filesystem::exists(path)) throw InvalidInputError(what + "there is no such file");
+  if (!std::filesystem::is_regular_file(path)) throw InvalidInputError(what + "must be a file");  // a pipe never ends
   std::string camera_name;
   sensor_msgs::CameraInfo info;
   bool read = false;

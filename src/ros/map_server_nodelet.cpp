@@ -25,8 +25,9 @@ constexpr char kSessionEnding[] = ".bag";
 constexpr size_t kMaxMappers = 100;  ///< all are in diagnostics and answers, and remembered
 constexpr double kMapPeriodS = 0.1;  ///< how often the map's rate limit is looked at
 constexpr uint32_t kPathQueue = 2;   ///< each path replaces the one before
-constexpr uint32_t kKeyframeQueue =
-    0;  ///< no limit: keyframes are thinned faster than they are made, and none may be lost
+/// A GPU can make keyframes faster than the map takes them in. More than any flush sends at once; what is lost beyond
+/// that is told.
+constexpr uint32_t kKeyframeQueue = 200;
 
 /// A rotation that is all 0 is none: what a request has where it was left out.
 RigidTransform WorldFromSession(geometry_msgs::Transform transform) {

@@ -3,6 +3,7 @@
 
 Usage: offline_test.py ACMP_RECONSTRUCT ACMP_MAKE_SCENE, with the module on PYTHONPATH"""
 
+import ast
 import inspect
 import os
 import re
@@ -209,6 +210,23 @@ class OfflineTest(unittest.TestCase):
         parameters = inspect.signature(offline.reconstruct).parameters
         self.assertEqual(parameters["preset"].default, "balanced")
         self.assertEqual(parameters["cam_from_world"].kind, inspect.Parameter.KEYWORD_ONLY)
+
+    def test_stub_is_the_module(self):
+        stub = ast.parse((Path(__file__).parents[2] / "src/python/offline.pyi").read_text())
+        functions = {node.name: node for node in stub.body if isinstance(node, ast.FunctionDef)}
+        classes = {node.name: node for node in stub.body if isinstance(node, ast.ClassDef)}
+        self.assertEqual({*functions, *classes}, {name for name in dir(offline) if not name.startswith("_")})
+        for name, function in functions.items():
+            arguments = function.args
+            defaults = [*arguments.defaults, *(default for default in arguments.kw_defaults if default)]
+            known = inspect.signature(getattr(offline, name)).parameters.values()
+            self.assertEqual([(argument.arg, keyword) for of, keyword in ((arguments.args, False), (arguments.kwonlyargs, True))
+                              for argument in of], [(p.name, p.kind == p.KEYWORD_ONLY) for p in known])
+            self.assertEqual([ast.literal_eval(default) for default in defaults],
+                             [p.default for p in known if p.default is not p.empty])
+        for name, members in classes.items():
+            self.assertEqual({member.target.id for member in members.body},
+                             {member for member in dir(getattr(offline, name)) if not member.startswith("_")})
 
     def slow(self):
         """Arguments of a run that takes many seconds."""

@@ -1,5 +1,7 @@
 #include "acmp_mapping/ros/input_conversion.h"
 
+#include <sys/stat.h>
+
 #include <gmock/gmock.h>
 
 #include "acmp_mapping/common/error.h"
@@ -83,6 +85,9 @@ TEST_F(CalibrationFileTest, OtherFilesAreRefused) {
     return MessageOf<InvalidInputError>([&] { ReadCalibrationFile(path); });
   };
   EXPECT_THAT(refusal((folder() / "none.yaml").string()), HasSubstr("there is no such file"));
+  const std::string pipe = (folder() / "pipe.yaml").string();
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  EXPECT_THAT(refusal(pipe), HasSubstr("must be a file"));
   EXPECT_THAT(refusal(WriteText("camera.txt", good_).string()), HasSubstr("must be a .yaml, .yml or .ini file"));
   EXPECT_THAT(refusal(WriteText("camera.ini", good_).string()), HasSubstr("must be a .yaml, .yml or .ini file"));
 }
