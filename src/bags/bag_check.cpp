@@ -22,8 +22,8 @@
 namespace acmp {
 namespace {
 
-constexpr size_t kFewest = 3;  // keyframes: one waits for two source views
-constexpr double kNsPerSecond = 1e9;
+constexpr size_t kFewestKeyframes = 3;  // keyframes: one waits for two source views
+constexpr double kNsPerBagSecond = 1e9;
 constexpr std::array<const char*, 4> kPoseSources = {"pose", "pose_cov", "odom", "transform"};  // in the order of types
 
 bool IsMost(size_t part, size_t whole) { return static_cast<double>(part) >= 0.9 * static_cast<double>(whole); }
@@ -235,7 +235,7 @@ std::vector<double> NearestGaps(const std::vector<int64_t>& stamps, std::vector<
     int64_t gap = std::numeric_limits<int64_t>::max();
     if (after != others.end()) gap = *after - stamp;
     if (after != others.begin()) gap = std::min(gap, stamp - *std::prev(after));
-    gaps.push_back(static_cast<double>(gap) / kNsPerSecond);
+    gaps.push_back(static_cast<double>(gap) / kNsPerBagSecond);
   }
   std::sort(gaps.begin(), gaps.end());
   return gaps;
@@ -299,7 +299,7 @@ void ReportImages(const BagTopics& topics, const IntakeRun& run, Findings* findi
   }
   std::string sizes;
   for (const auto& [width, height] : run.sizes) sizes += Concat(", ", width, "x", height, " px");
-  ReportStream("images " + topics.chosen.image, run.images, kFewest, ", " + run.encoding + sizes, findings);
+  ReportStream("images " + topics.chosen.image, run.images, kFewestKeyframes, ", " + run.encoding + sizes, findings);
 }
 
 void ReportCamera(const BagTopics& topics, const std::string& calibration_file, const IntakeRun& run,
@@ -335,7 +335,8 @@ void ReportPoses(const BagTopics& topics, const NodeOptions& options, const Inta
                          "topic nor a transform tree that reaches the images' frame");
   }
   const std::string name = "poses " + topics.chosen.pose;
-  ReportStream(name, run.poses, kFewest, Concat(", path length ", run.path, " (units of the poses)"), findings);
+  ReportStream(name, run.poses, kFewestKeyframes, Concat(", path length ", run.path, " (units of the poses)"),
+               findings);
   if (run.poses.used() > 1 && run.path == 0) {
     findings->Add(Severity::kError, name, ": all at the same position; without a baseline there is no depth");
   }
@@ -380,8 +381,8 @@ void ReportIntake(const IntakeRun& run, double tolerance_s, Findings* findings) 
     findings->Add(usual ? Severity::kOk : Severity::kWarning, reason, ", ", rejection.count,
                   " times; the first: ", rejection.first);
   }
-  findings->Add(run.keyframes >= kFewest ? Severity::kOk : Severity::kError, "the mapper takes ", run.keyframes, " of ",
-                run.images.used(), " images, with poses within ", tolerance_s, " s of them");
+  findings->Add(run.keyframes >= kFewestKeyframes ? Severity::kOk : Severity::kError, "the mapper takes ",
+                run.keyframes, " of ", run.images.used(), " images, with poses within ", tolerance_s, " s of them");
 }
 
 /// The command that starts the mapper for a bag's topics.
