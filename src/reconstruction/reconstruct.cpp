@@ -62,6 +62,7 @@ std::string CheckInput(const Scene& scene, const std::vector<int>& indices, Fram
 /// Of the files of all images: what StampOfFiles says.
 std::vector<uint64_t> StampsOf(const Scene& scene, const std::vector<int>& indices) {
   std::vector<uint64_t> stamps;
+  stamps.reserve(indices.size());
   for (int index : indices) stamps.push_back(StampOfFiles(scene.images[static_cast<size_t>(index)]));
   return stamps;
 }

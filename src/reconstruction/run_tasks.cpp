@@ -96,7 +96,7 @@ void RunTasks::AddSteps(const std::set<StepOfImage>& steps) {
 std::set<StepOfImage> RunTasks::AddMissingSteps() {
   std::set<int> all;
   for (const auto& [index, image] : images_) all.insert(index);
-  const std::set<StepOfImage> steps = StepsToDo(
+  std::set<StepOfImage> steps = StepsToDo(
       final_step_, all, [&](const StepOfImage& key) { return run_.store.FileOf(key); },
       [&](int index) { return run_.plan.ImagesRead(*images_.at(index)); }, run_.scene, run_.interrupt, &run_.progress);
   AddSteps(steps);
