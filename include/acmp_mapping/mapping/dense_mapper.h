@@ -28,7 +28,7 @@ struct DenseMapperOptions {
   int window_size = 30;             ///< keyframes kept to match against, 2..kMaxWindowSize
   int lookahead = 2;                ///< later keyframes a keyframe waits for before it is refined, 0..window_size-1
   bool refine_again = true;  ///< refine a keyframe once more halfway through the window, and at a flush, if by then its
-                             ///< source views or their maps are better
+                             ///< source views are better or poses have moved
   int min_source_views = 2;  ///< a keyframe waits until so many views are useful; at most max_source_views and
                              ///< window_size - 1, which is all that other keyframes can offer
 };
