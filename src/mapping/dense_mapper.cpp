@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <atomic>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -51,18 +50,17 @@ struct Turns {
   int min_source_views;             ///< of `initial`
   size_t refined;                   ///< later keyframes, at least
   size_t again_fewest, again_most;  ///< later keyframes
-  bool for_better_maps;             ///< whether `again` is also for those whose source views have better maps alone
 };
 
 /// As soon as a keyframe comes: `again` is for the one that has as many later ones as earlier ones to be matched
 /// against.
 Turns TurnsOfStream(const DenseMapperOptions& options) {
   const size_t half = static_cast<size_t>(options.window_size) / 2;
-  return {options.min_source_views, static_cast<size_t>(options.lookahead), half, half, true};
+  return {options.min_source_views, static_cast<size_t>(options.lookahead), half, half};
 }
 
 /// Nothing more comes.
-constexpr Turns kTurnsOfFlush = {1, 0, 0, kMaxWindowSize, false};
+constexpr Turns kTurnsOfFlush = {1, 0, 0, kMaxWindowSize};
 
 /// With fewer later keyframes a refined one is not read by passes of others, which go on reading its initial estimate.
 /// What it saw last no other has confirmed: there it errs as its neighbours do, from which it took that, and would hand
@@ -167,7 +165,6 @@ struct DenseMapper::Impl {
   struct KeyframeAndSources {
     WindowKeyframePtr keyframe;
     SourceViews sources;
-    bool from_refined = false;  ///< begins from its own refined estimate
   };
 
   /// If any would gain, those whose views have not become worse as well, for they read each other.
@@ -184,12 +181,7 @@ struct DenseMapper::Impl {
       if (sources.keyframes.empty() || !(gains || sources.score >= *keyframe->refined_score)) continue;
       due.push_back({keyframe, std::move(sources)});
     }
-    if (any_gains) return due;
-    const auto has_better_maps = [&](const KeyframeAndSources& next) {
-      return turns.for_better_maps && next.keyframe->refined && HasBetterMaps(*next.keyframe, next.sources);
-    };
-    due.erase(std::remove_if(due.begin(), due.end(), std::not_fn(has_better_maps)), due.end());
-    for (KeyframeAndSources& next : due) next.from_refined = true;
+    if (!any_gains) due.clear();
     return due;
   }
 
@@ -207,20 +199,16 @@ struct DenseMapper::Impl {
       if (due.size() == 1) return;  // an estimate that nobody else holds gives the next one its memory
       for (const KeyframeRefinement& member : members) member.keyframe->shared = member.problem.reference.estimate;
     };
-    const bool from_refined = !due.empty() && due.front().from_refined;
     for_each([&](KeyframeRefinement* member) {
       const WindowKeyframePtr& keyframe = member->keyframe;
-      if (!from_refined && NeedsNewInitial(*keyframe, member->sources)) {
-        estimator.Initialise(keyframe.get(), member->sources);
-      }
+      if (NeedsNewInitial(*keyframe, member->sources)) estimator.Initialise(keyframe.get(), member->sources);
       BringUpToDate(member->sources);
-      *member = estimator.Begin(keyframe, member->sources, from_refined ? keyframe->refined : keyframe->initial,
-                                window.NumLaterThan(*keyframe) < kEnoughLaterKeyframes);
+      *member = estimator.Begin(keyframe, member->sources, window.NumLaterThan(*keyframe) < kEnoughLaterKeyframes);
     });
     for (size_t step = 1; step < estimator.num_steps(); ++step) {
       for_each([&](KeyframeRefinement* member) { estimator.Step(step, member); });
     }
-    for_each([&](KeyframeRefinement* member) { Submit(member->keyframe, estimator.Finish(*member), from_refined); });
+    for_each([&](KeyframeRefinement* member) { Submit(member->keyframe, estimator.Finish(*member)); });
     for (const KeyframeAndSources& done : due) done.keyframe->shared.reset();
   }
 
@@ -237,10 +225,8 @@ struct DenseMapper::Impl {
     }
   }
 
-  void Submit(const WindowKeyframePtr& keyframe, FinishedEstimate estimate, bool has_read_better_maps) {
+  void Submit(const WindowKeyframePtr& keyframe, FinishedEstimate estimate) {
     const bool again = std::exchange(keyframe->state, State::kFinished) == State::kFinished;
-    if (again) keyframe->refined_again_at = keyframe->refined_at;
-    keyframe->has_read_better_maps = has_read_better_maps;
     keyframe->is_withdrawn = false;
     outputs.SubmitRefined(keyframe, std::move(estimate), options.pipeline.fusion, again);
   }

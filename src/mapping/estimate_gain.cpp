@@ -1,7 +1,5 @@
 #include "estimate_gain.h"
 
-#include <algorithm>
-
 #include "acmp_mapping/keyframe/source_view_selection.h"
 
 namespace acmp {
@@ -51,13 +49,6 @@ bool HaveMoved(const WindowKeyframe& keyframe, const std::vector<MatchedView>& v
 
 bool WouldGain(const WindowKeyframe& keyframe, const SourceViews& sources) {
   return sources.score >= kBetterScore * *keyframe.refined_score || HaveMoved(keyframe, keyframe.refined_views);
-}
-
-bool HasBetterMaps(const WindowKeyframe& keyframe, const SourceViews& sources) {
-  if (keyframe.has_read_better_maps || sources.score < *keyframe.refined_score) return false;
-  return std::any_of(sources.keyframes.begin(), sources.keyframes.end(), [&](const WindowKeyframePtr& source) {
-    return source->refined_again_at > keyframe.refined_at && !source->has_read_better_maps;
-  });
 }
 
 bool NeedsNewInitial(const WindowKeyframe& keyframe, const SourceViews& sources) {

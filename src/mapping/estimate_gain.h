@@ -15,10 +15,6 @@ bool HaveMoved(const WindowKeyframe& keyframe, const std::vector<MatchedView>& v
 /// it was refined with, or poses have moved.
 bool WouldGain(const WindowKeyframe& keyframe, const SourceViews& sources);
 
-/// Whether a source view was refined again since these maps were made. That counts once, for such gains soon end, and
-/// only where that source's own views had become better: else it would go on from keyframe to keyframe.
-bool HasBetterMaps(const WindowKeyframe& keyframe, const SourceViews& sources);
-
 /// Whether a refinement with these source views must begin with another initial estimate: there is none, poses have
 /// moved, or the keyframe is refined again and the views bring more.
 bool NeedsNewInitial(const WindowKeyframe& keyframe, const SourceViews& sources);

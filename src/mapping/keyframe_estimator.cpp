@@ -53,12 +53,12 @@ FinishedEstimate KeyframeEstimator::Initialise(WindowKeyframe* keyframe, const S
 }
 
 KeyframeRefinement KeyframeEstimator::Begin(const WindowKeyframePtr& keyframe, const SourceViews& sources,
-                                            const EngineEstimatePtr& start, bool lacks_future_views) {
+                                            bool lacks_future_views) {
   KeyframeRefinement refinement;
   refinement.keyframe = keyframe;
   refinement.sources = sources;
   refinement.problem = MakeProblem(keyframe.get(), sources);
-  refinement.problem.reference.estimate = start;
+  refinement.problem.reference.estimate = keyframe->initial;
   refinement.lacks_future_views = lacks_future_views;
   refinement.times = keyframe->times;
   return refinement;
@@ -89,7 +89,6 @@ FinishedEstimate KeyframeEstimator::Finish(KeyframeRefinement refinement) {
   keyframe.lacks_future_views = refinement.lacks_future_views;
   keyframe.refined_score = refinement.sources.score;
   keyframe.refined_views = MatchedViews(problem, refinement.sources);
-  keyframe.refined_at = ++refinements_;
   keyframe.times = StageTimes();
   if (!refinement.lacks_future_views) keyframe.initial.reset();
   return {std::move(problem), refinement.sources.Ids(), keyframe.placed, refinement.times,

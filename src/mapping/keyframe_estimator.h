@@ -41,12 +41,10 @@ class KeyframeEstimator {
   /// Makes keyframe->initial. What it throws leaves the keyframe as it was.
   FinishedEstimate Initialise(WindowKeyframe* keyframe, const SourceViews& sources);
 
-  /// A refinement is Begin, all steps from 1 to num_steps() - 1 in order, and Finish, which makes keyframe->refined.
-  /// Each step reads the source views as they are in the window then. What one of these throws leaves the keyframe as
-  /// it was.
-  /// @param start its initial estimate or its last refined one
-  KeyframeRefinement Begin(const WindowKeyframePtr& keyframe, const SourceViews& sources,
-                           const EngineEstimatePtr& start, bool lacks_future_views);
+  /// A refinement is Begin, from keyframe->initial, all steps from 1 to num_steps() - 1 in order, and Finish, which
+  /// makes keyframe->refined. Each step reads the source views as they are in the window then. What one of these throws
+  /// leaves the keyframe as it was.
+  KeyframeRefinement Begin(const WindowKeyframePtr& keyframe, const SourceViews& sources, bool lacks_future_views);
   void Step(size_t step, KeyframeRefinement* refinement);
   FinishedEstimate Finish(KeyframeRefinement refinement);
 
@@ -58,7 +56,6 @@ class KeyframeEstimator {
 
   DepthEngine* engine_;
   DepthEstimator estimator_;
-  int64_t refinements_ = 0;  ///< made so far
 };
 
 }  // namespace acmp

@@ -65,9 +65,6 @@ struct WindowKeyframe {
   // Gains of all source views (SelectSourceViews).
   double initial_score = 0;             ///< of the views of its initial estimate
   std::optional<double> refined_score;  ///< of the views of its refined maps; none: there are none
-  int64_t refined_at = 0;               ///< which refinement of the mapper made these, counted from 1
-  int64_t refined_again_at = 0;         ///< the same, if it was not the keyframe's first; 0: none
-  bool has_read_better_maps = false;    ///< its last refinement was for better maps of its source views
 
   // Of the thread of outputs.
   bool had_fast = false;     ///< its on_fast was called

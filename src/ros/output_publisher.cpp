@@ -33,7 +33,7 @@ std_msgs::Header MakeHeader(int64_t stamp_ns, const std::string& frame_id) {
   return header;
 }
 
-const KeyframeOrigin& OriginOf(const Frame& frame) { return static_cast<const ReceivedFrame&>(frame).origin; }
+const KeyframeOrigin& KeyframeOriginOf(const Frame& frame) { return static_cast<const ReceivedFrame&>(frame).origin; }
 
 double LatencyMs(const KeyframeOrigin& origin) { return (SteadySeconds() - origin.arrival_s) * 1e3; }
 
@@ -100,7 +100,8 @@ DenseMapper::Callbacks OutputPublisher::MakeCallbacks() {
   callbacks.on_withdrawn = [this](const KeyframeDepthPtr& maps, const std::string& message) {
     Publish(maps, [this](const KeyframeOutput& output) { PublishKeyframePoints(output, true); });
     UpdateStatus([](OutputStatus* status) { ++status->withdrawn; });
-    Report({"withdrawn", Concat("image ", FormatStamp(OriginOf(*maps->frame).stamp_ns), " leaves the map: ", message)});
+    Report({"withdrawn",
+            Concat("image ", FormatStamp(KeyframeOriginOf(*maps->frame).stamp_ns), " leaves the map: ", message)});
   };
   callbacks.on_drop = [this](const KeyframeDrop& drop) { HandleDrop(drop); };
   callbacks.on_problem = [this](const std::string& reason, const std::string& message) { Report({reason, message}); };
@@ -122,7 +123,8 @@ void OutputPublisher::Publish(const KeyframeDepthPtr& maps, const PublishOutput&
   try {
     publish(MakeKeyframeOutput(maps, min_depth_confidence_));
   } catch (const std::exception& error) {
-    Report({"publish_error", Concat("image ", FormatStamp(OriginOf(*maps->frame).stamp_ns), ": ", error.what())});
+    Report(
+        {"publish_error", Concat("image ", FormatStamp(KeyframeOriginOf(*maps->frame).stamp_ns), ": ", error.what())});
   }
 }
 
@@ -136,12 +138,12 @@ void OutputPublisher::HandleFast(const KeyframeDepthPtr& maps) {
   });
   UpdateStatus([&](OutputStatus* status) {
     ++status->fast;
-    status->fast_latency.Add(LatencyMs(OriginOf(*maps->frame)));
+    status->fast_latency.Add(LatencyMs(KeyframeOriginOf(*maps->frame)));
   });
 }
 
 void OutputPublisher::HandleRefined(const KeyframeDepthPtr& maps) {
-  const KeyframeOrigin& origin = OriginOf(*maps->frame);
+  const KeyframeOrigin& origin = KeyframeOriginOf(*maps->frame);
   // First: what is published says how many images are still under way.
   UpdateStatus([&](OutputStatus* status) { status->CountRefined(*maps); });
   Publish(maps, [&](const KeyframeOutput& output) {
@@ -162,8 +164,8 @@ void OutputPublisher::HandleRefined(const KeyframeDepthPtr& maps) {
 
 void OutputPublisher::HandleDrop(const KeyframeDrop& drop) {
   Report({drop.reason,
-          Concat("image ", FormatStamp(OriginOf(*drop.frame).stamp_ns), drop.had_fast ? " (refinement only): " : ": ",
-                 drop.message),
+          Concat("image ", FormatStamp(KeyframeOriginOf(*drop.frame).stamp_ns),
+                 drop.had_fast ? " (refinement only): " : ": ", drop.message),
           true});
 }
 

@@ -27,8 +27,8 @@ struct DenseMapperOptions {
   DepthRange fallback_depth_range;  ///< used when there are neither landmarks nor a previous range; an end of 0: none
   int window_size = 30;             ///< keyframes kept to match against, 2..kMaxWindowSize
   int lookahead = 2;                ///< later keyframes a keyframe waits for before it is refined, 0..window_size-1
-  bool refine_again = true;  ///< refine a keyframe once more in mid-window, and at a flush, if by then its source
-                             ///< views, their maps or its poses are better
+  bool refine_again = true;  ///< refine a keyframe once more halfway through the window, and at a flush, if by then its
+                             ///< source views are better or poses have moved
   int min_source_views = 2;  ///< a keyframe waits until so many views are useful; at most max_source_views and
                              ///< window_size - 1, which is all that other keyframes can offer
 };
@@ -76,10 +76,10 @@ class DenseMapper {
   /// Replaces the options from the next keyframe on. Throws InvalidInputError for bad ones and keeps the old.
   void set_options(const DenseMapperOptions& options);
 
-  /// Adds a keyframe (not null, id above all earlier ones since the last Reset, else InvalidInputError) and does what
-  /// has become possible: poses, initial estimates of keyframes that now have enough views, refinements of those with
-  /// `lookahead` later ones, the second refinement of the one in the middle of the window. Where poses contradict the
-  /// images see pose_checks. A keyframe that fails is reported through on_drop and never stops the others.
+  /// Adds a keyframe (id above all earlier ones since the last Reset, else InvalidInputError) and does what has become
+  /// possible: initial estimates of keyframes that now have enough views, refinements of those with `lookahead` later
+  /// ones, and once more of the keyframe halfway through the window. A keyframe that fails is reported through on_drop
+  /// and never stops the others.
   void AddKeyframe(FramePtr frame);
 
   /// Adds a frame as AddKeyframe does, but gives it no maps and no callback: it is a source view of keyframes, and a
@@ -100,8 +100,8 @@ class DenseMapper {
   void WaitForOutputs();
 
   /// Faults of the received poses. While they contradict the images by more than the fusion's max_relative_depth, maps
-  /// of the same surface would not meet: no keyframe is refined and the maps of the newest ones are taken back
-  /// (on_withdrawn). They are made again when the contradiction is below half of that, if they are in the window then.
+  /// of the same surface would not meet: no keyframe is refined, the maps of the newest ones are withdrawn, and they
+  /// come when the contradiction is below half of that again, or never.
   PoseChecks pose_checks() const;
 
   /// Keyframes that have had neither on_refined nor on_drop yet; those on their way to it count as having had it.
