@@ -1,6 +1,5 @@
 #include "acmp_mapping/ros/optimized_path.h"
 
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
