@@ -20,8 +20,6 @@ namespace {
 
 using testing::HasSubstr;
 
-constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-
 // A small synthetic scene on disk with predictions: noise and holes in image 0, none for image 1, half size for
 // image 2.
 class EvaluateDepthTest : public TestFolder {
@@ -43,7 +41,8 @@ class EvaluateDepthTest : public TestFolder {
     for (size_t i = 0; i < map.size(); ++i) {
       RandomStream random(5, static_cast<uint32_t>(i), 0);
       map.data()[i] += random.NextUniform(-0.1f, 0.1f);
-      if (random.NextUniform() < 0.2f) map.data()[i] = random.NextUniform() < 0.5f ? 0.0f : kNan;
+      if (random.NextUniform() < 0.2f)
+        map.data()[i] = random.NextUniform() < 0.5f ? 0.0f : std::numeric_limits<float>::quiet_NaN();
     }
     return map;
   }

@@ -16,9 +16,7 @@ namespace {
 
 using testing::ElementsAre;
 
-constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-
-SurfacePoint At(float x, float y, float z) {
+SurfacePoint PointAt(float x, float y, float z) {
   SurfacePoint point = {};
   point.position = {x, y, z};
   return point;
@@ -31,9 +29,9 @@ TEST(ObservedSurface, ObservesUpToTheSurfaceAndTheTolerance) {
   const float z = 2.0f;
   DepthMap depth(4, 3, z);
   depth(0, 0) = 0;
-  depth(1, 0) = kNan;
+  depth(1, 0) = std::numeric_limits<float>::quiet_NaN();
   const auto at_pixel = [](float col, float row, float d) {
-    return At((col - 1.5f) / 2.0f * d, (row - 1.0f) / 2.0f * d, d);
+    return PointAt((col - 1.5f) / 2.0f * d, (row - 1.0f) / 2.0f * d, d);
   };
   const PointCloud points = {
       at_pixel(2, 1, 0.5f),      // in front
@@ -59,7 +57,7 @@ TEST(ObservedSurface, OneMapThatObservesIsEnough) {
   RigidTransform world_from_cam = RigidTransform::Identity();
   world_from_cam.translation() = Eigen::Vector3d(0, 0, 10);
   world_from_cam.rotate(Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitY()));  // looks back
-  const PointCloud points = {At(0, 0, 1), At(0, 0, 5), At(0, 0, 9)};
+  const PointCloud points = {PointAt(0, 0, 1), PointAt(0, 0, 5), PointAt(0, 0, 9)};
   ObservedSurface surface(points, 0.01, 0.1);
   surface.Add(DepthMap(4, 3, 2.0f), WideCamera(), RigidTransform::Identity());
   EXPECT_THAT(surface.observed(), ElementsAre(1, 0, 0));
