@@ -78,7 +78,9 @@ def main():
         else:
             sources += [file for file in chosen if file not in sources]
             if chosen:
-                flags += [flag for flag in re.findall(r"(?:-I|-isystem|-D) ?\S+", command) if flag not in flags]
+                # A macro has the first value that a target gives it.
+                defined = {flag.split("=")[0] for flag in flags}
+                flags += [flag for flag in re.findall(r"(?:-I|-isystem|-D) ?\S+", command) if flag.split("=")[0] not in defined]
     mains = [file for file in sources if is_main(file)]
     rest = sorted(set(sources) - set(mains))
     for number, part in enumerate(in_equal_parts(rest, UNITS) + [mains] if sources else []):

@@ -13,8 +13,6 @@ OptionList OptionsOf(PoseRefinementOptions* options) {
   return list;
 }
 
-void Validate(const PoseRefinementOptions& options) {
-  CheckRange("corners", options.corners, 50, 5000);
-}
+void Validate(const PoseRefinementOptions& options) { CheckRange("corners", options.corners, 50, 5000); }
 
 }  // namespace acmp
