@@ -20,8 +20,8 @@ int SeedViews(int num_sources);
 /// of those with two to four 42 % (docs/experiments.md). Before passes they must confirm it closely.
 int MinConsistentViews(int num_sources);
 
-/// Source views that must confirm a seed closely to make it a strong one: one more than a seed needs, half of all
-/// suffice.
+/// Source views that must confirm a seed closely to make it a closely confirmed one: one more than a seed needs,
+/// half of all suffice.
 int StrongViews(int num_sources);
 
 /// A context without its maps and seeds, which depend on the device.
@@ -31,9 +31,10 @@ FillContext MakeFillContext(const PinholeCamera& camera, const DepthRange& range
 /// Gives pixels that hardly any source view confirms (MinConsistentViews) the plane of their surroundings: robust
 /// planes are fitted to the confirmed pixels around, a square of 19 % of the image's longer side, and each pixel takes
 /// the weighted median of the nearest ones in 16 directions, or before passes a nearer or farther one; there those that
-/// more views confirm closely go before nearer ones. Filled pixels that no view had confirmed get kWorstCost, the others
-/// kUnverifiedCost. Then, if it is asked for, a weighted median (WeightedMedianPixel) where surfaces meet: a window
-/// beside something nearer takes its depth, all views do so alike, and surfaces in the free space of sources count less.
+/// more views confirm closely go before nearer ones. Filled pixels that no view had confirmed get kWorstCost, the
+/// others kUnverifiedCost. Then, if it is asked for, a weighted median (WeightedMedianPixel) where surfaces meet: a
+/// window beside something nearer takes its depth, all views do so alike, and surfaces in the free space of sources
+/// count less.
 /// @param reference,sources as FilterByConsistency takes them; sources without a depth map do not count
 /// @param planes,cost of the reference; changed
 void FillUnverified(const FusionView& reference, const std::vector<FusionView>& sources, const DepthRange& range,
