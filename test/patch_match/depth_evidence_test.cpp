@@ -119,15 +119,5 @@ TEST_F(DepthEvidenceTest, AgreesWithTheDefinition) {
   }
 }
 
-TEST_F(DepthEvidenceTest, OneViewIsNotEnough) {
-  KernelState state = State(1);
-  ASSERT_GT(DepthEvidence(state.Context(), 30, 22), 10);
-  for (size_t i = 2; i < views_.size(); ++i) views_[i].depth = DepthMap(kWidth, kHeight);  // unknown
-  const PatchMatchProblem one = MakeProblem(views_, 0, {1, 20}, true);
-  KernelState alone(one);
-  for (size_t i = 0; i < state.planes.size(); ++i) alone.planes.data()[i] = state.planes.data()[i];
-  EXPECT_EQ(DepthEvidence(alone.Context(), 30, 22), 0);
-}
-
 }  // namespace
 }  // namespace acmp

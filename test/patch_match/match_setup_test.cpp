@@ -1,11 +1,13 @@
 #include "acmp_mapping/patch_match/match_setup.h"
 
+#include <functional>
 #include <limits>
+#include <vector>
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "acmp_mapping/common/error.h"
+#include "support/error_text.h"
 #include "support/random_views.h"
 #include "support/reference_match.h"
 
@@ -14,6 +16,8 @@ namespace {
 
 using ::testing::AllOf;
 using ::testing::HasSubstr;
+
+constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
 TEST(HalveDepthTest, AgreesWithTheReferenceWithinHalfAStep) {
   TestRandom random(4);
@@ -50,40 +54,56 @@ TEST(HalveDepthTest, WhatIsNoDepthIsUnknown) {
   }
 }
 
-/// Message of the InvalidInputError that the function throws; empty if none.
-template <class Function>
-std::string MessageOf(const Function& function) {
-  try {
-    function();
-  } catch (const InvalidInputError& error) {
-    return error.what();
-  }
-  return "";
-}
-
-EstimateState GoodStart(int width, int height) {
-  return {PlaneMap(width, height, {0, 0, -1, 4}), CostMap(width, height, 0.5f)};
-}
-
-TEST(CheckStartTest, RefusesOtherSizes) {
+TEST(CheckStartTest, RefusesOtherSizesAndPixelsWithoutAPlaneInFrontOfTheCamera) {
   const std::vector<PlanarView> views = RandomViews(2, 33, 27, 6);
   const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10});
-  EXPECT_EQ(MessageOf([&] { CheckStart(problem, GoodStart(33, 27)); }), "");
-  EXPECT_THAT(MessageOf([&] { CheckStart(problem, GoodStart(34, 27)); }),
-              AllOf(HasSubstr("start"), HasSubstr("34 x 27"), HasSubstr("33 x 27")));
-  EstimateState start = GoodStart(33, 27);
-  start.cost = CostMap(33, 26);
-  EXPECT_THAT(MessageOf([&] { CheckStart(problem, start); }), HasSubstr("33 x 26"));
-  EXPECT_NE(MessageOf([&] { CheckStart(problem, EstimateState{}); }), "");
-}
-
-TEST(CheckStartTest, RefusesPixelsWithoutAPlaneInFrontOfTheCamera) {
-  const std::vector<PlanarView> views = RandomViews(2, 33, 27, 6);
-  const PatchMatchProblem problem = MakeProblem(views, 0, {1, 10});
-  for (const float d : {0.0f, -1.5f, std::numeric_limits<float>::quiet_NaN()}) {
-    EstimateState start = GoodStart(33, 27);
+  const auto error = [&](int width, int cost_height, float d) {
+    EstimateState start = {PlaneMap(width, 27, {0, 0, -1, 4}), CostMap(width, cost_height, 0.5f)};
     start.planes(32, 26).d = d;
-    EXPECT_THAT(MessageOf([&] { CheckStart(problem, start); }), HasSubstr(Concat("d = ", d)));
+    return ErrorOf([&] { CheckStart(problem, start); });
+  };
+  EXPECT_EQ(error(33, 27, 4), "no error");
+  EXPECT_THAT(error(34, 27, 4), AllOf(HasSubstr("start"), HasSubstr("34 x 27"), HasSubstr("33 x 27")));
+  EXPECT_THAT(error(33, 26, 4), HasSubstr("33 x 26"));
+  for (const float d : {0.0f, -1.5f, kNan}) EXPECT_THAT(error(33, 27, d), HasSubstr(Concat("d = ", d)));
+}
+
+TEST(PatchMatchProblemTest, NamesWhatIsWrongWithWhichView) {
+  struct Case {
+    std::function<void(PatchMatchProblem*)> change;
+    std::vector<const char*> message;  ///< none: legal
+  };
+  const std::vector<PlanarView> views = RandomViews(3, 33, 27, 1);
+  for (const Case& c : std::vector<Case>{
+           {[](PatchMatchProblem*) {}, {}},
+           {[](PatchMatchProblem* p) { p->sources.resize(32, p->sources[0]); }, {}},
+           {[](PatchMatchProblem* p) { p->sources.resize(33, p->sources[0]); }, {"source views = 33", "[1, 32]"}},
+           {[](PatchMatchProblem* p) { p->sources.clear(); }, {"source views = 0"}},
+           {[](PatchMatchProblem* p) { p->reference.camera.fx = 0; }, {"reference view", "fx = 0"}},
+           {[](PatchMatchProblem* p) { p->sources[1].camera.cy = kNan; }, {"source view 1", "cy = nan"}},
+           {[](PatchMatchProblem* p) { p->reference.gray.width = 32; }, {"reference view", "32 x 27", "33 x 27"}},
+           {[](PatchMatchProblem* p) { p->sources[0].gray.data = nullptr; }, {"source view 0"}},
+           {[](PatchMatchProblem* p) { p->sources[1].depth.height -= 1; }, {"source view 1", "depth map"}},
+           {[](PatchMatchProblem* p) { p->sources[0].cam_from_world.translation().y() = kNan; },
+            {"source view 0", "pose"}},
+           {[](PatchMatchProblem* p) {  // a pure rotation
+              p->sources[1].cam_from_world = LookAhead({0, 0, 0}, 5, 3, 1) * p->reference.cam_from_world;
+            },
+            {"source view 1", "baseline"}},
+           {[](PatchMatchProblem* p) {
+              p->depth_range = {10, 1};
+            },
+            {"depth range", "[10, 1]"}},
+           // Also where no baseline can be judged by it.
+           {[](PatchMatchProblem* p) {
+              p->depth_range = {kNan, 10};
+            },
+            {"depth range", "[nan, 10]"}}}) {
+    PatchMatchProblem problem = MakeProblem(views, 0, {1, 10}, true);
+    c.change(&problem);
+    const std::string message = ErrorOf([&] { Check(problem); });
+    for (const char* part : c.message) EXPECT_THAT(message, HasSubstr(part));
+    EXPECT_EQ(message == "no error", c.message.empty()) << message;
   }
 }
 

@@ -11,31 +11,14 @@
 namespace acmp {
 namespace {
 
-void RandomPlanes(KernelState* state, uint32_t seed) {
-  TestRandom random(seed);
-  for (int row = 0; row < state->height(); ++row) {
-    for (int col = 0; col < state->width(); ++col) {
-      state->planes(col, row) = RandomHypothesis(state->problem().reference.camera, col, row, 2, 8, 60, &random);
-    }
-  }
-}
-
-double Depth(const KernelState& state, const PlaneMap& planes, int col, int row) {
+/// Where the plane of pixel (c, r) meets the ray of pixel (col, row).
+double Depth(const KernelState& state, const PlaneMap& planes, int c, int r, int col, int row) {
   return reference::Intersect(state.problem().reference.camera, Eigen::Vector2d(col, row),
-                              reference::ToDouble(planes(col, row)))
+                              reference::ToDouble(planes(c, r)))
       .z();
 }
 
-constexpr double kFar = 1e30;
-
-/// Where the plane of pixel (c, r) meets the ray of pixel (col, row); very far where it leaves the depth range.
-double ExtendedDepth(const KernelState& state, const PlaneMap& planes, int c, int r, int col, int row) {
-  const double z = reference::Intersect(state.problem().reference.camera, Eigen::Vector2d(col, row),
-                                        reference::ToDouble(planes(c, r)))
-                       .z();
-  const DepthRange& range = state.problem().depth_range;
-  return z >= range.min && z <= range.max ? z : kFar;
-}
+constexpr double kFar = 1e30;  // of a plane that leaves the depth range
 
 struct ReferenceSpread {
   std::vector<double> depths;
@@ -60,8 +43,11 @@ double ReferenceMedian(const KernelState& state, const PlaneMap& planes, int col
       const bool axis_end = dx * dy == 0 && dx * dx + dy * dy == 25;
       if (!self && !near_of_other_color && !axis_end) continue;
       if (!planes.View().Contains(col + dx, row + dy)) continue;
-      own.depths.push_back(Depth(state, planes, col + dx, row + dy));
-      extended.depths.push_back(ExtendedDepth(state, planes, col + dx, row + dy, col, row));
+      const int c = col + dx, r = row + dy;
+      own.depths.push_back(Depth(state, planes, c, r, c, r));
+      const double z = Depth(state, planes, c, r, col, row);
+      const DepthRange& range = state.problem().depth_range;
+      extended.depths.push_back(z >= range.min && z <= range.max ? z : kFar);
     }
   }
   return extended.Median() < kFar && extended.MiddleHalf() < own.MiddleHalf() ? extended.Median() : own.Median();
@@ -71,13 +57,18 @@ TEST(MedianFilterTest, MovesThePlaneToTheMedianDepthAndKeepsItsNormal) {
   for (const auto& [width, height] : {std::pair(21, 17), {1, 1}, {2, 3}, {1, 9}, {4, 4}}) {
     const std::vector<PlanarView> views = RandomViews(2, width, height, 1);
     KernelState state(MakeProblem(views, 0, {1, 10}));
-    RandomPlanes(&state, 2);
+    TestRandom random(2);
+    for (int row = 0; row < height; ++row) {
+      for (int col = 0; col < width; ++col) {
+        state.planes(col, row) = RandomHypothesis(views[0].camera, col, row, 2, 8, 60, &random);
+      }
+    }
     const PlaneMap before = state.planes.Clone();
     for (int row = 0; row < height; ++row) {
       for (int col = 0; col < width; ++col) {
         std::copy(before.begin(), before.end(), state.planes.begin());
         MedianFilterPixel(state.Context(), col, row);
-        ASSERT_NEAR(Depth(state, state.planes, col, row), ReferenceMedian(state, before, col, row), 1e-5)
+        ASSERT_NEAR(Depth(state, state.planes, col, row, col, row), ReferenceMedian(state, before, col, row), 1e-5)
             << col << ", " << row << " of " << width << " x " << height;
         ASSERT_EQ(state.planes(col, row).nx, before(col, row).nx);
         ASSERT_EQ(state.planes(col, row).ny, before(col, row).ny);

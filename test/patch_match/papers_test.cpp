@@ -1,4 +1,4 @@
-// The presets of the papers against the papers: every decision of every pixel of a small scene.
+// The presets of the papers and ours against plain references: every decision of every pixel of a small scene.
 
 #include <algorithm>
 #include <cmath>
@@ -12,6 +12,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/patch_match/host_passes.h"
 #include "acmp_mapping/patch_match/kernel/initialize_pixel.h"
+#include "acmp_mapping/patch_match/kernel/median_filter.h"
 #include "acmp_mapping/patch_match/kernel/restore_detail.h"
 #include "acmp_mapping/patch_match/kernel/update_pixel.h"
 #include "acmp_mapping/patch_match/window_sums.h"
@@ -110,7 +111,7 @@ class PapersTest : public ::testing::Test {
         view.depth = Halve(view.depth);
       }
     }
-    problem_ = MakeProblem(views_, 0, {1.5f, 8}, true);
+    problem_ = MakeProblem(views_, 0, range_, true);
     TestRandom random(3);
     for (PlanarView& view : views_) {  // estimates of the sources: noisy, some missing, some far off
       for (float& depth : view.depth) {
@@ -123,58 +124,79 @@ class PapersTest : public ::testing::Test {
     for (const MatchView& source : problem_.sources) images_.push_back(source.gray);
   }
 
+  /// Calls function(col, row) for the pixels with (col + row) % 2 == color, row by row.
+  template <class Function>
+  void ForEachOfColor(int color, const Function& function) const {
+    for (int row = 0; row < height(); ++row) {
+      for (int col = (row + color) % 2; col < width(); col += 2) function(col, row);
+    }
+  }
+  /// One pixel's step beside the reference's.
+  template <class Step>
+  void Compare(const paper::Outcome& expected, int col, int row, const Step& step, Comparison* comparison) {
+    const PlaneHypothesis before = state_->planes(col, row);
+    step(col, row);
+    comparison->Add(expected, before, *state_, col, row);
+  }
+  MatchContext<CpuSampler> Context(uint32_t pass) {
+    MatchContext<CpuSampler> context =
+        state_->ContextWith(CpuSampler{{problem_.reference.gray, images_.data()}, SupportedWindowFunctions().back()});
+    context.pass_number = pass;
+    return context;
+  }
+  paper::Maps Maps() const { return {state_->planes, state_->cost, state_->selected_views, state_->prior}; }
+
   /// Runs a pass pixel by pixel beside the reference, and checks that the CPU's pass leaves the same bits.
   template <Pass kPass, Method kMethod>
   void RunPass(paper::Stage stage, uint32_t pass, int iterations) {
+    constexpr bool kIsOurs = kMethod == Method::kOurs;
     const EstimateState start = {state_->planes.Clone(), state_->cost.Clone()};
-    const CpuSampler sampler = {{problem_.reference.gray, images_.data()}, SupportedWindowFunctions().back()};
-    MatchContext<CpuSampler> context = state_->ContextWith(sampler);
-    context.pass_number = pass;
+    const MatchContext<CpuSampler> context = Context(pass);
     paper::Reference reference(problem_, options_.patch_match, system_, stage, pass);
-    const paper::Maps maps = {state_->planes, state_->cost, state_->selected_views, state_->prior};
+    const paper::Maps maps = Maps();
     Comparison comparison;
-    for (int row = 0; row < height(); ++row) {
-      for (int col = 0; col < width(); ++col) {
-        const paper::Outcome expected = reference.Initialize(maps, col, row);
-        const PlaneHypothesis before = state_->planes(col, row);
-        InitializePixel<kPass, kMethod>(context, col, row);
-        comparison.Add(expected, before, *state_, col, row);
-      }
+    for (int color = 0; color < 2; ++color) {
+      ForEachOfColor(color, [&](int col, int row) {
+        if constexpr (kIsOurs) {  // nobody reads these before their update
+          if (color == 0) {
+            const auto step = [&](int c, int r) { InitializeUnmatched<kPass>(context, c, r); };
+            Compare(reference.InitializeUnmatched(maps, col, row), col, row, step, &comparison);
+            return;
+          }
+        }
+        const auto step = [&](int c, int r) { InitializePixel<kPass, kMethod>(context, c, r); };
+        Compare(reference.Initialize(maps, col, row), col, row, step, &comparison);
+      });
     }
     for (int iteration = 0; iteration < iterations; ++iteration) {
       for (int color = 0; color < 2; ++color) {
-        for (int row = 0; row < height(); ++row) {
-          for (int col = (row + color) % 2; col < width(); col += 2) {
-            const paper::Outcome expected = reference.Update(maps, col, row, iteration);
-            const PlaneHypothesis before = state_->planes(col, row);
-            UpdatePixel<kPass, kMethod>(context, col, row, iteration);
-            comparison.Add(expected, before, *state_, col, row);
-          }
-        }
+        ForEachOfColor(color, [&](int col, int row) {
+          const auto step = [&](int c, int r) { UpdatePixel<kPass, kMethod>(context, c, r, iteration); };
+          Compare(reference.Update(maps, col, row, iteration), col, row, step, &comparison);
+        });
       }
     }
     EXPECT_EQ(comparison.outcomes, width() * height() * (iterations + 1));
     Check(comparison);
     RecordProperty(Concat("near_ties_", pass), comparison.near_ties);
+    for (int color = 0; kIsOurs && color < 2; ++color) {
+      ForEachOfColor(color, [&](int col, int row) { MedianFilterPixel(context, col, row); });
+    }
     ExpectSameAsCpu<kPass>(start, pass);
   }
 
   /// ACMM's step between two scales, in the same way.
   void RunRestorer(const PlaneMap& coarser) {
     const EstimateState start = {state_->planes.Clone(), state_->cost.Clone()};
-    const CpuSampler sampler = {{problem_.reference.gray, images_.data()}, SupportedWindowFunctions().back()};
-    const MatchContext<CpuSampler> context = state_->ContextWith(sampler);
+    const MatchContext<CpuSampler> context = Context(0);
     const CoarserEstimate estimate = {coarser.View(), MakeRayGrid(problem_.reference.camera.Halved())};
     paper::Reference reference(problem_, options_.patch_match, system_, paper::Stage::kPhotometric, 0);
-    const paper::Maps maps = {state_->planes, state_->cost, state_->selected_views, state_->prior};
     Comparison comparison;
-    for (int row = 0; row < height(); ++row) {
-      for (int col = 0; col < width(); ++col) {
-        const paper::Outcome expected = reference.Restore(maps, coarser, col, row);
-        const PlaneHypothesis before = state_->planes(col, row);
-        RestorePixel(context, estimate, col, row);
-        comparison.Add(expected, before, *state_, col, row);
-      }
+    for (int color = 0; color < 2; ++color) {
+      ForEachOfColor(color, [&](int col, int row) {
+        const auto step = [&](int c, int r) { RestorePixel(context, estimate, c, r); };
+        Compare(reference.Restore(Maps(), coarser, col, row), col, row, step, &comparison);
+      });
     }
     EXPECT_LT(comparison.changed_planes, comparison.outcomes) << "no details";
     Check(comparison);
@@ -202,28 +224,13 @@ class PapersTest : public ::testing::Test {
     EXPECT_TRUE(SamePixels(result.cost, state_->cost));
   }
 
-  /// Steps 10 and 11: of every cell of 5 x 5 px the estimate of least cost is a credible correspondence if that is
-  /// below 0.1.
+  /// Steps 10 to 13 (planar_prior_test.cpp).
   void MakePrior() {
     const PinholeCamera& camera = problem_.reference.camera;
     const DepthMap depth = ToDepthMap(state_->planes, camera);
     const std::vector<SupportPoint> points =
         FindSupportPoints(depth.View(), state_->cost.View(), problem_.depth_range, options_.planar_prior);
-    std::vector<std::pair<int, int>> expected, found;
-    for (int top = 0; top < kHeight; top += 5) {
-      for (int left = 0; left < kWidth; left += 5) {
-        std::pair<int, int> best = {left, top};
-        for (int row = top; row < std::min(top + 5, kHeight); ++row) {
-          for (int col = left; col < std::min(left + 5, kWidth); ++col) {
-            if (state_->cost(col, row) < state_->cost(best.first, best.second)) best = {col, row};
-          }
-        }
-        if (state_->cost(best.first, best.second) < 0.1f) expected.push_back(best);
-      }
-    }
-    for (const SupportPoint& point : points) found.emplace_back(point.col, point.row);
-    EXPECT_EQ(found, expected);
-    EXPECT_GT(found.size(), 15u);
+    EXPECT_GT(points.size(), 10u);
     const PriorMesh mesh = MakePriorMesh(camera, points, options_.planar_prior);
     const PlaneMap prior = RasterizePrior(camera, mesh, problem_.depth_range);
     size_t assisted = 0;
@@ -239,6 +246,7 @@ class PapersTest : public ::testing::Test {
 
   PipelineOptions options_;
   paper::System system_ = paper::System::kAcmp;
+  DepthRange range_ = {1.5f, 8};
   std::vector<PlanarView> views_;
   std::vector<ImageView<const float>> images_;
   PatchMatchProblem problem_;
@@ -260,6 +268,22 @@ TEST_F(PapersTest, AcmhIsThatOfItsPaper) {
   RunPass<Pass::kPhotometric, Method::kAcmh>(paper::Stage::kPhotometric, 0, 3);
   for (uint32_t pass = 2; pass < 4; ++pass) {
     RunPass<Pass::kGeometric, Method::kAcmh>(paper::Stage::kGeometric, pass, 2);
+  }
+}
+
+/// With planes near the ends of the depth range, which what starts near the prior must not leave.
+TEST_F(PapersTest, OursIsItsReference) {
+  range_ = {2.55f, 4.2f};
+  for (const char* preset : {"balanced", "online"}) {
+    SCOPED_TRACE(preset);
+    Start(preset, paper::System::kOurs);
+    const PatchMatchOptions& options = options_.patch_match;
+    RunPass<Pass::kPhotometric, Method::kOurs>(paper::Stage::kPhotometric, 0, options.photometric_iterations);
+    MakePrior();
+    RunPass<Pass::kPlanarPrior, Method::kOurs>(paper::Stage::kPlanarPrior, 1, options.planar_prior_iterations);
+    for (uint32_t pass = 2; pass < 4; ++pass) {
+      RunPass<Pass::kGeometric, Method::kOurs>(paper::Stage::kGeometric, pass, options.geometric_iterations);
+    }
   }
 }
 

@@ -44,8 +44,9 @@ Reference::Reference(const PatchMatchProblem& problem, const PatchMatchOptions& 
                      uint32_t pass)
     : problem_(problem),
       options_(options),
+      system_(system),
       stage_(stage),
-      weighs_as_acmh_(stage == Stage::kPhotometric || (stage == Stage::kGeometric && system == System::kAcmh)),
+      weighs_as_acmh_(system != System::kOurs && (stage == Stage::kPhotometric || system == System::kAcmh)),
       pass_(pass),
       width_(problem.reference.camera.width),
       height_(problem.reference.camera.height) {}
@@ -53,6 +54,7 @@ Reference::Reference(const PatchMatchProblem& problem, const PatchMatchOptions& 
 void Reference::StartPixel() {
   is_near_tie_ = false;
   least_variance_ = kWeakVariance;
+  window_options_ = options_;
 }
 
 Outcome Reference::Done(Outcome outcome) const {
@@ -62,7 +64,7 @@ Outcome Reference::Done(Outcome outcome) const {
 }
 
 bool Reference::Less(double a, double b, double tolerance) {
-  if (std::abs(a - b) < tolerance) is_near_tie_ = true;
+  NearTieIf(std::abs(a - b) < tolerance);
   return a < b;
 }
 
@@ -95,8 +97,8 @@ Eigen::Vector3d Reference::RandomNormal(const Eigen::Vector3d& ray, Random* rand
   return normal.dot(ray) < 0 ? normal : Eigen::Vector3d(-normal);
 }
 
-Eigen::Vector3d Reference::PerturbNormal(const Eigen::Vector3d& normal, const Eigen::Vector3d& ray, Random* random) {
-  const double most = options_.perturb_normal_deg * kRadPerDeg;
+Eigen::Vector3d Reference::PerturbNormal(const Eigen::Vector3d& normal, const Eigen::Vector3d& ray, double most,
+                                         Random* random) {
   const double x = (*random)(-most, most), y = (*random)(-most, most), z = (*random)(-most, most);
   const Eigen::Vector3d turned =
       Eigen::AngleAxisd(z, Eigen::Vector3d::UnitZ()) *
@@ -105,7 +107,7 @@ Eigen::Vector3d Reference::PerturbNormal(const Eigen::Vector3d& normal, const Ei
 }
 
 double Reference::MatchingCost(const Hypothesis& hypothesis, int col, int row, int view) {
-  const reference::Cost cost = reference::PhotometricCost(problem_, options_, hypothesis.plane, col, row, view);
+  const reference::Cost cost = reference::PhotometricCost(problem_, window_options_, hypothesis.plane, col, row, view);
   const PinholeCamera& camera = problem_.sources[view].camera;
   double z;
   const Eigen::Vector2d center =
@@ -125,6 +127,13 @@ double Reference::MatchingCost(const Hypothesis& hypothesis, int col, int row, i
 /// Delta e_j of eq. 13, truncated.
 double Reference::ReprojectionError(const Hypothesis& hypothesis, int col, int row, int view) {
   const double worst = options_.geometric_max_px;
+  if (IsOurs()) {
+    const auto error = [&](double factor) {
+      return std::min(worst, reference::ReprojectionError(problem_, factor * hypothesis.depth, col, row, view));
+    };
+    NearTieIf(std::abs(error(1 + 2e-5) - error(1 - 2e-5)) > kPixelTolerance);  // another source pixel, or none
+    return error(1);
+  }
   const MatchView& reference = problem_.reference;
   const MatchView& source = problem_.sources[view];
   if (source.depth.empty()) return worst;
@@ -143,8 +152,8 @@ double Reference::ReprojectionError(const Hypothesis& hypothesis, int col, int r
   return std::min(worst, (reference.camera.Project(back) - Eigen::Vector2d(col, row)).norm());
 }
 
-/// Adaptive checkerboard sampling: the plane of least cost of each of four Vs and four strips.
-std::vector<Reference::Hypothesis> Reference::Propagate(const Maps& maps, int col, int row) {
+/// Adaptive checkerboard sampling: the plane of least cost of each of four Vs and four strips, or of some of them.
+std::vector<Reference::Hypothesis> Reference::Propagate(const Maps& maps, int col, int row, const Regions& wanted) {
   std::vector<std::vector<Eigen::Vector2i>> regions;
   const Eigen::Vector2i directions[] = {{0, -1}, {0, 1}, {-1, 0}, {1, 0}};
   for (const Eigen::Vector2i& along : directions) {
@@ -162,9 +171,9 @@ std::vector<Reference::Hypothesis> Reference::Propagate(const Maps& maps, int co
     regions.push_back(strip);
   }
   std::vector<Hypothesis> candidates;
-  for (const auto& region : regions) {
+  for (size_t i = wanted.first; i < wanted.first + wanted.count; ++i) {
     Eigen::Vector2i best(-1, -1);
-    for (const Eigen::Vector2i& offset : region) {
+    for (const Eigen::Vector2i& offset : regions[i]) {
       const Eigen::Vector2i at = Eigen::Vector2i(col, row) + offset;
       if (!maps.cost.View().Contains(at.x(), at.y())) continue;
       // Both are floats: no near ties here.
@@ -177,59 +186,122 @@ std::vector<Reference::Hypothesis> Reference::Propagate(const Maps& maps, int co
   return candidates;
 }
 
+/// Mean confidence of a view's good costs over the propagated hypotheses, without the pixel's own; 0 where `decisive`
+/// or more are bad, `otherwise` where so many are neither.
+double Reference::Confidence(const std::vector<std::vector<double>>& costs, size_t view, int iteration, int decisive,
+                             double otherwise) {
+  constexpr double kTau0 = 0.8, kTau1 = 1.2, kAlpha = 90;
+  const double beta = options_.sigma_view, tau = kTau0 * std::exp(-iteration * iteration / kAlpha);
+  double sum = 0;
+  int good = 0, bad = 0;
+  for (size_t i = 0; i + 1 < costs.size(); ++i) {
+    const double cost = costs[i][view];
+    if (Less(cost, tau, kCostTolerance)) {
+      sum += std::exp(-cost * cost / (2 * beta * beta));
+      ++good;
+    }
+    if (Less(kTau1, cost, kCostTolerance)) ++bad;
+  }
+  if (bad >= decisive) return 0;
+  return good >= decisive ? sum / good : otherwise;
+}
+
 /// Multi-hypothesis joint view selection of ACMH, section 3.
 std::vector<double> Reference::WeighAsAcmh(const std::vector<std::vector<double>>& costs, uint32_t before,
                                            int iteration) {
-  constexpr double kTau0 = 0.8, kTau1 = 1.2, kAlpha = 90;
-  constexpr int kN1 = 2, kN2 = 3;
-  const double beta = options_.sigma_view, tau = kTau0 * std::exp(-iteration * iteration / kAlpha);
+  constexpr int kN1AndOneMore = 3;  // and n_2
   std::vector<double> weights;
   for (size_t view = 0; view < problem_.sources.size(); ++view) {
-    std::vector<double> good;
-    int bad = 0;
-    for (size_t i = 0; i + 1 < costs.size(); ++i) {  // the propagated hypotheses, without the pixel's own
-      const double cost = costs[i][view];
-      if (Less(cost, tau, kCostTolerance)) good.push_back(std::exp(-cost * cost / (2 * beta * beta)));
-      if (Less(kTau1, cost, kCostTolerance)) ++bad;
-    }
     const bool is_before = (before >> view & 1) != 0;
-    const bool is_selected = static_cast<int>(good.size()) > kN1 && bad < kN2;
-    const double mean = std::accumulate(good.begin(), good.end(), 0.0) / std::max<double>(1, good.size());
-    weights.push_back(is_selected ? (1 + is_before) * mean : 0.2 * is_before);
+    const double confidence = Confidence(costs, view, iteration, kN1AndOneMore, 0);
+    weights.push_back(confidence > 0 ? (1 + is_before) * confidence : 0.2 * is_before);
   }
   return weights;
 }
 
-/// Eqs. 8-11 of ACMP and the Monte-Carlo draws.
-std::vector<double> Reference::WeighAsAcmp(const std::vector<std::vector<double>>& costs, const Maps& maps, int col,
-                                           int row, Random* random) {
-  const double sigma = options_.sigma_view, eta = options_.view_smoothness;
-  std::vector<double> probability;
-  for (size_t view = 0; view < problem_.sources.size(); ++view) {
-    double likelihood = 0, smoothness = 0;
-    for (const auto& of_hypothesis : costs) {
-      likelihood += std::exp(-of_hypothesis[view] * of_hypothesis[view] / (2 * sigma * sigma));
-    }
-    for (const Eigen::Vector2i& step : {Eigen::Vector2i(0, -1), {0, 1}, {-1, 0}, {1, 0}}) {
-      if (!maps.views.View().Contains(col + step.x(), row + step.y())) continue;
-      smoothness += (maps.views(col + step.x(), row + step.y()) >> view & 1) != 0 ? eta : 1 - eta;
-    }
-    probability.push_back(likelihood * smoothness);
+/// Eq. 10 of ACMP, summed over the neighbours.
+double Reference::Smoothness(const Maps& maps, size_t view, int col, int row) const {
+  const double eta = options_.view_smoothness;
+  double smoothness = 0;
+  for (const Eigen::Vector2i& step : {Eigen::Vector2i(0, -1), {0, 1}, {-1, 0}, {1, 0}}) {
+    if (!maps.views.View().Contains(col + step.x(), row + step.y())) continue;
+    smoothness += (maps.views(col + step.x(), row + step.y()) >> view & 1) != 0 ? eta : 1 - eta;
   }
+  return smoothness;
+}
+
+/// The Monte-Carlo draws of ACMP: how often each view is drawn; no draws where all probabilities are zero.
+std::vector<double> Reference::DrawWeights(const std::vector<double>& probability, Random* random) {
   const double total = std::accumulate(probability.begin(), probability.end(), 0.0);
   std::vector<double> weights(probability.size(), 0.0);
+  if (!(total > 0)) return weights;
+  size_t last = probability.size() - 1;
+  while (!(probability[last] > 0)) --last;
   for (int draw = 0; draw < options_.view_draws; ++draw) {
     const double drawn = (*random)() * total;
-    double up_to = 0;
-    size_t chosen = probability.size();
-    for (size_t view = 0; view < probability.size(); ++view) {
-      up_to += probability[view];
-      const bool is_last = view + 1 == probability.size();
-      if (chosen == probability.size() && (is_last || Less(drawn, up_to, kDrawTolerance * total))) chosen = view;
-    }
+    double up_to = probability[0];
+    size_t chosen = 0;
+    while (chosen < last && !Less(drawn, up_to, kDrawTolerance * total)) up_to += probability[++chosen];
     ++weights[chosen];
   }
   return weights;
+}
+
+/// Eqs. 8-11 of ACMP and the draws.
+std::vector<double> Reference::WeighAsAcmp(const std::vector<std::vector<double>>& costs, const Maps& maps, int col,
+                                           int row, Random* random) {
+  const double sigma = options_.sigma_view;
+  std::vector<double> probability;
+  for (size_t view = 0; view < problem_.sources.size(); ++view) {
+    double likelihood = 0;
+    for (const auto& of_hypothesis : costs) {
+      likelihood += std::exp(-of_hypothesis[view] * of_hypothesis[view] / (2 * sigma * sigma));
+    }
+    probability.push_back(likelihood * Smoothness(maps, view, col, row));
+  }
+  return DrawWeights(probability, random);
+}
+
+/// ACMP's draws from ACMH's confidences: where a view's costs are neither good nor bad, that of a cost just good enough
+/// with a deviation of 0.4.
+/// @param views bits of those that may be drawn
+std::vector<double> Reference::WeighAsOurs(const std::vector<std::vector<double>>& costs, const Maps& maps,
+                                           uint32_t views, int decisive, int col, int row, int iteration,
+                                           Random* random) {
+  const double tau = 0.8 * std::exp(-iteration * iteration / 90.0), just_good = std::exp(-tau * tau / (2 * 0.4 * 0.4));
+  std::vector<double> probability;
+  for (size_t view = 0; view < problem_.sources.size(); ++view) {
+    const double confidence = (views >> view & 1) != 0 ? Confidence(costs, view, iteration, decisive, just_good) : 0.0;
+    probability.push_back(confidence * Smoothness(maps, view, col, row));
+  }
+  return DrawWeights(probability, random);
+}
+
+/// The views that at least min_neighbours_per_view of the pixel and its four neighbours use; all where there is none,
+/// or the option is 0.
+uint32_t Reference::ViewsOfNeighbours(const Maps& maps, int col, int row) const {
+  uint32_t views = 0, all = 0;
+  for (size_t view = 0; view < problem_.sources.size(); ++view) {
+    int users = 0;
+    for (const Eigen::Vector2i& step : {Eigen::Vector2i(0, 0), {0, -1}, {0, 1}, {-1, 0}, {1, 0}}) {
+      if (!maps.views.View().Contains(col + step.x(), row + step.y())) continue;
+      users += (maps.views(col + step.x(), row + step.y()) >> view & 1) != 0 ? 1 : 0;
+    }
+    views |= (users >= options_.min_neighbours_per_view ? 1u : 0u) << view;
+    all |= 1u << view;
+  }
+  return views != 0 ? views : all;
+}
+
+/// Of the present planes around the pixel.
+bool Reference::IsSurfaceBroken(const Maps& maps, int col, int row) {
+  const auto with_factor = [&](float factor) {
+    PatchMatchOptions options = options_;
+    options.edge_bend *= factor;
+    return reference::IsSurfaceBroken(problem_.reference.camera, maps.planes, options, col, row);
+  };
+  NearTieIf(with_factor(1.001f) != with_factor(0.999f));
+  return with_factor(1);
 }
 
 std::vector<double> Reference::MatchingCosts(const Hypothesis& hypothesis, uint32_t views, int col, int row) {
@@ -263,20 +335,44 @@ Reference::Rating Reference::Rate(const Hypothesis& hypothesis, const std::vecto
     const double lambda_n = options_.prior_sigma_normal_deg * kRadPerDeg;
     const double difference = hypothesis.depth - prior.depth;
     const double angle = std::acos(std::clamp(hypothesis.plane.normal.dot(prior.plane.normal), -1.0, 1.0));
-    compatibility = std::exp(-difference * difference / (2 * lambda_d)) * std::exp(-angle * angle / (2 * lambda_n));
+    // Ours reads both as standard deviations.
+    compatibility = std::exp(-difference * difference / (2 * lambda_d * (IsOurs() ? lambda_d : 1))) *
+                    std::exp(-angle * angle / (2 * lambda_n * (IsOurs() ? lambda_n : 1)));
   }
   return {cost, cost * cost / options_.prior_alpha - std::log(options_.prior_gamma + compatibility)};
 }
 
+/// Ours: near the prior where there is one and the estimate is not credible.
+Reference::Hypothesis Reference::StartNearPrior(const Hypothesis& present, const Maps& maps, int col, int row,
+                                                Random* random) {
+  constexpr double kDepthSpread = 0.06, kNormalSpread = 5.4 * kRadPerDeg;
+  const PlaneHypothesis& prior_plane = maps.prior(col, row);
+  if (!(prior_plane.d > 0) || maps.cost(col, row) < options_.prior_start_cost) return present;
+  const Hypothesis prior = At(reference::ToDouble(prior_plane), col, row);
+  const double depth = std::clamp<double>(prior.depth * (1 + kDepthSpread * (*random)(-1, 1)), problem_.depth_range.min,
+                                          problem_.depth_range.max);
+  return Through(PerturbNormal(prior.plane.normal, Ray(col, row), kNormalSpread, random), depth, col, row);
+}
+
+Reference::Hypothesis Reference::Start(const Maps& maps, int col, int row) {
+  Random random(options_.seed, static_cast<uint32_t>(row * width_ + col), pass_ * 64);
+  const bool is_random = stage_ == Stage::kPhotometric || (stage_ == Stage::kPlanarPrior && !IsOurs());
+  if (is_random) {
+    const double depth = RandomDepth(&random);
+    return Through(RandomNormal(Ray(col, row), &random), depth, col, row);
+  }
+  const Hypothesis present = At(reference::ToDouble(maps.planes(col, row)), col, row);
+  return stage_ == Stage::kPlanarPrior ? StartNearPrior(present, maps, col, row, &random) : present;
+}
+
 Outcome Reference::Initialize(const Maps& maps, int col, int row) {
   StartPixel();
-  Random random(options_.seed, static_cast<uint32_t>(row * width_ + col), pass_ * 64);
-  Hypothesis start = At(reference::ToDouble(maps.planes(col, row)), col, row);
-  if (stage_ != Stage::kGeometric) {
-    const double depth = RandomDepth(&random);
-    start = Through(RandomNormal(Ray(col, row), &random), depth, col, row);
-  }
-  return RateByBestViews(start, col, row);
+  return RateByBestViews(Start(maps, col, row), col, row);
+}
+
+Outcome Reference::InitializeUnmatched(const Maps& maps, int col, int row) {
+  StartPixel();
+  return Done({Start(maps, col, row).plane});
 }
 
 /// Mean of the four least costs.
@@ -304,20 +400,56 @@ Outcome Reference::RateByBestViews(const Hypothesis& start, int col, int row) {
   return Done(outcome);
 }
 
+/// Refinement, eq. 12: depths and normals. Ours only perturbs in geometric passes and after the first iteration of the
+/// planar-prior pass, whose random ones lie about the prior.
+std::vector<std::pair<double, Eigen::Vector3d>> Reference::Refinements(const Hypothesis& current, const Maps& maps,
+                                                                       int col, int row, int iteration,
+                                                                       Random* random) {
+  const Eigen::Vector3d ray = Ray(col, row), n_c = current.plane.normal;
+  const bool perturbs_only =
+      IsOurs() && (stage_ == Stage::kGeometric || (stage_ == Stage::kPlanarPrior && iteration > 0));
+  double d_r = 0;
+  Eigen::Vector3d n_r = n_c;
+  if (!perturbs_only) {
+    d_r = RandomDepth(random);
+    n_r = RandomNormal(ray, random);
+  }
+  if (IsOurs() && stage_ == Stage::kPlanarPrior && !perturbs_only && maps.prior(col, row).d > 0) {
+    const Hypothesis prior = At(reference::ToDouble(maps.prior(col, row)), col, row);
+    const double sigma_d =
+        (static_cast<double>(problem_.depth_range.max) - problem_.depth_range.min) / options_.prior_depth_divisor;
+    d_r = prior.depth + 3 * sigma_d * (*random)(-1, 1);
+    n_r = PerturbNormal(prior.plane.normal, ray, 0.5 * options_.prior_sigma_normal_deg * kRadPerDeg, random);
+  }
+  const double d_c = current.depth, d_p = d_c * (1 + (*random)(-options_.perturb_depth, options_.perturb_depth));
+  const Eigen::Vector3d n_p = PerturbNormal(n_c, ray, options_.perturb_normal_deg * kRadPerDeg, random);
+  std::vector<std::pair<double, Eigen::Vector3d>> refined = {{d_p, n_c}, {d_c, n_p}, {d_p, n_p}};
+  if (!perturbs_only) refined.insert(refined.end(), {{d_r, n_c}, {d_c, n_r}, {d_r, n_r}});
+  return refined;
+}
+
 Outcome Reference::Update(const Maps& maps, int col, int row, int iteration) {
   StartPixel();
   Random random(options_.seed, static_cast<uint32_t>(row * width_ + col),
                 pass_ * 64 + static_cast<uint32_t>(iteration) + 1);
 
-  // Hypothesis sampling and propagation.
-  std::vector<Hypothesis> candidates = Propagate(maps, col, row);
+  // Hypothesis sampling and propagation. Later passes of ours: from near and far regions in turns, by blocks of 2 x 2
+  // px.
+  const bool in_turns = IsOurs() && stage_ != Stage::kPhotometric;
+  const bool is_far = (static_cast<uint32_t>(col / 2 + row / 2 + iteration) + pass_) % 2 != 0;
+  const Regions regions = in_turns ? Regions{is_far ? 4u : 0u, 4} : Regions{0, 8};
+  const uint32_t views = in_turns ? ViewsOfNeighbours(maps, col, row) : ~0u;
+  if (in_turns && IsSurfaceBroken(maps, col, row)) window_options_.sigma_color = options_.edge_sigma_color;
+  std::vector<Hypothesis> candidates = Propagate(maps, col, row, regions);
   candidates.push_back(At(reference::ToDouble(maps.planes(col, row)), col, row));  // theta_0
   std::vector<std::vector<double>> costs;
-  for (const Hypothesis& candidate : candidates) costs.push_back(MatchingCosts(candidate, ~0u, col, row));
+  for (const Hypothesis& candidate : candidates) costs.push_back(MatchingCosts(candidate, views, col, row));
 
   // View weights.
-  const std::vector<double> weights = weighs_as_acmh_ ? WeighAsAcmh(costs, maps.views(col, row), iteration)
-                                                      : WeighAsAcmp(costs, maps, col, row, &random);
+  const std::vector<double> weights =
+      weighs_as_acmh_ ? WeighAsAcmh(costs, maps.views(col, row), iteration)
+      : IsOurs()      ? WeighAsOurs(costs, maps, views, in_turns ? 2 : 3, col, row, iteration, &random)
+                      : WeighAsAcmp(costs, maps, col, row, &random);
   Outcome outcome = {candidates.back().plane};
   for (size_t view = 0; view < weights.size(); ++view) outcome.views |= (weights[view] > 0 ? 1u : 0u) << view;
   if (outcome.views == 0) return Done(outcome);
@@ -340,15 +472,7 @@ Outcome Reference::Update(const Maps& maps, int col, int row, int iteration) {
     rating = other;
   }
 
-  // Refinement, eq. 12.
-  const Eigen::Vector3d ray = Ray(col, row);
-  const double d_c = best.depth, d_r = RandomDepth(&random);
-  const Eigen::Vector3d n_c = best.plane.normal, n_r = RandomNormal(ray, &random);
-  const double d_p = d_c * (1 + (random)(-options_.perturb_depth, options_.perturb_depth));
-  const Eigen::Vector3d n_p = PerturbNormal(n_c, ray, &random);
-  const std::pair<double, Eigen::Vector3d> refined[] = {{d_p, n_c}, {d_c, n_p}, {d_p, n_p},
-                                                        {d_r, n_c}, {d_c, n_r}, {d_r, n_r}};
-  for (const auto& [depth, normal] : refined) {
+  for (const auto& [depth, normal] : Refinements(best, maps, col, row, iteration, &random)) {
     if (!InRange(depth)) continue;
     const Hypothesis hypothesis = Through(normal, depth, col, row);
     const Rating other = Rate(hypothesis, MatchingCosts(hypothesis, weighed, col, row), weights, maps, col, row);

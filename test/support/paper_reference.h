@@ -5,11 +5,11 @@
 namespace acmp::paper {
 
 /// Algorithm 1 of the ACMP paper, one pixel at a time in plain double arithmetic, with the view weights of ACMH in its
-/// photometric pass, and ACMM's step between two scales. It shares no code with the kernels; the random numbers'
-/// definition is written down again.
+/// photometric pass, and ACMM's step between two scales; and what the presets of our own do otherwise. It shares no
+/// code with the kernels; the random numbers' definition is written down again.
 
 enum class Stage { kPhotometric, kPlanarPrior, kGeometric };
-enum class System { kAcmh, kAcmp };
+enum class System { kAcmh, kAcmp, kOurs };
 
 /// What a pixel reads, as the pass has left it so far.
 struct Maps {
@@ -37,6 +37,8 @@ class Reference {
 
   /// Steps 3, 14, or the start of steps 22-30.
   Outcome Initialize(const Maps& maps, int col, int row);
+  /// The same in ours for a pixel that is updated first: without a comparison.
+  Outcome InitializeUnmatched(const Maps& maps, int col, int row);
   /// Steps 5-7, 16-18 or 25-27 in iteration 0, 1, ...
   Outcome Update(const Maps& maps, int col, int row, int iteration);
   /// ACMM's detail restorer after a photometric pass; leaves the views as they are.
@@ -56,9 +58,14 @@ class Reference {
     double cost;    ///< eq. 1 or 13
     double energy;  ///< eq. 1, 7 or 13
   };
+  struct Regions {
+    size_t first, count;
+  };
   class Random;
 
+  bool IsOurs() const { return system_ == System::kOurs; }
   void StartPixel();
+  void NearTieIf(bool is_near) { is_near_tie_ = is_near_tie_ || is_near; }
   Outcome Done(Outcome outcome) const;
   bool Less(double a, double b, double tolerance);
   bool InRange(double depth);
@@ -67,7 +74,11 @@ class Reference {
   Hypothesis Through(const Eigen::Vector3d& normal, double depth, int col, int row) const;
   double RandomDepth(Random* random) const;
   Eigen::Vector3d RandomNormal(const Eigen::Vector3d& ray, Random* random) const;
-  Eigen::Vector3d PerturbNormal(const Eigen::Vector3d& normal, const Eigen::Vector3d& ray, Random* random);
+  Eigen::Vector3d PerturbNormal(const Eigen::Vector3d& normal, const Eigen::Vector3d& ray, double most_rad,
+                                Random* random);
+  Hypothesis Start(const Maps& maps, int col, int row);
+  Hypothesis StartNearPrior(const Hypothesis& present, const Maps& maps, int col, int row, Random* random);
+  bool IsSurfaceBroken(const Maps& maps, int col, int row);
 
   double MatchingCost(const Hypothesis& hypothesis, int col, int row, int view);
   /// @param views bits of those that are asked for; the others' costs are those of no view seeing it
@@ -75,16 +86,27 @@ class Reference {
   double ReprojectionError(const Hypothesis& hypothesis, int col, int row, int view);
   Outcome RateByBestViews(const Hypothesis& hypothesis, int col, int row);
   Hypothesis Upsample(const PlaneMap& coarser, int col, int row);
-  std::vector<Hypothesis> Propagate(const Maps& maps, int col, int row);
+  std::vector<Hypothesis> Propagate(const Maps& maps, int col, int row, const Regions& regions);
+  uint32_t ViewsOfNeighbours(const Maps& maps, int col, int row) const;
+  double Confidence(const std::vector<std::vector<double>>& costs, size_t view, int iteration, int decisive,
+                    double otherwise);
   std::vector<double> WeighAsAcmh(const std::vector<std::vector<double>>& costs, uint32_t before, int iteration);
   std::vector<double> WeighAsAcmp(const std::vector<std::vector<double>>& costs, const Maps& maps, int col, int row,
                                   Random* random);
+  std::vector<double> WeighAsOurs(const std::vector<std::vector<double>>& costs, const Maps& maps, uint32_t views,
+                                  int decisive, int col, int row, int iteration, Random* random);
+  double Smoothness(const Maps& maps, size_t view, int col, int row) const;
+  std::vector<double> DrawWeights(const std::vector<double>& probability, Random* random);
+  std::vector<std::pair<double, Eigen::Vector3d>> Refinements(const Hypothesis& current, const Maps& maps, int col,
+                                                              int row, int iteration, Random* random);
   /// @param costs MatchingCosts of the views with weights
   Rating Rate(const Hypothesis& hypothesis, const std::vector<double>& costs, const std::vector<double>& weights,
               const Maps& maps, int col, int row);
 
   const PatchMatchProblem& problem_;
   const PatchMatchOptions& options_;
+  PatchMatchOptions window_options_;  ///< with the sigma of the pixel's window
+  System system_;
   Stage stage_;
   bool weighs_as_acmh_;
   uint32_t pass_;

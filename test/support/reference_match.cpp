@@ -193,14 +193,4 @@ double ReprojectionError(const PatchMatchProblem& problem, double depth, int col
   return (reference.camera.Project(back) - pixel).norm();
 }
 
-double PriorProbability(double depth_difference, double angle_rad, double sigma_depth, double sigma_normal_rad,
-                        double gamma) {
-  return gamma + std::exp(-depth_difference * depth_difference / (2 * sigma_depth * sigma_depth)) *
-                     std::exp(-angle_rad * angle_rad / (2 * sigma_normal_rad * sigma_normal_rad));
-}
-
-double PriorAssistedCost(double cost, double probability, double alpha) {
-  return cost * cost / alpha - std::log(probability);
-}
-
 }  // namespace acmp::reference

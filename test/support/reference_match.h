@@ -66,11 +66,4 @@ double InverseDepthAt(const ImageView<const float>& depth, const Eigen::Vector2d
 /// delta e_j of eq. 13 before truncation, with halved depths; infinite where it does not exist.
 double ReprojectionError(const PatchMatchProblem& problem, double depth, int col, int row, int view);
 
-/// P(theta | theta_p) of eq. 6 with standard deviations.
-double PriorProbability(double depth_difference, double angle_rad, double sigma_depth, double sigma_normal_rad,
-                        double gamma);
-
-/// c_p-photo of eq. 7.
-double PriorAssistedCost(double cost, double probability, double alpha);
-
 }  // namespace acmp::reference

@@ -23,8 +23,8 @@ using EngineImagePtr = std::shared_ptr<const EngineImage>;
 
 /// What a pass leaves of a reference view where the engine that ran it reads it: plane, cost and depth of every pixel;
 /// of pixels that the mask ignores no plane, depth 0 and kWorstCost.
-/// Immutable: a later pass makes a new one, so that others go on reading this (Jacobi). Only one that nobody else holds
-/// is used up: moved into a pass, it gives the new one its memory.
+/// Immutable: a later pass makes a new one, so that others go on reading this (Jacobi). Only one that nobody else
+/// holds, moved into a pass, gives the new one its memory.
 class EngineEstimate {
  public:
   virtual ~EngineEstimate() = default;
@@ -67,27 +67,27 @@ class MatchingEngine {
   virtual std::vector<SupportPoint> FindSupportPoints(const EngineEstimatePtr& estimate, const DepthRange& range,
                                                       const PlanarPriorOptions& options) = 0;
 
-  /// Steps 12-20 from an estimate at full size, which is used up if nobody else holds it.
+  /// Steps 12-20 from an estimate at full size, whose memory they take if nobody else holds it.
   virtual EngineEstimatePtr RunPlanarPrior(const EngineProblem& problem, const PatchMatchOptions& options,
                                            EngineEstimatePtr start, const PriorMesh& prior) = 0;
 
-  /// Steps 22-30, once, from an estimate at any level, used up as in RunPlanarPrior, on the images of that level. The
+  /// Steps 22-30, once, from an estimate at any level, taken as in RunPlanarPrior, on the images of that level. The
   /// sources' estimates, of the same level, are read as they are; `pass` (0, 1, ...) selects the random numbers.
   virtual EngineEstimatePtr RunGeometric(const EngineProblem& problem, const PatchMatchOptions& options,
                                          EngineEstimatePtr start, int pass) = 0;
 
-  /// ACMM's step between two scales (RestorePixel): pixels of a photometric estimate, which is used up as in
+  /// ACMM's step between two scales (RestorePixel): pixels of a photometric estimate, which is taken as in
   /// RunPlanarPrior, take the upsampled planes of the next coarser level's estimate unless they match clearly better.
   virtual EngineEstimatePtr RestoreDetails(const EngineProblem& problem, const PatchMatchOptions& options,
                                            EngineEstimatePtr start, const EngineEstimatePtr& coarser) = 0;
 
-  /// FillUnverified of the reference's estimate `start`, which is used up as in RunPlanarPrior, against the sources';
+  /// FillUnverified of the reference's estimate `start`, which is taken as in RunPlanarPrior, against the sources';
   /// those without one do not count. Pixels that get another surface's plane have a cost of kWorstCost or
   /// kUnverifiedCost then.
   virtual EngineEstimatePtr FillUnverified(const EngineProblem& problem, EngineEstimatePtr start,
                                            const FillOptions& options) = 0;
 
-  /// RemoveUnsupported of the reference's estimate `start`, which is used up as in RunPlanarPrior, with the images,
+  /// RemoveUnsupported of the reference's estimate `start`, which is taken as in RunPlanarPrior, with the images,
   /// against the sources' estimates; those without one do not count.
   virtual EngineEstimatePtr RemoveUnsupported(const EngineProblem& problem, EngineEstimatePtr start) = 0;
 

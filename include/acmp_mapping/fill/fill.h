@@ -20,8 +20,8 @@ int SeedViews(int num_sources);
 /// of those with two to four 42 % (docs/experiments.md). Before passes they must confirm it closely.
 int MinConsistentViews(int num_sources);
 
-/// Source views that must confirm a seed closely to make it a strong one: one more than a seed needs, half of all
-/// suffice.
+/// Source views that must confirm a seed closely to make it a closely confirmed one: one more than a seed needs,
+/// half of all suffice.
 int StrongViews(int num_sources);
 
 /// A context without its maps and seeds, which depend on the device.

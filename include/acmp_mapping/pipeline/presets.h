@@ -19,7 +19,7 @@ struct PipelineOptions {
   PriorDepthOptions prior_depth;
   FusionOptions fusion;
   int start_level = 0;           ///< how often the images of the photometric pass are halved, 0..2
-  bool multi_scale = false;      ///< ACMM: all steps at each level from start_level on, without prior and completion
+  bool multi_scale = false;      ///< ACMM: all steps at each level from start_level on, without prior and filling
   int full_size_iterations = 0;  ///< after such a start: photometric iterations at full size, 0..20
   bool use_planar_prior = true;  ///< steps 10-20 of Algorithm 1
   int geometric_passes = 2;      ///< how often steps 21-30 run, 0..10

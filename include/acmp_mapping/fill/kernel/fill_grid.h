@@ -67,7 +67,7 @@ ACMP_HOST_DEVICE inline int FillCellSize(int width, int height) {
 }
 
 // How many source views confirm a pixel, how many of them closely, whether some source nearly does, and how many
-// sources look through it. Of more than these maxima no step asks.
+// sources see through it. Of more than these maxima no step asks.
 constexpr int kMaxConsistent = 31;
 constexpr int kMaxFreeSpaceViolations = 3;
 
@@ -90,7 +90,7 @@ struct SeedChoice {
   float cost = 0;
   int index = 0;  ///< row-major in the image
 
-  /// A strong one, then more views, at equal views less cost, and the first in row-major order among equals.
+  /// A closely confirmed one, then more views, at equal views less cost, and the first in row-major order among equals.
   ACMP_HOST_DEVICE bool IsBetterThan(const SeedChoice& other) const {
     if (is_strong != other.is_strong) return is_strong;
     if (views != other.views) return views > other.views;
@@ -168,8 +168,8 @@ ACMP_HOST_DEVICE inline void DirectionStep(int direction, int* dc, int* dr) {
   *dr = quadrant == 0 ? r : quadrant == 1 ? c : quadrant == 2 ? -r : -c;
 }
 
-/// Fills one direction of one cell of `nearest`: the first seed, or a strong one that is not much farther away. Looks
-/// at `kAtOnce` cells before it asks what they have: a GPU thread waits for all of them together.
+/// Fills one direction of one cell of `nearest`: the first seed, or a closely confirmed one that is not much farther
+/// away. Looks at `kAtOnce` cells before it asks what they have: a GPU thread waits for all of them together.
 template <int kAtOnce = 1>
 ACMP_HOST_DEVICE inline void FindNearestSeed(const FillContext& context, int cell_col, int cell_row, int direction) {
   constexpr int kTimesAsFar = 8, kStepsMore = 2;

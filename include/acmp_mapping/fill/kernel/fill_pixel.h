@@ -78,7 +78,7 @@ ACMP_HOST_DEVICE inline int WeightedQuantile(const ExtendedPlanes& planes, float
   return quantile;
 }
 
-/// Whether a pixel has this cost because its plane was measured elsewhere: it was completed, or filtered.
+/// Whether a pixel has this cost because its plane was measured elsewhere: it was filled, or filtered.
 ACMP_HOST_DEVICE inline bool IsFilled(float cost) { return cost >= kUnverifiedCost; }
 
 /// The share of the planes' weight behind the one that a pixel takes. As one of several alternatives: a plane in front
@@ -91,9 +91,9 @@ ACMP_HOST_DEVICE inline float DepthQuantile(const FillContext& context, int col,
 }
 
 /// A pixel that too few views confirm takes the plane that is the median of its surroundings', or an alternative, near
-/// its own depth where a view nearly confirms that. Where no view did, that is a guess, with the cost of a pixel
-/// without correspondence. Where one did, it gets kUnverifiedCost, and whoever fuses maps has to ask the views again.
-/// Where the strong ones go first, only views that confirm it closely count.
+/// its own depth where a view nearly confirms that. Where no view confirmed it, it is an unconfirmed pixel, with the
+/// cost of one without correspondence. Where one did, it gets kUnverifiedCost, and whoever fuses maps has to ask the
+/// views again. Where closely confirmed seeds go first, only views that confirm it closely count.
 /// Other pixels, and those round which no plane is left, keep their own. A pixel that the mask ignores has none, and
 /// goes on having none.
 ACMP_HOST_DEVICE inline void FillPixel(const FillContext& context, int col, int row) {

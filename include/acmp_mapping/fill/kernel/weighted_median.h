@@ -76,7 +76,7 @@ ACMP_HOST_DEVICE inline bool HasSeveralSurfaces(const MedianContext& context, in
   return group.Greatest(farthest) > kSameSurfaces * group.Least(nearest);
 }
 
-/// What the sources that look through a sample leave of its weight, a quarter each. One may be wrong itself; the more,
+/// What the sources that see through a sample leave of its weight, a quarter each. One may be wrong itself; the more,
 /// the less likely.
 ACMP_HOST_DEVICE inline float ShareOfWeight(int free_space_violations) {
   static_assert(kMaxFreeSpaceViolations == 3, "two bits");
@@ -151,7 +151,7 @@ ACMP_HOST_DEVICE inline int WeightedMedianOf(const MedianSamples<Group::kSize>& 
 }
 
 /// The weighted median of the surfaces around: of those of the pixel's colour, and the nearer ones first. Pixels that
-/// sources look through have less say. Where the depth changes by more than one in a hundred, the cost is that of
+/// sources see through have less say. Where the depth changes by more than one in a hundred, the cost is that of
 /// another surface: whoever fuses maps has to ask the views again. A pixel without a depth goes on having none.
 template <class Group = SingleThread>
 ACMP_HOST_DEVICE inline void WeightedMedianPixel(const MedianContext& context, int col, int row,

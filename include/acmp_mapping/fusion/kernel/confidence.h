@@ -71,7 +71,7 @@ constexpr float kUnknownOdds = -FLT_MAX;
 /// earlier views have used what they see.
 struct ViewEvidence {
   int views = 0;              ///< whose image the point falls into
-  int silent = 0;             ///< of these, views with no depth of their own there: unknown, or a guess
+  int silent = 0;             ///< of these, views with no depth of their own there: unknown, or unconfirmed
   double best_agreement = 0;  ///< the greatest GradedAgreement of the others
 };
 
@@ -110,7 +110,7 @@ ACMP_HOST_DEVICE inline ViewEvidence GatherEvidence(const FusionContext<View>& c
 
 /// Logarithm of the odds that a depth is right, which is within 2 % of the true one: a logistic regression, fitted to
 /// five recorded and two synthetic scenes (docs/benchmarks.md, "Confidence"). Three numbers say all that was found to
-/// be known: matching cost, texture, the number of agreeing views and of those that look through add nothing to them.
+/// be known: matching cost, texture, the number of agreeing views and of those that see through add nothing to them.
 /// @param unevenness how far the surface around deviates from the pixel's plane (SurfaceUnevenness)
 ACMP_HOST_DEVICE inline double LogOddsOf(const ViewEvidence& evidence, double unevenness) {
   const double silent_share = evidence.views > 0 ? static_cast<double>(evidence.silent) / evidence.views : 0.0;

@@ -18,7 +18,7 @@ struct FusionMaps {
   ACMP_HOST_DEVICE float Depth(int col, int row) const { return depth(col, row); }
   ACMP_HOST_DEVICE Vec3f Normal(int col, int row) const { return NormalOf(normal(col, row)); }
   ACMP_HOST_DEVICE float Cost(int col, int row) const { return cost(col, row); }
-  /// Whether the pixel was completed where no view had confirmed it (see FillUnverified). It confirms no other.
+  /// Whether the pixel is unconfirmed: filled where no view had confirmed it (FillUnverified). It confirms no other.
   ACMP_HOST_DEVICE bool IsGuess(int col, int row) const { return cost(col, row) >= kWorstCost; }
   /// Whether what other images show speaks against the pixel: it never is a point, nor part of one.
   ACMP_HOST_DEVICE bool IsUnsupported(int col, int row) const { return cost(col, row) > kWorstCost; }
@@ -37,7 +37,7 @@ struct FusionLimits {
   int min_consistent_views;
   double min_confidence;
 
-  /// Else as the papers: agreeing views count alike, and guesses are no points.
+  /// Else as the papers: agreeing views count alike, and unconfirmed pixels are no points.
   ACMP_HOST_DEVICE bool ByProbability() const { return min_consistent_views == 0; }
 };
 
