@@ -31,10 +31,8 @@ class MasksTest : public SessionTest<MasksSession> {
     start_s_ += 100;
     ASSERT_TRUE(mapper().Call("reset"));
     for (size_t i = 0; i < kViews; ++i) {
-      ViewMessages view = session().scene[i];
-      view.image.header.stamp = view.camera_info.header.stamp = StampOf(i, start_s_);
-      view.pose.header.stamp = view.sparse_points.header.stamp = view.image.header.stamp;
-      views_.push_back(view);
+      views_.push_back(session().scene[i]);
+      SetStamp(StampOf(i, start_s_), &views_.back());
     }
   }
 
