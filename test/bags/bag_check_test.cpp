@@ -360,17 +360,6 @@ TEST_F(CheckBagTest, Masks) {
   EXPECT_THAT(Errors(late), ElementsAre(HasSubstr("0 of 6 images have one with their stamp")));
 }
 
-TEST_F(CheckBagTest, DamagedFilesAreRefused) {
-  Check([](int, Keyframe &) {});
-  const std::string bytes = ReadText(Path());
-  for (const size_t size : {size_t{0}, size_t{5}, size_t{100}, bytes.size() / 2, bytes.size() - 1}) {
-    WriteText("test.bag", bytes.substr(0, size));
-    EXPECT_THROW(CheckBag(Path(), {}), InvalidInputError) << size << " of " << bytes.size() << " bytes";
-  }
-  EXPECT_THROW(CheckBag(folder() / "missing.bag", {}), InvalidInputError);
-  EXPECT_THROW(CheckBag(folder(), {}), InvalidInputError);
-}
-
 TEST_F(CheckBagTest, ABagCutOffWhileRecordingIsToBeReindexed) {
   Check([](int, Keyframe &) {});
   std::string bytes = ReadText(Path());

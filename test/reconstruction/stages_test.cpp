@@ -280,19 +280,6 @@ TEST_F(StagesTest, RefuseWhatIsNotPlannedOrHasChanged) {
   EXPECT_THAT(StageError("step_1", "0-1"), HasSubstr("00000001.png: it, its mask or its prior depth has changed"));
 }
 
-TEST_F(StagesTest, AnotherSceneIsRefusedUntilOverwrite) {
-  Plan();
-  options_.images = "0-6";
-  options_.plan = folder() / "plan.json";
-  EXPECT_THAT(Error(), HasSubstr("holds a run with other settings (input (hash"));
-  options_.overwrite = true;
-  Run(&fake_);
-  options_.overwrite = false;
-  options_.images.clear();
-  options_.plan.clear();
-  EXPECT_THAT(StageError("step_0", "8"), HasSubstr("\"8\""));
-}
-
 TEST_F(StagesTest, OptionsThatDoNotGoTogether) {
   EXPECT_EQ(ErrorWith([](auto* o) { o->plan = "p", o->stage = "maps"; }), "--plan: not with --stage");
   EXPECT_THAT(ErrorWith([](auto* o) { o->stages = true, o->images = "0"; }), HasSubstr("--stages: not with --images"));
