@@ -111,8 +111,9 @@ TEST_F(MasksTest, ImagesWaitForLateMasksButNotForever) {
   Send({});
   mapper().depth.Clear();
   mapper().keyframe_pose.Clear();
+  mapper().diagnostics.Clear();
   for (const ViewMessages& view : views_) mapper().player.Publish(view);
-  ros::WallDuration(1).sleep();
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"images = ", Concat(" ", kViews, " under way")}, kTimeoutS));
   EXPECT_TRUE(mapper().keyframe_pose.messages().empty()) << "all wait";
   Send({MaskOf(0), MaskOf(1), MaskOf(2)});
   // No other mask comes: the last two are used after mask_wait.
