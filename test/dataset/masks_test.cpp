@@ -13,10 +13,10 @@ using ::testing::HasSubstr;
 
 class MasksTest : public SceneFixture {
  protected:
-  /// White but for one black pixel.
+  /// One black pixel; the others are nearly black.
   void WriteMask(const std::string& name, int col, int row, int width = kWidth, int height = kHeight) const {
     std::filesystem::create_directories((folder() / name).parent_path());
-    ColorImage picture(width, height, {255, 255, 255});
+    ColorImage picture(width, height, {0, 0, 1});
     picture(col, row) = {0, 0, 0};
     WritePng(folder() / name, picture);
   }
