@@ -90,32 +90,6 @@ def kill_in_save_session(build, runs, seconds):
     return kill_in_save(build, runs, seconds, "session.bag", save_session, keyframes_of_whole_session)
 
 
-def kill_in_reconstruction(build, runs, _seconds):
-    """The run that goes on gives the bytes of an undisturbed one."""
-    programs = build / "devel/lib/acmp_mapping"
-    with tempfile.TemporaryDirectory() as folder:
-        scene = f"{folder}/scene"
-        subprocess.run([programs / "acmp_make_scene", scene, "--width", "160", "--height", "120", "--keyframes", "8"],
-                       check=True, stdout=subprocess.DEVNULL)
-
-        def start(name):
-            return subprocess.Popen([programs / "acmp_reconstruct", scene, f"{folder}/{name}", "--device", "cpu"],
-                                    stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-        begin = time.monotonic()
-        expect(start("whole").wait() == 0, "the undisturbed run failed")
-        whole_s = time.monotonic() - begin
-        for run in range(runs):
-            process = start(run)
-            time.sleep(CHOICE.uniform(0.05, 0.95) * whole_s)
-            process.kill()
-            process.wait()
-            process = start(run)
-            expect(process.wait() == 0, f"the run that goes on failed: {process.stderr.read()}")
-            same = Path(folder, "whole/fused.ply").read_bytes() == Path(folder, f"{run}/fused.ply").read_bytes()
-            expect(same, "the run that went on has another cloud")
-    return "the clouds of the runs that went on are the same bytes"
-
-
 def full_disk(build, _runs, _seconds):
     """save_map says so and leaves the earlier file, the manager lives; with space again it saves."""
     if os.geteuid() != 0:
@@ -351,7 +325,7 @@ def main():
     build, runs, seconds = Path(sys.argv[1]).resolve(), int(sys.argv[2]), float(sys.argv[3])
     rows, failed = [], False
     faults = (("kill -9 in save_map", kill_in_save, runs), ("kill -9 in save_session", kill_in_save_session, runs),
-              ("kill -9 in acmp_reconstruct", kill_in_reconstruction, runs), ("full disk", full_disk, 1),
+              ("full disk", full_disk, 1),
               ("master restart", master_restart, 1), ("wild messages", wild_messages, 1), ("tf", tf, 1), ("clock", clock, 1),
               ("parameters", parameters, 1), ("occupancy", occupancy, 1), ("sessions", sessions, 20 * runs))
     for name, run, count in [fault for fault in faults if fault[0] in sys.argv[4:] or not sys.argv[4:]]:

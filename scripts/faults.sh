@@ -1,6 +1,6 @@
 #!/bin/bash
-# Puts the nodelets and acmp_reconstruct to faults: kill -9 while a map is saved and while scenes are computed, a full disk, a
-# master that is restarted, wild messages, transforms, clocks and parameters, keyframes far away, damaged sessions. Prints a
+# Puts the nodelets to faults: kill -9 while a map is saved, a full disk, a master that is restarted, wild messages,
+# transforms, clocks and parameters, keyframes far away, damaged sessions. Prints a
 # table: fault, runs, what was seen, ok or not. Fails when one is not ok.
 # Usage: scripts/faults.sh [RUNS [SECONDS [FAULT...]]]     of each fault by kill -9 (5), of wild ones (30); names of the table
 # Environment: ACMP_BUILD_DIR (build), which has been built. The full disk is a tmpfs and needs root.

@@ -23,7 +23,7 @@ bundle() {
   # shellcheck disable=SC2086
   ninja -C "$build" $(basename -a $programs)
   mkdir -p "$folder/bin" "$folder/lib" "$folder/scenes"
-  cp "$0" "$source/scripts/quality_report.py" "$folder/"
+  cp "$0" "$folder/"
   for program in $programs; do
     cp "$build/$program" "$folder/bin/"
     # Everything but glibc's own libraries and the driver's, which must be the GPU machine's.
@@ -76,7 +76,15 @@ run() {
           case $program in test/*) echo "-- $(basename "$program")"; "$(basename "$program")" --gtest_brief=1 || status=1 ;; esac
         done ;;
       sanitizer) check_sanitizer "$results" || status=1 ;;
-      quality) python3 "$root/quality_report.py" "$root/scenes" "$results/quality" || status=1 ;;
+      quality)
+        for scene in "$root"/scenes/*; do
+          for preset in balanced online; do
+            out=$results/quality/$(basename "$scene")/$preset
+            echo "-- $(basename "$scene") $preset"
+            acmp_reconstruct "$scene" "$out" --device cuda --preset $preset --no-pictures --quiet &&
+              acmp_evaluate depth "$scene" "$out/depth" --quiet || status=1
+          done
+        done ;;
       times)
         for preset in balanced online; do
           acmp_benchmark --device cuda --preset $preset --sizes 320x240,640x480,3072x2048 --source-views 2,6,10,20 ||

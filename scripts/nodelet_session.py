@@ -3,6 +3,7 @@ import json
 import subprocess
 from pathlib import Path
 
+import rosgraph
 import roslib.packages
 
 import replay_report
@@ -51,7 +52,7 @@ class Session:
             for node, parameters in (("/dense_mapper", mapper), ("", dict(global_parameters)),
                                      ("/map_server", {"save_folder": str(folder), **dict(map_parameters)})):
                 for name, value in parameters.items():
-                    subprocess.run(["rosparam", "set", f"{node}/{name}", str(value)], check=True)
+                    rosgraph.Master("/nodelet_session").setParam(f"{node}/{name}", value)
             with open(self.folder / "log", "w") as log:
                 program = roslib.packages.find_node("nodelet", "nodelet")[0]  # under rosrun it would have another id
                 self.manager = subprocess.Popen([program, "manager", "__name:=manager"], stdout=log,

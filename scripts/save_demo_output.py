@@ -5,15 +5,14 @@ usage: save_demo_output.py BAG OUT_FOLDER [--image TOPIC] [--namespace NS] [--ti
 
 Files are numbered by the position of their image in the bag. Waits for the bag's player to end, has the mapper finish
 (~flush) and save its map (~save_map), which says why where there is no mesh. Needs nothing but
-rospy and rosbag. Exits with 1 when the mapper gave no map."""
+PIL, rospy and rosbag. Exits with 1 when the mapper gave no map."""
 import argparse
 import os
-import struct
 import sys
 import threading
 import time
-import zlib
 
+import PIL.Image
 import rosbag
 import rosgraph
 import rospy
@@ -40,16 +39,7 @@ def write_pfm(path, image):
 def write_png(path, image):
     if image.encoding != "rgb8":
         raise ValueError("encoding %s: must be rgb8" % image.encoding)
-    rows = [b"\0" + image.data[row * image.step:row * image.step + 3 * image.width] for row in range(image.height)]
-
-    def chunk(kind, data):
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    with open(path, "wb") as file:
-        file.write(b"\x89PNG\r\n\x1a\n")
-        file.write(chunk(b"IHDR", struct.pack(">IIBBBBB", image.width, image.height, 8, 2, 0, 0, 0)))
-        file.write(chunk(b"IDAT", zlib.compress(b"".join(rows), 9)))
-        file.write(chunk(b"IEND", b""))
+    PIL.Image.frombuffer("RGB", (image.width, image.height), image.data, "raw", "RGB", image.step, 1).save(path)
 
 
 class Saver:

@@ -7,7 +7,6 @@
 #include <nav_msgs/Path.h>
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
-#include <sensor_msgs/point_cloud2_iterator.h>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
@@ -81,31 +80,6 @@ TEST(StampOf, FollowsTheIndexToTheNanosecond) {
   EXPECT_EQ(StampOf(3000, options), ros::Time(1600001000, 0));
 }
 
-TEST(RecordingOptions, AreChecked) {
-  const auto refused = [](auto change) {
-    RecordingOptions options;
-    change(options);
-    EXPECT_THROW(Validate(options), InvalidInputError);
-  };
-  refused([](RecordingOptions& o) { o.rate_hz = 0; });
-  refused([](RecordingOptions& o) { o.rate_hz = std::nan(""); });
-  refused([](RecordingOptions& o) { o.start_time_s = 0; });  // ROS takes a zero stamp as "none"
-  refused([](RecordingOptions& o) { o.max_image_size = -1; });
-  refused([](RecordingOptions& o) { o.world_frame = ""; });
-  refused([](RecordingOptions& o) {
-    o.compressed = true;
-    o.max_image_size = 100;
-  });
-  EXPECT_NO_THROW(Validate(RecordingOptions()));
-}
-
-TEST_F(RecordSyntheticTest, SameInputGivesSameBytes) {
-  RecordSynthetic(MakeSyntheticScene(SmallScene()), {}, folder() / "a.bag");
-  RecordSynthetic(MakeSyntheticScene(SmallScene()), {}, folder() / "b.bag");
-  EXPECT_GT(ReadText(folder() / "a.bag").size(), 3u * 48 * 36 * 3);
-  EXPECT_TRUE(ReadText(folder() / "a.bag") == ReadText(folder() / "b.bag"));
-}
-
 TEST_F(RecordSyntheticTest, HoldsWhatASimulatedFrontendPublishes) {
   SyntheticSceneOptions scene = SmallScene();
   scene.keyframes = 9;
@@ -162,17 +136,6 @@ TEST_F(RecordSceneTest, RecordsPosesAsWorldFromCamera) {
   EXPECT_EQ(tf[1]->transforms[0].transform.translation.x, poses[1]->pose.position.x);
 }
 
-TEST_F(RecordSceneTest, RecordsThePointsOfEachImage) {
-  RecordScene(scene_, {0, 1}, {}, folder() / "out.bag");
-  const auto clouds = ReadAll<sensor_msgs::PointCloud2>(folder() / "out.bag", kSparsePointsTopic);
-  ASSERT_EQ(clouds.size(), 2u);
-  ASSERT_EQ(clouds[0]->width * clouds[0]->height, 2u);
-  sensor_msgs::PointCloud2ConstIterator<float> z(*clouds[0], "z");
-  EXPECT_EQ(*z, 2.0f);
-  EXPECT_EQ(*++z, 6.0f);
-  EXPECT_EQ(clouds[1]->width * clouds[1]->height, 1u);
-}
-
 TEST_F(RecordSceneTest, ShrinksImageAndCameraTogether) {
   RecordingOptions options;
   options.max_image_size = 4;
@@ -215,20 +178,6 @@ TEST_F(RecordSceneTest, PassesCompressedFilesThrough) {
   ASSERT_EQ(images.size(), 1u);
   EXPECT_EQ(images[0]->format, "png");
   EXPECT_EQ(std::string(images[0]->data.begin(), images[0]->data.end()), ReadText(scene_.images[1].path));
-}
-
-TEST_F(RecordSceneTest, LeavingImagesOutKeepsStamps) {
-  RecordScene(scene_, {1}, {}, folder() / "out.bag");
-  const auto poses = ReadAll<geometry_msgs::PoseStamped>(folder() / "out.bag", kPoseTopic);
-  ASSERT_EQ(poses.size(), 1u);
-  EXPECT_EQ(poses[0]->header.stamp, StampOf(1, {}));
-}
-
-TEST_F(RecordSceneTest, WithoutLandmarksThereIsNoCloudTopic) {
-  scene_.landmarks_in_world.clear();
-  for (SceneImage& image : scene_.images) image.landmark_indices.clear();
-  RecordScene(scene_, {0, 1}, {}, folder() / "out.bag");
-  EXPECT_TRUE(ReadAll<sensor_msgs::PointCloud2>(folder() / "out.bag", kSparsePointsTopic).empty());
 }
 
 TEST_F(RecordSceneTest, ATruncatedImageLeavesNoBag) {

@@ -91,35 +91,6 @@ TEST_F(ColmapWorkspaceTest, ModelHasTheDocumentedText) {
             "1 0 0 2 10 20 30 -1 1 0 9 0\n2 1 0 2 1 2 3 -1 9 1\n");
 }
 
-TEST_F(ColmapWorkspaceTest, ModelIsReadBack) {
-  const std::vector<ColmapModelImage> images = SomeImages();
-  for (const ColmapModelImage& image : images) WriteText("images/" + image.name, "not looked at");
-  std::filesystem::create_directories(folder() / "sparse");
-  const std::vector<ColmapModelPoint> points = {{{0.1, 0.2, 3.3}, {}, {0, 1, 2}}, {{-1.5, 0, 4}, {}, {1, 2}}};
-  WriteColmapModel(folder() / "sparse", images, points);
-  const Scene scene = ReadScene(folder(), SceneFormat::kColmap);
-  ASSERT_EQ(scene.images.size(), 3u);
-  for (size_t i = 0; i < images.size(); ++i) {
-    const PinholeCamera& camera = scene.images[i].camera;
-    EXPECT_EQ(scene.images[i].name, images[i].name);
-    EXPECT_EQ(camera.width, images[i].camera.width);
-    EXPECT_NEAR(camera.fx, images[i].camera.fx, 1e-13);
-    EXPECT_NEAR(camera.cx, images[i].camera.cx, 1e-13);
-    EXPECT_NEAR(camera.cy, images[i].camera.cy, 1e-13);
-    EXPECT_LT((scene.images[i].cam_from_world.matrix() - images[i].cam_from_world.matrix()).norm(), 1e-13);
-  }
-  ASSERT_EQ(scene.landmarks_in_world.size(), 2u);
-  EXPECT_LT((scene.landmarks_in_world[1] - points[1].position_in_world).norm(), 1e-13);
-  EXPECT_THAT(scene.images[0].landmark_indices, ElementsAre(0));
-  EXPECT_THAT(scene.images[1].landmark_indices, ElementsAre(0, 1));
-}
-
-TEST_F(ColmapWorkspaceTest, ListsNameImagesAndTheirSources) {
-  WriteColmapLists(folder(), {"a.png", "b/c.png", "d.png"}, {{"b/c.png", "d.png"}, {"a.png"}, {}});
-  EXPECT_EQ(ReadText(folder() / "fusion.cfg"), "a.png\nb/c.png\nd.png\n");
-  EXPECT_EQ(ReadText(folder() / "patch-match.cfg"), "a.png\nb/c.png, d.png\nb/c.png\na.png\nd.png\n__auto__, 20\n");
-}
-
 TEST(ColmapNames, OnlyThoseThatTheFilesCanHold) {
   for (const char* good : {"a.png", "left/0001.jpg", "a/b/c", "a..b.png", "über.png"}) {
     EXPECT_NO_THROW(CheckColmapName(good)) << good;

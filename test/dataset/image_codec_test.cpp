@@ -125,14 +125,6 @@ TEST_F(ImageCodecTest, NameDecidesWhichKindIsWritten) {
   }
 }
 
-TEST_F(ImageCodecTest, JpegThatCannotBeWrittenIsReported) {
-  EXPECT_THAT(MessageOf<ProcessingError>([&] { WriteColorImage(folder() / "a.jpg", ColorImage(65501, 1)); }),
-              AllOf(HasSubstr("a.jpg"), HasSubstr("65500")));
-  EXPECT_FALSE(std::filesystem::exists(folder() / "a.jpg"));
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { WriteColorImage(Unwritable("a.jpg"), ColorImage(2, 2)); }),
-              HasSubstr("there is no folder"));
-}
-
 TEST_F(ImageCodecTest, Png16KeepsEveryPixel) {
   Image<uint16_t> image(3, 2);
   const uint16_t values[] = {0, 1, 255, 256, 4660, 65535};

@@ -13,15 +13,10 @@ using ::testing::HasSubstr;
 
 class MasksTest : public SceneFixture {
  protected:
-  Scene Read() const {
-    WriteColmapText();
-    return ReadScene(folder());
-  }
-
-  /// White but for one black pixel.
+  /// One black pixel; the others are nearly black.
   void WriteMask(const std::string& name, int col, int row, int width = kWidth, int height = kHeight) const {
     std::filesystem::create_directories((folder() / name).parent_path());
-    ColorImage picture(width, height, {255, 255, 255});
+    ColorImage picture(width, height, {0, 0, 1});
     picture(col, row) = {0, 0, 0};
     WritePng(folder() / name, picture);
   }
@@ -32,7 +27,7 @@ class MasksTest : public SceneFixture {
 };
 
 TEST_F(MasksTest, AreFoundByTheImagesNameAndIgnoreWhatIsBlack) {
-  Scene scene = Read();
+  Scene scene = ReadColmap();
   WriteMask("masks/000001.png.png", 5, 3);
   EXPECT_EQ(AddMasks(folder() / "masks", &scene), 1u);
   EXPECT_TRUE(LoadFrame(scene, 0).mask.empty()) << "it has no mask";
@@ -46,7 +41,7 @@ TEST_F(MasksTest, AreFoundByTheImagesNameAndIgnoreWhatIsBlack) {
 }
 
 TEST_F(MasksTest, AFolderWithoutMasksIsRefusedWithTheNameThatAMaskWouldHave) {
-  Scene scene = Read();
+  Scene scene = ReadColmap();
   EXPECT_THAT(MessageOf<InvalidInputError>([&] { AddMasks(folder() / "nowhere", &scene); }),
               AllOf(HasSubstr("nowhere"), HasSubstr("does not exist")));
   WriteMask("masks/000001.mask.png", 5, 3);
@@ -56,7 +51,7 @@ TEST_F(MasksTest, AFolderWithoutMasksIsRefusedWithTheNameThatAMaskWouldHave) {
 }
 
 TEST_F(MasksTest, AMaskOfAnotherSizeOrKindIsRefused) {
-  Scene scene = Read();
+  Scene scene = ReadColmap();
   WriteMask("masks/000000.png.png", 5, 3, kWidth + 1, kHeight);
   WriteText("masks/000001.png.png", "P5 32 24 255");
   AddMasks(folder() / "masks", &scene);
@@ -68,7 +63,7 @@ TEST_F(MasksTest, AMaskOfAnotherSizeOrKindIsRefused) {
 
 TEST_F(MasksTest, WhatTheLensDidNotSeeIsIgnored) {
   cameras = Replaced(cameras, "PINHOLE 32 24 30 31 16.25 12.75", "SIMPLE_RADIAL 32 24 30 16 12 0.8");
-  const Frame frame = LoadFrame(Read(), 0);
+  const Frame frame = LoadFrame(ReadColmap(), 0);
   ASSERT_FALSE(frame.mask.empty());
   EXPECT_EQ(frame.mask(0, 0), 0);
   EXPECT_NE(frame.mask(kWidth / 2, kHeight / 2), 0);
@@ -81,7 +76,7 @@ TEST_F(MasksTest, WhatTheLensDidNotSeeIsIgnored) {
 
 TEST_F(MasksTest, MasksAreUndistortedWithTheirImages) {
   cameras = Replaced(cameras, "PINHOLE 32 24 30 31 16.25 12.75", "SIMPLE_RADIAL 32 24 30 16 12 -0.2");
-  Scene scene = Read();
+  Scene scene = ReadColmap();
   // The stored pixel (28, 20) lies 0.504 from the axis at z = 1, and 0.536 without distortion: at (28.8, 20.5).
   WriteMask("masks/000000.png.png", 28, 20);
   AddMasks(folder() / "masks", &scene);

@@ -128,13 +128,6 @@ TEST_F(OutputFileTest, OnlyRegularFilesAreReplaced) {
               HasSubstr("zero character"));
 }
 
-TEST_F(OutputFileTest, UnwritableFolderIsReported) {
-  const auto path = Unwritable("map.pfm");
-  const std::string message = MessageOf<InvalidInputError>([&] { WriteFileAtomically(path, "x"); });
-  EXPECT_THAT(message, HasSubstr(path.string()));
-  EXPECT_THAT(message, HasSubstr("there is no folder"));
-}
-
 TEST_F(OutputFileTest, FolderInTheWayIsReported) {
   std::filesystem::create_directories(folder() / "map" / "inside");
   EXPECT_THAT(MessageOf<ProcessingError>([&] { WriteFileAtomically(folder() / "map", "x"); }),

@@ -14,10 +14,6 @@ using ::testing::HasSubstr;
 
 class PriorDepthsTest : public SceneFixture {
  protected:
-  Scene Read() const {
-    WriteColmapText();
-    return ReadScene(folder());
-  }
   std::filesystem::path Path(const std::string& name) const {
     std::filesystem::create_directories((folder() / "depths" / name).parent_path());
     return folder() / "depths" / name;
@@ -33,7 +29,7 @@ class PriorDepthsTest : public SceneFixture {
 TEST_F(PriorDepthsTest, AreFoundByTheImagesNameInAllFormats) {
   WriteImage("images/left/a.png", kWidth, kHeight);
   images = Replaced(images, "000001.png", "left/a.png");
-  Scene scene = Read();
+  Scene scene = ReadColmap();
   WritePfm(Path("000000.pfm"), Depth(2, -1));
   WriteDepthPng(Path("left/a.png.png"), Depth(3, 4));
   EXPECT_EQ(AddPriorDepths(folder() / "depths", &scene), 2u);
@@ -49,7 +45,7 @@ TEST_F(PriorDepthsTest, AreFoundByTheImagesNameInAllFormats) {
 
 TEST_F(PriorDepthsTest, AreUndistortedWithTheirImages) {
   cameras = Replaced(cameras, "PINHOLE 32 24 30 31 16.25 12.75", "SIMPLE_RADIAL 32 24 30 16 12 0.8");
-  Scene scene = Read();
+  Scene scene = ReadColmap();
   WritePfm(Path("000000.pfm"), Depth(2, 3));
   AddPriorDepths(folder() / "depths", &scene);
   const Frame frame = LoadFrame(scene, 0);
@@ -59,7 +55,7 @@ TEST_F(PriorDepthsTest, AreUndistortedWithTheirImages) {
 }
 
 TEST_F(PriorDepthsTest, WhatIsNoneIsRefused) {
-  Scene scene = Read();
+  Scene scene = ReadColmap();
   const auto add = [&] { AddPriorDepths(folder() / "depths", &scene); };
   EXPECT_THAT(MessageOf<InvalidInputError>(add), HasSubstr("does not exist"));
   WritePfm(Path("frame.pfm"), Depth(2, 2));
@@ -71,7 +67,7 @@ TEST_F(PriorDepthsTest, WhatIsNoneIsRefused) {
   EXPECT_THAT(MessageOf<InvalidInputError>(add), AllOf(HasSubstr("two maps"), HasSubstr("000000.dmb")));
   std::filesystem::remove(Path("000000.dmb"));
   WriteText("depths/000000.pfm", "Pf\n2 1\n-1.0\nabcd");
-  scene = Read();
+  scene = ReadColmap();
   add();
   EXPECT_THAT(MessageOf<InvalidInputError>([&] { LoadFrame(scene, 0); }), HasSubstr("000000.pfm"));
 }

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/dataset/scene.h"
 #include "dataset/test_folder.h"
 
 namespace acmp {
@@ -36,6 +37,11 @@ class SceneFixture : public TestFolder {
     WriteText("sparse/cameras.txt", cameras);
     WriteText("sparse/images.txt", images);
     WriteText("sparse/points3D.txt", points);
+  }
+
+  Scene ReadColmap() const {
+    WriteColmapText();
+    return ReadScene(folder());
   }
 
   void WriteMvsnet() const {

@@ -271,24 +271,6 @@ TEST(MapRepose, PosesMeanWhatTheKeyframeSays) {
   ExpectPath(tolerant, {Pose(5, 6)});
 }
 
-TEST(MapRepose, EvictsByTheCorrectedDistance) {
-  MapStore store({10, 0.1, 25});
-  AddKeyframes(&store, 3);
-  store.Repose({{0, Pose(0, 0)}, {kSecond, Pose(0, 20)}, {2 * kSecond, Pose(0, 40)}});
-  EXPECT_EQ(store.statistics().evicted_by_radius, 1u);
-  ExpectPath(store, {Pose(0, 20), Pose(0, 40)});
-}
-
-TEST(MapRepose, ClearForgetsThePath) {
-  MapStore store({10, 0.1});
-  AddKeyframes(&store, 1);
-  store.Repose({{0, Pose(0, 5)}});
-  store.Clear();
-  EXPECT_EQ(store.statistics().corrections, 0u);
-  AddKeyframes(&store, 1);
-  ExpectPath(store, {Pose(0, 0)});
-}
-
 TEST(MapRepose, APoseFarAwayIsRefusedAndTheOthersAreUsed) {
   MapStore store({10, 0.1});
   AddKeyframes(&store, 3);
@@ -322,15 +304,6 @@ TEST(MapRepose, KeyframesThatOthersWouldMoveTooFarStay) {
   EXPECT_EQ(result.first_too_far->stamp_ns, kSecond);
   ExpectPath(store, {Pose(0.9 * bound, 0), Pose(0.9 * bound, 0)});
   EXPECT_EQ(store.WorldCloud().points.size(), 1u) << "both see the same now";
-}
-
-TEST(MapRepose, APoseFarAwayIsRefusedForALaterKeyframe) {
-  MapStore store({10, 0});
-  store.Repose({{0, Pose(1e12, 0)}});  // before there is a voxel size
-  Add(&store, 0, 0, Pose(0, 0));
-  EXPECT_EQ(store.statistics().path_too_far, 1u);
-  ExpectPath(store, {Pose(0, 0)});
-  EXPECT_EQ(store.WorldCloud().points.size(), 1u);
 }
 
 }  // namespace

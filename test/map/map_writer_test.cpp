@@ -39,20 +39,6 @@ class MapWriterTest : public TestFolder {
   }
 };
 
-TEST_F(MapWriterTest, OurReaderReadsBothPlyKinds) {
-  const PointCloud map = MakeMap(5);
-  for (const bool binary : {true, false}) {
-    WriteMap(folder() / "map.ply", {map}, MapFormat::kPly, binary);
-    const PointCloud read = ReadPly(folder() / "map.ply");
-    ASSERT_EQ(read.size(), map.size());
-    EXPECT_EQ(read[4].position.x, map[4].position.x);
-    EXPECT_EQ(read[4].normal.z, map[4].normal.z);
-    EXPECT_EQ(read[4].color.b, map[4].color.b);
-    EXPECT_EQ(read[4].confidence, map[4].confidence) << "binary " << binary;
-  }
-  EXPECT_EQ(FilesInFolder(), 1u) << "no temporary file is left";
-}
-
 TEST_F(MapWriterTest, NumbersHaveAPointInAnyLocale) {
   const DecimalComma comma(folder() / "locale");
   const MapCloud map = {MakeMap(5)};

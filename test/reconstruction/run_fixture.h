@@ -202,6 +202,14 @@ class ReconstructRunFixture : public ReconstructFixture {
     return MessageOf<InvalidInputError>([&] { Run(matcher); });
   }
   std::string Error() { return ErrorOf(&fake_); }
+  /// With options that are changed for this once.
+  std::string ErrorWith(const std::function<void(ReconstructOptions*)>& change) {
+    const ReconstructOptions good = options_;
+    change(&options_);
+    std::string message = Error();
+    options_ = good;
+    return message;
+  }
   bool Has(const std::string& name) const { return std::filesystem::exists(options_.output / name); }
 
   ReconstructOptions options_;

@@ -62,15 +62,11 @@ TEST_F(SceneInputTest, ItIsSaidHowManyImagesHavePriorDepthAndWhyItIsNotUsed) {
 }
 
 TEST_F(SceneInputTest, BadOnesAreRefusedBeforeAnythingIsDone) {
-  options_.masks = folder() / "masks";
-  EXPECT_THAT(Error(), HasSubstr("does not exist"));
   WriteMask(7, 12);
-  EXPECT_THAT(Error(), AllOf(HasSubstr("none for any of the 4 images"), HasSubstr("00000000.png.png")));
+  EXPECT_THAT(Error(), HasSubstr("none for any of the 4 images"));
   WriteMask(2, 12, kWidth + 2);
   EXPECT_THAT(Error(), AllOf(HasSubstr("00000002.png.png"), HasSubstr("22 x 15")));
   options_.masks.clear();
-  WriteDepth(7, 2);
-  EXPECT_THAT(Error(), HasSubstr("none for any of the 4 images"));
   WriteDepth(0, 2);
   std::filesystem::resize_file(options_.prior_depth / "00000000.pfm", 30);
   EXPECT_THAT(Error(), HasSubstr("00000000.pfm"));

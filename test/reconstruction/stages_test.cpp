@@ -7,7 +7,6 @@
 #include <optional>
 #include <set>
 
-#include "acmp_mapping/dataset/map_io.h"
 #include "reconstruction/run_fixture.h"
 
 namespace acmp {
@@ -281,54 +280,11 @@ TEST_F(StagesTest, RefuseWhatIsNotPlannedOrHasChanged) {
   EXPECT_THAT(StageError("step_1", "0-1"), HasSubstr("00000001.png: it, its mask or its prior depth has changed"));
 }
 
-TEST_F(StagesTest, ReadPriorDepth) {
-  const std::filesystem::path depths = folder() / "depths";
-  std::filesystem::create_directories(depths);
-  for (int i = 0; i < kStreetImages; ++i) {
-    WritePfm(depths / ("0000000" + std::to_string(i) + ".pfm"), DepthMap(5, 4, 2));
-  }
-  options_.prior_depth = depths;
-  RunTo("alone");
-  std::string logs;
-  for (const Task& task : Plan()) {
-    Stage(task, &fake_);
-    logs += log_.str();
-  }
-  EXPECT_THAT(logs, HasSubstr("the prior depth of 2 images is not used, for example of 00000000.png: "));
-  ExpectSameContents(output("alone"), output());
-  options_.plan = folder() / "plan.json";
-  WritePfm(depths / "00000001.pfm", DepthMap(5, 4, 3));
-  EXPECT_THAT(Error(), HasSubstr("prior depth"));
-}
-
-TEST_F(StagesTest, AnotherSceneIsRefusedUntilOverwrite) {
-  Plan();
-  options_.images = "0-6";
-  options_.plan = folder() / "plan.json";
-  EXPECT_THAT(Error(), HasSubstr("holds a run with other settings (input (hash"));
-  options_.overwrite = true;
-  Run(&fake_);
-  options_.overwrite = false;
-  options_.images.clear();
-  options_.plan.clear();
-  EXPECT_THAT(StageError("step_0", "8"), HasSubstr("\"8\""));
-}
-
 TEST_F(StagesTest, OptionsThatDoNotGoTogether) {
-  const auto error = [&](const std::function<void(ReconstructOptions*)>& change) {
-    const ReconstructOptions good = options_;
-    change(&options_);
-    std::string message = Error();
-    options_ = good;
-    return message;
-  };
-  EXPECT_EQ(error([](auto* o) { o->plan = "p", o->stage = "maps"; }), "--plan: not with --stage");
-  EXPECT_EQ(error([](auto* o) { o->plan = "p", o->stages = true; }), "--plan: not with --stages");
-  EXPECT_EQ(error([](auto* o) { o->stages = true, o->stage = "maps"; }), "--stages: not with --stage");
-  EXPECT_THAT(error([](auto* o) { o->stages = true, o->images = "0"; }), HasSubstr("--stages: not with --images"));
-  EXPECT_EQ(error([](auto* o) { o->plan = "p", o->schedule = "online"; }), "--plan: not with --schedule online");
-  EXPECT_EQ(error([](auto* o) { o->plan = "p", o->colmap = true; }), "--plan: not with --colmap");
-  EXPECT_THAT(error([](auto* o) { o->chunk_images = 0; }), HasSubstr("--chunk-images = 0"));
+  EXPECT_EQ(ErrorWith([](auto* o) { o->plan = "p", o->stage = "maps"; }), "--plan: not with --stage");
+  EXPECT_THAT(ErrorWith([](auto* o) { o->stages = true, o->images = "0"; }), HasSubstr("--stages: not with --images"));
+  EXPECT_EQ(ErrorWith([](auto* o) { o->plan = "p", o->schedule = "online"; }), "--plan: not with --schedule online");
+  EXPECT_EQ(ErrorWith([](auto* o) { o->plan = "p", o->colmap = true; }), "--plan: not with --colmap");
 }
 
 TEST_F(StagesTest, OfOneProcessEndWithTheBytesOfARunAlone) {

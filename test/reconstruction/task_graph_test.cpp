@@ -16,8 +16,6 @@ namespace acmp {
 namespace {
 
 using ::testing::ElementsAre;
-using ::testing::HasSubstr;
-using ::testing::IsEmpty;
 
 std::string FailureOf(TaskGraph* graph, const std::vector<int>& threads, const StopRequest& interrupt) {
   try {
@@ -145,17 +143,6 @@ TEST_F(TaskGraphTest, UrgentTasksGoFirst) {
     graph.Run(threads, interrupt_);
     EXPECT_THAT(journal.numbers(), ElementsAre(2, 5, 0, 1, 3, 4));
   }
-}
-
-TEST_F(TaskGraphTest, ATaskOfAPoolWithoutThreadsIsRefused) {
-  // It would wait for ever.
-  graph_.Add(0, {}, journal_.Writer(0));
-  graph_.Add(1, {}, journal_.Writer(1));
-  EXPECT_THAT(FailureOf(&graph_, {1, 0}, interrupt_), HasSubstr("pool = 1"));
-  EXPECT_THAT(FailureOf(&graph_, {1}, interrupt_), HasSubstr("pool of a task = 1"));
-  EXPECT_THAT(FailureOf(&graph_, {1, -1}, interrupt_), HasSubstr("threads of a pool = -1"));
-  EXPECT_THAT(journal_.numbers(), IsEmpty());
-  EXPECT_THROW(graph_.Add(0, {2}, journal_.Writer(2)), InvalidInputError) << "waits for itself";
 }
 
 TEST_F(TaskGraphTest, AnyTaskOfARandomGraphMayFail) {

@@ -77,17 +77,6 @@ TEST_F(TiledCloudTest, EachPointIsInTheTileOfItsCoordinates) {
   EXPECT_EQ(FirstDifference(ReadPly(Tiles() / "-1_-1_-2.ply"), {PointAt(-tiny, -2, -2.5f, 4)}), "");
 }
 
-TEST_F(TiledCloudTest, IndexListsTheTilesInTheOrderOfTheirNumbers) {
-  const auto files = Write({PointAt(20, 1, 2), PointAt(-11, 0, 0), PointAt(1, 2.5f, 3), PointAt(4, 0.5f, 7)}, 10, 0);
-  EXPECT_EQ(files.at("index.json"), R"({"tile_size": 10.0, "points": 4, "tiles": [
-{"file":"-2_0_0.ply","points":1,"min":[-11.0,0.0,0.0],"max":[-11.0,0.0,0.0]},
-{"file":"0_0_0.ply","points":2,"min":[1.0,0.5,3.0],"max":[4.0,2.5,7.0]},
-{"file":"2_0_0.ply","points":1,"min":[20.0,1.0,2.0],"max":[20.0,1.0,2.0]}
-]})"
-                                    "\n");
-  EXPECT_EQ(nlohmann::json::parse(files.at("index.json")).at("tiles").size(), 3u);
-}
-
 TEST_F(TiledCloudTest, AnyMemoryMakesTheSameBytes) {
   const PointCloud cloud = RandomCloud(3000, 5);
   const auto expected = Write(cloud, 4, kAllInMemory);

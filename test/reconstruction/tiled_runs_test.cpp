@@ -149,13 +149,5 @@ TEST_F(TiledRunsTest, AFolderOfOtherTilesIsRefusedUntilOverwrite) {
   EXPECT_TRUE(Has("fused.ply"));
 }
 
-TEST_F(TiledRunsTest, SizesOutOfBoundsAreRefused) {
-  for (const double size : {0.0, 2e9, std::nan("")}) {
-    options_.tile_size = size;
-    EXPECT_EQ(Error(), Concat("--tile-size = ", size, ": must be in [1e-06, 1e+09]"));
-  }
-  EXPECT_FALSE(std::filesystem::exists(output()));
-}
-
 }  // namespace
 }  // namespace acmp

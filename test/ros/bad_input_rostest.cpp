@@ -39,11 +39,6 @@ class BadInputTest : public SessionTest<BadInputSession> {
     return messages;
   }
 
-  static void SetStamp(const ros::Time& stamp, ViewMessages* messages) {
-    messages->image.header.stamp = messages->camera_info.header.stamp = stamp;
-    messages->pose.header.stamp = messages->sparse_points.header.stamp = stamp;
-  }
-
   /// One view before the good ones.
   static ViewMessages View(size_t index = 0) {
     ViewMessages view = session().scene[index];

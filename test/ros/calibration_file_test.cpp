@@ -50,34 +50,20 @@ TEST_F(CalibrationFileTest, ReadsOurTemplate) {
   EXPECT_EQ(info.D, (std::vector<double>{-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05, 0}));
 }
 
-TEST_F(CalibrationFileTest, MatricesOfAnotherSizeAreRefusedWithBothSizes) {
+TEST_F(CalibrationFileTest, WhatCannotBeUsedIsNamed) {
   EXPECT_THAT(RefusalOf("camera_matrix: {rows: 3, cols: 3", "camera_matrix: {rows: 4, cols: 4"),
               HasSubstr("camera_matrix has 4 rows, 4 cols and 9 numbers: must have 3, 3 and 9"));
-  EXPECT_THAT(RefusalOf("projection_matrix: {rows: 3, cols: 4", "projection_matrix: {rows: 3, cols: 3"),
-              HasSubstr("projection_matrix has 3 rows, 3 cols and 12 numbers: must have 3, 4 and 12"));
   EXPECT_THAT(RefusalOf("data: [1, 0, 0, 0, 1, 0, 0, 0, 1]", "data: [1, 0, 0]"),
               HasSubstr("rectification_matrix has 3 rows, 3 cols and 3 numbers: must have 3, 3 and 9"));
-  for (const char* size :
-       {"rows: 1000000, cols: 1000000", "rows: -1, cols: -5", "rows: 1, cols: 4", "rows: 5, cols: 5"}) {
+  for (const char* size : {"rows: 1000000, cols: 1000000", "rows: -1, cols: -5", "rows: 1, cols: 4"}) {
     EXPECT_THAT(RefusalOf("rows: 1, cols: 5", size), HasSubstr("5 numbers: must have at most 14 numbers")) << size;
   }
-}
-
-TEST_F(CalibrationFileTest, WhatIsMissingOrNoNumberIsNamed) {
   EXPECT_THAT(RefusalOf("camera_matrix", "K"), AllOf(HasSubstr("camera_matrix is missing"), HasSubstr(kConverter)));
-  EXPECT_THAT(RefusalOf("image_width: 64", "width: 64"),
-              AllOf(HasSubstr("image_width is missing"), HasSubstr(kConverter)));
   EXPECT_THAT(RefusalOf("image_width: 64", "image_width: -64"), HasSubstr("image_width = -64"));
-  EXPECT_THAT(RefusalOf("camera_matrix: {rows: 3", "camera_matrix: {columns: 3"),
-              HasSubstr("camera_matrix.rows is missing"));
   EXPECT_THAT(RefusalOf("55.42562584220407", "fx"), AllOf(HasSubstr("line 5"), HasSubstr("bad conversion")));
-  EXPECT_THAT(RefusalOf("camera_matrix: {", "camera_matrix: [{"), HasSubstr("line"));
-  EXPECT_THAT(RefusalOf(good_, "- 1\n- 2\n"), HasSubstr("must be a map"));
-  EXPECT_THAT(RefusalOf(good_, ""), HasSubstr("must be a map"));
-}
-
-TEST_F(CalibrationFileTest, ACameraThatCannotBeUsedIsToldWithItsFile) {
   EXPECT_THAT(RefusalOf("55.42562584220407", "-1"), HasSubstr("K[0] = -1"));
+  EXPECT_THAT(RefusalOf("camera_matrix: {", "camera_matrix: [{"), HasSubstr("line"));
+  EXPECT_THAT(RefusalOf(good_, ""), HasSubstr("must be a map"));
 }
 
 TEST_F(CalibrationFileTest, OtherFilesAreRefused) {

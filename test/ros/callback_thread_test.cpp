@@ -1,7 +1,5 @@
 #include "acmp_mapping/ros/callback_thread.h"
 
-#include <atomic>
-#include <chrono>
 #include <thread>
 
 #include <gmock/gmock.h>
@@ -21,25 +19,6 @@ class Callback : public ros::CallbackInterface {
  private:
   std::function<void()> work_;
 };
-
-TEST(DrainCallbacks, ReturnsWhenAllThatWasQueuedIsDone) {
-  ros::CallbackQueue queue;
-  std::atomic<int> done{0};
-  for (int i = 0; i < 20; ++i) {
-    queue.addCallback(boost::make_shared<Callback>([&done] {
-      std::this_thread::sleep_for(std::chrono::milliseconds(1));
-      ++done;
-    }));
-  }
-  std::atomic<bool> stop{false};
-  std::thread caller([&] {
-    while (!stop) queue.callAvailable(ros::WallDuration(0.01));
-  });
-  EXPECT_TRUE(DrainCallbacks(&queue));
-  EXPECT_EQ(done, 20);
-  stop = true;
-  caller.join();
-}
 
 TEST(DrainCallbacks, EndsWithTheQueue) {
   ros::CallbackQueue queue;  // nobody calls what is in it
@@ -66,10 +45,6 @@ TEST(GuardedQueue, TellsWhatCallbacksThrowAndGoesOn) {
   EXPECT_TRUE(queue.isEmpty()) << "none is called again";
   EXPECT_THAT(told, ::testing::ElementsAre("Time is out of dual 32-bit range", "type error", "out of memory",
                                            "an exception that says nothing"));
-}
-
-TEST(CallGuarded, AlsoGoesOnWhereThereIsNoMemoryForTheReport) {
-  CallGuarded([] { throw std::runtime_error("first"); }, [](const std::string&) { throw std::bad_alloc(); });
 }
 
 }  // namespace

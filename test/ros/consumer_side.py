@@ -1,6 +1,5 @@
 """What consumers_rostest.py needs to play the part of the nodes that launch/consumers starts: their topics and
-parameters from the launch files, synchronisation, lookups of poses, and costmap_2d's voxel layer."""
-import copy
+parameters from the launch files, synchronisation and lookups of poses."""
 import threading
 import xmlrpc.client
 
@@ -165,17 +164,13 @@ def positions(cloud):
     return np.stack([fields[name] for name in "xyz"], axis=1).astype(float)
 
 
-def back_projected_map(depth, camera_info):
+def back_projected(image, camera_info):
     """Points in the camera of the pixels that have a depth, by K."""
+    depth = np.frombuffer(image.data, "<f4").reshape(image.height, image.width).astype(float)
     row, col = np.nonzero(depth > 0)
     z = depth[row, col]
     fx, fy, cx, cy = (camera_info.K[i] for i in (0, 4, 2, 5))
     return np.stack([(col - cx) * z / fx, (row - cy) * z / fy, z], axis=1)
-
-
-def back_projected(image, camera_info):
-    depth = np.frombuffer(image.data, "<f4").reshape(image.height, image.width)
-    return back_projected_map(depth.astype(float), camera_info)
 
 
 def read_ply(path):
@@ -209,71 +204,3 @@ class Near:
 
     def __call__(self, points):
         return np.isin(self.keys(np.floor(points / self.cell).astype(int)), self.cells)
-
-
-class VoxelLayer:
-    """costmap_2d::VoxelLayer over a fixed window: columns of voxels, marked by points and cleared along rays."""
-
-    def __init__(self, resolution, size, center, origin_z, z_resolution, z_voxels, max_obstacle_height):
-        self.resolution, self.max_obstacle_height = resolution, max_obstacle_height
-        self.step = np.array([resolution, resolution, z_resolution])
-        self.origin = np.array([center[0] - size / 2, center[1] - size / 2, origin_z])
-        self.shape = (int(size / resolution), int(size / resolution), z_voxels)
-        self.marked, self.known = np.zeros(self.shape, bool), np.zeros(self.shape, bool)
-
-    def empty(self):
-        """Another one over the same window."""
-        result = copy.copy(self)
-        result.marked, result.known = np.zeros(self.shape, bool), np.zeros(self.shape, bool)
-        return result
-
-    def voxels(self, points):
-        """Indices of the voxels of the points that are in the grid."""
-        index = np.floor((points - self.origin) / self.step).astype(int)
-        return tuple(index[((index >= 0) & (index < self.shape)).all(axis=1)].T)
-
-    def mark(self, points, sensor, obstacle_range):
-        near = np.linalg.norm(points - sensor, axis=1) < obstacle_range
-        marked = self.voxels(points[near & (points[:, 2] <= self.max_obstacle_height)])
-        self.marked[marked] = self.known[marked] = True
-
-    def clear(self, points, sensor, raytrace_range):
-        """Up to two cells before each point, to the floor and to the highest obstacle; nothing if the sensor is not in
-        the grid."""
-        if len(self.voxels(sensor[None])[0]) == 0:
-            return
-        rays = points - sensor
-        length = np.linalg.norm(rays, axis=1)
-        rays, length = rays[length > 2 * self.resolution], length[length > 2 * self.resolution]
-        part = np.minimum((length - 2 * self.resolution) / length, raytrace_range / length)
-        end_z = sensor[2] + part * rays[:, 2]
-        limit = np.where(end_z > self.max_obstacle_height, self.max_obstacle_height - 0.01,
-                         np.maximum(end_z, self.origin[2]))
-        cut = limit != end_z
-        part[cut] *= np.clip((limit - sensor[2])[cut] / (end_z - sensor[2])[cut], 0, 1)
-        for along in np.arange(0, (part * length).max(initial=0), 0.4 * self.resolution):
-            inside = along <= part * length
-            cleared = self.voxels(sensor + rays[inside] * (along / length[inside])[:, None])
-            self.marked[cleared] = False
-            self.known[cleared] = True
-
-    def lethal(self):
-        return self.marked.any(axis=2)
-
-    def free(self):
-        return self.known.any(axis=2) & ~self.lethal()
-
-    def columns(self, points):
-        """Cells that have one of the points above or below them."""
-        index = np.floor((points - self.origin) / self.step).astype(int)[:, :2]
-        index = index[((index >= 0) & (index < self.shape[:2])).all(axis=1)]
-        result = np.zeros(self.shape[:2], bool)
-        result[tuple(index.T)] = True
-        return result
-
-
-def grown(cells):
-    """With their eight neighbours."""
-    padded = np.pad(cells, 1)
-    rows, cols = cells.shape
-    return np.logical_or.reduce([padded[r:r + rows, c:c + cols] for r in range(3) for c in range(3)])

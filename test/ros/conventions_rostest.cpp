@@ -13,29 +13,21 @@
 #include <opencv2/imgproc.hpp>
 
 #include "ros/mapper_control.h"
+#include "support/lens.h"
 
 namespace acmp::test::conventions_rostest {
 
 constexpr size_t kViews = 6;
 const std::vector<double> kDistortion = {-0.2, 0.05, 1e-3, -1e-3, 0};
 
-/// The image that a lens with kDistortion would take: for each distorted pixel the ideal one, by fixed-point iteration.
+/// The image that a lens with kDistortion would take: for each distorted pixel the ideal one.
 cv::Mat Distort(const cv::Mat& ideal, const PinholeCamera& camera) {
   cv::Mat map(ideal.size(), CV_32FC2);
   for (int row = 0; row < ideal.rows; ++row) {
     for (int col = 0; col < ideal.cols; ++col) {
-      const double xd = (col - camera.cx) / camera.fx, yd = (row - camera.cy) / camera.fy;
-      double x = xd, y = yd;
-      for (int i = 0; i < 50; ++i) {
-        const double r2 = x * x + y * y;
-        const double radial = 1 + r2 * (kDistortion[0] + r2 * kDistortion[1]);
-        const double dx = 2 * kDistortion[2] * x * y + kDistortion[3] * (r2 + 2 * x * x);
-        const double dy = kDistortion[2] * (r2 + 2 * y * y) + 2 * kDistortion[3] * x * y;
-        x = (xd - dx) / radial;
-        y = (yd - dy) / radial;
-      }
-      map.at<cv::Vec2f>(row, col) =
-          cv::Vec2f(static_cast<float>(x * camera.fx + camera.cx), static_cast<float>(y * camera.fy + camera.cy));
+      const Eigen::Vector2d ray = RayAt(camera, {LensDistortion::Model::kBrownConrady, kDistortion}, col, row);
+      map.at<cv::Vec2f>(row, col) = cv::Vec2f(static_cast<float>(ray.x() * camera.fx + camera.cx),
+                                              static_cast<float>(ray.y() * camera.fy + camera.cy));
     }
   }
   cv::Mat distorted;

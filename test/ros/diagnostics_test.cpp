@@ -48,15 +48,6 @@ MapperSnapshot HealthyMapper() {
   return snapshot;
 }
 
-using MapperDescriber = void (*)(const MapperSnapshot&, DiagnosticStatusWrapper*);
-
-TEST(Diagnostics, ThePosesFitIsToldByGap) {
-  MapperSnapshot snapshot = HealthyMapper();
-  snapshot.worker.outputs.pose_fit = {100, 0.3, {{1, 1, 60, 0.25}, {2, 3, 40, 0.4}}};
-  EXPECT_EQ(ValueOf(Describe(&DescribeMapping, snapshot), "poses fit the images to [px]"),
-            "0.3 (median of 100 matches; 1 to 1 apart: 0.25; 2 to 3 apart: 0.4)");
-}
-
 TEST(Diagnostics, AnOffsetOfTheStampsIsNamed) {
   MapperSnapshot snapshot = HealthyMapper();
   snapshot.worker.pose_checks.stamp_offset_s = 0.0312;
@@ -78,14 +69,6 @@ TEST(Diagnostics, DistortionThatNobodyToldIsNamed) {
   MapperSnapshot snapshot = HealthyMapper();
   snapshot.worker.distortion = DescribeDistortion(-15, 640, none);
   EXPECT_THAT(Describe(&DescribeMapping, snapshot).message, HasSubstr("radial distortion"));
-}
-
-TEST(Diagnostics, AllIsWell) {
-  for (const MapperDescriber describe : {&DescribeInputs, &DescribeMatching, &DescribeMapping}) {
-    const auto status = Describe(describe, HealthyMapper());
-    EXPECT_EQ(status.level, DiagnosticStatus::OK) << status.message;
-    EXPECT_FALSE(status.message.empty());
-  }
 }
 
 TEST(Diagnostics, NameTheMissingInputItsTopicAndSinceWhen) {
@@ -212,23 +195,6 @@ TEST(Diagnostics, CountDropsByReasonAndWarnOfRecentOnes) {
   EXPECT_EQ(Describe(&DescribeMatching, snapshot).level, DiagnosticStatus::OK);
 }
 
-TEST(Diagnostics, TellTheDevice) {
-  MapperSnapshot snapshot = HealthyMapper();
-  snapshot.worker.fallback_reason = "no CUDA driver";
-  auto status = Describe(&DescribeMapping, snapshot);
-  EXPECT_EQ(status.level, DiagnosticStatus::OK);
-  EXPECT_EQ(ValueOf(status, "why not on a GPU"), "no CUDA driver");
-  snapshot.worker.device_error = "device = cuda: no driver";
-  status = Describe(&DescribeMapping, snapshot);
-  EXPECT_EQ(status.level, DiagnosticStatus::ERROR);
-  EXPECT_THAT(status.message, HasSubstr("no driver"));
-  snapshot = HealthyMapper();
-  snapshot.convention_warning = "with ~pose_is: T_cam_world more points are in the image";
-  status = Describe(&DescribeMapping, snapshot);
-  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
-  EXPECT_THAT(status.message, HasSubstr("~pose_is"));
-}
-
 TEST(Diagnostics, WarnOfARunOfKeyframesWithoutPoints) {
   MapperSnapshot snapshot = HealthyMapper();
   snapshot.worker.outputs.run_without_points = OutputStatus::kRunWithoutPoints - 1;
@@ -270,8 +236,6 @@ TEST(IncidentLog, CountsTheImagesThatEnded) {
   EXPECT_EQ(log.images(), 2u);
 }
 
-using MapDescriber = void (*)(const MapSnapshot&, DiagnosticStatusWrapper*);
-
 /// A map at work.
 MapSnapshot HealthyMap() {
   MapSnapshot snapshot;
@@ -284,14 +248,6 @@ MapSnapshot HealthyMap() {
   return snapshot;
 }
 
-TEST(MapDiagnostics, AllIsWell) {
-  for (const MapDescriber describe : {&DescribeMap, &DescribeMappers}) {
-    const auto status = Describe(describe, HealthyMap());
-    EXPECT_EQ(status.level, DiagnosticStatus::OK) << status.message;
-    EXPECT_FALSE(status.message.empty());
-  }
-}
-
 TEST(MapDiagnostics, SayWhatIsNotInTheMapYet) {
   MapSnapshot snapshot = HealthyMap();
   EXPECT_EQ(DescribeMissing(snapshot.mappers), "");
@@ -301,17 +257,6 @@ TEST(MapDiagnostics, SayWhatIsNotInTheMapYet) {
   EXPECT_THAT(DescribeMissing(snapshot.mappers), AllOf(HasSubstr("7 images"), HasSubstr("/acmp_2/dense_mapper"),
                                                        HasSubstr("flush finishes them, if it has not since")));
   EXPECT_THAT(ValueOf(Describe(&DescribeMappers, snapshot), "/acmp_2/dense_mapper"), HasSubstr("under way then: 7"));
-}
-
-TEST(MapDiagnostics, WarnOfRecentIncidents) {
-  MapSnapshot snapshot = HealthyMap();
-  snapshot.incidents["optimized_path_frame"] = {2, "in another frame", 99, 99};
-  const auto status = Describe(&DescribeMap, snapshot);
-  EXPECT_EQ(status.level, DiagnosticStatus::WARN);
-  EXPECT_THAT(status.message, HasSubstr("in another frame"));
-  EXPECT_THAT(ValueOf(status, "incident: optimized_path_frame"), HasSubstr("2 ("));
-  snapshot.now_s = 200;
-  EXPECT_EQ(Describe(&DescribeMap, snapshot).level, DiagnosticStatus::OK) << "long ago";
 }
 
 TEST(MapDiagnostics, TellWhatComesFromEachMapper) {

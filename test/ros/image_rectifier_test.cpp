@@ -8,10 +8,13 @@
 #include <opencv2/core.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "support/lens.h"
 
 namespace acmp {
 namespace {
 
+using test::Distort;
+using test::RayAt;
 using Model = LensDistortion::Model;
 
 CameraCalibration MakeCalibration(Model model, std::vector<double> coefficients) {
@@ -21,39 +24,8 @@ CameraCalibration MakeCalibration(Model model, std::vector<double> coefficients)
   return calibration;
 }
 
-/// Where the lens puts the ray (x, y, 1), straight from the models' definitions (OpenCV's documentation).
-Eigen::Vector2d Distort(const CameraCalibration& c, double x, double y) {
-  const std::vector<double>& k = c.distortion.coefficients;
-  const double r2 = x * x + y * y;
-  double xd = x, yd = y;
-  if (c.distortion.model == Model::kEquidistant) {
-    const double r = std::sqrt(r2);
-    const double t = std::atan(r);
-    const double t2 = t * t;
-    const double td = t * (1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))));
-    const double scale = r > 0 ? td / r : 1;
-    xd = scale * x, yd = scale * y;
-  } else {
-    double radial = 1 + r2 * (k[0] + r2 * (k[1] + (k.size() > 4 ? r2 * k[4] : 0)));
-    if (c.distortion.model == Model::kRational) radial /= 1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]));
-    xd = x * radial + 2 * k[2] * x * y + k[3] * (r2 + 2 * x * x);
-    yd = y * radial + k[2] * (r2 + 2 * y * y) + 2 * k[3] * x * y;
-  }
-  return {c.camera.fx * xd + c.camera.cx, c.camera.fy * yd + c.camera.cy};
-}
-
 /// A smooth pattern over the rays of the ideal camera.
 double Pattern(double x, double y) { return 128 + 60 * std::sin(9 * x) * std::cos(7 * y); }
-
-/// The ray that the lens puts at a pixel: the inverse of Distort by fixed-point iteration.
-Eigen::Vector2d RayOf(const CameraCalibration& c, double u, double v) {
-  Eigen::Vector2d ray((u - c.camera.cx) / c.camera.fx, (v - c.camera.cy) / c.camera.fy);
-  for (int i = 0; i < 100; ++i) {
-    const Eigen::Vector2d error = Distort(c, ray.x(), ray.y()) - Eigen::Vector2d(u, v);
-    ray -= Eigen::Vector2d(error.x() / c.camera.fx, error.y() / c.camera.fy);
-  }
-  return ray;
-}
 
 class RectifierModels : public ::testing::TestWithParam<CameraCalibration> {};
 
@@ -63,7 +35,7 @@ TEST_P(RectifierModels, UndoesTheLens) {
   cv::Mat distorted(camera.height, camera.width, CV_8UC3);
   for (int v = 0; v < camera.height; ++v) {
     for (int u = 0; u < camera.width; ++u) {
-      const Eigen::Vector2d ray = RayOf(calibration, u, v);
+      const Eigen::Vector2d ray = RayAt(calibration.camera, calibration.distortion, u, v);
       distorted.at<cv::Vec3b>(v, u) = cv::Vec3b::all(cv::saturate_cast<uchar>(Pattern(ray.x(), ray.y())));
     }
   }
@@ -74,7 +46,7 @@ TEST_P(RectifierModels, UndoesTheLens) {
   for (int v = 0; v < camera.height; ++v) {
     for (int u = 0; u < camera.width; ++u) {
       const double x = (u - camera.cx) / camera.fx, y = (v - camera.cy) / camera.fy;
-      const Eigen::Vector2d source = Distort(calibration, x, y);
+      const Eigen::Vector2d source = Distort(calibration.camera, calibration.distortion, x, y);
       const bool inside =
           source.x() >= 0 && source.y() >= 0 && source.x() <= camera.width - 1 && source.y() <= camera.height - 1;
       const bool valid = rim.empty() || rim(u, v) != 0;
@@ -123,7 +95,8 @@ TEST(ImageRectifier, MasksAreRectifiedWithTheirImages) {
   int ignored = 0;
   for (int v = 0; v < camera.height; ++v) {
     for (int u = 0; u < camera.width; ++u) {
-      const Eigen::Vector2d source = Distort(calibration, (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy);
+      const Eigen::Vector2d source =
+          Distort(calibration.camera, calibration.distortion, (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy);
       // Interpolation reaches a pixel to each side.
       const auto is_within = [&](double margin) {
         return source.x() > 10 - margin && source.x() < 24 + margin && source.y() > 20 - margin &&
@@ -152,7 +125,8 @@ TEST(ImageRectifier, DepthOfAnySizeIsRectifiedWithoutInterpolation) {
   int near = 0;
   for (int v = 5; v < camera.height - 5; ++v) {
     for (int u = 5; u < camera.width - 5; ++u) {
-      const Eigen::Vector2d source = Distort(calibration, (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy);
+      const Eigen::Vector2d source =
+          Distort(calibration.camera, calibration.distortion, (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy);
       if (std::abs(source.x() - 29.5) < 0.6) continue;
       ASSERT_EQ(rectified(u, v), source.x() < 29.5 ? 2 : 4) << u << ' ' << v;
       near += rectified(u, v) == 2 ? 1 : 0;

@@ -1,7 +1,5 @@
 #include "acmp_mapping/ros/input_conversion.h"
 
-#include <sys/resource.h>
-
 #include <algorithm>
 #include <functional>
 #include <limits>
@@ -120,36 +118,16 @@ TEST(DecodeRgb, RespectsPaddedRows) {
 }
 
 TEST(DecodeRgb, RefusesWhatCannotBeConvertedAndNamesIt) {
-  EXPECT_THAT(ErrorOf([] { DecodeRgb(MakeImage(enc::TYPE_32FC1, 1, 1, {0, 0, 0, 0})); }), HasSubstr("32FC1"));
-  EXPECT_THAT(ErrorOf([] {
-                DecodeRgb(MakeImage(enc::TYPE_16UC1, 1, 1, {0, 0}));
-              }),
-              AllOf(HasSubstr("16UC1"), HasSubstr("depth map?"), HasSubstr("mono16")));
-  EXPECT_THAT(ErrorOf([] { DecodeRgb(MakeImage("holograms", 1, 1, {0})); }), HasSubstr("holograms"));
-  EXPECT_THAT(ErrorOf([] { DecodeRgb(MakeImage(enc::RGB8, 2, 1, {0, 0, 0})); }), HasSubstr("step of at least 6"));
-  EXPECT_THAT(ErrorOf([] { DecodeRgb(MakeImage("yuv422_yuy2", 1, 1, {0, 0})); }), HasSubstr("yuv422_yuy2"));
-  EncodedImage truncated = MakeImage(enc::RGB8, 1, 1, {1, 2, 3});
-  auto image = boost::make_shared<sensor_msgs::Image>(*truncated.raw);
-  image->height = 100;
-  EXPECT_THAT(ErrorOf([&] { DecodeRgb({image, nullptr}); }), AllOf(HasSubstr("1x100"), HasSubstr("3 bytes")));
-}
-
-TEST(DecodeRgb, RefusesSizesThatWrapIn32Bits) {
-  // 16384 rows of 2^18 + 24 bytes are 2^32 + 393216: in 32 bits as many as there are.
-  constexpr uint32_t kRows = 16384, kBytes = 393216;
-  auto image = boost::make_shared<sensor_msgs::Image>();
-  image->encoding = enc::MONO8;
-  image->width = 8;
-  image->height = kRows;
-  image->step = (1u << 18) + 24;
-  image->data.resize(kBytes);
-  ASSERT_EQ(image->height * image->step, kBytes);
-  EXPECT_THAT(ErrorOf([&] {
-                DecodeRgb({image, nullptr});
-              }),
-              AllOf(HasSubstr("393216 bytes"), HasSubstr("must have 4295360512 bytes")));
-  image->height = (1u << 30) + 6;
-  EXPECT_THAT(ErrorOf([&] { DecodeRgb({image, nullptr}); }), AllOf(HasSubstr("1073741830"), HasSubstr("32767")));
+  const auto refusal = [](const std::string& encoding, uint32_t width, uint32_t height, std::vector<uint8_t> data) {
+    auto image = boost::make_shared<sensor_msgs::Image>(*MakeImage(encoding, width, 1, std::move(data)).raw);
+    image->height = height;
+    return ErrorOf([&] { DecodeRgb({image, nullptr}); });
+  };
+  EXPECT_THAT(refusal("holograms", 1, 1, {0}), HasSubstr("holograms"));
+  EXPECT_THAT(refusal(enc::TYPE_16UC1, 1, 1, {0, 0}), AllOf(HasSubstr("16UC1"), HasSubstr("depth map?")));
+  EXPECT_THAT(refusal(enc::RGB8, 2, 1, {0, 0, 0}), HasSubstr("step of at least 6"));
+  EXPECT_THAT(refusal("yuv422_yuy2", 1, 1, {0, 0}), HasSubstr("yuv422_yuy2"));
+  EXPECT_THAT(refusal(enc::RGB8, 1, 100, {1, 2, 3}), AllOf(HasSubstr("1x100"), HasSubstr("3 bytes")));
 }
 
 TEST(DecodeRgb, DecodesCompressedImages) {
@@ -188,36 +166,19 @@ std::vector<uint8_t> WithSize(const std::string& extension, const std::vector<ui
   return changed;
 }
 
-TEST(DecodeRgb, RefusesASizeThatIsNotTheCamerasBeforeMemoryIsTaken) {
-  const auto peak_mb = [] {
-    rusage usage = {};
-    getrusage(RUSAGE_SELF, &usage);
-    return usage.ru_maxrss / 1024;
-  };
+TEST(DecodeRgb, RefusesASizeThatIsNotTheCamerasByTheHeader) {
   const cv::Mat bgr(48, 64, CV_8UC3, cv::Scalar(10, 100, 200));
-  const PinholeCamera camera{64, 48, 50, 50, 31.5, 23.5}, upright{48, 64, 50, 50, 23.5, 31.5},
-      other{65, 48, 50, 50, 31, 23};
+  const PinholeCamera camera{64, 48, 50, 50, 31.5, 23.5}, upright{48, 64, 50, 50, 23.5, 31.5};
   for (const char* extension : {".png", ".jpg"}) {
     auto image = boost::make_shared<sensor_msgs::CompressedImage>();
     cv::imencode(extension, bgr, image->data);
+    const auto refusal = [&](const PinholeCamera* of) { return ErrorOf([&] { DecodeRgb({nullptr, image}, of); }); };
     EXPECT_EQ(DecodeRgb({nullptr, image}, &camera).size(), bgr.size());
-    EXPECT_THAT(ErrorOf([&] {
-                  DecodeRgb({nullptr, image}, &upright);
-                }),
-                HasSubstr("its header says 64x48, camera_info says 48x64"));
-    EXPECT_THAT(ErrorOf([&] {
-                  DecodeRgb({nullptr, image}, &other);
-                }),
-                HasSubstr("its header says 64x48, camera_info says 65x48"));
-    const auto before = peak_mb();
+    EXPECT_THAT(refusal(&upright), HasSubstr("its header says 64x48, camera_info says 48x64"));
     image->data = WithSize(extension, image->data, 15000, 10000);
-    EXPECT_THAT(ErrorOf([&] {
-                  DecodeRgb({nullptr, image}, &camera);
-                }),
-                HasSubstr("its header says 15000x10000, camera_info says 64x48"));
+    EXPECT_THAT(refusal(&camera), HasSubstr("its header says 15000x10000, camera_info says 64x48"));
     image->data = WithSize(extension, image->data, 32000, 20000);
-    EXPECT_THAT(ErrorOf([&] { DecodeRgb({nullptr, image}); }), HasSubstr("image size 32000 x 20000: must be"));
-    EXPECT_LT(peak_mb() - before, 50) << extension;  // decoding the first would take 450
+    EXPECT_THAT(refusal(nullptr), HasSubstr("image size 32000 x 20000: must be"));
   }
 }
 
@@ -298,23 +259,17 @@ TEST(ToCalibration, RefusesWhatCannotBeUsedAndNamesIt) {
     return ErrorOf([&] { ToCalibration(info, false); });
   };
   EXPECT_THAT(refusal([](auto* info) { info->K[0] = 0; }), HasSubstr("K[0] = 0"));
-  EXPECT_THAT(refusal([](auto* info) { info->K[4] = -3; }), HasSubstr("K[4] = -3"));
   EXPECT_THAT(refusal([](auto* info) { info->K[2] = std::numeric_limits<double>::quiet_NaN(); }), HasSubstr("nan"));
-  EXPECT_THAT(refusal([](auto* info) { info->width = 0; }), HasSubstr("0"));
   EXPECT_THAT(refusal([](auto* info) { info->distortion_model = "fov"; }), HasSubstr("fov"));
   EXPECT_THAT(refusal([](auto* info) { info->D = {1, 2, 3}; }), HasSubstr("3 coefficients"));
   EXPECT_THAT(refusal([](auto* info) { info->D[1] = std::numeric_limits<double>::infinity(); }), HasSubstr("inf"));
+  EXPECT_THAT(refusal([](auto* info) { info->width = 32768; }), HasSubstr("32768x480"));
   // Numbers at the ends of 32 bits, which once divided INT_MIN by -1 and wrapped around.
   EXPECT_THAT(refusal([](auto* info) {
                 info->width = info->height = 0x80000000;
                 info->binning_x = info->binning_y = 0xffffffff;
               }),
               HasSubstr("2147483648x2147483648 pixels with binning 4294967295 and 4294967295"));
-  EXPECT_THAT(refusal([](auto* info) { info->width = info->height = 0x80000000; }),
-              AllOf(HasSubstr("2147483648x2147483648"), HasSubstr("at most 32767")));
-  EXPECT_THAT(refusal([](auto* info) { info->width = 32768; }), HasSubstr("32768x480"));
-  EXPECT_THAT(refusal([](auto* info) { info->binning_x = 0xffffffff; }),
-              HasSubstr("640x480 pixels with binning 4294967295 and 1"));
   EXPECT_THAT(refusal([](auto* info) {
                 info->roi.x_offset = 0xffffffff;
                 info->roi.width = info->roi.height = 2;
@@ -365,13 +320,6 @@ TEST(ToSparseCloud, ReadsBothPrecisionsAndLeavesOutWhatIsNoPoint) {
   EXPECT_TRUE(ToSparseCloud(MakeCloud<float>({}, sensor_msgs::PointField::FLOAT32)).points.empty());
 }
 
-TEST(ToSparseCloud, OfNoWidthIsEmptyAtAnyHeight) {
-  auto cloud = MakeCloud<float>({}, sensor_msgs::PointField::FLOAT32);
-  cloud.width = cloud.row_step = 0;
-  cloud.height = 0xffffffff;
-  EXPECT_TRUE(ToSparseCloud(cloud).points.empty());
-}
-
 TEST(ToSparseCloud, ReadsOrganisedCloudsWithPaddedRows) {
   sensor_msgs::PointCloud2 cloud =
       MakeCloud<float>({{1, 1, 1}, {2, 2, 2}, {3, 3, 3}, {4, 4, 4}}, sensor_msgs::PointField::FLOAT32);
@@ -398,57 +346,6 @@ TEST(ToSparseCloud, RefusesMalformedClouds) {
   EXPECT_THAT(refusal([](Cloud* c) { c->fields[2].offset = 0xfffffffc; }),  // wraps to 0 in 32 bits
               AllOf(HasSubstr("4294967292"), HasSubstr("point_step = 16")));
   EXPECT_THAT(refusal([](Cloud* c) { c->is_bigendian = true; }), HasSubstr("bigendian"));
-}
-
-/// Half a turn about z at (1, 2, 3), in every kind of pose message.
-template <class Header>
-void SetHeader(Header* header) {
-  header->stamp = ros::Time(7, 8);
-  header->frame_id = "/map";
-}
-
-geometry_msgs::Pose HalfTurn() {
-  geometry_msgs::Pose pose;
-  pose.position.x = 1;
-  pose.position.y = 2;
-  pose.position.z = 3;
-  pose.orientation.z = 1;
-  return pose;
-}
-
-TEST(ToPoseSample, ReadsAllKindsOfMessages) {
-  geometry_msgs::PoseStamped stamped;
-  SetHeader(&stamped.header);
-  stamped.pose = HalfTurn();
-  geometry_msgs::PoseWithCovarianceStamped with_covariance;
-  SetHeader(&with_covariance.header);
-  with_covariance.pose.pose = HalfTurn();
-  nav_msgs::Odometry odometry;
-  SetHeader(&odometry.header);
-  odometry.child_frame_id = "/imu";
-  odometry.pose.pose = HalfTurn();
-  geometry_msgs::TransformStamped transform;
-  SetHeader(&transform.header);
-  transform.child_frame_id = "imu";
-  transform.transform.translation.x = 1;
-  transform.transform.translation.y = 2;
-  transform.transform.translation.z = 3;
-  transform.transform.rotation.z = 1;
-  for (const PoseSample& sample :
-       {ToPoseSample(stamped), ToPoseSample(with_covariance), ToPoseSample(odometry), ToPoseSample(transform)}) {
-    EXPECT_EQ(sample.stamp_ns, 7000000008);
-    EXPECT_EQ(sample.world_frame, "map");
-    EXPECT_EQ(sample.received * Eigen::Vector3d(1, 1, 1), Eigen::Vector3d(0, 1, 4));
-  }
-  EXPECT_EQ(ToPoseSample(stamped).child_frame, "");
-  EXPECT_EQ(ToPoseSample(odometry).child_frame, "imu");
-  EXPECT_EQ(ToPoseSample(transform).child_frame, "imu");
-}
-
-TEST(ToPoseSample, RefusesBadNumbersAndNamesTheStamp) {
-  nav_msgs::Odometry odometry;
-  SetHeader(&odometry.header);  // the quaternion is 0 0 0 0
-  EXPECT_THAT(ErrorOf([&] { ToPoseSample(odometry); }), AllOf(HasSubstr("7.000000008"), HasSubstr("norm is 0")));
 }
 
 TEST(CheckLengths, RefusesWhatIsNotThere) {

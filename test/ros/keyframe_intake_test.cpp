@@ -141,18 +141,6 @@ TEST(KeyframeIntake, AnImageGetsTheCameraOfItsStamp) {
   }
 }
 
-TEST(KeyframeIntake, WaitsForAUsableCamera) {
-  KeyframeIntake intake(NodeOptions(), KeyframeGateOptions(), 0);
-  sensor_msgs::CameraInfo bad = MakeInfo();
-  bad.K[0] = 0;
-  EXPECT_THROW(intake.AddCameraInfo(bad), InvalidInputError);
-  EXPECT_THAT(Feed(&intake, 5, 0, nullptr).keyframes, IsEmpty());
-  intake.AddCameraInfo(MakeInfo());
-  EXPECT_EQ(Split(intake.TakeAll()).keyframes.size(), 1u);
-  EXPECT_THROW(intake.AddCameraInfo(bad), InvalidInputError);
-  EXPECT_THAT(Feed(&intake, 6, 0, nullptr).keyframes, IsEmpty()) << "the old camera holds no longer";
-}
-
 TEST(KeyframeIntake, RefusesImagesWhoseCameraWasReplacedByAnUnusableOne) {
   sensor_msgs::CameraInfo bad = MakeInfo();
   bad.K[0] = -1;
@@ -181,26 +169,21 @@ TEST(KeyframeIntake, RefusesACameraWhoseImagesWouldTakeTooMuchMemory) {
                         "must be at most 1 (memory_limit)"));
 }
 
-TEST(KeyframeIntake, GateMeasuresBaselinesByTheLandmarks) {
+TEST(KeyframeIntake, GateMeasuresBaselinesByTheLandmarksOrTheFallbackDepth) {
   NodeOptions options;
   options.keyframe_mode = KeyframeMode::kGate;
-  for (const double scale : {0.01, 100.0}) {
-    KeyframeIntake intake = MakeIntake(options);
+  for (const double scale : {0.01, 1.0, 100.0}) {
+    const bool fallback = scale == 1;
+    KeyframeIntake intake = MakeIntake(options, fallback ? 4 : 0);
     const std::vector<Eigen::Vector3d> points = {{0, 0, 4 * scale}, {0, 0, 4 * scale}, {0, 0, -900 * scale}};
-    EXPECT_EQ(Feed(&intake, 1, 0, CloudAt(1, "map", points)).keyframes.size(), 1u);
-    EXPECT_EQ(Feed(&intake, 2, 0.079 * scale, CloudAt(2, "map", points)).keyframes.size(), 0u);
-    EXPECT_EQ(Feed(&intake, 3, 0.081 * scale, CloudAt(3, "map", points)).keyframes.size(), 1u);
+    const auto chosen = [&](uint32_t stamp_s, double x) {
+      return Feed(&intake, stamp_s, x * scale, fallback ? nullptr : CloudAt(stamp_s, "map", points)).keyframes.size();
+    };
+    EXPECT_EQ(chosen(1, 0), 1u);
+    EXPECT_EQ(chosen(2, 0.079), 0u);
+    EXPECT_EQ(chosen(3, 0.081), 1u);
     EXPECT_EQ(intake.not_chosen(), 1u);
   }
-}
-
-TEST(KeyframeIntake, GateUsesTheFallbackDepthWithoutLandmarks) {
-  NodeOptions options;
-  options.keyframe_mode = KeyframeMode::kGate;
-  KeyframeIntake intake = MakeIntake(options, 4);
-  EXPECT_EQ(Feed(&intake, 1, 0, nullptr).keyframes.size(), 1u);
-  EXPECT_EQ(Feed(&intake, 2, 0.079, nullptr).keyframes.size(), 0u);
-  EXPECT_EQ(Feed(&intake, 3, 0.081, nullptr).keyframes.size(), 1u);
 }
 
 /// Landmarks enough to compare, at this depth.
@@ -280,57 +263,34 @@ NodeOptions TfOptions() {
   return options;
 }
 
-TEST(IntakeFromTf, DroppedImagesSayWhatTfLacks) {
-  NodeOptions options = TfOptions();
-  options.camera_frame = "optical";
-  options.matcher.image_capacity = 1;
-  FakeTf tf;
-  KeyframeIntake intake(options, {}, 0, tf.source());
-  intake.AddCameraInfo(MakeInfo());
-  intake.AddImage(ImageAt(5));
-  intake.Take(0);
-  intake.AddImage(ImageAt(6));
-  const Result result = Split(intake.Take(0));
-  ASSERT_EQ(result.drops.size(), 1u);
-  EXPECT_EQ(result.drops[0].reason, "no_pose");
-  EXPECT_THAT(result.drops[0].message, HasSubstr("tf has no \"optical\" in \"map\""));
-  EXPECT_THAT(intake.last_gap()->problem, HasSubstr("optical"));
-}
-
-TEST(IntakeFromTf, ImagesWithoutAFrameNeedOneToBeSet) {
-  FakeTf tf;
-  NodeOptions options = TfOptions();
-  options.matcher.image_capacity = 1;
-  KeyframeIntake intake(options, {}, 0, tf.source());
-  intake.AddCameraInfo(MakeInfo(""));
-  intake.AddImage(ImageAt(5, ""));
-  intake.Take(0);
-  intake.AddImage(ImageAt(6, ""));
-  EXPECT_THAT(Split(intake.Take(0)).drops.at(0).message, HasSubstr("~camera_frame"));
-}
-
-TEST(IntakeFromOdometry, ADoubtAboutPosesNamesTheirFrame) {
-  KeyframeIntake intake({}, {}, 0, {});
-  intake.AddImage(ImageAt(5, "cam0_optical"));
-  PoseSample pose = PoseAt(5, 0);
-  intake.AddPose(pose);
-  EXPECT_EQ(intake.DescribeDoubt(), "") << "PoseStamped names no frame";
-  pose.child_frame = "imu";
-  intake.AddPose(pose);
-  EXPECT_THAT(intake.DescribeDoubt(),
-              AllOf(HasSubstr("\"imu\""), HasSubstr("\"cam0_optical\""), HasSubstr("set ~pose_child: body")));
-  pose.child_frame = "cam0_optical";
-  intake.AddPose(pose);
-  EXPECT_EQ(intake.DescribeDoubt(), "");
-  NodeOptions body;
-  body.pose.child = PoseSemantics::Child::kBody;
-  EXPECT_THAT(KeyframeIntake(body, {}, 0, {}).DescribeDoubt(), HasSubstr("~extrinsic_inverted"));
-}
-
 NodeOptions BodyOptions() {
   NodeOptions options;
   options.pose.child = PoseSemantics::Child::kBody;
   return options;
+}
+
+TEST(KeyframeIntake, DroppedImagesSayWhatTheyLacked) {
+  struct Case {
+    NodeOptions options;
+    std::string image_frame, reason, word;
+  };
+  for (Case missing :
+       {Case{TfOptions(), "optical", "no_pose", "tf has no \"optical\" in \"map\""},
+        Case{TfOptions(), "", "no_pose", "~camera_frame"}, Case{BodyOptions(), "cam", "no_extrinsic", "~T_body_cam"}}) {
+    FakeTf tf;
+    missing.options.matcher.image_capacity = 1;
+    KeyframeIntake intake(missing.options, {}, 0, tf.source());
+    intake.AddCameraInfo(MakeInfo(""));
+    for (const uint32_t stamp_s : {5, 6}) {
+      if (missing.reason == "no_extrinsic") intake.AddPose(PoseAt(stamp_s, 0));
+      intake.AddImage(ImageAt(stamp_s, missing.image_frame));
+      const Result result = Split(intake.Take(0));
+      if (stamp_s == 5) continue;
+      ASSERT_EQ(result.drops.size(), 1u);
+      EXPECT_EQ(result.drops[0].reason, missing.reason);
+      EXPECT_THAT(result.drops[0].message, AllOf(HasSubstr("5.000000000"), HasSubstr(missing.word)));
+    }
+  }
 }
 
 TEST(IntakeFromTf, SaysWhatImagesWaitForBeforeAnyIsDropped) {
@@ -351,20 +311,6 @@ TEST(IntakeFromTf, SaysWhatImagesWaitForBeforeAnyIsDropped) {
   EXPECT_EQ(intake.DescribeWait(200), "") << "some images never get a pose: that is usual";
 }
 
-TEST(IntakeFromTf, AShortBagThatLoopsTellsWhatIsMissing) {
-  FakeTf tf;
-  KeyframeIntake intake(TfOptions(), {}, 0, tf.source());
-  intake.AddCameraInfo(MakeInfo());
-  intake.AddImage(ImageAt(5));
-  intake.Take(0);
-  intake.AddImage(ImageAt(1));
-  const Result result = Split(intake.Take(0));
-  EXPECT_EQ(result.jumps, 1);
-  ASSERT_EQ(result.drops.size(), 1u);
-  EXPECT_EQ(result.drops[0].reason, "no_pose");
-  EXPECT_THAT(result.drops[0].message, HasSubstr("tf has no"));
-}
-
 TEST(IntakeExtrinsic, IsLookedUpBetweenTheFramesOfPoseAndImage) {
   FakeTf tf;
   tf.body_from_cam = RigidTransform::Identity();
@@ -376,17 +322,6 @@ TEST(IntakeExtrinsic, IsLookedUpBetweenTheFramesOfPoseAndImage) {
   intake.AddPose(pose);
   intake.AddImage(ImageAt(5));
   EXPECT_EQ(Split(intake.TakeAll()).keyframes.at(0).world_from_cam.translation().x(), 21);
-}
-
-TEST(IntakeExtrinsic, DroppedImagesSayThatItIsMissing) {
-  NodeOptions options = BodyOptions();
-  options.matcher.image_capacity = 1;
-  KeyframeIntake intake = MakeIntake(options);
-  Feed(&intake, 5, 0, nullptr);
-  const Result result = Feed(&intake, 6, 0, nullptr);
-  ASSERT_EQ(result.drops.size(), 1u);
-  EXPECT_EQ(result.drops[0].reason, "no_extrinsic");
-  EXPECT_THAT(result.drops[0].message, AllOf(HasSubstr("5.000000000"), HasSubstr("~T_body_cam")));
 }
 
 TEST(IntakeExtrinsic, ThePathMayHoldPosesOfTheBodyWhenTheOthersAreTheCameras) {
@@ -473,15 +408,6 @@ TEST(IntakeOfKeyframes, TakesAllOrNothing) {
   EXPECT_THAT(result.drops, IsEmpty());
   ASSERT_EQ(result.keyframes.size(), 1u);
   EXPECT_EQ(result.keyframes[0].stamp_ns, 8 * kSecond);
-}
-
-TEST(IntakeOfKeyframes, NoticesAJumpBackInTime) {
-  KeyframeIntake intake(External(), {}, 0);
-  intake.AddKeyframe(MakeKeyframe(50));
-  intake.AddKeyframe(MakeKeyframe(5));
-  const Result result = Split(intake.TakeAll());
-  EXPECT_EQ(result.keyframes.size(), 2u);
-  EXPECT_EQ(result.jumps, 1);
 }
 
 }  // namespace

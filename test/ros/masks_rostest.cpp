@@ -31,10 +31,8 @@ class MasksTest : public SessionTest<MasksSession> {
     start_s_ += 100;
     ASSERT_TRUE(mapper().Call("reset"));
     for (size_t i = 0; i < kViews; ++i) {
-      ViewMessages view = session().scene[i];
-      view.image.header.stamp = view.camera_info.header.stamp = StampOf(i, start_s_);
-      view.pose.header.stamp = view.sparse_points.header.stamp = view.image.header.stamp;
-      views_.push_back(view);
+      views_.push_back(session().scene[i]);
+      SetStamp(StampOf(i, start_s_), &views_.back());
     }
   }
 
@@ -113,8 +111,9 @@ TEST_F(MasksTest, ImagesWaitForLateMasksButNotForever) {
   Send({});
   mapper().depth.Clear();
   mapper().keyframe_pose.Clear();
+  mapper().diagnostics.Clear();
   for (const ViewMessages& view : views_) mapper().player.Publish(view);
-  ros::WallDuration(1).sleep();
+  EXPECT_TRUE(mapper().WaitForDiagnostic({"images = ", Concat(" ", kViews, " under way")}, kTimeoutS));
   EXPECT_TRUE(mapper().keyframe_pose.messages().empty()) << "all wait";
   Send({MaskOf(0), MaskOf(1), MaskOf(2)});
   // No other mask comes: the last two are used after mask_wait.

@@ -52,16 +52,6 @@ TEST(OptimizedPath, WarnsWhenNoStampFits) {
   EXPECT_TRUE(DescribeDoubt(path, result, "world").message.empty());
 }
 
-TEST(OptimizedPath, WarnsOfKeyframesWhoseExtrinsicIsNotKnown) {
-  OptimizedPath path;
-  path.poses.resize(4);
-  ReposeResult result;
-  result.unresolved = 3;
-  const Incident doubt = DescribeDoubt(path, result, "world");
-  EXPECT_EQ(doubt.reason, "optimized_path_extrinsic");
-  EXPECT_THAT(doubt.message, AllOf(HasSubstr("3 keyframes"), HasSubstr("T_body_cam")));
-}
-
 TEST(OptimizedPath, NamesWhatIsTooFarAway) {
   ReposeResult result;
   EXPECT_TRUE(DescribeTooFar(result).message.empty());

@@ -87,26 +87,14 @@ TEST(ParameterReader, NamesTheNearestOfAnUnknownName) {
   EXPECT_THAT(ParameterReader(XmlRpcValue()).DescribeUnknown(), IsEmpty());
 }
 
-TEST(NodeOptions, AreReadAndChecked) {
-  const NodeOptions options = LoadNode({{"device", Word("cuda:1")},
-                                        {"overload", Word("block")},
-                                        {"pose_source", Word("odom")},
-                                        {"pose_is", Word("T_cam_world")},
-                                        {"sparse_frame", Word("camera")},
-                                        {"keyframe_mode", Word("gate")}});
+TEST(NodeOptions, ADeviceHasANumber) {
+  NodeOptions options = LoadNode({{"device", Word("cuda:1")}});
   EXPECT_EQ(options.device, Device::kCuda);
   EXPECT_EQ(options.cuda_device, 1);
-  EXPECT_EQ(options.overload, OverloadPolicy::kBlock);
-  EXPECT_EQ(options.pose_source, PoseSource::kOdometry);
-  EXPECT_EQ(options.pose.direction, PoseSemantics::Direction::kCamFromWorld);
-  EXPECT_EQ(options.sparse_frame, SparseFrame::kCamera);
-  EXPECT_EQ(options.keyframe_mode, KeyframeMode::kGate);
-  NodeOptions copy = options;
-  EXPECT_EQ(OptionsOf(&copy).Find("device").get(), OptionValue(std::string("cuda:1")));
+  EXPECT_EQ(OptionsOf(&options).Find("device").get(), OptionValue(std::string("cuda:1")));
   for (const char* bad : {"gpu", "cuda:", "cuda:-1", "cuda:01", "cuda:64", "cuda:1 ", "CPU", ""}) {
     EXPECT_THAT(NodeRefusal({{"device", Word(bad)}}), HasSubstr("must be auto, cuda")) << bad;
   }
-  EXPECT_THAT(NodeRefusal({{"overload", Word("never")}}), AllOf(HasSubstr("never"), HasSubstr("drop, skip_if_busy")));
   EXPECT_THAT(NodeRefusal({{"preset", Word("acmm")}}), AllOf(HasSubstr("acmm"), HasSubstr("online")))
       << "it needs all images";
 }
@@ -155,39 +143,23 @@ TEST(NodeOptions, TfNeedsTheFramesThatNoMessageNames) {
 }
 
 TEST(MapServerOptions, AreReadAndChecked) {
-  const MapServerOptions options = LoadMapServer({{"max_keyframes", 7},
-                                                  {"map_radius", 20},
-                                                  {"voxel_size", 0.25},
-                                                  {"save_folder", Word("/")},
-                                                  {"on_time_jump", Word("reset")}});
-  EXPECT_EQ(options.map.max_keyframes, 7);
-  EXPECT_EQ(options.map.map_radius, 20);
-  EXPECT_EQ(options.map.voxel_size, 0.25);
+  const MapServerOptions options = LoadMapServer({{"save_folder", Word("/")}, {"on_time_jump", Word("reset")}});
   EXPECT_EQ(options.save_folder, "/");
   EXPECT_TRUE(options.map.forget_earlier_runs);
-  EXPECT_THAT(MapServerRefusal({{"max_keyframes", 0}}), HasSubstr("max_keyframes = 0"));
   EXPECT_THAT(MapServerRefusal({{"occupancy_min_height", 2}, {"occupancy_max_height", 1.5}}),
               HasSubstr("~occupancy_min_height = 2: must be below ~occupancy_max_height = 1.5"));
   EXPECT_THAT(MapServerRefusal({{"save_folder", Word("~/maps")}}), HasSubstr("~save_folder = \"~/maps\""));
-  EXPECT_THAT(MapServerRefusal({{"on_time_jump", Word("stop")}}), AllOf(HasSubstr("stop"), HasSubstr("keep, reset")));
   const std::string ros_home = testing::TempDir() + "ros_home";
   ::setenv("ROS_HOME", ros_home.c_str(), 1);
   EXPECT_EQ(LoadMapServer({}).save_folder, ros_home + "/acmp_mapping") << "not where the node was started";
   ::unsetenv("ROS_HOME");
 }
 
-TEST(RuntimeOptions, AreReadAndChecked) {
-  const RuntimeOptions options =
-      LoadRuntime({{"window_size", 25}, {"min_confidence", 0.25}, {"depth_min", 1}, {"depth_max", 9.5}});
-  EXPECT_EQ(options.mapper.window_size, 25);
-  EXPECT_EQ(options.mapper.pipeline.fusion.min_confidence, 0.25f);
-  EXPECT_EQ(options.mapper.fallback_depth_range.max, 9.5f);
-  EXPECT_THAT(RuntimeRefusal({{"window_size", 1000}}), AllOf(HasSubstr("~window_size = 1000"), HasSubstr("[2, 64]")));
+TEST(RuntimeOptions, OnesThatBelongTogetherAreChecked) {
+  EXPECT_EQ(LoadRuntime({{"depth_min", 1}, {"depth_max", 9.5}}).mapper.fallback_depth_range.max, 9.5f);
   EXPECT_THAT(RuntimeRefusal({{"lookahead", 30}}), HasSubstr("lookahead"));
   EXPECT_THAT(RuntimeRefusal({{"depth_min", 5}, {"depth_max", 2}}), HasSubstr("depth_min and depth_max"));
   EXPECT_THAT(RuntimeRefusal({{"depth_max", 2}}), HasSubstr("~depth_min = 0 and ~depth_max = 2: set both or none"));
-  EXPECT_THAT(RuntimeRefusal({{"min_confidence", std::numeric_limits<double>::quiet_NaN()}}),
-              HasSubstr("min_confidence"));
 }
 
 TEST(RuntimeOptions, AKeyframeNeedsNoMoreViewsThanItMayHave) {
@@ -217,67 +189,11 @@ TEST(RuntimeOptions, APresetReachesTheMapperWholeAndAParameterCountsMore) {
   EXPECT_EQ(PipelineValues(LoadRuntime({{"use_planar_prior", true}}, start).mapper.pipeline), expected);
 }
 
-/// What dynamic_reconfigure knows by name.
-std::map<std::string, double> Values(const DenseMapperConfig& config) {
-  dynamic_reconfigure::Config message;
-  config.__toMessage__(message);
-  std::map<std::string, double> values;
-  for (const auto& flag : message.bools) values[flag.name] = flag.value;
-  for (const auto& integer : message.ints) values[integer.name] = integer.value;
-  for (const auto& number : message.doubles) values[number.name] = number.value;
-  return values;
-}
-
-TEST(Reconfigure, EveryValueThatMayChangeTakesItsWay) {
-  // One changed option after the other: it arrives, and nothing else changes.
-  const RuntimeOptions current = LoadRuntime({});
-  const auto [least, largest] = ConfigBounds();
-  RuntimeOptions wanted, arrived;
-  const OptionList of_arrived = OptionsOf(&arrived);
-  std::set<std::string> names;
-  for (const Option& changed : OptionsOf(&wanted)) {
-    if (!changed.while_running) continue;
-    names.insert(changed.name);
-    wanted = current;
-    OptionValue value = changed.get();
-    if (auto* flag = std::get_if<bool>(&value)) *flag = !*flag;
-    if (auto* integer = std::get_if<int>(&value)) ++*integer;
-    if (auto* number = std::get_if<double>(&value)) *number += 0.25;
-    changed.set(value);
-    if (changed.name == "depth_min") wanted.mapper.fallback_depth_range.max = 9;
-    if (changed.name == "depth_max") wanted.mapper.fallback_depth_range.min = 0.125f;
-    const DenseMapperConfig config = ToConfig(wanted);
-    arrived = FromConfig(config, current);
-    for (const Option& option : OptionsOf(&wanted)) {
-      EXPECT_EQ(of_arrived.Find(option.name).get(), option.get()) << changed.name << ", " << option.name;
-    }
-    EXPECT_LT(Values(least).at(changed.name), Values(largest).at(changed.name));
-    EXPECT_LE(Values(least).at(changed.name), Values(config).at(changed.name)) << changed.name;
-    EXPECT_GE(Values(largest).at(changed.name), Values(config).at(changed.name)) << changed.name;
-  }
-  for (const auto& [name, value] : Values(DenseMapperConfig::__getDefault__()))
-    EXPECT_EQ(names.erase(name), 1u) << name;
-  EXPECT_THAT(names, IsEmpty()) << "in the .cfg file";
-}
-
 TEST(Reconfigure, LeavesAloneWhatIsReadOnce) {
   const RuntimeOptions current = LoadRuntime({{"window_size", 5}, {"refine_again", false}});
   const RuntimeOptions after = FromConfig(DenseMapperConfig::__getDefault__(), current);
   EXPECT_EQ(after.mapper.window_size, 5);
   EXPECT_FALSE(after.mapper.refine_again);
-}
-
-TEST(Reconfigure, RefusesWhatIsOutOfBoundsOrDoesNotFit) {
-  const RuntimeOptions current = LoadRuntime({{"window_size", 4}});
-  const auto refusal = [&](const std::function<void(DenseMapperConfig*)>& change) {
-    DenseMapperConfig config = ToConfig(current);
-    change(&config);
-    return ErrorOf([&] { FromConfig(config, current); });
-  };
-  EXPECT_THAT(refusal([](auto* c) { c->max_source_views = 2000; }),
-              AllOf(HasSubstr("max_source_views = 2000"), HasSubstr("[1, 32]")));
-  EXPECT_THAT(refusal([](auto* c) { c->lookahead = 4; }), AllOf(HasSubstr("lookahead = 4"), HasSubstr("[0, 3]")));
-  EXPECT_THAT(refusal([](auto* c) { c->depth_min = 5, c->depth_max = 2; }), HasSubstr("depth_min and depth_max"));
 }
 
 TEST(Parameters, AreFewAndExplained) {

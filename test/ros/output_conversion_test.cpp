@@ -1,16 +1,13 @@
 #include "acmp_mapping/ros/output_conversion.h"
 
-#include <cmath>
 #include <cstring>
 #include <limits>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <image_geometry/pinhole_camera_model.h>
 #include <pcl/point_types.h>
 #include <pcl_conversions/pcl_conversions.h>
-#include <sensor_msgs/image_encodings.h>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/map/map_writer.h"
@@ -26,67 +23,19 @@ std_msgs::Header MakeHeader() {
   return header;
 }
 
-float FloatAt(const sensor_msgs::Image& image, size_t index) {
-  float value;
-  std::memcpy(&value, image.data.data() + index * sizeof(float), sizeof(float));
-  return value;
-}
-
-DepthMap MakeDepth() {
-  DepthMap depth(3, 2, 0);
+TEST(ToDepthMillimetres, RoundsAndLeavesOutWhatDoesNotFit) {
+  DepthMap depth(4, 1, 0);
   depth(1, 0) = 1.5f;
   depth(2, 0) = 2.5f;
-  depth(0, 1) = 70.0f;
-  return depth;
-}
-
-TEST(ToDepthMessage, MarksUnknownAndUnwantedPixelsAsNan) {
-  Image<unsigned char> keep(3, 2, 1);
-  keep(2, 0) = 0;
-  const auto message = ToDepthMessage(MakeDepth(), keep.View(), MakeHeader());
-  EXPECT_EQ(message->encoding, "32FC1");
-  EXPECT_EQ(message->width, 3u);
-  EXPECT_EQ(message->height, 2u);
-  EXPECT_EQ(message->step, 12u);
-  EXPECT_EQ(message->header.stamp, ros::Time(12, 345));
-  EXPECT_EQ(message->header.frame_id, "cam");
-  EXPECT_TRUE(std::isnan(FloatAt(*message, 0)));
-  EXPECT_EQ(FloatAt(*message, 1), 1.5f);
-  EXPECT_TRUE(std::isnan(FloatAt(*message, 2)));
-  EXPECT_EQ(FloatAt(*message, 3), 70.0f);
-}
-
-TEST(ToDepthMillimetres, RoundsAndLeavesOutWhatDoesNotFit) {
-  const Image<unsigned char> keep(3, 2, 1);
-  const auto message = ToDepthMillimetres(*ToDepthMessage(MakeDepth(), keep.View(), MakeHeader()));
+  depth(3, 0) = 70.0f;
+  const Image<unsigned char> keep(4, 1, 1);
+  const auto message = ToDepthMillimetres(*ToDepthMessage(depth, keep.View(), MakeHeader()));
   EXPECT_EQ(message->encoding, "16UC1");
   const auto* values = reinterpret_cast<const uint16_t*>(message->data.data());
   EXPECT_EQ(values[0], 0);
   EXPECT_EQ(values[1], 1500);
   EXPECT_EQ(values[2], 2500);
   EXPECT_EQ(values[3], 0) << "70 m is more than 65.535 m";
-}
-
-TEST(ToNormalMessage, MarksUnknownPixelsAsNan) {
-  NormalMap normal(2, 1, Vec3f{0, 0, 0});
-  normal(1, 0) = {0, 0.6f, -0.8f};
-  const Image<unsigned char> keep(2, 1, 1);
-  const auto message = ToNormalMessage(normal, keep.View(), MakeHeader());
-  EXPECT_EQ(message->encoding, "32FC3");
-  EXPECT_TRUE(std::isnan(FloatAt(*message, 0)));
-  EXPECT_EQ(FloatAt(*message, 4), 0.6f);
-  EXPECT_EQ(FloatAt(*message, 5), -0.8f);
-}
-
-TEST(ToCameraInfo, IsUnderstoodByImageGeometry) {
-  const PinholeCamera camera = {640, 480, 500, 510, 320.5, 240.5};
-  image_geometry::PinholeCameraModel model;
-  model.fromCameraInfo(ToCameraInfo(camera, MakeHeader()));
-  EXPECT_EQ(model.fullResolution(), cv::Size(640, 480));
-  const Eigen::Vector3d point(0.3, -0.2, 2);
-  const cv::Point2d pixel = model.project3dToPixel({point.x(), point.y(), point.z()});
-  EXPECT_NEAR(pixel.x, camera.Project(point).x(), 1e-9);
-  EXPECT_NEAR(pixel.y, camera.Project(point).y(), 1e-9);
 }
 
 TEST(ToPointCloud, TurnsTheMessageBackWithoutAChange) {

@@ -1,9 +1,13 @@
 #include "ros/scene_player.h"
 
+#include <cmath>
+
+#include <gtest/gtest.h>
 #include <sensor_msgs/image_encodings.h>
 #include <sensor_msgs/point_cloud2_iterator.h>
 #include <tf2_eigen/tf2_eigen.h>
 
+#include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/pipeline/presets.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/output_conversion.h"
@@ -58,6 +62,37 @@ FramePtr MakeExpectedFrame(int64_t id, const ViewMessages& messages) {
   return std::make_shared<const Frame>(
       MakeFrame(id, messages.image.header.stamp.toSec(), std::move(rectified), calibration.camera,
                 world_from_cam.inverse(), ToSparseCloud(messages.sparse_points).points, {}, rectifier.RectifyMask({})));
+}
+
+void SetStamp(const ros::Time& stamp, ViewMessages* messages) {
+  messages->image.header.stamp = messages->camera_info.header.stamp = stamp;
+  messages->pose.header.stamp = messages->sparse_points.header.stamp = stamp;
+}
+
+PipelineMaps MapWithoutRos(const std::vector<ViewMessages>& messages, const std::string& preset) {
+  PipelineMaps made;
+  DenseMapper::Callbacks callbacks;
+  callbacks.on_fast = [&](const KeyframeDepthPtr& maps) { made.fast[maps->frame->id] = maps; };
+  callbacks.on_refined = [&](const KeyframeDepthPtr& maps) { made.refined[maps->frame->id] = maps; };
+  const DepthEngineBackend backend = MakeDepthEngine(Device::kCpu);
+  DenseMapperOptions options;
+  options.pipeline = MakePreset(preset);
+  DenseMapper mapper(backend.engine.get(), options, callbacks);
+  for (size_t i = 0; i < messages.size(); ++i) {
+    mapper.AddKeyframe(MakeExpectedFrame(static_cast<int64_t>(i), messages[i]));
+  }
+  made.fast_before_flush = made.fast.size();
+  mapper.Flush();
+  return made;
+}
+
+int CountDifferent(const sensor_msgs::Image& message, const Image<float>& map) {
+  EXPECT_EQ(message.width, static_cast<uint32_t>(map.width()));
+  EXPECT_EQ(message.height, static_cast<uint32_t>(map.height()));
+  const auto* values = reinterpret_cast<const float*>(message.data.data());
+  int different = 0;
+  for (size_t i = 0; i < map.size(); ++i) different += (std::isnan(values[i]) ? 0 : values[i]) != map.data()[i];
+  return different;
 }
 
 ScenePlayer::ScenePlayer(ros::NodeHandle nh, const std::string& image_topic, const std::string& camera_info_topic,

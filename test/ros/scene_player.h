@@ -1,5 +1,6 @@
 #pragma once
 
+#include <map>
 #include <string>
 #include <vector>
 
@@ -9,6 +10,7 @@
 #include <sensor_msgs/Image.h>
 #include <sensor_msgs/PointCloud2.h>
 
+#include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/synthetic/synthetic_scene.h"
 
 namespace acmp::test {
@@ -35,6 +37,20 @@ ros::Time StampOf(size_t index, uint32_t start_s = 1000);
 
 /// The frame that the mapper should make of the messages: pose and points went through quaternion and float32.
 FramePtr MakeExpectedFrame(int64_t id, const ViewMessages& messages);
+
+/// The same messages at another time.
+void SetStamp(const ros::Time& stamp, ViewMessages* messages);
+
+/// What the pipeline makes of messages without ROS: maps by the place of their message.
+struct PipelineMaps {
+  std::map<int64_t, KeyframeDepthPtr> fast, refined;
+  size_t fast_before_flush = 0;
+};
+PipelineMaps MapWithoutRos(const std::vector<ViewMessages>& messages, const std::string& preset);
+
+/// Number of pixels of a 32FC1 image that differ from a map; NaN in the message is 0 in the map. Fails for another
+/// size.
+int CountDifferent(const sensor_msgs::Image& message, const Image<float>& map);
 
 /// Publishes to a mapper's topics, by default those of one in the root namespace.
 class ScenePlayer {

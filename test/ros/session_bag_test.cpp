@@ -2,14 +2,8 @@
 
 #include "acmp_mapping/ros/session_bag.h"
 
-#include <sys/stat.h>
-#include <sys/wait.h>
-#include <unistd.h>
-
-#include <csignal>
 #include <cstring>
 #include <map>
-#include <random>
 
 #include <acmp_mapping/KeyframePoints.h>
 #include <gmock/gmock.h>
@@ -199,24 +193,6 @@ TEST_F(SessionBagTest, AFileThatIsCutOffAnywhereIsRefused) {
                                      HasSubstr("save the session again, or take an earlier file")));
 }
 
-TEST_F(SessionBagTest, DamagedFilesAreRefusedOrReadAndNothingElse) {
-  Write();
-  const std::string content = ReadText(Path());
-  std::mt19937 random(1);
-  size_t refused = 0;
-  for (int i = 0; i < 60; ++i) {
-    std::string damaged = content;
-    for (int j = 0; j < 20; ++j) damaged[random() % damaged.size()] = static_cast<char>(random());
-    try {
-      Session session = ReadSession(WriteText("damaged.bag", damaged));
-      MapStore({100, kVoxel}).Join(std::move(session.map), RigidTransform::Identity());
-    } catch (const InvalidInputError&) {
-      ++refused;
-    }
-  }
-  EXPECT_GT(refused, 0u);
-}
-
 /// rosbag follows the index without looking: each of these would end the program, or take gigabytes.
 TEST_F(SessionBagTest, AnIndexThatLiesIsRefused) {
   Write();
@@ -293,15 +269,6 @@ TEST_F(SessionBagTest, KeyframesThatCannotBeUsedAreNamed) {
   EXPECT_THAT(Refusal(Path()), HasSubstr("0 messages on /session_voxel_size"));
 }
 
-TEST_F(SessionBagTest, EmptyMapsAndBadPathsAreRefused) {
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { WriteSession(Path(), {{}, "map"}); }), HasSubstr("the map is empty"));
-  const Session session = {RoomMap()->Session(), "map"};
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { WriteSession(folder() / "none/a.bag", session); }),
-              HasSubstr("there is no folder"));
-  EXPECT_THAT(MessageOf<InvalidInputError>([&] { WriteSession(folder(), session); }), HasSubstr("is a folder"));
-  EXPECT_FALSE(std::filesystem::exists(Path()));
-}
-
 TEST_F(SessionBagTest, AFullDiskLeavesTheOldFileAndTakesNoSpace) {
   Write();
   const std::string content = ReadText(Path());
@@ -316,27 +283,6 @@ TEST_F(SessionBagTest, AFullDiskLeavesTheOldFileAndTakesNoSpace) {
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder()), {}), 1) << "no temporary file is left";
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator("/proc/self/fd"), {}), descriptors)
       << "none is left open";
-}
-
-TEST_F(SessionBagTest, KilledWhileItIsWrittenTheOldFileIsWhole) {
-  Write();
-  const std::string content = ReadText(Path());
-  size_t caught = 0;
-  const Session session = {RoomMap()->Session(), "map"};  // before the fork, which takes no other thread along
-  for (int run = 0; run < 10; ++run) {
-    const pid_t child = ::fork();
-    if (child == 0) {
-      while (true) WriteSession(Path(), session);
-    }
-    ::usleep(30000 + 17000 * static_cast<useconds_t>(run));
-    ::kill(child, SIGKILL);
-    ::waitpid(child, nullptr, 0);
-    caught += std::filesystem::exists(folder() / "session.bag.partial");
-    ASSERT_EQ(ReadText(Path()), content);
-  }
-  EXPECT_GT(caught, 0u);
-  Write();
-  EXPECT_FALSE(std::filesystem::exists(folder() / "session.bag.partial")) << "used again";
 }
 
 }  // namespace

@@ -55,9 +55,7 @@ std::vector<ViewMessages> ViewsOf(size_t camera) {
   std::vector<ViewMessages> views(all.begin() + static_cast<std::ptrdiff_t>(camera * kViews),
                                   all.begin() + static_cast<std::ptrdiff_t>((camera + 1) * kViews));
   for (size_t i = 0; i < kViews; ++i) {
-    const ros::Time stamp = StampOf(i) + ros::Duration(0.03 * static_cast<double>(camera));
-    views[i].image.header.stamp = views[i].camera_info.header.stamp = stamp;
-    views[i].pose.header.stamp = views[i].sparse_points.header.stamp = stamp;
+    SetStamp(StampOf(i) + ros::Duration(0.03 * static_cast<double>(camera)), &views[i]);
   }
   return views;
 }

@@ -52,23 +52,13 @@ TEST(WorkQueue, SkipIfBusyTakesOnlyWhenIdle) {
   EXPECT_EQ(std::get<2>(*queue.Pop()).input, 4) << "a command is work as well";
 }
 
-TEST(WorkQueue, BlockWaitsForRoom) {
-  Queue queue(OverloadPolicy::kBlock);
-  queue.Push(1);
-  queue.Push(2);
-  std::thread pusher([&] { EXPECT_FALSE(queue.Push(3)); });
-  EXPECT_EQ(PopInput(&queue), 1);
-  pusher.join();  // hangs if nobody wakes it
-  EXPECT_EQ(PopInput(&queue), 2);
-  EXPECT_EQ(PopInput(&queue), 3);
-}
-
-TEST(WorkQueue, AnyPolicyWaitsForRoomWhenAskedTo) {
-  for (const OverloadPolicy policy : {OverloadPolicy::kDrop, OverloadPolicy::kSkipIfBusy}) {
+TEST(WorkQueue, BlockWaitsForRoomAndAnyPolicyWhenAskedTo) {
+  for (const OverloadPolicy policy : {OverloadPolicy::kBlock, OverloadPolicy::kDrop, OverloadPolicy::kSkipIfBusy}) {
+    const bool asked = policy != OverloadPolicy::kBlock;
     Queue queue(policy);
-    EXPECT_FALSE(queue.Push(1, true));
-    EXPECT_FALSE(queue.Push(2, true));
-    std::thread pusher([&] { EXPECT_FALSE(queue.Push(3, true)); });
+    EXPECT_FALSE(queue.Push(1, asked));
+    EXPECT_FALSE(queue.Push(2, asked));
+    std::thread pusher([&] { EXPECT_FALSE(queue.Push(3, asked)); });
     EXPECT_EQ(PopInput(&queue), 1);
     pusher.join();  // hangs if nobody wakes it
     EXPECT_EQ(PopInput(&queue), 2);

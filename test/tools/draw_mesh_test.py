@@ -101,17 +101,5 @@ class DrawMesh(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, self.mesh):
             draw_mesh.read_mesh(self.mesh)
 
-    def test_command_line(self):
-        write(self.mesh, square(0, 1, GREEN))
-        picture = os.path.join(self.folder.name, "mesh.png")
-        run = subprocess.run([SCRIPT, self.mesh, picture, "--size", "64"], capture_output=True, text=True)
-        self.assertEqual((run.returncode, run.stdout), (0, "mesh: 2 triangles, drawn in %s\n" % picture), run.stderr)
-        with Image.open(picture) as image:
-            self.assertEqual(image.size, (128, 48))
-        missing = subprocess.run([SCRIPT, "/missing.ply", picture], capture_output=True, text=True)
-        self.assertEqual(missing.returncode, 2)
-        self.assertIn("/missing.ply", missing.stderr)
-
-
 if __name__ == "__main__":
     unittest.main(verbosity=2)

@@ -31,7 +31,6 @@ cmp -s a/depth/000001.png hard/depth/000001.png && { echo "FAILED: --scene hard 
 expect 2 'scene = "kitchen": must be one of room, hard' "$bin/acmp_make_scene" c --scene kitchen
 expect 2 "read_noise_grey = 51" "$bin/acmp_make_scene" c --noise 51
 expect 2 "keyframes = 1" "$bin/acmp_make_scene" c --keyframes 1
-expect 2 "width = 31" "$bin/acmp_make_scene" c --width 31
 expect 2 "required" "$bin/acmp_make_scene"
 expect 2 "cannot create folder" "$bin/acmp_make_scene" a/cameras.txt/below "${small[@]}"
 
@@ -82,21 +81,13 @@ expect_tiles_refused() {  # text index
   expect 2 "$1" "$bin/acmp_evaluate" cloud tiles two.ply
 }
 expect_tiles_refused "1_0_0.ply: has 1 points: must be 2" '{"tiles": [{"file": "1_0_0.ply", "points": 2}]}'
-expect_tiles_refused "2_0_0.ply" '{"tiles": [{"file": "2_0_0.ply", "points": 1}]}'
 expect_tiles_refused "must be in the same folder" '{"tiles": [{"file": "../two.ply", "points": 2}]}'
 expect_tiles_refused 'a tile must have "file"' '{"tiles": [{"file": 7, "points": 2}]}'
 expect_tiles_refused 'must be JSON with a list' '{"tiles": {}}'
-expect_tiles_refused 'must be JSON with a list' '{"tiles": ['
 sed 's/FIELDS x y z/FIELDS a b c/' two.pcd >abc.pcd
 expect 2 "there is no field x" "$bin/acmp_evaluate" cloud abc.pcd two.ply
 echo "no PCD" >text.pcd
 expect 2 "no PCD file: its header has no line DATA" "$bin/acmp_evaluate" cloud text.pcd two.ply
-sed '/^DATA/,$d' two.pcd >headless.pcd
-expect 2 "header has no line DATA" "$bin/acmp_evaluate" cloud headless.pcd two.ply
-sed '/^HEIGHT/d' two.pcd >flat.pcd
-expect 2 "header has no line HEIGHT" "$bin/acmp_evaluate" cloud flat.pcd two.ply
-(sed 's/^DATA ascii/DATA binary/;/^DATA/q' two.pcd; head -c 20 /dev/zero) >short.pcd
-expect 2 "the file is truncated or corrupt" "$bin/acmp_evaluate" cloud short.pcd two.ply
 # What it prints is its result: where that does not get out, it has failed.
 for tool in "$bin/acmp_evaluate cloud two.ply two.ply" "$bin/acmp_evaluate depth a a/depth"; do
   $tool >/dev/null 2>&1 || { echo "FAILED: $tool"; failures=$((failures + 1)); }

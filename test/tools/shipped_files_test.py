@@ -71,14 +71,13 @@ def check_arguments_set_parameters(test, launch):
         defaults = parameters(path)
         names = arguments & set(defaults)
         test.assertGreaterEqual(names, least)
-        for name in names - {"T_body_cam"}:
+        wanted = {name: {int: 5, float: 0.75, str: "other"}[type(defaults[name])] for name in names - {"T_body_cam"}}
+        params = load(launch, *["%s:=%s" % item for item in wanted.items()]).params
+        for name, value in wanted.items():
             with test.subTest(launch=launch, name=name):
-                wanted = {int: 5, float: 0.75, str: "other"}[type(defaults[name])]
-                test.assertNotEqual(wanted, defaults[name])
-                config = load(launch, "%s:=%s" % (name, wanted))
-                value = config.params[NAMESPACE + node + "/" + name].value
-                test.assertEqual(value, wanted)
-                test.assertEqual(type(value), type(defaults[name]))
+                test.assertNotEqual(value, defaults[name])
+                found = params[NAMESPACE + node + "/" + name].value
+                test.assertEqual((found, type(found)), (value, type(defaults[name])))
 
 
 def parameters_of_plain_launch():
