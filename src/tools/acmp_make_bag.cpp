@@ -44,9 +44,6 @@ void AddOptions(CLI::App& app, MakeBagArguments& arguments) {
       ->expected(1, 2)
       ->type_name("[SCENE] OUT.bag");
   app.add_option("--rate", recording.rate_hz, "Images per second of bag time")->capture_default_str();
-  app.add_option("--start-time", recording.start_time_s, "Stamp of image 0, seconds since 1970")->capture_default_str();
-  app.add_option("--world-frame", recording.world_frame, "Frame of poses and points")->capture_default_str();
-  app.add_option("--camera-frame", recording.camera_frame, "Frame of the images")->capture_default_str();
 
   const std::string scene_group = "From a dataset folder";
   app.add_option("--format", arguments.format, "Layout of SCENE: auto, colmap or mvsnet")
@@ -64,8 +61,6 @@ void AddOptions(CLI::App& app, MakeBagArguments& arguments) {
       ->type_name("DIR")
       ->group(scene_group);
   app.add_option("--max-image-size", recording.max_image_size, "Shrink so that the longer side has at most so many px")
-      ->group(scene_group);
-  app.add_flag("--compressed", recording.compressed, "Store the JPEG and PNG files as they are (CompressedImage)")
       ->group(scene_group);
 
   const std::string synthetic_group = "From the synthetic room";

@@ -13,7 +13,6 @@
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/masks.h"
 #include "acmp_mapping/ros/bag_writer.h"
-#include "bag_messages.h"
 #include "dataset/test_folder.h"
 
 namespace acmp {
@@ -89,13 +88,7 @@ TEST(RecordingOptions, AreChecked) {
   };
   refused([](RecordingOptions& o) { o.rate_hz = 0; });
   refused([](RecordingOptions& o) { o.rate_hz = std::nan(""); });
-  refused([](RecordingOptions& o) { o.start_time_s = 0; });  // ROS takes a zero stamp as "none"
   refused([](RecordingOptions& o) { o.max_image_size = -1; });
-  refused([](RecordingOptions& o) { o.world_frame = ""; });
-  refused([](RecordingOptions& o) {
-    o.compressed = true;
-    o.max_image_size = 100;
-  });
   EXPECT_NO_THROW(Validate(RecordingOptions()));
 }
 
@@ -206,17 +199,6 @@ TEST_F(RecordSceneTest, RecordsMasksAtTheSizeOfTheirImages) {
   EXPECT_THROW(RecordScene(scene_, {1}, options, folder() / "out.bag"), InvalidInputError);
 }
 
-TEST_F(RecordSceneTest, PassesCompressedFilesThrough) {
-  RecordingOptions options;
-  options.compressed = true;
-  RecordScene(scene_, {1}, options, folder() / "out.bag");
-  const auto images =
-      ReadAll<sensor_msgs::CompressedImage>(folder() / "out.bag", std::string(kImageTopic) + "/compressed");
-  ASSERT_EQ(images.size(), 1u);
-  EXPECT_EQ(images[0]->format, "png");
-  EXPECT_EQ(std::string(images[0]->data.begin(), images[0]->data.end()), ReadText(scene_.images[1].path));
-}
-
 TEST_F(RecordSceneTest, LeavingImagesOutKeepsStamps) {
   RecordScene(scene_, {1}, {}, folder() / "out.bag");
   const auto poses = ReadAll<geometry_msgs::PoseStamped>(folder() / "out.bag", kPoseTopic);
@@ -234,16 +216,12 @@ TEST_F(RecordSceneTest, WithoutLandmarksThereIsNoCloudTopic) {
 TEST_F(RecordSceneTest, ATruncatedImageLeavesNoBag) {
   const std::string bytes = ReadText(scene_.images[1].path);
   WriteText("1.png", bytes.substr(0, bytes.size() / 2));
-  for (const bool compressed : {false, true}) {
-    RecordingOptions options;
-    options.compressed = compressed;
-    EXPECT_THAT(MessageOf<InvalidInputError>([&] {
-                  RecordScene(scene_, {0, 1}, options, folder() / "out.bag");
-                }),
-                HasSubstr("1.png"));
-    EXPECT_FALSE(std::filesystem::exists(folder() / "out.bag"));
-    EXPECT_FALSE(std::filesystem::exists(folder() / "out.bag.partial"));
-  }
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] {
+                RecordScene(scene_, {0, 1}, {}, folder() / "out.bag");
+              }),
+              HasSubstr("1.png"));
+  EXPECT_FALSE(std::filesystem::exists(folder() / "out.bag"));
+  EXPECT_FALSE(std::filesystem::exists(folder() / "out.bag.partial"));
 }
 
 TEST_F(BagWriterTest, TwoWritersOfOneBagDoNotDisturbEachOther) {
