@@ -10,8 +10,8 @@
 #include <sensor_msgs/point_cloud2_iterator.h>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/companions.h"
 #include "acmp_mapping/dataset/image_codec.h"
-#include "acmp_mapping/dataset/masks.h"
 #include "acmp_mapping/ros/bag_writer.h"
 #include "dataset/test_folder.h"
 

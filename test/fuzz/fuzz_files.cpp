@@ -1,9 +1,9 @@
 // Readers of files.
 
 #include "acmp_mapping/dataset/camera_list.h"
+#include "acmp_mapping/dataset/companions.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
-#include "acmp_mapping/dataset/masks.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/evaluation/evaluate.h"
 #include "fuzz/fuzz_input.h"
