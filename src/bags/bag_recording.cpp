@@ -1,22 +1,40 @@
 #include "acmp_mapping/bags/bag_recording.h"
 
 #include <cmath>
-#include <fstream>
-#include <iterator>
 
 #include <nav_msgs/Path.h>
+#include <sensor_msgs/distortion_models.h>
+#include <sensor_msgs/image_encodings.h>
+#include <sensor_msgs/point_cloud2_iterator.h>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/masks.h"
+#include "acmp_mapping/dataset/companions.h"
 #include "acmp_mapping/image/image_processing.h"
 #include "acmp_mapping/ros/bag_writer.h"
 #include "acmp_mapping/ros/output_conversion.h"
-#include "bag_messages.h"
 
 namespace acmp {
 namespace {
 
-std_msgs::Header MakeHeader(int index, const std::string& frame, const RecordingOptions& options) {
+struct RosDistortion {
+  const std::string& name;
+  size_t coefficients;
+};
+
+RosDistortion DistortionFor(LensDistortion::Model model) {
+  switch (model) {
+    case LensDistortion::Model::kNone:
+    case LensDistortion::Model::kBrownConrady:
+      return {sensor_msgs::distortion_models::PLUMB_BOB, 5};
+    case LensDistortion::Model::kRational:
+      return {sensor_msgs::distortion_models::RATIONAL_POLYNOMIAL, 8};
+    case LensDistortion::Model::kEquidistant:
+      return {sensor_msgs::distortion_models::EQUIDISTANT, 4};
+  }
+  throw InvalidInputError("unknown distortion model");
+}
+
+std_msgs::Header MakeHeader(int index, const char* frame, const RecordingOptions& options) {
   std_msgs::Header header;
   header.seq = static_cast<uint32_t>(index);
   header.stamp = StampOf(index, options);
@@ -24,138 +42,196 @@ std_msgs::Header MakeHeader(int index, const std::string& frame, const Recording
   return header;
 }
 
-/// All that belongs to one image but its pixels, in the order in which a frontend would send it: the pose comes last,
-/// since it triggers the mapper.
-void WriteGeometry(BagWriter& writer, int index, const PinholeCamera& camera, const LensDistortion& distortion,
-                   const RigidTransform& cam_from_world, const std::vector<Eigen::Vector3d>* landmarks,
-                   const RecordingOptions& options) {
-  const std_msgs::Header in_camera = MakeHeader(index, options.camera_frame, options);
-  const std_msgs::Header in_world = MakeHeader(index, options.world_frame, options);
-  const ros::Time& stamp = in_camera.stamp;
-  const geometry_msgs::PoseStamped pose = ToPoseStamped(cam_from_world, in_world);
-  writer.Write(kCameraInfoTopic, stamp, ToCameraInfo(camera, distortion, in_camera));
-  writer.Write(kTfTopic, stamp, ToTf(pose, options.camera_frame));
-  if (landmarks != nullptr) writer.Write(kSparsePointsTopic, stamp, ToPointCloud2(*landmarks, in_world));
-  writer.Write(kPoseTopic, stamp, pose);
-}
+/// An image and what a frontend says of it.
+struct RecordedImage {
+  int index;  ///< which tells the stamp
+  const ColorImage& pixels;
+  PinholeCamera camera;  ///< of the pixels
+  LensDistortion distortion;
+  RigidTransform cam_from_world;
+  const std::vector<Eigen::Vector3d>* landmarks_in_world;  ///< null: the frontend has none
+  Mask mask = {};                                          ///< of the pixels; empty: none
+  const nav_msgs::Path* optimized_path = nullptr;          ///< that has come before the pose; null: none
+};
+
+class BagRecorder {
+ public:
+  BagRecorder(const RecordingOptions& options, const std::filesystem::path& bag_path)
+      : options_((Validate(options), options)), writer_(bag_path) {}
+
+  /// In the order in which a frontend would send it: the pose comes last, since it triggers the mapper.
+  void Add(const RecordedImage& image) {
+    const std_msgs::Header in_camera = MakeHeader(image.index, kCameraFrame, options_);
+    const std_msgs::Header in_world = MakeHeader(image.index, kWorldFrame, options_);
+    const ros::Time& stamp = in_camera.stamp;
+    const geometry_msgs::PoseStamped pose = ToPoseStamped(image.cam_from_world, in_world);
+    writer_.Write(kImageTopic, stamp, *ToColorMessage(image.pixels, in_camera));
+    if (!image.mask.empty()) writer_.Write(kMaskTopic, stamp, ToMaskMessage(image.mask, in_camera));
+    if (image.optimized_path) writer_.Write(kOptimizedPathTopic, stamp, *image.optimized_path);
+    writer_.Write(kCameraInfoTopic, stamp, ToCameraInfo(image.camera, image.distortion, in_camera));
+    writer_.Write(kTfTopic, stamp, ToTf(pose, kCameraFrame));
+    if (image.landmarks_in_world) {
+      writer_.Write(kSparsePointsTopic, stamp, ToPointCloud2(*image.landmarks_in_world, in_world));
+      summary_.landmarks += image.landmarks_in_world->size();
+    }
+    writer_.Write(kPoseTopic, stamp, pose);
+    if (summary_.images++ == 0) first_ = stamp;
+    summary_.masks += image.mask.empty() ? 0 : 1;
+    summary_.duration_s = (stamp - first_).toSec();
+  }
+
+  RecordingSummary Finish() {
+    writer_.Finish();
+    return summary_;
+  }
+
+ private:
+  const RecordingOptions options_;
+  BagWriter writer_;
+  RecordingSummary summary_;
+  ros::Time first_;
+};
 
 /// The poses after the loop closure of all images before it, with their stamps.
 nav_msgs::Path MakeOptimizedPath(const SlamRun& slam, const RecordingOptions& options) {
   nav_msgs::Path path;
-  path.header = MakeHeader(static_cast<int>(slam.loop_closure), options.world_frame, options);
+  path.header = MakeHeader(static_cast<int>(slam.loop_closure), kWorldFrame, options);
   for (size_t i = static_cast<size_t>(slam.errors.start); i < slam.loop_closure; ++i) {
-    const std_msgs::Header header = MakeHeader(static_cast<int>(i), options.world_frame, options);
+    const std_msgs::Header header = MakeHeader(static_cast<int>(i), kWorldFrame, options);
     path.poses.push_back(ToPoseStamped(slam.corrected[i].inverse(Eigen::Isometry), header));
   }
   return path;
-}
-
-std::string ReadFileBytes(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::string bytes((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
-  if (!file || bytes.empty()) throw InvalidInputError(Concat("cannot read ", path));
-  return bytes;
-}
-
-/// Writes the mask of an image, if it has one, at the size at which the image is in the bag.
-void WriteMask(BagWriter& writer, const SceneImage& image, int index, const PinholeCamera& recorded,
-               const RecordingOptions& options) {
-  if (image.mask.empty()) return;
-  const Mask stored = ReadMask(image.mask, {image.camera.width, image.camera.height});
-  const std_msgs::Header header = MakeHeader(index, options.camera_frame, options);
-  writer.Write(kMaskTopic, header.stamp, ToMaskMessage(ResizeMask(stored, recorded.width, recorded.height), header));
-}
-
-/// Writes the pixels and returns the camera that belongs to them.
-PinholeCamera WriteSceneImage(BagWriter& writer, const Scene& scene, int index, const RecordingOptions& options) {
-  const SceneImage& image = scene.images[index];
-  const std_msgs::Header header = MakeHeader(index, options.camera_frame, options);
-  ColorImage pixels = LoadImage(scene, index);  // decoded in either case: a truncated file must not get into the bag
-  if (options.compressed) {
-    writer.Write(std::string(kImageTopic) + "/compressed", header.stamp,
-                 ToCompressedMessage(ReadFileBytes(image.path), header));
-    return image.camera;
-  }
-  int width = image.camera.width;
-  int height = image.camera.height;
-  LimitSize(options.max_image_size, &width, &height);
-  if (width != image.camera.width || height != image.camera.height) pixels = Resize(pixels, width, height);
-  writer.Write(kImageTopic, header.stamp, *ToColorMessage(pixels, header));
-  return image.camera.Resized(width, height);
 }
 
 }  // namespace
 
 void Validate(const RecordingOptions& options) {
   CheckRange("rate", options.rate_hz, 0.001, 1000.0);
-  CheckRange("start time", options.start_time_s, uint32_t{1}, uint32_t{4000000000});
   CheckRange("max image size", options.max_image_size, 0, 1 << 16);
-  if (options.compressed && options.max_image_size > 0) {
-    throw InvalidInputError("compressed images are passed through as they are: max image size must be 0");
-  }
-  if (options.world_frame.empty()) throw InvalidInputError("world frame is empty");
-  if (options.camera_frame.empty()) throw InvalidInputError("camera frame is empty");
 }
 
 ros::Time StampOf(int index, const RecordingOptions& options) {
   const auto offset_ns = static_cast<uint64_t>(std::llround(1e9 * index / options.rate_hz));
-  const uint64_t stamp_s = options.start_time_s + offset_ns / 1000000000u;
+  const uint64_t stamp_s = kStartTime_s + offset_ns / 1000000000u;
   CheckRange("stamp in seconds", stamp_s, uint64_t{1}, uint64_t{4294967295});  // ROS 1 stores 32 bits
   return ros::Time(static_cast<uint32_t>(stamp_s), static_cast<uint32_t>(offset_ns % 1000000000u));
 }
 
 RecordingSummary RecordScene(const Scene& scene, const std::vector<int>& indices, const RecordingOptions& options,
                              const std::filesystem::path& bag_path) {
-  Validate(options);
-  BagWriter writer(bag_path);
-  RecordingSummary summary;
+  BagRecorder recorder(options, bag_path);
   for (const int index : indices) {
     const SceneImage& image = scene.images.at(index);
     const std::vector<Eigen::Vector3d> landmarks = LandmarksOf(scene, image);
-    const PinholeCamera camera = WriteSceneImage(writer, scene, index, options);
-    WriteMask(writer, image, index, camera, options);
-    summary.masks += image.mask.empty() ? 0 : 1;
-    WriteGeometry(writer, index, camera, image.distortion, image.cam_from_world,
-                  scene.landmarks_in_world.empty() ? nullptr : &landmarks, options);
-    ++summary.images;
-    summary.landmarks += landmarks.size();
+    int width = image.camera.width;
+    int height = image.camera.height;
+    LimitSize(options.max_image_size, &width, &height);
+    ColorImage pixels = LoadImage(scene, index);
+    if (width != image.camera.width || height != image.camera.height) pixels = Resize(pixels, width, height);
+    Mask mask;
+    if (!image.mask.empty()) {
+      mask = ResizeMask(ReadMask(image.mask, {image.camera.width, image.camera.height}), width, height);
+    }
+    recorder.Add({index, pixels, image.camera.Resized(width, height), image.distortion, image.cam_from_world,
+                  scene.landmarks_in_world.empty() ? nullptr : &landmarks, std::move(mask)});
   }
-  if (!indices.empty()) {
-    summary.duration_s = (StampOf(indices.back(), options) - StampOf(indices.front(), options)).toSec();
-  }
-  writer.Finish();
-  return summary;
+  return recorder.Finish();
 }
 
 RecordingSummary RecordSynthetic(const std::vector<SyntheticView>& views, const RecordingOptions& options,
                                  const std::filesystem::path& bag_path, const SlamRun* slam) {
-  Validate(options);
   if (slam != nullptr && slam->outputs.size() != views.size()) {
     throw InvalidInputError(
         Concat("the simulated frontend saw ", slam->outputs.size(), " of ", views.size(), " images"));
   }
-  if (options.compressed || options.max_image_size > 0) {
-    throw InvalidInputError("a synthetic scene is recorded uncompressed and at its own size");
-  }
-  BagWriter writer(bag_path);
-  RecordingSummary summary;
+  if (options.max_image_size > 0) throw InvalidInputError("a synthetic scene is recorded at its own size");
+  BagRecorder recorder(options, bag_path);
+  const nav_msgs::Path path = slam != nullptr ? MakeOptimizedPath(*slam, options) : nav_msgs::Path();
   for (size_t i = 0; i < views.size(); ++i) {
-    const int index = static_cast<int>(i);
     const Frame& frame = views[i].frame;
-    const std_msgs::Header header = MakeHeader(index, options.camera_frame, options);
-    writer.Write(kImageTopic, header.stamp, *ToColorMessage(frame.color, header));
-    if (slam != nullptr && i == slam->loop_closure) {
-      writer.Write(kOptimizedPathTopic, header.stamp, MakeOptimizedPath(*slam, options));
-    }
     const SlamOutput exact = {frame.cam_from_world, frame.landmarks_in_world};
     const SlamOutput& output = slam != nullptr ? slam->outputs[i] : exact;
-    WriteGeometry(writer, index, frame.camera, {}, output.cam_from_world, &output.landmarks_in_world, options);
-    ++summary.images;
-    summary.landmarks += output.landmarks_in_world.size();
-    summary.duration_s = (header.stamp - StampOf(0, options)).toSec();
+    recorder.Add({static_cast<int>(i),
+                  frame.color,
+                  frame.camera,
+                  {},
+                  output.cam_from_world,
+                  &output.landmarks_in_world,
+                  {},
+                  slam != nullptr && i == slam->loop_closure ? &path : nullptr});
   }
-  writer.Finish();
-  return summary;
+  return recorder.Finish();
+}
+
+sensor_msgs::Image ToMaskMessage(const Mask& mask, const std_msgs::Header& header) {
+  sensor_msgs::Image message;
+  message.header = header;
+  message.width = static_cast<uint32_t>(mask.width());
+  message.height = static_cast<uint32_t>(mask.height());
+  message.encoding = sensor_msgs::image_encodings::MONO8;
+  message.step = message.width;
+  message.data.assign(mask.data(), mask.data() + mask.size());
+  return message;
+}
+
+sensor_msgs::CameraInfo ToCameraInfo(const PinholeCamera& camera, const LensDistortion& distortion,
+                                     const std_msgs::Header& header) {
+  const RosDistortion ros_distortion = DistortionFor(distortion.model);
+  if (distortion.coefficients.size() > ros_distortion.coefficients) {
+    throw InvalidInputError(Concat(distortion.coefficients.size(), " distortion coefficients: ", ros_distortion.name,
+                                   " has at most ", ros_distortion.coefficients));
+  }
+  sensor_msgs::CameraInfo message = *ToCameraInfo(camera, header);
+  message.distortion_model = ros_distortion.name;
+  message.D = distortion.coefficients;
+  message.D.resize(ros_distortion.coefficients, 0.0);
+  return message;
+}
+
+geometry_msgs::PoseStamped ToPoseStamped(const RigidTransform& cam_from_world, const std_msgs::Header& header) {
+  const RigidTransform world_from_cam = cam_from_world.inverse(Eigen::Isometry);
+  const Eigen::Quaterniond rotation = Eigen::Quaterniond(world_from_cam.linear()).normalized();
+  geometry_msgs::PoseStamped message;
+  message.header = header;
+  message.pose.position.x = world_from_cam.translation().x();
+  message.pose.position.y = world_from_cam.translation().y();
+  message.pose.position.z = world_from_cam.translation().z();
+  message.pose.orientation.x = rotation.x();
+  message.pose.orientation.y = rotation.y();
+  message.pose.orientation.z = rotation.z();
+  message.pose.orientation.w = rotation.w();
+  return message;
+}
+
+tf2_msgs::TFMessage ToTf(const geometry_msgs::PoseStamped& world_from_cam, const std::string& camera_frame) {
+  geometry_msgs::TransformStamped transform;
+  transform.header = world_from_cam.header;
+  transform.child_frame_id = camera_frame;
+  transform.transform.translation.x = world_from_cam.pose.position.x;
+  transform.transform.translation.y = world_from_cam.pose.position.y;
+  transform.transform.translation.z = world_from_cam.pose.position.z;
+  transform.transform.rotation = world_from_cam.pose.orientation;
+  tf2_msgs::TFMessage message;
+  message.transforms.push_back(transform);
+  return message;
+}
+
+sensor_msgs::PointCloud2 ToPointCloud2(const std::vector<Eigen::Vector3d>& points, const std_msgs::Header& header) {
+  sensor_msgs::PointCloud2 message;
+  message.header = header;
+  message.height = 1;
+  message.is_dense = true;
+  sensor_msgs::PointCloud2Modifier modifier(message);
+  modifier.setPointCloud2Fields(3, "x", 1, sensor_msgs::PointField::FLOAT32, "y", 1, sensor_msgs::PointField::FLOAT32,
+                                "z", 1, sensor_msgs::PointField::FLOAT32);
+  modifier.resize(points.size());
+  if (points.empty()) return message;  // the iterator would take the address of the first byte
+  sensor_msgs::PointCloud2Iterator<float> value(message, "x");
+  for (const Eigen::Vector3d& point : points) {
+    for (int axis = 0; axis < 3; ++axis) value[axis] = static_cast<float>(point[axis]);
+    ++value;
+  }
+  return message;
 }
 
 }  // namespace acmp

@@ -34,9 +34,6 @@ class Undistortion {
   cv::Mat map_x_, map_y_;  ///< where a pixel of the undistorted image lies in the stored one; empty without distortion
 };
 
-/// Some file of the folder, for a message that says what is there.
-std::string ExampleIn(const std::filesystem::path& folder);
-
 /// The mask as stored; empty: the image has none. Throws as ReadMask does.
 Mask ReadMaskOf(const SceneImage& image);
 

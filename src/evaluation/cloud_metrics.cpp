@@ -1,14 +1,17 @@
 #include "acmp_mapping/evaluation/cloud_metrics.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <limits>
 #include <unordered_map>
+#include <unordered_set>
 
 #include <tbb/parallel_for.h>
 #include <nanoflann.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/fusion/kernel/match_pixel.h"
 #include "acmp_mapping/geometry/voxel.h"
 
 namespace acmp {
@@ -131,6 +134,16 @@ PointCloud Select(const PointCloud& points, const std::vector<uint8_t>& marks) {
   return selected;
 }
 
+/// Into how many parts each edge of a triangle is cut.
+double PartsOf(const TriangleMesh& mesh, const std::array<uint32_t, 3>& triangle, double spacing) {
+  double longest = 0;
+  for (int i = 0; i < 3; ++i) {
+    const Vec3f edge = mesh.vertices[triangle[i]].position - mesh.vertices[triangle[(i + 1) % 3]].position;
+    longest = std::max<double>(longest, Norm(edge));
+  }
+  return std::max(1.0, std::ceil(longest / spacing));
+}
+
 }  // namespace
 
 std::vector<CloudMetrics> EvaluateCloud(const PointCloud& reconstruction, const PointCloud& ground_truth,
@@ -157,6 +170,102 @@ std::vector<CloudMetrics> EvaluateCloud(const PointCloud& reconstruction, const 
     metrics.push_back({thresholds[i], accuracy[i], completeness[i], f1});
   }
   return metrics;
+}
+
+struct ObservedSurface::OccupiedVoxels {
+  std::unordered_set<Voxel, VoxelHash> voxels;
+};
+
+ObservedSurface::ObservedSurface(const PointCloud& reconstruction, double spacing, double tolerance)
+    : reconstruction_(reconstruction),
+      spacing_(spacing),
+      tolerance_(tolerance),
+      observed_(reconstruction.size()),
+      occupied_(std::make_unique<OccupiedVoxels>()) {
+  CheckPositive("spacing", spacing);
+  CheckPositive("tolerance", tolerance);
+  for (size_t i = 0; i < reconstruction.size(); ++i) {
+    const Vec3f& p = reconstruction[i].position;
+    if (std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z)) continue;
+    throw InvalidInputError(
+        Concat("reconstruction: point ", i, " = (", p.x, ", ", p.y, ", ", p.z, "): coordinates must be finite"));
+  }
+}
+
+ObservedSurface::~ObservedSurface() = default;
+
+void ObservedSurface::Add(const DepthMap& depth, const PinholeCamera& camera, const RigidTransform& cam_from_world) {
+  if (depth.width() != camera.width || depth.height() != camera.height) {
+    throw InvalidInputError(Concat("depth map of ", depth.width(), " x ", depth.height(), ": must be the camera's ",
+                                   camera.width, " x ", camera.height));
+  }
+  AddPoints(depth, camera, cam_from_world.inverse());
+  MarkObserved(depth, camera, cam_from_world);
+}
+
+void ObservedSurface::AddPoints(const DepthMap& depth, const PinholeCamera& camera,
+                                const RigidTransform& world_from_cam) {
+  for (int row = 0; row < depth.height(); ++row) {
+    for (int col = 0; col < depth.width(); ++col) {
+      const float z = depth(col, row);
+      if (!IsKnown(z)) continue;
+      const Eigen::Vector3f p = (world_from_cam * camera.Unproject({col, row}, z)).cast<float>();
+      SurfacePoint point = {};
+      point.position = {p.x(), p.y(), p.z()};
+      if (!FitsVoxels(point.position, spacing_)) {
+        throw InvalidInputError(Concat("ground truth: pixel (", col, ", ", row, ") of depth ", z, " is at (", p.x(),
+                                       ", ", p.y(), ", ", p.z(), "): coordinates must be at most ", kMaxVoxels,
+                                       " spacings of ", spacing_, " from 0"));
+      }
+      if (occupied_->voxels.insert(VoxelOf(point.position, spacing_, 0.0)).second) cloud_.push_back(point);
+    }
+  }
+}
+
+void ObservedSurface::MarkObserved(const DepthMap& depth, const PinholeCamera& camera,
+                                   const RigidTransform& cam_from_world) {
+  tbb::parallel_for(size_t{0}, reconstruction_.size(), [&](size_t i) {
+    if (observed_[i]) return;
+    const Vec3f& p = reconstruction_[i].position;
+    const Eigen::Vector3d in_cam = cam_from_world * Eigen::Vector3d(p.x, p.y, p.z);
+    if (!(in_cam.z() > 0)) return;
+    const Eigen::Vector2d pixel = camera.Project(in_cam);
+    if (!camera.Contains(pixel)) return;
+    // Contains lets -0.5 in, which rounds to -0; floor(x + 0.5) is the same rule without its exception at halves.
+    const float z = depth(static_cast<int>(std::floor(pixel.x() + 0.5)), static_cast<int>(std::floor(pixel.y() + 0.5)));
+    if (IsKnown(z) && in_cam.z() <= z + tolerance_) observed_[i] = 1;
+  });
+}
+
+PointCloud SampleMesh(const TriangleMesh& mesh, double spacing) {
+  if (!(spacing > 0 && std::isfinite(spacing))) {
+    throw InvalidInputError(Concat("spacing = ", spacing, ": must be > 0 and finite"));
+  }
+  double count = 0;
+  for (const auto& triangle : mesh.triangles) count += std::pow(PartsOf(mesh, triangle, spacing), 2);
+  if (!(count < std::numeric_limits<int32_t>::max())) {
+    throw InvalidInputError(Concat("the mesh has ", count, " points ", spacing, " apart: must be below 2^31"));
+  }
+  PointCloud points;
+  points.reserve(static_cast<size_t>(count));
+  for (const auto& triangle : mesh.triangles) {
+    const SurfacePoint& corner = mesh.vertices[triangle[0]];
+    const Vec3f u = mesh.vertices[triangle[1]].position - corner.position;
+    const Vec3f v = mesh.vertices[triangle[2]].position - corner.position;
+    const int parts = static_cast<int>(PartsOf(mesh, triangle, spacing));
+    const auto add = [&](double a, double b) {
+      SurfacePoint point = corner;
+      point.position = corner.position + static_cast<float>(a / parts) * u + static_cast<float>(b / parts) * v;
+      points.push_back(point);
+    };
+    for (int i = 0; i < parts; ++i) {
+      for (int j = 0; i + j < parts; ++j) {
+        add(i + 1.0 / 3, j + 1.0 / 3);
+        if (i + j + 1 < parts) add(i + 2.0 / 3, j + 2.0 / 3);
+      }
+    }
+  }
+  return points;
 }
 
 }  // namespace acmp

@@ -1,17 +1,103 @@
 // What a keyframe of a map tells of the points of others.
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
+#include <cmath>
 #include <memory>
 #include <mutex>
 #include <utility>
 #include <vector>
 
-#include "acmp_mapping/map/later_views.h"
 #include "acmp_mapping/map/map_store.h"
 #include "acmp_mapping/mesh/splat_points.h"
 
 namespace acmp {
 namespace {
+
+/// What a keyframe saw, as a depth map made of its points; empty without points.
+struct SeenDepth {
+  PinholeCamera camera;
+  DepthMap depth;
+};
+
+constexpr float kConfirmingDepth = 0.02f;  ///< relative: as fusion lets views agree
+constexpr float kClearlyFarther = 1.05f;
+
+enum class Look : uint8_t { kNothing, kConfirms, kThrough };
+
+/// A point is looked through where all depths around it, 3 x 3 px, are known and clearly farther: beside an outline one
+/// of them is not.
+Look LookAtPoint(const SeenDepth& seen, const Eigen::Vector3d& point) {
+  if (!(point.z() > 0)) return Look::kNothing;
+  const Eigen::Vector2d pixel = seen.camera.Project(point);
+  if (!seen.camera.Contains(pixel)) return Look::kNothing;
+  const int col = static_cast<int>(std::floor(pixel.x() + 0.5)), row = static_cast<int>(std::floor(pixel.y() + 0.5));
+  const auto z = static_cast<float>(point.z());
+  Look look = Look::kThrough;
+  for (int r = row - 1; r <= row + 1; ++r) {
+    for (int c = col - 1; c <= col + 1; ++c) {
+      const float depth = seen.depth.View().Contains(c, r) ? seen.depth(c, r) : 0;
+      if (std::abs(depth - z) < kConfirmingDepth * z) return Look::kConfirms;
+      if (!(depth > kClearlyFarther * z)) look = Look::kNothing;
+    }
+  }
+  return look;
+}
+
+float TimesOdds(float confidence, float factor) { return confidence * factor / (1 + confidence * (factor - 1)); }
+
+void CountOne(uint8_t* count) { *count = static_cast<uint8_t>(std::min(*count + 1, 255)); }
+
+bool HasGone(const LaterViews& views) {
+  constexpr int kSeveral = 3, kOutweigh = 2;
+  return views.through >= kSeveral && views.through > kOutweigh * views.confirming;
+}
+
+/// @param spacing of the points, > 0
+SeenDepth SeenDepthOf(const PointCloud& points_in_camera, double spacing) {
+  SurfaceMaps maps = SplatPoints(points_in_camera, RigidTransform::Identity(), spacing);
+  return {maps.camera.camera, std::move(maps.depth)};
+}
+
+/// Takes what a later keyframe saw to what is known of an earlier one's points. A point goes that three later keyframes
+/// or more see through, and more than twice as many as confirm it: it was never there, or has moved since. The odds of
+/// others rise by a fifth with each keyframe that confirms them, and fall by half with each that sees through them.
+/// Nothing changes where the keyframe sees through more points than it confirms: then the poses do not fit together.
+/// @param later_from_points from the points' frame, in which they are multiplied by `scale` first, to the later
+/// camera's
+/// @param views one per point
+/// @return whether anything was changed
+bool TakeLaterView(const SeenDepth& seen, const RigidTransform& later_from_points, double scale, PointCloud* points,
+                   std::vector<LaterViews>* views) {
+  constexpr float kConfirmed = 1.2f, kLookedThrough = 0.5f;
+  if (seen.depth.empty()) return false;
+  std::vector<Look> looks(points->size());
+  tbb::parallel_for(size_t{0}, looks.size(), [&](size_t i) {
+    const Vec3f& p = (*points)[i].position;
+    looks[i] = LookAtPoint(seen, later_from_points * (scale * Eigen::Vector3d(p.x, p.y, p.z)));
+  });
+  const auto confirming = std::count(looks.begin(), looks.end(), Look::kConfirms);
+  if (confirming == 0 || std::count(looks.begin(), looks.end(), Look::kThrough) > confirming) return false;
+  size_t kept = 0;
+  for (size_t i = 0; i < looks.size(); ++i) {
+    SurfacePoint point = (*points)[i];
+    LaterViews of_point = (*views)[i];
+    if (looks[i] == Look::kConfirms) {
+      CountOne(&of_point.confirming);
+      point.confidence = TimesOdds(point.confidence, kConfirmed);
+    } else if (looks[i] == Look::kThrough) {
+      CountOne(&of_point.through);
+      point.confidence = TimesOdds(point.confidence, kLookedThrough);
+      if (HasGone(of_point)) continue;
+    }
+    (*points)[kept] = point;
+    (*views)[kept++] = of_point;
+  }
+  points->resize(kept);
+  views->resize(kept);
+  return true;
+}
 
 /// Takes positions, multiplied by `scale` first, to another frame.
 struct ScaledPose {

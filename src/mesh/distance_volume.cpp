@@ -10,7 +10,8 @@
 #include <vector>
 
 #include "acmp_mapping/common/error.h"
-#include "check_mesh.h"
+#include "acmp_mapping/common/median.h"
+#include "acmp_mapping/keyframe/frame.h"
 #include "distance_grids.h"
 
 namespace acmp {
@@ -162,6 +163,29 @@ class BlockUpdate {
   const DistanceVolumeOptions& options_;
 };
 
+template <class T>
+void CheckMapSize(const char* name, const ImageView<T>& map, const PinholeCamera& camera) {
+  if (map.width == camera.width && map.height == camera.height) return;
+  throw InvalidInputError(Concat(name, " has ", map.width, " x ", map.height, " px: must be the camera's ",
+                                 camera.width, " x ", camera.height));
+}
+
+void CheckVolumeOptions(const DistanceVolumeOptions& options) {
+  CheckRange("mesh_voxel_size", options.voxel_size, std::numeric_limits<float>::min() + 0.0, 1e9);
+  if (options.max_bytes == 0) throw InvalidInputError("memory for the mesh's voxels = 0: must be > 0");
+  CheckRange("min_confidence", options.min_confidence, 0.0f, 1.0f);
+}
+
+void CheckSurfaceView(const SurfaceView& view) {
+  const PinholeCamera& camera = view.camera.camera;
+  CheckCamera("camera", camera);
+  CheckPose("cam_from_world", view.camera.cam_from_world);
+  CheckMapSize("depth", view.depth, camera);
+  CheckMapSize("normal", view.normal, camera);
+  CheckMapSize("confidence", view.confidence, camera);
+  if (!view.color.empty()) CheckMapSize("color", view.color, camera);
+}
+
 std::string Megabytes(size_t bytes) { return Concat(std::ceil(static_cast<double>(bytes) / 1e6), " MB"); }
 
 }  // namespace
@@ -204,6 +228,23 @@ TriangleMesh DistanceVolume::ExtractMesh() const {
     vertex.position = static_cast<float>(options_.voxel_size) * vertex.position;
   }
   return mesh;
+}
+
+double MedianFootprint(const PinholeCamera& camera, const ImageView<const float>& depth) {
+  std::vector<float> known;
+  for (int row = 0; row < depth.height; ++row) {
+    for (int col = 0; col < depth.width; ++col) {
+      if (depth(col, row) > 0) known.push_back(depth(col, row));
+    }
+  }
+  return known.empty() ? 0.0 : Median(std::move(known)) / std::sqrt(camera.fx * camera.fy);
+}
+
+double DefaultVoxelSize(std::vector<double> footprints) {
+  footprints.erase(std::remove_if(footprints.begin(), footprints.end(), [](double f) { return !(f > 0); }),
+                   footprints.end());
+  if (footprints.empty()) throw InvalidInputError("mesh: no image has depth, of which there could be a surface");
+  return kVoxelPixels * Median(std::move(footprints));
 }
 
 }  // namespace acmp

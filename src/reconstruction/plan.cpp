@@ -8,7 +8,7 @@
 #include <set>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/masks.h"
+#include "acmp_mapping/dataset/companions.h"
 #include "acmp_mapping/geometry/local_origin.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
 #include "source_candidates.h"

@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/masks.h"
+#include "acmp_mapping/dataset/companions.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
 #include "run_record.h"

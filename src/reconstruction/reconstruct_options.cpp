@@ -60,40 +60,31 @@ Exit codes: 0 done, 2 wrong use or input, 1 failed or interrupted.)";
 CLI::Validator OneOf(const std::vector<std::string>& names) { return CLI::IsMember(names); }
 
 void AddMatchingOptions(CLI::App* app, ReconstructOptions* options) {
-  const std::string group = "Matching";
+  app->option_defaults()->group("Matching");
   app->add_option(
          "--preset", options->preset,
          "balanced: everything; online: everything with fewer iterations, half of the time or less (not tied to\n"
          "--schedule online); acmh, acmm, acmp_no_geometric, acmp: the papers' systems, for comparison")
       ->check(OneOf(PresetNames()))
-      ->capture_default_str()
-      ->group(group);
+      ->capture_default_str();
   app->add_option("--set", options->set,
-                  "NAME=VALUE: an option of the pipeline over the preset's, see below; may be given several times")
-      ->group(group);
+                  "NAME=VALUE: an option of the pipeline over the preset's, see below; may be given several times");
   app->add_option("--max-image-size", options->max_image_size,
                   "Shrink images so that the longer side has at most this many pixels; 0: as stored")
-      ->capture_default_str()
-      ->group(group);
+      ->capture_default_str();
   app->add_option("--source-views", options->source_views, "Images to match each image against, 1 to 32")
-      ->capture_default_str()
-      ->group(group);
+      ->capture_default_str();
   app->add_option("--min-source-views", options->min_source_views,
                   "An image with fewer useful source views gets no map; 0: 1 offline, 2 online")
-      ->capture_default_str()
-      ->group(group);
+      ->capture_default_str();
   app->add_option("--depth-min", options->depth_min,
-                  "Nearest depth to search, scene units; instead of the dataset's and the landmarks'")
-      ->group(group);
-  app->add_option("--depth-max", options->depth_max, "Farthest depth to search")->group(group);
+                  "Nearest depth to search, scene units; instead of the dataset's and the landmarks'");
+  app->add_option("--depth-max", options->depth_max, "Farthest depth to search");
   const Option refine_poses = OptionsOf(&options->pose_refinement).Find("refine_poses");
   app->add_option_function<std::string>("--refine-poses", refine_poses.set, refine_poses.sentence)
       ->check(OneOf(refine_poses.choices))
-      ->default_str("off")
-      ->group(group);
-  app->add_option("--seed", options->seed, "Of the random numbers: same seed, same bits")
-      ->capture_default_str()
-      ->group(group);
+      ->default_str("off");
+  app->add_option("--seed", options->seed, "Of the random numbers: same seed, same bits")->capture_default_str();
 }
 
 std::string OnlineHelp(const char* option) {
@@ -113,67 +104,54 @@ std::string PipelineHelp() {
 }
 
 void AddScheduleOptions(CLI::App* app, ReconstructOptions* options) {
-  const std::string group = "Schedule";
+  app->option_defaults()->group("Schedule");
   app->add_option(
          "--schedule", options->schedule,
          "offline: all images know each other; online: images come one by one in the order of their index and are\n"
          "matched within a sliding window, as in the ROS nodelet (pair.txt is not used then)")
       ->check(OneOf({"offline", "online"}))
-      ->capture_default_str()
-      ->group(group);
-  app->add_option("--window-size", options->window_size, OnlineHelp("window_size"))
-      ->capture_default_str()
-      ->group(group);
-  app->add_option("--lookahead", options->lookahead, OnlineHelp("lookahead"))->capture_default_str()->group(group);
-  app->add_option("--refine-again", options->refine_again, OnlineHelp("refine_again"))
-      ->capture_default_str()
-      ->group(group);
+      ->capture_default_str();
+  app->add_option("--window-size", options->window_size, OnlineHelp("window_size"))->capture_default_str();
+  app->add_option("--lookahead", options->lookahead, OnlineHelp("lookahead"))->capture_default_str();
+  app->add_option("--refine-again", options->refine_again, OnlineHelp("refine_again"))->capture_default_str();
 }
 
 void AddMachineOptions(CLI::App* app, ReconstructOptions* options) {
-  const std::string group = "Machine";
+  app->option_defaults()->group("Machine");
   app->add_option("--device", options->device, "auto (GPU if there is one), cuda or cpu")
       ->check(OneOf({"auto", "cuda", "cpu"}))
-      ->capture_default_str()
-      ->group(group);
+      ->capture_default_str();
   app->add_option("--cuda-index", options->cuda_index, "Which GPUs, for example 0,1; images are shared out among them")
       ->delimiter(',')
-      ->capture_default_str()
-      ->group(group);
+      ->capture_default_str();
   app->add_option("--jobs-per-gpu", options->jobs_per_gpu,
                   "Images under way at once on each GPU: while one is triangulated or written, others are matched")
-      ->capture_default_str()
-      ->group(group);
-  app->add_option("--threads", options->threads, "CPU threads; 0: one per core")->capture_default_str()->group(group);
+      ->capture_default_str();
+  app->add_option("--threads", options->threads, "CPU threads; 0: one per core")->capture_default_str();
   app->add_option("--memory-limit-gb", options->memory_limit_gb,
                   "Memory for images, maps and points that are kept at hand; by default a quarter of this machine's or "
                   "container's")
-      ->capture_default_str()
-      ->group(group);
+      ->capture_default_str();
 }
 
 void AddStageOptions(CLI::App* app, ReconstructOptions* options) {
-  const std::string group = "Stages, for several machines (scripts/acmp_cluster.py; docs/offline.md)";
+  app->option_defaults()->group("Stages, for several machines (scripts/acmp_cluster.py; docs/offline.md)");
   app->add_option("--plan", options->plan,
-                  "Only plan: OUTPUT gets the plan, this file (JSON) the stages of each chunk and what they wait for")
-      ->group(group);
+                  "Only plan: OUTPUT gets the plan, this file (JSON) the stages of each chunk and what they wait for");
   app->add_option("--stage", options->stage,
                   "Only this stage of a plan, of the images that --images names: all options as they were planned. It\n"
-                  "does what is not done yet, and may run beside others on any machine that sees OUTPUT")
-      ->group(group);
+                  "does what is not done yet, and may run beside others on any machine that sees OUTPUT");
   app->add_flag(
-         "--stages", options->stages,
-         "Stages that standard input names, each in a line: STAGE IMAGES, as step_0 0-15, or finish. Answers in\n"
-         "a line on standard output: STAGE IMAGES: done, or STAGE IMAGES: exit code N: message. A stage that\n"
-         "fails does not end it. Quicker than a process for each: GPUs start once, images stay at hand")
-      ->group(group);
+      "--stages", options->stages,
+      "Stages that standard input names, each in a line: STAGE IMAGES, as step_0 0-15, or finish. Answers in\n"
+      "a line on standard output: STAGE IMAGES: done, or STAGE IMAGES: exit code N: message. A stage that\n"
+      "fails does not end it. Quicker than a process for each: GPUs start once, images stay at hand");
   app->add_option("--chunk-images", options->chunk_images, "Images of the scene that make a chunk, for --plan")
-      ->capture_default_str()
-      ->group(group);
+      ->capture_default_str();
 }
 
 void AddOutputOptions(CLI::App* app, ReconstructOptions* options) {
-  const std::string group = "Output";
+  app->option_defaults()->group("Output");
   // Taken as one text, so that "none" can be told from names.
   app->add_option_function<std::vector<std::string>>(
          "--maps",
@@ -183,30 +161,24 @@ void AddOutputOptions(CLI::App* app, ReconstructOptions* options) {
          "Which maps to write, for example depth,normal; none: only the cloud, in less time and a tenth of the space")
       ->delimiter(',')
       ->check(OneOf({"depth", "normal", "cost", "confidence", "none"}))
-      ->default_str("depth,normal,cost,confidence")
-      ->group(group);
+      ->default_str("depth,normal,cost,confidence");
   app->add_option("--tile-size", options->tile_size,
-                  "Write the cloud as cubes of this size, scene units, one file each, in place of fused.ply")
-      ->group(group);
+                  "Write the cloud as cubes of this size, scene units, one file each, in place of fused.ply");
   app->add_option("--mesh", options->mesh,
-                  "Also write a mesh of all depth maps to this file, .ply or .obj; of a finished run, too")
-      ->group(group);
+                  "Also write a mesh of all depth maps to this file, .ply or .obj; of a finished run, too");
   app->add_option("--mesh-voxel-size", options->mesh_voxel_size,
                   "Details of the mesh, scene units; 0: 2.5 pixels at the median depth")
-      ->capture_default_str()
-      ->group(group);
-  app->add_flag("--dmb", options->dmb, "Also write depth as .dmb (Gipuma, ACMP)")->group(group);
+      ->capture_default_str();
+  app->add_flag("--dmb", options->dmb, "Also write depth as .dmb (Gipuma, ACMP)");
   app->add_flag(
-         "--colmap", options->colmap,
-         "Also write OUTPUT/colmap, COLMAP's dense workspace, for colmap stereo_fusion, OpenMVS and others. Its\n"
-         "depth maps leave out pixels that were only guessed, those of cost 2")
-      ->group(group);
-  app->add_flag("--no-pictures", options->no_pictures, "No colour pictures of the maps")->group(group);
-  app->add_flag("--overwrite", options->overwrite, "Start afresh: remove what an earlier run left in OUTPUT")
-      ->group(group);
-  app->add_flag("--keep-work", options->keep_work, "Keep OUTPUT/work at the end")->group(group);
-  app->add_flag("--timings", options->timings, "Print the time per stage and image")->group(group);
-  app->add_flag("--quiet", options->quiet, "No progress; only warnings and errors")->group(group);
+      "--colmap", options->colmap,
+      "Also write OUTPUT/colmap, COLMAP's dense workspace, for colmap stereo_fusion, OpenMVS and others. Its\n"
+      "depth maps leave out pixels that were only guessed, those of cost 2");
+  app->add_flag("--no-pictures", options->no_pictures, "No colour pictures of the maps");
+  app->add_flag("--overwrite", options->overwrite, "Start afresh: remove what an earlier run left in OUTPUT");
+  app->add_flag("--keep-work", options->keep_work, "Keep OUTPUT/work at the end");
+  app->add_flag("--timings", options->timings, "Print the time per stage and image");
+  app->add_flag("--quiet", options->quiet, "No progress; only warnings and errors");
 }
 
 void CheckDepthOption(const char* name, const std::optional<double>& value) {
@@ -288,11 +260,13 @@ void AddReconstructOptions(CLI::App* app, ReconstructOptions* options) {
       "Folder of depth maps from outside (a network, another sensor), named as the images with .pfm, .dmb or .png\n"
       "(16 bit, thousandths), of any size; 0 = unknown. For what no other image confirms; scale and shift are\n"
       "fitted, or see prior_depth_metric. Images without one go without");
+  const std::string ungrouped = app->option_defaults()->get_group();
   AddMatchingOptions(app, options);
   AddScheduleOptions(app, options);
   AddMachineOptions(app, options);
   AddOutputOptions(app, options);
   AddStageOptions(app, options);
+  app->option_defaults()->group(ungrouped);
   app->footer(PipelineHelp() + kFooter);
 }
 

@@ -6,8 +6,7 @@
 
 #include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/masks.h"
-#include "acmp_mapping/dataset/prior_depths.h"
+#include "acmp_mapping/dataset/companions.h"
 #include "acmp_mapping/pose_refinement/pose_refinement.h"
 #include "plan.h"
 

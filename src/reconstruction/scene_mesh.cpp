@@ -8,7 +8,6 @@
 #include "acmp_mapping/dataset/camera_list.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/mesh/distance_volume.h"
-#include "acmp_mapping/mesh/voxel_size.h"
 
 namespace acmp {
 namespace {

@@ -1,7 +1,6 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <cstring>
 #include <functional>
 #include <map>
 #include <memory>
@@ -28,40 +27,21 @@ using nlohmann::json;
 
 constexpr int kExitFailed = 1, kExitBadInput = 2;  // as the program's
 
-/// A frame in the file of used pixels: this, and then a bit per pixel, row by row.
-struct UsedHeader {
-  int32_t index = 0;   ///< in the scene
-  int32_t width = 0;   ///< px
-  int32_t height = 0;  ///< px
-  size_t bytes() const { return (static_cast<size_t>(width) * height + 7) / 8; }
-};
-
-void AppendUsed(int index, const Image<unsigned char>& used, std::string* content) {
-  const UsedHeader header = {index, used.width(), used.height()};
-  content->append(reinterpret_cast<const char*>(&header), sizeof(header));
-  std::string bits(header.bytes(), '\0');
+/// A bit per pixel, row by row.
+std::string PackUsed(const Image<unsigned char>& used) {
+  std::string bits((used.size() + 7) / 8, '\0');
   for (size_t i = 0; i < used.size(); ++i) {
     if (used.data()[i] != 0) bits[i / 8] = static_cast<char>(bits[i / 8] | (1 << i % 8));
   }
-  *content += bits;
+  return bits;
 }
 
-/// The used pixels of a frame in a file's content; empty if it is not in there.
-Image<unsigned char> FindUsed(int index, const std::string& content) {
-  for (size_t at = 0; at + sizeof(UsedHeader) <= content.size();) {
-    UsedHeader header;
-    std::memcpy(&header, &content[at], sizeof(header));
-    at += sizeof(header);
-    if (header.index == index) {
-      Image<unsigned char> used(header.width, header.height);
-      for (size_t i = 0; i < used.size(); ++i) {
-        used.data()[i] = static_cast<unsigned char>(content[at + i / 8] >> i % 8 & 1);
-      }
-      return used;
-    }
-    at += header.bytes();
-  }
-  return {};
+/// Back again; empty unless there are bits for an image of that size.
+Image<unsigned char> UnpackUsed(const std::string& bits, int width, int height) {
+  Image<unsigned char> used(width, height);
+  if (bits.size() != (used.size() + 7) / 8) return {};
+  for (size_t i = 0; i < used.size(); ++i) used.data()[i] = static_cast<unsigned char>(bits[i / 8] >> i % 8 & 1);
+  return used;
 }
 
 /// A stage of some images.
@@ -263,13 +243,19 @@ class StageRun {
   }
 
   std::filesystem::path PointsFile(int index) const { return folder_.WorkFile("points", index); }
-  std::filesystem::path UsedFile(int chunk) const { return folder_.WorkFile("used", chunk); }
+  /// Which pixels of a view are used once a chunk is fused.
+  std::filesystem::path UsedFile(int chunk, int index) const {
+    return folder_.WorkFile("used/" + SixDigits(chunk), index);
+  }
 
   /// Whether all files of FuseChunk are there and whole.
-  bool HasChunkPoints(int chunk, const std::vector<int>& images) const {
-    return CheckWorkFile(UsedFile(chunk)) == WorkFileState::kWhole &&
-           std::all_of(images.begin(), images.end(),
-                       [&](int index) { return CheckWorkFile(PointsFile(index)) == WorkFileState::kWhole; });
+  bool HasChunkPoints(int chunk, const std::vector<int>& images) {
+    const auto is_whole = [](const std::filesystem::path& file) {
+      return CheckWorkFile(file) == WorkFileState::kWhole;
+    };
+    const std::set<int> read = AllRead({images.begin(), images.end()});
+    return std::all_of(images.begin(), images.end(), [&](int index) { return is_whole(PointsFile(index)); }) &&
+           std::all_of(read.begin(), read.end(), [&](int index) { return is_whole(UsedFile(chunk, index)); });
   }
 
   void Fuse() {
@@ -306,25 +292,26 @@ class StageRun {
       for (int index : run->plan.ImagesRead(image)) read.insert(index);
     }
     tasks.Run();
-    std::string used;
-    for (int index : read) AppendUsed(index, tasks.UsedPixels(*planned_.frames().Get(index)), &used);
-    interrupt_.Check();
-    WriteWorkFile(UsedFile(chunk), used);
+    for (int index : read) {
+      const std::string bits = PackUsed(tasks.UsedPixels(*planned_.frames().Get(index)));
+      interrupt_.Check();
+      WriteWorkFile(UsedFile(chunk, index), bits);
+    }
   }
 
   /// Throws ProcessingError if one of the earlier chunks is not fused.
   /// @param fused_before see PlannedScene
   void TakeOverUsedPixels(const std::map<int, int>& fused_before, RunTasks* tasks) {
-    std::map<int, std::optional<std::string>> contents;  // of the chunks' files
     for (const auto& [index, chunk] : fused_before) {
-      const auto [content, is_new] = contents.try_emplace(chunk);
-      if (is_new) content->second = ReadWorkFile(UsedFile(chunk));
-      const Image<unsigned char> used = content->second ? FindUsed(index, *content->second) : Image<unsigned char>();
+      const FramePtr frame = planned_.frames().Get(index);
+      const std::filesystem::path file = UsedFile(chunk, index);
+      const Image<unsigned char> used =
+          UnpackUsed(ReadWorkFile(file).value_or(""), frame->camera.width, frame->camera.height);
       if (used.empty()) {
         throw ProcessingError(Concat("--stage fuse: the stage of the images from ", chunk * options_.chunk_images,
-                                     " on is not done, or ", UsedFile(chunk).string(), " is damaged"));
+                                     " on is not done, or ", file.string(), " is damaged"));
       }
-      tasks->SetUsedPixels(*planned_.frames().Get(index), used);
+      tasks->SetUsedPixels(*frame, used);
     }
   }
 

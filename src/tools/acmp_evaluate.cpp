@@ -1,16 +1,12 @@
 #include <iostream>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include <CLI/CLI.hpp>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/image_codec.h"
-#include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/dataset/scene.h"
-#include "acmp_mapping/evaluation/cloud_metrics.h"
 #include "acmp_mapping/evaluation/evaluate.h"
 #include "tool_main.h"
 
@@ -52,10 +48,9 @@ CLI::App* AddDepthCommand(CLI::App* app, EvaluateArguments* a) {
       ->add_option(
           "PREDICTIONS", a->depth.predictions,
           "Folder with one .pfm, .dmb or 16-bit .png (millimetres) per image, named by the image's name or its "
-          "index (000007.pfm, depth_7.png), or the output folder of the public ACMP program")
+          "index (000007.pfm, depth_7.png)")
       ->required();
   AddGroundTruthOptions(command, &a->depth.truth);
-  command->add_option("--name", a->depth.name, "Only files whose name contains this regular expression");
   command->add_option("--scale", a->depth.scale, "Multiply the predictions by this")->capture_default_str();
   command->add_flag("--median-scale", a->depth.median_scale,
                     "Multiply each map by the median of true over predicted depth: for poses whose scale is unknown or "
@@ -87,13 +82,12 @@ CLI::App* AddCloudCommand(CLI::App* app, EvaluateArguments* a) {
       "all maps is not.");
   command
       ->add_option("RECONSTRUCTION", a->cloud.reconstruction,
-                   "PLY or PCD file, or a folder of tiles (acmp_reconstruct --tile-size); of a mesh (PLY with faces) "
+                   "PLY file, or a folder of tiles (acmp_reconstruct --tile-size); of a mesh (PLY with faces) "
                    "points at most half of --voxel apart are taken")
       ->required();
   command
-      ->add_option(
-          "GROUND_TRUTH", a->cloud.ground_truth,
-          "PLY or PCD file in the same frame and unit, or a SCENE: folder with cameras.txt (T_world_cam) and depth/")
+      ->add_option("GROUND_TRUTH", a->cloud.ground_truth,
+                   "PLY file in the same frame and unit, or a SCENE: folder with cameras.txt (T_world_cam) and depth/")
       ->required();
   command->add_option("--thresholds", a->cloud.thresholds, "Distances, separated by commas")
       ->delimiter(',')
@@ -128,22 +122,7 @@ int EvaluatePointCloud(const CLI::App& command, const EvaluateArguments& a) {
                                      a.cloud.ground_truth.string()));
     }
   }
-  CloudEvaluationOptions options = a.cloud;
-  options.read_cloud = [&options](const std::filesystem::path& path, ReadOrigin* origin) {
-    if (IsTiledCloud(path)) return ReadTiledCloud(path, origin);
-    if (LowerExtension(path) != ".pcd") {
-      TriangleMesh mesh = ReadPlyMesh(path, origin);
-      return mesh.triangles.empty() ? std::move(mesh.vertices) : SampleMesh(mesh, options.voxel_size / 2);
-    }
-    size_t not_finite = 0;
-    PointCloud points = ReadPcd(path, &not_finite, origin);
-    if (not_finite > 0) {
-      std::cerr << "note: " << path.string() << ": " << not_finite << " of " << not_finite + points.size()
-                << " points are not finite and left out\n";
-    }
-    return points;
-  };
-  const CloudEvaluation evaluation = EvaluateCloudFile(options);
+  const CloudEvaluation evaluation = EvaluateCloudFile(a.cloud);
   std::cout << CloudTable(evaluation) << std::flush;
   if (!a.json.empty()) WriteFileAtomically(a.json, CloudJson(evaluation));
   return Printed();

@@ -9,7 +9,7 @@
 
 #include "acmp_mapping/bags/bag_recording.h"
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/masks.h"
+#include "acmp_mapping/dataset/companions.h"
 #include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "tool_main.h"
 
@@ -44,56 +44,41 @@ void AddOptions(CLI::App& app, MakeBagArguments& arguments) {
       ->expected(1, 2)
       ->type_name("[SCENE] OUT.bag");
   app.add_option("--rate", recording.rate_hz, "Images per second of bag time")->capture_default_str();
-  app.add_option("--start-time", recording.start_time_s, "Stamp of image 0, seconds since 1970")->capture_default_str();
-  app.add_option("--world-frame", recording.world_frame, "Frame of poses and points")->capture_default_str();
-  app.add_option("--camera-frame", recording.camera_frame, "Frame of the images")->capture_default_str();
 
-  const std::string scene_group = "From a dataset folder";
+  const std::string ungrouped = app.option_defaults()->get_group();
+  app.option_defaults()->group("From a dataset folder");
   app.add_option("--format", arguments.format, "Layout of SCENE: auto, colmap or mvsnet")
       ->type_name("NAME")
-      ->capture_default_str()
-      ->group(scene_group);
+      ->capture_default_str();
   app.add_option("--pixel-centers", arguments.pixel_centers,
                  "Of mvsnet: where K has the centre of the first pixel: integer (0, 0) or half (0.5, 0.5)")
       ->type_name("NAME")
-      ->capture_default_str()
-      ->group(scene_group);
-  app.add_option("--images", arguments.images, "Only these images, by index from 0: 0-9,12")->group(scene_group);
+      ->capture_default_str();
+  app.add_option("--images", arguments.images, "Only these images, by index from 0: 0-9,12");
   app.add_option("--masks", arguments.masks,
                  "Folder of masks, IMAGE_NAME.png as in COLMAP, black = ignore: recorded as /slam/mask")
-      ->type_name("DIR")
-      ->group(scene_group);
-  app.add_option("--max-image-size", recording.max_image_size, "Shrink so that the longer side has at most so many px")
-      ->group(scene_group);
-  app.add_flag("--compressed", recording.compressed, "Store the JPEG and PNG files as they are (CompressedImage)")
-      ->group(scene_group);
+      ->type_name("DIR");
+  app.add_option("--max-image-size", recording.max_image_size, "Shrink so that the longer side has at most so many px");
 
-  const std::string synthetic_group = "From the synthetic room";
-  app.add_flag("--synthetic", arguments.synthetic, "Render a room with known geometry instead of reading SCENE")
-      ->group(synthetic_group);
+  app.option_defaults()->group("From the synthetic room");
+  app.add_flag("--synthetic", arguments.synthetic, "Render a room with known geometry instead of reading SCENE");
   app.add_option("--scene", arguments.scene_name, "room (unless given), hard or street: as acmp_make_scene has them")
-      ->type_name("NAME")
-      ->group(synthetic_group);
+      ->type_name("NAME");
   app.add_option(
          "--poses", arguments.poses,
          "true, or slam: those of a simulated monocular frontend, with its sparse points: a late start, half the\n"
          "size, drift and a scale that grows until a loop is closed (/slam/optimized_path), jitter")
       ->type_name("NAME")
       ->check(CLI::IsMember({"true", "slam"}))
-      ->capture_default_str()
-      ->group(synthetic_group);
-  app.add_option("--width", arguments.scene.width, "px")->capture_default_str()->group(synthetic_group);
-  app.add_option("--height", arguments.scene.height, "px")->capture_default_str()->group(synthetic_group);
-  app.add_option("--keyframes", arguments.scene.keyframes, "Number of images")
-      ->capture_default_str()
-      ->group(synthetic_group);
-  app.add_option("--seed", arguments.scene.seed, "Of sensor noise and textures")
-      ->capture_default_str()
-      ->group(synthetic_group);
+      ->capture_default_str();
+  app.add_option("--width", arguments.scene.width, "px")->capture_default_str();
+  app.add_option("--height", arguments.scene.height, "px")->capture_default_str();
+  app.add_option("--keyframes", arguments.scene.keyframes, "Number of images")->capture_default_str();
+  app.add_option("--seed", arguments.scene.seed, "Of sensor noise and textures")->capture_default_str();
   app.add_option("--ground-truth", arguments.ground_truth,
                  "Also write the room as a dataset with true depth, normals and surface")
-      ->type_name("DIR")
-      ->group(synthetic_group);
+      ->type_name("DIR");
+  app.option_defaults()->group(ungrouped);
 }
 
 acmp::RecordingSummary MakeSyntheticBag(const MakeBagArguments& arguments) {

@@ -15,8 +15,6 @@ double FloorMs(const BenchmarkReport& report, const StageFigures& row, double sa
   return 1e3 * samples * row.size.width * row.size.height * row.source_views / report.fetches_per_s;
 }
 
-double KernelsMs(const StageFigures& row) { return row.photometric + row.planar_prior + row.geometric; }
-
 double BytesPerPixel(const StageFigures& row) {
   return static_cast<double>(row.device_bytes) / (static_cast<double>(row.size.width) * row.size.height);
 }
@@ -40,13 +38,15 @@ void PrintStages(const BenchmarkReport& report, std::ostream* out) {
   *out << "      size   V  photometric         planar prior        geometric passes    kernels             "
           "triangulation      load  download  consistency      fast     whole   B/px\n";
   for (const StageFigures& row : report.stages) {
+    const StageMs& ms = row.median;
     *out << std::setw(10) << Concat(row.size.width, "x", row.size.height) << std::setw(4) << row.source_views;
-    PrintCell(row.photometric, FloorMs(report, row, kPhotometricSamples), out);
-    PrintCell(row.planar_prior, FloorMs(report, row, kPriorSamples), out);
-    PrintCell(row.geometric, FloorMs(report, row, kGeometricSamples), out);
-    PrintCell(KernelsMs(row), FloorMs(report, row, kPhotometricSamples + kPriorSamples + kGeometricSamples), out);
-    *out << std::setw(13) << row.triangulation << std::setw(10) << row.load << std::setw(10) << row.download
-         << std::setw(13) << row.consistency << std::setw(10) << row.fast << std::setw(10) << row.whole << std::setw(7)
+    PrintCell(ms.photometric, FloorMs(report, row, kPhotometricSamples), out);
+    PrintCell(ms.planar_prior, FloorMs(report, row, kPriorSamples), out);
+    PrintCell(ms.geometric, FloorMs(report, row, kGeometricSamples), out);
+    PrintCell(ms.photometric + ms.planar_prior + ms.geometric,
+              FloorMs(report, row, kPhotometricSamples + kPriorSamples + kGeometricSamples), out);
+    *out << std::setw(13) << ms.triangulation << std::setw(10) << ms.load << std::setw(10) << ms.download
+         << std::setw(13) << ms.consistency << std::setw(10) << ms.fast << std::setw(10) << ms.whole << std::setw(7)
          << std::setprecision(0) << BytesPerPixel(row) << std::setprecision(2) << "\n";
   }
 }

@@ -118,14 +118,9 @@ size_t HostBytes() {
   return resident * static_cast<size_t>(sysconf(_SC_PAGESIZE));
 }
 
-/// What one run of all stages took, ms.
-struct BenchmarkRun {
-  double load, photometric, triangulation, planar_prior, fast, geometric, consistency, download, whole;
-};
-
-BenchmarkRun RunStages(DepthEngine* engine, DepthEstimator* estimator, const PipelineOptions& options,
-                       EngineProblem problem, const FramePtr& frame) {
-  BenchmarkRun run = {};
+StageMs RunStages(DepthEngine* engine, DepthEstimator* estimator, const PipelineOptions& options, EngineProblem problem,
+                  const FramePtr& frame) {
+  StageMs run;
   Timer whole, stage;
   problem.reference.image = engine->Load(frame, options.start_level);
   run.load = stage.Lap();
@@ -168,29 +163,21 @@ StageFigures MeasureStages(DepthEngine* engine, const PipelineOptions& options, 
     problem.sources.push_back({frame, engine->Load(frame, options.start_level), nullptr});
   }
   DepthEstimator estimator(engine, options);
-  std::vector<BenchmarkRun> runs;
+  std::vector<StageMs> runs;
   for (int i = 0; i <= repetitions; ++i) {
-    const BenchmarkRun run = RunStages(engine, &estimator, options, problem, frames[0]);
+    const StageMs run = RunStages(engine, &estimator, options, problem, frames[0]);
     if (i > 0) runs.push_back(run);  // the first one warms up
   }
-  const auto median = [&](double BenchmarkRun::*stage) {
-    std::vector<double> values;
-    values.reserve(runs.size());
-    for (const BenchmarkRun& run : runs) values.push_back(run.*stage);
-    return Quantile(std::move(values), 0.5);
-  };
   StageFigures figures;
   figures.size = size;
   figures.source_views = source_views;
-  figures.load = median(&BenchmarkRun::load);
-  figures.photometric = median(&BenchmarkRun::photometric);
-  figures.triangulation = median(&BenchmarkRun::triangulation);
-  figures.planar_prior = median(&BenchmarkRun::planar_prior);
-  figures.geometric = median(&BenchmarkRun::geometric);
-  figures.consistency = median(&BenchmarkRun::consistency);
-  figures.download = median(&BenchmarkRun::download);
-  figures.fast = median(&BenchmarkRun::fast);
-  figures.whole = median(&BenchmarkRun::whole);
+  for (double StageMs::*stage :
+       {&StageMs::photometric, &StageMs::planar_prior, &StageMs::geometric, &StageMs::load, &StageMs::triangulation,
+        &StageMs::consistency, &StageMs::download, &StageMs::fast, &StageMs::whole}) {
+    std::vector<double> values;
+    for (const StageMs& run : runs) values.push_back(run.*stage);
+    figures.median.*stage = Quantile(std::move(values), 0.5);
+  }
   figures.device_bytes = engine->DeviceBytes();
   return figures;
 }

@@ -10,10 +10,8 @@
 
 namespace acmp {
 
-/// Medians over the runs, milliseconds per image.
-struct StageFigures {
-  ImageSize size;
-  int source_views = 0;
+/// Milliseconds per image.
+struct StageMs {
   // Device time where the engine measures it, wall time elsewhere.
   double photometric = 0, planar_prior = 0, geometric = 0;
   // Wall time.
@@ -23,7 +21,13 @@ struct StageFigures {
   double download = 0;       ///< depth, normals, cost
   double fast = 0;           ///< image in to fast maps in host memory
   double whole = 0;          ///< image in to refined maps and points in host memory
-  size_t device_bytes = 0;   ///< of images, estimates and scratch
+};
+
+struct StageFigures {
+  ImageSize size;
+  int source_views = 0;
+  StageMs median;           ///< of the runs
+  size_t device_bytes = 0;  ///< of images, estimates and scratch
 };
 
 /// Runs the stages on a textured wall seen by `source_views` + 1 cameras.

@@ -14,10 +14,10 @@
 #include <sensor_msgs/point_cloud2_iterator.h>
 #include <std_msgs/String.h>
 
+#include "acmp_mapping/bags/bag_recording.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/ros/output_conversion.h"
-#include "bag_messages.h"
 #include "dataset/test_folder.h"
 
 namespace acmp {

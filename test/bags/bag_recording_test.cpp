@@ -9,10 +9,9 @@
 #include <rosbag/view.h>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/companions.h"
 #include "acmp_mapping/dataset/image_codec.h"
-#include "acmp_mapping/dataset/masks.h"
 #include "acmp_mapping/ros/bag_writer.h"
-#include "bag_messages.h"
 #include "dataset/test_folder.h"
 
 namespace acmp {
@@ -169,30 +168,15 @@ TEST_F(RecordSceneTest, RecordsMasksAtTheSizeOfTheirImages) {
   EXPECT_THROW(RecordScene(scene_, {1}, options, folder() / "out.bag"), InvalidInputError);
 }
 
-TEST_F(RecordSceneTest, PassesCompressedFilesThrough) {
-  RecordingOptions options;
-  options.compressed = true;
-  RecordScene(scene_, {1}, options, folder() / "out.bag");
-  const auto images =
-      ReadAll<sensor_msgs::CompressedImage>(folder() / "out.bag", std::string(kImageTopic) + "/compressed");
-  ASSERT_EQ(images.size(), 1u);
-  EXPECT_EQ(images[0]->format, "png");
-  EXPECT_EQ(std::string(images[0]->data.begin(), images[0]->data.end()), ReadText(scene_.images[1].path));
-}
-
 TEST_F(RecordSceneTest, ATruncatedImageLeavesNoBag) {
   const std::string bytes = ReadText(scene_.images[1].path);
   WriteText("1.png", bytes.substr(0, bytes.size() / 2));
-  for (const bool compressed : {false, true}) {
-    RecordingOptions options;
-    options.compressed = compressed;
-    EXPECT_THAT(MessageOf<InvalidInputError>([&] {
-                  RecordScene(scene_, {0, 1}, options, folder() / "out.bag");
-                }),
-                HasSubstr("1.png"));
-    EXPECT_FALSE(std::filesystem::exists(folder() / "out.bag"));
-    EXPECT_FALSE(std::filesystem::exists(folder() / "out.bag.partial"));
-  }
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] {
+                RecordScene(scene_, {0, 1}, {}, folder() / "out.bag");
+              }),
+              HasSubstr("1.png"));
+  EXPECT_FALSE(std::filesystem::exists(folder() / "out.bag"));
+  EXPECT_FALSE(std::filesystem::exists(folder() / "out.bag.partial"));
 }
 
 TEST_F(BagWriterTest, TwoWritersOfOneBagDoNotDisturbEachOther) {

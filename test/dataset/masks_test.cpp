@@ -1,4 +1,4 @@
-#include "acmp_mapping/dataset/masks.h"
+#include "acmp_mapping/dataset/companions.h"
 
 #include <gmock/gmock.h>
 

@@ -10,7 +10,7 @@
 #include <gmock/gmock.h>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/masks.h"
+#include "acmp_mapping/dataset/companions.h"
 #include "dataset/test_folder.h"
 #include "support/error_text.h"
 

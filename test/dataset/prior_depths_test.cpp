@@ -1,4 +1,4 @@
-#include "acmp_mapping/dataset/prior_depths.h"
+#include "acmp_mapping/dataset/companions.h"
 
 #include <gmock/gmock.h>
 
@@ -64,7 +64,7 @@ TEST_F(PriorDepthsTest, WhatIsNoneIsRefused) {
                     HasSubstr("there is frame.pfm")));
   WritePfm(Path("000000.pfm"), Depth(2, 2));
   WriteDmb(Path("000000.dmb"), Depth(2, 2));
-  EXPECT_THAT(MessageOf<InvalidInputError>(add), AllOf(HasSubstr("two maps"), HasSubstr("000000.dmb")));
+  EXPECT_THAT(MessageOf<InvalidInputError>(add), AllOf(HasSubstr("two files of prior depth"), HasSubstr("000000.dmb")));
   std::filesystem::remove(Path("000000.dmb"));
   WriteText("depths/000000.pfm", "Pf\n2 1\n-1.0\nabcd");
   scene = ReadColmap();

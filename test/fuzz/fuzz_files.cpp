@@ -1,11 +1,11 @@
 // Readers of files.
 
 #include "acmp_mapping/dataset/camera_list.h"
+#include "acmp_mapping/dataset/companions.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
-#include "acmp_mapping/dataset/masks.h"
 #include "acmp_mapping/dataset/scene.h"
-#include "acmp_mapping/evaluation/cloud_metrics.h"
+#include "acmp_mapping/evaluation/evaluate.h"
 #include "fuzz/fuzz_input.h"
 
 namespace acmp {
@@ -44,7 +44,7 @@ ACMP_FUZZ_TARGET(cloud_tiles) {
   static const fuzz::Folder folder;
   WritePly(folder.path() / "0_0_0.ply", PointCloud(2));
   folder.Write("index.json", fuzz::Bytes(data, size).Rest());
-  fuzz::MayRefuse([&] { ReadTiledCloud(folder.path()); });
+  fuzz::MayRefuse([&] { ReadCloud(folder.path(), 1); });
   return 0;
 }
 
@@ -106,15 +106,6 @@ ACMP_FUZZ_TARGET(mvsnet) {
   folder.Write("cams/00000000_cam.txt", parts[1]);
   folder.Write("cams/00000001_cam.txt", parts[2]);
   folder.Read(SceneFormat::kMvsnet);
-  return 0;
-}
-
-/// A PCD cloud.
-ACMP_FUZZ_TARGET(pcd) {
-  static const fuzz::Folder folder;
-  const auto path = folder.Write("cloud.pcd", fuzz::Bytes(data, size).Rest());
-  size_t not_finite = 0;
-  fuzz::MayRefuse([&] { ReadPcd(path, &not_finite); });
   return 0;
 }
 

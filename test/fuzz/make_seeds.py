@@ -65,13 +65,6 @@ seed("ply", "binary.ply", PLY.format("binary_little_endian").encode() +
      struct.pack("<6f3B", 0, 0, 1, 0, 0, -1, 9, 8, 7) * 2 + struct.pack("<B3i", 3, 0, 1, 1))
 seed("cloud_tiles", "index.json", '{"tile_size": 1.0, "points": 2, "tiles": [\n'
      '{"file":"0_0_0.ply","points":2,"min":[0.0,0.0,0.0],"max":[0.0,0.0,0.0]}\n]}\n')
-PCD = "VERSION .7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1\nWIDTH 2\nHEIGHT 1\n" \
-    "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA {}\n"
-seed("pcd", "ascii.pcd", PCD.format("ascii") + "0 0 1 0\nnan 0 1 0\n")
-seed("pcd", "binary.pcd", PCD.format("binary").encode() + struct.pack("<8f", *range(8)))
-# LZF: one run of 32 literal bytes, all x before all y.
-seed("pcd", "compressed.pcd", PCD.format("binary_compressed").encode() +
-     struct.pack("<II", 33, 32) + b"\x1f" + struct.pack("<8f", *range(8)))
 seed("work_file", "estimate", struct.pack("<IiiiI30f", 0x34545345, 3, 2, 0, 0, *range(30)))
 seed("work_file", "final_maps", struct.pack("<IiiiI36f18B", 0x3350414d, 3, 2, 1, 0, *range(54)))
 seed("output_folder", "complete", "# settings of the run that made this folder\npreset = acmp\n",

@@ -7,7 +7,6 @@
 #include <cstring>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/mesh/voxel_size.h"
 #include "mesh/sphere_views.h"
 #include "support/error_text.h"
 

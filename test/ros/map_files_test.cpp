@@ -1,16 +1,12 @@
 // Files of the map, read by PCL.
 
 #include <filesystem>
-#include <functional>
-#include <limits>
 
 #include <gtest/gtest.h>
 #include <pcl/io/pcd_io.h>
 #include <pcl/io/ply_io.h>
 #include <pcl/point_types.h>
 
-#include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/map/map_writer.h"
 #include "ros/map_point.h"
 
@@ -67,40 +63,6 @@ TEST(MapFiles, PclReadsThem) {
     pcl::PointCloud<pcl::PointXYZRGBA> colors;  // some read the colours as whole numbers
     ASSERT_EQ(pcl::io::loadPCDFile(pcd, colors), 0);
     EXPECT_EQ(colors[5].g, map[5].color.g);
-  }
-}
-
-TEST(MapFiles, ReadPcdReadsWhatPclWrites) {
-  const fs::path folder = fs::path(testing::TempDir()) / "pcl_writes_pcd";
-  fs::create_directories(folder);
-  const std::string path = (folder / "cloud.pcd").string();
-  pcl::PointCloud<pcl::PointXYZRGBNormal> cloud;
-  for (int i = 0; i < 1000; ++i) {
-    cloud.emplace_back();
-    cloud.back().x = 0.25f * static_cast<float>(i % 7);  // repeats, for the compression
-    cloud.back().y = i == 5 ? std::numeric_limits<float>::quiet_NaN() : static_cast<float>(i);
-    cloud.back().z = 1;
-  }
-  const std::function<int()> writers[] = {[&] { return pcl::io::savePCDFileASCII(path, cloud); },
-                                          [&] { return pcl::io::savePCDFileBinary(path, cloud); },
-                                          [&] { return pcl::io::savePCDFileBinaryCompressed(path, cloud); }};
-  for (const auto& write : writers) {
-    ASSERT_EQ(write(), 0);
-    size_t not_finite = 0;
-    const PointCloud points = ReadPcd(path, &not_finite);
-    EXPECT_EQ(not_finite, 1u);
-    ASSERT_EQ(points.size(), 999u);
-    for (size_t i = 0; i < points.size(); ++i) {
-      const auto& expected = cloud[i < 5 ? i : i + 1];
-      EXPECT_EQ(points[i].position.x, expected.x);
-      EXPECT_EQ(points[i].position.y, expected.y);
-      EXPECT_EQ(points[i].position.z, expected.z);
-    }
-    // Cut off anywhere it is refused, never read beyond its end.
-    for (uintmax_t bytes = fs::file_size(path); bytes > 200; bytes -= bytes / 5) {
-      fs::resize_file(path, bytes - bytes / 5);
-      EXPECT_THROW(ReadPcd(path, &not_finite), InvalidInputError) << bytes;
-    }
   }
 }
 

@@ -55,16 +55,7 @@ grep -q '"true_maps": 3' cloud.json || { echo "FAILED: cloud.json"; failures=$((
 expect 2 "--max-depth = 9: needs a folder" "$bin/acmp_evaluate" cloud b/surface.ply a/surface.ply --max-depth 9
 expect 2 "missing.ply" "$bin/acmp_evaluate" cloud missing.ply b/surface.ply
 
-# A PCD file is the same cloud.
 printf 'ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 1\n1 0 1\n' >two.ply
-pcd_header='# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH %d\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS %d\nDATA ascii\n'
-# shellcheck disable=SC2059
-printf "${pcd_header}0 0 1\n1 0 1\nnan nan nan\n" 3 3 >two.pcd
-expect 0 "1 of 3 points are not finite and left out" "$bin/acmp_evaluate" cloud two.pcd two.ply
-diff <("$bin/acmp_evaluate" cloud two.pcd two.ply 2>/dev/null) <("$bin/acmp_evaluate" cloud two.ply two.ply) ||
-  { echo "FAILED: PCD and PLY differ"; failures=$((failures + 1)); }
-expect 2 "missing.pcd" "$bin/acmp_evaluate" cloud missing.pcd two.ply
-
 # A cloud in tiles is the same cloud.
 mkdir tiles
 for x in 0 1; do
@@ -84,10 +75,6 @@ expect_tiles_refused "1_0_0.ply: has 1 points: must be 2" '{"tiles": [{"file": "
 expect_tiles_refused "must be in the same folder" '{"tiles": [{"file": "../two.ply", "points": 2}]}'
 expect_tiles_refused 'a tile must have "file"' '{"tiles": [{"file": 7, "points": 2}]}'
 expect_tiles_refused 'must be JSON with a list' '{"tiles": {}}'
-sed 's/FIELDS x y z/FIELDS a b c/' two.pcd >abc.pcd
-expect 2 "there is no field x" "$bin/acmp_evaluate" cloud abc.pcd two.ply
-echo "no PCD" >text.pcd
-expect 2 "no PCD file: its header has no line DATA" "$bin/acmp_evaluate" cloud text.pcd two.ply
 # What it prints is its result: where that does not get out, it has failed.
 for tool in "$bin/acmp_evaluate cloud two.ply two.ply" "$bin/acmp_evaluate depth a a/depth"; do
   $tool >/dev/null 2>&1 || { echo "FAILED: $tool"; failures=$((failures + 1)); }

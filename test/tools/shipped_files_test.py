@@ -330,7 +330,7 @@ class RvizConfig(unittest.TestCase):
 
     def test_fixed_frame_is_that_of_recorded_bags(self):
         with open(os.path.join(SOURCE, "include/acmp_mapping/bags/bag_recording.h")) as file:
-            frame = re.search(r'world_frame = "(\w+)"', file.read()).group(1)
+            frame = re.search(r'kWorldFrame\[\] = "(\w+)"', file.read()).group(1)
         self.assertEqual(self.manager["Global Options"]["Fixed Frame"], frame)
 
 

@@ -5,7 +5,12 @@
 #include <string>
 #include <vector>
 
+#include <geometry_msgs/PoseStamped.h>
 #include <ros/time.h>
+#include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/Image.h>
+#include <sensor_msgs/PointCloud2.h>
+#include <tf2_msgs/TFMessage.h>
 
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/synthetic/synthetic_scene.h"
@@ -13,17 +18,17 @@
 namespace acmp {
 
 struct RecordingOptions {
-  double rate_hz = 5;                  ///< images per second of bag time, 0.001..1000
-  uint32_t start_time_s = 1600000000;  ///< stamp of image 0, > 0; fixed, so that the same input gives the same bytes
-  int max_image_size = 0;              ///< px of the longer side; 0: as stored. Not with `compressed`
-  bool compressed = false;             ///< the JPEG and PNG files as they are, as sensor_msgs/CompressedImage
-  std::string world_frame = "world";
-  std::string camera_frame = "camera_optical";
+  double rate_hz = 5;      ///< images per second of bag time, 0.001..1000
+  int max_image_size = 0;  ///< px of the longer side; 0: as stored
 };
 /// Throws InvalidInputError naming the first field out of bounds.
 void Validate(const RecordingOptions& options);
 
-/// Topics of a recorded bag; compressed images go to kImageTopic + "/compressed".
+constexpr uint32_t kStartTime_s = 1600000000;  ///< stamp of image 0: the same input gives the same bytes
+constexpr char kWorldFrame[] = "world";
+constexpr char kCameraFrame[] = "camera_optical";
+
+/// Topics of a recorded bag.
 constexpr char kImageTopic[] = "/camera/image_raw";
 constexpr char kMaskTopic[] = "/slam/mask";  ///< of images that have one (AddMasks): mono8, of the image's size
 constexpr char kCameraInfoTopic[] = "/camera/camera_info";
@@ -50,5 +55,22 @@ RecordingSummary RecordScene(const Scene& scene, const std::vector<int>& indices
 /// closure corrects comes before the image after it.
 RecordingSummary RecordSynthetic(const std::vector<SyntheticView>& views, const RecordingOptions& options,
                                  const std::filesystem::path& bag_path, const SlamRun* slam = nullptr);
+
+// Messages of a recorded bag from the core's types. Headers are the caller's.
+
+/// mono8, 0 = ignore.
+sensor_msgs::Image ToMaskMessage(const Mask& mask, const std_msgs::Header& header);
+
+/// K, P = [K 0], R = identity and the distortion under ROS's names: plumb_bob (5 coefficients; zero when there is
+/// none), rational_polynomial (8) and equidistant (4).
+sensor_msgs::CameraInfo ToCameraInfo(const PinholeCamera& camera, const LensDistortion& distortion,
+                                     const std_msgs::Header& header);
+
+/// The camera's pose T_world_cam, optical axes; header.frame_id names the world.
+geometry_msgs::PoseStamped ToPoseStamped(const RigidTransform& cam_from_world, const std_msgs::Header& header);
+tf2_msgs::TFMessage ToTf(const geometry_msgs::PoseStamped& world_from_cam, const std::string& camera_frame);
+
+/// Fields x, y, z in float32.
+sensor_msgs::PointCloud2 ToPointCloud2(const std::vector<Eigen::Vector3d>& points, const std_msgs::Header& header);
 
 }  // namespace acmp

@@ -65,18 +65,10 @@ class PlyFile {
 /// Where the coordinates of clouds begin that are read to be compared: chosen by the first point that is read
 /// (LocalOrigin), so that those of UTM or geocentric coordinates keep their millimetres.
 using ReadOrigin = std::optional<Eigen::Vector3d>;
-/// Of a point that is read, in double. @param origin null: the world's
-Vec3f FromOrigin(const Eigen::Vector3d& position, ReadOrigin* origin);
-
 /// Reads x y z and, where present, normals, colours and confidence of a binary little-endian or ASCII PLY; other
 /// properties and elements are skipped.
-/// @param origin see FromOrigin
+/// @param origin null: the world's
 PointCloud ReadPly(const std::filesystem::path& path, ReadOrigin* origin = nullptr);
-/// Positions of a PCD file: ASCII, binary or compressed, with float x y z of 32 or 64 bits. Throws InvalidInputError
-/// that says where the file cannot be read.
-/// @param not_finite how many points are not: they are left out, an organised cloud has no point there
-/// @param origin see FromOrigin
-PointCloud ReadPcd(const std::filesystem::path& path, size_t* not_finite, ReadOrigin* origin = nullptr);
 
 /// Vertices as the points of the cloud above, then faces as lists of three vertices.
 void WritePlyMesh(const std::filesystem::path& path, const TriangleMesh& mesh,

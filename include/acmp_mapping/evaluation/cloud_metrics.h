@@ -1,11 +1,9 @@
 #pragma once
 
 #include <cstdint>
-#include <filesystem>
 #include <memory>
 #include <vector>
 
-#include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/fusion/point_cloud.h"
 #include "acmp_mapping/fusion/triangle_mesh.h"
 #include "acmp_mapping/geometry/pinhole_camera.h"
@@ -74,14 +72,5 @@ class ObservedSurface {
 /// Points all over a mesh, at most `spacing` apart: the middles of the equal triangles into which each triangle is cut.
 /// Throws InvalidInputError unless spacing is positive and finite, and for more than 2^31 points.
 PointCloud SampleMesh(const TriangleMesh& mesh, double spacing);
-
-/// Whether a path is that of a cloud in tiles: a folder with index.json, or that file.
-bool IsTiledCloud(const std::filesystem::path& path);
-
-/// All points of a cloud in tiles, tile by tile in the order of index.json, which acmp_reconstruct --tile-size writes.
-/// Throws InvalidInputError for an index that cannot be read, and a tile that is missing, damaged or has another number
-/// of points.
-/// @param origin see FromOrigin
-PointCloud ReadTiledCloud(const std::filesystem::path& path, ReadOrigin* origin = nullptr);
 
 }  // namespace acmp

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <filesystem>
-#include <functional>
 #include <set>
 #include <string>
 #include <vector>
@@ -26,7 +25,6 @@ struct DepthEvaluationOptions {
   std::filesystem::path scene;
   std::filesystem::path predictions;
   GroundTruthOptions truth;
-  std::string name;                ///< see FindPredictions
   double scale = 1.0;              ///< predictions are multiplied by it, > 0
   bool median_scale = false;       ///< then each by its own MedianScale
   double low_texture = 4.0;        ///< grey levels; 0 turns the row off
@@ -69,14 +67,19 @@ Image<unsigned char> ReadGray8(const std::filesystem::path& path);
 Image<unsigned char> LowTextureMask(Image<unsigned char> picture, int width, int height, double threshold);
 
 struct CloudEvaluationOptions {
-  std::filesystem::path reconstruction;  ///< what read_cloud reads
+  std::filesystem::path reconstruction;  ///< what ReadCloud reads
   std::filesystem::path ground_truth;    ///< the same, or a scene: folder with cameras.txt and true depth maps
   GroundTruthOptions truth;              ///< of a scene
   std::vector<double> thresholds = {0.02, 0.05};
   double voxel_size = 0.01;
-  std::function<PointCloud(const std::filesystem::path&, ReadOrigin*)> read_cloud =
-      ReadPly;  ///< throws InvalidInputError
 };
+
+/// The points of a PLY file, of its surface where it is a mesh, or of a cloud in tiles that acmp_reconstruct
+/// --tile-size writes: the folder or its index.json. Throws InvalidInputError as ReadPlyMesh and SampleMesh do, for an
+/// index that cannot be read, and a tile that is missing, damaged or has another number of points.
+/// @param mesh_spacing of the points on a mesh
+/// @param origin see ReadPly
+PointCloud ReadCloud(const std::filesystem::path& path, double mesh_spacing, ReadOrigin* origin = nullptr);
 
 struct CloudEvaluation {
   size_t reconstructed_points = 0;

@@ -13,7 +13,6 @@
 #include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/geometry/refined_camera.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
-#include "acmp_mapping/map/later_views.h"
 #include "acmp_mapping/map/loop_correction.h"
 
 namespace acmp {
@@ -73,6 +72,13 @@ struct KeyframePose {
   std::optional<RefinedAndReceived> refined = {};
 
   const RigidTransform& received() const { return refined ? refined->received : world_from_cam; }
+};
+
+/// How many later keyframes saw a surface where a point is, and how many saw through it (a free-space violation in
+/// Merrell et al., Real-Time Visibility-Based Fusion of Depth Maps, ICCV 2007); 255 at most.
+struct LaterViews {
+  uint8_t confirming = 0;
+  uint8_t through = 0;
 };
 
 /// A keyframe as it goes to a file and comes back.

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <memory>
+#include <vector>
 
 #include "acmp_mapping/fusion/triangle_mesh.h"
 #include "acmp_mapping/geometry/posed_camera.h"
@@ -66,5 +67,15 @@ class DistanceVolume {
   const DistanceVolumeOptions options_;
   std::unique_ptr<Grids> grids_;
 };
+
+/// Voxels of a mesh by default: so many pixels wide where a surface is at the median depth. Noise of depth is larger
+/// than a pixel, so that smaller voxels only make more triangles.
+constexpr double kVoxelPixels = 2.5;
+
+/// What a pixel covers at the map's median depth, unit of the depths. 0 for a map without depth.
+double MedianFootprint(const PinholeCamera& camera, const ImageView<const float>& depth);
+
+/// kVoxelPixels of the median footprint. Throws InvalidInputError when none is positive.
+double DefaultVoxelSize(std::vector<double> footprints);
 
 }  // namespace acmp

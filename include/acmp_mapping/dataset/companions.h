@@ -7,6 +7,7 @@
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/image/mask.h"
 
+// Files beside the images of a scene, in folders of their own: masks, and depth maps from outside.
 namespace acmp {
 
 /// Finds the masks of a scene's images in a folder, named as COLMAP names them: that of images/a/b.jpg is
@@ -22,5 +23,13 @@ Mask ReadMask(const std::filesystem::path& path, const ImageSize& of_image);
 /// What of the undistorted image counts: neither what its mask ignores, nor what the lens did not see. Empty where all
 /// does. Throws as ReadMask does.
 Mask LoadMask(const SceneImage& image);
+
+/// Finds the depth maps from outside of a scene's images in a folder: that of images/a/b.jpg is FOLDER/a/b with .pfm,
+/// .dmb or .png (16 bit, thousandths), or the whole name with one of these. Returns how many images have one. Throws
+/// InvalidInputError where the folder is missing or has one for no image, and where an image has several.
+size_t AddPriorDepths(const std::filesystem::path& folder, Scene* scene);
+
+/// As stored; 0: unknown. Empty: the image has none. Throws as ReadDepth does.
+DepthMap ReadPriorDepthOf(const SceneImage& image);
 
 }  // namespace acmp
