@@ -114,7 +114,7 @@ DepthEvaluation EvaluateDepthFolder(const DepthEvaluationOptions& options) {
   std::vector<ListedImage> images;
   for (const ListedCamera& camera : ReadCameraList(options.scene / "cameras.txt")) images.push_back(camera.image);
   const fs::path truth_folder = FindFolder(options.scene, options.truth.folder);
-  PredictionIndex predictions = FindPredictions(options.predictions, images);
+  PredictionIndex predictions = FindPredictions(options.predictions, images, options.name);
 
   DepthEvaluation evaluation;
   evaluation.notes = std::move(predictions.notes);

@@ -35,16 +35,41 @@ std::vector<fs::path> SortedEntries(const fs::path& folder) {
   return entries;
 }
 
+// The output of the public ACMP program.
+std::map<int, fs::path> FindAcmpOutput(const std::vector<fs::path>& entries, const std::string& name) {
+  const std::vector<std::string> candidates =
+      name.empty() ? std::vector<std::string>{"depths_geom.dmb", "depths_prior.dmb", "depths.dmb"}
+                   : std::vector<std::string>{name};
+  std::map<int, fs::path> found;
+  for (const fs::path& folder : entries) {
+    const auto index = LastNumber(folder.filename().string());
+    for (const std::string& candidate : candidates) {
+      if (!index || !fs::exists(folder / candidate)) continue;
+      found[*index] = folder / candidate;
+      break;
+    }
+  }
+  return found;
+}
+
+std::regex ParsePattern(const std::string& text) {
+  try {
+    return std::regex(text);
+  } catch (const std::regex_error& error) {
+    throw InvalidInputError(Concat("--name \"", text, "\": not a regular expression: ", error.what()));
+  }
+}
+
 // Files of an extension: an image's own stem goes before its index, which the first file in order gets.
 std::map<int, fs::path> FindNamedMaps(const std::vector<fs::path>& entries, const std::vector<ListedImage>& images,
-                                      const char* extension) {
+                                      const std::regex& pattern, const char* extension) {
   std::map<std::string, int> index_of_stem;
   for (const ListedImage& image : images) {
     index_of_stem[fs::path(image.name).replace_extension().string()] = image.index;
   }
   std::map<int, fs::path> found;
   for (const fs::path& file : entries) {
-    if (LowerExtension(file) != extension) continue;
+    if (LowerExtension(file) != extension || !std::regex_search(file.filename().string(), pattern)) continue;
     const std::string stem = file.stem().string();
     if (const auto own = index_of_stem.find(stem); own != index_of_stem.end()) {
       found[own->second] = file;
@@ -57,19 +82,31 @@ std::map<int, fs::path> FindNamedMaps(const std::vector<fs::path>& entries, cons
 
 }  // namespace
 
-PredictionIndex FindPredictions(const fs::path& folder, const std::vector<ListedImage>& images) {
+PredictionIndex FindPredictions(const fs::path& folder, const std::vector<ListedImage>& images,
+                                const std::string& name) {
   if (!fs::is_directory(folder)) throw InvalidInputError(Concat(folder.string(), ": no such folder of predictions"));
   const std::vector<fs::path> entries = SortedEntries(folder);
-  PredictionIndex index;
-  size_t set_aside = 0;
-  for (const char* extension : {".pfm", ".dmb", ".png"}) {
-    for (const auto& [image, path] : FindNamedMaps(entries, images, extension)) {
-      set_aside += !index.files.emplace(image, path).second;
-    }
+  std::vector<fs::path> acmp_folders;
+  for (const fs::path& entry : entries) {
+    if (entry.filename().string().rfind("2333_", 0) == 0) acmp_folders.push_back(entry);
   }
-  if (set_aside > 0)
-    index.notes.push_back(
-        Concat(set_aside, " maps left aside for another of their image: .pfm before .dmb before .png"));
+
+  PredictionIndex index;
+  if (!acmp_folders.empty()) {
+    index.files = FindAcmpOutput(acmp_folders, name);
+  } else {
+    const std::regex pattern = ParsePattern(name);
+    index.files = FindNamedMaps(entries, images, pattern, ".pfm");
+    size_t set_aside = 0;
+    for (const char* extension : {".dmb", ".png"}) {
+      for (const auto& [image, path] : FindNamedMaps(entries, images, pattern, extension)) {
+        set_aside += !index.files.emplace(image, path).second;
+      }
+    }
+    if (set_aside > 0)
+      index.notes.push_back(
+          Concat(set_aside, " maps left aside for another of their image: .pfm before .dmb before .png"));
+  }
   const bool any = std::any_of(images.begin(), images.end(),
                                [&](const ListedImage& image) { return index.files.count(image.index) > 0; });
   if (!any)

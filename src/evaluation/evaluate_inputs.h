@@ -17,9 +17,12 @@ struct PredictionIndex {
 };
 
 /// Finds the depth maps of a folder: .pfm, .dmb or .png named by the image's own stem or by its index (the last number
-/// in the file name). Of several for one image .pfm goes before .dmb and that before .png. Throws InvalidInputError
-/// when the folder or every map is missing.
-PredictionIndex FindPredictions(const std::filesystem::path& folder, const std::vector<ListedImage>& images);
+/// in the file name), or ACMP's own output (2333_<index>/depths_geom.dmb, else depths_prior.dmb, else depths.dmb).
+/// Of several for one image .pfm goes before .dmb and that before .png. `name`, if not empty, is the file to read in
+/// 2333_* folders, else a regular expression that file names must contain. Throws InvalidInputError when the folder or
+/// every map is missing.
+PredictionIndex FindPredictions(const std::filesystem::path& folder, const std::vector<ListedImage>& images,
+                                const std::string& name);
 
 /// The true map of an image; empty when the folder has none.
 DepthMap ReadGroundTruth(const std::filesystem::path& folder, int index, const GroundTruthOptions& options);

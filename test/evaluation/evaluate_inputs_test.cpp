@@ -23,10 +23,10 @@ class EvaluateInputsTest : public TestFolder {
  protected:
   void Touch(const std::string& name) const { WriteText(name, "x"); }
 
-  PredictionIndex Find() const { return FindPredictions(folder(), images_); }
+  PredictionIndex Find(const std::string& name = "") const { return FindPredictions(folder(), images_, name); }
 
-  std::string FileOf(int image) const {
-    const PredictionIndex index = Find();
+  std::string FileOf(int image, const std::string& name = "") const {
+    const PredictionIndex index = Find(name);
     const auto found = index.files.find(image);
     return found == index.files.end() ? "" : fs::relative(found->second, folder()).string();
   }
@@ -51,6 +51,7 @@ TEST_F(EvaluateInputsTest, TheOwnStemGoesBeforeTheIndexAndTheFirstFileBeforeLate
   Touch("b_1.dmb");
   EXPECT_EQ(FileOf(0), "P100.dmb");
   EXPECT_EQ(FileOf(1), "a_1.dmb");
+  EXPECT_EQ(FileOf(1, "^b_"), "b_1.dmb");
 }
 
 TEST_F(EvaluateInputsTest, PrefersPfmAndSaysSo) {
@@ -62,11 +63,23 @@ TEST_F(EvaluateInputsTest, PrefersPfmAndSaysSo) {
   EXPECT_THAT(Find().notes, ElementsAre(HasSubstr("1 maps left aside")));
 }
 
+TEST_F(EvaluateInputsTest, ReadsTheOutputOfThePublicProgram) {
+  Touch("2333_00000000/depths.dmb");
+  Touch("2333_00000000/depths_geom.dmb");
+  Touch("2333_00000007/depths.dmb");
+  Touch("2333_00000001/normals.dmb");
+  EXPECT_EQ(FileOf(0), "2333_00000000/depths_geom.dmb");
+  EXPECT_EQ(FileOf(7), "2333_00000007/depths.dmb");
+  EXPECT_EQ(FileOf(1), "");
+  EXPECT_EQ(FileOf(0, "depths.dmb"), "2333_00000000/depths.dmb");
+}
+
 TEST_F(EvaluateInputsTest, RefusesFoldersWithoutAnyMapOfTheScene) {
   EXPECT_THROW(Find(), InvalidInputError);
   Touch("000003.pfm");  // not an image of the scene
   EXPECT_THROW(Find(), InvalidInputError);
-  EXPECT_THROW(FindPredictions(folder() / "missing", images_), InvalidInputError);
+  EXPECT_THROW(FindPredictions(folder() / "missing", images_, ""), InvalidInputError);
+  EXPECT_THROW(Find("("), InvalidInputError);
 }
 
 }  // namespace

@@ -25,6 +25,7 @@ struct DepthEvaluationOptions {
   std::filesystem::path scene;
   std::filesystem::path predictions;
   GroundTruthOptions truth;
+  std::string name;                ///< see FindPredictions
   double scale = 1.0;              ///< predictions are multiplied by it, > 0
   bool median_scale = false;       ///< then each by its own MedianScale
   double low_texture = 4.0;        ///< grey levels; 0 turns the row off
