@@ -57,9 +57,11 @@ void WindowPoses::Finish(const KeyframeWindow& window) {
   const std::optional<PoseRefinement> refinement = found_.get();
   if (!refinement) {
     if (const WindowKeyframePtr keyframe = window.Find(newest_.id)) keyframe->stands_since = moved_;
+    if (++num_standing_ >= kContradictionImages) checks_.contradiction = 0;  // of the last images
     return;
   }
   moved_ = newest_;
+  num_standing_ = 0;
   if (refinement->checks.contradiction) checks_.contradiction = refinement->checks.contradiction;
   checks_.stamp_offset_s = refinement->checks.stamp_offset_s;
   checks_.distortion_px = refinement->checks.distortion_px;
@@ -77,6 +79,7 @@ void WindowPoses::Finish(const KeyframeWindow& window) {
 void WindowPoses::Reset() {
   if (found_.valid()) found_.wait();
   found_ = {};
+  num_standing_ = 0;
   checks_ = {};
   if (refiner_) refiner_->Reset();
 }

@@ -35,6 +35,7 @@ class WindowPoses {
   std::unique_ptr<PoseRefiner> refiner_;  ///< null: poses stay as received
   ReceivedPose newest_;                   ///< that was given to it
   ReceivedPose moved_;                    ///< the newest one that it has kept: the camera had moved
+  size_t num_standing_ = 0;               ///< keyframes since then
   /// None: the camera stands since moved_. Last: its thread is gone before what is above.
   std::future<std::optional<PoseRefinement>> found_;
 };
