@@ -26,7 +26,7 @@ struct PlacedPose {
 };
 
 /// Where a keyframe is matched.
-struct KeyframePose {
+struct MatchingPose {
   std::optional<RigidTransform> refined;  ///< cam_from_world to match with; none: the frame's
   PlacedPose placed;                      ///< where that puts the maps in the frontend's world
 };
@@ -59,7 +59,7 @@ struct WindowKeyframe {
   /// Its refined maps must not be used, since received poses contradict the images, or new ones were not made.
   std::atomic<bool> is_withdrawn{false};
 
-  KeyframePose pose;
+  MatchingPose pose;
   std::optional<ReceivedPose> stands_since;  ///< of the earlier keyframe since which the camera stands; none: it moved
 
   EngineImagePtr image;       ///< null until the keyframe is first used as reference or source view

@@ -6,7 +6,7 @@ namespace acmp {
 namespace {
 
 /// As the frontend has moved since another keyframe.
-void PredictPose(const RigidTransform& received_before, const KeyframePose& before, WindowKeyframe* keyframe) {
+void PredictPose(const RigidTransform& received_before, const MatchingPose& before, WindowKeyframe* keyframe) {
   const RigidTransform& received = keyframe->frame->cam_from_world;
   keyframe->pose = {std::nullopt, {received, 1, std::nullopt, PoseFit()}};
   if (!before.refined) return;
@@ -18,7 +18,8 @@ void PredictPose(const RigidTransform& received_before, const KeyframePose& befo
   keyframe->pose = {refined, placed};
 }
 
-KeyframePose PoseFrom(const RefinedPose& pose, const PoseRefinement& refinement) {
+/// As the refinement has found it.
+MatchingPose PoseFrom(const RefinedPose& pose, const PoseRefinement& refinement) {
   const auto scale = static_cast<float>(refinement.scale);
   if (!refinement.changed) return {std::nullopt, {pose.cam_from_received, scale, std::nullopt, pose.received_fit}};
   const RefinedCamera camera = {refinement.world, pose.cam_from_world.inverse(), refinement.scale};
@@ -70,7 +71,7 @@ void WindowPoses::Finish(const KeyframeWindow& window) {
     const auto& poses = refinement->poses;
     const auto pose = std::find_if(poses.begin(), poses.end(), [id](const RefinedPose& p) { return p.id == id; });
     if (pose == poses.end()) continue;
-    const KeyframePose found = PoseFrom(*pose, *refinement);
+    const MatchingPose found = PoseFrom(*pose, *refinement);
     if (!keyframe->stands_since) keyframe->pose = found;
     if (keyframe->stands_since) PredictPose(keyframe->stands_since->cam_from_world, found, keyframe.get());
   }
