@@ -227,7 +227,6 @@ struct DenseMapper::Impl {
 
   void Submit(const WindowKeyframePtr& keyframe, FinishedEstimate estimate) {
     const bool again = std::exchange(keyframe->state, State::kFinished) == State::kFinished;
-    keyframe->is_withdrawn = false;
     outputs.SubmitRefined(keyframe, std::move(estimate), options.pipeline.fusion, again);
   }
 

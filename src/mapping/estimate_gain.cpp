@@ -16,7 +16,7 @@ bool IsInImage(const Eigen::Vector2d& pixel, const PinholeCamera& camera) {
 /// px, mean of nine points of the keyframe's image over the views that are still there.
 double MeanShift(const WindowKeyframe& keyframe, const std::vector<MatchedView>& views) {
   const PinholeCamera& camera = keyframe.frame->camera;
-  const double depth = TypicalDepth(keyframe.range) / keyframe.placed.scale;
+  const double depth = TypicalDepth(keyframe.range) / keyframe.pose.placed.scale;
   double sum = 0;
   int count = 0;
   for (const MatchedView& view : views) {

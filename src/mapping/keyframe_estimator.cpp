@@ -30,14 +30,14 @@ EngineView KeyframeEstimator::MakeView(WindowKeyframe* keyframe) {
     keyframe->image = engine_->Load(keyframe->frame, levels);
     keyframe->image_levels = levels;
   }
-  return {keyframe->frame, keyframe->image, nullptr, keyframe->refined_pose};
+  return {keyframe->frame, keyframe->image, nullptr, keyframe->pose.refined};
 }
 
 EngineProblem KeyframeEstimator::MakeProblem(WindowKeyframe* keyframe, const SourceViews& sources) {
   EngineProblem problem;
   problem.reference = MakeView(keyframe);
   for (const WindowKeyframePtr& source : sources.keyframes) problem.sources.push_back(MakeView(source.get()));
-  const float scale = keyframe->placed.scale;
+  const float scale = keyframe->pose.placed.scale;
   problem.depth_range = {keyframe->range.min / scale, keyframe->range.max / scale};
   return problem;
 }
@@ -49,7 +49,7 @@ FinishedEstimate KeyframeEstimator::Initialise(WindowKeyframe* keyframe, const S
   keyframe->initial_score = sources.score;
   keyframe->initial_views = MatchedViews(problem, sources);
   keyframe->times += estimator_.last_times();
-  return {std::move(problem), sources.Ids(), keyframe->placed, keyframe->times};
+  return {std::move(problem), sources.Ids(), keyframe->pose.placed, keyframe->times};
 }
 
 KeyframeRefinement KeyframeEstimator::Begin(const WindowKeyframePtr& keyframe, const SourceViews& sources,
@@ -91,7 +91,7 @@ FinishedEstimate KeyframeEstimator::Finish(KeyframeRefinement refinement) {
   keyframe.refined_views = MatchedViews(problem, refinement.sources);
   keyframe.times = StageTimes();
   if (!refinement.lacks_future_views) keyframe.initial.reset();
-  return {std::move(problem), refinement.sources.Ids(), keyframe.placed, refinement.times,
+  return {std::move(problem), refinement.sources.Ids(), keyframe.pose.placed, refinement.times,
           std::move(refinement.prior_depth_rejection)};
 }
 

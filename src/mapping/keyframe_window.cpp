@@ -39,7 +39,7 @@ void KeyframeWindow::set_options(const SourceViewOptions& options) {
 
 WindowKeyframePtr KeyframeWindow::Add(FramePtr frame) {
   auto keyframe = std::make_shared<WindowKeyframe>();
-  keyframe->placed.cam_from_world = frame->cam_from_world;
+  keyframe->pose.placed.cam_from_world = frame->cam_from_world;
   keyframe->frame = std::move(frame);
   keyframes_.push_back(keyframe);
   return keyframe;

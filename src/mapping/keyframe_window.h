@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <deque>
 #include <memory>
@@ -24,6 +25,18 @@ struct PlacedPose {
   PoseFit fit;
 };
 
+/// Where a keyframe is matched.
+struct MatchingPose {
+  std::optional<RigidTransform> refined;  ///< cam_from_world to match with; none: the frame's
+  PlacedPose placed;                      ///< where that puts the maps in the frontend's world
+};
+
+/// Of a keyframe that may have left the window.
+struct ReceivedPose {
+  int64_t id = 0;
+  RigidTransform cam_from_world = RigidTransform::Identity();
+};
+
 struct WindowKeyframe;
 
 /// How a source view lay to the keyframe whose maps were matched with it.
@@ -42,11 +55,12 @@ struct WindowKeyframe {
   FramePtr frame;
   DepthRange range;
   State state = State::kPending;
-  bool is_mapped = true;      ///< false: it is a source view of others alone
-  bool is_withdrawn = false;  ///< its refined maps must not be used, since received poses contradict the images
+  bool is_mapped = true;  ///< false: it is a source view of others alone
+  /// Its refined maps must not be used, since received poses contradict the images, or new ones were not made.
+  std::atomic<bool> is_withdrawn{false};
 
-  std::optional<RigidTransform> refined_pose;  ///< cam_from_world to match with; none: the frame's
-  PlacedPose placed;                           ///< where that puts the maps in the frontend's world
+  MatchingPose pose;
+  std::optional<ReceivedPose> stands_since;  ///< of the earlier keyframe since which the camera stands; none: it moved
 
   EngineImagePtr image;       ///< null until the keyframe is first used as reference or source view
   int image_levels = 0;       ///< levels it was loaded with
@@ -70,7 +84,7 @@ struct WindowKeyframe {
   bool had_fast = false;     ///< its on_fast was called
   bool had_refined = false;  ///< its on_refined was called
 
-  const RigidTransform& cam_from_world() const { return refined_pose ? *refined_pose : frame->cam_from_world; }
+  const RigidTransform& cam_from_world() const { return pose.refined ? *pose.refined : frame->cam_from_world; }
 
   /// What geometric passes of other keyframes read; may be null.
   const EngineEstimatePtr& EstimateForPasses() const {

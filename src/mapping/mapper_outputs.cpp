@@ -160,10 +160,12 @@ void MapperOutputs::SubmitFast(const WindowKeyframePtr& keyframe, FinishedEstima
 
 void MapperOutputs::SubmitRefined(const WindowKeyframePtr& keyframe, FinishedEstimate estimate,
                                   const FusionOptions& consistency, bool again) {
-  queue_.Submit([this, keyframe, consistency, again, estimate = std::move(estimate)] {
+  const bool was_withdrawn = keyframe->is_withdrawn.exchange(false);
+  queue_.Submit([this, keyframe, consistency, again, was_withdrawn, estimate = std::move(estimate)] {
     if (again && !keyframe->had_refined) return;  // it was dropped
     KeyframeDepthPtr maps;
     if (const auto failure = CatchFailure([&] { maps = MakeRefined(estimate, consistency); })) {
+      if (was_withdrawn) keyframe->is_withdrawn = true;
       if (again) return CallProblem("refine_again_failed", DescribeFailedAgain(keyframe->frame->id, *failure));
       return CallDrop({keyframe->frame, failure->reason, failure->message, keyframe->had_fast});
     }

@@ -85,6 +85,7 @@ class MapperOutputs {
       : engine_(engine), callbacks_(std::move(callbacks)), queue_(has_thread) {}
 
   void SubmitFast(const WindowKeyframePtr& keyframe, FinishedEstimate estimate);
+  /// The keyframe is no longer withdrawn, but is again where its maps cannot be made.
   /// @param again these are better maps of a keyframe whose refined ones were submitted before
   void SubmitRefined(const WindowKeyframePtr& keyframe, FinishedEstimate estimate, const FusionOptions& consistency,
                      bool again);

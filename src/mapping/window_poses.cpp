@@ -1,16 +1,29 @@
 #include "window_poses.h"
 
+#include <algorithm>
+
 namespace acmp {
 namespace {
 
-/// As the frontend has moved since the keyframe before.
-void PredictPose(const WindowKeyframe& before, WindowKeyframe* newest) {
-  if (!before.refined_pose) return;
-  RigidTransform motion = newest->frame->cam_from_world * before.frame->cam_from_world.inverse();
-  newest->placed = {motion * before.placed.cam_from_world, before.placed.scale, before.placed.refined, PoseFit()};
+/// As the frontend has moved since another keyframe.
+void PredictPose(const RigidTransform& received_before, const MatchingPose& before, WindowKeyframe* keyframe) {
+  const RigidTransform& received = keyframe->frame->cam_from_world;
+  keyframe->pose = {std::nullopt, {received, 1, std::nullopt, PoseFit()}};
+  if (!before.refined) return;
+  RigidTransform motion = received * received_before.inverse();
+  PlacedPose placed = {motion * before.placed.cam_from_world, before.placed.scale, before.placed.refined, PoseFit()};
   motion.translation() /= before.placed.scale;
-  newest->refined_pose = motion * *before.refined_pose;
-  newest->placed.refined->world_from_cam = newest->refined_pose->inverse();
+  const RigidTransform refined = motion * *before.refined;
+  placed.refined->world_from_cam = refined.inverse();
+  keyframe->pose = {refined, placed};
+}
+
+/// As the refinement has found it.
+MatchingPose PoseFrom(const RefinedPose& pose, const PoseRefinement& refinement) {
+  const auto scale = static_cast<float>(refinement.scale);
+  if (!refinement.changed) return {std::nullopt, {pose.cam_from_received, scale, std::nullopt, pose.received_fit}};
+  const RefinedCamera camera = {refinement.world, pose.cam_from_world.inverse(), refinement.scale};
+  return {pose.cam_from_world, {pose.cam_from_received, scale, camera, pose.refined_fit}};
 }
 
 }  // namespace
@@ -22,39 +35,52 @@ WindowPoses::WindowPoses(const PoseRefinementOptions& options) {
 void WindowPoses::Add(const WindowKeyframePtr& newest, const KeyframeWindow& window) {
   if (!refiner_) return;
   Finish(window);
-  if (window.size() > 1) PredictPose(*window.WithLater(1), newest.get());
+  if (window.size() > 1) {
+    const WindowKeyframe& before = *window.WithLater(1);
+    PredictPose(before.frame->cam_from_world, before.pose, newest.get());
+  }
   Begin(newest, window.size());
 }
 
 void WindowPoses::Begin(const WindowKeyframePtr& newest, size_t window_size) {
-  found_ = std::async(std::launch::async, [this, frame = newest->frame, range = newest->range, window_size] {
-    refiner_->Add(*frame, range);
-    while (refiner_->size() > window_size) refiner_->RemoveOldest();
-    return refiner_->Refine();
-  });
+  newest_ = {newest->frame->id, newest->frame->cam_from_world};
+  found_ =
+      std::async(std::launch::async,
+                 [this, frame = newest->frame, range = newest->range, window_size]() -> std::optional<PoseRefinement> {
+                   if (!refiner_->Add(*frame, range)) return std::nullopt;
+                   while (refiner_->size() > window_size) refiner_->RemoveOldest();
+                   return refiner_->Refine();
+                 });
 }
 
 void WindowPoses::Finish(const KeyframeWindow& window) {
   if (!found_.valid()) return;
-  const PoseRefinement refinement = found_.get();
-  if (refinement.checks.contradiction) checks_.contradiction = refinement.checks.contradiction;
-  checks_.stamp_offset_s = refinement.checks.stamp_offset_s;
-  checks_.distortion_px = refinement.checks.distortion_px;
-  for (const RefinedPose& pose : refinement.poses) {
-    const WindowKeyframePtr keyframe = window.Find(pose.id);
-    if (!keyframe) continue;
-    keyframe->refined_pose.reset();
-    keyframe->placed = {pose.cam_from_received, static_cast<float>(refinement.scale), std::nullopt,
-                        refinement.changed ? pose.refined_fit : pose.received_fit};
-    if (!refinement.changed) continue;
-    keyframe->refined_pose = pose.cam_from_world;
-    keyframe->placed.refined = RefinedCamera{refinement.world, pose.cam_from_world.inverse(), refinement.scale};
+  const std::optional<PoseRefinement> refinement = found_.get();
+  if (!refinement) {
+    if (const WindowKeyframePtr keyframe = window.Find(newest_.id)) keyframe->stands_since = moved_;
+    if (++num_standing_ >= kContradictionImages) checks_.contradiction = 0;  // of the last images
+    return;
+  }
+  moved_ = newest_;
+  num_standing_ = 0;
+  if (refinement->checks.contradiction) checks_.contradiction = refinement->checks.contradiction;
+  checks_.stamp_offset_s = refinement->checks.stamp_offset_s;
+  checks_.distortion_px = refinement->checks.distortion_px;
+  for (const WindowKeyframePtr& keyframe : window) {
+    const int64_t id = keyframe->stands_since ? keyframe->stands_since->id : keyframe->frame->id;
+    const auto& poses = refinement->poses;
+    const auto pose = std::find_if(poses.begin(), poses.end(), [id](const RefinedPose& p) { return p.id == id; });
+    if (pose == poses.end()) continue;
+    const MatchingPose found = PoseFrom(*pose, *refinement);
+    if (!keyframe->stands_since) keyframe->pose = found;
+    if (keyframe->stands_since) PredictPose(keyframe->stands_since->cam_from_world, found, keyframe.get());
   }
 }
 
 void WindowPoses::Reset() {
   if (found_.valid()) found_.wait();
   found_ = {};
+  num_standing_ = 0;
   checks_ = {};
   if (refiner_) refiner_->Reset();
 }

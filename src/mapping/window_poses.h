@@ -33,7 +33,11 @@ class WindowPoses {
 
   PoseChecks checks_;
   std::unique_ptr<PoseRefiner> refiner_;  ///< null: poses stay as received
-  std::future<PoseRefinement> found_;     ///< last: its thread is gone before what is above
+  ReceivedPose newest_;                   ///< that was given to it
+  ReceivedPose moved_;                    ///< the newest one that it has kept: the camera had moved
+  size_t num_standing_ = 0;               ///< keyframes since then
+  /// None: the camera stands since moved_. Last: its thread is gone before what is above.
+  std::future<std::optional<PoseRefinement>> found_;
 };
 
 }  // namespace acmp

@@ -14,6 +14,12 @@ CameraMotion MotionBetween(const Bundle& bundle, size_t a, size_t b) {
   return motion;
 }
 
+Eigen::Vector3d MeanCentre(const std::vector<ViewPose>& poses) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const ViewPose& pose : poses) sum += pose.centre;
+  return sum / static_cast<double>(poses.size());
+}
+
 }  // namespace
 
 std::vector<CameraMotion> MotionsOf(const Bundle& bundle) {
@@ -45,12 +51,33 @@ PixelErrors PixelErrorsAt(const PinholeCamera& camera, const Eigen::Vector2d& pi
   return errors;
 }
 
-Similarity FitSimilarity(const std::vector<ViewPose>& from, const std::vector<ViewPose>& to, size_t count) {
-  std::vector<PosePair> poses;
+double Extent(const std::vector<ViewPose>& poses) {
+  const Eigen::Vector3d mean = MeanCentre(poses);
+  double extent = 0;
+  for (const ViewPose& pose : poses) extent = std::max(extent, (pose.centre - mean).norm());
+  return extent;
+}
+
+bool Stands(const std::vector<ViewPose>& poses, double depth) {
+  constexpr double kStill = 0.01;
+  return Extent(poses) < kStill * depth;
+}
+
+Similarity FitSimilarity(const std::vector<ViewPose>& from, const std::vector<ViewPose>& to, size_t count, double depth,
+                         double known_scale) {
+  std::vector<PosePair> pairs;
   for (size_t i = 0; i < count; ++i) {
-    poses.push_back({ToRigidTransform(from[i]).inverse(), ToRigidTransform(to[i]).inverse()});
+    pairs.push_back({ToRigidTransform(from[i]).inverse(), ToRigidTransform(to[i]).inverse()});
   }
-  return FitSimilarity(poses);
+  Similarity fit = FitSimilarity(pairs);
+  if (count < kMinForSimilarity) return fit;
+  const auto end = static_cast<std::ptrdiff_t>(count);
+  const std::vector<ViewPose> first_from(from.begin(), from.begin() + end), first_to(to.begin(), to.begin() + end);
+  if (Stands(first_from, depth) || Stands(first_to, known_scale * depth)) {
+    fit.scale = known_scale;
+    fit.rigid.translation() = MeanCentre(first_to) - fit.rigid.linear() * (fit.scale * MeanCentre(first_from));
+  }
+  return fit;
 }
 
 std::vector<ViewPose> Moved(const Similarity& similarity, std::vector<ViewPose> poses) {

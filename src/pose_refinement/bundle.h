@@ -37,8 +37,18 @@ struct PixelErrors {
 PixelErrors PixelErrorsAt(const PinholeCamera& camera, const Eigen::Vector2d& pixel, const ViewPose& pose,
                           const CameraMotion& motion, const Eigen::Vector3d& direction, double inverse_length);
 
-/// FitSimilarity of the first `count` poses.
-Similarity FitSimilarity(const std::vector<ViewPose>& from, const std::vector<ViewPose>& to, size_t count);
+/// Whether a camera hardly moves: its positions lie within a hundredth of the depth, half of what maps may lie apart.
+/// They then tell nothing of a scale: that would be one noise over another.
+bool Stands(const std::vector<ViewPose>& poses, double depth);
+
+/// Distance of the farthest centre from their mean.
+double Extent(const std::vector<ViewPose>& poses);
+
+/// FitSimilarity of the first `count` poses, but with the scale as it is known where the camera stands there.
+/// @param depth typical one, in the world of `from`
+/// @param known_scale lengths in the world of `to` of what is 1 in that of `from`
+Similarity FitSimilarity(const std::vector<ViewPose>& from, const std::vector<ViewPose>& to, size_t count,
+                         double depth = 0, double known_scale = 1);
 
 std::vector<ViewPose> Moved(const Similarity& similarity, std::vector<ViewPose> poses);
 

@@ -23,26 +23,6 @@ int NumSightings(const Bundle& bundle, int first) {
   return sightings;
 }
 
-Eigen::Vector3d MeanCentre(const std::vector<ViewPose>& poses) {
-  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  for (const ViewPose& pose : poses) sum += pose.centre;
-  return sum / static_cast<double>(poses.size());
-}
-
-/// Distance of the farthest centre from their mean.
-double Extent(const std::vector<ViewPose>& poses) {
-  const Eigen::Vector3d mean = MeanCentre(poses);
-  double extent = 0;
-  for (const ViewPose& pose : poses) extent = std::max(extent, (pose.centre - mean).norm());
-  return extent;
-}
-
-/// Whether a camera hardly moves. Then its positions tell nothing of the scale: that would be one noise over another.
-bool Stands(const std::vector<ViewPose>& received, double depth) {
-  constexpr double kStill = 0.01;  // of the depth: half of what maps may lie apart
-  return Extent(received) < kStill * depth;
-}
-
 constexpr size_t kMinViews = 10;
 /// Of the squared rotations from refined to received poses, that an offset explains. Without one, rotations of recorded
 /// frontends are explained by up to 0.8, but then by offsets of a few milliseconds.
@@ -58,7 +38,7 @@ Eigen::Vector3d AngularVelocity(const Bundle& bundle, size_t view) {
 
 }  // namespace
 
-std::optional<double> MeasureContradiction(const Bundle& bundle) {
+std::optional<double> MeasureContradiction(const Bundle& bundle, double known_scale) {
   const size_t views = std::min(kContradictionImages, bundle.size());
   const size_t first = bundle.size() - views;
   if (views < kMinViewsToJudge || NumSightings(bundle, static_cast<int>(first)) < kMinSightingsToJudge)
@@ -67,17 +47,12 @@ std::optional<double> MeasureContradiction(const Bundle& bundle) {
     return std::vector<ViewPose>(poses.begin() + static_cast<std::ptrdiff_t>(first), poses.end());
   };
   const std::vector<ViewPose> received = last(bundle.received);
-  const double depth = TypicalDepth(bundle);
-  if (Stands(bundle.received, depth)) return std::nullopt;  // without a baseline landmarks have no depth
+  const double depth = TypicalDepth(bundle), received_depth = known_scale * depth;
+  if (Stands(bundle.received, received_depth)) return std::nullopt;  // without a baseline landmarks have no depth
   // Both stand: seen from one place landmarks have hardly a depth that distances could be compared with.
   constexpr double kNoMove = 0.1;  // of the window's extent
-  if (Stands(received, depth) && Extent(last(bundle.poses)) < kNoMove * Extent(bundle.received)) return 0;
-  Similarity received_from_refined = FitSimilarity(last(bundle.poses), received, views);
-  if (Stands(received, depth)) {
-    received_from_refined.scale = 1;
-    received_from_refined.rigid.translation() =
-        MeanCentre(received) - received_from_refined.rigid.linear() * MeanCentre(last(bundle.poses));
-  }
+  if (Stands(received, received_depth) && Extent(last(bundle.poses)) < kNoMove * Extent(bundle.received)) return 0;
+  const Similarity received_from_refined = FitSimilarity(last(bundle.poses), received, views, depth, known_scale);
   const std::vector<ViewPose> refined = Moved(received_from_refined, last(bundle.poses));
   std::vector<double> angles, distances;
   for (size_t i = 0; i < views; ++i) {

@@ -8,6 +8,8 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/median.h"
+#include "acmp_mapping/keyframe/source_view_selection.h"
 #include "bundle_refinement.h"
 #include "corner_detection.h"
 #include "landmark_matching.h"
@@ -62,6 +64,27 @@ struct PoseRefiner::Impl {
     const Eigen::Vector3d motion = (received.centre - from.centre) / scale;
     pose.centre = refined.centre + refined.rotation.conjugate() * (from.rotation * motion);
     return pose;
+  }
+
+  /// Whether the camera has not moved since the last keyframe: neither by its received pose nor by its image, in which
+  /// corners are found where they were.
+  bool StandsSinceLast(const View& view, const ViewPose& pose, double depth) const {
+    constexpr double kStill = 0.01;  // rad, and of the depth: half of what maps may lie apart
+    constexpr double kStill_px = 0.5;
+    if (bundle.size() == 0) return false;
+    const ViewPose& last = bundle.received.back();
+    if (RotationVector(pose.rotation * last.rotation.conjugate()).norm() > kStill) return false;
+    if ((pose.centre - last.centre).norm() > kStill * depth) return false;
+    const std::vector<Eigen::Vector2d> corners =
+        PickCorners(view, CornerResponse(view.pyramid.level(0)), {}, CornersFor(view.camera, options.corners));
+    std::vector<double> moves(corners.size(), -1);  // px; negative: not found
+    tbb::parallel_for(size_t{0}, corners.size(), [&](size_t i) {
+      const Alignment alignment =
+          Align(view.pyramid, corners[i], Eigen::Matrix2d::Identity(), keyframes.back().view.pyramid, corners[i], {});
+      if (alignment.found) moves[i] = (alignment.pixel - corners[i]).norm();
+    });
+    moves.erase(std::remove(moves.begin(), moves.end(), -1), moves.end());
+    return moves.size() >= std::max(kMinResected, corners.size() / 2) && Median(std::move(moves)) < kStill_px;
   }
 
   Eigen::Vector3d PointOf(const Landmark& landmark) const {
@@ -186,7 +209,7 @@ PoseRefiner::PoseRefiner(const PoseRefinementOptions& options) {
 
 PoseRefiner::~PoseRefiner() = default;
 
-void PoseRefiner::Add(const Frame& frame, const DepthRange& range, const std::optional<CameraMotion>& motion) {
+bool PoseRefiner::Add(const Frame& frame, const DepthRange& range, const std::optional<CameraMotion>& motion) {
   const std::string name = Concat("keyframe ", frame.id);
   CheckCamera(name.c_str(), frame.camera);
   CheckPose(name.c_str(), frame.cam_from_world);
@@ -206,12 +229,10 @@ void PoseRefiner::Add(const Frame& frame, const DepthRange& range, const std::op
   ViewPose received = ToViewPose(frame.cam_from_world);
   if (bundle.size() == 0) bundle.origin = received.centre;
   received.centre -= bundle.origin;
+  View view = {frame.camera, GrayPyramid(frame.gray.View()), MakeClearance(frame.mask)};
+  if (impl_->StandsSinceLast(view, received, TypicalDepth(range))) return false;
   const ViewPose predicted = impl_->Predicted(received);
-  keyframes.push_back({frame.id,
-                       frame.stamp_s,
-                       {frame.camera, GrayPyramid(frame.gray.View()), MakeClearance(frame.mask)},
-                       frame.cam_from_world,
-                       motion});
+  keyframes.push_back({frame.id, frame.stamp_s, std::move(view), frame.cam_from_world, motion});
   bundle.cameras.push_back(frame.camera);
   bundle.received.push_back(received);
   bundle.poses.push_back(predicted);
@@ -224,6 +245,7 @@ void PoseRefiner::Add(const Frame& frame, const DepthRange& range, const std::op
   tbb::parallel_invoke([&] { tracked = impl_->TrackLandmarks(); },
                        [&] { response = CornerResponse(keyframes.back().view.pyramid.level(0)); });
   impl_->AddLandmarks(tracked, response, {range.min / scale, range.max / scale});
+  return true;
 }
 
 void PoseRefiner::RemoveOldest() {
@@ -278,7 +300,9 @@ PoseRefinement PoseRefiner::Refine() {
   if (bundle.landmarks.empty()) return Unrefined(ids, received, "no matches between the keyframes");
   constexpr int kIterations = 1;  // the newest pose is good already, and the next window goes on from here
   const size_t fixed = NumFixed(bundle.size());
-  bundle.expected = Moved(FitSimilarity(bundle.received, bundle.poses, fixed), bundle.received);
+  const double depth = TypicalDepth(bundle), scale = impl_->scale;
+  bundle.expected =
+      Moved(FitSimilarity(bundle.received, bundle.poses, fixed, scale * depth, 1 / scale), bundle.received);
   if (!RefineBundle(1, kIterations, fixed, &bundle, &impl_->state)) {
     bundle.landmarks.clear();
     bundle.poses = impl_->refined = bundle.received;
@@ -293,13 +317,14 @@ PoseRefinement PoseRefiner::Refine() {
   std::copy(free.begin(), free.end(), refined.begin() + static_cast<std::ptrdiff_t>(fixed));
   PoseRefinement result =
       JudgeRefinement(bundle, ids, received, refined, impl_->state.camera, impl_->options, impl_->changed);
-  result.checks.contradiction = MeasureContradiction(bundle);
+  result.checks.contradiction = MeasureContradiction(bundle, scale);
   if (impl_->stamped) result.checks.stamp_offset_s = FindStampOffset(bundle);
   if (impl_->state.bundles >= kSureBundles) {
     result.checks.distortion_px = DistortionShift(bundle.cameras.back(), impl_->state.camera);
   }
   impl_->changed = result.changed;
-  const Similarity received_from_refined = FitSimilarity(bundle.poses, bundle.received, bundle.size());
+  const Similarity received_from_refined =
+      FitSimilarity(bundle.poses, bundle.received, bundle.size(), TypicalDepth(bundle), scale);
   if (result.changed) {
     result.scale = received_from_refined.scale;
     const std::vector<ViewPose> all_placed = Moved(received_from_refined, refined);

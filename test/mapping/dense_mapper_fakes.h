@@ -70,6 +70,13 @@ class WallEngine : public FakeEngine {
   std::vector<Call> calls;
   float fast_depth = static_cast<float>(kWallDepth * kFastError);  ///< before the geometric passes
   std::function<void(const Call&)> before_answer;                  ///< may throw
+  std::function<void(int64_t id)> before_consistency;              ///< the check of a keyframe's maps; may throw
+
+  ConsistencyResult FilterByConsistency(const EngineView& reference, const std::vector<EngineView>& sources,
+                                        const FusionOptions& options) override {
+    if (before_consistency) before_consistency(reference.frame->id);
+    return FakeEngine::FilterByConsistency(reference, sources, options);
+  }
 
  protected:
   EstimateState Answer(const PassRequest& request) override {

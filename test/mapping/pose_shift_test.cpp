@@ -42,16 +42,16 @@ class PoseShiftTest : public ::testing::Test {
 
 TEST_F(PoseShiftTest, PointsOutsideOfTheViewDoNotCount) {
   // Turned by 60 degrees it sees nothing of the wall's middle, where a pixel is small: 0.1 degrees would be many.
-  right_->refined_pose = Eigen::AngleAxisd(1.05, Eigen::Vector3d::UnitY()) * MovedBy(0, *right_);
+  right_->pose.refined = Eigen::AngleAxisd(1.05, Eigen::Vector3d::UnitY()) * MovedBy(0, *right_);
   views_ = {Matched(left_, *reference_), Matched(right_, *reference_)};
-  right_->refined_pose = Eigen::AngleAxisd(0.002, Eigen::Vector3d::UnitY()) * *right_->refined_pose;
+  right_->pose.refined = Eigen::AngleAxisd(0.002, Eigen::Vector3d::UnitY()) * *right_->pose.refined;
   EXPECT_FALSE(HaveMoved(*reference_, views_));
 }
 
 TEST_F(PoseShiftTest, DepthIsMeasuredInTheWorldOfRefinedPoses) {
   // In a world of half the size, the same moves are seen twice as large.
-  reference_->placed.scale = 2;
-  right_->refined_pose = MovedBy(1.1, *right_);
+  reference_->pose.placed.scale = 2;
+  right_->pose.refined = MovedBy(1.1, *right_);
   EXPECT_TRUE(HaveMoved(*reference_, views_));
 }
 

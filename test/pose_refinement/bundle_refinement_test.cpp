@@ -202,17 +202,17 @@ TEST_F(BundleRefinementTest, ACameraThatStandsContradictsNothing) {
       bundle.received[i].centre += noise * Eigen::Vector3d(Uniform(-1, 1), Uniform(-1, 1), Uniform(-1, 1));
       bundle.poses[i].centre += 1e-3 * Eigen::Vector3d(Uniform(-1, 1), Uniform(-1, 1), Uniform(-1, 1));
     }
-    ASSERT_TRUE(MeasureContradiction(bundle));
-    EXPECT_LT(*MeasureContradiction(bundle), 0.002) << noise;
+    ASSERT_TRUE(MeasureContradiction(bundle, 1));
+    EXPECT_LT(*MeasureContradiction(bundle, 1), 0.002) << noise;
   }
   const Bundle stands = [&] {
     Bundle all = bundle;
     std::fill(all.received.begin(), all.received.end(), still);
     return all;
   }();
-  EXPECT_FALSE(MeasureContradiction(stands)) << "without a baseline landmarks have no depth";
+  EXPECT_FALSE(MeasureContradiction(stands, 1)) << "without a baseline landmarks have no depth";
   bundle.poses = truth_;  // and where the images say that it moved, the frontend has lost track
-  EXPECT_GT(*MeasureContradiction(bundle), 0.03);
+  EXPECT_GT(*MeasureContradiction(bundle, 1), 0.03);
 }
 
 }  // namespace

@@ -176,6 +176,23 @@ TEST_F(PoseRefinerTest, ExactPosesStayBitByBit) {
   }
 }
 
+TEST_F(PoseRefinerTest, OnlyWhatStandsByPoseAndImageIsLeftOut) {
+  PoseRefiner refiner(options_);
+  EXPECT_TRUE(refiner.Add(FrameOf(5), kRoomRange));
+  const auto add = [&](int64_t id, size_t image, const RigidTransform& pose) {
+    Frame frame = FrameOf(image);
+    frame.id = id;
+    frame.stamp_s = 200 + static_cast<double>(id);
+    frame.cam_from_world = pose;
+    return refiner.Add(frame, kRoomRange);
+  };
+  EXPECT_FALSE(add(6, 5, truth_[5]));
+  EXPECT_EQ(refiner.size(), 1u);
+  EXPECT_TRUE(add(7, 6, truth_[5])) << "the frontend has lost track";
+  EXPECT_TRUE(add(8, 6, truth_[6])) << "its pose jumps";
+  EXPECT_EQ(refiner.size(), 3u);
+}
+
 TEST_F(PoseRefinerTest, TheSameKeyframesGiveTheSameBits) {
   Perturb(0.3, 0.01);
   PoseRefiner a(options_), b(options_);

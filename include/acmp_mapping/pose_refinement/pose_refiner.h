@@ -15,11 +15,12 @@ class PoseRefiner {
   ~PoseRefiner();
 
   /// Adds the newest keyframe: finds known landmarks in it, and new ones. Nothing of the frame is kept but a copy of
-  /// its grey values in 8 bits. Throws InvalidInputError for a bad pose, camera or range, and for an id or (where there
-  /// are stamps) a stamp that does not ascend.
+  /// its grey values in 8 bits. False, and nothing is kept, where the camera stands by its pose and its image: from one
+  /// place landmarks have no depth, and the window would forget those that have one. Throws InvalidInputError for a bad
+  /// pose, camera or range, and for an id or (where there are stamps) a stamp that does not ascend.
   /// @param range where new landmarks are looked for
   /// @param motion while the image was taken; none: from the neighbouring keyframes
-  void Add(const Frame& frame, const DepthRange& range, const std::optional<CameraMotion>& motion = std::nullopt);
+  bool Add(const Frame& frame, const DepthRange& range, const std::optional<CameraMotion>& motion = std::nullopt);
 
   /// Forgets the oldest keyframe and the landmarks first seen there. Throws InvalidInputError where there is none.
   void RemoveOldest();
