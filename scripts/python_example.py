@@ -5,16 +5,13 @@ FOLDER has a COLMAP model with its images, or the layout of MVSNet and ACMP, as 
 true depth (depth/000000.png, millimetres) the maps are compared with it. With --output, maps and cloud are saved in one
 file for numpy.load.
 
-Example, after source build/devel/setup.bash:
-  build/devel/lib/acmp_mapping/acmp_make_scene room
+Example, after source scripts/ros_environment.sh $PWD/build:
+  acmp_make_scene room
   scripts/python_example.py room --output room.npz"""
 
 import argparse
 import os
 import sys
-
-import numpy as np
-from acmp_mapping import offline
 
 
 def true_depth(folder, index):
@@ -22,6 +19,7 @@ def true_depth(folder, index):
     path = os.path.join(folder, "depth", f"{index:06d}.png")
     if not os.path.exists(path):
         return None
+    import numpy as np
     from PIL import Image  # Debian: python3-pil
     return np.asarray(Image.open(path)).astype(np.float32) / 1000
 
@@ -34,6 +32,11 @@ def main():
     parser.add_argument("--device", default="auto")
     parser.add_argument("--output", help="file, .npz")
     arguments = parser.parse_args()
+    try:  # after --help, which needs neither
+        import numpy as np
+        from acmp_mapping import offline
+    except ImportError as error:
+        parser.error(f"{error}: source scripts/ros_environment.sh $PWD/build first (docs/python.md)")
 
     scene = offline.read_scene(arguments.folder)  # a dict: images, K, cam_from_world, points and more, all numpy
     result = offline.reconstruct(**scene, preset=arguments.preset, max_image_size=arguments.max_image_size,
@@ -60,4 +63,5 @@ if __name__ == "__main__":
     try:
         main()
     except (ValueError, RuntimeError) as error:
-        sys.exit(f"python_example.py: {error}")
+        print(f"python_example.py: {error}", file=sys.stderr)
+        sys.exit(2 if isinstance(error, ValueError) else 1)

@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "acmp_mapping/pose_refinement/matched_depth_range.h"
 #include "estimate_gain.h"
 #include "keyframe_estimator.h"
 #include "keyframe_window.h"
@@ -67,6 +68,8 @@ constexpr Turns kTurnsOfFlush = {1, 0, 0, kMaxWindowSize};
 /// the error on from keyframe to keyframe, where initial estimates err each in its own way. With two later keyframes
 /// initial estimates serve others better, with five refined ones.
 constexpr size_t kEnoughLaterKeyframes = 3;
+
+constexpr size_t kRangeFrames = 8;  ///< earlier ones whose matches give a depth range where no landmarks do
 
 }  // namespace
 
@@ -279,14 +282,32 @@ struct DenseMapper::Impl {
     if (const auto range = DepthRangeFromLandmarks(frame.landmarks_in_world, frame.camera, frame.cam_from_world,
                                                    options.depth_range)) {
       last_range = range;
-    } else if (!last_range && HasDepthRange(options.fallback_depth_range)) {
-      return options.fallback_depth_range;
+      had_landmarks = true;
+    } else if (!had_landmarks) {
+      if (HasDepthRange(options.fallback_depth_range)) return options.fallback_depth_range;
+      if (frame.landmarks_in_world.empty()) FindDepthRangeByMatches(frame);
     }
     return last_range;
   }
 
+  /// Images and poses are enough once the camera has moved sideways.
+  void FindDepthRangeByMatches(const Frame& frame) {
+    std::vector<FramePtr> earlier;
+    for (size_t later = 1; later < std::min(window.size(), kRangeFrames + 1); ++later) {
+      earlier.push_back(window.WithLater(later)->frame);
+    }
+    const auto range = DepthRangeFromMatches(frame, earlier, options.depth_range);
+    if (range && !last_range) {
+      outputs.SubmitProblem("depth_range_by_matches",
+                            Concat("keyframe ", frame.id, ": no sparse points tell its depth range; by matches with ",
+                                   "earlier keyframes it is ", range->min, " to ", range->max,
+                                   ": if that is wrong set depth_min and depth_max"));
+    }
+    if (range) last_range = range;
+  }
+
   std::string DescribeLandmarks(size_t count) const {
-    if (count == 0) return "no sparse points tell its depth range";
+    if (count == 0) return "no sparse points tell its depth range, nor do matches with earlier keyframes yet";
     return Concat("of its ", count, " sparse points fewer than ", options.depth_range.min_landmarks,
                   " are usable and in view");
   }
@@ -329,6 +350,7 @@ struct DenseMapper::Impl {
   KeyframeEstimator estimator;
   WindowPoses poses;
   std::optional<DepthRange> last_range;
+  bool had_landmarks = false;  ///< that told a depth range
   std::optional<int64_t> last_id;
   bool contradicted = false;  ///< received poses, by the images
   MapperOutputs outputs;      ///< last: its thread is gone before what is above
@@ -363,6 +385,7 @@ void DenseMapper::Reset() {
   const KeyframeWindow forgotten = std::exchange(impl_->window, KeyframeWindow(impl_->options.source_views));
   impl_->poses.Reset();
   impl_->last_range.reset();
+  impl_->had_landmarks = false;
   impl_->last_id.reset();
   impl_->contradicted = false;
   for (const WindowKeyframePtr& keyframe : forgotten) {

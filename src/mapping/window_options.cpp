@@ -18,8 +18,9 @@ OptionList OptionsOf(DenseMapperOptions* o) {
             "better");
   const Option refine_poses = OptionsOf(&o->poses).Find("refine_poses");
   list.Add(refine_poses.name, refine_poses.sentence, refine_poses.get, refine_poses.set).choices = refine_poses.choices;
-  list.Number("depth_min", &o->fallback_depth_range.min, 0, 1e9, "(unit of the poses)",
-              "Nearest depth to search where no sparse points tell, with depth_max; 0: none")
+  list.Number(
+          "depth_min", &o->fallback_depth_range.min, 0, 1e9, "(unit of the poses)",
+          "Nearest depth to search where no sparse points tell, with depth_max; 0: found by matches between keyframes")
       .WhileRunning();
   list.Number("depth_max", &o->fallback_depth_range.max, 0, 1e9, "(unit of the poses)",
               "Farthest depth to search there")

@@ -199,6 +199,14 @@ class OfflineTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "no_such_folder"):
             offline.read_scene("/no_such_folder")
 
+    def test_the_example_helps_without_the_module(self):
+        example = Path(__file__).resolve().parents[2] / "scripts" / "python_example.py"
+        for arguments, code, text in (("--help",), 0, "FOLDER has a COLMAP model"), (("room",), 2, "ros_environment.sh"):
+            done = subprocess.run([sys.executable, "-I", str(example), *arguments], stdout=subprocess.PIPE,
+                                  stderr=subprocess.STDOUT, text=True, check=False)  # -I: without PYTHONPATH
+            self.assertEqual(done.returncode, code, done.stdout)
+            self.assertIn(text, done.stdout)
+
     def test_stub_is_the_module(self):
         stub = ast.parse((Path(__file__).parents[2] / "src/python/offline.pyi").read_text())
         functions = {node.name: node for node in stub.body if isinstance(node, ast.FunctionDef)}

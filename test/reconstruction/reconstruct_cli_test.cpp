@@ -151,6 +151,9 @@ TEST_F(ReconstructCliTest, ExitCodesOfWrongUse) {
   EXPECT_EQ(RunTool("--version").exit_code, 0);
   EXPECT_EQ(RunTool("").exit_code, 2);
   EXPECT_EQ(RunTool(folder().string()).exit_code, 2);
+  EXPECT_THAT(RunTool("").text, HasSubstr("SCENE is required"));
+  EXPECT_EQ(RunTool("--nonsense").exit_code, 2);
+  EXPECT_THAT(RunTool("--nonsense").text, HasSubstr("not expected: --nonsense"));
   const Outcome missing = RunTool((folder() / "nowhere").string() + " " + output().string() + " --device cpu");
   EXPECT_EQ(missing.exit_code, 2);
   EXPECT_THAT(missing.text, HasSubstr("nowhere"));
