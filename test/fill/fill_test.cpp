@@ -20,7 +20,7 @@ using ::testing::HasSubstr;
 const DepthRange kRange = {1, 30};
 
 /// Seen by three cameras of 160 x 120 px side by side, the reference in the middle.
-std::vector<TestView> ViewsOf(const std::vector<Quad>& surfaces, double apart) {
+std::vector<TestView> FromThreePlaces(const std::vector<Quad>& surfaces, double apart) {
   const PinholeCamera camera = {160, 120, 150, 150, 79.5, 59.5};
   std::vector<TestView> views;
   for (const double x : {0.0, apart, -apart}) views.push_back(Render(camera, LookAt({x, 0, 0}, {x, 0, 5}), surfaces));
@@ -29,7 +29,7 @@ std::vector<TestView> ViewsOf(const std::vector<Quad>& surfaces, double apart) {
 
 /// A room's corner: two walls that meet.
 std::vector<TestView> Corner() {
-  return ViewsOf(
+  return FromThreePlaces(
       {{{-2, 0, 6}, {8, 0, 4}, {0, 9, 0}, {90, 90, 90}}, {{4, 0, 6}, {4, 0, -4}, {0, 9, 0}, {150, 150, 150}}}, 0.4);
 }
 
@@ -51,7 +51,7 @@ struct Part {
 constexpr Part kPart = {30, 30, 75, 90};
 
 /// The walls are exact planes; the fit is pulled to zero slope by a ten-thousandth.
-constexpr float kFitted = 2e-3f;
+constexpr float kOfFit = 2e-3f;
 
 PlaneMap PlanesOf(const TestView& view) {
   PlaneMap planes(view.camera.width, view.camera.height);
@@ -106,7 +106,7 @@ TEST(FillTest, UnconfirmedPixelsTakeThePlaneOfTheirSurroundings) {
     filled += spoilt && after.cost(col, row) == kWorstCost ? 1 : 0;
     if (after.depth(col, row) == before(col, row)) return;
     if (spoilt) {
-      ASSERT_NEAR(after.depth(col, row), truth(col, row), kFitted * truth(col, row)) << col << ", " << row;
+      ASSERT_NEAR(after.depth(col, row), truth(col, row), kOfFit * truth(col, row)) << col << ", " << row;
     } else if (after.cost(col, row) != kWorstCost) {
       ASSERT_NEAR(after.depth(col, row), before(col, row), 1e-4) << col << ", " << row;  // rounding of the plane
     }
@@ -169,7 +169,7 @@ TEST(FillTest, WhatOneOfSevenViewsConfirmsTakesThePlaneOfItsSurroundings) {
     }
     if (of_seven.cost(col, row) != kUnverifiedCost) return;
     filled += kPart.Contains(col, row) ? 1 : 0;
-    ASSERT_NEAR(of_seven.depth(col, row), z, kFitted * z) << col << ", " << row;
+    ASSERT_NEAR(of_seven.depth(col, row), z, kOfFit * z) << col << ", " << row;
   });
   EXPECT_GT(filled, 0.99 * kPart.size());
 }
@@ -185,14 +185,14 @@ TEST(FillTest, WhatAViewNearlyConfirmsIsNotTakenForAnotherSurface) {
     const float z = truth.depth(col, row);
     ASSERT_NEAR(kept.depth(col, row), 0.7f * z, 1e-5f * z) << "1 % is less than four times 0.3 %";
     ASSERT_EQ(kept.cost(col, row), truth.cost(col, row));
-    ASSERT_NEAR(filled.depth(col, row), z, kFitted * z) << "and 3 % is more";
+    ASSERT_NEAR(filled.depth(col, row), z, kOfFit * z) << "and 3 % is more";
     ASSERT_EQ(filled.cost(col, row), kWorstCost);
   });
 }
 
 TEST(FillTest, WhatASourceSeesThroughTakesTheSurfaceOfItsColour) {
   // A grey board in front of a white wall, from the middle and from both sides.
-  std::vector<TestView> views = ViewsOf(
+  std::vector<TestView> views = FromThreePlaces(
       {{{0, 0, 6}, {9, 0, 0}, {0, 9, 0}, {250, 250, 250}}, {{0, 0, 3}, {0.5, 0, 0}, {0, 9, 0}, {90, 90, 90}}}, 1.5);
   const DepthMap truth = views[0].depth.Clone();
   // A window that the board's edge outweighs: six pixels of the wall on either side have the board's depth.
