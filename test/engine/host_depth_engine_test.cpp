@@ -6,10 +6,9 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "acmp_mapping/common/error.h"
-#include "acmp_mapping/patch_match/host_passes.h"
 #include "acmp_mapping/patch_match/kernel/restore_detail.h"
 #include "support/engine_scene.h"
+#include "support/error_text.h"
 #include "support/pass_result.h"
 
 namespace acmp {
@@ -47,16 +46,6 @@ FramePtr RandomFrame(int id, int width, int height) {
   frame.gray = GrayImage(width, height);
   for (float& pixel : frame.gray) pixel = gray(random);
   return std::make_shared<const Frame>(std::move(frame));
-}
-
-template <class Work>
-std::string ErrorOf(const Work& work) {
-  try {
-    work();
-  } catch (const InvalidInputError& error) {
-    return error.what();
-  }
-  return "no error";
 }
 
 /// An engine, a reference of odd size and a source of another size.
@@ -152,86 +141,27 @@ TEST_F(HostDepthEngineTest, UpsampledPlanesStayInFrontOfTheCamera) {
   EXPECT_EQ(UpsamplePlane(slanted, covering_ray, ray).nx, slanted.nx);
 }
 
-TEST_F(HostDepthEngineTest, PassesReadTheStartThePriorAndTheSourcesDepths) {
-  EngineProblem problem = Problem();
-  problem.sources[0].estimate = EstimateOf(source_, {0, 0, -1, 6}, 0);
-  const EngineEstimatePtr start = Varying();
-  PatchMatchProblem match = MakePatchMatchProblem(problem, 0);
-  // One triangle over the whole image, of the plane z = 5.
-  const PriorMesh prior = MakePriorMesh(reference_->camera, {{-9, -9, 5}, {60, -9, 5}, {-9, 60, 5}}, {});
-  const PlaneMap prior_planes = RasterizePrior(reference_->camera, prior, kRange);
-  EXPECT_TRUE(SameBits(engine_.DownloadState(engine_.RunPlanarPrior(problem, {}, start, prior)),
-                       RunPlanarPrior(match, {}, VaryingState(reference_->camera), prior_planes.View())));
-  const DepthMap source_depth(source_->camera.width, source_->camera.height, 6.0f);
-  match.sources[0].depth = source_depth.View();
-  EXPECT_TRUE(SameBits(engine_.DownloadState(engine_.RunGeometric(problem, {}, start, 3)),
-                       RunGeometric(match, {}, VaryingState(reference_->camera), 3)));
-}
-
-TEST_F(HostDepthEngineTest, SupportPointsAreThoseOfTheMaps) {
-  const EngineEstimatePtr estimate = Varying();
-  PlanarPriorOptions options;
-  options.cell_size_px = 4;
-  const EstimateMaps maps = engine_.Download(estimate);
-  const DepthRange near = {1, 2.65f};  // some cells have no depth in it
-  const std::vector<SupportPoint> points = engine_.FindSupportPoints(estimate, near, options);
-  const std::vector<SupportPoint> expected = FindSupportPoints(maps.depth.View(), maps.cost.View(), near, options);
-  ASSERT_EQ(points.size(), expected.size());
-  ASSERT_GT(points.size(), 3u);
-  ASSERT_LT(points.size(), 12u);
-  for (size_t i = 0; i < points.size(); ++i) {
-    EXPECT_EQ(points[i].col, expected[i].col);
-    EXPECT_EQ(points[i].row, expected[i].row);
-    EXPECT_EQ(points[i].depth, expected[i].depth);
-  }
-}
-
-TEST_F(HostDepthEngineTest, ConsistencyIsThatOfTheMapsAndColours) {
-  const FramePtr other = RandomFrame(2, 15, 11);
-  const FusionOptions options;
-  EngineView reference = View(reference_), confirming = View(source_), without = View(other);
-  reference.estimate = EstimateOf(reference_, {0, 0, -1, 4}, 0.1f);
-  confirming.estimate = EstimateOf(source_, {0, 0, -1, 4.01f}, 0.1f);
-  const ConsistencyResult result = engine_.FilterByConsistency(reference, {without, confirming}, options);
-  const auto fusion_view = [&](const EngineView& view, const EstimateMaps& maps) {
-    const Frame& frame = *view.frame;
-    return FusionView{frame.camera,       frame.cam_from_world, maps.depth.View(),
-                      maps.normal.View(), maps.cost.View(),     frame.color.View()};
-  };
-  const EstimateMaps reference_maps = engine_.Download(reference.estimate);
-  const EstimateMaps confirming_maps = engine_.Download(confirming.estimate);
-  const ConsistencyResult expected = FilterByConsistency(
-      fusion_view(reference, reference_maps), {FusionView(), fusion_view(confirming, confirming_maps)}, options);
-  EXPECT_TRUE(SamePixels(result.confidence, expected.confidence));
-  ASSERT_EQ(result.points_in_camera.size(), expected.points_in_camera.size());
-  ASSERT_GT(result.points_in_camera.size(), 50u);
-  EXPECT_EQ(result.points_in_camera[0].position.z, expected.points_in_camera[0].position.z);
-  EXPECT_EQ(result.points_in_camera[0].color.r, 10);
-}
-
 struct ForeignImage final : EngineImage {};
 struct ForeignEstimate final : EngineEstimate {};
 
-TEST_F(HostDepthEngineTest, NullAndForeignImagesAreRefused) {
+TEST_F(HostDepthEngineTest, NullAndForeignImagesAndEstimatesAreRefused) {
   EXPECT_THROW(engine_.Load(nullptr, 0), InvalidInputError);
   const EngineEstimatePtr start = EstimateOf(reference_, {0, 0, -1, 3}, 0);
+  const auto expect_refused = [&](const EngineProblem& bad, const char* message) {
+    EXPECT_THAT(ErrorOf([&] { engine_.RunPhotometric(bad, {}, 0); }), HasSubstr(message));
+    EXPECT_THAT(ErrorOf([&] { engine_.RunPlanarPrior(bad, {}, start, {}); }), HasSubstr(message));
+    EXPECT_THAT(ErrorOf([&] { engine_.RunGeometric(bad, {}, start, 0); }), HasSubstr(message));
+  };
   for (const EngineImagePtr& bad : {EngineImagePtr(), EngineImagePtr(std::make_shared<ForeignImage>())}) {
     EngineProblem bad_reference = Problem(), bad_source = Problem();
     bad_reference.reference.image = bad;
     bad_source.sources[0].image = bad;
-    for (const EngineProblem& problem : {bad_reference, bad_source}) {
-      EXPECT_THAT(ErrorOf([&] { engine_.RunPhotometric(problem, {}, 0); }), HasSubstr("null"));
-      EXPECT_THAT(ErrorOf([&] { engine_.RunPlanarPrior(problem, {}, start, {}); }), HasSubstr("null"));
-      EXPECT_THAT(ErrorOf([&] { engine_.RunGeometric(problem, {}, start, 0); }), HasSubstr("null"));
-    }
+    expect_refused(bad_reference, "null");
+    expect_refused(bad_source, "null");
   }
-  EngineProblem no_frame = Problem();
+  EngineProblem no_frame = Problem(), foreign = Problem();
   no_frame.sources[0].frame = nullptr;
-  EXPECT_THAT(ErrorOf([&] { engine_.RunPhotometric(no_frame, {}, 0); }), HasSubstr("source view"));
-  EXPECT_NO_THROW(engine_.RunPhotometric(Problem(), {}, 0)) << "the engine can be used again";
-}
-
-TEST_F(HostDepthEngineTest, NullAndForeignEstimatesAreRefused) {
+  expect_refused(no_frame, "source view");
   for (const EngineEstimatePtr& bad : {EngineEstimatePtr(), EngineEstimatePtr(std::make_shared<ForeignEstimate>())}) {
     EXPECT_THROW(engine_.Upsample(bad, reference_, 0), InvalidInputError);
     EXPECT_THROW(engine_.FindSupportPoints(bad, kRange, {}), InvalidInputError);
@@ -239,17 +169,11 @@ TEST_F(HostDepthEngineTest, NullAndForeignEstimatesAreRefused) {
     EXPECT_THROW(engine_.RunGeometric(Problem(), {}, bad, 0), InvalidInputError);
     EXPECT_THROW(engine_.Download(bad), InvalidInputError);
     EXPECT_THROW(engine_.DownloadState(bad), InvalidInputError);
-    EngineView reference = View(reference_);
-    reference.estimate = bad;
-    EXPECT_THROW(engine_.FilterByConsistency(reference, {}, {}), InvalidInputError);
+    EXPECT_THROW(engine_.FilterByConsistency({reference_, nullptr, bad}, {}, {}), InvalidInputError);
   }
-  EngineProblem foreign_source = Problem();
-  foreign_source.sources[0].estimate = std::make_shared<ForeignEstimate>();
-  const EngineEstimatePtr start = EstimateOf(reference_, {0, 0, -1, 3}, 0);
-  EXPECT_THROW(engine_.RunGeometric(foreign_source, {}, start, 0), InvalidInputError);
-  EngineView reference = View(reference_);
-  reference.estimate = start;
-  EXPECT_THROW(engine_.FilterByConsistency(reference, foreign_source.sources, {}), InvalidInputError);
+  foreign.sources[0].estimate = std::make_shared<ForeignEstimate>();
+  EXPECT_THROW(engine_.RunGeometric(foreign, {}, start, 0), InvalidInputError);
+  EXPECT_THROW(engine_.FilterByConsistency({reference_, nullptr, start}, foreign.sources, {}), InvalidInputError);
   EXPECT_THROW(engine_.FilterByConsistency({nullptr, nullptr, start}, {}, {}), InvalidInputError);
   EXPECT_NO_THROW(engine_.RunGeometric(Problem(), {}, start, 0)) << "the engine can be used again";
 }

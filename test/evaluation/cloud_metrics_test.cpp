@@ -58,10 +58,16 @@ double Share(const PointCloud& points, const PointCloud& targets, double thresho
 TEST(EvaluateCloud, AgreesWithBruteForce) {
   const PointCloud reconstruction = RandomCloud(700, 0.5f, 1), ground_truth = RandomCloud(900, 0.55f, 2);
   const std::vector<double> thresholds = {0.05, 0.02, 0.2};  // in any order
-  const auto metrics = EvaluateCloud(reconstruction, ground_truth, thresholds, 0.15);
+  PointCloud judged;
+  std::vector<uint8_t> observed(reconstruction.size());
+  for (size_t i = 0; i < observed.size(); i += 2) {
+    observed[i] = 1;
+    judged.push_back(reconstruction[i]);
+  }
+  const auto metrics = EvaluateCloud(reconstruction, ground_truth, thresholds, 0.15, observed);
   ASSERT_EQ(metrics.size(), 3u);
   for (size_t i = 0; i < 3; ++i) {
-    const double accuracy = Share(reconstruction, ground_truth, thresholds[i], 0.15);
+    const double accuracy = Share(judged, ground_truth, thresholds[i], 0.15);
     const double completeness = Share(ground_truth, reconstruction, thresholds[i], 0.15);
     EXPECT_EQ(metrics[i].threshold, thresholds[i]);
     // Sums of about a thousand shares in another order.

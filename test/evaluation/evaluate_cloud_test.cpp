@@ -1,10 +1,8 @@
 #include "acmp_mapping/evaluation/evaluate.h"
 
-#include <cmath>
+#include <algorithm>
 #include <filesystem>
-#include <limits>
-#include <map>
-#include <tuple>
+#include <functional>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -14,6 +12,7 @@
 #include "acmp_mapping/common/random.h"
 #include "acmp_mapping/dataset/camera_list.h"
 #include "acmp_mapping/dataset/map_io.h"
+#include "acmp_mapping/evaluation/cloud_metrics.h"
 #include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "dataset/test_folder.h"
 
@@ -74,74 +73,29 @@ class EvaluateCloudTest : public TestFolder {
   PointCloud cloud_;
 };
 
-using Points = std::vector<Eigen::Vector3f>;  // as in a cloud: walls lie on borders of voxels
-using Cell = std::tuple<double, double, double>;
-
-Cell CellOf(const Eigen::Vector3f& p, double size, double shift) {
-  return {std::floor(p.x() / size + shift), std::floor(p.y() / size + shift), std::floor(p.z() / size + shift)};
-}
-
-double ShareWithin(const Points& points, const Points& targets, double threshold) {
-  double sum = 0;
-  size_t cells = 0;
-  for (const double shift : {0.0, 0.5}) {
-    std::map<Cell, std::pair<double, double>> grid;
-    for (const Eigen::Vector3f& p : points) {
-      double nearest = std::numeric_limits<double>::infinity();
-      for (const Eigen::Vector3f& t : targets) {
-        nearest = std::min(nearest, (p.cast<double>() - t.cast<double>()).norm());
-      }
-      auto& [within, count] = grid[CellOf(p, kVoxel, shift)];
-      within += nearest <= threshold ? 1 : 0;
-      ++count;
-    }
-    for (const auto& [cell, counts] : grid) sum += counts.first / counts.second;
-    cells += grid.size();
-  }
-  return 100.0 * sum / static_cast<double>(cells);
-}
-
-TEST_F(EvaluateCloudTest, AgreesWithBruteForce) {
+TEST_F(EvaluateCloudTest, IsThatOfTheMapsAndThePoints) {
   const CloudEvaluation evaluation = EvaluateCloudFile(Options());
-  Points all, judged, surface;
-  for (const SurfacePoint& point : cloud_) {
-    all.emplace_back(point.position.x, point.position.y, point.position.z);
-    bool observed = false;
-    for (size_t i = 0; i < views_.size(); ++i) {
-      const Eigen::Vector3d in_cam = views_[i].frame.cam_from_world * all.back().cast<double>();
-      const Eigen::Vector2d pixel = views_[i].frame.camera.Project(in_cam);
-      const double col = std::round(pixel.x()), row = std::round(pixel.y());
-      if (in_cam.z() <= 0 || col < 0 || row < 0 || col >= kWidth || row >= kHeight) continue;
-      const float z = truth_[i](static_cast<int>(col), static_cast<int>(row));
-      observed = observed || (z > 0 && in_cam.z() <= z + 0.2);
-    }
-    if (observed) judged.push_back(all.back());
-  }
+  ObservedSurface surface(cloud_, kVoxel / 2, 0.2);
   const std::vector<ListedCamera> cameras = ReadCameraList(folder() / "scene/cameras.txt");
-  std::map<Cell, Eigen::Vector3f> first;
   for (size_t i = 0; i < views_.size(); ++i) {
-    for (int row = 0; row < kHeight; ++row) {
-      for (int col = 0; col < kWidth; ++col) {
-        if (truth_[i](col, row) == 0) continue;
-        const Eigen::Vector3d in_cam = cameras[i].camera.Unproject({col, row}, truth_[i](col, row));
-        const Eigen::Vector3f p = (cameras[i].world_from_cam * in_cam).cast<float>();
-        if (first.emplace(CellOf(p, kVoxel / 2, 0), p).second) surface.push_back(p);
-      }
-    }
+    surface.Add(truth_[i], cameras[i].camera, cameras[i].world_from_cam.inverse());
   }
-  EXPECT_EQ(evaluation.reconstructed_points, all.size());
-  EXPECT_EQ(evaluation.observed_points, judged.size());
-  EXPECT_LT(judged.size(), all.size() - 100);  // behind surfaces and in the holes
-  EXPECT_GT(judged.size(), 100u);
-  EXPECT_EQ(evaluation.true_points, surface.size());
+  const std::vector<uint8_t>& observed = surface.observed();
+  const auto judged = static_cast<size_t>(std::count(observed.begin(), observed.end(), 1));
+  EXPECT_EQ(evaluation.reconstructed_points, cloud_.size());
+  EXPECT_EQ(evaluation.observed_points, judged);
+  EXPECT_LT(judged, cloud_.size() - 100);  // behind surfaces and in the holes
+  EXPECT_GT(judged, 100u);
+  EXPECT_EQ(evaluation.true_points, surface.cloud().size());
   EXPECT_EQ(evaluation.true_maps, 3u);
-  for (const CloudMetrics& m : evaluation.metrics) {
-    const double accuracy = ShareWithin(judged, surface, m.threshold);
-    const double completeness = ShareWithin(surface, all, m.threshold);
-    EXPECT_NEAR(m.accuracy, accuracy, 1e-6);
-    EXPECT_NEAR(m.completeness, completeness, 1e-6);
-    EXPECT_GT(accuracy, 5);
-    EXPECT_LT(accuracy, 95);
+  const std::vector<CloudMetrics> expected =
+      EvaluateCloud(cloud_, surface.cloud(), Options().thresholds, kVoxel, observed);
+  ASSERT_EQ(evaluation.metrics.size(), expected.size());
+  for (size_t i = 0; i < expected.size(); ++i) {
+    EXPECT_EQ(evaluation.metrics[i].accuracy, expected[i].accuracy);
+    EXPECT_EQ(evaluation.metrics[i].completeness, expected[i].completeness);
+    EXPECT_GT(expected[i].accuracy, 5);
+    EXPECT_LT(expected[i].accuracy, 95);
   }
 }
 
@@ -195,28 +149,25 @@ TEST_F(EvaluateCloudTest, ReportsTheSameFiguresInEveryForm) {
 }
 
 TEST_F(EvaluateCloudTest, RefusesBadOptionsAndInput) {
-  const auto expect_refused = [](const CloudEvaluationOptions& options, const std::string& message) {
-    EXPECT_THAT(MessageOf<InvalidInputError>([&] { EvaluateCloudFile(options); }), HasSubstr(message));
+  struct Case {
+    std::function<void(CloudEvaluationOptions*)> change;
+    const char* message;
   };
-  CloudEvaluationOptions options = Options();
-  options.thresholds = {0.1, -1};
-  expect_refused(options, "--thresholds = -1");
-  options.thresholds = {};
-  expect_refused(options, "0 values: must be at least 1");
-  options = Options();
-  options.voxel_size = 0;
-  expect_refused(options, "--voxel = 0");
-  options = Options();
-  options.truth.max_depth = -1;
-  expect_refused(options, "--max-depth = -1");
-  options.truth.max_depth = 1e-6;
-  expect_refused(options, "3 maps, 0 pixels of known depth");
-  options = Options();
-  options.truth.folder = "missing";
-  expect_refused(options, "missing");
-  options = Options();
-  options.ground_truth = folder() / "truth";
-  expect_refused(options, "cameras.txt");
+  for (const Case& c : std::vector<Case>{
+           {[](CloudEvaluationOptions* o) {
+              o->thresholds = {0.1, -1};
+            },
+            "--thresholds = -1"},
+           {[](CloudEvaluationOptions* o) { o->thresholds = {}; }, "0 values: must be at least 1"},
+           {[](CloudEvaluationOptions* o) { o->voxel_size = 0; }, "--voxel = 0"},
+           {[](CloudEvaluationOptions* o) { o->truth.max_depth = -1; }, "--max-depth = -1"},
+           {[](CloudEvaluationOptions* o) { o->truth.max_depth = 1e-6; }, "3 maps, 0 pixels of known depth"},
+           {[](CloudEvaluationOptions* o) { o->truth.folder = "missing"; }, "missing"},
+           {[](CloudEvaluationOptions* o) { o->ground_truth = o->truth.folder; }, "cameras.txt"}}) {
+    CloudEvaluationOptions options = Options();
+    c.change(&options);
+    EXPECT_THAT(MessageOf<InvalidInputError>([&] { EvaluateCloudFile(options); }), HasSubstr(c.message));
+  }
 }
 
 }  // namespace

@@ -47,6 +47,11 @@ class EvaluateDepthTest : public TestFolder {
     return map;
   }
 
+  /// As in the file, in millimetres.
+  DepthMap Truth(size_t i) const {
+    return ReadDepth(folder() / "scene/depth" / ("00000" + std::to_string(i) + ".png"));
+  }
+
   DepthEvaluationOptions Options() const {
     DepthEvaluationOptions options;
     options.scene = folder() / "scene";
@@ -58,52 +63,38 @@ class EvaluateDepthTest : public TestFolder {
   std::vector<SyntheticView> views_;
 };
 
-// Share in percent of pixels with an absolute error below `limit`, straight from the definition; `estimate` at the
-// truth's size; the truth rounded to millimetres as in the file.
-double ShareBelow(const DepthMap& estimate, const DepthMap& truth, double limit, const Image<unsigned char>* mask) {
-  size_t count = 0, below = 0;
-  for (size_t i = 0; i < truth.size(); ++i) {
-    if (mask && !mask->data()[i]) continue;
-    const double true_depth = std::round(1000.0 * truth.data()[i]) / 1000.0;
-    const double depth = estimate.empty() ? 0.0 : estimate.data()[i];
-    ++count;
-    below += depth > 0 && std::abs(depth - true_depth) < limit;
-  }
-  return 100.0 * below / count;
+void ExpectSame(const DepthMetrics& a, const DepthMetrics& b) {
+  EXPECT_EQ(a.ground_truth_pixels, b.ground_truth_pixels);
+  EXPECT_EQ(a.below_absolute, b.below_absolute);
+  EXPECT_EQ(a.below_relative, b.below_relative);
+  EXPECT_EQ(a.density, b.density);
 }
 
-TEST_F(EvaluateDepthTest, AgreesWithAPlainReference) {
+TEST_F(EvaluateDepthTest, IsThatOfTheMaps) {
   DepthEvaluationOptions options = Options();
   options.masks = {"low_texture"};
   const DepthEvaluation evaluation = EvaluateDepthFolder(options);
   ASSERT_EQ(evaluation.images.size(), 3u);
-  EXPECT_TRUE(evaluation.images[0].has_prediction);
-  EXPECT_FALSE(evaluation.images[1].has_prediction);
-  const DepthMap first = Disturbed(views_[0].true_depth);
-  const DepthMap constant(64, 48, 2.5f);
-  for (int k = 0; k < 3; ++k) {
-    const double limit = kAbsoluteThresholds[k];
-    const auto share = [&](int i, const DepthMap& map, bool masked) {
-      return ShareBelow(map, views_[i].true_depth, limit, masked ? &views_[i].low_texture : nullptr);
-    };
-    // Errors are continuous, but 3072 pixels have one or two within float rounding of a threshold at most.
-    constexpr double kTolerance = 0.07;
-    EXPECT_NEAR(evaluation.images[0].metrics.below_absolute[k], share(0, first, false), kTolerance);
-    EXPECT_EQ(evaluation.images[1].metrics.below_absolute[k], 0.0);
-    EXPECT_NEAR(evaluation.images[2].metrics.below_absolute[k], share(2, constant, false), kTolerance);
-    const double mean = (share(0, first, false) + share(2, constant, false)) / 3;
-    EXPECT_NEAR(evaluation.mean.below_absolute[k], mean, kTolerance);
-    EXPECT_NEAR(evaluation.pool.below_absolute[k], mean, kTolerance);  // images of one size, truth everywhere
-    const double masked = (share(0, first, true) + share(2, constant, true)) / 3;
-    EXPECT_NEAR(evaluation.regions.back().mean.below_absolute[k], masked, 2 * kTolerance);  // half of the pixels
-  }
-  EXPECT_EQ(evaluation.regions.back().name, "low_texture");
+  std::vector<DepthMap> maps(3);
+  maps[0] = Disturbed(views_[0].true_depth);
+  maps[2] = DepthMap(32, 24, 2.5f);
+  std::vector<DepthMetrics> all, masked;
+  DepthErrors pool;
   double share = 0;
-  for (const SyntheticView& view : views_) {
-    share += std::count(view.low_texture.begin(), view.low_texture.end(), 1) / 3.0 / view.low_texture.size();
+  for (size_t i = 0; i < 3; ++i) {
+    const Image<unsigned char>& mask = views_[i].low_texture;
+    all.push_back(EvaluateDepth(maps[i], Truth(i)));
+    masked.push_back(EvaluateDepth(maps[i], Truth(i), mask.View()));
+    pool.Add(maps[i], Truth(i));
+    share += static_cast<double>(std::count(mask.begin(), mask.end(), 1)) / 3 / static_cast<double>(mask.size());
+    EXPECT_EQ(evaluation.images[i].has_prediction, i != 1);
+    ExpectSame(evaluation.images[i].metrics, all[i]);
   }
+  ExpectSame(evaluation.mean, Mean(all));
+  ExpectSame(evaluation.pool, pool.Metrics());
+  EXPECT_EQ(evaluation.regions.back().name, "low_texture");
+  ExpectSame(evaluation.regions.back().mean, Mean(masked));
   EXPECT_NEAR(evaluation.regions.back().share, share, 1e-12);
-  EXPECT_NEAR(evaluation.mean.density, (100.0 + evaluation.images[0].metrics.density) / 3, 1e-9);
 }
 
 TEST_F(EvaluateDepthTest, HonoursScaleSubsetAndMaxDepth) {
@@ -114,37 +105,31 @@ TEST_F(EvaluateDepthTest, HonoursScaleSubsetAndMaxDepth) {
   const DepthEvaluation evaluation = EvaluateDepthFolder(options);
   ASSERT_EQ(evaluation.images.size(), 1u);
   EXPECT_TRUE(evaluation.regions.empty());
-  const DepthMap& truth = views_[2].true_depth;
-  EXPECT_NEAR(evaluation.pool.below_absolute[2], ShareBelow(DepthMap(64, 48, 1.25f), truth, 0.1, nullptr), 0.07);
+  const DepthMap truth = Truth(2);
+  ExpectSame(evaluation.pool, EvaluateDepth(DepthMap(32, 24, 1.25f), truth));
 
   options.truth.max_depth = 2.0;
-  const auto near = std::count_if(truth.begin(), truth.end(), [](float z) { return std::round(1000 * z) <= 2000; });
+  const auto near = std::count_if(truth.begin(), truth.end(), [](float z) { return z <= 2.0f; });
   EXPECT_EQ(EvaluateDepthFolder(options).pool.ground_truth_pixels, static_cast<size_t>(near));
 }
 
 TEST_F(EvaluateDepthTest, RefusesBadOptionsAndInput) {
-  const auto expect_refused = [](const DepthEvaluationOptions& options, const std::string& message) {
+  const auto expect_refused = [this](const auto& change, const std::string& message) {
+    DepthEvaluationOptions options = Options();
+    change(&options);
     EXPECT_THAT(MessageOf<InvalidInputError>([&] { EvaluateDepthFolder(options); }), HasSubstr(message));
   };
-  DepthEvaluationOptions options = Options();
-  options.scale = 0;
-  expect_refused(options, "--scale = 0");
-  options = Options();
-  options.truth.png_unit = std::nan("");
-  expect_refused(options, "--gt-png-unit = nan");
-  options = Options();
-  options.truth.folder = "truth";
-  expect_refused(options, "truth");
-  options = Options();
-  options.subset = {99};
-  expect_refused(options, "no ground truth");
-  options = Options();
-  options.masks = {"sparse"};
-  EXPECT_EQ(EvaluateDepthFolder(options).regions.size(), 1u);  // no mask of that name: lowtex alone
+  expect_refused([](DepthEvaluationOptions* o) { o->scale = 0; }, "--scale = 0");
+  expect_refused([](DepthEvaluationOptions* o) { o->truth.png_unit = std::nan(""); }, "--gt-png-unit = nan");
+  expect_refused([](DepthEvaluationOptions* o) { o->truth.folder = "truth"; }, "truth");
+  expect_refused([](DepthEvaluationOptions* o) { o->subset = {99}; }, "no ground truth");
   std::filesystem::create_directories(folder() / "small_masks");
   WritePng(folder() / "small_masks/000000.png", ColorImage(4, 4));
-  options.masks = {(folder() / "small_masks").string()};
-  expect_refused(options, "size 4 x 4");
+  const std::string small = (folder() / "small_masks").string();
+  expect_refused([&](DepthEvaluationOptions* o) { o->masks = {small}; }, "size 4 x 4");
+  DepthEvaluationOptions options = Options();
+  options.masks = {"sparse"};
+  EXPECT_EQ(EvaluateDepthFolder(options).regions.size(), 1u);  // no mask of that name: lowtex alone
 }
 
 TEST_F(EvaluateDepthTest, ReportsTheSameFiguresInEveryForm) {

@@ -72,21 +72,5 @@ TEST(SimulateSlamTest, DriftsUntilTheLoopIsClosed) {
   }
 }
 
-TEST(SimulateSlamTest, JitterHasItsSize) {
-  const std::vector<SyntheticView> views = Views(200);
-  const SlamRun run = SimulateSlam(views, {}, 1), steady = SimulateSlam(views, DriftAlone(), 1);
-  double squares = 0, squared_angles = 0;
-  for (size_t i = 3; i < 200; ++i) {
-    const RigidTransform off = run.outputs[i].cam_from_world * steady.outputs[i].cam_from_world.inverse();
-    squares += off.translation().squaredNorm();
-    squared_angles += std::pow(Eigen::AngleAxisd(off.linear()).angle(), 2);
-  }
-  // Three axes each, 0.5 to 0.53 units per metre; of 197 images the standard deviation is known to 3 %.
-  EXPECT_NEAR(std::sqrt(squares / 197 / 3), 0.515 * 0.002, 0.1 * 0.515 * 0.002);
-  EXPECT_NEAR(std::sqrt(squared_angles / 197 / 3) * 180 / M_PI, 0.06, 0.006);
-  const SlamRun other = SimulateSlam(views, {}, 2);
-  EXPECT_NE(Centre(run.outputs[5]), Centre(other.outputs[5]));
-}
-
 }  // namespace
 }  // namespace acmp

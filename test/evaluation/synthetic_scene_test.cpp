@@ -113,60 +113,6 @@ TEST(SyntheticScene, SurfacesAgreeBetweenViews) {
   EXPECT_GT(same, 0.8 * in_view);  // the rest is occluded
 }
 
-using PointKey = std::tuple<double, double, double>;
-
-TEST(SyntheticScene, LandmarksAreSeenByThreeViewsAndLieOnTexturedSurfaces) {
-  std::map<PointKey, int> views_of;
-  for (const SyntheticView& view : DefaultScene()) {
-    const auto& landmarks = view.frame.landmarks_in_world;
-    EXPECT_GE(landmarks.size(), 100u);
-    EXPECT_LE(landmarks.size(), 300u);
-    int blank = 0;
-    for (const Vector3d& landmark : landmarks) {
-      ++views_of[{landmark.x(), landmark.y(), landmark.z()}];
-      const Vector3d point = view.frame.cam_from_world * landmark;
-      ASSERT_GT(point.z(), 0.0);
-      const Vector2d pixel = view.frame.camera.Project(point);
-      ASSERT_TRUE(view.frame.camera.Contains(pixel));
-      const int col = static_cast<int>(std::lround(pixel.x())), row = static_cast<int>(std::lround(pixel.y()));
-      blank += view.low_texture(col, row);
-      // Noise is at most 10.4 mm per axis, 18 mm in all, of which an oblique surface (down to 11 degrees) makes up to
-      // 95 mm of depth; the nearest pixel may also lie on the other side of an outline: one of 3x3 must agree.
-      double closest = std::numeric_limits<double>::infinity();
-      for (int v = std::max(0, row - 1); v <= std::min(view.true_depth.height() - 1, row + 1); ++v) {
-        for (int u = std::max(0, col - 1); u <= std::min(view.true_depth.width() - 1, col + 1); ++u) {
-          closest = std::min(closest, std::abs(view.true_depth(u, v) - point.z()));
-        }
-      }
-      EXPECT_LT(closest, 0.095) << "view " << view.frame.id << " pixel " << pixel.transpose();
-    }
-    // Corners at the edges of pictures fall on the wall when seen from aside or moved by their noise.
-    EXPECT_LT(blank, 0.1 * landmarks.size());
-  }
-  for (const auto& [point, count] : views_of) EXPECT_GE(count, 3);
-}
-
-TEST(SyntheticScene, KeyframesAreAboutFiveDegreesApartAndAllOverlap) {
-  const Vector3d table(0.0, 0.95, 0.85);
-  SyntheticSceneOptions options;
-  options.width = 64;
-  options.height = 48;
-  options.keyframes = 60;  // several arcs
-  const std::vector<SyntheticView> views = MakeSyntheticScene(options);
-  for (size_t i = 0; i < views.size(); ++i) {
-    EXPECT_EQ(views[i].frame.id, static_cast<int64_t>(i));
-    const Vector3d point = views[i].frame.cam_from_world * table;
-    EXPECT_TRUE(views[i].frame.camera.Contains(views[i].frame.camera.Project(point)));
-    if (i == 0) continue;
-    EXPECT_GT(views[i].frame.stamp_s, views[i - 1].frame.stamp_s);
-    const Vector3d a = (CenterInWorld(views[i - 1]) - table).normalized();
-    const Vector3d b = (CenterInWorld(views[i]) - table).normalized();
-    const double angle_deg = std::acos(a.dot(b)) * 180 / M_PI;
-    EXPECT_GT(angle_deg, 3.5) << i;
-    EXPECT_LT(angle_deg, 6.5) << i;
-  }
-}
-
 // The hash of Fowler, Noll and Vo, 64 bits.
 class Fnv1a {
  public:

@@ -62,35 +62,27 @@ double ShareRight(const DepthMap& depth, const std::function<bool(int, int)>& co
   return static_cast<double>(right) / all;
 }
 
-bool IsUnknown(int col, int /*row*/) { return col >= 80; }
-
-TEST(FitPriorDepthTest, FindsScaleAndShiftAmongOutliers) {
-  const auto relative = [](int col, int row) { return 7 / (1 / TrueDepth(col, row) + 0.3f); };
-  const FittedPriorDepth fitted = FitPriorDepth(MakeDepth(relative), Known(), kPriorRange, kFitted);
-  EXPECT_EQ(fitted.rejection, "");
-  EXPECT_GT(ShareRight(fitted.depth, IsUnknown), 0.99);
-}
-
 DepthMap Drifting(const std::function<float(float)>& scale) {
   return MakeDepth(
       [&](int col, int row) { return TrueDepth(col, row) * scale(static_cast<float>(col) / kPriorWidth); });
 }
 
-TEST(FitPriorDepthTest, FollowsAScaleThatDriftsAlsoFarFromWhatIsKnown) {
-  const auto is_hole = [](int col, int /*row*/) { return col >= 60 && col < 100; };
+TEST(FitPriorDepthTest, FindsScaleShiftAndDriftAmongOutliers) {
+  const auto is_unknown = [](int col, int) { return col >= 80; };
+  const auto relative = [](int col, int row) { return 7 / (1 / TrueDepth(col, row) + 0.3f); };
+  const FittedPriorDepth fitted = FitPriorDepth(MakeDepth(relative), Known(), kPriorRange, kFitted);
+  EXPECT_EQ(fitted.rejection, "");
+  EXPECT_GT(ShareRight(fitted.depth, is_unknown), 0.99);
+  // A scale that drifts is followed far from what is known, too.
+  const auto is_hole = [](int col, int) { return col >= 60 && col < 100; };
   const DepthMap known = MakeDepth([&](int col, int row) { return is_hole(col, row) ? 0 : TrueDepth(col, row); });
-  const DepthMap prior = Drifting([](float x) { return 3 * (0.95f + 0.1f * x); });
-  const FittedPriorDepth fitted = FitPriorDepth(prior, known, kPriorRange, kFitted);
-  ASSERT_FALSE(fitted.depth.empty());
-  EXPECT_GT(ShareRight(fitted.depth, is_hole), 0.95);
-}
-
-TEST(FitPriorDepthTest, FollowsAScaleThatWavers) {
-  const DepthMap prior = Drifting([](float x) { return 1 + 0.04f * std::sin(6 * x); });
-  const FittedPriorDepth fitted = FitPriorDepth(prior, Known(), kPriorRange, kFitted);
-  ASSERT_FALSE(fitted.depth.empty());
-  const auto is_known = [](int col, int) { return col < 70; };
-  EXPECT_GT(ShareRight(fitted.depth, is_known), ShareRight(prior, is_known) + 0.3);
+  const DepthMap drifting = Drifting([](float x) { return 3 * (0.95f + 0.1f * x); });
+  EXPECT_GT(ShareRight(FitPriorDepth(drifting, known, kPriorRange, kFitted).depth, is_hole), 0.95);
+  // And near it one that wavers.
+  const auto is_near = [](int col, int) { return col < 70; };
+  const DepthMap wavering = Drifting([](float x) { return 1 + 0.04f * std::sin(6 * x); });
+  EXPECT_GT(ShareRight(FitPriorDepth(wavering, Known(), kPriorRange, kFitted).depth, is_near),
+            ShareRight(wavering, is_near) + 0.3);
 }
 
 TEST(FitPriorDepthTest, WhatIsMetricIsTrustedAsItIsOrNotAtAll) {

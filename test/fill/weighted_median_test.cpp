@@ -63,7 +63,7 @@ TEST_F(FilterPixelTest, ColoursTellWhichSurfaceAPixelIsOf) {
   EXPECT_NEAR(Filtered(kEdge - 2, 20), 2, 1e-5f) << "without colours most of what is around decides";
 }
 
-TEST_F(FilterPixelTest, WhatSourcesLookThroughHasLessSay) {
+TEST_F(FilterPixelTest, WhatSourcesSeeThroughHasLessSay) {
   // All of the left half that the filter sees from there but a column of samples has the wrong depth: nine times the
   // weight of that column, and a quarter of it for each source that violates.
   const auto filtered_with = [&](int free_space_violations) {

@@ -5,7 +5,6 @@
 // none or one unit in the last place of a float.
 
 #include <algorithm>
-#include <limits>
 #include <random>
 
 #include "gtest/gtest.h"
@@ -117,17 +116,8 @@ TEST_F(FusionParityTest, NoPointAndEveryPixelAPoint) {
 }
 
 TEST_F(FusionParityTest, OddValues) {
-  constexpr float kNan = std::numeric_limits<float>::quiet_NaN(), kInfinity = std::numeric_limits<float>::infinity();
   std::vector<TestView> views = NoisyViews();
-  const float odd[] = {kNan, kInfinity, -kInfinity, -1.0f, 0.0f, 1e-38f, 1e38f};
-  for (TestView& view : views) {
-    const int pixels = static_cast<int>(view.depth.size());
-    for (int k = 0; k < 7 * 15; ++k) {
-      view.depth.data()[17 * k % pixels] = odd[k % 7];
-      view.cost.data()[(17 * k + 3) % pixels] = odd[k % 7];
-      view.normal.data()[(17 * k + 6) % pixels] = {odd[k % 7], odd[(k + 1) % 7], 0};
-    }
-  }
+  SpoilSomePixels(&views);
   ExpectParity(ViewsOf(views), NoisyNeighbors());
   for (const int min_views : {0, 1}) ExpectParity(ViewsOf(views), NoisyNeighbors(), {0.05f, min_views, 2, 0.99f, 170});
 }

@@ -29,6 +29,21 @@ inline std::vector<TestView> NoisyViews() {
   return views;
 }
 
+/// Odd depths, costs and normals here and there.
+inline void SpoilSomePixels(std::vector<TestView>* views) {
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  const float odd[] = {kNan, kInfinity, -kInfinity, -1.0f, 0.0f, 1e-38f, 1e38f};
+  for (TestView& view : *views) {
+    const int pixels = static_cast<int>(view.depth.size());
+    for (int k = 0; k < 7 * 15; ++k) {
+      view.depth.data()[17 * k % pixels] = odd[k % 7];
+      view.cost.data()[(17 * k + 3) % pixels] = odd[k % 7];
+      view.normal.data()[(17 * k + 6) % pixels] = {odd[k % 7], odd[(k + 1) % 7], 0};
+      view.normal.data()[(17 * k + 7) % pixels] = {0, 0, 0};
+    }
+  }
+}
+
 /// All other views, in no particular order, and for one view not all of them.
 inline std::vector<std::vector<int>> NoisyNeighbors() { return {{1, 2, 3}, {0, 2}, {3, 1, 0}, {2, 0, 1}}; }
 

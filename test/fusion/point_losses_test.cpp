@@ -5,6 +5,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <functional>
+
 #include "fusion/analytic_views.h"
 #include "support/error_text.h"
 
@@ -48,38 +50,38 @@ TEST(PointLosses, CountsPointsAsTheConsistencyCheckDoes) {
 }
 
 TEST(PointLosses, NamesTheCheckThatFails) {
-  std::vector<TestView> views = Views();
-  for (int i = 1; i < 3; ++i) views[i].depth = DepthMap(20, 16, 4.2f);  // 5 %, less than 2 px
-  PointLosses losses = Count(views);
-  EXPECT_EQ(losses.points, 0u);
-  EXPECT_GT(losses.relative_depth, kPixels / 2);
-  EXPECT_THAT(Describe(losses, PaperFusion()), AllOf(StartsWith("depth (1 %) "), HasSubstr("~pose_is")));
-
-  views = Views();
-  for (int i = 1; i < 3; ++i) {
-    views[i].cam_from_world.translation().x() = -0.1 * i;
-    views[i].depth = DepthMap(20, 16, 2.0f);
+  struct Case {
+    std::function<void(TestView*, int i)> change;  ///< a source, from 1 on
+    size_t PointLosses::*loss;
+    std::string description;
+  };
+  for (const Case& c :
+       std::vector<Case>{{[](TestView*v, int) { v->depth = DepthMap(20, 16, 4.2f); },  // 5 %, less than 2 px
+                          &PointLosses::relative_depth, "depth (1 %) "},
+                         {[](TestView*v, int i) {
+                            v->cam_from_world.translation().x() = -0.1 * i;
+                            v->depth = DepthMap(20, 16, 2.0f);
+                          },
+                          &PointLosses::reprojection, "reprojection (2 px)"},
+                         {[](TestView*v, int) {
+                            v->normal = NormalMap(20, 16, {0.6f, 0, -0.8f});
+                          },
+                          &PointLosses::angle, "angle of normals (10 degrees)"},
+                         {[](TestView*v, int) { v->depth = DepthMap(20, 16, 0.0f); }, &PointLosses::source_depth,
+                          "no depth in the other images"}}) {
+    std::vector<TestView> views = Views();
+    for (int i = 1; i < 3; ++i) c.change(&views[static_cast<size_t>(i)], i);
+    const PointLosses losses = Count(views);
+    EXPECT_EQ(losses.points, 0u) << c.description;
+    EXPECT_GT(losses.*c.loss, kPixels / 4) << c.description;
+    EXPECT_THAT(Describe(losses, PaperFusion()), HasSubstr(c.description));
   }
-  losses = Count(views);
-  EXPECT_GT(losses.reprojection, kPixels / 4);
-  EXPECT_EQ(losses.relative_depth, 0u);
-  EXPECT_THAT(Describe(losses, PaperFusion()), HasSubstr("reprojection (2 px)"));
-
-  views = Views();
-  for (int i = 1; i < 3; ++i) views[i].normal = NormalMap(20, 16, {0.6f, 0, -0.8f});
-  losses = Count(views);
-  EXPECT_GT(losses.angle, kPixels / 2);
-  EXPECT_THAT(Describe(losses, PaperFusion()), StartsWith("angle of normals (10 degrees)"));
-
-  views = Views();
-  for (int i = 1; i < 3; ++i) views[i].depth = DepthMap(20, 16, 0.0f);
-  EXPECT_GT(Count(views).source_depth, kPixels / 2);
+  std::vector<TestView> views = Views();
   views[0].cost = CostMap(20, 16, 2.0f);
   EXPECT_EQ(Count(views).guesses, kPixels);
   views[0].depth = DepthMap(20, 16, 0.0f);
-  losses = Count(views);
-  EXPECT_EQ(losses.without_depth, kPixels);
-  EXPECT_THAT(Describe(losses, {}), AllOf(StartsWith("no depth 100 %"), HasSubstr("~depth_min")));
+  EXPECT_EQ(Count(views).without_depth, kPixels);
+  EXPECT_THAT(Describe(Count(views), {}), AllOf(StartsWith("no depth 100 %"), HasSubstr("~depth_min")));
   views = Views();
   views.resize(1);
   EXPECT_EQ(Count(views).outside, kPixels) << "no source";

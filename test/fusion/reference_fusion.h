@@ -225,10 +225,9 @@ struct Place {
   int view, col, row;
 };
 
-/// All views one after the other; each marks what its points used only once all its pixels have been decided. If
-/// wanted, used_by_view gets the marks that each view set.
+/// All views one after the other; each marks what its points used only once all its pixels have been decided.
 inline std::vector<Point> Fuse(const std::vector<FusionView>& views, const std::vector<std::vector<int>>& neighbors,
-                               const FusionOptions& options, std::vector<std::vector<Place>>* used_by_view = nullptr) {
+                               const FusionOptions& options) {
   std::vector<Image<unsigned char>> used;
   used.reserve(views.size());
   for (const FusionView& view : views) used.emplace_back(view.depth.width, view.depth.height);
@@ -255,7 +254,6 @@ inline std::vector<Point> Fuse(const std::vector<FusionView>& views, const std::
       }
     }
     for (const Place& place : used_now) used[place.view](place.col, place.row) = 1;
-    if (used_by_view != nullptr) used_by_view->push_back(used_now);
   }
   return points;
 }

@@ -6,14 +6,15 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
-#include "acmp_mapping/common/error.h"
-#include "geometry/vga_camera.h"
+#include "support/error_text.h"
 
 namespace acmp {
 namespace {
 
 using ::testing::AllOf;
 using ::testing::HasSubstr;
+
+const PinholeCamera kVgaCamera = {640, 480, 525.5, 520.25, 311.75, 244.5};
 
 TEST(PinholeCameraTest, ProjectsAsItsMatrixDoes) {
   for (const Eigen::Vector3d& point : {Eigen::Vector3d(0.3, -0.2, 1.5), {-4, 2, 9}, {0, 0, 0.01}}) {
@@ -100,30 +101,20 @@ TEST(LimitSizeTest, LimitsTheLongerSideOnly) {
   }
 }
 
-std::string CheckMessage(const PinholeCamera& camera) {
-  try {
-    CheckCamera("left camera", camera);
-  } catch (const InvalidInputError& error) {
-    return error.what();
-  }
-  return "";
-}
-
 TEST(CheckCameraTest, NamesWhatIsWrong) {
   constexpr double kInf = std::numeric_limits<double>::infinity();
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THAT(CheckMessage({}), HasSubstr("0 x 0"));
-  EXPECT_THAT(CheckMessage({-3, 480, 1, 1, 0, 0}), AllOf(HasSubstr("left camera"), HasSubstr("-3 x 480")));
-  EXPECT_THAT(CheckMessage({640, 0, 1, 1, 0, 0}), HasSubstr("640 x 0"));
+  const auto error = [](const PinholeCamera& camera) { return ErrorOf([&] { CheckCamera("left camera", camera); }); };
+  EXPECT_EQ(error(kVgaCamera), "no error");
+  EXPECT_THAT(error({-3, 480, 1, 1, 0, 0}), AllOf(HasSubstr("left camera"), HasSubstr("-3 x 480")));
+  EXPECT_THAT(error({640, 0, 1, 1, 0, 0}), HasSubstr("640 x 0"));
   for (const double bad : {0.0, -2.5, kInf, kNan}) {
-    EXPECT_THAT(CheckMessage({640, 480, bad, 500, 0, 0}),
-                AllOf(HasSubstr(Concat("fx = ", bad)), HasSubstr("positive")));
-    EXPECT_THAT(CheckMessage({640, 480, 500, bad, 0, 0}), HasSubstr(Concat("fy = ", bad)));
+    EXPECT_THAT(error({640, 480, bad, 500, 0, 0}), AllOf(HasSubstr(Concat("fx = ", bad)), HasSubstr("positive")));
+    EXPECT_THAT(error({640, 480, 500, bad, 0, 0}), HasSubstr(Concat("fy = ", bad)));
   }
-  for (const double bad : {kInf, -kInf, kNan}) {
-    EXPECT_THAT(CheckMessage({640, 480, 500, 500, bad, 0}),
-                AllOf(HasSubstr(Concat("cx = ", bad)), HasSubstr("finite")));
-    EXPECT_THAT(CheckMessage({640, 480, 500, 500, 0, bad}), HasSubstr(Concat("cy = ", bad)));
+  for (const double bad : {kInf, kNan}) {
+    EXPECT_THAT(error({640, 480, 500, 500, bad, 0}), AllOf(HasSubstr(Concat("cx = ", bad)), HasSubstr("finite")));
+    EXPECT_THAT(error({640, 480, 500, 500, 0, bad}), HasSubstr(Concat("cy = ", bad)));
   }
 }
 

@@ -60,26 +60,6 @@ TEST(ResizeTest, ShrinkingByWholeFactorsKeepsALinearRamp) {
   }
 }
 
-TEST(ResizeTest, ShrinkingByOtherFactorsKeepsALinearRampToAFraction) {
-  const GrayImage ramp = Ramp(101, 67);
-  for (const auto& [width, height] : {std::pair(37, 31), {100, 66}, {64, 48}}) {
-    const GrayImage resized = Resize(ramp, width, height);
-    for (int row = 0; row < height; ++row) {
-      for (int col = 0; col < width; ++col) {
-        // A pixel cut by the cell's edge counts with its centre's value instead of its part's: at most 1/8 of a pixel's
-        // step at each of the two edges, over the cell's size.
-        const double tolerance = 2.0 * 0.25 / (101.0 / width) + 3.0 * 0.25 / (67.0 / height) + 1e-3;
-        ASSERT_NEAR(resized(col, row), ExpectedRamp(col, row, resized, ramp), tolerance) << col << ", " << row;
-      }
-    }
-    double bias = 0;  // a wrong pixel convention (u / s) would shift all pixels the same way
-    for (int row = 0; row < height; ++row) {
-      for (int col = 0; col < width; ++col) bias += resized(col, row) - ExpectedRamp(col, row, resized, ramp);
-    }
-    EXPECT_NEAR(bias / (width * height), 0, 0.02);
-  }
-}
-
 TEST(ResizeTest, EnlargingIsBilinearWithClampedBorders) {
   const GrayImage ramp = Ramp(9, 7);
   const GrayImage resized = Resize(ramp, 30, 25);

@@ -56,20 +56,6 @@ TEST(RasterizeTriangles, PutsEachPixelInExactlyOneTriangle) {
   }
 }
 
-TEST(RasterizeTriangles, LeavesNoHoleInsideTheHull) {
-  // Corners of the image and random points: the half-open hull is everything but the last column and row.
-  std::vector<SupportPoint> points = RandomPoints(129, 97, 300, 5);
-  const auto is_corner = [](const SupportPoint& p) { return p.col % 128 == 0 && p.row % 96 == 0; };
-  points.erase(std::remove_if(points.begin(), points.end(), is_corner), points.end());
-  for (int corner = 0; corner < 4; ++corner) points.push_back({corner % 2 * 128, corner / 2 * 96, 1.0f});
-  const Image<int> ids = RasterizeTriangles(129, 97, points, TriangulateSupportPoints(points));
-  for (int row = 0; row < 97; ++row) {
-    for (int col = 0; col < 129; ++col) {
-      ASSERT_EQ(ids(col, row) >= 0, col < 128 && row < 96) << col << ", " << row;
-    }
-  }
-}
-
 TEST(RasterizeTriangles, IsExactAtTheLargestCoordinates) {
   // The diagonal of a square from corner to corner of the legal range passes through the pixels (i, i): with the
   // top-left rule they belong to the triangle on the right of the diagonal.
@@ -82,29 +68,12 @@ TEST(RasterizeTriangles, IsExactAtTheLargestCoordinates) {
   }
 }
 
-TEST(RasterizeTriangles, TakesTheLastOfOverlappingTriangles) {
-  const std::vector<SupportPoint> points = {{0, 0, 1}, {90, 0, 1}, {0, 90, 1}};
-  const Image<int> ids = RasterizeTriangles(40, 40, points, {{{0, 1, 2}}, {{2, 1, 0}}});
-  EXPECT_TRUE(std::all_of(ids.begin(), ids.end(), [](int id) { return id == 1; }));
-}
-
 TEST(RasterizeTriangles, RefusesBadIndicesAndCoordinates) {
   const std::vector<SupportPoint> points = {{0, 0, 1}, {9, 0, 1}, {0, (1 << 28) + 1, 1}};
   EXPECT_THROW(RasterizeTriangles(9, 9, points, {{{0, 1, 3}}}), InvalidInputError);
   EXPECT_THROW(RasterizeTriangles(9, 9, points, {{{0, -1, 1}}}), InvalidInputError);
   EXPECT_THROW(RasterizeTriangles(9, 9, points, {{{0, 1, 2}}}), InvalidInputError);
   EXPECT_THROW(RasterizeTriangles(-1, 9, points, {}), InvalidInputError);
-}
-
-TEST(RasterizeTriangles, DoesNotDependOnTheNumberOfThreads) {
-  const std::vector<SupportPoint> points = RandomPoints(300, 250, 2000, 4);
-  const std::vector<SupportTriangle> triangles = TriangulateSupportPoints(points);
-  std::vector<Image<int>> rasters;
-  for (const size_t threads : {1, 4}) {
-    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-    rasters.push_back(RasterizeTriangles(300, 250, points, triangles));
-  }
-  EXPECT_TRUE(std::equal(rasters[0].begin(), rasters[0].end(), rasters[1].begin()));
 }
 
 }  // namespace
