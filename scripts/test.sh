@@ -34,7 +34,7 @@ elif [ "${ACMP_SKIP_STYLE:-0}" != 1 ]; then
 fi
 # shellcheck source=scripts/ros_environment.sh
 source scripts/ros_environment.sh "$build"
-# Tests write small files and wait until the disk has them: in memory, where there is 2 GB for them, they take a tenth of that.
+# Tests write small files and wait until the disk has them: in memory, where there are 2 GB of it, they take a tenth of that.
 shm_kb=$(df -k --output=avail /dev/shm 2>/dev/null | tail -n 1)
 if [ -w /dev/shm ] && [ "${shm_kb:-0}" -gt 2000000 ]; then
   TMPDIR=$(mktemp -d -p /dev/shm)
