@@ -297,7 +297,7 @@ void DenseMapperNodelet::Deliver(bool all) {
     intake_->set_masks_expected(masks_expected);
     intake_->set_prior_depth_expected(prior_depth_expected);
     events = all ? intake_->TakeAll() : intake_->Take(SteadySeconds() - blocked_s_);
-    publisher_->set_images(ImagesReceived(InputStatuses()) - intake_->not_chosen());
+    publisher_->set_images(ImagesReceived(InputStatuses()) - intake_->not_chosen() - intake_->unposed_images());
   }
   const double start_s = SteadySeconds();
   for (IntakeEvent& event : events) Dispatch(std::move(event), all);

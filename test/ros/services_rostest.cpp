@@ -35,6 +35,7 @@ class ServicesTest : public SavingTest {
     start_s_ += 100;
     SavingTest::SetUp();
   }
+  static uint32_t StartS() { return start_s_; }
   static std::vector<ViewMessages> Scene() { return MakeSmallScene(kViews, start_s_); }
 
   /// The configuration after a change, as the server answers it.
@@ -134,6 +135,18 @@ TEST_F(ServicesTest, SaveMapSaysWhatIsNotInTheMapYet) {
   const SaveMap::Response whole = mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true);
   EXPECT_EQ(whole.keyframes, kViews);
   EXPECT_THAT(whole.message, AllOf(Not(HasSubstr("under way")), Not(HasSubstr("lost"))));
+}
+
+TEST_F(ServicesTest, AfterAFlushAnImageWithoutAPoseIsNotUnderWay) {
+  const std::vector<ViewMessages> scene = MakeSmallScene(kViews + 1, StartS());
+  for (size_t i = 0; i < kViews; ++i) mapper().player.Publish(scene[i]);
+  mapper().player.image.publish(scene[kViews].image);
+  std::string message;
+  ASSERT_TRUE(mapper().Call("flush", &message));
+  EXPECT_THAT(message, HasSubstr("1 image(s) still wait"));
+  const SaveMap::Response saved = mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true);
+  EXPECT_EQ(saved.keyframes, kViews);
+  EXPECT_THAT(saved.message, Not(HasSubstr("under way")));
 }
 
 TEST_F(ServicesTest, SaveMapRefusesBadPathsAndFormatsAndFindsRelativeOnes) {

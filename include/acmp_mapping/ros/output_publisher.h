@@ -31,7 +31,8 @@ class OutputPublisher {
 
   /// Depth below is left out, 0..1.
   void set_min_depth_confidence(double confidence) { min_depth_confidence_ = confidence; }
-  /// Images that have come so far and were not passed over. With each message goes how many of them had no end yet.
+  /// Images that have come with their poses so far and were not passed over. With each message goes how many of them
+  /// had no end yet. One that waits for its pose may never get it, and no flush finishes it.
   void set_images(uint64_t images) { images_ = images; }
 
   /// Tells of it, unless stopped.
