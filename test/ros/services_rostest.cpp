@@ -149,6 +149,22 @@ TEST_F(ServicesTest, AfterAFlushAnImageWithoutAPoseIsNotUnderWay) {
   EXPECT_THAT(saved.message, Not(HasSubstr("under way")));
 }
 
+TEST_F(ServicesTest, WhoSubscribesLateGetsTheNewestImages) {
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  const ros::Time newest = mapper().depth.messages().back()->header.stamp;
+  for (const char* topic : {"rgb/image_rect_color", "depth/image_raw", "depth/image_vis", "normal/image",
+                            "normal/image_vis", "confidence/image", "confidence/image_vis"}) {
+    Recorder<sensor_msgs::Image> late(mapper().nh, topic);
+    ASSERT_TRUE(late.WaitForCount(1, kTimeoutS)) << topic;
+    EXPECT_EQ(late.messages()[0]->header.stamp, newest) << topic;
+  }
+  for (const char* topic : {"rgb/camera_info", "depth/camera_info"}) {
+    Recorder<sensor_msgs::CameraInfo> late(mapper().nh, topic);
+    ASSERT_TRUE(late.WaitForCount(1, kTimeoutS)) << topic;
+    EXPECT_EQ(late.messages()[0]->header.stamp, newest) << topic;
+  }
+}
+
 TEST_F(ServicesTest, SaveMapRefusesBadPathsAndFormatsAndFindsRelativeOnes) {
   ASSERT_EQ(mapper().Map(Scene()), kViews);
   const std::string top = fs::canonical(fs::temp_directory_path()).string();
