@@ -66,8 +66,9 @@ void DenseMapperNodelet::Start() {
   publisher_ =
       std::make_unique<OutputPublisher>(status_thread_.Attach(getNodeHandle()), getName(), &incidents_,
                                         [this](const RejectedInput& rejected) { Report(WithDoubt(rejected)); });
-  StartWorker();
+  MakeIntake(runtime_options_->Get());
   StartReconfigure();
+  StartWorker();
   Subscribe();
   StartServices();
   diagnostics_ = std::make_unique<Diagnostics<MapperSnapshot>>(
@@ -89,21 +90,19 @@ void DenseMapperNodelet::LoadOptions() {
   MapServerOptions of_map_server;
   for (const Option& option : OptionsOf(&of_map_server)) reader.SetElsewhere(option.name, "map_server");
   options_ = LoadNodeOptions(&reader);
-  if (options_.preset == kAutoPreset) {
+  if (UsedPreset(options_, true) == kAutoPreset) {
     for (const AutoPreset::Setting& setting : AutoPreset::Settings()) {
       auto_options_.push_back(LoadRuntimeOptions(&reader, setting));
     }
-    runtime_options_ = std::make_unique<SharedOptions>(auto_options_[AutoPreset().index()]);
-  } else {
-    RuntimeOptions start;
-    start.mapper.pipeline = MakePreset(options_.preset);
-    runtime_options_ = std::make_unique<SharedOptions>(LoadRuntimeOptions(&reader, start));
   }
+  const std::string preset = UsedPreset(options_, false);
+  RuntimeOptions start;
+  start.mapper.pipeline = MakePreset(preset == kAutoPreset ? kUsualPreset : preset);
+  runtime_options_ = std::make_unique<SharedOptions>(LoadRuntimeOptions(&reader, start));
   WarnOfUnknown(reader);
 }
 
 void DenseMapperNodelet::StartWorker() {
-  MakeIntake(runtime_options_->Get());
   MapperWorker::Hooks hooks;
   hooks.on_device = [this](const WorkerStatus& status) { LogDevice(status); };
   hooks.on_setting = [this](const AutoPreset& chosen, const std::string& text) { UseSetting(chosen, text); };
@@ -147,6 +146,13 @@ void DenseMapperNodelet::LogDevice(const WorkerStatus& status) {
   } else {
     NODELET_INFO("mapping on %s", status.device_name.c_str());
   }
+  if (!status.on_cpu) return;
+  const std::string size = options_.max_image_size > 0 ? Concat(options_.max_image_size, " px") : "the size as sent";
+  NODELET_INFO("preset %s, images of at most %s (~max_image_size); %s", status.preset.c_str(), size.c_str(),
+               options_.overload == OverloadPolicy::kBlock
+                   ? "the input waits for the CPU (~overload: block), so that nothing is lost"
+                   : "keyframes that come faster than the CPU maps them get no maps; with ~overload: block a "
+                     "recording loses nothing");
 }
 
 void DenseMapperNodelet::StartReconfigure() {
@@ -241,6 +247,7 @@ void DenseMapperNodelet::UseSetting(const AutoPreset& chosen, const std::string&
   wanted.mapper.min_source_views = setting.min_source_views;
   runtime_options_->Set(wanted);
   reconfigure_->updateConfig(ToConfig(wanted));
+  if (text.empty()) return;
   if (chosen.keeps_up()) {
     NODELET_INFO("preset auto: %s", text.c_str());
   } else {
@@ -290,7 +297,7 @@ void DenseMapperNodelet::Deliver(bool all) {
     intake_->set_masks_expected(masks_expected);
     intake_->set_prior_depth_expected(prior_depth_expected);
     events = all ? intake_->TakeAll() : intake_->Take(SteadySeconds() - blocked_s_);
-    publisher_->set_images(ImagesReceived(InputStatuses()) - intake_->not_chosen());
+    publisher_->set_images(ImagesReceived(InputStatuses()) - intake_->not_chosen() - intake_->unposed_images());
   }
   const double start_s = SteadySeconds();
   for (IntakeEvent& event : events) Dispatch(std::move(event), all);

@@ -45,6 +45,36 @@ KeyframeOutput MakeKeyframeOutput(const KeyframeDepthPtr& maps, double min_depth
   return {frame.origin, frame.run, maps, MakeKeepMask(*maps, min_depth_confidence), KeptPoints(*maps)};
 }
 
+std::string DescribePixels(const KeyframeOutput& output) {
+  const KeyframeDepth& maps = *output.maps;
+  const Mask& mask = maps.frame->mask;
+  constexpr float kNear = 1.01f;  // to an end of the range
+  size_t masked = 0, without_depth = 0, guessed = 0, at_range_end = 0;
+  for (int row = 0; row < maps.depth.height(); ++row) {
+    for (int col = 0; col < maps.depth.width(); ++col) {
+      const float depth = maps.depth(col, row);
+      const bool has_depth = std::isfinite(depth) && depth > 0;
+      if (!mask.empty() && mask(col, row) == 0) {
+        ++masked;
+      } else if (!has_depth) {
+        ++without_depth;
+      } else {
+        guessed += maps.cost(col, row) >= kWorstCost ? 1 : 0;
+        at_range_end += depth < kNear * maps.range.min || kNear * depth > maps.range.max ? 1 : 0;
+      }
+    }
+  }
+  const size_t others = output.points_in_camera.size() + masked + without_depth + guessed;
+  const size_t not_confident = maps.depth.size() > others ? maps.depth.size() - others : 0;
+  const auto share = [&](size_t pixels) {
+    return Concat(std::lround(100 * static_cast<double>(pixels) / static_cast<double>(maps.depth.size())), " % ");
+  };
+  return Concat("image ", FormatStamp(output.origin.stamp_ns), ": ", share(output.points_in_camera.size()), "points, ",
+                share(not_confident), "below min_confidence, ", share(guessed), "filled in where no view confirms it, ",
+                share(without_depth), "without depth, ", share(masked), "masked; ", share(at_range_end),
+                "at an end of the depth range, ", maps.range.min, " to ", maps.range.max);
+}
+
 void OutputStatus::CountRefined(const KeyframeDepth& maps) {
   ++refined;
   times = maps.times;
@@ -54,6 +84,7 @@ void OutputStatus::CountRefined(const KeyframeDepth& maps) {
 }
 
 void OutputStatus::CountPoints(const KeyframeOutput& output) {
+  pixels = DescribePixels(output);
   const bool has_points = !output.points_in_camera.empty();
   run_without_points = has_points ? 0 : run_without_points + 1;
   no_points_reason = "";

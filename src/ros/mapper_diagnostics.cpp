@@ -204,6 +204,7 @@ void DescribeMapping(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* st
     if (!worker.fallback_reason.empty()) status->add("why not on a GPU", worker.fallback_reason);
   }
   status->add("device", worker.device_name);
+  if (!worker.outputs.pixels.empty()) status->add("pixels of the last refined keyframe", worker.outputs.pixels);
   status->add("keyframes", worker.keyframes);
   status->add("fast depth maps", worker.outputs.fast);
   status->add("refined depth maps", worker.outputs.refined);

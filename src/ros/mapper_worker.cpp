@@ -51,7 +51,6 @@ MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions*
       outputs_(outputs),
       hooks_(std::move(hooks)),
       queue_(node_options.overload),
-      auto_preset_(node_options.preset == kAutoPreset ? std::make_optional<AutoPreset>() : std::nullopt),
       run_(NewRun()),
       thread_([this] { Run(); }) {}
 
@@ -183,10 +182,15 @@ void MapperWorker::MakeMapper() {
     DepthEngineBackend backend = MakeDepthEngine(node_options_.device, node_options_.cuda_device);
     engine_ = std::move(backend.engine);
     output_engine_ = engine_->Share();
+    const bool on_cpu = node_options_.device == Device::kCpu || !backend.fallback_reason.empty();
+    const std::string preset = UsedPreset(node_options_, on_cpu);
+    if (preset == kAutoPreset) hooks_.on_setting(auto_preset_.emplace(), "");
     mapper_ = std::make_unique<DenseMapper>(engine_.get(), options_->Get().mapper, outputs_->MakeCallbacks(),
                                             output_engine_.get());
     UpdateStatus([&](WorkerStatus* status) {
       status->ready = true;
+      status->on_cpu = on_cpu;
+      status->preset = preset;
       status->device_name = engine_->device_name();
       status->fallback_reason = backend.fallback_reason;
     });

@@ -67,13 +67,14 @@ std::vector<double> ToNumbers(const std::optional<RigidTransform>& transform) {
   return {rows.data(), rows.data() + rows.size()};
 }
 
-/// Those of the pipeline and auto. A preset of several scales needs the maps of all images at each of them.
+/// Those of the pipeline, auto and none. A preset of several scales needs the maps of all images at each of them.
 std::vector<std::string> OnlinePresets() {
   std::vector<std::string> names;
   for (const std::string& name : PresetNames()) {
     if (!MakePreset(name).multi_scale) names.push_back(name);
   }
   names.emplace_back(kAutoPreset);
+  names.emplace_back();
   return names;
 }
 
@@ -91,7 +92,8 @@ OptionList OptionsOf(NodeOptions* o) {
       [o](const OptionValue& value) { SetDevice(std::get<std::string>(value), o); });
   list.Text("preset", &o->preset,
             "How depth is computed: start values of the options of the pipeline; auto: the best of balanced, online "
-            "and online with smaller images that the machine keeps up with, up to max_image_size and max_source_views")
+            "and online with smaller images that the machine keeps up with, up to max_image_size and max_source_views; "
+            "empty: balanced, or auto where there is no GPU and overload is not block")
       .choices = OnlinePresets();
   list.Number("max_image_size", &o->max_image_size, 0, 100000, "px",
               "Images are shrunk until their longer side has so many pixels; time grows with its square; 0: as sent");
@@ -292,6 +294,11 @@ NodeOptions LoadNodeOptions(ParameterReader* reader) {
   }
   Check(options);
   return options;
+}
+
+std::string UsedPreset(const NodeOptions& options, bool on_cpu) {
+  if (!options.preset.empty()) return options.preset;
+  return on_cpu && options.overload != OverloadPolicy::kBlock ? kAutoPreset : kUsualPreset;
 }
 
 RuntimeOptions LoadRuntimeOptions(ParameterReader* reader, const RuntimeOptions& start) {

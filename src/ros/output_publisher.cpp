@@ -37,9 +37,47 @@ const KeyframeOrigin& KeyframeOriginOf(const Frame& frame) { return static_cast<
 
 double LatencyMs(const KeyframeOrigin& origin) { return (SteadySeconds() - origin.arrival_s) * 1e3; }
 
-/// Confidence as published: 0 where the lens saw nothing.
-sensor_msgs::ImagePtr ToConfidenceMessage(const KeyframeOutput& output, const std_msgs::Header& header) {
-  sensor_msgs::ImagePtr message = ToFloatMessage(output.maps->confidence, header);
+std_msgs::Header CameraHeader(const KeyframeOutput& output) {
+  return MakeHeader(output.origin.stamp_ns, output.origin.camera_frame);
+}
+
+// What is published of a keyframe.
+
+sensor_msgs::CameraInfoPtr CameraInfoOf(const KeyframeOutput& output) {
+  return ToCameraInfo(output.maps->frame->camera, CameraHeader(output));
+}
+
+sensor_msgs::ImagePtr DepthImageOf(const KeyframeOutput& output) {
+  return ToDepthMessage(output.maps->depth, output.keep.View(), CameraHeader(output));
+}
+
+sensor_msgs::ImagePtr ColorImageOf(const KeyframeOutput& output) {
+  return ToColorMessage(output.maps->frame->color, CameraHeader(output));
+}
+
+sensor_msgs::ImagePtr NormalImageOf(const KeyframeOutput& output) {
+  return ToNormalMessage(output.maps->normal, output.keep.View(), CameraHeader(output));
+}
+
+sensor_msgs::ImagePtr DepthPictureOf(const KeyframeOutput& output) {
+  DepthMap kept = output.maps->depth.Clone();
+  for (size_t i = 0; i < kept.size(); ++i) {
+    if (!output.keep.data()[i]) kept.data()[i] = 0;
+  }
+  return ToColorMessage(DepthPicture(kept), CameraHeader(output));
+}
+
+sensor_msgs::ImagePtr NormalPictureOf(const KeyframeOutput& output) {
+  return ToColorMessage(NormalPicture(output.maps->normal), CameraHeader(output));
+}
+
+sensor_msgs::ImagePtr ConfidencePictureOf(const KeyframeOutput& output) {
+  return ToColorMessage(ConfidencePicture(output.maps->confidence), CameraHeader(output));
+}
+
+/// 0 where the lens saw nothing.
+sensor_msgs::ImagePtr ConfidenceImageOf(const KeyframeOutput& output) {
+  sensor_msgs::ImagePtr message = ToFloatMessage(output.maps->confidence, CameraHeader(output));
   float* values = reinterpret_cast<float*>(message->data.data());
   for (const unsigned char keep : output.keep) {
     if (!keep) *values = 0;
@@ -73,18 +111,26 @@ OutputPublisher::OutputPublisher(ros::NodeHandle nh, std::string mapper, const I
                                  std::function<void(const RejectedInput&)> report)
     : mapper_(std::move(mapper)), incidents_(incidents), report_(std::move(report)), transport_(nh) {
   depth_fast_ = transport_.advertiseCamera(names::kDepthFast, kQueue);
-  depth_ = transport_.advertiseCamera(names::kDepth, kQueue);
-  color_ = transport_.advertiseCamera(names::kColor, kQueue);
-  depth_picture_ = transport_.advertise(names::kDepthPicture, kQueue);
-  confidence_ = transport_.advertise(names::kConfidence, kQueue);
-  confidence_picture_ = transport_.advertise(names::kConfidencePicture, kQueue);
-  normal_ = transport_.advertise(names::kNormal, kQueue);
-  normal_picture_ = transport_.advertise(names::kNormalPicture, kQueue);
-  depth_millimetres_ = nh.advertise<sensor_msgs::Image>(names::kDepthMillimetres, kQueue);
+  depth_ =
+      transport_.advertiseCamera(names::kDepth, kQueue, ForNewcomers(&DepthImageOf), {}, ForNewcomers(&CameraInfoOf));
+  color_ =
+      transport_.advertiseCamera(names::kColor, kQueue, ForNewcomers(&ColorImageOf), {}, ForNewcomers(&CameraInfoOf));
+  AddImageTopic(names::kDepthPicture, &DepthPictureOf);
+  AddImageTopic(names::kConfidence, &ConfidenceImageOf);
+  AddImageTopic(names::kConfidencePicture, &ConfidencePictureOf);
+  AddImageTopic(names::kNormal, &NormalImageOf);
+  AddImageTopic(names::kNormalPicture, &NormalPictureOf);
+  depth_millimetres_ = nh.advertise<sensor_msgs::Image>(
+      names::kDepthMillimetres, kQueue,
+      ForNewcomers([](const KeyframeOutput& output) { return ToDepthMillimetres(*DepthImageOf(output)); }));
   points_ = nh.advertise<sensor_msgs::PointCloud2>(names::kPoints, kQueue);
   pose_ = nh.advertise<geometry_msgs::PoseStamped>(names::kKeyframePose, kQueue);
   keyframe_points_ = nh.advertise<acmp_mapping::KeyframePoints>(names::kKeyframePoints, kMapQueue);
   keyframe_depth_ = nh.advertise<acmp_mapping::KeyframeDepth>(names::kKeyframeDepth, kQueue);
+}
+
+void OutputPublisher::AddImageTopic(const char* name, const MakeImage& make) {
+  image_topics_.push_back({transport_.advertise(name, kQueue, ForNewcomers(make)), make});
 }
 
 DenseMapper::Callbacks OutputPublisher::MakeCallbacks() {
@@ -130,11 +176,8 @@ void OutputPublisher::Publish(const KeyframeDepthPtr& maps, const PublishOutput&
 
 void OutputPublisher::HandleFast(const KeyframeDepthPtr& maps) {
   Publish(maps, [this](const KeyframeOutput& output) {
-    const std_msgs::Header camera = MakeHeader(output.origin.stamp_ns, output.origin.camera_frame);
     PublishPose(output);
-    if (depth_fast_.getNumSubscribers() == 0) return;
-    depth_fast_.publish(ToDepthMessage(output.maps->depth, output.keep.View(), camera),
-                        ToCameraInfo(output.maps->frame->camera, camera));
+    if (depth_fast_.getNumSubscribers() > 0) depth_fast_.publish(DepthImageOf(output), CameraInfoOf(output));
   });
   UpdateStatus([&](OutputStatus* status) {
     ++status->fast;
@@ -145,7 +188,10 @@ void OutputPublisher::HandleFast(const KeyframeDepthPtr& maps) {
 void OutputPublisher::HandleRefined(const KeyframeDepthPtr& maps) {
   const KeyframeOrigin& origin = KeyframeOriginOf(*maps->frame);
   // First: what is published says how many images are still under way.
-  UpdateStatus([&](OutputStatus* status) { status->CountRefined(*maps); });
+  UpdateStatus([&](OutputStatus* status) {
+    status->CountRefined(*maps);
+    newest_ = maps;
+  });
   Publish(maps, [&](const KeyframeOutput& output) {
     PublishRefined(output);
     std::string without_points;
@@ -170,21 +216,19 @@ void OutputPublisher::HandleDrop(const KeyframeDrop& drop) {
 }
 
 void OutputPublisher::PublishRefined(const KeyframeOutput& output) {
-  const KeyframeDepth& maps = *output.maps;
-  const std_msgs::Header camera = MakeHeader(output.origin.stamp_ns, output.origin.camera_frame);
   if (depth_.getNumSubscribers() > 0 || depth_millimetres_.getNumSubscribers() > 0) {
-    const sensor_msgs::ImagePtr depth = ToDepthMessage(maps.depth, output.keep.View(), camera);
+    const sensor_msgs::ImagePtr depth = DepthImageOf(output);
     if (depth_millimetres_.getNumSubscribers() > 0) depth_millimetres_.publish(ToDepthMillimetres(*depth));
-    depth_.publish(depth, ToCameraInfo(maps.frame->camera, camera));
+    depth_.publish(depth, CameraInfoOf(output));
   }
-  if (color_.getNumSubscribers() > 0) {
-    color_.publish(ToColorMessage(maps.frame->color, camera), ToCameraInfo(maps.frame->camera, camera));
+  if (color_.getNumSubscribers() > 0) color_.publish(ColorImageOf(output), CameraInfoOf(output));
+  for (const ImageTopic& topic : image_topics_) {
+    if (topic.publisher.getNumSubscribers() > 0) topic.publisher.publish(topic.make(output));
   }
-  if (confidence_.getNumSubscribers() > 0) confidence_.publish(ToConfidenceMessage(output, camera));
-  if (normal_.getNumSubscribers() > 0) normal_.publish(ToNormalMessage(maps.normal, output.keep.View(), camera));
-  PublishPictures(output, camera);
-  if (points_.getNumSubscribers() > 0) points_.publish(ToCloudMessage(PointsAtReceivedPose(output), camera));
-  PublishKeyframeDepth(output, camera);
+  if (points_.getNumSubscribers() > 0) {
+    points_.publish(ToCloudMessage(PointsAtReceivedPose(output), CameraHeader(output)));
+  }
+  PublishKeyframeDepth(output);
   PublishKeyframePoints(output, false);
 }
 
@@ -209,24 +253,7 @@ void OutputPublisher::PublishPose(const KeyframeOutput& output) {
   pose_.publish(pose);
 }
 
-void OutputPublisher::PublishPictures(const KeyframeOutput& output, const std_msgs::Header& camera) {
-  const KeyframeDepth& maps = *output.maps;
-  if (depth_picture_.getNumSubscribers() > 0) {
-    DepthMap kept = maps.depth.Clone();
-    for (size_t i = 0; i < kept.size(); ++i) {
-      if (!output.keep.data()[i]) kept.data()[i] = 0;
-    }
-    depth_picture_.publish(ToColorMessage(DepthPicture(kept), camera));
-  }
-  if (normal_picture_.getNumSubscribers() > 0) {
-    normal_picture_.publish(ToColorMessage(NormalPicture(maps.normal), camera));
-  }
-  if (confidence_picture_.getNumSubscribers() > 0) {
-    confidence_picture_.publish(ToColorMessage(ConfidencePicture(maps.confidence), camera));
-  }
-}
-
-void OutputPublisher::PublishKeyframeDepth(const KeyframeOutput& output, const std_msgs::Header& camera) {
+void OutputPublisher::PublishKeyframeDepth(const KeyframeOutput& output) {
   if (keyframe_depth_.getNumSubscribers() == 0) return;
   const KeyframeDepth& maps = *output.maps;
   auto message = boost::make_shared<acmp_mapping::KeyframeDepth>();
@@ -240,10 +267,10 @@ void OutputPublisher::PublishKeyframeDepth(const KeyframeOutput& output, const s
     by_gap.resize(static_cast<size_t>(std::ilogb(fit.gap)) + 1, kNotMeasured);
     by_gap.back() = static_cast<float>(fit.median_px);
   }
-  message->camera_info = *ToCameraInfo(maps.frame->camera, camera);
-  message->depth = *ToDepthMessage(maps.depth, output.keep.View(), camera);
-  message->confidence = *ToConfidenceMessage(output, camera);
-  message->normal = *ToNormalMessage(maps.normal, output.keep.View(), camera);
+  message->camera_info = *CameraInfoOf(output);
+  message->depth = *DepthImageOf(output);
+  message->confidence = *ConfidenceImageOf(output);
+  message->normal = *NormalImageOf(output);
   message->depth_min = maps.range.min;
   message->depth_max = maps.range.max;
   keyframe_depth_.publish(message);

@@ -22,7 +22,7 @@ constexpr char kSetByPreset[] = "pipeline";  ///< group of options
 OptionList MapperOptions() {
   static NodeOptions node;
   static RuntimeOptions runtime;
-  runtime.mapper.pipeline = MakePreset(node.preset);
+  runtime.mapper.pipeline = MakePreset(kUsualPreset);
   OptionList options = OptionsOf(&node);
   options.Append(OptionsOf(&runtime));
   return options;
@@ -171,7 +171,7 @@ one that is given counts more.
 
 `--set NAME=VALUE` sets an option of the pipeline over the preset's: all of the group "pipeline" above, and:
 )";
-  PipelineOptions pipeline = MakePreset(NodeOptions().preset);
+  PipelineOptions pipeline = MakePreset(kUsualPreset);
   OptionList offline;
   for (const Option& option : OptionsOf(&pipeline)) {
     if (!option.while_running) offline.Append(option);

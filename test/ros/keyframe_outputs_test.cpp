@@ -20,6 +20,7 @@ KeyframeOutput Refined(size_t points, double min_depth_confidence, Mask mask) {
   maps->frame = frame;
   maps->depth = DepthMap(4, 3, 2.0f);
   maps->confidence = ConfidenceMap(4, 3, 0.5f);
+  maps->cost = CostMap(4, 3, 0.5f);
   SurfacePoint point;
   point.position = {0, 0, 2};
   maps->points_in_camera.assign(points, point);
@@ -37,6 +38,23 @@ TEST(KeyframeOutputTest, LeavesOutDepthOfLittleConfidenceAndWhatIsMasked) {
   const KeyframeOutput masked = Refined(5, 0, Mask(4, 3, 0));
   EXPECT_EQ(masked.keep(2, 1), 0);
   EXPECT_EQ(masked.points_in_camera.size(), 0u);
+}
+
+TEST(KeyframeOutputTest, EveryPixelIsAPointOrLacksSomething) {
+  KeyframeOutput output = Refined(3, 0, Mask(4, 3, 1));
+  auto maps = std::const_pointer_cast<KeyframeDepth>(output.maps);
+  std::const_pointer_cast<Frame>(maps->frame)->mask(0, 0) = 0;
+  maps->range = {1, 8};
+  maps->depth(1, 0) = 0;
+  maps->depth(2, 0) = 8;
+  maps->cost(3, 0) = kWorstCost;
+  maps->cost(0, 1) = kUnsupportedCost;
+  maps->cost(1, 1) = kUnverifiedCost;
+  output.origin.stamp_ns = 6000000000;
+  EXPECT_EQ(
+      DescribePixels(output),
+      "image 6.000: 25 % points, 42 % below min_confidence, 17 % filled in where no view confirms it, 8 % without "
+      "depth, 8 % masked; 8 % at an end of the depth range, 1 to 8");
 }
 
 TEST(OutputStatusTest, NamesTheCheckThatLeavesARunWithoutPoints) {

@@ -99,6 +99,15 @@ TEST(NodeOptions, ADeviceHasANumber) {
       << "it needs all images";
 }
 
+TEST(NodeOptions, AnEmptyPresetIsBalancedOrAutoWhereACpuMustKeepUp) {
+  const auto used = [](const Members& members, bool on_cpu) { return UsedPreset(LoadNode(members), on_cpu); };
+  EXPECT_EQ(used({}, false), "balanced");
+  EXPECT_EQ(used({}, true), "auto");
+  EXPECT_EQ(used({{"overload", Word("block")}}, true), "balanced") << "nothing is lost";
+  EXPECT_EQ(used({{"preset", Word("balanced")}}, true), "balanced") << "as it is set";
+  EXPECT_EQ(used({{"preset", Word("auto")}}, false), "auto");
+}
+
 XmlRpcValue Matrix(const std::vector<double>& numbers, bool nested = false) {
   XmlRpcValue value;
   for (int i = 0; i < static_cast<int>(numbers.size()); ++i) {

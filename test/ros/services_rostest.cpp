@@ -33,6 +33,7 @@ class ServicesTest : public SavingTest {
     start_s_ += 100;
     SavingTest::SetUp();
   }
+  static uint32_t StartS() { return start_s_; }
   static std::vector<ViewMessages> Scene() { return MakeSmallScene(kViews, start_s_); }
 
   /// The configuration after a change, as the server answers it.
@@ -112,6 +113,34 @@ TEST_F(ServicesTest, SaveMapSaysWhatIsNotInTheMapYet) {
   const SaveMap::Response whole = mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true);
   EXPECT_EQ(whole.keyframes, kViews);
   EXPECT_THAT(whole.message, AllOf(Not(HasSubstr("under way")), Not(HasSubstr("lost"))));
+}
+
+TEST_F(ServicesTest, AfterAFlushAnImageWithoutAPoseIsNotUnderWay) {
+  const std::vector<ViewMessages> scene = MakeSmallScene(kViews + 1, StartS());
+  for (size_t i = 0; i < kViews; ++i) mapper().player.Publish(scene[i]);
+  mapper().player.image.publish(scene[kViews].image);
+  std::string message;
+  ASSERT_TRUE(mapper().Call("flush", &message));
+  EXPECT_THAT(message, HasSubstr("1 image(s) still wait"));
+  const SaveMap::Response saved = mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true);
+  EXPECT_EQ(saved.keyframes, kViews);
+  EXPECT_THAT(saved.message, Not(HasSubstr("under way")));
+}
+
+TEST_F(ServicesTest, WhoSubscribesLateGetsTheNewestImages) {
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  const ros::Time newest = mapper().depth.messages().back()->header.stamp;
+  for (const char* topic : {"rgb/image_rect_color", "depth/image_raw", "depth/image_vis", "normal/image",
+                            "normal/image_vis", "confidence/image", "confidence/image_vis"}) {
+    Recorder<sensor_msgs::Image> late(mapper().nh, topic);
+    ASSERT_TRUE(late.WaitForCount(1, kTimeoutS)) << topic;
+    EXPECT_EQ(late.messages()[0]->header.stamp, newest) << topic;
+  }
+  for (const char* topic : {"rgb/camera_info", "depth/camera_info"}) {
+    Recorder<sensor_msgs::CameraInfo> late(mapper().nh, topic);
+    ASSERT_TRUE(late.WaitForCount(1, kTimeoutS)) << topic;
+    EXPECT_EQ(late.messages()[0]->header.stamp, newest) << topic;
+  }
 }
 
 TEST_F(ServicesTest, SaveMapRefusesBadPathsAndFormatsAndFindsRelativeOnes) {

@@ -68,7 +68,7 @@ class DenseMapperNodelet : public NodeletBase {
 
   NodeOptions options_;
   std::unique_ptr<SharedOptions> runtime_options_;
-  std::vector<RuntimeOptions> auto_options_;  ///< of preset: auto, one for each of its settings; else empty
+  std::vector<RuntimeOptions> auto_options_;  ///< of preset: auto, one for each of its settings; empty: never used
   std::unique_ptr<OutputPublisher> publisher_;
   std::atomic<bool> paused_{false};
   std::atomic<bool> flushing_{false};  ///< its progress is told in the log

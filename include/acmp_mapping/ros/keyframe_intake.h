@@ -96,6 +96,7 @@ class KeyframeIntake {
 
   /// For a pose, or for the frontend's world to settle.
   size_t waiting_images() const { return matcher_.waiting_images() + starting_.size(); }
+  size_t unposed_images() const { return matcher_.UnposedStamps().size(); }
   /// What of the poses' meaning may be wrong, after messages about poses that do not fit the images; may be empty.
   std::string DescribeDoubt() const;
 

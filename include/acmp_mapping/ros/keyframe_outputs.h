@@ -29,6 +29,10 @@ struct KeyframeOutput {
 /// @param maps of a ReceivedFrame
 KeyframeOutput MakeKeyframeOutput(const KeyframeDepthPtr& maps, double min_depth_confidence);
 
+/// Which share of a refined keyframe's pixels became points, and what the others lack: "image 12.300: 61 % points,
+/// ...". Each pixel counts once, but for those at an end of the depth range, beyond which nothing was searched.
+std::string DescribePixels(const KeyframeOutput& output);
+
 /// What has been made of the keyframes.
 struct OutputStatus {
   static constexpr uint64_t kRunWithoutPoints = 3;  ///< refined keyframes without points that are worth a word
@@ -41,6 +45,7 @@ struct OutputStatus {
   double consistency_ms = 0;
   PoseFit pose_fit;                             ///< of the last refined keyframe
   bool pose_refined = false;                    ///< and whether it was matched with another pose than received
+  std::string pixels;                           ///< DescribePixels of the last refined keyframe; empty: none
   uint64_t run_without_points = 0;              ///< the newest refined keyframes, so many, have no points ...
   std::string no_points_reason;                 ///< ... and which check removes those of the last one
   LatencyWindow fast_latency, refined_latency;  ///< from the image's callback until its map was published

@@ -20,9 +20,11 @@ namespace acmp {
 /// What the worker tells about itself.
 struct WorkerStatus {
   bool ready = false;  ///< the backend exists
+  bool on_cpu = false;
   std::string device_name;
   std::string fallback_reason;  ///< why device: auto took the CPU
   std::string device_error;     ///< why there is no backend at all
+  std::string preset;           ///< of the options, as UsedPreset says
   uint64_t keyframes = 0;       ///< given to the mapper
   int width = 0, height = 0;    ///< matched size of the last keyframe, px
   double preparation_ms = 0;    ///< decoding and rectifying the last image
@@ -42,7 +44,8 @@ class MapperWorker {
  public:
   struct Hooks {
     std::function<void(const WorkerStatus&)> on_device;  ///< once, when the backend exists or cannot be made
-    std::function<void(const AutoPreset&, const std::string&)> on_setting;  ///< of preset: auto, with what it says
+    /// Of preset: auto, with what it says: first, before on_device, nothing.
+    std::function<void(const AutoPreset&, const std::string&)> on_setting;
   };
 
   /// @param options outlive the worker, as `outputs` do

@@ -24,6 +24,7 @@ namespace acmp {
 using acmp_mapping::DenseMapperConfig;
 
 constexpr char kAutoPreset[] = "auto";  ///< value of `preset`: AutoPreset
+constexpr char kUsualPreset[] = "balanced";
 
 enum class ImageTransport { kRaw, kCompressed };
 enum class SparseFrame { kAuto, kWorld, kCamera };
@@ -38,7 +39,7 @@ enum class KeyframeMode {
 struct NodeOptions {
   Device device = Device::kAuto;
   int cuda_device = 0;  ///< 0-based
-  std::string preset = "balanced";
+  std::string preset;   ///< empty = UsedPreset chooses
   ImageTransport image_transport = ImageTransport::kRaw;
   bool rectified = false;
   int max_image_size = 640;  ///< px, longer side; 0 = as sent
@@ -61,6 +62,9 @@ OptionList OptionsOf(NodeOptions* options);
 
 /// Throws InvalidInputError naming the parameter and what it may be.
 NodeOptions LoadNodeOptions(ParameterReader* reader);
+
+/// `preset`; where that is empty kAutoPreset for a CPU that has to keep up with its input, else kUsualPreset.
+std::string UsedPreset(const NodeOptions& options, bool on_cpu);
 
 /// Whether T_body_cam is needed and not a parameter: then it is looked up in tf and awaited on the topic extrinsic.
 bool NeedsExtrinsic(const NodeOptions& options);

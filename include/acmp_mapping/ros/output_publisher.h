@@ -16,8 +16,9 @@
 
 namespace acmp {
 
-/// Publishes what a DenseMapper's callbacks bring, and counts it. A message is only made when somebody listens.
-/// Callbacks come one at a time, in the mapper's thread for outputs; all else may be called by any thread.
+/// Publishes what a DenseMapper's callbacks bring, and counts it. A message is only made when somebody listens: images
+/// of the newest refined keyframe also for who comes later, so that these topics look latched. Callbacks come one at a
+/// time, in the mapper's thread for outputs; all else may be called by any thread.
 class OutputPublisher {
  public:
   /// @param mapper name of the mapper's node, for the map
@@ -31,7 +32,8 @@ class OutputPublisher {
 
   /// Depth below is left out, 0..1.
   void set_min_depth_confidence(double confidence) { min_depth_confidence_ = confidence; }
-  /// Images that have come so far and were not passed over. With each message goes how many of them had no end yet.
+  /// Images that have come with their poses so far and were not passed over. With each message goes how many of them
+  /// had no end yet. One that waits for its pose may never get it, and no flush finishes it.
   void set_images(uint64_t images) { images_ = images; }
 
   /// Tells of it, unless stopped.
@@ -63,8 +65,19 @@ class OutputPublisher {
   /// @param replaces points that were sent before
   void PublishKeyframePoints(const KeyframeOutput& output, bool replaces);
   void PublishPose(const KeyframeOutput& output);
-  void PublishPictures(const KeyframeOutput& output, const std_msgs::Header& camera);
-  void PublishKeyframeDepth(const KeyframeOutput& output, const std_msgs::Header& camera);
+  void PublishKeyframeDepth(const KeyframeOutput& output);
+
+  using MakeImage = std::function<sensor_msgs::ImagePtr(const KeyframeOutput&)>;
+  void AddImageTopic(const char* name, const MakeImage& make);
+  /// What is called with a new subscriber: sends it the newest refined keyframe's message.
+  template <class Make>
+  auto ForNewcomers(Make make) {
+    return [this, make](const auto& newcomer) {
+      KeyframeDepthPtr newest;
+      UpdateStatus([&](OutputStatus* /*status*/) { newest = newest_; });
+      if (newest) Publish(newest, [&](const KeyframeOutput& output) { newcomer.publish(make(output)); });
+    };
+  }
 
   const std::string mapper_;
   const IncidentLog* const incidents_;
@@ -74,17 +87,18 @@ class OutputPublisher {
   std::atomic<uint64_t> images_{0};
   mutable std::mutex status_mutex_;  ///< held for a moment only
   OutputStatus status_;
+  KeyframeDepthPtr newest_;                               ///< refined
   std::vector<acmp_mapping::KeyframePointsPtr> waiting_;  ///< for the first map that listens
   std::atomic<uint64_t> points_sent_{0};
   image_transport::ImageTransport transport_;
   image_transport::CameraPublisher depth_fast_;
   image_transport::CameraPublisher depth_;
   image_transport::CameraPublisher color_;
-  image_transport::Publisher depth_picture_;
-  image_transport::Publisher confidence_;
-  image_transport::Publisher confidence_picture_;
-  image_transport::Publisher normal_;
-  image_transport::Publisher normal_picture_;
+  struct ImageTopic {
+    image_transport::Publisher publisher;
+    MakeImage make;
+  };
+  std::vector<ImageTopic> image_topics_;
   ros::Publisher depth_millimetres_;
   ros::Publisher points_;
   ros::Publisher pose_;
