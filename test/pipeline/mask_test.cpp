@@ -5,9 +5,8 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/evaluation/cloud_metrics.h"
-#include "acmp_mapping/pipeline/depth_estimator.h"
-#include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "support/devices.h"
+#include "support/scene_run.h"
 
 // Masks end to end: what they ignore leaves no trace, and with them a map is as accurate as without the thing that
 // moves.
@@ -71,21 +70,10 @@ struct Map {
 
 class MaskTest : public EngineTest {
  protected:
-  /// All keyframes against all others, each step reading what the one before has left.
   Map MakeMap(const Frames& frames, const PipelineOptions& options) {
-    std::vector<EngineView> views;
     DepthEstimator estimator(engine_.get(), options);
-    for (const FramePtr& frame : frames) views.push_back({frame, engine_->Load(frame, kMaxLevels), nullptr});
-    for (const KeyframeStep& step : estimator.schedule()) {
-      const std::vector<EngineView> before = views;
-      for (size_t i = 0; i < views.size(); ++i) {
-        EngineProblem problem;
-        problem.reference = before[i];
-        problem.sources = Others(before, i);
-        problem.depth_range = kRange;
-        views[i].estimate = estimator.Run(step, problem);
-      }
-    }
+    const std::vector<EngineView> views =
+        TakeAllSteps(&estimator, LoadFrames(frames, engine_.get()), std::vector<DepthRange>(frames.size(), kRange));
     Map map;
     const std::unique_ptr<FusionStamps> stamps = engine_->MakeFusionStamps();
     for (size_t i = 0; i < views.size(); ++i) {
@@ -96,12 +84,6 @@ class MaskTest : public EngineTest {
       map.points.insert(map.points.end(), points.begin(), points.end());
     }
     return map;
-  }
-
- private:
-  static std::vector<EngineView> Others(std::vector<EngineView> views, size_t i) {
-    views.erase(views.begin() + static_cast<ptrdiff_t>(i));
-    return views;
   }
 };
 INSTANTIATE_TEST_SUITE_P(Devices, MaskTest, ::testing::Values(Device::kCpu, Device::kCuda), DeviceName);

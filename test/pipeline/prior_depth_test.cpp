@@ -9,9 +9,8 @@
 #include "acmp_mapping/common/random.h"
 #include "acmp_mapping/evaluation/depth_metrics.h"
 #include "acmp_mapping/image/image_processing.h"
-#include "acmp_mapping/pipeline/depth_estimator.h"
-#include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "support/devices.h"
+#include "support/scene_run.h"
 
 // Depth from outside end to end: what is right, for all its faults, helps blank walls; what says nothing, or is wrong,
 // does no harm.
@@ -73,25 +72,22 @@ struct Shares {
 class PriorDepthTest : public EngineTest {
  protected:
   Shares Run(MakePrior make_prior) {
-    std::vector<EngineView> views;
+    std::vector<FramePtr> frames;
     for (int i = 0; i < kKeyframes; ++i) {
       const SyntheticView& made = Room()[static_cast<size_t>(i)];
-      const auto frame = std::make_shared<const Frame>(
-          MakeFrame(i, 0, made.frame.color.Clone(), made.frame.camera, made.frame.cam_from_world,
-                    made.frame.landmarks_in_world, {}, {}, make_prior(made.true_depth, i)));
-      views.push_back({frame, engine_->Load(frame, 0), nullptr});
+      frames.push_back(std::make_shared<const Frame>(MakeFrame(i, 0, made.frame.color.Clone(), made.frame.camera,
+                                                               made.frame.cam_from_world, made.frame.landmarks_in_world,
+                                                               {}, {}, make_prior(made.true_depth, i))));
     }
+    std::vector<EngineView> views = LoadFrames(frames, engine_.get());
     DepthEstimator estimator(engine_.get(), MakePreset("balanced"));
     Shares shares = {};
     for (const KeyframeStep& step : estimator.schedule()) {
       const std::vector<EngineView> before = views;
       for (size_t i = 0; i < views.size(); ++i) {
-        EngineProblem problem = {before[i], before, kRange};
-        problem.sources.erase(problem.sources.begin() + static_cast<ptrdiff_t>(i));
-        views[i].estimate = estimator.Run(step, problem);
-        if (step.kind == KeyframeStep::Kind::kFillUnverified && !estimator.prior_depth_rejection().empty()) {
-          ++shares.rejected;
-        }
+        views[i].estimate = estimator.Run(step, {before[i], Others(before, i), kRange});
+        const bool is_last = step.kind == KeyframeStep::Kind::kFillUnverified;
+        shares.rejected += is_last && !estimator.prior_depth_rejection().empty() ? 1 : 0;
       }
     }
     DepthErrors all, blank;

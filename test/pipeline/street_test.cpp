@@ -1,47 +1,29 @@
-#include <memory>
-#include <stdexcept>
 #include <vector>
 
 #include "gtest/gtest.h"
 
-#include "acmp_mapping/keyframe/depth_range.h"
-#include "acmp_mapping/pipeline/depth_estimator.h"
-#include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "support/devices.h"
+#include "support/scene_run.h"
 
 // The street end to end: what becomes of the sky over it.
 
 namespace acmp {
 namespace {
 
-constexpr int kWidth = 240, kHeight = 160, kKeyframes = 6;
 constexpr float kConfident = 0.4f;  ///< an error of 1.5 % of the depth is expected
 
-/// The street, rendered once.
-struct Street {
-  Street() {
+/// Rendered once.
+const RenderedScene& Street() {
+  static const RenderedScene street = [] {
     SyntheticSceneOptions options;
     SelectSyntheticScene("street", &options);
-    options.width = kWidth;
-    options.height = kHeight;
-    options.keyframes = kKeyframes;
-    views = MakeSyntheticScene(options);
-    for (SyntheticView& view : views) frames.push_back(std::make_shared<const Frame>(std::move(view.frame)));
-    for (const FramePtr& frame : frames) {
-      const auto range = DepthRangeFromLandmarks(frame->landmarks_in_world, frame->camera, frame->cam_from_world, {});
-      if (!range) throw std::logic_error("the street has too few landmarks");
-      ranges.push_back(*range);
-    }
-  }
-  static const Street& Instance() {
-    static const Street street;
-    return street;
-  }
-
-  std::vector<SyntheticView> views;  ///< without their frames
-  std::vector<FramePtr> frames;
-  std::vector<DepthRange> ranges;
-};
+    options.width = 240;
+    options.height = 160;
+    options.keyframes = 6;
+    return RenderedScene(options);
+  }();
+  return street;
+}
 
 /// Shares of pixels that would become points.
 struct Confident {
@@ -59,43 +41,26 @@ class StreetTest : public EngineTest {
   /// All keyframes against all others, each step reading what the one before has left. The last step fills, once with
   /// the check of what is unsupported and once without: `unsupported_removed` and `kept`.
   void Map(PipelineOptions options, Confident* unsupported_removed, Confident* kept) {
-    const Street& street = Street::Instance();
-    std::vector<EngineView> views;
-    for (const FramePtr& frame : street.frames) views.push_back({frame, engine_->Load(frame, 1), nullptr});
     DepthEstimator estimator(engine_.get(), options);
     const std::vector<KeyframeStep> schedule = estimator.schedule();
+    const auto take = [&](const KeyframeStep& step, const std::vector<EngineView>& views) {
+      return TakeStep(&estimator, step, views, Street().ranges);
+    };
     ASSERT_EQ(schedule.back().kind, KeyframeStep::Kind::kFillUnverified);
-    for (size_t step = 0; step + 1 < schedule.size(); ++step) views = Run(&estimator, schedule[step], views);
-    *unsupported_removed = Count(Run(&estimator, schedule.back(), views), options.fusion);
+    std::vector<EngineView> views = LoadFrames(Street().frames, engine_.get());
+    for (size_t step = 0; step + 1 < schedule.size(); ++step) views = take(schedule[step], views);
+    *unsupported_removed = Count(take(schedule.back(), views), options.fusion);
     options.fill.remove_unsupported = false;
     estimator.set_options(options);
-    *kept = Count(Run(&estimator, schedule.back(), views), options.fusion);
+    *kept = Count(take(schedule.back(), views), options.fusion);
   }
 
  private:
-  static std::vector<EngineView> Run(DepthEstimator* estimator, const KeyframeStep& step,
-                                     const std::vector<EngineView>& before) {
-    std::vector<EngineView> views = before;
-    for (size_t i = 0; i < views.size(); ++i) {
-      EngineProblem problem;
-      problem.reference = before[i];
-      problem.sources = Others(before, i);
-      problem.depth_range = Street::Instance().ranges[i];
-      views[i].estimate = estimator->Run(step, problem);
-    }
-    return views;
-  }
-
-  static std::vector<EngineView> Others(std::vector<EngineView> views, size_t i) {
-    views.erase(views.begin() + static_cast<ptrdiff_t>(i));
-    return views;
-  }
-
   Confident Count(const std::vector<EngineView>& views, const FusionOptions& options) {
     double sky = 0, surfaces = 0, confident_sky = 0, confident_surfaces = 0;
     for (size_t i = 0; i < views.size(); ++i) {
       const ConfidenceMap confidence = engine_->MeasureConfidence(views[i], Others(views, i), options);
-      const DepthMap& truth = Street::Instance().views[i].true_depth;
+      const DepthMap& truth = Street().views[i].true_depth;
       for (size_t k = 0; k < truth.size(); ++k) {
         const bool is_sky = truth.data()[k] == 0, is_confident = confidence.data()[k] >= kConfident;
         (is_sky ? sky : surfaces) += 1;
