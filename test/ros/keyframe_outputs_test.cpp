@@ -51,10 +51,10 @@ TEST(KeyframeOutputTest, EveryPixelIsAPointOrLacksSomething) {
   maps->cost(0, 1) = kUnsupportedCost;
   maps->cost(1, 1) = kUnverifiedCost;
   output.origin.stamp_ns = 6000000000;
-  EXPECT_EQ(
-      DescribePixels(output),
-      "image 6.000: 25 % points, 42 % below min_confidence, 17 % filled in where no view confirms it, 8 % without "
-      "depth, 8 % masked; 8 % at an end of the depth range, 1 to 8");
+  EXPECT_EQ(DescribePixels(output),
+            "image 6.000000000: 25 % points, 42 % below min_confidence, 17 % filled in where no view confirms it, 8 % "
+            "without "
+            "depth, 8 % masked; 8 % at an end of the depth range, 1 to 8");
 }
 
 TEST(OutputStatusTest, NamesTheCheckThatLeavesARunWithoutPoints) {

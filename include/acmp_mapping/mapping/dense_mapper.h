@@ -24,7 +24,7 @@ struct DenseMapperOptions {
   SourceViewOptions source_views;
   DepthRangeOptions depth_range;
   PoseRefinementOptions poses;
-  DepthRange fallback_depth_range;  ///< used when there are neither landmarks nor a previous range; an end of 0: none
+  DepthRange fallback_depth_range;  ///< used until landmarks tell one; an end of 0: matches tell it
   int window_size = 30;             ///< keyframes kept to match against, 2..kMaxWindowSize
   int lookahead = 2;                ///< later keyframes a keyframe waits for before it is refined, 0..window_size-1
   bool refine_again = true;  ///< refine a keyframe once more halfway through the window, and at a flush, if by then its
@@ -60,7 +60,8 @@ class DenseMapper {
     std::function<void(const KeyframeDepthPtr& maps, const std::string& message)> on_withdrawn;
     /// Something failed that costs quality, but no keyframe: it could not be refined again ("refine_again_failed"), or
     /// its fast maps did not come from the device ("fast_maps_failed"), or poses could not be refined
-    /// ("pose_refinement_failed").
+    /// ("pose_refinement_failed"). And once the depth range that matches tell, where no landmarks do
+    /// ("depth_range_by_matches").
     std::function<void(const std::string& reason, const std::string& message)> on_problem;
   };
 

@@ -41,7 +41,7 @@ using KeyframeDepthPtr = std::shared_ptr<const KeyframeDepth>;
 /// Why a keyframe gave no refined maps. `reason` is a short fixed key for counting, `message` a sentence with the
 /// values.
 /// - "invalid_input": the frame, or the problem made of it, was refused
-/// - "no_depth_range": neither landmarks nor an earlier range nor a fallback
+/// - "no_depth_range": neither landmarks nor matches nor an earlier range nor a fallback
 /// - "no_source_views": left the window, or was flushed, before enough views of it were useful
 /// - "poses_contradict": the received poses contradict the images, and did when it left the window or was flushed
 /// - "processing_error": device failure or no memory

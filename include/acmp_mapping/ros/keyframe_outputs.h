@@ -29,7 +29,7 @@ struct KeyframeOutput {
 /// @param maps of a ReceivedFrame
 KeyframeOutput MakeKeyframeOutput(const KeyframeDepthPtr& maps, double min_depth_confidence);
 
-/// Which share of a refined keyframe's pixels became points, and what the others lack: "image 12.300: 61 % points,
+/// Which share of a refined keyframe's pixels became points, and what the others lack: "image STAMP: 61 % points,
 /// ...". Each pixel counts once, but for those at an end of the depth range, beyond which nothing was searched.
 std::string DescribePixels(const KeyframeOutput& output);
 
