@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/common/median.h"
 #include "acmp_mapping/keyframe/source_view_selection.h"
 #include "bundle_refinement.h"
 #include "corner_detection.h"
@@ -67,7 +66,7 @@ struct PoseRefiner::Impl {
   }
 
   /// Whether the camera has not moved since the last keyframe: neither by its received pose nor by its image, in which
-  /// corners are found where they were.
+  /// four of five corners are found where they were: a turn may make up for a move at one depth, not at all.
   bool StandsSinceLast(const View& view, const ViewPose& pose, double depth) const {
     constexpr double kStill = 0.01;  // rad, and of the depth: half of what maps may lie apart
     constexpr double kStill_px = 0.5;
@@ -77,14 +76,14 @@ struct PoseRefiner::Impl {
     if ((pose.centre - last.centre).norm() > kStill * depth) return false;
     const std::vector<Eigen::Vector2d> corners =
         PickCorners(view, CornerResponse(view.pyramid.level(0)), {}, CornersFor(view.camera, options.corners));
-    std::vector<double> moves(corners.size(), -1);  // px; negative: not found
+    std::vector<char> is_still(corners.size(), 0);
     tbb::parallel_for(size_t{0}, corners.size(), [&](size_t i) {
       const Alignment alignment =
           Align(view.pyramid, corners[i], Eigen::Matrix2d::Identity(), keyframes.back().view.pyramid, corners[i], {});
-      if (alignment.found) moves[i] = (alignment.pixel - corners[i]).norm();
+      is_still[i] = alignment.found && (alignment.pixel - corners[i]).norm() < kStill_px;
     });
-    moves.erase(std::remove(moves.begin(), moves.end(), -1), moves.end());
-    return moves.size() >= std::max(kMinResected, corners.size() / 2) && Median(std::move(moves)) < kStill_px;
+    const auto still = static_cast<size_t>(std::count(is_still.begin(), is_still.end(), 1));
+    return still >= kMinResected && 5 * still >= 4 * corners.size();
   }
 
   Eigen::Vector3d PointOf(const Landmark& landmark) const {
