@@ -36,7 +36,7 @@ class CudaStamps final : public FusionStamps {
   }
 
   static DeviceArray<Stamp> Unused(size_t pixels, const DeviceQueue& queue) {
-    static_assert(kUnusedStamp == 0xffff, "both bytes are set to 0xff");
+    static_assert(kUnfusedStamp == 0xffff, "both bytes are set to 0xff");
     DeviceArray<Stamp> stamps(queue.device(), pixels);
     CudaCheck(cudaMemsetAsync(stamps.data(), 0xff, pixels * sizeof(Stamp), queue.stream().get()), "reset stamps");
     return stamps;
@@ -197,7 +197,7 @@ PointCloud CudaFusion::FuseView(const EngineView& reference, const std::vector<E
   });
 }
 
-Image<unsigned char> CudaFusion::UsedPixels(const Frame& frame, FusionStamps* stamps) {
+Image<unsigned char> CudaFusion::FusedPixels(const Frame& frame, FusionStamps* stamps) {
   CudaStamps& gpu_stamps = CastCudaStamps(stamps);
   return queue_.OnDevice([&] {
     const ImageView<Stamp> on_device = gpu_stamps.Of(frame, queue_);
@@ -206,13 +206,13 @@ Image<unsigned char> CudaFusion::UsedPixels(const Frame& frame, FusionStamps* st
                               queue_.stream().get()),
               "download stamps");
     queue_.stream().Synchronize();
-    return UsedOf({on_host.data(), on_host.width(), on_host.height(), on_host.width()});
+    return FusedOf({on_host.data(), on_host.width(), on_host.height(), on_host.width()});
   });
 }
 
-void CudaFusion::SetUsedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) {
+void CudaFusion::SetFusedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) {
   CudaStamps& gpu_stamps = CastCudaStamps(stamps);
-  const Image<Stamp> on_host = StampsOfUsed(used, frame.camera);
+  const Image<Stamp> on_host = StampsOfFused(used, frame.camera);
   queue_.OnDevice([&] {
     const ImageView<Stamp> on_device = gpu_stamps.Of(frame, queue_);
     CudaCheck(cudaMemcpyAsync(on_device.data, on_host.data(), on_host.size() * sizeof(Stamp), cudaMemcpyHostToDevice,

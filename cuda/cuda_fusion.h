@@ -41,8 +41,8 @@ class CudaFusion : public virtual FusionEngine {
   std::unique_ptr<FusionStamps> MakeFusionStamps() override;
   PointCloud FuseView(const EngineView& reference, const std::vector<EngineView>& sources, const FusionOptions& options,
                       int rank, FusionStamps* stamps) override;
-  Image<unsigned char> UsedPixels(const Frame& frame, FusionStamps* stamps) override;
-  void SetUsedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) override;
+  Image<unsigned char> FusedPixels(const Frame& frame, FusionStamps* stamps) override;
+  void SetFusedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) override;
 
  private:
   using Setup = FusionSetup<DeviceFusionView>;

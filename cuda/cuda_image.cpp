@@ -26,14 +26,15 @@ namespace {
 /// The frame's mask, if it has one, for all levels of its image.
 void UploadMask(const Frame& frame, int levels, DeviceQueue* queue, CudaImage* image) {
   if (frame.mask.empty()) return;
-  for (const ClearanceMap& clearance : MakeClearances(frame, levels)) {
-    DeviceArray<unsigned char> copy(queue->device(), clearance.size());
-    unsigned char* staged = queue->staging()->Reserve<unsigned char>(clearance.size());
-    ParallelCopy(clearance.data(), clearance.size(), staged);
-    copy.Upload(staged, clearance.size(), queue->stream());
+  for (const MaskDistanceMap& mask_distance : MakeMaskDistances(frame, levels)) {
+    DeviceArray<unsigned char> copy(queue->device(), mask_distance.size());
+    unsigned char* staged = queue->staging()->Reserve<unsigned char>(mask_distance.size());
+    ParallelCopy(mask_distance.data(), mask_distance.size(), staged);
+    copy.Upload(staged, mask_distance.size(), queue->stream());
     queue->stream().Synchronize();
-    image->clearance_views.push_back({copy.data(), clearance.width(), clearance.height(), clearance.width()});
-    image->clearances.push_back(std::move(copy));
+    image->mask_distance_views.push_back(
+        {copy.data(), mask_distance.width(), mask_distance.height(), mask_distance.width()});
+    image->mask_distances.push_back(std::move(copy));
   }
 }
 

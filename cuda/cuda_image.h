@@ -29,16 +29,17 @@ class ImageLayer {
 struct CudaImage final : EngineImage {
   const CudaDevice* device = nullptr;
   std::vector<std::unique_ptr<ImageLayer>> levels;
-  std::vector<DeviceArray<unsigned char>> clearances;  ///< of all levels (MakeClearances); none without a mask
-  std::vector<ImageView<const unsigned char>> clearance_views;
+  std::vector<DeviceArray<unsigned char>> mask_distances;  ///< of all levels (MakeMaskDistances); none without a mask
+  std::vector<ImageView<const unsigned char>> mask_distance_views;
   mutable std::mutex color_mutex;
   mutable DeviceArray<Rgb> color;  ///< copied when it is first asked for: matching does without
 
   /// Throws InvalidInputError where the image was loaded with fewer levels.
   int Layer(int level) const;
-  /// ClearanceMap of the mask of a level that the image has, on the device; empty without a mask.
-  ImageView<const unsigned char> Clearance(int level) const {
-    return clearance_views.empty() ? ImageView<const unsigned char>() : clearance_views[static_cast<size_t>(level)];
+  /// MaskDistanceMap of the mask of a level that the image has, on the device; empty without a mask.
+  ImageView<const unsigned char> MaskDistance(int level) const {
+    return mask_distance_views.empty() ? ImageView<const unsigned char>()
+                                       : mask_distance_views[static_cast<size_t>(level)];
   }
 };
 

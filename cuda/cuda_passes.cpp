@@ -44,17 +44,17 @@ CudaMatchContext PassContext::Prepare(const EngineProblem& problem, const PatchM
 }
 
 void PassContext::AddMasks(const EngineProblem& problem, int level, CudaMatchContext* context) {
-  context->clearance = queue_.Cast<CudaImage>(problem.reference.image).Clearance(level);
-  auto* clearances = host_clearances_.Reserve<ImageView<const unsigned char>>(kMaxSourceViews);
+  context->mask_distance = queue_.Cast<CudaImage>(problem.reference.image).MaskDistance(level);
+  auto* mask_distances = host_mask_distances_.Reserve<ImageView<const unsigned char>>(kMaxSourceViews);
   bool has_masks = false;
   for (size_t i = 0; i < problem.sources.size(); ++i) {
-    clearances[i] = queue_.Cast<CudaImage>(problem.sources[i].image).Clearance(level);
-    has_masks |= !clearances[i].empty();
+    mask_distances[i] = queue_.Cast<CudaImage>(problem.sources[i].image).MaskDistance(level);
+    has_masks |= !mask_distances[i].empty();
   }
   if (!has_masks) return;
-  clearances_.Reserve(queue_.device(), kMaxSourceViews);
-  clearances_.Upload(clearances, problem.sources.size(), queue_.stream());
-  context->source_clearances = clearances_.data();
+  mask_distances_.Reserve(queue_.device(), kMaxSourceViews);
+  mask_distances_.Upload(mask_distances, problem.sources.size(), queue_.stream());
+  context->source_mask_distances = mask_distances_.data();
 }
 
 void PassContext::AddDepths(const EngineProblem& problem, const PatchMatchProblem& match, Method method,

@@ -33,8 +33,8 @@ class PassContext {
   HalvedDepths& halved_;
   DeviceArray<SourceView> views_;
   DeviceArray<ImageView<const float>> full_depths_;
-  DeviceArray<ImageView<const unsigned char>> clearances_;
-  PinnedBuffer host_views_, host_full_depths_, host_clearances_;
+  DeviceArray<ImageView<const unsigned char>> mask_distances_;
+  PinnedBuffer host_views_, host_full_depths_, host_mask_distances_;
 };
 
 /// The passes of Algorithm 1 and the steps between two levels on the GPU.

@@ -44,7 +44,7 @@ DeviceFusionContext LaunchOdds(DeviceFusionContext context, float* log_odds, cud
 void LaunchFilterByConsistency(const DeviceFusionContext& context, const PixelRange& range,
                                const ImageView<float>& confidence, const PointOutput& output, cudaStream_t stream);
 
-/// Queues FusionEngine::FuseView of a range. Stamps of all views start at kUnusedStamp and go on from view to view.
+/// Queues FusionEngine::FuseView of a range. Stamps of all views start at kUnfusedStamp and go on from view to view.
 void LaunchFuseView(const DeviceFusionContext& context, const PixelRange& range, const PointOutput& output,
                     cudaStream_t stream);
 

@@ -43,7 +43,7 @@ struct MaskedTextureSampler : TextureSampler {
 };
 
 inline bool HasMasks(const CudaMatchContext& context) {
-  return context.clearance.data != nullptr || context.source_clearances != nullptr;
+  return context.mask_distance.data != nullptr || context.source_mask_distances != nullptr;
 }
 
 /// Queue one pass (initialisation, `iterations` checkerboard iterations, our median filter) on the stream. All pointers

@@ -52,15 +52,15 @@ void CheckLoad(const FramePtr& frame, int levels) {
   if (!frame->mask.empty()) CheckSize("mask", frame->mask.width(), frame->mask.height(), frame->camera);
 }
 
-std::vector<ClearanceMap> MakeClearances(const Frame& frame, int levels) {
-  std::vector<ClearanceMap> clearances;
-  clearances.push_back(MakeClearance(frame.mask));
+std::vector<MaskDistanceMap> MakeMaskDistances(const Frame& frame, int levels) {
+  std::vector<MaskDistanceMap> mask_distances;
+  mask_distances.push_back(MakeMaskDistance(frame.mask));
   Mask halved;
   for (int level = 1; level <= levels; ++level) {
     halved = HalveMask(level == 1 ? frame.mask : halved);
-    clearances.push_back(MakeClearance(halved));
+    mask_distances.push_back(MakeMaskDistance(halved));
   }
-  return clearances;
+  return mask_distances;
 }
 
 void CheckHandles(const EngineProblem& problem, int level) {

@@ -22,7 +22,7 @@ namespace {
 struct HostImage final : EngineImage {
   FramePtr frame;  ///< keeps the pixels of level 0
   std::vector<GrayImage> halved;
-  std::vector<ClearanceMap> clearances;  ///< of all levels; empty maps where the frame has no mask
+  std::vector<MaskDistanceMap> mask_distances;  ///< of all levels; empty maps where the frame has no mask
 
   ImageView<const float> Gray(int level) const {
     if (level > static_cast<int>(halved.size())) {
@@ -34,7 +34,7 @@ struct HostImage final : EngineImage {
   /// Sets grey values and mask of a view.
   void SetPixels(int level, MatchView* view) const {
     view->gray = Gray(level);
-    view->clearance = clearances[static_cast<size_t>(level)].View();
+    view->mask_distance = mask_distances[static_cast<size_t>(level)].View();
   }
 };
 
@@ -53,7 +53,7 @@ struct HostStamps final : FusionStamps {
     const std::lock_guard<std::mutex> lock(mutex);
     auto found = by_frame.find(frame.id);
     if (found == by_frame.end()) {
-      found = by_frame.emplace(frame.id, Image<Stamp>(frame.camera.width, frame.camera.height, kUnusedStamp)).first;
+      found = by_frame.emplace(frame.id, Image<Stamp>(frame.camera.width, frame.camera.height, kUnfusedStamp)).first;
     }
     return found->second.View();
   }
@@ -160,7 +160,7 @@ EngineImagePtr HostDepthEngine::Load(const FramePtr& frame, int levels) {
   auto image = std::make_shared<HostImage>();
   image->frame = frame;
   for (int level = 0; level < levels; ++level) image->halved.push_back(Halve(image->Gray(level)));
-  image->clearances = MakeClearances(*frame, levels);
+  image->mask_distances = MakeMaskDistances(*frame, levels);
   return image;
 }
 
@@ -287,13 +287,13 @@ PointCloud HostDepthEngine::FuseView(const EngineView& reference, const std::vec
   return points;
 }
 
-Image<unsigned char> HostDepthEngine::UsedPixels(const Frame& frame, FusionStamps* stamps) {
+Image<unsigned char> HostDepthEngine::FusedPixels(const Frame& frame, FusionStamps* stamps) {
   const ImageView<Stamp> view = CastHostStamps(stamps).Of(frame);
-  return UsedOf({view.data, view.width, view.height, view.stride});
+  return FusedOf({view.data, view.width, view.height, view.stride});
 }
 
-void HostDepthEngine::SetUsedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) {
-  CastHostStamps(stamps).Set(frame, StampsOfUsed(used, frame.camera));
+void HostDepthEngine::SetFusedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) {
+  CastHostStamps(stamps).Set(frame, StampsOfFused(used, frame.camera));
 }
 
 EstimateMaps HostDepthEngine::Download(const EngineEstimatePtr& estimate) {

@@ -65,21 +65,21 @@ Stamp StampOfRank(int rank) {
   return static_cast<Stamp>(rank);
 }
 
-Image<unsigned char> UsedOf(const ImageView<const Stamp>& stamps) {
+Image<unsigned char> FusedOf(const ImageView<const Stamp>& stamps) {
   Image<unsigned char> used(stamps.width, stamps.height);
   for (int row = 0; row < stamps.height; ++row) {
-    for (int col = 0; col < stamps.width; ++col) used(col, row) = stamps(col, row) == kUnusedStamp ? 0 : 1;
+    for (int col = 0; col < stamps.width; ++col) used(col, row) = stamps(col, row) == kUnfusedStamp ? 0 : 1;
   }
   return used;
 }
 
-Image<Stamp> StampsOfUsed(const Image<unsigned char>& used, const PinholeCamera& camera) {
+Image<Stamp> StampsOfFused(const Image<unsigned char>& used, const PinholeCamera& camera) {
   if (used.width() != camera.width || used.height() != camera.height) {
     throw InvalidInputError(Concat("used pixels: ", used.width(), " x ", used.height(), " px: must be ", camera.width,
                                    " x ", camera.height, ", as their frame"));
   }
   Image<Stamp> stamps(used.width(), used.height());
-  for (size_t i = 0; i < used.size(); ++i) stamps.data()[i] = used.data()[i] == 0 ? kUnusedStamp : StampOfRank(0);
+  for (size_t i = 0; i < used.size(); ++i) stamps.data()[i] = used.data()[i] == 0 ? kUnfusedStamp : StampOfRank(0);
   return stamps;
 }
 

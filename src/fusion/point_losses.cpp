@@ -23,7 +23,8 @@ Outcome CheckSource(const FusionContext<HostMaps>& context, const FusionSource<H
   SourcePlace place;
   if (!LocateInSource(source, pixel.homogeneous, &place)) return kOutside;
   ViewAgreement agreement;
-  if (source.view.IsGuess(place.col, place.row) || !ProjectBack(source, context.limits, pixel, place, &agreement)) {
+  if (source.view.IsUnconfirmed(place.col, place.row) ||
+      !ProjectBack(source, context.limits, pixel, place, &agreement)) {
     return kSourceDepth;
   }
   PixelMatch match;
@@ -46,7 +47,7 @@ void CountPixel(const FusionContext<HostMaps>& context, int col, int row, PointL
     return;
   }
   if (!MayBePoint(context, col, row)) {
-    ++losses->guesses;
+    ++losses->unconfirmed;
     return;
   }
   std::array<int, kNumOutcomes> outcomes = {};
@@ -91,7 +92,7 @@ std::string Describe(const PointLosses& losses, const FusionOptions& options) {
       {losses.without_depth, "no depth",
        "nothing matches within the range of depth: check the sparse points or "
        "~depth_min and ~depth_max"},
-      {losses.guesses, "a guess that speaks against what the images show",
+      {losses.unconfirmed, "filled in, and images speak against it",
        "the images do not match each other: check ~pose_is, ~pose_child, the stamps and the calibration"},
       {losses.outside, "outside the other images",
        "the views do not see the same: check ~pose_is and ~pose_child, or keyframes are too far apart"},

@@ -79,16 +79,16 @@ Mask IntersectMasks(Mask a, const Mask& b) {
   return a;
 }
 
-ClearanceMap MakeClearance(const Mask& mask) {
+MaskDistanceMap MakeMaskDistance(const Mask& mask) {
   if (mask.empty()) return {};
-  static_assert(kMaxClearance == 255, "an unsigned char saturates there");
+  static_assert(kMaxMaskDistance == 255, "an unsigned char saturates there");
   // OpenCV takes non-const pixels for headers that are only read.
   const cv::Mat used(mask.height(), mask.width(), CV_8U, const_cast<unsigned char*>(mask.data()));
   cv::Mat distance;
   cv::distanceTransform(used, distance, cv::DIST_C, cv::DIST_MASK_3, CV_32F);
-  ClearanceMap clearance(mask.width(), mask.height());
-  distance.convertTo(cv::Mat(mask.height(), mask.width(), CV_8U, clearance.data()), CV_8U);
-  return clearance;
+  MaskDistanceMap mask_distance(mask.width(), mask.height());
+  distance.convertTo(cv::Mat(mask.height(), mask.width(), CV_8U, mask_distance.data()), CV_8U);
+  return mask_distance;
 }
 
 }  // namespace acmp

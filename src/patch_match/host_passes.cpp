@@ -54,12 +54,12 @@ struct HostSources {
     for (size_t i = 0; i < depths.size(); ++i) views[i].depth = depths[i].View();
     images.reserve(views.size());
     full_depths.reserve(views.size());
-    clearances.reserve(views.size());
+    mask_distances.reserve(views.size());
     for (const MatchView& source : problem.sources) {
       images.push_back(source.gray);
       full_depths.push_back(source.depth);
-      clearances.push_back(source.clearance);
-      has_masks |= !source.clearance.empty();
+      mask_distances.push_back(source.mask_distance);
+      has_masks |= !source.mask_distance.empty();
     }
   }
 
@@ -67,7 +67,7 @@ struct HostSources {
   template <class Function>
   void VisitContext(const PatchMatchProblem& problem, const PatchMatchOptions& options, Pass kind, int geometric_pass,
                     const Function& function) const {
-    if (has_masks || !problem.reference.clearance.empty()) {
+    if (has_masks || !problem.reference.mask_distance.empty()) {
       function(MakeContext<MaskedCpuSampler>(problem, options, kind, geometric_pass));
     } else {
       function(MakeContext<CpuSampler>(problem, options, kind, geometric_pass));
@@ -81,15 +81,15 @@ struct HostSources {
     context.sampler = {{problem.reference.gray, images.data()}, SupportedWindowFunctions().back()};
     context.sources = views.data();
     context.full_depths = full_depths.data();
-    context.clearance = problem.reference.clearance;
-    context.source_clearances = has_masks ? clearances.data() : nullptr;
+    context.mask_distance = problem.reference.mask_distance;
+    context.source_mask_distances = has_masks ? mask_distances.data() : nullptr;
     return context;
   }
 
   std::vector<HalvedDepthMap> depths;
   std::vector<SourceView> views;
   std::vector<ImageView<const float>> images, full_depths;
-  std::vector<ImageView<const unsigned char>> clearances;
+  std::vector<ImageView<const unsigned char>> mask_distances;
   bool has_masks = false;  ///< of the sources
 };
 

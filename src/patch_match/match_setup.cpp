@@ -82,7 +82,7 @@ void CheckStart(const PatchMatchProblem& problem, const EstimateState& start) {
   CheckSize("start.planes", start.planes.width(), start.planes.height(), camera);
   CheckSize("start.cost", start.cost.width(), start.cost.height(), camera);
   const RayGrid rays = MakeRayGrid(camera);
-  const bool has_mask = !problem.reference.clearance.empty();
+  const bool has_mask = !problem.reference.mask_distance.empty();
   for (int row = 0; row < camera.height; ++row) {
     for (int col = 0; col < camera.width; ++col) {
       const PlaneHypothesis& plane = start.planes(col, row);

@@ -17,9 +17,9 @@ void CheckView(const std::string& name, const MatchView& view) {
     throw InvalidInputError(Concat(name, ": depth map of ", view.depth.width, " x ", view.depth.height,
                                    " px for an image of ", view.gray.width, " x ", view.gray.height));
   }
-  if (!view.clearance.empty() &&
-      (view.clearance.width != view.gray.width || view.clearance.height != view.gray.height)) {
-    throw InvalidInputError(Concat(name, ": mask of ", view.clearance.width, " x ", view.clearance.height,
+  if (!view.mask_distance.empty() &&
+      (view.mask_distance.width != view.gray.width || view.mask_distance.height != view.gray.height)) {
+    throw InvalidInputError(Concat(name, ": mask of ", view.mask_distance.width, " x ", view.mask_distance.height,
                                    " px for an image of ", view.gray.width, " x ", view.gray.height));
   }
 }

@@ -27,8 +27,8 @@ OptionList OptionsOf(PipelineOptions* o) {
               "Passes that make the maps of neighbouring images agree; 0: fastest and least accurate")
       .WhileRunning();
   list.Flag("completion", &o->fill.enabled,
-            "Give pixels that hardly any other image confirms the planes of confirmed surfaces around them, and mark "
-            "as a guess what has no texture and would hide what has, above all walls in a sky")
+            "Give pixels that hardly any other image confirms the planes of confirmed surfaces around them, and make "
+            "no points of what has no texture and would hide what has, above all walls in a sky")
       .WhileRunning();
   list.Flag("weighted_median", &o->fill.weighted_median,
             "With completion: let the outlines of surfaces follow the colours of the image")

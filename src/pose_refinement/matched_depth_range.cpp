@@ -13,7 +13,9 @@ namespace {
 
 constexpr int kCorners = 150;
 
-View MakeView(const Frame& frame) { return {frame.camera, GrayPyramid(frame.gray.View()), MakeClearance(frame.mask)}; }
+View MakeView(const Frame& frame) {
+  return {frame.camera, GrayPyramid(frame.gray.View()), MakeMaskDistance(frame.mask)};
+}
 
 }  // namespace
 

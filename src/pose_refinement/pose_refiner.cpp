@@ -228,7 +228,7 @@ bool PoseRefiner::Add(const Frame& frame, const DepthRange& range, const std::op
   ViewPose received = ToViewPose(frame.cam_from_world);
   if (bundle.size() == 0) bundle.origin = received.centre;
   received.centre -= bundle.origin;
-  View view = {frame.camera, GrayPyramid(frame.gray.View()), MakeClearance(frame.mask)};
+  View view = {frame.camera, GrayPyramid(frame.gray.View()), MakeMaskDistance(frame.mask)};
   if (impl_->StandsSinceLast(view, received, TypicalDepth(range))) return false;
   const ViewPose predicted = impl_->Predicted(received);
   keyframes.push_back({frame.id, frame.stamp_s, std::move(view), frame.cam_from_world, motion});

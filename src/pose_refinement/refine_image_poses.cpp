@@ -76,7 +76,7 @@ class ImageSet {
         throw InvalidInputError(Concat("image ", images_[i].id, ": ", gray.width(), " x ", gray.height(),
                                        " px: must be of the camera's ", camera.width, " x ", camera.height));
       }
-      views_[i] = {camera, GrayPyramid(gray.View()), MakeClearance(pixels.mask)};
+      views_[i] = {camera, GrayPyramid(gray.View()), MakeMaskDistance(pixels.mask)};
     });
     Check();
   }

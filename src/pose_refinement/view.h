@@ -57,14 +57,14 @@ inline RigidTransform ToRigidTransform(const ViewPose& pose) {
 struct View {
   PinholeCamera camera;
   GrayPyramid pyramid;
-  ClearanceMap clearance;  ///< of its mask; empty: all pixels count
+  MaskDistanceMap mask_distance;  ///< of its mask; empty: all pixels count
 
   /// Whether the mask ignores no pixel within `reach` px of a place in the image, along both axes.
   bool IsClear(const Eigen::Vector2d& pixel, double reach) const {
-    if (clearance.empty()) return true;
-    const int col = std::clamp(static_cast<int>(std::lround(pixel.x())), 0, clearance.width() - 1);
-    const int row = std::clamp(static_cast<int>(std::lround(pixel.y())), 0, clearance.height() - 1);
-    return clearance(col, row) > reach;
+    if (mask_distance.empty()) return true;
+    const int col = std::clamp(static_cast<int>(std::lround(pixel.x())), 0, mask_distance.width() - 1);
+    const int row = std::clamp(static_cast<int>(std::lround(pixel.y())), 0, mask_distance.height() - 1);
+    return mask_distance(col, row) > reach;
   }
 };
 

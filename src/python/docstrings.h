@@ -63,8 +63,9 @@ Attributes:
   name: str
   depth: (height, width), z in the unit of the poses; 0 where it is unknown. Never NaN.
   normal: (height, width, 3), unit normals in the camera's frame that face the camera; 0 where depth is unknown.
-  cost: (height, width), matching cost: 0 (perfect) to 2 (a guess); 1.9999999: completed from
-      around; inf: other images speak against the depth, which makes no point.
+  cost: (height, width), matching cost: 0 (perfect) to 2 (no view confirms it, filled in);
+      1.9999999: filled in where a view had confirmed something; inf: other images speak against the depth,
+      which makes no point.
   confidence: (height, width), 0 to 1, probability that the depth is right; 0 where unknown.
   K: (3, 3) of the maps, in their pixels.
   cam_from_world: (4, 4)

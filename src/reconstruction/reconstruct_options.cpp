@@ -26,9 +26,9 @@ OUTPUT is a folder that is made; afterwards it holds, for image 0, 1, 2, ... of 
   depth/000000.pfm         depth z in the scene's unit (metres if the poses are), 0 = unknown or masked
   depth/000000.png         the same in thousandths, 16 bit; depth/000000.dmb with --dmb
   normal/000000.pfm        unit normals in the camera's frame
-  cost/000000.pfm          matching cost, 0 = perfect to 2 = a guess, which makes no point; two values stand for more:
-                           1.9999999 = completed where a view had confirmed something, which may make a point;
-                           inf = the other views speak against the depth, a guess, too
+  cost/000000.pfm          matching cost, 0 = perfect to 2 = no view confirms it, filled in; two values stand for more:
+                           1.9999999 = filled in where a view had confirmed something;
+                           inf = the other views speak against the depth: no point
   confidence/000000.pfm    0..1
   pictures/000000_*.png    the four maps as colour pictures to look at
   fused.ply                one point cloud of all images: position, normal, colour, confidence
@@ -173,7 +173,7 @@ void AddOutputOptions(CLI::App* app, ReconstructOptions* options) {
   app->add_flag(
       "--colmap", options->colmap,
       "Also write OUTPUT/colmap, COLMAP's dense workspace, for colmap stereo_fusion, OpenMVS and others. Its\n"
-      "depth maps leave out pixels that were only guessed, those of cost 2");
+      "depth maps leave out pixels that no view confirms, those of cost 2");
   app->add_flag("--no-pictures", options->no_pictures, "No colour pictures of the maps");
   app->add_flag("--overwrite", options->overwrite, "Start afresh: remove what an earlier run left in OUTPUT");
   app->add_flag("--keep-work", options->keep_work, "Keep OUTPUT/work at the end");

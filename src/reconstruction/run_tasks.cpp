@@ -202,13 +202,13 @@ PointCloud RunTasks::Fuse(const ImagePlan& image, int rank, const DeviceEngine& 
   return cloud;
 }
 
-void RunTasks::SetUsedPixels(const Frame& frame, const Image<unsigned char>& used) {
-  run_.devices.FusionEngine(0).engine->SetUsedPixels(frame, used, stamps());
+void RunTasks::SetFusedPixels(const Frame& frame, const Image<unsigned char>& used) {
+  run_.devices.FusionEngine(0).engine->SetFusedPixels(frame, used, stamps());
   views_ = 1;
 }
 
-Image<unsigned char> RunTasks::UsedPixels(const Frame& frame) {
-  return run_.devices.FusionEngine(0).engine->UsedPixels(frame, stamps());
+Image<unsigned char> RunTasks::FusedPixels(const Frame& frame) {
+  return run_.devices.FusionEngine(0).engine->FusedPixels(frame, stamps());
 }
 
 int RunTasks::AddFileTask(const std::vector<int>& after, std::function<void()> work, bool urgent) {

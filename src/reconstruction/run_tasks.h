@@ -52,9 +52,9 @@ class RunTasks {
   /// @param take gets the points in the task's thread
   int AddFusion(const ImagePlan& image, std::function<void(PointCloud)> take);
   /// Before the first AddFusion: these pixels of a frame have gone into points of earlier views (FusionEngine).
-  void SetUsedPixels(const Frame& frame, const Image<unsigned char>& used);
+  void SetFusedPixels(const Frame& frame, const Image<unsigned char>& used);
   /// Those that have after Run.
-  Image<unsigned char> UsedPixels(const Frame& frame);
+  Image<unsigned char> FusedPixels(const Frame& frame);
 
   /// Adds a task for the threads that write files.
   int AddFileTask(const std::vector<int>& after, std::function<void()> work, bool urgent = false);

@@ -283,7 +283,7 @@ class StageRun {
   /// @param images with maps, whose final estimates and those of their source views are in files
   void FuseChunk(ReconstructRun* run, int chunk, const std::vector<int>& images) {
     RunTasks tasks(run);
-    TakeOverUsedPixels(planned_.FusedBefore(chunk), &tasks);
+    TakeOverFusedPixels(planned_.FusedBefore(chunk), &tasks);
     std::set<int> read;
     for (const ImagePlan& image : run->plan.images) {
       if (!std::binary_search(images.begin(), images.end(), image.index)) continue;
@@ -293,7 +293,7 @@ class StageRun {
     }
     tasks.Run();
     for (int index : read) {
-      const std::string bits = PackUsed(tasks.UsedPixels(*planned_.frames().Get(index)));
+      const std::string bits = PackUsed(tasks.FusedPixels(*planned_.frames().Get(index)));
       interrupt_.Check();
       WriteWorkFile(UsedFile(chunk, index), bits);
     }
@@ -301,7 +301,7 @@ class StageRun {
 
   /// Throws ProcessingError if one of the earlier chunks is not fused.
   /// @param fused_before see PlannedScene
-  void TakeOverUsedPixels(const std::map<int, int>& fused_before, RunTasks* tasks) {
+  void TakeOverFusedPixels(const std::map<int, int>& fused_before, RunTasks* tasks) {
     for (const auto& [index, chunk] : fused_before) {
       const FramePtr frame = planned_.frames().Get(index);
       const std::filesystem::path file = UsedFile(chunk, index);
@@ -311,7 +311,7 @@ class StageRun {
         throw ProcessingError(Concat("--stage fuse: the stage of the images from ", chunk * options_.chunk_images,
                                      " on is not done, or ", file.string(), " is damaged"));
       }
-      tasks->SetUsedPixels(*frame, used);
+      tasks->SetFusedPixels(*frame, used);
     }
   }
 

@@ -54,7 +54,7 @@ class FuseOnEnginesTest : public EngineTest {
 };
 INSTANTIATE_TEST_SUITE_P(Devices, FuseOnEnginesTest, ::testing::Values(Device::kCpu, Device::kCuda), DeviceName);
 
-TEST_P(FuseOnEnginesTest, GoesOnElsewhereFromTheUsedPixels) {
+TEST_P(FuseOnEnginesTest, GoesOnElsewhereFromTheFusedPixels) {
   const std::vector<PointCloud> expected = FuseAll(engine_.get(), views_, neighbors_, options_);
   const int count = static_cast<int>(views_.size());
   for (int first_elsewhere : {1, 2, 6}) {
@@ -62,7 +62,7 @@ TEST_P(FuseOnEnginesTest, GoesOnElsewhereFromTheUsedPixels) {
     for (int view = 0; view < first_elsewhere; ++view) Fuse(engine_.get(), view, here.get());
     const auto elsewhere = engine_->MakeFusionStamps();
     for (const EngineView& view : views_) {
-      engine_->SetUsedPixels(*view.frame, engine_->UsedPixels(*view.frame, here.get()), elsewhere.get());
+      engine_->SetFusedPixels(*view.frame, engine_->FusedPixels(*view.frame, here.get()), elsewhere.get());
     }
     for (int view = first_elsewhere; view < count; ++view) {
       EXPECT_EQ(FirstDifference(Fuse(engine_.get(), view, elsewhere.get()), expected[static_cast<size_t>(view)]), "")
@@ -70,9 +70,9 @@ TEST_P(FuseOnEnginesTest, GoesOnElsewhereFromTheUsedPixels) {
     }
   }
   const auto stamps = engine_->MakeFusionStamps();
-  EXPECT_THAT(ErrorOf([&] { engine_->SetUsedPixels(*views_[0].frame, Image<unsigned char>(3, 2), stamps.get()); }),
+  EXPECT_THAT(ErrorOf([&] { engine_->SetFusedPixels(*views_[0].frame, Image<unsigned char>(3, 2), stamps.get()); }),
               HasSubstr("used pixels: 3 x 2 px: must be"));
-  EXPECT_THAT(ErrorOf([&] { engine_->UsedPixels(*views_[0].frame, nullptr); }), HasSubstr("stamps: null"));
+  EXPECT_THAT(ErrorOf([&] { engine_->FusedPixels(*views_[0].frame, nullptr); }), HasSubstr("stamps: null"));
 }
 
 TEST_P(FuseOnEnginesTest, ViewsWithoutACommonFrameMayComeInAnyOrder) {

@@ -78,7 +78,7 @@ TEST(PointLosses, NamesTheCheckThatFails) {
   }
   std::vector<TestView> views = Views();
   views[0].cost = CostMap(20, 16, 2.0f);
-  EXPECT_EQ(Count(views).guesses, kPixels);
+  EXPECT_EQ(Count(views).unconfirmed, kPixels);
   views[0].depth = DepthMap(20, 16, 0.0f);
   EXPECT_EQ(Count(views).without_depth, kPixels);
   EXPECT_THAT(Describe(Count(views), {}), AllOf(StartsWith("no depth 100 %"), HasSubstr("~depth_min")));
@@ -101,9 +101,9 @@ TEST(PointLosses, TellsWhatLacksConfidence) {
   EXPECT_GT(losses.uneven, kPixels / 4);
   EXPECT_THAT(Describe(losses, {}), AllOf(StartsWith("confidence (0.35) though views agree "), HasSubstr("uneven")));
   views[0].cost = CostMap(20, 16, kWorstCost);
-  EXPECT_EQ(Count(views, {}).guesses, 0u);
+  EXPECT_EQ(Count(views, {}).unconfirmed, 0u);
   views[0].cost = CostMap(20, 16, kUnsupportedCost);
-  EXPECT_EQ(Count(views, {}).guesses, kPixels);
+  EXPECT_EQ(Count(views, {}).unconfirmed, kPixels);
 }
 
 TEST(PointLosses, RefusesBadSteps) {

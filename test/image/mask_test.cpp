@@ -85,18 +85,18 @@ TEST(MaskTest, IntersectedItIgnoresWhatEitherIgnores) {
   EXPECT_THROW(IntersectMasks(a.Clone(), Full(10, 20)), InvalidInputError);
 }
 
-TEST(ClearanceTest, IsTheChessboardDistance) {
+TEST(MaskDistanceTest, IsTheChessboardDistance) {
   const Mask mask = RandomMask(50, 30, 300);
-  const ClearanceMap clearance = MakeClearance(mask);
+  const MaskDistanceMap mask_distance = MakeMaskDistance(mask);
   for (int row = 0; row < 30; ++row) {
     for (int col = 0; col < 50; ++col) {
-      int nearest = kMaxClearance;
+      int nearest = kMaxMaskDistance;
       for (int r = 0; r < 30; ++r) {
         for (int c = 0; c < 50; ++c) {
           if (mask(c, r) == 0) nearest = std::min(nearest, std::max(std::abs(c - col), std::abs(r - row)));
         }
       }
-      ASSERT_EQ(clearance(col, row), nearest) << col << ' ' << row;
+      ASSERT_EQ(mask_distance(col, row), nearest) << col << ' ' << row;
     }
   }
 }

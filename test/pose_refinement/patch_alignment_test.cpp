@@ -65,7 +65,7 @@ TEST(CornerDetectionTest, CornersOfASquareAreFoundAndTakenCellsLeftOut) {
 
   Mask mask(120, 100, 255);
   mask(45, 35) = 0;  // near the corner at (40, 30)
-  view.clearance = MakeClearance(mask);
+  view.mask_distance = MakeMaskDistance(mask);
   EXPECT_EQ(PickCorners(view, response, {}, options).size(), 3u);
 }
 

@@ -27,7 +27,7 @@ class KernelState {
     for (size_t i = 0; i < views_.size(); ++i) {
       images_.push_back(problem_.sources[i].gray);
       full_depths_.push_back(problem_.sources[i].depth);
-      clearances_.push_back(problem_.sources[i].clearance);
+      mask_distances_.push_back(problem_.sources[i].mask_distance);
       views_[i].depth = depths_[i].View();
     }
   }
@@ -45,8 +45,8 @@ class KernelState {
     context.sampler = sampler;
     context.sources = views_.data();
     context.full_depths = full_depths_.data();
-    context.clearance = problem_.reference.clearance;
-    context.source_clearances = clearances_.data();
+    context.mask_distance = problem_.reference.mask_distance;
+    context.source_mask_distances = mask_distances_.data();
     context.planes = planes.View();
     context.cost = cost.View();
     context.selected_views = selected_views.View();
@@ -65,7 +65,7 @@ class KernelState {
   std::vector<HalvedDepthMap> depths_;
   std::vector<SourceView> views_;
   std::vector<ImageView<const float>> images_, full_depths_;
-  std::vector<ImageView<const unsigned char>> clearances_;
+  std::vector<ImageView<const unsigned char>> mask_distances_;
 
  public:
   PlaneMap planes;

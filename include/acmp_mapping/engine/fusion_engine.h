@@ -46,10 +46,10 @@ class FusionEngine {
 
   /// Which pixels of a frame have gone into points, at its size: 1 or 0. For another process that goes on with the
   /// fusion. `stamps` as for FuseView.
-  virtual Image<unsigned char> UsedPixels(const Frame& frame, FusionStamps* stamps) = 0;
+  virtual Image<unsigned char> FusedPixels(const Frame& frame, FusionStamps* stamps) = 0;
   /// Before any view is fused: these pixels of a frame count as those of a view of rank 0, so that ranks go on from 1.
   /// Throws InvalidInputError for pixels of another size than the frame's.
-  virtual void SetUsedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) = 0;
+  virtual void SetFusedPixels(const Frame& frame, const Image<unsigned char>& used, FusionStamps* stamps) = 0;
 };
 
 }  // namespace acmp

@@ -112,7 +112,7 @@ int LevelOf(const EngineProblem& problem, int width, int height);
 void CheckLoad(const FramePtr& frame, int levels);
 
 /// Of the frame's mask and of the masks halved up to `levels` times; empty maps without a mask.
-std::vector<ClearanceMap> MakeClearances(const Frame& frame, int levels);
+std::vector<MaskDistanceMap> MakeMaskDistances(const Frame& frame, int levels);
 
 /// Unless frames and images are there, and 0 <= level <= kMaxLevels.
 void CheckHandles(const EngineProblem& problem, int level);

@@ -10,7 +10,7 @@ namespace acmp {
 
 /// What ConsistencyResult's counts, a byte each, can hold.
 constexpr int kMaxFusionSources = 255;
-constexpr int kMaxFusionViews = kUnusedStamp;  ///< with a stamp each
+constexpr int kMaxFusionViews = kUnfusedStamp;  ///< with a stamp each
 
 inline PosedCamera CameraOf(const FusionView& view) { return {view.camera, view.cam_from_world}; }
 
@@ -24,10 +24,10 @@ SourceGeometry MakeSourceGeometry(const PosedCamera& reference, const PosedCamer
 /// Throws InvalidInputError unless a stamp can hold the view's place in the order of fusion, 0..kMaxFusionViews - 1.
 Stamp StampOfRank(int rank);
 
-/// What FusionEngine::UsedPixels says of a frame's stamps, and stamps that say the same in a fusion that goes on.
-Image<unsigned char> UsedOf(const ImageView<const Stamp>& stamps);
+/// What FusionEngine::FusedPixels says of a frame's stamps, and stamps that say the same in a fusion that goes on.
+Image<unsigned char> FusedOf(const ImageView<const Stamp>& stamps);
 /// Throws InvalidInputError unless `used` has the size of the camera's image.
-Image<Stamp> StampsOfUsed(const Image<unsigned char>& used, const PinholeCamera& camera);
+Image<Stamp> StampsOfFused(const Image<unsigned char>& used, const PinholeCamera& camera);
 
 /// Composes the context of one reference view. `View` is the FusionMaps of the device that is to run it.
 template <class View>

@@ -13,7 +13,7 @@ namespace acmp {
 struct PointLosses {
   size_t pixels = 0;         ///< looked at
   size_t without_depth = 0;  ///< depth or normal unknown
-  size_t guesses = 0;        ///< unconfirmed or unsupported pixels, which are no points whatever their confidence
+  size_t unconfirmed = 0;    ///< unconfirmed or unsupported pixels, which are no points whatever their confidence
   size_t outside = 0;        ///< behind or outside the sources' images
   size_t source_depth = 0;   ///< the sources know no depth there
   size_t reprojection = 0;   ///< sent back too far away, px

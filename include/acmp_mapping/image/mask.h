@@ -8,10 +8,10 @@ namespace acmp {
 /// count.
 using Mask = Image<unsigned char>;
 
-/// Chessboard distance of every pixel from the nearest one that is ignored, px, at most kMaxClearance; 0: ignored
+/// Chessboard distance of every pixel from the nearest one that is ignored, px, at most kMaxMaskDistance; 0: ignored
 /// itself. Empty: all pixels count.
-using ClearanceMap = Image<unsigned char>;
-constexpr int kMaxClearance = 255;
+using MaskDistanceMap = Image<unsigned char>;
+constexpr int kMaxMaskDistance = 255;
 
 /// Whether the mask ignores some pixel, and whether it ignores all. An empty one does neither.
 bool IgnoresSome(const Mask& mask);
@@ -28,6 +28,6 @@ Mask HalveMask(const Mask& mask);
 Mask IntersectMasks(Mask a, const Mask& b);
 
 /// Empty for an empty mask.
-ClearanceMap MakeClearance(const Mask& mask);
+MaskDistanceMap MakeMaskDistance(const Mask& mask);
 
 }  // namespace acmp

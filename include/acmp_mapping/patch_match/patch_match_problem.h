@@ -14,8 +14,8 @@ struct MatchView {
   ImageView<const float> gray;  ///< 0..255
   PinholeCamera camera;
   RigidTransform cam_from_world = RigidTransform::Identity();
-  ImageView<const float> depth;              ///< z, 0 = unknown; empty unless the pass is geometric (source views only)
-  ImageView<const unsigned char> clearance;  ///< ClearanceMap of the image's mask; empty: all pixels count
+  ImageView<const float> depth;  ///< z, 0 = unknown; empty unless the pass is geometric (source views only)
+  ImageView<const unsigned char> mask_distance;  ///< MaskDistanceMap of the image's mask; empty: all pixels count
 };
 
 /// Input of a pass: one reference view, 1..32 source views (sizes may differ) and the depths to search.

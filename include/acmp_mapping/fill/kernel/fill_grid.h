@@ -145,7 +145,7 @@ ACMP_HOST_DEVICE inline ViewSupport CountSupportingViews(const FusionContext<Vie
     SourcePlace place;
     ViewAgreement agreement;
     if (!LocateInSource(context.sources[i], pixel.homogeneous, &place)) continue;
-    if (context.sources[i].view.IsGuess(place.col, place.row)) continue;
+    if (context.sources[i].view.IsUnconfirmed(place.col, place.row)) continue;
     if (!ProjectBack(context.sources[i], context.limits, pixel, place, &agreement)) continue;
     if (ViolatesFreeSpace(agreement)) ++free_space_violations;
     const double squared_px = context.limits.max_squared_px, relative_depth = context.limits.max_relative_depth;

@@ -97,7 +97,8 @@ ACMP_HOST_DEVICE inline ViewEvidence GatherEvidence(const FusionContext<View>& c
     if (!LocateInSource(source, pixel.homogeneous, &place)) continue;
     ++evidence.views;
     ViewAgreement agreement;
-    if (source.view.IsGuess(place.col, place.row) || !ProjectBack(source, context.limits, pixel, place, &agreement)) {
+    if (source.view.IsUnconfirmed(place.col, place.row) ||
+        !ProjectBack(source, context.limits, pixel, place, &agreement)) {
       ++evidence.silent;
       continue;
     }

@@ -100,7 +100,7 @@ ACMP_HOST_DEVICE inline SurfacePoint Average(const ReferenceGeometry& geometry, 
 template <class View>
 ACMP_HOST_DEVICE inline bool MayBePoint(const FusionContext<View>& context, int col, int row) {
   return context.limits.ByProbability() ? !context.reference.IsUnsupported(col, row)
-                                        : !context.reference.IsGuess(col, row);
+                                        : !context.reference.IsUnconfirmed(col, row);
 }
 
 /// The mean of a pixel and of what agrees with it; false where it becomes no point.
@@ -131,8 +131,8 @@ ACMP_HOST_DEVICE inline bool CheckPixel(const FusionContext<View>& context, int 
 /// Stamps the pixel and its matches. Other pixels of the reference may do so at the same time and to the same matches:
 /// all write the same, and a pixel with this stamp still counts as unused to each of them.
 template <int kMaxSources, class View>
-ACMP_HOST_DEVICE inline void StampUsed(const FusionContext<View>& context, const ReferencePixel& pixel,
-                                       const MatchSum<kMaxSources>& sum) {
+ACMP_HOST_DEVICE inline void StampFused(const FusionContext<View>& context, const ReferencePixel& pixel,
+                                        const MatchSum<kMaxSources>& sum) {
   RelaxedStore(&context.stamps(pixel.col, pixel.row), context.current);
   for (int i = 0; i < context.num_sources; ++i) {
     if ((sum.matched[WordOf<kMaxSources>(i)] >> (i % 32) & 1u) == 0) continue;
@@ -148,11 +148,11 @@ ACMP_HOST_DEVICE inline void StampUsed(const FusionContext<View>& context, const
 /// @param context with `log_odds` of all pixels
 template <int kMaxSources, class View>
 ACMP_HOST_DEVICE inline bool FusePixel(const FusionContext<View>& context, int col, int row, SurfacePoint* point) {
-  if (IsUsed(context.stamps, context.current, col, row) || !MayBePoint(context, col, row)) return false;
+  if (IsFused(context.stamps, context.current, col, row) || !MayBePoint(context, col, row)) return false;
   ReferencePixel pixel;
   MatchSum<kMaxSources> sum;
   if (!MakePoint(context, col, row, ConfidenceOf(context, col, row), &pixel, &sum, point)) return false;
-  StampUsed(context, pixel, sum);
+  StampFused(context, pixel, sum);
   return true;
 }
 

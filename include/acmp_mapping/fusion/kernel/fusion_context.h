@@ -19,7 +19,7 @@ struct FusionMaps {
   ACMP_HOST_DEVICE Vec3f Normal(int col, int row) const { return NormalOf(normal(col, row)); }
   ACMP_HOST_DEVICE float Cost(int col, int row) const { return cost(col, row); }
   /// Whether the pixel is unconfirmed: filled where no view had confirmed it (FillUnverified). It confirms no other.
-  ACMP_HOST_DEVICE bool IsGuess(int col, int row) const { return cost(col, row) >= kWorstCost; }
+  ACMP_HOST_DEVICE bool IsUnconfirmed(int col, int row) const { return cost(col, row) >= kWorstCost; }
   /// Whether what other images show speaks against the pixel: it never is a point, nor part of one.
   ACMP_HOST_DEVICE bool IsUnsupported(int col, int row) const { return cost(col, row) > kWorstCost; }
   ACMP_HOST_DEVICE const Rgb& Color(int col, int row) const { return color(col, row); }
@@ -60,7 +60,7 @@ struct SourceGeometry {
 
 /// Per pixel of a view, which view's points used it first, by its place in the order of fusion.
 using Stamp = uint16_t;
-constexpr Stamp kUnusedStamp = 0xffff;
+constexpr Stamp kUnfusedStamp = 0xffff;
 
 template <class View>
 struct FusionSource {

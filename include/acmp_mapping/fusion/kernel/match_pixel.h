@@ -12,7 +12,7 @@ ACMP_HOST_DEVICE inline bool IsKnown(float depth) { return depth > 0 && depth <=
 ACMP_HOST_DEVICE inline bool IsKnown(const Vec3f& normal) { return IsKnown(Dot(normal, normal)); }
 
 /// True when the points of an earlier view used the pixel; never outside fusion.
-ACMP_HOST_DEVICE inline bool IsUsed(const ImageView<Stamp>& stamps, Stamp current, int col, int row) {
+ACMP_HOST_DEVICE inline bool IsFused(const ImageView<Stamp>& stamps, Stamp current, int col, int row) {
   return stamps.data != nullptr && RelaxedLoad(&stamps(col, row)) < current;
 }
 
@@ -146,11 +146,11 @@ ACMP_HOST_DEVICE inline bool MatchAgreement(const FusionSource<View>& source, co
                                             const ReferencePixel& pixel, const ViewAgreement& agreement,
                                             PixelMatch* match) {
   const int col = agreement.place.col, row = agreement.place.row;
-  if (limits.ByProbability() ? source.view.IsUnsupported(col, row) : source.view.IsGuess(col, row)) return false;
+  if (limits.ByProbability() ? source.view.IsUnsupported(col, row) : source.view.IsUnconfirmed(col, row)) return false;
   if (!(agreement.squared_px < limits.max_squared_px)) return false;
   // A point behind the reference needs no test of its own: it misses the limit on depths, which is below 1.
   if (!(agreement.relative_depth < limits.max_relative_depth)) return false;
-  if (IsUsed(source.stamps, current, col, row)) return false;
+  if (IsFused(source.stamps, current, col, row)) return false;
   const Vec3d normal = Normalized(source.geometry.target_from_camera * AsDouble(source.view.Normal(col, row)));
   // The cosine is NaN for an unknown normal, which fails the test.
   const double cosine = Dot(normal, pixel.normal);

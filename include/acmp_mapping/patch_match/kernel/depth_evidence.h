@@ -96,7 +96,7 @@ ACMP_HOST_DEVICE inline float UnexplainedVariance(const MatchContext<Sampler>& c
   const SourceView& source = context.sources[view];
   const PlaneWarp warp = MakePlaneWarp(source, dual, 0, 0);
   if (!ContainsWindow(source, warp, window)) return -1;
-  if (Sampler::kHasMasks && context.source_clearances != nullptr &&
+  if (Sampler::kHasMasks && context.source_mask_distances != nullptr &&
       ReachesMasked(context, view, MakePlaneWarp(source, dual, static_cast<float>(col), static_cast<float>(row)))) {
     return -1;
   }

@@ -71,21 +71,21 @@ struct MatchContext {
   PriorMap prior;                             ///< planar-prior pass only
   const ImageView<const float>* full_depths;  ///< of the sources, z at full size: the papers' geometric passes only
 
-  /// ClearanceMap of the reference's mask; empty: all of its pixels count.
-  ImageView<const unsigned char> clearance;
+  /// MaskDistanceMap of the reference's mask; empty: all of its pixels count.
+  ImageView<const unsigned char> mask_distance;
   /// The same of the sources; null where none has a mask.
-  const ImageView<const unsigned char>* source_clearances;
+  const ImageView<const unsigned char>* source_mask_distances;
 
   ACMP_HOST_DEVICE bool Contains(int col, int row) const { return col >= 0 && row >= 0 && col < width && row < height; }
   ACMP_HOST_DEVICE bool InRange(float depth) const { return depth >= depth_min && depth <= depth_max; }
   /// Whether the reference's mask ignores the pixel, or one that lies within `reach` px of it along both axes.
   ACMP_HOST_DEVICE bool IsNearMasked(int col, int row, int reach) const {
-    return Sampler::kHasMasks && clearance.data != nullptr && clearance(col, row) <= reach;
+    return Sampler::kHasMasks && mask_distance.data != nullptr && mask_distance(col, row) <= reach;
   }
   ACMP_HOST_DEVICE bool IsMasked(int col, int row) const { return IsNearMasked(col, row, 0); }
   /// Whether the reference's mask may have left the pixel without a plane.
   ACMP_HOST_DEVICE bool HasNoPlane(int col, int row) const {
-    return Sampler::kHasMasks && clearance.data != nullptr && !(planes(col, row).d > 0);
+    return Sampler::kHasMasks && mask_distance.data != nullptr && !(planes(col, row).d > 0);
   }
 };
 

@@ -6,15 +6,15 @@
 
 namespace acmp {
 
-/// Whether a window, warped into a source, reaches a pixel that the source's mask ignores. The clearance at its middle
-/// is compared with how far it reaches: one look for a whole window. At the same scale windows whose middle is within
-/// 6 px of such a pixel do. The middle lies inside the source.
+/// Whether a window, warped into a source, reaches a pixel that the source's mask ignores. The mask distance at its
+/// middle is compared with how far it reaches: one look for a whole window. At the same scale windows whose middle is
+/// within 6 px of such a pixel do. The middle lies inside the source.
 template <class Sampler>
 ACMP_HOST_DEVICE inline bool ReachesMasked(const MatchContext<Sampler>& context, int view, const PlaneWarp& warp) {
   constexpr float kInterpolation = 1.5f;  // px, from the pixel nearest to the middle to one that is interpolated
-  if (!Sampler::kHasMasks || context.source_clearances == nullptr) return false;
-  const ImageView<const unsigned char>& clearance = context.source_clearances[view];
-  if (clearance.data == nullptr) return false;
+  if (!Sampler::kHasMasks || context.source_mask_distances == nullptr) return false;
+  const ImageView<const unsigned char>& mask_distance = context.source_mask_distances[view];
+  if (mask_distance.data == nullptr) return false;
   const float min_z = warp.center.z - kPatchRadius * (fabsf(warp.step_col.z) + fabsf(warp.step_row.z));
   if (!(min_z > 0)) return true;
   const float inv_z = Reciprocal(warp.center.z);
@@ -27,7 +27,7 @@ ACMP_HOST_DEVICE inline bool ReachesMasked(const MatchContext<Sampler>& context,
     const float clamped = Clamp(position, 0.0f, static_cast<float>(size - 1));
     return static_cast<int>(clamped + 0.5f);  // NOLINT(bugprone-incorrect-roundings): nothing is negative
   };
-  return static_cast<float>(clearance(nearest(x, clearance.width), nearest(y, clearance.height))) <
+  return static_cast<float>(mask_distance(nearest(x, mask_distance.width), nearest(y, mask_distance.height))) <
          reach + kInterpolation;
 }
 
