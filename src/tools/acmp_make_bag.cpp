@@ -44,6 +44,8 @@ void AddOptions(CLI::App& app, MakeBagArguments& arguments) {
       ->expected(1, 2)
       ->type_name("[SCENE] OUT.bag");
   app.add_option("--rate", recording.rate_hz, "Images per second of bag time")->capture_default_str();
+  app.add_option("--world-frame", recording.world_frame, "Frame of poses and points")->capture_default_str();
+  app.add_option("--camera-frame", recording.camera_frame, "Frame of the images")->capture_default_str();
 
   const std::string ungrouped = app.option_defaults()->get_group();
   app.option_defaults()->group("From a dataset folder");

@@ -44,16 +44,14 @@ int RunTool(CLI::App& app, int argc, char** argv, const Body& body) {
     app.set_version_flag("--version", ACMP_VERSION);
     app.parse(argc, argv);
     return body();
-  } catch (const CLI::RequiredError& error) {
-    // Rather what is there and unknown, a misspelt option for one, than what is missing.
-    const std::vector<std::string> unknown = app.remaining(true);
-    if (unknown.empty()) {
-      app.exit(error);
-    } else {
-      app.exit(CLI::ExtrasError(unknown));
-    }
-    return kExitBadInput;
   } catch (const CLI::ParseError& error) {
+    // Rather what is there and unknown, a misspelt option for one, than what is missing or, as its value, too much.
+    const std::string name = error.get_name();
+    const std::vector<std::string> unknown = app.remaining(true);
+    if (!unknown.empty() && (name == "RequiredError" || name == "ArgumentMismatch")) {
+      app.exit(CLI::ExtrasError(unknown));
+      return kExitBadInput;
+    }
     return app.exit(error) == 0 ? kExitDone : kExitBadInput;  // --help is a ParseError with code 0
   } catch (const InvalidInputError& error) {
     std::cerr << app.get_name() << ": " << error.what() << '\n';

@@ -17,16 +17,18 @@
 
 namespace acmp {
 
-struct RecordingOptions {
-  double rate_hz = 5;      ///< images per second of bag time, 0.001..1000
-  int max_image_size = 0;  ///< px of the longer side; 0: as stored
-};
-/// Throws InvalidInputError naming the first field out of bounds.
-void Validate(const RecordingOptions& options);
-
 constexpr uint32_t kStartTime_s = 1600000000;  ///< stamp of image 0: the same input gives the same bytes
 constexpr char kWorldFrame[] = "world";
 constexpr char kCameraFrame[] = "camera_optical";
+
+struct RecordingOptions {
+  double rate_hz = 5;      ///< images per second of bag time, 0.001..1000
+  int max_image_size = 0;  ///< px of the longer side; 0: as stored
+  std::string world_frame = kWorldFrame;
+  std::string camera_frame = kCameraFrame;
+};
+/// Throws InvalidInputError naming the first field out of bounds.
+void Validate(const RecordingOptions& options);
 
 /// Topics of a recorded bag.
 constexpr char kImageTopic[] = "/camera/image_raw";
