@@ -75,7 +75,7 @@ Image<unsigned char> FusedOf(const ImageView<const Stamp>& stamps) {
 
 Image<Stamp> StampsOfFused(const Image<unsigned char>& used, const PinholeCamera& camera) {
   if (used.width() != camera.width || used.height() != camera.height) {
-    throw InvalidInputError(Concat("used pixels: ", used.width(), " x ", used.height(), " px: must be ", camera.width,
+    throw InvalidInputError(Concat("fused pixels: ", used.width(), " x ", used.height(), " px: must be ", camera.width,
                                    " x ", camera.height, ", as their frame"));
   }
   Image<Stamp> stamps(used.width(), used.height());
