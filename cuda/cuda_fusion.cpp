@@ -120,7 +120,11 @@ PointCloud CudaFusion::Collect(size_t pixels, const Launch& launch) {
   const size_t parts = (pixels + part - 1) / part;
   of_pixels_.Reserve(queue_.device(), part);
   accepted_.Reserve(queue_.device(), part);
-  points_.Reserve(queue_.device(), part);
+  if (points_.size() < part) {
+    points_.Reserve(queue_.device(), part);
+    // A part comes to the host as a whole, before its count is known: also what is unset behind that.
+    CudaCheck(cudaMemsetAsync(points_.data(), 0, part * sizeof(SurfacePoint), queue_.stream().get()), "reset points");
+  }
   count_.Reserve(queue_.device(), 1);
   scratch_.Reserve(queue_.device(), PointScratchBytes(part));
   const PointOutput output = {of_pixels_.data(), accepted_.data(), points_.data(),
