@@ -106,6 +106,21 @@ class LaunchFiles(unittest.TestCase):
         own = [node for node in load("dense_mapper.launch").nodes if node.name == "map_server"][0]
         self.assertEqual(dict(own.remap_args)["keyframe_points"], "keyframe_points")
 
+    def test_networks_get_the_mappers_images(self):
+        shipped = os.path.join(SOURCE, "config/networks/midas_small.yaml")
+        self.assertTrue(os.path.exists(shipped))
+        given = {name: "/given/" + name for name in ("image", "prior_depth", "mask")}
+        for launch in ["dense_mapper.launch"] + ["frontends/" + name for name in FRONTENDS]:
+            config = load(launch, "depth_network:=midas_small.yaml", "mask_network:=/my/sky.yaml",
+                          *["%s:=%s" % item for item in given.items()])
+            nodes = {node.name: node for node in config.nodes if node.type == "network_node.py"}
+            with self.subTest(launch):
+                self.assertEqual({name: node.args for name, node in nodes.items()},
+                                 {"depth_network": shipped, "mask_network": "/my/sky.yaml"})
+                for node in nodes.values():
+                    self.assertEqual((node.namespace, node.required), ("/acmp/", False))
+                    self.assertEqual({name: dict(node.remap_args)[name] for name in given}, given)
+
     def test_nodelets_are_loaded_without_bonds(self):
         with open(os.path.join(SOURCE, "nodelet_plugins.xml")) as file:
             plugins = file.read()
