@@ -478,6 +478,7 @@ def main():
     except Refused as error:
         if ros:
             ros.rospy.logerr("%s. The mapper goes on without this network", error)
+            ros.rospy.signal_shutdown("refused")  # unregisters the node
         else:
             print("network_node: %s" % error, file=sys.stderr)
         return 2

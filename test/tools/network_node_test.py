@@ -28,9 +28,9 @@ WIDTH, HEIGHT = 48, 32
 
 
 def test_image():
-    """Brightness grows to the right, colours differ; height x width x 3."""
-    cols = np.arange(WIDTH)[None, :].repeat(HEIGHT, 0)
-    return np.stack([60 + 3 * cols, 40 + 3 * cols, 20 + 3 * cols], 2).astype(np.uint8)
+    """Brightness grows to the right and, less, downwards; colours differ; height x width x 3."""
+    ramp = np.add.outer(np.arange(HEIGHT), 3 * np.arange(WIDTH))
+    return np.stack([60 + ramp, 40 + ramp, 20 + ramp], 2).astype(np.uint8)
 
 
 class TestCase(unittest.TestCase):
@@ -114,8 +114,9 @@ class Arrays(TestCase):
     def test_the_whole_image_is_resized(self):
         prepared = node.prepare(self.describe(pixel_max=255), test_image(), (24, 8))
         self.assertEqual(prepared.shape, (3, 8, 24))
-        # The ramp stays one: column c of 24 covers 2c and 2c + 1 of 48. The rims lack what lies beyond them; rounding.
-        np.testing.assert_allclose(prepared[0, 3, 1:-1], 60 + 3 * (2 * np.arange(24) + 0.5)[1:-1], atol=1)
+        # The ramp stays one: column c of 24 covers 2c and 2c + 1 of 48, row 3 of 8 rows 12 to 15. The rims lack what lies
+        # beyond them; rounding.
+        np.testing.assert_allclose(prepared[0, 3, 1:-1], 60 + 13.5 + 3 * (2 * np.arange(24) + 0.5)[1:-1], atol=1)
 
     def test_inverse_depth_is_known_up_to_scale_and_shift(self):
         output = np.linspace(-3, 5, 12).reshape(3, 4)
@@ -206,8 +207,8 @@ class Images(TestCase):
         for pattern in ("rggb", "bggr", "gbrg", "grbg"):
             rgb = node.to_rgb(message("bayer_%s8" % pattern, mosaic(test_image(), pattern)))
             self.assertEqual(rgb.shape, (HEIGHT, WIDTH, 3))
-            # A pixel's colour is taken at most one column away, where it differs by 3; mean of two greens.
-            self.assertLessEqual(np.abs(rgb.astype(int) - test_image()).max(), 3, pattern)
+            # A pixel's colour is taken at most one column and row away, where it differs by 4; mean of two greens.
+            self.assertLessEqual(np.abs(rgb.astype(int) - test_image()).max(), 4, pattern)
 
     def test_yuv(self):
         image = np.repeat(test_image()[:, ::2], 2, 1)  # two columns share their chroma
