@@ -376,9 +376,17 @@ class Node:
         self.publisher = ros.rospy.Publisher("prior_depth" if network.description.is_depth else "mask", ros.Image,
                                              queue_size=30)
         self.status = ros.rospy.Publisher("/diagnostics", ros.DiagnosticArray, queue_size=10)
-        compressed = mapper.get("image_transport") == "compressed"
-        topic, kind = ("image/compressed", ros.CompressedImage) if compressed else ("image", ros.Image)
+        topic, kind = "image", ros.Image
+        if mapper.get("image_transport") == "compressed":
+            topic, kind = self.compressed_topic(), ros.CompressedImage
         self.subscriber = ros.rospy.Subscriber(topic, kind, self.receive, queue_size=30, buff_size=2 ** 26)
+
+    def compressed_topic(self):
+        """image/compressed if that name is remapped, else beside the image, as the mapper takes it."""
+        name = "image/compressed"
+        resolved = self.ros.rospy.resolve_name(name)
+        remapped = resolved != self.ros.rospy.get_namespace() + name
+        return resolved if remapped else self.ros.rospy.resolve_name("image") + "/compressed"
 
     def receive(self, message):
         with self.condition:

@@ -242,13 +242,15 @@ class Images(TestCase):
 class FakeRos:
     """What the node uses of ROS; published messages are in `published` by topic."""
 
-    def __init__(self, mapper):
+    def __init__(self, mapper, **remaps):
         self.published, self.over, self.warnings = {}, threading.Event(), []
         self.rospy = types.SimpleNamespace(
             get_param=lambda name, default: {"dense_mapper": mapper}.get(name, default), get_name=lambda: "/acmp/depth_network",
             is_shutdown=self.over.is_set, Publisher=self.publisher, logwarn_throttle=lambda _, text: self.warnings.append(text),
             Subscriber=lambda topic, kind, callback, **_: types.SimpleNamespace(
-                resolved_name="/" + topic, kind=kind, callback=callback),
+                resolved_name=self.rospy.resolve_name(topic), kind=kind, callback=callback),
+            get_namespace=lambda: "/acmp/",
+            resolve_name=lambda name: name if name[0] == "/" else remaps.get(name, "/acmp/" + name),
             Time=types.SimpleNamespace(now=lambda: 0))
         self.Image = self.CompressedImage = self.DiagnosticArray = self.Header = types.SimpleNamespace
         self.KeyValue = lambda key, value: (key, value)
@@ -331,16 +333,18 @@ class Nodes(TestCase):
         self.assertEqual(ros.warnings, [status.message])
 
     def test_it_takes_what_the_mapper_takes(self):
-        self.assertEqual(node.Node(FakeNetwork(self.describe()), FakeRos({})).subscriber.resolved_name, "/image")
-        compressed = FakeRos({"image_transport": "compressed"})
-        self.assertEqual(node.Node(FakeNetwork(self.describe()), compressed).subscriber.resolved_name, "/image/compressed")
+        for transport, remaps, topic in (("raw", {"image": "/cam0"}, "/cam0"),
+                                         ("compressed", {"image": "/cam0"}, "/cam0/compressed"),
+                                         ("compressed", {"image": "/cam0", "image/compressed": "/jpeg"}, "/jpeg")):
+            ros = FakeRos({"image_transport": transport}, **remaps)
+            self.assertEqual(node.Node(FakeNetwork(self.describe()), ros).subscriber.resolved_name, topic)
         self.assertIn("mask", self.published_of(self.describe(kind="probability", threshold=0.5)))
 
     @staticmethod
     def published_of(description):
         ros = FakeRos({})
         played = node.Node(FakeNetwork(description), ros)
-        assert "no image yet on /image" in played.diagnosis().message
+        assert "no image yet on /acmp/image" in played.diagnosis().message
         return ros.published
 
 

@@ -3,8 +3,11 @@
 
 usage: shipped_files_test.py SOURCE_FOLDER"""
 import glob
+import importlib.util
+import json
 import os
 import re
+import subprocess
 import sys
 import tempfile
 import unittest
@@ -347,6 +350,43 @@ class RvizConfig(unittest.TestCase):
         with open(os.path.join(SOURCE, "include/acmp_mapping/bags/bag_recording.h")) as file:
             frame = re.search(r'kWorldFrame\[\] = "(\w+)"', file.read()).group(1)
         self.assertEqual(self.manager["Global Options"]["Fixed Frame"], frame)
+
+
+class FoxgloveLayout(unittest.TestCase):
+    def setUp(self):
+        with open(os.path.join(SOURCE, "config/foxglove_layout.json")) as file:
+            self.layout = json.load(file)
+        self.panels = self.layout["configById"]
+
+    def test_topics_are_outputs(self):
+        topics = [topic for panel in self.panels.values() for topic in
+                  [*panel.get("topics", {}), *panel.get("imageMode", {}).values()]]
+        self.assertGreaterEqual(len(topics), 10)
+        for topic in topics:
+            self.assertTrue(topic.startswith(NAMESPACE), topic)
+            self.assertIn(topic[len(NAMESPACE):], interface_names())
+
+    def test_every_panel_has_a_place(self):
+        def places(part):
+            return [part] if isinstance(part, str) else places(part["first"]) + places(part["second"])
+        self.assertEqual(sorted(places(self.layout["layout"])), sorted(self.panels))
+
+
+class RerunBridge(unittest.TestCase):
+    def setUp(self):
+        self.path = os.path.join(SOURCE, "scripts/rerun_bridge.py")
+
+    def test_topics_are_outputs(self):
+        with open(self.path) as file:
+            topics = re.findall(r'"([\w/]+)": \(\w+, \w+\)', file.read())
+        self.assertEqual(len(topics), 7)
+        self.assertLessEqual(set(topics), interface_names())
+
+    @unittest.skipIf(importlib.util.find_spec("rerun"), "Rerun is installed")
+    def test_it_says_what_to_install(self):
+        run = subprocess.run([sys.executable, self.path], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        self.assertEqual(run.returncode, 1)
+        self.assertIn("Rerun is missing (pip install rerun-sdk)", run.stdout)
 
 
 if __name__ == "__main__":
