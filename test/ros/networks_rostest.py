@@ -25,6 +25,8 @@ import consumer_side as side
 
 PACKAGE = roslib.packages.get_pkg_dir("acmp_mapping")
 sys.path.insert(0, os.path.join(PACKAGE, "test/tools"))
+sys.path.insert(0, os.path.join(PACKAGE, "scripts"))
+import network_node  # noqa: E402
 import tiny_onnx  # noqa: E402
 
 KEYFRAMES, WIDTH, HEIGHT = 6, 128, 96
@@ -127,7 +129,7 @@ class NetworksTest(unittest.TestCase):
         for message in {id(m): m for _, m in self.inputs if hasattr(m, "header")}.values():
             message.header.stamp += later
         self.start(depth_network={**tiny, "kind": "inverse_depth"},
-                   mask_network={**tiny, "kind": "probability", "threshold": BRIGHT})
+                   mask_network={**tiny, "kind": "probability", "threshold": BRIGHT, "grow": 1})
         for node, topic in (("depth_network", "/slam/prior_depth"), ("mask_network", "/slam/mask")):
             for receiver in ("/acmp/dense_mapper", rospy.get_name()):
                 wait_for(lambda n=node, pair=(receiver, topic): pair in side.receivers("/acmp/" + n), (node, receiver))
@@ -146,7 +148,7 @@ class NetworksTest(unittest.TestCase):
         for stamp, image in images.items():
             self.assertEqual(image.encoding, "rgb8")
             bright = pixels(image, np.uint8).mean(2)
-            ignored = bright > BRIGHT
+            ignored = network_node.grown(bright > BRIGHT, 1)
             self.assertTrue(0.05 < ignored.mean() < 0.95, "the threshold must divide the image")
             mask, prior = masks[stamp], priors[stamp]
             self.assertEqual((mask.encoding, mask.header.frame_id), ("mono8", image.header.frame_id))

@@ -155,6 +155,15 @@ class Arrays(TestCase):
         grown = node.to_mask(self.describe(kind="probability", threshold=0.5, grow=3), probability, (60, 40))
         np.testing.assert_array_equal((grown == 0).sum(1), 60 - 41 + 3)
 
+    def test_what_is_ignored_grows_on_all_sides(self):
+        ignored = np.zeros((9, 12), bool)
+        ignored[[4, 8], [5, 0]] = True
+        expected = np.zeros((9, 12), bool)
+        expected[2:7, 3:8] = expected[6:, :3] = True
+        np.testing.assert_array_equal(node.grown(ignored, 2), expected)
+        np.testing.assert_array_equal(node.grown(ignored, 0), ignored)
+        self.assertTrue(node.grown(ignored, 50).all())
+
     def test_classes_become_a_mask(self):
         description = self.describe(kind="classes", ignore=[2, 7])
         numbers = np.array([[0, 2], [7, 1]])
@@ -276,7 +285,7 @@ class FakeNetwork:
         self.go.wait()
         if not rgb.any():
             raise node.Refused("the network's output is the same everywhere: 0")
-        return rgb[:, :, 0].astype(np.float32)
+        return np.asfortranarray(rgb[:, :, 0], np.float32)  # as arrays may lie in memory
 
 
 class Nodes(TestCase):
