@@ -10,6 +10,7 @@ if(ACMP_HAVE_PYTHON)
   install(TARGETS acmp_python LIBRARY DESTINATION ${CATKIN_PACKAGE_PYTHON_DESTINATION})
   install(FILES src/python/offline.pyi DESTINATION ${CATKIN_PACKAGE_PYTHON_DESTINATION})
 endif()
-install(PROGRAMS scripts/acmp_cluster.py scripts/acmp_cluster.sbatch scripts/convert_calibration.py DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
+install(PROGRAMS scripts/acmp_cluster.py scripts/acmp_cluster.sbatch scripts/convert_calibration.py
+                 scripts/network_node.py scripts/rerun_bridge.py DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})
 install(FILES nodelet_plugins.xml DESTINATION ${CATKIN_PACKAGE_SHARE_DESTINATION})
 install(DIRECTORY launch config DESTINATION ${CATKIN_PACKAGE_SHARE_DESTINATION})

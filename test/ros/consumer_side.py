@@ -76,11 +76,15 @@ class Recorder:
 
 
 def receivers(node):
-    """(subscriber, topic) of all that `node` sends, once the connection stands; nothing before the node has started."""
-    api = rosnode.get_api_uri(rosgraph.Master(rospy.get_name()), node)
+    """(subscriber, topic) of all that `node` sends, once the connection stands; nothing before the node has started, though
+    the master may know one of the same name that has ended."""
+    api = rosnode.get_api_uri(rosgraph.Master(rospy.get_name()), node, skip_cache=True)
     if not api:
         return set()
-    info = xmlrpc.client.ServerProxy(api).getBusInfo(rospy.get_name())[2]
+    try:
+        info = xmlrpc.client.ServerProxy(api).getBusInfo(rospy.get_name())[2]
+    except ConnectionRefusedError:
+        return set()
     return {(entry[1], entry[4]) for entry in info if entry[2] == "o"}
 
 

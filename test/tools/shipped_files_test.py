@@ -3,8 +3,11 @@
 
 usage: shipped_files_test.py SOURCE_FOLDER"""
 import glob
+import importlib.util
+import json
 import os
 import re
+import subprocess
 import sys
 import tempfile
 import unittest
@@ -105,6 +108,21 @@ class LaunchFiles(unittest.TestCase):
         self.assertEqual(dict(mapper.remap_args)["keyframe_points"], "/acmp/keyframe_points")
         own = [node for node in load("dense_mapper.launch").nodes if node.name == "map_server"][0]
         self.assertEqual(dict(own.remap_args)["keyframe_points"], "keyframe_points")
+
+    def test_networks_get_the_mappers_images(self):
+        shipped = os.path.join(SOURCE, "config/networks/midas_small.yaml")
+        self.assertTrue(os.path.exists(shipped))
+        given = {name: "/given/" + name for name in ("image", "prior_depth", "mask")}
+        for launch in ["dense_mapper.launch"] + ["frontends/" + name for name in FRONTENDS]:
+            config = load(launch, "depth_network:=midas_small.yaml", "mask_network:=/my/sky.yaml",
+                          *["%s:=%s" % item for item in given.items()])
+            nodes = {node.name: node for node in config.nodes if node.type == "network_node.py"}
+            with self.subTest(launch):
+                self.assertEqual({name: node.args for name, node in nodes.items()},
+                                 {"depth_network": shipped, "mask_network": "/my/sky.yaml"})
+                for node in nodes.values():
+                    self.assertEqual((node.namespace, node.required), ("/acmp/", False))
+                    self.assertEqual({name: dict(node.remap_args)[name] for name in given}, given)
 
     def test_nodelets_are_loaded_without_bonds(self):
         with open(os.path.join(SOURCE, "nodelet_plugins.xml")) as file:
@@ -332,6 +350,43 @@ class RvizConfig(unittest.TestCase):
         with open(os.path.join(SOURCE, "include/acmp_mapping/bags/bag_recording.h")) as file:
             frame = re.search(r'kWorldFrame\[\] = "(\w+)"', file.read()).group(1)
         self.assertEqual(self.manager["Global Options"]["Fixed Frame"], frame)
+
+
+class FoxgloveLayout(unittest.TestCase):
+    def setUp(self):
+        with open(os.path.join(SOURCE, "config/foxglove_layout.json")) as file:
+            self.layout = json.load(file)
+        self.panels = self.layout["configById"]
+
+    def test_topics_are_outputs(self):
+        topics = [topic for panel in self.panels.values() for topic in
+                  [*panel.get("topics", {}), *panel.get("imageMode", {}).values()]]
+        self.assertGreaterEqual(len(topics), 10)
+        for topic in topics:
+            self.assertTrue(topic.startswith(NAMESPACE), topic)
+            self.assertIn(topic[len(NAMESPACE):], interface_names())
+
+    def test_every_panel_has_a_place(self):
+        def places(part):
+            return [part] if isinstance(part, str) else places(part["first"]) + places(part["second"])
+        self.assertEqual(sorted(places(self.layout["layout"])), sorted(self.panels))
+
+
+class RerunBridge(unittest.TestCase):
+    def setUp(self):
+        self.path = os.path.join(SOURCE, "scripts/rerun_bridge.py")
+
+    def test_topics_are_outputs(self):
+        with open(self.path) as file:
+            topics = re.findall(r'"([\w/]+)": \(\w+, \w+\)', file.read())
+        self.assertEqual(len(topics), 7)
+        self.assertLessEqual(set(topics), interface_names())
+
+    @unittest.skipIf(importlib.util.find_spec("rerun"), "Rerun is installed")
+    def test_it_says_what_to_install(self):
+        run = subprocess.run([sys.executable, self.path], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        self.assertEqual(run.returncode, 1)
+        self.assertIn("Rerun is missing (pip install rerun-sdk)", run.stdout)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,505 @@
+#!/usr/bin/env python3
+"""Runs a network in the ONNX format on images: depth for the mapper's topic prior_depth, or masks of what to ignore for its
+topic mask. A YAML file says which network and how it is fed (config/networks).
+
+    roslaunch acmp_mapping dense_mapper.launch depth_network:=midas_small.yaml mask_network:=$PWD/my_people.yaml ...
+    network_node.py NETWORK.yaml --images IMAGES OUT      # for acmp_reconstruct --prior-depth OUT, or --masks OUT
+
+As a node it takes topic image as the mapper does (parameters image_transport and overload of dense_mapper), and
+publishes with the image's stamp and frame. Images that come while the network is busy are skipped, but for the newest;
+with overload: block none is. /diagnostics tells. Parameter ~threads: of a CPU, 0 (default): all of them.
+
+Needs ONNX Runtime (pip install onnxruntime, or onnxruntime-gpu), numpy and PIL. Exit code 2: what is wrong with the
+file or the network; the mapper goes on without.
+"""
+import argparse
+import collections
+import difflib
+import io
+import math
+import os
+import sys
+import threading
+import time
+
+import numpy as np
+import PIL.Image
+import yaml
+
+DEPTH_KINDS, MASK_KINDS = ("depth", "inverse_depth"), ("probability", "classes")
+# Key: type, whether it has to be there.
+KEYS = {"file": (str, True), "source": (str, False), "licence": (str, False), "input": (str, False),
+        "output": (str, False), "kind": (str, True), "size": (list, False), "longer_side": (int, False),
+        "multiple_of": (int, False), "color_order": (str, False), "pixel_max": (float, False), "mean": (list, False),
+        "std": (list, False), "threshold": (float, False), "ignore": (list, False), "grow": (int, False)}
+DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
+BILINEAR, NEAREST = PIL.Image.BILINEAR, PIL.Image.NEAREST
+# Of image encodings, without their number of bits.
+CHANNELS = {"mono": 1, "rgb": 3, "bgr": 3, "rgba": 4, "bgra": 4, "yuv422": 2, "yuv422_yuy2": 2, "bayer_rggb": 1,
+            "bayer_bggr": 1, "bayer_gbrg": 1, "bayer_grbg": 1}
+ALIASES = {"8UC1": "mono8", "8UC3": "bgr8", "8UC4": "bgra8", "uyvy": "yuv4228", "yuv422": "yuv4228",
+           "yuyv": "yuv422_yuy28", "yuv422_yuy2": "yuv422_yuy28"}
+
+
+class Refused(Exception):
+    """A file, a network or an image that cannot be used; the text says why."""
+
+
+class Description:
+    """What a YAML file says of a network. Throws Refused where it names key, value and bound."""
+
+    def __init__(self, path):
+        try:
+            with open(path, encoding="utf-8") as file:
+                content = yaml.safe_load(file)
+        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+            raise Refused("%s: %s" % (path, error)) from error
+        if not isinstance(content, dict):
+            raise Refused("%s: must have keys and values" % path)
+        self.path = path
+        for name, value in content.items():
+            self.check_type(name, value)
+        for name, (_, required) in KEYS.items():
+            if required and name not in content:
+                self.refuse(name, "missing")
+            setattr(self, name, content.get(name))
+        self.check_values()
+        self.file = os.path.join(os.path.dirname(os.path.abspath(path)), os.path.expanduser(self.file))
+        self.is_depth = self.kind in DEPTH_KINDS
+
+    def refuse(self, name, why):
+        raise Refused("%s: %s: %s" % (self.path, name, why))
+
+    def check_type(self, name, value):
+        if name not in KEYS:
+            near = difflib.get_close_matches(str(name), KEYS, 1)
+            self.refuse(name, "is not known" + (": %s?" % near[0] if near else "; known are " + ", ".join(KEYS)))
+        kind = KEYS[name][0]
+        number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+        if not (number if kind is float else isinstance(value, kind) and not isinstance(value, bool)):
+            names = {str: "text", int: "a whole number", float: "a number", list: "a list"}
+            self.refuse(name, "%r: must be %s" % (value, names[kind]))
+
+    def check_choice(self, name, choices):
+        if getattr(self, name) not in choices:
+            self.refuse(name, "%r: must be one of %s" % (getattr(self, name), ", ".join(choices)))
+
+    def check_numbers(self, name, count, kind, least, most):
+        values = getattr(self, name)
+        if not values or count not in (None, len(values)) or any(
+                isinstance(value, bool) or not isinstance(value, kind) or not least <= value <= most for value in values):
+            self.refuse(name, "%r: must be %s%s numbers between %g and %g" % (
+                values, "some" if count is None else count, " whole" if kind is int else "", least, most))
+
+    def check_values(self):
+        self.check_choice("kind", DEPTH_KINDS + MASK_KINDS)
+        self.color_order = self.color_order or "rgb"
+        self.check_choice("color_order", ("rgb", "bgr"))
+        self.mean, self.std = self.mean or [0, 0, 0], self.std or [1, 1, 1]
+        self.check_numbers("mean", 3, (int, float), -1e9, 1e9)
+        self.check_numbers("std", 3, (int, float), 1e-9, 1e9)
+        self.pixel_max = 1 if self.pixel_max is None else self.pixel_max
+        self.grow = self.grow or 0
+        for name, least, most in (("pixel_max", 1e-9, 1e9), ("grow", 0, 100), ("longer_side", 32, 4096),
+                                  ("multiple_of", 1, 512)):
+            value = getattr(self, name)
+            if value is not None and not least <= value <= most:
+                self.refuse(name, "%g: must be between %g and %g" % (value, least, most))
+        if (self.size is None) == (self.longer_side is None):
+            self.refuse("size", "must be there, or longer_side (with multiple_of) in its place")
+        if self.multiple_of is not None and self.longer_side is None:
+            self.refuse("multiple_of", "is for longer_side")
+        if self.size is not None:
+            self.check_numbers("size", 2, int, 2, 4096)
+        for kind, name in (("probability", "threshold"), ("classes", "ignore")):
+            if (self.kind == kind) != (getattr(self, name) is not None):
+                self.refuse(name, "must be there if kind is %s, and only then" % kind)
+        if self.ignore is not None:
+            self.check_numbers("ignore", None, int, 0, 65535)
+        if self.grow and self.kind in DEPTH_KINDS:
+            self.refuse("grow", "is for masks")
+
+    def input_size(self, width, height):
+        """Width and height of what the network gets of an image."""
+        if self.size is not None:
+            return tuple(self.size)
+        multiple = self.multiple_of or 1
+        scale = self.longer_side / max(width, height)
+        return tuple(max(1, round(side * scale / multiple)) * multiple for side in (width, height))
+
+
+def prepare(description, rgb, size):
+    """An image (height x width x 3, RGB, uint8) as the network wants it: float32, 3 x size[1] x size[0]. The whole image,
+    stretched where its shape is another."""
+    image = np.asarray(PIL.Image.fromarray(rgb).resize(size, BILINEAR), np.float32)
+    if description.color_order == "bgr":
+        image = image[:, :, ::-1]
+    image = image * np.float32(description.pixel_max / 255)
+    return ((image - np.float32(description.mean)) / np.float32(description.std)).transpose(2, 0, 1)
+
+
+def resized(plane, size, method):
+    return np.asarray(PIL.Image.fromarray(plane).resize(size, method))
+
+
+def to_depth(description, output):
+    """Depth of the output (height x width): float32, up to scale and shift of 1 / z, 0 where it is unknown. The mapper fits
+    both, so that any positive inverse depth does."""
+    output = output.astype(np.float32)
+    known = np.isfinite(output) & ((output > 0) | (description.kind != "depth"))
+    if not known.any():
+        raise Refused("none of the network's %d values is %s" % (
+            output.size, "positive and finite" if description.kind == "depth" else "finite"))
+    least, most = output[known].min(), output[known].max()
+    if not most - least > 1e-6 * max(abs(least), abs(most)):
+        raise Refused("the network's output is the same everywhere: %g" % least)
+    if description.kind == "inverse_depth":
+        farthest = 10  # times as far as the nearest: what it is changes shift and scale only
+        output = 1 / (1 / farthest + (output - least) / (most - least))
+    return np.where(known, output, 0).astype(np.float32)
+
+
+def to_mask(description, output, size):
+    """Mask of the output (height x width, or classes x height x width), of the image's size: uint8, 0 where the image is
+    to be ignored, else 255."""
+    if not np.isfinite(output).all():
+        raise Refused("%d of the network's %d values are not finite" % (
+            np.count_nonzero(~np.isfinite(output)), output.size))
+    if description.kind == "probability":
+        ignored = resized(output.astype(np.float32), size, BILINEAR) >= description.threshold
+    else:
+        numbers = output.argmax(0) if output.ndim == 3 else output
+        ignored = resized(np.isin(numbers, description.ignore).astype(np.uint8), size, NEAREST) > 0
+    return np.where(grown(ignored, description.grow), 0, 255).astype(np.uint8)
+
+
+def grown(ignored, margin):
+    """The same with so many pixels more on all sides of what is ignored."""
+    for _ in range(2):  # along the rows, then along the columns
+        wide = ignored.copy()
+        for shift in range(1, margin + 1):
+            wide[:, shift:] |= ignored[:, :-shift]
+            wide[:, :-shift] |= ignored[:, shift:]
+        ignored = wide.T
+    return ignored
+
+
+class Network:
+    """A loaded network. Throws Refused where it is not as described."""
+
+    def __init__(self, description, threads=0):
+        self.description = description
+        try:
+            import onnxruntime  # pylint: disable=import-outside-toplevel
+        except ImportError as error:
+            raise Refused("ONNX Runtime is missing (pip install onnxruntime, for a GPU onnxruntime-gpu): %s" %
+                          error) from error
+        if not os.path.isfile(description.file):
+            raise Refused("%s: file: %s is missing%s" % (description.path, description.file, (
+                "; get it from " + description.source) if description.source else ""))
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # others compute beside it
+        options.log_severity_level = 3
+        wanted = ("CUDAExecutionProvider", "CPUExecutionProvider")
+        try:
+            self.session = onnxruntime.InferenceSession(description.file, options, providers=[
+                name for name in wanted if name in onnxruntime.get_available_providers()])
+        except Exception as error:  # ONNX Runtime's have no base class of their own
+            raise Refused("%s: ONNX Runtime cannot read it: %s" % (description.file, error)) from error
+        self.device = self.session.get_providers()[0].replace("ExecutionProvider", "")
+        self.input = self.described("input", self.session.get_inputs())
+        if len(self.session.get_inputs()) > 1:
+            raise Refused("%s: has %d inputs (%s): must have one" % (
+                description.file, len(self.session.get_inputs()),
+                ", ".join(i.name for i in self.session.get_inputs())))
+        self.output = self.described("output", self.session.get_outputs())
+        if self.input.type not in DTYPES:
+            raise Refused("%s: input %s is a %s: must be one of %s" % (
+                description.file, self.input.name, self.input.type, ", ".join(DTYPES)))
+        self.channels_last = self.input.shape[-1] == 3
+        # A picture that the network cannot mistake for a constant: does it take and give what is described?
+        ramp = np.add.outer(np.arange(48, dtype=np.uint8), np.arange(64, dtype=np.uint8))
+        self.outputs_of(np.repeat(ramp[:, :, None], 3, 2))
+
+    def described(self, key, tensors):
+        """The input or output that the file names; else the first."""
+        name = getattr(self.description, key)
+        for tensor in tensors:
+            if name in (None, tensor.name):
+                return tensor
+        raise Refused("%s: %s: the network has no %s, but %s" % (
+            self.description.path, key, name, ", ".join(tensor.name for tensor in tensors)))
+
+    def shaped(self, image):
+        """The prepared image with the axes that the network has."""
+        shape = self.input.shape
+        array = image.transpose(1, 2, 0) if self.channels_last else image
+        array = array.reshape((1,) * max(len(shape) - 3, 0) + array.shape)
+        if len(shape) != array.ndim or any(isinstance(n, int) and n > 0 and n != m for n, m in zip(shape, array.shape)):
+            raise Refused("%s: input %s is %s: the description makes %s of the image" % (
+                self.description.file, self.input.name, list(shape), list(array.shape)))
+        return np.ascontiguousarray(array, DTYPES[self.input.type])
+
+    def outputs_of(self, rgb):
+        """What the network says of an image (height x width x 3, RGB, uint8): height x width, or classes x height x
+        width."""
+        size = self.description.input_size(rgb.shape[1], rgb.shape[0])
+        array = self.shaped(prepare(self.description, rgb, size))
+        try:
+            output = self.session.run([self.output.name], {self.input.name: array})[0]
+        except Exception as error:  # as above
+            raise Refused("%s: ONNX Runtime: %s" % (self.description.file, error)) from error
+        shape = output.shape
+        while output.ndim > 2 and output.shape[0] == 1:
+            output = output[0]
+        if output.ndim == 3 and output.shape[2] == 1:
+            output = output[:, :, 0]
+        if output.ndim == 3 and self.channels_last and self.description.kind == "classes":
+            output = output.transpose(2, 0, 1)
+        classes = self.description.kind == "classes"
+        height, width = output.shape[-2:] if output.ndim > 1 else (1, 1)
+        # At any scale; a side of a small output may be rounded by a pixel.
+        same_shape = abs(width * size[1] - height * size[0]) <= max(size)
+        if (output.ndim != 2 and not (classes and output.ndim == 3)) or min(height, width) < 2 or not same_shape:
+            raise Refused("%s: output %s is %s: kind %s needs one value for each pixel%s of an input of %d x %d, or at "
+                          "another scale" % (self.description.file, self.output.name, list(shape), self.description.kind,
+                                             ", or one for each class and pixel," if classes else "", *size))
+        return output
+
+    def run(self, rgb):
+        """Depth (float32, of the network's size) or mask (uint8, of the image's size) of an image (height x width x 3,
+        RGB, uint8)."""
+        output = self.outputs_of(rgb)
+        if self.description.is_depth:
+            return to_depth(self.description, output)
+        return to_mask(self.description, output, (rgb.shape[1], rgb.shape[0]))
+
+
+def to_rgb(image):
+    """RGB, uint8, of a sensor_msgs/Image."""
+    encoding = ALIASES.get(image.encoding, image.encoding)
+    wide = encoding.endswith("16")
+    base = encoding[:-2] if wide else encoding[:-1]
+    if base not in CHANNELS or not (wide or encoding.endswith("8")):
+        raise Refused("image encoding %s: must be mono, rgb, bgr, rgba, bgra or bayer of 8 or 16 bits, yuv422 or "
+                      "yuv422_yuy2" % image.encoding)
+    row_bytes = image.width * CHANNELS[base] * (2 if wide else 1)
+    if min(image.width, image.height) < 2 or image.step < row_bytes or len(image.data) < image.step * image.height:
+        raise Refused("image of %d x %d px, encoding %s, step %d, with %d bytes: needs 2 x 2 px, a step of %d and %d bytes"
+                      % (image.width, image.height, image.encoding, image.step, len(image.data), row_bytes,
+                         max(image.step, row_bytes) * image.height))
+    rows = np.frombuffer(image.data, np.uint8, image.step * image.height).reshape(image.height, image.step)
+    pixels = rows[:, :row_bytes].reshape(image.height, image.width, -1)
+    if wide:  # the upper byte of each
+        pixels = pixels[:, :, (0 if image.is_bigendian else 1)::2]
+    if base.startswith("bayer_"):
+        return rgb_of_mosaic(pixels[:, :, 0], base[len("bayer_"):])
+    if base.startswith("yuv422"):
+        return rgb_of_yuv(pixels, 0 if base.endswith("yuy2") else 1)
+    if base == "mono":
+        return np.repeat(pixels, 3, 2)
+    return np.ascontiguousarray(pixels[:, :, 2::-1] if base.startswith("bgr") else pixels[:, :, :3])
+
+
+def rgb_of_mosaic(mosaic, pattern):
+    """Of a Bayer mosaic: the colour of each 2 x 2 pixels for all of them. Networks shrink images anyway."""
+    height, width = mosaic.shape
+    cells = {}
+    for color, row, col in zip(pattern, (0, 0, 1, 1), (0, 1, 0, 1)):
+        cells.setdefault(color, []).append(mosaic[row:height - height % 2:2, col:width - width % 2:2])
+    rgb = np.stack([np.mean(cells[color], 0) for color in "rgb"], 2).astype(np.uint8)
+    return np.pad(rgb.repeat(2, 0).repeat(2, 1), ((0, height % 2), (0, width % 2), (0, 0)), "edge")
+
+
+def rgb_of_yuv(pixels, luma):
+    """Of height x width x 2 bytes: luma in one of them, u and v by turns in the other."""
+    if pixels.shape[1] % 2:
+        raise Refused("yuv422 image with a width of %d px: must be even" % pixels.shape[1])
+    chroma = pixels[:, :, 1 - luma]
+    planes = pixels[:, :, luma], chroma[:, 0::2].repeat(2, 1), chroma[:, 1::2].repeat(2, 1)
+    picture = PIL.Image.merge("YCbCr", [PIL.Image.fromarray(np.ascontiguousarray(plane)) for plane in planes])
+    return np.asarray(picture.convert("RGB"))
+
+
+def decoded(data):
+    """RGB, uint8, of the bytes of a picture, as it is stored (whatever its EXIF says of its orientation)."""
+    try:
+        picture = PIL.Image.open(io.BytesIO(data))
+        if picture.mode.startswith("I"):
+            return np.repeat((np.asarray(picture) >> 8).astype(np.uint8)[:, :, None], 3, 2)
+        return np.asarray(picture.convert("RGB"))
+    except (OSError, ValueError, SyntaxError, PIL.Image.DecompressionBombError) as error:
+        raise Refused("picture of %d bytes: %s" % (len(data), error)) from error
+
+
+def write_pfm(path, depth):
+    with open(path, "wb") as file:
+        file.write(b"Pf\n%d %d\n-1.0\n" % depth.shape[::-1])
+        file.write(np.ascontiguousarray(depth[::-1], "<f4").tobytes())
+
+
+def run_on_folder(network, images, out):
+    """Files for acmp_reconstruct, of all pictures below a folder. Returns how many images have none."""
+    names = sorted(os.path.relpath(os.path.join(folder, name), images) for folder, _, files in os.walk(images)
+                   for name in files if name.lower().endswith((".jpg", ".jpeg", ".png")))
+    if not names:
+        raise Refused("%s: has no .jpg or .png" % images)
+    refused, seconds = 0, 0.0
+    for name in names:
+        path = os.path.join(out, os.path.splitext(name)[0] + ".pfm" if network.description.is_depth else name + ".png")
+        os.makedirs(os.path.dirname(path), exist_ok=True)
+        try:
+            with open(os.path.join(images, name), "rb") as file:
+                rgb = decoded(file.read())
+            start = time.monotonic()
+            result = network.run(rgb)
+            seconds += time.monotonic() - start
+        except Refused as error:
+            print("%s: %s" % (name, error), file=sys.stderr)
+            refused += 1
+            continue
+        if network.description.is_depth:
+            write_pfm(path, result)
+        else:
+            PIL.Image.fromarray(result).save(path)
+    done = len(names) - refused
+    print("%d of %d images in %s, %.0f ms each (%s)" % (done, len(names), out, 1000 * seconds / max(done, 1),
+                                                        network.device))
+    return refused
+
+
+class Node:
+    """Subscribes, publishes and tells. Messages wait in a queue of its own, of which all but the newest are skipped."""
+
+    def __init__(self, network, ros):
+        self.network, self.ros = network, ros
+        mapper = ros.rospy.get_param("dense_mapper", {})
+        self.condition = threading.Condition()
+        self.waiting = collections.deque(maxlen=None if mapper.get("overload") == "block" else 1)
+        self.counts = collections.Counter()
+        self.told = collections.Counter()  # the counts at the last diagnostics
+        self.times = collections.deque(maxlen=100)
+        self.problem = ""
+        self.publisher = ros.rospy.Publisher("prior_depth" if network.description.is_depth else "mask", ros.Image,
+                                             queue_size=30)
+        self.status = ros.rospy.Publisher("/diagnostics", ros.DiagnosticArray, queue_size=10)
+        topic, kind = "image", ros.Image
+        if mapper.get("image_transport") == "compressed":
+            topic, kind = self.compressed_topic(), ros.CompressedImage
+        self.subscriber = ros.rospy.Subscriber(topic, kind, self.receive, queue_size=30, buff_size=2 ** 26)
+
+    def compressed_topic(self):
+        """image/compressed if that name is remapped, else beside the image, as the mapper takes it."""
+        name = "image/compressed"
+        resolved = self.ros.rospy.resolve_name(name)
+        remapped = resolved != self.ros.rospy.get_namespace() + name
+        return resolved if remapped else self.ros.rospy.resolve_name("image") + "/compressed"
+
+    def receive(self, message):
+        with self.condition:
+            self.counts["received"] += 1
+            self.counts["skipped"] += len(self.waiting) == self.waiting.maxlen
+            self.waiting.append(message)
+            self.condition.notify()
+
+    def run(self):
+        threading.Thread(target=self.tell, daemon=True).start()
+        while not self.ros.rospy.is_shutdown():
+            with self.condition:
+                if not self.condition.wait_for(lambda: self.waiting, 0.2):
+                    continue
+                message = self.waiting.popleft()
+            start = time.monotonic()
+            try:
+                rgb = decoded(message.data) if hasattr(message, "format") else to_rgb(message)
+                self.publish(message.header, self.network.run(rgb))
+            except Refused as error:
+                self.counts["refused"] += 1
+                self.problem = "image %s: %s" % (message.header.stamp, error)
+                self.ros.rospy.logwarn_throttle(10, self.problem)
+                continue
+            self.counts["published"] += 1
+            self.times.append(1000 * (time.monotonic() - start))
+
+    def publish(self, header, plane):
+        image = self.ros.Image(header=header, height=plane.shape[0], width=plane.shape[1],
+                               encoding="32FC1" if plane.dtype == np.float32 else "mono8",
+                               is_bigendian=sys.byteorder == "big", step=plane.shape[1] * plane.itemsize, data=plane.tobytes())
+        self.publisher.publish(image)
+
+    def tell(self):
+        """Once a second, whatever the clock of a recording does."""
+        while not self.ros.rospy.is_shutdown():
+            time.sleep(1)
+            self.status.publish(self.ros.DiagnosticArray(
+                header=self.ros.Header(stamp=self.ros.rospy.Time.now()), status=[self.diagnosis()]))
+
+    def diagnosis(self):
+        counts = collections.Counter(self.counts)
+        new = counts - self.told
+        self.told = counts
+        levels = self.ros.DiagnosticStatus
+        if new["refused"]:
+            level, text = levels.ERROR, self.problem
+        elif not counts["received"]:
+            level, text = levels.WARN, "no image yet on %s" % self.subscriber.resolved_name
+        elif new["skipped"]:
+            level, text = levels.WARN, "the network is too slow: skipped %d of the last %d images" % (
+                new["skipped"], new["received"])
+        else:
+            level, text = levels.OK, "keeps up" if new["received"] else "waits for images"
+        values = {"network": self.network.description.path, "device": self.network.device,
+                  "topic": self.publisher.resolved_name, "images": counts["received"],
+                  "published": counts["published"], "skipped, too slow": counts["skipped"],
+                  "refused": counts["refused"], "waiting": len(self.waiting)}
+        if self.times:
+            values["time per image [ms]"] = "median %.0f, most %.0f" % (np.median(self.times), max(self.times))
+        return self.ros.DiagnosticStatus(
+            level=level, name=self.ros.rospy.get_name().lstrip("/") + ": network", message=text,
+            hardware_id=self.network.device,
+            values=[self.ros.KeyValue(key, str(value)) for key, value in values.items()])
+
+
+class Ros:
+    """What the node uses of ROS, which the rest of this file does without."""
+
+    def __init__(self):
+        # pylint: disable=import-outside-toplevel
+        import rospy
+        from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+        from sensor_msgs.msg import CompressedImage, Image
+        from std_msgs.msg import Header
+        self.rospy, self.Header, self.Image, self.CompressedImage = rospy, Header, Image, CompressedImage
+        self.DiagnosticArray, self.DiagnosticStatus, self.KeyValue = DiagnosticArray, DiagnosticStatus, KeyValue
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("network", help="YAML file")
+    parser.add_argument("--images", nargs=2, metavar=("IMAGES", "OUT"), help="of a folder, without ROS")
+    parser.add_argument("--threads", type=int, default=0, help="with --images: of a CPU; 0: all")
+    arguments, ros = [a for a in sys.argv[1:] if ":=" not in a], None
+    arguments = parser.parse_args(arguments)
+    try:
+        if arguments.images:
+            network = Network(Description(arguments.network), arguments.threads)
+            return 1 if run_on_folder(network, *arguments.images) else 0
+        ros = Ros()
+        ros.rospy.init_node("network")
+        network = Network(Description(arguments.network), ros.rospy.get_param("~threads", 0))
+        ros.rospy.loginfo("%s on %s, to %s", arguments.network, network.device,
+                          "prior_depth" if network.description.is_depth else "mask")
+        Node(network, ros).run()
+    except Refused as error:
+        if ros:
+            ros.rospy.logerr("%s. The mapper goes on without this network", error)
+            ros.rospy.signal_shutdown("refused")  # unregisters the node
+        else:
+            print("network_node: %s" % error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

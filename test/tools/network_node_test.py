@@ -1,0 +1,477 @@
+#!/usr/bin/python3
+"""scripts/network_node.py: descriptions, what goes into a network and what is made of its output, and the node with a
+network and ROS that are played. With --onnx networks that ONNX Runtime runs; exit code 77 where that is missing.
+
+usage: network_node_test.py SOURCE_FOLDER [--onnx]"""
+import contextlib
+import glob
+import io
+import os
+import sys
+import tempfile
+import threading
+import types
+import unittest
+from unittest import mock
+
+import numpy as np
+import PIL.Image
+import yaml
+
+SOURCE = os.path.abspath(sys.argv.pop(1))
+WITH_ONNX = "--onnx" in sys.argv
+sys.path.insert(0, os.path.join(SOURCE, "scripts"))
+import network_node as node  # noqa: E402
+import tiny_onnx  # noqa: E402
+
+WIDTH, HEIGHT = 48, 32
+
+
+def test_image():
+    """Brightness grows to the right and, less, downwards; colours differ; height x width x 3."""
+    ramp = np.add.outer(np.arange(HEIGHT), 3 * np.arange(WIDTH))
+    return np.stack([60 + ramp, 40 + ramp, 20 + ramp], 2).astype(np.uint8)
+
+
+class TestCase(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = folder.name
+
+    def describe(self, **changes):
+        """A description with these values; None: without the key."""
+        content = {"file": "tiny.onnx", "kind": "inverse_depth", "size": [WIDTH, HEIGHT], **changes}
+        path = os.path.join(self.folder, "tiny.yaml")
+        with open(path, "w") as file:
+            yaml.safe_dump({key: value for key, value in content.items() if value is not None}, file)
+        return node.Description(path)
+
+
+class Descriptions(TestCase):
+    def test_shipped_ones_can_be_read_and_say_where_the_network_is_and_its_licence(self):
+        paths = glob.glob(os.path.join(SOURCE, "config/networks/*.yaml"))
+        self.assertGreaterEqual(len(paths), 8)
+        for path in paths:
+            with self.subTest(path):
+                description = node.Description(path)
+                self.assertTrue(description.source and description.licence)
+                self.assertEqual(os.path.dirname(description.file).split("/.ros/")[0], os.path.expanduser("~"))
+
+    def test_the_file_is_beside_the_description(self):
+        self.assertEqual(self.describe().file, os.path.join(self.folder, "tiny.onnx"))
+        self.assertEqual(self.describe(file="/other/tiny.onnx").file, "/other/tiny.onnx")
+
+    def test_bad_values_are_named(self):
+        bad = [(dict(file=None), "file: missing"), (dict(kind=None), "kind: missing"),
+               (dict(kind="disparity"), "kind: 'disparity': must be one of depth, inverse_depth"),
+               (dict(longer_sid=320), "longer_sid: is not known: longer_side\\?"),
+               (dict(qwzx=1), "qwzx: is not known; known are file"),
+               (dict(color_order="gbr"), "color_order: 'gbr': must be one of rgb, bgr"),
+               (dict(mean=[1, 2]), "mean: \\[1, 2\\]: must be 3 numbers"), (dict(std=[1, 0, 1]), "std: .*between 1e-09"),
+               (dict(mean=[1, 2, float("nan")]), "mean: .*must be 3 numbers"),
+               (dict(pixel_max=0), "pixel_max: 0: must be between"), (dict(pixel_max="1"), "pixel_max: '1': must be a number"),
+               (dict(size=None), "size: must be there, or longer_side"), (dict(longer_side=320), "size: must be there, or"),
+               (dict(size=[320]), "size: \\[320\\]: must be 2 whole"), (dict(size=[320, 1]), "between 2 and 4096"),
+               (dict(size=[320, 240.0]), "size: .* whole numbers"), (dict(size=320), "size: 320: must be a list"),
+               (dict(multiple_of=14), "multiple_of: is for longer_side"),
+               (dict(size=None, longer_side=8), "longer_side: 8: must be between 32"),
+               (dict(kind="probability"), "threshold: must be there"), (dict(threshold=0.5), "threshold: .*only then"),
+               (dict(kind="classes"), "ignore: must be there"), (dict(kind="classes", ignore=[]), "ignore: \\[\\]"),
+               (dict(kind="classes", ignore=[True]), "ignore: \\[True\\]: must be some whole"),
+               (dict(grow=3), "grow: is for masks"), (dict(kind="classes", ignore=[1], grow=101), "grow: 101")]
+        for changes, words in bad:
+            with self.subTest(changes), self.assertRaisesRegex(node.Refused, "tiny.yaml: .*" + words):
+                self.describe(**changes)
+        for text in ("- 1", "", "a: [", "\xe9".encode("latin-1")):
+            path = os.path.join(self.folder, "bad.yaml")
+            with open(path, "wb") as file:
+                file.write(text if isinstance(text, bytes) else text.encode())
+            with self.subTest(text), self.assertRaisesRegex(node.Refused, "bad.yaml: "):
+                node.Description(path)
+        with self.assertRaisesRegex(node.Refused, "No such file"):
+            node.Description(os.path.join(self.folder, "none.yaml"))
+
+    def test_the_input_keeps_the_images_shape_where_its_size_is_free(self):
+        self.assertEqual(self.describe(size=[320, 192]).input_size(640, 480), (320, 192))
+        free = self.describe(size=None, longer_side=518, multiple_of=14)
+        self.assertEqual(free.input_size(640, 480), (518, 392))  # 388.5 is nearer to 28 than to 27 times 14
+        self.assertEqual(free.input_size(480, 640), (392, 518))
+        self.assertEqual(free.input_size(4000, 20), (518, 14))
+
+
+class Arrays(TestCase):
+    def test_pixels_are_scaled_and_ordered(self):
+        image = test_image()
+        description = self.describe(mean=[0.5, 0.25, 0], std=[0.5, 1, 2])
+        prepared = node.prepare(description, image, (WIDTH, HEIGHT))
+        self.assertEqual((prepared.shape, prepared.dtype), ((3, HEIGHT, WIDTH), np.float32))
+        expected = (image[7, 5] / 255 - [0.5, 0.25, 0]) / [0.5, 1, 2]
+        np.testing.assert_allclose(prepared[:, 7, 5], expected, atol=1e-6)  # rounding of float32
+        reversed_ = node.prepare(self.describe(color_order="bgr", pixel_max=255), image, (WIDTH, HEIGHT))
+        np.testing.assert_allclose(reversed_[:, 7, 5], image[7, 5, ::-1], atol=1e-4)
+
+    def test_the_whole_image_is_resized(self):
+        prepared = node.prepare(self.describe(pixel_max=255), test_image(), (24, 8))
+        self.assertEqual(prepared.shape, (3, 8, 24))
+        # The ramp stays one: column c of 24 covers 2c and 2c + 1 of 48, row 3 of 8 rows 12 to 15. The rims lack what lies
+        # beyond them; rounding.
+        np.testing.assert_allclose(prepared[0, 3, 1:-1], 60 + 13.5 + 3 * (2 * np.arange(24) + 0.5)[1:-1], atol=1)
+
+    def test_inverse_depth_is_known_up_to_scale_and_shift(self):
+        output = np.linspace(-3, 5, 12).reshape(3, 4)
+        depth = node.to_depth(self.describe(), output)
+        self.assertEqual(depth.dtype, np.float32)
+        self.assertTrue((depth > 0).all())
+        scale, shift = np.polyfit(output.ravel(), 1 / depth.ravel(), 1)
+        self.assertGreater(scale, 0)
+        np.testing.assert_allclose(1 / depth, scale * output + shift, rtol=1e-5)  # rounding of float32
+        output[1, 2] = np.nan
+        again = node.to_depth(self.describe(), output)
+        self.assertEqual(again[1, 2], 0)
+        np.testing.assert_array_equal(again[0], depth[0])
+
+    def test_depth_stays(self):
+        output = np.array([[1.5, 2.0], [-1, np.inf]])
+        np.testing.assert_array_equal(node.to_depth(self.describe(kind="depth"), output), [[1.5, 2], [0, 0]])
+
+    def test_useless_depth_is_refused(self):
+        for kind, output, words in (("inverse_depth", np.full((2, 3), 0.25), "the same everywhere: 0.25"),
+                                    ("depth", np.full((2, 3), 7.0), "the same everywhere: 7"),
+                                    ("inverse_depth", np.zeros((2, 3)), "the same everywhere: 0"),
+                                    ("inverse_depth", np.full((2, 3), np.nan), "none of the network's 6 values is finite"),
+                                    ("depth", np.full((2, 3), -1.0), "none of .* is positive and finite")):
+            with self.subTest(kind=kind, words=words), self.assertRaisesRegex(node.Refused, words):
+                node.to_depth(self.describe(kind=kind), output)
+
+    def test_probability_becomes_a_mask_of_the_images_size(self):
+        probability = np.zeros((4, 6))
+        probability[:, 4:] = 0.8
+        mask = node.to_mask(self.describe(kind="probability", threshold=0.5), probability, (60, 40))
+        self.assertEqual((mask.shape, mask.dtype), ((40, 60), np.uint8))
+        self.assertEqual(set(np.unique(mask)), {0, 255})
+        # Between the centres of columns 3 and 4, px 35 and 45, it grows from 0 to 0.8: 0.5 is 6.25 px on.
+        np.testing.assert_array_equal((mask == 0).sum(1), 60 - 41)
+        grown = node.to_mask(self.describe(kind="probability", threshold=0.5, grow=3), probability, (60, 40))
+        np.testing.assert_array_equal((grown == 0).sum(1), 60 - 41 + 3)
+
+    def test_what_is_ignored_grows_on_all_sides(self):
+        ignored = np.zeros((9, 12), bool)
+        ignored[[4, 8], [5, 0]] = True
+        expected = np.zeros((9, 12), bool)
+        expected[2:7, 3:8] = expected[6:, :3] = True
+        np.testing.assert_array_equal(node.grown(ignored, 2), expected)
+        np.testing.assert_array_equal(node.grown(ignored, 0), ignored)
+        self.assertTrue(node.grown(ignored, 50).all())
+
+    def test_classes_become_a_mask(self):
+        description = self.describe(kind="classes", ignore=[2, 7])
+        numbers = np.array([[0, 2], [7, 1]])
+        expected = np.array([[255, 0], [0, 255]]).repeat(3, 0).repeat(5, 1)
+        np.testing.assert_array_equal(node.to_mask(description, numbers, (10, 6)), expected)
+        scores = (np.arange(8)[:, None, None] == numbers) * 1.0
+        np.testing.assert_array_equal(node.to_mask(description, scores, (10, 6)), expected)
+
+    def test_a_mask_without_anything_is_one(self):
+        mask = node.to_mask(self.describe(kind="probability", threshold=0.5), np.zeros((4, 6)), (12, 8))
+        self.assertTrue((mask == 255).all())
+
+    def test_a_mask_of_nan_is_refused(self):
+        with self.assertRaisesRegex(node.Refused, "1 of the network's 4 values are not finite"):
+            node.to_mask(self.describe(kind="probability", threshold=0.5), np.array([[0, 1], [np.nan, 0]]), (12, 8))
+
+
+def message(encoding, array, big_endian=False, gap=0):
+    """A sensor_msgs/Image of rows of bytes, with some of no meaning at their ends."""
+    rows = np.pad(array.reshape(array.shape[0], -1), ((0, 0), (0, gap)))
+    return types.SimpleNamespace(encoding=encoding, height=HEIGHT, width=WIDTH, step=rows.shape[1], data=rows.tobytes(),
+                                 is_bigendian=big_endian, header=types.SimpleNamespace(stamp="1.5"))
+
+
+def mosaic(image, pattern):
+    one = np.empty((HEIGHT, WIDTH), np.uint8)
+    for color, row, col in zip(pattern, (0, 0, 1, 1), (0, 1, 0, 1)):
+        one[row::2, col::2] = image[row::2, col::2, "rgb".index(color)]
+    return one
+
+
+class Images(TestCase):
+    def test_encodings(self):
+        image, alpha = test_image(), np.full((HEIGHT, WIDTH, 1), 9, np.uint8)
+        bgr = image[:, :, ::-1]
+        wide = image.astype(np.uint16) * 256 + 17
+        for encoding, array, big in (("rgb8", image, False), ("bgr8", bgr, False), ("8UC3", bgr, False),
+                                     ("rgba8", np.concatenate([image, alpha], 2), False),
+                                     ("bgra8", np.concatenate([bgr, alpha], 2), False),
+                                     ("rgb16", wide.astype("<u2").view(np.uint8), False),
+                                     ("rgb16", wide.astype(">u2").view(np.uint8), True)):
+            for gap in (0, 5):
+                with self.subTest(encoding, gap=gap, big=big):
+                    np.testing.assert_array_equal(node.to_rgb(message(encoding, array, big, gap)), image)
+        grey = image[:, :, :1]
+        for encoding in ("mono8", "8UC1"):
+            np.testing.assert_array_equal(node.to_rgb(message(encoding, grey)), grey.repeat(3, 2))
+
+    def test_mosaics(self):
+        for pattern in ("rggb", "bggr", "gbrg", "grbg"):
+            rgb = node.to_rgb(message("bayer_%s8" % pattern, mosaic(test_image(), pattern)))
+            self.assertEqual(rgb.shape, (HEIGHT, WIDTH, 3))
+            # A pixel's colour is taken at most one column and row away, where it differs by 4; mean of two greens.
+            self.assertLessEqual(np.abs(rgb.astype(int) - test_image()).max(), 4, pattern)
+
+    def test_yuv(self):
+        image = np.repeat(test_image()[:, ::2], 2, 1)  # two columns share their chroma
+        y, u, v = np.moveaxis(np.asarray(PIL.Image.fromarray(image).convert("YCbCr")), 2, 0)
+        chroma = np.where(np.arange(WIDTH) % 2 == 0, u, v)
+        for encoding, planes in (("yuv422", (chroma, y)), ("yuv422_yuy2", (y, chroma)), ("yuyv", (y, chroma))):
+            rgb = node.to_rgb(message(encoding, np.stack(planes, 2)))
+            self.assertLessEqual(np.abs(rgb.astype(int) - image).max(), 2, encoding)  # rounding, there and back
+
+    def test_bad_images_are_refused(self):
+        good = message("rgb8", test_image())
+        for changes, words in ((dict(encoding="32FC1"), "encoding 32FC1: must be mono, rgb"), (dict(encoding=""), "must be"),
+                               (dict(step=100), "a step of 144"), (dict(data=good.data[:-1]), "4607 bytes: needs"),
+                               (dict(width=0), "0 x 32 px"), (dict(height=1), "48 x 1 px")):
+            with self.subTest(changes), self.assertRaisesRegex(node.Refused, words):
+                node.to_rgb(types.SimpleNamespace(**{**vars(good), **changes}))
+
+    def test_pictures(self):
+        for kind in ("PNG", "JPEG"):
+            data = io.BytesIO()
+            PIL.Image.fromarray(test_image()).save(data, kind, **({"quality": 95} if kind == "JPEG" else {}))
+            # 8: what JPEG of this quality may change
+            self.assertLessEqual(np.abs(node.decoded(data.getvalue()).astype(int) - test_image()).max(), 8, kind)
+            with self.assertRaisesRegex(node.Refused, "picture of 60 bytes"):
+                node.decoded(data.getvalue()[:60])
+        wide = io.BytesIO()
+        PIL.Image.fromarray(test_image()[:, :, 0].astype(np.uint16) * 256).save(wide, "PNG")
+        np.testing.assert_array_equal(node.decoded(wide.getvalue())[:, :, 1], test_image()[:, :, 0])
+
+
+class FakeRos:
+    """What the node uses of ROS; published messages are in `published` by topic."""
+
+    def __init__(self, mapper, **remaps):
+        self.published, self.over, self.warnings = {}, threading.Event(), []
+        self.rospy = types.SimpleNamespace(
+            get_param=lambda name, default: {"dense_mapper": mapper}.get(name, default), get_name=lambda: "/acmp/depth_network",
+            is_shutdown=self.over.is_set, Publisher=self.publisher, logwarn_throttle=lambda _, text: self.warnings.append(text),
+            Subscriber=lambda topic, kind, callback, **_: types.SimpleNamespace(
+                resolved_name=self.rospy.resolve_name(topic), kind=kind, callback=callback),
+            get_namespace=lambda: "/acmp/",
+            resolve_name=lambda name: name if name[0] == "/" else remaps.get(name, "/acmp/" + name),
+            Time=types.SimpleNamespace(now=lambda: 0))
+        self.Image = self.CompressedImage = self.DiagnosticArray = self.Header = types.SimpleNamespace
+        self.KeyValue = lambda key, value: (key, value)
+
+    def DiagnosticStatus(self, **values):  # pylint: disable=invalid-name
+        return types.SimpleNamespace(**values)
+
+    DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR = 0, 1, 2
+
+    def publisher(self, topic, _, **__):
+        self.published[topic] = []
+        return types.SimpleNamespace(publish=self.published[topic].append, resolved_name="/" + topic)
+
+
+class FakeNetwork:
+    """Depth that is the red of the image, once `go` is set. Refuses images without any."""
+
+    def __init__(self, description):
+        self.description, self.device, self.go, self.begun = description, "CPU", threading.Event(), threading.Event()
+
+    def run(self, rgb):
+        self.begun.set()
+        self.go.wait()
+        if not rgb.any():
+            raise node.Refused("the network's output is the same everywhere: 0")
+        return np.asfortranarray(rgb[:, :, 0], np.float32)  # as arrays may lie in memory
+
+
+class Nodes(TestCase):
+    def play(self, mapper, count, image=test_image()):
+        """Sends images while the network is busy with the first; waits until all are accounted for."""
+        ros, network = FakeRos(mapper), FakeNetwork(self.describe())
+        played = node.Node(network, ros)
+        thread = threading.Thread(target=played.run)
+        thread.start()
+        try:
+            for number in range(count):
+                sent = message("rgb8", image)
+                sent.header = types.SimpleNamespace(stamp=number, frame_id="camera")
+                played.receive(sent)
+                self.assertTrue(network.begun.wait(60))
+            network.go.set()
+            for _ in range(600):
+                accounted = sum(played.counts[name] for name in ("published", "skipped", "refused"))
+                if accounted == count:
+                    break
+                threading.Event().wait(0.1)
+            self.assertEqual(accounted, count)
+        finally:
+            network.go.set()
+            ros.over.set()
+            thread.join()
+        return played, ros
+
+    def test_the_newest_wins(self):
+        played, ros = self.play({"overload": "drop", "image_transport": "raw"}, 5)
+        depths = ros.published["prior_depth"]
+        self.assertEqual([depth.header.stamp for depth in depths], [0, 4])
+        depth = depths[1]
+        self.assertEqual((depth.encoding, depth.width, depth.height, depth.step, depth.header.frame_id),
+                         ("32FC1", WIDTH, HEIGHT, 4 * WIDTH, "camera"))
+        np.testing.assert_array_equal(np.frombuffer(depth.data, np.float32).reshape(HEIGHT, WIDTH),
+                                      test_image()[:, :, 0])
+        status = played.diagnosis()
+        self.assertEqual((status.level, status.name), (1, "acmp/depth_network: network"))
+        self.assertIn("skipped 3 of the last 5 images", status.message)
+        self.assertIn(("skipped, too slow", "3"), status.values)
+        self.assertEqual((played.diagnosis().level, played.diagnosis().message), (0, "waits for images"))
+
+    def test_a_recording_loses_nothing(self):
+        played, ros = self.play({"overload": "block"}, 5)
+        self.assertEqual([depth.header.stamp for depth in ros.published["prior_depth"]], list(range(5)))
+        self.assertEqual((played.diagnosis().level, played.told["skipped"]), (0, 0))
+
+    def test_what_is_refused_is_told(self):
+        played, ros = self.play({}, 1, np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+        self.assertEqual(ros.published["prior_depth"], [])
+        status = played.diagnosis()
+        self.assertEqual((status.level, status.message), (2, "image 0: the network's output is the same everywhere: 0"))
+        self.assertEqual(ros.warnings, [status.message])
+
+    def test_it_takes_what_the_mapper_takes(self):
+        for transport, remaps, topic in (("raw", {"image": "/cam0"}, "/cam0"),
+                                         ("compressed", {"image": "/cam0"}, "/cam0/compressed"),
+                                         ("compressed", {"image": "/cam0", "image/compressed": "/jpeg"}, "/jpeg")):
+            ros = FakeRos({"image_transport": transport}, **remaps)
+            self.assertEqual(node.Node(FakeNetwork(self.describe()), ros).subscriber.resolved_name, topic)
+        self.assertIn("mask", self.published_of(self.describe(kind="probability", threshold=0.5)))
+
+    @staticmethod
+    def published_of(description):
+        ros = FakeRos({})
+        played = node.Node(FakeNetwork(description), ros)
+        assert "no image yet on /acmp/image" in played.diagnosis().message
+        return ros.published
+
+
+def run_main(*arguments):
+    """Exit code and what was printed."""
+    out = io.StringIO()
+    with mock.patch.object(sys, "argv", ["network_node.py", *arguments]), contextlib.redirect_stdout(out), \
+            contextlib.redirect_stderr(out):
+        return node.main(), out.getvalue()
+
+
+class WithoutOnnxRuntime(TestCase):
+    def test_it_says_what_to_install(self):
+        description = self.describe()
+        with mock.patch.dict(sys.modules, {"onnxruntime": None}):
+            code, text = run_main(description.path, "--images", self.folder, self.folder)
+        self.assertEqual(code, 2)
+        self.assertIn("ONNX Runtime is missing (pip install onnxruntime", text)
+
+
+class OnnxNetworks(TestCase):
+    def load(self, model=None, **changes):
+        if model is not None:
+            with open(os.path.join(self.folder, "tiny.onnx"), "wb") as file:
+                file.write(model)
+        return node.Network(self.describe(**changes), 1)
+
+    def test_axes_and_types_of_the_input(self):
+        inputs = [("planes first", (1, 3, "height", "width"), 1), ("of fixed size", (1, 3, HEIGHT, WIDTH), 1),
+                  ("colours last", (1, HEIGHT, WIDTH, 3), 3), ("of some images", ("batch", "images", 3, "height", "width"), 2)]
+        expected = test_image().mean(2)
+        for name, shape, axis in inputs:
+            for element in (tiny_onnx.FLOAT, tiny_onnx.FLOAT16):
+                network = self.load(tiny_onnx.brightness(shape, axis, element), kind="depth", pixel_max=255)
+                with self.subTest(name, element=element):
+                    # 0.13: half of a unit in the last place of float16 at 255, and as much of the sum's
+                    np.testing.assert_allclose(network.run(test_image()), expected, atol=0.13)
+
+    def test_a_mask(self):
+        network = self.load(tiny_onnx.brightness(), kind="probability", threshold=100 / 255)
+        mask = network.run(test_image())
+        np.testing.assert_array_equal(mask, np.where(test_image().mean(2) >= 100, 0, 255))
+
+    def test_scores_of_classes(self):
+        scores = tiny_onnx.model([tiny_onnx.node("Neg", ["image"], "scores")], [tiny_onnx.tensor("image", (1, 3, "h", "w"))],
+                                 [tiny_onnx.tensor("scores", (1, 3, "h", "w"))])
+        self.assertTrue((self.load(scores, kind="classes", ignore=[2]).run(test_image()) == 0).all(), "blue is least")
+        self.assertTrue((self.load(scores, kind="classes", ignore=[0, 1]).run(test_image()) == 255).all())
+
+    def test_networks_that_are_not_as_described(self):
+        two = tiny_onnx.model([tiny_onnx.node("Add", ["image", "state"], "out")],
+                              [tiny_onnx.tensor(name, (1, 3, "h", "w")) for name in ("image", "state")],
+                              [tiny_onnx.tensor("out", (1, 3, "h", "w"))])
+        colors = tiny_onnx.model([tiny_onnx.node("Neg", ["image"], "out")], [tiny_onnx.tensor("image", (1, 3, "h", "w"))],
+                                 [tiny_onnx.tensor("out", (1, 3, "h", "w"))])
+        bright = tiny_onnx.brightness()
+        bad = [(b"no network", {}, "tiny.onnx: ONNX Runtime cannot read it"), (bright[:-20], {}, "ONNX Runtime cannot read"),
+               (two, {}, "has 2 inputs \\(image, state\\): must have one"),
+               (bright, dict(input="pixels"), "input: the network has no pixels, but image"),
+               (bright, dict(output="depth"), "output: the network has no depth, but bright"),
+               (tiny_onnx.brightness((1, 3, 64, 96)), {}, "input image is \\[1, 3, 64, 96\\]: .* makes \\[1, 3, 32, 48\\]"),
+               (tiny_onnx.brightness((1, 1, "h", "w")), {}, "makes \\[1, 3, 32, 48\\]"),
+               (tiny_onnx.brightness(element=7), {}, "input image is a tensor\\(int64\\): must be one of"),
+               (colors, {}, "output out is \\[1, 3, 32, 48\\]: kind inverse_depth needs one value for each pixel"),
+               (tiny_onnx.brightness(axis=3), {}, "output bright is \\[1, 3, 32, 1\\]")]
+        for model, changes, words in bad:
+            with self.subTest(words), self.assertRaisesRegex(node.Refused, words):
+                self.load(model, **changes)
+
+    def test_a_missing_file_and_where_to_get_it(self):
+        with self.assertRaisesRegex(node.Refused, "tiny.onnx is missing; get it from the moon"):
+            self.load(source="the moon")
+
+    def test_useless_outputs(self):
+        zero = [tiny_onnx.node("ReduceMean", ["image"], "a", axes=[1], keepdims=1), tiny_onnx.node("Sub", ["a", "a"], "zero")]
+        io_ = [tiny_onnx.tensor("image", (1, 3, "h", "w"))]
+        constant = tiny_onnx.model(zero, io_, [tiny_onnx.tensor("zero", (1, 1, "h", "w"))])
+        nan = tiny_onnx.model(zero + [tiny_onnx.node("Div", ["zero", "zero"], "nan")], io_,
+                              [tiny_onnx.tensor("nan", (1, 1, "h", "w"))])
+        with self.assertRaisesRegex(node.Refused, "the same everywhere: 0"):
+            self.load(constant).run(test_image())
+        with self.assertRaisesRegex(node.Refused, "none of the network's 1536 values is finite"):
+            self.load(nan).run(test_image())
+        with self.assertRaisesRegex(node.Refused, "1536 of the network's 1536 values are not finite"):
+            self.load(nan, kind="probability", threshold=0.5).run(test_image())
+
+    def test_a_folder(self):
+        images, out = os.path.join(self.folder, "images"), os.path.join(self.folder, "out")
+        os.makedirs(os.path.join(images, "left"))
+        PIL.Image.fromarray(test_image()).save(os.path.join(images, "left/a.png"))
+        self.load(tiny_onnx.brightness(), kind="depth")
+        path = os.path.join(self.folder, "tiny.yaml")
+        code, text = run_main(path, "--images", images, out)
+        self.assertEqual((code, text.count("1 of 1 images")), (0, 1), text)
+        with open(os.path.join(out, "left/a.pfm"), "rb") as file:
+            self.assertEqual([file.readline() for _ in range(3)], [b"Pf\n", b"%d %d\n" % (WIDTH, HEIGHT), b"-1.0\n"])
+            depth = np.frombuffer(file.read(), "<f4").reshape(HEIGHT, WIDTH)[::-1]
+        np.testing.assert_allclose(depth, test_image().mean(2) / 255, rtol=1e-5)  # rounding of float32
+        self.describe(kind="probability", threshold=100 / 255)
+        self.assertEqual(run_main(path, "--images", images, out)[0], 0)
+        mask = np.asarray(PIL.Image.open(os.path.join(out, "left/a.png.png")))
+        np.testing.assert_array_equal(mask, np.where(test_image().mean(2) >= 100, 0, 255))
+        with open(os.path.join(images, "cut.jpg"), "wb") as file:
+            file.write(b"\xff\xd8")
+        code, text = run_main(path, "--images", images, out)
+        self.assertEqual(code, 1)
+        self.assertRegex(text, "cut.jpg: picture of 2 bytes(.|\n)*1 of 2 images")
+        self.assertEqual(run_main(path, "--images", out + "/none", out)[0], 2)
+
+
+if __name__ == "__main__":
+    if WITH_ONNX:
+        sys.argv.remove("--onnx")
+        try:
+            import onnxruntime  # noqa: F401
+        except ImportError:
+            print("skipped: ONNX Runtime is missing (pip install onnxruntime)")
+            sys.exit(77)
+    else:
+        del OnnxNetworks
+    unittest.main(verbosity=2)
