@@ -194,6 +194,11 @@ std::string WhyUseless(const PriorFit& fit, const std::vector<Pair>& pairs) {
     explained_off_plane += is_explained && is_off_plane ? 1 : 0;
   }
   const auto share = [](size_t part, size_t all) { return static_cast<double>(part) / static_cast<double>(all); };
+  constexpr double kAtLeast = 1.0 / 3;
+  if (share(explained, pairs.size()) < kAtLeast) {
+    return Concat("it explains ", 100 * share(explained, pairs.size()), " % of the known depths: must be at least ",
+                  100 * kAtLeast, " %");
+  }
   if (share(off_plane, pairs.size()) < kHardlyAny) {
     if (share(explained, pairs.size()) >= kNearlyAll) return {};
     return Concat("it explains ", 100 * share(explained, pairs.size()),
