@@ -37,8 +37,13 @@ struct ReconstructPlan {
   /// Of the coordinates that points are kept in (LocalOrigin): zero where the cameras are near the world's.
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();
 
+  /// Null where the image takes no part.
+  const ImagePlan* Find(int index) const;
   /// Whether the image takes part and gets a map.
-  bool HasMap(int index) const;
+  bool HasMap(int index) const {
+    const ImagePlan* image = Find(index);
+    return image && image->no_map.empty();
+  }
   /// The image and its source views that get a map: whose estimates its refinements and its points are made of.
   std::vector<int> ImagesRead(const ImagePlan& image) const;
 };
