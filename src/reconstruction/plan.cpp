@@ -8,10 +8,9 @@
 #include <set>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/companions.h"
+#include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/geometry/local_origin.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
-#include "source_candidates.h"
 
 namespace acmp {
 namespace {

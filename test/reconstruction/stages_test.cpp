@@ -1,5 +1,4 @@
 // Stages of chunks, by a process each (--stage) or by one (--stages), end with the bytes of a run alone.
-
 #include <gmock/gmock.h>
 
 #include <fstream>
