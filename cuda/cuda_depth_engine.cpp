@@ -1,4 +1,4 @@
-#include "acmp_mapping/backend/depth_engine_cuda.h"
+#include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/engine/depth_engine.h"
 #include "cuda_fill.h"
 #include "cuda_fusion.h"

@@ -2,19 +2,12 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/engine/host_depth_engine.h"
-#ifdef ACMP_HAVE_CUDA
-#include "acmp_mapping/backend/depth_engine_cuda.h"
-#endif
 
 namespace acmp {
 #ifndef ACMP_HAVE_CUDA
-namespace {
-
 std::unique_ptr<DepthEngine> MakeDepthEngineCuda(int /*cuda_index*/, int /*multiprocessors*/) {
   throw InvalidInputError("this build has no CUDA backend (configure with -DACMP_CUDA=ON)");
 }
-
-}  // namespace
 #endif
 
 Device ParseDevice(const std::string& name) {

@@ -8,7 +8,7 @@
 #include <sensor_msgs/point_cloud2_iterator.h>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/companions.h"
+#include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/image/image_processing.h"
 #include "acmp_mapping/ros/bag_writer.h"
 #include "acmp_mapping/ros/output_conversion.h"

@@ -8,7 +8,7 @@ foreach(tool acmp_reconstruct acmp_evaluate acmp_make_bag acmp_check_bag acmp_ma
 endforeach()
 if(ACMP_HAVE_PYTHON)
   install(TARGETS acmp_python LIBRARY DESTINATION ${CATKIN_PACKAGE_PYTHON_DESTINATION})
-  install(FILES src/python/offline.pyi DESTINATION ${CATKIN_PACKAGE_PYTHON_DESTINATION})
+  install(FILES src/python/offline.py DESTINATION ${CATKIN_PACKAGE_PYTHON_DESTINATION})
 endif()
 install(PROGRAMS scripts/acmp_cluster.py scripts/acmp_cluster.sbatch scripts/convert_calibration.py
                  scripts/network_node.py scripts/rerun_bridge.py DESTINATION ${CATKIN_PACKAGE_BIN_DESTINATION})

@@ -1,4 +1,4 @@
-#include "acmp_mapping/dataset/camera_list.h"
+#include "acmp_mapping/dataset/map_io.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>

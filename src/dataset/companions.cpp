@@ -1,4 +1,4 @@
-#include "acmp_mapping/dataset/companions.h"
+#include "acmp_mapping/dataset/scene.h"
 
 #include <algorithm>
 

@@ -7,7 +7,6 @@
 #include <sstream>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/companions.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "colmap_model.h"
 #include "scene_private.h"

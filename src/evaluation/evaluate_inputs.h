@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "acmp_mapping/dataset/camera_list.h"
+#include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/evaluation/evaluate.h"
 #include "acmp_mapping/image/image.h"
 

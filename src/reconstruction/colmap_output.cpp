@@ -90,11 +90,9 @@ void ColmapOutput::WriteMaps(int index, const FinalMaps& maps) const {
 Places ColmapOutput::SourcesWithin(const std::vector<int>& images) const {
   std::map<int, size_t> place;
   for (size_t i = 0; i < images.size(); ++i) place[images[i]] = i;
-  std::map<int, std::vector<int>> sources_of;
-  for (const ImagePlan& image : run_.plan.images) sources_of[image.index] = image.sources;
   Places sources(images.size());
   for (size_t i = 0; i < images.size(); ++i) {
-    for (int source : sources_of.at(images[i])) {
+    for (int source : run_.plan.Find(images[i])->sources) {
       if (const auto found = place.find(source); found != place.end()) sources[i].push_back(found->second);
     }
   }

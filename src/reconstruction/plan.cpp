@@ -8,10 +8,9 @@
 #include <set>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/companions.h"
+#include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/geometry/local_origin.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
-#include "source_candidates.h"
 
 namespace acmp {
 namespace {
@@ -105,10 +104,10 @@ std::optional<DepthRange> FindDepthRange(const Scene& scene, int index, const Re
   return result;
 }
 
-bool ReconstructPlan::HasMap(int index) const {
+const ImagePlan* ReconstructPlan::Find(int index) const {
   const auto found = std::lower_bound(images.begin(), images.end(), index,
                                       [](const ImagePlan& image, int wanted) { return image.index < wanted; });
-  return found != images.end() && found->index == index && found->no_map.empty();
+  return found != images.end() && found->index == index ? &*found : nullptr;
 }
 
 std::vector<int> ReconstructPlan::ImagesRead(const ImagePlan& image) const {

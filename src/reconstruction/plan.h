@@ -1,5 +1,7 @@
 #pragma once
 
+#include <array>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -22,6 +24,36 @@ std::vector<int> TakeMasks(const ReconstructOptions& options, const std::vector<
 void TakePriorDepths(const ReconstructOptions& options, const std::vector<int>& indices, Scene* scene,
                      Progress* progress);
 
+/// Chooses source views among the images of a scene without looking at all pairs: SelectSourceViews gives the same for
+/// the images around, once none of those farther away could be worth as much as the least of what it chose.
+class SourceCandidates {
+ public:
+  /// @param scene outlives this; its poses do not change
+  /// @param indices of the images that take part, ascending
+  SourceCandidates(const Scene& scene, std::vector<int> indices);
+
+  /// Scene indices, most useful first. Any number of threads may ask.
+  /// @param typical_depth see SelectSourceViews
+  std::vector<int> Select(int index, double typical_depth, int max_sources) const;
+
+ private:
+  using Cell = std::array<int64_t, 3>;
+
+  Cell CellOf(const Eigen::Vector3d& point) const;
+  /// Images but for `index` that are within a distance of it, and perhaps some more; ascending.
+  std::vector<int> Around(int index, double distance) const;
+  /// No view farther away can gain as much (SelectedSourceView::gain, 0..1).
+  double DistanceOfGain(int index, double typical_depth, double gain) const;
+
+  const Scene& scene_;
+  const std::vector<int> indices_;
+  double extent_ = 0;  ///< no two images are farther apart
+  double cell_size_ = 1;
+  double most_focal_length_ = 0;  ///< px, of all images
+  double least_cosine_ = 1;       ///< between a ray of any image and its optical axis
+  std::map<Cell, std::vector<int>> cells_;
+};
+
 /// What to do with one image of the scene.
 struct ImagePlan {
   int index = 0;             ///< in the scene
@@ -37,8 +69,13 @@ struct ReconstructPlan {
   /// Of the coordinates that points are kept in (LocalOrigin): zero where the cameras are near the world's.
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();
 
+  /// Null where the image takes no part.
+  const ImagePlan* Find(int index) const;
   /// Whether the image takes part and gets a map.
-  bool HasMap(int index) const;
+  bool HasMap(int index) const {
+    const ImagePlan* image = Find(index);
+    return image && image->no_map.empty();
+  }
   /// The image and its source views that get a map: whose estimates its refinements and its points are made of.
   std::vector<int> ImagesRead(const ImagePlan& image) const;
 };

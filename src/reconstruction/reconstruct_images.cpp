@@ -1,4 +1,4 @@
-#include "acmp_mapping/reconstruction/reconstruct_images.h"
+#include "acmp_mapping/reconstruction/reconstruct.h"
 
 #include <tbb/parallel_for.h>
 
@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/companions.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
 #include "run_record.h"

@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "acmp_mapping/common/timer.h"
-#include "acmp_mapping/dataset/camera_list.h"
+#include "acmp_mapping/dataset/map_io.h"
 #include "cloud_output.h"
 #include "image_files.h"
 

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "acmp_mapping/dataset/camera_list.h"
+#include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/pipeline/depth_estimator.h"
 #include "acmp_mapping/reconstruction/reconstruct_options.h"

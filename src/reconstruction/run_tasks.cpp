@@ -54,12 +54,6 @@ std::set<StepOfImage> StepsToDo(int step, const std::set<int>& wanted,
   return to_do;
 }
 
-RunTasks::RunTasks(ReconstructRun* run) : run_(*run), final_step_(run->store.final_step()) {
-  for (const ImagePlan& image : run_.plan.images) {
-    if (image.no_map.empty()) images_[image.index] = &image;
-  }
-}
-
 void RunTasks::AddSteps(const std::set<StepOfImage>& steps) {
   for (int device = 0; device < run_.devices.size(); ++device) {
     std::vector<DepthEstimator>& estimators = estimators_.emplace_back();
@@ -67,45 +61,36 @@ void RunTasks::AddSteps(const std::set<StepOfImage>& steps) {
       estimators.emplace_back(run_.devices.Engine(device, i).engine, run_.pipeline);
     }
   }
-  std::map<StepOfImage, std::vector<StepOfImage>> readers;
-  std::map<StepOfImage, int> waits_for;     // steps that are not added yet
-  std::set<std::pair<int, int>> can_begin;  // scene index, step
-  for (const StepOfImage& key : steps) {
-    const auto [step, index] = key;
-    int& count = waits_for[key];
-    if (step > 0) {
-      const ImagePlan& image = *images_.at(index);
-      run_.store.AddReaders(image, step - 1, 1);
-      for (int read : run_.plan.ImagesRead(image)) {
-        if (steps.count({step - 1, read}) == 0) continue;
-        readers[{step - 1, read}].push_back(key);
-        ++count;
-      }
+  using LateFirst = std::pair<int, int>;  // -step, scene index
+  std::map<LateFirst, std::vector<LateFirst>> after;
+  for (const auto& [step, index] : steps) {
+    std::vector<LateFirst>& waits_for = after[{-step, index}];
+    if (step == 0) continue;
+    const ImagePlan& image = *run_.plan.Find(index);
+    run_.store.AddReaders(image, step - 1, 1);
+    for (int read : run_.plan.ImagesRead(image)) {
+      if (steps.count({step - 1, read}) > 0) waits_for.emplace_back(1 - step, read);
     }
-    if (count == 0) can_begin.insert({index, step});
   }
-  const std::function<void(const StepOfImage&)> add = [&](const StepOfImage& key) {
-    AddStep(key);
-    for (const StepOfImage& reader : readers[key]) {
-      if (--waits_for[reader] == 0) add(reader);
-    }
-  };
-  for (const auto& [index, step] : can_begin) add({step, index});
+  for (const auto& [late, index] : InOrder(after)) AddStep({-late, index});
 }
 
 std::set<StepOfImage> RunTasks::AddMissingSteps() {
   std::set<int> all;
-  for (const auto& [index, image] : images_) all.insert(index);
+  for (const ImagePlan& image : run_.plan.images) {
+    if (image.no_map.empty()) all.insert(image.index);
+  }
   std::set<StepOfImage> steps = StepsToDo(
       final_step_, all, [&](const StepOfImage& key) { return run_.store.FileOf(key); },
-      [&](int index) { return run_.plan.ImagesRead(*images_.at(index)); }, run_.scene, run_.interrupt, &run_.progress);
+      [&](int index) { return run_.plan.ImagesRead(*run_.plan.Find(index)); }, run_.scene, run_.interrupt,
+      &run_.progress);
   AddSteps(steps);
   return steps;
 }
 
 void RunTasks::AddStep(const StepOfImage& key) {
   const auto [step, index] = key;
-  const ImagePlan& image = *images_.at(index);
+  const ImagePlan& image = *run_.plan.Find(index);
   const int device = run_.devices.DeviceOf(index);
   const auto work = [this, step = step, &image, device](int thread) {
     DoStep(step, image, run_.devices.Engine(device, thread),
@@ -173,7 +158,7 @@ FusionStamps* RunTasks::stamps() {
 }
 
 int RunTasks::AddFusion(const ImagePlan& image, std::function<void(PointCloud)> take) {
-  CheckRange("number of images to fuse", static_cast<int>(run_.plan.images.size()), 0, kMaxFusionViews);
+  CheckRange("number of images to fuse", views_ + 1, 0, kMaxFusionViews);
   run_.store.AddReaders(image, final_step_, 1);
   std::vector<int> after = FinalStepsRead(image);
   const std::vector<int> frames = run_.plan.ImagesRead(image);

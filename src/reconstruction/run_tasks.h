@@ -31,7 +31,7 @@ std::set<StepOfImage> StepsToDo(int step, const std::set<int>& wanted,
 class RunTasks {
  public:
   /// @param run not null; it outlives this, and its plan stays as it is
-  explicit RunTasks(ReconstructRun* run);
+  explicit RunTasks(ReconstructRun* run) : run_(*run), final_step_(run->store.final_step()) {}
 
   /// Adds steps, once. They are numbered as early as what they read allows, so that the first images are finished,
   /// written and forgotten while the last ones are still to come.
@@ -73,7 +73,6 @@ class RunTasks {
   ReconstructRun& run_;
   const int final_step_;
   TaskGraph graph_;
-  std::map<int, const ImagePlan*> images_;               ///< that get a map, by scene index
   std::vector<std::vector<DepthEstimator>> estimators_;  ///< per device and engine; none: no steps
   std::map<StepOfImage, int> steps_;                     ///< their tasks
   std::unique_ptr<FusionStamps> stamps_;

@@ -6,7 +6,7 @@
 
 #include "acmp_mapping/common/classic_locale.h"
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/companions.h"
+#include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/pose_refinement/pose_refinement.h"
 #include "plan.h"
 

@@ -5,7 +5,6 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
-#include "acmp_mapping/dataset/camera_list.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/mesh/distance_volume.h"
 

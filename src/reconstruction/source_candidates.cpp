@@ -1,4 +1,4 @@
-#include "source_candidates.h"
+#include "plan.h"
 
 #include <algorithm>
 #include <cmath>

@@ -11,6 +11,7 @@
 #include "input_hash.h"
 #include "run_record.h"
 #include "stages.h"
+#include "task_graph.h"
 #include "work_files.h"
 
 namespace acmp {
@@ -18,37 +19,8 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-struct Chunk {
-  std::vector<const ImagePlan*> images;
-  std::set<int> reads;              ///< images whose estimates its own ones' refinements and points are made of
-  std::map<int, int> fused_before;  ///< PlannedScene::FusedBefore
-};
-
-std::map<int, Chunk> CutIntoChunks(const ReconstructPlan& plan, int chunk_images) {
-  std::map<int, Chunk> chunks;
-  for (const ImagePlan& image : plan.images) {
-    Chunk& chunk = chunks[image.index / chunk_images];
-    chunk.images.push_back(&image);
-    if (!image.no_map.empty()) continue;
-    for (int read : plan.ImagesRead(image)) chunk.reads.insert(read);
-  }
-  std::map<int, int> last_chunk;  // whose points use pixels of a view, by scene index
-  for (auto& [number, chunk] : chunks) {
-    for (int index : chunk.reads) {
-      if (const auto last = last_chunk.find(index); last != last_chunk.end()) chunk.fused_before.insert(*last);
-      last_chunk[index] = number;
-    }
-  }
-  return chunks;
-}
-
-std::filesystem::path ChunkFile(const std::filesystem::path& output, int chunk) {
-  return OutputFolder::WorkFile(output, "plan", chunk);
-}
-
-/// Without it there is no plan: it is written last.
-std::filesystem::path ChunkList(const std::filesystem::path& output) {
-  return ChunkFile(output, 0).parent_path() / "chunks.bin";
+std::filesystem::path PlanFile(const std::filesystem::path& output) {
+  return OutputFolder::WorkFile(output, "plan", 0);
 }
 
 /// Below the root relative to it, so that machines may have it at different places.
@@ -87,85 +59,52 @@ SceneImage ImageOf(const Json& json, const std::filesystem::path& root) {
   return image;
 }
 
-/// The content of a chunk's file.
-std::string FormatChunk(const Scene& scene, const std::map<int, const ImagePlan*>& planned, const Chunk& chunk,
-                        const Eigen::Vector3d& origin, const std::filesystem::path& root) {
-  Json json = {{"images", Json::array()},
-               {"views", Json::object()},
-               {"origin", {origin.x(), origin.y(), origin.z()}},
-               {"fused_before", Json::array()}};
-  std::set<int> seen;
-  for (const ImagePlan* image : chunk.images) {
-    json["images"].push_back(
-        {{"index", image->index}, {"range", {image->range.min, image->range.max}}, {"sources", image->sources}});
-    seen.insert(image->index);
-    seen.insert(image->sources.begin(), image->sources.end());
+/// The content of the plan's file.
+std::string FormatPlan(const Scene& scene, const ReconstructPlan& plan, const std::filesystem::path& root) {
+  Json json = {{"origin", {plan.origin.x(), plan.origin.y(), plan.origin.z()}}, {"images", Json::array()}};
+  for (const ImagePlan& planned : plan.images) {
+    const SceneImage& image = scene.images[static_cast<size_t>(planned.index)];
+    Json view = ToJson(image, root);
+    view.update({{"index", planned.index},
+                 {"range", {planned.range.min, planned.range.max}},
+                 {"sources", planned.sources},
+                 {"no_map", planned.no_map},
+                 {"geometry", HashOfGeometry(scene, image)}});
+    json["images"].push_back(std::move(view));
   }
-  for (int index : seen) {
-    const SceneImage& image = scene.images[static_cast<size_t>(index)];
-    Json& view = json["views"][std::to_string(index)] = ToJson(image, root);
-    view["no_map"] = planned.at(index)->no_map;
-    view["geometry"] = HashOfGeometry(scene, image);
-  }
-  for (const auto& [view, before] : chunk.fused_before) json["fused_before"].push_back({view, before});
   return json.dump();
 }
 
-/// A stage of a chunk, by the stage's place among StagesOfChunk; in the order in which one process would do what is
-/// ready: late stages first, so that chunks are finished early.
-struct Task {
-  int stage = 0;
-  int chunk = 0;
-  bool operator<(const Task& other) const { return stage != other.stage ? stage > other.stage : chunk < other.chunk; }
-};
-
-/// The tasks of a plan with what each waits for.
-std::map<Task, std::vector<Task>> TasksOf(const std::map<int, Chunk>& chunks, const ReconstructOptions& options) {
+/// The tasks in the order in which one process would do what is ready: late stages first, so that chunks are finished
+/// early.
+Json ListOfTasks(const std::map<int, Chunk>& chunks, const ReconstructOptions& options) {
+  using Task = std::pair<int, int>;  // -place of the stage among StagesOfChunk, chunk
   const std::vector<std::string> stages = StagesOfChunk(options);
   const int steps = static_cast<int>(std::find(stages.begin(), stages.end(), "final") - stages.begin()) + 1;
-  std::map<Task, std::vector<Task>> tasks;
+  std::map<Task, std::vector<Task>> after;
   for (const auto& [number, chunk] : chunks) {
     std::set<int> reads, fused_before;  // chunks
     for (int index : chunk.reads) reads.insert(index / options.chunk_images);
     for (const auto& [view, before] : chunk.fused_before) fused_before.insert(before);
     for (int stage = 0; stage < static_cast<int>(stages.size()); ++stage) {
-      std::vector<Task>& after = tasks[{stage, number}];
-      for (int read : stage > 0 ? reads : std::set<int>()) after.push_back({std::min(stage, steps) - 1, read});
+      std::vector<Task>& waits_for = after[{-stage, number}];
+      for (int read : stage > 0 ? reads : std::set<int>()) waits_for.emplace_back(1 - std::min(stage, steps), read);
       if (stages[static_cast<size_t>(stage)] != kFuseStage) continue;
-      for (int before : fused_before) after.push_back({stage, before});
+      for (int before : fused_before) waits_for.emplace_back(-stage, before);
     }
-  }
-  return tasks;
-}
-
-Json ListOfTasks(const std::map<int, Chunk>& chunks, const ReconstructOptions& options) {
-  const std::vector<std::string> stages = StagesOfChunk(options);
-  const std::map<Task, std::vector<Task>> tasks = TasksOf(chunks, options);
-  std::map<Task, std::vector<Task>> followers;
-  std::map<Task, size_t> waits_for;
-  std::set<Task> ready;
-  for (const auto& [task, after] : tasks) {
-    waits_for[task] = after.size();
-    if (after.empty()) ready.insert(task);
-    for (const Task& other : after) followers[other].push_back(task);
   }
   Json list = Json::array();
   std::map<Task, int> numbers;
   std::vector<int> before_finish;
-  while (!ready.empty()) {
-    const Task task = *ready.begin();
-    ready.erase(ready.begin());
-    const std::string& stage = stages[static_cast<size_t>(task.stage)];
+  for (const Task& task : InOrder(after)) {
+    const std::string& stage = stages[static_cast<size_t>(-task.first)];
     const int number = numbers[task] = static_cast<int>(list.size());
     if (stage == kMapsStage || stage == kFuseStage) before_finish.push_back(number);
-    std::vector<int> after;
-    for (const Task& other : tasks.at(task)) after.push_back(numbers.at(other));
-    const std::vector<const ImagePlan*>& images = chunks.at(task.chunk).images;
+    Json others = Json::array();
+    for (const Task& other : after.at(task)) others.push_back(numbers.at(other));
+    const std::vector<const ImagePlan*>& images = chunks.at(task.second).images;
     list.push_back(
-        {{"stage", stage}, {"images", Concat(images.front()->index, "-", images.back()->index)}, {"after", after}});
-    for (const Task& follower : followers[task]) {
-      if (--waits_for[follower] == 0) ready.insert(follower);
-    }
+        {{"stage", stage}, {"images", Concat(images.front()->index, "-", images.back()->index)}, {"after", others}});
   }
   list.push_back({{"stage", kFinishStage}, {"images", ""}, {"after", before_finish}});
   return list;
@@ -185,27 +124,14 @@ bool IsComplete(const Scene& scene, const ReconstructPlan& plan, const Reconstru
 }
 
 /// Makes the output folder one of this plan.
-void WritePlan(const Scene& scene, const ReconstructPlan& plan, const std::map<int, Chunk>& chunks,
-               const ReconstructOptions& options) {
-  std::map<int, const ImagePlan*> planned;
-  for (const ImagePlan& image : plan.images) planned[image.index] = &image;
-  std::map<int, std::string> files;
-  std::vector<int> numbers;
+void WritePlan(const Scene& scene, const ReconstructPlan& plan, const ReconstructOptions& options) {
+  const std::string content = FormatPlan(scene, plan, options.scene);
   Hash hash;
-  for (const auto& [number, chunk] : chunks) {
-    files[number] = FormatChunk(scene, planned, chunk, plan.origin, options.scene);
-    numbers.push_back(number);
-    hash.Add(number);
-    hash.Add(files[number]);
-  }
+  hash.Add(content);
   RunRecord record = MakeRecord(options, "that of the first stage", Concat("that of plan ", HexDigits(hash.value())));
   record.emplace_back(kChunkImagesKey, Concat(options.chunk_images));
   const OutputFolder folder(options.output, record, options.overwrite, OutputFolder::Use::kStages);
-  for (const auto& [number, content] : files) {
-    const std::filesystem::path file = ChunkFile(options.output, number);
-    if (ReadWorkFile(file) != content) WriteWorkFile(file, content);
-  }
-  WriteWorkFile(ChunkList(options.output), Json(numbers).dump());
+  if (ReadWorkFile(PlanFile(options.output)) != content) WriteWorkFile(PlanFile(options.output), content);
 }
 
 }  // namespace
@@ -225,9 +151,8 @@ void PlanStages(const Scene& scene, const ReconstructPlan& plan, const Reconstru
   const bool complete = IsComplete(scene, plan, options);
   Json tasks = Json::array();
   if (!complete) {
-    const std::map<int, Chunk> chunks = CutIntoChunks(plan, options.chunk_images);
-    WritePlan(scene, plan, chunks, options);
-    tasks = ListOfTasks(chunks, options);
+    WritePlan(scene, plan, options);
+    tasks = ListOfTasks(CutIntoChunks(plan, options.chunk_images), options);
   }
   const size_t count = tasks.size();
   WriteFileAtomically(options.plan, Json({{"complete", complete}, {"tasks", std::move(tasks)}}).dump() + "\n");
@@ -241,62 +166,43 @@ void PlanStages(const Scene& scene, const ReconstructPlan& plan, const Reconstru
        << options.chunk_images << std::endl;
 }
 
+std::map<int, Chunk> CutIntoChunks(const ReconstructPlan& plan, int chunk_images) {
+  std::map<int, Chunk> chunks;
+  for (const ImagePlan& image : plan.images) {
+    Chunk& chunk = chunks[image.index / chunk_images];
+    chunk.images.push_back(&image);
+    if (!image.no_map.empty()) continue;
+    for (int read : plan.ImagesRead(image)) chunk.reads.insert(read);
+  }
+  std::map<int, int> last_chunk;  // whose points use pixels of a view, by scene index
+  for (auto& [number, chunk] : chunks) {
+    for (int index : chunk.reads) {
+      if (const auto last = last_chunk.find(index); last != last_chunk.end()) chunk.fused_before.insert(*last);
+      last_chunk[index] = number;
+    }
+  }
+  return chunks;
+}
+
 PlannedScene::PlannedScene(const ReconstructOptions& options)
-    : output_(options.output),
-      scene_root_(options.scene),
-      chunk_images_(options.chunk_images),
-      frames_(scene_, MakeFrameOptions(options), options.MemoryBytes(options.kImageShare), FrameStore::Changes::kRead) {
-}
-
-std::vector<int> PlannedScene::Chunks() const {
-  const std::optional<std::string> content = ReadWorkFile(ChunkList(output_));
-  if (!content) throw InvalidInputError(Concat(output_.string(), ": has no plan: give --plan first"));
-  return Json::parse(*content).get<std::vector<int>>();
-}
-
-void PlannedScene::Load(int chunk) {
-  if (chunks_.count(chunk) > 0) return;
-  const std::optional<std::string> content = ReadWorkFile(ChunkFile(output_, chunk));
-  if (!content) {
-    throw InvalidInputError(Concat(output_.string(), ": no plan of the images ", chunk * chunk_images_, "-",
-                                   (chunk + 1) * chunk_images_ - 1, ": give --plan first"));
-  }
+    : frames_(scene_, MakeFrameOptions(options), options.MemoryBytes(options.kImageShare), FrameStore::Changes::kRead) {
+  const std::optional<std::string> content = ReadWorkFile(PlanFile(options.output));
+  if (!content) throw InvalidInputError(Concat(options.output.string(), ": has no plan: give --plan first"));
   const Json json = Json::parse(*content);
-  std::map<int, ImagePlan> images;  // all, by scene index
-  for (ImagePlan& image : plan_.images) images[image.index] = std::move(image);
-  for (const auto& [number, view] : json.at("views").items()) {
-    const int index = std::stoi(number);
-    if (static_cast<size_t>(index) >= scene_.images.size()) scene_.images.resize(static_cast<size_t>(index) + 1);
-    scene_.images[static_cast<size_t>(index)] = ImageOf(view, scene_root_);
-    geometry_[index] = view.at("geometry").get<uint64_t>();
-    images.try_emplace(index, ImagePlan{index, {}, {}, view.at("no_map").get<std::string>()});
-  }
-  for (const Json& image : json.at("images")) {
-    ImagePlan& plan = images.at(image.at("index").get<int>());
-    plan.range = {image.at("range").at(0).get<float>(), image.at("range").at(1).get<float>()};
-    plan.sources = image.at("sources").get<std::vector<int>>();
-  }
   const std::vector<double> origin = json.at("origin").get<std::vector<double>>();
   std::copy_n(origin.begin(), 3, plan_.origin.data());
-  plan_.images.clear();
-  for (auto& [index, image] : images) plan_.images.push_back(std::move(image));
-  std::map<int, int>& fused_before = chunks_[chunk];
-  for (const Json& pair : json.at("fused_before")) fused_before[pair.at(0).get<int>()] = pair.at(1).get<int>();
-}
-
-std::vector<int> PlannedScene::ImagesRead(int index) {
-  Load(ChunkOf(index));
-  const auto image = std::lower_bound(plan_.images.begin(), plan_.images.end(), index,
-                                      [](const ImagePlan& before, int wanted) { return before.index < wanted; });
-  return plan_.ImagesRead(*image);
-}
-
-std::vector<int> PlannedScene::ImagesOf(int chunk) const {
-  std::vector<int> indices;
-  for (const ImagePlan& image : plan_.images) {
-    if (ChunkOf(image.index) == chunk) indices.push_back(image.index);
+  for (const Json& view : json.at("images")) {
+    const Json& range = view.at("range");
+    plan_.images.push_back({view.at("index").get<int>(),
+                            {range.at(0).get<float>(), range.at(1).get<float>()},
+                            view.at("sources").get<std::vector<int>>(),
+                            view.at("no_map").get<std::string>()});
+    const int index = plan_.images.back().index;
+    scene_.images.resize(static_cast<size_t>(index) + 1);
+    scene_.images.back() = ImageOf(view, options.scene);
+    geometry_[index] = view.at("geometry").get<uint64_t>();
   }
-  return indices;
+  chunks_ = CutIntoChunks(plan_, options.chunk_images);
 }
 
 }  // namespace acmp

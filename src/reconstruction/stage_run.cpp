@@ -27,23 +27,6 @@ using nlohmann::json;
 
 constexpr int kExitFailed = 1, kExitBadInput = 2;  // as the program's
 
-/// A bit per pixel, row by row.
-std::string PackUsed(const Image<unsigned char>& used) {
-  std::string bits((used.size() + 7) / 8, '\0');
-  for (size_t i = 0; i < used.size(); ++i) {
-    if (used.data()[i] != 0) bits[i / 8] = static_cast<char>(bits[i / 8] | (1 << i % 8));
-  }
-  return bits;
-}
-
-/// Back again; empty unless there are bits for an image of that size.
-Image<unsigned char> UnpackUsed(const std::string& bits, int width, int height) {
-  Image<unsigned char> used(width, height);
-  if (bits.size() != (used.size() + 7) / 8) return {};
-  for (size_t i = 0; i < used.size(); ++i) used.data()[i] = static_cast<unsigned char>(bits[i / 8] >> i % 8 & 1);
-  return used;
-}
-
 /// A stage of some images.
 class StageRun {
  public:
@@ -64,7 +47,7 @@ class StageRun {
 
   void Run() {
     if (options_.stage == kFinishStage) return Finish();
-    LoadChosen();
+    Choose();
     if (options_.stage == kMapsStage) return WriteMaps();
     if (options_.stage == kFuseStage) return Fuse();
     for (int step = 0; step <= final_step_; ++step) {
@@ -76,37 +59,34 @@ class StageRun {
   }
 
  private:
-  /// Loads the chunks of the range, and takes its images that take part.
-  void LoadChosen() {
-    const std::vector<int> chunks = planned_.Chunks();
-    const int length = options_.chunk_images;
+  /// Takes the images of the range that take part.
+  void Choose() {
     if (options_.images.empty()) throw InvalidInputError("--stage: needs --images");
-    const std::vector<int> list = ParseImageIndices(options_.images, (chunks.back() + 1) * length);
+    const std::vector<int> list = ParseImageIndices(options_.images, static_cast<int>(planned_.scene().images.size()));
     const std::set<int> listed(list.begin(), list.end());
-    std::optional<int> lacks;
-    for (int chunk : chunks) {
-      const auto first = listed.lower_bound(chunk * length);
-      if (first == listed.end() || planned_.ChunkOf(*first) != chunk) continue;
-      planned_.Load(chunk);
-      for (int index : planned_.ImagesOf(chunk)) {
-        if (listed.count(index) > 0) {
-          chosen_.insert(index);
+    for (const auto& [number, chunk] : planned_.chunks()) {
+      std::set<int> chosen;
+      std::optional<int> lacks;
+      for (const ImagePlan* image : chunk.images) {
+        if (listed.count(image->index) > 0) {
+          chosen.insert(image->index);
         } else if (!lacks) {
-          lacks = index;
+          lacks = image->index;
         }
       }
+      if (options_.stage == kFuseStage && !chosen.empty() && lacks) {
+        throw InvalidInputError(Concat("--stage ", kFuseStage, ": must have whole chunks of ", options_.chunk_images,
+                                       " images, and --images ", options_.images, " lacks ", *lacks));
+      }
+      chosen_.merge(chosen);
     }
     if (chosen_.empty()) {
       throw InvalidInputError(Concat("--images ", options_.images, ": the plan has none of these images"));
     }
-    if (options_.stage == kFuseStage && lacks) {
-      throw InvalidInputError(Concat("--stage ", kFuseStage, ": must have whole chunks of ", length,
-                                     " images, and --images ", options_.images, " lacks ", *lacks));
-    }
   }
 
   /// Those chosen that get a map.
-  std::set<int> Targets() {
+  std::set<int> Targets() const {
     std::set<int> targets;
     for (int index : chosen_) {
       if (planned_.plan().HasMap(index)) targets.insert(index);
@@ -114,7 +94,7 @@ class StageRun {
     return targets;
   }
 
-  std::string NameOf(int index) { return planned_.scene().images[static_cast<size_t>(index)].name; }
+  std::string NameOf(int index) const { return planned_.scene().images[static_cast<size_t>(index)].name; }
 
   /// That the chosen images are what they were when their first stage was done; writes that down for the first one.
   void CheckContent() {
@@ -137,16 +117,14 @@ class StageRun {
   }
 
   /// Steps that are to do before these images have estimates of a step.
-  std::set<StepOfImage> ToDo(int step, const std::set<int>& targets) {
+  std::set<StepOfImage> ToDo(int step, const std::set<int>& targets) const {
     const auto file_of = [&](const StepOfImage& key) {
       return folder_.WorkFile(EngineStore::StepName(key.first, final_step_), key.second);
     };
     return StepsToDo(
-        step, targets, file_of, [&](int index) { return planned_.ImagesRead(index); }, planned_.scene(), interrupt_,
-        &progress_);
+        step, targets, file_of, [&](int index) { return ImagesRead(index); }, planned_.scene(), interrupt_, &progress_);
   }
 
-  /// A run of what is loaded so far.
   template <class Work>
   void OnDevices(const std::set<StepOfImage>& to_do, const Work& work) {
     std::set<int> worked_on = chosen_;
@@ -189,10 +167,12 @@ class StageRun {
     });
   }
 
-  std::set<int> AllRead(const std::set<int>& targets) {
+  std::vector<int> ImagesRead(int index) const { return planned_.plan().ImagesRead(*planned_.plan().Find(index)); }
+
+  std::set<int> AllRead(const std::set<int>& targets) const {
     std::set<int> all;
     for (int index : targets) {
-      for (int read : planned_.ImagesRead(index)) all.insert(read);
+      for (int read : ImagesRead(index)) all.insert(read);
     }
     return all;
   }
@@ -249,75 +229,76 @@ class StageRun {
   }
 
   /// Whether all files of FuseChunk are there and whole.
-  bool HasChunkPoints(int chunk, const std::vector<int>& images) {
+  bool IsFused(int number) const {
     const auto is_whole = [](const std::filesystem::path& file) {
       return CheckWorkFile(file) == WorkFileState::kWhole;
     };
-    const std::set<int> read = AllRead({images.begin(), images.end()});
-    return std::all_of(images.begin(), images.end(), [&](int index) { return is_whole(PointsFile(index)); }) &&
-           std::all_of(read.begin(), read.end(), [&](int index) { return is_whole(UsedFile(chunk, index)); });
+    const Chunk& chunk = planned_.chunks().at(number);
+    return std::all_of(
+               chunk.images.begin(), chunk.images.end(),
+               [&](const ImagePlan* image) { return !image->no_map.empty() || is_whole(PointsFile(image->index)); }) &&
+           std::all_of(chunk.reads.begin(), chunk.reads.end(),
+                       [&](int index) { return is_whole(UsedFile(number, index)); });
   }
 
   void Fuse() {
-    std::map<int, std::vector<int>> chunks;  // images with maps
-    for (int index : Targets()) chunks[planned_.ChunkOf(index)].push_back(index);
-    for (auto chunk = chunks.begin(); chunk != chunks.end();) {
-      chunk = HasChunkPoints(chunk->first, chunk->second) ? chunks.erase(chunk) : std::next(chunk);
+    std::vector<int> chunks;
+    std::set<int> read;
+    for (const auto& [number, chunk] : planned_.chunks()) {
+      if (chosen_.count(chunk.images.front()->index) == 0 || IsFused(number)) continue;
+      chunks.push_back(number);
+      read.insert(chunk.reads.begin(), chunk.reads.end());
     }
     if (chunks.empty()) return;
     CheckContent();
-    std::set<int> read;
-    for (const auto& [number, images] : chunks) read.merge(AllRead({images.begin(), images.end()}));
     const std::set<StepOfImage> to_do = ToDo(final_step_, read);
     OnDevices(to_do, [&](ReconstructRun* run) {
       RunTasks tasks(run);
       tasks.AddSteps(to_do);
       progress_.Begin(options_.stage, static_cast<int>(to_do.size() + chosen_.size()));
       tasks.Run();
-      for (const auto& [number, images] : chunks) FuseChunk(run, number, images);
+      for (int number : chunks) FuseChunk(run, number);
     });
   }
 
   /// Fuses images of a chunk as if all images of the scene were fused one after the other: which pixels earlier chunks
-  /// have used comes from their files. Writes the points of each view, and last which pixels are used now.
-  /// @param images with maps, whose final estimates and those of their source views are in files
-  void FuseChunk(ReconstructRun* run, int chunk, const std::vector<int>& images) {
+  /// have used comes from their files. Writes the points of each view, and last which pixels are used now. Final
+  /// estimates of what it reads are in files.
+  void FuseChunk(ReconstructRun* run, int number) {
+    const Chunk& chunk = planned_.chunks().at(number);
     RunTasks tasks(run);
-    TakeOverFusedPixels(planned_.FusedBefore(chunk), &tasks);
-    std::set<int> read;
-    for (const ImagePlan& image : run->plan.images) {
-      if (!std::binary_search(images.begin(), images.end(), image.index)) continue;
-      tasks.AddFusion(image,
-                      [this, index = image.index](const PointCloud& cloud) { WritePoints(PointsFile(index), cloud); });
-      for (int index : run->plan.ImagesRead(image)) read.insert(index);
+    TakeOverFusedPixels(chunk.fused_before, &tasks);
+    for (const ImagePlan* image : chunk.images) {
+      if (!image->no_map.empty()) continue;
+      tasks.AddFusion(*image,
+                      [this, index = image->index](const PointCloud& cloud) { WritePoints(PointsFile(index), cloud); });
     }
     tasks.Run();
-    for (int index : read) {
-      const std::string bits = PackUsed(tasks.FusedPixels(*planned_.frames().Get(index)));
+    for (int index : chunk.reads) {
+      const Image<unsigned char> used = tasks.FusedPixels(*planned_.frames().Get(index));
       interrupt_.Check();
-      WriteWorkFile(UsedFile(chunk, index), bits);
+      WriteWorkFile(UsedFile(number, index), std::string(used.begin(), used.end()));
     }
   }
 
   /// Throws ProcessingError if one of the earlier chunks is not fused.
-  /// @param fused_before see PlannedScene
+  /// @param fused_before see Chunk
   void TakeOverFusedPixels(const std::map<int, int>& fused_before, RunTasks* tasks) {
-    for (const auto& [index, chunk] : fused_before) {
+    for (const auto& [index, number] : fused_before) {
       const FramePtr frame = planned_.frames().Get(index);
-      const std::filesystem::path file = UsedFile(chunk, index);
-      const Image<unsigned char> used =
-          UnpackUsed(ReadWorkFile(file).value_or(""), frame->camera.width, frame->camera.height);
-      if (used.empty()) {
-        throw ProcessingError(Concat("--stage fuse: the stage of the images from ", chunk * options_.chunk_images,
-                                     " on is not done, or ", file.string(), " is damaged"));
+      Image<unsigned char> used(frame->camera.width, frame->camera.height);
+      const std::string pixels = ReadWorkFile(UsedFile(number, index)).value_or("");
+      if (pixels.size() != used.size()) {
+        throw ProcessingError(Concat("--stage fuse: the stage of the images from ", number * options_.chunk_images,
+                                     " on is not done, or ", UsedFile(number, index).string(), " is damaged"));
       }
+      std::copy(pixels.begin(), pixels.end(), used.begin());
       tasks->SetFusedPixels(*frame, used);
     }
   }
 
   void Finish() {
     const Timer timer;
-    for (int chunk : planned_.Chunks()) planned_.Load(chunk);
     std::vector<ImageHashes> hashes;
     for (const ImagePlan& image : planned_.plan().images) {
       const std::optional<std::string> input = ReadWorkFile(folder_.WorkFile("input", image.index));
@@ -379,7 +360,7 @@ class StageRun {
   std::set<int> chosen_;  ///< images that the stage is for, by scene index
 };
 
-/// Does stages, one after the other. Devices, the plan as far as it has been read and images are kept from one to the
+/// Does stages, one after the other. Devices, the plan and images are kept from one to the
 /// next: images within their share of the memory limit, and as long as their files are not written.
 class StageRunner {
  public:

@@ -2,6 +2,7 @@
 
 #include <map>
 #include <ostream>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -40,41 +41,35 @@ void PlanStages(const Scene& scene, const ReconstructPlan& plan, const Reconstru
 void DoStage(const ReconstructOptions& options, const DeviceMaker& make_devices, StopRequest* interrupt,
              std::ostream* out, std::ostream* log, bool log_is_terminal);
 
-/// The plan in an output folder as far as somebody has asked for it, and its images, which keep their indices. Each
-/// chunk is a file, so that a stage reads the same little of a scene of any size.
+/// Images of successive scene indices, and what is made of others for them.
+struct Chunk {
+  std::vector<const ImagePlan*> images;
+  std::set<int> reads;              ///< images whose estimates its own ones' refinements and points are made of
+  std::map<int, int> fused_before;  ///< the last earlier chunk whose points use pixels of a view, by its scene index
+};
+
+/// @return by number: image / chunk_images. They refer to the plan
+std::map<int, Chunk> CutIntoChunks(const ReconstructPlan& plan, int chunk_images);
+
+/// The plan in an output folder, and its images, which keep their indices.
 class PlannedScene {
  public:
+  /// Reads it. Throws InvalidInputError where there is none.
   /// @param options name the folder, the scene, which may lie elsewhere than it did, and the length of the chunks
   explicit PlannedScene(const ReconstructOptions& options);
 
-  int ChunkOf(int index) const { return index / chunk_images_; }
-  /// Numbers of all chunks that the plan has. Throws InvalidInputError without a plan.
-  std::vector<int> Chunks() const;
-  /// Takes in the plan of a chunk. Moves the images of the plan and the scene. Throws InvalidInputError if there is no
-  /// whole plan of that chunk.
-  void Load(int chunk);
-  /// Images whose estimates a refinement of the image reads; loads its chunk.
-  std::vector<int> ImagesRead(int index);
-
   /// Without landmarks and ranking, which only the plan is made of.
   Scene& scene() { return scene_; }
-  /// Of images of chunks that are not loaded it knows only whether they get a map.
   ReconstructPlan& plan() { return plan_; }
   FrameStore& frames() { return frames_; }
-  /// Images of a loaded chunk that take part.
-  std::vector<int> ImagesOf(int chunk) const;
+  const std::map<int, Chunk>& chunks() const { return chunks_; }
   uint64_t GeometryOf(int index) const { return geometry_.at(index); }  ///< HashOfGeometry
-  /// The last earlier chunk whose points use pixels of a view, by the view's scene index; of a loaded chunk.
-  const std::map<int, int>& FusedBefore(int chunk) const { return chunks_.at(chunk); }
 
  private:
-  const std::filesystem::path output_;
-  const std::filesystem::path scene_root_;
-  const int chunk_images_;
   Scene scene_;
   ReconstructPlan plan_;
-  std::map<int, std::map<int, int>> chunks_;  ///< loaded, with FusedBefore
-  std::map<int, uint64_t> geometry_;          ///< by scene index
+  std::map<int, Chunk> chunks_;
+  std::map<int, uint64_t> geometry_;  ///< by scene index
   FrameStore frames_;
 };
 

@@ -1,11 +1,36 @@
 #pragma once
 
 #include <functional>
+#include <map>
+#include <set>
 #include <vector>
 
 #include "acmp_mapping/reconstruction/stop_request.h"
 
 namespace acmp {
+
+/// Keys in an order in which each comes after all that it waits for: of those that may come next the least one.
+/// @param after what each key waits for: other keys of the map
+template <class Key>
+std::vector<Key> InOrder(const std::map<Key, std::vector<Key>>& after) {
+  std::map<Key, std::vector<Key>> followers;
+  std::map<Key, size_t> waits_for;  // keys that have not come yet
+  std::set<Key> ready;
+  for (const auto& [key, others] : after) {
+    waits_for[key] = others.size();
+    if (others.empty()) ready.insert(key);
+    for (const Key& other : others) followers[other].push_back(key);
+  }
+  std::vector<Key> order;
+  while (!ready.empty()) {
+    order.push_back(*ready.begin());
+    ready.erase(ready.begin());
+    for (const Key& follower : followers[order.back()]) {
+      if (--waits_for[follower] == 0) ready.insert(follower);
+    }
+  }
+  return order;
+}
 
 /// Tasks that wait for others, done by several threads.
 class TaskGraph {

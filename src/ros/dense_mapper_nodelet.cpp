@@ -9,7 +9,7 @@
 #include <pluginlib/class_list_macros.hpp>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/companions.h"
+#include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/options.h"
 #include "acmp_mapping/ros/topic_names.h"

@@ -11,7 +11,6 @@
 #include <tuple>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/camera_list.h"
 #include "acmp_mapping/dataset/colmap_workspace.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"

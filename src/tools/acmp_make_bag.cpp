@@ -9,7 +9,7 @@
 
 #include "acmp_mapping/bags/bag_recording.h"
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/companions.h"
+#include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/synthetic/synthetic_scene.h"
 #include "tool_main.h"
 

@@ -9,8 +9,8 @@
 #include <rosbag/view.h>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/companions.h"
 #include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/ros/bag_writer.h"
 #include "dataset/test_folder.h"
 

@@ -1,5 +1,4 @@
 #include <gmock/gmock.h>
-
 #include <cmath>
 #include <cstring>
 #include <utility>

@@ -1,15 +1,15 @@
-#include "acmp_mapping/dataset/map_io.h"
-
 #include <gmock/gmock.h>
+#include <Eigen/Geometry>
 
 #include <cmath>
 #include <cstring>
 #include <limits>
-#include <thread>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/dataset/map_io.h"
 #include "dataset/test_folder.h"
+#include "fusion/engine_views.h"
 
 namespace acmp {
 namespace {
@@ -126,61 +126,12 @@ PointCloud SomePoints() {
   return {{{1, 2, 3}, {0, 0, -1}, {10, 20, 30}, 0.5f}, {{-1.5f, 0, 1e-3f}, {0.6f, 0.8f, 0}, {255, 0, 1}, 1.0f}};
 }
 
-void ExpectSame(const Vec3f& a, const Vec3f& b) {
-  EXPECT_EQ(a.x, b.x);
-  EXPECT_EQ(a.y, b.y);
-  EXPECT_EQ(a.z, b.z);
-}
-
-void ExpectSame(const PointCloud& a, const PointCloud& b) {
-  ASSERT_EQ(a.size(), b.size());
-  for (size_t i = 0; i < a.size(); ++i) {
-    ExpectSame(a[i].position, b[i].position);
-    ExpectSame(a[i].normal, b[i].normal);
-    EXPECT_EQ(a[i].color.r, b[i].color.r);
-    EXPECT_EQ(a[i].color.g, b[i].color.g);
-    EXPECT_EQ(a[i].color.b, b[i].color.b);
-    EXPECT_EQ(a[i].confidence, b[i].confidence);
-  }
-}
-
 TEST_F(MapIoTest, PlyRoundTrip) {
   WritePly(folder() / "a.ply", SomePoints());
-  ExpectSame(ReadPly(folder() / "a.ply"), SomePoints());
+  EXPECT_EQ(FirstDifference(ReadPly(folder() / "a.ply"), SomePoints()), "");
   WritePly(folder() / "text.ply", SomePoints(), Eigen::Vector3d::Zero(), false);
-  ExpectSame(ReadPly(folder() / "text.ply"), SomePoints());
+  EXPECT_EQ(FirstDifference(ReadPly(folder() / "text.ply"), SomePoints()), "");
   WritePly(folder() / "empty.ply", {});
-  EXPECT_TRUE(ReadPly(folder() / "empty.ply").empty());
-}
-
-TEST_F(MapIoTest, PlyFileTakesCloudsInAnyOrderFromSeveralThreads) {
-  constexpr size_t kClouds = 40, kThreads = 4;
-  const auto point = [](size_t number) {
-    SurfacePoint result = SomePoints()[0];
-    result.position.x = static_cast<float>(number);
-    return result;
-  };
-  PlyFile file(folder() / "a.ply");
-  std::vector<size_t> places;
-  for (size_t i = 0; i < kClouds; ++i) places.push_back(file.Reserve(i));  // cloud i has i points
-  std::vector<std::thread> threads;
-  for (size_t t = 0; t < kThreads; ++t) {
-    threads.emplace_back([&, t] {
-      for (size_t i = kClouds; i-- > 0;) {
-        if (i % kThreads != t) continue;
-        PointCloud cloud;
-        for (size_t k = 0; k < i; ++k) cloud.push_back(point(places[i] + k));
-        file.WriteAt(places[i], cloud);
-      }
-    });
-  }
-  for (std::thread& thread : threads) thread.join();
-  EXPECT_FALSE(std::filesystem::exists(folder() / "a.ply")) << "no Commit yet";
-  file.Commit();
-  PointCloud expected;
-  for (size_t number = 0; number < kClouds * (kClouds - 1) / 2; ++number) expected.push_back(point(number));
-  ExpectSame(ReadPly(folder() / "a.ply"), expected);
-  PlyFile(folder() / "empty.ply").Commit();
   EXPECT_TRUE(ReadPly(folder() / "empty.ply").empty());
 }
 
@@ -252,17 +203,103 @@ TEST(MapPictures, NormalTowardsTheCameraIsLightBlue) {
   EXPECT_TRUE(IsBlack(picture(1, 0)));
 }
 
-TEST(MapPictures, ConfidenceHasAFixedScale) {
-  ConfidenceMap confidence(3, 1);
-  confidence(0, 0) = 0;
-  confidence(1, 0) = 0.25f;
-  confidence(2, 0) = 0.5f;
-  const ColorImage picture = ConfidencePicture(confidence);
-  EXPECT_TRUE(IsBlack(picture(0, 0)));
-  confidence(2, 0) = 1.0f;
-  const ColorImage other = ConfidencePicture(confidence);
-  EXPECT_EQ(Luminance(picture(1, 0)), Luminance(other(1, 0)));
-  EXPECT_GT(Luminance(other(2, 0)), Luminance(picture(2, 0)));
+using ::testing::AllOf;
+
+class MeshFilesTest : public TestFolder {
+ protected:
+  static TriangleMesh SomeMesh() {
+    TriangleMesh mesh;
+    mesh.vertices = {{{0, 0, 1}, {0, 0, -1}, {255, 0, 51}, 0.5f},
+                     {{1, 0, 1}, {0, 0, -1}, {1, 2, 3}, 0.25f},
+                     {{0, 1, 1.5f}, {0, 0, -1}, {4, 5, 6}, 0.75f},
+                     {{1, 1, 1}, {0, 0, -1}, {7, 8, 9}, 1}};
+    mesh.triangles = {{0, 2, 1}, {1, 2, 3}};
+    return mesh;
+  }
+  std::filesystem::path WriteAscii(const std::string& faces) const {
+    return WriteText("a.ply",
+                     "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+                     "element face 1\nproperty uchar flags\nproperty list uchar int vertex_index\nend_header\n"
+                     "0 0 0\n1 0 0\n1 1 0\n0 1 0\n" +
+                         faces);
+  }
+};
+
+TEST_F(MeshFilesTest, PlyRoundTrip) {
+  WriteMesh(folder() / "a.ply", SomeMesh(), MeshFormat::kPly);
+  const TriangleMesh read = ReadPlyMesh(folder() / "a.ply");
+  EXPECT_EQ(read.triangles, SomeMesh().triangles);
+  ASSERT_EQ(read.vertices.size(), 4u);
+  EXPECT_EQ(read.vertices[2].position.z, 1.5f);
+  EXPECT_EQ(read.vertices[2].normal.z, -1);
+  EXPECT_EQ(read.vertices[0].color.b, 51);
+  EXPECT_EQ(read.vertices[1].confidence, 0.25f);
+  EXPECT_EQ(ReadPly(folder() / "a.ply").size(), 4u) << "as a cloud";
+  WritePly(folder() / "cloud.ply", SomeMesh().vertices);
+  EXPECT_TRUE(ReadPlyMesh(folder() / "cloud.ply").triangles.empty());
+}
+
+TEST_F(MeshFilesTest, FacesOfMoreCornersAreCut) {
+  const TriangleMesh mesh = ReadPlyMesh(WriteAscii("7 4 0 1 2 3\n"));
+  const std::vector<std::array<uint32_t, 3>> expected = {{0, 1, 2}, {0, 2, 3}};
+  EXPECT_EQ(mesh.triangles, expected);
+}
+
+TEST_F(MeshFilesTest, DamagedFacesAreRefused) {
+  const auto message = [&](const std::string& faces) {
+    return MessageOf<InvalidInputError>([&] { ReadPlyMesh(WriteAscii(faces)); });
+  };
+  EXPECT_THAT(message("0 3 0 1 4\n"), AllOf(HasSubstr("a.ply"), HasSubstr("vertex 4: must be 0 to 4 - 1")));
+  EXPECT_THAT(message("0 3 0 1 -1\n"), HasSubstr("vertex -1"));
+  EXPECT_THAT(message("0 2 0 1\n"), HasSubstr("face of 2 vertices"));
+  EXPECT_THAT(message("0 3 0 1\n"), HasSubstr("truncated"));
+  WriteMesh(folder() / "whole.ply", SomeMesh(), MeshFormat::kPly);
+  const std::string whole = ReadText(folder() / "whole.ply");
+  const auto cut = WriteText("cut.ply", whole.substr(0, whole.size() - 1));
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadPlyMesh(cut); }), HasSubstr("truncated"));
+}
+
+TEST_F(MeshFilesTest, ObjHasTheDocumentedText) {
+  WriteMesh(folder() / "a.obj", SomeMesh(), MeshFormat::kObj);
+  const std::string text = ReadText(folder() / "a.obj");
+  EXPECT_THAT(text, HasSubstr("v 0 0 1 1.0000 0.0000 0.2000\nv 1 0 1 "));
+  EXPECT_THAT(text, HasSubstr("\nvn 0.0000 0.0000 -1.0000\nf 1//1 3//3 2//2\nf 2//2 3//3 4//4\n"));
+}
+
+TEST_F(MeshFilesTest, NamesSayTheFormat) {
+  EXPECT_EQ(MeshFormatOf("a/b.c/mesh.PLY"), MeshFormat::kPly);
+  EXPECT_EQ(MeshFormatOf("mesh.obj"), MeshFormat::kObj);
+  EXPECT_THAT(MessageOf<InvalidInputError>([] { MeshFormatOf("mesh.stl"); }), HasSubstr("must end with .ply or .obj"));
+}
+
+class CameraListTest : public TestFolder {
+ protected:
+  std::string ErrorOf(const std::string& lines) const {
+    return MessageOf<InvalidInputError>([&] { ReadCameraList(WriteText("cameras.txt", "# a header\n" + lines)); });
+  }
+};
+
+TEST_F(CameraListTest, IsReadBack) {
+  ListedCamera camera = {{12, "sub/b.png"}, {40, 30, 100.25, 101, 1.0 / 3, 15}, RigidTransform::Identity()};
+  camera.world_from_cam.linear() = Eigen::AngleAxisd(0.3, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
+  camera.world_from_cam.translation() = Eigen::Vector3d(1, -2, 1e-3);
+  WriteCameraList(folder() / "a.txt", {camera, camera});
+  const auto read = ReadCameraList(folder() / "a.txt");
+  ASSERT_EQ(read.size(), 2u);
+  EXPECT_EQ(read[1].image.index, 12);
+  EXPECT_EQ(read[1].image.name, "sub/b.png");
+  EXPECT_EQ(read[1].camera.width, 40);
+  EXPECT_EQ(read[1].camera.height, 30);
+  EXPECT_NEAR(read[1].camera.cx, 1.0 / 3, 1e-14);
+  EXPECT_TRUE(read[1].world_from_cam.isApprox(camera.world_from_cam, 1e-13));
+}
+
+TEST_F(CameraListTest, BadLinesAreNamed) {
+  EXPECT_THAT(ErrorOf(""), HasSubstr("names 0 images"));
+  EXPECT_THAT(ErrorOf("0 a.png 100 100\n"), AllOf(HasSubstr("cameras.txt:2"), HasSubstr("cx is missing")));
+  EXPECT_THAT(ErrorOf("a.png 100 100 20 15 40 30 1 0 0 0 1 2 3\n"), HasSubstr("\"a.png\""));
+  EXPECT_THAT(ErrorOf("0 a.png 100 100 20 15 40 30 0 0 0 0 1 2 3\n"), HasSubstr("quaternion of length 0"));
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadCameraList(folder() / "none"); }), HasSubstr("No such file"));
 }
 
 }  // namespace

@@ -1,5 +1,4 @@
 #include <gmock/gmock.h>
-
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "dataset/scene_fixture.h"

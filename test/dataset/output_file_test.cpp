@@ -1,5 +1,4 @@
 #include "acmp_mapping/dataset/output_file.h"
-
 #include <sys/resource.h>
 #include <sys/stat.h>
 
@@ -10,7 +9,7 @@
 #include <gmock/gmock.h>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/companions.h"
+#include "acmp_mapping/dataset/scene.h"
 #include "dataset/test_folder.h"
 #include "support/error_text.h"
 
@@ -39,15 +38,6 @@ TEST_F(OutputFileTest, WithoutCommitTheOldFileStays) {
   }
   EXPECT_EQ(ReadText(path), "old");
   EXPECT_EQ(CountFiles(folder()), 1u);
-}
-
-TEST_F(OutputFileTest, PlacesAreFilledInAnyOrder) {
-  AtomicFile file(folder() / "a");
-  file.WriteAt(6, "world", 5);
-  file.WriteAt(3, "lo ", 3);
-  file.Write("hel");
-  file.Commit();
-  EXPECT_EQ(ReadText(folder() / "a"), "hello world");
 }
 
 TEST_F(OutputFileTest, WhatTheSystemDoesNotTakeIsReported) {
@@ -126,12 +116,6 @@ TEST_F(OutputFileTest, OnlyRegularFilesAreReplaced) {
   EXPECT_TRUE(std::filesystem::is_fifo(folder() / "pipe"));
   EXPECT_THAT(MessageOf<InvalidInputError>([&] { WriteFileAtomically(folder() / std::string("nul\0.ply", 8), "x"); }),
               HasSubstr("zero character"));
-}
-
-TEST_F(OutputFileTest, FolderInTheWayIsReported) {
-  std::filesystem::create_directories(folder() / "map" / "inside");
-  EXPECT_THAT(MessageOf<ProcessingError>([&] { WriteFileAtomically(folder() / "map", "x"); }),
-              HasSubstr("Is a directory"));
 }
 
 TEST_F(OutputFileTest, MakeFolderMakesParentsAndReportsFailure) {

@@ -1,14 +1,15 @@
-#include "acmp_mapping/evaluation/cloud_metrics.h"
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <map>
 #include <tuple>
 
-#include <gtest/gtest.h>
-
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/random.h"
+#include "acmp_mapping/evaluation/cloud_metrics.h"
 
 namespace acmp {
 namespace {
@@ -115,6 +116,96 @@ TEST(EvaluateCloud, RefusesBadInput) {
   EXPECT_THROW(EvaluateCloud({At(std::nanf(""), 0, 0)}, cloud, {0.1}), InvalidInputError);
   EXPECT_THROW(EvaluateCloud({At(0, 1e30f, 0)}, cloud, {0.1}), InvalidInputError);
   EXPECT_THROW(EvaluateCloud(cloud, {At(0, 0, std::numeric_limits<float>::infinity())}, {0.1}), InvalidInputError);
+}
+
+using testing::ElementsAre;
+
+// 4 x 3 px with a field of view of 90 degrees across; a pixel is half a metre wide at 1 m.
+PinholeCamera WideCamera() { return {4, 3, 2, 2, 1.5, 1.0}; }
+
+TEST(ObservedSurface, ObservesUpToTheSurfaceAndTheTolerance) {
+  const float z = 2.0f;
+  DepthMap depth(4, 3, z);
+  depth(0, 0) = 0;
+  depth(1, 0) = std::numeric_limits<float>::quiet_NaN();
+  const auto at_pixel = [](float col, float row, float d) {
+    return At((col - 1.5f) / 2.0f * d, (row - 1.0f) / 2.0f * d, d);
+  };
+  const PointCloud points = {
+      at_pixel(2, 1, 0.5f),      // in front
+      at_pixel(2, 1, z),         // on
+      at_pixel(2, 1, 2.25f),     // behind, as far as the tolerance
+      at_pixel(2, 1, 2.26f),     // hidden
+      at_pixel(0, 0, 1.0f),      // unknown depth
+      at_pixel(1, 0, 1.0f),      // the same, written as NaN
+      at_pixel(2, 1, -1.0f),     // behind the camera
+      at_pixel(3.49f, 1, 1.0f),  // the last column's outer half
+      at_pixel(3.51f, 1, 1.0f),  // outside
+      at_pixel(-0.5f, 1, 1.0f),  // the first column's outer border
+      at_pixel(1.51f, 0, 1.0f),  // nearest to a known pixel
+      at_pixel(1.49f, 0, 1.0f),  // nearest to an unknown one
+  };
+  ObservedSurface surface(points, 0.01, 0.25);
+  surface.Add(depth, WideCamera(), RigidTransform::Identity());
+  EXPECT_THAT(surface.observed(), ElementsAre(1, 1, 1, 0, 0, 0, 0, 1, 0, 1, 1, 0));
+  EXPECT_EQ(surface.cloud().size(), 10u);
+}
+
+TEST(ObservedSurface, OneMapThatObservesIsEnough) {
+  RigidTransform world_from_cam = RigidTransform::Identity();
+  world_from_cam.translation() = Eigen::Vector3d(0, 0, 10);
+  world_from_cam.rotate(Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitY()));  // looks back
+  const PointCloud points = {At(0, 0, 1), At(0, 0, 5), At(0, 0, 9)};
+  ObservedSurface surface(points, 0.01, 0.1);
+  surface.Add(DepthMap(4, 3, 2.0f), WideCamera(), RigidTransform::Identity());
+  EXPECT_THAT(surface.observed(), ElementsAre(1, 0, 0));
+  surface.Add(DepthMap(4, 3, 2.0f), WideCamera(), world_from_cam.inverse());
+  EXPECT_THAT(surface.observed(), ElementsAre(1, 0, 1));
+}
+
+TEST(ObservedSurface, KeepsTheFirstPointOfEachVoxel) {
+  const PointCloud nothing;
+  ObservedSurface surface(nothing, 0.35, 0.1);
+  surface.Add(DepthMap(4, 3, 2.0f), WideCamera(), RigidTransform::Identity());
+  const size_t first = surface.cloud().size();
+  EXPECT_EQ(first, 12u) << "pixels are far apart";
+  surface.Add(DepthMap(4, 3, 2.05f), WideCamera(), RigidTransform::Identity());
+  surface.Add(DepthMap(4, 3, 2.3f), WideCamera(), RigidTransform::Identity());
+  ASSERT_EQ(surface.cloud().size(), 2 * first);
+  for (size_t i = 0; i < first; ++i) {
+    EXPECT_EQ(surface.cloud()[i].position.z, 2.0f);
+    EXPECT_EQ(surface.cloud()[first + i].position.z, 2.3f);
+  }
+}
+
+TriangleMesh Square(float size) {
+  TriangleMesh mesh;
+  for (const auto& [x, y] : {std::pair{0.0f, 0.0f}, {size, 0.0f}, {size, size}, {0.0f, size}}) {
+    mesh.vertices.push_back({{x, y, 2}, {0, 0, -1}, {1, 2, 3}, 1});
+  }
+  mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
+  return mesh;
+}
+
+TEST(SampleMesh, CoversTheSurface) {
+  constexpr double kSpacing = 0.1;
+  const PointCloud points = SampleMesh(Square(1), kSpacing);
+  EXPECT_EQ(points.size(), 2u * 15 * 15) << "sqrt(2) / 0.1 is cut into 15 parts";
+  for (float x = 0; x <= 1; x += 0.05f) {
+    for (float y = 0; y <= 1; y += 0.05f) {
+      double nearest = 1;
+      for (const SurfacePoint& point : points) {
+        nearest = std::min<double>(nearest, Norm(point.position - Vec3f{x, y, 2}));
+      }
+      EXPECT_LT(nearest, kSpacing) << x << ", " << y;
+    }
+  }
+}
+
+TEST(SampleMesh, RefusesWhatItCannotDo) {
+  EXPECT_THROW(SampleMesh(Square(1), 0), InvalidInputError);
+  EXPECT_THROW(SampleMesh(Square(1), std::numeric_limits<double>::quiet_NaN()), InvalidInputError);
+  EXPECT_THROW(SampleMesh(Square(1000), 1e-3), InvalidInputError);
 }
 
 }  // namespace

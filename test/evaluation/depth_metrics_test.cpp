@@ -1,5 +1,4 @@
 #include "acmp_mapping/evaluation/depth_metrics.h"
-
 #include <algorithm>
 #include <cmath>
 #include <limits>

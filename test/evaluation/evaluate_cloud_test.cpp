@@ -1,8 +1,7 @@
-#include "acmp_mapping/evaluation/evaluate.h"
-
 #include <algorithm>
 #include <filesystem>
 #include <functional>
+#include "acmp_mapping/evaluation/evaluate.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -10,7 +9,6 @@
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/random.h"
-#include "acmp_mapping/dataset/camera_list.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/evaluation/cloud_metrics.h"
 #include "acmp_mapping/synthetic/synthetic_scene.h"

@@ -1,7 +1,6 @@
-#include "acmp_mapping/synthetic/synthetic_scene.h"
-
 #include <algorithm>
 #include <cmath>
+#include "acmp_mapping/synthetic/synthetic_scene.h"
 
 #include "gtest/gtest.h"
 

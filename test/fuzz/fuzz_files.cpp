@@ -1,12 +1,12 @@
 // Readers of files.
 
-#include "acmp_mapping/dataset/camera_list.h"
-#include "acmp_mapping/dataset/companions.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/evaluation/evaluate.h"
 #include "fuzz/fuzz_input.h"
+#include "output_folder.h"
+#include "work_files.h"
 
 namespace acmp {
 namespace {
@@ -114,6 +114,36 @@ ACMP_FUZZ_TARGET(ply) {
   static const fuzz::Folder folder;
   const auto path = folder.Write("cloud.ply", fuzz::Bytes(data, size).Rest());
   fuzz::MayRefuse([&] { ReadPly(path); });
+  return 0;
+}
+
+/// What an earlier run left in its folder: run.txt, files.txt, summary.json.
+ACMP_FUZZ_TARGET(output_folder) {
+  static const fuzz::Folder folder;
+  const auto parts = fuzz::Parts(data, size, 3);
+  for (const bool overwrite : {false, true}) {
+    folder.Write("run.txt", parts[0]);
+    folder.Write("files.txt", parts[1]);
+    folder.Write("summary.json", parts[2]);
+    fuzz::MayRefuse([&] { OutputFolder(folder.path(), {{"preset", "acmp"}}, overwrite); });
+  }
+  return 0;
+}
+
+/// Work files of an interrupted run: as a whole, and as the content of one that is whole.
+ACMP_FUZZ_TARGET(work_file) {
+  static const fuzz::Folder folder;
+  const std::string_view content = fuzz::Bytes(data, size).Rest();
+  const auto path = folder.Write("work_file", content);
+  const auto read = [&path] {
+    CheckWorkFile(path);
+    ReadPoints(path);
+    fuzz::MayRefuse([&] { ReadEstimate(path, 3, 2); });
+    fuzz::MayRefuse([&] { ReadFinalMaps(path); });
+  };
+  read();
+  WriteWorkFile(path, std::string(content));
+  read();
   return 0;
 }
 

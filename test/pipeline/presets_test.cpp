@@ -1,8 +1,10 @@
-#include "acmp_mapping/pipeline/presets.h"
+#include <string>
 
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/pipeline/presets.h"
+#include "acmp_mapping/pipeline/schedule.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
-
 #include "support/error_text.h"
 
 namespace acmp {
@@ -76,6 +78,77 @@ TEST(PipelineOptionsTest, PartsAreChecked) {
   EXPECT_THAT(ErrorOf([&] { Validate(matching); }), HasSubstr("view_draws = 0"));
   EXPECT_THAT(ErrorOf([&] { Validate(prior); }), HasSubstr("cell_size_px = 0"));
   EXPECT_THAT(ErrorOf([&] { Validate(fusion); }), HasSubstr("max_reprojection_px = -1"));
+}
+
+/// A bound of the option, or the other value of a flag.
+OptionValue Extreme(const Option& option, bool upper) {
+  const double bound = upper ? option.max : option.min;
+  if (std::holds_alternative<bool>(option.get())) return upper;
+  if (std::holds_alternative<int>(option.get())) return static_cast<int>(bound);
+  return bound;
+}
+
+TEST(ParametersTest, SettingOneChangesThatOneAlone) {
+  PipelineOptions options, defaults;
+  const OptionList of_defaults = OptionsOf(&defaults);
+  for (const Option& changed : OptionsOf(&options)) {
+    options = {};
+    const bool at_top = changed.get() == Extreme(changed, true);
+    changed.set(Extreme(changed, !at_top));
+    for (const Option& option : OptionsOf(&options)) {
+      EXPECT_EQ(option.get() == of_defaults.Find(option.name).get(), option.name != changed.name)
+          << changed.name << ", " << option.name;
+    }
+  }
+}
+
+std::string StepsOf(const PipelineOptions& options) {
+  std::string names;
+  for (const KeyframeStep& step : ScheduleOf(options)) {
+    if (!names.empty()) names += ", ";
+    switch (step.kind) {
+      case KeyframeStep::Kind::kInitial:
+        names += "initial";
+        break;
+      case KeyframeStep::Kind::kNextScale:
+        names += "next scale";
+        break;
+      case KeyframeStep::Kind::kFillForPasses:
+        names += "fill for passes";
+        break;
+      case KeyframeStep::Kind::kGeometricPass:
+        names += Concat("pass ", step.pass);
+        break;
+      case KeyframeStep::Kind::kFillUnverified:
+        names += "fill";
+        break;
+    }
+    if (step.level > 0) names += Concat(" at level ", step.level);
+  }
+  return names;
+}
+
+std::string StepsOf(bool fills, int geometric_passes) {
+  PipelineOptions options;
+  options.fill.enabled = fills;
+  options.geometric_passes = geometric_passes;
+  return StepsOf(options);
+}
+
+TEST(ScheduleTest, GeometricPassesFollowTheInitialEstimate) {
+  EXPECT_EQ(StepsOf(false, 0), "initial");
+  EXPECT_EQ(StepsOf(false, 2), "initial, pass 0, pass 1");
+}
+
+TEST(ScheduleTest, WhatIsUnverifiedIsFilledBeforeAndAfterThePasses) {
+  EXPECT_EQ(StepsOf(true, 0), "initial, fill") << "nothing checks what would be offered to passes";
+  EXPECT_EQ(StepsOf(true, 2), "initial, fill for passes, pass 0, pass 1, fill");
+}
+
+TEST(ScheduleTest, AcmmTakesAllStepsAtEachScale) {
+  EXPECT_EQ(StepsOf(MakePreset("acmm")),
+            "initial at level 2, pass 0 at level 2, pass 1 at level 2, "
+            "next scale at level 1, pass 0 at level 1, pass 1 at level 1, next scale, pass 0, pass 1");
 }
 
 }  // namespace

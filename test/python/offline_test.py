@@ -3,8 +3,6 @@
 
 Usage: offline_test.py ACMP_RECONSTRUCT ACMP_MAKE_SCENE, with the module on PYTHONPATH"""
 
-import ast
-import inspect
 import os
 import re
 import signal
@@ -206,23 +204,6 @@ class OfflineTest(unittest.TestCase):
                                   stderr=subprocess.STDOUT, text=True, check=False)  # -I: without PYTHONPATH
             self.assertEqual(done.returncode, code, done.stdout)
             self.assertIn(text, done.stdout)
-
-    def test_stub_is_the_module(self):
-        stub = ast.parse((Path(__file__).parents[2] / "src/python/offline.pyi").read_text())
-        functions = {node.name: node for node in stub.body if isinstance(node, ast.FunctionDef)}
-        classes = {node.name: node for node in stub.body if isinstance(node, ast.ClassDef)}
-        self.assertEqual({*functions, *classes}, {name for name in dir(offline) if not name.startswith("_")})
-        for name, function in functions.items():
-            arguments = function.args
-            defaults = [*arguments.defaults, *(default for default in arguments.kw_defaults if default)]
-            known = inspect.signature(getattr(offline, name)).parameters.values()
-            self.assertEqual([(argument.arg, keyword) for of, keyword in ((arguments.args, False), (arguments.kwonlyargs, True))
-                              for argument in of], [(p.name, p.kind == p.KEYWORD_ONLY) for p in known])
-            self.assertEqual([ast.literal_eval(default) for default in defaults],
-                             [p.default for p in known if p.default is not p.empty])
-        for name, members in classes.items():
-            self.assertEqual({member.target.id for member in members.body},
-                             {member for member in dir(getattr(offline, name)) if not member.startswith("_")})
 
     def slow(self):
         """Arguments of a run that takes many seconds."""

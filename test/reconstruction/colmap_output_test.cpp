@@ -1,5 +1,4 @@
 #include <gmock/gmock.h>
-
 #include "acmp_mapping/dataset/colmap_workspace.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/scene.h"

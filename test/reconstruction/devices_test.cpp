@@ -1,5 +1,4 @@
 // Runs on several devices: the same files, and which views are fused when and where.
-
 #include <gmock/gmock.h>
 
 #include <algorithm>

@@ -1,5 +1,4 @@
 #include "progress.h"
-
 #include <gmock/gmock.h>
 
 #include <sstream>

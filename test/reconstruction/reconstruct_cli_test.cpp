@@ -46,9 +46,7 @@ class ReconstructCliTest : public ReconstructFixture {
   }
 
   /// Starts the tool, waits for a file to appear, sends a signal, and returns the exit status.
-  /// @param first, second further options
-  int SignalWhen(const std::filesystem::path& file, int signal, const std::string& first = "--seed=1",
-                 const std::string& second = "--quiet") const {
+  int SignalWhen(const std::filesystem::path& file, int signal) const {
     const pid_t child = fork();
     if (child == 0) {
       const auto log = (folder() / "log.txt").string();
@@ -56,7 +54,7 @@ class ReconstructCliTest : public ReconstructFixture {
       const std::string scene_name = scene().string();
       const std::string output_name = output().string();
       execl(ACMP_RECONSTRUCT, ACMP_RECONSTRUCT, scene_name.c_str(), output_name.c_str(), "--device", "cpu",
-            "--source-views", "3", "--threads", "2", first.c_str(), second.c_str(), nullptr);
+            "--source-views", "3", "--threads", "2", nullptr);
       _exit(98);
     }
     while (!std::filesystem::exists(file) && waitpid(child, nullptr, WNOHANG) == 0) {
@@ -185,28 +183,6 @@ TEST_F(ReconstructCliTest, TwoImagesMakePointsButNotOfThePapers) {
   EXPECT_THAT(outcome.text, HasSubstr("2 source views must agree in this preset, and 2 images have maps"));
 }
 
-TEST_F(ReconstructCliTest, AnImageThatIsTooSmallIsNamed) {
-  WriteScene(4, 24, 18);
-  const Outcome outcome = RunTool(Usual() + " --preset online --max-image-size 1");
-  EXPECT_EQ(outcome.exit_code, 2) << outcome.text;
-  EXPECT_THAT(outcome.text, AllOf(HasSubstr("scene/images/0000000"), HasSubstr(".png: is matched at 1 x 1 px"),
-                                  HasSubstr("must be at least 2 x 2")));
-}
-
-TEST_F(ReconstructCliTest, ImagesThatCutOffAllNeighboursAreNamed) {
-  WriteScene(4, 24, 18);
-  const Outcome outcome = RunTool(Usual() + " --images 2");
-  EXPECT_EQ(outcome.exit_code, 2);
-  EXPECT_THAT(outcome.text, HasSubstr("3 of the scene's for it are not among --images"));
-}
-
-TEST_F(ReconstructCliTest, MissingGpuIsNamed) {
-  WriteScene(3, 24, 18);
-  const Outcome outcome = RunTool(scene().string() + " " + output().string() + " --device cuda --cuda-index 1000");
-  EXPECT_EQ(outcome.exit_code, 2);
-  EXPECT_THAT(outcome.text, HasSubstr("device = cuda"));
-}
-
 TEST_F(ReconstructCliTest, FullDiskFailsAndTheRunCanGoOn) {
   WriteScene(4, 64, 48);
   ASSERT_EQ(RunTool(Usual("whole")).exit_code, 0);
@@ -249,28 +225,6 @@ TEST_F(ReconstructCliTest, KilledRunGoesOn) {
     EXPECT_EQ(second.exit_code, 0) << second.text;
     ExpectSameContents(output("whole"), output());
   }
-}
-
-TEST_F(ReconstructCliTest, ARunKilledWhileItWritesTilesGoesOn) {
-  WriteScene(5, 64, 48);
-  const std::string size = " --tile-size 0.02 --preset online";
-  const Outcome whole = RunTool(Usual("whole") + size);
-  ASSERT_EQ(whole.exit_code, 0) << whole.text;
-  const auto tiles = std::distance(std::filesystem::directory_iterator(output("whole") / "tiles"), {}) - 1;
-  ASSERT_GT(tiles, 1000);
-  EXPECT_THAT(whole.text, HasSubstr(" points in " + std::to_string(tiles) + " tiles; took "));
-  SignalWhen(output() / "tiles", SIGKILL, "--tile-size=0.02", "--preset=online");
-  EXPECT_FALSE(std::filesystem::exists(output() / "summary.json")) << "it was over too soon: the test shows nothing";
-  const Outcome second = RunTool(Usual() + size + " --memory-limit-gb 0.001");
-  EXPECT_EQ(second.exit_code, 0) << second.text;
-  ExpectSameContents(output("whole"), output());
-}
-
-TEST_F(ReconstructCliTest, ThreadsDoNotChangeTheResult) {
-  WriteScene(3, 32, 24);
-  ASSERT_EQ(RunTool(Usual("one") + " --threads 1").exit_code, 0);
-  ASSERT_EQ(RunTool(Usual("three") + " --threads 3").exit_code, 0);
-  ExpectSameContents(output("one"), output("three"));
 }
 
 TEST_F(ReconstructCliTest, DoesStagesThatStandardInputNames) {

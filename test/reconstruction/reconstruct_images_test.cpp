@@ -1,7 +1,6 @@
-#include "acmp_mapping/reconstruction/reconstruct_images.h"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include "acmp_mapping/reconstruction/reconstruct.h"
 
 #include <cstring>
 #include <functional>

@@ -1,11 +1,9 @@
 #include "acmp_mapping/reconstruction/reconstruct.h"
-
 #include <gmock/gmock.h>
 
 #include <set>
 
 #include "acmp_mapping/common/error.h"
-#include "acmp_mapping/dataset/camera_list.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "reconstruction/run_fixture.h"
 
@@ -270,6 +268,9 @@ TEST_F(ReconstructTest, BadOptionsAreNamed) {
   EXPECT_THAT(ErrorWith([](auto* o) { o->maps = {"depth", "none"}; }), HasSubstr("none stands alone"));
   EXPECT_THAT(ErrorWith([](auto* o) { o->maps = {"normal"}, o->dmb = true; }), HasSubstr("--dmb: needs depth"));
   EXPECT_THAT(ErrorWith([](auto* o) { o->preset = "best"; }), HasSubstr("\"best\""));
+  EXPECT_THAT(ErrorWith([](auto* o) { o->preset = "online", o->max_image_size = 1; }),
+              AllOf(HasSubstr(".png: is matched at 1 x 1 px"), HasSubstr("must be at least 2 x 2")));
+  EXPECT_THAT(ErrorWith([](auto* o) { o->images = "2"; }), HasSubstr("3 of the scene's for it are not among --images"));
   EXPECT_THAT(ErrorWith([](auto* o) { o->schedule = "online", o->window_size = 1; }), HasSubstr("window_size"));
   EXPECT_TRUE(fake_.calls.empty());
 }

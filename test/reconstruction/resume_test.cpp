@@ -1,5 +1,4 @@
 // Runs that were interrupted, failed or were changed go on, or are refused.
-
 #include <gmock/gmock.h>
 
 #include <algorithm>

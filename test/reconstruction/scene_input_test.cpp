@@ -1,5 +1,4 @@
 // --masks and --prior-depth: which images have them, what is said of bad ones, and that runs know when they change.
-
 #include <gmock/gmock.h>
 
 #include "acmp_mapping/dataset/map_io.h"

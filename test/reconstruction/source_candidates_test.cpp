@@ -1,6 +1,5 @@
-#include "source_candidates.h"
-
 #include <gmock/gmock.h>
+#include "plan.h"
 
 #include <cmath>
 #include <random>
@@ -62,11 +61,6 @@ TEST(SourceCandidatesTest, ChooseWhatWouldBeChosenAmongAllPairs) {
       }
     }
   }
-}
-
-TEST(SourceCandidatesTest, OneImageHasNone) {
-  const Scene scene = RandomScene(1, 1, 1, 1);
-  EXPECT_TRUE(SourceCandidates(scene, {0}).Select(0, kDepth, 10).empty());
 }
 
 }  // namespace

@@ -1,5 +1,4 @@
 // Stages of chunks, by a process each (--stage) or by one (--stages), end with the bytes of a run alone.
-
 #include <gmock/gmock.h>
 
 #include <fstream>
@@ -261,8 +260,7 @@ TEST_F(StagesTest, RefuseWhatIsNotPlannedOrHasChanged) {
   Plan();
   EXPECT_THAT(StageError("step_9", "0"), HasSubstr("--stage step_9: must be one of step_0, "));
   EXPECT_THAT(StageError("step_0", ""), HasSubstr("--images"));
-  EXPECT_THAT(StageError("step_0", "77"), HasSubstr("[0, 9]"));
-  EXPECT_THAT(StageError("step_0", "9"), HasSubstr("--images 9: the plan has none"));
+  EXPECT_THAT(StageError("step_0", "77"), HasSubstr("[0, 8]"));
   EXPECT_THAT(StageError("fuse", "1-3"), HasSubstr("whole chunks of 2 images, and --images 1-3 lacks 0"));
   options_.seed = 7;
   EXPECT_THAT(StageError("step_0", "0"), HasSubstr("seed was 1 and is 7"));

@@ -7,21 +7,22 @@ import subprocess
 import sys
 import tempfile
 import unittest
+import xmlrpc.client
 
 import numpy as np
 import rosbag
+import rosgraph
 import roslaunch.config
 import roslaunch.scriptapi
 import roslaunch.xmlloader
 import roslib.packages
+import rosnode
 import rospy
 import rostest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
-
-import consumer_side as side
 
 PACKAGE = roslib.packages.get_pkg_dir("acmp_mapping")
 sys.path.insert(0, os.path.join(PACKAGE, "test/tools"))
@@ -40,6 +41,19 @@ def wait_for(condition, what):
     while not condition():
         assert rospy.get_time() < end, f"waited {TIMEOUT_S} s for {what}"
         rospy.sleep(0.05)
+
+
+def receivers(node):
+    """(subscriber, topic) of all that `node` sends, once the connection stands; nothing before the node has started, though
+    the master may know one of the same name that has ended."""
+    api = rosnode.get_api_uri(rosgraph.Master(rospy.get_name()), node, skip_cache=True)
+    if not api:
+        return set()
+    try:
+        info = xmlrpc.client.ServerProxy(api).getBusInfo(rospy.get_name())[2]
+    except ConnectionRefusedError:
+        return set()
+    return {(entry[1], entry[4]) for entry in info if entry[2] == "o"}
 
 
 def pixels(message, kind):
@@ -76,9 +90,10 @@ class NetworksTest(unittest.TestCase):
                    for text in [status.message] + [f"{value.key}: {value.value}" for value in status.values])
 
     def setUp(self):
-        self.recorder = side.Recorder()
-        for topic in ("/acmp/depth/image_rect", "/slam/prior_depth", "/slam/mask"):
-            self.recorder.subscribe(topic, Image)
+        self.received = {topic: [] for topic in ("/acmp/depth/image_rect", "/slam/prior_depth", "/slam/mask")}
+        subscribers = [rospy.Subscriber(topic, Image, messages.append) for topic, messages in self.received.items()]
+        for subscriber in subscribers:
+            self.addCleanup(subscriber.unregister)
 
     def start(self, **descriptions):
         """The nodes that the launch line starts."""
@@ -106,9 +121,9 @@ class NetworksTest(unittest.TestCase):
         """The mapper's maps of all keyframes by stamp."""
         def complete():
             return (rospy.ServiceProxy("/acmp/dense_mapper/flush", Trigger)().success and
-                    len(self.recorder.messages("/acmp/depth/image_rect")) >= KEYFRAMES)
+                    len(self.received["/acmp/depth/image_rect"]) >= KEYFRAMES)
         wait_for(complete, "the maps")
-        return {m.header.stamp: pixels(m, "<f4")[:, :, 0] for m in self.recorder.messages("/acmp/depth/image_rect")}
+        return {m.header.stamp: pixels(m, "<f4")[:, :, 0] for m in self.received["/acmp/depth/image_rect"]}
 
     def test_a_network_that_cannot_be_loaded(self):
         missing = {"file": "none.onnx", "kind": "inverse_depth", "size": [WIDTH, HEIGHT]}
@@ -131,7 +146,7 @@ class NetworksTest(unittest.TestCase):
                    mask_network={**tiny, "kind": "probability", "threshold": BRIGHT, "grow": 1})
         for node, topic in (("depth_network", "/slam/prior_depth"), ("mask_network", "/slam/mask")):
             for receiver in ("/acmp/dense_mapper", rospy.get_name()):
-                wait_for(lambda n=node, pair=(receiver, topic): pair in side.receivers("/acmp/" + n), (node, receiver))
+                wait_for(lambda n=node, pair=(receiver, topic): pair in receivers("/acmp/" + n), (node, receiver))
         wait_for(lambda: self.publishers["/camera/image_raw"].get_num_connections() >= 3, "both networks")
 
         # Poses, when the mapper has all maps and masks: so nothing depends on how long an image waits.
@@ -143,7 +158,7 @@ class NetworksTest(unittest.TestCase):
 
         images = {m.header.stamp: m for topic, m in self.inputs if topic == "/camera/image_raw"}
         self.assertEqual(depths.keys(), images.keys())
-        masks, priors = ({m.header.stamp: m for m in self.recorder.messages(topic)} for topic in ("/slam/mask", "/slam/prior_depth"))
+        masks, priors = ({m.header.stamp: m for m in self.received[topic]} for topic in ("/slam/mask", "/slam/prior_depth"))
         for stamp, image in images.items():
             self.assertEqual(image.encoding, "rgb8")
             bright = pixels(image, np.uint8).mean(2)

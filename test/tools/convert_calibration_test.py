@@ -19,22 +19,21 @@ import convert_calibration
 K = [458.654, 457.296, 367.215, 248.375]
 RADTAN = [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]
 
+
+def lines(prefix, suffix="", **values):
+    return "".join("%s%s%s: %s\n" % (prefix, name, suffix, value) for name, value in values.items())
+
+
+PINHOLE = dict(zip(("fx", "fy", "cx", "cy"), K))
+
 VINS = """%YAML:1.0
 ---
 model_type: PINHOLE
 camera_name: camera
 image_width: 752
 image_height: 480
-distortion_parameters:
-   k1: -0.28340811
-   k2: 0.07395907
-   p1: 0.00019359
-   p2: 1.76187114e-05
-projection_parameters:
-   fx: 458.654
-   fy: 457.296
-   cx: 367.215
-   cy: 248.375
+distortion_parameters: {k1: -0.28340811, k2: 0.07395907, p1: 0.00019359, p2: 1.76187114e-05}
+projection_parameters: {fx: 458.654, fy: 457.296, cx: 367.215, cy: 248.375}
 #Rotation from camera frame to imu frame, imu^R_cam
 extrinsicRotation: !!opencv-matrix
    rows: 3
@@ -50,18 +49,10 @@ camera_name: cam0
 image_width: 512
 image_height: 512
 projection_parameters:
-   k2: 0.0034823894022493434
-   k3: 0.0007150348452162257
-   k4: -0.0020532361418706202
-   k5: 0.00020293673591811182
-   mu: 190.97847715128717
-   mv: 190.9733070521226
-   u0: 254.93170605935475
-   v0: 256.8974428996504
-"""
+""" + lines("   ", k2=0.0034823894022493434, k3=0.0007150348452162257, k4=-0.0020532361418706202, k5=0.00020293673591811182,
+            mu=190.97847715128717, mv=190.9733070521226, u0=254.93170605935475, v0=256.8974428996504)
 
-VINS_FULL = VINS.replace("PINHOLE", "PINHOLE_FULL").replace(
-    "   p1:", "   k3: 3\n   k4: 4\n   k5: 5\n   k6: 6\n   p1:")
+VINS_FULL = VINS.replace("PINHOLE", "PINHOLE_FULL").replace("p1:", "k3: 3, k4: 4, k5: 5, k6: 6, p1:")
 
 ORB_SLAM3 = """%YAML:1.0
 #--------------------------------------------------------------------------------------------
@@ -90,32 +81,12 @@ IMU.T_b_c1: !!opencv-matrix
    data: [1.0]
 """
 
-ORB_SLAM3_FISHEYE = """%YAML:1.0
-Camera.type: "KannalaBrandt8"
-Camera.fx: 190.978477
-Camera.fy: 190.973307
-Camera.cx: 254.931706
-Camera.cy: 256.897442
-Camera.k1: 0.003482389402
-Camera.k2: 0.000715034845
-Camera.k3: -0.002053236141
-Camera.k4: 0.000202936736
-Camera.width: 512
-Camera.height: 512
-"""
+ORB_SLAM3_FISHEYE = "%YAML:1.0\nCamera.type: KannalaBrandt8\n" + lines(
+    "Camera.", fx=190.978477, fy=190.973307, cx=254.931706, cy=256.897442, k1=0.003482389402, k2=0.000715034845,
+    k3=-0.002053236141, k4=0.000202936736, width=512, height=512)
 
-ORB_SLAM2 = """%YAML:1.0
-Camera.fx: 517.306408
-Camera.fy: 516.469215
-Camera.cx: 318.643040
-Camera.cy: 255.313989
-Camera.k1: 0.262383
-Camera.k2: -0.953104
-Camera.p1: -0.005358
-Camera.p2: 0.002628
-Camera.k3: 1.163314
-Camera.fps: 30.0
-"""
+ORB_SLAM2 = "%YAML:1.0\n" + lines("Camera.", fx=517.306408, fy=516.469215, cx=318.64304, cy=255.313989, k1=0.262383,
+                                 k2=-0.953104, p1=-0.005358, p2=0.002628, k3=1.163314, fps=30.0)
 
 KALIBR = """cam0:
   cam_overlaps: [1]
@@ -175,46 +146,12 @@ Feature:
   max_num_keypoints: 1000
 """
 
-OV2SLAM = """%YAML 1.0
----
-Camera.topic_left: /cam0/image_raw
-Camera.model_left: pinhole
-Camera.model_right: fisheye
-Camera.left_nwidth: 752
-Camera.left_nheight: 480
-Camera.right_nwidth: 512
-Camera.right_nheight: 512
-Camera.fxl: 458.654
-Camera.fyl: 457.296
-Camera.cxl: 367.215
-Camera.cyl: 248.375
-Camera.k1l: -0.28340811
-Camera.k2l: 0.07395907
-Camera.p1l: 0.00019359
-Camera.p2l: 1.76187114e-05
-Camera.fxr: 190.5
-Camera.fyr: 191.5
-Camera.cxr: 254.5
-Camera.cyr: 256.5
-Camera.k1r: 0.01
-Camera.k2r: 0.02
-Camera.p1r: 0.03
-Camera.p2r: 0.04
-dop3p : 0
-"""
+OV2SLAM = "%YAML 1.0\n---\n" + lines(
+    "Camera.", topic_left="/cam0/image_raw", model_left="pinhole", model_right="fisheye", left_nwidth=752, left_nheight=480,
+    right_nwidth=512, right_nheight=512) + lines("Camera.", "l", **PINHOLE, **dict(zip(("k1", "k2", "p1", "p2"), RADTAN))) + lines(
+        "Camera.", "r", fx=190.5, fy=191.5, cx=254.5, cy=256.5, k1=0.01, k2=0.02, p1=0.03, p2=0.04) + "dop3p : 0\n"
 
-SVO = """cam_model: Pinhole
-cam_width: 752
-cam_height: 480
-cam_fx: 458.654
-cam_fy: 457.296
-cam_cx: 367.215
-cam_cy: 248.375
-cam_d0: -0.28340811
-cam_d1: 0.07395907
-cam_d2: 0.00019359
-cam_d3: 1.76187114e-05
-"""
+SVO = "cam_model: Pinhole\n" + lines("cam_", width=752, height=480, **PINHOLE, **{"d%d" % i: d for i, d in enumerate(RADTAN)})
 
 RIG = """label: "rig"
 cameras:
@@ -365,7 +302,7 @@ class ConvertCalibration(unittest.TestCase):
     def test_what_is_refused(self):
         for text, words in (
                 (VINS.replace("PINHOLE", "MEI"), "'MEI'"),
-                (VINS.replace("   fx: 458.654\n", ""), "projection_parameters: fx is missing"),
+                (VINS.replace("fx: 458.654, ", ""), "projection_parameters: fx is missing"),
                 (VINS.replace("458.654", "large"), "fx = 'large': must be a number"),
                 (VINS.replace("image_width: 752", "image_width: 300"), "principal point (367.215, 248.375)"),
                 (ORB_SLAM3.replace("PinHole", "Sphere"), "Camera.type 'Sphere'"),

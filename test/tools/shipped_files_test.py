@@ -7,6 +7,7 @@ import importlib.util
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -14,6 +15,7 @@ import unittest
 import xml.etree.ElementTree
 
 import catkin_pkg.package
+import geometry_msgs.msg
 import roslaunch.arg_dump
 import roslaunch.config
 import roslaunch.xmlloader
@@ -255,23 +257,75 @@ class Frontends(unittest.TestCase):
                     self.assertEqual(values, dict(parameters_of_plain_launch(), sync_tolerance=0.25))
 
 
+IMAGE, CAMERA_INFO, CLOUD, POSE = "sensor_msgs/Image", "sensor_msgs/CameraInfo", "sensor_msgs/PointCloud2", "geometry_msgs/PoseStamped"
+OUTPUTS = {"depth/image_rect": IMAGE, "depth/camera_info": CAMERA_INFO, "rgb/image_rect_color": IMAGE,
+           "rgb/camera_info": CAMERA_INFO, "points": CLOUD, "keyframe_pose": POSE,
+           "keyframe_transform": "geometry_msgs/TransformStamped"}  # the last by a node of voxblox.launch
+
+# By launch file: type of its node, arguments, what the node reads by its sources, and the parameters with which it waits for
+# nothing that does not come and passes over no keyframe.
+READERS = {
+    "depth_image_proc.launch": ("nodelet", [], {
+        "rgb/image_rect_color": IMAGE, "rgb/camera_info": CAMERA_INFO, "depth_registered/image_rect": IMAGE},
+                                {"depth_points/exact_sync": True}),
+    "nvblox.launch": ("nvblox_node", ["camera_frame:=cam", "world_frame:=slam"], {
+        "depth/image": IMAGE, "depth/camera_info": CAMERA_INFO, "color/image": IMAGE, "color/camera_info": CAMERA_INFO,
+        "pose": POSE}, {"use_tf_transforms": False, "use_topic_transforms": True, "nvblox/pose_frame": "cam",
+                        "nvblox/global_frame": "slam", "nvblox/max_depth_update_hz": 0, "nvblox/max_color_update_hz": 0}),
+    "rtabmap_keyframes.launch": ("rtabmap", ["camera_frame:=cam", "world_frame:=slam"], {
+        "rgb/image": IMAGE, "depth/image": IMAGE, "rgb/camera_info": CAMERA_INFO},
+                                 {"rtabmap/approx_sync": False, "rtabmap/subscribe_depth": True, "rtabmap/frame_id": "cam",
+                                  "rtabmap/odom_frame_id": "slam", "rtabmap/Rtabmap/DetectionRate": "0"}),
+    "voxblox.launch": ("tsdf_server", ["world_frame:=slam"], {
+        "pointcloud": CLOUD, "transform": "geometry_msgs/TransformStamped"},
+                       {"voxblox/use_tf_transforms": False, "voxblox/world_frame": "slam"}),
+}
+
+
 class Consumers(unittest.TestCase):
-    def test_they_read_outputs(self):
-        arguments = {"nvblox.launch": ["camera_frame:=cam"], "rtabmap_keyframes.launch": ["camera_frame:=cam"]}
-        made_here = {"keyframe_transform"}  # by a node of the launch file
-        for launch in CONSUMERS:
+    """Launch files for packages that Debian does not have: their nodes get all that their sources say they read."""
+
+    def test_they_get_what_they_read(self):
+        for launch, (kind, arguments, reads, parameters_of_node) in READERS.items():
             with self.subTest(launch):
-                config = load("consumers/" + launch, *arguments.get(launch, []))
-                nodes = config.nodes
-                topics = [remap for node in nodes for remap in node.remap_args]
-                topics += [(name, param.value) for name, param in config.params.items() if name.endswith("/topic")]
-                self.assertTrue(topics)
-                for source, target in topics:
-                    relative = target[len(NAMESPACE):] if target.startswith(NAMESPACE) else target
-                    if source.endswith("depth_registered/points"):
-                        continue  # what it publishes
-                    self.assertIn(relative, interface_names() | made_here | {"rgb/camera_info"})
-                self.assertEqual({node.namespace for node in nodes}, {NAMESPACE})
+                config = load("consumers/" + launch, *arguments)
+                node = [node for node in config.nodes if node.type == kind][-1]
+                remaps = dict(node.remap_args)
+                self.assertEqual({name: OUTPUTS.get(remaps.get(name, name)) for name in reads}, reads)
+                found = {name: config.params[NAMESPACE + name].value for name in parameters_of_node}
+                self.assertEqual(found, parameters_of_node)
+                self.assertEqual({node.namespace for node in config.nodes}, {NAMESPACE})
+        self.assertLessEqual(set(OUTPUTS) - {"keyframe_transform", "rgb/camera_info"}, interface_names())
+
+    def test_voxblox_gets_the_mappers_poses_or_tf(self):
+        node = [node for node in load("consumers/voxblox.launch").nodes if node.package == "topic_tools"][0]
+        source, target, kind, expression = shlex.split(node.args)[:4]
+        self.assertEqual((source, target, kind), ("keyframe_pose", "keyframe_transform", OUTPUTS["keyframe_transform"]))
+        pose = geometry_msgs.msg.PoseStamped()
+        pose.header.frame_id, pose.pose.position.y, pose.pose.orientation.z = "slam", 2, 1
+        transform = eval(expression, {"geometry_msgs": geometry_msgs, "m": pose})  # pylint: disable=eval-used
+        self.assertEqual((transform.header.frame_id, transform.transform.translation.y, transform.transform.rotation.z),
+                         ("slam", 2, 1))
+        by_tf = load("consumers/voxblox.launch", "tf:=true")
+        self.assertEqual([node.type for node in by_tf.nodes], ["tsdf_server"])
+        self.assertTrue(by_tf.params[NAMESPACE + "voxblox/use_tf_transforms"].value)
+
+    def test_costmaps_mark_and_clear_by_the_points(self):
+        arguments = ["min_height:=0.12", "max_height:=1.8"]
+        prefix = NAMESPACE + "costmap_node/costmap/points_layer/"
+        alone = {name[len(prefix):]: param.value for name, param in load("consumers/costmap_2d.launch", *arguments).params.items()
+                 if name.startswith(prefix)}
+        for source, marks in (("obstacles", True), ("free_space", False)):
+            self.assertIn(source, alone["observation_sources"].split())
+            expected = {"topic": NAMESPACE + "points", "data_type": "PointCloud2", "marking": marks, "clearing": not marks,
+                        "expected_update_rate": 0, "observation_persistence": 0}  # keyframes come irregularly, and late
+            if marks:
+                expected.update(min_obstacle_height=0.12, max_obstacle_height=1.8)
+            self.assertEqual({name: alone[source + "/" + name] for name in expected}, expected)
+        of_move_base = load("consumers/costmap_2d.launch", *arguments, "costmap:=/move_base/local_costmap")
+        self.assertEqual(of_move_base.nodes, [])
+        self.assertEqual({name: param.value for name, param in of_move_base.params.items()},
+                         {"/move_base/local_costmap/points_layer/" + name: value for name, value in alone.items()})
 
 
 class PackageXml(unittest.TestCase):

@@ -24,4 +24,9 @@ struct DepthEngineBackend {
 /// the GPU gives them out in groups only; 0: all. The CPU has none.
 DepthEngineBackend MakeDepthEngine(Device device, int cuda_index = 0, int multiprocessors = 0);
 
+/// The engine of GPU `cuda_index`, in CUDA builds only: images and estimates stay in its memory. Throws
+/// InvalidInputError that says what is missing: driver, device, or code for the device's architecture.
+/// @param multiprocessors as of MakeDepthEngine
+std::unique_ptr<DepthEngine> MakeDepthEngineCuda(int cuda_index, int multiprocessors);
+
 }  // namespace acmp

@@ -3,10 +3,14 @@
 #include <Eigen/Core>
 #include <filesystem>
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "acmp_mapping/dataset/output_file.h"
 #include "acmp_mapping/fusion/point_cloud.h"
 #include "acmp_mapping/fusion/triangle_mesh.h"
+#include "acmp_mapping/geometry/pinhole_camera.h"
+#include "acmp_mapping/geometry/rigid_transform.h"
 #include "acmp_mapping/image/image.h"
 
 namespace acmp {
@@ -30,6 +34,26 @@ size_t WriteDepthPng(const std::filesystem::path& path, const ImageView<const fl
 /// Reads depth by extension: .pfm, .dmb, 16-bit .png with `png_unit` counts per unit. Not finite or not positive
 /// becomes 0.
 DepthMap ReadDepth(const std::filesystem::path& path, double png_unit = 1000);
+
+/// An image of a scene's cameras.txt.
+struct ListedImage {
+  int index = 0;
+  std::string name;  ///< file name within images/, without white space
+};
+
+/// A whole line of it: index filename fx fy cx cy width height qw qx qy qz tx ty tz. The last seven are T_world_cam
+/// (camera to world), the quaternion of any length > 0. Pixel centres are at integers, lenses have no distortion.
+struct ListedCamera {
+  ListedImage image;
+  PinholeCamera camera;
+  RigidTransform world_from_cam = RigidTransform::Identity();
+};
+
+/// Throws ProcessingError with the system's reason.
+void WriteCameraList(const std::filesystem::path& path, const std::vector<ListedCamera>& cameras);
+
+/// Throws InvalidInputError naming file, line and value.
+std::vector<ListedCamera> ReadCameraList(const std::filesystem::path& path);
 
 /// PLY: x y z nx ny nz (float), red green blue (uchar), confidence (float).
 /// @param origin of the points' coordinates (LocalOrigin), which is added: unless it is zero, x y z are double

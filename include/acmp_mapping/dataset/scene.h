@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
 #include "acmp_mapping/keyframe/depth_range.h"
@@ -77,5 +78,29 @@ ColorImage LoadImage(const Scene& scene, int index);
 /// Loads one image, undistorts it if need be (to the same K, black and masked where nothing is known) and makes a frame
 /// of it with id = index, its mask and its landmarks. Throws as LoadImage and LoadMask do.
 Frame LoadFrame(const Scene& scene, int index, const FrameOptions& options = {});
+
+// Files beside the images, in folders of their own: masks, and depth maps from outside.
+
+/// Finds the masks of a scene's images in a folder, named as COLMAP names them: that of images/a/b.jpg is
+/// FOLDER/a/b.jpg.png. Returns how many images have one; the others count as a whole. Throws InvalidInputError where
+/// the folder is missing or has a mask for no image.
+size_t AddMasks(const std::filesystem::path& folder, Scene* scene);
+
+/// Reads a PNG or JPEG picture: black = ignore, everything else = use. Throws InvalidInputError as ReadColorImage does.
+Mask ReadMask(const std::filesystem::path& path);
+/// The same of a mask that must have the size of its image.
+Mask ReadMask(const std::filesystem::path& path, const ImageSize& of_image);
+
+/// What of the undistorted image counts: neither what its mask ignores, nor what the lens did not see. Empty where all
+/// does. Throws as ReadMask does.
+Mask LoadMask(const SceneImage& image);
+
+/// Finds the depth maps from outside of a scene's images in a folder: that of images/a/b.jpg is FOLDER/a/b with .pfm,
+/// .dmb or .png (16 bit, thousandths), or the whole name with one of these. Returns how many images have one. Throws
+/// InvalidInputError where the folder is missing or has one for no image, and where an image has several.
+size_t AddPriorDepths(const std::filesystem::path& folder, Scene* scene);
+
+/// As stored; 0: unknown. Empty: the image has none. Throws as ReadDepth does.
+DepthMap ReadPriorDepthOf(const SceneImage& image);
 
 }  // namespace acmp

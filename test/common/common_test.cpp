@@ -1,11 +1,13 @@
-#include "acmp_mapping/common/option.h"
-
+#include <algorithm>
+#include <cmath>
 #include <limits>
 
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/option.h"
+#include "acmp_mapping/common/random.h"
+#include "acmp_mapping/common/sorting_network.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
-
-#include "acmp_mapping/common/error.h"
 #include "support/decimal_comma.h"
 #include "support/error_text.h"
 
@@ -94,6 +96,7 @@ TEST(OptionTest, ARefusalNamesOptionValueAndBound) {
   EXPECT_THAT(Refusal("on=1"), HasSubstr("true or false"));
   EXPECT_THAT(Refusal("doors"), HasSubstr("NAME=VALUE"));
   EXPECT_THAT(Refusal("door=3"), AllOf(HasSubstr("unknown parameter door"), HasSubstr("mean doors?")));
+  EXPECT_THAT(Refusal("powers=3"), HasSubstr("mean power?")) << "rather than one that is as long";
   EXPECT_THAT(Refusal("weight=3"), HasSubstr("unknown parameter weight: none has a name like that"));
 }
 
@@ -135,6 +138,69 @@ TEST(OptionTest, ValuesAreDescribed) {
   EXPECT_EQ(describe("color"), "red, green");
   EXPECT_EQ(describe("on"), "true or false");
   EXPECT_EQ(describe("owner"), "");
+}
+
+TEST(ErrorTest, RangeIncludesItsEndsAndNothingThatIsNotFinite) {
+  constexpr float kInf = std::numeric_limits<float>::infinity(), kNan = std::numeric_limits<float>::quiet_NaN();
+  for (const float legal : {-1.0f, 0.5f, 1.0f}) EXPECT_NO_THROW(CheckRange("x", legal, -1.0f, 1.0f));
+  for (const float illegal : {std::nextafter(1.0f, 2.0f), -1.5f, kNan, kInf, -kInf}) {
+    EXPECT_THROW(CheckRange("x", illegal, -1.0f, 1.0f), InvalidInputError) << illegal;
+  }
+  EXPECT_THAT(ErrorOf([] { CheckRange("fusion.views", 7, 1, 5); }),
+              AllOf(HasSubstr("fusion.views = 7"), HasSubstr("[1, 5]")));
+}
+
+// Values of an independent implementation in arbitrary-precision integers: they pin the stream, so that stored results
+// stay comparable and CPU and GPU can be held to the same numbers.
+TEST(RandomTest, HashHasKnownValues) {
+  EXPECT_EQ(HashWord(0u), 129708002u);
+  EXPECT_EQ(HashWord(1u), 2831084092u);
+  EXPECT_EQ(HashWord(2u), 2055130248u);
+  EXPECT_EQ(HashWord(12345u), 4099845390u);
+  EXPECT_EQ(HashWord(0xffffffffu), 3861530882u);
+}
+
+TEST(RandomTest, StreamHasKnownValues) {
+  RandomStream first(1, 0, 0);
+  EXPECT_EQ(first.NextWord(), 555269243u);
+  EXPECT_EQ(first.NextWord(), 4080352806u);
+  EXPECT_EQ(first.NextWord(), 1472237078u);
+  RandomStream second(7, 19200, 65);
+  EXPECT_EQ(second.NextWord(), 716031048u);
+  EXPECT_EQ(second.NextWord(), 425445013u);
+  EXPECT_EQ(second.NextWord(), 2047818685u);
+}
+
+TEST(RandomTest, UniformIsTheWordsUpper24Bits) {
+  RandomStream words(3, 4, 5), values(3, 4, 5);
+  for (int i = 0; i < 1000; ++i) {
+    const double expected = (words.NextWord() >> 8) / 16777216.0;
+    const float value = values.NextUniform();
+    ASSERT_EQ(value, expected);  // 24 bits fit a float exactly
+    ASSERT_LT(value, 1.0f);
+  }
+}
+
+/// A network sorts everything if it sorts all sequences of zeros and ones (the 0-1 principle).
+template <int kSize>
+void SortAllZerosAndOnes() {
+  for (unsigned bits = 0; bits < 1u << kSize; ++bits) {
+    float values[kSize];
+    for (int i = 0; i < kSize; ++i) values[i] = static_cast<float>(bits >> i & 1u);
+    const auto ones = std::count(values, values + kSize, 1.0f);
+    SortValues(values);
+    ASSERT_TRUE(std::is_sorted(values, values + kSize)) << kSize << " values, bits " << bits;
+    ASSERT_EQ(std::count(values, values + kSize, 1.0f), ones) << kSize << " values, bits " << bits;
+  }
+}
+
+TEST(SortingNetworkTest, SortsAllZerosAndOnes) {
+  SortAllZerosAndOnes<1>();
+  SortAllZerosAndOnes<2>();
+  SortAllZerosAndOnes<3>();
+  SortAllZerosAndOnes<7>();
+  SortAllZerosAndOnes<16>();
+  SortAllZerosAndOnes<21>();
 }
 
 }  // namespace
