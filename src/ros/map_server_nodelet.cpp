@@ -25,8 +25,8 @@ constexpr char kSessionEnding[] = ".bag";
 constexpr size_t kMaxMappers = 100;  ///< all are in diagnostics and answers, and remembered
 constexpr double kMapPeriodS = 0.1;  ///< how often the map's rate limit is looked at
 constexpr uint32_t kPathQueue = 2;   ///< each path replaces the one before
-/// A GPU can make keyframes faster than the map takes them in. More than any flush sends at once; what is lost beyond
-/// that is told.
+/// A GPU may make keyframes faster than the map takes them in. Bounds the memory of those that wait, 6 MB each of
+/// 540 x 360 px; more than any flush sends at once. What is lost beyond that is told.
 constexpr uint32_t kKeyframeQueue = 200;
 
 /// A rotation that is all 0 is none: what a request has where it was left out.
@@ -44,6 +44,7 @@ RigidTransform WorldFromSession(geometry_msgs::Transform transform) {
 
 MapServerNodelet::~MapServerNodelet() {
   if (map_output_) map_output_->Stop();
+  looking_thread_.Stop();  // first: services wait for it
   StopThreads();
   occupancy_thread_.Stop();
 }
@@ -111,6 +112,7 @@ void MapServerNodelet::StartServices() {
   occupancy_timer_ =
       occupancy_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { map_output_->PublishOccupancyIfDue(); });
   occupancy_thread_.Start();
+  looking_thread_.Start();
 }
 
 template <class Service, class Handle>
@@ -223,6 +225,7 @@ void MapServerNodelet::AddKeyframe(const KeyframePointsHead& head, const Keyfram
     return Report(Incident{"keyframe_twice", Concat("keyframe ", head.key.id, " of ", head.key.mapper,
                                                     " has come already: have two mappers the same name?")});
   }
+  looking_thread_.Queue([this] { map_->LookAroundNext(); });
   path_frame_ = head.pose.path_frame;
   newest_stamp_ns_ = head.pose.stamp_ns;
   map_output_->SetHeader(world_frame_, newest_stamp_ns_);
@@ -258,6 +261,11 @@ void MapServerNodelet::PublishPath() {
 
 void MapServerNodelet::CallInInputThread(const std::function<void()>& function) {
   if (!input_thread_.Call(function)) throw ProcessingError("the map server is shutting down");
+}
+
+void MapServerNodelet::WaitForArrived() {
+  CallInInputThread([] {});
+  if (!looking_thread_.Drain()) throw ProcessingError("the map server is shutting down");
 }
 
 MapSnapshot MapServerNodelet::TakeSnapshot() {
