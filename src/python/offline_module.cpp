@@ -134,12 +134,9 @@ std::vector<Eigen::Vector3d> ToPoints(const py::handle& value, const std::string
   return points;
 }
 
-PointCloud ToCloud(const py::handle& value, const std::string& name) {
+PointCloud ToCloud(const py::handle& value, const std::string& name, ReadOrigin* origin) {
   PointCloud cloud;
-  for (const Eigen::Vector3d& point : ToPoints(value, name)) {
-    const Eigen::Vector3f rounded = point.cast<float>();
-    cloud.push_back({{rounded.x(), rounded.y(), rounded.z()}, {}, {}, 0});
-  }
+  for (const Eigen::Vector3d& point : ToPoints(value, name)) cloud.push_back({FromOrigin(point, origin), {}, {}, 0});
   return cloud;
 }
 
@@ -465,7 +462,8 @@ py::dict EvaluateDepthMap(const py::object& depth, const py::object& truth, cons
 
 py::list EvaluatePoints(const py::object& points, const py::object& truth, const std::vector<double>& thresholds,
                         double voxel_size) {
-  const PointCloud cloud = ToCloud(points, "points"), true_cloud = ToCloud(truth, "truth");
+  ReadOrigin origin;
+  const PointCloud cloud = ToCloud(points, "points", &origin), true_cloud = ToCloud(truth, "truth", &origin);
   std::vector<CloudMetrics> all;
   RunInterruptibly([&](StopRequest*) { all = EvaluateCloud(cloud, true_cloud, thresholds, voxel_size); });
   py::list list;
