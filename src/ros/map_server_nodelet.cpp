@@ -6,6 +6,7 @@
 #include <pluginlib/class_list_macros.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/map/find_transform.h"
 #include "acmp_mapping/map/map_writer.h"
 #include "acmp_mapping/ros/checked_messages.h"
 #include "acmp_mapping/ros/input_conversion.h"
@@ -101,12 +102,20 @@ void MapServerNodelet::StartServices() {
   });
   AddService<LoadSession>(names::kLoadSession, false, [this](const auto& request, auto* response) {
     const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path, kSessionEnding);
-    const RigidTransform world_from_session = WorldFromSession(request.T_world_session);
+    RigidTransform world_from_session = WorldFromSession(request.T_world_session);
     Session session = ReadSession(path, options_.memory_limit_bytes());
+    std::string where;
+    if (request.find_transform) {
+      if (!world_from_session.isApprox(RigidTransform::Identity())) {
+        throw InvalidInputError("T_world_session and find_transform: must be one of them");
+      }
+      where = FindSession(path, session, &world_from_session);
+    }
     for (const SessionKeyframe& keyframe : session.map.keyframes) response->points += keyframe.points_in_camera->size();
     response->keyframes = session.map.keyframes.size();
     CallInInputThread([&] { JoinSession(path, std::move(session), world_from_session); });
-    response->message = Concat("loaded ", response->keyframes, " keyframes of ", path.string());
+    response->T_world_session = tf2::eigenToTransform(world_from_session).transform;
+    response->message = Concat("loaded ", response->keyframes, " keyframes of ", path.string(), where);
   });
   publish_timer_ = service_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { map_output_->PublishIfDue(); });
   occupancy_timer_ =
@@ -145,6 +154,23 @@ std::string MapServerNodelet::SaveSession(const std::string& path,
   response->keyframes = session.map.keyframes.size();
   return Concat("saved ", response->points, " points of ", response->keyframes, " keyframes to ", file.string(),
                 replaces ? kReplaced : "");
+}
+
+std::string MapServerNodelet::FindSession(const std::filesystem::path& path, const Session& session,
+                                          RigidTransform* world_from_session) {
+  WaitForArrived();
+  FoundTransform found;
+  try {
+    found = FindTransform(map_->Session(), session.map, [this] { map_output_->CheckStopped(); });
+  } catch (const InvalidInputError& error) {
+    throw InvalidInputError(Concat(path, ": where it lies in the map is not sure: ", error.what(),
+                                   "; nothing was loaded: give T_world_session"));
+  }
+  *world_from_session = found.map_from_session;
+  const Eigen::Vector3d& at = found.map_from_session.translation();
+  return Concat("; T_world_session was found by ", found.matches, " matches, position (", at.x(), ", ", at.y(), ", ",
+                at.z(), "): of ", std::lround(100 * found.overlap), " % of its points, which the map's cameras saw, ",
+                std::lround(100 * found.agreement), " % lie on the map's surfaces");
 }
 
 void MapServerNodelet::JoinSession(const std::filesystem::path& path, Session session,

@@ -46,6 +46,9 @@ class MapServerNodelet : public NodeletBase {
   template <class Service, class Handle>
   void AddService(const char* name, bool saves, Handle handle);
   std::string SaveSession(const std::string& path, acmp_mapping::SaveSession::Response* response) const;
+  /// FindTransform; says what was found. Throws InvalidInputError where that is not sure.
+  std::string FindSession(const std::filesystem::path& path, const Session& session,
+                          RigidTransform* world_from_session);
   /// Adds all keyframes or throws, see MapStore::Join. In the input thread, or before the threads start.
   void JoinSession(const std::filesystem::path& path, Session session, const RigidTransform& world_from_session);
   void Receive(const acmp_mapping::KeyframePoints& message);
