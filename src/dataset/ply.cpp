@@ -155,14 +155,6 @@ unsigned char ToByte(double value) {
   return static_cast<unsigned char>(value < 0 ? 0 : value > 255 ? 255 : value + 0.5);
 }
 
-/// Of a point that is read. @param origin null: the world's
-Vec3f FromOrigin(const Eigen::Vector3d& position, ReadOrigin* origin) {
-  constexpr double kReach = 10000, kStep = 1024;  // float32 knows a thousandth there
-  if (origin && !*origin && position.allFinite()) *origin = LocalOrigin(position, kReach, kStep);
-  const Eigen::Vector3f local = (origin && *origin ? Eigen::Vector3d(position - **origin) : position).cast<float>();
-  return {local.x(), local.y(), local.z()};
-}
-
 SurfacePoint ToPoint(const std::array<double, kFields.size()>& v, ReadOrigin* origin) {
   const auto vector = [&v](size_t i) {
     return Vec3f{static_cast<float>(v[i]), static_cast<float>(v[i + 1]), static_cast<float>(v[i + 2])};
@@ -376,6 +368,13 @@ void PlyFile::WriteAt(size_t first, const PointCloud& points) {
 void PlyFile::Commit() {
   file_.Write(Header());
   file_.Commit();
+}
+
+Vec3f FromOrigin(const Eigen::Vector3d& position, ReadOrigin* origin) {
+  constexpr double kReach = 10000, kStep = 1024;  // float32 knows a thousandth there
+  if (origin && !*origin && position.allFinite()) *origin = LocalOrigin(position, kReach, kStep);
+  const Eigen::Vector3f local = (origin && *origin ? Eigen::Vector3d(position - **origin) : position).cast<float>();
+  return {local.x(), local.y(), local.z()};
 }
 
 PointCloud ReadPly(const std::filesystem::path& path, ReadOrigin* origin) {

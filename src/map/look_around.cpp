@@ -129,39 +129,60 @@ ScaledPose LaterFromEarlier(const KeyframePose& later, const CorrectedPose& late
 
 }  // namespace
 
-void MapStore::LookAround(const KeyframeKey& key) {
+std::vector<KeyframeKey> MapStore::Around(const KeyframeKey& key) const {
+  constexpr double kSameDirection = 0.3;  // cosine: within 70 degrees they can see the same
+  std::vector<std::pair<double, KeyframeKey>> around;
+  const auto found = keyframes_.find(key);
+  if (found == keyframes_.end() || found->second.points_in_camera->empty()) return {};
+  const CorrectedPose& added = found->second.pose;
+  const RigidTransform& here = added.world_from_cam;
+  for (const auto& [other_key, other] : keyframes_) {
+    const RigidTransform& there = other.pose.world_from_cam;
+    const double distance = (here.translation() - there.translation()).norm();
+    if (other_key == key || other.points_in_camera->empty() || distance > added.scale * added.reach ||
+        here.linear().col(2).dot(there.linear().col(2)) < kSameDirection) {
+      continue;
+    }
+    around.emplace_back(distance, other_key);
+  }
+  std::sort(around.begin(), around.end());
+  // Near ones and far ones, as points are to be looked at from several sides.
+  std::vector<KeyframeKey> chosen;
+  const size_t count = std::min(around.size(), kMaxLookedAt);
+  for (size_t i = 0; i < count; ++i) chosen.push_back(around[i * around.size() / count].second);
+  return chosen;
+}
+
+bool MapStore::LookAroundNext() {
   struct Neighbour {
     KeyframeKey key;
     Keyframe keyframe;
-    double distance;
   };
-  constexpr double kSameDirection = 0.3;  // cosine: within 70 degrees they can see the same
+  KeyframeKey key;
   Keyframe added;
   std::vector<Neighbour> around;
   double voxel_size = 0;
   {
     std::lock_guard<std::mutex> lock(mutex_);
-    const auto found = keyframes_.find(key);
-    if (found == keyframes_.end() || found->second.points_in_camera->empty()) return;
-    added = found->second;
-    voxel_size = VoxelSize();
-    const RigidTransform& here = added.pose.world_from_cam;
-    for (const auto& [other_key, other] : keyframes_) {
-      const RigidTransform& there = other.pose.world_from_cam;
-      const double distance = (here.translation() - there.translation()).norm();
-      if (other_key == key || other.points_in_camera->empty() || distance > added.pose.scale * added.pose.reach ||
-          here.linear().col(2).dot(there.linear().col(2)) < kSameDirection) {
-        continue;
-      }
-      around.push_back({other_key, other, distance});
+    Keyframes::iterator found = keyframes_.end();
+    for (; !to_look_.empty() && found == keyframes_.end(); to_look_.pop_front()) {
+      key = to_look_.front();
+      found = keyframes_.find(key);
+      if (found != keyframes_.end() && !found->second.to_look) found = keyframes_.end();
     }
-  }
-  if (around.empty()) return;
-  // Near ones and far ones, as points are to be looked at from several sides.
-  std::sort(around.begin(), around.end(), [](const auto& a, const auto& b) { return a.distance < b.distance; });
-  if (around.size() > kMaxLookedAt) {
-    for (size_t i = 0; i < kMaxLookedAt; ++i) std::swap(around[i], around[i * around.size() / kMaxLookedAt]);
-    around.resize(kMaxLookedAt);
+    if (found == keyframes_.end()) return false;
+    const std::shared_ptr<const ToLook> as_added = std::move(found->second.to_look);
+    added.pose = found->second.pose;
+    added.as_sent = as_added->as_sent;
+    added.points_in_camera = as_added->points_in_camera;
+    added.later_views.resize(added.points_in_camera->size());
+    voxel_size = VoxelSize();
+    for (const KeyframeKey& other : as_added->around) {
+      const auto neighbour = keyframes_.find(other);
+      // One that was replaced since then would have forgotten this look.
+      if (neighbour == keyframes_.end() || neighbour->second.points_arrival > found->second.arrival) continue;
+      around.push_back({other, neighbour->second});
+    }
   }
   const auto seen_by = [&](const Keyframe& keyframe) {
     return SeenDepthOf(*keyframe.points_in_camera, PointSpacing(*keyframe.points_in_camera, voxel_size));
@@ -198,6 +219,7 @@ void MapStore::LookAround(const KeyframeKey& key) {
   };
   put_back(key, points_before, &added);
   for (size_t i = 0; i < around.size(); ++i) put_back(around[i].key, before[i], &around[i].keyframe);
+  return true;
 }
 
 }  // namespace acmp

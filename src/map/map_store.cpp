@@ -108,24 +108,27 @@ bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const Point
     StartRun(key.mapper, key.run);  // first: what it evicts may have chosen the voxel size
   }
   ThinnedPoints thinned = Thinned(points_in_camera);
-  {
-    std::lock_guard<std::mutex> lock(mutex_);
-    CheckDistance(pose.world_from_cam, thinned.reach, Origin(thinned.voxel_size, pose.world_from_cam),
-                  thinned.voxel_size);
-    auto_voxel_size_ = thinned.voxel_size;  // not before: what is refused tells nothing about the scene
-    Keyframe keyframe;
-    keyframe.arrival = arrivals_++;
-    keyframe.pose = MakePose(pose, thinned.reach);
-    keyframe.as_sent = pose;
-    statistics_.points += thinned.points->size();
-    keyframe.later_views.resize(thinned.points->size());
-    keyframe.points_in_camera = std::move(thinned.points);
-    keyframes_.insert_or_assign(key, std::move(keyframe));
-    ApplyPath();
-    Evict();
-    ++version_;
+  std::lock_guard<std::mutex> lock(mutex_);
+  CheckDistance(pose.world_from_cam, thinned.reach, Origin(thinned.voxel_size, pose.world_from_cam),
+                thinned.voxel_size);
+  auto_voxel_size_ = thinned.voxel_size;  // not before: what is refused tells nothing about the scene
+  Keyframe keyframe;
+  keyframe.arrival = keyframe.points_arrival = arrivals_++;
+  keyframe.pose = MakePose(pose, thinned.reach);
+  keyframe.as_sent = pose;
+  statistics_.points += thinned.points->size();
+  keyframe.later_views.resize(thinned.points->size());
+  keyframe.points_in_camera = std::move(thinned.points);
+  keyframes_.insert_or_assign(key, std::move(keyframe));
+  ApplyPath();
+  Evict();
+  const std::vector<KeyframeKey> around = Around(key);
+  if (!around.empty()) {
+    Keyframe& added = keyframes_.at(key);
+    added.to_look = std::make_shared<const ToLook>(ToLook{pose, added.points_in_camera, around});
+    to_look_.push_back(key);
   }
-  LookAround(key);
+  ++version_;
   return true;
 }
 
@@ -168,6 +171,7 @@ bool MapStore::Replace(const KeyframeKey& key, const KeyframePose& pose, const P
   statistics_.points -= points->size();
   points = std::move(thinned.points);
   keyframe->second.later_views.assign(points->size(), {});
+  keyframe->second.points_arrival = arrivals_++;
   ++statistics_.replaced;
   ++version_;
   return true;
@@ -239,6 +243,7 @@ size_t MapStore::EraseIf(const Predicate& is_to_go) {
 
 MapStore::Keyframes::iterator MapStore::Erase(Keyframes::const_iterator keyframe) {
   statistics_.points -= keyframe->second.points_in_camera->size();
+  if (keyframe->second.to_look) ++statistics_.never_looked;
   ++version_;
   return keyframes_.erase(keyframe);
 }
@@ -248,6 +253,7 @@ void MapStore::Clear() {
   keyframes_.clear();
   runs_.clear();
   path_.clear();
+  to_look_.clear();
   auto_voxel_size_ = 0;
   statistics_ = {};
   ++version_;
@@ -295,9 +301,13 @@ void MapStore::Join(MapSession session, const RigidTransform& world_from_session
       }
       const double reach = ReachOf(*keyframe.points_in_camera);
       CheckDistance(keyframe.pose.world_from_cam, reach, origin, voxel_size);
-      std::vector<LaterViews> not_seen(keyframe.points_in_camera->size());
-      joined.emplace_back(keyframe.key, Keyframe{0, MakePose(keyframe.pose, reach), keyframe.pose, true,
-                                                 std::move(keyframe.points_in_camera), std::move(not_seen)});
+      Keyframe placed;
+      placed.pose = MakePose(keyframe.pose, reach);
+      placed.as_sent = keyframe.pose;
+      placed.joined = true;
+      placed.later_views.resize(keyframe.points_in_camera->size());
+      placed.points_in_camera = std::move(keyframe.points_in_camera);
+      joined.emplace_back(keyframe.key, std::move(placed));
     } catch (const InvalidInputError& error) {
       throw InvalidInputError(Concat(NameOf(keyframe.key), ": ", error.what()));
     }
@@ -312,7 +322,7 @@ void MapStore::Join(MapSession session, const RigidTransform& world_from_session
   for (size_t i = 0; i < joined.size(); ++i) {
     auto& [key, keyframe] = joined[i];
     if (begins_anew && i >= session.earlier) runs_.insert_or_assign(key.mapper, key.run);
-    keyframe.arrival = arrivals_++;
+    keyframe.arrival = keyframe.points_arrival = arrivals_++;
     statistics_.points += keyframe.points_in_camera->size();
     keyframes_.insert_or_assign(key, std::move(keyframe));
   }
@@ -325,6 +335,7 @@ MapStatistics MapStore::statistics() const {
   statistics.keyframes = keyframes_.size();
   statistics.voxel_size = VoxelSize();
   for (const auto& [key, keyframe] : keyframes_) {
+    statistics.yet_to_look += keyframe.to_look ? 1 : 0;
     statistics.smallest_scale = std::min(statistics.smallest_scale, keyframe.pose.scale);
     statistics.largest_scale = std::max(statistics.largest_scale, keyframe.pose.scale);
   }

@@ -1,12 +1,12 @@
 #include "acmp_mapping/mapping/dense_mapper.h"
 
 #include <algorithm>
-#include <atomic>
 #include <memory>
 #include <optional>
 #include <utility>
 #include <vector>
 
+#include "acmp_mapping/common/stop_request.h"
 #include "acmp_mapping/pose_refinement/matched_depth_range.h"
 #include "estimate_gain.h"
 #include "keyframe_estimator.h"
@@ -94,12 +94,15 @@ void Validate(const DenseMapperOptions& options) {
 struct DenseMapper::Impl {
   using State = WindowKeyframe::State;
 
-  Impl(DepthEngine* engine, const DenseMapperOptions& mapper_options, Callbacks callbacks, DepthEngine* output_engine)
-      : options(mapper_options),
+  Impl(DepthEngine* engine, const DenseMapperOptions& mapper_options, Callbacks callbacks, DepthEngine* output_engine,
+       StopRequest* stop_request)
+      : stop(stop_request != nullptr ? stop_request : &never),
+        options(mapper_options),
         window(options.source_views),
         estimator(engine, options.pipeline),
         poses(options.poses),
-        outputs(output_engine != nullptr ? output_engine : engine, output_engine != nullptr, std::move(callbacks)) {}
+        outputs(output_engine != nullptr ? output_engine : engine, output_engine != nullptr, std::move(callbacks),
+                stop) {}
 
   void Add(FramePtr frame, bool is_mapped) {
     if (!frame) throw InvalidInputError("frame: must not be null");
@@ -108,21 +111,26 @@ struct DenseMapper::Impl {
           Concat("frame id = ", frame->id, ": must be above ", *last_id, ", the previous keyframe's"));
     }
     last_id = frame->id;
-    ShrinkWindow(options.window_size);  // options may have made it smaller
-    Admit(std::move(frame), is_mapped);
-    TakeTurns(TurnsOfStream(options), nullptr);
+    is_admitted = false;
+    stop->RunCancellable([&] {
+      ShrinkWindow(options.window_size);  // options may have made it smaller
+      Admit(frame, is_mapped);
+      TakeTurns(TurnsOfStream(options));
+    });
+    if (stop->requested() && is_mapped && !is_admitted) DropForReset(frame, nullptr);
   }
 
-  void Flush(const std::atomic<bool>* stop) {
-    if (last_id) RefinePoses(*last_id, [&] { poses.Finish(window); });
-    TakeTurns(kTurnsOfFlush, stop);
-    for (const WindowKeyframePtr& keyframe : window) EndIfUnfinished(keyframe, 1);
+  void Flush() {
+    stop->RunCancellable([&] {
+      if (last_id) RefinePoses(*last_id, [&] { poses.Finish(window); });
+      TakeTurns(kTurnsOfFlush);
+      for (const WindowKeyframePtr& keyframe : window) EndIfUnfinished(keyframe, 1);
+    });
     outputs.WaitForAll();
   }
 
   /// While received poses contradict the images nothing is refined.
-  /// @param stop as Flush's
-  void TakeTurns(const Turns& turns, const std::atomic<bool>* stop) {
+  void TakeTurns(const Turns& turns) {
     for (const WindowKeyframePtr& keyframe : window) {
       if (keyframe->state == State::kPending) Initialise(keyframe, turns.min_source_views);
     }
@@ -131,7 +139,7 @@ struct DenseMapper::Impl {
       if (keyframe->state != State::kInitialised || window.NumLaterThan(*keyframe) < turns.refined) continue;
       Refine(keyframe);
     }
-    TakeSteps(DueAgain(turns), stop);
+    TakeSteps(DueAgain(turns));
   }
 
   /// What leaves is finished first, with the views there are.
@@ -162,7 +170,7 @@ struct DenseMapper::Impl {
     KeyframeAndSources due = {keyframe, window.SelectSources(*keyframe)};
     // Its first views may have left the window meanwhile.
     if (due.sources.keyframes.empty()) return DropForMissingViews(keyframe, 1);
-    TakeSteps({std::move(due)}, nullptr);
+    TakeSteps({std::move(due)});
   }
 
   struct KeyframeAndSources {
@@ -189,13 +197,12 @@ struct DenseMapper::Impl {
   }
 
   /// All steps after the first, side by side.
-  void TakeSteps(const std::vector<KeyframeAndSources>& due, const std::atomic<bool>* stop) {
+  void TakeSteps(const std::vector<KeyframeAndSources>& due) {
     std::vector<KeyframeRefinement> members;
     for (const KeyframeAndSources& next : due) members.push_back({next.keyframe, next.sources});
     const auto for_each = [&](const auto& work) {
       std::vector<KeyframeRefinement> going_on;
       for (KeyframeRefinement& member : members) {
-        if (stop != nullptr && *stop) break;
         if (Try(member.keyframe, [&] { work(&member); })) going_on.push_back(std::move(member));
       }
       members = std::move(going_on);
@@ -224,6 +231,7 @@ struct DenseMapper::Impl {
       const SourceViews its_sources = window.SelectSources(*source);
       if (its_sources.keyframes.empty()) continue;
       const auto failure = CatchFailure([&] { estimator.Initialise(source.get(), its_sources); });
+      stop->Check();
       if (failure) ReportFailedAgain(*source, *failure);
     }
   }
@@ -234,10 +242,12 @@ struct DenseMapper::Impl {
   }
 
   /// Does something for a keyframe. Where it fails nobody else is concerned: a keyframe that has had its refined maps
-  /// keeps them, and that is told; another one is dropped.
+  /// keeps them, and that is told; another one is dropped. Throws Interrupted, as what a stop has left may look like
+  /// any error, or like none.
   template <class Work>
   bool Try(const WindowKeyframePtr& keyframe, const Work& work) {
     const auto failure = CatchFailure(work);
+    stop->Check();
     if (!failure) return true;
     keyframe->state == State::kFinished ? ReportFailedAgain(*keyframe, *failure) : Drop(keyframe, *failure);
     return false;
@@ -252,6 +262,11 @@ struct DenseMapper::Impl {
     outputs.SubmitDrop(keyframe->frame, failure, keyframe);
   }
 
+  /// @param keyframe as MapperOutputs::SubmitDrop's
+  void DropForReset(const FramePtr& frame, const WindowKeyframePtr& keyframe) {
+    outputs.SubmitDrop(frame, {kReset, DescribeReset(*frame)}, keyframe);
+  }
+
   void DropForMissingViews(const WindowKeyframePtr& keyframe, int min_source_views) {
     Drop(keyframe, {"no_source_views", window.DescribeMissingViews(*keyframe, min_source_views)});
   }
@@ -261,10 +276,12 @@ struct DenseMapper::Impl {
     if (const auto failure = CatchFailure([&] { CheckFrame(*frame); })) {
       // Not kept: as a source view it would make the others fail as well.
       if (!is_mapped) throw InvalidInputError(failure->message);
+      is_admitted = true;
       return outputs.SubmitDrop(frame, *failure, nullptr);
     }
     ShrinkWindow(options.window_size - 1);
     const WindowKeyframePtr keyframe = window.Add(std::move(frame));
+    is_admitted = true;
     keyframe->is_mapped = is_mapped;
     const std::optional<DepthRange> range = FindDepthRange(*keyframe->frame);
     if (range) keyframe->range = *range;
@@ -297,6 +314,7 @@ struct DenseMapper::Impl {
       earlier.push_back(window.WithLater(later)->frame);
     }
     const auto range = DepthRangeFromMatches(frame, earlier, options.depth_range);
+    stop->Check();
     if (range && !last_range) {
       outputs.SubmitProblem("depth_range_by_matches",
                             Concat("keyframe ", frame.id, ": no sparse points tell its depth range; by matches with ",
@@ -345,6 +363,8 @@ struct DenseMapper::Impl {
         " % can be fused; the frontend has lost track, its scale changes, or calibration or stamps are wrong");
   }
 
+  StopRequest never;
+  StopRequest* const stop;
   DenseMapperOptions options;
   KeyframeWindow window;
   KeyframeEstimator estimator;
@@ -352,16 +372,17 @@ struct DenseMapper::Impl {
   std::optional<DepthRange> last_range;
   bool had_landmarks = false;  ///< that told a depth range
   std::optional<int64_t> last_id;
+  bool is_admitted = false;   ///< the last frame: it is in the window, or dropped
   bool contradicted = false;  ///< received poses, by the images
   MapperOutputs outputs;      ///< last: its thread is gone before what is above
 };
 
 DenseMapper::DenseMapper(DepthEngine* engine, const DenseMapperOptions& options, Callbacks callbacks,
-                         DepthEngine* output_engine) {
+                         DepthEngine* output_engine, StopRequest* stop) {
   if (engine == nullptr) throw InvalidInputError("engine: must not be null");
   if (output_engine == engine) throw InvalidInputError("output_engine: must not be the engine of the passes");
   Validate(options);
-  impl_ = std::make_unique<Impl>(engine, options, std::move(callbacks), output_engine);
+  impl_ = std::make_unique<Impl>(engine, options, std::move(callbacks), output_engine, stop);
 }
 
 DenseMapper::~DenseMapper() = default;
@@ -377,7 +398,7 @@ void DenseMapper::AddKeyframe(FramePtr frame) { impl_->Add(std::move(frame), tru
 
 void DenseMapper::AddSourceImage(FramePtr frame) { impl_->Add(std::move(frame), false); }
 
-void DenseMapper::Flush(const std::atomic<bool>* stop) { impl_->Flush(stop); }
+void DenseMapper::Flush() { impl_->Flush(); }
 
 void DenseMapper::Reset() {
   impl_->outputs.WaitForAll();
@@ -390,7 +411,8 @@ void DenseMapper::Reset() {
   impl_->contradicted = false;
   for (const WindowKeyframePtr& keyframe : forgotten) {
     if (keyframe->state == WindowKeyframe::State::kFinished) continue;
-    impl_->Drop(keyframe, {"reset", Concat("keyframe ", keyframe->frame->id, ": forgotten by a reset")});
+    keyframe->state = WindowKeyframe::State::kFinished;
+    impl_->DropForReset(keyframe->frame, keyframe);
   }
   impl_->outputs.WaitForAll();
 }

@@ -2,6 +2,7 @@
 
 #include <utility>
 
+#include "acmp_mapping/common/stop_request.h"
 #include "acmp_mapping/common/timer.h"
 
 namespace acmp {
@@ -111,6 +112,8 @@ void OutputQueue::Run() {
   }
 }
 
+std::string DescribeReset(const Frame& frame) { return Concat("keyframe ", frame.id, ": forgotten by a reset"); }
+
 std::string DescribeFailedAgain(int64_t id, const Failure& failure) {
   return Concat("keyframe ", id, " could not be refined again: ", failure.message);
 }
@@ -164,7 +167,9 @@ void MapperOutputs::SubmitRefined(const WindowKeyframePtr& keyframe, FinishedEst
   queue_.Submit([this, keyframe, consistency, again, was_withdrawn, estimate = std::move(estimate)] {
     if (again && !keyframe->had_refined) return;  // it was dropped
     KeyframeDepthPtr maps;
-    if (const auto failure = CatchFailure([&] { maps = MakeRefined(estimate, consistency); })) {
+    auto failure = CatchFailure([&] { stop_->RunCancellable([&] { maps = MakeRefined(estimate, consistency); }); });
+    if (stop_->requested()) failure = Failure{kReset, DescribeReset(*keyframe->frame)};
+    if (failure) {
       if (was_withdrawn) keyframe->is_withdrawn = true;
       if (again) return CallProblem("refine_again_failed", DescribeFailedAgain(keyframe->frame->id, *failure));
       return CallDrop({keyframe->frame, failure->reason, failure->message, keyframe->had_fast});

@@ -38,6 +38,8 @@ std::optional<Failure> CatchFailure(const Work& work) {
   }
 }
 
+constexpr char kReset[] = "reset";
+std::string DescribeReset(const Frame& frame);
 /// For on_problem.
 std::string DescribeFailedAgain(int64_t id, const Failure& failure);
 
@@ -81,8 +83,9 @@ class OutputQueue {
 class MapperOutputs {
  public:
   /// @param engine makes the maps; outlives this
-  MapperOutputs(DepthEngine* engine, bool has_thread, DenseMapper::Callbacks callbacks)
-      : engine_(engine), callbacks_(std::move(callbacks)), queue_(has_thread) {}
+  /// @param stop not null, outlives this; once it is requested, refined maps are not made
+  MapperOutputs(DepthEngine* engine, bool has_thread, DenseMapper::Callbacks callbacks, StopRequest* stop)
+      : engine_(engine), callbacks_(std::move(callbacks)), stop_(stop), queue_(has_thread) {}
 
   void SubmitFast(const WindowKeyframePtr& keyframe, FinishedEstimate estimate);
   /// The keyframe is no longer withdrawn, but is again where its maps cannot be made.
@@ -105,6 +108,7 @@ class MapperOutputs {
 
   DepthEngine* engine_;
   DenseMapper::Callbacks callbacks_;
+  StopRequest* stop_;
   OutputQueue queue_;  ///< last: its jobs use what is above
 };
 

@@ -54,12 +54,9 @@ std::vector<Eigen::Vector3d> ToPoints(const Doubles& array) {
   return points;
 }
 
-PointCloud ToCloud(const Doubles& array) {
+PointCloud ToCloud(const Doubles& array, ReadOrigin* origin) {
   PointCloud cloud;
-  for (const Eigen::Vector3d& point : ToPoints(array)) {
-    const Eigen::Vector3f rounded = point.cast<float>();
-    cloud.push_back({{rounded.x(), rounded.y(), rounded.z()}, {}, {}, 0});
-  }
+  for (const Eigen::Vector3d& point : ToPoints(array)) cloud.push_back({FromOrigin(point, origin), {}, {}, 0});
   return cloud;
 }
 
@@ -279,7 +276,8 @@ py::dict EvaluateDepthMap(const Doubles& depth, const Doubles& truth, const std:
 
 py::list EvaluatePoints(const Doubles& points, const Doubles& truth, const std::vector<double>& thresholds,
                         double voxel_size) {
-  const PointCloud cloud = ToCloud(points), true_cloud = ToCloud(truth);
+  ReadOrigin origin;
+  const PointCloud cloud = ToCloud(points, &origin), true_cloud = ToCloud(truth, &origin);
   std::vector<CloudMetrics> all;
   RunInterruptibly([&](StopRequest*) { all = EvaluateCloud(cloud, true_cloud, thresholds, voxel_size); });
   py::list list;

@@ -112,8 +112,12 @@ void DenseMapperNodelet::StartWorker() {
 
 RejectedInput DenseMapperNodelet::WithDoubt(RejectedInput drop) {
   if (drop.reason != "no_points" && drop.reason != "poses_contradict") return drop;
-  const std::lock_guard<std::mutex> lock(intake_mutex_);
-  drop.message += intake_->DescribeDoubt();
+  std::unique_lock<std::mutex> lock(intake_mutex_);
+  const PoseSemantics semantics = intake_->pose_semantics();
+  const std::string doubt = intake_->DescribeDoubt();
+  lock.unlock();
+  const std::string turns = publisher_->DescribeReadings(semantics);
+  drop.message += turns.empty() ? doubt : turns;
   return drop;
 }
 

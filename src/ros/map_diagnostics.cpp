@@ -39,6 +39,8 @@ void DescribeMap(const MapSnapshot& snapshot, DiagnosticStatusWrapper* status) {
   status->add("keyframes evicted (~max_keyframes)", map.evicted);
   status->add("keyframes evicted (~map_radius)", map.evicted_by_radius);
   status->add("points that later keyframes looked through", map.looked_through);
+  status->add("keyframes that have yet to look through the points of others", map.yet_to_look);
+  status->add("keyframes that were evicted before they looked", map.never_looked);
   status->add("keyframes evicted (~on_time_jump)", map.evicted_by_run);
   status->add("voxel size [unit of the poses]", map.voxel_size);
   status->add("optimized paths", Concat(map.paths, " received on ", snapshot.optimized_path_topic, " (",

@@ -6,6 +6,7 @@
 #include <pluginlib/class_list_macros.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/map/find_transform.h"
 #include "acmp_mapping/map/map_writer.h"
 #include "acmp_mapping/ros/checked_messages.h"
 #include "acmp_mapping/ros/input_conversion.h"
@@ -25,8 +26,8 @@ constexpr char kSessionEnding[] = ".bag";
 constexpr size_t kMaxMappers = 100;  ///< all are in diagnostics and answers, and remembered
 constexpr double kMapPeriodS = 0.1;  ///< how often the map's rate limit is looked at
 constexpr uint32_t kPathQueue = 2;   ///< each path replaces the one before
-/// A GPU can make keyframes faster than the map takes them in. More than any flush sends at once; what is lost beyond
-/// that is told.
+/// A GPU may make keyframes faster than the map takes them in. Bounds the memory of those that wait, 6 MB each of
+/// 540 x 360 px; more than any flush sends at once. What is lost beyond that is told.
 constexpr uint32_t kKeyframeQueue = 200;
 
 /// A rotation that is all 0 is none: what a request has where it was left out.
@@ -44,6 +45,7 @@ RigidTransform WorldFromSession(geometry_msgs::Transform transform) {
 
 MapServerNodelet::~MapServerNodelet() {
   if (map_output_) map_output_->Stop();
+  looking_thread_.Stop();  // first: services wait for it
   StopThreads();
   occupancy_thread_.Stop();
 }
@@ -100,17 +102,26 @@ void MapServerNodelet::StartServices() {
   });
   AddService<LoadSession>(names::kLoadSession, false, [this](const auto& request, auto* response) {
     const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path, kSessionEnding);
-    const RigidTransform world_from_session = WorldFromSession(request.T_world_session);
+    RigidTransform world_from_session = WorldFromSession(request.T_world_session);
     Session session = ReadSession(path, options_.memory_limit_bytes());
+    std::string where;
+    if (request.find_transform) {
+      if (!world_from_session.isApprox(RigidTransform::Identity())) {
+        throw InvalidInputError("T_world_session and find_transform: must be one of them");
+      }
+      where = FindSession(path, session, &world_from_session);
+    }
     for (const SessionKeyframe& keyframe : session.map.keyframes) response->points += keyframe.points_in_camera->size();
     response->keyframes = session.map.keyframes.size();
     CallInInputThread([&] { JoinSession(path, std::move(session), world_from_session); });
-    response->message = Concat("loaded ", response->keyframes, " keyframes of ", path.string());
+    response->T_world_session = tf2::eigenToTransform(world_from_session).transform;
+    response->message = Concat("loaded ", response->keyframes, " keyframes of ", path.string(), where);
   });
   publish_timer_ = service_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { map_output_->PublishIfDue(); });
   occupancy_timer_ =
       occupancy_thread_.MakeTimer(getNodeHandle(), kMapPeriodS, [this] { map_output_->PublishOccupancyIfDue(); });
   occupancy_thread_.Start();
+  looking_thread_.Start();
 }
 
 template <class Service, class Handle>
@@ -143,6 +154,23 @@ std::string MapServerNodelet::SaveSession(const std::string& path,
   response->keyframes = session.map.keyframes.size();
   return Concat("saved ", response->points, " points of ", response->keyframes, " keyframes to ", file.string(),
                 replaces ? kReplaced : "");
+}
+
+std::string MapServerNodelet::FindSession(const std::filesystem::path& path, const Session& session,
+                                          RigidTransform* world_from_session) {
+  WaitForArrived();
+  FoundTransform found;
+  try {
+    found = FindTransform(map_->Session(), session.map, [this] { map_output_->CheckStopped(); });
+  } catch (const InvalidInputError& error) {
+    throw InvalidInputError(Concat(path, ": where it lies in the map is not sure: ", error.what(),
+                                   "; nothing was loaded: give T_world_session"));
+  }
+  *world_from_session = found.map_from_session;
+  const Eigen::Vector3d& at = found.map_from_session.translation();
+  return Concat("; T_world_session was found by ", found.matches, " matches, position (", at.x(), ", ", at.y(), ", ",
+                at.z(), "): of ", std::lround(100 * found.overlap), " % of its points, which the map's cameras saw, ",
+                std::lround(100 * found.agreement), " % lie on the map's surfaces");
 }
 
 void MapServerNodelet::JoinSession(const std::filesystem::path& path, Session session,
@@ -223,6 +251,7 @@ void MapServerNodelet::AddKeyframe(const KeyframePointsHead& head, const Keyfram
     return Report(Incident{"keyframe_twice", Concat("keyframe ", head.key.id, " of ", head.key.mapper,
                                                     " has come already: have two mappers the same name?")});
   }
+  looking_thread_.Queue([this] { map_->LookAroundNext(); });
   path_frame_ = head.pose.path_frame;
   newest_stamp_ns_ = head.pose.stamp_ns;
   map_output_->SetHeader(world_frame_, newest_stamp_ns_);
@@ -258,6 +287,11 @@ void MapServerNodelet::PublishPath() {
 
 void MapServerNodelet::CallInInputThread(const std::function<void()>& function) {
   if (!input_thread_.Call(function)) throw ProcessingError("the map server is shutting down");
+}
+
+void MapServerNodelet::WaitForArrived() {
+  CallInInputThread([] {});
+  if (!looking_thread_.Drain()) throw ProcessingError("the map server is shutting down");
 }
 
 MapSnapshot MapServerNodelet::TakeSnapshot() {

@@ -61,7 +61,7 @@ MapperWorker::~MapperWorker() {
 
 void MapperWorker::Stop() {
   outputs_->Stop();
-  abandoned_ = true;
+  stop_.Request();
   queue_.Stop();
 }
 
@@ -83,6 +83,7 @@ std::string MapperWorker::Flush() {
   return RunCommand(false, [this] {
     if (!mapper_) throw ProcessingError(device_error_);
     FlushMapper();
+    if (stop_.requested()) throw ProcessingError("a reset, or the end, came before all was finished");
   });
 }
 
@@ -98,14 +99,12 @@ std::string MapperWorker::Reset() {
   for (const KeyframeInput& input : queue_.ClearInputs()) {
     outputs_->Report({"reset", Concat("keyframe ", FormatStamp(input.stamp_ns), " was queued (reset)"), true});
   }
-  abandoned_ = true;
-  std::string failure = RunCommand(true, [this] {
+  stop_.Request();
+  return RunCommand(true, [this] {
+    const std::unique_ptr<StopRequest, void (*)(StopRequest*)> clear(&stop_, [](StopRequest* stop) { stop->Clear(); });
     if (mapper_) mapper_->Reset();
     run_ = NewRun();
   });
-  abandoned_ = false;
-  if (outputs_->is_stopping()) abandoned_ = true;
-  return failure;
 }
 
 std::string MapperWorker::RunCommand(bool urgent, const std::function<void()>& work) {
@@ -186,7 +185,7 @@ void MapperWorker::MakeMapper() {
     const std::string preset = UsedPreset(node_options_, on_cpu);
     if (preset == kAutoPreset) hooks_.on_setting(auto_preset_.emplace(), "");
     mapper_ = std::make_unique<DenseMapper>(engine_.get(), options_->Get().mapper, outputs_->MakeCallbacks(),
-                                            output_engine_.get());
+                                            output_engine_.get(), &stop_);
     UpdateStatus([&](WorkerStatus* status) {
       status->ready = true;
       status->on_cpu = on_cpu;
@@ -209,7 +208,7 @@ void MapperWorker::UseOptions() {
 
 void MapperWorker::FlushMapper() {
   UseOptions();
-  mapper_->Flush(&abandoned_);
+  mapper_->Flush();
 }
 
 void MapperWorker::Process(const KeyframeInput& input) {
@@ -242,7 +241,7 @@ void MapperWorker::Process(const KeyframeInput& input) {
   });
   if (is_new_offset) outputs_->Report({"stamp_offset", DescribeStampOffset(*checks.stamp_offset_s)});
   if (is_new_distortion) outputs_->Report({"distortion", distortion});
-  if (auto_preset_) ChooseSetting(keyframe_ms);
+  if (auto_preset_ && !stop_.requested()) ChooseSetting(keyframe_ms);
 }
 
 void MapperWorker::ChooseSetting(double keyframe_ms) {

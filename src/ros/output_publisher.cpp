@@ -175,6 +175,7 @@ void OutputPublisher::Publish(const KeyframeDepthPtr& maps, const PublishOutput&
 }
 
 void OutputPublisher::HandleFast(const KeyframeDepthPtr& maps) {
+  reading_check_.Add(*maps->frame);
   Publish(maps, [this](const KeyframeOutput& output) {
     PublishPose(output);
     if (depth_fast_.getNumSubscribers() > 0) depth_fast_.publish(DepthImageOf(output), CameraInfoOf(output));

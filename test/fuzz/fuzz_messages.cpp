@@ -195,6 +195,7 @@ ACMP_FUZZ_TARGET(keyframe_points) {
       }
     });
   }
+  while (map.LookAroundNext()) continue;
   nav_msgs::Path path;
   path.poses.resize(bytes.Take<uint8_t>() % 8);
   for (geometry_msgs::PoseStamped& pose : path.poses) {

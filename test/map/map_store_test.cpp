@@ -33,6 +33,7 @@ KeyframeKey Key(uint64_t id, const std::string& mapper = "mapper", uint64_t run 
 
 void Add(MapStore* store, const KeyframeKey& key, const RigidTransform& world_from_cam, const PointCloud& points) {
   EXPECT_TRUE(store->Add(key, {static_cast<int64_t>(key.id) * 100000000, world_from_cam, {}}, points));
+  while (store->LookAroundNext()) continue;
 }
 
 void Add(MapStore* store, uint64_t id, const RigidTransform& world_from_cam, const PointCloud& points) {
@@ -321,6 +322,41 @@ TEST(MapStore, WhatSomeConfirmStaysAndGainsConfidence) {
   // Odds of 1 rise by a fifth with each of the two that come after the first.
   EXPECT_NEAR(session.keyframes[0].points_in_camera->at(2400).confidence, 1.44 / 2.44, 1e-6);
   EXPECT_EQ(session.keyframes[2].points_in_camera->at(2400).confidence, 0.5f);
+}
+
+/// A map that is behind lets them look later: nothing is other than if they had looked at once.
+TEST(MapStore, KeyframesMayLookAroundLater) {
+  MapStore at_once({50, 0.02}), later({50, 0.02}), small({2, 0.02});
+  const auto change = [](MapStore* store, const auto& looks) {
+    for (uint64_t id = 0; id < 8; ++id) {
+      const KeyframePose pose = {static_cast<int64_t>(id), Shifted(0.05 * static_cast<double>(id)), {}};
+      EXPECT_TRUE(store->Add(Key(id), pose, WallWith(id == 0 || id == 2)));
+      looks(store);
+      // One that has looked, or not, and was looked at by two: it forgets those, and is looked at by later ones only.
+      if (id == 4) {
+        EXPECT_TRUE(store->Replace(Key(2), pose, WallWith(true)));
+      }
+    }
+  };
+  const auto look = [](MapStore* store) {
+    while (store->LookAroundNext()) continue;
+  };
+  change(&at_once, look);
+  change(&later, [](MapStore*) {});
+  EXPECT_EQ(later.statistics().yet_to_look, 7u) << "there was nothing around the first one";
+  look(&later);
+  EXPECT_EQ(later.statistics().yet_to_look, 0u);
+  EXPECT_FALSE(later.LookAroundNext());
+  EXPECT_GT(at_once.statistics().looked_through, 100u);
+  EXPECT_EQ(later.statistics().looked_through, at_once.statistics().looked_through);
+  EXPECT_TRUE(Same(later.WorldCloud().points, at_once.WorldCloud().points));
+  // What makes room for others before has no points any more that could wait.
+  for (uint64_t id = 0; id < 8; ++id)
+    EXPECT_TRUE(small.Add(Key(id), {static_cast<int64_t>(id), Shifted(0), {}}, WallWith(false)));
+  EXPECT_EQ(small.statistics().never_looked, 5u);
+  EXPECT_EQ(small.statistics().yet_to_look, 2u);
+  small.Clear();
+  EXPECT_FALSE(small.LookAroundNext());
 }
 
 TEST(MapStore, KeyframesWhosePosesDoNotFitRemoveNothing) {

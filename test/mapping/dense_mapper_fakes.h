@@ -12,6 +12,7 @@
 #include "gtest/gtest.h"
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/common/stop_request.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "support/fake_engine.h"
 
@@ -107,7 +108,8 @@ constexpr float kRefinedDepth = static_cast<float>(kWallDepth);
 /// A mapper over the fake that notes every callback as "fast 3", "refined 3" or "drop 3 reason".
 class MapperHarness {
  public:
-  explicit MapperHarness(const DenseMapperOptions& options) : mapper(&engine, options, MakeCallbacks()) {}
+  explicit MapperHarness(const DenseMapperOptions& options)
+      : mapper(&engine, options, MakeCallbacks(), nullptr, &stop) {}
 
   /// What was called since the last time this was asked.
   std::vector<std::string> TakeEvents() { return std::exchange(events, {}); }
@@ -135,6 +137,7 @@ class MapperHarness {
   std::vector<std::pair<int64_t, std::string>> withdrawn;  ///< id, message
   StageTimes last_times;                                   ///< of the last of these
   bool keep_maps = true;
+  StopRequest stop;
   DenseMapper mapper;
 
  private:

@@ -98,8 +98,7 @@ std::vector<std::string> RunStream(unsigned seed, bool has_thread) {
     mapper.AddKeyframe(RandomFrame(id, &x, &random));
     switch (random() % 16) {
       case 0: {
-        const std::atomic<bool> stop = random() % 2 != 0;
-        mapper.Flush(&stop);
+        mapper.Flush();
         listener.said.emplace_back("flushed");
         break;
       }

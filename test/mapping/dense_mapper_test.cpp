@@ -1,5 +1,7 @@
 #include "acmp_mapping/mapping/dense_mapper.h"
 
+#include <atomic>
+
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 
@@ -158,6 +160,27 @@ TEST(DenseMapperTest, MapsCarryWhatBelongsToThem) {
   }
   // The image's middle is seen by every neighbour.
   EXPECT_GT(refined.confidence(12, 9), 0);
+}
+
+/// A pass at full size takes minutes on a CPU, and Ctrl-C, an unload or a reset waits for it.
+TEST(DenseMapperTest, AStopEndsThePassUnderWay) {
+  MapperHarness harness(FakeOptions(6, 2));
+  for (int64_t id = 0; id < 3; ++id) harness.Add(WallFrame(id));
+  std::atomic<int> rows = {0};
+  harness.engine.before_answer = [&](const WallEngine::Call&) {
+    tbb::parallel_for(0, 1000, [&](int) {
+      if (++rows == 1) harness.stop.Request();
+    });
+  };
+  EXPECT_THAT(harness.Add(WallFrame(3)), IsEmpty()) << "what the pass has left is no map";
+  EXPECT_LT(rows, 1000);
+  EXPECT_THAT(harness.Add(WallFrame(4)), ElementsAre("drop 4 reset"));
+  EXPECT_THAT(harness.Flush(), IsEmpty());
+  EXPECT_THAT(harness.Reset(), ElementsAre("drop 1 reset", "drop 2 reset", "drop 3 reset"));
+  harness.stop.Clear();
+  harness.engine.before_answer = nullptr;
+  for (int64_t id = 0; id < 2; ++id) harness.Add(WallFrame(id));
+  EXPECT_THAT(harness.Add(WallFrame(2)), ElementsAre("fast 0", "fast 1", "fast 2", "refined 0"));
 }
 
 TEST(DenseMapperOptionsTest, AreCheckedAndKeptWhenBad) {

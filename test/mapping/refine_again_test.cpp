@@ -1,7 +1,6 @@
 // Keyframes that are refined again because better source views, or better maps of them, have come.
 
 #include <algorithm>
-#include <atomic>
 #include <string>
 #include <utility>
 #include <vector>
@@ -66,31 +65,27 @@ TEST(RefineAgainTest, AnotherNumberOfViewsIsNoGain) {
 }
 
 TEST(RefineAgainTest, AFlushTakesAllKeyframesWithBetterViewsAndThoseWithBetterMaps) {
-  for (const bool stopped : {false, true}) {
-    MapperHarness harness(RefiningAgain(10));
-    AddPoorStartAndGoodViews(&harness);
-    harness.TakeEvents();
-    harness.refined_again.clear();
-    const std::atomic<bool> stop = stopped;
-    harness.mapper.Flush(&stop);
-    EXPECT_THAT(harness.TakeEvents(), ElementsAre("refined 4")) << "what is pending is finished";
-    if (stopped) {
-      EXPECT_THAT(harness.refined_again, IsEmpty());
-      continue;
-    }
-    EXPECT_THAT(harness.refined_again, AllOf(Contains(0), Contains(1), Contains(2), Contains(3)));
-    harness.refined_again.clear();
-    harness.Flush();
-    EXPECT_THAT(harness.refined_again, IsEmpty()) << "nothing more has come";
-  }
+  MapperHarness harness(RefiningAgain(10));
+  AddPoorStartAndGoodViews(&harness);
+  harness.TakeEvents();
+  harness.refined_again.clear();
+  EXPECT_THAT(harness.Flush(), ElementsAre("refined 4")) << "what is pending is finished";
+  EXPECT_THAT(harness.refined_again, AllOf(Contains(0), Contains(1), Contains(2), Contains(3)));
+  harness.refined_again.clear();
+  harness.Flush();
+  EXPECT_THAT(harness.refined_again, IsEmpty()) << "nothing more has come";
 }
 
 TEST(RefineAgainTest, AtAFlushKeyframesTakeTheirStepsSideBySide) {
   MapperHarness harness(RefiningAgain(10));
   AddPoorStartAndGoodViews(&harness);
   harness.Add(WallFrame(5, 1.05));
-  const std::atomic<bool> stop = true;
-  harness.mapper.Flush(&stop);
+  DenseMapperOptions options = RefiningAgain(10);
+  options.refine_again = false;
+  harness.mapper.set_options(options);
+  harness.Flush();
+  options.refine_again = true;
+  harness.mapper.set_options(options);
   harness.engine.calls.clear();
   harness.Flush();
   std::vector<int> passes;

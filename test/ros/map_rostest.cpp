@@ -119,6 +119,7 @@ struct Session {
                  ToPointCloud(*message));
       ++id;
     }
+    while (store->LookAroundNext()) continue;
     std::vector<StampedPose> path;
     for (const RigidTransform& pose : poses) {
       path.push_back({static_cast<int64_t>(StampOf(path.size()).toNSec()), pose});

@@ -32,8 +32,10 @@ class SessionsTest : public SavingTest {
     EXPECT_TRUE(ros::service::call("/map_server/save_session", save));
     return save.response;
   }
-  LoadSession::Response Load(const std::string& name, const geometry_msgs::Transform& transform = {}) const {
+  LoadSession::Response Load(const std::string& name, const geometry_msgs::Transform& transform = {},
+                             bool find_transform = false) const {
     LoadSession load;
+    load.request.find_transform = find_transform;
     load.request.path = PathOf(name);
     load.request.T_world_session = transform;
     EXPECT_TRUE(ros::service::call("/map_server/load_session", load));
@@ -110,6 +112,7 @@ TEST_F(SessionsTest, ASecondOneIsAddedByATransform) {
     EXPECT_NEAR(poses[i].pose.position.y, 20 - poses[kViews + i].pose.position.y, 1e-9);
     EXPECT_NEAR(poses[i].pose.position.z, poses[kViews + i].pose.position.z, 1e-9);
   }
+  EXPECT_THAT(Load("session.bag", transform, true).message, HasSubstr("T_world_session and find_transform"));
   transform.rotation.x = 1;
   EXPECT_THAT(Load("session.bag", transform).message, HasSubstr("T_world_session"));
 }
@@ -125,6 +128,9 @@ TEST_F(SessionsTest, WhatCannotBeUsedIsRefusedAndTheMapStays) {
   EXPECT_FALSE(again.success);
   EXPECT_THAT(again.message, AllOf(HasSubstr(PathOf("session.bag")), HasSubstr(" of \"/dense_mapper\", run "),
                                    HasSubstr("is in the map already"), HasSubstr("nothing was loaded")));
+  // Images of 64 x 48 px show too little.
+  EXPECT_THAT(Load("session.bag", {}, true).message,
+              AllOf(HasSubstr("where it lies in the map is not sure"), HasSubstr("nothing was loaded")));
   fs::resize_file(PathOf("session.bag"), fs::file_size(PathOf("session.bag")) / 2);
   EXPECT_THAT(Load("session.bag").message, AllOf(HasSubstr(PathOf("session.bag")), HasSubstr("truncated")));
   EXPECT_THAT(Load("none.bag").message, AllOf(HasSubstr("none.bag"), HasSubstr("no such file")));

@@ -72,6 +72,7 @@ PointCloud MapOf(const Messages& messages, const std::set<std::string>& mappers)
     EXPECT_TRUE(message->replaces ? store.Replace(head.key, head.pose, points)
                                   : store.Add(head.key, head.pose, points));
   }
+  while (store.LookAroundNext()) continue;
   return store.WorldCloud().points;
 }
 

@@ -89,6 +89,8 @@ class PlyFile {
 /// Where the coordinates of clouds begin that are read to be compared: chosen by the first point that is read
 /// (LocalOrigin), so that those of UTM or geocentric coordinates keep their millimetres.
 using ReadOrigin = std::optional<Eigen::Vector3d>;
+/// A position in the world from there. @param origin null: the world's
+Vec3f FromOrigin(const Eigen::Vector3d& position, ReadOrigin* origin);
 /// Reads x y z and, where present, normals, colours and confidence of a binary little-endian or ASCII PLY; other
 /// properties and elements are skipped.
 /// @param origin null: the world's

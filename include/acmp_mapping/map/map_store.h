@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -98,6 +99,7 @@ struct MapSession {
 struct MapStatistics {
   size_t keyframes = 0;
   size_t points = 0;                             ///< held, all keyframes together
+  size_t yet_to_look = 0;                        ///< keyframes that LookAroundNext has not come to
   double voxel_size = 0;                         ///< in use; 0 = not known yet
   double smallest_scale = 1, largest_scale = 1;  ///< that loop closures gave keyframes, and 1
   // Since the last Clear:
@@ -112,6 +114,7 @@ struct MapStatistics {
   size_t path_poses = 0;         ///< of the last path
   size_t path_unmatched = 0;     ///< of these, poses that belong to no keyframe
   size_t looked_through = 0;     ///< points that later keyframes saw through, and that have gone
+  size_t never_looked = 0;       ///< keyframes that left before LookAroundNext came to them
   size_t path_too_far = 0;       ///< keyframes that it would have put too far away, and left
 };
 
@@ -150,7 +153,8 @@ struct MapCloud {
 /// whenever the map is read: so later keyframes and loop closures also tell where earlier ones lie.
 ///
 /// Points learn from the keyframes that are added after them, or were before with a later stamp: what later ones look
-/// through leaves the map (TakeLaterView). Each keyframe looks once, at as many as kMaxLookedAt around it.
+/// through leaves the map (TakeLaterView). Each keyframe looks once, at as many as kMaxLookedAt around it. That takes
+/// longer than to add it, and may be done later (LookAroundNext): the map comes to be the same.
 ///
 /// The map does not depend on the order in which keyframes of different mappers come, but for what the limits of the
 /// options evict and the voxel size that the first keyframe chooses.
@@ -166,6 +170,9 @@ class MapStore {
   /// Better points of a keyframe in the map, and the refined pose that they belong to, if there is one: of `pose` only
   /// that is taken. False, and nothing is changed, where the keyframe is not there (any more). Throws as Add.
   bool Replace(const KeyframeKey& key, const KeyframePose& pose, const PointCloud& points_in_camera);
+  /// Lets the keyframe that was added first, of those that have not, look at the points of those around it that are
+  /// earlier, and later ones at its own (TakeLaterView). In any one thread. False when none was left.
+  bool LookAroundNext();
   void Clear();
 
   /// All of the map. What loop closures have changed is as if it had been received so; points that they have scaled
@@ -202,6 +209,12 @@ class MapStore {
   uint64_t version() const;
 
  private:
+  /// What LookAroundNext needs of a keyframe as it was added: it may be replaced before.
+  struct ToLook {
+    KeyframePose as_sent;
+    std::shared_ptr<const PointCloud> points_in_camera;
+    std::vector<KeyframeKey> around;  ///< at most kMaxLookedAt
+  };
   struct Keyframe {
     uint64_t arrival = 0;
     CorrectedPose pose;
@@ -209,6 +222,8 @@ class MapStore {
     bool joined = false;  ///< by Join: stays when its mapper begins a new run
     std::shared_ptr<const PointCloud> points_in_camera;
     std::vector<LaterViews> later_views;  ///< one per point
+    uint64_t points_arrival = 0;
+    std::shared_ptr<const ToLook> to_look;  ///< null: it has looked, or there is nothing to look at
   };
   using Keyframes = std::map<KeyframeKey, Keyframe>;
 
@@ -236,11 +251,8 @@ class MapStore {
   };
   ThinnedPoints Thinned(const PointCloud& points) const;
 
-  /// Lets a keyframe that has been added look at the points of those around it that are earlier, and later ones at its
-  /// own (TakeLaterView).
-  void LookAround(const KeyframeKey& key);
-
   // All of these need the mutex.
+  std::vector<KeyframeKey> Around(const KeyframeKey& key) const;
   double MaxDistance() const;  ///< from Origin
   /// Of the local coordinates: about where the first keyframe stands. @param world_from_cam of the first one to come
   Eigen::Vector3d Origin(double voxel_size, const RigidTransform& world_from_cam = RigidTransform::Identity()) const;
@@ -261,8 +273,9 @@ class MapStore {
   Keyframes keyframes_;
   std::map<std::string, uint64_t> runs_;  ///< the last one of each mapper
   uint64_t arrivals_ = 0;
-  std::vector<StampedPose> path_;  ///< the last one of these runs, sorted
-  MapStatistics statistics_;       ///< all but the numbers of keyframes and the voxel size
+  std::deque<KeyframeKey> to_look_;  ///< in the order in which they came; some may have gone
+  std::vector<StampedPose> path_;    ///< the last one of these runs, sorted
+  MapStatistics statistics_;         ///< all but the numbers of keyframes and the voxel size
   uint64_t version_ = 0;
 };
 

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <atomic>
 #include <functional>
 #include <memory>
 #include <string>
@@ -13,6 +12,8 @@
 #include "acmp_mapping/pose_refinement/pose_refinement_options.h"
 
 namespace acmp {
+
+class StopRequest;
 
 constexpr int kMaxWindowSize = 64;
 
@@ -68,8 +69,12 @@ class DenseMapper {
   /// @param engine not null, outlives the mapper
   /// @param output_engine shares handles with `engine` (DepthEngine::Share) and outlives the mapper; null: outputs are
   ///   made by `engine`, inside the mapper's methods
+  /// @param stop outlives the mapper; null: nobody stops it. Once requested, by any thread, methods return soon, on a
+  /// CPU
+  ///   within a pass, and leave what they have not done. Then the mapper is good for Reset only, and after that and
+  ///   StopRequest::Clear for all again
   DenseMapper(DepthEngine* engine, const DenseMapperOptions& options, Callbacks callbacks,
-              DepthEngine* output_engine = nullptr);
+              DepthEngine* output_engine = nullptr, StopRequest* stop = nullptr);
   /// Forgets what is unfinished without a callback: Flush or Reset first if it must be accounted for. Waits for a
   /// callback under way.
   ~DenseMapper();
@@ -91,8 +96,7 @@ class DenseMapper {
 
   /// Finishes everything that waits for later keyframes, with the views there are: one useful view is enough. Then
   /// refines again what has better views now.
-  /// @param stop others may set it meanwhile, so that nothing more is refined again; null: never
-  void Flush(const std::atomic<bool>* stop = nullptr);
+  void Flush();
 
   /// Forgets window, pending keyframes (each is reported as dropped with reason "reset"), depth range and ids.
   void Reset();

@@ -38,10 +38,9 @@ void CallGuarded(const Function& function, const FailureReport& report) {
   }
 }
 
-/// Has a function called when all callbacks that were queued before have returned, and waits for it; another thread
-/// calls them, one at a time. What it throws is thrown here. False, and it is not called, when the queue was disabled
-/// or cleared first.
-inline bool CallAmongCallbacks(ros::CallbackQueue* queue, std::function<void()> function) {
+/// Has a function called when all callbacks that were queued before have returned; another thread calls them, one at a
+/// time. What it throws, the future has: std::future_error when the queue was disabled or cleared first.
+inline std::future<void> QueueCallback(ros::CallbackQueue* queue, std::function<void()> function) {
   struct Callback : ros::CallbackInterface {
     std::packaged_task<void()> task;
     CallResult call() override {
@@ -53,9 +52,14 @@ inline bool CallAmongCallbacks(ros::CallbackQueue* queue, std::function<void()> 
   callback->task = std::packaged_task<void()>(std::move(function));
   std::future<void> returned = callback->task.get_future();
   queue->addCallback(callback);
-  callback.reset();  // the queue alone owns it: if it is cleared, the promise breaks and wakes us
+  return returned;  // the queue alone owns the callback: if it is cleared, the promise breaks
+}
+
+/// QueueCallback, and waits for it. What it throws is thrown here. False, and it is not called, when the queue was
+/// disabled or cleared first.
+inline bool CallAmongCallbacks(ros::CallbackQueue* queue, std::function<void()> function) {
   try {
-    returned.get();
+    QueueCallback(queue, std::move(function)).get();
     return true;
   } catch (const std::future_error&) {
     return false;
@@ -119,6 +123,11 @@ class CallbackThread {
   }
 
   void Start() { spinner_.start(); }
+
+  /// Has a function called in this object's thread, after what was queued before, and does not wait for it.
+  void Queue(std::function<void()> function) {
+    QueueCallback(&queue_, [this, function = std::move(function)] { CallGuarded(function, report_); });
+  }
 
   /// Waits for the callback that runs, if any; none runs afterwards, and nobody waits in Drain. What is attached must
   /// be gone before this object.

@@ -99,6 +99,8 @@ class KeyframeIntake {
   size_t unposed_images() const { return matcher_.UnposedStamps().size(); }
   /// What of the poses' meaning may be wrong, after messages about poses that do not fit the images; may be empty.
   std::string DescribeDoubt() const;
+  /// Of the poses, with the T_body_cam in use.
+  const PoseSemantics& pose_semantics() const { return resolver_.semantics(); }
 
   /// What images wait for longer than they should: "T_body_cam is not known: ..."; empty while all is well. Poses count
   /// only until the first image has got one: many frontends pose some images alone.

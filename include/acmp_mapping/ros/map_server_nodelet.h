@@ -27,9 +27,10 @@ namespace acmp {
 /// bounds, publishes, saves and loads it. All poses are in one world, and optimized_path is of the frontend that they
 /// all come from: keyframes that it has no pose for move with those that it has one for.
 ///
-/// Threads: one for keyframes and paths, in the order of their arrival; one for services, which also publishes the map,
-/// and one for reset; one for occupancy; one for diagnostics; one that asks the ROS master. Services first wait for all
-/// keyframes that have arrived: in one process with a mapper, these are all that the mapper has published.
+/// Threads: one for keyframes and paths, in the order of their arrival; one in which keyframes look around; one for
+/// services, which also publishes the map, and one for reset; one for occupancy; one for diagnostics; one that asks the
+/// ROS master. Services first wait for all keyframes that have arrived, and until they have looked: in one process with
+/// a mapper, these are all that the mapper has published.
 ///
 /// mutex_ guards what diagnostics read, for a moment; none is held while another one is taken.
 class MapServerNodelet : public NodeletBase {
@@ -45,6 +46,9 @@ class MapServerNodelet : public NodeletBase {
   template <class Service, class Handle>
   void AddService(const char* name, bool saves, Handle handle);
   std::string SaveSession(const std::string& path, acmp_mapping::SaveSession::Response* response) const;
+  /// FindTransform; says what was found. Throws InvalidInputError where that is not sure.
+  std::string FindSession(const std::filesystem::path& path, const Session& session,
+                          RigidTransform* world_from_session);
   /// Adds all keyframes or throws, see MapStore::Join. In the input thread, or before the threads start.
   void JoinSession(const std::filesystem::path& path, Session session, const RigidTransform& world_from_session);
   void Receive(const acmp_mapping::KeyframePoints& message);
@@ -56,15 +60,13 @@ class MapServerNodelet : public NodeletBase {
   /// After all that has arrived. Throws ProcessingError when the nodelet is being unloaded, and what the function
   /// throws.
   void CallInInputThread(const std::function<void()>& function);
-  void WaitForArrived() {
-    CallInInputThread([] {});
-  }
+  void WaitForArrived();
   /// Empties the map, what is known of it and of its mappers, and what is latched. In the input thread.
   void Forget();
   MapSnapshot TakeSnapshot();
 
   MapServerOptions options_;
-  CallbackThread occupancy_thread_{report_failure_};
+  CallbackThread occupancy_thread_{report_failure_}, looking_thread_{report_failure_};
   std::unique_ptr<MapStore> map_;
   std::unique_ptr<MapOutput> map_output_;
 

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <atomic>
 #include <deque>
 #include <functional>
 #include <memory>
@@ -8,6 +7,7 @@
 #include <string>
 #include <thread>
 
+#include "acmp_mapping/common/stop_request.h"
 #include "acmp_mapping/mapping/auto_preset.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
@@ -71,7 +71,7 @@ class MapperWorker {
   /// Forgets what is queued and the window. What comes later is another run. Empty when done, else why not.
   std::string Reset();
 
-  /// Wakes all who wait and ends the thread after the keyframe it is at.
+  /// Wakes all who wait and ends the thread soon, whatever it is at.
   void Stop();
 
   WorkerStatus status() const;
@@ -109,7 +109,7 @@ class MapperWorker {
   const Mask fixed_mask_;
   OutputPublisher* const outputs_;
   const Hooks hooks_;
-  std::atomic<bool> abandoned_{false};  ///< a flush shall end soon: a reset or the end waits for it
+  StopRequest stop_;  ///< what the mapper is at shall end soon: a reset or the end waits for it
   WorkQueue<KeyframeInput, Command> queue_;
 
   mutable std::mutex status_mutex_;

@@ -13,6 +13,7 @@
 
 #include "acmp_mapping/ros/incident_log.h"
 #include "acmp_mapping/ros/keyframe_outputs.h"
+#include "acmp_mapping/ros/reading_check.h"
 
 namespace acmp {
 
@@ -43,6 +44,8 @@ class OutputPublisher {
   bool is_stopping() const { return stopping_; }
 
   OutputStatus status() const;
+  /// ReadingCheck::Describe of the keyframes that have had their first map.
+  std::string DescribeReadings(const PoseSemantics& configured) { return reading_check_.Describe(configured); }
   /// Nodes that listen to keyframe_points.
   uint32_t maps() const { return keyframe_points_.getNumSubscribers(); }
   /// Messages sent on keyframe_points.
@@ -85,6 +88,7 @@ class OutputPublisher {
   std::atomic<bool> stopping_{false};
   std::atomic<double> min_depth_confidence_{0};
   std::atomic<uint64_t> images_{0};
+  ReadingCheck reading_check_;
   mutable std::mutex status_mutex_;  ///< held for a moment only
   OutputStatus status_;
   KeyframeDepthPtr newest_;                               ///< refined

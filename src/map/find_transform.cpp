@@ -1,0 +1,260 @@
+#include "acmp_mapping/map/find_transform.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include <Eigen/Geometry>
+#include <opencv2/core.hpp>
+#include <opencv2/features2d.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/mesh/splat_points.h"
+
+namespace acmp {
+namespace {
+
+constexpr double kSameDepth = 0.02;    ///< relative: as fusion lets views agree
+constexpr size_t kFewestTogether = 8;  ///< matches of two images that give a similarity
+constexpr size_t kFewestOfAll = 40;    ///< matches of all images
+constexpr double kClearlyMost = 2;     ///< times as many as support any other place
+constexpr double kScaleTolerance = 1.05;
+constexpr double kFewestOverlapping = 0.05;  ///< of the session's points
+constexpr double kFewestAgreeing = 0.7;      ///< of those that overlap
+
+/// What a keyframe's points look like, and what stands out in that.
+struct RegisteredView {
+  SurfaceMaps maps;
+  cv::Mat descriptors;
+  std::vector<Eigen::Vector3d> points;  ///< one per descriptor, world
+  std::vector<double> tolerances;       ///< of their places
+};
+
+struct PointMatch {
+  Eigen::Vector3d in_session, in_map;
+  double tolerance;
+};
+
+RegisteredView MakeRegisteredView(const SessionKeyframe& keyframe, double voxel_size) {
+  RegisteredView view;
+  const PointCloud& points = *keyframe.points_in_camera;
+  if (points.empty()) return view;
+  view.maps = SplatPoints(points, keyframe.pose.world_from_cam, PointSpacing(points, voxel_size));
+  const ColorImage& color = view.maps.color;
+  if (color.empty()) return view;
+  cv::Mat gray, known(color.height(), color.width(), CV_8U);
+  cv::cvtColor(cv::Mat(color.height(), color.width(), CV_8UC3, const_cast<Rgb*>(color.data())), gray,
+               cv::COLOR_RGB2GRAY);
+  for (int row = 0; row < known.rows; ++row) {
+    for (int col = 0; col < known.cols; ++col) known.at<uint8_t>(row, col) = view.maps.depth(col, row) > 0 ? 255 : 0;
+  }
+  // What is unknown would stand out.
+  constexpr int kPatch = 15;  // px: half of what describes a corner
+  cv::Mat inside;
+  cv::morphologyEx(known, inside, cv::MORPH_CLOSE, cv::Mat::ones(5, 5, CV_8U));
+  cv::Mat filled;
+  cv::dilate(gray, filled, cv::Mat::ones(5, 5, CV_8U));
+  filled.copyTo(gray, known == 0);
+  cv::erode(inside, inside, cv::Mat::ones(kPatch, kPatch, CV_8U));
+  std::vector<cv::KeyPoint> corners;
+  const cv::Ptr<cv::ORB> orb = cv::ORB::create(500, 1.2f, 6, 15, 0, 2, cv::ORB::HARRIS_SCORE, 31, 10);
+  orb->detectAndCompute(gray, inside & known, corners, view.descriptors);
+  const PosedCamera& camera = view.maps.camera;
+  cv::Mat kept;
+  for (size_t i = 0; i < corners.size(); ++i) {
+    const auto col = static_cast<int>(std::lround(corners[i].pt.x)),
+               row = static_cast<int>(std::lround(corners[i].pt.y));
+    const double depth = view.maps.depth(col, row);
+    if (!(depth > 0)) continue;
+    kept.push_back(view.descriptors.row(static_cast<int>(i)));
+    view.points.push_back(camera.cam_from_world.inverse() *
+                          camera.camera.Unproject({corners[i].pt.x, corners[i].pt.y}, depth));
+    view.tolerances.push_back(kSameDepth * depth + voxel_size);
+  }
+  view.descriptors = kept;
+  return view;
+}
+
+std::vector<RegisteredView> MakeRegisteredViews(const MapSession& session) {
+  const size_t count = std::min(session.keyframes.size(), kMaxRegistered);
+  std::vector<RegisteredView> views(count);
+  tbb::parallel_for(size_t{0}, count, [&](size_t i) {
+    views[i] = MakeRegisteredView(session.keyframes[i * session.keyframes.size() / count], session.voxel_size);
+  });
+  return views;
+}
+
+std::vector<PointMatch> MatchViews(const RegisteredView& session, const RegisteredView& map) {
+  constexpr float kUnique = 0.8f;  // Lowe's ratio
+  std::vector<PointMatch> matches;
+  if (session.descriptors.rows < 2 || map.descriptors.rows < 2) return matches;
+  std::vector<std::vector<cv::DMatch>> candidates;
+  cv::BFMatcher(cv::NORM_HAMMING).knnMatch(session.descriptors, map.descriptors, candidates, 2);
+  for (const std::vector<cv::DMatch>& nearest : candidates) {
+    if (nearest[0].distance > kUnique * nearest[1].distance) continue;
+    const auto i = static_cast<size_t>(nearest[0].queryIdx), j = static_cast<size_t>(nearest[0].trainIdx);
+    matches.push_back({session.points[i], map.points[j], session.tolerances[i] + map.tolerances[j]});
+  }
+  return matches;
+}
+
+/// Umeyama's, of these matches.
+Eigen::Affine3d SimilarityOf(const std::vector<PointMatch>& matches) {
+  Eigen::Matrix3Xd from(3, matches.size()), to(3, matches.size());
+  for (size_t i = 0; i < matches.size(); ++i) {
+    from.col(static_cast<Eigen::Index>(i)) = matches[i].in_session;
+    to.col(static_cast<Eigen::Index>(i)) = matches[i].in_map;
+  }
+  return Eigen::Affine3d(Eigen::umeyama(from, to, true));
+}
+
+double ScaleOf(const Eigen::Affine3d& similarity) { return std::cbrt(similarity.linear().determinant()); }
+
+/// @param strictness by what tolerances are divided
+std::vector<PointMatch> Supporting(const std::vector<PointMatch>& matches, const Eigen::Affine3d& similarity,
+                                   double strictness = 1) {
+  std::vector<PointMatch> supporting;
+  for (const PointMatch& match : matches) {
+    if ((similarity * match.in_session - match.in_map).norm() * strictness < match.tolerance)
+      supporting.push_back(match);
+  }
+  return supporting;
+}
+
+/// Of two images; with too little support none.
+std::vector<PointMatch> Consensus(const std::vector<PointMatch>& matches) {
+  constexpr int kDraws = 300;
+  std::vector<PointMatch> best;
+  if (matches.size() < kFewestTogether) return {};
+  std::minstd_rand random(1);
+  for (int draw = 0; draw < kDraws; ++draw) {
+    std::vector<PointMatch> three;
+    for (int i = 0; i < 3; ++i) three.push_back(matches[random() % matches.size()]);
+    const Eigen::Affine3d similarity = SimilarityOf(three);
+    const double scale = ScaleOf(similarity);
+    if (!(scale > 0.1 && scale < 10)) continue;
+    std::vector<PointMatch> supporting = Supporting(matches, similarity);
+    if (supporting.size() > best.size()) best = std::move(supporting);
+  }
+  if (best.size() < kFewestTogether) best.clear();
+  return best;
+}
+
+/// A place where the session may lie.
+struct Place {
+  Eigen::Affine3d map_from_session;
+  std::vector<PointMatch> matches;  ///< that support it
+};
+
+Place Refined(const std::vector<PointMatch>& all, Eigen::Affine3d similarity) {
+  Place place;
+  for (int i = 0; i < 5; ++i) {
+    place = {similarity, Supporting(all, similarity)};
+    if (place.matches.size() < 3) break;
+    similarity = SimilarityOf(place.matches);
+  }
+  return place;
+}
+
+/// All places that matches of two images support, those with the most support first.
+std::vector<Place> FindPlaces(std::vector<std::vector<PointMatch>> of_pairs) {
+  std::vector<PointMatch> all;
+  for (const std::vector<PointMatch>& matches : of_pairs) all.insert(all.end(), matches.begin(), matches.end());
+  std::stable_sort(of_pairs.begin(), of_pairs.end(), [](const auto& a, const auto& b) { return a.size() > b.size(); });
+  std::vector<Place> places;
+  for (const std::vector<PointMatch>& matches : of_pairs) {
+    const auto is_known = [&](const Place& place) {
+      return 2 * Supporting(matches, place.map_from_session).size() > matches.size();
+    };
+    if (matches.empty() || std::any_of(places.begin(), places.end(), is_known)) continue;
+    places.push_back(Refined(all, SimilarityOf(matches)));
+  }
+  std::stable_sort(places.begin(), places.end(),
+                   [](const Place& a, const Place& b) { return a.matches.size() > b.matches.size(); });
+  return places;
+}
+
+/// By the matches that fit best.
+void Polish(Place* place) {
+  for (const double strictness : {2, 4}) {
+    const std::vector<PointMatch> strict = Supporting(place->matches, place->map_from_session, strictness);
+    if (strict.size() < kFewestOfAll) return;
+    *place = {SimilarityOf(strict), strict};
+  }
+}
+
+/// Of the session's points those that the map's cameras looked at, and how many of them lie on what they saw.
+void CountAgreeing(const MapSession& session, const std::vector<RegisteredView>& map, FoundTransform* found) {
+  size_t agreeing = 0, all = 0, overlap = 0;
+  for (const SessionKeyframe& keyframe : session.keyframes) {
+    const RigidTransform map_from_cam = found->map_from_session * keyframe.pose.world_from_cam;
+    const size_t step = 1 + keyframe.points_in_camera->size() / 2000;
+    for (size_t i = 0; i < keyframe.points_in_camera->size(); i += step) {
+      const Vec3f& p = (*keyframe.points_in_camera)[i].position;
+      const Eigen::Vector3d point = map_from_cam * Eigen::Vector3d(p.x, p.y, p.z);
+      bool is_seen = false, is_on_surface = false;
+      for (const RegisteredView& view : map) {
+        if (view.maps.depth.empty()) continue;
+        const Eigen::Vector3d in_view = view.maps.camera.cam_from_world * point;
+        if (!(in_view.z() > 0)) continue;
+        const Eigen::Vector2d pixel = view.maps.camera.camera.Project(in_view);
+        if (!view.maps.camera.camera.Contains(pixel)) continue;
+        const double depth = view.maps.depth(static_cast<int>(std::floor(pixel.x() + 0.5)),
+                                             static_cast<int>(std::floor(pixel.y() + 0.5)));
+        if (!(depth > 0) || in_view.z() > (1 + 2 * kSameDepth) * depth) continue;  // hidden from it
+        is_seen = true;
+        is_on_surface = is_on_surface || in_view.z() > (1 - 2 * kSameDepth) * depth;
+      }
+      ++all, overlap += is_seen, agreeing += is_on_surface;
+    }
+  }
+  found->overlap = static_cast<double>(overlap) / static_cast<double>(std::max<size_t>(1, all));
+  found->agreement = static_cast<double>(agreeing) / static_cast<double>(std::max<size_t>(1, overlap));
+  if (found->overlap >= kFewestOverlapping && found->agreement >= kFewestAgreeing) return;
+  const auto percent = [](double share) { return std::lround(100 * share); };
+  throw InvalidInputError(Concat("where ", found->matches, " matches put it ", percent(found->overlap),
+                                 " % of its points lie in view of the map's cameras, and ", percent(found->agreement),
+                                 " % of these on its surfaces: must be at least ", percent(kFewestOverlapping), " and ",
+                                 percent(kFewestAgreeing), " %"));
+}
+
+}  // namespace
+
+FoundTransform FindTransform(const MapSession& map, const MapSession& session, const std::function<void()>& check) {
+  const std::vector<RegisteredView> map_views = MakeRegisteredViews(map), views = MakeRegisteredViews(session);
+  std::vector<std::vector<PointMatch>> of_pairs(views.size() * map_views.size());
+  tbb::parallel_for(size_t{0}, of_pairs.size(), [&](size_t i) {
+    check();
+    of_pairs[i] = Consensus(MatchViews(views[i / map_views.size()], map_views[i % map_views.size()]));
+  });
+  std::vector<Place> places = FindPlaces(std::move(of_pairs));
+  FoundTransform found;
+  found.matches = places.empty() ? 0 : places[0].matches.size();
+  if (found.matches < kFewestOfAll) {
+    throw InvalidInputError(
+        Concat("no place was found: at most ", found.matches, " matches support one, must be at least ", kFewestOfAll));
+  }
+  if (places.size() > 1 && static_cast<double>(places[1].matches.size()) * kClearlyMost > found.matches) {
+    throw InvalidInputError(Concat("it may lie at more than one place: ", found.matches, " matches support one, and ",
+                                   places[1].matches.size(), " another"));
+  }
+  Place& best = places[0];
+  Polish(&best);
+  const double scale = ScaleOf(best.map_from_session);
+  if (!(scale < kScaleTolerance && scale * kScaleTolerance > 1)) {
+    throw InvalidInputError(Concat("the map is ", scale, " times as large: must be of the same scale"));
+  }
+  found.map_from_session.linear() = best.map_from_session.linear() / scale;
+  Eigen::Vector3d from = Eigen::Vector3d::Zero(), to = Eigen::Vector3d::Zero();
+  for (const PointMatch& match : best.matches) from += match.in_session, to += match.in_map;
+  found.map_from_session.translation() =
+      (to - found.map_from_session.linear() * from) / static_cast<double>(best.matches.size());
+  CountAgreeing(session, map_views, &found);
+  return found;
+}
+
+}  // namespace acmp

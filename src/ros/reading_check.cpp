@@ -1,0 +1,281 @@
+#include "acmp_mapping/ros/reading_check.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <random>
+#include <utility>
+
+#include <Eigen/Dense>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/core/eigen.hpp>
+#include <opencv2/features2d.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "acmp_mapping/common/error.h"
+
+namespace acmp {
+namespace {
+
+using Direction = PoseSemantics::Direction;
+using Child = PoseSemantics::Child;
+
+constexpr size_t kKeptImages = 12;
+constexpr size_t kMostGap = 3;   ///< images, of a pair
+constexpr int kSmallSize = 640;  ///< px, of the longer side
+constexpr size_t kFewestMatches = 40, kFewestMatchesOfAll = 400;
+constexpr double kNearLine = 3;           ///< px: errors of good poses and matches
+constexpr double kFittingShare = 0.5;     ///< of the matches near their lines
+constexpr double kClearlyMoreNear = 1.5;  ///< times as many
+constexpr double kDegree = M_PI / 180;
+
+Eigen::Matrix3d CrossProduct(const Eigen::Vector3d& v) {
+  Eigen::Matrix3d matrix;
+  matrix << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return matrix;
+}
+
+/// One way to read the received numbers.
+struct PoseReading {
+  std::string name;
+  Direction direction;
+  RigidTransform child_from_cam;
+  double share = 0;  ///< of the matches that are near their lines
+};
+
+/// Poses of the child, if they are of this direction.
+std::pair<RigidTransform, RigidTransform> ChildPoses(const PoseSemantics& configured, const MatchedImages& pair,
+                                                     Direction direction) {
+  const RigidTransform child_from_cam = ChildFromCamera(configured);
+  const RigidTransform one = pair.world_from_cam * child_from_cam.inverse();
+  const RigidTransform other = (child_from_cam * pair.other_from_world).inverse();
+  if (direction == configured.direction) return {one, other};
+  return {one.inverse(), other.inverse()};
+}
+
+/// Calls function(distance) with each match's distance from its epipolar line (Sampson's approximation), px.
+template <class Function>
+void ForEachDistance(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs,
+                     const PoseReading& reading, const Function& function) {
+  for (const MatchedImages& pair : pairs) {
+    const auto [one, other] = ChildPoses(configured, pair, reading.direction);
+    const RigidTransform other_from_one = (other * reading.child_from_cam).inverse() * (one * reading.child_from_cam);
+    const Eigen::Matrix3d essential = CrossProduct(other_from_one.translation()) * other_from_one.linear();
+    for (size_t i = 0; i < pair.rays.size(); ++i) {
+      const Eigen::Vector3d line = essential * pair.rays[i], back = essential.transpose() * pair.other_rays[i];
+      const double norm = std::sqrt(line.head<2>().squaredNorm() + back.head<2>().squaredNorm());
+      function(norm > 0 ? pair.focal_length * std::abs(pair.other_rays[i].dot(line)) / norm : HUGE_VAL);
+    }
+  }
+}
+
+void FindShare(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs, PoseReading* reading) {
+  size_t near = 0, all = 0;
+  ForEachDistance(configured, pairs, *reading, [&](double distance) { ++all, near += distance < kNearLine; });
+  reading->share = static_cast<double>(near) / static_cast<double>(std::max<size_t>(1, all));
+}
+
+/// The first one is as configured.
+std::vector<PoseReading> ReadingsOf(const PoseSemantics& configured) {
+  std::vector<PoseReading> readings = {{"", configured.direction, ChildFromCamera(configured)}};
+  for (const Direction direction : {Direction::kWorldFromCam, Direction::kCamFromWorld}) {
+    const auto add = [&](const char* name, Child child, bool inverse) {
+      PoseSemantics other = {direction, child, configured.body_from_cam};
+      if (inverse) other.body_from_cam = other.body_from_cam->inverse();
+      if (direction == configured.direction && child == configured.child && !inverse) return;
+      readings.push_back({direction == configured.direction ? name : Concat(name, ", ~pose_is: ", Name(direction)),
+                          direction, ChildFromCamera(other)});
+    };
+    add("poses of the camera, ~pose_child: camera_optical", Child::kCameraOptical, false);
+    add("poses of the camera, ~pose_child: camera_flu", Child::kCameraFlu, false);
+    if (!configured.body_from_cam) continue;
+    add("poses of the body, ~pose_child: body", Child::kBody, false);
+    add("the inverse of T_body_cam, ~pose_child: body", Child::kBody, true);
+  }
+  return readings;
+}
+
+/// A turn as a vector along its axis, as the matches show it and as the poses of the child tell it.
+struct SeenTurn {
+  Eigen::Vector3d of_camera, of_child;
+};
+
+Eigen::Vector3d TurnVector(const Eigen::Matrix3d& rotation) {
+  const Eigen::AngleAxisd turn(rotation);
+  return turn.angle() * turn.axis();
+}
+
+std::vector<SeenTurn> TurnsOf(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs,
+                              Direction direction) {
+  const cv::Mat identity = cv::Mat::eye(3, 3, CV_64F);
+  std::vector<SeenTurn> turns;
+  for (const MatchedImages& pair : pairs) {
+    std::vector<cv::Point2d> points, other_points;
+    for (size_t i = 0; i < pair.rays.size(); ++i) {
+      points.emplace_back(pair.rays[i].x(), pair.rays[i].y());
+      other_points.emplace_back(pair.other_rays[i].x(), pair.other_rays[i].y());
+    }
+    cv::Mat inliers, rotation, translation;
+    const cv::Mat essential =
+        cv::findEssentialMat(points, other_points, identity, cv::RANSAC, 0.999, 1 / pair.focal_length, inliers);
+    if (essential.rows != 3) continue;
+    cv::recoverPose(essential, points, other_points, identity, rotation, translation, inliers);
+    Eigen::Matrix3d other_from_one;
+    cv::cv2eigen(rotation, other_from_one);
+    const auto [one, other] = ChildPoses(configured, pair, direction);
+    turns.push_back({TurnVector(other_from_one), TurnVector(other.linear().transpose() * one.linear())});
+  }
+  return turns;
+}
+
+/// The rotation that takes one turn's vector to the other's, and a second one's as far as it can; none where the two
+/// are about nearly the same axis.
+std::optional<Eigen::Matrix3d> RotationFromTwo(const SeenTurn& a, const SeenTurn& b) {
+  const auto frame = [](const Eigen::Vector3d& first, const Eigen::Vector3d& second) {
+    const Eigen::Vector3d z = first.cross(second).normalized(), x = first.normalized();
+    Eigen::Matrix3d axes;
+    axes << x, z.cross(x), z;
+    return axes;
+  };
+  constexpr double kFewestDegrees = 2, kAxesApart = 0.3;  // sine
+  for (const SeenTurn* turn : {&a, &b}) {
+    if (std::min(turn->of_camera.norm(), turn->of_child.norm()) < kFewestDegrees * kDegree) return std::nullopt;
+  }
+  const auto apart = [](const Eigen::Vector3d& u, const Eigen::Vector3d& v) {
+    return u.cross(v).norm() / (u.norm() * v.norm());
+  };
+  if (std::min(apart(a.of_camera, b.of_camera), apart(a.of_child, b.of_child)) < kAxesApart) return std::nullopt;
+  return Eigen::Matrix3d(frame(a.of_child, b.of_child) * frame(a.of_camera, b.of_camera).transpose());
+}
+
+/// Mean squared distance from the lines, each at most limit_px.
+double LossOf(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs, const PoseReading& reading,
+              double limit_px) {
+  double sum = 0;
+  ForEachDistance(configured, pairs, reading,
+                  [&](double distance) { sum += std::pow(std::min(distance, limit_px), 2); });
+  return sum;
+}
+
+/// The rotation between child and camera that fits the matches best, its place taken to be the child's.
+PoseReading FitRotation(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs, Direction direction) {
+  constexpr double kCoarsePx = 20, kFinePx = 5;
+  PoseReading best = {Concat("~pose_is: ", Name(direction)), direction, RigidTransform::Identity()};
+  double loss = HUGE_VAL;
+  const auto try_rotation = [&](const Eigen::Matrix3d& child_from_cam, double limit_px) {
+    PoseReading reading = best;
+    reading.child_from_cam.linear() = child_from_cam;
+    const double found = LossOf(configured, pairs, reading, limit_px);
+    if (found < loss) loss = found, best = reading;
+  };
+  const std::vector<SeenTurn> turns = TurnsOf(configured, pairs, direction);
+  for (size_t i = 0; i < turns.size(); ++i) {
+    for (size_t j = 0; j < i; ++j) {
+      if (const auto rotation = RotationFromTwo(turns[i], turns[j])) try_rotation(*rotation, kCoarsePx);
+    }
+  }
+  if (loss == HUGE_VAL) return best;
+  std::minstd_rand random(1);
+  const auto number = [&random] { return static_cast<double>(random() % 2001) / 1000 - 1; };
+  for (const double limit_px : {kCoarsePx, kFinePx}) {
+    loss = LossOf(configured, pairs, best, limit_px);
+    for (double step = limit_px / 2 * kDegree; step > 0.1 * kDegree; step *= 0.95) {
+      const Eigen::Vector3d turn = step * Eigen::Vector3d(number(), number(), number());
+      try_rotation(best.child_from_cam.linear() * Eigen::AngleAxisd(turn.norm(), turn.normalized()), limit_px);
+    }
+  }
+  FindShare(configured, pairs, &best);
+  return best;
+}
+
+long Percent(double share) { return std::lround(100 * share); }
+
+}  // namespace
+
+std::string DescribeReadings(const PoseSemantics& configured, const std::vector<MatchedImages>& pairs) {
+  size_t matches = 0;
+  for (const MatchedImages& pair : pairs) matches += pair.rays.size();
+  if (matches < kFewestMatchesOfAll) return "";
+  std::vector<PoseReading> readings = ReadingsOf(configured);
+  for (PoseReading& reading : readings) FindShare(configured, pairs, &reading);
+  const double now = readings.front().share;
+  const auto fits = [&](const PoseReading& reading) {
+    return reading.share > kFittingShare && reading.share > kClearlyMoreNear * now;
+  };
+  const auto share = [](const PoseReading& reading) { return Concat(" (", Percent(reading.share), " %)"); };
+  const std::string found = Concat("; by the poses as they are read ", Percent(now),
+                                   " % of the matches between images lie where they should: ");
+  std::sort(readings.begin(), readings.end(), [](const auto& a, const auto& b) { return a.share > b.share; });
+  if (fits(readings.front())) {
+    std::string fitting;
+    size_t count = 0;
+    for (const PoseReading& reading : readings) {
+      if (!fits(reading) || reading.share * kClearlyMoreNear < readings.front().share) break;
+      fitting += (count++ == 0 ? "" : "; ") + reading.name + share(reading);
+    }
+    return Concat(found, count == 1 ? "what fits is " : "several readings fit, and one of them is right: ", fitting);
+  }
+  if (now > kFittingShare) return "";
+  PoseReading best = FitRotation(configured, pairs, Direction::kWorldFromCam);
+  const PoseReading inverse = FitRotation(configured, pairs, Direction::kCamFromWorld);
+  if (std::max(best.share, inverse.share) < kClearlyMoreNear * std::min(best.share, inverse.share)) return "";
+  if (inverse.share > best.share) best = inverse;
+  if (!fits(best)) return "";
+  std::string rotation;
+  for (int i = 0; i < 9; ++i) {
+    const double rounded = std::round(100 * best.child_from_cam.linear()(i / 3, i % 3)) / 100;
+    rotation += Concat(i == 0 ? "" : i % 3 == 0 ? "; " : " ", rounded + 0.0);
+  }
+  return Concat(found, "what fits is poses of a body, ~pose_child: body, ", best.name,
+                ", and T_body_cam with a rotation of about [", rotation, "]", share(best));
+}
+
+void ReadingCheck::Add(const Frame& frame) {
+  const PinholeCamera& camera = frame.camera;
+  const double scale = std::min(1.0, static_cast<double>(kSmallSize) / std::max(camera.width, camera.height));
+  SmallImage image;
+  cv::Mat(camera.height, camera.width, CV_32F, const_cast<float*>(frame.gray.data())).convertTo(image.gray, CV_8U);
+  if (scale < 1) cv::resize(image.gray, image.gray, {}, scale, scale, cv::INTER_AREA);
+  image.camera = camera.Resized(image.gray.cols, image.gray.rows);
+  image.world_from_cam = frame.cam_from_world.inverse();
+  const std::lock_guard<std::mutex> lock(mutex_);
+  images_.push_back(std::move(image));
+  if (images_.size() > kKeptImages) images_.pop_front();
+  ++added_;
+}
+
+std::string ReadingCheck::Describe(const PoseSemantics& configured) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (added_ < next_) return text_;
+  next_ = added_ + images_.size();
+  const cv::Ptr<cv::ORB> orb = cv::ORB::create(1000);
+  const cv::BFMatcher matcher(cv::NORM_HAMMING);
+  std::vector<std::vector<cv::KeyPoint>> points(images_.size());
+  std::vector<cv::Mat> descriptors(images_.size());
+  std::vector<MatchedImages> pairs;
+  for (size_t i = 0; i < images_.size(); ++i) {
+    orb->detectAndCompute(images_[i].gray, cv::noArray(), points[i], descriptors[i]);
+    for (size_t j = i < kMostGap ? 0 : i - kMostGap; j < i; ++j) {
+      MatchedImages pair = {
+          {}, {}, images_[j].world_from_cam, images_[i].world_from_cam.inverse(), images_[i].camera.fx};
+      std::vector<std::vector<cv::DMatch>> candidates;
+      if (!descriptors[j].empty() && !descriptors[i].empty()) {
+        matcher.knnMatch(descriptors[j], descriptors[i], candidates, 2);
+      }
+      for (const std::vector<cv::DMatch>& nearest : candidates) {
+        constexpr float kUnique = 0.8f;  // Lowe's ratio
+        if (nearest.size() < 2 || nearest[0].distance > kUnique * nearest[1].distance) continue;
+        const auto ray = [](const PinholeCamera& camera, const cv::KeyPoint& point) {
+          return Eigen::Vector3d(camera.Unproject({point.pt.x, point.pt.y}, 1));
+        };
+        pair.rays.push_back(ray(images_[j].camera, points[j][static_cast<size_t>(nearest[0].queryIdx)]));
+        pair.other_rays.push_back(ray(images_[i].camera, points[i][static_cast<size_t>(nearest[0].trainIdx)]));
+      }
+      if (pair.rays.size() >= kFewestMatches) pairs.push_back(std::move(pair));
+    }
+  }
+  text_ = DescribeReadings(configured, pairs);
+  return text_;
+}
+
+}  // namespace acmp

@@ -1,0 +1,147 @@
+#include "acmp_mapping/ros/reading_check.h"
+
+#include <random>
+
+#include <Eigen/Geometry>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "acmp_mapping/synthetic/synthetic_scene.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Not;
+
+using Child = PoseSemantics::Child;
+using Direction = PoseSemantics::Direction;
+
+RigidTransform Turned(double degrees, const Eigen::Vector3d& axis, const Eigen::Vector3d& position = {0, 0, 0}) {
+  RigidTransform transform = RigidTransform::Identity();
+  transform.linear() = Eigen::AngleAxisd(degrees * M_PI / 180, axis.normalized()).toRotationMatrix();
+  transform.translation() = position;
+  return transform;
+}
+
+/// A pose that is sent of `truth` and read as `configured`.
+RigidTransform ReadAs(const PoseSemantics& configured, const PoseSemantics& truth,
+                      const RigidTransform& world_from_cam) {
+  const RigidTransform world_from_child = world_from_cam * ChildFromCamera(truth).inverse();
+  const bool inverse = truth.direction == Direction::kCamFromWorld;
+  return WorldFromCamera(configured, inverse ? world_from_child.inverse() : world_from_child);
+}
+
+/// Numbers in -1..1.
+class Numbers {
+ public:
+  double Next() { return static_cast<double>(random_() % 2001) / 1000 - 1; }
+  Eigen::Vector3d Vector() {
+    const double x = Next(), y = Next();
+    return {x, y, Next()};
+  }
+
+ private:
+  std::minstd_rand random_{3};
+};
+
+/// A camera that moves and turns before points at depths of 2 to 6, every other match of which is wrong by chance.
+std::vector<MatchedImages> Pairs(const PoseSemantics& configured, const PoseSemantics& truth, size_t count = 12) {
+  Numbers numbers;
+  std::vector<MatchedImages> pairs;
+  RigidTransform world_from_cam = Turned(70, {1, 2, 3}, {1, 2, 3});
+  for (size_t i = 0; i < count; ++i) {
+    const RigidTransform other = world_from_cam * Turned(6, numbers.Vector(), 0.3 * numbers.Vector());
+    MatchedImages pair;
+    pair.world_from_cam = ReadAs(configured, truth, world_from_cam);
+    pair.other_from_world = ReadAs(configured, truth, other).inverse();
+    pair.focal_length = 500;
+    for (int match = 0; match < 100; ++match) {
+      const Eigen::Vector3d point =
+          (4 + 2 * numbers.Next()) * Eigen::Vector3d(0.5 * numbers.Next(), 0.4 * numbers.Next(), 1);
+      pair.rays.push_back(point / point.z());
+      const Eigen::Vector3d in_other = other.inverse() * world_from_cam * point;
+      pair.other_rays.push_back(in_other / in_other.z());
+      if (match % 5 == 0) pair.other_rays.back() = Eigen::Vector3d(0.5 * numbers.Next(), 0.4 * numbers.Next(), 1);
+    }
+    pairs.push_back(std::move(pair));
+    world_from_cam = other;
+  }
+  return pairs;
+}
+
+std::string Described(const PoseSemantics& configured, const PoseSemantics& truth) {
+  return DescribeReadings(configured, Pairs(configured, truth));
+}
+
+const RigidTransform kBodyFromCam = Turned(90, {1, 0, 0}, {0.1, 0, 0.2}) * Turned(30, {0, 1, 0});
+
+TEST(DescribeReadingsTest, NamesTheOneThatFits) {
+  for (const Direction direction : {Direction::kWorldFromCam, Direction::kCamFromWorld}) {
+    const PoseSemantics body = {direction, Child::kBody, kBodyFromCam};
+    const PoseSemantics inverse = {direction, Child::kBody, kBodyFromCam.inverse()};
+    const PoseSemantics camera = {direction, Child::kCameraOptical, std::nullopt};
+    const PoseSemantics flu = {direction, Child::kCameraFlu, std::nullopt};
+    EXPECT_THAT(Described(body, body), IsEmpty());
+    EXPECT_THAT(Described(camera, camera), IsEmpty());
+    EXPECT_THAT(Described(inverse, body), HasSubstr("what fits is the inverse of T_body_cam, ~pose_child: body ("));
+    EXPECT_THAT(Described(body, camera), HasSubstr("what fits is poses of the camera, ~pose_child: camera_optical ("));
+    EXPECT_THAT(Described(camera, flu), HasSubstr("what fits is poses of the camera, ~pose_child: camera_flu ("));
+    EXPECT_THAT(Described({direction, Child::kCameraOptical, kBodyFromCam}, body),
+                HasSubstr("what fits is poses of the body, ~pose_child: body ("));
+  }
+}
+
+TEST(DescribeReadingsTest, FindsTheRotationOfABodyThatNobodyTold) {
+  const PoseSemantics body = {Direction::kWorldFromCam, Child::kBody, Turned(90, {1, 0, 0}, {0.02, 0, 0})};
+  EXPECT_THAT(Described({}, body),
+              HasSubstr("what fits is poses of a body, ~pose_child: body, ~pose_is: T_world_cam, and "
+                        "T_body_cam with a rotation of about [1 0 0; 0 0 -1; 0 1 0]"));
+}
+
+TEST(DescribeReadingsTest, OrdersNothingWhereSeveralFitAlike) {
+  const PoseSemantics half_turn = {Direction::kWorldFromCam, Child::kBody, Turned(180, {1, 0, 0})};
+  EXPECT_THAT(Described({Direction::kWorldFromCam, Child::kCameraOptical, half_turn.body_from_cam}, half_turn),
+              AllOf(HasSubstr("several readings fit, and one of them is right"), HasSubstr("poses of the body"),
+                    HasSubstr("the inverse of T_body_cam"), Not(HasSubstr("what fits is"))));
+}
+
+TEST(DescribeReadingsTest, SaysNothingWhereNothingFitsOrLittleIsSeen) {
+  const PoseSemantics body = {Direction::kWorldFromCam, Child::kBody, kBodyFromCam};
+  std::vector<MatchedImages> lost = Pairs({}, {});
+  Numbers numbers;
+  for (MatchedImages& pair : lost)
+    pair.other_from_world = Turned(9, numbers.Vector(), numbers.Vector()) * pair.other_from_world;
+  EXPECT_THAT(DescribeReadings({}, lost), IsEmpty());
+  EXPECT_THAT(DescribeReadings({}, Pairs({}, body, 3)), IsEmpty()) << "300 matches";
+}
+
+TEST(ReadingCheckTest, MatchesTheLastImages) {
+  SyntheticSceneOptions options;
+  options.width = 320;
+  options.height = 240;
+  options.keyframes = 13;  // one more than it keeps
+  const std::vector<SyntheticView> views = MakeSyntheticScene(options);
+  const PoseSemantics body = {Direction::kWorldFromCam, Child::kBody, kBodyFromCam};
+  const auto describe = [&](const PoseSemantics& configured) {
+    ReadingCheck check;
+    EXPECT_THAT(check.Describe(configured), IsEmpty()) << "nothing was seen";
+    for (const SyntheticView& view : views) {
+      Frame frame;
+      frame.camera = view.frame.camera;
+      frame.gray = view.frame.gray.Clone();
+      frame.cam_from_world = ReadAs(configured, body, view.frame.cam_from_world.inverse()).inverse();
+      check.Add(frame);
+    }
+    return check.Describe(configured);
+  };
+  EXPECT_THAT(describe(body), IsEmpty());
+  EXPECT_THAT(describe({Direction::kWorldFromCam, Child::kBody, kBodyFromCam.inverse()}),
+              HasSubstr("what fits is the inverse of T_body_cam"));
+}
+
+}  // namespace
+}  // namespace acmp
