@@ -17,8 +17,8 @@ constexpr double kVoxelShare = 0.005;  // of the median depth, as in the online 
 using Places = std::vector<std::vector<size_t>>;  ///< of each image: places in the list of images
 
 /// One point per voxel of all clouds; empty where they are.
-PointCloud Thinned(const std::vector<PointCloud>& clouds, const Eigen::Vector3d& origin,
-                   const std::vector<ColmapModelImage>& images) {
+PointCloud ThinnedClouds(const std::vector<PointCloud>& clouds, const Eigen::Vector3d& origin,
+                         const std::vector<ColmapModelImage>& images) {
   std::vector<double> depths;
   std::vector<PlacedCloud> placed;
   for (size_t i = 0; i < clouds.size(); ++i) {
@@ -89,7 +89,7 @@ void ColmapOutput::WriteModel(const std::vector<int>& images, const std::vector<
     names.push_back(image.name);
     model.push_back({index + 1, image.name, CameraOf(run_, index), image.cam_from_world});
   }
-  ColmapPoints points(Thinned(clouds, run_.plan.origin, model), run_.plan.origin);
+  ColmapPoints points(ThinnedClouds(clouds, run_.plan.origin, model), run_.plan.origin);
   for (size_t i = 0; i < model.size(); ++i) {
     points.AddImage(i, {model[i].camera, model[i].cam_from_world}, ReadColmapMap(DepthFile(names[i])));
   }
