@@ -1,7 +1,6 @@
 """Reads FOLDER/images and FOLDER/sparse/0/*.bin as gaussian-splatting and nerfstudio do, and checks what they rely on:
-pinhole cameras, images of their size, points that lie where their features say and have the colours of the images.
-
-Usage: read_colmap_model.py FOLDER [--min-points N] [--min-shared N]; ends with 1 and a message where something is wrong."""
+pinhole cameras, images of their size, points that lie where their features say and have the colours of the images. Ends with 1
+and a message where something is wrong."""
 
 import argparse
 import pathlib
@@ -11,7 +10,6 @@ import numpy as np
 from PIL import Image
 
 MAX_REPROJECTION_PX = 1e-6  # a feature is the projection of its point, in doubles
-MAX_COLOUR = 20  # median over an image's points of the difference to its pixel: points are means of several views
 
 
 class Reader:
@@ -65,6 +63,8 @@ def main():
     parser.add_argument("folder", type=pathlib.Path)
     parser.add_argument("--min-points", type=int, default=100)
     parser.add_argument("--min-shared", type=float, default=0.3, help="share of the points that two images or more see")
+    parser.add_argument("--max-colour", type=float, default=20, help="median over an image's points of the difference to its "
+                        "pixel: points are means of several views, whose exposures may differ")
     arguments = parser.parse_args()
     cameras, images, points = read(arguments.folder)
     assert len(points) >= arguments.min_points, f"{len(points)} points, must be at least {arguments.min_points}"
@@ -91,7 +91,7 @@ def main():
         col, row = np.floor(pixels).astype(int).T  # pixel centres at +0.5
         difference = np.abs(picture[row.clip(0, height - 1), col.clip(0, width - 1)] - [point[1] for point in seen])
         differences.append(np.median(difference))
-        assert differences[-1] <= MAX_COLOUR, f"{name}: points differ by {differences[-1]} from the image's colours"
+        assert differences[-1] <= arguments.max_colour, f"{name}: points differ by {differences[-1]} from the image's colours"
     tracks = np.mean([len(track) for _, _, track in points.values()])
     print(f"{len(images)} images, {len(cameras)} cameras, {len(points)} points, {shared:.0%} of them shared, "
           f"{tracks:.1f} images each; colours within {np.mean(differences):.1f}")
