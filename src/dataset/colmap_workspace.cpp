@@ -2,19 +2,27 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cstdint>
+#include <locale>
 #include <sstream>
+#include <system_error>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/output_file.h"
+#include "image_codec_private.h"
+#include "input_file.h"
 
 namespace acmp {
 namespace {
 
-constexpr int kTextDigits = 15;           // of a double
+constexpr int32_t kPinholeModel = 1;      // COLMAP's CAMERA_MODEL_ID
+constexpr size_t kMaxMapHeader = 64;      // three numbers
 constexpr double kColmapOffset_px = 0.5;  // COLMAP's pixel centres against ours
 constexpr double kUnknownError_px = -1;   // a point's reprojection error
 
-std::string MapHeader(int width, int height, int channels) { return Concat(width, "&", height, "&", channels, "&"); }
+std::string MapHeader(int64_t width, int64_t height, int channels) {
+  return Concat(width, "&", height, "&", channels, "&");
+}
 
 /// Number of each image's camera among those that differ.
 std::vector<size_t> FindCameras(const std::vector<ColmapModelImage>& images, std::vector<PinholeCamera>* cameras) {
@@ -28,20 +36,35 @@ std::vector<size_t> FindCameras(const std::vector<ColmapModelImage>& images, std
   return camera_of;
 }
 
+/// A little-endian file, as all machines that this is built for have their numbers.
+class BinaryFile {
+ public:
+  explicit BinaryFile(const std::filesystem::path& path) : file_(path) {}
+  template <class... Values>
+  void Write(Values... values) {
+    (file_.Write(&values, sizeof(values)), ...);
+  }
+  void WriteText(const std::string& text) { file_.Write(text.c_str(), text.size() + 1); }
+  void Commit() { file_.Commit(); }
+
+ private:
+  AtomicFile file_;
+};
+
 void WriteCameras(const std::filesystem::path& path, const std::vector<PinholeCamera>& cameras) {
-  std::ostringstream text = MakeTextFile(kTextDigits);
-  text << "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n# Number of cameras: " << cameras.size() << '\n';
+  BinaryFile file(path);
+  file.Write(uint64_t{cameras.size()});
   for (size_t i = 0; i < cameras.size(); ++i) {
     const PinholeCamera& c = cameras[i];
-    text << i + 1 << " PINHOLE " << c.width << ' ' << c.height << ' ' << c.fx << ' ' << c.fy << ' '
-         << c.cx + kColmapOffset_px << ' ' << c.cy + kColmapOffset_px << '\n';
+    file.Write(static_cast<uint32_t>(i + 1), kPinholeModel, static_cast<uint64_t>(c.width),
+               static_cast<uint64_t>(c.height), c.fx, c.fy, c.cx + kColmapOffset_px, c.cy + kColmapOffset_px);
   }
-  WriteFileAtomically(path, text.str());
+  file.Commit();
 }
 
 struct Feature {
   Eigen::Vector2d pixel;  ///< centres at integers
-  size_t point_id = 0;
+  uint64_t point_id = 0;
 };
 
 /// Writes the points, from id 1 on, and returns the features of each image.
@@ -49,49 +72,58 @@ std::vector<std::vector<Feature>> WritePoints(const std::filesystem::path& path,
                                               const std::vector<ColmapModelImage>& images,
                                               const std::vector<ColmapModelPoint>& points) {
   std::vector<std::vector<Feature>> features(images.size());
-  std::ostringstream lines = MakeTextFile(kTextDigits);
-  size_t count = 0;
+  const auto is_seen = [&](const ColmapModelPoint& point, size_t i) {
+    return (images[i].cam_from_world * point.position_in_world).z() > 0;
+  };
+  const auto views = [&](const ColmapModelPoint& point) {
+    return static_cast<uint64_t>(
+        std::count_if(point.images.begin(), point.images.end(), [&](size_t image) { return is_seen(point, image); }));
+  };
+  BinaryFile file(path);
+  file.Write(static_cast<uint64_t>(
+      std::count_if(points.begin(), points.end(), [&](const ColmapModelPoint& point) { return views(point) > 0; })));
+  uint64_t id = 0;
   for (const ColmapModelPoint& point : points) {
-    std::ostringstream track = MakeTextFile(kTextDigits);
-    for (size_t i : point.images) {
-      const Eigen::Vector3d in_cam = images[i].cam_from_world * point.position_in_world;
-      if (!(in_cam.z() > 0)) continue;
-      track << ' ' << images[i].id << ' ' << features[i].size();
-      features[i].push_back({images[i].camera.Project(in_cam), count + 1});
-    }
-    if (track.str().empty()) continue;
+    const uint64_t length = views(point);
+    if (length == 0) continue;
     const Eigen::Vector3d& p = point.position_in_world;
-    lines << ++count << ' ' << p.x() << ' ' << p.y() << ' ' << p.z() << ' ' << int{point.color.r} << ' '
-          << int{point.color.g} << ' ' << int{point.color.b} << ' ' << kUnknownError_px << track.str() << '\n';
+    file.Write(++id, p.x(), p.y(), p.z(), point.color.r, point.color.g, point.color.b, kUnknownError_px, length);
+    for (size_t i : point.images) {
+      if (!is_seen(point, i)) continue;
+      file.Write(static_cast<uint32_t>(images[i].id), static_cast<uint32_t>(features[i].size()));
+      features[i].push_back({images[i].camera.Project(images[i].cam_from_world * p), id});
+    }
   }
-  WriteFileAtomically(path, Concat("# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n"
-                                   "# Number of points: ",
-                                   count, "\n", lines.str()));
+  file.Commit();
   return features;
-}
-
-std::string FeatureLine(const std::vector<Feature>& features) {
-  std::ostringstream line = MakeTextFile(kTextDigits);
-  for (size_t i = 0; i < features.size(); ++i) {
-    line << (i == 0 ? "" : " ") << features[i].pixel.x() + kColmapOffset_px << ' '
-         << features[i].pixel.y() + kColmapOffset_px << ' ' << features[i].point_id;
-  }
-  return line.str();
 }
 
 void WriteImages(const std::filesystem::path& path, const std::vector<ColmapModelImage>& images,
                  const std::vector<size_t>& camera_of, const std::vector<std::vector<Feature>>& features) {
-  std::ostringstream text = MakeTextFile(kTextDigits);
-  text << "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n# POINTS2D[] as (X, Y, POINT3D_ID)\n"
-       << "# Number of images: " << images.size() << '\n';
+  BinaryFile file(path);
+  file.Write(uint64_t{images.size()});
   for (size_t i = 0; i < images.size(); ++i) {
     const Eigen::Quaterniond q(images[i].cam_from_world.linear());
     const Eigen::Vector3d t = images[i].cam_from_world.translation();
-    text << images[i].id << ' ' << q.w() << ' ' << q.x() << ' ' << q.y() << ' ' << q.z() << ' ' << t.x() << ' ' << t.y()
-         << ' ' << t.z() << ' ' << camera_of[i] + 1 << ' ' << images[i].name << '\n'
-         << FeatureLine(features[i]) << '\n';
+    file.Write(static_cast<uint32_t>(images[i].id), q.w(), q.x(), q.y(), q.z(), t.x(), t.y(), t.z(),
+               static_cast<uint32_t>(camera_of[i] + 1));
+    file.WriteText(images[i].name);
+    file.Write(uint64_t{features[i].size()});
+    for (const Feature& feature : features[i]) {
+      file.Write(feature.pixel.x() + kColmapOffset_px, feature.pixel.y() + kColmapOffset_px, feature.point_id);
+    }
   }
-  WriteFileAtomically(path, text.str());
+  file.Commit();
+}
+
+/// The model's file also where programs look that know workspaces with one model only. A copy where there are no links.
+void LinkFromAbove(const std::filesystem::path& file) {
+  const std::filesystem::path link = file.parent_path().parent_path() / file.filename();
+  std::error_code error;
+  std::filesystem::remove(link, error);
+  std::filesystem::create_symlink(file.parent_path().filename() / file.filename(), link, error);
+  if (error) std::filesystem::copy_file(file, link, error);
+  if (error) throw ProcessingError(Concat("cannot write ", link.string(), ": ", error.message()));
 }
 
 }  // namespace
@@ -114,6 +146,28 @@ void WriteColmapMap(const std::filesystem::path& path, const NormalMap& map) {
   file.Commit();
 }
 
+Image<float> ReadColmapMap(const std::filesystem::path& path) {
+  BinaryReader file(path);
+  std::string header;
+  for (int separators = 0; separators < 3 && header.size() < kMaxMapHeader;) {
+    header += file.Read<char>("header");
+    separators += header.back() == '&' ? 1 : 0;
+  }
+  std::istringstream numbers(header);
+  numbers.imbue(std::locale::classic());
+  int64_t width = 0, height = 0;
+  char separator = 0;
+  numbers >> width >> separator >> height;
+  if (width <= 0 || height <= 0 || header != MapHeader(width, height, 1)) {
+    file.Fail(Concat("header \"", header, "\": must be WIDTH&HEIGHT&1&"));
+  }
+  CheckImageSize(path, static_cast<uint64_t>(width), static_cast<uint64_t>(height));
+  Image<float> map(static_cast<int>(width), static_cast<int>(height));
+  file.ReadBytes(map.data(), map.size() * sizeof(float), "depths");
+  file.ExpectEnd();
+  return map;
+}
+
 void CheckColmapName(const std::string& name) {
   const std::filesystem::path path(name);
   const bool forbidden = name.empty() || name[0] == '#' || name.find_first_of(" \t\r\n,") != std::string::npos;
@@ -125,13 +179,16 @@ void CheckColmapName(const std::string& name) {
   }
 }
 
-void WriteColmapModel(const std::filesystem::path& folder, const std::vector<ColmapModelImage>& images,
+void WriteColmapModel(const std::filesystem::path& workspace, const std::vector<ColmapModelImage>& images,
                       const std::vector<ColmapModelPoint>& points) {
+  const std::filesystem::path folder = workspace / "sparse/0";
+  MakeFolder(folder);
   std::vector<PinholeCamera> cameras;
   const std::vector<size_t> camera_of = FindCameras(images, &cameras);
-  WriteCameras(folder / "cameras.txt", cameras);
-  const auto features = WritePoints(folder / "points3D.txt", images, points);
-  WriteImages(folder / "images.txt", images, camera_of, features);
+  WriteCameras(folder / "cameras.bin", cameras);
+  const auto features = WritePoints(folder / "points3D.bin", images, points);
+  WriteImages(folder / "images.bin", images, camera_of, features);
+  for (const char* name : {"cameras.bin", "points3D.bin", "images.bin"}) LinkFromAbove(folder / name);
 }
 
 void WriteColmapLists(const std::filesystem::path& stereo_folder, const std::vector<std::string>& names,

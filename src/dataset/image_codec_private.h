@@ -22,7 +22,4 @@ ImageSize DecodePngSize(const std::filesystem::path& path, std::string_view cont
 ColorImage DecodeJpeg(const std::filesystem::path& path, std::string_view content);
 ImageSize DecodeJpegSize(const std::filesystem::path& path, std::string_view content);
 
-/// Content of a JPEG file; ProcessingError when libjpeg cannot make one. `path` is for messages.
-std::string EncodeJpeg(const std::filesystem::path& path, const ColorImage& image);
-
 }  // namespace acmp

@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdio>
 #include <cstring>
 #include <iomanip>
 #include <system_error>
@@ -132,6 +133,34 @@ void WriteFileAtomically(const std::filesystem::path& path, const std::string& c
   AtomicFile file(path, durability);
   file.Write(content);
   file.Commit();
+}
+
+AtomicFolder::AtomicFolder(const std::filesystem::path& path) : path_(path), temporary_path_(path) {
+  CheckFolderOf(path);
+  temporary_path_ += ".partial";
+  std::error_code ignored;  // what cannot be removed cannot be written to either
+  std::filesystem::remove_all(temporary_path_, ignored);
+  MakeFolder(temporary_path_);
+}
+
+AtomicFolder::~AtomicFolder() {
+  std::error_code ignored;
+  std::filesystem::remove_all(temporary_path_, ignored);
+}
+
+void AtomicFolder::Commit() {
+  SyncFolder(temporary_path_);
+  // Where there is a folder of that name, it gets the temporary one, which the destructor removes.
+  if (renameat2(AT_FDCWD, temporary_path_.c_str(), AT_FDCWD, path_.c_str(), RENAME_EXCHANGE) != 0) {
+    std::error_code error(errno, std::system_category());
+    const bool cannot_exchange = error == std::errc::invalid_argument || error == std::errc::function_not_supported;
+    if (cannot_exchange) std::filesystem::remove_all(path_, error);
+    if (cannot_exchange ? !error : error == std::errc::no_such_file_or_directory) {
+      std::filesystem::rename(temporary_path_, path_, error);
+    }
+    if (error) throw ProcessingError(Concat("cannot write ", path_.string(), ": ", error.message()));
+  }
+  SyncEntries(path_);
 }
 
 std::ostringstream MakeTextFile(int digits) {

@@ -45,8 +45,8 @@ std::vector<PlacedKeyframe> MapStore::Place(const Snapshot& snapshot) {
       trajectory.push_back({keyframe.as_sent.refined->refined, pose.world_from_cam});
       members.push_back(placed.size());
     }
-    placed.push_back(
-        {pose.Placed(keyframe.as_sent.world_from_cam), pose.scale, keyframe.points_in_camera, pose.stamp_ns});
+    placed.push_back({pose.Placed(keyframe.as_sent.world_from_cam), pose.scale, keyframe.points_in_camera,
+                      pose.stamp_ns, key.mapper, keyframe.as_sent.camera, keyframe.image});
   }
   place_trajectory();
   return placed;
@@ -65,7 +65,7 @@ MapSession MapStore::Session() const {
   }
   for (const auto& [rank, i] : order) {
     const Keyframe& keyframe = snapshot.keyframes[i].keyframe;
-    SessionKeyframe saved = {snapshot.keyframes[i].key, keyframe.as_sent, keyframe.points_in_camera};
+    SessionKeyframe saved = {snapshot.keyframes[i].key, keyframe.as_sent, keyframe.points_in_camera, keyframe.image};
     const double scale = placed[i].scale;
     saved.pose.world_from_cam = placed[i].world_from_cam;
     if (saved.pose.refined) {
@@ -85,8 +85,9 @@ PlacedKeyframes MapStore::Placed() const {
   return placed;
 }
 
-MapCloud MapStore::WorldCloud() const {
-  const PlacedKeyframes map = Placed();  // keeps the points alive
+MapCloud MapStore::WorldCloud() const { return CloudOf(Placed()); }
+
+MapCloud CloudOf(const PlacedKeyframes& map) {
   std::vector<PlacedCloud> clouds;
   for (const PlacedKeyframe& keyframe : map.keyframes) {
     if (keyframe.points_in_camera->empty()) continue;

@@ -101,7 +101,8 @@ MapStore::Keyframes::const_iterator MapStore::Oldest() const {
                           [](const auto& a, const auto& b) { return a.second.arrival < b.second.arrival; });
 }
 
-bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const PointCloud& points_in_camera) {
+bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const PointCloud& points_in_camera,
+                   StoredImagePtr image) {
   {
     std::lock_guard<std::mutex> lock(mutex_);
     if (keyframes_.count(key) > 0) return false;
@@ -119,9 +120,11 @@ bool MapStore::Add(const KeyframeKey& key, const KeyframePose& pose, const Point
   statistics_.points += thinned.points->size();
   keyframe.later_views.resize(thinned.points->size());
   keyframe.points_in_camera = std::move(thinned.points);
+  keyframe.image = std::move(image);
   keyframes_.insert_or_assign(key, std::move(keyframe));
   ApplyPath();
   Evict();
+  ThinImages();
   const std::vector<KeyframeKey> around = Around(key);
   if (!around.empty()) {
     Keyframe& added = keyframes_.at(key);
@@ -232,6 +235,18 @@ void MapStore::Evict() {
   }
 }
 
+void MapStore::ThinImages() {
+  constexpr uint64_t kLargestStride = uint64_t{1} << 62;
+  for (;; image_stride_ *= 2) {
+    uint64_t bytes = 0;
+    for (auto& [key, keyframe] : keyframes_) {
+      if (keyframe.image && key.id % image_stride_ != 0) keyframe.image.reset();
+      bytes += keyframe.image ? keyframe.image->bytes() : 0;
+    }
+    if (bytes <= options_.max_image_bytes || image_stride_ == kLargestStride) return;
+  }
+}
+
 template <class Predicate>
 size_t MapStore::EraseIf(const Predicate& is_to_go) {
   const size_t before = keyframes_.size();
@@ -255,6 +270,7 @@ void MapStore::Clear() {
   path_.clear();
   to_look_.clear();
   auto_voxel_size_ = 0;
+  image_stride_ = 1;
   statistics_ = {};
   ++version_;
 }
@@ -307,6 +323,7 @@ void MapStore::Join(MapSession session, const RigidTransform& world_from_session
       placed.joined = true;
       placed.later_views.resize(keyframe.points_in_camera->size());
       placed.points_in_camera = std::move(keyframe.points_in_camera);
+      placed.image = std::move(keyframe.image);
       joined.emplace_back(keyframe.key, std::move(placed));
     } catch (const InvalidInputError& error) {
       throw InvalidInputError(Concat(NameOf(keyframe.key), ": ", error.what()));
@@ -326,6 +343,7 @@ void MapStore::Join(MapSession session, const RigidTransform& world_from_session
     statistics_.points += keyframe.points_in_camera->size();
     keyframes_.insert_or_assign(key, std::move(keyframe));
   }
+  ThinImages();
   ++version_;
 }
 
@@ -334,8 +352,11 @@ MapStatistics MapStore::statistics() const {
   MapStatistics statistics = statistics_;
   statistics.keyframes = keyframes_.size();
   statistics.voxel_size = VoxelSize();
+  statistics.image_stride = image_stride_;
   for (const auto& [key, keyframe] : keyframes_) {
     statistics.yet_to_look += keyframe.to_look ? 1 : 0;
+    statistics.images += keyframe.image ? 1 : 0;
+    statistics.image_bytes += keyframe.image ? keyframe.image->bytes() : 0;
     statistics.smallest_scale = std::min(statistics.smallest_scale, keyframe.pose.scale);
     statistics.largest_scale = std::max(statistics.largest_scale, keyframe.pose.scale);
   }

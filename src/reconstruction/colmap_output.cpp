@@ -1,66 +1,42 @@
 #include <algorithm>
 #include <map>
 
+#include "acmp_mapping/common/median.h"
 #include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/dataset/map_io.h"
 #include "acmp_mapping/dataset/output_file.h"
-#include "acmp_mapping/keyframe/landmark_visibility.h"
+#include "acmp_mapping/fusion/voxel_map.h"
 #include "acmp_mapping/patch_match/kernel/match_context.h"
 #include "image_files.h"
 
 namespace acmp {
 namespace {
 
-constexpr Rgb kUnknownColor = {128, 128, 128};  // of a landmark: scenes do not have it
-constexpr size_t kPointsPerCloud = 500;         // more do not change which images overlap
+constexpr double kVoxelShare = 0.005;  // of the median depth, as in the online map
 
 using Places = std::vector<std::vector<size_t>>;  ///< of each image: places in the list of images
 
-/// The scene's landmarks with the images that observe them.
-std::vector<ColmapModelPoint> LandmarksOf(const Scene& scene, const std::vector<int>& images) {
-  std::map<int, ColmapModelPoint> points;
-  for (size_t i = 0; i < images.size(); ++i) {
-    for (int landmark : scene.images[images[i]].landmark_indices) {
-      ColmapModelPoint& point = points[landmark];
-      point.position_in_world = scene.landmarks_in_world[landmark];
-      point.color = kUnknownColor;
-      point.images.push_back(i);
-    }
-  }
-  std::vector<ColmapModelPoint> list;
-  list.reserve(points.size());
-  for (auto& [landmark, point] : points) list.push_back(std::move(point));
-  return list;
-}
-
-bool SomeAreShared(const std::vector<ColmapModelPoint>& points) {
-  return std::any_of(points.begin(), points.end(), [](const auto& point) { return point.images.size() > 1; });
-}
-
-/// Stand-ins for landmarks: some fused points of each image, seen by it and by those of its source views that they lie
-/// in. Hidden or not does not matter for the one use they have, to tell which images overlap.
-std::vector<ColmapModelPoint> PointsOf(const std::vector<PointCloud>& clouds, const Eigen::Vector3d& origin,
-                                       const std::vector<ColmapModelImage>& images, const Places& sources) {
-  std::vector<ColmapModelPoint> points;
+/// One point per voxel of all clouds; empty where they are.
+PointCloud ThinnedClouds(const std::vector<PointCloud>& clouds, const Eigen::Vector3d& origin,
+                         const std::vector<ColmapModelImage>& images) {
+  std::vector<double> depths;
+  std::vector<PlacedCloud> placed;
   for (size_t i = 0; i < clouds.size(); ++i) {
-    const size_t step = std::max<size_t>(1, clouds[i].size() / kPointsPerCloud);
-    for (size_t k = 0; k < clouds[i].size(); k += step) {
-      ColmapModelPoint point{InWorld(origin, clouds[i][k].position), clouds[i][k].color, {i}};
-      for (size_t source : sources[i]) {
-        if (DepthInView(point.position_in_world, images[source].camera, images[source].cam_from_world) > 0) {
-          point.images.push_back(source);
-        }
-      }
-      points.push_back(std::move(point));
-    }
+    if (clouds[i].empty()) continue;
+    std::vector<double> of_image(clouds[i].size());
+    std::transform(clouds[i].begin(), clouds[i].end(), of_image.begin(), [&](const SurfacePoint& point) {
+      return (images[i].cam_from_world * InWorld(origin, point.position)).z();
+    });
+    depths.push_back(Median(std::move(of_image)));
+    placed.push_back({RigidTransform::Identity(), &clouds[i]});
   }
-  return points;
+  return placed.empty() ? PointCloud() : MergeClouds(placed, static_cast<float>(kVoxelShare * Median(depths)));
 }
 
 }  // namespace
 
 ColmapOutput::ColmapOutput(const ReconstructRun* run) : run_(*run), folder_(run->folder->path() / "colmap") {
-  for (const char* name : {"sparse", "stereo"}) MakeFolder(folder_ / name);
+  MakeFolder(folder_ / "stereo");
 }
 
 void ColmapOutput::CheckNames(const Scene& scene, const std::vector<int>& indices) {
@@ -83,8 +59,12 @@ void ColmapOutput::WriteMaps(int index, const FinalMaps& maps) const {
   };
   const auto write_map = [](const auto& path, const auto& map) { WriteColmapMap(path, map); };
   write(folder_ / "images" / name, WriteColorImage, maps.color);
-  write(folder_ / "stereo/depth_maps" / (name + ".geometric.bin"), write_map, measured_depth);
+  write(DepthFile(name), write_map, measured_depth);
   write(folder_ / "stereo/normal_maps" / (name + ".geometric.bin"), write_map, measured_normal);
+}
+
+std::filesystem::path ColmapOutput::DepthFile(const std::string& name) const {
+  return folder_ / "stereo/depth_maps" / (name + ".geometric.bin");
 }
 
 Places ColmapOutput::SourcesWithin(const std::vector<int>& images) const {
@@ -107,11 +87,12 @@ void ColmapOutput::WriteModel(const std::vector<int>& images, const std::vector<
     names.push_back(image.name);
     model.push_back({index + 1, image.name, CameraOf(run_, index), image.cam_from_world});
   }
+  ColmapPoints points(ThinnedClouds(clouds, run_.plan.origin, model), run_.plan.origin);
+  for (size_t i = 0; i < model.size(); ++i) {
+    points.AddImage(i, {model[i].camera, model[i].cam_from_world}, ReadColmapMap(DepthFile(names[i])));
+  }
+  WriteColmapModel(folder_, model, points.Take());
   const Places sources = SourcesWithin(images);
-  std::vector<ColmapModelPoint> points = LandmarksOf(run_.scene, images);
-  // COLMAP fuses only images that share points.
-  if (!SomeAreShared(points)) points = PointsOf(clouds, run_.plan.origin, model, sources);
-  WriteColmapModel(folder_ / "sparse", model, points);
   std::vector<std::vector<std::string>> source_names(images.size());
   for (size_t i = 0; i < images.size(); ++i) {
     for (size_t source : sources[i]) source_names[i].push_back(names[source]);

@@ -25,12 +25,14 @@ class ColmapOutput {
   /// them, and a program that fuses the maps would take them for what a camera saw.
   void WriteMaps(int index, const FinalMaps& maps) const;
 
-  /// Cameras, poses, landmarks and the lists of images: last, since the online schedule decides late what gets a map.
+  /// Cameras, poses, points of the cloud and the lists of images: last, since the online schedule decides late what
+  /// gets a map, and the maps tell which images see a point.
   /// @param images with maps, by scene index
   /// @param clouds of each of the images, from the plan's origin
   void WriteModel(const std::vector<int>& images, const std::vector<PointCloud>& clouds) const;
 
  private:
+  std::filesystem::path DepthFile(const std::string& name) const;
   std::vector<std::vector<size_t>> SourcesWithin(const std::vector<int>& images) const;
 
   const ReconstructRun& run_;

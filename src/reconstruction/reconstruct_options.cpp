@@ -172,8 +172,8 @@ void AddOutputOptions(CLI::App* app, ReconstructOptions* options) {
   app->add_flag("--dmb", options->dmb, "Also write depth as .dmb (Gipuma, ACMP)");
   app->add_flag(
       "--colmap", options->colmap,
-      "Also write OUTPUT/colmap, COLMAP's dense workspace, for colmap stereo_fusion, OpenMVS and others. Its\n"
-      "depth maps leave out pixels that no view confirms, those of cost 2");
+      "Also write OUTPUT/colmap, COLMAP's dense workspace, for colmap stereo_fusion, OpenMVS, trainers of splats and\n"
+      "others. Its depth maps leave out pixels that no view confirms, those of cost 2");
   app->add_flag("--no-pictures", options->no_pictures, "No colour pictures of the maps");
   app->add_flag("--overwrite", options->overwrite, "Start afresh: remove what an earlier run left in OUTPUT");
   app->add_flag("--keep-work", options->keep_work, "Keep OUTPUT/work at the end");

@@ -35,6 +35,8 @@ class ResultWriter {
     places_.resize(images_.size());
     clouds_.resize(files_.colmap() ? images_.size() : 0);
     tasks->AddFileTask(all_written, [this] { FinishFiles(); });
+    // COLMAP's model reads the maps.
+    if (files_.colmap()) all_in_cloud.insert(all_in_cloud.end(), all_written.begin(), all_written.end());
     tasks->AddFileTask(all_in_cloud, [this] { FinishCloud(); });
   }
 

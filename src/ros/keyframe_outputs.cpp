@@ -42,7 +42,7 @@ PointCloud KeptPoints(const KeyframeDepth& maps) {
 
 KeyframeOutput MakeKeyframeOutput(const KeyframeDepthPtr& maps, double min_depth_confidence) {
   const auto& frame = static_cast<const ReceivedFrame&>(*maps->frame);
-  return {frame.origin, frame.run, maps, MakeKeepMask(*maps, min_depth_confidence), KeptPoints(*maps)};
+  return {frame.origin, frame.run, maps, MakeKeepMask(*maps, min_depth_confidence), KeptPoints(*maps), frame.jpeg};
 }
 
 std::string DescribePixels(const KeyframeOutput& output) {

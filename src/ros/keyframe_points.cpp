@@ -80,7 +80,21 @@ acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, c
   head.world_frame = origin.world_frame;
   acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, output.points_in_camera);
   message->replaces = replaces;
+  if (!replaces && output.jpeg) FillImage(*output.jpeg, message.get());
   return message;
+}
+
+void FillImage(std::string_view jpeg, KeyframePoints* message) {
+  message->image.header = message->points.header;
+  message->image.format = "jpeg";
+  message->image.data.assign(jpeg.begin(), jpeg.end());
+}
+
+StoredImagePtr StoreImage(const KeyframePoints& message, ImageStore* images) {
+  const std::vector<uint8_t>& data = message.image.data;
+  if (data.empty()) return nullptr;
+  return images->Put({reinterpret_cast<const char*>(data.data()), data.size()},
+                     ToCalibration(message.camera_info, true).camera);
 }
 
 std::string NameOf(const KeyframePoints& message) {

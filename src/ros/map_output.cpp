@@ -12,6 +12,7 @@
 #include <boost/make_shared.hpp>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/map/map_colmap.h"
 #include "acmp_mapping/map/map_mesh.h"
 #include "acmp_mapping/map/map_writer.h"
 #include "acmp_mapping/map/occupancy_map.h"
@@ -28,6 +29,24 @@ template <class Message>
 ros::Publisher AdvertiseLatched(ros::NodeHandle* nh, const char* name, PublishPace* pace) {
   const ros::SubscriberStatusCallback on_connect = [pace](const ros::SingleSubscriberPublisher&) { pace->Request(); };
   return nh->advertise<Message>(name, 1, on_connect, ros::SubscriberStatusCallback(), ros::VoidConstPtr(), true);
+}
+
+/// Of a file with local coordinates; empty where these are the world's. @param holder what has no larger ones
+std::string DescribeOrigin(const Eigen::Vector3d& origin, const char* holder) {
+  if (origin.isZero(0)) return "";
+  return Concat("; its coordinates are those of the world less (", std::setprecision(15), origin.x(), ", ", origin.y(),
+                ", ", origin.z(), "), as ", holder, " holds none that large");
+}
+
+std::string DescribeLeftOut(const ColmapFolder& written) {
+  std::string text;
+  if (written.without_image > 0) {
+    text +=
+        Concat("; ", written.without_image, " keyframes have no image and are left out (~keep_images of the mappers, ",
+               "~image_disk_limit of the map server)");
+  }
+  if (written.without_points > 0) text += Concat("; ", written.without_points, " without points are left out");
+  return text;
 }
 
 }  // namespace
@@ -161,15 +180,17 @@ size_t MapOutput::SaveMesh(const std::filesystem::path& path, const SaveMap::Req
 
 MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) const {
   using Request = SaveMap::Request;
-  constexpr const char* kEndings[] = {".ply", ".pcd", ".ply", ".obj", ".bt"};  // of the formats
+  constexpr const char* kEndings[] = {".ply", ".pcd", ".ply", ".obj", ".bt", ".colmap"};  // of the formats
   if (request.format >= std::size(kEndings)) {
-    throw InvalidInputError(Concat("format = ", int{request.format},
-                                   ": must be 0 (PLY), 1 (PCD), 2 (MESH_PLY), 3 (MESH_OBJ) or 4 (OCTOMAP)"));
+    throw InvalidInputError(
+        Concat("format = ", int{request.format},
+               ": must be 0 (PLY), 1 (PCD), 2 (MESH_PLY), 3 (MESH_OBJ), 4 (OCTOMAP) or 5 (COLMAP)"));
   }
   const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path, kEndings[request.format]);
   const bool replaces = std::filesystem::exists(path);
   size_t keyframes = 0, points = 0;
   const char* what = "points";
+  const char* replaced = replaces ? kReplaced : "";
   std::string coarse, note;
   switch (request.format) {
     case Request::PLY:
@@ -185,6 +206,15 @@ MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) co
       points = SaveMesh(path, request, &keyframes);
       what = "vertices of the mesh";
       break;
+    case Request::COLMAP: {
+      const PlacedKeyframes map = map_->Placed();
+      const ColmapFolder written = WriteColmapFolder(path, map, [this] { CheckStopped(); });
+      points = written.points;
+      keyframes = written.images;
+      if (replaces) replaced = ", in place of the folder of that name";
+      note = DescribeLeftOut(written) + DescribeOrigin(map.origin, "splats");
+      break;
+    }
     default: {  // OCTOMAP
       CheckMapPath(path);
       const PlacedKeyframes map = map_->Placed();
@@ -194,17 +224,14 @@ MapOutput::SaveMap::Response MapOutput::Save(const SaveMap::Request& request) co
       points = occupancy->nodes();
       what = "nodes of the octree";
       if (!coarse.empty()) note = "; " + coarse;
-      if (!map.origin.isZero(0)) {  // its keys have 16 bits
-        note += Concat("; its coordinates are those of the world less (", std::setprecision(15), map.origin.x(), ", ",
-                       map.origin.y(), ", ", map.origin.z(), "), as OctoMap holds none that large");
-      }
+      note += DescribeOrigin(map.origin, "OctoMap");  // its keys have 16 bits
       break;
     }
   }
   SaveMap::Response response;
   response.success = true;
-  response.message = Concat("saved ", points, " ", what, " of ", keyframes, " keyframes to ", path.string(),
-                            replaces ? kReplaced : "", note);
+  response.message =
+      Concat("saved ", points, " ", what, " of ", keyframes, " keyframes to ", path.string(), replaced, note);
   response.points = points;
   response.keyframes = keyframes;
   return response;

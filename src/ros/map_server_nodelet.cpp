@@ -54,13 +54,14 @@ void MapServerNodelet::Start() {
   ParameterReader reader = ReadParameters();
   options_ = LoadMapServerOptions(&reader);
   WarnOfUnknown(reader);
+  if (options_.image_disk_limit_gb > 0) images_ = std::make_unique<ImageStore>(options_.save_folder);
   map_ = std::make_unique<MapStore>(options_.map);
   map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get(), options_,
                                             [this](const Incident& incident) { Report(incident); });
   path_ = status_thread_.Attach(getNodeHandle()).advertise<nav_msgs::Path>(names::kKeyframePath, 1, true);
   if (!options_.load_session.empty()) {
     const std::filesystem::path path = MapPathBelow(options_.save_folder, options_.load_session, kSessionEnding);
-    JoinSession(path, ReadSession(path, options_.memory_limit_bytes()), RigidTransform::Identity());
+    JoinSession(path, ReadSession(path, options_.memory_limit_bytes(), images_.get()), RigidTransform::Identity());
     NODELET_INFO("loaded %zu keyframes of %s", map_->statistics().keyframes, options_.load_session.c_str());
   }
   Subscribe();
@@ -103,7 +104,7 @@ void MapServerNodelet::StartServices() {
   AddService<LoadSession>(names::kLoadSession, false, [this](const auto& request, auto* response) {
     const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path, kSessionEnding);
     RigidTransform world_from_session = WorldFromSession(request.T_world_session);
-    Session session = ReadSession(path, options_.memory_limit_bytes());
+    Session session = ReadSession(path, options_.memory_limit_bytes(), images_.get());
     std::string where;
     if (request.find_transform) {
       if (!world_from_session.isApprox(RigidTransform::Identity())) {
@@ -247,7 +248,7 @@ void MapServerNodelet::AddKeyframe(const KeyframePointsHead& head, const Keyfram
     map_->Replace(head.key, head.pose, points);  // where it is not in the map any more, that is counted there
     return;
   }
-  if (!map_->Add(head.key, head.pose, points)) {
+  if (!map_->Add(head.key, head.pose, points, KeepImage(message))) {
     return Report(Incident{"keyframe_twice", Concat("keyframe ", head.key.id, " of ", head.key.mapper,
                                                     " has come already: have two mappers the same name?")});
   }
@@ -256,6 +257,15 @@ void MapServerNodelet::AddKeyframe(const KeyframePointsHead& head, const Keyfram
   newest_stamp_ns_ = head.pose.stamp_ns;
   map_output_->SetHeader(world_frame_, newest_stamp_ns_);
   PublishPath();
+}
+
+StoredImagePtr MapServerNodelet::KeepImage(const KeyframePoints& message) {
+  try {
+    return images_ ? StoreImage(message, images_.get()) : nullptr;
+  } catch (const std::exception& error) {
+    Report(Incident{"image_not_kept", Concat(NameOf(message), " is in the map without its image: ", error.what())});
+    return nullptr;
+  }
 }
 
 void MapServerNodelet::HandleOptimizedPath(const nav_msgs::Path& message) {

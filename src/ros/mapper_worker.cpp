@@ -11,6 +11,8 @@
 #include "acmp_mapping/backend/make_depth_engine.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/timer.h"
+#include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/image/image_processing.h"
 #include "acmp_mapping/ros/callback_thread.h"
 #include "acmp_mapping/ros/input_sources.h"
 #include "acmp_mapping/ros/mapper_diagnostics.h"
@@ -29,6 +31,16 @@ void CheckMaskFile(const Mask& mask, const std::string& file, const PinholeCamer
   if (mask.width() == camera.width && mask.height() == camera.height) return;
   throw InvalidInputError(Concat("~mask_file ", file, " of ", mask.width(), "x", mask.height(),
                                  ": must have the image's size, ", camera.width, "x", camera.height));
+}
+
+/// A JPEG file, or null for a size of 0. @param max_size px of the longer side
+std::shared_ptr<const std::string> KeptImage(const ColorImage& image, int max_size) {
+  if (max_size == 0) return nullptr;
+  int width = image.width(), height = image.height();
+  LimitSize(max_size, &width, &height);
+  ColorImage shrunk;
+  if (width != image.width() || height != image.height()) shrunk = Resize(image, width, height);
+  return std::make_shared<const std::string>(EncodeJpeg("the image to keep", shrunk.empty() ? image : shrunk));
 }
 
 /// Keyframes over which the time between two is measured.
@@ -218,7 +230,7 @@ void MapperWorker::Process(const KeyframeInput& input) {
   Timer timer;
   UseOptions();
 
-  const FramePtr frame = PrepareFrame(input);
+  const FramePtr frame = PrepareFrame(input, true);
   const double preparation_ms = timer.Lap();
   UpdateStatus([&](WorkerStatus* status) {
     ++status->keyframes;
@@ -264,7 +276,7 @@ void MapperWorker::ChooseSetting(double keyframe_ms) {
 void MapperWorker::ProcessOvertaken(const KeyframeInput& input) {
   if (mapper_) {
     UseOptions();
-    mapper_->AddSourceImage(PrepareFrame(input));
+    mapper_->AddSourceImage(PrepareFrame(input, false));
   }
   outputs_->Report(
       {"overload",
@@ -303,7 +315,7 @@ DepthMap MapperWorker::PriorDepthOf(const KeyframeInput& input) {
   }
 }
 
-FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input) {
+FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input, bool keeps_image) {
   FrameOptions frame_options = {node_options_.max_image_size};
   if (auto_preset_) {
     const PinholeCamera& camera = input.calibration->camera;
@@ -321,10 +333,11 @@ FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input) {
   if (!decoder_.note().empty() && decoder_.note() != note) {
     outputs_->Report({"assumed_encoding", Concat(input.image->topic, ": ", decoder_.note())});
   }
+  std::shared_ptr<const std::string> jpeg = KeptImage(image, keeps_image ? node_options_.keep_images : 0);
   Frame frame = MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image),
                           calibration_->camera, input.world_from_cam.inverse(), input.landmarks_in_world, frame_options,
                           rectifier_->RectifyMask(MaskOf(input)), rectifier_->RectifyDepth(PriorDepthOf(input)));
-  return std::make_shared<const ReceivedFrame>(ReceivedFrame{std::move(frame), input, run_});
+  return std::make_shared<const ReceivedFrame>(ReceivedFrame{std::move(frame), input, run_, std::move(jpeg)});
 }
 
 }  // namespace acmp

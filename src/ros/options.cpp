@@ -150,6 +150,10 @@ OptionList OptionsOf(NodeOptions* o) {
               "When keyframes come faster than they are mapped: groups of neighbours are mapped, or only what comes "
               "while the mapper is idle, and others are matched against the rest; or the input waits, so that nothing "
               "of a recording is lost");
+  list.Number(
+      "keep_images", &o->keep_images, 0, 100000, "px",
+      "Undistorted images of keyframes go to the map with their points, for COLMAP models (save_map): JPEG files "
+      "whose longer side has so many pixels at most; 0: none");
   list.Number("memory_limit", &o->memory_limit_gb, 0.01, 1000, "GB",
               "What an image may take while it is decoded and undistorted: a camera_info of more pixels is refused "
               "before memory is asked for");
@@ -197,6 +201,9 @@ OptionList OptionsOf(MapServerOptions* o) {
   list.Text("save_folder", &o->save_folder,
             "Maps and sessions are saved and loaded only below this folder, where relative paths start; empty: "
             "~/.ros/acmp_mapping (in ROS_HOME where that is set), which is made; /: anywhere");
+  list.Number("image_disk_limit", &o->image_disk_limit_gb, 0, 100000, "GB",
+              "Disk below save_folder that images of keyframes (keep_images of the mappers) may take; when it is more, "
+              "every second one goes, of all keyframes alike; 0: none are kept");
   list.Text("load_session", &o->load_session,
             "Session (save_session) to begin with, in place of an empty map; empty: none");
   return list;
@@ -357,6 +364,7 @@ MapServerOptions LoadMapServerOptions(ParameterReader* reader) {
     throw InvalidInputError(Concat("parameter ~occupancy_min_height = ", options.occupancy_min_height,
                                    ": must be below ~occupancy_max_height = ", options.occupancy_max_height));
   }
+  options.map.max_image_bytes = static_cast<uint64_t>(options.image_disk_limit_gb * 1e9);
   if (options.save_folder.empty()) options.save_folder = MakeDefaultFolder();
   if (!std::filesystem::is_directory(options.save_folder)) {
     throw InvalidInputError(

@@ -75,7 +75,7 @@ auto ReadValue(const rosbag::Bag& bag, const char* topic) {
       Concat("has ", values.size(), " messages on ", topic, " instead of one: not written by save_session"));
 }
 
-Session ReadOpened(const rosbag::Bag& bag, size_t max_bytes) {
+Session ReadOpened(const rosbag::Bag& bag, size_t max_bytes, ImageStore* images) {
   const uint32_t version = ReadValue<std_msgs::UInt32>(bag, kVersionTopic);
   if (version != kSessionVersion) {
     throw InvalidInputError(Concat("is a session of version ", version, ", this program reads version ",
@@ -99,6 +99,7 @@ Session ReadOpened(const rosbag::Bag& bag, size_t max_bytes) {
       KeyframePointsHead head = ReadHead(message, max_bytes);
       keyframe = {std::move(head.key), std::move(head.pose),
                   std::make_shared<const PointCloud>(ToPointCloud(message.points))};
+      if (images) keyframe.image = StoreImage(message, images);
       session.world_frame = head.world_frame;
     } catch (const InvalidInputError& error) {
       throw InvalidInputError(Concat(NameOf(message), ": ", error.what()));
@@ -127,17 +128,18 @@ void WriteSession(const std::filesystem::path& path, const Session& session, con
       WriteValue<std_msgs::Float64>(kVoxelSizeTopic, time, session.map.voxel_size, &bag);
     }
     message->count = ++count;
+    if (keyframe.image) FillImage(keyframe.image->Read(), message.get());
     bag.Write(Topic(names::kKeyframePoints), time, *message);
     WriteImages(keyframe, session.map.voxel_size, time, message->points.header, &bag);
   }
   bag.Finish();
 }
 
-Session ReadSession(const std::filesystem::path& path, size_t max_bytes) {
+Session ReadSession(const std::filesystem::path& path, size_t max_bytes, ImageStore* images) {
   Session session;
   const auto read = [&](const rosbag::Bag& bag) {
     try {
-      session = ReadOpened(bag, max_bytes);
+      session = ReadOpened(bag, max_bytes, images);
     } catch (const InvalidInputError& error) {
       throw InvalidInputError(Concat(path, ": ", error.what()));
     }

@@ -142,7 +142,6 @@ void WritePairs(const fs::path& folder, const std::vector<SyntheticView>& views)
 
 void WriteSparseModel(const fs::path& folder, const std::vector<SyntheticView>& views,
                       const std::vector<Track>& tracks) {
-  MakeFolder(folder);
   std::vector<ColmapModelImage> images;
   for (size_t i = 0; i < views.size(); ++i) {
     const Frame& frame = views[i].frame;
@@ -171,7 +170,7 @@ void WriteSceneFiles(const fs::path& folder, const std::vector<SyntheticView>& v
   WriteMaps(folder, views);
   WriteMvsnetCameras(folder, views);
   WritePairs(folder, views);
-  WriteSparseModel(folder / "sparse", views, tracks);
+  WriteSparseModel(folder, views, tracks);
   WritePly(folder / "sparse.ply", CloudOf(tracks));
   WritePly(folder / "surface.ply", SampleSyntheticSurface(views, surface_spacing_m));
   WriteCameraList(folder / "cameras.txt", CamerasOf(views));  // last: a folder with this file is whole

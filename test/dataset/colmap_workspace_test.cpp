@@ -1,7 +1,10 @@
 #include "acmp_mapping/dataset/colmap_workspace.h"
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <limits>
+#include <set>
+#include <sstream>
 
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/dataset/scene.h"
@@ -19,6 +22,13 @@ TEST_F(ColmapWorkspaceTest, MapsAreTheirChannelsOneAfterTheOther) {
   normal(1, 0) = {4, 5, std::numeric_limits<float>::denorm_min()};
   WriteColmapMap(folder() / "n.bin", normal);
   EXPECT_EQ(ReadText(folder() / "n.bin"), "2&1&3&" + Bytes({1, 4, 2, 5, 3, normal(1, 0).z}));
+  Image<float> depth(7, 5);
+  for (size_t i = 0; i < depth.size(); ++i) depth.data()[i] = 0.1f * static_cast<float>(i);
+  WriteColmapMap(folder() / "d.bin", depth);
+  EXPECT_TRUE(std::equal(depth.begin(), depth.end(), ReadColmapMap(folder() / "d.bin").begin()));
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadColmapMap(folder() / "n.bin"); }), HasSubstr("2&1&3&"));
+  WriteText("short.bin", "7&5&1&0000");
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { ReadColmapMap(folder() / "short.bin"); }), HasSubstr("short.bin"));
 }
 
 std::vector<ColmapModelImage> SomeImages() {
@@ -31,22 +41,136 @@ std::vector<ColmapModelImage> SomeImages() {
           {9, "right/0.jpg", {10, 6, 8, 8, 4.5, 2.5}, RigidTransform::Identity()}};
 }
 
-TEST_F(ColmapWorkspaceTest, ModelHasTheDocumentedText) {
+/// Values of a binary file after COLMAP's documentation, one after the other.
+class ReadValues {
+ public:
+  explicit ReadValues(std::string content) : content_(std::move(content)) {}
+  template <class T>
+  double Next() {
+    T value = {};
+    EXPECT_LE(place_ + sizeof(T), content_.size());
+    std::memcpy(&value, content_.data() + place_, std::min(sizeof(T), content_.size() - place_));
+    place_ += sizeof(T);
+    return static_cast<double>(value);
+  }
+  template <class T>
+  std::vector<double> Next(size_t count) {
+    std::vector<double> values(count);
+    for (double& value : values) value = Next<T>();
+    return values;
+  }
+  std::string NextText() {
+    std::string text = content_.c_str() + place_;
+    place_ += text.size() + 1;
+    return text;
+  }
+  bool AtEnd() const { return place_ == content_.size(); }
+
+ private:
+  std::string content_;
+  size_t place_ = 0;
+};
+
+TEST_F(ColmapWorkspaceTest, ModelHasTheDocumentedBytes) {
   std::vector<ColmapModelImage> images = SomeImages();
   images.erase(images.begin() + 1);
   images[0].camera = {8, 6, 7, 7.5, 3.5, 2.25};
-  WriteColmapModel(folder(), images, {{{0, 0, 2}, {10, 20, 30}, {0, 1}}, {{1, 0, 2}, {1, 2, 3}, {1}}});
-  EXPECT_EQ(ReadText(folder() / "cameras.txt"),
-            "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n# Number of cameras: 2\n"
-            "1 PINHOLE 8 6 7 7.5 4 2.75\n2 PINHOLE 10 6 8 8 5 3\n");
-  EXPECT_EQ(ReadText(folder() / "images.txt"),
-            "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n# POINTS2D[] as (X, Y, POINT3D_ID)\n"
-            "# Number of images: 2\n"
-            "1 1 0 0 0 0 0 0 1 left/0.png\n4 2.75 1\n"
-            "9 1 0 0 0 0 0 0 2 right/0.jpg\n5 3 1 9 3 2\n");
-  EXPECT_EQ(ReadText(folder() / "points3D.txt"),
-            "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n# Number of points: 2\n"
-            "1 0 0 2 10 20 30 -1 1 0 9 0\n2 1 0 2 1 2 3 -1 9 1\n");
+  WriteColmapModel(
+      folder(), images,
+      {{{0, 0, 2}, {10, 20, 30}, {0, 1}}, {{0, 0, -2}, {}, {1}}, {{0, 0, 2}, {}, {}}, {{1, 0, 2}, {1, 2, 3}, {1}}});
+  ReadValues cameras(ReadText(folder() / "sparse/0/cameras.bin"));
+  EXPECT_EQ(cameras.Next<uint64_t>(), 2);
+  for (const std::vector<double>& camera :
+       {std::vector<double>{1, 1, 8, 6, 7, 7.5, 4, 2.75}, {2, 1, 10, 6, 8, 8, 5, 3}}) {
+    EXPECT_EQ(cameras.Next<uint32_t>(), camera[0]);
+    EXPECT_EQ(cameras.Next<int32_t>(), camera[1]) << "PINHOLE";
+    EXPECT_THAT(cameras.Next<uint64_t>(2), ElementsAre(camera[2], camera[3]));
+    EXPECT_THAT(cameras.Next<double>(4), ElementsAre(camera[4], camera[5], camera[6], camera[7]));
+  }
+  ReadValues read_images(ReadText(folder() / "sparse/0/images.bin"));
+  EXPECT_EQ(read_images.Next<uint64_t>(), 2);
+  EXPECT_EQ(read_images.Next<uint32_t>(), 1);
+  EXPECT_THAT(read_images.Next<double>(7), ElementsAre(1, 0, 0, 0, 0, 0, 0));
+  EXPECT_EQ(read_images.Next<uint32_t>(), 1);
+  EXPECT_EQ(read_images.NextText(), "left/0.png");
+  EXPECT_EQ(read_images.Next<uint64_t>(), 1);
+  EXPECT_THAT(read_images.Next<double>(2), ElementsAre(4, 2.75));
+  EXPECT_EQ(read_images.Next<uint64_t>(), 1);
+  EXPECT_EQ(read_images.Next<uint32_t>(), 9);
+  read_images.Next<double>(7);
+  EXPECT_EQ(read_images.Next<uint32_t>(), 2);
+  EXPECT_EQ(read_images.NextText(), "right/0.jpg");
+  EXPECT_EQ(read_images.Next<uint64_t>(), 2);
+  for (const std::vector<double>& feature : {std::vector<double>{5, 3, 1}, {9, 3, 2}}) {
+    EXPECT_THAT(read_images.Next<double>(2), ElementsAre(feature[0], feature[1]));
+    EXPECT_EQ(read_images.Next<uint64_t>(), feature[2]);
+  }
+  ReadValues points(ReadText(folder() / "sparse/0/points3D.bin"));
+  EXPECT_EQ(points.Next<uint64_t>(), 2) << "not the one behind its image, nor the one that none sees";
+  EXPECT_EQ(points.Next<uint64_t>(), 1);
+  EXPECT_THAT(points.Next<double>(3), ElementsAre(0, 0, 2));
+  EXPECT_THAT(points.Next<uint8_t>(3), ElementsAre(10, 20, 30));
+  EXPECT_EQ(points.Next<double>(), -1);
+  EXPECT_EQ(points.Next<uint64_t>(), 2);
+  EXPECT_THAT(points.Next<uint32_t>(4), ElementsAre(1, 0, 9, 0));
+  EXPECT_EQ(points.Next<uint64_t>(), 2);
+  EXPECT_THAT(points.Next<double>(3), ElementsAre(1, 0, 2));
+  EXPECT_THAT(points.Next<uint8_t>(3), ElementsAre(1, 2, 3));
+  EXPECT_EQ(points.Next<double>(), -1);
+  EXPECT_EQ(points.Next<uint64_t>(), 1);
+  EXPECT_THAT(points.Next<uint32_t>(2), ElementsAre(9, 1));
+  EXPECT_TRUE(cameras.AtEnd() && read_images.AtEnd() && points.AtEnd());
+  for (const char* name : {"cameras.bin", "images.bin", "points3D.bin"}) {
+    EXPECT_EQ(ReadText(folder() / "sparse" / name), ReadText(folder() / "sparse/0" / name)) << "for OpenMVS and COLMAP";
+    EXPECT_TRUE(std::filesystem::read_symlink(folder() / "sparse" / name).is_relative()) << "the folder may move";
+  }
+}
+
+TEST_F(ColmapWorkspaceTest, DepthMapsTellWhichImagesSeeAPoint) {
+  const PinholeCamera camera = {8, 6, 8, 8, 3.5, 2.5};
+  DepthMap near(8, 6, 2.0f), unknown(8, 6, 0.0f);
+  ColmapPoints points(
+      {{{0, 0, 2.03f}, {}, {1, 2, 3}}, {{0, 0, 2.05f}, {}, {}}, {{9, 0, 2}, {}, {}}, {{0, 0, -2}, {}, {}}}, {0, 0, 10});
+  RigidTransform pose = RigidTransform::Identity();
+  pose.translation().z() = -10;
+  points.AddImage(0, {camera, pose}, near);
+  points.AddImage(1, {camera, pose}, unknown);
+  points.AddImage(2, {camera, pose}, unknown);
+  points.AddImage(3, {camera, pose}, near);
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] {
+                points.AddImage(4, {camera, pose}, DepthMap(6, 8));
+              }),
+              HasSubstr("6 x 8 px: must have the size of its camera, 8 x 6"));
+  const std::vector<ColmapModelPoint> found = points.Take();
+  EXPECT_EQ(found[0].position_in_world.z(), 10 + double{2.03f});
+  EXPECT_EQ(found[0].color.b, 3);
+  EXPECT_THAT(found[0].images, ElementsAre(0, 3)) << "within 2 %";
+  EXPECT_THAT(found[1].images, ElementsAre(1)) << "hidden from two; the first of those that do not know";
+  EXPECT_THAT(found[2].images, ElementsAre()) << "beside the images";
+  EXPECT_THAT(found[3].images, ElementsAre()) << "behind them";
+}
+
+TEST_F(ColmapWorkspaceTest, TracksAreBoundedAndOfAllImagesAlike) {
+  constexpr size_t kCopies = 400, kImages = 40;
+  const PinholeCamera camera = {8, 6, 8, 8, 3.5, 2.5};
+  ColmapPoints points(PointCloud(kCopies, {{0, 0, 2}, {}, {}}));
+  for (size_t i = 0; i < kImages; ++i) points.AddImage(i, {camera, RigidTransform::Identity()}, DepthMap(8, 6, 2.0f));
+  std::vector<size_t> taken(kImages);
+  for (const ColmapModelPoint& point : points.Take()) {
+    EXPECT_EQ(point.images.size(), ColmapPoints::kMaxTrack);
+    EXPECT_EQ(std::set<size_t>(point.images.begin(), point.images.end()).size(), point.images.size());
+    for (size_t image : point.images) ++taken[image];
+  }
+  for (size_t image : taken) EXPECT_NEAR(image, 80, 40) << "five standard deviations of 400 draws of 8 in 40";
+}
+
+TEST_F(ColmapWorkspaceTest, OfALargeCloudEveryNthPointIsTaken) {
+  PointCloud cloud(2 * ColmapPoints::kMaxPoints);
+  for (size_t i = 0; i < cloud.size(); ++i) cloud[i].position.x = static_cast<float>(i);
+  const std::vector<ColmapModelPoint> taken = ColmapPoints(cloud).Take();
+  ASSERT_EQ(taken.size(), ColmapPoints::kMaxPoints);
+  EXPECT_EQ(taken[1].position_in_world.x(), 2);
+  EXPECT_EQ(taken.back().position_in_world.x(), 2.0 * ColmapPoints::kMaxPoints - 2);
 }
 
 TEST(ColmapNames, OnlyThoseThatTheFilesCanHold) {

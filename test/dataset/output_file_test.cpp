@@ -40,6 +40,30 @@ TEST_F(OutputFileTest, WithoutCommitTheOldFileStays) {
   EXPECT_EQ(CountFiles(folder()), 1u);
 }
 
+TEST_F(OutputFileTest, AFolderIsWholeOrAbsentAndReplacesTheOldOne) {
+  const std::filesystem::path path = folder() / "model";
+  const auto write = [&](const std::string& content, bool commit) {
+    AtomicFolder made(path);
+    WriteFileAtomically(made.temporary_path() / content, content);
+    EXPECT_FALSE(std::filesystem::exists(path / content));
+    if (commit) made.Commit();
+  };
+  write("first", false);
+  EXPECT_EQ(CountFiles(folder()), 0u);
+  WriteText("model.partial/left_by_a_killed_process", "");
+  write("first", true);
+  EXPECT_EQ(CountFiles(path), 1u);
+  write("second", false);
+  EXPECT_EQ(ReadText(path / "first"), "first");
+  write("second", true);
+  EXPECT_EQ(ReadText(path / "second"), "second");
+  EXPECT_EQ(CountFiles(path), 1u);
+  EXPECT_EQ(CountFiles(folder()), 1u);
+  EXPECT_THAT(MessageOf<InvalidInputError>([&] { AtomicFolder(folder() / "none/model"); }),
+              HasSubstr("there is no folder"));
+  EXPECT_THAT(MessageOf<ProcessingError>([&] { AtomicFolder("/proc/model"); }), HasSubstr("/proc/model.partial"));
+}
+
 TEST_F(OutputFileTest, WhatTheSystemDoesNotTakeIsReported) {
   rlimit before = {};
   ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);

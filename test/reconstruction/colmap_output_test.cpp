@@ -7,7 +7,7 @@
 namespace acmp {
 namespace {
 
-using ::testing::ElementsAre;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
@@ -25,8 +25,7 @@ class ReconstructColmapTest : public ReconstructRunFixture {
       std::filesystem::create_directories(path.parent_path());
       std::filesystem::copy_file(from.images[i].path, path);
     }
-    std::filesystem::create_directories(folder() / "model/sparse");
-    WriteColmapModel(folder() / "model/sparse", images, points);
+    WriteColmapModel(folder() / "model", images, points);
     options_.scene = folder() / "model";
     options_.depth_min = 3;
     options_.depth_max = 5;
@@ -40,7 +39,9 @@ class ReconstructColmapTest : public ReconstructRunFixture {
 TEST_F(ReconstructColmapTest, MapsAreThoseOfTheRunAtItsSize) {
   options_.max_image_size = 10;
   Run();
-  EXPECT_THAT(Workspace("sparse/cameras.txt"), HasSubstr("\n1 PINHOLE 10 8 10 10.6"));
+  const PinholeCamera camera = ReadScene(output() / "colmap", SceneFormat::kColmap).images[0].camera;
+  EXPECT_EQ(std::vector<int>({camera.width, camera.height}), std::vector<int>({10, 8}));
+  EXPECT_NEAR(camera.fy, 10.67, 0.01);
   const DepthMap depth = ReadPfm(output() / "depth/000002.pfm");
   const std::string content = Workspace("stereo/depth_maps/00000002.png.geometric.bin");
   ASSERT_EQ(content.substr(0, 7), "10&8&1&");
@@ -52,11 +53,12 @@ TEST_F(ReconstructColmapTest, MapsAreThoseOfTheRunAtItsSize) {
               HasSubstr("00000001.png\n00000000.png, 00000002.png, 00000003.png\n"));
 }
 
-TEST_F(ReconstructColmapTest, WithoutLandmarksFusedPointsTellWhichImagesOverlap) {
+TEST_F(ReconstructColmapTest, PointsAreThoseOfTheCloudAndOfTheImagesThatSeeThem) {
   Run();
   const Scene workspace = ReadScene(output() / "colmap", SceneFormat::kColmap);
   const PointCloud fused = ReadPly(output() / "fused.ply");
-  EXPECT_EQ(workspace.landmarks_in_world.size(), fused.size());  // few: all are taken
+  EXPECT_GT(workspace.landmarks_in_world.size(), fused.size() / 2);
+  EXPECT_LE(workspace.landmarks_in_world.size(), fused.size()) << "one per voxel";
   for (const SceneImage& image : workspace.images) {
     EXPECT_GT(image.landmark_indices.size(), kWidth * kHeight / 4u) << image.name;
     for (int landmark : image.landmark_indices) {
@@ -66,7 +68,7 @@ TEST_F(ReconstructColmapTest, WithoutLandmarksFusedPointsTellWhichImagesOverlap)
   }
 }
 
-TEST_F(ReconstructColmapTest, KeepsNamesFoldersAndLandmarks) {
+TEST_F(ReconstructColmapTest, KeepsNamesAndFolders) {
   WriteAsColmap({"left/0.png", "left/1.png", "right/0.png", "top.jpg"},
                 {{{0, 0, 4}, {}, {0, 1, 2, 3}}, {{0.5, 0.1, 4}, {}, {1, 3}}, {{0.2, 0.1, 4}, {}, {2}}});
   Run();
@@ -78,9 +80,8 @@ TEST_F(ReconstructColmapTest, KeepsNamesFoldersAndLandmarks) {
   EXPECT_EQ(Workspace("images/top.jpg").substr(0, 2), "\xff\xd8") << "a PNG file under the name of a JPEG file";
   const Scene workspace = ReadScene(output() / "colmap", SceneFormat::kColmap);
   ASSERT_EQ(workspace.images.size(), 4u);
-  EXPECT_THAT(workspace.images[1].landmark_indices, ElementsAre(0, 1));
-  EXPECT_THAT(workspace.images[2].landmark_indices, ElementsAre(0, 2));
-  EXPECT_EQ(workspace.landmarks_in_world[1], Eigen::Vector3d(0.5, 0.1, 4));
+  EXPECT_EQ(workspace.images[2].name, "right/0.png");
+  EXPECT_GT(workspace.landmarks_in_world.size(), 10u) << "of the cloud, not the three of the scene";
 }
 
 TEST_F(ReconstructColmapTest, NamesThatItCannotHoldAreRefusedBeforeTheFirstPass) {
@@ -99,7 +100,7 @@ TEST_F(ReconstructColmapTest, ImagesWithoutMapAreNoSources) {
   Run();
   EXPECT_EQ(Workspace("stereo/fusion.cfg"), "00000000.png\n00000001.png\n00000002.png\n");
   EXPECT_THAT(Workspace("stereo/patch-match.cfg"), HasSubstr("00000001.png\n00000000.png\n"));
-  EXPECT_THAT(Workspace("sparse/images.txt"), Not(HasSubstr("00000003.png")));
+  EXPECT_THAT(Workspace("sparse/0/images.bin"), AllOf(HasSubstr("00000002.png"), Not(HasSubstr("00000003.png"))));
   EXPECT_FALSE(Has("images/00000003.png"));
 }
 

@@ -43,7 +43,7 @@ TEST_F(ResumeTest, FilesThatAreMissingAreMadeAgain) {
   Run(&fake_);
   for (const char* name : {"summary.json", "depth/000001.png", "pictures/000002_cost.png", "fused.ply",
                            "colmap/images/00000000.png", "colmap/stereo/depth_maps/00000003.png.geometric.bin",
-                           "colmap/sparse/points3D.txt", "colmap/stereo/fusion.cfg"}) {
+                           "colmap/sparse/0/points3D.bin", "colmap/stereo/fusion.cfg"}) {
     std::filesystem::remove(output() / name);
   }
   options_.keep_work = false;

@@ -129,10 +129,10 @@ TEST_F(TiledRunsTest, LittleMemoryAndOtherOutputsMakeTheSameTiles) {
   options_.colmap = true;
   RunTo("colmap");
   EXPECT_TRUE(Contents(output("colmap") / "tiles") == expected);
-  const std::string landmarks = ReadText(output("colmap") / "colmap/sparse/points3D.txt");
+  const std::string landmarks = ReadText(output("colmap") / "colmap/sparse/0/points3D.bin");
   options_.tile_size.reset();
   RunTo("colmap_one");
-  EXPECT_EQ(ReadText(output("colmap_one") / "colmap/sparse/points3D.txt"), landmarks);
+  EXPECT_EQ(ReadText(output("colmap_one") / "colmap/sparse/0/points3D.bin"), landmarks);
 }
 
 TEST_F(TiledRunsTest, AFolderOfOtherTilesIsRefusedUntilOverwrite) {

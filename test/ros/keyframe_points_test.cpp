@@ -1,10 +1,12 @@
 #include "acmp_mapping/ros/keyframe_points.h"
 
+#include <filesystem>
 #include <limits>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/ros/output_conversion.h"
 #include "support/error_text.h"
 
@@ -50,6 +52,20 @@ TEST(KeyframePoints, SayWhereARefinedPoseLies) {
   EXPECT_EQ(pose.refined->refined.world_from_cam.matrix(), output.origin.world_from_cam.inverse().matrix());
   EXPECT_EQ(pose.refined->refined.scale, 0.25);
   EXPECT_EQ(pose.refined->received.matrix(), output.origin.world_from_cam.matrix());
+}
+
+TEST(KeyframePoints, BringTheImageOnceForTheMapToKeep) {
+  KeyframeOutput output = MakeOutput();
+  ImageStore images(std::filesystem::temp_directory_path());
+  EXPECT_EQ(StoreImage(*ToKeyframePoints(output, "m", false), &images), nullptr);
+  output.jpeg = std::make_shared<const std::string>(EncodeJpeg("image", ColorImage(128, 96)));
+  const auto message = ToKeyframePoints(output, "m", false);
+  const StoredImagePtr image = StoreImage(*message, &images);
+  ASSERT_TRUE(image);
+  EXPECT_TRUE(image->Read() == *output.jpeg);
+  EXPECT_TRUE(image->camera() == output.maps->frame->camera.Resized(128, 96));
+  EXPECT_EQ(message->image.header.stamp, message->header.stamp);
+  EXPECT_EQ(StoreImage(*ToKeyframePoints(output, "m", true), &images), nullptr) << "better points";
 }
 
 TEST(KeyframePoints, BadOnesAreRefused) {

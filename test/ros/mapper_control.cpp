@@ -207,7 +207,7 @@ std::string MapperControl::DiagnosticValue(const std::string& key) {
 }
 
 SavingSession::SavingSession()
-    : MapperControl(Parameters{},
+    : MapperControl(Parameters{{"keep_images", 48}},
                     Parameters{{"map_publish_rate", 0.0}, {"save_folder", fs::temp_directory_path().string()}}) {}
 
 SavingTest::SavingTest() : folder_(fs::temp_directory_path() / Concat("acmp_saving_test_", ::getpid())) {}

@@ -16,6 +16,7 @@
 #include <std_msgs/UInt32.h>
 
 #include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/image_codec.h"
 #include "acmp_mapping/map/map_mesh.h"
 #include "acmp_mapping/map/occupancy_map.h"
 #include "acmp_mapping/mesh/distance_volume.h"
@@ -122,6 +123,18 @@ TEST_F(SessionBagTest, AMapComesBackWithItsBytes) {
   // Saved again it is the same file.
   WriteSession(folder() / "again.bag", {after.Session(), "map"});
   EXPECT_EQ(ReadText(folder() / "again.bag"), ReadText(Path()));
+}
+
+TEST_F(SessionBagTest, KeptImagesComeBack) {
+  ImageStore images(folder());
+  Session session = {RoomMap()->Session(), "map"};
+  SessionKeyframe& keyframe = session.map.keyframes[2];
+  keyframe.image = images.Put(EncodeJpeg("image", Room()[2].frame.color), keyframe.pose.camera);
+  WriteSession(Path(), session);
+  const Session read = ReadSession(Path(), kMemoryLimitBytes, &images);
+  for (size_t i = 0; i < kViews; ++i) EXPECT_EQ(read.map.keyframes[i].image != nullptr, i == 2) << i;
+  EXPECT_TRUE(read.map.keyframes[2].image->Read() == keyframe.image->Read());
+  EXPECT_FALSE(ReadSession(Path()).map.keyframes[2].image) << "without a place to keep them";
 }
 
 TEST_F(SessionBagTest, EarlierRunsComeBack) {
@@ -239,7 +252,7 @@ TEST_F(SessionBagTest, ForeignFilesAreRefused) {
     version.data = 7;
     later.write("/session_version", ros::Time(1), version);
   }
-  EXPECT_THAT(Refusal(Path()), AllOf(HasSubstr("session.bag"), HasSubstr("version 7"), HasSubstr("reads version 1"),
+  EXPECT_THAT(Refusal(Path()), AllOf(HasSubstr("session.bag"), HasSubstr("version 7"), HasSubstr("reads version 2"),
                                      HasSubstr("use the program that saved it")));
   {
     rosbag::Bag other(Path().string(), rosbag::bagmode::Write);

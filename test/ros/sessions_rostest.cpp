@@ -9,7 +9,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <nav_msgs/Path.h>
+#include <tf2_eigen/tf2_eigen.h>
 
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/ros/keyframe_points.h"
 #include "ros/mapper_control.h"
 
 namespace acmp::test::sessions_rostest {
@@ -41,14 +46,17 @@ class SessionsTest : public SavingTest {
     EXPECT_TRUE(ros::service::call("/map_server/load_session", load));
     return load.response;
   }
+  static std::string BytesOf(const std::string& path) {
+    std::ifstream stream(path, std::ios::binary);
+    return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+  }
   /// The map as a file has it; empty when it is not saved.
   std::string MapBytes(const std::string& server = "map_server") const {
     acmp_mapping::SaveMap save;
     save.request.path = PathOf("map.ply");
     save.request.binary = true;
     if (!ros::service::call("/" + server + "/save_map", save) || !save.response.success) return "";
-    std::ifstream stream(PathOf("map.ply"), std::ios::binary);
-    return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+    return BytesOf(PathOf("map.ply"));
   }
 };
 
@@ -88,6 +96,77 @@ TEST_F(SessionsTest, AMapIsSavedAndLoadedAgainAndGoesOn) {
   ASSERT_TRUE(mapper().Call("reset"));
   EXPECT_EQ(mapper().Map(Scene()), kViews);
   EXPECT_EQ(mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true).keyframes, 2 * kViews);
+}
+
+TEST_F(SessionsTest, ImagesAreKeptForAColmapModel) {
+  const SaveMap::Response empty = mapper().SaveMap(PathOf("map.colmap"), SaveMap::Request::COLMAP, true);
+  EXPECT_THAT(empty.message, HasSubstr("the map is empty"));
+  EXPECT_FALSE(fs::exists(PathOf("map.colmap")));
+  ASSERT_EQ(mapper().Map(Scene()), kViews);
+  const SaveMap::Response saved = mapper().SaveMap(PathOf("map.colmap"), SaveMap::Request::COLMAP, true);
+  ASSERT_TRUE(saved.success) << saved.message;
+  EXPECT_EQ(saved.keyframes, kViews);
+  const auto model = ReadScene(PathOf("map.colmap"), SceneFormat::kColmap);
+  EXPECT_EQ(model.landmarks_in_world.size(), saved.points);
+  EXPECT_EQ(model.images[1].name, "0000001000_100000000_dense_mapper.jpg");
+  ASSERT_EQ(model.images.size(), kViews);
+  for (const SceneImage& image : model.images) {
+    EXPECT_EQ(ReadColorImage(image.path, ImageSize{48, 36}).width(), 48) << "as keep_images says; the maps have 64";
+    EXPECT_EQ(image.camera.width, 48);
+    EXPECT_GT(image.landmark_indices.size(), 100u);
+  }
+  EXPECT_TRUE(mapper().WaitForDiagnostic({Concat(kViews, ", 0 MB")}, kTimeoutS)) << "images kept";
+
+  // Also of a session.
+  ASSERT_TRUE(Save("session.bag").success);
+  ASSERT_TRUE(mapper().CallMap("reset"));
+  ASSERT_TRUE(Load("session.bag").success);
+  ASSERT_TRUE(mapper().SaveMap(PathOf("again.colmap"), SaveMap::Request::COLMAP, true).success);
+  for (const std::string name : {"sparse/0/cameras.bin", "sparse/0/images.bin", "sparse/0/points3D.bin",
+                                 "images/0000001000_100000000_dense_mapper.jpg"}) {
+    EXPECT_TRUE(BytesOf(PathOf("again.colmap/" + name)) == BytesOf(PathOf("map.colmap/" + name))) << name;
+  }
+  // And after a loop closure, in place of the first.
+  nav_msgs::Path path;
+  path.header.frame_id = kWorldFrame;
+  for (const SceneImage& image : model.images) {
+    path.poses.emplace_back();
+    path.poses.back().header.frame_id = kWorldFrame;
+    path.poses.back().header.stamp = StampOf(path.poses.size() - 1);
+    path.poses.back().pose =
+        tf2::toMsg(Eigen::Isometry3d(Eigen::Translation3d(3, 0, 0) * image.cam_from_world.inverse()));
+  }
+  Recorder<nav_msgs::Path> paths(mapper().nh, "keyframe_path");
+  ASSERT_TRUE(paths.WaitForCount(1, kTimeoutS));
+  ros::Publisher optimized_path = mapper().nh.advertise<nav_msgs::Path>("optimized_path", 1, true);
+  optimized_path.publish(path);
+  ASSERT_TRUE(paths.WaitForCount(2, kTimeoutS));
+  const SaveMap::Response moved = mapper().SaveMap(PathOf("map.colmap"), SaveMap::Request::COLMAP, true);
+  EXPECT_THAT(moved.message, HasSubstr("map.colmap, in place of the folder of that name"));
+  const auto moved_model = ReadScene(PathOf("map.colmap"), SceneFormat::kColmap);
+  for (size_t i = 0; i < kViews; ++i) {
+    const Eigen::Vector3d step = moved_model.images[i].cam_from_world.inverse().translation() -
+                                 model.images[i].cam_from_world.inverse().translation();
+    EXPECT_NEAR((step - Eigen::Vector3d(3, 0, 0)).norm(), 0, 1e-6);
+  }
+}
+
+TEST_F(SessionsTest, AKeyframeWhoseImageCannotBeKeptIsInTheMapWithoutIt) {
+  ros::Publisher publisher = mapper().nh.advertise<acmp_mapping::KeyframePoints>("keyframe_points", 10);
+  ASSERT_TRUE(WaitForSubscriber(publisher));
+  KeyframePointsHead head;
+  head.key = {"/other", 1, 1};
+  head.pose.camera = {64, 48, 50, 50, 31.5, 23.5};
+  head.world_frame = kWorldFrame;
+  acmp_mapping::KeyframePointsPtr message = ToKeyframePoints(head, {{{0, 0, 1}, {0, 0, -1}, {}, 1}});
+  message->count = 1;
+  FillImage("no image", message.get());
+  publisher.publish(message);
+  EXPECT_TRUE(mapper().WaitForDiagnostic(
+      {"keyframe 1 of \"/other\" is in the map without its image: image of 8 bytes is no JPEG file"}, kTimeoutS));
+  EXPECT_EQ(mapper().SaveMap(PathOf("map.ply"), SaveMap::Request::PLY, true).keyframes, 1u);
+  EXPECT_THAT(mapper().SaveMap(PathOf("map.colmap"), SaveMap::Request::COLMAP, true).message,
+              AllOf(HasSubstr("1 keyframes and no image of them"), HasSubstr("~keep_images")));
 }
 
 TEST_F(SessionsTest, ASecondOneIsAddedByATransform) {

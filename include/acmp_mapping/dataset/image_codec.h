@@ -36,6 +36,10 @@ Image<uint16_t> DecodePng16(const std::string& name, std::string_view content);
 /// Whether DecodePng16 takes it.
 bool IsPng16(std::string_view content);
 
+/// Content of a JPEG file (quality 98, colour at full resolution); ProcessingError when libjpeg cannot make one. `path`
+/// is for messages.
+std::string EncodeJpeg(const std::filesystem::path& path, const ColorImage& image);
+
 /// Reads a 16-bit grey PNG. Throws InvalidInputError.
 Image<uint16_t> ReadPng16(const std::filesystem::path& path);
 

@@ -70,6 +70,27 @@ class AtomicFile {
 void WriteFileAtomically(const std::filesystem::path& path, const std::string& content,
                          Durability durability = Durability::kProcess);
 
+/// A folder that is either whole or absent: filled under a temporary name beside the final one, renamed by Commit.
+/// Without a Commit it is removed, and an earlier folder of the final name stays as it was. By one process at a time.
+/// Throws as AtomicFile.
+class AtomicFolder {
+ public:
+  /// Makes the temporary folder; what a killed process has left there goes.
+  explicit AtomicFolder(const std::filesystem::path& path);
+  ~AtomicFolder();
+  AtomicFolder(const AtomicFolder&) = delete;
+  AtomicFolder& operator=(const AtomicFolder&) = delete;
+
+  const std::filesystem::path& temporary_path() const { return temporary_path_; }
+  /// Waits until all is on the disk. A folder that has the name goes, at once but where the file system cannot exchange
+  /// two names.
+  void Commit();
+
+ private:
+  std::filesystem::path path_;
+  std::filesystem::path temporary_path_;
+};
+
 /// An empty text whose numbers get so many significant digits.
 std::ostringstream MakeTextFile(int digits);
 

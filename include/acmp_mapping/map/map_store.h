@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <deque>
+#include <limits>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -14,6 +15,7 @@
 #include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/geometry/refined_camera.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
+#include "acmp_mapping/map/image_store.h"
 #include "acmp_mapping/map/loop_correction.h"
 
 namespace acmp {
@@ -24,6 +26,8 @@ struct MapStoreOptions {
   /// Unit of the poses, >= 0; keyframes farther than this from the newest one of every mapper go; 0 = no limit.
   double map_radius = 0;
   bool forget_earlier_runs = false;  ///< a mapper's keyframes go when it begins a new run
+  /// That images may take together: when it is more, every second one goes, of all keyframes alike.
+  uint64_t max_image_bytes = std::numeric_limits<uint64_t>::max();
 };
 
 constexpr double kAutoVoxelRatio = 0.005;  ///< about 2.5 px of a 500 px focal length
@@ -87,6 +91,7 @@ struct SessionKeyframe {
   KeyframeKey key;
   KeyframePose pose;                                   ///< as in use
   std::shared_ptr<const PointCloud> points_in_camera;  ///< scaled as in use
+  StoredImagePtr image = nullptr;                      ///< or none
 };
 
 /// All of a map, for another one.
@@ -116,6 +121,9 @@ struct MapStatistics {
   size_t looked_through = 0;     ///< points that later keyframes saw through, and that have gone
   size_t never_looked = 0;       ///< keyframes that left before LookAroundNext came to them
   size_t path_too_far = 0;       ///< keyframes that it would have put too far away, and left
+  size_t images = 0;             ///< keyframes with an image
+  uint64_t image_bytes = 0;      ///< of these
+  uint64_t image_stride = 1;     ///< images are kept of keyframes whose number it divides
 };
 
 /// A keyframe's points and where they lie; the points are shared and never change.
@@ -124,6 +132,9 @@ struct PlacedKeyframe {
   double scale = 1;                                            ///< of the points' positions, before they are moved
   std::shared_ptr<const PointCloud> points_in_camera;
   int64_t stamp_ns = 0;
+  std::string mapper = {};
+  PinholeCamera camera = {};       ///< of the keyframe's maps
+  StoredImagePtr image = nullptr;  ///< or none
 };
 
 /// All of a map at one moment, in coordinates that float32 holds: those of the world less `origin` (LocalOrigin).
@@ -139,6 +150,8 @@ struct MapCloud {
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();  ///< of the local coordinates, in the world
   size_t keyframes = 0;                              ///< that they are of
 };
+/// All keyframes' points, one per voxel. Takes time in proportion to them.
+MapCloud CloudOf(const PlacedKeyframes& map);
 
 /// The map of any number of mappers in one world: the fused points of each keyframe in its own camera frame, thinned to
 /// one per voxel, with the keyframe's pose. So a pose can be corrected later without matching or touching a point.
@@ -166,7 +179,9 @@ class MapStore {
   /// nothing is changed, for a keyframe that is in the map already. Throws InvalidInputError for points that
   /// VoxelFilter refuses, that have no positive median depth, or that lie too far from the map's local origin
   /// (kMaxMapVoxels) or with it from the world's (kMaxOriginVoxels).
-  bool Add(const KeyframeKey& key, const KeyframePose& pose, const PointCloud& points_in_camera);
+  /// @param image undistorted, or none
+  bool Add(const KeyframeKey& key, const KeyframePose& pose, const PointCloud& points_in_camera,
+           StoredImagePtr image = nullptr);
   /// Better points of a keyframe in the map, and the refined pose that they belong to, if there is one: of `pose` only
   /// that is taken. False, and nothing is changed, where the keyframe is not there (any more). Throws as Add.
   bool Replace(const KeyframeKey& key, const KeyframePose& pose, const PointCloud& points_in_camera);
@@ -194,7 +209,7 @@ class MapStore {
   /// unusable.
   ReposeResult Repose(std::vector<StampedPose> path);
 
-  /// The map: all keyframes' points, one per voxel. Takes time in proportion to the points held.
+  /// The map: CloudOf all keyframes.
   MapCloud WorldCloud() const;
 
   /// The keyframes at the poses in use.
@@ -224,6 +239,7 @@ class MapStore {
     std::vector<LaterViews> later_views;  ///< one per point
     uint64_t points_arrival = 0;
     std::shared_ptr<const ToLook> to_look;  ///< null: it has looked, or there is nothing to look at
+    StoredImagePtr image;
   };
   using Keyframes = std::map<KeyframeKey, Keyframe>;
 
@@ -263,6 +279,7 @@ class MapStore {
   void StartRun(const std::string& mapper, uint64_t run);
   ReposeResult ApplyPath();
   void Evict();
+  void ThinImages();
   template <class Predicate>
   size_t EraseIf(const Predicate& is_to_go);
   Keyframes::iterator Erase(Keyframes::const_iterator keyframe);
@@ -274,6 +291,7 @@ class MapStore {
   std::map<std::string, uint64_t> runs_;  ///< the last one of each mapper
   uint64_t arrivals_ = 0;
   std::deque<KeyframeKey> to_look_;  ///< in the order in which they came; some may have gone
+  uint64_t image_stride_ = 1;
   std::vector<StampedPose> path_;    ///< the last one of these runs, sorted
   MapStatistics statistics_;         ///< all but the numbers of keyframes and the voxel size
   uint64_t version_ = 0;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <string>
 
 #include "acmp_mapping/mapping/dense_mapper.h"
@@ -13,7 +14,8 @@ namespace acmp {
 /// the mapper tells of one can be published.
 struct ReceivedFrame : Frame {
   KeyframeOrigin origin;
-  uint64_t run = 0;  ///< another number since the last jump of time or reset
+  uint64_t run = 0;                         ///< another number since the last jump of time or reset
+  std::shared_ptr<const std::string> jpeg;  ///< file of the undistorted image (keep_images); null: not kept
 };
 
 /// A keyframe's maps ready to be published.
@@ -21,8 +23,9 @@ struct KeyframeOutput {
   KeyframeOrigin origin;
   uint64_t run = 0;  ///< as ReceivedFrame's
   KeyframeDepthPtr maps;
-  Image<unsigned char> keep;    ///< 1 where depth is to be published
-  PointCloud points_in_camera;  ///< of maps->cam_from_world
+  Image<unsigned char> keep;                ///< 1 where depth is to be published
+  PointCloud points_in_camera;              ///< of maps->cam_from_world
+  std::shared_ptr<const std::string> jpeg;  ///< as ReceivedFrame's
 };
 
 /// Leaves out what is masked, and depth below a confidence of 0..1.

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <string>
+#include <string_view>
 
 #include <acmp_mapping/KeyframePoints.h>
 
@@ -19,11 +20,16 @@ struct KeyframePointsHead {
   std::string world_frame;
 };
 
-/// All of a message but count, replaces and images_under_way.
+/// All of a message but count, replaces, images_under_way and image.
 acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframePointsHead& head, const PointCloud& points_in_camera);
 /// All but the count. @param mapper name of the mapper's node
 acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, const std::string& mapper,
                                                  bool replaces);
+
+/// Puts a JPEG file into a message that has all but that.
+void FillImage(std::string_view jpeg, acmp_mapping::KeyframePoints* message);
+/// The image of a message that ReadHead takes, or none. Throws as ImageStore::Put.
+StoredImagePtr StoreImage(const acmp_mapping::KeyframePoints& message, ImageStore* images);
 
 /// For messages to people: its number and mapper, of whose name, which may be of any length, the beginning.
 std::string NameOf(const acmp_mapping::KeyframePoints& message);

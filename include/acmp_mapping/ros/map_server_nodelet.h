@@ -55,6 +55,8 @@ class MapServerNodelet : public NodeletBase {
   void CountMessage(const std::string& mapper, const acmp_mapping::KeyframePoints& message);
   void CheckFrame(const std::string& whose, const std::string& world_frame);
   void AddKeyframe(const KeyframePointsHead& head, const acmp_mapping::KeyframePoints& message);
+  /// None where it has none or it cannot be kept, which is reported.
+  StoredImagePtr KeepImage(const acmp_mapping::KeyframePoints& message);
   void HandleOptimizedPath(const nav_msgs::Path& message);
   void PublishPath();
   /// After all that has arrived. Throws ProcessingError when the nodelet is being unloaded, and what the function
@@ -67,6 +69,7 @@ class MapServerNodelet : public NodeletBase {
 
   MapServerOptions options_;
   CallbackThread occupancy_thread_{report_failure_}, looking_thread_{report_failure_};
+  std::unique_ptr<ImageStore> images_;  ///< none: image_disk_limit is 0
   std::unique_ptr<MapStore> map_;
   std::unique_ptr<MapOutput> map_output_;
 

@@ -91,7 +91,8 @@ class MapperWorker {
   void ProcessOvertaken(const KeyframeInput& input);
   /// Of preset: auto, after a keyframe that took so long.
   void ChooseSetting(double keyframe_ms);
-  FramePtr PrepareFrame(const KeyframeInput& input);
+  /// @param keeps_image as ~keep_images says; else not
+  FramePtr PrepareFrame(const KeyframeInput& input, bool keeps_image);
   /// Of the image as sent: what the mask of all images and its own leave. One that cannot be used is told and left out.
   Mask MaskOf(const KeyframeInput& input);
   /// Of the image as sent; empty: it has none. One that cannot be used is told and left out.

@@ -16,7 +16,7 @@ struct Session {
 };
 
 /// Of the bags that WriteSession writes, under session_version in each. To be raised with any change of their messages.
-constexpr uint32_t kSessionVersion = 1;
+constexpr uint32_t kSessionVersion = 2;
 
 /// Writes the keyframes as keyframe_points, and depth, confidence and colour as images, which are made of the points.
 /// The file appears under its name only when it is whole and on the disk. Throws InvalidInputError for an empty map or
@@ -28,6 +28,8 @@ void WriteSession(
 /// Throws InvalidInputError that names the file and says what to do when it is missing, cut off, damaged, no session or
 /// one of another version, or would take more than max_bytes: a part of the file when it is unpacked, or the images of
 /// a keyframe when it is saved again.
-Session ReadSession(const std::filesystem::path& path, size_t max_bytes = kMemoryLimitBytes);
+/// @param images keeps the keyframes' images; null: they are left out
+Session ReadSession(const std::filesystem::path& path, size_t max_bytes = kMemoryLimitBytes,
+                    ImageStore* images = nullptr);
 
 }  // namespace acmp

@@ -75,7 +75,7 @@ void CheckSurfaceSpacing(float spacing_m);
 /// Points on the true surfaces seen by at least one of the views, about `spacing_m` apart, for cloud metrics.
 PointCloud SampleSyntheticSurface(const std::vector<SyntheticView>& views, float spacing_m);
 
-/// Writes a synthetic scene as a dataset folder: images/, cameras.txt, sparse/ (COLMAP text model) and sparse.ply,
+/// Writes a synthetic scene as a dataset folder: images/, cameras.txt, sparse/ (COLMAP model) and sparse.ply,
 /// cams/ and pair.txt (MVSNet / ACMP layout), depth/ (ground truth, 16-bit millimetres), low_texture/ (white: blank
 /// walls and floor), masks/ (of what moves, where something does; named as COLMAP names them), surface.ply
 /// (ground-truth cloud, points `surface_spacing_m` apart). Throws ProcessingError with the system's reason when

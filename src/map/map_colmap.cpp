@@ -1,0 +1,102 @@
+#include "acmp_mapping/map/map_colmap.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "acmp_mapping/common/error.h"
+#include "acmp_mapping/dataset/colmap_workspace.h"
+#include "acmp_mapping/dataset/output_file.h"
+#include "acmp_mapping/fusion/voxel_map.h"
+#include "acmp_mapping/mesh/splat_points.h"
+
+namespace acmp {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// By time, then by mapper; two runs of a mapper may have the same. Without dots, at which some trainers cut names off.
+std::string ImageNameOf(const PlacedKeyframe& keyframe, std::set<std::string>* names) {
+  constexpr int64_t kSecond_ns = 1000000000;
+  char stamp[48];
+  std::snprintf(stamp, sizeof(stamp), "%010lld_%09lld", static_cast<long long>(keyframe.stamp_ns / kSecond_ns),
+                static_cast<long long>(keyframe.stamp_ns % kSecond_ns));
+  std::string mapper = keyframe.mapper;
+  mapper.erase(0, mapper.find_first_not_of('/'));
+  std::replace(mapper.begin(), mapper.end(), '/', '_');
+  std::string name = Concat(stamp, "_", mapper);
+  while (!names->insert(name).second) name += "_again";
+  return name + ".jpg";
+}
+
+/// What the keyframe's camera sees of its points.
+DepthMap DepthOf(const PlacedKeyframe& keyframe, const PosedCamera& camera, double voxel_size) {
+  const double spacing = keyframe.scale * PointSpacing(*keyframe.points_in_camera, voxel_size);
+  return SplatPoints(Scaled(*keyframe.points_in_camera, keyframe.scale), camera, spacing).depth;
+}
+
+}  // namespace
+
+void CheckColmapFolder(const fs::path& path) {
+  std::error_code ignored;  // where it cannot be told, writing says why
+  if (!fs::exists(fs::symlink_status(path, ignored))) return;
+  const auto refuse = [&](const std::string& why) {
+    throw InvalidInputError(
+        Concat("path = \"", path.string(), "\": is not replaced, as it ", why, ": remove it, or choose another name"));
+  };
+  if (!fs::exists(path / "sparse/0/images.bin", ignored)) refuse("is no folder with a COLMAP model");
+  for (const fs::directory_entry& entry : fs::directory_iterator(path)) {
+    const std::string name = entry.path().filename().string();
+    if (name != "images" && name != "sparse") refuse("has more than a model: " + name);
+  }
+}
+
+ColmapFolder WriteColmapFolder(const fs::path& path, const PlacedKeyframes& map, const std::function<void()>& check) {
+  if (map.keyframes.empty()) throw InvalidInputError("the map is empty: nothing was written");
+  ColmapFolder written;
+  std::vector<const PlacedKeyframe*> keyframes;
+  for (const PlacedKeyframe& keyframe : map.keyframes) {
+    if (keyframe.points_in_camera->empty()) {
+      ++written.without_points;
+    } else if (!keyframe.image) {
+      ++written.without_image;
+    } else {
+      keyframes.push_back(&keyframe);
+    }
+  }
+  if (keyframes.empty()) {
+    throw InvalidInputError(Concat("the map has ", map.keyframes.size(),
+                                   " keyframes and no image of them: nothing was ",
+                                   "written; start the mappers with ~keep_images, such as 1600 px"));
+  }
+  std::stable_sort(keyframes.begin(), keyframes.end(),
+                   [](const PlacedKeyframe* a, const PlacedKeyframe* b) { return a->stamp_ns < b->stamp_ns; });
+  CheckColmapFolder(path);
+  AtomicFolder folder(path);
+  MakeFolder(folder.temporary_path() / "images");
+  ColmapPoints points(CloudOf(map).points);
+  std::vector<ColmapModelImage> images;
+  std::set<std::string> names;
+  for (const PlacedKeyframe* keyframe : keyframes) {
+    check();
+    const RigidTransform cam_from_world = keyframe->world_from_cam.inverse();
+    const PosedCamera camera = {keyframe->camera, cam_from_world};
+    points.AddImage(images.size(), camera, DepthOf(*keyframe, camera, map.voxel_size));
+    images.push_back({static_cast<int>(images.size() + 1), ImageNameOf(*keyframe, &names), keyframe->image->camera(),
+                      cam_from_world});
+    WriteFileAtomically(folder.temporary_path() / "images" / images.back().name, keyframe->image->Read());
+  }
+  const std::vector<ColmapModelPoint> seen = points.Take();
+  WriteColmapModel(folder.temporary_path(), images, seen);
+  check();
+  folder.Commit();
+  written.images = images.size();
+  written.points = static_cast<size_t>(
+      std::count_if(seen.begin(), seen.end(), [](const ColmapModelPoint& point) { return !point.images.empty(); }));
+  return written;
+}
+
+}  // namespace acmp
