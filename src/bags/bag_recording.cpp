@@ -11,13 +11,14 @@
 #include "acmp_mapping/dataset/companions.h"
 #include "acmp_mapping/image/image_processing.h"
 #include "acmp_mapping/ros/bag_writer.h"
+#include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/output_conversion.h"
 
 namespace acmp {
 namespace {
 
 struct RosDistortion {
-  const std::string& name;
+  std::string name;
   size_t coefficients;
 };
 
@@ -30,6 +31,10 @@ RosDistortion DistortionFor(LensDistortion::Model model) {
       return {sensor_msgs::distortion_models::RATIONAL_POLYNOMIAL, 8};
     case LensDistortion::Model::kEquidistant:
       return {sensor_msgs::distortion_models::EQUIDISTANT, 4};
+    case LensDistortion::Model::kUnified:
+      return {kUnifiedModel, 5};
+    case LensDistortion::Model::kEquirectangular:
+      return {kEquirectangularModel, 0};
   }
   throw InvalidInputError("unknown distortion model");
 }

@@ -312,8 +312,8 @@ FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input) {
     const int limit = frame_options.max_size > 0 ? std::min(frame_options.max_size, longer_side) : longer_side;
     frame_options.max_size = static_cast<int>(std::ceil(auto_preset_->setting().size * limit));
   }
-  if (!calibration_ || !SameCalibration(*calibration_, *input.calibration)) {
-    rectifier_ = std::make_unique<ImageRectifier>(*input.calibration);
+  if (!calibration_ || !(*calibration_ == *input.calibration)) {
+    rectifier_ = std::make_unique<Rectifier>(input.calibration->MakeLens());
     decoder_ = ImageDecoder();
     calibration_ = input.calibration;
   }

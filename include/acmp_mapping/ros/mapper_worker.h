@@ -8,6 +8,7 @@
 #include <string>
 #include <thread>
 
+#include "acmp_mapping/image/rectifier.h"
 #include "acmp_mapping/mapping/auto_preset.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
@@ -123,7 +124,7 @@ class MapperWorker {
   std::string device_error_;
   CalibrationPtr calibration_;
   ImageDecoder decoder_;
-  std::unique_ptr<ImageRectifier> rectifier_;
+  std::unique_ptr<Rectifier> rectifier_;
   std::optional<AutoPreset> auto_preset_;
   int64_t next_id_ = 0;  ///< never goes back, whatever stamps do
   uint64_t run_ = 0;
