@@ -19,6 +19,7 @@ namespace {
 constexpr int kRaysPerSide = 4;           // per pixel and axis: textures are averaged over the pixel's area
 constexpr double kFirstStamp_s = 1000.0;  // not 0, which means "no stamp"
 constexpr double kKeyframeInterval_s = 0.5;
+constexpr int kMaxKeyframes = 1000;
 
 // A view before it becomes a Frame.
 struct Rendering {
@@ -29,6 +30,7 @@ struct Rendering {
   Image<unsigned char> low_texture;
   Mask mask;
   double exposure;
+  DepthMap shown_depth;
 };
 
 const SyntheticWorld& WorldOf(SyntheticPlace place) {
@@ -120,34 +122,41 @@ Vec3f DirectionInCamera(const CameraPose& pose, const Vec3d& v) {
           static_cast<float>(Dot(pose.forward, v))};
 }
 
+float DepthOf(const WorldHit& hit) { return hit.sky ? 0.0f : static_cast<float>(hit.where.t); }
+
 void RenderGeometry(const Shot& shot, Rendering* out) {
   tbb::parallel_for(0, shot.camera.height, [&](int row) {
     for (int col = 0; col < shot.camera.width; ++col) {
       const WorldHit hit = Trace(shot.world, PixelRay(shot.camera, out->pose, col, row));
       out->low_texture(col, row) = hit.low_texture ? 1 : 0;
-      out->depth(col, row) = hit.sky ? 0.0f : static_cast<float>(hit.where.t);
+      out->depth(col, row) = DepthOf(hit);
       out->normal(col, row) = hit.sky ? Vec3f{0, 0, 0} : DirectionInCamera(out->pose, hit.where.normal);
     }
   });
 }
 
-void TakePicture(const Shot& shot, int index, Rendering* out) {
+/// @param picture number of the draws of noise
+void TakePicture(const Shot& shot, int picture, Rendering* out) {
   const Image<ColorD> light = RenderLight(shot, out->pose);
   tbb::parallel_for(0, shot.camera.height, [&](int row) {
     for (int col = 0; col < shot.camera.width; ++col) {
       const double factor = out->exposure * VignettingAt(shot.imaging, shot.camera, col, row);
       const ColorD& c = light(col, row);
       RandomStream random(shot.seed, static_cast<uint32_t>(row * shot.camera.width + col),
-                          static_cast<uint32_t>(index));
+                          static_cast<uint32_t>(picture));
       out->color(col, row) = Digitize(shot.imaging, {factor * c.r, factor * c.g, factor * c.b}, &random);
     }
   });
 }
 
+/// @param right_m how far to the right of the first camera
 Rendering Render(const SyntheticWorld& world, const PinholeCamera& camera, int index,
-                 const SyntheticSceneOptions& options) {
+                 const SyntheticSceneOptions& options, double right_m) {
   Rendering out;
-  out.pose = PoseOnPath(world.path, index, options.keyframes, options.seed);
+  const int place = options.standing ? options.keyframes / 2 : index;
+  const int picture = right_m > 0 ? kMaxKeyframes + index : index;
+  out.pose = PoseOnPath(world.path, place, options.keyframes, options.seed);
+  out.pose.center = out.pose.center + right_m * out.pose.right;
   out.exposure = ExposureOf(options.imaging, options.seed, index);
   out.color = ColorImage(camera.width, camera.height);
   out.depth = DepthMap(camera.width, camera.height);
@@ -161,11 +170,18 @@ Rendering Render(const SyntheticWorld& world, const PinholeCamera& camera, int i
                      PixelMargin(camera, world.diameter_m) + world.diameter_m * LargestTurn(options.imaging)};
   RenderGeometry(shot, &out);
   if (!options.moving_object) {
-    TakePicture(shot, index, &out);
+    TakePicture(shot, picture, &out);
     return out;
   }
   const SyntheticWorld with_object = WithMovingObject(world, index, options);
-  TakePicture({with_object, shot.imaging, shot.camera, shot.seed, shot.poses, shot.margin_m}, index, &out);
+  const Shot with = {with_object, shot.imaging, shot.camera, shot.seed, shot.poses, shot.margin_m};
+  TakePicture(with, picture, &out);
+  out.shown_depth = DepthMap(camera.width, camera.height);
+  tbb::parallel_for(0, camera.height, [&](int row) {
+    for (int col = 0; col < camera.width; ++col) {
+      out.shown_depth(col, row) = DepthOf(Trace(with_object, PixelRay(camera, out.pose, col, row)));
+    }
+  });
   out.mask = MaskOfLastObject(with_object, camera, out.pose, options.imaging);
   return out;
 }
@@ -261,13 +277,14 @@ std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& optio
   constexpr int kMinSize = 32, kMaxSize = 8192;
   CheckRange("width", options.width, kMinSize, kMaxSize);
   CheckRange("height", options.height, kMinSize, kMaxSize);
-  CheckRange("keyframes", options.keyframes, 2, 1000);
+  CheckRange("keyframes", options.keyframes, 2, kMaxKeyframes);
+  CheckRange("stereo baseline", options.stereo_baseline_m, 0.0, 5.0);
   Validate(options.imaging);
 
   const SyntheticWorld& world = WorldOf(options.place);
   const PinholeCamera camera = SyntheticCamera(options.width, options.height);
   std::vector<Rendering> renderings(options.keyframes);
-  for (int i = 0; i < options.keyframes; ++i) renderings[i] = Render(world, camera, i, options);
+  for (int i = 0; i < options.keyframes; ++i) renderings[i] = Render(world, camera, i, options, 0);
 
   std::vector<LandmarkView> landmark_views;
   landmark_views.reserve(renderings.size());
@@ -285,6 +302,10 @@ std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& optio
     views[i].low_texture = std::move(r.low_texture);
     views[i].place = options.place;
     views[i].exposure = r.exposure;
+    views[i].shown_depth = std::move(r.shown_depth);
+    if (options.stereo_baseline_m == 0) continue;
+    Rendering right = Render(world, camera, i, options, options.stereo_baseline_m);
+    views[i].right = MakeFrame(i, views[i].frame.stamp_s, std::move(right.color), camera, CamFromWorld(right.pose), {});
   }
   return views;
 }

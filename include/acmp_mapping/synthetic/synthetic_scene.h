@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -45,6 +46,8 @@ struct SyntheticSceneOptions {
   /// Something moves through the place, ahead of the camera. Frames have masks of it; true depths, normals and surfaces
   /// are those of the place without it.
   bool moving_object = false;
+  bool standing = false;         ///< the camera stays where the middle one of the keyframes would be taken
+  double stereo_baseline_m = 0;  ///< of a second camera like the first, that far to its right. 0..5; 0: none
 };
 
 /// "room": the room with the default camera. "hard": the office with a hand-held video camera indoors. "street": the
@@ -62,7 +65,9 @@ struct SyntheticView {
   NormalMap true_normal;             ///< camera frame; 0: sky
   Image<unsigned char> low_texture;  ///< 1 on surfaces of one colour, 0 elsewhere
   SyntheticPlace place = SyntheticPlace::kRoom;
-  double exposure = 1;  ///< factor on the light
+  double exposure = 1;         ///< factor on the light
+  DepthMap shown_depth;        ///< as true_depth, of what the image shows: with what moves. Empty where nothing does
+  std::optional<Frame> right;  ///< of the second camera, with the id and stamp of `frame`, without landmarks and mask
 };
 
 /// Renders a place along its path. The same options give the same bytes on every machine (integer noise, no
