@@ -17,24 +17,33 @@ constexpr double kUnknownError_px = -1;   // a point's reprojection error
 std::string MapHeader(int width, int height, int channels) { return Concat(width, "&", height, "&", channels, "&"); }
 
 /// Number of each image's camera among those that differ.
-std::vector<size_t> FindCameras(const std::vector<ColmapModelImage>& images, std::vector<PinholeCamera>* cameras) {
+std::vector<size_t> FindCameras(const std::vector<ColmapModelImage>& images, std::vector<Lens>* cameras) {
   std::vector<size_t> camera_of;
   for (const ColmapModelImage& image : images) {
     // Neighbours mostly share one: from the back.
-    const auto found = std::find(cameras->rbegin(), cameras->rend(), image.camera);
+    const auto found = std::find_if(cameras->rbegin(), cameras->rend(), [&](const Lens& lens) {
+      return lens.camera() == image.camera && lens.distortion() == image.distortion;
+    });
     camera_of.push_back(found == cameras->rend() ? cameras->size() : static_cast<size_t>(cameras->rend() - found) - 1);
-    if (found == cameras->rend()) cameras->push_back(image.camera);
+    if (found == cameras->rend()) cameras->push_back({image.camera, image.distortion});
   }
   return camera_of;
 }
 
-void WriteCameras(const std::filesystem::path& path, const std::vector<PinholeCamera>& cameras) {
+void WriteCameras(const std::filesystem::path& path, const std::vector<Lens>& cameras) {
   std::ostringstream text = MakeTextFile(kTextDigits);
   text << "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n# Number of cameras: " << cameras.size() << '\n';
   for (size_t i = 0; i < cameras.size(); ++i) {
-    const PinholeCamera& c = cameras[i];
-    text << i + 1 << " PINHOLE " << c.width << ' ' << c.height << ' ' << c.fx << ' ' << c.fy << ' '
-         << c.cx + kColmapOffset_px << ' ' << c.cy + kColmapOffset_px << '\n';
+    const PinholeCamera& c = cameras[i].camera();
+    const LensDistortion& distortion = cameras[i].distortion();
+    const bool is_pinhole = distortion.model == LensDistortion::Model::kNone;
+    if (!is_pinhole && distortion.model != LensDistortion::Model::kEquidistant) {
+      throw InvalidInputError("a COLMAP model is written of pinhole and fisheye cameras only");
+    }
+    text << i + 1 << (is_pinhole ? " PINHOLE " : " OPENCV_FISHEYE ") << c.width << ' ' << c.height << ' ' << c.fx << ' '
+         << c.fy << ' ' << c.cx + kColmapOffset_px << ' ' << c.cy + kColmapOffset_px;
+    for (const double coefficient : distortion.coefficients) text << ' ' << coefficient;
+    text << '\n';
   }
   WriteFileAtomically(path, text.str());
 }
@@ -47,6 +56,7 @@ struct Feature {
 /// Writes the points, from id 1 on, and returns the features of each image.
 std::vector<std::vector<Feature>> WritePoints(const std::filesystem::path& path,
                                               const std::vector<ColmapModelImage>& images,
+                                              const std::vector<Lens>& cameras, const std::vector<size_t>& camera_of,
                                               const std::vector<ColmapModelPoint>& points) {
   std::vector<std::vector<Feature>> features(images.size());
   std::ostringstream lines = MakeTextFile(kTextDigits);
@@ -54,10 +64,10 @@ std::vector<std::vector<Feature>> WritePoints(const std::filesystem::path& path,
   for (const ColmapModelPoint& point : points) {
     std::ostringstream track = MakeTextFile(kTextDigits);
     for (size_t i : point.images) {
-      const Eigen::Vector3d in_cam = images[i].cam_from_world * point.position_in_world;
-      if (!(in_cam.z() > 0)) continue;
+      const auto pixel = cameras[camera_of[i]].Project(images[i].cam_from_world * point.position_in_world);
+      if (!pixel) continue;
       track << ' ' << images[i].id << ' ' << features[i].size();
-      features[i].push_back({images[i].camera.Project(in_cam), count + 1});
+      features[i].push_back({*pixel, count + 1});
     }
     if (track.str().empty()) continue;
     const Eigen::Vector3d& p = point.position_in_world;
@@ -127,10 +137,10 @@ void CheckColmapName(const std::string& name) {
 
 void WriteColmapModel(const std::filesystem::path& folder, const std::vector<ColmapModelImage>& images,
                       const std::vector<ColmapModelPoint>& points) {
-  std::vector<PinholeCamera> cameras;
+  std::vector<Lens> cameras;
   const std::vector<size_t> camera_of = FindCameras(images, &cameras);
   WriteCameras(folder / "cameras.txt", cameras);
-  const auto features = WritePoints(folder / "points3D.txt", images, points);
+  const auto features = WritePoints(folder / "points3D.txt", images, cameras, camera_of, points);
   WriteImages(folder / "images.txt", images, camera_of, features);
 }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
@@ -57,6 +58,8 @@ Lens::Lens(const PinholeCamera& camera, const LensDistortion& distortion, double
     }
   }
   cos_limit_ = std::cos(limit_);
+  const bool ends = limit_ < 0.5 * kRadPerDeg<double> * largest_field;
+  radius_ = ends ? Radius(limit_) : std::numeric_limits<double>::infinity();
 }
 
 /// Distance from the axis at which a ray of this angle is seen, for a focal length of 1; tangential distortion aside.
@@ -116,6 +119,10 @@ std::optional<Eigen::Vector2d> Lens::Project(const Eigen::Vector3d& ray) const {
   return Eigen::Vector2d(camera_.fx * seen.x() + camera_.cx, camera_.fy * seen.y() + camera_.cy);
 }
 
+bool Lens::Shows(const Eigen::Vector2d& pixel) const {
+  return std::hypot((pixel.x() - camera_.cx) / camera_.fx, (pixel.y() - camera_.cy) / camera_.fy) <= radius_;
+}
+
 std::optional<Eigen::Vector3d> Lens::Unproject(const Eigen::Vector2d& pixel) const {
   const Eigen::Vector2d seen((pixel.x() - camera_.cx) / camera_.fx, (pixel.y() - camera_.cy) / camera_.fy);
   if (distortion_.model == Model::kEquirectangular) {
@@ -171,7 +178,7 @@ void CheckLens(const std::string& name, const PinholeCamera& camera, const LensD
 
 std::vector<PinholeFace> FacesOf(const Lens& lens) {
   if (lens.FieldOfView() <= kWideFieldOfView) return {{"", lens.camera()}};
-  constexpr double kHalfWidth = 1.1;  // at z = 1: 3 degrees more than to the edge, so that windows there are whole
+  constexpr double kHalfWidth = 1.1;   // at z = 1: 3 degrees more than to the edge, so that windows there are whole
   constexpr double kLeastShare = 0.2;  // of a face: 15 degrees beyond the edge of the one ahead
   constexpr int kCells = 64;
   const PinholeCamera& c = lens.camera();

@@ -25,6 +25,12 @@ bool Rectifier::ChangesNothing() const {
          face_.lens_from_face.isIdentity();
 }
 
+/// The last column of a sphere is beside the first.
+int Rectifier::Border() const {
+  const bool is_sphere = lens_.distortion().model == LensDistortion::Model::kEquirectangular;
+  return is_sphere ? cv::BORDER_WRAP : cv::BORDER_CONSTANT;
+}
+
 const Rectifier::Maps& Rectifier::maps() const {
   std::call_once(made_, [this] {
     constexpr float kNowhere = -10;  // px: outside of every image, also when it is interpolated
@@ -41,7 +47,13 @@ const Rectifier::Maps& Rectifier::maps() const {
     // Isolated: this thread must take no other task meanwhile, which might wait for these maps.
     tbb::this_task_arena::isolate([&] { tbb::parallel_for(0, face.height, fill_row); });
     cv::convertMaps(x, y, maps_.x, maps_.y, CV_16SC2);
-    Mask seen = RemapMask(Mask(lens_.camera().width, lens_.camera().height, 255), maps_);
+    Mask shown(lens_.camera().width, lens_.camera().height);
+    for (int row = 0; row < shown.height(); ++row) {
+      for (int col = 0; col < shown.width(); ++col) {
+        shown(col, row) = lens_.Shows({static_cast<double>(col), static_cast<double>(row)}) ? 255 : 0;
+      }
+    }
+    Mask seen = RemapMask(shown, maps_);
     if (IgnoresSome(seen)) maps_.seen = std::move(seen);
   });
   return maps_;
@@ -54,7 +66,7 @@ ColorImage Rectifier::Rectify(const cv::Mat& rgb) const {
   if (ChangesNothing()) {
     rgb.copyTo(target);
   } else {
-    cv::remap(rgb, target, maps().x, maps().y, cv::INTER_LINEAR, cv::BORDER_CONSTANT);
+    cv::remap(rgb, target, maps().x, maps().y, cv::INTER_LINEAR, Border());
   }
   return rectified;
 }
@@ -72,7 +84,7 @@ Mask Rectifier::RectifyMask(const Mask& mask) const {
   } else if (mask.empty()) {
     rectified = maps().seen.Clone();
   } else {
-    rectified = RemapMask(mask, maps());
+    rectified = IntersectMasks(RemapMask(mask, maps()), maps().seen);
   }
   return IgnoresSome(rectified) ? std::move(rectified) : Mask();
 }
@@ -82,7 +94,7 @@ Mask Rectifier::RemapMask(const Mask& mask, const Maps& maps) const {
   std::transform(mask.begin(), mask.end(), used.begin(), [](unsigned char value) { return value != 0 ? 255 : 0; });
   cv::Mat target(result.height(), result.width(), CV_8U, result.data());
   cv::remap(cv::Mat(used.height(), used.width(), CV_8U, used.data()), target, maps.x, maps.y, cv::INTER_LINEAR,
-            cv::BORDER_CONSTANT);
+            Border());
   // What is interpolated with a pixel that is ignored is less than 255.
   for (unsigned char& value : result) value = value == 255 ? 255 : 0;
   return result;

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "acmp_mapping/geometry/pinhole_camera.h"
+#include "acmp_mapping/geometry/lens.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
 #include "acmp_mapping/image/image.h"
 
@@ -18,12 +18,13 @@ namespace acmp {
 void WriteColmapMap(const std::filesystem::path& path, const Image<float>& map);
 void WriteColmapMap(const std::filesystem::path& path, const NormalMap& map);
 
-/// An image of a COLMAP model, without lens distortion.
+/// An image of a COLMAP model.
 struct ColmapModelImage {
   int id = 0;            ///< COLMAP's IMAGE_ID: positive, unique
   std::string name;      ///< below images/, may have folders
   PinholeCamera camera;  ///< pixel centres at integers: COLMAP's +0.5 is added when it is written
   RigidTransform cam_from_world = RigidTransform::Identity();
+  LensDistortion distortion = {};  ///< none (PINHOLE) or kEquidistant (OPENCV_FISHEYE)
 };
 
 /// A point of a COLMAP model.
@@ -38,7 +39,7 @@ struct ColmapModelPoint {
 void CheckColmapName(const std::string& name);
 
 /// Writes cameras.txt, images.txt and points3D.txt; equal cameras become one. A feature is where a point projects to;
-/// points that lie behind an image are not seen by it, and points that no image sees are left out.
+/// points that an image's lens cannot see are not seen by it, and points that no image sees are left out.
 void WriteColmapModel(const std::filesystem::path& folder, const std::vector<ColmapModelImage>& images,
                       const std::vector<ColmapModelPoint>& points);
 

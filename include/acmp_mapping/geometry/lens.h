@@ -41,6 +41,9 @@ class Lens {
   /// The pixel of a ray, which may lie outside of the image; none where the lens does not see the ray.
   std::optional<Eigen::Vector2d> Project(const Eigen::Vector3d& ray) const;
 
+  /// Whether a pixel lies where the lens puts a ray; tangential distortion aside.
+  bool Shows(const Eigen::Vector2d& pixel) const;
+
   /// The ray of a pixel, of length 1; none where the lens sees none.
   std::optional<Eigen::Vector3d> Unproject(const Eigen::Vector2d& pixel) const;
 
@@ -61,6 +64,7 @@ class Lens {
   std::array<double, 8> k_ = {};  ///< its coefficients; 0 where it has fewer
   double limit_ = 0;              ///< angle from the axis beyond which nothing is seen, rad
   double cos_limit_ = 0;          ///< its cosine
+  double radius_ = 0;             ///< where that is seen from the principal point, for a focal length of 1
 };
 
 /// Throws what the Lens does, with a name before it.

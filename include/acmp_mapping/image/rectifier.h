@@ -40,6 +40,7 @@ class Rectifier {
  private:
   void CheckSize(int width, int height) const;
   bool ChangesNothing() const;
+  int Border() const;
   /// Where a pixel comes from.
   struct Maps {
     cv::Mat x, y;  ///< fixed point, as cv::remap takes them
