@@ -45,6 +45,15 @@ std::vector<Eigen::Vector3d> Moved(const RigidTransform& world_from_cloud, const
 
 }  // namespace
 
+KeyframeOrigin KeyframeOrigin::OfFace(const PinholeFace& of) const {
+  KeyframeOrigin origin = *this;
+  origin.face = of.name;
+  origin.lens_from_face = of.lens_from_face;
+  origin.world_from_cam.rotate(of.lens_from_face);
+  if (origin.path.child_from_cam) origin.path.child_from_cam->rotate(of.lens_from_face);
+  return origin;
+}
+
 KeyframeIntake::KeyframeIntake(const NodeOptions& options, const KeyframeGateOptions& gate, double fallback_depth,
                                const TransformSource& transforms)
     : options_(options),
@@ -71,7 +80,8 @@ void KeyframeIntake::AddCameraInfo(const sensor_msgs::CameraInfo& info) {
     return;
   }
   try {
-    calibration_ = std::make_shared<const CameraCalibration>(ToCalibration(info, options_.rectified));
+    calibration_ =
+        std::make_shared<const CameraCalibration>(ToCalibration(info, options_.rectified, options_.field_of_view));
     const PinholeCamera& camera = calibration_->camera;
     CheckMemory(Concat("an image of ", camera.width, "x", camera.height, " pixels, as camera_info has it,"),
                 static_cast<uint64_t>(camera.width) * static_cast<uint64_t>(camera.height), kImagePixelBytes,
@@ -346,9 +356,12 @@ std::vector<Eigen::Vector3d> KeyframeIntake::PlaceCloud(const MatchedInput& matc
     return {};
   }
   const PoseSample& cloud_pose = match.cloud_pose ? *match.cloud_pose : match.pose;
-  if (auto warning = convention_check_.Add(resolver_.semantics(), cloud_pose.received, cloud, *in_camera,
-                                           input.calibration->camera)) {
-    events->emplace_back(Notice{true, std::move(*warning)});
+  // A wide camera sees points of any reading.
+  if (input.calibration->MakeLens().FieldOfView() <= kWideFieldOfView) {
+    if (auto warning = convention_check_.Add(resolver_.semantics(), cloud_pose.received, cloud, *in_camera,
+                                             input.calibration->camera)) {
+      events->emplace_back(Notice{true, std::move(*warning)});
+    }
   }
   return *in_camera ? Moved(resolver_.WorldFromCamera(cloud_pose.received), cloud.points) : cloud.points;
 }

@@ -219,19 +219,20 @@ void MapperWorker::Process(const KeyframeInput& input) {
   Timer timer;
   UseOptions();
 
-  const FramePtr frame = PrepareFrame(input);
+  const Capture capture = {PrepareFrames(input), {}};
+  const Frame& frame = *capture.keyframes.front();
   const double preparation_ms = timer.Lap();
   UpdateStatus([&](WorkerStatus* status) {
     ++status->keyframes;
-    status->width = frame->camera.width;
-    status->height = frame->camera.height;
+    status->width = frame.camera.width;
+    status->height = frame.camera.height;
     status->preparation_ms = preparation_ms;
   });
-  mapper_->AddKeyframe(frame);
+  mapper_->AddCapture(capture);
   const PoseChecks checks = mapper_->pose_checks();
   const double keyframe_ms = preparation_ms + timer.Lap();
   const std::string distortion =
-      DescribeDistortion(checks.distortion_px.value_or(0), frame->camera.width, input.calibration->distortion);
+      DescribeDistortion(checks.distortion_px.value_or(0), frame.camera.width, input.calibration->distortion);
   bool is_new_offset = false, is_new_distortion = false;
   UpdateStatus([&](WorkerStatus* status) {
     is_new_distortion = !distortion.empty() && status->distortion.empty();
@@ -265,7 +266,7 @@ void MapperWorker::ChooseSetting(double keyframe_ms) {
 void MapperWorker::ProcessOvertaken(const KeyframeInput& input) {
   if (mapper_) {
     UseOptions();
-    mapper_->AddSourceImage(PrepareFrame(input));
+    mapper_->AddCapture({{}, PrepareFrames(input)});
   }
   outputs_->Report(
       {"overload",
@@ -293,6 +294,9 @@ Mask MapperWorker::MaskOf(const KeyframeInput& input) {
 DepthMap MapperWorker::PriorDepthOf(const KeyframeInput& input) {
   if (!input.prior_depth) return {};
   try {
+    if (rectifiers_.size() > 1) {
+      throw InvalidInputError("prior depth of an image that becomes several (~wide_faces) is not used");
+    }
     if (!options_->Get().mapper.pipeline.fill.enabled) {
       throw InvalidInputError("prior depth needs completion, which is off (~completion, ~preset)");
     }
@@ -304,28 +308,52 @@ DepthMap MapperWorker::PriorDepthOf(const KeyframeInput& input) {
   }
 }
 
-FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input) {
-  FrameOptions frame_options = {node_options_.max_image_size};
-  if (auto_preset_) {
-    const PinholeCamera& camera = input.calibration->camera;
-    const int longer_side = std::max(camera.width, camera.height);
-    const int limit = frame_options.max_size > 0 ? std::min(frame_options.max_size, longer_side) : longer_side;
-    frame_options.max_size = static_cast<int>(std::ceil(auto_preset_->setting().size * limit));
+int MapperWorker::MaxImageSize(const PinholeCamera& largest) const {
+  if (!auto_preset_) return node_options_.max_image_size;
+  const int longer_side = std::max(largest.width, largest.height);
+  const int limit =
+      node_options_.max_image_size > 0 ? std::min(node_options_.max_image_size, longer_side) : longer_side;
+  return static_cast<int>(std::ceil(auto_preset_->setting().size * limit));
+}
+
+void MapperWorker::UseCalibration(const CalibrationPtr& calibration) {
+  if (calibration_ && *calibration_ == *calibration) return;
+  const Lens lens = calibration->MakeLens();
+  rectifiers_.clear();
+  if (node_options_.wide_faces == WideFaces::kOff) rectifiers_.emplace_back(lens);
+  if (node_options_.wide_faces != WideFaces::kOff) {
+    for (PinholeFace& face : FacesOf(lens)) rectifiers_.emplace_back(lens, std::move(face));
   }
-  if (!calibration_ || !(*calibration_ == *input.calibration)) {
-    rectifier_ = std::make_unique<Rectifier>(input.calibration->MakeLens());
-    decoder_ = ImageDecoder();
-    calibration_ = input.calibration;
-  }
+  decoder_ = ImageDecoder();
+  calibration_ = calibration;
+}
+
+std::vector<FramePtr> MapperWorker::PrepareFrames(const KeyframeInput& input) {
+  UseCalibration(input.calibration);
   const std::string note = decoder_.note();
-  ColorImage image = rectifier_->Rectify(decoder_.Decode(*input.image, &calibration_->camera));
+  const cv::Mat rgb = decoder_.Decode(*input.image, &calibration_->camera);
   if (!decoder_.note().empty() && decoder_.note() != note) {
     outputs_->Report({"assumed_encoding", Concat(input.image->topic, ": ", decoder_.note())});
   }
-  Frame frame = MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image),
-                          calibration_->camera, input.world_from_cam.inverse(), input.landmarks_in_world, frame_options,
-                          rectifier_->RectifyMask(MaskOf(input)), rectifier_->RectifyDepth(PriorDepthOf(input)));
-  return std::make_shared<const ReceivedFrame>(ReceivedFrame{std::move(frame), input, run_});
+  const Mask mask = MaskOf(input);
+  const DepthMap prior_depth = PriorDepthOf(input);
+  const PinholeCamera& largest = rectifiers_.front().face().camera;
+  int width = largest.width, height = largest.height;
+  LimitSize(MaxImageSize(largest), &width, &height);
+  const double scale = static_cast<double>(std::max(width, height)) / std::max(largest.width, largest.height);
+  std::vector<FramePtr> frames;
+  for (const Rectifier& rectifier : rectifiers_) {
+    const PinholeFace& face = rectifier.face();
+    Mask face_mask = rectifier.RectifyMask(mask);
+    if (!frames.empty() && IgnoresAll(face_mask)) continue;
+    const auto longer_side = static_cast<int>(std::lround(scale * std::max(face.camera.width, face.camera.height)));
+    const KeyframeOrigin origin = input.OfFace(face);
+    Frame frame = MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, rectifier.Rectify(rgb), face.camera,
+                            origin.world_from_cam.inverse(), input.landmarks_in_world, {std::max(1, longer_side)},
+                            face_mask, rectifiers_.size() == 1 ? rectifier.RectifyDepth(prior_depth) : DepthMap());
+    frames.push_back(std::make_shared<const ReceivedFrame>(ReceivedFrame{std::move(frame), origin, run_}));
+  }
+  return frames;
 }
 
 }  // namespace acmp

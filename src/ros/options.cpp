@@ -104,6 +104,13 @@ OptionList OptionsOf(NodeOptions* o) {
   list.Flag("rectified", &o->rectified, "Images are undistorted already, and P of camera_info describes them");
   list.Text("calibration_file", &o->calibration_file,
             "File of camera_calibration (.yaml or .ini) in place of camera_info; empty: camera_info is used");
+  list.Choice(
+      "wide_faces", &o->wide_faces, {"auto", "off"},
+      "auto: an image of more than 120 degrees becomes several pinhole images, which are mapped each; off: one, "
+      "without what lies outside of it");
+  list.Number("field_of_view", &o->field_of_view, 0, 360, "deg",
+              "From side to side, of a lens whose image ends at a circle: what lies outside is masked; 0: the whole "
+              "image is seen");
   list.Text("mask_file", &o->mask_file,
             "Picture (.png) of the size of the images as sent: what is black there, such as the robot itself, is "
             "ignored in all of them; empty: nothing is");

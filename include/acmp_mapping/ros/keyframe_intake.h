@@ -29,6 +29,15 @@ struct KeyframeOrigin {
   RigidTransform world_from_cam = RigidTransform::Identity();
   PathConvention path;     ///< of optimized_path
   std::string path_frame;  ///< frame_id of its poses; empty: any
+
+  // Of a face of a wide image: world_from_cam and path are the face's.
+  std::string face;  ///< PinholeFace's name
+  Eigen::Matrix3d lens_from_face = Eigen::Matrix3d::Identity();
+
+  /// The same of a face.
+  KeyframeOrigin OfFace(const PinholeFace& of) const;
+  /// frame_id of what is published of the image.
+  std::string frame_id() const { return face.empty() ? camera_frame : camera_frame + "_" + face; }
 };
 
 /// All that one keyframe is made of. The image is decoded and rectified later, by the worker.

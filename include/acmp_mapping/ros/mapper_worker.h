@@ -92,7 +92,12 @@ class MapperWorker {
   void ProcessOvertaken(const KeyframeInput& input);
   /// Of preset: auto, after a keyframe that took so long.
   void ChooseSetting(double keyframe_ms);
-  FramePtr PrepareFrame(const KeyframeInput& input);
+  /// Makes the rectifiers of a camera, unless they are there.
+  void UseCalibration(const CalibrationPtr& calibration);
+  /// px of the longer side; 0: as it is.
+  int MaxImageSize(const PinholeCamera& largest) const;
+  /// ReceivedFrame's: one, or several faces of a wide image, which are all as much smaller as the largest has to be.
+  std::vector<FramePtr> PrepareFrames(const KeyframeInput& input);
   /// Of the image as sent: what the mask of all images and its own leave. One that cannot be used is told and left out.
   Mask MaskOf(const KeyframeInput& input);
   /// Of the image as sent; empty: it has none. One that cannot be used is told and left out.
@@ -124,7 +129,7 @@ class MapperWorker {
   std::string device_error_;
   CalibrationPtr calibration_;
   ImageDecoder decoder_;
-  std::unique_ptr<Rectifier> rectifier_;
+  std::deque<Rectifier> rectifiers_;  ///< one, or one for each face of a wide image
   std::optional<AutoPreset> auto_preset_;
   int64_t next_id_ = 0;  ///< never goes back, whatever stamps do
   uint64_t run_ = 0;

@@ -20,6 +20,7 @@ constexpr char kMask[] = "mask";
 constexpr char kPriorDepth[] = "prior_depth";
 constexpr char kOptimizedPath[] = "optimized_path";
 
+constexpr char kFacePrefix[] = "face_";  ///< of the image topics of a wide image's faces: face_left/depth/...
 constexpr char kDepthFast[] = "depth_fast/image_rect";
 constexpr char kDepth[] = "depth/image_rect";
 constexpr char kDepthCameraInfo[] = "depth/camera_info";
