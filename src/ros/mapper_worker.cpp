@@ -220,6 +220,7 @@ void MapperWorker::Process(const KeyframeInput& input) {
   UseOptions();
 
   const FramePtr frame = PrepareFrame(input);
+  const std::vector<FramePtr> companions = PrepareCompanions(input);
   const double preparation_ms = timer.Lap();
   UpdateStatus([&](WorkerStatus* status) {
     ++status->keyframes;
@@ -227,7 +228,7 @@ void MapperWorker::Process(const KeyframeInput& input) {
     status->height = frame->camera.height;
     status->preparation_ms = preparation_ms;
   });
-  mapper_->AddKeyframe(frame);
+  mapper_->AddCapture({{frame}, companions});
   const PoseChecks checks = mapper_->pose_checks();
   const double keyframe_ms = preparation_ms + timer.Lap();
   const std::string distortion =
@@ -304,28 +305,55 @@ DepthMap MapperWorker::PriorDepthOf(const KeyframeInput& input) {
   }
 }
 
-FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input) {
+FrameOptions MapperWorker::FrameOptionsOf(const PinholeCamera& camera) const {
   FrameOptions frame_options = {node_options_.max_image_size};
   if (auto_preset_) {
-    const PinholeCamera& camera = input.calibration->camera;
     const int longer_side = std::max(camera.width, camera.height);
     const int limit = frame_options.max_size > 0 ? std::min(frame_options.max_size, longer_side) : longer_side;
     frame_options.max_size = static_cast<int>(std::ceil(auto_preset_->setting().size * limit));
   }
-  if (!calibration_ || !SameCalibration(*calibration_, *input.calibration)) {
-    rectifier_ = std::make_unique<ImageRectifier>(*input.calibration);
-    decoder_ = ImageDecoder();
-    calibration_ = input.calibration;
+  return frame_options;
+}
+
+ColorImage MapperWorker::Rectify(const EncodedImage& image, const CalibrationPtr& calibration, Camera* camera) {
+  if (!camera->calibration || !SameCalibration(*camera->calibration, *calibration)) {
+    *camera = {calibration, ImageDecoder(), std::make_unique<ImageRectifier>(*calibration)};
   }
-  const std::string note = decoder_.note();
-  ColorImage image = rectifier_->Rectify(decoder_.Decode(*input.image, &calibration_->camera));
-  if (!decoder_.note().empty() && decoder_.note() != note) {
-    outputs_->Report({"assumed_encoding", Concat(input.image->topic, ": ", decoder_.note())});
+  const std::string note = camera->decoder.note();
+  ColorImage rectified = camera->rectifier->Rectify(camera->decoder.Decode(image, &calibration->camera));
+  if (!camera->decoder.note().empty() && camera->decoder.note() != note) {
+    outputs_->Report({"assumed_encoding", Concat(image.topic, ": ", camera->decoder.note())});
   }
-  Frame frame = MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image),
-                          calibration_->camera, input.world_from_cam.inverse(), input.landmarks_in_world, frame_options,
-                          rectifier_->RectifyMask(MaskOf(input)), rectifier_->RectifyDepth(PriorDepthOf(input)));
+  return rectified;
+}
+
+FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input) {
+  ColorImage image = Rectify(*input.image, input.calibration, &camera_);
+  const PinholeCamera& camera = input.calibration->camera;
+  const ImageRectifier& rectifier = *camera_.rectifier;
+  Frame frame = MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image), camera,
+                          input.world_from_cam.inverse(), input.landmarks_in_world, FrameOptionsOf(camera),
+                          rectifier.RectifyMask(MaskOf(input)), rectifier.RectifyDepth(PriorDepthOf(input)));
   return std::make_shared<const ReceivedFrame>(ReceivedFrame{std::move(frame), input, run_});
+}
+
+std::vector<FramePtr> MapperWorker::PrepareCompanions(const KeyframeInput& input) {
+  std::vector<FramePtr> companions;
+  for (const SourceImage& source : input.source_images) {
+    try {
+      Camera* camera = &source_cameras_[source.image->topic];
+      ColorImage image = Rectify(*source.image, source.calibration, camera);
+      Frame frame = MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image),
+                              source.calibration->camera, source.source_from_cam * input.world_from_cam.inverse(), {},
+                              FrameOptionsOf(source.calibration->camera), camera->rectifier->RectifyMask({}));
+      frame.color = {};  // points get their colours from the keyframe
+      companions.push_back(std::make_shared<const Frame>(std::move(frame)));
+    } catch (const InvalidInputError& error) {
+      outputs_->Report({"bad_source_image", Concat("image ", FormatStamp(input.stamp_ns), " goes without that of ",
+                                                   source.image->topic, ": ", error.what())});
+    }
+  }
+  return companions;
 }
 
 }  // namespace acmp
