@@ -54,9 +54,12 @@ struct RecordedImage {
   PinholeCamera camera;  ///< of the pixels
   LensDistortion distortion;
   RigidTransform cam_from_world;
-  const std::vector<Eigen::Vector3d>* landmarks_in_world;  ///< null: the frontend has none
-  Mask mask = {};                                          ///< of the pixels; empty: none
-  const nav_msgs::Path* optimized_path = nullptr;          ///< that has come before the pose; null: none
+  const std::vector<Eigen::Vector3d>* landmarks_in_world;       ///< null: the frontend has none
+  Mask mask = {};                                               ///< of the pixels; empty: none
+  const nav_msgs::Path* optimized_path = nullptr;               ///< that has come before the pose; null: none
+  const Frame* right = nullptr;                                 ///< of a second camera to the right; null: none
+  RigidTransform left_from_world = RigidTransform::Identity();  ///< the true pose, as the right one's
+  double units_per_m = 1;                                       ///< of the frontend's world
 };
 
 class BagRecorder {
@@ -71,6 +74,7 @@ class BagRecorder {
     const ros::Time& stamp = in_camera.stamp;
     const geometry_msgs::PoseStamped pose = ToPoseStamped(image.cam_from_world, in_world);
     writer_.Write(kImageTopic, stamp, *ToColorMessage(image.pixels, in_camera));
+    if (image.right) AddRight(image, stamp);
     if (!image.mask.empty()) writer_.Write(kMaskTopic, stamp, ToMaskMessage(image.mask, in_camera));
     if (image.optimized_path) writer_.Write(kOptimizedPathTopic, stamp, *image.optimized_path);
     writer_.Write(kCameraInfoTopic, stamp, ToCameraInfo(image.camera, image.distortion, in_camera));
@@ -91,6 +95,16 @@ class BagRecorder {
   }
 
  private:
+  /// As stereo calibration has a rectified pair.
+  void AddRight(const RecordedImage& image, const ros::Time& stamp) {
+    const std_msgs::Header header = MakeHeader(image.index, kRightCameraFrame, options_);
+    const RigidTransform from_left = image.right->cam_from_world * image.left_from_world.inverse();
+    sensor_msgs::CameraInfo info = ToCameraInfo(image.right->camera, {}, header);
+    info.P[3] = image.units_per_m * info.P[0] * from_left.translation().x();
+    writer_.Write(kRightImageTopic, stamp, *ToColorMessage(image.right->color, header));
+    writer_.Write(kRightCameraInfoTopic, stamp, info);
+  }
+
   const RecordingOptions options_;
   BagWriter writer_;
   RecordingSummary summary_;
@@ -165,7 +179,10 @@ RecordingSummary RecordSynthetic(const std::vector<SyntheticView>& views, const 
                   output.cam_from_world,
                   &output.landmarks_in_world,
                   {},
-                  slam != nullptr && i == slam->loop_closure ? &path : nullptr});
+                  slam != nullptr && i == slam->loop_closure ? &path : nullptr,
+                  views[i].right ? &*views[i].right : nullptr,
+                  frame.cam_from_world,
+                  slam != nullptr ? slam->errors.units_per_m : 1});
   }
   return recorder.Finish();
 }

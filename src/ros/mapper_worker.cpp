@@ -41,6 +41,10 @@ std::optional<double> MeanInterval(const std::deque<int64_t>& stamps_ns) {
   return 1e-9 * static_cast<double>(stamps_ns.back() - stamps_ns.front()) / static_cast<double>(stamps_ns.size() - 1);
 }
 
+FrameOptions OptionsFor(const PinholeCamera& camera, double size) {
+  return {std::max(1, static_cast<int>(std::lround(size * std::max(camera.width, camera.height))))};
+}
+
 }  // namespace
 
 MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions* options, Mask fixed_mask,
@@ -219,7 +223,7 @@ void MapperWorker::Process(const KeyframeInput& input) {
   Timer timer;
   UseOptions();
 
-  const Capture capture = {PrepareFrames(input), {}};
+  const Capture capture = {PrepareFrames(input), PrepareCompanions(input)};
   const Frame& frame = *capture.keyframes.front();
   const double preparation_ms = timer.Lap();
   UpdateStatus([&](WorkerStatus* status) {
@@ -294,7 +298,7 @@ Mask MapperWorker::MaskOf(const KeyframeInput& input) {
 DepthMap MapperWorker::PriorDepthOf(const KeyframeInput& input) {
   if (!input.prior_depth) return {};
   try {
-    if (rectifiers_.size() > 1) {
+    if (camera_.rectifiers.size() > 1) {
       throw InvalidInputError("prior depth of an image that becomes several (~wide_faces) is not used");
     }
     if (!options_->Get().mapper.pipeline.fill.enabled) {
@@ -308,52 +312,77 @@ DepthMap MapperWorker::PriorDepthOf(const KeyframeInput& input) {
   }
 }
 
-int MapperWorker::MaxImageSize(const PinholeCamera& largest) const {
-  if (!auto_preset_) return node_options_.max_image_size;
-  const int longer_side = std::max(largest.width, largest.height);
-  const int limit =
-      node_options_.max_image_size > 0 ? std::min(node_options_.max_image_size, longer_side) : longer_side;
-  return static_cast<int>(std::ceil(auto_preset_->setting().size * limit));
+double MapperWorker::SizeOf(const Camera& camera) const {
+  int width = 0, height = 0;
+  for (const Rectifier& rectifier : camera.rectifiers) {
+    width = std::max(width, rectifier.face().camera.width);
+    height = std::max(height, rectifier.face().camera.height);
+  }
+  const int longer_side = std::max(width, height);
+  int limit = node_options_.max_image_size > 0 ? std::min(node_options_.max_image_size, longer_side) : longer_side;
+  if (auto_preset_) limit = static_cast<int>(std::ceil(auto_preset_->setting().size * limit));
+  return static_cast<double>(limit) / longer_side;
 }
 
-void MapperWorker::UseCalibration(const CalibrationPtr& calibration) {
-  if (calibration_ && *calibration_ == *calibration) return;
-  const Lens lens = calibration->MakeLens();
-  rectifiers_.clear();
-  if (node_options_.wide_faces == WideFaces::kOff) rectifiers_.emplace_back(lens);
-  if (node_options_.wide_faces != WideFaces::kOff) {
-    for (PinholeFace& face : FacesOf(lens)) rectifiers_.emplace_back(lens, std::move(face));
+cv::Mat MapperWorker::Decode(const EncodedImage& image, const CalibrationPtr& calibration, Camera* camera) {
+  if (!camera->calibration || !(*camera->calibration == *calibration)) {
+    const Lens lens = calibration->MakeLens();
+    camera->rectifiers.clear();
+    camera->decoder = ImageDecoder();
+    camera->calibration = calibration;
+    if (node_options_.wide_faces == WideFaces::kOff) {
+      camera->rectifiers.emplace_back(lens);
+    } else {
+      for (PinholeFace& face : FacesOf(lens)) camera->rectifiers.emplace_back(lens, std::move(face));
+    }
   }
-  decoder_ = ImageDecoder();
-  calibration_ = calibration;
+  const std::string note = camera->decoder.note();
+  cv::Mat rgb = camera->decoder.Decode(image, &calibration->camera);
+  if (!camera->decoder.note().empty() && camera->decoder.note() != note) {
+    outputs_->Report({"assumed_encoding", Concat(image.topic, ": ", camera->decoder.note())});
+  }
+  return rgb;
 }
 
 std::vector<FramePtr> MapperWorker::PrepareFrames(const KeyframeInput& input) {
-  UseCalibration(input.calibration);
-  const std::string note = decoder_.note();
-  const cv::Mat rgb = decoder_.Decode(*input.image, &calibration_->camera);
-  if (!decoder_.note().empty() && decoder_.note() != note) {
-    outputs_->Report({"assumed_encoding", Concat(input.image->topic, ": ", decoder_.note())});
-  }
+  const cv::Mat rgb = Decode(*input.image, input.calibration, &camera_);
   const Mask mask = MaskOf(input);
   const DepthMap prior_depth = PriorDepthOf(input);
-  const PinholeCamera& largest = rectifiers_.front().face().camera;
-  int width = largest.width, height = largest.height;
-  LimitSize(MaxImageSize(largest), &width, &height);
-  const double scale = static_cast<double>(std::max(width, height)) / std::max(largest.width, largest.height);
   std::vector<FramePtr> frames;
-  for (const Rectifier& rectifier : rectifiers_) {
+  for (const Rectifier& rectifier : camera_.rectifiers) {
     const PinholeFace& face = rectifier.face();
-    Mask face_mask = rectifier.RectifyMask(mask);
+    const Mask face_mask = rectifier.RectifyMask(mask);
     if (!frames.empty() && IgnoresAll(face_mask)) continue;
-    const auto longer_side = static_cast<int>(std::lround(scale * std::max(face.camera.width, face.camera.height)));
     const KeyframeOrigin origin = input.OfFace(face);
     Frame frame = MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, rectifier.Rectify(rgb), face.camera,
-                            origin.world_from_cam.inverse(), input.landmarks_in_world, {std::max(1, longer_side)},
-                            face_mask, rectifiers_.size() == 1 ? rectifier.RectifyDepth(prior_depth) : DepthMap());
+                            origin.world_from_cam.inverse(), input.landmarks_in_world,
+                            OptionsFor(face.camera, SizeOf(camera_)), face_mask, rectifier.RectifyDepth(prior_depth));
     frames.push_back(std::make_shared<const ReceivedFrame>(ReceivedFrame{std::move(frame), origin, run_}));
   }
   return frames;
+}
+
+std::vector<FramePtr> MapperWorker::PrepareCompanions(const KeyframeInput& input) {
+  std::vector<FramePtr> companions;
+  for (const SourceImage& source : input.source_images) {
+    try {
+      Camera& camera = source_cameras_[source.image->topic];
+      const cv::Mat rgb = Decode(*source.image, source.calibration, &camera);
+      const RigidTransform source_from_world = source.source_from_cam * input.world_from_cam.inverse();
+      for (const Rectifier& rectifier : camera.rectifiers) {
+        const PinholeFace& face = rectifier.face();
+        Frame frame = MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, rectifier.Rectify(rgb),
+                                face.camera, RigidTransform(face.lens_from_face.transpose()) * source_from_world, {},
+                                OptionsFor(face.camera, SizeOf(camera)), rectifier.RectifyMask({}));
+        frame.color = {};  // points get their colours from the keyframe
+        companions.push_back(std::make_shared<const Frame>(std::move(frame)));
+      }
+    } catch (const InvalidInputError& error) {
+      outputs_->Report({"bad_source_image", Concat("image ", FormatStamp(input.stamp_ns), " goes without that of ",
+                                                   source.image->topic, ": ", error.what())});
+    }
+  }
+  return companions;
 }
 
 }  // namespace acmp

@@ -3,10 +3,12 @@
 #include <atomic>
 #include <deque>
 #include <functional>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "acmp_mapping/image/rectifier.h"
 #include "acmp_mapping/mapping/auto_preset.h"
@@ -92,12 +94,19 @@ class MapperWorker {
   void ProcessOvertaken(const KeyframeInput& input);
   /// Of preset: auto, after a keyframe that took so long.
   void ChooseSetting(double keyframe_ms);
-  /// Makes the rectifiers of a camera, unless they are there.
-  void UseCalibration(const CalibrationPtr& calibration);
-  /// px of the longer side; 0: as it is.
-  int MaxImageSize(const PinholeCamera& largest) const;
-  /// ReceivedFrame's: one, or several faces of a wide image, which are all as much smaller as the largest has to be.
+  /// A camera's images on their way to frames.
+  struct Camera {
+    CalibrationPtr calibration;
+    ImageDecoder decoder;
+    std::deque<Rectifier> rectifiers;  ///< one, or one for each face of a wide image
+  };
+  cv::Mat Decode(const EncodedImage& image, const CalibrationPtr& calibration, Camera* camera);
+  /// What size a camera's images are matched at, as a share of their own: that of the largest of its faces.
+  double SizeOf(const Camera& camera) const;
+  /// ReceivedFrame's: one, or several faces of a wide image.
   std::vector<FramePtr> PrepareFrames(const KeyframeInput& input);
+  /// The source cameras' images that were taken with it. One that cannot be used is told and left out.
+  std::vector<FramePtr> PrepareCompanions(const KeyframeInput& input);
   /// Of the image as sent: what the mask of all images and its own leave. One that cannot be used is told and left out.
   Mask MaskOf(const KeyframeInput& input);
   /// Of the image as sent; empty: it has none. One that cannot be used is told and left out.
@@ -127,9 +136,8 @@ class MapperWorker {
   std::unique_ptr<DepthEngine> output_engine_;
   std::unique_ptr<DenseMapper> mapper_;
   std::string device_error_;
-  CalibrationPtr calibration_;
-  ImageDecoder decoder_;
-  std::deque<Rectifier> rectifiers_;  ///< one, or one for each face of a wide image
+  Camera camera_;
+  std::map<std::string, Camera> source_cameras_;  ///< by topic
   std::optional<AutoPreset> auto_preset_;
   int64_t next_id_ = 0;  ///< never goes back, whatever stamps do
   uint64_t run_ = 0;

@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include <acmp_mapping/DenseMapperConfig.h>
 
@@ -46,8 +47,10 @@ struct NodeOptions {
   int max_image_size = 640;  ///< px, longer side; 0 = as sent
   std::string calibration_file;
   WideFaces wide_faces = WideFaces::kAuto;
-  double field_of_view = 0;  ///< deg, as Lens takes it
-  std::string mask_file;     ///< of the image as sent; empty = none
+  double field_of_view = 0;                      ///< deg, as Lens takes it
+  std::string mask_file;                         ///< of the image as sent; empty = none
+  std::vector<RigidTransform> cam_from_sources;  ///< of each source camera; empty = told by camera_info or tf
+  std::string source_calibration_file;           ///< of each source camera, separated by commas; empty = camera_info
   PoseSource pose_source = PoseSource::kPose;
   PoseSemantics pose;
   std::optional<PoseSemantics::Child> path_child;  ///< of optimized_path; none = as the poses
