@@ -8,8 +8,8 @@
 The kind of file is told by its keys: VINS (model_type), ORB-SLAM2 and 3 and stella_vslam (Camera.fx, Camera1.fx, Camera),
 OV2SLAM (Camera.fxl), Kalibr (cam0), SVO (cam_model), OKVIS, SVO and maplab (cameras, sensors), EuRoC or Kimera-VIO
 (intrinsics), and OpenCV, ROVIO or camera_calibration (camera_matrix; as XML, too). Lens models become plumb_bob,
-rational_polynomial or equidistant; others (MEI, omni, double sphere, FOV) are refused: rectify those images. Exit code 2:
-what the file lacks.
+rational_polynomial, equidistant or mei (of VINS' MEI and Kalibr's omni-radtan: D is xi k1 k2 p1 p2); others (double
+sphere, EUCM, FOV) are refused: rectify those images. Exit code 2: what the file lacks.
 """
 import argparse
 import re
@@ -18,7 +18,7 @@ import xml.etree.ElementTree
 
 import yaml
 
-PLUMB_BOB, RATIONAL, EQUIDISTANT = "plumb_bob", "rational_polynomial", "equidistant"
+PLUMB_BOB, RATIONAL, EQUIDISTANT, MEI = "plumb_bob", "rational_polynomial", "equidistant", "mei"
 # By name, in small letters and digits alone.
 MODELS = {"radtan": PLUMB_BOB, "radialtangential": PLUMB_BOB, "plumbbob": PLUMB_BOB, "brownconrady": PLUMB_BOB,
           "radialtangential8": RATIONAL, "rationalpolynomial": RATIONAL, "equidistant": EQUIDISTANT, "equi": EQUIDISTANT,
@@ -160,12 +160,16 @@ def from_vins(content, index):
     if kind == "KANNALA_BRANDT":
         intrinsics = [number(parameters, key, where) for key in ("mu", "mv", "u0", "v0")]
         return camera(name, size, intrinsics, EQUIDISTANT, [number(parameters, k, where) for k in ("k2", "k3", "k4", "k5")])
-    if kind not in ("PINHOLE", "PINHOLE_FULL"):
-        raise Refused("model_type %r: must be PINHOLE, PINHOLE_FULL or KANNALA_BRANDT; rectify the images of others" % kind)
-    intrinsics = [number(parameters, key, where) for key in ("fx", "fy", "cx", "cy")]
+    if kind not in ("PINHOLE", "PINHOLE_FULL", "MEI"):
+        raise Refused("model_type %r: must be PINHOLE, PINHOLE_FULL, KANNALA_BRANDT or MEI; rectify the images of others" % kind)
     keys = ["k1", "k2", "p1", "p2"] + (["k3", "k4", "k5", "k6"] if kind == "PINHOLE_FULL" else [])
     distortion = value_of(content, "distortion_parameters")
     coefficients = [number(distortion, key, "distortion_parameters: ") for key in keys]
+    if kind == "MEI":
+        intrinsics = [number(parameters, key, where) for key in ("gamma1", "gamma2", "u0", "v0")]
+        xi = number(value_of(content, "mirror_parameters"), "xi", "mirror_parameters: ")
+        return camera(name, size, intrinsics, MEI, [xi] + coefficients)
+    intrinsics = [number(parameters, key, where) for key in ("fx", "fy", "cx", "cy")]
     return from_lens_model(name, size, intrinsics, RATIONAL if kind == "PINHOLE_FULL" else PLUMB_BOB, coefficients, "")
 
 
@@ -211,9 +215,17 @@ def from_kalibr(content, index):
     chain, where = value_of(content, name), name + ": "
     if isinstance(chain, dict) and "cam_model" in chain:
         return from_svo(chain, name, where)
-    if not is_pinhole(value_of(chain, "camera_model", where)):
-        raise Refused("%scamera_model %r: must be pinhole; rectify the images of others" % (where, chain["camera_model"]))
+    is_omni = value_of(chain, "camera_model", where) == "omni"
+    if not (is_omni or is_pinhole(chain["camera_model"])):
+        raise Refused("%scamera_model %r: must be pinhole or omni; rectify the images of others" %
+                      (where, chain["camera_model"]))
     model = value_of(chain, "distortion_model", where)
+    if is_omni:
+        if MODELS.get(plain(model)) != PLUMB_BOB:
+            raise Refused("%sdistortion_model %r of an omni camera: must be radtan" % (where, model))
+        xi, *intrinsics = numbers(chain, "intrinsics", 5, where)
+        return camera(name, numbers(chain, "resolution", 2, where), intrinsics, MEI,
+                      [xi] + numbers(chain, "distortion_coeffs", 4, where))
     coefficients = [] if str(model).lower() == "none" else numbers(chain, "distortion_coeffs", where=where)
     return from_lens_model(name, numbers(chain, "resolution", 2, where), numbers(chain, "intrinsics", 4, where), model,
                            coefficients, where)

@@ -11,13 +11,14 @@
 #include "acmp_mapping/dataset/scene.h"
 #include "acmp_mapping/image/image_processing.h"
 #include "acmp_mapping/ros/bag_writer.h"
+#include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/output_conversion.h"
 
 namespace acmp {
 namespace {
 
 struct RosDistortion {
-  const std::string& name;
+  std::string name;
   size_t coefficients;
 };
 
@@ -30,6 +31,10 @@ RosDistortion DistortionFor(LensDistortion::Model model) {
       return {sensor_msgs::distortion_models::RATIONAL_POLYNOMIAL, 8};
     case LensDistortion::Model::kEquidistant:
       return {sensor_msgs::distortion_models::EQUIDISTANT, 4};
+    case LensDistortion::Model::kUnified:
+      return {kUnifiedModel, 5};
+    case LensDistortion::Model::kEquirectangular:
+      return {kEquirectangularModel, 0};
   }
   throw InvalidInputError("unknown distortion model");
 }
@@ -49,9 +54,12 @@ struct RecordedImage {
   PinholeCamera camera;  ///< of the pixels
   LensDistortion distortion;
   RigidTransform cam_from_world;
-  const std::vector<Eigen::Vector3d>* landmarks_in_world;  ///< null: the frontend has none
-  Mask mask = {};                                          ///< of the pixels; empty: none
-  const nav_msgs::Path* optimized_path = nullptr;          ///< that has come before the pose; null: none
+  const std::vector<Eigen::Vector3d>* landmarks_in_world;       ///< null: the frontend has none
+  Mask mask = {};                                               ///< of the pixels; empty: none
+  const nav_msgs::Path* optimized_path = nullptr;               ///< that has come before the pose; null: none
+  const Frame* right = nullptr;                                 ///< of a second camera to the right; null: none
+  RigidTransform left_from_world = RigidTransform::Identity();  ///< the true pose, as the right one's
+  double units_per_m = 1;                                       ///< of the frontend's world
 };
 
 class BagRecorder {
@@ -66,6 +74,7 @@ class BagRecorder {
     const ros::Time& stamp = in_camera.stamp;
     const geometry_msgs::PoseStamped pose = ToPoseStamped(image.cam_from_world, in_world);
     writer_.Write(kImageTopic, stamp, *ToColorMessage(image.pixels, in_camera));
+    if (image.right) AddRight(image, stamp);
     if (!image.mask.empty()) writer_.Write(kMaskTopic, stamp, ToMaskMessage(image.mask, in_camera));
     if (image.optimized_path) writer_.Write(kOptimizedPathTopic, stamp, *image.optimized_path);
     writer_.Write(kCameraInfoTopic, stamp, ToCameraInfo(image.camera, image.distortion, in_camera));
@@ -86,6 +95,16 @@ class BagRecorder {
   }
 
  private:
+  /// As stereo calibration has a rectified pair.
+  void AddRight(const RecordedImage& image, const ros::Time& stamp) {
+    const std_msgs::Header header = MakeHeader(image.index, kRightCameraFrame, options_);
+    const RigidTransform from_left = image.right->cam_from_world * image.left_from_world.inverse();
+    sensor_msgs::CameraInfo info = ToCameraInfo(image.right->camera, {}, header);
+    info.P[3] = image.units_per_m * info.P[0] * from_left.translation().x();
+    writer_.Write(kRightImageTopic, stamp, *ToColorMessage(image.right->color, header));
+    writer_.Write(kRightCameraInfoTopic, stamp, info);
+  }
+
   const RecordingOptions options_;
   BagWriter writer_;
   RecordingSummary summary_;
@@ -160,7 +179,10 @@ RecordingSummary RecordSynthetic(const std::vector<SyntheticView>& views, const 
                   output.cam_from_world,
                   &output.landmarks_in_world,
                   {},
-                  slam != nullptr && i == slam->loop_closure ? &path : nullptr});
+                  slam != nullptr && i == slam->loop_closure ? &path : nullptr,
+                  views[i].right ? &*views[i].right : nullptr,
+                  frame.cam_from_world,
+                  slam != nullptr ? slam->errors.units_per_m : 1});
   }
   return recorder.Finish();
 }

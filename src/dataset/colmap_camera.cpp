@@ -96,6 +96,7 @@ ColmapCamera MakeColmapCamera(const std::string& where, const ColmapCameraModel&
   CheckCamera(where.c_str(), result.camera);
   result.distortion = MakeDistortion(
       name, std::vector<double>(parameters.begin() + static_cast<ptrdiff_t>(focal_lengths) + 2, parameters.end()));
+  CheckLens(where, result.camera, result.distortion);
   return result;
 }
 

@@ -15,7 +15,8 @@
 namespace acmp {
 namespace {
 
-constexpr int32_t kPinholeModel = 1;      // COLMAP's CAMERA_MODEL_ID
+constexpr int32_t kPinholeModel = 1;      // COLMAP's CAMERA_MODEL_ID of PINHOLE
+constexpr int32_t kFisheyeModel = 5;      // and of OPENCV_FISHEYE
 constexpr size_t kMaxMapHeader = 64;      // three numbers
 constexpr double kColmapOffset_px = 0.5;  // COLMAP's pixel centres against ours
 constexpr double kUnknownError_px = -1;   // a point's reprojection error
@@ -25,13 +26,15 @@ std::string MapHeader(int64_t width, int64_t height, int channels) {
 }
 
 /// Number of each image's camera among those that differ.
-std::vector<size_t> FindCameras(const std::vector<ColmapModelImage>& images, std::vector<PinholeCamera>* cameras) {
+std::vector<size_t> FindCameras(const std::vector<ColmapModelImage>& images, std::vector<Lens>* cameras) {
   std::vector<size_t> camera_of;
   for (const ColmapModelImage& image : images) {
     // Neighbours mostly share one: from the back.
-    const auto found = std::find(cameras->rbegin(), cameras->rend(), image.camera);
+    const auto found = std::find_if(cameras->rbegin(), cameras->rend(), [&](const Lens& lens) {
+      return lens.camera() == image.camera && lens.distortion() == image.distortion;
+    });
     camera_of.push_back(found == cameras->rend() ? cameras->size() : static_cast<size_t>(cameras->rend() - found) - 1);
-    if (found == cameras->rend()) cameras->push_back(image.camera);
+    if (found == cameras->rend()) cameras->push_back({image.camera, image.distortion});
   }
   return camera_of;
 }
@@ -51,13 +54,19 @@ class BinaryFile {
   AtomicFile file_;
 };
 
-void WriteCameras(const std::filesystem::path& path, const std::vector<PinholeCamera>& cameras) {
+void WriteCameras(const std::filesystem::path& path, const std::vector<Lens>& cameras) {
   BinaryFile file(path);
   file.Write(uint64_t{cameras.size()});
   for (size_t i = 0; i < cameras.size(); ++i) {
-    const PinholeCamera& c = cameras[i];
-    file.Write(static_cast<uint32_t>(i + 1), kPinholeModel, static_cast<uint64_t>(c.width),
+    const PinholeCamera& c = cameras[i].camera();
+    const LensDistortion& distortion = cameras[i].distortion();
+    const bool is_pinhole = distortion.model == LensDistortion::Model::kNone;
+    if (!is_pinhole && distortion.model != LensDistortion::Model::kEquidistant) {
+      throw InvalidInputError("a COLMAP model is written of pinhole and fisheye cameras only");
+    }
+    file.Write(static_cast<uint32_t>(i + 1), is_pinhole ? kPinholeModel : kFisheyeModel, static_cast<uint64_t>(c.width),
                static_cast<uint64_t>(c.height), c.fx, c.fy, c.cx + kColmapOffset_px, c.cy + kColmapOffset_px);
+    for (const double coefficient : distortion.coefficients) file.Write(coefficient);
   }
   file.Commit();
 }
@@ -70,14 +79,15 @@ struct Feature {
 /// Writes the points, from id 1 on, and returns the features of each image.
 std::vector<std::vector<Feature>> WritePoints(const std::filesystem::path& path,
                                               const std::vector<ColmapModelImage>& images,
+                                              const std::vector<Lens>& cameras, const std::vector<size_t>& camera_of,
                                               const std::vector<ColmapModelPoint>& points) {
   std::vector<std::vector<Feature>> features(images.size());
-  const auto is_seen = [&](const ColmapModelPoint& point, size_t i) {
-    return (images[i].cam_from_world * point.position_in_world).z() > 0;
+  const auto pixel_in = [&](const ColmapModelPoint& point, size_t i) {
+    return cameras[camera_of[i]].Project(images[i].cam_from_world * point.position_in_world);
   };
   const auto views = [&](const ColmapModelPoint& point) {
-    return static_cast<uint64_t>(
-        std::count_if(point.images.begin(), point.images.end(), [&](size_t image) { return is_seen(point, image); }));
+    return static_cast<uint64_t>(std::count_if(point.images.begin(), point.images.end(),
+                                               [&](size_t image) { return pixel_in(point, image).has_value(); }));
   };
   BinaryFile file(path);
   file.Write(static_cast<uint64_t>(
@@ -89,9 +99,10 @@ std::vector<std::vector<Feature>> WritePoints(const std::filesystem::path& path,
     const Eigen::Vector3d& p = point.position_in_world;
     file.Write(++id, p.x(), p.y(), p.z(), point.color.r, point.color.g, point.color.b, kUnknownError_px, length);
     for (size_t i : point.images) {
-      if (!is_seen(point, i)) continue;
+      const auto pixel = pixel_in(point, i);
+      if (!pixel) continue;
       file.Write(static_cast<uint32_t>(images[i].id), static_cast<uint32_t>(features[i].size()));
-      features[i].push_back({images[i].camera.Project(images[i].cam_from_world * p), id});
+      features[i].push_back({*pixel, id});
     }
   }
   file.Commit();
@@ -183,10 +194,10 @@ void WriteColmapModel(const std::filesystem::path& workspace, const std::vector<
                       const std::vector<ColmapModelPoint>& points) {
   const std::filesystem::path folder = workspace / "sparse/0";
   MakeFolder(folder);
-  std::vector<PinholeCamera> cameras;
+  std::vector<Lens> cameras;
   const std::vector<size_t> camera_of = FindCameras(images, &cameras);
   WriteCameras(folder / "cameras.bin", cameras);
-  const auto features = WritePoints(folder / "points3D.bin", images, points);
+  const auto features = WritePoints(folder / "points3D.bin", images, cameras, camera_of, points);
   WriteImages(folder / "images.bin", images, camera_of, features);
   for (const char* name : {"cameras.bin", "points3D.bin", "images.bin"}) LinkFromAbove(folder / name);
 }

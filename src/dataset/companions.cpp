@@ -74,7 +74,7 @@ Mask ReadMaskOf(const SceneImage& image) {
   return image.mask.empty() ? Mask() : ReadMask(image.mask, {image.camera.width, image.camera.height});
 }
 
-Mask LoadMask(const SceneImage& image) { return Undistortion(image.camera, image.distortion).Of(ReadMaskOf(image)); }
+Mask LoadMask(const SceneImage& image) { return RectifierOf(image)->RectifyMask(ReadMaskOf(image)); }
 
 size_t AddPriorDepths(const fs::path& folder, Scene* scene) {
   const auto names = [](const SceneImage& image) {

@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <deque>
+#include <memory>
+#include <mutex>
 #include <set>
 #include <sstream>
 
@@ -109,6 +112,19 @@ std::vector<Eigen::Vector3d> LandmarksOf(const Scene& scene, const SceneImage& i
   return landmarks;
 }
 
+std::shared_ptr<const Rectifier> RectifierOf(const SceneImage& image) {
+  static std::mutex mutex;
+  static std::deque<std::shared_ptr<const Rectifier>> newest;
+  constexpr size_t kCameras = 4;  // each has 6 bytes per pixel
+  const std::lock_guard<std::mutex> lock(mutex);
+  for (const auto& known : newest) {
+    if (known->lens().camera() == image.camera && known->lens().distortion() == image.distortion) return known;
+  }
+  newest.push_back(std::make_shared<Rectifier>(Lens(image.camera, image.distortion)));
+  if (newest.size() > kCameras) newest.pop_front();
+  return newest.back();
+}
+
 ColorImage LoadImage(const Scene& scene, int index) {
   CheckRange("image index", index, 0, static_cast<int>(scene.images.size()) - 1);
   const SceneImage& image = scene.images[index];
@@ -118,10 +134,10 @@ ColorImage LoadImage(const Scene& scene, int index) {
 Frame LoadFrame(const Scene& scene, int index, const FrameOptions& options) {
   ColorImage color = LoadImage(scene, index);
   const SceneImage& image = scene.images[index];
-  const Undistortion undistortion(image.camera, image.distortion);
-  return MakeFrame(index, 0.0, undistortion.Of(std::move(color)), image.camera, image.cam_from_world,
-                   LandmarksOf(scene, image), options, undistortion.Of(ReadMaskOf(image)),
-                   undistortion.Of(ReadPriorDepthOf(image)));
+  const auto rectifier = RectifierOf(image);
+  return MakeFrame(index, 0.0, rectifier->Rectify(std::move(color)), image.camera, image.cam_from_world,
+                   LandmarksOf(scene, image), options, rectifier->RectifyMask(ReadMaskOf(image)),
+                   rectifier->RectifyDepth(ReadPriorDepthOf(image)));
 }
 
 }  // namespace acmp

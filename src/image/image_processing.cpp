@@ -69,24 +69,6 @@ DepthMap ResizeDepth(const DepthMap& depth, int width, int height) {
   return resized;
 }
 
-Mask RemapMask(const Mask& mask, const cv::Mat& map_x, const cv::Mat& map_y) {
-  Mask used(mask.width(), mask.height()), result(map_x.cols, map_x.rows);
-  std::transform(mask.begin(), mask.end(), used.begin(), [](unsigned char value) { return value != 0 ? 255 : 0; });
-  cv::Mat target(result.height(), result.width(), CV_8U, result.data());
-  cv::remap(cv::Mat(used.height(), used.width(), CV_8U, used.data()), target, map_x, map_y, cv::INTER_LINEAR,
-            cv::BORDER_CONSTANT);
-  // What is interpolated with a pixel that is ignored is less than 255.
-  for (unsigned char& value : result) value = value == 255 ? 255 : 0;
-  return result;
-}
-
-DepthMap RemapDepth(DepthMap depth, const cv::Mat& map_x, const cv::Mat& map_y) {
-  DepthMap result(map_x.cols, map_x.rows);
-  cv::Mat target = AsMat(result);
-  cv::remap(AsMat(depth), target, map_x, map_y, cv::INTER_NEAREST, cv::BORDER_CONSTANT);
-  return result;
-}
-
 ColorImage Resize(const ColorImage& image, int width, int height) { return ResizeAny(image, width, height); }
 GrayImage Resize(const GrayImage& image, int width, int height) { return ResizeAny(image, width, height); }
 

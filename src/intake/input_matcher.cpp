@@ -23,6 +23,8 @@ void Validate(const InputMatcherOptions& options) {
   CheckRange("sparse_wait", options.sparse_wait_s, 0.0, 10.0);
   CheckRange("mask_wait", options.mask_wait_s, 0.0, 10.0);
   CheckRange("image_capacity", options.image_capacity, 1, 1000);
+  CheckRange("source_cameras", options.source_cameras, 0, kMaxSourceCameras);
+  CheckRange("source_tolerance", options.source_tolerance_s, 0.0, 0.1);
 }
 
 InputMatcher::InputMatcher(const InputMatcherOptions& options)
@@ -30,6 +32,8 @@ InputMatcher::InputMatcher(const InputMatcherOptions& options)
       sync_tolerance_ns_(ToNs(options.sync_tolerance_s)),
       sparse_tolerance_ns_(ToNs(options.sparse_tolerance_s)) {
   Validate(options);
+  source_images_.assign(static_cast<size_t>(options.source_cameras),
+                        CompanionImages(std::max(kSameExposureNs, ToNs(options.source_tolerance_s))));
 }
 
 void InputMatcher::AddImage(ImageSample image) {
@@ -83,6 +87,10 @@ void InputMatcher::AddPriorDepth(CompanionSample depth) {
   prior_depths_.Add(std::move(depth), ++arrivals_, CompanionCapacity());
 }
 
+void InputMatcher::AddSourceImage(size_t camera, CompanionSample image) {
+  source_images_.at(camera).Add(std::move(image), ++arrivals_, CompanionCapacity());
+}
+
 std::vector<MatchEvent> InputMatcher::Take(double now_s) {
   FindPoses(now_s);
   EmitReady(now_s, true);
@@ -105,6 +113,7 @@ void InputMatcher::Clear(const std::string& reason) {
   clouds_.clear();
   masks_.Clear();
   prior_depths_.Clear();
+  for (CompanionImages& images : source_images_) images.Clear();
   newest_image_ns_.reset();
   last_match_ns_.reset();
   pose_runs_ = cloud_runs_ = TimeJumpTracker();
@@ -121,6 +130,7 @@ void InputMatcher::HandleTimeJump(int64_t stamp_ns) {
   KeepNewRun(stamp_ns, &cloud_runs_, &clouds_);
   masks_.StartRun(stamp_ns);
   prior_depths_.StartRun(stamp_ns);
+  for (CompanionImages& images : source_images_) images.StartRun(stamp_ns);
   events_.push_back(TimeJump{*newest_image_ns_, stamp_ns});
   newest_image_ns_.reset();
   last_match_ns_.reset();
@@ -221,12 +231,16 @@ SparseCloudPtr InputMatcher::ChooseCloud(int64_t stamp_ns) const {
 bool InputMatcher::CompanionsAreSettled(const WaitingImage& image, double now_s) const {
   if (now_s - image.ready_since_s >= options_.mask_wait_s) return true;
   const bool is_first = !last_match_ns_;
-  return masks_.IsSettled(image.sample.stamp_ns, is_first) && prior_depths_.IsSettled(image.sample.stamp_ns, is_first);
+  const auto is_settled = [&](const CompanionImages& images) {
+    return images.IsSettled(image.sample.stamp_ns, is_first);
+  };
+  return is_settled(masks_) && is_settled(prior_depths_) &&
+         std::all_of(source_images_.begin(), source_images_.end(), is_settled);
 }
 
 void InputMatcher::Emit(WaitingImage image) {
   last_match_ns_ = image.sample.stamp_ns;
-  MatchedInput match{std::move(image.sample), std::move(*image.pose), nullptr, std::nullopt, nullptr, nullptr};
+  MatchedInput match{std::move(image.sample), std::move(*image.pose), nullptr, std::nullopt, nullptr, nullptr, {}};
   match.mask = masks_.Find(match.image.stamp_ns);
   match.prior_depth = prior_depths_.Find(match.image.stamp_ns);
   if (masks_.expected() && !match.mask) {
@@ -239,6 +253,14 @@ void InputMatcher::Emit(WaitingImage image) {
                                                              " goes without: no prior depth with its "
                                                              "stamp came (~mask_wait ",
                                                              options_.mask_wait_s, " s)")});
+  }
+  for (size_t camera = 0; camera < source_images_.size(); ++camera) {
+    match.source_images.push_back(source_images_[camera].Find(match.image.stamp_ns));
+    if (match.source_images.back() || !source_images_[camera].expected()) continue;
+    events_.push_back(RejectedInput{
+        "no_source_image", Concat("image ", FormatStamp(match.image.stamp_ns), " goes without source camera ",
+                                  camera + 1, ": no image within ", ToMs(ToNs(options_.source_tolerance_s)),
+                                  " ms of it came (~source_tolerance, ~mask_wait ", options_.mask_wait_s, " s)")});
   }
   match.cloud = ChooseCloud(match.image.stamp_ns);
   if (match.cloud) {

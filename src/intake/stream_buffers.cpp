@@ -47,9 +47,9 @@ void CompanionImages::Add(CompanionSample sample, uint64_t arrival, size_t capac
 
 bool CompanionImages::IsSettled(int64_t stamp_ns, bool is_first) const {
   if (!expected_) return true;
-  const int64_t earliest_ns = stamp_ns - kSameExposureNs;
+  const int64_t earliest_ns = stamp_ns - tolerance_ns_;
   const bool may_be_old = runs_.is_behind() && is_first;
-  const int64_t latest_ns = may_be_old ? stamp_ns + kSameExposureNs : INT64_MAX;
+  const int64_t latest_ns = may_be_old ? stamp_ns + tolerance_ns_ : INT64_MAX;
   return std::any_of(received_.begin(), received_.end(), [&](const Received& r) {
     return r.sample.stamp_ns >= earliest_ns && r.sample.stamp_ns <= latest_ns;
   });
@@ -59,7 +59,7 @@ std::shared_ptr<const EncodedImage> CompanionImages::Find(int64_t stamp_ns) cons
   const auto nearest = std::min_element(received_.begin(), received_.end(), [&](const Received& a, const Received& b) {
     return Gap(a, stamp_ns) < Gap(b, stamp_ns);
   });
-  return nearest != received_.end() && Gap(*nearest, stamp_ns) <= kSameExposureNs ? nearest->sample.image : nullptr;
+  return nearest != received_.end() && Gap(*nearest, stamp_ns) <= tolerance_ns_ ? nearest->sample.image : nullptr;
 }
 
 void CompanionImages::StartRun(int64_t first_image_ns) { KeepNewRun(first_image_ns, &runs_, &received_); }

@@ -109,7 +109,7 @@ double AngleWeight(const Angles& angles, int i) {
 /// A candidate that is useful and not chosen yet.
 struct UsefulView {
   size_t index = 0;
-  bool is_preferred = true;
+  int priority = 0;
   Eigen::Vector3d direction;            ///< of its baseline
   PerPoint weights = PerPoint::Zero();  ///< at the reference's points
   /// Sums of the chosen views' weights there, each times the cosine between the two baselines' directions.
@@ -148,7 +148,7 @@ std::optional<UsefulView> Assess(const Reference& reference, const SourceViewCan
     ++selection->num_without_overlap;
     return std::nullopt;
   }
-  UsefulView useful = {index, candidate.is_preferred, (centre - reference.centre).normalized()};
+  UsefulView useful = {index, candidate.priority, (centre - reference.centre).normalized()};
   const double focal_ratio = MeanFocalLength(view.camera) / reference.focal_length;
   const Angles angles(reference.to_centre, reference.points, centre);
   const double least_tangent = std::tan(kMinSourceAngleDeg * kRadPerDeg<double>);
@@ -175,13 +175,13 @@ std::optional<UsefulView> Assess(const Reference& reference, const SourceViewCan
 
 /// A useful view's place in the order of choice: the last goes first.
 struct Rank {
-  Rank(const UsefulView& view, size_t place) : is_preferred(view.is_preferred), gain(view.gain), place(place) {}
+  Rank(const UsefulView& view, size_t place) : priority(view.priority), gain(view.gain), place(place) {}
   bool operator<(const Rank& other) const {
-    if (is_preferred != other.is_preferred) return other.is_preferred;
+    if (priority != other.priority) return priority < other.priority;
     return gain != other.gain ? gain < other.gain : place > other.place;
   }
 
-  bool is_preferred;
+  int priority;
   double gain;
   size_t place;  ///< among the useful views: equal ones keep their order
 };

@@ -69,7 +69,7 @@ constexpr Turns kTurnsOfFlush = {1, 0, 0, kMaxWindowSize};
 /// initial estimates serve others better, with five refined ones.
 constexpr size_t kEnoughLaterKeyframes = 3;
 
-constexpr size_t kRangeFrames = 8;  ///< earlier ones whose matches give a depth range where no landmarks do
+constexpr size_t kRangeFrames = 8;  ///< images whose matches give a depth range where no landmarks do
 
 }  // namespace
 
@@ -104,38 +104,48 @@ struct DenseMapper::Impl {
         outputs(output_engine != nullptr ? output_engine : engine, output_engine != nullptr, std::move(callbacks),
                 stop) {}
 
-  void Add(FramePtr frame, bool is_mapped) {
-    if (!frame) throw InvalidInputError("frame: must not be null");
-    if (last_id && frame->id <= *last_id) {
-      throw InvalidInputError(
-          Concat("frame id = ", frame->id, ": must be above ", *last_id, ", the previous keyframe's"));
+  void Add(const Capture& capture) {
+    std::optional<int64_t> id = last_id;
+    for (const std::vector<FramePtr>* frames : {&capture.keyframes, &capture.companions}) {
+      for (const FramePtr& frame : *frames) {
+        if (!frame) throw InvalidInputError("frame: must not be null");
+        if (id && frame->id <= *id) {
+          throw InvalidInputError(
+              Concat("frame id = ", frame->id, ": must be above ", *id, ", the previous keyframe's"));
+        }
+        id = frame->id;
+      }
     }
-    last_id = frame->id;
+    if (capture.keyframes.empty() && capture.companions.empty()) throw InvalidInputError("capture: has no image");
+    last_id = id;
+    const Capture usable = WithoutRefused(capture);
+    if (usable.keyframes.empty() && usable.companions.empty()) return;
     is_admitted = false;
     stop->RunCancellable([&] {
-      ShrinkWindow(options.window_size);  // options may have made it smaller
-      Admit(frame, is_mapped);
+      ShrinkWindow(options.window_size - 1);
+      Admit(usable);
       TakeTurns(TurnsOfStream(options));
     });
-    if (stop->requested() && is_mapped && !is_admitted) DropForReset(frame, nullptr);
+    if (!stop->requested() || is_admitted) return;
+    for (const FramePtr& frame : usable.keyframes) DropForReset(frame, nullptr);
   }
 
   void Flush() {
     stop->RunCancellable([&] {
       if (last_id) RefinePoses(*last_id, [&] { poses.Finish(window); });
       TakeTurns(kTurnsOfFlush);
-      for (const WindowKeyframePtr& keyframe : window) EndIfUnfinished(keyframe, 1);
+      for (const WindowKeyframePtr& keyframe : window.Images()) EndIfUnfinished(keyframe, 1);
     });
     outputs.WaitForAll();
   }
 
   /// While received poses contradict the images nothing is refined.
   void TakeTurns(const Turns& turns) {
-    for (const WindowKeyframePtr& keyframe : window) {
+    for (const WindowKeyframePtr& keyframe : window.Images()) {
       if (keyframe->state == State::kPending) Initialise(keyframe, turns.min_source_views);
     }
     if (contradicted) return;
-    for (const WindowKeyframePtr& keyframe : window) {
+    for (const WindowKeyframePtr& keyframe : window.Images()) {
       if (keyframe->state != State::kInitialised || window.NumLaterThan(*keyframe) < turns.refined) continue;
       Refine(keyframe);
     }
@@ -145,7 +155,7 @@ struct DenseMapper::Impl {
   /// What leaves is finished first, with the views there are.
   void ShrinkWindow(int size) {
     while (window.size() > static_cast<size_t>(size)) {
-      EndIfUnfinished(window.oldest(), options.min_source_views);
+      for (const WindowKeyframePtr& keyframe : window.oldest()) EndIfUnfinished(keyframe, options.min_source_views);
       window.PopOldest();
     }
   }
@@ -159,7 +169,7 @@ struct DenseMapper::Impl {
 
   void Initialise(const WindowKeyframePtr& keyframe, int min_source_views) {
     const SourceViews sources = window.SelectSources(*keyframe);
-    if (sources.keyframes.size() < static_cast<size_t>(min_source_views)) return;
+    if (sources.keyframes.size() < static_cast<size_t>(min_source_views) && sources.num_of_capture == 0) return;
     FinishedEstimate estimate;
     if (!Try(keyframe, [&] { estimate = estimator.Initialise(keyframe.get(), sources); })) return;
     keyframe->state = State::kInitialised;
@@ -182,7 +192,7 @@ struct DenseMapper::Impl {
   std::vector<KeyframeAndSources> DueAgain(const Turns& turns) const {
     std::vector<KeyframeAndSources> due;
     bool any_gains = false;
-    for (const WindowKeyframePtr& keyframe : window) {
+    for (const WindowKeyframePtr& keyframe : window.Images()) {
       const size_t later = window.NumLaterThan(*keyframe);
       const bool has_turn = options.refine_again && later >= turns.again_fewest && later <= turns.again_most;
       if (!keyframe->refined_score || !(has_turn || keyframe->is_withdrawn)) continue;
@@ -212,7 +222,7 @@ struct DenseMapper::Impl {
     for_each([&](KeyframeRefinement* member) {
       const WindowKeyframePtr& keyframe = member->keyframe;
       if (NeedsNewInitial(*keyframe, member->sources)) estimator.Initialise(keyframe.get(), member->sources);
-      BringUpToDate(member->sources);
+      BringUpToDate(keyframe.get(), member->sources);
       *member = estimator.Begin(keyframe, member->sources, window.NumLaterThan(*keyframe) < kEnoughLaterKeyframes);
     });
     for (size_t step = 1; step < estimator.num_steps(); ++step) {
@@ -222,17 +232,21 @@ struct DenseMapper::Impl {
     for (const KeyframeAndSources& done : due) done.keyframe->shared.reset();
   }
 
-  /// Makes initial estimates anew that passes read, if poses have moved since. Where it fails, that is told, and the
-  /// old estimate is read: it is not the fault of the keyframe that reads it.
-  void BringUpToDate(const SourceViews& sources) {
-    for (const WindowKeyframePtr& source : sources.keyframes) {
-      if (!source->initial || source->EstimateForPasses() != source->initial) continue;
-      if (!HaveMoved(*source, source->initial_views)) continue;
+  /// Makes initial estimates that the keyframe's passes read: those of its companions, and anew those of others if
+  /// poses have moved since. Where it fails, that is told, and the old estimate or none is read: it is not the fault of
+  /// the keyframe that reads it.
+  void BringUpToDate(WindowKeyframe* keyframe, const SourceViews& sources) {
+    for (size_t i = 0; i < sources.keyframes.size(); ++i) {
+      const WindowKeyframePtr& source = sources.keyframes[i];
+      const bool is_missing = i < sources.num_of_capture && !source->is_mapped && !source->initial;
+      const bool is_read = source->initial && source->EstimateForPasses() == source->initial;
+      if (!is_missing && !(is_read && HaveMoved(*source, source->initial_views))) continue;
       const SourceViews its_sources = window.SelectSources(*source);
       if (its_sources.keyframes.empty()) continue;
       const auto failure = CatchFailure([&] { estimator.Initialise(source.get(), its_sources); });
       stop->Check();
       if (failure) ReportFailedAgain(*source, *failure);
+      if (!source->is_mapped) keyframe->times += std::exchange(source->times, {});
     }
   }
 
@@ -271,54 +285,82 @@ struct DenseMapper::Impl {
     Drop(keyframe, {"no_source_views", window.DescribeMissingViews(*keyframe, min_source_views)});
   }
 
-  void Admit(FramePtr frame, bool is_mapped) {
-    const int64_t id = frame->id;
-    if (const auto failure = CatchFailure([&] { CheckFrame(*frame); })) {
-      // Not kept: as a source view it would make the others fail as well.
-      if (!is_mapped) throw InvalidInputError(failure->message);
-      is_admitted = true;
-      return outputs.SubmitDrop(frame, *failure, nullptr);
-    }
-    ShrinkWindow(options.window_size - 1);
-    const WindowKeyframePtr keyframe = window.Add(std::move(frame));
+  /// @param capture usable
+  void Admit(const Capture& capture) {
+    const WindowCapture added = window.Add(capture);
     is_admitted = true;
-    keyframe->is_mapped = is_mapped;
-    const std::optional<DepthRange> range = FindDepthRange(*keyframe->frame);
-    if (range) keyframe->range = *range;
-    RefinePoses(id, [&] { range ? poses.Add(keyframe, window) : poses.Finish(window); });
-    if (!is_mapped) {
-      keyframe->state = State::kFinished;
-    } else if (!range) {
-      Drop(keyframe, {"no_depth_range",
-                      Concat("keyframe ", id, ": ", DescribeLandmarks(keyframe->frame->landmarks_in_world.size()),
-                             ", and no earlier keyframe had a depth range: set depth_min and depth_max")});
+    for (const WindowKeyframePtr& image : added) {
+      if (image->is_mapped || image == added.front()) FindDepthRange(image, added);
+    }
+    const auto has_range = [](const WindowKeyframePtr& image) { return HasDepthRange(image->range); };
+    const auto with_range = std::find_if(added.begin(), added.end(), has_range);
+    for (const WindowKeyframePtr& image : added) {
+      if (!image->is_mapped && with_range != added.end()) image->range = (*with_range)->range;
+    }
+    RefinePoses(added.front()->frame->id,
+                [&] { has_range(added.front()) ? poses.Add(added, window) : poses.Finish(window); });
+    for (const WindowKeyframePtr& image : added) {
+      if (!image->is_mapped || has_range(image)) continue;
+      Drop(image,
+           {"no_depth_range",
+            Concat("keyframe ", image->frame->id, ": ", DescribeLandmarks(image->frame->landmarks_in_world.size()),
+                   ", and no earlier keyframe had a depth range: set depth_min and depth_max")});
     }
   }
 
-  std::optional<DepthRange> FindDepthRange(const Frame& frame) {
+  /// What cannot be used is told and left out: as a source view it would make the others fail as well.
+  Capture WithoutRefused(const Capture& capture) {
+    Capture usable;
+    for (const FramePtr& frame : capture.keyframes) {
+      const auto failure = CatchFailure([&] { CheckFrame(*frame); });
+      if (failure) outputs.SubmitDrop(frame, *failure, nullptr);
+      if (!failure) usable.keyframes.push_back(frame);
+    }
+    for (const FramePtr& frame : capture.companions) {
+      const auto failure = CatchFailure([&] { CheckFrame(*frame); });
+      if (failure && capture.keyframes.empty() && capture.companions.size() == 1) {
+        throw InvalidInputError(failure->message);
+      }
+      if (failure) outputs.SubmitProblem("companion_refused", failure->message);
+      if (!failure) usable.companions.push_back(frame);
+    }
+    return usable;
+  }
+
+  /// Sets the range of a capture's image where one is known.
+  void FindDepthRange(const WindowKeyframePtr& image, const WindowCapture& capture) {
+    const Frame& frame = *image->frame;
     if (const auto range = DepthRangeFromLandmarks(frame.landmarks_in_world, frame.camera, frame.cam_from_world,
                                                    options.depth_range)) {
       last_range = range;
       had_landmarks = true;
     } else if (!had_landmarks) {
-      if (HasDepthRange(options.fallback_depth_range)) return options.fallback_depth_range;
-      if (frame.landmarks_in_world.empty()) FindDepthRangeByMatches(frame);
+      if (HasDepthRange(options.fallback_depth_range)) {
+        image->range = options.fallback_depth_range;
+        return;
+      }
+      if (frame.landmarks_in_world.empty()) FindDepthRangeByMatches(frame, capture);
     }
-    return last_range;
+    if (last_range) image->range = *last_range;
   }
 
-  /// Images and poses are enough once the camera has moved sideways.
-  void FindDepthRangeByMatches(const Frame& frame) {
-    std::vector<FramePtr> earlier;
-    for (size_t later = 1; later < std::min(window.size(), kRangeFrames + 1); ++later) {
-      earlier.push_back(window.WithLater(later)->frame);
+  /// Images and poses are enough once the camera has moved sideways, or where another camera is fixed to it.
+  void FindDepthRangeByMatches(const Frame& frame, const WindowCapture& capture) {
+    std::vector<FramePtr> others;
+    const RigidTransform world_from_frame = frame.cam_from_world.inverse();
+    for (const WindowKeyframePtr& image : capture) {
+      const double baseline = (image->frame->cam_from_world * world_from_frame).translation().norm();
+      if (baseline > 1e-9 * world_from_frame.translation().norm()) others.push_back(image->frame);
     }
-    const auto range = DepthRangeFromMatches(frame, earlier, options.depth_range);
+    for (size_t later = 1; later < window.size() && others.size() < kRangeFrames; ++later) {
+      others.push_back(window.WithLater(later).front()->frame);
+    }
+    const auto range = DepthRangeFromMatches(frame, others, options.depth_range);
     stop->Check();
     if (range && !last_range) {
       outputs.SubmitProblem("depth_range_by_matches",
                             Concat("keyframe ", frame.id, ": no sparse points tell its depth range; by matches with ",
-                                   "earlier keyframes it is ", range->min, " to ", range->max,
+                                   "other images it is ", range->min, " to ", range->max,
                                    ": if that is wrong set depth_min and depth_max"));
     }
     if (range) last_range = range;
@@ -348,10 +390,11 @@ struct DenseMapper::Impl {
     const bool was_contradicted = std::exchange(contradicted, poses.checks().contradiction.value_or(0) > limit);
     if (!contradicted || was_contradicted) return;
     for (size_t later = std::min(kContradictionImages, window.size()); later-- > 0;) {
-      const WindowKeyframePtr& keyframe = window.WithLater(later);
-      if (keyframe->is_withdrawn || !keyframe->refined_score) continue;
-      keyframe->is_withdrawn = true;
-      outputs.SubmitWithdrawal(keyframe, DescribeContradiction());
+      for (const WindowKeyframePtr& keyframe : window.WithLater(later)) {
+        if (keyframe->is_withdrawn || !keyframe->refined_score) continue;
+        keyframe->is_withdrawn = true;
+        outputs.SubmitWithdrawal(keyframe, DescribeContradiction());
+      }
     }
   }
 
@@ -372,7 +415,7 @@ struct DenseMapper::Impl {
   std::optional<DepthRange> last_range;
   bool had_landmarks = false;  ///< that told a depth range
   std::optional<int64_t> last_id;
-  bool is_admitted = false;   ///< the last frame: it is in the window, or dropped
+  bool is_admitted = false;   ///< the last capture: it is in the window
   bool contradicted = false;  ///< received poses, by the images
   MapperOutputs outputs;      ///< last: its thread is gone before what is above
 };
@@ -394,9 +437,11 @@ void DenseMapper::set_options(const DenseMapperOptions& options) {
   impl_->window.set_options(options.source_views);
 }
 
-void DenseMapper::AddKeyframe(FramePtr frame) { impl_->Add(std::move(frame), true); }
+void DenseMapper::AddCapture(const Capture& capture) { impl_->Add(capture); }
 
-void DenseMapper::AddSourceImage(FramePtr frame) { impl_->Add(std::move(frame), false); }
+void DenseMapper::AddKeyframe(FramePtr frame) { AddCapture({{std::move(frame)}, {}}); }
+
+void DenseMapper::AddSourceImage(FramePtr frame) { AddCapture({{}, {std::move(frame)}}); }
 
 void DenseMapper::Flush() { impl_->Flush(); }
 
@@ -409,7 +454,7 @@ void DenseMapper::Reset() {
   impl_->had_landmarks = false;
   impl_->last_id.reset();
   impl_->contradicted = false;
-  for (const WindowKeyframePtr& keyframe : forgotten) {
+  for (const WindowKeyframePtr& keyframe : forgotten.Images()) {
     if (keyframe->state == WindowKeyframe::State::kFinished) continue;
     keyframe->state = WindowKeyframe::State::kFinished;
     impl_->DropForReset(keyframe->frame, keyframe);
@@ -422,7 +467,8 @@ void DenseMapper::WaitForOutputs() { impl_->outputs.WaitForAll(); }
 PoseChecks DenseMapper::pose_checks() const { return impl_->poses.checks(); }
 
 size_t DenseMapper::unfinished() const {
-  return static_cast<size_t>(std::count_if(impl_->window.begin(), impl_->window.end(), [](const auto& keyframe) {
+  const std::vector<WindowKeyframePtr> images = impl_->window.Images();
+  return static_cast<size_t>(std::count_if(images.begin(), images.end(), [](const WindowKeyframePtr& keyframe) {
     return keyframe->state != WindowKeyframe::State::kFinished;
   }));
 }

@@ -1,8 +1,10 @@
 #include "keyframe_window.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
+#include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
 
 namespace acmp {
@@ -10,12 +12,10 @@ namespace {
 
 PosedCamera CameraOf(const Frame& frame) { return {frame.camera, frame.cam_from_world}; }
 
-SourceViewSelection Select(const WindowKeyframe& keyframe, const std::vector<WindowKeyframePtr>& others,
-                           const SourceViewOptions& options) {
-  std::vector<SourceViewCandidate> candidates;
-  candidates.reserve(others.size());
-  for (const WindowKeyframePtr& other : others) candidates.push_back({CameraOf(*other->frame), other->is_mapped});
-  return SelectSourceViews(CameraOf(*keyframe.frame), TypicalDepth(keyframe.range), candidates, options);
+/// So near to each other that a point at the depth is seen under less than the least angle of a source view.
+bool AreAtOnePlace(const Frame& a, const Frame& b, double depth) {
+  const double distance = (a.cam_from_world.inverse().translation() - b.cam_from_world.inverse().translation()).norm();
+  return distance < std::tan(kMinSourceAngleDeg * kRadPerDeg<double>) * depth;
 }
 
 }  // namespace
@@ -30,39 +30,52 @@ std::vector<int64_t> SourceViews::Ids() const {
 void KeyframeWindow::set_options(const SourceViewOptions& options) {
   if (options == options_) return;
   options_ = options;
-  for (const WindowKeyframePtr& keyframe : keyframes_) {
+  for (const WindowKeyframePtr& keyframe : Images()) {
     if (!keyframe->initial && !keyframe->refined_score) continue;
     keyframe->initial_score = SelectSources(*keyframe).score;
     if (keyframe->refined_score) keyframe->refined_score = keyframe->initial_score;
   }
 }
 
-WindowKeyframePtr KeyframeWindow::Add(FramePtr frame) {
-  auto keyframe = std::make_shared<WindowKeyframe>();
-  keyframe->pose.placed.cam_from_world = frame->cam_from_world;
-  keyframe->frame = std::move(frame);
-  keyframes_.push_back(keyframe);
-  return keyframe;
+WindowCapture KeyframeWindow::Add(const Capture& capture) {
+  WindowCapture added;
+  const auto add = [&](const FramePtr& frame, bool is_mapped) {
+    auto image = std::make_shared<WindowKeyframe>();
+    image->pose.placed.cam_from_world = frame->cam_from_world;
+    image->frame = frame;
+    image->is_mapped = is_mapped;
+    if (!is_mapped) image->state = WindowKeyframe::State::kFinished;
+    added.push_back(std::move(image));
+  };
+  for (const FramePtr& frame : capture.keyframes) add(frame, true);
+  for (const FramePtr& frame : capture.companions) add(frame, false);
+  captures_.push_back(added);
+  return added;
 }
 
 SourceViews KeyframeWindow::SelectSources(const WindowKeyframe& keyframe) const {
-  const std::vector<WindowKeyframePtr> others = Others(keyframe);
-  const SourceViewSelection selection = Select(keyframe, others, options_);
+  const Candidates candidates = CandidatesOf(keyframe);
+  const SourceViewSelection selection =
+      SelectSourceViews(CameraOf(*keyframe.frame), TypicalDepth(keyframe.range), candidates.views, options_);
   SourceViews sources;
-  for (const SelectedSourceView& view : selection.views) sources.keyframes.push_back(others[view.index]);
+  for (const SelectedSourceView& view : selection.views) {
+    sources.keyframes.push_back(candidates.keyframes[view.index]);
+    sources.num_of_capture += candidates.views[view.index].priority == kOfCapture ? 1 : 0;
+  }
   sources.score = selection.gain;
   return sources;
 }
 
 std::string KeyframeWindow::DescribeMissingViews(const WindowKeyframe& keyframe, int min_source_views) const {
   const std::string name = Concat("keyframe ", keyframe.frame->id, ": ");
-  const std::vector<WindowKeyframePtr> others = Others(keyframe);
-  if (others.empty()) {
+  const Candidates others = CandidatesOf(keyframe);
+  if (others.keyframes.empty()) {
     return Concat(name, "no other keyframe in the window, at least ", min_source_views, " needed");
   }
-  const SourceViewSelection selection = Select(keyframe, others, options_);
-  std::string text = Concat(name, selection.num_useful, " of ", others.size(),
-                            " other keyframes in the window useful, at least ", min_source_views, " needed");
+  const SourceViewSelection selection =
+      SelectSourceViews(CameraOf(*keyframe.frame), TypicalDepth(keyframe.range), others.views, options_);
+  std::string text = Concat(name, selection.num_useful, " of ", others.keyframes.size(),
+                            " other images in the window useful, at least ", min_source_views, " needed");
   if (selection.num_without_baseline > 0) {
     text += Concat("; ", selection.num_without_baseline, " with no baseline (identical position)");
   }
@@ -76,23 +89,34 @@ std::string KeyframeWindow::DescribeMissingViews(const WindowKeyframe& keyframe,
   return text;
 }
 
-WindowKeyframePtr KeyframeWindow::Find(int64_t id) const {
-  const auto found =
-      std::find_if(begin(), end(), [&](const WindowKeyframePtr& keyframe) { return keyframe->frame->id == id; });
-  return found == end() ? nullptr : *found;
-}
-
 size_t KeyframeWindow::NumLaterThan(const WindowKeyframe& keyframe) const {
-  return static_cast<size_t>(std::count_if(
-      begin(), end(), [&](const WindowKeyframePtr& other) { return other->frame->id > keyframe.frame->id; }));
+  return static_cast<size_t>(std::count_if(captures_.begin(), captures_.end(), [&](const WindowCapture& capture) {
+    return capture.front()->frame->id > keyframe.frame->id;  // they ascend through all captures
+  }));
 }
 
-std::vector<WindowKeyframePtr> KeyframeWindow::Others(const WindowKeyframe& keyframe) const {
-  std::vector<WindowKeyframePtr> others;
-  for (const WindowKeyframePtr& other : keyframes_) {
-    if (other.get() != &keyframe) others.push_back(other);
+std::vector<WindowKeyframePtr> KeyframeWindow::Images() const {
+  std::vector<WindowKeyframePtr> images;
+  for (const WindowCapture& capture : captures_) images.insert(images.end(), capture.begin(), capture.end());
+  return images;
+}
+
+KeyframeWindow::Candidates KeyframeWindow::CandidatesOf(const WindowKeyframe& keyframe) const {
+  const double depth = TypicalDepth(keyframe.range);
+  Candidates candidates;
+  for (const WindowCapture& capture : captures_) {
+    const bool is_own = std::any_of(capture.begin(), capture.end(),
+                                    [&](const WindowKeyframePtr& image) { return image.get() == &keyframe; });
+    if (!is_own && !keyframe.is_mapped) continue;
+    const bool is_here = !is_own && AreAtOnePlace(*keyframe.frame, *capture.front()->frame, depth);
+    for (const WindowKeyframePtr& image : capture) {
+      if (image.get() == &keyframe) continue;
+      if (is_here && !image->is_mapped && image != capture.front()) continue;
+      candidates.keyframes.push_back(image);
+      candidates.views.push_back({CameraOf(*image->frame), is_own ? kOfCapture : image->is_mapped ? kMapped : kOther});
+    }
   }
-  return others;
+  return candidates;
 }
 
 }  // namespace acmp

@@ -45,7 +45,8 @@ struct MatchedView {
   RigidTransform source_from_reference = RigidTransform::Identity();
 };
 
-/// One keyframe of the window. A finished one stays as a source view of others until it leaves.
+/// One image of the window: a keyframe, or one that is only a source view. A finished one stays as a source view of
+/// others until it leaves.
 struct WindowKeyframe {
   enum class State {
     kPending,      ///< waits for source views
@@ -99,52 +100,67 @@ struct WindowKeyframe {
 };
 using WindowKeyframePtr = std::shared_ptr<WindowKeyframe>;
 
+/// The images of one Capture, keyframes first; at least one. The pose of the first is refined, the others move with it.
+using WindowCapture = std::vector<WindowKeyframePtr>;
+
 /// Source views of one keyframe, best first.
 struct SourceViews {
   std::vector<WindowKeyframePtr> keyframes;
-  double score = 0;  ///< what they bring together: the selection's gain
+  size_t num_of_capture = 0;  ///< so many of them, the first ones, are of the keyframe's own capture
+  double score = 0;           ///< what they bring together: the selection's gain
 
   std::vector<int64_t> Ids() const;
 };
 
-/// The keyframes that can be matched against each other, and which source views each of them has. Computes no depth.
+/// The captures whose images can be matched against each other, and which source views each of them has. Computes no
+/// depth.
 class KeyframeWindow {
  public:
-  using const_iterator = std::deque<WindowKeyframePtr>::const_iterator;
+  using const_iterator = std::deque<WindowCapture>::const_iterator;
 
   explicit KeyframeWindow(const SourceViewOptions& options) : options_(options) {}
 
   /// Scores under other options cannot be compared: what is in the window counts as what was used so far.
   void set_options(const SourceViewOptions& options);
 
-  /// Adds a keyframe as the newest.
-  WindowKeyframePtr Add(FramePtr frame);
-  void PopOldest() { keyframes_.pop_front(); }
+  /// Adds a capture, which has an image, as the newest.
+  WindowCapture Add(const Capture& capture);
+  void PopOldest() { captures_.pop_front(); }
 
-  /// Chosen among the others in the window (SelectSourceViews), at most max_source_views. Those that are mapped go
-  /// first, for they can confirm depth. The keyframe has a depth range.
+  /// Chosen among the others in the window (SelectSourceViews), at most max_source_views. Those of its own capture go
+  /// first: they alone show what moves where it is, and lie as far away as the cameras do. Then those that are mapped,
+  /// for they can confirm depth. From a capture that was taken at the same place only keyframes are candidates: its
+  /// companions would show what those of the own capture do, but for what has moved meanwhile. An image that is not
+  /// mapped is matched against its own capture alone, to say what its keyframes can confirm. The image has a depth
+  /// range.
   SourceViews SelectSources(const WindowKeyframe& keyframe) const;
 
   /// Sentence that says why the keyframe has fewer than `min_source_views`, with the numbers.
   std::string DescribeMissingViews(const WindowKeyframe& keyframe, int min_source_views) const;
 
-  size_t size() const { return keyframes_.size(); }
-  const WindowKeyframePtr& oldest() const { return keyframes_.front(); }
-  /// The keyframe that has so many later ones in the window, fewer than size().
-  const WindowKeyframePtr& WithLater(size_t later_keyframes) const {
-    return keyframes_[keyframes_.size() - 1 - later_keyframes];
+  size_t size() const { return captures_.size(); }  ///< captures
+  const WindowCapture& oldest() const { return captures_.front(); }
+  /// The capture that has so many later ones in the window, fewer than size().
+  const WindowCapture& WithLater(size_t later_captures) const {
+    return captures_[captures_.size() - 1 - later_captures];
   }
-  /// Null where it is not in the window.
-  WindowKeyframePtr Find(int64_t id) const;
+  /// Captures after that of the keyframe.
   size_t NumLaterThan(const WindowKeyframe& keyframe) const;
-  const_iterator begin() const { return keyframes_.begin(); }  ///< oldest first
-  const_iterator end() const { return keyframes_.end(); }
+  const_iterator begin() const { return captures_.begin(); }  ///< oldest first
+  const_iterator end() const { return captures_.end(); }
+  std::vector<WindowKeyframePtr> Images() const;  ///< of all captures, in their order
 
  private:
-  std::vector<WindowKeyframePtr> Others(const WindowKeyframe& keyframe) const;
+  /// Who may become a source view of a keyframe.
+  struct Candidates {
+    std::vector<WindowKeyframePtr> keyframes;
+    std::vector<SourceViewCandidate> views;  ///< theirs
+  };
+  static constexpr int kOfCapture = 2, kMapped = 1, kOther = 0;  ///< priorities
+  Candidates CandidatesOf(const WindowKeyframe& keyframe) const;
 
   SourceViewOptions options_;
-  std::deque<WindowKeyframePtr> keyframes_;
+  std::deque<WindowCapture> captures_;
 };
 
 }  // namespace acmp

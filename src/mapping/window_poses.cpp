@@ -5,7 +5,7 @@
 namespace acmp {
 namespace {
 
-/// As the frontend has moved since another keyframe.
+/// As the frontend has moved since another keyframe, or another camera of the same capture lies to it.
 void PredictPose(const RigidTransform& received_before, const MatchingPose& before, WindowKeyframe* keyframe) {
   const RigidTransform& received = keyframe->frame->cam_from_world;
   keyframe->pose = {std::nullopt, {received, 1, std::nullopt, PoseFit()}};
@@ -16,6 +16,15 @@ void PredictPose(const RigidTransform& received_before, const MatchingPose& befo
   const RigidTransform refined = motion * *before.refined;
   placed.refined->world_from_cam = refined.inverse();
   keyframe->pose = {refined, placed};
+}
+
+/// The other images of a capture where the first one's pose puts them.
+void MoveWithFirst(const WindowCapture& capture) {
+  const WindowKeyframe& first = *capture.front();
+  for (size_t i = 1; i < capture.size(); ++i) {
+    PredictPose(first.frame->cam_from_world, first.pose, capture[i].get());
+    capture[i]->pose.placed.fit = first.pose.placed.fit;
+  }
 }
 
 /// As the refinement has found it.
@@ -32,21 +41,22 @@ WindowPoses::WindowPoses(const PoseRefinementOptions& options) {
   if (options.refine != RefinePoses::kOff) refiner_ = std::make_unique<PoseRefiner>(options);
 }
 
-void WindowPoses::Add(const WindowKeyframePtr& newest, const KeyframeWindow& window) {
+void WindowPoses::Add(const WindowCapture& newest, const KeyframeWindow& window) {
   if (!refiner_) return;
   Finish(window);
   if (window.size() > 1) {
-    const WindowKeyframe& before = *window.WithLater(1);
-    PredictPose(before.frame->cam_from_world, before.pose, newest.get());
+    const WindowKeyframe& before = *window.WithLater(1).front();
+    PredictPose(before.frame->cam_from_world, before.pose, newest.front().get());
+    MoveWithFirst(newest);
   }
-  Begin(newest, window.size());
+  Begin(*newest.front(), window.size());
 }
 
-void WindowPoses::Begin(const WindowKeyframePtr& newest, size_t window_size) {
-  newest_ = {newest->frame->id, newest->frame->cam_from_world};
+void WindowPoses::Begin(const WindowKeyframe& newest, size_t window_size) {
+  newest_ = {newest.frame->id, newest.frame->cam_from_world};
   found_ =
       std::async(std::launch::async,
-                 [this, frame = newest->frame, range = newest->range, window_size]() -> std::optional<PoseRefinement> {
+                 [this, frame = newest.frame, range = newest.range, window_size]() -> std::optional<PoseRefinement> {
                    if (!refiner_->Add(*frame, range)) return std::nullopt;
                    while (refiner_->size() > window_size) refiner_->RemoveOldest();
                    return refiner_->Refine();
@@ -57,7 +67,9 @@ void WindowPoses::Finish(const KeyframeWindow& window) {
   if (!found_.valid()) return;
   const std::optional<PoseRefinement> refinement = found_.get();
   if (!refinement) {
-    if (const WindowKeyframePtr keyframe = window.Find(newest_.id)) keyframe->stands_since = moved_;
+    for (const WindowCapture& capture : window) {
+      if (capture.front()->frame->id == newest_.id) capture.front()->stands_since = moved_;
+    }
     if (++num_standing_ >= kContradictionImages) checks_.contradiction = 0;  // of the last images
     return;
   }
@@ -66,7 +78,8 @@ void WindowPoses::Finish(const KeyframeWindow& window) {
   if (refinement->checks.contradiction) checks_.contradiction = refinement->checks.contradiction;
   checks_.stamp_offset_s = refinement->checks.stamp_offset_s;
   checks_.distortion_px = refinement->checks.distortion_px;
-  for (const WindowKeyframePtr& keyframe : window) {
+  for (const WindowCapture& capture : window) {
+    const WindowKeyframePtr& keyframe = capture.front();
     const int64_t id = keyframe->stands_since ? keyframe->stands_since->id : keyframe->frame->id;
     const auto& poses = refinement->poses;
     const auto pose = std::find_if(poses.begin(), poses.end(), [id](const RefinedPose& p) { return p.id == id; });
@@ -74,6 +87,7 @@ void WindowPoses::Finish(const KeyframeWindow& window) {
     const MatchingPose found = PoseFrom(*pose, *refinement);
     if (!keyframe->stands_since) keyframe->pose = found;
     if (keyframe->stands_since) PredictPose(keyframe->stands_since->cam_from_world, found, keyframe.get());
+    MoveWithFirst(capture);
   }
 }
 

@@ -8,17 +8,18 @@
 
 namespace acmp {
 
-/// Refines the poses of the window in a thread beside the mapper. What a keyframe has taught is taken in when the next
-/// one comes, or when nothing more comes: so results do not depend on the timing, and no map waits for a pose while the
-/// input leaves time.
+/// Refines the poses of the window in a thread beside the mapper: those of the first image of each capture, as the
+/// others keep their places to it, with distances in the unit of the received poses. What a keyframe has taught is
+/// taken in when the next one comes, or when nothing more comes: so results do not depend on the timing, and no map
+/// waits for a pose while the input leaves time.
 class WindowPoses {
  public:
   /// Without Ceres, or where refinement is off, poses stay as they are.
   explicit WindowPoses(const PoseRefinementOptions& options);
 
-  /// Takes in what has been found, gives the window's newest keyframe the pose that follows from it, and begins again
-  /// with that keyframe. Throws what the refinement has thrown; poses then stay.
-  void Add(const WindowKeyframePtr& newest, const KeyframeWindow& window);
+  /// Takes in what has been found, gives the window's newest capture the poses that follow from it, and begins again
+  /// with its first image. Throws what the refinement has thrown; poses then stay.
+  void Add(const WindowCapture& newest, const KeyframeWindow& window);
 
   /// Takes in what has been found. Throws as Add does.
   void Finish(const KeyframeWindow& window);
@@ -29,7 +30,7 @@ class WindowPoses {
   const PoseChecks& checks() const { return checks_; }
 
  private:
-  void Begin(const WindowKeyframePtr& newest, size_t window_size);
+  void Begin(const WindowKeyframe& newest, size_t window_size);
 
   PoseChecks checks_;
   std::unique_ptr<PoseRefiner> refiner_;  ///< null: poses stay as received

@@ -40,10 +40,10 @@ Mask ReadMaskFile(const std::string& path) {
 }
 
 /// Whether anybody publishes such messages, or has: those of a player that has ended may still be queued.
-bool Brings(InputStatus::Kind kind, const std::vector<std::unique_ptr<InputSource>>& sources) {
-  return std::any_of(sources.begin(), sources.end(), [kind](const auto& source) {
+bool Brings(InputStatus::Kind kind, const std::vector<std::unique_ptr<InputSource>>& sources, size_t camera = 0) {
+  return std::any_of(sources.begin(), sources.end(), [kind, camera](const auto& source) {
     const InputStatus status = source->status();
-    return status.kind == kind && (status.publishers > 0 || status.received > 0);
+    return status.kind == kind && status.camera == camera && (status.publishers > 0 || status.received > 0);
   });
 }
 
@@ -123,7 +123,8 @@ RejectedInput DenseMapperNodelet::WithDoubt(RejectedInput drop) {
 
 void DenseMapperNodelet::MakeIntake(const RuntimeOptions& runtime_options) {
   TransformSource transforms;
-  if (options_.pose_source == PoseSource::kTf || NeedsExtrinsic(options_)) {
+  const bool places_sources = options_.matcher.source_cameras > 0 && options_.cam_from_sources.empty();
+  if (options_.pose_source == PoseSource::kTf || NeedsExtrinsic(options_) || places_sources) {
     tf_ = std::make_unique<TfLookup>(input_thread_.Attach(getNodeHandle()), [this](const std::string& text) {
       Report(RejectedInput{"bad_tf", text});
     });
@@ -185,6 +186,13 @@ void DenseMapperNodelet::Subscribe() {
   handlers.on_mask = [this](CompanionSample m) { Receive([&](auto* intake) { intake->AddMask(std::move(m)); }); };
   handlers.on_prior_depth = [this](CompanionSample d) {
     Receive([&](auto* intake) { intake->AddPriorDepth(std::move(d)); });
+  };
+  handlers.on_source_image = [this](size_t camera, std::shared_ptr<const EncodedImage> image) {
+    if (paused_) return;
+    Receive([&](auto* intake) { intake->AddSourceImage(camera, std::move(image)); });
+  };
+  handlers.on_source_camera_info = [this](size_t camera, const sensor_msgs::CameraInfo& info) {
+    Receive([&](auto* intake) { intake->AddSourceCameraInfo(camera, info); });
   };
   handlers.on_pose = [this](PoseSample p) { Receive([&](auto* intake) { intake->AddPose(std::move(p)); }); };
   handlers.on_tf = [this] { Deliver(); };
@@ -293,6 +301,10 @@ void DenseMapperNodelet::Deliver(bool all) {
   const bool clouds_expected = Brings(InputStatus::Kind::kCloud, sources_);
   const bool masks_expected = Brings(InputStatus::Kind::kMask, sources_);
   const bool prior_depth_expected = Brings(InputStatus::Kind::kPriorDepth, sources_);
+  std::vector<char> sources_expected;
+  for (int i = 0; i < options_.matcher.source_cameras; ++i) {
+    sources_expected.push_back(Brings(InputStatus::Kind::kSourceImage, sources_, static_cast<size_t>(i)));
+  }
   std::lock_guard<std::mutex> delivery_lock(delivery_mutex_);
   std::vector<IntakeEvent> events;
   {
@@ -300,6 +312,7 @@ void DenseMapperNodelet::Deliver(bool all) {
     intake_->set_clouds_expected(clouds_expected);
     intake_->set_masks_expected(masks_expected);
     intake_->set_prior_depth_expected(prior_depth_expected);
+    for (size_t i = 0; i < sources_expected.size(); ++i) intake_->set_source_expected(i, sources_expected[i] != 0);
     events = all ? intake_->TakeAll() : intake_->Take(SteadySeconds() - blocked_s_);
     publisher_->set_images(ImagesReceived(InputStatuses()) - intake_->not_chosen() - intake_->unposed_images());
   }
@@ -375,7 +388,7 @@ MapperSnapshot DenseMapperNodelet::TakeSnapshot() {
 MapperSnapshot DenseMapperNodelet::TakeSnapshotWithAdvice() {
   MapperSnapshot snapshot = TakeSnapshot();
   const auto nothing = [](const InputStatus& input) {
-    return input.received == 0 && (input.required || input.kind == InputStatus::Kind::kCloud);
+    return input.received == 0 && (input.is_wanted() || input.kind == InputStatus::Kind::kCloud);
   };
   if (std::none_of(snapshot.inputs.begin(), snapshot.inputs.end(), nothing)) return snapshot;
   XmlRpc::XmlRpcValue request, answer, topics;

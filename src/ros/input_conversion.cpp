@@ -7,6 +7,7 @@
 
 #include <sensor_msgs/image_encodings.h>
 
+#include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/intake/pose_semantics.h"
 
@@ -22,7 +23,8 @@ struct DistortionModel {
   std::vector<const char*> names;
 };
 
-const DistortionModel& FindModel(const std::string& name) {
+/// Null where the name is not known.
+const DistortionModel* FindModel(const std::string& name) {
   using Model = LensDistortion::Model;
   static const std::vector<DistortionModel> models = {
       {Model::kBrownConrady, 4, 5, {"plumbbob", "radtan", "radialtangential", "brownconrady"}},
@@ -30,28 +32,41 @@ const DistortionModel& FindModel(const std::string& name) {
       {Model::kEquidistant,
        4,
        4,
-       {"equidistant", "equi", "fisheye", "kannalabrandt", "kannalabrandt4", "kannalabrandt8"}}};
+       {"equidistant", "equi", "fisheye", "kannalabrandt", "kannalabrandt4", "kannalabrandt8"}},
+      {Model::kUnified, 5, 5, {kUnifiedModel, "unified", "omnidirectional", "omni", "omniradtan"}},
+      {Model::kEquirectangular, 0, 0, {kEquirectangularModel, "spherical"}}};
   std::string plain;
   for (const unsigned char c : name) {
     if (std::isalnum(c)) plain += static_cast<char>(std::tolower(c));
   }
   for (const DistortionModel& model : models) {
     for (const char* known : model.names) {
-      if (plain == known) return model;
+      if (plain == known) return &model;
     }
   }
-  throw InvalidInputError(Concat("camera_info distortion_model = \"", name,
-                                 "\": must be plumb_bob, rational_polynomial or equidistant; of other lenses give the "
-                                 "rectified images (rectified: true)"));
+  return nullptr;
+}
+
+bool IsSphere(const sensor_msgs::CameraInfo& info) {
+  const DistortionModel* model = FindModel(info.distortion_model);
+  return model != nullptr && model->model == LensDistortion::Model::kEquirectangular;
 }
 
 LensDistortion ToDistortion(const sensor_msgs::CameraInfo& info) {
   const auto is_zero = [](double d) { return d == 0; };
-  if (std::all_of(info.D.begin(), info.D.end(), is_zero)) return {};
+  const DistortionModel* found = FindModel(info.distortion_model);
+  const bool needs_none = found == nullptr || (found->model != LensDistortion::Model::kUnified && !IsSphere(info));
+  if (needs_none && std::all_of(info.D.begin(), info.D.end(), is_zero)) return {};
+  if (found == nullptr) {
+    throw InvalidInputError(
+        Concat("camera_info distortion_model = \"", info.distortion_model,
+               "\": must be plumb_bob, rational_polynomial, equidistant, mei or equirectangular; of "
+               "other lenses give the rectified images (rectified: true)"));
+  }
+  const DistortionModel& model = *found;
   for (const double d : info.D) {
     if (!std::isfinite(d)) throw InvalidInputError(Concat("camera_info D holds ", d, ": must be finite"));
   }
-  const DistortionModel& model = FindModel(info.distortion_model);
   if (info.D.size() < model.least) {
     throw InvalidInputError(
         Concat("camera_info D has ", info.D.size(), " coefficients: ", info.distortion_model, " has ", model.most));
@@ -206,12 +221,22 @@ DepthMap DecodePriorDepth(const EncodedImage& encoded) {
   return depth;
 }
 
-CameraCalibration ToCalibration(const sensor_msgs::CameraInfo& info, bool rectified) {
+bool operator==(const CameraCalibration& a, const CameraCalibration& b) {
+  return a.camera == b.camera && a.distortion == b.distortion && a.frame_id == b.frame_id &&
+         a.field_of_view == b.field_of_view;
+}
+
+CameraCalibration ToCalibration(const sensor_msgs::CameraInfo& info, bool rectified, double field_of_view) {
   // K and P are row-major; P's left 3x3 block is the K of the rectified image.
-  const double fx = rectified ? info.P[0] : info.K[0];
-  const double fy = rectified ? info.P[5] : info.K[4];
-  const double cx = rectified ? info.P[2] : info.K[2];
-  const double cy = rectified ? info.P[6] : info.K[5];
+  double fx = rectified ? info.P[0] : info.K[0];
+  double fy = rectified ? info.P[5] : info.K[4];
+  double cx = rectified ? info.P[2] : info.K[2];
+  double cy = rectified ? info.P[6] : info.K[5];
+  if (!rectified && IsSphere(info)) {
+    fx = fy = info.width / (360 * kRadPerDeg<double>);
+    cx = 0.5 * info.width - 0.5;
+    cy = 0.5 * info.height - 0.5;
+  }
   const char* matrix = rectified ? "P" : "K";
   if (!(fx > 0) || !std::isfinite(fx)) {
     throw InvalidInputError(Concat("camera_info ", matrix, "[0] = ", fx, ": must be > 0 (is the camera calibrated?)"));
@@ -247,6 +272,8 @@ CameraCalibration ToCalibration(const sensor_msgs::CameraInfo& info, bool rectif
   calibration.camera.cy = (cy - (cropped ? info.roi.y_offset : 0) + 0.5) / binning_y - 0.5;
   CheckCamera("camera_info", calibration.camera);
   if (!rectified) calibration.distortion = ToDistortion(info);
+  calibration.field_of_view = field_of_view;
+  CheckLens("camera_info", calibration.camera, calibration.distortion, field_of_view);
   calibration.frame_id = StripLeadingSlash(info.header.frame_id);
   return calibration;
 }

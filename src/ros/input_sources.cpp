@@ -34,6 +34,7 @@ struct InputStream {
   uint32_t queue;
   std::string reason;  ///< of drops, when a message cannot be used
   bool required;
+  size_t camera = 0;  ///< of source cameras
 };
 
 /// A subscription, whose status diagnostics read from another thread. `handle` may throw InvalidInputError; it becomes
@@ -51,8 +52,15 @@ class TopicSource : public InputSource {
   }
 
   InputStatus status() const override {
-    return {stream_.kind,     subscriber_.getTopic(), subscriber_.getNumPublishers(), received_, last_received_s_,
-            stream_.required, TypeOf<Message>()};
+    return {stream_.kind,
+            subscriber_.getTopic(),
+            subscriber_.getNumPublishers(),
+            received_,
+            last_received_s_,
+            stream_.required,
+            TypeOf<Message>(),
+            {},
+            stream_.camera};
   }
 
  private:
@@ -75,10 +83,10 @@ class TopicSource : public InputSource {
 };
 
 /// "image/compressed" if that name is remapped, else beside the image as image_transport's publishers put it.
-std::string CompressedTopic(const ros::NodeHandle& nh) {
-  const std::string name = std::string(names::kImage) + "/" + names::kCompressedSuffix;
+std::string CompressedTopic(const ros::NodeHandle& nh, const std::string& image) {
+  const std::string name = image + "/" + names::kCompressedSuffix;
   if (nh.resolveName(name, true) != nh.resolveName(name, false)) return nh.resolveName(name);
-  return nh.resolveName(names::kImage) + "/" + names::kCompressedSuffix;
+  return nh.resolveName(image) + "/" + names::kCompressedSuffix;
 }
 
 /// What makes the mapper take a topic of this type; empty: nothing does. The names of arguments and parameters are
@@ -145,7 +153,10 @@ class SourceFactory {
         Add<sensor_msgs::CameraInfo>({Kind::kCameraInfo, names::kCameraInfo, kCameraInfoQueue, "bad_camera_info", true},
                                      [on_info = handlers_.on_camera_info](const auto& message) { on_info(*message); });
       }
-      AddImages();
+      AddImages({Kind::kImage, names::kImage, kImageQueue, "bad_image", true}, handlers_.on_image);
+    }
+    for (size_t camera = 0; camera < static_cast<size_t>(options_.matcher.source_cameras); ++camera) {
+      AddSourceCamera(camera);
     }
     Add<sensor_msgs::Image>({Kind::kMask, names::kMask, kImageQueue, "bad_mask", false},
                             [on_mask = handlers_.on_mask](const auto& message) { on_mask(ToMaskSample(message)); });
@@ -158,10 +169,37 @@ class SourceFactory {
                                 on_extrinsic(ToTransform(message->pose.pose));
                               });
     }
+    CheckCameras();
     return std::move(sources_);
   }
 
  private:
+  void AddSourceCamera(size_t camera) {
+    if (options_.source_calibration_file.empty()) {
+      Add<sensor_msgs::CameraInfo>(
+          {Kind::kSourceInfo, names::kSourceCameraInfos[camera], kCameraInfoQueue, "bad_camera_info", false, camera},
+          [camera, on_info = handlers_.on_source_camera_info](const auto& message) { on_info(camera, *message); });
+    }
+    AddImages({Kind::kSourceImage, names::kSourceImages[camera], kImageQueue, "bad_source_image", false, camera},
+              [camera, on_image = handlers_.on_source_image](std::shared_ptr<const EncodedImage> image) {
+                on_image(camera, std::move(image));
+              });
+  }
+
+  void CheckCameras() const {
+    std::map<std::string, std::string> cameras;
+    for (const auto& source : sources_) {
+      const InputStatus status = source->status();
+      if (status.kind != Kind::kImage && status.kind != Kind::kSourceImage) continue;
+      const std::string name = status.kind == Kind::kImage ? names::kImage : names::kSourceImages[status.camera];
+      const auto [other, is_new] = cameras.emplace(status.topic, name);
+      if (is_new) continue;
+      throw InvalidInputError(
+          Concat("the topics ", other->second, " and ", name, " are both ", status.topic,
+                 ": each camera must have its own (~source_cameras = ", options_.matcher.source_cameras, ")"));
+    }
+  }
+
   template <class Message>
   void Add(const InputStream& stream, std::function<void(const boost::shared_ptr<const Message>&)> handle) {
     InputStream named = stream;
@@ -200,20 +238,18 @@ class SourceFactory {
                  });
   }
 
-  void AddImages() {
+  void AddImages(InputStream stream, const std::function<void(std::shared_ptr<const EncodedImage>)>& on_image) {
     if (options_.image_transport == ImageTransport::kRaw) {
-      Add<sensor_msgs::Image>({Kind::kImage, names::kImage, kImageQueue, "bad_image", true},
-                              [on_image = handlers_.on_image,
-                               topic = nh_.resolveName(names::kImage)](const sensor_msgs::ImageConstPtr& message) {
-                                on_image(std::make_shared<const EncodedImage>(EncodedImage{message, nullptr, topic}));
-                              });
+      const std::string topic = nh_.resolveName(stream.topic);
+      Add<sensor_msgs::Image>(stream, [on_image, topic](const sensor_msgs::ImageConstPtr& message) {
+        on_image(std::make_shared<const EncodedImage>(EncodedImage{message, nullptr, topic}));
+      });
       return;
     }
-    Add<sensor_msgs::CompressedImage>(
-        {Kind::kImage, CompressedTopic(nh_), kImageQueue, "bad_image", true},
-        [on_image = handlers_.on_image, topic = CompressedTopic(nh_)](const auto& message) {
-          on_image(std::make_shared<const EncodedImage>(EncodedImage{nullptr, message, topic}));
-        });
+    stream.topic = CompressedTopic(nh_, stream.topic);
+    Add<sensor_msgs::CompressedImage>(stream, [on_image, topic = stream.topic](const auto& message) {
+      on_image(std::make_shared<const EncodedImage>(EncodedImage{nullptr, message, topic}));
+    });
   }
 
   ros::NodeHandle nh_;

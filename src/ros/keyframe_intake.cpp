@@ -15,9 +15,6 @@ namespace {
 constexpr char kNamelessCamera[] = "camera_optical";
 constexpr char kNamelessWorld[] = "world";
 
-/// Decoded twice, undistorted, and where each pixel comes from in two forms.
-constexpr uint64_t kImagePixelBytes = 24;
-
 /// That are kept: a focus that changes with each image, for half a minute.
 constexpr size_t kCalibrations = 1000;
 
@@ -45,11 +42,21 @@ std::vector<Eigen::Vector3d> Moved(const RigidTransform& world_from_cloud, const
 
 }  // namespace
 
+KeyframeOrigin KeyframeOrigin::OfFace(const PinholeFace& of) const {
+  KeyframeOrigin origin = *this;
+  origin.face = of.name;
+  origin.lens_from_face = of.lens_from_face;
+  origin.world_from_cam.rotate(of.lens_from_face);
+  if (origin.path.child_from_cam) origin.path.child_from_cam->rotate(of.lens_from_face);
+  return origin;
+}
+
 KeyframeIntake::KeyframeIntake(const NodeOptions& options, const KeyframeGateOptions& gate, double fallback_depth,
                                const TransformSource& transforms)
     : options_(options),
       transforms_(transforms),
       matcher_(options.matcher),
+      sources_(options, transforms.find_latest),
       resolver_(options.pose, options.extrinsic_inverted, transforms.find_latest),
       path_resolver_(PathSemantics(options), options.extrinsic_inverted, transforms.find_latest),
       fallback_depth_(fallback_depth) {
@@ -71,11 +78,7 @@ void KeyframeIntake::AddCameraInfo(const sensor_msgs::CameraInfo& info) {
     return;
   }
   try {
-    calibration_ = std::make_shared<const CameraCalibration>(ToCalibration(info, options_.rectified));
-    const PinholeCamera& camera = calibration_->camera;
-    CheckMemory(Concat("an image of ", camera.width, "x", camera.height, " pixels, as camera_info has it,"),
-                static_cast<uint64_t>(camera.width) * static_cast<uint64_t>(camera.height), kImagePixelBytes,
-                static_cast<size_t>(1e9 * options_.memory_limit_gb));
+    calibration_ = CheckedCalibration(info, options_);
   } catch (const InvalidInputError&) {
     calibration_.reset();
     UpdateObstacle();  // images wait from now on
@@ -92,6 +95,11 @@ void KeyframeIntake::AddCameraInfo(const sensor_msgs::CameraInfo& info) {
 const CalibrationPtr& KeyframeIntake::CalibrationAt(int64_t stamp_ns) const {
   const auto later = calibrations_.upper_bound(stamp_ns);
   return later == calibrations_.begin() ? calibration_ : std::prev(later)->second;
+}
+
+void KeyframeIntake::AddSourceImage(size_t camera, std::shared_ptr<const EncodedImage> image) {
+  const int64_t stamp_ns = ToStampNs(image->header().stamp);
+  matcher_.AddSourceImage(camera, {stamp_ns, std::move(image)});
 }
 
 void KeyframeIntake::AddPose(PoseSample pose) {
@@ -259,6 +267,13 @@ void KeyframeIntake::Convert(const MatchedInput& match, std::vector<IntakeEvent>
   input.world_frame = options_.world_frame.empty() ? match.pose.world_frame : options_.world_frame;
   if (input.world_frame.empty()) input.world_frame = kNamelessWorld;
   input.world_from_cam = resolver_.WorldFromCamera(match.pose.received);
+  for (size_t camera = 0; camera < match.source_images.size(); ++camera) {
+    if (!match.source_images[camera]) continue;
+    auto placed = sources_.Place(camera, match.source_images[camera], last_info_, input.camera_frame);
+    if (auto* source = std::get_if<SourceImage>(&placed)) input.source_images.push_back(std::move(*source));
+    if (auto* rejected = std::get_if<RejectedInput>(&placed)) events->emplace_back(std::move(*rejected));
+  }
+  if (auto notice = sources_.TakeNotice()) events->emplace_back(Notice{false, std::move(*notice)});
   input.landmarks_in_world = PlaceCloud(match, input, events);
   input.path = MakePathConvention();
   if (options_.world_frame.empty()) input.path_frame = input.world_frame;  // else it replaces the frames of all inputs
@@ -346,9 +361,12 @@ std::vector<Eigen::Vector3d> KeyframeIntake::PlaceCloud(const MatchedInput& matc
     return {};
   }
   const PoseSample& cloud_pose = match.cloud_pose ? *match.cloud_pose : match.pose;
-  if (auto warning = convention_check_.Add(resolver_.semantics(), cloud_pose.received, cloud, *in_camera,
-                                           input.calibration->camera)) {
-    events->emplace_back(Notice{true, std::move(*warning)});
+  // A wide camera sees points of any reading.
+  if (input.calibration->MakeLens().FieldOfView() <= kWideFieldOfView) {
+    if (auto warning = convention_check_.Add(resolver_.semantics(), cloud_pose.received, cloud, *in_camera,
+                                             input.calibration->camera)) {
+      events->emplace_back(Notice{true, std::move(*warning)});
+    }
   }
   return *in_camera ? Moved(resolver_.WorldFromCamera(cloud_pose.received), cloud.points) : cloud.points;
 }

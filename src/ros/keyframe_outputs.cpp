@@ -75,8 +75,8 @@ std::string DescribePixels(const KeyframeOutput& output) {
                 "at an end of the depth range, ", maps.range.min, " to ", maps.range.max);
 }
 
-void OutputStatus::CountRefined(const KeyframeDepth& maps) {
-  ++refined;
+void OutputStatus::CountRefined(const KeyframeDepth& maps, bool counts) {
+  refined += counts ? 1 : 0;
   times = maps.times;
   consistency_ms = maps.consistency_ms;
   pose_fit = maps.pose_fit;

@@ -72,7 +72,7 @@ acmp_mapping::KeyframePointsPtr ToKeyframePoints(const KeyframeOutput& output, c
   const KeyframeDepth& maps = *output.maps;
   head.key = {mapper, output.run, static_cast<uint64_t>(maps.frame->id)};
   head.pose = {origin.stamp_ns,   origin.world_from_cam, origin.path,
-               origin.path_frame, origin.camera_frame,   maps.frame->camera};
+               origin.path_frame, origin.frame_id(),     maps.frame->camera};
   if (maps.refined_camera) {
     head.pose.world_from_cam = maps.cam_from_world.inverse();
     head.pose.refined = RefinedAndReceived{*maps.refined_camera, origin.world_from_cam};

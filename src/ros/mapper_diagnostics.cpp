@@ -98,7 +98,7 @@ void DescribeInputs(const MapperSnapshot& snapshot, DiagnosticStatusWrapper* sta
   for (const InputStatus& input : snapshot.inputs) {
     const std::string silence = DescribeSilence(input, snapshot.now_s);
     status->add(input.topic, silence.empty() ? Concat(input.received, " received") : silence);
-    if (!silence.empty() && (input.required || !input.advice.empty()))
+    if (!silence.empty() && (input.is_wanted() || !input.advice.empty()))
       status->mergeSummary(DiagnosticStatus::WARN, silence);
   }
   if (snapshot.paused) status->mergeSummary(DiagnosticStatus::WARN, "paused (~pause)");
@@ -111,7 +111,7 @@ std::string DescribeMissing(const MapperSnapshot& snapshot) {
   std::string text;
   const auto add = [&](const std::string& sentence) { text += (text.empty() ? "" : "; ") + sentence; };
   for (const InputStatus& input : snapshot.inputs) {
-    if (!(input.required || !input.advice.empty()) || !IsSilent(input, snapshot.now_s)) continue;
+    if (!(input.is_wanted() || !input.advice.empty()) || !IsSilent(input, snapshot.now_s)) continue;
     if (snapshot.now_s - input.last_received_s < kSilentS) continue;  // it has just begun to wait
     if (input.received == 0 || some_send) add(DescribeSilence(input, snapshot.now_s));
   }

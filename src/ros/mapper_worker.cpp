@@ -53,6 +53,10 @@ std::optional<double> MeanInterval(const std::deque<int64_t>& stamps_ns) {
   return 1e-9 * static_cast<double>(stamps_ns.back() - stamps_ns.front()) / static_cast<double>(stamps_ns.size() - 1);
 }
 
+FrameOptions OptionsFor(const PinholeCamera& camera, double size) {
+  return {std::max(1, static_cast<int>(std::lround(size * std::max(camera.width, camera.height))))};
+}
+
 }  // namespace
 
 MapperWorker::MapperWorker(const NodeOptions& node_options, const SharedOptions* options, Mask fixed_mask,
@@ -230,19 +234,20 @@ void MapperWorker::Process(const KeyframeInput& input) {
   Timer timer;
   UseOptions();
 
-  const FramePtr frame = PrepareFrame(input, true);
+  const Capture capture = {PrepareFrames(input, true), PrepareCompanions(input)};
+  const Frame& frame = *capture.keyframes.front();
   const double preparation_ms = timer.Lap();
   UpdateStatus([&](WorkerStatus* status) {
     ++status->keyframes;
-    status->width = frame->camera.width;
-    status->height = frame->camera.height;
+    status->width = frame.camera.width;
+    status->height = frame.camera.height;
     status->preparation_ms = preparation_ms;
   });
-  mapper_->AddKeyframe(frame);
+  mapper_->AddCapture(capture);
   const PoseChecks checks = mapper_->pose_checks();
   const double keyframe_ms = preparation_ms + timer.Lap();
   const std::string distortion =
-      DescribeDistortion(checks.distortion_px.value_or(0), frame->camera.width, input.calibration->distortion);
+      DescribeDistortion(checks.distortion_px.value_or(0), frame.camera.width, input.calibration->distortion);
   bool is_new_offset = false, is_new_distortion = false;
   UpdateStatus([&](WorkerStatus* status) {
     is_new_distortion = !distortion.empty() && status->distortion.empty();
@@ -276,7 +281,7 @@ void MapperWorker::ChooseSetting(double keyframe_ms) {
 void MapperWorker::ProcessOvertaken(const KeyframeInput& input) {
   if (mapper_) {
     UseOptions();
-    mapper_->AddSourceImage(PrepareFrame(input, false));
+    mapper_->AddCapture({{}, PrepareFrames(input, false)});
   }
   outputs_->Report(
       {"overload",
@@ -304,6 +309,9 @@ Mask MapperWorker::MaskOf(const KeyframeInput& input) {
 DepthMap MapperWorker::PriorDepthOf(const KeyframeInput& input) {
   if (!input.prior_depth) return {};
   try {
+    if (camera_.rectifiers.size() > 1) {
+      throw InvalidInputError("prior depth of an image that becomes several (~wide_faces) is not used");
+    }
     if (!options_->Get().mapper.pipeline.fill.enabled) {
       throw InvalidInputError("prior depth needs completion, which is off (~completion, ~preset)");
     }
@@ -315,29 +323,79 @@ DepthMap MapperWorker::PriorDepthOf(const KeyframeInput& input) {
   }
 }
 
-FramePtr MapperWorker::PrepareFrame(const KeyframeInput& input, bool keeps_image) {
-  FrameOptions frame_options = {node_options_.max_image_size};
-  if (auto_preset_) {
-    const PinholeCamera& camera = input.calibration->camera;
-    const int longer_side = std::max(camera.width, camera.height);
-    const int limit = frame_options.max_size > 0 ? std::min(frame_options.max_size, longer_side) : longer_side;
-    frame_options.max_size = static_cast<int>(std::ceil(auto_preset_->setting().size * limit));
+double MapperWorker::SizeOf(const Camera& camera) const {
+  int width = 0, height = 0;
+  for (const Rectifier& rectifier : camera.rectifiers) {
+    width = std::max(width, rectifier.face().camera.width);
+    height = std::max(height, rectifier.face().camera.height);
   }
-  if (!calibration_ || !SameCalibration(*calibration_, *input.calibration)) {
-    rectifier_ = std::make_unique<ImageRectifier>(*input.calibration);
-    decoder_ = ImageDecoder();
-    calibration_ = input.calibration;
+  const int longer_side = std::max(width, height);
+  int limit = node_options_.max_image_size > 0 ? std::min(node_options_.max_image_size, longer_side) : longer_side;
+  if (auto_preset_) limit = static_cast<int>(std::ceil(auto_preset_->setting().size * limit));
+  return static_cast<double>(limit) / longer_side;
+}
+
+cv::Mat MapperWorker::Decode(const EncodedImage& image, const CalibrationPtr& calibration, Camera* camera) {
+  if (!camera->calibration || !(*camera->calibration == *calibration)) {
+    const Lens lens = calibration->MakeLens();
+    camera->rectifiers.clear();
+    camera->decoder = ImageDecoder();
+    camera->calibration = calibration;
+    if (node_options_.wide_faces == WideFaces::kOff) {
+      camera->rectifiers.emplace_back(lens);
+    } else {
+      for (PinholeFace& face : FacesOf(lens)) camera->rectifiers.emplace_back(lens, std::move(face));
+    }
   }
-  const std::string note = decoder_.note();
-  ColorImage image = rectifier_->Rectify(decoder_.Decode(*input.image, &calibration_->camera));
-  if (!decoder_.note().empty() && decoder_.note() != note) {
-    outputs_->Report({"assumed_encoding", Concat(input.image->topic, ": ", decoder_.note())});
+  const std::string note = camera->decoder.note();
+  cv::Mat rgb = camera->decoder.Decode(image, &calibration->camera);
+  if (!camera->decoder.note().empty() && camera->decoder.note() != note) {
+    outputs_->Report({"assumed_encoding", Concat(image.topic, ": ", camera->decoder.note())});
   }
-  std::shared_ptr<const std::string> jpeg = KeptImage(image, keeps_image ? node_options_.keep_images : 0);
-  Frame frame = MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image),
-                          calibration_->camera, input.world_from_cam.inverse(), input.landmarks_in_world, frame_options,
-                          rectifier_->RectifyMask(MaskOf(input)), rectifier_->RectifyDepth(PriorDepthOf(input)));
-  return std::make_shared<const ReceivedFrame>(ReceivedFrame{std::move(frame), input, run_, std::move(jpeg)});
+  return rgb;
+}
+
+std::vector<FramePtr> MapperWorker::PrepareFrames(const KeyframeInput& input, bool keeps_image) {
+  const cv::Mat rgb = Decode(*input.image, input.calibration, &camera_);
+  const Mask mask = MaskOf(input);
+  const DepthMap prior_depth = PriorDepthOf(input);
+  std::vector<FramePtr> frames;
+  for (const Rectifier& rectifier : camera_.rectifiers) {
+    const PinholeFace& face = rectifier.face();
+    const Mask face_mask = rectifier.RectifyMask(mask);
+    if (!frames.empty() && IgnoresAll(face_mask)) continue;
+    const KeyframeOrigin origin = input.OfFace(face);
+    ColorImage image = rectifier.Rectify(rgb);
+    std::shared_ptr<const std::string> jpeg = KeptImage(image, keeps_image ? node_options_.keep_images : 0);
+    Frame frame = MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image), face.camera,
+                            origin.world_from_cam.inverse(), input.landmarks_in_world,
+                            OptionsFor(face.camera, SizeOf(camera_)), face_mask, rectifier.RectifyDepth(prior_depth));
+    frames.push_back(std::make_shared<const ReceivedFrame>(ReceivedFrame{std::move(frame), origin, run_, std::move(jpeg)}));
+  }
+  return frames;
+}
+
+std::vector<FramePtr> MapperWorker::PrepareCompanions(const KeyframeInput& input) {
+  std::vector<FramePtr> companions;
+  for (const SourceImage& source : input.source_images) {
+    try {
+      Camera& camera = source_cameras_[source.image->topic];
+      const cv::Mat rgb = Decode(*source.image, source.calibration, &camera);
+      const RigidTransform source_from_world = source.source_from_cam * input.world_from_cam.inverse();
+      for (const Rectifier& rectifier : camera.rectifiers) {
+        const PinholeFace& face = rectifier.face();
+        Frame frame = MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, rectifier.Rectify(rgb),
+                                face.camera, RigidTransform(face.lens_from_face.transpose()) * source_from_world, {},
+                                OptionsFor(face.camera, SizeOf(camera)), rectifier.RectifyMask({}));
+        frame.color = {};  // points get their colours from the keyframe
+        companions.push_back(std::make_shared<const Frame>(std::move(frame)));
+      }
+    } catch (const InvalidInputError& error) {
+      outputs_->Report({"bad_source_image", Concat("image ", FormatStamp(input.stamp_ns), " goes without that of ",
+                                                   source.image->topic, ": ", error.what())});
+    }
+  }
+  return companions;
 }
 
 }  // namespace acmp

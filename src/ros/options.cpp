@@ -44,27 +44,43 @@ void SetDevice(const std::string& name, NodeOptions* options) {
                                  kMaxCudaDevice, "], or cpu"));
 }
 
-/// Row by row; empty: none.
-std::optional<RigidTransform> ParseTransform(const std::vector<double>& m) {
-  if (m.empty()) return std::nullopt;
-  constexpr char kName[] = "parameter ~T_body_cam";
-  if (m.size() != 16) {
-    throw InvalidInputError(Concat(kName, " has ", m.size(), " numbers: must have 16, a 4x4 matrix row by row"));
-  }
-  if (m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1) {
+/// Each row by row, one after the other.
+std::vector<RigidTransform> ParseTransforms(const char* name, const std::vector<double>& numbers) {
+  constexpr size_t kSize = 16;
+  if (numbers.size() % kSize != 0) {
     throw InvalidInputError(
-        Concat(kName, ": the last row is ", m[12], " ", m[13], " ", m[14], " ", m[15], ", must be 0 0 0 1"));
+        Concat(name, " has ", numbers.size(), " numbers: must have 16, a 4x4 matrix row by row, for each camera"));
   }
-  RigidTransform transform = RigidTransform::Identity();
-  transform.matrix() = Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(m.data());
-  CheckPose(kName, transform);
-  return transform;
+  std::vector<RigidTransform> transforms;
+  for (auto m = numbers.begin(); m != numbers.end(); m += kSize) {
+    if (m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1) {
+      throw InvalidInputError(
+          Concat(name, ": the last row is ", m[12], " ", m[13], " ", m[14], " ", m[15], ", must be 0 0 0 1"));
+    }
+    RigidTransform transform = RigidTransform::Identity();
+    transform.matrix() = Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(&*m);
+    CheckPose(name, transform);
+    transforms.push_back(transform);
+  }
+  return transforms;
 }
 
-std::vector<double> ToNumbers(const std::optional<RigidTransform>& transform) {
-  if (!transform) return {};
-  const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> rows = transform->matrix();
-  return {rows.data(), rows.data() + rows.size()};
+/// The one; empty: none.
+std::optional<RigidTransform> ParseTransform(const char* name, const std::vector<double>& numbers) {
+  const std::vector<RigidTransform> transforms = ParseTransforms(name, numbers);
+  if (transforms.size() > 1) {
+    throw InvalidInputError(Concat(name, " has ", numbers.size(), " numbers: must have 16, a 4x4 matrix row by row"));
+  }
+  return transforms.empty() ? std::nullopt : std::make_optional(transforms[0]);
+}
+
+std::vector<double> ToNumbers(const std::vector<RigidTransform>& transforms) {
+  std::vector<double> numbers;
+  for (const RigidTransform& transform : transforms) {
+    const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> rows = transform.matrix();
+    numbers.insert(numbers.end(), rows.data(), rows.data() + rows.size());
+  }
+  return numbers;
 }
 
 /// Those of the pipeline, auto and none. A preset of several scales needs the maps of all images at each of them.
@@ -104,6 +120,13 @@ OptionList OptionsOf(NodeOptions* o) {
   list.Flag("rectified", &o->rectified, "Images are undistorted already, and P of camera_info describes them");
   list.Text("calibration_file", &o->calibration_file,
             "File of camera_calibration (.yaml or .ini) in place of camera_info; empty: camera_info is used");
+  list.Choice(
+      "wide_faces", &o->wide_faces, {"auto", "off"},
+      "auto: an image of more than 120 degrees becomes several pinhole images, which are mapped each; off: one, "
+      "without what lies outside of it");
+  list.Number("field_of_view", &o->field_of_view, 0, 360, "deg",
+              "From side to side, of a lens whose image ends at a circle: what lies outside is masked; 0: the whole "
+              "image is seen");
   list.Text("mask_file", &o->mask_file,
             "Picture (.png) of the size of the images as sent: what is black there, such as the robot itself, is "
             "ignored in all of them; empty: nothing is");
@@ -123,13 +146,38 @@ OptionList OptionsOf(NodeOptions* o) {
       "T_body_cam",
       "For pose_child body: 4x4 matrix, row by row, from the camera's optical frame to the body; empty: taken from tf, "
       "else from the topic extrinsic",
-      [o] { return OptionValue(ToNumbers(o->pose.body_from_cam)); },
-      [o](const OptionValue& value) { o->pose.body_from_cam = ParseTransform(std::get<std::vector<double>>(value)); });
+      [o] {
+        const auto& transform = o->pose.body_from_cam;
+        return OptionValue(transform ? ToNumbers({*transform}) : std::vector<double>());
+      },
+      [o](const OptionValue& value) {
+        o->pose.body_from_cam = ParseTransform("parameter ~T_body_cam", std::get<std::vector<double>>(value));
+      });
   list.Flag("extrinsic_inverted", &o->extrinsic_inverted,
             "The topic extrinsic has T_cam_body, the inverse of T_body_cam");
   list.Text("world_frame", &o->world_frame, "In place of the frame_id of the poses; empty: as sent");
   list.Text("body_frame", &o->body_frame,
             "In place of the child frame of the poses, where tf is asked; empty: as sent");
+
+  list.Group("source cameras");
+  list.Number("source_cameras", &o->matcher.source_cameras, 0, kMaxSourceCameras, "",
+              "Cameras that are fixed to this one, such as the right one of a stereo pair; their images, on the topics "
+              "source_image, source_image_2 and so on, are source views: also the first keyframe and a camera that "
+              "stands have depth, and what moves is matched in its instant");
+  list.Add(
+      "T_cam_source",
+      "Where they are: for each a 4x4 matrix, row by row, from its optical frame to the camera's, in the unit of the "
+      "poses; empty: taken from P of the camera_infos, else from tf",
+      [o] { return OptionValue(ToNumbers(o->cam_from_sources)); },
+      [o](const OptionValue& value) {
+        o->cam_from_sources = ParseTransforms("parameter ~T_cam_source", std::get<std::vector<double>>(value));
+      });
+  list.Text("source_calibration_file", &o->source_calibration_file,
+            "As calibration_file, of each source camera, separated by commas; empty: source_camera_info, "
+            "source_camera_info_2 and so on are used");
+  list.Number("source_tolerance", &o->matcher.source_tolerance_s, 0, 0.1, "s",
+              "An image and those of the source cameras that were taken with it differ by no more than this in their "
+              "stamps; one that has not come after mask_wait is done without");
 
   list.Group("sparse points, masks and stamps");
   list.Choice("sparse_frame", &o->sparse_frame, {"auto", "world", "camera"},
@@ -139,8 +187,8 @@ OptionList OptionsOf(NodeOptions* o) {
   list.Number("sparse_wait", &o->matcher.sparse_wait_s, 0, 10, "s",
               "An image with a pose waits so long for the sparse points of its stamp");
   list.Number("mask_wait", &o->matcher.mask_wait_s, 0, 10, "s",
-              "An image with a pose waits so long for its mask and its prior depth, while somebody publishes the "
-              "topics mask or prior_depth; then it is used as a whole, or goes without");
+              "An image with a pose waits so long for its mask, its prior depth and the images of source cameras, "
+              "while somebody publishes these topics; then it is used as a whole, or goes without");
 
   list.Group("keyframes");
   list.Choice("keyframe_mode", &o->keyframe_mode, {"every_pose", "gate", "external"},
@@ -216,6 +264,12 @@ void Check(const NodeOptions& options) {
   const bool path_of_body = PathSemantics(options).child == Child::kBody;
   if (options.pose.body_from_cam && !body && !path_of_body) {
     throw InvalidInputError("parameter ~T_body_cam is set: needs ~pose_child = body");
+  }
+  const size_t num_placed = options.cam_from_sources.size();
+  if (num_placed != 0 && num_placed != static_cast<size_t>(options.matcher.source_cameras)) {
+    throw InvalidInputError(
+        Concat("parameter ~T_cam_source has ", num_placed,
+               " matrices: must have one for each of ~source_cameras = ", options.matcher.source_cameras));
   }
   if (options.pose_source != PoseSource::kTf) return;
   if (options.world_frame.empty()) {

@@ -38,7 +38,7 @@ const KeyframeOrigin& KeyframeOriginOf(const Frame& frame) { return static_cast<
 double LatencyMs(const KeyframeOrigin& origin) { return (SteadySeconds() - origin.arrival_s) * 1e3; }
 
 std_msgs::Header CameraHeader(const KeyframeOutput& output) {
-  return MakeHeader(output.origin.stamp_ns, output.origin.camera_frame);
+  return MakeHeader(output.origin.stamp_ns, output.origin.frame_id());
 }
 
 // What is published of a keyframe.
@@ -87,13 +87,16 @@ sensor_msgs::ImagePtr ConfidenceImageOf(const KeyframeOutput& output) {
 }
 
 /// Receivers of the topic put the points where the frontend's pose says that the camera was. So that they come to lie
-/// where the pose does with which they were matched, they are given in the camera's frame of the received pose.
+/// where the pose does with which they were matched, they are given in the camera's frame of the received pose. Those
+/// of a face are given in the camera's frame, too.
 PointCloud PointsAtReceivedPose(const KeyframeOutput& output) {
   const KeyframeDepth& maps = *output.maps;
   PointCloud points = output.points_in_camera;
-  if (!maps.refined_camera) return points;
+  if (!maps.refined_camera && output.origin.face.empty()) return points;
+  RigidTransform received_from_matched = RigidTransform::Identity();
+  if (maps.refined_camera) received_from_matched = maps.frame->cam_from_world * maps.cam_from_world.inverse();
   const Eigen::Isometry3f received_from_refined =
-      (maps.frame->cam_from_world * maps.cam_from_world.inverse()).cast<float>();
+      (RigidTransform(output.origin.lens_from_face) * received_from_matched).cast<float>();
   for (SurfacePoint& point : points) {
     const Eigen::Vector3f position =
         received_from_refined * Eigen::Vector3f(point.position.x, point.position.y, point.position.z);
@@ -109,28 +112,47 @@ PointCloud PointsAtReceivedPose(const KeyframeOutput& output) {
 
 OutputPublisher::OutputPublisher(ros::NodeHandle nh, std::string mapper, const IncidentLog* incidents,
                                  std::function<void(const RejectedInput&)> report)
-    : mapper_(std::move(mapper)), incidents_(incidents), report_(std::move(report)), transport_(nh) {
-  depth_fast_ = transport_.advertiseCamera(names::kDepthFast, kQueue);
-  depth_ =
-      transport_.advertiseCamera(names::kDepth, kQueue, ForNewcomers(&DepthImageOf), {}, ForNewcomers(&CameraInfoOf));
-  color_ =
-      transport_.advertiseCamera(names::kColor, kQueue, ForNewcomers(&ColorImageOf), {}, ForNewcomers(&CameraInfoOf));
-  AddImageTopic(names::kDepthPicture, &DepthPictureOf);
-  AddImageTopic(names::kConfidence, &ConfidenceImageOf);
-  AddImageTopic(names::kConfidencePicture, &ConfidencePictureOf);
-  AddImageTopic(names::kNormal, &NormalImageOf);
-  AddImageTopic(names::kNormalPicture, &NormalPictureOf);
-  depth_millimetres_ = nh.advertise<sensor_msgs::Image>(
-      names::kDepthMillimetres, kQueue,
-      ForNewcomers([](const KeyframeOutput& output) { return ToDepthMillimetres(*DepthImageOf(output)); }));
+    : mapper_(std::move(mapper)), incidents_(incidents), report_(std::move(report)), transport_(nh), nh_(nh) {
+  Advertise("", &image_topics_[""]);
   points_ = nh.advertise<sensor_msgs::PointCloud2>(names::kPoints, kQueue);
   pose_ = nh.advertise<geometry_msgs::PoseStamped>(names::kKeyframePose, kQueue);
   keyframe_points_ = nh.advertise<acmp_mapping::KeyframePoints>(names::kKeyframePoints, kMapQueue);
   keyframe_depth_ = nh.advertise<acmp_mapping::KeyframeDepth>(names::kKeyframeDepth, kQueue);
 }
 
-void OutputPublisher::AddImageTopic(const char* name, const MakeImage& make) {
-  image_topics_.push_back({transport_.advertise(name, kQueue, ForNewcomers(make)), make});
+void OutputPublisher::Advertise(const std::string& face, ImageTopics* topics) {
+  const std::string prefix = face.empty() ? "" : names::kFacePrefix + face + "/";
+  const auto advertise_camera = [&](const char* name, const MakeImage& make) {
+    return transport_.advertiseCamera(prefix + name, kQueue, ForNewcomers(face, make), {},
+                                      ForNewcomers(face, &CameraInfoOf));
+  };
+  topics->depth_fast = transport_.advertiseCamera(prefix + names::kDepthFast, kQueue);
+  topics->depth = advertise_camera(names::kDepth, &DepthImageOf);
+  topics->color = advertise_camera(names::kColor, &ColorImageOf);
+  topics->depth_millimetres = nh_.advertise<sensor_msgs::Image>(
+      prefix + names::kDepthMillimetres, kQueue,
+      ForNewcomers(face, [](const KeyframeOutput& output) { return ToDepthMillimetres(*DepthImageOf(output)); }));
+  const std::pair<const char*, MakeImage> others[] = {{names::kDepthPicture, &DepthPictureOf},
+                                                      {names::kConfidence, &ConfidenceImageOf},
+                                                      {names::kConfidencePicture, &ConfidencePictureOf},
+                                                      {names::kNormal, &NormalImageOf},
+                                                      {names::kNormalPicture, &NormalPictureOf}};
+  for (const auto& [name, make] : others) {
+    topics->others.emplace_back(transport_.advertise(prefix + name, kQueue, ForNewcomers(face, make)), make);
+  }
+}
+
+OutputPublisher::ImageTopics& OutputPublisher::TopicsOf(const KeyframeOrigin& origin) {
+  const auto [found, is_new] = image_topics_.try_emplace(origin.face);
+  if (is_new) {
+    Advertise(origin.face, &found->second);
+    if (!face_frames_) face_frames_ = std::make_unique<tf2_ros::StaticTransformBroadcaster>();
+    geometry_msgs::TransformStamped face = tf2::eigenToTransform(RigidTransform(origin.lens_from_face));
+    face.header = MakeHeader(origin.stamp_ns, origin.camera_frame);
+    face.child_frame_id = origin.frame_id();
+    face_frames_->sendTransform(face);
+  }
+  return found->second;
 }
 
 DenseMapper::Callbacks OutputPublisher::MakeCallbacks() {
@@ -177,11 +199,14 @@ void OutputPublisher::Publish(const KeyframeDepthPtr& maps, const PublishOutput&
 void OutputPublisher::HandleFast(const KeyframeDepthPtr& maps) {
   reading_check_.Add(*maps->frame);
   Publish(maps, [this](const KeyframeOutput& output) {
-    PublishPose(output);
-    if (depth_fast_.getNumSubscribers() > 0) depth_fast_.publish(DepthImageOf(output), CameraInfoOf(output));
+    if (output.origin.face.empty()) PublishPose(output);
+    const ImageTopics& topics = TopicsOf(output.origin);
+    if (topics.depth_fast.getNumSubscribers() > 0) {
+      topics.depth_fast.publish(DepthImageOf(output), CameraInfoOf(output));
+    }
   });
   UpdateStatus([&](OutputStatus* status) {
-    ++status->fast;
+    status->fast += KeyframeOriginOf(*maps->frame).face.empty() ? 1 : 0;
     status->fast_latency.Add(LatencyMs(KeyframeOriginOf(*maps->frame)));
   });
 }
@@ -190,8 +215,8 @@ void OutputPublisher::HandleRefined(const KeyframeDepthPtr& maps) {
   const KeyframeOrigin& origin = KeyframeOriginOf(*maps->frame);
   // First: what is published says how many images are still under way.
   UpdateStatus([&](OutputStatus* status) {
-    status->CountRefined(*maps);
-    newest_ = maps;
+    status->CountRefined(*maps, origin.face.empty());
+    newest_[origin.face] = maps;
   });
   Publish(maps, [&](const KeyframeOutput& output) {
     PublishRefined(output);
@@ -210,24 +235,27 @@ void OutputPublisher::HandleRefined(const KeyframeDepthPtr& maps) {
 }
 
 void OutputPublisher::HandleDrop(const KeyframeDrop& drop) {
+  const KeyframeOrigin& origin = KeyframeOriginOf(*drop.frame);
   Report({drop.reason,
-          Concat("image ", FormatStamp(KeyframeOriginOf(*drop.frame).stamp_ns),
+          Concat("image ", FormatStamp(origin.stamp_ns), origin.face.empty() ? "" : ", face " + origin.face,
                  drop.had_fast ? " (refinement only): " : ": ", drop.message),
-          true});
+          origin.face.empty()});
 }
 
 void OutputPublisher::PublishRefined(const KeyframeOutput& output) {
-  if (depth_.getNumSubscribers() > 0 || depth_millimetres_.getNumSubscribers() > 0) {
+  const ImageTopics& topics = TopicsOf(output.origin);
+  if (topics.depth.getNumSubscribers() > 0 || topics.depth_millimetres.getNumSubscribers() > 0) {
     const sensor_msgs::ImagePtr depth = DepthImageOf(output);
-    if (depth_millimetres_.getNumSubscribers() > 0) depth_millimetres_.publish(ToDepthMillimetres(*depth));
-    depth_.publish(depth, CameraInfoOf(output));
+    if (topics.depth_millimetres.getNumSubscribers() > 0) topics.depth_millimetres.publish(ToDepthMillimetres(*depth));
+    topics.depth.publish(depth, CameraInfoOf(output));
   }
-  if (color_.getNumSubscribers() > 0) color_.publish(ColorImageOf(output), CameraInfoOf(output));
-  for (const ImageTopic& topic : image_topics_) {
-    if (topic.publisher.getNumSubscribers() > 0) topic.publisher.publish(topic.make(output));
+  if (topics.color.getNumSubscribers() > 0) topics.color.publish(ColorImageOf(output), CameraInfoOf(output));
+  for (const auto& [publisher, make] : topics.others) {
+    if (publisher.getNumSubscribers() > 0) publisher.publish(make(output));
   }
   if (points_.getNumSubscribers() > 0) {
-    points_.publish(ToCloudMessage(PointsAtReceivedPose(output), CameraHeader(output)));
+    const std_msgs::Header header = MakeHeader(output.origin.stamp_ns, output.origin.camera_frame);
+    points_.publish(ToCloudMessage(PointsAtReceivedPose(output), header));
   }
   PublishKeyframeDepth(output);
   PublishKeyframePoints(output, false);

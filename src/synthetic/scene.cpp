@@ -1,13 +1,16 @@
 #include "acmp_mapping/synthetic/synthetic_scene.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
+#include <set>
 #include <unordered_set>
 #include <utility>
 
 #include <tbb/parallel_for.h>
 
+#include "acmp_mapping/common/degrees.h"
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/geometry/voxel.h"
 #include "camera.h"
@@ -19,6 +22,7 @@ namespace {
 constexpr int kRaysPerSide = 4;           // per pixel and axis: textures are averaged over the pixel's area
 constexpr double kFirstStamp_s = 1000.0;  // not 0, which means "no stamp"
 constexpr double kKeyframeInterval_s = 0.5;
+constexpr int kMaxKeyframes = 1000;
 
 // A view before it becomes a Frame.
 struct Rendering {
@@ -29,6 +33,7 @@ struct Rendering {
   Image<unsigned char> low_texture;
   Mask mask;
   double exposure;
+  DepthMap shown_depth;
 };
 
 const SyntheticWorld& WorldOf(SyntheticPlace place) {
@@ -68,6 +73,12 @@ ImagingModel DaylightCamera() {
   model.shake_deg = 0.02;  // 20 degrees per second at 1/1000 s
   model.exposure_spread = 0.1;
   return model;
+}
+
+// A camera at the same place whose axes are the columns of `turn` in those of `pose`.
+CameraPose TurnedTo(const Eigen::Matrix3d& turn, const CameraPose& pose) {
+  const auto axis = [&](int i) { return turn(0, i) * pose.right + turn(1, i) * pose.down + turn(2, i) * pose.forward; };
+  return {pose.center, axis(0), axis(1), axis(2)};
 }
 
 // The renderer's input for one image.
@@ -120,34 +131,42 @@ Vec3f DirectionInCamera(const CameraPose& pose, const Vec3d& v) {
           static_cast<float>(Dot(pose.forward, v))};
 }
 
+float DepthOf(const WorldHit& hit) { return hit.sky ? 0.0f : static_cast<float>(hit.where.t); }
+
 void RenderGeometry(const Shot& shot, Rendering* out) {
   tbb::parallel_for(0, shot.camera.height, [&](int row) {
     for (int col = 0; col < shot.camera.width; ++col) {
       const WorldHit hit = Trace(shot.world, PixelRay(shot.camera, out->pose, col, row));
       out->low_texture(col, row) = hit.low_texture ? 1 : 0;
-      out->depth(col, row) = hit.sky ? 0.0f : static_cast<float>(hit.where.t);
+      out->depth(col, row) = DepthOf(hit);
       out->normal(col, row) = hit.sky ? Vec3f{0, 0, 0} : DirectionInCamera(out->pose, hit.where.normal);
     }
   });
 }
 
-void TakePicture(const Shot& shot, int index, Rendering* out) {
+/// @param picture number of the draws of noise
+void TakePicture(const Shot& shot, int picture, Rendering* out) {
   const Image<ColorD> light = RenderLight(shot, out->pose);
   tbb::parallel_for(0, shot.camera.height, [&](int row) {
     for (int col = 0; col < shot.camera.width; ++col) {
       const double factor = out->exposure * VignettingAt(shot.imaging, shot.camera, col, row);
       const ColorD& c = light(col, row);
       RandomStream random(shot.seed, static_cast<uint32_t>(row * shot.camera.width + col),
-                          static_cast<uint32_t>(index));
+                          static_cast<uint32_t>(picture));
       out->color(col, row) = Digitize(shot.imaging, {factor * c.r, factor * c.g, factor * c.b}, &random);
     }
   });
 }
 
-Rendering Render(const SyntheticWorld& world, const PinholeCamera& camera, int index,
-                 const SyntheticSceneOptions& options) {
+/// @param right_m how far to the right of the first camera
+Rendering Render(const SyntheticWorld& world, const PinholeFace& face, int index, const SyntheticSceneOptions& options,
+                 double right_m) {
+  const PinholeCamera& camera = face.camera;
   Rendering out;
-  out.pose = PoseOnPath(world.path, index, options.keyframes, options.seed);
+  const int place = options.standing ? options.keyframes / 2 : index;
+  const int picture = right_m > 0 ? kMaxKeyframes + index : index;
+  out.pose = TurnedTo(face.lens_from_face, PoseOnPath(world.path, place, options.keyframes, options.seed));
+  out.pose.center = out.pose.center + right_m * out.pose.right;
   out.exposure = ExposureOf(options.imaging, options.seed, index);
   out.color = ColorImage(camera.width, camera.height);
   out.depth = DepthMap(camera.width, camera.height);
@@ -161,11 +180,18 @@ Rendering Render(const SyntheticWorld& world, const PinholeCamera& camera, int i
                      PixelMargin(camera, world.diameter_m) + world.diameter_m * LargestTurn(options.imaging)};
   RenderGeometry(shot, &out);
   if (!options.moving_object) {
-    TakePicture(shot, index, &out);
+    TakePicture(shot, picture, &out);
     return out;
   }
   const SyntheticWorld with_object = WithMovingObject(world, index, options);
-  TakePicture({with_object, shot.imaging, shot.camera, shot.seed, shot.poses, shot.margin_m}, index, &out);
+  const Shot with = {with_object, shot.imaging, shot.camera, shot.seed, shot.poses, shot.margin_m};
+  TakePicture(with, picture, &out);
+  out.shown_depth = DepthMap(camera.width, camera.height);
+  tbb::parallel_for(0, camera.height, [&](int row) {
+    for (int col = 0; col < camera.width; ++col) {
+      out.shown_depth(col, row) = DepthOf(Trace(with_object, PixelRay(camera, out.pose, col, row)));
+    }
+  });
   out.mask = MaskOfLastObject(with_object, camera, out.pose, options.imaging);
   return out;
 }
@@ -233,6 +259,67 @@ void SampleView(const SyntheticView& view, double spacing_m, std::unordered_set<
   }
 }
 
+// The faces of a wide image, finer than it is: it is interpolated in them.
+std::vector<PinholeFace> FacesToRender(const Lens& lens) {
+  constexpr double kFiner = 1.5;
+  std::vector<PinholeFace> faces = FacesOf(lens);
+  for (PinholeFace& face : faces) {
+    face.camera = face.camera.Resized(static_cast<int>(kFiner * face.camera.width),
+                                      static_cast<int>(kFiner * face.camera.height));
+  }
+  return faces;
+}
+
+// Bilinear; false where the pixel is not in the image.
+bool Interpolate(const ColorImage& image, const Eigen::Vector2d& pixel, Rgb* color) {
+  if (!(pixel.x() >= 0 && pixel.y() >= 0 && pixel.x() < image.width() - 1 && pixel.y() < image.height() - 1))
+    return false;
+  const int col = static_cast<int>(pixel.x()), row = static_cast<int>(pixel.y());
+  const double x = pixel.x() - col, y = pixel.y() - row;
+  const auto mix = [&](unsigned char Rgb::*c) {
+    const double above = (1 - x) * (image(col, row).*c) + x * (image(col + 1, row).*c);
+    const double below = (1 - x) * (image(col, row + 1).*c) + x * (image(col + 1, row + 1).*c);
+    return static_cast<unsigned char>(std::floor((1 - y) * above + y * below + 0.5));
+  };
+  *color = {mix(&Rgb::r), mix(&Rgb::g), mix(&Rgb::b)};
+  return true;
+}
+
+// Makes view->wide of the view and the others.
+void TakeWideImage(const std::vector<PinholeFace>& faces, SyntheticView* view) {
+  SyntheticWideImage& wide = *view->wide;
+  std::vector<const SyntheticView*> views = {view};
+  for (const SyntheticView& other : wide.others) views.push_back(&other);
+  const PinholeCamera& camera = wide.lens.camera();
+  wide.color = ColorImage(camera.width, camera.height);
+  tbb::parallel_for(0, camera.height, [&](int row) {
+    for (int col = 0; col < camera.width; ++col) {
+      const auto ray = wide.lens.Unproject({static_cast<double>(col), static_cast<double>(row)});
+      for (size_t i = 0; ray && i < faces.size(); ++i) {
+        const Eigen::Vector3d in_face = faces[i].lens_from_face.transpose() * *ray;
+        if (in_face.z() < in_face.cwiseAbs().maxCoeff()) continue;
+        if (Interpolate(views[i]->frame.color, faces[i].camera.Project(in_face), &wide.color(col, row))) break;
+      }
+    }
+  });
+  std::set<std::array<double, 3>> known;
+  for (const SyntheticView* seen : views) {
+    for (const Eigen::Vector3d& point : seen->frame.landmarks_in_world) {
+      if (known.insert({point.x(), point.y(), point.z()}).second) wide.landmarks_in_world.push_back(point);
+    }
+  }
+}
+
+// Its circle fills the shorter side of the image.
+Lens SyntheticFisheye(const SyntheticSceneOptions& options) {
+  CheckRange("field of view", options.field_of_view, kWideFieldOfView + 1, 240.0);
+  const double radius_px = 0.5 * std::min(options.width, options.height);
+  const double focal = radius_px / (0.5 * kRadPerDeg<double> * options.field_of_view);
+  const PinholeCamera camera = {
+      options.width, options.height, focal, focal, 0.5 * (options.width - 1), 0.5 * (options.height - 1)};
+  return {camera, {LensDistortion::Model::kEquidistant, {-0.01, 0.004, -0.001, 1e-4}}, options.field_of_view};
+}
+
 }  // namespace
 
 const std::vector<std::string>& SyntheticSceneNames() {
@@ -261,30 +348,63 @@ std::vector<SyntheticView> MakeSyntheticScene(const SyntheticSceneOptions& optio
   constexpr int kMinSize = 32, kMaxSize = 8192;
   CheckRange("width", options.width, kMinSize, kMaxSize);
   CheckRange("height", options.height, kMinSize, kMaxSize);
-  CheckRange("keyframes", options.keyframes, 2, 1000);
+  CheckRange("keyframes", options.keyframes, 2, kMaxKeyframes);
+  CheckRange("stereo baseline", options.stereo_baseline_m, 0.0, 5.0);
   Validate(options.imaging);
+  if (options.field_of_view != 0 && options.stereo_baseline_m > 0) {
+    throw InvalidInputError("a synthetic fisheye has no second camera: either field of view or stereo baseline");
+  }
 
   const SyntheticWorld& world = WorldOf(options.place);
-  const PinholeCamera camera = SyntheticCamera(options.width, options.height);
-  std::vector<Rendering> renderings(options.keyframes);
-  for (int i = 0; i < options.keyframes; ++i) renderings[i] = Render(world, camera, i, options);
+  std::optional<Lens> lens;
+  std::vector<PinholeFace> faces = {{"", SyntheticCamera(options.width, options.height)}};
+  if (options.field_of_view != 0) {
+    lens = SyntheticFisheye(options);
+    faces = FacesToRender(*lens);
+  }
+  std::vector<Rendering> renderings;
+  for (int i = 0; i < options.keyframes; ++i) {
+    for (const PinholeFace& face : faces) renderings.push_back(Render(world, face, i, options, 0));
+  }
+  const auto camera_of = [&](size_t rendering) -> const PinholeCamera& {
+    return faces[rendering % faces.size()].camera;
+  };
 
   std::vector<LandmarkView> landmark_views;
   landmark_views.reserve(renderings.size());
-  for (const Rendering& r : renderings)
-    landmark_views.push_back({&world, camera, r.pose, &r.color, &r.depth, &r.low_texture});
+  for (size_t i = 0; i < renderings.size(); ++i) {
+    const Rendering& r = renderings[i];
+    landmark_views.push_back({&world, camera_of(i), r.pose, &r.color, &r.depth, &r.low_texture});
+  }
   std::vector<std::vector<Eigen::Vector3d>> landmarks = MakeLandmarks(landmark_views, options.seed);
 
-  std::vector<SyntheticView> views(options.keyframes);
-  for (int i = 0; i < options.keyframes; ++i) {
+  std::vector<SyntheticView> views;
+  for (size_t i = 0; i < renderings.size(); ++i) {
     Rendering& r = renderings[i];
-    views[i].frame = MakeFrame(i, kFirstStamp_s + kKeyframeInterval_s * i, std::move(r.color), camera,
-                               CamFromWorld(r.pose), std::move(landmarks[i]), {}, r.mask);
-    views[i].true_depth = std::move(r.depth);
-    views[i].true_normal = std::move(r.normal);
-    views[i].low_texture = std::move(r.low_texture);
-    views[i].place = options.place;
-    views[i].exposure = r.exposure;
+    const auto index = static_cast<int>(i / faces.size());
+    SyntheticView view;
+    view.frame = MakeFrame(index, kFirstStamp_s + kKeyframeInterval_s * index, std::move(r.color), camera_of(i),
+                           CamFromWorld(r.pose), std::move(landmarks[i]), {}, r.mask);
+    view.true_depth = std::move(r.depth);
+    view.true_normal = std::move(r.normal);
+    view.low_texture = std::move(r.low_texture);
+    view.place = options.place;
+    view.exposure = r.exposure;
+    view.shown_depth = std::move(r.shown_depth);
+    if (options.stereo_baseline_m > 0) {
+      Rendering right = Render(world, faces.front(), index, options, options.stereo_baseline_m);
+      view.right =
+          MakeFrame(index, view.frame.stamp_s, std::move(right.color), camera_of(i), CamFromWorld(right.pose), {});
+    }
+    if (i % faces.size() > 0) {
+      views.back().wide->others.push_back(std::move(view));
+    } else {
+      if (lens) view.wide = SyntheticWideImage{*lens, {}, {}, {}};
+      views.push_back(std::move(view));
+    }
+  }
+  for (SyntheticView& view : views) {
+    if (lens) TakeWideImage(faces, &view);
   }
   return views;
 }
@@ -295,7 +415,11 @@ PointCloud SampleSyntheticSurface(const std::vector<SyntheticView>& views, float
   CheckSurfaceSpacing(spacing_m);
   PointCloud cloud;
   std::unordered_set<Voxel, VoxelHash> taken;
-  for (const SyntheticView& view : views) SampleView(view, spacing_m, &taken, &cloud);
+  for (const SyntheticView& view : views) {
+    SampleView(view, spacing_m, &taken, &cloud);
+    if (!view.wide) continue;
+    for (const SyntheticView& other : view.wide->others) SampleView(other, spacing_m, &taken, &cloud);
+  }
   return cloud;
 }
 

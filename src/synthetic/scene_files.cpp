@@ -46,13 +46,17 @@ std::vector<Track> FindTracks(const std::vector<SyntheticView>& views) {
   std::vector<Track> tracks;
   for (size_t view = 0; view < views.size(); ++view) {
     const Frame& frame = views[view].frame;
-    for (const Eigen::Vector3d& point : frame.landmarks_in_world) {
+    const auto& wide = views[view].wide;
+    for (const Eigen::Vector3d& point : wide ? wide->landmarks_in_world : frame.landmarks_in_world) {
       const auto [at, is_new] = index.emplace(std::make_tuple(point.x(), point.y(), point.z()), tracks.size());
       if (is_new) {
-        const Eigen::Vector2d pixel = frame.camera.Project(frame.cam_from_world * point);
-        const int col = std::clamp(static_cast<int>(std::lround(pixel.x())), 0, frame.camera.width - 1);
-        const int row = std::clamp(static_cast<int>(std::lround(pixel.y())), 0, frame.camera.height - 1);
-        tracks.push_back({point, frame.color(col, row), {}});
+        const Eigen::Vector3d in_cam = frame.cam_from_world * point;
+        const Eigen::Vector2d pixel =
+            wide ? wide->lens.Project(in_cam).value_or(Eigen::Vector2d::Zero()) : frame.camera.Project(in_cam);
+        const ColorImage& image = wide ? wide->color : frame.color;
+        const int col = std::clamp(static_cast<int>(std::lround(pixel.x())), 0, image.width() - 1);
+        const int row = std::clamp(static_cast<int>(std::lround(pixel.y())), 0, image.height() - 1);
+        tracks.push_back({point, image(col, row), {}});
       }
       tracks[at->second].views.push_back(view);
     }
@@ -145,7 +149,9 @@ void WriteSparseModel(const fs::path& folder, const std::vector<SyntheticView>& 
   std::vector<ColmapModelImage> images;
   for (size_t i = 0; i < views.size(); ++i) {
     const Frame& frame = views[i].frame;
-    images.push_back({static_cast<int>(i) + 1, ImageName(i), frame.camera, frame.cam_from_world});
+    const auto& wide = views[i].wide;
+    images.push_back({static_cast<int>(i) + 1, ImageName(i), wide ? wide->lens.camera() : frame.camera,
+                      frame.cam_from_world, wide ? wide->lens.distortion() : LensDistortion()});
   }
   std::vector<ColmapModelPoint> points;
   points.reserve(tracks.size());
@@ -167,12 +173,19 @@ PointCloud CloudOf(const std::vector<Track>& tracks) {
 void WriteSceneFiles(const fs::path& folder, const std::vector<SyntheticView>& views, float surface_spacing_m) {
   MakeFolder(folder);
   const std::vector<Track> tracks = FindTracks(views);
-  WriteMaps(folder, views);
-  WriteMvsnetCameras(folder, views);
-  WritePairs(folder, views);
+  const bool is_wide = !views.empty() && views.front().wide;
+  if (is_wide) {
+    MakeFolder(folder / "images");
+    for (size_t i = 0; i < views.size(); ++i) WritePng(folder / "images" / ImageName(i), views[i].wide->color);
+  } else {
+    WriteMaps(folder, views);
+    WriteMvsnetCameras(folder, views);
+    WritePairs(folder, views);
+  }
   WriteSparseModel(folder, views, tracks);
   WritePly(folder / "sparse.ply", CloudOf(tracks));
   WritePly(folder / "surface.ply", SampleSyntheticSurface(views, surface_spacing_m));
+  if (is_wide) return;                                        // the list has pinhole cameras only
   WriteCameraList(folder / "cameras.txt", CamerasOf(views));  // last: a folder with this file is whole
 }
 

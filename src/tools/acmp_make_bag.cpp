@@ -77,6 +77,11 @@ void AddOptions(CLI::App& app, MakeBagArguments& arguments) {
   app.add_option("--height", arguments.scene.height, "px")->capture_default_str();
   app.add_option("--keyframes", arguments.scene.keyframes, "Number of images")->capture_default_str();
   app.add_option("--seed", arguments.scene.seed, "Of sensor noise and textures")->capture_default_str();
+  app.add_option("--stereo-baseline", arguments.scene.stereo_baseline_m,
+                 "Also a second camera so many m to the right (0: none), on /camera_right/image_raw and camera_info")
+      ->capture_default_str();
+  app.add_flag("--standing", arguments.scene.standing, "The camera stands for all of it");
+  app.add_flag("--moving-object", arguments.scene.moving_object, "A box moves through the room");
   app.add_option("--ground-truth", arguments.ground_truth,
                  "Also write the room as a dataset with true depth, normals and surface")
       ->type_name("DIR");
@@ -101,6 +106,9 @@ acmp::RecordingSummary MakeSceneBag(const MakeBagArguments& arguments) {
   if (!arguments.ground_truth.empty()) throw acmp::InvalidInputError("--ground-truth needs --synthetic");
   if (!arguments.scene_name.empty()) throw acmp::InvalidInputError("--scene needs --synthetic");
   if (arguments.poses != "true") throw acmp::InvalidInputError("--poses slam needs --synthetic");
+  if (arguments.scene.stereo_baseline_m != 0 || arguments.scene.standing || arguments.scene.moving_object) {
+    throw acmp::InvalidInputError("--stereo-baseline, --standing and --moving-object need --synthetic");
+  }
   acmp::Scene scene = acmp::ReadScene(arguments.paths[0], acmp::ParseSceneFormat(arguments.format),
                                       acmp::ParsePixelCenters(arguments.pixel_centers));
   if (!arguments.masks.empty()) acmp::AddMasks(arguments.masks, &scene);

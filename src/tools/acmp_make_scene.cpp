@@ -40,6 +40,9 @@ void AddOptions(CLI::App* app, MakeSceneArguments* a) {
   app->add_flag("--moving-object", a->scene.moving_object,
                 "Something textured moves along with the camera, which depth/ and surface.ply leave out; masks/ has a "
                 "mask of it for each image");
+  app->add_option("--field-of-view", a->scene.field_of_view,
+                  "Degrees, 121 to 240, of a fisheye whose circle fills the image's shorter side: images/, a COLMAP "
+                  "model (OPENCV_FISHEYE) and surface.ply are written, for acmp_make_bag");
   app->add_flag("--overwrite", a->overwrite, "Write into a folder that is not empty");
 }
 

@@ -122,9 +122,9 @@ TEST_F(CheckBagTest, WhatIsWrongIsNamed) {
          k.info.height *= 2;
          k.info.binning_x = k.info.binning_y = 2;
        }},
-      {Severity::kError, "distortion_model = \"omnidirectional\"",
+      {Severity::kError, "distortion_model = \"fov\"",
        [](int, Keyframe &k) {
-         k.info.distortion_model = "omnidirectional";
+         k.info.distortion_model = "fov";
          k.info.D[0] = 0.1;
        }},
       {Severity::kWarning, "names no distortion model",

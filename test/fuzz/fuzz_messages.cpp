@@ -10,6 +10,7 @@
 #include <boost/make_shared.hpp>
 
 #include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/image/rectifier.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
 #include "acmp_mapping/ros/keyframe_points.h"
@@ -110,7 +111,7 @@ ACMP_FUZZ_TARGET(camera_info) {
       const CameraCalibration calibration = ToCalibration(info, rectified);
       const int width = calibration.camera.width, height = calibration.camera.height;
       if (width > kLargeSide || height > kLargeSide) return;
-      ImageRectifier rectifier(calibration);
+      Rectifier rectifier(calibration.MakeLens());
       rectifier.Rectify(cv::Mat::zeros(height, width, CV_8UC3));
       rectifier.RectifyMask(Mask(width, height, 1));
     });
@@ -159,7 +160,7 @@ ACMP_FUZZ_TARGET(keyframe) {
     if (!input) continue;
     const PinholeCamera& camera = input->calibration->camera;
     if (camera.width > kLargeSide || camera.height > kLargeSide) continue;
-    fuzz::MayRefuse([&] { ImageRectifier(*input->calibration).Rectify(DecodeRgb(*input->image, &camera)); });
+    fuzz::MayRefuse([&] { Rectifier(input->calibration->MakeLens()).Rectify(DecodeRgb(*input->image, &camera)); });
   }
   return 0;
 }

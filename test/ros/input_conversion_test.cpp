@@ -252,6 +252,33 @@ TEST(ToCalibration, TakesCoefficientsThatAreZeroAndOtherNames) {
   EXPECT_THAT(ErrorOf([&] { of("plumb_bob", {1, 2, 3, 4, 5, 6}); }), HasSubstr("6 coefficients"));
 }
 
+TEST(ToCalibration, TakesWideCameras) {
+  sensor_msgs::CameraInfo info = MakeInfo();
+  info.distortion_model = "omni-radtan";
+  info.D = {1.5, -0.1, 0.05, 1e-3, 2e-3};
+  EXPECT_EQ(ToCalibration(info, false).distortion, (LensDistortion{LensDistortion::Model::kUnified, info.D}));
+  info.D = {1.5};
+  EXPECT_THAT(ErrorOf([&] { ToCalibration(info, false); }), HasSubstr("1 coefficients: omni-radtan has 5"));
+  info.distortion_model = "equirectangular";
+  info.D.clear();
+  info.K.fill(0);  // nobody calibrates it
+  EXPECT_THAT(ErrorOf([&] { ToCalibration(info, false); }), HasSubstr("camera_info: equirectangular image of 640x480"));
+  info.height = 320;
+  const CameraCalibration sphere = ToCalibration(info, false);
+  EXPECT_EQ(sphere.distortion.model, LensDistortion::Model::kEquirectangular);
+  EXPECT_NEAR(sphere.MakeLens().Project({1, 0, 0})->x(), 479.5, 1e-9);
+  info.roi.width = 320;
+  info.roi.height = 160;
+  EXPECT_THAT(ErrorOf([&] { ToCalibration(info, false); }), HasSubstr("show the whole sphere"));
+
+  info = MakeInfo();
+  info.distortion_model = "equidistant";
+  info.D = {-0.2, 0, 0, 0};
+  EXPECT_THAT(ErrorOf([&] { ToCalibration(info, false, 190); }), HasSubstr("at least 95 degrees (field_of_view)"));
+  EXPECT_EQ(ToCalibration(info, false, 100).field_of_view, 100);
+  EXPECT_THAT(ErrorOf([&] { ToCalibration(MakeInfo(), false, 190); }), HasSubstr("must be in [1, 180]"));
+}
+
 TEST(ToCalibration, RefusesWhatCannotBeUsedAndNamesIt) {
   const auto refusal = [](const std::function<void(sensor_msgs::CameraInfo*)>& change) {
     sensor_msgs::CameraInfo info = MakeInfo();

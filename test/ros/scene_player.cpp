@@ -8,6 +8,7 @@
 #include <tf2_eigen/tf2_eigen.h>
 
 #include "acmp_mapping/backend/make_depth_engine.h"
+#include "acmp_mapping/image/rectifier.h"
 #include "acmp_mapping/pipeline/presets.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/output_conversion.h"
@@ -57,7 +58,7 @@ FramePtr MakeExpectedFrame(int64_t id, const ViewMessages& messages) {
   const auto image = boost::make_shared<const sensor_msgs::Image>(messages.image);
   const CameraCalibration calibration = ToCalibration(messages.camera_info, false);
   const RigidTransform world_from_cam = ToTransform(messages.pose.pose);
-  ImageRectifier rectifier(calibration);
+  Rectifier rectifier(calibration.MakeLens());
   ColorImage rectified = rectifier.Rectify(DecodeRgb({image, nullptr}));
   return std::make_shared<const Frame>(
       MakeFrame(id, messages.image.header.stamp.toSec(), std::move(rectified), calibration.camera,

@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <cmath>
 
-#include "acmp_mapping/dataset/scene.h"
+#include "acmp_mapping/geometry/lens.h"
 
 namespace acmp::test {
 

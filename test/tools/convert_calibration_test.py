@@ -294,6 +294,17 @@ class ConvertCalibration(unittest.TestCase):
         self.expect(converted(ORB_SLAM3.replace("PinHole", "Rectified")), [752, 480], K, "plumb_bob", [0] * 5)
         self.expect(converted(ORB_SLAM3, 1), [752, 480], [457.587, 456.134, 379.999, 255.238], "plumb_bob", [0] * 5)
 
+    def test_omnidirectional(self):
+        names = (("fx:", "gamma1:"), ("fy:", "gamma2:"), ("cx:", "u0:"), ("cy:", "v0:"), ("PINHOLE", "MEI"),
+                 ("projection_parameters:", "mirror_parameters:\n   xi: 1.9\nprojection_parameters:"))
+        mei = VINS
+        for old, new in names:
+            mei = mei.replace(old, new)
+        self.expect(converted(mei), [752, 480], K, "mei", [1.9] + RADTAN)
+        omni = KALIBR.replace("camera_model: pinhole", "camera_model: omni", 1).replace("[458.654", "[1.9, 458.654", 1)
+        self.expect(converted(omni), [752, 480], K, "mei", [1.9] + RADTAN)
+        self.assertIn("must be radtan", refusal(omni.replace("radtan", "equidistant", 1)))
+
     def test_size_that_the_file_lacks(self):
         self.assertIn("image size 0 x 0", refusal(ORB_SLAM2))
         self.expect(converted(ORB_SLAM2, 0, [640, 480]), [640, 480], [517.306408, 516.469215, 318.64304, 255.313989],
@@ -301,12 +312,14 @@ class ConvertCalibration(unittest.TestCase):
 
     def test_what_is_refused(self):
         for text, words in (
-                (VINS.replace("PINHOLE", "MEI"), "'MEI'"),
+                (VINS.replace("PINHOLE", "SCARAMUZZA"), "'SCARAMUZZA'"),
+                (VINS.replace("PINHOLE", "MEI"), "gamma1 is missing"),
                 (VINS.replace("fx: 458.654, ", ""), "projection_parameters: fx is missing"),
                 (VINS.replace("458.654", "large"), "fx = 'large': must be a number"),
                 (VINS.replace("image_width: 752", "image_width: 300"), "principal point (367.215, 248.375)"),
                 (ORB_SLAM3.replace("PinHole", "Sphere"), "Camera.type 'Sphere'"),
-                (KALIBR.replace("camera_model: pinhole", "camera_model: omni"), "cam0: camera_model 'omni'"),
+                (KALIBR.replace("camera_model: pinhole", "camera_model: ds"), "cam0: camera_model 'ds'"),
+                (KALIBR.replace("camera_model: pinhole", "camera_model: omni"), "must be a list of 5 numbers"),
                 (KALIBR.replace("[-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]", "[1, 2, 3, 4, 5, 6, 7, 8]"),
                  "8 distortion coefficients"),
                 (KALIBR.replace("[752, 480]", "[752]"), "must be a list of 2 numbers"),

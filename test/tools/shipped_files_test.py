@@ -76,7 +76,8 @@ def check_arguments_set_parameters(test, launch):
         defaults = parameters(path)
         names = arguments & set(defaults)
         test.assertGreaterEqual(names, least)
-        wanted = {name: {int: 5, float: 0.75, str: "other"}[type(defaults[name])] for name in names - {"T_body_cam"}}
+        other = {bool: True, int: 5, float: 0.75, str: "other"}
+        wanted = {name: other[type(defaults[name])] for name in names - {"T_body_cam", "T_cam_source"}}
         params = load(launch, *["%s:=%s" % item for item in wanted.items()]).params
         for name, value in wanted.items():
             with test.subTest(launch=launch, name=name):

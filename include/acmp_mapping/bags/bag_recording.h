@@ -34,6 +34,9 @@ void Validate(const RecordingOptions& options);
 constexpr char kImageTopic[] = "/camera/image_raw";
 constexpr char kMaskTopic[] = "/slam/mask";  ///< of images that have one (AddMasks): mono8, of the image's size
 constexpr char kCameraInfoTopic[] = "/camera/camera_info";
+constexpr char kRightImageTopic[] = "/camera_right/image_raw";         ///< of views that have a right image
+constexpr char kRightCameraInfoTopic[] = "/camera_right/camera_info";  ///< its P has the baseline
+constexpr char kRightCameraFrame[] = "camera_right_optical";           ///< not in tf
 constexpr char kPoseTopic[] = "/slam/pose";
 constexpr char kSparsePointsTopic[] = "/slam/sparse_points";
 constexpr char kTfTopic[] = "/tf";

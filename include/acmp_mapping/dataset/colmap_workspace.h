@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "acmp_mapping/fusion/point_cloud.h"
+#include "acmp_mapping/geometry/lens.h"
 #include "acmp_mapping/geometry/posed_camera.h"
 #include "acmp_mapping/image/image.h"
 
@@ -21,12 +22,13 @@ void WriteColmapMap(const std::filesystem::path& path, const NormalMap& map);
 /// Back again. Throws InvalidInputError for what is no such file of one channel.
 Image<float> ReadColmapMap(const std::filesystem::path& path);
 
-/// An image of a COLMAP model, without lens distortion.
+/// An image of a COLMAP model.
 struct ColmapModelImage {
   int id = 0;            ///< COLMAP's IMAGE_ID: positive, unique
   std::string name;      ///< below images/, may have folders
   PinholeCamera camera;  ///< pixel centres at integers: COLMAP's +0.5 is added when it is written
   RigidTransform cam_from_world = RigidTransform::Identity();
+  LensDistortion distortion = {};  ///< none (PINHOLE) or kEquidistant (OPENCV_FISHEYE)
 };
 
 /// A point of a COLMAP model.
@@ -68,8 +70,8 @@ class ColmapPoints {
 void CheckColmapName(const std::string& name);
 
 /// Writes sparse/0/{cameras,images,points3D}.bin of a workspace, with links to them in sparse/: what reads models finds
-/// them in one or the other. Equal cameras become one. A feature is where a point projects to; points that lie behind
-/// an image are not seen by it, and points that no image sees are left out.
+/// them in one or the other. Equal cameras become one. A feature is where a point projects to; points that an
+/// image's lens cannot see are not seen by it, and points that no image sees are left out.
 void WriteColmapModel(const std::filesystem::path& workspace, const std::vector<ColmapModelImage>& images,
                       const std::vector<ColmapModelPoint>& points);
 

@@ -6,19 +6,13 @@
 #include <vector>
 
 #include "acmp_mapping/dataset/image_codec.h"
+#include "acmp_mapping/geometry/lens.h"
 #include "acmp_mapping/geometry/pinhole_camera.h"
 #include "acmp_mapping/geometry/rigid_transform.h"
 #include "acmp_mapping/keyframe/depth_range.h"
 #include "acmp_mapping/keyframe/frame.h"
 
 namespace acmp {
-
-/// OpenCV distortion coefficients; the image must be undistorted before it is matched.
-struct LensDistortion {
-  enum class Model { kNone, kBrownConrady, kRational, kEquidistant };
-  Model model = Model::kNone;
-  std::vector<double> coefficients;  ///< OpenCV order: k1 k2 p1 p2 [k3 [k4 k5 k6]]; equidistant: k1 k2 k3 k4
-};
 
 /// One image of a scene on disk.
 struct SceneImage {

@@ -2,7 +2,7 @@
 
 #include <opencv2/core/mat.hpp>
 
-#include "acmp_mapping/image/mask.h"
+#include "acmp_mapping/image/image.h"
 
 namespace acmp {
 
@@ -21,14 +21,5 @@ GrayImage Resize(const GrayImage& image, int width, int height);
 /// Depth of an image at another size: the nearest pixel's, since between two surfaces there is none. What is not
 /// positive and finite becomes 0, unknown.
 DepthMap ResizeDepth(const DepthMap& depth, int width, int height);
-
-/// The mask of an image that cv::remap makes with these maps, interpolating: it ignores what is made of a pixel that
-/// `mask`, of any value but 0 for what counts, ignores, and what lies outside. Not empty, whatever it ignores.
-/// @param map_x,map_y as cv::remap takes them
-Mask RemapMask(const Mask& mask, const cv::Mat& map_x, const cv::Mat& map_y);
-
-/// Depths z of an image that cv::remap makes with these maps: the nearest pixel's, as interpolation would invent some
-/// at edges; 0 outside.
-DepthMap RemapDepth(DepthMap depth, const cv::Mat& map_x, const cv::Mat& map_y);
 
 }  // namespace acmp

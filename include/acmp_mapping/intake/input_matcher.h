@@ -13,12 +13,15 @@
 namespace acmp {
 
 struct InputMatcherOptions {
-  double sync_tolerance_s = 1e-3;   ///< between the stamps of image and pose, 0..10
-  double sparse_tolerance_s = 0.5;  ///< the nearest cloud within is taken, else the last one, 0..1000
-  double sparse_wait_s = 0.1;       ///< an image with a pose waits so long (wall time) for its own cloud, 0..10
-  double mask_wait_s = 0.5;         ///< and so long for its mask and its prior depth, 0..10
-  int image_capacity = 30;          ///< images that wait for their pose, 1..1000
+  double sync_tolerance_s = 1e-3;    ///< between the stamps of image and pose, 0..10
+  double sparse_tolerance_s = 0.5;   ///< the nearest cloud within is taken, else the last one, 0..1000
+  double sparse_wait_s = 0.1;        ///< an image with a pose waits so long (wall time) for its own cloud, 0..10
+  double mask_wait_s = 0.5;          ///< and so long for its mask, prior depth and source images, 0..10
+  int image_capacity = 30;           ///< images that wait for their pose, 1..1000
+  int source_cameras = 0;            ///< 0..kMaxSourceCameras
+  double source_tolerance_s = 5e-3;  ///< between the stamps of an image and those of source cameras, 0..0.1
 };
+constexpr int kMaxSourceCameras = 4;  ///< that bring source images beside the mapper's own
 void Validate(const InputMatcherOptions& options);
 
 /// An image with its pose and landmarks.
@@ -29,6 +32,8 @@ struct MatchedInput {
   std::optional<PoseSample> cloud_pose;  ///< pose at the cloud's stamp; needed where clouds are in the camera's frame
   std::shared_ptr<const EncodedImage> mask;         ///< of the image's stamp; null where none came in time
   std::shared_ptr<const EncodedImage> prior_depth;  ///< the same
+  /// Of each source camera the one that was taken with the image; null where none came in time.
+  std::vector<std::shared_ptr<const EncodedImage>> source_images;
 };
 
 /// The images' stamps went back (a bag that loops, a restarted camera): everything before belongs to another run.
@@ -52,9 +57,9 @@ struct PoseGap {
 ///
 /// An image takes the nearest pose within the tolerance. A pose earlier than the image by more than kSameExposureNs is
 /// taken only once a later one has come, since that could be nearer. A mask or prior depth belongs to the image of its
-/// stamp, rounding aside, and is not waited for once one of a later image has come. Matches come out in the order of
-/// the images' stamps; images that were overtaken by a match are dropped, since frontends need not give every image a
-/// pose.
+/// stamp, rounding aside, a source camera's image to that within its tolerance, and is not waited for once one of a
+/// later image has come. Matches come out in the order of the images' stamps; images that were overtaken by a match are
+/// dropped, since frontends need not give every image a pose.
 class InputMatcher {
  public:
   explicit InputMatcher(const InputMatcherOptions& options);
@@ -64,6 +69,8 @@ class InputMatcher {
   void AddCloud(SparseCloudPtr cloud);
   void AddMask(CompanionSample mask);
   void AddPriorDepth(CompanionSample depth);
+  /// @param camera from 0, below source_cameras
+  void AddSourceImage(size_t camera, CompanionSample image);
 
   /// Whether anybody publishes clouds; if not, no image waits for one. True at first.
   void set_clouds_expected(bool expected) { clouds_expected_ = expected; }
@@ -72,6 +79,8 @@ class InputMatcher {
   void set_masks_expected(bool expected) { masks_.set_expected(expected); }
   /// The same of prior depth.
   void set_prior_depth_expected(bool expected) { prior_depths_.set_expected(expected); }
+  /// The same of a source camera's images.
+  void set_source_expected(size_t camera, bool expected) { source_images_.at(camera).set_expected(expected); }
   /// While set, images wait; those that wait too long are dropped with this. Set at first: no camera is known.
   void set_obstacle(std::optional<RejectedInput> obstacle) { obstacle_ = std::move(obstacle); }
 
@@ -144,6 +153,7 @@ class InputMatcher {
   std::deque<ReceivedPose> poses_;    ///< ascending stamps
   std::deque<ReceivedCloud> clouds_;  ///< in order of arrival
   CompanionImages masks_, prior_depths_;
+  std::vector<CompanionImages> source_images_;  ///< by camera
   std::vector<MatchEvent> events_;
   std::optional<int64_t> newest_image_ns_;
   std::optional<int64_t> last_match_ns_;

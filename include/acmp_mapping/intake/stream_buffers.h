@@ -62,9 +62,13 @@ void KeepNewRun(int64_t first_image_ns, TimeJumpTracker* runs, std::deque<Receiv
   buffer->erase(std::remove_if(buffer->begin(), buffer->end(), is_old), buffer->end());
 }
 
-/// A stream of what belongs to the images of the same stamps, rounding aside: masks, or depth from outside.
+/// A stream of what belongs to the images of the same stamps, rounding aside: masks, depth from outside, or what
+/// another camera has taken at the same time.
 class CompanionImages {
  public:
+  /// @param tolerance_ns between the stamps of what belongs together
+  explicit CompanionImages(int64_t tolerance_ns = kSameExposureNs) : tolerance_ns_(tolerance_ns) {}
+
   /// Whether anybody publishes them; if not, no image waits. False at first.
   void set_expected(bool expected) { expected_ = expected; }
   bool expected() const { return expected_; }
@@ -89,6 +93,7 @@ class CompanionImages {
     uint64_t arrival = 0;
   };
 
+  int64_t tolerance_ns_;
   bool expected_ = false;
   std::deque<Received> received_;  ///< in order of arrival
   TimeJumpTracker runs_;

@@ -32,6 +32,13 @@ struct Frame {
 
 using FramePtr = std::shared_ptr<const Frame>;
 
+/// Images that cameras which are fixed to each other took at one time, say those of a rig. Their poses fit each other
+/// as the cameras do: that is never changed, and distances between them are in the unit of the poses.
+struct Capture {
+  std::vector<FramePtr> keyframes;   ///< get maps; those with a common centre are no source views of each other
+  std::vector<FramePtr> companions;  ///< are source views only, and need no colours
+};
+
 /// How an image becomes a frame.
 struct FrameOptions {
   int max_size = 0;  ///< longer side, px; 0: as it is

@@ -23,7 +23,7 @@ inline bool operator==(const SourceViewOptions& a, const SourceViewOptions& b) {
 /// A view that may become a source view.
 struct SourceViewCandidate {
   PosedCamera view;
-  bool is_preferred = true;  ///< the others are taken where the preferred ones do not fill the list
+  int priority = 0;  ///< useful ones of a higher priority are taken first, others where these do not fill the list
 };
 
 struct SelectedSourceView {

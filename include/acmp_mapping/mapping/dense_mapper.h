@@ -26,12 +26,13 @@ struct DenseMapperOptions {
   DepthRangeOptions depth_range;
   PoseRefinementOptions poses;
   DepthRange fallback_depth_range;  ///< used until landmarks tell one; an end of 0: matches tell it
-  int window_size = 30;             ///< keyframes kept to match against, 2..kMaxWindowSize
+  int window_size = 30;             ///< captures kept to match against, 2..kMaxWindowSize
   int lookahead = 2;                ///< later keyframes a keyframe waits for before it is refined, 0..window_size-1
   bool refine_again = true;  ///< refine a keyframe once more halfway through the window, and at a flush, if by then its
                              ///< source views are better or poses have moved
   int min_source_views = 2;  ///< a keyframe waits until so many views are useful; at most max_source_views and
-                             ///< window_size - 1, which is all that other keyframes can offer
+                             ///< window_size - 1, which is all that other keyframes can offer. One of its own
+                             ///< capture is enough: it lies as far away as the cameras do
 };
 /// Throws InvalidInputError naming the first field out of bounds.
 void Validate(const DenseMapperOptions& options);
@@ -61,8 +62,8 @@ class DenseMapper {
     std::function<void(const KeyframeDepthPtr& maps, const std::string& message)> on_withdrawn;
     /// Something failed that costs quality, but no keyframe: it could not be refined again ("refine_again_failed"), or
     /// its fast maps did not come from the device ("fast_maps_failed"), or poses could not be refined
-    /// ("pose_refinement_failed"). And once the depth range that matches tell, where no landmarks do
-    /// ("depth_range_by_matches").
+    /// ("pose_refinement_failed"), or an image that is only a source view cannot be used ("companion_refused"). And
+    /// once the depth range that matches tell, where no landmarks do ("depth_range_by_matches").
     std::function<void(const std::string& reason, const std::string& message)> on_problem;
   };
 
@@ -82,16 +83,25 @@ class DenseMapper {
   /// Replaces the options from the next keyframe on. Throws InvalidInputError for bad ones and keeps the old.
   void set_options(const DenseMapperOptions& options);
 
-  /// Adds a keyframe (id above all earlier ones since the last Reset, else InvalidInputError) and does what has become
-  /// possible: initial estimates of keyframes that now have enough views, refinements of those with `lookahead` later
-  /// ones, and once more of the keyframe halfway through the window. A keyframe that fails is reported through on_drop
-  /// and never stops the others.
+  /// Adds the images of one time (ids ascend from keyframe to companion, above all earlier ones since the last Reset,
+  /// else InvalidInputError) and does what has become possible: initial estimates of keyframes that now have enough
+  /// views, refinements of those with `lookahead` later captures, and once more of the keyframe halfway through the
+  /// window. A keyframe that fails is reported through on_drop and never stops the others.
+  ///
+  /// Companions get no maps and no callbacks. They move with the first keyframe's pose, take its depth range where they
+  /// are matched, and are the first source views of their own keyframes. For these each gets an initial estimate, which
+  /// confirms what both see; that takes about as long as matching against one more view. One that cannot be used is
+  /// told of as a problem, "companion_refused", and left out.
+  ///
+  /// A capture without keyframes costs little, for images that come faster than they can be mapped: it is a later
+  /// capture to keyframes that wait for some, and its images are source views of others. Where keyframes have maps,
+  /// too, these go before them, since only they can confirm depth. Throws InvalidInputError where none can be used.
+  void AddCapture(const Capture& capture);
+
+  /// AddCapture of one keyframe.
   void AddKeyframe(FramePtr frame);
 
-  /// Adds a frame as AddKeyframe does, but gives it no maps and no callback: it is a source view of keyframes, and a
-  /// later one to those that wait for some. Costs little; for frames that come faster than they can be mapped. Where
-  /// keyframes have maps, too, these go before it as source views, since only they can confirm depth. Throws
-  /// InvalidInputError for a frame that cannot be used.
+  /// AddCapture of one companion without a keyframe.
   void AddSourceImage(FramePtr frame);
 
   /// Finishes everything that waits for later keyframes, with the views there are: one useful view is enough. Then

@@ -16,7 +16,7 @@
 #include <opencv2/core/mat.hpp>
 
 #include "acmp_mapping/dataset/scene.h"
-#include "acmp_mapping/geometry/pinhole_camera.h"
+#include "acmp_mapping/geometry/lens.h"
 #include "acmp_mapping/image/mask.h"
 #include "acmp_mapping/intake/sensor_samples.h"
 
@@ -65,43 +65,21 @@ void CheckImageSides(const std::string& name, const sensor_msgs::Image& image);
 
 bool IsBigEndianHost();
 
+/// Distortion models of CameraInfo for which ROS has no name.
+constexpr char kUnifiedModel[] = "mei", kEquirectangularModel[] = "equirectangular";
+
 /// What a camera_info says about the image as it is sent.
 struct CameraCalibration {
   PinholeCamera camera;  ///< of the image as sent: binning and region of interest already applied
   LensDistortion distortion;
   std::string frame_id;
+  double field_of_view = 0;  ///< of Lens
+
+  Lens MakeLens() const { return {camera, distortion, field_of_view}; }
 };
 using CalibrationPtr = std::shared_ptr<const CameraCalibration>;
 
-bool SameCalibration(const CameraCalibration& a, const CameraCalibration& b);
-
-/// Removes a camera's lens distortion; the result has the same size and the same K.
-class ImageRectifier {
- public:
-  explicit ImageRectifier(const CameraCalibration& calibration);
-
-  /// Throws InvalidInputError when the image (8-bit RGB) has not the calibration's size. The first image of this size
-  /// makes the maps: a camera_info alone, whatever size it claims, takes no memory.
-  ColorImage Rectify(const cv::Mat& rgb);
-
-  /// The mask of the rectified image: it ignores what is made of a pixel that `mask` ignores, and what the lens did not
-  /// see. Empty where everything is used. Throws as Rectify does. Once an image has been rectified.
-  /// @param mask of the image as sent; empty: all of its pixels count
-  Mask RectifyMask(const Mask& mask) const;
-
-  /// Depth z of the rectified image, at its size: the nearest pixel's; 0 where there is none. Once an image has been
-  /// rectified.
-  /// @param depth of the image as sent, at any size; empty: gives an empty one
-  DepthMap RectifyDepth(const DepthMap& depth) const;
-
- private:
-  void CheckSize(int width, int height) const;
-  void BuildMaps();
-
-  CameraCalibration calibration_;
-  cv::Mat map_x_, map_y_;  ///< fixed point; empty without distortion
-  Mask rim_;               ///< ignores what the lens did not see; empty: it saw everything
-};
+bool operator==(const CameraCalibration& a, const CameraCalibration& b);
 
 /// Reads what camera_calibration writes: YAML (.yaml, .yml) or INI (.ini). Throws InvalidInputError if the file cannot
 /// be read, naming what a YAML file lacks, or the size that a matrix has and must have, and where ToCalibration refuses
@@ -121,9 +99,11 @@ CompanionSample ToPriorDepthSample(const sensor_msgs::ImageConstPtr& message);
 DepthMap DecodePriorDepth(const EncodedImage& depth);
 
 /// Camera and distortion of the image as sent: binning and region of interest are applied, plumb_bob,
-/// rational_polynomial and equidistant are known, also by other names; more coefficients than these have must be 0.
+/// rational_polynomial, equidistant, mei (D: xi k1 k2 p1 p2) and equirectangular (the size alone tells all) are known,
+/// also by other names; more coefficients than these have must be 0.
 /// `rectified`: the image is undistorted already, P holds and D does not.
-CameraCalibration ToCalibration(const sensor_msgs::CameraInfo& info, bool rectified);
+/// @param field_of_view deg, of Lens; 0: as far as the image goes
+CameraCalibration ToCalibration(const sensor_msgs::CameraInfo& info, bool rectified, double field_of_view = 0);
 
 /// x, y, z as float32 or float64; not-finite and exactly zero points are counted and left out.
 SparseCloud ToSparseCloud(const sensor_msgs::PointCloud2& cloud);

@@ -18,7 +18,18 @@ namespace acmp {
 
 /// What diagnostics tell about one input stream.
 struct InputStatus {
-  enum class Kind { kImage, kCameraInfo, kPose, kCloud, kKeyframe, kExtrinsic, kMask, kPriorDepth };
+  enum class Kind {
+    kImage,
+    kCameraInfo,
+    kPose,
+    kCloud,
+    kKeyframe,
+    kExtrinsic,
+    kMask,
+    kPriorDepth,
+    kSourceImage,
+    kSourceInfo
+  };
   Kind kind = Kind::kImage;
   std::string topic;  ///< resolved name
   uint32_t publishers = 0;
@@ -27,6 +38,10 @@ struct InputStatus {
   bool required = true;        ///< nothing is mapped without it
   std::string type = {};       ///< of messages that are subscribed to
   std::string advice = {};     ///< what to set, where the topic is published with another type; else empty
+  size_t camera = 0;           ///< of kSourceImage and kSourceInfo, from 0
+
+  /// Whether the user has asked for it, and wants to know when nothing comes.
+  bool is_wanted() const { return required || kind == Kind::kSourceImage || kind == Kind::kSourceInfo; }
 };
 
 /// Adds advice to the inputs on which nothing has come.
@@ -51,12 +66,15 @@ struct InputHandlers {
   std::function<void(SparseCloudPtr)> on_cloud;
   std::function<void(CompanionSample)> on_mask;
   std::function<void(CompanionSample)> on_prior_depth;
+  std::function<void(size_t camera, std::shared_ptr<const EncodedImage>)> on_source_image;
+  std::function<void(size_t camera, const sensor_msgs::CameraInfo&)> on_source_camera_info;
   std::function<void(const RigidTransform&)> on_extrinsic;
   std::function<void(const acmp_mapping::KeyframeConstPtr&)> on_keyframe;
   std::function<void(const RejectedInput&)> on_drop;
 };
 
-/// Subscribes to the streams that the options ask for. Callbacks run in the node handle's callback queue.
+/// Subscribes to the streams that the options ask for. Callbacks run in the node handle's callback queue. Throws
+/// InvalidInputError where two cameras have the same topic.
 std::vector<std::unique_ptr<InputSource>> MakeInputSources(const ros::NodeHandle& nh, const NodeOptions& options,
                                                            const InputHandlers& handlers);
 

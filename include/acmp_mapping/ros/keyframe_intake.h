@@ -17,6 +17,7 @@
 #include "acmp_mapping/map/loop_correction.h"
 #include "acmp_mapping/ros/input_conversion.h"
 #include "acmp_mapping/ros/options.h"
+#include "acmp_mapping/ros/source_cameras.h"
 
 namespace acmp {
 
@@ -29,6 +30,15 @@ struct KeyframeOrigin {
   RigidTransform world_from_cam = RigidTransform::Identity();
   PathConvention path;     ///< of optimized_path
   std::string path_frame;  ///< frame_id of its poses; empty: any
+
+  // Of a face of a wide image: world_from_cam and path are the face's.
+  std::string face;  ///< PinholeFace's name
+  Eigen::Matrix3d lens_from_face = Eigen::Matrix3d::Identity();
+
+  /// The same of a face.
+  KeyframeOrigin OfFace(const PinholeFace& of) const;
+  /// frame_id of what is published of the image.
+  std::string frame_id() const { return face.empty() ? camera_frame : camera_frame + "_" + face; }
 };
 
 /// All that one keyframe is made of. The image is decoded and rectified later, by the worker.
@@ -37,6 +47,7 @@ struct KeyframeInput : KeyframeOrigin {
   std::shared_ptr<const EncodedImage> mask;         ///< of the image as sent; null: it has none
   std::shared_ptr<const EncodedImage> prior_depth;  ///< the same
   CalibrationPtr calibration;
+  std::vector<SourceImage> source_images;  ///< of source cameras, as far as they came
   std::vector<Eigen::Vector3d> landmarks_in_world;
   double scene_depth = 0;  ///< median of the landmarks in front of the last cameras, or the fallback; 0 = unknown
 };
@@ -82,6 +93,11 @@ class KeyframeIntake {
   void AddCloud(SparseCloudPtr cloud) { matcher_.AddCloud(std::move(cloud)); }
   void AddMask(CompanionSample mask) { matcher_.AddMask(std::move(mask)); }
   void AddPriorDepth(CompanionSample depth) { matcher_.AddPriorDepth(std::move(depth)); }
+  /// @param camera from 0, below ~source_cameras
+  void AddSourceImage(size_t camera, std::shared_ptr<const EncodedImage> image);
+  /// Throws InvalidInputError for a camera that cannot be used; its images are then not used.
+  void AddSourceCameraInfo(size_t camera, const sensor_msgs::CameraInfo& info) { sources_.AddCameraInfo(camera, info); }
+  void set_source_expected(size_t camera, bool expected) { matcher_.set_source_expected(camera, expected); }
   void set_clouds_expected(bool expected) { matcher_.set_clouds_expected(expected); }
   void set_masks_expected(bool expected) { matcher_.set_masks_expected(expected); }
   void set_prior_depth_expected(bool expected) { matcher_.set_prior_depth_expected(expected); }
@@ -137,6 +153,7 @@ class KeyframeIntake {
   NodeOptions options_;
   TransformSource transforms_;
   InputMatcher matcher_;
+  SourceCameras sources_;
   PoseResolver resolver_, path_resolver_;
   ConventionCheck convention_check_;
   KeyframeGate gate_;

@@ -40,6 +40,7 @@ std::string DescribePixels(const KeyframeOutput& output);
 struct OutputStatus {
   static constexpr uint64_t kRunWithoutPoints = 3;  ///< refined keyframes without points that are worth a word
 
+  // Of a wide image only the face that looks ahead counts.
   uint64_t fast = 0;
   uint64_t refined = 0;
   uint64_t refined_again = 0;
@@ -53,7 +54,7 @@ struct OutputStatus {
   std::string no_points_reason;                 ///< ... and which check removes those of the last one
   LatencyWindow fast_latency, refined_latency;  ///< from the image's callback until its map was published
 
-  void CountRefined(const KeyframeDepth& maps);
+  void CountRefined(const KeyframeDepth& maps, bool counts = true);
   /// Of a refined keyframe.
   void CountPoints(const KeyframeOutput& output);
   /// Of the run of keyframes without points, whose last one is of this image; empty: not long enough.

@@ -2,12 +2,15 @@
 
 #include <deque>
 #include <functional>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "acmp_mapping/common/stop_request.h"
+#include "acmp_mapping/image/rectifier.h"
 #include "acmp_mapping/mapping/auto_preset.h"
 #include "acmp_mapping/mapping/dense_mapper.h"
 #include "acmp_mapping/ros/keyframe_intake.h"
@@ -91,8 +94,20 @@ class MapperWorker {
   void ProcessOvertaken(const KeyframeInput& input);
   /// Of preset: auto, after a keyframe that took so long.
   void ChooseSetting(double keyframe_ms);
+  /// A camera's images on their way to frames.
+  struct Camera {
+    CalibrationPtr calibration;
+    ImageDecoder decoder;
+    std::deque<Rectifier> rectifiers;  ///< one, or one for each face of a wide image
+  };
+  cv::Mat Decode(const EncodedImage& image, const CalibrationPtr& calibration, Camera* camera);
+  /// What size a camera's images are matched at, as a share of their own: that of the largest of its faces.
+  double SizeOf(const Camera& camera) const;
+  /// ReceivedFrame's: one, or several faces of a wide image.
   /// @param keeps_image as ~keep_images says; else not
-  FramePtr PrepareFrame(const KeyframeInput& input, bool keeps_image);
+  std::vector<FramePtr> PrepareFrames(const KeyframeInput& input, bool keeps_image);
+  /// The source cameras' images that were taken with it. One that cannot be used is told and left out.
+  std::vector<FramePtr> PrepareCompanions(const KeyframeInput& input);
   /// Of the image as sent: what the mask of all images and its own leave. One that cannot be used is told and left out.
   Mask MaskOf(const KeyframeInput& input);
   /// Of the image as sent; empty: it has none. One that cannot be used is told and left out.
@@ -122,9 +137,8 @@ class MapperWorker {
   std::unique_ptr<DepthEngine> output_engine_;
   std::unique_ptr<DenseMapper> mapper_;
   std::string device_error_;
-  CalibrationPtr calibration_;
-  ImageDecoder decoder_;
-  std::unique_ptr<ImageRectifier> rectifier_;
+  Camera camera_;
+  std::map<std::string, Camera> source_cameras_;  ///< by topic
   std::optional<AutoPreset> auto_preset_;
   int64_t next_id_ = 0;  ///< never goes back, whatever stamps do
   uint64_t run_ = 0;

@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include <acmp_mapping/DenseMapperConfig.h>
 
@@ -27,6 +28,7 @@ constexpr char kAutoPreset[] = "auto";  ///< value of `preset`: AutoPreset
 constexpr char kUsualPreset[] = "balanced";
 
 enum class ImageTransport { kRaw, kCompressed };
+enum class WideFaces { kAuto, kOff };
 enum class SparseFrame { kAuto, kWorld, kCamera };
 enum class PoseSource { kPose, kPoseWithCovariance, kOdometry, kTransform, kTf };
 enum class KeyframeMode {
@@ -44,7 +46,11 @@ struct NodeOptions {
   bool rectified = false;
   int max_image_size = 640;  ///< px, longer side; 0 = as sent
   std::string calibration_file;
-  std::string mask_file;  ///< of the image as sent; empty = none
+  WideFaces wide_faces = WideFaces::kAuto;
+  double field_of_view = 0;                      ///< deg, as Lens takes it
+  std::string mask_file;                         ///< of the image as sent; empty = none
+  std::vector<RigidTransform> cam_from_sources;  ///< of each source camera; empty = told by camera_info or tf
+  std::string source_calibration_file;           ///< of each source camera, separated by commas; empty = camera_info
   PoseSource pose_source = PoseSource::kPose;
   PoseSemantics pose;
   std::optional<PoseSemantics::Child> path_child;  ///< of optimized_path; none = as the poses

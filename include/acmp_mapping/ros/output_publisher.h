@@ -3,13 +3,17 @@
 #include <atomic>
 #include <cstdint>
 #include <functional>
+#include <map>
+#include <memory>
 #include <mutex>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <acmp_mapping/KeyframePoints.h>
 #include <image_transport/image_transport.h>
 #include <ros/node_handle.h>
+#include <tf2_ros/static_transform_broadcaster.h>
 
 #include "acmp_mapping/ros/incident_log.h"
 #include "acmp_mapping/ros/keyframe_outputs.h"
@@ -71,13 +75,24 @@ class OutputPublisher {
   void PublishKeyframeDepth(const KeyframeOutput& output);
 
   using MakeImage = std::function<sensor_msgs::ImagePtr(const KeyframeOutput&)>;
-  void AddImageTopic(const char* name, const MakeImage& make);
-  /// What is called with a new subscriber: sends it the newest refined keyframe's message.
+  /// The image topics of a face; those of the one that looks ahead have no prefix.
+  struct ImageTopics {
+    image_transport::CameraPublisher depth_fast, depth, color;
+    ros::Publisher depth_millimetres;
+    std::vector<std::pair<image_transport::Publisher, MakeImage>> others;
+  };
+  /// Advertises them when a face is first seen, and says in tf where it looks.
+  ImageTopics& TopicsOf(const KeyframeOrigin& origin);
+  void Advertise(const std::string& face, ImageTopics* topics);
+  /// What is called with a new subscriber: sends it the newest refined message of the face.
   template <class Make>
-  auto ForNewcomers(Make make) {
-    return [this, make](const auto& newcomer) {
+  auto ForNewcomers(const std::string& face, Make make) {
+    return [this, face, make](const auto& newcomer) {
       KeyframeDepthPtr newest;
-      UpdateStatus([&](OutputStatus* /*status*/) { newest = newest_; });
+      UpdateStatus([&](OutputStatus* /*status*/) {
+        const auto found = newest_.find(face);
+        if (found != newest_.end()) newest = found->second;
+      });
       if (newest) Publish(newest, [&](const KeyframeOutput& output) { newcomer.publish(make(output)); });
     };
   }
@@ -91,19 +106,13 @@ class OutputPublisher {
   ReadingCheck reading_check_;
   mutable std::mutex status_mutex_;  ///< held for a moment only
   OutputStatus status_;
-  KeyframeDepthPtr newest_;                               ///< refined
+  std::map<std::string, KeyframeDepthPtr> newest_;        ///< refined, of each face
   std::vector<acmp_mapping::KeyframePointsPtr> waiting_;  ///< for the first map that listens
   std::atomic<uint64_t> points_sent_{0};
   image_transport::ImageTransport transport_;
-  image_transport::CameraPublisher depth_fast_;
-  image_transport::CameraPublisher depth_;
-  image_transport::CameraPublisher color_;
-  struct ImageTopic {
-    image_transport::Publisher publisher;
-    MakeImage make;
-  };
-  std::vector<ImageTopic> image_topics_;
-  ros::Publisher depth_millimetres_;
+  ros::NodeHandle nh_;
+  std::map<std::string, ImageTopics> image_topics_;                   ///< of each face
+  std::unique_ptr<tf2_ros::StaticTransformBroadcaster> face_frames_;  ///< none before there is a face that looks aside
   ros::Publisher points_;
   ros::Publisher pose_;
   ros::Publisher keyframe_points_;

@@ -18,8 +18,21 @@ constexpr char kSparsePointsV1[] = "sparse_points_v1";
 constexpr char kKeyframe[] = "keyframe";
 constexpr char kMask[] = "mask";
 constexpr char kPriorDepth[] = "prior_depth";
+// Of the first source camera and of the others.
+constexpr char kSourceImage[] = "source_image";
+constexpr char kSourceImage2[] = "source_image_2";
+constexpr char kSourceImage3[] = "source_image_3";
+constexpr char kSourceImage4[] = "source_image_4";
+constexpr char kSourceCameraInfo[] = "source_camera_info";
+constexpr char kSourceCameraInfo2[] = "source_camera_info_2";
+constexpr char kSourceCameraInfo3[] = "source_camera_info_3";
+constexpr char kSourceCameraInfo4[] = "source_camera_info_4";
+constexpr const char* kSourceImages[] = {kSourceImage, kSourceImage2, kSourceImage3, kSourceImage4};
+constexpr const char* kSourceCameraInfos[] = {kSourceCameraInfo, kSourceCameraInfo2, kSourceCameraInfo3,
+                                              kSourceCameraInfo4};
 constexpr char kOptimizedPath[] = "optimized_path";
 
+constexpr char kFacePrefix[] = "face_";  ///< of the image topics of a wide image's faces: face_left/depth/...
 constexpr char kDepthFast[] = "depth_fast/image_rect";
 constexpr char kDepth[] = "depth/image_rect";
 constexpr char kDepthCameraInfo[] = "depth/camera_info";

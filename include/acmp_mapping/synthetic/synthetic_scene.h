@@ -2,10 +2,12 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "acmp_mapping/fusion/point_cloud.h"
+#include "acmp_mapping/geometry/lens.h"
 #include "acmp_mapping/keyframe/frame.h"
 
 namespace acmp {
@@ -45,6 +47,10 @@ struct SyntheticSceneOptions {
   /// Something moves through the place, ahead of the camera. Frames have masks of it; true depths, normals and surfaces
   /// are those of the place without it.
   bool moving_object = false;
+  bool standing = false;         ///< the camera stays where the middle one of the keyframes would be taken
+  double stereo_baseline_m = 0;  ///< of a second camera like the first, that far to its right. 0..5; 0: none
+  /// Of a fisheye (equidistant, nearly) whose circle fills the image's shorter side, deg, 121..240; 0: a pinhole.
+  double field_of_view = 0;
 };
 
 /// "room": the room with the default camera. "hard": the office with a hand-held video camera indoors. "street": the
@@ -54,6 +60,16 @@ const std::vector<std::string>& SyntheticSceneNames();
 /// Sets place and imaging to those of a named scene. Throws InvalidInputError for a name that is not known.
 void SelectSyntheticScene(const std::string& name, SyntheticSceneOptions* options);
 
+struct SyntheticView;
+
+/// A view as a fisheye has it.
+struct SyntheticWideImage {
+  Lens lens;         ///< with its field of view
+  ColorImage color;  ///< black outside of the circle
+  std::vector<Eigen::Vector3d> landmarks_in_world;
+  std::vector<SyntheticView> others;  ///< pinhole views from there that show what the first does not
+};
+
 /// What the renderer knows exactly about one image.
 struct SyntheticView {
   Frame frame;  ///< colour as the camera gives it, landmarks as a SLAM frontend would have them; see moving_object
@@ -62,7 +78,10 @@ struct SyntheticView {
   NormalMap true_normal;             ///< camera frame; 0: sky
   Image<unsigned char> low_texture;  ///< 1 on surfaces of one colour, 0 elsewhere
   SyntheticPlace place = SyntheticPlace::kRoom;
-  double exposure = 1;  ///< factor on the light
+  double exposure = 1;         ///< factor on the light
+  DepthMap shown_depth;        ///< as true_depth, of what the image shows: with what moves. Empty where nothing does
+  std::optional<Frame> right;  ///< of the second camera, with the id and stamp of `frame`, without landmarks and mask
+  std::optional<SyntheticWideImage> wide;  ///< of field_of_view: `frame` then looks ahead
 };
 
 /// Renders a place along its path. The same options give the same bytes on every machine (integer noise, no
@@ -78,8 +97,8 @@ PointCloud SampleSyntheticSurface(const std::vector<SyntheticView>& views, float
 /// Writes a synthetic scene as a dataset folder: images/, cameras.txt, sparse/ (COLMAP model) and sparse.ply,
 /// cams/ and pair.txt (MVSNet / ACMP layout), depth/ (ground truth, 16-bit millimetres), low_texture/ (white: blank
 /// walls and floor), masks/ (of what moves, where something does; named as COLMAP names them), surface.ply
-/// (ground-truth cloud, points `surface_spacing_m` apart). Throws ProcessingError with the system's reason when
-/// something cannot be written.
+/// (ground-truth cloud, points `surface_spacing_m` apart). Of a fisheye images/, sparse/, sparse.ply and surface.ply
+/// alone. Throws ProcessingError with the system's reason when something cannot be written.
 void WriteSceneFiles(const std::filesystem::path& folder, const std::vector<SyntheticView>& views,
                      float surface_spacing_m);
 

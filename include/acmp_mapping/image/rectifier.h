@@ -1,0 +1,58 @@
+#pragma once
+
+#include <mutex>
+#include <utility>
+
+#include <opencv2/core/mat.hpp>
+
+#include "acmp_mapping/geometry/lens.h"
+#include "acmp_mapping/image/image.h"
+#include "acmp_mapping/image/mask.h"
+
+namespace acmp {
+
+/// Makes the image that a pinhole camera would have taken of that which one with a lens has taken. Several threads may
+/// use it.
+class Rectifier {
+ public:
+  /// Takes the distortion out: the pinhole camera is lens.camera().
+  explicit Rectifier(const Lens& lens) : Rectifier(lens, {"", lens.camera()}) {}
+  Rectifier(const Lens& lens, PinholeFace face) : lens_(lens), face_(std::move(face)) {}
+
+  const Lens& lens() const { return lens_; }
+  const PinholeFace& face() const { return face_; }
+
+  /// Bilinear; black where the lens sees nothing. Throws InvalidInputError when the image (8-bit RGB) has not the size
+  /// of the lens' camera. The first image of this size makes the maps: a camera alone, whatever size it claims, takes
+  /// no memory.
+  ColorImage Rectify(const cv::Mat& rgb) const;
+  ColorImage Rectify(ColorImage image) const;
+
+  /// The mask of the rectified image: it ignores what is made of a pixel that `mask` ignores, and what the lens does
+  /// not see. Empty where everything is used. Throws as Rectify does.
+  /// @param mask of the image as taken; empty: all of its pixels count
+  Mask RectifyMask(const Mask& mask) const;
+
+  /// Depth z of the rectified image: the nearest pixel's; 0 where there is none. Only for a face that is not turned.
+  /// @param depth of the image as taken, at any size; empty: gives an empty one
+  DepthMap RectifyDepth(const DepthMap& depth) const;
+
+ private:
+  void CheckSize(int width, int height) const;
+  bool ChangesNothing() const;
+  int Border() const;
+  /// Where a pixel comes from.
+  struct Maps {
+    cv::Mat x, y;  ///< fixed point, as cv::remap takes them
+    Mask seen;     ///< ignores what the lens does not see; empty: it sees everything
+  };
+  const Maps& maps() const;
+  Mask RemapMask(const Mask& mask, const Maps& maps) const;
+
+  Lens lens_;
+  PinholeFace face_;
+  mutable std::once_flag made_;
+  mutable Maps maps_;  ///< made at the first use
+};
+
+}  // namespace acmp

@@ -1,0 +1,175 @@
+#include "acmp_mapping/geometry/lens.h"
+
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "acmp_mapping/common/degrees.h"
+#include "acmp_mapping/common/error.h"
+#include "support/error_text.h"
+#include "support/lens.h"
+
+namespace acmp {
+namespace {
+
+using Model = LensDistortion::Model;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+constexpr double kDeg = kRadPerDeg<double>;
+
+const PinholeCamera kCamera = {640, 480, 190, 191, 322.3, 238.6};
+
+Eigen::Vector3d RayAtAngle(double from_axis_deg, double around_deg) {
+  const double sine = std::sin(from_axis_deg * kDeg);
+  return {sine * std::cos(around_deg * kDeg), sine * std::sin(around_deg * kDeg), std::cos(from_axis_deg * kDeg)};
+}
+
+TEST(Lens, PutsRaysWhereTheModelsFormulasDo) {
+  const PinholeCamera camera = {160, 120, 130, 128, 81.3, 58.6};
+  for (const LensDistortion& distortion :
+       {LensDistortion{Model::kNone, {}}, LensDistortion{Model::kBrownConrady, {-0.28, 0.07, 2e-4, 2e-5}},
+        LensDistortion{Model::kBrownConrady, {0.12, -0.1, 1e-3, -5e-4, 0.02}},
+        LensDistortion{Model::kRational, {0.4, -0.2, 1e-4, -1e-4, 0.01, 0.5, -0.1, 0.02}},
+        LensDistortion{Model::kEquidistant, {-0.013, 0.02, -0.012, 0.002}}}) {
+    const Lens lens(camera, distortion);
+    for (double x = -0.6; x < 0.7; x += 0.1) {
+      for (double y = -0.45; y < 0.5; y += 0.1) {
+        const auto seen = lens.Project({2 * x, 2 * y, 2});
+        ASSERT_TRUE(seen);
+        EXPECT_NEAR((*seen - test::Distort(camera, distortion, x, y)).norm(), 0, 1e-9);
+      }
+    }
+  }
+}
+
+TEST(Lens, WideModelsAreTheirFormulas) {
+  const Lens sphere({400, 200, 200 / M_PI, 200 / M_PI, 199.5, 99.5}, {Model::kEquirectangular, {}});
+  EXPECT_NEAR(sphere.Project(RayAtAngle(90, 0))->x(), 299.5, 1e-9);  // right: a quarter of 360 degrees from the middle
+  EXPECT_NEAR(sphere.Project(RayAtAngle(45, 90))->y(), 149.5, 1e-9);
+  EXPECT_NEAR(std::abs(sphere.Project({1e-9, 0, -1})->x() - 199.5), 200, 1e-6);
+  EXPECT_NEAR(sphere.FieldOfView(), 360, 1e-9);
+
+  // xi = 1 without distortion is the stereographic projection: 2 f tan(theta / 2) / 2.
+  const Lens mei(kCamera, {Model::kUnified, {1, 0, 0, 0, 0}});
+  EXPECT_NEAR(mei.Project(RayAtAngle(100, 0))->x(), 322.3 + 190 * std::tan(50 * kDeg), 1e-9);
+  // xi = 0 is a pinhole with plumb_bob.
+  const Lens plain(kCamera, {Model::kUnified, {0, -0.1, 0.02, 1e-3, 2e-3}});
+  EXPECT_NEAR((*plain.Project({0.4, 0.3, 1}) -
+               test::Distort(kCamera, {Model::kBrownConrady, {-0.1, 0.02, 1e-3, 2e-3}}, 0.4, 0.3))
+                  .norm(),
+              0, 1e-9);
+}
+
+TEST(Lens, PixelsGoBackToTheirRays) {
+  for (const LensDistortion& distortion :
+       {LensDistortion{Model::kNone, {}}, LensDistortion{Model::kEquidistant, {-0.013, 0.02, -0.012, 0.002}},
+        LensDistortion{Model::kUnified, {1.2, -0.1, 0.05, 1e-3, -2e-3}}}) {
+    const Lens lens(kCamera, distortion);
+    for (double from_axis = 0; from_axis < 90; from_axis += 7) {
+      for (double around = 5; around < 360; around += 50) {
+        const Eigen::Vector3d ray = RayAtAngle(from_axis, around);
+        const auto pixel = lens.Project(ray);
+        ASSERT_TRUE(pixel);
+        if (!kCamera.Contains(*pixel)) continue;
+        const auto back = lens.Unproject(*pixel);
+        ASSERT_TRUE(back);
+        EXPECT_NEAR((*back - ray).norm(), 0, 1e-7) << from_axis << ' ' << around;
+      }
+    }
+  }
+}
+
+TEST(Lens, SeesAsFarAsImageFieldAndModelGo) {
+  const LensDistortion fisheye = {Model::kEquidistant, {0, 0, 0, 1e-9}};
+  const Lens whole(kCamera, fisheye);
+  EXPECT_NEAR(whole.FieldOfView(), 640 / 190.0 / kDeg, 0.01);
+  EXPECT_TRUE(whole.Project(RayAtAngle(120, 30)));
+  const Lens circle(kCamera, fisheye, 150);
+  EXPECT_NEAR(circle.FieldOfView(), 150, 0.01);
+  EXPECT_TRUE(circle.Project(RayAtAngle(74.9, 30)));
+  EXPECT_FALSE(circle.Project(RayAtAngle(75.1, 30)));
+  // theta - theta^3 / 6 grows up to sqrt(2) rad = 81 degrees.
+  const LensDistortion ends = {Model::kEquidistant, {-1.0 / 6, 0, 0, 0}};
+  EXPECT_TRUE(Lens(kCamera, ends).Project(RayAtAngle(80, 30)));
+  EXPECT_FALSE(Lens(kCamera, ends).Project(RayAtAngle(82, 30)));
+  EXPECT_FALSE(Lens(kCamera, {Model::kNone, {}}).Project({1, 0, -1}));
+  // 1 - 1.5 r^2 is 0 at 0.47: beyond, plumb_bob would show the middle once more.
+  const Lens folds({64, 48, 60, 60, 31, 23}, {Model::kBrownConrady, {-0.5, 0, 0, 0}});
+  EXPECT_TRUE(folds.Project({0.8, 0, 1}));
+  EXPECT_FALSE(folds.Project({0.83, 0, 1}));
+}
+
+TEST(Lens, RefusesWhatCannotBe) {
+  const LensDistortion ends = {Model::kEquidistant, {-1.0 / 6, 0, 0, 0}};
+  EXPECT_THAT(ErrorOf([&] { Lens(kCamera, ends, 190); }),
+              AllOf(HasSubstr("up to 81"), HasSubstr("at least 95 degrees (field_of_view)")));
+  EXPECT_THAT(ErrorOf([&] {
+                Lens(kCamera, {Model::kEquidistant, {-8, 0, 0, 0}});
+              }),
+              AllOf(HasSubstr("go outwards"), HasSubstr("at least 120 px")));
+  EXPECT_THAT(ErrorOf([&] {
+                Lens(kCamera, {Model::kBrownConrady, {-0.1, 0, 0, 0}}, 190);
+              }),
+              AllOf(HasSubstr("field_of_view of this lens = 190"), HasSubstr("[1, 180]")));
+  EXPECT_THAT(ErrorOf([&] {
+                Lens(kCamera, {Model::kEquirectangular, {}});
+              }),
+              AllOf(HasSubstr("640x480"), HasSubstr("twice as wide as high")));
+}
+
+/// How many of the faces show a ray.
+int NumThatShow(const std::vector<PinholeFace>& faces, const Eigen::Vector3d& ray) {
+  int shown = 0;
+  for (const PinholeFace& face : faces) {
+    const Eigen::Vector3d in_face = face.lens_from_face.transpose() * ray;
+    shown += in_face.z() > 0 && face.camera.Contains(face.camera.Project(in_face)) ? 1 : 0;
+  }
+  return shown;
+}
+
+std::vector<std::string> NamesOf(const std::vector<PinholeFace>& faces) {
+  std::vector<std::string> names;
+  for (const PinholeFace& face : faces) names.push_back(face.name);
+  return names;
+}
+
+TEST(FacesOf, ShowAllThatTheLensSees) {
+  using ::testing::ElementsAre;
+  const LensDistortion fisheye = {Model::kEquidistant, {-0.01, 0.004, -0.001, 1e-4}};
+  EXPECT_THAT(NamesOf(FacesOf(Lens({640, 480, 460, 460, 320, 240}, fisheye))), ElementsAre(""));
+  EXPECT_EQ(FacesOf(Lens({640, 480, 460, 460, 320, 240}, fisheye)).front().camera.width, 640) << "its own camera";
+  const Lens round({480, 480, 145, 145, 239.5, 239.5}, fisheye, 190);
+  EXPECT_THAT(NamesOf(FacesOf(round)), ElementsAre("", "left", "right", "up", "down"));
+  // 150 degrees across, 94 down: hardly anything lies above and below.
+  const Lens flat({640, 400, 244, 244, 319.5, 199.5}, fisheye);
+  EXPECT_THAT(NamesOf(FacesOf(flat)), ElementsAre("", "left", "right"));
+  const Lens sphere({400, 200, 200 / M_PI, 200 / M_PI, 199.5, 99.5}, {Model::kEquirectangular, {}});
+  EXPECT_THAT(NamesOf(FacesOf(sphere)), ElementsAre("", "left", "right", "up", "down", "back"));
+  for (const Lens& lens : {round, sphere}) {
+    const std::vector<PinholeFace> faces = FacesOf(lens);
+    for (double from_axis = 0; from_axis < 180; from_axis += 4) {
+      for (double around = 0; around < 360; around += 7) {
+        const Eigen::Vector3d ray = RayAtAngle(from_axis, around);
+        const auto seen = lens.Project(ray);
+        if (!seen || !lens.camera().Contains(*seen)) continue;
+        EXPECT_GE(NumThatShow(faces, ray), 1) << from_axis << ' ' << around;
+      }
+    }
+    for (const PinholeFace& face : faces) {
+      EXPECT_NEAR(face.lens_from_face.determinant(), 1, 1e-12);
+      EXPECT_TRUE((face.lens_from_face * face.lens_from_face.transpose()).isIdentity());
+    }
+  }
+  // "right" looks to the right, "up" against y.
+  EXPECT_EQ(FacesOf(round)[2].lens_from_face.col(2), Eigen::Vector3d(1, 0, 0));
+  EXPECT_EQ(FacesOf(round)[3].lens_from_face.col(2), Eigen::Vector3d(0, -1, 0));
+  // Only the strip that the lens sees, 5 degrees beyond the middle and a little more.
+  EXPECT_LT(FacesOf(round)[2].camera.width, 0.65 * FacesOf(round)[0].camera.width);
+}
+
+}  // namespace
+}  // namespace acmp

@@ -1,0 +1,191 @@
+#include "acmp_mapping/image/rectifier.h"
+
+#include <cmath>
+#include <cstring>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <opencv2/core.hpp>
+
+#include "acmp_mapping/common/error.h"
+#include "support/lens.h"
+
+namespace acmp {
+namespace {
+
+using test::Distort;
+using test::RayAt;
+using Model = LensDistortion::Model;
+
+Lens MakeLens(Model model, std::vector<double> coefficients) {
+  return {{160, 120, 130, 128, 81.3, 58.6}, {model, std::move(coefficients)}};
+}
+
+/// A smooth pattern over the rays of the ideal camera.
+double Pattern(double x, double y) { return 128 + 60 * std::sin(9 * x) * std::cos(7 * y); }
+
+class RectifierModels : public ::testing::TestWithParam<Lens> {};
+
+TEST_P(RectifierModels, UndoesTheLens) {
+  const Lens& lens = GetParam();
+  const PinholeCamera& camera = lens.camera();
+  cv::Mat distorted(camera.height, camera.width, CV_8UC3);
+  for (int v = 0; v < camera.height; ++v) {
+    for (int u = 0; u < camera.width; ++u) {
+      const Eigen::Vector2d ray = RayAt(lens.camera(), lens.distortion(), u, v);
+      distorted.at<cv::Vec3b>(v, u) = cv::Vec3b::all(cv::saturate_cast<uchar>(Pattern(ray.x(), ray.y())));
+    }
+  }
+  Rectifier rectifier(lens);
+  const ColorImage rectified = rectifier.Rectify(distorted);
+  const Mask rim = rectifier.RectifyMask({});
+  int compared = 0;
+  for (int v = 0; v < camera.height; ++v) {
+    for (int u = 0; u < camera.width; ++u) {
+      const double x = (u - camera.cx) / camera.fx, y = (v - camera.cy) / camera.fy;
+      const Eigen::Vector2d source = Distort(lens.camera(), lens.distortion(), x, y);
+      const bool inside =
+          source.x() >= 0 && source.y() >= 0 && source.x() <= camera.width - 1 && source.y() <= camera.height - 1;
+      const bool valid = rim.empty() || rim(u, v) != 0;
+      // remap's steps of 1/32 px: on the border itself either answer is right
+      constexpr double kStep = 1.0 / 32;
+      const bool border = std::abs(source.x()) < kStep || std::abs(source.x() - camera.width + 1) < kStep ||
+                          std::abs(source.y()) < kStep || std::abs(source.y() - camera.height + 1) < kStep;
+      if (!border) {
+        ASSERT_EQ(valid, inside) << u << " " << v;
+      }
+      if (!inside || border) continue;
+      // Steepest slope 60 * 9 / 130 = 4.2 grey levels per px: rounding, bilinear interpolation and 1/32 px steps stay
+      // below 1.5 levels; half a pixel of offset would be 2.
+      ASSERT_NEAR(rectified(u, v).g, Pattern(x, y), 1.5) << u << " " << v;
+      ++compared;
+    }
+  }
+  EXPECT_GT(compared, camera.width * camera.height / 2);
+}
+
+INSTANTIATE_TEST_SUITE_P(Models, RectifierModels,
+                         ::testing::Values(MakeLens(Model::kBrownConrady,
+                                                    {-0.28, 0.07, 2e-4, 2e-5}),  // the EuRoC camera's
+                                           MakeLens(Model::kBrownConrady, {0.12, -0.1, 1e-3, -5e-4, 0.02}),
+                                           MakeLens(Model::kRational, {0.4, -0.2, 1e-4, -1e-4, 0.01, 0.5, -0.1, 0.02}),
+                                           MakeLens(Model::kEquidistant, {-0.013, 0.02, -0.012, 0.002})));
+
+TEST(Rectifier, LeavesAStraightLensAlone) {
+  Rectifier rectifier(MakeLens(Model::kNone, {}));
+  cv::Mat image(120, 160, CV_8UC3);
+  cv::randu(image, 0, 255);
+  const ColorImage same = rectifier.Rectify(image);
+  EXPECT_EQ(0, std::memcmp(same.data(), image.data, 120 * 160 * 3));
+  EXPECT_TRUE(rectifier.RectifyMask({}).empty());
+}
+
+TEST(Rectifier, MasksAreRectifiedWithTheirImages) {
+  const Lens lens = MakeLens(Model::kBrownConrady, {-0.28, 0.07, 2e-4, 2e-5});
+  const PinholeCamera& camera = lens.camera();
+  Mask mask(camera.width, camera.height, 1);
+  for (int row = 20; row < 30; ++row) {
+    for (int col = 10; col < 25; ++col) mask(col, row) = 0;
+  }
+  Rectifier rectifier(lens);
+  rectifier.Rectify(cv::Mat::zeros(camera.height, camera.width, CV_8UC3));
+  const Mask rectified = rectifier.RectifyMask(mask);
+  int ignored = 0;
+  for (int v = 0; v < camera.height; ++v) {
+    for (int u = 0; u < camera.width; ++u) {
+      const Eigen::Vector2d source =
+          Distort(lens.camera(), lens.distortion(), (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy);
+      // Interpolation reaches a pixel to each side.
+      const auto is_within = [&](double margin) {
+        return source.x() > 10 - margin && source.x() < 24 + margin && source.y() > 20 - margin &&
+               source.y() < 29 + margin;
+      };
+      const bool is_ignored = rectified(u, v) == 0;
+      ASSERT_TRUE(is_ignored || !is_within(0.9)) << u << ' ' << v;
+      ASSERT_TRUE(!is_ignored || is_within(1.1)) << u << ' ' << v;
+      ignored += is_ignored ? 1 : 0;
+    }
+  }
+  EXPECT_GT(ignored, 100);
+  EXPECT_THROW(rectifier.RectifyMask(Mask(camera.width, camera.height + 1, 255)), InvalidInputError);
+}
+
+TEST(Rectifier, DepthOfAnySizeIsRectifiedWithoutInterpolation) {
+  const Lens lens = MakeLens(Model::kBrownConrady, {-0.28, 0.07, 2e-4, 2e-5});
+  const PinholeCamera& camera = lens.camera();
+  DepthMap depth(camera.width / 2, camera.height / 2, 4);
+  for (int row = 0; row < depth.height(); ++row) {
+    for (int col = 0; col < 15; ++col) depth(col, row) = 2;
+  }
+  Rectifier rectifier(lens);
+  rectifier.Rectify(cv::Mat::zeros(camera.height, camera.width, CV_8UC3));
+  const DepthMap rectified = rectifier.RectifyDepth(depth);
+  int near = 0;
+  for (int v = 5; v < camera.height - 5; ++v) {
+    for (int u = 5; u < camera.width - 5; ++u) {
+      const Eigen::Vector2d source =
+          Distort(lens.camera(), lens.distortion(), (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy);
+      if (std::abs(source.x() - 29.5) < 0.6) continue;
+      ASSERT_EQ(rectified(u, v), source.x() < 29.5 ? 2 : 4) << u << ' ' << v;
+      near += rectified(u, v) == 2 ? 1 : 0;
+    }
+  }
+  EXPECT_GT(near, 1000);
+  EXPECT_TRUE(rectifier.RectifyDepth({}).empty());
+}
+
+TEST(Rectifier, RefusesAnotherSize) {
+  Rectifier rectifier(MakeLens(Model::kNone, {}));
+  try {
+    rectifier.Rectify(cv::Mat(121, 160, CV_8UC3));
+    FAIL();
+  } catch (const InvalidInputError& error) {
+    EXPECT_THAT(error.what(), ::testing::AllOf(::testing::HasSubstr("160x121"), ::testing::HasSubstr("160x120")));
+  }
+}
+
+/// Smooth over the sphere.
+double PatternOn(const Eigen::Vector3d& ray) { return 128 + 50 * ray.x() + 40 * ray.y() * ray.z() + 20 * ray.z(); }
+
+TEST(Rectifier, FacesOfAWideLensShowTheWorldTheRightWayRound) {
+  const double kFocal = 400 / (2 * M_PI);
+  for (const Lens& lens :
+       {Lens({400, 200, kFocal, kFocal, 199.5, 99.5}, {Model::kEquirectangular, {}}),
+        Lens({240, 240, 72, 72, 119.5, 119.5}, {Model::kEquidistant, {-0.01, 0.004, 0, 0}}, 190),
+        Lens({240, 240, 150, 150, 119.5, 119.5}, {Model::kUnified, {1.5, -0.01, 0, 1e-4, 1e-4}}, 200)}) {
+    const PinholeCamera& sent = lens.camera();
+    cv::Mat image(sent.height, sent.width, CV_8UC3, cv::Scalar(0, 0, 0));
+    for (int v = 0; v < sent.height; ++v) {
+      for (int u = 0; u < sent.width; ++u) {
+        const auto ray = lens.Unproject({static_cast<double>(u), static_cast<double>(v)});
+        if (ray) image.at<cv::Vec3b>(v, u) = cv::Vec3b::all(cv::saturate_cast<uchar>(PatternOn(*ray)));
+      }
+    }
+    int masked = 0;
+    const std::vector<PinholeFace> faces = FacesOf(lens);
+    EXPECT_GT(faces.size(), 1u);
+    for (const PinholeFace& face : faces) {
+      const Rectifier rectifier(lens, face);
+      const ColorImage rectified = rectifier.Rectify(image);
+      const Mask mask = rectifier.RectifyMask({});
+      ASSERT_EQ(rectified.width(), face.camera.width);
+      for (int v = 0; v < face.camera.height; ++v) {
+        for (int u = 0; u < face.camera.width; ++u) {
+          if (!mask.empty() && mask(u, v) == 0) {
+            ++masked;
+            continue;
+          }
+          const Eigen::Vector3d ray = face.camera.Unproject({static_cast<double>(u), static_cast<double>(v)});
+          // At most 2 levels per pixel at 64 px per rad: rounding twice and steps of 1/32 px stay below 1.5. A black
+          // pixel from outside of the circle, or another face, is off by tens.
+          ASSERT_NEAR(rectified(u, v).g, PatternOn(face.lens_from_face * ray.normalized()), 3)
+              << face.name << u << ' ' << v;
+        }
+      }
+    }
+    EXPECT_EQ(masked == 0, lens.distortion().model == Model::kEquirectangular);
+  }
+}
+
+}  // namespace
+}  // namespace acmp

@@ -1,0 +1,159 @@
+// Images of one capture in the window: who is matched against whom, what moves with what, what is counted.
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+
+#include "acmp_mapping/mapping/dense_mapper.h"
+#include "dense_mapper_fakes.h"
+#include "keyframe_window.h"
+#include "window_poses.h"
+
+namespace acmp {
+namespace {
+
+using ::testing::Contains;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Not;
+using ::testing::SizeIs;
+using ::testing::UnorderedElementsAre;
+
+constexpr double kRigBaseline = 0.2;  // 2.9 degrees at the wall
+
+/// A keyframe at x and a companion beside it, with the id after its.
+Capture WallPair(int64_t id, double x) { return {{WallFrame(id, x)}, {WallFrame(id + 1, x + kRigBaseline, {})}}; }
+
+class CaptureHarness : public MapperHarness {
+ public:
+  using MapperHarness::MapperHarness;
+  std::vector<std::string> AddPair(int64_t id, double x) {
+    mapper.AddCapture(WallPair(id, x));
+    return TakeEvents();
+  }
+  std::vector<int64_t> SourcesOf(const std::string& pass, int64_t id) const {
+    const auto calls = CallsOf(engine, pass, id);
+    return calls.empty() ? std::vector<int64_t>() : calls.back().sources;
+  }
+};
+
+TEST(CaptureWindowTest, ACompanionIsEnoughForTheFirstKeyframeAndAStandingCamera) {
+  CaptureHarness harness(FakeOptions(6, 1));
+  EXPECT_THAT(harness.AddPair(0, 0), ElementsAre("fast 0"));
+  EXPECT_THAT(harness.AddPair(2, 0), ElementsAre("fast 2", "refined 0"));
+  EXPECT_THAT(harness.AddPair(4, 0.001), ElementsAre("fast 4", "refined 2")) << "poses of a standing camera jitter";
+  EXPECT_THAT(harness.Flush(), ElementsAre("refined 4"));
+  EXPECT_THAT(harness.SourcesOf("photometric", 4), ElementsAre(5))
+      << "another capture's companion at this place shows what its own does, but for what has moved";
+  EXPECT_THAT(harness.problems, IsEmpty());
+}
+
+TEST(CaptureWindowTest, ACompanionConfirmsWhatBothSee) {
+  DenseMapperOptions options = FakeOptions(6, 0);
+  options.pipeline.fusion = {};  // the papers ask for two views
+  CaptureHarness harness(options);
+  harness.AddPair(0, 0);
+  EXPECT_THAT(harness.SourcesOf("photometric", 1), ElementsAre(0)) << "it has an estimate of its own";
+  const auto geometric = CallsOf(harness.engine, "geometric", 0);
+  ASSERT_THAT(geometric, SizeIs(2));
+  EXPECT_THAT(geometric[0].source_depths, ElementsAre(kFastDepth));
+  ASSERT_THAT(harness.refined, SizeIs(1));
+  EXPECT_THAT(harness.refined[0]->points_in_camera, Not(IsEmpty()));
+  EXPECT_EQ(harness.refined[0]->source_ids, std::vector<int64_t>{1});
+}
+
+TEST(CaptureWindowTest, AMovingCameraIsMatchedAgainstItsOwnCompanionFirst) {
+  DenseMapperOptions options = FakeOptions(8, 0);
+  options.source_views.max_source_views = 3;
+  CaptureHarness harness(options);
+  for (int i = 0; i < 6; ++i) harness.AddPair(2 * i, 0.35 * i);
+  const std::vector<int64_t> sources = harness.SourcesOf("photometric", 10);
+  ASSERT_THAT(sources, SizeIs(3));
+  EXPECT_EQ(sources[0], 11);
+  EXPECT_EQ(sources[1] % 2, 0) << "then keyframes, which have maps";
+  EXPECT_EQ(sources[2] % 2, 0);
+  // Other captures' companions fill the list.
+  options.source_views.max_source_views = 8;
+  CaptureHarness more(options);
+  for (int i = 0; i < 3; ++i) more.AddPair(2 * i, 0.35 * i);
+  EXPECT_THAT(more.SourcesOf("photometric", 4), UnorderedElementsAre(5, 0, 2, 1, 3));
+}
+
+TEST(CaptureWindowTest, TheWindowHoldsSoManyCaptures) {
+  CaptureHarness harness(FakeOptions(3, 0));
+  for (int i = 0; i < 5; ++i) harness.AddPair(2 * i, 0.35 * i);
+  EXPECT_THAT(harness.SourcesOf("photometric", 8), UnorderedElementsAre(9, 4, 5, 6, 7));
+  EXPECT_THAT(harness.drops, IsEmpty());
+  EXPECT_EQ(harness.mapper.unfinished(), 0u);
+}
+
+TEST(CaptureWindowTest, KeyframesOfOneCentreAreNoSourcesOfEachOther) {
+  CaptureHarness harness(FakeOptions(6, 1));
+  for (int i = 0; i < 3; ++i) {
+    harness.mapper.AddCapture({{WallFrame(2 * i, 0.35 * i), WallFrame(2 * i + 1, 0.35 * i)}, {}});
+  }
+  EXPECT_THAT(harness.Flush(), Contains("refined 5"));
+  EXPECT_THAT(harness.refined, SizeIs(6));
+  EXPECT_THAT(harness.SourcesOf("photometric", 4), UnorderedElementsAre(0, 1, 2, 3));
+  EXPECT_THAT(harness.SourcesOf("photometric", 5), UnorderedElementsAre(0, 1, 2, 3));
+}
+
+TEST(CaptureWindowTest, ACompanionWithoutBaselineIsNoSourceView) {
+  CaptureHarness harness(FakeOptions(6, 1));
+  harness.mapper.AddCapture({{WallFrame(0, 0)}, {WallFrame(1, 0)}});
+  EXPECT_THAT(harness.Flush(), ElementsAre("drop 0 no_source_views"));
+  EXPECT_THAT(harness.drops[0].message, HasSubstr("1 with no baseline"));
+}
+
+TEST(CaptureWindowTest, ACompanionThatCannotBeUsedIsToldAndLeftOut) {
+  CaptureHarness harness(FakeOptions(6, 1));
+  Capture capture = WallPair(0, 0);
+  Frame broken = MakeWallFrame(1, kRigBaseline);
+  broken.gray = GrayImage(3, 3);
+  capture.companions = {std::make_shared<Frame>(std::move(broken)), WallFrame(2, -kRigBaseline)};
+  harness.mapper.AddCapture(capture);
+  EXPECT_THAT(harness.TakeEvents(), ElementsAre("fast 0"));
+  EXPECT_THAT(harness.SourcesOf("photometric", 0), ElementsAre(2));
+  EXPECT_THAT(harness.problems, ElementsAre(HasSubstr("companion_refused: keyframe 1: image sizes 3 x 3")));
+  EXPECT_THROW(harness.mapper.AddCapture({}), InvalidInputError);
+  EXPECT_THROW(harness.mapper.AddCapture({{WallFrame(4, 0)}, {WallFrame(4, 1)}}), InvalidInputError) << "ids ascend";
+}
+
+TEST(CaptureWindowTest, WithoutAKeyframeAllAreSourceViewsAlone) {
+  CaptureHarness harness(FakeOptions(6, 1));
+  harness.mapper.AddCapture({{}, {WallFrame(0, 0), WallFrame(1, kRigBaseline)}});
+  EXPECT_THAT(harness.TakeEvents(), IsEmpty());
+  EXPECT_THAT(harness.Add(WallFrame(2, 0.5)), ElementsAre("fast 2"));
+  EXPECT_THAT(harness.SourcesOf("photometric", 2), UnorderedElementsAre(0, 1));
+}
+
+TEST(CaptureWindowTest, CompanionsMoveRigidlyWithTheRefinedPose) {
+  KeyframeWindow window({});
+  const WindowCapture added = window.Add(WallPair(0, 1));
+  WindowPoses poses({});
+  WindowKeyframe& keyframe = *added.front();
+  keyframe.range = {1, 10};
+  poses.Add(added, window);
+  poses.Finish(window);
+  EXPECT_FALSE(added[1]->pose.refined) << "received poses stay bit by bit";
+  // A refined pose in a world that is half as large as the frontend's.
+  RigidTransform refined = RigidTransform::Identity();
+  refined.linear() = Eigen::AngleAxisd(0.1, Eigen::Vector3d::UnitY()).toRotationMatrix();
+  refined.translation() = Eigen::Vector3d(1, 2, 3);
+  keyframe.pose.refined = refined;
+  keyframe.pose.placed.scale = 2;
+  keyframe.pose.placed.refined = RefinedCamera{7, refined.inverse(), 2};
+  const WindowCapture next = window.Add(WallPair(2, 1));
+  next.front()->range = {1, 10};
+  poses.Add(next, window);
+  for (const WindowKeyframePtr& image : next) ASSERT_TRUE(image->pose.refined);
+  const RigidTransform companion_from_keyframe = *next[1]->pose.refined * next[0]->pose.refined->inverse();
+  EXPECT_LT((companion_from_keyframe.translation() - Eigen::Vector3d(-kRigBaseline / 2, 0, 0)).norm(), 1e-12);
+  EXPECT_LT((companion_from_keyframe.linear() - Eigen::Matrix3d::Identity()).norm(), 1e-12);
+  const RigidTransform placed = next[1]->pose.placed.cam_from_world * next[0]->pose.placed.cam_from_world.inverse();
+  EXPECT_LT((placed.translation() - Eigen::Vector3d(-kRigBaseline, 0, 0)).norm(), 1e-12);
+  EXPECT_EQ(next[1]->pose.placed.refined->world, 7u);
+}
+
+}  // namespace
+}  // namespace acmp
