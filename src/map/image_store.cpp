@@ -19,7 +19,8 @@ namespace {
 
 [[noreturn]] void FailImages(const std::filesystem::path& folder, const char* what) {
   throw ProcessingError(Concat("cannot ", what, " images of keyframes in ", folder.string(), ": ",
-                               errno == 0 ? "the file is too short" : std::strerror(errno)));
+                               errno == 0 ? "the file is too short" : std::strerror(errno),
+                               " (~image_disk_limit: 0 keeps none)"));
 }
 
 /// pread or pwrite until all is done; false with errno, 0 at the end of the file.
