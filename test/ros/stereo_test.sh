@@ -39,6 +39,13 @@ run() {
   launch=
 }
 
+code=0
+timeout 120 roslaunch --port "$port" acmp_mapping dense_mapper.launch device:=cpu map:=false stereo:=true \
+  source_image:=/camera/image_raw >"$folder/twice.log" 2>&1 </dev/null || code=$?
+grep -q "topics image and source_image are both /camera/image_raw: each camera must have its own" "$folder/twice.log" ||
+  { cat "$folder/twice.log"; exit 1; }
+[ "$code" -ne 124 ] || { echo "FAILED: it goes on with the same topic twice"; exit 1; }
+
 run "$images received = $images refined + 0 dropped" stereo:=true mask_wait:=10
 grep -q "source camera 1 is at (0.2 .* by P of the camera_infos" "$folder/roslaunch.log"
 run "$images received = 0 refined + $images dropped"
