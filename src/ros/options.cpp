@@ -74,7 +74,7 @@ std::optional<RigidTransform> ParseTransform(const char* name, const std::vector
   return transforms.empty() ? std::nullopt : std::make_optional(transforms[0]);
 }
 
-std::vector<double> ToNumbers(const std::vector<RigidTransform>& transforms) {
+std::vector<double> NumbersOf(const std::vector<RigidTransform>& transforms) {
   std::vector<double> numbers;
   for (const RigidTransform& transform : transforms) {
     const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> rows = transform.matrix();
@@ -148,7 +148,7 @@ OptionList OptionsOf(NodeOptions* o) {
       "else from the topic extrinsic",
       [o] {
         const auto& transform = o->pose.body_from_cam;
-        return OptionValue(transform ? ToNumbers({*transform}) : std::vector<double>());
+        return OptionValue(transform ? NumbersOf({*transform}) : std::vector<double>());
       },
       [o](const OptionValue& value) {
         o->pose.body_from_cam = ParseTransform("parameter ~T_body_cam", std::get<std::vector<double>>(value));
@@ -168,7 +168,7 @@ OptionList OptionsOf(NodeOptions* o) {
       "T_cam_source",
       "Where they are: for each a 4x4 matrix, row by row, from its optical frame to the camera's, in the unit of the "
       "poses; empty: taken from P of the camera_infos, else from tf",
-      [o] { return OptionValue(ToNumbers(o->cam_from_sources)); },
+      [o] { return OptionValue(NumbersOf(o->cam_from_sources)); },
       [o](const OptionValue& value) {
         o->cam_from_sources = ParseTransforms("parameter ~T_cam_source", std::get<std::vector<double>>(value));
       });
