@@ -13,6 +13,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/random.h"
 #include "acmp_mapping/fill/kernel/fill_pixel.h"
+#include "acmp_mapping/geometry/vector_conversion.h"
 #include "acmp_mapping/image/cells.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
 
@@ -37,8 +38,6 @@ struct Pair {
 /// What 1 / z is said to be a sum of, each with a factor.
 using Terms = Eigen::Vector3d;
 
-/// Of the prior depth: shift and scale.
-Terms PriorTerms(double inverse_prior) { return {1, inverse_prior, 0}; }
 /// Of a plane, which needs no prior: 1 / z is affine in the pixel.
 Terms PlaneTerms(const Pair& pair) { return {1, static_cast<double>(pair.col), static_cast<double>(pair.row)}; }
 
@@ -140,8 +139,6 @@ struct PriorFit {
   Terms DriftTerms(double inverse_prior, int col, int row) const {
     return (shift + scale * inverse_prior) * Terms(1, col, row);
   }
-  /// 1 / z; not positive: none.
-  double Of(double inverse_prior, int col, int row) const { return drift.dot(DriftTerms(inverse_prior, col, row)); }
   double Deviation(const Pair& pair) const {
     return DeviationOf(drift, DriftTerms(pair.prior, pair.col, pair.row), pair);
   }
@@ -149,7 +146,7 @@ struct PriorFit {
 
 /// Scale and shift.
 PriorFit FitScale(const std::vector<Pair>& pairs) {
-  const RobustFit fit = FitRobustly(2, pairs, [](const Pair& pair) { return PriorTerms(pair.prior); });
+  const RobustFit fit = FitRobustly(2, pairs, [](const Pair& pair) { return Terms(1, pair.prior, 0); });
   return {fit.factors[0], fit.factors[1]};
 }
 
@@ -194,14 +191,12 @@ std::string WhyUseless(const PriorFit& fit, const std::vector<Pair>& pairs) {
     explained_off_plane += is_explained && is_off_plane ? 1 : 0;
   }
   const auto share = [](size_t part, size_t all) { return static_cast<double>(part) / static_cast<double>(all); };
-  if (share(off_plane, pairs.size()) < kHardlyAny) {
-    if (share(explained, pairs.size()) >= kNearlyAll) return {};
-    return Concat("it explains ", 100 * share(explained, pairs.size()),
-                  " % of the known depths, which all lie on a plane: must be at least ", 100 * kNearlyAll, " %");
-  }
-  if (share(explained_off_plane, off_plane) >= kEnough) return {};
-  return Concat("it explains ", 100 * share(explained_off_plane, off_plane),
-                " % of the known depths that no plane explains: must be at least ", 100 * kEnough, " %");
+  const bool is_plane = share(off_plane, pairs.size()) < kHardlyAny;
+  const double is = is_plane ? share(explained, pairs.size()) : share(explained_off_plane, off_plane);
+  const double least = is_plane ? kNearlyAll : kEnough;
+  if (is >= least) return {};
+  const char* which = is_plane ? ", which all lie on a plane" : " that no plane explains";
+  return Concat("it explains ", 100 * is, " % of the known depths", which, ": must be at least ", 100 * least, " %");
 }
 
 /// Sums over cells, for those over any rectangle of cells.
@@ -291,12 +286,10 @@ FittedPriorDepth FitPriorDepth(ImageView<const float> prior, ImageView<const flo
   }
   const std::vector<Pair> pairs = PairsOf(prior, known);
   PriorFit fit;
-  if (!options.metric && pairs.size() < kMinKnown) {
-    return {
-        {},
-        Concat("only ", pairs.size(), " of its pixels have a known depth to fit it to: must be at least ", kMinKnown)};
-  }
-  if (pairs.size() >= kMinKnown) {
+  if (pairs.size() < kMinKnown) {
+    const char* few = " of its pixels have a known depth to fit it to: must be at least ";
+    if (!options.metric) return {{}, Concat("only ", pairs.size(), few, kMinKnown)};
+  } else {
     constexpr size_t kEnough = 2000;  // a fit needs no more
     const std::vector<Pair> some = Thinned(pairs, kEnough);
     if (!options.metric) fit = FitScale(some);
@@ -309,7 +302,7 @@ FittedPriorDepth FitPriorDepth(ImageView<const float> prior, ImageView<const flo
   tbb::parallel_for(0, prior.height, [&](int row) {
     for (int col = 0; col < prior.width; ++col) {
       if (!(prior(col, row) > 0)) continue;
-      const double inverse = fit.Of(1.0 / prior(col, row), col, row);
+      const double inverse = fit.drift.dot(fit.DriftTerms(1.0 / prior(col, row), col, row));
       const float z = static_cast<float>(factors(col / cell_size, row / cell_size) / inverse);
       if (inverse > 0 && z >= range.min && z <= range.max) fitted.depth(col, row) = z;
     }
@@ -323,10 +316,7 @@ PlaneHypothesis PlaneOfPixel(ImageView<const float> depth, const RayGrid& rays, 
   constexpr double kMinCosine = 0.1;  // between normal and ray: steeper planes are edges
   const float z = depth(col, row);
   if (!(z > 0)) return {};
-  const auto ray_of = [&](int c, int r) {
-    const Vec3f ray = rays.Ray(static_cast<float>(c), static_cast<float>(r));
-    return Eigen::Vector3d(ray.x, ray.y, ray.z);
-  };
+  const auto ray_of = [&](int c, int r) { return ToEigen(rays.Ray(static_cast<float>(c), static_cast<float>(r))); };
   // On a plane 1 / z = dual . ray, and the normal is along the dual vector.
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
@@ -342,9 +332,7 @@ PlaneHypothesis PlaneOfPixel(ImageView<const float> depth, const RayGrid& rays, 
   const Eigen::FullPivLU<Eigen::Matrix3d> lu(normal);
   Eigen::Vector3d dual = lu.isInvertible() ? Eigen::Vector3d(lu.solve(right).normalized()) : ray;
   if (!(dual.dot(ray) > kMinCosine)) dual = ray;
-  const Eigen::Vector3f facing = -dual.cast<float>();
-  return PlaneThrough({facing.x(), facing.y(), facing.z()}, rays.Ray(static_cast<float>(col), static_cast<float>(row)),
-                      z);
+  return PlaneThrough(ToVec3f(-dual), rays.Ray(static_cast<float>(col), static_cast<float>(row)), z);
 }
 
 std::string UsePriorDepth(const Frame& frame, bool in_scale_of_frame, const DepthRange& range,
