@@ -192,11 +192,12 @@ std::string WhyUseless(const PriorFit& fit, const std::vector<Pair>& pairs) {
   }
   const auto share = [](size_t part, size_t all) { return static_cast<double>(part) / static_cast<double>(all); };
   const bool is_plane = share(off_plane, pairs.size()) < kHardlyAny;
-  const double is = is_plane ? share(explained, pairs.size()) : share(explained_off_plane, off_plane);
+  const double explains = is_plane ? share(explained, pairs.size()) : share(explained_off_plane, off_plane);
   const double least = is_plane ? kNearlyAll : kEnough;
-  if (is >= least) return {};
+  if (explains >= least) return {};
   const char* which = is_plane ? ", which all lie on a plane" : " that no plane explains";
-  return Concat("it explains ", 100 * is, " % of the known depths", which, ": must be at least ", 100 * least, " %");
+  return Concat("it explains ", 100 * explains, " % of the known depths", which, ": must be at least ", 100 * least,
+                " %");
 }
 
 /// Sums over cells, for those over any rectangle of cells.
