@@ -100,7 +100,6 @@ FillContext MakeFillContext(const PinholeCamera& camera, const DepthRange& range
   context.min_views = MinConsistentViews(num_sources);
   context.strong_views = options.for_passes ? StrongViews(num_sources) : 0;
   context.cell_size = FillCellSize(camera.width, camera.height);
-  context.near_and_far = options.for_passes;
   return context;
 }
 

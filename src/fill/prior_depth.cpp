@@ -13,6 +13,7 @@
 #include "acmp_mapping/common/error.h"
 #include "acmp_mapping/common/random.h"
 #include "acmp_mapping/fill/kernel/fill_pixel.h"
+#include "acmp_mapping/geometry/vector_conversion.h"
 #include "acmp_mapping/image/cells.h"
 #include "acmp_mapping/keyframe/landmark_visibility.h"
 
@@ -37,8 +38,6 @@ struct Pair {
 /// What 1 / z is said to be a sum of, each with a factor.
 using Terms = Eigen::Vector3d;
 
-/// Of the prior depth: shift and scale.
-Terms PriorTerms(double inverse_prior) { return {1, inverse_prior, 0}; }
 /// Of a plane, which needs no prior: 1 / z is affine in the pixel.
 Terms PlaneTerms(const Pair& pair) { return {1, static_cast<double>(pair.col), static_cast<double>(pair.row)}; }
 
@@ -140,8 +139,6 @@ struct PriorFit {
   Terms DriftTerms(double inverse_prior, int col, int row) const {
     return (shift + scale * inverse_prior) * Terms(1, col, row);
   }
-  /// 1 / z; not positive: none.
-  double Of(double inverse_prior, int col, int row) const { return drift.dot(DriftTerms(inverse_prior, col, row)); }
   double Deviation(const Pair& pair) const {
     return DeviationOf(drift, DriftTerms(pair.prior, pair.col, pair.row), pair);
   }
@@ -149,7 +146,7 @@ struct PriorFit {
 
 /// Scale and shift.
 PriorFit FitScale(const std::vector<Pair>& pairs) {
-  const RobustFit fit = FitRobustly(2, pairs, [](const Pair& pair) { return PriorTerms(pair.prior); });
+  const RobustFit fit = FitRobustly(2, pairs, [](const Pair& pair) { return Terms(1, pair.prior, 0); });
   return {fit.factors[0], fit.factors[1]};
 }
 
@@ -180,10 +177,11 @@ std::vector<Pair> PairsOf(const ImageView<const float>& prior, const ImageView<c
 
 /// Why the fitted external depth is useless; empty: it is not. It must explain half of the known depths that the best
 /// plane does not explain. True maps, with all kinds of faults, explain 0.42 of them and more, maps of other images
-/// 0.39 at most (0.25 as a rule), constant maps, ramps and noise next to nothing. Where the plane explains nearly
-/// everything, so must the external depth.
+/// 0.39 at most (0.25 as a rule), constant maps, ramps and noise next to nothing. And it must explain a third of all
+/// known depths: a weak network may get one second surface right alone. Where the plane explains nearly everything, so
+/// must the external depth.
 std::string WhyUseless(const PriorFit& fit, const std::vector<Pair>& pairs) {
-  constexpr double kEnough = 0.5, kNearlyAll = 0.9, kHardlyAny = 0.01;
+  constexpr double kEnough = 0.5, kOfAll = 1.0 / 3, kNearlyAll = 0.9, kHardlyAny = 0.01;
   const RobustFit plane = FitRobustly(3, pairs, PlaneTerms);
   size_t explained = 0, off_plane = 0, explained_off_plane = 0;
   for (const Pair& pair : pairs) {
@@ -194,19 +192,17 @@ std::string WhyUseless(const PriorFit& fit, const std::vector<Pair>& pairs) {
     explained_off_plane += is_explained && is_off_plane ? 1 : 0;
   }
   const auto share = [](size_t part, size_t all) { return static_cast<double>(part) / static_cast<double>(all); };
-  constexpr double kAtLeast = 1.0 / 3;
-  if (share(explained, pairs.size()) < kAtLeast) {
-    return Concat("it explains ", 100 * share(explained, pairs.size()), " % of the known depths: must be at least ",
-                  100 * kAtLeast, " %");
-  }
+  const auto refusal = [](double explains, const char* which, double least) {
+    return Concat("it explains ", 100 * explains, " % of the known depths", which, ": must be at least ", 100 * least,
+                  " %");
+  };
+  const double of_all = share(explained, pairs.size());
   if (share(off_plane, pairs.size()) < kHardlyAny) {
-    if (share(explained, pairs.size()) >= kNearlyAll) return {};
-    return Concat("it explains ", 100 * share(explained, pairs.size()),
-                  " % of the known depths, which all lie on a plane: must be at least ", 100 * kNearlyAll, " %");
+    return of_all < kNearlyAll ? refusal(of_all, ", which all lie on a plane", kNearlyAll) : "";
   }
-  if (share(explained_off_plane, off_plane) >= kEnough) return {};
-  return Concat("it explains ", 100 * share(explained_off_plane, off_plane),
-                " % of the known depths that no plane explains: must be at least ", 100 * kEnough, " %");
+  if (of_all < kOfAll) return refusal(of_all, "", kOfAll);
+  const double off = share(explained_off_plane, off_plane);
+  return off < kEnough ? refusal(off, " that no plane explains", kEnough) : "";
 }
 
 /// Sums over cells, for those over any rectangle of cells.
@@ -296,12 +292,10 @@ FittedPriorDepth FitPriorDepth(ImageView<const float> prior, ImageView<const flo
   }
   const std::vector<Pair> pairs = PairsOf(prior, known);
   PriorFit fit;
-  if (!options.metric && pairs.size() < kMinKnown) {
-    return {
-        {},
-        Concat("only ", pairs.size(), " of its pixels have a known depth to fit it to: must be at least ", kMinKnown)};
-  }
-  if (pairs.size() >= kMinKnown) {
+  if (pairs.size() < kMinKnown) {
+    const char* few = " of its pixels have a known depth to fit it to: must be at least ";
+    if (!options.metric) return {{}, Concat("only ", pairs.size(), few, kMinKnown)};
+  } else {
     constexpr size_t kEnough = 2000;  // a fit needs no more
     const std::vector<Pair> some = Thinned(pairs, kEnough);
     if (!options.metric) fit = FitScale(some);
@@ -314,7 +308,7 @@ FittedPriorDepth FitPriorDepth(ImageView<const float> prior, ImageView<const flo
   tbb::parallel_for(0, prior.height, [&](int row) {
     for (int col = 0; col < prior.width; ++col) {
       if (!(prior(col, row) > 0)) continue;
-      const double inverse = fit.Of(1.0 / prior(col, row), col, row);
+      const double inverse = fit.drift.dot(fit.DriftTerms(1.0 / prior(col, row), col, row));
       const float z = static_cast<float>(factors(col / cell_size, row / cell_size) / inverse);
       if (inverse > 0 && z >= range.min && z <= range.max) fitted.depth(col, row) = z;
     }
@@ -328,10 +322,7 @@ PlaneHypothesis PlaneOfPixel(ImageView<const float> depth, const RayGrid& rays, 
   constexpr double kMinCosine = 0.1;  // between normal and ray: steeper planes are edges
   const float z = depth(col, row);
   if (!(z > 0)) return {};
-  const auto ray_of = [&](int c, int r) {
-    const Vec3f ray = rays.Ray(static_cast<float>(c), static_cast<float>(r));
-    return Eigen::Vector3d(ray.x, ray.y, ray.z);
-  };
+  const auto ray_of = [&](int c, int r) { return ToEigen(rays.Ray(static_cast<float>(c), static_cast<float>(r))); };
   // On a plane 1 / z = dual . ray, and the normal is along the dual vector.
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
@@ -347,9 +338,7 @@ PlaneHypothesis PlaneOfPixel(ImageView<const float> depth, const RayGrid& rays, 
   const Eigen::FullPivLU<Eigen::Matrix3d> lu(normal);
   Eigen::Vector3d dual = lu.isInvertible() ? Eigen::Vector3d(lu.solve(right).normalized()) : ray;
   if (!(dual.dot(ray) > kMinCosine)) dual = ray;
-  const Eigen::Vector3f facing = -dual.cast<float>();
-  return PlaneThrough({facing.x(), facing.y(), facing.z()}, rays.Ray(static_cast<float>(col), static_cast<float>(row)),
-                      z);
+  return PlaneThrough(ToVec3f(-dual), rays.Ray(static_cast<float>(col), static_cast<float>(row)), z);
 }
 
 std::string UsePriorDepth(const Frame& frame, bool in_scale_of_frame, const DepthRange& range,

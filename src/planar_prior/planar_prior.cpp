@@ -14,16 +14,14 @@
 namespace acmp {
 namespace {
 
-Eigen::Vector3d BackProject(const PinholeCamera& camera, const SupportPoint& point) {
-  return camera.Unproject({point.col, point.row}, point.depth);
-}
-
 /// Plane through the triangle's vertices in 3D, facing the camera; all zero when it is degenerate or grazing.
 PlaneHypothesis PlaneOfTriangle(const PinholeCamera& camera, const std::vector<SupportPoint>& points,
                                 const SupportTriangle& triangle, double min_cos) {
-  const Eigen::Vector3d p = BackProject(camera, points[triangle.vertex[0]]);
-  const Eigen::Vector3d q = BackProject(camera, points[triangle.vertex[1]]);
-  const Eigen::Vector3d r = BackProject(camera, points[triangle.vertex[2]]);
+  const auto corner = [&](int i) -> Eigen::Vector3d {
+    const SupportPoint& point = points[triangle.vertex[i]];
+    return camera.Unproject({point.col, point.row}, point.depth);
+  };
+  const Eigen::Vector3d p = corner(0), q = corner(1), r = corner(2);
   Eigen::Vector3d normal = (q - p).cross(r - p);
   const double doubled_area = normal.norm();
   const Eigen::Vector3d centroid = (p + q + r) / 3;
@@ -50,12 +48,8 @@ constexpr int kMaxCoordinate = 1 << 28;
 constexpr int kBandRows = 32;  ///< that one task fills
 
 TriangleCorners CornersOf(const std::vector<SupportPoint>& points, const SupportTriangle& triangle) {
-  TriangleCorners corners;
-  for (int i = 0; i < 3; ++i) {
-    corners.col[i] = points[triangle.vertex[i]].col;
-    corners.row[i] = points[triangle.vertex[i]].row;
-  }
-  return corners;
+  const SupportPoint &p = points[triangle.vertex[0]], &q = points[triangle.vertex[1]], &r = points[triangle.vertex[2]];
+  return {{p.col, q.col, r.col}, {p.row, q.row, r.row}};
 }
 
 /// Throws InvalidInputError for vertices that are no support points, or lie more than 2^28 px away.

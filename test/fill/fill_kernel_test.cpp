@@ -141,24 +141,64 @@ TEST_F(FillKernelTest, WhatEnoughViewsConfirmCloselyIsTheSeedOfItsCell) {
   EXPECT_EQ(seeds_(2, 1).views, 9);
 }
 
-TEST_F(FillKernelTest, AlternativesTakeTurnsByBlocks) {
-  // Fronto-parallel seeds as far from the pixel (0, 0) as each other.
-  for (int& cell : nearest_(0, 0).cell) cell = -1;
-  for (const auto& [direction, inverse_depth] : {std::pair(0, 0.3f), {4, 0.1f}, {8, 0.2f}}) {
-    nearest_(0, 0).cell[direction] = 11 + direction;
-    fitted_.data()[11 + direction] = {2, 12, 16, inverse_depth, {0, 0, inverse_depth}};
+/// Two walls, and what is on neither, around the pixel (20, 15).
+class ElectionTest : public FillKernelTest {
+ protected:
+  static constexpr int kCol = 20, kRow = 15;
+  const Vec3f wall_ = {0.1f, 0, 0.3f}, other_wall_ = {-0.05f, 0, 0.15f}, between_ = {0, 0, 0.22f};  ///< inverse planes
+
+  ElectionTest() {
+    for (int& cell : nearest_at_.cell) cell = -1;
   }
-  ExtendedPlanes planes;
-  FindExtendedPlanes(context_, nearest_(0, 0), 0, 0, &planes);
-  EXPECT_EQ(DepthQuantile(context_, 0, 0), 0.5f);
-  EXPECT_EQ(DepthQuantile(context_, 2, 0), 0.5f);
-  context_.near_and_far = true;
-  for (int row = 0; row < 6; ++row) {
-    for (int col = 0; col < 6; ++col) {
-      EXPECT_EQ(WeightedQuantile(planes, DepthQuantile(context_, col, row)), (col / 2 + row / 2) % 2 == 0 ? 8 : 4)
-          << "the middle one or the farthest";
-    }
+
+  /// A seed so far from the pixel, that lies on `surface` and whose own plane is `plane`.
+  void Set(int direction, int dx, int dy, const Vec3f& surface, const Vec3f& plane) {
+    SeedCell& seed = fitted_.data()[direction];
+    seed = {3, kCol + dx, kRow + dy, 0, plane};
+    seed.inverse_depth = InverseDepthAt(context_.rays, surface, seed);
+    nearest_at_.cell[direction] = direction;
   }
+
+  ExtendedPlanes Extended() const {
+    ExtendedPlanes planes;
+    FindExtendedPlanes(context_, nearest_at_, kCol, kRow, &planes);
+    return planes;
+  }
+
+  NearestSeeds& nearest_at_ = nearest_(kCol / kCell, kRow / kCell);
+};
+
+TEST_F(ElectionTest, ThePlaneOnWhichMostSeedsLieIsElectedWhateverTheirOwnPlanesAre) {
+  Set(0, 10, 0, wall_, wall_), Set(4, 0, 10, wall_, wall_), Set(8, -10, 0, wall_, between_);
+  Set(12, 0, -10, other_wall_, other_wall_), Set(2, 6, 8, other_wall_, other_wall_);
+  Set(6, -6, -8, {0, 0, 0.23f}, {0, 0, 0.23f});
+  EXPECT_EQ(ElectPlane(context_, nearest_at_, Extended()), 0);
+  EXPECT_EQ(MedianPlane(Extended()), 8) << "half of the weight lies up to there: on no surface";
+
+  Set(3, 8, -6, other_wall_, between_), Set(5, -8, 6, other_wall_, wall_);
+  EXPECT_EQ(ElectPlane(context_, nearest_at_, Extended()), 2) << "four to three, the first of two with this plane";
+
+  planes_(kCol, kRow) = {0, 0, -1, 2};
+  context_.strong_views = 3;
+  FillPixel(context_, kCol, kRow);
+  EXPECT_FLOAT_EQ(DepthAt(planes_(kCol, kRow), kCol, kRow), 1 / Dot(other_wall_, Ray(kCol, kRow)));
+  context_.strong_views = 0;
+  FillPixel(context_, kCol, kRow);
+  EXPECT_FLOAT_EQ(DepthAt(planes_(kCol, kRow), kCol, kRow), 1 / between_.z) << "after the passes the median";
+}
+
+TEST_F(ElectionTest, NearSeedsHaveMoreOfASayAndSeedsThatLieOffTheirOwnPlaneDoNotElectIt) {
+  // Ten times as far, in cells of 4 px: each weighs exp(-22.5 / (6 + 0.6 * 2.5)), a twentieth.
+  Set(0, 100, 0, wall_, wall_), Set(4, 0, 100, wall_, wall_), Set(8, -100, 0, wall_, wall_);
+  Set(12, 0, -10, other_wall_, other_wall_);
+  EXPECT_EQ(ElectPlane(context_, nearest_at_, Extended()), 12);
+  Set(12, 0, -10, other_wall_, between_);
+  EXPECT_EQ(ElectPlane(context_, nearest_at_, Extended()), 0) << "a fit that misses its own seed";
+}
+
+TEST_F(ElectionTest, WithoutASeedNothingIsElected) {
+  EXPECT_EQ(ElectPlane(context_, nearest_at_, Extended()), -1);
+  EXPECT_EQ(MedianPlane(Extended()), -1);
 }
 
 }  // namespace

@@ -7,8 +7,8 @@ namespace acmp {
 struct FillOptions {
   bool enabled = true;
   /// A geometric pass follows, which checks what it is offered. So pixels stay only where views confirm them closely,
-  /// the planes of seeds that more views confirm closely go before those of nearer ones, and where the surroundings
-  /// disagree blocks of 2 x 2 px take a nearer and a farther plane in turn. The schedule sets it.
+  /// the planes of seeds that more views confirm closely go before those of nearer ones, and where these disagree a
+  /// pixel takes the plane on which most of the seeds around it lie. The schedule sets it.
   bool for_passes = true;
   bool weighted_median = true;  ///< then filter the map where surfaces meet (WeightedMedianPixel)
   /// After the passes: what has no texture and would hide what has (RemoveUnsupportedPixel) makes no points: a sky,

@@ -45,12 +45,11 @@ struct NearestSeeds {
 struct FillContext {
   RayGrid rays;
   float depth_min, depth_max;
-  int seed_views;     ///< a pixel that so many source views confirm is a seed
-  int min_views;      ///< one that fewer confirm is filled
-  int strong_views;   ///< > 0, before passes: seeds that so many views confirm closely (is_strong) go
-                      ///< first, and min_views, too, counts only views that confirm closely
-  int cell_size;      ///< px
-  bool near_and_far;  ///< whether neighbouring pixels take different planes
+  int seed_views;    ///< a pixel that so many source views confirm is a seed
+  int min_views;     ///< one that fewer confirm is filled
+  int strong_views;  ///< > 0, before passes: seeds that so many views confirm closely (is_strong) go first, min_views,
+                     ///< too, counts only views that confirm closely, and seeds elect the plane that a pixel takes
+  int cell_size;     ///< px
   ImageView<const ViewSupport> support;  ///< what the sources see of a pixel (CountSupportingViews)
   ImageView<PlaneHypothesis> planes;
   ImageView<float> cost;
@@ -99,6 +98,11 @@ struct SeedChoice {
   }
 };
 
+/// Of a plane, at a seed's pixel.
+ACMP_HOST_DEVICE inline float InverseDepthAt(const RayGrid& rays, const Vec3f& inverse_plane, const SeedCell& seed) {
+  return Dot(inverse_plane, rays.Ray(static_cast<float>(seed.col), static_cast<float>(seed.row)));
+}
+
 /// Fills one cell of `seeds`: the best of the pixels that enough views confirm.
 template <class Group>
 ACMP_HOST_DEVICE inline void FindSeed(const FillContext& context, int cell_col, int cell_row, const Group& group) {
@@ -125,8 +129,7 @@ ACMP_HOST_DEVICE inline void FindSeed(const FillContext& context, int cell_col, 
     seed.col = best.index % width;
     seed.row = best.index / width;
     seed.inverse_plane = InversePlane(context.planes(seed.col, seed.row));
-    seed.inverse_depth =
-        Dot(seed.inverse_plane, context.rays.Ray(static_cast<float>(seed.col), static_cast<float>(seed.row)));
+    seed.inverse_depth = InverseDepthAt(context.rays, seed.inverse_plane, seed);
   }
   context.seeds(cell_col, cell_row) = seed;
 }

@@ -50,18 +50,17 @@ ACMP_HOST_DEVICE inline void KeepPlanesNear(float depth, ExtendedPlanes* planes)
   constexpr float kSameSurface = 0.04f;
   ACMP_UNROLL
   for (int i = 0; i < kNumDirections; ++i) {
-    const bool is_near = fabsf(planes->inverse_depth[i] * depth - 1) < kSameSurface;
-    planes->weight[i] = is_near ? planes->weight[i] : 0;
+    if (!(fabsf(planes->inverse_depth[i] * depth - 1) < kSameSurface)) planes->weight[i] = 0;
   }
 }
 
-/// Direction of the weighted quantile: the least inverse depth up to which lies this share of the weight or more, half
-/// of it for the median. -1: no plane has a weight.
-ACMP_HOST_DEVICE inline int WeightedQuantile(const ExtendedPlanes& planes, float share) {
+/// Direction of the weighted median: the least inverse depth up to which lies half of the weight or more. -1: no plane
+/// has a weight.
+ACMP_HOST_DEVICE inline int MedianPlane(const ExtendedPlanes& planes) {
   float total = 0;
   ACMP_UNROLL
   for (int i = 0; i < kNumDirections; ++i) total += planes.weight[i];
-  int quantile = -1;
+  int median = -1;
   float least = 0;
   ACMP_UNROLL
   for (int i = 0; i < kNumDirections; ++i) {
@@ -71,34 +70,54 @@ ACMP_HOST_DEVICE inline int WeightedQuantile(const ExtendedPlanes& planes, float
     for (int j = 0; j < kNumDirections; ++j) {
       up_to += planes.inverse_depth[j] <= inverse_depth ? planes.weight[j] : 0;
     }
-    const bool is_quantile = planes.weight[i] > 0 && up_to >= share * total && (quantile < 0 || inverse_depth < least);
-    quantile = is_quantile ? i : quantile;
-    least = is_quantile ? inverse_depth : least;
+    const bool is_median = planes.weight[i] > 0 && up_to >= 0.5f * total && (median < 0 || inverse_depth < least);
+    median = is_median ? i : median;
+    least = is_median ? inverse_depth : least;
   }
-  return quantile;
+  return median;
+}
+
+/// Direction of the plane that the seeds elect: each votes, with its plane's weight at the pixel, for the planes on
+/// which it lies, whichever seed they are of. A plane that goes on beyond its surface, or lies between two, has few.
+/// -1: no plane has a vote.
+ACMP_HOST_DEVICE inline int ElectPlane(const FillContext& context, const NearestSeeds& nearest,
+                                       const ExtendedPlanes& planes) {
+  constexpr float kOnPlane = 0.00375f;  // standard deviation of relative inverse depth (docs/experiments.md)
+  unsigned candidates = 0;              // a bit for each direction
+  ACMP_UNROLL
+  for (int i = 0; i < kNumDirections; ++i) candidates |= planes.weight[i] > 0 ? 1u << i : 0;
+  int elected = -1;
+  float most = 0;
+  for (int i = 0; i < kNumDirections; ++i) {
+    if ((candidates >> i & 1) == 0) continue;
+    const Vec3f plane = context.fitted.data[nearest.cell[i]].inverse_plane;
+    float votes = 0;
+    ACMP_UNROLL
+    for (int j = 0; j < kNumDirections; ++j) {
+      if (!(planes.weight[j] > 0)) continue;
+      const SeedCell& seed = context.fitted.data[nearest.cell[j]];
+      const float off = (InverseDepthAt(context.rays, plane, seed) / seed.inverse_depth - 1) * (1 / kOnPlane);
+      votes += planes.weight[j] * expf(-0.5f * off * off);
+    }
+    elected = votes > most ? i : elected;
+    most = Larger(votes, most);
+  }
+  return elected;
 }
 
 /// Whether a pixel has this cost because its plane was measured elsewhere: it was filled, or filtered.
 ACMP_HOST_DEVICE inline bool IsFilled(float cost) { return cost >= kUnverifiedCost; }
 
-/// The share of the planes' weight behind the one that a pixel takes. As one of several alternatives: a plane in front
-/// of most or one behind most, by blocks of 2 x 2 px. What is blank lies behind what is around it more often than in
-/// front.
-ACMP_HOST_DEVICE inline float DepthQuantile(const FillContext& context, int col, int row) {
-  constexpr float kMedian = 0.5f, kNearer = 0.65f, kFarther = 0.2f;
-  if (!context.near_and_far) return kMedian;
-  return (col / 2 + row / 2) % 2 == 0 ? kNearer : kFarther;
-}
-
-/// A pixel that too few views confirm takes the plane that is the median of its surroundings', or an alternative, near
-/// its own depth where a view nearly confirms that. Where no view confirmed it, it is an unconfirmed pixel, with the
-/// cost of one without correspondence. Where one did, it gets kUnverifiedCost, and whoever fuses maps has to ask the
-/// views again. Where closely confirmed seeds go first, only views that confirm it closely count.
+/// A pixel that too few views confirm takes the plane that is the median of its surroundings', before passes the one
+/// that they elect, near its own depth where a view nearly confirms that. Where no view confirmed it, it is an
+/// unconfirmed pixel, with the cost of one without correspondence. Where one did, it gets kUnverifiedCost, and whoever
+/// fuses maps has to ask the views again. Before passes only views that confirm it closely count.
 /// Other pixels, and those round which no plane is left, keep their own. A pixel that the mask ignores has none, and
 /// goes on having none.
 ACMP_HOST_DEVICE inline void FillPixel(const FillContext& context, int col, int row) {
   const ViewSupport support = context.support(col, row);
-  const int views = context.strong_views > 0 ? StrictlyConsistentViews(support) : ConsistentViews(support);
+  const bool for_passes = context.strong_views > 0;
+  const int views = for_passes ? StrictlyConsistentViews(support) : ConsistentViews(support);
   if (views >= context.min_views || !(context.planes(col, row).d > 0)) return;
   const NearestSeeds& nearest = context.nearest(col / context.cell_size, row / context.cell_size);
   ExtendedPlanes planes;
@@ -107,10 +126,9 @@ ACMP_HOST_DEVICE inline void FillPixel(const FillContext& context, int col, int 
     const Vec3f ray = context.rays.Ray(static_cast<float>(col), static_cast<float>(row));
     KeepPlanesNear(PlaneDepth(context.planes(col, row), ray), &planes);
   }
-  const int direction = WeightedQuantile(planes, DepthQuantile(context, col, row));
+  const int direction = for_passes ? ElectPlane(context, nearest, planes) : MedianPlane(planes);
   if (direction < 0) return;
-  const SeedCell& seed = context.fitted.data[nearest.cell[direction]];
-  const PlaneHypothesis plane = PlaneOfInverse(seed.inverse_plane);
+  const PlaneHypothesis plane = PlaneOfInverse(context.fitted.data[nearest.cell[direction]].inverse_plane);
   if (!(plane.d > 0)) return;
   context.planes(col, row) = plane;
   context.cost(col, row) = views > 0 ? kUnverifiedCost : kWorstCost;

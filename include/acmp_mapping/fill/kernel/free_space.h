@@ -24,8 +24,7 @@ ACMP_HOST_DEVICE inline void FindTexturedSeed(const FillContext& context, const 
     seed.col = MiddleOfCell(cell_col, context.cell_size, context.planes.width);
     seed.row = MiddleOfCell(cell_row, context.cell_size, context.planes.height);
     seed.inverse_plane = InversePlane(context.planes(seed.col, seed.row));
-    seed.inverse_depth =
-        Dot(seed.inverse_plane, context.rays.Ray(static_cast<float>(seed.col), static_cast<float>(seed.row)));
+    seed.inverse_depth = InverseDepthAt(context.rays, seed.inverse_plane, seed);
   }
   context.fitted(cell_col, cell_row) = seed;
 }
@@ -33,8 +32,7 @@ ACMP_HOST_DEVICE inline void FindTexturedSeed(const FillContext& context, const 
 /// Whether a plane, extended to a seed's pixel, passes clearly in front of the seed.
 ACMP_HOST_DEVICE inline bool WouldHide(const FillContext& context, const Vec3f& inverse_plane, const SeedCell& seed) {
   constexpr float kInFront = 1.1f;
-  const Vec3f ray = context.rays.Ray(static_cast<float>(seed.col), static_cast<float>(seed.row));
-  return Dot(inverse_plane, ray) > kInFront * seed.inverse_depth;
+  return InverseDepthAt(context.rays, inverse_plane, seed) > kInFront * seed.inverse_depth;
 }
 
 // A sky and a blank wall look the same to a window: it fits everywhere. What tells them apart is their rim. Where a

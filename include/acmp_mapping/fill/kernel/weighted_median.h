@@ -32,8 +32,7 @@ struct MedianContext {
 /// every index known to the compiler, so that a GPU thread has them in registers.
 template <int kThreads>
 struct MedianSamples {
-  static constexpr int kRows =
-      (kMedianAcross + kThreads - 1) / kThreads;  ///< the last may be one too many for a thread
+  static constexpr int kRows = (kMedianAcross + kThreads - 1) / kThreads;  ///< the last may be one too many
   static constexpr int kCount = kRows * kMedianAcross;
   float depth[kCount];   ///< of the surface extended to the pixel
   float weight[kCount];  ///< 0: none
@@ -170,8 +169,7 @@ ACMP_HOST_DEVICE inline void WeightedMedianPixel(const MedianContext& context, i
   context.filtered(col, row) = PlaneThrough(plane.normal(), ray, depth);
   const float before = context.depth(col, row);
   if (fabsf(depth - before) <= kSameSurface * before) return;
-  float& cost = context.cost(col, row);
-  cost = cost < kUnverifiedCost ? kUnverifiedCost : cost;
+  context.cost(col, row) = Larger(context.cost(col, row), kUnverifiedCost);
 }
 
 }  // namespace acmp
