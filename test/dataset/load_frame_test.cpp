@@ -94,6 +94,8 @@ class MasksTest : public SceneFixture {
   void WriteMask(const std::string& name, int col, int row, int width = kWidth, int height = kHeight) const {
     std::filesystem::create_directories((folder() / name).parent_path());
     ColorImage picture(width, height, {0, 0, 1});
+    for (size_t i = 0; i < picture.size(); i += 3) picture.data()[i] = {1, 0, 0};
+    for (size_t i = 1; i < picture.size(); i += 3) picture.data()[i] = {0, 1, 0};
     picture(col, row) = {0, 0, 0};
     WritePng(folder() / name, picture);
   }

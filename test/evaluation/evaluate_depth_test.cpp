@@ -232,9 +232,12 @@ TEST_F(EvaluateInputsTest, PrefersPfmAndSaysSo) {
   Touch("000000.pfm");
   Touch("000000.png");
   Touch("000001.png");
+  Touch("000007.png");
+  Touch("000007.dmb");
   EXPECT_EQ(FileOf(0), "000000.pfm");
   EXPECT_EQ(FileOf(1), "000001.png");
-  EXPECT_THAT(Find().notes, ElementsAre(HasSubstr("1 maps left aside")));
+  EXPECT_EQ(FileOf(7), "000007.dmb");
+  EXPECT_THAT(Find().notes, ElementsAre(HasSubstr("2 maps left aside")));
 }
 
 TEST_F(EvaluateInputsTest, ReadsTheOutputOfThePublicProgram) {

@@ -104,13 +104,16 @@ TEST_F(TiledRunsTest, TilesAreTheCloudCut) {
       const PointCloud points = ReadPly(options_.output / "tiles" / name);
       EXPECT_EQ(FirstDifference(points, expected.at(name)), "") << name;
       EXPECT_EQ(tile.at("points"), points.size());
-      float least = std::numeric_limits<float>::infinity(), most = -least;
-      for (const SurfacePoint& point : points) {
-        least = std::min(least, point.position.y);
-        most = std::max(most, point.position.y);
+      for (float Vec3f::*axis : {&Vec3f::x, &Vec3f::y, &Vec3f::z}) {
+        const size_t number = axis == &Vec3f::x ? 0 : axis == &Vec3f::y ? 1 : 2;
+        float least = std::numeric_limits<float>::infinity(), most = -least;
+        for (const SurfacePoint& point : points) {
+          least = std::min(least, point.position.*axis);
+          most = std::max(most, point.position.*axis);
+        }
+        EXPECT_EQ(tile.at("min").at(number).get<float>(), least);
+        EXPECT_EQ(tile.at("max").at(number).get<float>(), most);
       }
-      EXPECT_EQ(tile.at("min").at(1).get<float>(), least);
-      EXPECT_EQ(tile.at("max").at(1).get<float>(), most);
     }
     const json summary = json::parse(ReadText(options_.output / "summary.json"));
     EXPECT_EQ(summary.at("points"), cloud.size());
