@@ -45,7 +45,8 @@ RegisteredView MakeRegisteredView(const SessionKeyframe& keyframe, double voxel_
   if (points.empty()) return view;
   view.maps = SplatPoints(points, keyframe.pose.world_from_cam, PointSpacing(points, voxel_size));
   const ColorImage& color = view.maps.color;
-  if (color.empty()) return view;
+  constexpr int kPatchSize = 31;  // px: ORB throws for images that hold none
+  if (std::min(color.width(), color.height()) < kPatchSize) return view;
   cv::Mat gray, known(color.height(), color.width(), CV_8U);
   cv::cvtColor(cv::Mat(color.height(), color.width(), CV_8UC3, const_cast<Rgb*>(color.data())), gray,
                cv::COLOR_RGB2GRAY);
@@ -61,7 +62,7 @@ RegisteredView MakeRegisteredView(const SessionKeyframe& keyframe, double voxel_
   filled.copyTo(gray, known == 0);
   cv::erode(inside, inside, cv::Mat::ones(kPatch, kPatch, CV_8U));
   std::vector<cv::KeyPoint> corners;
-  const cv::Ptr<cv::ORB> orb = cv::ORB::create(500, 1.2f, 6, 15, 0, 2, cv::ORB::HARRIS_SCORE, 31, 10);
+  const cv::Ptr<cv::ORB> orb = cv::ORB::create(500, 1.2f, 6, 15, 0, 2, cv::ORB::HARRIS_SCORE, kPatchSize, 10);
   orb->detectAndCompute(gray, inside & known, corners, view.descriptors);
   const PosedCamera& camera = view.maps.camera;
   cv::Mat kept;

@@ -22,6 +22,7 @@ using Child = PoseSemantics::Child;
 
 constexpr size_t kKeptImages = 12;
 constexpr size_t kMostGap = 3;   ///< images, of a pair
+constexpr int kPatchSize = 31;   ///< px: ORB throws for images that hold none
 constexpr int kSmallSize = 640;  ///< px, of the longer side
 constexpr size_t kFewestMatches = 40, kFewestMatchesOfAll = 400;
 constexpr double kNearLine = 3;           ///< px: errors of good poses and matches
@@ -233,6 +234,7 @@ std::string DescribeReadings(const PoseSemantics& configured, const std::vector<
 void ReadingCheck::Add(const Frame& frame) {
   const PinholeCamera& camera = frame.camera;
   const double scale = std::min(1.0, static_cast<double>(kSmallSize) / std::max(camera.width, camera.height));
+  if (scale * std::min(camera.width, camera.height) < kPatchSize + 1) return;
   SmallImage image;
   cv::Mat(camera.height, camera.width, CV_32F, const_cast<float*>(frame.gray.data())).convertTo(image.gray, CV_8U);
   if (scale < 1) cv::resize(image.gray, image.gray, {}, scale, scale, cv::INTER_AREA);

@@ -80,6 +80,10 @@ TEST(FindTransformTest, AnotherPlaceIsRefused) {
   EXPECT_THAT(ErrorOf([&] { FindTransform(RoomMap(), street); }), HasSubstr("no place was found"));
   EXPECT_THAT(ErrorOf([&] { FindTransform(street, RoomMap()); }), HasSubstr("no place was found"));
   EXPECT_THAT(ErrorOf([&] { FindTransform({}, RoomMap()); }), HasSubstr("at most 0 matches support one"));
+  MapSession one_point = MapOf(RoomViews(), 0, 1, RigidTransform::Identity());
+  const SurfacePoint point = one_point.keyframes[0].points_in_camera->front();
+  one_point.keyframes[0].points_in_camera = std::make_shared<const PointCloud>(PointCloud{point});
+  EXPECT_THAT(ErrorOf([&] { FindTransform(RoomMap(), one_point); }), HasSubstr("at most 0 matches support one"));
 }
 
 /// Two rooms that are alike.

@@ -119,6 +119,19 @@ TEST(DescribeReadingsTest, SaysNothingWhereNothingFitsOrLittleIsSeen) {
   EXPECT_THAT(DescribeReadings({}, Pairs({}, body, 3)), IsEmpty()) << "300 matches";
 }
 
+TEST(ReadingCheckTest, ThinImagesTellNothing) {
+  for (const auto& [width, height] : {std::pair(1, 1), std::pair(8, 8), std::pair(40, 30), std::pair(2000, 3)}) {
+    ReadingCheck check;
+    for (int i = 0; i < 3; ++i) {
+      Frame frame;
+      frame.camera = {width, height, 100, 100, 0.5 * width, 0.5 * height};
+      frame.gray = GrayImage(width, height);
+      check.Add(frame);
+    }
+    EXPECT_THAT(check.Describe({}), IsEmpty()) << width << " x " << height;
+  }
+}
+
 TEST(ReadingCheckTest, MatchesTheLastImages) {
   SyntheticSceneOptions options;
   options.width = 320;
