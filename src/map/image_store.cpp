@@ -19,8 +19,7 @@ namespace {
 
 [[noreturn]] void FailImages(const std::filesystem::path& folder, const char* what) {
   throw ProcessingError(Concat("cannot ", what, " images of keyframes in ", folder.string(), ": ",
-                               errno == 0 ? "the file is too short" : std::strerror(errno),
-                               " (~image_disk_limit: 0 keeps none)"));
+                               errno == 0 ? "the file is too short" : std::strerror(errno)));
 }
 
 /// pread or pwrite until all is done; false with errno, 0 at the end of the file.

@@ -42,10 +42,11 @@ void DescribeMap(const MapSnapshot& snapshot, DiagnosticStatusWrapper* status) {
   status->add("keyframes that have yet to look through the points of others", map.yet_to_look);
   status->add("keyframes that were evicted before they looked", map.never_looked);
   status->add("keyframes evicted (~on_time_jump)", map.evicted_by_run);
-  status->add(
-      "images kept (~keep_images of the mappers)",
-      Concat(map.images, ", ", map.image_bytes / 1000000, " MB",
-             map.image_stride > 1 ? Concat("; of one keyframe in ", map.image_stride, " (~image_disk_limit)") : ""));
+  status->add("images kept (~keep_images of the mappers)",
+              Concat(map.images, ", ", map.image_bytes / 1000000, " MB",
+                     map.image_stride > 1 ? Concat("; of one keyframe in ", map.image_stride,
+                                                   ", as they would take over half of the free disk")
+                                          : ""));
   status->add("voxel size [unit of the poses]", map.voxel_size);
   status->add("optimized paths", Concat(map.paths, " received on ", snapshot.optimized_path_topic, " (",
                                         snapshot.optimized_path_publishers, " publisher(s))"));

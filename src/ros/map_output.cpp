@@ -43,7 +43,7 @@ std::string DescribeLeftOut(const ColmapFolder& written) {
   if (written.without_image > 0) {
     text +=
         Concat("; ", written.without_image, " keyframes have no image and are left out (~keep_images of the mappers, ",
-               "~image_disk_limit of the map server)");
+               "and \"images kept\" in /diagnostics)");
   }
   if (written.without_points > 0) text += Concat("; ", written.without_points, " without points are left out");
   return text;

@@ -54,14 +54,14 @@ void MapServerNodelet::Start() {
   ParameterReader reader = ReadParameters();
   options_ = LoadMapServerOptions(&reader);
   WarnOfUnknown(reader);
-  if (options_.image_disk_limit_gb > 0) images_ = std::make_unique<ImageStore>(options_.save_folder);
+  images_ = std::make_unique<ImageStore>(options_.save_folder);
   map_ = std::make_unique<MapStore>(options_.map);
   map_output_ = std::make_unique<MapOutput>(status_thread_.Attach(getNodeHandle()), map_.get(), options_,
                                             [this](const Incident& incident) { Report(incident); });
   path_ = status_thread_.Attach(getNodeHandle()).advertise<nav_msgs::Path>(names::kKeyframePath, 1, true);
   if (!options_.load_session.empty()) {
     const std::filesystem::path path = MapPathBelow(options_.save_folder, options_.load_session, kSessionEnding);
-    JoinSession(path, ReadSession(path, options_.memory_limit_bytes(), images_.get()), RigidTransform::Identity());
+    JoinSession(path, LoadFile(path), RigidTransform::Identity());
     NODELET_INFO("loaded %zu keyframes of %s", map_->statistics().keyframes, options_.load_session.c_str());
   }
   Subscribe();
@@ -104,7 +104,7 @@ void MapServerNodelet::StartServices() {
   AddService<LoadSession>(names::kLoadSession, false, [this](const auto& request, auto* response) {
     const std::filesystem::path path = MapPathBelow(options_.save_folder, request.path, kSessionEnding);
     RigidTransform world_from_session = WorldFromSession(request.T_world_session);
-    Session session = ReadSession(path, options_.memory_limit_bytes(), images_.get());
+    Session session = LoadFile(path);
     std::string where;
     if (request.find_transform) {
       if (!world_from_session.isApprox(RigidTransform::Identity())) {
@@ -172,6 +172,11 @@ std::string MapServerNodelet::FindSession(const std::filesystem::path& path, con
   return Concat("; T_world_session was found by ", found.matches, " matches, position (", at.x(), ", ", at.y(), ", ",
                 at.z(), "): of ", std::lround(100 * found.overlap), " % of its points, which the map's cameras saw, ",
                 std::lround(100 * found.agreement), " % lie on the map's surfaces");
+}
+
+Session MapServerNodelet::LoadFile(const std::filesystem::path& path) {
+  return ReadSession(path, options_.memory_limit_bytes(),
+                     [this](const KeyframePoints& message) { return KeepImage(message); });
 }
 
 void MapServerNodelet::JoinSession(const std::filesystem::path& path, Session session,
@@ -261,7 +266,7 @@ void MapServerNodelet::AddKeyframe(const KeyframePointsHead& head, const Keyfram
 
 StoredImagePtr MapServerNodelet::KeepImage(const KeyframePoints& message) {
   try {
-    return images_ ? StoreImage(message, images_.get()) : nullptr;
+    return StoreImage(message, images_.get());
   } catch (const std::exception& error) {
     Report(Incident{"image_not_kept", Concat(NameOf(message), " is in the map without its image: ", error.what())});
     return nullptr;

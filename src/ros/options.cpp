@@ -249,9 +249,6 @@ OptionList OptionsOf(MapServerOptions* o) {
   list.Text("save_folder", &o->save_folder,
             "Maps and sessions are saved and loaded only below this folder, where relative paths start; empty: "
             "~/.ros/acmp_mapping (in ROS_HOME where that is set), which is made; /: anywhere");
-  list.Number("image_disk_limit", &o->image_disk_limit_gb, 0, 100000, "GB",
-              "Disk below save_folder that images of keyframes (keep_images of the mappers) may take; when it is more, "
-              "every second one goes, of all keyframes alike; 0: none are kept");
   list.Text("load_session", &o->load_session,
             "Session (save_session) to begin with, in place of an empty map; empty: none");
   return list;
@@ -418,12 +415,16 @@ MapServerOptions LoadMapServerOptions(ParameterReader* reader) {
     throw InvalidInputError(Concat("parameter ~occupancy_min_height = ", options.occupancy_min_height,
                                    ": must be below ~occupancy_max_height = ", options.occupancy_max_height));
   }
-  options.map.max_image_bytes = static_cast<uint64_t>(options.image_disk_limit_gb * 1e9);
   if (options.save_folder.empty()) options.save_folder = MakeDefaultFolder();
   if (!std::filesystem::is_directory(options.save_folder)) {
     throw InvalidInputError(
         Concat("parameter ~save_folder = \"", options.save_folder, "\": must be a folder (without ~)"));
   }
+  constexpr double kDiskForImages = 0.5;  // of what is free, as maps, sessions and others need some
+  std::error_code ignored;                // where it is not known, writing an image says when there is none
+  const std::filesystem::space_info space = std::filesystem::space(options.save_folder, ignored);
+  if (!ignored)
+    options.map.max_image_bytes = static_cast<uint64_t>(kDiskForImages * static_cast<double>(space.available));
   return options;
 }
 

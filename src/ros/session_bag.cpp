@@ -75,7 +75,7 @@ auto ReadValue(const rosbag::Bag& bag, const char* topic) {
       Concat("has ", values.size(), " messages on ", topic, " instead of one: not written by save_session"));
 }
 
-Session ReadOpened(const rosbag::Bag& bag, size_t max_bytes, ImageStore* images) {
+Session ReadOpened(const rosbag::Bag& bag, size_t max_bytes, const KeepImage& keep_image) {
   const uint32_t version = ReadValue<std_msgs::UInt32>(bag, kVersionTopic);
   if (version != kSessionVersion) {
     throw InvalidInputError(Concat("is a session of version ", version, ", this program reads version ",
@@ -99,7 +99,7 @@ Session ReadOpened(const rosbag::Bag& bag, size_t max_bytes, ImageStore* images)
       KeyframePointsHead head = ReadHead(message, max_bytes);
       keyframe = {std::move(head.key), std::move(head.pose),
                   std::make_shared<const PointCloud>(ToPointCloud(message.points))};
-      if (images) keyframe.image = StoreImage(message, images);
+      if (keep_image) keyframe.image = keep_image(message);
       session.world_frame = head.world_frame;
     } catch (const InvalidInputError& error) {
       throw InvalidInputError(Concat(NameOf(message), ": ", error.what()));
@@ -135,11 +135,11 @@ void WriteSession(const std::filesystem::path& path, const Session& session, con
   bag.Finish();
 }
 
-Session ReadSession(const std::filesystem::path& path, size_t max_bytes, ImageStore* images) {
+Session ReadSession(const std::filesystem::path& path, size_t max_bytes, const KeepImage& keep_image) {
   Session session;
   const auto read = [&](const rosbag::Bag& bag) {
     try {
-      session = ReadOpened(bag, max_bytes, images);
+      session = ReadOpened(bag, max_bytes, keep_image);
     } catch (const InvalidInputError& error) {
       throw InvalidInputError(Concat(path, ": ", error.what()));
     }

@@ -20,6 +20,7 @@
 #include "acmp_mapping/map/map_mesh.h"
 #include "acmp_mapping/map/occupancy_map.h"
 #include "acmp_mapping/mesh/distance_volume.h"
+#include "acmp_mapping/ros/keyframe_points.h"
 #include "dataset/test_folder.h"
 #include "map/room_keyframes.h"
 #include "support/file_size_limit.h"
@@ -131,7 +132,9 @@ TEST_F(SessionBagTest, KeptImagesComeBack) {
   SessionKeyframe& keyframe = session.map.keyframes[2];
   keyframe.image = images.Put(EncodeJpeg("image", Room()[2].frame.color), keyframe.pose.camera);
   WriteSession(Path(), session);
-  const Session read = ReadSession(Path(), kMemoryLimitBytes, &images);
+  const Session read = ReadSession(Path(), kMemoryLimitBytes, [&](const acmp_mapping::KeyframePoints& message) {
+    return StoreImage(message, &images);
+  });
   for (size_t i = 0; i < kViews; ++i) EXPECT_EQ(read.map.keyframes[i].image != nullptr, i == 2) << i;
   EXPECT_TRUE(read.map.keyframes[2].image->Read() == keyframe.image->Read());
   EXPECT_FALSE(ReadSession(Path()).map.keyframes[2].image) << "without a place to keep them";

@@ -49,13 +49,14 @@ class MapServerNodelet : public NodeletBase {
   /// FindTransform; says what was found. Throws InvalidInputError where that is not sure.
   std::string FindSession(const std::filesystem::path& path, const Session& session,
                           RigidTransform* world_from_session);
+  Session LoadFile(const std::filesystem::path& path);
   /// Adds all keyframes or throws, see MapStore::Join. In the input thread, or before the threads start.
   void JoinSession(const std::filesystem::path& path, Session session, const RigidTransform& world_from_session);
   void Receive(const acmp_mapping::KeyframePoints& message);
   void CountMessage(const std::string& mapper, const acmp_mapping::KeyframePoints& message);
   void CheckFrame(const std::string& whose, const std::string& world_frame);
   void AddKeyframe(const KeyframePointsHead& head, const acmp_mapping::KeyframePoints& message);
-  /// None where it has none or it cannot be kept, which is reported.
+  /// None where it has none or it cannot be kept, which is reported. Thread-safe.
   StoredImagePtr KeepImage(const acmp_mapping::KeyframePoints& message);
   void HandleOptimizedPath(const nav_msgs::Path& message);
   void PublishPath();
@@ -69,7 +70,7 @@ class MapServerNodelet : public NodeletBase {
 
   MapServerOptions options_;
   CallbackThread occupancy_thread_{report_failure_}, looking_thread_{report_failure_};
-  std::unique_ptr<ImageStore> images_;  ///< none: image_disk_limit is 0
+  std::unique_ptr<ImageStore> images_;
   std::unique_ptr<MapStore> map_;
   std::unique_ptr<MapOutput> map_output_;
 

@@ -134,7 +134,6 @@ struct MapServerOptions {
   double memory_limit_gb = kMemoryLimitGb;  ///< of a message or a file while it is worked on
   std::string save_folder;                  ///< save_map and sessions: only below it; never empty once loaded
   std::string load_session;                 ///< loaded at start; empty: none
-  double image_disk_limit_gb = 2;           ///< of images of keyframes below save_folder; 0: none are kept
 
   size_t memory_limit_bytes() const { return static_cast<size_t>(memory_limit_gb * 1e9); }
 };

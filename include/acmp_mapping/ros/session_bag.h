@@ -4,6 +4,8 @@
 #include <functional>
 #include <string>
 
+#include <acmp_mapping/KeyframePoints.h>
+
 #include "acmp_mapping/common/memory_limit.h"
 #include "acmp_mapping/map/map_store.h"
 
@@ -14,6 +16,8 @@ struct Session {
   MapSession map;
   std::string world_frame;
 };
+
+using KeepImage = std::function<StoredImagePtr(const acmp_mapping::KeyframePoints&)>;
 
 /// Of the bags that WriteSession writes, under session_version in each. To be raised with any change of their messages.
 constexpr uint32_t kSessionVersion = 2;
@@ -28,8 +32,8 @@ void WriteSession(
 /// Throws InvalidInputError that names the file and says what to do when it is missing, cut off, damaged, no session or
 /// one of another version, or would take more than max_bytes: a part of the file when it is unpacked, or the images of
 /// a keyframe when it is saved again.
-/// @param images keeps the keyframes' images; null: they are left out
+/// @param keep_image called with each keyframe, as StoreImage; empty: images are left out
 Session ReadSession(const std::filesystem::path& path, size_t max_bytes = kMemoryLimitBytes,
-                    ImageStore* images = nullptr);
+                    const KeepImage& keep_image = {});
 
 }  // namespace acmp
