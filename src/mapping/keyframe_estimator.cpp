@@ -1,6 +1,10 @@
 #include "keyframe_estimator.h"
 
+#include <algorithm>
+#include <cstddef>
 #include <utility>
+
+#include "moved_pixels.h"
 
 namespace acmp {
 namespace {
@@ -79,7 +83,35 @@ void KeyframeEstimator::Step(size_t step, KeyframeRefinement* refinement) {
   refinement->prior_depth_rejection = estimator_.prior_depth_rejection();
 }
 
+void KeyframeEstimator::KeepInstant(KeyframeRefinement* refinement) {
+  const SourceViews& sources = refinement->sources;
+  if (sources.num_of_capture == 0 || sources.num_of_capture == sources.keyframes.size()) return;
+  EngineProblem own = refinement->problem;
+  own.sources.resize(sources.num_of_capture);
+  const EngineEstimatePtr matched = own.reference.estimate;
+  own.reference.estimate.reset();
+  const EngineEstimatePtr instant = estimator_.Run(estimator_.schedule().front(), own);
+  refinement->times += estimator_.last_times();
+  std::vector<InstantView> views;
+  for (size_t i = 0; i < own.sources.size(); ++i) {
+    const EngineEstimatePtr& estimate = sources.keyframes[i]->EstimateForPasses();
+    if (estimate) views.push_back({own.sources[i], engine_->DownloadDepth(estimate)});
+  }
+  const Image<unsigned char> moved =
+      FindMovedPixels(own.reference, views, engine_->DownloadDepth(matched), engine_->DownloadDepth(instant));
+  if (std::none_of(moved.begin(), moved.end(), [](unsigned char m) { return m != 0; })) return;
+  EstimateState state = engine_->DownloadState(matched);
+  const EstimateState of_instant = engine_->DownloadState(instant);
+  for (size_t i = 0; i < moved.size(); ++i) {
+    if (moved.data()[i] == 0) continue;
+    state.planes.data()[i] = of_instant.planes.data()[i];
+    state.cost.data()[i] = of_instant.cost.data()[i];
+  }
+  refinement->problem.reference.estimate = engine_->UploadState(std::move(state), own.reference.frame->camera);
+}
+
 FinishedEstimate KeyframeEstimator::Finish(KeyframeRefinement refinement) {
+  KeepInstant(&refinement);
   WindowKeyframe& keyframe = *refinement.keyframe;
   EngineProblem& problem = refinement.problem;
   ReadEstimates(refinement.sources, &WindowKeyframe::EstimateAfterPasses, &problem);

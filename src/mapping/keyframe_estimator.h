@@ -51,6 +51,9 @@ class KeyframeEstimator {
   size_t num_steps() const { return estimator_.schedule().size(); }
 
  private:
+  /// Where something has moved since other captures were taken, the refinement takes what its own capture says alone
+  /// (FindMovedPixels).
+  void KeepInstant(KeyframeRefinement* refinement);
   EngineView MakeView(WindowKeyframe* keyframe);
   EngineProblem MakeProblem(WindowKeyframe* keyframe, const SourceViews& sources);
 

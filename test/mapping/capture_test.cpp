@@ -90,11 +90,18 @@ bool IsTextured(const SyntheticView& view, const KeyframeDepth& /*maps*/, size_t
 bool IsSure(const SyntheticView& /*view*/, const KeyframeDepth& maps, size_t i) {
   return maps.confidence.data()[i] >= FusionOptions().min_confidence;
 }
+bool IsMoving(const SyntheticView& view, const KeyframeDepth& /*maps*/, size_t i) {
+  return view.frame.mask.data()[i] == 0;
+}
+bool IsStill(const SyntheticView& view, const KeyframeDepth& maps, size_t i) { return !IsMoving(view, maps, i); }
+
 class CaptureTest : public EngineTest {
  protected:
-  StereoMaps Map(const std::vector<SyntheticView>& views, bool with_pair, const char* preset = "balanced") {
+  StereoMaps Map(const std::vector<SyntheticView>& views, bool with_pair, const DepthRange& range = {},
+                 const char* preset = "balanced") {
     DenseMapperOptions options;
     options.pipeline = MakePreset(preset);
+    options.fallback_depth_range = range;
     StereoMaps maps;
     DenseMapper::Callbacks callbacks;
     callbacks.on_fast = [&](const KeyframeDepthPtr& m) { maps.fast.push_back(m); };
@@ -126,6 +133,23 @@ TEST_P(CaptureTest, AStandingPairHasDepth) {
   const StereoMaps alone = Map(views, false);
   EXPECT_THAT(alone.refined, IsEmpty());
   EXPECT_THAT(alone.drops, SizeIs(views.size())) << "one camera that stands has none";
+}
+
+TEST_P(CaptureTest, WhatMovesHasItsDepthByThePair) {
+  const std::vector<SyntheticView> views = MakeStereoRoom(6, false, true);
+  constexpr DepthRange kRange = {0.6f, 8};  // matches with other images would tell that of the thing where it is not
+  const StereoMaps pair = Map(views, true, kRange), alone = Map(views, false, kRange);
+  ASSERT_THAT(pair.refined, SizeIs(views.size()));
+  const RightPixels moving = Evaluate(pair.refined, views, IsMoving);
+  const RightPixels moving_alone = Evaluate(alone.refined, views, IsMoving);
+  // It goes along with the camera: for one camera alone it is farther away, in all images alike. What is left are
+  // its rims.
+  EXPECT_GT(moving.Share(moving.within_5cm), 0.7) << moving.Describe();
+  EXPECT_LT(moving_alone.Share(moving_alone.within_5cm), 0.2) << moving_alone.Describe();
+  const RightPixels still = Evaluate(pair.refined, views, IsStill);
+  const RightPixels still_alone = Evaluate(alone.refined, views, IsStill);
+  EXPECT_GT(still.Share(still.within_5cm), still_alone.Share(still_alone.within_5cm) - 0.02)
+      << still.Describe() << "; alone: " << still_alone.Describe();
 }
 
 }  // namespace

@@ -31,9 +31,10 @@ class CaptureHarness : public MapperHarness {
     mapper.AddCapture(WallPair(id, x));
     return TakeEvents();
   }
+  /// Of the first such pass on a keyframe.
   std::vector<int64_t> SourcesOf(const std::string& pass, int64_t id) const {
     const auto calls = CallsOf(engine, pass, id);
-    return calls.empty() ? std::vector<int64_t>() : calls.back().sources;
+    return calls.empty() ? std::vector<int64_t>() : calls.front().sources;
   }
 };
 
@@ -72,6 +73,8 @@ TEST(CaptureWindowTest, AMovingCameraIsMatchedAgainstItsOwnCompanionFirst) {
   EXPECT_EQ(sources[0], 11);
   EXPECT_EQ(sources[1] % 2, 0) << "then keyframes, which have maps";
   EXPECT_EQ(sources[2] % 2, 0);
+  EXPECT_THAT(CallsOf(harness.engine, "photometric", 10).back().sources, ElementsAre(11))
+      << "once more against its own alone, for what moves";
   // Other captures' companions fill the list.
   options.source_views.max_source_views = 8;
   CaptureHarness more(options);

@@ -135,6 +135,19 @@ TEST(NodeOptions, TheExtrinsicIsAMatrixOfTheBody) {
               HasSubstr("pose_child"));
 }
 
+TEST(NodeOptions, EachSourceCameraHasAPlaceOrNone) {
+  const std::vector<double> place = {1, 0, 0, 0.1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+  std::vector<double> places = place;
+  places.insert(places.end(), place.begin(), place.end());
+  const NodeOptions options = LoadNode({{"source_cameras", 2}, {"T_cam_source", Matrix(places)}});
+  ASSERT_EQ(options.cam_from_sources.size(), 2u);
+  EXPECT_EQ(options.cam_from_sources[1].translation().x(), 0.1);
+  EXPECT_THAT(NodeRefusal({{"source_cameras", 2}, {"T_cam_source", Matrix(place)}}),
+              HasSubstr("~T_cam_source has 1 matrices: must have one for each of ~source_cameras = 2"));
+  EXPECT_THAT(NodeRefusal({{"source_cameras", 1}, {"T_cam_source", Matrix({1, 2})}}), HasSubstr("has 2 numbers"));
+  EXPECT_THAT(NodeRefusal({{"source_cameras", 5}}), HasSubstr("source_cameras"));
+}
+
 TEST(NodeOptions, ThePathMayBeOfAnotherChild) {
   EXPECT_EQ(PathSemantics(LoadNode({{"pose_child", Word("camera_flu")}})).child, PoseSemantics::Child::kCameraFlu);
   EXPECT_EQ(PathSemantics(LoadNode({{"path_child", Word("body")}})).child, PoseSemantics::Child::kBody);
@@ -220,7 +233,7 @@ TEST(Parameters, AreFewAndExplained) {
     EXPECT_FALSE(option.group.empty()) << option.name;
   }
   EXPECT_NO_THROW(all.Check());
-  EXPECT_LE(names.size(), 47u);
+  EXPECT_LE(names.size(), 53u);
 }
 
 }  // namespace
