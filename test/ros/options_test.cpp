@@ -220,7 +220,7 @@ TEST(Parameters, AreFewAndExplained) {
     EXPECT_FALSE(option.group.empty()) << option.name;
   }
   EXPECT_NO_THROW(all.Check());
-  EXPECT_LE(names.size(), 46u);
+  EXPECT_LE(names.size(), 52u);
 }
 
 }  // namespace
