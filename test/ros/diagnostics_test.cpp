@@ -115,6 +115,10 @@ TEST(Diagnostics, NameMissingInputsInTheLog) {
   snapshot.paused = true;
   EXPECT_EQ(DescribeMissing(snapshot), "");
   snapshot = HealthyMapper();
+  snapshot.inputs.push_back({Kind::kSourceImage, "/right/image", 0, 0, 88, false});
+  EXPECT_THAT(DescribeMissing(snapshot), HasSubstr("nothing yet on /right/image for 12 s"))
+      << "nothing depends on it, but somebody has asked for it";
+  snapshot = HealthyMapper();
   snapshot.waiting_images = 7;
   snapshot.waiting_for = "T_body_cam is not known";
   EXPECT_EQ(DescribeMissing(snapshot), "7 images wait: T_body_cam is not known");

@@ -21,6 +21,8 @@ NAMESPACE = "/acmp/"
 FRONTENDS = ["kimera_vio.launch", "okvis.launch", "openvins.launch", "orb_slam3_ros.launch",
              "orb_slam3_ros_wrapper.launch", "orb_slam_2_ros.launch", "ov2slam.launch", "rtabmap.launch",
              "stella_vslam_ros.launch", "vins_fusion.launch", "vins_mono.launch"]
+STEREO = ["kimera_vio.launch", "okvis.launch", "openvins.launch", "orb_slam3_ros.launch", "orb_slam3_ros_wrapper.launch",
+          "ov2slam.launch", "rtabmap.launch", "vins_fusion.launch"]
 CONSUMERS = ["costmap_2d.launch", "depth_image_proc.launch", "nvblox.launch", "rtabmap_keyframes.launch",
              "voxblox.launch"]
 
@@ -213,6 +215,18 @@ class Frontends(unittest.TestCase):
                           if value and value.startswith("/") and name in interface_names()}
                 self.assertGreaterEqual(len(topics), 3)
                 self.assertEqual({name: remaps[name] for name in topics}, topics)
+
+    def test_stereo_adds_the_right_camera(self):
+        for launch in STEREO:
+            with self.subTest(launch):
+                alone = load("frontends/" + launch)
+                pair = load("frontends/" + launch, "stereo:=true")
+                self.assertEqual(mapper_parameters(pair), dict(mapper_parameters(alone), source_cameras=1))
+                remaps = dict([node for node in pair.nodes if node.name == "dense_mapper"][0].remap_args)
+                for left, right in (("image", "source_image"), ("camera_info", "source_camera_info")):
+                    names = re.sub("cam0", "cam1", re.sub("left", "right", remaps[left])).replace("_color", "")
+                    self.assertEqual(remaps[right], names)
+                    self.assertNotEqual(remaps[right], remaps[left])
 
     def test_arguments_of_the_mapper_count_more_than_its_own_parameters(self):
         for launch in FRONTENDS:
