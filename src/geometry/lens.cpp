@@ -10,7 +10,7 @@
 namespace acmp {
 namespace {
 
-constexpr double kPi = 180 * kRadPerDeg<double>;
+constexpr double kHalfTurn = 180 * kRadPerDeg<double>;  // rad
 
 using Model = LensDistortion::Model;
 
@@ -20,7 +20,7 @@ double LargestFieldOf(Model model) {
 }
 
 void CheckSphere(const PinholeCamera& camera) {
-  const double columns = 2 * kPi * camera.fx;
+  const double columns = 2 * kHalfTurn * camera.fx;
   if (camera.width == 2 * camera.height && std::abs(columns - camera.width) < 0.5) return;
   throw InvalidInputError(Concat("equirectangular image of ", camera.width, "x", camera.height,
                                  " pixels: must be twice as wide as high and show the whole sphere"));
@@ -126,7 +126,7 @@ bool Lens::Shows(const Eigen::Vector2d& pixel) const {
 std::optional<Eigen::Vector3d> Lens::Unproject(const Eigen::Vector2d& pixel) const {
   const Eigen::Vector2d seen((pixel.x() - camera_.cx) / camera_.fx, (pixel.y() - camera_.cy) / camera_.fy);
   if (distortion_.model == Model::kEquirectangular) {
-    if (std::abs(seen.x()) > kPi || std::abs(seen.y()) > 0.5 * kPi) return std::nullopt;
+    if (std::abs(seen.x()) > kHalfTurn || std::abs(seen.y()) > 0.5 * kHalfTurn) return std::nullopt;
     const double level = std::cos(seen.y());
     return Eigen::Vector3d(level * std::sin(seen.x()), std::sin(seen.y()), level * std::cos(seen.x()));
   }

@@ -220,6 +220,7 @@ void OutputPublisher::HandleRefined(const KeyframeDepthPtr& maps) {
   });
   Publish(maps, [&](const KeyframeOutput& output) {
     PublishRefined(output);
+    if (!origin.face.empty()) return;  // a ceiling may have none, image after image
     std::string without_points;
     UpdateStatus([&](OutputStatus* status) {
       status->CountPoints(output);

@@ -207,6 +207,8 @@ TEST(ToCameraInfo, NamesTheDistortion) {
   EXPECT_EQ(info(LensDistortion::Model::kRational, {1, 2, 3, 4, 5, 6, 7, 8}).distortion_model, "rational_polynomial");
   EXPECT_EQ(info(LensDistortion::Model::kEquidistant, {1, 2, 3, 4}).distortion_model, "equidistant");
   EXPECT_THROW(info(LensDistortion::Model::kEquidistant, {1, 2, 3, 4, 5}), InvalidInputError);
+  EXPECT_EQ(info(LensDistortion::Model::kUnified, {1, 2, 3, 4, 5}).distortion_model, "mei");
+  EXPECT_EQ(info(LensDistortion::Model::kEquirectangular, {}).distortion_model, "equirectangular");
 }
 
 }  // namespace

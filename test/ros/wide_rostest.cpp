@@ -127,7 +127,7 @@ TEST_F(WideTest, ACameraThatCannotBeIsRefused) {
   ViewMessages messages = MakeWideMessages(mapper.views.front(), StampOf(0, 2000));
   messages.camera_info.D = {-0.2, 0, 0, 0};  // up to 74 degrees
   mapper.player.Publish(messages);
-  EXPECT_TRUE(mapper.WaitForLog({"rays go outwards in the image up to 73.", "95 degrees (field_of_view)"}, kTimeoutS));
+  EXPECT_TRUE(mapper.WaitForLog({"rays go outwards in the image up to 74.", "95 degrees (field_of_view)"}, kTimeoutS));
 }
 
 }  // namespace acmp::test::wide_rostest
