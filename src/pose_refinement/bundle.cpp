@@ -51,6 +51,28 @@ PixelErrors PixelErrorsAt(const PinholeCamera& camera, const Eigen::Vector2d& pi
   return errors;
 }
 
+Bundle FreedFrom(const CameraErrors& camera, Bundle bundle) {
+  const std::vector<CameraMotion> motions = MotionsOf(bundle);
+  const Eigen::Vector3d errors(camera.k1, camera.k2, camera.readout);
+  const auto error = [&](size_t view, const Eigen::Vector2d& pixel, const Eigen::Vector3d& direction,
+                         double inverse) -> Eigen::Vector2d {
+    return PixelErrorsAt(bundle.cameras[view], pixel, bundle.poses[view], motions[view], direction, inverse)
+               .by_parameter *
+           errors;
+  };
+  for (Landmark& landmark : bundle.landmarks) {
+    const auto anchor = static_cast<size_t>(landmark.anchor);
+    const Eigen::Vector3d ray = bundle.cameras[anchor].Unproject(landmark.pixel);
+    for (Sighting& sighting : landmark.sightings) {
+      const auto view = static_cast<size_t>(sighting.view);
+      const Eigen::Vector3d y = DirectionInView(ray, landmark.inverse_depth, bundle.poses[anchor], bundle.poses[view]);
+      if (y.z() > 0) sighting.pixel -= error(view, sighting.pixel, y, landmark.inverse_depth);
+    }
+    landmark.pixel -= error(anchor, landmark.pixel, ray, landmark.inverse_depth);
+  }
+  return bundle;
+}
+
 double Extent(const std::vector<ViewPose>& poses) {
   const Eigen::Vector3d mean = MeanCentre(poses);
   double extent = 0;

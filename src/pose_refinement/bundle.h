@@ -37,6 +37,9 @@ struct PixelErrors {
 PixelErrors PixelErrorsAt(const PinholeCamera& camera, const Eigen::Vector2d& pixel, const ViewPose& pose,
                           const CameraMotion& motion, const Eigen::Vector3d& direction, double inverse_length);
 
+/// The same bundle as a camera without errors would have seen it: pixels freed from them.
+Bundle FreedFrom(const CameraErrors& camera, Bundle bundle);
+
 /// Whether a camera hardly moves: its positions lie within a hundredth of the depth, half of what maps may lie apart.
 /// They then tell nothing of a scale: that would be one noise over another.
 bool Stands(const std::vector<ViewPose>& poses, double depth);

@@ -8,12 +8,34 @@ namespace acmp {
 /// Of the landmarks, at their anchors, in the unit of bundle.poses; 1 without any.
 double TypicalDepth(const Bundle& bundle);
 
+/// Two models of the camera, each at the poses where it fits best: a pinhole, and one with CameraErrors. Sums over the
+/// bundles compared.
+struct ModelComparison {
+  int bundles = 0;
+  int sightings = 0;        ///< of held-out landmarks
+  double pinhole_cost = 0;  ///< of these sightings (Cauchy, depths fitted)
+  double camera_cost = 0;
+  double to_pinhole = 0;  ///< from the scene's shape by received poses to that by the pinhole: median of the depths'
+                          ///< relative differences, whatever the scale
+  double to_camera = 0;   ///< and to that by the camera with errors
+  CameraErrors camera;    ///< of the camera, not of a bundle: what the bundles so far have told
+};
+
+/// Enough to judge by.
+bool IsSure(const ModelComparison& comparison);
+
+/// Whether received poses are those of a bundle adjustment that took a camera with errors for a pinhole. They fit well,
+/// as the scene's shape has taken the errors up: so it is the shape that tells.
+bool AreBent(const ModelComparison& comparison);
+
 /// What is learnt while bundles are refined and helps with the next one: the camera's errors, and how far received
 /// poses are off.
 struct RefinementState {
   int bundles = 0;  ///< refined so far
   CameraErrors camera;
   BundleWeights weights;
+  ModelComparison comparison;
+  bool bent = false;  ///< received poses: they do not hold refined ones
 };
 
 /// Refines bundle.poses: adjusts the bundle and estimates how far received poses are off, which weighs them
@@ -23,11 +45,16 @@ struct RefinementState {
 [[nodiscard]] bool RefineBundle(int rounds, int max_iterations, size_t fixed_views, Bundle* bundle,
                                 RefinementState* state);
 
+/// Adds a bundle to state->comparison, and takes the camera's errors from there. Received poses only place the bundle.
+/// Returns the bundle with the poses of the camera with errors; none where an adjustment finds no solution.
+std::optional<Bundle> CompareModels(const Bundle& bundle, RefinementState* state);
+
 /// Compares received with refined poses by the matches of held-out landmarks and decides.
 /// @param was_changed the decision before, which is kept where the gain is nearly enough
+/// @param state has learnt the camera's errors and whether received poses are bent
 PoseRefinement JudgeRefinement(const Bundle& bundle, const std::vector<int64_t>& ids,
                                const std::vector<RigidTransform>& received, const std::vector<ViewPose>& refined,
-                               const CameraErrors& camera, const PoseRefinementOptions& options, bool was_changed);
+                               const RefinementState& state, const PoseRefinementOptions& options, bool was_changed);
 
 /// Whether a landmark is held out: the same for the same anchor and pixel, one in five.
 bool IsHeldOut(int64_t anchor_id, const Eigen::Vector2d& pixel);

@@ -180,6 +180,20 @@ struct PoseRefiner::Impl {
     return landmark;
   }
 
+  /// Compares models often until they tell, then once in a while: that costs as much as several keyframes. Where
+  /// received poses turn out to be bent, refined ones begin anew from those that the comparison found.
+  void CompareIfDue() {
+    constexpr int kOften = 5, kSeldom = 30;
+    constexpr size_t kMinCompared = 25;  // keyframes: over fewer a pinhole hardly bends anything
+    if (bundle.size() < kMinCompared || state.bundles % (IsSure(state.comparison) ? kSeldom : kOften) != 0) return;
+    std::optional<Bundle> free = CompareModels(bundle, &state);
+    if (!free || state.bent || !AreBent(state.comparison)) return;
+    state.bent = true;
+    bundle.poses = std::move(free->poses);
+    bundle.landmarks = std::move(free->landmarks);
+    refined = ResectViews(bundle, state.camera);
+  }
+
   /// Brings what took no part up to date, and forgets what was adjusted to behind its anchor.
   void TidyLandmarks() {
     std::vector<Landmark> kept;
@@ -311,11 +325,11 @@ PoseRefinement PoseRefiner::Refine() {
     ++impl_->world;
     return Unrefined(ids, received, "the bundle adjustment found no solution");
   }
+  impl_->CompareIfDue();
   std::vector<ViewPose>& refined = impl_->refined;
   const std::vector<ViewPose> free = ResectViews(bundle, impl_->state.camera, fixed);
   std::copy(free.begin(), free.end(), refined.begin() + static_cast<std::ptrdiff_t>(fixed));
-  PoseRefinement result =
-      JudgeRefinement(bundle, ids, received, refined, impl_->state.camera, impl_->options, impl_->changed);
+  PoseRefinement result = JudgeRefinement(bundle, ids, received, refined, impl_->state, impl_->options, impl_->changed);
   result.checks.contradiction = MeasureContradiction(bundle, scale);
   if (impl_->stamped) result.checks.stamp_offset_s = FindStampOffset(bundle);
   if (impl_->state.bundles >= kSureBundles) {

@@ -177,15 +177,15 @@ PoseRefinement RefineImagePoses(const std::vector<PosedImage>& images, const std
   set.Load(load);
   set.FindLandmarks();
   RefinementState state;
-  constexpr int kFirstIterations = 15, kIterations = 25;
-  bool solved = RefineBundle(1, kFirstIterations, 0, &set.bundle(), &state);
-  if (solved) {
+  constexpr int kFirstIterations = 15;
+  std::optional<Bundle> refined;
+  if (RefineBundle(1, kFirstIterations, 0, &set.bundle(), &state)) {
     set.FindAgain();
-    solved = RefineBundle(2, kIterations, 0, &set.bundle(), &state);
+    refined = CompareModels(set.bundle(), &state);
   }
-  if (!solved) return Unrefined(ids, received, "the bundle adjustment found no solution");
-  const std::vector<ViewPose> refined = ResectViews(set.bundle(), state.camera);
-  return JudgeRefinement(set.bundle(), ids, received, refined, state.camera, options, false);
+  if (!refined) return Unrefined(ids, received, "the bundle adjustment found no solution");
+  state.bent = AreBent(state.comparison);
+  return JudgeRefinement(*refined, ids, received, ResectViews(*refined, state.camera), state, options, false);
 }
 
 }  // namespace acmp

@@ -107,6 +107,24 @@ class BundleRefinementTest : public ::testing::Test {
     return median(ratios);
   }
 
+  /// Whether a refinement that begins with these poses takes them for bent.
+  static bool FoundBent(Bundle bundle) {
+    RefinementState state;
+    EXPECT_TRUE(RefineBundle(1, 15, 0, &bundle, &state));
+    while (!IsSure(state.comparison)) EXPECT_TRUE(CompareModels(bundle, &state));
+    return AreBent(state.comparison);
+  }
+
+  /// Received poses are those of a bundle adjustment that knows nothing of the camera's errors.
+  static Bundle Bent(Bundle bundle) {
+    BundleWeights weights;
+    weights.camera_sigma = {1e-9, 1e-9, 1e-9};
+    CameraErrors none;
+    EXPECT_TRUE(AdjustBundle(weights, 60, 0, &bundle, &none));
+    bundle.received = bundle.expected = bundle.poses;
+    return bundle;
+  }
+
   const PinholeCamera camera_ = {540, 360, 495, 495, 269.5, 169};
   std::vector<ViewPose> truth_;
   std::vector<double> true_inverse_depths_;  ///< of the landmarks
@@ -190,6 +208,17 @@ TEST_F(BundleRefinementTest, ResectedPosesGiveBetterDepthsThanAPlainBundleAdjust
   const double error = DepthError(bundle, ResectViews(bundle, state.camera));
   EXPECT_LT(error, DepthError(bundle, bundle.received) / 3);
   EXPECT_LT(error, 0.8 * DepthError(bundle, plain_bundle.poses));
+}
+
+/// Their residual under a pinhole is the smaller one.
+TEST_F(BundleRefinementTest, PosesThatAPinholeHasBentAreTold) {
+  const Bundle right = MakeBundle({0.04, -0.05, 0.012}, 0.0003, 0.001);
+  EXPECT_FALSE(FoundBent(right));
+  EXPECT_TRUE(FoundBent(Bent(right)));
+}
+
+TEST_F(BundleRefinementTest, ACameraWithoutErrorsBendsNothing) {
+  EXPECT_FALSE(FoundBent(Bent(MakeBundle({}, 0.0003, 0.001))));
 }
 
 /// One exact pose, and refined ones that differ by noise: the scale between them is one noise over another.
