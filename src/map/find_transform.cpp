@@ -133,8 +133,8 @@ std::vector<PointMatch> Consensus(const std::vector<PointMatch>& matches) {
   if (matches.size() < kFewestTogether) return {};
   std::minstd_rand random(1);
   for (int draw = 0; draw < kDraws; ++draw) {
-    std::vector<PointMatch> three;
-    for (int i = 0; i < 3; ++i) three.push_back(matches[random() % matches.size()]);
+    std::vector<PointMatch> three(3);
+    for (PointMatch& match : three) match = matches[random() % matches.size()];
     const Eigen::Affine3d similarity = SimilarityOf(three);
     const double scale = ScaleIn(similarity);
     if (!(scale > 0.1 && scale < 10)) continue;
