@@ -18,7 +18,7 @@
 namespace acmp {
 namespace {
 
-constexpr double kSameDepth = 0.02;    ///< relative: as fusion lets views agree
+constexpr double kOnSurface = 0.02;    ///< relative: as fusion lets views agree
 constexpr size_t kFewestTogether = 8;  ///< matches of two images that give a similarity
 constexpr size_t kFewestOfAll = 40;    ///< matches of all images
 constexpr double kClearlyMost = 2;     ///< times as many as support any other place
@@ -74,7 +74,7 @@ RegisteredView MakeRegisteredView(const SessionKeyframe& keyframe, double voxel_
     kept.push_back(view.descriptors.row(static_cast<int>(i)));
     view.points.push_back(camera.cam_from_world.inverse() *
                           camera.camera.Unproject({corners[i].pt.x, corners[i].pt.y}, depth));
-    view.tolerances.push_back(kSameDepth * depth + voxel_size);
+    view.tolerances.push_back(kOnSurface * depth + voxel_size);
   }
   view.descriptors = kept;
   return view;
@@ -113,7 +113,7 @@ Eigen::Affine3d SimilarityOf(const std::vector<PointMatch>& matches) {
   return Eigen::Affine3d(Eigen::umeyama(from, to, true));
 }
 
-double ScaleOf(const Eigen::Affine3d& similarity) { return std::cbrt(similarity.linear().determinant()); }
+double ScaleIn(const Eigen::Affine3d& similarity) { return std::cbrt(similarity.linear().determinant()); }
 
 /// @param strictness by what tolerances are divided
 std::vector<PointMatch> Supporting(const std::vector<PointMatch>& matches, const Eigen::Affine3d& similarity,
@@ -133,10 +133,10 @@ std::vector<PointMatch> Consensus(const std::vector<PointMatch>& matches) {
   if (matches.size() < kFewestTogether) return {};
   std::minstd_rand random(1);
   for (int draw = 0; draw < kDraws; ++draw) {
-    std::vector<PointMatch> three;
-    for (int i = 0; i < 3; ++i) three.push_back(matches[random() % matches.size()]);
+    std::vector<PointMatch> three(3);
+    for (PointMatch& match : three) match = matches[random() % matches.size()];
     const Eigen::Affine3d similarity = SimilarityOf(three);
-    const double scale = ScaleOf(similarity);
+    const double scale = ScaleIn(similarity);
     if (!(scale > 0.1 && scale < 10)) continue;
     std::vector<PointMatch> supporting = Supporting(matches, similarity);
     if (supporting.size() > best.size()) best = std::move(supporting);
@@ -146,13 +146,13 @@ std::vector<PointMatch> Consensus(const std::vector<PointMatch>& matches) {
 }
 
 /// A place where the session may lie.
-struct Place {
+struct SessionPlace {
   Eigen::Affine3d map_from_session;
   std::vector<PointMatch> matches;  ///< that support it
 };
 
-Place Refined(const std::vector<PointMatch>& all, Eigen::Affine3d similarity) {
-  Place place;
+SessionPlace RefinedPlace(const std::vector<PointMatch>& all, Eigen::Affine3d similarity) {
+  SessionPlace place;
   for (int i = 0; i < 5; ++i) {
     place = {similarity, Supporting(all, similarity)};
     if (place.matches.size() < 3) break;
@@ -162,25 +162,25 @@ Place Refined(const std::vector<PointMatch>& all, Eigen::Affine3d similarity) {
 }
 
 /// All places that matches of two images support, those with the most support first.
-std::vector<Place> FindPlaces(std::vector<std::vector<PointMatch>> of_pairs) {
+std::vector<SessionPlace> FindPlaces(std::vector<std::vector<PointMatch>> of_pairs) {
   std::vector<PointMatch> all;
   for (const std::vector<PointMatch>& matches : of_pairs) all.insert(all.end(), matches.begin(), matches.end());
   std::stable_sort(of_pairs.begin(), of_pairs.end(), [](const auto& a, const auto& b) { return a.size() > b.size(); });
-  std::vector<Place> places;
+  std::vector<SessionPlace> places;
   for (const std::vector<PointMatch>& matches : of_pairs) {
-    const auto is_known = [&](const Place& place) {
+    const auto is_known = [&](const SessionPlace& place) {
       return 2 * Supporting(matches, place.map_from_session).size() > matches.size();
     };
     if (matches.empty() || std::any_of(places.begin(), places.end(), is_known)) continue;
-    places.push_back(Refined(all, SimilarityOf(matches)));
+    places.push_back(RefinedPlace(all, SimilarityOf(matches)));
   }
   std::stable_sort(places.begin(), places.end(),
-                   [](const Place& a, const Place& b) { return a.matches.size() > b.matches.size(); });
+                   [](const SessionPlace& a, const SessionPlace& b) { return a.matches.size() > b.matches.size(); });
   return places;
 }
 
 /// By the matches that fit best.
-void Polish(Place* place) {
+void Polish(SessionPlace* place) {
   for (const double strictness : {2, 4}) {
     const std::vector<PointMatch> strict = Supporting(place->matches, place->map_from_session, strictness);
     if (strict.size() < kFewestOfAll) return;
@@ -206,9 +206,9 @@ void CountAgreeing(const MapSession& session, const std::vector<RegisteredView>&
         if (!view.maps.camera.camera.Contains(pixel)) continue;
         const double depth = view.maps.depth(static_cast<int>(std::floor(pixel.x() + 0.5)),
                                              static_cast<int>(std::floor(pixel.y() + 0.5)));
-        if (!(depth > 0) || in_view.z() > (1 + 2 * kSameDepth) * depth) continue;  // hidden from it
+        if (!(depth > 0) || in_view.z() > (1 + 2 * kOnSurface) * depth) continue;  // hidden from it
         is_seen = true;
-        is_on_surface = is_on_surface || in_view.z() > (1 - 2 * kSameDepth) * depth;
+        is_on_surface = is_on_surface || in_view.z() > (1 - 2 * kOnSurface) * depth;
       }
       ++all, overlap += is_seen, agreeing += is_on_surface;
     }
@@ -232,7 +232,7 @@ FoundTransform FindTransform(const MapSession& map, const MapSession& session, c
     check();
     of_pairs[i] = Consensus(MatchViews(views[i / map_views.size()], map_views[i % map_views.size()]));
   });
-  std::vector<Place> places = FindPlaces(std::move(of_pairs));
+  std::vector<SessionPlace> places = FindPlaces(std::move(of_pairs));
   FoundTransform found;
   found.matches = places.empty() ? 0 : places[0].matches.size();
   if (found.matches < kFewestOfAll) {
@@ -243,9 +243,9 @@ FoundTransform FindTransform(const MapSession& map, const MapSession& session, c
     throw InvalidInputError(Concat("it may lie at more than one place: ", found.matches, " matches support one, and ",
                                    places[1].matches.size(), " another"));
   }
-  Place& best = places[0];
+  SessionPlace& best = places[0];
   Polish(&best);
-  const double scale = ScaleOf(best.map_from_session);
+  const double scale = ScaleIn(best.map_from_session);
   if (!(scale < kScaleTolerance && scale * kScaleTolerance > 1)) {
     throw InvalidInputError(Concat("the map is ", scale, " times as large: must be of the same scale"));
   }

@@ -209,6 +209,7 @@ struct DenseMapper::Impl {
   /// All steps after the first, side by side.
   void TakeSteps(const std::vector<KeyframeAndSources>& due) {
     std::vector<KeyframeRefinement> members;
+    members.reserve(due.size());
     for (const KeyframeAndSources& next : due) members.push_back({next.keyframe, next.sources});
     const auto for_each = [&](const auto& work) {
       std::vector<KeyframeRefinement> going_on;

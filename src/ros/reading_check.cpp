@@ -21,9 +21,9 @@ using Direction = PoseSemantics::Direction;
 using Child = PoseSemantics::Child;
 
 constexpr size_t kKeptImages = 12;
-constexpr size_t kMostGap = 3;   ///< images, of a pair
-constexpr int kPatchSize = 31;   ///< px: ORB throws for images that hold none
-constexpr int kSmallSize = 640;  ///< px, of the longer side
+constexpr size_t kMostGap = 3;     ///< images, of a pair
+constexpr int kOrbPatchSize = 31;  ///< px: ORB throws for images that hold none
+constexpr int kSmallSize = 640;    ///< px, of the longer side
 constexpr size_t kFewestMatches = 40, kFewestMatchesOfAll = 400;
 constexpr double kNearLine = 3;           ///< px: errors of good poses and matches
 constexpr double kFittingShare = 0.5;     ///< of the matches near their lines
@@ -189,7 +189,7 @@ PoseReading FitRotation(const PoseSemantics& configured, const std::vector<Match
   return best;
 }
 
-long Percent(double share) { return std::lround(100 * share); }
+long PercentOf(double share) { return std::lround(100 * share); }
 
 }  // namespace
 
@@ -203,8 +203,8 @@ std::string DescribeReadings(const PoseSemantics& configured, const std::vector<
   const auto fits = [&](const PoseReading& reading) {
     return reading.share > kFittingShare && reading.share > kClearlyMoreNear * now;
   };
-  const auto share = [](const PoseReading& reading) { return Concat(" (", Percent(reading.share), " %)"); };
-  const std::string found = Concat("; by the poses as they are read ", Percent(now),
+  const auto share = [](const PoseReading& reading) { return Concat(" (", PercentOf(reading.share), " %)"); };
+  const std::string found = Concat("; by the poses as they are read ", PercentOf(now),
                                    " % of the matches between images lie where they should: ");
   std::sort(readings.begin(), readings.end(), [](const auto& a, const auto& b) { return a.share > b.share; });
   if (fits(readings.front())) {
@@ -234,7 +234,7 @@ std::string DescribeReadings(const PoseSemantics& configured, const std::vector<
 void ReadingCheck::Add(const Frame& frame) {
   const PinholeCamera& camera = frame.camera;
   const double scale = std::min(1.0, static_cast<double>(kSmallSize) / std::max(camera.width, camera.height));
-  if (scale * std::min(camera.width, camera.height) < kPatchSize + 1) return;
+  if (scale * std::min(camera.width, camera.height) < kOrbPatchSize + 1) return;
   SmallImage image;
   cv::Mat(camera.height, camera.width, CV_32F, const_cast<float*>(frame.gray.data())).convertTo(image.gray, CV_8U);
   if (scale < 1) cv::resize(image.gray, image.gray, {}, scale, scale, cv::INTER_AREA);
