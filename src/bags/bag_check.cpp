@@ -279,6 +279,24 @@ void ReportOthers(const BagTopics& topics, const std::vector<std::string>& types
   findings->Add(Severity::kWarning, "checked ", chosen, "; there is also", others, "; choose with ", option);
 }
 
+/// Arguments that make another camera of the bag a source camera: one whose images are of the same type and number,
+/// with a camera_info of its own. Empty: there is none.
+std::string SecondCamera(const BagTopics& topics) {
+  const auto messages = [&](const std::string& name) {
+    const auto found =
+        std::find_if(topics.all.begin(), topics.all.end(), [&](const auto& t) { return t.name == name; });
+    return found == topics.all.end() ? 0 : found->messages;
+  };
+  const std::string &image = topics.chosen.image, type = topics.TypeOf(image);
+  for (const BagTopic& topic : topics.all) {
+    const std::string info = CameraInfoBeside(topics.all, topic.name);
+    if (topic.name == image || topic.type != type || topic.messages != messages(image) || topic.messages == 0) continue;
+    if (topic.name == topics.chosen.mask || info.empty() || info == topics.chosen.camera_info) continue;
+    return Concat("stereo:=true source_image:=", WithoutCompressed(topic.name), " source_camera_info:=", info);
+  }
+  return "";
+}
+
 /// What the messages themselves have wrong, or what they are.
 void ReportStream(const std::string& name, const Stream& stream, size_t fewest, const std::string& content,
                   Findings* findings) {
@@ -337,8 +355,15 @@ void ReportPoses(const BagTopics& topics, const NodeOptions& options, const Inta
   const std::string name = "poses " + topics.chosen.pose;
   ReportStream(name, run.poses, kFewestKeyframes, Concat(", path length ", run.path, " (units of the poses)"),
                findings);
+  const std::string second_camera = SecondCamera(topics);
+  if (!second_camera.empty()) {
+    findings->Add(Severity::kOk,
+                  "if another camera is fixed to this one, its images can be source views: ", second_camera);
+  }
   if (run.poses.used() > 1 && run.path == 0) {
-    findings->Add(Severity::kError, name, ": all at the same position; without a baseline there is no depth");
+    findings->Add(second_camera.empty() ? Severity::kError : Severity::kWarning, name,
+                  ": all at the same position; without a baseline there is no depth",
+                  second_camera.empty() ? "" : " but by another camera");
   }
   const std::string& camera = run.images.frame;
   if (run.child_frame.empty() || camera.empty() || run.child_frame == camera) return;

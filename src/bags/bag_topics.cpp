@@ -77,15 +77,6 @@ std::set<std::string> DepthTopics(const rosbag::Bag& bag) {
   return depth;
 }
 
-/// The camera_info beside an image's topic, if there is one.
-std::string CameraInfoBeside(const std::vector<BagTopic>& topics, const std::string& image) {
-  const std::string base = WithoutCompressed(image);
-  const std::string beside = base.substr(0, base.rfind('/') + 1) + "camera_info";
-  const bool found =
-      std::any_of(topics.begin(), topics.end(), [&](const BagTopic& topic) { return topic.name == beside; });
-  return found ? beside : "";
-}
-
 /// The wanted topic, or the first that is named as a mask.
 std::string ChooseMaskTopic(const std::vector<BagTopic>& topics, const TopicChoice& wanted) {
   const std::vector<std::string> types = {ros::message_traits::DataType<sensor_msgs::Image>::value()};
@@ -116,6 +107,14 @@ std::string WithoutCompressed(const std::string& topic) {
   const bool ends =
       topic.size() > suffix.size() && topic.compare(topic.size() - suffix.size(), suffix.size(), suffix) == 0;
   return ends ? topic.substr(0, topic.size() - suffix.size()) : topic;
+}
+
+std::string CameraInfoBeside(const std::vector<BagTopic>& topics, const std::string& image) {
+  const std::string base = WithoutCompressed(image);
+  const std::string beside = base.substr(0, base.rfind('/') + 1) + "camera_info";
+  const bool found =
+      std::any_of(topics.begin(), topics.end(), [&](const BagTopic& topic) { return topic.name == beside; });
+  return found ? beside : "";
 }
 
 const std::vector<std::string>& ImageTypes() {

@@ -21,6 +21,9 @@ struct BagTopics {
 /// "/camera/image" of "/camera/image/compressed".
 std::string WithoutCompressed(const std::string& topic);
 
+/// The camera_info beside an image's topic; empty: there is none.
+std::string CameraInfoBeside(const std::vector<BagTopic>& topics, const std::string& image);
+
 /// Types that the mapper takes, in order of preference.
 const std::vector<std::string>& ImageTypes();
 const std::vector<std::string>& CameraInfoTypes();

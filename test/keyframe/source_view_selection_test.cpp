@@ -98,8 +98,8 @@ TEST(SelectSourceViewsTest, PenalisesAnotherResolution) {
   EXPECT_LT(GainOf(OnArc(10, 4 * kRadius)), 0.2 * same);
 }
 
-TEST(SelectSourceViewsTest, TakesPreferredViewsFirst) {
-  std::vector<SourceViewCandidate> candidates = {{OnArc(7), false}, {OnArc(2)}, {OnArc(-7), false}, {OnArc(2.5)}};
+TEST(SelectSourceViewsTest, TakesViewsOfAHigherPriorityFirst) {
+  std::vector<SourceViewCandidate> candidates = {{OnArc(7)}, {OnArc(2), 1}, {OnArc(-7)}, {OnArc(2.5), 1}};
   const SourceViewSelection all = SelectSourceViews(OnArc(0), kRadius, candidates, {10});
   EXPECT_THAT(Indices(all), ElementsAre(3, 1, 2, 0));
   EXPECT_EQ(all.num_useful, 4);

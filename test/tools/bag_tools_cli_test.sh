@@ -37,7 +37,8 @@ expect 2 "required" "$bin/acmp_make_bag"
 expect 0 "4 images" "$bin/acmp_make_bag" "${small[@]}" --scene hard hard.bag
 cmp -s a.bag hard.bag && { echo "FAILED: --scene hard is the room"; failures=$((failures + 1)); }
 expect 0 "4 images" "$bin/acmp_make_bag" "${small[@]}" --stereo-baseline 0.11 --standing --moving-object pair.bag
-expect 0 "/camera_right/image_raw" "$bin/acmp_check_bag" pair.bag
+expect 0 "stereo:=true source_image:=/camera_right/image_raw source_camera_info:=/camera_right/camera_info" \
+  "$bin/acmp_check_bag" pair.bag
 expect 2 "stereo baseline = 9" "$bin/acmp_make_bag" "${small[@]}" --stereo-baseline 9 out.bag
 expect 2 "need --synthetic" "$bin/acmp_make_bag" --standing . out.bag
 expect 2 "--scene needs --synthetic" "$bin/acmp_make_bag" --scene hard . out.bag
