@@ -1,6 +1,7 @@
 #include "bundle.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace acmp {
 namespace {
@@ -71,6 +72,13 @@ Bundle FreedFrom(const CameraErrors& camera, Bundle bundle) {
     landmark.pixel -= error(anchor, landmark.pixel, ray, landmark.inverse_depth);
   }
   return bundle;
+}
+
+double DistortionShift(const PinholeCamera& camera, const CameraErrors& errors, double place) {
+  const double x = std::max(camera.cx, camera.width - 1 - camera.cx) / camera.fx;
+  const double y = std::max(camera.cy, camera.height - 1 - camera.cy) / camera.fy;
+  const double r = place * std::hypot(x, y), r2 = r * r;
+  return camera.fx * r * (errors.k1 * r2 + errors.k2 * r2 * r2);
 }
 
 double Extent(const std::vector<ViewPose>& poses) {

@@ -24,6 +24,9 @@ struct ModelComparison {
 /// Enough to judge by.
 bool IsSure(const ModelComparison& comparison);
 
+/// Whether the camera's errors explain held-out landmarks clearly better than any poses of a pinhole.
+bool HasCameraErrors(const ModelComparison& comparison);
+
 /// Whether received poses are those of a bundle adjustment that took a camera with errors for a pinhole. They fit well,
 /// as the scene's shape has taken the errors up: so it is the shape that tells.
 bool AreBent(const ModelComparison& comparison);

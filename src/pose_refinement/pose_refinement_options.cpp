@@ -9,7 +9,8 @@ OptionList OptionsOf(PoseRefinementOptions* options) {
   list.Group("refinement of poses");
   list.Choice("refine_poses", &options->refine, {"off", "on", "auto"},
               "Whether received poses are replaced by those of a bundle adjustment over matches between the images; "
-              "auto: where matches that took no part then fit clearly better");
+              "auto: where matches that took no part then fit clearly better, or where an adjustment that took the "
+              "camera for an ideal one has bent received poses");
   return list;
 }
 

@@ -284,20 +284,8 @@ void PoseRefiner::RemoveOldest() {
   b.landmarks = std::move(kept);
 }
 
-namespace {
-
-/// See PoseChecks::distortion_px.
-double DistortionShift(const PinholeCamera& camera, const CameraErrors& errors) {
-  constexpr double kPlace = 0.7;
-  const double x = std::max(camera.cx, camera.width - 1 - camera.cx) / camera.fx;
-  const double y = std::max(camera.cy, camera.height - 1 - camera.cy) / camera.fy;
-  const double r = kPlace * std::hypot(x, y), r2 = r * r;
-  return camera.fx * r * (errors.k1 * r2 + errors.k2 * r2 * r2);
-}
-
-}  // namespace
-
 PoseRefinement PoseRefiner::Refine() {
+  constexpr double kDistortionPlace = 0.7;
   constexpr int kSureBundles = 10;  // after which the camera's errors hardly change
   Bundle& bundle = impl_->bundle;
   std::vector<int64_t> ids;
@@ -333,7 +321,7 @@ PoseRefinement PoseRefiner::Refine() {
   result.checks.contradiction = MeasureContradiction(bundle, scale);
   if (impl_->stamped) result.checks.stamp_offset_s = FindStampOffset(bundle);
   if (impl_->state.bundles >= kSureBundles) {
-    result.checks.distortion_px = DistortionShift(bundle.cameras.back(), impl_->state.camera);
+    result.checks.distortion_px = DistortionShift(bundle.cameras.back(), impl_->state.camera, kDistortionPlace);
   }
   impl_->changed = result.changed;
   const Similarity received_from_refined =

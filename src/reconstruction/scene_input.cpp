@@ -32,7 +32,7 @@ std::vector<PosedImage> PosedImages(const ReconstructPlan& plan, const Scene& sc
   return images;
 }
 
-std::string Describe(const PoseRefinement& refinement) {
+std::string Describe(const PoseRefinement& refinement, const PinholeCamera& camera) {
   const ClassicLocale point;
   char text[256];
   std::snprintf(text, sizeof(text),
@@ -40,11 +40,18 @@ std::string Describe(const PoseRefinement& refinement) {
                 "%.2f px with refined poses; ",
                 refinement.received_fit.median_px, refinement.received_fit.matches, refinement.refined_fit.median_px);
   std::string message = text;
-  if (!refinement.changed) return message + "poses stay as they are: " + refinement.reason;
-  std::snprintf(text, sizeof(text),
-                "refined poses are used (%d landmarks; the camera reads its rows out in %.3f of the time from image to "
-                "image, radial distortion k1 = %.4f, k2 = %.4f is left)",
-                refinement.landmarks, refinement.camera.readout, refinement.camera.k1, refinement.camera.k2);
+  message += refinement.changed ? Concat("refined poses are used (", refinement.landmarks, " landmarks)")
+                                : "poses stay as they are: " + refinement.reason;
+  if (refinement.bent) {
+    message += "; those received come from an adjustment that took the camera for an ideal one: it has bent the scene";
+  }
+  if (!refinement.has_camera_errors) return message;
+  const CameraErrors& errors = refinement.camera;
+  std::snprintf(
+      text, sizeof(text),
+      "; calibration leaves radial distortion k1 = %.4f, k2 = %.4f (%.1f px at the corner), rows are read out "
+      "in %.3f of the time from image to image",
+      errors.k1, errors.k2, DistortionShift(camera, errors, 1), errors.readout);
   return message + text;
 }
 
@@ -115,7 +122,7 @@ void RefineScenePoses(const ReconstructPlan& plan, const ReconstructOptions& opt
   for (const RefinedPose& pose : refinement.poses) {
     scene->images[static_cast<size_t>(pose.id)].cam_from_world = pose.cam_from_world;
   }
-  progress->Note(Describe(refinement));
+  progress->Note(Describe(refinement, scene->images[static_cast<size_t>(plan.images.front().index)].camera));
 }
 
 }  // namespace acmp

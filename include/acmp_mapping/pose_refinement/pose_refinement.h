@@ -22,6 +22,10 @@ struct CameraErrors {
                        ///< stamps, else in units of the interval from image to image
 };
 
+/// How far radial distortion moves a pixel, px outwards.
+/// @param place of the pixel: 0 is the middle, 1 the corner farthest from it
+double DistortionShift(const PinholeCamera& camera, const CameraErrors& errors, double place);
+
 /// How the camera moved while an image was taken.
 struct CameraMotion {
   Eigen::Vector3d angular = Eigen::Vector3d::Zero();  ///< rad/s, axes of the camera: cam_from_world(t) =
@@ -53,6 +57,10 @@ struct PoseRefinement {
   uint64_t world = 0;
   PoseChecks checks;  ///< of sliding windows only
   CameraErrors camera;
+  /// Clearly: they explain held-out matches better than any poses of a camera without errors.
+  bool has_camera_errors = false;
+  /// Received poses: a bundle adjustment that took a camera with errors for one without has adjusted them.
+  bool bent = false;
   int landmarks = 0;               ///< that took part
   int sightings = 0;               ///< of these in other images than their own
   std::vector<RefinedPose> poses;  ///< in the order of the images

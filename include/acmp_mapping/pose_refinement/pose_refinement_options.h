@@ -8,7 +8,8 @@ namespace acmp {
 enum class RefinePoses {
   kOff,
   kOn,    ///< always, where there are enough matches
-  kAuto,  ///< where matches that took no part then fit clearly better; otherwise poses stay as they are, bit by bit
+  kAuto,  ///< where matches that took no part then fit clearly better, or where received poses are bent; otherwise they
+          ///< stay, bit by bit
 };
 
 struct PoseRefinementOptions {
