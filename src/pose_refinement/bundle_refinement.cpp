@@ -226,7 +226,7 @@ bool RefineBundle(int rounds, int max_iterations, size_t fixed_views, Bundle* bu
   const double typical_depth = TypicalDepth(*bundle);
   if (state->bundles == 0 || state->bent) ForgetExpectedPoses(typical_depth, &state->weights);
   state->weights.camera_sigma = CameraSigma(*bundle, state->bundles++);
-  if (state->comparison.bundles > 0) {
+  if (state->bent) {
     constexpr int kMany = 1000;  // bundles: the camera's errors are told by all of them
     state->camera = state->comparison.camera;
     state->weights.camera_sigma = CameraSigma(*bundle, kMany);
@@ -294,7 +294,7 @@ std::optional<Bundle> CompareModels(const Bundle& bundle, RefinementState* state
   comparison.camera_cost += by_camera.cost;
   comparison.to_pinhole += ShapeDistance(by_received, by_pinhole);
   comparison.to_camera += ShapeDistance(by_received, by_camera);
-  comparison.camera = state->camera = camera;
+  comparison.camera = camera;
   return free;
 }
 

@@ -48,7 +48,7 @@ struct RefinementState {
 [[nodiscard]] bool RefineBundle(int rounds, int max_iterations, size_t fixed_views, Bundle* bundle,
                                 RefinementState* state);
 
-/// Adds a bundle to state->comparison, and takes the camera's errors from there. Received poses only place the bundle.
+/// Adds a bundle to state->comparison. Received poses only place the bundle.
 /// Returns the bundle with the poses of the camera with errors; none where an adjustment finds no solution.
 std::optional<Bundle> CompareModels(const Bundle& bundle, RefinementState* state);
 

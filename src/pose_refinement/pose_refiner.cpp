@@ -189,6 +189,7 @@ struct PoseRefiner::Impl {
     std::optional<Bundle> free = CompareModels(bundle, &state);
     if (!free || state.bent || !AreBent(state.comparison)) return;
     state.bent = true;
+    state.camera = state.comparison.camera;
     bundle.poses = std::move(free->poses);
     bundle.landmarks = std::move(free->landmarks);
     refined = ResectViews(bundle, state.camera);
