@@ -119,11 +119,10 @@ struct DenseMapper::Impl {
     if (capture.keyframes.empty() && capture.companions.empty()) throw InvalidInputError("capture: has no image");
     last_id = id;
     const Capture usable = WithoutRefused(capture);
-    if (usable.keyframes.empty() && usable.companions.empty()) return;
     is_admitted = false;
     stop->RunCancellable([&] {
-      ShrinkWindow(options.window_size - 1);
-      Admit(usable);
+      ShrinkWindow(options.window_size);  // options may have made it smaller
+      if (!usable.keyframes.empty() || !usable.companions.empty()) Admit(usable);
       TakeTurns(TurnsOfStream(options));
     });
     if (!stop->requested() || is_admitted) return;
@@ -286,8 +285,9 @@ struct DenseMapper::Impl {
     Drop(keyframe, {"no_source_views", window.DescribeMissingViews(*keyframe, min_source_views)});
   }
 
-  /// @param capture usable
+  /// @param capture usable, not empty
   void Admit(const Capture& capture) {
+    ShrinkWindow(options.window_size - 1);
     const WindowCapture added = window.Add(capture);
     is_admitted = true;
     for (const WindowKeyframePtr& image : added) {

@@ -157,7 +157,10 @@ TEST(Rectifier, FacesOfAWideLensShowTheWorldTheRightWayRound) {
     cv::Mat image(sent.height, sent.width, CV_8UC3, cv::Scalar(0, 0, 0));
     for (int v = 0; v < sent.height; ++v) {
       for (int u = 0; u < sent.width; ++u) {
-        const auto ray = lens.Unproject({static_cast<double>(u), static_cast<double>(v)});
+        const Eigen::Vector2d pixel(u, v), centre(sent.cx, sent.cy);
+        auto ray = lens.Unproject(pixel);
+        // The circle leaves tangential distortion aside, here up to 0.2 px: its rim is painted, too.
+        if (!ray && lens.Shows(pixel)) ray = lens.Unproject(centre + 0.998 * (pixel - centre));
         if (ray) image.at<cv::Vec3b>(v, u) = cv::Vec3b::all(cv::saturate_cast<uchar>(PatternOn(*ray)));
       }
     }
