@@ -370,7 +370,8 @@ std::vector<FramePtr> MapperWorker::PrepareFrames(const KeyframeInput& input, bo
     Frame frame = MakeFrame(next_id_++, static_cast<double>(input.stamp_ns) * 1e-9, std::move(image), face.camera,
                             origin.world_from_cam.inverse(), input.landmarks_in_world,
                             OptionsFor(face.camera, SizeOf(camera_)), face_mask, rectifier.RectifyDepth(prior_depth));
-    frames.push_back(std::make_shared<const ReceivedFrame>(ReceivedFrame{std::move(frame), origin, run_, std::move(jpeg)}));
+    frames.push_back(
+        std::make_shared<const ReceivedFrame>(ReceivedFrame{std::move(frame), origin, run_, std::move(jpeg)}));
   }
   return frames;
 }

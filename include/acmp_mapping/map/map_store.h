@@ -292,8 +292,8 @@ class MapStore {
   uint64_t arrivals_ = 0;
   std::deque<KeyframeKey> to_look_;  ///< in the order in which they came; some may have gone
   uint64_t image_stride_ = 1;
-  std::vector<StampedPose> path_;    ///< the last one of these runs, sorted
-  MapStatistics statistics_;         ///< all but the numbers of keyframes and the voxel size
+  std::vector<StampedPose> path_;  ///< the last one of these runs, sorted
+  MapStatistics statistics_;       ///< all but the numbers of keyframes and the voxel size
   uint64_t version_ = 0;
 };
 
