@@ -255,13 +255,11 @@ bool HasCameraErrors(const ModelComparison& comparison) {
   return IsSure(comparison) && comparison.pinhole_cost > kNeededGain * comparison.camera_cost;
 }
 
-bool AreBent(const ModelComparison& comparison) {
-  // Bent poses have 0.04 to 0.56, poses adjusted with a depth sensor 0.9 to 1.8.
-  constexpr double kNearer = 0.7;
+bool AreBent(const ModelComparison& comparison, double nearer) {
   // Where the errors hardly move the scene, its shape tells nothing (0.69 with a depth sensor): a quarter of what
   // depths may lie apart to be fused. There it is 0.43 %, of bent poses that matter 0.7 to 1.9 %.
   constexpr double kLeastBend = 0.0055;
-  return HasCameraErrors(comparison) && comparison.to_pinhole < kNearer * comparison.to_camera &&
+  return HasCameraErrors(comparison) && comparison.to_pinhole < nearer * comparison.to_camera &&
          comparison.to_camera > kLeastBend * comparison.bundles;
 }
 

@@ -187,7 +187,7 @@ struct PoseRefiner::Impl {
     constexpr size_t kMinCompared = 25;  // keyframes: over fewer a pinhole hardly bends anything
     if (bundle.size() < kMinCompared || state.bundles % (IsSure(state.comparison) ? kSeldom : kOften) != 0) return;
     std::optional<Bundle> free = CompareModels(bundle, &state);
-    if (!free || state.bent || !AreBent(state.comparison)) return;
+    if (!free || state.bent || !AreBent(state.comparison, kNearerOfWindows)) return;
     state.bent = true;
     state.camera = state.comparison.camera;
     bundle.poses = std::move(free->poses);

@@ -184,7 +184,7 @@ PoseRefinement RefineImagePoses(const std::vector<PosedImage>& images, const std
     refined = CompareModels(set.bundle(), &state);
   }
   if (!refined) return Unrefined(ids, received, "the bundle adjustment found no solution");
-  state.bent = AreBent(state.comparison);
+  state.bent = AreBent(state.comparison, kNearerOfAll);
   state.camera = state.comparison.camera;
   return JudgeRefinement(*refined, ids, received, ResectViews(*refined, state.camera), state, options, false);
 }

@@ -112,7 +112,7 @@ class BundleRefinementTest : public ::testing::Test {
     RefinementState state;
     EXPECT_TRUE(RefineBundle(1, 15, 0, &bundle, &state));
     while (!IsSure(state.comparison)) EXPECT_TRUE(CompareModels(bundle, &state));
-    return AreBent(state.comparison);
+    return AreBent(state.comparison, kNearerOfAll);
   }
 
   /// Received poses are those of a bundle adjustment that knows nothing of the camera's errors.
