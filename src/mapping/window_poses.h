@@ -14,7 +14,7 @@ namespace acmp {
 /// waits for a pose while the input leaves time.
 class WindowPoses {
  public:
-  /// Without Ceres, or where refinement is off, poses stay as they are.
+  /// Where refinement is off poses stay as they are.
   explicit WindowPoses(const PoseRefinementOptions& options);
 
   /// Takes in what has been found, gives the window's newest capture the poses that follow from it, and begins again
