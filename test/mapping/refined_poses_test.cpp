@@ -215,6 +215,23 @@ TEST(RefinedPosesTest, NothingStaysOfAFrontendThatHasLostTrack) {
   EXPECT_EQ(gone.size(), 14u);
 }
 
+// The contradiction is one of the last images, and those show that the camera stands.
+TEST(RefinedPosesTest, AContradictionEndsWhereTheCameraStands) {
+  MapperHarness harness(RoomOptions());
+  const std::vector<RigidTransform> received = LostFrom(0, TruePoses());
+  Feed(received, &harness);
+  const size_t last = received.size() - 1;
+  for (size_t i = 0; i < kContradictionImages; ++i) {
+    EXPECT_GT(harness.mapper.pose_checks().contradiction.value_or(0), 0.02) << i;
+    const std::shared_ptr<Frame> frame = RoomFrame(last, received[last]);
+    frame->id += static_cast<int64_t>(i) + 1;
+    frame->stamp_s += 0.2 * static_cast<double>(i + 1);
+    harness.Add(frame);
+  }
+  harness.Flush();
+  EXPECT_EQ(harness.mapper.pose_checks().contradiction, 0.0);
+}
+
 // A jump of one pose, after which the frontend goes on as before: what was withdrawn and what was held back comes.
 // Where the maps of one cannot be made then, it is tried again.
 TEST(RefinedPosesTest, MapsComeWhenPosesAgreeAgain) {
