@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
+#include <tuple>
 #include <vector>
 
 #include "gtest/gtest.h"
@@ -39,8 +39,13 @@ class DepthEvidenceTest : public ::testing::Test {
     return state;
   }
 
-  WorldPlane wall_ = WorldPlane::Slanted(12, -8, 4);
-  std::vector<PlanarView> views_ = RenderPlanarScene(wall_, kWidth, kHeight, kSources + 1);
+  void SetWall(double distance) {
+    wall_ = WorldPlane::Slanted(12, -8, distance);
+    views_ = RenderPlanarScene(wall_, kWidth, kHeight, kSources + 1);
+  }
+
+  WorldPlane wall_;
+  std::vector<PlanarView> views_;
   MaskDistanceMap mask_distance_;  ///< of the reference; empty: none
 };
 
@@ -114,8 +119,11 @@ double ReferenceEvidence(const KernelState& state, int col, int row) {
 }
 
 TEST_F(DepthEvidenceTest, AgreesWithTheDefinition) {
-  // What moves, in the last case, and has its mask.
-  for (const auto& [factor, is_masked] : {std::pair(1.0, false), {0.9, false}, {1.0, true}}) {
+  // The third asks about a wall before one that is so far away that at the image's border less than half of the views
+  // see it. In the last something moves and has its mask.
+  for (const auto& [distance, factor, is_masked] :
+       {std::tuple(4.0, 1.0, false), {4.0, 0.9, false}, {400.0, 0.01, false}, {4.0, 1.0, true}}) {
+    SetWall(distance);
     if (is_masked) {
       Mask mask(kWidth, kHeight, 255);
       for (int row = 0; row < kHeight; ++row) {
