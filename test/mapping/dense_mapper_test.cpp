@@ -288,6 +288,18 @@ TEST(RefineAgainTest, NotWhereViewsWereGoodFromTheStart) {
   EXPECT_THAT(harness.refined_again, Each(testing::Lt(6))) << "the first window may gain";
 }
 
+TEST(RefineAgainTest, NotWhereViewsHaveBecomeWorse) {
+  DenseMapperOptions options = FakeOptions(4, 0, 1);
+  options.refine_again = true;
+  MapperHarness harness(options);
+  // 3 has good views on both sides, which leave the window; 5 has a good one when 6 comes.
+  const std::vector<double> places = {-0.4, 0.4, 0, 0.03, 0.06, 0.09, 0.5};
+  for (size_t id = 0; id < places.size(); ++id) harness.Add(WallFrame(static_cast<int64_t>(id), places[id]));
+  harness.refined_again.clear();
+  harness.Flush();
+  EXPECT_THAT(harness.refined_again, AllOf(Contains(5), Not(Contains(3))));
+}
+
 TEST(RefineAgainTest, AnotherNumberOfViewsIsNoGain) {
   DenseMapperOptions options = RefiningAgain(10);
   options.source_views.max_source_views = 3;
